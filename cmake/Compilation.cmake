@@ -1,0 +1,39 @@
+# Language, warnings, instruction set, sanitizers and compiler cache: the same
+# for every target.
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
+set(CMAKE_RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/bin")
+
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE Release)
+endif()
+# Assertions stay on: they check what cannot go wrong, off the hot loops.
+set(CMAKE_CXX_FLAGS_RELEASE "-O2")
+
+if(MANEUVER_PORTABLE)
+  add_compile_options(-march=x86-64-v3)
+else()
+  add_compile_options(-march=native)
+endif()
+# The same source gives the same bits at every optimisation of the same machine:
+# no fused multiply-add where none was written.
+add_compile_options(-ffp-contract=off)
+
+if(MANEUVER_SANITIZER)
+  add_compile_options(-fsanitize=${MANEUVER_SANITIZER} -fno-omit-frame-pointer -g1)
+  add_link_options(-fsanitize=${MANEUVER_SANITIZER})
+endif()
+
+find_program(CCACHE_PROGRAM ccache)
+if(CCACHE_PROGRAM AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
+  set(CMAKE_CXX_COMPILER_LAUNCHER "${CCACHE_PROGRAM}")
+endif()
+find_program(LLD_PROGRAM ld.lld)
+if(LLD_PROGRAM)
+  add_link_options(-fuse-ld=lld)
+endif()
+
+# Warnings for code of ours; generated code is left alone.
+set(MANEUVER_WARNINGS -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor -Werror)
