@@ -1,0 +1,38 @@
+// A model version on disk: a folder with weights.safetensors and model.json.
+
+#ifndef MANEUVER_MODEL_ARTIFACT_MODEL_FOLDER_H_
+#define MANEUVER_MODEL_ARTIFACT_MODEL_FOLDER_H_
+
+#include <filesystem>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "maneuver/v1/model.pb.h"
+#include "model/artifact/tensor.h"
+
+namespace maneuver::artifact {
+
+struct StoredModel {
+  v1::ModelManifest manifest;
+  TensorMap weights;
+};
+
+// Writes `folder` whole or not at all: a temporary folder beside it, synced, then renamed. Fills in
+// manifest.weights_sha256 and format_version. ALREADY_EXISTS if `folder` exists.
+absl::Status WriteModelFolder(const std::filesystem::path& folder, StoredModel model);
+
+// The manifest alone, without a look at the weights. DATA_LOSS with the reason if it is damaged.
+absl::StatusOr<v1::ModelManifest> ReadModelManifest(const std::filesystem::path& folder);
+
+// Manifest and weights. NOT_FOUND if there is no such folder; DATA_LOSS with the reason if a file is
+// truncated or altered (SHA-256), or a tensor is missing, has another shape than the spec says, or
+// holds a value that is not finite.
+absl::StatusOr<StoredModel> ReadModelFolder(const std::filesystem::path& folder);
+
+// Replaces model.json alone, atomically (labels of actions).
+absl::Status RewriteModelManifest(const std::filesystem::path& folder,
+                                  const v1::ModelManifest& manifest);
+
+}  // namespace maneuver::artifact
+
+#endif  // MANEUVER_MODEL_ARTIFACT_MODEL_FOLDER_H_

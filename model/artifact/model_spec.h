@@ -1,0 +1,35 @@
+// Rules for a ModelSpec, and the shapes that follow from it.
+
+#ifndef MANEUVER_MODEL_ARTIFACT_MODEL_SPEC_H_
+#define MANEUVER_MODEL_ARTIFACT_MODEL_SPEC_H_
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "maneuver/v1/model_spec.pb.h"
+#include "model/scene/field_violation.h"
+
+namespace maneuver::artifact {
+
+// What is wrong with a complete spec (fields named from the spec: raster.height, ...).
+std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec);
+
+// Size of the backbone's grid before convolution `i` (i = number of convolutions: the last grid).
+struct GridSize {
+  int channels = 0;
+  int height = 0;
+  int width = 0;
+};
+GridSize BackboneGrid(const v1::ModelSpec& spec, int i);
+
+// Time of each waypoint after the prediction time, seconds. [T]
+std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec);
+
+// Name and shape of every tensor of a model, as tensor.h lists them.
+std::map<std::string, std::vector<int64_t>> TensorShapes(const v1::ModelSpec& spec);
+
+}  // namespace maneuver::artifact
+
+#endif  // MANEUVER_MODEL_ARTIFACT_MODEL_SPEC_H_

@@ -1,0 +1,41 @@
+#ifndef MANEUVER_MODEL_ARTIFACT_TENSOR_H_
+#define MANEUVER_MODEL_ARTIFACT_TENSOR_H_
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+namespace maneuver::artifact {
+
+// A dense row-major array of 32-bit floats.
+struct Tensor {
+  std::vector<int64_t> shape;
+  std::vector<float> values;  // product of shape
+};
+
+// Tensors by name. The names of a model's weights and their shapes, PyTorch's conventions
+// throughout (C_in, h, w: of the layer's input; flattening is channel-major, [C, h, w]):
+//
+//   backbone.convolution.{i}.weight   [C_out, C_in, 3, 3]   no bias: batch normalisation follows
+//   backbone.normalization.{i}.{weight,bias,running_mean,running_var}   [C_out], epsilon 1e-5
+//   backbone.projection.{weight,bias}   [F, C * h * w], [F]   on the flattened last grid; then ReLU
+//   action_predictor.{i}.{weight,bias}   [out, in], [out]   F -> hidden ... -> K logits
+//   trajectory_encoder.{i}.{weight,bias}   2T -> hidden ... -> 2D: mean, then log-variance
+//   decoder.{i}.{weight,bias}   D -> hidden ... -> 2T
+//   scenario_encoder.{i}.{weight,bias}   [K, out, in], [K, out]   F -> hidden ... -> 2D: a, then b;
+//       q(z|y=k,s) has mean mu_k + sigma_k * a and log-variance logvar_k + b (relative to the
+//       component k of the mixture, so that an untrained encoder answers the generic action)
+//   mixture.mean, mixture.log_variance   [K, D]
+//   mixture.log_weight   [K]   ln p(y) without a scenario, normalised
+//   trajectory.mean, trajectory.stddev   [T, 2]   metres: the encoder reads (x - mean) / stddev, the
+//       decoder's output times stddev plus mean is metres
+//   decoder.covariance   [K, T, 3]   xx, xy, yy, square metres, target frame: what p(x|z) adds to the
+//       latent covariance of action k at each waypoint, in moments
+//
+// A trajectory [T, 2] is flattened as x_1, y_1, x_2, y_2, ...
+using TensorMap = std::map<std::string, Tensor>;
+
+}  // namespace maneuver::artifact
+
+#endif  // MANEUVER_MODEL_ARTIFACT_TENSOR_H_

@@ -1,0 +1,23 @@
+// The named presets of training settings, and their rules. Here and not in learning/, so that the
+// server can check a Train request without LibTorch.
+
+#ifndef MANEUVER_MODEL_ARTIFACT_TRAINING_PRESETS_H_
+#define MANEUVER_MODEL_ARTIFACT_TRAINING_PRESETS_H_
+
+#include <vector>
+
+#include "maneuver/v1/training_settings.pb.h"
+#include "model/scene/field_violation.h"
+
+namespace maneuver::artifact {
+
+// `settings` with every unset field taken from its preset ("compact" if it names none). Repeated
+// fields replace the preset's whole. An unknown preset is left as it is, for validation to find.
+v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& settings);
+
+// What is wrong with resolved settings (fields named from them: model.actions, ...).
+std::vector<scene::FieldViolation> ValidateTrainingSettings(const v1::TrainingSettings& resolved);
+
+}  // namespace maneuver::artifact
+
+#endif  // MANEUVER_MODEL_ARTIFACT_TRAINING_PRESETS_H_

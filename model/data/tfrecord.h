@@ -1,0 +1,49 @@
+// TFRecord framing: u64 length, u32 masked CRC-32C of it, payload, u32 masked CRC-32C of that, all
+// little-endian.
+
+#ifndef MANEUVER_MODEL_DATA_TFRECORD_H_
+#define MANEUVER_MODEL_DATA_TFRECORD_H_
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+namespace maneuver::data {
+
+// CRC-32C (Castagnoli) rotated and offset as TFRecord does.
+uint32_t MaskedCrc32c(std::string_view bytes);
+
+// Reads one file, front to back. Gzip is recognised by its magic.
+class TfRecordReader {
+ public:
+  static absl::StatusOr<std::unique_ptr<TfRecordReader>> Open(const std::filesystem::path& file);
+  virtual ~TfRecordReader() = default;
+
+  // The next payload. OUT_OF_RANGE at the end of the file. DATA_LOSS, naming file and offset, for a
+  // damaged record; if `can_continue()`, the next call goes on after it.
+  virtual absl::Status Next(std::string* payload) = 0;
+  // False once the framing itself is lost: a wrong length, a truncated file.
+  virtual bool can_continue() const = 0;
+  // Offset of the record that Next last looked at, bytes (of the uncompressed stream).
+  virtual uint64_t offset() const = 0;
+};
+
+// Appends records to a new file.
+class TfRecordWriter {
+ public:
+  static absl::StatusOr<std::unique_ptr<TfRecordWriter>> Create(const std::filesystem::path& file);
+  virtual ~TfRecordWriter() = default;
+
+  virtual absl::Status Append(std::string_view payload) = 0;
+  // Flushes and syncs. Without it the file is not complete.
+  virtual absl::Status Close() = 0;
+};
+
+}  // namespace maneuver::data
+
+#endif  // MANEUVER_MODEL_DATA_TFRECORD_H_

@@ -1,0 +1,27 @@
+// The future of an agent as the model sees it: positions at the waypoint times.
+
+#ifndef MANEUVER_MODEL_DATA_TRAJECTORY_H_
+#define MANEUVER_MODEL_DATA_TRAJECTORY_H_
+
+#include <span>
+#include <vector>
+
+#include "maneuver/v1/model_spec.pb.h"
+#include "maneuver/v1/scenario.pb.h"
+#include "model/scene/pose2.h"
+
+namespace maneuver::data {
+
+// Positions of `agent` in the frame X_WT at `time` + each waypoint time, linearly interpolated
+// between states.
+//   waypoint_times: [T] seconds after `time`.
+//   trajectory: [T, 2] metres, x then y.
+// False if a waypoint lies outside the states or in a gap longer than `max_gap` seconds; the index of
+// the first such waypoint goes to *missing if given.
+bool ResampleFuture(const v1::Agent& agent, double time, const scene::Pose2& X_WT,
+                    std::span<const double> waypoint_times, double max_gap,
+                    std::span<double> trajectory, int* missing = nullptr);
+
+}  // namespace maneuver::data
+
+#endif  // MANEUVER_MODEL_DATA_TRAJECTORY_H_

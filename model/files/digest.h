@@ -1,0 +1,37 @@
+// SHA-256 of bytes and files.
+
+#ifndef MANEUVER_MODEL_FILES_DIGEST_H_
+#define MANEUVER_MODEL_FILES_DIGEST_H_
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "absl/status/statusor.h"
+
+namespace maneuver::files {
+
+// A digest that grows with its input.
+class Sha256 {
+ public:
+  Sha256();
+  ~Sha256();
+  Sha256(const Sha256&) = delete;
+  Sha256& operator=(const Sha256&) = delete;
+
+  void Update(std::string_view bytes);
+  // Lower-case hexadecimal, 64 characters. Call once.
+  std::string Finish();
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+std::string Sha256Hex(std::string_view bytes);
+absl::StatusOr<std::string> Sha256OfFile(const std::filesystem::path& file);
+
+}  // namespace maneuver::files
+
+#endif  // MANEUVER_MODEL_FILES_DIGEST_H_

@@ -1,0 +1,105 @@
+// The one face that answers queries: a loaded model version, and sessions that evaluate it.
+
+#ifndef MANEUVER_MODEL_INFERENCE_ACTION_MODEL_H_
+#define MANEUVER_MODEL_INFERENCE_ACTION_MODEL_H_
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "maneuver/v1/model.pb.h"
+
+namespace maneuver::inference {
+
+enum class Precision { kAuto, kBf16, kF32 };  // kAuto: bf16 where the processor has it
+
+struct EngineOptions {
+  Precision precision = Precision::kAuto;
+};
+
+// Where the latent z of an action comes from.
+enum class LatentSource {
+  kPosterior,  // q(z|y,s)
+  kPrior,      // p(z|y)
+};
+
+// Positions at the waypoints, target frame, metres. [T, 2]
+using Trajectory = Eigen::Matrix<double, Eigen::Dynamic, 2, Eigen::RowMajor>;
+
+// What one action would look like; target frame.
+struct ActionDistribution {
+  int action = 0;
+  Eigen::VectorXd latent_mean;       // [D]
+  Eigen::VectorXd latent_stddev;     // [D]
+  std::vector<Trajectory> sigma;     // [2D+1]: the mean, then + and - one stddev along each dimension
+  Trajectory moment_mean;            // [T, 2]
+  // [T, 3] xx, xy, yy, square metres: of the sigma points plus the decoder's own
+  Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> moment_covariance;
+
+  const Trajectory& mean() const { return sigma.front(); }
+};
+
+// Which action a trajectory was.
+struct Classification {
+  Eigen::VectorXd responsibilities;   // q(y|x,s), [K], sums to 1
+  double log_likelihood_bound = 0.0;  // nats
+};
+
+// What the networks say of one picture, before any action is looked at closer.
+struct SceneEncoding {
+  Eigen::VectorXf features;       // [F]
+  Eigen::VectorXd probabilities;  // p(y|s), [K], sums to 1 within 1e-9
+};
+
+// Evaluates a model. Holds scratch memory: one for each thread; keeps its model alive.
+//
+// In f32 an answer is the same bits whatever else is in the batch.
+class InferenceSession {
+ public:
+  virtual ~InferenceSession() = default;
+
+  // Backbone and p(y|s) for each raster, [H, W, C] bytes as scene::Rasterizer draws them.
+  //   encodings: as many as rasters.
+  virtual void Encode(std::span<const uint8_t* const> rasters,
+                      std::span<SceneEncoding> encodings) = 0;
+
+  // Distributions of the actions asked for (0 .. K-1, any order, answered in that order). The
+  // scenario encoders of other actions are not evaluated.
+  virtual std::vector<ActionDistribution> Describe(const SceneEncoding& encoding,
+                                                   std::span<const int> actions,
+                                                   LatentSource source) = 0;
+
+  // q(y|x,s) of a trajectory that was driven in this scene, and the bound on ln p(x|s).
+  virtual Classification Classify(const SceneEncoding& encoding, const Trajectory& trajectory) = 0;
+};
+
+// A model version in memory. Immutable; safe to share between threads.
+class ActionModel : public std::enable_shared_from_this<ActionModel> {
+ public:
+  // Errors: those of artifact::ReadModelFolder.
+  static absl::StatusOr<std::shared_ptr<const ActionModel>> Load(
+      const std::filesystem::path& folder, const EngineOptions& options);
+
+  virtual ~ActionModel() = default;
+
+  virtual const v1::ModelManifest& manifest() const = 0;
+  const v1::ModelSpec& spec() const { return manifest().spec(); }
+  virtual std::string_view precision() const = 0;  // "f32" or "bf16", as it is evaluated
+  virtual size_t weight_bytes() const = 0;
+  virtual std::unique_ptr<InferenceSession> NewSession() const = 0;
+};
+
+// The generic action set: p(z|y=k) decoded, for all k, with usage and effective as given. Used when
+// a model is exported, before it has a manifest with actions.
+//   usage: [K]; effective: usage of some example at least 0.05.
+std::vector<v1::Action> DecodeActionSet(const ActionModel& model, std::span<const double> usage,
+                                        std::span<const bool> effective);
+
+}  // namespace maneuver::inference
+
+#endif  // MANEUVER_MODEL_INFERENCE_ACTION_MODEL_H_

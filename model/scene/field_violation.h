@@ -1,0 +1,16 @@
+#ifndef MANEUVER_MODEL_SCENE_FIELD_VIOLATION_H_
+#define MANEUVER_MODEL_SCENE_FIELD_VIOLATION_H_
+
+#include <string>
+
+namespace maneuver::scene {
+
+// One field of a message that is wrong, as google.rpc.BadRequest states it.
+struct FieldViolation {
+  std::string field;        // path from the message, such as agents[0].states[5].x
+  std::string description;  // what is wrong and what is expected
+};
+
+}  // namespace maneuver::scene
+
+#endif  // MANEUVER_MODEL_SCENE_FIELD_VIOLATION_H_

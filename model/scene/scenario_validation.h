@@ -1,0 +1,40 @@
+// What a Scenario must be before anything looks at it.
+
+#ifndef MANEUVER_MODEL_SCENE_SCENARIO_VALIDATION_H_
+#define MANEUVER_MODEL_SCENE_SCENARIO_VALIDATION_H_
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "maneuver/v1/scenario.pb.h"
+#include "model/scene/field_violation.h"
+
+namespace maneuver::scene {
+
+// Largest scenario that is accepted.
+struct ScenarioLimits {
+  int max_agents = 2'000;
+  int max_states_per_agent = 2'000;
+  int max_map_features = 20'000;
+  int max_map_points = 500'000;  // over all features
+  int max_targets = 1'000;
+  int max_violations = 16;  // validation stops looking after so many
+  double max_coordinate = 1e8;  // metres, either sign
+};
+
+// What is wrong with the scenario as a whole; empty if nothing is. Looks at all but the targets:
+// finite numbers, positive sizes, strictly increasing times, unique ids, equal numbers of x and y,
+// known enum values, limits.
+std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
+                                             const ScenarioLimits& limits);
+
+// What is wrong with target_ids[target_index] of a scenario that ValidateScenario found good: no
+// agent has the id, or the agent has no state within `tolerance` seconds of the prediction time.
+// Naming the same target twice is an error of the second.
+std::optional<FieldViolation> ValidateTarget(const v1::Scenario& scenario, int target_index,
+                                             double tolerance);
+
+}  // namespace maneuver::scene
+
+#endif  // MANEUVER_MODEL_SCENE_SCENARIO_VALIDATION_H_

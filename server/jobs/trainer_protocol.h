@@ -1,0 +1,30 @@
+// What the supervisor and the trainer process say to each other.
+//
+//   maneuver-trainer train --settings FILE --dataset FOLDER... --output FOLDER
+//       [--dataset-name NAME...] [--threads N] [--progress json|bar|none]
+//   maneuver-trainer evaluate --model FOLDER --dataset FOLDER --output FILE
+//       [--settings FILE] [--threads N] [--progress json|bar|none]
+//
+// FILEs are proto3 JSON: settings is a TrainingSettings (train) or an ExampleSettings (evaluate), the
+// output of evaluate an EvaluationReport, that of train a model folder. With --progress json each line
+// on standard output is one JobProgress as proto3 JSON; whatever is on standard error is for people,
+// its last line says why a run failed. SIGTERM stops a run; nothing half-written remains.
+
+#ifndef MANEUVER_SERVER_JOBS_TRAINER_PROTOCOL_H_
+#define MANEUVER_SERVER_JOBS_TRAINER_PROTOCOL_H_
+
+namespace maneuver::jobs {
+
+// Exit statuses of the trainer, after sysexits where one fits.
+enum class TrainerExit {
+  kOk = 0,
+  kInvalidSettings = 64,  // EX_USAGE: settings or flags
+  kUnusableData = 65,     // EX_DATAERR: a damaged dataset, or not enough examples
+  kInternal = 70,         // EX_SOFTWARE
+  kCannotWrite = 74,      // EX_IOERR: disk full, no permission
+  kDiverged = 80,         // the loss is no longer finite
+};
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_TRAINER_PROTOCOL_H_
