@@ -1,0 +1,68 @@
+#include "model/evaluation/calibration.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace maneuver::evaluation {
+namespace {
+
+double Entropy(const Eigen::VectorXd& p) {
+  double entropy = 0.0;
+  for (const double value : p) {
+    if (value > 0.0) entropy -= value * std::log(value);
+  }
+  return entropy;
+}
+
+}  // namespace
+
+ActionStatistics::ActionStatistics(int actions)
+    : sum_(Eigen::VectorXd::Zero(actions)), largest_(Eigen::VectorXd::Zero(actions)) {}
+
+void ActionStatistics::Add(const Eigen::VectorXd& predicted,
+                           const Eigen::VectorXd& responsibilities) {
+  sum_ += predicted;
+  largest_ = largest_.cwiseMax(predicted);
+  entropy_sum_ += Entropy(predicted);
+  Eigen::Index top = 0;
+  const double confidence = predicted.maxCoeff(&top);
+  const int bin = std::clamp(static_cast<int>(confidence * kBins), 0, kBins - 1);
+  confidence_[bin] += confidence;
+  accuracy_[bin] += responsibilities[top];
+  ++count_;
+}
+
+void ActionStatistics::Merge(const ActionStatistics& other) {
+  sum_ += other.sum_;
+  largest_ = largest_.cwiseMax(other.largest_);
+  entropy_sum_ += other.entropy_sum_;
+  for (int bin = 0; bin < kBins; ++bin) {
+    confidence_[bin] += other.confidence_[bin];
+    accuracy_[bin] += other.accuracy_[bin];
+  }
+  count_ += other.count_;
+}
+
+Eigen::VectorXd ActionStatistics::MeanProbability() const {
+  return count_ == 0 ? sum_ : Eigen::VectorXd(sum_ / static_cast<double>(count_));
+}
+
+int ActionStatistics::EffectiveActions() const {
+  return static_cast<int>((largest_.array() >= kEffectiveProbability).count());
+}
+
+double ActionStatistics::Perplexity() const { return std::exp(Entropy(MeanProbability())); }
+
+double ActionStatistics::MutualInformation() const {
+  if (count_ == 0) return 0.0;
+  return Entropy(MeanProbability()) - entropy_sum_ / static_cast<double>(count_);
+}
+
+double ActionStatistics::ExpectedCalibrationError() const {
+  if (count_ == 0) return 0.0;
+  double error = 0.0;
+  for (int bin = 0; bin < kBins; ++bin) error += std::abs(confidence_[bin] - accuracy_[bin]);
+  return error / static_cast<double>(count_);
+}
+
+}  // namespace maneuver::evaluation

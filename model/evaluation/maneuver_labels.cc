@@ -1,0 +1,32 @@
+#include "model/evaluation/maneuver_labels.h"
+
+#include <algorithm>
+
+namespace maneuver::evaluation {
+
+ManeuverLabels::ManeuverLabels(std::span<const v1::ManeuverAnnotation> annotations) {
+  for (const v1::ManeuverAnnotation& annotation : annotations) {
+    intervals_[{annotation.scenario_id(), annotation.agent_id()}].push_back(&annotation);
+    const auto [_, is_new] =
+        classes_.try_emplace(annotation.maneuver(), static_cast<int>(names_.size()));
+    if (is_new) names_.push_back(annotation.maneuver());
+  }
+}
+
+std::optional<int> ManeuverLabels::Over(const std::string& scenario_id, int64_t agent_id,
+                                        double start, double end) const {
+  const auto found = intervals_.find({scenario_id, agent_id});
+  if (found == intervals_.end()) return std::nullopt;
+  std::map<int, double> covered;  // seconds of the window, by class
+  for (const v1::ManeuverAnnotation* annotation : found->second) {
+    const double overlap =
+        std::min(end, annotation->end_time()) - std::max(start, annotation->start_time());
+    if (overlap > 0.0) covered[classes_.at(annotation->maneuver())] += overlap;
+  }
+  if (covered.empty()) return std::nullopt;
+  return std::max_element(covered.begin(), covered.end(),
+                          [](const auto& a, const auto& b) { return a.second < b.second; })
+      ->first;
+}
+
+}  // namespace maneuver::evaluation

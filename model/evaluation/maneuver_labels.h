@@ -1,0 +1,38 @@
+// What a vehicle was recorded to be doing over a window of time.
+
+#ifndef MANEUVER_MODEL_EVALUATION_MANEUVER_LABELS_H_
+#define MANEUVER_MODEL_EVALUATION_MANEUVER_LABELS_H_
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "maneuver/v1/scenario.pb.h"
+
+namespace maneuver::evaluation {
+
+// Recorded manoeuvres by scenario and agent. Keeps pointers into the annotations.
+class ManeuverLabels {
+ public:
+  explicit ManeuverLabels(std::span<const v1::ManeuverAnnotation> annotations);
+
+  // Class of the manoeuvre that covers most of [start, end]; nothing if none was recorded then. The
+  // same name has the same class.
+  std::optional<int> Over(const std::string& scenario_id, int64_t agent_id, double start,
+                          double end) const;
+  // Name of each class.
+  const std::vector<std::string>& names() const { return names_; }
+
+ private:
+  std::map<std::pair<std::string, int64_t>, std::vector<const v1::ManeuverAnnotation*>> intervals_;
+  std::map<std::string, int> classes_;
+  std::vector<std::string> names_;
+};
+
+}  // namespace maneuver::evaluation
+
+#endif  // MANEUVER_MODEL_EVALUATION_MANEUVER_LABELS_H_
