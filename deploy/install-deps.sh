@@ -1,0 +1,46 @@
+#!/usr/bin/env bash
+# Installs the Debian 12 packages that Maneuver is built from. Run it as root, as
+# often as you like: it does nothing when they are all there.
+set -euo pipefail
+
+packages=(
+  # building
+  g++ cmake ninja-build ccache lld pkg-config
+  # RPC and messages
+  libgrpc++-dev protobuf-compiler-grpc libprotobuf-dev protobuf-compiler libabsl-dev libssl-dev
+  # mathematics, networks, learning
+  libeigen3-dev libdnnl-dev ocl-icd-opencl-dev opencl-headers libtorch-dev
+  # rasters and drawings
+  libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev
+  # metrics, jobs, command line, logs, data
+  prometheus-cpp-dev libsqlite3-dev libcli11-dev libspdlog-dev nlohmann-json3-dev zlib1g-dev
+  # tests
+  libgtest-dev libgmock-dev libbenchmark-dev
+  # what the scripts use
+  git curl ca-certificates
+)
+
+missing=()
+for package in "${packages[@]}"; do
+  status=$(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null || true)
+  [ "$status" = installed ] || missing+=("$package")
+done
+[ ${#missing[@]} -eq 0 ] && exit 0
+
+if [ "$(id -u)" -ne 0 ]; then
+  echo "install-deps: ${#missing[@]} packages are missing and only root can install them: ${missing[*]}" >&2
+  exit 1
+fi
+
+echo "Installing ${#missing[@]} Debian packages ..."
+export DEBIAN_FRONTEND=noninteractive
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+install() {
+  apt-get install --yes --quiet --no-install-recommends "${missing[@]}" >"$log" 2>&1
+}
+if ! { apt-get update --quiet >"$log" 2>&1 && install; }; then
+  cat "$log" >&2
+  echo "install-deps: apt-get failed; its last words are above" >&2
+  exit 1
+fi

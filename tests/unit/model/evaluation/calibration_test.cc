@@ -1,0 +1,69 @@
+#include "model/evaluation/calibration.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace maneuver::evaluation {
+namespace {
+
+Eigen::VectorXd Vector(std::initializer_list<double> values) {
+  Eigen::VectorXd vector(values.size());
+  int i = 0;
+  for (const double value : values) vector[i++] = value;
+  return vector;
+}
+
+TEST(ActionStatisticsTest, CertainAndDifferentPredictionsHoldAllTheInformation) {
+  ActionStatistics statistics(3);
+  statistics.Add(Vector({1.0, 0.0, 0.0}), Vector({1.0, 0.0, 0.0}));
+  statistics.Add(Vector({0.0, 1.0, 0.0}), Vector({0.0, 1.0, 0.0}));
+  EXPECT_NEAR(statistics.MutualInformation(), std::log(2.0), 1e-12);
+  EXPECT_NEAR(statistics.Perplexity(), 2.0, 1e-12);
+  EXPECT_EQ(statistics.EffectiveActions(), 2);
+  EXPECT_NEAR(statistics.ExpectedCalibrationError(), 0.0, 1e-12);
+}
+
+TEST(ActionStatisticsTest, ScenarioFreePredictionsHoldNone) {
+  ActionStatistics statistics(2);
+  for (int i = 0; i < 4; ++i) statistics.Add(Vector({0.25, 0.75}), Vector({0.0, 1.0}));
+  EXPECT_NEAR(statistics.MutualInformation(), 0.0, 1e-12);
+  EXPECT_NEAR(statistics.MeanProbability()[1], 0.75, 1e-12);
+  // Said 0.75, was right every time.
+  EXPECT_NEAR(statistics.ExpectedCalibrationError(), 0.25, 1e-12);
+}
+
+TEST(ActionStatisticsTest, AnActionIsEffectiveFromFivePercentOnce) {
+  ActionStatistics statistics(3);
+  statistics.Add(Vector({0.95, 0.05, 0.0}), Vector({1.0, 0.0, 0.0}));
+  statistics.Add(Vector({0.951, 0.0, 0.049}), Vector({1.0, 0.0, 0.0}));
+  EXPECT_EQ(statistics.EffectiveActions(), 2);
+}
+
+// Errors of opposite sign cancel within a bin and not between bins.
+TEST(ActionStatisticsTest, CalibrationIsMeasuredBinByBin) {
+  ActionStatistics statistics(2);
+  statistics.Add(Vector({0.62, 0.38}), Vector({1.0, 0.0}));
+  statistics.Add(Vector({0.62, 0.38}), Vector({0.24, 0.76}));
+  EXPECT_NEAR(statistics.ExpectedCalibrationError(), 0.0, 1e-12);
+  statistics.Add(Vector({0.95, 0.05}), Vector({0.0, 1.0}));
+  EXPECT_NEAR(statistics.ExpectedCalibrationError(), 0.95 / 3.0, 1e-12);
+}
+
+TEST(ActionStatisticsTest, MergingIsAddingAll) {
+  ActionStatistics all(2);
+  ActionStatistics first(2);
+  ActionStatistics second(2);
+  const Eigen::VectorXd a = Vector({0.3, 0.7});
+  const Eigen::VectorXd b = Vector({0.9, 0.1});
+  all.Add(a, b);
+  all.Add(b, a);
+  first.Add(a, b);
+  second.Add(b, a);
+  first.Merge(second);
+  EXPECT_DOUBLE_EQ(first.MutualInformation(), all.MutualInformation());
+  EXPECT_DOUBLE_EQ(first.ExpectedCalibrationError(), all.ExpectedCalibrationError());
+}
+
+}  // namespace
+}  // namespace maneuver::evaluation

@@ -1,0 +1,45 @@
+#include "model/evaluation/maneuver_labels.h"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+namespace maneuver::evaluation {
+namespace {
+
+v1::ManeuverAnnotation Annotation(int64_t agent, double start, double end, const char* name) {
+  v1::ManeuverAnnotation annotation;
+  annotation.set_scenario_id("scene");
+  annotation.set_agent_id(agent);
+  annotation.set_start_time(start);
+  annotation.set_end_time(end);
+  annotation.set_maneuver(name);
+  return annotation;
+}
+
+TEST(ManeuverLabelsTest, TakesTheManeuverThatCoversMostOfTheWindow) {
+  const std::vector annotations = {Annotation(1, 0.0, 4.0, "keep_lane"),
+                                   Annotation(1, 4.0, 9.0, "turn_left")};
+  const ManeuverLabels labels(annotations);
+  EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 0.0, 5.0)], "keep_lane");
+  EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 2.0, 7.0)], "turn_left");
+}
+
+TEST(ManeuverLabelsTest, SumsIntervalsOfTheSameName) {
+  const std::vector annotations = {Annotation(1, 0.0, 2.0, "stop"),
+                                   Annotation(1, 2.0, 5.0, "keep_lane"),
+                                   Annotation(1, 5.0, 7.0, "stop")};
+  const ManeuverLabels labels(annotations);
+  EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 0.0, 7.0)], "stop");
+}
+
+TEST(ManeuverLabelsTest, KnowsNothingOfOthersAndOtherTimes) {
+  const std::vector annotations = {Annotation(1, 0.0, 2.0, "stop")};
+  const ManeuverLabels labels(annotations);
+  EXPECT_FALSE(labels.Over("scene", 2, 0.0, 2.0).has_value());
+  EXPECT_FALSE(labels.Over("other", 1, 0.0, 2.0).has_value());
+  EXPECT_FALSE(labels.Over("scene", 1, 3.0, 8.0).has_value());
+}
+
+}  // namespace
+}  // namespace maneuver::evaluation
