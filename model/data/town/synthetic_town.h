@@ -13,8 +13,8 @@ namespace maneuver::data::town {
 
 struct TownOptions {
   uint64_t seed = 1;
-  double duration = 20.0;        // seconds of each recording
-  double frame_interval = 0.1;   // seconds
+  double duration = 20.0;       // seconds of each recording
+  double frame_interval = 0.1;  // seconds
 };
 
 // A recording and what its vehicles were doing.

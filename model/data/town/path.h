@@ -1,0 +1,87 @@
+// Curves in the plane, parameterised by arc length.
+
+#ifndef MANEUVER_MODEL_DATA_TOWN_PATH_H_
+#define MANEUVER_MODEL_DATA_TOWN_PATH_H_
+
+#include <cmath>
+#include <vector>
+
+namespace maneuver::data::town {
+
+struct Vec2 {
+  double x = 0.0;  // metres
+  double y = 0.0;  // metres
+};
+
+inline Vec2 operator+(Vec2 a, Vec2 b) { return {a.x + b.x, a.y + b.y}; }
+inline Vec2 operator-(Vec2 a, Vec2 b) { return {a.x - b.x, a.y - b.y}; }
+inline Vec2 operator*(double k, Vec2 a) { return {k * a.x, k * a.y}; }
+inline double Dot(Vec2 a, Vec2 b) { return a.x * b.x + a.y * b.y; }
+inline double Cross(Vec2 a, Vec2 b) { return a.x * b.y - a.y * b.x; }
+inline double Norm(Vec2 a) { return std::sqrt(Dot(a, a)); }
+inline Vec2 Direction(double heading) { return {std::cos(heading), std::sin(heading)}; }
+// The direction 90 degrees to the left.
+inline Vec2 Left(Vec2 a) { return {-a.y, a.x}; }
+// The equal angle in (-pi, pi].
+double WrapAngle(double angle);
+
+struct PathPoint {
+  Vec2 p;
+  double heading = 0.0;    // radians, continuous along a path (not wrapped)
+  double curvature = 0.0;  // 1/metres, positive to the left
+};
+
+// A smooth curve, sampled about every half metre.
+class Path {
+ public:
+  Path() = default;
+  // Points in order along the curve, any spacing up to a few metres; at least two, none repeated.
+  explicit Path(const std::vector<PathPoint>& points);
+
+  double length() const { return length_; }
+  // The point `s` metres along; straight on beyond the ends.
+  PathPoint At(double s) const;
+  // The arc length nearest to p, found by local descent from `guess`.
+  double Project(Vec2 p, double guess) const;
+  // The parallel curve `left` metres to the left.
+  Path Offset(double left) const;
+  Path Reversed() const;
+  Path Slice(double from, double to) const;
+  const std::vector<PathPoint>& points() const { return points_; }
+  double spacing() const { return spacing_; }
+
+ private:
+  std::vector<PathPoint> points_;  // equally spaced
+  double length_ = 0.0;
+  double spacing_ = 1.0;
+};
+
+// Draws a path by its curvature: straights, arcs, and clothoids, along which curvature is linear in
+// arc length (a steering wheel turned steadily).
+class PathPen {
+ public:
+  explicit PathPen(PathPoint start);
+
+  PathPen& Straight(double length) { return Clothoid(length, 0.0, 0.0); }
+  PathPen& Clothoid(double length, double curvature_from, double curvature_to);
+  // Turns by `angle` (positive to the left): clothoid, arc of `radius`, clothoid. The two ramps
+  // take half of the angle.
+  PathPen& Turn(double angle, double radius);
+  const PathPoint& end() const { return points_.back(); }
+  Path Done() const { return Path(points_); }
+  const std::vector<PathPoint>& points() const { return points_; }
+
+ private:
+  std::vector<PathPoint> points_;
+};
+
+// A drivable curve from one pose to another: a PathPen::Turn between straights where the tangents
+// meet, a quintic curve (no curvature at its ends) elsewhere.
+Path ConnectPoses(const PathPoint& from, const PathPoint& to);
+
+// A U-turn between antiparallel poses.
+Path UTurnPath(const PathPoint& from, const PathPoint& to);
+
+}  // namespace maneuver::data::town
+
+#endif  // MANEUVER_MODEL_DATA_TOWN_PATH_H_
