@@ -1,0 +1,245 @@
+#include "client/client.h"
+
+#include <grpcpp/generic/generic_stub.h>
+
+#include <array>
+#include <cstdio>
+#include <future>
+#include <random>
+
+#include "absl/strings/cord.h"
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "client/connection.h"
+#include "google/protobuf/wrappers.pb.h"
+
+namespace maneuver::client {
+namespace {
+
+// 128 random bits, hexadecimal.
+std::string NewRequestId() {
+  std::random_device device;
+  std::string id;
+  for (int i = 0; i < 4; ++i) {
+    std::array<char, 9> word{};
+    std::snprintf(word.data(), word.size(), "%08x", device());
+    id += word.data();
+  }
+  return id;
+}
+
+template <typename Request>
+Request WithRequestId(Request request) {
+  if (request.request_id().empty()) request.set_request_id(NewRequestId());
+  return request;
+}
+
+template <typename Empty>
+absl::Status StatusOnly(const absl::StatusOr<Empty>& response) {
+  return response.status();
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const ClientOptions& options) {
+  if (options.address.empty()) {
+    return absl::InvalidArgumentError("address is empty; name the server as HOST:PORT");
+  }
+  const RetryPolicy& retry = options.retry;
+  if (retry.max_attempts < 1 || retry.initial_backoff < absl::ZeroDuration() ||
+      retry.backoff_multiplier < 1.0 || !(retry.jitter >= 0.0 && retry.jitter <= 1.0)) {
+    return absl::InvalidArgumentError(
+        "retry needs max_attempts >= 1, initial_backoff >= 0, backoff_multiplier >= 1 and jitter "
+        "in [0, 1]");
+  }
+  grpc::ChannelArguments arguments;
+  // Scenes and answers may be large; how large is for the server to say.
+  arguments.SetMaxReceiveMessageSize(-1);
+  arguments.SetMaxSendMessageSize(-1);
+  // Retries are ours; a new connection is tried as soon as a retry asks for it.
+  arguments.SetInt(GRPC_ARG_ENABLE_RETRIES, 0);
+  arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
+  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 100);
+  arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2'000);
+  if (!options.user_agent.empty()) arguments.SetUserAgentPrefix(options.user_agent);
+
+  auto connection = std::make_unique<Connection>();
+  connection->options = options;
+  connection->channel =
+      grpc::CreateCustomChannel(options.address, grpc::InsecureChannelCredentials(), arguments);
+  connection->predictions = v1::PredictionService::NewStub(connection->channel);
+  connection->models = v1::ModelService::NewStub(connection->channel);
+  connection->datasets = v1::DatasetService::NewStub(connection->channel);
+  connection->training = v1::TrainingService::NewStub(connection->channel);
+  return std::unique_ptr<Client>(new Client(std::move(connection)));
+}
+
+Client::Client(std::unique_ptr<Connection> connection) : connection_(std::move(connection)) {}
+Client::~Client() = default;
+
+const ClientOptions& Client::options() const { return connection_->options; }
+
+// One line a call: stub, method, whether it may be repeated, and which deadline it has by default.
+#define MANEUVER_CALL(stub, Service, Method, repeatable, deadline)                       \
+  connection_->Call(*connection_->stub, &v1::Service::Stub::Method, request, repeatable, \
+                    connection_->options.deadlines.deadline, call)
+
+absl::StatusOr<v1::PredictActionProbabilitiesResponse> Client::PredictActionProbabilities(
+    const v1::PredictActionProbabilitiesRequest& request, const CallOptions& call) {
+  return MANEUVER_CALL(predictions, PredictionService, PredictActionProbabilities, Repeatable::kYes,
+                       prediction);
+}
+
+absl::StatusOr<v1::PredictActionDistributionsResponse> Client::PredictActionDistributions(
+    const v1::PredictActionDistributionsRequest& request, const CallOptions& call) {
+  return MANEUVER_CALL(predictions, PredictionService, PredictActionDistributions, Repeatable::kYes,
+                       prediction);
+}
+
+absl::StatusOr<v1::PredictResponse> Client::Predict(const v1::PredictRequest& request,
+                                                    const CallOptions& call) {
+  return MANEUVER_CALL(predictions, PredictionService, Predict, Repeatable::kYes, prediction);
+}
+
+absl::StatusOr<v1::ClassifyTrajectoriesResponse> Client::ClassifyTrajectories(
+    const v1::ClassifyTrajectoriesRequest& request, const CallOptions& call) {
+  return MANEUVER_CALL(predictions, PredictionService, ClassifyTrajectories, Repeatable::kYes,
+                       prediction);
+}
+
+absl::StatusOr<v1::ListModelVersionsResponse> Client::ListModelVersions(
+    const v1::ListModelVersionsRequest& request, const CallOptions& call) {
+  return MANEUVER_CALL(models, ModelService, ListModelVersions, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::ModelVersion> Client::GetModelVersion(const v1::GetModelVersionRequest& request,
+                                                         const CallOptions& call) {
+  return MANEUVER_CALL(models, ModelService, GetModelVersion, Repeatable::kYes, management);
+}
+
+absl::Status Client::DeleteModelVersion(const v1::DeleteModelVersionRequest& request,
+                                        const CallOptions& call) {
+  return StatusOnly(
+      MANEUVER_CALL(models, ModelService, DeleteModelVersion, Repeatable::kNo, management));
+}
+
+absl::StatusOr<v1::ModelAlias> Client::SetModelAlias(const v1::SetModelAliasRequest& request,
+                                                     const CallOptions& call) {
+  return MANEUVER_CALL(models, ModelService, SetModelAlias, Repeatable::kYes, management);
+}
+
+absl::Status Client::DeleteModelAlias(const v1::DeleteModelAliasRequest& request,
+                                      const CallOptions& call) {
+  return StatusOnly(
+      MANEUVER_CALL(models, ModelService, DeleteModelAlias, Repeatable::kNo, management));
+}
+
+absl::StatusOr<v1::ActionSet> Client::GetActionSet(const v1::GetActionSetRequest& request,
+                                                   const CallOptions& call) {
+  return MANEUVER_CALL(models, ModelService, GetActionSet, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::Action> Client::LabelAction(const v1::LabelActionRequest& request,
+                                               const CallOptions& call) {
+  return MANEUVER_CALL(models, ModelService, LabelAction, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::ListDatasetsResponse> Client::ListDatasets(
+    const v1::ListDatasetsRequest& request, const CallOptions& call) {
+  return MANEUVER_CALL(datasets, DatasetService, ListDatasets, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::Dataset> Client::GetDataset(const v1::GetDatasetRequest& request,
+                                               const CallOptions& call) {
+  return MANEUVER_CALL(datasets, DatasetService, GetDataset, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::DatasetSummary> Client::DescribeDataset(
+    const v1::DescribeDatasetRequest& request, const CallOptions& call) {
+  return MANEUVER_CALL(datasets, DatasetService, DescribeDataset, Repeatable::kYes, management);
+}
+
+absl::Status Client::DeleteDataset(const v1::DeleteDatasetRequest& request,
+                                   const CallOptions& call) {
+  return StatusOnly(
+      MANEUVER_CALL(datasets, DatasetService, DeleteDataset, Repeatable::kNo, management));
+}
+
+absl::StatusOr<v1::ListScenariosResponse> Client::ListScenarios(
+    const v1::ListScenariosRequest& request, const CallOptions& call) {
+  return MANEUVER_CALL(datasets, DatasetService, ListScenarios, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::Scenario> Client::GetScenario(const v1::GetScenarioRequest& request,
+                                                 const CallOptions& call) {
+  return MANEUVER_CALL(datasets, DatasetService, GetScenario, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::Job> Client::Train(const v1::TrainRequest& without_id, const CallOptions& call) {
+  const v1::TrainRequest request = WithRequestId(without_id);
+  return MANEUVER_CALL(training, TrainingService, Train, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::Job> Client::Evaluate(const v1::EvaluateRequest& without_id,
+                                         const CallOptions& call) {
+  const v1::EvaluateRequest request = WithRequestId(without_id);
+  return MANEUVER_CALL(training, TrainingService, Evaluate, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::Job> Client::GetJob(const v1::GetJobRequest& request, const CallOptions& call) {
+  return MANEUVER_CALL(training, TrainingService, GetJob, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::ListJobsResponse> Client::ListJobs(const v1::ListJobsRequest& request,
+                                                      const CallOptions& call) {
+  return MANEUVER_CALL(training, TrainingService, ListJobs, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::Job> Client::CancelJob(const v1::CancelJobRequest& request,
+                                          const CallOptions& call) {
+  return MANEUVER_CALL(training, TrainingService, CancelJob, Repeatable::kYes, management);
+}
+
+absl::Status Client::DeleteJob(const v1::DeleteJobRequest& request, const CallOptions& call) {
+  return StatusOnly(
+      MANEUVER_CALL(training, TrainingService, DeleteJob, Repeatable::kNo, management));
+}
+
+#undef MANEUVER_CALL
+
+absl::Status Client::CheckHealth(const std::string& service, const CallOptions& call) {
+  // grpc.health.v1.HealthCheckRequest {string service = 1} and HealthCheckResponse {enum status =
+  // 1} have the same bytes as these two wrappers; distributions do not ship health.proto.
+  grpc::TemplatedGenericStub<google::protobuf::StringValue, google::protobuf::Int32Value> stub(
+      connection_->channel);
+  grpc::ClientContext context;
+  context.set_deadline(absl::ToChronoTime(
+      absl::Now() + call.timeout.value_or(connection_->options.deadlines.management)));
+  const Cancellation::Registration registration(call.cancellation,
+                                                [&context] { context.TryCancel(); });
+  google::protobuf::StringValue request;
+  request.set_value(service);
+  google::protobuf::Int32Value response;
+  std::promise<grpc::Status> done;
+  stub.UnaryCall(&context, "/grpc.health.v1.Health/Check", {}, &request, &response,
+                 [&done](grpc::Status status) { done.set_value(std::move(status)); });
+  absl::Status status = ToStatus(done.get_future().get());
+  if (!status.ok()) return status;
+  constexpr int kServing = 1;
+  if (response.value() == kServing) return absl::OkStatus();
+  status = absl::UnavailableError(
+      absl::StrCat(service.empty() ? "the server" : service, " is not ready to serve"));
+  v1::ErrorInfo info;
+  info.set_reason("NOT_SERVING");
+  info.set_domain("maneuver");
+  status.SetPayload("type.googleapis.com/google.rpc.ErrorInfo",
+                    absl::Cord(info.SerializeAsString()));
+  return status;
+}
+
+bool HasEnded(const v1::Job& job) {
+  return job.state() == v1::JOB_STATE_SUCCEEDED || job.state() == v1::JOB_STATE_FAILED ||
+         job.state() == v1::JOB_STATE_CANCELLED;
+}
+
+}  // namespace maneuver::client

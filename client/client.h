@@ -1,0 +1,168 @@
+// maneuver::client: the C++ library for a Maneuver server.
+//
+//   #include "client/client.h"
+//
+//   int main() {
+//     auto client = maneuver::client::Client::Connect({.address = "127.0.0.1:8470"});
+//     maneuver::v1::PredictRequest request;
+//     request.set_model("models/town");
+//     *request.add_scenarios() = scenario;  // agents, map, prediction_time, target_ids
+//     auto answer = (*client)->Predict(request);
+//     if (!answer.ok()) return std::cerr << answer.status() << "\n", 1;
+//     for (double p : answer->predictions(0).targets(0).probabilities()) std::cout << p << "\n";
+//   }
+//
+// In CMake: find_package(maneuver-client) and link maneuver::client.
+//
+// Every call takes a request as the contract (maneuver/v1/*.proto) states it and returns its
+// response, or a status with the server's code and message and, by ErrorDetailsOf
+// (error_details.h), the reason and the fields that are wrong. In a batch an item fails alone: look
+// at `error` of each prediction.
+//
+// Each call has a deadline, over all its attempts. Calls that are safe to repeat are tried again
+// when the server is UNAVAILABLE (retry.h): all but deletions and uploads. Train and Evaluate are
+// safe because they carry a request_id; one is made up where the request has none.
+
+#ifndef MANEUVER_CLIENT_CLIENT_H_
+#define MANEUVER_CLIENT_CLIENT_H_
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "client/cancellation.h"
+#include "client/predict_stream.h"
+#include "client/retry.h"
+#include "maneuver/v1/dataset_service.pb.h"
+#include "maneuver/v1/model_service.pb.h"
+#include "maneuver/v1/prediction_service.pb.h"
+#include "maneuver/v1/training_service.pb.h"
+
+namespace maneuver::client {
+
+// How long a call may take when CallOptions do not say.
+struct CallDeadlines {
+  absl::Duration prediction = absl::Seconds(30);
+  absl::Duration management = absl::Seconds(60);  // all else but these:
+  absl::Duration upload = absl::Hours(1);
+};
+
+struct ClientOptions {
+  std::string address = "127.0.0.1:8470";  // HOST:PORT, or unix:PATH
+  CallDeadlines deadlines;
+  RetryPolicy retry;
+  // A watched job whose stream broke is picked up again for so long after the last sign of life.
+  absl::Duration watch_patience = absl::Minutes(1);
+  OnRetry on_retry;             // told before each wait; may be empty
+  std::string user_agent = "";  // goes before gRPC's own
+};
+
+// Of one call.
+struct CallOptions {
+  std::optional<absl::Duration> timeout;  // in place of the kind's deadline
+  Cancellation* cancellation = nullptr;   // not owned; outlives the call
+};
+
+// A connection to one server. Thread-safe; calls run in the calling thread.
+class Client {
+ public:
+  // INVALID_ARGUMENT for options that make no sense. Does not wait for the server: the first call
+  // connects, and finds out whether it answers.
+  static absl::StatusOr<std::unique_ptr<Client>> Connect(const ClientOptions& options);
+  ~Client();
+  Client(const Client&) = delete;
+  Client& operator=(const Client&) = delete;
+
+  // Predictions. States after the prediction time are ignored by the server; StripFuture
+  // (observed_scenario.h) saves sending them. ClassifyTrajectories needs them.
+  absl::StatusOr<v1::PredictActionProbabilitiesResponse> PredictActionProbabilities(
+      const v1::PredictActionProbabilitiesRequest& request, const CallOptions& call = {});
+  absl::StatusOr<v1::PredictActionDistributionsResponse> PredictActionDistributions(
+      const v1::PredictActionDistributionsRequest& request, const CallOptions& call = {});
+  absl::StatusOr<v1::PredictResponse> Predict(const v1::PredictRequest& request,
+                                              const CallOptions& call = {});
+  absl::StatusOr<v1::ClassifyTrajectoriesResponse> ClassifyTrajectories(
+      const v1::ClassifyTrajectoriesRequest& request, const CallOptions& call = {});
+  // For a loop: see predict_stream.h. The client has to outlive the stream.
+  std::unique_ptr<PredictStream> StreamPredict(PredictStream::OnResponse on_response,
+                                               const CallOptions& call = {});
+
+  // Models.
+  absl::StatusOr<v1::ListModelVersionsResponse> ListModelVersions(
+      const v1::ListModelVersionsRequest& request, const CallOptions& call = {});
+  absl::StatusOr<v1::ModelVersion> GetModelVersion(const v1::GetModelVersionRequest& request,
+                                                   const CallOptions& call = {});
+  absl::Status DeleteModelVersion(const v1::DeleteModelVersionRequest& request,
+                                  const CallOptions& call = {});
+  absl::StatusOr<v1::ModelAlias> SetModelAlias(const v1::SetModelAliasRequest& request,
+                                               const CallOptions& call = {});
+  absl::Status DeleteModelAlias(const v1::DeleteModelAliasRequest& request,
+                                const CallOptions& call = {});
+  absl::StatusOr<v1::ActionSet> GetActionSet(const v1::GetActionSetRequest& request,
+                                             const CallOptions& call = {});
+  absl::StatusOr<v1::Action> LabelAction(const v1::LabelActionRequest& request,
+                                         const CallOptions& call = {});
+
+  // Datasets.
+  using OnUploaded = std::function<void(int64_t sent_bytes, int64_t total_bytes)>;
+  // Uploads a folder with dataset.json and its shards as datasets/{dataset} `name`. Returns once it
+  // is committed; after an error nothing of it is there.
+  //   on_progress: after each chunk; may be empty.
+  // NOT_FOUND or DATA_LOSS, before anything is sent, if the folder is not whole.
+  absl::StatusOr<v1::Dataset> UploadDataset(const std::string& folder, const std::string& name,
+                                            const OnUploaded& on_progress,
+                                            const CallOptions& call = {});
+  absl::StatusOr<v1::ListDatasetsResponse> ListDatasets(const v1::ListDatasetsRequest& request,
+                                                        const CallOptions& call = {});
+  absl::StatusOr<v1::Dataset> GetDataset(const v1::GetDatasetRequest& request,
+                                         const CallOptions& call = {});
+  absl::StatusOr<v1::DatasetSummary> DescribeDataset(const v1::DescribeDatasetRequest& request,
+                                                     const CallOptions& call = {});
+  absl::Status DeleteDataset(const v1::DeleteDatasetRequest& request, const CallOptions& call = {});
+  absl::StatusOr<v1::ListScenariosResponse> ListScenarios(const v1::ListScenariosRequest& request,
+                                                          const CallOptions& call = {});
+  absl::StatusOr<v1::Scenario> GetScenario(const v1::GetScenarioRequest& request,
+                                           const CallOptions& call = {});
+
+  // Jobs.
+  absl::StatusOr<v1::Job> Train(const v1::TrainRequest& request, const CallOptions& call = {});
+  absl::StatusOr<v1::Job> Evaluate(const v1::EvaluateRequest& request,
+                                   const CallOptions& call = {});
+  absl::StatusOr<v1::Job> GetJob(const v1::GetJobRequest& request, const CallOptions& call = {});
+  absl::StatusOr<v1::ListJobsResponse> ListJobs(const v1::ListJobsRequest& request,
+                                                const CallOptions& call = {});
+  absl::StatusOr<v1::Job> CancelJob(const v1::CancelJobRequest& request,
+                                    const CallOptions& call = {});
+  absl::Status DeleteJob(const v1::DeleteJobRequest& request, const CallOptions& call = {});
+  // Calls `on_event` with each event of a job after request.after_sequence, until the job ends or
+  // `on_event` returns false; returns the job as it was last seen. Each event comes once: a broken
+  // stream is picked up after the last one. Without CallOptions::timeout there is no deadline.
+  absl::StatusOr<v1::Job> WatchJob(const v1::WatchJobRequest& request,
+                                   const std::function<bool(const v1::Job&)>& on_event,
+                                   const CallOptions& call = {});
+
+  // grpc.health.v1: OK if the service ("" is the whole server) is SERVING; UNAVAILABLE, with the
+  // reason "NOT_SERVING" (ErrorDetailsOf), if it is not; NOT_FOUND if the server does not know it.
+  // Not retried.
+  absl::Status CheckHealth(const std::string& service = "", const CallOptions& call = {});
+
+  const ClientOptions& options() const;
+
+ private:
+  struct Connection;
+  explicit Client(std::unique_ptr<Connection> connection);
+
+  const std::unique_ptr<Connection> connection_;
+};
+
+// Whether a job has ended: SUCCEEDED, FAILED or CANCELLED.
+bool HasEnded(const v1::Job& job);
+
+}  // namespace maneuver::client
+
+#endif  // MANEUVER_CLIENT_CLIENT_H_

@@ -1,0 +1,61 @@
+// Private to the library: the channel, the stubs, and how a call is made.
+
+#ifndef MANEUVER_CLIENT_CONNECTION_H_
+#define MANEUVER_CLIENT_CONNECTION_H_
+
+#include <grpcpp/grpcpp.h>
+
+#include <memory>
+#include <utility>
+
+#include "client/client.h"
+#include "client/error_details.h"
+#include "maneuver/v1/dataset_service.grpc.pb.h"
+#include "maneuver/v1/model_service.grpc.pb.h"
+#include "maneuver/v1/prediction_service.grpc.pb.h"
+#include "maneuver/v1/training_service.grpc.pb.h"
+
+namespace maneuver::client {
+
+inline absl::Status ToStatus(const grpc::Status& status) {
+  return StatusFromWire(status.error_code(), status.error_message(), status.error_details());
+}
+
+enum class Repeatable { kNo, kYes };
+
+struct Client::Connection {
+  ClientOptions options;
+  std::shared_ptr<grpc::Channel> channel;
+  std::unique_ptr<v1::PredictionService::Stub> predictions;
+  std::unique_ptr<v1::ModelService::Stub> models;
+  std::unique_ptr<v1::DatasetService::Stub> datasets;
+  std::unique_ptr<v1::TrainingService::Stub> training;
+
+  // Makes a unary call until it succeeds or may not be tried again.
+  template <typename Stub, typename Request, typename Response>
+  absl::StatusOr<Response> Call(Stub& stub,
+                                grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&,
+                                                             Response*),
+                                const Request& request, Repeatable repeatable,
+                                absl::Duration default_timeout, const CallOptions& call) {
+    const absl::Time deadline = absl::Now() + call.timeout.value_or(default_timeout);
+    RetryPolicy policy = options.retry;
+    if (repeatable == Repeatable::kNo) policy.max_attempts = 1;
+    Response response;
+    absl::Status status =
+        RetryUnavailable(policy, deadline, call.cancellation, options.on_retry, [&] {
+          grpc::ClientContext context;
+          context.set_deadline(absl::ToChronoTime(deadline));
+          const Cancellation::Registration registration(call.cancellation,
+                                                        [&context] { context.TryCancel(); });
+          response.Clear();
+          return ToStatus((stub.*method)(&context, request, &response));
+        });
+    if (!status.ok()) return status;
+    return response;
+  }
+};
+
+}  // namespace maneuver::client
+
+#endif  // MANEUVER_CLIENT_CONNECTION_H_

@@ -1,0 +1,58 @@
+// What a failed call says beyond its code and message.
+//
+// Calls of this library fail with an absl::Status; the machine-readable details that the server
+// sent (grpc-status-details-bin) ride along as payloads, and ErrorDetailsOf reads them:
+//
+//   absl::StatusOr<v1::Job> job = client->Train(request);
+//   if (!job.ok()) {
+//     const client::ErrorDetails details = client::ErrorDetailsOf(job.status());
+//     if (details.reason == "DATASET_NOT_FOUND") ...
+//     for (const client::FieldViolation& violation : details.field_violations) ...
+//   }
+
+#ifndef MANEUVER_CLIENT_ERROR_DETAILS_H_
+#define MANEUVER_CLIENT_ERROR_DETAILS_H_
+
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/time/time.h"
+#include "maneuver/v1/status.pb.h"
+
+namespace maneuver::client {
+
+// A field of the request that is wrong.
+struct FieldViolation {
+  std::string field;        // path from the request: scenarios[2].agents[0].states[5].x
+  std::string description;  // what is wrong with it
+};
+
+// google.rpc.ErrorInfo, BadRequest and RetryInfo of one error; empty where the server said nothing.
+struct ErrorDetails {
+  std::string reason;                           // stable, UPPER_SNAKE_CASE
+  std::map<std::string, std::string> metadata;  // more about the reason
+  std::vector<FieldViolation> field_violations;
+  std::optional<absl::Duration> retry_delay;  // wait at least this long before trying again
+};
+
+// Details of a failed call.
+ErrorDetails ErrorDetailsOf(const absl::Status& status);
+
+// Details of one failed item of a batch, or of a failed job.
+ErrorDetails ErrorDetailsOf(const v1::Status& status);
+
+// The error of one item or job as a status, with its details as payloads. OK for code 0.
+absl::Status ToStatus(const v1::Status& status);
+
+// The status of a call from its parts on the wire.
+//   details_bin: value of grpc-status-details-bin, a serialised google.rpc.Status; may be empty.
+// Details that do not parse are left out: they never hide the error itself.
+absl::Status StatusFromWire(int code, std::string_view message, std::string_view details_bin);
+
+}  // namespace maneuver::client
+
+#endif  // MANEUVER_CLIENT_ERROR_DETAILS_H_

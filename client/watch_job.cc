@@ -1,0 +1,64 @@
+#include <algorithm>
+
+#include "absl/time/clock.h"
+#include "client/connection.h"
+
+namespace maneuver::client {
+
+absl::StatusOr<v1::Job> Client::WatchJob(const v1::WatchJobRequest& request,
+                                         const std::function<bool(const v1::Job&)>& on_event,
+                                         const CallOptions& call) {
+  const ClientOptions& options = connection_->options;
+  const absl::Time deadline = call.timeout ? absl::Now() + *call.timeout : absl::InfiniteFuture();
+  v1::WatchJobRequest cursor = request;
+  v1::Job job;
+  bool seen = false;     // any event at all
+  bool stopped = false;  // by on_event
+
+  // One stream, to its end. UNAVAILABLE if it broke before the job ended.
+  const auto follow = [&]() -> absl::Status {
+    grpc::ClientContext context;
+    if (deadline != absl::InfiniteFuture()) context.set_deadline(absl::ToChronoTime(deadline));
+    const Cancellation::Registration registration(call.cancellation,
+                                                  [&context] { context.TryCancel(); });
+    const auto reader = connection_->training->WatchJob(&context, cursor);
+    v1::WatchJobResponse event;
+    while (reader->Read(&event)) {
+      seen = true;
+      job = std::move(*event.mutable_job());
+      cursor.set_after_sequence(std::max(cursor.after_sequence(), job.progress().sequence()));
+      if (on_event && !on_event(job)) {
+        stopped = true;
+        context.TryCancel();
+        break;
+      }
+    }
+    absl::Status status = ToStatus(reader->Finish());
+    if (stopped || (status.ok() && HasEnded(job))) return absl::OkStatus();
+    if (status.ok()) return absl::UnavailableError("the server stopped telling of the job");
+    return status;
+  };
+
+  // Before the first event the job is given the patience of any call, after it that of a watch.
+  absl::Status status =
+      RetryUnavailable(options.retry, deadline, call.cancellation, options.on_retry, [&] {
+        absl::Status result = follow();
+        return seen && absl::IsUnavailable(result) ? absl::OkStatus() : result;
+      });
+  if (!status.ok()) return status;
+  while (!stopped && !HasEnded(job)) {
+    const absl::Time give_up = std::min(deadline, absl::Now() + options.watch_patience);
+    RetryPolicy patient = options.retry;
+    patient.max_attempts = 1'000'000;
+    const int64_t before = cursor.after_sequence();
+    status = RetryUnavailable(patient, give_up, call.cancellation, options.on_retry, [&] {
+      absl::Status result = follow();
+      return cursor.after_sequence() > before && absl::IsUnavailable(result) ? absl::OkStatus()
+                                                                             : result;
+    });
+    if (!status.ok()) return status;
+  }
+  return job;
+}
+
+}  // namespace maneuver::client
