@@ -29,8 +29,8 @@ TEST(ClusteringTest, IndependentClustersShareNothing) {
   EXPECT_NEAR(table.Purity(), 4.0 / 6.0, 1e-12);
 }
 
-// Clusters {0, 1} split class A in halves, cluster 2 is class B, four examples each half, eight of B:
-// I = H(class) = ln 2, H(cluster) = 1.5 ln 2, so NMI = 2 / 2.5.
+// Clusters {0, 1} split class A in halves, cluster 2 is class B, four examples each half, eight of
+// B: I = H(class) = ln 2, H(cluster) = 1.5 ln 2, so NMI = 2 / 2.5.
 TEST(ClusteringTest, SplittingAClassCostsEntropyButNotPurity) {
   ContingencyTable table;
   Add(table, 0, 0, 4);

@@ -28,8 +28,8 @@ inference::Trajectory Point(double x, double y) {
 TEST(MixtureNllTest, OneUnitGaussianAtItsMean) {
   const std::vector distributions = {Gaussian(1.0, 2.0, 1.0, 0.0, 1.0)};
   const std::array weights = {1.0};
-  EXPECT_NEAR(MixtureNll(distributions, weights, Point(1.0, 2.0)),
-              std::log(2.0 * std::numbers::pi), 1e-12);
+  EXPECT_NEAR(MixtureNll(distributions, weights, Point(1.0, 2.0)), std::log(2.0 * std::numbers::pi),
+              1e-12);
 }
 
 // A density integrates to one: a Riemann sum over a grid that holds all of its mass.

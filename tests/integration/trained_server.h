@@ -1,0 +1,37 @@
+#ifndef MANEUVER_TESTS_INTEGRATION_TRAINED_SERVER_H_
+#define MANEUVER_TESTS_INTEGRATION_TRAINED_SERVER_H_
+
+#include <filesystem>
+#include <memory>
+#include <vector>
+
+#include "maneuver/v1/scenario.pb.h"
+#include "tests/integration/server_process.h"
+
+namespace maneuver::testing {
+
+// A data folder whose server holds datasets/town and datasets/unseen (other recordings of the town)
+// and models/tiny, trained on the first through the Train RPC by the `maneuver` command.
+class TrainedServer {
+ public:
+  TrainedServer();
+
+  const std::filesystem::path& folder() const { return folder_.path(); }
+  std::filesystem::path data_dir() const { return folder_.path() / "data"; }
+  ServerProcess& server() { return *server_; }
+  // Another process over the same data folder, in place of the last.
+  void Restart();
+  // Recordings of datasets/unseen, with prediction time and targets.
+  const std::vector<v1::Scenario>& unseen() const { return unseen_; }
+  // TrainingSettings as JSON: trains in seconds.
+  std::filesystem::path settings() const { return folder_.path() / "tiny.json"; }
+
+ private:
+  TemporaryFolder folder_;
+  std::unique_ptr<ServerProcess> server_;
+  std::vector<v1::Scenario> unseen_;
+};
+
+}  // namespace maneuver::testing
+
+#endif  // MANEUVER_TESTS_INTEGRATION_TRAINED_SERVER_H_

@@ -1,0 +1,15 @@
+#!/usr/bin/env bash
+# Installs what is missing, builds everything and runs all tests.
+#
+#   tests/run.sh [ctest options]       for instance: tests/run.sh -R scheduler
+#
+# MANEUVER_REAL_DATA=FOLDER, with Waymo Open Motion TFRecords, also runs the
+# tests on real scenes; without it they say that they were skipped.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+deploy/install-deps.sh
+mkdir -p build
+cmake --preset release >build/configure.log 2>&1 || { cat build/configure.log >&2; exit 1; }
+cmake --build --preset release
+ctest --preset release --parallel "$(nproc)" "$@"
