@@ -1,0 +1,111 @@
+#include "server/errors/error_details.h"
+
+#include <array>
+
+#include "absl/strings/cord.h"
+#include "absl/strings/str_cat.h"
+#include "maneuver/v1/status.pb.h"
+
+namespace maneuver::errors {
+namespace {
+
+constexpr std::string_view kErrorInfo = "type.googleapis.com/google.rpc.ErrorInfo";
+constexpr std::string_view kBadRequest = "type.googleapis.com/google.rpc.BadRequest";
+constexpr std::string_view kRetryInfo = "type.googleapis.com/google.rpc.RetryInfo";
+constexpr std::array kInOrder = {kErrorInfo, kBadRequest, kRetryInfo};
+
+constexpr int64_t kNanosecondsPerSecond = 1'000'000'000;
+
+void Attach(absl::Status& status, std::string_view type_url,
+            const google::protobuf::MessageLite& detail) {
+  status.SetPayload(type_url, absl::Cord(detail.SerializeAsString()));
+}
+
+std::string JoinPath(std::string_view prefix, const std::string& field) {
+  if (prefix.empty()) return field;
+  if (field.empty()) return std::string(prefix);
+  return absl::StrCat(prefix, ".", field);
+}
+
+}  // namespace
+
+absl::Status InvalidFields(const std::vector<scene::FieldViolation>& violations,
+                           std::string_view prefix) {
+  v1::BadRequest detail;
+  for (const scene::FieldViolation& violation : violations) {
+    auto* entry = detail.add_field_violations();
+    entry->set_field(JoinPath(prefix, violation.field));
+    entry->set_description(violation.description);
+  }
+  std::string message = "invalid request";
+  if (!violations.empty()) {
+    const auto& first = detail.field_violations(0);
+    message = absl::StrCat(first.field(), ": ", first.description());
+    if (violations.size() > 1) {
+      absl::StrAppend(&message, " (and ", violations.size() - 1, " more)");
+    }
+  }
+  absl::Status status = absl::InvalidArgumentError(message);
+  Attach(status, kBadRequest, detail);
+  return WithReason(std::move(status), "INVALID_FIELD");
+}
+
+absl::Status InvalidField(std::string_view field, std::string_view description) {
+  return InvalidFields({{std::string(field), std::string(description)}});
+}
+
+absl::Status WithReason(absl::Status status, std::string_view reason,
+                        const std::map<std::string, std::string>& metadata) {
+  v1::ErrorInfo detail;
+  detail.set_reason(std::string(reason));
+  detail.set_domain("maneuver");
+  detail.mutable_metadata()->insert(metadata.begin(), metadata.end());
+  Attach(status, kErrorInfo, detail);
+  return status;
+}
+
+absl::Status WithRetryDelay(absl::Status status, std::chrono::nanoseconds delay) {
+  v1::RetryInfo detail;
+  detail.mutable_retry_delay()->set_seconds(delay.count() / kNanosecondsPerSecond);
+  detail.mutable_retry_delay()->set_nanos(
+      static_cast<int32_t>(delay.count() % kNanosecondsPerSecond));
+  Attach(status, kRetryInfo, detail);
+  return status;
+}
+
+std::optional<std::chrono::nanoseconds> RetryDelay(const absl::Status& status) {
+  const auto payload = status.GetPayload(kRetryInfo);
+  v1::RetryInfo detail;
+  if (!payload || !detail.ParseFromString(std::string(*payload))) return std::nullopt;
+  return std::chrono::nanoseconds(detail.retry_delay().seconds() * kNanosecondsPerSecond +
+                                  detail.retry_delay().nanos());
+}
+
+v1::Status ToProto(const absl::Status& status) {
+  v1::Status proto;
+  proto.set_code(static_cast<int32_t>(status.code()));
+  proto.set_message(std::string(status.message()));
+  for (const std::string_view type_url : kInOrder) {
+    if (const auto payload = status.GetPayload(type_url)) {
+      auto* any = proto.add_details();
+      any->set_type_url(std::string(type_url));
+      any->set_value(std::string(*payload));
+    }
+  }
+  return proto;
+}
+
+absl::Status FromProto(const v1::Status& proto) {
+  const bool known = proto.code() >= 0 && proto.code() <= 16;
+  absl::Status status(
+      known ? static_cast<absl::StatusCode>(proto.code()) : absl::StatusCode::kUnknown,
+      proto.message());
+  for (const auto& any : proto.details()) {
+    for (const std::string_view type_url : kInOrder) {
+      if (any.type_url() == type_url) status.SetPayload(type_url, absl::Cord(any.value()));
+    }
+  }
+  return status;
+}
+
+}  // namespace maneuver::errors

@@ -1,0 +1,46 @@
+// Machine-readable details on absl::Status: the bytes of google.rpc.ErrorInfo, BadRequest and
+// RetryInfo as payloads, under google.rpc's own type URLs. Plain C++ folders attach them; rpc/ puts
+// them on the wire (rpc/status_details.h), so nobody has to translate errors twice.
+
+#ifndef MANEUVER_SERVER_ERRORS_ERROR_DETAILS_H_
+#define MANEUVER_SERVER_ERRORS_ERROR_DETAILS_H_
+
+#include <chrono>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "model/scene/field_violation.h"
+
+namespace maneuver::v1 {
+class Status;
+}
+
+namespace maneuver::errors {
+
+// INVALID_ARGUMENT with a BadRequest. The message names the first violation and counts the others.
+//   prefix: path of the message that the violations were found in ("scenarios[2]"), put before each
+//   field; empty for none.
+absl::Status InvalidFields(const std::vector<scene::FieldViolation>& violations,
+                           std::string_view prefix = {});
+absl::Status InvalidField(std::string_view field, std::string_view description);
+
+// `status` with an ErrorInfo: a stable UPPER_SNAKE_CASE reason. Replaces an earlier one.
+absl::Status WithReason(absl::Status status, std::string_view reason,
+                        const std::map<std::string, std::string>& metadata = {});
+
+// `status` with a RetryInfo.
+absl::Status WithRetryDelay(absl::Status status, std::chrono::nanoseconds delay);
+std::optional<std::chrono::nanoseconds> RetryDelay(const absl::Status& status);
+
+// A failed status as the wire states it, details in the order ErrorInfo, BadRequest, RetryInfo.
+v1::Status ToProto(const absl::Status& status);
+// The other way. An unknown code becomes UNKNOWN, details of other types are dropped.
+absl::Status FromProto(const v1::Status& status);
+
+}  // namespace maneuver::errors
+
+#endif  // MANEUVER_SERVER_ERRORS_ERROR_DETAILS_H_

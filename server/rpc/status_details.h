@@ -1,0 +1,18 @@
+// absl::Status, with the details that server/errors attached, as gRPC carries it.
+
+#ifndef MANEUVER_SERVER_RPC_STATUS_DETAILS_H_
+#define MANEUVER_SERVER_RPC_STATUS_DETAILS_H_
+
+#include <grpcpp/support/status.h>
+
+#include "absl/status/status.h"
+#include "server/errors/error_details.h"
+
+namespace maneuver::rpc {
+
+// Code, message, and a google.rpc.Status as grpc-status-details-bin. OK stays OK.
+grpc::Status ToGrpcStatus(const absl::Status& status);
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_STATUS_DETAILS_H_

@@ -1,0 +1,32 @@
+// Where a server may listen.
+
+#ifndef MANEUVER_SERVER_SECURITY_LISTEN_ADDRESS_H_
+#define MANEUVER_SERVER_SECURITY_LISTEN_ADDRESS_H_
+
+#include <string>
+#include <string_view>
+
+#include "absl/status/statusor.h"
+
+namespace maneuver::security {
+
+struct ListenAddress {
+  std::string host;  // without brackets
+  int port = 0;      // 0: any free one
+
+  // HOST:PORT, an IPv6 host in brackets.
+  std::string ToString() const;
+};
+
+// HOST:PORT or [IPV6]:PORT. Errors: INVALID_ARGUMENT.
+absl::StatusOr<ListenAddress> ParseListenAddress(std::string_view text);
+
+// Whether nobody but this machine can reach it: 127.0.0.0/8, ::1 or localhost.
+bool IsLoopback(const ListenAddress& address);
+
+// FAILED_PRECONDITION unless the address is loopback or `insecure` was given.
+absl::Status CheckExposure(const ListenAddress& address, bool insecure);
+
+}  // namespace maneuver::security
+
+#endif  // MANEUVER_SERVER_SECURITY_LISTEN_ADDRESS_H_

@@ -1,0 +1,64 @@
+// Names of resources, parsed strictly: whatever parses is safe as a file name, so no name can lead
+// out of the data folder.
+//
+//   id       [a-z][a-z0-9-]*, at most 63 characters
+//   version  1, 2, 3, ...: decimal, no leading zero, at most 9 digits
+//   job      [a-z0-9][a-z0-9-]*, at most 63 characters
+//
+// Errors are INVALID_ARGUMENT with the request's `field` as the violation.
+
+#ifndef MANEUVER_SERVER_SECURITY_RESOURCE_NAME_H_
+#define MANEUVER_SERVER_SECURITY_RESOURCE_NAME_H_
+
+#include <string>
+#include <string_view>
+#include <variant>
+
+#include "absl/status/statusor.h"
+
+namespace maneuver::security {
+
+// models/{model}/versions/{version}
+struct ModelVersionName {
+  std::string model;
+  int version = 0;
+
+  std::string ToString() const;
+  friend bool operator==(const ModelVersionName&, const ModelVersionName&) = default;
+  friend auto operator<=>(const ModelVersionName&, const ModelVersionName&) = default;
+};
+
+// models/{model}/aliases/{alias}, or in a reference models/{model}@{alias}
+struct ModelAliasName {
+  std::string model;
+  std::string alias;
+
+  std::string ToString() const;
+  friend bool operator==(const ModelAliasName&, const ModelAliasName&) = default;
+};
+
+inline constexpr std::string_view kServingAlias = "serving";
+
+// What a request may say instead of a version.
+using ModelReference = std::variant<ModelVersionName, ModelAliasName>;
+
+bool IsResourceId(std::string_view id);
+
+// models/{model}: the id.
+absl::StatusOr<std::string> ParseModelName(std::string_view name, std::string_view field);
+// models/{model}, which stands for its @serving alias, models/{model}@{alias}, or a version's name.
+absl::StatusOr<ModelReference> ParseModelReference(std::string_view name, std::string_view field);
+absl::StatusOr<ModelVersionName> ParseModelVersionName(std::string_view name,
+                                                       std::string_view field);
+absl::StatusOr<ModelAliasName> ParseModelAliasName(std::string_view name, std::string_view field);
+// datasets/{dataset}: the id.
+absl::StatusOr<std::string> ParseDatasetName(std::string_view name, std::string_view field);
+// jobs/{job}: the id.
+absl::StatusOr<std::string> ParseJobName(std::string_view name, std::string_view field);
+
+// The number of a version's folder; 0 if `text` is no version.
+int ParseVersion(std::string_view text);
+
+}  // namespace maneuver::security
+
+#endif  // MANEUVER_SERVER_SECURITY_RESOURCE_NAME_H_
