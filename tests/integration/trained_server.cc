@@ -9,9 +9,8 @@
 #include "model/data/town/synthetic_town.h"
 
 namespace maneuver::testing {
-namespace {
 
-constexpr char kTinySettings[] = R"({
+const char kTinySettings[] = R"({
   "preset": "compact",
   "model": {
     "raster": {"height": 48, "width": 48, "meters_per_pixel": 2, "history_frames": 3,
@@ -30,6 +29,8 @@ constexpr char kTinySettings[] = R"({
   "seed": 7,
   "threads": 1
 })";
+
+namespace {
 
 void WriteTown(const std::filesystem::path& folder, uint64_t seed, int recordings,
                std::vector<v1::Scenario>* kept) {

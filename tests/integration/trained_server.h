@@ -10,6 +10,9 @@
 
 namespace maneuver::testing {
 
+// TrainingSettings as JSON: a model that trains in seconds, 12 actions, 10 waypoints over 4 s.
+extern const char kTinySettings[];
+
 // A data folder whose server holds datasets/town and datasets/unseen (other recordings of the town)
 // and models/tiny, trained on the first through the Train RPC by the `maneuver` command.
 class TrainedServer {
