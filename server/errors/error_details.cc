@@ -4,19 +4,20 @@
 
 #include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
 #include "maneuver/v1/status.pb.h"
 
 namespace maneuver::errors {
 namespace {
 
-constexpr std::string_view kErrorInfo = "type.googleapis.com/google.rpc.ErrorInfo";
-constexpr std::string_view kBadRequest = "type.googleapis.com/google.rpc.BadRequest";
-constexpr std::string_view kRetryInfo = "type.googleapis.com/google.rpc.RetryInfo";
+constexpr absl::string_view kErrorInfo = "type.googleapis.com/google.rpc.ErrorInfo";
+constexpr absl::string_view kBadRequest = "type.googleapis.com/google.rpc.BadRequest";
+constexpr absl::string_view kRetryInfo = "type.googleapis.com/google.rpc.RetryInfo";
 constexpr std::array kInOrder = {kErrorInfo, kBadRequest, kRetryInfo};
 
 constexpr int64_t kNanosecondsPerSecond = 1'000'000'000;
 
-void Attach(absl::Status& status, std::string_view type_url,
+void Attach(absl::Status& status, absl::string_view type_url,
             const google::protobuf::MessageLite& detail) {
   status.SetPayload(type_url, absl::Cord(detail.SerializeAsString()));
 }
@@ -24,7 +25,7 @@ void Attach(absl::Status& status, std::string_view type_url,
 std::string JoinPath(std::string_view prefix, const std::string& field) {
   if (prefix.empty()) return field;
   if (field.empty()) return std::string(prefix);
-  return absl::StrCat(prefix, ".", field);
+  return std::string(prefix) + "." + field;
 }
 
 }  // namespace
@@ -85,7 +86,7 @@ v1::Status ToProto(const absl::Status& status) {
   v1::Status proto;
   proto.set_code(static_cast<int32_t>(status.code()));
   proto.set_message(std::string(status.message()));
-  for (const std::string_view type_url : kInOrder) {
+  for (const absl::string_view type_url : kInOrder) {
     if (const auto payload = status.GetPayload(type_url)) {
       auto* any = proto.add_details();
       any->set_type_url(std::string(type_url));
@@ -101,7 +102,7 @@ absl::Status FromProto(const v1::Status& proto) {
       known ? static_cast<absl::StatusCode>(proto.code()) : absl::StatusCode::kUnknown,
       proto.message());
   for (const auto& any : proto.details()) {
-    for (const std::string_view type_url : kInOrder) {
+    for (const absl::string_view type_url : kInOrder) {
       if (any.type_url() == type_url) status.SetPayload(type_url, absl::Cord(any.value()));
     }
   }

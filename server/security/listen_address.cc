@@ -2,7 +2,8 @@
 
 #include <arpa/inet.h>
 
-#include "absl/strings/numbers.h"
+#include <charconv>
+
 #include "absl/strings/str_cat.h"
 
 namespace maneuver::security {
@@ -27,7 +28,8 @@ absl::StatusOr<ListenAddress> ParseListenAddress(std::string_view text) {
     return malformed();
   }
   ListenAddress address{std::string(host), 0};
-  if (host.empty() || !absl::SimpleAtoi(port, &address.port) || address.port < 0 ||
+  const auto [end, error] = std::from_chars(port.begin(), port.end(), address.port);
+  if (host.empty() || error != std::errc() || end != port.end() || address.port < 0 ||
       address.port > 65535) {
     return malformed();
   }

@@ -37,12 +37,12 @@ std::optional<Halves> SplitAt(std::string_view text, std::string_view separator)
   return Halves{text.substr(0, at), text.substr(at + separator.size())};
 }
 
-absl::Status Malformed(std::string_view field, std::string_view expected) {
+absl::Status Malformed(std::string_view field, const std::string& expected) {
   // The name itself is not echoed: it may be anything, of any length.
   return errors::InvalidField(field, absl::StrCat("expected ", expected));
 }
 
-constexpr std::string_view kIdRule = "with ids of lower-case letters, digits and hyphens";
+constexpr char kIdRule[] = "with ids of lower-case letters, digits and hyphens";
 
 std::optional<ModelVersionName> VersionIn(std::string_view name) {
   const auto rest = After(name, "models/");
