@@ -14,18 +14,23 @@ namespace maneuver::scene {
 
 // Largest scenario that is accepted.
 struct ScenarioLimits {
+  int max_scenario_id = 128;  // characters
   int max_agents = 2'000;
   int max_states_per_agent = 2'000;
   int max_map_features = 20'000;
   int max_map_points = 500'000;  // over all features
   int max_targets = 1'000;
-  int max_violations = 16;  // validation stops looking after so many
+  int max_traffic_signals = 2'000;
+  int max_readings_per_signal = 2'000;
+  int max_violations = 16;      // validation stops looking after so many
   double max_coordinate = 1e8;  // metres, either sign
+  double max_size = 1'000.0;    // of an agent, metres
 };
 
 // What is wrong with the scenario as a whole; empty if nothing is. Looks at all but the targets:
 // finite numbers, positive sizes, strictly increasing times, unique ids, equal numbers of x and y,
-// known enum values, limits.
+// known enum values, limits. Lines and areas of too few points to be seen are let pass; a feature
+// without any point is not.
 std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
                                              const ScenarioLimits& limits);
 

@@ -12,15 +12,19 @@
 
 namespace maneuver::scene {
 
+// Times that differ by less are the same, seconds: clocks are sums of frame intervals and carry
+// their rounding.
+inline constexpr double kSameTime = 1e-6;
+
 // The agent with this id, or nullptr.
 const v1::Agent* FindAgent(const v1::Scenario& scenario, int64_t agent_id);
 
 // Index into agent.states of the state nearest to `time` and no further than `tolerance` seconds
-// from it, or -1. Never a state after `latest`.
+// (+ kSameTime) from it, or -1; the later of two that are as near. Never a state after `latest`.
 int FindState(const v1::Agent& agent, double time, double tolerance, double latest);
 
 // X_WT of an agent at `time`, from its state within `tolerance` seconds at or before
-// `time` + 1e-6; nothing if it has none.
+// `time` + kSameTime; nothing if it has none.
 std::optional<Pose2> TargetPose(const v1::Agent& agent, double time, double tolerance);
 
 }  // namespace maneuver::scene

@@ -1,0 +1,63 @@
+// Antialiased painting into one channel of an interleaved picture.
+//
+// Paint covers: a pixel takes max(what it is, coverage * intensity), so neither the order of
+// painting nor painting twice matters. Coverage depends on where a shape lies relative to the
+// pixel's centre and on nothing else, and fixed-point coordinates are nowhere used: a shape that is
+// moved by whole pixels or mirrored gives the same bytes moved or mirrored.
+
+#ifndef MANEUVER_MODEL_SCENE_CANVAS_H_
+#define MANEUVER_MODEL_SCENE_CANVAS_H_
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace maneuver::scene {
+
+// A place in the picture, pixels: u along a row, v along a column. Pixel (row r, column c) covers
+// [c, c+1) x [r, r+1).
+struct PixelPoint {
+  double u = 0.0;
+  double v = 0.0;
+};
+
+// Holds scratch memory and the picture that it paints: one for each thread. Points may lie
+// anywhere, at any distance outside the picture.
+class Canvas {
+ public:
+  Canvas(int height, int width, int channels);
+
+  // Starts a picture, all zero. It must outlive the painting.
+  //   picture: [height, width, channels] bytes.
+  void Begin(std::span<uint8_t> picture);
+
+  // A line of one pixel's width with soft edges: coverage is max(0, 1 - d), d being the distance in
+  // pixels from the pixel's centre to the polyline. Points within 0.05 pixels of the chord that
+  // leaves them out are left out. Nothing for fewer than two points.
+  void DrawPolyline(int channel, std::span<const PixelPoint> points, uint8_t intensity);
+
+  // A disc: coverage is max(0, min(1, radius + 0.5 - d)), d being the distance in pixels from the
+  // pixel's centre to `centre`.
+  void FillDisc(int channel, const PixelPoint& centre, double radius, uint8_t intensity);
+
+  // The inside of a simple polygon (convex or not; the last point joins the first): coverage is the
+  // exact share of the pixel's area. Nothing for fewer than three points.
+  void FillPolygon(int channel, std::span<const PixelPoint> points, uint8_t intensity);
+
+ private:
+  void DrawSegment(int channel, PixelPoint a, PixelPoint b, float intensity);
+  void AddEdge(PixelPoint a, PixelPoint b, int rows, int columns);
+  void AddEdgeInside(float u0, float v0, float u1, float v1, int stride);
+  void Paint(int channel, int row, int column, float value);
+
+  const int height_;
+  const int width_;
+  const int channels_;
+  std::span<uint8_t> picture_;
+  // Signed area that each pixel gains over its left neighbour; all zero between calls.
+  std::vector<float> area_gain_;
+};
+
+}  // namespace maneuver::scene
+
+#endif  // MANEUVER_MODEL_SCENE_CANVAS_H_

@@ -1,0 +1,239 @@
+#include "model/scene/rasterizer.h"
+
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "model/scene/canvas.h"
+#include "model/scene/target_frame.h"
+
+namespace maneuver::scene {
+namespace {
+
+double FrameInterval(const v1::RasterSpec& spec) {
+  return static_cast<double>(spec.frame_interval().seconds()) +
+         1e-9 * spec.frame_interval().nanos();
+}
+
+uint8_t BoxIntensity(v1::AgentType type) {
+  switch (type) {
+    case v1::AGENT_TYPE_VEHICLE:
+      return kVehicleIntensity;
+    case v1::AGENT_TYPE_CYCLIST:
+      return kCyclistIntensity;
+    case v1::AGENT_TYPE_PEDESTRIAN:
+      return kPedestrianIntensity;
+    default:
+      return kOtherIntensity;
+  }
+}
+
+// From the world to the picture; see the header.
+class Projection {
+ public:
+  Projection(const v1::RasterSpec& spec, const Pose2& X_WT, const RasterView& view)
+      : X_WT_(X_WT),
+        pixels_per_meter_(view.scale / spec.meters_per_pixel()),
+        origin_u_(spec.target_position() * spec.width() + view.shift_x),
+        origin_v_(0.5 * spec.height() - view.shift_y) {}
+
+  PixelPoint operator()(const Point2& p_WP) const {
+    const Point2 p_TP = X_WT_.ToLocal(p_WP);
+    return {origin_u_ + pixels_per_meter_ * p_TP.x, origin_v_ - pixels_per_meter_ * p_TP.y};
+  }
+
+  double pixels_per_meter() const { return pixels_per_meter_; }
+
+ private:
+  Pose2 X_WT_;
+  double pixels_per_meter_;
+  double origin_u_;
+  double origin_v_;
+};
+
+}  // namespace
+
+class Rasterizer::Painter {
+ public:
+  explicit Painter(const v1::RasterSpec& spec)
+      : spec_(spec),
+        frame_interval_(FrameInterval(spec)),
+        tolerance_(FrameTolerance(spec)),
+        canvas_(spec.height(), spec.width(), RasterChannels(spec)) {
+    assert(spec.meters_per_pixel() > 0.0 && frame_interval_ > 0.0);
+  }
+
+  void Paint(const v1::Scenario& scenario, double time, int64_t target_id,
+             const Projection& projection, std::span<uint8_t> raster) {
+    canvas_.Begin(raster);
+    ReadSignals(scenario, time);
+    for (const v1::MapFeature& feature : scenario.map_features()) {
+      DrawFeature(feature, projection);
+    }
+    for (const v1::Agent& agent : scenario.agents()) {
+      const int channel = agent.id() == target_id ? kTargetChannel : OtherAgentsChannel(spec_);
+      DrawAgent(agent, time, channel, projection);
+    }
+  }
+
+ private:
+  using LaneIntensity = std::pair<int64_t, uint8_t>;
+
+  // Finds the lanes that are not green.
+  void ReadSignals(const v1::Scenario& scenario, double time) {
+    dim_lanes_.clear();
+    for (const v1::TrafficSignal& signal : scenario.traffic_signals()) {
+      const auto& readings = signal.readings();
+      const auto after = std::upper_bound(
+          readings.begin(), readings.end(), time + kSameTime,
+          [](double t, const v1::TrafficSignalReading& reading) { return t < reading.time(); });
+      if (after == readings.begin()) continue;
+      const v1::TrafficSignalState state = (after - 1)->state();
+      if (state == v1::TRAFFIC_SIGNAL_STATE_STOP) {
+        dim_lanes_.emplace_back(signal.lane_id(), kLaneStopIntensity);
+      } else if (state == v1::TRAFFIC_SIGNAL_STATE_CAUTION) {
+        dim_lanes_.emplace_back(signal.lane_id(), kLaneCautionIntensity);
+      }
+    }
+    // The most restrictive reading of a lane comes first: it is the dimmest.
+    std::sort(dim_lanes_.begin(), dim_lanes_.end());
+  }
+
+  uint8_t LaneIntensityOf(int64_t lane_id) const {
+    const auto found =
+        std::lower_bound(dim_lanes_.begin(), dim_lanes_.end(), LaneIntensity(lane_id, 0));
+    if (lane_id == 0 || found == dim_lanes_.end() || found->first != lane_id) return kLaneIntensity;
+    return found->second;
+  }
+
+  // Projects the feature's points into points_; false if none of it can be seen.
+  bool Project(const v1::MapFeature& feature, const Projection& projection) {
+    const int count = std::min(feature.x_size(), feature.y_size());
+    if (count == 0) return false;
+    points_.resize(count);
+    const double* x = feature.x().data();
+    const double* y = feature.y().data();
+    PixelPoint low = projection({x[0], y[0]});
+    PixelPoint high = low;
+    for (int i = 0; i < count; ++i) {
+      const PixelPoint point = projection({x[i], y[i]});
+      low = {std::min(low.u, point.u), std::min(low.v, point.v)};
+      high = {std::max(high.u, point.u), std::max(high.v, point.v)};
+      points_[i] = point;
+    }
+    // What is drawn reaches beyond its points by at most this.
+    constexpr double kReach = 2.0;
+    return high.u > -kReach && low.u < spec_.width() + kReach && high.v > -kReach &&
+           low.v < spec_.height() + kReach;
+  }
+
+  void DrawFeature(const v1::MapFeature& feature, const Projection& projection) {
+    if (!Project(feature, projection)) return;
+    switch (feature.type()) {
+      case v1::MAP_FEATURE_TYPE_LANE_CENTERLINE:
+        return canvas_.DrawPolyline(kLaneChannel, points_, LaneIntensityOf(feature.id()));
+      case v1::MAP_FEATURE_TYPE_BIKE_LANE:
+        return canvas_.DrawPolyline(kLaneChannel, points_, kBikeLaneIntensity);
+      case v1::MAP_FEATURE_TYPE_ROAD_EDGE:
+        return canvas_.DrawPolyline(kLineChannel, points_, kRoadEdgeIntensity);
+      case v1::MAP_FEATURE_TYPE_ROAD_LINE:
+        return canvas_.DrawPolyline(kLineChannel, points_, kRoadLineIntensity);
+      case v1::MAP_FEATURE_TYPE_CROSSWALK:
+        return canvas_.FillPolygon(kPlaceChannel, points_, kCrosswalkIntensity);
+      case v1::MAP_FEATURE_TYPE_SPEED_BUMP:
+        return canvas_.FillPolygon(kPlaceChannel, points_, kSpeedBumpIntensity);
+      case v1::MAP_FEATURE_TYPE_DRIVEWAY:
+        return canvas_.FillPolygon(kPlaceChannel, points_, kDrivewayIntensity);
+      case v1::MAP_FEATURE_TYPE_STOP_LINE:
+        if (points_.size() == 1) {
+          return canvas_.FillDisc(kPlaceChannel, points_[0], kStopSignRadius, kStopLineIntensity);
+        }
+        return canvas_.DrawPolyline(kPlaceChannel, points_, kStopLineIntensity);
+      case v1::MAP_FEATURE_TYPE_STOP_SIGN:
+        return canvas_.FillDisc(kPlaceChannel, points_[0], kStopSignRadius, kStopSignIntensity);
+      default:
+        return;
+    }
+  }
+
+  // All frames of an agent in one walk back through its states.
+  void DrawAgent(const v1::Agent& agent, double time, int channel, const Projection& projection) {
+    const auto& states = agent.states();
+    const auto after =
+        std::upper_bound(states.begin(), states.end(), time + kSameTime,
+                         [](double t, const v1::AgentState& state) { return t < state.time(); });
+    if (after == states.begin()) return;
+    auto state = after - 1;
+    for (int frame = 0; frame < spec_.history_frames(); ++frame) {
+      const double frame_time = time - frame * frame_interval_;
+      while (state != states.begin() &&
+             std::abs((state - 1)->time() - frame_time) < std::abs(state->time() - frame_time)) {
+        --state;
+      }
+      if (std::abs(state->time() - frame_time) > tolerance_ + kSameTime) continue;
+      DrawBox(agent, *state, channel + frame, projection);
+    }
+  }
+
+  void DrawBox(const v1::Agent& agent, const v1::AgentState& state, int channel,
+               const Projection& projection) {
+    const PixelPoint centre = projection({state.x(), state.y()});
+    const double reach = projection.pixels_per_meter() * (agent.length() + agent.width());
+    if (!(centre.u > -reach && centre.u < spec_.width() + reach && centre.v > -reach &&
+          centre.v < spec_.height() + reach)) {
+      return;
+    }
+    const Pose2 X_WB(state.x(), state.y(), state.heading());
+    const double x = 0.5 * agent.length();
+    const double y = 0.5 * agent.width();
+    const std::array<PixelPoint, 4> corners = {
+        projection(X_WB * Point2{x, y}), projection(X_WB * Point2{-x, y}),
+        projection(X_WB * Point2{-x, -y}), projection(X_WB * Point2{x, -y})};
+    canvas_.FillPolygon(channel, corners, BoxIntensity(agent.type()));
+  }
+
+  const v1::RasterSpec spec_;
+  const double frame_interval_;
+  const double tolerance_;
+  Canvas canvas_;
+  std::vector<LaneIntensity> dim_lanes_;  // by lane id
+  std::vector<PixelPoint> points_;        // of the feature at hand
+
+  friend class Rasterizer;
+};
+
+int RasterChannels(const v1::RasterSpec& spec) {
+  return kTargetChannel + 2 * spec.history_frames();
+}
+
+size_t RasterBytes(const v1::RasterSpec& spec) {
+  return static_cast<size_t>(spec.height()) * spec.width() * RasterChannels(spec);
+}
+
+double FrameTolerance(const v1::RasterSpec& spec) { return 0.5 * FrameInterval(spec); }
+
+Rasterizer::Rasterizer(const v1::RasterSpec& spec) : painter_(std::make_unique<Painter>(spec)) {}
+Rasterizer::~Rasterizer() = default;
+Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
+Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
+
+void Rasterizer::Rasterize(const v1::Scenario& scenario, double time, int64_t target_id,
+                           const Pose2& X_WT, const RasterView& view, std::span<uint8_t> raster) {
+  const Projection projection(painter_->spec_, X_WT, view);
+  painter_->Paint(scenario, time, target_id, projection, raster);
+}
+
+void MirrorRaster(const v1::RasterSpec& spec, std::span<uint8_t> raster) {
+  assert(raster.size() == RasterBytes(spec));
+  const size_t row_bytes = raster.size() / spec.height();
+  auto top = raster.begin();
+  auto bottom = raster.end() - row_bytes;
+  for (; top < bottom; top += row_bytes, bottom -= row_bytes) {
+    std::swap_ranges(top, top + row_bytes, bottom);
+  }
+}
+
+}  // namespace maneuver::scene

@@ -1,0 +1,305 @@
+#include "model/scene/scenario_validation.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "model/scene/target_frame.h"
+
+namespace maneuver::scene {
+namespace {
+
+using absl::StrCat;
+
+// Collects violations up to a number. Paths and messages are only ever built for what is wrong.
+class Violations {
+ public:
+  explicit Violations(int limit) : limit_(std::max(limit, 1)) {}
+
+  bool full() const { return static_cast<int>(found_.size()) >= limit_; }
+  void Add(std::string field, std::string description) {
+    if (!full()) found_.push_back({std::move(field), std::move(description)});
+  }
+  std::vector<FieldViolation> Take() { return std::move(found_); }
+
+ private:
+  const int limit_;
+  std::vector<FieldViolation> found_;
+};
+
+std::string Element(const char* field, int index) { return StrCat(field, "[", index, "]"); }
+
+std::string Member(const std::string& message, const char* field) {
+  return StrCat(message, ".", field);
+}
+
+// Code points of a UTF-8 string.
+int Characters(const std::string& text) {
+  return static_cast<int>(
+      std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xC0) != 0x80; }));
+}
+
+// False for what is not finite, too.
+bool Within(double value, double limit) { return std::abs(value) <= limit; }
+
+// Twelve digits: times may count from 1970.
+std::string Number(double value) {
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.12g", value);
+  return text;
+}
+
+std::string NotFinite(double value) {
+  return StrCat("is ", Number(value), "; must be a finite number");
+}
+
+std::string OutOfCoordinates(double value, double limit) {
+  if (!std::isfinite(value)) return NotFinite(value);
+  return StrCat("is ", Number(value), " m; must lie within ", Number(limit), " m of the origin");
+}
+
+bool CheckCount(std::string_view field, int count, int limit, Violations* violations) {
+  if (count <= limit) return true;
+  violations->Add(std::string(field),
+                  StrCat("has ", count, " elements; at most ", limit, " are accepted"));
+  return false;
+}
+
+void CheckSize(const std::string& agent, const char* field, double size, double limit,
+               Violations* violations) {
+  if (size > 0.0 && size <= limit) return;
+  violations->Add(
+      Member(agent, field),
+      std::isfinite(size)
+          ? StrCat("is ", Number(size), " m; must be greater than 0 and at most ", limit, " m")
+          : NotFinite(size));
+}
+
+// Times of states and of readings alike.
+template <typename Timed>
+bool TimeIsGood(const Timed& elements, int index) {
+  const double time = elements[index].time();
+  return std::isfinite(time) && (index == 0 || time > elements[index - 1].time());
+}
+
+template <typename Timed>
+std::string BadTime(const Timed& elements, int index) {
+  const double time = elements[index].time();
+  if (!std::isfinite(time)) return NotFinite(time);
+  return StrCat("is ", Number(time), " s, not after the ", Number(elements[index - 1].time()),
+                " s before it; times must strictly increase");
+}
+
+void CheckState(const v1::Agent& agent, int agent_index, int index, const ScenarioLimits& limits,
+                Violations* violations) {
+  const v1::AgentState& state = agent.states(index);
+  const bool good = TimeIsGood(agent.states(), index) & Within(state.x(), limits.max_coordinate) &
+                    Within(state.y(), limits.max_coordinate) & std::isfinite(state.heading()) &
+                    std::isfinite(state.velocity_x()) & std::isfinite(state.velocity_y());
+  if (good) return;
+  const std::string path = StrCat("agents[", agent_index, "].states[", index, "]");
+  if (!TimeIsGood(agent.states(), index)) {
+    violations->Add(Member(path, "time"), BadTime(agent.states(), index));
+  }
+  const auto check_coordinate = [&](const char* field, double value) {
+    if (!Within(value, limits.max_coordinate)) {
+      violations->Add(Member(path, field), OutOfCoordinates(value, limits.max_coordinate));
+    }
+  };
+  const auto check_finite = [&](const char* field, float value) {
+    if (!std::isfinite(value)) violations->Add(Member(path, field), NotFinite(value));
+  };
+  check_coordinate("x", state.x());
+  check_coordinate("y", state.y());
+  check_finite("heading", state.heading());
+  check_finite("velocity_x", state.velocity_x());
+  check_finite("velocity_y", state.velocity_y());
+}
+
+void CheckAgent(const v1::Agent& agent, int index, const ScenarioLimits& limits,
+                Violations* violations) {
+  const bool good = v1::AgentType_IsValid(agent.type()) && agent.length() > 0.0 &&
+                    agent.length() <= limits.max_size && agent.width() > 0.0 &&
+                    agent.width() <= limits.max_size &&
+                    agent.states_size() <= limits.max_states_per_agent;
+  if (!good) {
+    const std::string path = Element("agents", index);
+    if (!v1::AgentType_IsValid(agent.type())) {
+      violations->Add(Member(path, "type"),
+                      StrCat(static_cast<int>(agent.type()), " is no known agent type"));
+    }
+    CheckSize(path, "length", agent.length(), limits.max_size, violations);
+    CheckSize(path, "width", agent.width(), limits.max_size, violations);
+    if (!CheckCount(Member(path, "states"), agent.states_size(), limits.max_states_per_agent,
+                    violations)) {
+      return;
+    }
+  }
+  for (int i = 0; i < agent.states_size() && !violations->full(); ++i) {
+    CheckState(agent, index, i, limits, violations);
+  }
+}
+
+void CheckAgentIds(const v1::Scenario& scenario, Violations* violations) {
+  std::vector<std::pair<int64_t, int>> ids(scenario.agents_size());
+  for (int i = 0; i < scenario.agents_size(); ++i) ids[i] = {scenario.agents(i).id(), i};
+  std::sort(ids.begin(), ids.end());
+  for (size_t i = 1; i < ids.size() && !violations->full(); ++i) {
+    if (ids[i].first != ids[i - 1].first) continue;
+    violations->Add(Member(Element("agents", ids[i].second), "id"),
+                    StrCat("is ", ids[i].first, ", as is that of agents[", ids[i - 1].second,
+                           "]; ids must be unique"));
+  }
+}
+
+// Coordinates of a feature along one axis.
+void CheckCoordinates(int feature_index, const char* field,
+                      const google::protobuf::RepeatedField<double>& values, double limit,
+                      Violations* violations) {
+  bool good = true;  // without branches, for the sake of speed
+  for (const double value : values) good &= Within(value, limit);
+  if (good) return;
+  for (int i = 0; i < values.size() && !violations->full(); ++i) {
+    if (Within(values[i], limit)) continue;
+    violations->Add(StrCat("map_features[", feature_index, "].", field, "[", i, "]"),
+                    OutOfCoordinates(values[i], limit));
+  }
+}
+
+void CheckFeature(const v1::MapFeature& feature, int index, const ScenarioLimits& limits,
+                  Violations* violations) {
+  const bool known = v1::MapFeatureType_IsValid(feature.type()) &&
+                     feature.type() != v1::MAP_FEATURE_TYPE_UNSPECIFIED;
+  const bool speed_limit_is_good =
+      feature.speed_limit() >= 0.0 && std::isfinite(feature.speed_limit());
+  if (!known || !speed_limit_is_good || feature.x_size() != feature.y_size() ||
+      feature.x().empty()) {
+    const std::string path = Element("map_features", index);
+    if (!known) {
+      violations->Add(Member(path, "type"), feature.type() == v1::MAP_FEATURE_TYPE_UNSPECIFIED
+                                                ? std::string("is not stated")
+                                                : StrCat(static_cast<int>(feature.type()),
+                                                         " is no known map feature type"));
+    }
+    if (feature.x_size() != feature.y_size()) {
+      violations->Add(Member(path, "y"), StrCat("has ", feature.y_size(), " elements, but x has ",
+                                                feature.x_size(), "; they must be as many"));
+    } else if (feature.x().empty()) {
+      violations->Add(Member(path, "x"), "has no points");
+    }
+    if (!speed_limit_is_good) {
+      violations->Add(
+          Member(path, "speed_limit"),
+          std::isfinite(feature.speed_limit())
+              ? StrCat("is ", Number(feature.speed_limit()), " m/s; must not be negative")
+              : NotFinite(feature.speed_limit()));
+    }
+  }
+  CheckCoordinates(index, "x", feature.x(), limits.max_coordinate, violations);
+  CheckCoordinates(index, "y", feature.y(), limits.max_coordinate, violations);
+}
+
+void CheckMap(const v1::Scenario& scenario, const ScenarioLimits& limits, Violations* violations) {
+  if (!CheckCount("map_features", scenario.map_features_size(), limits.max_map_features,
+                  violations)) {
+    return;
+  }
+  int64_t points = 0;
+  for (const v1::MapFeature& feature : scenario.map_features()) {
+    points += std::max(feature.x_size(), feature.y_size());
+  }
+  if (points > limits.max_map_points) {
+    violations->Add("map_features", StrCat("have ", points, " points in all; at most ",
+                                           limits.max_map_points, " are accepted"));
+    return;
+  }
+  for (int i = 0; i < scenario.map_features_size() && !violations->full(); ++i) {
+    CheckFeature(scenario.map_features(i), i, limits, violations);
+  }
+}
+
+void CheckSignal(const v1::TrafficSignal& signal, int index, const ScenarioLimits& limits,
+                 Violations* violations) {
+  if (signal.readings_size() > limits.max_readings_per_signal) {
+    CheckCount(Member(Element("traffic_signals", index), "readings"), signal.readings_size(),
+               limits.max_readings_per_signal, violations);
+    return;
+  }
+  for (int i = 0; i < signal.readings_size() && !violations->full(); ++i) {
+    const v1::TrafficSignalReading& reading = signal.readings(i);
+    const bool time_is_good = TimeIsGood(signal.readings(), i);
+    const bool state_is_good = v1::TrafficSignalState_IsValid(reading.state());
+    if (time_is_good && state_is_good) continue;
+    const std::string path = StrCat("traffic_signals[", index, "].readings[", i, "]");
+    if (!time_is_good) violations->Add(Member(path, "time"), BadTime(signal.readings(), i));
+    if (!state_is_good) {
+      violations->Add(Member(path, "state"), StrCat(static_cast<int>(reading.state()),
+                                                    " is no known traffic signal state"));
+    }
+  }
+}
+
+// "; its nearest state is at 0.4 s", or that there is none.
+std::string NearestState(const v1::Agent& agent, double time) {
+  const int past = FindState(agent, time, HUGE_VAL, time + kSameTime);
+  if (past >= 0) return StrCat("; its nearest is at ", Number(agent.states(past).time()), " s");
+  if (agent.states().empty()) return "; it has none at all";
+  return StrCat("; its first is at ", Number(agent.states(0).time()), " s, later than that");
+}
+
+}  // namespace
+
+std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
+                                             const ScenarioLimits& limits) {
+  Violations violations(limits.max_violations);
+  if (const int characters = Characters(scenario.scenario_id());
+      characters > limits.max_scenario_id) {
+    violations.Add("scenario_id", StrCat("has ", characters, " characters; at most ",
+                                         limits.max_scenario_id, " are accepted"));
+  }
+  if (!std::isfinite(scenario.prediction_time())) {
+    violations.Add("prediction_time", NotFinite(scenario.prediction_time()));
+  }
+  CheckCount("target_ids", scenario.target_ids_size(), limits.max_targets, &violations);
+  if (CheckCount("agents", scenario.agents_size(), limits.max_agents, &violations)) {
+    for (int i = 0; i < scenario.agents_size() && !violations.full(); ++i) {
+      CheckAgent(scenario.agents(i), i, limits, &violations);
+    }
+    CheckAgentIds(scenario, &violations);
+  }
+  CheckMap(scenario, limits, &violations);
+  if (CheckCount("traffic_signals", scenario.traffic_signals_size(), limits.max_traffic_signals,
+                 &violations)) {
+    for (int i = 0; i < scenario.traffic_signals_size() && !violations.full(); ++i) {
+      CheckSignal(scenario.traffic_signals(i), i, limits, &violations);
+    }
+  }
+  return violations.Take();
+}
+
+std::optional<FieldViolation> ValidateTarget(const v1::Scenario& scenario, int target_index,
+                                             double tolerance) {
+  const auto& ids = scenario.target_ids();
+  const int64_t id = ids[target_index];
+  const auto violation = [&](std::string description) {
+    return FieldViolation{Element("target_ids", target_index), std::move(description)};
+  };
+  const auto first = std::find(ids.begin(), ids.begin() + target_index, id);
+  if (first != ids.begin() + target_index) {
+    return violation(
+        StrCat("is ", id, ", as is target_ids[", first - ids.begin(), "]; name each target once"));
+  }
+  const v1::Agent* agent = FindAgent(scenario, id);
+  if (agent == nullptr) return violation(StrCat("no agent has the id ", id));
+  const double time = scenario.prediction_time();
+  if (TargetPose(*agent, time, tolerance).has_value()) return std::nullopt;
+  return violation(StrCat("agent ", id, " has no state within ", Number(tolerance),
+                          " s before the prediction time, ", Number(time), " s",
+                          NearestState(*agent, time)));
+}
+
+}  // namespace maneuver::scene

@@ -1,0 +1,44 @@
+#include "model/scene/target_frame.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace maneuver::scene {
+namespace {
+
+bool StartsAfter(double time, const v1::AgentState& state) { return time < state.time(); }
+
+}  // namespace
+
+const v1::Agent* FindAgent(const v1::Scenario& scenario, int64_t agent_id) {
+  for (const v1::Agent& agent : scenario.agents()) {
+    if (agent.id() == agent_id) return &agent;
+  }
+  return nullptr;
+}
+
+int FindState(const v1::Agent& agent, double time, double tolerance, double latest) {
+  const auto& states = agent.states();
+  const auto end = std::upper_bound(states.begin(), states.end(), latest, StartsAfter);
+  const auto after = std::upper_bound(states.begin(), end, time, StartsAfter);
+  int nearest = -1;
+  double smallest = tolerance + kSameTime;
+  const auto consider = [&](auto state) {
+    const double distance = std::abs(state->time() - time);
+    if (distance > smallest) return;
+    smallest = distance;
+    nearest = static_cast<int>(state - states.begin());
+  };
+  if (after != states.begin()) consider(after - 1);
+  if (after != end) consider(after);
+  return nearest;
+}
+
+std::optional<Pose2> TargetPose(const v1::Agent& agent, double time, double tolerance) {
+  const int index = FindState(agent, time, tolerance, time + kSameTime);
+  if (index < 0) return std::nullopt;
+  const v1::AgentState& state = agent.states(index);
+  return Pose2(state.x(), state.y(), state.heading());
+}
+
+}  // namespace maneuver::scene
