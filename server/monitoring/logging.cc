@@ -1,0 +1,143 @@
+#include "server/monitoring/logging.h"
+
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <memory>
+
+namespace maneuver::monitoring {
+namespace {
+
+spdlog::level::level_enum ToSpdlog(LogLevel level) {
+  switch (level) {
+    case LogLevel::kDebug:
+      return spdlog::level::debug;
+    case LogLevel::kInfo:
+      return spdlog::level::info;
+    case LogLevel::kWarning:
+      return spdlog::level::warn;
+    case LogLevel::kError:
+      return spdlog::level::err;
+  }
+  return spdlog::level::info;
+}
+
+constexpr char kTextPattern[] = "%Y-%m-%dT%H:%M:%S.%eZ %-7l %v";
+constexpr char kJsonPattern[] = R"({"time":"%Y-%m-%dT%H:%M:%S.%eZ","level":"%l",%v})";
+
+// One logger for each format, so that a change of format needs no lock on the way of a line.
+struct Loggers {
+  Loggers() {
+    auto sink = std::make_shared<spdlog::sinks::stderr_sink_mt>();
+    auto json_sink = std::make_shared<spdlog::sinks::stderr_sink_mt>();
+    text = std::make_shared<spdlog::logger>("text", std::move(sink));
+    json = std::make_shared<spdlog::logger>("json", std::move(json_sink));
+    text->set_pattern(kTextPattern, spdlog::pattern_time_type::utc);
+    json->set_pattern(kJsonPattern, spdlog::pattern_time_type::utc);
+    text->flush_on(spdlog::level::debug);
+    json->flush_on(spdlog::level::debug);
+  }
+
+  std::shared_ptr<spdlog::logger> text;
+  std::shared_ptr<spdlog::logger> json;
+  std::atomic<LogFormat> format = LogFormat::kText;
+};
+
+Loggers& GetLoggers() {
+  static auto& loggers = *new Loggers;  // never destroyed: threads may log until the very end
+  return loggers;
+}
+
+void AppendEscaped(std::string& out, std::string_view text) {
+  for (const char c : text) {
+    if (c == '"' || c == '\\') {
+      out += '\\';
+      out += c;
+    } else if (c == '\n') {
+      out += "\\n";
+    } else if (static_cast<unsigned char>(c) < 0x20) {
+      out += fmt::format("\\u{:04x}", static_cast<unsigned>(c));
+    } else {
+      out += c;
+    }
+  }
+}
+
+void AppendQuoted(std::string& out, std::string_view text) {
+  out += '"';
+  AppendEscaped(out, text);
+  out += '"';
+}
+
+bool NeedsQuotes(std::string_view text) {
+  return text.empty() || std::ranges::any_of(text, [](char c) {
+           return static_cast<unsigned char>(c) <= ' ' || c == '"' || c == '\\' || c == '=';
+         });
+}
+
+void AppendValue(std::string& out, LogFormat format, const LogField& field) {
+  if (const auto* text = std::get_if<std::string_view>(&field.value)) {
+    if (format == LogFormat::kJson || NeedsQuotes(*text)) {
+      AppendQuoted(out, *text);
+    } else {
+      out += *text;
+    }
+  } else if (const auto* flag = std::get_if<bool>(&field.value)) {
+    out += *flag ? "true" : "false";
+  } else if (const auto* integer = std::get_if<int64_t>(&field.value)) {
+    out += fmt::format("{}", *integer);
+  } else {
+    const double number = std::get<double>(field.value);
+    // JSON has no NaN.
+    out += format == LogFormat::kJson && !std::isfinite(number) ? "null"
+                                                                : fmt::format("{:.6g}", number);
+  }
+}
+
+}  // namespace
+
+void ConfigureLogging(LogFormat format, LogLevel level) {
+  Loggers& loggers = GetLoggers();
+  loggers.text->set_level(ToSpdlog(level));
+  loggers.json->set_level(ToSpdlog(level));
+  loggers.format = format;
+}
+
+std::string FormatLogLine(LogFormat format, std::string_view message,
+                          std::initializer_list<LogField> fields) {
+  std::string line;
+  if (format == LogFormat::kJson) {
+    line += "\"message\":";
+    AppendQuoted(line, message);
+    for (const LogField& field : fields) {
+      line += ',';
+      AppendQuoted(line, field.key);
+      line += ':';
+      AppendValue(line, format, field);
+    }
+  } else {
+    AppendEscaped(line, message);
+    for (const LogField& field : fields) {
+      line += ' ';
+      line += field.key;
+      line += '=';
+      AppendValue(line, format, field);
+    }
+  }
+  return line;
+}
+
+void Log(LogLevel level, std::string_view message, std::initializer_list<LogField> fields) {
+  Loggers& loggers = GetLoggers();
+  const LogFormat format = loggers.format;
+  spdlog::logger& logger = format == LogFormat::kJson ? *loggers.json : *loggers.text;
+  const auto spdlog_level = ToSpdlog(level);
+  if (!logger.should_log(spdlog_level)) return;
+  const std::string line = FormatLogLine(format, message, fields);
+  logger.log(spdlog_level, spdlog::string_view_t(line));
+}
+
+}  // namespace maneuver::monitoring

@@ -1,0 +1,109 @@
+#include "server/monitoring/prometheus_metrics.h"
+
+#include <prometheus/counter.h>
+#include <prometheus/exposer.h>
+#include <prometheus/gauge.h>
+#include <prometheus/histogram.h>
+#include <prometheus/registry.h>
+#include <prometheus/text_serializer.h>
+
+#include <exception>
+#include <map>
+#include <mutex>
+
+#include "absl/strings/str_cat.h"
+
+namespace maneuver::monitoring {
+namespace {
+
+class PrometheusCounter final : public Counter {
+ public:
+  explicit PrometheusCounter(prometheus::Counter& counter) : counter_(counter) {}
+  void Increment(double amount) override { counter_.Increment(amount); }
+
+ private:
+  prometheus::Counter& counter_;
+};
+
+class PrometheusGauge final : public Gauge {
+ public:
+  explicit PrometheusGauge(prometheus::Gauge& gauge) : gauge_(gauge) {}
+  void Set(double value) override { gauge_.Set(value); }
+  void Add(double amount) override { gauge_.Increment(amount); }
+
+ private:
+  prometheus::Gauge& gauge_;
+};
+
+class PrometheusHistogram final : public Histogram {
+ public:
+  explicit PrometheusHistogram(prometheus::Histogram& histogram) : histogram_(histogram) {}
+  void Observe(double value) override { histogram_.Observe(value); }
+
+ private:
+  prometheus::Histogram& histogram_;
+};
+
+class PrometheusRegistry final : public PrometheusMetrics {
+ public:
+  PrometheusRegistry() : registry_(std::make_shared<prometheus::Registry>()) {}
+
+  Counter& AddCounter(const std::string& name, const std::string& help,
+                      const Labels& labels) override {
+    return Wrap(counters_,
+                prometheus::BuildCounter().Name(name).Help(help).Register(*registry_).Add(labels));
+  }
+
+  Gauge& AddGauge(const std::string& name, const std::string& help, const Labels& labels) override {
+    return Wrap(gauges_,
+                prometheus::BuildGauge().Name(name).Help(help).Register(*registry_).Add(labels));
+  }
+
+  Histogram& AddHistogram(const std::string& name, const std::string& help,
+                          const std::vector<double>& buckets, const Labels& labels) override {
+    return Wrap(histograms_, prometheus::BuildHistogram()
+                                 .Name(name)
+                                 .Help(help)
+                                 .Register(*registry_)
+                                 .Add(labels, buckets));
+  }
+
+  std::string Page() const override {
+    return prometheus::TextSerializer().Serialize(registry_->Collect());
+  }
+
+  absl::StatusOr<int> Listen(const std::string& address) override {
+    try {
+      constexpr size_t kThreads = 1;
+      exposer_ = std::make_unique<prometheus::Exposer>(address, kThreads);
+      exposer_->RegisterCollectable(registry_);
+      return exposer_->GetListeningPorts().at(0);
+    } catch (const std::exception& error) {
+      return absl::UnavailableError(absl::StrCat("cannot serve metrics on ", address, " (",
+                                                 error.what(), "): is the port taken?"));
+    }
+  }
+
+ private:
+  // One wrapper for each of Prometheus' metrics, which have stable addresses.
+  template <typename Wrapper, typename Metric>
+  Wrapper& Wrap(std::map<Metric*, Wrapper>& wrappers, Metric& metric) {
+    const std::lock_guard lock(mutex_);
+    return wrappers.try_emplace(&metric, metric).first->second;
+  }
+
+  std::shared_ptr<prometheus::Registry> registry_;
+  std::mutex mutex_;  // guards the maps, whose elements never move
+  std::map<prometheus::Counter*, PrometheusCounter> counters_;
+  std::map<prometheus::Gauge*, PrometheusGauge> gauges_;
+  std::map<prometheus::Histogram*, PrometheusHistogram> histograms_;
+  std::unique_ptr<prometheus::Exposer> exposer_;  // last: stops before what it shows
+};
+
+}  // namespace
+
+std::unique_ptr<PrometheusMetrics> PrometheusMetrics::Create() {
+  return std::make_unique<PrometheusRegistry>();
+}
+
+}  // namespace maneuver::monitoring

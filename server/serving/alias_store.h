@@ -1,0 +1,35 @@
+// Where the aliases of models are kept between runs.
+
+#ifndef MANEUVER_SERVER_SERVING_ALIAS_STORE_H_
+#define MANEUVER_SERVER_SERVING_ALIAS_STORE_H_
+
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "server/security/resource_name.h"
+
+namespace maneuver::serving {
+
+struct ModelAlias {
+  security::ModelAliasName name;
+  int version = 0;
+};
+
+// Durable once a call returned OK. Safe to use from any thread.
+class AliasStore {
+ public:
+  virtual ~AliasStore() = default;
+
+  // Creates or moves an alias.
+  virtual absl::Status SetAlias(const security::ModelAliasName& name, int version) = 0;
+  // The version that it points to. NOT_FOUND.
+  virtual absl::StatusOr<int> GetAlias(const security::ModelAliasName& name) = 0;
+  virtual absl::StatusOr<std::vector<ModelAlias>> ListAliases() = 0;
+  // NOT_FOUND if there is none.
+  virtual absl::Status DeleteAlias(const security::ModelAliasName& name) = 0;
+};
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_SERVER_SERVING_ALIAS_STORE_H_
