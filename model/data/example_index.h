@@ -25,19 +25,37 @@ struct Example {
   bool standing = false;
 };
 
-// Enumerates the examples of one recording: vehicle targets, a state at `time` and one second
-// before it, a future without gaps over the whole horizon, no step faster than max_speed. Standing
-// targets are kept with probability keep_standing, decided by a hash of scenario id, target and time
-// (so that the same windows stay whatever else is in the dataset).
+// Two states further apart than this have a gap between them, seconds: one frame of 10 Hz may be
+// missing, two may not.
+inline constexpr double kMaxStateGap = 0.25;
+
+// Enumerates the examples of one recording, in the order of its agents, then of time. Spec and
+// settings are complete (no unset fields); without a stride there are no examples.
+//
+// Times are the target's states nearest to the multiples of the stride on the scenario's clock (not
+// counted from where a track begins: what one track does moves nobody else's examples), if within
+// half a frame interval of them. An example needs
+//   - a vehicle for a target;
+//   - a past: a state at the oldest of the history_frames, within half a frame interval, and no gap
+//     since;
+//   - a future without gaps over the whole horizon;
+//   - no step over that time faster than max_speed (if that is above 0): it is mistracked;
+//   - a heading that fits the motion: a target that moved at 2 m/s and more over the past did so
+//     within 60 degrees of its heading, or, backing up at no more than 5 m/s, of its opposite.
+//     Other tracks have broken headings (Waymo has some), and x would be in a meaningless frame.
+// A target whose waypoints all lie within standing_distance of where it is stands (a distance and
+// not a path length: sensor noise alone adds up to metres of path). Standing ones are kept with
+// probability keep_standing, decided by a hash of scenario id, target and time (so that the same
+// windows stay whatever else is in the dataset).
 //   standing_seen: incremented for each standing window, kept or not, if given.
 std::vector<Example> EnumerateExamples(const v1::Scenario& recording, int recording_index,
                                        const v1::ModelSpec& spec,
                                        const v1::ExampleSettings& settings,
                                        int64_t* standing_seen = nullptr);
 
-// Whether a recording is held out for validation: by a hash of its id, so that it is on the same side
-// in every run and in every dataset. Recordings of one place in parts ("id#1", "id#2") go together:
-// the hash stops at '#'.
+// Whether a recording is held out for validation: by a hash of its id, so that it is on the same
+// side in every run and in every dataset. Recordings of one place in parts ("id#1", "id#2") go
+// together: the hash stops at '#'.
 bool HeldOut(const std::string& scenario_id, double validation_share);
 
 }  // namespace maneuver::data

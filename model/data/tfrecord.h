@@ -1,5 +1,10 @@
 // TFRecord framing: u64 length, u32 masked CRC-32C of it, payload, u32 masked CRC-32C of that, all
 // little-endian.
+//
+//   03 00 00 00 00 00 00 00   length 3
+//   m0 m1 m2 m3               mask(crc32c(the eight bytes above))
+//   61 62 63                  "abc"
+//   m0 m1 m2 m3               mask(crc32c("abc"))
 
 #ifndef MANEUVER_MODEL_DATA_TFRECORD_H_
 #define MANEUVER_MODEL_DATA_TFRECORD_H_
@@ -18,10 +23,19 @@ namespace maneuver::data {
 // CRC-32C (Castagnoli) rotated and offset as TFRecord does.
 uint32_t MaskedCrc32c(std::string_view bytes);
 
-// Reads one file, front to back. Gzip is recognised by its magic.
+struct TfRecordReaderOptions {
+  // A longer record counts as damage to the framing, even if the CRC of its length is right: 1 GiB.
+  uint64_t max_record_bytes = uint64_t{1} << 30;
+  // Off where the file comes from somebody else: a small gzip file can hold very much.
+  bool allow_gzip = true;
+};
+
+// Reads one file, front to back. Gzip is recognised by its magic. Memory is bounded by the longest
+// record that is really there.
 class TfRecordReader {
  public:
-  static absl::StatusOr<std::unique_ptr<TfRecordReader>> Open(const std::filesystem::path& file);
+  static absl::StatusOr<std::unique_ptr<TfRecordReader>> Open(
+      const std::filesystem::path& file, const TfRecordReaderOptions& options = {});
   virtual ~TfRecordReader() = default;
 
   // The next payload. OUT_OF_RANGE at the end of the file. DATA_LOSS, naming file and offset, for a
@@ -40,8 +54,14 @@ class TfRecordWriter {
   virtual ~TfRecordWriter() = default;
 
   virtual absl::Status Append(std::string_view payload) = 0;
-  // Flushes and syncs. Without it the file is not complete.
+  // Flushes and syncs. Without it the file is not complete. Call once.
   virtual absl::Status Close() = 0;
+
+  // So far.
+  virtual int64_t records() const = 0;
+  virtual int64_t size_bytes() const = 0;
+  // SHA-256 of the file, lower-case hexadecimal; after Close.
+  virtual const std::string& sha256() const = 0;
 };
 
 }  // namespace maneuver::data

@@ -10,9 +10,16 @@
 
 namespace maneuver::data {
 
-// One serialised waymo.open_dataset.Scenario. prediction_time is that of current_time_index, targets
-// are tracks_to_predict (or, without those, none). INVALID_ARGUMENT if it does not parse or has no
-// tracks.
+// One serialised waymo.open_dataset.Scenario. prediction_time is that of current_time_index (step
+// 10 where it is not stated), targets are tracks_to_predict with a state then (without those,
+// none). A recording without an id gets one of its content: "nosid-" and eight hexadecimal digits.
+//
+// Kept: valid states with finite numbers; agents that have any with a size; map features that have
+// any points. An agent's size is that of its state nearest to the prediction time. A signal has a
+// reading where it changes, "unspecified" where the recording stops telling.
+//
+// INVALID_ARGUMENT if it does not parse, has no tracks, or its times do not increase or do not
+// match its states.
 absl::StatusOr<v1::Scenario> ParseWaymoScenario(std::string_view serialized);
 
 }  // namespace maneuver::data

@@ -21,8 +21,8 @@ absl::Status WriteFileAtomically(const std::filesystem::path& file, std::string_
 // fsync of a file or a folder.
 absl::Status SyncPath(const std::filesystem::path& path);
 
-// Renames a finished temporary folder to its final name: syncs each of its files and itself, renames,
-// syncs the parent. ALREADY_EXISTS if `folder` exists; the temporary one then stays.
+// Renames a finished temporary folder to its final name: syncs each of its files and itself,
+// renames, syncs the parent. ALREADY_EXISTS if `folder` exists; the temporary one then stays.
 absl::Status PublishFolder(const std::filesystem::path& temporary,
                            const std::filesystem::path& folder);
 

@@ -1,0 +1,254 @@
+#include "model/data/dataset_folder.h"
+
+#include <algorithm>
+#include <atomic>
+#include <thread>
+#include <unordered_set>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
+#include "model/data/dataset_layout.h"
+#include "model/data/example_index.h"
+#include "model/data/tfrecord.h"
+#include "model/files/digest.h"
+#include "model/scene/scenario_validation.h"
+
+namespace maneuver::data {
+namespace {
+
+// Datasets come from other people: nothing packed, nothing enormous.
+constexpr TfRecordReaderOptions kShardOptions = {.max_record_bytes = uint64_t{256} << 20,
+                                                 .allow_gzip = false};
+
+absl::Status NotAMessage(const v1::Shard& shard, uint64_t offset, absl::string_view what) {
+  return absl::DataLossError(
+      absl::StrCat(shard.file(), ", record at byte ", offset, ": not ", what));
+}
+
+absl::Status WrongCount(const v1::Shard& shard, int64_t seen) {
+  return absl::DataLossError(absl::StrCat("shard ", shard.file(), " has ", seen, " records; ",
+                                          kManifestFile, " says ", shard.records()));
+}
+
+// Returns an error for a payload that is not what it should be; clears *more to stop.
+using VisitPayload = std::function<absl::Status(const v1::Shard& shard, uint64_t offset,
+                                                std::string&& payload, bool* more)>;
+
+absl::Status ReadShard(const std::filesystem::path& folder, const v1::Shard& shard,
+                       OnDamage on_damage, const VisitPayload& visit, bool* more,
+                       int64_t* skipped) {
+  auto reader = TfRecordReader::Open(folder / shard.file(), kShardOptions);
+  if (!reader.ok()) return reader.status();
+  std::string payload;
+  int64_t seen = 0;
+  while (*more) {
+    absl::Status status = (*reader)->Next(&payload);
+    if (absl::IsOutOfRange(status)) break;
+    if (status.ok()) status = visit(shard, (*reader)->offset(), std::move(payload), more);
+    if (!status.ok() && on_damage == OnDamage::kStop) return status;
+    if (!(*reader)->can_continue()) break;
+    ++seen;
+    if (!status.ok()) ++*skipped;
+  }
+  if (*more && seen != shard.records()) {
+    if (on_damage == OnDamage::kStop) return WrongCount(shard, seen);
+    *skipped += std::max<int64_t>(0, shard.records() - seen);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ForEachPayload(const std::filesystem::path& folder, v1::ShardContent content,
+                            OnDamage on_damage, const VisitPayload& visit, int64_t* skipped) {
+  // Where damage is passed over, a shard of another size is nothing to stop at.
+  const auto manifest =
+      on_damage == OnDamage::kStop ? ReadDatasetManifest(folder) : LoadDatasetManifest(folder);
+  if (!manifest.ok()) return manifest.status();
+  bool more = true;
+  for (const v1::Shard& shard : manifest->shards()) {
+    if (shard.content() != content) continue;
+    absl::Status status = ReadShard(folder, shard, on_damage, visit, &more, skipped);
+    if (!status.ok()) return status;
+    if (!more) break;
+  }
+  return absl::OkStatus();
+}
+
+template <typename Message>
+absl::Status ForEachMessage(const std::filesystem::path& folder, v1::ShardContent content,
+                            OnDamage on_damage, const std::function<bool(Message&&)>& visit,
+                            int64_t* skipped) {
+  int64_t passed_over = 0;
+  const absl::Status status = ForEachPayload(
+      folder, content, on_damage,
+      [&visit](const v1::Shard& shard, uint64_t offset, std::string&& payload, bool* more) {
+        Message message;
+        if (!message.ParseFromString(payload)) {
+          return NotAMessage(shard, offset, absl::StrCat("a ", Message::descriptor()->name()));
+        }
+        *more = visit(std::move(message));
+        return absl::OkStatus();
+      },
+      &passed_over);
+  if (skipped != nullptr) *skipped += passed_over;
+  return status;
+}
+
+// Checks one shard whole. Scenario ids are gathered in *ids; annotations must name one of them.
+absl::Status VerifyShard(const std::filesystem::path& folder, const v1::Shard& shard,
+                         std::unordered_set<std::string>* ids) {
+  const auto sha256 = files::Sha256OfFile(folder / shard.file());
+  if (!sha256.ok()) return sha256.status();
+  if (*sha256 != shard.sha256()) {
+    return absl::DataLossError(absl::StrCat("shard ", shard.file(), " has SHA-256 ", *sha256, "; ",
+                                            kManifestFile, " says ", shard.sha256()));
+  }
+  const VisitPayload visit = [&shard, ids](const v1::Shard&, uint64_t offset, std::string&& payload,
+                                           bool*) -> absl::Status {
+    if (shard.content() == v1::SHARD_CONTENT_ANNOTATIONS) {
+      v1::ManeuverAnnotation annotation;
+      if (!annotation.ParseFromString(payload)) {
+        return NotAMessage(shard, offset, "a ManeuverAnnotation");
+      }
+      if (ids->contains(annotation.scenario_id())) return absl::OkStatus();
+      return NotAMessage(shard, offset, "an annotation of a scenario of this dataset");
+    }
+    v1::Scenario scenario;
+    if (!scenario.ParseFromString(payload)) return NotAMessage(shard, offset, "a Scenario");
+    const std::string& id = scenario.scenario_id();
+    if (id.empty()) return NotAMessage(shard, offset, "a scenario with an id");
+    const auto violations = scene::ValidateScenario(scenario, {});
+    if (!violations.empty()) {
+      return absl::DataLossError(absl::StrCat(shard.file(), ", record at byte ", offset,
+                                              " (scenario ", id, "): ", violations.front().field,
+                                              " ", violations.front().description));
+    }
+    if (ids->insert(id).second) return absl::OkStatus();
+    return absl::DataLossError(absl::StrCat(shard.file(), ", record at byte ", offset,
+                                            ": scenario ", id, " is in the dataset twice"));
+  };
+  bool more = true;
+  int64_t skipped = 0;
+  return ReadShard(folder, shard, OnDamage::kStop, visit, &more, &skipped);
+}
+
+// AGENT_TYPE_VEHICLE -> VEHICLE.
+std::string WithoutPrefix(const std::string& name, absl::string_view prefix) {
+  return std::string(absl::StripPrefix(name, prefix));
+}
+
+}  // namespace
+
+absl::Status VerifyDatasetFolder(const std::filesystem::path& folder) {
+  const auto manifest = ReadDatasetManifest(folder);
+  if (!manifest.ok()) return manifest.status();
+  std::unordered_set<std::string> ids;
+  for (const auto content : {v1::SHARD_CONTENT_SCENARIOS, v1::SHARD_CONTENT_ANNOTATIONS}) {
+    for (const v1::Shard& shard : manifest->shards()) {
+      if (shard.content() != content) continue;
+      if (absl::Status status = VerifyShard(folder, shard, &ids); !status.ok()) return status;
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ForEachScenario(const std::filesystem::path& folder, OnDamage on_damage,
+                             const std::function<bool(v1::Scenario&&)>& visit, int64_t* skipped) {
+  return ForEachMessage<v1::Scenario>(folder, v1::SHARD_CONTENT_SCENARIOS, on_damage, visit,
+                                      skipped);
+}
+
+absl::Status ForEachAnnotation(const std::filesystem::path& folder, OnDamage on_damage,
+                               const std::function<bool(v1::ManeuverAnnotation&&)>& visit) {
+  return ForEachMessage<v1::ManeuverAnnotation>(folder, v1::SHARD_CONTENT_ANNOTATIONS, on_damage,
+                                                visit, nullptr);
+}
+
+absl::StatusOr<std::vector<v1::Scenario>> ReadRecordings(const std::filesystem::path& folder,
+                                                         int threads) {
+  std::vector<std::string> payloads;
+  int64_t skipped = 0;
+  const absl::Status status = ForEachPayload(
+      folder, v1::SHARD_CONTENT_SCENARIOS, OnDamage::kStop,
+      [&payloads](const v1::Shard&, uint64_t, std::string&& payload, bool*) {
+        payloads.push_back(std::move(payload));
+        return absl::OkStatus();
+      },
+      &skipped);
+  if (!status.ok()) return status;
+
+  // Reading is bound by the disk and by one core's CRC; parsing is what takes the time.
+  std::vector<v1::Scenario> recordings(payloads.size());
+  std::atomic<size_t> next = 0;
+  std::atomic<size_t> unparsable = payloads.size();
+  const auto parse = [&] {
+    for (size_t i = next++; i < payloads.size(); i = next++) {
+      if (!recordings[i].ParseFromString(payloads[i])) unparsable = i;
+      std::string().swap(payloads[i]);
+    }
+  };
+  const size_t cores = std::max(1u, std::thread::hardware_concurrency());
+  const size_t wanted = threads > 0 ? static_cast<size_t>(threads) : cores;
+  std::vector<std::thread> workers;
+  for (size_t i = 1; i < std::min(wanted, payloads.size()); ++i) workers.emplace_back(parse);
+  parse();
+  for (std::thread& worker : workers) worker.join();
+  if (unparsable < payloads.size()) {
+    return absl::DataLossError(absl::StrCat("recording ", unparsable.load(), " does not parse"));
+  }
+  return recordings;
+}
+
+absl::StatusOr<v1::Scenario> ReadScenario(const std::filesystem::path& folder,
+                                          const std::string& scenario_id) {
+  v1::Scenario found;
+  bool is_found = false;
+  const absl::Status status =
+      ForEachScenario(folder, OnDamage::kStop, [&](v1::Scenario&& scenario) {
+        is_found = scenario.scenario_id() == scenario_id;
+        if (is_found) found = std::move(scenario);
+        return !is_found;
+      });
+  if (!status.ok()) return status;
+  if (!is_found) {
+    return absl::NotFoundError(absl::StrCat("the dataset has no scenario ", scenario_id));
+  }
+  return found;
+}
+
+absl::StatusOr<v1::DatasetSummary> DescribeDataset(const std::filesystem::path& folder,
+                                                   const v1::ModelSpec& spec,
+                                                   const v1::ExampleSettings& settings) {
+  const auto manifest = ReadDatasetManifest(folder);
+  if (!manifest.ok()) return manifest.status();
+  v1::DatasetSummary summary;
+  *summary.mutable_dataset() = *manifest;
+  auto& agents = *summary.mutable_agents_by_type();
+  auto& features = *summary.mutable_map_features_by_type();
+  int64_t examples = 0;
+  int64_t standing = 0;
+  // Every standing window counts: see DatasetSummary.
+  v1::ExampleSettings all = settings;
+  all.set_keep_standing(1.0);
+  absl::Status status = ForEachScenario(folder, OnDamage::kStop, [&](v1::Scenario&& scenario) {
+    for (const v1::Agent& agent : scenario.agents()) {
+      ++agents[WithoutPrefix(v1::AgentType_Name(agent.type()), "AGENT_TYPE_")];
+    }
+    for (const v1::MapFeature& feature : scenario.map_features()) {
+      ++features[WithoutPrefix(v1::MapFeatureType_Name(feature.type()), "MAP_FEATURE_TYPE_")];
+    }
+    examples += static_cast<int64_t>(EnumerateExamples(scenario, 0, spec, all, &standing).size());
+    return true;
+  });
+  if (!status.ok()) return status;
+  summary.set_examples(examples);
+  summary.set_standing_examples(standing);
+  auto& maneuvers = *summary.mutable_maneuvers();
+  status = ForEachAnnotation(folder, OnDamage::kStop, [&](v1::ManeuverAnnotation&& annotation) {
+    ++maneuvers[annotation.maneuver()];
+    return true;
+  });
+  if (!status.ok()) return status;
+  return summary;
+}
+
+}  // namespace maneuver::data

@@ -1,0 +1,155 @@
+#include "model/data/example_index.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <optional>
+
+#include "model/data/stable_hash.h"
+#include "model/data/trajectory.h"
+#include "model/scene/target_frame.h"
+
+namespace maneuver::data {
+namespace {
+
+constexpr double kHeadingTestSpeed = 2.0;                    // metres per second
+constexpr double kMaxReversingSpeed = 5.0;                   // metres per second
+constexpr double kMaxHeadingError = std::numbers::pi / 3.0;  // radians
+
+double Seconds(const google::protobuf::Duration& duration) {
+  return static_cast<double>(duration.seconds()) + 1e-9 * duration.nanos();
+}
+
+// What the examples of a spec have in common.
+struct Window {
+  double stride;
+  double past;       // time of the oldest frame before the present
+  double tolerance;  // half a frame interval
+  std::vector<double> waypoint_times;
+  double max_speed;  // infinite: no limit
+  double standing_distance;
+  double keep_standing;
+};
+
+Window MakeWindow(const v1::ModelSpec& spec, const v1::ExampleSettings& settings) {
+  const double frame_interval = Seconds(spec.raster().frame_interval());
+  Window window;
+  window.stride = Seconds(settings.stride());
+  window.past = std::max(0, spec.raster().history_frames() - 1) * frame_interval;
+  window.tolerance = 0.5 * frame_interval;
+  const double waypoint_interval = Seconds(spec.trajectory().waypoint_interval());
+  for (int i = 1; i <= spec.trajectory().waypoints(); ++i) {
+    window.waypoint_times.push_back(i * waypoint_interval);
+  }
+  window.max_speed = settings.max_speed() > 0 ? settings.max_speed() : HUGE_VAL;
+  window.standing_distance = settings.standing_distance();
+  window.keep_standing = settings.keep_standing();
+  return window;
+}
+
+double Distance(const v1::AgentState& a, const v1::AgentState& b) {
+  return std::hypot(b.x() - a.x(), b.y() - a.y());
+}
+
+// Indices of the states from which examples start.
+std::vector<int> StartStates(const v1::Agent& agent, const Window& window) {
+  std::vector<int> starts;
+  if (agent.states().empty() || !(window.stride > 0.0)) return starts;
+  const double first = agent.states().begin()->time();
+  const double last = agent.states().rbegin()->time();
+  const double end = std::floor((last + window.tolerance) / window.stride);
+  for (double k = std::ceil((first - window.tolerance) / window.stride); k <= end; ++k) {
+    const int start = scene::FindState(agent, k * window.stride, window.tolerance, HUGE_VAL);
+    // A stride shorter than the track's own steps meets states twice.
+    if (start >= 0 && (starts.empty() || start > starts.back())) starts.push_back(start);
+  }
+  return starts;
+}
+
+// Whether the track from state `first` on, to `end_time` or its own end, is one motion: no gap up
+// to state `now`, no step faster than a vehicle. Gaps after it are for ResampleFuture to judge.
+bool IsContinuous(const v1::Agent& agent, int first, int now, double end_time, double max_speed) {
+  for (int i = first + 1; i < agent.states_size(); ++i) {
+    const v1::AgentState& before = agent.states(i - 1);
+    if (before.time() >= end_time) break;
+    const v1::AgentState& after = agent.states(i);
+    const double step = after.time() - before.time();
+    if (i <= now && step > kMaxStateGap) return false;
+    if (Distance(before, after) > max_speed * step) return false;
+  }
+  return true;
+}
+
+bool HeadingFitsMotion(const v1::AgentState& oldest, const v1::AgentState& now) {
+  const double elapsed = now.time() - oldest.time();
+  const double distance = Distance(oldest, now);
+  if (elapsed <= 0.0 || distance < kHeadingTestSpeed * elapsed) return true;
+  const double direction = std::atan2(now.y() - oldest.y(), now.x() - oldest.x());
+  const double error = std::abs(std::remainder(now.heading() - direction, 2.0 * std::numbers::pi));
+  if (error <= kMaxHeadingError) return true;
+  return error >= std::numbers::pi - kMaxHeadingError && distance <= kMaxReversingSpeed * elapsed;
+}
+
+bool Stands(std::span<const double> trajectory, double standing_distance) {
+  for (size_t i = 0; i + 1 < trajectory.size(); i += 2) {
+    if (std::hypot(trajectory[i], trajectory[i + 1]) >= standing_distance) return false;
+  }
+  return true;
+}
+
+bool KeepsStanding(uint64_t scenario_hash, int64_t target_id, double time, double keep_standing) {
+  const auto milliseconds = static_cast<int64_t>(std::llround(time * 1000.0));
+  const uint64_t hash = MixHash(MixHash(scenario_hash, static_cast<uint64_t>(target_id)),
+                                static_cast<uint64_t>(milliseconds));
+  return UnitInterval(hash) < keep_standing;
+}
+
+}  // namespace
+
+std::vector<Example> EnumerateExamples(const v1::Scenario& recording, int recording_index,
+                                       const v1::ModelSpec& spec,
+                                       const v1::ExampleSettings& settings,
+                                       int64_t* standing_seen) {
+  const Window window = MakeWindow(spec, settings);
+  std::vector<Example> examples;
+  if (window.waypoint_times.empty()) return examples;
+  const uint64_t scenario_hash = StableHash(recording.scenario_id());
+  std::vector<double> trajectory(2 * window.waypoint_times.size());
+  for (const v1::Agent& agent : recording.agents()) {
+    if (agent.type() != v1::AGENT_TYPE_VEHICLE) continue;
+    for (const int now : StartStates(agent, window)) {
+      const v1::AgentState& state = agent.states(now);
+      const int oldest =
+          scene::FindState(agent, state.time() - window.past, window.tolerance, state.time());
+      if (oldest < 0) continue;
+      const double end_time = state.time() + window.waypoint_times.back();
+      if (!IsContinuous(agent, oldest, now, end_time, window.max_speed)) continue;
+      if (!HeadingFitsMotion(agent.states(oldest), state)) continue;
+      const scene::Pose2 X_WT(state.x(), state.y(), state.heading());
+      if (!ResampleFuture(agent, state.time(), X_WT, window.waypoint_times, kMaxStateGap,
+                          trajectory)) {
+        continue;
+      }
+      const bool standing = Stands(trajectory, window.standing_distance);
+      if (standing) {
+        if (standing_seen != nullptr) ++*standing_seen;
+        if (!KeepsStanding(scenario_hash, agent.id(), state.time(), window.keep_standing)) continue;
+      }
+      examples.push_back({.recording = recording_index,
+                          .target_id = agent.id(),
+                          .time = state.time(),
+                          .X_WT = X_WT,
+                          .trajectory = {trajectory.begin(), trajectory.end()},
+                          .standing = standing});
+    }
+  }
+  return examples;
+}
+
+bool HeldOut(const std::string& scenario_id, double validation_share) {
+  const std::string_view place = std::string_view(scenario_id).substr(0, scenario_id.find('#'));
+  // Mixed once more: FNV-1a alone leaves short similar ids close together.
+  return UnitInterval(MixHash(StableHash(place), 0)) < validation_share;
+}
+
+}  // namespace maneuver::data

@@ -1,0 +1,34 @@
+// A hash that is the same on every machine, in every run and in every version: what depends on it
+// (which recordings are held out, which examples stay) must not move. Never change it.
+
+#ifndef MANEUVER_MODEL_DATA_STABLE_HASH_H_
+#define MANEUVER_MODEL_DATA_STABLE_HASH_H_
+
+#include <cstdint>
+#include <string_view>
+
+namespace maneuver::data {
+
+// FNV-1a, 64 bits.
+constexpr uint64_t StableHash(std::string_view bytes) {
+  uint64_t hash = 0xCBF29CE484222325u;
+  for (const char byte : bytes) {
+    hash = (hash ^ static_cast<unsigned char>(byte)) * 0x100000001B3u;
+  }
+  return hash;
+}
+
+// Mixes a number into a hash (the finalizer of SplitMix64 on their combination).
+constexpr uint64_t MixHash(uint64_t hash, uint64_t value) {
+  uint64_t z = (hash ^ value) + 0x9E3779B97F4A7C15u;
+  z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
+  z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
+  return z ^ (z >> 31);
+}
+
+// A hash as a number in [0, 1), from its upper 53 bits.
+constexpr double UnitInterval(uint64_t hash) { return static_cast<double>(hash >> 11) * 0x1p-53; }
+
+}  // namespace maneuver::data
+
+#endif  // MANEUVER_MODEL_DATA_STABLE_HASH_H_

@@ -1,0 +1,247 @@
+#include "model/data/waymo_reader.h"
+
+#include <google/protobuf/arena.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <map>
+#include <set>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "model/files/digest.h"
+#include "waymo_scenario.pb.h"
+
+namespace maneuver::data {
+namespace {
+
+constexpr double kMetersPerSecondPerMph = 0.44704;
+constexpr int kDefaultCurrentStep = 10;  // one second of past at 10 Hz
+
+v1::AgentType TypeOf(const waymo::Track& track) {
+  switch (track.object_type()) {
+    case waymo::Track::TYPE_VEHICLE:
+      return v1::AGENT_TYPE_VEHICLE;
+    case waymo::Track::TYPE_PEDESTRIAN:
+      return v1::AGENT_TYPE_PEDESTRIAN;
+    case waymo::Track::TYPE_CYCLIST:
+      return v1::AGENT_TYPE_CYCLIST;
+    case waymo::Track::TYPE_OTHER:
+      return v1::AGENT_TYPE_OTHER;
+    case waymo::Track::TYPE_UNSET:
+      break;
+  }
+  return v1::AGENT_TYPE_UNSPECIFIED;
+}
+
+v1::TrafficSignalState StateOf(const waymo::TrafficSignalLaneState& lane_state) {
+  switch (lane_state.state()) {
+    case waymo::TrafficSignalLaneState::STATE_ARROW_STOP:
+    case waymo::TrafficSignalLaneState::STATE_STOP:
+    case waymo::TrafficSignalLaneState::STATE_FLASHING_STOP:
+      return v1::TRAFFIC_SIGNAL_STATE_STOP;
+    case waymo::TrafficSignalLaneState::STATE_ARROW_CAUTION:
+    case waymo::TrafficSignalLaneState::STATE_CAUTION:
+    case waymo::TrafficSignalLaneState::STATE_FLASHING_CAUTION:
+      return v1::TRAFFIC_SIGNAL_STATE_CAUTION;
+    case waymo::TrafficSignalLaneState::STATE_ARROW_GO:
+    case waymo::TrafficSignalLaneState::STATE_GO:
+      return v1::TRAFFIC_SIGNAL_STATE_GO;
+    case waymo::TrafficSignalLaneState::STATE_UNKNOWN:
+      break;
+  }
+  return v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED;
+}
+
+// Whether a state says where its agent was.
+bool IsUsable(const waymo::ObjectState& state) {
+  return state.valid() && std::isfinite(state.center_x()) && std::isfinite(state.center_y()) &&
+         std::isfinite(state.heading()) && std::isfinite(state.velocity_x()) &&
+         std::isfinite(state.velocity_y());
+}
+
+bool HasSize(const waymo::ObjectState& state) {
+  return std::isfinite(state.length()) && std::isfinite(state.width()) && state.length() > 0.0f &&
+         state.width() > 0.0f;
+}
+
+// The usable state with a size nearest to step `current`, or nullptr.
+const waymo::ObjectState* SizedState(const waymo::Track& track, int current) {
+  const waymo::ObjectState* nearest = nullptr;
+  int distance = 0;
+  for (int i = 0; i < track.states_size(); ++i) {
+    if (!IsUsable(track.states(i)) || !HasSize(track.states(i))) continue;
+    if (nearest != nullptr && std::abs(i - current) >= distance) continue;
+    nearest = &track.states(i);
+    distance = std::abs(i - current);
+  }
+  return nearest;
+}
+
+void AddAgent(const waymo::Scenario& recording, const waymo::Track& track, int current,
+              v1::Scenario* scenario) {
+  const waymo::ObjectState* sized = SizedState(track, current);
+  if (sized == nullptr) return;
+  v1::Agent* agent = scenario->add_agents();
+  agent->set_id(track.id());
+  agent->set_type(TypeOf(track));
+  agent->set_length(sized->length());
+  agent->set_width(sized->width());
+  for (int i = 0; i < track.states_size(); ++i) {
+    const waymo::ObjectState& state = track.states(i);
+    if (!IsUsable(state)) continue;
+    v1::AgentState* agent_state = agent->add_states();
+    agent_state->set_time(recording.timestamps_seconds(i));
+    agent_state->set_x(state.center_x());
+    agent_state->set_y(state.center_y());
+    agent_state->set_heading(state.heading());
+    agent_state->set_velocity_x(state.velocity_x());
+    agent_state->set_velocity_y(state.velocity_y());
+  }
+}
+
+void AddTargets(const waymo::Scenario& recording, int current, v1::Scenario* scenario) {
+  std::set<int64_t> named;
+  for (const waymo::RequiredPrediction& required : recording.tracks_to_predict()) {
+    const int index = required.track_index();
+    if (index < 0 || index >= recording.tracks_size()) continue;
+    const waymo::Track& track = recording.tracks(index);
+    // Not an agent of ours, or not there at the prediction time.
+    if (!IsUsable(track.states(current)) || SizedState(track, current) == nullptr) continue;
+    if (named.insert(track.id()).second) scenario->add_target_ids(track.id());
+  }
+}
+
+template <typename Points>
+void AddFeature(int64_t id, v1::MapFeatureType type, const Points& points, double speed_limit,
+                v1::Scenario* scenario) {
+  v1::MapFeature feature;
+  for (const waymo::MapPoint& point : points) {
+    if (!std::isfinite(point.x()) || !std::isfinite(point.y())) continue;
+    feature.add_x(point.x());
+    feature.add_y(point.y());
+  }
+  if (feature.x().empty()) return;
+  feature.set_id(id);
+  feature.set_type(type);
+  if (std::isfinite(speed_limit) && speed_limit > 0.0) feature.set_speed_limit(speed_limit);
+  *scenario->add_map_features() = std::move(feature);
+}
+
+void AddMapFeature(const waymo::MapFeature& feature, v1::Scenario* scenario) {
+  const int64_t id = feature.id();
+  switch (feature.feature_data_case()) {
+    case waymo::MapFeature::kLane: {
+      const waymo::LaneCenter& lane = feature.lane();
+      const bool is_for_bicycles = lane.type() == waymo::LaneCenter::TYPE_BIKE_LANE;
+      AddFeature(
+          id,
+          is_for_bicycles ? v1::MAP_FEATURE_TYPE_BIKE_LANE : v1::MAP_FEATURE_TYPE_LANE_CENTERLINE,
+          lane.polyline(), lane.speed_limit_mph() * kMetersPerSecondPerMph, scenario);
+      return;
+    }
+    case waymo::MapFeature::kRoadLine:
+      AddFeature(id, v1::MAP_FEATURE_TYPE_ROAD_LINE, feature.road_line().polyline(), 0, scenario);
+      return;
+    case waymo::MapFeature::kRoadEdge:
+      AddFeature(id, v1::MAP_FEATURE_TYPE_ROAD_EDGE, feature.road_edge().polyline(), 0, scenario);
+      return;
+    case waymo::MapFeature::kStopSign:
+      if (!feature.stop_sign().has_position()) return;
+      AddFeature(id, v1::MAP_FEATURE_TYPE_STOP_SIGN, std::array{feature.stop_sign().position()}, 0,
+                 scenario);
+      return;
+    case waymo::MapFeature::kCrosswalk:
+      AddFeature(id, v1::MAP_FEATURE_TYPE_CROSSWALK, feature.crosswalk().polygon(), 0, scenario);
+      return;
+    case waymo::MapFeature::kSpeedBump:
+      AddFeature(id, v1::MAP_FEATURE_TYPE_SPEED_BUMP, feature.speed_bump().polygon(), 0, scenario);
+      return;
+    case waymo::MapFeature::kDriveway:
+      AddFeature(id, v1::MAP_FEATURE_TYPE_DRIVEWAY, feature.driveway().polygon(), 0, scenario);
+      return;
+    case waymo::MapFeature::FEATURE_DATA_NOT_SET:
+      return;  // a kind of feature that came after this schema
+  }
+}
+
+void AddSignals(const waymo::Scenario& recording, v1::Scenario* scenario) {
+  const int steps =
+      std::min(recording.dynamic_map_states_size(), recording.timestamps_seconds_size());
+  std::map<int64_t, v1::TrafficSignal> signals;  // by lane
+  for (int i = 0; i < steps; ++i) {
+    std::map<int64_t, v1::TrafficSignalState> shown;
+    for (const auto& lane_state : recording.dynamic_map_states(i).lane_states()) {
+      shown.emplace(lane_state.lane(), StateOf(lane_state));
+      signals[lane_state.lane()].set_lane_id(lane_state.lane());
+    }
+    for (auto& [lane, signal] : signals) {
+      const auto found = shown.find(lane);
+      const auto state =
+          found != shown.end() ? found->second : v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED;
+      const bool changes =
+          signal.readings().empty() || signal.readings().rbegin()->state() != state;
+      if (!changes) continue;
+      v1::TrafficSignalReading* reading = signal.add_readings();
+      reading->set_time(recording.timestamps_seconds(i));
+      reading->set_state(state);
+    }
+  }
+  for (auto& [lane, signal] : signals) *scenario->add_traffic_signals() = std::move(signal);
+}
+
+// What is wrong with the recording as a whole.
+absl::Status Check(const waymo::Scenario& recording) {
+  if (recording.tracks().empty()) return absl::InvalidArgumentError("the scenario has no tracks");
+  const auto& times = recording.timestamps_seconds();
+  for (int i = 0; i < times.size(); ++i) {
+    if (!std::isfinite(times[i]) || (i > 0 && times[i] <= times[i - 1])) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("timestamps_seconds[", i, "] must be later than the one before"));
+    }
+  }
+  if (times.empty()) return absl::InvalidArgumentError("the scenario has no timestamps");
+  for (int i = 0; i < recording.tracks_size(); ++i) {
+    if (recording.tracks(i).states_size() != times.size()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("tracks[", i, "] must have one state for each of the ", times.size(),
+                       " timestamps, not ", recording.tracks(i).states_size()));
+    }
+  }
+  if (recording.current_time_index() < 0 || recording.current_time_index() >= times.size()) {
+    return absl::InvalidArgumentError("current_time_index must be one of the timestamps");
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<v1::Scenario> ParseWaymoScenario(std::string_view serialized) {
+  google::protobuf::Arena arena;
+  auto& recording = *google::protobuf::Arena::CreateMessage<waymo::Scenario>(&arena);
+  if (!recording.ParseFromArray(serialized.data(), static_cast<int>(serialized.size()))) {
+    return absl::InvalidArgumentError("not a serialised Waymo scenario");
+  }
+  if (absl::Status status = Check(recording); !status.ok()) return status;
+  const int last = recording.timestamps_seconds_size() - 1;
+  const int current = recording.has_current_time_index() ? recording.current_time_index()
+                                                         : std::min(kDefaultCurrentStep, last);
+  v1::Scenario scenario;
+  scenario.set_scenario_id(recording.scenario_id().empty()
+                               ? absl::StrCat("nosid-", files::Sha256Hex(serialized).substr(0, 8))
+                               : recording.scenario_id());
+  scenario.set_prediction_time(recording.timestamps_seconds(current));
+  for (const waymo::Track& track : recording.tracks()) {
+    AddAgent(recording, track, current, &scenario);
+  }
+  AddTargets(recording, current, &scenario);
+  for (const waymo::MapFeature& feature : recording.map_features()) {
+    AddMapFeature(feature, &scenario);
+  }
+  AddSignals(recording, &scenario);
+  return scenario;
+}
+
+}  // namespace maneuver::data

@@ -1,0 +1,71 @@
+#include "model/files/digest.h"
+
+#include <fcntl.h>
+#include <openssl/evp.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <vector>
+
+#include "model/files/errno_status.h"
+
+namespace maneuver::files {
+
+struct Sha256::State {
+  struct Free {
+    void operator()(EVP_MD_CTX* context) const { EVP_MD_CTX_free(context); }
+  };
+  std::unique_ptr<EVP_MD_CTX, Free> context{EVP_MD_CTX_new()};
+};
+
+Sha256::Sha256() : state_(std::make_unique<State>()) {
+  EVP_DigestInit_ex(state_->context.get(), EVP_sha256(), nullptr);
+}
+
+Sha256::~Sha256() = default;
+
+void Sha256::Update(std::string_view bytes) {
+  EVP_DigestUpdate(state_->context.get(), bytes.data(), bytes.size());
+}
+
+std::string Sha256::Finish() {
+  std::array<unsigned char, 32> digest{};
+  EVP_DigestFinal_ex(state_->context.get(), digest.data(), nullptr);
+  constexpr char kDigits[] = "0123456789abcdef";
+  std::string hexadecimal;
+  hexadecimal.reserve(2 * digest.size());
+  for (const unsigned char byte : digest) {
+    hexadecimal.push_back(kDigits[byte >> 4]);
+    hexadecimal.push_back(kDigits[byte & 15]);
+  }
+  return hexadecimal;
+}
+
+std::string Sha256Hex(std::string_view bytes) {
+  Sha256 sha256;
+  sha256.Update(bytes);
+  return sha256.Finish();
+}
+
+absl::StatusOr<std::string> Sha256OfFile(const std::filesystem::path& file) {
+  const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return ErrnoStatus(errno, "open", file);
+  Sha256 sha256;
+  std::vector<char> buffer(1 << 18);
+  for (;;) {
+    const ssize_t count = read(descriptor, buffer.data(), buffer.size());
+    if (count < 0 && errno == EINTR) continue;
+    if (count < 0) {
+      const int error = errno;
+      close(descriptor);
+      return ErrnoStatus(error, "read", file);
+    }
+    if (count == 0) break;
+    sha256.Update({buffer.data(), static_cast<size_t>(count)});
+  }
+  close(descriptor);
+  return sha256.Finish();
+}
+
+}  // namespace maneuver::files

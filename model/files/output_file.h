@@ -1,0 +1,47 @@
+// A new file that is written front to back.
+
+#ifndef MANEUVER_MODEL_FILES_OUTPUT_FILE_H_
+#define MANEUVER_MODEL_FILES_OUTPUT_FILE_H_
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+namespace maneuver::files {
+
+// Gathers small writes. Not thread-safe. After an error every further call returns that error.
+class OutputFile {
+ public:
+  // ALREADY_EXISTS if there is such a file.
+  static absl::StatusOr<std::unique_ptr<OutputFile>> Create(const std::filesystem::path& file);
+  // Without a Close the file's end may be missing.
+  ~OutputFile();
+  OutputFile(const OutputFile&) = delete;
+  OutputFile& operator=(const OutputFile&) = delete;
+
+  absl::Status Append(std::string_view bytes);
+  // Flushes, syncs and closes. Call once, after the last Append.
+  absl::Status Close();
+
+  // Appended so far.
+  int64_t size_bytes() const { return size_bytes_; }
+
+ private:
+  OutputFile(int descriptor, std::filesystem::path file);
+  absl::Status WriteThrough(std::string_view bytes);
+
+  int descriptor_;
+  const std::filesystem::path file_;
+  std::string buffer_;
+  int64_t size_bytes_ = 0;
+  absl::Status status_;
+};
+
+}  // namespace maneuver::files
+
+#endif  // MANEUVER_MODEL_FILES_OUTPUT_FILE_H_
