@@ -35,6 +35,7 @@ struct ModelAliasName {
 
   std::string ToString() const;
   friend bool operator==(const ModelAliasName&, const ModelAliasName&) = default;
+  friend auto operator<=>(const ModelAliasName&, const ModelAliasName&) = default;
 };
 
 inline constexpr std::string_view kServingAlias = "serving";

@@ -1,0 +1,71 @@
+#include "server/serving/served_model.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include "absl/strings/str_cat.h"
+
+namespace maneuver::serving {
+
+Engine::Engine(const inference::ActionModel& model)
+    : rasterizer_(model.spec().raster()),
+      session_(model.NewSession()),
+      raster_bytes_(scene::RasterBytes(model.spec().raster())) {}
+
+std::span<uint8_t> Engine::Raster(size_t i) {
+  while (rasters_.size() <= i) rasters_.emplace_back(raster_bytes_);
+  return rasters_[i];
+}
+
+ServedModel::ServedModel(security::ModelVersionName name,
+                         std::shared_ptr<const inference::ActionModel> model)
+    : name_(std::move(name)), model_(std::move(model)) {}
+
+absl::Status ServedModel::WarmUp() {
+  Lease engine(*this);
+  const std::span<uint8_t> raster = engine->Raster(0);
+  std::ranges::fill(raster, uint8_t{0});
+  const std::array<const uint8_t*, 1> rasters = {raster.data()};
+  std::array<inference::SceneEncoding, 1> encodings;
+  engine->session().Encode(rasters, encodings);
+
+  const Eigen::VectorXd& probabilities = encodings[0].probabilities;
+  constexpr double kSumTolerance = 1e-5;
+  if (probabilities.size() != model_->spec().actions() || !probabilities.allFinite() ||
+      std::abs(probabilities.sum() - 1.0) > kSumTolerance) {
+    return absl::InternalError(
+        absl::StrCat(name_.ToString(), " gives an empty scene no probabilities that sum to 1"));
+  }
+  std::vector<int> actions(static_cast<size_t>(model_->spec().actions()));
+  std::iota(actions.begin(), actions.end(), 0);
+  for (const inference::ActionDistribution& action :
+       engine->session().Describe(encodings[0], actions, inference::LatentSource::kPosterior)) {
+    if (action.sigma.empty() || !action.mean().allFinite() ||
+        !action.moment_covariance.allFinite()) {
+      return absl::InternalError(absl::StrCat(name_.ToString(), " gives action ", action.action,
+                                              " a trajectory that is not finite"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+std::unique_ptr<Engine> ServedModel::TakeEngine() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (!idle_.empty()) {
+      auto engine = std::move(idle_.back());
+      idle_.pop_back();
+      return engine;
+    }
+  }
+  return std::make_unique<Engine>(*model_);
+}
+
+void ServedModel::ReturnEngine(std::unique_ptr<Engine> engine) {
+  const std::lock_guard lock(mutex_);
+  idle_.push_back(std::move(engine));
+}
+
+}  // namespace maneuver::serving

@@ -1,0 +1,79 @@
+// A model version in memory, and the engines that evaluate it.
+
+#ifndef MANEUVER_SERVER_SERVING_SERVED_MODEL_H_
+#define MANEUVER_SERVER_SERVING_SERVED_MODEL_H_
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "model/inference/action_model.h"
+#include "model/scene/rasterizer.h"
+#include "server/security/resource_name.h"
+
+namespace maneuver::serving {
+
+// What one worker needs to answer for a batch of targets. Used by one thread at a time.
+class Engine {
+ public:
+  explicit Engine(const inference::ActionModel& model);
+
+  scene::Rasterizer& rasterizer() { return rasterizer_; }
+  inference::InferenceSession& session() { return *session_; }
+  // The bytes of raster `i`, [H, W, C]; stays where it is when more are asked for.
+  std::span<uint8_t> Raster(size_t i);
+
+ private:
+  scene::Rasterizer rasterizer_;
+  std::unique_ptr<inference::InferenceSession> session_;
+  size_t raster_bytes_;
+  std::vector<std::vector<uint8_t>> rasters_;
+};
+
+// Everything that a request in flight holds on to: while it does, the version stays in memory,
+// whatever the registry serves meanwhile. Safe to share between threads.
+class ServedModel {
+ public:
+  ServedModel(security::ModelVersionName name, std::shared_ptr<const inference::ActionModel> model);
+
+  const security::ModelVersionName& name() const { return name_; }
+  const inference::ActionModel& model() const { return *model_; }
+
+  // Evaluates an empty scene, so that a model which cannot answer is found before anyone asks it,
+  // and so that the first request is as fast as the next. INTERNAL with what is wrong.
+  absl::Status WarmUp();
+
+  // An engine that is idle, or a new one: there are never more than threads that lease at once.
+  class Lease {
+   public:
+    explicit Lease(ServedModel& model) : model_(model), engine_(model.TakeEngine()) {}
+    ~Lease() { model_.ReturnEngine(std::move(engine_)); }
+    Lease(const Lease&) = delete;
+    Lease& operator=(const Lease&) = delete;
+    Engine& operator*() { return *engine_; }
+    Engine* operator->() { return engine_.get(); }
+
+   private:
+    ServedModel& model_;
+    std::unique_ptr<Engine> engine_;
+  };
+
+ private:
+  std::unique_ptr<Engine> TakeEngine();
+  void ReturnEngine(std::unique_ptr<Engine> engine);
+
+  const security::ModelVersionName name_;
+  const std::shared_ptr<const inference::ActionModel> model_;
+  std::mutex mutex_;
+  std::vector<std::unique_ptr<Engine>> idle_;  // guarded by mutex_
+};
+
+using ModelHandle = std::shared_ptr<ServedModel>;
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_SERVER_SERVING_SERVED_MODEL_H_
