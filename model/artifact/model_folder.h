@@ -18,18 +18,20 @@ struct StoredModel {
 };
 
 // Writes `folder` whole or not at all: a temporary folder beside it, synced, then renamed. Fills in
-// manifest.weights_sha256 and format_version. ALREADY_EXISTS if `folder` exists.
+// manifest.weights_sha256 and format_version. ALREADY_EXISTS if `folder` exists; INVALID_ARGUMENT
+// for a model that ReadModelFolder would refuse. `actions` are all K in order, or none yet.
 absl::Status WriteModelFolder(const std::filesystem::path& folder, StoredModel model);
 
 // The manifest alone, without a look at the weights. DATA_LOSS with the reason if it is damaged.
 absl::StatusOr<v1::ModelManifest> ReadModelManifest(const std::filesystem::path& folder);
 
-// Manifest and weights. NOT_FOUND if there is no such folder; DATA_LOSS with the reason if a file is
-// truncated or altered (SHA-256), or a tensor is missing, has another shape than the spec says, or
-// holds a value that is not finite.
+// Manifest and weights. NOT_FOUND if there is no such folder; DATA_LOSS with the reason if a file
+// is truncated or altered (SHA-256), or a tensor is missing, has another shape than the spec says,
+// or holds a value that is not finite.
 absl::StatusOr<StoredModel> ReadModelFolder(const std::filesystem::path& folder);
 
-// Replaces model.json alone, atomically (labels of actions).
+// Replaces model.json alone, atomically (actions and their labels, metrics). INVALID_ARGUMENT
+// unless `manifest` was read from this folder: spec and SHA-256 go with the weights.
 absl::Status RewriteModelManifest(const std::filesystem::path& folder,
                                   const v1::ModelManifest& manifest);
 

@@ -28,10 +28,10 @@ struct Tensor {
 //       component k of the mixture, so that an untrained encoder answers the generic action)
 //   mixture.mean, mixture.log_variance   [K, D]
 //   mixture.log_weight   [K]   ln p(y) without a scenario, normalised
-//   trajectory.mean, trajectory.stddev   [T, 2]   metres: the encoder reads (x - mean) / stddev, the
-//       decoder's output times stddev plus mean is metres
-//   decoder.covariance   [K, T, 3]   xx, xy, yy, square metres, target frame: what p(x|z) adds to the
-//       latent covariance of action k at each waypoint, in moments
+//   trajectory.mean, trajectory.stddev   [T, 2]   metres: the encoder reads (x - mean) / stddev,
+//       the decoder's output times stddev plus mean is metres
+//   decoder.covariance   [K, T, 3]   xx, xy, yy, square metres, target frame: what p(x|z) adds to
+//       the latent covariance of action k at each waypoint, in moments
 //
 // A trajectory [T, 2] is flattened as x_1, y_1, x_2, y_2, ...
 using TensorMap = std::map<std::string, Tensor>;

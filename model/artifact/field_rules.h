@@ -1,0 +1,55 @@
+// Rules for the fields of a message, gathered into violations.
+
+#ifndef MANEUVER_MODEL_ARTIFACT_FIELD_RULES_H_
+#define MANEUVER_MODEL_ARTIFACT_FIELD_RULES_H_
+
+#include <google/protobuf/duration.pb.h>
+
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "model/scene/field_violation.h"
+
+namespace maneuver::artifact {
+
+inline double Seconds(const google::protobuf::Duration& duration) {
+  return static_cast<double>(duration.seconds()) + duration.nanos() * 1e-9;
+}
+
+class FieldRules {
+ public:
+  // Each returns whether the rule holds, and adds a violation if it does not.
+
+  bool Require(bool holds, std::string field, std::string description) {
+    if (!holds) violations_.push_back({std::move(field), std::move(description)});
+    return holds;
+  }
+
+  // low <= value <= high. NaN fails. `quantity` says what is counted or measured.
+  template <typename Number>
+  bool Between(std::string field, const char* quantity, Number value, Number low, Number high) {
+    return Require(value >= low && value <= high, std::move(field),
+                   absl::StrCat(quantity, " must be ", low, " to ", high, ", not ", value));
+  }
+
+  // A well-formed duration of more than nothing and at most an hour.
+  bool Positive(std::string field, const google::protobuf::Duration& duration) {
+    const bool well_formed = duration.seconds() >= 0 && duration.nanos() >= 0 &&
+                             duration.nanos() < 1'000'000'000 && duration.seconds() <= 3600;
+    return Require(well_formed && Seconds(duration) > 0, std::move(field),
+                   "must be longer than 0 s and at most 3600 s");
+  }
+
+  const std::vector<scene::FieldViolation>& violations() const& { return violations_; }
+  std::vector<scene::FieldViolation> violations() && { return std::move(violations_); }
+
+ private:
+  std::vector<scene::FieldViolation> violations_;
+};
+
+}  // namespace maneuver::artifact
+
+#endif  // MANEUVER_MODEL_ARTIFACT_FIELD_RULES_H_

@@ -1,0 +1,151 @@
+#include "model/artifact/model_folder.h"
+
+#include <google/protobuf/util/json_util.h>
+
+#include <string>
+#include <system_error>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "model/artifact/model_spec.h"
+#include "model/artifact/model_weights.h"
+#include "model/artifact/safetensors.h"
+#include "model/files/digest.h"
+#include "model/files/durable_file.h"
+
+namespace maneuver::artifact {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kFormatVersion = 1;
+constexpr char kManifestFile[] = "model.json";
+constexpr char kWeightsFile[] = "weights.safetensors";
+
+// The first thing that is wrong with a manifest, empty if nothing is.
+std::string FindManifestFault(const v1::ModelManifest& manifest) {
+  const auto violations = ValidateModelSpec(manifest.spec());
+  if (!violations.empty()) {
+    return absl::StrCat("spec.", violations[0].field, ": ", violations[0].description);
+  }
+  // A model is decoded into its action set once it is on disk: until then it has none.
+  if (manifest.actions_size() != 0 && manifest.actions_size() != manifest.spec().actions()) {
+    return absl::StrCat("has ", manifest.actions_size(), " actions, its spec says ",
+                        manifest.spec().actions());
+  }
+  for (int i = 0; i < manifest.actions_size(); ++i) {
+    if (manifest.actions(i).action_id() != i)
+      return absl::StrCat("actions[", i, "] is not in order");
+  }
+  return "";
+}
+
+absl::StatusOr<std::string> ManifestToJson(const v1::ModelManifest& manifest) {
+  google::protobuf::util::JsonPrintOptions options;
+  options.add_whitespace = true;
+  options.preserve_proto_field_names = true;
+  std::string json;
+  const auto status = google::protobuf::util::MessageToJsonString(manifest, &json, options);
+  if (!status.ok()) {
+    return absl::InternalError(
+        absl::StrCat("cannot state the manifest as JSON: ", std::string(status.message())));
+  }
+  return json;
+}
+
+// A missing file of a folder that is there is damage, not absence.
+absl::StatusOr<std::string> ReadPart(const fs::path& folder, const char* file) {
+  std::error_code ignored;
+  if (!fs::is_directory(folder, ignored)) return absl::NotFoundError("there is no such model");
+  absl::StatusOr<std::string> content = files::ReadFile(folder / file);
+  if (absl::IsNotFound(content.status())) {
+    return absl::DataLossError(absl::StrCat(file, " is missing"));
+  }
+  return content;
+}
+
+absl::Status WriteParts(const fs::path& folder, const std::string& json,
+                        const std::string& weights) {
+  if (auto status = files::WriteFileAtomically(folder / kWeightsFile, weights); !status.ok()) {
+    return status;
+  }
+  return files::WriteFileAtomically(folder / kManifestFile, json);
+}
+
+}  // namespace
+
+absl::Status WriteModelFolder(const fs::path& folder, StoredModel model) {
+  const std::string manifest_fault = FindManifestFault(model.manifest);
+  if (!manifest_fault.empty()) return absl::InvalidArgumentError(manifest_fault);
+  const std::string fault = FindWeightFault(model.manifest.spec(), model.weights);
+  if (!fault.empty()) return absl::InvalidArgumentError(fault);
+
+  const std::string weights = SerializeSafetensors(model.weights);
+  model.manifest.set_format_version(kFormatVersion);
+  model.manifest.set_weights_sha256(files::Sha256Hex(weights));
+  const absl::StatusOr<std::string> json = ManifestToJson(model.manifest);
+  if (!json.ok()) return json.status();
+
+  const absl::StatusOr<fs::path> temporary = files::MakeTemporaryFolderFor(folder);
+  if (!temporary.ok()) return temporary.status();
+  absl::Status status = WriteParts(*temporary, *json, weights);
+  if (status.ok()) status = files::PublishFolder(*temporary, folder);
+  if (!status.ok()) {
+    std::error_code ignored;
+    fs::remove_all(*temporary, ignored);
+  }
+  return status;
+}
+
+absl::StatusOr<v1::ModelManifest> ReadModelManifest(const fs::path& folder) {
+  const absl::StatusOr<std::string> json = ReadPart(folder, kManifestFile);
+  if (!json.ok()) return json.status();
+  v1::ModelManifest manifest;
+  const auto status = google::protobuf::util::JsonStringToMessage(*json, &manifest);
+  if (!status.ok()) {
+    return absl::DataLossError(
+        absl::StrCat(kManifestFile, " does not parse: ", std::string(status.message())));
+  }
+  if (manifest.format_version() != kFormatVersion) {
+    return absl::DataLossError(absl::StrCat(kManifestFile, " has format version ",
+                                            manifest.format_version(), ", this reads version ",
+                                            kFormatVersion));
+  }
+  const std::string fault = FindManifestFault(manifest);
+  if (!fault.empty()) return absl::DataLossError(absl::StrCat(kManifestFile, ": ", fault));
+  return manifest;
+}
+
+absl::StatusOr<StoredModel> ReadModelFolder(const fs::path& folder) {
+  absl::StatusOr<v1::ModelManifest> manifest = ReadModelManifest(folder);
+  if (!manifest.ok()) return manifest.status();
+  const absl::StatusOr<std::string> bytes = ReadPart(folder, kWeightsFile);
+  if (!bytes.ok()) return bytes.status();
+  const std::string sha256 = files::Sha256Hex(*bytes);
+  if (sha256 != manifest->weights_sha256()) {
+    return absl::DataLossError(absl::StrCat(
+        kWeightsFile, " (", bytes->size(), " bytes) is truncated or altered: its SHA-256 is ",
+        sha256, ", ", kManifestFile, " says ", manifest->weights_sha256()));
+  }
+  absl::StatusOr<TensorMap> weights = ParseSafetensors(*bytes);
+  if (!weights.ok()) return weights.status();
+  const std::string fault = FindWeightFault(manifest->spec(), *weights);
+  if (!fault.empty()) return absl::DataLossError(absl::StrCat(kWeightsFile, ": ", fault));
+  return StoredModel{*std::move(manifest), *std::move(weights)};
+}
+
+absl::Status RewriteModelManifest(const fs::path& folder, const v1::ModelManifest& manifest) {
+  const std::string fault = FindManifestFault(manifest);
+  if (!fault.empty()) return absl::InvalidArgumentError(fault);
+  const absl::StatusOr<v1::ModelManifest> current = ReadModelManifest(folder);
+  if (!current.ok()) return current.status();
+  if (manifest.format_version() != current->format_version() ||
+      manifest.weights_sha256() != current->weights_sha256()) {
+    return absl::InvalidArgumentError("the manifest is not that of the weights in the folder");
+  }
+  const absl::StatusOr<std::string> json = ManifestToJson(manifest);
+  if (!json.ok()) return json.status();
+  return files::WriteFileAtomically(folder / kManifestFile, *json);
+}
+
+}  // namespace maneuver::artifact

@@ -1,0 +1,181 @@
+#include "model/artifact/model_spec.h"
+
+#include <google/protobuf/duration.pb.h>
+#include <google/protobuf/util/time_util.h>
+
+#include <cmath>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "model/artifact/field_rules.h"
+
+namespace maneuver::artifact {
+namespace {
+
+constexpr int kMapChannels = 3;
+constexpr int kMaxConvolutions = 8;
+constexpr int kMaxHiddenLayers = 8;
+constexpr int kMaxHiddenWidth = 4096;
+constexpr double kMaxHorizon = 60.0;               // seconds
+constexpr double kMaxHistory = 10.0;               // seconds
+constexpr int64_t kMaxWeights = int64_t{1} << 28;  // 1 GiB of 32-bit floats
+constexpr int64_t kMaxGrid = int64_t{1} << 25;     // values of one layer and example
+
+int RasterChannels(const v1::RasterSpec& spec) { return kMapChannels + 2 * spec.history_frames(); }
+
+// 3x3, padding 1.
+int ConvolvedSize(int size, int stride) { return (size + 2 - 3) / stride + 1; }
+
+void CheckMlp(const v1::MlpSpec& mlp, const std::string& field, FieldRules* rules) {
+  rules->Between(absl::StrCat(field, ".hidden"), "number of layers", mlp.hidden_size(), 1,
+                 kMaxHiddenLayers);
+  for (int i = 0; i < mlp.hidden_size(); ++i) {
+    rules->Between(absl::StrCat(field, ".hidden[", i, "]"), "width", mlp.hidden(i), 1,
+                   kMaxHiddenWidth);
+  }
+}
+
+void CheckRaster(const v1::RasterSpec& raster, FieldRules* rules) {
+  rules->Between("raster.height", "pixels", raster.height(), 16, 512);
+  rules->Between("raster.width", "pixels", raster.width(), 16, 512);
+  rules->Between("raster.meters_per_pixel", "metres", raster.meters_per_pixel(), 0.01, 10.0);
+  rules->Require(raster.target_position() > 0 && raster.target_position() < 1,
+                 "raster.target_position", "must lie strictly between 0 and 1");
+  rules->Between("raster.history_frames", "frames", raster.history_frames(), 1, 50);
+  if (rules->Positive("raster.frame_interval", raster.frame_interval())) {
+    const double history = (raster.history_frames() - 1) * Seconds(raster.frame_interval());
+    rules->Require(history <= kMaxHistory, "raster.frame_interval",
+                   absl::StrCat("makes a history of ", history, " s; at most ", kMaxHistory));
+  }
+}
+
+void CheckBackbone(const v1::BackboneSpec& backbone, FieldRules* rules) {
+  rules->Between("backbone.convolutions", "number of layers", backbone.convolutions_size(), 1,
+                 kMaxConvolutions);
+  for (int i = 0; i < backbone.convolutions_size(); ++i) {
+    const std::string field = absl::StrCat("backbone.convolutions[", i, "]");
+    rules->Between(field + ".channels", "channels", backbone.convolutions(i).channels(), 1, 1024);
+    rules->Between(field + ".stride", "stride", backbone.convolutions(i).stride(), 1, 2);
+  }
+  rules->Between("backbone.features", "width", backbone.features(), 1, kMaxHiddenWidth);
+}
+
+void CheckTrajectory(const v1::TrajectorySpec& trajectory, FieldRules* rules) {
+  rules->Between("trajectory.waypoints", "waypoints", trajectory.waypoints(), 1, 200);
+  if (rules->Positive("trajectory.waypoint_interval", trajectory.waypoint_interval())) {
+    const double horizon = trajectory.waypoints() * Seconds(trajectory.waypoint_interval());
+    rules->Require(horizon <= kMaxHorizon, "trajectory.waypoint_interval",
+                   absl::StrCat("makes a horizon of ", horizon, " s; at most ", kMaxHorizon));
+  }
+}
+
+// Of a spec whose single fields are good.
+void CheckMemory(const v1::ModelSpec& spec, FieldRules* rules) {
+  for (int i = 0; i <= spec.backbone().convolutions_size(); ++i) {
+    const GridSize grid = BackboneGrid(spec, i);
+    const int64_t values = int64_t{grid.channels} * grid.height * grid.width;
+    rules->Require(
+        values <= kMaxGrid, "backbone.convolutions",
+        absl::StrCat("the grid before layer ", i, " has ", values, " values; at most ", kMaxGrid));
+  }
+  int64_t weights = 0;
+  for (const auto& [name, shape] : TensorShapes(spec)) {
+    int64_t count = 1;
+    for (const int64_t size : shape) count *= size;
+    weights += count;
+  }
+  rules->Require(weights <= kMaxWeights, "backbone",
+                 absl::StrCat("the model has ", weights, " weights; at most ", kMaxWeights));
+}
+
+using Shapes = std::map<std::string, std::vector<int64_t>>;
+
+// Layers of an MLP; `prefix` is the leading dimension of K networks side by side, or empty.
+void AddMlp(const std::string& name, int64_t inputs, const v1::MlpSpec& mlp, int64_t outputs,
+            const std::vector<int64_t>& prefix, Shapes* shapes) {
+  for (int i = 0; i <= mlp.hidden_size(); ++i) {
+    const int64_t width = i < mlp.hidden_size() ? mlp.hidden(i) : outputs;
+    std::vector<int64_t> weight = prefix;
+    weight.insert(weight.end(), {width, inputs});
+    std::vector<int64_t> bias = prefix;
+    bias.push_back(width);
+    shapes->emplace(absl::StrCat(name, ".", i, ".weight"), std::move(weight));
+    shapes->emplace(absl::StrCat(name, ".", i, ".bias"), std::move(bias));
+    inputs = width;
+  }
+}
+
+}  // namespace
+
+std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec) {
+  FieldRules rules;
+  CheckRaster(spec.raster(), &rules);
+  CheckBackbone(spec.backbone(), &rules);
+  CheckTrajectory(spec.trajectory(), &rules);
+  rules.Between("actions", "actions", spec.actions(), 2, 256);
+  rules.Between("latent_dimensions", "dimensions", spec.latent_dimensions(), 1, 32);
+  CheckMlp(spec.action_predictor(), "action_predictor", &rules);
+  CheckMlp(spec.trajectory_encoder(), "trajectory_encoder", &rules);
+  CheckMlp(spec.decoder(), "decoder", &rules);
+  CheckMlp(spec.scenario_encoder(), "scenario_encoder", &rules);
+  rules.Between("decoder_stddev", "metres", spec.decoder_stddev(), 1e-3, 100.0);
+  if (rules.violations().empty()) CheckMemory(spec, &rules);
+  return std::move(rules).violations();
+}
+
+GridSize BackboneGrid(const v1::ModelSpec& spec, int i) {
+  GridSize grid{RasterChannels(spec.raster()), spec.raster().height(), spec.raster().width()};
+  for (int layer = 0; layer < i; ++layer) {
+    const v1::ConvolutionSpec& convolution = spec.backbone().convolutions(layer);
+    grid = {convolution.channels(), ConvolvedSize(grid.height, convolution.stride()),
+            ConvolvedSize(grid.width, convolution.stride())};
+  }
+  return grid;
+}
+
+std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec) {
+  // From whole nanoseconds, so that 3 times 0.1 s is 0.3 s.
+  const int64_t interval =
+      google::protobuf::util::TimeUtil::DurationToNanoseconds(spec.waypoint_interval());
+  std::vector<double> times(static_cast<size_t>(spec.waypoints()));
+  for (size_t t = 0; t < times.size(); ++t) {
+    times[t] = static_cast<double>(static_cast<int64_t>(t + 1) * interval) / 1e9;
+  }
+  return times;
+}
+
+std::map<std::string, std::vector<int64_t>> TensorShapes(const v1::ModelSpec& spec) {
+  const int64_t K = spec.actions();
+  const int64_t D = spec.latent_dimensions();
+  const int64_t T = spec.trajectory().waypoints();
+  const int64_t F = spec.backbone().features();
+  const int convolutions = spec.backbone().convolutions_size();
+
+  Shapes shapes;
+  for (int i = 0; i < convolutions; ++i) {
+    const int64_t inputs = BackboneGrid(spec, i).channels;
+    const int64_t outputs = BackboneGrid(spec, i + 1).channels;
+    shapes[absl::StrCat("backbone.convolution.", i, ".weight")] = {outputs, inputs, 3, 3};
+    for (const char* part : {"weight", "bias", "running_mean", "running_var"}) {
+      shapes[absl::StrCat("backbone.normalization.", i, ".", part)] = {outputs};
+    }
+  }
+  const GridSize last = BackboneGrid(spec, convolutions);
+  shapes["backbone.projection.weight"] = {F, int64_t{last.channels} * last.height * last.width};
+  shapes["backbone.projection.bias"] = {F};
+
+  AddMlp("action_predictor", F, spec.action_predictor(), K, {}, &shapes);
+  AddMlp("trajectory_encoder", 2 * T, spec.trajectory_encoder(), 2 * D, {}, &shapes);
+  AddMlp("decoder", D, spec.decoder(), 2 * T, {}, &shapes);
+  AddMlp("scenario_encoder", F, spec.scenario_encoder(), 2 * D, {K}, &shapes);
+
+  shapes["mixture.mean"] = {K, D};
+  shapes["mixture.log_variance"] = {K, D};
+  shapes["mixture.log_weight"] = {K};
+  shapes["trajectory.mean"] = {T, 2};
+  shapes["trajectory.stddev"] = {T, 2};
+  shapes["decoder.covariance"] = {K, T, 3};
+  return shapes;
+}
+
+}  // namespace maneuver::artifact

@@ -1,0 +1,224 @@
+#include "model/artifact/training_presets.h"
+
+#include <google/protobuf/descriptor.h>
+#include <google/protobuf/duration.pb.h>
+#include <google/protobuf/message.h>
+#include <google/protobuf/text_format.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "model/artifact/field_rules.h"
+#include "model/artifact/model_spec.h"
+
+namespace maneuver::artifact {
+namespace {
+
+using google::protobuf::FieldDescriptor;
+using google::protobuf::Message;
+
+constexpr char kDefaultPreset[] = "compact";
+
+// What both presets share.
+constexpr char kLearning[] = R"pb(
+  examples {
+    stride { nanos: 500000000 }
+    keep_standing: 0.12
+    standing_distance: 1.5
+    max_speed: 45
+    validation_share: 0.15
+  }
+  optimization {
+    pretraining_epochs: 30
+    mixture_epochs: 15
+    joint_epochs: 10
+    batch_size: 64
+    learning_rate: 1e-3
+    latent_learning_rate_share: 0.1
+    weight_decay: 1e-4
+    action_weight: 5
+    posterior_reconstruction_weight: 0.05
+    posterior_divergence_weight: 1
+  }
+  augmentation { mirror: true scale: 0.1 shift_pixels: 1 }
+  seed: 1
+  device: "cpu"
+)pb";
+
+// Trains in minutes on two cores.
+constexpr char kCompact[] = R"pb(
+  preset: "compact"
+  model {
+    raster {
+      height: 96
+      width: 96
+      meters_per_pixel: 1.0
+      target_position: 0.3
+      history_frames: 5
+      frame_interval { nanos: 250000000 }
+    }
+    backbone {
+      convolutions { channels: 32 stride: 2 }
+      convolutions { channels: 48 stride: 2 }
+      convolutions { channels: 64 stride: 2 }
+      convolutions { channels: 96 stride: 2 }
+      features: 256
+    }
+    trajectory {
+      waypoints: 25
+      waypoint_interval { nanos: 200000000 }
+    }
+    actions: 25
+    latent_dimensions: 5
+    action_predictor { hidden: [ 128, 128, 128 ] }
+    trajectory_encoder { hidden: [ 128, 128, 128 ] }
+    decoder { hidden: [ 128, 128, 128 ] }
+    scenario_encoder { hidden: [ 128, 128, 128 ] }
+    decoder_stddev: 1.0
+  }
+)pb";
+
+// The sizes of the paper: section III-E (224 x 224 pixels, hidden layers of 500 nodes, K = 25,
+// D = 5).
+constexpr char kPaper[] = R"pb(
+  preset: "paper"
+  model {
+    raster {
+      height: 224
+      width: 224
+      meters_per_pixel: 0.5
+      target_position: 0.3
+      history_frames: 11
+      frame_interval { nanos: 100000000 }
+    }
+    backbone {
+      convolutions { channels: 32 stride: 2 }
+      convolutions { channels: 64 stride: 2 }
+      convolutions { channels: 96 stride: 2 }
+      convolutions { channels: 128 stride: 2 }
+      convolutions { channels: 192 stride: 2 }
+      features: 512
+    }
+    trajectory {
+      waypoints: 50
+      waypoint_interval { nanos: 100000000 }
+    }
+    actions: 25
+    latent_dimensions: 5
+    action_predictor { hidden: [ 500, 500, 500 ] }
+    trajectory_encoder { hidden: [ 500, 500, 500 ] }
+    decoder { hidden: [ 500, 500, 500 ] }
+    scenario_encoder { hidden: [ 500, 500, 500 ] }
+    decoder_stddev: 1.0
+  }
+)pb";
+
+v1::TrainingSettings ParsePreset(const char* sizes) {
+  v1::TrainingSettings preset;
+  // The texts are constants of this file: not parsing is a defect of it.
+  if (!google::protobuf::TextFormat::ParseFromString(absl::StrCat(kLearning, sizes), &preset)) {
+    std::abort();
+  }
+  return preset;
+}
+
+// Clears the fields of `preset` that `settings` replaces whole, where merging would append
+// (repeated fields) or mix (seconds of one duration with nanoseconds of another).
+void ClearReplaced(const Message& settings, Message* preset) {
+  std::vector<const FieldDescriptor*> fields;
+  settings.GetReflection()->ListFields(settings, &fields);
+  for (const FieldDescriptor* field : fields) {
+    if (field->is_repeated()) {
+      preset->GetReflection()->ClearField(preset, field);
+    } else if (field->cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
+      if (field->message_type() == google::protobuf::Duration::descriptor()) {
+        preset->GetReflection()->ClearField(preset, field);
+      } else {
+        ClearReplaced(settings.GetReflection()->GetMessage(settings, field),
+                      preset->GetReflection()->MutableMessage(preset, field));
+      }
+    }
+  }
+}
+
+void CheckExamples(const v1::ExampleSettings& examples, FieldRules* rules) {
+  rules->Positive("examples.stride", examples.stride());
+  rules->Require(examples.keep_standing() > 0 && examples.keep_standing() <= 1,
+                 "examples.keep_standing", "must be more than 0 and at most 1");
+  rules->Between("examples.standing_distance", "metres", examples.standing_distance(), 0.0, 100.0);
+  rules->Between("examples.max_speed", "metres per second", examples.max_speed(), 1.0, 200.0);
+  rules->Require(examples.validation_share() >= 0 && examples.validation_share() < 1,
+                 "examples.validation_share", "must be at least 0 and less than 1");
+  rules->Require(examples.max_examples() >= 0, "examples.max_examples", "must not be negative");
+}
+
+void CheckOptimization(const v1::OptimizationSettings& optimization, FieldRules* rules) {
+  const auto check_epochs = [rules](const char* field, int epochs) {
+    rules->Between(field, "epochs", epochs, 1, 10'000);
+  };
+  check_epochs("optimization.pretraining_epochs", optimization.pretraining_epochs());
+  check_epochs("optimization.mixture_epochs", optimization.mixture_epochs());
+  check_epochs("optimization.joint_epochs", optimization.joint_epochs());
+  // Batch normalisation needs two examples.
+  rules->Between("optimization.batch_size", "examples", optimization.batch_size(), 2, 65'536);
+  rules->Between("optimization.learning_rate", "rate", optimization.learning_rate(), 1e-8, 1.0);
+  rules->Between("optimization.latent_learning_rate_share", "share",
+                 optimization.latent_learning_rate_share(), 1e-6, 10.0);
+  const auto check_weight = [rules](const char* field, double weight) {
+    rules->Between(field, "weight", weight, 0.0, 1e4);
+  };
+  rules->Between("optimization.weight_decay", "decay", optimization.weight_decay(), 0.0, 1.0);
+  check_weight("optimization.action_weight", optimization.action_weight());
+  check_weight("optimization.posterior_reconstruction_weight",
+               optimization.posterior_reconstruction_weight());
+  check_weight("optimization.posterior_divergence_weight",
+               optimization.posterior_divergence_weight());
+}
+
+void CheckAugmentation(const v1::AugmentationSettings& augmentation, const v1::RasterSpec& raster,
+                       FieldRules* rules) {
+  rules->Between("augmentation.scale", "share", augmentation.scale(), 0.0, 0.5);
+  rules->Between("augmentation.shift_pixels", "pixels", augmentation.shift_pixels(), 0,
+                 std::max(0, std::min(raster.height(), raster.width()) / 4));
+}
+
+}  // namespace
+
+v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& settings) {
+  const std::string& name = settings.preset().empty() ? kDefaultPreset : settings.preset();
+  v1::TrainingSettings resolved;
+  if (name == "compact") {
+    resolved = ParsePreset(kCompact);
+  } else if (name == "paper") {
+    resolved = ParsePreset(kPaper);
+  } else {
+    return settings;
+  }
+  ClearReplaced(settings, &resolved);
+  resolved.MergeFrom(settings);
+  return resolved;
+}
+
+std::vector<scene::FieldViolation> ValidateTrainingSettings(const v1::TrainingSettings& resolved) {
+  FieldRules rules;
+  // Nothing else of it was filled in if its preset is not known.
+  if (!rules.Require(resolved.preset() == "compact" || resolved.preset() == "paper", "preset",
+                     "must be \"compact\" or \"paper\"")) {
+    return std::move(rules).violations();
+  }
+  for (const scene::FieldViolation& violation : ValidateModelSpec(resolved.model())) {
+    rules.Require(false, absl::StrCat("model.", violation.field), violation.description);
+  }
+  CheckExamples(resolved.examples(), &rules);
+  CheckOptimization(resolved.optimization(), &rules);
+  CheckAugmentation(resolved.augmentation(), resolved.model().raster(), &rules);
+  rules.Between("threads", "threads", resolved.threads(), 0, 1024);
+  rules.Require(resolved.device() == "cpu" || resolved.device() == "cuda", "device",
+                "must be \"cpu\" or \"cuda\"");
+  return std::move(rules).violations();
+}
+
+}  // namespace maneuver::artifact

@@ -1,0 +1,134 @@
+#include "model/artifact/model_spec.h"
+
+#include <gmock/gmock.h>
+#include <google/protobuf/text_format.h>
+#include <gtest/gtest.h>
+
+#include <cstdint>
+
+#include "tests/unit/model/artifact/tiny_model.h"
+
+namespace maneuver::artifact {
+namespace {
+
+using testing::DoubleNear;
+using testing::ElementsAre;
+using testing::Pointwise;
+
+std::vector<std::string> WrongFields(const v1::ModelSpec& spec) {
+  std::vector<std::string> fields;
+  for (const auto& violation : ValidateModelSpec(spec)) fields.push_back(violation.field);
+  return fields;
+}
+
+TEST(ModelSpecTest, AcceptsAGoodSpec) { EXPECT_THAT(WrongFields(TinySpec()), ElementsAre()); }
+
+// A change of a good spec, as text to merge, and the field that is then wrong.
+struct Fault {
+  const char* name;
+  const char* change;
+  const char* field;
+};
+
+class FaultySpecTest : public testing::TestWithParam<Fault> {};
+
+TEST_P(FaultySpecTest, NamesTheField) {
+  v1::ModelSpec spec = TinySpec();
+  ASSERT_TRUE(google::protobuf::TextFormat::MergeFromString(GetParam().change, &spec));
+  EXPECT_THAT(WrongFields(spec), ElementsAre(GetParam().field));
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    All, FaultySpecTest,
+    testing::Values(
+        Fault{"FlatRaster", "raster { height: 15 }", "raster.height"},
+        Fault{"WideRaster", "raster { width: 513 }", "raster.width"},
+        Fault{"PixelSize", "raster { meters_per_pixel: nan }", "raster.meters_per_pixel"},
+        Fault{"TargetOnTheEdge", "raster { target_position: 1.0 }", "raster.target_position"},
+        Fault{"NegativeFrames", "raster { history_frames: -1 }", "raster.history_frames"},
+        Fault{"LongHistory", "raster { frame_interval { seconds: 11 } }", "raster.frame_interval"},
+        Fault{"BackwardFrames", "raster { frame_interval { seconds: -1 } }",
+              "raster.frame_interval"},
+        Fault{"Stride", "backbone { convolutions { channels: 1 stride: 3 } }",
+              "backbone.convolutions[2].stride"},
+        Fault{"Channels", "backbone { convolutions { channels: 0 stride: 2 } }",
+              "backbone.convolutions[2].channels"},
+        Fault{"Features", "backbone { features: 5000 }", "backbone.features"},
+        Fault{"Waypoints", "trajectory { waypoints: 201 }", "trajectory.waypoints"},
+        Fault{"Interval", "trajectory { waypoint_interval { nanos: 1000000000 } }",
+              "trajectory.waypoint_interval"},
+        Fault{"LongHorizon", "trajectory { waypoint_interval { seconds: 30 } }",
+              "trajectory.waypoint_interval"},
+        Fault{"OneAction", "actions: 1", "actions"},
+        Fault{"Latent", "latent_dimensions: 33", "latent_dimensions"},
+        Fault{"Predictor", "action_predictor { hidden: 0 }", "action_predictor.hidden[1]"},
+        Fault{"Encoder", "trajectory_encoder { hidden: 4097 }", "trajectory_encoder.hidden[2]"},
+        Fault{"Decoder", "decoder { hidden: [ 1, 1, 1, 1, 1, 1, 1, 1 ] }", "decoder.hidden"},
+        Fault{"Scenario", "scenario_encoder { hidden: -1 }", "scenario_encoder.hidden[1]"},
+        Fault{"Stddev", "decoder_stddev: -1", "decoder_stddev"},
+        Fault{"TooManyWeights",
+              "actions: 256 scenario_encoder { hidden: [ 4096, 4096, 4096, 4096 ] }", "backbone"},
+        Fault{"TooLargeGrid",
+              "raster { height: 512 width: 512 } backbone { convolutions { channels: 600 stride: 1 "
+              "} }",
+              "backbone.convolutions"}),
+    [](const testing::TestParamInfo<Fault>& fault) { return fault.param.name; });
+
+TEST(ModelSpecTest, AnEmptySpecIsWrongInEveryPart) {
+  const auto fields = WrongFields(v1::ModelSpec());
+  for (const char* field : {"raster.height", "raster.frame_interval", "backbone.convolutions",
+                            "backbone.features", "trajectory.waypoints", "actions",
+                            "latent_dimensions", "decoder.hidden", "decoder_stddev"}) {
+    EXPECT_THAT(fields, testing::Contains(field));
+  }
+}
+
+TEST(ModelSpecTest, GridsFollowThePaddedStridedConvolutions) {
+  // Output positions of a 3-wide window at -1, -1 + stride, ... whose centre is within the input.
+  for (const int size : {16, 17, 18, 19, 31, 96, 225}) {
+    for (const int stride : {1, 2}) {
+      v1::ModelSpec spec = TinySpec();
+      spec.mutable_raster()->set_height(size);
+      spec.mutable_backbone()->mutable_convolutions(0)->set_stride(stride);
+      int positions = 0;
+      for (int centre = 0; centre < size; centre += stride) ++positions;
+      EXPECT_EQ(BackboneGrid(spec, 1).height, positions) << size << " by " << stride;
+    }
+  }
+  const GridSize input = BackboneGrid(TinySpec(), 0);
+  EXPECT_EQ(input.channels, 3 + 2 + 2);
+  EXPECT_EQ(input.height, 16);
+  EXPECT_EQ(input.width, 20);
+}
+
+TEST(ModelSpecTest, ShapesAreThoseOfTheListInTensorH) {
+  using Shape = std::vector<int64_t>;
+  auto shapes = TensorShapes(TinySpec());
+  EXPECT_EQ(shapes["backbone.convolution.0.weight"], Shape({4, 7, 3, 3}));
+  EXPECT_EQ(shapes["backbone.convolution.1.weight"], Shape({6, 4, 3, 3}));
+  EXPECT_EQ(shapes["backbone.normalization.1.running_var"], Shape({6}));
+  EXPECT_EQ(shapes["backbone.projection.weight"], Shape({5, 6 * 8 * 10}));
+  EXPECT_EQ(shapes["action_predictor.0.weight"], Shape({7, 5}));
+  EXPECT_EQ(shapes["action_predictor.1.bias"], Shape({3}));
+  EXPECT_EQ(shapes["trajectory_encoder.0.weight"], Shape({8, 6}));
+  EXPECT_EQ(shapes["trajectory_encoder.1.weight"], Shape({9, 8}));
+  EXPECT_EQ(shapes["trajectory_encoder.2.weight"], Shape({4, 9}));
+  EXPECT_EQ(shapes["decoder.0.weight"], Shape({10, 2}));
+  EXPECT_EQ(shapes["decoder.1.weight"], Shape({6, 10}));
+  EXPECT_EQ(shapes["scenario_encoder.0.weight"], Shape({3, 11, 5}));
+  EXPECT_EQ(shapes["scenario_encoder.1.bias"], Shape({3, 4}));
+  EXPECT_EQ(shapes["mixture.mean"], Shape({3, 2}));
+  EXPECT_EQ(shapes["mixture.log_weight"], Shape({3}));
+  EXPECT_EQ(shapes["trajectory.stddev"], Shape({3, 2}));
+  EXPECT_EQ(shapes["decoder.covariance"], Shape({3, 3, 3}));
+  // 2 convolutions, a projection, 4 MLPs of 2, 3, 2 and 2 layers, and 6 tables.
+  EXPECT_EQ(shapes.size(), 2u * 5 + 2 + 2 * (2 + 3 + 2 + 2) + 6);
+}
+
+TEST(ModelSpecTest, WaypointsBeginOneIntervalAfterThePresent) {
+  EXPECT_THAT(WaypointTimes(TinySpec().trajectory()),
+              Pointwise(DoubleNear(1e-12), {0.1, 0.2, 0.3}));
+}
+
+}  // namespace
+}  // namespace maneuver::artifact

@@ -1,0 +1,138 @@
+#include "model/artifact/training_presets.h"
+
+#include <gmock/gmock.h>
+#include <google/protobuf/text_format.h>
+#include <gtest/gtest.h>
+
+#include <string>
+
+namespace maneuver::artifact {
+namespace {
+
+using testing::ElementsAre;
+
+v1::TrainingSettings Settings(const std::string& text) {
+  v1::TrainingSettings settings;
+  EXPECT_TRUE(google::protobuf::TextFormat::ParseFromString(text, &settings)) << text;
+  return settings;
+}
+
+v1::TrainingSettings Resolved(const std::string& text) {
+  return ResolveTrainingSettings(Settings(text));
+}
+
+std::vector<std::string> WrongFields(const v1::TrainingSettings& settings) {
+  std::vector<std::string> fields;
+  for (const auto& violation : ValidateTrainingSettings(settings))
+    fields.push_back(violation.field);
+  return fields;
+}
+
+TEST(TrainingPresetsTest, PresetsAreValid) {
+  EXPECT_THAT(WrongFields(Resolved("")), ElementsAre());
+  EXPECT_THAT(WrongFields(Resolved("preset: 'paper'")), ElementsAre());
+}
+
+TEST(TrainingPresetsTest, CompactIsTheDefault) {
+  EXPECT_EQ(Resolved("").SerializeAsString(), Resolved("preset: 'compact'").SerializeAsString());
+  EXPECT_EQ(Resolved("").preset(), "compact");
+}
+
+TEST(TrainingPresetsTest, PaperHasTheSizesOfThePaper) {
+  const v1::ModelSpec model = Resolved("preset: 'paper'").model();
+  EXPECT_EQ(model.raster().height(), 224);
+  EXPECT_EQ(model.raster().width(), 224);
+  EXPECT_EQ(model.actions(), 25);
+  EXPECT_EQ(model.latent_dimensions(), 5);
+  for (const v1::MlpSpec& mlp : {model.action_predictor(), model.trajectory_encoder(),
+                                 model.decoder(), model.scenario_encoder()}) {
+    EXPECT_THAT(mlp.hidden(), ElementsAre(500, 500, 500));
+  }
+}
+
+TEST(TrainingPresetsTest, AnUnknownPresetIsLeftAloneAndNamed) {
+  const v1::TrainingSettings resolved = Resolved("preset: 'large' seed: 3");
+  EXPECT_EQ(resolved.SerializeAsString(), Settings("preset: 'large' seed: 3").SerializeAsString());
+  EXPECT_THAT(WrongFields(resolved), ElementsAre("preset"));
+}
+
+TEST(TrainingPresetsTest, SetFieldsReplaceThePresetsAndNothingElse) {
+  v1::TrainingSettings expected = Resolved("");
+  expected.mutable_model()->mutable_raster()->set_height(64);
+  expected.mutable_optimization()->set_joint_epochs(2);
+  EXPECT_EQ(Resolved("model { raster { height: 64 } } optimization { joint_epochs: 2 }")
+                .SerializeAsString(),
+            expected.SerializeAsString());
+}
+
+TEST(TrainingPresetsTest, RepeatedFieldsReplaceThePresetsWhole) {
+  const v1::TrainingSettings resolved = Resolved(
+      "model { decoder { hidden: 3 } backbone { convolutions { channels: 5 stride: 1 } } }");
+  EXPECT_THAT(resolved.model().decoder().hidden(), ElementsAre(3));
+  ASSERT_EQ(resolved.model().backbone().convolutions_size(), 1);
+  EXPECT_EQ(resolved.model().backbone().convolutions(0).channels(), 5);
+  EXPECT_GT(resolved.model().backbone().features(), 0);
+}
+
+TEST(TrainingPresetsTest, DurationsReplaceThePresetsWhole) {
+  // The presets' intervals have nanoseconds, which must not be added to these seconds.
+  const v1::TrainingSettings resolved =
+      Resolved("model { trajectory { waypoint_interval { seconds: 1 } } }");
+  EXPECT_EQ(resolved.model().trajectory().waypoint_interval().seconds(), 1);
+  EXPECT_EQ(resolved.model().trajectory().waypoint_interval().nanos(), 0);
+}
+
+TEST(TrainingPresetsTest, AugmentationCanBeTurnedOff) {
+  EXPECT_TRUE(Resolved("").augmentation().mirror());
+  const v1::TrainingSettings resolved =
+      Resolved("augmentation { mirror: false scale: 0 shift_pixels: 0 }");
+  EXPECT_FALSE(resolved.augmentation().mirror());
+  EXPECT_EQ(resolved.augmentation().scale(), 0.0);
+  EXPECT_EQ(resolved.augmentation().shift_pixels(), 0);
+  EXPECT_THAT(WrongFields(resolved), ElementsAre());
+}
+
+struct Fault {
+  const char* name;
+  const char* change;
+  const char* field;
+};
+
+class FaultySettingsTest : public testing::TestWithParam<Fault> {};
+
+TEST_P(FaultySettingsTest, NamesTheField) {
+  EXPECT_THAT(WrongFields(Resolved(GetParam().change)), ElementsAre(GetParam().field));
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    All, FaultySettingsTest,
+    testing::Values(
+        Fault{"Model", "model { actions: 1000 }", "model.actions"},
+        Fault{"ModelLayer", "model { decoder { hidden: [ 3, -1 ] } }", "model.decoder.hidden[1]"},
+        Fault{"Stride", "examples { stride { seconds: -1 } }", "examples.stride"},
+        Fault{"KeepStanding", "examples { keep_standing: 1.5 }", "examples.keep_standing"},
+        Fault{"Standing", "examples { standing_distance: -1 }", "examples.standing_distance"},
+        Fault{"Speed", "examples { max_speed: inf }", "examples.max_speed"},
+        Fault{"Share", "examples { validation_share: 1 }", "examples.validation_share"},
+        Fault{"Examples", "examples { max_examples: -1 }", "examples.max_examples"},
+        Fault{"Pretraining", "optimization { pretraining_epochs: -1 }",
+              "optimization.pretraining_epochs"},
+        Fault{"Mixture", "optimization { mixture_epochs: 10001 }", "optimization.mixture_epochs"},
+        Fault{"Joint", "optimization { joint_epochs: -7 }", "optimization.joint_epochs"},
+        Fault{"Batch", "optimization { batch_size: 1 }", "optimization.batch_size"},
+        Fault{"Rate", "optimization { learning_rate: 2 }", "optimization.learning_rate"},
+        Fault{"LatentRate", "optimization { latent_learning_rate_share: -1 }",
+              "optimization.latent_learning_rate_share"},
+        Fault{"Decay", "optimization { weight_decay: nan }", "optimization.weight_decay"},
+        Fault{"ActionWeight", "optimization { action_weight: -1 }", "optimization.action_weight"},
+        Fault{"Reconstruction", "optimization { posterior_reconstruction_weight: 1e9 }",
+              "optimization.posterior_reconstruction_weight"},
+        Fault{"Divergence", "optimization { posterior_divergence_weight: -2 }",
+              "optimization.posterior_divergence_weight"},
+        Fault{"Scale", "augmentation { scale: 0.6 }", "augmentation.scale"},
+        Fault{"Shift", "augmentation { shift_pixels: 1000 }", "augmentation.shift_pixels"},
+        Fault{"Threads", "threads: -1", "threads"}, Fault{"Device", "device: 'tpu'", "device"}),
+    [](const testing::TestParamInfo<Fault>& fault) { return fault.param.name; });
+
+}  // namespace
+}  // namespace maneuver::artifact
