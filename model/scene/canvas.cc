@@ -5,45 +5,13 @@
 #include <cmath>
 #include <cstring>
 
+#include "model/scene/sleeve.h"
+
 namespace maneuver::scene {
 namespace {
 
-// How far a polyline's simplification may be from it, pixels.
-constexpr double kChordTolerance = 0.05;
 // Lines reach this far from their middle, pixels.
 constexpr double kLineReach = 1.0;
-
-double Cross(const PixelPoint& a, const PixelPoint& b) { return a.u * b.v - a.v * b.u; }
-
-// The directions in which a chord from `origin` passes all points so far within kChordTolerance
-// (the sleeve of Zhao and Saalfeld, 1997): a wedge that narrows with every point.
-class Sleeve {
- public:
-  explicit Sleeve(const PixelPoint& origin) : origin_(origin) {}
-
-  // Whether a chord may end in `point`; if so, it counts among those to be passed.
-  bool Extend(const PixelPoint& point) {
-    const PixelPoint d{point.u - origin_.u, point.v - origin_.v};
-    const double squared = d.u * d.u + d.v * d.v;
-    if (reach_squared_ == 0.0) {
-      if (squared <= kChordTolerance * kChordTolerance) return true;
-    } else if (squared < reach_squared_ || Cross(right_, d) < 0.0 || Cross(d, left_) < 0.0) {
-      return false;
-    }
-    const double tilt = kChordTolerance / std::sqrt(squared);
-    const PixelPoint right{d.u + tilt * d.v, d.v - tilt * d.u};
-    const PixelPoint left{d.u - tilt * d.v, d.v + tilt * d.u};
-    if (reach_squared_ == 0.0 || Cross(right_, right) > 0.0) right_ = right;
-    if (reach_squared_ == 0.0 || Cross(left, left_) > 0.0) left_ = left;
-    reach_squared_ = squared;
-    return true;
-  }
-
- private:
-  PixelPoint origin_;
-  PixelPoint right_, left_;     // sides of the wedge
-  double reach_squared_ = 0.0;  // of the furthest point; 0 while there is no wedge
-};
 
 // Narrows [*enter, *leave], parameters of a + t (b - a), to where the coordinate lies within
 // [low, high].
@@ -64,11 +32,16 @@ PixelPoint Between(const PixelPoint& a, const PixelPoint& b, double t) {
   return {a.u + t * (b.u - a.u), a.v + t * (b.v - a.v)};
 }
 
+// Within [0, limit]; 0 for what is not a number, so that no input leads outside the picture.
+double Limited(double value, int limit) {
+  return std::min(std::max(0.0, value), static_cast<double>(limit));
+}
+
 // First and one past the last pixel of `size` whose extent meets [low, high].
 struct PixelRange {
   PixelRange(double low, double high, int size)
-      : first(static_cast<int>(std::floor(std::clamp<double>(low, 0.0, size)))),
-        last(static_cast<int>(std::ceil(std::clamp<double>(high, 0.0, size)))) {}
+      : first(static_cast<int>(std::floor(Limited(low, size)))),
+        last(static_cast<int>(std::ceil(Limited(high, size)))) {}
   int first;
   int last;
 };
@@ -79,7 +52,8 @@ Canvas::Canvas(int height, int width, int channels)
     : height_(height),
       width_(width),
       channels_(channels),
-      area_gain_(static_cast<size_t>(height) * (static_cast<size_t>(width) + 2)) {
+      area_gain_(static_cast<size_t>(height) * (static_cast<size_t>(width) + 2)),
+      row_values_(width) {
   assert(height > 0 && width > 0 && channels > 0);
 }
 
@@ -95,6 +69,15 @@ inline void Canvas::Paint(int channel, int row, int column, float value) {
       picture_[(static_cast<size_t>(row) * width_ + column) * static_cast<size_t>(channels_) +
                channel];
   if (rounded > pixel) pixel = rounded;
+}
+
+inline void Canvas::PaintRow(int channel, int row, int column, int count) {
+  uint8_t* pixel =
+      &picture_[(static_cast<size_t>(row) * width_ + column) * static_cast<size_t>(channels_) +
+                channel];
+  for (int i = 0; i < count; ++i, pixel += channels_) {
+    *pixel = static_cast<uint8_t>(std::max<int>(*pixel, row_values_[i]));
+  }
 }
 
 void Canvas::DrawPolyline(int channel, std::span<const PixelPoint> points, uint8_t intensity) {
@@ -155,18 +138,17 @@ void Canvas::DrawSegment(int channel, PixelPoint a, PixelPoint b, float intensit
     const float u1 = u + t1 * along_u;
     const auto [left, end_column] =
         PixelRange(std::min(u0, u1) - reach, std::max(u0, u1) + reach, width_);
-    for (int column = left; column < end_column; ++column) {
-      const float du = static_cast<float>(column) + 0.5F - u;
-      const float along = du * direction_u + centre * direction_v;
-      float distance;
-      if (along >= 0.0F && along <= length) {
-        distance = std::abs(du * direction_v - centre * direction_u);
-      } else {
-        const float t = along < 0.0F ? 0.0F : length;
-        distance = std::hypot(du - t * direction_u, centre - t * direction_v);
-      }
-      if (distance < reach) Paint(channel, row, column, (reach - distance) * intensity);
+    const int count = end_column - left;
+    const float first_u = static_cast<float>(left) + 0.5F - u;
+    for (int i = 0; i < count; ++i) {
+      const float du = first_u + static_cast<float>(i);
+      const float along = std::max(0.0F, std::min(du * direction_u + centre * direction_v, length));
+      const float off_u = du - along * direction_u;
+      const float off_v = centre - along * direction_v;
+      const float distance = std::sqrt(off_u * off_u + off_v * off_v);
+      row_values_[i] = static_cast<int>(std::max(0.0F, reach - distance) * intensity + 0.5F);
     }
+    PaintRow(channel, row, left, count);
   }
 }
 
@@ -180,6 +162,39 @@ void Canvas::FillDisc(int channel, const PixelPoint& centre, double radius, uint
       const double coverage = std::clamp(reach - distance, 0.0, 1.0);
       Paint(channel, row, column, static_cast<float>(coverage * intensity));
     }
+  }
+}
+
+void Canvas::FillBox(int channel, const PixelPoint& centre, const PixelPoint& direction,
+                     double half_length, double half_width, uint8_t intensity) {
+  const double reach_u =
+      (half_length + 0.5) * std::abs(direction.u) + (half_width + 0.5) * std::abs(direction.v);
+  const double reach_v =
+      (half_length + 0.5) * std::abs(direction.v) + (half_width + 0.5) * std::abs(direction.u);
+  const PixelRange rows(centre.v - reach_v, centre.v + reach_v, height_);
+  const PixelRange columns(centre.u - reach_u, centre.u + reach_u, width_);
+  const auto cosine = static_cast<float>(direction.u);
+  const auto sine = static_cast<float>(direction.v);
+  // Along each axis of the box: where its overlap with a unit interval ends, and how much it can
+  // be.
+  const auto end_x = static_cast<float>(half_length + 0.5);
+  const auto end_y = static_cast<float>(half_width + 0.5);
+  const float most_x = std::min(1.0F, static_cast<float>(2.0 * half_length));
+  const float most_y = std::min(1.0F, static_cast<float>(2.0 * half_width));
+  const auto full = static_cast<float>(intensity);
+  const int count = columns.last - columns.first;
+  const auto first_u = static_cast<float>(columns.first + 0.5 - centre.u);
+  for (int row = rows.first; row < rows.last; ++row) {
+    const auto dv = static_cast<float>(row + 0.5 - centre.v);
+    for (int i = 0; i < count; ++i) {
+      const float du = first_u + static_cast<float>(i);
+      const float x = std::abs(cosine * du + sine * dv);
+      const float y = std::abs(cosine * dv - sine * du);
+      const float overlap_x = std::max(0.0F, std::min(most_x, end_x - x));
+      const float overlap_y = std::max(0.0F, std::min(most_y, end_y - y));
+      row_values_[i] = static_cast<int>(overlap_x * overlap_y * full + 0.5F);
+    }
+    PaintRow(channel, row, columns.first, count);
   }
 }
 
@@ -250,8 +265,8 @@ void Canvas::AddEdge(PixelPoint a, PixelPoint b, int rows, int columns) {
     PixelPoint p = Between(a, b, cuts[piece]);
     PixelPoint q = Between(a, b, cuts[piece + 1]);
     if (p.u + q.u >= 2.0 * columns) continue;
-    p = {std::clamp<double>(p.u, 0.0, columns), std::clamp<double>(p.v, 0.0, rows)};
-    q = {std::clamp<double>(q.u, 0.0, columns), std::clamp<double>(q.v, 0.0, rows)};
+    p = {Limited(p.u, columns), Limited(p.v, rows)};
+    q = {Limited(q.u, columns), Limited(q.v, rows)};
     AddEdgeInside(static_cast<float>(p.u), static_cast<float>(p.v), static_cast<float>(q.u),
                   static_cast<float>(q.v), columns + 2);
   }

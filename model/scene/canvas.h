@@ -40,6 +40,13 @@ class Canvas {
   // pixel's centre to `centre`.
   void FillDisc(int channel, const PixelPoint& centre, double radius, uint8_t intensity);
 
+  // A rectangle: coverage is the share of a unit square around the pixel's centre, turned with the
+  // rectangle, that lies within it. Where the sides lie along the picture's that is the share of
+  // the pixel; at any angle the coverage of all pixels adds up to the rectangle's area.
+  //   direction: of the length, a unit vector.
+  void FillBox(int channel, const PixelPoint& centre, const PixelPoint& direction,
+               double half_length, double half_width, uint8_t intensity);
+
   // The inside of a simple polygon (convex or not; the last point joins the first): coverage is the
   // exact share of the pixel's area. Nothing for fewer than three points.
   void FillPolygon(int channel, std::span<const PixelPoint> points, uint8_t intensity);
@@ -49,6 +56,7 @@ class Canvas {
   void AddEdge(PixelPoint a, PixelPoint b, int rows, int columns);
   void AddEdgeInside(float u0, float v0, float u1, float v1, int stride);
   void Paint(int channel, int row, int column, float value);
+  void PaintRow(int channel, int row, int column, int count);
 
   const int height_;
   const int width_;
@@ -56,6 +64,8 @@ class Canvas {
   std::span<uint8_t> picture_;
   // Signed area that each pixel gains over its left neighbour; all zero between calls.
   std::vector<float> area_gain_;
+  // What PaintRow paints.
+  std::vector<int> row_values_;
 };
 
 }  // namespace maneuver::scene

@@ -1,7 +1,6 @@
 #include "model/scene/rasterizer.h"
 
 #include <algorithm>
-#include <array>
 #include <cassert>
 #include <cmath>
 #include <utility>
@@ -43,6 +42,12 @@ class Projection {
   PixelPoint operator()(const Point2& p_WP) const {
     const Point2 p_TP = X_WT_.ToLocal(p_WP);
     return {origin_u_ + pixels_per_meter_ * p_TP.x, origin_v_ - pixels_per_meter_ * p_TP.y};
+  }
+
+  // Unit vector along a heading in the world.
+  PixelPoint Direction(double heading) const {
+    const double heading_T = heading - X_WT_.heading();
+    return {std::cos(heading_T), -std::sin(heading_T)};
   }
 
   double pixels_per_meter() const { return pixels_per_meter_; }
@@ -186,13 +191,10 @@ class Rasterizer::Painter {
           centre.v < spec_.height() + reach)) {
       return;
     }
-    const Pose2 X_WB(state.x(), state.y(), state.heading());
-    const double x = 0.5 * agent.length();
-    const double y = 0.5 * agent.width();
-    const std::array<PixelPoint, 4> corners = {
-        projection(X_WB * Point2{x, y}), projection(X_WB * Point2{-x, y}),
-        projection(X_WB * Point2{-x, -y}), projection(X_WB * Point2{x, -y})};
-    canvas_.FillPolygon(channel, corners, BoxIntensity(agent.type()));
+    const double half_pixels = 0.5 * projection.pixels_per_meter();
+    canvas_.FillBox(channel, centre, projection.Direction(state.heading()),
+                    half_pixels * agent.length(), half_pixels * agent.width(),
+                    BoxIntensity(agent.type()));
   }
 
   const v1::RasterSpec spec_;
