@@ -1,0 +1,245 @@
+#include "model/scene/canvas.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <vector>
+
+namespace maneuver::scene {
+namespace {
+
+constexpr int kHeight = 24;
+constexpr int kWidth = 32;
+
+class CanvasTest : public testing::Test {
+ protected:
+  CanvasTest() { canvas_.Begin(picture_); }
+
+  int at(int row, int column) const { return picture_[row * kWidth + column]; }
+  double Total() const {
+    double total = 0.0;
+    for (const uint8_t value : picture_) total += value;
+    return total / 255.0;
+  }
+  double Uniform(double low, double high) {
+    return std::uniform_real_distribution<double>(low, high)(random_);
+  }
+
+  std::vector<uint8_t> picture_ = std::vector<uint8_t>(kHeight * kWidth);
+  Canvas canvas_{kHeight, kWidth, 1};
+  std::mt19937_64 random_{7};
+};
+
+// Even-odd crossing test.
+bool Inside(const std::vector<PixelPoint>& polygon, double u, double v) {
+  bool inside = false;
+  for (size_t i = 0, j = polygon.size() - 1; i < polygon.size(); j = i++) {
+    const PixelPoint& a = polygon[i];
+    const PixelPoint& b = polygon[j];
+    if ((a.v > v) != (b.v > v) && u < a.u + (v - a.v) / (b.v - a.v) * (b.u - a.u)) {
+      inside = !inside;
+    }
+  }
+  return inside;
+}
+
+double DistanceToPolyline(const std::vector<PixelPoint>& points, double u, double v) {
+  double nearest = HUGE_VAL;
+  for (size_t i = 1; i < points.size(); ++i) {
+    const PixelPoint& a = points[i - 1];
+    const double du = points[i].u - a.u;
+    const double dv = points[i].v - a.v;
+    const double squared = du * du + dv * dv;
+    const double t =
+        squared == 0.0 ? 0.0 : std::clamp(((u - a.u) * du + (v - a.v) * dv) / squared, 0.0, 1.0);
+    nearest = std::min(nearest, std::hypot(u - a.u - t * du, v - a.v - t * dv));
+  }
+  return nearest;
+}
+
+TEST_F(CanvasTest, PolygonCoversEachPixelByItsShare) {
+  constexpr int kSamples = 40;  // along each side of a pixel
+  // An edge through a pixel misjudges at most about one row of samples.
+  constexpr double kTolerance = 255.0 * 2.0 / kSamples;
+  for (int trial = 0; trial < 20; ++trial) {
+    // A star around a centre that may lie outside: simple, mostly not convex, often cut off.
+    const PixelPoint centre{Uniform(-6, kWidth + 6), Uniform(-6, kHeight + 6)};
+    std::vector<PixelPoint> polygon;
+    const int corners = 3 + trial % 6;
+    for (int i = 0; i < corners; ++i) {
+      const double angle = 2.0 * M_PI * i / corners * (trial % 2 == 0 ? 1 : -1);
+      const double radius = Uniform(2, 20);
+      polygon.push_back({centre.u + radius * std::cos(angle), centre.v + radius * std::sin(angle)});
+    }
+    canvas_.Begin(picture_);
+    canvas_.FillPolygon(0, polygon, 255);
+    for (int row = 0; row < kHeight; ++row) {
+      for (int column = 0; column < kWidth; ++column) {
+        int inside = 0;
+        for (int i = 0; i < kSamples * kSamples; ++i) {
+          inside += Inside(polygon, column + (i % kSamples + 0.5) / kSamples,
+                           row + (i / kSamples + 0.5) / kSamples);
+        }
+        ASSERT_NEAR(at(row, column), 255.0 * inside / (kSamples * kSamples), kTolerance)
+            << "trial " << trial << " row " << row << " column " << column;
+      }
+    }
+  }
+}
+
+TEST_F(CanvasTest, PolygonOfFractionalPixels) {
+  const PixelPoint corners[] = {{2.25, 3.5}, {4.5, 3.5}, {4.5, 5.0}, {2.25, 5.0}};
+  canvas_.FillPolygon(0, corners, 200);
+  EXPECT_EQ(at(3, 2), 75);   // 0.75 * 0.5 * 200
+  EXPECT_EQ(at(3, 3), 100);  // 0.5 * 200
+  EXPECT_EQ(at(3, 4), 50);   // 0.5 * 0.5 * 200
+  EXPECT_EQ(at(4, 2), 150);
+  EXPECT_EQ(at(4, 3), 200);
+  EXPECT_EQ(at(4, 4), 100);
+  EXPECT_EQ(at(5, 3), 0);
+  EXPECT_EQ(at(2, 3), 0);
+  EXPECT_EQ(at(4, 1), 0);
+  EXPECT_EQ(at(4, 5), 0);
+}
+
+TEST_F(CanvasTest, PolygonLeavesNothingBehindForTheNext) {
+  const PixelPoint first[] = {{-50, -50}, {90, -40}, {10, 90}};
+  const PixelPoint second[] = {{3, 3}, {4, 3}, {4, 4}, {3, 4}};
+  canvas_.FillPolygon(0, first, 255);
+  canvas_.Begin(picture_);
+  canvas_.FillPolygon(0, second, 255);
+  EXPECT_EQ(at(3, 3), 255);
+  EXPECT_DOUBLE_EQ(Total(), 1.0);
+}
+
+TEST_F(CanvasTest, PolygonAroundThePictureCoversAllOfIt) {
+  const PixelPoint corners[] = {{-1e10, -3e10}, {2e10, -1e10}, {1e10, 4e10}, {-3e10, 2e10}};
+  canvas_.FillPolygon(0, corners, 77);
+  for (const uint8_t value : picture_) ASSERT_EQ(value, 77);
+}
+
+TEST_F(CanvasTest, BoxAlongThePictureCoversEachPixelByItsShare) {
+  canvas_.FillBox(0, {10.0, 8.25}, {1.0, 0.0}, 2.5, 1.0, 200);
+  // u from 7.5 to 12.5, v from 7.25 to 9.25.
+  const double across[] = {0, 0.5, 1, 1, 1, 1, 0.5, 0};
+  const double down[] = {0, 0.75, 1, 0.25, 0};
+  for (int row = 0; row < 5; ++row) {
+    for (int column = 0; column < 8; ++column) {
+      EXPECT_EQ(at(6 + row, 6 + column), std::lround(200 * across[column] * down[row]))
+          << row << " " << column;
+    }
+  }
+  EXPECT_NEAR(Total() * 255.0 / 200.0, 5.0 * 2.0, 0.05);
+}
+
+TEST_F(CanvasTest, BoxesCoverTheirAreaAtEveryAngle) {
+  for (int trial = 0; trial < 200; ++trial) {
+    const double angle = Uniform(-M_PI, M_PI);
+    const double half_length = Uniform(0.2, 5.0);
+    const double half_width = Uniform(0.2, 3.0);
+    canvas_.Begin(picture_);
+    canvas_.FillBox(0, {Uniform(12, 20), Uniform(10, 14)}, {std::cos(angle), std::sin(angle)},
+                    half_length, half_width, 255);
+    const double area = 4.0 * half_length * half_width;
+    EXPECT_NEAR(Total(), area, 0.25 + 0.02 * area) << "angle " << angle;
+  }
+}
+
+TEST_F(CanvasTest, BoxLooksLikeThePolygonOfItsCorners) {
+  constexpr double kTolerance = 0.2 * 255.0;  // the filters differ at corners
+  constexpr double kMeanTolerance = 1.0;
+  for (int trial = 0; trial < 50; ++trial) {
+    const double angle = Uniform(-M_PI, M_PI);
+    const PixelPoint d{std::cos(angle), std::sin(angle)};
+    const PixelPoint c{Uniform(0, kWidth), Uniform(0, kHeight)};
+    const double a = Uniform(1, 6);
+    const double b = Uniform(1, 4);
+    canvas_.Begin(picture_);
+    canvas_.FillBox(0, c, d, a, b, 255);
+    const std::vector<uint8_t> box = picture_;
+    const PixelPoint corners[] = {{c.u + a * d.u - b * d.v, c.v + a * d.v + b * d.u},
+                                  {c.u - a * d.u - b * d.v, c.v - a * d.v + b * d.u},
+                                  {c.u - a * d.u + b * d.v, c.v - a * d.v - b * d.u},
+                                  {c.u + a * d.u + b * d.v, c.v + a * d.v - b * d.u}};
+    canvas_.Begin(picture_);
+    canvas_.FillPolygon(0, corners, 255);
+    double sum = 0.0;
+    for (size_t i = 0; i < box.size(); ++i) {
+      ASSERT_NEAR(box[i], picture_[i], kTolerance);
+      sum += std::abs(box[i] - picture_[i]);
+    }
+    EXPECT_LT(sum / static_cast<double>(box.size()), kMeanTolerance);
+  }
+}
+
+TEST_F(CanvasTest, PolylineFallsOffWithDistance) {
+  // Simplification may move the line by 0.05 pixels; rounding adds half a level.
+  constexpr double kTolerance = 0.05 * 255.0 + 1.0;
+  for (int trial = 0; trial < 40; ++trial) {
+    // From wide zigzags to smooth curves of many short steps, some of them backwards.
+    const double step = trial % 4 == 0 ? 12.0 : 0.7;
+    const double turn = trial % 4 == 1 ? 2.0 : 0.15;
+    std::vector<PixelPoint> points = {{Uniform(-4, kWidth + 4), Uniform(-4, kHeight + 4)}};
+    double heading = Uniform(-M_PI, M_PI);
+    for (int i = 0; i < 60; ++i) {
+      heading += Uniform(-turn, turn);
+      points.push_back(
+          {points.back().u + step * std::cos(heading), points.back().v + step * std::sin(heading)});
+    }
+    canvas_.Begin(picture_);
+    canvas_.DrawPolyline(0, points, 255);
+    for (int row = 0; row < kHeight; ++row) {
+      for (int column = 0; column < kWidth; ++column) {
+        const double distance = DistanceToPolyline(points, column + 0.5, row + 0.5);
+        ASSERT_NEAR(at(row, column), 255.0 * std::max(0.0, 1.0 - distance), kTolerance)
+            << "trial " << trial << " row " << row << " column " << column;
+      }
+    }
+  }
+}
+
+TEST_F(CanvasTest, PolylineFromFarAwayCrossesWhereItShould) {
+  const PixelPoint points[] = {{-1e10, 5.5}, {1e10, 5.5}};
+  canvas_.DrawPolyline(0, points, 255);
+  for (int column = 0; column < kWidth; ++column) {
+    EXPECT_EQ(at(5, column), 255);
+    EXPECT_EQ(at(4, column), 0);
+    EXPECT_EQ(at(6, column), 0);
+  }
+}
+
+TEST_F(CanvasTest, PolylineOfOnePointIsNotDrawn) {
+  const PixelPoint points[] = {{5.5, 5.5}};
+  canvas_.DrawPolyline(0, points, 255);
+  EXPECT_EQ(Total(), 0.0);
+}
+
+TEST_F(CanvasTest, DiscHasItsRadius) {
+  canvas_.FillDisc(0, {10.5, 10.5}, 1.5, 200);
+  EXPECT_EQ(at(10, 10), 200);
+  EXPECT_EQ(at(10, 11), 200);
+  EXPECT_EQ(at(11, 11), std::lround(200 * (2.0 - std::sqrt(2.0))));
+  EXPECT_EQ(at(10, 12), 0);
+}
+
+TEST_F(CanvasTest, TheBrighterPaintIsSeenInWhicheverOrder) {
+  canvas_.FillBox(0, {10, 10}, {1, 0}, 2, 2, 100);
+  canvas_.FillBox(0, {12, 10}, {1, 0}, 2, 2, 200);
+  canvas_.FillBox(0, {12, 10}, {1, 0}, 2, 2, 100);
+  EXPECT_EQ(at(10, 9), 100);
+  EXPECT_EQ(at(10, 10), 200);
+  EXPECT_EQ(at(10, 13), 200);
+}
+
+TEST(InterleavedCanvasTest, PaintsOneChannelAlone) {
+  std::vector<uint8_t> picture(4 * 4 * 3);
+  Canvas canvas(4, 4, 3);
+  canvas.Begin(picture);
+  canvas.FillBox(1, {1.5, 2.5}, {1, 0}, 0.5, 0.5, 99);
+  for (int i = 0; i < 4 * 4 * 3; ++i) EXPECT_EQ(picture[i], i == (2 * 4 + 1) * 3 + 1 ? 99 : 0);
+}
+
+}  // namespace
+}  // namespace maneuver::scene
