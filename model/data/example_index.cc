@@ -2,8 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
-#include <optional>
 
 #include "model/data/stable_hash.h"
 #include "model/data/trajectory.h"
@@ -11,10 +9,6 @@
 
 namespace maneuver::data {
 namespace {
-
-constexpr double kHeadingTestSpeed = 2.0;                    // metres per second
-constexpr double kMaxReversingSpeed = 5.0;                   // metres per second
-constexpr double kMaxHeadingError = std::numbers::pi / 3.0;  // radians
 
 double Seconds(const google::protobuf::Duration& duration) {
   return static_cast<double>(duration.seconds()) + 1e-9 * duration.nanos();
@@ -25,6 +19,7 @@ struct Window {
   double stride;
   double past;       // time of the oldest frame before the present
   double tolerance;  // half a frame interval
+  double max_gap;    // between two states
   std::vector<double> waypoint_times;
   double max_speed;  // infinite: no limit
   double standing_distance;
@@ -37,6 +32,7 @@ Window MakeWindow(const v1::ModelSpec& spec, const v1::ExampleSettings& settings
   window.stride = Seconds(settings.stride());
   window.past = std::max(0, spec.raster().history_frames() - 1) * frame_interval;
   window.tolerance = 0.5 * frame_interval;
+  window.max_gap = kMaxGapFrames * frame_interval;
   const double waypoint_interval = Seconds(spec.trajectory().waypoint_interval());
   for (int i = 1; i <= spec.trajectory().waypoints(); ++i) {
     window.waypoint_times.push_back(i * waypoint_interval);
@@ -68,26 +64,17 @@ std::vector<int> StartStates(const v1::Agent& agent, const Window& window) {
 
 // Whether the track from state `first` on, to `end_time` or its own end, is one motion: no gap up
 // to state `now`, no step faster than a vehicle. Gaps after it are for ResampleFuture to judge.
-bool IsContinuous(const v1::Agent& agent, int first, int now, double end_time, double max_speed) {
+bool IsContinuous(const v1::Agent& agent, int first, int now, double end_time,
+                  const Window& window) {
   for (int i = first + 1; i < agent.states_size(); ++i) {
     const v1::AgentState& before = agent.states(i - 1);
     if (before.time() >= end_time) break;
     const v1::AgentState& after = agent.states(i);
     const double step = after.time() - before.time();
-    if (i <= now && step > kMaxStateGap) return false;
-    if (Distance(before, after) > max_speed * step) return false;
+    if (i <= now && step > window.max_gap) return false;
+    if (Distance(before, after) > window.max_speed * step) return false;
   }
   return true;
-}
-
-bool HeadingFitsMotion(const v1::AgentState& oldest, const v1::AgentState& now) {
-  const double elapsed = now.time() - oldest.time();
-  const double distance = Distance(oldest, now);
-  if (elapsed <= 0.0 || distance < kHeadingTestSpeed * elapsed) return true;
-  const double direction = std::atan2(now.y() - oldest.y(), now.x() - oldest.x());
-  const double error = std::abs(std::remainder(now.heading() - direction, 2.0 * std::numbers::pi));
-  if (error <= kMaxHeadingError) return true;
-  return error >= std::numbers::pi - kMaxHeadingError && distance <= kMaxReversingSpeed * elapsed;
 }
 
 bool Stands(std::span<const double> trajectory, double standing_distance) {
@@ -123,10 +110,9 @@ std::vector<Example> EnumerateExamples(const v1::Scenario& recording, int record
           scene::FindState(agent, state.time() - window.past, window.tolerance, state.time());
       if (oldest < 0) continue;
       const double end_time = state.time() + window.waypoint_times.back();
-      if (!IsContinuous(agent, oldest, now, end_time, window.max_speed)) continue;
-      if (!HeadingFitsMotion(agent.states(oldest), state)) continue;
+      if (!IsContinuous(agent, oldest, now, end_time, window)) continue;
       const scene::Pose2 X_WT(state.x(), state.y(), state.heading());
-      if (!ResampleFuture(agent, state.time(), X_WT, window.waypoint_times, kMaxStateGap,
+      if (!ResampleFuture(agent, state.time(), X_WT, window.waypoint_times, window.max_gap,
                           trajectory)) {
         continue;
       }

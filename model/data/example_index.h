@@ -25,9 +25,9 @@ struct Example {
   bool standing = false;
 };
 
-// Two states further apart than this have a gap between them, seconds: one frame of 10 Hz may be
-// missing, two may not.
-inline constexpr double kMaxStateGap = 0.25;
+// Two states that are further apart than this many frame intervals have a gap between them: one
+// frame may be missing, two may not.
+inline constexpr double kMaxGapFrames = 2.5;
 
 // Enumerates the examples of one recording, in the order of its agents, then of time. Spec and
 // settings are complete (no unset fields); without a stride there are no examples.
@@ -39,10 +39,7 @@ inline constexpr double kMaxStateGap = 0.25;
 //   - a past: a state at the oldest of the history_frames, within half a frame interval, and no gap
 //     since;
 //   - a future without gaps over the whole horizon;
-//   - no step over that time faster than max_speed (if that is above 0): it is mistracked;
-//   - a heading that fits the motion: a target that moved at 2 m/s and more over the past did so
-//     within 60 degrees of its heading, or, backing up at no more than 5 m/s, of its opposite.
-//     Other tracks have broken headings (Waymo has some), and x would be in a meaningless frame.
+//   - no step over that time faster than max_speed (if that is above 0): it is mistracked.
 // A target whose waypoints all lie within standing_distance of where it is stands (a distance and
 // not a path length: sensor noise alone adds up to metres of path). Standing ones are kept with
 // probability keep_standing, decided by a hash of scenario id, target and time (so that the same

@@ -1,0 +1,44 @@
+#include "model/files/digest.h"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <string>
+
+namespace maneuver::files {
+namespace {
+
+// FIPS 180-4, appendix B.
+constexpr char kAbc[] = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+constexpr char kTwoBlocks[] = "248d6a61d20638b8e5c026930c3e6039a33ce45964ff2167f6ecedd419db06c1";
+constexpr char kMillionA[] = "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0";
+
+TEST(Sha256Test, AgreesWithPublishedVectors) {
+  EXPECT_EQ(Sha256Hex("abc"), kAbc);
+  EXPECT_EQ(Sha256Hex("abcdbcdecdefdefgefghfghighijhijkijkljklmklmnlmnomnopnopq"), kTwoBlocks);
+  EXPECT_EQ(Sha256Hex(std::string(1'000'000, 'a')), kMillionA);
+}
+
+TEST(Sha256Test, PiecesGiveTheDigestOfTheWhole) {
+  Sha256 sha256;
+  sha256.Update("a");
+  sha256.Update("");
+  sha256.Update("bc");
+  EXPECT_EQ(sha256.Finish(), kAbc);
+}
+
+TEST(Sha256Test, OfAFileLargerThanTheReadBuffer) {
+  const std::string file = testing::TempDir() + "/million_a";
+  std::ofstream(file, std::ios::binary) << std::string(1'000'000, 'a');
+  const auto digest = Sha256OfFile(file);
+  ASSERT_TRUE(digest.ok()) << digest.status();
+  EXPECT_EQ(*digest, kMillionA);
+}
+
+TEST(Sha256Test, OfAMissingFileIsNotFound) {
+  EXPECT_EQ(Sha256OfFile(testing::TempDir() + "/absent").status().code(),
+            absl::StatusCode::kNotFound);
+}
+
+}  // namespace
+}  // namespace maneuver::files
