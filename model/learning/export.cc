@@ -1,0 +1,95 @@
+#include "model/learning/export.h"
+
+#include <algorithm>
+#include <memory>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "model/evaluation/evaluator.h"
+#include "model/files/durable_file.h"
+#include "model/inference/action_model.h"
+
+namespace maneuver::learning {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kEffectiveProbability = 0.05;
+constexpr size_t kMostMeasured = 200;  // recordings
+
+// Removes a folder of work in progress, whatever happens.
+class Scratch {
+ public:
+  explicit Scratch(fs::path folder) : folder_(std::move(folder)) {}
+  ~Scratch() {
+    std::error_code ignored;
+    fs::remove_all(folder_, ignored);
+  }
+  Scratch(const Scratch&) = delete;
+  Scratch& operator=(const Scratch&) = delete;
+
+  const fs::path& folder() const { return folder_; }
+
+ private:
+  fs::path folder_;
+};
+
+// Metrics of the held-out recordings to the manifest; usage of the actions to *usage.
+absl::Status Measure(const inference::ActionModel& model, const TrainingData& data,
+                     const v1::ExampleSettings& examples, const ExportOptions& options,
+                     v1::ModelManifest* manifest, std::vector<double>* usage) {
+  evaluation::EvaluationInput input;
+  const size_t measured = std::min(kMostMeasured, data.validation.recordings.size());
+  input.recordings = std::span(data.validation.recordings).first(measured);
+  input.annotations = data.annotations;
+  input.examples = examples;
+  input.threads = options.threads;
+  input.progress = options.progress;
+  const absl::StatusOr<v1::EvaluationReport> report = evaluation::Evaluate(model, input);
+  if (absl::IsFailedPrecondition(report.status())) return absl::OkStatus();  // nothing to measure
+  if (!report.ok()) return report.status();
+  *manifest->mutable_metrics() = report->metrics();
+  usage->assign(report->action_usage().begin(), report->action_usage().end());
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<v1::ModelManifest> ExportModel(artifact::StoredModel model, const TrainingData& data,
+                                              const v1::ExampleSettings& examples,
+                                              const ExportOptions& options) {
+  absl::StatusOr<fs::path> temporary = files::MakeTemporaryFolderFor(options.output);
+  if (!temporary.ok()) return temporary.status();
+  const Scratch scratch(*temporary);
+  const fs::path draft = scratch.folder() / "model";
+
+  // Without held-out examples p(y) over the training examples stands in for usage.
+  std::vector<double> usage;
+  for (const float log_weight : model.weights.at("mixture.log_weight").values) {
+    usage.push_back(std::exp(static_cast<double>(log_weight)));
+  }
+  absl::Status status = artifact::WriteModelFolder(draft, std::move(model));
+  if (!status.ok()) return status;
+  absl::StatusOr<std::shared_ptr<const inference::ActionModel>> loaded =
+      inference::ActionModel::Load(draft, {inference::Precision::kF32});
+  if (!loaded.ok()) return loaded.status();
+
+  v1::ModelManifest manifest = (*loaded)->manifest();
+  status = Measure(**loaded, data, examples, options, &manifest, &usage);
+  if (!status.ok()) return status;
+  // std::vector<bool> is no array.
+  const std::unique_ptr<bool[]> effective(new bool[usage.size()]);
+  std::transform(usage.begin(), usage.end(), effective.get(),
+                 [](double share) { return share > 0.0; });
+  for (v1::Action& action :
+       inference::DecodeActionSet(**loaded, usage, {effective.get(), usage.size()})) {
+    *manifest.add_actions() = std::move(action);
+  }
+  status = artifact::RewriteModelManifest(draft, manifest);
+  if (status.ok()) status = files::PublishFolder(draft, options.output);
+  if (!status.ok()) return status;
+  return manifest;
+}
+
+}  // namespace maneuver::learning

@@ -1,0 +1,81 @@
+// The phases of learning, one after another on the same networks.
+
+#ifndef MANEUVER_MODEL_LEARNING_LEARNER_H_
+#define MANEUVER_MODEL_LEARNING_LEARNER_H_
+
+#include <ATen/ATen.h>
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "maneuver/v1/training_settings.pb.h"
+#include "model/learning/networks.h"
+#include "model/learning/objectives.h"
+#include "model/learning/optimizer.h"
+#include "model/learning/run_progress.h"
+#include "model/learning/training_data.h"
+#include "model/learning/validation.h"
+
+namespace maneuver::learning {
+
+// Learns by the phases below, in that order. Each ends with CANCELLED if it was told to stop, and
+// with ABORTED if the loss is no longer finite.
+class Learner {
+ public:
+  // `settings` are complete. `data` and `progress` must outlive the learner.
+  //   threads: that draw rasters
+  Learner(const v1::TrainingSettings& settings, const TrainingData& data, at::Device device,
+          int threads, std::function<bool()> stopped, RunProgress& progress);
+
+  // The plan of a run, for its RunProgress.
+  static std::vector<RunProgress::Phase> Plan(const v1::TrainingSettings& settings,
+                                              int64_t training_examples);
+
+  // q(z|x) and p(x|z) as a plain variational autoencoder with p(z) = N(0, I).
+  absl::Status Pretrain();
+  // The mixture p(z|y), placed at encoded points: k-means on the trajectories in metres, then each
+  // component takes mean and variance of its cluster's encodings.
+  absl::Status PlaceMixture();
+  // The base objective with a p(y) that knows no scenario.
+  absl::Status TrainMixture();
+  // The unified objective.
+  absl::Status TrainJointly();
+  // What the predicted probabilities and covariances are worth: see calibration.h.
+  absl::Status Calibrate();
+
+  Networks& networks() { return networks_; }
+
+ private:
+  struct Group {
+    Networks::Part part;
+    double rate;
+  };
+  // A batch's loss; its terms go to `means`.
+  using BatchLoss = std::function<at::Tensor(const at::Tensor& trajectories, TermMeans* means)>;
+
+  absl::Status TrainOnTrajectories(const std::string& phase, int epochs,
+                                   const std::vector<Group>& groups, const BatchLoss& loss,
+                                   const std::function<v1::EpochReport(TermMeans)>& report);
+  absl::Status TakeStep(const at::Tensor& loss, double rate_share, AdamW* optimizer);
+  // Trajectories varied at random, [B, 2T].
+  at::Tensor Vary(const at::Tensor& trajectories);
+  at::Tensor Noise(at::IntArrayRef shape);
+  BaseModel ApplyBase(const at::Tensor& trajectories);
+
+  const v1::TrainingSettings settings_;
+  const TrainingData& data_;
+  const int threads_;
+  const std::function<bool()> stopped_;
+  RunProgress& progress_;
+  at::Generator generator_;
+  Networks networks_;
+  const at::Tensor trajectories_;             // [N, 2T] metres, on the CPU
+  const at::Tensor validation_trajectories_;  // [V, 2T]
+};
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_LEARNER_H_

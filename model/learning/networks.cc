@@ -1,0 +1,218 @@
+#include "model/learning/networks.h"
+
+#include <ATen/CPUGeneratorImpl.h>
+
+#include <cmath>
+#include <stdexcept>
+
+#include "model/artifact/model_spec.h"
+
+namespace maneuver::learning {
+namespace {
+
+constexpr double kBatchNormMomentum = 0.1;
+constexpr double kBatchNormEpsilon = 1e-5;  // artifact/tensor.h
+constexpr double kSmall = 0.05;             // of the usual deviation: last layers that start small
+
+bool StartsWith(const std::string& name, const std::string& prefix) {
+  return name.compare(0, prefix.size(), prefix) == 0;
+}
+
+bool EndsWith(const std::string& name, const std::string& suffix) {
+  return name.size() >= suffix.size() &&
+         name.compare(name.size() - suffix.size(), suffix.size(), suffix) == 0;
+}
+
+// Inputs of each output of a weight: [out, in], [out, in, 3, 3] or [K, out, in].
+int64_t FanIn(const std::string& name, const std::vector<int64_t>& shape) {
+  if (StartsWith(name, "scenario_encoder.")) return shape[2];
+  int64_t fan = 1;
+  for (size_t i = 1; i < shape.size(); ++i) fan *= shape[i];
+  return fan;
+}
+
+std::string Layer(const std::string& network, size_t i, const char* tensor) {
+  return network + "." + std::to_string(i) + "." + tensor;
+}
+
+}  // namespace
+
+at::Generator MakeGenerator(uint64_t seed) {
+  return at::make_generator<at::CPUGeneratorImpl>(seed);
+}
+
+Networks::Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& generator)
+    : spec_(spec), device_(device) {
+  const std::string last_scenario_layer = Layer(
+      "scenario_encoder", static_cast<size_t>(spec.scenario_encoder().hidden_size()), "weight");
+  const std::string last_action_layer = Layer(
+      "action_predictor", static_cast<size_t>(spec.action_predictor().hidden_size()), "weight");
+  for (const auto& [name, shape] : artifact::TensorShapes(spec)) {
+    at::Tensor values = at::zeros(shape, at::kFloat);
+    bool learned = true;
+    if (EndsWith(name, "running_mean") || name == "decoder.covariance" ||
+        name == "trajectory.mean") {
+      learned = false;
+    } else if (EndsWith(name, "running_var") || name == "trajectory.stddev") {
+      values.fill_(1.0);
+      learned = false;
+    } else if (StartsWith(name, "backbone.normalization.") && EndsWith(name, "weight")) {
+      values.fill_(1.0);
+    } else if (name == "mixture.log_weight") {
+      values.fill_(-std::log(static_cast<double>(spec.actions())));
+    } else if (EndsWith(name, ".weight")) {
+      double stddev = std::sqrt(2.0 / static_cast<double>(FanIn(name, shape)));
+      if (name == last_scenario_layer || name == last_action_layer) stddev *= kSmall;
+      values.normal_(0.0, stddev, generator);
+    }
+    values = values.to(device_);
+    if (values.dim() == 4) values = values.contiguous(at::MemoryFormat::ChannelsLast);
+    values.set_requires_grad(learned);
+    tensors_.emplace(name, values);
+  }
+}
+
+at::Tensor& Networks::operator[](const std::string& name) {
+  const auto found = tensors_.find(name);
+  TORCH_CHECK(found != tensors_.end(), "no tensor is called ", name);
+  return found->second;
+}
+
+const at::Tensor& Networks::operator[](const std::string& name) const {
+  const auto found = tensors_.find(name);
+  TORCH_CHECK(found != tensors_.end(), "no tensor is called ", name);
+  return found->second;
+}
+
+at::Tensor Networks::Mlp(const std::string& name, size_t layers, at::Tensor x) const {
+  for (size_t i = 0; i < layers; ++i) {
+    if (i > 0) x = x.relu();
+    x = at::linear(x, (*this)[Layer(name, i, "weight")], (*this)[Layer(name, i, "bias")]);
+  }
+  return x;
+}
+
+at::Tensor Networks::EncodeScenes(const at::Tensor& rasters, const Mode& mode) {
+  // [B, H, W, C] seen as [B, C, H, W] is channels-last, which the convolutions want.
+  at::Tensor grid = rasters.to(device_).permute({0, 3, 1, 2}).to(at::kFloat).mul_(1.0 / 255.0);
+  for (int i = 0; i < spec_.backbone().convolutions_size(); ++i) {
+    const size_t layer = static_cast<size_t>(i);
+    const int64_t stride = spec_.backbone().convolutions(i).stride();
+    const std::string norm = "backbone.normalization";
+    grid = at::conv2d(grid, (*this)[Layer("backbone.convolution", layer, "weight")], {}, stride,
+                      /*padding=*/1);
+    grid = at::batch_norm(grid, (*this)[Layer(norm, layer, "weight")],
+                          (*this)[Layer(norm, layer, "bias")],
+                          (*this)[Layer(norm, layer, "running_mean")],
+                          (*this)[Layer(norm, layer, "running_var")], mode.training != nullptr,
+                          kBatchNormMomentum, kBatchNormEpsilon, /*cudnn_enabled=*/true)
+               .relu();
+  }
+  at::Tensor features =
+      at::linear(grid.contiguous().flatten(1), (*this)["backbone.projection.weight"],
+                 (*this)["backbone.projection.bias"])
+          .relu();
+  if (mode.training != nullptr) {
+    const at::Tensor kept = at::empty(features.sizes(), at::kFloat)
+                                .bernoulli_(1.0 - kDropout, *mode.training)
+                                .div_(1.0 - kDropout);
+    features = features * kept.to(device_);
+  }
+  return features;
+}
+
+at::Tensor Networks::PredictActions(const at::Tensor& features) const {
+  const size_t layers = static_cast<size_t>(spec_.action_predictor().hidden_size()) + 1;
+  return at::log_softmax(Mlp("action_predictor", layers, features), 1);
+}
+
+Gaussian Networks::EncodeTrajectories(const at::Tensor& trajectories) const {
+  const size_t layers = static_cast<size_t>(spec_.trajectory_encoder().hidden_size()) + 1;
+  const at::Tensor standard = (trajectories - (*this)["trajectory.mean"].flatten()) /
+                              (*this)["trajectory.stddev"].flatten();
+  const std::vector<at::Tensor> halves = Mlp("trajectory_encoder", layers, standard).chunk(2, -1);
+  return {halves[0], halves[1]};
+}
+
+at::Tensor Networks::Decode(const at::Tensor& latents) const {
+  const size_t layers = static_cast<size_t>(spec_.decoder().hidden_size()) + 1;
+  return Mlp("decoder", layers, latents) * (*this)["trajectory.stddev"].flatten() +
+         (*this)["trajectory.mean"].flatten();
+}
+
+// The raw outputs a, b of the K scenario encoders, [K, B, 2D].
+at::Tensor Networks::PerAction(const at::Tensor& features) const {
+  const size_t layers = static_cast<size_t>(spec_.scenario_encoder().hidden_size()) + 1;
+  const int64_t batch = features.size(0);
+  const int64_t actions = spec_.actions();
+  at::Tensor x;
+  for (size_t i = 0; i < layers; ++i) {
+    const at::Tensor& weight = (*this)[Layer("scenario_encoder", i, "weight")];  // [K, out, in]
+    const at::Tensor& bias = (*this)[Layer("scenario_encoder", i, "bias")];      // [K, out]
+    if (i == 0) {
+      // All read the same features: one product for all of them.
+      x = at::linear(features, weight.flatten(0, 1), bias.flatten())
+              .view({batch, actions, weight.size(1)})
+              .transpose(0, 1);
+    } else {
+      x = at::baddbmm(bias.unsqueeze(1), x.relu(), weight.transpose(1, 2));
+    }
+  }
+  return x;
+}
+
+Gaussian Networks::EncodeScenarios(const at::Tensor& features) const {
+  const std::vector<at::Tensor> halves = PerAction(features).transpose(0, 1).chunk(2, -1);
+  const at::Tensor mean = (*this)["mixture.mean"].detach();
+  const at::Tensor log_variance = (*this)["mixture.log_variance"].detach();
+  return {mean + (0.5 * log_variance).exp() * halves[0], log_variance + halves[1]};
+}
+
+Gaussian Networks::Mixture() const {
+  return {(*this)["mixture.mean"], (*this)["mixture.log_variance"]};
+}
+
+at::Tensor Networks::MixtureLogWeights() const {
+  return at::log_softmax((*this)["mixture.log_weight"], 0);
+}
+
+std::vector<at::Tensor> Networks::Parameters(Part part) const {
+  const auto prefix = [part]() -> std::string {
+    switch (part) {
+      case Part::kTrajectoryEncoder:
+        return "trajectory_encoder.";
+      case Part::kDecoder:
+        return "decoder.";
+      case Part::kMixture:
+        return "mixture.";
+      case Part::kBackbone:
+        return "backbone.";
+      case Part::kActions:
+        return "action_predictor.";
+      case Part::kScenarioEncoder:
+        return "scenario_encoder.";
+    }
+    return "";
+  }();
+  std::vector<at::Tensor> parameters;
+  for (const auto& [name, tensor] : tensors_) {
+    if (StartsWith(name, prefix) && tensor.requires_grad()) parameters.push_back(tensor);
+  }
+  return parameters;
+}
+
+artifact::TensorMap Networks::Export() const {
+  at::NoGradGuard no_grad;
+  artifact::TensorMap weights;
+  for (const auto& [name, tensor] : tensors_) {
+    const at::Tensor normalized =
+        name == "mixture.log_weight" ? at::log_softmax(tensor, 0) : tensor;
+    const at::Tensor values = normalized.detach().to(at::kCPU).contiguous();
+    artifact::Tensor& copy = weights[name];
+    copy.shape = values.sizes().vec();
+    copy.values.assign(values.data_ptr<float>(), values.data_ptr<float>() + values.numel());
+  }
+  return weights;
+}
+
+}  // namespace maneuver::learning

@@ -1,0 +1,83 @@
+// The networks of a model as LibTorch tensors, by the names of artifact/tensor.h.
+//
+// LibTorch stays in model/learning/: this header is for its .cc files and tests alone.
+
+#ifndef MANEUVER_MODEL_LEARNING_NETWORKS_H_
+#define MANEUVER_MODEL_LEARNING_NETWORKS_H_
+
+#include <ATen/ATen.h>
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "maneuver/v1/model_spec.pb.h"
+#include "model/artifact/tensor.h"
+#include "model/learning/gaussian.h"
+
+namespace maneuver::learning {
+
+// Random numbers of one run, on the CPU whatever the device, so that a seed means the same on both.
+at::Generator MakeGenerator(uint64_t seed);
+
+// Every tensor of a model and the functions they make. Not thread-safe.
+class Networks {
+ public:
+  // Fresh weights: He initialisation for layers before a ReLU, the last layer of the scenario
+  // encoders small (an untrained one answers the generic action), the mixture at N(0, I).
+  Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& generator);
+
+  const v1::ModelSpec& spec() const { return spec_; }
+  at::Device device() const { return device_; }
+
+  // While training, batch normalisation uses (and follows) the batch's own moments and dropout
+  // draws from `generator`; otherwise neither.
+  struct Mode {
+    at::Generator* training = nullptr;  // set: training
+  };
+
+  // The backbone.
+  //   rasters: [B, H, W, C] bytes
+  //   returns: features [B, F]
+  at::Tensor EncodeScenes(const at::Tensor& rasters, const Mode& mode);
+  // ln p(y|s). features [B, F] -> [B, K]
+  at::Tensor PredictActions(const at::Tensor& features) const;
+  // q(z|x). trajectories [B, 2T] metres -> [B, D]
+  Gaussian EncodeTrajectories(const at::Tensor& trajectories) const;
+  // Mean of p(x|z). latents [..., D] -> [..., 2T] metres
+  at::Tensor Decode(const at::Tensor& latents) const;
+  // q_1(z|s) .. q_K(z|s), relative to the mixture's components, which get no gradient through it.
+  // features [B, F] -> [B, K, D]
+  Gaussian EncodeScenarios(const at::Tensor& features) const;
+  // p(z|y). [K, D]
+  Gaussian Mixture() const;
+  // ln p(y) without a scenario, normalised. [K]
+  at::Tensor MixtureLogWeights() const;
+
+  // A tensor by its name in artifact/tensor.h; it must exist.
+  at::Tensor& operator[](const std::string& name);
+  const at::Tensor& operator[](const std::string& name) const;
+
+  // What a phase trains.
+  enum class Part { kTrajectoryEncoder, kDecoder, kMixture, kBackbone, kActions, kScenarioEncoder };
+  std::vector<at::Tensor> Parameters(Part part) const;
+
+  // Copies for the model folder, ln p(y) normalised.
+  artifact::TensorMap Export() const;
+
+  // Share of the features that dropout takes away.
+  static constexpr double kDropout = 0.2;
+
+ private:
+  at::Tensor Mlp(const std::string& name, size_t layers, at::Tensor x) const;
+  at::Tensor PerAction(const at::Tensor& features) const;
+
+  v1::ModelSpec spec_;
+  at::Device device_;
+  std::map<std::string, at::Tensor> tensors_;
+};
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_NETWORKS_H_

@@ -1,0 +1,81 @@
+// The terms of the bound that is maximised, after Richter, Barragan and Karaman, "Learning and
+// Predicting Multimodal Vehicle Action Distributions in a Unified Probabilistic Model Without
+// Labels".
+//
+// Shorthand of the paper: p_y = p(y|s), p_z = p(z|y), q_z = q(z|x), q_z' = q(z'|y,s),
+// q_y = q(y|x,s). Every term is a tensor [B], one number an example, in nats.
+
+#ifndef MANEUVER_MODEL_LEARNING_OBJECTIVES_H_
+#define MANEUVER_MODEL_LEARNING_OBJECTIVES_H_
+
+#include <ATen/ATen.h>
+
+#include "model/learning/gaussian.h"
+
+namespace maneuver::learning {
+
+// ln p(x|z) = ln N(x; decoded, stddev^2 I), over the last dimension (the 2T coordinates).
+at::Tensor LogLikelihood(const at::Tensor& trajectories, const at::Tensor& decoded, double stddev);
+
+// ln q_y of the base model, q_y ~ p_y exp(-H(q_z, p_z)): the E-step, in closed form. [B, K]
+//   log_p_y: [B, K] or [K];  cross_entropy: H(q_z, p_z), [B, K]
+at::Tensor BaseLogResponsibilities(const at::Tensor& log_p_y, const at::Tensor& cross_entropy);
+
+// ln q_y of the unified model as the paper prints it, q_y ~ p_y exp(-H(q_z, p_z) - KL(q_z' ||
+// p_z')). It leaves out E ln p(x'|z'), so it is not the maximiser of the bound: that it is held
+// fixed in each step is part of its definition. [B, K]
+at::Tensor UnifiedLogResponsibilities(const at::Tensor& log_p_y, const at::Tensor& cross_entropy,
+                                      const at::Tensor& posterior_divergence);
+
+// KL(q_y || p_y).
+at::Tensor ActionDivergence(const at::Tensor& log_q_y, const at::Tensor& log_p_y);
+
+// sum_y q_y f_y: KL(q_z||p_z), ln p(x'|z') and KL(q_z'||p_z') in expectation over the actions.
+//   values: [B, K]
+at::Tensor ExpectOverActions(const at::Tensor& log_q_y, const at::Tensor& values);
+
+// The terms, each a tensor [B]; those that a phase does not have are not defined.
+//   base     L = reconstruction - action_divergence - latent_divergence
+//   unified  L = base + posterior_reconstruction - posterior_divergence
+struct BoundTerms {
+  at::Tensor reconstruction;            // ln p(x|z), z one sample of q_z
+  at::Tensor action_divergence;         // KL(q_y || p_y)
+  at::Tensor latent_divergence;         // sum_y q_y KL(q_z || p_z)
+  at::Tensor posterior_reconstruction;  // sum_y q_y ln p(x'|z'), z' one sample of each q_z'
+  at::Tensor posterior_divergence;      // sum_y q_y KL(q_z' || p_z')
+  at::Tensor log_responsibilities;      // ln q_y, [B, K]
+};
+
+struct BoundWeights {
+  double action = 1.0;
+  double posterior_reconstruction = 1.0;
+  double posterior_divergence = 1.0;
+};
+
+// What the base model says of a batch.
+struct BaseModel {
+  at::Tensor trajectories;  // x, [B, 2T]
+  at::Tensor decoded;       // mean of p(x|z~), [B, 2T]
+  Gaussian q_z;             // [B, D]
+  Gaussian p_z;             // [K, D]
+  at::Tensor log_p_y;       // [B, K] or [K]
+  double decoder_stddev = 1.0;
+};
+
+// And what the unified model adds.
+struct PosteriorBranch {
+  at::Tensor decoded;  // mean of p(x'|z'~) for each action, [B, K, 2T]
+  Gaussian q_z;        // q_z', [B, K, D]
+};
+
+// The bound of the base model; the responsibilities are held fixed.
+BoundTerms BaseBound(const BaseModel& model);
+// The bound of the unified model; the responsibilities are held fixed.
+BoundTerms UnifiedBound(const BaseModel& model, const PosteriorBranch& posterior);
+
+// -L, weighted, mean over the batch: what is minimised.
+at::Tensor Loss(const BoundTerms& terms, const BoundWeights& weights);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_OBJECTIVES_H_

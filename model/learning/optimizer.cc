@@ -1,0 +1,54 @@
+#include "model/learning/optimizer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace maneuver::learning {
+namespace {
+
+constexpr double kBeta1 = 0.9;
+constexpr double kBeta2 = 0.999;
+constexpr double kEpsilon = 1e-8;
+
+}  // namespace
+
+double LearningRateShare(int64_t step, int64_t warm_up, int64_t steps) {
+  // A short run warms up over at most a tenth of it.
+  warm_up = std::min(warm_up, steps / 10);
+  if (step < warm_up) return static_cast<double>(step + 1) / static_cast<double>(warm_up + 1);
+  const double done = static_cast<double>(step - warm_up) /
+                      static_cast<double>(std::max<int64_t>(1, steps - warm_up));
+  return 0.5 * (1.0 + std::cos(std::numbers::pi * std::min(1.0, done)));
+}
+
+void AdamW::Add(const std::vector<at::Tensor>& parameters, double rate, double decay) {
+  for (const at::Tensor& parameter : parameters) {
+    slots_.push_back({parameter, at::zeros_like(parameter.detach()),
+                      at::zeros_like(parameter.detach()), rate, parameter.dim() > 1 ? decay : 0.0});
+  }
+}
+
+void AdamW::Step(double share) {
+  at::NoGradGuard no_grad;
+  ++step_;
+  const double correction1 = 1.0 - std::pow(kBeta1, static_cast<double>(step_));
+  const double correction2 = 1.0 - std::pow(kBeta2, static_cast<double>(step_));
+  for (Slot& slot : slots_) {
+    const at::Tensor gradient = slot.parameter.grad();
+    if (!gradient.defined()) continue;
+    const double rate = slot.rate * share;
+    slot.first_moment.lerp_(gradient, 1.0 - kBeta1);
+    slot.second_moment.mul_(kBeta2).addcmul_(gradient, gradient, 1.0 - kBeta2);
+    const at::Tensor scale = slot.second_moment.sqrt().div_(std::sqrt(correction2)).add_(kEpsilon);
+    if (slot.decay != 0.0) slot.parameter.mul_(1.0 - rate * slot.decay);
+    slot.parameter.addcdiv_(slot.first_moment, scale, -rate / correction1);
+    gradient.zero_();
+  }
+}
+
+void AdamW::ZeroGradients() {
+  for (Slot& slot : slots_) slot.parameter.mutable_grad().reset();
+}
+
+}  // namespace maneuver::learning

@@ -1,0 +1,45 @@
+// AdamW with a warm-up and cosine decay.
+
+#ifndef MANEUVER_MODEL_LEARNING_OPTIMIZER_H_
+#define MANEUVER_MODEL_LEARNING_OPTIMIZER_H_
+
+#include <ATen/ATen.h>
+
+#include <cstdint>
+#include <vector>
+
+namespace maneuver::learning {
+
+// Share of the largest learning rate at a step: linear from 0 over the warm-up, then half a cosine
+// to 0 at the last step. step: 0 .. steps-1.
+double LearningRateShare(int64_t step, int64_t warm_up, int64_t steps);
+
+// AdamW (Loshchilov and Hutter, 2019), betas 0.9 and 0.999. Weight decay leaves out vectors
+// (biases, normalisations) and the mixture, which are not scales of anything.
+class AdamW {
+ public:
+  // Adds parameters that learn at `rate` and decay by `decay`.
+  void Add(const std::vector<at::Tensor>& parameters, double rate, double decay);
+
+  // One step down the gradients, which are then cleared. Parameters without a gradient stay.
+  //   share: of each parameter's rate
+  void Step(double share);
+  // Clears gradients.
+  void ZeroGradients();
+
+ private:
+  struct Slot {
+    at::Tensor parameter;
+    at::Tensor first_moment;
+    at::Tensor second_moment;
+    double rate;
+    double decay;
+  };
+
+  std::vector<Slot> slots_;
+  int64_t step_ = 0;
+};
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_OPTIMIZER_H_

@@ -1,0 +1,113 @@
+#include "model/learning/raster_loader.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "model/scene/rasterizer.h"
+
+namespace maneuver::learning {
+namespace {
+
+// SplitMix64: well mixed bits from a counter.
+uint64_t Mix(uint64_t x) {
+  x += 0x9e3779b97f4a7c15ULL;
+  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
+  x = (x ^ (x >> 27)) * 0x94d049bb133111ebULL;
+  return x ^ (x >> 31);
+}
+
+// Uniform in [0, 1).
+double Uniform(uint64_t bits) { return static_cast<double>(bits >> 11) * 0x1.0p-53; }
+
+}  // namespace
+
+Variation DrawVariation(const v1::AugmentationSettings& settings, uint64_t seed, int epoch,
+                        int64_t example) {
+  uint64_t state =
+      Mix(Mix(Mix(seed) ^ static_cast<uint64_t>(epoch)) ^ static_cast<uint64_t>(example));
+  const auto draw = [&state] { return Uniform(state = Mix(state)); };
+  Variation variation;
+  variation.mirror = draw() < 0.5 && settings.mirror();
+  variation.scale = 1.0 + settings.scale() * (2.0 * draw() - 1.0);
+  variation.shift_x = settings.shift_pixels() * (2.0 * draw() - 1.0);
+  variation.shift_y = settings.shift_pixels() * (2.0 * draw() - 1.0);
+  return variation;
+}
+
+void ApplyVariation(const Variation& variation, std::span<float> trajectory) {
+  const float along = static_cast<float>(variation.scale);
+  const float across = variation.mirror ? -along : along;
+  for (size_t i = 0; i + 1 < trajectory.size(); i += 2) {
+    trajectory[i] *= along;
+    trajectory[i + 1] *= across;
+  }
+}
+
+RasterLoader::RasterLoader(const v1::RasterSpec& spec, const ExampleSet& set,
+                           std::vector<Item> items, int64_t batch_size, int threads)
+    : spec_(spec),
+      set_(set),
+      items_(std::move(items)),
+      batch_size_(static_cast<size_t>(batch_size)),
+      batches_((items_.size() + batch_size_ - 1) / batch_size_),
+      ready_(kAhead) {
+  for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Work(); });
+}
+
+RasterLoader::~RasterLoader() {
+  {
+    std::lock_guard lock(mutex_);
+    stopping_ = true;
+  }
+  changed_.notify_all();
+}
+
+void RasterLoader::Work() {
+  scene::Rasterizer rasterizer(spec_);
+  const size_t bytes = scene::RasterBytes(spec_);
+  while (true) {
+    size_t index = 0;
+    {
+      std::unique_lock lock(mutex_);
+      changed_.wait(
+          lock, [this] { return stopping_ || claimed_ == batches_ || claimed_ < taken_ + kAhead; });
+      if (stopping_ || claimed_ == batches_) return;
+      index = claimed_++;
+    }
+    const size_t begin = index * batch_size_;
+    const size_t end = std::min(begin + batch_size_, items_.size());
+    Batch batch;
+    batch.items.assign(items_.begin() + static_cast<std::ptrdiff_t>(begin),
+                       items_.begin() + static_cast<std::ptrdiff_t>(end));
+    batch.rasters.resize(batch.items.size() * bytes);
+    for (size_t i = 0; i < batch.items.size(); ++i) {
+      const Variation& variation = batch.items[i].variation;
+      const data::Example& example = set_.examples[static_cast<size_t>(batch.items[i].example)];
+      const std::span<uint8_t> raster(batch.rasters.data() + i * bytes, bytes);
+      // Mirrored after it is drawn: the shift turns round with the rest.
+      const scene::RasterView view{variation.scale, variation.shift_x, variation.shift_y};
+      rasterizer.Rasterize(set_.recordings[static_cast<size_t>(example.recording)], example.time,
+                           example.target_id, example.X_WT, view, raster);
+      if (variation.mirror) scene::MirrorRaster(spec_, raster);
+    }
+    {
+      std::lock_guard lock(mutex_);
+      ready_[index % kAhead] = std::move(batch);
+    }
+    changed_.notify_all();
+  }
+}
+
+std::optional<RasterLoader::Batch> RasterLoader::Next() {
+  std::unique_lock lock(mutex_);
+  if (taken_ == batches_) return std::nullopt;
+  std::optional<Batch>& slot = ready_[taken_ % kAhead];
+  changed_.wait(lock, [&slot] { return slot.has_value(); });
+  std::optional<Batch> batch = std::exchange(slot, std::nullopt);
+  ++taken_;
+  lock.unlock();
+  changed_.notify_all();
+  return batch;
+}
+
+}  // namespace maneuver::learning

@@ -1,0 +1,86 @@
+// Draws the rasters of a pass over examples ahead of the one who needs them.
+
+#ifndef MANEUVER_MODEL_LEARNING_RASTER_LOADER_H_
+#define MANEUVER_MODEL_LEARNING_RASTER_LOADER_H_
+
+#include <atomic>
+#include <condition_variable>
+#include <cstdint>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <thread>
+#include <vector>
+
+#include "maneuver/v1/model_spec.pb.h"
+#include "maneuver/v1/training_settings.pb.h"
+#include "model/learning/training_data.h"
+
+namespace maneuver::learning {
+
+// How an example is varied. The default varies nothing.
+struct Variation {
+  bool mirror = false;
+  double scale = 1.0;
+  double shift_x = 0.0;  // pixels, raster alone
+  double shift_y = 0.0;  // pixels, raster alone
+};
+
+// The variation of an example in an epoch: a function of its arguments alone, so that it does not
+// matter which thread asks and in which order.
+Variation DrawVariation(const v1::AugmentationSettings& settings, uint64_t seed, int epoch,
+                        int64_t example);
+
+// x as the variation has it: mirrored and scaled. In place, [T, 2] target frame, metres.
+void ApplyVariation(const Variation& variation, std::span<float> trajectory);
+
+// Rasters on the fly: every pass draws them anew, varied as asked, so that memory does not grow
+// with the number of examples and the scale is exact (lines stay one pixel wide).
+class RasterLoader {
+ public:
+  struct Item {
+    int64_t example = 0;
+    Variation variation;
+  };
+  struct Batch {
+    std::vector<Item> items;
+    std::vector<uint8_t> rasters;  // [B, H, W, C]
+  };
+
+  // One pass: `items` in batches of `batch_size` (the last one may be smaller), drawn by `threads`
+  // threads that are at most a few batches ahead. `set` must outlive the loader.
+  RasterLoader(const v1::RasterSpec& spec, const ExampleSet& set, std::vector<Item> items,
+               int64_t batch_size, int threads);
+  // Stops the threads, whether or not the pass is over.
+  ~RasterLoader();
+  RasterLoader(const RasterLoader&) = delete;
+  RasterLoader& operator=(const RasterLoader&) = delete;
+
+  // The next batch, in order; nothing when the pass is over.
+  std::optional<Batch> Next();
+
+ private:
+  static constexpr size_t kAhead = 4;  // batches
+
+  void Work();
+
+  const v1::RasterSpec spec_;
+  const ExampleSet& set_;
+  const std::vector<Item> items_;
+  const size_t batch_size_;
+  const size_t batches_;
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  // Guarded by mutex_:
+  size_t claimed_ = 0;  // batches that a thread has begun
+  size_t taken_ = 0;    // batches that Next has given out
+  bool stopping_ = false;
+  std::vector<std::optional<Batch>> ready_;  // ring of kAhead, batch i at i % kAhead
+
+  std::vector<std::jthread> threads_;
+};
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_RASTER_LOADER_H_

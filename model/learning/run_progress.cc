@@ -1,0 +1,111 @@
+#include "model/learning/run_progress.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <utility>
+
+namespace maneuver::learning {
+namespace {
+
+constexpr std::chrono::milliseconds kBetween{500};
+constexpr double kEstimateFrom = 0.02;  // of the whole: before it the time left is a guess
+
+double Seconds(std::chrono::system_clock::duration duration) {
+  return std::chrono::duration<double>(duration).count();
+}
+
+}  // namespace
+
+RunProgress::RunProgress(std::vector<Phase> phases, Sink sink, Clock clock)
+    : phases_(std::move(phases)),
+      sink_(std::move(sink)),
+      clock_(std::move(clock)),
+      begun_(clock_()),
+      phase_begun_(begun_),
+      last_emitted_(begun_) {}
+
+void RunProgress::BeginPhase(const std::string& name) {
+  do {
+    ++current_;
+    // The plan and the run are of the same program.
+    if (current_ >= static_cast<int>(phases_.size())) std::abort();
+  } while (phases_[static_cast<size_t>(current_)].name != name);
+  epoch_ = 0;
+  phase_step_ = 0;
+  phase_examples_ = 0;
+  phase_begun_ = clock_();
+  Emit(Snapshot());
+}
+
+void RunProgress::Replan(std::vector<Phase> phases) { phases_ = std::move(phases); }
+
+void RunProgress::BeginEpoch(int epoch) { epoch_ = epoch; }
+
+void RunProgress::Step(int64_t examples) {
+  ++step_;
+  ++phase_step_;
+  phase_examples_ += examples;
+  if (clock_() - last_emitted_ >= kBetween) Emit(Snapshot());
+}
+
+void RunProgress::EndEpoch(const v1::EpochReport& report) {
+  v1::JobProgress progress = Snapshot();
+  *progress.mutable_epoch_report() = report;
+  Emit(std::move(progress));
+}
+
+double RunProgress::DoneCost() const {
+  double cost = 0.0;
+  for (int i = 0; i < current_; ++i) {
+    cost += phases_[static_cast<size_t>(i)].cost *
+            static_cast<double>(phases_[static_cast<size_t>(i)].steps);
+  }
+  if (current_ >= 0) {
+    const Phase& phase = phases_[static_cast<size_t>(current_)];
+    cost += phase.cost * static_cast<double>(std::min(phase_step_, phase.steps));
+  }
+  return cost;
+}
+
+double RunProgress::TotalCost() const {
+  double cost = 0.0;
+  for (const Phase& phase : phases_) cost += phase.cost * static_cast<double>(phase.steps);
+  return std::max(cost, 1e-9);
+}
+
+v1::JobProgress RunProgress::Snapshot() const {
+  v1::JobProgress progress;
+  const Phase& phase = phases_[static_cast<size_t>(current_)];
+  int64_t steps = 0;
+  for (const Phase& each : phases_) steps += each.steps;
+  const double fraction = std::clamp(DoneCost() / TotalCost(), 0.0, 1.0);
+  progress.set_phase(phase.name);
+  progress.set_epoch(epoch_);
+  progress.set_epochs(phase.epochs);
+  progress.set_step(step_);
+  progress.set_steps(std::max(steps, step_));
+  progress.set_fraction(fraction);
+  if (fraction >= kEstimateFrom) {
+    const double left = Seconds(clock_() - begun_) * (1.0 - fraction) / fraction;
+    progress.mutable_time_left()->set_seconds(static_cast<int64_t>(std::ceil(left)));
+  }
+  const double phase_seconds = Seconds(clock_() - phase_begun_);
+  if (phase_seconds > 0.0) {
+    progress.set_examples_per_second(static_cast<double>(phase_examples_) / phase_seconds);
+  }
+  return progress;
+}
+
+void RunProgress::Emit(v1::JobProgress progress) {
+  const std::chrono::system_clock::time_point now = clock_();
+  last_emitted_ = now;
+  const int64_t nanoseconds =
+      std::chrono::duration_cast<std::chrono::nanoseconds>(now.time_since_epoch()).count();
+  progress.set_sequence(++sequence_);
+  progress.mutable_time()->set_seconds(nanoseconds / 1'000'000'000);
+  progress.mutable_time()->set_nanos(static_cast<int32_t>(nanoseconds % 1'000'000'000));
+  if (sink_) sink_(progress);
+}
+
+}  // namespace maneuver::learning

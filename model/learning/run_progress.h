@@ -1,0 +1,65 @@
+// How far a training run is, reported as it goes.
+
+#ifndef MANEUVER_MODEL_LEARNING_RUN_PROGRESS_H_
+#define MANEUVER_MODEL_LEARNING_RUN_PROGRESS_H_
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "maneuver/v1/training_service.pb.h"
+
+namespace maneuver::learning {
+
+// Counts steps over phases and turns them into JobProgress messages: at most a few a second, one at
+// the start of each phase and one at the end of each epoch. Not thread-safe.
+class RunProgress {
+ public:
+  using Clock = std::function<std::chrono::system_clock::time_point()>;
+  using Sink = std::function<void(const v1::JobProgress&)>;
+
+  // A phase that is to come. `cost` is about how long a step takes, in any unit, the same for all:
+  // it makes `fraction` run evenly.
+  struct Phase {
+    std::string name;
+    int epochs = 1;
+    int64_t steps = 0;  // in all epochs
+    double cost = 1.0;
+  };
+
+  RunProgress(std::vector<Phase> phases, Sink sink, Clock clock);
+
+  // Goes on to the phase `name`, which the plan has further on; those between are left out.
+  void BeginPhase(const std::string& name);
+  // The plan, once it is better known; phases that are over stay over.
+  void Replan(std::vector<Phase> phases);
+  void BeginEpoch(int epoch);  // from 1
+  // One step over so many examples.
+  void Step(int64_t examples);
+  void EndEpoch(const v1::EpochReport& report);
+
+ private:
+  double DoneCost() const;
+  double TotalCost() const;
+  v1::JobProgress Snapshot() const;
+  void Emit(v1::JobProgress progress);
+
+  std::vector<Phase> phases_;
+  Sink sink_;
+  Clock clock_;
+  std::chrono::system_clock::time_point begun_;
+  std::chrono::system_clock::time_point phase_begun_;
+  std::chrono::system_clock::time_point last_emitted_;
+  int current_ = -1;
+  int epoch_ = 0;
+  int64_t phase_step_ = 0;
+  int64_t phase_examples_ = 0;
+  int64_t step_ = 0;
+  int64_t sequence_ = 0;
+};
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_RUN_PROGRESS_H_

@@ -1,0 +1,130 @@
+#include "model/learning/trainer.h"
+
+#include <ATen/ATen.h>
+#include <ATen/Parallel.h>
+
+#include <chrono>
+#include <cmath>
+#include <thread>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "model/learning/export.h"
+#include "model/learning/learner.h"
+#include "model/learning/run_progress.h"
+
+namespace maneuver::learning {
+namespace {
+
+absl::StatusOr<at::Device> FindDevice(const std::string& name) {
+  if (name == "cpu") return at::Device(at::kCPU);
+  if (name == "cuda" && at::hasCUDA()) return at::Device(at::kCUDA);
+  return absl::InvalidArgumentError(
+      absl::StrCat("device: LibTorch has no \"", name, "\" here; use \"cpu\""));
+}
+
+int Threads(const v1::TrainingSettings& settings) {
+  if (settings.threads() > 0) return settings.threads();
+  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
+// All phases on loaded data.
+class Run {
+ public:
+  Run(const TrainingRun& run, at::Device device)
+      : run_(run),
+        device_(device),
+        stopped_(run.stopped ? run.stopped : [] { return false; }),
+        progress_(Learner::Plan(run.settings, run.settings.examples().max_examples()), run.progress,
+                  [] { return std::chrono::system_clock::now(); }) {}
+
+  absl::StatusOr<TrainingData> Load(const std::vector<std::filesystem::path>& datasets) {
+    progress_.BeginPhase("load");
+    return LoadTrainingData(datasets, run_.settings, [this] { return !stopped_(); });
+  }
+
+  absl::StatusOr<v1::ModelManifest> Learn(const TrainingData& data) {
+    progress_.Replan(
+        Learner::Plan(run_.settings, static_cast<int64_t>(data.training.examples.size())));
+    const int threads = Threads(run_.settings);
+    Learner learner(run_.settings, data, device_, threads, stopped_, progress_);
+    for (const auto phase : {&Learner::Pretrain, &Learner::PlaceMixture, &Learner::TrainMixture,
+                             &Learner::TrainJointly, &Learner::Calibrate}) {
+      const absl::Status status = (learner.*phase)();
+      if (!status.ok()) return status;
+    }
+    progress_.BeginPhase("export");
+    artifact::StoredModel model{Describe(data), learner.networks().Export()};
+    progress_.BeginPhase("evaluate");
+    ExportOptions options;
+    options.output = run_.output;
+    options.threads = threads;
+    options.progress = [this](int64_t, int64_t) {
+      progress_.Step(0);
+      return !stopped_();
+    };
+    return ExportModel(std::move(model), data, run_.settings.examples(), options);
+  }
+
+ private:
+  v1::ModelManifest Describe(const TrainingData& data) const {
+    v1::ModelManifest manifest;
+    *manifest.mutable_spec() = run_.settings.model();
+    v1::Provenance& provenance = *manifest.mutable_provenance();
+    for (const std::string& name : run_.dataset_names) provenance.add_datasets(name);
+    *provenance.mutable_settings() = run_.settings;
+    provenance.mutable_train_time()->set_seconds(
+        std::chrono::duration_cast<std::chrono::seconds>(
+            std::chrono::system_clock::now().time_since_epoch())
+            .count());
+    provenance.set_trainer_version(run_.trainer_version);
+    provenance.set_training_examples(static_cast<int64_t>(data.training.examples.size()));
+    provenance.set_validation_examples(static_cast<int64_t>(data.validation.examples.size()));
+    return manifest;
+  }
+
+  const TrainingRun& run_;
+  const at::Device device_;
+  const std::function<bool()> stopped_;
+  RunProgress progress_;
+};
+
+// Runs `work` with LibTorch set up; its exceptions become a Status here and go no further.
+absl::StatusOr<v1::ModelManifest> Guarded(
+    const TrainingRun& run,
+    const std::function<absl::StatusOr<v1::ModelManifest>(at::Device)>& work) {
+  try {
+    const absl::StatusOr<at::Device> device = FindDevice(run.settings.device());
+    if (!device.ok()) return device.status();
+    at::set_num_threads(Threads(run.settings));
+    at::globalContext().setDeterministicAlgorithms(true, /*warn_only=*/true);
+    return work(*device);
+  } catch (const c10::Error& error) {
+    return absl::InternalError(absl::StrCat("LibTorch: ", error.what_without_backtrace()));
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory; use fewer recordings or smaller networks");
+  } catch (const std::exception& error) {
+    return absl::InternalError(absl::StrCat("LibTorch: ", error.what()));
+  }
+}
+
+}  // namespace
+
+absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
+                                        const std::vector<std::filesystem::path>& datasets) {
+  return Guarded(run, [&](at::Device device) -> absl::StatusOr<v1::ModelManifest> {
+    Run training(run, device);
+    const absl::StatusOr<TrainingData> data = training.Load(datasets);
+    if (!data.ok()) return data.status();
+    return training.Learn(*data);
+  });
+}
+
+absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run, const TrainingData& data) {
+  return Guarded(run, [&](at::Device device) {
+    Run training(run, device);
+    return training.Learn(data);
+  });
+}
+
+}  // namespace maneuver::learning

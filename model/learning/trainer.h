@@ -1,0 +1,51 @@
+// A whole training run: from dataset folders to a model folder. No LibTorch in this header.
+
+#ifndef MANEUVER_MODEL_LEARNING_TRAINER_H_
+#define MANEUVER_MODEL_LEARNING_TRAINER_H_
+
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "maneuver/v1/model.pb.h"
+#include "maneuver/v1/training_service.pb.h"
+#include "maneuver/v1/training_settings.pb.h"
+#include "model/learning/training_data.h"
+
+namespace maneuver::learning {
+
+struct TrainingRun {
+  // Complete and valid (artifact/training_presets.h).
+  v1::TrainingSettings settings;
+  // Folder that the model is written to; it must not exist.
+  std::filesystem::path output;
+  // For the provenance.
+  std::vector<std::string> dataset_names;
+  std::string trainer_version;
+  // Called on the calling thread; may be empty.
+  std::function<void(const v1::JobProgress&)> progress;
+  // Asked often, from several threads; true ends the run with CANCELLED. May be empty.
+  std::function<bool()> stopped;
+};
+
+// Reads the folders and learns. The same settings, data and number of threads give the same weights
+// on the CPU. Nothing is left at `output` unless it succeeds.
+// Errors:
+//   INVALID_ARGUMENT     a device that LibTorch does not have here
+//   FAILED_PRECONDITION  not enough examples; the message says how many and what to do
+//   DATA_LOSS, NOT_FOUND a dataset folder is damaged or missing
+//   ABORTED              the loss is no longer finite
+//   CANCELLED            stopped
+//   others               those of artifact::WriteModelFolder
+absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
+                                        const std::vector<std::filesystem::path>& datasets);
+
+// The same on data in memory.
+absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run, const TrainingData& data);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_TRAINER_H_

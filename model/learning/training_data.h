@@ -1,0 +1,51 @@
+// What a run learns from and what it holds out.
+
+#ifndef MANEUVER_MODEL_LEARNING_TRAINING_DATA_H_
+#define MANEUVER_MODEL_LEARNING_TRAINING_DATA_H_
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "maneuver/v1/dataset.pb.h"
+#include "maneuver/v1/scenario.pb.h"
+#include "maneuver/v1/training_settings.pb.h"
+#include "model/data/example_index.h"
+
+namespace maneuver::learning {
+
+// Recordings of one side of the split, and the examples in them.
+struct ExampleSet {
+  std::vector<v1::Scenario> recordings;
+  std::vector<data::Example> examples;  // Example.recording counts in `recordings`
+};
+
+struct TrainingData {
+  ExampleSet training;
+  ExampleSet validation;                            // whole recordings; empty if the share is 0
+  std::vector<v1::ManeuverAnnotation> annotations;  // of the held-out recordings
+};
+
+// Reads the folders and enumerates the examples of complete settings. Annotations are kept for
+// evaluation alone.
+//   keep_going: asked between recordings; false ends it with CANCELLED.
+// Errors: those of data::ForEachScenario; FAILED_PRECONDITION, with what was found and what to do,
+// if there are fewer training examples than MinimumExamples.
+absl::StatusOr<TrainingData> LoadTrainingData(std::span<const std::filesystem::path> folders,
+                                              const v1::TrainingSettings& settings,
+                                              const std::function<bool()>& keep_going);
+
+// The same from recordings in memory.
+absl::StatusOr<TrainingData> SplitRecordings(std::vector<v1::Scenario> recordings,
+                                             const v1::TrainingSettings& settings);
+
+// Below this nothing is learned: two for each action, and two full batches.
+int64_t MinimumExamples(const v1::TrainingSettings& settings);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_TRAINING_DATA_H_

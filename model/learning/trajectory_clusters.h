@@ -1,0 +1,28 @@
+// k-means on trajectories in metres.
+
+#ifndef MANEUVER_MODEL_LEARNING_TRAJECTORY_CLUSTERS_H_
+#define MANEUVER_MODEL_LEARNING_TRAJECTORY_CLUSTERS_H_
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+namespace maneuver::learning {
+
+// Trajectories as rows, x_1, y_1, x_2, y_2, ..., metres. [N, 2T]
+using TrajectoryRows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+struct TrajectoryClusters {
+  TrajectoryRows centers;       // [K, 2T]
+  std::vector<int> assignment;  // [N], 0 .. K-1
+  double inertia = 0.0;         // sum of squared distances to the assigned centre, square metres
+};
+
+// Lloyd's algorithm from k-means++ seeds, the best of `restarts`. No cluster is left empty while
+// there are at least K different trajectories. Deterministic by seed. Needs N >= K.
+TrajectoryClusters ClusterTrajectories(const TrajectoryRows& trajectories, int clusters,
+                                       uint64_t seed, int restarts);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_TRAJECTORY_CLUSTERS_H_

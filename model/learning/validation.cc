@@ -1,0 +1,186 @@
+#include "model/learning/validation.h"
+
+#include <Eigen/Core>
+#include <algorithm>
+
+#include "model/evaluation/calibration.h"
+#include "model/learning/moments.h"
+#include "model/scene/rasterizer.h"
+
+namespace maneuver::learning {
+namespace {
+
+constexpr int64_t kMostValidated = 2048;  // examples an epoch
+constexpr int64_t kBatch = 64;
+
+Eigen::VectorXd Row(const at::Tensor& rows, int64_t i) {
+  const at::Tensor row = rows[i].to(at::kCPU, at::kDouble).contiguous();
+  return Eigen::Map<const Eigen::VectorXd>(row.data_ptr<double>(), row.numel());
+}
+
+// Usage of the actions by q(y|x,s), and what p(y|s) is like.
+class UsageReport {
+ public:
+  explicit UsageReport(int actions)
+      : statistics_(actions), responsibilities_(Eigen::VectorXd::Zero(actions)) {}
+
+  void Add(const at::Tensor& log_p_y, const at::Tensor& log_q_y) {
+    const at::Tensor p = log_p_y.exp();
+    const at::Tensor q = log_q_y.exp();
+    for (int64_t i = 0; i < q.size(0); ++i) {
+      const Eigen::VectorXd q_i = Row(q, i);
+      statistics_.Add(Row(p, i), q_i);
+      responsibilities_ += q_i;
+      ++count_;
+    }
+  }
+
+  void Write(v1::EpochReport* report) const {
+    if (count_ == 0) return;
+    for (const double usage : responsibilities_) {
+      report->add_action_usage(usage / static_cast<double>(count_));
+    }
+    report->set_effective_actions(statistics_.EffectiveActions());
+    report->set_action_perplexity(statistics_.Perplexity());
+    report->set_mutual_information(statistics_.MutualInformation());
+  }
+
+ private:
+  evaluation::ActionStatistics statistics_;
+  Eigen::VectorXd responsibilities_;
+  int64_t count_ = 0;
+};
+
+}  // namespace
+
+void TermMeans::Add(const std::string& name, const at::Tensor& values, int64_t examples) {
+  Sum& sum = sums_[name];
+  sum.sum += values.detach().mean().item<double>() * static_cast<double>(examples);
+  sum.count += examples;
+}
+
+void TermMeans::Add(const BoundTerms& terms) {
+  const auto add = [this](const char* name, const at::Tensor& values) {
+    if (values.defined()) Add(name, values, values.size(0));
+  };
+  add("reconstruction", terms.reconstruction);
+  add("action_divergence", terms.action_divergence);
+  add("latent_divergence", terms.latent_divergence);
+  add("posterior_reconstruction", terms.posterior_reconstruction);
+  add("posterior_divergence", terms.posterior_divergence);
+}
+
+void TermMeans::Write(google::protobuf::Map<std::string, double>* means) const {
+  for (const auto& [name, sum] : sums_) {
+    (*means)[name] = sum.sum / static_cast<double>(sum.count);
+  }
+}
+
+at::Tensor Trajectories(const std::vector<data::Example>& examples) {
+  if (examples.empty()) return at::empty({0, 0});
+  const int64_t coordinates = static_cast<int64_t>(examples.front().trajectory.size());
+  at::Tensor rows = at::empty({static_cast<int64_t>(examples.size()), coordinates}, at::kFloat);
+  float* row = rows.data_ptr<float>();
+  for (const data::Example& example : examples) {
+    row = std::copy(example.trajectory.begin(), example.trajectory.end(), row);
+  }
+  return rows;
+}
+
+std::vector<RasterLoader::Item> DrawItems(const ExampleSet& set, int64_t most) {
+  const int64_t all = static_cast<int64_t>(set.examples.size());
+  const int64_t count = std::min(all, most);
+  std::vector<RasterLoader::Item> items;
+  for (int64_t i = 0; i < count; ++i) items.push_back({i * all / count, {}});
+  return items;
+}
+
+at::Tensor RasterTensor(const v1::RasterSpec& spec, RasterLoader::Batch& batch) {
+  return at::from_blob(batch.rasters.data(),
+                       {static_cast<int64_t>(batch.items.size()), spec.height(), spec.width(),
+                        scene::RasterChannels(spec)},
+                       at::kByte);
+}
+
+at::Tensor VariedTrajectories(const ExampleSet& set, const RasterLoader::Batch& batch) {
+  std::vector<data::Example> varied;
+  varied.reserve(batch.items.size());
+  for (const RasterLoader::Item& item : batch.items) {
+    varied.push_back(set.examples[static_cast<size_t>(item.example)]);
+    ApplyVariation(item.variation, varied.back().trajectory);
+  }
+  return Trajectories(varied);
+}
+
+void ReportMixture(const Networks& networks, v1::EpochReport* report) {
+  const at::Tensor stddev = (0.5 * networks["mixture.log_variance"].detach()).exp();
+  report->set_smallest_component_stddev(stddev.min().item<double>());
+  report->set_largest_component_stddev(stddev.max().item<double>());
+}
+
+void ValidateBase(const Networks& networks, const at::Tensor& trajectories, bool has_mixture,
+                  v1::EpochReport* report) {
+  if (has_mixture) ReportMixture(networks, report);
+  if (trajectories.size(0) == 0) return;
+  at::NoGradGuard no_grad;
+  const at::Tensor x = trajectories.to(networks.device());
+  const Gaussian q_z = networks.EncodeTrajectories(x);
+  const double stddev = networks.spec().decoder_stddev();
+  TermMeans means;
+  if (has_mixture) {
+    const at::Tensor log_p_y = networks.MixtureLogWeights();
+    const BoundTerms terms =
+        BaseBound({x, networks.Decode(q_z.mean), q_z, networks.Mixture(), log_p_y, stddev});
+    means.Add(terms);
+    means.Add("loss", Loss(terms, {}), x.size(0));
+    UsageReport usage(networks.spec().actions());
+    // p(y) knows no scenario: what can be effective is what q(y|x) uses.
+    usage.Add(terms.log_responsibilities, terms.log_responsibilities);
+    usage.Write(report);
+    report->set_mutual_information(0.0);
+  } else {
+    const at::Tensor reconstruction = LogLikelihood(x, networks.Decode(q_z.mean), stddev);
+    const at::Tensor divergence =
+        Divergence(q_z, StandardNormal(q_z.mean.size(1), networks.device()));
+    means.Add("reconstruction", reconstruction, x.size(0));
+    means.Add("latent_divergence", divergence, x.size(0));
+    means.Add("loss", divergence - reconstruction, x.size(0));
+  }
+  means.Write(report->mutable_validation());
+}
+
+void ValidateUnified(Networks& networks, const ExampleSet& set, const BoundWeights& weights,
+                     int threads, const std::function<bool()>& stopped, v1::EpochReport* report) {
+  ReportMixture(networks, report);
+  if (set.examples.empty()) return;
+  at::NoGradGuard no_grad;
+  const v1::ModelSpec& spec = networks.spec();
+  const double stddev = spec.decoder_stddev();
+  TermMeans means;
+  UsageReport usage(spec.actions());
+  RasterLoader loader(spec.raster(), set, DrawItems(set, kMostValidated), kBatch, threads);
+  while (std::optional<RasterLoader::Batch> batch = loader.Next()) {
+    if (stopped()) return;
+    const at::Tensor x = VariedTrajectories(set, *batch).to(networks.device());
+    const at::Tensor features = networks.EncodeScenes(RasterTensor(spec.raster(), *batch), {});
+    const at::Tensor log_p_y = networks.PredictActions(features);
+    const Gaussian q_z = networks.EncodeTrajectories(x);
+    const Gaussian posterior = networks.EncodeScenarios(features);
+    const BoundTerms terms =
+        UnifiedBound({x, networks.Decode(q_z.mean), q_z, networks.Mixture(), log_p_y, stddev},
+                     {networks.Decode(posterior.mean), posterior});
+    means.Add(terms);
+    means.Add("loss", Loss(terms, weights), x.size(0));
+    usage.Add(log_p_y, terms.log_responsibilities);
+    const WaypointMoments moments = LatentMoments(networks, posterior);
+    const at::Tensor own =
+        at::tensor({stddev * stddev, 0.0, stddev * stddev}, moments.covariance.options());
+    means.Add("log_likelihood",
+              WaypointLogLikelihood(log_p_y, moments.mean, moments.covariance + own, x).mean(1),
+              x.size(0));
+  }
+  means.Write(report->mutable_validation());
+  usage.Write(report);
+}
+
+}  // namespace maneuver::learning

@@ -1,0 +1,64 @@
+// What an epoch is worth on examples that are not learned from.
+
+#ifndef MANEUVER_MODEL_LEARNING_VALIDATION_H_
+#define MANEUVER_MODEL_LEARNING_VALIDATION_H_
+
+#include <ATen/ATen.h>
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "maneuver/v1/training_service.pb.h"
+#include "model/learning/networks.h"
+#include "model/learning/objectives.h"
+#include "model/learning/raster_loader.h"
+#include "model/learning/training_data.h"
+
+namespace maneuver::learning {
+
+// Means over examples of named quantities.
+class TermMeans {
+ public:
+  // values: [B], or one number that stands for `examples` of them.
+  void Add(const std::string& name, const at::Tensor& values, int64_t examples);
+  // Every term of a bound that is defined, by the names of BoundTerms.
+  void Add(const BoundTerms& terms);
+  void Write(google::protobuf::Map<std::string, double>* means) const;
+
+ private:
+  struct Sum {
+    double sum = 0.0;
+    int64_t count = 0;
+  };
+  std::map<std::string, Sum> sums_;
+};
+
+// The examples' trajectories as one tensor, [N, 2T] metres.
+at::Tensor Trajectories(const std::vector<data::Example>& examples);
+
+// At most `most` of the examples, drawn evenly, not varied.
+std::vector<RasterLoader::Item> DrawItems(const ExampleSet& set, int64_t most);
+
+// The rasters of a batch as a tensor on its bytes, [B, H, W, C]; the batch must outlive it.
+at::Tensor RasterTensor(const v1::RasterSpec& spec, RasterLoader::Batch& batch);
+// The trajectories of a batch, varied as its items say. [B, 2T]
+at::Tensor VariedTrajectories(const ExampleSet& set, const RasterLoader::Batch& batch);
+
+// Smallest and largest standard deviation of the mixture's components.
+void ReportMixture(const Networks& networks, v1::EpochReport* report);
+
+// The base bound on trajectories, with the mean of q(z|x) for a sample.
+void ValidateBase(const Networks& networks, const at::Tensor& trajectories, bool has_mixture,
+                  v1::EpochReport* report);
+
+// The unified bound on the examples, and how the actions are used. Stops early, and then says
+// nothing of use, when `stopped`.
+void ValidateUnified(Networks& networks, const ExampleSet& set, const BoundWeights& weights,
+                     int threads, const std::function<bool()>& stopped, v1::EpochReport* report);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_VALIDATION_H_

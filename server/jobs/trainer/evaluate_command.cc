@@ -1,0 +1,116 @@
+#include "server/jobs/trainer/evaluate_command.h"
+
+#include <algorithm>
+#include <chrono>
+#include <iostream>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "maneuver/v1/training_service.pb.h"
+#include "maneuver/v1/training_settings.pb.h"
+#include "model/artifact/training_presets.h"
+#include "model/data/dataset_folder.h"
+#include "model/evaluation/evaluator.h"
+#include "model/inference/action_model.h"
+#include "model/learning/run_progress.h"
+#include "server/jobs/trainer/progress_display.h"
+#include "server/jobs/trainer/settings_file.h"
+#include "server/jobs/trainer/stop_signal.h"
+
+namespace maneuver::trainer {
+namespace {
+
+struct Recordings {
+  std::vector<v1::Scenario> scenarios;
+  std::vector<v1::ManeuverAnnotation> annotations;
+};
+
+absl::StatusOr<Recordings> ReadRecordings(const std::filesystem::path& folder) {
+  Recordings recordings;
+  absl::Status status =
+      data::ForEachScenario(folder, data::OnDamage::kStop, [&](v1::Scenario&& scenario) {
+        recordings.scenarios.push_back(std::move(scenario));
+        return !StopRequested();
+      });
+  if (!status.ok()) return status;
+  status = data::ForEachAnnotation(folder, data::OnDamage::kStop,
+                                   [&](v1::ManeuverAnnotation&& annotation) {
+                                     recordings.annotations.push_back(std::move(annotation));
+                                     return true;
+                                   });
+  if (!status.ok()) return status;
+  if (StopRequested()) return absl::CancelledError("the evaluation was stopped");
+  return recordings;
+}
+
+}  // namespace
+
+EvaluateCommand::EvaluateCommand(CLI::App& app) {
+  CLI::App* command =
+      app.add_subcommand("evaluate", "Measure a model on recordings that it did not learn from");
+  command->add_option("--model", model_, "Model folder")->type_name("FOLDER")->required();
+  command->add_option("--dataset", dataset_, "Dataset folder; all of its recordings are measured")
+      ->type_name("FOLDER")
+      ->required();
+  command->add_option("--output", output_, "EvaluationReport as JSON")
+      ->type_name("FILE")
+      ->required();
+  command
+      ->add_option("--settings", settings_,
+                   "ExampleSettings as JSON; what is left out is the preset's")
+      ->type_name("FILE");
+  command->add_option("--threads", threads_, "Threads; 0: one for each core")
+      ->check(CLI::Range(0, 1024))
+      ->type_name("N");
+  command
+      ->add_option("--progress", progress_,
+                   "bar for people, json for programs (a JobProgress a line), or none")
+      ->check(CLI::IsMember({"json", "bar", "none"}))
+      ->capture_default_str();
+}
+
+int EvaluateCommand::Run() const { return ExitStatus(Evaluate()); }
+
+absl::Status EvaluateCommand::Evaluate() const {
+  v1::TrainingSettings settings;
+  if (!settings_.empty()) {
+    if (absl::Status status = ReadJson(settings_, settings.mutable_examples()); !status.ok()) {
+      return status;
+    }
+  }
+  ProgressDisplay display(ProgressDisplay::ParseStyle(progress_), std::cout);
+  learning::RunProgress progress(
+      {{"load", 1, 1, 1.0}, {"evaluate", 1, 100, 1.0}},
+      [&display](const v1::JobProgress& each) { display.Show(each); },
+      [] { return std::chrono::system_clock::now(); });
+  progress.BeginPhase("load");
+  const absl::StatusOr<std::shared_ptr<const inference::ActionModel>> model =
+      inference::ActionModel::Load(model_, {});
+  if (!model.ok()) return model.status();
+  const absl::StatusOr<Recordings> recordings = ReadRecordings(dataset_);
+  if (!recordings.ok()) return recordings.status();
+
+  progress.BeginPhase("evaluate");
+  evaluation::EvaluationInput input;
+  input.recordings = recordings->scenarios;
+  input.annotations = recordings->annotations;
+  input.examples = artifact::ResolveTrainingSettings(settings).examples();
+  input.threads =
+      threads_ > 0 ? threads_ : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  int64_t reported = 0;  // hundredths
+  int64_t counted = 0;
+  input.progress = [&](int64_t done, int64_t total) {
+    for (const int64_t now = 100 * done / std::max<int64_t>(1, total); reported < now; ++reported) {
+      progress.Step(done - counted);
+      counted = done;
+    }
+    return !StopRequested();
+  };
+  const absl::StatusOr<v1::EvaluationReport> report = evaluation::Evaluate(**model, input);
+  if (!report.ok()) return report.status();
+  return WriteJson(output_, *report);
+}
+
+}  // namespace maneuver::trainer

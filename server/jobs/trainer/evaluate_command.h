@@ -1,0 +1,33 @@
+#ifndef MANEUVER_SERVER_JOBS_TRAINER_EVALUATE_COMMAND_H_
+#define MANEUVER_SERVER_JOBS_TRAINER_EVALUATE_COMMAND_H_
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <string>
+
+#include "absl/status/status.h"
+
+namespace maneuver::trainer {
+
+// maneuver-trainer evaluate: a model folder against a dataset folder.
+class EvaluateCommand {
+ public:
+  explicit EvaluateCommand(CLI::App& app);
+
+  // The exit status.
+  int Run() const;
+
+ private:
+  absl::Status Evaluate() const;
+
+  std::filesystem::path model_;
+  std::filesystem::path dataset_;
+  std::filesystem::path output_;
+  std::filesystem::path settings_;
+  int threads_ = 0;
+  std::string progress_ = "bar";
+};
+
+}  // namespace maneuver::trainer
+
+#endif  // MANEUVER_SERVER_JOBS_TRAINER_EVALUATE_COMMAND_H_

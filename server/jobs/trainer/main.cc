@@ -1,0 +1,59 @@
+// maneuver-trainer: learns models and measures them, in a process of its own. Started by maneuverd
+// for each job, or by hand for offline training. See ../trainer_protocol.h for what the supervisor
+// and this process say to each other.
+
+#include <CLI/CLI.hpp>
+#include <iostream>
+
+#include "server/jobs/trainer/evaluate_command.h"
+#include "server/jobs/trainer/stop_signal.h"
+#include "server/jobs/trainer/train_command.h"
+#include "server/jobs/trainer_protocol.h"
+
+namespace {
+
+constexpr char kDescription[] =
+    R"(Learns a model of vehicle actions from dataset folders, or measures one.
+
+A dataset folder is made by `maneuver synthesize` or `maneuver import waymo`; a
+model folder holds weights.safetensors and model.json. To learn from a town:
+
+  maneuver synthesize town --recordings 200
+  maneuver-trainer train --dataset town --output model
+  maneuver-trainer evaluate --model model --dataset other --output report.json
+
+Settings are a TrainingSettings message as JSON (proto/maneuver/v1/
+training_settings.proto documents every field); what is left out is the
+preset's. For example, a horizon of 3 s and a longer joint phase:
+
+  {"preset": "compact",
+   "model": {"trajectory": {"waypoints": 15}},
+   "optimization": {"joint_epochs": 20}, "seed": 7})";
+
+constexpr char kFooter[] = R"(Exit status:
+  0   done
+  64  settings or flags are wrong
+  65  the data cannot be used: damaged, or not enough examples
+  70  a defect, or not enough memory
+  74  the output could not be written
+  80  diverged: the loss was no longer finite
+  143 stopped by SIGTERM (130: by SIGINT); nothing half-written remains)";
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app(kDescription, "maneuver-trainer");
+  app.footer(kFooter);
+  app.set_version_flag("--version", MANEUVER_VERSION);
+  app.require_subcommand(1);
+  maneuver::trainer::TrainCommand train(app);
+  maneuver::trainer::EvaluateCommand evaluate(app);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0
+                                : static_cast<int>(maneuver::jobs::TrainerExit::kInvalidSettings);
+  }
+  maneuver::trainer::InstallStopSignals();
+  return train.chosen() ? train.Run() : evaluate.Run();
+}

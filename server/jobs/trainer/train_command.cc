@@ -1,0 +1,102 @@
+#include "server/jobs/trainer/train_command.h"
+
+#include <iostream>
+
+#include "absl/strings/str_cat.h"
+#include "maneuver/v1/training_settings.pb.h"
+#include "model/artifact/training_presets.h"
+#include "model/learning/trainer.h"
+#include "server/jobs/trainer/progress_display.h"
+#include "server/jobs/trainer/settings_file.h"
+#include "server/jobs/trainer/stop_signal.h"
+
+namespace maneuver::trainer {
+namespace {
+
+// Every violation in one message.
+absl::Status CheckSettings(const v1::TrainingSettings& settings) {
+  std::string message;
+  for (const scene::FieldViolation& violation : artifact::ValidateTrainingSettings(settings)) {
+    absl::StrAppend(&message, message.empty() ? "settings: " : "; ", violation.field, " ",
+                    violation.description);
+  }
+  return message.empty() ? absl::OkStatus() : absl::InvalidArgumentError(message);
+}
+
+void PrintMetrics(const v1::ModelManifest& manifest) {
+  if (manifest.metrics().empty()) {
+    std::cout << "No recording was held out, so nothing was measured.\n";
+    return;
+  }
+  std::cout << "On " << manifest.provenance().validation_examples() << " held-out examples:\n";
+  for (const auto& [name, value] :
+       std::map<std::string, double>(manifest.metrics().begin(), manifest.metrics().end())) {
+    std::cout << "  " << name << std::string(name.size() < 22 ? 22 - name.size() : 1, ' ') << value
+              << "\n";
+  }
+}
+
+}  // namespace
+
+TrainCommand::TrainCommand(CLI::App& app)
+    : command_(app.add_subcommand("train", "Learn a model from dataset folders")) {
+  command_
+      ->add_option("--settings", settings_,
+                   "TrainingSettings as JSON; without it, the preset compact")
+      ->type_name("FILE");
+  command_->add_option("--dataset", datasets_, "Dataset folders to learn from")
+      ->type_name("FOLDER")
+      ->required();
+  command_->add_option("--output", output_, "Model folder to write; it must not exist")
+      ->type_name("FOLDER")
+      ->required();
+  command_
+      ->add_option("--dataset-name", dataset_names_,
+                   "Names of the datasets for the model's provenance (default: the folders')")
+      ->type_name("NAME");
+  command_->add_option("--threads", threads_, "Threads; 0: the settings', or one for each core")
+      ->check(CLI::Range(0, 1024))
+      ->type_name("N");
+  command_
+      ->add_option("--progress", progress_,
+                   "bar for people, json for programs (a JobProgress a line), or none")
+      ->check(CLI::IsMember({"json", "bar", "none"}))
+      ->capture_default_str();
+}
+
+int TrainCommand::Run() const { return ExitStatus(Train()); }
+
+absl::Status TrainCommand::Train() const {
+  v1::TrainingSettings settings;
+  if (!settings_.empty()) {
+    if (absl::Status status = ReadJson(settings_, &settings); !status.ok()) return status;
+  }
+  learning::TrainingRun run;
+  run.settings = artifact::ResolveTrainingSettings(settings);
+  if (threads_ > 0) run.settings.set_threads(threads_);
+  if (absl::Status status = CheckSettings(run.settings); !status.ok()) return status;
+  if (std::error_code ignored; std::filesystem::exists(output_, ignored)) {
+    return absl::AlreadyExistsError(absl::StrCat(output_.filename().string(), " exists already"));
+  }
+  run.output = output_;
+  run.trainer_version = MANEUVER_VERSION;
+  run.dataset_names = dataset_names_;
+  if (run.dataset_names.empty()) {
+    for (const std::filesystem::path& folder : datasets_) {
+      run.dataset_names.push_back(folder.filename().string());
+    }
+  }
+  run.stopped = StopRequested;
+  const ProgressDisplay::Style style = ProgressDisplay::ParseStyle(progress_);
+  absl::StatusOr<v1::ModelManifest> manifest;
+  {
+    ProgressDisplay display(style, std::cout);
+    run.progress = [&display](const v1::JobProgress& progress) { display.Show(progress); };
+    manifest = learning::Train(run, datasets_);
+  }
+  if (!manifest.ok()) return manifest.status();
+  if (style == ProgressDisplay::Style::kBar) PrintMetrics(*manifest);
+  return absl::OkStatus();
+}
+
+}  // namespace maneuver::trainer

@@ -1,0 +1,36 @@
+#ifndef MANEUVER_SERVER_JOBS_TRAINER_TRAIN_COMMAND_H_
+#define MANEUVER_SERVER_JOBS_TRAINER_TRAIN_COMMAND_H_
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+
+namespace maneuver::trainer {
+
+// maneuver-trainer train: from dataset folders to a model folder.
+class TrainCommand {
+ public:
+  explicit TrainCommand(CLI::App& app);
+
+  bool chosen() const { return command_->parsed(); }
+  // The exit status.
+  int Run() const;
+
+ private:
+  absl::Status Train() const;
+
+  CLI::App* command_;
+  std::filesystem::path settings_;
+  std::vector<std::filesystem::path> datasets_;
+  std::vector<std::string> dataset_names_;
+  std::filesystem::path output_;
+  int threads_ = 0;
+  std::string progress_ = "bar";
+};
+
+}  // namespace maneuver::trainer
+
+#endif  // MANEUVER_SERVER_JOBS_TRAINER_TRAIN_COMMAND_H_
