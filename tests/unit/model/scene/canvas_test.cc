@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <random>
 #include <vector>
 
@@ -225,12 +226,29 @@ TEST_F(CanvasTest, DiscHasItsRadius) {
 }
 
 TEST_F(CanvasTest, TheBrighterPaintIsSeenInWhicheverOrder) {
-  canvas_.FillBox(0, {10, 10}, {1, 0}, 2, 2, 100);
-  canvas_.FillBox(0, {12, 10}, {1, 0}, 2, 2, 200);
-  canvas_.FillBox(0, {12, 10}, {1, 0}, 2, 2, 100);
-  EXPECT_EQ(at(10, 9), 100);
-  EXPECT_EQ(at(10, 10), 200);
-  EXPECT_EQ(at(10, 13), 200);
+  const PixelPoint square[] = {{8, 8}, {12, 8}, {12, 12}, {8, 12}};
+  const PixelPoint line[] = {{4, 10.5}, {16, 10.5}};
+  const std::function<void(uint8_t)> shapes[] = {
+      [&](uint8_t intensity) {
+        canvas_.FillBox(0, {10, 10}, {1, 0}, 2, 2, intensity);
+      },
+      [&](uint8_t intensity) { canvas_.FillPolygon(0, square, intensity); },
+      [&](uint8_t intensity) {
+        canvas_.FillDisc(0, {10, 10}, 3, intensity);
+      },
+      [&](uint8_t intensity) { canvas_.DrawPolyline(0, line, intensity); }};
+  for (const auto& first : shapes) {
+    for (const auto& second : shapes) {
+      canvas_.Begin(picture_);
+      first(100);
+      second(200);
+      EXPECT_EQ(at(10, 10), 200);
+      canvas_.Begin(picture_);
+      first(200);
+      second(100);
+      EXPECT_EQ(at(10, 10), 200);
+    }
+  }
 }
 
 TEST(InterleavedCanvasTest, PaintsOneChannelAlone) {

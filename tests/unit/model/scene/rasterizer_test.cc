@@ -60,6 +60,17 @@ TEST(RasterizerTest, AheadIsRightAndLeftIsUp) {
   }
 }
 
+TEST(RasterizerTest, ABoxThatTurnsLeftPointsUp) {
+  v1::Scenario scenario;
+  AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, 8.0, 1.0), 0.0, 0, 0, M_PI / 4);
+  const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
+  for (int i = -2; i < 2; ++i) {
+    // The centres of these pixels lie on the box's middle line, or on its mirror image.
+    EXPECT_EQ(raster.at(5 - i, 8 + i, kNowOthers), 255) << i;
+    EXPECT_LT(raster.at(6 + i, 8 + i, kNowOthers), i == 0 || i == -1 ? 256 : 1) << i;
+  }
+}
+
 TEST(RasterizerTest, TargetPositionMovesTheTargetAlongThePicture) {
   v1::RasterSpec spec = SmallSpec();
   spec.set_target_position(0.25);  // u = 4

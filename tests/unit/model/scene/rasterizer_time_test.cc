@@ -89,7 +89,7 @@ TEST(FutureTest, NothingLaterThanNowIsLookedAt) {
   for (int id = 1; id <= 4; ++id) {
     v1::Agent* agent = AddAgent(&scenario, id, v1::AGENT_TYPE_VEHICLE, 4, 2);
     // Agent 3 has its states a little off the frames, with one soon after now.
-    const double offset = id == 3 ? 0.06 : 0.0;
+    const double offset = id == 3 ? 0.03 : 0.0;
     for (int i = 0; i < 30; ++i) {
       AddState(agent, 0.1 * i + offset, 0.3 * i - 4 + id, id - 2, 0.1 * i);
     }
