@@ -1,8 +1,5 @@
 // The versions of models on disk, the aliases that point to them, and those that are in memory.
 //
-//   models/{model}/{version}/          one version: model.json, weights.safetensors
-//   models/{model}/.last_version       highest number ever given, if that version was deleted
-//
 // Versions are loaded and warmed up beside what serves, then swapped by handle: requests in flight
 // keep theirs. A version that does not load changes nothing.
 
@@ -28,6 +25,7 @@
 #include "server/security/resource_name.h"
 #include "server/serving/alias_store.h"
 #include "server/serving/served_model.h"
+#include "server/serving/version_folders.h"
 
 namespace maneuver::serving {
 
@@ -116,8 +114,6 @@ class ModelRegistry {
 
   ModelRegistry(std::filesystem::path folder, AliasStore& aliases, ModelLoader loader,
                 const ModelRegistryOptions& options, monitoring::MetricRegistry& metrics);
-  absl::Status Scan();
-  std::filesystem::path FolderOf(const security::ModelVersionName& name) const;
 
   // These want mutex_ held.
   absl::StatusOr<security::ModelVersionName> ResolveLocked(
@@ -131,10 +127,9 @@ class ModelRegistry {
   absl::StatusOr<ModelHandle> LoadFolder(const security::ModelVersionName& name,
                                          const std::filesystem::path& folder);
   absl::Status PointAlias(const security::ModelAliasName& name, const ModelHandle& handle);
-  int NextVersion(const std::string& model) const;
   void NotifyReady();
 
-  const std::filesystem::path folder_;
+  const VersionFolders folders_;
   AliasStore& alias_store_;
   const ModelLoader loader_;
   const ModelRegistryOptions options_;

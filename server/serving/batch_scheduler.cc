@@ -1,0 +1,238 @@
+#include "server/serving/batch_scheduler.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "maneuver/v1/scenario.pb.h"
+#include "server/errors/error_details.h"
+
+namespace maneuver::serving {
+namespace {
+
+using std::chrono::duration;
+using std::chrono::duration_cast;
+using std::chrono::nanoseconds;
+
+double Seconds(nanoseconds time) { return duration<double>(time).count(); }
+
+monitoring::Histogram& StageHistogram(monitoring::MetricRegistry& registry, const char* stage) {
+  return registry.AddHistogram(
+      "maneuver_stage_duration_seconds",
+      "Time a target waits in the queue, and time a batch takes in each stage.",
+      monitoring::TimeBuckets(), {{"stage", stage}});
+}
+
+monitoring::Counter& TargetCounter(monitoring::MetricRegistry& registry, const char* outcome) {
+  return registry.AddCounter("maneuver_targets_total",
+                             "Targets by what became of them: answered, expired, cancelled or "
+                             "refused because the queue was full.",
+                             {{"outcome", outcome}});
+}
+
+TargetAnswer Failure(absl::Status status) {
+  TargetAnswer answer;
+  answer.status = std::move(status);
+  return answer;
+}
+
+// Records an answer; the last one of a call answers it.
+void Answer(const TargetQueue::Item& item, TargetAnswer answer) {
+  PredictionCall& call = *item.call;
+  call.answers[item.target] = std::move(answer);
+  // acq_rel: whoever counts to zero sees the answers of all others.
+  if (call.unanswered.fetch_sub(1, std::memory_order_acq_rel) == 1) {
+    call.done(std::move(call.answers));
+  }
+}
+
+}  // namespace
+
+BatchScheduler::Metrics::Metrics(monitoring::MetricRegistry& registry)
+    : batch_size(registry.AddHistogram("maneuver_batch_size", "Targets in a batch.",
+                                       {1, 2, 4, 8, 16, 32, 64, 128})),
+      queue_time(StageHistogram(registry, "queue")),
+      raster_time(StageHistogram(registry, "raster")),
+      encode_time(StageHistogram(registry, "encode")),
+      describe_time(StageHistogram(registry, "describe")),
+      queue_depth(registry.AddGauge("maneuver_queue_targets", "Targets that wait for a worker.")),
+      answered(TargetCounter(registry, "answered")),
+      expired(TargetCounter(registry, "expired")),
+      cancelled(TargetCounter(registry, "cancelled")),
+      refused(TargetCounter(registry, "refused")) {}
+
+BatchScheduler::BatchScheduler(const SchedulerOptions& options, monitoring::MetricRegistry& metrics)
+    : options_(options), metrics_(metrics), queue_(options.queue) {
+  for (int i = 0; i < options_.workers; ++i) workers_.emplace_back([this] { Work(); });
+}
+
+BatchScheduler::~BatchScheduler() {
+  std::vector<TargetQueue::Item> waiting;
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+    waiting = queue_.TakeAll();
+  }
+  wake_.notify_all();
+  for (std::thread& worker : workers_) worker.join();
+  for (const TargetQueue::Item& item : waiting) {
+    Answer(item, Failure(absl::UnavailableError("the server is shutting down; try again")));
+  }
+}
+
+absl::Status BatchScheduler::Submit(CallPtr call) {
+  const size_t targets = call->targets.size();
+  const TimePoint now = options_.now();
+  if (auto status = call->Alive(now); !status.ok()) {
+    for (size_t i = 0; i < targets; ++i) CountDead(status);
+    return status;
+  }
+  call->answers.resize(targets);
+  call->unanswered.store(targets, std::memory_order_relaxed);
+
+  std::vector<TargetQueue::Item> dead;
+  {
+    const std::lock_guard lock(mutex_);
+    if (targets > static_cast<size_t>(options_.queue.max_queue)) {
+      metrics_.refused.Increment(static_cast<double>(targets));
+      return errors::WithReason(
+          absl::ResourceExhaustedError(absl::StrCat("the request has ", targets,
+                                                    " targets; split it into requests of at most ",
+                                                    options_.queue.max_queue)),
+          "TOO_MANY_TARGETS");
+    }
+    if (stopping_) {
+      return absl::UnavailableError("the server is shutting down; try again");
+    }
+    if (!queue_.HasRoom(targets)) dead = queue_.TakeDead(now);
+    if (!queue_.HasRoom(targets)) {
+      metrics_.refused.Increment(static_cast<double>(targets));
+      return errors::WithRetryDelay(
+          errors::WithReason(absl::ResourceExhaustedError(
+                                 "the server has more to do than it can; try again a little later"),
+                             "QUEUE_FULL"),
+          RetryDelayLocked());
+    }
+    queue_.Push(std::move(call), now);
+    metrics_.queue_depth.Set(queue_.size());
+  }
+  wake_.notify_one();
+  Drop(dead, now);
+  return absl::OkStatus();
+}
+
+nanoseconds BatchScheduler::RetryDelayLocked() const {
+  const double seconds = queue_.size() * seconds_per_target_ / std::max(1, options_.workers);
+  return duration_cast<nanoseconds>(duration<double>(std::clamp(seconds, 0.005, 5.0)));
+}
+
+void BatchScheduler::CountDead(const absl::Status& status) {
+  (absl::IsCancelled(status) ? metrics_.cancelled : metrics_.expired).Increment();
+}
+
+void BatchScheduler::Drop(const std::vector<TargetQueue::Item>& items, TimePoint now) {
+  for (const TargetQueue::Item& item : items) {
+    absl::Status status = item.call->Alive(now);
+    CountDead(status);
+    Answer(item, Failure(std::move(status)));
+  }
+}
+
+void BatchScheduler::Work() {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    const TimePoint now = options_.now();
+    if (auto dead = queue_.TakeDead(now); !dead.empty()) {
+      lock.unlock();
+      Drop(dead, now);
+      lock.lock();
+      continue;
+    }
+    if (stopping_) return;
+    const TimePoint next = queue_.NextBatchTime();
+    if (next == TimePoint::max()) {
+      wake_.wait(lock);
+    } else if (next > now) {
+      wake_.wait_for(lock, next - now);
+    } else {
+      auto items = queue_.TakeBatch();
+      metrics_.queue_depth.Set(queue_.size());
+      // More may be left than one worker can take.
+      if (!queue_.empty()) wake_.notify_one();
+      lock.unlock();
+      const size_t size = items.size();
+      RunBatch(std::move(items));
+      const double seconds = Seconds(options_.now() - now);
+      lock.lock();
+      constexpr double kSmoothing = 0.05;
+      seconds_per_target_ +=
+          kSmoothing * (seconds / static_cast<double>(size) - seconds_per_target_);
+    }
+  }
+}
+
+TimePoint BatchScheduler::DropDead(std::vector<Row>& rows) {
+  const TimePoint now = options_.now();
+  std::vector<TargetQueue::Item> dead;
+  std::erase_if(rows, [&](const Row& row) {
+    if (row.item.call->Alive(now).ok()) return false;
+    dead.push_back(row.item);
+    return true;
+  });
+  Drop(dead, now);
+  return now;
+}
+
+void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
+  const ModelHandle model = items.front().call->model;
+  std::vector<Row> rows;
+  for (TargetQueue::Item& item : items) rows.push_back({std::move(item), nullptr});
+
+  TimePoint start = DropDead(rows);
+  if (rows.empty()) return;
+  metrics_.batch_size.Observe(static_cast<double>(rows.size()));
+  for (const Row& row : rows) {
+    metrics_.queue_time.Observe(Seconds(start - row.item.call->submitted));
+  }
+  ServedModel::Lease engine(*model);
+  for (size_t i = 0; i < rows.size(); ++i) {
+    const Target& target = rows[i].item.call->targets[rows[i].item.target];
+    const std::span<uint8_t> raster = engine->Raster(i);
+    engine->rasterizer().Rasterize(*target.scenario, target.scenario->prediction_time(), target.id,
+                                   target.X_WT, scene::RasterView(), raster);
+    rows[i].raster = raster.data();
+  }
+  metrics_.raster_time.Observe(Seconds(options_.now() - start));
+
+  start = DropDead(rows);
+  if (rows.empty()) return;
+  std::vector<const uint8_t*> rasters;
+  for (const Row& row : rows) rasters.push_back(row.raster);
+  std::vector<inference::SceneEncoding> encodings(rows.size());
+  engine->session().Encode(rasters, encodings);
+  metrics_.encode_time.Observe(Seconds(options_.now() - start));
+
+  start = options_.now();
+  for (size_t i = 0; i < rows.size(); ++i) {
+    const PredictionCall& call = *rows[i].item.call;
+    // Describing many actions takes long enough to ask again before each target.
+    if (const TimePoint now = options_.now(); !call.Alive(now).ok()) {
+      Drop({rows[i].item}, now);
+      continue;
+    }
+    TargetAnswer answer;
+    if (const auto* describe = std::get_if<DescribeActions>(&call.question)) {
+      const auto actions = SelectActions(encodings[i].probabilities, describe->selection);
+      answer.distributions = engine->session().Describe(encodings[i], actions, describe->source);
+    } else if (std::holds_alternative<ClassifyTrajectory>(call.question)) {
+      answer.classification =
+          engine->session().Classify(encodings[i], call.targets[rows[i].item.target].trajectory);
+    }
+    answer.probabilities = std::move(encodings[i].probabilities);
+    metrics_.answered.Increment();
+    Answer(rows[i].item, std::move(answer));
+  }
+  metrics_.describe_time.Observe(Seconds(options_.now() - start));
+}
+
+}  // namespace maneuver::serving

@@ -1,0 +1,373 @@
+#include "server/serving/model_registry.h"
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "model/artifact/model_folder.h"
+#include "server/errors/error_details.h"
+#include "server/monitoring/logging.h"
+
+namespace maneuver::serving {
+namespace {
+
+using monitoring::Log;
+using monitoring::LogLevel;
+using security::kServingAlias;
+using security::ModelAliasName;
+using security::ModelVersionName;
+
+absl::Status NoSuchVersion(const ModelVersionName& name) {
+  return errors::WithReason(
+      absl::NotFoundError(absl::StrCat("there is no ", name.ToString(),
+                                       "; ListModelVersions names those that exist")),
+      "MODEL_VERSION_NOT_FOUND", {{"model_version", name.ToString()}});
+}
+
+absl::Status Unusable(const ModelVersionName& name, const absl::Status& why) {
+  return errors::WithReason(absl::FailedPreconditionError(absl::StrCat(
+                                name.ToString(), " cannot be served: ", why.message(),
+                                "; point the alias to another version, or train a new one")),
+                            "MODEL_DAMAGED", {{"model_version", name.ToString()}});
+}
+
+double SecondsSince(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<ModelRegistry>> ModelRegistry::Open(
+    std::filesystem::path folder, AliasStore& aliases, ModelLoader loader,
+    const ModelRegistryOptions& options, monitoring::MetricRegistry& metrics) {
+  std::unique_ptr<ModelRegistry> registry(
+      new ModelRegistry(std::move(folder), aliases, std::move(loader), options, metrics));
+  auto versions = registry->folders_.Scan();
+  if (!versions.ok()) return versions.status();
+  auto stored = aliases.ListAliases();
+  if (!stored.ok()) return stored.status();
+  registry->versions_ = *std::move(versions);
+  for (const ModelAlias& alias : *stored) registry->aliases_[alias.name] = alias.version;
+  return registry;
+}
+
+ModelRegistry::ModelRegistry(std::filesystem::path folder, AliasStore& aliases, ModelLoader loader,
+                             const ModelRegistryOptions& options,
+                             monitoring::MetricRegistry& metrics)
+    : folders_(std::move(folder)),
+      alias_store_(aliases),
+      loader_(std::move(loader)),
+      options_(options),
+      models_loaded_(
+          metrics.AddGauge("maneuver_models_loaded", "Model versions that are in memory.")),
+      load_time_(metrics.AddHistogram("maneuver_model_load_seconds",
+                                      "Time to load and warm up a model version.",
+                                      monitoring::TimeBuckets())) {}
+
+void ModelRegistry::OnReadyChange(std::function<void(bool)> listener) {
+  listener_ = std::move(listener);
+}
+
+bool ModelRegistry::Ready() const {
+  const std::lock_guard lock(mutex_);
+  return ReadyLocked();
+}
+
+bool ModelRegistry::ReadyLocked() const {
+  return std::ranges::any_of(aliases_, [this](const auto& entry) {
+    return entry.first.alias == kServingAlias &&
+           resident_.contains({entry.first.model, entry.second});
+  });
+}
+
+void ModelRegistry::NotifyReady() {
+  if (listener_) listener_(Ready());
+}
+
+void ModelRegistry::LoadAliased() {
+  std::set<ModelVersionName> wanted;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [name, version] : aliases_) wanted.insert({name.model, version});
+  }
+  for (const ModelVersionName& name : wanted) {
+    const std::lock_guard change(change_mutex_);
+    // Failures are logged there, and kept for those who ask.
+    (void)LoadVersion(name);
+    NotifyReady();
+  }
+}
+
+absl::StatusOr<ModelVersionName> ModelRegistry::ResolveLocked(
+    const std::optional<security::ModelReference>& reference) const {
+  ModelVersionName name;
+  if (!reference) {
+    for (const auto& [alias, version] : aliases_) {
+      if (alias.alias != kServingAlias) continue;
+      if (name.version != 0) {
+        return errors::WithReason(
+            absl::FailedPreconditionError("several models serve; name one of them in `model`"),
+            "MODEL_NOT_NAMED");
+      }
+      name = {alias.model, version};
+    }
+    if (name.version == 0) {
+      return errors::WithReason(
+          absl::FailedPreconditionError("no model serves yet; train one, or point the alias "
+                                        "`serving` of a model to one of its versions"),
+          "NO_MODEL_SERVES");
+    }
+  } else if (const auto* alias = std::get_if<ModelAliasName>(&*reference)) {
+    const auto found = aliases_.find(*alias);
+    if (found == aliases_.end()) {
+      if (versions_.contains(alias->model)) {
+        return errors::WithReason(
+            absl::NotFoundError(absl::StrCat("there is no ", alias->ToString(),
+                                             "; point it to a version with SetModelAlias")),
+            "MODEL_ALIAS_NOT_FOUND", {{"alias", alias->ToString()}});
+      }
+      return errors::WithReason(
+          absl::NotFoundError(absl::StrCat("there is no models/", alias->model,
+                                           "; ListModelVersions names those that exist")),
+          "MODEL_NOT_FOUND", {{"model", "models/" + alias->model}});
+    }
+    name = {alias->model, found->second};
+  } else {
+    name = std::get<ModelVersionName>(*reference);
+  }
+  const auto model = versions_.find(name.model);
+  if (model == versions_.end() || !model->second.contains(name.version)) {
+    return NoSuchVersion(name);
+  }
+  return name;
+}
+
+absl::StatusOr<ModelHandle> ModelRegistry::Find(
+    const std::optional<security::ModelReference>& reference) {
+  const std::lock_guard lock(mutex_);
+  const auto name = ResolveLocked(reference);
+  if (!name.ok()) return name.status();
+  if (const auto found = resident_.find(*name); found != resident_.end()) {
+    found->second.last_used = ++uses_;
+    return found->second.handle;
+  }
+  if (const auto failed = load_errors_.find(*name); failed != load_errors_.end()) {
+    return failed->second;
+  }
+  return ModelHandle();
+}
+
+absl::StatusOr<ModelHandle> ModelRegistry::Load(
+    const std::optional<security::ModelReference>& reference) {
+  const std::lock_guard change(change_mutex_);
+  // Whoever held the lock before may have loaded it.
+  auto found = Find(reference);
+  if (!found.ok() || *found != nullptr) return found;
+  absl::StatusOr<ModelVersionName> name;
+  {
+    const std::lock_guard lock(mutex_);
+    name = ResolveLocked(reference);
+  }
+  if (!name.ok()) return name.status();
+  auto handle = LoadVersion(*name);
+  NotifyReady();
+  return handle;
+}
+
+absl::StatusOr<ModelRegistry::ResolvedVersion> ModelRegistry::Resolve(
+    const std::optional<security::ModelReference>& reference) const {
+  const std::lock_guard lock(mutex_);
+  auto name = ResolveLocked(reference);
+  if (!name.ok()) return name.status();
+  return ResolvedVersion{*name, folders_.FolderOf(*name)};
+}
+
+absl::StatusOr<ModelHandle> ModelRegistry::LoadFolder(const ModelVersionName& name,
+                                                      const std::filesystem::path& folder) {
+  const auto start = std::chrono::steady_clock::now();
+  auto model = loader_(folder);
+  absl::Status status = model.status();
+  ModelHandle handle;
+  if (status.ok()) {
+    handle = std::make_shared<ServedModel>(name, *std::move(model));
+    status = handle->WarmUp();
+  }
+  if (!status.ok()) {
+    Log(LogLevel::kError, "model refused",
+        {{"model_version", name.ToString()}, {"reason", std::string(status.message())}});
+    return Unusable(name, status);
+  }
+  const double seconds = SecondsSince(start);
+  load_time_.Observe(seconds);
+  Log(LogLevel::kInfo, "model loaded",
+      {{"model_version", name.ToString()},
+       {"precision", handle->model().precision()},
+       {"weight_bytes", handle->model().weight_bytes()},
+       {"seconds", seconds}});
+  return handle;
+}
+
+absl::StatusOr<ModelHandle> ModelRegistry::LoadVersion(const ModelVersionName& name) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (const auto found = resident_.find(name); found != resident_.end()) {
+      return found->second.handle;
+    }
+    const auto model = versions_.find(name.model);
+    if (model == versions_.end() || !model->second.contains(name.version)) {
+      return NoSuchVersion(name);
+    }
+  }
+  auto handle = LoadFolder(name, folders_.FolderOf(name));
+  std::vector<ModelHandle> dropped;  // freed after the lock
+  const std::lock_guard lock(mutex_);
+  if (!handle.ok()) {
+    load_errors_[name] = handle.status();
+  } else {
+    MakeResidentLocked(*handle, dropped);
+  }
+  return handle;
+}
+
+void ModelRegistry::MakeResidentLocked(const ModelHandle& handle,
+                                       std::vector<ModelHandle>& dropped) {
+  resident_[handle->name()] = {handle, ++uses_};
+  load_errors_.erase(handle->name());
+
+  std::vector<std::pair<uint64_t, ModelVersionName>> unaliased;
+  for (const auto& [name, resident] : resident_) {
+    if (AliasesOfLocked(name).empty()) unaliased.emplace_back(resident.last_used, name);
+  }
+  std::ranges::sort(unaliased);
+  const size_t keep = static_cast<size_t>(options_.max_unaliased_in_memory);
+  for (size_t i = 0; i + keep < unaliased.size(); ++i) {
+    const auto found = resident_.find(unaliased[i].second);
+    dropped.push_back(std::move(found->second.handle));
+    resident_.erase(found);
+  }
+  models_loaded_.Set(static_cast<double>(resident_.size()));
+}
+
+std::vector<std::string> ModelRegistry::AliasesOfLocked(const ModelVersionName& name) const {
+  std::vector<std::string> found;  // sorted, as the map is
+  for (const auto& [alias, version] : aliases_) {
+    if (alias.model == name.model && version == name.version) found.push_back(alias.alias);
+  }
+  return found;
+}
+
+absl::StatusOr<ModelVersionName> ModelRegistry::Publish(const std::string& model,
+                                                        const std::filesystem::path& finished,
+                                                        v1::Promotion promotion) {
+  if (!security::IsResourceId(model)) {
+    return absl::InvalidArgumentError("a model's name is [a-z][a-z0-9-]*, at most 63 characters");
+  }
+  const std::lock_guard change(change_mutex_);
+  const ModelAliasName serving{model, std::string(kServingAlias)};
+  std::set<int> versions;
+  bool serves = false;
+  {
+    const std::lock_guard lock(mutex_);
+    if (const auto found = versions_.find(model); found != versions_.end()) {
+      versions = found->second;
+    }
+    serves = aliases_.contains(serving);
+  }
+  const auto number = folders_.NextVersion(model, versions);
+  if (!number.ok()) return number.status();
+  const ModelVersionName name{model, *number};
+  const auto handle = LoadFolder(name, finished);
+  if (!handle.ok()) return handle.status();
+  if (auto status = folders_.Add(name, finished, std::chrono::system_clock::now()); !status.ok()) {
+    return status;
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    versions_[model].insert(name.version);
+  }
+  Log(LogLevel::kInfo, "model registered", {{"model_version", name.ToString()}});
+  if (promotion == v1::PROMOTION_ALWAYS || (promotion == v1::PROMOTION_UNSPECIFIED && !serves)) {
+    // The version stays, whether or not it could be promoted.
+    if (auto status = PointAlias(serving, *handle); !status.ok()) return status;
+  }
+  return name;
+}
+
+absl::Status ModelRegistry::PointAlias(const ModelAliasName& name, const ModelHandle& handle) {
+  if (auto status = alias_store_.SetAlias(name, handle->name().version); !status.ok()) {
+    return status;
+  }
+  {
+    std::vector<ModelHandle> dropped;  // freed after the lock
+    const std::lock_guard lock(mutex_);
+    aliases_[name] = handle->name().version;
+    MakeResidentLocked(handle, dropped);
+  }
+  Log(LogLevel::kInfo, "alias set",
+      {{"alias", name.ToString()}, {"model_version", handle->name().ToString()}});
+  NotifyReady();
+  return absl::OkStatus();
+}
+
+absl::Status ModelRegistry::SetAlias(const ModelAliasName& name, int version) {
+  const std::lock_guard change(change_mutex_);
+  const auto handle = LoadVersion({name.model, version});
+  if (!handle.ok()) return handle.status();
+  return PointAlias(name, *handle);
+}
+
+absl::Status ModelRegistry::DeleteAlias(const ModelAliasName& name) {
+  const std::lock_guard change(change_mutex_);
+  if (auto status = alias_store_.DeleteAlias(name); !status.ok()) {
+    if (!absl::IsNotFound(status)) return status;
+    return errors::WithReason(absl::NotFoundError(absl::StrCat("there is no ", name.ToString())),
+                              "MODEL_ALIAS_NOT_FOUND", {{"alias", name.ToString()}});
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    aliases_.erase(name);
+  }
+  Log(LogLevel::kInfo, "alias deleted", {{"alias", name.ToString()}});
+  NotifyReady();
+  return absl::OkStatus();
+}
+
+absl::Status ModelRegistry::Delete(const ModelVersionName& name) {
+  const std::lock_guard change(change_mutex_);
+  bool newest = false;
+  ModelHandle dropped;  // freed after the lock
+  {
+    const std::lock_guard lock(mutex_);
+    const auto model = versions_.find(name.model);
+    if (model == versions_.end() || !model->second.contains(name.version)) {
+      return NoSuchVersion(name);
+    }
+    if (const auto aliases = AliasesOfLocked(name); !aliases.empty()) {
+      return errors::WithReason(
+          absl::FailedPreconditionError(absl::StrCat(name.ToString(), " is pointed to by ",
+                                                     absl::StrJoin(aliases, ", "),
+                                                     "; point that elsewhere or delete it first")),
+          "MODEL_VERSION_IN_USE", {{"model_version", name.ToString()}});
+    }
+    newest = *model->second.rbegin() == name.version;
+  }
+  if (auto status = folders_.Remove(name, newest); !status.ok()) return status;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto model = versions_.find(name.model);
+    model->second.erase(name.version);
+    if (model->second.empty()) versions_.erase(model);
+    load_errors_.erase(name);
+    if (const auto found = resident_.find(name); found != resident_.end()) {
+      dropped = std::move(found->second.handle);
+      resident_.erase(found);
+      models_loaded_.Set(static_cast<double>(resident_.size()));
+    }
+  }
+  Log(LogLevel::kInfo, "model deleted", {{"model_version", name.ToString()}});
+  return absl::OkStatus();
+}
+
+}  // namespace maneuver::serving

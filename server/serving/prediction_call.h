@@ -1,0 +1,92 @@
+// One caller's question about some targets, on its way through the queue and the workers.
+
+#ifndef MANEUVER_SERVER_SERVING_PREDICTION_CALL_H_
+#define MANEUVER_SERVER_SERVING_PREDICTION_CALL_H_
+
+#include <Eigen/Core>
+#include <atomic>
+#include <chrono>
+#include <functional>
+#include <optional>
+#include <variant>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "model/inference/action_model.h"
+#include "model/scene/pose2.h"
+#include "server/serving/served_model.h"
+
+namespace maneuver::v1 {
+class Scenario;
+}
+
+namespace maneuver::serving {
+
+using TimePoint = std::chrono::steady_clock::time_point;
+
+// Which actions to describe, by p(y|s).
+struct AtLeast {
+  double probability = 0.05;
+};
+struct TopK {
+  int k = 1;
+};
+struct ActionIds {
+  std::vector<int> ids;  // each 0 .. K-1, once
+};
+using ActionSelection = std::variant<AtLeast, TopK, ActionIds>;
+
+// The chosen actions, most probable first; of equally probable ones, the smaller id first.
+std::vector<int> SelectActions(const Eigen::VectorXd& probabilities,
+                               const ActionSelection& selection);
+
+// What to compute for each target, beside p(y|s).
+struct DescribeActions {
+  ActionSelection selection;
+  inference::LatentSource source = inference::LatentSource::kPosterior;
+};
+struct ClassifyTrajectory {};
+using Question = std::variant<std::monostate, DescribeActions, ClassifyTrajectory>;
+
+// One target, validated.
+struct Target {
+  const v1::Scenario* scenario = nullptr;  // outlives the call
+  int64_t id = 0;
+  scene::Pose2 X_WT;
+  inference::Trajectory
+      trajectory;  // [T, 2] what it did, target frame; for ClassifyTrajectory alone
+};
+
+struct TargetAnswer {
+  absl::Status status;            // if not OK, nothing else is set
+  Eigen::VectorXd probabilities;  // [K]
+  std::vector<inference::ActionDistribution> distributions;
+  std::optional<inference::Classification> classification;
+};
+
+// Filled in by the caller, then given to the scheduler, which answers it once.
+struct PredictionCall {
+  ModelHandle model;
+  Question question;
+  std::vector<Target> targets;  // at least one
+  TimePoint deadline = TimePoint::max();
+  // Called once, from a worker, when each target has an answer or an error.
+  //   answers: in the order of targets.
+  std::function<void(std::vector<TargetAnswer> answers)> done;
+
+  // Set, from any thread, when the caller has gone.
+  std::atomic<bool> cancelled = false;
+
+  // OK while somebody waits for the answer; else CANCELLED or DEADLINE_EXCEEDED.
+  absl::Status Alive(TimePoint now) const;
+
+  // The scheduler's own.
+  std::vector<TargetAnswer> answers;
+  std::atomic<size_t> unanswered = 0;
+  size_t next = 0;      // first target that no worker has taken; guarded by the scheduler
+  TimePoint submitted;  // when it entered the queue
+};
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_SERVER_SERVING_PREDICTION_CALL_H_
