@@ -34,10 +34,10 @@ using Trajectory = Eigen::Matrix<double, Eigen::Dynamic, 2, Eigen::RowMajor>;
 // What one action would look like; target frame.
 struct ActionDistribution {
   int action = 0;
-  Eigen::VectorXd latent_mean;       // [D]
-  Eigen::VectorXd latent_stddev;     // [D]
-  std::vector<Trajectory> sigma;     // [2D+1]: the mean, then + and - one stddev along each dimension
-  Trajectory moment_mean;            // [T, 2]
+  Eigen::VectorXd latent_mean;    // [D]
+  Eigen::VectorXd latent_stddev;  // [D]
+  std::vector<Trajectory> sigma;  // [2D+1]: the mean, then + and - one stddev along each dimension
+  Trajectory moment_mean;         // [T, 2]
   // [T, 3] xx, xy, yy, square metres: of the sigma points plus the decoder's own
   Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> moment_covariance;
 

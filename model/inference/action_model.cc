@@ -1,0 +1,207 @@
+#include "model/inference/action_model.h"
+
+#include <algorithm>
+#include <exception>
+#include <string>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "model/artifact/model_folder.h"
+#include "model/inference/networks.h"
+#include "model/probability/responsibilities.h"
+#include "model/probability/sigma_points.h"
+
+namespace maneuver::inference {
+namespace {
+
+using probability::DiagonalGaussian;
+using RowMajorXf = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+// Rasters that are encoded together: bounds the scratch memory and still reads the projection's
+// weights once for so many.
+constexpr int kEncodingBlock = 16;
+
+class LoadedModel final : public ActionModel {
+ public:
+  LoadedModel(v1::ModelManifest manifest, const artifact::TensorMap& weights, bool bf16)
+      : manifest_(std::move(manifest)), bf16_(bf16), networks_(manifest_.spec(), weights, bf16) {}
+
+  const v1::ModelManifest& manifest() const override { return manifest_; }
+  std::string_view precision() const override { return bf16_ ? "bf16" : "f32"; }
+  size_t weight_bytes() const override { return networks_.bytes(); }
+  std::unique_ptr<InferenceSession> NewSession() const override;
+
+  const Networks& networks() const { return networks_; }
+
+ private:
+  v1::ModelManifest manifest_;
+  bool bf16_;
+  Networks networks_;
+};
+
+class Session final : public InferenceSession {
+ public:
+  explicit Session(std::shared_ptr<const LoadedModel> model)
+      : model_(std::move(model)),
+        networks_(model_->networks()),
+        scratch_(networks_.backbone.NewScratch()) {}
+
+  void Encode(std::span<const uint8_t* const> rasters,
+              std::span<SceneEncoding> encodings) override {
+    for (size_t begin = 0; begin < rasters.size(); begin += kEncodingBlock) {
+      const size_t count = std::min<size_t>(kEncodingBlock, rasters.size() - begin);
+      EncodeBlock(rasters.subspan(begin, count), encodings.subspan(begin, count));
+    }
+  }
+
+  std::vector<ActionDistribution> Describe(const SceneEncoding& encoding,
+                                           std::span<const int> actions,
+                                           LatentSource source) override {
+    // The sigma points of all actions are decoded in one product.
+    const Eigen::Index points = 2 * networks_.mixture.dimensions() + 1;
+    Eigen::MatrixXd latents(points * static_cast<Eigen::Index>(actions.size()),
+                            networks_.mixture.dimensions());
+    std::vector<ActionDistribution> distributions(actions.size());
+    for (size_t i = 0; i < actions.size(); ++i) {
+      const DiagonalGaussian latent = source == LatentSource::kPosterior
+                                          ? Posterior(encoding, actions[i])
+                                          : networks_.mixture.Component(actions[i]);
+      distributions[i].action = actions[i];
+      distributions[i].latent_mean = latent.mean;
+      distributions[i].latent_stddev = latent.stddev();
+      latents.middleRows(points * static_cast<Eigen::Index>(i), points) =
+          probability::SigmaPoints(latent.mean, distributions[i].latent_stddev);
+    }
+    const Eigen::MatrixXd images = Decode(latents);
+    for (size_t i = 0; i < actions.size(); ++i) {
+      FillTrajectories(images.middleRows(points * static_cast<Eigen::Index>(i), points),
+                       &distributions[i]);
+    }
+    return distributions;
+  }
+
+  Classification Classify(const SceneEncoding& encoding, const Trajectory& trajectory) override {
+    const Eigen::VectorXd x =
+        Eigen::Map<const Eigen::VectorXd>(trajectory.data(), trajectory.size());
+    const DiagonalGaussian latent = EncodeTrajectory(x);
+    std::vector<DiagonalGaussian> posteriors;
+    for (int k = 0; k < networks_.mixture.components(); ++k) {
+      posteriors.push_back(Posterior(encoding, k));
+    }
+    // An action that the softmax gave 0 is impossible, which its logarithm says.
+    const Eigen::VectorXd log_prior = encoding.probabilities.array().log();
+    const auto moments = probability::MomentsOfSigmaPoints(
+        Decode(probability::SigmaPoints(latent.mean, latent.stddev())));
+    const double reconstruction =
+        probability::ExpectedLogDensity(x, moments, model_->spec().decoder_stddev());
+    return {probability::UnifiedResponsibilities(log_prior, latent, networks_.mixture, posteriors),
+            probability::BaseBound(reconstruction, log_prior, latent, networks_.mixture)};
+  }
+
+ private:
+  void EncodeBlock(std::span<const uint8_t* const> rasters, std::span<SceneEncoding> encodings) {
+    const Eigen::Index rows = static_cast<Eigen::Index>(rasters.size());
+    grids_.resize(rows, networks_.projection.inputs());
+    for (Eigen::Index r = 0; r < rows; ++r) {
+      networks_.backbone.Evaluate(rasters[static_cast<size_t>(r)], scratch_.get(),
+                                  grids_.row(r).data());
+    }
+    features_.resize(rows, networks_.projection.outputs());
+    networks_.projection.Apply(grids_.data(), static_cast<int>(rows), Activation::kRelu,
+                               features_.data());
+    logits_.resize(rows, networks_.action_predictor.outputs());
+    networks_.action_predictor.Apply(features_.data(), static_cast<int>(rows), &mlp_scratch_,
+                                     logits_.data());
+    for (Eigen::Index r = 0; r < rows; ++r) {
+      SceneEncoding& encoding = encodings[static_cast<size_t>(r)];
+      encoding.features = features_.row(r);
+      encoding.probabilities = probability::Softmax(logits_.row(r).transpose().cast<double>());
+    }
+  }
+
+  // q(z|y=k,s), which the scenario encoder states relative to the component (tensor.h).
+  DiagonalGaussian Posterior(const SceneEncoding& encoding, int k) {
+    Eigen::VectorXf outputs(networks_.scenario_encoders.front().outputs());
+    networks_.scenario_encoders[static_cast<size_t>(k)].Apply(encoding.features.data(), 1,
+                                                              &mlp_scratch_, outputs.data());
+    const Eigen::Index dimensions = networks_.mixture.dimensions();
+    DiagonalGaussian posterior = networks_.mixture.Component(k);
+    posterior.mean += posterior.stddev().cwiseProduct(outputs.head(dimensions).cast<double>());
+    posterior.log_variance += outputs.tail(dimensions).cast<double>();
+    return posterior;
+  }
+
+  // q(z|x) of a flattened trajectory in metres.
+  DiagonalGaussian EncodeTrajectory(const Eigen::VectorXd& x) {
+    const Eigen::VectorXf standardized =
+        (x - networks_.trajectory_mean).cwiseQuotient(networks_.trajectory_stddev).cast<float>();
+    Eigen::VectorXf outputs(networks_.trajectory_encoder.outputs());
+    networks_.trajectory_encoder.Apply(standardized.data(), 1, &mlp_scratch_, outputs.data());
+    const Eigen::Index dimensions = networks_.mixture.dimensions();
+    return {outputs.head(dimensions).cast<double>(), outputs.tail(dimensions).cast<double>()};
+  }
+
+  // Means of p(x|z), metres. latents: [N, D]; returns [N, 2T].
+  Eigen::MatrixXd Decode(const Eigen::MatrixXd& latents) {
+    const RowMajorXf inputs = latents.cast<float>();
+    RowMajorXf outputs(latents.rows(), networks_.decoder.outputs());
+    networks_.decoder.Apply(inputs.data(), static_cast<int>(inputs.rows()), &mlp_scratch_,
+                            outputs.data());
+    Eigen::MatrixXd metres = outputs.cast<double>();
+    metres.array().rowwise() *= networks_.trajectory_stddev.transpose().array();
+    metres.rowwise() += networks_.trajectory_mean.transpose();
+    return metres;
+  }
+
+  // Sigma trajectories and moments of a distribution, from its decoded sigma points [2D+1, 2T].
+  void FillTrajectories(const Eigen::MatrixXd& images, ActionDistribution* distribution) {
+    const Eigen::Index waypoints = images.cols() / 2;
+    for (Eigen::Index p = 0; p < images.rows(); ++p) {
+      const Eigen::VectorXd flat = images.row(p);
+      distribution->sigma.push_back(Eigen::Map<const Trajectory>(flat.data(), waypoints, 2));
+    }
+    const auto moments = probability::MomentsOfSigmaPoints(images);
+    distribution->moment_mean = Eigen::Map<const Trajectory>(moments.mean.data(), waypoints, 2);
+    distribution->moment_covariance =
+        networks_.decoder_covariance.middleRows(distribution->action * waypoints, waypoints);
+    for (Eigen::Index t = 0; t < waypoints; ++t) {
+      const auto x = moments.deviations.col(2 * t);
+      const auto y = moments.deviations.col(2 * t + 1);
+      distribution->moment_covariance.row(t) +=
+          Eigen::RowVector3d(x.squaredNorm(), x.dot(y), y.squaredNorm());
+    }
+  }
+
+  std::shared_ptr<const LoadedModel> model_;
+  const Networks& networks_;
+  Backbone::ScratchPointer scratch_;
+  MlpScratch mlp_scratch_;
+  RowMajorXf grids_;     // [rows, h * w * C]
+  RowMajorXf features_;  // [rows, F]
+  RowMajorXf logits_;    // [rows, K]
+};
+
+std::unique_ptr<InferenceSession> LoadedModel::NewSession() const {
+  return std::make_unique<Session>(std::static_pointer_cast<const LoadedModel>(shared_from_this()));
+}
+
+}  // namespace
+
+absl::StatusOr<std::shared_ptr<const ActionModel>> ActionModel::Load(
+    const std::filesystem::path& folder, const EngineOptions& options) {
+  if (options.precision == Precision::kBf16 && !ProcessorHasBf16()) {
+    return absl::FailedPreconditionError(
+        "this processor does not compute with bf16; load the model with precision f32 or auto");
+  }
+  absl::StatusOr<artifact::StoredModel> stored = artifact::ReadModelFolder(folder);
+  if (!stored.ok()) return stored.status();
+  const bool bf16 = options.precision != Precision::kF32 && ProcessorHasBf16();
+  try {
+    return std::make_shared<const LoadedModel>(std::move(stored->manifest), stored->weights, bf16);
+  } catch (const std::exception& error) {  // dnnl::error, std::bad_alloc
+    return absl::InternalError(absl::StrCat("cannot prepare the networks: ", error.what()));
+  }
+}
+
+}  // namespace maneuver::inference

@@ -1,0 +1,52 @@
+// The convolutional stage, on oneDNN.
+
+#ifndef MANEUVER_MODEL_INFERENCE_BACKBONE_H_
+#define MANEUVER_MODEL_INFERENCE_BACKBONE_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+
+#include "maneuver/v1/model_spec.pb.h"
+#include "model/artifact/tensor.h"
+
+namespace maneuver::inference {
+
+// Whether this processor computes with bf16 (AVX-512 BF16 or AMX).
+bool ProcessorHasBf16();
+
+// Convolutions with batch normalisation folded into their weights and ReLU fused. A primitive takes
+// one raster, so that an answer cannot depend on the batch. Immutable; safe to share between
+// threads.
+//
+// oneDNN's errors are exceptions: the constructor lets dnnl::error (a std::exception) out.
+class Backbone {
+ public:
+  // Memory that evaluation writes to: one for each thread.
+  class Scratch;
+  struct ScratchDeleter {
+    void operator()(Scratch* scratch) const;
+  };
+  using ScratchPointer = std::unique_ptr<Scratch, ScratchDeleter>;
+
+  Backbone(const v1::ModelSpec& spec, const artifact::TensorMap& weights, bool bf16);
+  ~Backbone();
+  Backbone(const Backbone&) = delete;
+  Backbone& operator=(const Backbone&) = delete;
+
+  size_t bytes() const;
+  // The scratch refers to this backbone.
+  ScratchPointer NewScratch() const;
+
+  // raster: [H, W, C] bytes, 255 stands for 1;  grid: [h, w, C'] the last layer's output. On the
+  // calling thread alone.
+  void Evaluate(const uint8_t* raster, Scratch* scratch, float* grid) const;
+
+ private:
+  struct Layers;
+  std::unique_ptr<const Layers> layers_;
+};
+
+}  // namespace maneuver::inference
+
+#endif  // MANEUVER_MODEL_INFERENCE_BACKBONE_H_

@@ -1,0 +1,42 @@
+// All networks of a model, packed for evaluation.
+
+#ifndef MANEUVER_MODEL_INFERENCE_NETWORKS_H_
+#define MANEUVER_MODEL_INFERENCE_NETWORKS_H_
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <vector>
+
+#include "maneuver/v1/model_spec.pb.h"
+#include "model/artifact/tensor.h"
+#include "model/inference/backbone.h"
+#include "model/inference/dense_layer.h"
+#include "model/probability/latent_mixture.h"
+
+namespace maneuver::inference {
+
+// Immutable; safe to share between threads. Built from weights that fit the spec, as
+// artifact::ReadModelFolder returns them.
+struct Networks {
+  // Lets oneDNN's exceptions out, as Backbone does. In bf16 the convolutions alone are: the layers
+  // after them are small, and means in metres want the precision.
+  Networks(const v1::ModelSpec& spec, const artifact::TensorMap& weights, bool bf16);
+
+  size_t bytes() const;
+
+  Backbone backbone;
+  DenseLayer projection;               // last grid as [h, w, C] -> F
+  Mlp action_predictor;                // F -> K logits of p(y|s)
+  Mlp trajectory_encoder;              // 2T -> 2D: mean and log-variance of q(z|x)
+  Mlp decoder;                         // D -> 2T
+  std::vector<Mlp> scenario_encoders;  // [K] F -> 2D: a and b of q(z|y,s)
+  probability::LatentMixture mixture;  // p(z|y)
+  Eigen::VectorXd trajectory_mean;     // [2T] metres
+  Eigen::VectorXd trajectory_stddev;   // [2T] metres
+  // [K * T, 3] xx, xy, yy, square metres
+  Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> decoder_covariance;
+};
+
+}  // namespace maneuver::inference
+
+#endif  // MANEUVER_MODEL_INFERENCE_NETWORKS_H_

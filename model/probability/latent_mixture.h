@@ -1,0 +1,39 @@
+// The mixture of Gaussians in latent space that the actions are: p(z|y), and p(y) without a
+// scenario.
+
+#ifndef MANEUVER_MODEL_PROBABILITY_LATENT_MIXTURE_H_
+#define MANEUVER_MODEL_PROBABILITY_LATENT_MIXTURE_H_
+
+#include <Eigen/Core>
+
+#include "model/probability/diagonal_gaussian.h"
+
+namespace maneuver::probability {
+
+// ln sum exp(values), without overflow or underflow. -infinity only if every value is.
+double LogSumExp(const Eigen::VectorXd& values);
+
+// values - LogSumExp(values): logits to log probabilities.
+Eigen::VectorXd LogSoftmax(const Eigen::VectorXd& values);
+
+// exp(LogSoftmax(values)), divided by its sum: adds up to 1 within 1e-15 K.
+Eigen::VectorXd Softmax(const Eigen::VectorXd& values);
+
+struct LatentMixture {
+  Eigen::MatrixXd mean;          // [K, D]
+  Eigen::MatrixXd log_variance;  // [K, D]
+  Eigen::VectorXd log_weight;    // [K] ln p(y), normalised
+
+  int components() const { return static_cast<int>(mean.rows()); }
+  int dimensions() const { return static_cast<int>(mean.cols()); }
+
+  // p(z|y=k).
+  DiagonalGaussian Component(int k) const { return {mean.row(k), log_variance.row(k)}; }
+};
+
+// ln p(z) = ln sum_y p(y) p(z|y).
+double LogDensity(const LatentMixture& mixture, const Eigen::VectorXd& z);
+
+}  // namespace maneuver::probability
+
+#endif  // MANEUVER_MODEL_PROBABILITY_LATENT_MIXTURE_H_
