@@ -64,7 +64,7 @@ class Canvas {
   std::span<uint8_t> picture_;
   // Signed area that each pixel gains over its left neighbour; all zero between calls.
   std::vector<float> area_gain_;
-  // What PaintRow paints.
+  // What PaintRow paints; a little longer than a row.
   std::vector<int> row_values_;
 };
 

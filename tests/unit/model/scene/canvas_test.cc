@@ -201,6 +201,13 @@ TEST_F(CanvasTest, PolylineFallsOffWithDistance) {
   }
 }
 
+TEST_F(CanvasTest, PolylineThatTurnsBackKeepsItsTip) {
+  const PixelPoint points[] = {{4, 10.5}, {14, 10.5}, {8, 10.5}};
+  canvas_.DrawPolyline(0, points, 255);
+  for (int column = 4; column < 14; ++column) EXPECT_EQ(at(10, column), 255) << column;
+  EXPECT_EQ(at(10, 15), 0);
+}
+
 TEST_F(CanvasTest, PolylineFromFarAwayCrossesWhereItShould) {
   const PixelPoint points[] = {{-1e10, 5.5}, {1e10, 5.5}};
   canvas_.DrawPolyline(0, points, 255);

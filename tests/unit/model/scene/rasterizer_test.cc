@@ -218,6 +218,25 @@ TEST(RasterizerTest, WhatIsHalfOutsideIsCutAtTheEdge) {
   EXPECT_EQ(raster.at(5, 14, kNowOthers), 255);
 }
 
+// Validation keeps such scenes out; a sanitizer would see a write outside the raster.
+TEST(RasterizerTest, NumbersThatAreNoneLeadNowhereOutsideTheRaster) {
+  for (const double number : {std::nan(""), HUGE_VAL, -HUGE_VAL, 1e300}) {
+    v1::Scenario scenario;
+    for (int type = 0; type <= 9; ++type) {
+      const auto feature_type = static_cast<v1::MapFeatureType>(type);
+      AddFeature(&scenario, feature_type, {{0, 0}, {number, 1}, {2, number}, {3, 3}});
+      AddFeature(&scenario, feature_type, {{number, number}});
+      AddFeature(&scenario, feature_type, {{0, 0}, {1, 1}, {2, 0}})->add_x(number);
+    }
+    AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, number, 2), 0.0, 0, 0, 0);
+    AddState(AddAgent(&scenario, 3, v1::AGENT_TYPE_VEHICLE, 4, number), 0.0, 0, 0, 0);
+    AddState(AddAgent(&scenario, 4, v1::AGENT_TYPE_VEHICLE, 4, 2), 0.0, number, 0, 0);
+    AddState(AddAgent(&scenario, 5, v1::AGENT_TYPE_VEHICLE, 4, 2), 0.0, 0, 0, std::nan(""));
+    AddState(AddAgent(&scenario, 6, v1::AGENT_TYPE_VEHICLE, 4, 2), number, 0, 0, 0);
+    Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
+  }
+}
+
 TEST(RasterizerTest, DrawsTheSameWhateverItDrewBefore) {
   v1::Scenario first;
   AddFeature(&first, v1::MAP_FEATURE_TYPE_DRIVEWAY, {{-20, -20}, {20, -10}, {10, 20}});
