@@ -21,8 +21,8 @@ std::vector<std::filesystem::path> RecordFiles(const std::filesystem::path& fold
   std::vector<std::filesystem::path> found;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
     const std::string name = entry.path().filename();
-    if (entry.is_regular_file() && name.find(".tfrecord") != std::string::npos) {
-      found.push_back(entry.path());
+    for (const char* part : {"training", "validation", "original"}) {
+      if (name.starts_with(std::string(part) + ".tfrecord")) found.push_back(entry.path());
     }
   }
   std::sort(found.begin(), found.end());
