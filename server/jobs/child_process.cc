@@ -1,0 +1,249 @@
+#include "server/jobs/child_process.h"
+
+#include <fcntl.h>
+#include <linux/close_range.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/eventfd.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdint>
+#include <cstring>
+#include <optional>
+#include <string_view>
+#include <utility>
+
+#include "model/files/errno_status.h"
+
+namespace maneuver::jobs {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+
+constexpr int kNiceness = 10;
+constexpr size_t kMaxLine = size_t{1} << 20;
+constexpr milliseconds kTick{200};
+// While there is nothing left to read but the process has not ended.
+constexpr milliseconds kClosedTick{5};
+
+class Descriptor {
+ public:
+  explicit Descriptor(int value = -1) : value_(value) {}
+  ~Descriptor() { Close(); }
+  Descriptor(Descriptor&& other) noexcept : value_(std::exchange(other.value_, -1)) {}
+  Descriptor& operator=(Descriptor&& other) noexcept {
+    std::swap(value_, other.value_);
+    return *this;
+  }
+  void Close() {
+    if (value_ >= 0) close(std::exchange(value_, -1));
+  }
+  int get() const { return value_; }
+
+ private:
+  int value_;
+};
+
+struct Pipe {
+  Descriptor read;
+  Descriptor write;
+};
+
+absl::StatusOr<Pipe> MakePipe() {
+  int ends[2];
+  if (pipe2(ends, O_CLOEXEC) != 0) return files::ErrnoStatus(errno, "open", "a pipe");
+  return Pipe{Descriptor(ends[0]), Descriptor(ends[1])};
+}
+
+// Between fork and exec: nothing but system calls, since other threads may hold any lock.
+[[noreturn]] void BecomeChild(char* const* arguments, pid_t parent, int input, int output,
+                              int errors, int report) {
+  const auto fail = [report] {
+    const int reason = errno;
+    [[maybe_unused]] const ssize_t ignored = write(report, &reason, sizeof reason);
+    _exit(127);
+  };
+  setpgid(0, 0);
+  if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0) fail();
+  if (getppid() != parent) _exit(127);  // it died before the line above
+  setpriority(PRIO_PROCESS, 0, kNiceness);
+  // Memory is short: rather this process than the server.
+  const int score = open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC);
+  if (score >= 0) {
+    [[maybe_unused]] const ssize_t ignored = write(score, "500", 3);
+    close(score);
+  }
+  struct sigaction by_default {};
+  by_default.sa_handler = SIG_DFL;
+  for (const int signal : {SIGPIPE, SIGTERM, SIGINT, SIGHUP, SIGCHLD, SIGUSR1, SIGUSR2}) {
+    sigaction(signal, &by_default, nullptr);
+  }
+  sigset_t none;
+  sigemptyset(&none);
+  sigprocmask(SIG_SETMASK, &none, nullptr);
+  if (dup2(input, STDIN_FILENO) < 0 || dup2(output, STDOUT_FILENO) < 0 ||
+      dup2(errors, STDERR_FILENO) < 0) {
+    fail();
+  }
+  // Connections and files of the server are none of its business.
+  syscall(SYS_close_range, 3u, ~0u, CLOSE_RANGE_CLOEXEC);
+  execvp(arguments[0], arguments);
+  fail();
+  __builtin_unreachable();
+}
+
+struct Child {
+  pid_t pid = -1;
+  Descriptor output;
+};
+
+absl::StatusOr<Child> Start(const ChildCommand& command) {
+  auto output = MakePipe();
+  if (!output.ok()) return output.status();
+  auto report = MakePipe();
+  if (!report.ok()) return report.status();
+  const Descriptor input(open("/dev/null", O_RDONLY | O_CLOEXEC));
+  const Descriptor errors(
+      open(command.log.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666));
+  if (errors.get() < 0) return files::ErrnoStatus(errno, "create", command.log);
+
+  std::vector<char*> arguments;
+  for (const std::string& argument : command.arguments) {
+    arguments.push_back(const_cast<char*>(argument.c_str()));
+  }
+  arguments.push_back(nullptr);
+
+  const pid_t parent = getpid();
+  const pid_t pid = fork();
+  if (pid < 0) return files::ErrnoStatus(errno, "start", command.arguments[0]);
+  if (pid == 0) {
+    BecomeChild(arguments.data(), parent, input.get(), output->write.get(), errors.get(),
+                report->write.get());
+  }
+  setpgid(pid, pid);  // here too: whoever is first, the group is there from now on
+  report->write.Close();
+  int reason = 0;
+  ssize_t count;
+  do {
+    count = read(report->read.get(), &reason, sizeof reason);
+  } while (count < 0 && errno == EINTR);
+  if (count == sizeof reason) {  // exec failed; otherwise the pipe was closed by it
+    while (waitpid(pid, nullptr, 0) < 0 && errno == EINTR) {
+    }
+    return files::ErrnoStatus(reason, "start", command.arguments[0]);
+  }
+  fcntl(output->read.get(), F_SETFL, O_NONBLOCK);
+  return Child{pid, std::move(output->read)};
+}
+
+// Gathers bytes into lines.
+class LineReader {
+ public:
+  explicit LineReader(const std::function<void(const std::string&)>& on_line) : on_line_(on_line) {}
+
+  // Reads what is there. False at the end of the file.
+  bool Drain(int descriptor) {
+    char buffer[16 * 1024];
+    for (;;) {
+      const ssize_t count = read(descriptor, buffer, sizeof buffer);
+      if (count > 0) {
+        Take({buffer, static_cast<size_t>(count)});
+      } else if (count == 0) {
+        return false;
+      } else if (errno != EINTR) {
+        return errno == EAGAIN;
+      }
+    }
+  }
+
+ private:
+  void Take(std::string_view bytes) {
+    for (;;) {
+      const size_t end = bytes.find('\n');
+      const std::string_view part = bytes.substr(0, end);
+      too_long_ = too_long_ || line_.size() + part.size() > kMaxLine;
+      if (!too_long_) line_.append(part);
+      if (end == std::string_view::npos) return;
+      if (!too_long_) on_line_(line_);
+      line_.clear();
+      too_long_ = false;
+      bytes.remove_prefix(end + 1);
+    }
+  }
+
+  const std::function<void(const std::string&)>& on_line_;
+  std::string line_;
+  bool too_long_ = false;
+};
+
+// Whether the process has ended; it stays a zombie, so that its group's id stays its own.
+bool HasEnded(pid_t pid) {
+  siginfo_t about{};
+  return waitid(P_PID, static_cast<id_t>(pid), &about, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+         about.si_pid == pid;
+}
+
+ChildResult Reap(pid_t pid) {
+  kill(-pid, SIGKILL);
+  int status = 0;
+  while (waitpid(pid, &status, 0) < 0 && errno == EINTR) {
+  }
+  if (WIFSIGNALED(status)) return {.exit_status = 0, .signal = WTERMSIG(status)};
+  return {.exit_status = WEXITSTATUS(status), .signal = 0};
+}
+
+}  // namespace
+
+StopRequest::StopRequest() : descriptor_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {}
+
+StopRequest::~StopRequest() {
+  if (descriptor_ >= 0) close(descriptor_);
+}
+
+void StopRequest::Stop(Reason reason) {
+  Reason none = Reason::kNone;
+  reason_.compare_exchange_strong(none, reason);
+  const uint64_t one = 1;
+  [[maybe_unused]] const ssize_t ignored = write(descriptor_, &one, sizeof one);
+}
+
+absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& stop,
+                                     const std::function<void(const std::string&)>& on_line,
+                                     const std::function<void()>& on_tick) {
+  auto child = Start(command);
+  if (!child.ok()) return child.status();
+  LineReader lines(on_line);
+  std::optional<steady_clock::time_point> kill_at;  // set once it was asked to stop
+  bool is_open = true;
+  steady_clock::time_point next_tick = steady_clock::now() + kTick;
+  while (!HasEnded(child->pid)) {
+    if (!kill_at && stop.reason() != StopRequest::Reason::kNone) {
+      kill(-child->pid, SIGTERM);
+      kill_at = steady_clock::now() + command.patience;
+    }
+    const auto now = steady_clock::now();
+    if (kill_at && now >= *kill_at) kill(-child->pid, SIGKILL);
+    if (now >= next_tick) {
+      on_tick();
+      next_tick = now + kTick;
+    }
+    // A negative descriptor is skipped by poll: a pipe at its end, a request that was heard.
+    pollfd waits[] = {{is_open ? child->output.get() : -1, POLLIN, 0},
+                      {kill_at ? -1 : stop.descriptor(), POLLIN, 0}};
+    const milliseconds timeout = is_open && !kill_at ? kTick : kClosedTick;
+    if (poll(waits, 2, static_cast<int>(timeout.count())) > 0 && waits[0].revents != 0) {
+      is_open = lines.Drain(child->output.get());
+    }
+  }
+  if (is_open) lines.Drain(child->output.get());
+  return Reap(child->pid);
+}
+
+}  // namespace maneuver::jobs

@@ -1,0 +1,63 @@
+// A child process that can be asked to stop, and whose lines are read as they come.
+
+#ifndef MANEUVER_SERVER_JOBS_CHILD_PROCESS_H_
+#define MANEUVER_SERVER_JOBS_CHILD_PROCESS_H_
+
+#include <atomic>
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+namespace maneuver::jobs {
+
+// Asks whoever runs a job to stop it. Safe to use from any thread; made once for each run.
+class StopRequest {
+ public:
+  enum class Reason { kNone, kCancelled, kServerStops };
+
+  StopRequest();
+  ~StopRequest();
+  StopRequest(const StopRequest&) = delete;
+  StopRequest& operator=(const StopRequest&) = delete;
+
+  // The first reason counts.
+  void Stop(Reason reason);
+  Reason reason() const { return reason_; }
+  // Readable once Stop was called; -1 where the system gave none.
+  int descriptor() const { return descriptor_; }
+
+ private:
+  std::atomic<Reason> reason_ = Reason::kNone;
+  int descriptor_;
+};
+
+struct ChildCommand {
+  std::vector<std::string> arguments;  // [0] is the program: a path, or a name to look up
+  // Gets standard error, appended.
+  std::filesystem::path log;
+  // From SIGTERM to SIGKILL, once it is to stop.
+  std::chrono::milliseconds patience{5'000};
+};
+
+struct ChildResult {
+  int exit_status = 0;  // if signal is 0
+  int signal = 0;       // that killed it
+};
+
+// Runs a command to its end. It gets a process group of its own, a lower priority, no standard
+// input, and SIGKILL when the calling thread ends: call this from a thread that lives as long as
+// the server. Whatever it leaves in its group is killed.
+//   on_line: each line of standard output, without its end; lines over 1 MiB are dropped.
+//   on_tick: called about every 200 ms in between, on the same thread.
+// Errors: NOT_FOUND, PERMISSION_DENIED, ... if it cannot be started.
+absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& stop,
+                                     const std::function<void(const std::string&)>& on_line,
+                                     const std::function<void()>& on_tick);
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_CHILD_PROCESS_H_

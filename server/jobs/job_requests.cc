@@ -1,0 +1,133 @@
+#include "server/jobs/job_requests.h"
+
+#include <google/protobuf/io/coded_stream.h>
+#include <google/protobuf/io/zero_copy_stream_impl_lite.h>
+
+#include <set>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
+#include "model/artifact/training_presets.h"
+#include "model/files/digest.h"
+#include "server/errors/error_details.h"
+#include "server/security/resource_name.h"
+
+namespace maneuver::jobs {
+namespace {
+
+constexpr size_t kMaxRequestId = 128;
+constexpr int kMaxDatasets = 100;
+constexpr char kDatasetRule[] =
+    "expected datasets/{dataset}, with ids of lower-case letters, digits and hyphens";
+
+using Violations = std::vector<scene::FieldViolation>;
+
+void CheckRequestId(const std::string& request_id, Violations& violations) {
+  if (request_id.size() > kMaxRequestId) {
+    violations.push_back(
+        {"request_id", absl::StrCat("must have at most ", kMaxRequestId, " bytes")});
+  }
+}
+
+absl::Status Checked(const Violations& violations) {
+  return violations.empty() ? absl::OkStatus() : errors::InvalidFields(violations);
+}
+
+// The same bytes for equal messages, maps included.
+std::string DigestOf(const google::protobuf::Message& message) {
+  std::string bytes = message.GetTypeName();
+  {
+    google::protobuf::io::StringOutputStream stream(&bytes);
+    google::protobuf::io::CodedOutputStream coded(&stream);
+    coded.SetSerializationDeterministic(true);
+    message.SerializeToCodedStream(&coded);
+  }
+  return files::Sha256Hex(bytes);
+}
+
+template <typename Request>
+std::string DigestOfRequest(Request request) {
+  request.clear_request_id();
+  request.clear_validate_only();
+  return DigestOf(request);
+}
+
+}  // namespace
+
+absl::Status CheckTrainRequest(const v1::TrainRequest& request) {
+  Violations violations;
+  if (!security::ParseModelName(request.model(), "model").ok()) {
+    violations.push_back(
+        {"model", "expected models/{model}, with ids of lower-case letters, digits and hyphens"});
+  }
+  if (request.datasets().empty()) violations.push_back({"datasets", "must name at least one"});
+  if (request.datasets_size() > kMaxDatasets) {
+    violations.push_back({"datasets", absl::StrCat("must be at most ", kMaxDatasets)});
+    return Checked(violations);
+  }
+  std::set<std::string> seen;
+  for (int i = 0; i < request.datasets_size(); ++i) {
+    const std::string field = absl::StrCat("datasets[", i, "]");
+    if (!security::ParseDatasetName(request.datasets(i), field).ok()) {
+      violations.push_back({field, kDatasetRule});
+    } else if (!seen.insert(request.datasets(i)).second) {
+      violations.push_back({field, "is named before"});
+    }
+  }
+  if (!v1::Promotion_IsValid(request.promotion())) {
+    violations.push_back({"promotion", "is no promotion that this server knows"});
+  }
+  CheckRequestId(request.request_id(), violations);
+  const auto settings = artifact::ResolveTrainingSettings(request.settings());
+  for (scene::FieldViolation& violation : artifact::ValidateTrainingSettings(settings)) {
+    violations.push_back({"settings." + violation.field, std::move(violation.description)});
+  }
+  return Checked(violations);
+}
+
+absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request) {
+  Violations violations;
+  if (!request.model().empty() && !security::ParseModelReference(request.model(), "model").ok()) {
+    violations.push_back({"model",
+                          "expected models/{model}, models/{model}@{alias} or "
+                          "models/{model}/versions/{version}"});
+  }
+  if (!security::ParseDatasetName(request.dataset(), "dataset").ok()) {
+    violations.push_back({"dataset", kDatasetRule});
+  }
+  CheckRequestId(request.request_id(), violations);
+  v1::TrainingSettings settings;
+  *settings.mutable_examples() = request.examples();
+  for (scene::FieldViolation& violation :
+       artifact::ValidateTrainingSettings(artifact::ResolveTrainingSettings(settings))) {
+    violations.push_back(std::move(violation));  // examples.... in both messages
+  }
+  return Checked(violations);
+}
+
+v1::ExampleSettings ResolveExamples(const v1::ExampleSettings& examples) {
+  v1::TrainingSettings settings;
+  *settings.mutable_examples() = examples;
+  return artifact::ResolveTrainingSettings(settings).examples();
+}
+
+std::string RequestDigest(v1::TrainRequest request) { return DigestOfRequest(std::move(request)); }
+std::string RequestDigest(v1::EvaluateRequest request) {
+  return DigestOfRequest(std::move(request));
+}
+
+std::vector<std::string> DatasetIds(const v1::Job& job) {
+  std::vector<std::string> ids;
+  const auto add = [&ids](const std::string& name) {
+    ids.emplace_back(absl::StripPrefix(name, "datasets/"));
+  };
+  if (job.has_train()) {
+    for (const std::string& name : job.train().datasets()) add(name);
+  } else {
+    add(job.evaluate().dataset());
+  }
+  return ids;
+}
+
+}  // namespace maneuver::jobs

@@ -1,0 +1,31 @@
+// What a request for a job must be.
+
+#ifndef MANEUVER_SERVER_JOBS_JOB_REQUESTS_H_
+#define MANEUVER_SERVER_JOBS_JOB_REQUESTS_H_
+
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "maneuver/v1/training_service.pb.h"
+
+namespace maneuver::jobs {
+
+// Whether the request is right in itself; what it names is not looked up. INVALID_ARGUMENT with
+// each wrong field.
+absl::Status CheckTrainRequest(const v1::TrainRequest& request);
+absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request);
+
+// Example settings with every unset field taken from the default preset.
+v1::ExampleSettings ResolveExamples(const v1::ExampleSettings& examples);
+
+// The same for equal requests and for them alone, whatever their request_id says.
+std::string RequestDigest(v1::TrainRequest request);
+std::string RequestDigest(v1::EvaluateRequest request);
+
+// The ids of the datasets that a job reads.
+std::vector<std::string> DatasetIds(const v1::Job& job);
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_JOB_REQUESTS_H_

@@ -1,0 +1,28 @@
+// Which states a job goes through.
+
+#ifndef MANEUVER_SERVER_JOBS_JOB_STATE_H_
+#define MANEUVER_SERVER_JOBS_JOB_STATE_H_
+
+#include <array>
+#include <string_view>
+
+#include "maneuver/v1/training_service.pb.h"
+
+namespace maneuver::jobs {
+
+inline constexpr std::array kJobStates = {v1::JOB_STATE_PENDING, v1::JOB_STATE_RUNNING,
+                                          v1::JOB_STATE_SUCCEEDED, v1::JOB_STATE_FAILED,
+                                          v1::JOB_STATE_CANCELLED};
+
+// Whether a job may go from one state to the other in one step.
+bool CanMove(v1::JobState from, v1::JobState to);
+
+// Whether no state follows.
+bool HasEnded(v1::JobState state);
+
+// "pending", "running", ...: for metrics, logs and messages.
+std::string_view JobStateLabel(v1::JobState state);
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_JOB_STATE_H_

@@ -1,0 +1,80 @@
+#include "server/jobs/job_watch.h"
+
+#include <utility>
+
+#include "server/jobs/job_state.h"
+
+namespace maneuver::jobs {
+
+struct JobNews::Subscription::Listener {
+  std::mutex mutex;               // held while on_news runs
+  std::function<void()> on_news;  // null once the subscription has ended
+};
+
+JobNews::Subscription::Subscription(JobNews& news, std::string job,
+                                    std::shared_ptr<Listener> listener)
+    : news_(news), job_(std::move(job)), listener_(std::move(listener)) {}
+
+JobNews::Subscription::~Subscription() {
+  {
+    const std::lock_guard lock(news_.mutex_);
+    const auto [begin, end] = news_.listeners_.equal_range(job_);
+    for (auto entry = begin; entry != end; ++entry) {
+      if (entry->second != listener_) continue;
+      news_.listeners_.erase(entry);
+      break;
+    }
+  }
+  const std::lock_guard lock(listener_->mutex);
+  listener_->on_news = nullptr;
+}
+
+std::unique_ptr<JobNews::Subscription> JobNews::Subscribe(const std::string& job,
+                                                          std::function<void()> on_news) {
+  auto listener = std::make_shared<Subscription::Listener>();
+  listener->on_news = std::move(on_news);
+  const std::lock_guard lock(mutex_);
+  listeners_.emplace(job, listener);
+  return std::unique_ptr<Subscription>(new Subscription(*this, job, std::move(listener)));
+}
+
+void JobNews::Publish(const std::string& job) {
+  std::vector<std::shared_ptr<Subscription::Listener>> listeners;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto [begin, end] = listeners_.equal_range(job);
+    for (auto entry = begin; entry != end; ++entry) listeners.push_back(entry->second);
+  }
+  for (const auto& listener : listeners) {
+    const std::lock_guard lock(listener->mutex);
+    if (listener->on_news) listener->on_news();
+  }
+}
+
+absl::StatusOr<std::vector<v1::Job>> JobEventReader::Next(int limit) {
+  std::vector<v1::Job> news;
+  if (at_end_) return news;
+  // The job first: if it has ended, all of its events are there.
+  auto job = store_.Get(job_);
+  if (!job.ok()) return job.status();
+  auto events = store_.ListProgress(job_, cursor_, limit);
+  if (!events.ok()) return events.status();
+  v1::Job running = *job;
+  running.set_state(v1::JOB_STATE_RUNNING);
+  running.clear_end_time();
+  running.clear_error();
+  running.clear_model_version();
+  running.clear_evaluation();
+  for (v1::JobProgress& event : *events) {
+    cursor_ = event.sequence();
+    *running.mutable_progress() = std::move(event);
+    news.push_back(running);
+  }
+  if (HasEnded(job->state()) && news.size() < static_cast<size_t>(limit)) {
+    at_end_ = true;
+    news.push_back(*std::move(job));
+  }
+  return news;
+}
+
+}  // namespace maneuver::jobs

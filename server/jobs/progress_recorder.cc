@@ -1,0 +1,67 @@
+#include "server/jobs/progress_recorder.h"
+
+#include <google/protobuf/util/json_util.h>
+
+#include <utility>
+
+#include "server/jobs/job_time.h"
+#include "server/monitoring/logging.h"
+
+namespace maneuver::jobs {
+namespace {
+
+constexpr absl::Duration kShortest = absl::Milliseconds(200);
+
+}  // namespace
+
+ProgressRecorder::ProgressRecorder(JobStore& store, JobNews& news, std::string job,
+                                   int64_t last_sequence, std::function<absl::Time()> now)
+    : store_(store),
+      news_(news),
+      job_(std::move(job)),
+      now_(std::move(now)),
+      last_sequence_(last_sequence) {}
+
+void ProgressRecorder::Record(const std::string& line) {
+  v1::JobProgress progress;
+  google::protobuf::util::JsonParseOptions options;
+  options.ignore_unknown_fields = true;
+  if (!google::protobuf::util::JsonStringToMessage(line, &progress, options).ok()) {
+    monitoring::Log(monitoring::LogLevel::kWarning, "trainer reported no progress message",
+                    {{"job", job_}});
+    return;
+  }
+  if (!progress.has_time()) *progress.mutable_time() = ToTimestamp(now_());
+  if (progress.has_epoch_report() || progress.phase() != last_phase_ ||
+      now_() - last_time_ >= kShortest) {
+    waiting_.reset();
+    Store(std::move(progress));
+  } else {
+    waiting_ = std::move(progress);
+  }
+}
+
+void ProgressRecorder::Tick() {
+  if (waiting_ && now_() - last_time_ >= kShortest) Flush();
+}
+
+void ProgressRecorder::Flush() {
+  if (!waiting_) return;
+  Store(*std::exchange(waiting_, std::nullopt));
+}
+
+void ProgressRecorder::Store(v1::JobProgress progress) {
+  progress.set_sequence(last_sequence_ + 1);
+  last_time_ = now_();
+  last_phase_ = progress.phase();
+  // An event that is lost is a pity, but no reason to lose the job.
+  if (const absl::Status status = store_.AddProgress(job_, progress); !status.ok()) {
+    monitoring::Log(monitoring::LogLevel::kWarning, "progress not stored",
+                    {{"job", job_}, {"error", std::string(status.message())}});
+    return;
+  }
+  ++last_sequence_;
+  news_.Publish(job_);
+}
+
+}  // namespace maneuver::jobs

@@ -1,0 +1,28 @@
+// Jobs and aliases in one SQLite file.
+//
+// WAL with synchronous=FULL: a call that returned OK survives a power cut. The file is locked while
+// it is open, so that no second server runs the same jobs. user_version is the schema's version; a
+// file of a newer version is refused, never guessed at.
+
+#ifndef MANEUVER_SERVER_JOBS_SQLITE_STORE_H_
+#define MANEUVER_SERVER_JOBS_SQLITE_STORE_H_
+
+#include <filesystem>
+#include <memory>
+
+#include "absl/status/statusor.h"
+#include "server/jobs/job_store.h"
+#include "server/serving/alias_store.h"
+
+namespace maneuver::jobs {
+
+class SqliteStore : public JobStore, public serving::AliasStore {
+ public:
+  // Opens or creates. UNAVAILABLE if another process has the file open, FAILED_PRECONDITION for
+  // another schema version, DATA_LOSS if the file is damaged or no database.
+  static absl::StatusOr<std::unique_ptr<SqliteStore>> Open(const std::filesystem::path& file);
+};
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_SQLITE_STORE_H_

@@ -1,0 +1,123 @@
+// The queue of jobs, and the threads that run them.
+
+#ifndef MANEUVER_SERVER_JOBS_SUPERVISOR_H_
+#define MANEUVER_SERVER_JOBS_SUPERVISOR_H_
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include "maneuver/v1/training_service.pb.h"
+#include "model/data/dataset_store.h"
+#include "server/jobs/child_process.h"
+#include "server/jobs/job_run.h"
+#include "server/jobs/job_store.h"
+#include "server/jobs/job_watch.h"
+#include "server/monitoring/metrics.h"
+
+namespace maneuver::jobs {
+
+// An id that no job had so far, by chance: 16 random characters.
+std::string NewJobId();
+
+struct SupervisorOptions {
+  std::filesystem::path folder;  // DATA/jobs: one folder for each job
+  std::string trainer;           // the maneuver-trainer program
+  PublishModel publish;
+  ResolveModel resolve;
+  int max_running_jobs = 1;
+  // From SIGTERM to SIGKILL, for a job that is cancelled or cut off by Stop.
+  std::chrono::milliseconds patience{5'000};
+  std::function<absl::Time()> now = absl::Now;
+  std::function<std::string()> new_id = NewJobId;
+};
+
+// Runs jobs in order of their creation, each in a process of its own. Safe to use from any thread;
+// calls write to the store and may wait for the disk. Errors carry ErrorInfo or BadRequest.
+class Supervisor {
+ public:
+  // Marks jobs that a former server left running as FAILED (SERVER_INTERRUPTED), removes what they
+  // left behind, and starts to work on those that are pending. What is referred to must outlive
+  // this.
+  static absl::StatusOr<std::unique_ptr<Supervisor>> Start(
+      SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
+      monitoring::MetricRegistry& metrics = monitoring::MetricRegistry::Null());
+  // Stops, if Stop was not called.
+  ~Supervisor();
+
+  // Starts no further job and cuts off those that run, which end as FAILED (SERVER_INTERRUPTED);
+  // pending ones wait for the next start. Returns once all processes are gone, after `patience` at
+  // the latest. From then on Train and Evaluate are UNAVAILABLE; everything else still works.
+  void Stop();
+
+  // A new job, PENDING; the same job for the same request_id. INVALID_ARGUMENT; NOT_FOUND for an
+  // unknown dataset or model; ALREADY_EXISTS if request_id was used for a different request.
+  // With validate_only: a job without a name, and nothing is started.
+  absl::StatusOr<v1::Job> Train(const v1::TrainRequest& request);
+  // The job's evaluate.model is the version that the reference means now.
+  absl::StatusOr<v1::Job> Evaluate(const v1::EvaluateRequest& request);
+
+  absl::StatusOr<v1::Job> Get(const std::string& name);
+  // Newest first.
+  absl::StatusOr<JobPage> List(int page_size, const std::string& page_token);
+  // A pending job is CANCELLED at once. A running one is asked to stop and is RUNNING until its
+  // process is gone. One that ended is returned as it is.
+  absl::StatusOr<v1::Job> Cancel(const std::string& name);
+  // Forgets an ended job and removes its folder. FAILED_PRECONDITION if it has not ended.
+  absl::Status Delete(const std::string& name);
+
+  // Removes a dataset. FAILED_PRECONDITION while a pending or running job needs it.
+  absl::Status DeleteDataset(const std::string& id);
+
+  // For those who follow a job: subscribe, then read.
+  JobNews& news() { return news_; }
+  JobStore& store() { return store_; }
+
+ private:
+  Supervisor(SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
+             monitoring::MetricRegistry& metrics);
+
+  absl::Status Recover();
+  absl::StatusOr<v1::Job> Admit(v1::Job job, const std::string& request_id,
+                                const std::string& digest, bool validate_only);
+  absl::StatusOr<v1::Job> EarlierJob(const std::string& request_id, const std::string& digest,
+                                     bool* found);
+  std::filesystem::path FolderOf(const std::string& name) const;
+
+  void RunJobs();
+  void RunOne(const v1::Job& job, StopRequest& stop);
+  void MoveToEnd(v1::Job job);
+  void CountJobs();
+
+  const SupervisorOptions options_;
+  JobStore& store_;
+  data::DatasetStore& datasets_;
+  std::map<v1::JobState, monitoring::Gauge*> gauges_;
+  JobNews news_;
+
+  // Held while a job is admitted, taken, cancelled or deleted, and while a dataset is removed: what
+  // was checked stays so until it is written.
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool stops_ = false;                                           // guarded by mutex_
+  std::map<std::string, std::shared_ptr<StopRequest>> running_;  // by name; guarded by mutex_
+
+  // Live as long as the server: children die with the thread that started them.
+  std::vector<std::thread> threads_;
+};
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_SUPERVISOR_H_

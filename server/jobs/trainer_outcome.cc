@@ -1,0 +1,174 @@
+#include "server/jobs/trainer_outcome.h"
+
+#include <signal.h>
+
+#include <algorithm>
+#include <cctype>
+#include <fstream>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/errors/error_details.h"
+#include "server/jobs/trainer_protocol.h"
+
+namespace maneuver::jobs {
+namespace {
+
+constexpr std::streamoff kTailBytes = 8 * 1024;
+constexpr size_t kMaxLastLine = 400;
+
+bool IsContinuation(char c) { return (static_cast<unsigned char>(c) & 0xc0) == 0x80; }
+
+// Length of the UTF-8 sequence that `text` starts with; 0 if it is none.
+size_t Utf8Length(std::string_view text) {
+  const auto lead = static_cast<unsigned char>(text.front());
+  if (lead < 0x80) return 1;
+  const size_t length = lead >= 0xc2 && lead < 0xe0   ? 2
+                        : lead >= 0xe0 && lead < 0xf0 ? 3
+                        : lead >= 0xf0 && lead < 0xf5 ? 4
+                                                      : 0;
+  if (length == 0 || text.size() < length) return 0;
+  for (size_t i = 1; i < length; ++i) {
+    if (!IsContinuation(text[i])) return 0;
+  }
+  const auto second = static_cast<unsigned char>(text[1]);
+  const bool overlong = (lead == 0xe0 && second < 0xa0) || (lead == 0xf0 && second < 0x90);
+  const bool outside = (lead == 0xed && second >= 0xa0) || (lead == 0xf4 && second >= 0x90);
+  return overlong || outside ? 0 : length;
+}
+
+// Printable, valid UTF-8, not too long.
+std::string Presentable(std::string_view line) {
+  std::string clean;
+  while (!line.empty() && clean.size() < kMaxLastLine) {
+    const size_t length = Utf8Length(line);
+    if (length == 0) {
+      clean += '?';
+    } else if (length == 1 && (static_cast<unsigned char>(line[0]) < 0x20 || line[0] == 0x7f)) {
+      clean += ' ';
+    } else {
+      clean.append(line.substr(0, length));
+    }
+    line.remove_prefix(length == 0 ? 1 : length);
+  }
+  return clean;
+}
+
+bool EndsPath(char c) {
+  return std::isspace(static_cast<unsigned char>(c)) != 0 ||
+         std::string_view("'\",;:()[]<>").find(c) != std::string_view::npos;
+}
+
+bool IsBlank(std::string_view line) { return line.find_first_not_of(" \t\r") == line.npos; }
+
+// A sentence, and what the trainer said last.
+std::string WithLastWords(absl::string_view sentence, const std::string& last_words) {
+  if (last_words.empty()) return std::string(sentence);
+  return absl::StrCat(sentence, " Its last line: ", last_words);
+}
+
+absl::Status Killed(int number, const std::string& last_words) {
+  const char* name = sigabbrev_np(number);
+  const bool crashed = number == SIGSEGV || number == SIGABRT || number == SIGBUS ||
+                       number == SIGILL || number == SIGFPE;
+  const std::string sentence = absl::StrCat(
+      "the trainer ", crashed ? "crashed" : "was killed", " by signal ", number, " (SIG",
+      name != nullptr ? name : "?", ")",
+      crashed
+          ? "; this is a fault of the trainer: its log has more."
+          : ": the machine ran out of memory (use a smaller batch, raster or model), or someone "
+            "killed it (train again).");
+  return errors::WithReason(absl::AbortedError(WithLastWords(sentence, last_words)),
+                            "TRAINER_KILLED", {{"signal", absl::StrCat(number)}});
+}
+
+}  // namespace
+
+absl::Status TrainerStatus(const ChildResult& result, const std::string& last_words) {
+  if (result.signal != 0) return Killed(result.signal, last_words);
+  switch (static_cast<TrainerExit>(result.exit_status)) {
+    case TrainerExit::kOk:
+      return absl::OkStatus();
+    case TrainerExit::kInvalidSettings:
+      return errors::WithReason(
+          absl::InvalidArgumentError(WithLastWords(
+              "the trainer refused the settings; correct them and ask again.", last_words)),
+          "INVALID_SETTINGS");
+    case TrainerExit::kUnusableData:
+      return errors::WithReason(
+          absl::FailedPreconditionError(WithLastWords(
+              "the data cannot be used: damaged, or not enough examples for these settings.",
+              last_words)),
+          "UNUSABLE_DATA");
+    case TrainerExit::kCannotWrite:
+      return errors::WithReason(
+          absl::ResourceExhaustedError(WithLastWords(
+              "the trainer cannot write its result; free some disk space on the server and ask "
+              "again.",
+              last_words)),
+          "CANNOT_WRITE");
+    case TrainerExit::kDiverged:
+      return errors::WithReason(
+          absl::AbortedError(
+              WithLastWords("the training diverged: its loss is no longer finite; try a smaller "
+                            "optimization.learning_rate.",
+                            last_words)),
+          "TRAINING_DIVERGED");
+    case TrainerExit::kInternal:
+      break;
+  }
+  return errors::WithReason(
+      absl::InternalError(WithLastWords(
+          absl::StrCat("the trainer failed (exit status ", result.exit_status, ")."), last_words)),
+      "TRAINER_INTERNAL");
+}
+
+absl::Status CannotStartTrainer(const absl::Status& reason) {
+  return errors::WithReason(
+      absl::InternalError(absl::StrCat(
+          "the trainer cannot be started: ", WithoutPaths(std::string(reason.message())),
+          "; is maneuver-trainer installed beside the server?")),
+      "TRAINER_INTERNAL");
+}
+
+absl::Status ServerInterrupted() {
+  return errors::WithReason(
+      absl::AbortedError("the server stopped while the job ran; ask for it again"),
+      "SERVER_INTERRUPTED");
+}
+
+std::string LastLine(const std::filesystem::path& log) {
+  std::ifstream file(log, std::ios::binary | std::ios::ate);
+  if (!file) return {};
+  const std::streamoff size = file.tellg();
+  file.seekg(std::max<std::streamoff>(0, size - kTailBytes));
+  std::string line;
+  std::string last;
+  while (std::getline(file, line)) {
+    if (!IsBlank(line)) last = std::move(line);
+  }
+  return Presentable(WithoutPaths(last));
+}
+
+std::string WithoutPaths(std::string_view text) {
+  std::string result;
+  size_t at = 0;
+  while (at < text.size()) {
+    // A slash that a letter or digit precedes is part of a name such as datasets/town.
+    const bool starts =
+        text[at] == '/' && (at == 0 || EndsPath(text[at - 1]) || text[at - 1] == '=');
+    if (!starts) {
+      result += text[at++];
+      continue;
+    }
+    size_t end = at;
+    while (end < text.size() && !EndsPath(text[end])) ++end;
+    std::string_view path = text.substr(at, end - at);
+    while (path.ends_with('/')) path.remove_suffix(1);
+    result.append(path.substr(path.rfind('/') + 1));
+    at = end;
+  }
+  return result;
+}
+
+}  // namespace maneuver::jobs

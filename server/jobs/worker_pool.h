@@ -1,0 +1,42 @@
+// A few threads for work that would hold up others: threads of gRPC, above all.
+
+#ifndef MANEUVER_SERVER_JOBS_WORKER_POOL_H_
+#define MANEUVER_SERVER_JOBS_WORKER_POOL_H_
+
+#include <condition_variable>
+#include <cstddef>
+#include <deque>
+#include <functional>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+namespace maneuver::jobs {
+
+// Safe to use from any thread.
+class WorkerPool {
+ public:
+  // Work beyond max_waiting is refused, not queued.
+  WorkerPool(int threads, size_t max_waiting);
+  // Runs what was accepted to its end. Destroy it after everyone who posts.
+  ~WorkerPool();
+  WorkerPool(const WorkerPool&) = delete;
+  WorkerPool& operator=(const WorkerPool&) = delete;
+
+  // Runs `work` soon, in order of acceptance. False, and `work` is dropped, if too much waits.
+  bool Post(std::function<void()> work);
+
+ private:
+  void Run();
+
+  const size_t max_waiting_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<std::function<void()>> waiting_;  // guarded by mutex_
+  bool ends_ = false;                          // guarded by mutex_
+  std::vector<std::thread> threads_;
+};
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_WORKER_POOL_H_
