@@ -26,7 +26,7 @@ inline Vec2 Left(Vec2 a) { return {-a.y, a.x}; }
 double WrapAngle(double angle);
 
 struct PathPoint {
-  Vec2 p;
+  Vec2 p = {};
   double heading = 0.0;    // radians, continuous along a path (not wrapped)
   double curvature = 0.0;  // 1/metres, positive to the left
 };

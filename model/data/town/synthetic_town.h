@@ -19,7 +19,9 @@ struct TownOptions {
 
 // A recording and what its vehicles were doing.
 struct TownRecording {
-  v1::Scenario scenario;  // prediction_time: one second in; targets: a few interesting vehicles
+  // prediction_time: when most is about to happen, at least one second in and, where it can be,
+  // eight before the end. Targets: up to four vehicles that move then.
+  v1::Scenario scenario;
   std::vector<v1::ManeuverAnnotation> maneuvers;
 };
 

@@ -1,0 +1,26 @@
+// When vehicles change lanes, and how.
+
+#ifndef MANEUVER_MODEL_DATA_TOWN_LANE_CHANGE_H_
+#define MANEUVER_MODEL_DATA_TOWN_LANE_CHANGE_H_
+
+#include <span>
+
+#include "model/data/town/lane_graph.h"
+#include "model/data/town/random.h"
+#include "model/data/town/vehicle.h"
+
+namespace maneuver::data::town {
+
+// A random way on from a lane joined at `from`, to where the lanes end.
+std::vector<RouteStep> DrawRoute(const LaneGraph& graph, int lane, double from, Random& random);
+
+// Begins a lane change if `vehicle` wishes one and there is a gap for it.
+//   leader_gap, leader_speed: of the vehicle ahead; infinite gap without one.
+//   rate: wishes a second.
+void ConsiderLaneChange(const LaneGraph& graph, std::span<const Vehicle> vehicles, double time,
+                        double rate, double leader_gap, double leader_speed, Random& random,
+                        Vehicle& vehicle);
+
+}  // namespace maneuver::data::town
+
+#endif  // MANEUVER_MODEL_DATA_TOWN_LANE_CHANGE_H_

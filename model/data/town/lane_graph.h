@@ -1,0 +1,87 @@
+// Lanes, how they follow each other, and where they cross.
+
+#ifndef MANEUVER_MODEL_DATA_TOWN_LANE_GRAPH_H_
+#define MANEUVER_MODEL_DATA_TOWN_LANE_GRAPH_H_
+
+#include <optional>
+#include <vector>
+
+#include "model/data/town/path.h"
+
+namespace maneuver::data::town {
+
+enum class LaneKind {
+  kRoad,       // an ordinary piece of road
+  kConnector,  // through a junction
+  kRing,       // a piece of a roundabout's ring
+  kAisle,      // between the bays of a car park
+  kBay,        // out of a parking bay
+  kBike,       // for bicycles
+};
+
+// What someone does who follows the lane.
+enum class Movement { kAlong, kStraight, kLeft, kRight, kUTurn, kRoundabout, kParkOut };
+
+// One way on from the end of a lane.
+struct LaneLink {
+  int lane = 0;
+  double at = 0.0;      // arc length of `lane` where it is joined
+  double weight = 1.0;  // how many choose it
+};
+
+enum class GateKind {
+  kSignal,      // obey the signal, then give way
+  kStopSign,    // stop, then give way
+  kAllWayStop,  // stop, then whoever came first
+  kYield,       // give way without stopping
+  kPriority,    // go, unless someone is in the way already
+};
+
+// A piece of a gated lane that overlaps a piece of another lane.
+struct Conflict {
+  int lane = 0;
+  double from = 0.0;  // arc lengths of the gated lane
+  double to = 0.0;
+  double lane_from = 0.0;  // arc lengths of the other
+  double lane_to = 0.0;
+  bool merge = false;  // both go on along the same lane
+};
+
+// At the start of a lane: nobody enters it without having been let in.
+struct Gate {
+  GateKind kind = GateKind::kYield;
+  int signal_group = -1;  // of the place's signals, for kSignal
+  int rank = 0;           // gives way to those of a higher rank
+  std::vector<Conflict> conflicts = {};
+};
+
+struct Lane {
+  Path path;
+  double width = 3.5;         // metres
+  double speed_limit = 13.9;  // metres per second
+  LaneKind kind = LaneKind::kRoad;
+  Movement movement = Movement::kAlong;
+  std::vector<LaneLink> next;
+  int left = -1;  // neighbours in the same direction that may be changed to
+  int right = -1;
+  double change_from = 0.0;  // arc lengths between which a change may begin
+  double change_to = 0.0;
+  bool ends = false;     // has to be left to the left before its end: an on-ramp
+  bool reverse = false;  // driven backwards, and stopped at its end
+  std::optional<Gate> gate;
+};
+
+struct LaneGraph {
+  std::vector<Lane> lanes;
+
+  int Add(Lane lane);
+  // Finds the conflicts of every gated lane with every other lane. Lanes in sequence, and those
+  // that leave the same lane, are no conflict: car-following takes care of them.
+  void FindConflicts();
+  // For each lane, the lanes that lead to its start.
+  std::vector<std::vector<int>> Predecessors() const;
+};
+
+}  // namespace maneuver::data::town
+
+#endif  // MANEUVER_MODEL_DATA_TOWN_LANE_GRAPH_H_

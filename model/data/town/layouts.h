@@ -1,0 +1,38 @@
+// The places of the town, a family a file. Each draws its own dimensions and demand.
+
+#ifndef MANEUVER_MODEL_DATA_TOWN_LAYOUTS_H_
+#define MANEUVER_MODEL_DATA_TOWN_LAYOUTS_H_
+
+#include "model/data/town/place.h"
+#include "model/data/town/random.h"
+#include "model/data/town/road_builder.h"
+
+namespace maneuver::data::town {
+
+// layout_road.cc
+Place StraightRoad(Random& random);
+Place CurvedRoad(Random& random);
+// layout_crossing.cc
+Place SignalCrossing(Random& random);
+Place StopCrossing(Random& random);
+Place TJunction(Random& random);
+// layout_turnaround.cc
+Place Turnaround(Random& random);
+// layout_roundabout.cc
+Place Roundabout(Random& random);
+// layout_motorway.cc
+Place Motorway(Random& random);
+Place MotorwayMerge(Random& random);
+// layout_car_park.cc
+Place CarPark(Random& random);
+
+// One of the above, crossings more often than others. Conflicts are found, sources added.
+Place DrawPlace(Random& random);
+inline constexpr int kLayoutCount = 10;
+
+// Parked vehicles along the right (or left) kerb of a road with room for parking.
+void ParkAlong(Place& place, const Road& road, bool right, double share, Random& random);
+
+}  // namespace maneuver::data::town
+
+#endif  // MANEUVER_MODEL_DATA_TOWN_LAYOUTS_H_

@@ -1,0 +1,48 @@
+// People on foot: along the footways, and over crosswalks when the road is clear.
+
+#ifndef MANEUVER_MODEL_DATA_TOWN_PEDESTRIANS_H_
+#define MANEUVER_MODEL_DATA_TOWN_PEDESTRIANS_H_
+
+#include <span>
+#include <vector>
+
+#include "model/data/town/place.h"
+#include "model/data/town/random.h"
+#include "model/data/town/vehicle.h"
+
+namespace maneuver::data::town {
+
+struct Pedestrian {
+  int id = 0;
+  int footway = 0;
+  bool backwards = false;
+  double s = 0.0;      // metres walked along the footway, in the direction of walking
+  double pace = 1.35;  // wished, metres per second
+  double speed = 0.0;
+  double offset = 0.0;  // metres left of the footway's line
+  bool on_road = false;
+  Vec2 p;
+  double heading = 0.0;
+};
+
+class Pedestrians {
+ public:
+  Pedestrians(const Place& place, Random& random, int first_id);
+
+  // Moves everyone; `ahead` are the paths ahead of all vehicles, and their speeds.
+  void Step(double time, double dt, std::span<const Vehicle> vehicles,
+            std::span<const std::vector<AheadPoint>> ahead);
+  std::span<const Pedestrian> all() const { return walkers_; }
+
+ private:
+  bool MayCross(const Pedestrian& walker, double time, std::span<const Vehicle> vehicles,
+                std::span<const std::vector<AheadPoint>> ahead) const;
+  void SetPose(Pedestrian& walker) const;
+
+  const Place& place_;
+  std::vector<Pedestrian> walkers_;
+};
+
+}  // namespace maneuver::data::town
+
+#endif  // MANEUVER_MODEL_DATA_TOWN_PEDESTRIANS_H_

@@ -1,0 +1,71 @@
+// One place of the town: its lanes, signals, decoration, and where its traffic comes from. In the
+// place's own frame, its middle near the origin.
+
+#ifndef MANEUVER_MODEL_DATA_TOWN_PLACE_H_
+#define MANEUVER_MODEL_DATA_TOWN_PLACE_H_
+
+#include <string>
+#include <vector>
+
+#include "model/data/town/lane_graph.h"
+#include "model/data/town/signals.h"
+
+namespace maneuver::data::town {
+
+enum class DecorationKind {
+  kRoadLine,
+  kRoadEdge,
+  kCrosswalk,
+  kStopLine,
+  kSpeedBump,
+  kDriveway,
+  kStopSign,
+};
+
+struct Decoration {
+  DecorationKind kind = DecorationKind::kRoadLine;
+  std::vector<Vec2> points;
+};
+
+// Where vehicles (or bicycles) come from.
+struct Source {
+  int lane = 0;
+  double mean_headway = 8.0;  // seconds between arrivals
+};
+
+// A way on foot, one way or the other.
+struct Footway {
+  Path path;
+  // The piece of it on the road; empty (from >= to) on a pavement.
+  double crossing_from = 0.0;
+  double crossing_to = 0.0;
+  int signal_group = -1;  // vehicles' group that must be red, -1 without signals
+  double popularity = 1.0;
+};
+
+struct ParkedVehicle {
+  PathPoint pose = {};
+  double length = 4.6;
+  double width = 1.85;
+  int bay_lane = -1;          // pulls out along this lane, if not -1
+  double leaves_after = 0.0;  // seconds after the recording's start (may be negative)
+};
+
+struct Place {
+  std::string layout;  // name, lower_snake_case
+  LaneGraph graph;
+  SignalPlan signals;
+  std::vector<Decoration> decorations;
+  std::vector<Source> sources;
+  std::vector<Footway> footways;
+  std::vector<ParkedVehicle> parked;
+  int walkers = 4;                 // how many are about
+  double sensed_radius = 80.0;     // around the origin, metres
+  double lane_change_rate = 0.02;  // wishes a second and vehicle, where there is a neighbour
+  double long_vehicle_share = 0.06;
+  int initial_vehicles = 12;
+};
+
+}  // namespace maneuver::data::town
+
+#endif  // MANEUVER_MODEL_DATA_TOWN_PLACE_H_

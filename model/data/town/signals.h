@@ -1,0 +1,28 @@
+// Traffic signals of one junction: groups of lanes that are green one after the other.
+
+#ifndef MANEUVER_MODEL_DATA_TOWN_SIGNALS_H_
+#define MANEUVER_MODEL_DATA_TOWN_SIGNALS_H_
+
+#include <vector>
+
+namespace maneuver::data::town {
+
+enum class Light { kRed, kYellow, kGreen };
+
+// A fixed-time plan. Group 0 is green from `offset` on, then group 1, ... then group 0 again; each
+// green is followed by yellow and by a time in which all are red.
+struct SignalPlan {
+  std::vector<double> green;  // seconds, one a group; empty without signals
+  double yellow = 3.0;
+  double all_red = 2.0;
+  double offset = 0.0;
+
+  double Cycle() const;
+  Light At(int group, double time) const;
+  // Seconds from `time` until the group's light next turns from red to green; 0 if it is not red.
+  double UntilGreen(int group, double time) const;
+};
+
+}  // namespace maneuver::data::town
+
+#endif  // MANEUVER_MODEL_DATA_TOWN_SIGNALS_H_

@@ -1,0 +1,62 @@
+// What really happened to one road user, before any sensor looked at it.
+
+#ifndef MANEUVER_MODEL_DATA_TOWN_TRACK_H_
+#define MANEUVER_MODEL_DATA_TOWN_TRACK_H_
+
+#include <vector>
+
+#include "model/data/town/path.h"
+
+namespace maneuver::data::town {
+
+enum class Maneuver {
+  kKeepLane,
+  kFollowCurveLeft,
+  kFollowCurveRight,
+  kTurnLeft,
+  kTurnRight,
+  kUTurn,
+  kRoundabout,
+  kLaneChangeLeft,
+  kLaneChangeRight,
+  kMerge,
+  kParkOut,
+  kStop,
+  kStanding,
+  kStart,
+};
+
+enum class RoadUser { kVehicle, kPedestrian, kCyclist };
+
+struct TrackPoint {
+  double time = 0.0;          // seconds
+  Vec2 p = {};                // centre of the box
+  double heading = 0.0;       // of the body, radians, not wrapped
+  Vec2 velocity = {};         // metres per second
+  double speed = 0.0;         // its length
+  double travelled = 0.0;     // metres since the road user appeared
+  double path_heading = 0.0;  // of the lane, in the direction of travel
+  double lateral = 0.0;       // metres left of the lane's centre
+  int lane = -1;              // of the place, -1 off the lanes
+};
+
+// Something that the route has in store, between two distances travelled.
+struct RouteEvent {
+  Maneuver maneuver = Maneuver::kKeepLane;
+  double lead = 0.0;  // where it shows first: the approach
+  double from = 0.0;
+  double to = 0.0;
+};
+
+struct Track {
+  int id = 0;
+  RoadUser kind = RoadUser::kVehicle;
+  double length = 4.6;  // metres
+  double width = 1.85;
+  std::vector<TrackPoint> points;
+  std::vector<RouteEvent> events;
+};
+
+}  // namespace maneuver::data::town
+
+#endif  // MANEUVER_MODEL_DATA_TOWN_TRACK_H_

@@ -1,0 +1,32 @@
+// The traffic of one place, step by step.
+
+#ifndef MANEUVER_MODEL_DATA_TOWN_TRAFFIC_H_
+#define MANEUVER_MODEL_DATA_TOWN_TRAFFIC_H_
+
+#include <vector>
+
+#include "model/data/town/pedestrians.h"
+#include "model/data/town/place.h"
+#include "model/data/town/random.h"
+#include "model/data/town/track.h"
+#include "model/data/town/vehicle.h"
+
+namespace maneuver::data::town {
+
+struct TrafficOptions {
+  double warm_up = 15.0;  // seconds before time 0 that nobody sees
+  double duration = 20.0;
+  double frame_interval = 0.1;
+};
+
+// What everyone did from time 0 to `duration`, in the place's frame, without noise.
+std::vector<Track> SimulateTraffic(const Place& place, const TrafficOptions& options,
+                                   Random& random);
+
+// The largest depth, metres, to which the boxes of two road users ever overlapped (pedestrians
+// aside); 0 if none did.
+double LargestOverlap(const std::vector<Track>& tracks);
+
+}  // namespace maneuver::data::town
+
+#endif  // MANEUVER_MODEL_DATA_TOWN_TRAFFIC_H_

@@ -1,0 +1,92 @@
+// A vehicle (or bicycle) on its route through the lanes.
+//
+// It follows a path that is fixed by its lanes and its driver's ways: the centreline, plus an
+// offset to the left that depends on the distance travelled alone, so that a vehicle that stands
+// keeps its pose. The centre of the box follows the path; the body's heading is dragged behind it
+// as by a rear axle.
+
+#ifndef MANEUVER_MODEL_DATA_TOWN_VEHICLE_H_
+#define MANEUVER_MODEL_DATA_TOWN_VEHICLE_H_
+
+#include <limits>
+#include <vector>
+
+#include "model/data/town/driver.h"
+#include "model/data/town/lane_graph.h"
+#include "model/data/town/track.h"
+
+namespace maneuver::data::town {
+
+struct RouteStep {
+  int lane = 0;
+  double from = 0.0;  // arc length at which the lane is joined
+};
+
+struct Vehicle {
+  int id = 0;
+  RoadUser kind = RoadUser::kVehicle;
+  double length = 4.6;  // metres
+  double width = 1.85;
+  Driver driver;
+
+  std::vector<RouteStep> route;
+  size_t step = 0;  // of the route
+  double s = 0.0;   // arc length on its lane
+  double travelled = 0.0;
+  double speed = 0.0;
+  double acceleration = 0.0;
+  PathPoint pose;        // centre; heading and curvature of the path driven
+  double lateral = 0.0;  // metres left of the lane's centre
+  double body_heading = 0.0;
+
+  // A lane change: an offset that fades from `change_offset` to 0.
+  double change_start = -1e9;  // distance travelled
+  double change_length = 1.0;
+  double change_offset = 0.0;
+  double wishes_at = 0.0;  // time of the next wish to change lanes
+
+  // Let through the gates of its route up to this step.
+  size_t admitted = 0;
+  // When it first stood at the stop line ahead; infinity before.
+  double stood_at = std::numeric_limits<double>::infinity();
+  double leaves_at = -1e9;  // stands in its bay until then
+
+  std::vector<RouteEvent> events;
+
+  int lane() const { return route[step].lane; }
+  bool changing() const { return travelled < change_start + change_length; }
+};
+
+// Offset from the lane's centre and its slope, at `s` of a lane with `travelled` metres behind.
+struct Lateral {
+  double offset = 0.0;
+  double slope = 0.0;
+};
+Lateral LateralAt(const Vehicle& vehicle, const Lane& lane, double s, double travelled);
+
+// The pose on the path driven.
+PathPoint PoseAt(const Vehicle& vehicle, const Lane& lane, double s, double travelled);
+
+// A point of the path ahead of a vehicle's centre.
+struct AheadPoint {
+  double distance = 0.0;  // metres
+  Vec2 p;
+  Vec2 direction;
+  double speed_limit = 0.0;  // of the lane, the driver and the curvature
+};
+
+// The path ahead, every two metres, as far as it matters at the present speed.
+void LookAhead(const LaneGraph& graph, const Vehicle& vehicle, std::vector<AheadPoint>& ahead);
+
+// The distance from the centre to the start of step `step` of the route.
+double DistanceToStep(const LaneGraph& graph, const Vehicle& vehicle, size_t step);
+
+// Moves by one time step at the present speed and acceleration. False when the route has ended.
+bool Advance(const LaneGraph& graph, double dt, Vehicle& vehicle);
+
+// Sets pose and lateral from the route; the body's heading too if `align`.
+void SetPose(const LaneGraph& graph, bool align, Vehicle& vehicle);
+
+}  // namespace maneuver::data::town
+
+#endif  // MANEUVER_MODEL_DATA_TOWN_VEHICLE_H_
