@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <dnnl.hpp>
 #include <string>
 #include <unordered_map>
@@ -22,7 +23,7 @@ using Format = dnnl::memory::format_tag;
 using Type = dnnl::memory::data_type;
 
 constexpr double kNormalizationEpsilon = 1e-5;  // tensor.h
-constexpr float kFullIntensity = 255.0f;
+constexpr double kFullIntensity = 255.0;
 
 // Keeps oneDNN to the calling thread while it lives. The setting is that thread's own and is put
 // back: the trainer runs LibTorch on the same OpenMP.
@@ -42,34 +43,48 @@ dnnl::engine& CpuEngine() {
   return engine;
 }
 
+// A grid with channels that are always 0 up to whole vectors: for other numbers of channels oneDNN
+// has but its reference loops, which take a hundred times as long.
+GridSize Padded(GridSize grid) {
+  constexpr unsigned kAvx512 = static_cast<unsigned>(dnnl::cpu_isa::avx512_core);
+  const bool wide = (static_cast<unsigned>(dnnl::get_effective_cpu_isa()) & kAvx512) == kAvx512;
+  const int vector = wide ? 16 : 8;
+  grid.channels = (grid.channels + vector - 1) / vector * vector;
+  return grid;
+}
+
 memory::dims GridDims(const GridSize& grid) { return {1, grid.channels, grid.height, grid.width}; }
 
 // A convolution's weights and bias with its batch normalisation in them:
 // gamma (w x - m) / sqrt(v + eps) + beta.
 struct FoldedWeights {
-  std::vector<float> weight;  // [C_out, C_in, 3, 3]
-  std::vector<float> bias;    // [C_out]
+  std::vector<float> weight;  // [C_out, C_in, 3, 3], padded
+  std::vector<float> bias;    // [C_out], padded
 };
 
-FoldedWeights Fold(const artifact::TensorMap& weights, int layer) {
+FoldedWeights Fold(const artifact::TensorMap& weights, int layer, const GridSize& padded_input,
+                   const GridSize& padded_output) {
   const auto part = [&](const char* name) -> const std::vector<float>& {
     return weights.at(absl::StrCat("backbone.normalization.", layer, ".", name)).values;
   };
-  FoldedWeights folded;
-  folded.weight = weights.at(absl::StrCat("backbone.convolution.", layer, ".weight")).values;
-  const size_t outputs = part("weight").size();
-  const size_t taps = folded.weight.size() / outputs;
+  const artifact::Tensor& plain =
+      weights.at(absl::StrCat("backbone.convolution.", layer, ".weight"));
+  const size_t outputs = static_cast<size_t>(plain.shape[0]);
+  const size_t taps = static_cast<size_t>(plain.shape[1]) * 9;
+  const size_t padded_taps = static_cast<size_t>(padded_input.channels) * 9;
   // The raster's bytes go in as they are: the first layer divides them.
   const double input_scale = layer == 0 ? 1.0 / kFullIntensity : 1.0;
+  FoldedWeights folded;
+  folded.weight.resize(static_cast<size_t>(padded_output.channels) * padded_taps);
+  folded.bias.resize(static_cast<size_t>(padded_output.channels));
   for (size_t c = 0; c < outputs; ++c) {
     const double scale =
         part("weight")[c] / std::sqrt(double{part("running_var")[c]} + kNormalizationEpsilon);
     for (size_t i = 0; i < taps; ++i) {
-      float& weight = folded.weight[c * taps + i];
-      weight = static_cast<float>(weight * scale * input_scale);
+      folded.weight[c * padded_taps + i] =
+          static_cast<float>(plain.values[c * taps + i] * scale * input_scale);
     }
-    folded.bias.push_back(
-        static_cast<float>(part("bias")[c] - double{part("running_mean")[c]} * scale));
+    folded.bias[c] = static_cast<float>(part("bias")[c] - double{part("running_mean")[c]} * scale);
   }
   return folded;
 }
@@ -87,9 +102,8 @@ Convolution MakeConvolution(const memory::desc& source, const GridSize& input,
   const memory::dims weight_dims = {output.channels, input.channels, 3, 3};
   const memory::desc any_weight(weight_dims, type, Format::any);
   const memory::desc bias({output.channels}, Type::f32, Format::x);
-  // The layers between agree on what layout suits them; the last is read as [h, w, C].
-  const memory::desc destination = last ? memory::desc(GridDims(output), Type::f32, Format::nhwc)
-                                        : memory::desc(GridDims(output), type, Format::any);
+  // Asked for `any` layout here, oneDNN mixes layouts and falls back to its reference loops.
+  const memory::desc destination(GridDims(output), last ? Type::f32 : type, Format::nhwc);
   dnnl::post_ops relu;
   relu.append_eltwise(1.0f, dnnl::algorithm::eltwise_relu, 0.0f, 0.0f);
   dnnl::primitive_attr attributes;
@@ -124,9 +138,11 @@ bool ProcessorHasBf16() {
 }
 
 struct Backbone::Layers {
-  memory::desc bytes;   // the raster as it comes
-  memory::desc values;  // the raster as the first convolution reads it
-  dnnl::reorder widen;  // bytes to values; exact, also in bf16
+  memory::desc bytes;     // the raster as it comes
+  memory::desc values;    // the raster as the first convolution reads it
+  memory::desc unpadded;  // the channels of `values` that the raster has
+  dnnl::reorder widen;    // bytes to values; exact, also in bf16
+  GridSize last;
   std::vector<Convolution> convolutions;
 };
 
@@ -135,7 +151,9 @@ class Backbone::Scratch {
   explicit Scratch(const Layers& layers)
       : stream(CpuEngine()),
         bytes(layers.bytes, CpuEngine(), nullptr),
-        values(layers.values, CpuEngine()) {
+        values(layers.values, CpuEngine()),
+        unpadded(layers.unpadded, CpuEngine(), values.get_data_handle()) {
+    std::memset(values.get_data_handle(), 0, layers.values.get_size());
     memory source = values;  // handles: copies refer to the same memory
     for (size_t i = 0; i < layers.convolutions.size(); ++i) {
       const Convolution& convolution = layers.convolutions[i];
@@ -156,6 +174,7 @@ class Backbone::Scratch {
   dnnl::stream stream;
   memory bytes;  // points to the caller's raster
   memory values;
+  memory unpadded;              // part of values
   std::vector<memory> outputs;  // the last points to the caller's grid
   std::vector<std::unordered_map<int, memory>> steps;
 };
@@ -167,22 +186,29 @@ Backbone::Backbone(const v1::ModelSpec& spec, const artifact::TensorMap& weights
   const Type type = bf16 ? Type::bf16 : Type::f32;
   auto layers = std::make_unique<Layers>();
   const GridSize raster = artifact::BackboneGrid(spec, 0);
+  const GridSize padded_raster = Padded(raster);
   layers->bytes = memory::desc(GridDims(raster), Type::u8, Format::nhwc);
-  layers->values = memory::desc(GridDims(raster), type, Format::nhwc);
+  layers->values = memory::desc(GridDims(padded_raster), type, Format::nhwc);
+  layers->unpadded = layers->values.submemory_desc(GridDims(raster), {0, 0, 0, 0});
   layers->widen = dnnl::reorder(
-      dnnl::reorder::primitive_desc(CpuEngine(), layers->bytes, CpuEngine(), layers->values));
+      dnnl::reorder::primitive_desc(CpuEngine(), layers->bytes, CpuEngine(), layers->unpadded));
   const int count = spec.backbone().convolutions_size();
   for (int i = 0; i < count; ++i) {
     const memory::desc source =
         i == 0 ? layers->values : layers->convolutions.back().description.dst_desc();
-    layers->convolutions.push_back(MakeConvolution(
-        source, artifact::BackboneGrid(spec, i), artifact::BackboneGrid(spec, i + 1),
-        spec.backbone().convolutions(i).stride(), i + 1 == count, Fold(weights, i), type));
+    const GridSize input = Padded(artifact::BackboneGrid(spec, i));
+    const GridSize output = Padded(artifact::BackboneGrid(spec, i + 1));
+    layers->convolutions.push_back(
+        MakeConvolution(source, input, output, spec.backbone().convolutions(i).stride(),
+                        i + 1 == count, Fold(weights, i, input, output), type));
   }
+  layers->last = Padded(artifact::BackboneGrid(spec, count));
   layers_ = std::move(layers);
 }
 
 Backbone::~Backbone() = default;
+
+const artifact::GridSize& Backbone::last_grid() const { return layers_->last; }
 
 size_t Backbone::bytes() const {
   size_t bytes = 0;
@@ -201,7 +227,7 @@ void Backbone::Evaluate(const uint8_t* raster, Scratch* scratch, float* grid) co
   const OneThread one_thread;
   scratch->bytes.set_data_handle(const_cast<uint8_t*>(raster));  // only read
   scratch->outputs.back().set_data_handle(grid);
-  layers_->widen.execute(scratch->stream, scratch->bytes, scratch->values);
+  layers_->widen.execute(scratch->stream, scratch->bytes, scratch->unpadded);
   for (size_t i = 0; i < layers_->convolutions.size(); ++i) {
     layers_->convolutions[i].primitive.execute(scratch->stream, scratch->steps[i]);
   }
