@@ -1,0 +1,94 @@
+// maneuver classify: which action was the trajectory that each target really took?
+
+#include <algorithm>
+#include <memory>
+#include <numeric>
+#include <ostream>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/commands.h"
+#include "client/cli/resource_names.h"
+#include "client/cli/scenario_files.h"
+#include "client/cli/table.h"
+#include "client/cli/text_format.h"
+
+namespace maneuver::cli {
+namespace {
+
+struct Arguments {
+  std::vector<std::string> files;
+  std::string model;
+  std::optional<double> deadline;
+};
+
+int Classify(const Arguments& arguments, Environment& environment) {
+  const auto scenarios = ReadScenarios(arguments.files, environment);
+  if (!scenarios.ok()) return environment.Refuse(std::string(scenarios.status().message()));
+  v1::ClassifyTrajectoriesRequest request;
+  request.set_model(ModelResource(arguments.model));
+  request.mutable_scenarios()->Add(scenarios->begin(), scenarios->end());
+  client::CallOptions call = environment.call_options();
+  if (arguments.deadline) call.timeout = absl::Milliseconds(*arguments.deadline);
+  const auto answer = environment.server_client().ClassifyTrajectories(request, call);
+  if (!answer.ok()) return environment.Fail(answer.status());
+  if (environment.json()) environment.PrintJson(*answer);
+
+  bool all_answered = true;
+  Table table({{"SCENARIO"},
+               {"TARGET", Align::kRight},
+               {"ACTION", Align::kRight},
+               {"q(y|x,s)", Align::kRight},
+               {"p(y|s)", Align::kRight},
+               {"BOUND, nats", Align::kRight}});
+  for (const v1::ScenarioClassification& scenario : answer->classifications()) {
+    if (scenario.has_error()) {
+      ReportItemError(scenario.scenario_id(), scenario.error(), environment);
+      all_answered = false;
+    }
+    for (const v1::TargetClassification& target : scenario.targets()) {
+      if (target.has_error()) {
+        ReportItemError(TargetName(scenario.scenario_id(), target.target_id()), target.error(),
+                        environment);
+        all_answered = false;
+        continue;
+      }
+      std::vector<int> order(static_cast<size_t>(target.responsibilities_size()));
+      std::iota(order.begin(), order.end(), 0);
+      std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+        return target.responsibilities(a) > target.responsibilities(b);
+      });
+      constexpr double kWorthShowing = 0.05;
+      for (const int id : order) {
+        const bool first = id == order.front();
+        if (!first && target.responsibilities(id) < kWorthShowing) break;
+        table.Add({first ? scenario.scenario_id() : "",
+                   first ? absl::StrCat(target.target_id()) : "", absl::StrCat(id),
+                   Share(target.responsibilities(id)),
+                   id < target.probabilities_size() ? Share(target.probabilities(id)) : "-",
+                   first ? Fixed(target.log_likelihood_bound(), 2) : ""});
+      }
+    }
+  }
+  if (!environment.json()) environment.out << table.Text(environment.color);
+  return all_answered ? kOk : kFailed;
+}
+
+}  // namespace
+
+void AddClassify(Command& root, Environment& environment) {
+  const auto arguments = std::make_shared<Arguments>();
+  Command command = root.Add("classify", "Which action was what a target really did?",
+                             "q(y|x,s), from the states after the prediction time; the scene has "
+                             "to know them as far as the\n"
+                             "model predicts.\n"
+                             "Example: maneuver scenario extract town town-1-0 -o scene.json\n"
+                             "         maneuver classify scene.json --model town");
+  command.Arguments("FILE", &arguments->files, "Scenario as proto3 JSON; - for standard input");
+  command.Option("--model", &arguments->model,
+                 "town (what serves), town/2 or town@candidate [the only one that serves]");
+  command.Option("--deadline", &arguments->deadline, 1.0, 1e7,
+                 "Milliseconds that the answer may take");
+  command.Run([arguments, &environment] { return Classify(*arguments, environment); });
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,25 @@
+// Each adds its commands to the command line. `environment` outlives it.
+
+#ifndef MANEUVER_CLIENT_CLI_COMMANDS_H_
+#define MANEUVER_CLIENT_CLI_COMMANDS_H_
+
+#include "client/cli/command.h"
+#include "client/cli/environment.h"
+
+namespace maneuver::cli {
+
+void AddSynthesize(Command& root, Environment& environment);
+void AddImport(Command& root, Environment& environment);
+void AddDataset(Command& root, Environment& environment);
+void AddScenario(Command& root, Environment& environment);
+void AddTrain(Command& root, Environment& environment);
+void AddEvaluate(Command& root, Environment& environment);
+void AddJob(Command& root, Environment& environment);
+void AddModel(Command& root, Environment& environment);
+void AddPredict(Command& root, Environment& environment);  // probability, distribution, predict
+void AddClassify(Command& root, Environment& environment);
+void AddHealth(Command& root, Environment& environment);
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_COMMANDS_H_

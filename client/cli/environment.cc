@@ -1,0 +1,82 @@
+#include "client/cli/environment.h"
+
+#include <google/protobuf/util/json_util.h>
+
+#include <ostream>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/command.h"
+#include "client/error_details.h"
+
+namespace maneuver::cli {
+
+Environment::Environment(std::istream& input, std::ostream& answers, std::ostream& messages)
+    : in(input), out(answers), err(messages) {}
+
+client::Client& Environment::server_client() {
+  if (client_ == nullptr) {
+    client::ClientOptions options;
+    options.address = server;
+    options.user_agent = "maneuver/" MANEUVER_VERSION;
+    if (verbose) {
+      options.on_retry = [this](const absl::Status& failure, absl::Duration wait) {
+        err << failure.message() << "; trying again in " << absl::FormatDuration(wait) << "\n";
+      };
+    }
+    // --server is checked to be non-empty when it is parsed; the rest are defaults.
+    client_ = *client::Client::Connect(options);
+  }
+  return *client_;
+}
+
+client::CallOptions Environment::call_options() const {
+  client::CallOptions call;
+  if (timeout) call.timeout = absl::Seconds(*timeout);
+  return call;
+}
+
+void Environment::PrintJson(const google::protobuf::Message& message) {
+  google::protobuf::util::JsonPrintOptions options;
+  options.add_whitespace = true;
+  options.always_print_primitive_fields = true;
+  std::string text;
+  // Fails only for an Any of a type that is not linked in; then what there is gets printed.
+  (void)google::protobuf::util::MessageToJsonString(message, &text, options);
+  out << text;
+}
+
+int Environment::Fail(const absl::Status& status) {
+  err << "maneuver: " << Explain(status, server) << "\n";
+  return kFailed;
+}
+
+int Environment::Refuse(const std::string& message) {
+  err << "maneuver: " << message << "\n";
+  return kUsage;
+}
+
+std::string Explain(const absl::Status& status, const std::string& server) {
+  const client::ErrorDetails details = client::ErrorDetailsOf(status);
+  std::string text(status.message());
+  if (text.empty()) text = absl::StatusCodeToString(status.code());
+  if (absl::IsUnavailable(status) && details.reason.empty()) {
+    text = absl::StrCat("no server answers at ", server,
+                        "; start one with maneuverd --data-dir DIR or name it with --server (",
+                        text, ")");
+  } else if (absl::IsDeadlineExceeded(status)) {
+    text = absl::StrCat("the server at ", server,
+                        " did not answer in time; allow more with --timeout SECONDS (", text, ")");
+  } else if (absl::IsUnimplemented(status)) {
+    text = absl::StrCat("the server at ", server,
+                        " does not know this call; it may be older than this command (", text, ")");
+  }
+  if (details.retry_delay) {
+    absl::StrAppend(&text, "; try again in ", absl::FormatDuration(*details.retry_delay));
+  }
+  for (const client::FieldViolation& violation : details.field_violations) {
+    absl::StrAppend(&text, "\n  ", violation.field, ": ", violation.description);
+  }
+  return text;
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,60 @@
+// What every command works in: its streams, the global options, and the server that it talks to.
+
+#ifndef MANEUVER_CLIENT_CLI_ENVIRONMENT_H_
+#define MANEUVER_CLIENT_CLI_ENVIRONMENT_H_
+
+#include <google/protobuf/message.h>
+
+#include <iosfwd>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "client/client.h"
+
+namespace maneuver::cli {
+
+// Not thread-safe.
+class Environment {
+ public:
+  Environment(std::istream& input, std::ostream& answers, std::ostream& messages);
+
+  // Answers go to out and to nothing else; progress and errors to err.
+  std::istream& in;
+  std::ostream& out;
+  std::ostream& err;
+  bool color = false;        // out is a terminal that wants colour
+  bool interactive = false;  // err is a terminal: progress may be drawn in place
+
+  // Global options.
+  std::string server = "127.0.0.1:8470";
+  std::string output = "text";
+  std::optional<double> timeout;  // seconds
+  bool verbose = false;
+
+  bool json() const { return output == "json"; }
+
+  // The server, connected to on first use.
+  client::Client& server_client();
+  // --timeout, as each call takes it.
+  client::CallOptions call_options() const;
+
+  // Prints `message` as proto3 JSON, all fields of an answer included.
+  void PrintJson(const google::protobuf::Message& message);
+
+  // Says on err why a command failed, in a sentence that says what to do; returns kFailed.
+  int Fail(const absl::Status& status);
+  // The same for a command line that makes no sense; returns kUsage.
+  int Refuse(const std::string& message);
+
+ private:
+  std::unique_ptr<client::Client> client_;
+};
+
+// What Fail prints: the message, what to do about it, then each wrong field on a line of its own.
+std::string Explain(const absl::Status& status, const std::string& server);
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_ENVIRONMENT_H_

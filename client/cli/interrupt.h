@@ -1,0 +1,31 @@
+// Ctrl-C, as a call in an ordinary thread.
+
+#ifndef MANEUVER_CLIENT_CLI_INTERRUPT_H_
+#define MANEUVER_CLIENT_CLI_INTERRUPT_H_
+
+#include <atomic>
+#include <functional>
+#include <thread>
+
+namespace maneuver::cli {
+
+// While it lives, the first SIGINT calls `on_interrupt` on a thread of its own, where locks may be
+// taken; the second one ends the program as usual. One at a time.
+class Interrupt {
+ public:
+  explicit Interrupt(std::function<void()> on_interrupt);
+  ~Interrupt();
+  Interrupt(const Interrupt&) = delete;
+  Interrupt& operator=(const Interrupt&) = delete;
+
+  bool happened() const { return happened_; }
+
+ private:
+  int pipe_[2] = {-1, -1};
+  std::atomic<bool> happened_ = false;
+  std::thread waiter_;
+};
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_INTERRUPT_H_

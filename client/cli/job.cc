@@ -1,0 +1,145 @@
+// maneuver job: list, show, watch, cancel, delete.
+
+#include <memory>
+#include <ostream>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "client/cli/commands.h"
+#include "client/cli/job_display.h"
+#include "client/cli/resource_names.h"
+#include "client/cli/table.h"
+#include "client/cli/text_format.h"
+
+namespace maneuver::cli {
+namespace {
+
+std::string Took(const v1::Job& job) {
+  if (!job.has_start_time() || !job.has_end_time()) return "-";
+  return Spell(ToSeconds(job.end_time()) - ToSeconds(job.start_time()));
+}
+
+int List(Environment& environment) {
+  v1::ListJobsRequest request;
+  request.set_page_size(1'000);
+  v1::ListJobsResponse all;
+  do {
+    auto page = environment.server_client().ListJobs(request, environment.call_options());
+    if (!page.ok()) return environment.Fail(page.status());
+    request.set_page_token(page->next_page_token());
+    page->clear_next_page_token();
+    all.MergeFrom(*page);
+  } while (!request.page_token().empty());
+  if (environment.json()) {
+    environment.PrintJson(all);
+    return kOk;
+  }
+  Table table({{"JOB"},
+               {"WHAT"},
+               {"MODEL"},
+               {"STATE"},
+               {"DONE", Align::kRight},
+               {"CREATED"},
+               {"TOOK", Align::kRight}});
+  for (const v1::Job& job : all.jobs()) {
+    table.Add({ShortName(job.name()), Kind(job), Subject(job), StateName(job.state()),
+               Fixed(100.0 * job.progress().fraction(), 0) + " %", Moment(job.create_time()),
+               Took(job)});
+  }
+  if (table.empty()) {
+    environment.err << "no jobs yet; start one with maneuver train MODEL --dataset NAME\n";
+  } else {
+    environment.out << table.Text(environment.color);
+  }
+  return kOk;
+}
+
+int Show(const std::string& name, Environment& environment) {
+  v1::GetJobRequest request;
+  request.set_name(JobResource(name));
+  const auto job = environment.server_client().GetJob(request, environment.call_options());
+  if (!job.ok()) return environment.Fail(job.status());
+  if (environment.json()) {
+    environment.PrintJson(*job);
+    return kOk;
+  }
+  Table table({{"JOB"}, {ShortName(job->name())}});
+  table.Add({"what", Kind(*job)});
+  table.Add({"model", Subject(*job)});
+  const std::string datasets =
+      job->has_train() ? absl::StrJoin(job->train().datasets(), " ") : job->evaluate().dataset();
+  table.Add({"datasets", datasets});
+  table.Add({"state", StateName(job->state())});
+  if (job->has_error()) table.Add({"error", job->error().message()});
+  table.Add({"created", Moment(job->create_time())});
+  table.Add({"started", Moment(job->start_time())});
+  table.Add({"ended", Moment(job->end_time())});
+  table.Add({"took", Took(*job)});
+  const v1::JobProgress& progress = job->progress();
+  if (!progress.phase().empty()) {
+    table.Add({"progress", absl::StrCat(Fixed(100.0 * progress.fraction(), 0), " %, ",
+                                        ProgressText(progress, progress.epoch_report()))});
+  }
+  environment.out << table.Text(environment.color);
+  if (job->evaluation().metrics_size() > 0) {
+    environment.out << "\n" << MetricsTable(job->evaluation().metrics(), environment.color);
+  }
+  return kOk;
+}
+
+int Cancel(const std::string& name, Environment& environment) {
+  v1::CancelJobRequest request;
+  request.set_name(JobResource(name));
+  const auto job = environment.server_client().CancelJob(request, environment.call_options());
+  if (!job.ok()) return environment.Fail(job.status());
+  if (environment.json()) {
+    environment.PrintJson(*job);
+  } else {
+    environment.out << job->name() << " is " << StateName(job->state()) << "\n";
+  }
+  return kOk;
+}
+
+int Delete(const std::string& name, Environment& environment) {
+  v1::DeleteJobRequest request;
+  request.set_name(JobResource(name));
+  const absl::Status status =
+      environment.server_client().DeleteJob(request, environment.call_options());
+  if (!status.ok()) return environment.Fail(status);
+  environment.err << request.name() << " is forgotten; what it made stays\n";
+  return kOk;
+}
+
+}  // namespace
+
+void AddJob(Command& root, Environment& environment) {
+  Command group = root.Add("job", "Training and evaluation jobs");
+  const auto name = std::make_shared<std::string>();
+
+  Command list = group.Add("list", "All jobs, newest first", "Example: maneuver job list");
+  list.Run([&environment] { return List(environment); });
+
+  Command show = group.Add("show", "One job", "Example: maneuver job show 3f2a");
+  show.Argument("JOB", name.get(), "Its name, as maneuver job list prints it");
+  show.Run([=, &environment] { return Show(*name, environment); });
+
+  Command watch =
+      group.Add("watch", "Follow a job until it ends",
+                "Shows all progress from the start. Ctrl-C stops watching, not the job.\n"
+                "Exit status 0 if the job succeeded.\n"
+                "Example: maneuver job watch 3f2a");
+  watch.Argument("JOB", name.get(), "Its name");
+  watch.Run([=, &environment] { return WatchToEnd(JobResource(*name), environment); });
+
+  Command cancel = group.Add("cancel", "Stop a job that is pending or running",
+                             "Example: maneuver job cancel 3f2a");
+  cancel.Argument("JOB", name.get(), "Its name");
+  cancel.Run([=, &environment] { return Cancel(*name, environment); });
+
+  Command remove = group.Add("delete", "Forget a job that ended; what it made stays",
+                             "Example: maneuver job delete 3f2a");
+  remove.Argument("JOB", name.get(), "Its name");
+  remove.Run([=, &environment] { return Delete(*name, environment); });
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,215 @@
+#include "client/cli/job_display.h"
+
+#include <cmath>
+#include <map>
+#include <ostream>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
+#include "client/cli/command.h"
+#include "client/cli/interrupt.h"
+#include "client/cli/resource_names.h"
+#include "client/cli/table.h"
+#include "client/cli/text_format.h"
+#include "client/error_details.h"
+
+namespace maneuver::cli {
+namespace {
+
+// Draws the events of one job.
+class JobDisplay {
+ public:
+  explicit JobDisplay(Environment& environment)
+      : environment_(environment), line_(environment.err, environment.interactive) {}
+
+  void Show(const v1::Job& job) {
+    const v1::JobProgress& progress = job.progress();
+    if (job.state() == v1::JOB_STATE_PENDING) {
+      line_.Show(0.0, "waiting for its turn");
+      if (!environment_.interactive && !waiting_said_) {
+        environment_.err << job.name() << " waits for its turn\n";
+      }
+      waiting_said_ = true;
+      return;
+    }
+    if (progress.phase() != phase_) {
+      // On a terminal each phase leaves its last line behind.
+      if (environment_.interactive && !phase_.empty() && last_report_.training_size() > 0) {
+        line_.Clear();
+        environment_.err << last_text_ << "\n";
+      }
+      phase_ = progress.phase();
+      last_report_.Clear();
+    }
+    if (progress.has_epoch_report()) {
+      last_report_ = progress.epoch_report();
+      v1::JobProgress ended = progress;
+      ended.clear_time_left();
+      last_text_ = ProgressText(ended, last_report_);
+      if (!environment_.interactive)
+        environment_.err << ProgressText(progress, last_report_) << "\n";
+    }
+    line_.Show(progress.fraction(), absl::StrCat(Fixed(100.0 * progress.fraction(), 0), " %  ",
+                                                 ProgressText(progress, last_report_)));
+  }
+
+  void Clear() { line_.Clear(); }
+
+ private:
+  Environment& environment_;
+  ProgressLine line_;
+  std::string phase_;
+  v1::EpochReport last_report_;
+  std::string last_text_;
+  bool waiting_said_ = false;
+};
+
+void PrintHowToGoOn(const std::string& job, Environment& environment) {
+  const std::string name = ShortName(job);
+  environment.err << "No longer watching; " << job << " goes on.\n  maneuver job watch " << name
+                  << "\n  maneuver job cancel " << name << "\n";
+}
+
+}  // namespace
+
+std::string StateName(v1::JobState state) {
+  switch (state) {
+    case v1::JOB_STATE_PENDING:
+      return "pending";
+    case v1::JOB_STATE_RUNNING:
+      return "running";
+    case v1::JOB_STATE_SUCCEEDED:
+      return "succeeded";
+    case v1::JOB_STATE_FAILED:
+      return "failed";
+    case v1::JOB_STATE_CANCELLED:
+      return "cancelled";
+    default:
+      return "-";
+  }
+}
+
+std::string Kind(const v1::Job& job) {
+  return job.has_train() ? "train" : job.has_evaluate() ? "evaluate" : "-";
+}
+
+std::string Subject(const v1::Job& job) {
+  if (!job.model_version().empty()) return ShortName(job.model_version());
+  return ShortName(job.has_train() ? job.train().model() : job.evaluate().model());
+}
+
+std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport& last_report) {
+  std::string text = progress.phase();
+  if (progress.epochs() > 0) {
+    absl::StrAppend(&text, " ", progress.epoch(), "/", progress.epochs());
+  }
+  const auto loss = last_report.training().find("loss");
+  if (loss != last_report.training().end()) {
+    absl::StrAppend(&text, "  loss ", Fixed(loss->second, 3));
+  }
+  if (last_report.action_usage_size() > 0) {
+    absl::StrAppend(&text, "  ", last_report.effective_actions(), " effective actions");
+  }
+  if (progress.has_time_left() && progress.fraction() < 1.0) {
+    absl::StrAppend(&text, "  ", Spell(ToSeconds(progress.time_left())), " left");
+  }
+  return text;
+}
+
+std::string MetricsTable(const google::protobuf::Map<std::string, double>& metrics, bool color) {
+  const std::map<std::string, double> sorted(metrics.begin(), metrics.end());
+  const auto text = [](double value) {
+    return value == std::round(value) ? Fixed(value, 0) : Fixed(value, 3);
+  };
+  bool compared = false;
+  std::vector<std::vector<std::string>> rows;
+  for (const auto& [name, value] : sorted) {
+    if (absl::EndsWith(name, "_cv")) continue;
+    // "min_ade_6" and "ade_1" compare with "ade_cv": constant velocity has one answer alone.
+    std::string stem(absl::StripPrefix(name, "min_"));
+    const size_t number = stem.find_last_not_of("0123456789");
+    if (number + 1 < stem.size() && stem[number] == '_') stem.resize(number);
+    const auto constant_velocity = sorted.find(stem + "_cv");
+    const bool has = constant_velocity != sorted.end();
+    compared |= has;
+    rows.push_back({name, text(value), has ? text(constant_velocity->second) : ""});
+  }
+  std::vector<Column> columns = {{"METRIC"}, {"MODEL", Align::kRight}};
+  if (compared) columns.push_back({"CONSTANT VELOCITY", Align::kRight});
+  Table table(columns);
+  for (std::vector<std::string>& row : rows) {
+    row.resize(columns.size());
+    table.Add(std::move(row));
+  }
+  return table.Text(color);
+}
+
+int PrintOutcome(const v1::Job& job, Environment& environment) {
+  const bool succeeded = job.state() == v1::JOB_STATE_SUCCEEDED;
+  if (environment.json()) {
+    environment.PrintJson(job);
+    return succeeded ? kOk : kFailed;
+  }
+  if (job.state() == v1::JOB_STATE_FAILED) {
+    environment.err << "maneuver: " << job.name()
+                    << " failed: " << Explain(client::ToStatus(job.error()), environment.server)
+                    << "\n";
+    return kFailed;
+  }
+  if (!succeeded) {
+    environment.err << "maneuver: " << job.name() << " was cancelled\n";
+    return kFailed;
+  }
+  const double took = ToSeconds(job.end_time()) - ToSeconds(job.start_time());
+  if (job.has_evaluate()) {
+    environment.out << ShortName(job.evaluation().model_version()) << " on "
+                    << ShortName(job.evaluation().dataset()) << ", " << job.evaluation().examples()
+                    << " examples, in " << Spell(took) << "\n\n"
+                    << MetricsTable(job.evaluation().metrics(), environment.color);
+    return kOk;
+  }
+  environment.out << job.model_version() << " is trained, in " << Spell(took) << "\n";
+  v1::GetModelVersionRequest request;
+  request.set_name(job.model_version());
+  const auto version =
+      environment.server_client().GetModelVersion(request, environment.call_options());
+  // It may have been deleted since; the job is none the worse for that.
+  if (version.ok() && version->manifest().metrics_size() > 0) {
+    environment.out << "\n" << MetricsTable(version->manifest().metrics(), environment.color);
+  }
+  return kOk;
+}
+
+int WatchToEnd(const std::string& job, Environment& environment) {
+  client::Cancellation cancellation;
+  client::CallOptions call = environment.call_options();
+  call.cancellation = &cancellation;
+  JobDisplay display(environment);
+  v1::WatchJobRequest request;
+  request.set_name(job);
+  bool left = false;
+  absl::StatusOr<v1::Job> ended = absl::UnknownError("not watched");
+  {
+    const Interrupt interrupt([&cancellation] { cancellation.Cancel(); });
+    ended = environment.server_client().WatchJob(
+        request,
+        [&display](const v1::Job& event) {
+          display.Show(event);
+          return true;
+        },
+        call);
+    left = interrupt.happened();
+  }
+  display.Clear();
+  if (!ended.ok() && left) {
+    PrintHowToGoOn(job, environment);
+    return kOk;
+  }
+  if (!ended.ok()) {
+    PrintHowToGoOn(job, environment);
+    return environment.Fail(ended.status());
+  }
+  return PrintOutcome(*ended, environment);
+}
+
+}  // namespace maneuver::cli

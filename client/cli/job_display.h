@@ -1,0 +1,35 @@
+// Jobs as people see them.
+
+#ifndef MANEUVER_CLIENT_CLI_JOB_DISPLAY_H_
+#define MANEUVER_CLIENT_CLI_JOB_DISPLAY_H_
+
+#include <string>
+
+#include "client/cli/environment.h"
+#include "client/cli/progress_line.h"
+#include "maneuver/v1/training_service.pb.h"
+
+namespace maneuver::cli {
+
+std::string StateName(v1::JobState state);  // "running"
+std::string Kind(const v1::Job& job);       // "train" or "evaluate"
+std::string Subject(const v1::Job& job);    // the model: "town"
+
+// "joint 7/10  loss 2.31  19 effective actions  1 min 05 s left"; parts that are not known are left
+// out.
+std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport& last_report);
+
+// Metrics beside those of constant velocity, where there are any.
+std::string MetricsTable(const google::protobuf::Map<std::string, double>& metrics, bool color);
+
+// Follows a job until it ends, drawing its progress on err (on a terminal a bar; elsewhere a line
+// for each epoch), then prints what came of it. Ctrl-C stops watching, not the job, and says how to
+// go on. Returns kOk if the job succeeded or was left running, else kFailed.
+int WatchToEnd(const std::string& job, Environment& environment);
+
+// What came of a job that ended; returns kOk if it succeeded.
+int PrintOutcome(const v1::Job& job, Environment& environment);
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_JOB_DISPLAY_H_

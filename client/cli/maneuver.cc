@@ -1,0 +1,35 @@
+#include "client/cli/maneuver.h"
+
+#include "client/cli/commands.h"
+
+namespace maneuver::cli {
+
+int RunManeuver(const std::vector<std::string>& arguments, Environment& environment) {
+  CommandLine line(
+      "Talks to a Maneuver server: makes datasets, trains models, asks what vehicles will do.\n"
+      "Answers go to standard output, messages to standard error. Exit status: 0 done, 1 a call "
+      "or\n"
+      "part of what was asked for failed, 2 the command line makes no sense.",
+      "maneuver", MANEUVER_VERSION);
+  Command root = line.root();
+  root.Option("--server", &environment.server, "HOST:PORT of the server", "MANEUVER_SERVER");
+  root.Choice("--output", &environment.output, {"text", "json"},
+              "Tables for people, or proto3 JSON for scripts");
+  root.Option("--timeout", &environment.timeout, 0.001, 1e6,
+              "Seconds that each call may take [by kind of call]");
+  root.Flag("-v,--verbose", &environment.verbose, "Say more about what goes on");
+  AddSynthesize(root, environment);
+  AddImport(root, environment);
+  AddDataset(root, environment);
+  AddScenario(root, environment);
+  AddTrain(root, environment);
+  AddEvaluate(root, environment);
+  AddJob(root, environment);
+  AddModel(root, environment);
+  AddPredict(root, environment);
+  AddClassify(root, environment);
+  AddHealth(root, environment);
+  return line.Run(arguments, environment.out, environment.err);
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,253 @@
+// maneuver model: list, show, actions, delete, promote, label.
+
+#include <cmath>
+#include <memory>
+#include <ostream>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "client/cli/commands.h"
+#include "client/cli/job_display.h"
+#include "client/cli/json_files.h"
+#include "client/cli/resource_names.h"
+#include "client/cli/table.h"
+#include "client/cli/text_format.h"
+#include "client/plot/action_set_plot.h"
+
+namespace maneuver::cli {
+namespace {
+
+struct Arguments {
+  std::string model;
+  std::string alias = "serving";
+  int64_t action = 0;
+  std::string label;
+  bool all = false;
+  std::optional<std::string> plot;
+};
+
+double Horizon(const v1::ModelSpec& spec) {
+  return spec.trajectory().waypoints() * ToSeconds(spec.trajectory().waypoint_interval());
+}
+
+std::string Metric(const v1::ModelManifest& manifest, const std::string& name) {
+  const auto found = manifest.metrics().find(name);
+  return found == manifest.metrics().end() ? "-" : Fixed(found->second, 2);
+}
+
+int List(const std::string& model, Environment& environment) {
+  v1::ListModelVersionsRequest request;
+  request.set_parent(model.empty() ? "models/-" : ModelResource(model));
+  request.set_page_size(1'000);
+  v1::ListModelVersionsResponse all;
+  do {
+    auto page = environment.server_client().ListModelVersions(request, environment.call_options());
+    if (!page.ok()) return environment.Fail(page.status());
+    request.set_page_token(page->next_page_token());
+    page->clear_next_page_token();
+    all.MergeFrom(*page);
+  } while (!request.page_token().empty());
+  if (environment.json()) {
+    environment.PrintJson(all);
+    return kOk;
+  }
+  Table table({{"MODEL"},
+               {"ALIASES"},
+               {"CREATED"},
+               {"ACTIONS", Align::kRight},
+               {"HORIZON", Align::kRight},
+               {"ADE 1", Align::kRight},
+               {"MIN ADE 6", Align::kRight},
+               {"DATASETS"}});
+  for (const v1::ModelVersion& version : all.model_versions()) {
+    const v1::ModelManifest& manifest = version.manifest();
+    std::vector<std::string> datasets;
+    for (const std::string& dataset : manifest.provenance().datasets()) {
+      datasets.push_back(ShortName(dataset));
+    }
+    table.Add({ShortName(version.name()), absl::StrJoin(version.aliases(), " "),
+               Moment(version.create_time()), absl::StrCat(manifest.spec().actions()),
+               Spell(Horizon(manifest.spec())), Metric(manifest, "ade_1"),
+               Metric(manifest, "min_ade_6"), absl::StrJoin(datasets, " ")});
+  }
+  if (table.empty()) {
+    environment.err << "no models yet; train one with maneuver train MODEL --dataset NAME\n";
+  } else {
+    environment.out << table.Text(environment.color);
+  }
+  return kOk;
+}
+
+int Show(const std::string& name, Environment& environment) {
+  v1::GetModelVersionRequest request;
+  request.set_name(ModelResource(name));
+  const auto version =
+      environment.server_client().GetModelVersion(request, environment.call_options());
+  if (!version.ok()) return environment.Fail(version.status());
+  if (environment.json()) {
+    environment.PrintJson(*version);
+    return kOk;
+  }
+  const v1::ModelManifest& manifest = version->manifest();
+  const v1::ModelSpec& spec = manifest.spec();
+  int effective = 0;
+  for (const v1::Action& action : manifest.actions()) effective += action.effective() ? 1 : 0;
+  Table table({{"MODEL"}, {ShortName(version->name())}});
+  table.Add({"aliases", absl::StrJoin(version->aliases(), " ")});
+  table.Add({"created", Moment(version->create_time())});
+  table.Add({"actions", absl::StrCat(spec.actions(), ", ", effective, " effective")});
+  table.Add({"latent dimensions", absl::StrCat(spec.latent_dimensions())});
+  table.Add({"horizon", absl::StrCat(Spell(Horizon(spec)), " in ", spec.trajectory().waypoints(),
+                                     " waypoints")});
+  table.Add({"raster", absl::StrCat(spec.raster().width(), " x ", spec.raster().height(), " at ",
+                                    spec.raster().meters_per_pixel(), " m a pixel")});
+  table.Add({"datasets", absl::StrJoin(manifest.provenance().datasets(), " ")});
+  table.Add({"preset", manifest.provenance().settings().preset()});
+  table.Add({"examples", absl::StrCat(manifest.provenance().training_examples(), " learned, ",
+                                      manifest.provenance().validation_examples(), " held out")});
+  environment.out << table.Text(environment.color);
+  if (manifest.metrics_size() > 0) {
+    environment.out << "\n" << MetricsTable(manifest.metrics(), environment.color);
+  }
+  return kOk;
+}
+
+// What an action does, in a few numbers: where it ends, in the target's frame.
+std::string Ends(const v1::Trajectory& mean) {
+  if (mean.x().empty() || mean.y().empty()) return "-";
+  const double x = *mean.x().rbegin();
+  const double y = *mean.y().rbegin();
+  return absl::StrCat(Fixed(x, 1), " m ahead, ", Fixed(std::abs(y), 1), " m ",
+                      y >= 0.0 ? "left" : "right");
+}
+
+int Actions(const Arguments& arguments, Environment& environment) {
+  v1::GetActionSetRequest request;
+  request.set_name(ModelResource(arguments.model));
+  const auto set = environment.server_client().GetActionSet(request, environment.call_options());
+  if (!set.ok()) return environment.Fail(set.status());
+  if (arguments.plot) {
+    plot::ActionSetPlotOptions options;
+    options.all = arguments.all;
+    const absl::StatusOr<std::string> picture = plot::DrawActionSet(*set, options);
+    const absl::Status status =
+        picture.ok() ? WriteFile(*arguments.plot, *picture) : picture.status();
+    if (!status.ok()) return environment.Fail(status);
+    environment.err << "the picture is " << *arguments.plot << "\n";
+  }
+  if (environment.json()) {
+    environment.PrintJson(*set);
+    return kOk;
+  }
+  Table table({{"ACTION", Align::kRight}, {"LABEL"}, {"USAGE", Align::kRight}, {"MEAN ENDS"}});
+  int left_out = 0;
+  for (const v1::Action& action : set->actions()) {
+    if (!action.effective() && !arguments.all) {
+      ++left_out;
+      continue;
+    }
+    table.Add({absl::StrCat(action.action_id()), action.label(), Share(action.usage()),
+               Ends(action.distribution().mean_trajectory())});
+  }
+  environment.out << table.Text(environment.color);
+  if (left_out > 0) {
+    environment.err << left_out << " actions are not effective; --all shows them too\n";
+  }
+  return kOk;
+}
+
+int Delete(const std::string& name, Environment& environment) {
+  v1::DeleteModelVersionRequest request;
+  request.set_name(ModelResource(name));
+  const absl::Status status =
+      environment.server_client().DeleteModelVersion(request, environment.call_options());
+  if (!status.ok()) return environment.Fail(status);
+  environment.err << request.name() << " is deleted\n";
+  return kOk;
+}
+
+int Promote(const Arguments& arguments, Environment& environment) {
+  const std::string version = ModelResource(arguments.model);
+  const size_t versions = version.find("/versions/");
+  if (versions == std::string::npos) {
+    return environment.Refuse(absl::StrCat("name the version to promote, such as ", arguments.model,
+                                           "/2; see maneuver model list"));
+  }
+  v1::SetModelAliasRequest request;
+  request.set_name(absl::StrCat(version.substr(0, versions), "/aliases/", arguments.alias));
+  request.set_model_version(version);
+  const auto alias = environment.server_client().SetModelAlias(request, environment.call_options());
+  if (!alias.ok()) return environment.Fail(alias.status());
+  if (environment.json()) {
+    environment.PrintJson(*alias);
+  } else {
+    environment.out << alias->name() << " is now " << alias->model_version() << "\n";
+  }
+  return kOk;
+}
+
+int Label(const Arguments& arguments, Environment& environment) {
+  v1::LabelActionRequest request;
+  request.set_name(ModelResource(arguments.model));
+  request.set_action_id(static_cast<int32_t>(arguments.action));
+  request.set_label(arguments.label);
+  const auto action = environment.server_client().LabelAction(request, environment.call_options());
+  if (!action.ok()) return environment.Fail(action.status());
+  if (environment.json()) {
+    environment.PrintJson(*action);
+  } else {
+    environment.out << "action " << action->action_id() << " of " << ShortName(request.name())
+                    << (action->label().empty() ? " has no label now"
+                                                : " is now \"" + action->label() + "\"")
+                    << "\n";
+  }
+  return kOk;
+}
+
+}  // namespace
+
+void AddModel(Command& root, Environment& environment) {
+  Command group = root.Add("model", "Trained models and their actions");
+  const auto arguments = std::make_shared<Arguments>();
+  const std::string any = "town (what serves), town/2 or town@candidate";
+
+  Command list = group.Add("list", "All versions, newest first",
+                           "Example: maneuver model list\n"
+                           "         maneuver model list town");
+  list.OptionalArgument("MODEL", &arguments->model, "Of this model alone");
+  list.Run([=, &environment] { return List(arguments->model, environment); });
+
+  Command show = group.Add("show", "One version", "Example: maneuver model show town/2");
+  show.Argument("MODEL", &arguments->model, any);
+  show.Run([=, &environment] { return Show(arguments->model, environment); });
+
+  Command actions = group.Add("actions", "What actions a version has learned",
+                              "Example: maneuver model actions town --plot actions.png");
+  actions.OptionalArgument("MODEL", &arguments->model, any + " [the only one that serves]");
+  actions.Flag("--all", &arguments->all, "Also actions that are not effective");
+  actions.Option("--plot", &arguments->plot, "PNG file to draw them into");
+  actions.Run([=, &environment] { return Actions(*arguments, environment); });
+
+  Command remove = group.Add("delete", "Remove a version",
+                             "Refused while an alias points to it.\n"
+                             "Example: maneuver model delete town/1");
+  remove.Argument("MODEL", &arguments->model, "The version, such as town/1");
+  remove.Run([=, &environment] { return Delete(arguments->model, environment); });
+
+  Command promote = group.Add("promote", "Make a version the one that serves",
+                              "It is loaded and checked first; a bad one leaves all as it was.\n"
+                              "Example: maneuver model promote town/2\n"
+                              "         maneuver model promote town/3 --alias candidate");
+  promote.Argument("MODEL", &arguments->model, "The version, such as town/2");
+  promote.Option("--alias", &arguments->alias, "Which alias to point to it");
+  promote.Run([=, &environment] { return Promote(*arguments, environment); });
+
+  Command label = group.Add("label", "Give an action a name for people",
+                            "Example: maneuver model label town/2 7 \"left turn\"");
+  label.Argument("MODEL", &arguments->model, "The version, such as town/2");
+  label.Argument("ACTION", &arguments->action, 0, 1'000'000, "The action's id");
+  label.Argument("LABEL", &arguments->label, "Its name; \"\" removes it");
+  label.Run([=, &environment] { return Label(*arguments, environment); });
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,334 @@
+// maneuver probability, distribution, predict: the two questions, and both at once.
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <ostream>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/commands.h"
+#include "client/cli/json_files.h"
+#include "client/cli/resource_names.h"
+#include "client/cli/scenario_files.h"
+#include "client/cli/table.h"
+#include "client/cli/text_format.h"
+#include "client/observed_scenario.h"
+#include "client/plot/scene_plot.h"
+
+namespace maneuver::cli {
+namespace {
+
+struct Arguments {
+  std::vector<std::string> files;
+  std::string model;
+  std::vector<int64_t> actions;
+  std::optional<double> min_probability;
+  std::optional<int64_t> top_k;
+  bool prior = false;
+  std::string frame = "world";
+  std::optional<double> deadline;
+  std::optional<std::string> plot;
+  double at_least = 0.005;
+};
+
+using Predictions = google::protobuf::RepeatedPtrField<v1::ScenarioPrediction>;
+
+v1::DistributionQuery Query(const Arguments& arguments) {
+  v1::DistributionQuery query;
+  if (!arguments.actions.empty()) {
+    for (const int64_t id : arguments.actions) {
+      query.mutable_action_ids()->add_ids(static_cast<int32_t>(id));
+    }
+  } else if (arguments.top_k) {
+    query.set_top_k(static_cast<int32_t>(*arguments.top_k));
+  } else if (arguments.min_probability) {
+    query.set_min_probability(*arguments.min_probability);
+  }
+  query.set_source(arguments.prior ? v1::LATENT_SOURCE_PRIOR : v1::LATENT_SOURCE_POSTERIOR);
+  query.set_frame(arguments.frame == "target" ? v1::FRAME_TARGET : v1::FRAME_WORLD);
+  return query;
+}
+
+client::CallOptions Options(const Arguments& arguments, Environment& environment) {
+  client::CallOptions call = environment.call_options();
+  if (arguments.deadline) call.timeout = absl::Milliseconds(*arguments.deadline);
+  return call;
+}
+
+// Labels that people gave to actions; none if they cannot be had.
+std::map<int, std::string> Labels(const std::string& model_version, Environment& environment) {
+  std::map<int, std::string> labels;
+  v1::GetActionSetRequest request;
+  request.set_name(model_version);
+  const auto set = environment.server_client().GetActionSet(request, environment.call_options());
+  if (!set.ok()) return labels;
+  for (const v1::Action& action : set->actions()) {
+    if (!action.label().empty()) labels[action.action_id()] = action.label();
+  }
+  return labels;
+}
+
+std::string LabelOf(const std::map<int, std::string>& labels, int action_id) {
+  const auto label = labels.find(action_id);
+  return label == labels.end() ? "" : label->second;
+}
+
+// Reports refused scenarios and targets. True if there was none.
+bool ReportErrors(const Predictions& predictions, Environment& environment) {
+  bool all_answered = true;
+  for (const v1::ScenarioPrediction& prediction : predictions) {
+    if (prediction.has_error()) {
+      ReportItemError(prediction.scenario_id(), prediction.error(), environment);
+      all_answered = false;
+    }
+    for (const v1::TargetPrediction& target : prediction.targets()) {
+      if (!target.has_error()) continue;
+      ReportItemError(TargetName(prediction.scenario_id(), target.target_id()), target.error(),
+                      environment);
+      all_answered = false;
+    }
+  }
+  return all_answered;
+}
+
+void PrintProbabilities(const Predictions& predictions, double at_least,
+                        const std::map<int, std::string>& labels, Environment& environment) {
+  Table table({{"SCENARIO"},
+               {"TARGET", Align::kRight},
+               {"ACTION", Align::kRight},
+               {"LABEL"},
+               {"PROBABILITY", Align::kRight}});
+  for (const v1::ScenarioPrediction& prediction : predictions) {
+    for (const v1::TargetPrediction& target : prediction.targets()) {
+      std::vector<int> order;
+      for (int i = 0; i < target.probabilities_size(); ++i) {
+        if (target.probabilities(i) >= at_least) order.push_back(i);
+      }
+      std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+        return target.probabilities(a) > target.probabilities(b);
+      });
+      for (const int id : order) {
+        const bool first = id == order.front();
+        table.Add({first ? prediction.scenario_id() : "",
+                   first ? absl::StrCat(target.target_id()) : "", absl::StrCat(id),
+                   LabelOf(labels, id), Share(target.probabilities(id))});
+      }
+    }
+  }
+  environment.out << table.Text(environment.color);
+}
+
+// The mean trajectory at the last waypoint and how far one standard deviation reaches there.
+void PrintDistributions(const Predictions& predictions, double horizon, const std::string& frame,
+                        const std::map<int, std::string>& labels, Environment& environment) {
+  const std::string end = absl::StrCat("AFTER ", Fixed(horizon, 1), " s (", frame, ")");
+  Table table({{"SCENARIO"},
+               {"TARGET", Align::kRight},
+               {"ACTION", Align::kRight},
+               {"LABEL"},
+               {"PROBABILITY", Align::kRight},
+               {end, Align::kRight},
+               {"STDDEV x, y", Align::kRight}});
+  for (const v1::ScenarioPrediction& prediction : predictions) {
+    for (const v1::TargetPrediction& target : prediction.targets()) {
+      for (int i = 0; i < target.distributions_size(); ++i) {
+        const v1::ActionDistribution& action = target.distributions(i);
+        const v1::Trajectory& mean = action.mean_trajectory();
+        const v1::WaypointMoments& moments = action.moments();
+        const bool complete = !mean.x().empty() && !mean.y().empty() &&
+                              !moments.covariance_xx().empty() && !moments.covariance_yy().empty();
+        table.Add({i == 0 ? prediction.scenario_id() : "",
+                   i == 0 ? absl::StrCat(target.target_id()) : "", absl::StrCat(action.action_id()),
+                   LabelOf(labels, action.action_id()), Share(action.probability()),
+                   complete ? absl::StrCat(Fixed(*mean.x().rbegin(), 1), ", ",
+                                           Fixed(*mean.y().rbegin(), 1), " m")
+                            : "-",
+                   complete
+                       ? absl::StrCat(Fixed(std::sqrt(*moments.covariance_xx().rbegin()), 1), ", ",
+                                      Fixed(std::sqrt(*moments.covariance_yy().rbegin()), 1), " m")
+                       : "-"});
+      }
+    }
+  }
+  environment.out << table.Text(environment.color);
+}
+
+// FILE.png for one scene; FILE-1.png, FILE-2.png, ... for several.
+std::string PictureFile(const std::string& file, int index, size_t count) {
+  if (count == 1) return file;
+  const size_t dot = file.find_last_of('.');
+  const size_t slash = file.find_last_of('/');
+  const bool extension = dot != std::string::npos && (slash == std::string::npos || dot > slash);
+  const std::string stem = extension ? file.substr(0, dot) : file;
+  return absl::StrCat(stem, "-", index + 1, extension ? file.substr(dot) : "");
+}
+
+// Draws each scenario that was answered. True if all went well.
+bool DrawAll(const std::vector<v1::Scenario>& scenarios, const Predictions& predictions,
+             double horizon, const std::string& model_version, const Arguments& arguments,
+             const std::map<int, std::string>& labels, Environment& environment) {
+  plot::ScenePlotOptions options;
+  options.min_probability = !arguments.actions.empty() || arguments.top_k
+                                ? 0.0
+                                : arguments.min_probability.value_or(0.05);
+  options.frame = Query(arguments).frame();
+  options.horizon = horizon;
+  options.model_version = model_version;
+  options.labels = labels;
+  bool all_drawn = true;
+  for (const v1::ScenarioPrediction& prediction : predictions) {
+    if (prediction.has_error()) continue;
+    const int index = prediction.scenario_index();
+    if (index < 0 || index >= static_cast<int>(scenarios.size())) continue;
+    const std::string file = PictureFile(*arguments.plot, index, scenarios.size());
+    const absl::StatusOr<std::string> picture =
+        plot::DrawScene(scenarios[static_cast<size_t>(index)], prediction, options);
+    const absl::Status status = picture.ok() ? WriteFile(file, *picture) : picture.status();
+    if (status.ok()) {
+      environment.err << "the picture is " << file << "\n";
+    } else {
+      environment.Fail(status);
+      all_drawn = false;
+    }
+  }
+  return all_drawn;
+}
+
+// A request with the scenes as they were at the prediction time: the rest is not sent.
+template <typename Request>
+Request MakeRequest(const Arguments& arguments, const std::vector<v1::Scenario>& scenarios) {
+  Request request;
+  request.set_model(ModelResource(arguments.model));
+  for (const v1::Scenario& scenario : scenarios) {
+    v1::Scenario* observed = request.add_scenarios();
+    *observed = scenario;
+    client::StripFuture(observed);
+  }
+  return request;
+}
+
+int Probability(const Arguments& arguments, Environment& environment) {
+  const auto scenarios = ReadScenarios(arguments.files, environment);
+  if (!scenarios.ok()) return environment.Refuse(std::string(scenarios.status().message()));
+  const auto answer = environment.server_client().PredictActionProbabilities(
+      MakeRequest<v1::PredictActionProbabilitiesRequest>(arguments, *scenarios),
+      Options(arguments, environment));
+  if (!answer.ok()) return environment.Fail(answer.status());
+  if (environment.json()) {
+    environment.PrintJson(*answer);
+  } else {
+    PrintProbabilities(answer->predictions(), arguments.at_least,
+                       Labels(answer->model_version(), environment), environment);
+  }
+  return ReportErrors(answer->predictions(), environment) ? kOk : kFailed;
+}
+
+// Prints and draws what distribution and predict have in common.
+template <typename Answer>
+int Finish(const Arguments& arguments, const std::vector<v1::Scenario>& scenarios,
+           const Answer& answer, Environment& environment) {
+  const double horizon = answer.waypoint_times().empty() ? 0.0 : *answer.waypoint_times().rbegin();
+  std::map<int, std::string> labels;
+  if (!environment.json() || arguments.plot) labels = Labels(answer.model_version(), environment);
+  if (environment.json()) {
+    environment.PrintJson(answer);
+  } else {
+    PrintDistributions(answer.predictions(), horizon, arguments.frame, labels, environment);
+  }
+  bool all_well = ReportErrors(answer.predictions(), environment);
+  if (arguments.plot) {
+    all_well &= DrawAll(scenarios, answer.predictions(), horizon, answer.model_version(), arguments,
+                        labels, environment);
+  }
+  return all_well ? kOk : kFailed;
+}
+
+int Distribution(const Arguments& arguments, Environment& environment) {
+  const auto scenarios = ReadScenarios(arguments.files, environment);
+  if (!scenarios.ok()) return environment.Refuse(std::string(scenarios.status().message()));
+  auto request = MakeRequest<v1::PredictActionDistributionsRequest>(arguments, *scenarios);
+  *request.mutable_query() = Query(arguments);
+  const auto answer = environment.server_client().PredictActionDistributions(
+      request, Options(arguments, environment));
+  if (!answer.ok()) return environment.Fail(answer.status());
+  return Finish(arguments, *scenarios, *answer, environment);
+}
+
+int Predict(const Arguments& arguments, Environment& environment) {
+  const auto scenarios = ReadScenarios(arguments.files, environment);
+  if (!scenarios.ok()) return environment.Refuse(std::string(scenarios.status().message()));
+  auto request = MakeRequest<v1::PredictRequest>(arguments, *scenarios);
+  *request.mutable_query() = Query(arguments);
+  const auto answer = environment.server_client().Predict(request, Options(arguments, environment));
+  if (!answer.ok()) return environment.Fail(answer.status());
+  if (!environment.json()) {
+    PrintProbabilities(answer->predictions(), arguments.at_least,
+                       Labels(answer->model_version(), environment), environment);
+    environment.out << "\n";
+  }
+  return Finish(arguments, *scenarios, *answer, environment);
+}
+
+void AddCommonOptions(Command& command, Arguments* arguments) {
+  command.Arguments("FILE", &arguments->files, "Scenario as proto3 JSON; - for standard input");
+  command.Option("--model", &arguments->model,
+                 "town (what serves), town/2 or town@candidate [the only one that serves]");
+  command.Option("--deadline", &arguments->deadline, 1.0, 1e7,
+                 "Milliseconds that the answer may take");
+}
+
+void AddQueryOptions(Command& command, Arguments* arguments) {
+  command.Option("--actions", &arguments->actions, "Describe these actions, such as 1,2");
+  command.Option("--min-probability", &arguments->min_probability, 0.0, 1.0,
+                 "Describe actions at least this probable [0.05]");
+  command.Option("--top-k", &arguments->top_k, 1, 1'000'000,
+                 "Describe the k most probable actions");
+  command.Exclude("--actions", "--min-probability");
+  command.Exclude("--actions", "--top-k");
+  command.Exclude("--top-k", "--min-probability");
+  command.Flag("--prior", &arguments->prior,
+               "The actions in general, p(z|y), in place of what they would be here");
+  command.Choice("--frame", &arguments->frame, {"world", "target"}, "Frame of the trajectories");
+  command.Option("--plot", &arguments->plot,
+                 "PNG file to draw the scene into; FILE-1.png, ... for several scenes");
+}
+
+}  // namespace
+
+void AddPredict(Command& root, Environment& environment) {
+  const auto arguments = std::make_shared<Arguments>();
+  Command probability = root.Add("probability", "How probable is each action?",
+                                 "p(y|s) for each target of each scene, most probable first. A "
+                                 "scene or target that is refused\n"
+                                 "is reported; the others are answered, and the exit status is 1.\n"
+                                 "Example: maneuver scenario extract town town-1-0 -o scene.json\n"
+                                 "         maneuver probability scene.json --model town");
+  AddCommonOptions(probability, arguments.get());
+  probability.Option("--at-least", &arguments->at_least, 0.0, 1.0,
+                     "Leave less probable actions out of the table");
+  probability.Run([=, &environment] { return Probability(*arguments, environment); });
+
+  Command distribution = root.Add(
+      "distribution", "What would an action look like here?",
+      "q(z|y,s) decoded: where each target would go if it took the action. The table shows the "
+      "last\n"
+      "waypoint; --output json has all of them, with sigma trajectories and covariances.\n"
+      "Example: maneuver distribution scene.json --top-k 3 --plot scene.png\n"
+      "         maneuver distribution scene.json --actions 4,11 --frame target --output json");
+  AddCommonOptions(distribution, arguments.get());
+  AddQueryOptions(distribution, arguments.get());
+  distribution.Run([=, &environment] { return Distribution(*arguments, environment); });
+
+  Command predict =
+      root.Add("predict", "Both answers at once",
+               "Example: maneuver predict scene.json --plot scene.png\n"
+               "         maneuver predict *.json --model town@candidate --output json");
+  AddCommonOptions(predict, arguments.get());
+  AddQueryOptions(predict, arguments.get());
+  predict.Option("--at-least", &arguments->at_least, 0.0, 1.0,
+                 "Leave less probable actions out of the table of probabilities");
+  predict.Run([=, &environment] { return Predict(*arguments, environment); });
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,28 @@
+// Scenes that a question is about, from files.
+
+#ifndef MANEUVER_CLIENT_CLI_SCENARIO_FILES_H_
+#define MANEUVER_CLIENT_CLI_SCENARIO_FILES_H_
+
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "client/cli/environment.h"
+#include "maneuver/v1/prediction_service.pb.h"
+
+namespace maneuver::cli {
+
+// One Scenario from each file ("-": standard input).
+absl::StatusOr<std::vector<v1::Scenario>> ReadScenarios(const std::vector<std::string>& files,
+                                                        Environment& environment);
+
+// "town-1-0 target 12", for tables and errors.
+std::string TargetName(const std::string& scenario_id, int64_t target_id);
+
+// Says on err what failed in one item of a batch.
+void ReportItemError(const std::string& item, const v1::Status& error, Environment& environment);
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_SCENARIO_FILES_H_

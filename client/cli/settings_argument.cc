@@ -1,0 +1,124 @@
+#include "client/cli/settings_argument.h"
+
+#include <google/protobuf/descriptor.h>
+#include <google/protobuf/util/json_util.h>
+
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
+#include "client/cli/text_format.h"
+#include "model/artifact/training_presets.h"
+
+namespace maneuver::cli {
+namespace {
+
+using google::protobuf::Descriptor;
+using google::protobuf::FieldDescriptor;
+using google::protobuf::Message;
+
+bool IsDuration(const FieldDescriptor& field) {
+  return field.cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE &&
+         field.message_type()->full_name() == "google.protobuf.Duration";
+}
+
+std::string FieldNames(const Descriptor& descriptor) {
+  std::vector<std::string> names;
+  for (int i = 0; i < descriptor.field_count(); ++i) names.push_back(descriptor.field(i)->name());
+  return absl::StrJoin(names, ", ");
+}
+
+// What a field takes, for people.
+std::string Kind(const FieldDescriptor& field) {
+  std::string kind = IsDuration(field) ? "a duration such as 0.5s"
+                     : field.cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE
+                         ? absl::StrCat(field.message_type()->name(), " as JSON with ",
+                                        FieldNames(*field.message_type()))
+                     : field.cpp_type() == FieldDescriptor::CPPTYPE_STRING ? "text"
+                     : field.cpp_type() == FieldDescriptor::CPPTYPE_BOOL   ? "true or false"
+                     : field.cpp_type() == FieldDescriptor::CPPTYPE_DOUBLE ? "a number"
+                                                                           : "a whole number";
+  return field.is_repeated() ? absl::StrCat("a list, each ", kind) : kind;
+}
+
+// The value as JSON of the field's type.
+std::string JsonValue(const FieldDescriptor& field, const std::string& value) {
+  if (field.is_repeated()) {
+    return value.rfind('[', 0) == 0 ? value : absl::StrCat("[", value, "]");
+  }
+  if (field.cpp_type() == FieldDescriptor::CPPTYPE_STRING) {
+    return absl::StrCat("\"", absl::StrReplaceAll(value, {{"\\", "\\\\"}, {"\"", "\\\""}}), "\"");
+  }
+  if (IsDuration(field)) {
+    return absl::StrCat("\"", absl::StripSuffix(value, "s"), "s\"");
+  }
+  return value;
+}
+
+}  // namespace
+
+absl::Status SetField(const std::string& assignment, Message* message) {
+  const std::pair<std::string, std::string> parts =
+      absl::StrSplit(assignment, absl::MaxSplits('=', 1));
+  const auto& [path, value] = parts;
+  if (path.empty() || assignment.find('=') == std::string::npos || value.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "'", assignment, "' is not FIELD=VALUE, such as optimization.joint_epochs=20"));
+  }
+  const std::vector<std::string> names = absl::StrSplit(path, '.');
+  for (size_t i = 0; i < names.size(); ++i) {
+    const Descriptor& descriptor = *message->GetDescriptor();
+    const FieldDescriptor* field = descriptor.FindFieldByName(names[i]);
+    if (field == nullptr) field = descriptor.FindFieldByCamelcaseName(names[i]);
+    if (field == nullptr) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          "there is no field ", path, "; ", descriptor.name(), " has ", FieldNames(descriptor)));
+    }
+    if (i + 1 < names.size()) {
+      if (field->cpp_type() != FieldDescriptor::CPPTYPE_MESSAGE || field->is_repeated() ||
+          IsDuration(*field)) {
+        return absl::InvalidArgumentError(
+            absl::StrCat(path, ": ", names[i], " has no fields; it takes ", Kind(*field)));
+      }
+      message = message->GetReflection()->MutableMessage(message, field);
+      continue;
+    }
+    const std::unique_ptr<Message> parsed(message->New());
+    const auto status = google::protobuf::util::JsonStringToMessage(
+        absl::StrCat("{\"", field->name(), "\": ", JsonValue(*field, value), "}"), parsed.get());
+    if (!status.ok()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(path, " cannot be ", value, "; it takes ", Kind(*field)));
+    }
+    message->GetReflection()->SwapFields(message, parsed.get(), {field});
+  }
+  return absl::OkStatus();
+}
+
+absl::Status SetHorizon(const std::string& horizon, v1::TrainingSettings* settings) {
+  double seconds = 0.0;
+  if (!absl::SimpleAtod(absl::StripSuffix(horizon, "s"), &seconds) || !(seconds > 0.0) ||
+      !std::isfinite(seconds)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("--horizon cannot be ", horizon, "; it takes seconds, such as 5s"));
+  }
+  const v1::TrainingSettings resolved = artifact::ResolveTrainingSettings(*settings);
+  double interval = ToSeconds(resolved.model().trajectory().waypoint_interval());
+  if (!(interval > 0.0)) interval = 0.1;  // of a preset that the server will refuse
+  const double waypoints = std::round(seconds / interval);
+  if (waypoints < 1.0 || std::abs(waypoints * interval - seconds) > 1e-6) {
+    return absl::InvalidArgumentError(absl::StrCat("--horizon ", horizon,
+                                                   " is no whole number of waypoints, which are ",
+                                                   interval, " s apart"));
+  }
+  settings->mutable_model()->mutable_trajectory()->set_waypoints(static_cast<int32_t>(waypoints));
+  return absl::OkStatus();
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,28 @@
+// Training settings from the command line.
+
+#ifndef MANEUVER_CLIENT_CLI_SETTINGS_ARGUMENT_H_
+#define MANEUVER_CLIENT_CLI_SETTINGS_ARGUMENT_H_
+
+#include <google/protobuf/message.h>
+
+#include <string>
+
+#include "absl/status/status.h"
+#include "maneuver/v1/training_settings.pb.h"
+
+namespace maneuver::cli {
+
+// Sets one field, named by its dotted path, as "optimization.joint_epochs=20",
+// "model.decoder.hidden=500,500" or "examples.stride=0.5s" say. Lists are replaced whole; durations
+// may leave the "s" out; messages are proto3 JSON. INVALID_ARGUMENT says which fields there are, or
+// what the field takes.
+absl::Status SetField(const std::string& assignment, google::protobuf::Message* message);
+
+// The waypoints of a horizon, at the interval that settings or their preset state.
+// INVALID_ARGUMENT if the horizon is no whole number of intervals.
+//   horizon: "5s" or "5".
+absl::Status SetHorizon(const std::string& horizon, v1::TrainingSettings* settings);
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_SETTINGS_ARGUMENT_H_

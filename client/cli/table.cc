@@ -1,0 +1,41 @@
+#include "client/cli/table.h"
+
+#include <algorithm>
+
+namespace maneuver::cli {
+
+size_t DisplayWidth(std::string_view text) {
+  return static_cast<size_t>(std::count_if(text.begin(), text.end(), [](char c) {
+    return (static_cast<unsigned char>(c) & 0xC0) != 0x80;
+  }));
+}
+
+std::string Table::Text(bool color) const {
+  std::vector<size_t> widths;
+  for (const Column& column : columns_) widths.push_back(DisplayWidth(column.title));
+  for (const auto& row : rows_) {
+    for (size_t i = 0; i < columns_.size(); ++i) {
+      widths[i] = std::max(widths[i], DisplayWidth(row[i]));
+    }
+  }
+  const auto line = [&](const auto& cell_of) {
+    std::string text;
+    for (size_t i = 0; i < columns_.size(); ++i) {
+      if (i > 0) text += "  ";
+      const std::string& cell = cell_of(i);
+      const std::string padding(widths[i] - DisplayWidth(cell), ' ');
+      text += columns_[i].align == Align::kRight ? padding + cell : cell + padding;
+    }
+    text.erase(text.find_last_not_of(' ') + 1);
+    return text;
+  };
+  std::string text = line([&](size_t i) -> const std::string& { return columns_[i].title; });
+  if (color) text = "\x1b[1m" + text + "\x1b[0m";
+  text += '\n';
+  for (const auto& row : rows_) {
+    text += line([&](size_t i) -> const std::string& { return row[i]; }) + '\n';
+  }
+  return text;
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,41 @@
+// Text tables for people.
+
+#ifndef MANEUVER_CLIENT_CLI_TABLE_H_
+#define MANEUVER_CLIENT_CLI_TABLE_H_
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace maneuver::cli {
+
+enum class Align { kLeft, kRight };
+
+struct Column {
+  std::string title;
+  Align align = Align::kLeft;
+};
+
+// Aligned columns, two spaces apart, under a line of titles. Without colour it is plain text.
+class Table {
+ public:
+  explicit Table(std::vector<Column> columns) : columns_(std::move(columns)) {}
+
+  // As many cells as columns.
+  void Add(std::vector<std::string> cells) { rows_.push_back(std::move(cells)); }
+  bool empty() const { return rows_.empty(); }
+
+  // Lines end in '\n' and have no spaces before it.
+  std::string Text(bool color) const;
+
+ private:
+  std::vector<Column> columns_;
+  std::vector<std::vector<std::string>> rows_;
+};
+
+// Characters of UTF-8 text.
+size_t DisplayWidth(std::string_view text);
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_TABLE_H_

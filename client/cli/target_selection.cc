@@ -1,0 +1,55 @@
+#include "client/cli/target_selection.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace maneuver::cli {
+namespace {
+
+constexpr double kHalfFrame = 0.05;   // seconds
+constexpr double kRounding = 1e-6;    // seconds
+constexpr double kHistory = 1.0;      // seconds, as the models look at
+constexpr double kLeastTravel = 0.5;  // metres in that second; slower ones stand
+constexpr int kMostTargets = 8;
+
+}  // namespace
+
+int CurrentState(const v1::Agent& agent, double time) {
+  int latest = -1;
+  for (int i = 0; i < agent.states_size(); ++i) {
+    if (agent.states(i).time() <= time + kRounding) latest = i;
+  }
+  if (latest < 0 || agent.states(latest).time() < time - kHalfFrame - kRounding) return -1;
+  return latest;
+}
+
+std::vector<int64_t> MovingVehicles(const v1::Scenario& scenario, double time, int most) {
+  std::vector<std::pair<double, int64_t>> travelled;
+  for (const v1::Agent& agent : scenario.agents()) {
+    if (agent.type() != v1::AGENT_TYPE_VEHICLE) continue;
+    const int now = CurrentState(agent, time);
+    const int before = CurrentState(agent, time - kHistory);
+    if (now < 0 || before < 0) continue;
+    const double distance = std::hypot(agent.states(now).x() - agent.states(before).x(),
+                                       agent.states(now).y() - agent.states(before).y());
+    if (distance >= kLeastTravel) travelled.emplace_back(-distance, agent.id());
+  }
+  std::sort(travelled.begin(), travelled.end());
+  std::vector<int64_t> targets;
+  for (const auto& [distance, id] : travelled) {
+    if (static_cast<int>(targets.size()) < most) targets.push_back(id);
+  }
+  return targets;
+}
+
+std::vector<int64_t> DefaultTargets(const v1::Scenario& scenario, double time) {
+  std::vector<int64_t> targets;
+  for (const int64_t id : scenario.target_ids()) {
+    for (const v1::Agent& agent : scenario.agents()) {
+      if (agent.id() == id && CurrentState(agent, time) >= 0) targets.push_back(id);
+    }
+  }
+  return targets.empty() ? MovingVehicles(scenario, time, kMostTargets) : targets;
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,65 @@
+#include "client/cli/text_format.h"
+
+#include <array>
+#include <cmath>
+#include <ctime>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+namespace maneuver::cli {
+
+std::string Fixed(double value, int digits) {
+  return std::isfinite(value) ? absl::StrFormat("%.*f", digits, value) : "-";
+}
+
+std::string Bytes(int64_t bytes) {
+  if (bytes < 1'000) return absl::StrCat(bytes, " B");
+  double value = static_cast<double>(bytes);
+  const char* unit = "";
+  for (const char* next : {"kB", "MB", "GB", "TB"}) {
+    value /= 1'000.0;
+    unit = next;
+    if (value < 999.95) break;
+  }
+  return absl::StrFormat("%.1f %s", value, unit);
+}
+
+std::string Spell(double seconds) {
+  if (!(seconds >= 0.0) || !std::isfinite(seconds)) return "-";
+  if (seconds < 9.95) return absl::StrFormat("%.1f s", seconds);
+  const auto whole = static_cast<int64_t>(std::llround(seconds));
+  if (whole < 60) return absl::StrFormat("%d s", whole);
+  if (whole < 3600) return absl::StrFormat("%d min %02d s", whole / 60, whole % 60);
+  return absl::StrFormat("%d h %02d min", whole / 3600, whole % 3600 / 60);
+}
+
+std::string Share(double share) { return Fixed(100.0 * share, 1) + " %"; }
+
+std::string Moment(const google::protobuf::Timestamp& time) {
+  if (time.seconds() == 0) return "-";
+  const std::time_t seconds = time.seconds();
+  std::tm local{};
+  localtime_r(&seconds, &local);
+  std::array<char, 32> text{};
+  std::strftime(text.data(), text.size(), "%Y-%m-%d %H:%M:%S", &local);
+  return text.data();
+}
+
+double ToSeconds(const google::protobuf::Duration& duration) {
+  return static_cast<double>(duration.seconds()) + 1e-9 * duration.nanos();
+}
+
+double ToSeconds(const google::protobuf::Timestamp& time) {
+  return static_cast<double>(time.seconds()) + 1e-9 * time.nanos();
+}
+
+google::protobuf::Duration ToDuration(double seconds) {
+  google::protobuf::Duration duration;
+  const double whole = std::trunc(seconds);
+  duration.set_seconds(static_cast<int64_t>(whole));
+  duration.set_nanos(static_cast<int32_t>(std::llround((seconds - whole) * 1e9)));
+  return duration;
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,26 @@
+// Numbers and times as people read them.
+
+#ifndef MANEUVER_CLIENT_CLI_TEXT_FORMAT_H_
+#define MANEUVER_CLIENT_CLI_TEXT_FORMAT_H_
+
+#include <google/protobuf/duration.pb.h>
+#include <google/protobuf/timestamp.pb.h>
+
+#include <cstdint>
+#include <string>
+
+namespace maneuver::cli {
+
+std::string Fixed(double value, int digits);  // "0.250"; "-" if it is not finite
+std::string Bytes(int64_t bytes);             // "512 B", "1.5 MB"
+std::string Spell(double seconds);            // "0.4 s", "12 s", "3 min 05 s", "2 h 10 min"
+std::string Share(double share);              // "12.5 %"
+std::string Moment(
+    const google::protobuf::Timestamp& time);  // local "2026-02-03 14:05:06"; "-" if unset
+double ToSeconds(const google::protobuf::Duration& duration);
+double ToSeconds(const google::protobuf::Timestamp& time);  // since 1970
+google::protobuf::Duration ToDuration(double seconds);
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_TEXT_FORMAT_H_

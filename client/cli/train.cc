@@ -1,0 +1,135 @@
+// maneuver train: learn a new version of a model.
+
+#include <memory>
+#include <ostream>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/commands.h"
+#include "client/cli/job_display.h"
+#include "client/cli/json_files.h"
+#include "client/cli/resource_names.h"
+#include "client/cli/settings_argument.h"
+
+namespace maneuver::cli {
+namespace {
+
+struct Arguments {
+  std::string model;
+  std::vector<std::string> datasets;
+  std::optional<std::string> preset;
+  std::optional<std::string> settings_file;
+  std::vector<std::string> assignments;
+  std::optional<std::string> horizon;
+  std::optional<int64_t> pretraining_epochs;
+  std::optional<int64_t> mixture_epochs;
+  std::optional<int64_t> epochs;
+  std::optional<int64_t> actions;
+  std::optional<int64_t> seed;
+  std::string promote = "auto";
+  bool detach = false;
+  bool validate_only = false;
+};
+
+// File first, then the named options, then --set; the horizon last, since it needs the interval.
+absl::StatusOr<v1::TrainingSettings> Settings(const Arguments& arguments,
+                                              Environment& environment) {
+  v1::TrainingSettings settings;
+  if (arguments.settings_file) {
+    absl::Status status = ReadJson(*arguments.settings_file, environment, &settings);
+    if (!status.ok()) return status;
+  }
+  if (arguments.preset) settings.set_preset(*arguments.preset);
+  if (arguments.seed) settings.set_seed(*arguments.seed);
+  if (arguments.actions) {
+    settings.mutable_model()->set_actions(static_cast<int32_t>(*arguments.actions));
+  }
+  v1::OptimizationSettings& optimization = *settings.mutable_optimization();
+  if (arguments.pretraining_epochs) {
+    optimization.set_pretraining_epochs(static_cast<int32_t>(*arguments.pretraining_epochs));
+  }
+  if (arguments.mixture_epochs) {
+    optimization.set_mixture_epochs(static_cast<int32_t>(*arguments.mixture_epochs));
+  }
+  if (arguments.epochs) optimization.set_joint_epochs(static_cast<int32_t>(*arguments.epochs));
+  for (const std::string& assignment : arguments.assignments) {
+    absl::Status status = SetField(assignment, &settings);
+    if (!status.ok()) return status;
+  }
+  if (arguments.horizon) {
+    absl::Status status = SetHorizon(*arguments.horizon, &settings);
+    if (!status.ok()) return status;
+  }
+  return settings;
+}
+
+int Train(const Arguments& arguments, Environment& environment) {
+  const absl::StatusOr<v1::TrainingSettings> settings = Settings(arguments, environment);
+  if (!settings.ok()) return environment.Refuse(std::string(settings.status().message()));
+  v1::TrainRequest request;
+  request.set_model(ModelResource(arguments.model));
+  for (const std::string& dataset : arguments.datasets) {
+    request.add_datasets(DatasetResource(dataset));
+  }
+  *request.mutable_settings() = *settings;
+  request.set_promotion(arguments.promote == "always"  ? v1::PROMOTION_ALWAYS
+                        : arguments.promote == "never" ? v1::PROMOTION_NEVER
+                                                       : v1::PROMOTION_UNSPECIFIED);
+  request.set_validate_only(arguments.validate_only);
+  const auto job = environment.server_client().Train(request, environment.call_options());
+  if (!job.ok()) return environment.Fail(job.status());
+  if (arguments.validate_only) {
+    if (environment.json()) {
+      environment.PrintJson(*job);
+    } else {
+      environment.out << "The request is good; nothing was started.\n";
+    }
+    return kOk;
+  }
+  if (arguments.detach) {
+    if (environment.json()) {
+      environment.PrintJson(*job);
+    } else {
+      environment.out << job->name() << "\n";
+      environment.err << "Watch it with: maneuver job watch " << ShortName(job->name()) << "\n";
+    }
+    return kOk;
+  }
+  environment.err << job->name() << " learns " << request.model() << "; Ctrl-C stops watching\n";
+  return WatchToEnd(job->name(), environment);
+}
+
+}  // namespace
+
+void AddTrain(Command& root, Environment& environment) {
+  const auto arguments = std::make_shared<Arguments>();
+  Command command = root.Add(
+      "train", "Learn a new version of a model",
+      "Starts a job on the server and shows its progress; Ctrl-C stops watching, not the job.\n"
+      "Settings come from the preset, then --settings, then the options, then --set.\n"
+      "Example: maneuver train town --dataset town\n"
+      "         maneuver train city --dataset waymo-training --horizon 5s --epochs 20 \\\n"
+      "             --set optimization.batch_size=128 --set model.decoder.hidden=256,256 --detach");
+  command.Argument("MODEL", &arguments->model, "The model: a-z, 0-9 and -; need not exist");
+  command.Option("--dataset", &arguments->datasets, "Dataset to learn from; may be repeated", true);
+  command.Option("--preset", &arguments->preset,
+                 "compact (minutes on two cores) or paper (its sizes) [compact]");
+  command.Option("--settings", &arguments->settings_file,
+                 "File with TrainingSettings as proto3 JSON");
+  command.Option("--set", &arguments->assignments,
+                 "FIELD=VALUE of TrainingSettings, such as optimization.learning_rate=5e-4");
+  command.Option("--horizon", &arguments->horizon, "How far to predict, such as 5s");
+  command.Option("--epochs", &arguments->epochs, 0, 100'000, "Epochs of everything together");
+  command.Option("--pretraining-epochs", &arguments->pretraining_epochs, 0, 100'000,
+                 "Epochs of the plain VAE");
+  command.Option("--mixture-epochs", &arguments->mixture_epochs, 0, 100'000,
+                 "Epochs of the mixture alone");
+  command.Option("--actions", &arguments->actions, 1, 10'000, "K, the number of actions");
+  command.Option("--seed", &arguments->seed, 0, INT64_MAX, "Seed of everything random");
+  command.Choice("--promote", &arguments->promote, {"auto", "never", "always"},
+                 "When the new version becomes the one that serves; auto: if none does yet");
+  command.Flag("--detach", &arguments->detach, "Start the job and return");
+  command.Flag("--validate-only", &arguments->validate_only, "Check the request, start nothing");
+  command.Run([arguments, &environment] { return Train(*arguments, environment); });
+}
+
+}  // namespace maneuver::cli

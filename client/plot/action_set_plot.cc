@@ -1,0 +1,158 @@
+#include "client/plot/action_set_plot.h"
+
+#include <algorithm>
+#include <exception>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/plot/axes.h"
+#include "client/plot/canvas.h"
+#include "client/plot/picture_size.h"
+
+namespace maneuver::plot {
+namespace {
+
+constexpr Color kPaper = {255, 255, 255};
+constexpr Color kInk = {20, 20, 20};
+constexpr Color kFaintInk = {90, 90, 90};
+constexpr double kHeader = 58.0;    // pixels over the whole
+constexpr double kLeastSide = 4.0;  // metres that a panel shows at least, along each axis
+
+using Points = std::vector<std::pair<double, double>>;  // metres, from the origin on
+
+absl::Status Read(const v1::Trajectory& trajectory, int action_id, Points* points) {
+  if (trajectory.x_size() != trajectory.y_size()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("a trajectory of action ", action_id, " has unequal numbers of x and y"));
+  }
+  points->emplace_back(0.0, 0.0);
+  for (int i = 0; i < trajectory.x_size(); ++i) {
+    points->emplace_back(trajectory.x(i), trajectory.y(i));
+  }
+  return absl::OkStatus();
+}
+
+Line ToPixels(const Axes& axes, const Points& points) {
+  Line line;
+  for (const auto& [x, y] : points) line.push_back(axes.ToPixel(x, y));
+  return line;
+}
+
+absl::Status DrawAction(const v1::Action& action, const Box& cell, Canvas* canvas) {
+  Points mean;
+  absl::Status status = Read(action.distribution().mean_trajectory(), action.action_id(), &mean);
+  if (!status.ok()) return status;
+  std::vector<Points> sigma;
+  for (const v1::Trajectory& trajectory : action.distribution().sigma_trajectories()) {
+    sigma.emplace_back();
+    status = Read(trajectory, action.action_id(), &sigma.back());
+    if (!status.ok()) return status;
+  }
+
+  Extent extent;
+  for (const auto& [x, y] : mean) extent.Include(x, y);
+  for (const Points& points : sigma) {
+    for (const auto& [x, y] : points) extent.Include(x, y);
+  }
+  const double margin =
+      0.06 * std::max({extent.max_x - extent.min_x, extent.max_y - extent.min_y, kLeastSide});
+  for (auto [low, high] :
+       {std::pair(&extent.min_x, &extent.max_x), std::pair(&extent.min_y, &extent.max_y)}) {
+    const double middle = (*low + *high) / 2.0;
+    const double half = std::max(*high - *low, kLeastSide) / 2.0 + margin;
+    *low = middle - half;
+    *high = middle + half;
+  }
+
+  const Box box{cell.left + 50.0, cell.top + 34.0, cell.width - 64.0, cell.height - 66.0};
+  const Axes axes(box, extent);
+  const AxesStyle style{{120, 120, 120}, kFaintInk, {236, 236, 236}, 8.0, false};
+  canvas->ClipTo(box);
+  axes.DrawGrid(style, canvas);
+  // The first sigma point is the mean; then each dimension has two.
+  for (size_t i = 1; i < sigma.size(); ++i) {
+    canvas->Stroke(ToPixels(axes, sigma[i]), LatentColor(static_cast<int>(i - 1) / 2), 1.5, 0.85);
+  }
+  canvas->Stroke(ToPixels(axes, mean), kInk, 2.6);
+  canvas->Disc(axes.ToPixel(0.0, 0.0), 3.4, kInk);
+  canvas->ClipToAll();
+  axes.DrawFrame(style, canvas);
+
+  const std::string id = absl::StrCat(action.action_id());
+  const double baseline = cell.top + 24.0;
+  canvas->Text(id, {box.left, baseline}, 12.0, action.effective() ? kInk : kFaintInk, Anchor::kLeft,
+               true);
+  canvas->Text(action.label(), {box.left + Canvas::TextWidth(id, 12.0, true) + 10.0, baseline},
+               10.0, kInk);
+  canvas->Text(absl::StrFormat("%.1f %%", 100.0 * action.usage()), {box.right(), baseline}, 10.0,
+               kFaintInk, Anchor::kRight);
+  return absl::OkStatus();
+}
+
+// What the colours mean: "mean", then "z1 +-1 sigma" and so on.
+void DrawKey(int dimensions, double right, double baseline, Canvas* canvas) {
+  constexpr double kLetters = 10.0;
+  for (int i = dimensions - 1; i >= -1; --i) {
+    const std::string text = i < 0 ? "mean" : absl::StrCat("z", i + 1, " +-1 sigma");
+    canvas->Text(text, {right, baseline}, kLetters, kInk, Anchor::kRight);
+    right -= Canvas::TextWidth(text, kLetters) + 8.0;
+    const double y = baseline - kLetters / 2.0;
+    canvas->Stroke({{right - 22.0, y}, {right, y}}, i < 0 ? kInk : LatentColor(i), 2.6);
+    right -= 22.0 + 18.0;
+  }
+}
+
+absl::StatusOr<std::string> Draw(const v1::ActionSet& actions,
+                                 const ActionSetPlotOptions& options) {
+  std::vector<const v1::Action*> shown;
+  for (const v1::Action& action : actions.actions()) {
+    if (action.effective() || options.all) shown.push_back(&action);
+  }
+  const bool none_effective = shown.empty();
+  if (none_effective) {
+    for (const v1::Action& action : actions.actions()) shown.push_back(&action);
+  }
+  if (shown.empty()) {
+    return absl::InvalidArgumentError("nothing to draw: the action set is empty");
+  }
+  const GridShape grid = ShapeOf(static_cast<int>(shown.size()));
+  const int width = options.width > 0 ? options.width : std::max(900, 330 * grid.columns);
+  const int height =
+      options.height > 0 ? options.height : static_cast<int>(kHeader) + 270 * grid.rows + 10;
+  absl::Status status = CheckSize(width, height);
+  if (!status.ok()) return status;
+
+  Canvas canvas(width, height, kPaper);
+  const double horizon =
+      actions.waypoint_times().empty() ? 0.0 : *actions.waypoint_times().rbegin();
+  const std::string title =
+      absl::StrFormat("%s   %d %s of %d   %g s, axes in metres", actions.model_version(),
+                      static_cast<int>(shown.size()),
+                      options.all || none_effective ? "actions" : "effective actions",
+                      actions.actions_size(), horizon);
+  canvas.Text(title, {20.0, 34.0}, 13.0, kInk, Anchor::kLeft, true);
+  const int dimensions = (shown.front()->distribution().sigma_trajectories_size() - 1) / 2;
+  const double key_width = 130.0 * dimensions + 90.0;
+  const double title_right = 40.0 + Canvas::TextWidth(title, 13.0, true);
+  if (title_right + key_width < width) DrawKey(dimensions, width - 20.0, 33.0, &canvas);
+  const Box whole{0.0, kHeader, double(width), height - kHeader - 6.0};
+  for (size_t i = 0; i < shown.size(); ++i) {
+    status = DrawAction(*shown[i], CellOf(grid, static_cast<int>(i), whole), &canvas);
+    if (!status.ok()) return status;
+  }
+  return canvas.EncodePng();
+}
+
+}  // namespace
+
+absl::StatusOr<std::string> DrawActionSet(const v1::ActionSet& actions,
+                                          const ActionSetPlotOptions& options) {
+  try {
+    return Draw(actions, options);
+  } catch (const std::exception& error) {  // OpenCV's end here
+    return absl::InternalError(absl::StrCat("cannot draw the action set: ", error.what()));
+  }
+}
+
+}  // namespace maneuver::plot

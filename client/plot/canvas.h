@@ -1,0 +1,79 @@
+// Private to plot/: a picture that is drawn at twice its size and scaled down at the end, so that
+// lines and letters are smooth.
+
+#ifndef MANEUVER_CLIENT_PLOT_CANVAS_H_
+#define MANEUVER_CLIENT_PLOT_CANVAS_H_
+
+#include <opencv2/core.hpp>
+#include <string>
+#include <vector>
+
+namespace maneuver::plot {
+
+struct Color {
+  int red = 0;
+  int green = 0;
+  int blue = 0;
+};
+
+// Pixels of the finished picture, x to the right, y down.
+using Pixel = cv::Point2d;
+using Line = std::vector<Pixel>;
+
+enum class Anchor { kLeft, kCenter, kRight };
+
+struct Box {
+  double left = 0.0;
+  double top = 0.0;
+  double width = 0.0;
+  double height = 0.0;
+  double right() const { return left + width; }
+  double bottom() const { return top + height; }
+};
+
+// A colour of its own for each action, bright enough for a dark ground and the same in every
+// picture.
+Color ActionColor(int action_id);
+// Of a latent dimension, for a light ground.
+Color LatentColor(int dimension);
+
+class Canvas {
+ public:
+  Canvas(int width, int height, Color background);
+
+  // Whatever is drawn from now on stays within the box.
+  void ClipTo(const Box& box);
+  void ClipToAll();
+
+  // Lines of one colour, as one layer: where they cross, nothing is drawn twice.
+  //   opacity: in [0, 1].
+  void Strokes(const std::vector<Line>& lines, Color color, double width, double opacity = 1.0);
+  void Stroke(const Line& line, Color color, double width, double opacity = 1.0);
+  void Dashes(const Line& line, Color color, double width, double dash, double gap);
+  void Polygons(const std::vector<Line>& polygons, Color color, double opacity = 1.0);
+  void Disc(const Pixel& center, double radius, Color color, double opacity = 1.0);
+  void Rectangle(const Box& box, Color color, double opacity = 1.0);
+
+  // One line of text. Characters outside ASCII become '?', which is what the font can draw.
+  //   baseline: where the first, middle or last letter stands.
+  //   height: of a capital letter, pixels.
+  void Text(const std::string& text, const Pixel& baseline, double height, Color color,
+            Anchor anchor = Anchor::kLeft, bool bold = false);
+  // The same, turned a quarter counter-clockwise about its middle.
+  void TextUpwards(const std::string& text, const Pixel& middle, double height, Color color);
+  static double TextWidth(const std::string& text, double height, bool bold = false);
+
+  // The finished picture.
+  std::string EncodePng() const;
+
+ private:
+  cv::Mat picture_;  // supersampled, BGR
+  cv::Rect clip_;    // supersampled
+  cv::Mat layer_;    // scratch of the same size: coverage of what is being drawn
+
+  void Blend(const cv::Rect& area, Color color, double opacity);
+};
+
+}  // namespace maneuver::plot
+
+#endif  // MANEUVER_CLIENT_PLOT_CANVAS_H_

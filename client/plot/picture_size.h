@@ -1,0 +1,43 @@
+// Private to plot/: how panels share a picture.
+
+#ifndef MANEUVER_CLIENT_PLOT_PICTURE_SIZE_H_
+#define MANEUVER_CLIENT_PLOT_PICTURE_SIZE_H_
+
+#include <cmath>
+
+#include "absl/status/status.h"
+#include "client/plot/canvas.h"
+
+namespace maneuver::plot {
+
+struct GridShape {
+  int columns = 1;
+  int rows = 1;
+};
+
+// A grid for so many panels, about as many columns as rows.
+inline GridShape ShapeOf(int panels) {
+  const int columns = static_cast<int>(std::ceil(std::sqrt(panels)));
+  return {columns, (panels + columns - 1) / columns};
+}
+
+// The place of panel `index`, row by row.
+inline Box CellOf(const GridShape& grid, int index, const Box& whole) {
+  const double width = whole.width / grid.columns;
+  const double height = whole.height / grid.rows;
+  return {whole.left + width * (index % grid.columns), whole.top + height * (index / grid.columns),
+          width, height};
+}
+
+inline absl::Status CheckSize(int width, int height) {
+  constexpr int kLeast = 200;
+  constexpr int kMost = 12'000;
+  if (width >= kLeast && width <= kMost && height >= kLeast && height <= kMost) {
+    return absl::OkStatus();
+  }
+  return absl::InvalidArgumentError("a picture is 200 to 12000 pixels wide and high");
+}
+
+}  // namespace maneuver::plot
+
+#endif  // MANEUVER_CLIENT_PLOT_PICTURE_SIZE_H_

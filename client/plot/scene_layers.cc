@@ -1,0 +1,176 @@
+#include "client/plot/scene_layers.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace maneuver::plot {
+namespace {
+
+constexpr double kOutOfSight = 0.5;  // seconds without a state
+constexpr double kPast = 1.0;        // seconds of past that are drawn
+constexpr double kRounding = 1e-6;   // seconds
+
+bool InSight(const Line& line, const Box& box) {
+  double left = 1e300;
+  double right = -1e300;
+  double top = 1e300;
+  double bottom = -1e300;
+  for (const Pixel& p : line) {
+    left = std::min(left, p.x);
+    right = std::max(right, p.x);
+    top = std::min(top, p.y);
+    bottom = std::max(bottom, p.y);
+  }
+  return left < box.right() && right > box.left && top < box.bottom() && bottom > box.top;
+}
+
+// Corners of an agent's box, and the point of the arrow on it, in the panel.
+struct Body {
+  Line box;
+  Line arrow;
+};
+
+Body BodyOf(const ScenePanel& panel, const v1::Agent& agent, const v1::AgentState& state) {
+  const scene::Pose2 X_WA(state.x(), state.y(), state.heading());
+  const auto at = [&](double ahead, double left) {
+    const scene::Point2 p_WP = X_WA * scene::Point2{ahead * agent.length(), left * agent.width()};
+    return panel.FromWorld(p_WP.x, p_WP.y);
+  };
+  return {{at(0.5, 0.5), at(0.5, -0.5), at(-0.5, -0.5), at(-0.5, 0.5)},
+          {at(0.42, 0.0), at(0.12, 0.34), at(0.12, -0.34)}};
+}
+
+Line Closed(Line line) {
+  line.push_back(line.front());
+  return line;
+}
+
+// The past second of an agent, ending at its state `now`.
+Line Past(const ScenePanel& panel, const v1::Agent& agent, int now) {
+  Line line;
+  for (int i = 0; i <= now; ++i) {
+    const v1::AgentState& state = agent.states(i);
+    if (state.time() < agent.states(now).time() - kPast - kRounding) continue;
+    line.push_back(panel.FromWorld(state.x(), state.y()));
+  }
+  return line;
+}
+
+}  // namespace
+
+int StateNow(const v1::Agent& agent, double prediction_time) {
+  int now = -1;
+  for (int i = 0; i < agent.states_size(); ++i) {
+    if (agent.states(i).time() <= prediction_time + kRounding) now = i;
+  }
+  return now >= 0 && agent.states(now).time() >= prediction_time - kOutOfSight ? now : -1;
+}
+
+void DrawMap(const ScenePanel& panel, Canvas* canvas) {
+  std::vector<Line> lanes;
+  std::vector<Line> bike_lanes;
+  std::vector<Line> road_lines;
+  std::vector<Line> edges;
+  std::vector<Line> areas;
+  std::vector<Line> stop_lines;
+  for (const v1::MapFeature& feature : panel.scenario->map_features()) {
+    Line line;
+    const int count = std::min(feature.x_size(), feature.y_size());
+    for (int i = 0; i < count; ++i) line.push_back(panel.FromWorld(feature.x(i), feature.y(i)));
+    if (line.empty() || !InSight(line, panel.axes.box())) continue;
+    switch (feature.type()) {
+      case v1::MAP_FEATURE_TYPE_LANE_CENTERLINE:
+        lanes.push_back(std::move(line));
+        break;
+      case v1::MAP_FEATURE_TYPE_BIKE_LANE:
+        bike_lanes.push_back(std::move(line));
+        break;
+      case v1::MAP_FEATURE_TYPE_ROAD_LINE:
+        road_lines.push_back(std::move(line));
+        break;
+      case v1::MAP_FEATURE_TYPE_ROAD_EDGE:
+        edges.push_back(std::move(line));
+        break;
+      case v1::MAP_FEATURE_TYPE_STOP_LINE:
+        stop_lines.push_back(std::move(line));
+        break;
+      case v1::MAP_FEATURE_TYPE_CROSSWALK:
+      case v1::MAP_FEATURE_TYPE_SPEED_BUMP:
+      case v1::MAP_FEATURE_TYPE_DRIVEWAY:
+        areas.push_back(std::move(line));
+        break;
+      default:
+        break;
+    }
+  }
+  canvas->Polygons(areas, kArea, 0.13);
+  canvas->Strokes(road_lines, kRoadLine, 1.0);
+  canvas->Strokes(edges, kRoadEdge, 2.0);
+  canvas->Strokes(bike_lanes, {70, 92, 88}, 1.0);
+  canvas->Strokes(lanes, kLane, 1.4);
+  canvas->Strokes(stop_lines, {170, 170, 176}, 2.0, 0.6);
+}
+
+void DrawSignals(const ScenePanel& panel, Canvas* canvas) {
+  const double now = panel.scenario->prediction_time() + kRounding;
+  for (const v1::TrafficSignal& signal : panel.scenario->traffic_signals()) {
+    v1::TrafficSignalState state = v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED;
+    for (const v1::TrafficSignalReading& reading : signal.readings()) {
+      if (reading.time() <= now) state = reading.state();
+    }
+    const Color color = state == v1::TRAFFIC_SIGNAL_STATE_STOP      ? Color{255, 70, 60}
+                        : state == v1::TRAFFIC_SIGNAL_STATE_CAUTION ? Color{255, 190, 40}
+                        : state == v1::TRAFFIC_SIGNAL_STATE_GO      ? Color{70, 220, 110}
+                                                                    : Color{120, 120, 120};
+    for (const v1::MapFeature& lane : panel.scenario->map_features()) {
+      if (lane.id() != signal.lane_id() || lane.x().empty() || lane.y().empty()) continue;
+      if (lane.type() != v1::MAP_FEATURE_TYPE_LANE_CENTERLINE) continue;
+      canvas->Disc(panel.FromWorld(lane.x(0), lane.y(0)), 4.0, color, 0.9);
+    }
+  }
+}
+
+void DrawOtherAgents(const ScenePanel& panel, int64_t target_id, Canvas* canvas) {
+  std::vector<Line> pasts;
+  std::vector<Line> fills;
+  std::vector<Line> outlines;
+  std::vector<Line> arrows;
+  for (const v1::Agent& agent : panel.scenario->agents()) {
+    const int now = StateNow(agent, panel.scenario->prediction_time());
+    if (agent.id() == target_id || now < 0) continue;
+    Body body = BodyOf(panel, agent, agent.states(now));
+    pasts.push_back(Past(panel, agent, now));
+    if (!InSight(body.box, panel.axes.box())) continue;
+    outlines.push_back(Closed(body.box));
+    fills.push_back(std::move(body.box));
+    arrows.push_back(std::move(body.arrow));
+  }
+  canvas->Strokes(pasts, kOtherAgent, 1.2, 0.45);
+  canvas->Polygons(fills, kOtherAgent, 0.45);
+  canvas->Strokes(outlines, kOtherAgent, 1.2);
+  canvas->Polygons(arrows, {255, 190, 185}, 0.9);
+}
+
+void DrawTarget(const ScenePanel& panel, const v1::Agent& target, Canvas* canvas) {
+  const int now = StateNow(target, panel.scenario->prediction_time());
+  if (now < 0) return;
+  const Body body = BodyOf(panel, target, target.states(now));
+  canvas->Stroke(Past(panel, target, now), kTarget, 2.2, 0.8);
+  canvas->Polygons({body.box}, kTarget, 0.9);
+  canvas->Stroke(Closed(body.box), {255, 240, 170}, 1.4);
+  canvas->Polygons({body.arrow}, kGround, 0.85);
+}
+
+Line TruthLine(const ScenePanel& panel, const v1::Agent& agent, double horizon) {
+  const int now = StateNow(agent, panel.scenario->prediction_time());
+  Line line;
+  if (now < 0) return line;
+  const double end =
+      horizon > 0.0 ? panel.scenario->prediction_time() + horizon + kRounding : 1e300;
+  for (int i = now; i < agent.states_size() && agent.states(i).time() <= end; ++i) {
+    line.push_back(panel.FromWorld(agent.states(i).x(), agent.states(i).y()));
+  }
+  return line.size() > 1 ? line : Line();
+}
+
+}  // namespace maneuver::plot

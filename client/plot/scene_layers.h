@@ -1,0 +1,54 @@
+// Private to plot/: the layers of a scene, under and over the predictions.
+
+#ifndef MANEUVER_CLIENT_PLOT_SCENE_LAYERS_H_
+#define MANEUVER_CLIENT_PLOT_SCENE_LAYERS_H_
+
+#include <vector>
+
+#include "client/plot/axes.h"
+#include "client/plot/canvas.h"
+#include "maneuver/v1/scenario.pb.h"
+#include "model/scene/pose2.h"
+
+namespace maneuver::plot {
+
+// Where a target's panel is and how the world lies in it.
+struct ScenePanel {
+  const v1::Scenario* scenario;
+  scene::Pose2 X_WT;  // the target at the prediction time
+  Axes axes;
+
+  Pixel FromWorld(double x, double y) const {
+    const scene::Point2 p_TP = X_WT.ToLocal({x, y});
+    return axes.ToPixel(p_TP.x, p_TP.y);
+  }
+};
+
+// Colours on the dark ground.
+inline constexpr Color kGround = {22, 24, 29};
+inline constexpr Color kLane = {104, 108, 116};
+inline constexpr Color kRoadLine = {66, 69, 76};
+inline constexpr Color kRoadEdge = {84, 80, 74};
+inline constexpr Color kArea = {150, 160, 180};
+inline constexpr Color kOtherAgent = {226, 60, 54};
+inline constexpr Color kTarget = {255, 214, 10};
+inline constexpr Color kTruth = {255, 255, 255};
+inline constexpr Color kText = {222, 224, 228};
+inline constexpr Color kFaintText = {150, 153, 160};
+
+// Index of the agent's latest state at or before the prediction time, no further back than half a
+// second; -1 if there is none.
+int StateNow(const v1::Agent& agent, double prediction_time);
+
+void DrawMap(const ScenePanel& panel, Canvas* canvas);
+void DrawSignals(const ScenePanel& panel, Canvas* canvas);
+// Everyone but `target_id`, with their past second.
+void DrawOtherAgents(const ScenePanel& panel, int64_t target_id, Canvas* canvas);
+void DrawTarget(const ScenePanel& panel, const v1::Agent& target, Canvas* canvas);
+
+// States of an agent from the prediction time on, until `horizon` seconds after it (0: all).
+Line TruthLine(const ScenePanel& panel, const v1::Agent& agent, double horizon);
+
+}  // namespace maneuver::plot
+
+#endif  // MANEUVER_CLIENT_PLOT_SCENE_LAYERS_H_
