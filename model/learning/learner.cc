@@ -1,10 +1,11 @@
 #include "model/learning/learner.h"
 
+#include <ATen/Parallel.h>
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
 #include "model/learning/calibration.h"
 #include "model/learning/raster_loader.h"
 #include "model/learning/trajectory_clusters.h"
@@ -34,6 +35,19 @@ BoundWeights Weights(const v1::OptimizationSettings& optimization) {
   return {optimization.action_weight(), optimization.posterior_reconstruction_weight(),
           optimization.posterior_divergence_weight()};
 }
+
+// One thread while it lives: layers over a batch of trajectories are over before a second thread has
+// woken, and on a busy machine threads that wait for each other cost several times the work.
+class OneThread {
+ public:
+  OneThread() : before_(at::get_num_threads()) { at::set_num_threads(1); }
+  ~OneThread() { at::set_num_threads(before_); }
+  OneThread(const OneThread&) = delete;
+  OneThread& operator=(const OneThread&) = delete;
+
+ private:
+  const int before_;
+};
 
 }  // namespace
 
@@ -113,6 +127,7 @@ absl::Status Learner::TrainOnTrajectories(const std::string& phase, int epochs,
                                           const std::vector<Group>& groups, const BatchLoss& loss,
                                           const std::function<v1::EpochReport(TermMeans)>& report) {
   progress_.BeginPhase(phase);
+  const OneThread one_thread;
   const int64_t batch_size = settings_.optimization().batch_size() * kTrajectoryBatchFactor;
   const int64_t examples = trajectories_.size(0);
   const int64_t epoch_steps = StepsOfEpoch(examples, batch_size);

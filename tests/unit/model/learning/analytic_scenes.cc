@@ -1,0 +1,100 @@
+#include "tests/unit/model/learning/analytic_scenes.h"
+
+#include <cmath>
+
+#include "model/artifact/training_presets.h"
+
+namespace maneuver::learning {
+namespace {
+
+struct ArcPoint {
+  double x, y, heading;
+};
+
+ArcPoint OnArc(double curvature, double distance) {
+  const double heading = curvature * distance;
+  if (std::abs(curvature) < 1e-9) return {distance, 0.0, 0.0};
+  return {std::sin(heading) / curvature, (1.0 - std::cos(heading)) / curvature, heading};
+}
+
+}  // namespace
+
+v1::Scenario ArcRecording(const std::string& id, double curvature, double speed) {
+  v1::Scenario scenario;
+  scenario.set_scenario_id(id);
+  scenario.set_prediction_time(1.0);
+  scenario.add_target_ids(1);
+  v1::Agent& agent = *scenario.add_agents();
+  agent.set_id(1);
+  agent.set_type(v1::AGENT_TYPE_VEHICLE);
+  agent.set_length(4.5);
+  agent.set_width(1.9);
+  for (int i = 0; i <= 80; ++i) {
+    const double time = 0.1 * i;
+    const ArcPoint point = OnArc(curvature, speed * time);
+    v1::AgentState& state = *agent.add_states();
+    state.set_time(time);
+    state.set_x(point.x);
+    state.set_y(point.y);
+    state.set_heading(static_cast<float>(point.heading));
+    state.set_velocity_x(static_cast<float>(speed * std::cos(point.heading)));
+    state.set_velocity_y(static_cast<float>(speed * std::sin(point.heading)));
+  }
+  v1::MapFeature& lane = *scenario.add_map_features();
+  lane.set_id(1);
+  lane.set_type(v1::MAP_FEATURE_TYPE_LANE_CENTERLINE);
+  for (double distance = -20.0; distance <= 120.0; distance += 2.0) {
+    const ArcPoint point = OnArc(curvature, distance);
+    lane.add_x(point.x);
+    lane.add_y(point.y);
+  }
+  return scenario;
+}
+
+std::vector<v1::Scenario> ArcRecordings(int count) {
+  std::vector<v1::Scenario> recordings;
+  for (int i = 0; i < count; ++i) {
+    const double curvature = (i % 3 - 1) * (0.035 + 0.0005 * (i % 7));
+    const double speed = (i / 3 % 2 == 0 ? 6.0 : 12.0) + 0.2 * (i % 5);
+    recordings.push_back(ArcRecording("arc-" + std::to_string(i), curvature, speed));
+  }
+  return recordings;
+}
+
+v1::TrainingSettings TinySettings() {
+  v1::TrainingSettings settings;
+  v1::ModelSpec& model = *settings.mutable_model();
+  model.mutable_raster()->set_height(32);
+  model.mutable_raster()->set_width(32);
+  model.mutable_raster()->set_meters_per_pixel(2.0);
+  model.mutable_raster()->set_history_frames(2);
+  model.mutable_raster()->mutable_frame_interval()->set_nanos(500'000'000);
+  for (const int channels : {8, 16, 16}) {
+    v1::ConvolutionSpec& convolution = *model.mutable_backbone()->add_convolutions();
+    convolution.set_channels(channels);
+    convolution.set_stride(2);
+  }
+  model.mutable_backbone()->set_features(32);
+  model.mutable_trajectory()->set_waypoints(10);
+  model.mutable_trajectory()->mutable_waypoint_interval()->set_nanos(300'000'000);
+  model.set_actions(6);
+  model.set_latent_dimensions(3);
+  for (v1::MlpSpec* mlp : {model.mutable_action_predictor(), model.mutable_trajectory_encoder(),
+                           model.mutable_decoder(), model.mutable_scenario_encoder()}) {
+    mlp->add_hidden(32);
+    mlp->add_hidden(24);
+  }
+  settings.mutable_examples()->mutable_stride()->set_nanos(500'000'000);
+  settings.mutable_examples()->set_validation_share(0.25);
+  v1::OptimizationSettings& optimization = *settings.mutable_optimization();
+  optimization.set_pretraining_epochs(25);
+  optimization.set_mixture_epochs(10);
+  optimization.set_joint_epochs(4);
+  optimization.set_batch_size(16);
+  optimization.set_learning_rate(3e-3);
+  settings.set_seed(7);
+  settings.set_threads(1);
+  return artifact::ResolveTrainingSettings(settings);
+}
+
+}  // namespace maneuver::learning

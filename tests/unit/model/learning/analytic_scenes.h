@@ -1,0 +1,27 @@
+// Recordings that are given by formulas: vehicles on lanes of constant curvature, so that the lane
+// ahead says where a vehicle goes.
+
+#ifndef MANEUVER_TESTS_UNIT_MODEL_LEARNING_ANALYTIC_SCENES_H_
+#define MANEUVER_TESTS_UNIT_MODEL_LEARNING_ANALYTIC_SCENES_H_
+
+#include <string>
+#include <vector>
+
+#include "maneuver/v1/scenario.pb.h"
+#include "maneuver/v1/training_settings.pb.h"
+
+namespace maneuver::learning {
+
+// A vehicle that starts at the origin with heading 0 and follows its lane for 8 s at 10 Hz.
+//   curvature: 1/m, left is positive;  speed: m/s
+v1::Scenario ArcRecording(const std::string& id, double curvature, double speed);
+
+// `count` recordings over a few curvatures and speeds, differing a little.
+std::vector<v1::Scenario> ArcRecordings(int count);
+
+// Complete settings that train in seconds: 3 s horizon, 6 actions.
+v1::TrainingSettings TinySettings();
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_TESTS_UNIT_MODEL_LEARNING_ANALYTIC_SCENES_H_
