@@ -39,12 +39,25 @@ std::unique_ptr<JobNews::Subscription> JobNews::Subscribe(const std::string& job
 }
 
 void JobNews::Publish(const std::string& job) {
-  std::vector<std::shared_ptr<Subscription::Listener>> listeners;
+  Listeners listeners;
   {
     const std::lock_guard lock(mutex_);
     const auto [begin, end] = listeners_.equal_range(job);
     for (auto entry = begin; entry != end; ++entry) listeners.push_back(entry->second);
   }
+  Tell(listeners);
+}
+
+void JobNews::PublishAll() {
+  Listeners listeners;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [job, listener] : listeners_) listeners.push_back(listener);
+  }
+  Tell(listeners);
+}
+
+void JobNews::Tell(const Listeners& listeners) {
   for (const auto& listener : listeners) {
     const std::lock_guard lock(listener->mutex);
     if (listener->on_news) listener->on_news();

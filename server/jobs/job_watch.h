@@ -41,8 +41,13 @@ class JobNews {
   [[nodiscard]] std::unique_ptr<Subscription> Subscribe(const std::string& job,
                                                         std::function<void()> on_news);
   void Publish(const std::string& job);
+  // To the listeners of every job.
+  void PublishAll();
 
  private:
+  using Listeners = std::vector<std::shared_ptr<Subscription::Listener>>;
+  static void Tell(const Listeners& listeners);
+
   std::mutex mutex_;
   // Guarded by mutex_.
   std::multimap<std::string, std::shared_ptr<Subscription::Listener>> listeners_;

@@ -82,6 +82,8 @@ void Supervisor::Stop() {
   for (std::thread& thread : threads_) {
     if (thread.joinable()) thread.join();
   }
+  is_stopped_ = true;
+  news_.PublishAll();
 }
 
 absl::Status Supervisor::Recover() {

@@ -3,6 +3,7 @@
 #ifndef MANEUVER_SERVER_JOBS_SUPERVISOR_H_
 #define MANEUVER_SERVER_JOBS_SUPERVISOR_H_
 
+#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -61,6 +62,8 @@ class Supervisor {
   // pending ones wait for the next start. Returns once all processes are gone, after `patience` at
   // the latest. From then on Train and Evaluate are UNAVAILABLE; everything else still works.
   void Stop();
+  // Whether Stop is done: no job goes on before the next start.
+  bool IsStopped() const { return is_stopped_; }
 
   // A new job, PENDING; the same job for the same request_id. INVALID_ARGUMENT; NOT_FOUND for an
   // unknown dataset or model; ALREADY_EXISTS if request_id was used for a different request.
@@ -106,6 +109,7 @@ class Supervisor {
   data::DatasetStore& datasets_;
   std::map<v1::JobState, monitoring::Gauge*> gauges_;
   JobNews news_;
+  std::atomic<bool> is_stopped_ = false;
 
   // Held while a job is admitted, taken, cancelled or deleted, and while a dataset is removed: what
   // was checked stays so until it is written.

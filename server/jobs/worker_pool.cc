@@ -27,6 +27,14 @@ bool WorkerPool::Post(std::function<void()> work) {
   return true;
 }
 
+void WorkerPool::Continue(std::function<void()> work) {
+  {
+    const std::lock_guard lock(mutex_);
+    waiting_.push_back(std::move(work));
+  }
+  changed_.notify_one();
+}
+
 void WorkerPool::Run() {
   std::unique_lock lock(mutex_);
   for (;;) {

@@ -25,6 +25,9 @@ class WorkerPool {
 
   // Runs `work` soon, in order of acceptance. False, and `work` is dropped, if too much waits.
   bool Post(std::function<void()> work);
+  // The next step of something whose first step was accepted: never refused. Each such thing may
+  // have one step waiting.
+  void Continue(std::function<void()> work);
 
  private:
   void Run();

@@ -1,0 +1,142 @@
+#include "server/rpc/dataset_service.h"
+
+#include <limits>
+#include <string>
+#include <utility>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "model/artifact/training_presets.h"
+#include "server/rpc/blocking_call.h"
+#include "server/rpc/dataset_upload.h"
+#include "server/rpc/paging.h"
+#include "server/security/resource_name.h"
+
+namespace maneuver::rpc {
+namespace {
+
+// The id of the last dataset of the page before is the token.
+absl::Status ListPage(const data::DatasetStore& datasets, const v1::ListDatasetsRequest& request,
+                      v1::ListDatasetsResponse* response) {
+  const auto page_size = PageSizeOf(request.page_size());
+  if (!page_size.ok()) return page_size.status();
+  const std::string& after = request.page_token();
+  if (!after.empty() && !security::IsResourceId(after)) return WrongPageToken();
+  const auto limit = static_cast<size_t>(*page_size);
+  auto ids = datasets.List(after, limit + 1);
+  if (!ids.ok()) return WithDatasetReason(ids.status());
+  if (ids->size() > limit) {
+    ids->resize(limit);
+    response->set_next_page_token(ids->back());
+  }
+  for (const std::string& id : *ids) {
+    auto dataset = datasets.Get(id);
+    if (absl::IsNotFound(dataset.status())) continue;  // deleted meanwhile
+    // A damaged one is listed by its name alone, so that it can be seen and deleted.
+    if (!dataset.ok()) response->add_datasets()->set_name(absl::StrCat("datasets/", id));
+    if (dataset.ok()) *response->add_datasets() = *std::move(dataset);
+  }
+  return absl::OkStatus();
+}
+
+// The index of the first recording of the page is the token.
+absl::Status ListPage(data::DatasetStore& datasets, const v1::ListScenariosRequest& request,
+                      v1::ListScenariosResponse* response) {
+  const auto id = security::ParseDatasetName(request.parent(), "parent");
+  if (!id.ok()) return id.status();
+  const auto page_size = PageSizeOf(request.page_size());
+  if (!page_size.ok()) return page_size.status();
+  uint32_t begin = 0;
+  if (!request.page_token().empty() && !absl::SimpleAtoi(request.page_token(), &begin)) {
+    return WrongPageToken();
+  }
+  const auto limit = static_cast<size_t>(*page_size);
+  auto scenarios = datasets.ListScenarios(*id, begin, limit + 1);
+  if (!scenarios.ok()) return WithDatasetReason(scenarios.status());
+  if (scenarios->size() > limit) {
+    scenarios->resize(limit);
+    response->set_next_page_token(absl::StrCat(begin + limit));
+  }
+  for (v1::ScenarioSummary& scenario : *scenarios) {
+    *response->add_scenarios() = std::move(scenario);
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<v1::DatasetSummary> Describe(const data::DatasetStore& datasets,
+                                            const std::string& id) {
+  const v1::TrainingSettings defaults = artifact::ResolveTrainingSettings({});
+  return datasets.Describe(id, defaults.model(), defaults.examples());
+}
+
+// Copies the value to *response.
+template <typename Message>
+absl::Status Answer(absl::StatusOr<Message> result, Message* response) {
+  if (!result.ok()) return WithDatasetReason(result.status());
+  *response = *std::move(result);
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+grpc::ServerReadReactor<v1::UploadDatasetRequest>* DatasetService::UploadDataset(
+    grpc::CallbackServerContext* rpc, v1::Dataset* response) {
+  return new DatasetUploadCall(datasets_, pool_, rpc, response);
+}
+
+grpc::ServerUnaryReactor* DatasetService::ListDatasets(grpc::CallbackServerContext* rpc,
+                                                       const v1::ListDatasetsRequest* request,
+                                                       v1::ListDatasetsResponse* response) {
+  return AnswerFrom(pool_, rpc,
+                    [this, request, response] { return ListPage(datasets_, *request, response); });
+}
+
+grpc::ServerUnaryReactor* DatasetService::GetDataset(grpc::CallbackServerContext* rpc,
+                                                     const v1::GetDatasetRequest* request,
+                                                     v1::Dataset* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+    const auto id = security::ParseDatasetName(request->name(), "name");
+    return id.ok() ? Answer(datasets_.Get(*id), response) : id.status();
+  });
+}
+
+grpc::ServerUnaryReactor* DatasetService::DescribeDataset(grpc::CallbackServerContext* rpc,
+                                                          const v1::DescribeDatasetRequest* request,
+                                                          v1::DatasetSummary* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+    const auto id = security::ParseDatasetName(request->name(), "name");
+    return id.ok() ? Answer(Describe(datasets_, *id), response) : id.status();
+  });
+}
+
+grpc::ServerUnaryReactor* DatasetService::DeleteDataset(grpc::CallbackServerContext* rpc,
+                                                        const v1::DeleteDatasetRequest* request,
+                                                        google::protobuf::Empty*) {
+  return AnswerFrom(pool_, rpc, [this, request]() -> absl::Status {
+    const auto id = security::ParseDatasetName(request->name(), "name");
+    return id.ok() ? WithDatasetReason(jobs_.DeleteDataset(*id)) : id.status();
+  });
+}
+
+grpc::ServerUnaryReactor* DatasetService::ListScenarios(grpc::CallbackServerContext* rpc,
+                                                        const v1::ListScenariosRequest* request,
+                                                        v1::ListScenariosResponse* response) {
+  return AnswerFrom(pool_, rpc,
+                    [this, request, response] { return ListPage(datasets_, *request, response); });
+}
+
+grpc::ServerUnaryReactor* DatasetService::GetScenario(grpc::CallbackServerContext* rpc,
+                                                      const v1::GetScenarioRequest* request,
+                                                      v1::Scenario* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+    const auto id = security::ParseDatasetName(request->parent(), "parent");
+    if (!id.ok()) return id.status();
+    auto scenario = datasets_.GetScenario(*id, request->scenario_id());
+    if (absl::IsNotFound(scenario.status()) && datasets_.Contains(*id)) {
+      return errors::WithReason(scenario.status(), "SCENARIO_NOT_FOUND");
+    }
+    return Answer(std::move(scenario), response);
+  });
+}
+
+}  // namespace maneuver::rpc

@@ -1,0 +1,46 @@
+#ifndef MANEUVER_SERVER_RPC_DATASET_SERVICE_H_
+#define MANEUVER_SERVER_RPC_DATASET_SERVICE_H_
+
+#include "maneuver/v1/dataset_service.grpc.pb.h"
+#include "model/data/dataset_store.h"
+#include "server/jobs/supervisor.h"
+#include "server/jobs/worker_pool.h"
+
+namespace maneuver::rpc {
+
+class DatasetService final : public v1::DatasetService::CallbackService {
+ public:
+  // All outlive the service.
+  DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs, jobs::WorkerPool& pool)
+      : datasets_(datasets), jobs_(jobs), pool_(pool) {}
+
+  grpc::ServerReadReactor<v1::UploadDatasetRequest>* UploadDataset(grpc::CallbackServerContext* rpc,
+                                                                   v1::Dataset* response) override;
+  grpc::ServerUnaryReactor* ListDatasets(grpc::CallbackServerContext* rpc,
+                                         const v1::ListDatasetsRequest* request,
+                                         v1::ListDatasetsResponse* response) override;
+  grpc::ServerUnaryReactor* GetDataset(grpc::CallbackServerContext* rpc,
+                                       const v1::GetDatasetRequest* request,
+                                       v1::Dataset* response) override;
+  grpc::ServerUnaryReactor* DescribeDataset(grpc::CallbackServerContext* rpc,
+                                            const v1::DescribeDatasetRequest* request,
+                                            v1::DatasetSummary* response) override;
+  grpc::ServerUnaryReactor* DeleteDataset(grpc::CallbackServerContext* rpc,
+                                          const v1::DeleteDatasetRequest* request,
+                                          google::protobuf::Empty* response) override;
+  grpc::ServerUnaryReactor* ListScenarios(grpc::CallbackServerContext* rpc,
+                                          const v1::ListScenariosRequest* request,
+                                          v1::ListScenariosResponse* response) override;
+  grpc::ServerUnaryReactor* GetScenario(grpc::CallbackServerContext* rpc,
+                                        const v1::GetScenarioRequest* request,
+                                        v1::Scenario* response) override;
+
+ private:
+  data::DatasetStore& datasets_;
+  jobs::Supervisor& jobs_;
+  jobs::WorkerPool& pool_;
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_DATASET_SERVICE_H_

@@ -1,0 +1,97 @@
+#include "server/rpc/dataset_upload.h"
+
+#include <utility>
+
+#include "model/data/dataset_folder.h"
+#include "server/errors/error_details.h"
+#include "server/rpc/blocking_call.h"
+#include "server/security/resource_name.h"
+
+namespace maneuver::rpc {
+namespace {
+
+constexpr size_t kMaxChunk = size_t{1} << 20;
+
+}  // namespace
+
+DatasetUploadCall::DatasetUploadCall(data::DatasetStore& datasets, jobs::WorkerPool& pool,
+                                     grpc::CallbackServerContext* rpc, v1::Dataset* response)
+    : datasets_(datasets), pool_(pool), rpc_(rpc), response_(response) {
+  StartRead(&message_);
+}
+
+void DatasetUploadCall::OnReadDone(bool ok) {
+  const auto step = [this, ok] { TakeStep(ok); };
+  if (upload_ != nullptr) {
+    pool_.Continue(step);
+  } else if (!pool_.Post(step)) {
+    Finish(ToGrpcStatus(Busy()));
+  }
+}
+
+void DatasetUploadCall::TakeStep(bool has_message) {
+  const absl::Status status = has_message ? TakeMessage() : Commit();
+  if (status.ok() && has_message) {
+    StartRead(&message_);
+    return;
+  }
+  // Before the client hears of it: what failed has left nothing.
+  upload_.reset();
+  Finish(ToGrpcStatus(status));
+}
+
+absl::Status DatasetUploadCall::TakeMessage() {
+  if (upload_ == nullptr) {
+    if (message_.has_header()) return TakeHeader(message_.header());
+    return errors::InvalidField("header", "must be the first message of an upload");
+  }
+  if (message_.has_header()) {
+    return errors::InvalidField("header", "must be the first message alone");
+  }
+  if (message_.chunk().size() > kMaxChunk) {
+    return errors::InvalidField("chunk", "must have at most 1 MiB");
+  }
+  return WithDatasetReason(upload_->Append(message_.chunk()));
+}
+
+absl::Status DatasetUploadCall::TakeHeader(const v1::UploadHeader& header) {
+  const auto id = security::ParseDatasetName(header.name(), "header.name");
+  if (!id.ok()) return id.status();
+  const auto violations = data::ValidateDatasetManifest(header.dataset());
+  if (!violations.empty()) return errors::InvalidFields(violations, "header.dataset");
+  auto upload = datasets_.BeginUpload(*id, header.dataset());
+  if (!upload.ok()) return WithDatasetReason(upload.status());
+  upload_ = *std::move(upload);
+  return absl::OkStatus();
+}
+
+absl::Status DatasetUploadCall::Commit() {
+  // A broken stream ends like one that the client closed.
+  if (rpc_->IsCancelled()) return absl::CancelledError("the upload was broken off");
+  if (upload_ == nullptr) {
+    return errors::InvalidField("header", "must be the first message of an upload");
+  }
+  auto dataset = upload_->Commit();
+  if (!dataset.ok()) return WithDatasetReason(dataset.status());
+  *response_ = *std::move(dataset);
+  return absl::OkStatus();
+}
+
+absl::Status WithDatasetReason(absl::Status status) {
+  switch (status.code()) {
+    case absl::StatusCode::kNotFound:
+      return errors::WithReason(std::move(status), "DATASET_NOT_FOUND");
+    case absl::StatusCode::kAlreadyExists:
+      return errors::WithReason(std::move(status), "DATASET_EXISTS");
+    case absl::StatusCode::kDataLoss:
+      return errors::WithReason(std::move(status), "DATASET_DAMAGED");
+    case absl::StatusCode::kInvalidArgument:
+      return errors::WithReason(std::move(status), "DATASET_INVALID");
+    case absl::StatusCode::kResourceExhausted:
+      return errors::WithReason(std::move(status), "DISK_FULL");
+    default:
+      return status;
+  }
+}
+
+}  // namespace maneuver::rpc

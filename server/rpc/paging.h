@@ -1,0 +1,25 @@
+#ifndef MANEUVER_SERVER_RPC_PAGING_H_
+#define MANEUVER_SERVER_RPC_PAGING_H_
+
+#include <algorithm>
+
+#include "absl/status/statusor.h"
+#include "server/errors/error_details.h"
+
+namespace maneuver::rpc {
+
+// Items on a page, as every List method has it: 50 if the request leaves it open, at most 1000.
+inline absl::StatusOr<int> PageSizeOf(int requested) {
+  constexpr int kDefault = 50;
+  constexpr int kLargest = 1000;
+  if (requested < 0) return errors::InvalidField("page_size", "expected 0 or more");
+  return requested == 0 ? kDefault : std::min(requested, kLargest);
+}
+
+inline absl::Status WrongPageToken() {
+  return errors::InvalidField("page_token", "expected the next_page_token of a former answer");
+}
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_PAGING_H_

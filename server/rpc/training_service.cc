@@ -1,0 +1,97 @@
+#include "server/rpc/training_service.h"
+
+#include <string>
+#include <utility>
+
+#include "server/rpc/blocking_call.h"
+#include "server/rpc/paging.h"
+#include "server/rpc/training_watch.h"
+#include "server/security/resource_name.h"
+
+namespace maneuver::rpc {
+namespace {
+
+absl::Status WithJobReason(absl::Status status) {
+  return absl::IsNotFound(status) ? errors::WithReason(std::move(status), "JOB_NOT_FOUND") : status;
+}
+
+absl::Status Answer(absl::StatusOr<v1::Job> job, v1::Job* response) {
+  if (job.ok()) *response = *std::move(job);
+  return job.status();
+}
+
+absl::Status ListPage(jobs::Supervisor& jobs, const v1::ListJobsRequest& request,
+                      v1::ListJobsResponse* response) {
+  const auto page_size = PageSizeOf(request.page_size());
+  if (!page_size.ok()) return page_size.status();
+  auto page = jobs.List(*page_size, request.page_token());
+  if (absl::IsInvalidArgument(page.status())) return WrongPageToken();
+  if (!page.ok()) return page.status();
+  for (v1::Job& job : page->jobs) *response->add_jobs() = std::move(job);
+  response->set_next_page_token(std::move(page->next_page_token));
+  return absl::OkStatus();
+}
+
+// Jobs by their whole name, once it was checked.
+absl::StatusOr<std::string> JobName(const std::string& name) {
+  const auto id = security::ParseJobName(name, "name");
+  if (!id.ok()) return id.status();
+  return name;
+}
+
+}  // namespace
+
+grpc::ServerUnaryReactor* TrainingService::Train(grpc::CallbackServerContext* rpc,
+                                                 const v1::TrainRequest* request,
+                                                 v1::Job* response) {
+  return AnswerFrom(pool_, rpc,
+                    [this, request, response] { return Answer(jobs_.Train(*request), response); });
+}
+
+grpc::ServerUnaryReactor* TrainingService::Evaluate(grpc::CallbackServerContext* rpc,
+                                                    const v1::EvaluateRequest* request,
+                                                    v1::Job* response) {
+  return AnswerFrom(
+      pool_, rpc, [this, request, response] { return Answer(jobs_.Evaluate(*request), response); });
+}
+
+grpc::ServerUnaryReactor* TrainingService::GetJob(grpc::CallbackServerContext* rpc,
+                                                  const v1::GetJobRequest* request,
+                                                  v1::Job* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+    const auto name = JobName(request->name());
+    return name.ok() ? WithJobReason(Answer(jobs_.Get(*name), response)) : name.status();
+  });
+}
+
+grpc::ServerUnaryReactor* TrainingService::ListJobs(grpc::CallbackServerContext* rpc,
+                                                    const v1::ListJobsRequest* request,
+                                                    v1::ListJobsResponse* response) {
+  return AnswerFrom(pool_, rpc,
+                    [this, request, response] { return ListPage(jobs_, *request, response); });
+}
+
+grpc::ServerUnaryReactor* TrainingService::CancelJob(grpc::CallbackServerContext* rpc,
+                                                     const v1::CancelJobRequest* request,
+                                                     v1::Job* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+    const auto name = JobName(request->name());
+    return name.ok() ? WithJobReason(Answer(jobs_.Cancel(*name), response)) : name.status();
+  });
+}
+
+grpc::ServerUnaryReactor* TrainingService::DeleteJob(grpc::CallbackServerContext* rpc,
+                                                     const v1::DeleteJobRequest* request,
+                                                     google::protobuf::Empty*) {
+  return AnswerFrom(pool_, rpc, [this, request]() -> absl::Status {
+    const auto name = JobName(request->name());
+    return name.ok() ? WithJobReason(jobs_.Delete(*name)) : name.status();
+  });
+}
+
+grpc::ServerWriteReactor<v1::WatchJobResponse>* TrainingService::WatchJob(
+    grpc::CallbackServerContext*, const v1::WatchJobRequest* request) {
+  return new JobWatchCall(jobs_, pool_, *request);
+}
+
+}  // namespace maneuver::rpc

@@ -1,0 +1,41 @@
+#ifndef MANEUVER_SERVER_RPC_TRAINING_SERVICE_H_
+#define MANEUVER_SERVER_RPC_TRAINING_SERVICE_H_
+
+#include "maneuver/v1/training_service.grpc.pb.h"
+#include "server/jobs/supervisor.h"
+#include "server/jobs/worker_pool.h"
+
+namespace maneuver::rpc {
+
+class TrainingService final : public v1::TrainingService::CallbackService {
+ public:
+  // Both outlive the service.
+  TrainingService(jobs::Supervisor& jobs, jobs::WorkerPool& pool) : jobs_(jobs), pool_(pool) {}
+
+  grpc::ServerUnaryReactor* Train(grpc::CallbackServerContext* rpc, const v1::TrainRequest* request,
+                                  v1::Job* response) override;
+  grpc::ServerUnaryReactor* Evaluate(grpc::CallbackServerContext* rpc,
+                                     const v1::EvaluateRequest* request,
+                                     v1::Job* response) override;
+  grpc::ServerUnaryReactor* GetJob(grpc::CallbackServerContext* rpc,
+                                   const v1::GetJobRequest* request, v1::Job* response) override;
+  grpc::ServerUnaryReactor* ListJobs(grpc::CallbackServerContext* rpc,
+                                     const v1::ListJobsRequest* request,
+                                     v1::ListJobsResponse* response) override;
+  grpc::ServerUnaryReactor* CancelJob(grpc::CallbackServerContext* rpc,
+                                      const v1::CancelJobRequest* request,
+                                      v1::Job* response) override;
+  grpc::ServerUnaryReactor* DeleteJob(grpc::CallbackServerContext* rpc,
+                                      const v1::DeleteJobRequest* request,
+                                      google::protobuf::Empty* response) override;
+  grpc::ServerWriteReactor<v1::WatchJobResponse>* WatchJob(
+      grpc::CallbackServerContext* rpc, const v1::WatchJobRequest* request) override;
+
+ private:
+  jobs::Supervisor& jobs_;
+  jobs::WorkerPool& pool_;
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_TRAINING_SERVICE_H_

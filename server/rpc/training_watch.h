@@ -1,0 +1,62 @@
+#ifndef MANEUVER_SERVER_RPC_TRAINING_WATCH_H_
+#define MANEUVER_SERVER_RPC_TRAINING_WATCH_H_
+
+#include <grpcpp/server_context.h>
+#include <grpcpp/support/server_callback.h>
+
+#include <deque>
+#include <memory>
+#include <mutex>
+
+#include "absl/status/status.h"
+#include "maneuver/v1/training_service.pb.h"
+#include "server/jobs/supervisor.h"
+#include "server/jobs/worker_pool.h"
+
+namespace maneuver::rpc {
+
+// One WatchJob call. Reads the store only once the client took what was read before: a slow client
+// costs a small buffer, and holds up nobody. Deletes itself.
+class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse> {
+ public:
+  JobWatchCall(jobs::Supervisor& jobs, jobs::WorkerPool& pool, const v1::WatchJobRequest& request);
+
+  void OnWriteDone(bool ok) override;
+  void OnCancel() override;
+  void OnDone() override { delete this; }
+
+ private:
+  // The call is always in one of these; only who moves it to kFinished calls Finish.
+  enum class Phase {
+    kWaiting,  // for news
+    kWorking,  // reading or writing
+    kFinished,
+  };
+
+  void OnNews();
+  // Reads what is new and writes it; waits if there is nothing. On a thread of the pool, kWorking.
+  void ReadNext();
+  void ReadSoon();
+  void WriteNext();
+  void End(const absl::Status& status);
+
+  jobs::Supervisor& jobs_;
+  jobs::WorkerPool& pool_;
+
+  // These belong to whoever is kWorking.
+  std::unique_ptr<jobs::JobEventReader> reader_;
+  std::deque<v1::Job> unsent_;
+  v1::WatchJobResponse message_;
+
+  std::mutex mutex_;
+  Phase phase_ = Phase::kWorking;  // guarded by mutex_
+  bool has_news_ = false;          // came while kWorking; guarded by mutex_
+  bool is_cancelled_ = false;      // guarded by mutex_
+
+  // Last, so that it ends first: no news reaches what is gone.
+  std::unique_ptr<jobs::JobNews::Subscription> subscription_;
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_TRAINING_WATCH_H_
