@@ -21,7 +21,7 @@ constexpr double kFloor = 0.05;  // metres: no covariance is narrower
 constexpr int kFitPasses = 8;
 constexpr int64_t kFitBatch = 512;
 constexpr double kFitRate = 0.05;
-constexpr int kScaleSteps = 40;
+constexpr int kScaleSteps = 80;
 
 // [.., 3] lower Cholesky factor (l11, l21, l22), the diagonal as logarithms, to xx, xy, yy.
 at::Tensor CovarianceOf(const at::Tensor& factor) {
