@@ -42,7 +42,9 @@ void Answer(const TargetQueue::Item& item, TargetAnswer answer) {
   call.answers[item.target] = std::move(answer);
   // acq_rel: whoever counts to zero sees the answers of all others.
   if (call.unanswered.fetch_sub(1, std::memory_order_acq_rel) == 1) {
-    call.done(std::move(call.answers));
+    // What `done` holds, perhaps the call itself, is let go with it.
+    const auto done = std::exchange(call.done, nullptr);
+    done(std::move(call.answers));
   }
 }
 

@@ -67,7 +67,9 @@ ModelRegistry::ModelRegistry(std::filesystem::path folder, AliasStore& aliases, 
                                       monitoring::TimeBuckets())) {}
 
 void ModelRegistry::OnReadyChange(std::function<void(bool)> listener) {
+  const std::lock_guard change(change_mutex_);
   listener_ = std::move(listener);
+  NotifyReady();
 }
 
 bool ModelRegistry::Ready() const {
@@ -283,15 +285,18 @@ absl::StatusOr<ModelVersionName> ModelRegistry::Publish(const std::string& model
   if (auto status = folders_.Add(name, finished, std::chrono::system_clock::now()); !status.ok()) {
     return status;
   }
-  {
+  if (promotion == v1::PROMOTION_ALWAYS || (promotion == v1::PROMOTION_UNSPECIFIED && !serves)) {
+    if (auto status = PointAlias(serving, *handle); !status.ok()) {
+      const absl::Status undone = folders_.TakeBack(name, finished);
+      if (!undone.ok())
+        Log(LogLevel::kError, "half-registered model", {{"model_version", name.ToString()}});
+      return status;
+    }
+  } else {
     const std::lock_guard lock(mutex_);
     versions_[model].insert(name.version);
   }
   Log(LogLevel::kInfo, "model registered", {{"model_version", name.ToString()}});
-  if (promotion == v1::PROMOTION_ALWAYS || (promotion == v1::PROMOTION_UNSPECIFIED && !serves)) {
-    // The version stays, whether or not it could be promoted.
-    if (auto status = PointAlias(serving, *handle); !status.ok()) return status;
-  }
   return name;
 }
 
@@ -303,6 +308,7 @@ absl::Status ModelRegistry::PointAlias(const ModelAliasName& name, const ModelHa
     std::vector<ModelHandle> dropped;  // freed after the lock
     const std::lock_guard lock(mutex_);
     aliases_[name] = handle->name().version;
+    versions_[name.model].insert(handle->name().version);
     MakeResidentLocked(handle, dropped);
   }
   Log(LogLevel::kInfo, "alias set",

@@ -50,7 +50,8 @@ class ModelRegistry {
                                                              const ModelRegistryOptions& options,
                                                              monitoring::MetricRegistry& metrics);
 
-  // Called, from any thread, whenever the answer of Ready() may have changed. Set it before use.
+  // Called at once, and then from any thread whenever the answer of Ready() may have changed, one
+  // call at a time. nullptr: nobody listens any more, from the return of this function on.
   void OnReadyChange(std::function<void(bool ready)> listener);
   // Whether some model's @serving version is in memory.
   bool Ready() const;
@@ -135,10 +136,10 @@ class ModelRegistry {
   const ModelRegistryOptions options_;
   monitoring::Gauge& models_loaded_;
   monitoring::Histogram& load_time_;
-  std::function<void(bool)> listener_;
 
   // Held while something changes or loads, one at a time; taken before mutex_.
   mutable std::mutex change_mutex_;
+  std::function<void(bool)> listener_;  // guarded by change_mutex_
   // Guards what follows; held for look-ups alone, never while the disk is read.
   mutable std::mutex mutex_;
   std::map<std::string, std::set<int>> versions_;  // by model; what is on disk

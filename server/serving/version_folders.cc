@@ -80,6 +80,13 @@ absl::Status VersionFolders::Add(const security::ModelVersionName& name, const f
   return files::SyncPath(folder_);
 }
 
+absl::Status VersionFolders::TakeBack(const security::ModelVersionName& name,
+                                      const fs::path& finished) const {
+  std::error_code error;
+  fs::rename(FolderOf(name), finished, error);
+  return error ? FileError("take back a model version", error) : absl::OkStatus();
+}
+
 absl::Status VersionFolders::Remove(const security::ModelVersionName& name, bool newest) const {
   if (newest) {
     const auto status =

@@ -36,6 +36,9 @@ class VersionFolders {
   // Moves a finished model folder to its place, stamped with `now`.
   absl::Status Add(const security::ModelVersionName& name, const std::filesystem::path& finished,
                    std::chrono::system_clock::time_point now) const;
+  // Undoes Add.
+  absl::Status TakeBack(const security::ModelVersionName& name,
+                        const std::filesystem::path& finished) const;
   absl::Status Remove(const security::ModelVersionName& name, bool newest) const;
 
  private:

@@ -1,0 +1,40 @@
+#include "server/maneuverd/data_lock.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <system_error>
+
+#include "absl/strings/str_cat.h"
+
+namespace maneuver {
+
+absl::StatusOr<std::unique_ptr<DataLock>> DataLock::Take(const std::filesystem::path& data_dir) {
+  std::error_code error;
+  std::filesystem::create_directories(data_dir, error);
+  if (error) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("cannot create ", data_dir.string(), ": ", error.message()));
+  }
+  // Closed on exec: a trainer that outlives the server does not hold the lock.
+  const std::filesystem::path file = data_dir / "maneuverd.lock";
+  const int descriptor = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  if (descriptor < 0) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("cannot open ", file.string(), ": ", std::strerror(errno)));
+  }
+  if (flock(descriptor, LOCK_EX | LOCK_NB) != 0) {
+    close(descriptor);
+    return absl::FailedPreconditionError(
+        absl::StrCat("another maneuverd uses ", data_dir.string(),
+                     "; stop it first, or give this one another --data-dir"));
+  }
+  return std::unique_ptr<DataLock>(new DataLock(descriptor));
+}
+
+DataLock::~DataLock() { close(descriptor_); }
+
+}  // namespace maneuver

@@ -1,0 +1,28 @@
+#ifndef MANEUVER_SERVER_MANEUVERD_DATA_LOCK_H_
+#define MANEUVER_SERVER_MANEUVERD_DATA_LOCK_H_
+
+#include <filesystem>
+#include <memory>
+
+#include "absl/status/statusor.h"
+
+namespace maneuver {
+
+// Keeps a second server off a data folder, until it is destroyed or the process ends.
+class DataLock {
+ public:
+  // Creates the folder if need be. FAILED_PRECONDITION if another server has it.
+  static absl::StatusOr<std::unique_ptr<DataLock>> Take(const std::filesystem::path& data_dir);
+  ~DataLock();
+  DataLock(const DataLock&) = delete;
+  DataLock& operator=(const DataLock&) = delete;
+
+ private:
+  explicit DataLock(int descriptor) : descriptor_(descriptor) {}
+
+  const int descriptor_;
+};
+
+}  // namespace maneuver
+
+#endif  // MANEUVER_SERVER_MANEUVERD_DATA_LOCK_H_

@@ -1,0 +1,179 @@
+// maneuverd: the prediction server.
+
+#include <pthread.h>
+#include <signal.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <iostream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <thread>
+#include <utility>
+
+#include "model/data/dataset_store.h"
+#include "model/files/durable_file.h"
+#include "server/jobs/sqlite_store.h"
+#include "server/jobs/supervisor.h"
+#include "server/jobs/worker_pool.h"
+#include "server/maneuverd/data_lock.h"
+#include "server/maneuverd/options.h"
+#include "server/monitoring/logging.h"
+#include "server/monitoring/prometheus_metrics.h"
+#include "server/rpc/model_service.h"
+#include "server/rpc/prediction_service.h"
+#include "server/rpc/server.h"
+#include "server/serving/batch_scheduler.h"
+#include "server/serving/model_registry.h"
+
+namespace maneuver {
+namespace {
+
+using monitoring::Log;
+using monitoring::LogLevel;
+
+constexpr int kDiskThreads = 4;
+constexpr size_t kMaxWaitingForDisk = 256;
+
+// SIGTERM and SIGINT, as something to wait for.
+class TerminationSignals {
+ public:
+  // Call before any thread is started: they inherit that these signals are not for them.
+  TerminationSignals() {
+    sigemptyset(&signals_);
+    sigaddset(&signals_, SIGTERM);
+    sigaddset(&signals_, SIGINT);
+    pthread_sigmask(SIG_BLOCK, &signals_, nullptr);
+  }
+
+  int Wait() {
+    int signal = 0;
+    sigwait(&signals_, &signal);
+    return signal;
+  }
+
+  // The next signal ends the process at once.
+  void ExitOnNext() {
+    std::thread([this] {
+      const int signal = Wait();
+      _exit(128 + signal);
+    }).detach();
+  }
+
+ private:
+  sigset_t signals_;
+};
+
+jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options,
+                                             serving::ModelRegistry& models) {
+  jobs::SupervisorOptions supervisor;
+  supervisor.folder = options.data_dir / "jobs";
+  supervisor.trainer = options.trainer;
+  supervisor.publish = [&models](const std::string& model, const std::filesystem::path& finished,
+                                 v1::Promotion promotion) -> absl::StatusOr<std::string> {
+    const auto name = models.Publish(model, finished, promotion);
+    if (!name.ok()) return name.status();
+    return name->ToString();
+  };
+  supervisor.resolve =
+      [&models](const std::string& reference) -> absl::StatusOr<jobs::ResolvedModel> {
+    const auto parsed = rpc::ParseReference(reference, "model");
+    if (!parsed.ok()) return parsed.status();
+    auto resolved = models.Resolve(*parsed);
+    if (!resolved.ok()) return resolved.status();
+    return jobs::ResolvedModel{resolved->name.ToString(), std::move(resolved->folder)};
+  };
+  return supervisor;
+}
+
+absl::Status WritePortFile(const std::filesystem::path& file, const std::string& grpc_address,
+                           const std::string& metrics_address) {
+  const nlohmann::json addresses = {{"grpc", grpc_address}, {"metrics", metrics_address}};
+  return files::WriteFileAtomically(file, addresses.dump() + "\n");
+}
+
+absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
+  const auto metrics = monitoring::PrometheusMetrics::Create();
+  metrics
+      ->AddGauge("maneuver_build_info", "1, with the version as a label.",
+                 {{"version", MANEUVER_VERSION}})
+      .Set(1.0);
+
+  const auto lock = DataLock::Take(options.data_dir);
+  if (!lock.ok()) return lock.status();
+  const auto store = jobs::SqliteStore::Open(options.data_dir / "maneuver.db");
+  if (!store.ok()) return store.status();
+  const auto datasets = data::DatasetStore::Open(options.data_dir / "datasets");
+  if (!datasets.ok()) return datasets.status();
+  const auto models = serving::ModelRegistry::Open(
+      options.data_dir / "models", **store,
+      [engine = options.engine](const std::filesystem::path& folder) {
+        return inference::ActionModel::Load(folder, engine);
+      },
+      {}, *metrics);
+  if (!models.ok()) return models.status();
+
+  serving::BatchScheduler scheduler(options.scheduler, *metrics);
+  const auto supervisor = jobs::Supervisor::Start(SupervisorOptionsFor(options, **models), **store,
+                                                  **datasets, *metrics);
+  if (!supervisor.ok()) return supervisor.status();
+  // After what its work uses, before the services that give it work.
+  jobs::WorkerPool disk(kDiskThreads, kMaxWaitingForDisk);
+  rpc::PredictionContext context{**models, scheduler, disk, {}};
+  rpc::PredictionService predictions(context);
+  rpc::ModelService model_service(**models, disk);
+
+  auto server = rpc::Server::Start(options.listen, {&predictions, &model_service}, *metrics);
+  if (!server.ok()) return server.status();
+  std::string metrics_address;
+  if (options.metrics_listen) {
+    const auto port = metrics->Listen(options.metrics_listen->ToString());
+    if (!port.ok()) return port.status();
+    metrics_address = security::ListenAddress{options.metrics_listen->host, *port}.ToString();
+  }
+  const std::string address = (*server)->address().ToString();
+  if (!options.port_file.empty()) {
+    const auto status = WritePortFile(options.port_file, address, metrics_address);
+    if (!status.ok()) return status;
+  }
+  std::cout << "listening grpc=" << address
+            << " metrics=" << (metrics_address.empty() ? "none" : metrics_address) << std::endl;
+  Log(LogLevel::kInfo, "listening", {{"grpc", address}, {"metrics", metrics_address}});
+
+  // Health turns to SERVING with the first model; until then calls say what is missing.
+  (*models)->OnReadyChange([&](bool ready) { (*server)->SetPredictionsReady(ready); });
+  std::thread loader([&] { (*models)->LoadAliased(); });
+
+  const int signal = signals.Wait();
+  signals.ExitOnNext();
+  Log(LogLevel::kInfo, "shutting down",
+      {{"signal", signal == SIGTERM ? "SIGTERM" : "SIGINT"},
+       {"timeout_seconds", std::chrono::duration<double>(options.shutdown_timeout).count()}});
+  const auto deadline = std::chrono::system_clock::now() + options.shutdown_timeout;
+  (*server)->TurnHealth();
+  (*supervisor)->Stop();
+  (*server)->Shutdown(deadline);
+  (*models)->OnReadyChange(nullptr);
+  loader.join();
+  Log(LogLevel::kInfo, "stopped");
+  return absl::OkStatus();
+}
+
+int Main(int argc, char** argv) {
+  const auto parsed = ParseCommandLine(argc, argv);
+  if (const int* status = std::get_if<int>(&parsed)) return *status;
+  const auto& options = std::get<ServerOptions>(parsed);
+  monitoring::ConfigureLogging(options.log_format, options.log_level);
+  TerminationSignals signals;
+  if (const absl::Status status = Run(options, signals); !status.ok()) {
+    Log(LogLevel::kError, "cannot serve", {{"reason", std::string(status.message())}});
+    return 1;
+  }
+  return 0;
+}
+
+}  // namespace
+}  // namespace maneuver
+
+int main(int argc, char** argv) { return maneuver::Main(argc, argv); }

@@ -1,0 +1,38 @@
+// The command line of maneuverd.
+
+#ifndef MANEUVER_SERVER_MANEUVERD_OPTIONS_H_
+#define MANEUVER_SERVER_MANEUVERD_OPTIONS_H_
+
+#include <chrono>
+#include <filesystem>
+#include <optional>
+#include <variant>
+
+#include "model/inference/action_model.h"
+#include "server/monitoring/logging.h"
+#include "server/security/listen_address.h"
+#include "server/serving/batch_scheduler.h"
+
+namespace maneuver {
+
+struct ServerOptions {
+  std::filesystem::path data_dir;
+  security::ListenAddress listen;
+  std::optional<security::ListenAddress> metrics_listen;  // nothing: no metrics page
+  std::filesystem::path port_file;                        // empty: none
+  serving::SchedulerOptions scheduler;
+  inference::EngineOptions engine;
+  std::filesystem::path trainer;
+  int trainer_threads = 0;  // 0: one for each core
+  monitoring::LogFormat log_format = monitoring::LogFormat::kText;
+  monitoring::LogLevel log_level = monitoring::LogLevel::kInfo;
+  std::chrono::milliseconds shutdown_timeout{10'000};
+};
+
+// The options, or the exit status of a command line that is wrong or only asks for help (which was
+// then printed).
+std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv);
+
+}  // namespace maneuver
+
+#endif  // MANEUVER_SERVER_MANEUVERD_OPTIONS_H_

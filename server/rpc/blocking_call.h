@@ -1,0 +1,40 @@
+// Methods that wait for the disk: on the pool's threads, not on gRPC's.
+
+#ifndef MANEUVER_SERVER_RPC_BLOCKING_CALL_H_
+#define MANEUVER_SERVER_RPC_BLOCKING_CALL_H_
+
+#include <grpcpp/server_context.h>
+#include <grpcpp/server_context.h>
+#include <grpcpp/support/server_callback.h>
+
+#include <utility>
+
+#include "server/jobs/worker_pool.h"
+#include "server/rpc/status_details.h"
+
+namespace maneuver::rpc {
+
+// Too much waits for the disk already.
+inline absl::Status Busy() {
+  return errors::WithRetryDelay(
+      errors::WithReason(
+          absl::ResourceExhaustedError(
+              "too many requests wait for the server's disk; try again a little later"),
+          "TOO_MANY_REQUESTS"),
+      std::chrono::seconds(1));
+}
+
+// Answers a unary call with what `work` returns (a Status), from a thread of `pool`.
+template <typename Work>
+grpc::ServerUnaryReactor* AnswerFrom(jobs::WorkerPool& pool, grpc::CallbackServerContext* rpc,
+                                     Work work) {
+  grpc::ServerUnaryReactor* reactor = rpc->DefaultReactor();
+  const bool accepted =
+      pool.Post([reactor, work = std::move(work)] { reactor->Finish(ToGrpcStatus(work())); });
+  if (!accepted) reactor->Finish(ToGrpcStatus(Busy()));
+  return reactor;
+}
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_BLOCKING_CALL_H_

@@ -1,0 +1,203 @@
+#include "server/rpc/model_service.h"
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+
+#include "absl/strings/str_cat.h"
+#include "model/artifact/model_spec.h"
+#include "server/rpc/blocking_call.h"
+#include "server/rpc/prediction_translation.h"
+
+namespace maneuver::rpc {
+namespace {
+
+using VersionInfo = serving::ModelRegistry::VersionInfo;
+
+constexpr int kDefaultPageSize = 50;
+constexpr int kMaxPageSize = 1000;
+constexpr int kMaxLabelLength = 64;
+
+// The place in the list after which the next page starts: "{create time, ns}/{name}".
+struct PageStart {
+  int64_t nanoseconds = 0;
+  security::ModelVersionName name;
+};
+
+int64_t Nanoseconds(const VersionInfo& info) {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(info.create_time.time_since_epoch())
+      .count();
+}
+
+std::string MakePageToken(const VersionInfo& last) {
+  return absl::StrCat(Nanoseconds(last), "/", last.name.ToString());
+}
+
+absl::StatusOr<PageStart> ParsePageToken(std::string_view token) {
+  PageStart start;
+  const auto [end, error] = std::from_chars(token.begin(), token.end(), start.nanoseconds);
+  if (error == std::errc() && end != token.end() && *end == '/') {
+    auto name =
+        security::ParseModelVersionName(token.substr(end + 1 - token.begin()), "page_token");
+    if (name.ok()) {
+      start.name = *std::move(name);
+      return start;
+    }
+  }
+  return errors::InvalidField("page_token", "expected the next_page_token of a former answer");
+}
+
+// Whether `info` comes after the start of a page, in the order of ModelRegistry::List.
+bool ComesAfter(const VersionInfo& info, const PageStart& start) {
+  const int64_t nanoseconds = Nanoseconds(info);
+  if (nanoseconds != start.nanoseconds) return nanoseconds < start.nanoseconds;
+  if (info.name.model != start.name.model) return info.name.model > start.name.model;
+  return info.name.version < start.name.version;
+}
+
+absl::StatusOr<int> PageSize(int requested) {
+  if (requested < 0) return errors::InvalidField("page_size", "expected 0 or more");
+  return requested == 0 ? kDefaultPageSize : std::min(requested, kMaxPageSize);
+}
+
+absl::Status ListPage(const serving::ModelRegistry& models,
+                      const v1::ListModelVersionsRequest& request,
+                      v1::ListModelVersionsResponse* response) {
+  std::string model;
+  if (request.parent() != "models/-") {
+    auto parsed = security::ParseModelName(request.parent(), "parent");
+    if (!parsed.ok()) return parsed.status();
+    model = *std::move(parsed);
+  }
+  const auto page_size = PageSize(request.page_size());
+  if (!page_size.ok()) return page_size.status();
+  std::vector<VersionInfo> versions = models.List(model);
+  if (!request.page_token().empty()) {
+    const auto start = ParsePageToken(request.page_token());
+    if (!start.ok()) return start.status();
+    std::erase_if(versions, [&](const VersionInfo& info) { return !ComesAfter(info, *start); });
+  }
+  const size_t count = std::min(versions.size(), static_cast<size_t>(*page_size));
+  for (size_t i = 0; i < count; ++i) {
+    auto version = models.Describe(versions[i].name);
+    if (absl::IsNotFound(version.status())) continue;  // deleted meanwhile
+    v1::ModelVersion* proto = response->add_model_versions();
+    if (version.ok()) {
+      *proto = *std::move(version);
+      proto->mutable_manifest()->clear_actions();
+    } else {
+      // A damaged one is listed, so that it can be seen and deleted, with no manifest.
+      proto->set_name(versions[i].name.ToString());
+      for (const std::string& alias : versions[i].aliases) proto->add_aliases(alias);
+    }
+  }
+  if (count < versions.size()) response->set_next_page_token(MakePageToken(versions[count - 1]));
+  return absl::OkStatus();
+}
+
+// The version that `name` means, described.
+absl::StatusOr<v1::ModelVersion> DescribeReference(
+    const serving::ModelRegistry& models,
+    const std::optional<security::ModelReference>& reference) {
+  const auto resolved = models.Resolve(reference);
+  if (!resolved.ok()) return resolved.status();
+  return models.Describe(resolved->name);
+}
+
+// UTF-8: bytes that do not continue a character.
+int Characters(std::string_view text) {
+  return static_cast<int>(std::ranges::count_if(text, [](char c) { return (c & 0xC0) != 0x80; }));
+}
+
+}  // namespace
+
+grpc::ServerUnaryReactor* ModelService::ListModelVersions(
+    grpc::CallbackServerContext* rpc, const v1::ListModelVersionsRequest* request,
+    v1::ListModelVersionsResponse* response) {
+  return AnswerFrom(pool_, rpc,
+                    [this, request, response] { return ListPage(models_, *request, response); });
+}
+
+grpc::ServerUnaryReactor* ModelService::GetModelVersion(grpc::CallbackServerContext* rpc,
+                                                        const v1::GetModelVersionRequest* request,
+                                                        v1::ModelVersion* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+    const auto reference = security::ParseModelReference(request->name(), "name");
+    if (!reference.ok()) return reference.status();
+    auto version = DescribeReference(models_, *reference);
+    if (version.ok()) *response = *std::move(version);
+    return version.status();
+  });
+}
+
+grpc::ServerUnaryReactor* ModelService::DeleteModelVersion(
+    grpc::CallbackServerContext* rpc, const v1::DeleteModelVersionRequest* request,
+    google::protobuf::Empty*) {
+  return AnswerFrom(pool_, rpc, [this, request]() -> absl::Status {
+    const auto name = security::ParseModelVersionName(request->name(), "name");
+    return name.ok() ? models_.Delete(*name) : name.status();
+  });
+}
+
+grpc::ServerUnaryReactor* ModelService::SetModelAlias(grpc::CallbackServerContext* rpc,
+                                                      const v1::SetModelAliasRequest* request,
+                                                      v1::ModelAlias* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+    const auto name = security::ParseModelAliasName(request->name(), "name");
+    if (!name.ok()) return name.status();
+    const auto version = security::ParseModelVersionName(request->model_version(), "model_version");
+    if (!version.ok()) return version.status();
+    if (version->model != name->model) {
+      return errors::InvalidField("model_version", "an alias points to a version of its own model");
+    }
+    if (auto status = models_.SetAlias(*name, version->version); !status.ok()) return status;
+    response->set_name(name->ToString());
+    response->set_model_version(version->ToString());
+    return absl::OkStatus();
+  });
+}
+
+grpc::ServerUnaryReactor* ModelService::DeleteModelAlias(grpc::CallbackServerContext* rpc,
+                                                         const v1::DeleteModelAliasRequest* request,
+                                                         google::protobuf::Empty*) {
+  return AnswerFrom(pool_, rpc, [this, request]() -> absl::Status {
+    const auto name = security::ParseModelAliasName(request->name(), "name");
+    return name.ok() ? models_.DeleteAlias(*name) : name.status();
+  });
+}
+
+grpc::ServerUnaryReactor* ModelService::GetActionSet(grpc::CallbackServerContext* rpc,
+                                                     const v1::GetActionSetRequest* request,
+                                                     v1::ActionSet* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+    const auto reference = ParseReference(request->name(), "name");
+    if (!reference.ok()) return reference.status();
+    auto version = DescribeReference(models_, *reference);
+    if (!version.ok()) return version.status();
+    response->set_model_version(version->name());
+    const auto times = artifact::WaypointTimes(version->manifest().spec().trajectory());
+    response->mutable_waypoint_times()->Assign(times.begin(), times.end());
+    response->mutable_actions()->Swap(version->mutable_manifest()->mutable_actions());
+    return absl::OkStatus();
+  });
+}
+
+grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext* rpc,
+                                                    const v1::LabelActionRequest* request,
+                                                    v1::Action* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+    const auto name = security::ParseModelVersionName(request->name(), "name");
+    if (!name.ok()) return name.status();
+    if (Characters(request->label()) > kMaxLabelLength) {
+      return errors::InvalidField("label", "longer than 64 characters");
+    }
+    auto action = models_.LabelAction(*name, request->action_id(), request->label());
+    if (absl::IsOutOfRange(action.status())) {
+      return errors::InvalidField("action_id", std::string(action.status().message()));
+    }
+    if (action.ok()) *response = *std::move(action);
+    return action.status();
+  });
+}
+
+}  // namespace maneuver::rpc

@@ -1,0 +1,45 @@
+#ifndef MANEUVER_SERVER_RPC_MODEL_SERVICE_H_
+#define MANEUVER_SERVER_RPC_MODEL_SERVICE_H_
+
+#include "maneuver/v1/model_service.grpc.pb.h"
+#include "server/jobs/worker_pool.h"
+#include "server/serving/model_registry.h"
+
+namespace maneuver::rpc {
+
+class ModelService final : public v1::ModelService::CallbackService {
+ public:
+  // Both outlive the service.
+  ModelService(serving::ModelRegistry& models, jobs::WorkerPool& pool)
+      : models_(models), pool_(pool) {}
+
+  grpc::ServerUnaryReactor* ListModelVersions(grpc::CallbackServerContext* rpc,
+                                              const v1::ListModelVersionsRequest* request,
+                                              v1::ListModelVersionsResponse* response) override;
+  grpc::ServerUnaryReactor* GetModelVersion(grpc::CallbackServerContext* rpc,
+                                            const v1::GetModelVersionRequest* request,
+                                            v1::ModelVersion* response) override;
+  grpc::ServerUnaryReactor* DeleteModelVersion(grpc::CallbackServerContext* rpc,
+                                               const v1::DeleteModelVersionRequest* request,
+                                               google::protobuf::Empty* response) override;
+  grpc::ServerUnaryReactor* SetModelAlias(grpc::CallbackServerContext* rpc,
+                                          const v1::SetModelAliasRequest* request,
+                                          v1::ModelAlias* response) override;
+  grpc::ServerUnaryReactor* DeleteModelAlias(grpc::CallbackServerContext* rpc,
+                                             const v1::DeleteModelAliasRequest* request,
+                                             google::protobuf::Empty* response) override;
+  grpc::ServerUnaryReactor* GetActionSet(grpc::CallbackServerContext* rpc,
+                                         const v1::GetActionSetRequest* request,
+                                         v1::ActionSet* response) override;
+  grpc::ServerUnaryReactor* LabelAction(grpc::CallbackServerContext* rpc,
+                                        const v1::LabelActionRequest* request,
+                                        v1::Action* response) override;
+
+ private:
+  serving::ModelRegistry& models_;
+  jobs::WorkerPool& pool_;
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_MODEL_SERVICE_H_

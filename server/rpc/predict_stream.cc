@@ -1,0 +1,130 @@
+#include "server/rpc/predict_stream.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "server/errors/error_details.h"
+
+namespace maneuver::rpc {
+namespace {
+
+// Requests read and not yet written back; beyond that the stream is not read, and flow control
+// makes the caller wait.
+constexpr size_t kMaxInFlight = 64;
+constexpr size_t kMaxRequestIdLength = 128;
+
+}  // namespace
+
+PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* response) {
+  return {.model = &request.model(),
+          .scenarios = &request.scenarios(),
+          .query = &request.query(),
+          .model_version = response->mutable_model_version(),
+          .waypoint_times = response->mutable_waypoint_times(),
+          .predictions = response->mutable_predictions()};
+}
+
+PredictStream::PredictStream(PredictionContext& context) : context_(context) {
+  Proceed(std::unique_lock(mutex_));
+}
+
+void PredictStream::Proceed(std::unique_lock<std::mutex> lock) {
+  v1::StreamPredictRequest* read = nullptr;
+  const v1::StreamPredictResponse* write = nullptr;
+  bool finish = false;
+  const size_t unwritten = in_flight_.size() + to_write_.size() + (writing_ != nullptr ? 1 : 0);
+  if (!read_pending_ && !reads_ended_ && unwritten < kMaxInFlight) {
+    read_pending_ = true;
+    reading_ = std::make_shared<Entry>();
+    read = &reading_->request;
+  }
+  if (writing_ == nullptr && !to_write_.empty()) {
+    writing_ = std::move(to_write_.front());
+    to_write_.pop_front();
+    write = &writing_->response;
+  }
+  if (!finished_ && !read_pending_ && reads_ended_ && in_flight_.empty() && to_write_.empty() &&
+      writing_ == nullptr) {
+    finished_ = finish = true;
+  }
+  const bool cancelled = cancelled_;
+  lock.unlock();
+  // Outside the lock: gRPC may call back at once. Nothing follows Finish, as OnDone may come then.
+  if (read != nullptr) StartRead(read);
+  if (write != nullptr) StartWrite(write);
+  if (finish) Finish(cancelled ? grpc::Status::CANCELLED : grpc::Status::OK);
+}
+
+void PredictStream::OnReadDone(bool ok) {
+  std::shared_ptr<Entry> entry;
+  {
+    const std::lock_guard lock(mutex_);
+    read_pending_ = false;
+    entry = std::move(reading_);
+    if (ok) {
+      in_flight_.insert(entry);
+    } else {
+      reads_ended_ = true;
+    }
+  }
+  if (ok) Begin(std::move(entry));
+  Proceed(std::unique_lock(mutex_));
+}
+
+void PredictStream::Begin(std::shared_ptr<Entry> entry) {
+  const v1::StreamPredictRequest& request = entry->request;
+  if (request.request_id().size() > kMaxRequestIdLength) {
+    return Answered(std::move(entry),
+                    errors::InvalidField("request_id", "longer than 128 characters"));
+  }
+  entry->response.set_request_id(request.request_id());
+  serving::TimePoint deadline = serving::TimePoint::max();
+  // Longer than a day is as good as never.
+  constexpr int64_t kNever = 24 * 3600;
+  if (request.has_timeout() && request.timeout().seconds() < kNever) {
+    const int64_t seconds = std::max<int64_t>(request.timeout().seconds(), 0);
+    deadline = std::chrono::steady_clock::now() + std::chrono::seconds(seconds) +
+               std::chrono::nanoseconds(request.timeout().nanos());
+  }
+  const PredictionIo io = PredictIo(entry->request.request(), entry->response.mutable_response());
+  auto run = PredictionRun::Start(context_, io, deadline,
+                                  [this, entry](absl::Status status) { Answered(entry, status); });
+  const std::lock_guard lock(mutex_);
+  if (!in_flight_.contains(entry)) return;  // answered already
+  entry->run = std::move(run);
+  if (cancelled_) entry->run->Cancel();
+}
+
+void PredictStream::Answered(std::shared_ptr<Entry> entry, const absl::Status& status) {
+  if (!status.ok()) *entry->response.mutable_error() = errors::ToProto(status);
+  std::unique_lock lock(mutex_);
+  in_flight_.erase(entry);
+  if (!cancelled_) to_write_.push_back(std::move(entry));
+  Proceed(std::move(lock));
+}
+
+void PredictStream::OnWriteDone(bool ok) {
+  std::unique_lock lock(mutex_);
+  writing_ = nullptr;
+  if (!ok) {
+    // The caller has gone.
+    reads_ended_ = true;
+    to_write_.clear();
+  }
+  Proceed(std::move(lock));
+}
+
+void PredictStream::OnCancel() {
+  std::unique_lock lock(mutex_);
+  cancelled_ = true;
+  reads_ended_ = true;
+  to_write_.clear();
+  for (const auto& entry : in_flight_) {
+    if (entry->run != nullptr) entry->run->Cancel();
+  }
+  Proceed(std::move(lock));
+}
+
+void PredictStream::OnDone() { delete this; }
+
+}  // namespace maneuver::rpc

@@ -1,0 +1,61 @@
+// StreamPredict: many requests in flight on one stream, answered as they finish.
+
+#ifndef MANEUVER_SERVER_RPC_PREDICT_STREAM_H_
+#define MANEUVER_SERVER_RPC_PREDICT_STREAM_H_
+
+#include <grpcpp/support/server_callback.h>
+
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <set>
+
+#include "maneuver/v1/prediction_service.pb.h"
+#include "server/rpc/prediction_run.h"
+
+namespace maneuver::rpc {
+
+// What Predict's request and response mean to a run.
+PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* response);
+
+// Lives until gRPC is done with the stream, which is after the last of its requests was answered.
+class PredictStream final
+    : public grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse> {
+ public:
+  explicit PredictStream(PredictionContext& context);
+
+  void OnReadDone(bool ok) override;
+  void OnWriteDone(bool ok) override;
+  void OnCancel() override;
+  void OnDone() override;
+
+ private:
+  // One request in flight, from its arrival until its answer was written.
+  struct Entry {
+    v1::StreamPredictRequest request;
+    v1::StreamPredictResponse response;
+    std::shared_ptr<PredictionRun> run;
+  };
+
+  void Begin(std::shared_ptr<Entry> entry);
+  void Answered(std::shared_ptr<Entry> entry, const absl::Status& status);
+  // Reads, writes or finishes, whatever the state now allows. Takes the lock under which the state
+  // was changed: once it is free, and nothing was begun here, the stream may be gone.
+  void Proceed(std::unique_lock<std::mutex> lock);
+
+  PredictionContext& context_;
+
+  std::mutex mutex_;  // guards what follows
+  std::shared_ptr<Entry> reading_;
+  bool read_pending_ = false;
+  bool reads_ended_ = false;  // the caller sends no more, or has gone
+  bool cancelled_ = false;
+  bool finished_ = false;
+  std::set<std::shared_ptr<Entry>> in_flight_;
+  std::deque<std::shared_ptr<Entry>> to_write_;
+  std::shared_ptr<Entry> writing_;
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_PREDICT_STREAM_H_

@@ -1,0 +1,138 @@
+// The way out: from the workers' answers to messages, in the caller's frame.
+
+#include "maneuver/v1/status.pb.h"
+#include "server/errors/error_details.h"
+#include "server/rpc/prediction_translation.h"
+
+namespace maneuver::rpc {
+namespace {
+
+using serving::TargetAnswer;
+
+void WriteVector(const Eigen::VectorXd& values, google::protobuf::RepeatedField<double>* field) {
+  field->Assign(values.data(), values.data() + values.size());
+}
+
+// Puts positions and covariances of the target's frame into the frame of the answer.
+class FrameChange {
+ public:
+  // X_AT: pose of the target in the answer's frame A.
+  explicit FrameChange(const scene::Pose2& X_AT) : X_AT_(X_AT) {}
+
+  void Write(const inference::Trajectory& trajectory, v1::Trajectory* proto) const {
+    Write(trajectory, proto->mutable_x(), proto->mutable_y());
+  }
+
+  void Write(const inference::Trajectory& trajectory, google::protobuf::RepeatedField<double>* x,
+             google::protobuf::RepeatedField<double>* y) const {
+    const int waypoints = static_cast<int>(trajectory.rows());
+    x->Reserve(waypoints);
+    y->Reserve(waypoints);
+    for (int t = 0; t < waypoints; ++t) {
+      const scene::Point2 p_A = X_AT_ * scene::Point2{trajectory(t, 0), trajectory(t, 1)};
+      x->AddAlreadyReserved(p_A.x);
+      y->AddAlreadyReserved(p_A.y);
+    }
+  }
+
+  // R [xx xy; xy yy] R^T, with R the rotation of X_AT.
+  void WriteCovariances(
+      const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>& covariances,
+      v1::WaypointMoments* proto) const {
+    const double c = X_AT_.cosine();
+    const double s = X_AT_.sine();
+    for (Eigen::Index t = 0; t < covariances.rows(); ++t) {
+      const double xx = covariances(t, 0);
+      const double xy = covariances(t, 1);
+      const double yy = covariances(t, 2);
+      proto->add_covariance_xx(c * c * xx - 2.0 * c * s * xy + s * s * yy);
+      proto->add_covariance_xy(c * s * (xx - yy) + (c * c - s * s) * xy);
+      proto->add_covariance_yy(s * s * xx + 2.0 * c * s * xy + c * c * yy);
+    }
+  }
+
+ private:
+  const scene::Pose2 X_AT_;
+};
+
+void WriteDistribution(const inference::ActionDistribution& action, double probability,
+                       const FrameChange& frame, bool sigma_trajectories,
+                       v1::ActionDistribution* proto) {
+  proto->set_action_id(action.action);
+  proto->set_probability(probability);
+  WriteVector(action.latent_mean, proto->mutable_latent_mean());
+  WriteVector(action.latent_stddev, proto->mutable_latent_stddev());
+  frame.Write(action.mean(), proto->mutable_mean_trajectory());
+  if (sigma_trajectories) {
+    for (const inference::Trajectory& sigma : action.sigma) {
+      frame.Write(sigma, proto->add_sigma_trajectories());
+    }
+  }
+  v1::WaypointMoments* moments = proto->mutable_moments();
+  frame.Write(action.moment_mean, moments->mutable_mean_x(), moments->mutable_mean_y());
+  frame.WriteCovariances(action.moment_covariance, moments);
+}
+
+// Walks over the plan: writes errors, and calls `write` for each target that was answered.
+template <typename ScenarioProto, typename WriteTarget>
+void WriteItems(const Scenarios& scenarios, const PredictionPlan& plan,
+                const std::vector<TargetAnswer>& answers,
+                google::protobuf::RepeatedPtrField<ScenarioProto>* items,
+                const WriteTarget& write) {
+  for (int s = 0; s < scenarios.size(); ++s) {
+    const PlannedScenario& planned = plan.scenarios[static_cast<size_t>(s)];
+    ScenarioProto* item = items->Add();
+    item->set_scenario_index(s);
+    item->set_scenario_id(scenarios[s].scenario_id());
+    if (!planned.status.ok()) {
+      *item->mutable_error() = errors::ToProto(planned.status);
+      continue;
+    }
+    for (const PlannedTarget& target : planned.targets) {
+      auto* proto = item->add_targets();
+      proto->set_target_id(target.id);
+      if (!target.status.ok()) {
+        *proto->mutable_error() = errors::ToProto(target.status);
+      } else if (const TargetAnswer& answer = answers[target.index]; !answer.status.ok()) {
+        *proto->mutable_error() = errors::ToProto(answer.status);
+      } else {
+        write(plan.targets[target.index], answer, proto);
+      }
+    }
+  }
+}
+
+}  // namespace
+
+void WritePredictions(const Scenarios& scenarios, const PredictionPlan& plan,
+                      const std::vector<TargetAnswer>& answers, const AnswerStyle& style,
+                      google::protobuf::RepeatedPtrField<v1::ScenarioPrediction>* predictions) {
+  WriteItems(
+      scenarios, plan, answers, predictions,
+      [&](const serving::Target& target, const TargetAnswer& answer, v1::TargetPrediction* proto) {
+        if (style.probabilities) {
+          WriteVector(answer.probabilities, proto->mutable_probabilities());
+        }
+        const bool in_target_frame = style.frame == v1::FRAME_TARGET;
+        const FrameChange frame(in_target_frame ? scene::Pose2() : target.X_WT);
+        for (const inference::ActionDistribution& action : answer.distributions) {
+          WriteDistribution(action, answer.probabilities[action.action], frame,
+                            style.sigma_trajectories, proto->add_distributions());
+        }
+      });
+}
+
+void WriteClassifications(
+    const Scenarios& scenarios, const PredictionPlan& plan,
+    const std::vector<TargetAnswer>& answers,
+    google::protobuf::RepeatedPtrField<v1::ScenarioClassification>* classifications) {
+  WriteItems(
+      scenarios, plan, answers, classifications,
+      [](const serving::Target&, const TargetAnswer& answer, v1::TargetClassification* proto) {
+        WriteVector(answer.classification->responsibilities, proto->mutable_responsibilities());
+        WriteVector(answer.probabilities, proto->mutable_probabilities());
+        proto->set_log_likelihood_bound(answer.classification->log_likelihood_bound);
+      });
+}
+
+}  // namespace maneuver::rpc

@@ -1,0 +1,161 @@
+// The way in: from a request to targets.
+
+#include <set>
+
+#include "absl/strings/str_cat.h"
+#include "model/artifact/model_spec.h"
+#include "model/data/example_index.h"
+#include "model/data/trajectory.h"
+#include "model/scene/rasterizer.h"
+#include "model/scene/target_frame.h"
+#include "server/errors/error_details.h"
+#include "server/rpc/prediction_translation.h"
+
+namespace maneuver::rpc {
+namespace {
+
+constexpr size_t kMaxScenarioIdLength = 128;
+
+// The same rule as when learning.
+double MaxGap(const v1::RasterSpec& spec) {
+  return data::kMaxGapFrames * 2.0 * scene::FrameTolerance(spec);
+}
+
+// What the target did after the prediction time, as the model sees it.
+absl::StatusOr<inference::Trajectory> ObservedTrajectory(const v1::Scenario& scenario,
+                                                         const v1::Agent& agent, int agent_index,
+                                                         const scene::Pose2& X_WT,
+                                                         const v1::ModelSpec& spec,
+                                                         const std::string& scenario_path) {
+  const std::vector<double> times = artifact::WaypointTimes(spec.trajectory());
+  inference::Trajectory trajectory(static_cast<Eigen::Index>(times.size()), 2);
+  int missing = 0;
+  if (!data::ResampleFuture(agent, scenario.prediction_time(), X_WT, times, MaxGap(spec.raster()),
+                            {trajectory.data(), static_cast<size_t>(trajectory.size())},
+                            &missing)) {
+    return errors::InvalidField(
+        absl::StrCat(scenario_path, ".agents[", agent_index, "].states"),
+        absl::StrCat("no states around ", times[static_cast<size_t>(missing)],
+                     " s after the prediction time; classification needs the ", times.back(),
+                     " s that the model looks ahead, without gaps"));
+  }
+  return trajectory;
+}
+
+}  // namespace
+
+absl::StatusOr<std::optional<security::ModelReference>> ParseReference(const std::string& model,
+                                                                       std::string_view field) {
+  if (model.empty()) return std::optional<security::ModelReference>();
+  auto reference = security::ParseModelReference(model, field);
+  if (!reference.ok()) return reference.status();
+  return std::optional<security::ModelReference>(*std::move(reference));
+}
+
+absl::StatusOr<serving::DescribeActions> ParseQuery(const v1::DistributionQuery& query,
+                                                    int actions) {
+  serving::DescribeActions describe;
+  switch (query.source()) {
+    case v1::LATENT_SOURCE_UNSPECIFIED:
+    case v1::LATENT_SOURCE_POSTERIOR:
+      describe.source = inference::LatentSource::kPosterior;
+      break;
+    case v1::LATENT_SOURCE_PRIOR:
+      describe.source = inference::LatentSource::kPrior;
+      break;
+    default:
+      return errors::InvalidField("query.source", "no such source of the latent");
+  }
+  if (!v1::Frame_IsValid(query.frame())) {
+    return errors::InvalidField("query.frame", "no such frame");
+  }
+  switch (query.selection_case()) {
+    case v1::DistributionQuery::kActionIds: {
+      serving::ActionIds chosen;
+      std::set<int> seen;
+      for (int i = 0; i < query.action_ids().ids_size(); ++i) {
+        const int id = query.action_ids().ids(i);
+        const std::string field = absl::StrCat("query.action_ids.ids[", i, "]");
+        if (id < 0 || id >= actions) {
+          return errors::InvalidField(field,
+                                      absl::StrCat("the model has the actions 0 to ", actions - 1));
+        }
+        if (!seen.insert(id).second) return errors::InvalidField(field, "named twice");
+        chosen.ids.push_back(id);
+      }
+      if (chosen.ids.empty()) {
+        return errors::InvalidField("query.action_ids.ids", "name at least one action");
+      }
+      describe.selection = std::move(chosen);
+      break;
+    }
+    case v1::DistributionQuery::kMinProbability:
+      if (!(query.min_probability() >= 0.0 && query.min_probability() <= 1.0)) {
+        return errors::InvalidField("query.min_probability", "expected 0 to 1");
+      }
+      describe.selection = serving::AtLeast{query.min_probability()};
+      break;
+    case v1::DistributionQuery::kTopK:
+      if (query.top_k() < 1) return errors::InvalidField("query.top_k", "expected at least 1");
+      describe.selection = serving::TopK{query.top_k()};
+      break;
+    case v1::DistributionQuery::SELECTION_NOT_SET:
+      describe.selection = serving::AtLeast{};
+      break;
+  }
+  return describe;
+}
+
+PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
+                              const scene::ScenarioLimits& limits, bool classify) {
+  PredictionPlan plan;
+  const double tolerance = scene::FrameTolerance(spec.raster());
+  for (int s = 0; s < scenarios.size(); ++s) {
+    const v1::Scenario& scenario = scenarios[s];
+    const std::string path = absl::StrCat("scenarios[", s, "]");
+    PlannedScenario& planned = plan.scenarios.emplace_back();
+
+    auto violations = scene::ValidateScenario(scenario, limits);
+    if (scenario.scenario_id().size() > kMaxScenarioIdLength) {
+      violations.push_back({"scenario_id", "longer than 128 characters"});
+    }
+    if (scenario.target_ids().empty()) {
+      violations.push_back({"target_ids", "name at least one agent to answer for"});
+    }
+    if (!violations.empty()) {
+      planned.status = errors::InvalidFields(violations, path);
+      continue;
+    }
+    for (int t = 0; t < scenario.target_ids_size(); ++t) {
+      PlannedTarget& target = planned.targets.emplace_back();
+      target.id = scenario.target_ids(t);
+      if (const auto violation = scene::ValidateTarget(scenario, t, tolerance)) {
+        target.status = errors::InvalidFields({*violation}, path);
+        continue;
+      }
+      const v1::Agent* agent = scene::FindAgent(scenario, target.id);
+      const auto X_WT = scene::TargetPose(*agent, scenario.prediction_time(), tolerance);
+      if (!X_WT) {
+        target.status = errors::InvalidField(absl::StrCat(path, ".target_ids[", t, "]"),
+                                             "has no state at the prediction time");
+        continue;
+      }
+      serving::Target work{&scenario, target.id, *X_WT, {}};
+      if (classify) {
+        int agent_index = 0;
+        while (&scenario.agents(agent_index) != agent) ++agent_index;
+        auto trajectory = ObservedTrajectory(scenario, *agent, agent_index, *X_WT, spec, path);
+        if (!trajectory.ok()) {
+          target.status = trajectory.status();
+          continue;
+        }
+        work.trajectory = *std::move(trajectory);
+      }
+      target.index = plan.targets.size();
+      plan.targets.push_back(std::move(work));
+    }
+  }
+  return plan;
+}
+
+}  // namespace maneuver::rpc

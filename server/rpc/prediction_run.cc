@@ -1,0 +1,110 @@
+#include "server/rpc/prediction_run.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "model/artifact/model_spec.h"
+#include "server/errors/error_details.h"
+#include "server/rpc/blocking_call.h"
+
+namespace maneuver::rpc {
+
+std::shared_ptr<PredictionRun> PredictionRun::Start(PredictionContext& context,
+                                                    const PredictionIo& io,
+                                                    serving::TimePoint deadline,
+                                                    std::function<void(absl::Status)> done) {
+  std::shared_ptr<PredictionRun> run(new PredictionRun(context, io, deadline, std::move(done)));
+  run->FindModel();
+  return run;
+}
+
+PredictionRun::PredictionRun(PredictionContext& context, const PredictionIo& io,
+                             serving::TimePoint deadline, std::function<void(absl::Status)> done)
+    : context_(context),
+      io_(io),
+      done_(std::move(done)),
+      call_(std::make_shared<serving::PredictionCall>()) {
+  call_->deadline = deadline;
+}
+
+void PredictionRun::Finish(absl::Status status) {
+  // `done_` may hold what keeps this run alive.
+  const auto done = std::exchange(done_, nullptr);
+  done(std::move(status));
+}
+
+void PredictionRun::FindModel() {
+  const auto reference = ParseReference(*io_.model, "model");
+  if (!reference.ok()) return Finish(reference.status());
+  if (io_.scenarios->empty()) {
+    return Finish(errors::InvalidField("scenarios", "name at least one scenario"));
+  }
+  auto model = context_.models.Find(*reference);
+  if (model.ok() && *model == nullptr) {
+    const bool accepted =
+        context_.blocking.Post([self = shared_from_this(), reference = *reference] {
+          auto loaded = self->context_.models.Load(reference);
+          const auto status = loaded.ok() ? self->Submit(*std::move(loaded)) : loaded.status();
+          if (!status.ok()) self->Finish(status);
+        });
+    if (!accepted) Finish(Busy());
+    return;
+  }
+  const auto status = model.ok() ? Submit(*std::move(model)) : model.status();
+  if (!status.ok()) Finish(status);
+}
+
+absl::Status PredictionRun::Submit(serving::ModelHandle model) {
+  const v1::ModelSpec& spec = model->model().spec();
+  const bool classify = io_.classifications != nullptr;
+  if (classify) {
+    call_->question = serving::ClassifyTrajectory();
+  } else if (io_.query != nullptr) {
+    auto describe = ParseQuery(*io_.query, spec.actions());
+    if (!describe.ok()) return describe.status();
+    call_->question = *std::move(describe);
+  }
+  plan_ = PlanPrediction(*io_.scenarios, spec, context_.limits, classify);
+  *io_.model_version = model->name().ToString();
+  if (io_.waypoint_times != nullptr) {
+    const auto times = artifact::WaypointTimes(spec.trajectory());
+    io_.waypoint_times->Assign(times.begin(), times.end());
+  }
+  if (plan_.targets.empty()) {
+    Answer({});
+    return absl::OkStatus();
+  }
+  call_->model = std::move(model);
+  call_->targets = plan_.targets;
+  call_->done = [self = shared_from_this()](std::vector<serving::TargetAnswer> answers) {
+    self->Answer(std::move(answers));
+  };
+  const auto status = context_.scheduler.Submit(call_);
+  if (!status.ok()) call_->done = nullptr;
+  return status;
+}
+
+void PredictionRun::Answer(std::vector<serving::TargetAnswer> answers) {
+  // Deadline, cancellation and shutdown concern the whole request: its caller gets no answer full
+  // of errors.
+  for (const serving::TargetAnswer& answer : answers) {
+    if (absl::IsCancelled(answer.status) || absl::IsDeadlineExceeded(answer.status) ||
+        absl::IsUnavailable(answer.status)) {
+      return Finish(answer.status);
+    }
+  }
+  if (io_.classifications != nullptr) {
+    WriteClassifications(*io_.scenarios, plan_, answers, io_.classifications);
+  } else {
+    AnswerStyle style;
+    style.probabilities = io_.probabilities;
+    if (io_.query != nullptr) {
+      style.sigma_trajectories = !io_.query->omit_sigma_trajectories();
+      style.frame = io_.query->frame();
+    }
+    WritePredictions(*io_.scenarios, plan_, answers, style, io_.predictions);
+  }
+  Finish(absl::OkStatus());
+}
+
+}  // namespace maneuver::rpc

@@ -1,0 +1,72 @@
+// One request of PredictionService on its way: find the model, validate, wait for the workers,
+// write the answer. The unary methods and the stream share it.
+
+#ifndef MANEUVER_SERVER_RPC_PREDICTION_RUN_H_
+#define MANEUVER_SERVER_RPC_PREDICTION_RUN_H_
+
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "server/jobs/worker_pool.h"
+#include "server/rpc/prediction_translation.h"
+#include "server/serving/batch_scheduler.h"
+#include "server/serving/model_registry.h"
+
+namespace maneuver::rpc {
+
+// What predictions need; outlives all of them.
+struct PredictionContext {
+  serving::ModelRegistry& models;
+  serving::BatchScheduler& scheduler;
+  jobs::WorkerPool& blocking;  // for a model that is not in memory
+  scene::ScenarioLimits limits;
+};
+
+// The request, and where its answer goes; both outlive the run.
+struct PredictionIo {
+  const std::string* model = nullptr;
+  const Scenarios* scenarios = nullptr;
+  const v1::DistributionQuery* query = nullptr;  // nullptr: no distributions
+  bool probabilities = true;
+
+  std::string* model_version = nullptr;
+  google::protobuf::RepeatedField<double>* waypoint_times = nullptr;  // nullptr: not wanted
+  // One of the two: predict, or classify.
+  google::protobuf::RepeatedPtrField<v1::ScenarioPrediction>* predictions = nullptr;
+  google::protobuf::RepeatedPtrField<v1::ScenarioClassification>* classifications = nullptr;
+};
+
+class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
+ public:
+  // Starts a run. `done` is called once, from any thread, possibly before this returns. Errors of
+  // single items are in the answer.
+  static std::shared_ptr<PredictionRun> Start(PredictionContext& context, const PredictionIo& io,
+                                              serving::TimePoint deadline,
+                                              std::function<void(absl::Status)> done);
+
+  // Nobody waits for the answer any more; `done` is still called.
+  void Cancel() { call_->cancelled.store(true, std::memory_order_relaxed); }
+
+ private:
+  PredictionRun(PredictionContext& context, const PredictionIo& io, serving::TimePoint deadline,
+                std::function<void(absl::Status)> done);
+
+  void FindModel();
+  absl::Status Submit(serving::ModelHandle model);
+  void Answer(std::vector<serving::TargetAnswer> answers);
+  void Finish(absl::Status status);
+
+  PredictionContext& context_;
+  const PredictionIo io_;
+  std::function<void(absl::Status)> done_;
+  const serving::CallPtr call_;
+  PredictionPlan plan_;
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_PREDICTION_RUN_H_

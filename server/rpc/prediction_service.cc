@@ -1,0 +1,88 @@
+#include "server/rpc/prediction_service.h"
+
+#include "server/rpc/predict_stream.h"
+#include "server/rpc/status_details.h"
+
+namespace maneuver::rpc {
+namespace {
+
+// The caller's deadline on the steady clock.
+serving::TimePoint DeadlineOf(const grpc::CallbackServerContext& rpc) {
+  const auto deadline = rpc.deadline();
+  if (deadline == std::chrono::system_clock::time_point::max()) return serving::TimePoint::max();
+  return std::chrono::steady_clock::now() + (deadline - std::chrono::system_clock::now());
+}
+
+// Lives until gRPC is done with the call.
+class PredictionReactor final : public grpc::ServerUnaryReactor {
+ public:
+  PredictionReactor(PredictionContext& context, const grpc::CallbackServerContext& rpc,
+                    const PredictionIo& io) {
+    auto run = PredictionRun::Start(context, io, DeadlineOf(rpc),
+                                    [this](absl::Status status) { Finish(ToGrpcStatus(status)); });
+    const std::lock_guard lock(mutex_);
+    run_ = std::move(run);
+    if (cancelled_) run_->Cancel();
+  }
+
+  void OnCancel() override {
+    const std::lock_guard lock(mutex_);
+    cancelled_ = true;
+    if (run_ != nullptr) run_->Cancel();
+  }
+
+  void OnDone() override { delete this; }
+
+ private:
+  std::mutex mutex_;  // guards what follows
+  std::shared_ptr<PredictionRun> run_;
+  bool cancelled_ = false;
+};
+
+}  // namespace
+
+grpc::ServerUnaryReactor* PredictionService::PredictActionProbabilities(
+    grpc::CallbackServerContext* rpc, const v1::PredictActionProbabilitiesRequest* request,
+    v1::PredictActionProbabilitiesResponse* response) {
+  return new PredictionReactor(context_, *rpc,
+                               {.model = &request->model(),
+                                .scenarios = &request->scenarios(),
+                                .model_version = response->mutable_model_version(),
+                                .predictions = response->mutable_predictions()});
+}
+
+grpc::ServerUnaryReactor* PredictionService::PredictActionDistributions(
+    grpc::CallbackServerContext* rpc, const v1::PredictActionDistributionsRequest* request,
+    v1::PredictActionDistributionsResponse* response) {
+  return new PredictionReactor(context_, *rpc,
+                               {.model = &request->model(),
+                                .scenarios = &request->scenarios(),
+                                .query = &request->query(),
+                                .probabilities = false,
+                                .model_version = response->mutable_model_version(),
+                                .waypoint_times = response->mutable_waypoint_times(),
+                                .predictions = response->mutable_predictions()});
+}
+
+grpc::ServerUnaryReactor* PredictionService::Predict(grpc::CallbackServerContext* rpc,
+                                                     const v1::PredictRequest* request,
+                                                     v1::PredictResponse* response) {
+  return new PredictionReactor(context_, *rpc, PredictIo(*request, response));
+}
+
+grpc::ServerUnaryReactor* PredictionService::ClassifyTrajectories(
+    grpc::CallbackServerContext* rpc, const v1::ClassifyTrajectoriesRequest* request,
+    v1::ClassifyTrajectoriesResponse* response) {
+  return new PredictionReactor(context_, *rpc,
+                               {.model = &request->model(),
+                                .scenarios = &request->scenarios(),
+                                .model_version = response->mutable_model_version(),
+                                .classifications = response->mutable_classifications()});
+}
+
+grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse>*
+PredictionService::StreamPredict(grpc::CallbackServerContext*) {
+  return new PredictStream(context_);
+}
+
+}  // namespace maneuver::rpc

@@ -1,0 +1,35 @@
+#ifndef MANEUVER_SERVER_RPC_PREDICTION_SERVICE_H_
+#define MANEUVER_SERVER_RPC_PREDICTION_SERVICE_H_
+
+#include "maneuver/v1/prediction_service.grpc.pb.h"
+#include "server/rpc/prediction_run.h"
+
+namespace maneuver::rpc {
+
+class PredictionService final : public v1::PredictionService::CallbackService {
+ public:
+  // `context` outlives the service.
+  explicit PredictionService(PredictionContext& context) : context_(context) {}
+
+  grpc::ServerUnaryReactor* PredictActionProbabilities(
+      grpc::CallbackServerContext* rpc, const v1::PredictActionProbabilitiesRequest* request,
+      v1::PredictActionProbabilitiesResponse* response) override;
+  grpc::ServerUnaryReactor* PredictActionDistributions(
+      grpc::CallbackServerContext* rpc, const v1::PredictActionDistributionsRequest* request,
+      v1::PredictActionDistributionsResponse* response) override;
+  grpc::ServerUnaryReactor* Predict(grpc::CallbackServerContext* rpc,
+                                    const v1::PredictRequest* request,
+                                    v1::PredictResponse* response) override;
+  grpc::ServerUnaryReactor* ClassifyTrajectories(
+      grpc::CallbackServerContext* rpc, const v1::ClassifyTrajectoriesRequest* request,
+      v1::ClassifyTrajectoriesResponse* response) override;
+  grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse>* StreamPredict(
+      grpc::CallbackServerContext* rpc) override;
+
+ private:
+  PredictionContext& context_;
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_PREDICTION_SERVICE_H_

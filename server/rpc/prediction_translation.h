@@ -1,0 +1,69 @@
+// Between the messages of PredictionService and the scheduler's plain types: what a request asks,
+// which of its targets can be answered, and the answers in the caller's frame. Knows nothing of
+// gRPC.
+
+#ifndef MANEUVER_SERVER_RPC_PREDICTION_TRANSLATION_H_
+#define MANEUVER_SERVER_RPC_PREDICTION_TRANSLATION_H_
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "maneuver/v1/prediction_service.pb.h"
+#include "model/scene/scenario_validation.h"
+#include "server/security/resource_name.h"
+#include "server/serving/prediction_call.h"
+
+namespace maneuver::rpc {
+
+using Scenarios = google::protobuf::RepeatedPtrField<v1::Scenario>;
+
+// The version that `model` means; nothing if it is empty.
+absl::StatusOr<std::optional<security::ModelReference>> ParseReference(const std::string& model,
+                                                                       std::string_view field);
+
+// The actions that a query asks for, of a model with `actions` of them. Violations are named from
+// the query: action_ids.ids[0], top_k, ...
+absl::StatusOr<serving::DescribeActions> ParseQuery(const v1::DistributionQuery& query,
+                                                    int actions);
+
+// What becomes of one target id of the request: an error, or its place in `targets`.
+struct PlannedTarget {
+  int64_t id = 0;
+  absl::Status status;
+  size_t index = 0;  // into PredictionPlan::targets, if OK
+};
+struct PlannedScenario {
+  absl::Status status;  // if not OK there are no targets
+  std::vector<PlannedTarget> targets;
+};
+struct PredictionPlan {
+  std::vector<PlannedScenario> scenarios;
+  std::vector<serving::Target> targets;
+};
+
+// Validates each scenario and target for a model. Those that are bad fail alone.
+//   classify: whether each target's future is needed as well, resampled to the model's waypoints.
+PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
+                              const scene::ScenarioLimits& limits, bool classify);
+
+// What an answer leaves out, and its frame.
+struct AnswerStyle {
+  bool probabilities = true;
+  bool sigma_trajectories = true;
+  v1::Frame frame = v1::FRAME_WORLD;
+};
+
+void WritePredictions(const Scenarios& scenarios, const PredictionPlan& plan,
+                      const std::vector<serving::TargetAnswer>& answers, const AnswerStyle& style,
+                      google::protobuf::RepeatedPtrField<v1::ScenarioPrediction>* predictions);
+
+void WriteClassifications(
+    const Scenarios& scenarios, const PredictionPlan& plan,
+    const std::vector<serving::TargetAnswer>& answers,
+    google::protobuf::RepeatedPtrField<v1::ScenarioClassification>* classifications);
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_PREDICTION_TRANSLATION_H_

@@ -1,0 +1,34 @@
+#include "server/monitoring/logging.h"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+namespace maneuver::monitoring {
+namespace {
+
+TEST(LoggingTest, TextQuotesOnlyWhatNeedsIt) {
+  EXPECT_EQ(FormatLogLine(LogFormat::kText, "model loaded",
+                          {{"name", "models/town"},
+                           {"why", "two words"},
+                           {"empty", ""},
+                           {"n", 3},
+                           {"s", 0.25},
+                           {"ok", true}}),
+            "model loaded name=models/town why=\"two words\" empty=\"\" n=3 s=0.25 ok=true");
+}
+
+TEST(LoggingTest, ALineCannotBeForged) {
+  EXPECT_EQ(FormatLogLine(LogFormat::kText, "x", {{"k", "a\nb=\"c\""}}), "x k=\"a\\nb=\\\"c\\\"\"");
+  EXPECT_EQ(FormatLogLine(LogFormat::kJson, "x", {{"k", "a\nb\"\x01"}}),
+            "\"message\":\"x\",\"k\":\"a\\nb\\\"\\u0001\"");
+}
+
+TEST(LoggingTest, JsonHasNoNotANumber) {
+  EXPECT_EQ(FormatLogLine(LogFormat::kJson, "x",
+                          {{"k", std::numeric_limits<double>::quiet_NaN()}, {"b", false}}),
+            "\"message\":\"x\",\"k\":null,\"b\":false");
+}
+
+}  // namespace
+}  // namespace maneuver::monitoring

@@ -1,0 +1,276 @@
+#include "server/serving/batch_scheduler.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <future>
+#include <numeric>
+
+#include "maneuver/v1/scenario.pb.h"
+#include "server/errors/error_details.h"
+#include "tests/unit/server/serving/fake_action_model.h"
+
+namespace maneuver::serving {
+namespace {
+
+using std::chrono::milliseconds;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::SizeIs;
+
+// A clock that stands until it is moved.
+class ManualClock {
+ public:
+  TimePoint Now() const { return TimePoint(std::chrono::nanoseconds(nanoseconds_.load())); }
+  void Advance(std::chrono::nanoseconds time) { nanoseconds_ += time.count(); }
+
+ private:
+  std::atomic<int64_t> nanoseconds_ = 1'000'000'000;
+};
+
+// One target alone on a plain, `length` metres long.
+v1::Scenario SceneWith(double length) {
+  v1::Scenario scenario;
+  v1::Agent* agent = scenario.add_agents();
+  agent->set_id(7);
+  agent->set_length(length);
+  agent->set_width(2.0);
+  agent->add_states();
+  scenario.add_target_ids(7);
+  return scenario;
+}
+
+class BatchSchedulerTest : public ::testing::Test {
+ protected:
+  using Answers = std::vector<TargetAnswer>;
+
+  struct Asked {
+    CallPtr call;
+    std::future<Answers> answers;
+    absl::Status status;
+  };
+
+  std::unique_ptr<BatchScheduler> Scheduler(int workers, const QueueOptions& queue) {
+    return std::make_unique<BatchScheduler>(
+        SchedulerOptions{
+            .workers = workers, .queue = queue, .now = [this] { return clock_.Now(); }},
+        monitoring::MetricRegistry::Null());
+  }
+
+  Asked Prepare(const v1::Scenario& scenario, size_t targets = 1) {
+    Asked asked;
+    asked.call = std::make_shared<PredictionCall>();
+    asked.call->model = model_;
+    asked.call->question = DescribeActions{TopK{1}, inference::LatentSource::kPosterior};
+    for (size_t i = 0; i < targets; ++i) {
+      asked.call->targets.push_back({&scenario, 7, scene::Pose2(), {}});
+    }
+    auto promise = std::make_shared<std::promise<Answers>>();
+    asked.answers = promise->get_future();
+    asked.call->done = [promise](Answers answers) { promise->set_value(std::move(answers)); };
+    return asked;
+  }
+
+  Asked Ask(BatchScheduler& scheduler, const v1::Scenario& scenario, size_t targets = 1,
+            TimePoint deadline = TimePoint::max()) {
+    Asked asked = Prepare(scenario, targets);
+    asked.call->deadline = deadline;
+    asked.status = scheduler.Submit(asked.call);
+    return asked;
+  }
+
+  // Occupies the only worker inside Encode until the gate opens.
+  Asked Occupy(BatchScheduler& scheduler) {
+    const size_t before = networks_.batches().size();
+    networks_.CloseGate();
+    Asked asked = Ask(scheduler, scene_);
+    networks_.AwaitBatches(before + 1);
+    return asked;
+  }
+
+  ManualClock clock_;
+  FakeNetworks networks_;
+  const ModelHandle model_ = std::make_shared<ServedModel>(
+      security::ModelVersionName{"town", 1}, std::make_shared<FakeActionModel>(networks_));
+  const v1::Scenario scene_ = SceneWith(4.0);
+};
+
+TEST_F(BatchSchedulerTest, TargetsOfSeveralCallsShareABatch) {
+  const auto scheduler = Scheduler(1, {.max_batch = 8});
+  Asked first = Occupy(*scheduler);
+  Asked second = Ask(*scheduler, scene_);
+  Asked third = Ask(*scheduler, scene_, 3);
+  networks_.OpenGate();
+  EXPECT_THAT(third.answers.get(), SizeIs(3));
+  EXPECT_THAT(second.answers.get(), SizeIs(1));
+  EXPECT_THAT(networks_.batches(), ElementsAre(1, 4));
+}
+
+TEST_F(BatchSchedulerTest, ACallLargerThanABatchIsAnsweredWhole) {
+  const auto scheduler = Scheduler(1, {.max_batch = 2});
+  Asked asked = Ask(*scheduler, scene_, 5);
+  const Answers answers = asked.answers.get();
+  ASSERT_THAT(answers, SizeIs(5));
+  for (const TargetAnswer& answer : answers) {
+    EXPECT_TRUE(answer.status.ok());
+    EXPECT_THAT(answer.distributions, SizeIs(1));
+    EXPECT_EQ(answer.distributions[0].action, 1);
+  }
+}
+
+TEST_F(BatchSchedulerTest, AFullQueueRefusesWithARetryDelay) {
+  const auto scheduler = Scheduler(1, {.max_batch = 8, .max_queue = 3});
+  Asked working = Occupy(*scheduler);
+  Asked waiting = Ask(*scheduler, scene_, 2);
+  EXPECT_TRUE(waiting.status.ok());
+  const Asked refused = Ask(*scheduler, scene_, 2);
+  EXPECT_TRUE(absl::IsResourceExhausted(refused.status));
+  EXPECT_GT(errors::RetryDelay(refused.status).value(), milliseconds(0));
+  Asked fits = Ask(*scheduler, scene_, 1);
+  EXPECT_TRUE(fits.status.ok());
+  networks_.OpenGate();
+  EXPECT_THAT(fits.answers.get(), SizeIs(1));
+  EXPECT_THAT(waiting.answers.get(), SizeIs(2));
+}
+
+TEST_F(BatchSchedulerTest, ACallThatCanNeverFitIsToldToSplit) {
+  const auto scheduler = Scheduler(1, {.max_queue = 3});
+  const Asked refused = Ask(*scheduler, scene_, 4);
+  EXPECT_TRUE(absl::IsResourceExhausted(refused.status));
+  EXPECT_THAT(std::string(refused.status.message()), HasSubstr("at most 3"));
+  EXPECT_FALSE(errors::RetryDelay(refused.status).has_value());
+}
+
+TEST_F(BatchSchedulerTest, ExpiredWorkMakesRoomInAFullQueue) {
+  const auto scheduler = Scheduler(1, {.max_queue = 2});
+  Asked working = Occupy(*scheduler);
+  Asked expiring = Ask(*scheduler, scene_, 2, clock_.Now() + milliseconds(10));
+  clock_.Advance(milliseconds(10));
+  Asked fresh = Ask(*scheduler, scene_, 2);
+  EXPECT_TRUE(fresh.status.ok());
+  // Answered at once, although the worker is still occupied.
+  EXPECT_TRUE(absl::IsDeadlineExceeded(expiring.answers.get().at(0).status));
+  networks_.OpenGate();
+  EXPECT_TRUE(fresh.answers.get().at(0).status.ok());
+}
+
+TEST_F(BatchSchedulerTest, WorkThatExpiresInTheQueueNeverReachesTheNetworks) {
+  const auto scheduler = Scheduler(1, {.max_batch = 8});
+  Asked working = Occupy(*scheduler);
+  Asked expiring = Ask(*scheduler, scene_, 3, clock_.Now() + milliseconds(10));
+  Asked patient = Ask(*scheduler, scene_, 1, clock_.Now() + milliseconds(30));
+  clock_.Advance(milliseconds(10));
+  networks_.OpenGate();
+  for (const TargetAnswer& answer : expiring.answers.get()) {
+    EXPECT_TRUE(absl::IsDeadlineExceeded(answer.status));
+  }
+  EXPECT_TRUE(patient.answers.get().at(0).status.ok());
+  EXPECT_THAT(networks_.batches(), ElementsAre(1, 1));
+}
+
+TEST_F(BatchSchedulerTest, DeadWorkIsRefusedOnEntry) {
+  const auto scheduler = Scheduler(1, {});
+  EXPECT_TRUE(absl::IsDeadlineExceeded(Ask(*scheduler, scene_, 1, clock_.Now()).status));
+  Asked cancelled = Prepare(scene_);
+  cancelled.call->cancelled = true;
+  EXPECT_TRUE(absl::IsCancelled(scheduler->Submit(cancelled.call)));
+  EXPECT_THAT(networks_.batches(), SizeIs(0));
+}
+
+TEST_F(BatchSchedulerTest, WorkThatIsCancelledInTheQueueNeverReachesTheNetworks) {
+  const auto scheduler = Scheduler(1, {});
+  Asked working = Occupy(*scheduler);
+  Asked cancelled = Ask(*scheduler, scene_, 2);
+  cancelled.call->cancelled = true;
+  networks_.OpenGate();
+  EXPECT_TRUE(absl::IsCancelled(cancelled.answers.get().at(1).status));
+  EXPECT_THAT(networks_.batches(), ElementsAre(1));
+}
+
+TEST_F(BatchSchedulerTest, WorkThatIsCancelledWhileItIsEncodedIsNotDescribed) {
+  const auto scheduler = Scheduler(1, {});
+  Asked working = Occupy(*scheduler);
+  working.call->cancelled = true;
+  networks_.OpenGate();
+  EXPECT_TRUE(absl::IsCancelled(working.answers.get().at(0).status));
+  EXPECT_EQ(networks_.described(), 0);
+}
+
+TEST_F(BatchSchedulerTest, ClassificationGetsItsTrajectory) {
+  const auto scheduler = Scheduler(1, {});
+  Asked asked = Prepare(scene_);
+  asked.call->question = ClassifyTrajectory();
+  asked.call->targets[0].trajectory = inference::Trajectory::Constant(2, 2, 4.5);
+  ASSERT_TRUE(scheduler->Submit(asked.call).ok());
+  const Answers answers = asked.answers.get();
+  EXPECT_EQ(answers.at(0).classification.value().log_likelihood_bound, 4.5);
+  EXPECT_EQ(networks_.described(), 0);
+}
+
+TEST_F(BatchSchedulerTest, WhatStillWaitsWhenItEndsIsAnsweredUnavailable) {
+  auto scheduler = Scheduler(1, {});
+  Asked working = Occupy(*scheduler);
+  Asked waiting = Ask(*scheduler, scene_);
+  // The destructor waits for the worker, which waits for the gate.
+  std::thread opener([&] { networks_.OpenGate(); });
+  scheduler = nullptr;
+  opener.join();
+  EXPECT_TRUE(working.answers.get().at(0).status.ok());
+  const absl::Status status = waiting.answers.get().at(0).status;
+  EXPECT_TRUE(status.ok() || absl::IsUnavailable(status)) << status;
+}
+
+TEST_F(BatchSchedulerTest, EachTargetGetsItsOwnAnswerUnderLoadFromManyThreads) {
+  constexpr int kScenes = 8;
+  constexpr int kCallers = 4;
+  constexpr int kCallsOfEach = 50;
+  // What each scene's raster sums to, alone.
+  std::vector<v1::Scenario> scenes;
+  std::vector<double> expected;
+  for (int i = 0; i < kScenes; ++i) {
+    scenes.push_back(SceneWith(2.0 + i));
+    const auto alone = Scheduler(1, {});
+    expected.push_back(
+        Ask(*alone, scenes.back()).answers.get().at(0).distributions.at(0).latent_mean[0]);
+  }
+  for (int i = 1; i < kScenes; ++i) ASSERT_NE(expected[i], expected[i - 1]);
+
+  const auto scheduler = Scheduler(3, {.max_batch = 4, .max_queue = 100'000});
+  std::atomic<int> answered = 0;
+  std::atomic<int> cancelled = 0;
+  const auto caller = [&](int seed) {
+    for (int n = 0; n < kCallsOfEach; ++n) {
+      Asked asked = Prepare(scenes[0]);
+      asked.call->targets.clear();
+      const int targets = 1 + (seed + n) % 6;
+      std::vector<int> order;
+      for (int t = 0; t < targets; ++t) {
+        order.push_back((seed * 31 + n * 7 + t * 3) % kScenes);
+        asked.call->targets.push_back({&scenes[static_cast<size_t>(order.back())], 7, {}, {}});
+      }
+      ASSERT_TRUE(scheduler->Submit(asked.call).ok());
+      if (n % 5 == 0) asked.call->cancelled = true;
+      const Answers answers = asked.answers.get();
+      ASSERT_THAT(answers, SizeIs(static_cast<size_t>(targets)));
+      for (int t = 0; t < targets; ++t) {
+        const TargetAnswer& answer = answers[static_cast<size_t>(t)];
+        if (answer.status.ok()) {
+          ++answered;
+          EXPECT_EQ(answer.distributions.at(0).latent_mean[0],
+                    expected[static_cast<size_t>(order[static_cast<size_t>(t)])]);
+        } else {
+          ++cancelled;
+          EXPECT_TRUE(absl::IsCancelled(answer.status));
+          EXPECT_EQ(n % 5, 0);
+        }
+      }
+    }
+  };
+  std::vector<std::thread> callers;
+  for (int i = 0; i < kCallers; ++i) callers.emplace_back(caller, i);
+  for (std::thread& thread : callers) thread.join();
+  EXPECT_GT(answered, 0);
+}
+
+}  // namespace
+}  // namespace maneuver::serving

@@ -1,0 +1,143 @@
+// A model that costs nothing and says what was asked of it.
+
+#ifndef MANEUVER_TESTS_UNIT_SERVER_SERVING_FAKE_ACTION_MODEL_H_
+#define MANEUVER_TESTS_UNIT_SERVER_SERVING_FAKE_ACTION_MODEL_H_
+
+#include <atomic>
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <numeric>
+#include <vector>
+
+#include "maneuver/v1/model.pb.h"
+#include "model/inference/action_model.h"
+#include "model/scene/rasterizer.h"
+
+namespace maneuver::serving {
+
+constexpr int kFakeActions = 3;
+
+// What the networks were given. Shared by all sessions; safe from any thread.
+class FakeNetworks {
+ public:
+  // Encode waits while the gate is closed.
+  void CloseGate() {
+    const std::lock_guard lock(mutex_);
+    closed_ = true;
+  }
+  void OpenGate() {
+    {
+      const std::lock_guard lock(mutex_);
+      closed_ = false;
+    }
+    changed_.notify_all();
+  }
+  // Until so many batches have entered Encode.
+  void AwaitBatches(size_t count) {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return batches_.size() >= count; });
+  }
+  std::vector<int> batches() {
+    const std::lock_guard lock(mutex_);
+    return batches_;
+  }
+  int described() {
+    const std::lock_guard lock(mutex_);
+    return described_;
+  }
+
+  void EnterEncode(int targets) {
+    std::unique_lock lock(mutex_);
+    batches_.push_back(targets);
+    changed_.notify_all();
+    changed_.wait(lock, [&] { return !closed_; });
+  }
+  void EnterDescribe() {
+    const std::lock_guard lock(mutex_);
+    ++described_;
+  }
+
+ private:
+  std::mutex mutex_;  // guards what follows
+  std::condition_variable changed_;
+  bool closed_ = false;
+  std::vector<int> batches_;
+  int described_ = 0;
+};
+
+// The sum of a raster's bytes is its feature, so an answer tells which raster it is for.
+class FakeSession final : public inference::InferenceSession {
+ public:
+  FakeSession(FakeNetworks& networks, size_t raster_bytes)
+      : networks_(networks), raster_bytes_(raster_bytes) {}
+
+  void Encode(std::span<const uint8_t* const> rasters,
+              std::span<inference::SceneEncoding> encodings) override {
+    networks_.EnterEncode(static_cast<int>(rasters.size()));
+    for (size_t i = 0; i < rasters.size(); ++i) {
+      const int64_t sum = std::accumulate(rasters[i], rasters[i] + raster_bytes_, int64_t{0});
+      encodings[i].features = Eigen::VectorXf::Constant(1, static_cast<float>(sum));
+      encodings[i].probabilities = Eigen::Vector3d(0.2, 0.5, 0.3);
+    }
+  }
+
+  std::vector<inference::ActionDistribution> Describe(const inference::SceneEncoding& encoding,
+                                                      std::span<const int> actions,
+                                                      inference::LatentSource) override {
+    networks_.EnterDescribe();
+    std::vector<inference::ActionDistribution> answers;
+    for (const int action : actions) {
+      inference::ActionDistribution answer;
+      answer.action = action;
+      answer.latent_mean = Eigen::VectorXd::Constant(1, encoding.features[0]);
+      answer.sigma.push_back(inference::Trajectory::Constant(2, 2, action));
+      answer.moment_mean = answer.sigma.front();
+      answer.moment_covariance.setZero(2, 3);
+      answers.push_back(std::move(answer));
+    }
+    return answers;
+  }
+
+  inference::Classification Classify(const inference::SceneEncoding&,
+                                     const inference::Trajectory& trajectory) override {
+    return {.responsibilities = Eigen::Vector3d(1.0, 0.0, 0.0),
+            .log_likelihood_bound = trajectory(0, 0)};
+  }
+
+ private:
+  FakeNetworks& networks_;
+  const size_t raster_bytes_;
+};
+
+class FakeActionModel final : public inference::ActionModel {
+ public:
+  explicit FakeActionModel(FakeNetworks& networks) : networks_(networks) {
+    v1::ModelSpec& spec = *manifest_.mutable_spec();
+    spec.mutable_raster()->set_height(32);
+    spec.mutable_raster()->set_width(32);
+    spec.mutable_raster()->set_meters_per_pixel(1.0);
+    spec.mutable_raster()->set_target_position(0.5);
+    spec.mutable_raster()->set_history_frames(2);
+    spec.mutable_raster()->mutable_frame_interval()->set_nanos(100'000'000);
+    spec.mutable_trajectory()->set_waypoints(2);
+    spec.mutable_trajectory()->mutable_waypoint_interval()->set_seconds(1);
+    spec.set_actions(kFakeActions);
+    spec.set_latent_dimensions(1);
+  }
+
+  const v1::ModelManifest& manifest() const override { return manifest_; }
+  std::string_view precision() const override { return "f32"; }
+  size_t weight_bytes() const override { return 4; }
+  std::unique_ptr<inference::InferenceSession> NewSession() const override {
+    return std::make_unique<FakeSession>(networks_, scene::RasterBytes(spec().raster()));
+  }
+
+ private:
+  FakeNetworks& networks_;
+  v1::ModelManifest manifest_;
+};
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_TESTS_UNIT_SERVER_SERVING_FAKE_ACTION_MODEL_H_

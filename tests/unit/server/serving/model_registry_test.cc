@@ -1,0 +1,299 @@
+#include "server/serving/model_registry.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "model/artifact/model_folder.h"
+#include "model/files/durable_file.h"
+#include "tests/unit/server/serving/fake_action_model.h"
+
+namespace maneuver::serving {
+namespace {
+
+namespace fs = std::filesystem;
+using security::ModelAliasName;
+using security::ModelReference;
+using security::ModelVersionName;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+class MemoryAliasStore final : public AliasStore {
+ public:
+  absl::Status SetAlias(const ModelAliasName& name, int version) override {
+    if (broken) return absl::UnavailableError("disk full");
+    aliases[name] = version;
+    return absl::OkStatus();
+  }
+  absl::StatusOr<int> GetAlias(const ModelAliasName& name) override {
+    const auto found = aliases.find(name);
+    if (found == aliases.end()) return absl::NotFoundError("no alias");
+    return found->second;
+  }
+  absl::StatusOr<std::vector<ModelAlias>> ListAliases() override {
+    std::vector<ModelAlias> all;
+    for (const auto& [name, version] : aliases) all.push_back({name, version});
+    return all;
+  }
+  absl::Status DeleteAlias(const ModelAliasName& name) override {
+    return aliases.erase(name) == 1 ? absl::OkStatus() : absl::NotFoundError("no alias");
+  }
+
+  std::map<ModelAliasName, int> aliases;
+  bool broken = false;
+};
+
+class ModelRegistryTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = fs::path(::testing::TempDir()) /
+              ("registry-" +
+               std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()));
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+    Restart();
+  }
+  void TearDown() override {
+    registry_ = nullptr;
+    fs::remove_all(folder_);
+  }
+
+  // A server that starts over the same data.
+  void Restart() {
+    registry_ = nullptr;
+    auto opened = ModelRegistry::Open(
+        folder_ / "models", aliases_,
+        [this](const fs::path& folder)
+            -> absl::StatusOr<std::shared_ptr<const inference::ActionModel>> {
+          ++loads_;
+          const auto weights = files::ReadFile(folder / "weights.safetensors");
+          if (!weights.ok() || *weights != "good") {
+            return absl::DataLossError("weights.safetensors was altered");
+          }
+          return std::make_shared<FakeActionModel>(networks_);
+        },
+        {.max_unaliased_in_memory = 1}, monitoring::MetricRegistry::Null());
+    ASSERT_TRUE(opened.ok()) << opened.status();
+    registry_ = *std::move(opened);
+    registry_->LoadAliased();
+  }
+
+  // What a trainer leaves behind.
+  fs::path FinishedModel(const std::string& weights = "good") {
+    const fs::path finished = folder_ / ("finished-" + std::to_string(++finished_));
+    fs::create_directories(finished);
+    std::ofstream(finished / "weights.safetensors") << weights;
+    std::ofstream(finished / "model.json") << "{}";
+    return finished;
+  }
+
+  absl::StatusOr<ModelVersionName> Publish(const std::string& model,
+                                           v1::Promotion promotion = v1::PROMOTION_UNSPECIFIED,
+                                           const std::string& weights = "good") {
+    return registry_->Publish(model, FinishedModel(weights), promotion);
+  }
+
+  static std::optional<ModelReference> Alias(const std::string& model, const std::string& alias) {
+    return ModelAliasName{model, alias};
+  }
+  static std::optional<ModelReference> Version(const std::string& model, int version) {
+    return ModelVersionName{model, version};
+  }
+  // The version that answers, or 0 if it is not in memory, or -1 if there is none.
+  int Answers(const std::optional<ModelReference>& reference) {
+    const auto handle = registry_->Find(reference);
+    if (!handle.ok()) return -1;
+    return *handle == nullptr ? 0 : (*handle)->name().version;
+  }
+
+  fs::path folder_;
+  MemoryAliasStore aliases_;
+  FakeNetworks networks_;
+  int loads_ = 0;
+  int finished_ = 0;
+  std::unique_ptr<ModelRegistry> registry_;
+};
+
+TEST_F(ModelRegistryTest, WithoutModelsARequestIsToldToTrainOne) {
+  const auto found = registry_->Find(std::nullopt);
+  EXPECT_TRUE(absl::IsFailedPrecondition(found.status()));
+  EXPECT_THAT(std::string(found.status().message()), HasSubstr("train one"));
+  EXPECT_TRUE(absl::IsNotFound(registry_->Find(Alias("town", "serving")).status()));
+  EXPECT_FALSE(registry_->Ready());
+}
+
+TEST_F(ModelRegistryTest, TheFirstVersionServesAndLaterOnesWaitForPromotion) {
+  EXPECT_EQ(Publish("town")->ToString(), "models/town/versions/1");
+  EXPECT_EQ(Answers(std::nullopt), 1);
+  EXPECT_TRUE(registry_->Ready());
+  EXPECT_EQ(Publish("town")->version, 2);
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+  EXPECT_EQ(Publish("town", v1::PROMOTION_ALWAYS)->version, 3);
+  EXPECT_EQ(Answers(Alias("town", "serving")), 3);
+  EXPECT_EQ(Publish("city", v1::PROMOTION_NEVER)->version, 1);
+  EXPECT_TRUE(absl::IsNotFound(registry_->Find(Alias("city", "serving")).status()));
+}
+
+TEST_F(ModelRegistryTest, ModelsMustBeNamedWhenSeveralServe) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("city").ok());
+  const auto found = registry_->Find(std::nullopt);
+  EXPECT_TRUE(absl::IsFailedPrecondition(found.status()));
+  EXPECT_THAT(std::string(found.status().message()), HasSubstr("name one"));
+}
+
+TEST_F(ModelRegistryTest, ADamagedModelIsNotPublishedAndNothingChanges) {
+  ASSERT_TRUE(Publish("town").ok());
+  const fs::path damaged = FinishedModel("altered");
+  const auto published = registry_->Publish("town", damaged, v1::PROMOTION_ALWAYS);
+  EXPECT_TRUE(absl::IsFailedPrecondition(published.status()));
+  EXPECT_THAT(std::string(published.status().message()), HasSubstr("was altered"));
+  EXPECT_TRUE(fs::exists(damaged));
+  EXPECT_EQ(Answers(std::nullopt), 1);
+  EXPECT_EQ(registry_->List("town").size(), 1u);
+}
+
+TEST_F(ModelRegistryTest, PromotingADamagedVersionLeavesTheOldOneServing) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  std::ofstream(folder_ / "models/town/2/weights.safetensors") << "altered";
+  const absl::Status status = registry_->SetAlias({"town", "serving"}, 2);
+  EXPECT_TRUE(absl::IsFailedPrecondition(status));
+  EXPECT_THAT(std::string(status.message()), HasSubstr("was altered"));
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+  EXPECT_EQ(aliases_.GetAlias({"town", "serving"}).value(), 1);
+}
+
+TEST_F(ModelRegistryTest, AnAliasThatCannotBeStoredChangesNothing) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  aliases_.broken = true;
+  EXPECT_TRUE(absl::IsUnavailable(registry_->SetAlias({"town", "serving"}, 2)));
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+
+  const fs::path finished = FinishedModel();
+  EXPECT_FALSE(registry_->Publish("town", finished, v1::PROMOTION_ALWAYS).ok());
+  EXPECT_TRUE(fs::exists(finished / "model.json"));
+  EXPECT_EQ(registry_->List("town").size(), 2u);
+}
+
+TEST_F(ModelRegistryTest, ARequestInFlightKeepsTheVersionThatItFound) {
+  ASSERT_TRUE(Publish("town").ok());
+  const ModelHandle in_flight = *registry_->Find(std::nullopt);
+  ASSERT_TRUE(Publish("town", v1::PROMOTION_ALWAYS).ok());
+  EXPECT_EQ(in_flight->name().version, 1);
+  EXPECT_TRUE(in_flight->WarmUp().ok());
+  EXPECT_EQ(Answers(std::nullopt), 2);
+}
+
+TEST_F(ModelRegistryTest, EverythingOnDiskIsThereAfterARestart) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(registry_->SetAlias({"town", "candidate"}, 2).ok());
+  Restart();
+  EXPECT_TRUE(registry_->Ready());
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+  EXPECT_EQ(Answers(Alias("town", "candidate")), 2);
+  EXPECT_EQ(registry_->List("").size(), 2u);
+}
+
+TEST_F(ModelRegistryTest, AVersionDamagedWhileTheServerWasDownSaysSoAndOthersServe) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("city").ok());
+  std::ofstream(folder_ / "models/town/1/weights.safetensors") << "altered";
+  Restart();
+  EXPECT_EQ(Answers(Alias("city", "serving")), 1);
+  const auto found = registry_->Find(Alias("town", "serving"));
+  EXPECT_TRUE(absl::IsFailedPrecondition(found.status()));
+  EXPECT_THAT(std::string(found.status().message()), HasSubstr("was altered"));
+  EXPECT_TRUE(registry_->Ready());
+}
+
+TEST_F(ModelRegistryTest, LeftoversOfInterruptedWritersAreRemoved) {
+  ASSERT_TRUE(Publish("town").ok());
+  const auto leftover = files::MakeTemporaryFolderFor(folder_ / "models/town/2");
+  ASSERT_TRUE(leftover.ok());
+  Restart();
+  EXPECT_FALSE(fs::exists(*leftover));
+  EXPECT_EQ(Publish("town")->version, 2);
+}
+
+TEST_F(ModelRegistryTest, AVersionAskedForByNumberIsLoadedOnceAndDroppedForTheNext) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  EXPECT_EQ(Answers(Version("town", 2)), 0);
+  const int before = loads_;
+  EXPECT_EQ((*registry_->Load(Version("town", 2)))->name().version, 2);
+  EXPECT_EQ((*registry_->Load(Version("town", 2)))->name().version, 2);
+  EXPECT_EQ(loads_, before + 1);
+  EXPECT_TRUE(registry_->Load(Version("town", 3)).ok());
+  EXPECT_EQ(Answers(Version("town", 2)), 0);
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+  EXPECT_TRUE(absl::IsNotFound(registry_->Load(Version("town", 4)).status()));
+}
+
+TEST_F(ModelRegistryTest, AVersionWithAnAliasCannotBeDeleted) {
+  ASSERT_TRUE(Publish("town").ok());
+  const absl::Status refused = registry_->Delete({"town", 1});
+  EXPECT_TRUE(absl::IsFailedPrecondition(refused));
+  EXPECT_THAT(std::string(refused.message()), HasSubstr("serving"));
+  ASSERT_TRUE(registry_->DeleteAlias({"town", "serving"}).ok());
+  EXPECT_FALSE(registry_->Ready());
+  EXPECT_TRUE(registry_->Delete({"town", 1}).ok());
+  EXPECT_THAT(registry_->List(""), IsEmpty());
+  EXPECT_TRUE(absl::IsNotFound(registry_->Delete({"town", 1})));
+}
+
+TEST_F(ModelRegistryTest, TheNumberOfADeletedVersionIsNeverGivenAgain) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(registry_->Delete({"town", 2}).ok());
+  Restart();
+  EXPECT_EQ(Publish("town")->version, 3);
+}
+
+TEST_F(ModelRegistryTest, VersionsAreListedNewestFirstWithTheirAliases) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("city").ok());
+  ASSERT_TRUE(Publish("town", v1::PROMOTION_ALWAYS).ok());
+  ASSERT_TRUE(registry_->SetAlias({"town", "previous"}, 1).ok());
+  std::vector<std::string> names;
+  for (const auto& info : registry_->List("")) names.push_back(info.name.ToString());
+  EXPECT_THAT(names, ElementsAre("models/town/versions/2", "models/city/versions/1",
+                                 "models/town/versions/1"));
+  EXPECT_THAT(registry_->List("town").at(1).aliases, ElementsAre("previous"));
+}
+
+TEST_F(ModelRegistryTest, ReadinessIsTold) {
+  std::vector<bool> told;
+  registry_->OnReadyChange([&](bool ready) { told.push_back(ready); });
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(registry_->DeleteAlias({"town", "serving"}).ok());
+  EXPECT_THAT(told, ElementsAre(false, true, false));
+}
+
+TEST_F(ModelRegistryTest, ALabelStaysWithItsVersion) {
+  ASSERT_TRUE(Publish("town").ok());
+  const fs::path version = folder_ / "models/town/1";
+  v1::ModelManifest manifest = FakeActionModel(networks_).manifest();
+  manifest.set_format_version(1);
+  for (int k = 0; k < kFakeActions; ++k) manifest.add_actions()->set_action_id(k);
+  ASSERT_TRUE(artifact::RewriteModelManifest(version, manifest).ok());
+  const auto before = registry_->List("town").at(0).create_time;
+
+  const auto labelled = registry_->LabelAction({"town", 1}, 2, "turn left");
+  ASSERT_TRUE(labelled.ok()) << labelled.status();
+  EXPECT_EQ(labelled->label(), "turn left");
+  Restart();
+  const auto described = registry_->Describe({"town", 1});
+  ASSERT_TRUE(described.ok()) << described.status();
+  EXPECT_EQ(described->manifest().actions(2).label(), "turn left");
+  EXPECT_EQ(registry_->List("town").at(0).create_time, before);
+  EXPECT_TRUE(absl::IsOutOfRange(registry_->LabelAction({"town", 1}, 3, "x").status()));
+}
+
+}  // namespace
+}  // namespace maneuver::serving
