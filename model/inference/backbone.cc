@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <dnnl.hpp>
 #include <string>
 #include <unordered_map>
@@ -23,7 +22,7 @@ using Format = dnnl::memory::format_tag;
 using Type = dnnl::memory::data_type;
 
 constexpr double kNormalizationEpsilon = 1e-5;  // tensor.h
-constexpr double kFullIntensity = 255.0;
+constexpr float kFullIntensity = 255.0f;
 
 // Keeps oneDNN to the calling thread while it lives. The setting is that thread's own and is put
 // back: the trainer runs LibTorch on the same OpenMP.
@@ -43,48 +42,34 @@ dnnl::engine& CpuEngine() {
   return engine;
 }
 
-// A grid with channels that are always 0 up to whole vectors: for other numbers of channels oneDNN
-// has but its reference loops, which take a hundred times as long.
-GridSize Padded(GridSize grid) {
-  constexpr unsigned kAvx512 = static_cast<unsigned>(dnnl::cpu_isa::avx512_core);
-  const bool wide = (static_cast<unsigned>(dnnl::get_effective_cpu_isa()) & kAvx512) == kAvx512;
-  const int vector = wide ? 16 : 8;
-  grid.channels = (grid.channels + vector - 1) / vector * vector;
-  return grid;
-}
-
 memory::dims GridDims(const GridSize& grid) { return {1, grid.channels, grid.height, grid.width}; }
 
 // A convolution's weights and bias with its batch normalisation in them:
 // gamma (w x - m) / sqrt(v + eps) + beta.
 struct FoldedWeights {
-  std::vector<float> weight;  // [C_out, C_in, 3, 3], padded
-  std::vector<float> bias;    // [C_out], padded
+  std::vector<float> weight;  // [C_out, C_in, 3, 3]
+  std::vector<float> bias;    // [C_out]
 };
 
-FoldedWeights Fold(const artifact::TensorMap& weights, int layer, const GridSize& padded_input,
-                   const GridSize& padded_output) {
+FoldedWeights Fold(const artifact::TensorMap& weights, int layer) {
   const auto part = [&](const char* name) -> const std::vector<float>& {
     return weights.at(absl::StrCat("backbone.normalization.", layer, ".", name)).values;
   };
-  const artifact::Tensor& plain =
-      weights.at(absl::StrCat("backbone.convolution.", layer, ".weight"));
-  const size_t outputs = static_cast<size_t>(plain.shape[0]);
-  const size_t taps = static_cast<size_t>(plain.shape[1]) * 9;
-  const size_t padded_taps = static_cast<size_t>(padded_input.channels) * 9;
+  FoldedWeights folded;
+  folded.weight = weights.at(absl::StrCat("backbone.convolution.", layer, ".weight")).values;
+  const size_t outputs = part("weight").size();
+  const size_t taps = folded.weight.size() / outputs;
   // The raster's bytes go in as they are: the first layer divides them.
   const double input_scale = layer == 0 ? 1.0 / kFullIntensity : 1.0;
-  FoldedWeights folded;
-  folded.weight.resize(static_cast<size_t>(padded_output.channels) * padded_taps);
-  folded.bias.resize(static_cast<size_t>(padded_output.channels));
   for (size_t c = 0; c < outputs; ++c) {
     const double scale =
         part("weight")[c] / std::sqrt(double{part("running_var")[c]} + kNormalizationEpsilon);
     for (size_t i = 0; i < taps; ++i) {
-      folded.weight[c * padded_taps + i] =
-          static_cast<float>(plain.values[c * taps + i] * scale * input_scale);
+      float& weight = folded.weight[c * taps + i];
+      weight = static_cast<float>(weight * scale * input_scale);
     }
-    folded.bias[c] = static_cast<float>(part("bias")[c] - double{part("running_mean")[c]} * scale);
+    folded.bias.push_back(
+        static_cast<float>(part("bias")[c] - double{part("running_mean")[c]} * scale));
   }
   return folded;
 }
@@ -102,7 +87,9 @@ Convolution MakeConvolution(const memory::desc& source, const GridSize& input,
   const memory::dims weight_dims = {output.channels, input.channels, 3, 3};
   const memory::desc any_weight(weight_dims, type, Format::any);
   const memory::desc bias({output.channels}, Type::f32, Format::x);
-  // Asked for `any` layout here, oneDNN mixes layouts and falls back to its reference loops.
+  // [h, w, C] on both sides is what oneDNN's vector kernels take for any number of channels. Asked
+  // for `any` layout here it mixes layouts and falls back to its reference loops, a hundred times
+  // slower.
   const memory::desc destination(GridDims(output), last ? Type::f32 : type, Format::nhwc);
   dnnl::post_ops relu;
   relu.append_eltwise(1.0f, dnnl::algorithm::eltwise_relu, 0.0f, 0.0f);
@@ -138,11 +125,9 @@ bool ProcessorHasBf16() {
 }
 
 struct Backbone::Layers {
-  memory::desc bytes;     // the raster as it comes
-  memory::desc values;    // the raster as the first convolution reads it
-  memory::desc unpadded;  // the channels of `values` that the raster has
-  dnnl::reorder widen;    // bytes to values; exact, also in bf16
-  GridSize last;
+  memory::desc bytes;   // the raster as it comes
+  memory::desc values;  // the raster as the first convolution reads it
+  dnnl::reorder widen;  // bytes to values; exact, also in bf16
   std::vector<Convolution> convolutions;
 };
 
@@ -151,9 +136,7 @@ class Backbone::Scratch {
   explicit Scratch(const Layers& layers)
       : stream(CpuEngine()),
         bytes(layers.bytes, CpuEngine(), nullptr),
-        values(layers.values, CpuEngine()),
-        unpadded(layers.unpadded, CpuEngine(), values.get_data_handle()) {
-    std::memset(values.get_data_handle(), 0, layers.values.get_size());
+        values(layers.values, CpuEngine()) {
     memory source = values;  // handles: copies refer to the same memory
     for (size_t i = 0; i < layers.convolutions.size(); ++i) {
       const Convolution& convolution = layers.convolutions[i];
@@ -174,7 +157,6 @@ class Backbone::Scratch {
   dnnl::stream stream;
   memory bytes;  // points to the caller's raster
   memory values;
-  memory unpadded;              // part of values
   std::vector<memory> outputs;  // the last points to the caller's grid
   std::vector<std::unordered_map<int, memory>> steps;
 };
@@ -186,29 +168,22 @@ Backbone::Backbone(const v1::ModelSpec& spec, const artifact::TensorMap& weights
   const Type type = bf16 ? Type::bf16 : Type::f32;
   auto layers = std::make_unique<Layers>();
   const GridSize raster = artifact::BackboneGrid(spec, 0);
-  const GridSize padded_raster = Padded(raster);
   layers->bytes = memory::desc(GridDims(raster), Type::u8, Format::nhwc);
-  layers->values = memory::desc(GridDims(padded_raster), type, Format::nhwc);
-  layers->unpadded = layers->values.submemory_desc(GridDims(raster), {0, 0, 0, 0});
+  layers->values = memory::desc(GridDims(raster), type, Format::nhwc);
   layers->widen = dnnl::reorder(
-      dnnl::reorder::primitive_desc(CpuEngine(), layers->bytes, CpuEngine(), layers->unpadded));
+      dnnl::reorder::primitive_desc(CpuEngine(), layers->bytes, CpuEngine(), layers->values));
   const int count = spec.backbone().convolutions_size();
   for (int i = 0; i < count; ++i) {
     const memory::desc source =
         i == 0 ? layers->values : layers->convolutions.back().description.dst_desc();
-    const GridSize input = Padded(artifact::BackboneGrid(spec, i));
-    const GridSize output = Padded(artifact::BackboneGrid(spec, i + 1));
-    layers->convolutions.push_back(
-        MakeConvolution(source, input, output, spec.backbone().convolutions(i).stride(),
-                        i + 1 == count, Fold(weights, i, input, output), type));
+    layers->convolutions.push_back(MakeConvolution(
+        source, artifact::BackboneGrid(spec, i), artifact::BackboneGrid(spec, i + 1),
+        spec.backbone().convolutions(i).stride(), i + 1 == count, Fold(weights, i), type));
   }
-  layers->last = Padded(artifact::BackboneGrid(spec, count));
   layers_ = std::move(layers);
 }
 
 Backbone::~Backbone() = default;
-
-const artifact::GridSize& Backbone::last_grid() const { return layers_->last; }
 
 size_t Backbone::bytes() const {
   size_t bytes = 0;
@@ -227,7 +202,7 @@ void Backbone::Evaluate(const uint8_t* raster, Scratch* scratch, float* grid) co
   const OneThread one_thread;
   scratch->bytes.set_data_handle(const_cast<uint8_t*>(raster));  // only read
   scratch->outputs.back().set_data_handle(grid);
-  layers_->widen.execute(scratch->stream, scratch->bytes, scratch->unpadded);
+  layers_->widen.execute(scratch->stream, scratch->bytes, scratch->values);
   for (size_t i = 0; i < layers_->convolutions.size(); ++i) {
     layers_->convolutions[i].primitive.execute(scratch->stream, scratch->steps[i]);
   }

@@ -8,7 +8,6 @@
 #include <memory>
 
 #include "maneuver/v1/model_spec.pb.h"
-#include "model/artifact/model_spec.h"
 #include "model/artifact/tensor.h"
 
 namespace maneuver::inference {
@@ -36,12 +35,10 @@ class Backbone {
   Backbone& operator=(const Backbone&) = delete;
 
   size_t bytes() const;
-  // The grid that Evaluate writes: the spec's last one, its channels padded with zeros to C'.
-  const artifact::GridSize& last_grid() const;
   // The scratch refers to this backbone.
   ScratchPointer NewScratch() const;
 
-  // raster: [H, W, C] bytes, 255 stands for 1;  grid: [h, w, C'] of last_grid(). On the
+  // raster: [H, W, C] bytes, 255 stands for 1;  grid: [h, w, C'] the last layer's output. On the
   // calling thread alone.
   void Evaluate(const uint8_t* raster, Scratch* scratch, float* grid) const;
 

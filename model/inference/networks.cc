@@ -29,20 +29,20 @@ Mlp MakeMlp(const TensorMap& weights, const std::string& name, int64_t network =
   }
 }
 
-// The projection reads its grid as [C, h, w] (tensor.h), the backbone writes [h, w, C'] with padded
-// channels: the columns are put in that order once, here.
-DenseLayer MakeProjection(const TensorMap& weights, const artifact::GridSize& grid) {
+// The projection reads its grid as [C, h, w] (tensor.h), the convolutions write [h, w, C]: its
+// columns are put in their order once, here.
+DenseLayer MakeProjection(const v1::ModelSpec& spec, const TensorMap& weights) {
+  const auto grid = artifact::BackboneGrid(spec, spec.backbone().convolutions_size());
   const Tensor& weight = weights.at("backbone.projection.weight");
   const int64_t outputs = weight.shape[0];
   const int64_t cells = int64_t{grid.height} * grid.width;
-  const int64_t channels = weight.shape[1] / cells;
   const int64_t inputs = cells * grid.channels;
-  std::vector<float> reordered(static_cast<size_t>(outputs * inputs));
+  std::vector<float> reordered(weight.values.size());
   for (int64_t o = 0; o < outputs; ++o) {
-    for (int64_t c = 0; c < channels; ++c) {
+    for (int64_t c = 0; c < grid.channels; ++c) {
       for (int64_t cell = 0; cell < cells; ++cell) {
         reordered[static_cast<size_t>(o * inputs + cell * grid.channels + c)] =
-            weight.values[static_cast<size_t>((o * channels + c) * cells + cell)];
+            weight.values[static_cast<size_t>(o * inputs + c * cells + cell)];
       }
     }
   }
@@ -75,7 +75,7 @@ Eigen::VectorXd Vector(const Tensor& tensor) {
 
 Networks::Networks(const v1::ModelSpec& spec, const TensorMap& weights, bool bf16)
     : backbone(spec, weights, bf16),
-      projection(MakeProjection(weights, backbone.last_grid())),
+      projection(MakeProjection(spec, weights)),
       action_predictor(MakeMlp(weights, "action_predictor")),
       trajectory_encoder(MakeMlp(weights, "trajectory_encoder")),
       decoder(MakeMlp(weights, "decoder")),

@@ -25,7 +25,7 @@ struct Networks {
   size_t bytes() const;
 
   Backbone backbone;
-  DenseLayer projection;               // backbone.last_grid() as [h, w, C'] -> F
+  DenseLayer projection;               // last grid as [h, w, C] -> F
   Mlp action_predictor;                // F -> K logits of p(y|s)
   Mlp trajectory_encoder;              // 2T -> 2D: mean and log-variance of q(z|x)
   Mlp decoder;                         // D -> 2T

@@ -12,9 +12,9 @@
 // != j. The unscented transform whose points lie at one standard deviation has the weights 1 - D
 // and 1/2: its mean is this one, but its covariance has the negative weight for D > 1 and need not
 // be one. The covariance from central differences is positive semi-definite whatever the decoder.
-// Adding the second differences' 1/2 c_d c_d^T would make it exact for separable quadratics; on
-// arcs and on random ReLU networks with D = 5 that overstated deviations by 4 to 40 %, and leaving
-// it out by 0 to 10 %.
+// Adding the second differences' 1/2 c_d c_d^T would make it exact for separable quadratics, but on
+// arcs and on random ReLU networks with D = 5 that overstated deviations by up to 40 %; as it is
+// they are within 10 %.
 
 #ifndef MANEUVER_MODEL_PROBABILITY_SIGMA_POINTS_H_
 #define MANEUVER_MODEL_PROBABILITY_SIGMA_POINTS_H_
