@@ -1,7 +1,7 @@
 // Aisles between rows of bays. Vehicles come and go along the aisles; some pull out of their bays:
 // backwards and then on, or, when parked the other way round, forwards.
 
-#include <algorithm>
+#include <cmath>
 #include <numbers>
 #include <vector>
 
@@ -45,8 +45,15 @@ void AddBays(Place& place, const Road& aisle, bool right, double from, double sh
   const double edge = right ? aisle.right_edge() : aisle.left_edge();
   const double inwards = right ? 1.0 : -1.0;
   const double to = aisle.reference.length() - 14.0;
+  // The kerb runs around the row, and on along the aisle.
+  const double back = edge - inwards * kBayDepth;
+  const double row_end = from + kBayWidth * std::floor((to - from) / kBayWidth);
+  AddLine(place, DecorationKind::kRoadEdge, aisle.reference.Offset(back).Slice(from, row_end));
+  AddLine(place, DecorationKind::kRoadEdge, aisle.reference.Offset(edge).Slice(0.0, from));
+  AddLine(place, DecorationKind::kRoadEdge,
+          aisle.reference.Offset(edge).Slice(row_end, aisle.reference.length()));
   bool beside_leaver = false;
-  for (double s = from; s + kBayWidth < to; s += kBayWidth) {
+  for (double s = from; s + kBayWidth < to + 1e-9; s += kBayWidth) {
     const PathPoint at = aisle.reference.At(s + 0.5 * kBayWidth);
     const Vec2 left = Left(Direction(at.heading));
     for (const double side : {s, s + kBayWidth}) {
@@ -89,6 +96,7 @@ Place CarPark(Random& random) {
   aisle.speed_limit = random.Uniform(3.8, 5.6);
   aisle.footways = false;
   aisle.painted = false;
+  aisle.kerbs = false;
   const int count = random.Chance(0.5) ? 3 : 4;
   std::vector<Arm> arms(count);
   for (int i = 0; i < count; ++i) {
@@ -104,9 +112,9 @@ Place CarPark(Random& random) {
   spec.left_weight = 1.5;
   spec.right_weight = 1.5;
   const std::vector<Road> roads = AddJunction(place, arms, spec);
-  const double leaving = random.Uniform(0.3, 0.5);
+  const double leaving = random.Uniform(0.5, 0.8);
   for (int i = 0; i < count; ++i) {
-    const double share = random.Uniform(0.2, 0.5);
+    const double share = random.Uniform(0.2, 0.45);
     // Rows of different aisles must not run into each other.
     const double from = i % 2 == 0 ? 4.0 : 12.0;
     AddBays(place, roads[i], true, from, share, leaving, random);
@@ -121,9 +129,9 @@ Place CarPark(Random& random) {
   AddArea(place, DecorationKind::kDriveway, entrance.reference, end - 8.0, end,
           entrance.right_edge(), entrance.left_edge());
   place.walkers = random.Integer(2, 6);
-  place.initial_vehicles = random.Integer(3, 6);
+  place.initial_vehicles = random.Integer(3, 5);
   place.sensed_radius = random.Uniform(55.0, 65.0);
-  AddSources(place, random, 9.0, 18.0);
+  AddSources(place, random, 14.0, 24.0);
   return place;
 }
 

@@ -18,7 +18,7 @@ RoadSpec Street(Random& random, int lanes) {
 }
 
 void RandomizeArm(Arm& arm, Random& random) {
-  arm.length = random.Uniform(85.0, 105.0);
+  arm.length = random.Uniform(72.0, 90.0);
   arm.bend = random.Chance(0.4) ? random.Uniform(-0.6, 0.6) : 0.0;
 }
 
@@ -56,13 +56,15 @@ Place SignalCrossing(Random& random) {
   JunctionSpec spec;
   spec.control = Control::kSignals;
   spec.corner = random.Uniform(7.0, 9.5);
-  spec.left_weight = main.forward == 3 ? 1.6 : 1.1;
+  spec.left_weight = 1.7;
+  spec.right_weight = 1.6;
+  if (main.median > 3.0) spec.u_turn_weight = 0.6;
   const std::vector<Road> roads = AddJunction(place, arms, spec);
   AddDriveway(place, roads[random.Integer(0, 3)], random);
-  place.walkers = random.Integer(4, 11);
+  place.walkers = random.Integer(5, 11);
   place.initial_vehicles = random.Integer(10, 20);
-  place.sensed_radius = random.Uniform(70.0, 90.0);
-  AddSources(place, random, 6.0, 16.0);
+  place.sensed_radius = random.Uniform(52.0, 68.0);
+  AddSources(place, random, 7.0, 16.0);
   return place;
 }
 
@@ -86,8 +88,8 @@ Place StopCrossing(Random& random) {
                                        : Control::kYield;
   spec.crosswalks = all_way;
   spec.corner = random.Uniform(6.5, 9.0);
-  spec.left_weight = 1.5;
-  spec.right_weight = 1.4;
+  spec.left_weight = 1.9;
+  spec.right_weight = 1.9;
   const std::vector<Road> roads = AddJunction(place, arms, spec);
   for (size_t i = 0; i < roads.size(); ++i) {
     if (roads[i].spec.parking <= 0.0) continue;
@@ -95,10 +97,10 @@ Place StopCrossing(Random& random) {
     ParkAlong(place, roads[i], false, 0.4, random);
   }
   AddDriveway(place, roads[1], random);
-  place.walkers = random.Integer(3, 8);
-  place.initial_vehicles = random.Integer(8, 13);
-  place.sensed_radius = random.Uniform(70.0, 90.0);
-  AddSources(place, random, all_way ? 8.0 : 7.0, all_way ? 16.0 : 15.0);
+  place.walkers = random.Integer(5, 10);
+  place.initial_vehicles = random.Integer(7, 11);
+  place.sensed_radius = random.Uniform(52.0, 68.0);
+  AddSources(place, random, all_way ? 11.0 : 7.0, all_way ? 18.0 : 14.0);
   return place;
 }
 
@@ -123,14 +125,14 @@ Place TJunction(Random& random) {
                                       : Control::kYield;
   spec.crosswalks = signals;
   spec.corner = random.Uniform(6.5, 9.5);
-  spec.left_weight = 1.4;
-  spec.right_weight = 1.2;
+  spec.left_weight = 1.9;
+  spec.right_weight = 1.9;
   const std::vector<Road> roads = AddJunction(place, arms, spec);
   AddDriveway(place, roads[0], random);
-  place.walkers = random.Integer(3, 8);
+  place.walkers = random.Integer(5, 10);
   place.initial_vehicles = random.Integer(8, 15);
-  place.sensed_radius = random.Uniform(70.0, 90.0);
-  AddSources(place, random, 6.0, 13.0);
+  place.sensed_radius = random.Uniform(52.0, 68.0);
+  AddSources(place, random, 6.0, 11.0);
   return place;
 }
 

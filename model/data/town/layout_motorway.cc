@@ -39,7 +39,7 @@ Place Motorway(Random& random) {
   place.lane_change_rate = 0.12;
   place.long_vehicle_share = 0.12;
   place.initial_vehicles = 9 * (spec.forward + spec.backward) / 2 + 4;
-  place.sensed_radius = random.Uniform(180.0, 220.0);
+  place.sensed_radius = random.Uniform(150.0, 180.0);
   AddSources(place, random, 2.8, 6.0);
   return place;
 }
@@ -86,7 +86,7 @@ Place MotorwayMerge(Random& random) {
   place.lane_change_rate = 0.05;
   place.long_vehicle_share = 0.08;
   place.initial_vehicles = 6 * (spec.forward + spec.backward) / 2 + 4;
-  place.sensed_radius = random.Uniform(150.0, 190.0);
+  place.sensed_radius = random.Uniform(140.0, 170.0);
   AddSources(place, random, 4.5, 8.0);
   for (Source& source : place.sources) {
     if (source.lane == slip) source.mean_headway = random.Uniform(2.5, 4.5);

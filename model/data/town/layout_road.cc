@@ -53,7 +53,7 @@ Place StraightRoad(Random& random) {
   place.lane_change_rate = 0.09;
   place.walkers = random.Integer(3, 9);
   place.initial_vehicles = 8 * spec.forward;
-  place.sensed_radius = 100.0;
+  place.sensed_radius = 85.0;
   AddSources(place, random, 4.0, 10.0);
   return place;
 }
@@ -89,7 +89,7 @@ Place CurvedRoad(Random& random) {
   place.walkers = spec.footways ? random.Integer(2, 7) : 0;
   place.initial_vehicles = 14;
   place.sensed_radius = 100.0;
-  AddSources(place, random, 5.0, 10.0);
+  AddSources(place, random, spec.forward == 1 ? 3.0 : 5.0, spec.forward == 1 ? 6.0 : 9.0);
   return place;
 }
 

@@ -44,7 +44,7 @@ Place Roundabout(Random& random) {
     headings.push_back(heading);
     PathPen pen({.p = start * Direction(heading), .heading = heading});
     const double bend = random.Chance(0.4) ? random.Uniform(-0.006, 0.006) : 0.0;
-    pen.Straight(25.0).Clothoid(25.0, 0.0, bend).Clothoid(random.Uniform(25.0, 45.0), bend, bend);
+    pen.Straight(25.0).Clothoid(25.0, 0.0, bend).Clothoid(random.Uniform(12.0, 25.0), bend, bend);
     roads.push_back(AddRoad(place, pen.Done(), spec));
   }
   // Pieces of the ring, counter-clockwise: past each arm, then on to the next one.
@@ -110,10 +110,10 @@ Place Roundabout(Random& random) {
     AddLine(place, DecorationKind::kRoadEdge, arc);
     AddLine(place, DecorationKind::kRoadEdge, ConnectPoses(arc.At(arc.length()), out.At(0.0)));
   }
-  place.walkers = random.Integer(2, 6);
+  place.walkers = random.Integer(4, 8);
   place.initial_vehicles = random.Integer(8, 14);
-  place.sensed_radius = random.Uniform(65.0, 85.0);
-  AddSources(place, random, 6.0, 13.0);
+  place.sensed_radius = random.Uniform(52.0, 65.0);
+  AddSources(place, random, 6.5, 13.0);
   return place;
 }
 

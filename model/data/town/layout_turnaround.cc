@@ -22,7 +22,7 @@ Place Turnaround(Random& random) {
   for (int i = 0; i < 2; ++i) {
     arms[i].heading = i * std::numbers::pi;
     arms[i].spec = road;
-    arms[i].length = random.Uniform(90.0, 110.0);
+    arms[i].length = random.Uniform(80.0, 95.0);
     arms[i].bend = random.Chance(0.4) ? random.Uniform(-0.3, 0.3) : 0.0;
     arms[i].signal_group = i;
   }
@@ -34,13 +34,13 @@ Place Turnaround(Random& random) {
   spec.control = signals ? Control::kSignals : Control::kYield;
   spec.crosswalks = false;
   spec.corner = random.Uniform(1.0, 4.0);
-  spec.u_turn_weight = 2.2;
+  spec.u_turn_weight = 4.0;
   const std::vector<Road> roads = AddJunction(place, arms, spec);
-  place.walkers = random.Integer(1, 5);
+  place.walkers = random.Integer(4, 8);
   place.lane_change_rate = 0.06;
   place.initial_vehicles = random.Integer(10, 16);
-  place.sensed_radius = random.Uniform(75.0, 95.0);
-  AddSources(place, random, 6.0, 11.0);
+  place.sensed_radius = random.Uniform(60.0, 75.0);
+  AddSources(place, random, 6.0, 12.0);
   return place;
 }
 

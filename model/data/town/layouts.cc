@@ -10,16 +10,16 @@ Place DrawPlace(Random& random) {
     Place (*draw)(Random&);
     double weight;
   };
-  static constexpr std::array<Family, kLayoutCount> kFamilies = {{{StraightRoad, 0.6},
-                                                                  {CurvedRoad, 0.8},
-                                                                  {SignalCrossing, 2.4},
-                                                                  {StopCrossing, 1.5},
-                                                                  {TJunction, 1.3},
-                                                                  {Turnaround, 1.0},
+  static constexpr std::array<Family, kLayoutCount> kFamilies = {{{StraightRoad, 0.5},
+                                                                  {CurvedRoad, 0.9},
+                                                                  {SignalCrossing, 2.2},
+                                                                  {StopCrossing, 1.8},
+                                                                  {TJunction, 1.5},
+                                                                  {Turnaround, 1.5},
                                                                   {Roundabout, 1.2},
-                                                                  {Motorway, 0.5},
-                                                                  {MotorwayMerge, 0.6},
-                                                                  {CarPark, 1.0}}};
+                                                                  {Motorway, 0.25},
+                                                                  {MotorwayMerge, 0.55},
+                                                                  {CarPark, 1.2}}};
   std::array<double, kLayoutCount> weights{};
   for (int i = 0; i < kLayoutCount; ++i) weights[i] = kFamilies[i].weight;
   Place place = kFamilies[random.Choose(weights)].draw(random);

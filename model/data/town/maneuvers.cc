@@ -7,7 +7,9 @@
 namespace maneuver::data::town {
 namespace {
 
-constexpr double kStandstill = 0.25;   // metres per second
+constexpr double kStandstill = 0.25;  // metres per second
+constexpr double kCreeping = 7.0;     // metres per second
+constexpr double kCruising = 15.0;
 constexpr double kCurveWindow = 2.0;   // seconds to each side
 constexpr double kCurveAngle = 0.25;   // radians within twice that
 constexpr double kShortest = 0.8;      // seconds; shorter intervals join their neighbour
@@ -42,14 +44,22 @@ void MarkStopsAndStarts(const Track& track, std::vector<bool>& stop, std::vector
   }
 }
 
-double HeadingChange(const Track& track, int at) {
+// What the vehicle's heading changes by and how fast it is, around a moment.
+struct Around {
+  double turned = 0.0;  // radians
+  double speed = 0.0;   // metres per second, mean
+};
+
+Around LookAround(const Track& track, int at) {
   const std::vector<TrackPoint>& points = track.points;
   const int n = static_cast<int>(points.size());
   int first = at;
   int last = at;
   while (first > 0 && points[at].time - points[first - 1].time <= kCurveWindow) --first;
   while (last + 1 < n && points[last + 1].time - points[at].time <= kCurveWindow) ++last;
-  return points[last].heading - points[first].heading;
+  const double seconds = std::max(1e-9, points[last].time - points[first].time);
+  return {points[last].heading - points[first].heading,
+          (points[last].travelled - points[first].travelled) / seconds};
 }
 
 Maneuver At(const Track& track, int i, bool stops, bool starts) {
@@ -59,27 +69,39 @@ Maneuver At(const Track& track, int i, bool stops, bool starts) {
   for (const RouteEvent& event : track.events) {
     if (point.travelled >= event.lead && point.travelled <= event.to) active = &event;
   }
+  const bool sideways = active != nullptr && (active->maneuver == Maneuver::kLaneChangeLeft ||
+                                              active->maneuver == Maneuver::kLaneChangeRight);
+  if (stops && sideways) return Maneuver::kStop;
   if (active != nullptr && point.travelled >= active->from) return active->maneuver;
   if (stops) return Maneuver::kStop;
   if (active != nullptr) return active->maneuver;
   if (starts) return Maneuver::kStart;
-  const double turned = HeadingChange(track, i);
-  if (turned > kCurveAngle) return Maneuver::kFollowCurveLeft;
-  if (turned < -kCurveAngle) return Maneuver::kFollowCurveRight;
-  return Maneuver::kKeepLane;
+  const Around around = LookAround(track, i);
+  if (around.turned > kCurveAngle) return Maneuver::kFollowCurveLeft;
+  if (around.turned < -kCurveAngle) return Maneuver::kFollowCurveRight;
+  if (around.speed < kCreeping) return Maneuver::kCreep;
+  return around.speed > kCruising ? Maneuver::kCruise : Maneuver::kKeepLane;
 }
 
 }  // namespace
 
 std::string_view ManeuverName(Maneuver maneuver) {
-  static constexpr std::array<std::string_view, kManeuverCount> kNames = {
-      "keep_lane",          "follow_curve_left",
-      "follow_curve_right", "turn_left",
-      "turn_right",         "u_turn",
-      "roundabout",         "lane_change_left",
-      "lane_change_right",  "merge",
-      "park_out",           "stop",
-      "standing",           "start"};
+  static constexpr std::array<std::string_view, kManeuverCount> kNames = {"keep_lane",
+                                                                          "creep",
+                                                                          "cruise",
+                                                                          "follow_curve_left",
+                                                                          "follow_curve_right",
+                                                                          "turn_left",
+                                                                          "turn_right",
+                                                                          "u_turn",
+                                                                          "roundabout",
+                                                                          "lane_change_left",
+                                                                          "lane_change_right",
+                                                                          "merge",
+                                                                          "park_out",
+                                                                          "stop",
+                                                                          "standing",
+                                                                          "start"};
   return kNames[static_cast<size_t>(maneuver)];
 }
 

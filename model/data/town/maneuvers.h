@@ -31,7 +31,7 @@ namespace maneuver::data::town {
 
 // All names, in the order of `Maneuver`.
 std::string_view ManeuverName(Maneuver maneuver);
-inline constexpr int kManeuverCount = 14;
+inline constexpr int kManeuverCount = 16;
 
 struct ManeuverInterval {
   Maneuver maneuver = Maneuver::kKeepLane;

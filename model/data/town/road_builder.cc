@@ -36,8 +36,10 @@ void MakeNeighbours(Place& place, const std::vector<int>& lanes) {
 void PaintRoad(Place& place, const Road& road) {
   const RoadSpec& spec = road.spec;
   const double middle = 0.5 * spec.median;
-  AddLine(place, DecorationKind::kRoadEdge, road.reference.Offset(road.right_edge()));
-  AddLine(place, DecorationKind::kRoadEdge, road.reference.Offset(road.left_edge()));
+  if (spec.kerbs) {
+    AddLine(place, DecorationKind::kRoadEdge, road.reference.Offset(road.right_edge()));
+    AddLine(place, DecorationKind::kRoadEdge, road.reference.Offset(road.left_edge()));
+  }
   if (!spec.painted) return;
   if (spec.forward > 0 && spec.backward > 0) {
     if (spec.median >= 1.0) {

@@ -21,6 +21,7 @@ struct RoadSpec {
   double parking = 0.0;  // metres of kerbside parking on each side
   bool footways = true;
   bool painted = true;
+  bool kerbs = true;
   // Lane changes begin at least so many metres before a lane's end.
   double no_change_before_end = 45.0;
 };

@@ -11,6 +11,8 @@ namespace maneuver::data::town {
 
 enum class Maneuver {
   kKeepLane,
+  kCreep,
+  kCruise,
   kFollowCurveLeft,
   kFollowCurveRight,
   kTurnLeft,
