@@ -21,9 +21,11 @@
 #include "server/maneuverd/options.h"
 #include "server/monitoring/logging.h"
 #include "server/monitoring/prometheus_metrics.h"
+#include "server/rpc/dataset_service.h"
 #include "server/rpc/model_service.h"
 #include "server/rpc/prediction_service.h"
 #include "server/rpc/server.h"
+#include "server/rpc/training_service.h"
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/model_registry.h"
 
@@ -123,8 +125,12 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   rpc::PredictionContext context{**models, scheduler, disk, {}};
   rpc::PredictionService predictions(context);
   rpc::ModelService model_service(**models, disk);
+  rpc::DatasetService dataset_service(**datasets, **supervisor, disk);
+  rpc::TrainingService training_service(**supervisor, disk);
 
-  auto server = rpc::Server::Start(options.listen, {&predictions, &model_service}, *metrics);
+  auto server = rpc::Server::Start(
+      options.listen, {&predictions, &model_service, &dataset_service, &training_service},
+      *metrics);
   if (!server.ok()) return server.status();
   std::string metrics_address;
   if (options.metrics_listen) {
