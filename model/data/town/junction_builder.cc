@@ -8,6 +8,7 @@ namespace maneuver::data::town {
 namespace {
 
 constexpr double kFootwayOffset = 1.9;
+constexpr double kTightestUTurn = 10.5;  // metres from lane to lane
 
 Movement MovementOf(double angle) {
   if (std::abs(angle) > 2.6) return Movement::kUTurn;
@@ -111,6 +112,10 @@ class Junction {
     const Movement movement = MovementOf(angle);
     if (Weight(movement) <= 0.0 || (movement == Movement::kUTurn && from != to)) return;
     const std::vector<int>& in = roads_[from].backward;
+    // Nobody can turn round on a narrow road.
+    const RoadSpec& road = arms_[from].spec;
+    const double across = road.median + road.forward * road.lane_width;
+    if (movement == Movement::kUTurn && across < kTightestUTurn) return;
     const std::vector<int>& out = roads_[to].forward;
     const int lanes = static_cast<int>(in.size());
     const int exits = static_cast<int>(out.size());

@@ -21,7 +21,8 @@ double NearestOn(const Path& path, Vec2 p) {
 }
 
 // Whether the lane has room around arc length `s` for `vehicle`.
-bool HasGap(const Path& path, std::span<const Vehicle> vehicles, const Vehicle& vehicle, double s) {
+bool HasGap(const Path& path, int lane, std::span<const Vehicle> vehicles, const Vehicle& vehicle,
+            double s) {
   const PathPoint here = path.At(s);
   const Vec2 along = Direction(here.heading);
   for (const Vehicle& other : vehicles) {
@@ -29,7 +30,8 @@ bool HasGap(const Path& path, std::span<const Vehicle> vehicles, const Vehicle& 
     const Vec2 d = other.pose.p - here.p;
     if (Norm(d) > 90.0) continue;
     const double t = path.Project(other.pose.p, s + Dot(d, along));
-    if (Norm(path.At(t).p - other.pose.p) > 2.4) continue;
+    // Those who are changing to it count from the beginning.
+    if (other.lane() != lane && Norm(path.At(t).p - other.pose.p) > 2.4) continue;
     const double gap = std::abs(t - s) - 0.5 * (vehicle.length + other.length);
     if (t > s) {
       const double closing = std::max(0.0, vehicle.speed - other.speed);
@@ -52,7 +54,7 @@ bool TryChange(const LaneGraph& graph, std::span<const Vehicle> vehicles, bool l
   double length = std::max(14.0, vehicle.speed * vehicle.driver.change_time);
   if (from.ends) length = std::min(length, from.path.length() - vehicle.s + 10.0);
   if (s < 0.0 || s + length + 5.0 > to.path.length()) return false;
-  if (!HasGap(to.path, vehicles, vehicle, s)) return false;
+  if (!HasGap(to.path, target, vehicles, vehicle, s)) return false;
 
   const PathPoint at = to.path.At(s);
   const double offset = Dot(vehicle.pose.p - at.p, Left(Direction(at.heading)));

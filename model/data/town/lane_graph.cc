@@ -94,7 +94,7 @@ void LaneGraph::FindConflicts() {
     if (!mine.gate) continue;
     for (size_t k = 0; k < lanes.size(); ++k) {
       const Lane& other = lanes[k];
-      if (k == i || other.kind == LaneKind::kBay || Apart(boxes[i], boxes[k], 3.0)) continue;
+      if (k == i || Apart(boxes[i], boxes[k], 3.0)) continue;
       if (LinksTo(other, static_cast<int>(i))) continue;
       // A lane joined at its start is only ever ahead.
       if (std::any_of(mine.next.begin(), mine.next.end(), [k](const LaneLink& link) {

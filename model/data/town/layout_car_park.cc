@@ -112,7 +112,7 @@ Place CarPark(Random& random) {
   spec.left_weight = 1.5;
   spec.right_weight = 1.5;
   const std::vector<Road> roads = AddJunction(place, arms, spec);
-  const double leaving = random.Uniform(0.5, 0.8);
+  const double leaving = random.Uniform(0.25, 0.45);
   for (int i = 0; i < count; ++i) {
     const double share = random.Uniform(0.2, 0.45);
     // Rows of different aisles must not run into each other.

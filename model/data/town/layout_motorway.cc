@@ -36,6 +36,7 @@ Place Motorway(Random& random) {
   const RoadSpec spec = Carriageway(random);
   AddRoad(place, GentleCurve(random, 640.0), spec);
   place.walkers = 0;
+  place.warm_up = 5.0;
   place.lane_change_rate = 0.12;
   place.long_vehicle_share = 0.12;
   place.initial_vehicles = 9 * (spec.forward + spec.backward) / 2 + 4;
@@ -83,6 +84,7 @@ Place MotorwayMerge(Random& random) {
   AddLine(place, DecorationKind::kRoadEdge, beside.Offset(-half));
 
   place.walkers = 0;
+  place.warm_up = 5.0;
   place.lane_change_rate = 0.05;
   place.long_vehicle_share = 0.08;
   place.initial_vehicles = 6 * (spec.forward + spec.backward) / 2 + 4;

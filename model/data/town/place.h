@@ -64,6 +64,7 @@ struct Place {
   double lane_change_rate = 0.02;  // wishes a second and vehicle, where there is a neighbour
   double long_vehicle_share = 0.06;
   int initial_vehicles = 12;
+  double warm_up = 12.0;  // seconds of traffic before a recording starts
 };
 
 }  // namespace maneuver::data::town

@@ -47,28 +47,30 @@ struct Approach {
 bool InTheWay(const Place& place, const Vehicle& vehicle, const Vehicle& other,
               const Conflict& conflict, const Gate& gate, const Approach& mine, double time) {
   const Lane& lane = place.graph.lanes[conflict.lane];
+  const bool parked = other.admitted == 0 && place.graph.lanes[other.lane()].kind == LaneKind::kBay;
+  if (parked) return false;
   for (size_t step = other.step > 3 ? other.step - 3 : 0; step < other.route.size(); ++step) {
     if (other.route[step].lane != conflict.lane) continue;
     const double position = PositionOnStep(place.graph, other, step);
     const double front = conflict.lane_from - position - 0.5 * other.length;
     const double rear = conflict.lane_to - position + 0.5 * other.length;
-    if (rear < -0.5 || front > kFar) continue;
+    if (rear < -0.5) continue;
     const double arrives = front / std::max(other.speed, lane.gate ? 3.0 : 2.0);
     const double margin = conflict.merge ? vehicle.driver.patience : 1.5;
     if (!lane.gate) {
-      if (lane.kind == LaneKind::kBay && other.leaves_at > time) continue;
+      if (front > kFar) continue;
       if (arrives < std::max(mine.clear + margin, vehicle.driver.patience)) return true;
       continue;
     }
     const bool let_in = other.admitted >= step || other.step >= step;
     if (let_in) {
-      if (lane.kind == LaneKind::kBay && other.admitted == 0) continue;
-      const bool leaves_first =
-          other.speed > 1.5 && rear / other.speed + 0.8 < mine.enter && !conflict.merge;
+      // It is on its way out and will be gone in time.
+      const bool leaves_first = front < 0.0 && other.speed > 2.5 && other.acceleration > -0.5 &&
+                                rear / other.speed + 0.8 < mine.enter && !conflict.merge;
       if (!leaves_first) return true;
       continue;
     }
-    if (lane.gate->rank < gate.rank) continue;
+    if (lane.gate->rank < gate.rank || front > kFar) continue;
     if (lane.gate->rank == gate.rank) {
       const bool came_first = other.stood_at < vehicle.stood_at ||
                               (other.stood_at == vehicle.stood_at && other.id < vehicle.id);
@@ -78,7 +80,7 @@ bool InTheWay(const Place& place, const Vehicle& vehicle, const Vehicle& other,
       continue;
     }
     if (!LightIs(place, lane, time, Light::kGreen)) continue;
-    if (arrives < std::max(mine.clear + 1.0, vehicle.driver.patience)) return true;
+    if (arrives < std::max(mine.clear + 2.0, vehicle.driver.patience)) return true;
   }
   return false;
 }

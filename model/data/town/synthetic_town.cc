@@ -180,7 +180,7 @@ SimulatedPlace SimulatePlace(const TownOptions& options, int index) {
     traffic.duration = options.duration;
     traffic.frame_interval = options.frame_interval;
     drawn.tracks = SimulateTraffic(drawn.place, traffic, random);
-    const double overlap = LargestOverlap(drawn.tracks);
+    const double overlap = LargestOverlap(drawn.tracks).depth;
     if (overlap < least) {
       least = overlap;
       best = std::move(drawn);

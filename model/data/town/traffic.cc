@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kLongestStep = 0.1;     // seconds
-constexpr double kHardestBraking = 7.0;  // metres per second squared
+constexpr double kHardestBraking = 5.5;  // metres per second squared
 constexpr int kFirstPedestrian = 1000;
 
 struct Leader {
@@ -26,8 +26,13 @@ struct Leader {
 void MeetDisc(std::span<const AheadPoint> ahead, double half_length, double half_width, Vec2 centre,
               double radius, Vec2 velocity, double margin, Leader& leader) {
   const double clearance = half_width + radius + margin;
-  for (const AheadPoint& point : ahead) {
+  for (size_t i = 0; i < ahead.size(); ++i) {
+    const AheadPoint& point = ahead[i];
     const Vec2 d = centre - point.p;
+    // Points are two metres apart: those nearer to the disc cannot come sooner.
+    const double far = Norm(d) - clearance - 1.1;
+    if (far > 2.1) i += static_cast<size_t>(far / 2.1);
+    if (far > 0.0) continue;
     const double along = Dot(d, point.direction);
     if (std::abs(along) > 1.05 || std::abs(Cross(point.direction, d)) > clearance) continue;
     const double distance = point.distance + along;
@@ -216,11 +221,13 @@ class Traffic {
       for (const Vehicle& other : vehicles_) {
         const Vec2 d = other.pose.p - start.p;
         const double along = Dot(d, Direction(start.heading));
-        if (along < -15.0 || along > 80.0) continue;
+        if (along < -15.0 || along > 150.0) continue;
         if (other.lane() != source.lane && std::abs(Cross(Direction(start.heading), d)) > 2.2)
           continue;
         const double gap = along - 0.5 * other.length - 0.5 * vehicle.length;
-        if (gap < 40.0) speed = std::min(speed, other.speed + 1.0);
+        // As if it had been slowing down for the one ahead all along.
+        const double spare = std::max(0.0, gap - 10.0 - 0.8 * other.speed);
+        speed = std::min(speed, std::sqrt(other.speed * other.speed + 2.4 * spare));
         room = std::min(room, gap);
       }
       if (room < 6.0 + 1.2 * speed) continue;
@@ -270,9 +277,9 @@ class Traffic {
     const double v = vehicle.speed;
     if (distance <= 0.15) return v > 0.0 ? -3.0 : -0.5;
     const double needed = v * v / (2.0 * distance);
-    if (needed > 0.85 * vehicle.driver.braking) return -needed * 1.03;
+    if (needed > 0.9 * vehicle.driver.braking) return -needed * 1.03;
     // No more speed than can be lost again comfortably.
-    const double allowed = std::sqrt(2.0 * 0.85 * vehicle.driver.braking * distance);
+    const double allowed = std::sqrt(2.0 * 0.9 * vehicle.driver.braking * distance);
     return 1.5 * (allowed - v);
   }
 
@@ -287,8 +294,8 @@ class Traffic {
         return kInfinity;
       }
       const double distance = DistanceToGate(place_.graph, vehicle, step);
-      const double look = 12.0 + 1.5 * vehicle.speed +
-                          vehicle.speed * vehicle.speed / (2.0 * 0.85 * vehicle.driver.braking);
+      const double look = 8.0 + vehicle.speed +
+                          vehicle.speed * vehicle.speed / (2.0 * 0.9 * vehicle.driver.braking);
       if (distance > look) return kInfinity;
       if (!lane.gate) continue;
       if (vehicle.admitted >= step) {
@@ -397,7 +404,7 @@ std::vector<Track> SimulateTraffic(const Place& place, const TrafficOptions& opt
   const int substeps =
       std::max(1, static_cast<int>(std::ceil(options.frame_interval / kLongestStep - 1e-9)));
   const double dt = options.frame_interval / substeps;
-  const int warm_up = static_cast<int>(std::ceil(options.warm_up / dt));
+  const int warm_up = static_cast<int>(std::ceil(place.warm_up / dt));
   const int frames = static_cast<int>(std::floor(options.duration / options.frame_interval + 1e-9));
   for (int i = 0; i < warm_up; ++i) traffic.Step((i - warm_up) * dt, dt);
   for (int frame = 0; frame <= frames; ++frame) {
@@ -409,8 +416,8 @@ std::vector<Track> SimulateTraffic(const Place& place, const TrafficOptions& opt
   return traffic.Done();
 }
 
-double LargestOverlap(const std::vector<Track>& tracks) {
-  double largest = 0.0;
+BoxOverlap LargestOverlap(const std::vector<Track>& tracks) {
+  BoxOverlap largest;
   for (size_t i = 0; i < tracks.size(); ++i) {
     if (tracks[i].kind == RoadUser::kPedestrian) continue;
     for (size_t k = i + 1; k < tracks.size(); ++k) {
@@ -429,7 +436,8 @@ double LargestOverlap(const std::vector<Track>& tracks) {
           continue;
         }
         if (Norm(a[x].p - b[y].p) < 0.5 * (tracks[i].length + tracks[k].length) + 1.5) {
-          largest = std::max(largest, Penetration(tracks[i], a[x], tracks[k], b[y]));
+          const double depth = Penetration(tracks[i], a[x], tracks[k], b[y]);
+          if (depth > largest.depth) largest = {depth, tracks[i].id, tracks[k].id, a[x].time};
         }
         ++x;
         ++y;

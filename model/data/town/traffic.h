@@ -14,7 +14,6 @@
 namespace maneuver::data::town {
 
 struct TrafficOptions {
-  double warm_up = 15.0;  // seconds before time 0 that nobody sees
   double duration = 20.0;
   double frame_interval = 0.1;
 };
@@ -23,9 +22,14 @@ struct TrafficOptions {
 std::vector<Track> SimulateTraffic(const Place& place, const TrafficOptions& options,
                                    Random& random);
 
-// The largest depth, metres, to which the boxes of two road users ever overlapped (pedestrians
-// aside); 0 if none did.
-double LargestOverlap(const std::vector<Track>& tracks);
+// The deepest that the boxes of two road users (pedestrians aside) ever reached into each other.
+struct BoxOverlap {
+  double depth = 0.0;  // metres
+  int first = 0;       // ids
+  int second = 0;
+  double time = 0.0;  // seconds
+};
+BoxOverlap LargestOverlap(const std::vector<Track>& tracks);
 
 }  // namespace maneuver::data::town
 

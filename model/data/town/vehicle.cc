@@ -97,7 +97,7 @@ PathPoint PoseAt(const Vehicle& vehicle, const Lane& lane, double s, double trav
 
 void LookAhead(const LaneGraph& graph, const Vehicle& vehicle, std::vector<AheadPoint>& ahead) {
   ahead.clear();
-  const double reach = 14.0 + 2.0 * vehicle.speed + vehicle.speed * vehicle.speed / 5.0;
+  const double reach = 14.0 + 2.0 * vehicle.speed + vehicle.speed * vehicle.speed / 7.0;
   size_t step = vehicle.step;
   double s = vehicle.s;
   for (double distance = 0.0; distance <= reach; distance += kAheadStep) {
