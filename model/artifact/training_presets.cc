@@ -53,15 +53,15 @@ constexpr char kCompact[] = R"pb(
   preset: "compact"
   model {
     raster {
-      height: 96
-      width: 96
-      meters_per_pixel: 1.0
+      height: 64
+      width: 64
+      meters_per_pixel: 1.6
       target_position: 0.3
       history_frames: 5
       frame_interval { nanos: 250000000 }
     }
     backbone {
-      convolutions { channels: 32 stride: 2 }
+      convolutions { channels: 24 stride: 2 }
       convolutions { channels: 48 stride: 2 }
       convolutions { channels: 64 stride: 2 }
       convolutions { channels: 96 stride: 2 }
@@ -79,6 +79,7 @@ constexpr char kCompact[] = R"pb(
     scenario_encoder { hidden: [ 128, 128, 128 ] }
     decoder_stddev: 1.0
   }
+  examples { max_examples: 12000 }
 )pb";
 
 // The sizes of the paper: section III-E (224 x 224 pixels, hidden layers of 500 nodes, K = 25,

@@ -19,6 +19,7 @@ constexpr int64_t kWarmUp = 100;  // steps
 // Trajectories alone are small: twice the batch costs the same time.
 constexpr int64_t kTrajectoryBatchFactor = 2;
 constexpr int kClusterRestarts = 3;
+constexpr int64_t kMostClustered = 16'384;  // examples
 // Waypoints that hardly vary are not blown up, metres.
 constexpr double kSmallestDeviation = 0.3;
 // Variance of a component that starts from few encodings.
@@ -29,6 +30,11 @@ constexpr int64_t kFewEncodings = 10;
 int64_t StepsOfEpoch(int64_t examples, int64_t batch_size) {
   // A last batch of one has no moments for the batch normalisation: it is left out.
   return examples / batch_size + (examples % batch_size > 1 ? 1 : 0);
+}
+
+int64_t EpochExamples(const v1::TrainingSettings& settings, int64_t examples) {
+  const int64_t most = settings.examples().max_examples();
+  return most > 0 ? std::min(most, examples) : examples;
 }
 
 BoundWeights Weights(const v1::OptimizationSettings& optimization) {
@@ -55,8 +61,9 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
                                               int64_t training_examples) {
   const v1::OptimizationSettings& optimization = settings.optimization();
   const int64_t batch = optimization.batch_size();
-  const int64_t short_epoch = StepsOfEpoch(training_examples, batch * kTrajectoryBatchFactor);
-  const int64_t long_epoch = StepsOfEpoch(training_examples, batch);
+  const int64_t examples = EpochExamples(settings, training_examples);
+  const int64_t short_epoch = StepsOfEpoch(examples, batch * kTrajectoryBatchFactor);
+  const int64_t long_epoch = StepsOfEpoch(examples, batch);
   // Costs of a step relative to one of pretraining, for the compact preset.
   return {
       {"load", 1, 1, 1.0},
@@ -96,6 +103,12 @@ at::Tensor Learner::Noise(at::IntArrayRef shape) {
   return at::empty(shape, at::kFloat).normal_(0.0, 1.0, generator_).to(networks_.device());
 }
 
+at::Tensor Learner::DrawEpoch() {
+  const int64_t examples = trajectories_.size(0);
+  return at::randperm(examples, generator_, at::kLong)
+      .slice(0, 0, EpochExamples(settings_, examples));
+}
+
 at::Tensor Learner::Vary(const at::Tensor& trajectories) {
   const v1::AugmentationSettings& augmentation = settings_.augmentation();
   const int64_t batch = trajectories.size(0);
@@ -129,7 +142,7 @@ absl::Status Learner::TrainOnTrajectories(const std::string& phase, int epochs,
   progress_.BeginPhase(phase);
   const OneThread one_thread;
   const int64_t batch_size = settings_.optimization().batch_size() * kTrajectoryBatchFactor;
-  const int64_t examples = trajectories_.size(0);
+  const int64_t examples = EpochExamples(settings_, trajectories_.size(0));
   const int64_t epoch_steps = StepsOfEpoch(examples, batch_size);
   AdamW optimizer;
   for (const Group& group : groups) {
@@ -139,7 +152,7 @@ absl::Status Learner::TrainOnTrajectories(const std::string& phase, int epochs,
   int64_t step = 0;
   for (int epoch = 1; epoch <= epochs; ++epoch) {
     progress_.BeginEpoch(epoch);
-    const at::Tensor order = at::randperm(examples, generator_, at::kLong);
+    const at::Tensor order = DrawEpoch();
     TermMeans means;
     for (int64_t i = 0; i < epoch_steps; ++i, ++step) {
       if (stopped_()) return absl::CancelledError("training was stopped");
@@ -187,11 +200,13 @@ absl::Status Learner::PlaceMixture() {
   if (stopped_()) return absl::CancelledError("training was stopped");
   at::NoGradGuard no_grad;
   // Where left and right are swapped at random, clusters are of both sides.
-  at::Tensor placed = trajectories_;
+  const int64_t count = std::min(trajectories_.size(0), kMostClustered);
+  at::Tensor placed = trajectories_.index_select(
+      0, at::arange(count, at::kLong).mul_(trajectories_.size(0)).floor_divide_(count));
   if (settings_.augmentation().mirror()) {
-    at::Tensor mirrored = trajectories_.clone().view({trajectories_.size(0), -1, 2});
+    at::Tensor mirrored = placed.clone().view({count, -1, 2});
     mirrored.select(2, 1).neg_();
-    placed = at::cat({trajectories_, mirrored.flatten(1)});
+    placed = at::cat({placed, mirrored.flatten(1)});
   }
   const int actions = settings_.model().actions();
   const TrajectoryClusters clusters = ClusterTrajectories(
@@ -205,16 +220,16 @@ absl::Status Learner::PlaceMixture() {
       at::tensor(at::ArrayRef<int>(clusters.assignment), at::kLong).to(networks_.device());
   for (int k = 0; k < actions; ++k) {
     const at::Tensor members = (assignment == k).nonzero().flatten();
-    const int64_t count = members.size(0);
-    if (count == 0) continue;  // fewer different trajectories than actions
+    const int64_t size = members.size(0);
+    if (size == 0) continue;  // fewer different trajectories than actions
     const at::Tensor means = q_z.mean.index_select(0, members);
-    const at::Tensor spread = count < kFewEncodings ? everywhere / actions
+    const at::Tensor spread = size < kFewEncodings ? everywhere / actions
                                                     : means.var(0, /*unbiased=*/false) +
                                                           variance.index_select(0, members).mean(0);
     networks_["mixture.mean"][k].copy_(means.mean(0));
     networks_["mixture.log_variance"][k].copy_(spread.clamp_min(kSmallestVariance).log());
     networks_["mixture.log_weight"][k].fill_(
-        std::log(static_cast<double>(count) / static_cast<double>(placed.size(0))));
+        std::log(static_cast<double>(size) / static_cast<double>(placed.size(0))));
   }
   return absl::OkStatus();
 }
@@ -269,7 +284,7 @@ absl::Status Learner::TrainJointly() {
   int64_t step = 0;
   for (int epoch = 1; epoch <= optimization.joint_epochs(); ++epoch) {
     progress_.BeginEpoch(epoch);
-    const at::Tensor order = at::randperm(examples, generator_, at::kLong);
+    const at::Tensor order = DrawEpoch();
     std::vector<RasterLoader::Item> items;
     for (int64_t i = 0; i < examples; ++i) {
       const int64_t example = order.data_ptr<int64_t>()[i];

@@ -41,7 +41,6 @@ class Splitter {
     const int64_t found = static_cast<int64_t>(data_.training.examples.size());
     const int64_t needed = MinimumExamples(settings_);
     if (found < needed) return TooFew(found, needed);
-    DrawEvenly(settings_.examples().max_examples(), &data_.training.examples);
     return std::move(data_);
   }
 
@@ -57,17 +56,6 @@ class Splitter {
         "model.trajectory.waypoints fewer (a shorter horizon) or examples.stride smaller, or lower "
         "model.actions and optimization.batch_size",
         recordings_, found, needed, horizon));
-  }
-
-  static void DrawEvenly(int64_t most, std::vector<data::Example>* examples) {
-    const int64_t all = static_cast<int64_t>(examples->size());
-    if (most == 0 || all <= most) return;
-    std::vector<data::Example> drawn;
-    drawn.reserve(static_cast<size_t>(most));
-    for (int64_t i = 0; i < most; ++i) {
-      drawn.push_back(std::move((*examples)[static_cast<size_t>(i * all / most)]));
-    }
-    *examples = std::move(drawn);
   }
 
   const v1::TrainingSettings& settings_;

@@ -43,16 +43,6 @@ TEST(TrainingDataTest, TooFewExamplesAreRefusedWithWhatWasFoundAndWhatToDo) {
   EXPECT_THAT(message, HasSubstr("Add recordings"));
 }
 
-TEST(TrainingDataTest, MaxExamplesAreDrawnEvenly) {
-  v1::TrainingSettings settings = TinySettings();
-  settings.mutable_examples()->set_max_examples(50);
-  const auto data = SplitRecordings(ArcRecordings(60), settings);
-  ASSERT_TRUE(data.ok());
-  ASSERT_EQ(data->training.examples.size(), 50u);
-  EXPECT_GT(data->training.examples.back().recording,
-            static_cast<int>(data->training.recordings.size()) - 3);
-}
-
 TEST(VariationTest, IsAFunctionOfSeedEpochAndExample) {
   const v1::AugmentationSettings settings = TinySettings().augmentation();
   const Variation once = DrawVariation(settings, 1, 2, 3);

@@ -105,6 +105,22 @@ TEST_F(TrainingTest, ReportsEveryPhaseAndTheTermsOfTheBound) {
   EXPECT_GE(joint->largest_component_stddev(), joint->smallest_component_stddev());
 }
 
+TEST_F(TrainingTest, AnEpochIsOverAtMostMaxExamples) {
+  TrainingRun run = Run("model");
+  run.settings.mutable_examples()->set_max_examples(50);
+  run.settings.mutable_optimization()->set_pretraining_epochs(2);
+  run.settings.mutable_optimization()->set_mixture_epochs(1);
+  run.settings.mutable_optimization()->set_joint_epochs(1);
+  ASSERT_TRUE(Train(run, Data()).ok());
+  int64_t before = 0;
+  int64_t joint_steps = 0;
+  for (const v1::JobProgress& progress : progress_) {
+    if (progress.phase() == "mixture") before = progress.step();
+    if (progress.phase() == "joint") joint_steps = progress.step() - before;
+  }
+  EXPECT_EQ(joint_steps, 4);  // 50 examples in batches of 16
+}
+
 TEST_F(TrainingTest, TheSameSeedGivesTheSameWeightsAndAnotherSeedOthers) {
   const TrainingData data = Data();
   std::vector<std::string> weights;
