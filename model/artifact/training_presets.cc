@@ -120,7 +120,8 @@ constexpr char kPaper[] = R"pb(
 v1::TrainingSettings ParsePreset(const char* sizes) {
   v1::TrainingSettings preset;
   // The texts are constants of this file: not parsing is a defect of it.
-  if (!google::protobuf::TextFormat::ParseFromString(absl::StrCat(kLearning, sizes), &preset)) {
+  if (!google::protobuf::TextFormat::ParseFromString(kLearning, &preset) ||
+      !google::protobuf::TextFormat::MergeFromString(sizes, &preset)) {
     std::abort();
   }
   return preset;
