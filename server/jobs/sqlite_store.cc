@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kSchemaVersion = 1;
 // Long enough for a predecessor that is shutting down.
-constexpr int kBusyTimeoutMs = 3'000;
+constexpr int kBusyTimeoutMs = 1'000;
 
 constexpr char kSchema[] = R"sql(
   CREATE TABLE jobs (

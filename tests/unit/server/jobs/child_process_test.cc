@@ -1,0 +1,136 @@
+#include "server/jobs/child_process.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <string>
+#include <vector>
+
+#include "model/files/durable_file.h"
+#include "tests/unit/model/data/temporary_folder.h"
+
+namespace maneuver::jobs {
+namespace {
+
+using testing::ElementsAre;
+
+class ChildProcessTest : public testing::Test {
+ protected:
+  absl::StatusOr<ChildResult> RunShell(const std::string& script) {
+    return RunChild(
+        {.arguments = {"sh", "-c", script}, .log = folder_ / "log"}, stop_,
+        [this](const std::string& line) { lines_.push_back(line); }, [] {});
+  }
+
+  const data::TemporaryFolder folder_;
+  StopRequest stop_;
+  std::vector<std::string> lines_;
+};
+
+TEST_F(ChildProcessTest, LinesExitStatusAndErrorsArrive) {
+  const auto result = RunShell("echo a; echo why >&2; printf 'b\\nhalf'; exit 65");
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->exit_status, 65);
+  EXPECT_EQ(result->signal, 0);
+  EXPECT_THAT(lines_, ElementsAre("a", "b"));
+  EXPECT_EQ(*files::ReadFile(folder_ / "log"), "why\n");
+}
+
+TEST_F(ChildProcessTest, MuchOutputIsReadWhole) {
+  ASSERT_TRUE(RunShell("i=0; while [ $i -lt 20000 ]; do echo $i; i=$((i+1)); done").ok());
+  ASSERT_EQ(lines_.size(), 20'000u);
+  EXPECT_EQ(lines_.back(), "19999");
+}
+
+TEST_F(ChildProcessTest, ALineWithoutEndCostsNoMemoryAndTheNextIsRead) {
+  ASSERT_TRUE(RunShell("head -c 3000000 /dev/zero | tr '\\0' x; echo; echo after").ok());
+  EXPECT_THAT(lines_, ElementsAre("after"));
+}
+
+TEST_F(ChildProcessTest, ASignalIsReported) {
+  const auto result = RunShell("kill -9 $$");
+  ASSERT_TRUE(result.ok());
+  EXPECT_EQ(result->signal, SIGKILL);
+}
+
+TEST_F(ChildProcessTest, AProgramThatIsNotThereIsAnError) {
+  const auto result = RunChild(
+      {.arguments = {folder_ / "none"}, .log = folder_ / "log"}, stop_, [](const std::string&) {},
+      [] {});
+  EXPECT_TRUE(absl::IsNotFound(result.status())) << result.status();
+}
+
+TEST_F(ChildProcessTest, ItHasNoInputALowerPriorityAndAGroupOfItsOwn) {
+  // Group and niceness, as proc(5) numbers the fields.
+  ASSERT_TRUE(RunShell("cat; cut -d' ' -f5,19 /proc/$$/stat; echo $$").ok());
+  const int mine = getpriority(PRIO_PROCESS, 0);
+  ASSERT_EQ(lines_.size(), 2u);
+  EXPECT_EQ(lines_[0], lines_[1] + " " + std::to_string(std::max(mine, 10)));
+}
+
+TEST_F(ChildProcessTest, ItInheritsNoDescriptors) {
+  int ends[2];
+  ASSERT_EQ(pipe(ends), 0);  // not close-on-exec
+  ASSERT_TRUE(RunShell("ls /proc/self/fd | wc -l").ok());
+  close(ends[0]);
+  close(ends[1]);
+  // 0, 1, 2, and the folder that ls reads.
+  EXPECT_THAT(lines_, ElementsAre("4"));
+}
+
+TEST_F(ChildProcessTest, ARequestBeforeTheStartStopsIt) {
+  stop_.Stop(StopRequest::Reason::kCancelled);
+  stop_.Stop(StopRequest::Reason::kServerStops);
+  const auto result = RunShell("while :; do sleep 1; done");
+  ASSERT_TRUE(result.ok());
+  EXPECT_EQ(result->signal, SIGTERM);
+  EXPECT_EQ(stop_.reason(), StopRequest::Reason::kCancelled);
+}
+
+TEST_F(ChildProcessTest, WhatItLeavesBehindIsKilled) {
+  // Orphans come to this process, which can then wait for their end.
+  ASSERT_EQ(prctl(PR_SET_CHILD_SUBREAPER, 1), 0);
+  ASSERT_TRUE(RunShell("sleep 1000 & echo $!").ok());
+  ASSERT_EQ(lines_.size(), 1u);
+  int status = 0;
+  EXPECT_EQ(waitpid(std::stoi(lines_[0]), &status, 0), std::stoi(lines_[0]));
+  EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL);
+  prctl(PR_SET_CHILD_SUBREAPER, 0);
+}
+
+TEST_F(ChildProcessTest, ItDiesWithItsServer) {
+  ASSERT_EQ(prctl(PR_SET_CHILD_SUBREAPER, 1), 0);
+  int ends[2];
+  ASSERT_EQ(pipe(ends), 0);
+  const pid_t server = fork();
+  if (server == 0) {
+    StopRequest stop;
+    RunChild(
+        {.arguments = {"sh", "-c", "echo $$; exec sleep 1000"}, .log = folder_ / "log"}, stop,
+        [&](const std::string& line) {
+          if (write(ends[1], line.data(), line.size()) < 0) _exit(1);
+          close(ends[1]);
+        },
+        [] {})
+        .IgnoreError();
+    _exit(0);
+  }
+  close(ends[1]);
+  char text[32] = {};
+  ASSERT_GT(read(ends[0], text, sizeof text - 1), 0);
+  close(ends[0]);
+  kill(server, SIGKILL);
+  ASSERT_EQ(waitpid(server, nullptr, 0), server);
+  int status = 0;
+  EXPECT_EQ(waitpid(std::stoi(text), &status, 0), std::stoi(text));
+  EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL);
+  prctl(PR_SET_CHILD_SUBREAPER, 0);
+}
+
+}  // namespace
+}  // namespace maneuver::jobs

@@ -1,0 +1,91 @@
+#include "server/jobs/progress_recorder.h"
+
+#include <gtest/gtest.h>
+
+#include <memory>
+
+#include "server/jobs/sqlite_store.h"
+#include "tests/unit/model/data/temporary_folder.h"
+
+namespace maneuver::jobs {
+namespace {
+
+class ProgressRecorderTest : public testing::Test {
+ protected:
+  ProgressRecorderTest() {
+    store_ = *SqliteStore::Open(folder_ / "maneuver.db");
+    v1::Job job;
+    job.set_name("jobs/a");
+    job.set_state(v1::JOB_STATE_PENDING);
+    EXPECT_TRUE(store_->Add(job, "", "").ok());
+    recorder_ =
+        std::make_unique<ProgressRecorder>(*store_, news_, "jobs/a", 0, [this] { return now_; });
+  }
+
+  void Step(int step) {
+    recorder_->Record("{\"phase\":\"joint\",\"step\":" + std::to_string(step) + "}");
+  }
+  std::vector<int64_t> Steps() {
+    std::vector<int64_t> steps;
+    const auto events = store_->ListProgress("jobs/a", 0, 1000);
+    for (const v1::JobProgress& event : *events) {
+      steps.push_back(event.step());
+      EXPECT_EQ(event.sequence(), static_cast<int64_t>(steps.size()));
+    }
+    return steps;
+  }
+
+  const data::TemporaryFolder folder_;
+  std::unique_ptr<SqliteStore> store_;
+  JobNews news_;
+  absl::Time now_ = absl::FromUnixSeconds(1'000);
+  std::unique_ptr<ProgressRecorder> recorder_;
+};
+
+TEST_F(ProgressRecorderTest, AFloodBecomesFiveEventsASecondAndTheLastIsKept) {
+  for (int step = 1; step <= 1'000; ++step) {
+    Step(step);
+    now_ += absl::Milliseconds(1);
+  }
+  recorder_->Flush();
+  EXPECT_EQ(Steps(), (std::vector<int64_t>{1, 201, 401, 601, 801, 1000}));
+}
+
+TEST_F(ProgressRecorderTest, EndsOfEpochsAndNewPhasesAreNeverLeftOut) {
+  Step(1);
+  recorder_->Record(R"({"phase":"joint","step":"2","epochReport":{"effectiveActions":8}})");
+  recorder_->Record(R"({"phase":"export","step":"3"})");
+  EXPECT_EQ(Steps(), (std::vector<int64_t>{1, 2, 3}));
+}
+
+TEST_F(ProgressRecorderTest, WhatWaitsIsStoredByAndBy) {
+  Step(1);
+  Step(2);
+  recorder_->Tick();
+  EXPECT_EQ(Steps(), (std::vector<int64_t>{1}));
+  now_ += absl::Milliseconds(200);
+  recorder_->Tick();
+  recorder_->Tick();
+  EXPECT_EQ(Steps(), (std::vector<int64_t>{1, 2}));
+}
+
+TEST_F(ProgressRecorderTest, WhatWaitsIsNotStoredAfterWhatFollowedIt) {
+  Step(1);
+  Step(2);
+  recorder_->Record(R"({"phase":"joint","step":"3","epochReport":{}})");
+  now_ += absl::Seconds(1);
+  recorder_->Tick();
+  recorder_->Flush();
+  EXPECT_EQ(Steps(), (std::vector<int64_t>{1, 3}));
+}
+
+TEST_F(ProgressRecorderTest, LinesThatAreNoMessageArePassedOver) {
+  for (const char* line : {"", "hello", "{", "[1]", "{\"step\":\"x\"}", "\xff\xfe"}) {
+    recorder_->Record(line);
+  }
+  recorder_->Record("{\"step\":\"7\",\"a field of tomorrow\":1}");
+  EXPECT_EQ(Steps(), (std::vector<int64_t>{7}));
+}
+
+}  // namespace
+}  // namespace maneuver::jobs

@@ -1,0 +1,235 @@
+#include "server/jobs/sqlite_store.h"
+
+#include <gmock/gmock.h>
+#include <google/protobuf/util/message_differencer.h>
+#include <gtest/gtest.h>
+#include <sqlite3.h>
+
+#include <fstream>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tests/unit/model/data/temporary_folder.h"
+
+namespace maneuver::jobs {
+namespace {
+
+using google::protobuf::util::MessageDifferencer;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+v1::Job PendingJob(const std::string& id) {
+  v1::Job job;
+  job.set_name("jobs/" + id);
+  job.set_state(v1::JOB_STATE_PENDING);
+  job.mutable_train()->set_model("models/town");
+  job.mutable_create_time()->set_seconds(1000);
+  return job;
+}
+
+v1::Job InState(v1::Job job, v1::JobState state) {
+  job.set_state(state);
+  return job;
+}
+
+v1::JobProgress Event(int64_t sequence) {
+  v1::JobProgress progress;
+  progress.set_sequence(sequence);
+  progress.set_phase("joint");
+  return progress;
+}
+
+std::vector<std::string> NamesOf(const std::vector<v1::Job>& jobs) {
+  std::vector<std::string> names;
+  for (const v1::Job& job : jobs) names.push_back(job.name());
+  return names;
+}
+
+class SqliteStoreTest : public testing::Test {
+ protected:
+  void SetUp() override { Reopen(); }
+
+  // Closes and opens the file, as a restart does.
+  void Reopen() {
+    store_.reset();
+    auto store = SqliteStore::Open(file_);
+    ASSERT_TRUE(store.ok()) << store.status();
+    store_ = *std::move(store);
+  }
+
+  const data::TemporaryFolder folder_;
+  const std::filesystem::path file_ = folder_ / "maneuver.db";
+  std::unique_ptr<SqliteStore> store_;
+};
+
+TEST_F(SqliteStoreTest, JobsProgressAndAliasesSurviveARestart) {
+  const v1::Job job = PendingJob("a");
+  ASSERT_TRUE(store_->Add(job, "request", "digest").ok());
+  const v1::Job running = InState(job, v1::JOB_STATE_RUNNING);
+  ASSERT_TRUE(store_->Move(v1::JOB_STATE_PENDING, running).ok());
+  ASSERT_TRUE(store_->AddProgress("jobs/a", Event(1)).ok());
+  ASSERT_TRUE(store_->AddProgress("jobs/a", Event(2)).ok());
+  ASSERT_TRUE(store_->SetAlias({"town", "serving"}, 3).ok());
+
+  Reopen();
+
+  v1::Job expected = running;
+  *expected.mutable_progress() = Event(2);
+  const auto found = store_->Get("jobs/a");
+  ASSERT_TRUE(found.ok()) << found.status();
+  EXPECT_TRUE(MessageDifferencer::Equals(*found, expected)) << found->DebugString();
+  const auto requested = store_->FindRequest("request");
+  ASSERT_TRUE(requested.ok() && requested->has_value());
+  EXPECT_EQ((*requested)->job.name(), "jobs/a");
+  EXPECT_EQ((*requested)->request_digest, "digest");
+  EXPECT_EQ(*store_->GetAlias({"town", "serving"}), 3);
+}
+
+TEST_F(SqliteStoreTest, ARequestIdBelongsToOneJobAndNoRequestIdToAny) {
+  ASSERT_TRUE(store_->Add(PendingJob("a"), "request", "").ok());
+  EXPECT_TRUE(absl::IsAlreadyExists(store_->Add(PendingJob("b"), "request", "")));
+  EXPECT_TRUE(absl::IsNotFound(store_->Get("jobs/b").status()));
+  ASSERT_TRUE(store_->Add(PendingJob("c"), "", "").ok());
+  EXPECT_TRUE(store_->Add(PendingJob("d"), "", "").ok());
+  EXPECT_FALSE(store_->FindRequest("")->has_value());
+}
+
+TEST_F(SqliteStoreTest, PagesAreNewestFirstWithoutGapsWhileJobsArrive) {
+  for (const char* id : {"a", "b", "c", "d", "e"}) {
+    ASSERT_TRUE(store_->Add(PendingJob(id), "", "").ok());
+  }
+  auto page = store_->List(2, "");
+  ASSERT_TRUE(page.ok());
+  EXPECT_THAT(NamesOf(page->jobs), ElementsAre("jobs/e", "jobs/d"));
+  ASSERT_TRUE(store_->Add(PendingJob("f"), "", "").ok());
+  page = store_->List(2, page->next_page_token);
+  EXPECT_THAT(NamesOf(page->jobs), ElementsAre("jobs/c", "jobs/b"));
+  page = store_->List(2, page->next_page_token);
+  EXPECT_THAT(NamesOf(page->jobs), ElementsAre("jobs/a"));
+  EXPECT_EQ(page->next_page_token, "");
+  EXPECT_EQ(store_->List(6, "")->next_page_token, "");
+}
+
+TEST_F(SqliteStoreTest, AForeignPageTokenIsRefused) {
+  for (const char* token : {"x", "-1", "0", "1 or 1"}) {
+    EXPECT_TRUE(absl::IsInvalidArgument(store_->List(2, token).status())) << token;
+  }
+}
+
+TEST_F(SqliteStoreTest, OfTwoWhoMoveAJobOneWins) {
+  const v1::Job job = PendingJob("a");
+  ASSERT_TRUE(store_->Add(job, "", "").ok());
+  EXPECT_TRUE(store_->Move(v1::JOB_STATE_PENDING, InState(job, v1::JOB_STATE_CANCELLED)).ok());
+  const absl::Status late =
+      store_->Move(v1::JOB_STATE_PENDING, InState(job, v1::JOB_STATE_RUNNING));
+  EXPECT_TRUE(absl::IsFailedPrecondition(late)) << late;
+  EXPECT_THAT(std::string(late.message()), HasSubstr("cancelled"));
+  EXPECT_EQ(store_->Get("jobs/a")->state(), v1::JOB_STATE_CANCELLED);
+}
+
+TEST_F(SqliteStoreTest, AForbiddenMoveChangesNothing) {
+  const v1::Job job = PendingJob("a");
+  ASSERT_TRUE(store_->Add(job, "", "").ok());
+  EXPECT_TRUE(absl::IsFailedPrecondition(
+      store_->Move(v1::JOB_STATE_PENDING, InState(job, v1::JOB_STATE_SUCCEEDED))));
+  EXPECT_EQ(store_->Get("jobs/a")->state(), v1::JOB_STATE_PENDING);
+  EXPECT_TRUE(absl::IsNotFound(
+      store_->Move(v1::JOB_STATE_PENDING, InState(PendingJob("b"), v1::JOB_STATE_RUNNING))));
+}
+
+TEST_F(SqliteStoreTest, JobsInAStateComeOldestFirst) {
+  for (const char* id : {"a", "b", "c"}) ASSERT_TRUE(store_->Add(PendingJob(id), "", "").ok());
+  ASSERT_TRUE(
+      store_->Move(v1::JOB_STATE_PENDING, InState(PendingJob("b"), v1::JOB_STATE_RUNNING)).ok());
+  EXPECT_THAT(NamesOf(*store_->ListInState(v1::JOB_STATE_PENDING, std::nullopt)),
+              ElementsAre("jobs/a", "jobs/c"));
+  EXPECT_THAT(NamesOf(*store_->ListInState(v1::JOB_STATE_PENDING, 1)), ElementsAre("jobs/a"));
+  EXPECT_EQ(*store_->CountInState(v1::JOB_STATE_PENDING), 2);
+  EXPECT_EQ(*store_->CountInState(v1::JOB_STATE_FAILED), 0);
+}
+
+TEST_F(SqliteStoreTest, ProgressIsReadFromACursorOn) {
+  ASSERT_TRUE(store_->Add(PendingJob("a"), "", "").ok());
+  for (int i = 1; i <= 5; ++i) ASSERT_TRUE(store_->AddProgress("jobs/a", Event(i)).ok());
+  const auto events = store_->ListProgress("jobs/a", 2, 2);
+  ASSERT_TRUE(events.ok());
+  ASSERT_EQ(events->size(), 2u);
+  EXPECT_EQ((*events)[0].sequence(), 3);
+  EXPECT_EQ((*events)[1].sequence(), 4);
+  EXPECT_THAT(*store_->ListProgress("jobs/a", 5, 10), IsEmpty());
+  EXPECT_TRUE(absl::IsNotFound(store_->AddProgress("jobs/b", Event(1))));
+}
+
+TEST_F(SqliteStoreTest, AnEndedJobIsForgottenWithItsProgressAndAnotherIsNot) {
+  const v1::Job job = PendingJob("a");
+  ASSERT_TRUE(store_->Add(job, "request", "").ok());
+  ASSERT_TRUE(store_->AddProgress("jobs/a", Event(1)).ok());
+  EXPECT_TRUE(absl::IsFailedPrecondition(store_->Delete("jobs/a")));
+  ASSERT_TRUE(store_->Move(v1::JOB_STATE_PENDING, InState(job, v1::JOB_STATE_CANCELLED)).ok());
+  ASSERT_TRUE(store_->Delete("jobs/a").ok());
+  EXPECT_TRUE(absl::IsNotFound(store_->Get("jobs/a").status()));
+  EXPECT_TRUE(absl::IsNotFound(store_->Delete("jobs/a")));
+  // Nothing of it comes back with a job of the same name.
+  ASSERT_TRUE(store_->Add(job, "request", "").ok());
+  EXPECT_FALSE(store_->Get("jobs/a")->has_progress());
+}
+
+TEST_F(SqliteStoreTest, AliasesAreMovedListedAndRemoved) {
+  ASSERT_TRUE(store_->SetAlias({"town", "serving"}, 1).ok());
+  ASSERT_TRUE(store_->SetAlias({"town", "candidate"}, 2).ok());
+  ASSERT_TRUE(store_->SetAlias({"town", "serving"}, 2).ok());
+  const auto aliases = store_->ListAliases();
+  ASSERT_TRUE(aliases.ok());
+  ASSERT_EQ(aliases->size(), 2u);
+  EXPECT_EQ((*aliases)[0].name.alias, "candidate");
+  EXPECT_EQ((*aliases)[1].version, 2);
+  ASSERT_TRUE(store_->DeleteAlias({"town", "serving"}).ok());
+  EXPECT_TRUE(absl::IsNotFound(store_->DeleteAlias({"town", "serving"})));
+  EXPECT_TRUE(absl::IsNotFound(store_->GetAlias({"town", "serving"}).status()));
+}
+
+TEST_F(SqliteStoreTest, ASecondServerIsKeptOut) {
+  const auto second = SqliteStore::Open(file_);
+  EXPECT_TRUE(absl::IsUnavailable(second.status())) << second.status();
+}
+
+TEST_F(SqliteStoreTest, ANewerSchemaIsRefused) {
+  store_.reset();
+  sqlite3* database = nullptr;
+  ASSERT_EQ(sqlite3_open(file_.c_str(), &database), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(database, "PRAGMA user_version = 99", nullptr, nullptr, nullptr),
+            SQLITE_OK);
+  sqlite3_close(database);
+  const auto store = SqliteStore::Open(file_);
+  EXPECT_TRUE(absl::IsFailedPrecondition(store.status())) << store.status();
+  EXPECT_THAT(std::string(store.status().message()), HasSubstr("99"));
+}
+
+TEST_F(SqliteStoreTest, AFileThatIsNoDatabaseIsRefused) {
+  store_.reset();
+  std::filesystem::remove(file_);
+  std::ofstream(file_) << std::string(5000, 'x');
+  EXPECT_TRUE(absl::IsDataLoss(SqliteStore::Open(file_).status()));
+}
+
+TEST_F(SqliteStoreTest, ManyThreadsMayUseIt) {
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 4; ++t) {
+    threads.emplace_back([this, t] {
+      for (int i = 0; i < 10; ++i) {
+        const std::string id = std::to_string(t) + "-" + std::to_string(i);
+        EXPECT_TRUE(store_->Add(PendingJob(id), id, "").ok());
+        EXPECT_TRUE(store_->AddProgress("jobs/" + id, Event(1)).ok());
+        EXPECT_EQ(store_->Get("jobs/" + id)->progress().sequence(), 1);
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(*store_->CountInState(v1::JOB_STATE_PENDING), 40);
+}
+
+}  // namespace
+}  // namespace maneuver::jobs

@@ -1,0 +1,367 @@
+#include "server/jobs/supervisor.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "model/files/durable_file.h"
+#include "tests/unit/server/jobs/supervisor_fixture.h"
+
+namespace maneuver::jobs {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::Not;
+
+TEST_F(SupervisorTest, ATrainedModelIsPublishedAndItsJobSucceeds) {
+  Trainer(R"(echo '{"phase":"load","fraction":0.1}'
+             mkdir "$output"; cp "$settings" "$output/settings"
+             echo "$arguments" > "$output/arguments")");
+  Start();
+  v1::TrainRequest request = TrainTown();
+  request.set_promotion(v1::PROMOTION_ALWAYS);
+  request.mutable_settings()->set_seed(42);
+  const v1::Job created = Train(request);
+  EXPECT_EQ(created.state(), v1::JOB_STATE_PENDING);
+  EXPECT_TRUE(created.has_create_time());
+
+  const v1::Job job = WaitForEnd(created.name());
+  EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.DebugString();
+  EXPECT_EQ(job.model_version(), "models/town/versions/1");
+  EXPECT_EQ(job.progress().fraction(), 0.1);
+  EXPECT_TRUE(job.has_start_time() && job.has_end_time() && !job.has_error());
+  EXPECT_EQ(promotions_, std::vector{v1::PROMOTION_ALWAYS});
+  // What it was told: complete settings, the dataset's folder and name.
+  const std::string settings = *files::ReadFile(folder_ / "town1" / "settings");
+  EXPECT_THAT(settings, AllOf(HasSubstr("\"42\""), HasSubstr("jointEpochs")));
+  EXPECT_THAT(*files::ReadFile(folder_ / "town1" / "arguments"),
+              AllOf(HasSubstr("train "),
+                    HasSubstr("--dataset " + datasets_->FolderOf("town").string() + " "),
+                    HasSubstr("--dataset-name datasets/town")));
+  EXPECT_FALSE(fs::exists(FolderOf(job) / "output"));
+}
+
+TEST_F(SupervisorTest, AnEvaluationPutsItsReportOnTheJob) {
+  Trainer(R"([ "$command" = evaluate ] || exit 64
+             printf '{"examples":"12","metrics":{"minADE6":1.5}}' > "$output")");
+  Start();
+  v1::EvaluateRequest request;
+  request.set_model("models/town");
+  request.set_dataset("datasets/village");
+  const auto created = supervisor_->Evaluate(request);
+  ASSERT_TRUE(created.ok()) << created.status();
+  // The version that it meant when it was asked for.
+  EXPECT_EQ(created->evaluate().model(), "models/town/versions/7");
+  const v1::Job job = WaitForEnd(created->name());
+  EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.DebugString();
+  EXPECT_EQ(job.evaluation().model_version(), "models/town/versions/7");
+  EXPECT_EQ(job.evaluation().dataset(), "datasets/village");
+  EXPECT_EQ(job.evaluation().examples(), 12);
+  EXPECT_EQ(job.evaluation().metrics().at("minADE6"), 1.5);
+}
+
+TEST_F(SupervisorTest, AFailureHasAReasonAndTheLastLineWithoutPaths) {
+  Trainer("echo first >&2; echo \"no vehicle in $dataset/x.tfrecord\" >&2; exit 65");
+  Start();
+  const v1::Job job = WaitForEnd(Train().name());
+  EXPECT_EQ(job.state(), v1::JOB_STATE_FAILED);
+  EXPECT_EQ(ReasonOf(job), "UNUSABLE_DATA");
+  EXPECT_THAT(job.error().message(), HasSubstr("no vehicle in x.tfrecord"));
+  EXPECT_THAT(job.error().message(), Not(HasSubstr("datasets")));
+  EXPECT_THAT(*files::ReadFile(FolderOf(job) / "trainer.log"), HasSubstr("first\n"));
+}
+
+TEST_F(SupervisorTest, ATrainerThatIsKilledFailsTheJobAndTheNextRuns) {
+  Trainer("kill -9 $$");
+  Start();
+  const v1::Job killed = WaitForEnd(Train().name());
+  EXPECT_EQ(killed.state(), v1::JOB_STATE_FAILED);
+  EXPECT_EQ(ReasonOf(killed), "TRAINER_KILLED");
+  Trainer("mkdir \"$output\"");
+  EXPECT_EQ(WaitForEnd(Train().name()).state(), v1::JOB_STATE_SUCCEEDED);
+}
+
+TEST_F(SupervisorTest, ATrainerThatCannotBeStartedFailsTheJob) {
+  SupervisorOptions options = Options();
+  options.trainer = folder_ / "no-such-program";
+  StartWith(options);
+  const v1::Job job = WaitForEnd(Train().name());
+  EXPECT_EQ(ReasonOf(job), "TRAINER_INTERNAL");
+  EXPECT_THAT(job.error().message(), HasSubstr("cannot be started"));
+}
+
+TEST_F(SupervisorTest, AModelThatCannotBePublishedFailsTheJobAndLeavesNothing) {
+  publish_error_ = absl::DataLossError("tensor decoder.0.weight is missing in /data/x");
+  Start();
+  const v1::Job job = WaitForEnd(Train().name());
+  EXPECT_EQ(job.state(), v1::JOB_STATE_FAILED);
+  EXPECT_EQ(ReasonOf(job), "MODEL_REFUSED");
+  EXPECT_THAT(job.error().message(), HasSubstr("decoder.0.weight is missing in x"));
+  EXPECT_FALSE(fs::exists(FolderOf(job) / "output"));
+}
+
+TEST_F(SupervisorTest, AnEvaluationWithoutAReportFails) {
+  Trainer("exit 0");
+  Start();
+  v1::EvaluateRequest request;
+  request.set_model("models/town");
+  request.set_dataset("datasets/town");
+  EXPECT_EQ(ReasonOf(WaitForEnd(supervisor_->Evaluate(request)->name())), "TRAINER_INTERNAL");
+}
+
+TEST_F(SupervisorTest, ARequestIdMakesOneJob) {
+  Start();
+  v1::TrainRequest request = TrainTown();
+  request.set_request_id("mine");
+  const v1::Job first = Train(request);
+  WaitForEnd(first.name());
+  const v1::Job again = Train(request);
+  EXPECT_EQ(again.name(), first.name());
+  EXPECT_EQ(again.state(), v1::JOB_STATE_SUCCEEDED);
+  EXPECT_EQ(store_->List(10, "")->jobs.size(), 1u);
+
+  request.mutable_settings()->set_seed(2);
+  const auto other = supervisor_->Train(request);
+  EXPECT_TRUE(absl::IsAlreadyExists(other.status())) << other.status();
+  EXPECT_THAT(std::string(other.status().message()), HasSubstr(first.name()));
+}
+
+TEST_F(SupervisorTest, ValidateOnlyStartsNothing) {
+  Start();
+  v1::TrainRequest request = TrainTown();
+  request.set_validate_only(true);
+  EXPECT_EQ(Train(request).name(), "");
+  EXPECT_THAT(store_->List(10, "")->jobs, IsEmpty());
+  request.set_datasets(0, "datasets/none");
+  EXPECT_TRUE(absl::IsNotFound(supervisor_->Train(request).status()));
+}
+
+TEST_F(SupervisorTest, WrongRequestsAreRefusedByField) {
+  Start();
+  v1::TrainRequest request = TrainTown();
+  request.set_model("models/Town");
+  request.add_datasets("datasets/../x");
+  request.add_datasets("datasets/town");
+  request.mutable_settings()->mutable_optimization()->set_learning_rate(-1.0);
+  request.set_request_id(std::string(129, 'x'));
+  const absl::Status status = supervisor_->Train(request).status();
+  EXPECT_TRUE(absl::IsInvalidArgument(status));
+  const std::string details(status.GetPayload("type.googleapis.com/google.rpc.BadRequest").value());
+  for (const char* field : {"model", "datasets[1]", "datasets[2]", "request_id",
+                            "settings.optimization.learning_rate"}) {
+    EXPECT_THAT(details, HasSubstr(field));
+  }
+  v1::EvaluateRequest evaluate;
+  evaluate.set_dataset("town");
+  EXPECT_TRUE(absl::IsInvalidArgument(supervisor_->Evaluate(evaluate).status()));
+  evaluate.set_dataset("datasets/town");
+  evaluate.set_model("models/none");
+  EXPECT_TRUE(absl::IsNotFound(supervisor_->Evaluate(evaluate).status()));
+}
+
+TEST_F(SupervisorTest, ARunningJobIsCancelled) {
+  Trainer(kRunsOn);
+  Start();
+  const std::string name = Train().name();
+  WaitForProgress(name);
+  const auto answer = supervisor_->Cancel(name);
+  ASSERT_TRUE(answer.ok());
+  const v1::Job job = WaitForEnd(name);
+  EXPECT_EQ(job.state(), v1::JOB_STATE_CANCELLED);
+  EXPECT_TRUE(job.has_end_time() && !job.has_error());
+  EXPECT_THAT(promotions_, IsEmpty());
+}
+
+TEST_F(SupervisorTest, ATrainerThatIgnoresSigtermIsKilled) {
+  Trainer(kIgnoresSigterm);
+  SupervisorOptions options = Options();
+  options.patience = std::chrono::milliseconds(50);
+  StartWith(options);
+  const std::string name = Train().name();
+  WaitForProgress(name);
+  ASSERT_TRUE(supervisor_->Cancel(name).ok());
+  EXPECT_EQ(WaitForEnd(name).state(), v1::JOB_STATE_CANCELLED);
+}
+
+TEST_F(SupervisorTest, APendingJobIsCancelledAtOnceAndNeverRuns) {
+  Trainer(kRunsOn);
+  Start();
+  const std::string first = Train().name();
+  WaitForProgress(first);
+  const std::string second = Train().name();
+  const auto cancelled = supervisor_->Cancel(second);
+  ASSERT_TRUE(cancelled.ok()) << cancelled.status();
+  EXPECT_EQ(cancelled->state(), v1::JOB_STATE_CANCELLED);
+  EXPECT_FALSE(cancelled->has_start_time());
+  ASSERT_TRUE(supervisor_->Cancel(first).ok());
+  WaitForEnd(first);
+  EXPECT_FALSE(fs::exists(folder_ / second));
+}
+
+TEST_F(SupervisorTest, CancellingAnEndedJobChangesNothing) {
+  Start();
+  const v1::Job job = WaitForEnd(Train().name());
+  const auto answer = supervisor_->Cancel(job.name());
+  ASSERT_TRUE(answer.ok());
+  EXPECT_EQ(answer->state(), v1::JOB_STATE_SUCCEEDED);
+  EXPECT_TRUE(absl::IsNotFound(supervisor_->Cancel("jobs/none").status()));
+}
+
+TEST_F(SupervisorTest, AJobIsDeletedWithItsFolderOnceItEnded) {
+  Trainer(kRunsOn);
+  Start();
+  const v1::Job job = Train();
+  WaitForProgress(job.name());
+  EXPECT_TRUE(absl::IsFailedPrecondition(supervisor_->Delete(job.name())));
+  ASSERT_TRUE(supervisor_->Cancel(job.name()).ok());
+  WaitForEnd(job.name());
+  EXPECT_TRUE(fs::exists(FolderOf(job)));
+  EXPECT_TRUE(supervisor_->Delete(job.name()).ok());
+  EXPECT_FALSE(fs::exists(FolderOf(job)));
+  EXPECT_TRUE(absl::IsNotFound(supervisor_->Get(job.name()).status()));
+}
+
+TEST_F(SupervisorTest, ADatasetIsKeptWhileAJobNeedsIt) {
+  Trainer(kRunsOn);
+  Start();
+  const std::string running = Train().name();
+  WaitForProgress(running);
+  v1::TrainRequest request = TrainTown();
+  request.set_datasets(0, "datasets/village");
+  const std::string pending = Train(request).name();
+  for (const char* id : {"town", "village"}) {
+    EXPECT_TRUE(absl::IsFailedPrecondition(supervisor_->DeleteDataset(id))) << id;
+  }
+  ASSERT_TRUE(supervisor_->Cancel(pending).ok());
+  EXPECT_TRUE(supervisor_->DeleteDataset("village").ok());
+  EXPECT_FALSE(datasets_->Contains("village"));
+  EXPECT_TRUE(absl::IsNotFound(supervisor_->DeleteDataset("village")));
+  EXPECT_TRUE(absl::IsNotFound(supervisor_->Train(request).status()));
+}
+
+TEST_F(SupervisorTest, StoppingCutsOffTheRunningJobAndKeepsThePending) {
+  Trainer(kRunsOn);
+  Start();
+  const std::string running = Train().name();
+  WaitForProgress(running);
+  const std::string pending = Train().name();
+  supervisor_->Stop();
+  EXPECT_TRUE(supervisor_->IsStopped());
+  const v1::Job job = *store_->Get(running);
+  EXPECT_EQ(job.state(), v1::JOB_STATE_FAILED);
+  EXPECT_EQ(ReasonOf(job), "SERVER_INTERRUPTED");
+  EXPECT_EQ(store_->Get(pending)->state(), v1::JOB_STATE_PENDING);
+  EXPECT_TRUE(absl::IsUnavailable(supervisor_->Train(TrainTown()).status()));
+
+  Trainer("mkdir \"$output\"");
+  Start();
+  EXPECT_EQ(WaitForEnd(pending).state(), v1::JOB_STATE_SUCCEEDED);
+}
+
+TEST_F(SupervisorTest, AfterSuddenDeathRunningJobsAreMarkedAndLeftoversRemoved) {
+  // As a server leaves it that was killed: a job RUNNING, files half-written, another PENDING.
+  v1::Job job;
+  job.set_name("jobs/interrupted");
+  job.set_state(v1::JOB_STATE_PENDING);
+  *job.mutable_train() = TrainTown();
+  ASSERT_TRUE(store_->Add(job, "", "").ok());
+  job.set_state(v1::JOB_STATE_RUNNING);
+  ASSERT_TRUE(store_->Move(v1::JOB_STATE_PENDING, job).ok());
+  v1::Job next = job;
+  next.set_name("jobs/next");
+  next.set_state(v1::JOB_STATE_PENDING);
+  ASSERT_TRUE(store_->Add(next, "", "").ok());
+  for (const char* leftover : {"interrupted/output", "interrupted/.output.tmp-1", "forgotten"}) {
+    fs::create_directories(folder_ / "jobs" / leftover);
+  }
+  std::ofstream(folder_ / "jobs" / "interrupted" / "trainer.log") << "half";
+
+  Start();
+  const v1::Job interrupted = *store_->Get("jobs/interrupted");
+  EXPECT_EQ(interrupted.state(), v1::JOB_STATE_FAILED);
+  EXPECT_EQ(ReasonOf(interrupted), "SERVER_INTERRUPTED");
+  EXPECT_TRUE(interrupted.has_end_time());
+  EXPECT_FALSE(fs::exists(folder_ / "jobs" / "interrupted" / "output"));
+  EXPECT_FALSE(fs::exists(folder_ / "jobs" / "interrupted" / ".output.tmp-1"));
+  EXPECT_TRUE(fs::exists(folder_ / "jobs" / "interrupted" / "trainer.log"));
+  EXPECT_FALSE(fs::exists(folder_ / "jobs" / "forgotten"));
+  EXPECT_EQ(WaitForEnd("jobs/next").state(), v1::JOB_STATE_SUCCEEDED);
+}
+
+TEST_F(SupervisorTest, JobsRunInTheOrderOfTheirCreation) {
+  Trainer("echo \"$dataset_name\" >> \"${0%/*}/order\"; mkdir \"$output\"");
+  Start();
+  std::string last;
+  for (const char* dataset : {"datasets/town", "datasets/village", "datasets/town"}) {
+    v1::TrainRequest request = TrainTown();
+    request.set_datasets(0, dataset);
+    last = Train(request).name();
+  }
+  WaitForEnd(last);
+  EXPECT_EQ(*files::ReadFile(folder_ / "order"),
+            "datasets/town\ndatasets/village\ndatasets/town\n");
+}
+
+TEST_F(SupervisorTest, EveryWatcherGetsTheSameEventsWheneverItComes) {
+  // Ends of epochs are never left out, so all of them are events.
+  Trainer(R"(for i in 1 2 3 4 5 6 7 8 9 10 11 12; do
+               echo "{\"phase\":\"joint\",\"epoch\":$i,\"epochReport\":{}}"
+             done
+             echo 'not a message'
+             mkdir "$output")");
+  Start();
+  const std::string job = Train().name();
+  std::vector<std::vector<v1::Job>> seen(3);
+  std::vector<std::thread> watchers;
+  for (size_t i = 0; i < seen.size(); ++i) {
+    watchers.emplace_back(
+        [&, i] { seen[i] = Follow(supervisor_->news(), *store_, job, 0, i == 0 ? 1 : 5); });
+  }
+  for (std::thread& watcher : watchers) watcher.join();
+  seen.push_back(Follow(supervisor_->news(), *store_, job, 0, 100));
+  for (const auto& events : seen) {
+    ASSERT_EQ(events.size(), 13u);
+    for (int i = 0; i < 13; ++i) {
+      const v1::Job& event = events[static_cast<size_t>(i)];
+      EXPECT_EQ(event.SerializeAsString(), seen[0][static_cast<size_t>(i)].SerializeAsString());
+      EXPECT_EQ(event.state(), i < 12 ? v1::JOB_STATE_RUNNING : v1::JOB_STATE_SUCCEEDED);
+      EXPECT_EQ(event.progress().sequence(), std::min(i + 1, 12));
+      EXPECT_EQ(event.progress().epoch(), std::min(i + 1, 12));
+    }
+  }
+  const auto rest = Follow(supervisor_->news(), *store_, job, 10, 100);
+  ASSERT_EQ(rest.size(), 3u);
+  EXPECT_EQ(rest[0].progress().sequence(), 11);
+}
+
+TEST_F(SupervisorTest, CreatesCancelsAndDeletesFromManyThreadsLeaveAllJobsEnded) {
+  SupervisorOptions options = Options();
+  options.max_running_jobs = 2;
+  StartWith(options);
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 4; ++t) {
+    threads.emplace_back([this, t] {
+      for (int i = 0; i < 4; ++i) {
+        const std::string name = Train().name();
+        if ((t + i) % 2 == 0) {
+          EXPECT_TRUE(supervisor_->Cancel(name).ok());
+        }
+        const v1::JobState end = WaitForEnd(name).state();
+        EXPECT_TRUE(end == v1::JOB_STATE_SUCCEEDED || end == v1::JOB_STATE_CANCELLED);
+        if (i == 3) {
+          EXPECT_TRUE(supervisor_->Delete(name).ok());
+        }
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  const auto page = store_->List(100, "");
+  ASSERT_TRUE(page.ok());
+  EXPECT_EQ(page->jobs.size(), 12u);
+  for (const v1::Job& job : page->jobs) EXPECT_TRUE(HasEnded(job.state()));
+}
+
+}  // namespace
+}  // namespace maneuver::jobs

@@ -1,0 +1,98 @@
+#include "server/jobs/trainer_outcome.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <fstream>
+
+#include "maneuver/v1/status.pb.h"
+#include "server/errors/error_details.h"
+#include "tests/unit/model/data/temporary_folder.h"
+
+namespace maneuver::jobs {
+namespace {
+
+using testing::HasSubstr;
+
+v1::ErrorInfo InfoOf(const absl::Status& status) {
+  v1::ErrorInfo info;
+  const v1::Status proto = errors::ToProto(status);
+  EXPECT_TRUE(!proto.details().empty() && info.ParseFromString(proto.details(0).value()));
+  return info;
+}
+
+struct ExitCase {
+  int exit_status;
+  absl::StatusCode code;
+  std::string reason;
+};
+
+TEST(TrainerOutcomeTest, EveryExitStatusHasItsReason) {
+  EXPECT_TRUE(TrainerStatus({.exit_status = 0, .signal = 0}, "bye").ok());
+  const ExitCase cases[] = {
+      {64, absl::StatusCode::kInvalidArgument, "INVALID_SETTINGS"},
+      {65, absl::StatusCode::kFailedPrecondition, "UNUSABLE_DATA"},
+      {70, absl::StatusCode::kInternal, "TRAINER_INTERNAL"},
+      {74, absl::StatusCode::kResourceExhausted, "CANNOT_WRITE"},
+      {80, absl::StatusCode::kAborted, "TRAINING_DIVERGED"},
+      {1, absl::StatusCode::kInternal, "TRAINER_INTERNAL"},
+      {127, absl::StatusCode::kInternal, "TRAINER_INTERNAL"},
+  };
+  for (const ExitCase& c : cases) {
+    const absl::Status status = TrainerStatus({.exit_status = c.exit_status, .signal = 0}, "bye");
+    EXPECT_EQ(status.code(), c.code) << c.exit_status;
+    EXPECT_EQ(InfoOf(status).reason(), c.reason) << c.exit_status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr("bye")) << c.exit_status;
+  }
+}
+
+TEST(TrainerOutcomeTest, ASignalIsNamedAndCounted) {
+  const absl::Status killed = TrainerStatus({.exit_status = 0, .signal = SIGKILL}, "");
+  EXPECT_EQ(InfoOf(killed).reason(), "TRAINER_KILLED");
+  EXPECT_EQ(InfoOf(killed).metadata().at("signal"), "9");
+  EXPECT_THAT(std::string(killed.message()), HasSubstr("killed by signal 9 (SIGKILL)"));
+  EXPECT_THAT(std::string(killed.message()), HasSubstr("memory"));
+  EXPECT_THAT(std::string(TrainerStatus({.exit_status = 0, .signal = SIGSEGV}, "").message()),
+              HasSubstr("crashed by signal 11"));
+}
+
+TEST(TrainerOutcomeTest, PathsLoseTheirFolders) {
+  EXPECT_EQ(WithoutPaths("cannot write /srv/data/jobs/a/output: disk full"),
+            "cannot write output: disk full");
+  EXPECT_EQ(WithoutPaths("'/a/b/' and (/c/d), --output=/e/f"), "'b' and (d), --output=f");
+  EXPECT_EQ(WithoutPaths("datasets/town has 3/4 of jobs/x"), "datasets/town has 3/4 of jobs/x");
+  EXPECT_EQ(WithoutPaths("/"), "");
+  EXPECT_EQ(WithoutPaths(""), "");
+}
+
+class LastLineTest : public testing::Test {
+ protected:
+  std::string LastLineOf(const std::string& content) {
+    std::ofstream(folder_ / "log", std::ios::binary) << content;
+    return LastLine(folder_ / "log");
+  }
+  const data::TemporaryFolder folder_;
+};
+
+TEST_F(LastLineTest, IsTheLastThatSaysSomething) {
+  EXPECT_EQ(LastLineOf("first\nsecond\n\n  \n"), "second");
+  EXPECT_EQ(LastLineOf("first\nno end"), "no end");
+  EXPECT_EQ(LastLineOf(""), "");
+  EXPECT_EQ(LastLine(folder_ / "none"), "");
+}
+
+TEST_F(LastLineTest, OfALongLogIsFoundAndALongLineIsCut) {
+  EXPECT_EQ(LastLineOf(std::string(100'000, 'x') + "\nwhy\n"), "why");
+  EXPECT_EQ(LastLineOf(std::string(100'000, 'x')).size(), 400u);
+}
+
+TEST_F(LastLineTest, IsValidUtf8WithoutControlCharacters) {
+  EXPECT_EQ(LastLineOf("\x1b[1mbold\x07"), " [1mbold ");
+  EXPECT_EQ(LastLineOf("gr\xc3\xbc\xc3\x9f \xff \xc3"), "gr\xc3\xbc\xc3\x9f ? ?");
+  EXPECT_EQ(LastLineOf("\xe2\x82\xac \xc0\xaf \xed\xa0\x80"), "\xe2\x82\xac ?? ???");
+  EXPECT_EQ(LastLineOf("lost /secret/place/file.bin"), "lost file.bin");
+}
+
+}  // namespace
+}  // namespace maneuver::jobs

@@ -1,0 +1,40 @@
+#include "server/jobs/worker_pool.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <future>
+
+namespace maneuver::jobs {
+namespace {
+
+TEST(WorkerPoolTest, WhatWasAcceptedRunsBeforeThePoolEnds) {
+  std::atomic<int> runs = 0;
+  {
+    WorkerPool pool(2, 100);
+    for (int i = 0; i < 50; ++i) EXPECT_TRUE(pool.Post([&] { ++runs; }));
+  }
+  EXPECT_EQ(runs, 50);
+}
+
+TEST(WorkerPoolTest, RefusesNewWorkBeyondTheLimitButNeverTheNextStep) {
+  std::promise<void> started;
+  std::promise<void> release;
+  std::atomic<int> runs = 0;
+  {
+    WorkerPool pool(1, 1);
+    ASSERT_TRUE(pool.Post([&] {
+      started.set_value();
+      release.get_future().wait();
+    }));
+    started.get_future().wait();
+    EXPECT_TRUE(pool.Post([&] { ++runs; }));
+    EXPECT_FALSE(pool.Post([&] { ++runs; }));
+    pool.Continue([&] { ++runs; });
+    release.set_value();
+  }
+  EXPECT_EQ(runs, 2);
+}
+
+}  // namespace
+}  // namespace maneuver::jobs
