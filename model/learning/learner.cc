@@ -275,7 +275,7 @@ absl::Status Learner::TrainJointly() {
     optimizer.Add(networks_.Parameters(part), latent_rate, decay);
   }
   const v1::RasterSpec& raster = settings_.model().raster();
-  const int64_t examples = trajectories_.size(0);
+  const int64_t examples = EpochExamples(settings_, trajectories_.size(0));
   const int64_t batch_size = optimization.batch_size();
   const int64_t epoch_steps = StepsOfEpoch(examples, batch_size);
   const int64_t steps = epoch_steps * optimization.joint_epochs();
