@@ -41,7 +41,8 @@ v1::Scenario Scene() {
 }
 
 std::string FirstField(const absl::Status& status) {
-  for (const auto& any : errors::ToProto(status).details()) {
+  const v1::Status proto = errors::ToProto(status);
+  for (const auto& any : proto.details()) {
     v1::BadRequest detail;
     if (any.type_url() == "type.googleapis.com/google.rpc.BadRequest" &&
         detail.ParseFromString(any.value())) {

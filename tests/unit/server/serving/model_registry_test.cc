@@ -7,6 +7,7 @@
 
 #include "model/artifact/model_folder.h"
 #include "model/files/durable_file.h"
+#include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/server/serving/fake_action_model.h"
 
 namespace maneuver::serving {
@@ -69,7 +70,7 @@ class ModelRegistryTest : public ::testing::Test {
             -> absl::StatusOr<std::shared_ptr<const inference::ActionModel>> {
           ++loads_;
           const auto weights = files::ReadFile(folder / "weights.safetensors");
-          if (!weights.ok() || *weights != "good") {
+          if (!weights.ok() || *weights == "altered") {
             return absl::DataLossError("weights.safetensors was altered");
           }
           return std::make_shared<FakeActionModel>(networks_);
@@ -276,12 +277,13 @@ TEST_F(ModelRegistryTest, ReadinessIsTold) {
 }
 
 TEST_F(ModelRegistryTest, ALabelStaysWithItsVersion) {
-  ASSERT_TRUE(Publish("town").ok());
-  const fs::path version = folder_ / "models/town/1";
-  v1::ModelManifest manifest = FakeActionModel(networks_).manifest();
-  manifest.set_format_version(1);
-  for (int k = 0; k < kFakeActions; ++k) manifest.add_actions()->set_action_id(k);
-  ASSERT_TRUE(artifact::RewriteModelManifest(version, manifest).ok());
+  artifact::StoredModel model = artifact::TinyModel();
+  for (int k = 0; k < model.manifest.spec().actions(); ++k) {
+    model.manifest.add_actions()->set_action_id(k);
+  }
+  const fs::path finished = folder_ / "finished";
+  ASSERT_TRUE(artifact::WriteModelFolder(finished, model).ok());
+  ASSERT_TRUE(registry_->Publish("town", finished, v1::PROMOTION_UNSPECIFIED).ok());
   const auto before = registry_->List("town").at(0).create_time;
 
   const auto labelled = registry_->LabelAction({"town", 1}, 2, "turn left");
