@@ -10,15 +10,15 @@ Place DrawPlace(Random& random) {
     Place (*draw)(Random&);
     double weight;
   };
-  static constexpr std::array<Family, kLayoutCount> kFamilies = {{{StraightRoad, 0.5},
+  static constexpr std::array<Family, kLayoutCount> kFamilies = {{{StraightRoad, 0.4},
                                                                   {CurvedRoad, 0.9},
                                                                   {SignalCrossing, 2.2},
                                                                   {StopCrossing, 1.8},
                                                                   {TJunction, 1.5},
                                                                   {Turnaround, 1.5},
                                                                   {Roundabout, 1.2},
-                                                                  {Motorway, 0.25},
-                                                                  {MotorwayMerge, 0.55},
+                                                                  {Motorway, 0.2},
+                                                                  {MotorwayMerge, 0.8},
                                                                   {CarPark, 1.2}}};
   std::array<double, kLayoutCount> weights{};
   for (int i = 0; i < kLayoutCount; ++i) weights[i] = kFamilies[i].weight;

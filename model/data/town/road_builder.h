@@ -59,7 +59,7 @@ struct JunctionSpec {
   double corner = 7.5;  // metres from the kerbs' crossing to the stop lines
   double u_turn_weight = 0.0;
   double left_weight = 1.1;
-  double straight_weight = 1.3;
+  double straight_weight = 1.0;
   double right_weight = 1.0;
 };
 

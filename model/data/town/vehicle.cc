@@ -35,7 +35,7 @@ double TurnSign(const Lane& lane) {
 void NoteEvent(const LaneGraph& graph, Vehicle& vehicle) {
   const Lane& lane = graph.lanes[vehicle.lane()];
   const double from = vehicle.travelled - vehicle.s;
-  RouteEvent event{Maneuver::kKeepLane, from - 4.0, from, from + lane.path.length()};
+  RouteEvent event{Maneuver::kKeepLane, from - 2.0, from, from + lane.path.length()};
   switch (lane.movement) {
     case Movement::kLeft:
       event.maneuver = Maneuver::kTurnLeft;
