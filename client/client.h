@@ -54,18 +54,18 @@ struct CallDeadlines {
 
 struct ClientOptions {
   std::string address = "127.0.0.1:8470";  // HOST:PORT, or unix:PATH
-  CallDeadlines deadlines;
-  RetryPolicy retry;
+  CallDeadlines deadlines = {};
+  RetryPolicy retry = {};
   // A watched job whose stream broke is picked up again for so long after the last sign of life.
   absl::Duration watch_patience = absl::Minutes(1);
-  OnRetry on_retry;             // told before each wait; may be empty
+  OnRetry on_retry = {};        // told before each wait; may be empty
   std::string user_agent = "";  // goes before gRPC's own
 };
 
 // Of one call.
 struct CallOptions {
-  std::optional<absl::Duration> timeout;  // in place of the kind's deadline
-  Cancellation* cancellation = nullptr;   // not owned; outlives the call
+  std::optional<absl::Duration> timeout = {};  // in place of the kind's deadline
+  Cancellation* cancellation = nullptr;        // not owned; outlives the call
 };
 
 // A connection to one server. Thread-safe; calls run in the calling thread.

@@ -10,7 +10,9 @@ namespace {
 template <typename Number>
 CLI::Option* AddNumber(CLI::App* app, const std::string& flags, Number* value, Number least,
                        Number most, const std::string& help) {
-  return app->add_option(flags, *value, help)->check(CLI::Range(least, most));
+  return app->add_option(flags, *value, help)
+      ->check(CLI::Range(least, most).description(""))
+      ->type_name("NUMBER");
 }
 
 template <typename Number>
@@ -20,7 +22,8 @@ CLI::Option* AddOptionalNumber(CLI::App* app, const std::string& flags,
   return app
       ->add_option_function<Number>(
           flags, [value](const Number& given) { *value = given; }, help)
-      ->check(CLI::Range(least, most));
+      ->check(CLI::Range(least, most).description(""))
+      ->type_name("NUMBER");
 }
 
 }  // namespace
@@ -90,12 +93,15 @@ void Command::Option(const std::string& flags, std::vector<std::string>* values,
 
 void Command::Option(const std::string& flags, std::vector<int64_t>* values,
                      const std::string& help) {
-  app_->add_option(flags, *values, help)->delimiter(',');
+  app_->add_option(flags, *values, help)->delimiter(',')->type_name("NUMBER");
 }
 
 void Command::Choice(const std::string& flags, std::string* value,
                      const std::vector<std::string>& choices, const std::string& help) {
-  app_->add_option(flags, *value, help)->check(CLI::IsMember(choices))->capture_default_str();
+  app_->add_option(flags, *value, help)
+      ->check(CLI::IsMember(choices).description(""))
+      ->type_name(CLI::detail::join(choices, "|"))
+      ->capture_default_str();
 }
 
 void Command::Flag(const std::string& flags, bool* value, const std::string& help) {

@@ -16,7 +16,7 @@ namespace {
 constexpr Color kPaper = {255, 255, 255};
 constexpr Color kInk = {20, 20, 20};
 constexpr Color kFaintInk = {90, 90, 90};
-constexpr double kHeader = 58.0;    // pixels over the whole
+constexpr double kHeader = 80.0;    // pixels over the whole
 constexpr double kLeastSide = 4.0;  // metres that a panel shows at least, along each axis
 
 using Points = std::vector<std::pair<double, double>>;  // metres, from the origin on
@@ -67,7 +67,7 @@ absl::Status DrawAction(const v1::Action& action, const Box& cell, Canvas* canva
 
   const Box box{cell.left + 50.0, cell.top + 34.0, cell.width - 64.0, cell.height - 66.0};
   const Axes axes(box, extent);
-  const AxesStyle style{{120, 120, 120}, kFaintInk, {236, 236, 236}, 8.0, false};
+  const AxesStyle style{{120, 120, 120}, kFaintInk, {236, 236, 236}, 8.0, 46.0, false};
   canvas->ClipTo(box);
   axes.DrawGrid(style, canvas);
   // The first sigma point is the mean; then each dimension has two.
@@ -90,16 +90,15 @@ absl::Status DrawAction(const v1::Action& action, const Box& cell, Canvas* canva
   return absl::OkStatus();
 }
 
-// What the colours mean: "mean", then "z1 +-1 sigma" and so on.
-void DrawKey(int dimensions, double right, double baseline, Canvas* canvas) {
+// What the colours mean: "mean", then "z1 +/-1 sigma" and so on.
+void DrawKey(int dimensions, double left, double baseline, Canvas* canvas) {
   constexpr double kLetters = 10.0;
-  for (int i = dimensions - 1; i >= -1; --i) {
-    const std::string text = i < 0 ? "mean" : absl::StrCat("z", i + 1, " +-1 sigma");
-    canvas->Text(text, {right, baseline}, kLetters, kInk, Anchor::kRight);
-    right -= Canvas::TextWidth(text, kLetters) + 8.0;
+  for (int i = -1; i < dimensions; ++i) {
+    const std::string text = i < 0 ? "mean" : absl::StrCat("z", i + 1, " +/-1 sigma");
     const double y = baseline - kLetters / 2.0;
-    canvas->Stroke({{right - 22.0, y}, {right, y}}, i < 0 ? kInk : LatentColor(i), 2.6);
-    right -= 22.0 + 18.0;
+    canvas->Stroke({{left, y}, {left + 22.0, y}}, i < 0 ? kInk : LatentColor(i), 2.6);
+    canvas->Text(text, {left + 30.0, baseline}, kLetters, kInk);
+    left += 30.0 + Canvas::TextWidth(text, kLetters) + 22.0;
   }
 }
 
@@ -133,9 +132,7 @@ absl::StatusOr<std::string> Draw(const v1::ActionSet& actions,
                       actions.actions_size(), horizon);
   canvas.Text(title, {20.0, 34.0}, 13.0, kInk, Anchor::kLeft, true);
   const int dimensions = (shown.front()->distribution().sigma_trajectories_size() - 1) / 2;
-  const double key_width = 130.0 * dimensions + 90.0;
-  const double title_right = 40.0 + Canvas::TextWidth(title, 13.0, true);
-  if (title_right + key_width < width) DrawKey(dimensions, width - 20.0, 33.0, &canvas);
+  DrawKey(dimensions, 20.0, 62.0, &canvas);
   const Box whole{0.0, kHeader, double(width), height - kHeader - 6.0};
   for (size_t i = 0; i < shown.size(); ++i) {
     status = DrawAction(*shown[i], CellOf(grid, static_cast<int>(i), whole), &canvas);

@@ -4,12 +4,6 @@
 #include <cstdio>
 
 namespace maneuver::plot {
-namespace {
-
-constexpr double kPixelsPerTick = 70.0;
-
-}  // namespace
-
 std::vector<double> Ticks(double low, double high, int count) {
   const double rough = (high - low) / std::max(count, 1);
   if (!(rough > 0.0)) return {low};
@@ -50,8 +44,8 @@ Pixel Axes::ToPixel(double x, double y) const {
 
 void Axes::DrawGrid(const AxesStyle& style, Canvas* canvas) const {
   std::vector<Line> lines;
-  const int across = std::max(2, static_cast<int>(box_.width / kPixelsPerTick));
-  const int up = std::max(2, static_cast<int>(box_.height / kPixelsPerTick));
+  const int across = std::max(2, static_cast<int>(box_.width / style.tick_distance));
+  const int up = std::max(2, static_cast<int>(box_.height / style.tick_distance));
   for (const double x : Ticks(left_, left_ + box_.width / pixels_per_meter_, across)) {
     const double at = ToPixel(x, 0.0).x;
     lines.push_back({{at, box_.top}, {at, box_.bottom()}});
@@ -71,8 +65,8 @@ void Axes::DrawFrame(const AxesStyle& style, Canvas* canvas) const {
                               {box_.left, box_.top}}};
   constexpr double kTick = 4.0;
   const double height = style.text_height;
-  const int across = std::max(2, static_cast<int>(box_.width / kPixelsPerTick));
-  const int up = std::max(2, static_cast<int>(box_.height / kPixelsPerTick));
+  const int across = std::max(2, static_cast<int>(box_.width / style.tick_distance));
+  const int up = std::max(2, static_cast<int>(box_.height / style.tick_distance));
   const auto step = [](const std::vector<double>& ticks) {
     return ticks.size() > 1 ? ticks[1] - ticks[0] : 1.0;
   };

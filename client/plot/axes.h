@@ -29,8 +29,9 @@ struct AxesStyle {
   Color frame;
   Color text;
   Color grid;
-  double text_height = 9.0;  // of the ticks' numbers, pixels
-  bool titles = true;        // "x [m]", "y [m]"
+  double text_height = 9.0;     // of the ticks' numbers, pixels
+  double tick_distance = 70.0;  // pixels, about
+  bool titles = true;           // "ahead [m]", "left [m]"
 };
 
 // Places an extent in a box of the picture: the whole extent is seen, and more of the narrow side.

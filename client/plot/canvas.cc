@@ -86,12 +86,14 @@ Color FromHsv(double hue, double saturation, double value) {
 }  // namespace
 
 Color ActionColor(int action_id) {
-  // Steps of the golden ratio keep the hues of neighbouring ids far apart; saturation tells apart
-  // those that come near each other again. Red hues are the other agents'.
-  constexpr double kGoldenRatio = 0.61803398875;
-  constexpr std::array<double, 3> kSaturation = {0.72, 0.40, 0.95};
-  const double turn = std::fmod(0.12 + kGoldenRatio * action_id, 1.0);
-  return FromHsv(0.08 + 0.84 * turn, kSaturation[static_cast<size_t>(action_id / 8) % 3], 1.0);
+  // Eight hues, none of them the red of the other agents or the yellow of the target, in an order
+  // that keeps neighbouring ids apart; then the same in another strength.
+  constexpr std::array<double, 8> kHues = {0.58, 0.08, 0.36, 0.84, 0.49, 0.24, 0.72, 0.93};
+  constexpr std::array<std::pair<double, double>, 3> kStrengths = {
+      std::pair{0.72, 1.0}, {0.42, 1.0}, {0.85, 0.72}};  // saturation, value
+  const auto id = static_cast<size_t>(std::max(action_id, 0));
+  const auto [saturation, value] = kStrengths[id / kHues.size() % kStrengths.size()];
+  return FromHsv(kHues[id % kHues.size()], saturation, value);
 }
 
 Color LatentColor(int dimension) {

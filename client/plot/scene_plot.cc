@@ -177,7 +177,7 @@ class TargetPanel {
     }
     if (label_width > 0.0) label_width += 14.0;
     const size_t rows = actions_.size() + (truth ? 2 : 1);
-    const double width = 34.0 + 24.0 + label_width + kBar + 68.0;
+    const double width = 34.0 + 24.0 + label_width + kBar + 78.0;
     const Box frame{box.right() - width - 10.0, box.top + 10.0, width,
                     kRow * static_cast<double>(rows) + 14.0};
     canvas->Rectangle(frame, {10, 11, 14}, 0.78);

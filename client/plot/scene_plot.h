@@ -22,8 +22,8 @@ struct ScenePlotOptions {
   v1::Frame frame = v1::FRAME_WORLD;
   // Truth is drawn as far as this after the prediction time, seconds; 0: as far as it is known.
   double horizon = 0.0;
-  std::string model_version;          // for the title; may be empty
-  std::map<int, std::string> labels;  // names of actions, by id
+  std::string model_version = "";          // for the title; may be empty
+  std::map<int, std::string> labels = {};  // names of actions, by id
 };
 
 // Draws one panel for each target of `prediction`, in the target's frame with its heading to the

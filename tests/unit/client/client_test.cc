@@ -1,0 +1,312 @@
+#include "client/client.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <filesystem>
+#include <fstream>
+#include <mutex>
+#include <set>
+#include <thread>
+#include <vector>
+
+#include "client/error_details.h"
+#include "tests/unit/client/test_server.h"
+
+namespace maneuver::client {
+namespace {
+
+std::unique_ptr<Client> ConnectTo(const std::string& address, int max_attempts = 4) {
+  ClientOptions options;
+  options.address = address;
+  options.retry.max_attempts = max_attempts;
+  options.retry.initial_backoff = absl::Milliseconds(1);
+  options.retry.max_backoff = absl::Milliseconds(2);
+  options.watch_patience = absl::Seconds(20);
+  return *Client::Connect(options);
+}
+
+grpc::Status Unavailable() { return {grpc::StatusCode::UNAVAILABLE, "busy"}; }
+
+TEST(ClientTest, UnavailableIsTriedAgainUntilItAnswers) {
+  TestServer server;
+  std::atomic<int> calls = 0;
+  server.on_predict = [&](auto*, const auto&, v1::PredictResponse* response) {
+    if (++calls < 3) return Unavailable();
+    response->set_model_version("models/town/versions/1");
+    return grpc::Status::OK;
+  };
+  const auto answer = ConnectTo(server.address())->Predict({});
+  ASSERT_TRUE(answer.ok()) << answer.status();
+  EXPECT_EQ(answer->model_version(), "models/town/versions/1");
+  EXPECT_EQ(calls, 3);
+}
+
+TEST(ClientTest, AttemptsAreBounded) {
+  TestServer server;
+  std::atomic<int> calls = 0;
+  server.on_predict = [&](auto*, const auto&, auto*) {
+    ++calls;
+    return Unavailable();
+  };
+  EXPECT_TRUE(absl::IsUnavailable(ConnectTo(server.address(), 3)->Predict({}).status()));
+  EXPECT_EQ(calls, 3);
+}
+
+TEST(ClientTest, OtherErrorsAreNotTriedAgain) {
+  TestServer server;
+  std::atomic<int> calls = 0;
+  server.on_predict = [&](auto*, const auto&, auto*) {
+    ++calls;
+    return grpc::Status(grpc::StatusCode::RESOURCE_EXHAUSTED, "full");
+  };
+  EXPECT_TRUE(absl::IsResourceExhausted(ConnectTo(server.address())->Predict({}).status()));
+  EXPECT_EQ(calls, 1);
+}
+
+TEST(ClientTest, DeletionsAreNotTriedAgain) {
+  TestServer server;
+  std::atomic<int> calls = 0;
+  server.on_delete_job = [&](const auto&) {
+    ++calls;
+    return Unavailable();
+  };
+  EXPECT_TRUE(absl::IsUnavailable(ConnectTo(server.address())->DeleteJob({})));
+  EXPECT_EQ(calls, 1);
+}
+
+TEST(ClientTest, TrainCarriesOneRequestIdOverAllAttempts) {
+  TestServer server;
+  std::mutex mutex;
+  std::vector<std::string> ids;
+  server.on_train = [&](const v1::TrainRequest& request, v1::Job* job) {
+    const std::lock_guard lock(mutex);
+    ids.push_back(request.request_id());
+    if (ids.size() % 2 == 1) return Unavailable();
+    job->set_name("jobs/1");
+    return grpc::Status::OK;
+  };
+  const auto client = ConnectTo(server.address());
+  ASSERT_TRUE(client->Train({}).ok());
+  ASSERT_TRUE(client->Train({}).ok());
+  ASSERT_EQ(ids.size(), 4U);
+  EXPECT_GE(ids[0].size(), 32U);
+  EXPECT_EQ(ids[0], ids[1]);
+  EXPECT_EQ(ids[2], ids[3]);
+  EXPECT_NE(ids[0], ids[2]);
+
+  v1::TrainRequest named;
+  named.set_request_id("mine");
+  ASSERT_TRUE(client->Train(named).ok());
+  EXPECT_EQ(ids.back(), "mine");
+}
+
+TEST(ClientTest, DeadlineCoversAllAttempts) {
+  TestServer server;
+  std::atomic<int> calls = 0;
+  server.on_predict = [&](grpc::ServerContext* context, const auto&, auto*) {
+    ++calls;
+    while (!context->IsCancelled()) std::this_thread::yield();
+    return grpc::Status::CANCELLED;
+  };
+  const auto answer = ConnectTo(server.address())->Predict({}, {.timeout = absl::Milliseconds(50)});
+  EXPECT_TRUE(absl::IsDeadlineExceeded(answer.status())) << answer.status();
+  EXPECT_EQ(calls, 1);
+}
+
+TEST(ClientTest, CancellationEndsARunningCall) {
+  TestServer server;
+  Cancellation cancellation;
+  server.on_predict = [&](grpc::ServerContext* context, const auto&, auto*) {
+    cancellation.Cancel();
+    while (!context->IsCancelled()) std::this_thread::yield();
+    return grpc::Status::CANCELLED;
+  };
+  const auto client = ConnectTo(server.address());
+  const CallOptions call{.cancellation = &cancellation};
+  EXPECT_TRUE(absl::IsCancelled(client->Predict({}, call).status()));
+  EXPECT_TRUE(absl::IsCancelled(client->Predict({}, call).status()));  // and those that start later
+}
+
+TEST(ClientTest, DetailsOfAnErrorArriveWithIt) {
+  TestServer server;
+  server.on_predict = [&](auto*, const auto&, auto*) {
+    v1::Status rich;
+    rich.set_code(grpc::StatusCode::INVALID_ARGUMENT);
+    auto* info = rich.add_details();
+    info->set_type_url("type.googleapis.com/google.rpc.ErrorInfo");
+    v1::ErrorInfo reason;
+    reason.set_reason("UNKNOWN_TARGET");
+    info->set_value(reason.SerializeAsString());
+    return grpc::Status(grpc::StatusCode::INVALID_ARGUMENT, "no such target",
+                        rich.SerializeAsString());
+  };
+  const auto answer = ConnectTo(server.address())->Predict({});
+  EXPECT_EQ(answer.status().message(), "no such target");
+  EXPECT_EQ(ErrorDetailsOf(answer.status()).reason, "UNKNOWN_TARGET");
+}
+
+TEST(ClientTest, WatchGoesOnAfterABrokenStreamWithoutRepeatingEvents) {
+  TestServer server;
+  std::atomic<int> streams = 0;
+  server.on_watch = [&](const v1::WatchJobRequest& request, auto* writer) {
+    ++streams;
+    // Two events a stream, then it breaks; event 5 ends the job.
+    for (int64_t i = request.after_sequence() + 1; i <= request.after_sequence() + 2; ++i) {
+      v1::WatchJobResponse event;
+      event.mutable_job()->mutable_progress()->set_sequence(i);
+      event.mutable_job()->set_state(i == 5 ? v1::JOB_STATE_SUCCEEDED : v1::JOB_STATE_RUNNING);
+      writer->Write(event);
+      if (i == 5) return grpc::Status::OK;
+    }
+    return Unavailable();
+  };
+  std::vector<int64_t> seen;
+  const auto job = ConnectTo(server.address())->WatchJob({}, [&](const v1::Job& event) {
+    seen.push_back(event.progress().sequence());
+    return true;
+  });
+  ASSERT_TRUE(job.ok()) << job.status();
+  EXPECT_EQ(job->state(), v1::JOB_STATE_SUCCEEDED);
+  EXPECT_EQ(seen, (std::vector<int64_t>{1, 2, 3, 4, 5}));
+  EXPECT_EQ(streams, 3);
+}
+
+TEST(ClientTest, WatchStopsWhenTheCallerHasSeenEnough) {
+  TestServer server;
+  server.on_watch = [&](const auto&, auto* writer) {
+    v1::WatchJobResponse event;
+    event.mutable_job()->set_state(v1::JOB_STATE_RUNNING);
+    while (writer->Write(event)) event.mutable_job()->mutable_progress()->set_sequence(1);
+    return grpc::Status::CANCELLED;
+  };
+  int events = 0;
+  const auto job =
+      ConnectTo(server.address())->WatchJob({}, [&](const v1::Job&) { return ++events < 3; });
+  ASSERT_TRUE(job.ok()) << job.status();
+  EXPECT_EQ(events, 3);
+}
+
+TEST(ClientTest, WatchSaysThatAJobIsUnknown) {
+  TestServer server;
+  server.on_watch = [&](const auto&, auto*) {
+    return grpc::Status(grpc::StatusCode::NOT_FOUND, "no job");
+  };
+  EXPECT_TRUE(absl::IsNotFound(ConnectTo(server.address())->WatchJob({}, nullptr).status()));
+}
+
+// A dataset folder with one shard, removed at the end.
+class UploadTest : public testing::Test {
+ protected:
+  UploadTest()
+      : folder_(std::filesystem::path(testing::TempDir()) /
+                ("maneuver-upload-" + std::to_string(getpid()))) {
+    std::filesystem::create_directory(folder_);
+    for (int i = 0; i < 1'300'000; ++i) shard_ += static_cast<char>(i * 7 % 251);
+    Write("scenarios-00000.tfrecord", shard_);
+    Write("dataset.json", R"({"formatVersion": 1, "recordings": "3", "shards": [
+        {"file": "scenarios-00000.tfrecord", "sizeBytes": "1300000", "records": "3"}]})");
+  }
+  ~UploadTest() override { std::filesystem::remove_all(folder_); }
+
+  void Write(const std::string& file, const std::string& content) {
+    std::ofstream(folder_ / file, std::ios::binary) << content;
+  }
+
+  const std::filesystem::path folder_;
+  std::string shard_;
+};
+
+TEST_F(UploadTest, SendsTheHeaderAndThenEveryByte) {
+  TestServer server;
+  v1::UploadHeader header;
+  std::string bytes;
+  size_t largest = 0;
+  server.on_upload = [&](auto* reader, v1::Dataset* dataset) {
+    v1::UploadDatasetRequest request;
+    while (reader->Read(&request)) {
+      if (request.has_header()) header = request.header();
+      bytes += request.chunk();
+      largest = std::max(largest, request.chunk().size());
+    }
+    dataset->set_name(header.name());
+    return grpc::Status::OK;
+  };
+  int64_t last_sent = 0;
+  const auto dataset = ConnectTo(server.address())
+                           ->UploadDataset(folder_, "datasets/x", [&](int64_t sent, int64_t total) {
+                             EXPECT_GT(sent, last_sent);
+                             EXPECT_EQ(total, 1'300'000);
+                             last_sent = sent;
+                           });
+  ASSERT_TRUE(dataset.ok()) << dataset.status();
+  EXPECT_EQ(dataset->name(), "datasets/x");
+  EXPECT_EQ(header.dataset().recordings(), 3);
+  EXPECT_EQ(bytes, shard_);
+  EXPECT_LE(largest, 1U << 20);
+  EXPECT_EQ(last_sent, 1'300'000);
+}
+
+TEST_F(UploadTest, AnErrorOfTheServerIsTheErrorOfTheCall) {
+  TestServer server;
+  server.on_upload = [&](auto*, auto*) {
+    return grpc::Status(grpc::StatusCode::ALREADY_EXISTS, "datasets/x exists");
+  };
+  const auto dataset = ConnectTo(server.address())->UploadDataset(folder_, "datasets/x", nullptr);
+  EXPECT_TRUE(absl::IsAlreadyExists(dataset.status())) << dataset.status();
+}
+
+TEST_F(UploadTest, AFolderThatIsNotWholeIsNotSent) {
+  const auto client = ConnectTo("127.0.0.1:1");  // nobody is asked
+  Write("scenarios-00000.tfrecord", "short");
+  EXPECT_TRUE(absl::IsDataLoss(client->UploadDataset(folder_, "datasets/x", nullptr).status()));
+  std::filesystem::remove(folder_ / "dataset.json");
+  EXPECT_TRUE(absl::IsNotFound(client->UploadDataset(folder_, "datasets/x", nullptr).status()));
+}
+
+TEST(PredictStreamTest, EveryRequestIsAnsweredByItsName) {
+  TestServer server;
+  server.on_stream = [](auto* stream) {
+    v1::StreamPredictRequest request;
+    while (stream->Read(&request)) {
+      v1::StreamPredictResponse response;
+      response.set_request_id(request.request_id());
+      response.mutable_response()->set_model_version(request.request().model());
+      EXPECT_EQ(request.timeout().nanos(), 80'000'000);
+      stream->Write(response);
+    }
+    return grpc::Status::OK;
+  };
+  const auto client = ConnectTo(server.address());
+  std::set<std::string> answered;
+  const auto stream = client->StreamPredict([&](const v1::StreamPredictResponse& response) {
+    EXPECT_EQ(response.response().model_version(), "models/town");
+    answered.insert(response.request_id());
+  });
+  v1::PredictRequest request;
+  request.set_model("models/town");
+  for (const char* id : {"a", "b", "c"}) {
+    EXPECT_TRUE(stream->Send(id, request, absl::Milliseconds(80)).ok());
+  }
+  EXPECT_TRUE(stream->Finish().ok());
+  EXPECT_EQ(answered, (std::set<std::string>{"a", "b", "c"}));
+  EXPECT_TRUE(absl::IsFailedPrecondition(stream->Send("d", request)));
+}
+
+TEST(PredictStreamTest, FinishSaysWhyTheStreamBroke) {
+  TestServer server;
+  server.on_stream = [](auto*) {
+    return grpc::Status(grpc::StatusCode::RESOURCE_EXHAUSTED, "too many streams");
+  };
+  const auto stream = ConnectTo(server.address())->StreamPredict(nullptr);
+  EXPECT_TRUE(absl::IsResourceExhausted(stream->Finish()));
+}
+
+TEST(ConnectTest, OptionsThatMakeNoSenseAreRefused) {
+  EXPECT_TRUE(absl::IsInvalidArgument(Client::Connect({.address = ""}).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(Client::Connect({.retry = {.max_attempts = 0}}).status()));
+}
+
+}  // namespace
+}  // namespace maneuver::client

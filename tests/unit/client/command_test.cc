@@ -1,0 +1,278 @@
+#include "client/cli/command.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "client/cli/job_display.h"
+#include "client/cli/maneuver.h"
+#include "client/cli/progress_line.h"
+#include "client/cli/resource_names.h"
+#include "client/cli/settings_argument.h"
+#include "client/cli/table.h"
+#include "client/cli/target_selection.h"
+#include "client/cli/text_format.h"
+
+namespace maneuver::cli {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+struct Result {
+  int status;
+  std::string out;
+  std::string err;
+};
+
+Result Maneuver(const std::vector<std::string>& arguments, const std::string& input = "") {
+  std::istringstream in(input);
+  std::ostringstream out;
+  std::ostringstream err;
+  Environment environment(in, out, err);
+  const int status = RunManeuver(arguments, environment);
+  return {status, out.str(), err.str()};
+}
+
+TEST(CommandLineTest, MistakesEndWithStatusTwoAndAHint) {
+  for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
+           {},
+           {"fly"},
+           {"dataset"},
+           {"dataset", "upload", "folder"},
+           {"train", "town"},
+           {"synthesize", "out", "--recordings", "0"},
+           {"synthesize", "out", "--recordings", "many"},
+           {"model", "list", "--output", "xml"},
+           {"predict", "x.json", "--top-k", "0"},
+           {"predict", "x.json", "--top-k", "1", "--actions", "2"},
+           {"scenario", "extract", "town", "a", "--wrong"}}) {
+    const Result result = Maneuver(arguments);
+    EXPECT_EQ(result.status, kUsage) << testing::PrintToString(arguments);
+    EXPECT_THAT(result.out, IsEmpty());
+    EXPECT_THAT(result.err, HasSubstr("--help"));
+  }
+}
+
+TEST(CommandLineTest, HelpOfEveryCommandHasAnExample) {
+  for (const std::vector<std::string>& command :
+       std::vector<std::vector<std::string>>{{"synthesize"},
+                                             {"import", "waymo"},
+                                             {"dataset", "upload"},
+                                             {"dataset", "list"},
+                                             {"dataset", "show"},
+                                             {"dataset", "delete"},
+                                             {"scenario", "list"},
+                                             {"scenario", "show"},
+                                             {"scenario", "extract"},
+                                             {"train"},
+                                             {"evaluate"},
+                                             {"job", "list"},
+                                             {"job", "show"},
+                                             {"job", "watch"},
+                                             {"job", "cancel"},
+                                             {"job", "delete"},
+                                             {"model", "list"},
+                                             {"model", "show"},
+                                             {"model", "actions"},
+                                             {"model", "delete"},
+                                             {"model", "promote"},
+                                             {"model", "label"},
+                                             {"probability"},
+                                             {"distribution"},
+                                             {"predict"},
+                                             {"classify"},
+                                             {"health"}}) {
+    std::vector<std::string> arguments = command;
+    arguments.push_back("--help");
+    const Result result = Maneuver(arguments);
+    EXPECT_EQ(result.status, kOk);
+    std::string path = "maneuver";
+    for (const std::string& word : command) path += " " + word;
+    EXPECT_THAT(result.out, HasSubstr(path));
+    EXPECT_THAT(result.out, HasSubstr("Example:")) << path;
+  }
+}
+
+TEST(CommandLineTest, FilesThatMakeNoSenseEndWithStatusTwo) {
+  EXPECT_EQ(Maneuver({"predict", "/nowhere/scene.json"}).status, kUsage);
+  const Result garbage = Maneuver({"predict", "-"}, "{\"agents\": 5}");
+  EXPECT_EQ(garbage.status, kUsage);
+  EXPECT_THAT(garbage.err, HasSubstr("standard input is not a Scenario"));
+  const Result untargeted = Maneuver({"probability", "-"}, "{\"scenarioId\": \"a\"}");
+  EXPECT_EQ(untargeted.status, kUsage);
+  EXPECT_THAT(untargeted.err, HasSubstr("names no target"));
+  EXPECT_EQ(Maneuver({"train", "town", "--dataset", "town", "--set", "model.wings=2"}).status,
+            kUsage);
+}
+
+TEST(CommandLineTest, AServerThatDoesNotAnswerIsNamedWithWhatToDo) {
+  // Port 1 of this machine: nobody listens.
+  const Result result = Maneuver({"--server", "127.0.0.1:1", "health"});
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_THAT(result.out, IsEmpty());
+  EXPECT_THAT(result.err, HasSubstr("no server answers at 127.0.0.1:1; start one with maneuverd "
+                                    "--data-dir DIR or name it with --server"));
+}
+
+TEST(CommandLineTest, GlobalOptionsMayFollowTheCommand) {
+  EXPECT_THAT(Maneuver({"health", "--server", "127.0.0.1:1"}).err, HasSubstr("127.0.0.1:1"));
+}
+
+TEST(ResourceNamesTest, ShortNamesBecomeFullOnes) {
+  EXPECT_EQ(ModelResource("town"), "models/town");
+  EXPECT_EQ(ModelResource("town@candidate"), "models/town@candidate");
+  EXPECT_EQ(ModelResource("town/3"), "models/town/versions/3");
+  EXPECT_EQ(ModelResource("models/town/versions/3"), "models/town/versions/3");
+  EXPECT_EQ(ModelResource(""), "");
+  EXPECT_EQ(DatasetResource("x"), "datasets/x");
+  EXPECT_EQ(JobResource("jobs/y"), "jobs/y");
+  EXPECT_EQ(ShortName("models/town/versions/3"), "town/3");
+  EXPECT_EQ(ShortName("datasets/x"), "x");
+}
+
+TEST(SetFieldTest, SetsEveryKindOfField) {
+  v1::TrainingSettings settings;
+  for (const char* assignment :
+       {"preset=paper", "seed=7", "optimization.learning_rate=5e-4", "optimization.joint_epochs=20",
+        "model.decoder.hidden=500,500", "examples.stride=0.5s", "model.raster.frame_interval=0.25",
+        "augmentation.mirror=false", "augmentation.scale=0",
+        "model.backbone.convolutions=[{\"channels\": 32, \"stride\": 2}]",
+        "model.latentDimensions=3"}) {
+    const absl::Status status = SetField(assignment, &settings);
+    EXPECT_TRUE(status.ok()) << assignment << ": " << status;
+  }
+  EXPECT_EQ(settings.preset(), "paper");
+  EXPECT_EQ(settings.seed(), 7);
+  EXPECT_EQ(settings.optimization().learning_rate(), 5e-4);
+  EXPECT_EQ(settings.optimization().joint_epochs(), 20);
+  EXPECT_THAT(settings.model().decoder().hidden(), ElementsAre(500, 500));
+  EXPECT_EQ(ToSeconds(settings.examples().stride()), 0.5);
+  EXPECT_EQ(ToSeconds(settings.model().raster().frame_interval()), 0.25);
+  EXPECT_TRUE(settings.augmentation().has_mirror());
+  EXPECT_FALSE(settings.augmentation().mirror());
+  EXPECT_TRUE(settings.augmentation().has_scale());
+  EXPECT_EQ(settings.model().backbone().convolutions(0).channels(), 32);
+  EXPECT_EQ(settings.model().latent_dimensions(), 3);
+  ASSERT_TRUE(SetField("model.decoder.hidden=64", &settings).ok());
+  EXPECT_THAT(settings.model().decoder().hidden(), ElementsAre(64));  // replaced, not added to
+}
+
+TEST(SetFieldTest, MistakesSayWhatThereIs) {
+  v1::TrainingSettings settings;
+  const auto message = [&](const char* assignment) {
+    return std::string(SetField(assignment, &settings).message());
+  };
+  EXPECT_THAT(message("modle.actions=5"), HasSubstr("TrainingSettings has preset, model,"));
+  EXPECT_THAT(message("model.actions=many"), HasSubstr("it takes a whole number"));
+  EXPECT_THAT(message("seed.low=1"), HasSubstr("seed has no fields"));
+  EXPECT_THAT(message("seed"), HasSubstr("is not FIELD=VALUE"));
+  EXPECT_THAT(message("examples.stride=soon"), HasSubstr("a duration such as 0.5s"));
+}
+
+TEST(SetHorizonTest, CountsWaypointsAtTheirInterval) {
+  v1::TrainingSettings settings;
+  ASSERT_TRUE(SetField("model.trajectory.waypoint_interval=0.5s", &settings).ok());
+  ASSERT_TRUE(SetHorizon("3s", &settings).ok());
+  EXPECT_EQ(settings.model().trajectory().waypoints(), 6);
+  EXPECT_FALSE(SetHorizon("3.2s", &settings).ok());
+  EXPECT_FALSE(SetHorizon("-1", &settings).ok());
+  EXPECT_FALSE(SetHorizon("soon", &settings).ok());
+}
+
+TEST(TableTest, ColumnsAreAlignedAndLinesEndClean) {
+  Table table({{"NAME"}, {"SHARE", Align::kRight}, {"NOTE"}});
+  table.Add({"a", "5.0 %", ""});
+  table.Add({"Straße", "100.0 %", "wide"});
+  EXPECT_EQ(table.Text(false),
+            "NAME      SHARE  NOTE\n"
+            "a         5.0 %\n"
+            "Straße  100.0 %  wide\n");
+  EXPECT_THAT(table.Text(true), HasSubstr("\x1b[1mNAME      SHARE  NOTE\x1b[0m\n"));
+}
+
+TEST(TextFormatTest, NumbersReadAsPeopleSayThem) {
+  EXPECT_EQ(Spell(0.42), "0.4 s");
+  EXPECT_EQ(Spell(59.4), "59 s");
+  EXPECT_EQ(Spell(185), "3 min 05 s");
+  EXPECT_EQ(Spell(7800), "2 h 10 min");
+  EXPECT_EQ(Bytes(999), "999 B");
+  EXPECT_EQ(Bytes(1'500'000), "1.5 MB");
+  EXPECT_EQ(Share(0.1249), "12.5 %");
+  EXPECT_EQ(Bar(0.5, 4), "[##--]");
+  EXPECT_EQ(Bar(2.0, 4), "[####]");
+}
+
+TEST(JobDisplayTest, ProgressSaysWhatIsKnown) {
+  v1::JobProgress progress;
+  progress.set_phase("joint");
+  progress.set_epoch(7);
+  progress.set_epochs(10);
+  progress.set_fraction(0.8);
+  *progress.mutable_time_left() = ToDuration(65);
+  v1::EpochReport report;
+  (*report.mutable_training())["loss"] = 2.3114;
+  report.add_action_usage(1.0);
+  report.set_effective_actions(19);
+  EXPECT_EQ(ProgressText(progress, report),
+            "joint 7/10  loss 2.311  19 effective actions  1 min 05 s left");
+}
+
+TEST(JobDisplayTest, MetricsStandBesideThoseOfConstantVelocity) {
+  google::protobuf::Map<std::string, double> metrics;
+  metrics["ade_1"] = 1.25;
+  metrics["min_ade_6"] = 0.5;
+  metrics["ade_cv"] = 2.0;
+  metrics["effective_actions"] = 19;
+  EXPECT_EQ(MetricsTable(metrics, false),
+            "METRIC             MODEL  CONSTANT VELOCITY\n"
+            "ade_1              1.250                  2\n"
+            "effective_actions     19\n"
+            "min_ade_6          0.500                  2\n");
+}
+
+// A vehicle at `speed` m/s along x, seen from `from` to `to` at 10 Hz.
+void AddVehicle(int64_t id, double speed, double from, double to, v1::Scenario* scenario) {
+  v1::Agent* agent = scenario->add_agents();
+  agent->set_id(id);
+  agent->set_type(v1::AGENT_TYPE_VEHICLE);
+  for (int i = 0; from + 0.1 * i <= to + 1e-9; ++i) {
+    v1::AgentState* state = agent->add_states();
+    state->set_time(from + 0.1 * i);
+    state->set_x(speed * 0.1 * i);
+  }
+}
+
+TEST(TargetSelectionTest, MovingVehiclesWithAHistoryAreAskedAboutFastestFirst) {
+  v1::Scenario scenario;
+  AddVehicle(1, 5.0, 0.0, 9.0, &scenario);
+  AddVehicle(2, 0.0, 0.0, 9.0, &scenario);  // stands
+  AddVehicle(3, 8.0, 1.5, 9.0, &scenario);  // half a second of history
+  AddVehicle(4, 12.0, 0.0, 9.0, &scenario);
+  AddVehicle(5, 9.0, 0.0, 1.5, &scenario);  // gone
+  AddVehicle(6, 9.0, 0.0, 9.0, &scenario);
+  scenario.mutable_agents(5)->set_type(v1::AGENT_TYPE_CYCLIST);
+  EXPECT_THAT(MovingVehicles(scenario, 2.0, 8), ElementsAre(4, 1));
+  EXPECT_THAT(MovingVehicles(scenario, 2.0, 1), ElementsAre(4));
+}
+
+TEST(TargetSelectionTest, TargetsOfTheRecordingComeFirstWhileInSight) {
+  v1::Scenario scenario;
+  AddVehicle(1, 5.0, 0.0, 9.0, &scenario);
+  AddVehicle(2, 9.0, 0.0, 1.5, &scenario);
+  AddVehicle(3, 7.0, 0.0, 9.0, &scenario);
+  scenario.add_target_ids(1);
+  scenario.add_target_ids(2);
+  EXPECT_THAT(DefaultTargets(scenario, 1.2), ElementsAre(1, 2));
+  EXPECT_THAT(DefaultTargets(scenario, 5.0), ElementsAre(1));
+  scenario.clear_target_ids();
+  EXPECT_THAT(DefaultTargets(scenario, 5.0), ElementsAre(3, 1));
+}
+
+}  // namespace
+}  // namespace maneuver::cli

@@ -1,0 +1,111 @@
+// A peer for the client's tests: the real generated services in this process, on a free port, which
+// answer as each test says.
+
+#ifndef MANEUVER_TESTS_UNIT_CLIENT_TEST_SERVER_H_
+#define MANEUVER_TESTS_UNIT_CLIENT_TEST_SERVER_H_
+
+#include <grpcpp/grpcpp.h>
+
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "maneuver/v1/dataset_service.grpc.pb.h"
+#include "maneuver/v1/prediction_service.grpc.pb.h"
+#include "maneuver/v1/training_service.grpc.pb.h"
+
+namespace maneuver::client {
+
+class TestServer final {
+ public:
+  // What the services do. Called on gRPC's threads.
+  std::function<grpc::Status(grpc::ServerContext*, const v1::PredictRequest&, v1::PredictResponse*)>
+      on_predict;
+  std::function<grpc::Status(const v1::TrainRequest&, v1::Job*)> on_train;
+  std::function<grpc::Status(const v1::DeleteJobRequest&)> on_delete_job;
+  std::function<grpc::Status(const v1::WatchJobRequest&, grpc::ServerWriter<v1::WatchJobResponse>*)>
+      on_watch;
+  std::function<grpc::Status(grpc::ServerReader<v1::UploadDatasetRequest>*, v1::Dataset*)>
+      on_upload;
+  std::function<grpc::Status(
+      grpc::ServerReaderWriter<v1::StreamPredictResponse, v1::StreamPredictRequest>*)>
+      on_stream;
+
+  // `port` 0: any free one.
+  explicit TestServer(int port = 0) : predictions_(this), training_(this), datasets_(this) {
+    grpc::ServerBuilder builder;
+    builder.AddListeningPort("127.0.0.1:" + std::to_string(port), grpc::InsecureServerCredentials(),
+                             &port_);
+    builder.RegisterService(&predictions_);
+    builder.RegisterService(&training_);
+    builder.RegisterService(&datasets_);
+    server_ = builder.BuildAndStart();
+  }
+  ~TestServer() {
+    if (server_ != nullptr) server_->Shutdown(std::chrono::system_clock::now());
+  }
+
+  std::string address() const { return "127.0.0.1:" + std::to_string(port_); }
+
+ private:
+  class Predictions final : public v1::PredictionService::Service {
+   public:
+    explicit Predictions(TestServer* owner) : owner_(owner) {}
+    grpc::Status Predict(grpc::ServerContext* context, const v1::PredictRequest* request,
+                         v1::PredictResponse* response) override {
+      return owner_->on_predict(context, *request, response);
+    }
+    grpc::Status StreamPredict(
+        grpc::ServerContext*,
+        grpc::ServerReaderWriter<v1::StreamPredictResponse, v1::StreamPredictRequest>* stream)
+        override {
+      return owner_->on_stream(stream);
+    }
+
+   private:
+    TestServer* const owner_;
+  };
+  class Training final : public v1::TrainingService::Service {
+   public:
+    explicit Training(TestServer* owner) : owner_(owner) {}
+    grpc::Status Train(grpc::ServerContext*, const v1::TrainRequest* request,
+                       v1::Job* job) override {
+      return owner_->on_train(*request, job);
+    }
+    grpc::Status DeleteJob(grpc::ServerContext*, const v1::DeleteJobRequest* request,
+                           google::protobuf::Empty*) override {
+      return owner_->on_delete_job(*request);
+    }
+    grpc::Status WatchJob(grpc::ServerContext*, const v1::WatchJobRequest* request,
+                          grpc::ServerWriter<v1::WatchJobResponse>* writer) override {
+      return owner_->on_watch(*request, writer);
+    }
+
+   private:
+    TestServer* const owner_;
+  };
+  class Datasets final : public v1::DatasetService::Service {
+   public:
+    explicit Datasets(TestServer* owner) : owner_(owner) {}
+    grpc::Status UploadDataset(grpc::ServerContext*,
+                               grpc::ServerReader<v1::UploadDatasetRequest>* reader,
+                               v1::Dataset* dataset) override {
+      return owner_->on_upload(reader, dataset);
+    }
+
+   private:
+    TestServer* const owner_;
+  };
+
+  Predictions predictions_;
+  Training training_;
+  Datasets datasets_;
+  int port_ = 0;
+  std::unique_ptr<grpc::Server> server_;
+};
+
+}  // namespace maneuver::client
+
+#endif  // MANEUVER_TESTS_UNIT_CLIENT_TEST_SERVER_H_
