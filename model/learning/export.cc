@@ -1,7 +1,9 @@
 #include "model/learning/export.h"
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
+#include <span>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -16,7 +18,19 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kEffectiveProbability = 0.05;
-constexpr size_t kMostMeasured = 200;  // recordings
+constexpr int64_t kMostMeasured = 2048;  // examples, about: recordings are measured whole
+
+// The first recordings that hold about kMostMeasured examples.
+std::span<const v1::Scenario> Measured(const ExampleSet& set) {
+  std::vector<int64_t> counts(set.recordings.size());
+  for (const data::Example& example : set.examples) {
+    ++counts[static_cast<size_t>(example.recording)];
+  }
+  int64_t examples = 0;
+  size_t recordings = 0;
+  while (recordings < counts.size() && examples < kMostMeasured) examples += counts[recordings++];
+  return std::span(set.recordings).first(recordings);
+}
 
 // Removes a folder of work in progress, whatever happens.
 class Scratch {
@@ -40,8 +54,7 @@ absl::Status Measure(const inference::ActionModel& model, const TrainingData& da
                      const v1::ExampleSettings& examples, const ExportOptions& options,
                      v1::ModelManifest* manifest, std::vector<double>* usage) {
   evaluation::EvaluationInput input;
-  const size_t measured = std::min(kMostMeasured, data.validation.recordings.size());
-  input.recordings = std::span(data.validation.recordings).first(measured);
+  input.recordings = Measured(data.validation);
   input.annotations = data.annotations;
   input.examples = examples;
   input.threads = options.threads;

@@ -19,6 +19,8 @@ constexpr int64_t kWarmUp = 100;  // steps
 // Trajectories alone are small: twice the batch costs the same time.
 constexpr int64_t kTrajectoryBatchFactor = 2;
 constexpr int kClusterRestarts = 3;
+constexpr double kSidewaysWeight = 2.0;
+constexpr double kReach = 10.0;             // metres
 constexpr int64_t kMostClustered = 16'384;  // examples
 // Waypoints that hardly vary are not blown up, metres.
 constexpr double kSmallestDeviation = 0.3;
@@ -37,13 +39,23 @@ int64_t EpochExamples(const v1::TrainingSettings& settings, int64_t examples) {
   return most > 0 ? std::min(most, examples) : examples;
 }
 
+// Trajectories [N, 2T] as the clusters are to tell them apart. In plain metres nearly all clusters
+// would be speeds of going straight on, which q(z|y,s) knows from the scenario anyway: far ones are
+// drawn closer together, and what goes to the side counts for more.
+at::Tensor ClusterSpace(const at::Tensor& trajectories) {
+  const at::Tensor points = trajectories.view({trajectories.size(0), -1, 2});
+  const at::Tensor reach = points.square().sum(2).amax(1).sqrt().view({-1, 1, 1});
+  const at::Tensor weights = at::tensor({1.0F, static_cast<float>(kSidewaysWeight)});
+  return (points * weights / (1.0 + reach / kReach).sqrt()).flatten(1).contiguous();
+}
+
 BoundWeights Weights(const v1::OptimizationSettings& optimization) {
   return {optimization.action_weight(), optimization.posterior_reconstruction_weight(),
           optimization.posterior_divergence_weight()};
 }
 
-// One thread while it lives: layers over a batch of trajectories are over before a second thread has
-// woken, and on a busy machine threads that wait for each other cost several times the work.
+// One thread while it lives: layers over a batch of trajectories are over before a second thread
+// has woken, and on a busy machine threads that wait for each other cost several times the work.
 class OneThread {
  public:
   OneThread() : before_(at::get_num_threads()) { at::set_num_threads(1); }
@@ -73,7 +85,7 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
       {"joint", optimization.joint_epochs(), optimization.joint_epochs() * long_epoch, 30.0},
       {"calibrate", 1, CalibrationSteps(training_examples), 15.0},
       {"export", 1, 1, 1.0},
-      {"evaluate", 1, long_epoch / 4 + 1, 15.0}};
+      {"evaluate", 1, 100, 7.0}};
 }
 
 Learner::Learner(const v1::TrainingSettings& settings, const TrainingData& data, at::Device device,
@@ -209,9 +221,11 @@ absl::Status Learner::PlaceMixture() {
     placed = at::cat({placed, mirrored.flatten(1)});
   }
   const int actions = settings_.model().actions();
-  const TrajectoryClusters clusters = ClusterTrajectories(
-      Eigen::Map<const TrajectoryRows>(placed.data_ptr<float>(), placed.size(0), placed.size(1)),
-      actions, static_cast<uint64_t>(settings_.seed()), kClusterRestarts);
+  const at::Tensor features = ClusterSpace(placed);
+  const TrajectoryClusters clusters =
+      ClusterTrajectories(Eigen::Map<const TrajectoryRows>(features.data_ptr<float>(),
+                                                           features.size(0), features.size(1)),
+                          actions, static_cast<uint64_t>(settings_.seed()), kClusterRestarts);
 
   const Gaussian q_z = networks_.EncodeTrajectories(placed.to(networks_.device()));
   const at::Tensor variance = q_z.log_variance.exp();
@@ -224,8 +238,8 @@ absl::Status Learner::PlaceMixture() {
     if (size == 0) continue;  // fewer different trajectories than actions
     const at::Tensor means = q_z.mean.index_select(0, members);
     const at::Tensor spread = size < kFewEncodings ? everywhere / actions
-                                                    : means.var(0, /*unbiased=*/false) +
-                                                          variance.index_select(0, members).mean(0);
+                                                   : means.var(0, /*unbiased=*/false) +
+                                                         variance.index_select(0, members).mean(0);
     networks_["mixture.mean"][k].copy_(means.mean(0));
     networks_["mixture.log_variance"][k].copy_(spread.clamp_min(kSmallestVariance).log());
     networks_["mixture.log_weight"][k].fill_(

@@ -3,8 +3,8 @@
 #include <ATen/ATen.h>
 #include <ATen/Parallel.h>
 
+#include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <thread>
 #include <utility>
 
@@ -59,8 +59,12 @@ class Run {
     ExportOptions options;
     options.output = run_.output;
     options.threads = threads;
-    options.progress = [this](int64_t, int64_t) {
-      progress_.Step(0);
+    int64_t reported = 0;  // hundredths, as the plan has it
+    options.progress = [this, &reported](int64_t done, int64_t total) {
+      for (const int64_t now = 100 * done / std::max<int64_t>(1, total); reported < now;
+           ++reported) {
+        progress_.Step(0);
+      }
       return !stopped_();
     };
     return ExportModel(std::move(model), data, run_.settings.examples(), options);

@@ -2,8 +2,10 @@
 // for each job, or by hand for offline training. See ../trainer_protocol.h for what the supervisor
 // and this process say to each other.
 
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
-#include <iostream>
+#include <cstdlib>
 
 #include "server/jobs/trainer/evaluate_command.h"
 #include "server/jobs/trainer/stop_signal.h"
@@ -39,9 +41,19 @@ constexpr char kFooter[] = R"(Exit status:
   80  diverged: the loss was no longer finite
   143 stopped by SIGTERM (130: by SIGINT); nothing half-written remains)";
 
+// OpenMP's idle threads spin for milliseconds by default: on cores that are shared, with the server
+// above all, that costs several times the work. The runtime reads its limit when it is loaded, so
+// the program starts itself once more with it set.
+void ShortenSpinning(char** argv) {
+  constexpr char kVariable[] = "GOMP_SPINCOUNT";
+  if (std::getenv(kVariable) != nullptr || std::getenv("OMP_WAIT_POLICY") != nullptr) return;
+  if (setenv(kVariable, "10000", /*overwrite=*/0) == 0) execv("/proc/self/exe", argv);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
+  ShortenSpinning(argv);
   CLI::App app(kDescription, "maneuver-trainer");
   app.footer(kFooter);
   app.set_version_flag("--version", MANEUVER_VERSION);
