@@ -1,0 +1,58 @@
+// Error details must be readable by every client that knows google.rpc: the same field numbers and
+// types as its Status, ErrorInfo, BadRequest and RetryInfo.
+
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "maneuver/v1/status.pb.h"
+
+namespace maneuver {
+namespace {
+
+using google::protobuf::Descriptor;
+using google::protobuf::FieldDescriptor;
+
+// Field `number` of a message, as "name:type", with "*" if it repeats.
+std::string Field(const Descriptor* message, int number) {
+  const FieldDescriptor* field = message->FindFieldByNumber(number);
+  if (field == nullptr) return "none";
+  return field->name() + ":" + field->type_name() + (field->is_repeated() ? "*" : "");
+}
+
+TEST(WireCompatibilityTest, StatusIsGoogleRpcStatus) {
+  const Descriptor* status = v1::Status::descriptor();
+  EXPECT_EQ(status->field_count(), 3);
+  EXPECT_EQ(Field(status, 1), "code:int32");
+  EXPECT_EQ(Field(status, 2), "message:string");
+  EXPECT_EQ(Field(status, 3), "details:message*");
+  EXPECT_EQ(status->FindFieldByNumber(3)->message_type()->full_name(), "google.protobuf.Any");
+}
+
+TEST(WireCompatibilityTest, ErrorInfoIsGoogleRpcErrorInfo) {
+  const Descriptor* info = v1::ErrorInfo::descriptor();
+  EXPECT_EQ(info->field_count(), 3);
+  EXPECT_EQ(Field(info, 1), "reason:string");
+  EXPECT_EQ(Field(info, 2), "domain:string");
+  EXPECT_EQ(Field(info, 3), "metadata:message*");
+  EXPECT_TRUE(info->FindFieldByNumber(3)->is_map());
+}
+
+TEST(WireCompatibilityTest, BadRequestIsGoogleRpcBadRequest) {
+  const Descriptor* request = v1::BadRequest::descriptor();
+  EXPECT_EQ(request->field_count(), 1);
+  EXPECT_EQ(Field(request, 1), "field_violations:message*");
+  const Descriptor* violation = v1::BadRequest::FieldViolation::descriptor();
+  EXPECT_EQ(violation->field_count(), 2);
+  EXPECT_EQ(Field(violation, 1), "field:string");
+  EXPECT_EQ(Field(violation, 2), "description:string");
+}
+
+TEST(WireCompatibilityTest, RetryInfoIsGoogleRpcRetryInfo) {
+  const Descriptor* retry = v1::RetryInfo::descriptor();
+  EXPECT_EQ(retry->field_count(), 1);
+  EXPECT_EQ(retry->FindFieldByNumber(1)->message_type()->full_name(), "google.protobuf.Duration");
+}
+
+}  // namespace
+}  // namespace maneuver

@@ -1,0 +1,84 @@
+// What the contract declares exists: each method of each service is called over the wire, with an
+// empty request, on a server that has nothing.
+
+#include <google/protobuf/descriptor.h>
+#include <grpcpp/generic/generic_stub.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "maneuver/v1/dataset_service.pb.h"
+#include "maneuver/v1/model_service.pb.h"
+#include "maneuver/v1/prediction_service.pb.h"
+#include "maneuver/v1/training_service.pb.h"
+#include "tests/integration/server_process.h"
+
+namespace maneuver::testing {
+namespace {
+
+using google::protobuf::MethodDescriptor;
+
+std::vector<const MethodDescriptor*> AllMethods() {
+  std::vector<const MethodDescriptor*> methods;
+  for (const auto* file :
+       {v1::PredictRequest::descriptor()->file(), v1::ActionSet::descriptor()->file(),
+        v1::UploadHeader::descriptor()->file(), v1::Job::descriptor()->file()}) {
+    for (int s = 0; s < file->service_count(); ++s) {
+      for (int m = 0; m < file->service(s)->method_count(); ++m) {
+        methods.push_back(file->service(s)->method(m));
+      }
+    }
+  }
+  return methods;
+}
+
+// Calls /service/method with one empty message, and reads whatever comes.
+grpc::Status Call(const std::shared_ptr<grpc::Channel>& channel, const std::string& method) {
+  grpc::GenericStub stub(channel);
+  grpc::CompletionQueue queue;
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(20));
+  const auto finished = [&queue] {
+    void* tag = nullptr;
+    bool ok = false;
+    return queue.Next(&tag, &ok) && ok;
+  };
+  auto call = stub.PrepareCall(&context, method, &queue);
+  call->StartCall(nullptr);
+  finished();
+  call->WriteLast(grpc::ByteBuffer(), grpc::WriteOptions(), nullptr);
+  finished();
+  grpc::ByteBuffer answer;
+  do {
+    call->Read(&answer, nullptr);
+  } while (finished());
+  grpc::Status status;
+  call->Finish(&status, nullptr);
+  finished();
+  return status;
+}
+
+TEST(EveryMethodTest, AnswersAnEmptyRequest) {
+  TemporaryFolder folder;
+  std::filesystem::create_directory(folder.path() / "data");
+  ServerProcess server(folder.path() / "data");
+  const std::vector<const MethodDescriptor*> methods = AllMethods();
+  EXPECT_EQ(methods.size(), 26u);
+  for (const MethodDescriptor* method : methods) {
+    const std::string path = "/" + method->service()->full_name() + "/" + method->name();
+    SCOPED_TRACE(path);
+    const grpc::Status status = Call(server.channel(), path);
+    EXPECT_NE(status.error_code(), grpc::StatusCode::UNIMPLEMENTED) << status.error_message();
+    EXPECT_NE(status.error_code(), grpc::StatusCode::INTERNAL) << status.error_message();
+    EXPECT_NE(status.error_code(), grpc::StatusCode::UNKNOWN) << status.error_message();
+    EXPECT_NE(status.error_code(), grpc::StatusCode::DEADLINE_EXCEEDED) << status.error_message();
+    EXPECT_TRUE(server.Alive());
+  }
+}
+
+}  // namespace
+}  // namespace maneuver::testing
