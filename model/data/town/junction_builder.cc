@@ -165,7 +165,7 @@ class Junction {
       return std::array<Path, 3>{in, ConnectPoses(in.At(in.length()), out.At(0.0)), out};
     };
     AddLine(place_, DecorationKind::kRoadEdge, kerb(0.0)[1]);
-    if (arms_[from].spec.footways && arms_.size() > 2) {
+    if (arms_[from].spec.footways) {
       AddFootway(place_, JoinPaths(kerb(kFootwayOffset)), 1.0);
     }
   }

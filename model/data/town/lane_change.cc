@@ -71,8 +71,8 @@ bool TryChange(const LaneGraph& graph, std::span<const Vehicle> vehicles, bool l
   const Maneuver maneuver = from.ends ? Maneuver::kMerge
                             : left    ? Maneuver::kLaneChangeLeft
                                       : Maneuver::kLaneChangeRight;
-  const double begins = vehicle.travelled + 0.1 * length;
-  vehicle.events.push_back({maneuver, begins, begins, vehicle.travelled + 0.95 * length});
+  vehicle.events.push_back(
+      {maneuver, vehicle.travelled, vehicle.travelled, vehicle.travelled + 0.95 * length});
   return true;
 }
 

@@ -39,9 +39,9 @@ Place Motorway(Random& random) {
   place.warm_up = 5.0;
   place.lane_change_rate = 0.12;
   place.long_vehicle_share = 0.12;
-  place.initial_vehicles = 9 * (spec.forward + spec.backward) / 2 + 4;
+  place.initial_vehicles = 7 * (spec.forward + spec.backward) / 2 + 4;
   place.sensed_radius = random.Uniform(150.0, 180.0);
-  AddSources(place, random, 2.8, 6.0);
+  AddSources(place, random, spec.backward > 0 ? 4.0 : 2.8, spec.backward > 0 ? 7.0 : 6.0);
   return place;
 }
 
@@ -87,9 +87,9 @@ Place MotorwayMerge(Random& random) {
   place.warm_up = 5.0;
   place.lane_change_rate = 0.05;
   place.long_vehicle_share = 0.08;
-  place.initial_vehicles = 6 * (spec.forward + spec.backward) / 2 + 4;
+  place.initial_vehicles = 5 * (spec.forward + spec.backward) / 2 + 4;
   place.sensed_radius = random.Uniform(140.0, 170.0);
-  AddSources(place, random, 4.5, 8.0);
+  AddSources(place, random, spec.backward > 0 ? 5.5 : 3.5, spec.backward > 0 ? 9.0 : 6.0);
   for (Source& source : place.sources) {
     if (source.lane == slip) source.mean_headway = random.Uniform(2.5, 4.5);
     if (source.lane == road.forward.back()) source.mean_headway = random.Uniform(7.0, 12.0);

@@ -40,7 +40,7 @@ Place Turnaround(Random& random) {
   place.lane_change_rate = 0.06;
   place.initial_vehicles = random.Integer(10, 16);
   place.sensed_radius = random.Uniform(60.0, 75.0);
-  AddSources(place, random, 6.0, 12.0);
+  AddSources(place, random, 5.0, 9.0);
   return place;
 }
 

@@ -17,7 +17,7 @@ Place DrawPlace(Random& random) {
                                                                   {TJunction, 1.5},
                                                                   {Turnaround, 1.5},
                                                                   {Roundabout, 1.2},
-                                                                  {Motorway, 0.2},
+                                                                  {Motorway, 0.4},
                                                                   {MotorwayMerge, 0.8},
                                                                   {CarPark, 1.2}}};
   std::array<double, kLayoutCount> weights{};

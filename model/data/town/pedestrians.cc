@@ -48,8 +48,8 @@ void Pedestrians::SetPose(Pedestrian& walker) const {
   walker.on_road = walker.s > from && walker.s < to;
 }
 
-bool Pedestrians::MayCross(const Pedestrian& walker, double time, std::span<const Vehicle> vehicles,
-                           std::span<const std::vector<AheadPoint>> ahead) const {
+bool Pedestrians::MayCross(const Pedestrian& walker, double time,
+                           std::span<const Vehicle> vehicles) const {
   const Footway& footway = place_.footways[walker.footway];
   const double needed = (footway.crossing_to - footway.crossing_from) / walker.pace + 1.0;
   if (footway.signal_group >= 0 && place_.signals.UntilGreen(footway.signal_group, time) < needed) {
@@ -58,10 +58,9 @@ bool Pedestrians::MayCross(const Pedestrian& walker, double time, std::span<cons
   const Vec2 a = footway.path.At(footway.crossing_from).p;
   const Vec2 b = footway.path.At(footway.crossing_to).p;
   const Vec2 along = (1.0 / Norm(b - a)) * (b - a);
-  for (size_t i = 0; i < vehicles.size(); ++i) {
-    const Vehicle& vehicle = vehicles[i];
+  for (const Vehicle& vehicle : vehicles) {
     const double soon = vehicle.speed < 0.3 ? 3.0 : 4.0 + vehicle.speed * 3.0;
-    for (const AheadPoint& point : ahead[i]) {
+    for (const AheadPoint& point : vehicle.ahead) {
       if (point.distance > soon + 0.5 * vehicle.length) break;
       const Vec2 from_a = point.p - a;
       const double beside = Dot(from_a, along);
@@ -80,14 +79,13 @@ bool Pedestrians::MayCross(const Pedestrian& walker, double time, std::span<cons
   return true;
 }
 
-void Pedestrians::Step(double time, double dt, std::span<const Vehicle> vehicles,
-                       std::span<const std::vector<AheadPoint>> ahead) {
+void Pedestrians::Step(double time, double dt, std::span<const Vehicle> vehicles) {
   for (Pedestrian& walker : walkers_) {
     const Footway& footway = place_.footways[walker.footway];
     const auto [from, to] = Crossing(footway, walker.backwards);
     double wanted = walker.pace;
     if (from < to && walker.s <= from && walker.s > from - 1.0 &&
-        !MayCross(walker, time, vehicles, ahead)) {
+        !MayCross(walker, time, vehicles)) {
       wanted = 0.0;
     }
     const double change = std::clamp(wanted - walker.speed, -2.5 * dt, 1.5 * dt);

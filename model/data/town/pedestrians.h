@@ -29,14 +29,12 @@ class Pedestrians {
  public:
   Pedestrians(const Place& place, Random& random, int first_id);
 
-  // Moves everyone; `ahead` are the paths ahead of all vehicles, and their speeds.
-  void Step(double time, double dt, std::span<const Vehicle> vehicles,
-            std::span<const std::vector<AheadPoint>> ahead);
+  // Moves everyone, given what the vehicles have ahead of them.
+  void Step(double time, double dt, std::span<const Vehicle> vehicles);
   std::span<const Pedestrian> all() const { return walkers_; }
 
  private:
-  bool MayCross(const Pedestrian& walker, double time, std::span<const Vehicle> vehicles,
-                std::span<const std::vector<AheadPoint>> ahead) const;
+  bool MayCross(const Pedestrian& walker, double time, std::span<const Vehicle> vehicles) const;
   void SetPose(Pedestrian& walker) const;
 
   const Place& place_;

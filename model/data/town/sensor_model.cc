@@ -24,8 +24,8 @@ class Drift {
 
 }  // namespace
 
-std::optional<Sighting> Observe(const SensorModel& sensor, const Track& track,
-                                double frame_interval, Random& random) {
+std::pair<size_t, size_t> LongestStay(const SensorModel& sensor, const Track& track,
+                                      double frame_interval) {
   const std::vector<TrackPoint>& points = track.points;
   size_t best_from = 0;
   size_t best_to = 0;
@@ -39,7 +39,14 @@ std::optional<Sighting> Observe(const SensorModel& sensor, const Track& track,
     from = std::max(to, from + 1);
   }
   if (static_cast<double>(best_to - best_from) * frame_interval < sensor.shortest_track) return {};
+  return {best_from, best_to};
+}
 
+std::optional<Sighting> Observe(const SensorModel& sensor, const Track& track,
+                                double frame_interval, Random& random) {
+  const std::vector<TrackPoint>& points = track.points;
+  const auto [best_from, best_to] = LongestStay(sensor, track, frame_interval);
+  if (best_from == best_to) return {};
   const int frames = static_cast<int>(best_to - best_from);
   int gap_from = frames;
   int gap_to = frames;

@@ -3,7 +3,9 @@
 #ifndef MANEUVER_MODEL_DATA_TOWN_SENSOR_MODEL_H_
 #define MANEUVER_MODEL_DATA_TOWN_SENSOR_MODEL_H_
 
+#include <cstddef>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "model/data/town/random.h"
@@ -28,6 +30,10 @@ struct Sighting {
   double first = 0.0;  // seconds
   double last = 0.0;
 };
+
+// The frames [first, second) of the longest stay of a track within the radius; empty if too short.
+std::pair<size_t, size_t> LongestStay(const SensorModel& sensor, const Track& track,
+                                      double frame_interval);
 
 // The longest stay of a track within the radius, with noise and gaps; nothing if too short.
 std::optional<Sighting> Observe(const SensorModel& sensor, const Track& track,

@@ -14,6 +14,8 @@ namespace maneuver::data::town {
 // How deep, in metres, boxes may reach into each other: a car park's corners are cut as closely as
 // that. A place whose traffic does worse is drawn again.
 inline constexpr double kOverlapTolerance = 0.1;
+// How many are about at least; emptier places are drawn again too.
+inline constexpr int kFewestAgents = 15;
 
 struct SimulatedPlace {
   Place place;

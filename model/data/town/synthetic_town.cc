@@ -171,7 +171,7 @@ void WriteManeuvers(const Track& track, const Sighting& sighting, TownRecording&
 
 SimulatedPlace SimulatePlace(const TownOptions& options, int index) {
   SimulatedPlace best;
-  double least = 1e9;
+  double least = 1e9;  // overlap, plus a metre for each agent that is missing
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
     Random random(options.seed, static_cast<uint64_t>(index), kPlaceStream + 16 * attempt);
     SimulatedPlace drawn;
@@ -180,9 +180,17 @@ SimulatedPlace SimulatePlace(const TownOptions& options, int index) {
     traffic.duration = options.duration;
     traffic.frame_interval = options.frame_interval;
     drawn.tracks = SimulateTraffic(drawn.place, traffic, random);
-    const double overlap = LargestOverlap(drawn.tracks).depth;
-    if (overlap < least) {
-      least = overlap;
+    SensorModel sensor;
+    sensor.radius = drawn.place.sensed_radius;
+    const auto seen =
+        std::count_if(drawn.tracks.begin(), drawn.tracks.end(), [&](const Track& track) {
+          const auto [from, to] = LongestStay(sensor, track, options.frame_interval);
+          return from < to;
+        });
+    const double missing = std::max(0.0, kFewestAgents - static_cast<double>(seen));
+    const double fault = LargestOverlap(drawn.tracks).depth + missing;
+    if (fault < least) {
+      least = fault;
       best = std::move(drawn);
     }
     if (least <= kOverlapTolerance) break;

@@ -56,13 +56,12 @@ class Traffic {
   }
 
   void Step(double time, double dt) {
-    ahead_.resize(vehicles_.size());
-    for (size_t i = 0; i < vehicles_.size(); ++i) LookAhead(place_.graph, vehicles_[i], ahead_[i]);
+    for (Vehicle& vehicle : vehicles_) LookAhead(place_.graph, vehicle);
     for (size_t i = 0; i < vehicles_.size(); ++i) Decide(i, time, dt);
     for (size_t i = 0; i < vehicles_.size(); ++i) {
       if (!Advance(place_.graph, dt, vehicles_[i])) gone_.push_back(vehicles_[i].id);
     }
-    walkers_.Step(time, dt, vehicles_, ahead_);
+    walkers_.Step(time, dt, vehicles_);
     for (const int id : gone_) {
       const auto leaver = std::find_if(vehicles_.begin(), vehicles_.end(),
                                        [id](const Vehicle& vehicle) { return vehicle.id == id; });
@@ -242,7 +241,7 @@ class Traffic {
 
   Leader FindLeader(size_t index) const {
     const Vehicle& vehicle = vehicles_[index];
-    const std::vector<AheadPoint>& ahead = ahead_[index];
+    const std::vector<AheadPoint>& ahead = vehicle.ahead;
     Leader leader;
     if (ahead.empty()) return leader;
     const double reach = ahead.back().distance + 12.0;
@@ -331,7 +330,7 @@ class Traffic {
     }
     const Leader leader = FindLeader(index);
     double desired = lane.speed_limit * vehicle.driver.speed_factor;
-    for (const AheadPoint& point : ahead_[index]) {
+    for (const AheadPoint& point : vehicle.ahead) {
       desired = std::min(
           desired, std::sqrt(point.speed_limit * point.speed_limit + 2.0 * 1.3 * point.distance));
     }
@@ -369,7 +368,6 @@ class Traffic {
   Random& random_;
   Pedestrians walkers_;
   std::vector<Vehicle> vehicles_;
-  std::vector<std::vector<AheadPoint>> ahead_;
   std::vector<double> due_;  // time of each source's next arrival
   std::vector<int> gone_;
   std::vector<int> parked_;

@@ -95,8 +95,10 @@ PathPoint PoseAt(const Vehicle& vehicle, const Lane& lane, double s, double trav
   return at;
 }
 
-void LookAhead(const LaneGraph& graph, const Vehicle& vehicle, std::vector<AheadPoint>& ahead) {
-  ahead.clear();
+void LookAhead(const LaneGraph& graph, Vehicle& vehicle) {
+  if (vehicle.speed == 0.0 && vehicle.travelled == vehicle.looked_at) return;
+  vehicle.looked_at = vehicle.travelled;
+  vehicle.ahead.clear();
   const double reach = 14.0 + 2.0 * vehicle.speed + vehicle.speed * vehicle.speed / 7.0;
   size_t step = vehicle.step;
   double s = vehicle.s;
@@ -107,12 +109,17 @@ void LookAhead(const LaneGraph& graph, const Vehicle& vehicle, std::vector<Ahead
       s += vehicle.route[step].from;
     }
     const Lane& lane = graph.lanes[vehicle.route[step].lane];
-    const PathPoint pose = PoseAt(vehicle, lane, s, vehicle.travelled + distance);
+    const PathPoint at = lane.path.At(s);
+    const Lateral lateral = LateralAt(vehicle, lane, s, vehicle.travelled + distance);
+    const double stretch = std::max(0.2, 1.0 - at.curvature * lateral.offset);
+    const Vec2 along = Direction(at.heading);
+    const Vec2 direction = along + lateral.slope / stretch * Left(along);
     double limit = lane.speed_limit * vehicle.driver.speed_factor;
     if (lane.reverse) limit = kReverseSpeed;
-    const double bend = std::abs(pose.curvature);
+    const double bend = std::abs(at.curvature) / stretch;
     if (bend > 1e-4) limit = std::min(limit, std::sqrt(vehicle.driver.lateral_comfort / bend));
-    ahead.push_back({distance, pose.p, Direction(pose.heading), limit});
+    vehicle.ahead.push_back(
+        {distance, at.p + lateral.offset * Left(along), 1.0 / Norm(direction) * direction, limit});
     s += kAheadStep;
   }
 }
@@ -150,11 +157,18 @@ bool Advance(const LaneGraph& graph, double dt, Vehicle& vehicle) {
   while (vehicle.s > graph.lanes[vehicle.lane()].path.length()) {
     vehicle.s -= graph.lanes[vehicle.lane()].path.length();
     if (vehicle.step + 1 >= vehicle.route.size()) return false;
+    const bool out_of_bay = graph.lanes[vehicle.lane()].kind == LaneKind::kBay;
     ++vehicle.step;
-    const double beyond = vehicle.s;
     vehicle.s += vehicle.route[vehicle.step].from;
     vehicle.stood_at = std::numeric_limits<double>::infinity();
-    if (beyond >= 0.0) NoteEvent(graph, vehicle);
+    NoteEvent(graph, vehicle);
+    if (out_of_bay) {
+      // From the middle of the lane to where this driver likes to be.
+      const Lane& aisle = graph.lanes[vehicle.lane()];
+      vehicle.change_offset = -LateralAt(vehicle, aisle, vehicle.s, vehicle.travelled).offset;
+      vehicle.change_start = vehicle.travelled;
+      vehicle.change_length = 12.0;
+    }
   }
   SetPose(graph, false, vehicle);
   const bool reverse = graph.lanes[vehicle.lane()].reverse;

@@ -22,6 +22,14 @@ struct RouteStep {
   double from = 0.0;  // arc length at which the lane is joined
 };
 
+// A point of the path ahead of a vehicle's centre.
+struct AheadPoint {
+  double distance = 0.0;  // metres
+  Vec2 p;
+  Vec2 direction;
+  double speed_limit = 0.0;  // of the lane, the driver and the curvature
+};
+
 struct Vehicle {
   int id = 0;
   RoadUser kind = RoadUser::kVehicle;
@@ -53,6 +61,9 @@ struct Vehicle {
 
   std::vector<RouteEvent> events;
 
+  std::vector<AheadPoint> ahead;
+  double looked_at = -1.0;  // the distance travelled when it was last set
+
   int lane() const { return route[step].lane; }
   bool changing() const { return travelled < change_start + change_length; }
 };
@@ -67,16 +78,8 @@ Lateral LateralAt(const Vehicle& vehicle, const Lane& lane, double s, double tra
 // The pose on the path driven.
 PathPoint PoseAt(const Vehicle& vehicle, const Lane& lane, double s, double travelled);
 
-// A point of the path ahead of a vehicle's centre.
-struct AheadPoint {
-  double distance = 0.0;  // metres
-  Vec2 p;
-  Vec2 direction;
-  double speed_limit = 0.0;  // of the lane, the driver and the curvature
-};
-
-// The path ahead, every two metres, as far as it matters at the present speed.
-void LookAhead(const LaneGraph& graph, const Vehicle& vehicle, std::vector<AheadPoint>& ahead);
+// Sets `ahead`: the path every two metres, as far as it matters at the present speed.
+void LookAhead(const LaneGraph& graph, Vehicle& vehicle);
 
 // The distance from the centre to the start of step `step` of the route.
 double DistanceToStep(const LaneGraph& graph, const Vehicle& vehicle, size_t step);
