@@ -54,6 +54,10 @@ absl::Status RunTrainer(std::vector<std::string> arguments, const fs::path& fold
   ChildCommand command;
   command.arguments = {environment.trainer};
   command.arguments.insert(command.arguments.end(), arguments.begin(), arguments.end());
+  if (environment.trainer_threads > 0) {
+    command.arguments.insert(command.arguments.end(),
+                             {"--threads", std::to_string(environment.trainer_threads)});
+  }
   command.log = folder / kLogFile;
   command.patience = environment.patience;
   const auto result = RunChild(

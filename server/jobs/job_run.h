@@ -30,7 +30,8 @@ using ResolveModel = std::function<absl::StatusOr<ResolvedModel>(const std::stri
 
 // Where a job finds what it needs. What it points to must live as long as the run.
 struct JobRunEnvironment {
-  std::string trainer;  // program
+  std::string trainer;      // program
+  int trainer_threads = 0;  // of each run, whatever its settings say; 0: as they say
   const data::DatasetStore* datasets = nullptr;
   PublishModel publish;
   ResolveModel resolve;

@@ -288,6 +288,7 @@ void Supervisor::RunOne(const v1::Job& job, StopRequest& stop) {
   Log(LogLevel::kInfo, "job started", {{"job", job.name()}});
   CountJobs();
   const JobRunEnvironment environment = {.trainer = options_.trainer,
+                                         .trainer_threads = options_.trainer_threads,
                                          .datasets = &datasets_,
                                          .publish = options_.publish,
                                          .resolve = options_.resolve,

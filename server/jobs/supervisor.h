@@ -36,6 +36,7 @@ std::string NewJobId();
 struct SupervisorOptions {
   std::filesystem::path folder;  // DATA/jobs: one folder for each job
   std::string trainer;           // the maneuver-trainer program
+  int trainer_threads = 0;       // of each run, whatever its settings say; 0: as they say
   PublishModel publish;
   ResolveModel resolve;
   int max_running_jobs = 1;

@@ -4,6 +4,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <iostream>
 #include <memory>
@@ -47,6 +48,8 @@ class TerminationSignals {
     sigaddset(&signals_, SIGTERM);
     sigaddset(&signals_, SIGINT);
     pthread_sigmask(SIG_BLOCK, &signals_, nullptr);
+    // A reader of the log that goes away does not take the server with it.
+    signal(SIGPIPE, SIG_IGN);
   }
 
   int Wait() {
@@ -72,6 +75,9 @@ jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options,
   jobs::SupervisorOptions supervisor;
   supervisor.folder = options.data_dir / "jobs";
   supervisor.trainer = options.trainer;
+  supervisor.trainer_threads = options.trainer_threads;
+  // A trainer that ignores SIGTERM must not hold up the server's own end.
+  supervisor.patience = std::min(supervisor.patience, options.shutdown_timeout);
   supervisor.publish = [&models](const std::string& model, const std::filesystem::path& finished,
                                  v1::Promotion promotion) -> absl::StatusOr<std::string> {
     const auto name = models.Publish(model, finished, promotion);

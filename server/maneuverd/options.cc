@@ -89,8 +89,9 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv) {
       ->check(CLI::IsMember(kPrecisions))
       ->capture_default_str();
   app.add_option("--trainer", options.trainer, "The program that learns")->capture_default_str();
-  app.add_option("--trainer-threads", options.trainer_threads,
-                 "Threads of a training that names none; 0: one for each core")
+  app.add_option(
+         "--trainer-threads", options.trainer_threads,
+         "Threads of each job, whatever its settings say; 0: as they say, or one for each core")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   app.add_option("--log-format", log_format, "Of the lines on standard error")

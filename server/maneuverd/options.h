@@ -23,7 +23,7 @@ struct ServerOptions {
   serving::SchedulerOptions scheduler;
   inference::EngineOptions engine;
   std::filesystem::path trainer;
-  int trainer_threads = 0;  // 0: one for each core
+  int trainer_threads = 0;  // of each job; 0: as its settings say
   monitoring::LogFormat log_format = monitoring::LogFormat::kText;
   monitoring::LogLevel log_level = monitoring::LogLevel::kInfo;
   std::chrono::milliseconds shutdown_timeout{10'000};
