@@ -4,6 +4,7 @@
 
 #include <ostream>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "client/cli/command.h"
 #include "client/error_details.h"
@@ -74,7 +75,9 @@ std::string Explain(const absl::Status& status, const std::string& server) {
     absl::StrAppend(&text, "; try again in ", absl::FormatDuration(*details.retry_delay));
   }
   for (const client::FieldViolation& violation : details.field_violations) {
-    absl::StrAppend(&text, "\n  ", violation.field, ": ", violation.description);
+    const std::string line = absl::StrCat(violation.field, ": ", violation.description);
+    // A message may be its only violation.
+    if (!absl::StrContains(text, line)) absl::StrAppend(&text, "\n  ", line);
   }
   return text;
 }

@@ -19,6 +19,10 @@ std::string Took(const v1::Job& job) {
   return Spell(ToSeconds(job.end_time()) - ToSeconds(job.start_time()));
 }
 
+double Done(const v1::Job& job) {
+  return job.state() == v1::JOB_STATE_SUCCEEDED ? 1.0 : job.progress().fraction();
+}
+
 int List(Environment& environment) {
   v1::ListJobsRequest request;
   request.set_page_size(1'000);
@@ -43,8 +47,7 @@ int List(Environment& environment) {
                {"TOOK", Align::kRight}});
   for (const v1::Job& job : all.jobs()) {
     table.Add({ShortName(job.name()), Kind(job), Subject(job), StateName(job.state()),
-               Fixed(100.0 * job.progress().fraction(), 0) + " %", Moment(job.create_time()),
-               Took(job)});
+               Fixed(100.0 * Done(job), 0) + " %", Moment(job.create_time()), Took(job)});
   }
   if (table.empty()) {
     environment.err << "no jobs yet; start one with maneuver train MODEL --dataset NAME\n";
@@ -77,7 +80,7 @@ int Show(const std::string& name, Environment& environment) {
   table.Add({"took", Took(*job)});
   const v1::JobProgress& progress = job->progress();
   if (!progress.phase().empty()) {
-    table.Add({"progress", absl::StrCat(Fixed(100.0 * progress.fraction(), 0), " %, ",
+    table.Add({"progress", absl::StrCat(Fixed(100.0 * Done(*job), 0), " %, ",
                                         ProgressText(progress, progress.epoch_report()))});
   }
   environment.out << table.Text(environment.color);
@@ -95,7 +98,8 @@ int Cancel(const std::string& name, Environment& environment) {
   if (environment.json()) {
     environment.PrintJson(*job);
   } else {
-    environment.out << job->name() << " is " << StateName(job->state()) << "\n";
+    environment.out << job->name() << " is "
+                    << (client::HasEnded(*job) ? StateName(job->state()) : "being stopped") << "\n";
   }
   return kOk;
 }

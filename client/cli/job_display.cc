@@ -100,7 +100,7 @@ std::string Subject(const v1::Job& job) {
 
 std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport& last_report) {
   std::string text = progress.phase();
-  if (progress.epochs() > 0) {
+  if (progress.epochs() > 1) {
     absl::StrAppend(&text, " ", progress.epoch(), "/", progress.epochs());
   }
   const auto loss = last_report.training().find("loss");

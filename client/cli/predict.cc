@@ -29,7 +29,7 @@ struct Arguments {
   std::string frame = "world";
   std::optional<double> deadline;
   std::optional<std::string> plot;
-  double at_least = 0.005;
+  double at_least = 0.02;
 };
 
 using Predictions = google::protobuf::RepeatedPtrField<v1::ScenarioPrediction>;
@@ -102,8 +102,13 @@ void PrintProbabilities(const Predictions& predictions, double at_least,
   for (const v1::ScenarioPrediction& prediction : predictions) {
     for (const v1::TargetPrediction& target : prediction.targets()) {
       std::vector<int> order;
+      double rest = 0.0;
       for (int i = 0; i < target.probabilities_size(); ++i) {
-        if (target.probabilities(i) >= at_least) order.push_back(i);
+        if (target.probabilities(i) >= at_least) {
+          order.push_back(i);
+        } else {
+          rest += target.probabilities(i);
+        }
       }
       std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
         return target.probabilities(a) > target.probabilities(b);
@@ -114,6 +119,8 @@ void PrintProbabilities(const Predictions& predictions, double at_least,
                    first ? absl::StrCat(target.target_id()) : "", absl::StrCat(id),
                    LabelOf(labels, id), Share(target.probabilities(id))});
       }
+      const auto others = static_cast<size_t>(target.probabilities_size()) - order.size();
+      if (others > 0) table.Add({"", "", "others", absl::StrCat(others, " of them"), Share(rest)});
     }
   }
   environment.out << table.Text(environment.color);
@@ -306,7 +313,7 @@ void AddPredict(Command& root, Environment& environment) {
                                  "         maneuver probability scene.json --model town");
   AddCommonOptions(probability, arguments.get());
   probability.Option("--at-least", &arguments->at_least, 0.0, 1.0,
-                     "Leave less probable actions out of the table");
+                     "Sum up less probable actions in one line");
   probability.Run([=, &environment] { return Probability(*arguments, environment); });
 
   Command distribution = root.Add(
@@ -327,7 +334,7 @@ void AddPredict(Command& root, Environment& environment) {
   AddCommonOptions(predict, arguments.get());
   AddQueryOptions(predict, arguments.get());
   predict.Option("--at-least", &arguments->at_least, 0.0, 1.0,
-                 "Leave less probable actions out of the table of probabilities");
+                 "Sum up less probable actions in one line");
   predict.Run([=, &environment] { return Predict(*arguments, environment); });
 }
 
