@@ -56,8 +56,8 @@ Place SignalCrossing(Random& random) {
   JunctionSpec spec;
   spec.control = Control::kSignals;
   spec.corner = random.Uniform(7.0, 9.5);
-  spec.left_weight = 1.7;
-  spec.right_weight = 1.6;
+  spec.left_weight = 2.2;
+  spec.right_weight = 2.0;
   if (main.median > 3.0) spec.u_turn_weight = 0.6;
   const std::vector<Road> roads = AddJunction(place, arms, spec);
   AddDriveway(place, roads[random.Integer(0, 3)], random);
@@ -88,8 +88,8 @@ Place StopCrossing(Random& random) {
                                        : Control::kYield;
   spec.crosswalks = all_way;
   spec.corner = random.Uniform(6.5, 9.0);
-  spec.left_weight = 1.9;
-  spec.right_weight = 1.9;
+  spec.left_weight = 2.4;
+  spec.right_weight = 2.4;
   const std::vector<Road> roads = AddJunction(place, arms, spec);
   for (size_t i = 0; i < roads.size(); ++i) {
     if (roads[i].spec.parking <= 0.0) continue;
@@ -125,8 +125,8 @@ Place TJunction(Random& random) {
                                       : Control::kYield;
   spec.crosswalks = signals;
   spec.corner = random.Uniform(6.5, 9.5);
-  spec.left_weight = 1.9;
-  spec.right_weight = 1.9;
+  spec.left_weight = 2.4;
+  spec.right_weight = 2.4;
   const std::vector<Road> roads = AddJunction(place, arms, spec);
   AddDriveway(place, roads[0], random);
   place.walkers = random.Integer(5, 10);

@@ -37,7 +37,7 @@ Place Motorway(Random& random) {
   AddRoad(place, GentleCurve(random, 640.0), spec);
   place.walkers = 0;
   place.warm_up = 5.0;
-  place.lane_change_rate = 0.12;
+  place.lane_change_rate = 0.09;
   place.long_vehicle_share = 0.12;
   place.initial_vehicles = 7 * (spec.forward + spec.backward) / 2 + 4;
   place.sensed_radius = random.Uniform(150.0, 180.0);

@@ -50,7 +50,7 @@ Place StraightRoad(Random& random) {
               road.right_edge() + 0.3, road.left_edge() - 0.3);
     }
   }
-  place.lane_change_rate = 0.09;
+  place.lane_change_rate = 0.06;
   place.walkers = random.Integer(3, 9);
   place.initial_vehicles = 8 * spec.forward;
   place.sensed_radius = 85.0;

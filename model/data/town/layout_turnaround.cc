@@ -37,7 +37,7 @@ Place Turnaround(Random& random) {
   spec.u_turn_weight = 4.0;
   const std::vector<Road> roads = AddJunction(place, arms, spec);
   place.walkers = random.Integer(4, 8);
-  place.lane_change_rate = 0.06;
+  place.lane_change_rate = 0.03;
   place.initial_vehicles = random.Integer(10, 16);
   place.sensed_radius = random.Uniform(60.0, 75.0);
   AddSources(place, random, 5.0, 9.0);

@@ -11,15 +11,15 @@ Place DrawPlace(Random& random) {
     double weight;
   };
   static constexpr std::array<Family, kLayoutCount> kFamilies = {{{StraightRoad, 0.4},
-                                                                  {CurvedRoad, 0.9},
+                                                                  {CurvedRoad, 0.8},
                                                                   {SignalCrossing, 2.2},
                                                                   {StopCrossing, 1.8},
                                                                   {TJunction, 1.5},
-                                                                  {Turnaround, 1.5},
-                                                                  {Roundabout, 1.2},
-                                                                  {Motorway, 0.4},
-                                                                  {MotorwayMerge, 0.8},
-                                                                  {CarPark, 1.2}}};
+                                                                  {Turnaround, 1.7},
+                                                                  {Roundabout, 1.5},
+                                                                  {Motorway, 0.35},
+                                                                  {MotorwayMerge, 0.7},
+                                                                  {CarPark, 1.3}}};
   std::array<double, kLayoutCount> weights{};
   for (int i = 0; i < kLayoutCount; ++i) weights[i] = kFamilies[i].weight;
   Place place = kFamilies[random.Choose(weights)].draw(random);

@@ -7,13 +7,13 @@
 namespace maneuver::data::town {
 namespace {
 
-constexpr double kStandstill = 0.25;  // metres per second
-constexpr double kCreeping = 6.0;     // metres per second
+constexpr double kStandstill = 0.6;  // metres per second
+constexpr double kCreeping = 6.0;    // metres per second
 constexpr double kCruising = 17.0;
 constexpr double kCurveWindow = 2.0;   // seconds to each side
 constexpr double kCurveAngle = 0.25;   // radians within twice that
 constexpr double kShortest = 0.8;      // seconds; shorter intervals join their neighbour
-constexpr double kLongestStop = 6.0;   // seconds
+constexpr double kLongestStop = 4.5;   // seconds
 constexpr double kLongestStart = 4.0;  // seconds
 
 // Marks the frames before each standstill in which the vehicle slows down for it, and those after

@@ -6,7 +6,8 @@
 namespace maneuver::data::town {
 namespace {
 
-constexpr double kSpacing = 0.5;  // metres between stored points
+constexpr double kSpacing = 0.5;       // metres between stored points
+constexpr double kModelRadius = 40.0;  // metres, of a turn that others are scaled from
 
 PathPoint Lerp(const PathPoint& a, const PathPoint& b, double t) {
   return {.p = a.p + t * (b.p - a.p),
@@ -164,8 +165,8 @@ Path ConnectPoses(const PathPoint& from, const PathPoint& to) {
   const double before = Cross(d, tb) / sine;
   const double after = Cross(ta, d) / sine;
   if (before < 1.0 || after < 1.0) return QuinticPath(from, to);
-  const Vec2 unit_end = PathPen(PathPoint{}).Turn(angle, 1000.0).end().p;
-  const double unit_tangent = unit_end.y / std::sin(angle) / 1000.0;
+  const Vec2 unit_end = PathPen(PathPoint{}).Turn(angle, kModelRadius).end().p;
+  const double unit_tangent = unit_end.y / std::sin(angle) / kModelRadius;
   const double tangent = std::min(before, after);
   PathPen pen(from);
   pen.Straight(before - tangent).Turn(angle, tangent / unit_tangent).Straight(after - tangent);
@@ -184,7 +185,8 @@ Path UTurnPath(const PathPoint& from, const PathPoint& to) {
   const double ahead = Dot(to.p - from.p, t);
   const double aside = Dot(to.p - from.p, Left(t));
   const double angle = aside > 0.0 ? std::numbers::pi : -std::numbers::pi;
-  const double unit_aside = std::abs(PathPen(PathPoint{}).Turn(angle, 100.0).end().p.y) / 100.0;
+  const double unit_aside =
+      std::abs(PathPen(PathPoint{}).Turn(angle, kModelRadius).end().p.y) / kModelRadius;
   PathPen pen(from);
   pen.Straight(std::max(0.0, ahead)).Turn(angle, std::abs(aside) / unit_aside);
   pen.Straight(std::max(0.0, -ahead));

@@ -67,8 +67,8 @@ TEST(ManeuversTest, StandstillIsComeToAndLeft) {
   const Track track = Drive(20.0, speed);
   EXPECT_EQ(Names(track), "keep_lane stop standing start keep_lane");
   const auto intervals = RecordManeuvers(track);
-  EXPECT_NEAR(intervals[2].start, 7.9, 0.25);
-  EXPECT_NEAR(intervals[3].start, 11.1, 0.25);
+  EXPECT_NEAR(intervals[2].start, 7.8, 0.25);
+  EXPECT_NEAR(intervals[3].start, 11.3, 0.25);
 }
 
 TEST(ManeuversTest, EventsOfTheRouteComeFirstAndStandingBeforeThem) {
