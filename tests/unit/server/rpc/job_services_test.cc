@@ -1,0 +1,365 @@
+// Datasets and jobs over gRPC, with a real store and a real process as the trainer.
+
+#include <gmock/gmock.h>
+#include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
+
+#include <string>
+#include <vector>
+
+#include "maneuver/v1/dataset_service.grpc.pb.h"
+#include "maneuver/v1/training_service.grpc.pb.h"
+#include "model/files/durable_file.h"
+#include "server/rpc/dataset_service.h"
+#include "server/rpc/training_service.h"
+#include "tests/unit/server/jobs/supervisor_fixture.h"
+
+namespace maneuver::rpc {
+namespace {
+
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+// ErrorInfo.reason of a failed call.
+std::string Reason(const grpc::Status& status) {
+  v1::Status details;
+  v1::ErrorInfo info;
+  if (!details.ParseFromString(status.error_details()) || details.details().empty()) return "";
+  info.ParseFromString(details.details(0).value());
+  return info.reason();
+}
+
+class JobServicesTest : public jobs::SupervisorTest {
+ protected:
+  void SetUp() override {
+    Start();
+    dataset_service_ = std::make_unique<DatasetService>(*datasets_, *supervisor_, pool_);
+    training_service_ = std::make_unique<TrainingService>(*supervisor_, pool_);
+    grpc::ServerBuilder builder;
+    builder.RegisterService(dataset_service_.get());
+    builder.RegisterService(training_service_.get());
+    server_ = builder.BuildAndStart();
+    ASSERT_NE(server_, nullptr);
+    const auto channel = server_->InProcessChannel({});
+    datasets_stub_ = v1::DatasetService::NewStub(channel);
+    training_stub_ = v1::TrainingService::NewStub(channel);
+  }
+  ~JobServicesTest() override {
+    supervisor_->Stop();
+    server_->Shutdown(std::chrono::system_clock::now());
+  }
+
+  // The dataset "town" of the fixture, as a client has it.
+  v1::UploadDatasetRequest Header(const std::string& name) {
+    v1::UploadDatasetRequest message;
+    message.mutable_header()->set_name(name);
+    *message.mutable_header()->mutable_dataset() = *data::ReadDatasetManifest(town_);
+    return message;
+  }
+  std::string Bytes() {
+    return *files::ReadFile(town_ / Header("").header().dataset().shards(0).file());
+  }
+  static v1::UploadDatasetRequest Chunk(const std::string& bytes) {
+    v1::UploadDatasetRequest message;
+    message.set_chunk(bytes);
+    return message;
+  }
+
+  grpc::Status Upload(const std::vector<v1::UploadDatasetRequest>& messages) {
+    grpc::ClientContext context;
+    uploaded_.Clear();
+    const auto writer = datasets_stub_->UploadDataset(&context, &uploaded_);
+    for (const auto& message : messages) {
+      if (!writer->Write(message)) break;
+    }
+    writer->WritesDone();
+    return writer->Finish();
+  }
+
+  // All jobs that a watch told of.
+  grpc::Status Watch(const std::string& name, int64_t after, std::vector<v1::Job>* jobs) {
+    grpc::ClientContext context;
+    v1::WatchJobRequest request;
+    request.set_name(name);
+    request.set_after_sequence(after);
+    const auto reader = training_stub_->WatchJob(&context, request);
+    v1::WatchJobResponse response;
+    while (reader->Read(&response)) jobs->push_back(response.job());
+    return reader->Finish();
+  }
+
+  v1::Job TrainOverTheWire() {
+    grpc::ClientContext context;
+    v1::Job job;
+    const grpc::Status status = training_stub_->Train(&context, TrainTown(), &job);
+    EXPECT_TRUE(status.ok()) << status.error_message();
+    return job;
+  }
+
+  std::vector<std::string> NamesInStore() {
+    std::vector<std::string> names;
+    for (const auto& entry : std::filesystem::directory_iterator(folder_ / "datasets")) {
+      names.push_back(entry.path().filename());
+    }
+    std::ranges::sort(names);
+    return names;
+  }
+
+  const std::filesystem::path town_ = folder_ / "datasets" / "town";
+  jobs::WorkerPool pool_{2, 100};
+  std::unique_ptr<DatasetService> dataset_service_;
+  std::unique_ptr<TrainingService> training_service_;
+  std::unique_ptr<grpc::Server> server_;
+  std::unique_ptr<v1::DatasetService::Stub> datasets_stub_;
+  std::unique_ptr<v1::TrainingService::Stub> training_stub_;
+  v1::Dataset uploaded_;
+};
+
+TEST_F(JobServicesTest, AnUploadedDatasetIsListedDescribedReadAndDeleted) {
+  const std::string bytes = Bytes();
+  const grpc::Status status = Upload(
+      {Header("datasets/a"), Chunk(bytes.substr(0, 100)), Chunk(""), Chunk(bytes.substr(100))});
+  ASSERT_TRUE(status.ok()) << status.error_message();
+  EXPECT_EQ(uploaded_.name(), "datasets/a");
+  EXPECT_EQ(uploaded_.recordings(), 1);
+
+  v1::ListDatasetsRequest list;
+  list.set_page_size(2);
+  v1::ListDatasetsResponse page;
+  grpc::ClientContext first;
+  ASSERT_TRUE(datasets_stub_->ListDatasets(&first, list, &page).ok());
+  ASSERT_EQ(page.datasets_size(), 2);
+  EXPECT_EQ(page.datasets(0).name(), "datasets/a");
+  list.set_page_token(page.next_page_token());
+  grpc::ClientContext second;
+  ASSERT_TRUE(datasets_stub_->ListDatasets(&second, list, &page).ok());
+  ASSERT_EQ(page.datasets_size(), 1);
+  EXPECT_EQ(page.next_page_token(), "");
+
+  v1::DescribeDatasetRequest describe;
+  describe.set_name("datasets/a");
+  v1::DatasetSummary summary;
+  grpc::ClientContext third;
+  ASSERT_TRUE(datasets_stub_->DescribeDataset(&third, describe, &summary).ok());
+  EXPECT_EQ(summary.agents_by_type().at("VEHICLE"), 1);
+
+  v1::ListScenariosRequest scenarios;
+  scenarios.set_parent("datasets/a");
+  v1::ListScenariosResponse listed;
+  grpc::ClientContext fourth;
+  ASSERT_TRUE(datasets_stub_->ListScenarios(&fourth, scenarios, &listed).ok());
+  ASSERT_EQ(listed.scenarios_size(), 1);
+  EXPECT_EQ(listed.scenarios(0).scenario_id(), "r0");
+
+  v1::GetScenarioRequest get;
+  get.set_parent("datasets/a");
+  get.set_scenario_id("none");
+  v1::Scenario scenario;
+  grpc::ClientContext fifth;
+  EXPECT_EQ(Reason(datasets_stub_->GetScenario(&fifth, get, &scenario)), "SCENARIO_NOT_FOUND");
+  get.set_scenario_id("r0");
+  grpc::ClientContext sixth;
+  ASSERT_TRUE(datasets_stub_->GetScenario(&sixth, get, &scenario).ok());
+  EXPECT_EQ(scenario.agents_size(), 2);
+
+  v1::DeleteDatasetRequest remove;
+  remove.set_name("datasets/a");
+  google::protobuf::Empty nothing;
+  grpc::ClientContext seventh;
+  ASSERT_TRUE(datasets_stub_->DeleteDataset(&seventh, remove, &nothing).ok());
+  grpc::ClientContext eighth;
+  EXPECT_EQ(Reason(datasets_stub_->DeleteDataset(&eighth, remove, &nothing)), "DATASET_NOT_FOUND");
+  EXPECT_THAT(NamesInStore(), ElementsAre("town", "village"));
+}
+
+TEST_F(JobServicesTest, EveryWrongUploadIsRefusedWithItsReasonAndLeavesNothing) {
+  const std::string bytes = Bytes();
+  std::string altered = bytes;
+  altered[50] ^= 1;
+  v1::UploadDatasetRequest escaping = Header("datasets/a");
+  escaping.mutable_header()->mutable_dataset()->mutable_shards(0)->set_file("../x");
+  struct Case {
+    const char* name;
+    std::vector<v1::UploadDatasetRequest> messages;
+    grpc::StatusCode code;
+    const char* reason;
+    std::string words;
+  };
+  const std::vector<Case> cases = {
+      {"no message", {}, grpc::StatusCode::INVALID_ARGUMENT, "INVALID_FIELD", "header"},
+      {"no header", {Chunk(bytes)}, grpc::StatusCode::INVALID_ARGUMENT, "INVALID_FIELD", "header"},
+      {"two headers",
+       {Header("datasets/a"), Header("datasets/a")},
+       grpc::StatusCode::INVALID_ARGUMENT,
+       "INVALID_FIELD",
+       "header"},
+      {"a name that leads out",
+       {Header("datasets/..")},
+       grpc::StatusCode::INVALID_ARGUMENT,
+       "INVALID_FIELD",
+       "header.name"},
+      {"a file that leads out",
+       {escaping},
+       grpc::StatusCode::INVALID_ARGUMENT,
+       "INVALID_FIELD",
+       "header.dataset.shards[0].file"},
+      {"a name that is taken",
+       {Header("datasets/town"), Chunk(bytes)},
+       grpc::StatusCode::ALREADY_EXISTS,
+       "DATASET_EXISTS",
+       "datasets/town"},
+      {"too few bytes",
+       {Header("datasets/a"), Chunk(bytes.substr(1))},
+       grpc::StatusCode::INVALID_ARGUMENT,
+       "DATASET_INVALID",
+       "scenarios-00000.tfrecord"},
+      {"too many bytes",
+       {Header("datasets/a"), Chunk(bytes + "x")},
+       grpc::StatusCode::INVALID_ARGUMENT,
+       "DATASET_INVALID",
+       "more bytes"},
+      {"an altered byte",
+       {Header("datasets/a"), Chunk(altered)},
+       grpc::StatusCode::DATA_LOSS,
+       "DATASET_DAMAGED",
+       "scenarios-00000.tfrecord"},
+      {"a chunk that is too large",
+       {Header("datasets/a"), Chunk(std::string((1 << 20) + 1, 'x'))},
+       grpc::StatusCode::INVALID_ARGUMENT,
+       "INVALID_FIELD",
+       "chunk"},
+  };
+  for (const Case& c : cases) {
+    const grpc::Status status = Upload(c.messages);
+    EXPECT_EQ(status.error_code(), c.code) << c.name << ": " << status.error_message();
+    EXPECT_EQ(Reason(status), c.reason) << c.name;
+    EXPECT_THAT(status.error_message(), HasSubstr(c.words)) << c.name;
+    EXPECT_THAT(NamesInStore(), ElementsAre("town", "village")) << c.name;
+  }
+}
+
+TEST_F(JobServicesTest, AnUploadThatBreaksOffLeavesNothing) {
+  {
+    grpc::ClientContext context;
+    const auto writer = datasets_stub_->UploadDataset(&context, &uploaded_);
+    ASSERT_TRUE(writer->Write(Header("datasets/a")));
+    ASSERT_TRUE(writer->Write(Chunk(Bytes())));
+    context.TryCancel();
+    EXPECT_EQ(writer->Finish().error_code(), grpc::StatusCode::CANCELLED);
+  }
+  // Ends once the server has done with every call.
+  server_->Shutdown();
+  EXPECT_THAT(NamesInStore(), ElementsAre("town", "village"));
+}
+
+TEST_F(JobServicesTest, AWatchReplaysFromTheStartOrACursorAndEndsWithTheJob) {
+  Trainer(R"(for i in 1 2 3 4 5; do
+               echo "{\"phase\":\"joint\",\"epoch\":$i,\"epochReport\":{}}"
+             done
+             mkdir "$output")");
+  const v1::Job job = TrainOverTheWire();
+  std::vector<v1::Job> live;
+  std::vector<v1::Job> replayed;
+  std::vector<v1::Job> rest;
+  ASSERT_TRUE(Watch(job.name(), 0, &live).ok());
+  ASSERT_TRUE(Watch(job.name(), 0, &replayed).ok());
+  ASSERT_TRUE(Watch(job.name(), 4, &rest).ok());
+  ASSERT_EQ(live.size(), 6u);
+  ASSERT_EQ(replayed.size(), 6u);
+  for (size_t i = 0; i < live.size(); ++i) {
+    EXPECT_EQ(live[i].SerializeAsString(), replayed[i].SerializeAsString());
+  }
+  EXPECT_EQ(live[4].progress().epoch(), 5);
+  EXPECT_EQ(live[4].state(), v1::JOB_STATE_RUNNING);
+  EXPECT_EQ(live[5].state(), v1::JOB_STATE_SUCCEEDED);
+  EXPECT_EQ(live[5].model_version(), "models/town/versions/1");
+  EXPECT_EQ(rest.size(), 2u);
+}
+
+TEST_F(JobServicesTest, AWatchOfNoJobIsRefused) {
+  std::vector<v1::Job> jobs;
+  EXPECT_EQ(Reason(Watch("jobs/none", 0, &jobs)), "JOB_NOT_FOUND");
+  EXPECT_EQ(Watch("jobs/../x", 0, &jobs).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(Watch("jobs/none", -1, &jobs).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(jobs, IsEmpty());
+}
+
+TEST_F(JobServicesTest, AWatcherWhoLeavesDisturbsNobody) {
+  Trainer(jobs::kRunsOn);
+  const v1::Job job = TrainOverTheWire();
+  {
+    grpc::ClientContext context;
+    v1::WatchJobRequest request;
+    request.set_name(job.name());
+    const auto reader = training_stub_->WatchJob(&context, request);
+    v1::WatchJobResponse response;
+    ASSERT_TRUE(reader->Read(&response));
+    context.TryCancel();
+    EXPECT_EQ(reader->Finish().error_code(), grpc::StatusCode::CANCELLED);
+  }
+  grpc::ClientContext context;
+  v1::CancelJobRequest cancel;
+  cancel.set_name(job.name());
+  v1::Job cancelled;
+  ASSERT_TRUE(training_stub_->CancelJob(&context, cancel, &cancelled).ok());
+  std::vector<v1::Job> jobs;
+  ASSERT_TRUE(Watch(job.name(), 0, &jobs).ok());
+  EXPECT_EQ(jobs.back().state(), v1::JOB_STATE_CANCELLED);
+}
+
+TEST_F(JobServicesTest, WatchesEndWhenTheServerStops) {
+  Trainer(jobs::kRunsOn);
+  const v1::Job running = TrainOverTheWire();
+  WaitForProgress(running.name());
+  const v1::Job pending = TrainOverTheWire();
+  std::vector<v1::Job> of_running;
+  std::vector<v1::Job> of_pending;
+  grpc::Status ended;
+  grpc::Status cut_off;
+  std::thread first([&] { ended = Watch(running.name(), 0, &of_running); });
+  std::thread second([&] { cut_off = Watch(pending.name(), 0, &of_pending); });
+  supervisor_->Stop();
+  first.join();
+  second.join();
+  EXPECT_TRUE(ended.ok()) << ended.error_message();
+  EXPECT_EQ(of_running.back().state(), v1::JOB_STATE_FAILED);
+  EXPECT_EQ(cut_off.error_code(), grpc::StatusCode::UNAVAILABLE);
+  EXPECT_EQ(Reason(cut_off), "SERVER_STOPS");
+}
+
+TEST_F(JobServicesTest, JobsAreListedNewestFirstInPages) {
+  std::vector<std::string> names;
+  for (int i = 0; i < 3; ++i) names.push_back(TrainOverTheWire().name());
+  v1::ListJobsRequest request;
+  request.set_page_size(2);
+  v1::ListJobsResponse page;
+  grpc::ClientContext first;
+  ASSERT_TRUE(training_stub_->ListJobs(&first, request, &page).ok());
+  ASSERT_EQ(page.jobs_size(), 2);
+  EXPECT_EQ(page.jobs(0).name(), names[2]);
+  EXPECT_EQ(page.jobs(1).name(), names[1]);
+  request.set_page_token(page.next_page_token());
+  grpc::ClientContext second;
+  ASSERT_TRUE(training_stub_->ListJobs(&second, request, &page).ok());
+  ASSERT_EQ(page.jobs_size(), 1);
+  EXPECT_EQ(page.jobs(0).name(), names[0]);
+  request.set_page_token("not a token");
+  grpc::ClientContext third;
+  EXPECT_EQ(training_stub_->ListJobs(&third, request, &page).error_code(),
+            grpc::StatusCode::INVALID_ARGUMENT);
+}
+
+TEST_F(JobServicesTest, AFailedTrainSaysWhichFieldsAreWrong) {
+  v1::TrainRequest request = TrainTown();
+  request.set_model("town");
+  grpc::ClientContext context;
+  v1::Job job;
+  const grpc::Status status = training_stub_->Train(&context, request, &job);
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(status.error_details(), AllOf(HasSubstr("BadRequest"), HasSubstr("model")));
+}
+
+}  // namespace
+}  // namespace maneuver::rpc
