@@ -86,8 +86,8 @@ class WaymoImport {
   // What was not taken as it was, for people.
   std::string Report() const {
     std::string text;
-    if (damaged_ > 0) absl::StrAppend(&text, damaged_, " damaged records skipped\n");
-    if (refused_ > 0) absl::StrAppend(&text, refused_, " unusable recordings skipped\n");
+    if (damaged_ > 0) absl::StrAppend(&text, "damaged records skipped: ", damaged_, "\n");
+    if (refused_ > 0) absl::StrAppend(&text, "unusable recordings skipped: ", refused_, "\n");
     if (renamed_ > 0) {
       absl::StrAppend(&text, renamed_,
                       " recordings with an id seen before got a suffix (\"#2\")\n");

@@ -172,7 +172,7 @@ void AddScenario(Command& root, Environment& environment) {
       group.Add("extract", "Take one scene out of a dataset, as JSON",
                 "Writes a Scenario as proto3 JSON that maneuver predict takes. Without --target it "
                 "asks about\n"
-                "the targets that the recording names, else about vehicles that move (at most 8). "
+                "the vehicles that the recording names, else about those that move (at most 8). "
                 "The future\n"
                 "is kept, for classify and for plots: predictions never see it.\n"
                 "Example: maneuver scenario extract town town-1-0 --time 4 -o scene.json\n"

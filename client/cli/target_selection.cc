@@ -46,7 +46,8 @@ std::vector<int64_t> DefaultTargets(const v1::Scenario& scenario, double time) {
   std::vector<int64_t> targets;
   for (const int64_t id : scenario.target_ids()) {
     for (const v1::Agent& agent : scenario.agents()) {
-      if (agent.id() == id && CurrentState(agent, time) >= 0) targets.push_back(id);
+      if (agent.id() != id || agent.type() != v1::AGENT_TYPE_VEHICLE) continue;
+      if (CurrentState(agent, time) >= 0) targets.push_back(id);
     }
   }
   return targets.empty() ? MovingVehicles(scenario, time, kMostTargets) : targets;

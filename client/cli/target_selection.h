@@ -17,8 +17,9 @@ int CurrentState(const v1::Agent& agent, double time);
 // first, at most `most` of them. Looks at nothing later than `time`.
 std::vector<int64_t> MovingVehicles(const v1::Scenario& scenario, double time, int most);
 
-// The targets that the recording names, those that are in sight at `time`; or, without any,
-// MovingVehicles.
+// The vehicles among the targets that the recording names, those that are in sight at `time`; or,
+// without any, MovingVehicles. Models learn from vehicles alone: others are asked about by name
+// only.
 std::vector<int64_t> DefaultTargets(const v1::Scenario& scenario, double time);
 
 }  // namespace maneuver::cli

@@ -270,6 +270,9 @@ TEST(TargetSelectionTest, TargetsOfTheRecordingComeFirstWhileInSight) {
   scenario.add_target_ids(2);
   EXPECT_THAT(DefaultTargets(scenario, 1.2), ElementsAre(1, 2));
   EXPECT_THAT(DefaultTargets(scenario, 5.0), ElementsAre(1));
+  scenario.mutable_agents(0)->set_type(v1::AGENT_TYPE_PEDESTRIAN);
+  EXPECT_THAT(DefaultTargets(scenario, 1.2), ElementsAre(2));
+  scenario.mutable_agents(0)->set_type(v1::AGENT_TYPE_VEHICLE);
   scenario.clear_target_ids();
   EXPECT_THAT(DefaultTargets(scenario, 5.0), ElementsAre(3, 1));
 }
