@@ -5,6 +5,7 @@
 #include <numbers>
 #include <string>
 
+#include "model/data/town/box_overlap.h"
 #include "model/data/town/layouts.h"
 #include "model/data/town/maneuvers.h"
 #include "model/data/town/sensor_model.h"

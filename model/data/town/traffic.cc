@@ -4,9 +4,9 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <numbers>
 
 #include "model/data/town/lane_change.h"
+#include "model/data/town/leader.h"
 #include "model/data/town/right_of_way.h"
 
 namespace maneuver::data::town {
@@ -17,40 +17,11 @@ constexpr double kLongestStep = 0.1;     // seconds
 constexpr double kHardestBraking = 5.5;  // metres per second squared
 constexpr int kFirstPedestrian = 1000;
 
-struct Leader {
-  double gap = kInfinity;  // metres between bumpers
-  double speed = 0.0;      // along the follower's path
-};
-
-// Looks along the path ahead for a disc in the way.
-void MeetDisc(std::span<const AheadPoint> ahead, double half_length, double half_width, Vec2 centre,
-              double radius, Vec2 velocity, double margin, Leader& leader) {
-  const double clearance = half_width + radius + margin;
-  for (size_t i = 0; i < ahead.size(); ++i) {
-    const AheadPoint& point = ahead[i];
-    const Vec2 d = centre - point.p;
-    // Points are two metres apart: those nearer to the disc cannot come sooner.
-    const double far = Norm(d) - clearance - 1.1;
-    if (far > 2.1) i += static_cast<size_t>(far / 2.1);
-    if (far > 0.0) continue;
-    const double along = Dot(d, point.direction);
-    if (std::abs(along) > 1.05 || std::abs(Cross(point.direction, d)) > clearance) continue;
-    const double distance = point.distance + along;
-    if (distance < 0.5 * half_length) return;  // beside or behind
-    const double gap = std::max(0.05, distance - radius - half_length);
-    if (gap < leader.gap) leader = {gap, std::max(0.0, Dot(velocity, point.direction))};
-    return;
-  }
-}
-
 class Traffic {
  public:
   Traffic(const Place& place, Random& random)
       : place_(place), random_(random), walkers_(place, random, kFirstPedestrian) {
-    for (const Source& source : place.sources) {
-      due_.push_back(-1e9);
-      (void)source;
-    }
+    due_.assign(place.sources.size(), -1e9);
     AddParked();
     AddInitial();
   }
@@ -104,6 +75,15 @@ class Traffic {
                               .speed = walker.speed,
                               .travelled = walker.s,
                               .path_heading = walker.heading});
+    }
+  }
+
+  void RecordParked(double time) {
+    for (size_t i = 0; i < parked_.size(); ++i) {
+      tracks_[parked_[i]].points.push_back({.time = time,
+                                            .p = parked_poses_[i].p,
+                                            .heading = parked_poses_[i].heading,
+                                            .path_heading = parked_poses_[i].heading});
     }
   }
 
@@ -239,38 +219,6 @@ class Traffic {
     }
   }
 
-  Leader FindLeader(size_t index) const {
-    const Vehicle& vehicle = vehicles_[index];
-    const std::vector<AheadPoint>& ahead = vehicle.ahead;
-    Leader leader;
-    if (ahead.empty()) return leader;
-    const double reach = ahead.back().distance + 12.0;
-    const double half_length = 0.5 * vehicle.length;
-    const double half_width = 0.5 * vehicle.width;
-    for (size_t k = 0; k < vehicles_.size(); ++k) {
-      const Vehicle& other = vehicles_[k];
-      if (k == index || Norm(other.pose.p - vehicle.pose.p) > reach) continue;
-      const double radius = 0.5 * other.width;
-      const double first = 0.5 * other.length - radius;
-      const int discs = std::max(1, static_cast<int>(std::ceil(2.0 * first / 1.5)) + 1);
-      const Vec2 body = Direction(other.body_heading);
-      const Vec2 velocity = other.speed * Direction(other.pose.heading);
-      for (int d = 0; d < discs; ++d) {
-        const double at = discs > 1 ? -first + 2.0 * first * d / (discs - 1) : 0.0;
-        MeetDisc(ahead, half_length, half_width, other.pose.p + at * body, radius, velocity, 0.25,
-                 leader);
-      }
-    }
-    for (const Pedestrian& walker : walkers_.all()) {
-      if (!walker.on_road || Norm(walker.p - vehicle.pose.p) > reach) continue;
-      const Vec2 velocity = walker.speed * Direction(walker.heading);
-      for (const double soon : {0.0, 0.7, 1.4}) {
-        MeetDisc(ahead, half_length, half_width, walker.p + soon * velocity, 0.4, {}, 0.6, leader);
-      }
-    }
-    return leader;
-  }
-
   // The acceleration that stops smoothly `distance` metres on; infinity if it need not brake yet.
   static double StopWithin(const Vehicle& vehicle, double distance) {
     const double v = vehicle.speed;
@@ -328,7 +276,7 @@ class Traffic {
         vehicle.admitted = 1;
       }
     }
-    const Leader leader = FindLeader(index);
+    const Leader leader = FindLeader(vehicles_, walkers_.all(), vehicle);
     double desired = lane.speed_limit * vehicle.driver.speed_factor;
     for (const AheadPoint& point : vehicle.ahead) {
       desired = std::min(
@@ -353,17 +301,6 @@ class Traffic {
     }
   }
 
- public:
-  void RecordParked(double time) {
-    for (size_t i = 0; i < parked_.size(); ++i) {
-      tracks_[parked_[i]].points.push_back({.time = time,
-                                            .p = parked_poses_[i].p,
-                                            .heading = parked_poses_[i].heading,
-                                            .path_heading = parked_poses_[i].heading});
-    }
-  }
-
- private:
   const Place& place_;
   Random& random_;
   Pedestrians walkers_;
@@ -375,24 +312,6 @@ class Traffic {
   std::map<int, Track> tracks_;
   int next_id_ = 1;
 };
-
-// How deep box b reaches into box a along a's axes and its own, by separating axes; <= 0 if apart.
-double Penetration(const Track& a, const TrackPoint& pa, const Track& b, const TrackPoint& pb) {
-  const Vec2 d = pb.p - pa.p;
-  double depth = kInfinity;
-  for (const double heading : {pa.heading, pb.heading}) {
-    for (const double turn : {0.0, 0.5 * std::numbers::pi}) {
-      const Vec2 axis = Direction(heading + turn);
-      const auto half = [&axis](const Track& track, double angle) {
-        const Vec2 body = Direction(angle);
-        return 0.5 * track.length * std::abs(Dot(body, axis)) +
-               0.5 * track.width * std::abs(Cross(body, axis));
-      };
-      depth = std::min(depth, half(a, pa.heading) + half(b, pb.heading) - std::abs(Dot(d, axis)));
-    }
-  }
-  return depth;
-}
 
 }  // namespace
 
@@ -412,37 +331,6 @@ std::vector<Track> SimulateTraffic(const Place& place, const TrafficOptions& opt
     for (int k = 0; k < substeps; ++k) traffic.Step(time + k * dt, dt);
   }
   return traffic.Done();
-}
-
-BoxOverlap LargestOverlap(const std::vector<Track>& tracks) {
-  BoxOverlap largest;
-  for (size_t i = 0; i < tracks.size(); ++i) {
-    if (tracks[i].kind == RoadUser::kPedestrian) continue;
-    for (size_t k = i + 1; k < tracks.size(); ++k) {
-      if (tracks[k].kind == RoadUser::kPedestrian) continue;
-      const std::vector<TrackPoint>& a = tracks[i].points;
-      const std::vector<TrackPoint>& b = tracks[k].points;
-      size_t x = 0;
-      size_t y = 0;
-      while (x < a.size() && y < b.size()) {
-        if (a[x].time < b[y].time) {
-          ++x;
-          continue;
-        }
-        if (b[y].time < a[x].time) {
-          ++y;
-          continue;
-        }
-        if (Norm(a[x].p - b[y].p) < 0.5 * (tracks[i].length + tracks[k].length) + 1.5) {
-          const double depth = Penetration(tracks[i], a[x], tracks[k], b[y]);
-          if (depth > largest.depth) largest = {depth, tracks[i].id, tracks[k].id, a[x].time};
-        }
-        ++x;
-        ++y;
-      }
-    }
-  }
-  return largest;
 }
 
 }  // namespace maneuver::data::town

@@ -22,15 +22,6 @@ struct TrafficOptions {
 std::vector<Track> SimulateTraffic(const Place& place, const TrafficOptions& options,
                                    Random& random);
 
-// The deepest that the boxes of two road users (pedestrians aside) ever reached into each other.
-struct BoxOverlap {
-  double depth = 0.0;  // metres
-  int first = 0;       // ids
-  int second = 0;
-  double time = 0.0;  // seconds
-};
-BoxOverlap LargestOverlap(const std::vector<Track>& tracks);
-
 }  // namespace maneuver::data::town
 
 #endif  // MANEUVER_MODEL_DATA_TOWN_TRAFFIC_H_

@@ -1,13 +1,12 @@
 // The physics and the manners of the town's traffic, on tracks without noise.
 
-#include "model/data/town/traffic.h"
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <vector>
 
 #include "gtest/gtest.h"
+#include "model/data/town/box_overlap.h"
 #include "model/data/town/maneuvers.h"
 #include "tests/unit/model/data/town/simulated_places.h"
 
