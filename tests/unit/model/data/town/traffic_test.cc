@@ -1,5 +1,7 @@
 // The physics and the manners of the town's traffic, on tracks without noise.
 
+#include "model/data/town/traffic.h"
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -7,6 +9,7 @@
 
 #include "gtest/gtest.h"
 #include "model/data/town/box_overlap.h"
+#include "model/data/town/layouts.h"
 #include "model/data/town/maneuvers.h"
 #include "tests/unit/model/data/town/simulated_places.h"
 
@@ -53,6 +56,16 @@ TEST(TrafficTest, NobodyDrivesIntoAnybody) {
         << "place " << index << ": " << overlap.first << " and " << overlap.second << " at "
         << overlap.time;
   }
+}
+
+TEST(TrafficTest, GivingWayKeepsVehiclesApartWithoutDrawingPlacesAgain) {
+  int overlapping = 0;
+  for (uint64_t index = 0; index < 40; ++index) {
+    Random random(11, index, 1);
+    const Place place = DrawPlace(random);
+    if (LargestOverlap(SimulateTraffic(place, {}, random)).depth > kOverlapTolerance) ++overlapping;
+  }
+  EXPECT_LE(overlapping, 1);
 }
 
 TEST(TrafficTest, NobodyRunsARedLight) {
