@@ -1,13 +1,26 @@
-# maneuver_library(NAME scene SOURCES a.cc ... DEPENDS ...)
+# Compiles the sources of a target as one, if `together` and the build say so.
+function(maneuver_together target together)
+  if(together AND MANEUVER_UNITY)
+    set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 8)
+    # A private struct of one source is then in the same unit as another's.
+    target_compile_options(${target} PRIVATE -Wno-subobject-linkage)
+  endif()
+endfunction()
+
+# maneuver_library(NAME scene SOURCES a.cc ... DEPENDS ... [TOGETHER])
 #
 # The one library of a folder, `maneuver_<name>`. DEPENDS are public, PRIVATE
 # are seen by its .cc files alone. Without SOURCES it is headers only.
+#
+# TOGETHER: its sources share heavy headers and are compiled as one, for a faster
+# first build; -DMANEUVER_UNITY=OFF compiles each alone, as one wants while editing.
 function(maneuver_library)
-  cmake_parse_arguments(ARG "" "NAME" "SOURCES;DEPENDS;PRIVATE" ${ARGN})
+  cmake_parse_arguments(ARG "TOGETHER" "NAME" "SOURCES;DEPENDS;PRIVATE" ${ARGN})
   set(target maneuver_${ARG_NAME})
   if(ARG_SOURCES)
     add_library(${target} STATIC ${ARG_SOURCES})
     target_compile_options(${target} PRIVATE ${MANEUVER_WARNINGS})
+    maneuver_together(${target} ${ARG_TOGETHER})
     target_include_directories(${target} PUBLIC "${CMAKE_SOURCE_DIR}")
     target_link_libraries(${target} PUBLIC ${ARG_DEPENDS} PRIVATE ${ARG_PRIVATE})
   else()
@@ -17,11 +30,12 @@ function(maneuver_library)
   endif()
 endfunction()
 
-# maneuver_program(NAME maneuverd SOURCES main.cc DEPENDS ...)
+# maneuver_program(NAME maneuverd SOURCES main.cc DEPENDS ... [TOGETHER])
 function(maneuver_program)
-  cmake_parse_arguments(ARG "" "NAME" "SOURCES;DEPENDS" ${ARGN})
+  cmake_parse_arguments(ARG "TOGETHER" "NAME" "SOURCES;DEPENDS" ${ARGN})
   add_executable(${ARG_NAME} ${ARG_SOURCES})
   target_compile_options(${ARG_NAME} PRIVATE ${MANEUVER_WARNINGS})
+  maneuver_together(${ARG_NAME} ${ARG_TOGETHER})
   target_include_directories(${ARG_NAME} PRIVATE "${CMAKE_SOURCE_DIR}")
   target_compile_definitions(${ARG_NAME} PRIVATE MANEUVER_VERSION="${PROJECT_VERSION}")
   target_link_libraries(${ARG_NAME} PRIVATE ${ARG_DEPENDS})

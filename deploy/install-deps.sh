@@ -10,6 +10,8 @@ packages=(
   libgrpc++-dev protobuf-compiler-grpc libprotobuf-dev protobuf-compiler libabsl-dev libssl-dev
   # mathematics, networks, learning
   libeigen3-dev libdnnl-dev ocl-icd-opencl-dev opencl-headers libtorch-dev
+  # without it LibTorch's matrix products are some 25 times slower
+  libopenblas0-openmp
   # rasters and drawings
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev
   # metrics, jobs, command line, logs, data

@@ -50,7 +50,9 @@ grpc::Status Call(const std::shared_ptr<grpc::Channel>& channel, const std::stri
   auto call = stub.PrepareCall(&context, method, &queue);
   call->StartCall(nullptr);
   finished();
-  call->WriteLast(grpc::ByteBuffer(), grpc::WriteOptions(), nullptr);
+  // A buffer of one empty slice is an empty message; a buffer of none would be no message.
+  const grpc::Slice empty;
+  call->WriteLast(grpc::ByteBuffer(&empty, 1), grpc::WriteOptions(), nullptr);
   finished();
   grpc::ByteBuffer answer;
   do {

@@ -58,7 +58,7 @@ TEST(RealScenesTest, ImportUploadTrainAndPredictWithPictures) {
 
   const nlohmann::json list =
       nlohmann::json::parse(succeed({"--output", "json", "scenario", "list", scenes}));
-  const std::string id = list.at("scenarios").at(0).at("scenario_id");
+  const std::string id = list.at("scenarios").at(0).at("scenarioId");
   const std::filesystem::path scene = folder.path() / "scene.json";
   const std::filesystem::path picture = folder.path() / "scene.png";
   succeed({"scenario", "extract", scenes, id, "--out", scene.string()});

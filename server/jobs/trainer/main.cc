@@ -6,6 +6,8 @@
 
 #include <CLI/CLI.hpp>
 #include <cstdlib>
+#include <filesystem>
+#include <system_error>
 
 #include "server/jobs/trainer/evaluate_command.h"
 #include "server/jobs/trainer/stop_signal.h"
@@ -47,7 +49,11 @@ constexpr char kFooter[] = R"(Exit status:
 void ShortenSpinning(char** argv) {
   constexpr char kVariable[] = "GOMP_SPINCOUNT";
   if (std::getenv(kVariable) != nullptr || std::getenv("OMP_WAIT_POLICY") != nullptr) return;
-  if (setenv(kVariable, "10000", /*overwrite=*/0) == 0) execv("/proc/self/exe", argv);
+  if (setenv(kVariable, "10000", /*overwrite=*/0) != 0) return;
+  // By its own path, so that ps and top go on showing its name.
+  std::error_code error;
+  const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
+  if (!error) execv(self.c_str(), argv);
 }
 
 }  // namespace
