@@ -62,8 +62,10 @@ TEST(RealScenesTest, ImportUploadTrainAndPredictWithPictures) {
   const std::filesystem::path scene = folder.path() / "scene.json";
   const std::filesystem::path picture = folder.path() / "scene.png";
   succeed({"scenario", "extract", scenes, id, "--out", scene.string()});
-  const nlohmann::json answer = nlohmann::json::parse(
-      succeed({"--output", "json", "predict", scene.string(), "--plot", picture.string()}));
+  // The answer on standard output, then messages for people on standard error.
+  const std::string output =
+      succeed({"--output", "json", "predict", scene.string(), "--plot", picture.string()});
+  const nlohmann::json answer = nlohmann::json::parse(output.substr(0, output.rfind('}') + 1));
   EXPECT_FALSE(answer.at("predictions").at(0).at("targets").empty());
   EXPECT_EQ(FirstBytes(picture, kPngMagic.size()), kPngMagic);
 }
