@@ -60,8 +60,8 @@ class Learner {
                                    const std::vector<Group>& groups, const BatchLoss& loss,
                                    const std::function<v1::EpochReport(TermMeans)>& report);
   absl::Status TakeStep(const at::Tensor& loss, double rate_share, AdamW* optimizer);
-  // The examples of an epoch in the order they are learned from: at most max_examples of them, drawn
-  // anew each time.
+  // The examples of an epoch in the order they are learned from: at most max_examples of them,
+  // drawn anew each time.
   at::Tensor DrawEpoch();
   // Trajectories varied at random, [B, 2T].
   at::Tensor Vary(const at::Tensor& trajectories);

@@ -4,7 +4,6 @@
 #define MANEUVER_SERVER_RPC_BLOCKING_CALL_H_
 
 #include <grpcpp/server_context.h>
-#include <grpcpp/server_context.h>
 #include <grpcpp/support/server_callback.h>
 
 #include <utility>
