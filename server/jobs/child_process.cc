@@ -184,7 +184,7 @@ class LineReader {
 };
 
 // Whether the process has ended; it stays a zombie, so that its group's id stays its own.
-bool HasEnded(pid_t pid) {
+bool HasExited(pid_t pid) {
   siginfo_t about{};
   return waitid(P_PID, static_cast<id_t>(pid), &about, WEXITED | WNOHANG | WNOWAIT) == 0 &&
          about.si_pid == pid;
@@ -223,7 +223,7 @@ absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& s
   std::optional<steady_clock::time_point> kill_at;  // set once it was asked to stop
   bool is_open = true;
   steady_clock::time_point next_tick = steady_clock::now() + kTick;
-  while (!HasEnded(child->pid)) {
+  while (!HasExited(child->pid)) {
     if (!kill_at && stop.reason() != StopRequest::Reason::kNone) {
       kill(-child->pid, SIGTERM);
       kill_at = steady_clock::now() + command.patience;
