@@ -67,8 +67,25 @@ bool HasSize(const waymo::ObjectState& state) {
          state.width() > 0.0f;
 }
 
-// The usable state with a size nearest to step `current`, or nullptr.
-const waymo::ObjectState* SizedState(const waymo::Track& track, int current) {
+struct Size {
+  float length = 0.0f;
+  float width = 0.0f;
+};
+
+// Of an agent whose recording states no size, metres: medians of recordings that do.
+Size TypicalSize(v1::AgentType type) {
+  switch (type) {
+    case v1::AGENT_TYPE_VEHICLE:
+      return {4.6f, 2.1f};
+    case v1::AGENT_TYPE_CYCLIST:
+      return {1.8f, 0.8f};
+    default:
+      return {0.9f, 0.9f};
+  }
+}
+
+// Size of the usable state nearest to step `current` that has one.
+Size SizeOf(const waymo::Track& track, int current) {
   const waymo::ObjectState* nearest = nullptr;
   int distance = 0;
   for (int i = 0; i < track.states_size(); ++i) {
@@ -77,18 +94,19 @@ const waymo::ObjectState* SizedState(const waymo::Track& track, int current) {
     nearest = &track.states(i);
     distance = std::abs(i - current);
   }
-  return nearest;
+  if (nearest == nullptr) return TypicalSize(TypeOf(track));
+  return {nearest->length(), nearest->width()};
 }
 
 void AddAgent(const waymo::Scenario& recording, const waymo::Track& track, int current,
               v1::Scenario* scenario) {
-  const waymo::ObjectState* sized = SizedState(track, current);
-  if (sized == nullptr) return;
+  if (std::none_of(track.states().begin(), track.states().end(), IsUsable)) return;
+  const Size size = SizeOf(track, current);
   v1::Agent* agent = scenario->add_agents();
   agent->set_id(track.id());
   agent->set_type(TypeOf(track));
-  agent->set_length(sized->length());
-  agent->set_width(sized->width());
+  agent->set_length(size.length);
+  agent->set_width(size.width);
   for (int i = 0; i < track.states_size(); ++i) {
     const waymo::ObjectState& state = track.states(i);
     if (!IsUsable(state)) continue;
@@ -108,8 +126,7 @@ void AddTargets(const waymo::Scenario& recording, int current, v1::Scenario* sce
     const int index = required.track_index();
     if (index < 0 || index >= recording.tracks_size()) continue;
     const waymo::Track& track = recording.tracks(index);
-    // Not an agent of ours, or not there at the prediction time.
-    if (!IsUsable(track.states(current)) || SizedState(track, current) == nullptr) continue;
+    if (!IsUsable(track.states(current))) continue;  // not there at the prediction time
     if (named.insert(track.id()).second) scenario->add_target_ids(track.id());
   }
 }

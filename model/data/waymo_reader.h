@@ -14,9 +14,10 @@ namespace maneuver::data {
 // 10 where it is not stated), targets are tracks_to_predict with a state then (without those,
 // none). A recording without an id gets one of its content: "nosid-" and eight hexadecimal digits.
 //
-// Kept: valid states with finite numbers; agents that have any with a size; map features that have
-// any points. An agent's size is that of its state nearest to the prediction time. A signal has a
-// reading where it changes, "unspecified" where the recording stops telling.
+// Kept: valid states with finite numbers; agents that have any; map features that have any points.
+// An agent's size is that of its state nearest to the prediction time; where no state has one (some
+// copies of these recordings come without), one typical of its type. A signal has a reading where
+// it changes, "unspecified" where the recording stops telling.
 //
 // INVALID_ARGUMENT if it does not parse, has no tracks, or its times do not increase or do not
 // match its states.

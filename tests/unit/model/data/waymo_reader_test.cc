@@ -112,6 +112,20 @@ TEST(WaymoReaderTest, TakesTheSizeNearestToThePresent) {
   EXPECT_DOUBLE_EQ(scenario.agents(1).length(), 6.0);
 }
 
+TEST(WaymoReaderTest, WithoutAnySizeAgentsHaveOneTypicalOfTheirType) {
+  const auto sizeless = [](int id, int type) {
+    return Track(id, type, std::vector<Wire>(3, State(1, 1, 0, 0)));
+  };
+  const v1::Scenario scenario = Parse(Recording({sizeless(1, 1), sizeless(2, 2), sizeless(3, 3)}));
+  ASSERT_EQ(scenario.agents_size(), 3);
+  EXPECT_NEAR(scenario.agents(0).length(), 4.6, 0.3);
+  EXPECT_NEAR(scenario.agents(0).width(), 2.1, 0.3);
+  EXPECT_NEAR(scenario.agents(1).length(), 0.9, 0.3);
+  EXPECT_NEAR(scenario.agents(2).length(), 1.8, 0.3);
+  EXPECT_EQ(scenario.agents(0).states_size(), 3);
+  EXPECT_THAT(scene::ValidateScenario(scenario, {}), IsEmpty());
+}
+
 TEST(WaymoReaderTest, TargetsAreTracksToPredictThatAreThere) {
   Wire recording = Recording(
       {MovingTrack(10), MovingTrack(20), Track(30, 1, {State(1, 1), NoState(), State(1, 1)})});
