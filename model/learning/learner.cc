@@ -22,8 +22,6 @@ constexpr int kClusterRestarts = 3;
 constexpr double kSidewaysWeight = 2.0;
 constexpr double kReach = 10.0;             // metres
 constexpr int64_t kMostClustered = 16'384;  // examples
-// Waypoints that hardly vary are not blown up, metres.
-constexpr double kSmallestDeviation = 0.3;
 // Variance of a component that starts from few encodings.
 constexpr double kSmallestVariance = 1e-3;
 // Components with fewer encodings take their variance from all.
@@ -99,16 +97,7 @@ Learner::Learner(const v1::TrainingSettings& settings, const TrainingData& data,
       networks_(settings.model(), device, generator_),
       trajectories_(Trajectories(data.training.examples)),
       validation_trajectories_(Trajectories(data.validation.examples)) {
-  at::NoGradGuard no_grad;
-  // Standardised per waypoint and axis; a mirrored copy of the data has no mean to the side.
-  const bool mirror = settings.augmentation().mirror();
-  const at::Tensor points = trajectories_.view({trajectories_.size(0), -1, 2});
-  at::Tensor mean = points.mean(0);
-  at::Tensor square = points.square().mean(0);
-  if (mirror) mean.select(1, 1).zero_();
-  const at::Tensor stddev = (square - mean.square()).clamp_min(0.0).sqrt();
-  networks_["trajectory.mean"].copy_(mean);
-  networks_["trajectory.stddev"].copy_(stddev.clamp_min(kSmallestDeviation));
+  networks_.Standardize(trajectories_, settings.augmentation().mirror());
 }
 
 at::Tensor Learner::Noise(at::IntArrayRef shape) {

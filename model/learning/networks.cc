@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "model/artifact/model_spec.h"
+#include "model/learning/trajectory_basis.h"
 
 namespace maneuver::learning {
 namespace {
@@ -13,6 +14,9 @@ namespace {
 constexpr double kBatchNormMomentum = 0.1;
 constexpr double kBatchNormEpsilon = 1e-5;  // artifact/tensor.h
 constexpr double kSmall = 0.05;             // of the usual deviation: last layers that start small
+constexpr double kKnotInterval = 0.8;       // seconds: what a driver does takes no less
+// What hardly varies is not blown up, metres.
+constexpr double kSmallestDeviation = 0.3;
 
 bool StartsWith(const std::string& name, const std::string& prefix) {
   return name.compare(0, prefix.size(), prefix) == 0;
@@ -42,12 +46,21 @@ at::Generator MakeGenerator(uint64_t seed) {
 }
 
 Networks::Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& generator)
-    : spec_(spec), device_(device) {
+    : spec_(spec),
+      device_(device),
+      last_decoder_layer_("decoder." + std::to_string(spec.decoder().hidden_size())) {
+  Eigen::MatrixXf basis =
+      SplineBasis(artifact::WaypointTimes(spec.trajectory()), kKnotInterval).transpose();
+  const int64_t functions = basis.rows();
+  basis_ = at::from_blob(basis.data(), {basis.cols(), functions}).clone().to(device);
+  coefficient_stddev_ = at::ones({functions, 2}, basis_.options());
+
   const std::string last_scenario_layer = Layer(
       "scenario_encoder", static_cast<size_t>(spec.scenario_encoder().hidden_size()), "weight");
   const std::string last_action_layer = Layer(
       "action_predictor", static_cast<size_t>(spec.action_predictor().hidden_size()), "weight");
-  for (const auto& [name, shape] : artifact::TensorShapes(spec)) {
+  for (auto [name, shape] : artifact::TensorShapes(spec)) {
+    if (StartsWith(name, last_decoder_layer_)) shape[0] = 2 * functions;
     at::Tensor values = at::zeros(shape, at::kFloat);
     bool learned = true;
     if (EndsWith(name, "running_mean") || name == "decoder.covariance" ||
@@ -136,8 +149,36 @@ Gaussian Networks::EncodeTrajectories(const at::Tensor& trajectories) const {
 
 at::Tensor Networks::Decode(const at::Tensor& latents) const {
   const size_t layers = static_cast<size_t>(spec_.decoder().hidden_size()) + 1;
-  return Mlp("decoder", layers, latents) * (*this)["trajectory.stddev"].flatten() +
-         (*this)["trajectory.mean"].flatten();
+  return at::linear(Mlp("decoder", layers, latents), CurveMap(),
+                    (*this)["trajectory.mean"].flatten());
+}
+
+at::Tensor Networks::CurveMap() const {
+  // Position t, axis a is the sum over functions m of basis [t, m] times coefficient [m, a].
+  const int64_t waypoints = basis_.size(0);
+  const int64_t functions = basis_.size(1);
+  at::Tensor map = at::zeros({waypoints, 2, functions, 2}, basis_.options());
+  for (int axis = 0; axis < 2; ++axis) {
+    map.select(1, axis).select(2, axis).copy_(basis_ * coefficient_stddev_.select(1, axis));
+  }
+  return map.view({2 * waypoints, 2 * functions});
+}
+
+void Networks::Standardize(const at::Tensor& trajectories, bool mirrored) {
+  at::NoGradGuard no_grad;
+  const at::Tensor points = trajectories.to(device_).view({trajectories.size(0), -1, 2});
+  const auto moments = [&](const at::Tensor& values, at::Tensor* mean) {
+    *mean = values.mean(0);
+    if (mirrored) mean->select(1, 1).zero_();
+    const at::Tensor square = values.square().mean(0);
+    return (square - mean->square()).clamp_min(0.0).sqrt().clamp_min(kSmallestDeviation);
+  };
+  at::Tensor mean;
+  (*this)["trajectory.stddev"].copy_(moments(points, &mean));
+  // The mean is itself a curve of the basis, so that all that is decoded is.
+  (*this)["trajectory.mean"].copy_(at::matmul(basis_, at::matmul(basis_.t(), mean)));
+  at::Tensor coefficient_mean;
+  coefficient_stddev_ = moments(at::matmul(basis_.t(), points), &coefficient_mean);
 }
 
 // The raw outputs a, b of the K scenario encoders, [K, B, 2D].
@@ -204,10 +245,13 @@ std::vector<at::Tensor> Networks::Parameters(Part part) const {
 artifact::TensorMap Networks::Export() const {
   at::NoGradGuard no_grad;
   artifact::TensorMap weights;
+  // The folder's decoder yields positions in deviations.
+  const at::Tensor to_positions = CurveMap() / (*this)["trajectory.stddev"].flatten().unsqueeze(1);
   for (const auto& [name, tensor] : tensors_) {
-    const at::Tensor normalized =
-        name == "mixture.log_weight" ? at::log_softmax(tensor, 0) : tensor;
-    const at::Tensor values = normalized.detach().to(at::kCPU).contiguous();
+    at::Tensor exported = tensor;
+    if (name == "mixture.log_weight") exported = at::log_softmax(tensor, 0);
+    if (StartsWith(name, last_decoder_layer_)) exported = at::matmul(to_positions, tensor);
+    const at::Tensor values = exported.detach().to(at::kCPU).contiguous();
     artifact::Tensor& copy = weights[name];
     copy.shape = values.sizes().vec();
     copy.values.assign(values.data_ptr<float>(), values.data_ptr<float>() + values.numel());

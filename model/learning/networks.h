@@ -45,7 +45,7 @@ class Networks {
   at::Tensor PredictActions(const at::Tensor& features) const;
   // q(z|x). trajectories [B, 2T] metres -> [B, D]
   Gaussian EncodeTrajectories(const at::Tensor& trajectories) const;
-  // Mean of p(x|z). latents [..., D] -> [..., 2T] metres
+  // Mean of p(x|z), a smooth curve (trajectory_basis.h). latents [..., D] -> [..., 2T] metres
   at::Tensor Decode(const at::Tensor& latents) const;
   // q_1(z|s) .. q_K(z|s), relative to the mixture's components, which get no gradient through it.
   // features [B, F] -> [B, K, D]
@@ -55,7 +55,13 @@ class Networks {
   // ln p(y) without a scenario, normalised. [K]
   at::Tensor MixtureLogWeights() const;
 
-  // A tensor by its name in artifact/tensor.h; it must exist.
+  // Sets the means and deviations that networks see trajectories relative to.
+  //   trajectories: [N, 2T] metres
+  //   mirrored: left and right are swapped at random, so that there is no mean to the side
+  void Standardize(const at::Tensor& trajectories, bool mirrored);
+
+  // A tensor by its name in artifact/tensor.h; it must exist. Of the decoder's last layer, the rows
+  // are coefficients [2M] and not yet positions [2T].
   at::Tensor& operator[](const std::string& name);
   const at::Tensor& operator[](const std::string& name) const;
 
@@ -63,7 +69,7 @@ class Networks {
   enum class Part { kTrajectoryEncoder, kDecoder, kMixture, kBackbone, kActions, kScenarioEncoder };
   std::vector<at::Tensor> Parameters(Part part) const;
 
-  // Copies for the model folder, ln p(y) normalised.
+  // Copies for the model folder: ln p(y) normalised, the decoder's last layer times the basis.
   artifact::TensorMap Export() const;
 
   // Share of the features that dropout takes away.
@@ -72,9 +78,14 @@ class Networks {
  private:
   at::Tensor Mlp(const std::string& name, size_t layers, at::Tensor x) const;
   at::Tensor PerAction(const at::Tensor& features) const;
+  // The linear map from the decoder's last layer to positions relative to the mean. [2T, 2M]
+  at::Tensor CurveMap() const;
 
   v1::ModelSpec spec_;
   at::Device device_;
+  const std::string last_decoder_layer_;  // "decoder.3"
+  at::Tensor basis_;                      // [T, M]
+  at::Tensor coefficient_stddev_;         // [M, 2] metres
   std::map<std::string, at::Tensor> tensors_;
 };
 
