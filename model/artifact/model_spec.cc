@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/artifact/field_rules.h"
+#include "model/scene/target_motion.h"
 
 namespace maneuver::artifact {
 namespace {
@@ -144,11 +145,16 @@ std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec) {
   return times;
 }
 
+int64_t SceneFeatures(const v1::ModelSpec& spec) {
+  return spec.backbone().features() + (spec.target_motion() ? scene::kMotionInputs : 0);
+}
+
 std::map<std::string, std::vector<int64_t>> TensorShapes(const v1::ModelSpec& spec) {
   const int64_t K = spec.actions();
   const int64_t D = spec.latent_dimensions();
   const int64_t T = spec.trajectory().waypoints();
   const int64_t F = spec.backbone().features();
+  const int64_t features = SceneFeatures(spec);
   const int convolutions = spec.backbone().convolutions_size();
 
   Shapes shapes;
@@ -164,10 +170,10 @@ std::map<std::string, std::vector<int64_t>> TensorShapes(const v1::ModelSpec& sp
   shapes["backbone.projection.weight"] = {F, int64_t{last.channels} * last.height * last.width};
   shapes["backbone.projection.bias"] = {F};
 
-  AddMlp("action_predictor", F, spec.action_predictor(), K, {}, &shapes);
+  AddMlp("action_predictor", features, spec.action_predictor(), K, {}, &shapes);
   AddMlp("trajectory_encoder", 2 * T, spec.trajectory_encoder(), 2 * D, {}, &shapes);
   AddMlp("decoder", D, spec.decoder(), 2 * T, {}, &shapes);
-  AddMlp("scenario_encoder", F, spec.scenario_encoder(), 2 * D, {K}, &shapes);
+  AddMlp("scenario_encoder", features, spec.scenario_encoder(), 2 * D, {K}, &shapes);
 
   shapes["mixture.mean"] = {K, D};
   shapes["mixture.log_variance"] = {K, D};

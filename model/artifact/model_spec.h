@@ -27,6 +27,10 @@ GridSize BackboneGrid(const v1::ModelSpec& spec, int i);
 // Time of each waypoint after the prediction time, seconds. [T]
 std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec);
 
+// F', what p(y|s) and q(z|y,s) read of a scene: the backbone's features, then the target's motion
+// if the model asks for it.
+int64_t SceneFeatures(const v1::ModelSpec& spec);
+
 // Name and shape of every tensor of a model, as tensor.h lists them.
 std::map<std::string, std::vector<int64_t>> TensorShapes(const v1::ModelSpec& spec);
 

@@ -20,10 +20,12 @@ struct Tensor {
 //   backbone.convolution.{i}.weight   [C_out, C_in, 3, 3]   no bias: batch normalisation follows
 //   backbone.normalization.{i}.{weight,bias,running_mean,running_var}   [C_out], epsilon 1e-5
 //   backbone.projection.{weight,bias}   [F, C * h * w], [F]   on the flattened last grid; then ReLU
-//   action_predictor.{i}.{weight,bias}   [out, in], [out]   F -> hidden ... -> K logits
+//   action_predictor.{i}.{weight,bias}   [out, in], [out]   F' -> hidden ... -> K logits; F' is F
+//       features, then the target's motion if the spec has it (scene/target_motion.h)
 //   trajectory_encoder.{i}.{weight,bias}   2T -> hidden ... -> 2D: mean, then log-variance
 //   decoder.{i}.{weight,bias}   D -> hidden ... -> 2T
-//   scenario_encoder.{i}.{weight,bias}   [K, out, in], [K, out]   F -> hidden ... -> 2D: a, then b;
+//   scenario_encoder.{i}.{weight,bias}   [K, out, in], [K, out]   F' -> hidden ... -> 2D: a, then
+//   b;
 //       q(z|y=k,s) has mean mu_k + sigma_k * a and log-variance logvar_k + b (relative to the
 //       component k of the mixture, so that an untrained encoder answers the generic action)
 //   mixture.mean, mixture.log_variance   [K, D]

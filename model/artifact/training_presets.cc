@@ -42,8 +42,22 @@ constexpr char kLearning[] = R"pb(
     action_weight: 5
     posterior_reconstruction_weight: 0.05
     posterior_divergence_weight: 1
+    dual_epochs: 6
+    responsibilities: RESPONSIBILITIES_PRINTED
+    mixture_placement: MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS
+    placements: 1
+    decoder_covariance: DECODER_COVARIANCE_LEARNED
+    dropout: 0.2
+    calibrate_probabilities: true
   }
-  augmentation { mirror: true scale: 0.1 shift_pixels: 1 }
+  augmentation {
+    mirror: true
+    scale: 0.1
+    shift_pixels: 1
+    rotation: 0
+    drop_agents: 0
+    drop_history: 0
+  }
   seed: 1
   device: "cpu"
 )pb";
@@ -78,8 +92,28 @@ constexpr char kCompact[] = R"pb(
     decoder { hidden: [ 128, 128, 128 ] }
     scenario_encoder { hidden: [ 128, 128, 128 ] }
     decoder_stddev: 1.0
+    objective: OBJECTIVE_UNIFIED
+    target_motion: true
   }
   examples { max_examples: 12000 }
+)pb";
+
+// On top of compact: the paper by its letter (sections III-B to III-E), to compare with.
+constexpr char kLiteral[] = R"pb(
+  preset: "literal"
+  model { target_motion: false }
+  optimization {
+    mixture_epochs: 0
+    latent_learning_rate_share: 1
+    action_weight: 1
+    posterior_reconstruction_weight: 1
+    posterior_divergence_weight: 1
+    mixture_placement: MIXTURE_PLACEMENT_ENCODED_POINTS
+    decoder_covariance: DECODER_COVARIANCE_FIXED
+    dropout: 0
+    calibrate_probabilities: false
+  }
+  augmentation { mirror: false scale: 0 shift_pixels: 0 }
 )pb";
 
 // The sizes of the paper: section III-E (224 x 224 pixels, hidden layers of 500 nodes, K = 25,
@@ -114,15 +148,18 @@ constexpr char kPaper[] = R"pb(
     decoder { hidden: [ 500, 500, 500 ] }
     scenario_encoder { hidden: [ 500, 500, 500 ] }
     decoder_stddev: 1.0
+    objective: OBJECTIVE_UNIFIED
+    target_motion: false
   }
 )pb";
 
-v1::TrainingSettings ParsePreset(const char* sizes) {
+v1::TrainingSettings ParsePreset(std::initializer_list<const char*> texts) {
   v1::TrainingSettings preset;
-  // The texts are constants of this file: not parsing is a defect of it.
-  if (!google::protobuf::TextFormat::ParseFromString(kLearning, &preset) ||
-      !google::protobuf::TextFormat::MergeFromString(sizes, &preset)) {
-    std::abort();
+  for (const char* text : texts) {
+    v1::TrainingSettings part;
+    // The texts are constants of this file: not parsing is a defect of it.
+    if (!google::protobuf::TextFormat::ParseFromString(text, &part)) std::abort();
+    preset.MergeFrom(part);
   }
   return preset;
 }
@@ -154,16 +191,21 @@ void CheckExamples(const v1::ExampleSettings& examples, FieldRules* rules) {
   rules->Between("examples.max_speed", "metres per second", examples.max_speed(), 1.0, 200.0);
   rules->Require(examples.validation_share() >= 0 && examples.validation_share() < 1,
                  "examples.validation_share", "must be at least 0 and less than 1");
+  rules->Between("examples.label_share", "share", examples.label_share(), 0.0, 1.0);
   rules->Require(examples.max_examples() >= 0, "examples.max_examples", "must not be negative");
 }
 
 void CheckOptimization(const v1::OptimizationSettings& optimization, FieldRules* rules) {
-  const auto check_epochs = [rules](const char* field, int epochs) {
-    rules->Between(field, "epochs", epochs, 1, 10'000);
+  const auto check_epochs = [rules](const char* field, int epochs, int fewest = 1) {
+    rules->Between(field, "epochs", epochs, fewest, 10'000);
   };
   check_epochs("optimization.pretraining_epochs", optimization.pretraining_epochs());
-  check_epochs("optimization.mixture_epochs", optimization.mixture_epochs());
+  check_epochs("optimization.mixture_epochs", optimization.mixture_epochs(), 0);
   check_epochs("optimization.joint_epochs", optimization.joint_epochs());
+  check_epochs("optimization.dual_epochs", optimization.dual_epochs());
+  rules->Between("optimization.placements", "placements", optimization.placements(), 1, 64);
+  rules->Require(optimization.dropout() >= 0 && optimization.dropout() < 1, "optimization.dropout",
+                 "must be at least 0 and less than 1");
   // Batch normalisation needs two examples.
   rules->Between("optimization.batch_size", "examples", optimization.batch_size(), 2, 65'536);
   rules->Between("optimization.learning_rate", "rate", optimization.learning_rate(), 1e-8, 1.0);
@@ -185,6 +227,12 @@ void CheckAugmentation(const v1::AugmentationSettings& augmentation, const v1::R
   rules->Between("augmentation.scale", "share", augmentation.scale(), 0.0, 0.5);
   rules->Between("augmentation.shift_pixels", "pixels", augmentation.shift_pixels(), 0,
                  std::max(0, std::min(raster.height(), raster.width()) / 4));
+  rules->Between("augmentation.rotation", "radians", augmentation.rotation(), 0.0, 0.5);
+  for (const auto& [field, share] :
+       {std::pair("augmentation.drop_agents", augmentation.drop_agents()),
+        {"augmentation.drop_history", augmentation.drop_history()}}) {
+    rules->Require(share >= 0 && share < 1, field, "must be at least 0 and less than 1");
+  }
 }
 
 }  // namespace
@@ -193,9 +241,11 @@ v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& setting
   const std::string& name = settings.preset().empty() ? kDefaultPreset : settings.preset();
   v1::TrainingSettings resolved;
   if (name == "compact") {
-    resolved = ParsePreset(kCompact);
+    resolved = ParsePreset({kLearning, kCompact});
   } else if (name == "paper") {
-    resolved = ParsePreset(kPaper);
+    resolved = ParsePreset({kLearning, kPaper});
+  } else if (name == "literal") {
+    resolved = ParsePreset({kLearning, kCompact, kLiteral});
   } else {
     return settings;
   }
@@ -207,8 +257,9 @@ v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& setting
 std::vector<scene::FieldViolation> ValidateTrainingSettings(const v1::TrainingSettings& resolved) {
   FieldRules rules;
   // Nothing else of it was filled in if its preset is not known.
-  if (!rules.Require(resolved.preset() == "compact" || resolved.preset() == "paper", "preset",
-                     "must be \"compact\" or \"paper\"")) {
+  const bool known = resolved.preset() == "compact" || resolved.preset() == "paper" ||
+                     resolved.preset() == "literal";
+  if (!rules.Require(known, "preset", "must be \"compact\", \"paper\" or \"literal\"")) {
     return std::move(rules).violations();
   }
   for (const scene::FieldViolation& violation : ValidateModelSpec(resolved.model())) {

@@ -126,7 +126,8 @@ std::vector<Example> EnumerateExamples(const v1::Scenario& recording, int record
                           .time = state.time(),
                           .X_WT = X_WT,
                           .trajectory = {trajectory.begin(), trajectory.end()},
-                          .standing = standing});
+                          .standing = standing,
+                          .motion = scene::DescribeMotion(agent, state.time())});
     }
   }
   return examples;

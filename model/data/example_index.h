@@ -12,6 +12,7 @@
 #include "maneuver/v1/scenario.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/scene/pose2.h"
+#include "model/scene/target_motion.h"
 
 namespace maneuver::data {
 
@@ -23,6 +24,7 @@ struct Example {
   scene::Pose2 X_WT;
   std::vector<float> trajectory;  // [T, 2] target frame, metres
   bool standing = false;
+  scene::MotionInputs motion{};
 };
 
 // Two states that are further apart than this many frame intervals have a gap between them: one

@@ -67,14 +67,14 @@ class Evaluator {
   }
 
   void Measure(std::span<const data::Example> examples, std::span<Measured> measured) {
-    std::vector<const uint8_t*> pictures;
+    std::vector<inference::SceneInput> scenes;
     for (size_t i = 0; i < examples.size(); ++i) {
       std::span<uint8_t> raster(rasters_.data() + i * raster_bytes_, raster_bytes_);
       rasterizer_.Rasterize(recordings_[examples[i].recording], examples[i].time,
                             examples[i].target_id, examples[i].X_WT, {}, raster);
-      pictures.push_back(raster.data());
+      scenes.push_back({raster.data(), examples[i].motion});
     }
-    session_->Encode(pictures, std::span(encodings_).first(examples.size()));
+    session_->Encode(scenes, std::span(encodings_).first(examples.size()));
     for (size_t i = 0; i < examples.size(); ++i) {
       measured[i] = MeasureOne(examples[i], encodings_[i]);
     }

@@ -47,11 +47,10 @@ class Session final : public InferenceSession {
         networks_(model_->networks()),
         scratch_(networks_.backbone.NewScratch()) {}
 
-  void Encode(std::span<const uint8_t* const> rasters,
-              std::span<SceneEncoding> encodings) override {
-    for (size_t begin = 0; begin < rasters.size(); begin += kEncodingBlock) {
-      const size_t count = std::min<size_t>(kEncodingBlock, rasters.size() - begin);
-      EncodeBlock(rasters.subspan(begin, count), encodings.subspan(begin, count));
+  void Encode(std::span<const SceneInput> scenes, std::span<SceneEncoding> encodings) override {
+    for (size_t begin = 0; begin < scenes.size(); begin += kEncodingBlock) {
+      const size_t count = std::min<size_t>(kEncodingBlock, scenes.size() - begin);
+      EncodeBlock(scenes.subspan(begin, count), encodings.subspan(begin, count));
     }
   }
 
@@ -95,21 +94,26 @@ class Session final : public InferenceSession {
         Decode(probability::SigmaPoints(latent.mean, latent.stddev())));
     const double reconstruction =
         probability::ExpectedLogDensity(x, moments, model_->spec().decoder_stddev());
-    return {probability::UnifiedResponsibilities(log_prior, latent, networks_.mixture, posteriors),
+    const v1::Objective objective = model_->spec().objective();
+    const bool base = objective == v1::OBJECTIVE_BASE || objective == v1::OBJECTIVE_DUAL;
+    return {base ? probability::BaseResponsibilities(log_prior, latent, networks_.mixture)
+                 : probability::UnifiedResponsibilities(log_prior, latent, networks_.mixture,
+                                                        posteriors),
             probability::BaseBound(reconstruction, log_prior, latent, networks_.mixture)};
   }
 
  private:
-  void EncodeBlock(std::span<const uint8_t* const> rasters, std::span<SceneEncoding> encodings) {
-    const Eigen::Index rows = static_cast<Eigen::Index>(rasters.size());
+  void EncodeBlock(std::span<const SceneInput> scenes, std::span<SceneEncoding> encodings) {
+    const Eigen::Index rows = static_cast<Eigen::Index>(scenes.size());
     grids_.resize(rows, networks_.projection.inputs());
     for (Eigen::Index r = 0; r < rows; ++r) {
-      networks_.backbone.Evaluate(rasters[static_cast<size_t>(r)], scratch_.get(),
+      networks_.backbone.Evaluate(scenes[static_cast<size_t>(r)].raster, scratch_.get(),
                                   grids_.row(r).data());
     }
     features_.resize(rows, networks_.projection.outputs());
     networks_.projection.Apply(grids_.data(), static_cast<int>(rows), Activation::kRelu,
                                features_.data());
+    if (model_->spec().target_motion()) AppendMotion(scenes);
     logits_.resize(rows, networks_.action_predictor.outputs());
     networks_.action_predictor.Apply(features_.data(), static_cast<int>(rows), &mlp_scratch_,
                                      logits_.data());
@@ -118,6 +122,19 @@ class Session final : public InferenceSession {
       encoding.features = features_.row(r);
       encoding.probabilities = probability::Softmax(logits_.row(r).transpose().cast<double>());
     }
+  }
+
+  // The targets' motion, to the right of the features.
+  void AppendMotion(std::span<const SceneInput> scenes) {
+    const Eigen::Index features = networks_.projection.outputs();
+    RowMajorXf appended(features_.rows(), features + scene::kMotionInputs);
+    appended.leftCols(features) = features_;
+    for (Eigen::Index r = 0; r < appended.rows(); ++r) {
+      appended.row(r).tail<scene::kMotionInputs>() =
+          Eigen::Map<const Eigen::RowVector<float, scene::kMotionInputs>>(
+              scenes[static_cast<size_t>(r)].motion.data());
+    }
+    features_ = std::move(appended);
   }
 
   // q(z|y=k,s), which the scenario encoder states relative to the component (tensor.h).
@@ -178,7 +195,7 @@ class Session final : public InferenceSession {
   Backbone::ScratchPointer scratch_;
   MlpScratch mlp_scratch_;
   RowMajorXf grids_;     // [rows, h * w * C]
-  RowMajorXf features_;  // [rows, F]
+  RowMajorXf features_;  // [rows, F']
   RowMajorXf logits_;    // [rows, K]
 };
 

@@ -13,6 +13,7 @@
 
 #include "absl/status/statusor.h"
 #include "maneuver/v1/model.pb.h"
+#include "model/scene/target_motion.h"
 
 namespace maneuver::inference {
 
@@ -50,9 +51,15 @@ struct Classification {
   double log_likelihood_bound = 0.0;  // nats
 };
 
-// What the networks say of one picture, before any action is looked at closer.
+// What the networks see of a scene.
+struct SceneInput {
+  const uint8_t* raster = nullptr;  // [H, W, C] bytes as scene::Rasterizer draws them
+  scene::MotionInputs motion{};     // ignored by a model that does not ask for it
+};
+
+// What the networks say of one scene, before any action is looked at closer.
 struct SceneEncoding {
-  Eigen::VectorXf features;       // [F]
+  Eigen::VectorXf features;       // [F'], see artifact::SceneFeatures
   Eigen::VectorXd probabilities;  // p(y|s), [K], sums to 1 within 1e-9
 };
 
@@ -63,10 +70,9 @@ class InferenceSession {
  public:
   virtual ~InferenceSession() = default;
 
-  // Backbone and p(y|s) for each raster, [H, W, C] bytes as scene::Rasterizer draws them.
-  //   encodings: as many as rasters.
-  virtual void Encode(std::span<const uint8_t* const> rasters,
-                      std::span<SceneEncoding> encodings) = 0;
+  // Backbone and p(y|s) for each scene.
+  //   encodings: as many as scenes.
+  virtual void Encode(std::span<const SceneInput> scenes, std::span<SceneEncoding> encodings) = 0;
 
   // Distributions of the actions asked for (0 .. K-1, any order, answered in that order). The
   // scenario encoders of other actions are not evaluated.

@@ -8,6 +8,7 @@
 #include "model/learning/moments.h"
 #include "model/learning/objectives.h"
 #include "model/learning/optimizer.h"
+#include "model/learning/scene_bound.h"
 #include "model/learning/validation.h"
 
 namespace maneuver::learning {
@@ -87,17 +88,14 @@ Predictions Predict(Networks& networks, const ExampleSet& set, int64_t most, int
   while (std::optional<RasterLoader::Batch> batch = loader.Next()) {
     if (stopped()) break;
     const at::Tensor x = VariedTrajectories(set, *batch).to(networks.device());
-    const at::Tensor features = networks.EncodeScenes(RasterTensor(spec.raster(), *batch), {});
+    const at::Tensor features =
+        networks.EncodeScenes(RasterTensor(spec.raster(), *batch), VariedMotions(set, *batch), {});
     const at::Tensor log_p_y = networks.PredictActions(features);
-    const Gaussian q_z = networks.EncodeTrajectories(x);
     const Gaussian posterior = networks.EncodeScenarios(features);
-    const Gaussian mixture = networks.Mixture();
     const WaypointMoments moments = LatentMoments(networks, posterior);
     trajectories.push_back(x);
     log_p.push_back(log_p_y);
-    log_q.push_back(UnifiedLogResponsibilities(
-        log_p_y, CrossEntropy({q_z.mean.unsqueeze(1), q_z.log_variance.unsqueeze(1)}, mixture),
-        Divergence(posterior, mixture)));
+    log_q.push_back(Responsibilities(networks, {x, features, {}}, log_p_y, posterior));
     means.push_back(moments.mean);
     covariances.push_back(moments.covariance);
     step(x.size(0));
@@ -160,7 +158,8 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
   return std::exp(0.5 * (low + high));
 }
 
-absl::Status CalibrateModel(Networks& networks, const TrainingData& data, int threads,
+absl::Status CalibrateModel(Networks& networks, const TrainingData& data,
+                            const v1::OptimizationSettings& optimization, int threads,
                             at::Generator& generator, const std::function<bool()>& stopped,
                             const std::function<void(int64_t)>& step) {
   const auto stop = [] { return absl::CancelledError("training was stopped"); };
@@ -172,16 +171,22 @@ absl::Status CalibrateModel(Networks& networks, const TrainingData& data, int th
       held_out.trajectories.defined() && held_out.trajectories.size(0) >= kFewestHeldOut;
 
   double temperature = 1.0;
-  if (has_held_out) {
+  if (has_held_out && optimization.calibrate_probabilities()) {
     temperature = FitTemperature(held_out.log_probabilities, held_out.log_responsibilities);
     for (Predictions* each : {&training, &held_out}) {
       each->log_probabilities = at::log_softmax(each->log_probabilities / temperature, 1);
     }
   }
-  at::Tensor covariance = FitDecoderCovariance(training, generator);
-  if (stopped()) return stop();
-  if (has_held_out) {
-    covariance = covariance * FitCovarianceScale(held_out, covariance).view({1, -1, 1});
+  at::Tensor covariance;
+  if (optimization.decoder_covariance() == v1::DECODER_COVARIANCE_FIXED) {
+    const double variance = std::pow(networks.spec().decoder_stddev(), 2.0);
+    covariance = at::tensor({variance, 0.0, variance}, at::kFloat);
+  } else {
+    covariance = FitDecoderCovariance(training, generator);
+    if (stopped()) return stop();
+    if (has_held_out) {
+      covariance = covariance * FitCovarianceScale(held_out, covariance).view({1, -1, 1});
+    }
   }
 
   at::NoGradGuard no_grad;

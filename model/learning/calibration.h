@@ -40,10 +40,12 @@ at::Tensor FitCovarianceScale(const Predictions& held_out, const at::Tensor& cov
 // The temperature that p(y|s) is divided by so that held-out q(y|x,s) is most likely under it.
 double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log_responsibilities);
 
-// Sets decoder.covariance and mixture.log_weight (the mean of p(y|s)), and folds the temperature
-// into the action predictor's last layer.
+// Sets decoder.covariance (fitted, or the fixed one of the settings) and mixture.log_weight (the
+// mean of p(y|s)), and folds the temperature into the action predictor's last layer if the settings
+// ask for it.
 //   step: called with the number of examples of each batch that was looked at
-absl::Status CalibrateModel(Networks& networks, const TrainingData& data, int threads,
+absl::Status CalibrateModel(Networks& networks, const TrainingData& data,
+                            const v1::OptimizationSettings& optimization, int threads,
                             at::Generator& generator, const std::function<bool()>& stopped,
                             const std::function<void(int64_t)>& step);
 

@@ -8,7 +8,6 @@
 
 #include "model/learning/calibration.h"
 #include "model/learning/raster_loader.h"
-#include "model/learning/trajectory_clusters.h"
 
 namespace maneuver::learning {
 namespace {
@@ -18,14 +17,8 @@ using Part = Networks::Part;
 constexpr int64_t kWarmUp = 100;  // steps
 // Trajectories alone are small: twice the batch costs the same time.
 constexpr int64_t kTrajectoryBatchFactor = 2;
-constexpr int kClusterRestarts = 3;
-constexpr double kSidewaysWeight = 2.0;
-constexpr double kReach = 10.0;             // metres
 constexpr int64_t kMostClustered = 16'384;  // examples
-// Variance of a component that starts from few encodings.
-constexpr double kSmallestVariance = 1e-3;
-// Components with fewer encodings take their variance from all.
-constexpr int64_t kFewEncodings = 10;
+constexpr int kPlacementEpochs = 3;         // of each placement, where there are several
 
 int64_t StepsOfEpoch(int64_t examples, int64_t batch_size) {
   // A last batch of one has no moments for the batch normalisation: it is left out.
@@ -35,21 +28,6 @@ int64_t StepsOfEpoch(int64_t examples, int64_t batch_size) {
 int64_t EpochExamples(const v1::TrainingSettings& settings, int64_t examples) {
   const int64_t most = settings.examples().max_examples();
   return most > 0 ? std::min(most, examples) : examples;
-}
-
-// Trajectories [N, 2T] as the clusters are to tell them apart. In plain metres nearly all clusters
-// would be speeds of going straight on, which q(z|y,s) knows from the scenario anyway: far ones are
-// drawn closer together, and what goes to the side counts for more.
-at::Tensor ClusterSpace(const at::Tensor& trajectories) {
-  const at::Tensor points = trajectories.view({trajectories.size(0), -1, 2});
-  const at::Tensor reach = points.square().sum(2).amax(1).sqrt().view({-1, 1, 1});
-  const at::Tensor weights = at::tensor({1.0F, static_cast<float>(kSidewaysWeight)});
-  return (points * weights / (1.0 + reach / kReach).sqrt()).flatten(1).contiguous();
-}
-
-BoundWeights Weights(const v1::OptimizationSettings& optimization) {
-  return {optimization.action_weight(), optimization.posterior_reconstruction_weight(),
-          optimization.posterior_divergence_weight()};
 }
 
 // One thread while it lives: layers over a batch of trajectories are over before a second thread
@@ -74,13 +52,18 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
   const int64_t examples = EpochExamples(settings, training_examples);
   const int64_t short_epoch = StepsOfEpoch(examples, batch * kTrajectoryBatchFactor);
   const int64_t long_epoch = StepsOfEpoch(examples, batch);
+  const int64_t placements = optimization.placements() > 1 ? optimization.placements() : 0;
+  const bool dual = settings.model().objective() == v1::OBJECTIVE_DUAL;
   // Costs of a step relative to one of pretraining, for the compact preset.
   return {
       {"load", 1, 1, 1.0},
       {"pretrain", optimization.pretraining_epochs(),
        optimization.pretraining_epochs() * short_epoch, 1.0},
+      {"place", kPlacementEpochs, placements * kPlacementEpochs * short_epoch, 1.3},
       {"mixture", optimization.mixture_epochs(), optimization.mixture_epochs() * short_epoch, 1.3},
       {"joint", optimization.joint_epochs(), optimization.joint_epochs() * long_epoch, 30.0},
+      {"dual", optimization.dual_epochs(), dual ? optimization.dual_epochs() * long_epoch : 0,
+       20.0},
       {"calibrate", 1, CalibrationSteps(training_examples), 15.0},
       {"export", 1, 1, 1.0},
       {"evaluate", 1, 100, 7.0}};
@@ -102,6 +85,10 @@ Learner::Learner(const v1::TrainingSettings& settings, const TrainingData& data,
 
 at::Tensor Learner::Noise(at::IntArrayRef shape) {
   return at::empty(shape, at::kFloat).normal_(0.0, 1.0, generator_).to(networks_.device());
+}
+
+NoiseSource Learner::NoiseDrawn() {
+  return [this](at::IntArrayRef shape) { return Noise(shape); };
 }
 
 at::Tensor Learner::DrawEpoch() {
@@ -140,7 +127,7 @@ absl::Status Learner::TakeStep(const at::Tensor& loss, double rate_share, AdamW*
 absl::Status Learner::TrainOnTrajectories(const std::string& phase, int epochs,
                                           const std::vector<Group>& groups, const BatchLoss& loss,
                                           const std::function<v1::EpochReport(TermMeans)>& report) {
-  progress_.BeginPhase(phase);
+  if (!phase.empty()) progress_.BeginPhase(phase);
   const OneThread one_thread;
   const int64_t batch_size = settings_.optimization().batch_size() * kTrajectoryBatchFactor;
   const int64_t examples = EpochExamples(settings_, trajectories_.size(0));
@@ -197,137 +184,186 @@ absl::Status Learner::Pretrain() {
       });
 }
 
-absl::Status Learner::PlaceMixture() {
-  if (stopped_()) return absl::CancelledError("training was stopped");
+EncodedExamples Learner::EncodeForPlacement(std::vector<int>* labels) {
   at::NoGradGuard no_grad;
-  // Where left and right are swapped at random, clusters are of both sides.
   const int64_t count = std::min(trajectories_.size(0), kMostClustered);
-  at::Tensor placed = trajectories_.index_select(
-      0, at::arange(count, at::kLong).mul_(trajectories_.size(0)).floor_divide_(count));
+  const at::Tensor drawn =
+      at::arange(count, at::kLong).mul_(trajectories_.size(0)).floor_divide_(count);
+  at::Tensor placed = trajectories_.index_select(0, drawn);
+  labels->clear();
+  if (!data_.labels.empty()) {
+    for (int64_t i = 0; i < count; ++i) {
+      labels->push_back(data_.labels[static_cast<size_t>(drawn[i].item<int64_t>())]);
+    }
+  }
+  // Where left and right are swapped at random, clusters are of both sides.
   if (settings_.augmentation().mirror()) {
     at::Tensor mirrored = placed.clone().view({count, -1, 2});
     mirrored.select(2, 1).neg_();
     placed = at::cat({placed, mirrored.flatten(1)});
+    // A mirrored left turn is not one.
+    labels->resize(labels->empty() ? 0 : static_cast<size_t>(placed.size(0)), -1);
   }
-  const int actions = settings_.model().actions();
-  const at::Tensor features = ClusterSpace(placed);
-  const TrajectoryClusters clusters =
-      ClusterTrajectories(Eigen::Map<const TrajectoryRows>(features.data_ptr<float>(),
-                                                           features.size(0), features.size(1)),
-                          actions, static_cast<uint64_t>(settings_.seed()), kClusterRestarts);
-
   const Gaussian q_z = networks_.EncodeTrajectories(placed.to(networks_.device()));
-  const at::Tensor variance = q_z.log_variance.exp();
-  const at::Tensor everywhere = q_z.mean.var(0, /*unbiased=*/false) + variance.mean(0);
-  const at::Tensor assignment =
-      at::tensor(at::ArrayRef<int>(clusters.assignment), at::kLong).to(networks_.device());
-  for (int k = 0; k < actions; ++k) {
-    const at::Tensor members = (assignment == k).nonzero().flatten();
-    const int64_t size = members.size(0);
-    if (size == 0) continue;  // fewer different trajectories than actions
-    const at::Tensor means = q_z.mean.index_select(0, members);
-    const at::Tensor spread = size < kFewEncodings ? everywhere / actions
-                                                   : means.var(0, /*unbiased=*/false) +
-                                                         variance.index_select(0, members).mean(0);
-    networks_["mixture.mean"][k].copy_(means.mean(0));
-    networks_["mixture.log_variance"][k].copy_(spread.clamp_min(kSmallestVariance).log());
-    networks_["mixture.log_weight"][k].fill_(
-        std::log(static_cast<double>(size) / static_cast<double>(placed.size(0))));
+  return {placed, {q_z.mean.cpu(), q_z.log_variance.cpu()}};
+}
+
+absl::Status Learner::PlaceMixture() {
+  if (stopped_()) return absl::CancelledError("training was stopped");
+  const v1::OptimizationSettings& optimization = settings_.optimization();
+  std::vector<int> labels;
+  const EncodedExamples examples = EncodeForPlacement(&labels);
+  const auto place = [&](uint64_t seed) {
+    at::NoGradGuard no_grad;
+    const PlacedMixture placed = PlaceLabelledMixture(
+        optimization.mixture_placement(), examples, labels,
+        static_cast<int>(data_.label_names.size()), settings_.model().actions(), seed);
+    networks_["mixture.mean"].copy_(placed.components.mean);
+    networks_["mixture.log_variance"].copy_(placed.components.log_variance);
+    networks_["mixture.log_weight"].copy_(placed.log_weights);
+  };
+  const uint64_t seed = static_cast<uint64_t>(settings_.seed());
+  if (optimization.placements() == 1) {
+    place(seed);
+    return absl::OkStatus();
   }
+  const Networks::Snapshot pretrained = networks_.Save();
+  Networks::Snapshot best;
+  double best_loss = HUGE_VAL;
+  progress_.BeginPhase("place");
+  for (int i = 0; i < optimization.placements(); ++i) {
+    networks_.Restore(pretrained);
+    place(seed + static_cast<uint64_t>(i));
+    double loss = HUGE_VAL;
+    const absl::Status status = TrainMixtureFor("", kPlacementEpochs, &loss);
+    if (!status.ok()) return status;
+    if (i == 0 || loss < best_loss) {
+      best_loss = loss;
+      best = networks_.Save();
+    }
+  }
+  networks_.Restore(best);
   return absl::OkStatus();
 }
 
-BaseModel Learner::ApplyBase(const at::Tensor& trajectories) {
-  const Gaussian q_z = networks_.EncodeTrajectories(trajectories);
-  const at::Tensor decoded = networks_.Decode(Sample(q_z, Noise(q_z.mean.sizes())));
-  return {trajectories,        decoded,      q_z,
-          networks_.Mixture(), at::Tensor(), settings_.model().decoder_stddev()};
-}
-
-absl::Status Learner::TrainMixture() {
+absl::Status Learner::TrainMixtureFor(const std::string& phase, int epochs,
+                                      double* validation_loss) {
   const double rate = settings_.optimization().learning_rate();
   return TrainOnTrajectories(
-      "mixture", settings_.optimization().mixture_epochs(),
+      phase, epochs,
       {{Part::kTrajectoryEncoder, rate}, {Part::kDecoder, rate}, {Part::kMixture, rate}},
       [this](const at::Tensor& x, TermMeans* means) {
-        BaseModel model = ApplyBase(x);
-        model.log_p_y = networks_.MixtureLogWeights();
-        const BoundTerms terms = BaseBound(model);
+        const BoundTerms terms = BaseBound(ApplyBase(networks_, {x, {}, {}}, NoiseDrawn()));
         means->Add(terms);
         return Loss(terms, {});
       },
-      [this](TermMeans means) {
+      [this, validation_loss](TermMeans means) {
         v1::EpochReport report;
         means.Write(report.mutable_training());
         ValidateBase(networks_, validation_trajectories_, /*has_mixture=*/true, &report);
+        // Without held-out examples, that of training.
+        const auto& terms = report.validation().empty() ? report.training() : report.validation();
+        *validation_loss = terms.at("loss");
         return report;
       });
 }
 
-absl::Status Learner::TrainJointly() {
-  progress_.BeginPhase("joint");
+absl::Status Learner::TrainMixture() {
+  double ignored = 0.0;
+  return TrainMixtureFor("mixture", settings_.optimization().mixture_epochs(), &ignored);
+}
+
+absl::Status Learner::TrainOnScenes(const std::string& phase, int epochs, v1::Objective objective,
+                                    const std::vector<Group>& groups) {
+  progress_.BeginPhase(phase);
   const v1::OptimizationSettings& optimization = settings_.optimization();
-  const double rate = optimization.learning_rate();
-  const double latent_rate = rate * optimization.latent_learning_rate_share();
-  const double decay = optimization.weight_decay();
   AdamW optimizer;
-  for (const Part part : {Part::kBackbone, Part::kActions, Part::kScenarioEncoder}) {
-    optimizer.Add(networks_.Parameters(part), rate, decay);
+  bool backbone_learns = false;
+  for (const Group& group : groups) {
+    optimizer.Add(networks_.Parameters(group.part), group.rate, optimization.weight_decay());
+    backbone_learns |= group.part == Part::kBackbone;
   }
-  for (const Part part : {Part::kTrajectoryEncoder, Part::kDecoder, Part::kMixture}) {
-    optimizer.Add(networks_.Parameters(part), latent_rate, decay);
-  }
+  const Networks::Mode training{&generator_, optimization.dropout()};
   const v1::RasterSpec& raster = settings_.model().raster();
   const int64_t examples = EpochExamples(settings_, trajectories_.size(0));
   const int64_t batch_size = optimization.batch_size();
-  const int64_t epoch_steps = StepsOfEpoch(examples, batch_size);
-  const int64_t steps = epoch_steps * optimization.joint_epochs();
+  const int64_t steps = StepsOfEpoch(examples, batch_size) * epochs;
   const BoundWeights weights = Weights(optimization);
   const uint64_t seed = static_cast<uint64_t>(settings_.seed());
   int64_t step = 0;
-  for (int epoch = 1; epoch <= optimization.joint_epochs(); ++epoch) {
+  for (int epoch = 1; epoch <= epochs; ++epoch) {
     progress_.BeginEpoch(epoch);
     const at::Tensor order = DrawEpoch();
     std::vector<RasterLoader::Item> items;
     for (int64_t i = 0; i < examples; ++i) {
       const int64_t example = order.data_ptr<int64_t>()[i];
-      items.push_back({example, DrawVariation(settings_.augmentation(), seed, epoch, example)});
+      items.push_back({example, DrawVariation(settings_.augmentation(), raster.history_frames(),
+                                              seed, epoch, example)});
     }
     if (examples % batch_size == 1) items.pop_back();
     RasterLoader loader(raster, data_.training, std::move(items), batch_size, threads_);
     TermMeans means;
     while (std::optional<RasterLoader::Batch> batch = loader.Next()) {
       if (stopped_()) return absl::CancelledError("training was stopped");
-      const at::Tensor x = VariedTrajectories(data_.training, *batch).to(networks_.device());
-      const at::Tensor features =
-          networks_.EncodeScenes(RasterTensor(raster, *batch), {&generator_});
-      BaseModel model = ApplyBase(x);
-      model.log_p_y = networks_.PredictActions(features);
-      const Gaussian posterior = networks_.EncodeScenarios(features);
-      const at::Tensor decoded = networks_.Decode(Sample(posterior, Noise(posterior.mean.sizes())));
-      const BoundTerms terms = UnifiedBound(model, {decoded, posterior});
+      SceneBatch scenes;
+      scenes.trajectories = VariedTrajectories(data_.training, *batch).to(networks_.device());
+      scenes.labels = BatchLabels(data_.labels, *batch);
+      const at::Tensor motions = VariedMotions(data_.training, *batch);
+      if (backbone_learns) {
+        scenes.features = networks_.EncodeScenes(RasterTensor(raster, *batch), motions, training);
+      } else {
+        at::NoGradGuard no_grad;
+        scenes.features = networks_.EncodeScenes(RasterTensor(raster, *batch), motions, {});
+      }
+      const BoundTerms terms = SceneBound(networks_, objective, optimization, scenes, NoiseDrawn());
       const at::Tensor loss = Loss(terms, weights);
       means.Add(terms);
-      means.Add("loss", loss, x.size(0));
+      means.Add("loss", loss, scenes.trajectories.size(0));
       const absl::Status status =
           TakeStep(loss, LearningRateShare(step, kWarmUp, steps), &optimizer);
       if (!status.ok()) return status;
       ++step;
-      progress_.Step(x.size(0));
+      progress_.Step(scenes.trajectories.size(0));
     }
     v1::EpochReport report;
     means.Write(report.mutable_training());
-    ValidateUnified(networks_, data_.validation, weights, threads_, stopped_, &report);
+    ValidateScenes(networks_, data_.validation, objective, optimization, threads_, stopped_,
+                   &report);
     progress_.EndEpoch(report);
   }
   optimizer.ZeroGradients();
   return absl::OkStatus();
 }
 
+absl::Status Learner::TrainJointly() {
+  const v1::OptimizationSettings& optimization = settings_.optimization();
+  const double rate = optimization.learning_rate();
+  const double latent_rate = rate * optimization.latent_learning_rate_share();
+  const bool unified = settings_.model().objective() == v1::OBJECTIVE_UNIFIED;
+  std::vector<Group> groups = {{Part::kBackbone, rate},
+                               {Part::kActions, rate},
+                               {Part::kTrajectoryEncoder, latent_rate},
+                               {Part::kDecoder, latent_rate},
+                               {Part::kMixture, latent_rate}};
+  if (unified) groups.push_back({Part::kScenarioEncoder, rate});
+  return TrainOnScenes("joint", optimization.joint_epochs(),
+                       unified ? v1::OBJECTIVE_UNIFIED : v1::OBJECTIVE_BASE, groups);
+}
+
+absl::Status Learner::TrainScenarioEncoders() {
+  const v1::OptimizationSettings& optimization = settings_.optimization();
+  if (settings_.model().objective() == v1::OBJECTIVE_DUAL) {
+    return TrainOnScenes("dual", optimization.dual_epochs(), v1::OBJECTIVE_DUAL,
+                         {{Part::kScenarioEncoder, optimization.learning_rate()}});
+  }
+  if (settings_.model().objective() == v1::OBJECTIVE_BASE) networks_.SilenceScenarioEncoders();
+  return absl::OkStatus();
+}
+
 absl::Status Learner::Calibrate() {
   progress_.BeginPhase("calibrate");
   progress_.BeginEpoch(1);
-  return CalibrateModel(networks_, data_, threads_, generator_, stopped_,
+  return CalibrateModel(networks_, data_, settings_.optimization(), threads_, generator_, stopped_,
                         [this](int64_t examples) { progress_.Step(examples); });
 }
 

@@ -12,10 +12,12 @@
 
 #include "absl/status/status.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "model/learning/mixture_placement.h"
 #include "model/learning/networks.h"
 #include "model/learning/objectives.h"
 #include "model/learning/optimizer.h"
 #include "model/learning/run_progress.h"
+#include "model/learning/scene_bound.h"
 #include "model/learning/training_data.h"
 #include "model/learning/validation.h"
 
@@ -36,13 +38,15 @@ class Learner {
 
   // q(z|x) and p(x|z) as a plain variational autoencoder with p(z) = N(0, I).
   absl::Status Pretrain();
-  // The mixture p(z|y), placed at encoded points: k-means on the trajectories in metres, then each
-  // component takes mean and variance of its cluster's encodings.
+  // The mixture p(z|y), as the settings place it (mixture_placement.h); of several placements, the
+  // one with the best held-out base bound after a few epochs.
   absl::Status PlaceMixture();
   // The base objective with a p(y) that knows no scenario.
   absl::Status TrainMixture();
-  // The unified objective.
+  // The unified objective; or the base one, on which the dual builds.
   absl::Status TrainJointly();
+  // q(z|y,s) alone, of a dual model; of a base model, it becomes the generic action.
+  absl::Status TrainScenarioEncoders();
   // What the predicted probabilities and covariances are worth: see calibration.h.
   absl::Status Calibrate();
 
@@ -59,6 +63,12 @@ class Learner {
   absl::Status TrainOnTrajectories(const std::string& phase, int epochs,
                                    const std::vector<Group>& groups, const BatchLoss& loss,
                                    const std::function<v1::EpochReport(TermMeans)>& report);
+  absl::Status TrainMixtureFor(const std::string& phase, int epochs, double* validation_loss);
+  // A phase on scenes: one objective, the parts that learn.
+  absl::Status TrainOnScenes(const std::string& phase, int epochs, v1::Objective objective,
+                             const std::vector<Group>& groups);
+  // What mixtures are placed by, with the labels of each, if there are any.
+  EncodedExamples EncodeForPlacement(std::vector<int>* labels);
   absl::Status TakeStep(const at::Tensor& loss, double rate_share, AdamW* optimizer);
   // The examples of an epoch in the order they are learned from: at most max_examples of them,
   // drawn anew each time.
@@ -66,7 +76,7 @@ class Learner {
   // Trajectories varied at random, [B, 2T].
   at::Tensor Vary(const at::Tensor& trajectories);
   at::Tensor Noise(at::IntArrayRef shape);
-  BaseModel ApplyBase(const at::Tensor& trajectories);
+  NoiseSource NoiseDrawn();
 
   const v1::TrainingSettings settings_;
   const TrainingData& data_;

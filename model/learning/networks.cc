@@ -105,7 +105,8 @@ at::Tensor Networks::Mlp(const std::string& name, size_t layers, at::Tensor x) c
   return x;
 }
 
-at::Tensor Networks::EncodeScenes(const at::Tensor& rasters, const Mode& mode) {
+at::Tensor Networks::EncodeScenes(const at::Tensor& rasters, const at::Tensor& motions,
+                                  const Mode& mode) {
   // [B, H, W, C] seen as [B, C, H, W] is channels-last, which the convolutions want.
   at::Tensor grid = rasters.to(device_).permute({0, 3, 1, 2}).to(at::kFloat).mul_(1.0 / 255.0);
   for (int i = 0; i < spec_.backbone().convolutions_size(); ++i) {
@@ -125,12 +126,13 @@ at::Tensor Networks::EncodeScenes(const at::Tensor& rasters, const Mode& mode) {
       at::linear(grid.contiguous().flatten(1), (*this)["backbone.projection.weight"],
                  (*this)["backbone.projection.bias"])
           .relu();
-  if (mode.training != nullptr) {
+  if (mode.training != nullptr && mode.dropout > 0.0) {
     const at::Tensor kept = at::empty(features.sizes(), at::kFloat)
-                                .bernoulli_(1.0 - kDropout, *mode.training)
-                                .div_(1.0 - kDropout);
+                                .bernoulli_(1.0 - mode.dropout, *mode.training)
+                                .div_(1.0 - mode.dropout);
     features = features * kept.to(device_);
   }
+  if (spec_.target_motion()) features = at::cat({features, motions.to(device_)}, 1);
   return features;
 }
 
@@ -240,6 +242,25 @@ std::vector<at::Tensor> Networks::Parameters(Part part) const {
     if (StartsWith(name, prefix) && tensor.requires_grad()) parameters.push_back(tensor);
   }
   return parameters;
+}
+
+Networks::Snapshot Networks::Save() const {
+  Snapshot snapshot;
+  for (const auto& [name, tensor] : tensors_) snapshot[name] = tensor.detach().clone();
+  return snapshot;
+}
+
+void Networks::Restore(const Snapshot& snapshot) {
+  at::NoGradGuard no_grad;
+  for (auto& [name, tensor] : tensors_) tensor.copy_(snapshot.at(name));
+}
+
+void Networks::SilenceScenarioEncoders() {
+  at::NoGradGuard no_grad;
+  const std::string last =
+      "scenario_encoder." + std::to_string(spec_.scenario_encoder().hidden_size());
+  (*this)[last + ".weight"].zero_();
+  (*this)[last + ".bias"].zero_();
 }
 
 artifact::TensorMap Networks::Export() const {

@@ -31,24 +31,29 @@ class Networks {
   const v1::ModelSpec& spec() const { return spec_; }
   at::Device device() const { return device_; }
 
-  // While training, batch normalisation uses (and follows) the batch's own moments and dropout
-  // draws from `generator`; otherwise neither.
+  // While training, batch normalisation uses (and follows) the batch's own moments, and a share
+  // `dropout` of the features, drawn from `training`, is taken away; otherwise neither.
   struct Mode {
     at::Generator* training = nullptr;  // set: training
+    double dropout = 0.0;
   };
 
   // The backbone.
   //   rasters: [B, H, W, C] bytes
-  //   returns: features [B, F]
-  at::Tensor EncodeScenes(const at::Tensor& rasters, const Mode& mode);
-  // ln p(y|s). features [B, F] -> [B, K]
+  //   motions: [B, scene::kMotionInputs]; not looked at if the spec does not ask for it
+  //   returns: features [B, F'], see artifact::SceneFeatures
+  at::Tensor EncodeScenes(const at::Tensor& rasters, const at::Tensor& motions, const Mode& mode);
+  // ln p(y|s). features [B, F'] -> [B, K]
   at::Tensor PredictActions(const at::Tensor& features) const;
   // q(z|x). trajectories [B, 2T] metres -> [B, D]
   Gaussian EncodeTrajectories(const at::Tensor& trajectories) const;
   // Mean of p(x|z), a smooth curve (trajectory_basis.h). latents [..., D] -> [..., 2T] metres
   at::Tensor Decode(const at::Tensor& latents) const;
+  // Of the base objective, whose q(z|y,s) is the generic action: scenario encoders that add
+  // nothing.
+  void SilenceScenarioEncoders();
   // q_1(z|s) .. q_K(z|s), relative to the mixture's components, which get no gradient through it.
-  // features [B, F] -> [B, K, D]
+  // features [B, F'] -> [B, K, D]
   Gaussian EncodeScenarios(const at::Tensor& features) const;
   // p(z|y). [K, D]
   Gaussian Mixture() const;
@@ -72,8 +77,10 @@ class Networks {
   // Copies for the model folder: ln p(y) normalised, the decoder's last layer times the basis.
   artifact::TensorMap Export() const;
 
-  // Share of the features that dropout takes away.
-  static constexpr double kDropout = 0.2;
+  // Copies of all that is learned, and back.
+  using Snapshot = std::map<std::string, at::Tensor>;
+  Snapshot Save() const;
+  void Restore(const Snapshot& snapshot);
 
  private:
   at::Tensor Mlp(const std::string& name, size_t layers, at::Tensor x) const;

@@ -22,6 +22,25 @@ BoundTerms BaseTerms(const BaseModel& model, const at::Tensor& log_q_y) {
   return terms;
 }
 
+// ln q_y of the base model, held fixed. [B, K]
+at::Tensor FixedBaseResponsibilities(const BaseModel& model) {
+  at::NoGradGuard held_fixed;
+  return WithLabels(BaseLogResponsibilities(
+                        model.log_p_y, CrossEntropy(PerExample(model.q_z), PerAction(model.p_z))),
+                    model.labels);
+}
+
+// ln p(x'|z') for the sample of each action. [B, K]
+at::Tensor ReconstructEach(const BaseModel& model, const PosteriorBranch& posterior) {
+  return LogLikelihood(model.trajectories.unsqueeze(1), posterior.decoded, model.decoder_stddev);
+}
+
+void AddPosterior(const at::Tensor& reconstruction, const at::Tensor& divergence,
+                  BoundTerms* terms) {
+  terms->posterior_reconstruction = ExpectOverActions(terms->log_responsibilities, reconstruction);
+  terms->posterior_divergence = ExpectOverActions(terms->log_responsibilities, divergence);
+}
+
 }  // namespace
 
 at::Tensor LogLikelihood(const at::Tensor& trajectories, const at::Tensor& decoded, double stddev) {
@@ -40,6 +59,22 @@ at::Tensor UnifiedLogResponsibilities(const at::Tensor& log_p_y, const at::Tenso
   return at::log_softmax(log_p_y - cross_entropy - posterior_divergence, 1);
 }
 
+at::Tensor ExactLogResponsibilities(const at::Tensor& log_p_y, const at::Tensor& cross_entropy,
+                                    const at::Tensor& posterior_reconstruction,
+                                    const at::Tensor& posterior_divergence) {
+  return at::log_softmax(log_p_y - cross_entropy + posterior_reconstruction - posterior_divergence,
+                         1);
+}
+
+at::Tensor WithLabels(const at::Tensor& log_q_y, const at::Tensor& labels) {
+  if (!labels.defined()) return log_q_y;
+  // e^-1e4 is 0, and 0 times its logarithm is still a number.
+  constexpr double kLogOfNothing = -1e4;
+  const at::Tensor one_hot =
+      at::full_like(log_q_y, kLogOfNothing).scatter(1, labels.clamp_min(0).unsqueeze(1), 0.0);
+  return at::where((labels >= 0).unsqueeze(1), one_hot, log_q_y);
+}
+
 at::Tensor ActionDivergence(const at::Tensor& log_q_y, const at::Tensor& log_p_y) {
   return (log_q_y.exp() * (log_q_y - log_p_y)).sum(1);
 }
@@ -49,34 +84,42 @@ at::Tensor ExpectOverActions(const at::Tensor& log_q_y, const at::Tensor& values
 }
 
 BoundTerms BaseBound(const BaseModel& model) {
-  at::Tensor log_q_y;
-  {
-    at::NoGradGuard held_fixed;
-    log_q_y = BaseLogResponsibilities(model.log_p_y,
-                                      CrossEntropy(PerExample(model.q_z), PerAction(model.p_z)));
-  }
-  return BaseTerms(model, log_q_y);
+  return BaseTerms(model, FixedBaseResponsibilities(model));
 }
 
-BoundTerms UnifiedBound(const BaseModel& model, const PosteriorBranch& posterior) {
+BoundTerms DualBound(const BaseModel& model, const PosteriorBranch& posterior) {
+  BoundTerms terms;
+  terms.log_responsibilities = FixedBaseResponsibilities(model);
+  AddPosterior(ReconstructEach(model, posterior), Divergence(posterior.q_z, PerAction(model.p_z)),
+               &terms);
+  return terms;
+}
+
+BoundTerms UnifiedBound(const BaseModel& model, const PosteriorBranch& posterior,
+                        double exact_weight) {
   const at::Tensor divergence = Divergence(posterior.q_z, PerAction(model.p_z));  // [B, K]
+  const at::Tensor reconstruction = ReconstructEach(model, posterior);            // [B, K]
   at::Tensor log_q_y;
   {
     at::NoGradGuard held_fixed;
-    log_q_y = UnifiedLogResponsibilities(
-        model.log_p_y, CrossEntropy(PerExample(model.q_z), PerAction(model.p_z)), divergence);
+    const at::Tensor cross_entropy = CrossEntropy(PerExample(model.q_z), PerAction(model.p_z));
+    log_q_y = exact_weight > 0.0
+                  ? ExactLogResponsibilities(model.log_p_y, cross_entropy,
+                                             exact_weight * reconstruction, divergence)
+                  : UnifiedLogResponsibilities(model.log_p_y, cross_entropy, divergence);
+    log_q_y = WithLabels(log_q_y, model.labels);
   }
   BoundTerms terms = BaseTerms(model, log_q_y);
-  terms.posterior_reconstruction = ExpectOverActions(
-      log_q_y,
-      LogLikelihood(model.trajectories.unsqueeze(1), posterior.decoded, model.decoder_stddev));
-  terms.posterior_divergence = ExpectOverActions(log_q_y, divergence);
+  AddPosterior(reconstruction, divergence, &terms);
   return terms;
 }
 
 at::Tensor Loss(const BoundTerms& terms, const BoundWeights& weights) {
-  at::Tensor loss =
-      -terms.reconstruction + terms.latent_divergence + weights.action * terms.action_divergence;
+  at::Tensor loss = at::zeros_like(terms.log_responsibilities.select(1, 0));
+  if (terms.reconstruction.defined()) {
+    loss = loss - terms.reconstruction + terms.latent_divergence +
+           weights.action * terms.action_divergence;
+  }
   if (terms.posterior_reconstruction.defined()) {
     loss = loss - weights.posterior_reconstruction * terms.posterior_reconstruction +
            weights.posterior_divergence * terms.posterior_divergence;

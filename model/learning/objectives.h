@@ -27,6 +27,17 @@ at::Tensor BaseLogResponsibilities(const at::Tensor& log_p_y, const at::Tensor& 
 at::Tensor UnifiedLogResponsibilities(const at::Tensor& log_p_y, const at::Tensor& cross_entropy,
                                       const at::Tensor& posterior_divergence);
 
+// ln q_y that maximises the bound of the unified model, q_y ~ p_y exp(-H(q_z, p_z) + E ln p(x'|z')
+// - KL(q_z' || p_z')). [B, K]
+//   posterior_reconstruction: ln p(x'|z') of a sample of each q_z', weighted as in the loss, [B, K]
+at::Tensor ExactLogResponsibilities(const at::Tensor& log_p_y, const at::Tensor& cross_entropy,
+                                    const at::Tensor& posterior_reconstruction,
+                                    const at::Tensor& posterior_divergence);
+
+// ln q_y with that of labelled examples replaced by their one-hot (Discussion: partial labels).
+//   labels: [B] 0 .. K-1, or -1 where there is none; or not defined: none at all
+at::Tensor WithLabels(const at::Tensor& log_q_y, const at::Tensor& labels);
+
 // KL(q_y || p_y).
 at::Tensor ActionDivergence(const at::Tensor& log_q_y, const at::Tensor& log_p_y);
 
@@ -36,6 +47,7 @@ at::Tensor ExpectOverActions(const at::Tensor& log_q_y, const at::Tensor& values
 
 // The terms, each a tensor [B]; those that a phase does not have are not defined.
 //   base     L = reconstruction - action_divergence - latent_divergence
+//   dual     L = posterior_reconstruction - posterior_divergence, all but q(z|y,s) held fixed
 //   unified  L = base + posterior_reconstruction - posterior_divergence
 struct BoundTerms {
   at::Tensor reconstruction;            // ln p(x|z), z one sample of q_z
@@ -60,6 +72,7 @@ struct BaseModel {
   Gaussian p_z;             // [K, D]
   at::Tensor log_p_y;       // [B, K] or [K]
   double decoder_stddev = 1.0;
+  at::Tensor labels = {};  // [B] actions that are known, -1 where they are not; may be undefined
 };
 
 // And what the unified model adds.
@@ -70,8 +83,13 @@ struct PosteriorBranch {
 
 // The bound of the base model; the responsibilities are held fixed.
 BoundTerms BaseBound(const BaseModel& model);
+// The part of the dual objective that depends on q(z|y,s): q_y and p_y are the base model's.
+BoundTerms DualBound(const BaseModel& model, const PosteriorBranch& posterior);
 // The bound of the unified model; the responsibilities are held fixed.
-BoundTerms UnifiedBound(const BaseModel& model, const PosteriorBranch& posterior);
+//   exact_weight: responsibilities are exact ones under this weight of the posterior
+//   reconstruction; 0: they are as printed
+BoundTerms UnifiedBound(const BaseModel& model, const PosteriorBranch& posterior,
+                        double exact_weight = 0.0);
 
 // -L, weighted, mean over the batch: what is minimised.
 at::Tensor Loss(const BoundTerms& terms, const BoundWeights& weights);

@@ -1,6 +1,7 @@
 #include "model/learning/raster_loader.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "model/scene/rasterizer.h"
@@ -19,10 +20,18 @@ uint64_t Mix(uint64_t x) {
 // Uniform in [0, 1).
 double Uniform(uint64_t bits) { return static_cast<double>(bits >> 11) * 0x1.0p-53; }
 
+// Which agents a variation leaves out.
+std::function<bool(int64_t)> HiddenAgents(const Variation& variation) {
+  if (variation.drop_agents <= 0.0) return {};
+  return [share = variation.drop_agents, seed = variation.drop_seed](int64_t agent_id) {
+    return Uniform(Mix(seed ^ static_cast<uint64_t>(agent_id))) < share;
+  };
+}
+
 }  // namespace
 
-Variation DrawVariation(const v1::AugmentationSettings& settings, uint64_t seed, int epoch,
-                        int64_t example) {
+Variation DrawVariation(const v1::AugmentationSettings& settings, int history_frames, uint64_t seed,
+                        int epoch, int64_t example) {
   uint64_t state =
       Mix(Mix(Mix(seed) ^ static_cast<uint64_t>(epoch)) ^ static_cast<uint64_t>(example));
   const auto draw = [&state] { return Uniform(state = Mix(state)); };
@@ -31,16 +40,30 @@ Variation DrawVariation(const v1::AugmentationSettings& settings, uint64_t seed,
   variation.scale = 1.0 + settings.scale() * (2.0 * draw() - 1.0);
   variation.shift_x = settings.shift_pixels() * (2.0 * draw() - 1.0);
   variation.shift_y = settings.shift_pixels() * (2.0 * draw() - 1.0);
+  variation.rotation = settings.rotation() * (2.0 * draw() - 1.0);
+  variation.drop_agents = settings.drop_agents();
+  variation.drop_seed = state = Mix(state);
+  if (draw() < settings.drop_history()) {
+    variation.frames = 1 + static_cast<int>(draw() * history_frames);
+  }
   return variation;
 }
 
 void ApplyVariation(const Variation& variation, std::span<float> trajectory) {
-  const float along = static_cast<float>(variation.scale);
-  const float across = variation.mirror ? -along : along;
+  const float side = variation.mirror ? -1.0F : 1.0F;
+  const float c = static_cast<float>(variation.scale * std::cos(variation.rotation));
+  const float s = static_cast<float>(variation.scale * std::sin(variation.rotation));
   for (size_t i = 0; i + 1 < trajectory.size(); i += 2) {
-    trajectory[i] *= along;
-    trajectory[i + 1] *= across;
+    const float x = trajectory[i];
+    const float y = trajectory[i + 1];
+    trajectory[i] = c * x + s * y;
+    trajectory[i + 1] = side * (c * y - s * x);
   }
+}
+
+scene::MotionInputs VariedMotion(const Variation& variation, const scene::MotionInputs& motion) {
+  const scene::MotionInputs scaled = scene::Scaled(motion, variation.scale);
+  return variation.mirror ? scene::Mirrored(scaled) : scaled;
 }
 
 RasterLoader::RasterLoader(const v1::RasterSpec& spec, const ExampleSet& set,
@@ -85,9 +108,15 @@ void RasterLoader::Work() {
       const data::Example& example = set_.examples[static_cast<size_t>(batch.items[i].example)];
       const std::span<uint8_t> raster(batch.rasters.data() + i * bytes, bytes);
       // Mirrored after it is drawn: the shift turns round with the rest.
-      const scene::RasterView view{variation.scale, variation.shift_x, variation.shift_y};
+      const scene::RasterView view{.scale = variation.scale,
+                                   .shift_x = variation.shift_x,
+                                   .shift_y = variation.shift_y,
+                                   .frames = variation.frames,
+                                   .is_hidden = HiddenAgents(variation)};
+      const scene::Pose2 X_WT(example.X_WT.x(), example.X_WT.y(),
+                              example.X_WT.heading() + variation.rotation);
       rasterizer.Rasterize(set_.recordings[static_cast<size_t>(example.recording)], example.time,
-                           example.target_id, example.X_WT, view, raster);
+                           example.target_id, X_WT, view, raster);
       if (variation.mirror) scene::MirrorRaster(spec_, raster);
     }
     {

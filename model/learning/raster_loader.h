@@ -22,17 +22,25 @@ namespace maneuver::learning {
 struct Variation {
   bool mirror = false;
   double scale = 1.0;
-  double shift_x = 0.0;  // pixels, raster alone
-  double shift_y = 0.0;  // pixels, raster alone
+  double shift_x = 0.0;      // pixels, raster alone
+  double shift_y = 0.0;      // pixels, raster alone
+  double rotation = 0.0;     // radians: the target's frame turns by so much under the world
+  double drop_agents = 0.0;  // share of the other agents that are left out, raster alone
+  uint64_t drop_seed = 0;    // which ones
+  int frames = INT32_MAX;    // that agents were seen in, the present included, raster alone
 };
 
 // The variation of an example in an epoch: a function of its arguments alone, so that it does not
 // matter which thread asks and in which order.
-Variation DrawVariation(const v1::AugmentationSettings& settings, uint64_t seed, int epoch,
-                        int64_t example);
+//   history_frames: of the raster
+Variation DrawVariation(const v1::AugmentationSettings& settings, int history_frames, uint64_t seed,
+                        int epoch, int64_t example);
 
-// x as the variation has it: mirrored and scaled. In place, [T, 2] target frame, metres.
+// x as the variation has it: turned, scaled and mirrored. In place, [T, 2] target frame, metres.
 void ApplyVariation(const Variation& variation, std::span<float> trajectory);
+
+// The target's motion as the variation has it.
+scene::MotionInputs VariedMotion(const Variation& variation, const scene::MotionInputs& motion);
 
 // Rasters on the fly: every pass draws them anew, varied as asked, so that memory does not grow
 // with the number of examples and the scale is exact (lines stay one pixel wide).

@@ -48,8 +48,9 @@ class Run {
         Learner::Plan(run_.settings, static_cast<int64_t>(data.training.examples.size())));
     const int threads = Threads(run_.settings);
     Learner learner(run_.settings, data, device_, threads, stopped_, progress_);
-    for (const auto phase : {&Learner::Pretrain, &Learner::PlaceMixture, &Learner::TrainMixture,
-                             &Learner::TrainJointly, &Learner::Calibrate}) {
+    for (const auto phase :
+         {&Learner::Pretrain, &Learner::PlaceMixture, &Learner::TrainMixture,
+          &Learner::TrainJointly, &Learner::TrainScenarioEncoders, &Learner::Calibrate}) {
       const absl::Status status = (learner.*phase)();
       if (!status.ok()) return status;
     }

@@ -1,14 +1,19 @@
 #include "model/learning/training_data.h"
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
+#include <optional>
 #include <string>
 #include <unordered_set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "model/artifact/model_spec.h"
 #include "model/data/dataset_folder.h"
+#include "model/data/stable_hash.h"
+#include "model/evaluation/maneuver_labels.h"
 
 namespace maneuver::learning {
 namespace {
@@ -34,6 +39,8 @@ class Splitter {
   void Add(v1::ManeuverAnnotation&& annotation) {
     if (held_out_ids_.contains(annotation.scenario_id())) {
       data_.annotations.push_back(std::move(annotation));
+    } else if (settings_.examples().label_share() > 0.0) {
+      training_annotations_.push_back(std::move(annotation));
     }
   }
 
@@ -41,26 +48,64 @@ class Splitter {
     const int64_t found = static_cast<int64_t>(data_.training.examples.size());
     const int64_t needed = MinimumExamples(settings_);
     if (found < needed) return TooFew(found, needed);
+    const absl::Status status = LabelExamples();
+    if (!status.ok()) return status;
     return std::move(data_);
   }
 
  private:
+  // Seconds.
+  double Horizon() const { return artifact::WaypointTimes(settings_.model().trajectory()).back(); }
+
+  // Labels label_share of the training examples, chosen by a hash, so that the same ones are
+  // labelled whatever else is in the datasets.
+  absl::Status LabelExamples() {
+    if (training_annotations_.empty()) return absl::OkStatus();
+    const evaluation::ManeuverLabels recorded(training_annotations_);
+    const std::vector<std::string>& names = recorded.names();
+    if (static_cast<int>(names.size()) > settings_.model().actions()) {
+      return absl::FailedPreconditionError(
+          absl::StrCat("the recordings are labelled with ", names.size(),
+                       " different manoeuvres; raise model.actions (", settings_.model().actions(),
+                       ") to as many, or set examples.label_share to 0"));
+    }
+    data_.label_names = names;
+    std::sort(data_.label_names.begin(), data_.label_names.end());
+    for (const data::Example& example : data_.training.examples) {
+      const std::string& id =
+          data_.training.recordings[static_cast<size_t>(example.recording)].scenario_id();
+      int label = -1;
+      const uint64_t hash = data::MixHash(
+          data::MixHash(data::StableHash(id), static_cast<uint64_t>(example.target_id)),
+          static_cast<uint64_t>(std::llround(example.time * 1000.0)));
+      // Once more, so that it does not choose as the drawing of standing vehicles does.
+      if (data::UnitInterval(data::MixHash(hash, 1)) < settings_.examples().label_share()) {
+        const std::optional<int> found =
+            recorded.Over(id, example.target_id, example.time, example.time + Horizon());
+        if (found) {
+          const auto place = std::lower_bound(data_.label_names.begin(), data_.label_names.end(),
+                                              names[static_cast<size_t>(*found)]);
+          label = static_cast<int>(place - data_.label_names.begin());
+        }
+      }
+      data_.labels.push_back(label);
+    }
+    return absl::OkStatus();
+  }
+
   absl::Status TooFew(int64_t found, int64_t needed) const {
-    const v1::TrajectorySpec& trajectory = settings_.model().trajectory();
-    const double horizon =
-        trajectory.waypoints() * (static_cast<double>(trajectory.waypoint_interval().seconds()) +
-                                  1e-9 * trajectory.waypoint_interval().nanos());
     return absl::FailedPreconditionError(absl::StrFormat(
         "%d recordings hold %d training examples, and %d are needed: a vehicle with one second of "
         "past and %.1f s of future without gaps makes one. Add recordings, make "
         "model.trajectory.waypoints fewer (a shorter horizon) or examples.stride smaller, or lower "
         "model.actions and optimization.batch_size",
-        recordings_, found, needed, horizon));
+        recordings_, found, needed, Horizon()));
   }
 
   const v1::TrainingSettings& settings_;
   TrainingData data_;
   std::unordered_set<std::string> held_out_ids_;
+  std::vector<v1::ManeuverAnnotation> training_annotations_;
   int64_t recordings_ = 0;
 };
 

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <functional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -28,10 +29,15 @@ struct TrainingData {
   ExampleSet training;
   ExampleSet validation;                            // whole recordings; empty if the share is 0
   std::vector<v1::ManeuverAnnotation> annotations;  // of the held-out recordings
+  // Actions that training examples are known to be, parallel to them: indices of label_names, or -1
+  // where nothing is known. Empty without label_share.
+  std::vector<int> labels;
+  std::vector<std::string> label_names;  // sorted
 };
 
-// Reads the folders and enumerates the examples of complete settings. Annotations are kept for
-// evaluation alone.
+// Reads the folders and enumerates the examples of complete settings. Annotations are for
+// evaluation and, by label_share, for labels. FAILED_PRECONDITION if more manoeuvres are labelled
+// than the model has actions.
 //   keep_going: asked between recordings; false ends it with CANCELLED.
 // Errors: those of data::ForEachScenario; FAILED_PRECONDITION, with what was found and what to do,
 // if there are fewer training examples than MinimumExamples.

@@ -100,4 +100,9 @@ TrajectoryClusters ClusterTrajectories(const TrajectoryRows& trajectories, int c
   return best;
 }
 
+TrajectoryRows DrawSeeds(const TrajectoryRows& rows, int clusters, uint64_t seed) {
+  std::mt19937_64 random(seed);
+  return DrawSeeds(rows, clusters, random);
+}
+
 }  // namespace maneuver::learning

@@ -23,6 +23,10 @@ struct TrajectoryClusters {
 TrajectoryClusters ClusterTrajectories(const TrajectoryRows& trajectories, int clusters,
                                        uint64_t seed, int restarts);
 
+// k-means++ seeds: rows, each drawn with a probability in proportion to its squared distance from
+// those before. [K, 2T]
+TrajectoryRows DrawSeeds(const TrajectoryRows& rows, int clusters, uint64_t seed);
+
 }  // namespace maneuver::learning
 
 #endif  // MANEUVER_MODEL_LEARNING_TRAJECTORY_CLUSTERS_H_

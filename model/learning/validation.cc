@@ -102,6 +102,18 @@ at::Tensor RasterTensor(const v1::RasterSpec& spec, RasterLoader::Batch& batch) 
                        at::kByte);
 }
 
+at::Tensor VariedMotions(const ExampleSet& set, const RasterLoader::Batch& batch) {
+  at::Tensor motions =
+      at::empty({static_cast<int64_t>(batch.items.size()), scene::kMotionInputs}, at::kFloat);
+  float* row = motions.data_ptr<float>();
+  for (const RasterLoader::Item& item : batch.items) {
+    const scene::MotionInputs varied =
+        VariedMotion(item.variation, set.examples[static_cast<size_t>(item.example)].motion);
+    row = std::copy(varied.begin(), varied.end(), row);
+  }
+  return motions;
+}
+
 at::Tensor VariedTrajectories(const ExampleSet& set, const RasterLoader::Batch& batch) {
   std::vector<data::Example> varied;
   varied.reserve(batch.items.size());
@@ -110,6 +122,16 @@ at::Tensor VariedTrajectories(const ExampleSet& set, const RasterLoader::Batch& 
     ApplyVariation(item.variation, varied.back().trajectory);
   }
   return Trajectories(varied);
+}
+
+at::Tensor BatchLabels(const std::vector<int>& labels, const RasterLoader::Batch& batch) {
+  if (labels.empty()) return {};
+  at::Tensor of_batch = at::empty({static_cast<int64_t>(batch.items.size())}, at::kLong);
+  int64_t* label = of_batch.data_ptr<int64_t>();
+  for (const RasterLoader::Item& item : batch.items) {
+    *label++ = item.variation.mirror ? -1 : labels[static_cast<size_t>(item.example)];
+  }
+  return of_batch;
 }
 
 void ReportMixture(const Networks& networks, v1::EpochReport* report) {
@@ -149,30 +171,31 @@ void ValidateBase(const Networks& networks, const at::Tensor& trajectories, bool
   means.Write(report->mutable_validation());
 }
 
-void ValidateUnified(Networks& networks, const ExampleSet& set, const BoundWeights& weights,
-                     int threads, const std::function<bool()>& stopped, v1::EpochReport* report) {
+void ValidateScenes(Networks& networks, const ExampleSet& set, v1::Objective objective,
+                    const v1::OptimizationSettings& optimization, int threads,
+                    const std::function<bool()>& stopped, v1::EpochReport* report) {
   ReportMixture(networks, report);
   if (set.examples.empty()) return;
   at::NoGradGuard no_grad;
   const v1::ModelSpec& spec = networks.spec();
   const double stddev = spec.decoder_stddev();
+  const BoundWeights weights = Weights(optimization);
+  const NoiseSource means_for_samples = [](at::IntArrayRef shape) { return at::zeros(shape); };
   TermMeans means;
   UsageReport usage(spec.actions());
   RasterLoader loader(spec.raster(), set, DrawItems(set, kMostValidated), kBatch, threads);
   while (std::optional<RasterLoader::Batch> batch = loader.Next()) {
     if (stopped()) return;
     const at::Tensor x = VariedTrajectories(set, *batch).to(networks.device());
-    const at::Tensor features = networks.EncodeScenes(RasterTensor(spec.raster(), *batch), {});
-    const at::Tensor log_p_y = networks.PredictActions(features);
-    const Gaussian q_z = networks.EncodeTrajectories(x);
-    const Gaussian posterior = networks.EncodeScenarios(features);
+    const at::Tensor features =
+        networks.EncodeScenes(RasterTensor(spec.raster(), *batch), VariedMotions(set, *batch), {});
     const BoundTerms terms =
-        UnifiedBound({x, networks.Decode(q_z.mean), q_z, networks.Mixture(), log_p_y, stddev},
-                     {networks.Decode(posterior.mean), posterior});
+        SceneBound(networks, objective, optimization, {x, features, {}}, means_for_samples);
     means.Add(terms);
     means.Add("loss", Loss(terms, weights), x.size(0));
+    const at::Tensor log_p_y = networks.PredictActions(features);
     usage.Add(log_p_y, terms.log_responsibilities);
-    const WaypointMoments moments = LatentMoments(networks, posterior);
+    const WaypointMoments moments = LatentMoments(networks, networks.EncodeScenarios(features));
     const at::Tensor own =
         at::tensor({stddev * stddev, 0.0, stddev * stddev}, moments.covariance.options());
     means.Add("log_likelihood",

@@ -15,6 +15,7 @@
 #include "model/learning/networks.h"
 #include "model/learning/objectives.h"
 #include "model/learning/raster_loader.h"
+#include "model/learning/scene_bound.h"
 #include "model/learning/training_data.h"
 
 namespace maneuver::learning {
@@ -44,8 +45,14 @@ std::vector<RasterLoader::Item> DrawItems(const ExampleSet& set, int64_t most);
 
 // The rasters of a batch as a tensor on its bytes, [B, H, W, C]; the batch must outlive it.
 at::Tensor RasterTensor(const v1::RasterSpec& spec, RasterLoader::Batch& batch);
+// How the targets of a batch have been moving, varied as its items say. [B, scene::kMotionInputs]
+at::Tensor VariedMotions(const ExampleSet& set, const RasterLoader::Batch& batch);
 // The trajectories of a batch, varied as its items say. [B, 2T]
 at::Tensor VariedTrajectories(const ExampleSet& set, const RasterLoader::Batch& batch);
+
+// The labels of a batch's examples, [B]; -1 where there is none, and of mirrored examples: a
+// mirrored left turn is not one. Undefined without any labels.
+at::Tensor BatchLabels(const std::vector<int>& labels, const RasterLoader::Batch& batch);
 
 // Smallest and largest standard deviation of the mixture's components.
 void ReportMixture(const Networks& networks, v1::EpochReport* report);
@@ -54,10 +61,11 @@ void ReportMixture(const Networks& networks, v1::EpochReport* report);
 void ValidateBase(const Networks& networks, const at::Tensor& trajectories, bool has_mixture,
                   v1::EpochReport* report);
 
-// The unified bound on the examples, and how the actions are used. Stops early, and then says
-// nothing of use, when `stopped`.
-void ValidateUnified(Networks& networks, const ExampleSet& set, const BoundWeights& weights,
-                     int threads, const std::function<bool()>& stopped, v1::EpochReport* report);
+// The bound of `objective` (see SceneBound) on the examples, with means for samples, and how the
+// actions are used. Stops early, and then says nothing of use, when `stopped`.
+void ValidateScenes(Networks& networks, const ExampleSet& set, v1::Objective objective,
+                    const v1::OptimizationSettings& optimization, int threads,
+                    const std::function<bool()>& stopped, v1::EpochReport* report);
 
 }  // namespace maneuver::learning
 

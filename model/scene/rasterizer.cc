@@ -72,15 +72,17 @@ class Rasterizer::Painter {
   }
 
   void Paint(const v1::Scenario& scenario, double time, int64_t target_id,
-             const Projection& projection, std::span<uint8_t> raster) {
+             const Projection& projection, const RasterView& view, std::span<uint8_t> raster) {
     canvas_.Begin(raster);
     ReadSignals(scenario, time);
     for (const v1::MapFeature& feature : scenario.map_features()) {
       DrawFeature(feature, projection);
     }
     for (const v1::Agent& agent : scenario.agents()) {
-      const int channel = agent.id() == target_id ? kTargetChannel : OtherAgentsChannel(spec_);
-      DrawAgent(agent, time, channel, projection);
+      const bool is_target = agent.id() == target_id;
+      if (!is_target && view.is_hidden && view.is_hidden(agent.id())) continue;
+      DrawAgent(agent, time, is_target ? kTargetChannel : OtherAgentsChannel(spec_),
+                std::min(view.frames, spec_.history_frames()), projection);
     }
   }
 
@@ -164,15 +166,16 @@ class Rasterizer::Painter {
     }
   }
 
-  // All frames of an agent in one walk back through its states.
-  void DrawAgent(const v1::Agent& agent, double time, int channel, const Projection& projection) {
+  // The latest `frames` frames of an agent in one walk back through its states.
+  void DrawAgent(const v1::Agent& agent, double time, int channel, int frames,
+                 const Projection& projection) {
     const auto& states = agent.states();
     const auto after =
         std::upper_bound(states.begin(), states.end(), time + kSameTime,
                          [](double t, const v1::AgentState& state) { return t < state.time(); });
     if (after == states.begin()) return;
     auto state = after - 1;
-    for (int frame = 0; frame < spec_.history_frames(); ++frame) {
+    for (int frame = 0; frame < frames; ++frame) {
       const double frame_time = time - frame * frame_interval_;
       while (state != states.begin() &&
              std::abs((state - 1)->time() - frame_time) < std::abs(state->time() - frame_time)) {
@@ -225,7 +228,7 @@ Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 void Rasterizer::Rasterize(const v1::Scenario& scenario, double time, int64_t target_id,
                            const Pose2& X_WT, const RasterView& view, std::span<uint8_t> raster) {
   const Projection projection(painter_->spec_, X_WT, view);
-  painter_->Paint(scenario, time, target_id, projection, raster);
+  painter_->Paint(scenario, time, target_id, projection, view, raster);
 }
 
 void MirrorRaster(const v1::RasterSpec& spec, std::span<uint8_t> raster) {

@@ -56,8 +56,10 @@
 #ifndef MANEUVER_MODEL_SCENE_RASTERIZER_H_
 #define MANEUVER_MODEL_SCENE_RASTERIZER_H_
 
+#include <climits>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 
@@ -103,6 +105,9 @@ struct RasterView {
   double scale = 1.0;    // metres in the world appear this many times as long
   double shift_x = 0.0;  // the target stands so many pixels further along +x, ...
   double shift_y = 0.0;  // ... and +y of its frame
+  int frames = INT_MAX;  // agents are drawn in the latest so many frames
+  // Which of the other agents are left out, by id. Empty: none.
+  std::function<bool(int64_t agent_id)> is_hidden = {};
 };
 
 // Number of channels: 3 of the map, `history_frames` of the target, as many of the others.

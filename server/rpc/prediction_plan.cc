@@ -140,7 +140,10 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
                                              "has no state at the prediction time");
         continue;
       }
-      serving::Target work{&scenario, target.id, *X_WT, {}};
+      serving::Target work{.scenario = &scenario,
+                           .id = target.id,
+                           .X_WT = *X_WT,
+                           .motion = scene::DescribeMotion(*agent, scenario.prediction_time())};
       if (classify) {
         int agent_index = 0;
         while (&scenario.agents(agent_index) != agent) ++agent_index;

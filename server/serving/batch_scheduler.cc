@@ -202,16 +202,16 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
     const std::span<uint8_t> raster = engine->Raster(i);
     engine->rasterizer().Rasterize(*target.scenario, target.scenario->prediction_time(), target.id,
                                    target.X_WT, scene::RasterView(), raster);
-    rows[i].raster = raster.data();
+    rows[i].scene = {raster.data(), target.motion};
   }
   metrics_.raster_time.Observe(Seconds(options_.now() - start));
 
   start = DropDead(rows);
   if (rows.empty()) return;
-  std::vector<const uint8_t*> rasters;
-  for (const Row& row : rows) rasters.push_back(row.raster);
+  std::vector<inference::SceneInput> scenes;
+  for (const Row& row : rows) scenes.push_back(row.scene);
   std::vector<inference::SceneEncoding> encodings(rows.size());
-  engine->session().Encode(rasters, encodings);
+  engine->session().Encode(scenes, encodings);
   metrics_.encode_time.Observe(Seconds(options_.now() - start));
 
   start = options_.now();

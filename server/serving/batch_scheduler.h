@@ -46,7 +46,7 @@ class BatchScheduler {
   // A target on its way through the stages.
   struct Row {
     TargetQueue::Item item;
-    const uint8_t* raster = nullptr;
+    inference::SceneInput scene = {};
   };
 
   struct Metrics {

@@ -53,8 +53,9 @@ struct Target {
   const v1::Scenario* scenario = nullptr;  // outlives the call
   int64_t id = 0;
   scene::Pose2 X_WT;
-  inference::Trajectory
-      trajectory;  // [T, 2] what it did, target frame; for ClassifyTrajectory alone
+  scene::MotionInputs motion{};
+  // What it did, [T, 2], target frame; for ClassifyTrajectory alone.
+  inference::Trajectory trajectory = {};
 };
 
 struct TargetAnswer {

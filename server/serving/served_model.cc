@@ -27,9 +27,9 @@ absl::Status ServedModel::WarmUp() {
   Lease engine(*this);
   const std::span<uint8_t> raster = engine->Raster(0);
   std::ranges::fill(raster, uint8_t{0});
-  const std::array<const uint8_t*, 1> rasters = {raster.data()};
+  const std::array<inference::SceneInput, 1> scenes = {{{raster.data(), {}}}};
   std::array<inference::SceneEncoding, 1> encodings;
-  engine->session().Encode(rasters, encodings);
+  engine->session().Encode(scenes, encodings);
 
   const Eigen::VectorXd& probabilities = encodings[0].probabilities;
   constexpr double kSumTolerance = 1e-5;

@@ -23,7 +23,7 @@ constexpr int kMaxBatch = 32;
 struct Setup {
   std::shared_ptr<const ActionModel> model;
   std::vector<std::vector<uint8_t>> rasters;
-  std::vector<const uint8_t*> pointers;
+  std::vector<SceneInput> scenes;
 };
 
 // The model of a preset, made once.
@@ -41,7 +41,7 @@ const Setup& Prepare(const std::string& preset) {
   setup.model = ActionModel::Load(folder, {}).value();
   fs::remove_all(folder);
   for (uint32_t i = 0; i < kMaxBatch; ++i) setup.rasters.push_back(RandomRaster(spec, i));
-  for (const auto& raster : setup.rasters) setup.pointers.push_back(raster.data());
+  for (const auto& raster : setup.rasters) setup.scenes.push_back({raster.data(), {}});
   return setup;
 }
 
@@ -56,7 +56,7 @@ void BM_Encode(benchmark::State& state) {
   const size_t batch = static_cast<size_t>(state.range(1));
   std::vector<SceneEncoding> encodings(batch);
   for (auto _ : state) {
-    session->Encode(std::span(setup.pointers).first(batch), encodings);
+    session->Encode(std::span(setup.scenes).first(batch), encodings);
   }
   state.SetItemsProcessed(state.iterations() * state.range(1));
   SetLabel(state, setup, preset);
@@ -71,7 +71,7 @@ void BM_Describe(benchmark::State& state) {
   const Setup& setup = Prepare(preset);
   const auto session = setup.model->NewSession();
   std::vector<SceneEncoding> encoding(1);
-  session->Encode(std::span(setup.pointers).first(1), encoding);
+  session->Encode(std::span(setup.scenes).first(1), encoding);
   std::vector<int> actions(static_cast<size_t>(state.range(1)));
   std::iota(actions.begin(), actions.end(), 0);
   for (auto _ : state) {
@@ -90,7 +90,7 @@ void BM_Classify(benchmark::State& state) {
   const Setup& setup = Prepare(preset);
   const auto session = setup.model->NewSession();
   std::vector<SceneEncoding> encoding(1);
-  session->Encode(std::span(setup.pointers).first(1), encoding);
+  session->Encode(std::span(setup.scenes).first(1), encoding);
   const Trajectory trajectory = Trajectory::Random(setup.model->spec().trajectory().waypoints(), 2);
   for (auto _ : state) benchmark::DoNotOptimize(session->Classify(encoding[0], trajectory));
   SetLabel(state, setup, preset);

@@ -92,6 +92,35 @@ TEST(TrainingPresetsTest, AugmentationCanBeTurnedOff) {
   EXPECT_THAT(WrongFields(resolved), ElementsAre());
 }
 
+TEST(TrainingPresetsTest, LiteralIsThePaperByItsLetter) {
+  const v1::TrainingSettings literal = Resolved("preset: 'literal'");
+  EXPECT_THAT(WrongFields(literal), ElementsAre());
+  EXPECT_EQ(literal.optimization().mixture_epochs(), 0);
+  EXPECT_EQ(literal.optimization().mixture_placement(), v1::MIXTURE_PLACEMENT_ENCODED_POINTS);
+  EXPECT_EQ(literal.optimization().action_weight(), 1.0);
+  EXPECT_EQ(literal.optimization().posterior_reconstruction_weight(), 1.0);
+  EXPECT_EQ(literal.optimization().decoder_covariance(), v1::DECODER_COVARIANCE_FIXED);
+  EXPECT_FALSE(literal.optimization().calibrate_probabilities());
+  EXPECT_FALSE(literal.model().target_motion());
+  EXPECT_FALSE(literal.augmentation().mirror());
+  // The sizes are those of compact.
+  EXPECT_EQ(literal.model().raster().SerializeAsString(),
+            Resolved("").model().raster().SerializeAsString());
+}
+
+TEST(TrainingPresetsTest, WhatIsOnInThePresetCanBeTurnedOff) {
+  EXPECT_TRUE(Resolved("").model().target_motion());
+  EXPECT_TRUE(Resolved("").optimization().calibrate_probabilities());
+  const v1::TrainingSettings off = Resolved(
+      "model { target_motion: false } "
+      "optimization { calibrate_probabilities: false dropout: 0 mixture_epochs: 0 }");
+  EXPECT_FALSE(off.model().target_motion());
+  EXPECT_FALSE(off.optimization().calibrate_probabilities());
+  EXPECT_EQ(off.optimization().dropout(), 0.0);
+  EXPECT_EQ(off.optimization().mixture_epochs(), 0);
+  EXPECT_THAT(WrongFields(off), ElementsAre());
+}
+
 struct Fault {
   const char* name;
   const char* change;
@@ -129,6 +158,13 @@ INSTANTIATE_TEST_SUITE_P(
               "optimization.posterior_reconstruction_weight"},
         Fault{"Divergence", "optimization { posterior_divergence_weight: -2 }",
               "optimization.posterior_divergence_weight"},
+        Fault{"Dual", "optimization { dual_epochs: -1 }", "optimization.dual_epochs"},
+        Fault{"Placements", "optimization { placements: 65 }", "optimization.placements"},
+        Fault{"Dropout", "optimization { dropout: 1 }", "optimization.dropout"},
+        Fault{"Rotation", "augmentation { rotation: 2 }", "augmentation.rotation"},
+        Fault{"DropAgents", "augmentation { drop_agents: 1 }", "augmentation.drop_agents"},
+        Fault{"DropHistory", "augmentation { drop_history: -0.1 }", "augmentation.drop_history"},
+        Fault{"Labels", "examples { label_share: 1.5 }", "examples.label_share"},
         Fault{"Scale", "augmentation { scale: 0.6 }", "augmentation.scale"},
         Fault{"Shift", "augmentation { shift_pixels: 1000 }", "augmentation.shift_pixels"},
         Fault{"Threads", "threads: -1", "threads"}, Fault{"Device", "device: 'tpu'", "device"}),

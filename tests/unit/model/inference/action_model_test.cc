@@ -112,10 +112,10 @@ class ActionModelTest : public testing::Test {
   }
 
   std::vector<SceneEncoding> Encode(InferenceSession* session, const Rasters& rasters) {
-    std::vector<const uint8_t*> pointers;
-    for (const auto& raster : rasters) pointers.push_back(raster.data());
+    std::vector<SceneInput> scenes;
+    for (const auto& raster : rasters) scenes.push_back({raster.data(), {}});
     std::vector<SceneEncoding> encodings(rasters.size());
-    session->Encode(pointers, encodings);
+    session->Encode(scenes, encodings);
     return encodings;
   }
 

@@ -1,6 +1,7 @@
 #include "tests/unit/model/learning/analytic_scenes.h"
 
 #include <cmath>
+#include <functional>
 
 #include "model/artifact/training_presets.h"
 
@@ -17,9 +18,20 @@ ArcPoint OnArc(double curvature, double distance) {
   return {std::sin(heading) / curvature, (1.0 - std::cos(heading)) / curvature, heading};
 }
 
-}  // namespace
+constexpr double kForkDistance = 16.0;  // metres from the start
 
-v1::Scenario ArcRecording(const std::string& id, double curvature, double speed) {
+// Straight on up to the fork, then an arc.
+ArcPoint OnFork(double curvature, double distance) {
+  if (distance <= kForkDistance) return {distance, 0.0, 0.0};
+  ArcPoint point = OnArc(curvature, distance - kForkDistance);
+  point.x += kForkDistance;
+  return point;
+}
+
+using Path = std::function<ArcPoint(double distance)>;
+
+// A vehicle along `path` from 0 on at a constant speed, m/s, for 8 s at 10 Hz.
+v1::Scenario Drive(const std::string& id, const Path& path, double speed) {
   v1::Scenario scenario;
   scenario.set_scenario_id(id);
   scenario.set_prediction_time(1.0);
@@ -31,7 +43,7 @@ v1::Scenario ArcRecording(const std::string& id, double curvature, double speed)
   agent.set_width(1.9);
   for (int i = 0; i <= 80; ++i) {
     const double time = 0.1 * i;
-    const ArcPoint point = OnArc(curvature, speed * time);
+    const ArcPoint point = path(speed * time);
     v1::AgentState& state = *agent.add_states();
     state.set_time(time);
     state.set_x(point.x);
@@ -40,14 +52,36 @@ v1::Scenario ArcRecording(const std::string& id, double curvature, double speed)
     state.set_velocity_x(static_cast<float>(speed * std::cos(point.heading)));
     state.set_velocity_y(static_cast<float>(speed * std::sin(point.heading)));
   }
-  v1::MapFeature& lane = *scenario.add_map_features();
-  lane.set_id(1);
+  return scenario;
+}
+
+void AddLane(const Path& path, v1::Scenario* scenario) {
+  v1::MapFeature& lane = *scenario->add_map_features();
+  lane.set_id(scenario->map_features_size());
   lane.set_type(v1::MAP_FEATURE_TYPE_LANE_CENTERLINE);
   for (double distance = -20.0; distance <= 120.0; distance += 2.0) {
-    const ArcPoint point = OnArc(curvature, distance);
+    const ArcPoint point = path(distance);
     lane.add_x(point.x);
     lane.add_y(point.y);
   }
+}
+
+}  // namespace
+
+v1::Scenario ArcRecording(const std::string& id, double curvature, double speed) {
+  const Path path = [curvature](double distance) { return OnArc(curvature, distance); };
+  v1::Scenario scenario = Drive(id, path, speed);
+  AddLane(path, &scenario);
+  return scenario;
+}
+
+v1::Scenario ForkRecording(const std::string& id, Fork lanes, bool turns_left, double curvature) {
+  constexpr double kSpeed = 8.0;
+  const Path left = [curvature](double distance) { return OnFork(curvature, distance); };
+  const Path right = [curvature](double distance) { return OnFork(-curvature, distance); };
+  v1::Scenario scenario = Drive(id, turns_left ? left : right, kSpeed);
+  if (lanes != Fork::kRight) AddLane(left, &scenario);
+  if (lanes != Fork::kLeft) AddLane(right, &scenario);
   return scenario;
 }
 

@@ -45,19 +45,19 @@ TEST(TrainingDataTest, TooFewExamplesAreRefusedWithWhatWasFoundAndWhatToDo) {
 
 TEST(VariationTest, IsAFunctionOfSeedEpochAndExample) {
   const v1::AugmentationSettings settings = TinySettings().augmentation();
-  const Variation once = DrawVariation(settings, 1, 2, 3);
-  const Variation again = DrawVariation(settings, 1, 2, 3);
+  const Variation once = DrawVariation(settings, 5, 1, 2, 3);
+  const Variation again = DrawVariation(settings, 5, 1, 2, 3);
   EXPECT_EQ(once.scale, again.scale);
-  EXPECT_NE(once.scale, DrawVariation(settings, 2, 2, 3).scale);
-  EXPECT_NE(once.scale, DrawVariation(settings, 1, 3, 3).scale);
-  EXPECT_NE(once.scale, DrawVariation(settings, 1, 2, 4).scale);
+  EXPECT_NE(once.scale, DrawVariation(settings, 5, 2, 2, 3).scale);
+  EXPECT_NE(once.scale, DrawVariation(settings, 5, 1, 3, 3).scale);
+  EXPECT_NE(once.scale, DrawVariation(settings, 5, 1, 2, 4).scale);
 }
 
 TEST(VariationTest, StaysInItsLimitsAndMirrorsHalf) {
   const v1::AugmentationSettings settings = TinySettings().augmentation();
   int mirrored = 0;
   for (int i = 0; i < 2000; ++i) {
-    const Variation variation = DrawVariation(settings, 1, 1, i);
+    const Variation variation = DrawVariation(settings, 5, 1, 1, i);
     mirrored += variation.mirror;
     EXPECT_LE(std::abs(variation.scale - 1.0), settings.scale());
     EXPECT_LE(std::abs(variation.shift_x), settings.shift_pixels());
@@ -94,12 +94,113 @@ TEST(VariationTest, RasterAndTrajectoryAreVariedAlike) {
   }
 }
 
+// Turning the target's frame by an angle is turning the world by its opposite.
+TEST(VariationTest, RotationTurnsRasterAndTrajectoryAlike) {
+  constexpr double kAngle = 0.3;
+  const v1::TrainingSettings settings = TinySettings();
+  ExampleSet plain, turned;
+  plain.recordings.push_back(ArcRecording("arc", 0.05, 10.0));
+  turned.recordings.push_back(plain.recordings[0]);
+  for (ExampleSet* set : {&plain, &turned}) {
+    set->examples =
+        data::EnumerateExamples(set->recordings[0], 0, settings.model(), settings.examples());
+  }
+  data::Example& by_hand = turned.examples[0];
+  by_hand.X_WT = scene::Pose2(by_hand.X_WT.x(), by_hand.X_WT.y(), by_hand.X_WT.heading() + kAngle);
+  Variation rotation;
+  rotation.rotation = kAngle;
+  const v1::RasterSpec& spec = settings.model().raster();
+  const auto varied = RasterLoader(spec, plain, {{0, rotation}}, 1, 1).Next();
+  const auto expected = RasterLoader(spec, turned, {{0, {}}}, 1, 1).Next();
+  ASSERT_TRUE(varied && expected);
+  EXPECT_EQ(varied->rasters, expected->rasters);
+
+  std::vector<float> trajectory = plain.examples[0].trajectory;
+  ApplyVariation(rotation, trajectory);
+  const data::Example& original = plain.examples[0];
+  for (size_t i = 0; i < trajectory.size(); i += 2) {
+    const scene::Point2 p_W =
+        original.X_WT * scene::Point2{original.trajectory[i], original.trajectory[i + 1]};
+    const scene::Point2 p_T = by_hand.X_WT.ToLocal(p_W);
+    EXPECT_NEAR(trajectory[i], p_T.x, 1e-4);
+    EXPECT_NEAR(trajectory[i + 1], p_T.y, 1e-4);
+  }
+}
+
+TEST(VariationTest, DroppedAgentsAndFramesAreDrawnByTheirShares) {
+  v1::AugmentationSettings settings = TinySettings().augmentation();
+  settings.set_drop_agents(0.25);
+  settings.set_drop_history(0.5);
+  settings.set_rotation(0.1);
+  int shortened = 0;
+  std::set<uint64_t> seeds;
+  for (int i = 0; i < 2000; ++i) {
+    const Variation variation = DrawVariation(settings, 5, 1, 1, i);
+    EXPECT_EQ(variation.drop_agents, 0.25);
+    EXPECT_LE(std::abs(variation.rotation), 0.1);
+    seeds.insert(variation.drop_seed);
+    if (variation.frames < 5) ++shortened;
+    EXPECT_GE(variation.frames, 1);
+  }
+  EXPECT_EQ(seeds.size(), 2000u);
+  EXPECT_NEAR(shortened, 800, 100);  // half of them, one in five of which keeps all five frames
+}
+
+TEST(VariationTest, MotionIsVariedAsTheTrajectoryIs) {
+  Variation variation;
+  variation.scale = 1.1;
+  variation.mirror = true;
+  const scene::MotionInputs varied = VariedMotion(variation, {1.0F, 0.5F, -0.5F, 0.2F});
+  EXPECT_FLOAT_EQ(varied[0], 1.1F);
+  EXPECT_FLOAT_EQ(varied[1], 0.55F);
+  EXPECT_FLOAT_EQ(varied[2], -0.55F);
+  EXPECT_FLOAT_EQ(varied[3], -0.2F);
+}
+
+TEST(RasterLoaderTest, AVariationHidesItsShareOfTheOtherAgents) {
+  ExampleSet set;
+  const v1::TrainingSettings settings = TinySettings();
+  set.recordings.push_back(ArcRecording("arc", 0.0, 10.0));
+  v1::Scenario& recording = set.recordings[0];
+  for (int id = 2; id < 202; ++id) {
+    v1::Agent& agent = *recording.add_agents();
+    agent = recording.agents(0);
+    agent.set_id(id);
+    agent.set_type(v1::AGENT_TYPE_PEDESTRIAN);
+    for (v1::AgentState& state : *agent.mutable_states()) {
+      state.set_y(-20.0 + 0.2 * id);
+      state.set_heading(0.0F);
+    }
+  }
+  set.examples = data::EnumerateExamples(recording, 0, settings.model(), settings.examples());
+  const v1::RasterSpec& spec = settings.model().raster();
+  const auto brightness = [&](const Variation& variation, int channel) {
+    const auto batch = RasterLoader(spec, set, {{0, variation}}, 1, 1).Next();
+    int64_t sum = 0;
+    const size_t channels = static_cast<size_t>(scene::RasterChannels(spec));
+    for (size_t i = static_cast<size_t>(channel); i < batch->rasters.size(); i += channels) {
+      sum += batch->rasters[i];
+    }
+    return sum;
+  };
+  const int others = scene::OtherAgentsChannel(spec);
+  Variation none, all, present;
+  all.drop_agents = 0.999999;
+  present.frames = 1;
+  EXPECT_GT(brightness(none, others), 0);
+  EXPECT_EQ(brightness(all, others), 0);
+  EXPECT_EQ(brightness(all, scene::kTargetChannel), brightness(none, scene::kTargetChannel));
+  EXPECT_EQ(brightness(present, others), brightness(none, others));
+  EXPECT_EQ(brightness(present, others + 1), 0);
+  EXPECT_EQ(brightness(present, scene::kTargetChannel + 1), 0);
+}
+
 TEST(RasterLoaderTest, BatchesComeInOrderWhateverTheNumberOfThreads) {
   const auto data = SplitRecordings(ArcRecordings(60), TinySettings());
   ASSERT_TRUE(data.ok());
   std::vector<RasterLoader::Item> items;
   for (int64_t i = 0; i < 45; ++i) {
-    items.push_back({(i * 7) % 60, DrawVariation(TinySettings().augmentation(), 1, 1, i)});
+    items.push_back({(i * 7) % 60, DrawVariation(TinySettings().augmentation(), 2, 1, 1, i)});
   }
   const v1::RasterSpec spec = TinySettings().model().raster();
   RasterLoader one(spec, data->training, items, 4, 1);

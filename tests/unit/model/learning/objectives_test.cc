@@ -234,6 +234,60 @@ TEST_F(ObjectivesTest, BaseGradientIsTheSlopeOfTheBound) {
   }
 }
 
+// The unified bound of one example as a function of q_y, E ln p(x'|z') for its sample.
+at::Tensor BoundUnder(const at::Tensor& q_y, const BaseModel& model,
+                      const PosteriorBranch& posterior) {
+  const Gaussian q{model.q_z.mean.unsqueeze(1), model.q_z.log_variance.unsqueeze(1)};
+  const at::Tensor gain =
+      model.log_p_y - Divergence(q, model.p_z) - Divergence(posterior.q_z, model.p_z) +
+      LogLikelihood(model.trajectories.unsqueeze(1), posterior.decoded, model.decoder_stddev);
+  return (q_y * (gain - q_y.log())).sum(1);
+}
+
+TEST_F(ObjectivesTest, ExactResponsibilitiesMaximiseTheUnifiedBoundAndPrintedOnesDoNot) {
+  const at::Tensor exact =
+      UnifiedBound(Base(), Posterior(), /*exact_weight=*/1.0).log_responsibilities.exp();
+  const at::Tensor printed = UnifiedBound(Base(), Posterior()).log_responsibilities.exp();
+  const at::Tensor best = BoundUnder(exact, Base(), Posterior());
+  EXPECT_TRUE((BoundUnder(printed, Base(), Posterior()) < best).all().item<bool>());
+  at::Generator generator = MakeGenerator(9);
+  for (int i = 0; i < 20; ++i) {
+    const at::Tensor other = at::softmax(
+        exact.log() + 0.1 * at::empty({kBatch, kActions}, at::kDouble).normal_(0, 1, generator), 1);
+    EXPECT_TRUE((BoundUnder(other, Base(), Posterior()) <= best).all().item<bool>());
+  }
+}
+
+TEST_F(ObjectivesTest, DualBoundIsWhatTheUnifiedOneAddsUnderTheBaseModelsResponsibilities) {
+  const BoundTerms terms = DualBound(Base(), Posterior());
+  EXPECT_FALSE(terms.reconstruction.defined());
+  const at::Tensor q_y = BaseBound(Base()).log_responsibilities.exp();
+  EXPECT_TRUE(at::allclose(terms.log_responsibilities.exp(), q_y));
+  const at::Tensor expected =
+      (q_y * (Divergence(posterior_, mixture_) -
+              LogLikelihood(trajectories_.unsqueeze(1), Posterior().decoded, kStddev)))
+          .sum(1)
+          .mean();
+  EXPECT_NEAR(Loss(terms, {}).item<double>(), expected.item<double>(), 1e-9);
+}
+
+TEST_F(ObjectivesTest, LabelledExamplesAreTheirAction) {
+  BaseModel model = Base();
+  const BoundTerms unlabelled = UnifiedBound(model, Posterior());
+  model.labels = at::tensor({-1, 2, -1, 0}, at::kLong);
+  const BoundTerms terms = UnifiedBound(model, Posterior());
+  const at::Tensor q_y = terms.log_responsibilities.exp();
+  for (const int64_t i : {0, 2}) {
+    EXPECT_TRUE(at::equal(terms.log_responsibilities[i], unlabelled.log_responsibilities[i]));
+  }
+  EXPECT_EQ(q_y[1][2].item<double>(), 1.0);
+  EXPECT_EQ(q_y[1].sum().item<double>(), 1.0);
+  EXPECT_EQ(q_y[3][0].item<double>(), 1.0);
+  // KL(one-hot || p_y) = -ln p_y of the label.
+  EXPECT_NEAR(terms.action_divergence[1].item<double>(), -log_p_y_[1][2].item<double>(), 1e-12);
+  EXPECT_TRUE(std::isfinite(Loss(terms, {}).item<double>()));
+}
+
 TEST_F(ObjectivesTest, LossWeighsItsTerms) {
   const BoundTerms terms = UnifiedBound(Base(), Posterior());
   const double loss = Loss(terms, {5.0, 0.05, 2.0}).item<double>();

@@ -194,12 +194,12 @@ TEST_F(TrainingTest, TheEngineSaysWhatLibTorchSays) {
 
   at::NoGradGuard no_grad;
   constexpr int64_t kExamples = 5;
-  std::vector<RasterLoader::Item> items = DrawItems(data.validation, kExamples);
+  const std::vector<RasterLoader::Item> items = DrawItems(data.validation, kExamples);
   RasterLoader loader(settings.model().raster(), data.validation, items, kExamples, 1);
   RasterLoader::Batch batch = *loader.Next();
   const at::Tensor x = VariedTrajectories(data.validation, batch);
-  const at::Tensor features =
-      networks.EncodeScenes(RasterTensor(settings.model().raster(), batch), {});
+  const at::Tensor features = networks.EncodeScenes(RasterTensor(settings.model().raster(), batch),
+                                                    VariedMotions(data.validation, batch), {});
   const at::Tensor log_p_y = networks.PredictActions(features);
   const Gaussian posterior = networks.EncodeScenarios(features);
   const Gaussian q_z = networks.EncodeTrajectories(x);
@@ -215,7 +215,10 @@ TEST_F(TrainingTest, TheEngineSaysWhatLibTorchSays) {
   for (int64_t i = 0; i < kExamples; ++i) {
     const uint8_t* raster = batch.rasters.data() + static_cast<size_t>(i) * bytes;
     inference::SceneEncoding encoding;
-    session->Encode({&raster, 1}, {&encoding, 1});
+    const inference::SceneInput scene{
+        raster, data.validation.examples[static_cast<size_t>(items[static_cast<size_t>(i)].example)]
+                    .motion};
+    session->Encode({&scene, 1}, {&encoding, 1});
     ExpectClose(features[i], encoding.features.cast<double>(), "features");
     ExpectClose(log_p_y[i].exp(), encoding.probabilities, "p(y|s)");
     const std::vector<int> actions = {4, 0};

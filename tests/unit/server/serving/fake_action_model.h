@@ -72,11 +72,12 @@ class FakeSession final : public inference::InferenceSession {
   FakeSession(FakeNetworks& networks, size_t raster_bytes)
       : networks_(networks), raster_bytes_(raster_bytes) {}
 
-  void Encode(std::span<const uint8_t* const> rasters,
+  void Encode(std::span<const inference::SceneInput> scenes,
               std::span<inference::SceneEncoding> encodings) override {
-    networks_.EnterEncode(static_cast<int>(rasters.size()));
-    for (size_t i = 0; i < rasters.size(); ++i) {
-      const int64_t sum = std::accumulate(rasters[i], rasters[i] + raster_bytes_, int64_t{0});
+    networks_.EnterEncode(static_cast<int>(scenes.size()));
+    for (size_t i = 0; i < scenes.size(); ++i) {
+      const uint8_t* raster = scenes[i].raster;
+      const int64_t sum = std::accumulate(raster, raster + raster_bytes_, int64_t{0});
       encodings[i].features = Eigen::VectorXf::Constant(1, static_cast<float>(sum));
       encodings[i].probabilities = Eigen::Vector3d(0.2, 0.5, 0.3);
     }

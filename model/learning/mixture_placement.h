@@ -1,0 +1,51 @@
+// Where the components of p(z|y) start.
+
+#ifndef MANEUVER_MODEL_LEARNING_MIXTURE_PLACEMENT_H_
+#define MANEUVER_MODEL_LEARNING_MIXTURE_PLACEMENT_H_
+
+#include <ATen/ATen.h>
+
+#include <cstdint>
+#include <vector>
+
+#include "maneuver/v1/training_settings.pb.h"
+#include "model/learning/gaussian.h"
+
+namespace maneuver::learning {
+
+// A mixture of K diagonal Gaussians with the logarithms of its weights.
+struct PlacedMixture {
+  Gaussian components;     // [K, D]
+  at::Tensor log_weights;  // [K], normalised
+};
+
+// What a mixture is placed by.
+struct EncodedExamples {
+  at::Tensor trajectories;  // x, [N, 2T] metres, on the CPU
+  Gaussian q_z;             // q(z|x), [N, D], on the CPU
+};
+
+// A mixture of `actions` components. The same seed gives the same one.
+//   TRAJECTORY_CLUSTERS  k-means on the trajectories in a space that draws far ones closer together
+//                        and counts what goes to the side twice: in plain metres nearly all
+//                        clusters would be speeds of going straight on, which q(z|y,s) knows from
+//                        the scenario anyway
+//   RANDOM               means from N(0, I), variances 1
+//   UNIFORM              means even in the box of the encodings, the box split evenly among them
+//   ENCODED_POINTS       means at the encodings of random examples
+//   ENCODED_SEEDS        means at k-means++ seeds among the encodings
+//   FITTED_MIXTURE       expectation maximisation from those seeds
+// Points and seeds take the variance of all encodings over K^(2/D), a component's share of it.
+PlacedMixture PlaceMixture(v1::MixturePlacement placement, const EncodedExamples& examples,
+                           int actions, uint64_t seed);
+
+// The same with the first `labelled` components at the examples of labels 0 .. labelled-1 (mean and
+// variance of their encodings) and the others placed by the examples without one.
+//   labels: [N], -1 where there is none
+PlacedMixture PlaceLabelledMixture(v1::MixturePlacement placement, const EncodedExamples& examples,
+                                   const std::vector<int>& labels, int labelled, int actions,
+                                   uint64_t seed);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_MIXTURE_PLACEMENT_H_
