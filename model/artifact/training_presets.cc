@@ -26,7 +26,7 @@ constexpr char kDefaultPreset[] = "compact";
 constexpr char kLearning[] = R"pb(
   examples {
     stride { nanos: 500000000 }
-    keep_standing: 0.12
+    keep_standing: 0.06
     standing_distance: 1.5
     max_speed: 45
     validation_share: 0.15
@@ -82,8 +82,8 @@ constexpr char kCompact[] = R"pb(
       features: 256
     }
     trajectory {
-      waypoints: 25
-      waypoint_interval { nanos: 200000000 }
+      waypoints: 50
+      waypoint_interval { nanos: 100000000 }
     }
     actions: 25
     latent_dimensions: 5

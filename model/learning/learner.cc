@@ -8,6 +8,7 @@
 
 #include "model/learning/calibration.h"
 #include "model/learning/raster_loader.h"
+#include "model/learning/run_state.h"
 
 namespace maneuver::learning {
 namespace {
@@ -83,6 +84,84 @@ Learner::Learner(const v1::TrainingSettings& settings, const TrainingData& data,
   networks_.Standardize(trajectories_, settings.augmentation().mirror());
 }
 
+absl::Status Learner::KeepCheckpoints(CheckpointFolder* folder) {
+  checkpoints_ = folder;
+  resumed_ = folder->ReadLatest();
+  if (!resumed_) return absl::OkStatus();
+  if (resumed_->settings() != RunSettings(settings_) ||
+      resumed_->training_examples() != trajectories_.size(0)) {
+    return absl::FailedPreconditionError(
+        "the folder of checkpoints is of a run with other settings or other data; name another "
+        "folder, or empty this one to start anew");
+  }
+  RestoreNetworks(*resumed_, &networks_);
+  return absl::OkStatus();
+}
+
+absl::Status Learner::Learn() {
+  struct Stage {
+    const char* phase;
+    absl::Status (Learner::*run)();
+  };
+  constexpr Stage kStages[] = {{"pretrain", &Learner::Pretrain},
+                               {"place", &Learner::PlaceMixture},
+                               {"mixture", &Learner::TrainMixture},
+                               {"joint", &Learner::TrainJointly},
+                               {"dual", &Learner::TrainScenarioEncoders}};
+  for (const Stage& stage : kStages) {
+    // Until its phase has taken the checkpoint on, all phases before it are over.
+    if (resumed_ && resumed_->phase() != stage.phase) continue;
+    const absl::Status status = (this->*stage.run)();
+    if (!status.ok()) return status;
+  }
+  return absl::OkStatus();
+}
+
+Learner::Position Learner::BeginPhase(const std::string& phase, int64_t epoch_steps,
+                                      AdamW* optimizer, TermMeans* means) {
+  if (!phase.empty()) progress_.BeginPhase(phase);
+  if (!resumed_ || resumed_->phase() != phase) return {};
+  RestoreOptimizer(*resumed_, optimizer);
+  RestoreRandomState(resumed_->random(), &generator_);
+  epoch_random_ = resumed_->epoch_random();
+  means->Restore(*resumed_);
+  const Position position{resumed_->epochs(), resumed_->steps()};
+  progress_.Resume(position.epochs * epoch_steps + position.steps);
+  resumed_.reset();
+  return position;
+}
+
+at::Tensor Learner::BeginEpoch(const Position& position) {
+  progress_.BeginEpoch(position.epochs + 1);
+  if (position.steps == 0) {
+    epoch_random_ = RandomState(generator_);
+    return DrawEpoch();
+  }
+  // In the middle of an epoch: its order is drawn once more, and then all is as it was.
+  const std::string now = RandomState(generator_);
+  RestoreRandomState(epoch_random_, &generator_);
+  const at::Tensor order = DrawEpoch();
+  RestoreRandomState(now, &generator_);
+  return order;
+}
+
+absl::Status Learner::KeepCheckpoint(const std::string& phase, const Position& position,
+                                     const AdamW& optimizer, const TermMeans& means) {
+  if (checkpoints_ == nullptr || phase.empty() || !checkpoints_->IsDue()) return absl::OkStatus();
+  Checkpoint checkpoint;
+  checkpoint.set_settings(RunSettings(settings_));
+  checkpoint.set_training_examples(trajectories_.size(0));
+  checkpoint.set_phase(phase);
+  checkpoint.set_epochs(position.epochs);
+  checkpoint.set_steps(position.steps);
+  checkpoint.set_epoch_random(epoch_random_);
+  checkpoint.set_random(RandomState(generator_));
+  StoreNetworks(networks_, &checkpoint);
+  StoreOptimizer(optimizer, &checkpoint);
+  means.Store(&checkpoint);
+  return checkpoints_->Write(checkpoint);
+}
+
 at::Tensor Learner::Noise(at::IntArrayRef shape) {
   return at::empty(shape, at::kFloat).normal_(0.0, 1.0, generator_).to(networks_.device());
 }
@@ -127,7 +206,6 @@ absl::Status Learner::TakeStep(const at::Tensor& loss, double rate_share, AdamW*
 absl::Status Learner::TrainOnTrajectories(const std::string& phase, int epochs,
                                           const std::vector<Group>& groups, const BatchLoss& loss,
                                           const std::function<v1::EpochReport(TermMeans)>& report) {
-  if (!phase.empty()) progress_.BeginPhase(phase);
   const OneThread one_thread;
   const int64_t batch_size = settings_.optimization().batch_size() * kTrajectoryBatchFactor;
   const int64_t examples = EpochExamples(settings_, trajectories_.size(0));
@@ -137,15 +215,17 @@ absl::Status Learner::TrainOnTrajectories(const std::string& phase, int epochs,
     optimizer.Add(networks_.Parameters(group.part), group.rate,
                   settings_.optimization().weight_decay());
   }
-  int64_t step = 0;
-  for (int epoch = 1; epoch <= epochs; ++epoch) {
-    progress_.BeginEpoch(epoch);
-    const at::Tensor order = DrawEpoch();
-    TermMeans means;
-    for (int64_t i = 0; i < epoch_steps; ++i, ++step) {
+  TermMeans means;
+  for (Position now = BeginPhase(phase, epoch_steps, &optimizer, &means); now.epochs < epochs;
+       now = {now.epochs + 1, 0}) {
+    const at::Tensor order = BeginEpoch(now);
+    for (; now.steps < epoch_steps; ++now.steps) {
       if (stopped_()) return absl::CancelledError("training was stopped");
+      const absl::Status kept = KeepCheckpoint(phase, now, optimizer, means);
+      if (!kept.ok()) return kept;
       const at::Tensor batch =
-          order.slice(0, i * batch_size, std::min(examples, (i + 1) * batch_size));
+          order.slice(0, now.steps * batch_size, std::min(examples, (now.steps + 1) * batch_size));
+      const int64_t step = now.epochs * epoch_steps + now.steps;
       const at::Tensor x = Vary(trajectories_.index_select(0, batch));
       const at::Tensor value = loss(x, &means);
       means.Add("loss", value, x.size(0));
@@ -154,7 +234,7 @@ absl::Status Learner::TrainOnTrajectories(const std::string& phase, int epochs,
       if (!status.ok()) return status;
       progress_.Step(x.size(0));
     }
-    progress_.EndEpoch(report(std::move(means)));
+    progress_.EndEpoch(report(std::exchange(means, {})));
   }
   optimizer.ZeroGradients();
   return absl::OkStatus();
@@ -275,7 +355,6 @@ absl::Status Learner::TrainMixture() {
 
 absl::Status Learner::TrainOnScenes(const std::string& phase, int epochs, v1::Objective objective,
                                     const std::vector<Group>& groups) {
-  progress_.BeginPhase(phase);
   const v1::OptimizationSettings& optimization = settings_.optimization();
   AdamW optimizer;
   bool backbone_learns = false;
@@ -287,24 +366,26 @@ absl::Status Learner::TrainOnScenes(const std::string& phase, int epochs, v1::Ob
   const v1::RasterSpec& raster = settings_.model().raster();
   const int64_t examples = EpochExamples(settings_, trajectories_.size(0));
   const int64_t batch_size = optimization.batch_size();
-  const int64_t steps = StepsOfEpoch(examples, batch_size) * epochs;
+  const int64_t epoch_steps = StepsOfEpoch(examples, batch_size);
   const BoundWeights weights = Weights(optimization);
   const uint64_t seed = static_cast<uint64_t>(settings_.seed());
-  int64_t step = 0;
-  for (int epoch = 1; epoch <= epochs; ++epoch) {
-    progress_.BeginEpoch(epoch);
-    const at::Tensor order = DrawEpoch();
+  TermMeans means;
+  for (Position now = BeginPhase(phase, epoch_steps, &optimizer, &means); now.epochs < epochs;
+       now = {now.epochs + 1, 0}) {
+    const int epoch = now.epochs + 1;
+    const at::Tensor order = BeginEpoch(now);
     std::vector<RasterLoader::Item> items;
-    for (int64_t i = 0; i < examples; ++i) {
+    for (int64_t i = now.steps * batch_size; i < examples; ++i) {
       const int64_t example = order.data_ptr<int64_t>()[i];
       items.push_back({example, DrawVariation(settings_.augmentation(), raster.history_frames(),
                                               seed, epoch, example)});
     }
     if (examples % batch_size == 1) items.pop_back();
     RasterLoader loader(raster, data_.training, std::move(items), batch_size, threads_);
-    TermMeans means;
     while (std::optional<RasterLoader::Batch> batch = loader.Next()) {
       if (stopped_()) return absl::CancelledError("training was stopped");
+      const absl::Status kept = KeepCheckpoint(phase, now, optimizer, means);
+      if (!kept.ok()) return kept;
       SceneBatch scenes;
       scenes.trajectories = VariedTrajectories(data_.training, *batch).to(networks_.device());
       scenes.labels = BatchLabels(data_.labels, *batch);
@@ -319,14 +400,15 @@ absl::Status Learner::TrainOnScenes(const std::string& phase, int epochs, v1::Ob
       const at::Tensor loss = Loss(terms, weights);
       means.Add(terms);
       means.Add("loss", loss, scenes.trajectories.size(0));
+      const int64_t step = now.epochs * epoch_steps + now.steps;
       const absl::Status status =
-          TakeStep(loss, LearningRateShare(step, kWarmUp, steps), &optimizer);
+          TakeStep(loss, LearningRateShare(step, kWarmUp, epochs * epoch_steps), &optimizer);
       if (!status.ok()) return status;
-      ++step;
+      ++now.steps;
       progress_.Step(scenes.trajectories.size(0));
     }
     v1::EpochReport report;
-    means.Write(report.mutable_training());
+    std::exchange(means, {}).Write(report.mutable_training());
     ValidateScenes(networks_, data_.validation, objective, optimization, threads_, stopped_,
                    &report);
     progress_.EndEpoch(report);

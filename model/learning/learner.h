@@ -7,11 +7,13 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "model/learning/checkpoint.h"
 #include "model/learning/mixture_placement.h"
 #include "model/learning/networks.h"
 #include "model/learning/objectives.h"
@@ -35,6 +37,13 @@ class Learner {
   // The plan of a run, for its RunProgress.
   static std::vector<RunProgress::Phase> Plan(const v1::TrainingSettings& settings,
                                               int64_t training_examples);
+
+  // Writes checkpoints to `folder`, which must outlive the learner, and goes on from its latest one
+  // if there is one. FAILED_PRECONDITION if that is of another run.
+  absl::Status KeepCheckpoints(CheckpointFolder* folder);
+
+  // All phases up to calibration, from where the checkpoint left them.
+  absl::Status Learn();
 
   // q(z|x) and p(x|z) as a plain variational autoencoder with p(z) = N(0, I).
   absl::Status Pretrain();
@@ -70,6 +79,19 @@ class Learner {
   // What mixtures are placed by, with the labels of each, if there are any.
   EncodedExamples EncodeForPlacement(std::vector<int>* labels);
   absl::Status TakeStep(const at::Tensor& loss, double rate_share, AdamW* optimizer);
+  // Where a phase is.
+  struct Position {
+    int epochs = 0;     // over
+    int64_t steps = 0;  // over, of the epoch after them
+  };
+  // Where a phase begins: at its start, or where the checkpoint says, whose state it then takes on.
+  Position BeginPhase(const std::string& phase, int64_t epoch_steps, AdamW* optimizer,
+                      TermMeans* means);
+  // Begins an epoch, or goes on in the middle of one: the order of its examples.
+  at::Tensor BeginEpoch(const Position& position);
+  // Writes a checkpoint if one is due.
+  absl::Status KeepCheckpoint(const std::string& phase, const Position& position,
+                              const AdamW& optimizer, const TermMeans& means);
   // The examples of an epoch in the order they are learned from: at most max_examples of them,
   // drawn anew each time.
   at::Tensor DrawEpoch();
@@ -84,6 +106,9 @@ class Learner {
   const std::function<bool()> stopped_;
   RunProgress& progress_;
   at::Generator generator_;
+  std::string epoch_random_;  // state of the generator when the epoch began
+  CheckpointFolder* checkpoints_ = nullptr;
+  std::optional<Checkpoint> resumed_;  // until its phase takes it on
   Networks networks_;
   const at::Tensor trajectories_;             // [N, 2T] metres, on the CPU
   const at::Tensor validation_trajectories_;  // [V, 2T]

@@ -47,6 +47,25 @@ void AdamW::Step(double share) {
   }
 }
 
+AdamW::State AdamW::Save() const {
+  State state{step_, {}};
+  for (const Slot& slot : slots_) {
+    state.moments.push_back(slot.first_moment.clone());
+    state.moments.push_back(slot.second_moment.clone());
+  }
+  return state;
+}
+
+void AdamW::Restore(const State& state) {
+  TORCH_CHECK(state.moments.size() == 2 * slots_.size(), "the optimizer has ", slots_.size(),
+              " parameters, its state ", state.moments.size() / 2);
+  step_ = state.steps;
+  for (size_t i = 0; i < slots_.size(); ++i) {
+    slots_[i].first_moment.copy_(state.moments[2 * i]);
+    slots_[i].second_moment.copy_(state.moments[2 * i + 1]);
+  }
+}
+
 void AdamW::ZeroGradients() {
   for (Slot& slot : slots_) slot.parameter.mutable_grad().reset();
 }

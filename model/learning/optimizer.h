@@ -24,6 +24,13 @@ class AdamW {
   // One step down the gradients, which are then cleared. Parameters without a gradient stay.
   //   share: of each parameter's rate
   void Step(double share);
+  // All that changes from step to step.
+  struct State {
+    int64_t steps = 0;
+    std::vector<at::Tensor> moments;  // first and second of each parameter, as they were added
+  };
+  State Save() const;
+  void Restore(const State& state);
   // Clears gradients.
   void ZeroGradients();
 

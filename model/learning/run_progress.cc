@@ -42,6 +42,13 @@ void RunProgress::Replan(std::vector<Phase> phases) { phases_ = std::move(phases
 
 void RunProgress::BeginEpoch(int epoch) { epoch_ = epoch; }
 
+void RunProgress::Resume(int64_t phase_steps) {
+  step_ = phase_steps;
+  for (int i = 0; i < current_; ++i) step_ += phases_[static_cast<size_t>(i)].steps;
+  phase_step_ = phase_steps;
+  resumed_at_ = std::clamp(DoneCost() / TotalCost(), 0.0, 1.0);
+}
+
 void RunProgress::Step(int64_t examples) {
   ++step_;
   ++phase_step_;
@@ -86,8 +93,8 @@ v1::JobProgress RunProgress::Snapshot() const {
   progress.set_step(step_);
   progress.set_steps(std::max(steps, step_));
   progress.set_fraction(fraction);
-  if (fraction >= kEstimateFrom) {
-    const double left = Seconds(clock_() - begun_) * (1.0 - fraction) / fraction;
+  if (fraction >= resumed_at_ + kEstimateFrom) {
+    const double left = Seconds(clock_() - begun_) * (1.0 - fraction) / (fraction - resumed_at_);
     progress.mutable_time_left()->set_seconds(static_cast<int64_t>(std::ceil(left)));
   }
   const double phase_seconds = Seconds(clock_() - phase_begun_);

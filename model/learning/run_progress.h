@@ -36,6 +36,9 @@ class RunProgress {
   // The plan, once it is better known; phases that are over stay over.
   void Replan(std::vector<Phase> phases);
   void BeginEpoch(int epoch);  // from 1
+  // So many steps of the phase, and all phases before it, were done by the run that this one goes
+  // on with.
+  void Resume(int64_t phase_steps);
   // One step over so many examples.
   void Step(int64_t examples);
   void EndEpoch(const v1::EpochReport& report);
@@ -58,6 +61,7 @@ class RunProgress {
   int64_t phase_examples_ = 0;
   int64_t step_ = 0;
   int64_t sequence_ = 0;
+  double resumed_at_ = 0.0;  // fraction
 };
 
 }  // namespace maneuver::learning

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <optional>
 #include <thread>
 #include <utility>
 
@@ -48,9 +49,16 @@ class Run {
         Learner::Plan(run_.settings, static_cast<int64_t>(data.training.examples.size())));
     const int threads = Threads(run_.settings);
     Learner learner(run_.settings, data, device_, threads, stopped_, progress_);
-    for (const auto phase :
-         {&Learner::Pretrain, &Learner::PlaceMixture, &Learner::TrainMixture,
-          &Learner::TrainJointly, &Learner::TrainScenarioEncoders, &Learner::Calibrate}) {
+    std::optional<CheckpointFolder> checkpoints;
+    if (!run_.checkpoints.empty()) {
+      absl::StatusOr<CheckpointFolder> opened =
+          CheckpointFolder::Open(run_.checkpoints, run_.checkpoint_interval);
+      if (!opened.ok()) return opened.status();
+      checkpoints = *std::move(opened);
+      const absl::Status status = learner.KeepCheckpoints(&*checkpoints);
+      if (!status.ok()) return status;
+    }
+    for (const auto phase : {&Learner::Learn, &Learner::Calibrate}) {
       const absl::Status status = (learner.*phase)();
       if (!status.ok()) return status;
     }

@@ -3,6 +3,7 @@
 #ifndef MANEUVER_MODEL_LEARNING_TRAINER_H_
 #define MANEUVER_MODEL_LEARNING_TRAINER_H_
 
+#include <chrono>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -22,6 +23,11 @@ struct TrainingRun {
   v1::TrainingSettings settings;
   // Folder that the model is written to; it must not exist.
   std::filesystem::path output;
+  // Folder of checkpoints; empty: none are kept. A run that finds some of its own there goes on
+  // from the latest one and, on the CPU with the same number of threads, ends with the same weights
+  // as one that was never stopped. They stay when the run is over.
+  std::filesystem::path checkpoints;
+  std::chrono::milliseconds checkpoint_interval{60'000};
   // For the provenance.
   std::vector<std::string> dataset_names;
   std::string trainer_version;
@@ -37,6 +43,7 @@ struct TrainingRun {
 //   INVALID_ARGUMENT     a device that LibTorch does not have here
 //   FAILED_PRECONDITION  not enough examples; the message says how many and what to do
 //   DATA_LOSS, NOT_FOUND a dataset folder is damaged or missing
+//   FAILED_PRECONDITION  the checkpoints are of another run
 //   ABORTED              the loss is no longer finite
 //   CANCELLED            stopped
 //   others               those of artifact::WriteModelFolder

@@ -76,6 +76,21 @@ void TermMeans::Write(google::protobuf::Map<std::string, double>* means) const {
   }
 }
 
+void TermMeans::Store(Checkpoint* checkpoint) const {
+  for (const auto& [name, sum] : sums_) {
+    StoredMean& stored = (*checkpoint->mutable_means())[name];
+    stored.set_sum(sum.sum);
+    stored.set_count(sum.count);
+  }
+}
+
+void TermMeans::Restore(const Checkpoint& checkpoint) {
+  sums_.clear();
+  for (const auto& [name, stored] : checkpoint.means()) {
+    sums_[name] = {stored.sum(), stored.count()};
+  }
+}
+
 at::Tensor Trajectories(const std::vector<data::Example>& examples) {
   if (examples.empty()) return at::empty({0, 0});
   const int64_t coordinates = static_cast<int64_t>(examples.front().trajectory.size());

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "checkpoint.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "model/learning/networks.h"
 #include "model/learning/objectives.h"
@@ -28,6 +29,8 @@ class TermMeans {
   // Every term of a bound that is defined, by the names of BoundTerms.
   void Add(const BoundTerms& terms);
   void Write(google::protobuf::Map<std::string, double>* means) const;
+  void Store(Checkpoint* checkpoint) const;
+  void Restore(const Checkpoint& checkpoint);
 
  private:
   struct Sum {

@@ -54,6 +54,17 @@ TrainCommand::TrainCommand(CLI::App& app)
       ->add_option("--dataset-name", dataset_names_,
                    "Names of the datasets for the model's provenance (default: the folders')")
       ->type_name("NAME");
+  command_
+      ->add_option("--checkpoints", checkpoints_,
+                   "Folder to keep checkpoints in; a run that finds its own there goes on from the "
+                   "latest one")
+      ->type_name("FOLDER");
+  command_
+      ->add_option("--checkpoint-interval", checkpoint_interval_,
+                   "Seconds between two checkpoints, at least")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->capture_default_str()
+      ->type_name("SECONDS");
   command_->add_option("--threads", threads_, "Threads; 0: the settings', or one for each core")
       ->check(CLI::Range(0, 1024))
       ->type_name("N");
@@ -79,6 +90,9 @@ absl::Status TrainCommand::Train() const {
     return absl::AlreadyExistsError(absl::StrCat(output_.filename().string(), " exists already"));
   }
   run.output = output_;
+  run.checkpoints = checkpoints_;
+  run.checkpoint_interval =
+      std::chrono::milliseconds(static_cast<int64_t>(1000.0 * checkpoint_interval_));
   run.trainer_version = MANEUVER_VERSION;
   run.dataset_names = dataset_names_;
   if (run.dataset_names.empty()) {

@@ -27,6 +27,8 @@ class TrainCommand {
   std::vector<std::filesystem::path> datasets_;
   std::vector<std::string> dataset_names_;
   std::filesystem::path output_;
+  std::filesystem::path checkpoints_;
+  double checkpoint_interval_ = 60.0;  // seconds
   int threads_ = 0;
   std::string progress_ = "bar";
 };

@@ -7,11 +7,13 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <set>
 
 #include "model/artifact/model_folder.h"
 #include "model/artifact/model_spec.h"
 #include "model/inference/action_model.h"
 #include "model/learning/calibration.h"
+#include "model/learning/checkpoint.h"
 #include "model/learning/learner.h"
 #include "model/learning/moments.h"
 #include "model/learning/optimizer.h"
@@ -135,6 +137,69 @@ TEST_F(TrainingTest, TheSameSeedGivesTheSameWeightsAndAnotherSeedOthers) {
   }
   EXPECT_TRUE(weights[0] == weights[1]);
   EXPECT_FALSE(weights[0] == weights[2]);
+}
+
+// Stopped after each of several numbers of steps, in each phase, in the middle of epochs too.
+TEST_F(TrainingTest, ARunThatGoesOnFromACheckpointEndsWithTheSameWeights) {
+  const TrainingData data = Data();
+  const auto prepare = [this](const std::string& name) {
+    TrainingRun run = Run(name);
+    run.settings.mutable_model()->set_objective(v1::OBJECTIVE_DUAL);
+    run.settings.mutable_optimization()->set_pretraining_epochs(2);
+    run.settings.mutable_optimization()->set_mixture_epochs(2);
+    run.settings.mutable_optimization()->set_joint_epochs(2);
+    run.settings.mutable_optimization()->set_dual_epochs(2);
+    return run;
+  };
+  ASSERT_TRUE(Train(prepare("whole"), data).ok());
+  const std::string whole = ReadBytes(folder_ / "whole" / "weights.safetensors");
+
+  TrainingRun run = prepare("resumed");
+  run.checkpoints = folder_ / "checkpoints";
+  run.checkpoint_interval = std::chrono::milliseconds(0);
+  std::set<std::string> stopped_in;
+  int stops = 0;
+  absl::StatusOr<v1::ModelManifest> manifest;
+  do {
+    // Asked before each step; a few more steps each time, so that the run comes forward.
+    int asked = 0;
+    run.stopped = [&] { return ++asked > 60; };
+    progress_.clear();
+    manifest = Train(run, data);
+    ASSERT_FALSE(progress_.empty());
+    if (!manifest.ok()) stopped_in.insert(progress_.back().phase());
+    ASSERT_LT(++stops, 100);
+  } while (!manifest.ok());
+  EXPECT_GT(stops, 3);
+  EXPECT_TRUE(stopped_in.contains("joint"));
+  EXPECT_TRUE(whole == ReadBytes(folder_ / "resumed" / "weights.safetensors"));
+}
+
+TEST_F(TrainingTest, ADamagedCheckpointIsPassedOverAndOnesOfAnotherRunAreRefused) {
+  TrainingRun run = Run("model");
+  run.checkpoints = folder_ / "checkpoints";
+  run.checkpoint_interval = std::chrono::milliseconds(0);
+  int asked = 0;
+  run.stopped = [&] { return ++asked > 50; };
+  const TrainingData data = Data();
+  ASSERT_EQ(Train(run, data).status().code(), absl::StatusCode::kCancelled);
+  std::set<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(run.checkpoints)) files.insert(entry.path());
+  ASSERT_EQ(files.size(), 2u);
+  auto folder = CheckpointFolder::Open(run.checkpoints, run.checkpoint_interval);
+  ASSERT_TRUE(folder.ok());
+  const Checkpoint latest = *folder->ReadLatest();
+  std::fstream(*files.rbegin(), std::ios::in | std::ios::out | std::ios::binary)
+      .seekp(2000)
+      .write("damage", 6);
+  const Checkpoint earlier = *folder->ReadLatest();
+  EXPECT_LT(earlier.optimizer_steps(), latest.optimizer_steps());
+
+  run.settings.set_seed(99);
+  run.stopped = nullptr;
+  const absl::Status status = Train(run, data).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("other settings"));
 }
 
 TEST_F(TrainingTest, StopsWhenToldAndLeavesNothing) {

@@ -1,0 +1,100 @@
+#include "model/learning/checkpoint.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <cstring>
+#include <string>
+#include <system_error>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "model/data/tfrecord.h"
+#include "model/files/durable_file.h"
+
+namespace maneuver::learning {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char kPrefix[] = "checkpoint-";
+
+// Numbers of the checkpoints in a folder, ascending.
+std::vector<int64_t> Numbers(const fs::path& folder) {
+  std::vector<int64_t> numbers;
+  std::error_code ignored;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, ignored)) {
+    const std::string name = entry.path().filename().string();
+    if (name.compare(0, std::strlen(kPrefix), kPrefix) != 0) continue;
+    const int64_t number = std::atoll(name.c_str() + std::strlen(kPrefix));
+    if (number > 0) numbers.push_back(number);
+  }
+  std::sort(numbers.begin(), numbers.end());
+  return numbers;
+}
+
+fs::path FileOf(const fs::path& folder, int64_t number) {
+  return folder / absl::StrFormat("%s%06d", kPrefix, number);
+}
+
+}  // namespace
+
+absl::StatusOr<CheckpointFolder> CheckpointFolder::Open(const fs::path& folder,
+                                                        std::chrono::milliseconds interval) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) {
+    return absl::UnavailableError(
+        absl::StrCat("cannot make the folder of checkpoints: ", error.message()));
+  }
+  if (absl::Status status = files::RemoveTemporaries(folder); !status.ok()) return status;
+  return CheckpointFolder(folder, interval);
+}
+
+CheckpointFolder::CheckpointFolder(fs::path folder, std::chrono::milliseconds interval)
+    : folder_(std::move(folder)), interval_(interval), last_(std::chrono::steady_clock::now()) {
+  const std::vector<int64_t> numbers = Numbers(folder_);
+  if (!numbers.empty()) next_ = numbers.back() + 1;
+}
+
+std::optional<Checkpoint> CheckpointFolder::ReadLatest() const {
+  std::vector<int64_t> numbers = Numbers(folder_);
+  for (; !numbers.empty(); numbers.pop_back()) {
+    // A checksum, then the message.
+    const absl::StatusOr<std::string> content = files::ReadFile(FileOf(folder_, numbers.back()));
+    uint32_t checksum = 0;
+    if (!content.ok() || content->size() < sizeof(checksum)) continue;
+    std::memcpy(&checksum, content->data(), sizeof(checksum));
+    const std::string_view message = std::string_view(*content).substr(sizeof(checksum));
+    Checkpoint checkpoint;
+    if (data::MaskedCrc32c(message) == checksum &&
+        checkpoint.ParseFromArray(message.data(), static_cast<int>(message.size()))) {
+      return checkpoint;
+    }
+  }
+  return std::nullopt;
+}
+
+bool CheckpointFolder::IsDue() const {
+  return std::chrono::steady_clock::now() - last_ >= interval_;
+}
+
+absl::Status CheckpointFolder::Write(const Checkpoint& checkpoint) {
+  const std::string message = checkpoint.SerializeAsString();
+  const uint32_t checksum = data::MaskedCrc32c(message);
+  std::string content(sizeof(checksum), '\0');
+  std::memcpy(content.data(), &checksum, sizeof(checksum));
+  content += message;
+  absl::Status status = files::WriteFileAtomically(FileOf(folder_, next_), content);
+  if (!status.ok()) return status;
+  ++next_;
+  last_ = std::chrono::steady_clock::now();
+  const std::vector<int64_t> numbers = Numbers(folder_);
+  for (size_t i = 0; i + kKept < numbers.size(); ++i) {
+    std::error_code ignored;
+    fs::remove(FileOf(folder_, numbers[i]), ignored);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace maneuver::learning

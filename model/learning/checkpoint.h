@@ -1,0 +1,47 @@
+// Checkpoints of a training run on disk.
+
+#ifndef MANEUVER_MODEL_LEARNING_CHECKPOINT_H_
+#define MANEUVER_MODEL_LEARNING_CHECKPOINT_H_
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "checkpoint.pb.h"
+
+namespace maneuver::learning {
+
+// A folder with the last few checkpoints of one run, "checkpoint-000007". Each is written whole or
+// not at all and carries a checksum.
+class CheckpointFolder {
+ public:
+  // Makes the folder if there is none.
+  //   interval: least time between two checkpoints
+  static absl::StatusOr<CheckpointFolder> Open(const std::filesystem::path& folder,
+                                               std::chrono::milliseconds interval);
+
+  // The latest one that is whole; nothing if there is none. A damaged one is passed over.
+  std::optional<Checkpoint> ReadLatest() const;
+
+  // Whether the interval is over since the last one (or since the folder was opened).
+  bool IsDue() const;
+  // Adds one and removes all but the last kKept.
+  absl::Status Write(const Checkpoint& checkpoint);
+
+  static constexpr int kKept = 2;
+
+ private:
+  CheckpointFolder(std::filesystem::path folder, std::chrono::milliseconds interval);
+
+  std::filesystem::path folder_;
+  std::chrono::milliseconds interval_;
+  std::chrono::steady_clock::time_point last_;
+  int64_t next_ = 1;
+};
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_CHECKPOINT_H_

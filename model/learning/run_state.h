@@ -1,0 +1,33 @@
+// The parts of a run that a checkpoint holds, as tensors.
+
+#ifndef MANEUVER_MODEL_LEARNING_RUN_STATE_H_
+#define MANEUVER_MODEL_LEARNING_RUN_STATE_H_
+
+#include <ATen/ATen.h>
+
+#include <string>
+
+#include "checkpoint.pb.h"
+#include "maneuver/v1/training_settings.pb.h"
+#include "model/learning/networks.h"
+#include "model/learning/optimizer.h"
+
+namespace maneuver::learning {
+
+// What tells one run from another: its settings without the threads, which do not change what is
+// learned from.
+std::string RunSettings(v1::TrainingSettings settings);
+
+std::string RandomState(const at::Generator& generator);
+void RestoreRandomState(const std::string& state, at::Generator* generator);
+
+void StoreNetworks(const Networks& networks, Checkpoint* checkpoint);
+void RestoreNetworks(const Checkpoint& checkpoint, Networks* networks);
+
+void StoreOptimizer(const AdamW& optimizer, Checkpoint* checkpoint);
+// Of an optimizer with the parameters of the one that was stored.
+void RestoreOptimizer(const Checkpoint& checkpoint, AdamW* optimizer);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_RUN_STATE_H_
