@@ -87,8 +87,8 @@ class FakeModel final : public inference::ActionModel {
   v1::ModelManifest manifest_;
 };
 
-// A vehicle that heads north-west and drives kSpeed at time 1, seen for four seconds, and some that
-// stand beside it and are no vehicles.
+// A vehicle that heads north-west and drives kSpeed at time 1, seen for four seconds, some that
+// stand beside it then and are no vehicles, and one of those that comes later.
 v1::Scenario Recording(const std::string& id, int others) {
   const double heading = 2.3;
   v1::Scenario scenario;
@@ -118,6 +118,12 @@ v1::Scenario Recording(const std::string& id, int others) {
     agent.set_width(1.0);
     agent.add_states()->set_time(1.0);
   }
+  v1::Agent& late = *scenario.add_agents();
+  late.set_id(8);
+  late.set_type(v1::AGENT_TYPE_OTHER);
+  late.set_length(1.0);
+  late.set_width(1.0);
+  late.add_states()->set_time(3.5);
   return scenario;
 }
 

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <numbers>
 #include <vector>
 
@@ -57,6 +58,15 @@ TEST(WaymoDisplacementTest, MissesAreJudgedAlongAndAcrossTheTruthsHeading) {
   EXPECT_EQ(Misses(measure, Off(6, 0.0, 0.0, -1.1), 0.0, 20.0), 1.0);
   EXPECT_EQ(Misses(measure, Off(6, 0.0, 0.9, -1.9), 0.5 * std::numbers::pi, 20.0), 0.0);
   EXPECT_EQ(Misses(measure, Off(6, 0.0, 1.9, 0.9), 0.5 * std::numbers::pi, 20.0), 1.0);
+}
+
+// 1.9 m ahead of a truth that heads 30 degrees to the left is a hit; to the right it would not be.
+TEST(WaymoDisplacementTest, HeadingsTurnCounterClockwise) {
+  const WaymoMeasure measure(Times(0.5, 6));
+  const double heading = std::numbers::pi / 6.0;
+  const Trajectory ahead = Off(6, 0.0, 1.9 * std::cos(heading), 1.9 * std::sin(heading));
+  EXPECT_EQ(Misses(measure, ahead, heading, 20.0), 0.0);
+  EXPECT_EQ(Misses(measure, ahead, -heading, 20.0), 1.0);
 }
 
 TEST(WaymoDisplacementTest, SlowTargetsAllowHalfAsMuch) {
