@@ -60,13 +60,16 @@ TEST(WaymoDisplacementTest, MissesAreJudgedAlongAndAcrossTheTruthsHeading) {
   EXPECT_EQ(Misses(measure, Off(6, 0.0, 1.9, 0.9), 0.5 * std::numbers::pi, 20.0), 1.0);
 }
 
-// 1.9 m ahead of a truth that heads 30 degrees to the left is a hit; to the right it would not be.
+// 1.9 m ahead of a truth that heads 30 degrees to the left is a hit, 2.1 m are none; to the right
+// neither.
 TEST(WaymoDisplacementTest, HeadingsTurnCounterClockwise) {
   const WaymoMeasure measure(Times(0.5, 6));
   const double heading = std::numbers::pi / 6.0;
   const Trajectory ahead = Off(6, 0.0, 1.9 * std::cos(heading), 1.9 * std::sin(heading));
   EXPECT_EQ(Misses(measure, ahead, heading, 20.0), 0.0);
   EXPECT_EQ(Misses(measure, ahead, -heading, 20.0), 1.0);
+  const Trajectory too_far = Off(6, 0.0, 2.1 * std::cos(heading), 2.1 * std::sin(heading));
+  EXPECT_EQ(Misses(measure, too_far, heading, 20.0), 1.0);
 }
 
 TEST(WaymoDisplacementTest, SlowTargetsAllowHalfAsMuch) {
