@@ -40,10 +40,7 @@ double PathLength(const Trajectory& trajectory) {
 }  // namespace
 
 std::string_view Name(KinematicClass kinematic_class) {
-  static constexpr std::array<std::string_view, 9> kNames = {
-      "stationary", "straight_slow", "straight_medium",  "straight_fast",    "left_turn",
-      "right_turn", "u_turn",        "lane_change_left", "lane_change_right"};
-  return kNames[static_cast<size_t>(kinematic_class)];
+  return kKinematicClassNames[static_cast<size_t>(kinematic_class)];
 }
 
 double FinalHeadingChange(const Trajectory& trajectory) {

@@ -8,6 +8,7 @@
 #ifndef MANEUVER_MODEL_EVALUATION_KINEMATIC_CLASSES_H_
 #define MANEUVER_MODEL_EVALUATION_KINEMATIC_CLASSES_H_
 
+#include <array>
 #include <span>
 #include <string_view>
 
@@ -27,7 +28,11 @@ enum class KinematicClass {
   kLaneChangeRight,
 };
 
-// "stationary", "straight_slow", ..., "lane_change_right".
+// Of each class, in their order.
+inline constexpr std::array<std::string_view, 9> kKinematicClassNames = {
+    "stationary", "straight_slow", "straight_medium",  "straight_fast",    "left_turn",
+    "right_turn", "u_turn",        "lane_change_left", "lane_change_right"};
+
 std::string_view Name(KinematicClass kinematic_class);
 
 // Course at the end less that along +x, radians in (-pi, pi], counter-clockwise. The course at the

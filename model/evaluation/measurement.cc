@@ -93,11 +93,11 @@ SourceMeasurement MeasureSource(std::span<const ActionDistribution> distribution
 
 }  // namespace
 
-MeasuringContext::MeasuringContext(const inference::ActionModel& model_,
-                                   std::span<const v1::Scenario> recordings_,
+MeasuringContext::MeasuringContext(const inference::ActionModel& measured_model,
+                                   std::span<const v1::Scenario> measured_recordings,
                                    std::span<const v1::ManeuverAnnotation> annotations)
-    : model(model_),
-      recordings(recordings_),
+    : model(measured_model),
+      recordings(measured_recordings),
       labels(annotations),
       all_actions(AllActions(model.spec())),
       generic(DescribeGeneric(model, all_actions)),
@@ -159,11 +159,11 @@ Measurement Measurer::MeasureOne(const data::Example& example,
   measured.constant_turn = BaselineErrorsOf(
       ConstantTurnRateAndAcceleration(motion, context_.waypoint_times), truth, context_);
 
-  measured.kinematic_class = Classify(truth.trajectory, context_.waypoint_times);
   measured.maneuver = context_.labels.Over(recording.scenario_id(), example.target_id, example.time,
                                            example.time + context_.waypoint_times.back());
   measured.keys = {AgentsAt(recording, example.time, 0.5 * context_.frame_interval), motion.speed(),
-                   FinalHeadingChange(truth.trajectory)};
+                   FinalHeadingChange(truth.trajectory),
+                   Classify(truth.trajectory, context_.waypoint_times)};
   return measured;
 }
 

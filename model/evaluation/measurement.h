@@ -16,7 +16,6 @@
 #include "model/evaluation/baselines.h"
 #include "model/evaluation/displacement.h"
 #include "model/evaluation/envelope.h"
-#include "model/evaluation/kinematic_classes.h"
 #include "model/evaluation/likelihood.h"
 #include "model/evaluation/maneuver_labels.h"
 #include "model/evaluation/strata.h"
@@ -51,9 +50,8 @@ struct Measurement {
   std::array<WaymoErrors, kRanks.size()> waymo;  // from q(z|y,s)
   BaselineErrors constant_velocity;
   BaselineErrors constant_turn;  // CTRA
-  KinematicClass kinematic_class = KinematicClass::kStationary;
-  std::optional<int> maneuver;  // recorded over most of the horizon, if any
-  StratumKeys keys;
+  std::optional<int> maneuver;   // recorded over most of the horizon, if any
+  StratumKeys keys;              // and what kind of trajectory it was
 };
 
 // What all threads measure with. Immutable; keeps references to the model, the recordings and the

@@ -132,7 +132,7 @@ void SetAgreement(const Part& part, Metrics& metrics) {
   ContingencyTable kinematic;
   for (const Measurement* each : part) {
     if (each->maneuver) maneuvers.Add(each->action, *each->maneuver);
-    kinematic.Add(each->action, static_cast<int>(each->kinematic_class));
+    kinematic.Add(each->action, static_cast<int>(each->keys.kinematic_class));
   }
   metrics["nmi_kinematic"] = kinematic.NormalizedMutualInformation();
   metrics["purity_kinematic"] = kinematic.Purity();
@@ -221,7 +221,7 @@ void AddActionUses(std::span<const Measurement> measured, const Eigen::VectorXd&
                    v1::EvaluationReport& report) {
   std::vector<std::map<KinematicClass, int64_t>> classes(static_cast<size_t>(probabilities.size()));
   for (const Measurement& each : measured) {
-    ++classes[static_cast<size_t>(each.action)][each.kinematic_class];
+    ++classes[static_cast<size_t>(each.action)][each.keys.kinematic_class];
   }
   for (size_t action = 0; action < classes.size(); ++action) {
     v1::ActionUse& use = *report.add_action_uses();

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "model/evaluation/kinematic_classes.h"
 #include "model/scene/target_frame.h"
 
 namespace maneuver::evaluation {
@@ -31,13 +30,16 @@ int TurnStratum(const StratumKeys& keys) {
   return keys.heading_change > 0.0 ? 1 : 2;
 }
 
+int ClassStratum(const StratumKeys& keys) { return static_cast<int>(keys.kinematic_class); }
+
 }  // namespace
 
-const std::array<Stratification, 3>& Stratifications() {
-  static constexpr std::array<Stratification, 3> kStratifications = {
+const std::array<Stratification, 4>& Stratifications() {
+  static constexpr std::array<Stratification, 4> kStratifications = {
       {{"agents", kAgents, AgentStratum},
        {"speed", kSpeeds, SpeedStratum},
-       {"turn", kTurns, TurnStratum}}};
+       {"turn", kTurns, TurnStratum},
+       {"class", kKinematicClassNames, ClassStratum}}};
   return kStratifications;
 }
 

@@ -110,13 +110,14 @@ TEST(ReportTest, StrataPartTheExamplesAndAreMeasuredAlone) {
       EXPECT_DOUBLE_EQ(stratum.metrics().at("calibration_error"), 0.4);
     }
   }
-  EXPECT_EQ(sizes, (std::map<std::string, int64_t>{{"agents", 3}, {"speed", 3}, {"turn", 3}}));
+  EXPECT_EQ(sizes, (std::map<std::string, int64_t>{
+                       {"agents", 3}, {"class", 3}, {"speed", 3}, {"turn", 3}}));
 }
 
 TEST(ReportTest, ActionsAreNamedByWhatTheyMostlyAre) {
   std::vector<Measurement> measured = {Example(0, 0.9), Example(0, 0.9), Example(0, 0.9)};
-  measured[0].kinematic_class = KinematicClass::kLeftTurn;
-  measured[2].kinematic_class = KinematicClass::kLeftTurn;
+  measured[0].keys.kinematic_class = KinematicClass::kLeftTurn;
+  measured[2].keys.kinematic_class = KinematicClass::kLeftTurn;
   const v1::EvaluationReport report = MakeReport(measured, true);
   ASSERT_EQ(report.action_uses_size(), 2);
   EXPECT_EQ(report.action_uses(0).examples(), 3);
@@ -129,7 +130,7 @@ TEST(ReportTest, ActionsAreNamedByWhatTheyMostlyAre) {
 
 TEST(ReportTest, AgreementIsWithManoeuvresWhereRecordedAndAlwaysWithKinematics) {
   std::vector<Measurement> measured = {Example(0, 0.9), Example(1, 0.9), Example(1, 0.9)};
-  measured[0].kinematic_class = KinematicClass::kLeftTurn;
+  measured[0].keys.kinematic_class = KinematicClass::kLeftTurn;
   v1::EvaluationReport report = MakeReport(measured, true);
   EXPECT_DOUBLE_EQ(report.metrics().at("nmi_kinematic"), 1.0);
   EXPECT_DOUBLE_EQ(report.metrics().at("purity_kinematic"), 1.0);

@@ -37,6 +37,14 @@ TEST(StrataTest, TurnsGoByTheSignOfTheHeadingChange) {
   EXPECT_EQ(StratumOf(2, {.heading_change = -0.55}), "right");
 }
 
+TEST(StrataTest, ClassesAreNamedAsKinematicClassesAre) {
+  EXPECT_EQ(Stratifications()[3].dimension, "class");
+  EXPECT_EQ(StratumOf(3, {.kinematic_class = KinematicClass::kStationary}), "stationary");
+  EXPECT_EQ(StratumOf(3, {.kinematic_class = KinematicClass::kUTurn}), "u_turn");
+  EXPECT_EQ(StratumOf(3, {.kinematic_class = KinematicClass::kLaneChangeRight}),
+            "lane_change_right");
+}
+
 TEST(StrataTest, AgentsInSightAreThoseWithAStateNow) {
   v1::Scenario scenario;
   for (const double time : {0.0, 1.0, 1.04, 2.0}) {
