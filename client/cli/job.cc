@@ -10,6 +10,7 @@
 #include "client/cli/resource_names.h"
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
+#include "model/evaluation/report_text.h"
 
 namespace maneuver::cli {
 namespace {
@@ -85,7 +86,7 @@ int Show(const std::string& name, Environment& environment) {
   }
   environment.out << table.Text(environment.color);
   if (job->evaluation().metrics_size() > 0) {
-    environment.out << "\n" << MetricsTable(job->evaluation().metrics(), environment.color);
+    environment.out << "\n" << evaluation::ReportText(job->evaluation(), environment.color);
   }
   return kOk;
 }

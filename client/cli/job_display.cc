@@ -1,17 +1,14 @@
 #include "client/cli/job_display.h"
 
-#include <cmath>
-#include <map>
 #include <ostream>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/strip.h"
 #include "client/cli/command.h"
 #include "client/cli/interrupt.h"
 #include "client/cli/resource_names.h"
-#include "client/cli/table.h"
 #include "client/cli/text_format.h"
 #include "client/error_details.h"
+#include "model/evaluation/report_text.h"
 
 namespace maneuver::cli {
 namespace {
@@ -116,32 +113,10 @@ std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport&
   return text;
 }
 
-std::string MetricsTable(const google::protobuf::Map<std::string, double>& metrics, bool color) {
-  const std::map<std::string, double> sorted(metrics.begin(), metrics.end());
-  const auto text = [](double value) {
-    return value == std::round(value) ? Fixed(value, 0) : Fixed(value, 3);
-  };
-  bool compared = false;
-  std::vector<std::vector<std::string>> rows;
-  for (const auto& [name, value] : sorted) {
-    if (absl::EndsWith(name, "_cv")) continue;
-    // "min_ade_6" and "ade_1" compare with "ade_cv": constant velocity has one answer alone.
-    std::string stem(absl::StripPrefix(name, "min_"));
-    const size_t number = stem.find_last_not_of("0123456789");
-    if (number + 1 < stem.size() && stem[number] == '_') stem.resize(number);
-    const auto constant_velocity = sorted.find(stem + "_cv");
-    const bool has = constant_velocity != sorted.end();
-    compared |= has;
-    rows.push_back({name, text(value), has ? text(constant_velocity->second) : ""});
-  }
-  std::vector<Column> columns = {{"METRIC"}, {"MODEL", Align::kRight}};
-  if (compared) columns.push_back({"CONSTANT VELOCITY", Align::kRight});
-  Table table(columns);
-  for (std::vector<std::string>& row : rows) {
-    row.resize(columns.size());
-    table.Add(std::move(row));
-  }
-  return table.Text(color);
+std::string MetricsText(const google::protobuf::Map<std::string, double>& metrics, bool color) {
+  v1::EvaluationReport report;
+  *report.mutable_metrics() = metrics;
+  return evaluation::ReportText(report, color);
 }
 
 int PrintOutcome(const v1::Job& job, Environment& environment) {
@@ -165,7 +140,7 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
     environment.out << ShortName(job.evaluation().model_version()) << " on "
                     << ShortName(job.evaluation().dataset()) << ", " << job.evaluation().examples()
                     << " examples, in " << Spell(took) << "\n\n"
-                    << MetricsTable(job.evaluation().metrics(), environment.color);
+                    << evaluation::ReportText(job.evaluation(), environment.color);
     return kOk;
   }
   environment.out << job.model_version() << " is trained, in " << Spell(took) << "\n";
@@ -175,7 +150,7 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
       environment.server_client().GetModelVersion(request, environment.call_options());
   // It may have been deleted since; the job is none the worse for that.
   if (version.ok() && version->manifest().metrics_size() > 0) {
-    environment.out << "\n" << MetricsTable(version->manifest().metrics(), environment.color);
+    environment.out << "\n" << MetricsText(version->manifest().metrics(), environment.color);
   }
   return kOk;
 }

@@ -107,7 +107,7 @@ int Show(const std::string& name, Environment& environment) {
                                       manifest.provenance().validation_examples(), " held out")});
   environment.out << table.Text(environment.color);
   if (manifest.metrics_size() > 0) {
-    environment.out << "\n" << MetricsTable(manifest.metrics(), environment.color);
+    environment.out << "\n" << MetricsText(manifest.metrics(), environment.color);
   }
   return kOk;
 }

@@ -27,20 +27,10 @@ void ActionStatistics::Add(const Eigen::VectorXd& predicted,
   Eigen::Index top = 0;
   const double confidence = predicted.maxCoeff(&top);
   const int bin = std::clamp(static_cast<int>(confidence * kBins), 0, kBins - 1);
-  confidence_[bin] += confidence;
-  accuracy_[bin] += responsibilities[top];
+  bins_[bin].confidence += confidence;
+  bins_[bin].responsibility += responsibilities[top];
+  ++bins_[bin].examples;
   ++count_;
-}
-
-void ActionStatistics::Merge(const ActionStatistics& other) {
-  sum_ += other.sum_;
-  largest_ = largest_.cwiseMax(other.largest_);
-  entropy_sum_ += other.entropy_sum_;
-  for (int bin = 0; bin < kBins; ++bin) {
-    confidence_[bin] += other.confidence_[bin];
-    accuracy_[bin] += other.accuracy_[bin];
-  }
-  count_ += other.count_;
 }
 
 Eigen::VectorXd ActionStatistics::MeanProbability() const {
@@ -54,14 +44,17 @@ int ActionStatistics::EffectiveActions() const {
 double ActionStatistics::Perplexity() const { return std::exp(Entropy(MeanProbability())); }
 
 double ActionStatistics::MutualInformation() const {
-  if (count_ == 0) return 0.0;
-  return Entropy(MeanProbability()) - entropy_sum_ / static_cast<double>(count_);
+  return Entropy(MeanProbability()) - MeanEntropy();
+}
+
+double ActionStatistics::MeanEntropy() const {
+  return count_ == 0 ? 0.0 : entropy_sum_ / static_cast<double>(count_);
 }
 
 double ActionStatistics::ExpectedCalibrationError() const {
   if (count_ == 0) return 0.0;
   double error = 0.0;
-  for (int bin = 0; bin < kBins; ++bin) error += std::abs(confidence_[bin] - accuracy_[bin]);
+  for (const Bin& bin : bins_) error += std::abs(bin.confidence - bin.responsibility);
   return error / static_cast<double>(count_);
 }
 

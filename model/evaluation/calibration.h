@@ -16,7 +16,6 @@ class ActionStatistics {
 
   //   predicted: p(y|s), [K];  responsibilities: q(y|x,s), [K]
   void Add(const Eigen::VectorXd& predicted, const Eigen::VectorXd& responsibilities);
-  void Merge(const ActionStatistics& other);
 
   // Mean p(y|s). [K]
   Eigen::VectorXd MeanProbability() const;
@@ -26,6 +25,16 @@ class ActionStatistics {
   double Perplexity() const;
   // I(y;s) = H(mean p(y|s)) - mean H(p(y|s)), nats.
   double MutualInformation() const;
+  // Mean H(p(y|s)), nats.
+  double MeanEntropy() const;
+  // What the calibration error is summed over. A bin holds its lower end; the last one 1 as well.
+  struct Bin {
+    int64_t examples = 0;
+    double confidence = 0.0;      // sum of the largest p(y|s)
+    double responsibility = 0.0;  // sum of q(y|x,s) of that action
+  };
+  static constexpr int kBins = 10;
+  const std::array<Bin, kBins>& bins() const { return bins_; }
   // Expected calibration error of the most probable action against q(y|x,s): over ten equal bins of
   // its probability, the mean distance between that probability and the share q gives to the
   // action.
@@ -34,13 +43,10 @@ class ActionStatistics {
   static constexpr double kEffectiveProbability = 0.05;
 
  private:
-  static constexpr int kBins = 10;
-
   Eigen::VectorXd sum_;      // of p(y|s), [K]
   Eigen::VectorXd largest_;  // p(y|s) over examples, [K]
   double entropy_sum_ = 0.0;
-  std::array<double, kBins> confidence_{};  // sums of the largest p(y|s) in each bin
-  std::array<double, kBins> accuracy_{};    // sums of q of that action
+  std::array<Bin, kBins> bins_{};
   int64_t count_ = 0;
 };
 

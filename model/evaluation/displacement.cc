@@ -6,7 +6,8 @@
 namespace maneuver::evaluation {
 namespace {
 
-constexpr double kMissDistance = 2.0;  // metres
+constexpr double kMissDistance = 2.0;  // metres, of both
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 }  // namespace
 
@@ -18,24 +19,37 @@ double FinalDisplacement(const Trajectory& predicted, const Trajectory& truth) {
   return (predicted.bottomRows<1>() - truth.bottomRows<1>()).norm();
 }
 
-DisplacementErrors BestOf(std::span<const Trajectory> ranked, int k, const Trajectory& truth) {
-  DisplacementErrors errors{.min_ade = std::numeric_limits<double>::infinity(),
-                            .min_fde = std::numeric_limits<double>::infinity()};
-  for (const Trajectory& predicted : ranked.first(std::min<size_t>(k, ranked.size()))) {
-    errors.min_ade = std::min(errors.min_ade, AverageDisplacement(predicted, truth));
-    errors.min_fde = std::min(errors.min_fde, FinalDisplacement(predicted, truth));
+double LargestDisplacement(const Trajectory& predicted, const Trajectory& truth) {
+  return (predicted - truth).rowwise().norm().maxCoeff();
+}
+
+DisplacementErrors BestOf(std::span<const Trajectory> ranked, std::span<const double> probabilities,
+                          int k, const Trajectory& truth) {
+  DisplacementErrors errors{.min_ade = kInfinity, .min_fde = kInfinity};
+  double smallest_largest = kInfinity;
+  double total = 0.0;
+  double probability = 0.0;  // of the one with the least FDE
+  const size_t count = std::min<size_t>(k, ranked.size());
+  for (size_t i = 0; i < count; ++i) {
+    errors.min_ade = std::min(errors.min_ade, AverageDisplacement(ranked[i], truth));
+    smallest_largest = std::min(smallest_largest, LargestDisplacement(ranked[i], truth));
+    total += probabilities[i];
+    const double fde = FinalDisplacement(ranked[i], truth);
+    if (fde < errors.min_fde) {
+      errors.min_fde = fde;
+      probability = probabilities[i];
+    }
   }
-  errors.missed = errors.min_fde > kMissDistance;
+  const double doubt = 1.0 - (total > 0.0 ? probability / total : 0.0);
+  errors.brier_fde = errors.min_fde + doubt * doubt;
+  errors.missed_argoverse = errors.min_fde > kMissDistance;
+  errors.missed_nuscenes = smallest_largest >= kMissDistance;
   return errors;
 }
 
-Trajectory ConstantVelocity(double vx, double vy, std::span<const double> waypoint_times) {
-  Trajectory trajectory(waypoint_times.size(), 2);
-  for (size_t t = 0; t < waypoint_times.size(); ++t) {
-    trajectory(t, 0) = vx * waypoint_times[t];
-    trajectory(t, 1) = vy * waypoint_times[t];
-  }
-  return trajectory;
+DisplacementErrors ErrorsOf(const Trajectory& predicted, const Trajectory& truth) {
+  constexpr double kCertain = 1.0;
+  return BestOf({&predicted, 1}, {&kCertain, 1}, 1, truth);
 }
 
 }  // namespace maneuver::evaluation

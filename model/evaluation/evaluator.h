@@ -26,18 +26,44 @@ struct EvaluationInput {
   std::function<bool(int64_t done, int64_t total)> progress;
 };
 
-// The report's metrics, metres and nats:
-//   ade_1, fde_1                the most probable action's mean trajectory
-//   min_ade_6, min_fde_6        the best of the six most probable
-//   miss_rate_6                 share with no final position of those within 2 m (Argoverse 2)
-//   ade_cv, fde_cv              constant velocity, from the state at the prediction time
-//   miss_rate_cv                likewise
-//   ade_ratio, fde_ratio        ade_1 / ade_cv, fde_1 / fde_cv
-//   nll                         mixture over all actions, a waypoint
-//   effective_actions, action_perplexity, mutual_information, calibration_error: see calibration.h
-//   nmi, purity                 argmax q(y|x,s) against the recorded manoeuvre that covers most of
-//                               the horizon; absent without annotations
-//   labelled_examples           how many examples those two are over
+// The report's metrics; k is 1, 5, 6 and 10, the predictions are the mean trajectories of the k
+// actions with the largest p(y|s), distances are metres, densities nats.
+//
+//   ade_1, min_ade_k, fde_1, min_fde_k     errors of the best (displacement.h)
+//   brier_fde_k, miss_rate_k               as Argoverse 2 has them
+//   miss_rate_nuscenes_k                   as nuScenes has it
+//   ade_waymo_1, min_ade_waymo_k, fde_waymo_1, min_fde_waymo_k, miss_rate_waymo_k
+//                                          as Waymo has them (waymo_displacement.h); absent if the
+//                                          horizon is below 3 s
+//   ade_cv, fde_cv, miss_rate_cv, ...      the same of constant velocity, and with _ctra of
+//   constant
+//                                          turn rate and acceleration (baselines.h)
+//   ade_ratio, fde_ratio                   ade_1 / ade_cv, fde_1 / fde_cv
+//   min_ade_6_ratio, min_fde_6_ratio       min_ade_6 / ade_cv, min_fde_6 / fde_cv
+//   nll, nll_joint                         mixture over all actions (likelihood.h)
+//   nll_action                             of the example's action alone, argmax q(y|x,s), a
+//                                          waypoint
+//   coverage_1sigma, coverage_2sigma       of that action's ellipses (envelope.h), with the
+//                                          decoder's covariance
+//   coverage_1sigma_latent, coverage_2sigma_latent
+//                                          with the latent's covariance alone
+//   mean_sigma_posterior, mean_sigma_prior width of that action's latent envelope from q(z|y,s) and
+//                                          p(z|y), metres; mean_sigma_ratio: the first by the
+//                                          second
+//   ade_1_prior, min_ade_k_prior, ..., miss_rate_k_prior, nll..._prior, coverage..._prior
+//                                          the same of the generic distributions p(z|y) instead of
+//                                          q(z|y,s)
+//   effective_actions, action_perplexity, action_entropy, mutual_information, calibration_error
+//                                          see calibration.h
+//   largest_share                          the largest mean p(y|s) of an action
+//   nmi, purity                            argmax q(y|x,s) against the recorded manoeuvre that
+//                                          covers most of the horizon; absent without annotations
+//   labelled_examples                      how many examples those two are over
+//   nmi_kinematic, purity_kinematic        argmax q(y|x,s) against kinematic_classes.h
+//
+// Its strata (strata.h) hold the main ones of these. The report is the same bits for any number of
+// threads.
+//
 // FAILED_PRECONDITION if the recordings hold no example; CANCELLED if `progress` said so.
 absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& model,
                                               const EvaluationInput& input);

@@ -1,48 +1,56 @@
 #include "model/evaluation/likelihood.h"
 
-#include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
-#include <vector>
+
+#include "model/probability/latent_mixture.h"
 
 namespace maneuver::evaluation {
 namespace {
 
-// ln N((dx, dy); 0, [xx xy; xy yy]).
-double LogGaussian(double dx, double dy, double xx, double xy, double yy) {
+// ln N(x_t; m_t, C_t).
+double LogDensity(const inference::ActionDistribution& distribution,
+                  const inference::Trajectory& truth, Eigen::Index t) {
+  const double dx = truth(t, 0) - distribution.moment_mean(t, 0);
+  const double dy = truth(t, 1) - distribution.moment_mean(t, 1);
+  const double xx = distribution.moment_covariance(t, 0);
+  const double xy = distribution.moment_covariance(t, 1);
+  const double yy = distribution.moment_covariance(t, 2);
   const double determinant = xx * yy - xy * xy;
   const double mahalanobis = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / determinant;
   return -0.5 * mahalanobis - 0.5 * std::log(determinant) - std::log(2.0 * std::numbers::pi);
 }
 
-double LogSumExp(std::span<const double> terms) {
-  const double largest = *std::max_element(terms.begin(), terms.end());
-  if (!std::isfinite(largest)) return largest;
-  double sum = 0.0;
-  for (const double term : terms) sum += std::exp(term - largest);
-  return largest + std::log(sum);
-}
-
 }  // namespace
 
-double MixtureNll(std::span<const inference::ActionDistribution> distributions,
-                  std::span<const double> probabilities, const inference::Trajectory& truth) {
-  double total = 0.0;
-  for (const double p : probabilities) total += p;
-  std::vector<double> terms(distributions.size());
+double GaussianNll(const inference::ActionDistribution& distribution,
+                   const inference::Trajectory& truth) {
   double nll = 0.0;
-  for (Eigen::Index t = 0; t < truth.rows(); ++t) {
-    for (size_t k = 0; k < distributions.size(); ++k) {
-      const auto& covariance = distributions[k].moment_covariance;
-      const double dx = truth(t, 0) - distributions[k].moment_mean(t, 0);
-      const double dy = truth(t, 1) - distributions[k].moment_mean(t, 1);
-      terms[k] = std::log(probabilities[k] / total) +
-                 LogGaussian(dx, dy, covariance(t, 0), covariance(t, 1), covariance(t, 2));
-    }
-    nll -= LogSumExp(terms);
-  }
+  for (Eigen::Index t = 0; t < truth.rows(); ++t) nll -= LogDensity(distribution, truth, t);
   return nll / static_cast<double>(truth.rows());
+}
+
+MixtureNll MixtureNllOf(std::span<const inference::ActionDistribution> distributions,
+                        std::span<const double> probabilities, const inference::Trajectory& truth) {
+  const Eigen::VectorXd log_weights =
+      Eigen::Map<const Eigen::ArrayXd>(probabilities.data(),
+                                       static_cast<Eigen::Index>(probabilities.size()))
+          .log();
+  const double log_total = probability::LogSumExp(log_weights);
+  Eigen::VectorXd joint = log_weights;
+  Eigen::VectorXd at_waypoint(log_weights.size());
+  MixtureNll nll;
+  for (Eigen::Index t = 0; t < truth.rows(); ++t) {
+    for (Eigen::Index y = 0; y < log_weights.size(); ++y) {
+      const double log_density = LogDensity(distributions[static_cast<size_t>(y)], truth, t);
+      at_waypoint[y] = log_weights[y] + log_density;
+      joint[y] += log_density;
+    }
+    nll.marginal -= probability::LogSumExp(at_waypoint) - log_total;
+  }
+  nll.marginal /= static_cast<double>(truth.rows());
+  nll.joint = log_total - probability::LogSumExp(joint);
+  return nll;
 }
 
 }  // namespace maneuver::evaluation

@@ -2,14 +2,14 @@
 //
 //   maneuver-trainer train --settings FILE --dataset FOLDER... --output FOLDER
 //       [--dataset-name NAME...] [--threads N] [--progress json|bar|none]
-//   maneuver-trainer evaluate --model FOLDER --dataset FOLDER --output FILE
+//   maneuver-trainer evaluate --model FOLDER --dataset FOLDER [--output FILE]
 //       [--settings FILE] [--threads N] [--progress json|bar|none]
 //
 // FILEs are proto3 JSON: settings is a TrainingSettings (train) or an ExampleSettings (evaluate),
 // the output of evaluate an EvaluationReport, that of train a model folder. With --progress json
-// each line on standard output is one JobProgress as proto3 JSON; whatever is on standard error is
-// for people, its last line says why a run failed. SIGTERM stops a run; nothing half-written
-// remains.
+// each line on standard output is one JobProgress as proto3 JSON, and evaluate needs --output;
+// without it evaluate prints the report for people. Whatever is on standard error is for people,
+// its last line says why a run failed. SIGTERM stops a run; nothing half-written remains.
 
 #ifndef MANEUVER_SERVER_JOBS_TRAINER_PROTOCOL_H_
 #define MANEUVER_SERVER_JOBS_TRAINER_PROTOCOL_H_

@@ -1,5 +1,7 @@
 #include "server/jobs/trainer/evaluate_command.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <chrono>
 #include <iostream>
@@ -13,9 +15,9 @@
 #include "model/artifact/training_presets.h"
 #include "model/data/dataset_folder.h"
 #include "model/evaluation/evaluator.h"
+#include "model/evaluation/report_text.h"
 #include "model/inference/action_model.h"
 #include "model/learning/run_progress.h"
-#include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
 
@@ -54,9 +56,7 @@ EvaluateCommand::EvaluateCommand(CLI::App& app) {
   command->add_option("--dataset", dataset_, "Dataset folder; all of its recordings are measured")
       ->type_name("FOLDER")
       ->required();
-  command->add_option("--output", output_, "EvaluationReport as JSON")
-      ->type_name("FILE")
-      ->required();
+  command->add_option("--output", output_, "EvaluationReport as JSON")->type_name("FILE");
   command
       ->add_option("--settings", settings_,
                    "ExampleSettings as JSON; what is left out is the preset's")
@@ -74,13 +74,31 @@ EvaluateCommand::EvaluateCommand(CLI::App& app) {
 int EvaluateCommand::Run() const { return ExitStatus(Evaluate()); }
 
 absl::Status EvaluateCommand::Evaluate() const {
+  const ProgressDisplay::Style style = ProgressDisplay::ParseStyle(progress_);
+  if (style == ProgressDisplay::Style::kJson && output_.empty()) {
+    return absl::InvalidArgumentError(
+        "with --progress json standard output is for programs; say with --output where the report "
+        "shall go");
+  }
   v1::TrainingSettings settings;
   if (!settings_.empty()) {
     if (absl::Status status = ReadJson(settings_, settings.mutable_examples()); !status.ok()) {
       return status;
     }
   }
-  ProgressDisplay display(ProgressDisplay::ParseStyle(progress_), std::cout);
+  const absl::StatusOr<v1::EvaluationReport> report =
+      Measure(artifact::ResolveTrainingSettings(settings).examples(), style);
+  if (!report.ok()) return report.status();
+  if (style != ProgressDisplay::Style::kJson) {
+    std::cout << report->examples() << " examples\n\n"
+              << evaluation::ReportText(*report, isatty(STDOUT_FILENO) != 0);
+  }
+  return output_.empty() ? absl::OkStatus() : WriteJson(output_, *report);
+}
+
+absl::StatusOr<v1::EvaluationReport> EvaluateCommand::Measure(const v1::ExampleSettings& examples,
+                                                              ProgressDisplay::Style style) const {
+  ProgressDisplay display(style, std::cout);
   learning::RunProgress progress(
       {{"load", 1, 1, 1.0}, {"evaluate", 1, 100, 1.0}},
       [&display](const v1::JobProgress& each) { display.Show(each); },
@@ -96,7 +114,7 @@ absl::Status EvaluateCommand::Evaluate() const {
   evaluation::EvaluationInput input;
   input.recordings = recordings->scenarios;
   input.annotations = recordings->annotations;
-  input.examples = artifact::ResolveTrainingSettings(settings).examples();
+  input.examples = examples;
   input.threads =
       threads_ > 0 ? threads_ : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
   int64_t reported = 0;  // hundredths
@@ -108,9 +126,7 @@ absl::Status EvaluateCommand::Evaluate() const {
     }
     return !StopRequested();
   };
-  const absl::StatusOr<v1::EvaluationReport> report = evaluation::Evaluate(**model, input);
-  if (!report.ok()) return report.status();
-  return WriteJson(output_, *report);
+  return evaluation::Evaluate(**model, input);
 }
 
 }  // namespace maneuver::trainer

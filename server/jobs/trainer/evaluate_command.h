@@ -6,10 +6,15 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "maneuver/v1/training_service.pb.h"
+#include "maneuver/v1/training_settings.pb.h"
+#include "server/jobs/trainer/progress_display.h"
 
 namespace maneuver::trainer {
 
-// maneuver-trainer evaluate: a model folder against a dataset folder.
+// maneuver-trainer evaluate: a model folder against a dataset folder. Prints the report, unless
+// standard output is for a program.
 class EvaluateCommand {
  public:
   explicit EvaluateCommand(CLI::App& app);
@@ -19,6 +24,8 @@ class EvaluateCommand {
 
  private:
   absl::Status Evaluate() const;
+  absl::StatusOr<v1::EvaluationReport> Measure(const v1::ExampleSettings& examples,
+                                               ProgressDisplay::Style style) const;
 
   std::filesystem::path model_;
   std::filesystem::path dataset_;

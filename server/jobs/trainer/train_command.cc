@@ -1,10 +1,14 @@
 #include "server/jobs/trainer/train_command.h"
 
+#include <unistd.h>
+
 #include <iostream>
 
 #include "absl/strings/str_cat.h"
+#include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/artifact/training_presets.h"
+#include "model/evaluation/report_text.h"
 #include "model/learning/trainer.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/settings_file.h"
@@ -28,12 +32,10 @@ void PrintMetrics(const v1::ModelManifest& manifest) {
     std::cout << "No recording was held out, so nothing was measured.\n";
     return;
   }
-  std::cout << "On " << manifest.provenance().validation_examples() << " held-out examples:\n";
-  for (const auto& [name, value] :
-       std::map<std::string, double>(manifest.metrics().begin(), manifest.metrics().end())) {
-    std::cout << "  " << name << std::string(name.size() < 22 ? 22 - name.size() : 1, ' ') << value
-              << "\n";
-  }
+  v1::EvaluationReport report;
+  *report.mutable_metrics() = manifest.metrics();
+  std::cout << "On " << manifest.provenance().validation_examples() << " held-out examples:\n\n"
+            << evaluation::ReportText(report, isatty(STDOUT_FILENO) != 0);
 }
 
 }  // namespace

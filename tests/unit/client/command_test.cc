@@ -229,11 +229,12 @@ TEST(JobDisplayTest, MetricsStandBesideThoseOfConstantVelocity) {
   metrics["min_ade_6"] = 0.5;
   metrics["ade_cv"] = 2.0;
   metrics["effective_actions"] = 19;
-  EXPECT_EQ(MetricsTable(metrics, false),
-            "METRIC             MODEL  CONSTANT VELOCITY\n"
-            "ade_1              1.250                  2\n"
-            "effective_actions     19\n"
-            "min_ade_6          0.500                  2\n");
+  EXPECT_EQ(MetricsText(metrics, false),
+            "ACCURACY   k = 1  k = 6    CV\n"
+            "minADE, m   1.25   0.50  2.00\n"
+            "\n"
+            "ACTIONS    VALUE\n"
+            "effective     19\n");
 }
 
 // A vehicle at `speed` m/s along x, seen from `from` to `to` at 10 Hz.

@@ -50,19 +50,23 @@ TEST(ActionStatisticsTest, CalibrationIsMeasuredBinByBin) {
   EXPECT_NEAR(statistics.ExpectedCalibrationError(), 0.95 / 3.0, 1e-12);
 }
 
-TEST(ActionStatisticsTest, MergingIsAddingAll) {
-  ActionStatistics all(2);
-  ActionStatistics first(2);
-  ActionStatistics second(2);
-  const Eigen::VectorXd a = Vector({0.3, 0.7});
-  const Eigen::VectorXd b = Vector({0.9, 0.1});
-  all.Add(a, b);
-  all.Add(b, a);
-  first.Add(a, b);
-  second.Add(b, a);
-  first.Merge(second);
-  EXPECT_DOUBLE_EQ(first.MutualInformation(), all.MutualInformation());
-  EXPECT_DOUBLE_EQ(first.ExpectedCalibrationError(), all.ExpectedCalibrationError());
+TEST(ActionStatisticsTest, BinsCountTheMostProbableActionAndWhatItWas) {
+  ActionStatistics statistics(2);
+  statistics.Add(Vector({0.62, 0.38}), Vector({1.0, 0.0}));
+  statistics.Add(Vector({0.34, 0.66}), Vector({0.75, 0.25}));
+  statistics.Add(Vector({1.0, 0.0}), Vector({0.9, 0.1}));  // 1 belongs to the last bin
+  EXPECT_EQ(statistics.bins()[6].examples, 2);
+  EXPECT_NEAR(statistics.bins()[6].confidence, 0.62 + 0.66, 1e-12);
+  EXPECT_NEAR(statistics.bins()[6].responsibility, 1.25, 1e-12);
+  EXPECT_EQ(statistics.bins()[9].examples, 1);
+  EXPECT_EQ(statistics.bins()[5].examples, 0);
+}
+
+TEST(ActionStatisticsTest, EntropyIsThatOfEachPredictionAveraged) {
+  ActionStatistics statistics(2);
+  statistics.Add(Vector({0.5, 0.5}), Vector({1.0, 0.0}));
+  statistics.Add(Vector({1.0, 0.0}), Vector({1.0, 0.0}));
+  EXPECT_NEAR(statistics.MeanEntropy(), 0.5 * std::log(2.0), 1e-12);
 }
 
 }  // namespace

@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <array>
 #include <vector>
 
 namespace maneuver::evaluation {
@@ -32,28 +31,48 @@ TEST(DisplacementTest, BestOfLooksAtTheFirstKOnlyAndMinimisesEachErrorOnItsOwn) 
       Line(0.0, {10.0, 3.0}),  // ADE 6.5, FDE 3
       Line(0.0, {0.0, 0.0}),
   };
-  EXPECT_DOUBLE_EQ(BestOf(ranked, 1, truth).min_ade, 9.0);
-  EXPECT_DOUBLE_EQ(BestOf(ranked, 3, truth).min_ade, 2.0);
-  EXPECT_DOUBLE_EQ(BestOf(ranked, 3, truth).min_fde, 3.0);
-  EXPECT_TRUE(BestOf(ranked, 3, truth).missed);
-  EXPECT_DOUBLE_EQ(BestOf(ranked, 10, truth).min_ade, 0.0);
-  EXPECT_FALSE(BestOf(ranked, 10, truth).missed);
+  const std::vector<double> probabilities = {0.4, 0.3, 0.2, 0.1};
+  EXPECT_DOUBLE_EQ(BestOf(ranked, probabilities, 1, truth).min_ade, 9.0);
+  EXPECT_DOUBLE_EQ(BestOf(ranked, probabilities, 3, truth).min_ade, 2.0);
+  EXPECT_DOUBLE_EQ(BestOf(ranked, probabilities, 3, truth).min_fde, 3.0);
+  EXPECT_TRUE(BestOf(ranked, probabilities, 3, truth).missed_argoverse);
+  EXPECT_DOUBLE_EQ(BestOf(ranked, probabilities, 10, truth).min_ade, 0.0);
+  EXPECT_FALSE(BestOf(ranked, probabilities, 10, truth).missed_argoverse);
 }
 
-TEST(DisplacementTest, MissesBeyondTwoMetresAlone) {
+TEST(DisplacementTest, ArgoverseMissesBeyondTwoMetresAtTheEndAlone) {
+  const Trajectory truth = Line(0.0, {0.0, 0.0});
+  EXPECT_FALSE(ErrorsOf(Line(2.0, {0.0, 0.0}), truth).missed_argoverse);
+  EXPECT_TRUE(ErrorsOf(Line(2.001, {0.0, 0.0}), truth).missed_argoverse);
+  EXPECT_FALSE(ErrorsOf(Line(0.0, {50.0, 0.0}), truth).missed_argoverse);
+}
+
+TEST(DisplacementTest, NuScenesMissesAtAnyWaypointFromTwoMetres) {
+  const Trajectory truth = Line(0.0, {0.0, 0.0});
+  EXPECT_FALSE(ErrorsOf(Line(1.999, {0.0, 0.0}), truth).missed_nuscenes);
+  EXPECT_TRUE(ErrorsOf(Line(2.0, {0.0, 0.0}), truth).missed_nuscenes);
+  EXPECT_TRUE(ErrorsOf(Line(0.0, {3.0, 0.0}), truth).missed_nuscenes);
+}
+
+// One prediction must stay near all along; two that do so in turn are both misses.
+TEST(DisplacementTest, NuScenesHitsArePerPrediction) {
+  const Trajectory truth = Line(0.0, {0.0, 0.0});
+  const std::vector<Trajectory> ranked = {Line(0.0, {0.0, 3.0}), Line(0.0, {3.0, 0.0}),
+                                          Line(0.0, {1.0, 1.0})};
+  const std::vector<double> probabilities = {0.5, 0.3, 0.2};
+  EXPECT_TRUE(BestOf(ranked, probabilities, 2, truth).missed_nuscenes);
+  EXPECT_FALSE(BestOf(ranked, probabilities, 3, truth).missed_nuscenes);
+}
+
+// Argoverse 2: the best by FDE has 0.3 of the 0.8 that the first two have together.
+TEST(DisplacementTest, BrierFdePunishesDoubtInTheBest) {
   const Trajectory truth = Line(0.0, {0.0});
-  const Trajectory at_two = Line(2.0, {0.0});
-  const Trajectory beyond = Line(2.001, {0.0});
-  EXPECT_FALSE(BestOf({&at_two, 1}, 1, truth).missed);
-  EXPECT_TRUE(BestOf({&beyond, 1}, 1, truth).missed);
-}
-
-TEST(DisplacementTest, ConstantVelocityIsLinearInTime) {
-  const std::array<double, 2> times = {0.5, 2.0};
-  const Trajectory trajectory = ConstantVelocity(10.0, -1.0, times);
-  EXPECT_DOUBLE_EQ(trajectory(0, 0), 5.0);
-  EXPECT_DOUBLE_EQ(trajectory(1, 0), 20.0);
-  EXPECT_DOUBLE_EQ(trajectory(1, 1), -2.0);
+  const std::vector<Trajectory> ranked = {Line(0.0, {4.0}), Line(0.0, {1.0}), Line(0.0, {6.0})};
+  const std::vector<double> probabilities = {0.5, 0.3, 0.2};
+  const double doubt = 1.0 - 0.3 / 0.8;
+  EXPECT_DOUBLE_EQ(BestOf(ranked, probabilities, 2, truth).brier_fde, 1.0 + doubt * doubt);
+  EXPECT_DOUBLE_EQ(BestOf(ranked, probabilities, 3, truth).brier_fde, 1.0 + 0.7 * 0.7);
+  EXPECT_DOUBLE_EQ(BestOf(ranked, probabilities, 1, truth).brier_fde, 4.0);
 }
 
 }  // namespace

@@ -1,0 +1,50 @@
+#include "model/evaluation/envelope.h"
+
+#include <cmath>
+
+namespace maneuver::evaluation {
+
+WaypointCovariance LatentCovariance(const inference::ActionDistribution& distribution) {
+  WaypointCovariance covariance = WaypointCovariance::Zero(distribution.moment_mean.rows(), 3);
+  for (size_t d = 1; d + 1 < distribution.sigma.size(); d += 2) {
+    const inference::Trajectory half = 0.5 * (distribution.sigma[d] - distribution.sigma[d + 1]);
+    covariance.col(0).array() += half.col(0).array().square();
+    covariance.col(1).array() += half.col(0).array() * half.col(1).array();
+    covariance.col(2).array() += half.col(1).array().square();
+  }
+  return covariance;
+}
+
+Coverage CoverageOf(const inference::Trajectory& mean, const WaypointCovariance& covariance,
+                    const inference::Trajectory& truth) {
+  constexpr double kSingular = 1e-12;  // determinant as a share of the trace's square
+  int one = 0;
+  int two = 0;
+  for (Eigen::Index t = 0; t < truth.rows(); ++t) {
+    const double dx = truth(t, 0) - mean(t, 0);
+    const double dy = truth(t, 1) - mean(t, 1);
+    const double xx = covariance(t, 0);
+    const double xy = covariance(t, 1);
+    const double yy = covariance(t, 2);
+    const double determinant = xx * yy - xy * xy;
+    if (!(determinant > kSingular * (xx + yy) * (xx + yy))) continue;
+    const double mahalanobis = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / determinant;
+    if (mahalanobis <= 1.0) ++one;
+    if (mahalanobis <= 4.0) ++two;
+  }
+  const auto count = static_cast<double>(truth.rows());
+  return {one / count, two / count};
+}
+
+double MeanSigma(const WaypointCovariance& covariance) {
+  return (0.5 * (covariance.col(0) + covariance.col(2))).cwiseSqrt().mean();
+}
+
+Envelope EnvelopeOf(const inference::ActionDistribution& distribution,
+                    const inference::Trajectory& truth) {
+  const WaypointCovariance latent = LatentCovariance(distribution);
+  return {CoverageOf(distribution.moment_mean, distribution.moment_covariance, truth),
+          CoverageOf(distribution.moment_mean, latent, truth), MeanSigma(latent)};
+}
+
+}  // namespace maneuver::evaluation

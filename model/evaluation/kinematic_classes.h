@@ -1,0 +1,60 @@
+// What a trajectory does, told from its shape alone: where nobody recorded manoeuvres, actions are
+// held against these.
+//
+// The classes and most thresholds are those of the Waymo motion benchmark's trajectory types. Apart
+// from it, straight driving is divided by speed and into keeping and changing the lane, the
+// headings are the course's (positions have no other), and a U-turn needs no eight seconds.
+
+#ifndef MANEUVER_MODEL_EVALUATION_KINEMATIC_CLASSES_H_
+#define MANEUVER_MODEL_EVALUATION_KINEMATIC_CLASSES_H_
+
+#include <array>
+#include <span>
+#include <string_view>
+
+#include "model/inference/action_model.h"
+
+namespace maneuver::evaluation {
+
+enum class KinematicClass {
+  kStationary,
+  kStraightSlow,    // mean speed below 5 m/s
+  kStraightMedium,  // below 10 m/s
+  kStraightFast,
+  kLeftTurn,
+  kRightTurn,
+  kUTurn,
+  kLaneChangeLeft,
+  kLaneChangeRight,
+};
+
+// Of each class, in their order.
+inline constexpr std::array<std::string_view, 9> kKinematicClassNames = {
+    "stationary", "straight_slow", "straight_medium",  "straight_fast",    "left_turn",
+    "right_turn", "u_turn",        "lane_change_left", "lane_change_right"};
+
+std::string_view Name(KinematicClass kinematic_class);
+
+// Course at the end less that along +x, radians in (-pi, pi], counter-clockwise. The course at the
+// end is the direction of the last metre or more of travel; 0 for one that moves less than a metre.
+// For one that sets off backwards it is that of its rear.
+//   trajectory: target frame, from the origin along +x
+double FinalHeadingChange(const inference::Trajectory& trajectory);
+
+// With (dx, dy) the last waypoint and h the final heading change, the first that holds of
+//   stationary       |(dx, dy)| < 5 m, and speeds over the first and the last interval < 2 m/s
+//   U-turn           |h| >= 120 degrees, or |h| >= 30 degrees and dx < -5 m
+//   left, right turn |h| >= 30 degrees, by the sign of h
+//   lane change      |dy - dx tan(h / 2)| >= 2 m: an arc's chord points along h / 2, so this is the
+//                    shift that turning does not account for; by its sign
+//   straight         by the mean speed along the path
+//   waypoint_times: [T] seconds
+KinematicClass Classify(const inference::Trajectory& trajectory,
+                        std::span<const double> waypoint_times);
+
+// Smallest |h| of a turn, radians: 30 degrees.
+inline constexpr double kTurnHeadingChange = 0.523599;
+
+}  // namespace maneuver::evaluation
+
+#endif  // MANEUVER_MODEL_EVALUATION_KINEMATIC_CLASSES_H_

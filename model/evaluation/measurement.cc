@@ -1,0 +1,170 @@
+#include "model/evaluation/measurement.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "model/artifact/model_spec.h"
+#include "model/scene/target_frame.h"
+
+namespace maneuver::evaluation {
+namespace {
+
+using inference::ActionDistribution;
+
+Trajectory ToTrajectory(const std::vector<float>& values) {
+  Trajectory trajectory(values.size() / 2, 2);
+  for (Eigen::Index i = 0; i < trajectory.size(); ++i) trajectory.data()[i] = values[i];
+  return trajectory;
+}
+
+std::vector<ActionDistribution> DescribeGeneric(const inference::ActionModel& model,
+                                                std::span<const int> actions) {
+  // p(z|y) knows no scene.
+  return model.NewSession()->Describe({}, actions, inference::LatentSource::kPrior);
+}
+
+std::vector<int> AllActions(const v1::ModelSpec& spec) {
+  std::vector<int> actions(static_cast<size_t>(spec.actions()));
+  std::iota(actions.begin(), actions.end(), 0);
+  return actions;
+}
+
+// What one example is held against.
+struct Truth {
+  Trajectory trajectory;
+  std::vector<double> headings;  // at the times that Waymo measures, target frame
+  double speed;                  // at the prediction time, m/s
+};
+
+Truth TruthOf(const data::Example& example, const v1::Agent& agent, double speed,
+              const MeasuringContext& context) {
+  Truth truth{ToTrajectory(example.trajectory), {}, speed};
+  for (const double time : context.waymo.measured_times()) {
+    const int index = scene::FindState(agent, example.time + time,
+                                       data::kMaxGapFrames * context.frame_interval, HUGE_VAL);
+    truth.headings.push_back(agent.states(index).heading() - example.X_WT.heading());
+  }
+  return truth;
+}
+
+WaymoErrors WaymoErrorsOf(std::span<const Trajectory> ranked, int k, const Truth& truth,
+                          const MeasuringContext& context) {
+  if (context.waymo.measured_times().empty()) return {};
+  return context.waymo.BestOf(ranked, k, truth.trajectory, truth.headings, truth.speed);
+}
+
+BaselineErrors BaselineErrorsOf(const Trajectory& predicted, const Truth& truth,
+                                const MeasuringContext& context) {
+  return {ErrorsOf(predicted, truth.trajectory), WaymoErrorsOf({&predicted, 1}, 1, truth, context)};
+}
+
+// Mean trajectories of the most probable actions, the most probable first.
+struct RankedMeans {
+  std::vector<Trajectory> trajectories;
+  std::vector<double> probabilities;
+};
+
+//   distributions: of the actions 0 .. K-1;  ranked: the actions, the most probable first
+RankedMeans MeansOf(std::span<const ActionDistribution> distributions,
+                    const Eigen::VectorXd& probabilities, std::span<const int> ranked) {
+  RankedMeans means;
+  for (const int action : ranked.first(std::min<size_t>(kRanks.back(), ranked.size()))) {
+    means.trajectories.push_back(distributions[static_cast<size_t>(action)].mean());
+    means.probabilities.push_back(probabilities[action]);
+  }
+  return means;
+}
+
+SourceMeasurement MeasureSource(std::span<const ActionDistribution> distributions,
+                                const RankedMeans& means, const Eigen::VectorXd& probabilities,
+                                int action, const Trajectory& truth) {
+  SourceMeasurement measured;
+  for (size_t i = 0; i < kRanks.size(); ++i) {
+    measured.displacement[i] = BestOf(means.trajectories, means.probabilities, kRanks[i], truth);
+  }
+  const ActionDistribution& own = distributions[static_cast<size_t>(action)];
+  measured.nll = MixtureNllOf(
+      distributions, {probabilities.data(), static_cast<size_t>(probabilities.size())}, truth);
+  measured.action_nll = GaussianNll(own, truth);
+  measured.envelope = EnvelopeOf(own, truth);
+  return measured;
+}
+
+}  // namespace
+
+MeasuringContext::MeasuringContext(const inference::ActionModel& measured_model,
+                                   std::span<const v1::Scenario> measured_recordings,
+                                   std::span<const v1::ManeuverAnnotation> annotations)
+    : model(measured_model),
+      recordings(measured_recordings),
+      labels(annotations),
+      all_actions(AllActions(model.spec())),
+      generic(DescribeGeneric(model, all_actions)),
+      waypoint_times(artifact::WaypointTimes(model.spec().trajectory())),
+      waymo(waypoint_times),
+      frame_interval(static_cast<double>(model.spec().raster().frame_interval().seconds()) +
+                     1e-9 * model.spec().raster().frame_interval().nanos()) {}
+
+Measurer::Measurer(const MeasuringContext& context)
+    : context_(context),
+      session_(context.model.NewSession()),
+      rasterizer_(context.model.spec().raster()),
+      raster_bytes_(scene::RasterBytes(context.model.spec().raster())),
+      rasters_(kBatch * raster_bytes_),
+      encodings_(kBatch) {}
+
+void Measurer::Measure(std::span<const data::Example> examples, std::span<Measurement> measured) {
+  std::vector<inference::SceneInput> scenes;
+  for (size_t i = 0; i < examples.size(); ++i) {
+    std::span<uint8_t> raster(rasters_.data() + i * raster_bytes_, raster_bytes_);
+    rasterizer_.Rasterize(context_.recordings[static_cast<size_t>(examples[i].recording)],
+                          examples[i].time, examples[i].target_id, examples[i].X_WT, {}, raster);
+    scenes.push_back({raster.data(), examples[i].motion});
+  }
+  session_->Encode(scenes, std::span(encodings_).first(examples.size()));
+  for (size_t i = 0; i < examples.size(); ++i) {
+    measured[i] = MeasureOne(examples[i], encodings_[i]);
+  }
+}
+
+Measurement Measurer::MeasureOne(const data::Example& example,
+                                 const inference::SceneEncoding& encoding) {
+  const v1::Scenario& recording = context_.recordings[static_cast<size_t>(example.recording)];
+  const v1::Agent& agent = *scene::FindAgent(recording, example.target_id);
+  const Motion motion = EstimateMotion(agent, example.time);
+  const Truth truth = TruthOf(example, agent, motion.speed(), context_);
+
+  Measurement measured;
+  measured.probabilities = encoding.probabilities;
+  measured.responsibilities = session_->Classify(encoding, truth.trajectory).responsibilities;
+  measured.responsibilities.maxCoeff(&measured.action);
+  std::vector<int> ranked = context_.all_actions;
+  std::stable_sort(ranked.begin(), ranked.end(), [&](int a, int b) {
+    return encoding.probabilities[a] > encoding.probabilities[b];
+  });
+  const std::vector<ActionDistribution> posterior =
+      session_->Describe(encoding, context_.all_actions, inference::LatentSource::kPosterior);
+  const RankedMeans means = MeansOf(posterior, encoding.probabilities, ranked);
+  measured.posterior =
+      MeasureSource(posterior, means, encoding.probabilities, measured.action, truth.trajectory);
+  measured.prior =
+      MeasureSource(context_.generic, MeansOf(context_.generic, encoding.probabilities, ranked),
+                    encoding.probabilities, measured.action, truth.trajectory);
+  for (size_t i = 0; i < kRanks.size(); ++i) {
+    measured.waymo[i] = WaymoErrorsOf(means.trajectories, kRanks[i], truth, context_);
+  }
+  measured.constant_velocity =
+      BaselineErrorsOf(ConstantVelocity(motion, context_.waypoint_times), truth, context_);
+  measured.constant_turn = BaselineErrorsOf(
+      ConstantTurnRateAndAcceleration(motion, context_.waypoint_times), truth, context_);
+
+  measured.maneuver = context_.labels.Over(recording.scenario_id(), example.target_id, example.time,
+                                           example.time + context_.waypoint_times.back());
+  measured.keys = {AgentsAt(recording, example.time, 0.5 * context_.frame_interval), motion.speed(),
+                   FinalHeadingChange(truth.trajectory),
+                   Classify(truth.trajectory, context_.waypoint_times)};
+  return measured;
+}
+
+}  // namespace maneuver::evaluation

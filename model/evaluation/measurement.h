@@ -1,0 +1,96 @@
+// What is measured on one example, before anything is averaged.
+
+#ifndef MANEUVER_MODEL_EVALUATION_MEASUREMENT_H_
+#define MANEUVER_MODEL_EVALUATION_MEASUREMENT_H_
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "maneuver/v1/scenario.pb.h"
+#include "model/data/example_index.h"
+#include "model/evaluation/baselines.h"
+#include "model/evaluation/displacement.h"
+#include "model/evaluation/envelope.h"
+#include "model/evaluation/likelihood.h"
+#include "model/evaluation/maneuver_labels.h"
+#include "model/evaluation/strata.h"
+#include "model/evaluation/waymo_displacement.h"
+#include "model/inference/action_model.h"
+#include "model/scene/rasterizer.h"
+
+namespace maneuver::evaluation {
+
+// The k of minADE_k and its like.
+inline constexpr std::array<int, 4> kRanks = {1, 5, 6, 10};
+
+struct BaselineErrors {
+  DisplacementErrors displacement;
+  WaymoErrors waymo;
+};
+
+// What distributions from one latent source are worth.
+struct SourceMeasurement {
+  std::array<DisplacementErrors, kRanks.size()> displacement;  // of the actions' mean trajectories
+  MixtureNll nll;
+  double action_nll = 0.0;  // of the example's action alone, nats a waypoint
+  Envelope envelope;        // of the example's action
+};
+
+struct Measurement {
+  Eigen::VectorXd probabilities;                 // p(y|s), [K]
+  Eigen::VectorXd responsibilities;              // q(y|x,s), [K]
+  int action = 0;                                // the example's: argmax q(y|x,s)
+  SourceMeasurement posterior;                   // from q(z|y,s)
+  SourceMeasurement prior;                       // from p(z|y): the generic distributions
+  std::array<WaymoErrors, kRanks.size()> waymo;  // from q(z|y,s)
+  BaselineErrors constant_velocity;
+  BaselineErrors constant_turn;  // CTRA
+  std::optional<int> maneuver;   // recorded over most of the horizon, if any
+  StratumKeys keys;              // and what kind of trajectory it was
+};
+
+// What all threads measure with. Immutable; keeps references to the model, the recordings and the
+// annotations.
+struct MeasuringContext {
+  MeasuringContext(const inference::ActionModel& model, std::span<const v1::Scenario> recordings,
+                   std::span<const v1::ManeuverAnnotation> annotations);
+
+  const inference::ActionModel& model;
+  std::span<const v1::Scenario> recordings;
+  ManeuverLabels labels;
+  std::vector<int> all_actions;                        // 0 .. K-1
+  std::vector<inference::ActionDistribution> generic;  // p(z|y) of each action, [K]
+  std::vector<double> waypoint_times;                  // [T] seconds
+  WaymoMeasure waymo;
+  double frame_interval;  // seconds
+};
+
+// One thread's share of the work: a session and its scratch.
+class Measurer {
+ public:
+  static constexpr int kBatch = 8;  // examples at a time
+
+  explicit Measurer(const MeasuringContext& context);
+
+  //   examples: at most kBatch;  measured: as many
+  void Measure(std::span<const data::Example> examples, std::span<Measurement> measured);
+
+ private:
+  Measurement MeasureOne(const data::Example& example, const inference::SceneEncoding& encoding);
+
+  const MeasuringContext& context_;
+  std::unique_ptr<inference::InferenceSession> session_;
+  scene::Rasterizer rasterizer_;
+  size_t raster_bytes_;
+  std::vector<uint8_t> rasters_;
+  std::vector<inference::SceneEncoding> encodings_;
+};
+
+}  // namespace maneuver::evaluation
+
+#endif  // MANEUVER_MODEL_EVALUATION_MEASUREMENT_H_

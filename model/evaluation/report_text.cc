@@ -1,0 +1,255 @@
+#include "model/evaluation/report_text.h"
+
+#include <algorithm>
+#include <map>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/string_view.h"
+
+namespace maneuver::evaluation {
+namespace {
+
+using Metrics = google::protobuf::Map<std::string, double>;
+using Format = std::string (*)(double value);
+
+std::string Hundredths(double value) { return absl::StrFormat("%.2f", value); }
+std::string Thousandths(double value) { return absl::StrFormat("%.3f", value); }
+std::string Share(double value) { return absl::StrFormat("%.1f %%", 100.0 * value); }
+std::string Count(double value) { return absl::StrFormat("%.0f", value); }
+
+// One table: a title and right-aligned columns. Columns without a value are left out.
+class Block {
+ public:
+  Block(std::string title, std::vector<std::string> columns) : cells_({std::move(columns)}) {
+    cells_.front().insert(cells_.front().begin(), std::move(title));
+  }
+
+  void Add(std::string label, std::vector<std::string> values) {
+    values.insert(values.begin(), std::move(label));
+    values.resize(cells_.front().size());
+    cells_.push_back(std::move(values));
+  }
+  bool empty() const { return cells_.size() == 1; }
+
+  std::string Text(bool color) const {
+    std::vector<size_t> widths;  // 0: left out
+    for (size_t column = 0; column < cells_.front().size(); ++column) {
+      size_t width = 0;
+      for (size_t row = 1; row < cells_.size(); ++row) {
+        width = std::max(width, cells_[row][column].size());
+      }
+      widths.push_back(width == 0 ? 0 : std::max(width, cells_.front()[column].size()));
+    }
+    std::string text;
+    for (size_t row = 0; row < cells_.size(); ++row) {
+      std::string line = cells_[row][0] + std::string(widths[0] - cells_[row][0].size(), ' ');
+      for (size_t column = 1; column < widths.size(); ++column) {
+        if (widths[column] == 0) continue;
+        const std::string& cell = cells_[row][column];
+        absl::StrAppend(&line, "  ", std::string(widths[column] - cell.size(), ' '), cell);
+      }
+      line.erase(line.find_last_not_of(' ') + 1);
+      if (row == 0 && color) line = absl::StrCat("\x1b[1m", line, "\x1b[0m");
+      absl::StrAppend(&text, line, "\n");
+    }
+    return text;
+  }
+
+ private:
+  std::vector<std::vector<std::string>> cells_;  // titles first; each with its label
+};
+
+// Takes metrics out of a report by name, and knows which are left.
+class Reader {
+ public:
+  explicit Reader(const Metrics& metrics) : metrics_(metrics) {}
+
+  // Empty if there is none.
+  std::string Read(const std::string& name, Format format) {
+    const auto found = metrics_.find(name);
+    if (found == metrics_.end()) return "";
+    read_.insert(name);
+    return format(found->second);
+  }
+
+  // A row of metrics; none if none of them is there.
+  void Row(Block& block, std::string label, Format format, const std::vector<std::string>& names) {
+    std::vector<std::string> values;
+    bool any = false;
+    for (const std::string& name : names) {
+      values.push_back(Read(name, format));
+      any = any || !values.back().empty();
+    }
+    if (any) block.Add(std::move(label), std::move(values));
+  }
+
+  std::map<std::string, double> Left() const {
+    std::map<std::string, double> left;
+    for (const auto& [name, value] : metrics_) {
+      if (read_.count(name) == 0) left[name] = value;
+    }
+    return left;
+  }
+
+ private:
+  const Metrics& metrics_;
+  std::set<std::string> read_;
+};
+
+// "ade", "": ade_1, min_ade_5, min_ade_6, min_ade_10, ade_cv, ade_ctra.
+std::vector<std::string> Best(absl::string_view error) {
+  return {absl::StrCat(error, "_1"),         absl::StrCat("min_", error, "_5"),
+          absl::StrCat("min_", error, "_6"), absl::StrCat("min_", error, "_10"),
+          absl::StrCat(error, "_cv"),        absl::StrCat(error, "_ctra")};
+}
+
+std::vector<std::string> Each(absl::string_view error) {
+  return {absl::StrCat(error, "_1"),  absl::StrCat(error, "_5"),  absl::StrCat(error, "_6"),
+          absl::StrCat(error, "_10"), absl::StrCat(error, "_cv"), absl::StrCat(error, "_ctra")};
+}
+
+// The names with "_prior" after each; the baselines have no latent.
+std::vector<std::string> Prior(std::vector<std::string> names) {
+  names.resize(4);
+  for (std::string& name : names) name += "_prior";
+  return names;
+}
+
+Block Accuracy(Reader& read) {
+  Block block("ACCURACY", {"k = 1", "k = 5", "k = 6", "k = 10", "CV", "CTRA"});
+  read.Row(block, "minADE, m", Hundredths, Best("ade"));
+  read.Row(block, "minFDE, m", Hundredths, Best("fde"));
+  read.Row(block, "brier-minFDE, Argoverse 2", Hundredths, Each("brier_fde"));
+  read.Row(block, "missed, Argoverse 2", Share, Each("miss_rate"));
+  read.Row(block, "missed, nuScenes", Share, Each("miss_rate_nuscenes"));
+  read.Row(block, "missed, Waymo", Share, Each("miss_rate_waymo"));
+  read.Row(block, "minADE, Waymo, m", Hundredths, Best("ade_waymo"));
+  read.Row(block, "minFDE, Waymo, m", Hundredths, Best("fde_waymo"));
+  read.Row(block, "generic minADE, m", Hundredths, Prior(Best("ade")));
+  read.Row(block, "generic minFDE, m", Hundredths, Prior(Best("fde")));
+  read.Row(block, "generic missed, Argoverse 2", Share, Prior(Each("miss_rate")));
+  read.Row(block, "minADE by ADE of CV", Thousandths, {"ade_ratio", "", "min_ade_6_ratio"});
+  read.Row(block, "minFDE by FDE of CV", Thousandths, {"fde_ratio", "", "min_fde_6_ratio"});
+  return block;
+}
+
+Block Likelihood(Reader& read) {
+  Block block("LIKELIHOOD (-ln p, nats)", {"MODEL", "GENERIC"});
+  read.Row(block, "mixture, a waypoint", Thousandths, {"nll", "nll_prior"});
+  read.Row(block, "mixture, a trajectory", Thousandths, {"nll_joint", "nll_joint_prior"});
+  read.Row(block, "likeliest q(y|x,s), a waypoint", Thousandths,
+           {"nll_action", "nll_action_prior"});
+  return block;
+}
+
+Block Envelope(Reader& read) {
+  Block block("ENVELOPE", {"MODEL", "GENERIC", "GAUSSIAN"});
+  const auto coverage = [&](const std::string& label, const std::string& name, double gaussian) {
+    const std::string model = read.Read(name, Share);
+    if (!model.empty()) {
+      block.Add(label, {model, read.Read(name + "_prior", Share), Share(gaussian)});
+    }
+  };
+  constexpr double kOneSigma = 0.393469;  // 1 - exp(-1/2): of a Gaussian in the plane
+  constexpr double kTwoSigma = 0.864665;  // 1 - exp(-2)
+  coverage("holds the truth, 1 sigma", "coverage_1sigma", kOneSigma);
+  coverage("holds the truth, 2 sigma", "coverage_2sigma", kTwoSigma);
+  coverage("latent alone, 1 sigma", "coverage_1sigma_latent", kOneSigma);
+  coverage("latent alone, 2 sigma", "coverage_2sigma_latent", kTwoSigma);
+  read.Row(block, "mean sigma of the latent, m", Hundredths,
+           {"mean_sigma_posterior", "mean_sigma_prior"});
+  read.Row(block, "  by the generic one", Thousandths, {"mean_sigma_ratio"});
+  return block;
+}
+
+Block Actions(Reader& read) {
+  Block block("ACTIONS", {"VALUE"});
+  read.Row(block, "effective", Count, {"effective_actions"});
+  read.Row(block, "largest mean p(y|s)", Share, {"largest_share"});
+  read.Row(block, "perplexity of the mean p(y|s)", Hundredths, {"action_perplexity"});
+  read.Row(block, "mean entropy of p(y|s), nats", Thousandths, {"action_entropy"});
+  read.Row(block, "I(y;s), nats", Thousandths, {"mutual_information"});
+  read.Row(block, "calibration error", Thousandths, {"calibration_error"});
+  read.Row(block, "NMI with kinematic classes", Thousandths, {"nmi_kinematic"});
+  read.Row(block, "purity in kinematic classes", Thousandths, {"purity_kinematic"});
+  read.Row(block, "NMI with recorded manoeuvres", Thousandths, {"nmi"});
+  read.Row(block, "purity in recorded manoeuvres", Thousandths, {"purity"});
+  read.Row(block, "examples with a manoeuvre", Count, {"labelled_examples"});
+  return block;
+}
+
+Block Reliability(const v1::EvaluationReport& report) {
+  Block block("p(y|s) OF THE LIKELIEST", {"EXAMPLES", "MEAN p(y|s)", "MEAN q(y|x,s)"});
+  for (const v1::ReliabilityBin& bin : report.reliability()) {
+    if (bin.examples() == 0) continue;
+    block.Add(absl::StrFormat("%.1f to %.1f", bin.lower(), bin.upper()),
+              {absl::StrCat(bin.examples()), Thousandths(bin.mean_confidence()),
+               Thousandths(bin.mean_responsibility())});
+  }
+  return block;
+}
+
+Block ActionUses(const v1::EvaluationReport& report) {
+  Block block("ACTION", {"MEAN p(y|s)", "EXAMPLES", "MOSTLY", "SHARE"});
+  std::vector<int> order;
+  for (int i = 0; i < report.action_uses_size(); ++i) order.push_back(i);
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    return report.action_uses(a).probability() > report.action_uses(b).probability();
+  });
+  for (const int action : order) {
+    const v1::ActionUse& use = report.action_uses(action);
+    const bool used = use.examples() > 0;
+    block.Add(absl::StrCat(action), {Share(use.probability()), absl::StrCat(use.examples()),
+                                     use.kinematic_class(), used ? Share(use.class_share()) : ""});
+  }
+  return block;
+}
+
+Block Strata(const v1::EvaluationReport& report) {
+  Block block("EXAMPLES BY", {"EXAMPLES", "ADE", "CV", "CTRA", "minADE6", "FDE", "CV", "CTRA",
+                              "minFDE6", "missed6", "NLL", "2 sigma", "ECE"});
+  for (const v1::EvaluationStratum& stratum : report.strata()) {
+    Reader read(stratum.metrics());
+    std::vector<std::string> values = {absl::StrCat(stratum.examples())};
+    for (const auto& [name, format] :
+         std::vector<std::pair<const char*, Format>>{{"ade_1", Hundredths},
+                                                     {"ade_cv", Hundredths},
+                                                     {"ade_ctra", Hundredths},
+                                                     {"min_ade_6", Hundredths},
+                                                     {"fde_1", Hundredths},
+                                                     {"fde_cv", Hundredths},
+                                                     {"fde_ctra", Hundredths},
+                                                     {"min_fde_6", Hundredths},
+                                                     {"miss_rate_6", Share},
+                                                     {"nll", Thousandths},
+                                                     {"coverage_2sigma", Share},
+                                                     {"calibration_error", Thousandths}}) {
+      values.push_back(read.Read(name, format));
+    }
+    block.Add(absl::StrCat(stratum.dimension(), ": ", stratum.name()), std::move(values));
+  }
+  return block;
+}
+
+}  // namespace
+
+std::string ReportText(const v1::EvaluationReport& report, bool color) {
+  Reader read(report.metrics());
+  std::vector<Block> blocks = {Accuracy(read),      Likelihood(read), Envelope(read),
+                               Reliability(report), Actions(read),    ActionUses(report),
+                               Strata(report)};
+  Block other("OTHER", {"VALUE"});
+  for (const auto& [name, value] : read.Left()) other.Add(name, {Thousandths(value)});
+  blocks.push_back(std::move(other));
+  std::string text;
+  for (const Block& block : blocks) {
+    if (!block.empty()) absl::StrAppend(&text, text.empty() ? "" : "\n", block.Text(color));
+  }
+  return text;
+}
+
+}  // namespace maneuver::evaluation

@@ -1,0 +1,20 @@
+// A report as people read it.
+
+#ifndef MANEUVER_MODEL_EVALUATION_REPORT_TEXT_H_
+#define MANEUVER_MODEL_EVALUATION_REPORT_TEXT_H_
+
+#include <string>
+
+#include "maneuver/v1/training_service.pb.h"
+
+namespace maneuver::evaluation {
+
+// Tables, one for each group of what the report holds: accuracy beside the baselines, likelihood
+// and envelope, probabilities, actions, strata. What it does not hold is left out (a model's
+// manifest has metrics alone); metrics that no table knows follow by name. Lines end in '\n';
+// without colour it is plain ASCII.
+std::string ReportText(const v1::EvaluationReport& report, bool color);
+
+}  // namespace maneuver::evaluation
+
+#endif  // MANEUVER_MODEL_EVALUATION_REPORT_TEXT_H_

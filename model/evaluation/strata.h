@@ -1,0 +1,40 @@
+// Parts of the examples that are also measured on their own.
+
+#ifndef MANEUVER_MODEL_EVALUATION_STRATA_H_
+#define MANEUVER_MODEL_EVALUATION_STRATA_H_
+
+#include <array>
+#include <span>
+#include <string_view>
+
+#include "maneuver/v1/scenario.pb.h"
+#include "model/evaluation/kinematic_classes.h"
+
+namespace maneuver::evaluation {
+
+// What an example is divided by.
+struct StratumKeys {
+  int agents = 0;               // in sight at the prediction time, the target included
+  double speed = 0.0;           // of the target at the prediction time, m/s
+  double heading_change = 0.0;  // of the target at the horizon, radians, counter-clockwise
+  KinematicClass kinematic_class = KinematicClass::kStationary;  // of its trajectory
+};
+
+// One way to divide the examples.
+struct Stratification {
+  std::string_view dimension;               // "agents", "speed", "turn", "class"
+  std::span<const std::string_view> names;  // of its strata
+  int (*stratum)(const StratumKeys& keys);  // index into names
+};
+
+// agents: <=10, 11-30, 31-60, >60;  speed: standing below 0.5 m/s, then up to 5, 10 and 15, and
+// above;  turn: left or right from a heading change of 30 degrees, else straight;
+// class: each KinematicClass.
+const std::array<Stratification, 4>& Stratifications();
+
+// Agents of any kind that have a state within `tolerance` seconds of `time`.
+int AgentsAt(const v1::Scenario& recording, double time, double tolerance);
+
+}  // namespace maneuver::evaluation
+
+#endif  // MANEUVER_MODEL_EVALUATION_STRATA_H_

@@ -1,0 +1,233 @@
+#include "model/evaluation/evaluator.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace maneuver::evaluation {
+namespace {
+
+using inference::Trajectory;
+
+constexpr int kWaypoints = 6;  // 3 s at 2 Hz
+constexpr double kSpeed = 10.0;
+constexpr double kAcceleration = 1.0;
+
+// Three actions: 0, the most probable, is the truth of a vehicle that accelerates at kSpeed, 1 m to
+// its left; 1 is that truth; 2 stays where it is. The generic distributions are all 4 m to the
+// left of that. Every q(y|x,s) is action 1's.
+class FakeSession final : public inference::InferenceSession {
+ public:
+  void Encode(std::span<const inference::SceneInput>,
+              std::span<inference::SceneEncoding> encodings) override {
+    for (inference::SceneEncoding& encoding : encodings) {
+      encoding.probabilities = Eigen::Vector3d(0.6, 0.3, 0.1);
+    }
+  }
+
+  std::vector<inference::ActionDistribution> Describe(const inference::SceneEncoding&,
+                                                      std::span<const int> actions,
+                                                      inference::LatentSource source) override {
+    const bool generic = source == inference::LatentSource::kPrior;
+    std::vector<inference::ActionDistribution> distributions;
+    for (const int action : actions) {
+      Trajectory mean = Trajectory::Zero(kWaypoints, 2);
+      for (int i = 0; i < kWaypoints; ++i) {
+        const double t = 0.5 * (i + 1);
+        const double travelled = kSpeed * t + 0.5 * kAcceleration * t * t;
+        mean.row(i) << (action == 2 ? 0.0 : travelled), (action == 0 ? 1.0 : 0.0);
+      }
+      if (generic) mean.col(1).array() += 4.0;
+      inference::ActionDistribution distribution;
+      distribution.action = action;
+      // One latent dimension that spreads along x: 2 m generic, 1 m in the scene.
+      Trajectory spread = Trajectory::Zero(kWaypoints, 2);
+      spread.col(0).setConstant(generic ? 2.0 : 1.0);
+      distribution.sigma = {mean, mean + spread, mean - spread};
+      distribution.moment_mean = mean;
+      distribution.moment_covariance.resize(kWaypoints, 3);
+      distribution.moment_covariance.rowwise() = Eigen::RowVector3d(1.0, 0.0, 1.0);
+      distributions.push_back(std::move(distribution));
+    }
+    return distributions;
+  }
+
+  inference::Classification Classify(const inference::SceneEncoding&, const Trajectory&) override {
+    return {.responsibilities = Eigen::Vector3d(0.2, 0.7, 0.1)};
+  }
+};
+
+class FakeModel final : public inference::ActionModel {
+ public:
+  FakeModel() {
+    v1::ModelSpec& spec = *manifest_.mutable_spec();
+    spec.mutable_raster()->set_height(32);
+    spec.mutable_raster()->set_width(32);
+    spec.mutable_raster()->set_meters_per_pixel(1.0);
+    spec.mutable_raster()->set_target_position(0.5);
+    spec.mutable_raster()->set_history_frames(2);
+    spec.mutable_raster()->mutable_frame_interval()->set_nanos(100'000'000);
+    spec.mutable_trajectory()->set_waypoints(kWaypoints);
+    spec.mutable_trajectory()->mutable_waypoint_interval()->set_nanos(500'000'000);
+    spec.set_actions(3);
+    spec.set_latent_dimensions(1);
+  }
+
+  const v1::ModelManifest& manifest() const override { return manifest_; }
+  std::string_view precision() const override { return "f32"; }
+  size_t weight_bytes() const override { return 4; }
+  std::unique_ptr<inference::InferenceSession> NewSession() const override {
+    return std::make_unique<FakeSession>();
+  }
+
+ private:
+  v1::ModelManifest manifest_;
+};
+
+// A vehicle that heads north-west and drives kSpeed at time 1, seen for four seconds, some that
+// stand beside it then and are no vehicles, and one of those that comes later.
+v1::Scenario Recording(const std::string& id, int others) {
+  const double heading = 2.3;
+  v1::Scenario scenario;
+  scenario.set_scenario_id(id);
+  v1::Agent& vehicle = *scenario.add_agents();
+  vehicle.set_id(7);
+  vehicle.set_type(v1::AGENT_TYPE_VEHICLE);
+  vehicle.set_length(4.0);
+  vehicle.set_width(2.0);
+  for (int i = 0; i <= 40; ++i) {
+    const double t = 0.1 * i - 1.0;
+    const double travelled = kSpeed * t + 0.5 * kAcceleration * t * t;
+    const double speed = kSpeed + kAcceleration * t;
+    v1::AgentState& state = *vehicle.add_states();
+    state.set_time(t + 1.0);
+    state.set_x(100.0 + travelled * std::cos(heading));
+    state.set_y(-50.0 + travelled * std::sin(heading));
+    state.set_heading(static_cast<float>(heading));
+    state.set_velocity_x(static_cast<float>(speed * std::cos(heading)));
+    state.set_velocity_y(static_cast<float>(speed * std::sin(heading)));
+  }
+  for (int i = 0; i < others; ++i) {
+    v1::Agent& agent = *scenario.add_agents();
+    agent.set_id(100 + i);
+    agent.set_type(v1::AGENT_TYPE_OTHER);
+    agent.set_length(1.0);
+    agent.set_width(1.0);
+    agent.add_states()->set_time(1.0);
+  }
+  v1::Agent& late = *scenario.add_agents();
+  late.set_id(8);
+  late.set_type(v1::AGENT_TYPE_OTHER);
+  late.set_length(1.0);
+  late.set_width(1.0);
+  late.add_states()->set_time(3.5);
+  return scenario;
+}
+
+class EvaluatorTest : public testing::Test {
+ protected:
+  EvaluatorTest() {
+    input_.examples.mutable_stride()->set_seconds(1);
+    input_.examples.set_keep_standing(1.0);
+    for (int i = 0; i < 20; ++i) recordings_.push_back(Recording(std::to_string(i), i));
+    input_.recordings = recordings_;
+  }
+
+  std::vector<v1::Scenario> recordings_;
+  EvaluationInput input_;
+  std::shared_ptr<const FakeModel> model_ = std::make_shared<FakeModel>();
+};
+
+TEST_F(EvaluatorTest, MeasuresModelAndBaselinesAgainstTheRecording) {
+  const auto report = Evaluate(*model_, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  // Only at 1 s are there a past and a horizon.
+  EXPECT_EQ(report->examples(), 20);
+  const auto& metrics = report->metrics();
+  EXPECT_NEAR(metrics.at("ade_1"), 1.0, 1e-4);
+  EXPECT_NEAR(metrics.at("min_ade_6"), 0.0, 1e-4);
+  EXPECT_NEAR(metrics.at("ade_1_prior"), 5.0, 1e-4);
+  EXPECT_NEAR(metrics.at("min_ade_6_prior"), 4.0, 1e-4);
+  EXPECT_NEAR(metrics.at("brier_fde_6"), 0.7 * 0.7, 1e-4);
+  // Half a t^2 at 0.5, 1, ... 3 s.
+  EXPECT_NEAR(metrics.at("ade_cv"), 0.5 * 91.0 / 24.0, 1e-4);
+  EXPECT_NEAR(metrics.at("fde_cv"), 4.5, 1e-4);
+  EXPECT_NEAR(metrics.at("ade_ctra"), 0.0, 1e-4);
+  EXPECT_NEAR(metrics.at("nmi_kinematic"), 0.0, 1e-12);
+  EXPECT_NEAR(metrics.at("largest_share"), 0.6, 1e-12);
+  EXPECT_EQ(report->action_uses(1).kinematic_class(), "straight_fast");
+  EXPECT_EQ(report->action_uses(1).examples(), 20);
+  // It said 0.6 of action 0, which q gives 0.2.
+  EXPECT_NEAR(metrics.at("calibration_error"), 0.4, 1e-12);
+}
+
+// 4.5 m along the heading is more than 2.0 m x 0.948 at 3 s; 1 m to the side is above 0.948 m.
+TEST_F(EvaluatorTest, WaymosMissesAreJudgedInTheRecordedHeading) {
+  const auto report = Evaluate(*model_, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  EXPECT_NEAR(report->metrics().at("miss_rate_waymo_1"), 1.0, 1e-12);
+  EXPECT_NEAR(report->metrics().at("miss_rate_waymo_5"), 0.0, 1e-12);
+  EXPECT_NEAR(report->metrics().at("miss_rate_waymo_cv"), 1.0, 1e-12);
+  EXPECT_NEAR(report->metrics().at("miss_rate_waymo_ctra"), 0.0, 1e-12);
+}
+
+// The example's action is 1 by q(y|x,s), though p(y|s) says 0.
+TEST_F(EvaluatorTest, EnvelopesAreThoseOfTheActionThatItWas) {
+  const auto report = Evaluate(*model_, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  const auto& metrics = report->metrics();
+  EXPECT_DOUBLE_EQ(metrics.at("coverage_1sigma"), 1.0);        // exactly at the mean
+  EXPECT_DOUBLE_EQ(metrics.at("coverage_2sigma_prior"), 0.0);  // 4 m off at 1 m
+  EXPECT_DOUBLE_EQ(metrics.at("mean_sigma_posterior"), std::sqrt(0.5));
+  EXPECT_DOUBLE_EQ(metrics.at("mean_sigma_ratio"), 0.5);
+  EXPECT_NEAR(metrics.at("nll_action_prior") - metrics.at("nll_action"), 8.0, 1e-3);
+}
+
+TEST_F(EvaluatorTest, StrataCountWhoIsInSight) {
+  const auto report = Evaluate(*model_, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  // 0 to 19 others and the vehicle itself.
+  EXPECT_EQ(report->strata(0).examples(), 10);
+  EXPECT_EQ(report->strata(1).examples(), 10);
+}
+
+TEST_F(EvaluatorTest, AgreesWithRecordedManoeuvresIfThereAreAny) {
+  auto report = Evaluate(*model_, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  EXPECT_FALSE(report->metrics().contains("nmi"));
+  std::vector<v1::ManeuverAnnotation> annotations(1);
+  annotations[0].set_scenario_id("3");
+  annotations[0].set_agent_id(7);
+  annotations[0].set_start_time(3.9);
+  annotations[0].set_end_time(9.0);
+  annotations[0].set_maneuver("keep_lane");
+  input_.annotations = annotations;
+  report = Evaluate(*model_, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  EXPECT_EQ(report->metrics().at("labelled_examples"), 1.0);
+}
+
+TEST_F(EvaluatorTest, AnyNumberOfThreadsMeasuresTheSameBits) {
+  const auto one = Evaluate(*model_, input_);
+  input_.threads = 3;
+  const auto three = Evaluate(*model_, input_);
+  ASSERT_TRUE(one.ok() && three.ok());
+  for (const auto& [name, value] : one->metrics()) {
+    EXPECT_EQ(value, three->metrics().at(name)) << name;
+  }
+}
+
+TEST_F(EvaluatorTest, RefusesRecordingsWithoutAnExampleAndStopsWhenTold) {
+  input_.progress = [](int64_t, int64_t) { return false; };
+  while (recordings_.size() < 100) recordings_.push_back(recordings_.front());
+  input_.recordings = recordings_;
+  EXPECT_EQ(Evaluate(*model_, input_).status().code(), absl::StatusCode::kCancelled);
+  input_.recordings = {};
+  EXPECT_EQ(Evaluate(*model_, input_).status().code(), absl::StatusCode::kFailedPrecondition);
+}
+
+}  // namespace
+}  // namespace maneuver::evaluation

@@ -1,0 +1,117 @@
+#include "model/evaluation/kinematic_classes.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <string>
+#include <vector>
+
+namespace maneuver::evaluation {
+namespace {
+
+using inference::Trajectory;
+
+constexpr double kDegree = std::numbers::pi / 180.0;
+
+std::vector<double> Times() {
+  std::vector<double> times;
+  for (int i = 1; i <= 50; ++i) times.push_back(0.1 * i);
+  return times;
+}
+
+// Five seconds of a place that is a function of time.
+Trajectory Driven(const std::function<Eigen::RowVector2d(double)>& place) {
+  Trajectory trajectory(50, 2);
+  for (int i = 0; i < 50; ++i) trajectory.row(i) = place(0.1 * (i + 1));
+  return trajectory;
+}
+
+// An arc of `length` metres that turns by `turn` radians.
+Trajectory Arc(double length, double turn) {
+  return Driven([=](double t) {
+    const double angle = turn * t / 5.0;
+    const double radius = length / turn;
+    return Eigen::RowVector2d(radius * std::sin(angle), radius * (1.0 - std::cos(angle)));
+  });
+}
+
+Trajectory Straight(double speed) {
+  return Driven([=](double t) { return Eigen::RowVector2d(speed * t, 0.0); });
+}
+
+// `length` metres ahead and `shift` to the left, with the heading of the start at the end.
+Trajectory Shifted(double length, double shift) {
+  return Driven([=](double t) {
+    const double share = 0.5 * (1.0 - std::cos(std::numbers::pi * std::min(1.0, t / 4.0)));
+    return Eigen::RowVector2d(length * t / 5.0, shift * share);
+  });
+}
+
+std::string ClassOf(const Trajectory& trajectory) {
+  return std::string(Name(Classify(trajectory, Times())));
+}
+
+TEST(KinematicClassesTest, StraightDrivingIsDividedBySpeed) {
+  EXPECT_EQ(ClassOf(Straight(4.9)), "straight_slow");
+  EXPECT_EQ(ClassOf(Straight(5.1)), "straight_medium");
+  EXPECT_EQ(ClassOf(Straight(9.9)), "straight_medium");
+  EXPECT_EQ(ClassOf(Straight(10.1)), "straight_fast");
+}
+
+TEST(KinematicClassesTest, StationaryIsNearAndSlowAtBothEnds) {
+  EXPECT_EQ(ClassOf(Straight(0.0)), "stationary");
+  EXPECT_EQ(ClassOf(Straight(0.9)), "stationary");
+  EXPECT_EQ(ClassOf(Straight(1.1)), "straight_slow");  // 5.5 m
+  // 4.5 m, but it sets off at 5 m/s.
+  EXPECT_EQ(
+      ClassOf(Driven([](double t) { return Eigen::RowVector2d(5.0 * std::min(t, 0.9), 0.0); })),
+      "straight_slow");
+}
+
+TEST(KinematicClassesTest, TurnsBeginAtThirtyDegrees) {
+  EXPECT_EQ(ClassOf(Arc(40.0, 80.0 * kDegree)), "left_turn");
+  EXPECT_EQ(ClassOf(Arc(40.0, -80.0 * kDegree)), "right_turn");
+  EXPECT_EQ(ClassOf(Arc(40.0, 33.0 * kDegree)), "left_turn");
+  EXPECT_EQ(ClassOf(Arc(40.0, 27.0 * kDegree)), "straight_medium");
+}
+
+TEST(KinematicClassesTest, UTurnsGoRoundOrBack) {
+  EXPECT_EQ(ClassOf(Arc(25.0, 175.0 * kDegree)), "u_turn");
+  EXPECT_EQ(ClassOf(Arc(25.0, -175.0 * kDegree)), "u_turn");
+  EXPECT_EQ(ClassOf(Arc(25.0, 115.0 * kDegree)), "left_turn");
+}
+
+TEST(KinematicClassesTest, LaneChangesKeepTheirHeading) {
+  EXPECT_EQ(ClassOf(Shifted(50.0, 3.5)), "lane_change_left");
+  EXPECT_EQ(ClassOf(Shifted(50.0, -3.5)), "lane_change_right");
+  EXPECT_EQ(ClassOf(Shifted(50.0, 1.5)), "straight_fast");
+}
+
+// A road that bends by 20 degrees carries a vehicle 8.7 m to the left without a change of lane.
+TEST(KinematicClassesTest, FollowingABendIsNoLaneChange) {
+  const Trajectory bend = Arc(50.0, 20.0 * kDegree);
+  EXPECT_GT(bend(49, 1), 8.0);
+  EXPECT_EQ(ClassOf(bend), "straight_medium");
+}
+
+TEST(KinematicClassesTest, BackingOutIsNoUTurn) {
+  EXPECT_EQ(ClassOf(Straight(-2.0)), "straight_slow");
+  EXPECT_NEAR(FinalHeadingChange(Straight(-2.0)), 0.0, 1e-12);
+}
+
+TEST(KinematicClassesTest, HeadingChangeOutlivesStopping) {
+  // A left turn by 60 degrees, over after three seconds; then it creeps by centimetres.
+  const Trajectory turn = Driven([](double t) {
+    const double angle = 60.0 * kDegree * std::min(1.0, t / 3.0);
+    const double creep = t > 3.0 ? 0.001 * (t - 3.0) : 0.0;
+    return Eigen::RowVector2d(15.0 * std::sin(angle) + creep, 15.0 * (1.0 - std::cos(angle)));
+  });
+  EXPECT_NEAR(FinalHeadingChange(turn), 60.0 * kDegree, 4.0 * kDegree);
+  EXPECT_NEAR(FinalHeadingChange(Arc(40.0, -80.0 * kDegree)), -80.0 * kDegree, 2.0 * kDegree);
+  EXPECT_EQ(FinalHeadingChange(Straight(0.1)), 0.0);
+}
+
+}  // namespace
+}  // namespace maneuver::evaluation

@@ -1,0 +1,92 @@
+#include "model/evaluation/report_text.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace maneuver::evaluation {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+TEST(ReportTextTest, AccuracyStandsBesideTheBaselines) {
+  v1::EvaluationReport report;
+  auto& metrics = *report.mutable_metrics();
+  metrics["ade_1"] = 1.25;
+  metrics["min_ade_6"] = 0.5;
+  metrics["ade_cv"] = 2.0;
+  metrics["ade_ctra"] = 12.5;
+  metrics["miss_rate_6"] = 0.4321;
+  metrics["min_ade_6_prior"] = 0.75;
+  EXPECT_EQ(ReportText(report, false),
+            "ACCURACY             k = 1   k = 6    CV   CTRA\n"
+            "minADE, m             1.25    0.50  2.00  12.50\n"
+            "missed, Argoverse 2         43.2 %\n"
+            "generic minADE, m             0.75\n");
+}
+
+TEST(ReportTextTest, UnknownMetricsFollowByName) {
+  v1::EvaluationReport report;
+  (*report.mutable_metrics())["nll"] = 1.8;
+  (*report.mutable_metrics())["something_new"] = 0.125;
+  EXPECT_EQ(ReportText(report, false),
+            "LIKELIHOOD (-ln p, nats)  MODEL\n"
+            "mixture, a waypoint       1.800\n"
+            "\n"
+            "OTHER          VALUE\n"
+            "something_new  0.125\n");
+}
+
+TEST(ReportTextTest, CoverageStandsBesideWhatAGaussianHolds) {
+  v1::EvaluationReport report;
+  auto& metrics = *report.mutable_metrics();
+  metrics["coverage_2sigma"] = 0.9;
+  metrics["coverage_2sigma_prior"] = 0.95;
+  EXPECT_EQ(ReportText(report, false),
+            "ENVELOPE                   MODEL  GENERIC  GAUSSIAN\n"
+            "holds the truth, 2 sigma  90.0 %   95.0 %    86.5 %\n");
+}
+
+TEST(ReportTextTest, BinsActionsAndStrataHaveTablesOfTheirOwn) {
+  v1::EvaluationReport report;
+  v1::ReliabilityBin& bin = *report.add_reliability();
+  bin.set_lower(0.5);
+  bin.set_upper(0.6);
+  bin.set_examples(7);
+  bin.set_mean_confidence(0.55);
+  bin.set_mean_responsibility(0.5);
+  report.add_reliability()->set_lower(0.6);  // empty: left out
+  report.add_action_uses()->set_probability(0.25);
+  v1::ActionUse& use = *report.add_action_uses();
+  use.set_probability(0.75);
+  use.set_examples(3);
+  use.set_kinematic_class("u_turn");
+  use.set_class_share(0.5);
+  v1::EvaluationStratum& stratum = *report.add_strata();
+  stratum.set_dimension("turn");
+  stratum.set_name("left");
+  stratum.set_examples(12);
+  (*stratum.mutable_metrics())["ade_1"] = 1.5;
+  EXPECT_EQ(ReportText(report, false),
+            "p(y|s) OF THE LIKELIEST  EXAMPLES  MEAN p(y|s)  MEAN q(y|x,s)\n"
+            "0.5 to 0.6                      7        0.550          0.500\n"
+            "\n"
+            "ACTION  MEAN p(y|s)  EXAMPLES  MOSTLY   SHARE\n"
+            "1            75.0 %         3  u_turn  50.0 %\n"
+            "0            25.0 %         0\n"
+            "\n"
+            "EXAMPLES BY  EXAMPLES   ADE\n"
+            "turn: left         12  1.50\n");
+}
+
+TEST(ReportTextTest, ColourIsForTitlesAlone) {
+  v1::EvaluationReport report;
+  (*report.mutable_metrics())["nll"] = 1.8;
+  EXPECT_THAT(ReportText(report, true),
+              HasSubstr("\x1b[1mLIKELIHOOD (-ln p, nats)  MODEL\x1b[0m\n"));
+  EXPECT_THAT(ReportText(report, false), Not(HasSubstr("\x1b")));
+  EXPECT_EQ(ReportText({}, true), "");
+}
+
+}  // namespace
+}  // namespace maneuver::evaluation

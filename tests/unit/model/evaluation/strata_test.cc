@@ -1,0 +1,58 @@
+#include "model/evaluation/strata.h"
+
+#include <gtest/gtest.h>
+
+#include <string>
+
+namespace maneuver::evaluation {
+namespace {
+
+std::string StratumOf(size_t dimension, const StratumKeys& keys) {
+  const Stratification& stratification = Stratifications()[dimension];
+  return std::string(stratification.names[static_cast<size_t>(stratification.stratum(keys))]);
+}
+
+TEST(StrataTest, AgentsBelongToTheCountedRange) {
+  EXPECT_EQ(Stratifications()[0].dimension, "agents");
+  EXPECT_EQ(StratumOf(0, {.agents = 1}), "<=10");
+  EXPECT_EQ(StratumOf(0, {.agents = 10}), "<=10");
+  EXPECT_EQ(StratumOf(0, {.agents = 11}), "11-30");
+  EXPECT_EQ(StratumOf(0, {.agents = 60}), "31-60");
+  EXPECT_EQ(StratumOf(0, {.agents = 61}), ">60");
+}
+
+TEST(StrataTest, SpeedsBelongToTheRangeThatTheyBegin) {
+  EXPECT_EQ(Stratifications()[1].dimension, "speed");
+  EXPECT_EQ(StratumOf(1, {.speed = 0.49}), "standing");
+  EXPECT_EQ(StratumOf(1, {.speed = 0.5}), "0.5-5 m/s");
+  EXPECT_EQ(StratumOf(1, {.speed = 5.0}), "5-10 m/s");
+  EXPECT_EQ(StratumOf(1, {.speed = 14.9}), "10-15 m/s");
+  EXPECT_EQ(StratumOf(1, {.speed = 15.0}), ">=15 m/s");
+}
+
+TEST(StrataTest, TurnsGoByTheSignOfTheHeadingChange) {
+  EXPECT_EQ(Stratifications()[2].dimension, "turn");
+  EXPECT_EQ(StratumOf(2, {.heading_change = 0.5}), "straight");
+  EXPECT_EQ(StratumOf(2, {.heading_change = 0.55}), "left");
+  EXPECT_EQ(StratumOf(2, {.heading_change = -0.55}), "right");
+}
+
+TEST(StrataTest, ClassesAreNamedAsKinematicClassesAre) {
+  EXPECT_EQ(Stratifications()[3].dimension, "class");
+  EXPECT_EQ(StratumOf(3, {.kinematic_class = KinematicClass::kStationary}), "stationary");
+  EXPECT_EQ(StratumOf(3, {.kinematic_class = KinematicClass::kUTurn}), "u_turn");
+  EXPECT_EQ(StratumOf(3, {.kinematic_class = KinematicClass::kLaneChangeRight}),
+            "lane_change_right");
+}
+
+TEST(StrataTest, AgentsInSightAreThoseWithAStateNow) {
+  v1::Scenario scenario;
+  for (const double time : {0.0, 1.0, 1.04, 2.0}) {
+    scenario.add_agents()->add_states()->set_time(time);
+  }
+  EXPECT_EQ(AgentsAt(scenario, 1.0, 0.05), 2);
+  EXPECT_EQ(AgentsAt(scenario, 3.0, 0.05), 0);
+}
+
+}  // namespace
+}  // namespace maneuver::evaluation
