@@ -19,6 +19,8 @@ class ActionStatistics {
 
   // Mean p(y|s). [K]
   Eigen::VectorXd MeanProbability() const;
+  // Largest p(y|s) over the examples. [K]
+  const Eigen::VectorXd& LargestProbability() const { return largest_; }
   // Actions that some example gives at least kEffectiveProbability.
   int EffectiveActions() const;
   // exp H(mean p(y|s)), between 1 and K.

@@ -217,8 +217,9 @@ void AddReliability(const ActionStatistics& statistics, v1::EvaluationReport& re
   }
 }
 
-void AddActionUses(std::span<const Measurement> measured, const Eigen::VectorXd& probabilities,
+void AddActionUses(std::span<const Measurement> measured, const ActionStatistics& statistics,
                    v1::EvaluationReport& report) {
+  const Eigen::VectorXd probabilities = statistics.MeanProbability();
   std::vector<std::map<KinematicClass, int64_t>> classes(static_cast<size_t>(probabilities.size()));
   for (const Measurement& each : measured) {
     ++classes[static_cast<size_t>(each.action)][each.keys.kinematic_class];
@@ -226,6 +227,7 @@ void AddActionUses(std::span<const Measurement> measured, const Eigen::VectorXd&
   for (size_t action = 0; action < classes.size(); ++action) {
     v1::ActionUse& use = *report.add_action_uses();
     use.set_probability(probabilities[static_cast<Eigen::Index>(action)]);
+    use.set_largest_probability(statistics.LargestProbability()[static_cast<Eigen::Index>(action)]);
     if (classes[action].empty()) continue;
     int64_t examples = 0;
     for (const auto& [_, count] : classes[action]) examples += count;
@@ -252,7 +254,7 @@ v1::EvaluationReport MakeReport(std::span<const Measurement> measured, bool meas
   report.mutable_action_usage()->Add(usage.begin(), usage.end());
   AddReliability(statistics, report);
   AddStrata(measured, report);
-  AddActionUses(measured, usage, report);
+  AddActionUses(measured, statistics, report);
   return report;
 }
 

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "model/evaluation/calibration.h"
 #include "model/evaluation/evaluator.h"
 #include "model/files/durable_file.h"
 #include "model/inference/action_model.h"
@@ -17,7 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kEffectiveProbability = 0.05;
 constexpr int64_t kMostMeasured = 2048;  // examples, about: recordings are measured whole
 
 // The first recordings that hold about kMostMeasured examples.
@@ -49,10 +49,10 @@ class Scratch {
   fs::path folder_;
 };
 
-// Metrics of the held-out recordings to the manifest; usage of the actions to *usage.
+// Metrics of the held-out recordings to the manifest; how the actions are used to *uses.
 absl::Status Measure(const inference::ActionModel& model, const TrainingData& data,
                      const v1::ExampleSettings& examples, const ExportOptions& options,
-                     v1::ModelManifest* manifest, std::vector<double>* usage) {
+                     v1::ModelManifest* manifest, std::vector<v1::ActionUse>* uses) {
   evaluation::EvaluationInput input;
   input.recordings = Measured(data.validation);
   input.annotations = data.annotations;
@@ -63,7 +63,7 @@ absl::Status Measure(const inference::ActionModel& model, const TrainingData& da
   if (absl::IsFailedPrecondition(report.status())) return absl::OkStatus();  // nothing to measure
   if (!report.ok()) return report.status();
   *manifest->mutable_metrics() = report->metrics();
-  usage->assign(report->action_usage().begin(), report->action_usage().end());
+  uses->assign(report->action_uses().begin(), report->action_uses().end());
   return absl::OkStatus();
 }
 
@@ -77,10 +77,13 @@ absl::StatusOr<v1::ModelManifest> ExportModel(artifact::StoredModel model, const
   const Scratch scratch(*temporary);
   const fs::path draft = scratch.folder() / "model";
 
-  // Without held-out examples p(y) over the training examples stands in for usage.
-  std::vector<double> usage;
+  // Without held-out examples p(y) over the training examples stands in for usage, and nothing says
+  // that an action is idle.
+  std::vector<v1::ActionUse> uses;
   for (const float log_weight : model.weights.at("mixture.log_weight").values) {
-    usage.push_back(std::exp(static_cast<double>(log_weight)));
+    v1::ActionUse& use = uses.emplace_back();
+    use.set_probability(std::exp(static_cast<double>(log_weight)));
+    use.set_largest_probability(1.0);
   }
   absl::Status status = artifact::WriteModelFolder(draft, std::move(model));
   if (!status.ok()) return status;
@@ -89,14 +92,19 @@ absl::StatusOr<v1::ModelManifest> ExportModel(artifact::StoredModel model, const
   if (!loaded.ok()) return loaded.status();
 
   v1::ModelManifest manifest = (*loaded)->manifest();
-  status = Measure(**loaded, data, examples, options, &manifest, &usage);
+  status = Measure(**loaded, data, examples, options, &manifest, &uses);
   if (!status.ok()) return status;
-  // std::vector<bool> is no array.
-  const std::unique_ptr<bool[]> effective(new bool[usage.size()]);
-  std::transform(usage.begin(), usage.end(), effective.get(),
-                 [](double share) { return share > 0.0; });
+  std::vector<double> usage;
+  const std::unique_ptr<bool[]> effective(new bool[uses.size()]);  // std::vector<bool> is no array
+  for (size_t k = 0; k < uses.size(); ++k) {
+    usage.push_back(uses[k].probability());
+    effective[k] =
+        uses[k].largest_probability() >= evaluation::ActionStatistics::kEffectiveProbability;
+  }
   for (v1::Action& action :
-       inference::DecodeActionSet(**loaded, usage, {effective.get(), usage.size()})) {
+       inference::DecodeActionSet(**loaded, usage, {effective.get(), uses.size()})) {
+    const size_t k = static_cast<size_t>(action.action_id());
+    if (k < options.labels.size()) action.set_label(options.labels[k]);
     *manifest.add_actions() = std::move(action);
   }
   status = artifact::RewriteModelManifest(draft, manifest);

@@ -5,6 +5,8 @@
 
 #include <filesystem>
 #include <functional>
+#include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "maneuver/v1/model.pb.h"
@@ -16,6 +18,7 @@ namespace maneuver::learning {
 struct ExportOptions {
   std::filesystem::path output;
   int threads = 1;
+  std::vector<std::string> labels;  // of the first actions
   // Called with examples measured and in all; false stops. May be empty.
   std::function<bool(int64_t done, int64_t total)> progress;
 };

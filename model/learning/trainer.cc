@@ -68,6 +68,7 @@ class Run {
     ExportOptions options;
     options.output = run_.output;
     options.threads = threads;
+    options.labels = data.label_names;
     int64_t reported = 0;  // hundredths, as the plan has it
     options.progress = [this, &reported](int64_t done, int64_t total) {
       for (const int64_t now = 100 * done / std::max<int64_t>(1, total); reported < now;

@@ -10,6 +10,7 @@
 #include <system_error>
 
 #include "server/jobs/trainer/evaluate_command.h"
+#include "server/jobs/trainer/prune_command.h"
 #include "server/jobs/trainer/stop_signal.h"
 #include "server/jobs/trainer/train_command.h"
 #include "server/jobs/trainer_protocol.h"
@@ -66,6 +67,7 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
   maneuver::trainer::TrainCommand train(app);
   maneuver::trainer::EvaluateCommand evaluate(app);
+  maneuver::trainer::PruneCommand prune(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -73,5 +75,6 @@ int main(int argc, char** argv) {
                                 : static_cast<int>(maneuver::jobs::TrainerExit::kInvalidSettings);
   }
   maneuver::trainer::InstallStopSignals();
-  return train.chosen() ? train.Run() : evaluate.Run();
+  if (train.chosen()) return train.Run();
+  return prune.chosen() ? prune.Run() : evaluate.Run();
 }

@@ -107,6 +107,61 @@ TEST_F(TrainingTest, ReportsEveryPhaseAndTheTermsOfTheBound) {
   EXPECT_GE(joint->largest_component_stddev(), joint->smallest_component_stddev());
 }
 
+TEST_F(TrainingTest, AnActionIsEffectiveIfSomeHeldOutExampleGivesItAShare) {
+  // More actions than there are motions: some stay idle.
+  TrainingRun run = Run("model");
+  run.settings.mutable_model()->set_actions(40);
+  const auto manifest = Train(run, Data());
+  ASSERT_TRUE(manifest.ok()) << manifest.status();
+  int effective = 0;
+  for (const v1::Action& action : manifest->actions()) effective += action.effective() ? 1 : 0;
+  EXPECT_EQ(effective, manifest->metrics().at("effective_actions"));
+  EXPECT_LT(effective, 40);
+  EXPECT_GE(effective, 4);
+}
+
+// Recorded manoeuvres of a tenth of the examples give their names to actions that are them.
+TEST_F(TrainingTest, LabelledExamplesMakeActionsOfTheirNames) {
+  TrainingRun run = Run("model");
+  run.settings.mutable_augmentation()->set_mirror(false);
+  TrainingData data = Data();
+  data.label_names = {"left", "right"};
+  for (size_t i = 0; i < data.training.examples.size(); ++i) {
+    const float y = data.training.examples[i].trajectory.back();
+    data.labels.push_back(i % 10 != 0 || std::abs(y) < 2.0F ? -1 : y > 0.0F ? 0 : 1);
+  }
+  const auto manifest = Train(run, data);
+  ASSERT_TRUE(manifest.ok()) << manifest.status();
+  EXPECT_EQ(manifest->actions(0).label(), "left");
+  EXPECT_EQ(manifest->actions(1).label(), "right");
+  EXPECT_EQ(manifest->actions(2).label(), "");
+  EXPECT_GT(*manifest->actions(0).distribution().mean_trajectory().y().rbegin(), 2.0);
+  EXPECT_LT(*manifest->actions(1).distribution().mean_trajectory().y().rbegin(), -2.0);
+}
+
+TEST_F(TrainingTest, SeveralPlacementsAreTriedAndTheBestBoundIsKept) {
+  TrainingRun run = Run("model");
+  run.settings.mutable_optimization()->set_mixture_placement(v1::MIXTURE_PLACEMENT_RANDOM);
+  run.settings.mutable_optimization()->set_placements(3);
+  run.settings.mutable_optimization()->set_pretraining_epochs(5);
+  run.settings.mutable_optimization()->set_mixture_epochs(1);
+  run.settings.mutable_optimization()->set_joint_epochs(1);
+  ASSERT_TRUE(Train(run, Data()).ok());
+  std::vector<double> tried;
+  double kept = 0.0;
+  for (const v1::JobProgress& progress : progress_) {
+    if (!progress.has_epoch_report()) continue;
+    const double loss = progress.epoch_report().validation().at("loss");
+    if (progress.phase() == "place" && progress.epoch() == 3) tried.push_back(loss);
+    if (progress.phase() == "mixture") kept = loss;
+  }
+  ASSERT_EQ(tried.size(), 3u);
+  const auto [best, worst] = std::minmax_element(tried.begin(), tried.end());
+  EXPECT_LT(*best, *worst);
+  // One more epoch on the best one: no worse than the middle between it and the worst.
+  EXPECT_LT(kept, 0.5 * (*best + *worst));
+}
+
 TEST_F(TrainingTest, AnEpochIsOverAtMostMaxExamples) {
   TrainingRun run = Run("model");
   run.settings.mutable_examples()->set_max_examples(50);

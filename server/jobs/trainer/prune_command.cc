@@ -1,0 +1,58 @@
+#include "server/jobs/trainer/prune_command.h"
+
+#include <iostream>
+#include <vector>
+
+#include "model/artifact/model_folder.h"
+#include "model/artifact/pruning.h"
+#include "model/inference/action_model.h"
+#include "server/jobs/trainer/stop_signal.h"
+
+namespace maneuver::trainer {
+
+PruneCommand::PruneCommand(CLI::App& app)
+    : command_(app.add_subcommand(
+          "prune", "Leave the actions that are not effective out of a model, as a new one")) {
+  command_->add_option("--model", model_, "Model folder")->type_name("FOLDER")->required();
+  command_->add_option("--output", output_, "Model folder to write; it must not exist")
+      ->type_name("FOLDER")
+      ->required();
+}
+
+int PruneCommand::Run() const { return ExitStatus(Prune()); }
+
+absl::Status PruneCommand::Prune() const {
+  const absl::StatusOr<artifact::StoredModel> whole = artifact::ReadModelFolder(model_);
+  if (!whole.ok()) return whole.status();
+  std::vector<int> kept;
+  std::vector<std::string> labels;
+  std::vector<double> usage;
+  for (const v1::Action& action : whole->manifest.actions()) {
+    if (!action.effective()) continue;
+    kept.push_back(action.action_id());
+    labels.push_back(action.label());
+    usage.push_back(action.usage());
+  }
+  absl::StatusOr<artifact::StoredModel> pruned = artifact::PruneActions(*whole, kept);
+  if (!pruned.ok()) return pruned.status();
+  absl::Status status = artifact::WriteModelFolder(output_, *std::move(pruned));
+  if (!status.ok()) return status;
+  const auto model = inference::ActionModel::Load(output_, {inference::Precision::kF32});
+  if (!model.ok()) return model.status();
+  v1::ModelManifest manifest = (*model)->manifest();
+  const std::vector<char> effective(kept.size(), 1);
+  const auto actions = inference::DecodeActionSet(
+      **model, usage, {reinterpret_cast<const bool*>(effective.data()), effective.size()});
+  for (size_t k = 0; k < actions.size(); ++k) {
+    v1::Action& action = *manifest.add_actions();
+    action = actions[k];
+    action.set_label(labels[k]);
+  }
+  status = artifact::RewriteModelManifest(output_, manifest);
+  if (!status.ok()) return status;
+  std::cout << "kept " << kept.size() << " of " << whole->manifest.spec().actions()
+            << " actions; maneuver-trainer evaluate measures the model anew\n";
+  return absl::OkStatus();
+}
+
+}  // namespace maneuver::trainer

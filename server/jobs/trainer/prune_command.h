@@ -1,0 +1,30 @@
+#ifndef MANEUVER_SERVER_JOBS_TRAINER_PRUNE_COMMAND_H_
+#define MANEUVER_SERVER_JOBS_TRAINER_PRUNE_COMMAND_H_
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+
+#include "absl/status/status.h"
+
+namespace maneuver::trainer {
+
+// maneuver-trainer prune: a model folder without the actions that are not effective.
+class PruneCommand {
+ public:
+  explicit PruneCommand(CLI::App& app);
+
+  bool chosen() const { return command_->parsed(); }
+  // The exit status.
+  int Run() const;
+
+ private:
+  absl::Status Prune() const;
+
+  CLI::App* command_;
+  std::filesystem::path model_;
+  std::filesystem::path output_;
+};
+
+}  // namespace maneuver::trainer
+
+#endif  // MANEUVER_SERVER_JOBS_TRAINER_PRUNE_COMMAND_H_
