@@ -25,14 +25,14 @@ model folder holds weights.safetensors and model.json. To learn from a town:
 
   maneuver synthesize town --recordings 200
   maneuver-trainer train --dataset town --output model
-  maneuver-trainer evaluate --model model --dataset other --output report.json
+  maneuver-trainer evaluate --model model --dataset other
 
 Settings are a TrainingSettings message as JSON (proto/maneuver/v1/
 training_settings.proto documents every field); what is left out is the
 preset's. For example, a horizon of 3 s and a longer joint phase:
 
   {"preset": "compact",
-   "model": {"trajectory": {"waypoints": 15}},
+   "model": {"trajectory": {"waypoints": 30}},
    "optimization": {"joint_epochs": 20}, "seed": 7})";
 
 constexpr char kFooter[] = R"(Exit status:
