@@ -1,0 +1,32 @@
+// How large the epochs of a run are.
+
+#ifndef MANEUVER_MODEL_LEARNING_EPOCH_SIZE_H_
+#define MANEUVER_MODEL_LEARNING_EPOCH_SIZE_H_
+
+#include <algorithm>
+#include <cstdint>
+
+#include "maneuver/v1/training_settings.pb.h"
+
+namespace maneuver::learning {
+
+// Trajectories alone are small: twice the batch costs the same time.
+inline constexpr int64_t kTrajectoryBatchFactor = 2;
+// Of each placement of the mixture, where there are several.
+inline constexpr int kPlacementEpochs = 3;
+
+// Steps over so many examples.
+inline int64_t StepsOfEpoch(int64_t examples, int64_t batch_size) {
+  // A last batch of one has no moments for the batch normalisation: it is left out.
+  return examples / batch_size + (examples % batch_size > 1 ? 1 : 0);
+}
+
+// How many of the training examples an epoch is over.
+inline int64_t EpochExamples(const v1::TrainingSettings& settings, int64_t examples) {
+  const int64_t most = settings.examples().max_examples();
+  return most > 0 ? std::min(most, examples) : examples;
+}
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_EPOCH_SIZE_H_
