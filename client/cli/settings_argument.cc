@@ -7,6 +7,8 @@
 #include <memory>
 #include <vector>
 
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -34,6 +36,26 @@ std::string FieldNames(const Descriptor& descriptor) {
   return absl::StrJoin(names, ", ");
 }
 
+// What the names of an enumeration's values begin with: that of Objective, with OBJECTIVE_BASE, is
+// "OBJECTIVE_".
+std::string ValuePrefix(const google::protobuf::EnumDescriptor& enumeration) {
+  return std::string(absl::StripSuffix(enumeration.value(0)->name(), "UNSPECIFIED"));
+}
+
+// "base, dual or unified" of Objective.
+std::string ValueNames(const google::protobuf::EnumDescriptor& enumeration) {
+  const std::string prefix = ValuePrefix(enumeration);
+  std::string names;
+  for (int i = 1; i < enumeration.value_count(); ++i) {
+    absl::StrAppend(&names,
+                    i == 1                               ? ""
+                    : i + 1 == enumeration.value_count() ? " or "
+                                                         : ", ",
+                    absl::AsciiStrToLower(absl::StripPrefix(enumeration.value(i)->name(), prefix)));
+  }
+  return names;
+}
+
 // What a field takes, for people.
 std::string Kind(const FieldDescriptor& field) {
   std::string kind = IsDuration(field) ? "a duration such as 0.5s"
@@ -41,6 +63,8 @@ std::string Kind(const FieldDescriptor& field) {
                          ? absl::StrCat(field.message_type()->name(), " as JSON with ",
                                         FieldNames(*field.message_type()))
                      : field.cpp_type() == FieldDescriptor::CPPTYPE_STRING ? "text"
+                     : field.cpp_type() == FieldDescriptor::CPPTYPE_ENUM
+                         ? ValueNames(*field.enum_type())
                      : field.cpp_type() == FieldDescriptor::CPPTYPE_BOOL   ? "true or false"
                      : field.cpp_type() == FieldDescriptor::CPPTYPE_DOUBLE ? "a number"
                                                                            : "a whole number";
@@ -54,6 +78,12 @@ std::string JsonValue(const FieldDescriptor& field, const std::string& value) {
   }
   if (field.cpp_type() == FieldDescriptor::CPPTYPE_STRING) {
     return absl::StrCat("\"", absl::StrReplaceAll(value, {{"\\", "\\\\"}, {"\"", "\\\""}}), "\"");
+  }
+  if (field.cpp_type() == FieldDescriptor::CPPTYPE_ENUM) {
+    // "dual" and "OBJECTIVE_DUAL" alike.
+    const std::string prefix = ValuePrefix(*field.enum_type());
+    const std::string name = absl::AsciiStrToUpper(value);
+    return absl::StrCat("\"", absl::StartsWith(name, prefix) ? "" : prefix, name, "\"");
   }
   if (IsDuration(field)) {
     return absl::StrCat("\"", absl::StripSuffix(value, "s"), "s\"");

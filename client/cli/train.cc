@@ -17,6 +17,7 @@ struct Arguments {
   std::string model;
   std::vector<std::string> datasets;
   std::optional<std::string> preset;
+  std::optional<std::string> objective;
   std::optional<std::string> settings_file;
   std::vector<std::string> assignments;
   std::optional<std::string> horizon;
@@ -39,6 +40,10 @@ absl::StatusOr<v1::TrainingSettings> Settings(const Arguments& arguments,
     if (!status.ok()) return status;
   }
   if (arguments.preset) settings.set_preset(*arguments.preset);
+  if (arguments.objective) {
+    absl::Status status = SetField("model.objective=" + *arguments.objective, &settings);
+    if (!status.ok()) return status;
+  }
   if (arguments.seed) settings.set_seed(*arguments.seed);
   if (arguments.actions) {
     settings.mutable_model()->set_actions(static_cast<int32_t>(*arguments.actions));
@@ -111,8 +116,13 @@ void AddTrain(Command& root, Environment& environment) {
       "             --set optimization.batch_size=128 --set model.decoder.hidden=256,256 --detach");
   command.Argument("MODEL", &arguments->model, "The model: a-z, 0-9 and -; need not exist");
   command.Option("--dataset", &arguments->datasets, "Dataset to learn from; may be repeated", true);
-  command.Option("--preset", &arguments->preset,
-                 "compact (minutes on two cores) or paper (its sizes) [compact]");
+  command.Option(
+      "--objective", &arguments->objective,
+      "base (actions alone), dual (then how they fit the scene) or unified (all at once) "
+      "[unified]");
+  command.Option(
+      "--preset", &arguments->preset,
+      "compact (minutes on two cores), paper (its sizes) or literal (by its letter) [compact]");
   command.Option("--settings", &arguments->settings_file,
                  "File with TrainingSettings as proto3 JSON");
   command.Option("--set", &arguments->assignments,

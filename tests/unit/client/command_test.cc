@@ -143,12 +143,16 @@ TEST(SetFieldTest, SetsEveryKindOfField) {
         "model.decoder.hidden=500,500", "examples.stride=0.5s", "model.raster.frame_interval=0.25",
         "augmentation.mirror=false", "augmentation.scale=0",
         "model.backbone.convolutions=[{\"channels\": 32, \"stride\": 2}]",
-        "model.latentDimensions=3"}) {
+        "model.latentDimensions=3", "model.objective=dual", "model.target_motion=false",
+        "optimization.mixture_placement=MIXTURE_PLACEMENT_ENCODED_POINTS"}) {
     const absl::Status status = SetField(assignment, &settings);
     EXPECT_TRUE(status.ok()) << assignment << ": " << status;
   }
   EXPECT_EQ(settings.preset(), "paper");
   EXPECT_EQ(settings.seed(), 7);
+  EXPECT_EQ(settings.model().objective(), v1::OBJECTIVE_DUAL);
+  EXPECT_TRUE(settings.model().has_target_motion());
+  EXPECT_EQ(settings.optimization().mixture_placement(), v1::MIXTURE_PLACEMENT_ENCODED_POINTS);
   EXPECT_EQ(settings.optimization().learning_rate(), 5e-4);
   EXPECT_EQ(settings.optimization().joint_epochs(), 20);
   EXPECT_THAT(settings.model().decoder().hidden(), ElementsAre(500, 500));
@@ -170,6 +174,7 @@ TEST(SetFieldTest, MistakesSayWhatThereIs) {
   };
   EXPECT_THAT(message("modle.actions=5"), HasSubstr("TrainingSettings has preset, model,"));
   EXPECT_THAT(message("model.actions=many"), HasSubstr("it takes a whole number"));
+  EXPECT_THAT(message("model.objective=best"), HasSubstr("it takes base, dual or unified"));
   EXPECT_THAT(message("seed.low=1"), HasSubstr("seed has no fields"));
   EXPECT_THAT(message("seed"), HasSubstr("is not FIELD=VALUE"));
   EXPECT_THAT(message("examples.stride=soon"), HasSubstr("a duration such as 0.5s"));
