@@ -19,8 +19,8 @@ v1::Scenario ArcRecording(const std::string& id, double curvature, double speed)
 // Lanes that a fork shows.
 enum class Fork { kLeft, kRight, kBoth };
 
-// A vehicle that drives straight on for 2 s at 8 m/s and then along an arc to the left or the right.
-// The map shows the lane of that arc, the one of its mirror image, or both.
+// A vehicle that drives straight on for 2 s at 8 m/s and then along an arc to the left or the
+// right. The map shows the lane of that arc, the one of its mirror image, or both.
 //   curvature: of the arcs, 1/m, positive
 v1::Scenario ForkRecording(const std::string& id, Fork lanes, bool turns_left, double curvature);
 
