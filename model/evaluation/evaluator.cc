@@ -8,8 +8,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
-#include "model/data/example_index.h"
-#include "model/evaluation/measurement.h"
+#include "model/evaluation/example_sample.h"
 #include "model/evaluation/report.h"
 
 namespace maneuver::evaluation {
@@ -25,6 +24,27 @@ std::vector<data::Example> EnumerateAll(const EvaluationInput& input, const v1::
     std::move(found.begin(), found.end(), std::back_inserter(examples));
   }
   return examples;
+}
+
+void AddSample(const MeasuredExamples& all, const EvaluationInput& input,
+               v1::EvaluationReport& report) {
+  const auto count = static_cast<size_t>(std::max(0, input.sampled_examples));
+  for (const size_t i : SampleExamples(all.examples, input.recordings, count)) {
+    const data::Example& example = all.examples[i];
+    const Measurement& measured = all.measured[i];
+    v1::EvaluatedExample& proto = *report.add_sampled_examples();
+    proto.set_scenario_id(input.recordings[static_cast<size_t>(example.recording)].scenario_id());
+    proto.set_target_id(example.target_id);
+    proto.set_time(example.time);
+    for (size_t t = 0; t + 1 < example.trajectory.size(); t += 2) {
+      proto.mutable_trajectory()->add_x(static_cast<double>(example.trajectory[t]));
+      proto.mutable_trajectory()->add_y(static_cast<double>(example.trajectory[t + 1]));
+    }
+    proto.mutable_probabilities()->Add(measured.probabilities.begin(),
+                                       measured.probabilities.end());
+    proto.mutable_responsibilities()->Add(measured.responsibilities.begin(),
+                                          measured.responsibilities.end());
+  }
 }
 
 // Measures the examples on the input's threads; false if its `progress` stopped it.
@@ -59,20 +79,31 @@ bool MeasureAll(const MeasuringContext& context, const EvaluationInput& input,
 
 }  // namespace
 
-absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& model,
-                                              const EvaluationInput& input) {
-  const std::vector<data::Example> examples = EnumerateAll(input, model.spec());
-  if (examples.empty()) {
+absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& model,
+                                                 const EvaluationInput& input) {
+  MeasuredExamples all;
+  all.examples = EnumerateAll(input, model.spec());
+  if (all.examples.empty()) {
     return absl::FailedPreconditionError(
         "the recordings hold no example: none has a vehicle with a second of past and a whole "
         "horizon of future; use longer recordings or a model with a shorter horizon");
   }
   const MeasuringContext context(model, input.recordings, input.annotations);
-  std::vector<Measurement> measured(examples.size());
-  if (!MeasureAll(context, input, examples, measured)) {
+  all.measured.resize(all.examples.size());
+  all.measured_by_waymo = !context.waymo.measured_times().empty();
+  if (!MeasureAll(context, input, all.examples, all.measured)) {
     return absl::CancelledError("the evaluation was stopped");
   }
-  return MakeReport(measured, !context.waymo.measured_times().empty());
+  return all;
+}
+
+absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& model,
+                                              const EvaluationInput& input) {
+  const absl::StatusOr<MeasuredExamples> all = MeasureExamples(model, input);
+  if (!all.ok()) return all.status();
+  v1::EvaluationReport report = MakeReport(all->measured, all->measured_by_waymo);
+  AddSample(*all, input, report);
+  return report;
 }
 
 }  // namespace maneuver::evaluation

@@ -6,11 +6,14 @@
 #include <cstdint>
 #include <functional>
 #include <span>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "maneuver/v1/scenario.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "model/data/example_index.h"
+#include "model/evaluation/measurement.h"
 #include "model/inference/action_model.h"
 
 namespace maneuver::evaluation {
@@ -21,6 +24,8 @@ struct EvaluationInput {
   std::span<const v1::ManeuverAnnotation> annotations;
   v1::ExampleSettings examples;  // complete
   int threads = 1;
+  // So many examples are carried in the report (example_sample.h).
+  int sampled_examples = 0;
   // Called now and then with examples done and in all; false stops the evaluation. May be empty.
   // Called from one thread at a time.
   std::function<bool(int64_t done, int64_t total)> progress;
@@ -67,6 +72,17 @@ struct EvaluationInput {
 // FAILED_PRECONDITION if the recordings hold no example; CANCELLED if `progress` said so.
 absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& model,
                                               const EvaluationInput& input);
+
+// What each example measured, in the order of the recordings: what Evaluate averages.
+struct MeasuredExamples {
+  std::vector<data::Example> examples;
+  std::vector<Measurement> measured;  // as many
+  bool measured_by_waymo = false;
+};
+
+// Errors: those of Evaluate.
+absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& model,
+                                                 const EvaluationInput& input);
 
 }  // namespace maneuver::evaluation
 

@@ -18,6 +18,7 @@ namespace {
 
 constexpr size_t kMaxRequestId = 128;
 constexpr int kMaxDatasets = 100;
+constexpr int kMaxSampledExamples = 1000;
 constexpr char kDatasetRule[] =
     "expected datasets/{dataset}, with ids of lower-case letters, digits and hyphens";
 
@@ -95,6 +96,9 @@ absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request) {
   }
   if (!security::ParseDatasetName(request.dataset(), "dataset").ok()) {
     violations.push_back({"dataset", kDatasetRule});
+  }
+  if (request.sampled_examples() < 0 || request.sampled_examples() > kMaxSampledExamples) {
+    violations.push_back({"sampled_examples", absl::StrCat("must be 0 to ", kMaxSampledExamples)});
   }
   CheckRequestId(request.request_id(), violations);
   v1::TrainingSettings settings;

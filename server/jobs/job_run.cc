@@ -106,7 +106,8 @@ absl::Status Evaluate(v1::Job& job, const fs::path& folder, const JobRunEnvironm
   const std::string id(absl::StripPrefix(request.dataset(), "datasets/"));
   absl::Status status = RunTrainer(
       {"evaluate", "--model", model->folder, "--dataset", environment.datasets->FolderOf(id),
-       "--settings", folder / kSettingsFile, "--output", folder / kOutput, "--progress", "json"},
+       "--settings", folder / kSettingsFile, "--output", folder / kOutput, "--sampled-examples",
+       std::to_string(request.sampled_examples()), "--progress", "json"},
       folder, environment, stop, progress);
   if (!status.ok() || stop.reason() != StopRequest::Reason::kNone) return status;
   const auto text = files::ReadFile(folder / kOutput);

@@ -13,41 +13,15 @@
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/artifact/training_presets.h"
-#include "model/data/dataset_folder.h"
 #include "model/evaluation/evaluator.h"
 #include "model/evaluation/report_text.h"
 #include "model/inference/action_model.h"
 #include "model/learning/run_progress.h"
+#include "server/jobs/trainer/recordings.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
 
 namespace maneuver::trainer {
-namespace {
-
-struct Recordings {
-  std::vector<v1::Scenario> scenarios;
-  std::vector<v1::ManeuverAnnotation> annotations;
-};
-
-absl::StatusOr<Recordings> ReadRecordings(const std::filesystem::path& folder) {
-  Recordings recordings;
-  absl::Status status =
-      data::ForEachScenario(folder, data::OnDamage::kStop, [&](v1::Scenario&& scenario) {
-        recordings.scenarios.push_back(std::move(scenario));
-        return !StopRequested();
-      });
-  if (!status.ok()) return status;
-  status = data::ForEachAnnotation(folder, data::OnDamage::kStop,
-                                   [&](v1::ManeuverAnnotation&& annotation) {
-                                     recordings.annotations.push_back(std::move(annotation));
-                                     return true;
-                                   });
-  if (!status.ok()) return status;
-  if (StopRequested()) return absl::CancelledError("the evaluation was stopped");
-  return recordings;
-}
-
-}  // namespace
 
 EvaluateCommand::EvaluateCommand(CLI::App& app) {
   CLI::App* command =
@@ -61,6 +35,11 @@ EvaluateCommand::EvaluateCommand(CLI::App& app) {
       ->add_option("--settings", settings_,
                    "ExampleSettings as JSON; what is left out is the preset's")
       ->type_name("FILE");
+  command
+      ->add_option("--sampled-examples", sampled_examples_,
+                   "Carry so many of the examples in the report, for figures")
+      ->check(CLI::Range(0, 1000))
+      ->type_name("N");
   command->add_option("--threads", threads_, "Threads; 0: one for each core")
       ->check(CLI::Range(0, 1024))
       ->type_name("N");
@@ -115,6 +94,7 @@ absl::StatusOr<v1::EvaluationReport> EvaluateCommand::Measure(const v1::ExampleS
   input.recordings = recordings->scenarios;
   input.annotations = recordings->annotations;
   input.examples = examples;
+  input.sampled_examples = sampled_examples_;
   input.threads =
       threads_ > 0 ? threads_ : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
   int64_t reported = 0;  // hundredths

@@ -31,6 +31,7 @@ class EvaluateCommand {
   std::filesystem::path dataset_;
   std::filesystem::path output_;
   std::filesystem::path settings_;
+  int sampled_examples_ = 0;
   int threads_ = 0;
   std::string progress_ = "bar";
 };

@@ -10,6 +10,7 @@
 #include <system_error>
 
 #include "server/jobs/trainer/evaluate_command.h"
+#include "server/jobs/trainer/match_actions_command.h"
 #include "server/jobs/trainer/prune_command.h"
 #include "server/jobs/trainer/stop_signal.h"
 #include "server/jobs/trainer/train_command.h"
@@ -68,6 +69,7 @@ int main(int argc, char** argv) {
   maneuver::trainer::TrainCommand train(app);
   maneuver::trainer::EvaluateCommand evaluate(app);
   maneuver::trainer::PruneCommand prune(app);
+  maneuver::trainer::MatchActionsCommand match(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -76,5 +78,6 @@ int main(int argc, char** argv) {
   }
   maneuver::trainer::InstallStopSignals();
   if (train.chosen()) return train.Run();
+  if (match.chosen()) return match.Run();
   return prune.chosen() ? prune.Run() : evaluate.Run();
 }

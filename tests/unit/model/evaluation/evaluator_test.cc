@@ -1,7 +1,9 @@
 #include "model/evaluation/evaluator.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <string>
@@ -208,6 +210,42 @@ TEST_F(EvaluatorTest, AgreesWithRecordedManoeuvresIfThereAreAny) {
   report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   EXPECT_EQ(report->metrics().at("labelled_examples"), 1.0);
+}
+
+TEST_F(EvaluatorTest, CarriesAsManyExamplesAsAskedForTheSameInAnyOrder) {
+  auto report = Evaluate(*model_, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  EXPECT_EQ(report->sampled_examples_size(), 0);
+  input_.sampled_examples = 6;
+  report = Evaluate(*model_, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  ASSERT_EQ(report->sampled_examples_size(), 6);
+  const v1::EvaluatedExample& first = report->sampled_examples(0);
+  EXPECT_EQ(first.target_id(), 7);
+  EXPECT_EQ(first.time(), 1.0);
+  ASSERT_EQ(first.trajectory().x_size(), kWaypoints);
+  EXPECT_NEAR(first.trajectory().x(kWaypoints - 1), 3.0 * kSpeed + 4.5 * kAcceleration, 1e-4);
+  EXPECT_NEAR(first.trajectory().y(kWaypoints - 1), 0.0, 1e-4);
+  EXPECT_THAT(first.probabilities(), testing::ElementsAre(0.6, 0.3, 0.1));
+  EXPECT_THAT(first.responsibilities(), testing::ElementsAre(0.2, 0.7, 0.1));
+
+  const auto drawn = [](const v1::EvaluationReport& from) {
+    std::vector<int> ids;
+    for (const auto& example : from.sampled_examples())
+      ids.push_back(std::stoi(example.scenario_id()));
+    return ids;
+  };
+  const std::vector<int> ids = drawn(*report);
+  EXPECT_TRUE(std::is_sorted(ids.begin(), ids.end()));   // in the order of the recordings
+  EXPECT_NE(ids, (std::vector<int>{0, 1, 2, 3, 4, 5}));  // and not the first of them
+  std::reverse(recordings_.begin(), recordings_.end());
+  report = Evaluate(*model_, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  EXPECT_THAT(drawn(*report), testing::UnorderedElementsAreArray(ids));
+  input_.sampled_examples = 1000;
+  report = Evaluate(*model_, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  EXPECT_EQ(report->sampled_examples_size(), 20);
 }
 
 TEST_F(EvaluatorTest, AnyNumberOfThreadsMeasuresTheSameBits) {

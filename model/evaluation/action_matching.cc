@@ -1,0 +1,230 @@
+#include "model/evaluation/action_matching.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "model/artifact/model_spec.h"
+#include "model/evaluation/assignment.h"
+#include "model/evaluation/calibration.h"
+#include "model/evaluation/clustering.h"
+#include "model/evaluation/kinematic_classes.h"
+
+namespace maneuver::evaluation {
+namespace {
+
+using inference::Trajectory;
+
+// An effective action of one of the models.
+struct Candidate {
+  v1::MatchedAction description;
+  Trajectory mean;  // generic, target frame
+};
+
+absl::StatusOr<Trajectory> MeanOf(const v1::Action& action, size_t waypoints) {
+  const v1::Trajectory& mean = action.distribution().mean_trajectory();
+  if (mean.x_size() != static_cast<int>(waypoints) || mean.y_size() != mean.x_size()) {
+    return absl::InvalidArgumentError(absl::StrCat("the mean trajectory of action ",
+                                                   action.action_id(), " has not ", waypoints,
+                                                   " waypoints"));
+  }
+  Trajectory trajectory(mean.x_size(), 2);
+  for (int t = 0; t < mean.x_size(); ++t) trajectory.row(t) << mean.x(t), mean.y(t);
+  return trajectory;
+}
+
+//   shares: [K]; empty: those of the manifest
+absl::StatusOr<std::vector<Candidate>> CandidatesOf(const v1::ModelManifest& manifest,
+                                                    const Eigen::VectorXd& shares,
+                                                    std::span<const double> waypoint_times) {
+  std::vector<Candidate> candidates;
+  for (const v1::Action& action : manifest.actions()) {
+    if (!action.effective()) continue;
+    absl::StatusOr<Trajectory> mean = MeanOf(action, waypoint_times.size());
+    if (!mean.ok()) return mean.status();
+    v1::MatchedAction description;
+    description.set_action_id(action.action_id());
+    description.set_label(action.label());
+    description.set_kinematic_class(std::string(Name(Classify(*mean, waypoint_times))));
+    description.set_share(shares.size() == 0 ? action.usage() : shares[action.action_id()]);
+    candidates.push_back({std::move(description), *std::move(mean)});
+  }
+  if (candidates.empty()) {
+    return absl::InvalidArgumentError("a model has no effective action: there is nothing to match");
+  }
+  return candidates;
+}
+
+Eigen::MatrixXd DistancesOf(std::span<const Candidate> first, std::span<const Candidate> second) {
+  Eigen::MatrixXd distances(first.size(), second.size());
+  for (size_t i = 0; i < first.size(); ++i) {
+    for (size_t j = 0; j < second.size(); ++j) {
+      distances(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) =
+          (first[i].mean - second[j].mean).rowwise().norm().mean();
+    }
+  }
+  return distances;
+}
+
+// What pairing i and j costs; square, with idle partners for the larger side's leftovers.
+Eigen::MatrixXd CostsOf(std::span<const Candidate> first, std::span<const Candidate> second,
+                        const Eigen::MatrixXd& distances) {
+  constexpr double kLeastShare = 1e-6;  // actions of no share are still paired by distance
+  const auto weight = [](std::span<const Candidate> side, Eigen::Index i) {
+    const bool left_over = i >= static_cast<Eigen::Index>(side.size());
+    return left_over ? 0.0 : side[static_cast<size_t>(i)].description.share() + kLeastShare;
+  };
+  const Eigen::Index size = std::max(distances.rows(), distances.cols());
+  Eigen::MatrixXd costs(size, size);
+  for (Eigen::Index i = 0; i < size; ++i) {
+    for (Eigen::Index j = 0; j < size; ++j) {
+      const bool both = i < distances.rows() && j < distances.cols();
+      costs(i, j) = (weight(first, i) + weight(second, j)) / 2.0 *
+                    (both ? distances(i, j) : distances.maxCoeff());
+    }
+  }
+  return costs;
+}
+
+void AddPairs(std::span<const Candidate> first, std::span<const Candidate> second,
+              v1::ActionMatching& matching) {
+  const Eigen::MatrixXd distances = DistancesOf(first, second);
+  const std::vector<int> partners = LeastCostAssignment(CostsOf(first, second, distances));
+  std::vector<v1::ActionPair> pairs;
+  std::set<int> taken;
+  for (size_t i = 0; i < first.size(); ++i) {
+    if (partners[i] >= distances.cols()) {
+      *matching.add_unpaired_first() = first[i].description;
+      continue;
+    }
+    taken.insert(partners[i]);
+    v1::ActionPair& pair = pairs.emplace_back();
+    *pair.mutable_first() = first[i].description;
+    *pair.mutable_second() = second[static_cast<size_t>(partners[i])].description;
+    pair.set_distance(distances(static_cast<Eigen::Index>(i), partners[i]));
+  }
+  for (size_t j = 0; j < second.size(); ++j) {
+    if (!taken.contains(static_cast<int>(j))) {
+      *matching.add_unpaired_second() = second[j].description;
+    }
+  }
+  std::stable_sort(pairs.begin(), pairs.end(),
+                   [](const auto& a, const auto& b) { return a.distance() < b.distance(); });
+  matching.mutable_pairs()->Add(pairs.begin(), pairs.end());
+}
+
+void AddAgreement(v1::ActionMatching& matching) {
+  double distance = 0.0;
+  double weight = 0.0;
+  double first = 0.0;
+  double second = 0.0;
+  for (const v1::ActionPair& pair : matching.pairs()) {
+    const double shares = (pair.first().share() + pair.second().share()) / 2.0;
+    distance += shares * pair.distance();
+    weight += shares;
+    if (pair.distance() > matching.tolerance()) continue;
+    first += pair.first().share();
+    second += pair.second().share();
+  }
+  if (weight > 0.0) matching.set_mean_distance(distance / weight);
+  matching.set_agreeing_share_first(first);
+  matching.set_agreeing_share_second(second);
+}
+
+absl::StatusOr<v1::ActionMatching> Match(const v1::ModelManifest& first,
+                                         const Eigen::VectorXd& first_shares,
+                                         const v1::ModelManifest& second,
+                                         const Eigen::VectorXd& second_shares) {
+  const std::vector<double> times = artifact::WaypointTimes(first.spec().trajectory());
+  const std::vector<double> others = artifact::WaypointTimes(second.spec().trajectory());
+  const bool alike = std::equal(times.begin(), times.end(), others.begin(), others.end(),
+                                [](double a, double b) { return std::abs(a - b) < 1e-6; });
+  if (!alike || times.empty()) {
+    return absl::InvalidArgumentError(
+        "the models' waypoints are not at the same times: match models of one horizon and one "
+        "waypoint interval");
+  }
+  const auto ours = CandidatesOf(first, first_shares, times);
+  if (!ours.ok()) return ours.status();
+  const auto theirs = CandidatesOf(second, second_shares, times);
+  if (!theirs.ok()) return theirs.status();
+  v1::ActionMatching matching;
+  matching.set_tolerance(kToleranceSpeed * times.back());
+  AddPairs(*ours, *theirs, matching);
+  AddAgreement(matching);
+  return matching;
+}
+
+Eigen::VectorXd SharesOf(std::span<const Measurement> measured) {
+  ActionStatistics statistics(static_cast<int>(measured.front().probabilities.size()));
+  for (const Measurement& each : measured)
+    statistics.Add(each.probabilities, each.responsibilities);
+  return statistics.MeanProbability();
+}
+
+}  // namespace
+
+absl::StatusOr<v1::ActionMatching> MatchActions(const v1::ModelManifest& first,
+                                                const v1::ModelManifest& second) {
+  return Match(first, {}, second, {});
+}
+
+absl::StatusOr<v1::ActionMatching> MatchActions(const inference::ActionModel& first,
+                                                const inference::ActionModel& second,
+                                                const EvaluationInput& input) {
+  const absl::StatusOr<MeasuredExamples> ours = MeasureExamples(first, input);
+  if (!ours.ok()) return ours.status();
+  const absl::StatusOr<MeasuredExamples> theirs = MeasureExamples(second, input);
+  if (!theirs.ok()) return theirs.status();
+  absl::StatusOr<v1::ActionMatching> matching = Match(
+      first.manifest(), SharesOf(ours->measured), second.manifest(), SharesOf(theirs->measured));
+  if (!matching.ok()) return matching;
+
+  // Models that look back differently far do not have the same examples.
+  const auto key = [](const data::Example& example) {
+    return std::tuple(example.recording, example.target_id, example.time);
+  };
+  std::map<std::tuple<int, int64_t, double>, int> action_of;
+  for (size_t i = 0; i < ours->examples.size(); ++i) {
+    action_of[key(ours->examples[i])] = ours->measured[i].action;
+  }
+  std::vector<int> first_actions;
+  std::vector<int> second_actions;
+  for (size_t i = 0; i < theirs->examples.size(); ++i) {
+    const auto found = action_of.find(key(theirs->examples[i]));
+    if (found == action_of.end()) continue;
+    first_actions.push_back(found->second);
+    second_actions.push_back(theirs->measured[i].action);
+  }
+  *matching->mutable_coincidence() = CoincidenceOf(first_actions, second_actions, *matching);
+  return matching;
+}
+
+v1::ActionCoincidence CoincidenceOf(std::span<const int> first, std::span<const int> second,
+                                    const v1::ActionMatching& matching) {
+  std::set<std::pair<int, int>> pairs;
+  for (const v1::ActionPair& pair : matching.pairs()) {
+    pairs.emplace(pair.first().action_id(), pair.second().action_id());
+  }
+  ContingencyTable table;
+  int64_t paired = 0;
+  for (size_t i = 0; i < first.size(); ++i) {
+    table.Add(first[i], second[i]);
+    if (pairs.contains({first[i], second[i]})) ++paired;
+  }
+  v1::ActionCoincidence coincidence;
+  coincidence.set_examples(table.total());
+  coincidence.set_normalized_mutual_information(table.NormalizedMutualInformation());
+  if (table.total() > 0) {
+    coincidence.set_paired_share(static_cast<double>(paired) / static_cast<double>(table.total()));
+  }
+  return coincidence;
+}
+
+}  // namespace maneuver::evaluation

@@ -1,0 +1,55 @@
+// Whether two models, of two seeds for instance, have found the same actions.
+
+#ifndef MANEUVER_MODEL_EVALUATION_ACTION_MATCHING_H_
+#define MANEUVER_MODEL_EVALUATION_ACTION_MATCHING_H_
+
+#include <span>
+
+#include "absl/status/statusor.h"
+#include "maneuver/v1/action_matching.pb.h"
+#include "maneuver/v1/model.pb.h"
+#include "model/evaluation/evaluator.h"
+#include "model/inference/action_model.h"
+
+namespace maneuver::evaluation {
+
+// Pairs the effective actions of two models one to one. The distance of actions i and j is the
+// average displacement of their generic mean trajectories, p(z|y) decoded,
+//
+//   d(i, j) = 1/T sum_t |mu_i(t) - nu_j(t)|   metres,
+//
+// the ADE of motion forecasting between two predictions. The widths of the generic distributions,
+// which a 2-Wasserstein distance would add, are left out: they are fitted to each model's own
+// errors, and a pair shall be close when the vehicles are.
+//
+// With p_i the share of action i, its mean p(y|s), the pairs are those with the least
+//
+//   sum over pairs of w d,  w = (p_i + p_j) / 2   (assignment.h),
+//
+// so that actions that hardly occur do not part those that often do; one that is left over (the
+// other model has fewer) counts p / 2 times the largest of all d. Of the pairs:
+//   mean_distance   sum w d / sum w
+//   tolerance       kToleranceSpeed times the horizon: 2 m at 5 s
+//   agreeing_share  sum of p_i over the pairs with d <= tolerance, of all p_i = 1; likewise p_j
+//
+// Shares are those of the manifests (validation examples). INVALID_ARGUMENT if a manifest has no
+// effective action or the models' waypoints are not at the same times.
+absl::StatusOr<v1::ActionMatching> MatchActions(const v1::ModelManifest& first,
+                                                const v1::ModelManifest& second);
+
+// The same with shares over the examples of the recordings, and how far the models agree there on
+// which action each example was, argmax q(y|x,s). Errors: also those of MeasureExamples.
+absl::StatusOr<v1::ActionMatching> MatchActions(const inference::ActionModel& first,
+                                                const inference::ActionModel& second,
+                                                const EvaluationInput& input);
+
+// Over examples whose actions are `first` and `second`, [N] each: normalised mutual information,
+// and the share whose actions are one of the pairs.
+v1::ActionCoincidence CoincidenceOf(std::span<const int> first, std::span<const int> second,
+                                    const v1::ActionMatching& matching);
+
+inline constexpr double kToleranceSpeed = 0.4;  // m/s
+
+}  // namespace maneuver::evaluation
+
+#endif  // MANEUVER_MODEL_EVALUATION_ACTION_MATCHING_H_

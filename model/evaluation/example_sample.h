@@ -1,0 +1,23 @@
+// Some of the examples, for pictures.
+
+#ifndef MANEUVER_MODEL_EVALUATION_EXAMPLE_SAMPLE_H_
+#define MANEUVER_MODEL_EVALUATION_EXAMPLE_SAMPLE_H_
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "maneuver/v1/scenario.pb.h"
+#include "model/data/example_index.h"
+
+namespace maneuver::evaluation {
+
+// Indices of at most `count` of the examples, ascending: those with the smallest hash of scenario
+// id, target and time. Every example is as likely as any other, and the same ones are drawn
+// whatever the model, the order of the recordings and the number of threads.
+std::vector<size_t> SampleExamples(std::span<const data::Example> examples,
+                                   std::span<const v1::Scenario> recordings, size_t count);
+
+}  // namespace maneuver::evaluation
+
+#endif  // MANEUVER_MODEL_EVALUATION_EXAMPLE_SAMPLE_H_

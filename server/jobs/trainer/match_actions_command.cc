@@ -1,0 +1,62 @@
+#include "server/jobs/trainer/match_actions_command.h"
+
+#include <algorithm>
+#include <iostream>
+#include <thread>
+
+#include "model/artifact/training_presets.h"
+#include "model/evaluation/action_matching.h"
+#include "model/evaluation/action_matching_text.h"
+#include "model/inference/action_model.h"
+#include "server/jobs/trainer/recordings.h"
+#include "server/jobs/trainer/settings_file.h"
+#include "server/jobs/trainer/stop_signal.h"
+
+namespace maneuver::trainer {
+
+MatchActionsCommand::MatchActionsCommand(CLI::App& app)
+    : command_(app.add_subcommand(
+          "match-actions",
+          "Match the effective actions of two models, of two seeds for instance, one to one, and "
+          "say how well they agree")) {
+  command_->add_option("FIRST", first_, "Model folder")->type_name("FOLDER")->required();
+  command_->add_option("SECOND", second_, "Model folder")->type_name("FOLDER")->required();
+  command_
+      ->add_option("--dataset", dataset_,
+                   "Dataset folder: shares of the actions, and agreement example by example, there")
+      ->type_name("FOLDER");
+  command_->add_option("--output", output_, "ActionMatching as JSON")->type_name("FILE");
+  command_->add_option("--threads", threads_, "Threads; 0: one for each core")
+      ->check(CLI::Range(0, 1024))
+      ->type_name("N");
+}
+
+int MatchActionsCommand::Run() const { return ExitStatus(Print()); }
+
+absl::Status MatchActionsCommand::Print() const {
+  const absl::StatusOr<v1::ActionMatching> matching = Match();
+  if (!matching.ok()) return matching.status();
+  std::cout << evaluation::ActionMatchingText(*matching);
+  return output_.empty() ? absl::OkStatus() : WriteJson(output_, *matching);
+}
+
+absl::StatusOr<v1::ActionMatching> MatchActionsCommand::Match() const {
+  const auto first = inference::ActionModel::Load(first_, {});
+  if (!first.ok()) return first.status();
+  const auto second = inference::ActionModel::Load(second_, {});
+  if (!second.ok()) return second.status();
+  if (dataset_.empty()) {
+    return evaluation::MatchActions((*first)->manifest(), (*second)->manifest());
+  }
+  const absl::StatusOr<Recordings> recordings = ReadRecordings(dataset_);
+  if (!recordings.ok()) return recordings.status();
+  evaluation::EvaluationInput input;
+  input.recordings = recordings->scenarios;
+  input.examples = artifact::ResolveTrainingSettings({}).examples();
+  input.threads =
+      threads_ > 0 ? threads_ : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  input.progress = [](int64_t, int64_t) { return !StopRequested(); };
+  return evaluation::MatchActions(**first, **second, input);
+}
+
+}  // namespace maneuver::trainer

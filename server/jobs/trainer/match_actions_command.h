@@ -1,0 +1,36 @@
+#ifndef MANEUVER_SERVER_JOBS_TRAINER_MATCH_ACTIONS_COMMAND_H_
+#define MANEUVER_SERVER_JOBS_TRAINER_MATCH_ACTIONS_COMMAND_H_
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "maneuver/v1/action_matching.pb.h"
+
+namespace maneuver::trainer {
+
+// maneuver-trainer match-actions: whether two model folders hold the same actions.
+class MatchActionsCommand {
+ public:
+  explicit MatchActionsCommand(CLI::App& app);
+
+  bool chosen() const { return command_->parsed(); }
+  // The exit status.
+  int Run() const;
+
+ private:
+  absl::Status Print() const;
+  absl::StatusOr<v1::ActionMatching> Match() const;
+
+  CLI::App* command_;
+  std::filesystem::path first_;
+  std::filesystem::path second_;
+  std::filesystem::path dataset_;
+  std::filesystem::path output_;
+  int threads_ = 0;
+};
+
+}  // namespace maneuver::trainer
+
+#endif  // MANEUVER_SERVER_JOBS_TRAINER_MATCH_ACTIONS_COMMAND_H_
