@@ -4,6 +4,7 @@
 #include <ostream>
 
 #include "client/cli/commands.h"
+#include "client/cli/figures.h"
 #include "client/cli/job_display.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/settings_argument.h"
@@ -15,6 +16,7 @@ struct Arguments {
   std::string model;
   std::string dataset;
   std::vector<std::string> assignments;
+  std::optional<std::string> figures;
   bool detach = false;
 };
 
@@ -26,6 +28,7 @@ int Evaluate(const Arguments& arguments, Environment& environment) {
     const absl::Status status = SetField(assignment, request.mutable_examples());
     if (!status.ok()) return environment.Refuse(std::string(status.message()));
   }
+  if (arguments.figures) request.set_sampled_examples(kSampledExamples);
   const auto job = environment.server_client().Evaluate(request, environment.call_options());
   if (!job.ok()) return environment.Fail(job.status());
   if (arguments.detach) {
@@ -38,7 +41,18 @@ int Evaluate(const Arguments& arguments, Environment& environment) {
   }
   environment.err << job->name() << " measures " << request.model() << " on " << request.dataset()
                   << "; Ctrl-C stops watching\n";
-  return WatchToEnd(job->name(), environment);
+  const int watched = WatchToEnd(job->name(), environment);
+  if (watched != kOk || !arguments.figures) return watched;
+  v1::GetJobRequest ended;
+  ended.set_name(job->name());
+  const auto evaluated = environment.server_client().GetJob(ended, environment.call_options());
+  if (!evaluated.ok()) return environment.Fail(evaluated.status());
+  if (!evaluated->has_evaluation()) {  // left before its end
+    environment.err << "and once it has ended: maneuver job show " << ShortName(job->name())
+                    << " --figures " << *arguments.figures << "\n";
+    return kOk;
+  }
+  return DrawFigures(evaluated->evaluation(), *arguments.figures, environment);
 }
 
 }  // namespace
@@ -47,10 +61,14 @@ void AddEvaluate(Command& root, Environment& environment) {
   const auto arguments = std::make_shared<Arguments>();
   Command command = root.Add("evaluate", "Measure a model on a dataset",
                              "Example: maneuver evaluate town --dataset unseen\n"
-                             "         maneuver evaluate town/2 --dataset unseen --set stride=1s");
+                             "         maneuver evaluate town/2 --dataset unseen --set stride=1s\n"
+                             "         maneuver evaluate town --dataset unseen --figures figures");
   command.Argument("MODEL", &arguments->model, "town (what serves), town/2 or town@candidate");
   command.Argument("--dataset", &arguments->dataset, "Dataset to measure it on");
   command.Option("--set", &arguments->assignments, "FIELD=VALUE of ExampleSettings");
+  command.Option(
+      "--figures", &arguments->figures,
+      "Folder to draw into: actions, their means over trajectories, scenes, reliability");
   command.Flag("--detach", &arguments->detach, "Start the job and return");
   command.Run([arguments, &environment] { return Evaluate(*arguments, environment); });
 }

@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "client/cli/commands.h"
+#include "client/cli/figures.h"
 #include "client/cli/job_display.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/table.h"
@@ -58,14 +59,21 @@ int List(Environment& environment) {
   return kOk;
 }
 
-int Show(const std::string& name, Environment& environment) {
+int Show(const std::string& name, const std::optional<std::string>& figures,
+         Environment& environment) {
   v1::GetJobRequest request;
   request.set_name(JobResource(name));
   const auto job = environment.server_client().GetJob(request, environment.call_options());
   if (!job.ok()) return environment.Fail(job.status());
+  if (figures && job->evaluation().sampled_examples().empty()) {
+    return environment.Refuse(
+        "this job has nothing to draw: figures are of an evaluation that was started with "
+        "maneuver evaluate ... --figures and has ended");
+  }
+  const int drawn = figures ? DrawFigures(job->evaluation(), *figures, environment) : kOk;
   if (environment.json()) {
     environment.PrintJson(*job);
-    return kOk;
+    return drawn;
   }
   Table table({{"JOB"}, {ShortName(job->name())}});
   table.Add({"what", Kind(*job)});
@@ -88,7 +96,7 @@ int Show(const std::string& name, Environment& environment) {
   if (job->evaluation().metrics_size() > 0) {
     environment.out << "\n" << evaluation::ReportText(job->evaluation(), environment.color);
   }
-  return kOk;
+  return drawn;
 }
 
 int Cancel(const std::string& name, Environment& environment) {
@@ -124,9 +132,13 @@ void AddJob(Command& root, Environment& environment) {
   Command list = group.Add("list", "All jobs, newest first", "Example: maneuver job list");
   list.Run([&environment] { return List(environment); });
 
-  Command show = group.Add("show", "One job", "Example: maneuver job show 3f2a");
+  Command show = group.Add("show", "One job",
+                           "Example: maneuver job show 3f2a\n"
+                           "         maneuver job show 3f2a --figures figures");
   show.Argument("JOB", name.get(), "Its name, as maneuver job list prints it");
-  show.Run([=, &environment] { return Show(*name, environment); });
+  const auto figures = std::make_shared<std::optional<std::string>>();
+  show.Option("--figures", figures.get(), "Folder to draw an evaluation's figures into");
+  show.Run([=, &environment] { return Show(*name, *figures, environment); });
 
   Command watch =
       group.Add("watch", "Follow a job until it ends",

@@ -39,7 +39,8 @@ Line ToPixels(const Axes& axes, const Points& points) {
   return line;
 }
 
-absl::Status DrawAction(const v1::Action& action, const Box& cell, Canvas* canvas) {
+absl::Status DrawAction(const v1::Action& action, const std::string& name, const Box& cell,
+                        Canvas* canvas) {
   Points mean;
   absl::Status status = Read(action.distribution().mean_trajectory(), action.action_id(), &mean);
   if (!status.ok()) return status;
@@ -83,8 +84,7 @@ absl::Status DrawAction(const v1::Action& action, const Box& cell, Canvas* canva
   const double baseline = cell.top + 24.0;
   canvas->Text(id, {box.left, baseline}, 12.0, action.effective() ? kInk : kFaintInk, Anchor::kLeft,
                true);
-  canvas->Text(action.label(), {box.left + Canvas::TextWidth(id, 12.0, true) + 10.0, baseline},
-               10.0, kInk);
+  canvas->Text(name, {box.left + Canvas::TextWidth(id, 12.0, true) + 10.0, baseline}, 10.0, kInk);
   canvas->Text(absl::StrFormat("%.1f %%", 100.0 * action.usage()), {box.right(), baseline}, 10.0,
                kFaintInk, Anchor::kRight);
   return absl::OkStatus();
@@ -125,17 +125,21 @@ absl::StatusOr<std::string> Draw(const v1::ActionSet& actions,
   Canvas canvas(width, height, kPaper);
   const double horizon =
       actions.waypoint_times().empty() ? 0.0 : *actions.waypoint_times().rbegin();
-  const std::string title =
-      absl::StrFormat("%s   %d %s of %d   %g s, axes in metres", actions.model_version(),
-                      static_cast<int>(shown.size()),
-                      options.all || none_effective ? "actions" : "effective actions",
-                      actions.actions_size(), horizon);
+  const std::string title = absl::StrFormat(
+      "%s   %d %s of %d, %g s", actions.model_version(), static_cast<int>(shown.size()),
+      options.all || none_effective ? "actions" : "effective actions", actions.actions_size(),
+      horizon);
   canvas.Text(title, {20.0, 34.0}, 13.0, kInk, Anchor::kLeft, true);
   const int dimensions = (shown.front()->distribution().sigma_trajectories_size() - 1) / 2;
   DrawKey(dimensions, 20.0, 62.0, &canvas);
+  canvas.Text("axes in metres, ahead and left; share: mean p(y|s) in validation",
+              {width - 14.0, 62.0}, 9.0, kFaintInk, Anchor::kRight);
   const Box whole{0.0, kHeader, double(width), height - kHeader - 6.0};
   for (size_t i = 0; i < shown.size(); ++i) {
-    status = DrawAction(*shown[i], CellOf(grid, static_cast<int>(i), whole), &canvas);
+    const auto name = options.names.find(shown[i]->action_id());
+    const bool named = shown[i]->label().empty() && name != options.names.end();
+    status = DrawAction(*shown[i], named ? name->second : shown[i]->label(),
+                        CellOf(grid, static_cast<int>(i), whole), &canvas);
     if (!status.ok()) return status;
   }
   return canvas.EncodePng();

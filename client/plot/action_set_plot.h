@@ -3,6 +3,7 @@
 #ifndef MANEUVER_CLIENT_PLOT_ACTION_SET_PLOT_H_
 #define MANEUVER_CLIENT_PLOT_ACTION_SET_PLOT_H_
 
+#include <map>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -16,10 +17,12 @@ struct ActionSetPlotOptions {
   int height = 0;
   // Actions that are not effective as well.
   bool all = false;
+  std::map<int, std::string> names = {};  // of actions that have no label, by id
 };
 
 // Draws one panel for each effective action (for all of them, if none is): its mean black, its
-// sigma trajectories coloured by latent dimension, axes in metres at the same scale. Returns a PNG
+// sigma trajectories coloured by latent dimension, axes in metres at the same scale; over it id,
+// name and usage. Returns a PNG
 // file; the same for the same input. INVALID_ARGUMENT if there are no actions, a trajectory has
 // unequal numbers of x and y, or the size is out of range.
 absl::StatusOr<std::string> DrawActionSet(const v1::ActionSet& actions,

@@ -97,9 +97,11 @@ Color ActionColor(int action_id) {
 }
 
 Color LatentColor(int dimension) {
-  constexpr std::array<Color, 8> kColors = {Color{31, 119, 180}, {255, 127, 14},  {44, 160, 44},
-                                            {214, 39, 40},       {148, 103, 189}, {140, 86, 75},
-                                            {227, 119, 194},     {23, 190, 207}};
+  // The eight that Okabe and Ito chose for the colour-blind, with grey in place of black and a
+  // darker yellow.
+  constexpr std::array<Color, kLatentColors> kColors = {
+      Color{0, 114, 178}, {230, 159, 0},  {0, 158, 115}, {213, 94, 0},
+      {204, 121, 167},    {86, 180, 233}, {196, 181, 0}, {130, 130, 130}};
   return kColors[static_cast<size_t>(dimension) % kColors.size()];
 }
 

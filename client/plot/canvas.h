@@ -29,12 +29,17 @@ struct Box {
   double height = 0.0;
   double right() const { return left + width; }
   double bottom() const { return top + height; }
+  bool Holds(const Pixel& p) const {
+    return p.x >= left && p.x <= right() && p.y >= top && p.y <= bottom();
+  }
 };
 
 // A colour of its own for each action, bright enough for a dark ground and the same in every
 // picture.
 Color ActionColor(int action_id);
-// Of a latent dimension, for a light ground.
+// Of a latent dimension, for a light ground: one of kLatentColors that colour-blind people tell
+// apart too.
+inline constexpr int kLatentColors = 8;
 Color LatentColor(int dimension);
 
 class Canvas {

@@ -1,0 +1,281 @@
+#include "client/plot/target_panel.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/plot/label_placer.h"
+
+namespace maneuver::plot {
+namespace {
+
+constexpr double kHeader = 46.0;      // pixels over each panel
+constexpr double kLeftMargin = 76.0;  // for the axis' numbers
+constexpr double kRightMargin = 18.0;
+constexpr double kLowerMargin = 54.0;
+constexpr double kLeastWidth = 60.0;  // metres that a panel shows at least
+constexpr double kLeastHeight = 40.0;
+constexpr double kRow = 20.0;      // of the legend
+constexpr double kLetters = 10.0;  // height of its capitals
+constexpr double kBar = 70.0;      // pixels of probability 1
+
+Line ToPixels(const ScenePanel& panel, const std::vector<scene::Point2>& points) {
+  Line line;
+  for (const scene::Point2& p : points) line.push_back(panel.axes.ToPixel(p.x, p.y));
+  return line;
+}
+
+// What the sigma trajectories sweep: between each two waypoints, the convex hull of all of them.
+std::vector<Line> SweptBy(const std::vector<Line>& sigma) {
+  std::vector<Line> swept;
+  size_t waypoints = sigma.empty() ? 0 : sigma.front().size();
+  for (const Line& line : sigma) waypoints = std::min(waypoints, line.size());
+  for (size_t t = 0; t + 1 < waypoints; ++t) {
+    std::vector<cv::Point2f> points;
+    for (const Line& line : sigma) {
+      points.emplace_back(line[t]);
+      points.emplace_back(line[t + 1]);
+    }
+    std::vector<cv::Point2f> hull;
+    cv::convexHull(points, hull);
+    swept.emplace_back(hull.begin(), hull.end());
+  }
+  return swept;
+}
+
+void DrawScaleBar(const ScenePanel& panel, Canvas* canvas) {
+  const Box& box = panel.axes.box();
+  double meters = 100.0;
+  for (const double length : {50.0, 20.0, 10.0, 5.0, 2.0}) {
+    if (meters * panel.axes.pixels_per_meter() > box.width / 6.0) meters = length;
+  }
+  const double width = meters * panel.axes.pixels_per_meter();
+  const double y = box.bottom() - 16.0;
+  const double x = box.left + 16.0;
+  canvas->Strokes({{{x, y}, {x + width, y}},
+                   {{x, y - 4}, {x, y + 4}},
+                   {{x + width, y - 4}, {x + width, y + 4}}},
+                  kText, 1.6);
+  canvas->Text(absl::StrFormat("%g m", meters), {x + width / 2.0, y - 8.0}, 9.0, kText,
+               Anchor::kCenter);
+}
+
+}  // namespace
+
+const v1::Agent* AgentInSight(const v1::Scenario& scenario, int64_t agent_id) {
+  for (const v1::Agent& agent : scenario.agents()) {
+    if (agent.id() != agent_id) continue;
+    return StateNow(agent, scenario.prediction_time()) < 0 ? nullptr : &agent;
+  }
+  return nullptr;
+}
+
+TargetPanel::TargetPanel(const v1::Scenario& scenario, const v1::Agent& target,
+                         const v1::TargetPrediction& prediction, const ScenePlotOptions& options)
+    : scenario_(scenario), target_(target), prediction_(prediction), options_(options) {
+  const v1::AgentState& now = target.states(StateNow(target, scenario.prediction_time()));
+  X_WT_ = scene::Pose2(now.x(), now.y(), now.heading());
+}
+
+absl::Status TargetPanel::Prepare() {
+  for (const v1::ActionDistribution& distribution : prediction_.distributions()) {
+    if (distribution.probability() < options_.min_probability) continue;
+    ActionLines lines{&distribution, {}, {}};
+    for (const v1::Trajectory& sigma : distribution.sigma_trajectories()) {
+      lines.sigma.emplace_back();
+      absl::Status status = Read(sigma, &lines.sigma.back());
+      if (!status.ok()) return status;
+    }
+    absl::Status status = Read(distribution.mean_trajectory(), &lines.mean);
+    if (!status.ok()) return status;
+    actions_.push_back(std::move(lines));
+  }
+  // The most probable last, over the others.
+  std::stable_sort(actions_.begin(), actions_.end(), [](const auto& a, const auto& b) {
+    return a.distribution->probability() < b.distribution->probability();
+  });
+  return absl::OkStatus();
+}
+
+absl::Status TargetPanel::Read(const v1::Trajectory& trajectory,
+                               std::vector<scene::Point2>* points) const {
+  if (trajectory.x_size() != trajectory.y_size()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("a trajectory of target ", target_.id(), " has unequal numbers of x and y"));
+  }
+  // Every action starts where the target stands.
+  points->push_back({0.0, 0.0});
+  for (int i = 0; i < trajectory.x_size(); ++i) {
+    const scene::Point2 point{trajectory.x(i), trajectory.y(i)};
+    points->push_back(options_.frame == v1::FRAME_TARGET ? point : X_WT_.ToLocal(point));
+  }
+  return absl::OkStatus();
+}
+
+Extent TargetPanel::Shown() const {
+  Extent extent;
+  extent.Include(-target_.length(), 0.0);
+  for (const ActionLines& action : actions_) {
+    for (const scene::Point2& p : action.mean) extent.Include(p.x, p.y);
+    for (const auto& line : action.sigma) {
+      for (const scene::Point2& p : line) extent.Include(p.x, p.y);
+    }
+  }
+  const double now = scenario_.prediction_time();
+  for (const v1::AgentState& state : target_.states()) {
+    if (state.time() < now - 1.0) continue;
+    if (options_.horizon > 0.0 && state.time() > now + options_.horizon) continue;
+    const scene::Point2 p = X_WT_.ToLocal({state.x(), state.y()});
+    extent.Include(p.x, p.y);
+  }
+  const double margin = 6.0 + 0.06 * (extent.max_x - extent.min_x);
+  const double width = std::max(extent.max_x - extent.min_x + 2.0 * margin, kLeastWidth);
+  const double height = std::max(extent.max_y - extent.min_y + 2.0 * margin, kLeastHeight);
+  const double x = (extent.min_x + extent.max_x) / 2.0;
+  const double y = (extent.min_y + extent.max_y) / 2.0;
+  return {x - width / 2.0, x + width / 2.0, y - height / 2.0, y + height / 2.0};
+}
+
+void TargetPanel::Draw(const Box& cell, const Extent& shown, const Style& style,
+                       Canvas* canvas) const {
+  const Box box{cell.left + kLeftMargin, cell.top + kHeader,
+                cell.width - kLeftMargin - kRightMargin, cell.height - kHeader - kLowerMargin};
+  const ScenePanel panel{&scenario_, X_WT_, Axes(box, shown)};
+  const AxesStyle axes{{96, 99, 107}, kFaintText, {31, 34, 40}};
+  canvas->ClipTo(box);
+  panel.axes.DrawGrid(axes, canvas);
+  DrawMap(panel, canvas);
+  DrawSignals(panel, canvas);
+  DrawOtherAgents(panel, target_.id(), canvas);
+  for (const ActionLines& action : actions_) DrawSigma(panel, action, canvas);
+  for (const ActionLines& action : actions_) DrawMean(panel, action, canvas);
+  const Line truth = TruthLine(panel, target_, options_.horizon);
+  canvas->Stroke(truth, kGround, 5.0, 0.7);
+  canvas->Stroke(truth, kTruth, 2.6);
+  if (!truth.empty()) canvas->Disc(truth.back(), 4.0, kTruth);
+  DrawTarget(panel, target_, canvas);
+  DrawScaleBar(panel, canvas);
+  const Box legend = style.legend ? LegendBox(panel, truth) : Box();
+  DrawIds(panel, legend, truth, canvas);
+  if (style.legend) DrawLegend(legend, !truth.empty(), canvas);
+  canvas->ClipToAll();
+  panel.axes.DrawFrame(axes, canvas);
+  const std::string title =
+      style.title.empty() ? absl::StrFormat("%s   target %d   t = %.1f s", scenario_.scenario_id(),
+                                            target_.id(), scenario_.prediction_time())
+                          : style.title;
+  canvas->Text(title, {box.left, cell.top + 30.0}, 12.0, kText, Anchor::kLeft, true);
+  if (style.title.empty()) {
+    canvas->Text(options_.model_version, {box.right(), cell.top + 30.0}, 10.0, kFaintText,
+                 Anchor::kRight);
+  }
+}
+
+void TargetPanel::DrawSigma(const ScenePanel& panel, const ActionLines& action,
+                            Canvas* canvas) const {
+  std::vector<Line> lines;
+  for (const auto& sigma : action.sigma) lines.push_back(ToPixels(panel, sigma));
+  const Color color = ActionColor(action.distribution->action_id());
+  canvas->Polygons(SweptBy(lines), color, 0.16);
+  canvas->Strokes(lines, color, 1.0, 0.5);
+}
+
+void TargetPanel::DrawMean(const ScenePanel& panel, const ActionLines& action,
+                           Canvas* canvas) const {
+  const Line line = ToPixels(panel, action.mean);
+  const Color color = ActionColor(action.distribution->action_id());
+  canvas->Stroke(line, kGround, 6.0, 0.55);
+  canvas->Stroke(line, color, 3.2);
+  canvas->Disc(line.back(), 4.6, color);
+}
+
+// The id of each action at the end of its mean, where there is room for it.
+void TargetPanel::DrawIds(const ScenePanel& panel, const Box& legend, const Line& truth,
+                          Canvas* canvas) const {
+  LabelPlacer placer(panel.axes.box());
+  placer.Occupy(legend);
+  placer.Occupy(truth, 12.0);
+  for (const ActionLines& action : actions_) placer.Occupy(ToPixels(panel, action.mean), 8.0);
+  for (auto action = actions_.rbegin(); action != actions_.rend(); ++action) {
+    const Line line = ToPixels(panel, action->mean);
+    const int id = action->distribution->action_id();
+    const auto place = placer.Place(line.back(), absl::StrCat(id), 10.0, 40.0);
+    if (!place) continue;
+    canvas->Rectangle(place->frame, kGround, 0.72);
+    canvas->Text(absl::StrCat(id), place->baseline, 10.0, ActionColor(id), Anchor::kCenter, true);
+  }
+}
+
+std::string TargetPanel::Label(int action_id) const {
+  const auto label = options_.labels.find(action_id);
+  return label == options_.labels.end() ? "" : label->second;
+}
+
+// In the corner where it covers least of what the target may do and did. The lower left is the
+// scale bar's.
+Box TargetPanel::LegendBox(const ScenePanel& panel, const Line& truth) const {
+  double label_width = 0.0;
+  for (const ActionLines& action : actions_) {
+    label_width =
+        std::max(label_width, Canvas::TextWidth(Label(action.distribution->action_id()), kLetters));
+  }
+  if (label_width > 0.0) label_width += 14.0;
+  const size_t rows = actions_.size() + (truth.empty() ? 1 : 2);
+  const double width = 34.0 + 24.0 + label_width + kBar + 78.0;
+  const double height = kRow * static_cast<double>(rows) + 14.0;
+  const Box& box = panel.axes.box();
+  const double right = box.right() - width - 10.0;
+  const std::array<Box, 3> corners = {Box{right, box.top + 10.0, width, height},
+                                      {box.left + 10.0, box.top + 10.0, width, height},
+                                      {right, box.bottom() - height - 10.0, width, height}};
+  const auto covered = [&](const Box& corner) {
+    int64_t points = 0;
+    const auto count = [&](const Line& line) {
+      points += std::count_if(line.begin(), line.end(),
+                              [&](const Pixel& pixel) { return corner.Holds(pixel); });
+    };
+    count(truth);
+    for (const ActionLines& action : actions_) {
+      count(ToPixels(panel, action.mean));
+      for (const auto& sigma : action.sigma) count(ToPixels(panel, sigma));
+    }
+    return points;
+  };
+  return *std::min_element(corners.begin(), corners.end(),
+                           [&](const Box& a, const Box& b) { return covered(a) < covered(b); });
+}
+
+// Swatch, id, label and probability of each action, most probable first; then the other lines.
+void TargetPanel::DrawLegend(const Box& frame, bool truth, Canvas* canvas) const {
+  canvas->Rectangle(frame, {10, 11, 14}, 0.78);
+  double y = frame.top + 7.0 + kRow / 2.0;
+  const double swatch = frame.left + 10.0;
+  for (auto action = actions_.rbegin(); action != actions_.rend(); ++action, y += kRow) {
+    const v1::ActionDistribution& distribution = *action->distribution;
+    const Color color = ActionColor(distribution.action_id());
+    const double baseline = y + kLetters / 2.0;
+    canvas->Stroke({{swatch, y}, {swatch + 20.0, y}}, color, 3.2);
+    canvas->Text(absl::StrCat(distribution.action_id()), {swatch + 46.0, baseline}, kLetters, kText,
+                 Anchor::kRight);
+    canvas->Text(Label(distribution.action_id()), {swatch + 58.0, baseline}, kLetters, kText);
+    const double bar = frame.right() - kBar - 68.0;
+    canvas->Rectangle({bar, y - 5.0, kBar, 10.0}, color, 0.18);
+    canvas->Rectangle({bar, y - 5.0, kBar * std::clamp(distribution.probability(), 0.0, 1.0), 10.0},
+                      color, 0.95);
+    canvas->Text(absl::StrFormat("%.1f %%", 100.0 * distribution.probability()),
+                 {frame.right() - 8.0, baseline}, kLetters, kText, Anchor::kRight);
+  }
+  const auto key = [&](Color color, const std::string& text) {
+    canvas->Stroke({{swatch, y}, {swatch + 20.0, y}}, color, 2.6);
+    canvas->Text(text, {swatch + 34.0, y + kLetters / 2.0}, kLetters, kFaintText);
+    y += kRow;
+  };
+  key(kTarget, "target, past second");
+  if (truth) key(kTruth, "what it really did");
+}
+
+}  // namespace maneuver::plot

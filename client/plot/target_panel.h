@@ -1,0 +1,69 @@
+// Private to plot/: one target in its scene, with what it may do next.
+
+#ifndef MANEUVER_CLIENT_PLOT_TARGET_PANEL_H_
+#define MANEUVER_CLIENT_PLOT_TARGET_PANEL_H_
+
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "client/plot/axes.h"
+#include "client/plot/canvas.h"
+#include "client/plot/scene_layers.h"
+#include "client/plot/scene_plot.h"
+#include "maneuver/v1/prediction_service.pb.h"
+#include "maneuver/v1/scenario.pb.h"
+#include "model/scene/pose2.h"
+
+namespace maneuver::plot {
+
+// The agent, if the scenario has it and it is seen at the prediction time; else nothing.
+const v1::Agent* AgentInSight(const v1::Scenario& scenario, int64_t agent_id);
+
+// Keeps references to all that it is given.
+class TargetPanel {
+ public:
+  struct Style {
+    std::string title = "";  // empty: scenario, target and time, with the model at the right
+    bool legend = true;
+  };
+
+  //   target: in sight
+  TargetPanel(const v1::Scenario& scenario, const v1::Agent& target,
+              const v1::TargetPrediction& prediction, const ScenePlotOptions& options);
+
+  // Before the others. INVALID_ARGUMENT if a trajectory has unequal numbers of x and y.
+  absl::Status Prepare();
+
+  // What has to be seen: the target, what it may do, and what it did. Target frame.
+  Extent Shown() const;
+
+  void Draw(const Box& cell, const Extent& shown, const Style& style, Canvas* canvas) const;
+
+ private:
+  // The trajectories of one action, target frame, metres.
+  struct ActionLines {
+    const v1::ActionDistribution* distribution;
+    std::vector<std::vector<scene::Point2>> sigma;
+    std::vector<scene::Point2> mean;
+  };
+
+  absl::Status Read(const v1::Trajectory& trajectory, std::vector<scene::Point2>* points) const;
+  std::string Label(int action_id) const;
+  void DrawSigma(const ScenePanel& panel, const ActionLines& action, Canvas* canvas) const;
+  void DrawMean(const ScenePanel& panel, const ActionLines& action, Canvas* canvas) const;
+  void DrawIds(const ScenePanel& panel, const Box& legend, const Line& truth, Canvas* canvas) const;
+  Box LegendBox(const ScenePanel& panel, const Line& truth) const;
+  void DrawLegend(const Box& frame, bool truth, Canvas* canvas) const;
+
+  const v1::Scenario& scenario_;
+  const v1::Agent& target_;
+  const v1::TargetPrediction& prediction_;
+  const ScenePlotOptions& options_;
+  scene::Pose2 X_WT_;
+  std::vector<ActionLines> actions_;  // the most probable last
+};
+
+}  // namespace maneuver::plot
+
+#endif  // MANEUVER_CLIENT_PLOT_TARGET_PANEL_H_
