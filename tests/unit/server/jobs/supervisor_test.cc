@@ -45,11 +45,13 @@ TEST_F(SupervisorTest, ATrainedModelIsPublishedAndItsJobSucceeds) {
 
 TEST_F(SupervisorTest, AnEvaluationPutsItsReportOnTheJob) {
   Trainer(R"([ "$command" = evaluate ] || exit 64
+             case "$arguments" in *"--sampled-examples 3 "*) ;; *) exit 64;; esac
              printf '{"examples":"12","metrics":{"minADE6":1.5}}' > "$output")");
   Start();
   v1::EvaluateRequest request;
   request.set_model("models/town");
   request.set_dataset("datasets/village");
+  request.set_sampled_examples(3);
   const auto created = supervisor_->Evaluate(request);
   ASSERT_TRUE(created.ok()) << created.status();
   // The version that it meant when it was asked for.
@@ -157,6 +159,11 @@ TEST_F(SupervisorTest, WrongRequestsAreRefusedByField) {
   evaluate.set_dataset("town");
   EXPECT_TRUE(absl::IsInvalidArgument(supervisor_->Evaluate(evaluate).status()));
   evaluate.set_dataset("datasets/town");
+  for (const int samples : {-1, 1001}) {
+    evaluate.set_sampled_examples(samples);
+    EXPECT_TRUE(absl::IsInvalidArgument(supervisor_->Evaluate(evaluate).status())) << samples;
+  }
+  evaluate.set_sampled_examples(1000);
   evaluate.set_model("models/none");
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Evaluate(evaluate).status()));
 }

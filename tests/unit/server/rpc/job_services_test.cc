@@ -351,6 +351,31 @@ TEST_F(JobServicesTest, JobsAreListedNewestFirstInPages) {
             grpc::StatusCode::INVALID_ARGUMENT);
 }
 
+TEST_F(JobServicesTest, SampledExamplesAreOnTheJobAndNotInTheList) {
+  Trainer(R"(printf '{"examples":"1","sampledExamples":[{"scenarioId":"r0"}]}' > "$output")");
+  v1::EvaluateRequest request;
+  request.set_model("models/town");
+  request.set_dataset("datasets/village");
+  request.set_sampled_examples(1);
+  grpc::ClientContext first;
+  v1::Job job;
+  ASSERT_TRUE(training_stub_->Evaluate(&first, request, &job).ok());
+  const v1::Job ended = WaitForEnd(job.name());
+  ASSERT_EQ(ended.evaluation().sampled_examples_size(), 1) << ended.DebugString();
+
+  grpc::ClientContext second;
+  v1::ListJobsResponse page;
+  ASSERT_TRUE(training_stub_->ListJobs(&second, {}, &page).ok());
+  ASSERT_EQ(page.jobs_size(), 1);
+  EXPECT_EQ(page.jobs(0).evaluation().examples(), 1);
+  EXPECT_EQ(page.jobs(0).evaluation().sampled_examples_size(), 0);
+  grpc::ClientContext third;
+  v1::GetJobRequest get;
+  get.set_name(job.name());
+  ASSERT_TRUE(training_stub_->GetJob(&third, get, &job).ok());
+  EXPECT_EQ(job.evaluation().sampled_examples_size(), 1);
+}
+
 TEST_F(JobServicesTest, AFailedTrainSaysWhichFieldsAreWrong) {
   v1::TrainRequest request = TrainTown();
   request.set_model("town");
