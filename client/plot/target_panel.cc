@@ -199,6 +199,9 @@ void TargetPanel::DrawIds(const ScenePanel& panel, const Box& legend, const Line
   LabelPlacer placer(panel.axes.box());
   placer.Occupy(legend);
   placer.Occupy(truth, 12.0);
+  const Pixel rear_left = panel.axes.ToPixel(-target_.length() / 2.0, target_.width() / 2.0);
+  const double scale = panel.axes.pixels_per_meter();
+  placer.Occupy({rear_left.x, rear_left.y, scale * target_.length(), scale * target_.width()});
   for (const ActionLines& action : actions_) placer.Occupy(ToPixels(panel, action.mean), 8.0);
   for (auto action = actions_.rbegin(); action != actions_.rend(); ++action) {
     const Line line = ToPixels(panel, action->mean);

@@ -3,7 +3,7 @@
 //   maneuver-trainer train --settings FILE --dataset FOLDER... --output FOLDER
 //       [--dataset-name NAME...] [--threads N] [--progress json|bar|none]
 //   maneuver-trainer evaluate --model FOLDER --dataset FOLDER [--output FILE]
-//       [--settings FILE] [--threads N] [--progress json|bar|none]
+//       [--settings FILE] [--sampled-examples N] [--threads N] [--progress json|bar|none]
 //
 // FILEs are proto3 JSON: settings is a TrainingSettings (train) or an ExampleSettings (evaluate),
 // the output of evaluate an EvaluationReport, that of train a model folder. With --progress json

@@ -289,6 +289,7 @@ TEST_F(AnswersTest, EvaluationAgreesWithRecordedManoeuvres) {
   v1::EvaluateRequest request;
   request.set_model("models/tiny");
   request.set_dataset("datasets/unseen");
+  request.set_sampled_examples(20);
   v1::Job job;
   {
     grpc::ClientContext context;
@@ -309,6 +310,9 @@ TEST_F(AnswersTest, EvaluationAgreesWithRecordedManoeuvres) {
   EXPECT_GT(metrics.at("nmi"), 0.3);
   EXPECT_GE(metrics.at("effective_actions"), 5);
   EXPECT_LT(metrics.at("min_fde_6"), metrics.at("fde_cv"));
+  ASSERT_EQ(job.evaluation().sampled_examples_size(), 20);
+  EXPECT_EQ(job.evaluation().sampled_examples(0).probabilities_size(),
+            job.evaluation().action_uses_size());
 }
 
 // Flips one byte of the weights, far from the header.
