@@ -122,7 +122,8 @@ void AddTrain(Command& root, Environment& environment) {
       "[unified]");
   command.Option(
       "--preset", &arguments->preset,
-      "compact (minutes on two cores), paper (its sizes) or literal (by its letter) [compact]");
+      "compact (minutes on two cores), paper (its sizes), resnet50 (and its backbone) or literal "
+      "(by its letter) [compact]");
   command.Option("--settings", &arguments->settings_file,
                  "File with TrainingSettings as proto3 JSON");
   command.Option("--set", &arguments->assignments,

@@ -3,29 +3,29 @@
 #include <google/protobuf/duration.pb.h>
 #include <google/protobuf/util/time_util.h>
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "model/artifact/backbone_layers.h"
 #include "model/artifact/field_rules.h"
 #include "model/scene/target_motion.h"
 
 namespace maneuver::artifact {
 namespace {
 
-constexpr int kMapChannels = 3;
 constexpr int kMaxConvolutions = 8;
+constexpr int kMaxChannels = 1024;
+constexpr int kMaxKernel = 11;
+constexpr int kMaxStages = 8;
+constexpr int kMaxBlocks = 64;
 constexpr int kMaxHiddenLayers = 8;
 constexpr int kMaxHiddenWidth = 4096;
 constexpr double kMaxHorizon = 60.0;               // seconds
 constexpr double kMaxHistory = 10.0;               // seconds
 constexpr int64_t kMaxWeights = int64_t{1} << 28;  // 1 GiB of 32-bit floats
 constexpr int64_t kMaxGrid = int64_t{1} << 25;     // values of one layer and example
-
-int RasterChannels(const v1::RasterSpec& spec) { return kMapChannels + 2 * spec.history_frames(); }
-
-// 3x3, padding 1.
-int ConvolvedSize(int size, int stride) { return (size + 2 - 3) / stride + 1; }
 
 void CheckMlp(const v1::MlpSpec& mlp, const std::string& field, FieldRules* rules) {
   rules->Between(absl::StrCat(field, ".hidden"), "number of layers", mlp.hidden_size(), 1,
@@ -50,13 +50,44 @@ void CheckRaster(const v1::RasterSpec& raster, FieldRules* rules) {
   }
 }
 
-void CheckBackbone(const v1::BackboneSpec& backbone, FieldRules* rules) {
+void CheckConvolutions(const v1::BackboneSpec& backbone, FieldRules* rules) {
   rules->Between("backbone.convolutions", "number of layers", backbone.convolutions_size(), 1,
                  kMaxConvolutions);
   for (int i = 0; i < backbone.convolutions_size(); ++i) {
     const std::string field = absl::StrCat("backbone.convolutions[", i, "]");
-    rules->Between(field + ".channels", "channels", backbone.convolutions(i).channels(), 1, 1024);
+    rules->Between(field + ".channels", "channels", backbone.convolutions(i).channels(), 1,
+                   kMaxChannels);
     rules->Between(field + ".stride", "stride", backbone.convolutions(i).stride(), 1, 2);
+  }
+}
+
+void CheckResidual(const v1::ResidualSpec& residual, FieldRules* rules) {
+  const v1::StemSpec& stem = residual.stem();
+  rules->Between("backbone.residual.stem.channels", "channels", stem.channels(), 1, kMaxChannels);
+  rules->Require(
+      stem.kernel_size() % 2 == 1 && stem.kernel_size() >= 1 && stem.kernel_size() <= kMaxKernel,
+      "backbone.residual.stem.kernel_size",
+      absl::StrCat("must be odd and 1 to ", kMaxKernel, ", not ", stem.kernel_size()));
+  rules->Between("backbone.residual.stem.stride", "stride", stem.stride(), 1, 2);
+  rules->Require(residual.block() == v1::RESIDUAL_BLOCK_BASIC ||
+                     residual.block() == v1::RESIDUAL_BLOCK_BOTTLENECK,
+                 "backbone.residual.block", "must be basic or bottleneck");
+  rules->Between("backbone.residual.stages", "number of stages", residual.stages_size(), 1,
+                 kMaxStages);
+  for (int i = 0; i < residual.stages_size(); ++i) {
+    const std::string field = absl::StrCat("backbone.residual.stages[", i, "]");
+    rules->Between(field + ".blocks", "blocks", residual.stages(i).blocks(), 1, kMaxBlocks);
+    rules->Between(field + ".width", "channels", residual.stages(i).width(), 1, kMaxChannels);
+    rules->Between(field + ".stride", "stride", residual.stages(i).stride(), 1, 2);
+  }
+}
+
+void CheckBackbone(const v1::BackboneSpec& backbone, FieldRules* rules) {
+  if (!backbone.has_residual()) {
+    CheckConvolutions(backbone, rules);
+  } else if (rules->Require(backbone.convolutions().empty(), "backbone.residual",
+                            "is in place of backbone.convolutions, not beside them")) {
+    CheckResidual(backbone.residual(), rules);
   }
   rules->Between("backbone.features", "width", backbone.features(), 1, kMaxHiddenWidth);
 }
@@ -72,13 +103,13 @@ void CheckTrajectory(const v1::TrajectorySpec& trajectory, FieldRules* rules) {
 
 // Of a spec whose single fields are good.
 void CheckMemory(const v1::ModelSpec& spec, FieldRules* rules) {
-  for (int i = 0; i <= spec.backbone().convolutions_size(); ++i) {
-    const GridSize grid = BackboneGrid(spec, i);
-    const int64_t values = int64_t{grid.channels} * grid.height * grid.width;
-    rules->Require(
-        values <= kMaxGrid, "backbone.convolutions",
-        absl::StrCat("the grid before layer ", i, " has ", values, " values; at most ", kMaxGrid));
+  int64_t largest = RasterGrid(spec.raster()).values();
+  for (const BackboneLayer& layer : BackboneLayers(spec)) {
+    largest = std::max(largest, layer.output.values());
   }
+  rules->Require(largest <= kMaxGrid,
+                 spec.backbone().has_residual() ? "backbone.residual" : "backbone.convolutions",
+                 absl::StrCat("the largest grid has ", largest, " values; at most ", kMaxGrid));
   int64_t weights = 0;
   for (const auto& [name, shape] : TensorShapes(spec)) {
     int64_t count = 1;
@@ -124,16 +155,6 @@ std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec) 
   return std::move(rules).violations();
 }
 
-GridSize BackboneGrid(const v1::ModelSpec& spec, int i) {
-  GridSize grid{RasterChannels(spec.raster()), spec.raster().height(), spec.raster().width()};
-  for (int layer = 0; layer < i; ++layer) {
-    const v1::ConvolutionSpec& convolution = spec.backbone().convolutions(layer);
-    grid = {convolution.channels(), ConvolvedSize(grid.height, convolution.stride()),
-            ConvolvedSize(grid.width, convolution.stride())};
-  }
-  return grid;
-}
-
 std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec) {
   // From whole nanoseconds, so that 3 times 0.1 s is 0.3 s.
   const int64_t interval =
@@ -155,19 +176,19 @@ std::map<std::string, std::vector<int64_t>> TensorShapes(const v1::ModelSpec& sp
   const int64_t T = spec.trajectory().waypoints();
   const int64_t F = spec.backbone().features();
   const int64_t features = SceneFeatures(spec);
-  const int convolutions = spec.backbone().convolutions_size();
 
   Shapes shapes;
-  for (int i = 0; i < convolutions; ++i) {
-    const int64_t inputs = BackboneGrid(spec, i).channels;
-    const int64_t outputs = BackboneGrid(spec, i + 1).channels;
-    shapes[absl::StrCat("backbone.convolution.", i, ".weight")] = {outputs, inputs, 3, 3};
+  const std::vector<BackboneLayer> layers = BackboneLayers(spec);
+  for (const BackboneLayer& layer : layers) {
+    if (layer.kind != BackboneLayer::Kind::kConvolution) continue;
+    const int64_t outputs = layer.output.channels;
+    shapes[layer.convolution + ".weight"] = {outputs, layer.input.channels, layer.kernel,
+                                             layer.kernel};
     for (const char* part : {"weight", "bias", "running_mean", "running_var"}) {
-      shapes[absl::StrCat("backbone.normalization.", i, ".", part)] = {outputs};
+      shapes[absl::StrCat(layer.normalization, ".", part)] = {outputs};
     }
   }
-  const GridSize last = BackboneGrid(spec, convolutions);
-  shapes["backbone.projection.weight"] = {F, int64_t{last.channels} * last.height * last.width};
+  shapes["backbone.projection.weight"] = {F, layers.back().output.values()};
   shapes["backbone.projection.bias"] = {F};
 
   AddMlp("action_predictor", features, spec.action_predictor(), K, {}, &shapes);

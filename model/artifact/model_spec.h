@@ -16,14 +16,6 @@ namespace maneuver::artifact {
 // What is wrong with a complete spec (fields named from the spec: raster.height, ...).
 std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec);
 
-// Size of the backbone's grid before convolution `i` (i = number of convolutions: the last grid).
-struct GridSize {
-  int channels = 0;
-  int height = 0;
-  int width = 0;
-};
-GridSize BackboneGrid(const v1::ModelSpec& spec, int i);
-
 // Time of each waypoint after the prediction time, seconds. [T]
 std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec);
 

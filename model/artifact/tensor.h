@@ -19,6 +19,9 @@ struct Tensor {
 //
 //   backbone.convolution.{i}.weight   [C_out, C_in, 3, 3]   no bias: batch normalisation follows
 //   backbone.normalization.{i}.{weight,bias,running_mean,running_var}   [C_out], epsilon 1e-5
+//   of a residual backbone in their place, each convolution.weight with such a normalization:
+//     backbone.stem.convolution, backbone.stage.{s}.block.{b}.convolution.{i} and, where a block's
+//     input is not of its output's size, backbone.stage.{s}.block.{b}.shortcut.convolution
 //   backbone.projection.{weight,bias}   [F, C * h * w], [F]   on the flattened last grid; then ReLU
 //   action_predictor.{i}.{weight,bias}   [out, in], [out]   F' -> hidden ... -> K logits; F' is F
 //       features, then the target's motion if the spec has it (scene/target_motion.h)

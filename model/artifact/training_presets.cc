@@ -153,16 +153,24 @@ constexpr char kPaper[] = R"pb(
   }
 )pb";
 
-v1::TrainingSettings ParsePreset(std::initializer_list<const char*> texts) {
-  v1::TrainingSettings preset;
-  for (const char* text : texts) {
-    v1::TrainingSettings part;
-    // The texts are constants of this file: not parsing is a defect of it.
-    if (!google::protobuf::TextFormat::ParseFromString(text, &part)) std::abort();
-    preset.MergeFrom(part);
+// On top of paper: the backbone of its experiments, ResNet-50 (v1.5; the sizes of He et al., table
+// 1). The five convolutions of the preset
+// paper stand for the "much smaller CNN" of section III-E.
+constexpr char kResNet50[] = R"pb(
+  preset: "resnet50"
+  model {
+    backbone {
+      residual {
+        stem { channels: 64 kernel_size: 7 stride: 2 max_pool: true }
+        block: RESIDUAL_BLOCK_BOTTLENECK
+        stages { blocks: 3 width: 64 stride: 1 }
+        stages { blocks: 4 width: 128 stride: 2 }
+        stages { blocks: 6 width: 256 stride: 2 }
+        stages { blocks: 3 width: 512 stride: 2 }
+      }
+    }
   }
-  return preset;
-}
+)pb";
 
 // Clears the fields of `preset` that `settings` replaces whole, where merging would append
 // (repeated fields) or mix (seconds of one duration with nanoseconds of another).
@@ -181,6 +189,30 @@ void ClearReplaced(const Message& settings, Message* preset) {
       }
     }
   }
+}
+
+// Sets the fields of `preset` that are set in `settings`.
+void Replace(const v1::TrainingSettings& settings, v1::TrainingSettings* preset) {
+  ClearReplaced(settings, preset);
+  // One backbone is in place of the other.
+  if (settings.model().backbone().has_residual()) {
+    preset->mutable_model()->mutable_backbone()->clear_convolutions();
+  }
+  if (settings.model().backbone().convolutions_size() > 0) {
+    preset->mutable_model()->mutable_backbone()->clear_residual();
+  }
+  preset->MergeFrom(settings);
+}
+
+v1::TrainingSettings ParsePreset(std::initializer_list<const char*> texts) {
+  v1::TrainingSettings preset;
+  for (const char* text : texts) {
+    v1::TrainingSettings part;
+    // The texts are constants of this file: not parsing is a defect of it.
+    if (!google::protobuf::TextFormat::ParseFromString(text, &part)) std::abort();
+    Replace(part, &preset);
+  }
+  return preset;
 }
 
 void CheckExamples(const v1::ExampleSettings& examples, FieldRules* rules) {
@@ -244,13 +276,14 @@ v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& setting
     resolved = ParsePreset({kLearning, kCompact});
   } else if (name == "paper") {
     resolved = ParsePreset({kLearning, kPaper});
+  } else if (name == "resnet50") {
+    resolved = ParsePreset({kLearning, kPaper, kResNet50});
   } else if (name == "literal") {
     resolved = ParsePreset({kLearning, kCompact, kLiteral});
   } else {
     return settings;
   }
-  ClearReplaced(settings, &resolved);
-  resolved.MergeFrom(settings);
+  Replace(settings, &resolved);
   return resolved;
 }
 
@@ -258,8 +291,9 @@ std::vector<scene::FieldViolation> ValidateTrainingSettings(const v1::TrainingSe
   FieldRules rules;
   // Nothing else of it was filled in if its preset is not known.
   const bool known = resolved.preset() == "compact" || resolved.preset() == "paper" ||
-                     resolved.preset() == "literal";
-  if (!rules.Require(known, "preset", "must be \"compact\", \"paper\" or \"literal\"")) {
+                     resolved.preset() == "resnet50" || resolved.preset() == "literal";
+  if (!rules.Require(known, "preset",
+                     "must be \"compact\", \"paper\", \"resnet50\" or \"literal\"")) {
     return std::move(rules).violations();
   }
   for (const scene::FieldViolation& violation : ValidateModelSpec(resolved.model())) {

@@ -3,25 +3,25 @@
 #include <omp.h>
 
 #include <algorithm>
-#include <cmath>
+#include <bit>
 #include <dnnl.hpp>
-#include <string>
 #include <unordered_map>
 #include <utility>
 #include <vector>
 
-#include "absl/strings/str_cat.h"
-#include "model/artifact/model_spec.h"
+#include "model/artifact/backbone_layers.h"
+#include "model/inference/folded_convolution.h"
 
 namespace maneuver::inference {
 namespace {
 
+using artifact::BackboneLayer;
 using artifact::GridSize;
+using Kind = artifact::BackboneLayer::Kind;
 using dnnl::memory;
 using Format = dnnl::memory::format_tag;
 using Type = dnnl::memory::data_type;
 
-constexpr double kNormalizationEpsilon = 1e-5;  // tensor.h
 constexpr float kFullIntensity = 255.0f;
 
 // Keeps oneDNN to the calling thread while it lives. The setting is that thread's own and is put
@@ -42,78 +42,87 @@ dnnl::engine& CpuEngine() {
   return engine;
 }
 
-memory::dims GridDims(const GridSize& grid) { return {1, grid.channels, grid.height, grid.width}; }
-
-// A convolution's weights and bias with its batch normalisation in them:
-// gamma (w x - m) / sqrt(v + eps) + beta.
-struct FoldedWeights {
-  std::vector<float> weight;  // [C_out, C_in, 3, 3]
-  std::vector<float> bias;    // [C_out]
-};
-
-FoldedWeights Fold(const artifact::TensorMap& weights, int layer) {
-  const auto part = [&](const char* name) -> const std::vector<float>& {
-    return weights.at(absl::StrCat("backbone.normalization.", layer, ".", name)).values;
-  };
-  FoldedWeights folded;
-  folded.weight = weights.at(absl::StrCat("backbone.convolution.", layer, ".weight")).values;
-  const size_t outputs = part("weight").size();
-  const size_t taps = folded.weight.size() / outputs;
-  // The raster's bytes go in as they are: the first layer divides them.
-  const double input_scale = layer == 0 ? 1.0 / kFullIntensity : 1.0;
-  for (size_t c = 0; c < outputs; ++c) {
-    const double scale =
-        part("weight")[c] / std::sqrt(double{part("running_var")[c]} + kNormalizationEpsilon);
-    for (size_t i = 0; i < taps; ++i) {
-      float& weight = folded.weight[c * taps + i];
-      weight = static_cast<float>(weight * scale * input_scale);
-    }
-    folded.bias.push_back(
-        static_cast<float>(part("bias")[c] - double{part("running_mean")[c]} * scale));
-  }
-  return folded;
+memory::desc Description(const GridSize& grid, Type type) {
+  // [h, w, C] on both sides is what oneDNN's vector kernels take for any number of channels. Asked
+  // for `any` layout here it mixes layouts and falls back to its reference loops, a hundred times
+  // slower.
+  return {{1, grid.channels, grid.height, grid.width}, type, Format::nhwc};
 }
 
-struct Convolution {
-  dnnl::convolution_forward::primitive_desc description;
-  dnnl::convolution_forward primitive;
+// A layer made ready. An average has no primitive: AverageCells is simpler than oneDNN's, which
+// cannot widen bf16.
+struct Step {
+  BackboneLayer layer;
+  memory::desc source;
+  memory::desc destination;
+  dnnl::primitive primitive;
+  memory::desc scratchpad;
   memory weight;  // packed as the primitive wants it
   memory bias;
 };
 
-Convolution MakeConvolution(const memory::desc& source, const GridSize& input,
-                            const GridSize& output, int stride, bool last, FoldedWeights folded,
-                            Type type) {
-  const memory::dims weight_dims = {output.channels, input.channels, 3, 3};
-  const memory::desc any_weight(weight_dims, type, Format::any);
-  const memory::desc bias({output.channels}, Type::f32, Format::x);
-  // [h, w, C] on both sides is what oneDNN's vector kernels take for any number of channels. Asked
-  // for `any` layout here it mixes layouts and falls back to its reference loops, a hundred times
-  // slower.
-  const memory::desc destination(GridDims(output), last ? Type::f32 : type, Format::nhwc);
-  dnnl::post_ops relu;
-  relu.append_eltwise(1.0f, dnnl::algorithm::eltwise_relu, 0.0f, 0.0f);
+void MakeConvolution(const FoldedConvolution& folded, Step* step) {
+  const BackboneLayer& layer = step->layer;
+  const memory::dim kernel = layer.kernel;
+  const memory::dims weight_dims = {layer.output.channels, layer.input.channels, kernel, kernel};
+  const memory::desc any_weight(weight_dims, step->source.data_type(), Format::any);
+  const memory::desc bias({layer.output.channels}, Type::f32, Format::x);
+  dnnl::post_ops operations;
+  if (layer.adds) operations.append_sum(1.0f);
+  if (layer.relu) operations.append_eltwise(1.0f, dnnl::algorithm::eltwise_relu, 0.0f, 0.0f);
   dnnl::primitive_attr attributes;
-  attributes.set_post_ops(relu);
+  attributes.set_post_ops(operations);
   attributes.set_scratchpad_mode(dnnl::scratchpad_mode::user);  // else it is shared by threads
 
-  const dnnl::convolution_forward::desc operation(
-      dnnl::prop_kind::forward_inference, dnnl::algorithm::convolution_direct, source, any_weight,
-      bias, destination, {stride, stride}, {1, 1}, {1, 1});
-  Convolution convolution;
-  convolution.description =
-      dnnl::convolution_forward::primitive_desc(operation, attributes, CpuEngine());
-  convolution.primitive = dnnl::convolution_forward(convolution.description);
+  const memory::dims strides = {layer.stride, layer.stride};
+  const memory::dims padding = {kernel / 2, kernel / 2};
+  const dnnl::convolution_forward::primitive_desc description(
+      {dnnl::prop_kind::forward_inference, dnnl::algorithm::convolution_direct, step->source,
+       any_weight, bias, step->destination, strides, padding, padding},
+      attributes, CpuEngine());
+  step->primitive = dnnl::convolution_forward(description);
+  step->scratchpad = description.scratchpad_desc();
 
   dnnl::stream stream(CpuEngine());
-  memory plain({weight_dims, Type::f32, Format::oihw}, CpuEngine(), folded.weight.data());
-  convolution.weight = memory(convolution.description.weights_desc(), CpuEngine());
-  dnnl::reorder(plain, convolution.weight).execute(stream, plain, convolution.weight);
+  memory plain({weight_dims, Type::f32, Format::oihw}, CpuEngine(),
+               const_cast<float*>(folded.weight.data()));  // only read
+  step->weight = memory(description.weights_desc(), CpuEngine());
+  dnnl::reorder(plain, step->weight).execute(stream, plain, step->weight);
   stream.wait();
-  convolution.bias = memory(bias, CpuEngine());
+  step->bias = memory(bias, CpuEngine());
   std::copy(folded.bias.begin(), folded.bias.end(),
-            static_cast<float*>(convolution.bias.get_data_handle()));
-  return convolution;
+            static_cast<float*>(step->bias.get_data_handle()));
+}
+
+void MakeMaxPool(Step* step) {
+  const BackboneLayer& layer = step->layer;
+  const memory::dims strides = {layer.stride, layer.stride};
+  const memory::dims kernel = {layer.kernel, layer.kernel};
+  const memory::dims padding = {layer.kernel / 2, layer.kernel / 2};
+  dnnl::primitive_attr attributes;
+  attributes.set_scratchpad_mode(dnnl::scratchpad_mode::user);
+  const dnnl::pooling_forward::primitive_desc description(
+      {dnnl::prop_kind::forward_inference, dnnl::algorithm::pooling_max, step->source,
+       step->destination, strides, kernel, padding, padding},
+      attributes, CpuEngine());
+  step->primitive = dnnl::pooling_forward(description);
+  step->scratchpad = description.scratchpad_desc();
+}
+
+float Widen(float value) { return value; }
+float Widen(uint16_t bf16) { return std::bit_cast<float>(uint32_t{bf16} << 16); }
+
+// The mean of each channel.
+//   grid: [h, w, C];  mean: [C]
+template <typename Value>
+void AverageCells(const Value* grid, const GridSize& size, float* mean) {
+  const size_t channels = static_cast<size_t>(size.channels);
+  const size_t cells = static_cast<size_t>(size.height) * static_cast<size_t>(size.width);
+  std::fill_n(mean, channels, 0.0f);
+  for (size_t cell = 0; cell < cells; ++cell) {
+    for (size_t c = 0; c < channels; ++c) mean[c] += Widen(grid[cell * channels + c]);
+  }
+  for (size_t c = 0; c < channels; ++c) mean[c] /= static_cast<float>(cells);
 }
 
 }  // namespace
@@ -126,39 +135,56 @@ bool ProcessorHasBf16() {
 
 struct Backbone::Layers {
   memory::desc bytes;   // the raster as it comes
-  memory::desc values;  // the raster as the first convolution reads it
+  memory::desc values;  // the raster as the first layer reads it
   dnnl::reorder widen;  // bytes to values; exact, also in bf16
-  std::vector<Convolution> convolutions;
+  std::vector<Step> steps;
 };
 
 class Backbone::Scratch {
  public:
   explicit Scratch(const Layers& layers)
-      : stream(CpuEngine()),
-        bytes(layers.bytes, CpuEngine(), nullptr),
-        values(layers.values, CpuEngine()) {
-    memory source = values;  // handles: copies refer to the same memory
-    for (size_t i = 0; i < layers.convolutions.size(); ++i) {
-      const Convolution& convolution = layers.convolutions[i];
-      const bool last = i + 1 == layers.convolutions.size();
-      const memory::desc destination = convolution.description.dst_desc();
-      outputs.push_back(last ? memory(destination, CpuEngine(), nullptr)
-                             : memory(destination, CpuEngine()));
-      steps.push_back(
-          {{DNNL_ARG_SRC, source},
-           {DNNL_ARG_WEIGHTS, convolution.weight},
-           {DNNL_ARG_BIAS, convolution.bias},
-           {DNNL_ARG_SCRATCHPAD, memory(convolution.description.scratchpad_desc(), CpuEngine())},
-           {DNNL_ARG_DST, outputs.back()}});
-      source = outputs.back();
+      : stream(CpuEngine()), bytes(layers.bytes, CpuEngine(), nullptr) {
+    // Each register is as large as the largest grid that comes to it.
+    size_t sizes[artifact::kBackboneRegisters] = {layers.values.get_size()};
+    size_t scratchpad_size = 0;
+    for (const Step& step : layers.steps) {
+      size_t& size = sizes[step.layer.destination];
+      size = std::max(size, step.destination.get_size());
+      scratchpad_size = std::max(scratchpad_size, step.scratchpad.get_size());
+    }
+    for (int r = 0; r < artifact::kBackboneRegisters; ++r) registers[r] = Allocate(sizes[r]);
+    scratchpad = Allocate(scratchpad_size);
+    values = At(layers.values, registers[0]);
+    for (const Step& step : layers.steps) {
+      memory destination = At(step.destination, registers[step.layer.destination]);
+      if (&step == &layers.steps.back()) {
+        destination = memory(step.destination, CpuEngine(), nullptr);
+        grid = destination;  // a handle: the same memory object
+      }
+      arguments.push_back({{DNNL_ARG_SRC, At(step.source, registers[step.layer.source])},
+                           {DNNL_ARG_DST, destination},
+                           {DNNL_ARG_SCRATCHPAD, At(step.scratchpad, scratchpad)}});
+      if (step.layer.kind != Kind::kConvolution) continue;
+      arguments.back().insert({{DNNL_ARG_WEIGHTS, step.weight}, {DNNL_ARG_BIAS, step.bias}});
     }
   }
 
   dnnl::stream stream;
-  memory bytes;  // points to the caller's raster
-  memory values;
-  std::vector<memory> outputs;  // the last points to the caller's grid
-  std::vector<std::unordered_map<int, memory>> steps;
+  memory bytes;   // points to the caller's raster
+  memory values;  // in register 0
+  memory grid;    // points to the caller's grid
+  memory registers[artifact::kBackboneRegisters];
+  memory scratchpad;                                       // one for all steps
+  std::vector<std::unordered_map<int, memory>> arguments;  // of each step
+
+ private:
+  static memory Allocate(size_t size) {
+    return {{{static_cast<memory::dim>(std::max<size_t>(size, 1))}, Type::u8, Format::x},
+            CpuEngine()};
+  }
+  static memory At(const memory::desc& description, const memory& place) {
+    return {description, CpuEngine(), place.get_data_handle()};
+  }
 };
 
 void Backbone::ScratchDeleter::operator()(Scratch* scratch) const { delete scratch; }
@@ -167,18 +193,23 @@ Backbone::Backbone(const v1::ModelSpec& spec, const artifact::TensorMap& weights
   const OneThread one_thread;
   const Type type = bf16 ? Type::bf16 : Type::f32;
   auto layers = std::make_unique<Layers>();
-  const GridSize raster = artifact::BackboneGrid(spec, 0);
-  layers->bytes = memory::desc(GridDims(raster), Type::u8, Format::nhwc);
-  layers->values = memory::desc(GridDims(raster), type, Format::nhwc);
+  const GridSize raster = artifact::RasterGrid(spec.raster());
+  layers->bytes = Description(raster, Type::u8);
+  layers->values = Description(raster, type);
   layers->widen = dnnl::reorder(
       dnnl::reorder::primitive_desc(CpuEngine(), layers->bytes, CpuEngine(), layers->values));
-  const int count = spec.backbone().convolutions_size();
-  for (int i = 0; i < count; ++i) {
-    const memory::desc source =
-        i == 0 ? layers->values : layers->convolutions.back().description.dst_desc();
-    layers->convolutions.push_back(MakeConvolution(
-        source, artifact::BackboneGrid(spec, i), artifact::BackboneGrid(spec, i + 1),
-        spec.backbone().convolutions(i).stride(), i + 1 == count, Fold(weights, i), type));
+  const std::vector<BackboneLayer> list = artifact::BackboneLayers(spec);
+  for (size_t i = 0; i < list.size(); ++i) {
+    Step& step = layers->steps.emplace_back();
+    step.layer = list[i];
+    step.source = Description(list[i].input, type);
+    step.destination = Description(list[i].output, i + 1 == list.size() ? Type::f32 : type);
+    if (step.layer.kind == Kind::kConvolution) {
+      // The raster's bytes go in as they are: the first layer divides them.
+      MakeConvolution(Fold(weights, step.layer, i == 0 ? 1.0 / kFullIntensity : 1.0), &step);
+    } else if (step.layer.kind == Kind::kMaxPool) {
+      MakeMaxPool(&step);
+    }
   }
   layers_ = std::move(layers);
 }
@@ -187,8 +218,9 @@ Backbone::~Backbone() = default;
 
 size_t Backbone::bytes() const {
   size_t bytes = 0;
-  for (const Convolution& convolution : layers_->convolutions) {
-    bytes += convolution.weight.get_desc().get_size() + convolution.bias.get_desc().get_size();
+  for (const Step& step : layers_->steps) {
+    if (step.layer.kind != Kind::kConvolution) continue;
+    bytes += step.weight.get_desc().get_size() + step.bias.get_desc().get_size();
   }
   return bytes;
 }
@@ -201,10 +233,21 @@ Backbone::ScratchPointer Backbone::NewScratch() const {
 void Backbone::Evaluate(const uint8_t* raster, Scratch* scratch, float* grid) const {
   const OneThread one_thread;
   scratch->bytes.set_data_handle(const_cast<uint8_t*>(raster));  // only read
-  scratch->outputs.back().set_data_handle(grid);
+  scratch->grid.set_data_handle(grid);
   layers_->widen.execute(scratch->stream, scratch->bytes, scratch->values);
-  for (size_t i = 0; i < layers_->convolutions.size(); ++i) {
-    layers_->convolutions[i].primitive.execute(scratch->stream, scratch->steps[i]);
+  for (size_t i = 0; i < layers_->steps.size(); ++i) {
+    const Step& step = layers_->steps[i];
+    if (step.layer.kind != Kind::kAveragePool) {
+      step.primitive.execute(scratch->stream, scratch->arguments[i]);
+      continue;
+    }
+    scratch->stream.wait();
+    const void* source = scratch->registers[step.layer.source].get_data_handle();
+    if (step.source.data_type() == Type::bf16) {
+      AverageCells(static_cast<const uint16_t*>(source), step.layer.input, grid);
+    } else {
+      AverageCells(static_cast<const float*>(source), step.layer.input, grid);
+    }
   }
   scratch->stream.wait();
 }

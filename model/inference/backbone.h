@@ -15,9 +15,9 @@ namespace maneuver::inference {
 // Whether this processor computes with bf16 (AVX-512 BF16 or AMX).
 bool ProcessorHasBf16();
 
-// Convolutions with batch normalisation folded into their weights and ReLU fused. A primitive takes
-// one raster, so that an answer cannot depend on the batch. Immutable; safe to share between
-// threads.
+// Convolutions with batch normalisation folded into their weights; ReLU and the sums of residual
+// blocks are fused. A primitive takes one raster, so that an answer cannot depend on the batch.
+// Immutable; safe to share between threads.
 //
 // oneDNN's errors are exceptions: the constructor lets dnnl::error (a std::exception) out.
 class Backbone {
@@ -38,7 +38,8 @@ class Backbone {
   // The scratch refers to this backbone.
   ScratchPointer NewScratch() const;
 
-  // raster: [H, W, C] bytes, 255 stands for 1;  grid: [h, w, C'] the last layer's output. On the
+  // raster: [H, W, C] bytes, 255 stands for 1;  grid: [h, w, C'] the last layer's output (a
+  // residual network's is [1, 1, C']). On the
   // calling thread alone.
   void Evaluate(const uint8_t* raster, Scratch* scratch, float* grid) const;
 

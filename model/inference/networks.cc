@@ -3,7 +3,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "model/artifact/model_spec.h"
+#include "model/artifact/backbone_layers.h"
 
 namespace maneuver::inference {
 namespace {
@@ -32,7 +32,7 @@ Mlp MakeMlp(const TensorMap& weights, const std::string& name, int64_t network =
 // The projection reads its grid as [C, h, w] (tensor.h), the convolutions write [h, w, C]: its
 // columns are put in their order once, here.
 DenseLayer MakeProjection(const v1::ModelSpec& spec, const TensorMap& weights) {
-  const auto grid = artifact::BackboneGrid(spec, spec.backbone().convolutions_size());
+  const artifact::GridSize grid = artifact::BackboneLayers(spec).back().output;
   const Tensor& weight = weights.at("backbone.projection.weight");
   const int64_t outputs = weight.shape[0];
   const int64_t cells = int64_t{grid.height} * grid.width;

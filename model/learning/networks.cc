@@ -5,6 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "model/artifact/backbone_layers.h"
 #include "model/artifact/model_spec.h"
 #include "model/learning/trajectory_basis.h"
 
@@ -27,7 +28,7 @@ bool EndsWith(const std::string& name, const std::string& suffix) {
          name.compare(name.size() - suffix.size(), suffix.size(), suffix) == 0;
 }
 
-// Inputs of each output of a weight: [out, in], [out, in, 3, 3] or [K, out, in].
+// Inputs of each output of a weight: [out, in], [out, in, k, k] or [K, out, in].
 int64_t FanIn(const std::string& name, const std::vector<int64_t>& shape) {
   if (StartsWith(name, "scenario_encoder.")) return shape[2];
   int64_t fan = 1;
@@ -48,6 +49,7 @@ at::Generator MakeGenerator(uint64_t seed) {
 Networks::Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& generator)
     : spec_(spec),
       device_(device),
+      backbone_(artifact::BackboneLayers(spec)),
       last_decoder_layer_("decoder." + std::to_string(spec.decoder().hidden_size())) {
   Eigen::MatrixXf basis =
       SplineBasis(artifact::WaypointTimes(spec.trajectory()), kKnotInterval).transpose();
@@ -69,8 +71,8 @@ Networks::Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& 
     } else if (EndsWith(name, "running_var") || name == "trajectory.stddev") {
       values.fill_(1.0);
       learned = false;
-    } else if (StartsWith(name, "backbone.normalization.") && EndsWith(name, "weight")) {
-      values.fill_(1.0);
+    } else if (StartsWith(name, "backbone.") && shape.size() == 1 && EndsWith(name, ".weight")) {
+      values.fill_(1.0);  // of a normalisation
     } else if (name == "mixture.log_weight") {
       values.fill_(-std::log(static_cast<double>(spec.actions())));
     } else if (EndsWith(name, ".weight")) {
@@ -82,6 +84,11 @@ Networks::Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& 
     if (values.dim() == 4) values = values.contiguous(at::MemoryFormat::ChannelsLast);
     values.set_requires_grad(learned);
     tensors_.emplace(name, values);
+  }
+  // A residual block begins as what it adds to (Goyal et al., Accurate, Large Minibatch SGD, 5.1).
+  at::NoGradGuard no_grad;
+  for (const artifact::BackboneLayer& layer : backbone_) {
+    if (layer.adds) (*this)[layer.normalization + ".weight"].zero_();
   }
 }
 
@@ -105,23 +112,40 @@ at::Tensor Networks::Mlp(const std::string& name, size_t layers, at::Tensor x) c
   return x;
 }
 
+at::Tensor Networks::EvaluateBackbone(at::Tensor raster, bool training) {
+  using Kind = artifact::BackboneLayer::Kind;
+  at::Tensor grids[artifact::kBackboneRegisters] = {std::move(raster)};
+  for (const artifact::BackboneLayer& layer : backbone_) {
+    at::Tensor grid = grids[layer.source];
+    const int64_t padding = layer.kernel / 2;
+    switch (layer.kind) {
+      case Kind::kConvolution: {
+        const std::string& norm = layer.normalization;
+        grid = at::conv2d(grid, (*this)[layer.convolution + ".weight"], {}, layer.stride, padding);
+        grid = at::batch_norm(grid, (*this)[norm + ".weight"], (*this)[norm + ".bias"],
+                              (*this)[norm + ".running_mean"], (*this)[norm + ".running_var"],
+                              training, kBatchNormMomentum, kBatchNormEpsilon,
+                              /*cudnn_enabled=*/true);
+        break;
+      }
+      case Kind::kMaxPool:
+        grid = at::max_pool2d(grid, layer.kernel, layer.stride, padding);
+        break;
+      case Kind::kAveragePool:
+        grid = grid.mean({2, 3}, /*keepdim=*/true);
+        break;
+    }
+    if (layer.adds) grid = grid + grids[layer.destination];
+    grids[layer.destination] = layer.relu ? grid.relu() : grid;
+  }
+  return grids[backbone_.back().destination];
+}
+
 at::Tensor Networks::EncodeScenes(const at::Tensor& rasters, const at::Tensor& motions,
                                   const Mode& mode) {
   // [B, H, W, C] seen as [B, C, H, W] is channels-last, which the convolutions want.
   at::Tensor grid = rasters.to(device_).permute({0, 3, 1, 2}).to(at::kFloat).mul_(1.0 / 255.0);
-  for (int i = 0; i < spec_.backbone().convolutions_size(); ++i) {
-    const size_t layer = static_cast<size_t>(i);
-    const int64_t stride = spec_.backbone().convolutions(i).stride();
-    const std::string norm = "backbone.normalization";
-    grid = at::conv2d(grid, (*this)[Layer("backbone.convolution", layer, "weight")], {}, stride,
-                      /*padding=*/1);
-    grid = at::batch_norm(grid, (*this)[Layer(norm, layer, "weight")],
-                          (*this)[Layer(norm, layer, "bias")],
-                          (*this)[Layer(norm, layer, "running_mean")],
-                          (*this)[Layer(norm, layer, "running_var")], mode.training != nullptr,
-                          kBatchNormMomentum, kBatchNormEpsilon, /*cudnn_enabled=*/true)
-               .relu();
-  }
+  grid = EvaluateBackbone(std::move(grid), mode.training != nullptr);
   at::Tensor features =
       at::linear(grid.contiguous().flatten(1), (*this)["backbone.projection.weight"],
                  (*this)["backbone.projection.bias"])

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "maneuver/v1/model_spec.pb.h"
+#include "model/artifact/backbone_layers.h"
 #include "model/artifact/tensor.h"
 #include "model/learning/gaussian.h"
 
@@ -25,7 +26,8 @@ at::Generator MakeGenerator(uint64_t seed);
 class Networks {
  public:
   // Fresh weights: He initialisation for layers before a ReLU, the last layer of the scenario
-  // encoders small (an untrained one answers the generic action), the mixture at N(0, I).
+  // encoders small (an untrained one answers the generic action), the mixture at N(0, I). The last
+  // batch normalisation of a residual block has gamma 0.
   Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& generator);
 
   const v1::ModelSpec& spec() const { return spec_; }
@@ -83,6 +85,8 @@ class Networks {
   void Restore(const Snapshot& snapshot);
 
  private:
+  // rasters [B, C, H, W], 1 at full intensity, to the last grid [B, C', h, w]
+  at::Tensor EvaluateBackbone(at::Tensor rasters, bool training);
   at::Tensor Mlp(const std::string& name, size_t layers, at::Tensor x) const;
   at::Tensor PerAction(const at::Tensor& features) const;
   // The linear map from the decoder's last layer to positions relative to the mean. [2T, 2M]
@@ -90,6 +94,7 @@ class Networks {
 
   v1::ModelSpec spec_;
   at::Device device_;
+  const std::vector<artifact::BackboneLayer> backbone_;
   const std::string last_decoder_layer_;  // "decoder.3"
   at::Tensor basis_;                      // [T, M]
   at::Tensor coefficient_stddev_;         // [M, 2] metres

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "absl/strings/str_cat.h"
+#include "model/artifact/model_cost.h"
 #include "model/artifact/model_folder.h"
 #include "server/errors/error_details.h"
 #include "server/serving/model_registry.h"
@@ -46,6 +47,7 @@ absl::StatusOr<v1::ModelVersion> ModelRegistry::Describe(const ModelVersionName&
                                   name.ToString(), " is damaged: ", manifest.status().message())),
                               "MODEL_DAMAGED", {{"model_version", name.ToString()}});
   }
+  *version.mutable_cost() = artifact::CountCost(manifest->spec());
   *version.mutable_manifest() = *std::move(manifest);
   const auto since_epoch = std::chrono::duration_cast<std::chrono::nanoseconds>(
                                folders_.CreateTime(name).time_since_epoch())

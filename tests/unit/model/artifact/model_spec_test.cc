@@ -6,6 +6,7 @@
 
 #include <cstdint>
 
+#include "model/artifact/backbone_layers.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 
 namespace maneuver::artifact {
@@ -71,7 +72,9 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"TooLargeGrid",
               "raster { height: 512 width: 512 } backbone { convolutions { channels: 600 stride: 1 "
               "} }",
-              "backbone.convolutions"}),
+              "backbone.convolutions"},
+        Fault{"TwoBackbones", "backbone { residual { block: RESIDUAL_BLOCK_BASIC } }",
+              "backbone.residual"}),
     [](const testing::TestParamInfo<Fault>& fault) { return fault.param.name; });
 
 TEST(ModelSpecTest, AnEmptySpecIsWrongInEveryPart) {
@@ -83,6 +86,62 @@ TEST(ModelSpecTest, AnEmptySpecIsWrongInEveryPart) {
   }
 }
 
+// A spec with a residual backbone, changed by text.
+v1::ModelSpec ResidualSpec(const char* change) {
+  v1::ModelSpec spec = TinySpec();
+  spec.mutable_backbone()->clear_convolutions();
+  EXPECT_TRUE(google::protobuf::TextFormat::MergeFromString(
+      R"pb(backbone {
+             residual {
+               stem { channels: 4 kernel_size: 5 stride: 2 max_pool: true }
+               block: RESIDUAL_BLOCK_BOTTLENECK
+               stages { blocks: 2 width: 1 stride: 1 }
+               stages { blocks: 1 width: 2 stride: 2 }
+             }
+           })pb",
+      &spec));
+  EXPECT_TRUE(google::protobuf::TextFormat::MergeFromString(change, &spec));
+  return spec;
+}
+
+TEST(ModelSpecTest, AResidualBackboneIsCheckedFieldByField) {
+  EXPECT_THAT(WrongFields(ResidualSpec("")), ElementsAre());
+  for (const auto& [change, field] : std::vector<std::pair<const char*, const char*>>{
+           {"stem { channels: 2000 }", "stem.channels"},
+           {"stem { kernel_size: 4 }", "stem.kernel_size"},
+           {"stem { kernel_size: 13 }", "stem.kernel_size"},
+           {"stem { kernel_size: -1 }", "stem.kernel_size"},
+           {"stem { stride: 3 }", "stem.stride"},
+           {"block: RESIDUAL_BLOCK_UNSPECIFIED", "block"},
+           {"stages { blocks: 0 width: 1 stride: 1 }", "stages[2].blocks"},
+           {"stages { blocks: 1 width: -1 stride: 1 }", "stages[2].width"},
+           {"stages { blocks: 1 width: 1 stride: 4 }", "stages[2].stride"},
+       }) {
+    const std::string text = std::string("backbone { residual { ") + change + " } }";
+    EXPECT_THAT(WrongFields(ResidualSpec(text.c_str())),
+                ElementsAre(std::string("backbone.residual.") + field));
+  }
+  v1::ModelSpec none = ResidualSpec("");
+  none.mutable_backbone()->mutable_residual()->clear_stages();
+  EXPECT_THAT(WrongFields(none), ElementsAre("backbone.residual.stages"));
+}
+
+TEST(ModelSpecTest, TensorsOfAResidualBackboneAreNamedByStageAndBlock) {
+  using Shape = std::vector<int64_t>;
+  auto shapes = TensorShapes(ResidualSpec(""));
+  EXPECT_EQ(shapes["backbone.stem.convolution.weight"], Shape({4, 7, 5, 5}));
+  EXPECT_EQ(shapes["backbone.stem.normalization.bias"], Shape({4}));
+  // 4 channels come in and 4 times width 1 go out: no shortcut.
+  EXPECT_EQ(shapes["backbone.stage.0.block.0.convolution.0.weight"], Shape({1, 4, 1, 1}));
+  EXPECT_EQ(shapes["backbone.stage.0.block.0.convolution.1.weight"], Shape({1, 1, 3, 3}));
+  EXPECT_EQ(shapes["backbone.stage.0.block.0.convolution.2.weight"], Shape({4, 1, 1, 1}));
+  EXPECT_FALSE(shapes.contains("backbone.stage.0.block.0.shortcut.convolution.weight"));
+  EXPECT_EQ(shapes["backbone.stage.1.block.0.shortcut.convolution.weight"], Shape({8, 4, 1, 1}));
+  EXPECT_EQ(shapes["backbone.stage.1.block.0.shortcut.normalization.running_var"], Shape({8}));
+  // The average leaves one cell.
+  EXPECT_EQ(shapes["backbone.projection.weight"], Shape({5, 8}));
+}
+
 TEST(ModelSpecTest, GridsFollowThePaddedStridedConvolutions) {
   // Output positions of a 3-wide window at -1, -1 + stride, ... whose centre is within the input.
   for (const int size : {16, 17, 18, 19, 31, 96, 225}) {
@@ -92,10 +151,10 @@ TEST(ModelSpecTest, GridsFollowThePaddedStridedConvolutions) {
       spec.mutable_backbone()->mutable_convolutions(0)->set_stride(stride);
       int positions = 0;
       for (int centre = 0; centre < size; centre += stride) ++positions;
-      EXPECT_EQ(BackboneGrid(spec, 1).height, positions) << size << " by " << stride;
+      EXPECT_EQ(BackboneLayers(spec)[0].output.height, positions) << size << " by " << stride;
     }
   }
-  const GridSize input = BackboneGrid(TinySpec(), 0);
+  const GridSize input = RasterGrid(TinySpec().raster());
   EXPECT_EQ(input.channels, 3 + 2 + 2);
   EXPECT_EQ(input.height, 16);
   EXPECT_EQ(input.width, 20);

@@ -50,6 +50,37 @@ TEST(TrainingPresetsTest, PaperHasTheSizesOfThePaper) {
   }
 }
 
+TEST(TrainingPresetsTest, ResNet50IsThePaperWithAnotherBackbone) {
+  v1::TrainingSettings resnet = Resolved("preset: 'resnet50'");
+  EXPECT_THAT(WrongFields(resnet), ElementsAre());
+  v1::TrainingSettings paper = Resolved("preset: 'paper'");
+  EXPECT_TRUE(resnet.model().backbone().convolutions().empty());
+  EXPECT_EQ(resnet.model().backbone().residual().stages_size(), 4);
+  EXPECT_EQ(resnet.model().backbone().features(), paper.model().backbone().features());
+  for (v1::TrainingSettings* settings : {&resnet, &paper}) {
+    settings->clear_preset();
+    settings->mutable_model()->clear_backbone();
+  }
+  EXPECT_EQ(resnet.SerializeAsString(), paper.SerializeAsString());
+}
+
+TEST(TrainingPresetsTest, OneBackboneReplacesTheOther) {
+  const v1::TrainingSettings plain =
+      Resolved("preset: 'resnet50' model { backbone { convolutions { channels: 5 stride: 1 } } }");
+  EXPECT_EQ(plain.model().backbone().convolutions_size(), 1);
+  EXPECT_FALSE(plain.model().backbone().has_residual());
+  const v1::TrainingSettings residual = Resolved(
+      "model { backbone { residual { stem { channels: 8 kernel_size: 3 stride: 1 } "
+      "block: RESIDUAL_BLOCK_BASIC stages { blocks: 1 width: 8 stride: 2 } } } }");
+  EXPECT_TRUE(residual.model().backbone().convolutions().empty());
+  EXPECT_THAT(WrongFields(residual), ElementsAre());
+  // A field of the preset's own residual network is replaced by itself.
+  const v1::TrainingSettings basic =
+      Resolved("preset: 'resnet50' model { backbone { residual { stem { max_pool: false } } } }");
+  EXPECT_FALSE(basic.model().backbone().residual().stem().max_pool());
+  EXPECT_EQ(basic.model().backbone().residual().stem().channels(), 64);
+}
+
 TEST(TrainingPresetsTest, AnUnknownPresetIsLeftAloneAndNamed) {
   const v1::TrainingSettings resolved = Resolved("preset: 'large' seed: 3");
   EXPECT_EQ(resolved.SerializeAsString(), Settings("preset: 'large' seed: 3").SerializeAsString());

@@ -5,6 +5,7 @@
 #include <numbers>
 #include <random>
 
+#include "model/artifact/backbone_layers.h"
 #include "model/artifact/model_spec.h"
 
 namespace maneuver::inference {
@@ -23,7 +24,7 @@ artifact::StoredModel RandomModel(const v1::ModelSpec& spec, uint32_t seed) {
     float scale = 0.3f;
     if (name.ends_with(".weight") && shape.size() >= 2) {
       const bool convolution = shape.size() == 4;
-      const int64_t inputs = convolution ? shape[1] * 9 : shape.back();
+      const int64_t inputs = convolution ? shape[1] * shape[2] * shape[3] : shape.back();
       scale = std::sqrt(2.0f / static_cast<float>(inputs));
     }
     for (size_t i = 0; i < count; ++i) tensor.values.push_back(scale * normal(random));
@@ -33,6 +34,11 @@ artifact::StoredModel RandomModel(const v1::ModelSpec& spec, uint32_t seed) {
     if (positive) {
       for (float& value : tensor.values) value = 0.5f + std::abs(value);
     }
+  }
+  // Sums of many blocks stay of order 1, too.
+  for (const artifact::BackboneLayer& layer : artifact::BackboneLayers(spec)) {
+    if (!layer.adds) continue;
+    for (float& gamma : model.weights[layer.normalization + ".weight"].values) gamma *= 0.4f;
   }
   std::vector<float>& covariance = model.weights["decoder.covariance"].values;
   for (size_t i = 0; i < covariance.size(); i += 3) {
@@ -45,62 +51,151 @@ artifact::StoredModel RandomModel(const v1::ModelSpec& spec, uint32_t seed) {
 
 std::vector<uint8_t> RandomRaster(const v1::ModelSpec& spec, uint32_t seed) {
   std::mt19937 random(seed);
-  const auto grid = artifact::BackboneGrid(spec, 0);
+  const auto grid = artifact::RasterGrid(spec.raster());
   std::vector<uint8_t> raster(static_cast<size_t>(grid.channels) *
                               static_cast<size_t>(grid.height) * static_cast<size_t>(grid.width));
   for (uint8_t& byte : raster) byte = random() % 4 == 0 ? static_cast<uint8_t>(random() % 256) : 0;
   return raster;
 }
 
-ReferenceModel::Values ReferenceModel::Features(const std::vector<uint8_t>& raster) const {
-  const v1::ModelSpec& spec = model_.manifest.spec();
-  const auto input = artifact::BackboneGrid(spec, 0);
-  int channels = input.channels, height = input.height, width = input.width;
-  Values x(raster.size());  // [C, h, w]
-  for (int c = 0; c < channels; ++c) {
-    for (int i = 0; i < height * width; ++i) {
-      x[static_cast<size_t>(c * height * width + i)] =
-          raster[static_cast<size_t>(i * channels + c)] / 255.0;
+namespace {
+
+using Values = ReferenceModel::Values;
+
+// [C, h, w]
+struct Grid {
+  int channels, height, width;
+  Values values;
+
+  size_t At(int c, int row, int column) const {
+    return static_cast<size_t>((c * height + row) * width + column);
+  }
+};
+
+// `cell(o, row, column)` for every place of a grid of 1/stride the size.
+template <typename Cell>
+Grid Strided(const Grid& x, int channels, int stride, const Cell& cell) {
+  Grid y{channels, (x.height + stride - 1) / stride, (x.width + stride - 1) / stride, {}};
+  for (int o = 0; o < y.channels; ++o) {
+    for (int row = 0; row < y.height; ++row) {
+      for (int column = 0; column < y.width; ++column) {
+        y.values.push_back(cell(o, row * stride, column * stride));
+      }
     }
   }
-  for (int layer = 0; layer < spec.backbone().convolutions_size(); ++layer) {
-    const std::string index = std::to_string(layer);
-    const std::vector<float>& weight = Tensor("backbone.convolution." + index + ".weight");
-    const std::string normalization = "backbone.normalization." + index + ".";
-    const int outputs = spec.backbone().convolutions(layer).channels();
-    const int stride = spec.backbone().convolutions(layer).stride();
-    const int out_height = (height - 1) / stride + 1;
-    const int out_width = (width - 1) / stride + 1;
-    Values y(static_cast<size_t>(outputs * out_height * out_width));
-    for (int o = 0; o < outputs; ++o) {
-      const size_t oc = static_cast<size_t>(o);
-      for (int row = 0; row < out_height; ++row) {
-        for (int column = 0; column < out_width; ++column) {
-          double sum = 0;
-          for (int c = 0; c < channels; ++c) {
-            for (int dy = -1; dy <= 1; ++dy) {
-              for (int dx = -1; dx <= 1; ++dx) {
-                const int sy = row * stride + dy, sx = column * stride + dx;
-                if (sy < 0 || sy >= height || sx < 0 || sx >= width) continue;
-                sum += double{weight[static_cast<size_t>(((o * channels + c) * 3 + dy + 1) * 3 +
-                                                         dx + 1)]} *
-                       x[static_cast<size_t>((c * height + sy) * width + sx)];
-              }
-            }
-          }
-          const double normalized = (sum - Tensor(normalization + "running_mean")[oc]) /
-                                    std::sqrt(Tensor(normalization + "running_var")[oc] + 1e-5);
-          y[static_cast<size_t>((o * out_height + row) * out_width + column)] =
-              std::max(0.0, normalized * Tensor(normalization + "weight")[oc] +
-                                Tensor(normalization + "bias")[oc]);
+  return y;
+}
+
+Grid Relu(Grid x) {
+  for (double& value : x.values) value = std::max(0.0, value);
+  return x;
+}
+
+Grid Sum(Grid x, const Grid& y) {
+  for (size_t i = 0; i < x.values.size(); ++i) x.values[i] += y.values.at(i);
+  return x;
+}
+
+Grid MaxPool(const Grid& x) {
+  return Strided(x, x.channels, 2, [&](int c, int row, int column) {
+    double largest = -1e300;
+    for (int r = std::max(0, row - 1); r <= std::min(x.height - 1, row + 1); ++r) {
+      for (int q = std::max(0, column - 1); q <= std::min(x.width - 1, column + 1); ++q) {
+        largest = std::max(largest, x.values[x.At(c, r, q)]);
+      }
+    }
+    return largest;
+  });
+}
+
+Grid AveragePool(const Grid& x) {
+  Grid y{x.channels, 1, 1, {}};
+  const size_t cells = static_cast<size_t>(x.height * x.width);
+  for (size_t c = 0; c < static_cast<size_t>(x.channels); ++c) {
+    double sum = 0;
+    for (size_t i = 0; i < cells; ++i) sum += x.values[c * cells + i];
+    y.values.push_back(sum / static_cast<double>(cells));
+  }
+  return y;
+}
+
+// One convolution with its batch normalisation. `name` has %, for which "convolution" or
+// "normalization" stand.
+Grid Convolve(const artifact::TensorMap& weights, const std::string& name, int stride,
+              const Grid& x) {
+  const auto tensor = [&](const char* part, const char* end) -> const artifact::Tensor& {
+    std::string full = name + end;
+    return weights.at(full.replace(full.find('%'), 1, part));
+  };
+  const artifact::Tensor& weight = tensor("convolution", ".weight");
+  const int outputs = static_cast<int>(weight.shape[0]);
+  const int kernel = static_cast<int>(weight.shape[2]);
+  return Strided(x, outputs, stride, [&](int o, int row, int column) {
+    double sum = 0;
+    for (int c = 0; c < x.channels; ++c) {
+      for (int i = 0; i < kernel; ++i) {
+        for (int j = 0; j < kernel; ++j) {
+          const int r = row + i - kernel / 2, q = column + j - kernel / 2;
+          if (r < 0 || r >= x.height || q < 0 || q >= x.width) continue;
+          const int tap = ((o * x.channels + c) * kernel + i) * kernel + j;
+          sum += double{weight.values[static_cast<size_t>(tap)]} * x.values[x.At(c, r, q)];
         }
       }
     }
-    x = std::move(y);
-    channels = outputs;
-    height = out_height;
-    width = out_width;
+    const auto moment = [&](const char* end) {
+      return double{tensor("normalization", end).values[static_cast<size_t>(o)]};
+    };
+    return (sum - moment(".running_mean")) / std::sqrt(moment(".running_var") + 1e-5) *
+               moment(".weight") +
+           moment(".bias");
+  });
+}
+
+Grid Residual(const artifact::StoredModel& model, Grid x) {
+  const v1::ResidualSpec& residual = model.manifest.spec().backbone().residual();
+  const auto convolve = [&](const std::string& name, int stride, const Grid& grid) {
+    return Convolve(model.weights, name, stride, grid);
+  };
+  x = Relu(convolve("backbone.stem.%", residual.stem().stride(), x));
+  if (residual.stem().max_pool()) x = MaxPool(x);
+  for (int s = 0; s < residual.stages_size(); ++s) {
+    for (int b = 0; b < residual.stages(s).blocks(); ++b) {
+      const std::string block =
+          "backbone.stage." + std::to_string(s) + ".block." + std::to_string(b) + ".";
+      const int stride = b == 0 ? residual.stages(s).stride() : 1;
+      Grid y;
+      if (residual.block() == v1::RESIDUAL_BLOCK_BASIC) {
+        y = convolve(block + "%.1", 1, Relu(convolve(block + "%.0", stride, x)));
+      } else {
+        y = Relu(convolve(block + "%.0", 1, x));
+        y = convolve(block + "%.2", 1, Relu(convolve(block + "%.1", stride, y)));
+      }
+      const bool same = y.channels == x.channels && y.height == x.height && y.width == x.width;
+      x = Relu(Sum(std::move(y), same ? x : convolve(block + "shortcut.%", stride, x)));
+    }
   }
+  return AveragePool(x);
+}
+
+}  // namespace
+
+ReferenceModel::Values ReferenceModel::Features(const std::vector<uint8_t>& raster) const {
+  const v1::ModelSpec& spec = model_.manifest.spec();
+  const int height = spec.raster().height(), width = spec.raster().width();
+  Grid grid{3 + 2 * spec.raster().history_frames(), height, width, Values(raster.size())};
+  for (size_t i = 0; i < raster.size(); ++i) {
+    const int cell = static_cast<int>(i) / grid.channels;
+    grid.values[grid.At(static_cast<int>(i) % grid.channels, cell / width, cell % width)] =
+        raster[i] / 255.0;
+  }
+  if (spec.backbone().has_residual()) {
+    grid = Residual(model_, std::move(grid));
+  }
+  for (int layer = 0; layer < spec.backbone().convolutions_size(); ++layer) {
+    grid = Relu(Convolve(model_.weights, "backbone.%." + std::to_string(layer),
+                         spec.backbone().convolutions(layer).stride(), grid));
+  }
+  const Values& x = grid.values;
   const std::vector<float>& weight = Tensor("backbone.projection.weight");
   const std::vector<float>& bias = Tensor("backbone.projection.bias");
   Values features(bias.size());

@@ -1,0 +1,69 @@
+#include "tests/bench/bench_model.h"
+
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <iostream>
+#include <map>
+#include <utility>
+
+#include "model/artifact/training_presets.h"
+#include "tests/unit/model/inference/reference_model.h"
+
+namespace maneuver::bench {
+namespace {
+
+namespace fs = std::filesystem;
+
+[[noreturn]] void Fail(const absl::Status& status) {
+  std::cerr << "maneuver-bench: " << status << "\n";
+  std::exit(EXIT_FAILURE);
+}
+
+}  // namespace
+
+const artifact::StoredModel& StoredPreset(const std::string& preset) {
+  static std::map<std::string, artifact::StoredModel> models;
+  const auto found = models.find(preset);
+  if (found != models.end()) return found->second;
+  v1::TrainingSettings settings;
+  settings.set_preset(preset);
+  const v1::ModelSpec spec = artifact::ResolveTrainingSettings(settings).model();
+  return models.emplace(preset, inference::RandomModel(spec, 1)).first->second;
+}
+
+std::shared_ptr<const inference::ActionModel> LoadPreset(const std::string& preset,
+                                                         inference::Precision precision) {
+  using Key = std::pair<std::string, inference::Precision>;
+  static std::map<Key, std::shared_ptr<const inference::ActionModel>> models;
+  std::shared_ptr<const inference::ActionModel>& model = models[{preset, precision}];
+  if (model != nullptr) return model;
+  const fs::path folder =
+      fs::temp_directory_path() / ("maneuver-bench-" + std::to_string(getpid()));
+  const absl::Status written = artifact::WriteModelFolder(folder, StoredPreset(preset));
+  if (!written.ok()) Fail(written);
+  auto loaded = inference::ActionModel::Load(folder, {precision});
+  fs::remove_all(folder);
+  if (!loaded.ok()) Fail(loaded.status());
+  return model = *std::move(loaded);
+}
+
+std::span<const inference::SceneInput> Scenes(const std::string& preset) {
+  static std::map<std::string, std::vector<std::vector<uint8_t>>> rasters;
+  static std::map<std::string, std::vector<inference::SceneInput>> scenes;
+  std::vector<inference::SceneInput>& found = scenes[preset];
+  if (!found.empty()) return found;
+  for (uint32_t i = 0; i < kLargestBatch; ++i) {
+    rasters[preset].push_back(inference::RandomRaster(StoredPreset(preset).manifest.spec(), i));
+  }
+  for (const auto& raster : rasters[preset]) found.push_back({raster.data(), {}});
+  return found;
+}
+
+void CountTargets(benchmark::State& state, int batch) {
+  state.counters["a_target"] = benchmark::Counter(
+      batch, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+}
+
+}  // namespace maneuver::bench

@@ -1,0 +1,87 @@
+// LibTorch's forward of the same networks with the same weights, on one thread, without gradients,
+// channels last: what the trainer's own evaluation costs.
+
+#include <ATen/ATen.h>
+#include <ATen/Parallel.h>
+#include <benchmark/benchmark.h>
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "model/artifact/backbone_layers.h"
+#include "model/learning/networks.h"
+#include "model/scene/target_motion.h"
+#include "tests/bench/bench_model.h"
+
+namespace maneuver::bench {
+namespace {
+
+// The backbone and the action predictor of a stored model.
+learning::Networks MakeNetworks(const artifact::StoredModel& model) {
+  at::NoGradGuard no_grad;
+  at::Generator generator = learning::MakeGenerator(1);
+  learning::Networks networks(model.manifest.spec(), at::Device(at::kCPU), generator);
+  for (const auto& [name, tensor] : model.weights) {
+    if (!name.starts_with("backbone.") && !name.starts_with("action_predictor.")) continue;
+    networks[name].copy_(
+        at::from_blob(const_cast<float*>(tensor.values.data()), tensor.shape, at::kFloat));
+  }
+  return networks;
+}
+
+at::Tensor RasterBatch(const std::string& preset, int batch) {
+  const artifact::GridSize size =
+      artifact::RasterGrid(StoredPreset(preset).manifest.spec().raster());
+  std::vector<at::Tensor> rasters;
+  for (const auto& scene : Scenes(preset).first(static_cast<size_t>(batch))) {
+    rasters.push_back(at::from_blob(const_cast<uint8_t*>(scene.raster),
+                                    {size.height, size.width, size.channels}, at::kByte));
+  }
+  return at::stack(rasters);
+}
+
+// The largest difference of p(y|s) from the engine's, as a check that both do the same.
+double Difference(const std::string& preset, int batch, const at::Tensor& log_probabilities) {
+  std::vector<inference::SceneEncoding> encodings(static_cast<size_t>(batch));
+  LoadPreset(preset, inference::Precision::kF32)
+      ->NewSession()
+      ->Encode(Scenes(preset).first(encodings.size()), encodings);
+  double largest = 0.0;
+  for (size_t i = 0; i < encodings.size(); ++i) {
+    const at::Tensor ours = at::from_blob(encodings[i].probabilities.data(),
+                                          {encodings[i].probabilities.size()}, at::kDouble);
+    const at::Tensor theirs = log_probabilities[static_cast<int64_t>(i)].exp().to(at::kDouble);
+    largest = std::max(largest, (ours - theirs).abs().max().item<double>());
+  }
+  return largest;
+}
+
+void Encode(benchmark::State& state, const std::string& preset, int batch) {
+  at::NoGradGuard no_grad;
+  at::set_num_threads(1);
+  learning::Networks networks = MakeNetworks(StoredPreset(preset));
+  const at::Tensor rasters = RasterBatch(preset, batch);
+  const at::Tensor motions = at::zeros({batch, scene::kMotionInputs});
+  at::Tensor log_probabilities;
+  for (auto _ : state) {
+    log_probabilities = networks.PredictActions(networks.EncodeScenes(rasters, motions, {}));
+  }
+  CountTargets(state, batch);
+  state.counters["difference"] = Difference(preset, batch, log_probabilities);
+}
+
+}  // namespace
+
+void RegisterLibTorchBenchmarks() {
+  for (const char* preset : kPresets) {
+    for (const int batch : kBatches) {
+      const std::string name =
+          "libtorch/encode/" + std::string(preset) + "/f32/batch:" + std::to_string(batch);
+      benchmark::RegisterBenchmark(name.c_str(), Encode, std::string(preset), batch)
+          ->Unit(benchmark::kMillisecond);
+    }
+  }
+}
+
+}  // namespace maneuver::bench

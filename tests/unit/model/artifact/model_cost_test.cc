@@ -1,0 +1,72 @@
+#include "model/artifact/model_cost.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <utility>
+#include <vector>
+
+#include "model/artifact/backbone_layers.h"
+#include "model/artifact/training_presets.h"
+#include "tests/unit/model/artifact/tiny_model.h"
+
+namespace maneuver::artifact {
+namespace {
+
+v1::ModelSpec ResNet50() {
+  v1::TrainingSettings settings;
+  settings.set_preset("resnet50");
+  return ResolveTrainingSettings(settings).model();
+}
+
+// ResNet-18 and -34, of basic blocks, and -50, as torchvision publishes them with their weights:
+// parameters and 1e9 multiply-adds for 224 x 224 pixels of 3 channels and 1000 classes. With the
+// stride in the first 1x1 convolution of a bottleneck, the last would be 3.86.
+TEST(ModelCostTest, ResNetsCostWhatIsPublished) {
+  struct Published {
+    std::vector<int> blocks;
+    v1::ResidualBlock block;
+    int64_t parameters;
+    double billions;
+  };
+  for (const Published& published :
+       {Published{{2, 2, 2, 2}, v1::RESIDUAL_BLOCK_BASIC, 11'689'512, 1.814},
+        Published{{3, 4, 6, 3}, v1::RESIDUAL_BLOCK_BASIC, 21'797'672, 3.664},
+        Published{{3, 4, 6, 3}, v1::RESIDUAL_BLOCK_BOTTLENECK, 25'557'032, 4.089}}) {
+    v1::ModelSpec spec = ResNet50();
+    v1::BackboneSpec& backbone = *spec.mutable_backbone();
+    backbone.set_features(1000);
+    backbone.mutable_residual()->set_block(published.block);
+    for (int s = 0; s < 4; ++s) {
+      backbone.mutable_residual()->mutable_stages(s)->set_blocks(
+          published.blocks[static_cast<size_t>(s)]);
+    }
+    // What the stem costs more for more channels than three.
+    const int64_t taps = int64_t{64} * 7 * 7 * (RasterGrid(spec.raster()).channels - 3);
+    const v1::ModelCost cost = CountCost(spec);
+    EXPECT_EQ(cost.backbone_parameters() - taps, published.parameters);
+    EXPECT_NEAR(static_cast<double>(cost.backbone_multiply_adds() - 112 * 112 * taps) * 1e-9,
+                published.billions, 0.0005);
+  }
+}
+
+// Counted by hand for TinySpec: 7 x 16 x 20 -> 4 x 8 x 10 -> 6 x 8 x 10 -> 5 features, 3 actions of
+// 2 latent dimensions, 3 waypoints.
+TEST(ModelCostTest, CountsEveryPartOnce) {
+  const v1::ModelCost cost = CountCost(TinySpec());
+  const int64_t backbone = 4 * 7 * 9 + 2 * 4 + 6 * 4 * 9 + 2 * 6 + 5 * 480 + 5;
+  const int64_t predictor = 5 * 7 + 7 + 7 * 3 + 3;
+  const int64_t encoder = 6 * 8 + 8 + 8 * 9 + 9 + 9 * 4 + 4;
+  const int64_t decoder = 2 * 10 + 10 + 10 * 6 + 6;
+  const int64_t scenario_encoder = 5 * 11 + 11 + 11 * 4 + 4;
+  const int64_t mixture = 3 * 2 + 3 * 2 + 3;
+  EXPECT_EQ(cost.backbone_parameters(), backbone);
+  EXPECT_EQ(cost.parameters(),
+            backbone + predictor + encoder + decoder + 3 * scenario_encoder + mixture);
+  EXPECT_EQ(cost.backbone_multiply_adds(), 80 * 4 * 7 * 9 + 80 * 6 * 4 * 9 + 5 * 480);
+  EXPECT_EQ(cost.predictor_multiply_adds(), 5 * 7 + 7 * 3);
+  EXPECT_EQ(cost.distribution_multiply_adds(), 5 * 11 + 11 * 4 + 5 * (2 * 10 + 10 * 6));
+}
+
+}  // namespace
+}  // namespace maneuver::artifact
