@@ -13,6 +13,7 @@
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
 #include "client/plot/action_set_plot.h"
+#include "model/evaluation/cost_text.h"
 
 namespace maneuver::cli {
 namespace {
@@ -101,6 +102,8 @@ int Show(const std::string& name, Environment& environment) {
                                      " waypoints")});
   table.Add({"raster", absl::StrCat(spec.raster().width(), " x ", spec.raster().height(), " at ",
                                     spec.raster().meters_per_pixel(), " m a pixel")});
+  table.Add({"backbone", evaluation::BackboneCostText(version->cost())});
+  table.Add({"whole model", evaluation::ModelCostText(version->cost())});
   table.Add({"datasets", absl::StrJoin(manifest.provenance().datasets(), " ")});
   table.Add({"preset", manifest.provenance().settings().preset()});
   table.Add({"examples", absl::StrCat(manifest.provenance().training_examples(), " learned, ",

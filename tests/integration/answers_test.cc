@@ -1,6 +1,8 @@
 // The whole way with real processes: town, upload, training through the Train RPC, and the answers.
 
 #include <gmock/gmock.h>
+#include <google/protobuf/text_format.h>
+#include <google/protobuf/util/json_util.h>
 #include <google/protobuf/util/message_differencer.h>
 #include <gtest/gtest.h>
 
@@ -313,6 +315,51 @@ TEST_F(AnswersTest, EvaluationAgreesWithRecordedManoeuvres) {
   ASSERT_EQ(job.evaluation().sampled_examples_size(), 20);
   EXPECT_EQ(job.evaluation().sampled_examples(0).probabilities_size(),
             job.evaluation().action_uses_size());
+}
+
+// Another version of the model, with a residual backbone, beside the one that serves.
+TEST_F(AnswersTest, AResidualBackboneIsTrainedShownAndServed) {
+  v1::TrainingSettings settings;
+  ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(kTinySettings, &settings).ok());
+  v1::BackboneSpec& backbone = *settings.mutable_model()->mutable_backbone();
+  backbone.clear_convolutions();
+  ASSERT_TRUE(google::protobuf::TextFormat::ParseFromString(
+      R"pb(stem { channels: 8 kernel_size: 7 stride: 2 max_pool: true }
+           block: RESIDUAL_BLOCK_BOTTLENECK
+           stages { blocks: 2 width: 4 stride: 1 }
+           stages { blocks: 2 width: 8 stride: 2 })pb",
+      backbone.mutable_residual()));
+  settings.mutable_optimization()->set_joint_epochs(1);
+  std::string json;
+  ASSERT_TRUE(google::protobuf::util::MessageToJsonString(settings, &json).ok());
+  const std::filesystem::path file = trained_->folder() / "residual.json";
+  std::ofstream(file) << json;
+
+  std::string output;
+  ASSERT_EQ(RunManeuver(server(),
+                        {"train", "tiny", "--dataset", "town", "--settings", file.string(),
+                         "--promote", "never"},
+                        &output),
+            0)
+      << output;
+  ASSERT_EQ(RunManeuver(server(), {"model", "show", "tiny/2"}, &output), 0) << output;
+  EXPECT_THAT(output, HasSubstr("multiply-adds a target"));
+
+  v1::PredictRequest request = Request(0, 3);
+  request.set_model("models/tiny/versions/2");
+  v1::PredictResponse together;
+  ASSERT_TRUE(Predict(request, &together).ok());
+  EXPECT_EQ(together.model_version(), "models/tiny/versions/2");
+  for (int i = 0; i < 3; ++i) {
+    v1::PredictRequest alone = Request(i, 1);
+    alone.set_model("models/tiny/versions/2");
+    v1::PredictResponse response;
+    ASSERT_TRUE(Predict(alone, &response).ok());
+    ASSERT_GT(response.predictions(0).targets_size(), 0);
+    EXPECT_EQ(response.predictions(0).SerializeAsString(),
+              together.predictions(i).SerializeAsString());
+  }
+  EXPECT_EQ(RunManeuver(server(), {"model", "delete", "tiny/2"}, &output), 0) << output;
 }
 
 // Flips one byte of the weights, far from the header.

@@ -7,7 +7,9 @@
 #include "absl/strings/str_cat.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "model/artifact/model_cost.h"
 #include "model/artifact/training_presets.h"
+#include "model/evaluation/cost_text.h"
 #include "model/evaluation/report_text.h"
 #include "model/learning/trainer.h"
 #include "server/jobs/trainer/progress_display.h"
@@ -25,6 +27,12 @@ absl::Status CheckSettings(const v1::TrainingSettings& settings) {
                     violation.description);
   }
   return message.empty() ? absl::OkStatus() : absl::InvalidArgumentError(message);
+}
+
+void PrintCost(const v1::ModelSpec& spec) {
+  const v1::ModelCost cost = artifact::CountCost(spec);
+  std::cout << "backbone: " << evaluation::BackboneCostText(cost) << "\n"
+            << "whole model: " << evaluation::ModelCostText(cost) << std::endl;
 }
 
 void PrintMetrics(const v1::ModelManifest& manifest) {
@@ -104,6 +112,7 @@ absl::Status TrainCommand::Train() const {
   }
   run.stopped = StopRequested;
   const ProgressDisplay::Style style = ProgressDisplay::ParseStyle(progress_);
+  if (style == ProgressDisplay::Style::kBar) PrintCost(run.settings.model());
   absl::StatusOr<v1::ModelManifest> manifest;
   {
     ProgressDisplay display(style, std::cout);

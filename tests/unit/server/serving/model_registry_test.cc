@@ -293,6 +293,7 @@ TEST_F(ModelRegistryTest, ALabelStaysWithItsVersion) {
   const auto described = registry_->Describe({"town", 1});
   ASSERT_TRUE(described.ok()) << described.status();
   EXPECT_EQ(described->manifest().actions(2).label(), "turn left");
+  EXPECT_GT(described->cost().backbone_multiply_adds(), 0);
   EXPECT_EQ(registry_->List("town").at(0).create_time, before);
   EXPECT_TRUE(absl::IsOutOfRange(registry_->LabelAction({"town", 1}, 3, "x").status()));
 }
