@@ -1,5 +1,7 @@
 #include "model/evaluation/evaluator.h"
 
+#include <google/protobuf/util/message_differencer.h>
+
 #include <algorithm>
 #include <atomic>
 #include <iterator>
@@ -15,6 +17,13 @@ namespace maneuver::evaluation {
 namespace {
 
 constexpr int64_t kReportEvery = 64;  // examples
+
+// Whether baselines can be measured on the rasters and trajectories of a model.
+bool SeesTheSame(const v1::ModelSpec& baselines, const v1::ModelSpec& model) {
+  using google::protobuf::util::MessageDifferencer;
+  return MessageDifferencer::Equals(baselines.raster(), model.raster()) &&
+         MessageDifferencer::Equals(baselines.trajectory(), model.trajectory());
+}
 
 std::vector<data::Example> EnumerateAll(const EvaluationInput& input, const v1::ModelSpec& spec) {
   std::vector<data::Example> examples;
@@ -88,7 +97,11 @@ absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& m
         "the recordings hold no example: none has a vehicle with a second of past and a whole "
         "horizon of future; use longer recordings or a model with a shorter horizon");
   }
-  const MeasuringContext context(model, input.recordings, input.annotations);
+  if (input.baselines != nullptr && !SeesTheSame(input.baselines->covernet->spec(), model.spec())) {
+    return absl::FailedPreconditionError(
+        "the baselines in the model's folder are of a model with another raster or horizon");
+  }
+  const MeasuringContext context(model, input.recordings, input.annotations, input.baselines);
   all.measured.resize(all.examples.size());
   all.measured_by_waymo = !context.waymo.measured_times().empty();
   if (!MeasureAll(context, input, all.examples, all.measured)) {

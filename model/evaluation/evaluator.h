@@ -15,6 +15,7 @@
 #include "model/data/example_index.h"
 #include "model/evaluation/measurement.h"
 #include "model/inference/action_model.h"
+#include "model/inference/anchor_model.h"
 
 namespace maneuver::evaluation {
 
@@ -23,6 +24,8 @@ struct EvaluationInput {
   // For agreement with recorded manoeuvres; may be empty.
   std::span<const v1::ManeuverAnnotation> annotations;
   v1::ExampleSettings examples;  // complete
+  // Those of the model's folder; null if it carries none.
+  const inference::AnchorBaselines* baselines = nullptr;
   int threads = 1;
   // So many examples are carried in the report (example_sample.h).
   int sampled_examples = 0;
@@ -64,12 +67,19 @@ struct EvaluationInput {
 //   nmi, purity                            argmax q(y|x,s) against the recorded manoeuvre that
 //                                          covers most of the horizon; absent without annotations
 //   labelled_examples                      how many examples those two are over
+//   covernet_NAME, multipath_NAME          of the anchor baselines of the model's folder, if given
+//                                          (artifact/anchor_baselines.h): ade_1, min_ade_k, fde_1,
+//                                          min_fde_k, the miss rates, nll, nll_joint,
+//                                          effective_actions, action_perplexity, largest_share,
+//                                          mutual_information and calibration_error, as above with
+//                                          the nearest anchor's one-hot for q(y|x,s)
 //   nmi_kinematic, purity_kinematic        argmax q(y|x,s) against kinematic_classes.h
 //
 // Its strata (strata.h) hold the main ones of these. The report is the same bits for any number of
 // threads.
 //
-// FAILED_PRECONDITION if the recordings hold no example; CANCELLED if `progress` said so.
+// FAILED_PRECONDITION if the recordings hold no example, or the baselines read or predict something
+// else than the model; CANCELLED if `progress` said so.
 absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& model,
                                               const EvaluationInput& input);
 

@@ -59,6 +59,15 @@ BaselineErrors BaselineErrorsOf(const Trajectory& predicted, const Truth& truth,
   return {ErrorsOf(predicted, truth.trajectory), WaymoErrorsOf({&predicted, 1}, 1, truth, context)};
 }
 
+// All of them, the most probable first.
+std::vector<int> Ranked(const Eigen::VectorXd& probabilities) {
+  std::vector<int> ranked(static_cast<size_t>(probabilities.size()));
+  std::iota(ranked.begin(), ranked.end(), 0);
+  std::stable_sort(ranked.begin(), ranked.end(),
+                   [&](int a, int b) { return probabilities[a] > probabilities[b]; });
+  return ranked;
+}
+
 // Mean trajectories of the most probable actions, the most probable first.
 struct RankedMeans {
   std::vector<Trajectory> trajectories;
@@ -95,7 +104,8 @@ SourceMeasurement MeasureSource(std::span<const ActionDistribution> distribution
 
 MeasuringContext::MeasuringContext(const inference::ActionModel& measured_model,
                                    std::span<const v1::Scenario> measured_recordings,
-                                   std::span<const v1::ManeuverAnnotation> annotations)
+                                   std::span<const v1::ManeuverAnnotation> annotations,
+                                   const inference::AnchorBaselines* measured_baselines)
     : model(measured_model),
       recordings(measured_recordings),
       labels(annotations),
@@ -104,7 +114,8 @@ MeasuringContext::MeasuringContext(const inference::ActionModel& measured_model,
       waypoint_times(artifact::WaypointTimes(model.spec().trajectory())),
       waymo(waypoint_times),
       frame_interval(static_cast<double>(model.spec().raster().frame_interval().seconds()) +
-                     1e-9 * model.spec().raster().frame_interval().nanos()) {}
+                     1e-9 * model.spec().raster().frame_interval().nanos()),
+      baselines(measured_baselines) {}
 
 Measurer::Measurer(const MeasuringContext& context)
     : context_(context),
@@ -112,7 +123,11 @@ Measurer::Measurer(const MeasuringContext& context)
       rasterizer_(context.model.spec().raster()),
       raster_bytes_(scene::RasterBytes(context.model.spec().raster())),
       rasters_(kBatch * raster_bytes_),
-      encodings_(kBatch) {}
+      encodings_(kBatch) {
+  if (context.baselines == nullptr) return;
+  covernet_ = context.baselines->covernet->NewSession();
+  multipath_ = context.baselines->multipath->NewSession();
+}
 
 void Measurer::Measure(std::span<const data::Example> examples, std::span<Measurement> measured) {
   std::vector<inference::SceneInput> scenes;
@@ -125,6 +140,41 @@ void Measurer::Measure(std::span<const data::Example> examples, std::span<Measur
   session_->Encode(scenes, std::span(encodings_).first(examples.size()));
   for (size_t i = 0; i < examples.size(); ++i) {
     measured[i] = MeasureOne(examples[i], encodings_[i]);
+  }
+  if (context_.baselines == nullptr) return;
+  MeasureAnchors(scenes, examples, *context_.baselines->covernet, *covernet_,
+                 &Measurement::covernet, measured);
+  MeasureAnchors(scenes, examples, *context_.baselines->multipath, *multipath_,
+                 &Measurement::multipath, measured);
+}
+
+void Measurer::MeasureAnchors(std::span<const inference::SceneInput> scenes,
+                              std::span<const data::Example> examples,
+                              const inference::AnchorModel& model,
+                              inference::InferenceSession& session,
+                              std::optional<AnchorMeasurement> Measurement::*field,
+                              std::span<Measurement> measured) {
+  session.Encode(scenes, std::span(encodings_).first(examples.size()));
+  for (size_t i = 0; i < examples.size(); ++i) {
+    const v1::Scenario& recording = context_.recordings[static_cast<size_t>(examples[i].recording)];
+    const v1::Agent& agent = *scene::FindAgent(recording, examples[i].target_id);
+    const Truth truth =
+        TruthOf(examples[i], agent, EstimateMotion(agent, examples[i].time).speed(), context_);
+    const Eigen::VectorXd& probabilities = encodings_[i].probabilities;
+    const std::vector<ActionDistribution> distributions =
+        model.Describe(encodings_[i], &anchor_scratch_);
+    const RankedMeans means = MeansOf(distributions, probabilities, Ranked(probabilities));
+    AnchorMeasurement& anchors = (measured[i].*field).emplace();
+    anchors.probabilities = probabilities;
+    anchors.nearest = model.Nearest(truth.trajectory);
+    for (size_t rank = 0; rank < kRanks.size(); ++rank) {
+      anchors.displacement[rank] =
+          BestOf(means.trajectories, means.probabilities, kRanks[rank], truth.trajectory);
+      anchors.waymo[rank] = WaymoErrorsOf(means.trajectories, kRanks[rank], truth, context_);
+    }
+    anchors.nll = MixtureNllOf(distributions,
+                               {probabilities.data(), static_cast<size_t>(probabilities.size())},
+                               truth.trajectory);
   }
 }
 
@@ -139,10 +189,7 @@ Measurement Measurer::MeasureOne(const data::Example& example,
   measured.probabilities = encoding.probabilities;
   measured.responsibilities = session_->Classify(encoding, truth.trajectory).responsibilities;
   measured.responsibilities.maxCoeff(&measured.action);
-  std::vector<int> ranked = context_.all_actions;
-  std::stable_sort(ranked.begin(), ranked.end(), [&](int a, int b) {
-    return encoding.probabilities[a] > encoding.probabilities[b];
-  });
+  const std::vector<int> ranked = Ranked(encoding.probabilities);
   const std::vector<ActionDistribution> posterior =
       session_->Describe(encoding, context_.all_actions, inference::LatentSource::kPosterior);
   const RankedMeans means = MeansOf(posterior, encoding.probabilities, ranked);

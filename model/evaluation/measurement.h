@@ -21,6 +21,7 @@
 #include "model/evaluation/strata.h"
 #include "model/evaluation/waymo_displacement.h"
 #include "model/inference/action_model.h"
+#include "model/inference/anchor_model.h"
 #include "model/scene/rasterizer.h"
 
 namespace maneuver::evaluation {
@@ -41,6 +42,15 @@ struct SourceMeasurement {
   Envelope envelope;        // of the example's action
 };
 
+// What an anchor baseline is worth.
+struct AnchorMeasurement {
+  Eigen::VectorXd probabilities;  // p(k|s), [K]
+  int nearest = 0;                // the anchor nearest to the truth
+  std::array<DisplacementErrors, kRanks.size()> displacement;
+  std::array<WaymoErrors, kRanks.size()> waymo;
+  MixtureNll nll;
+};
+
 struct Measurement {
   Eigen::VectorXd probabilities;                 // p(y|s), [K]
   Eigen::VectorXd responsibilities;              // q(y|x,s), [K]
@@ -49,16 +59,19 @@ struct Measurement {
   SourceMeasurement prior;                       // from p(z|y): the generic distributions
   std::array<WaymoErrors, kRanks.size()> waymo;  // from q(z|y,s)
   BaselineErrors constant_velocity;
-  BaselineErrors constant_turn;  // CTRA
-  std::optional<int> maneuver;   // recorded over most of the horizon, if any
-  StratumKeys keys;              // and what kind of trajectory it was
+  BaselineErrors constant_turn;                // CTRA
+  std::optional<AnchorMeasurement> covernet;   // where the model's folder carries baselines
+  std::optional<AnchorMeasurement> multipath;  // likewise
+  std::optional<int> maneuver;                 // recorded over most of the horizon, if any
+  StratumKeys keys;                            // and what kind of trajectory it was
 };
 
 // What all threads measure with. Immutable; keeps references to the model, the recordings and the
-// annotations.
+// annotations, and to the baselines unless they are null.
 struct MeasuringContext {
   MeasuringContext(const inference::ActionModel& model, std::span<const v1::Scenario> recordings,
-                   std::span<const v1::ManeuverAnnotation> annotations);
+                   std::span<const v1::ManeuverAnnotation> annotations,
+                   const inference::AnchorBaselines* baselines);
 
   const inference::ActionModel& model;
   std::span<const v1::Scenario> recordings;
@@ -68,6 +81,7 @@ struct MeasuringContext {
   std::vector<double> waypoint_times;                  // [T] seconds
   WaymoMeasure waymo;
   double frame_interval;  // seconds
+  const inference::AnchorBaselines* baselines;
 };
 
 // One thread's share of the work: a session and its scratch.
@@ -81,10 +95,19 @@ class Measurer {
   void Measure(std::span<const data::Example> examples, std::span<Measurement> measured);
 
  private:
+  // One baseline on the rasters that were drawn last, its measurements to a field of `measured`.
+  void MeasureAnchors(std::span<const inference::SceneInput> scenes,
+                      std::span<const data::Example> examples, const inference::AnchorModel& model,
+                      inference::InferenceSession& session,
+                      std::optional<AnchorMeasurement> Measurement::*field,
+                      std::span<Measurement> measured);
   Measurement MeasureOne(const data::Example& example, const inference::SceneEncoding& encoding);
 
   const MeasuringContext& context_;
   std::unique_ptr<inference::InferenceSession> session_;
+  std::unique_ptr<inference::InferenceSession> covernet_;   // null without baselines
+  std::unique_ptr<inference::InferenceSession> multipath_;  // likewise
+  inference::MlpScratch anchor_scratch_;
   scene::Rasterizer rasterizer_;
   size_t raster_bytes_;
   std::vector<uint8_t> rasters_;

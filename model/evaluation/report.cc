@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "model/evaluation/anchor_report.h"
 #include "model/evaluation/calibration.h"
 #include "model/evaluation/clustering.h"
 
@@ -255,6 +256,7 @@ v1::EvaluationReport MakeReport(std::span<const Measurement> measured, bool meas
   AddReliability(statistics, report);
   AddStrata(measured, report);
   AddActionUses(measured, statistics, report);
+  AddAnchorMetrics(measured, measured_by_waymo, report);
   return report;
 }
 

@@ -137,6 +137,43 @@ Block Accuracy(Reader& read) {
   return block;
 }
 
+// The model beside what was trained with it and beside what learns nothing; only where the model's
+// folder carries baselines.
+Block Baselines(Reader& read, const Metrics& metrics) {
+  Block block("BASELINES", {"MODEL", "COVERNET-LIKE", "MULTIPATH-LIKE", "CV", "CTRA"});
+  if (!metrics.contains("covernet_nll")) return block;
+  const auto row = [&](std::string label, Format format, const std::string& name,
+                       const std::string& simple = "") {
+    std::vector<std::string> names = {name, "covernet_" + name, "multipath_" + name};
+    if (!simple.empty()) names.insert(names.end(), {simple + "_cv", simple + "_ctra"});
+    read.Row(block, std::move(label), format, names);
+  };
+  row("ADE, m", Hundredths, "ade_1", "ade");
+  row("FDE, m", Hundredths, "fde_1", "fde");
+  for (const char* k : {"5", "6", "10"}) {
+    row(absl::StrCat("minADE, k = ", k, ", m"), Hundredths, absl::StrCat("min_ade_", k));
+    row(absl::StrCat("minFDE, k = ", k, ", m"), Hundredths, absl::StrCat("min_fde_", k));
+  }
+  for (const char* k : {"1", "5", "6", "10"}) {
+    const std::string simple = k == std::string("1") ? "miss_rate" : "";
+    row(absl::StrCat("missed, k = ", k, ", Argoverse 2"), Share, absl::StrCat("miss_rate_", k),
+        simple);
+    row(absl::StrCat("missed, k = ", k, ", nuScenes"), Share,
+        absl::StrCat("miss_rate_nuscenes_", k), simple.empty() ? "" : "miss_rate_nuscenes");
+    row(absl::StrCat("missed, k = ", k, ", Waymo"), Share, absl::StrCat("miss_rate_waymo_", k),
+        simple.empty() ? "" : "miss_rate_waymo");
+    row(absl::StrCat("brier-minFDE, k = ", k), Hundredths, absl::StrCat("brier_fde_", k));
+  }
+  row("NLL a waypoint, nats", Thousandths, "nll");
+  row("NLL a trajectory, nats", Thousandths, "nll_joint");
+  row("calibration error", Thousandths, "calibration_error");
+  row("effective actions or anchors", Count, "effective_actions");
+  row("perplexity of the mean", Hundredths, "action_perplexity");
+  row("largest mean probability", Share, "largest_share");
+  row("mutual information, nats", Thousandths, "mutual_information");
+  return block;
+}
+
 Block Likelihood(Reader& read) {
   Block block("LIKELIHOOD (-ln p, nats)", {"MODEL", "GENERIC"});
   read.Row(block, "mixture, a waypoint", Thousandths, {"nll", "nll_prior"});
@@ -239,15 +276,24 @@ Block Strata(const v1::EvaluationReport& report) {
 
 std::string ReportText(const v1::EvaluationReport& report, bool color) {
   Reader read(report.metrics());
-  std::vector<Block> blocks = {Accuracy(read),      Likelihood(read), Envelope(read),
-                               Reliability(report), Actions(read),    ActionUses(report),
-                               Strata(report)};
+  std::vector<Block> blocks = {Accuracy(read),      Baselines(read, report.metrics()),
+                               Likelihood(read),    Envelope(read),
+                               Reliability(report), Actions(read),
+                               ActionUses(report),  Strata(report)};
   Block other("OTHER", {"VALUE"});
   for (const auto& [name, value] : read.Left()) other.Add(name, {Thousandths(value)});
   blocks.push_back(std::move(other));
   std::string text;
   for (const Block& block : blocks) {
     if (!block.empty()) absl::StrAppend(&text, text.empty() ? "" : "\n", block.Text(color));
+  }
+  // A manifest's metrics have no count of examples: that is an evaluation's.
+  if (report.examples() > 0 && report.metrics().contains("ade_cv") &&
+      !report.metrics().contains("covernet_nll")) {
+    absl::StrAppend(&text,
+                    "\nThis model carries no trained baselines: maneuver-trainer train --baselines "
+                    "adds a CoverNet-like\nand a MultiPath-like one, and every evaluation then has "
+                    "their rows.\n");
   }
   return text;
 }

@@ -207,15 +207,20 @@ std::unique_ptr<InferenceSession> LoadedModel::NewSession() const {
 
 absl::StatusOr<std::shared_ptr<const ActionModel>> ActionModel::Load(
     const std::filesystem::path& folder, const EngineOptions& options) {
+  absl::StatusOr<artifact::StoredModel> stored = artifact::ReadModelFolder(folder);
+  if (!stored.ok()) return stored.status();
+  return FromStored(*std::move(stored), options);
+}
+
+absl::StatusOr<std::shared_ptr<const ActionModel>> ActionModel::FromStored(
+    artifact::StoredModel stored, const EngineOptions& options) {
   if (options.precision == Precision::kBf16 && !ProcessorHasBf16()) {
     return absl::FailedPreconditionError(
         "this processor does not compute with bf16; load the model with precision f32 or auto");
   }
-  absl::StatusOr<artifact::StoredModel> stored = artifact::ReadModelFolder(folder);
-  if (!stored.ok()) return stored.status();
   const bool bf16 = options.precision != Precision::kF32 && ProcessorHasBf16();
   try {
-    return std::make_shared<const LoadedModel>(std::move(stored->manifest), stored->weights, bf16);
+    return std::make_shared<const LoadedModel>(std::move(stored.manifest), stored.weights, bf16);
   } catch (const std::exception& error) {  // dnnl::error, std::bad_alloc
     return absl::InternalError(absl::StrCat("cannot prepare the networks: ", error.what()));
   }

@@ -15,6 +15,10 @@
 #include "maneuver/v1/model.pb.h"
 #include "model/scene/target_motion.h"
 
+namespace maneuver::artifact {
+struct StoredModel;
+}
+
 namespace maneuver::inference {
 
 enum class Precision { kAuto, kBf16, kF32 };  // kAuto: bf16 where the processor has it
@@ -90,6 +94,10 @@ class ActionModel : public std::enable_shared_from_this<ActionModel> {
   // Errors: those of artifact::ReadModelFolder.
   static absl::StatusOr<std::shared_ptr<const ActionModel>> Load(
       const std::filesystem::path& folder, const EngineOptions& options);
+  // From memory. FAILED_PRECONDITION for a precision that the processor lacks; INTERNAL if the
+  // networks cannot be prepared.
+  static absl::StatusOr<std::shared_ptr<const ActionModel>> FromStored(
+      artifact::StoredModel stored, const EngineOptions& options);
 
   virtual ~ActionModel() = default;
 

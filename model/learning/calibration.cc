@@ -123,7 +123,7 @@ at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& g
 }
 
 at::Tensor FitCovarianceScale(const Predictions& held_out, const at::Tensor& covariance) {
-  const int64_t waypoints = covariance.size(1);
+  const int64_t waypoints = covariance.size(-2);
   const at::Tensor along = at::linspace(0.0, 1.0, waypoints, covariance.options());
   // ln of the factor at the start, and how much more it is at the end of the horizon.
   at::Tensor line = at::zeros({2}, covariance.options());

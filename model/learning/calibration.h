@@ -35,6 +35,7 @@ at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& g
 
 // Factor for the covariance of each waypoint, [T], smooth over the horizon, that makes held-out
 // predictions most likely: residuals on examples that were learned from are too small.
+//   covariance: [K, T, 3], or one for each example, [N, K, T, 3]
 at::Tensor FitCovarianceScale(const Predictions& held_out, const at::Tensor& covariance);
 
 // The temperature that p(y|s) is divided by so that held-out q(y|x,s) is most likely under it.

@@ -12,6 +12,7 @@
 #include "model/evaluation/evaluator.h"
 #include "model/files/durable_file.h"
 #include "model/inference/action_model.h"
+#include "model/inference/anchor_model.h"
 
 namespace maneuver::learning {
 namespace {
@@ -50,13 +51,15 @@ class Scratch {
 };
 
 // Metrics of the held-out recordings to the manifest; how the actions are used to *uses.
-absl::Status Measure(const inference::ActionModel& model, const TrainingData& data,
+absl::Status Measure(const inference::ActionModel& model,
+                     const inference::AnchorBaselines* baselines, const TrainingData& data,
                      const v1::ExampleSettings& examples, const ExportOptions& options,
                      v1::ModelManifest* manifest, std::vector<v1::ActionUse>* uses) {
   evaluation::EvaluationInput input;
   input.recordings = Measured(data.validation);
   input.annotations = data.annotations;
   input.examples = examples;
+  input.baselines = baselines;
   input.threads = options.threads;
   input.progress = options.progress;
   const absl::StatusOr<v1::EvaluationReport> report = evaluation::Evaluate(model, input);
@@ -91,8 +94,18 @@ absl::StatusOr<v1::ModelManifest> ExportModel(artifact::StoredModel model, const
       inference::ActionModel::Load(draft, {inference::Precision::kF32});
   if (!loaded.ok()) return loaded.status();
 
+  std::optional<inference::AnchorBaselines> baselines;
+  if (options.baselines) {
+    status = artifact::WriteBaselines(draft, *options.baselines);
+    if (!status.ok()) return status;
+    auto loaded_baselines = inference::LoadAnchorBaselines(draft, {inference::Precision::kF32});
+    if (!loaded_baselines.ok()) return loaded_baselines.status();
+    baselines = *std::move(loaded_baselines);
+  }
+
   v1::ModelManifest manifest = (*loaded)->manifest();
-  status = Measure(**loaded, data, examples, options, &manifest, &uses);
+  status = Measure(**loaded, baselines ? &*baselines : nullptr, data, examples, options, &manifest,
+                   &uses);
   if (!status.ok()) return status;
   std::vector<double> usage;
   const std::unique_ptr<bool[]> effective(new bool[uses.size()]);  // std::vector<bool> is no array

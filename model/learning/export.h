@@ -5,11 +5,13 @@
 
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "maneuver/v1/model.pb.h"
+#include "model/artifact/anchor_baselines.h"
 #include "model/artifact/model_folder.h"
 #include "model/learning/training_data.h"
 
@@ -19,6 +21,8 @@ struct ExportOptions {
   std::filesystem::path output;
   int threads = 1;
   std::vector<std::string> labels;  // of the first actions
+  // Goes into the folder with the model and is measured with it.
+  std::optional<artifact::StoredBaselines> baselines;
   // Called with examples measured and in all; false stops. May be empty.
   std::function<bool(int64_t done, int64_t total)> progress;
 };

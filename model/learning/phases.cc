@@ -285,6 +285,7 @@ absl::Status Learner::TrainScenarioEncoders() {
 }
 
 absl::Status Learner::Calibrate() {
+  if (resumed_) return absl::OkStatus();  // by a later phase: done before it
   progress_.BeginPhase("calibrate");
   progress_.BeginEpoch(1);
   return CalibrateModel(networks_, data_, settings_.optimization(), threads_, generator_, stopped_,

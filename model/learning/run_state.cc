@@ -42,15 +42,28 @@ void RestoreRandomState(const std::string& state, at::Generator* generator) {
 }
 
 void StoreNetworks(const Networks& networks, Checkpoint* checkpoint) {
-  for (const auto& [name, tensor] : networks.Save()) {
-    (*checkpoint->mutable_networks())[name] = Stored(tensor);
+  StoreSnapshot(networks.Save(), "", checkpoint);
+}
+
+void StoreSnapshot(const Networks::Snapshot& snapshot, const std::string& prefix,
+                   Checkpoint* checkpoint) {
+  for (const auto& [name, tensor] : snapshot) {
+    (*checkpoint->mutable_networks())[prefix + name] = Stored(tensor);
   }
 }
 
-void RestoreNetworks(const Checkpoint& checkpoint, Networks* networks) {
+Networks::Snapshot StoredNetworks(const Checkpoint& checkpoint, const std::string& prefix) {
   Networks::Snapshot snapshot;
-  for (const auto& [name, stored] : checkpoint.networks()) snapshot[name] = Read(stored);
-  networks->Restore(snapshot);
+  for (const auto& [name, stored] : checkpoint.networks()) {
+    if (name.compare(0, prefix.size(), prefix) == 0) {
+      snapshot[name.substr(prefix.size())] = Read(stored);
+    }
+  }
+  return snapshot;
+}
+
+void RestoreNetworks(const Checkpoint& checkpoint, Networks* networks) {
+  networks->Restore(StoredNetworks(checkpoint, ""));
 }
 
 void StoreOptimizer(const AdamW& optimizer, Checkpoint* checkpoint) {

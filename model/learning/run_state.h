@@ -24,6 +24,12 @@ void RestoreRandomState(const std::string& state, at::Generator* generator);
 void StoreNetworks(const Networks& networks, Checkpoint* checkpoint);
 void RestoreNetworks(const Checkpoint& checkpoint, Networks* networks);
 
+// More networks in the same checkpoint, their names after a prefix.
+void StoreSnapshot(const Networks::Snapshot& snapshot, const std::string& prefix,
+                   Checkpoint* checkpoint);
+// Those with the prefix, by the rest of their names.
+Networks::Snapshot StoredNetworks(const Checkpoint& checkpoint, const std::string& prefix);
+
 void StoreOptimizer(const AdamW& optimizer, Checkpoint* checkpoint);
 // Of an optimizer with the parameters of the one that was stored.
 void RestoreOptimizer(const Checkpoint& checkpoint, AdamW* optimizer);

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "model/learning/anchors/anchor_learner.h"
 #include "model/learning/export.h"
 #include "model/learning/learner.h"
 #include "model/learning/run_progress.h"
@@ -36,7 +37,7 @@ class Run {
       : run_(run),
         device_(device),
         stopped_(run.stopped ? run.stopped : [] { return false; }),
-        progress_(Learner::Plan(run.settings, run.settings.examples().max_examples()), run.progress,
+        progress_(Plan(run, run.settings.examples().max_examples()), run.progress,
                   [] { return std::chrono::system_clock::now(); }) {}
 
   absl::StatusOr<TrainingData> Load(const std::vector<std::filesystem::path>& datasets) {
@@ -45,8 +46,7 @@ class Run {
   }
 
   absl::StatusOr<v1::ModelManifest> Learn(const TrainingData& data) {
-    progress_.Replan(
-        Learner::Plan(run_.settings, static_cast<int64_t>(data.training.examples.size())));
+    progress_.Replan(Plan(run_, static_cast<int64_t>(data.training.examples.size())));
     const int threads = Threads(run_.settings);
     Learner learner(run_.settings, data, device_, threads, stopped_, progress_);
     std::optional<CheckpointFolder> checkpoints;
@@ -62,10 +62,18 @@ class Run {
       const absl::Status status = (learner.*phase)();
       if (!status.ok()) return status;
     }
+    ExportOptions options;
+    if (run_.baselines) {
+      AnchorLearner anchors(run_.settings, data, device_, threads, stopped_, progress_,
+                            learner.networks());
+      if (checkpoints) anchors.KeepCheckpoints(&*checkpoints);
+      absl::StatusOr<artifact::StoredBaselines> baselines = anchors.Learn();
+      if (!baselines.ok()) return baselines.status();
+      options.baselines = *std::move(baselines);
+    }
     progress_.BeginPhase("export");
     artifact::StoredModel model{Describe(data), learner.networks().Export()};
     progress_.BeginPhase("evaluate");
-    ExportOptions options;
     options.output = run_.output;
     options.threads = threads;
     options.labels = data.label_names;
@@ -81,6 +89,12 @@ class Run {
   }
 
  private:
+  static std::vector<RunProgress::Phase> Plan(const TrainingRun& run, int64_t training_examples) {
+    std::vector<RunProgress::Phase> plan = Learner::Plan(run.settings, training_examples);
+    if (run.baselines) AnchorLearner::AddPhases(run.settings, training_examples, &plan);
+    return plan;
+  }
+
   v1::ModelManifest Describe(const TrainingData& data) const {
     v1::ModelManifest manifest;
     *manifest.mutable_spec() = run_.settings.model();

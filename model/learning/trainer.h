@@ -28,6 +28,10 @@ struct TrainingRun {
   // as one that was never stopped. They stay when the run is over.
   std::filesystem::path checkpoints;
   std::chrono::milliseconds checkpoint_interval{60'000};
+  // Also train the anchor baselines that every evaluation of the model then has rows of
+  // (anchors/anchor_learner.h). The model is the same bytes with and without; it takes about as
+  // long again.
+  bool baselines = false;
   // For the provenance.
   std::vector<std::string> dataset_names;
   std::string trainer_version;

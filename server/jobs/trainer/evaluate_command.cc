@@ -16,6 +16,7 @@
 #include "model/evaluation/evaluator.h"
 #include "model/evaluation/report_text.h"
 #include "model/inference/action_model.h"
+#include "model/inference/anchor_model.h"
 #include "model/learning/run_progress.h"
 #include "server/jobs/trainer/recordings.h"
 #include "server/jobs/trainer/settings_file.h"
@@ -86,6 +87,9 @@ absl::StatusOr<v1::EvaluationReport> EvaluateCommand::Measure(const v1::ExampleS
   const absl::StatusOr<std::shared_ptr<const inference::ActionModel>> model =
       inference::ActionModel::Load(model_, {});
   if (!model.ok()) return model.status();
+  const absl::StatusOr<inference::AnchorBaselines> baselines =
+      inference::LoadAnchorBaselines(model_, {});
+  if (!baselines.ok() && !absl::IsNotFound(baselines.status())) return baselines.status();
   const absl::StatusOr<Recordings> recordings = ReadRecordings(dataset_);
   if (!recordings.ok()) return recordings.status();
 
@@ -95,6 +99,7 @@ absl::StatusOr<v1::EvaluationReport> EvaluateCommand::Measure(const v1::ExampleS
   input.annotations = recordings->annotations;
   input.examples = examples;
   input.sampled_examples = sampled_examples_;
+  if (baselines.ok()) input.baselines = &*baselines;
   input.threads =
       threads_ > 0 ? threads_ : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
   int64_t reported = 0;  // hundredths

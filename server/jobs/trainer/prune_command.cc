@@ -3,6 +3,7 @@
 #include <iostream>
 #include <vector>
 
+#include "model/artifact/anchor_baselines.h"
 #include "model/artifact/model_folder.h"
 #include "model/artifact/pruning.h"
 #include "model/inference/action_model.h"
@@ -49,6 +50,7 @@ absl::Status PruneCommand::Prune() const {
     action.set_label(labels[k]);
   }
   status = artifact::RewriteModelManifest(output_, manifest);
+  if (status.ok()) status = artifact::CopyBaselines(model_, output_);
   if (!status.ok()) return status;
   std::cout << "kept " << kept.size() << " of " << whole->manifest.spec().actions()
             << " actions; maneuver-trainer evaluate measures the model anew\n";

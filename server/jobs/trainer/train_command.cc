@@ -75,6 +75,9 @@ TrainCommand::TrainCommand(CLI::App& app)
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str()
       ->type_name("SECONDS");
+  command_->add_flag("--baselines", baselines_,
+                     "Also train a CoverNet-like and a MultiPath-like baseline, which every "
+                     "evaluation then shows beside the model; takes about as long again");
   command_->add_option("--threads", threads_, "Threads; 0: the settings', or one for each core")
       ->check(CLI::Range(0, 1024))
       ->type_name("N");
@@ -100,6 +103,7 @@ absl::Status TrainCommand::Train() const {
     return absl::AlreadyExistsError(absl::StrCat(output_.filename().string(), " exists already"));
   }
   run.output = output_;
+  run.baselines = baselines_;
   run.checkpoints = checkpoints_;
   run.checkpoint_interval =
       std::chrono::milliseconds(static_cast<int64_t>(1000.0 * checkpoint_interval_));

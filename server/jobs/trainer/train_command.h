@@ -29,6 +29,7 @@ class TrainCommand {
   std::filesystem::path output_;
   std::filesystem::path checkpoints_;
   double checkpoint_interval_ = 60.0;  // seconds
+  bool baselines_ = false;
   int threads_ = 0;
   std::string progress_ = "bar";
 };

@@ -37,6 +37,31 @@ TEST(ReportTextTest, UnknownMetricsFollowByName) {
             "something_new  0.125\n");
 }
 
+TEST(ReportTextTest, TrainedBaselinesStandBesideTheModelAndTheSimpleOnes) {
+  v1::EvaluationReport report;
+  report.set_examples(3);
+  auto& metrics = *report.mutable_metrics();
+  metrics["nll"] = 1.5;
+  metrics["covernet_nll"] = 3.25;
+  metrics["multipath_nll"] = 1.75;
+  metrics["covernet_ade_1"] = 3.0;
+  metrics["ade_cv"] = 2.0;
+  const std::string text = ReportText(report, false);
+  EXPECT_THAT(text, HasSubstr("BASELINES            MODEL  COVERNET-LIKE  MULTIPATH-LIKE    CV\n"
+                              "ADE, m                                3.00                  2.00\n"
+                              "NLL a waypoint, nats  1.500          3.250           1.750\n"));
+  EXPECT_THAT(text, Not(HasSubstr("OTHER")));
+  EXPECT_THAT(text, Not(HasSubstr("--baselines")));
+}
+
+TEST(ReportTextTest, AnEvaluationWithoutTrainedBaselinesSaysHowToGetThem) {
+  v1::EvaluationReport report;
+  (*report.mutable_metrics())["ade_cv"] = 2.0;
+  EXPECT_THAT(ReportText(report, false), Not(HasSubstr("baselines")));  // a manifest's metrics
+  report.set_examples(3);
+  EXPECT_THAT(ReportText(report, false), HasSubstr("maneuver-trainer train --baselines"));
+}
+
 TEST(ReportTextTest, CoverageStandsBesideWhatAGaussianHolds) {
   v1::EvaluationReport report;
   auto& metrics = *report.mutable_metrics();

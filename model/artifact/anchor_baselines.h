@@ -1,0 +1,69 @@
+// The baselines that a model folder carries: predictors with fixed anchors, trained with the model
+// from the same examples, by which it is judged. Beside model.json and weights.safetensors:
+//
+//   baselines.json          a ModelManifest: AnchorSpec, SHA-256 of the weights
+//   baselines.safetensors   both baselines' tensors, "covernet/NAME" and "multipath/NAME"
+//
+// A folder without them is whole. Only an evaluation reads them.
+//
+// CoverNet-like (Phan-Minh et al., CVPR 2020): p(k|s) over K trajectories that never change.
+// MultiPath-like (Chai et al., CoRL 2019): the same with an offset and a Gaussian for each anchor
+// and waypoint. Both have k-means centres of training trajectories for anchors. Their tensors:
+//
+//   backbone.*, action_predictor.*     as tensor.h has them, K logits
+//   anchors.mean                       [K, T, 2] metres, target frame
+//   covernet:   anchors.covariance     [K, T, 3] xx, xy, yy, square metres
+//   multipath:  anchors.scale          [T] factor of the predicted covariances, positive
+//               anchor_regression.{i}.{weight,bias}   F' -> the action predictor's hidden layers ->
+//                   K * T * 5: for each anchor and waypoint offset x, offset y (metres), ln
+//                   sigma_x, ln sigma_y, correlation; see AnchorGaussian
+//
+// and the latent tensors of AnchorSpec, which say nothing.
+
+#ifndef MANEUVER_MODEL_ARTIFACT_ANCHOR_BASELINES_H_
+#define MANEUVER_MODEL_ARTIFACT_ANCHOR_BASELINES_H_
+
+#include <filesystem>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "maneuver/v1/model_spec.pb.h"
+#include "model/artifact/tensor.h"
+
+namespace maneuver::artifact {
+
+// How the five regressed numbers make a Gaussian:
+//   sigma = kSmallestSigma + exp(min(ln sigma, kLargestLogSigma)) metres,
+//   correlation = kLargestCorrelation * tanh(correlation).
+struct AnchorGaussian {
+  static constexpr int kNumbers = 5;
+  static constexpr double kSmallestSigma = 0.05;  // metres
+  static constexpr double kLargestLogSigma = 5.0;
+  static constexpr double kLargestCorrelation = 0.95;
+};
+
+struct StoredBaselines {
+  v1::ModelSpec spec;   // AnchorSpec of the model they were trained with
+  TensorMap covernet;   // CoverNet-like
+  TensorMap multipath;  // MultiPath-like
+};
+
+// The spec of a model's baselines: what is read of a scene and predicted is the model's; the latent
+// parts, which anchors take the place of, are as small as a spec lets them be.
+v1::ModelSpec AnchorSpec(const v1::ModelSpec& model);
+
+// Adds them to a model folder. INVALID_ARGUMENT for what ReadBaselines would refuse.
+absl::Status WriteBaselines(const std::filesystem::path& folder, const StoredBaselines& baselines);
+
+// NOT_FOUND if the folder has none; DATA_LOSS with the reason if a file is missing, truncated or
+// altered (SHA-256), or a tensor is missing, of another shape or not finite.
+absl::StatusOr<StoredBaselines> ReadBaselines(const std::filesystem::path& folder);
+
+// Copies those of one model folder to another, if there are any: a pruned model is still judged by
+// what was trained with the whole one.
+absl::Status CopyBaselines(const std::filesystem::path& from, const std::filesystem::path& to);
+
+}  // namespace maneuver::artifact
+
+#endif  // MANEUVER_MODEL_ARTIFACT_ANCHOR_BASELINES_H_
