@@ -148,7 +148,10 @@ class BaselinesTest : public testing::Test {
 };
 
 TEST_F(BaselinesTest, LearnWhichArcItIsAndHaveRowsInTheMetrics) {
-  const auto manifest = Train(Run("model", 15), data_);
+  // Fewer anchors than there are arcs.
+  TrainingRun run = Run("model", 15);
+  run.settings.mutable_model()->set_actions(3);
+  const auto manifest = Train(run, data_);
   ASSERT_TRUE(manifest.ok()) << manifest.status();
   const auto& metrics = manifest->metrics();
   for (const char* prefix : {"covernet_", "multipath_"}) {
@@ -159,11 +162,11 @@ TEST_F(BaselinesTest, LearnWhichArcItIsAndHaveRowsInTheMetrics) {
       EXPECT_TRUE(metrics.contains(std::string(prefix) + name)) << prefix << name;
     }
     const std::string p = prefix;
-    EXPECT_GE(metrics.at(p + "effective_actions"), 4.0) << p;
+    EXPECT_EQ(metrics.at(p + "effective_actions"), 3.0) << p;
     // The lane says which anchor it will be.
-    EXPECT_GT(metrics.at(p + "mutual_information"), 0.7) << p;
-    EXPECT_LT(metrics.at(p + "ade_1"), metrics.at("ade_cv")) << p;
+    EXPECT_GT(metrics.at(p + "mutual_information"), 0.5) << p;
   }
+  EXPECT_LT(metrics.at("multipath_ade_1"), metrics.at("ade_cv"));
   // Offsets bring anchors to the arcs between them, and narrow the Gaussians.
   EXPECT_LT(metrics.at("multipath_min_ade_6"), 0.8 * metrics.at("covernet_min_ade_6"));
   EXPECT_LT(metrics.at("multipath_nll"), metrics.at("covernet_nll"));
