@@ -42,9 +42,10 @@ constexpr char kLearning[] = R"pb(
     action_weight: 5
     posterior_reconstruction_weight: 0.05
     posterior_divergence_weight: 1
-    dual_epochs: 6
+    posterior_epochs: 6
     responsibilities: RESPONSIBILITIES_PRINTED
-    mixture_placement: MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS
+    mixture_placement: MIXTURE_PLACEMENT_VELOCITY_CLUSTERS
+    clustered_epochs: 10
     placements: 1
     decoder_covariance: DECODER_COVARIANCE_LEARNED
     dropout: 0.2
@@ -104,6 +105,8 @@ constexpr char kLiteral[] = R"pb(
   model { target_motion: false }
   optimization {
     mixture_epochs: 0
+    clustered_epochs: 0
+    posterior_epochs: 0
     latent_learning_rate_share: 1
     action_weight: 1
     posterior_reconstruction_weight: 1
@@ -227,15 +230,25 @@ void CheckExamples(const v1::ExampleSettings& examples, FieldRules* rules) {
   rules->Require(examples.max_examples() >= 0, "examples.max_examples", "must not be negative");
 }
 
-void CheckOptimization(const v1::OptimizationSettings& optimization, FieldRules* rules) {
+void CheckOptimization(const v1::OptimizationSettings& optimization, v1::Objective objective,
+                       FieldRules* rules) {
   const auto check_epochs = [rules](const char* field, int epochs, int fewest = 1) {
     rules->Between(field, "epochs", epochs, fewest, 10'000);
   };
   check_epochs("optimization.pretraining_epochs", optimization.pretraining_epochs());
   check_epochs("optimization.mixture_epochs", optimization.mixture_epochs(), 0);
   check_epochs("optimization.joint_epochs", optimization.joint_epochs());
-  check_epochs("optimization.dual_epochs", optimization.dual_epochs());
+  check_epochs("optimization.posterior_epochs", optimization.posterior_epochs(),
+               objective == v1::OBJECTIVE_DUAL ? 1 : 0);
   rules->Between("optimization.placements", "placements", optimization.placements(), 1, 64);
+  check_epochs("optimization.clustered_epochs", optimization.clustered_epochs(), 0);
+  rules->Require(optimization.divergence_warm_up() >= 0 && optimization.divergence_warm_up() < 1,
+                 "optimization.divergence_warm_up", "must be at least 0 and less than 1");
+  rules->Between("optimization.weight_concentration", "concentration",
+                 optimization.weight_concentration(), 0.0, 1e3);
+  rules->Require(optimization.weight_concentration() == 0.0 || optimization.mixture_epochs() > 0,
+                 "optimization.weight_concentration",
+                 "needs epochs of the mixture alone: set optimization.mixture_epochs");
   rules->Require(optimization.dropout() >= 0 && optimization.dropout() < 1, "optimization.dropout",
                  "must be at least 0 and less than 1");
   // Batch normalisation needs two examples.
@@ -300,7 +313,7 @@ std::vector<scene::FieldViolation> ValidateTrainingSettings(const v1::TrainingSe
     rules.Require(false, absl::StrCat("model.", violation.field), violation.description);
   }
   CheckExamples(resolved.examples(), &rules);
-  CheckOptimization(resolved.optimization(), &rules);
+  CheckOptimization(resolved.optimization(), resolved.model().objective(), &rules);
   CheckAugmentation(resolved.augmentation(), resolved.model().raster(), &rules);
   rules.Between("threads", "threads", resolved.threads(), 0, 1024);
   rules.Require(resolved.device() == "cpu" || resolved.device() == "cuda", "device",

@@ -15,6 +15,9 @@ inline constexpr int64_t kTrajectoryBatchFactor = 2;
 // Of each placement of the mixture, where there are several.
 inline constexpr int kPlacementEpochs = 3;
 
+// Steps in which the learning rate rises.
+inline constexpr int64_t kWarmUpSteps = 100;
+
 // Steps over so many examples.
 inline int64_t StepsOfEpoch(int64_t examples, int64_t batch_size) {
   // A last batch of one has no moments for the batch normalisation: it is left out.

@@ -1,5 +1,9 @@
 #include "model/learning/learner.h"
 
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <span>
 #include <utility>
 
 #include "model/learning/calibration.h"
@@ -7,6 +11,18 @@
 #include "model/learning/run_state.h"
 
 namespace maneuver::learning {
+
+namespace {
+
+double CountTracks(std::span<const data::Example> examples) {
+  std::set<std::pair<int, int64_t>> tracks;
+  for (const data::Example& example : examples) {
+    tracks.emplace(example.recording, example.target_id);
+  }
+  return static_cast<double>(tracks.size());
+}
+
+}  // namespace
 
 std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settings,
                                               int64_t training_examples) {
@@ -16,7 +32,8 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
   const int64_t short_epoch = StepsOfEpoch(examples, batch * kTrajectoryBatchFactor);
   const int64_t long_epoch = StepsOfEpoch(examples, batch);
   const int64_t placements = optimization.placements() > 1 ? optimization.placements() : 0;
-  const bool dual = settings.model().objective() == v1::OBJECTIVE_DUAL;
+  const int posterior_epochs =
+      settings.model().objective() == v1::OBJECTIVE_BASE ? 0 : optimization.posterior_epochs();
   // Costs of a step relative to one of pretraining, for the compact preset.
   return {
       {"load", 1, 1, 1.0},
@@ -25,8 +42,7 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
       {"place", kPlacementEpochs, placements * kPlacementEpochs * short_epoch, 1.3},
       {"mixture", optimization.mixture_epochs(), optimization.mixture_epochs() * short_epoch, 1.3},
       {"joint", optimization.joint_epochs(), optimization.joint_epochs() * long_epoch, 30.0},
-      {"dual", optimization.dual_epochs(), dual ? optimization.dual_epochs() * long_epoch : 0,
-       20.0},
+      {"posterior", posterior_epochs, posterior_epochs * long_epoch, 20.0},
       {"calibrate", 1, CalibrationSteps(training_examples), 15.0},
       {"export", 1, 1, 1.0},
       {"evaluate", 1, 100, 7.0}};
@@ -41,6 +57,7 @@ Learner::Learner(const v1::TrainingSettings& settings, const TrainingData& data,
       progress_(progress),
       generator_(MakeGenerator(static_cast<uint64_t>(settings.seed()))),
       networks_(settings.model(), device, generator_),
+      observations_(CountTracks(data.training.examples)),
       trajectories_(Trajectories(data.training.examples)),
       validation_trajectories_(Trajectories(data.validation.examples)) {
   networks_.Standardize(trajectories_, settings.augmentation().mirror());
@@ -57,6 +74,7 @@ absl::Status Learner::KeepCheckpoints(CheckpointFolder* folder) {
         "folder, or empty this one to start anew");
   }
   RestoreNetworks(*resumed_, &networks_);
+  if (resumed_->has_centers()) centers_ = RestoreTensor(resumed_->centers());
   return absl::OkStatus();
 }
 
@@ -69,7 +87,7 @@ absl::Status Learner::Learn() {
                                {"place", &Learner::PlaceMixture},
                                {"mixture", &Learner::TrainMixture},
                                {"joint", &Learner::TrainJointly},
-                               {"dual", &Learner::TrainScenarioEncoders}};
+                               {"posterior", &Learner::TrainScenarioEncoders}};
   for (const Stage& stage : kStages) {
     // Until its phase has taken the checkpoint on, all phases before it are over.
     if (resumed_ && resumed_->phase() != stage.phase) continue;
@@ -119,9 +137,27 @@ absl::Status Learner::KeepCheckpoint(const std::string& phase, const Position& p
   checkpoint.set_epoch_random(epoch_random_);
   checkpoint.set_random(RandomState(generator_));
   StoreNetworks(networks_, &checkpoint);
+  if (centers_.defined()) *checkpoint.mutable_centers() = StoreTensor(centers_);
   StoreOptimizer(optimizer, &checkpoint);
   means.Store(&checkpoint);
   return checkpoints_->Write(checkpoint);
+}
+
+absl::Status Learner::TakeStep(const at::Tensor& loss, double rate_share, AdamW* optimizer) {
+  const double value = loss.item<double>();
+  if (!std::isfinite(value)) {
+    return absl::AbortedError(
+        "the loss is no longer finite; lower optimization.learning_rate, or look for positions in "
+        "the data that are far off");
+  }
+  loss.backward();
+  optimizer->Step(rate_share);
+  return absl::OkStatus();
+}
+
+double Learner::WarmUpShare(int64_t step, int64_t steps) const {
+  const double warm_up = settings_.optimization().divergence_warm_up() * static_cast<double>(steps);
+  return warm_up > 0.0 ? std::min(1.0, static_cast<double>(step) / warm_up) : 1.0;
 }
 
 at::Tensor Learner::Noise(at::IntArrayRef shape) {

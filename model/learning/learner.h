@@ -66,8 +66,14 @@ class Learner {
     Networks::Part part;
     double rate;
   };
+  // When in a phase a batch is.
+  struct Moment {
+    int epoch = 0;                  // over
+    double divergence_share = 1.0;  // of the weights of the divergences: WarmUpShare
+  };
   // A batch's loss; its terms go to `means`.
-  using BatchLoss = std::function<at::Tensor(const at::Tensor& trajectories, TermMeans* means)>;
+  using BatchLoss = std::function<at::Tensor(const at::Tensor& trajectories, const Moment& moment,
+                                             TermMeans* means)>;
 
   absl::Status TrainOnTrajectories(const std::string& phase, int epochs,
                                    const std::vector<Group>& groups, const BatchLoss& loss,
@@ -76,6 +82,13 @@ class Learner {
   // A phase on scenes: one objective, the parts that learn.
   absl::Status TrainOnScenes(const std::string& phase, int epochs, v1::Objective objective,
                              const std::vector<Group>& groups);
+  // alpha_0 + N_k of the mixture, with a prior on its weights (dirichlet_weights.h). [K]
+  at::Tensor WeightCounts() const;
+  void FollowWeightCounts(const at::Tensor& responsibilities);
+  // The cluster of each trajectory that the mixture was placed by. [B]
+  at::Tensor ClustersOf(const at::Tensor& trajectories) const;
+  // How far a phase is in its warm-up: 1 after it.
+  double WarmUpShare(int64_t step, int64_t steps) const;
   // What mixtures are placed by, with the labels of each, if there are any.
   EncodedExamples EncodeForPlacement(std::vector<int>* labels);
   absl::Status TakeStep(const at::Tensor& loss, double rate_share, AdamW* optimizer);
@@ -110,7 +123,11 @@ class Learner {
   CheckpointFolder* checkpoints_ = nullptr;
   std::optional<Checkpoint> resumed_;  // until its phase takes it on
   Networks networks_;
-  const at::Tensor trajectories_;             // [N, 2T] metres, on the CPU
+  // Tracks that examples are of: windows of the same one repeat each other, and would overstate
+  // what was seen.
+  const double observations_;
+  at::Tensor centers_;             // of the clusters that the mixture was placed by, if any
+  const at::Tensor trajectories_;  // [N, 2T] metres, on the CPU
   const at::Tensor validation_trajectories_;  // [V, 2T]
 };
 

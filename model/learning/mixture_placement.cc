@@ -13,18 +13,32 @@ namespace {
 
 constexpr int kClusterRestarts = 3;
 constexpr double kSidewaysWeight = 2.0;
-constexpr double kReach = 10.0;  // metres
+constexpr double kReach = 10.0;          // metres
+constexpr double kVelocityWindow = 0.5;  // seconds
 // Variance of a component that starts from few encodings.
 constexpr double kSmallestVariance = 1e-3;
 // Components with fewer encodings take their variance from all.
 constexpr int64_t kFewEncodings = 10;
 constexpr int kFitIterations = 50;
 
-at::Tensor ClusterSpace(const at::Tensor& trajectories) {
+at::Tensor PositionSpace(const at::Tensor& trajectories) {
   const at::Tensor points = trajectories.view({trajectories.size(0), -1, 2});
   const at::Tensor reach = points.square().sum(2).amax(1).sqrt().view({-1, 1, 1});
   const at::Tensor weights = at::tensor({1.0F, static_cast<float>(kSidewaysWeight)});
   return (points * weights / (1.0 + reach / kReach).sqrt()).flatten(1).contiguous();
+}
+
+// Velocities over half seconds, v ln(1 + |v|) / |v| with v in metres per second. [N, 2S]
+at::Tensor VelocitySpace(const at::Tensor& trajectories, double waypoint_interval) {
+  const at::Tensor points = trajectories.view({trajectories.size(0), -1, 2});
+  const int64_t waypoints = points.size(1);
+  const int64_t stride = std::clamp<int64_t>(std::llround(kVelocityWindow / waypoint_interval), 1,
+                                             std::max<int64_t>(1, waypoints));
+  const at::Tensor passed = points.slice(1, stride - 1, waypoints, stride);
+  const at::Tensor from = at::cat({at::zeros_like(points.slice(1, 0, 1)), passed}, 1);
+  const at::Tensor velocity = from.diff(1, 1) / (static_cast<double>(stride) * waypoint_interval);
+  const at::Tensor speed = velocity.square().sum(2, /*keepdim=*/true).sqrt().clamp_min(1e-6);
+  return (velocity * (speed.log1p() / speed)).flatten(1).contiguous();
 }
 
 TrajectoryClusters Cluster(const at::Tensor& rows, int clusters, uint64_t seed, int restarts) {
@@ -110,7 +124,26 @@ PlacedMixture Fit(PlacedMixture mixture, const Gaussian& q_z) {
   return mixture;
 }
 
+at::Tensor Centers(const TrajectoryClusters& clusters) {
+  at::Tensor centers = at::empty({clusters.centers.rows(), clusters.centers.cols()});
+  std::copy(clusters.centers.data(), clusters.centers.data() + clusters.centers.size(),
+            centers.data_ptr<float>());
+  return centers;
+}
+
 }  // namespace
+
+at::Tensor ClusterSpace(v1::MixturePlacement placement, const at::Tensor& trajectories,
+                        double waypoint_interval) {
+  return placement == v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS
+             ? VelocitySpace(trajectories, waypoint_interval)
+             : PositionSpace(trajectories);
+}
+
+at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& centers,
+                           const at::Tensor& trajectories, double waypoint_interval) {
+  return at::cdist(ClusterSpace(placement, trajectories, waypoint_interval), centers).argmin(1);
+}
 
 PlacedMixture PlaceMixture(v1::MixturePlacement placement, const EncodedExamples& examples,
                            int actions, uint64_t seed) {
@@ -142,10 +175,14 @@ PlacedMixture PlaceMixture(v1::MixturePlacement placement, const EncodedExamples
       return PlacedAt(Seeds(q_z, actions, seed), q_z);
     case v1::MIXTURE_PLACEMENT_FITTED_MIXTURE:
       return Fit(PlacedAt(Seeds(q_z, actions, seed), q_z), q_z);
-    default:
-      return PlacedByClusters(
-          Cluster(ClusterSpace(examples.trajectories), actions, seed, kClusterRestarts).assignment,
-          q_z, actions);
+    default: {
+      const TrajectoryClusters clusters =
+          Cluster(ClusterSpace(placement, examples.trajectories, examples.waypoint_interval),
+                  actions, seed, kClusterRestarts);
+      PlacedMixture placed = PlacedByClusters(clusters.assignment, q_z, actions);
+      placed.centers = Centers(clusters);
+      return placed;
+    }
   }
 }
 
@@ -163,9 +200,10 @@ PlacedMixture PlaceLabelledMixture(v1::MixturePlacement placement, const Encoded
   }
   PlacedMixture placed = PlacedByClusters(known_labels, Rows(examples.q_z, known), labelled);
   if (labelled == actions || unknown.size(0) < actions) return placed;
-  const PlacedMixture rest = PlaceMixture(
-      placement, {examples.trajectories.index_select(0, unknown), Rows(examples.q_z, unknown)},
-      actions - labelled, seed);
+  const PlacedMixture rest = PlaceMixture(placement,
+                                          {examples.trajectories.index_select(0, unknown),
+                                           examples.waypoint_interval, Rows(examples.q_z, unknown)},
+                                          actions - labelled, seed);
   return {{at::cat({placed.components.mean, rest.components.mean}),
            at::cat({placed.components.log_variance, rest.components.log_variance})},
           EvenWeights(actions)};

@@ -17,19 +17,32 @@ namespace maneuver::learning {
 struct PlacedMixture {
   Gaussian components;     // [K, D]
   at::Tensor log_weights;  // [K], normalised
+  // Where it is placed by clusters: the centres, in the space of ClusterSpace. [K, S]
+  at::Tensor centers = {};
 };
 
 // What a mixture is placed by.
 struct EncodedExamples {
-  at::Tensor trajectories;  // x, [N, 2T] metres, on the CPU
-  Gaussian q_z;             // q(z|x), [N, D], on the CPU
+  at::Tensor trajectories;         // x, [N, 2T] metres, on the CPU
+  double waypoint_interval = 0.0;  // seconds
+  Gaussian q_z;                    // q(z|x), [N, D], on the CPU
 };
+
+// Where TRAJECTORY_CLUSTERS and VELOCITY_CLUSTERS measure distances. [N, S]
+at::Tensor ClusterSpace(v1::MixturePlacement placement, const at::Tensor& trajectories,
+                        double waypoint_interval);
+
+// The nearest of the centres to each trajectory. [N]
+at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& centers,
+                           const at::Tensor& trajectories, double waypoint_interval);
 
 // A mixture of `actions` components. The same seed gives the same one.
 //   TRAJECTORY_CLUSTERS  k-means on the trajectories in a space that draws far ones closer together
 //                        and counts what goes to the side twice: in plain metres nearly all
 //                        clusters would be speeds of going straight on, which q(z|y,s) knows from
 //                        the scenario anyway
+//   VELOCITY_CLUSTERS    k-means on the velocities along the trajectories, of speeds drawn closer
+//                        together (ln(1 + v)): what is done, rather than where it leads
 //   RANDOM               means from N(0, I), variances 1
 //   UNIFORM              means even in the box of the encodings, the box split evenly among them
 //   ENCODED_POINTS       means at the encodings of random examples

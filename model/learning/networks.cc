@@ -287,6 +287,18 @@ void Networks::SilenceScenarioEncoders() {
   (*this)[last + ".bias"].zero_();
 }
 
+void Networks::SwitchOff(std::span<const int> actions) {
+  // Far below any logit that is learned; the softmax makes it 0, and with it its gradient.
+  constexpr double kNever = -1e4;
+  at::NoGradGuard no_grad;
+  at::Tensor& bias = (*this)[Layer(
+      "action_predictor", static_cast<size_t>(spec_.action_predictor().hidden_size()), "bias")];
+  for (const int action : actions) {
+    bias[action].fill_(kNever);
+    (*this)["mixture.log_weight"][action].fill_(kNever);
+  }
+}
+
 artifact::TensorMap Networks::Export() const {
   at::NoGradGuard no_grad;
   artifact::TensorMap weights;

@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <map>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -54,6 +55,8 @@ class Networks {
   // Of the base objective, whose q(z|y,s) is the generic action: scenario encoders that add
   // nothing.
   void SilenceScenarioEncoders();
+  // p(y|s) = 0 for these actions from now on.
+  void SwitchOff(std::span<const int> actions);
   // q_1(z|s) .. q_K(z|s), relative to the mixture's components, which get no gradient through it.
   // features [B, F'] -> [B, K, D]
   Gaussian EncodeScenarios(const at::Tensor& features) const;

@@ -117,7 +117,7 @@ BoundTerms UnifiedBound(const BaseModel& model, const PosteriorBranch& posterior
 at::Tensor Loss(const BoundTerms& terms, const BoundWeights& weights) {
   at::Tensor loss = at::zeros_like(terms.log_responsibilities.select(1, 0));
   if (terms.reconstruction.defined()) {
-    loss = loss - terms.reconstruction + terms.latent_divergence +
+    loss = loss - terms.reconstruction + weights.latent_divergence * terms.latent_divergence +
            weights.action * terms.action_divergence;
   }
   if (terms.posterior_reconstruction.defined()) {

@@ -62,6 +62,7 @@ struct BoundWeights {
   double action = 1.0;
   double posterior_reconstruction = 1.0;
   double posterior_divergence = 1.0;
+  double latent_divergence = 1.0;
 };
 
 // What the base model says of a batch.

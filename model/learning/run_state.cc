@@ -3,9 +3,8 @@
 #include <cstring>
 
 namespace maneuver::learning {
-namespace {
 
-StoredTensor Stored(const at::Tensor& tensor) {
+StoredTensor StoreTensor(const at::Tensor& tensor) {
   const at::Tensor values = tensor.detach().to(at::kCPU, at::kFloat).contiguous();
   StoredTensor stored;
   for (const int64_t size : values.sizes()) stored.add_shape(size);
@@ -13,7 +12,7 @@ StoredTensor Stored(const at::Tensor& tensor) {
   return stored;
 }
 
-at::Tensor Read(const StoredTensor& stored) {
+at::Tensor RestoreTensor(const StoredTensor& stored) {
   at::Tensor values =
       at::empty(std::vector<int64_t>(stored.shape().begin(), stored.shape().end()), at::kFloat);
   TORCH_CHECK(stored.values().size() == static_cast<size_t>(values.numel()) * sizeof(float),
@@ -21,8 +20,6 @@ at::Tensor Read(const StoredTensor& stored) {
   std::memcpy(values.data_ptr<float>(), stored.values().data(), stored.values().size());
   return values;
 }
-
-}  // namespace
 
 std::string RunSettings(v1::TrainingSettings settings) {
   settings.clear_threads();
@@ -48,7 +45,7 @@ void StoreNetworks(const Networks& networks, Checkpoint* checkpoint) {
 void StoreSnapshot(const Networks::Snapshot& snapshot, const std::string& prefix,
                    Checkpoint* checkpoint) {
   for (const auto& [name, tensor] : snapshot) {
-    (*checkpoint->mutable_networks())[prefix + name] = Stored(tensor);
+    (*checkpoint->mutable_networks())[prefix + name] = StoreTensor(tensor);
   }
 }
 
@@ -56,7 +53,7 @@ Networks::Snapshot StoredNetworks(const Checkpoint& checkpoint, const std::strin
   Networks::Snapshot snapshot;
   for (const auto& [name, stored] : checkpoint.networks()) {
     if (name.compare(0, prefix.size(), prefix) == 0) {
-      snapshot[name.substr(prefix.size())] = Read(stored);
+      snapshot[name.substr(prefix.size())] = RestoreTensor(stored);
     }
   }
   return snapshot;
@@ -69,13 +66,14 @@ void RestoreNetworks(const Checkpoint& checkpoint, Networks* networks) {
 void StoreOptimizer(const AdamW& optimizer, Checkpoint* checkpoint) {
   const AdamW::State state = optimizer.Save();
   checkpoint->set_optimizer_steps(state.steps);
-  for (const at::Tensor& moment : state.moments) *checkpoint->add_moments() = Stored(moment);
+  for (const at::Tensor& moment : state.moments) *checkpoint->add_moments() = StoreTensor(moment);
 }
 
 void RestoreOptimizer(const Checkpoint& checkpoint, AdamW* optimizer) {
   AdamW::State state;
   state.steps = checkpoint.optimizer_steps();
-  for (const StoredTensor& moment : checkpoint.moments()) state.moments.push_back(Read(moment));
+  for (const StoredTensor& moment : checkpoint.moments())
+    state.moments.push_back(RestoreTensor(moment));
   optimizer->Restore(state);
 }
 

@@ -21,6 +21,9 @@ std::string RunSettings(v1::TrainingSettings settings);
 std::string RandomState(const at::Generator& generator);
 void RestoreRandomState(const std::string& state, at::Generator* generator);
 
+StoredTensor StoreTensor(const at::Tensor& tensor);
+at::Tensor RestoreTensor(const StoredTensor& stored);
+
 void StoreNetworks(const Networks& networks, Checkpoint* checkpoint);
 void RestoreNetworks(const Checkpoint& checkpoint, Networks* networks);
 

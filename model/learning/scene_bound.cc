@@ -16,22 +16,20 @@ BaseModel ApplyBase(const Networks& networks, const SceneBatch& batch, const Noi
   return model;
 }
 
-BoundTerms SceneBound(const Networks& networks, v1::Objective objective,
+BoundTerms SceneBound(const Networks& networks, v1::Objective objective, Learning learning,
                       const v1::OptimizationSettings& optimization, const SceneBatch& batch,
                       const NoiseSource& noise) {
   if (objective == v1::OBJECTIVE_BASE) return BaseBound(ApplyBase(networks, batch, noise));
   const Gaussian q_z = networks.EncodeScenarios(batch.features);
   const PosteriorBranch posterior{networks.Decode(Sample(q_z, noise(q_z.mean.sizes()))), q_z};
-  if (objective == v1::OBJECTIVE_DUAL) {
-    BaseModel fixed;
-    {
-      at::NoGradGuard no_grad;
-      fixed = ApplyBase(networks, batch, noise);
-    }
-    return DualBound(fixed, posterior);
+  BaseModel base;
+  {
+    at::AutoGradMode learns(learning == Learning::kAll);
+    base = ApplyBase(networks, batch, noise);
   }
+  if (objective == v1::OBJECTIVE_DUAL) return DualBound(base, posterior);
   const bool exact = optimization.responsibilities() == v1::RESPONSIBILITIES_EXACT;
-  return UnifiedBound(ApplyBase(networks, batch, noise), posterior,
+  return UnifiedBound(base, posterior,
                       exact ? optimization.posterior_reconstruction_weight() : 0.0);
 }
 
@@ -47,9 +45,9 @@ at::Tensor Responsibilities(const Networks& networks, const SceneBatch& batch,
   return UnifiedLogResponsibilities(log_p_y, cross_entropy, Divergence(posterior, mixture));
 }
 
-BoundWeights Weights(const v1::OptimizationSettings& optimization) {
-  return {optimization.action_weight(), optimization.posterior_reconstruction_weight(),
-          optimization.posterior_divergence_weight()};
+BoundWeights Weights(const v1::OptimizationSettings& optimization, double share) {
+  return {share * optimization.action_weight(), optimization.posterior_reconstruction_weight(),
+          share * optimization.posterior_divergence_weight(), share};
 }
 
 }  // namespace maneuver::learning

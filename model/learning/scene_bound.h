@@ -26,9 +26,15 @@ using NoiseSource = std::function<at::Tensor(at::IntArrayRef shape)>;
 // The base model's part of a batch: q(z|x), a sample's decoding, p(z|y), p(y|s).
 BaseModel ApplyBase(const Networks& networks, const SceneBatch& batch, const NoiseSource& noise);
 
-// The bound that `objective` maximises, or in its last stage: DUAL has the part of q(z|y,s) alone,
-// with everything else held fixed.
-BoundTerms SceneBound(const Networks& networks, v1::Objective objective,
+// What learns from a bound.
+enum class Learning {
+  kAll,        // everything in it
+  kPosterior,  // q(z|y,s) alone; all else is held fixed
+};
+
+// The bound that `objective` maximises; that of DUAL is the last stage of the dual model, for
+// kPosterior.
+BoundTerms SceneBound(const Networks& networks, v1::Objective objective, Learning learning,
                       const v1::OptimizationSettings& optimization, const SceneBatch& batch,
                       const NoiseSource& noise);
 
@@ -37,7 +43,8 @@ BoundTerms SceneBound(const Networks& networks, v1::Objective objective,
 at::Tensor Responsibilities(const Networks& networks, const SceneBatch& batch,
                             const at::Tensor& log_p_y, const Gaussian& posterior);
 
-BoundWeights Weights(const v1::OptimizationSettings& optimization);
+//   share: of the weights of the divergences, where they are warmed up
+BoundWeights Weights(const v1::OptimizationSettings& optimization, double share = 1.0);
 
 }  // namespace maneuver::learning
 

@@ -204,8 +204,8 @@ void ValidateScenes(Networks& networks, const ExampleSet& set, v1::Objective obj
     const at::Tensor x = VariedTrajectories(set, *batch).to(networks.device());
     const at::Tensor features =
         networks.EncodeScenes(RasterTensor(spec.raster(), *batch), VariedMotions(set, *batch), {});
-    const BoundTerms terms =
-        SceneBound(networks, objective, optimization, {x, features, {}}, means_for_samples);
+    const BoundTerms terms = SceneBound(networks, objective, Learning::kPosterior, optimization,
+                                        {x, features, {}}, means_for_samples);
     means.Add(terms);
     means.Add("loss", Loss(terms, weights), x.size(0));
     const at::Tensor log_p_y = networks.PredictActions(features);

@@ -14,7 +14,6 @@
 namespace maneuver::learning {
 namespace {
 
-constexpr int64_t kWarmUp = 100;  // steps, as in the joint phase
 constexpr char kPhases[][10] = {"covernet", "multipath"};
 // As the model's calibration has them.
 constexpr int64_t kMostTraining = 4096;  // examples
@@ -179,7 +178,7 @@ absl::Status AnchorLearner::Train(Baseline& baseline) {
                                   " is no longer finite; lower optimization.learning_rate");
       }
       loss.backward();
-      optimizer.Step(LearningRateShare(epochs * epoch_steps + steps, kWarmUp, all_steps));
+      optimizer.Step(LearningRateShare(epochs * epoch_steps + steps, kWarmUpSteps, all_steps));
       ++steps;
       progress_.Step(x.size(0));
     }

@@ -124,6 +124,7 @@ v1::TrainingSettings TinySettings() {
   optimization.set_pretraining_epochs(25);
   optimization.set_mixture_epochs(10);
   optimization.set_joint_epochs(15);
+  optimization.set_posterior_epochs(2);
   optimization.set_batch_size(16);
   optimization.set_learning_rate(3e-3);
   settings.set_seed(7);

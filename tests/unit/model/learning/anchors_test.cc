@@ -133,6 +133,7 @@ class BaselinesTest : public testing::Test {
     run.settings.mutable_optimization()->set_pretraining_epochs(2);
     run.settings.mutable_optimization()->set_mixture_epochs(1);
     run.settings.mutable_optimization()->set_joint_epochs(epochs);
+    run.settings.mutable_optimization()->set_posterior_epochs(0);
     run.output = folder_ / name;
     run.baselines = true;
     return run;

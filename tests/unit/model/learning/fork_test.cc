@@ -36,7 +36,7 @@ v1::TrainingSettings ForkSettings(v1::Objective objective) {
   settings.mutable_optimization()->set_pretraining_epochs(25);
   settings.mutable_optimization()->set_mixture_epochs(10);
   settings.mutable_optimization()->set_joint_epochs(20);
-  settings.mutable_optimization()->set_dual_epochs(20);
+  settings.mutable_optimization()->set_posterior_epochs(20);
   return settings;
 }
 

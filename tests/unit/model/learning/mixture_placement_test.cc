@@ -22,7 +22,7 @@ EncodedExamples FourGroups() {
   const at::Tensor reach = group.to(at::kFloat) * 20.0;
   at::Tensor trajectories = at::zeros({kExamples, 6});
   for (int t = 0; t < 3; ++t) trajectories.select(1, 2 * t).copy_(reach * (t + 1) / 3.0);
-  return {trajectories, {mean, at::full({kExamples, 2}, std::log(0.01))}};
+  return {trajectories, 1.0, {mean, at::full({kExamples, 2}, std::log(0.01))}};
 }
 
 double NearestDistance(const at::Tensor& means, const at::Tensor& point) {

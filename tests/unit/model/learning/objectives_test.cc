@@ -290,9 +290,9 @@ TEST_F(ObjectivesTest, LabelledExamplesAreTheirAction) {
 
 TEST_F(ObjectivesTest, LossWeighsItsTerms) {
   const BoundTerms terms = UnifiedBound(Base(), Posterior());
-  const double loss = Loss(terms, {5.0, 0.05, 2.0}).item<double>();
+  const double loss = Loss(terms, {5.0, 0.05, 2.0, 0.5}).item<double>();
   const double expected =
-      (-terms.reconstruction + 5.0 * terms.action_divergence + terms.latent_divergence -
+      (-terms.reconstruction + 5.0 * terms.action_divergence + 0.5 * terms.latent_divergence -
        0.05 * terms.posterior_reconstruction + 2.0 * terms.posterior_divergence)
           .mean()
           .item<double>();

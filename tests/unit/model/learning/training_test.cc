@@ -93,8 +93,8 @@ TEST_F(TrainingTest, ReportsEveryPhaseAndTheTermsOfTheBound) {
       joint = &progress.epoch_report();
     }
   }
-  EXPECT_THAT(phases, testing::ElementsAre("pretrain", "mixture", "joint", "calibrate", "export",
-                                           "evaluate"));
+  EXPECT_THAT(phases, testing::ElementsAre("pretrain", "mixture", "joint", "posterior", "calibrate",
+                                           "export", "evaluate"));
   ASSERT_NE(joint, nullptr);
   for (const char* term : {"loss", "reconstruction", "action_divergence", "latent_divergence",
                            "posterior_reconstruction", "posterior_divergence"}) {
@@ -203,7 +203,7 @@ TEST_F(TrainingTest, ARunThatGoesOnFromACheckpointEndsWithTheSameWeights) {
     run.settings.mutable_optimization()->set_pretraining_epochs(2);
     run.settings.mutable_optimization()->set_mixture_epochs(2);
     run.settings.mutable_optimization()->set_joint_epochs(2);
-    run.settings.mutable_optimization()->set_dual_epochs(2);
+    run.settings.mutable_optimization()->set_posterior_epochs(2);
     return run;
   };
   ASSERT_TRUE(Train(prepare("whole"), data).ok());
