@@ -2,7 +2,9 @@
 
 #include <fcntl.h>
 #include <linux/close_range.h>
+#include <linux/ioprio.h>
 #include <poll.h>
+#include <sched.h>
 #include <signal.h>
 #include <sys/eventfd.h>
 #include <sys/prctl.h>
@@ -15,7 +17,9 @@
 #include <cerrno>
 #include <cstdint>
 #include <cstring>
+#include <fstream>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <utility>
 
@@ -28,6 +32,7 @@ using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
 constexpr int kNiceness = 10;
+constexpr int kLastOfBestEffort = 7;
 constexpr size_t kMaxLine = size_t{1} << 20;
 constexpr milliseconds kTick{200};
 // While there is nothing left to read but the process has not ended.
@@ -64,7 +69,7 @@ absl::StatusOr<Pipe> MakePipe() {
 
 // Between fork and exec: nothing but system calls, since other threads may hold any lock.
 [[noreturn]] void BecomeChild(char* const* arguments, pid_t parent, int input, int output,
-                              int errors, int report) {
+                              int errors, int report, int64_t memory_limit) {
   const auto fail = [report] {
     const int reason = errno;
     [[maybe_unused]] const ssize_t ignored = write(report, &reason, sizeof reason);
@@ -74,6 +79,14 @@ absl::StatusOr<Pipe> MakePipe() {
   if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0) fail();
   if (getppid() != parent) _exit(127);  // it died before the line above
   setpriority(PRIO_PROCESS, 0, kNiceness);
+  const sched_param batch{};
+  sched_setscheduler(0, SCHED_BATCH, &batch);
+  syscall(SYS_ioprio_set, IOPRIO_WHO_PROCESS, 0,
+          IOPRIO_PRIO_VALUE(IOPRIO_CLASS_BE, kLastOfBestEffort));
+  if (memory_limit > 0) {
+    const rlimit limit{static_cast<rlim_t>(memory_limit), static_cast<rlim_t>(memory_limit)};
+    if (setrlimit(RLIMIT_DATA, &limit) != 0) fail();
+  }
   // Memory is short: rather this process than the server.
   const int score = open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC);
   if (score >= 0) {
@@ -125,7 +138,7 @@ absl::StatusOr<Child> Start(const ChildCommand& command) {
   if (pid < 0) return files::ErrnoStatus(errno, "start", command.arguments[0]);
   if (pid == 0) {
     BecomeChild(arguments.data(), parent, input.get(), output->write.get(), errors.get(),
-                report->write.get());
+                report->write.get(), command.memory_limit_bytes);
   }
   setpgid(pid, pid);  // here too: whoever is first, the group is there from now on
   report->write.Close();
@@ -183,6 +196,18 @@ class LineReader {
   bool too_long_ = false;
 };
 
+// How many processes the system has killed since it started, for want of memory in it or in a
+// control group; 0 where it does not say.
+int64_t OutOfMemoryKills() {
+  std::ifstream counters("/proc/vmstat");
+  std::string name;
+  int64_t value = 0;
+  while (counters >> name >> value) {
+    if (name == "oom_kill") return value;
+  }
+  return 0;
+}
+
 // Whether the process has ended; it stays a zombie, so that its group's id stays its own.
 bool HasExited(pid_t pid) {
   siginfo_t about{};
@@ -195,8 +220,13 @@ ChildResult Reap(pid_t pid) {
   int status = 0;
   while (waitpid(pid, &status, 0) < 0 && errno == EINTR) {
   }
-  if (WIFSIGNALED(status)) return {.exit_status = 0, .signal = WTERMSIG(status)};
-  return {.exit_status = WEXITSTATUS(status), .signal = 0};
+  ChildResult result;
+  if (WIFSIGNALED(status)) {
+    result.signal = WTERMSIG(status);
+  } else {
+    result.exit_status = WEXITSTATUS(status);
+  }
+  return result;
 }
 
 }  // namespace
@@ -217,18 +247,23 @@ void StopRequest::Stop(Reason reason) {
 absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& stop,
                                      const std::function<void(const std::string&)>& on_line,
                                      const std::function<void()>& on_tick) {
+  const int64_t kills_before = OutOfMemoryKills();
   auto child = Start(command);
   if (!child.ok()) return child.status();
   LineReader lines(on_line);
+  const steady_clock::time_point begun = steady_clock::now();
+  bool timed_out = false;
   std::optional<steady_clock::time_point> kill_at;  // set once it was asked to stop
   bool is_open = true;
   steady_clock::time_point next_tick = steady_clock::now() + kTick;
   while (!HasExited(child->pid)) {
-    if (!kill_at && stop.reason() != StopRequest::Reason::kNone) {
-      kill(-child->pid, SIGTERM);
-      kill_at = steady_clock::now() + command.patience;
-    }
     const auto now = steady_clock::now();
+    const bool is_late = command.time_limit.count() > 0 && now - begun >= command.time_limit;
+    if (!kill_at && (is_late || stop.reason() != StopRequest::Reason::kNone)) {
+      timed_out = stop.reason() == StopRequest::Reason::kNone;
+      kill(-child->pid, SIGTERM);
+      kill_at = now + command.patience;
+    }
     if (kill_at && now >= *kill_at) kill(-child->pid, SIGKILL);
     if (now >= next_tick) {
       on_tick();
@@ -243,7 +278,10 @@ absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& s
     }
   }
   if (is_open) lines.Drain(child->output.get());
-  return Reap(child->pid);
+  ChildResult result = Reap(child->pid);
+  result.timed_out = timed_out;
+  result.out_of_memory = !kill_at && result.signal == SIGKILL && OutOfMemoryKills() > kills_before;
+  return result;
 }
 
 }  // namespace maneuver::jobs

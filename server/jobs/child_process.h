@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -41,16 +42,26 @@ struct ChildCommand {
   std::filesystem::path log;
   // From SIGTERM to SIGKILL, once it is to stop.
   std::chrono::milliseconds patience{5'000};
+  // It is stopped after so long; 0: never.
+  std::chrono::milliseconds time_limit{0};
+  // RLIMIT_DATA: heap, stacks and private writable mappings together. What exceeds it is refused to
+  // the process, which sees that and can say so. 0: no limit.
+  int64_t memory_limit_bytes = 0;
 };
 
 struct ChildResult {
   int exit_status = 0;  // if signal is 0
   int signal = 0;       // that killed it
+  // It was stopped since time_limit was over.
+  bool timed_out = false;
+  // It was killed by SIGKILL while the system killed some process for want of memory.
+  bool out_of_memory = false;
 };
 
-// Runs a command to its end. It gets a process group of its own, a lower priority, no standard
-// input, and SIGKILL when the calling thread ends: call this from a thread that lives as long as
-// the server. Whatever it leaves in its group is killed.
+// Runs a command to its end. It gets a process group of its own, a lower priority for processor and
+// disk (nice 10, SCHED_BATCH, last of the best-effort class), no standard input, and SIGKILL when
+// the calling thread ends: call this from a thread that lives as long as the server. Whatever it
+// leaves in its group is killed.
 //   on_line: each line of standard output, without its end; lines over 1 MiB are dropped.
 //   on_tick: called about every 200 ms in between, on the same thread.
 // Errors: NOT_FOUND, PERMISSION_DENIED, ... if it cannot be started.

@@ -73,6 +73,36 @@ TEST_F(ChildProcessTest, ItHasNoInputALowerPriorityAndAGroupOfItsOwn) {
   EXPECT_EQ(lines_[0], lines_[1] + " " + std::to_string(std::max(mine, 10)));
 }
 
+TEST_F(ChildProcessTest, ServingGoesBeforeItAtTheProcessorAndTheDisk) {
+  // The scheduling policy, as proc(5) numbers the fields: SCHED_BATCH is 3.
+  ASSERT_TRUE(RunShell("cut -d' ' -f41 /proc/self/stat; ionice -p $$").ok());
+  EXPECT_THAT(lines_, ElementsAre("3", "best-effort: prio 7"));
+}
+
+TEST_F(ChildProcessTest, MemoryBeyondTheLimitIsRefusedToIt) {
+  ChildCommand command{.arguments = {"sh", "-c", "ulimit -d"}, .log = folder_ / "log"};
+  command.memory_limit_bytes = 64 << 20;
+  const auto keep = [this](const std::string& line) { lines_.push_back(line); };
+  ASSERT_TRUE(RunChild(command, stop_, keep, [] {}).ok());
+  EXPECT_THAT(lines_, ElementsAre("65536"));  // KiB
+}
+
+TEST_F(ChildProcessTest, ItIsStoppedOnceItsTimeIsOver) {
+  ChildCommand command{.arguments = {"sh", "-c", "while :; do sleep 0.02; done"},
+                       .log = folder_ / "log"};
+  command.time_limit = std::chrono::milliseconds(50);
+  const auto late = RunChild(
+      command, stop_, [](const std::string&) {}, [] {});
+  ASSERT_TRUE(late.ok());
+  EXPECT_TRUE(late->timed_out);
+  EXPECT_EQ(late->signal, SIGTERM);
+  command.arguments = {"true"};
+  command.time_limit = std::chrono::hours(1);
+  EXPECT_FALSE(RunChild(
+                   command, stop_, [](const std::string&) {}, [] {})
+                   ->timed_out);
+}
+
 TEST_F(ChildProcessTest, ItInheritsNoDescriptors) {
   int ends[2];
   ASSERT_EQ(pipe(ends), 0);  // not close-on-exec
