@@ -16,6 +16,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstdint>
+#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <optional>
@@ -69,7 +70,7 @@ absl::StatusOr<Pipe> MakePipe() {
 
 // Between fork and exec: nothing but system calls, since other threads may hold any lock.
 [[noreturn]] void BecomeChild(char* const* arguments, pid_t parent, int input, int output,
-                              int errors, int report, int64_t memory_limit) {
+                              int errors, int report) {
   const auto fail = [report] {
     const int reason = errno;
     [[maybe_unused]] const ssize_t ignored = write(report, &reason, sizeof reason);
@@ -83,10 +84,6 @@ absl::StatusOr<Pipe> MakePipe() {
   sched_setscheduler(0, SCHED_BATCH, &batch);
   syscall(SYS_ioprio_set, IOPRIO_WHO_PROCESS, 0,
           IOPRIO_PRIO_VALUE(IOPRIO_CLASS_BE, kLastOfBestEffort));
-  if (memory_limit > 0) {
-    const rlimit limit{static_cast<rlim_t>(memory_limit), static_cast<rlim_t>(memory_limit)};
-    if (setrlimit(RLIMIT_DATA, &limit) != 0) fail();
-  }
   // Memory is short: rather this process than the server.
   const int score = open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC);
   if (score >= 0) {
@@ -138,7 +135,7 @@ absl::StatusOr<Child> Start(const ChildCommand& command) {
   if (pid < 0) return files::ErrnoStatus(errno, "start", command.arguments[0]);
   if (pid == 0) {
     BecomeChild(arguments.data(), parent, input.get(), output->write.get(), errors.get(),
-                report->write.get(), command.memory_limit_bytes);
+                report->write.get());
   }
   setpgid(pid, pid);  // here too: whoever is first, the group is there from now on
   report->write.Close();
@@ -208,6 +205,19 @@ int64_t OutOfMemoryKills() {
   return 0;
 }
 
+// Memory of its own that a process has, bytes; 0 where the system does not say.
+int64_t OwnMemory(pid_t pid) {
+  std::ifstream status("/proc/" + std::to_string(pid) + "/status");
+  std::string line;
+  int64_t kibibytes = 0;
+  while (std::getline(status, line)) {
+    for (const std::string_view field : {"RssAnon:", "VmSwap:"}) {
+      if (line.starts_with(field)) kibibytes += std::atoll(line.c_str() + field.size());
+    }
+  }
+  return kibibytes * 1024;
+}
+
 // Whether the process has ended; it stays a zombie, so that its group's id stays its own.
 bool HasExited(pid_t pid) {
   siginfo_t about{};
@@ -253,6 +263,7 @@ absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& s
   LineReader lines(on_line);
   const steady_clock::time_point begun = steady_clock::now();
   bool timed_out = false;
+  bool over_memory_limit = false;
   std::optional<steady_clock::time_point> kill_at;  // set once it was asked to stop
   bool is_open = true;
   steady_clock::time_point next_tick = steady_clock::now() + kTick;
@@ -266,6 +277,10 @@ absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& s
     }
     if (kill_at && now >= *kill_at) kill(-child->pid, SIGKILL);
     if (now >= next_tick) {
+      if (command.memory_limit_bytes > 0 && OwnMemory(child->pid) > command.memory_limit_bytes) {
+        over_memory_limit = true;
+        kill(-child->pid, SIGKILL);
+      }
       on_tick();
       next_tick = now + kTick;
     }
@@ -280,6 +295,8 @@ absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& s
   if (is_open) lines.Drain(child->output.get());
   ChildResult result = Reap(child->pid);
   result.timed_out = timed_out;
+  // If it had not ended by itself at that moment.
+  result.over_memory_limit = over_memory_limit && result.signal == SIGKILL;
   result.out_of_memory = !kill_at && result.signal == SIGKILL && OutOfMemoryKills() > kills_before;
   return result;
 }

@@ -44,8 +44,8 @@ struct ChildCommand {
   std::chrono::milliseconds patience{5'000};
   // It is stopped after so long; 0: never.
   std::chrono::milliseconds time_limit{0};
-  // RLIMIT_DATA: heap, stacks and private writable mappings together. What exceeds it is refused to
-  // the process, which sees that and can say so. 0: no limit.
+  // It is killed once its memory, resident or swapped out but without what it maps from files, is
+  // more; looked at about every 200 ms. 0: no limit.
   int64_t memory_limit_bytes = 0;
 };
 
@@ -56,6 +56,8 @@ struct ChildResult {
   bool timed_out = false;
   // It was killed by SIGKILL while the system killed some process for want of memory.
   bool out_of_memory = false;
+  // It was killed since it took more than memory_limit_bytes.
+  bool over_memory_limit = false;
 };
 
 // Runs a command to its end. It gets a process group of its own, a lower priority for processor and

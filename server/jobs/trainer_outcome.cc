@@ -95,6 +95,9 @@ absl::Status OutOfMemory(absl::string_view how, const std::string& last_words) {
 }  // namespace
 
 absl::Status TrainerStatus(const ChildResult& result, const std::string& last_words) {
+  if (result.over_memory_limit) {
+    return OutOfMemory("the trainer took more memory than a job may", last_words);
+  }
   if (result.out_of_memory) {
     return OutOfMemory("the system killed the trainer for want of memory", last_words);
   }
@@ -116,7 +119,7 @@ absl::Status TrainerStatus(const ChildResult& result, const std::string& last_wo
       return failed(absl::StatusCode::kFailedPrecondition, "NOT_ENOUGH_EXAMPLES",
                     "the datasets hold not enough examples for these settings.");
     case TrainerExit::kOutOfMemory:
-      return OutOfMemory("the trainer ran out of the memory that it may use", last_words);
+      return OutOfMemory("the trainer ran out of memory", last_words);
     case TrainerExit::kDiskFull:
       return failed(absl::StatusCode::kResourceExhausted, "DISK_FULL",
                     "the disk is full; free some space on the server and resume the job.");
@@ -148,7 +151,9 @@ absl::Status CannotStartTrainer(const absl::Status& reason) {
       "TRAINER_INTERNAL");
 }
 
-bool HasDied(const ChildResult& result) { return result.signal != 0 && !result.timed_out; }
+bool HasDied(const ChildResult& result) {
+  return result.signal != 0 && !result.timed_out && !result.over_memory_limit;
+}
 
 absl::Status ServerInterrupted() {
   return errors::WithReason(

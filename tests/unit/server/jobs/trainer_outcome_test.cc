@@ -65,12 +65,15 @@ TEST(TrainerOutcomeTest, AKillForWantOfMemorySaysSo) {
   const absl::Status killed = TrainerStatus({.signal = SIGKILL, .out_of_memory = true}, "");
   EXPECT_EQ(InfoOf(killed).reason(), "OUT_OF_MEMORY");
   EXPECT_TRUE(absl::IsResourceExhausted(killed));
+  EXPECT_EQ(InfoOf(TrainerStatus({.signal = SIGKILL, .over_memory_limit = true}, "")).reason(),
+            "OUT_OF_MEMORY");
 }
 
 TEST(TrainerOutcomeTest, OnlyASignalThatIsNotOursIsADeath) {
   EXPECT_TRUE(HasDied({.signal = SIGKILL}));
   EXPECT_TRUE(HasDied({.signal = SIGSEGV}));
   EXPECT_FALSE(HasDied({.signal = SIGKILL, .timed_out = true}));
+  EXPECT_FALSE(HasDied({.signal = SIGKILL, .over_memory_limit = true}));
   EXPECT_FALSE(HasDied({.exit_status = 70}));
 }
 
