@@ -90,7 +90,7 @@ absl::Status CheckpointFolder::Write(const Checkpoint& checkpoint) {
   if (!status.ok()) return status;
   ++next_;
   last_ = std::chrono::steady_clock::now();
-  steps_ = 0;
+  steps_ = 1;  // that which it precedes
   const std::vector<int64_t> numbers = Numbers(folder_);
   const size_t kept = static_cast<size_t>(std::max(1, policy_.kept));
   for (size_t i = 0; i + kept < numbers.size(); ++i) {

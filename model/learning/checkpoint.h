@@ -26,7 +26,7 @@ class CheckpointFolder {
   // The latest one that is whole; nothing if there is none. A damaged one is passed over.
   std::optional<Checkpoint> ReadLatest() const;
 
-  // One more step is over.
+  // One more step is to come; call it before each, and before Write.
   void CountStep() { ++steps_; }
   // Whether the interval is over, or the steps, since the last one (or since the folder was
   // opened).

@@ -114,10 +114,8 @@ absl::Status Learner::KeepCheckpoint(const std::string& phase, const Position& p
       stops ? absl::CancelledError("training was stopped") : absl::OkStatus();
   if (checkpoints_ == nullptr || phase.empty()) return outcome;
   const bool due = stops || checkpoints_->IsDue();
-  if (!due) {
-    checkpoints_->CountStep();
-    return outcome;
-  }
+  checkpoints_->CountStep();
+  if (!due) return outcome;
   Checkpoint checkpoint;
   checkpoint.set_settings(RunSettings(settings_));
   checkpoint.set_training_examples(trajectories_.size(0));
@@ -130,7 +128,6 @@ absl::Status Learner::KeepCheckpoint(const std::string& phase, const Position& p
   StoreOptimizer(optimizer, &checkpoint);
   means.Store(&checkpoint);
   const absl::Status written = checkpoints_->Write(checkpoint);
-  checkpoints_->CountStep();
   return written.ok() ? outcome : written;
 }
 
