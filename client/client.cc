@@ -200,6 +200,11 @@ absl::StatusOr<v1::Job> Client::CancelJob(const v1::CancelJobRequest& request,
   return MANEUVER_CALL(training, TrainingService, CancelJob, Repeatable::kYes, management);
 }
 
+absl::StatusOr<v1::Job> Client::ResumeJob(const v1::ResumeJobRequest& request,
+                                          const CallOptions& call) {
+  return MANEUVER_CALL(training, TrainingService, ResumeJob, Repeatable::kYes, management);
+}
+
 absl::Status Client::DeleteJob(const v1::DeleteJobRequest& request, const CallOptions& call) {
   return StatusOnly(
       MANEUVER_CALL(training, TrainingService, DeleteJob, Repeatable::kNo, management));

@@ -138,6 +138,8 @@ class Client {
                                                 const CallOptions& call = {});
   absl::StatusOr<v1::Job> CancelJob(const v1::CancelJobRequest& request,
                                     const CallOptions& call = {});
+  absl::StatusOr<v1::Job> ResumeJob(const v1::ResumeJobRequest& request,
+                                    const CallOptions& call = {});
   absl::Status DeleteJob(const v1::DeleteJobRequest& request, const CallOptions& call = {});
   // Calls `on_event` with each event of a job after request.after_sequence, until the job ends or
   // `on_event` returns false; returns the job as it was last seen. Each event comes once: a broken

@@ -1,4 +1,4 @@
-// maneuver job: list, show, watch, cancel, delete.
+// maneuver job: list, show, watch, cancel, resume, delete.
 
 #include <memory>
 #include <ostream>
@@ -82,7 +82,13 @@ int Show(const std::string& name, const std::optional<std::string>& figures,
       job->has_train() ? absl::StrJoin(job->train().datasets(), " ") : job->evaluate().dataset();
   table.Add({"datasets", datasets});
   table.Add({"state", StateName(job->state())});
-  if (job->has_error()) table.Add({"error", job->error().message()});
+  if (job->attempts().started() > 1) {
+    table.Add({"processes", absl::StrCat(job->attempts().started(), ", the last from ",
+                                         Moment(job->attempts().start_time()))});
+  }
+  if (job->has_error()) {
+    table.Add({client::HasEnded(*job) ? "error" : "interrupted", job->error().message()});
+  }
   table.Add({"created", Moment(job->create_time())});
   table.Add({"started", Moment(job->start_time())});
   table.Add({"ended", Moment(job->end_time())});
@@ -93,6 +99,10 @@ int Show(const std::string& name, const std::optional<std::string>& figures,
                                         ProgressText(progress, progress.epoch_report()))});
   }
   environment.out << table.Text(environment.color);
+  if (job->has_error() && job->last_lines_size() > 0) {
+    environment.out << "\nThe last lines of its process:\n";
+    for (const std::string& line : job->last_lines()) environment.out << "  " << line << "\n";
+  }
   if (job->evaluation().metrics_size() > 0) {
     environment.out << "\n" << evaluation::ReportText(job->evaluation(), environment.color);
   }
@@ -109,6 +119,20 @@ int Cancel(const std::string& name, Environment& environment) {
   } else {
     environment.out << job->name() << " is "
                     << (client::HasEnded(*job) ? StateName(job->state()) : "being stopped") << "\n";
+  }
+  return kOk;
+}
+
+int Resume(const std::string& name, bool detach, Environment& environment) {
+  v1::ResumeJobRequest request;
+  request.set_name(JobResource(name));
+  const auto job = environment.server_client().ResumeJob(request, environment.call_options());
+  if (!job.ok()) return environment.Fail(job.status());
+  if (!detach) return WatchToEnd(job->name(), environment);
+  if (environment.json()) {
+    environment.PrintJson(*job);
+  } else {
+    environment.out << job->name() << " is " << StateName(job->state()) << "\n";
   }
   return kOk;
 }
@@ -152,6 +176,15 @@ void AddJob(Command& root, Environment& environment) {
                              "Example: maneuver job cancel 3f2a");
   cancel.Argument("JOB", name.get(), "Its name");
   cancel.Run([=, &environment] { return Cancel(*name, environment); });
+
+  Command resume =
+      group.Add("resume", "Go on with a job that failed or was cancelled",
+                "It goes on from its last checkpoint; watches it, unless --detach is given.\n"
+                "Example: maneuver job resume 3f2a");
+  resume.Argument("JOB", name.get(), "Its name");
+  const auto detach = std::make_shared<bool>(false);
+  resume.Flag("--detach", detach.get(), "Resume the job and return");
+  resume.Run([=, &environment] { return Resume(*name, *detach, environment); });
 
   Command remove = group.Add("delete", "Forget a job that ended; what it made stays",
                              "Example: maneuver job delete 3f2a");

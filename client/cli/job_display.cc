@@ -132,7 +132,8 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
     return kFailed;
   }
   if (!succeeded) {
-    environment.err << "maneuver: " << job.name() << " was cancelled\n";
+    environment.err << "maneuver: " << job.name() << " was cancelled; maneuver job resume "
+                    << ShortName(job.name()) << " goes on with it\n";
     return kFailed;
   }
   const double took = ToSeconds(job.end_time()) - ToSeconds(job.start_time());

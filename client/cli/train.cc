@@ -26,6 +26,7 @@ struct Arguments {
   std::optional<int64_t> epochs;
   std::optional<int64_t> actions;
   std::optional<int64_t> seed;
+  std::optional<int64_t> priority;
   std::string promote = "auto";
   bool detach = false;
   bool validate_only = false;
@@ -79,6 +80,7 @@ int Train(const Arguments& arguments, Environment& environment) {
   request.set_promotion(arguments.promote == "always"  ? v1::PROMOTION_ALWAYS
                         : arguments.promote == "never" ? v1::PROMOTION_NEVER
                                                        : v1::PROMOTION_UNSPECIFIED);
+  request.set_priority(static_cast<int32_t>(arguments.priority.value_or(0)));
   request.set_validate_only(arguments.validate_only);
   const auto job = environment.server_client().Train(request, environment.call_options());
   if (!job.ok()) return environment.Fail(job.status());
@@ -138,6 +140,8 @@ void AddTrain(Command& root, Environment& environment) {
   command.Option("--seed", &arguments->seed, 0, INT64_MAX, "Seed of everything random");
   command.Choice("--promote", &arguments->promote, {"auto", "never", "always"},
                  "When the new version becomes the one that serves; auto: if none does yet");
+  command.Option("--priority", &arguments->priority, -100, 100,
+                 "Jobs of a higher one run first [0]");
   command.Flag("--detach", &arguments->detach, "Start the job and return");
   command.Flag("--validate-only", &arguments->validate_only, "Check the request, start nothing");
   command.Run([arguments, &environment] { return Train(*arguments, environment); });

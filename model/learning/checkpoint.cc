@@ -40,7 +40,7 @@ fs::path FileOf(const fs::path& folder, int64_t number) {
 }  // namespace
 
 absl::StatusOr<CheckpointFolder> CheckpointFolder::Open(const fs::path& folder,
-                                                        std::chrono::milliseconds interval) {
+                                                        const CheckpointPolicy& policy) {
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) {
@@ -48,11 +48,11 @@ absl::StatusOr<CheckpointFolder> CheckpointFolder::Open(const fs::path& folder,
         absl::StrCat("cannot make the folder of checkpoints: ", error.message()));
   }
   if (absl::Status status = files::RemoveTemporaries(folder); !status.ok()) return status;
-  return CheckpointFolder(folder, interval);
+  return CheckpointFolder(folder, policy);
 }
 
-CheckpointFolder::CheckpointFolder(fs::path folder, std::chrono::milliseconds interval)
-    : folder_(std::move(folder)), interval_(interval), last_(std::chrono::steady_clock::now()) {
+CheckpointFolder::CheckpointFolder(fs::path folder, const CheckpointPolicy& policy)
+    : folder_(std::move(folder)), policy_(policy), last_(std::chrono::steady_clock::now()) {
   const std::vector<int64_t> numbers = Numbers(folder_);
   if (!numbers.empty()) next_ = numbers.back() + 1;
 }
@@ -76,7 +76,8 @@ std::optional<Checkpoint> CheckpointFolder::ReadLatest() const {
 }
 
 bool CheckpointFolder::IsDue() const {
-  return std::chrono::steady_clock::now() - last_ >= interval_;
+  return (policy_.steps > 0 && steps_ >= policy_.steps) ||
+         std::chrono::steady_clock::now() - last_ >= policy_.interval;
 }
 
 absl::Status CheckpointFolder::Write(const Checkpoint& checkpoint) {
@@ -89,8 +90,10 @@ absl::Status CheckpointFolder::Write(const Checkpoint& checkpoint) {
   if (!status.ok()) return status;
   ++next_;
   last_ = std::chrono::steady_clock::now();
+  steps_ = 1;  // that which it precedes
   const std::vector<int64_t> numbers = Numbers(folder_);
-  for (size_t i = 0; i + kKept < numbers.size(); ++i) {
+  const size_t kept = static_cast<size_t>(std::max(1, policy_.kept));
+  for (size_t i = 0; i + kept < numbers.size(); ++i) {
     std::error_code ignored;
     fs::remove(FileOf(folder_, numbers[i]), ignored);
   }

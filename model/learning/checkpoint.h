@@ -11,33 +11,35 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "checkpoint.pb.h"
+#include "model/learning/checkpoint_policy.h"
 
 namespace maneuver::learning {
 
-// A folder with the last few checkpoints of one run, "checkpoint-000007". Each is written whole or
-// not at all and carries a checksum.
+// A folder with the last few checkpoints of one run, "checkpoint-000007": their numbers only grow.
+// Each is written whole or not at all and carries a checksum.
 class CheckpointFolder {
  public:
   // Makes the folder if there is none.
-  //   interval: least time between two checkpoints
   static absl::StatusOr<CheckpointFolder> Open(const std::filesystem::path& folder,
-                                               std::chrono::milliseconds interval);
+                                               const CheckpointPolicy& policy);
 
   // The latest one that is whole; nothing if there is none. A damaged one is passed over.
   std::optional<Checkpoint> ReadLatest() const;
 
-  // Whether the interval is over since the last one (or since the folder was opened).
+  // One more step is to come; call it before each, and before Write.
+  void CountStep() { ++steps_; }
+  // Whether the interval is over, or the steps, since the last one (or since the folder was
+  // opened).
   bool IsDue() const;
-  // Adds one and removes all but the last kKept.
+  // Adds one and removes all but the last few.
   absl::Status Write(const Checkpoint& checkpoint);
 
-  static constexpr int kKept = 2;
-
  private:
-  CheckpointFolder(std::filesystem::path folder, std::chrono::milliseconds interval);
+  CheckpointFolder(std::filesystem::path folder, const CheckpointPolicy& policy);
 
   std::filesystem::path folder_;
-  std::chrono::milliseconds interval_;
+  CheckpointPolicy policy_;
+  int64_t steps_ = 0;  // since the last one
   std::chrono::steady_clock::time_point last_;
   int64_t next_ = 1;
 };

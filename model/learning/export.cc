@@ -8,17 +8,20 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "model/evaluation/calibration.h"
 #include "model/evaluation/evaluator.h"
 #include "model/files/durable_file.h"
 #include "model/inference/action_model.h"
 #include "model/inference/anchor_model.h"
+#include "model/learning/training_failure.h"
 
 namespace maneuver::learning {
 namespace {
 
 namespace fs = std::filesystem;
 
+constexpr int64_t kEnoughToTell = 100;   // examples: fewer may well be of one kind
 constexpr int64_t kMostMeasured = 2048;  // examples, about: recordings are measured whole
 
 // The first recordings that hold about kMostMeasured examples.
@@ -50,7 +53,12 @@ class Scratch {
   fs::path folder_;
 };
 
+bool IsEffective(const v1::ActionUse& use) {
+  return use.largest_probability() >= evaluation::ActionStatistics::kEffectiveProbability;
+}
+
 // Metrics of the held-out recordings to the manifest; how the actions are used to *uses.
+// FAILED_PRECONDITION if they are too few.
 absl::Status Measure(const inference::ActionModel& model,
                      const inference::AnchorBaselines* baselines, const TrainingData& data,
                      const v1::ExampleSettings& examples, const ExportOptions& options,
@@ -67,7 +75,15 @@ absl::Status Measure(const inference::ActionModel& model,
   if (!report.ok()) return report.status();
   *manifest->mutable_metrics() = report->metrics();
   uses->assign(report->action_uses().begin(), report->action_uses().end());
-  return absl::OkStatus();
+  if (report->examples() < kEnoughToTell) return absl::OkStatus();
+  const auto effective = std::count_if(uses->begin(), uses->end(), IsEffective);
+  if (effective >= options.least_effective_actions) return absl::OkStatus();
+  return WithFailure(absl::FailedPreconditionError(absl::StrCat(
+                         "the model collapsed to ", effective, " of ", uses->size(),
+                         " actions over ", report->examples(),
+                         " held-out examples; use another mixture_placement or seed, a longer "
+                         "pretraining, or more and more varied recordings")),
+                     TrainingFailure::kCollapsed);
 }
 
 }  // namespace
@@ -111,8 +127,7 @@ absl::StatusOr<v1::ModelManifest> ExportModel(artifact::StoredModel model, const
   const std::unique_ptr<bool[]> effective(new bool[uses.size()]);  // std::vector<bool> is no array
   for (size_t k = 0; k < uses.size(); ++k) {
     usage.push_back(uses[k].probability());
-    effective[k] =
-        uses[k].largest_probability() >= evaluation::ActionStatistics::kEffectiveProbability;
+    effective[k] = IsEffective(uses[k]);
   }
   for (v1::Action& action :
        inference::DecodeActionSet(**loaded, usage, {effective.get(), uses.size()})) {

@@ -23,6 +23,7 @@ struct ExportOptions {
   std::vector<std::string> labels;  // of the first actions
   // Goes into the folder with the model and is measured with it.
   std::optional<artifact::StoredBaselines> baselines;
+  int least_effective_actions = 0;  // see TrainingRun
   // Called with examples measured and in all; false stops. May be empty.
   std::function<bool(int64_t done, int64_t total)> progress;
 };

@@ -105,7 +105,7 @@ Learner::Position Learner::BeginPhase(const std::string& phase, int64_t epoch_st
   RestoreRandomState(resumed_->random(), &generator_);
   epoch_random_ = resumed_->epoch_random();
   means->Restore(*resumed_);
-  const Position position{resumed_->epochs(), resumed_->steps()};
+  const Position position{resumed_->epochs(), resumed_->steps(), /*order_drawn=*/true};
   progress_.Resume(position.epochs * epoch_steps + position.steps);
   resumed_.reset();
   return position;
@@ -113,11 +113,11 @@ Learner::Position Learner::BeginPhase(const std::string& phase, int64_t epoch_st
 
 at::Tensor Learner::BeginEpoch(const Position& position) {
   progress_.BeginEpoch(position.epochs + 1);
-  if (position.steps == 0) {
+  if (!position.order_drawn) {
     epoch_random_ = RandomState(generator_);
     return DrawEpoch();
   }
-  // In the middle of an epoch: its order is drawn once more, and then all is as it was.
+  // In an epoch that has begun: its order is drawn once more, and then all is as it was.
   const std::string now = RandomState(generator_);
   RestoreRandomState(epoch_random_, &generator_);
   const at::Tensor order = DrawEpoch();
@@ -127,7 +127,13 @@ at::Tensor Learner::BeginEpoch(const Position& position) {
 
 absl::Status Learner::KeepCheckpoint(const std::string& phase, const Position& position,
                                      const AdamW& optimizer, const TermMeans& means) {
-  if (checkpoints_ == nullptr || phase.empty() || !checkpoints_->IsDue()) return absl::OkStatus();
+  const bool stops = stopped_();
+  const absl::Status outcome =
+      stops ? absl::CancelledError("training was stopped") : absl::OkStatus();
+  if (checkpoints_ == nullptr || phase.empty()) return outcome;
+  const bool due = stops || checkpoints_->IsDue();
+  checkpoints_->CountStep();
+  if (!due) return outcome;
   Checkpoint checkpoint;
   checkpoint.set_settings(RunSettings(settings_));
   checkpoint.set_training_examples(trajectories_.size(0));
@@ -140,7 +146,8 @@ absl::Status Learner::KeepCheckpoint(const std::string& phase, const Position& p
   if (centers_.defined()) *checkpoint.mutable_centers() = StoreTensor(centers_);
   StoreOptimizer(optimizer, &checkpoint);
   means.Store(&checkpoint);
-  return checkpoints_->Write(checkpoint);
+  const absl::Status written = checkpoints_->Write(checkpoint);
+  return written.ok() ? outcome : written;
 }
 
 absl::Status Learner::TakeStep(const at::Tensor& loss, double rate_share, AdamW* optimizer) {

@@ -96,13 +96,16 @@ class Learner {
   struct Position {
     int epochs = 0;     // over
     int64_t steps = 0;  // over, of the epoch after them
+    // The order of that epoch was drawn before the checkpoint was written.
+    bool order_drawn = false;
   };
   // Where a phase begins: at its start, or where the checkpoint says, whose state it then takes on.
   Position BeginPhase(const std::string& phase, int64_t epoch_steps, AdamW* optimizer,
                       TermMeans* means);
   // Begins an epoch, or goes on in the middle of one: the order of its examples.
   at::Tensor BeginEpoch(const Position& position);
-  // Writes a checkpoint if one is due.
+  // Before each step: writes a checkpoint if one is due or the run is to stop, in which case it
+  // returns CANCELLED.
   absl::Status KeepCheckpoint(const std::string& phase, const Position& position,
                               const AdamW& optimizer, const TermMeans& means);
   // The examples of an epoch in the order they are learned from: at most max_examples of them,

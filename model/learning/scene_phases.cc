@@ -29,7 +29,7 @@ absl::Status Learner::TrainOnScenes(const std::string& phase, int epochs, v1::Ob
   const uint64_t seed = static_cast<uint64_t>(settings_.seed());
   TermMeans means;
   for (Position now = BeginPhase(phase, epoch_steps, &optimizer, &means); now.epochs < epochs;
-       now = {now.epochs + 1, 0}) {
+       now = {now.epochs + 1, 0, false}) {
     const int epoch = now.epochs + 1;
     const at::Tensor order = BeginEpoch(now);
     std::vector<RasterLoader::Item> items;
@@ -41,7 +41,6 @@ absl::Status Learner::TrainOnScenes(const std::string& phase, int epochs, v1::Ob
     if (examples % batch_size == 1) items.pop_back();
     RasterLoader loader(raster, data_.training, std::move(items), batch_size, threads_);
     while (std::optional<RasterLoader::Batch> batch = loader.Next()) {
-      if (stopped_()) return absl::CancelledError("training was stopped");
       const absl::Status kept = KeepCheckpoint(phase, now, optimizer, means);
       if (!kept.ok()) return kept;
       SceneBatch scenes;

@@ -14,6 +14,7 @@
 #include "model/learning/export.h"
 #include "model/learning/learner.h"
 #include "model/learning/run_progress.h"
+#include "model/learning/training_failure.h"
 
 namespace maneuver::learning {
 namespace {
@@ -52,7 +53,7 @@ class Run {
     std::optional<CheckpointFolder> checkpoints;
     if (!run_.checkpoints.empty()) {
       absl::StatusOr<CheckpointFolder> opened =
-          CheckpointFolder::Open(run_.checkpoints, run_.checkpoint_interval);
+          CheckpointFolder::Open(run_.checkpoints, run_.checkpoint_policy);
       if (!opened.ok()) return opened.status();
       checkpoints = *std::move(opened);
       const absl::Status status = learner.KeepCheckpoints(&*checkpoints);
@@ -77,6 +78,7 @@ class Run {
     options.output = run_.output;
     options.threads = threads;
     options.labels = data.label_names;
+    options.least_effective_actions = run_.least_effective_actions;
     int64_t reported = 0;  // hundredths, as the plan has it
     options.progress = [this, &reported](int64_t done, int64_t total) {
       for (const int64_t now = 100 * done / std::max<int64_t>(1, total); reported < now;
@@ -117,6 +119,13 @@ class Run {
   RunProgress progress_;
 };
 
+absl::Status OutOfMemory() {
+  return WithFailure(absl::ResourceExhaustedError(
+                         "out of memory; use fewer recordings, smaller networks or batches, or "
+                         "raise the limit of the job"),
+                     TrainingFailure::kOutOfMemory);
+}
+
 // Runs `work` with LibTorch set up; its exceptions become a Status here and go no further.
 absl::StatusOr<v1::ModelManifest> Guarded(
     const TrainingRun& run,
@@ -128,9 +137,14 @@ absl::StatusOr<v1::ModelManifest> Guarded(
     at::globalContext().setDeterministicAlgorithms(true, /*warn_only=*/true);
     return work(*device);
   } catch (const c10::Error& error) {
-    return absl::InternalError(absl::StrCat("LibTorch: ", error.what_without_backtrace()));
+    const std::string what = error.what_without_backtrace();
+    // LibTorch's allocators of CPU and GPU have no exception of their own in all versions.
+    if (what.find("allocate memory") != what.npos || what.find("out of memory") != what.npos) {
+      return OutOfMemory();
+    }
+    return absl::InternalError(absl::StrCat("LibTorch: ", what));
   } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError("out of memory; use fewer recordings or smaller networks");
+    return OutOfMemory();
   } catch (const std::exception& error) {
     return absl::InternalError(absl::StrCat("LibTorch: ", error.what()));
   }

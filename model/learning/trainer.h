@@ -3,7 +3,6 @@
 #ifndef MANEUVER_MODEL_LEARNING_TRAINER_H_
 #define MANEUVER_MODEL_LEARNING_TRAINER_H_
 
-#include <chrono>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -14,6 +13,7 @@
 #include "maneuver/v1/model.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "model/learning/checkpoint_policy.h"
 #include "model/learning/training_data.h"
 
 namespace maneuver::learning {
@@ -27,11 +27,14 @@ struct TrainingRun {
   // from the latest one and, on the CPU with the same number of threads, ends with the same weights
   // as one that was never stopped. They stay when the run is over.
   std::filesystem::path checkpoints;
-  std::chrono::milliseconds checkpoint_interval{60'000};
   // Also train the anchor baselines that every evaluation of the model then has rows of
   // (anchors/anchor_learner.h). The model is the same bytes with and without; it takes about as
   // long again.
   bool baselines = false;
+  CheckpointPolicy checkpoint_policy;
+  // A model that gives fewer actions a probability of 0.05 anywhere among its held-out examples is
+  // an error, if those are at least a hundred; 0: none is.
+  int least_effective_actions = 0;
   // For the provenance.
   std::vector<std::string> dataset_names;
   std::string trainer_version;
@@ -43,13 +46,15 @@ struct TrainingRun {
 
 // Reads the folders and learns. The same settings, data and number of threads give the same weights
 // on the CPU. Nothing is left at `output` unless it succeeds.
-// Errors:
+// Errors, with a FailureOf (training_failure.h) where several share a code:
 //   INVALID_ARGUMENT     a device that LibTorch does not have here
 //   FAILED_PRECONDITION  not enough examples; the message says how many and what to do
+//   FAILED_PRECONDITION  collapsed to fewer than least_effective_actions
 //   DATA_LOSS, NOT_FOUND a dataset folder is damaged or missing
 //   FAILED_PRECONDITION  the checkpoints are of another run
 //   ABORTED              the loss is no longer finite
-//   CANCELLED            stopped
+//   RESOURCE_EXHAUSTED   out of memory, or the disk is full
+//   CANCELLED            stopped; if checkpoints are kept, one of this moment was written
 //   others               those of artifact::WriteModelFolder
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
                                         const std::vector<std::filesystem::path>& datasets);

@@ -14,6 +14,7 @@
 #include "model/data/dataset_folder.h"
 #include "model/data/stable_hash.h"
 #include "model/evaluation/maneuver_labels.h"
+#include "model/learning/training_failure.h"
 
 namespace maneuver::learning {
 namespace {
@@ -94,12 +95,15 @@ class Splitter {
   }
 
   absl::Status TooFew(int64_t found, int64_t needed) const {
-    return absl::FailedPreconditionError(absl::StrFormat(
-        "%d recordings hold %d training examples, and %d are needed: a vehicle with one second of "
-        "past and %.1f s of future without gaps makes one. Add recordings, make "
-        "model.trajectory.waypoints fewer (a shorter horizon) or examples.stride smaller, or lower "
-        "model.actions and optimization.batch_size",
-        recordings_, found, needed, Horizon()));
+    return WithFailure(absl::FailedPreconditionError(absl::StrFormat(
+                           "%d recordings hold %d training examples, and %d are needed: a vehicle "
+                           "with one second of "
+                           "past and %.1f s of future without gaps makes one. Add recordings, make "
+                           "model.trajectory.waypoints fewer (a shorter horizon) or "
+                           "examples.stride smaller, or lower "
+                           "model.actions and optimization.batch_size",
+                           recordings_, found, needed, Horizon())),
+                       TrainingFailure::kNotEnoughExamples);
   }
 
   const v1::TrainingSettings& settings_;

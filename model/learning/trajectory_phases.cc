@@ -48,10 +48,9 @@ absl::Status Learner::TrainOnTrajectories(const std::string& phase, int epochs,
   }
   TermMeans means;
   for (Position now = BeginPhase(phase, epoch_steps, &optimizer, &means); now.epochs < epochs;
-       now = {now.epochs + 1, 0}) {
+       now = {now.epochs + 1, 0, false}) {
     const at::Tensor order = BeginEpoch(now);
     for (; now.steps < epoch_steps; ++now.steps) {
-      if (stopped_()) return absl::CancelledError("training was stopped");
       const absl::Status kept = KeepCheckpoint(phase, now, optimizer, means);
       if (!kept.ok()) return kept;
       const at::Tensor batch =

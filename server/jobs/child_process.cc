@@ -2,7 +2,9 @@
 
 #include <fcntl.h>
 #include <linux/close_range.h>
+#include <linux/ioprio.h>
 #include <poll.h>
+#include <sched.h>
 #include <signal.h>
 #include <sys/eventfd.h>
 #include <sys/prctl.h>
@@ -14,8 +16,11 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstdint>
+#include <cstdlib>
 #include <cstring>
+#include <fstream>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <utility>
 
@@ -28,6 +33,7 @@ using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
 constexpr int kNiceness = 10;
+constexpr int kLastOfBestEffort = 7;
 constexpr size_t kMaxLine = size_t{1} << 20;
 constexpr milliseconds kTick{200};
 // While there is nothing left to read but the process has not ended.
@@ -74,6 +80,10 @@ absl::StatusOr<Pipe> MakePipe() {
   if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0) fail();
   if (getppid() != parent) _exit(127);  // it died before the line above
   setpriority(PRIO_PROCESS, 0, kNiceness);
+  const sched_param batch{};
+  sched_setscheduler(0, SCHED_BATCH, &batch);
+  syscall(SYS_ioprio_set, IOPRIO_WHO_PROCESS, 0,
+          IOPRIO_PRIO_VALUE(IOPRIO_CLASS_BE, kLastOfBestEffort));
   // Memory is short: rather this process than the server.
   const int score = open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC);
   if (score >= 0) {
@@ -183,6 +193,31 @@ class LineReader {
   bool too_long_ = false;
 };
 
+// How many processes the system has killed since it started, for want of memory in it or in a
+// control group; 0 where it does not say.
+int64_t OutOfMemoryKills() {
+  std::ifstream counters("/proc/vmstat");
+  std::string name;
+  int64_t value = 0;
+  while (counters >> name >> value) {
+    if (name == "oom_kill") return value;
+  }
+  return 0;
+}
+
+// Memory of its own that a process has, bytes; 0 where the system does not say.
+int64_t OwnMemory(pid_t pid) {
+  std::ifstream status("/proc/" + std::to_string(pid) + "/status");
+  std::string line;
+  int64_t kibibytes = 0;
+  while (std::getline(status, line)) {
+    for (const std::string_view field : {"RssAnon:", "VmSwap:"}) {
+      if (line.starts_with(field)) kibibytes += std::atoll(line.c_str() + field.size());
+    }
+  }
+  return kibibytes * 1024;
+}
+
 // Whether the process has ended; it stays a zombie, so that its group's id stays its own.
 bool HasExited(pid_t pid) {
   siginfo_t about{};
@@ -195,8 +230,13 @@ ChildResult Reap(pid_t pid) {
   int status = 0;
   while (waitpid(pid, &status, 0) < 0 && errno == EINTR) {
   }
-  if (WIFSIGNALED(status)) return {.exit_status = 0, .signal = WTERMSIG(status)};
-  return {.exit_status = WEXITSTATUS(status), .signal = 0};
+  ChildResult result;
+  if (WIFSIGNALED(status)) {
+    result.signal = WTERMSIG(status);
+  } else {
+    result.exit_status = WEXITSTATUS(status);
+  }
+  return result;
 }
 
 }  // namespace
@@ -217,20 +257,30 @@ void StopRequest::Stop(Reason reason) {
 absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& stop,
                                      const std::function<void(const std::string&)>& on_line,
                                      const std::function<void()>& on_tick) {
+  const int64_t kills_before = OutOfMemoryKills();
   auto child = Start(command);
   if (!child.ok()) return child.status();
   LineReader lines(on_line);
+  const steady_clock::time_point begun = steady_clock::now();
+  bool timed_out = false;
+  bool over_memory_limit = false;
   std::optional<steady_clock::time_point> kill_at;  // set once it was asked to stop
   bool is_open = true;
   steady_clock::time_point next_tick = steady_clock::now() + kTick;
   while (!HasExited(child->pid)) {
-    if (!kill_at && stop.reason() != StopRequest::Reason::kNone) {
-      kill(-child->pid, SIGTERM);
-      kill_at = steady_clock::now() + command.patience;
-    }
     const auto now = steady_clock::now();
+    const bool is_late = command.time_limit.count() > 0 && now - begun >= command.time_limit;
+    if (!kill_at && (is_late || stop.reason() != StopRequest::Reason::kNone)) {
+      timed_out = stop.reason() == StopRequest::Reason::kNone;
+      kill(-child->pid, SIGTERM);
+      kill_at = now + command.patience;
+    }
     if (kill_at && now >= *kill_at) kill(-child->pid, SIGKILL);
     if (now >= next_tick) {
+      if (command.memory_limit_bytes > 0 && OwnMemory(child->pid) > command.memory_limit_bytes) {
+        over_memory_limit = true;
+        kill(-child->pid, SIGKILL);
+      }
       on_tick();
       next_tick = now + kTick;
     }
@@ -243,7 +293,12 @@ absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& s
     }
   }
   if (is_open) lines.Drain(child->output.get());
-  return Reap(child->pid);
+  ChildResult result = Reap(child->pid);
+  result.timed_out = timed_out;
+  // If it had not ended by itself at that moment.
+  result.over_memory_limit = over_memory_limit && result.signal == SIGKILL;
+  result.out_of_memory = !kill_at && result.signal == SIGKILL && OutOfMemoryKills() > kills_before;
+  return result;
 }
 
 }  // namespace maneuver::jobs

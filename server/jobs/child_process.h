@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -41,16 +42,28 @@ struct ChildCommand {
   std::filesystem::path log;
   // From SIGTERM to SIGKILL, once it is to stop.
   std::chrono::milliseconds patience{5'000};
+  // It is stopped after so long; 0: never.
+  std::chrono::milliseconds time_limit{0};
+  // It is killed once its memory, resident or swapped out but without what it maps from files, is
+  // more; looked at about every 200 ms. 0: no limit.
+  int64_t memory_limit_bytes = 0;
 };
 
 struct ChildResult {
   int exit_status = 0;  // if signal is 0
   int signal = 0;       // that killed it
+  // It was stopped since time_limit was over.
+  bool timed_out = false;
+  // It was killed by SIGKILL while the system killed some process for want of memory.
+  bool out_of_memory = false;
+  // It was killed since it took more than memory_limit_bytes.
+  bool over_memory_limit = false;
 };
 
-// Runs a command to its end. It gets a process group of its own, a lower priority, no standard
-// input, and SIGKILL when the calling thread ends: call this from a thread that lives as long as
-// the server. Whatever it leaves in its group is killed.
+// Runs a command to its end. It gets a process group of its own, a lower priority for processor and
+// disk (nice 10, SCHED_BATCH, last of the best-effort class), no standard input, and SIGKILL when
+// the calling thread ends: call this from a thread that lives as long as the server. Whatever it
+// leaves in its group is killed.
 //   on_line: each line of standard output, without its end; lines over 1 MiB are dropped.
 //   on_tick: called about every 200 ms in between, on the same thread.
 // Errors: NOT_FOUND, PERMISSION_DENIED, ... if it cannot be started.

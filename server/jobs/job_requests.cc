@@ -19,6 +19,7 @@ namespace {
 constexpr size_t kMaxRequestId = 128;
 constexpr int kMaxDatasets = 100;
 constexpr int kMaxSampledExamples = 1000;
+constexpr int kMostPriority = 100;
 constexpr char kDatasetRule[] =
     "expected datasets/{dataset}, with ids of lower-case letters, digits and hyphens";
 
@@ -28,6 +29,13 @@ void CheckRequestId(const std::string& request_id, Violations& violations) {
   if (request_id.size() > kMaxRequestId) {
     violations.push_back(
         {"request_id", absl::StrCat("must have at most ", kMaxRequestId, " bytes")});
+  }
+}
+
+void CheckPriority(int priority, Violations& violations) {
+  if (priority < -kMostPriority || priority > kMostPriority) {
+    violations.push_back(
+        {"priority", absl::StrCat("expected -", kMostPriority, " to ", kMostPriority)});
   }
 }
 
@@ -80,6 +88,7 @@ absl::Status CheckTrainRequest(const v1::TrainRequest& request) {
     violations.push_back({"promotion", "is no promotion that this server knows"});
   }
   CheckRequestId(request.request_id(), violations);
+  CheckPriority(request.priority(), violations);
   const auto settings = artifact::ResolveTrainingSettings(request.settings());
   for (scene::FieldViolation& violation : artifact::ValidateTrainingSettings(settings)) {
     violations.push_back({"settings." + violation.field, std::move(violation.description)});
@@ -101,6 +110,7 @@ absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request) {
     violations.push_back({"sampled_examples", absl::StrCat("must be 0 to ", kMaxSampledExamples)});
   }
   CheckRequestId(request.request_id(), violations);
+  CheckPriority(request.priority(), violations);
   v1::TrainingSettings settings;
   *settings.mutable_examples() = request.examples();
   for (scene::FieldViolation& violation :

@@ -17,6 +17,9 @@ constexpr std::array kMoves = {
     Move{v1::JOB_STATE_RUNNING, v1::JOB_STATE_SUCCEEDED},
     Move{v1::JOB_STATE_RUNNING, v1::JOB_STATE_FAILED},
     Move{v1::JOB_STATE_RUNNING, v1::JOB_STATE_CANCELLED},
+    Move{v1::JOB_STATE_RUNNING, v1::JOB_STATE_PENDING},    // its process died; it goes on
+    Move{v1::JOB_STATE_FAILED, v1::JOB_STATE_PENDING},     // resumed by request
+    Move{v1::JOB_STATE_CANCELLED, v1::JOB_STATE_PENDING},  // likewise
 };
 
 }  // namespace
@@ -26,9 +29,11 @@ bool CanMove(v1::JobState from, v1::JobState to) {
                              [&](const Move& move) { return move.from == from && move.to == to; });
 }
 
-bool HasEnded(v1::JobState state) {
-  return std::ranges::none_of(kMoves, [&](const Move& move) { return move.from == state; });
+bool CanResume(v1::JobState state) {
+  return state != v1::JOB_STATE_RUNNING && CanMove(state, v1::JOB_STATE_PENDING);
 }
+
+bool HasEnded(v1::JobState state) { return state == v1::JOB_STATE_SUCCEEDED || CanResume(state); }
 
 std::string_view JobStateLabel(v1::JobState state) {
   switch (state) {

@@ -17,7 +17,10 @@ inline constexpr std::array kJobStates = {v1::JOB_STATE_PENDING, v1::JOB_STATE_R
 // Whether a job may go from one state to the other in one step.
 bool CanMove(v1::JobState from, v1::JobState to);
 
-// Whether no state follows.
+// Whether a request makes it PENDING again.
+bool CanResume(v1::JobState state);
+
+// Whether no state follows, but by a request.
 bool HasEnded(v1::JobState state);
 
 // "pending", "running", ...: for metrics, logs and messages.

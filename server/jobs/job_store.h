@@ -46,7 +46,8 @@ class JobStore {
   // Newest first. INVALID_ARGUMENT for a token that is none of ours.
   //   page_size: 1 or more.
   virtual absl::StatusOr<JobPage> List(int page_size, const std::string& page_token) = 0;
-  // Oldest first; all of them, or the first so many.
+  // In the order in which pending jobs run: the highest priority first, then the oldest; all of
+  // them, or the first so many.
   virtual absl::StatusOr<std::vector<v1::Job>> ListInState(v1::JobState state,
                                                            std::optional<int> limit) = 0;
   virtual absl::StatusOr<int64_t> CountInState(v1::JobState state) = 0;
@@ -55,6 +56,9 @@ class JobStore {
   // in another state by now, or if CanMove forbids the step: of two who move the same job, one
   // wins.
   virtual absl::Status Move(v1::JobState from, const v1::Job& job) = 0;
+
+  // Replaces a job by one in the same state. FAILED_PRECONDITION if it is in another by now.
+  virtual absl::Status Update(const v1::Job& job) = 0;
 
   // Appends an event. Its sequence must be greater than that of the last.
   virtual absl::Status AddProgress(const std::string& name, const v1::JobProgress& progress) = 0;

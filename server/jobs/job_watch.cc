@@ -78,7 +78,12 @@ absl::StatusOr<std::vector<v1::Job>> JobEventReader::Next(int limit) {
   running.clear_error();
   running.clear_model_version();
   running.clear_evaluation();
+  running.clear_attempts();
+  running.clear_cancel_requested();
+  running.clear_last_lines();
   for (v1::JobProgress& event : *events) {
+    // It was resumed in between: these come after its end.
+    if (HasEnded(job->state()) && event.sequence() > job->progress().sequence()) break;
     cursor_ = event.sequence();
     *running.mutable_progress() = std::move(event);
     news.push_back(running);

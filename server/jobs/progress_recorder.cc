@@ -14,13 +14,14 @@ constexpr absl::Duration kShortest = absl::Milliseconds(200);
 
 }  // namespace
 
-ProgressRecorder::ProgressRecorder(JobStore& store, JobNews& news, std::string job,
-                                   int64_t last_sequence, std::function<absl::Time()> now)
+ProgressRecorder::ProgressRecorder(JobStore& store, JobNews& news, const v1::Job& job,
+                                   std::function<absl::Time()> now)
     : store_(store),
       news_(news),
-      job_(std::move(job)),
+      job_(job.name()),
+      attempt_(job.attempts().started()),
       now_(std::move(now)),
-      last_sequence_(last_sequence) {}
+      last_sequence_(job.progress().sequence()) {}
 
 void ProgressRecorder::Record(const std::string& line) {
   v1::JobProgress progress;
@@ -52,6 +53,7 @@ void ProgressRecorder::Flush() {
 
 void ProgressRecorder::Store(v1::JobProgress progress) {
   progress.set_sequence(last_sequence_ + 1);
+  progress.set_attempt(attempt_);
   last_time_ = now_();
   last_phase_ = progress.phase();
   // An event that is lost is a pity, but no reason to lose the job.

@@ -20,8 +20,8 @@ namespace maneuver::jobs {
 // replaced by what comes next. Not thread-safe.
 class ProgressRecorder {
  public:
-  //   last_sequence: of the events that the job has so far.
-  ProgressRecorder(JobStore& store, JobNews& news, std::string job, int64_t last_sequence,
+  //   job: with its latest event so far, and this process counted.
+  ProgressRecorder(JobStore& store, JobNews& news, const v1::Job& job,
                    std::function<absl::Time()> now);
 
   // One line of the trainer: a JobProgress as proto3 JSON. What is none is logged and passed over.
@@ -37,6 +37,7 @@ class ProgressRecorder {
   JobStore& store_;
   JobNews& news_;
   const std::string job_;
+  const int attempt_;
   const std::function<absl::Time()> now_;
   int64_t last_sequence_;
   absl::Time last_time_ = absl::InfinitePast();

@@ -9,121 +9,19 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "server/jobs/job_state.h"
+#include "server/jobs/sqlite_schema.h"
+#include "server/jobs/sqlite_statement.h"
 
 namespace maneuver::jobs {
 namespace {
 
-constexpr int kSchemaVersion = 1;
 // Long enough for a predecessor that is shutting down.
 constexpr int kBusyTimeoutMs = 1'000;
-
-constexpr char kSchema[] = R"sql(
-  CREATE TABLE jobs (
-    number INTEGER PRIMARY KEY AUTOINCREMENT,  -- order of creation; never used twice
-    name TEXT NOT NULL UNIQUE,
-    state INTEGER NOT NULL,                    -- maneuver.v1.JobState
-    create_time INTEGER NOT NULL,              -- microseconds since 1970
-    request_id TEXT UNIQUE,                    -- NULL: none
-    request_digest TEXT NOT NULL,
-    job BLOB NOT NULL                          -- maneuver.v1.Job without progress
-  );
-  CREATE INDEX jobs_by_state ON jobs (state, number);
-  CREATE TABLE progress (
-    job_number INTEGER NOT NULL REFERENCES jobs (number) ON DELETE CASCADE,
-    sequence INTEGER NOT NULL,
-    progress BLOB NOT NULL,                    -- maneuver.v1.JobProgress
-    PRIMARY KEY (job_number, sequence)
-  ) WITHOUT ROWID;
-  CREATE TABLE aliases (
-    model TEXT NOT NULL,
-    alias TEXT NOT NULL,
-    version INTEGER NOT NULL,
-    PRIMARY KEY (model, alias)
-  ) WITHOUT ROWID;
-)sql";
 
 // Columns that JobFrom reads: the job, and its latest event or NULL.
 #define JOB_COLUMNS                                                                          \
   "number, job, (SELECT progress FROM progress WHERE job_number = number ORDER BY sequence " \
   "DESC LIMIT 1)"
-
-absl::Status SqliteError(sqlite3* database, int result) {
-  const std::string reason = absl::StrCat(
-      "the job store: ", database != nullptr ? sqlite3_errmsg(database) : sqlite3_errstr(result));
-  switch (result & 0xff) {
-    case SQLITE_FULL:
-      return absl::ResourceExhaustedError(absl::StrCat(reason, "; free some disk space"));
-    case SQLITE_BUSY:
-    case SQLITE_LOCKED:
-      return absl::UnavailableError("the job store is in use by another process");
-    case SQLITE_CORRUPT:
-    case SQLITE_NOTADB:
-      return absl::DataLossError(reason);
-    case SQLITE_CONSTRAINT:
-      return absl::AlreadyExistsError(reason);
-    default:
-      return absl::UnavailableError(reason);
-  }
-}
-
-// One prepared statement, run once.
-class Statement {
- public:
-  Statement(sqlite3* database, const char* sql) : database_(database) {
-    result_ = sqlite3_prepare_v2(database, sql, -1, &statement_, nullptr);
-  }
-  ~Statement() { sqlite3_finalize(statement_); }
-  Statement(const Statement&) = delete;
-  Statement& operator=(const Statement&) = delete;
-
-  Statement& Bind(int64_t value) {
-    if (result_ == SQLITE_OK) result_ = sqlite3_bind_int64(statement_, ++bound_, value);
-    return *this;
-  }
-  // The text must live as long as the statement.
-  Statement& Bind(const std::string& text) {
-    if (result_ == SQLITE_OK) {
-      result_ = sqlite3_bind_text64(statement_, ++bound_, text.data(), text.size(), SQLITE_STATIC,
-                                    SQLITE_UTF8);
-    }
-    return *this;
-  }
-  Statement& BindBlob(const std::string& bytes) {
-    if (result_ == SQLITE_OK) {
-      result_ =
-          sqlite3_bind_blob64(statement_, ++bound_, bytes.data(), bytes.size(), SQLITE_STATIC);
-    }
-    return *this;
-  }
-  Statement& BindNull() {
-    if (result_ == SQLITE_OK) result_ = sqlite3_bind_null(statement_, ++bound_);
-    return *this;
-  }
-
-  // Whether there is a row.
-  absl::StatusOr<bool> Step() {
-    if (result_ == SQLITE_OK || result_ == SQLITE_ROW) result_ = sqlite3_step(statement_);
-    if (result_ == SQLITE_ROW) return true;
-    if (result_ == SQLITE_DONE) return false;
-    return SqliteError(database_, result_);
-  }
-  absl::Status Run() { return Step().status(); }
-
-  int64_t Int(int column) const { return sqlite3_column_int64(statement_, column); }
-  bool IsNull(int column) const { return sqlite3_column_type(statement_, column) == SQLITE_NULL; }
-  std::string Bytes(int column) const {
-    const void* data = sqlite3_column_blob(statement_, column);
-    const int size = sqlite3_column_bytes(statement_, column);
-    return data == nullptr ? std::string()
-                           : std::string(static_cast<const char*>(data), static_cast<size_t>(size));
-  }
-
- private:
-  sqlite3* const database_;
-  sqlite3_stmt* statement_ = nullptr;
-  int bound_ = 0;
-  int result_;
-};
 
 absl::Status NoSuchJob(const std::string& name) {
   return absl::NotFoundError(absl::StrCat("there is no ", name));
@@ -146,6 +44,10 @@ std::string WithoutProgress(v1::Job job) {
   return job.SerializeAsString();
 }
 
+int64_t PriorityOf(const v1::Job& job) {
+  return job.has_evaluate() ? job.evaluate().priority() : job.train().priority();
+}
+
 int64_t Micros(const google::protobuf::Timestamp& time) {
   return time.seconds() * 1'000'000 + time.nanos() / 1'000;
 }
@@ -160,21 +62,9 @@ class Store final : public SqliteStore {
     sqlite3_busy_timeout(database_, kBusyTimeoutMs);
     for (const char* pragma : {"PRAGMA locking_mode = EXCLUSIVE", "PRAGMA journal_mode = WAL",
                                "PRAGMA synchronous = FULL", "PRAGMA foreign_keys = ON"}) {
-      if (absl::Status status = Execute(pragma); !status.ok()) return status;
+      if (absl::Status status = Execute(database_, pragma); !status.ok()) return status;
     }
-    return Transact([this] {
-      Statement version(database_, "PRAGMA user_version");
-      const auto row = version.Step();
-      if (!row.ok()) return row.status();
-      if (version.Int(0) == kSchemaVersion) return absl::OkStatus();
-      if (version.Int(0) != 0) {
-        return absl::FailedPreconditionError(absl::StrCat(
-            "the job store has schema version ", version.Int(0), "; this server knows version ",
-            kSchemaVersion, ": run the server that wrote it, or give another data folder"));
-      }
-      if (absl::Status status = Execute(kSchema); !status.ok()) return status;
-      return Execute(absl::StrCat("PRAGMA user_version = ", kSchemaVersion).c_str());
-    });
+    return PrepareSchema(database_);
   }
 
   absl::Status Add(const v1::Job& job, const std::string& request_id,
@@ -182,9 +72,10 @@ class Store final : public SqliteStore {
     const std::lock_guard lock(mutex_);
     const std::string blob = WithoutProgress(job);
     Statement insert(database_,
-                     "INSERT INTO jobs (name, state, create_time, request_digest, job, request_id) "
-                     "VALUES (?, ?, ?, ?, ?, ?)");
-    insert.Bind(job.name()).Bind(job.state()).Bind(Micros(job.create_time())).Bind(request_digest);
+                     "INSERT INTO jobs (name, state, priority, create_time, request_digest, job, "
+                     "request_id) VALUES (?, ?, ?, ?, ?, ?, ?)");
+    insert.Bind(job.name()).Bind(job.state()).Bind(PriorityOf(job));
+    insert.Bind(Micros(job.create_time())).Bind(request_digest);
     insert.BindBlob(blob);
     request_id.empty() ? insert.BindNull() : insert.Bind(request_id);
     return insert.Run();
@@ -236,8 +127,9 @@ class Store final : public SqliteStore {
   absl::StatusOr<std::vector<v1::Job>> ListInState(v1::JobState state,
                                                    std::optional<int> limit) override {
     const std::lock_guard lock(mutex_);
-    Statement select(database_,
-                     "SELECT " JOB_COLUMNS " FROM jobs WHERE state = ? ORDER BY number LIMIT ?");
+    Statement select(database_, "SELECT " JOB_COLUMNS
+                                " FROM jobs WHERE state = ? "
+                                "ORDER BY priority DESC, number LIMIT ?");
     select.Bind(state).Bind(limit.value_or(-1));
     std::vector<v1::Job> jobs;
     for (;;) {
@@ -264,14 +156,12 @@ class Store final : public SqliteStore {
       return absl::FailedPreconditionError(
           absl::StrCat("a job that is ", Label(from), " cannot become ", Label(job.state())));
     }
-    const std::string blob = WithoutProgress(job);
-    Statement update(database_, "UPDATE jobs SET state = ?, job = ? WHERE name = ? AND state = ?");
-    update.Bind(job.state()).BindBlob(blob).Bind(job.name()).Bind(from);
-    if (absl::Status status = update.Run(); !status.ok()) return status;
-    if (sqlite3_changes(database_) == 1) return absl::OkStatus();
-    const auto stored = GetLocked(job.name());
-    if (!stored.ok()) return stored.status();
-    return absl::FailedPreconditionError(absl::StrCat(job.name(), " is ", Label(stored->state())));
+    return ReplaceLocked(from, job);
+  }
+
+  absl::Status Update(const v1::Job& job) override {
+    const std::lock_guard lock(mutex_);
+    return ReplaceLocked(job.state(), job);
   }
 
   absl::Status AddProgress(const std::string& name, const v1::JobProgress& progress) override {
@@ -358,27 +248,23 @@ class Store final : public SqliteStore {
     return absl::NotFoundError(absl::StrCat("there is no ", name.ToString()));
   }
 
-  absl::Status Execute(const char* sql) {
-    const int result = sqlite3_exec(database_, sql, nullptr, nullptr, nullptr);
-    return result == SQLITE_OK ? absl::OkStatus() : SqliteError(database_, result);
-  }
-
-  // All of `work` or nothing.
-  template <typename Work>
-  absl::Status Transact(Work work) {
-    if (absl::Status status = Execute("BEGIN IMMEDIATE"); !status.ok()) return status;
-    absl::Status status = work();
-    if (status.ok()) status = Execute("COMMIT");
-    if (!status.ok()) Execute("ROLLBACK").IgnoreError();
-    return status;
-  }
-
   absl::StatusOr<v1::Job> GetLocked(const std::string& name) {
     Statement select(database_, "SELECT " JOB_COLUMNS " FROM jobs WHERE name = ?");
     const auto row = select.Bind(name).Step();
     if (!row.ok()) return row.status();
     if (!*row) return NoSuchJob(name);
     return JobFrom(select);
+  }
+
+  absl::Status ReplaceLocked(v1::JobState from, const v1::Job& job) {
+    const std::string blob = WithoutProgress(job);
+    Statement update(database_, "UPDATE jobs SET state = ?, job = ? WHERE name = ? AND state = ?");
+    update.Bind(job.state()).BindBlob(blob).Bind(job.name()).Bind(from);
+    if (absl::Status status = update.Run(); !status.ok()) return status;
+    if (sqlite3_changes(database_) == 1) return absl::OkStatus();
+    const auto stored = GetLocked(job.name());
+    if (!stored.ok()) return stored.status();
+    return absl::FailedPreconditionError(absl::StrCat(job.name(), " is ", Label(stored->state())));
   }
 
   sqlite3* const database_;

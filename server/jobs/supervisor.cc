@@ -1,9 +1,6 @@
 #include "server/jobs/supervisor.h"
 
-#include <sys/random.h>
-
 #include <algorithm>
-#include <array>
 #include <system_error>
 #include <utility>
 
@@ -11,13 +8,11 @@
 #include "absl/strings/strip.h"
 #include "model/files/errno_status.h"
 #include "server/errors/error_details.h"
-#include "server/jobs/job_requests.h"
 #include "server/jobs/job_state.h"
 #include "server/jobs/job_time.h"
 #include "server/jobs/progress_recorder.h"
 #include "server/jobs/trainer_outcome.h"
 #include "server/monitoring/logging.h"
-#include "server/security/resource_name.h"
 
 namespace maneuver::jobs {
 namespace {
@@ -35,19 +30,6 @@ void LogFailure(const char* what, const std::string& job, const absl::Status& st
 
 }  // namespace
 
-std::string NewJobId() {
-  // Neither vowels nor digits that look like letters.
-  constexpr std::string_view kAlphabet = "bcdfghjkmnpqrstvwxz2346789bcdfgh";
-  static_assert(kAlphabet.size() == 32);
-  std::array<unsigned char, 16> random{};
-  // Never short for so few bytes.
-  while (getrandom(random.data(), random.size(), 0) != static_cast<ssize_t>(random.size())) {
-  }
-  std::string id;
-  for (const unsigned char byte : random) id += kAlphabet[byte % kAlphabet.size()];
-  return id;
-}
-
 absl::StatusOr<std::unique_ptr<Supervisor>> Supervisor::Start(SupervisorOptions options,
                                                               JobStore& store,
                                                               data::DatasetStore& datasets,
@@ -63,7 +45,11 @@ absl::StatusOr<std::unique_ptr<Supervisor>> Supervisor::Start(SupervisorOptions 
 
 Supervisor::Supervisor(SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
                        monitoring::MetricRegistry& metrics)
-    : options_(std::move(options)), store_(store), datasets_(datasets) {
+    : options_(std::move(options)),
+      store_(store),
+      datasets_(datasets),
+      interruptions_(metrics.AddCounter("maneuver_job_interruptions_total",
+                                        "Processes of jobs that died or were cut off.")) {
   for (const v1::JobState state : kJobStates) {
     gauges_[state] = &metrics.AddGauge("maneuver_jobs", "Jobs by state.",
                                        {{"state", std::string(JobStateLabel(state))}});
@@ -93,12 +79,23 @@ absl::Status Supervisor::Recover() {
   auto interrupted = store_.ListInState(v1::JOB_STATE_RUNNING, std::nullopt);
   if (!interrupted.ok()) return interrupted.status();
   for (v1::Job& job : *interrupted) {
-    job.set_state(v1::JOB_STATE_FAILED);
-    *job.mutable_end_time() = ToTimestamp(options_.now());
-    *job.mutable_error() = errors::ToProto(ServerInterrupted());
-    if (absl::Status status = store_.Move(v1::JOB_STATE_RUNNING, job); !status.ok()) return status;
+    // Nobody knows when it died; it was there when it last reported.
+    const absl::Time begun = ToTime(job.attempts().start_time());
+    EndAttempt(job, FolderOf(job.name()), std::max(begun, ToTime(job.progress().time())),
+               /*died=*/true);
     RemoveJobOutput(FolderOf(job.name()));
-    Log(LogLevel::kWarning, "job was interrupted", {{"job", job.name()}});
+    if (job.cancel_requested()) {
+      job.set_state(v1::JOB_STATE_CANCELLED);
+      job.clear_cancel_requested();
+      job.clear_error();
+      *job.mutable_end_time() = ToTimestamp(options_.now());
+    } else {
+      job.set_state(v1::JOB_STATE_PENDING);
+      *job.mutable_error() = errors::ToProto(ServerInterrupted());
+    }
+    if (absl::Status status = store_.Move(v1::JOB_STATE_RUNNING, job); !status.ok()) return status;
+    Log(LogLevel::kWarning, "job was interrupted",
+        {{"job", job.name()}, {"state", std::string(JobStateLabel(job.state()))}});
   }
   // Folders of jobs that were deleted, or never got as far as the store.
   for (fs::directory_iterator entry(options_.folder, error);
@@ -117,144 +114,6 @@ fs::path Supervisor::FolderOf(const std::string& name) const {
   return options_.folder / std::string(absl::StripPrefix(name, "jobs/"));
 }
 
-absl::StatusOr<v1::Job> Supervisor::Train(const v1::TrainRequest& request) {
-  if (absl::Status status = CheckTrainRequest(request); !status.ok()) return status;
-  v1::Job job;
-  *job.mutable_train() = request;
-  return Admit(std::move(job), request.request_id(), RequestDigest(request),
-               request.validate_only());
-}
-
-absl::StatusOr<v1::Job> Supervisor::Evaluate(const v1::EvaluateRequest& request) {
-  if (absl::Status status = CheckEvaluateRequest(request); !status.ok()) return status;
-  const std::string digest = RequestDigest(request);
-  // An alias may have gone on since the job was first asked for.
-  bool found = false;
-  auto earlier = EarlierJob(request.request_id(), digest, &found);
-  if (found || !earlier.ok()) return earlier;
-  const auto model = options_.resolve(request.model());
-  if (!model.ok()) return model.status();
-  v1::Job job;
-  *job.mutable_evaluate() = request;
-  job.mutable_evaluate()->set_model(model->version);
-  return Admit(std::move(job), request.request_id(), digest, request.validate_only());
-}
-
-absl::StatusOr<v1::Job> Supervisor::EarlierJob(const std::string& request_id,
-                                               const std::string& digest, bool* found) {
-  *found = false;
-  if (request_id.empty()) return v1::Job();
-  auto earlier = store_.FindRequest(request_id);
-  if (!earlier.ok()) return earlier.status();
-  if (!*earlier) return v1::Job();
-  if ((*earlier)->request_digest != digest) {
-    return errors::WithReason(absl::AlreadyExistsError(absl::StrCat(
-                                  "request_id was used for a different request, which became ",
-                                  (*earlier)->job.name(), "; choose a new one for a new job")),
-                              "REQUEST_ID_REUSED", {{"job", (*earlier)->job.name()}});
-  }
-  *found = true;
-  return (*std::move(earlier))->job;
-}
-
-absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& request_id,
-                                          const std::string& digest, bool validate_only) {
-  {
-    const std::lock_guard lock(mutex_);
-    bool found = false;
-    auto earlier = EarlierJob(request_id, digest, &found);
-    if (found || !earlier.ok()) return earlier;
-    if (stops_) {
-      return errors::WithReason(absl::UnavailableError("the server is stopping"), "SERVER_STOPS");
-    }
-    for (const std::string& id : DatasetIds(job)) {
-      if (!datasets_.Contains(id)) {
-        return errors::WithReason(
-            absl::NotFoundError(absl::StrCat("there is no datasets/", id, "; upload it first")),
-            "DATASET_NOT_FOUND", {{"dataset", absl::StrCat("datasets/", id)}});
-      }
-    }
-    job.set_state(v1::JOB_STATE_PENDING);
-    if (validate_only) return job;
-    job.set_name(absl::StrCat("jobs/", options_.new_id()));
-    *job.mutable_create_time() = ToTimestamp(options_.now());
-    if (absl::Status status = store_.Add(job, request_id, digest); !status.ok()) return status;
-  }
-  changed_.notify_one();
-  CountJobs();
-  Log(LogLevel::kInfo, "job created", {{"job", job.name()}});
-  return job;
-}
-
-absl::StatusOr<v1::Job> Supervisor::Get(const std::string& name) { return store_.Get(name); }
-
-absl::StatusOr<JobPage> Supervisor::List(int page_size, const std::string& page_token) {
-  return store_.List(page_size, page_token);
-}
-
-absl::StatusOr<v1::Job> Supervisor::Cancel(const std::string& name) {
-  absl::StatusOr<v1::Job> job;
-  {
-    const std::lock_guard lock(mutex_);
-    job = store_.Get(name);
-    if (!job.ok() || HasEnded(job->state())) return job;
-    if (const auto running = running_.find(name); running != running_.end()) {
-      running->second->Stop(StopRequest::Reason::kCancelled);
-      return job;
-    }
-    job->set_state(v1::JOB_STATE_CANCELLED);
-    *job->mutable_end_time() = ToTimestamp(options_.now());
-    if (absl::Status status = store_.Move(v1::JOB_STATE_PENDING, *job); !status.ok()) return status;
-  }
-  CountJobs();
-  news_.Publish(name);
-  Log(LogLevel::kInfo, "job cancelled before it ran", {{"job", name}});
-  return job;
-}
-
-absl::Status Supervisor::Delete(const std::string& name) {
-  {
-    const std::lock_guard lock(mutex_);
-    if (running_.contains(name)) {
-      return errors::WithReason(
-          absl::FailedPreconditionError(absl::StrCat(name, " is running; cancel it first")),
-          "JOB_NOT_ENDED");
-    }
-    absl::Status status = store_.Delete(name);
-    if (absl::IsFailedPrecondition(status)) return errors::WithReason(status, "JOB_NOT_ENDED");
-    if (!status.ok()) return status;
-  }
-  std::error_code ignored;  // the next start removes what is left
-  fs::remove_all(FolderOf(name), ignored);
-  CountJobs();
-  news_.Publish(name);
-  return absl::OkStatus();
-}
-
-absl::Status Supervisor::DeleteDataset(const std::string& id) {
-  absl::StatusOr<fs::path> detached;
-  {
-    const std::lock_guard lock(mutex_);
-    for (const v1::JobState state : {v1::JOB_STATE_PENDING, v1::JOB_STATE_RUNNING}) {
-      const auto jobs = store_.ListInState(state, std::nullopt);
-      if (!jobs.ok()) return jobs.status();
-      for (const v1::Job& job : *jobs) {
-        const std::vector<std::string> needed = DatasetIds(job);
-        if (std::ranges::find(needed, id) == needed.end()) continue;
-        return errors::WithReason(absl::FailedPreconditionError(
-                                      absl::StrCat("datasets/", id, " is needed by ", job.name(),
-                                                   "; wait for it to end, or cancel it")),
-                                  "DATASET_IN_USE", {{"job", job.name()}});
-      }
-    }
-    detached = datasets_.Detach(id);
-  }
-  if (!detached.ok()) return detached.status();
-  std::error_code ignored;  // the next start removes what is left
-  fs::remove_all(*detached, ignored);
-  return absl::OkStatus();
-}
-
 void Supervisor::RunJobs() {
   std::unique_lock lock(mutex_);
   while (!stops_) {
@@ -270,7 +129,7 @@ void Supervisor::RunJobs() {
     }
     v1::Job& job = pending->front();
     job.set_state(v1::JOB_STATE_RUNNING);
-    *job.mutable_start_time() = ToTimestamp(options_.now());
+    BeginAttempt(job, FolderOf(job.name()), options_.now());
     if (absl::Status status = store_.Move(v1::JOB_STATE_PENDING, job); !status.ok()) {
       LogFailure("job cannot be started", job.name(), status);
       changed_.wait_for(lock, kRetry);
@@ -285,37 +144,53 @@ void Supervisor::RunJobs() {
 }
 
 void Supervisor::RunOne(const v1::Job& job, StopRequest& stop) {
-  Log(LogLevel::kInfo, "job started", {{"job", job.name()}});
+  Log(LogLevel::kInfo, "job started",
+      {{"job", job.name()},
+       {"attempt", job.attempts().started()},
+       {"checkpoint", job.attempts().checkpoint()}});
   CountJobs();
-  const JobRunEnvironment environment = {.trainer = options_.trainer,
-                                         .trainer_threads = options_.trainer_threads,
-                                         .datasets = &datasets_,
-                                         .publish = options_.publish,
-                                         .resolve = options_.resolve,
-                                         .patience = options_.patience};
-  ProgressRecorder progress(store_, news_, job.name(), job.progress().sequence(), options_.now);
-  v1::Job ended = RunJob(job, FolderOf(job.name()), environment, stop, progress);
-  *ended.mutable_end_time() = ToTimestamp(options_.now());
-  Log(ended.has_error() ? LogLevel::kWarning : LogLevel::kInfo, "job ended",
-      {{"job", ended.name()},
-       {"state", std::string(JobStateLabel(ended.state()))},
-       {"error", ended.error().message()}});
-  MoveToEnd(std::move(ended));
+  const JobRunEnvironment environment = {
+      .trainer = options_.trainer,
+      .limits = options_.limits,
+      .checkpoints = options_.checkpoints,
+      .least_effective_actions = options_.least_effective_actions,
+      .datasets = &datasets_,
+      .publish = options_.publish,
+      .find_published = options_.find_published,
+      .resolve = options_.resolve,
+      .patience = options_.patience};
+  ProgressRecorder progress(store_, news_, job, options_.now);
+  EndRun(RunJob(job, FolderOf(job.name()), environment, stop, progress, options_.now), stop);
 }
 
-void Supervisor::MoveToEnd(v1::Job job) {
+void Supervisor::EndRun(v1::Job job, StopRequest& stop) {
   {
     std::unique_lock lock(mutex_);
+    // Cancelled since it was decided that another process goes on.
+    if (job.state() == v1::JOB_STATE_PENDING && stop.reason() == StopRequest::Reason::kCancelled) {
+      job.set_state(v1::JOB_STATE_CANCELLED);
+      job.clear_error();
+      job.clear_last_lines();
+    }
+    job.clear_cancel_requested();
+    if (HasEnded(job.state())) *job.mutable_end_time() = ToTimestamp(options_.now());
     for (;;) {
       const absl::Status status = store_.Move(v1::JOB_STATE_RUNNING, job);
       if (status.ok()) break;
       LogFailure("end of a job not stored", job.name(), status);
-      // The next start will find it RUNNING and mark it.
+      // The next start will find it RUNNING and go on with it.
       if (stops_) break;
       changed_.wait_for(lock, kRetry);
     }
     running_.erase(job.name());
   }
+  Log(job.has_error() ? LogLevel::kWarning : LogLevel::kInfo,
+      HasEnded(job.state()) ? "job ended" : "job was interrupted",
+      {{"job", job.name()},
+       {"state", std::string(JobStateLabel(job.state()))},
+       {"error", job.error().message()}});
+  if (!HasEnded(job.state())) interruptions_.Increment();
+  changed_.notify_one();
   CountJobs();
   news_.Publish(job.name());
 }

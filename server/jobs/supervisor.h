@@ -22,6 +22,7 @@
 #include "absl/time/time.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "model/data/dataset_store.h"
+#include "server/jobs/checkpoints.h"
 #include "server/jobs/child_process.h"
 #include "server/jobs/job_run.h"
 #include "server/jobs/job_store.h"
@@ -36,8 +37,11 @@ std::string NewJobId();
 struct SupervisorOptions {
   std::filesystem::path folder;  // DATA/jobs: one folder for each job
   std::string trainer;           // the maneuver-trainer program
-  int trainer_threads = 0;       // of each run, whatever its settings say; 0: as they say
+  JobLimits limits;
+  CheckpointOptions checkpoints;
+  int least_effective_actions = 0;
   PublishModel publish;
+  FindPublished find_published;
   ResolveModel resolve;
   int max_running_jobs = 1;
   // From SIGTERM to SIGKILL, for a job that is cancelled or cut off by Stop.
@@ -46,22 +50,25 @@ struct SupervisorOptions {
   std::function<std::string()> new_id = NewJobId;
 };
 
-// Runs jobs in order of their creation, each in a process of its own. Safe to use from any thread;
-// calls write to the store and may wait for the disk. Errors carry ErrorInfo or BadRequest.
+// Runs jobs in order of their priority and, among equals, of their creation, each in a process of
+// its own. A process that dies is followed by another one that goes on from its last checkpoint.
+// Safe to use from any thread; calls write to the store and may wait for the disk. Errors carry
+// ErrorInfo or BadRequest.
 class Supervisor {
  public:
-  // Marks jobs that a former server left running as FAILED (SERVER_INTERRUPTED), removes what they
-  // left behind, and starts to work on those that are pending. What is referred to must outlive
-  // this.
+  // Makes jobs that a former server left running PENDING again (those that were to be cancelled,
+  // CANCELLED), removes what they left half-written, and starts to work on those that are pending.
+  // What is referred to must outlive this.
   static absl::StatusOr<std::unique_ptr<Supervisor>> Start(
       SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
       monitoring::MetricRegistry& metrics = monitoring::MetricRegistry::Null());
   // Stops, if Stop was not called.
   ~Supervisor();
 
-  // Starts no further job and cuts off those that run, which end as FAILED (SERVER_INTERRUPTED);
-  // pending ones wait for the next start. Returns once all processes are gone, after `patience` at
-  // the latest. From then on Train and Evaluate are UNAVAILABLE; everything else still works.
+  // Starts no further job and cuts off those that run: they write a checkpoint, and are PENDING
+  // like those that wait for the next start. Returns once all processes are gone, after `patience`
+  // at the latest. From then on Train, Evaluate and Resume are UNAVAILABLE; everything else still
+  // works.
   void Stop();
   // Whether Stop is done: no job goes on before the next start.
   bool IsStopped() const { return is_stopped_; }
@@ -77,10 +84,19 @@ class Supervisor {
   // Newest first.
   absl::StatusOr<JobPage> List(int page_size, const std::string& page_token);
   // A pending job is CANCELLED at once. A running one is asked to stop and is RUNNING until its
-  // process is gone. One that ended is returned as it is.
+  // process is gone, even if the server dies in between; its checkpoints stay. One that ended is
+  // returned as it is.
   absl::StatusOr<v1::Job> Cancel(const std::string& name);
+  // Makes a job that FAILED or was CANCELLED PENDING again: it goes on from its last checkpoint,
+  // with the run time that its limits give a new one. One that is PENDING or RUNNING is returned as
+  // it is. FAILED_PRECONDITION if it has SUCCEEDED, is being stopped, or a dataset of it is gone.
+  absl::StatusOr<v1::Job> Resume(const std::string& name);
   // Forgets an ended job and removes its folder. FAILED_PRECONDITION if it has not ended.
   absl::Status Delete(const std::string& name);
+
+  // Removes the checkpoints of a job that has ended; whether there were any. Resumed, it starts
+  // anew.
+  absl::StatusOr<bool> DropCheckpoints(const std::string& name);
 
   // Removes a dataset. FAILED_PRECONDITION while a pending or running job needs it.
   absl::Status DeleteDataset(const std::string& id);
@@ -98,17 +114,21 @@ class Supervisor {
                                 const std::string& digest, bool validate_only);
   absl::StatusOr<v1::Job> EarlierJob(const std::string& request_id, const std::string& digest,
                                      bool* found);
+  // NOT_FOUND if one that the job reads is not there.
+  absl::Status CheckDatasets(const v1::Job& job) const;
   std::filesystem::path FolderOf(const std::string& name) const;
 
   void RunJobs();
   void RunOne(const v1::Job& job, StopRequest& stop);
-  void MoveToEnd(v1::Job job);
+  // Stores what a process of a job came to.
+  void EndRun(v1::Job job, StopRequest& stop);
   void CountJobs();
 
   const SupervisorOptions options_;
   JobStore& store_;
   data::DatasetStore& datasets_;
   std::map<v1::JobState, monitoring::Gauge*> gauges_;
+  monitoring::Counter& interruptions_;
   JobNews news_;
   std::atomic<bool> is_stopped_ = false;
 

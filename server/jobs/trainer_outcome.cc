@@ -16,6 +16,7 @@ namespace {
 
 constexpr std::streamoff kTailBytes = 8 * 1024;
 constexpr size_t kMaxLastLine = 400;
+constexpr size_t kMostLines = 8;
 
 bool IsContinuation(char c) { return (static_cast<unsigned char>(c) & 0xc0) == 0x80; }
 
@@ -67,53 +68,72 @@ std::string WithLastWords(absl::string_view sentence, const std::string& last_wo
   return absl::StrCat(sentence, " Its last line: ", last_words);
 }
 
-absl::Status Killed(int number, const std::string& last_words) {
+absl::Status Died(int number, const std::string& last_words) {
   const char* name = sigabbrev_np(number);
   const bool crashed = number == SIGSEGV || number == SIGABRT || number == SIGBUS ||
                        number == SIGILL || number == SIGFPE;
   const std::string sentence = absl::StrCat(
       "the trainer ", crashed ? "crashed" : "was killed", " by signal ", number, " (SIG",
       name != nullptr ? name : "?", ")",
-      crashed
-          ? "; this is a fault of the trainer: its log has more."
-          : ": the machine ran out of memory (use a smaller batch, raster or model), or someone "
-            "killed it (train again).");
-  return errors::WithReason(absl::AbortedError(WithLastWords(sentence, last_words)),
-                            "TRAINER_KILLED", {{"signal", absl::StrCat(number)}});
+      crashed ? "; this is a fault of the trainer: its log has more."
+              : ": someone killed it, or the machine ran out of memory; resume the job, with more "
+                "memory if it was that.");
+  return errors::WithReason(absl::AbortedError(WithLastWords(sentence, last_words)), "TRAINER_DIED",
+                            {{"signal", absl::StrCat(number)}});
+}
+
+absl::Status OutOfMemory(absl::string_view how, const std::string& last_words) {
+  return errors::WithReason(
+      absl::ResourceExhaustedError(WithLastWords(
+          absl::StrCat(how,
+                       "; train with a smaller batch, raster or model, or give it more "
+                       "(--job-memory-limit of the server) and resume the job."),
+          last_words)),
+      "OUT_OF_MEMORY");
 }
 
 }  // namespace
 
 absl::Status TrainerStatus(const ChildResult& result, const std::string& last_words) {
-  if (result.signal != 0) return Killed(result.signal, last_words);
+  if (result.over_memory_limit) {
+    return OutOfMemory("the trainer took more memory than a job may", last_words);
+  }
+  if (result.out_of_memory) {
+    return OutOfMemory("the system killed the trainer for want of memory", last_words);
+  }
+  if (result.signal != 0) return Died(result.signal, last_words);
+  const auto failed = [&last_words](absl::StatusCode code, const char* reason,
+                                    absl::string_view sentence) {
+    return errors::WithReason(absl::Status(code, WithLastWords(sentence, last_words)), reason);
+  };
   switch (static_cast<TrainerExit>(result.exit_status)) {
     case TrainerExit::kOk:
       return absl::OkStatus();
     case TrainerExit::kInvalidSettings:
-      return errors::WithReason(
-          absl::InvalidArgumentError(WithLastWords(
-              "the trainer refused the settings; correct them and ask again.", last_words)),
-          "INVALID_SETTINGS");
+      return failed(absl::StatusCode::kInvalidArgument, "INVALID_SETTINGS",
+                    "the trainer refused the settings; correct them and ask again.");
     case TrainerExit::kUnusableData:
-      return errors::WithReason(
-          absl::FailedPreconditionError(WithLastWords(
-              "the data cannot be used: damaged, or not enough examples for these settings.",
-              last_words)),
-          "UNUSABLE_DATA");
+      return failed(absl::StatusCode::kFailedPrecondition, "UNUSABLE_DATA",
+                    "the data cannot be used; upload the dataset again.");
+    case TrainerExit::kNotEnough:
+      return failed(absl::StatusCode::kFailedPrecondition, "NOT_ENOUGH_EXAMPLES",
+                    "the datasets hold not enough examples for these settings.");
+    case TrainerExit::kOutOfMemory:
+      return OutOfMemory("the trainer ran out of memory", last_words);
+    case TrainerExit::kDiskFull:
+      return failed(absl::StatusCode::kResourceExhausted, "DISK_FULL",
+                    "the disk is full; free some space on the server and resume the job.");
     case TrainerExit::kCannotWrite:
-      return errors::WithReason(
-          absl::ResourceExhaustedError(WithLastWords(
-              "the trainer cannot write its result; free some disk space on the server and ask "
-              "again.",
-              last_words)),
-          "CANNOT_WRITE");
+      return failed(absl::StatusCode::kFailedPrecondition, "CANNOT_WRITE",
+                    "the trainer cannot write in the data folder of the server; see to its "
+                    "permissions and resume the job.");
     case TrainerExit::kDiverged:
-      return errors::WithReason(
-          absl::AbortedError(
-              WithLastWords("the training diverged: its loss is no longer finite; try a smaller "
-                            "optimization.learning_rate.",
-                            last_words)),
-          "TRAINING_DIVERGED");
+      return failed(absl::StatusCode::kAborted, "TRAINING_DIVERGED",
+                    "the training diverged: its loss is no longer finite; try a smaller "
+                    "optimization.learning_rate.");
+    case TrainerExit::kCollapsed:
+      return failed(absl::StatusCode::kFailedPrecondition, "ACTIONS_COLLAPSED",
+                    "the model uses too few of its actions to be of use.");
     case TrainerExit::kInternal:
       break;
   }
@@ -131,23 +151,51 @@ absl::Status CannotStartTrainer(const absl::Status& reason) {
       "TRAINER_INTERNAL");
 }
 
+bool HasDied(const ChildResult& result) {
+  return result.signal != 0 && !result.timed_out && !result.over_memory_limit;
+}
+
 absl::Status ServerInterrupted() {
   return errors::WithReason(
-      absl::AbortedError("the server stopped while the job ran; ask for it again"),
+      absl::AbortedError("the server stopped while the job ran; it goes on from its last "
+                         "checkpoint"),
       "SERVER_INTERRUPTED");
 }
 
-std::string LastLine(const std::filesystem::path& log) {
+absl::Status GaveUp(absl::Status last, int processes) {
+  absl::Status status(last.code(), absl::StrCat("given up, since ", processes,
+                                                " processes of the job in a row came to no new "
+                                                "checkpoint; the last: ",
+                                                last.message()));
+  last.ForEachPayload([&status](absl::string_view url, const absl::Cord& payload) {
+    status.SetPayload(url, payload);
+  });
+  return status;
+}
+
+absl::Status WallTimeExceeded(std::chrono::milliseconds limit) {
+  return errors::WithReason(
+      absl::DeadlineExceededError(absl::StrCat(
+          "the job ran for ", limit.count() / 1000,
+          " s, as long as this server lets a job run (--job-time-limit); its last checkpoint is "
+          "kept, and resuming the job gives it as long again")),
+      "WALL_TIME_EXCEEDED");
+}
+
+std::vector<std::string> LastLines(const std::filesystem::path& log, int64_t from) {
   std::ifstream file(log, std::ios::binary | std::ios::ate);
   if (!file) return {};
   const std::streamoff size = file.tellg();
-  file.seekg(std::max<std::streamoff>(0, size - kTailBytes));
+  file.seekg(std::max<std::streamoff>({0, size - kTailBytes, from}));
   std::string line;
-  std::string last;
+  std::vector<std::string> last;
   while (std::getline(file, line)) {
-    if (!IsBlank(line)) last = std::move(line);
+    if (IsBlank(line)) continue;
+    last.push_back(std::move(line));
+    if (last.size() > kMostLines) last.erase(last.begin());
   }
-  return Presentable(WithoutPaths(last));
+  for (std::string& text : last) text = Presentable(WithoutPaths(text));
+  return last;
 }
 
 std::string WithoutPaths(std::string_view text) {

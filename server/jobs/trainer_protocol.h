@@ -2,6 +2,8 @@
 //
 //   maneuver-trainer train --settings FILE --dataset FOLDER... --output FOLDER
 //       [--dataset-name NAME...] [--threads N] [--progress json|bar|none]
+//       [--checkpoints FOLDER] [--checkpoint-interval S] [--checkpoint-steps N]
+//       [--checkpoints-kept N] [--least-actions N]
 //   maneuver-trainer evaluate --model FOLDER --dataset FOLDER [--output FILE]
 //       [--settings FILE] [--sampled-examples N] [--threads N] [--progress json|bar|none]
 //
@@ -10,6 +12,10 @@
 // each line on standard output is one JobProgress as proto3 JSON, and evaluate needs --output;
 // without it evaluate prints the report for people. Whatever is on standard error is for people,
 // its last line says why a run failed. SIGTERM stops a run; nothing half-written remains.
+//
+// A run that finds checkpoints of its own in the folder named by --checkpoints goes on from the
+// latest one. Each is a file checkpoint-NUMBER, written in one step; numbers only grow. SIGTERM has
+// a last one written. They stay when the run is over.
 
 #ifndef MANEUVER_SERVER_JOBS_TRAINER_PROTOCOL_H_
 #define MANEUVER_SERVER_JOBS_TRAINER_PROTOCOL_H_
@@ -20,10 +26,14 @@ namespace maneuver::jobs {
 enum class TrainerExit {
   kOk = 0,
   kInvalidSettings = 64,  // EX_USAGE: settings or flags
-  kUnusableData = 65,     // EX_DATAERR: a damaged dataset, or not enough examples
+  kUnusableData = 65,     // EX_DATAERR: a damaged dataset
+  kNotEnough = 66,        // EX_NOINPUT: not enough examples
   kInternal = 70,         // EX_SOFTWARE
-  kCannotWrite = 74,      // EX_IOERR: disk full, no permission
+  kOutOfMemory = 71,      // EX_OSERR
+  kDiskFull = 73,         // EX_CANTCREAT
+  kCannotWrite = 74,      // EX_IOERR: no permission, something in the way
   kDiverged = 80,         // the loss is no longer finite
+  kCollapsed = 81,        // to fewer actions than --least-actions
 };
 
 }  // namespace maneuver::jobs

@@ -9,12 +9,15 @@
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
+#include <vector>
 
 #include "model/data/dataset_store.h"
 #include "model/files/durable_file.h"
+#include "server/jobs/retention.h"
 #include "server/jobs/sqlite_store.h"
 #include "server/jobs/supervisor.h"
 #include "server/jobs/worker_pool.h"
@@ -37,6 +40,7 @@ using monitoring::Log;
 using monitoring::LogLevel;
 
 constexpr int kDiskThreads = 4;
+const absl::Duration kBetweenSweeps = absl::Hours(1);
 constexpr size_t kMaxWaitingForDisk = 256;
 
 // SIGTERM and SIGINT, as something to wait for.
@@ -74,15 +78,27 @@ jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options,
                                              serving::ModelRegistry& models) {
   jobs::SupervisorOptions supervisor;
   supervisor.folder = options.data_dir / "jobs";
-  supervisor.trainer = options.trainer;
-  supervisor.trainer_threads = options.trainer_threads;
+  supervisor.trainer = options.jobs.trainer;
+  supervisor.limits = options.jobs.limits;
+  supervisor.checkpoints = options.jobs.checkpoints;
+  supervisor.least_effective_actions = options.jobs.least_effective_actions;
+  supervisor.max_running_jobs = options.jobs.max_running;
   // A trainer that ignores SIGTERM must not hold up the server's own end.
   supervisor.patience = std::min(supervisor.patience, options.shutdown_timeout);
   supervisor.publish = [&models](const std::string& model, const std::filesystem::path& finished,
-                                 v1::Promotion promotion) -> absl::StatusOr<std::string> {
-    const auto name = models.Publish(model, finished, promotion);
+                                 v1::Promotion promotion,
+                                 const std::string& maker) -> absl::StatusOr<std::string> {
+    const auto name = models.Publish(model, finished, promotion, maker);
     if (!name.ok()) return name.status();
     return name->ToString();
+  };
+  supervisor.find_published =
+      [&models](const std::string& model, v1::Promotion promotion,
+                const std::string& maker) -> absl::StatusOr<std::optional<std::string>> {
+    const auto name = models.FindMadeBy(model, promotion, maker);
+    if (!name.ok()) return name.status();
+    if (!*name) return std::optional<std::string>();
+    return std::optional<std::string>((*name)->ToString());
   };
   supervisor.resolve =
       [&models](const std::string& reference) -> absl::StatusOr<jobs::ResolvedModel> {
@@ -93,6 +109,24 @@ jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options,
     return jobs::ResolvedModel{resolved->name.ToString(), std::move(resolved->folder)};
   };
   return supervisor;
+}
+
+jobs::RetainedModels Retained(serving::ModelRegistry& models) {
+  jobs::RetainedModels retained;
+  retained.list = [&models] {
+    std::vector<jobs::KeptVersion> versions;
+    for (const auto& info : models.List("")) {
+      versions.push_back({.model = "models/" + info.name.model,
+                          .name = info.name.ToString(),
+                          .has_alias = !info.aliases.empty()});
+    }
+    return versions;
+  };
+  retained.remove = [&models](const std::string& version) {
+    const auto name = security::ParseModelVersionName(version, "model_version");
+    return name.ok() ? models.Delete(*name) : name.status();
+  };
+  return retained;
 }
 
 absl::Status WritePortFile(const std::filesystem::path& file, const std::string& grpc_address,
@@ -126,6 +160,8 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   const auto supervisor = jobs::Supervisor::Start(SupervisorOptionsFor(options, **models), **store,
                                                   **datasets, *metrics);
   if (!supervisor.ok()) return supervisor.status();
+  jobs::Retention retention(options.jobs.retention, **supervisor, Retained(**models));
+  retention.SweepRegularly(kBetweenSweeps);
   // After what its work uses, before the services that give it work.
   jobs::WorkerPool disk(kDiskThreads, kMaxWaitingForDisk);
   rpc::PredictionContext context{**models, scheduler, disk, {}};

@@ -55,7 +55,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv) {
   std::string log_format = "text";
   std::string log_level = "info";
   bool insecure = false;
-  options.trainer = BesideThisProgram("maneuver-trainer");
+  options.jobs.trainer = BesideThisProgram("maneuver-trainer");
 
   CLI::App app("maneuverd: predicts what drivers do next. Answers over gRPC, learns on request.");
   app.set_version_flag("--version", MANEUVER_VERSION);
@@ -88,12 +88,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv) {
   app.add_option("--precision", precision, "Of the engine; auto: bf16 where the processor has it")
       ->check(CLI::IsMember(kPrecisions))
       ->capture_default_str();
-  app.add_option("--trainer", options.trainer, "The program that learns")->capture_default_str();
-  app.add_option(
-         "--trainer-threads", options.trainer_threads,
-         "Threads of each job, whatever its settings say; 0: as they say, or one for each core")
-      ->check(CLI::Range(0, 1024))
-      ->capture_default_str();
+  AddJobOptions(app, options.jobs);
   app.add_option("--log-format", log_format, "Of the lines on standard error")
       ->check(CLI::IsMember(kLogFormats))
       ->capture_default_str();

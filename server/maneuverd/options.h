@@ -9,6 +9,7 @@
 #include <variant>
 
 #include "model/inference/action_model.h"
+#include "server/maneuverd/job_options.h"
 #include "server/monitoring/logging.h"
 #include "server/security/listen_address.h"
 #include "server/serving/batch_scheduler.h"
@@ -22,8 +23,7 @@ struct ServerOptions {
   std::filesystem::path port_file;                        // empty: none
   serving::SchedulerOptions scheduler;
   inference::EngineOptions engine;
-  std::filesystem::path trainer;
-  int trainer_threads = 0;  // of each job; 0: as its settings say
+  JobOptions jobs;
   monitoring::LogFormat log_format = monitoring::LogFormat::kText;
   monitoring::LogLevel log_level = monitoring::LogLevel::kInfo;
   std::chrono::milliseconds shutdown_timeout{10'000};

@@ -84,6 +84,15 @@ grpc::ServerUnaryReactor* TrainingService::CancelJob(grpc::CallbackServerContext
   });
 }
 
+grpc::ServerUnaryReactor* TrainingService::ResumeJob(grpc::CallbackServerContext* rpc,
+                                                     const v1::ResumeJobRequest* request,
+                                                     v1::Job* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+    const auto name = JobName(request->name());
+    return name.ok() ? WithJobReason(Answer(jobs_.Resume(*name), response)) : name.status();
+  });
+}
+
 grpc::ServerUnaryReactor* TrainingService::DeleteJob(grpc::CallbackServerContext* rpc,
                                                      const v1::DeleteJobRequest* request,
                                                      google::protobuf::Empty*) {

@@ -260,46 +260,6 @@ std::vector<std::string> ModelRegistry::AliasesOfLocked(const ModelVersionName& 
   return found;
 }
 
-absl::StatusOr<ModelVersionName> ModelRegistry::Publish(const std::string& model,
-                                                        const std::filesystem::path& finished,
-                                                        v1::Promotion promotion) {
-  if (!security::IsResourceId(model)) {
-    return absl::InvalidArgumentError("a model's name is [a-z][a-z0-9-]*, at most 63 characters");
-  }
-  const std::lock_guard change(change_mutex_);
-  const ModelAliasName serving{model, std::string(kServingAlias)};
-  std::set<int> versions;
-  bool serves = false;
-  {
-    const std::lock_guard lock(mutex_);
-    if (const auto found = versions_.find(model); found != versions_.end()) {
-      versions = found->second;
-    }
-    serves = aliases_.contains(serving);
-  }
-  const auto number = folders_.NextVersion(model, versions);
-  if (!number.ok()) return number.status();
-  const ModelVersionName name{model, *number};
-  const auto handle = LoadFolder(name, finished);
-  if (!handle.ok()) return handle.status();
-  if (auto status = folders_.Add(name, finished, std::chrono::system_clock::now()); !status.ok()) {
-    return status;
-  }
-  if (promotion == v1::PROMOTION_ALWAYS || (promotion == v1::PROMOTION_UNSPECIFIED && !serves)) {
-    if (auto status = PointAlias(serving, *handle); !status.ok()) {
-      const absl::Status undone = folders_.TakeBack(name, finished);
-      if (!undone.ok())
-        Log(LogLevel::kError, "half-registered model", {{"model_version", name.ToString()}});
-      return status;
-    }
-  } else {
-    const std::lock_guard lock(mutex_);
-    versions_[model].insert(name.version);
-  }
-  Log(LogLevel::kInfo, "model registered", {{"model_version", name.ToString()}});
-  return name;
-}
-
 absl::Status ModelRegistry::PointAlias(const ModelAliasName& name, const ModelHandle& handle) {
   if (auto status = alias_store_.SetAlias(name, handle->name().version); !status.ok()) {
     return status;

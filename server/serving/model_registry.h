@@ -79,9 +79,17 @@ class ModelRegistry {
 
   // Makes the finished model folder `finished` (on the same file system) the next version of
   // `model`. It is loaded and checked first: if it is damaged nothing changes. May take long.
+  //   maker: who made it, kept beside it for FindMadeBy; empty: nobody says.
   absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
                                                      const std::filesystem::path& finished,
-                                                     v1::Promotion promotion);
+                                                     v1::Promotion promotion,
+                                                     const std::string& maker = {});
+  // The version of `model` that Publish made for `maker`, if there is one, promoted as Publish
+  // would have: a server that dies in Publish, or before it can tell of it, leaves the old state or
+  // this one. May take long.
+  absl::StatusOr<std::optional<security::ModelVersionName>> FindMadeBy(const std::string& model,
+                                                                       v1::Promotion promotion,
+                                                                       const std::string& maker);
 
   // Points an alias to a version, which is loaded and checked first: if it is damaged, or cannot be
   // stored, all stays as it was. May take long.
@@ -120,6 +128,7 @@ class ModelRegistry {
   absl::StatusOr<security::ModelVersionName> ResolveLocked(
       const std::optional<security::ModelReference>& reference) const;
   bool ReadyLocked() const;
+  bool WantsPromotionLocked(const std::string& model, v1::Promotion promotion) const;
   std::vector<std::string> AliasesOfLocked(const security::ModelVersionName& name) const;
   void MakeResidentLocked(const ModelHandle& handle, std::vector<ModelHandle>& dropped);
 

@@ -11,6 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr char kMaker[] = "made_by";
 constexpr char kLastVersion[] = ".last_version";
 // Written once when a model is exported and never again, unlike model.json: its time of change is
 // free to say when the version was registered.
@@ -69,9 +70,19 @@ absl::StatusOr<int> VersionFolders::NextVersion(const std::string& model,
   return last + 1;
 }
 
+std::string VersionFolders::Maker(const security::ModelVersionName& name) const {
+  return files::ReadFile(FolderOf(name) / kMaker).value_or("");
+}
+
 absl::Status VersionFolders::Add(const security::ModelVersionName& name, const fs::path& finished,
+                                 const std::string& maker,
                                  std::chrono::system_clock::time_point now) const {
   std::error_code error;
+  if (!maker.empty()) {
+    if (auto status = files::WriteFileAtomically(finished / kMaker, maker); !status.ok()) {
+      return status;
+    }
+  }
   fs::create_directories(folder_ / name.model, error);
   if (error) return FileError("create the folder of a model", error);
   fs::last_write_time(finished / kWeights, std::chrono::file_clock::from_sys(now), error);

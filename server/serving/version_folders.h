@@ -1,6 +1,7 @@
 // Model versions on disk:
 //
-//   {folder}/{model}/{version}/       one version: model.json, weights.safetensors
+//   {folder}/{model}/{version}/       one version: model.json, weights.safetensors; made_by, the
+//                                     name of the job that made it
 //   {folder}/{model}/.last_version    highest number ever given, once that version was deleted: a
 //                                     number never comes to mean another version
 
@@ -33,9 +34,12 @@ class VersionFolders {
 
   // The number after the highest that `model` ever had.
   absl::StatusOr<int> NextVersion(const std::string& model, const std::set<int>& versions) const;
-  // Moves a finished model folder to its place, stamped with `now`.
+  // Moves a finished model folder to its place, stamped with `now` and, unless it is empty,
+  // `maker`.
   absl::Status Add(const security::ModelVersionName& name, const std::filesystem::path& finished,
-                   std::chrono::system_clock::time_point now) const;
+                   const std::string& maker, std::chrono::system_clock::time_point now) const;
+  // Who made it; empty if nobody said.
+  std::string Maker(const security::ModelVersionName& name) const;
   // Undoes Add.
   absl::Status TakeBack(const security::ModelVersionName& name,
                         const std::filesystem::path& finished) const;

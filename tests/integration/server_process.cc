@@ -40,6 +40,22 @@ void ServerProcess::Kill() {
   process_->Wait(std::chrono::seconds(30));
 }
 
+std::vector<pid_t> ServerProcess::Trainers() const {
+  std::vector<pid_t> trainers;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
+    const std::string name = entry.path().filename();
+    if (name.find_first_not_of("0123456789") != std::string::npos) continue;
+    std::ifstream stat(entry.path() / "stat");
+    std::string id, command, state;
+    pid_t parent = 0;
+    stat >> id >> command >> state >> parent;
+    if (parent == pid() && command.starts_with("(maneuver-train") && state != "Z") {
+      trainers.push_back(std::stoi(name));
+    }
+  }
+  return trainers;
+}
+
 bool ServerProcess::Alive() { return !process_->Wait(std::chrono::seconds(0)).has_value(); }
 
 int RunManeuver(const ServerProcess& server, std::vector<std::string> arguments,

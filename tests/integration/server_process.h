@@ -30,6 +30,8 @@ class ServerProcess {
   std::optional<int> Terminate();
   // SIGKILL, and waits until it is gone.
   void Kill();
+  // Process ids of the trainers that it started.
+  std::vector<pid_t> Trainers() const;
   // The process still runs and says SERVING or NOT_SERVING when asked.
   bool Alive();
 

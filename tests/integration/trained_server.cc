@@ -30,8 +30,6 @@ const char kTinySettings[] = R"({
   "threads": 1
 })";
 
-namespace {
-
 void WriteTown(const std::filesystem::path& folder, uint64_t seed, int recordings,
                std::vector<v1::Scenario>* kept) {
   auto writer = data::DatasetWriter::Create(folder, "synthetic town");
@@ -47,8 +45,6 @@ void WriteTown(const std::filesystem::path& folder, uint64_t seed, int recording
   const auto committed = (*writer)->Commit();
   ASSERT_TRUE(committed.ok()) << committed.status();
 }
-
-}  // namespace
 
 TrainedServer::TrainedServer() {
   std::filesystem::create_directory(data_dir());

@@ -1,6 +1,7 @@
 #ifndef MANEUVER_TESTS_INTEGRATION_TRAINED_SERVER_H_
 #define MANEUVER_TESTS_INTEGRATION_TRAINED_SERVER_H_
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <vector>
@@ -12,6 +13,11 @@ namespace maneuver::testing {
 
 // TrainingSettings as JSON: a model that trains in seconds, 12 actions, 10 waypoints over 4 s.
 extern const char kTinySettings[];
+
+// A dataset folder with recordings of the synthetic town; they are appended to *kept unless that is
+// nullptr.
+void WriteTown(const std::filesystem::path& folder, uint64_t seed, int recordings,
+               std::vector<v1::Scenario>* kept);
 
 // A data folder whose server holds datasets/town and datasets/unseen (other recordings of the town)
 // and models/tiny, trained on the first through the Train RPC by the `maneuver` command.

@@ -226,7 +226,10 @@ absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
 absl::Status AnchorLearner::KeepCheckpoint(const Baseline& baseline, int epochs, int64_t steps,
                                            const std::string& epoch_random, const AdamW& optimizer,
                                            const TermMeans& means) {
-  if (checkpoints_ == nullptr || !checkpoints_->IsDue()) return absl::OkStatus();
+  if (checkpoints_ == nullptr) return absl::OkStatus();
+  const bool due = checkpoints_->IsDue();
+  checkpoints_->CountStep();
+  if (!due) return absl::OkStatus();
   Checkpoint checkpoint;
   checkpoint.set_settings(RunSettings(settings_));
   checkpoint.set_training_examples(static_cast<int64_t>(data_.training.examples.size()));

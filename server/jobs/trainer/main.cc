@@ -39,10 +39,14 @@ preset's. For example, a horizon of 3 s and a longer joint phase:
 constexpr char kFooter[] = R"(Exit status:
   0   done
   64  settings or flags are wrong
-  65  the data cannot be used: damaged, or not enough examples
-  70  a defect, or not enough memory
+  65  the data cannot be used: damaged
+  66  not enough examples for these settings
+  70  a defect
+  71  not enough memory
+  73  the disk is full
   74  the output could not be written
   80  diverged: the loss was no longer finite
+  81  collapsed to fewer actions than --least-actions
   143 stopped by SIGTERM (130: by SIGINT); nothing half-written remains)";
 
 // OpenMP's idle threads spin for milliseconds by default: on cores that are shared, with the server

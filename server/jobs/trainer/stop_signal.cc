@@ -4,6 +4,7 @@
 #include <iostream>
 #include <string>
 
+#include "model/learning/training_failure.h"
 #include "server/jobs/trainer_protocol.h"
 
 namespace maneuver::trainer {
@@ -15,8 +16,18 @@ extern "C" void RememberSignal(int signal) { stop_signal = signal; }
 
 using jobs::TrainerExit;
 
-TrainerExit ExitFor(absl::StatusCode code) {
-  switch (code) {
+TrainerExit ExitFor(const absl::Status& status) {
+  if (const auto failure = learning::FailureOf(status)) {
+    switch (*failure) {
+      case learning::TrainingFailure::kNotEnoughExamples:
+        return TrainerExit::kNotEnough;
+      case learning::TrainingFailure::kOutOfMemory:
+        return TrainerExit::kOutOfMemory;
+      case learning::TrainingFailure::kCollapsed:
+        return TrainerExit::kCollapsed;
+    }
+  }
+  switch (status.code()) {
     case absl::StatusCode::kOk:
       return TrainerExit::kOk;
     case absl::StatusCode::kInvalidArgument:
@@ -29,6 +40,8 @@ TrainerExit ExitFor(absl::StatusCode code) {
     case absl::StatusCode::kPermissionDenied:
     case absl::StatusCode::kUnavailable:
       return TrainerExit::kCannotWrite;
+    case absl::StatusCode::kResourceExhausted:
+      return TrainerExit::kDiskFull;
     case absl::StatusCode::kAborted:
       return TrainerExit::kDiverged;
     default:
@@ -52,7 +65,7 @@ bool StopRequested() { return stop_signal != 0; }
 int ExitStatus(const absl::Status& status) {
   if (!status.ok()) std::cerr << "maneuver-trainer: " << std::string(status.message()) << "\n";
   if (absl::IsCancelled(status) && stop_signal != 0) return 128 + stop_signal;
-  return static_cast<int>(ExitFor(status.code()));
+  return static_cast<int>(ExitFor(status));
 }
 
 }  // namespace maneuver::trainer

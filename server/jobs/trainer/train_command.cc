@@ -78,6 +78,22 @@ TrainCommand::TrainCommand(CLI::App& app)
   command_->add_flag("--baselines", baselines_,
                      "Also train a CoverNet-like and a MultiPath-like baseline, which every "
                      "evaluation then shows beside the model; takes about as long again");
+  command_
+      ->add_option("--checkpoint-steps", checkpoint_steps_,
+                   "A checkpoint after so many steps as well; 0: by time alone")
+      ->check(CLI::Range(int64_t{0}, int64_t{1'000'000'000}))
+      ->capture_default_str()
+      ->type_name("N");
+  command_->add_option("--checkpoints-kept", checkpoints_kept_, "How many of the last are kept")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str()
+      ->type_name("N");
+  command_
+      ->add_option("--least-actions", least_actions_,
+                   "Fail if the held-out examples are given to fewer actions")
+      ->check(CLI::Range(0, 100'000))
+      ->capture_default_str()
+      ->type_name("N");
   command_->add_option("--threads", threads_, "Threads; 0: the settings', or one for each core")
       ->check(CLI::Range(0, 1024))
       ->type_name("N");
@@ -105,8 +121,11 @@ absl::Status TrainCommand::Train() const {
   run.output = output_;
   run.baselines = baselines_;
   run.checkpoints = checkpoints_;
-  run.checkpoint_interval =
-      std::chrono::milliseconds(static_cast<int64_t>(1000.0 * checkpoint_interval_));
+  run.checkpoint_policy = {
+      .interval = std::chrono::milliseconds(static_cast<int64_t>(1000.0 * checkpoint_interval_)),
+      .steps = checkpoint_steps_,
+      .kept = checkpoints_kept_};
+  run.least_effective_actions = least_actions_;
   run.trainer_version = MANEUVER_VERSION;
   run.dataset_names = dataset_names_;
   if (run.dataset_names.empty()) {

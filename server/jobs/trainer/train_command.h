@@ -30,6 +30,9 @@ class TrainCommand {
   std::filesystem::path checkpoints_;
   double checkpoint_interval_ = 60.0;  // seconds
   bool baselines_ = false;
+  int64_t checkpoint_steps_ = 0;
+  int checkpoints_kept_ = 2;
+  int least_actions_ = 0;
   int threads_ = 0;
   std::string progress_ = "bar";
 };

@@ -76,6 +76,7 @@ TEST(CommandLineTest, HelpOfEveryCommandHasAnExample) {
                                              {"job", "show"},
                                              {"job", "watch"},
                                              {"job", "cancel"},
+                                             {"job", "resume"},
                                              {"job", "delete"},
                                              {"model", "list"},
                                              {"model", "show"},

@@ -195,7 +195,7 @@ TEST_F(BaselinesTest, ARunThatIsStoppedInThemEndsWithTheSameBytes) {
   ASSERT_TRUE(Train(Run("whole", 2), data_).ok());
   TrainingRun run = Run("resumed", 2);
   run.checkpoints = folder_ / "checkpoints";
-  run.checkpoint_interval = std::chrono::milliseconds(0);
+  run.checkpoint_policy.interval = std::chrono::milliseconds(0);
   std::set<std::string> stopped_in;
   absl::StatusOr<v1::ModelManifest> manifest;
   for (int stops = 0; stops < 60; ++stops) {
@@ -229,7 +229,7 @@ TEST_F(BaselinesTest, ARunThatIsStoppedAtTheStartOfAnEpochEndsWithTheSameBytes) 
   for (const std::string phase : {"covernet", "multipath"}) {
     TrainingRun run = prepare(phase);
     run.checkpoints = folder_ / ("checkpoints-" + phase);
-    run.checkpoint_interval = std::chrono::milliseconds(0);
+    run.checkpoint_policy.interval = std::chrono::milliseconds(0);
     bool first_epoch_is_over = false;
     int asked = 0;
     run.progress = [&](const v1::JobProgress& progress) {

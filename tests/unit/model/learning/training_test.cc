@@ -18,6 +18,7 @@
 #include "model/learning/moments.h"
 #include "model/learning/optimizer.h"
 #include "model/learning/trainer.h"
+#include "model/learning/training_failure.h"
 #include "model/scene/rasterizer.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 
@@ -211,14 +212,15 @@ TEST_F(TrainingTest, ARunThatGoesOnFromACheckpointEndsWithTheSameWeights) {
 
   TrainingRun run = prepare("resumed");
   run.checkpoints = folder_ / "checkpoints";
-  run.checkpoint_interval = std::chrono::milliseconds(0);
+  run.checkpoint_policy.interval = std::chrono::milliseconds(0);
   std::set<std::string> stopped_in;
   int stops = 0;
   absl::StatusOr<v1::ModelManifest> manifest;
   do {
-    // Asked before each step; a few more steps each time, so that the run comes forward.
+    // Asked before each step; not always as often, so that it stops anywhere in an epoch, before
+    // its first step too.
     int asked = 0;
-    run.stopped = [&] { return ++asked > 60; };
+    run.stopped = [&] { return ++asked > 30 + stops % 7; };
     progress_.clear();
     manifest = Train(run, data);
     ASSERT_FALSE(progress_.empty());
@@ -233,7 +235,7 @@ TEST_F(TrainingTest, ARunThatGoesOnFromACheckpointEndsWithTheSameWeights) {
 TEST_F(TrainingTest, ADamagedCheckpointIsPassedOverAndOnesOfAnotherRunAreRefused) {
   TrainingRun run = Run("model");
   run.checkpoints = folder_ / "checkpoints";
-  run.checkpoint_interval = std::chrono::milliseconds(0);
+  run.checkpoint_policy.interval = std::chrono::milliseconds(0);
   int asked = 0;
   run.stopped = [&] { return ++asked > 50; };
   const TrainingData data = Data();
@@ -241,7 +243,7 @@ TEST_F(TrainingTest, ADamagedCheckpointIsPassedOverAndOnesOfAnotherRunAreRefused
   std::set<fs::path> files;
   for (const auto& entry : fs::directory_iterator(run.checkpoints)) files.insert(entry.path());
   ASSERT_EQ(files.size(), 2u);
-  auto folder = CheckpointFolder::Open(run.checkpoints, run.checkpoint_interval);
+  auto folder = CheckpointFolder::Open(run.checkpoints, run.checkpoint_policy);
   ASSERT_TRUE(folder.ok());
   const Checkpoint latest = *folder->ReadLatest();
   std::fstream(*files.rbegin(), std::ios::in | std::ios::out | std::ios::binary)
@@ -255,6 +257,43 @@ TEST_F(TrainingTest, ADamagedCheckpointIsPassedOverAndOnesOfAnotherRunAreRefused
   const absl::Status status = Train(run, data).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_THAT(std::string(status.message()), HasSubstr("other settings"));
+}
+
+// Hours between two of them, and yet none of the work is lost: after so many steps there is one,
+// and a last one when the run is told to stop.
+TEST_F(TrainingTest, CheckpointsAreWrittenAfterSoManyStepsAndWhenTheRunIsStopped) {
+  TrainingRun run = Run("model");
+  run.checkpoints = folder_ / "checkpoints";
+  run.checkpoint_policy = {.interval = std::chrono::hours(10), .steps = 20, .kept = 3};
+  int asked = 0;
+  run.stopped = [&] { return ++asked > 50; };
+  const TrainingData data = Data();
+  ASSERT_EQ(Train(run, data).status().code(), absl::StatusCode::kCancelled);
+  std::set<std::string> files;
+  for (const auto& entry : fs::directory_iterator(run.checkpoints)) {
+    files.insert(entry.path().filename());
+  }
+  ASSERT_EQ(files,
+            (std::set<std::string>{"checkpoint-000001", "checkpoint-000002", "checkpoint-000003"}));
+  const auto steps = [&] {
+    return CheckpointFolder::Open(run.checkpoints, {})->ReadLatest()->optimizer_steps();
+  };
+  const int64_t last = steps();
+  fs::remove(run.checkpoints / "checkpoint-000003");
+  const int64_t due = steps();
+  fs::remove(run.checkpoints / "checkpoint-000002");
+  EXPECT_EQ(due - steps(), 20);
+  EXPECT_GT(last, due);
+  EXPECT_LT(last, due + 20);
+}
+
+TEST_F(TrainingTest, AModelOfTooFewActionsFailsWhereThatIsAsked) {
+  TrainingRun run = Run("model");
+  run.least_effective_actions = run.settings.model().actions() + 1;
+  const absl::Status status = Train(run, Data()).status();
+  EXPECT_EQ(FailureOf(status), TrainingFailure::kCollapsed);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("collapsed to"));
+  EXPECT_TRUE(fs::is_empty(folder_));
 }
 
 TEST_F(TrainingTest, StopsWhenToldAndLeavesNothing) {

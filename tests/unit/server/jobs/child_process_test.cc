@@ -73,6 +73,44 @@ TEST_F(ChildProcessTest, ItHasNoInputALowerPriorityAndAGroupOfItsOwn) {
   EXPECT_EQ(lines_[0], lines_[1] + " " + std::to_string(std::max(mine, 10)));
 }
 
+TEST_F(ChildProcessTest, ServingGoesBeforeItAtTheProcessorAndTheDisk) {
+  // The scheduling policy, as proc(5) numbers the fields: SCHED_BATCH is 3.
+  ASSERT_TRUE(RunShell("cut -d' ' -f41 /proc/self/stat; ionice -p $$").ok());
+  EXPECT_THAT(lines_, ElementsAre("3", "best-effort: prio 7"));
+}
+
+TEST_F(ChildProcessTest, ItIsKilledOnceItTakesMoreMemoryThanItMay) {
+  // tail keeps as much as it is to print, and here the input has no end.
+  ChildCommand command{.arguments = {"tail", "-c", "200000000", "/dev/zero"},
+                       .log = folder_ / "log"};
+  command.memory_limit_bytes = 100 << 20;
+  const auto killed = RunChild(
+      command, stop_, [](const std::string&) {}, [] {});
+  ASSERT_TRUE(killed.ok());
+  EXPECT_TRUE(killed->over_memory_limit);
+  EXPECT_EQ(killed->signal, SIGKILL);
+  command.arguments = {"sleep", "0.3"};
+  EXPECT_FALSE(RunChild(
+                   command, stop_, [](const std::string&) {}, [] {})
+                   ->over_memory_limit);
+}
+
+TEST_F(ChildProcessTest, ItIsStoppedOnceItsTimeIsOver) {
+  ChildCommand command{.arguments = {"sh", "-c", "while :; do sleep 0.02; done"},
+                       .log = folder_ / "log"};
+  command.time_limit = std::chrono::milliseconds(50);
+  const auto late = RunChild(
+      command, stop_, [](const std::string&) {}, [] {});
+  ASSERT_TRUE(late.ok());
+  EXPECT_TRUE(late->timed_out);
+  EXPECT_EQ(late->signal, SIGTERM);
+  command.arguments = {"true"};
+  command.time_limit = std::chrono::hours(1);
+  EXPECT_FALSE(RunChild(
+                   command, stop_, [](const std::string&) {}, [] {})
+                   ->timed_out);
+}
+
 TEST_F(ChildProcessTest, ItInheritsNoDescriptors) {
   int ends[2];
   ASSERT_EQ(pipe(ends), 0);  // not close-on-exec

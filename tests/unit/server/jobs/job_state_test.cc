@@ -8,13 +8,16 @@
 namespace maneuver::jobs {
 namespace {
 
-TEST(JobStateTest, OnlyTheFiveMovesOfTheContractAreAllowed) {
+TEST(JobStateTest, OnlyTheEightMovesOfTheContractAreAllowed) {
   const std::set<std::pair<int, int>> allowed = {
       {v1::JOB_STATE_PENDING, v1::JOB_STATE_RUNNING},
       {v1::JOB_STATE_PENDING, v1::JOB_STATE_CANCELLED},
       {v1::JOB_STATE_RUNNING, v1::JOB_STATE_SUCCEEDED},
       {v1::JOB_STATE_RUNNING, v1::JOB_STATE_FAILED},
       {v1::JOB_STATE_RUNNING, v1::JOB_STATE_CANCELLED},
+      {v1::JOB_STATE_RUNNING, v1::JOB_STATE_PENDING},
+      {v1::JOB_STATE_FAILED, v1::JOB_STATE_PENDING},
+      {v1::JOB_STATE_CANCELLED, v1::JOB_STATE_PENDING},
   };
   for (int from = v1::JobState_MIN; from <= v1::JobState_MAX; ++from) {
     for (int to = v1::JobState_MIN; to <= v1::JobState_MAX; ++to) {
@@ -31,6 +34,13 @@ TEST(JobStateTest, PendingAndRunningGoOnAndTheOthersHaveEnded) {
   EXPECT_TRUE(HasEnded(v1::JOB_STATE_SUCCEEDED));
   EXPECT_TRUE(HasEnded(v1::JOB_STATE_FAILED));
   EXPECT_TRUE(HasEnded(v1::JOB_STATE_CANCELLED));
+}
+
+TEST(JobStateTest, WhatFailedOrWasCancelledIsResumed) {
+  for (const v1::JobState state : kJobStates) {
+    EXPECT_EQ(CanResume(state), state == v1::JOB_STATE_FAILED || state == v1::JOB_STATE_CANCELLED);
+  }
+  EXPECT_FALSE(CanResume(v1::JOB_STATE_UNSPECIFIED));
 }
 
 TEST(JobStateTest, EveryStateHasALabelOfItsOwn) {

@@ -17,9 +17,13 @@ class ProgressRecorderTest : public testing::Test {
     v1::Job job;
     job.set_name("jobs/a");
     job.set_state(v1::JOB_STATE_PENDING);
+    job.mutable_attempts()->set_started(1);
     EXPECT_TRUE(store_->Add(job, "", "").ok());
-    recorder_ =
-        std::make_unique<ProgressRecorder>(*store_, news_, "jobs/a", 0, [this] { return now_; });
+    StartProcess(job);
+  }
+
+  void StartProcess(const v1::Job& job) {
+    recorder_ = std::make_unique<ProgressRecorder>(*store_, news_, job, [this] { return now_; });
   }
 
   void Step(int step) {
@@ -77,6 +81,18 @@ TEST_F(ProgressRecorderTest, WhatWaitsIsNotStoredAfterWhatFollowedIt) {
   recorder_->Tick();
   recorder_->Flush();
   EXPECT_EQ(Steps(), (std::vector<int64_t>{1, 3}));
+}
+
+TEST_F(ProgressRecorderTest, TheNextProcessOfTheJobGoesOnWithTheNumbers) {
+  Step(1);
+  v1::Job job = *store_->Get("jobs/a");
+  job.mutable_attempts()->set_started(2);
+  StartProcess(job);
+  Step(2);
+  EXPECT_EQ(Steps(), (std::vector<int64_t>{1, 2}));
+  const auto events = *store_->ListProgress("jobs/a", 0, 10);
+  EXPECT_EQ(events[0].attempt(), 1);
+  EXPECT_EQ(events[1].attempt(), 2);
 }
 
 TEST_F(ProgressRecorderTest, LinesThatAreNoMessageArePassedOver) {

@@ -151,6 +151,63 @@ TEST_F(SqliteStoreTest, JobsInAStateComeOldestFirst) {
   EXPECT_EQ(*store_->CountInState(v1::JOB_STATE_FAILED), 0);
 }
 
+TEST_F(SqliteStoreTest, AHigherPriorityGoesBeforeAgeAndSurvivesARestart) {
+  int priorities[] = {0, 5, -5, 5};
+  for (int i = 0; i < 4; ++i) {
+    v1::Job job = PendingJob(std::string(1, static_cast<char>('a' + i)));
+    job.mutable_train()->set_priority(priorities[i]);
+    ASSERT_TRUE(store_->Add(job, "", "").ok());
+  }
+  v1::Job evaluation = PendingJob("e");
+  evaluation.mutable_evaluate()->set_priority(9);
+  ASSERT_TRUE(store_->Add(evaluation, "", "").ok());
+  Reopen();
+  EXPECT_THAT(NamesOf(*store_->ListInState(v1::JOB_STATE_PENDING, std::nullopt)),
+              ElementsAre("jobs/e", "jobs/b", "jobs/d", "jobs/a", "jobs/c"));
+}
+
+TEST_F(SqliteStoreTest, AJobIsUpdatedInItsStateAlone) {
+  v1::Job job = PendingJob("a");
+  ASSERT_TRUE(store_->Add(job, "", "").ok());
+  job.set_cancel_requested(true);
+  ASSERT_TRUE(store_->Update(job).ok());
+  EXPECT_TRUE(store_->Get("jobs/a")->cancel_requested());
+  EXPECT_TRUE(absl::IsFailedPrecondition(store_->Update(InState(job, v1::JOB_STATE_RUNNING))));
+  EXPECT_EQ(store_->Get("jobs/a")->state(), v1::JOB_STATE_PENDING);
+  EXPECT_TRUE(absl::IsNotFound(store_->Update(PendingJob("b"))));
+}
+
+// Written by a server that knew no priorities.
+TEST_F(SqliteStoreTest, AFileOfTheFirstSchemaIsBroughtUpToThisOne) {
+  store_.reset();
+  std::filesystem::remove(file_);
+  sqlite3* database = nullptr;
+  ASSERT_EQ(sqlite3_open(file_.c_str(), &database), SQLITE_OK);
+  const char* old =
+      "CREATE TABLE jobs (number INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL UNIQUE,"
+      " state INTEGER NOT NULL, create_time INTEGER NOT NULL, request_id TEXT UNIQUE,"
+      " request_digest TEXT NOT NULL, job BLOB NOT NULL);"
+      "CREATE INDEX jobs_by_state ON jobs (state, number);"
+      "CREATE TABLE progress (job_number INTEGER NOT NULL REFERENCES jobs (number) ON DELETE"
+      " CASCADE, sequence INTEGER NOT NULL, progress BLOB NOT NULL,"
+      " PRIMARY KEY (job_number, sequence)) WITHOUT ROWID;"
+      "CREATE TABLE aliases (model TEXT NOT NULL, alias TEXT NOT NULL, version INTEGER NOT NULL,"
+      " PRIMARY KEY (model, alias)) WITHOUT ROWID;"
+      "INSERT INTO jobs (name, state, create_time, request_digest, job)"
+      " VALUES ('jobs/old', 1, 0, '', x'0a086a6f62732f6f6c64');"  // Job{name: "jobs/old"}
+      "PRAGMA user_version = 1";
+  ASSERT_EQ(sqlite3_exec(database, old, nullptr, nullptr, nullptr), SQLITE_OK);
+  sqlite3_close(database);
+  Reopen();
+  EXPECT_EQ(store_->Get("jobs/old")->name(), "jobs/old");
+  v1::Job urgent = PendingJob("urgent");
+  urgent.mutable_train()->set_priority(1);
+  ASSERT_TRUE(store_->Add(urgent, "", "").ok());
+  Reopen();
+  EXPECT_THAT(NamesOf(*store_->ListInState(v1::JOB_STATE_PENDING, std::nullopt)),
+              ElementsAre("jobs/urgent", "jobs/old"));
+}
+
 TEST_F(SqliteStoreTest, ProgressIsReadFromACursorOn) {
   ASSERT_TRUE(store_->Add(PendingJob("a"), "", "").ok());
   for (int i = 1; i <= 5; ++i) ASSERT_TRUE(store_->AddProgress("jobs/a", Event(i)).ok());

@@ -11,8 +11,10 @@
 #include <condition_variable>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -79,8 +81,8 @@ class SupervisorTest : public testing::Test {
     Trainer("mkdir \"$output\"; echo weights > \"$output/weights\"");
   }
 
-  // What the trainer does. $command, $output, $settings, $dataset, $dataset_name, $model are its
-  // arguments, $arguments all of them.
+  // What the trainer does. $command, $output, $settings, $dataset, $dataset_name, $model,
+  // $checkpoints are its arguments, $arguments all of them.
   void Trainer(const std::string& body) {
     const std::filesystem::path file = folder_ / "trainer";
     // Replaced, not rewritten: a process may still run the one before.
@@ -89,7 +91,7 @@ arguments="$*"; command=$1; shift
 while [ $# -gt 0 ]; do
   case $1 in
     --output) output=$2;; --settings) settings=$2;; --dataset) dataset=$2;;
-    --dataset-name) dataset_name=$2;; --model) model=$2;;
+    --dataset-name) dataset_name=$2;; --model) model=$2;; --checkpoints) checkpoints=$2;;
   esac
   shift 2
 done
@@ -103,13 +105,23 @@ done
     options.folder = folder_ / "jobs";
     options.trainer = folder_ / "trainer";
     options.publish = [this](const std::string& model, const std::filesystem::path& finished,
-                             v1::Promotion promotion) -> absl::StatusOr<std::string> {
+                             v1::Promotion promotion,
+                             const std::string& maker) -> absl::StatusOr<std::string> {
       const std::lock_guard lock(mutex_);
       if (!publish_error_.ok()) return publish_error_;
       promotions_.push_back(promotion);
       const std::string version = model + std::to_string(promotions_.size());
       std::filesystem::rename(finished, folder_ / version);
-      return "models/" + model + "/versions/" + std::to_string(promotions_.size());
+      published_[maker] = "models/" + model + "/versions/" + std::to_string(promotions_.size());
+      return published_[maker];
+    };
+    options.find_published =
+        [this](const std::string&, v1::Promotion,
+               const std::string& maker) -> absl::StatusOr<std::optional<std::string>> {
+      const std::lock_guard lock(mutex_);
+      const auto found = published_.find(maker);
+      if (found == published_.end()) return std::optional<std::string>();
+      return std::optional<std::string>(found->second);
     };
     options.resolve = [this](const std::string& reference) -> absl::StatusOr<ResolvedModel> {
       if (reference.starts_with("models/none"))
@@ -170,8 +182,9 @@ done
   std::unique_ptr<data::DatasetStore> datasets_;
   std::unique_ptr<SqliteStore> store_;
   std::mutex mutex_;
-  absl::Status publish_error_;             // guarded by mutex_
-  std::vector<v1::Promotion> promotions_;  // guarded by mutex_
+  absl::Status publish_error_;                    // guarded by mutex_
+  std::vector<v1::Promotion> promotions_;         // guarded by mutex_
+  std::map<std::string, std::string> published_;  // by maker; guarded by mutex_
   std::unique_ptr<Supervisor> supervisor_;
 };
 

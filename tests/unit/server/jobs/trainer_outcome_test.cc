@@ -33,9 +33,13 @@ TEST(TrainerOutcomeTest, EveryExitStatusHasItsReason) {
   const ExitCase cases[] = {
       {64, absl::StatusCode::kInvalidArgument, "INVALID_SETTINGS"},
       {65, absl::StatusCode::kFailedPrecondition, "UNUSABLE_DATA"},
+      {66, absl::StatusCode::kFailedPrecondition, "NOT_ENOUGH_EXAMPLES"},
       {70, absl::StatusCode::kInternal, "TRAINER_INTERNAL"},
-      {74, absl::StatusCode::kResourceExhausted, "CANNOT_WRITE"},
+      {71, absl::StatusCode::kResourceExhausted, "OUT_OF_MEMORY"},
+      {73, absl::StatusCode::kResourceExhausted, "DISK_FULL"},
+      {74, absl::StatusCode::kFailedPrecondition, "CANNOT_WRITE"},
       {80, absl::StatusCode::kAborted, "TRAINING_DIVERGED"},
+      {81, absl::StatusCode::kFailedPrecondition, "ACTIONS_COLLAPSED"},
       {1, absl::StatusCode::kInternal, "TRAINER_INTERNAL"},
       {127, absl::StatusCode::kInternal, "TRAINER_INTERNAL"},
   };
@@ -49,12 +53,35 @@ TEST(TrainerOutcomeTest, EveryExitStatusHasItsReason) {
 
 TEST(TrainerOutcomeTest, ASignalIsNamedAndCounted) {
   const absl::Status killed = TrainerStatus({.exit_status = 0, .signal = SIGKILL}, "");
-  EXPECT_EQ(InfoOf(killed).reason(), "TRAINER_KILLED");
+  EXPECT_EQ(InfoOf(killed).reason(), "TRAINER_DIED");
   EXPECT_EQ(InfoOf(killed).metadata().at("signal"), "9");
   EXPECT_THAT(std::string(killed.message()), HasSubstr("killed by signal 9 (SIGKILL)"));
   EXPECT_THAT(std::string(killed.message()), HasSubstr("memory"));
   EXPECT_THAT(std::string(TrainerStatus({.exit_status = 0, .signal = SIGSEGV}, "").message()),
               HasSubstr("crashed by signal 11"));
+}
+
+TEST(TrainerOutcomeTest, AKillForWantOfMemorySaysSo) {
+  const absl::Status killed = TrainerStatus({.signal = SIGKILL, .out_of_memory = true}, "");
+  EXPECT_EQ(InfoOf(killed).reason(), "OUT_OF_MEMORY");
+  EXPECT_TRUE(absl::IsResourceExhausted(killed));
+  EXPECT_EQ(InfoOf(TrainerStatus({.signal = SIGKILL, .over_memory_limit = true}, "")).reason(),
+            "OUT_OF_MEMORY");
+}
+
+TEST(TrainerOutcomeTest, OnlyASignalThatIsNotOursIsADeath) {
+  EXPECT_TRUE(HasDied({.signal = SIGKILL}));
+  EXPECT_TRUE(HasDied({.signal = SIGSEGV}));
+  EXPECT_FALSE(HasDied({.signal = SIGKILL, .timed_out = true}));
+  EXPECT_FALSE(HasDied({.signal = SIGKILL, .over_memory_limit = true}));
+  EXPECT_FALSE(HasDied({.exit_status = 70}));
+}
+
+TEST(TrainerOutcomeTest, GivingUpKeepsTheReasonOfTheLast) {
+  const absl::Status status = GaveUp(TrainerStatus({.signal = SIGKILL}, "bye"), 5);
+  EXPECT_EQ(InfoOf(status).reason(), "TRAINER_DIED");
+  EXPECT_THAT(std::string(status.message()), HasSubstr("5 processes"));
+  EXPECT_THAT(std::string(status.message()), HasSubstr("bye"));
 }
 
 TEST(TrainerOutcomeTest, PathsLoseTheirFolders) {
@@ -70,7 +97,8 @@ class LastLineTest : public testing::Test {
  protected:
   std::string LastLineOf(const std::string& content) {
     std::ofstream(folder_ / "log", std::ios::binary) << content;
-    return LastLine(folder_ / "log");
+    const std::vector<std::string> lines = LastLines(folder_ / "log");
+    return lines.empty() ? std::string() : lines.back();
   }
   const data::TemporaryFolder folder_;
 };
@@ -79,12 +107,20 @@ TEST_F(LastLineTest, IsTheLastThatSaysSomething) {
   EXPECT_EQ(LastLineOf("first\nsecond\n\n  \n"), "second");
   EXPECT_EQ(LastLineOf("first\nno end"), "no end");
   EXPECT_EQ(LastLineOf(""), "");
-  EXPECT_EQ(LastLine(folder_ / "none"), "");
+  EXPECT_TRUE(LastLines(folder_ / "none").empty());
 }
 
 TEST_F(LastLineTest, OfALongLogIsFoundAndALongLineIsCut) {
   EXPECT_EQ(LastLineOf(std::string(100'000, 'x') + "\nwhy\n"), "why");
   EXPECT_EQ(LastLineOf(std::string(100'000, 'x')).size(), 400u);
+}
+
+TEST_F(LastLineTest, TheLastEightOfThisProcessAreKept) {
+  LastLineOf("of the one before\n1\n2\n\n3\n");
+  EXPECT_EQ(LastLines(folder_ / "log", 18), (std::vector<std::string>{"1", "2", "3"}));
+  LastLineOf("1\n2\n3\n4\n5\n6\n7\n8\n9\n10\n");
+  EXPECT_EQ(LastLines(folder_ / "log"),
+            (std::vector<std::string>{"3", "4", "5", "6", "7", "8", "9", "10"}));
 }
 
 TEST_F(LastLineTest, IsValidUtf8WithoutControlCharacters) {

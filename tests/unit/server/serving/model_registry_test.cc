@@ -137,6 +137,38 @@ TEST_F(ModelRegistryTest, TheFirstVersionServesAndLaterOnesWaitForPromotion) {
   EXPECT_TRUE(absl::IsNotFound(registry_->Find(Alias("city", "serving")).status()));
 }
 
+TEST_F(ModelRegistryTest, TheVersionThatAJobMadeIsFoundAfterARestart) {
+  const auto find = [this](const std::string& maker, v1::Promotion promotion) {
+    const auto found = registry_->FindMadeBy("town", promotion, maker);
+    EXPECT_TRUE(found.ok()) << found.status();
+    return found.ok() && *found ? (*found)->version : 0;
+  };
+  EXPECT_EQ(find("jobs/a", v1::PROMOTION_UNSPECIFIED), 0);
+  ASSERT_TRUE(registry_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/a").ok());
+  ASSERT_TRUE(registry_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/b").ok());
+  ASSERT_TRUE(Publish("town", v1::PROMOTION_NEVER).ok());
+  Restart();
+  EXPECT_EQ(find("jobs/a", v1::PROMOTION_NEVER), 1);
+  EXPECT_EQ(find("jobs/b", v1::PROMOTION_NEVER), 2);
+  EXPECT_EQ(find("jobs/c", v1::PROMOTION_NEVER), 0);
+  EXPECT_EQ(registry_->List("town").size(), 3u);
+}
+
+// As a server leaves it that died between the folder's last rename and the alias.
+TEST_F(ModelRegistryTest, AVersionThatWasPublishedHalfIsPromotedWhenItIsFound) {
+  ASSERT_TRUE(registry_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/a").ok());
+  ASSERT_TRUE(registry_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/b").ok());
+  Restart();
+  ASSERT_TRUE(registry_->FindMadeBy("town", v1::PROMOTION_UNSPECIFIED, "jobs/b").ok());
+  EXPECT_EQ(Answers(Alias("town", "serving")), 2);
+  EXPECT_EQ(aliases_.GetAlias({"town", "serving"}).value(), 2);
+  // Something serves by now.
+  ASSERT_TRUE(registry_->FindMadeBy("town", v1::PROMOTION_UNSPECIFIED, "jobs/a").ok());
+  EXPECT_EQ(Answers(Alias("town", "serving")), 2);
+  ASSERT_TRUE(registry_->FindMadeBy("town", v1::PROMOTION_ALWAYS, "jobs/a").ok());
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+}
+
 TEST_F(ModelRegistryTest, ModelsMustBeNamedWhenSeveralServe) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(Publish("city").ok());

@@ -1,0 +1,115 @@
+#include "server/jobs/retention.h"
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <utility>
+
+#include "absl/time/clock.h"
+#include "server/jobs/job_state.h"
+#include "server/jobs/job_time.h"
+#include "server/monitoring/logging.h"
+
+namespace maneuver::jobs {
+namespace {
+
+using monitoring::Log;
+using monitoring::LogLevel;
+
+}  // namespace
+
+std::vector<std::string> VersionsToDelete(const RetentionPolicy& policy,
+                                          const std::vector<KeptVersion>& versions,
+                                          const std::vector<std::string>& needed) {
+  std::vector<std::string> given_up;
+  if (policy.versions <= 0) return given_up;
+  std::map<std::string, int> seen;
+  for (const KeptVersion& version : versions) {
+    if (++seen[version.model] <= policy.versions || version.has_alias) continue;
+    if (std::ranges::find(needed, version.name) != needed.end()) continue;
+    given_up.push_back(version.name);
+  }
+  return given_up;
+}
+
+Retention::Retention(const RetentionPolicy& policy, Supervisor& jobs, RetainedModels models)
+    : policy_(policy), jobs_(jobs), models_(std::move(models)) {}
+
+Retention::~Retention() {
+  {
+    const std::lock_guard lock(mutex_);
+    ends_ = true;
+  }
+  changed_.notify_all();
+  if (thread_.joinable()) thread_.join();
+}
+
+absl::Status Retention::Sweep(absl::Time now) {
+  absl::Status status = SweepJobs(now);
+  status.Update(SweepVersions());
+  return status;
+}
+
+absl::Status Retention::SweepJobs(absl::Time now) {
+  absl::Status result;
+  for (const v1::JobState state : kJobStates) {
+    if (!HasEnded(state)) continue;
+    const auto jobs = jobs_.store().ListInState(state, std::nullopt);
+    if (!jobs.ok()) return jobs.status();
+    for (const v1::Job& job : *jobs) {
+      const absl::Duration age = now - ToTime(job.end_time());
+      if (age > policy_.jobs) {
+        const absl::Status status = jobs_.Delete(job.name());
+        // Somebody resumed or deleted it in between.
+        if (absl::IsFailedPrecondition(status) || absl::IsNotFound(status)) continue;
+        result.Update(status);
+        if (status.ok()) Log(LogLevel::kInfo, "old job forgotten", {{"job", job.name()}});
+      } else if (age > policy_.checkpoints) {
+        const auto dropped = jobs_.DropCheckpoints(job.name());
+        if (absl::IsNotFound(dropped.status())) continue;
+        result.Update(dropped.status());
+        if (dropped.ok() && *dropped) {
+          Log(LogLevel::kInfo, "old checkpoints removed", {{"job", job.name()}});
+        }
+      }
+    }
+  }
+  return result;
+}
+
+absl::Status Retention::SweepVersions() {
+  if (policy_.versions <= 0) return absl::OkStatus();
+  std::vector<std::string> needed;
+  for (const v1::JobState state : {v1::JOB_STATE_PENDING, v1::JOB_STATE_RUNNING}) {
+    const auto jobs = jobs_.store().ListInState(state, std::nullopt);
+    if (!jobs.ok()) return jobs.status();
+    for (const v1::Job& job : *jobs) needed.push_back(job.evaluate().model());
+  }
+  absl::Status result;
+  for (const std::string& version : VersionsToDelete(policy_, models_.list(), needed)) {
+    const absl::Status status = models_.remove(version);
+    if (absl::IsFailedPrecondition(status) || absl::IsNotFound(status)) continue;
+    result.Update(status);
+    if (status.ok()) {
+      Log(LogLevel::kInfo, "old model version deleted", {{"model_version", version}});
+    }
+  }
+  return result;
+}
+
+void Retention::SweepRegularly(absl::Duration interval) {
+  thread_ = std::thread([this, interval] {
+    std::unique_lock lock(mutex_);
+    while (!ends_) {
+      lock.unlock();
+      if (const absl::Status status = Sweep(absl::Now()); !status.ok()) {
+        Log(LogLevel::kWarning, "not all that is old was removed",
+            {{"reason", std::string(status.message())}});
+      }
+      lock.lock();
+      changed_.wait_for(lock, absl::ToChronoMilliseconds(interval), [this] { return ends_; });
+    }
+  });
+}
+
+}  // namespace maneuver::jobs

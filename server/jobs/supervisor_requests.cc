@@ -1,0 +1,237 @@
+// The part of Supervisor that answers requests.
+
+#include <sys/random.h>
+
+#include <algorithm>
+#include <array>
+#include <system_error>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/errors/error_details.h"
+#include "server/jobs/job_requests.h"
+#include "server/jobs/job_state.h"
+#include "server/jobs/job_time.h"
+#include "server/jobs/supervisor.h"
+#include "server/monitoring/logging.h"
+
+namespace maneuver::jobs {
+namespace {
+
+namespace fs = std::filesystem;
+using monitoring::Log;
+using monitoring::LogLevel;
+
+absl::Status Stopping() {
+  return errors::WithReason(absl::UnavailableError("the server is stopping"), "SERVER_STOPS");
+}
+
+}  // namespace
+
+std::string NewJobId() {
+  // Neither vowels nor digits that look like letters.
+  constexpr std::string_view kAlphabet = "bcdfghjkmnpqrstvwxz2346789bcdfgh";
+  static_assert(kAlphabet.size() == 32);
+  std::array<unsigned char, 16> random{};
+  // Never short for so few bytes.
+  while (getrandom(random.data(), random.size(), 0) != static_cast<ssize_t>(random.size())) {
+  }
+  std::string id;
+  for (const unsigned char byte : random) id += kAlphabet[byte % kAlphabet.size()];
+  return id;
+}
+
+absl::StatusOr<v1::Job> Supervisor::Train(const v1::TrainRequest& request) {
+  if (absl::Status status = CheckTrainRequest(request); !status.ok()) return status;
+  v1::Job job;
+  *job.mutable_train() = request;
+  return Admit(std::move(job), request.request_id(), RequestDigest(request),
+               request.validate_only());
+}
+
+absl::StatusOr<v1::Job> Supervisor::Evaluate(const v1::EvaluateRequest& request) {
+  if (absl::Status status = CheckEvaluateRequest(request); !status.ok()) return status;
+  const std::string digest = RequestDigest(request);
+  // An alias may have gone on since the job was first asked for.
+  bool found = false;
+  auto earlier = EarlierJob(request.request_id(), digest, &found);
+  if (found || !earlier.ok()) return earlier;
+  const auto model = options_.resolve(request.model());
+  if (!model.ok()) return model.status();
+  v1::Job job;
+  *job.mutable_evaluate() = request;
+  job.mutable_evaluate()->set_model(model->version);
+  return Admit(std::move(job), request.request_id(), digest, request.validate_only());
+}
+
+absl::StatusOr<v1::Job> Supervisor::EarlierJob(const std::string& request_id,
+                                               const std::string& digest, bool* found) {
+  *found = false;
+  if (request_id.empty()) return v1::Job();
+  auto earlier = store_.FindRequest(request_id);
+  if (!earlier.ok()) return earlier.status();
+  if (!*earlier) return v1::Job();
+  if ((*earlier)->request_digest != digest) {
+    return errors::WithReason(absl::AlreadyExistsError(absl::StrCat(
+                                  "request_id was used for a different request, which became ",
+                                  (*earlier)->job.name(), "; choose a new one for a new job")),
+                              "REQUEST_ID_REUSED", {{"job", (*earlier)->job.name()}});
+  }
+  *found = true;
+  return (*std::move(earlier))->job;
+}
+
+absl::Status Supervisor::CheckDatasets(const v1::Job& job) const {
+  for (const std::string& id : DatasetIds(job)) {
+    if (datasets_.Contains(id)) continue;
+    return errors::WithReason(
+        absl::NotFoundError(absl::StrCat("there is no datasets/", id, "; upload it first")),
+        "DATASET_NOT_FOUND", {{"dataset", absl::StrCat("datasets/", id)}});
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& request_id,
+                                          const std::string& digest, bool validate_only) {
+  {
+    const std::lock_guard lock(mutex_);
+    bool found = false;
+    auto earlier = EarlierJob(request_id, digest, &found);
+    if (found || !earlier.ok()) return earlier;
+    if (stops_) return Stopping();
+    if (absl::Status status = CheckDatasets(job); !status.ok()) return status;
+    job.set_state(v1::JOB_STATE_PENDING);
+    if (validate_only) return job;
+    job.set_name(absl::StrCat("jobs/", options_.new_id()));
+    *job.mutable_create_time() = ToTimestamp(options_.now());
+    if (absl::Status status = store_.Add(job, request_id, digest); !status.ok()) return status;
+  }
+  changed_.notify_one();
+  CountJobs();
+  Log(LogLevel::kInfo, "job created", {{"job", job.name()}});
+  return job;
+}
+
+absl::StatusOr<v1::Job> Supervisor::Get(const std::string& name) { return store_.Get(name); }
+
+absl::StatusOr<JobPage> Supervisor::List(int page_size, const std::string& page_token) {
+  return store_.List(page_size, page_token);
+}
+
+absl::StatusOr<v1::Job> Supervisor::Cancel(const std::string& name) {
+  absl::StatusOr<v1::Job> job;
+  {
+    const std::lock_guard lock(mutex_);
+    job = store_.Get(name);
+    if (!job.ok() || HasEnded(job->state())) return job;
+    if (const auto running = running_.find(name); running != running_.end()) {
+      // First of all stored: the server may die before the process does.
+      job->set_cancel_requested(true);
+      if (absl::Status status = store_.Update(*job); !status.ok()) return status;
+      running->second->Stop(StopRequest::Reason::kCancelled);
+      return job;
+    }
+    job->set_state(v1::JOB_STATE_CANCELLED);
+    job->clear_error();
+    job->clear_last_lines();
+    *job->mutable_end_time() = ToTimestamp(options_.now());
+    if (absl::Status status = store_.Move(v1::JOB_STATE_PENDING, *job); !status.ok()) return status;
+  }
+  CountJobs();
+  news_.Publish(name);
+  Log(LogLevel::kInfo, "job cancelled before it ran", {{"job", name}});
+  return job;
+}
+
+absl::StatusOr<v1::Job> Supervisor::Resume(const std::string& name) {
+  absl::StatusOr<v1::Job> job;
+  {
+    const std::lock_guard lock(mutex_);
+    if (stops_) return Stopping();
+    job = store_.Get(name);
+    if (!job.ok()) return job;
+    if (job->cancel_requested()) {
+      return errors::WithReason(
+          absl::FailedPreconditionError(
+              absl::StrCat(name, " is still being stopped; resume it once it is cancelled")),
+          "JOB_NOT_ENDED");
+    }
+    if (!HasEnded(job->state())) return job;
+    if (!CanResume(job->state())) {
+      return errors::WithReason(
+          absl::FailedPreconditionError(absl::StrCat(
+              name, " is ", std::string(JobStateLabel(job->state())), "; train again instead")),
+          "JOB_NOT_RESUMABLE");
+    }
+    if (absl::Status status = CheckDatasets(*job); !status.ok()) {
+      return errors::WithReason(absl::FailedPreconditionError(status.message()),
+                                "DATASET_NOT_FOUND");
+    }
+    const v1::JobState from = job->state();
+    job->set_state(v1::JOB_STATE_PENDING);
+    job->clear_end_time();
+    job->clear_error();
+    job->clear_last_lines();
+    job->mutable_attempts()->clear_without_progress();
+    job->mutable_attempts()->clear_earlier_run_time();
+    if (absl::Status status = store_.Move(from, *job); !status.ok()) return status;
+  }
+  changed_.notify_one();
+  CountJobs();
+  news_.Publish(name);
+  Log(LogLevel::kInfo, "job resumed",
+      {{"job", name}, {"checkpoint", LastCheckpoint(FolderOf(name))}});
+  return job;
+}
+
+absl::StatusOr<bool> Supervisor::DropCheckpoints(const std::string& name) {
+  const std::lock_guard lock(mutex_);
+  const auto job = store_.Get(name);
+  if (!job.ok()) return job.status();
+  return HasEnded(job->state()) && RemoveCheckpoints(FolderOf(name));
+}
+
+absl::Status Supervisor::Delete(const std::string& name) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (running_.contains(name)) {
+      return errors::WithReason(
+          absl::FailedPreconditionError(absl::StrCat(name, " is running; cancel it first")),
+          "JOB_NOT_ENDED");
+    }
+    absl::Status status = store_.Delete(name);
+    if (absl::IsFailedPrecondition(status)) return errors::WithReason(status, "JOB_NOT_ENDED");
+    if (!status.ok()) return status;
+  }
+  std::error_code ignored;  // the next start removes what is left
+  fs::remove_all(FolderOf(name), ignored);
+  CountJobs();
+  news_.Publish(name);
+  return absl::OkStatus();
+}
+
+absl::Status Supervisor::DeleteDataset(const std::string& id) {
+  absl::StatusOr<fs::path> detached;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const v1::JobState state : {v1::JOB_STATE_PENDING, v1::JOB_STATE_RUNNING}) {
+      const auto jobs = store_.ListInState(state, std::nullopt);
+      if (!jobs.ok()) return jobs.status();
+      for (const v1::Job& job : *jobs) {
+        const std::vector<std::string> needed = DatasetIds(job);
+        if (std::ranges::find(needed, id) == needed.end()) continue;
+        return errors::WithReason(absl::FailedPreconditionError(
+                                      absl::StrCat("datasets/", id, " is needed by ", job.name(),
+                                                   "; wait for it to end, or cancel it")),
+                                  "DATASET_IN_USE", {{"job", job.name()}});
+      }
+    }
+    detached = datasets_.Detach(id);
+  }
+  if (!detached.ok()) return detached.status();
+  std::error_code ignored;  // the next start removes what is left
+  fs::remove_all(*detached, ignored);
+  return absl::OkStatus();
+}
+
+}  // namespace maneuver::jobs

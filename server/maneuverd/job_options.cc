@@ -1,0 +1,82 @@
+#include "server/maneuverd/job_options.h"
+
+#include <cmath>
+#include <functional>
+#include <string>
+#include <utility>
+
+namespace maneuver {
+namespace {
+
+constexpr int64_t kBytesPerMebibyte = int64_t{1} << 20;
+constexpr double kMostDays = 36'500.0;
+
+// A number that is kept in another unit.
+void AddScaled(CLI::App& app, const std::string& name, const std::string& unset, double most,
+               const std::string& help, std::function<void(double)> set) {
+  app.add_option_function<double>(name, std::move(set), help)
+      ->check(CLI::Range(0.0, most))
+      ->default_str(unset);
+}
+
+std::chrono::milliseconds Seconds(double seconds) {
+  return std::chrono::milliseconds(std::llround(1e3 * seconds));
+}
+
+absl::Duration DaysOrForever(double days) {
+  return days > 0.0 ? 24.0 * days * absl::Hours(1) : absl::InfiniteDuration();
+}
+
+}  // namespace
+
+void AddJobOptions(CLI::App& app, JobOptions& options) {
+  app.add_option("--trainer", options.trainer, "The program that learns")->capture_default_str();
+  app.add_option("--max-running-jobs", options.max_running, "Jobs that run at the same time")
+      ->check(CLI::Range(1, 64))
+      ->capture_default_str();
+  app.add_option(
+         "--trainer-threads", options.limits.threads,
+         "Threads of each job, whatever its settings say; 0: as they say, or one for each core")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  AddScaled(app, "--job-memory-limit", "0", 1e9,
+            "Memory of a job's process, MiB, without what it only reads from files; 0: no limit",
+            [&options](double mebibytes) {
+              options.limits.memory_bytes =
+                  std::llround(mebibytes * static_cast<double>(kBytesPerMebibyte));
+            });
+  AddScaled(app, "--job-time-limit", "0", 1e9, "How long a job may run, seconds; 0: no limit",
+            [&options](double seconds) { options.limits.run_time = Seconds(seconds); });
+  app.add_option("--job-attempts", options.limits.attempts_without_progress,
+                 "A job fails once so many of its processes in a row died without a new checkpoint")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  app.add_option("--job-least-actions", options.least_effective_actions,
+                 "A training job fails if its model uses fewer actions on held-out examples")
+      ->check(CLI::Range(0, 100'000))
+      ->capture_default_str();
+  AddScaled(app, "--checkpoint-interval", "60", 86'400, "Time between two checkpoints, seconds",
+            [&options](double seconds) { options.checkpoints.interval = Seconds(seconds); });
+  app.add_option("--checkpoint-steps", options.checkpoints.steps,
+                 "A checkpoint after so many steps as well; 0: by time alone")
+      ->check(CLI::Range(int64_t{0}, int64_t{1'000'000'000}))
+      ->capture_default_str();
+  app.add_option("--checkpoints-kept", options.checkpoints.kept,
+                 "How many of its last checkpoints a job keeps")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  AddScaled(app, "--keep-jobs", "90", kMostDays,
+            "Days after its end that a job is forgotten; 0: never",
+            [&options](double days) { options.retention.jobs = DaysOrForever(days); });
+  AddScaled(app, "--keep-checkpoints", "14", kMostDays,
+            "Days after the end of a failed or cancelled job that its checkpoints are removed; 0: "
+            "never",
+            [&options](double days) { options.retention.checkpoints = DaysOrForever(days); });
+  app.add_option("--keep-versions", options.retention.versions,
+                 "Newest versions of each model that are kept beside those that an alias names; 0: "
+                 "all")
+      ->check(CLI::Range(0, 1'000'000))
+      ->capture_default_str();
+}
+
+}  // namespace maneuver

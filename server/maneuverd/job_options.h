@@ -1,0 +1,29 @@
+// The part of the command line that is about jobs.
+
+#ifndef MANEUVER_SERVER_MANEUVERD_JOB_OPTIONS_H_
+#define MANEUVER_SERVER_MANEUVERD_JOB_OPTIONS_H_
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+
+#include "server/jobs/checkpoints.h"
+#include "server/jobs/job_run.h"
+#include "server/jobs/retention.h"
+
+namespace maneuver {
+
+struct JobOptions {
+  std::filesystem::path trainer;
+  int max_running = 1;
+  jobs::JobLimits limits;
+  jobs::CheckpointOptions checkpoints;
+  int least_effective_actions = 2;
+  jobs::RetentionPolicy retention;
+};
+
+// Adds its flags. `options` are complete once the command line is parsed, and must live until then.
+void AddJobOptions(CLI::App& app, JobOptions& options);
+
+}  // namespace maneuver
+
+#endif  // MANEUVER_SERVER_MANEUVERD_JOB_OPTIONS_H_

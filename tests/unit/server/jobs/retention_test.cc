@@ -1,0 +1,134 @@
+#include "server/jobs/retention.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "server/jobs/job_time.h"
+#include "tests/unit/server/jobs/supervisor_fixture.h"
+
+namespace maneuver::jobs {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::ElementsAre;
+using testing::IsEmpty;
+
+std::vector<KeptVersion> Versions() {  // newest first
+  return {{"models/town", "models/town/versions/4", false},
+          {"models/city", "models/city/versions/1", false},
+          {"models/town", "models/town/versions/3", false},
+          {"models/town", "models/town/versions/2", true},
+          {"models/town", "models/town/versions/1", false}};
+}
+
+TEST(VersionsToDeleteTest, TheNewestOfEachModelStay) {
+  EXPECT_THAT(VersionsToDelete({.versions = 2}, Versions(), {}),
+              ElementsAre("models/town/versions/1"));
+}
+
+TEST(VersionsToDeleteTest, WhatAnAliasNamesStaysHoweverOld) {
+  EXPECT_THAT(VersionsToDelete({.versions = 1}, Versions(), {}),
+              ElementsAre("models/town/versions/3", "models/town/versions/1"));
+}
+
+TEST(VersionsToDeleteTest, WhatAJobReadsStays) {
+  EXPECT_THAT(VersionsToDelete({.versions = 1}, Versions(), {"models/town/versions/3"}),
+              ElementsAre("models/town/versions/1"));
+}
+
+TEST(VersionsToDeleteTest, WithoutANumberAllStay) {
+  EXPECT_THAT(VersionsToDelete({}, Versions(), {}), IsEmpty());
+}
+
+class RetentionTest : public SupervisorTest {
+ protected:
+  // A job that ended so long ago, with a checkpoint.
+  void AddEnded(const std::string& id, v1::JobState state, absl::Duration age) {
+    v1::Job job;
+    job.set_name("jobs/" + id);
+    *job.mutable_train() = TrainTown();
+    job.set_state(v1::JOB_STATE_PENDING);
+    ASSERT_TRUE(store_->Add(job, "", "").ok());
+    job.set_state(v1::JOB_STATE_RUNNING);
+    ASSERT_TRUE(store_->Move(v1::JOB_STATE_PENDING, job).ok());
+    job.set_state(state);
+    *job.mutable_end_time() = ToTimestamp(now_ - age);
+    ASSERT_TRUE(store_->Move(v1::JOB_STATE_RUNNING, job).ok());
+    fs::create_directories(FolderOf(job) / "checkpoints");
+    std::ofstream(FolderOf(job) / "checkpoints" / "checkpoint-000001") << "x";
+  }
+  bool HasJob(const std::string& id) { return store_->Get("jobs/" + id).ok(); }
+  bool HasCheckpoints(const std::string& id) { return LastCheckpoint(folder_ / "jobs" / id) > 0; }
+
+  RetainedModels Models() {
+    return {[this] { return versions_; },
+            [this](const std::string& version) {
+              std::erase_if(versions_, [&](const KeptVersion& v) { return v.name == version; });
+              return absl::OkStatus();
+            }};
+  }
+
+  const absl::Time now_ = absl::Now();
+  std::vector<KeptVersion> versions_ = Versions();
+};
+
+TEST_F(RetentionTest, OldJobsAreForgottenAndOldCheckpointsRemoved) {
+  AddEnded("ancient", v1::JOB_STATE_SUCCEEDED, absl::Hours(24 * 91));
+  AddEnded("old", v1::JOB_STATE_FAILED, absl::Hours(24 * 15));
+  AddEnded("old-cancelled", v1::JOB_STATE_CANCELLED, absl::Hours(24 * 15));
+  AddEnded("recent", v1::JOB_STATE_CANCELLED, absl::Hours(24 * 13));
+  Start();
+  Retention retention({.versions = 1}, *supervisor_, Models());
+  ASSERT_TRUE(retention.Sweep(now_).ok());
+  EXPECT_FALSE(HasJob("ancient"));
+  EXPECT_FALSE(fs::exists(folder_ / "jobs" / "ancient"));
+  EXPECT_TRUE(HasJob("old") && HasJob("old-cancelled") && HasJob("recent"));
+  EXPECT_FALSE(HasCheckpoints("old") || HasCheckpoints("old-cancelled"));
+  EXPECT_TRUE(HasCheckpoints("recent"));
+  EXPECT_EQ(versions_.size(), 3u);
+}
+
+TEST_F(RetentionTest, WhatHasNotEndedIsLeftAlone) {
+  Trainer("mkdir -p \"$checkpoints\"; touch \"$checkpoints/checkpoint-000001\"\n" +
+          std::string(kRunsOn));
+  Start();
+  const std::string running = Train().name();
+  WaitForProgress(running);
+  const std::string pending = Train().name();
+  fs::create_directories(folder_ / pending / "checkpoints");
+  std::ofstream(folder_ / pending / "checkpoints" / "checkpoint-000001") << "x";
+  Retention retention({.jobs = absl::ZeroDuration(), .checkpoints = absl::ZeroDuration()},
+                      *supervisor_, Models());
+  ASSERT_TRUE(retention.Sweep(now_ + absl::Hours(1'000)).ok());
+  for (const std::string& job : {running, pending}) {
+    EXPECT_TRUE(store_->Get(job).ok());
+    EXPECT_EQ(LastCheckpoint(folder_ / job), 1);
+    EXPECT_FALSE(*supervisor_->DropCheckpoints(job));
+  }
+}
+
+TEST_F(RetentionTest, AnInfiniteAgeKeepsAll) {
+  AddEnded("ancient", v1::JOB_STATE_FAILED, absl::Hours(24 * 10'000));
+  Start();
+  Retention retention({.jobs = absl::InfiniteDuration(), .checkpoints = absl::InfiniteDuration()},
+                      *supervisor_, Models());
+  ASSERT_TRUE(retention.Sweep(now_).ok());
+  EXPECT_TRUE(HasJob("ancient") && HasCheckpoints("ancient"));
+}
+
+TEST_F(RetentionTest, TheFirstSweepIsAtTheStart) {
+  AddEnded("ancient", v1::JOB_STATE_SUCCEEDED, absl::Hours(24 * 91));
+  Start();
+  Retention retention({}, *supervisor_, Models());
+  const bool gone = WaitForNews(supervisor_->news(), "jobs/ancient", [&] {
+    static bool started = false;
+    if (!std::exchange(started, true)) retention.SweepRegularly(absl::Hours(1));
+    return !HasJob("ancient");
+  });
+  EXPECT_TRUE(gone);
+}
+
+}  // namespace
+}  // namespace maneuver::jobs
