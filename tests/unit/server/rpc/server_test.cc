@@ -95,12 +95,14 @@ class ServerTest : public ::testing::Test {
     scheduler_ = std::make_unique<serving::BatchScheduler>(
         serving::SchedulerOptions{.workers = 2, .queue = {.max_queue = 100}}, *metrics_);
     disk_ = std::make_unique<jobs::WorkerPool>(2, 100);
-    context_ =
-        std::make_unique<PredictionContext>(PredictionContext{*models_, *scheduler_, *disk_, {}});
+    context_ = std::make_unique<PredictionContext>(
+        PredictionContext{*models_, *scheduler_, *disk_, {}, *access_});
     predictions_ = std::make_unique<PredictionService>(*context_);
     model_service_ = std::make_unique<ModelService>(*models_, *disk_);
-    auto server =
-        Server::Start({"127.0.0.1", 0}, {predictions_.get(), model_service_.get()}, *metrics_);
+    auto server = Server::Start({"127.0.0.1", 0},
+                                {{v1::PredictionService::service_full_name(), predictions_.get()},
+                                 {v1::ModelService::service_full_name(), model_service_.get()}},
+                                *access_, *metrics_);
     ASSERT_TRUE(server.ok()) << server.status();
     server_ = *std::move(server);
     models_->OnReadyChange([this](bool ready) { server_->SetPredictionsReady(ready); });
@@ -158,6 +160,8 @@ class ServerTest : public ::testing::Test {
   fs::path folder_;
   const std::unique_ptr<monitoring::PrometheusMetrics> metrics_ =
       monitoring::PrometheusMetrics::Create();
+  const std::unique_ptr<security::AccessControl> access_ =
+      *security::AccessControl::Create({}, *metrics_);
   MemoryAliasStore aliases_;
   serving::FakeNetworks networks_;
   std::unique_ptr<serving::ModelRegistry> models_;
@@ -458,7 +462,9 @@ TEST_F(ServerTest, PromotionIsAnAliasAndAnAliasedVersionStays) {
 }
 
 TEST_F(ServerTest, ATakenPortIsAnError) {
-  const auto second = Server::Start(server_->address(), {predictions_.get()}, *metrics_);
+  const auto second = Server::Start(
+      server_->address(), {{v1::PredictionService::service_full_name(), predictions_.get()}},
+      *access_, *metrics_);
   EXPECT_TRUE(absl::IsUnavailable(second.status()));
 }
 
