@@ -29,10 +29,11 @@ struct AccessOptions {
 
 // What a call shows of its caller.
 struct Credentials {
-  std::vector<std::string> authorization;      // headers of that name
-  std::vector<std::string> alternative_names;  // of the client's certificate, if it was verified
-  std::string common_name;                     // likewise
-  std::string peer;                            // network address, without the port
+  std::vector<std::string> authorization = {};  // headers of that name
+  std::vector<std::string> alternative_names =
+      {};                        // of the client's certificate, if it was verified
+  std::string common_name = {};  // likewise
+  std::string peer = {};         // network address, without the port
 };
 
 // Thread-safe.

@@ -242,6 +242,18 @@ TEST_F(TlsTest, TheCommandSpeaksTlsAndKeepsItsTokenToItself) {
   EXPECT_THAT(output, HasSubstr("--token-file"));
   EXPECT_EQ(RunManeuver(*server, {"job", "list"}, &output), 1);
   EXPECT_THAT(output, HasSubstr("--tls"));
+  // Every kind of call carries the token.
+  EXPECT_EQ(testing::Run({MANEUVER, "synthesize", f("town"), "--recordings", "1"}, &output), 0)
+      << output;
+  const std::vector<std::string> known = {"--tls-ca", f("ca.crt"), "--token-file", f("token")};
+  const auto as_researcher = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), known.begin(), known.end());
+    return RunManeuver(*server, arguments, &output);
+  };
+  EXPECT_EQ(as_researcher({"dataset", "upload", f("town"), "town"}), 0) << output;
+  EXPECT_EQ(as_researcher({"job", "watch", "none"}), 1);
+  EXPECT_THAT(output, HasSubstr("jobs/none"));
+  EXPECT_EQ(as_researcher({"health"}), 0) << output;
   // Plain text beyond this machine: nothing is sent at all.
   EXPECT_EQ(testing::Run(
                 {MANEUVER, "--server", "192.0.2.1:8470", "--token-file", f("token"), "job", "list"},
