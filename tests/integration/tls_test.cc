@@ -211,8 +211,10 @@ TEST_F(TlsTest, WhatCannotBeMeantIsRefusedWithWhatToDo) {
            {{"--tokens", f("roles")}, "line 1: roles are predict, train and admin"},
        }) {
     SCOPED_TRACE(::testing::PrintToString(misuse.flags));
-    std::vector<std::string> command = {MANEUVERD,     "--data-dir",       f("refused"), "--listen",
-                                        "127.0.0.1:0", "--metrics-listen", "none"};
+    // One that is not refused would serve for ever.
+    std::vector<std::string> command = {
+        "/usr/bin/timeout", "5",           MANEUVERD,          "--data-dir", f("refused"),
+        "--listen",         "127.0.0.1:0", "--metrics-listen", "none"};
     for (const std::string& flag : misuse.flags) {
       const auto given = std::ranges::find(command, flag);
       if (given != command.end() && flag.starts_with("--")) command.erase(given, given + 2);
