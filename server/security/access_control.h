@@ -30,10 +30,10 @@ struct AccessOptions {
 // What a call shows of its caller.
 struct Credentials {
   std::vector<std::string> authorization = {};  // headers of that name
-  std::vector<std::string> alternative_names =
-      {};                        // of the client's certificate, if it was verified
-  std::string common_name = {};  // likewise
-  std::string peer = {};         // network address, without the port
+  // Of the client's certificate, if it was verified.
+  std::vector<std::string> alternative_names = {};
+  std::string common_name = {};
+  std::string peer = {};  // network address, without the port
 };
 
 // Thread-safe.
