@@ -11,6 +11,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "client/connection.h"
+#include "client/credentials.h"
 #include "google/protobuf/wrappers.pb.h"
 
 namespace maneuver::client {
@@ -63,10 +64,13 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const ClientOptions& opt
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2'000);
   if (!options.user_agent.empty()) arguments.SetUserAgentPrefix(options.user_agent);
 
+  auto credentials = LoadCredentials(options);
+  if (!credentials.ok()) return credentials.status();
+
   auto connection = std::make_unique<Connection>();
   connection->options = options;
-  connection->channel =
-      grpc::CreateCustomChannel(options.address, grpc::InsecureChannelCredentials(), arguments);
+  connection->authorization = std::move(credentials->authorization);
+  connection->channel = grpc::CreateCustomChannel(options.address, credentials->channel, arguments);
   connection->predictions = v1::PredictionService::NewStub(connection->channel);
   connection->models = v1::ModelService::NewStub(connection->channel);
   connection->datasets = v1::DatasetService::NewStub(connection->channel);
@@ -218,6 +222,7 @@ absl::Status Client::CheckHealth(const std::string& service, const CallOptions& 
   grpc::TemplatedGenericStub<google::protobuf::StringValue, google::protobuf::Int32Value> stub(
       connection_->channel);
   grpc::ClientContext context;
+  connection_->Introduce(context);
   context.set_deadline(absl::ToChronoTime(
       absl::Now() + call.timeout.value_or(connection_->options.deadlines.management)));
   const Cancellation::Registration registration(call.cancellation,

@@ -19,6 +19,8 @@
 // (error_details.h), the reason and the fields that are wrong. In a batch an item fails alone: look
 // at `error` of each prediction.
 //
+// A server that asks who calls: set tls and token_file of ClientOptions.
+//
 // Each call has a deadline, over all its attempts. Calls that are safe to repeat are tried again
 // when the server is UNAVAILABLE (retry.h): all but deletions and uploads. Train and Evaluate are
 // safe because they carry a request_id; one is made up where the request has none.
@@ -52,8 +54,19 @@ struct CallDeadlines {
   absl::Duration upload = absl::Hours(1);
 };
 
+// Encryption, and who is at the other end. Paths of PEM files.
+struct TlsOptions {
+  std::string root_certificates = "";  // whose servers are trusted; empty: the system's authorities
+  std::string certificate = "";        // of this client, where the server asks for one
+  std::string key = "";                // of that certificate
+};
+
 struct ClientOptions {
   std::string address = "127.0.0.1:8470";  // HOST:PORT, or unix:PATH
+  std::optional<TlsOptions> tls = {};      // nothing: plain text
+  // Says who calls, where the server asks for that. Sent over TLS, or within this machine, alone.
+  std::string token = "";
+  std::string token_file = "";  // in place of `token`; read by Connect
   CallDeadlines deadlines = {};
   RetryPolicy retry = {};
   // A watched job whose stream broke is picked up again for so long after the last sign of life.
@@ -71,8 +84,9 @@ struct CallOptions {
 // A connection to one server. Thread-safe; calls run in the calling thread.
 class Client {
  public:
-  // INVALID_ARGUMENT for options that make no sense. Does not wait for the server: the first call
-  // connects, and finds out whether it answers.
+  // INVALID_ARGUMENT for options that make no sense, NOT_FOUND for files that cannot be read,
+  // FAILED_PRECONDITION for a token that would cross the network in plain text. Does not wait for
+  // the server: the first call connects, and finds out whether it answers.
   static absl::StatusOr<std::unique_ptr<Client>> Connect(const ClientOptions& options);
   ~Client();
   Client(const Client&) = delete;

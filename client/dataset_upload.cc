@@ -74,6 +74,7 @@ absl::StatusOr<v1::Dataset> Client::UploadDataset(const std::string& folder,
   for (const v1::Shard& shard : dataset->shards()) total += shard.size_bytes();
 
   grpc::ClientContext context;
+  connection_->Introduce(context);
   context.set_deadline(absl::ToChronoTime(
       absl::Now() + call.timeout.value_or(connection_->options.deadlines.upload)));
   const Cancellation::Registration registration(call.cancellation,

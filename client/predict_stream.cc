@@ -13,9 +13,10 @@ namespace {
 class GrpcPredictStream final : public PredictStream {
  public:
   GrpcPredictStream(v1::PredictionService::Stub& stub, OnResponse on_response,
-                    const CallOptions& call)
+                    const CallOptions& call, const std::string& authorization)
       : on_response_(std::move(on_response)),
         registration_(call.cancellation, [this] { context_.TryCancel(); }) {
+    if (!authorization.empty()) context_.AddMetadata("authorization", authorization);
     if (call.timeout) context_.set_deadline(absl::ToChronoTime(absl::Now() + *call.timeout));
     stream_ = stub.StreamPredict(&context_);
     reader_ = std::thread([this] {
@@ -85,7 +86,7 @@ class GrpcPredictStream final : public PredictStream {
 std::unique_ptr<PredictStream> Client::StreamPredict(PredictStream::OnResponse on_response,
                                                      const CallOptions& call) {
   return std::make_unique<GrpcPredictStream>(*connection_->predictions, std::move(on_response),
-                                             call);
+                                             call, connection_->authorization);
 }
 
 }  // namespace maneuver::client

@@ -18,6 +18,7 @@ absl::StatusOr<v1::Job> Client::WatchJob(const v1::WatchJobRequest& request,
   // One stream, to its end. UNAVAILABLE if it broke before the job ended.
   const auto follow = [&]() -> absl::Status {
     grpc::ClientContext context;
+    connection_->Introduce(context);
     if (deadline != absl::InfiniteFuture()) context.set_deadline(absl::ToChronoTime(deadline));
     const Cancellation::Registration registration(call.cancellation,
                                                   [&context] { context.TryCancel(); });

@@ -2,6 +2,7 @@
 
 #include <google/protobuf/util/json_util.h>
 
+#include <cstdlib>
 #include <ostream>
 
 #include "absl/strings/match.h"
@@ -24,8 +25,14 @@ client::Client& Environment::server_client() {
         err << failure.message() << "; trying again in " << absl::FormatDuration(wait) << "\n";
       };
     }
-    // --server is checked to be non-empty when it is parsed; the rest are defaults.
-    client_ = *client::Client::Connect(options);
+    if (tls || !tls_ca.empty() || !tls_certificate.empty() || !tls_key.empty()) {
+      options.tls = client::TlsOptions{tls_ca, tls_certificate, tls_key};
+    }
+    options.token_file = token_file;
+    if (token_file.empty()) options.token = token;
+    auto connected = client::Client::Connect(options);
+    if (!connected.ok()) std::exit(Refuse(std::string(connected.status().message())));
+    client_ = *std::move(connected);
   }
   return *client_;
 }
@@ -62,7 +69,8 @@ std::string Explain(const absl::Status& status, const std::string& server) {
   if (text.empty()) text = absl::StatusCodeToString(status.code());
   if (absl::IsUnavailable(status) && details.reason.empty()) {
     text = absl::StrCat("no server answers at ", server,
-                        "; start one with maneuverd --data-dir DIR or name it with --server (",
+                        "; start one with maneuverd --data-dir DIR or name it with --server; one "
+                        "that serves over TLS needs --tls or --tls-ca (",
                         text, ")");
   } else if (absl::IsDeadlineExceeded(status)) {
     text = absl::StrCat("the server at ", server,

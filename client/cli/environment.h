@@ -29,13 +29,20 @@ class Environment {
 
   // Global options.
   std::string server = "127.0.0.1:8470";
+  bool tls = false;    // also if one of the three that follow is given
+  std::string tls_ca;  // PEM files
+  std::string tls_certificate;
+  std::string tls_key;
+  std::string token_file;
+  std::string token;  // from the environment: what is on a command line, others can read
   std::string output = "text";
   std::optional<double> timeout;  // seconds
   bool verbose = false;
 
   bool json() const { return output == "json"; }
 
-  // The server, connected to on first use.
+  // The server, connected to on first use. Says why and ends the program if the options above make
+  // that impossible.
   client::Client& server_client();
   // --timeout, as each call takes it.
   client::CallOptions call_options() const;

@@ -11,6 +11,7 @@
 int main(int argc, char** argv) {
   std::signal(SIGPIPE, SIG_IGN);
   maneuver::cli::Environment environment(std::cin, std::cout, std::cerr);
+  if (const char* token = std::getenv("MANEUVER_TOKEN")) environment.token = token;
   const char* no_color = std::getenv("NO_COLOR");
   environment.color =
       isatty(STDOUT_FILENO) == 1 && (no_color == nullptr || std::string(no_color).empty());

@@ -13,6 +13,17 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
       "maneuver", MANEUVER_VERSION);
   Command root = line.root();
   root.Option("--server", &environment.server, "HOST:PORT of the server", "MANEUVER_SERVER");
+  root.Flag("--tls", &environment.tls, "Over TLS, to a server whom the system's authorities know");
+  root.Option("--tls-ca", &environment.tls_ca,
+              "Over TLS, to a server whom this authority knows, PEM", "MANEUVER_TLS_CA");
+  root.Option("--tls-certificate", &environment.tls_certificate,
+              "Certificate of this client, PEM, where the server asks for one",
+              "MANEUVER_TLS_CERTIFICATE");
+  root.Option("--tls-key", &environment.tls_key, "The certificate's private key, PEM",
+              "MANEUVER_TLS_KEY");
+  root.Option("--token-file", &environment.token_file,
+              "File with the token that says who calls; or the token itself in MANEUVER_TOKEN",
+              "MANEUVER_TOKEN_FILE");
   root.Choice("--output", &environment.output, {"text", "json"},
               "Tables for people, or proto3 JSON for scripts");
   root.Option("--timeout", &environment.timeout, 0.001, 1e6,

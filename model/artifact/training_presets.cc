@@ -33,7 +33,7 @@ constexpr char kLearning[] = R"pb(
   }
   optimization {
     pretraining_epochs: 30
-    mixture_epochs: 15
+    mixture_epochs: 60
     joint_epochs: 10
     batch_size: 64
     learning_rate: 1e-3
@@ -45,7 +45,7 @@ constexpr char kLearning[] = R"pb(
     posterior_epochs: 6
     responsibilities: RESPONSIBILITIES_PRINTED
     mixture_placement: MIXTURE_PLACEMENT_VELOCITY_CLUSTERS
-    clustered_epochs: 10
+    clustered_epochs: 50
     placements: 1
     decoder_covariance: DECODER_COVARIANCE_LEARNED
     dropout: 0.2

@@ -65,6 +65,13 @@ absl::Status WithReason(absl::Status status, std::string_view reason,
   return status;
 }
 
+std::string ReasonOf(const absl::Status& status) {
+  const auto payload = status.GetPayload(kErrorInfo);
+  v1::ErrorInfo detail;
+  if (!payload || !detail.ParseFromString(std::string(*payload))) return "";
+  return detail.reason();
+}
+
 absl::Status WithRetryDelay(absl::Status status, std::chrono::nanoseconds delay) {
   v1::RetryInfo detail;
   detail.mutable_retry_delay()->set_seconds(delay.count() / kNanosecondsPerSecond);

@@ -31,6 +31,8 @@ absl::Status InvalidField(std::string_view field, std::string_view description);
 // `status` with an ErrorInfo: a stable UPPER_SNAKE_CASE reason. Replaces an earlier one.
 absl::Status WithReason(absl::Status status, std::string_view reason,
                         const std::map<std::string, std::string>& metadata = {});
+// The reason that WithReason gave; empty if there is none.
+std::string ReasonOf(const absl::Status& status);
 
 // `status` with a RetryInfo.
 absl::Status WithRetryDelay(absl::Status status, std::chrono::nanoseconds delay);

@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -23,6 +24,8 @@
 #include "server/jobs/worker_pool.h"
 #include "server/maneuverd/data_lock.h"
 #include "server/maneuverd/options.h"
+#include "server/maneuverd/protection.h"
+#include "server/maneuverd/token_command.h"
 #include "server/monitoring/logging.h"
 #include "server/monitoring/prometheus_metrics.h"
 #include "server/rpc/dataset_service.h"
@@ -142,6 +145,8 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
                  {{"version", MANEUVER_VERSION}})
       .Set(1.0);
 
+  const auto protection = Protection::Open(options, *metrics);
+  if (!protection.ok()) return protection.status();
   const auto lock = DataLock::Take(options.data_dir);
   if (!lock.ok()) return lock.status();
   const auto store = jobs::SqliteStore::Open(options.data_dir / "maneuver.db");
@@ -164,15 +169,19 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   retention.SweepRegularly(kBetweenSweeps);
   // After what its work uses, before the services that give it work.
   jobs::WorkerPool disk(kDiskThreads, kMaxWaitingForDisk);
-  rpc::PredictionContext context{**models, scheduler, disk, {}};
+  rpc::PredictionContext context{**models, scheduler, disk, {}, (*protection)->access()};
   rpc::PredictionService predictions(context);
   rpc::ModelService model_service(**models, disk);
   rpc::DatasetService dataset_service(**datasets, **supervisor, disk);
   rpc::TrainingService training_service(**supervisor, disk);
 
-  auto server = rpc::Server::Start(
-      options.listen, {&predictions, &model_service, &dataset_service, &training_service},
-      *metrics);
+  auto server = rpc::Server::Start(options.listen,
+                                   {{v1::PredictionService::service_full_name(), &predictions},
+                                    {v1::ModelService::service_full_name(), &model_service},
+                                    {v1::DatasetService::service_full_name(), &dataset_service},
+                                    {v1::TrainingService::service_full_name(), &training_service}},
+                                   (*protection)->access(), *metrics, (*protection)->credentials(),
+                                   options.limits);
   if (!server.ok()) return server.status();
   std::string metrics_address;
   if (options.metrics_listen) {
@@ -209,6 +218,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
 }
 
 int Main(int argc, char** argv) {
+  if (argc > 1 && std::string_view(argv[1]) == "token") return RunTokenCommand(argc - 1, argv + 1);
   const auto parsed = ParseCommandLine(argc, argv);
   if (const int* status = std::get_if<int>(&parsed)) return *status;
   const auto& options = std::get<ServerOptions>(parsed);

@@ -35,11 +35,79 @@ std::chrono::nanoseconds Milliseconds(double milliseconds) {
   return std::chrono::nanoseconds(std::llround(milliseconds * 1e6));
 }
 
-absl::StatusOr<security::ListenAddress> ParseExposed(const std::string& text, bool insecure) {
+absl::StatusOr<security::ListenAddress> ParseExposed(const std::string& text, bool encrypted,
+                                                     bool insecure) {
   auto address = security::ParseListenAddress(text);
   if (!address.ok()) return address.status();
-  if (auto status = security::CheckExposure(*address, insecure); !status.ok()) return status;
+  const auto status = security::CheckExposure(*address, encrypted, insecure);
+  if (!status.ok()) return status;
   return address;
+}
+
+struct SecurityFlags {
+  security::CertificateFiles tls;
+  int max_message_mib = 64;
+  int64_t max_idle_s = 900;
+  int64_t max_age_s = 3600;
+  bool insecure = false;
+};
+
+void AddSecurityFlags(CLI::App& app, SecurityFlags* flags, ServerOptions* options) {
+  app.add_option("--tls-certificate", flags->tls.certificate,
+                 "Serve over TLS with this certificate, PEM; read again when it changes");
+  app.add_option("--tls-key", flags->tls.key, "The certificate's private key, PEM");
+  app.add_option("--tls-client-ca", flags->tls.client_ca,
+                 "Clients need a certificate of this authority, PEM (mutual TLS)");
+  app.add_option("--tokens", options->access.identities,
+                 "Who may call, by token or client certificate: lines as \"maneuverd token "
+                 "create\" writes them; read again when it changes. Without it all may do all");
+  app.add_flag("--insecure", flags->insecure, "Allow listening beyond loopback in plain text");
+  app.add_option("--rate-limit", options->access.calls_per_second,
+                 "Most calls a second of each client; 0: any number")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str();
+  app.add_option("--rate-limit-targets", options->access.targets_per_second,
+                 "Most targets a second that are predicted for each client; 0: any number")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str();
+  app.add_option("--max-message", flags->max_message_mib, "Largest message taken, MiB")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str();
+  app.add_option("--max-streams", options->limits.max_streams,
+                 "Most calls at once on one connection")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  app.add_option("--max-connection-idle", flags->max_idle_s,
+                 "A connection without a call for so long is closed, seconds")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  app.add_option("--max-connection-age", flags->max_age_s,
+                 "A connection this old takes no new calls, seconds; those in flight go on")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+}
+
+// FAILED_PRECONDITION for flags that make no sense together.
+absl::Status TakeSecurityFlags(const SecurityFlags& flags, ServerOptions* options) {
+  const security::CertificateFiles& tls = flags.tls;
+  if (tls.certificate.empty() != tls.key.empty()) {
+    return absl::FailedPreconditionError(
+        "--tls-certificate and --tls-key need one another: name both files, or neither");
+  }
+  if (!tls.client_ca.empty() && tls.certificate.empty()) {
+    return absl::FailedPreconditionError(
+        "--tls-client-ca needs TLS: name --tls-certificate and --tls-key as well");
+  }
+  if (!tls.client_ca.empty() && options->access.identities.empty()) {
+    return absl::FailedPreconditionError(
+        "--tls-client-ca needs --tokens FILE, which says what each certificate may do, in lines "
+        "such as: planner predict cn:planner");
+  }
+  if (!tls.certificate.empty()) options->tls = tls;
+  options->limits.max_message_bytes = flags.max_message_mib << 20;
+  options->limits.max_idle = std::chrono::seconds(flags.max_idle_s);
+  options->limits.max_age = std::chrono::seconds(flags.max_age_s);
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -54,10 +122,11 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv) {
   std::string precision = "auto";
   std::string log_format = "text";
   std::string log_level = "info";
-  bool insecure = false;
+  SecurityFlags security_flags;
   options.jobs.trainer = BesideThisProgram("maneuver-trainer");
 
   CLI::App app("maneuverd: predicts what drivers do next. Answers over gRPC, learns on request.");
+  app.footer("\nmaneuverd token create makes a token for --tokens.");
   app.set_version_flag("--version", MANEUVER_VERSION);
   app.add_option("--data-dir", options.data_dir, "Folder of models, datasets and jobs")->required();
   app.add_option("--listen", listen, "HOST:PORT for gRPC; port 0 picks a free one")
@@ -67,8 +136,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv) {
          "HOST:PORT for Prometheus, under /metrics; port 0 picks a free one; \"none\" for no "
          "metrics")
       ->capture_default_str();
-  app.add_flag("--insecure", insecure,
-               "Allow listening beyond loopback, without encryption or identity");
+  AddSecurityFlags(app, &security_flags, &options);
   app.add_option("--port-file", options.port_file,
                  "Write the addresses that it listens on to this file, as JSON");
   app.add_option("--workers", workers, "Threads that evaluate the model")
@@ -114,15 +182,20 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv) {
   options.log_level = kLogLevels.at(log_level);
 
   const auto refuse = [](const char* flag, const absl::Status& status) {
-    std::cerr << "maneuverd: " << flag << ": " << status.message() << "\n";
+    std::cerr << "maneuverd: " << flag << status.message() << "\n";
     return kUsageError;
   };
-  auto address = ParseExposed(listen, insecure);
-  if (!address.ok()) return refuse("--listen", address.status());
+  if (const auto status = TakeSecurityFlags(security_flags, &options); !status.ok()) {
+    return refuse("", status);
+  }
+  const bool insecure = security_flags.insecure;
+  auto address = ParseExposed(listen, options.tls.has_value(), insecure);
+  if (!address.ok()) return refuse("--listen: ", address.status());
   options.listen = *std::move(address);
   if (metrics_listen != "none") {
-    auto metrics_address = ParseExposed(metrics_listen, insecure);
-    if (!metrics_address.ok()) return refuse("--metrics-listen", metrics_address.status());
+    // The metrics page knows no TLS.
+    auto metrics_address = ParseExposed(metrics_listen, /*encrypted=*/false, insecure);
+    if (!metrics_address.ok()) return refuse("--metrics-listen: ", metrics_address.status());
     options.metrics_listen = *std::move(metrics_address);
   }
   return options;

@@ -11,6 +11,9 @@
 #include "model/inference/action_model.h"
 #include "server/maneuverd/job_options.h"
 #include "server/monitoring/logging.h"
+#include "server/rpc/server.h"
+#include "server/security/access_control.h"
+#include "server/security/certificates.h"
 #include "server/security/listen_address.h"
 #include "server/serving/batch_scheduler.h"
 
@@ -21,6 +24,9 @@ struct ServerOptions {
   security::ListenAddress listen;
   std::optional<security::ListenAddress> metrics_listen;  // nothing: no metrics page
   std::filesystem::path port_file;                        // empty: none
+  std::optional<security::CertificateFiles> tls;          // nothing: plain text
+  security::AccessOptions access;
+  rpc::ConnectionLimits limits;
   serving::SchedulerOptions scheduler;
   inference::EngineOptions engine;
   JobOptions jobs;

@@ -12,6 +12,7 @@ namespace {
 // makes the caller wait.
 constexpr size_t kMaxInFlight = 64;
 constexpr size_t kMaxRequestIdLength = 128;
+constexpr char kMethod[] = "/maneuver.v1.PredictionService/StreamPredict";
 
 }  // namespace
 
@@ -24,7 +25,8 @@ PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* r
           .predictions = response->mutable_predictions()};
 }
 
-PredictStream::PredictStream(PredictionContext& context) : context_(context) {
+PredictStream::PredictStream(PredictionContext& context, security::Credentials caller)
+    : context_(context), caller_(std::move(caller)) {
   Proceed(std::unique_lock(mutex_));
 }
 
@@ -71,6 +73,12 @@ void PredictStream::OnReadDone(bool ok) {
   Proceed(std::unique_lock(mutex_));
 }
 
+absl::Status PredictStream::Admit(const v1::PredictRequest& request) {
+  absl::Status status = context_.access.Admit(kMethod, caller_);
+  if (status.ok()) status = AdmitTargets(context_.access, caller_, request.scenarios());
+  return status;
+}
+
 void PredictStream::Begin(std::shared_ptr<Entry> entry) {
   const v1::StreamPredictRequest& request = entry->request;
   if (request.request_id().size() > kMaxRequestIdLength) {
@@ -78,6 +86,9 @@ void PredictStream::Begin(std::shared_ptr<Entry> entry) {
                     errors::InvalidField("request_id", "longer than 128 characters"));
   }
   entry->response.set_request_id(request.request_id());
+  if (const absl::Status status = Admit(request.request()); !status.ok()) {
+    return Answered(std::move(entry), status);
+  }
   serving::TimePoint deadline = serving::TimePoint::max();
   // Longer than a day is as good as never.
   constexpr int64_t kNever = 24 * 3600;

@@ -22,7 +22,9 @@ PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* r
 class PredictStream final
     : public grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse> {
  public:
-  explicit PredictStream(PredictionContext& context);
+  // Each request of the stream is admitted anew: a token that is taken back ends it for open
+  // streams too.
+  PredictStream(PredictionContext& context, security::Credentials caller);
 
   void OnReadDone(bool ok) override;
   void OnWriteDone(bool ok) override;
@@ -38,12 +40,14 @@ class PredictStream final
   };
 
   void Begin(std::shared_ptr<Entry> entry);
+  absl::Status Admit(const v1::PredictRequest& request);
   void Answered(std::shared_ptr<Entry> entry, const absl::Status& status);
   // Reads, writes or finishes, whatever the state now allows. Takes the lock under which the state
   // was changed: once it is free, and nothing was begun here, the stream may be gone.
   void Proceed(std::unique_lock<std::mutex> lock);
 
   PredictionContext& context_;
+  const security::Credentials caller_;
 
   std::mutex mutex_;  // guards what follows
   std::shared_ptr<Entry> reading_;

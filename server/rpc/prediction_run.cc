@@ -9,6 +9,13 @@
 
 namespace maneuver::rpc {
 
+absl::Status AdmitTargets(security::AccessControl& access, const security::Credentials& caller,
+                          const Scenarios& scenarios) {
+  int targets = 0;
+  for (const v1::Scenario& scenario : scenarios) targets += scenario.target_ids_size();
+  return access.AdmitTargets(caller, targets);
+}
+
 std::shared_ptr<PredictionRun> PredictionRun::Start(PredictionContext& context,
                                                     const PredictionIo& io,
                                                     serving::TimePoint deadline,

@@ -13,6 +13,7 @@
 #include "absl/status/status.h"
 #include "server/jobs/worker_pool.h"
 #include "server/rpc/prediction_translation.h"
+#include "server/security/access_control.h"
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/model_registry.h"
 
@@ -24,7 +25,12 @@ struct PredictionContext {
   serving::BatchScheduler& scheduler;
   jobs::WorkerPool& blocking;  // for a model that is not in memory
   scene::ScenarioLimits limits;
+  security::AccessControl& access;
 };
+
+// Whether the caller may ask for that many targets now.
+absl::Status AdmitTargets(security::AccessControl& access, const security::Credentials& caller,
+                          const Scenarios& scenarios);
 
 // The request, and where its answer goes; both outlive the run.
 struct PredictionIo {

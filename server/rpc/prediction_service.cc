@@ -1,5 +1,6 @@
 #include "server/rpc/prediction_service.h"
 
+#include "server/rpc/guarded_service.h"
 #include "server/rpc/predict_stream.h"
 #include "server/rpc/status_details.h"
 
@@ -18,6 +19,13 @@ class PredictionReactor final : public grpc::ServerUnaryReactor {
  public:
   PredictionReactor(PredictionContext& context, const grpc::CallbackServerContext& rpc,
                     const PredictionIo& io) {
+    if (context.access.limits_targets()) {
+      const absl::Status admitted = AdmitTargets(context.access, CredentialsOf(rpc), *io.scenarios);
+      if (!admitted.ok()) {
+        Finish(ToGrpcStatus(admitted));
+        return;
+      }
+    }
     auto run = PredictionRun::Start(context, io, DeadlineOf(rpc),
                                     [this](absl::Status status) { Finish(ToGrpcStatus(status)); });
     const std::lock_guard lock(mutex_);
@@ -81,8 +89,8 @@ grpc::ServerUnaryReactor* PredictionService::ClassifyTrajectories(
 }
 
 grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse>*
-PredictionService::StreamPredict(grpc::CallbackServerContext*) {
-  return new PredictStream(context_);
+PredictionService::StreamPredict(grpc::CallbackServerContext* rpc) {
+  return new PredictStream(context_, CredentialsOf(*rpc));
 }
 
 }  // namespace maneuver::rpc

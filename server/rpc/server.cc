@@ -4,7 +4,10 @@
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
 
-#include <array>
+#include <algorithm>
+#include <climits>
+#include <cstdint>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "server/rpc/call_metrics.h"
@@ -12,10 +15,26 @@
 namespace maneuver::rpc {
 namespace {
 
-constexpr int kMaxReceiveBytes = 64 << 20;
 constexpr char kPredictionService[] = "maneuver.v1.PredictionService";
-constexpr std::array kOtherServices = {"", "maneuver.v1.ModelService", "maneuver.v1.DatasetService",
-                                       "maneuver.v1.TrainingService"};
+
+int Milliseconds(std::chrono::seconds time) {
+  const int64_t milliseconds = std::chrono::milliseconds(time).count();
+  return static_cast<int>(std::min<int64_t>(milliseconds, INT_MAX));
+}
+
+void Limit(grpc::ServerBuilder& builder, const ConnectionLimits& limits) {
+  builder.SetMaxReceiveMessageSize(limits.max_message_bytes);
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, limits.max_streams);
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_IDLE_MS, Milliseconds(limits.max_idle));
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, Milliseconds(limits.max_age));
+  // Who connects and says nothing is not waited for, and who went without a word is found out.
+  builder.AddChannelArgument(GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, 10'000);
+  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, 60'000);
+  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 20'000);
+  // A client may do the same.
+  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
+  builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, 10'000);
+}
 
 // gRPC checks the size of a message after it was decompressed, which is too late: a few kilobytes
 // can become gigabytes. Callers who compress get UNIMPLEMENTED.
@@ -27,19 +46,26 @@ void RefuseCompression(grpc::ServerBuilder& builder) {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<Server>> Server::Start(const security::ListenAddress& address,
-                                                      const std::vector<grpc::Service*>& services,
-                                                      monitoring::MetricRegistry& metrics) {
+absl::StatusOr<std::unique_ptr<Server>> Server::Start(
+    const security::ListenAddress& address, const std::vector<NamedService>& services,
+    security::AccessControl& access, monitoring::MetricRegistry& metrics,
+    std::shared_ptr<grpc::ServerCredentials> credentials, const ConnectionLimits& limits) {
+  if (credentials == nullptr) credentials = grpc::InsecureServerCredentials();
   grpc::EnableDefaultHealthCheckService(true);
   grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   grpc::ServerBuilder builder;
   // Two servers on one port would share its calls: a taken port is an error instead.
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
   int port = 0;
-  builder.AddListeningPort(address.ToString(), grpc::InsecureServerCredentials(), &port);
-  builder.SetMaxReceiveMessageSize(kMaxReceiveBytes);
+  builder.AddListeningPort(address.ToString(), credentials, &port);
+  Limit(builder, limits);
   RefuseCompression(builder);
-  for (grpc::Service* service : services) builder.RegisterService(service);
+  std::vector<std::unique_ptr<GuardedService>> guarded;
+  for (const NamedService& service : services) {
+    auto guard = GuardedService::Create(service, access);
+    if (!guard.ok()) return guard.status();
+    builder.RegisterService(guarded.emplace_back(*std::move(guard)).get());
+  }
   std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> interceptors;
   interceptors.push_back(CountCalls(metrics));
   builder.experimental().SetInterceptorCreators(std::move(interceptors));
@@ -50,13 +76,20 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(const security::ListenAddr
         absl::StrCat("cannot listen on ", address.ToString(), ": is the port taken?"));
   }
   auto* health = server->GetHealthCheckService();
+  for (const NamedService& service : services) health->SetServingStatus(service.name, true);
+  health->SetServingStatus("", true);
   health->SetServingStatus(kPredictionService, false);
-  for (const char* service : kOtherServices) health->SetServingStatus(service, true);
-  return std::unique_ptr<Server>(new Server(std::move(server), {address.host, port}));
+  return std::unique_ptr<Server>(new Server(std::move(server), {address.host, port},
+                                            std::move(guarded), std::move(credentials)));
 }
 
-Server::Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address)
-    : address_(std::move(address)), server_(std::move(server)) {}
+Server::Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
+               std::vector<std::unique_ptr<GuardedService>> services,
+               std::shared_ptr<grpc::ServerCredentials> credentials)
+    : address_(std::move(address)),
+      services_(std::move(services)),
+      credentials_(std::move(credentials)),
+      server_(std::move(server)) {}
 
 Server::~Server() { server_->Shutdown(std::chrono::system_clock::now()); }
 

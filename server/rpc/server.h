@@ -1,4 +1,4 @@
-// The gRPC server: services, health, reflection and call metrics on one port.
+// The gRPC server: guarded services, health, reflection and call metrics on one port.
 
 #ifndef MANEUVER_SERVER_RPC_SERVER_H_
 #define MANEUVER_SERVER_RPC_SERVER_H_
@@ -10,24 +10,39 @@
 
 #include "absl/status/statusor.h"
 #include "server/monitoring/metrics.h"
+#include "server/rpc/guarded_service.h"
+#include "server/security/access_control.h"
 #include "server/security/listen_address.h"
 
 namespace grpc {
 class Server;
-class Service;
+class ServerCredentials;
 }  // namespace grpc
 
 namespace maneuver::rpc {
+
+// What one connection, and one message, may take up.
+struct ConnectionLimits {
+  int max_message_bytes = 64 << 20;
+  int max_streams = 256;               // calls at once on one connection; more wait for their turn
+  std::chrono::seconds max_idle{900};  // without a call; then the client has to connect again
+  // A connection this old takes no more calls: the client connects anew, to another replica maybe,
+  // and with certificates of the day. Calls in flight go on.
+  std::chrono::seconds max_age{3600};
+};
 
 class Server {
  public:
   // Listens and answers. Every service, and the server as a whole (""), is SERVING but
   // PredictionService, which is NOT_SERVING until SetPredictionsReady.
-  //   services: outlive the server.
+  //   services: outlive the server, as does `access`, which lets calls of them in or not.
+  //   credentials: nullptr for plain text.
   // UNAVAILABLE if it cannot listen there.
-  static absl::StatusOr<std::unique_ptr<Server>> Start(const security::ListenAddress& address,
-                                                       const std::vector<grpc::Service*>& services,
-                                                       monitoring::MetricRegistry& metrics);
+  static absl::StatusOr<std::unique_ptr<Server>> Start(
+      const security::ListenAddress& address, const std::vector<NamedService>& services,
+      security::AccessControl& access, monitoring::MetricRegistry& metrics,
+      std::shared_ptr<grpc::ServerCredentials> credentials = nullptr,
+      const ConnectionLimits& limits = {});
   // Shuts down at once, if Shutdown was not called.
   ~Server();
 
@@ -43,9 +58,14 @@ class Server {
   void Shutdown(std::chrono::system_clock::time_point deadline);
 
  private:
-  Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address);
+  Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
+         std::vector<std::unique_ptr<GuardedService>> services,
+         std::shared_ptr<grpc::ServerCredentials> credentials);
 
   const security::ListenAddress address_;
+  // gRPC's server uses them to its end.
+  const std::vector<std::unique_ptr<GuardedService>> services_;
+  const std::shared_ptr<grpc::ServerCredentials> credentials_;
   const std::unique_ptr<grpc::Server> server_;
 };
 

@@ -46,11 +46,11 @@ bool IsLoopback(const ListenAddress& address) {
   return inet_pton(AF_INET6, address.host.c_str(), &v6) == 1 && IN6_IS_ADDR_LOOPBACK(&v6) != 0;
 }
 
-absl::Status CheckExposure(const ListenAddress& address, bool insecure) {
-  if (insecure || IsLoopback(address)) return absl::OkStatus();
-  return absl::FailedPreconditionError(
-      absl::StrCat("listening beyond loopback (", address.ToString(),
-                   ") needs --insecure: anyone who reaches the port may ask, train and delete"));
+absl::Status CheckExposure(const ListenAddress& address, bool encrypted, bool insecure) {
+  if (encrypted || insecure || IsLoopback(address)) return absl::OkStatus();
+  return absl::FailedPreconditionError(absl::StrCat(
+      "listening beyond loopback (", address.ToString(),
+      ") without TLS needs --insecure: whoever is on the way can read and change all"));
 }
 
 }  // namespace maneuver::security

@@ -24,8 +24,9 @@ absl::StatusOr<ListenAddress> ParseListenAddress(std::string_view text);
 // Whether nobody but this machine can reach it: 127.0.0.0/8, ::1 or localhost.
 bool IsLoopback(const ListenAddress& address);
 
-// FAILED_PRECONDITION unless the address is loopback or `insecure` was given.
-absl::Status CheckExposure(const ListenAddress& address, bool insecure);
+// FAILED_PRECONDITION unless the address is loopback, what goes over it is encrypted, or `insecure`
+// was given.
+absl::Status CheckExposure(const ListenAddress& address, bool encrypted, bool insecure);
 
 }  // namespace maneuver::security
 

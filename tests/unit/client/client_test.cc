@@ -308,5 +308,61 @@ TEST(ConnectTest, OptionsThatMakeNoSenseAreRefused) {
   EXPECT_TRUE(absl::IsInvalidArgument(Client::Connect({.retry = {.max_attempts = 0}}).status()));
 }
 
+TEST(ClientTest, EveryKindOfCallSaysWhoCalls) {
+  TestServer server;
+  std::mutex mutex;
+  std::vector<std::string> seen;
+  server.on_call = [&](const grpc::ServerContext& context) {
+    const std::lock_guard lock(mutex);
+    const auto header = context.client_metadata().find("authorization");
+    seen.push_back(header == context.client_metadata().end()
+                       ? ""
+                       : std::string(header->second.data(), header->second.size()));
+  };
+  server.on_predict = [](auto*, const auto&, auto*) { return grpc::Status::OK; };
+  server.on_delete_job = [](const auto&) { return grpc::Status::OK; };
+  server.on_watch = [](const auto&, auto* writer) {
+    v1::WatchJobResponse event;
+    event.mutable_job()->set_state(v1::JOB_STATE_SUCCEEDED);
+    writer->Write(event);
+    return grpc::Status::OK;
+  };
+  server.on_stream = [](auto*) { return grpc::Status::OK; };
+  const auto client = Client::Connect({.address = server.address(), .token = "abc"});
+  ASSERT_TRUE(client.ok()) << client.status();
+  EXPECT_TRUE((*client)->Predict({}).ok());
+  EXPECT_TRUE((*client)->DeleteJob({}).ok());
+  EXPECT_TRUE((*client)->WatchJob({}, {}).ok());
+  EXPECT_TRUE((*client)->StreamPredict({})->Finish().ok());
+  EXPECT_EQ(seen, std::vector<std::string>(4, "Bearer abc"));
+}
+
+TEST(ClientTest, ATokenIsNotSentWhereOthersCouldReadIt) {
+  for (const char* address : {"192.0.2.1:8470", "example.com:8470", "[2001:db8::1]:8470",
+                              "127.0.0.1.example.com:8470", "dns:///localhost.example.com:1"}) {
+    const auto refused = Client::Connect({.address = address, .token = "abc"});
+    EXPECT_TRUE(absl::IsFailedPrecondition(refused.status())) << address;
+    EXPECT_TRUE(Client::Connect({.address = address}).ok()) << address;
+    EXPECT_TRUE(Client::Connect({.address = address, .tls = TlsOptions{}, .token = "abc"}).ok());
+  }
+  for (const char* address : {"127.0.0.1:1", "localhost:1", "[::1]:1", "unix:/run/x"}) {
+    EXPECT_TRUE(Client::Connect({.address = address, .token = "abc"}).ok()) << address;
+  }
+}
+
+TEST(ClientTest, FilesThatMakeNoSenseAreNamed) {
+  const std::string folder = ::testing::TempDir();
+  const std::string empty = folder + "/empty" + std::to_string(getpid());
+  std::ofstream(empty) << "\n";
+  EXPECT_TRUE(absl::IsNotFound(Client::Connect({.token_file = folder + "/none"}).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(Client::Connect({.token_file = empty}).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(Client::Connect({.token = "a\nb"}).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(
+      Client::Connect({.tls = TlsOptions{.root_certificates = empty}}).status()));
+  EXPECT_TRUE(
+      absl::IsInvalidArgument(Client::Connect({.tls = TlsOptions{.certificate = empty}}).status()));
+  std::filesystem::remove(empty);
+}
+
 }  // namespace
 }  // namespace maneuver::client

@@ -20,6 +20,8 @@ namespace maneuver::client {
 
 class TestServer final {
  public:
+  // Sees each call before it is answered; may be empty.
+  std::function<void(const grpc::ServerContext&)> on_call;
   // What the services do. Called on gRPC's threads.
   std::function<grpc::Status(grpc::ServerContext*, const v1::PredictRequest&, v1::PredictResponse*)>
       on_predict;
@@ -50,17 +52,23 @@ class TestServer final {
   std::string address() const { return "127.0.0.1:" + std::to_string(port_); }
 
  private:
+  void See(const grpc::ServerContext& context) const {
+    if (on_call) on_call(context);
+  }
+
   class Predictions final : public v1::PredictionService::Service {
    public:
     explicit Predictions(TestServer* owner) : owner_(owner) {}
     grpc::Status Predict(grpc::ServerContext* context, const v1::PredictRequest* request,
                          v1::PredictResponse* response) override {
+      owner_->See(*context);
       return owner_->on_predict(context, *request, response);
     }
     grpc::Status StreamPredict(
-        grpc::ServerContext*,
+        grpc::ServerContext* context,
         grpc::ServerReaderWriter<v1::StreamPredictResponse, v1::StreamPredictRequest>* stream)
         override {
+      owner_->See(*context);
       return owner_->on_stream(stream);
     }
 
@@ -70,16 +78,19 @@ class TestServer final {
   class Training final : public v1::TrainingService::Service {
    public:
     explicit Training(TestServer* owner) : owner_(owner) {}
-    grpc::Status Train(grpc::ServerContext*, const v1::TrainRequest* request,
+    grpc::Status Train(grpc::ServerContext* context, const v1::TrainRequest* request,
                        v1::Job* job) override {
+      owner_->See(*context);
       return owner_->on_train(*request, job);
     }
-    grpc::Status DeleteJob(grpc::ServerContext*, const v1::DeleteJobRequest* request,
+    grpc::Status DeleteJob(grpc::ServerContext* context, const v1::DeleteJobRequest* request,
                            google::protobuf::Empty*) override {
+      owner_->See(*context);
       return owner_->on_delete_job(*request);
     }
-    grpc::Status WatchJob(grpc::ServerContext*, const v1::WatchJobRequest* request,
+    grpc::Status WatchJob(grpc::ServerContext* context, const v1::WatchJobRequest* request,
                           grpc::ServerWriter<v1::WatchJobResponse>* writer) override {
+      owner_->See(*context);
       return owner_->on_watch(*request, writer);
     }
 
@@ -89,9 +100,10 @@ class TestServer final {
   class Datasets final : public v1::DatasetService::Service {
    public:
     explicit Datasets(TestServer* owner) : owner_(owner) {}
-    grpc::Status UploadDataset(grpc::ServerContext*,
+    grpc::Status UploadDataset(grpc::ServerContext* context,
                                grpc::ServerReader<v1::UploadDatasetRequest>* reader,
                                v1::Dataset* dataset) override {
+      owner_->See(*context);
       return owner_->on_upload(reader, dataset);
     }
 

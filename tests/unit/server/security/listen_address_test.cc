@@ -25,10 +25,11 @@ TEST(ListenAddressTest, OnlyLoopbackIsLoopback) {
   }
 }
 
-TEST(ListenAddressTest, ExposureNeedsToBeAskedFor) {
-  EXPECT_TRUE(CheckExposure({"127.0.0.1", 1}, false).ok());
-  EXPECT_TRUE(absl::IsFailedPrecondition(CheckExposure({"0.0.0.0", 1}, false)));
-  EXPECT_TRUE(CheckExposure({"0.0.0.0", 1}, true).ok());
+TEST(ListenAddressTest, ExposureInPlainTextNeedsToBeAskedFor) {
+  EXPECT_TRUE(CheckExposure({"127.0.0.1", 1}, false, false).ok());
+  EXPECT_TRUE(absl::IsFailedPrecondition(CheckExposure({"0.0.0.0", 1}, false, false)));
+  EXPECT_TRUE(CheckExposure({"0.0.0.0", 1}, true, false).ok());
+  EXPECT_TRUE(CheckExposure({"0.0.0.0", 1}, false, true).ok());
 }
 
 }  // namespace

@@ -1,0 +1,103 @@
+#include "client/credentials.h"
+
+#include <arpa/inet.h>
+
+#include <algorithm>
+#include <fstream>
+#include <sstream>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+
+namespace maneuver::client {
+namespace {
+
+absl::StatusOr<std::string> ReadAll(const std::string& file) {
+  std::ifstream stream(file, std::ios::binary);
+  std::ostringstream text;
+  text << stream.rdbuf();
+  if (!stream) return absl::NotFoundError(absl::StrCat(file, " cannot be read"));
+  return text.str();
+}
+
+// Empty for no file.
+absl::StatusOr<std::string> ReadPem(const std::string& file) {
+  if (file.empty()) return std::string();
+  auto pem = ReadAll(file);
+  if (pem.ok() && pem->find("-----BEGIN") == std::string::npos) {
+    return absl::InvalidArgumentError(absl::StrCat(file, " is not in PEM format"));
+  }
+  return pem;
+}
+
+absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> SecureChannel(const TlsOptions& tls) {
+  if (tls.certificate.empty() != tls.key.empty()) {
+    return absl::InvalidArgumentError("a client certificate and its key need one another");
+  }
+  auto roots = ReadPem(tls.root_certificates);
+  if (!roots.ok()) return roots.status();
+  auto certificate = ReadPem(tls.certificate);
+  if (!certificate.ok()) return certificate.status();
+  auto key = ReadPem(tls.key);
+  if (!key.ok()) return key.status();
+  return grpc::SslCredentials({*std::move(roots), *std::move(key), *std::move(certificate)});
+}
+
+// Without what editors leave at the end of a file.
+absl::StatusOr<std::string> ReadToken(const ClientOptions& options) {
+  std::string token = options.token;
+  if (!options.token_file.empty()) {
+    auto text = ReadAll(options.token_file);
+    if (!text.ok()) return text.status();
+    token = *std::move(text);
+    token.erase(token.find_last_not_of(" \t\r\n") + 1);
+    if (token.empty()) {
+      return absl::InvalidArgumentError(absl::StrCat(options.token_file, " holds no token"));
+    }
+  }
+  const bool is_visible = std::ranges::all_of(token, [](char c) { return c > ' ' && c < 0x7f; });
+  if (!is_visible) {
+    return absl::InvalidArgumentError("a token is one word of ASCII characters, and this is not");
+  }
+  return token;
+}
+
+}  // namespace
+
+bool IsLocal(std::string_view address) {
+  if (address.starts_with("unix:") || address.starts_with("unix-abstract:")) return true;
+  std::string host(address.substr(0, address.rfind(':')));
+  if (host.size() > 2 && host.front() == '[' && host.back() == ']') {
+    host = host.substr(1, host.size() - 2);
+  }
+  in_addr v4{};
+  if (inet_pton(AF_INET, host.c_str(), &v4) == 1) return (ntohl(v4.s_addr) >> 24) == 127;
+  in6_addr v6{};
+  if (inet_pton(AF_INET6, host.c_str(), &v6) == 1) return IN6_IS_ADDR_LOOPBACK(&v6) != 0;
+  return host == "localhost";
+}
+
+absl::StatusOr<ClientCredentials> LoadCredentials(const ClientOptions& options) {
+  ClientCredentials credentials;
+  const auto token = ReadToken(options);
+  if (!token.ok()) return token.status();
+  if (!token->empty()) {
+    if (!options.tls && !IsLocal(options.address)) {
+      return absl::FailedPreconditionError(
+          absl::StrCat("the token is not sent to ", options.address,
+                       " in plain text, where others could read it; use TLS (--tls, or --tls-ca "
+                       "with the server's authority)"));
+    }
+    credentials.authorization = absl::StrCat("Bearer ", *token);
+  }
+  if (!options.tls) {
+    credentials.channel = grpc::InsecureChannelCredentials();
+    return credentials;
+  }
+  auto channel = SecureChannel(*options.tls);
+  if (!channel.ok()) return channel.status();
+  credentials.channel = *std::move(channel);
+  return credentials;
+}
+
+}  // namespace maneuver::client

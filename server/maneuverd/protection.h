@@ -1,0 +1,45 @@
+// What stands between a server and who calls it, as its options say.
+
+#ifndef MANEUVER_SERVER_MANEUVERD_PROTECTION_H_
+#define MANEUVER_SERVER_MANEUVERD_PROTECTION_H_
+
+#include <memory>
+
+#include "absl/status/statusor.h"
+#include "server/maneuverd/options.h"
+#include "server/monitoring/metrics.h"
+#include "server/security/access_control.h"
+#include "server/security/certificates.h"
+#include "server/security/periodic_reload.h"
+
+namespace grpc {
+class ServerCredentials;
+}
+
+namespace maneuver {
+
+// Certificates and identities, read again every second while it lives. Outlives the server.
+class Protection {
+ public:
+  // Errors name the flag whose file is wrong. What is allowed but unwise is logged.
+  static absl::StatusOr<std::unique_ptr<Protection>> Open(const ServerOptions& options,
+                                                          monitoring::MetricRegistry& metrics);
+
+  security::AccessControl& access() { return *access_; }
+  // For one server. nullptr: plain text.
+  std::shared_ptr<grpc::ServerCredentials> credentials() const;
+
+ private:
+  Protection() = default;
+  absl::StatusOr<bool> RenewCertificates();
+  void TellExpiry();
+
+  std::shared_ptr<security::CertificateStore> certificates_;  // nullptr: plain text
+  monitoring::Gauge* expiry_ = nullptr;
+  std::unique_ptr<security::AccessControl> access_;
+  std::unique_ptr<security::PeriodicReload> reload_;  // last: ends before what it reloads
+};
+
+}  // namespace maneuver
+
+#endif  // MANEUVER_SERVER_MANEUVERD_PROTECTION_H_

@@ -1,0 +1,169 @@
+#include "server/rpc/guarded_service.h"
+
+#include <google/protobuf/descriptor.h>
+#include <grpc/byte_buffer.h>
+#include <grpc/grpc_security_constants.h>
+#include <grpcpp/impl/codegen/server_callback_handlers.h>
+#include <grpcpp/impl/rpc_service_method.h>
+#include <grpcpp/security/auth_context.h>
+#include <grpcpp/support/byte_buffer.h>
+
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/rpc/status_details.h"
+
+namespace maneuver::rpc {
+namespace {
+
+using google::protobuf::MethodDescriptor;
+using grpc::ByteBuffer;
+using grpc::internal::MethodHandler;
+using grpc::internal::RpcMethod;
+using grpc::internal::RpcServiceMethod;
+
+// Ends a call at once. Deletes itself.
+template <typename Reactor>
+class Refusal final : public Reactor {
+ public:
+  explicit Refusal(const grpc::Status& status) { this->Finish(status); }
+  void OnDone() override { delete this; }
+};
+
+RpcMethod::RpcType TypeOf(const MethodDescriptor& method) {
+  if (method.client_streaming()) {
+    return method.server_streaming() ? RpcMethod::BIDI_STREAMING : RpcMethod::CLIENT_STREAMING;
+  }
+  return method.server_streaming() ? RpcMethod::SERVER_STREAMING : RpcMethod::NORMAL_RPC;
+}
+
+// A handler of gRPC's own that answers any call of this type with `status`.
+std::unique_ptr<MethodHandler> RefusingHandler(RpcMethod::RpcType type,
+                                               const grpc::Status& status) {
+  using Context = grpc::CallbackServerContext;
+  switch (type) {
+    case RpcMethod::NORMAL_RPC:
+      return std::make_unique<grpc::internal::CallbackUnaryHandler<ByteBuffer, ByteBuffer>>(
+          [status](Context*, const ByteBuffer*, ByteBuffer*) {
+            return new Refusal<grpc::ServerUnaryReactor>(status);
+          });
+    case RpcMethod::CLIENT_STREAMING:
+      return std::make_unique<
+          grpc::internal::CallbackClientStreamingHandler<ByteBuffer, ByteBuffer>>(
+          [status](Context*, ByteBuffer*) {
+            return new Refusal<grpc::ServerReadReactor<ByteBuffer>>(status);
+          });
+    case RpcMethod::SERVER_STREAMING:
+      return std::make_unique<
+          grpc::internal::CallbackServerStreamingHandler<ByteBuffer, ByteBuffer>>(
+          [status](Context*, const ByteBuffer*) {
+            return new Refusal<grpc::ServerWriteReactor<ByteBuffer>>(status);
+          });
+    case RpcMethod::BIDI_STREAMING:
+      break;
+  }
+  return std::make_unique<grpc::internal::CallbackBidiHandler<ByteBuffer, ByteBuffer>>(
+      [status](Context*) {
+        return new Refusal<grpc::ServerBidiReactor<ByteBuffer, ByteBuffer>>(status);
+      });
+}
+
+class GuardedHandler final : public MethodHandler {
+ public:
+  GuardedHandler(MethodHandler& guarded, std::string_view method, RpcMethod::RpcType type,
+                 security::AccessControl& access)
+      : guarded_(guarded), method_(method), type_(type), access_(access) {}
+
+  // gRPC calls this first, with the request of a method that takes a single one; it is kept as it
+  // is, to be parsed only once its caller is admitted.
+  void* Deserialize(grpc_call*, grpc_byte_buffer* request, grpc::Status*, void**) override {
+    return request;
+  }
+
+  void RunHandler(const HandlerParameter& call) override {
+    const absl::Status status = access_.Admit(method_, CredentialsOf(*call.server_context));
+    if (status.ok()) {
+      Run(guarded_, call);
+    } else {
+      // Needed no longer than this: a call holds nothing of its handler.
+      Run(*RefusingHandler(type_, ToGrpcStatus(status)), call);
+    }
+  }
+
+ private:
+  void Run(MethodHandler& handler, const HandlerParameter& call) {
+    grpc::Status status = call.status;
+    void* data = nullptr;
+    void* request = nullptr;
+    if (type_ == RpcMethod::NORMAL_RPC || type_ == RpcMethod::SERVER_STREAMING) {
+      // Takes the buffer over. There is none if the caller sent no message: the parser then says
+      // so.
+      request = handler.Deserialize(call.call->call(), static_cast<grpc_byte_buffer*>(call.request),
+                                    &status, &data);
+    }
+    handler.RunHandler(HandlerParameter(call.call, call.server_context, request, status, data,
+                                        call.call_requester));
+  }
+
+  MethodHandler& guarded_;
+  const std::string_view method_;
+  const RpcMethod::RpcType type_;
+  security::AccessControl& access_;
+};
+
+// A service's handlers, which it shows to those who derive from it.
+struct HandlersOf : grpc::Service {
+  using grpc::Service::GetHandler;
+};
+
+std::string ToString(grpc::string_ref text) { return {text.data(), text.size()}; }
+
+// "ipv4:10.1.2.3:4567" without the port, which is another with each connection.
+std::string WithoutPort(const std::string& peer) { return peer.substr(0, peer.rfind(':')); }
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<GuardedService>> GuardedService::Create(
+    const NamedService& guarded, security::AccessControl& access) {
+  const auto* service =
+      google::protobuf::DescriptorPool::generated_pool()->FindServiceByName(guarded.name);
+  if (service == nullptr) {
+    return absl::InternalError(absl::StrCat("the contract has no service ", guarded.name));
+  }
+  std::unique_ptr<GuardedService> guard(new GuardedService);
+  // The generated code adds methods in the order of the contract.
+  for (int i = 0; i < service->method_count(); ++i) {
+    const MethodDescriptor& method = *service->method(i);
+    const std::string& name =
+        *guard->method_names_.emplace_back(std::make_unique<const std::string>(
+            absl::StrCat("/", service->full_name(), "/", method.name())));
+    MethodHandler* const handler = (guarded.service->*&HandlersOf::GetHandler)(i);
+    if (handler == nullptr) {
+      return absl::InternalError(absl::StrCat(name, " is not served by gRPC's callback API"));
+    }
+    const RpcMethod::RpcType type = TypeOf(method);
+    guard->AddMethod(new RpcServiceMethod(name.c_str(), type, nullptr));
+    guard->MarkMethodCallback(i, new GuardedHandler(*handler, name, type, access));
+  }
+  return guard;
+}
+
+security::Credentials CredentialsOf(const grpc::ServerContextBase& rpc) {
+  security::Credentials credentials;
+  const auto [begin, end] = rpc.client_metadata().equal_range("authorization");
+  for (auto header = begin; header != end; ++header) {
+    credentials.authorization.push_back(ToString(header->second));
+  }
+  const auto connection = rpc.auth_context();
+  if (connection != nullptr) {
+    for (const auto& name : connection->FindPropertyValues(GRPC_X509_SAN_PROPERTY_NAME)) {
+      credentials.alternative_names.push_back(ToString(name));
+    }
+    const auto common = connection->FindPropertyValues(GRPC_X509_CN_PROPERTY_NAME);
+    if (!common.empty()) credentials.common_name = ToString(common.front());
+  }
+  credentials.peer = WithoutPort(rpc.peer());
+  return credentials;
+}
+
+}  // namespace maneuver::rpc

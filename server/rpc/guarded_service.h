@@ -1,0 +1,46 @@
+// A gRPC service behind the access control: every method, also one that is declared tomorrow, is
+// admitted before anything of it runs, even before its request is parsed.
+
+#ifndef MANEUVER_SERVER_RPC_GUARDED_SERVICE_H_
+#define MANEUVER_SERVER_RPC_GUARDED_SERVICE_H_
+
+#include <grpcpp/impl/codegen/service_type.h>
+#include <grpcpp/server_context.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/security/access_control.h"
+
+namespace maneuver::rpc {
+
+// A service, with its full name in the contract: "maneuver.v1.PredictionService". The service
+// outlives the server.
+struct NamedService {
+  const char* name;
+  grpc::Service* service;
+};
+
+// Registered in place of the service that it guards. The generated code has no place for such a
+// check, and gRPC's server interceptors cannot keep a handler from running: so this takes the
+// service's handlers, and runs them only for calls that are admitted.
+class GuardedService final : public grpc::Service {
+ public:
+  // Both outlive it. INTERNAL if the contract has no such service.
+  static absl::StatusOr<std::unique_ptr<GuardedService>> Create(const NamedService& guarded,
+                                                                security::AccessControl& access);
+
+ private:
+  GuardedService() = default;
+
+  std::vector<std::unique_ptr<const std::string>> method_names_;  // gRPC keeps pointers to them
+};
+
+// What a call shows of its caller.
+security::Credentials CredentialsOf(const grpc::ServerContextBase& rpc);
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_GUARDED_SERVICE_H_

@@ -1,0 +1,189 @@
+#include "server/security/access_control.h"
+
+#include <array>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "server/errors/error_details.h"
+#include "server/monitoring/logging.h"
+#include "server/security/secret_file.h"
+
+namespace maneuver::security {
+namespace {
+
+constexpr std::string_view kCredentialsMissing = "CREDENTIALS_MISSING";
+constexpr std::string_view kTokenUnknown = "TOKEN_UNKNOWN";
+constexpr std::string_view kCertificateNotListed = "CERTIFICATE_NOT_LISTED";
+constexpr std::string_view kRoleMissing = "ROLE_MISSING";
+constexpr std::string_view kMethodNotDeclared = "METHOD_NOT_DECLARED";
+constexpr std::string_view kRateLimited = "RATE_LIMITED";
+constexpr std::array kReasons = {kCredentialsMissing, kTokenUnknown,      kCertificateNotListed,
+                                 kRoleMissing,        kMethodNotDeclared, kRateLimited};
+
+// A flood of refused calls does not become a flood of lines.
+constexpr double kLogLinesPerSecond = 10.0;
+
+// What stands after "Bearer ", whose case does not matter (RFC 9110, 11.1).
+std::optional<std::string_view> BearerToken(std::string_view header) {
+  constexpr std::string_view kScheme = "bearer ";
+  if (!absl::StartsWithIgnoreCase(absl::string_view(header.data(), header.size()),
+                                  absl::string_view(kScheme.data(), kScheme.size()))) {
+    return std::nullopt;
+  }
+  return header.substr(kScheme.size());
+}
+
+absl::Status WithReason(absl::Status status, std::string_view reason,
+                        const std::map<std::string, std::string>& metadata = {}) {
+  return errors::WithReason(std::move(status), reason, metadata);
+}
+
+absl::Status TooFast(const char* what, std::chrono::nanoseconds delay) {
+  return errors::WithRetryDelay(
+      WithReason(absl::ResourceExhaustedError(absl::StrCat(
+                     "more ", what, " than this client may ask for in a second; slow down")),
+                 kRateLimited),
+      delay);
+}
+
+}  // namespace
+
+AccessControl::AccessControl(const AccessOptions& options, monitoring::MetricRegistry& metrics)
+    : options_(options),
+      calls_(options.calls_per_second),
+      targets_(options.targets_per_second),
+      log_lines_(kLogLinesPerSecond) {
+  for (const std::string_view reason : kReasons) {
+    refused_[std::string(reason)] =
+        &metrics.AddCounter("maneuver_refused_calls_total", "Calls that were not let in.",
+                            {{"reason", std::string(reason)}});
+  }
+}
+
+absl::StatusOr<std::unique_ptr<AccessControl>> AccessControl::Create(
+    const AccessOptions& options, monitoring::MetricRegistry& metrics) {
+  std::unique_ptr<AccessControl> access(new AccessControl(options, metrics));
+  if (const auto loaded = access->Reload(); !loaded.ok()) return loaded.status();
+  return access;
+}
+
+absl::StatusOr<bool> AccessControl::Reload() {
+  if (!asks_for_identity()) return false;
+  auto text = ReadSecretFile(options_.identities);
+  if (!text.ok()) return text.status();
+  {
+    const std::lock_guard lock(mutex_);
+    if (identities_ != nullptr && *text == text_) return false;
+  }
+  auto identities = Identities::Parse(*text);
+  if (!identities.ok()) return identities.status();
+  const std::lock_guard lock(mutex_);
+  text_ = *std::move(text);
+  identities_ = std::make_shared<const Identities>(*std::move(identities));
+  return true;
+}
+
+std::shared_ptr<const Identities> AccessControl::Current() const {
+  const std::lock_guard lock(mutex_);
+  return identities_;
+}
+
+absl::StatusOr<RoleSet> AccessControl::Identify(const Credentials& credentials,
+                                                Caller& caller) const {
+  const auto identities = Current();
+  const Identity* identity = nullptr;
+  if (!credentials.authorization.empty()) {
+    // Whoever shows a token is who the token says, whatever the certificate says.
+    const auto token = credentials.authorization.size() == 1
+                           ? BearerToken(credentials.authorization.front())
+                           : std::nullopt;
+    if (token) identity = identities->FindToken(*token);
+    if (identity == nullptr) {
+      return WithReason(absl::UnauthenticatedError(
+                            "this token is not known here; ask the server's operator for one"),
+                        kTokenUnknown);
+    }
+  } else if (!credentials.alternative_names.empty() || !credentials.common_name.empty()) {
+    identity = identities->FindCertificate(credentials.alternative_names, credentials.common_name);
+    if (identity == nullptr) {
+      return WithReason(
+          absl::PermissionDeniedError(
+              "the server's operator has given this client certificate no role; ask for one"),
+          kCertificateNotListed);
+    }
+  } else {
+    return WithReason(absl::UnauthenticatedError(
+                          "this server asks who calls; send the header authorization: Bearer TOKEN "
+                          "(the command takes --token-file or MANEUVER_TOKEN)"),
+                      kCredentialsMissing);
+  }
+  caller.name = identity->name;
+  caller.client = absl::StrCat("name:", identity->name);
+  return identity->roles;
+}
+
+absl::Status AccessControl::Decide(std::string_view method, const Credentials& credentials,
+                                   Caller& caller) {
+  caller.client = absl::StrCat("peer:", credentials.peer);
+  const std::optional<Role> needed = RequiredRole(method);
+  std::optional<RoleSet> roles;
+  if (asks_for_identity() && needed != Role::kAnyone) {
+    auto known = Identify(credentials, caller);
+    if (!known.ok()) return known.status();
+    roles = *known;
+  }
+  if (!needed) {
+    return WithReason(absl::PermissionDeniedError(
+                          "this server has not declared who may make this call; report it"),
+                      kMethodNotDeclared);
+  }
+  if (roles && !roles->Contains(*needed)) {
+    const std::string role(ToString(*needed));
+    return WithReason(absl::PermissionDeniedError(
+                          absl::StrCat("this call needs the role ", role, ", which ", caller.name,
+                                       " does not have; ask the server's operator for it")),
+                      kRoleMissing, {{"role", role}});
+  }
+  return absl::OkStatus();
+}
+
+absl::Status AccessControl::Admit(std::string_view method, const Credentials& credentials) {
+  Caller caller;
+  absl::Status status = Decide(method, credentials, caller);
+  if (status.ok()) {
+    if (const auto delay = calls_.Take(caller.client, 1.0)) status = TooFast("calls", *delay);
+  }
+  return status.ok() ? status : Refuse(std::move(status), method, caller);
+}
+
+absl::Status AccessControl::AdmitTargets(const Credentials& credentials, int targets) {
+  if (!limits_targets()) return absl::OkStatus();
+  Caller caller;
+  caller.client = absl::StrCat("peer:", credentials.peer);
+  absl::Status status;
+  if (asks_for_identity()) status = Identify(credentials, caller).status();
+  if (status.ok()) {
+    if (const auto delay = targets_.Take(caller.client, targets)) {
+      status = TooFast("targets", *delay);
+    }
+  }
+  return status.ok() ? status : Refuse(std::move(status), "targets", caller);
+}
+
+absl::Status AccessControl::Refuse(absl::Status refusal, std::string_view method,
+                                   const Caller& caller) {
+  const std::string reason = errors::ReasonOf(refusal);
+  if (const auto counter = refused_.find(reason); counter != refused_.end()) {
+    counter->second->Increment();
+  }
+  // The method is one that exists; a caller's own words never get into the log.
+  if (!log_lines_.Take("", 1.0)) {
+    monitoring::Log(monitoring::LogLevel::kWarning, "call refused",
+                    {{"method", method}, {"reason", reason}, {"client", caller.client}});
+  }
+  return refusal;
+}
+
+}  // namespace maneuver::security

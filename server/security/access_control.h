@@ -1,0 +1,90 @@
+// Whether a call is let in: who is it, may they, and not too often. Everything that a caller may
+// learn is decided here, before anything looks whether what they name exists.
+
+#ifndef MANEUVER_SERVER_SECURITY_ACCESS_CONTROL_H_
+#define MANEUVER_SERVER_SECURITY_ACCESS_CONTROL_H_
+
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "server/monitoring/metrics.h"
+#include "server/security/identities.h"
+#include "server/security/rate_limiter.h"
+
+namespace maneuver::security {
+
+struct AccessOptions {
+  std::filesystem::path identities;  // empty: nobody is asked who they are, and all may do all
+  double calls_per_second = 0.0;     // of each client; 0: any number
+  double targets_per_second = 0.0;   // to be predicted for each client; 0: any number
+};
+
+// What a call shows of its caller.
+struct Credentials {
+  std::vector<std::string> authorization = {};  // headers of that name
+  // Of the client's certificate, if it was verified.
+  std::vector<std::string> alternative_names = {};
+  std::string common_name = {};
+  std::string peer = {};  // network address, without the port
+};
+
+// Thread-safe.
+class AccessControl {
+ public:
+  // Reads the identities. Errors say what is wrong with the file.
+  static absl::StatusOr<std::unique_ptr<AccessControl>> Create(const AccessOptions& options,
+                                                               monitoring::MetricRegistry& metrics);
+
+  // Lets a call in or not:
+  //   UNAUTHENTICATED    CREDENTIALS_MISSING, TOKEN_UNKNOWN
+  //   PERMISSION_DENIED  CERTIFICATE_NOT_LISTED, ROLE_MISSING, METHOD_NOT_DECLARED (roles.h)
+  //   RESOURCE_EXHAUSTED RATE_LIMITED, with the delay
+  //   method: "/maneuver.v1.PredictionService/Predict".
+  absl::Status Admit(std::string_view method, const Credentials& credentials);
+
+  // Whether that many more targets may be predicted for the caller, whose call was admitted.
+  // RESOURCE_EXHAUSTED otherwise, as above.
+  absl::Status AdmitTargets(const Credentials& credentials, int targets);
+  bool limits_targets() const { return targets_.is_limited(); }
+
+  // Reads the identities again; calls from now on are held against them. False if they are as they
+  // were. After an error those before stay.
+  absl::StatusOr<bool> Reload();
+
+  bool asks_for_identity() const { return !options_.identities.empty(); }
+
+ private:
+  // Who calls, and what to count the calls under.
+  struct Caller {
+    std::string client;
+    std::string name;  // empty: unknown
+  };
+
+  AccessControl(const AccessOptions& options, monitoring::MetricRegistry& metrics);
+  absl::Status Decide(std::string_view method, const Credentials& credentials, Caller& caller);
+  absl::StatusOr<RoleSet> Identify(const Credentials& credentials, Caller& caller) const;
+  // Counts and logs a refusal, and returns it.
+  absl::Status Refuse(absl::Status refusal, std::string_view method, const Caller& caller);
+  std::shared_ptr<const Identities> Current() const;
+
+  const AccessOptions options_;
+  RateLimiter calls_;
+  RateLimiter targets_;
+  RateLimiter log_lines_;
+  std::map<std::string, monitoring::Counter*, std::less<>> refused_;  // by reason
+  mutable std::mutex mutex_;                                          // guards what follows
+  std::string text_;                                                  // of identities_
+  std::shared_ptr<const Identities> identities_;
+};
+
+}  // namespace maneuver::security
+
+#endif  // MANEUVER_SERVER_SECURITY_ACCESS_CONTROL_H_

@@ -1,0 +1,69 @@
+// Who is known to the server: names, roles, and what proves them. Read from a file of lines
+//
+//   NAME  ROLE[,ROLE]  CREDENTIAL        # a line that starts with '#' is a comment
+//
+//   planner   predict        sha256:9f86d081884c7d65...   a bearer token, by its SHA-256
+//   fleet     predict,train  san:fleet.example.com        a client certificate, by a name in it
+//   operator  admin          cn:Ada Lovelace              a client certificate, by its common name
+//
+// Several lines may have one name: an old and a new token while one takes the other's place.
+//
+// Tokens are 256 random bits, made by this code (NewToken), never chosen by people: there is no
+// dictionary to try, so one round of SHA-256 keeps them as safe at rest as a slow, salted hash
+// would, and a call costs a microsecond instead of a tenth of a second.
+
+#ifndef MANEUVER_SERVER_SECURITY_IDENTITIES_H_
+#define MANEUVER_SERVER_SECURITY_IDENTITIES_H_
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "server/security/roles.h"
+
+namespace maneuver::security {
+
+struct Identity {
+  std::string name;  // [A-Za-z0-9._-], at most 63 characters
+  RoleSet roles;
+};
+
+// Immutable, hence thread-safe.
+class Identities {
+ public:
+  // INVALID_ARGUMENT names the line that is wrong, without its content.
+  static absl::StatusOr<Identities> Parse(std::string_view text);
+
+  // Whose token it is, or nullptr. Takes the same time whichever it is, and if it is none.
+  const Identity* FindToken(std::string_view token) const;
+  // Whose certificate it is, or nullptr: the first line that has one of its names.
+  //   alternative_names: DNS names, URIs, addresses of the certificate, as text.
+  //   common_name: empty for none.
+  const Identity* FindCertificate(const std::vector<std::string>& alternative_names,
+                                  std::string_view common_name) const;
+
+  size_t size() const { return entries_.size(); }
+
+ private:
+  enum class Kind { kToken, kAlternativeName, kCommonName };
+  struct Entry {
+    Identity identity;
+    Kind kind = Kind::kToken;
+    std::string credential;  // of a token: SHA-256 in lower-case hexadecimal
+  };
+  static absl::StatusOr<Entry> ParseLine(std::string_view line);
+
+  std::vector<Entry> entries_;
+};
+
+// "mvr_" and 64 hexadecimal digits: 256 bits from the operating system.
+std::string NewToken();
+
+// The line of a token. INVALID_ARGUMENT if the name is none.
+absl::StatusOr<std::string> TokenLine(std::string_view name, const RoleSet& roles,
+                                      std::string_view token);
+
+}  // namespace maneuver::security
+
+#endif  // MANEUVER_SERVER_SECURITY_IDENTITIES_H_

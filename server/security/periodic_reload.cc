@@ -1,0 +1,52 @@
+#include "server/security/periodic_reload.h"
+
+#include <utility>
+
+#include "server/monitoring/logging.h"
+
+namespace maneuver::security {
+namespace {
+
+using monitoring::Log;
+using monitoring::LogLevel;
+
+// `failure`: of the last time, so that a lasting one is told once.
+void ReloadOne(const ReloadedFiles& files, std::string& failure) {
+  const absl::StatusOr<bool> changed = files.reload();
+  if (changed.ok()) {
+    failure.clear();
+    if (*changed) Log(LogLevel::kInfo, "reloaded", {{"what", files.what}});
+    return;
+  }
+  std::string reason(changed.status().message());
+  if (reason == failure) return;
+  failure = std::move(reason);
+  Log(LogLevel::kWarning, "cannot reload, goes on with what was there before",
+      {{"what", files.what}, {"reason", failure}});
+}
+
+}  // namespace
+
+PeriodicReload::PeriodicReload(std::vector<ReloadedFiles> files, std::chrono::milliseconds interval)
+    : thread_([this, files = std::move(files), interval] { Run(files, interval); }) {}
+
+PeriodicReload::~PeriodicReload() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopped_ = true;
+  }
+  stop_.notify_all();
+  thread_.join();
+}
+
+void PeriodicReload::Run(std::vector<ReloadedFiles> files, std::chrono::milliseconds interval) {
+  std::vector<std::string> failures(files.size());
+  std::unique_lock lock(mutex_);
+  while (!stop_.wait_for(lock, interval, [this] { return stopped_; })) {
+    lock.unlock();
+    for (size_t i = 0; i < files.size(); ++i) ReloadOne(files[i], failures[i]);
+    lock.lock();
+  }
+}
+
+}  // namespace maneuver::security

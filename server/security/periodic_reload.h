@@ -1,0 +1,43 @@
+// Looks again and again whether files have changed.
+
+#ifndef MANEUVER_SERVER_SECURITY_PERIODIC_RELOAD_H_
+#define MANEUVER_SERVER_SECURITY_PERIODIC_RELOAD_H_
+
+#include <chrono>
+#include <condition_variable>
+#include <functional>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+namespace maneuver::security {
+
+// What is looked at: `reload` says whether something changed. Changes are logged, errors once each.
+struct ReloadedFiles {
+  std::string what;  // "certificates"
+  std::function<absl::StatusOr<bool>()> reload;
+};
+
+// Looks every `interval`, on a thread of its own, until it is destroyed.
+class PeriodicReload {
+ public:
+  PeriodicReload(std::vector<ReloadedFiles> files, std::chrono::milliseconds interval);
+  ~PeriodicReload();
+  PeriodicReload(const PeriodicReload&) = delete;
+  PeriodicReload& operator=(const PeriodicReload&) = delete;
+
+ private:
+  void Run(std::vector<ReloadedFiles> files, std::chrono::milliseconds interval);
+
+  std::mutex mutex_;  // guards stopped_
+  std::condition_variable stop_;
+  bool stopped_ = false;
+  std::thread thread_;
+};
+
+}  // namespace maneuver::security
+
+#endif  // MANEUVER_SERVER_SECURITY_PERIODIC_RELOAD_H_

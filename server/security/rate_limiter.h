@@ -1,0 +1,55 @@
+// How often each client may call.
+
+#ifndef MANEUVER_SERVER_SECURITY_RATE_LIMITER_H_
+#define MANEUVER_SERVER_SECURITY_RATE_LIMITER_H_
+
+#include <chrono>
+#include <functional>
+#include <list>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <unordered_map>
+
+namespace maneuver::security {
+
+using SteadyTime = std::chrono::steady_clock::time_point;
+
+// A token bucket for each client, which holds what one second brings (at least 1). Whoever has
+// anything left may take as much as it wants, and then waits until that is paid off: one request
+// for a thousand targets is let through at a hundred a second, once in ten seconds.
+//
+// At most kMaxClients are remembered; beyond, whoever was away longest starts anew. Thread-safe.
+class RateLimiter {
+ public:
+  static constexpr size_t kMaxClients = 10'000;
+
+  //   per_second: 0 for no limit.
+  explicit RateLimiter(double per_second,
+                       std::function<SteadyTime()> clock = std::chrono::steady_clock::now);
+
+  bool is_limited() const { return per_second_ > 0.0; }
+
+  // Takes `amount` from the client's bucket. If nothing is left there it takes nothing, and tells
+  // how long until there is.
+  std::optional<std::chrono::nanoseconds> Take(const std::string& client, double amount);
+
+  size_t clients() const;
+
+ private:
+  struct Bucket {
+    std::string client;
+    double level = 0.0;
+    SteadyTime updated;
+  };
+
+  const double per_second_;
+  const std::function<SteadyTime()> clock_;
+  mutable std::mutex mutex_;   // guards what follows
+  std::list<Bucket> buckets_;  // the last used first
+  std::unordered_map<std::string, std::list<Bucket>::iterator> by_client_;
+};
+
+}  // namespace maneuver::security
+
+#endif  // MANEUVER_SERVER_SECURITY_RATE_LIMITER_H_

@@ -1,0 +1,26 @@
+// Files whose content is nobody else's business.
+
+#ifndef MANEUVER_SERVER_SECURITY_SECRET_FILE_H_
+#define MANEUVER_SERVER_SECURITY_SECRET_FILE_H_
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+namespace maneuver::security {
+
+// The content. PERMISSION_DENIED, with the command that puts it right, if others may read or write
+// the file or its group may write it; NOT_FOUND if there is none.
+absl::StatusOr<std::string> ReadSecretFile(const std::filesystem::path& file);
+
+// Adds a line to the end, in one step: readers see all of the line or none of it. Waits for others
+// who do the same. Makes the file, for its owner alone, if there is none.
+//   line: ends in a newline.
+absl::Status AppendLine(const std::filesystem::path& file, std::string_view line);
+
+}  // namespace maneuver::security
+
+#endif  // MANEUVER_SERVER_SECURITY_SECRET_FILE_H_

@@ -1,0 +1,39 @@
+#ifndef MANEUVER_TESTS_INTEGRATION_RAW_CALL_H_
+#define MANEUVER_TESTS_INTEGRATION_RAW_CALL_H_
+
+#include <grpcpp/grpcpp.h>
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace maneuver::testing {
+
+using Headers = std::multimap<std::string, std::string>;
+
+struct RawAnswer {
+  grpc::Status status;
+  std::vector<std::string> messages;  // bytes
+};
+
+struct RawCall {
+  std::string method;   // "/package.Service/Method"
+  std::string request;  // bytes of the one message that is sent
+  Headers headers = {};
+  bool stop_after_first = false;  // cancel after the first message: for streams without an end
+};
+
+// Any method of any kind, by its name.
+RawAnswer Call(const std::shared_ptr<grpc::Channel>& channel, const RawCall& call);
+
+// What the server's reflection lists: "/package.Service/Method" of each method of each service. The
+// health service, of which the server knows no description, is listed by what its standard says.
+std::vector<std::string> MethodsByReflection(const std::shared_ptr<grpc::Channel>& channel);
+
+// ErrorInfo.reason of a failed call; empty if there is none.
+std::string Reason(const grpc::Status& status);
+
+}  // namespace maneuver::testing
+
+#endif  // MANEUVER_TESTS_INTEGRATION_RAW_CALL_H_

@@ -1,0 +1,193 @@
+#include "server/security/access_control.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <filesystem>
+#include <fstream>
+#include <thread>
+#include <vector>
+
+#include "server/errors/error_details.h"
+#include "server/monitoring/prometheus_metrics.h"
+#include "server/security/secret_file.h"
+
+namespace maneuver::security {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+constexpr char kPredict[] = "/maneuver.v1.PredictionService/Predict";
+constexpr char kTrain[] = "/maneuver.v1.TrainingService/Train";
+constexpr char kHealth[] = "/grpc.health.v1.Health/Check";
+
+RoleSet Predict() { return *RoleSet::Parse("predict"); }
+
+Credentials Bearer(const std::string& token) {
+  return {.authorization = {"Bearer " + token}, .peer = "ipv4:10.0.0.1"};
+}
+
+class AccessControlTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ =
+        fs::path(::testing::TempDir()) /
+        ("access-" + std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()) +
+         std::to_string(getpid()));
+    fs::create_directories(folder_);
+    options_.identities = folder_ / "tokens";
+    Write(*TokenLine("planner", Predict(), "first"));
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  void Write(const std::string& text) {
+    fs::remove(options_.identities);
+    ASSERT_TRUE(AppendLine(options_.identities, text).ok());
+  }
+  std::unique_ptr<AccessControl> Create() {
+    auto access = AccessControl::Create(options_, *metrics_);
+    EXPECT_TRUE(access.ok()) << access.status();
+    return *std::move(access);
+  }
+
+  fs::path folder_;
+  AccessOptions options_;
+  const std::unique_ptr<monitoring::PrometheusMetrics> metrics_ =
+      monitoring::PrometheusMetrics::Create();
+};
+
+TEST_F(AccessControlTest, IdentityThenRole) {
+  const auto access = Create();
+  EXPECT_TRUE(access->Admit(kPredict, Bearer("first")).ok());
+  EXPECT_EQ(errors::ReasonOf(access->Admit(kTrain, Bearer("first"))), "ROLE_MISSING");
+  EXPECT_EQ(errors::ReasonOf(access->Admit(kPredict, Bearer("second"))), "TOKEN_UNKNOWN");
+  EXPECT_EQ(errors::ReasonOf(access->Admit(kPredict, {})), "CREDENTIALS_MISSING");
+  // Who calls comes before what: a stranger does not hear which methods are declared.
+  EXPECT_EQ(errors::ReasonOf(access->Admit("/x/Y", {})), "CREDENTIALS_MISSING");
+  EXPECT_EQ(errors::ReasonOf(access->Admit("/x/Y", Bearer("first"))), "METHOD_NOT_DECLARED");
+  EXPECT_TRUE(access->Admit(kHealth, {}).ok());
+  // All of it is counted, under names that no caller chooses.
+  const std::string page = metrics_->Page();
+  EXPECT_THAT(page, HasSubstr("maneuver_refused_calls_total{reason=\"CREDENTIALS_MISSING\"} 2"));
+  EXPECT_THAT(page, HasSubstr("maneuver_refused_calls_total{reason=\"ROLE_MISSING\"} 1"));
+  EXPECT_THAT(page, HasSubstr("maneuver_refused_calls_total{reason=\"METHOD_NOT_DECLARED\"} 1"));
+  EXPECT_THAT(page, HasSubstr("maneuver_refused_calls_total{reason=\"RATE_LIMITED\"} 0"));
+}
+
+TEST_F(AccessControlTest, WithoutIdentitiesAllMayDoWhatIsDeclared) {
+  options_.identities.clear();
+  const auto access = Create();
+  EXPECT_TRUE(access->Admit(kPredict, {}).ok());
+  EXPECT_TRUE(access->Admit(kTrain, Bearer("any")).ok());
+  EXPECT_EQ(errors::ReasonOf(access->Admit("/x/Y", {})), "METHOD_NOT_DECLARED");
+}
+
+TEST_F(AccessControlTest, RatesAreOfTheIdentityOrElseOfTheAddress) {
+  options_.calls_per_second = 1.0;
+  Write(*TokenLine("planner", Predict(), "first") + *TokenLine("planner", Predict(), "second") +
+        *TokenLine("other", Predict(), "third"));
+  const auto access = Create();
+  EXPECT_TRUE(access->Admit(kPredict, Bearer("first")).ok());
+  const absl::Status refused = access->Admit(kPredict, Bearer("second"));  // the same planner
+  EXPECT_TRUE(absl::IsResourceExhausted(refused));
+  EXPECT_TRUE(errors::RetryDelay(refused).has_value());
+  EXPECT_TRUE(access->Admit(kPredict, Bearer("third")).ok());
+
+  options_.identities.clear();
+  const auto open = Create();
+  EXPECT_TRUE(open->Admit(kPredict, {.peer = "ipv4:10.0.0.1"}).ok());
+  EXPECT_FALSE(open->Admit(kPredict, {.peer = "ipv4:10.0.0.1"}).ok());
+  EXPECT_TRUE(open->Admit(kPredict, {.peer = "ipv4:10.0.0.2"}).ok());
+}
+
+TEST_F(AccessControlTest, WhoIsRefusedDoesNotUseUpTheRateOfOthers) {
+  options_.calls_per_second = 1.0;
+  const auto access = Create();
+  for (int i = 0; i < 10; ++i) EXPECT_FALSE(access->Admit(kTrain, Bearer("first")).ok());
+  EXPECT_TRUE(access->Admit(kPredict, Bearer("first")).ok());
+}
+
+TEST_F(AccessControlTest, ChangesAreSeenAndMistakesChangeNothing) {
+  const auto access = Create();
+  EXPECT_FALSE(*access->Reload());
+  Write(*TokenLine("planner", Predict(), "second"));
+  EXPECT_TRUE(*access->Reload());
+  EXPECT_FALSE(access->Admit(kPredict, Bearer("first")).ok());
+  EXPECT_TRUE(access->Admit(kPredict, Bearer("second")).ok());
+  Write("planner predict\n");
+  EXPECT_TRUE(absl::IsInvalidArgument(access->Reload().status()));
+  EXPECT_TRUE(access->Admit(kPredict, Bearer("second")).ok());
+  fs::remove(options_.identities);
+  EXPECT_TRUE(absl::IsNotFound(access->Reload().status()));
+  EXPECT_TRUE(access->Admit(kPredict, Bearer("second")).ok());
+  // An empty file is no mistake: it takes everything back.
+  Write("\n");
+  EXPECT_TRUE(*access->Reload());
+  EXPECT_FALSE(access->Admit(kPredict, Bearer("second")).ok());
+}
+
+TEST_F(AccessControlTest, CallsAndReloadsGoOnAtTheSameTime) {
+  const auto access = Create();
+  std::atomic<bool> stop = false;
+  std::vector<std::thread> callers;
+  for (int i = 0; i < 3; ++i) {
+    callers.emplace_back([&] {
+      // The planner is in every file.
+      while (!stop) EXPECT_TRUE(access->Admit(kPredict, Bearer("first")).ok());
+    });
+  }
+  for (int i = 0; i < 50; ++i) {
+    const std::string more = i % 2 == 0 ? "other train cn:x\n" : "";
+    const fs::path next = folder_ / "next";
+    fs::remove(next);
+    ASSERT_TRUE(AppendLine(next, *TokenLine("planner", Predict(), "first") + more).ok());
+    fs::rename(next, options_.identities);
+    EXPECT_TRUE(access->Reload().ok());
+  }
+  stop = true;
+  for (std::thread& caller : callers) caller.join();
+}
+
+TEST(SecretFileTest, WhatOthersMayReadIsRefusedWithTheCommandThatHelps) {
+  const fs::path file = fs::path(::testing::TempDir()) / ("secret" + std::to_string(getpid()));
+  fs::remove(file);
+  ASSERT_TRUE(AppendLine(file, "a\n").ok());
+  EXPECT_EQ(*ReadSecretFile(file), "a\n");
+  for (const fs::perms open : {fs::perms::others_read, fs::perms::others_write,
+                               fs::perms::group_write, fs::perms::others_exec}) {
+    fs::permissions(file, open, fs::perm_options::add);
+    const auto refused = ReadSecretFile(file);
+    EXPECT_TRUE(absl::IsPermissionDenied(refused.status()));
+    EXPECT_THAT(refused.status().message(), HasSubstr("chmod 600 " + file.string()));
+    fs::permissions(file, open, fs::perm_options::remove);
+  }
+  fs::permissions(file, fs::perms::group_read, fs::perm_options::add);
+  EXPECT_TRUE(ReadSecretFile(file).ok());
+  // Who may read it stays as it was, and the last line is ended first.
+  std::ofstream(file) << "a";
+  ASSERT_TRUE(AppendLine(file, "b\n").ok());
+  EXPECT_EQ(*ReadSecretFile(file), "a\nb\n");
+  EXPECT_NE(fs::status(file).permissions() & fs::perms::group_read, fs::perms::none);
+  fs::remove(file);
+}
+
+TEST(SecretFileTest, LinesThatAreAddedAtTheSameTimeAreAllThere) {
+  const fs::path folder = fs::path(::testing::TempDir()) / ("lines" + std::to_string(getpid()));
+  fs::create_directories(folder);
+  std::vector<std::thread> writers;
+  for (int i = 0; i < 8; ++i) {
+    writers.emplace_back([&] {
+      for (int k = 0; k < 10; ++k) EXPECT_TRUE(AppendLine(folder / "f", "0123456789\n").ok());
+    });
+  }
+  for (std::thread& writer : writers) writer.join();
+  EXPECT_EQ(fs::file_size(folder / "f"), 8 * 10 * 11u);
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder), fs::directory_iterator()), 1);
+  fs::remove_all(folder);
+}
+
+}  // namespace
+}  // namespace maneuver::security

@@ -1,0 +1,90 @@
+#include "server/security/identities.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <set>
+
+#include "model/files/digest.h"
+
+namespace maneuver::security {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+// SHA-256 of "abc" (FIPS 180-2, B.1).
+constexpr char kAbc[] = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+
+TEST(IdentitiesTest, ATokenIsKnownByItsHash) {
+  const auto identities = Identities::Parse(std::string("# people\n\n  planner\tpredict,admin   "
+                                                        "sha256:") +
+                                            kAbc + "  \r\n");
+  ASSERT_TRUE(identities.ok()) << identities.status();
+  const Identity* found = identities->FindToken("abc");
+  ASSERT_NE(found, nullptr);
+  EXPECT_EQ(found->name, "planner");
+  EXPECT_EQ(found->roles.ToString(), "predict,admin");
+  for (const char* other : {"", "ab", "abcd", "Abc", kAbc}) {
+    EXPECT_EQ(identities->FindToken(other), nullptr) << other;
+  }
+}
+
+TEST(IdentitiesTest, ACertificateIsKnownByOneOfItsNames) {
+  const auto identities = Identities::Parse(
+      "a predict san:a.example\nb train san:spiffe://x/b\nc admin cn:Ada Lovelace\n");
+  ASSERT_TRUE(identities.ok()) << identities.status();
+  EXPECT_EQ(identities->FindCertificate({"x", "a.example"}, "")->name, "a");
+  EXPECT_EQ(identities->FindCertificate({"spiffe://x/b"}, "y")->name, "b");
+  EXPECT_EQ(identities->FindCertificate({}, "Ada Lovelace")->name, "c");
+  // A name of one kind is none of the other, and no credential is a token.
+  EXPECT_EQ(identities->FindCertificate({"Ada Lovelace"}, "a.example"), nullptr);
+  EXPECT_EQ(identities->FindCertificate({}, ""), nullptr);
+  EXPECT_EQ(identities->FindToken("a.example"), nullptr);
+}
+
+TEST(IdentitiesTest, AWrongLineIsNamedWithoutItsContent) {
+  const std::string digest = std::string("sha256:") + kAbc;
+  for (const std::string& line : std::vector<std::string>{
+           "secret",
+           "secret predict",
+           "secret fly " + digest,
+           "secret predict, train " + digest,
+           "secret predict,, " + digest,
+           "secret predict secret",
+           "secret predict sha256:",
+           "secret predict sha256:abcd",
+           "secret predict SHA256:" + std::string(kAbc),
+           "secret predict sha256:" + std::string(64, 'G'),
+           "secret predict " + digest + "0",
+           "secret predict san:",
+           "secret predict cn:",
+           "secret/x predict " + digest,
+           std::string(64, 's') + " predict " + digest,
+       }) {
+    const auto identities = Identities::Parse("ok predict cn:x\n" + line + "\n");
+    ASSERT_FALSE(identities.ok()) << line;
+    EXPECT_THAT(identities.status().message(), HasSubstr("line 2: "));
+    EXPECT_THAT(identities.status().message(), Not(HasSubstr("secret")));
+  }
+}
+
+TEST(IdentitiesTest, AFreshTokenAndItsLineBelongTogether) {
+  RoleSet roles;
+  roles.Add(Role::kTrain);
+  std::set<std::string> tokens;
+  for (int i = 0; i < 100; ++i) tokens.insert(NewToken());
+  EXPECT_EQ(tokens.size(), 100u);
+  const std::string token = *tokens.begin();
+  EXPECT_EQ(token.size(), 4 + 64u);
+  const auto line = TokenLine("fleet-2", roles, token);
+  ASSERT_TRUE(line.ok());
+  EXPECT_THAT(*line, Not(HasSubstr(token)));
+  const auto identities = Identities::Parse(*line);
+  ASSERT_TRUE(identities.ok()) << identities.status();
+  EXPECT_EQ(identities->FindToken(token)->name, "fleet-2");
+  EXPECT_FALSE(TokenLine("a b", roles, token).ok());
+}
+
+}  // namespace
+}  // namespace maneuver::security

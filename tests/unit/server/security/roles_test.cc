@@ -1,0 +1,69 @@
+#include "server/security/roles.h"
+
+#include <google/protobuf/descriptor.h>
+#include <gtest/gtest.h>
+
+#include <set>
+#include <string>
+
+#include "maneuver/v1/dataset_service.pb.h"
+#include "maneuver/v1/model_service.pb.h"
+#include "maneuver/v1/prediction_service.pb.h"
+#include "maneuver/v1/training_service.pb.h"
+
+namespace maneuver::security {
+namespace {
+
+std::set<std::string> MethodsOfTheContract() {
+  std::set<std::string> methods;
+  for (const auto* file :
+       {v1::PredictRequest::descriptor()->file(), v1::ActionSet::descriptor()->file(),
+        v1::UploadHeader::descriptor()->file(), v1::Job::descriptor()->file()}) {
+    for (int s = 0; s < file->service_count(); ++s) {
+      const auto* service = file->service(s);
+      for (int m = 0; m < service->method_count(); ++m) {
+        methods.insert("/" + service->full_name() + "/" + service->method(m)->name());
+      }
+    }
+  }
+  return methods;
+}
+
+TEST(RolesTest, EveryMethodOfTheContractHasARowAndEveryRowAMethod) {
+  std::set<std::string> declared;
+  for (const MethodRole& row : MethodRoles()) {
+    EXPECT_TRUE(declared.insert(std::string(row.method)).second) << "twice: " << row.method;
+  }
+  for (const std::string& method : MethodsOfTheContract()) {
+    EXPECT_EQ(declared.erase(method), 1u) << "nobody may call " << method;
+    EXPECT_NE(RequiredRole(method), Role::kAnyone) << method;
+  }
+  // What is left is gRPC's own, and open on purpose.
+  EXPECT_EQ(declared, (std::set<std::string>{
+                          "/grpc.health.v1.Health/Check", "/grpc.health.v1.Health/Watch",
+                          "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo"}));
+}
+
+TEST(RolesTest, WhatHasNoRowHasNoRole) {
+  EXPECT_EQ(RequiredRole("/maneuver.v1.PredictionService/Predict"), Role::kPredict);
+  for (const char* method :
+       {"", "/", "/maneuver.v1.PredictionService/Predict2", "maneuver.v1.PredictionService/Predict",
+        "/maneuver.v1.PredictionService/"}) {
+    EXPECT_EQ(RequiredRole(method), std::nullopt) << method;
+  }
+}
+
+TEST(RolesTest, RolesDoNotContainOneAnother) {
+  const auto admin = RoleSet::Parse("admin");
+  ASSERT_TRUE(admin.ok());
+  EXPECT_TRUE(admin->Contains(Role::kAdmin));
+  EXPECT_FALSE(admin->Contains(Role::kPredict));
+  EXPECT_FALSE(admin->Contains(Role::kTrain));
+  EXPECT_EQ(RoleSet::Parse("admin,predict")->ToString(), "predict,admin");
+  for (const char* text : {"", "anyone", "Predict", "predict,", ",predict", "predict;train"}) {
+    EXPECT_FALSE(RoleSet::Parse(text).ok()) << text;
+  }
+}
+
+}  // namespace
+}  // namespace maneuver::security
