@@ -51,6 +51,7 @@ const std::map<std::string, std::string> kExpectedRoles = {
     {"/maneuver.v1.TrainingService/ListJobs", "train"},
     {"/maneuver.v1.TrainingService/WatchJob", "train"},
     {"/maneuver.v1.TrainingService/CancelJob", "train"},
+    {"/maneuver.v1.TrainingService/ResumeJob", "train"},
     {"/maneuver.v1.TrainingService/DeleteJob", "admin"},
 };
 

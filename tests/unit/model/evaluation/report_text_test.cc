@@ -47,7 +47,7 @@ TEST(ReportTextTest, TrainedBaselinesStandBesideTheModelAndTheSimpleOnes) {
   metrics["covernet_ade_1"] = 3.0;
   metrics["ade_cv"] = 2.0;
   const std::string text = ReportText(report, false);
-  EXPECT_THAT(text, HasSubstr("BASELINES            MODEL  COVERNET-LIKE  MULTIPATH-LIKE    CV\n"
+  EXPECT_THAT(text, HasSubstr("BASELINES             MODEL  COVERNET-LIKE  MULTIPATH-LIKE    CV\n"
                               "ADE, m                                3.00                  2.00\n"
                               "NLL a waypoint, nats  1.500          3.250           1.750\n"));
   EXPECT_THAT(text, Not(HasSubstr("OTHER")));
