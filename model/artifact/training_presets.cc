@@ -32,8 +32,8 @@ constexpr char kLearning[] = R"pb(
     validation_share: 0.15
   }
   optimization {
-    pretraining_epochs: 30
-    mixture_epochs: 60
+    pretraining_epochs: 60
+    mixture_epochs: 300
     joint_epochs: 10
     batch_size: 64
     learning_rate: 1e-3
@@ -45,7 +45,7 @@ constexpr char kLearning[] = R"pb(
     posterior_epochs: 6
     responsibilities: RESPONSIBILITIES_PRINTED
     mixture_placement: MIXTURE_PLACEMENT_VELOCITY_CLUSTERS
-    clustered_epochs: 50
+    clustered_share: 0.9
     placements: 1
     decoder_covariance: DECODER_COVARIANCE_LEARNED
     dropout: 0.2
@@ -105,7 +105,7 @@ constexpr char kLiteral[] = R"pb(
   model { target_motion: false }
   optimization {
     mixture_epochs: 0
-    clustered_epochs: 0
+    clustered_share: 0
     posterior_epochs: 0
     latent_learning_rate_share: 1
     action_weight: 1
@@ -241,7 +241,7 @@ void CheckOptimization(const v1::OptimizationSettings& optimization, v1::Objecti
   check_epochs("optimization.posterior_epochs", optimization.posterior_epochs(),
                objective == v1::OBJECTIVE_DUAL ? 1 : 0);
   rules->Between("optimization.placements", "placements", optimization.placements(), 1, 64);
-  check_epochs("optimization.clustered_epochs", optimization.clustered_epochs(), 0);
+  rules->Between("optimization.clustered_share", "share", optimization.clustered_share(), 0.0, 1.0);
   rules->Require(optimization.divergence_warm_up() >= 0 && optimization.divergence_warm_up() < 1,
                  "optimization.divergence_warm_up", "must be at least 0 and less than 1");
   rules->Between("optimization.weight_concentration", "concentration",

@@ -186,13 +186,13 @@ absl::Status Learner::PlaceMixture() {
 absl::Status Learner::TrainMixtureFor(const std::string& phase, int epochs,
                                       double* validation_loss) {
   const double rate = settings_.optimization().learning_rate();
+  const double clustered = settings_.optimization().clustered_share() * epochs;
   return TrainOnTrajectories(
       phase, epochs,
       {{Part::kTrajectoryEncoder, rate}, {Part::kDecoder, rate}, {Part::kMixture, rate}},
-      [this](const at::Tensor& x, const Moment& moment, TermMeans* means) {
+      [this, clustered](const at::Tensor& x, const Moment& moment, TermMeans* means) {
         SceneBatch batch{x, {}, {}};
-        if (centers_.defined() && moment.epoch < settings_.optimization().clustered_epochs())
-          batch.labels = ClustersOf(x);
+        if (centers_.defined() && moment.epoch < clustered) batch.labels = ClustersOf(x);
         BaseModel model = ApplyBase(networks_, batch, NoiseDrawn());
         const bool by_bayes = settings_.optimization().weight_concentration() > 0.0;
         if (by_bayes) model.log_p_y = ExpectedLogWeights(WeightCounts());

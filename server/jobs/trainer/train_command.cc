@@ -119,7 +119,7 @@ absl::Status TrainCommand::Train() const {
     return absl::AlreadyExistsError(absl::StrCat(output_.filename().string(), " exists already"));
   }
   run.output = output_;
-  run.baselines = baselines_;
+  run.baselines = baselines_ || run.settings.baselines();
   run.checkpoints = checkpoints_;
   run.checkpoint_policy = {
       .interval = std::chrono::milliseconds(static_cast<int64_t>(1000.0 * checkpoint_interval_)),

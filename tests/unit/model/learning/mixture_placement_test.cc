@@ -44,7 +44,8 @@ TEST_P(PlacementTest, IsAMixtureOfTheSizeAskedForAndTheSameBySeed) {
 
 INSTANTIATE_TEST_SUITE_P(
     Each, PlacementTest,
-    testing::Values(v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS, v1::MIXTURE_PLACEMENT_RANDOM,
+    testing::Values(v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS,
+                    v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS, v1::MIXTURE_PLACEMENT_RANDOM,
                     v1::MIXTURE_PLACEMENT_UNIFORM, v1::MIXTURE_PLACEMENT_ENCODED_POINTS,
                     v1::MIXTURE_PLACEMENT_ENCODED_SEEDS, v1::MIXTURE_PLACEMENT_FITTED_MIXTURE));
 
@@ -60,6 +61,53 @@ void ExpectTheFourGroups(const PlacedMixture& placed) {
 TEST(MixturePlacementTest, TrajectoryClustersTakeTheMomentsOfTheirEncodings) {
   ExpectTheFourGroups(
       PlaceMixture(v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS, FourGroups(), kActions, 1));
+}
+
+TEST(MixturePlacementTest, VelocityClustersTakeTheMomentsOfTheirEncodings) {
+  ExpectTheFourGroups(
+      PlaceMixture(v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS, FourGroups(), kActions, 1));
+}
+
+// Over one window of half a second each, at 2 waypoints a second.
+TEST(MixturePlacementTest, VelocitiesAreDrawnTogetherByTheLogarithmAndKeepTheirDirection) {
+  // From the origin 3 m ahead, then 4 m to the left, then no further.
+  const at::Tensor trajectory = at::tensor({3.F, 0.F, 3.F, 4.F, 3.F, 4.F}).view({1, 6});
+  const at::Tensor space =
+      ClusterSpace(v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS, trajectory, /*waypoint_interval=*/0.5);
+  const std::vector<double> expected = {std::log(7.0), 0.0, 0.0, std::log(9.0), 0.0, 0.0};
+  ASSERT_EQ(space.size(1), 6);
+  for (int64_t i = 0; i < 6; ++i) {
+    EXPECT_NEAR(space[0][i].item<double>(), expected[static_cast<size_t>(i)], 1e-5) << i;
+  }
+}
+
+TEST(MixturePlacementTest, VelocitiesAreOverHalfSeconds) {
+  // Ten waypoints a second: two whole windows, of 1 m and of 2 m, and what is left over.
+  at::Tensor trajectory = at::zeros({1, 24});
+  for (int t = 0; t < 12; ++t) {
+    trajectory[0][2 * t].fill_(t < 5 ? 0.2 * (t + 1) : 1.0 + 0.4 * (t - 4));
+  }
+  const at::Tensor space =
+      ClusterSpace(v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS, trajectory, /*waypoint_interval=*/0.1);
+  ASSERT_EQ(space.size(1), 4);
+  EXPECT_NEAR(space[0][0].item<double>(), std::log(3.0), 1e-5);
+  EXPECT_NEAR(space[0][2].item<double>(), std::log(5.0), 1e-5);
+}
+
+TEST(MixturePlacementTest, EachTrajectoryIsNearestTheCentreOfItsGroup) {
+  const EncodedExamples examples = FourGroups();
+  for (const auto placement :
+       {v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS, v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS}) {
+    const PlacedMixture placed = PlaceMixture(placement, examples, kActions, 1);
+    const at::Tensor cluster = NearestClusters(placement, placed.centers, examples.trajectories,
+                                               examples.waypoint_interval);
+    for (int64_t i = 0; i < kExamples; ++i) {
+      const int64_t own = cluster[i].item<int64_t>();
+      EXPECT_EQ(own, cluster[i % 4].item<int64_t>());
+      EXPECT_LT((placed.components.mean[own] - examples.q_z.mean[i]).abs().max().item<double>(),
+                1.0);
+    }
+  }
 }
 
 TEST(MixturePlacementTest, AFittedMixtureFindsTheGroups) {
