@@ -123,6 +123,9 @@ at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& g
 }
 
 at::Tensor FitCovarianceScale(const Predictions& held_out, const at::Tensor& covariance) {
+  // Under p(y|s) neighbouring actions would cover for one that is too narrow.
+  Predictions own_actions = held_out;
+  own_actions.log_probabilities = held_out.log_responsibilities;
   const int64_t waypoints = covariance.size(-2);
   const at::Tensor along = at::linspace(0.0, 1.0, waypoints, covariance.options());
   // ln of the factor at the start, and how much more it is at the end of the horizon.
@@ -132,7 +135,7 @@ at::Tensor FitCovarianceScale(const Predictions& held_out, const at::Tensor& cov
   optimizer.Add({line}, 0.1, 0.0);
   const auto factor = [&] { return (line[0] + line[1] * along).exp(); };
   for (int step = 0; step < kScaleSteps; ++step) {
-    Nll(held_out, covariance * factor().view({1, -1, 1})).backward();
+    Nll(own_actions, covariance * factor().view({1, -1, 1})).backward();
     optimizer.Step(LearningRateShare(step, 0, kScaleSteps));
   }
   return factor().detach();

@@ -34,7 +34,8 @@ Predictions Predict(Networks& networks, const ExampleSet& set, int64_t most, int
 at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& generator);
 
 // Factor for the covariance of each waypoint, [T], smooth over the horizon, that makes held-out
-// predictions most likely: residuals on examples that were learned from are too small.
+// trajectories most likely under the actions that they are, weighted by q(y|x,s): residuals on
+// examples that were learned from are too small, and each action has to hold its own.
 //   covariance: [K, T, 3], or one for each example, [N, K, T, 3]
 at::Tensor FitCovarianceScale(const Predictions& held_out, const at::Tensor& covariance);
 
