@@ -57,8 +57,12 @@ v1::ModelCost CountCost(const v1::ModelSpec& spec) {
       MultiplyAdds(SceneFeatures(spec), spec.action_predictor(), spec.actions()));
   const int64_t D = spec.latent_dimensions();
   const int64_t sigma_points = 2 * D + 1;
+  const int64_t covariance =
+      spec.has_decoder_covariance()
+          ? MultiplyAdds(D, spec.decoder_covariance(), 3 * spec.trajectory().waypoints())
+          : 0;
   cost.set_distribution_multiply_adds(
-      MultiplyAdds(SceneFeatures(spec), spec.scenario_encoder(), 2 * D) +
+      covariance + MultiplyAdds(SceneFeatures(spec), spec.scenario_encoder(), 2 * D) +
       sigma_points * MultiplyAdds(D, spec.decoder(), 2 * spec.trajectory().waypoints()));
   return cost;
 }

@@ -150,6 +150,9 @@ std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec) 
   CheckMlp(spec.trajectory_encoder(), "trajectory_encoder", &rules);
   CheckMlp(spec.decoder(), "decoder", &rules);
   CheckMlp(spec.scenario_encoder(), "scenario_encoder", &rules);
+  if (spec.has_decoder_covariance()) {
+    CheckMlp(spec.decoder_covariance(), "decoder_covariance", &rules);
+  }
   rules.Between("decoder_stddev", "metres", spec.decoder_stddev(), 1e-3, 100.0);
   if (rules.violations().empty()) CheckMemory(spec, &rules);
   return std::move(rules).violations();
@@ -201,7 +204,11 @@ std::map<std::string, std::vector<int64_t>> TensorShapes(const v1::ModelSpec& sp
   shapes["mixture.log_weight"] = {K};
   shapes["trajectory.mean"] = {T, 2};
   shapes["trajectory.stddev"] = {T, 2};
-  shapes["decoder.covariance"] = {K, T, 3};
+  if (spec.has_decoder_covariance()) {
+    AddMlp("decoder_covariance", D, spec.decoder_covariance(), 3 * T, {}, &shapes);
+  } else {
+    shapes["decoder.covariance"] = {K, T, 3};
+  }
   return shapes;
 }
 

@@ -62,7 +62,8 @@ std::string FindWeightFault(const v1::ModelSpec& spec, const TensorMap& weights)
   if (!AllAre(weights.at("trajectory.stddev"), [](float v) { return v > 0; })) {
     return "tensor trajectory.stddev holds a standard deviation that is not positive";
   }
-  if (!ArePositiveSemidefinite(weights.at("decoder.covariance"))) {
+  const auto covariance = weights.find("decoder.covariance");
+  if (covariance != weights.end() && !ArePositiveSemidefinite(covariance->second)) {
     return "tensor decoder.covariance holds a matrix that is not positive semi-definite";
   }
   return "";

@@ -37,9 +37,16 @@ struct Tensor {
 //       the decoder's output times stddev plus mean is metres
 //   decoder.covariance   [K, T, 3]   xx, xy, yy, square metres, target frame: what p(x|z) adds to
 //       the latent covariance of action k at each waypoint, in moments
+//   or in its place, if the spec has it, a function of the mean of the latent:
+//   decoder_covariance.{i}.{weight,bias}   D -> hidden ... -> 3T: a, b, c of each waypoint, whose
+//       covariance is L L^T with L = (e^a 0; c e^b e^b), a and b held within the bounds below
 //
 // A trajectory [T, 2] is flattened as x_1, y_1, x_2, y_2, ...
 using TensorMap = std::map<std::string, Tensor>;
+
+// Bounds of a and b of decoder_covariance: 5 cm and 55 m.
+inline constexpr float kLeastLogStddev = -3.0f;
+inline constexpr float kMostLogStddev = 4.0f;
 
 }  // namespace maneuver::artifact
 

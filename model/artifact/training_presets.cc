@@ -21,6 +21,7 @@ using google::protobuf::FieldDescriptor;
 using google::protobuf::Message;
 
 constexpr char kDefaultPreset[] = "compact";
+constexpr int kCovarianceWidth = 64;  // of the predicted covariance's hidden layer
 
 // What both presets share.
 constexpr char kLearning[] = R"pb(
@@ -50,6 +51,8 @@ constexpr char kLearning[] = R"pb(
     decoder_covariance: DECODER_COVARIANCE_LEARNED
     dropout: 0.2
     calibrate_probabilities: true
+    calibrate_latent: true
+    covered_share: 0.83
   }
   augmentation {
     mirror: true
@@ -115,6 +118,8 @@ constexpr char kLiteral[] = R"pb(
     decoder_covariance: DECODER_COVARIANCE_FIXED
     dropout: 0
     calibrate_probabilities: false
+    calibrate_latent: false
+    covered_share: 0
   }
   augmentation { mirror: false scale: 0 shift_pixels: 0 }
 )pb";
@@ -251,6 +256,8 @@ void CheckOptimization(const v1::OptimizationSettings& optimization, v1::Objecti
                  "needs epochs of the mixture alone: set optimization.mixture_epochs");
   rules->Require(optimization.dropout() >= 0 && optimization.dropout() < 1, "optimization.dropout",
                  "must be at least 0 and less than 1");
+  rules->Require(optimization.covered_share() >= 0 && optimization.covered_share() < 1,
+                 "optimization.covered_share", "must be at least 0 and less than 1");
   // Batch normalisation needs two examples.
   rules->Between("optimization.batch_size", "examples", optimization.batch_size(), 2, 65'536);
   rules->Between("optimization.learning_rate", "rate", optimization.learning_rate(), 1e-8, 1.0);
@@ -297,6 +304,10 @@ v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& setting
     return settings;
   }
   Replace(settings, &resolved);
+  if (resolved.optimization().decoder_covariance() == v1::DECODER_COVARIANCE_PREDICTED &&
+      !resolved.model().has_decoder_covariance()) {
+    resolved.mutable_model()->mutable_decoder_covariance()->add_hidden(kCovarianceWidth);
+  }
   return resolved;
 }
 
@@ -312,6 +323,11 @@ std::vector<scene::FieldViolation> ValidateTrainingSettings(const v1::TrainingSe
   for (const scene::FieldViolation& violation : ValidateModelSpec(resolved.model())) {
     rules.Require(false, absl::StrCat("model.", violation.field), violation.description);
   }
+  rules.Require(
+      !resolved.model().has_decoder_covariance() ||
+          resolved.optimization().decoder_covariance() == v1::DECODER_COVARIANCE_PREDICTED,
+      "model.decoder_covariance",
+      "needs optimization.decoder_covariance DECODER_COVARIANCE_PREDICTED");
   CheckExamples(resolved.examples(), &rules);
   CheckOptimization(resolved.optimization(), resolved.model().objective(), &rules);
   CheckAugmentation(resolved.augmentation(), resolved.model().raster(), &rules);

@@ -4,8 +4,8 @@
 
 namespace maneuver::evaluation {
 
-WaypointCovariance LatentCovariance(const inference::ActionDistribution& distribution) {
-  WaypointCovariance covariance = WaypointCovariance::Zero(distribution.moment_mean.rows(), 3);
+WaypointCovariances LatentCovariance(const inference::ActionDistribution& distribution) {
+  WaypointCovariances covariance = WaypointCovariances::Zero(distribution.moment_mean.rows(), 3);
   for (size_t d = 1; d + 1 < distribution.sigma.size(); d += 2) {
     const inference::Trajectory half = 0.5 * (distribution.sigma[d] - distribution.sigma[d + 1]);
     covariance.col(0).array() += half.col(0).array().square();
@@ -15,7 +15,7 @@ WaypointCovariance LatentCovariance(const inference::ActionDistribution& distrib
   return covariance;
 }
 
-Coverage CoverageOf(const inference::Trajectory& mean, const WaypointCovariance& covariance,
+Coverage CoverageOf(const inference::Trajectory& mean, const WaypointCovariances& covariance,
                     const inference::Trajectory& truth) {
   constexpr double kSingular = 1e-12;  // determinant as a share of the trace's square
   int one = 0;
@@ -36,13 +36,13 @@ Coverage CoverageOf(const inference::Trajectory& mean, const WaypointCovariance&
   return {one / count, two / count};
 }
 
-double MeanSigma(const WaypointCovariance& covariance) {
+double MeanSigma(const WaypointCovariances& covariance) {
   return (0.5 * (covariance.col(0) + covariance.col(2))).cwiseSqrt().mean();
 }
 
 Envelope EnvelopeOf(const inference::ActionDistribution& distribution,
                     const inference::Trajectory& truth) {
-  const WaypointCovariance latent = LatentCovariance(distribution);
+  const WaypointCovariances latent = LatentCovariance(distribution);
   return {CoverageOf(distribution.moment_mean, distribution.moment_covariance, truth),
           CoverageOf(distribution.moment_mean, latent, truth), MeanSigma(latent)};
 }

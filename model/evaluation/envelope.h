@@ -7,12 +7,11 @@
 
 namespace maneuver::evaluation {
 
-// [T, 3] xx, xy, yy, square metres
-using WaypointCovariance = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
+using inference::WaypointCovariances;
 
 // What the latent alone spreads: sum_d h_d h_d^T over the sigma points, without the decoder's
 // covariance (model/probability/sigma_points.h).
-WaypointCovariance LatentCovariance(const inference::ActionDistribution& distribution);
+WaypointCovariances LatentCovariance(const inference::ActionDistribution& distribution);
 
 // Shares of the waypoints t whose truth lies in the n-sigma ellipse, on its edge included:
 //   (x_t - m_t)^T C_t^-1 (x_t - m_t) <= n^2.
@@ -23,7 +22,7 @@ struct Coverage {
   double two_sigma = 0.0;
 };
 
-Coverage CoverageOf(const inference::Trajectory& mean, const WaypointCovariance& covariance,
+Coverage CoverageOf(const inference::Trajectory& mean, const WaypointCovariances& covariance,
                     const inference::Trajectory& truth);
 
 inline constexpr double kGaussianOneSigma = 0.393469;  // 1 - exp(-1/2)
@@ -31,7 +30,7 @@ inline constexpr double kGaussianTwoSigma = 0.864665;  // 1 - exp(-2)
 
 // Mean over the waypoints of sqrt(trace(C_t) / 2), metres: of a circle, its standard deviation on
 // each coordinate.
-double MeanSigma(const WaypointCovariance& covariance);
+double MeanSigma(const WaypointCovariances& covariance);
 
 // How one action's distribution encloses the truth.
 struct Envelope {

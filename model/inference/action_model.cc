@@ -1,6 +1,7 @@
 #include "model/inference/action_model.h"
 
 #include <algorithm>
+#include <cmath>
 #include <exception>
 #include <string>
 #include <utility>
@@ -8,6 +9,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_folder.h"
+#include "model/artifact/tensor.h"
 #include "model/inference/networks.h"
 #include "model/probability/responsibilities.h"
 #include "model/probability/sigma_points.h"
@@ -21,6 +23,22 @@ using RowMajorXf = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::R
 // Rasters that are encoded together: bounds the scratch memory and still reads the projection's
 // weights once for so many.
 constexpr int kEncodingBlock = 16;
+
+// [3T] as decoder_covariance yields them (tensor.h) to [T, 3] xx, xy, yy.
+WaypointCovariances CovariancesOf(const Eigen::RowVectorXf& factors) {
+  const auto stddev = [](float log_stddev) {
+    return std::exp(static_cast<double>(
+        std::clamp(log_stddev, artifact::kLeastLogStddev, artifact::kMostLogStddev)));
+  };
+  WaypointCovariances covariances(factors.size() / 3, 3);
+  for (Eigen::Index t = 0; t < covariances.rows(); ++t) {
+    const double l11 = stddev(factors[3 * t]);
+    const double l22 = stddev(factors[3 * t + 1]);
+    const double l21 = static_cast<double>(factors[3 * t + 2]) * l22;
+    covariances.row(t) << l11 * l11, l11 * l21, l21 * l21 + l22 * l22;
+  }
+  return covariances;
+}
 
 class LoadedModel final : public ActionModel {
  public:
@@ -73,6 +91,7 @@ class Session final : public InferenceSession {
           probability::SigmaPoints(latent.mean, distributions[i].latent_stddev);
     }
     const Eigen::MatrixXd images = Decode(latents);
+    FillDecoderCovariances(distributions);
     for (size_t i = 0; i < actions.size(); ++i) {
       FillTrajectories(images.middleRows(points * static_cast<Eigen::Index>(i), points),
                        &distributions[i]);
@@ -171,7 +190,31 @@ class Session final : public InferenceSession {
     return metres;
   }
 
-  // Sigma trajectories and moments of a distribution, from its decoded sigma points [2D+1, 2T].
+  // Covariance of p(x|z) at the mean of each distribution's latent, into its moments.
+  void FillDecoderCovariances(std::span<ActionDistribution> distributions) {
+    const Eigen::Index waypoints = networks_.trajectory_mean.size() / 2;
+    if (!networks_.covariance_network) {
+      for (ActionDistribution& distribution : distributions) {
+        distribution.moment_covariance =
+            networks_.decoder_covariance.middleRows(distribution.action * waypoints, waypoints);
+      }
+      return;
+    }
+    RowMajorXf latents(static_cast<Eigen::Index>(distributions.size()),
+                       networks_.mixture.dimensions());
+    for (size_t i = 0; i < distributions.size(); ++i) {
+      latents.row(static_cast<Eigen::Index>(i)) = distributions[i].latent_mean.cast<float>();
+    }
+    RowMajorXf factors(latents.rows(), 3 * waypoints);
+    networks_.covariance_network->Apply(latents.data(), static_cast<int>(latents.rows()),
+                                        &mlp_scratch_, factors.data());
+    for (size_t i = 0; i < distributions.size(); ++i) {
+      distributions[i].moment_covariance = CovariancesOf(factors.row(static_cast<Eigen::Index>(i)));
+    }
+  }
+
+  // Sigma trajectories and moments of a distribution, from its decoded sigma points [2D+1, 2T];
+  // what p(x|z) adds is in the moments already.
   void FillTrajectories(const Eigen::MatrixXd& images, ActionDistribution* distribution) {
     const Eigen::Index waypoints = images.cols() / 2;
     for (Eigen::Index p = 0; p < images.rows(); ++p) {
@@ -180,8 +223,6 @@ class Session final : public InferenceSession {
     }
     const auto moments = probability::MomentsOfSigmaPoints(images);
     distribution->moment_mean = Eigen::Map<const Trajectory>(moments.mean.data(), waypoints, 2);
-    distribution->moment_covariance =
-        networks_.decoder_covariance.middleRows(distribution->action * waypoints, waypoints);
     for (Eigen::Index t = 0; t < waypoints; ++t) {
       const auto x = moments.deviations.col(2 * t);
       const auto y = moments.deviations.col(2 * t + 1);

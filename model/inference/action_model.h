@@ -36,6 +36,9 @@ enum class LatentSource {
 // Positions at the waypoints, target frame, metres. [T, 2]
 using Trajectory = Eigen::Matrix<double, Eigen::Dynamic, 2, Eigen::RowMajor>;
 
+// A covariance at each waypoint, target frame. [T, 3] xx, xy, yy, square metres
+using WaypointCovariances = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
+
 // What one action would look like; target frame.
 struct ActionDistribution {
   int action = 0;
@@ -43,8 +46,7 @@ struct ActionDistribution {
   Eigen::VectorXd latent_stddev;  // [D]
   std::vector<Trajectory> sigma;  // [2D+1]: the mean, then + and - one stddev along each dimension
   Trajectory moment_mean;         // [T, 2]
-  // [T, 3] xx, xy, yy, square metres: of the sigma points plus the decoder's own
-  Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> moment_covariance;
+  WaypointCovariances moment_covariance;  // of the sigma points plus the decoder's own
 
   const Trajectory& mean() const { return sigma.front(); }
 };

@@ -84,10 +84,14 @@ Networks::Networks(const v1::ModelSpec& spec, const TensorMap& weights, bool bf1
               Vector(weights.at("mixture.log_weight"))},
       trajectory_mean(Vector(weights.at("trajectory.mean"))),
       trajectory_stddev(Vector(weights.at("trajectory.stddev"))) {
-  const Tensor& covariance = weights.at("decoder.covariance");
+  if (spec.has_decoder_covariance()) {
+    covariance_network = MakeMlp(weights, "decoder_covariance");
+    return;
+  }
+  const Tensor& table = weights.at("decoder.covariance");
   decoder_covariance =
       Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, 3, Eigen::RowMajor>>(
-          covariance.values.data(), static_cast<Eigen::Index>(covariance.values.size()) / 3, 3)
+          table.values.data(), static_cast<Eigen::Index>(table.values.size()) / 3, 3)
           .cast<double>();
 }
 
@@ -95,6 +99,7 @@ size_t Networks::bytes() const {
   size_t bytes = backbone.bytes() + projection.bytes() + action_predictor.bytes() +
                  trajectory_encoder.bytes() + decoder.bytes();
   for (const Mlp& encoder : scenario_encoders) bytes += encoder.bytes();
+  if (covariance_network) bytes += covariance_network->bytes();
   return bytes;
 }
 

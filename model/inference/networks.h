@@ -5,6 +5,7 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "maneuver/v1/model_spec.pb.h"
@@ -33,7 +34,9 @@ struct Networks {
   probability::LatentMixture mixture;  // p(z|y)
   Eigen::VectorXd trajectory_mean;     // [2T] metres
   Eigen::VectorXd trajectory_stddev;   // [2T] metres
-  // [K * T, 3] xx, xy, yy, square metres
+  // The covariance of p(x|z): of the latent, D -> 3T as in tensor.h, or else of the action,
+  // [K * T, 3] xx, xy, yy, square metres.
+  std::optional<Mlp> covariance_network;
   Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> decoder_covariance;
 };
 

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 namespace maneuver::learning {
 
@@ -28,8 +29,12 @@ WaypointMoments LatentMoments(const Networks& networks, const Gaussian& latents)
   return moments;
 }
 
-at::Tensor WaypointLogLikelihood(const at::Tensor& log_probabilities, const at::Tensor& mean,
-                                 const at::Tensor& covariance, const at::Tensor& trajectories) {
+namespace {
+
+// Errors at each waypoint against their covariance: (e^T C^-1 e, det C), [B, K, T] both.
+std::pair<at::Tensor, at::Tensor> DistanceAndDeterminant(const at::Tensor& mean,
+                                                         const at::Tensor& covariance,
+                                                         const at::Tensor& trajectories) {
   const at::Tensor truth = trajectories.view({trajectories.size(0), 1, -1, 2});
   const at::Tensor dx = truth.select(3, 0) - mean.select(3, 0);  // [B, K, T]
   const at::Tensor dy = truth.select(3, 1) - mean.select(3, 1);
@@ -39,9 +44,26 @@ at::Tensor WaypointLogLikelihood(const at::Tensor& log_probabilities, const at::
   const at::Tensor determinant = xx * yy - xy.square();
   const at::Tensor distance =
       (yy * dx.square() - 2.0 * xy * dx * dy + xx * dy.square()) / determinant;
-  const at::Tensor log_density =
-      -0.5 * (distance + determinant.log()) - std::log(2.0 * std::numbers::pi);
-  return at::logsumexp(log_probabilities.unsqueeze(2) + log_density, {1});
+  return {distance, determinant};
+}
+
+}  // namespace
+
+at::Tensor SquaredDistances(const at::Tensor& mean, const at::Tensor& covariance,
+                            const at::Tensor& trajectories) {
+  return DistanceAndDeterminant(mean, covariance, trajectories).first;
+}
+
+at::Tensor WaypointLogDensities(const at::Tensor& mean, const at::Tensor& covariance,
+                                const at::Tensor& trajectories) {
+  const auto [distance, determinant] = DistanceAndDeterminant(mean, covariance, trajectories);
+  return -0.5 * (distance + determinant.log()) - std::log(2.0 * std::numbers::pi);
+}
+
+at::Tensor WaypointLogLikelihood(const at::Tensor& log_probabilities, const at::Tensor& mean,
+                                 const at::Tensor& covariance, const at::Tensor& trajectories) {
+  return at::logsumexp(
+      log_probabilities.unsqueeze(2) + WaypointLogDensities(mean, covariance, trajectories), {1});
 }
 
 }  // namespace maneuver::learning

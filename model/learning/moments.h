@@ -21,6 +21,14 @@ struct WaypointMoments {
 // side along each dimension; without the decoder's own covariance.
 WaypointMoments LatentMoments(const Networks& networks, const Gaussian& latents);
 
+// Squared Mahalanobis distance of each waypoint under each action. [B, K, T]; arguments as below
+at::Tensor SquaredDistances(const at::Tensor& mean, const at::Tensor& covariance,
+                            const at::Tensor& trajectories);
+
+// ln of each action's Gaussian at each waypoint. [B, K, T]; arguments as below
+at::Tensor WaypointLogDensities(const at::Tensor& mean, const at::Tensor& covariance,
+                                const at::Tensor& trajectories);
+
 // ln of the mixture over actions of Gaussians at each waypoint. [B, T]
 //   log_probabilities: [B, K];  covariance: positive definite
 //   trajectories: [B, 2T] metres

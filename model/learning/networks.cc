@@ -179,6 +179,21 @@ at::Tensor Networks::Decode(const at::Tensor& latents) const {
                     (*this)["trajectory.mean"].flatten());
 }
 
+at::Tensor Networks::PredictCovariance(const at::Tensor& latents) const {
+  const size_t layers = static_cast<size_t>(spec_.decoder_covariance().hidden_size()) + 1;
+  const at::Tensor factors =
+      Mlp("decoder_covariance", layers, latents).unflatten(-1, {basis_.size(0), 3});
+  const auto stddev = [&](int64_t index) {
+    return factors.select(-1, index)
+        .clamp(artifact::kLeastLogStddev, artifact::kMostLogStddev)
+        .exp();
+  };
+  const at::Tensor l11 = stddev(0);
+  const at::Tensor l22 = stddev(1);
+  const at::Tensor l21 = factors.select(-1, 2) * l22;
+  return at::stack({l11.square(), l11 * l21, l21.square() + l22.square()}, -1);
+}
+
 at::Tensor Networks::CurveMap() const {
   // Position t, axis a is the sum over functions m of basis [t, m] times coefficient [m, a].
   const int64_t waypoints = basis_.size(0);
@@ -258,6 +273,8 @@ std::vector<at::Tensor> Networks::Parameters(Part part) const {
         return "action_predictor.";
       case Part::kScenarioEncoder:
         return "scenario_encoder.";
+      case Part::kDecoderCovariance:
+        return "decoder_covariance.";
     }
     return "";
   }();

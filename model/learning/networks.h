@@ -52,6 +52,9 @@ class Networks {
   Gaussian EncodeTrajectories(const at::Tensor& trajectories) const;
   // Mean of p(x|z), a smooth curve (trajectory_basis.h). latents [..., D] -> [..., 2T] metres
   at::Tensor Decode(const at::Tensor& latents) const;
+  // Covariance of p(x|z) of a spec that has it depend on z. [..., D] -> [..., T, 3] xx, xy, yy,
+  // square metres
+  at::Tensor PredictCovariance(const at::Tensor& latents) const;
   // Of the base objective, whose q(z|y,s) is the generic action: scenario encoders that add
   // nothing.
   void SilenceScenarioEncoders();
@@ -76,7 +79,15 @@ class Networks {
   const at::Tensor& operator[](const std::string& name) const;
 
   // What a phase trains.
-  enum class Part { kTrajectoryEncoder, kDecoder, kMixture, kBackbone, kActions, kScenarioEncoder };
+  enum class Part {
+    kTrajectoryEncoder,
+    kDecoder,
+    kMixture,
+    kBackbone,
+    kActions,
+    kScenarioEncoder,
+    kDecoderCovariance
+  };
   std::vector<at::Tensor> Parameters(Part part) const;
 
   // Copies for the model folder: ln p(y) normalised, the decoder's last layer times the basis.

@@ -5,8 +5,10 @@
 #include <utility>
 
 #include "model/learning/calibration.h"
+#include "model/learning/covariance_fit.h"
 #include "model/learning/epoch_size.h"
 #include "model/learning/optimizer.h"
+#include "model/learning/predictions.h"
 #include "model/learning/raster_loader.h"
 #include "model/learning/run_state.h"
 #include "model/learning/validation.h"
@@ -208,7 +210,7 @@ absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
     if (!has_held_out) return absl::OkStatus();
     const at::Tensor own = held_out.covariance;
     held_out.covariance = at::zeros_like(own);
-    networks.SetScale(FitCovarianceScale(held_out, own));
+    networks.SetScale(FitCovarianceScale(held_out, own, /*fit_latent=*/false).factor);
     return absl::OkStatus();
   }
   Predictions training = PredictAll(networks, data_.training, kMostTraining, threads_, stopped_);
@@ -217,7 +219,8 @@ absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
   at::Tensor covariance = FitDecoderCovariance(training, baseline.generator);
   if (has_held_out) {
     held_out.covariance = at::zeros_like(held_out.covariance);
-    covariance = covariance * FitCovarianceScale(held_out, covariance).view({1, -1, 1});
+    const CovarianceScale scale = FitCovarianceScale(held_out, covariance, /*fit_latent=*/false);
+    covariance = covariance * scale.factor.view({1, -1, 1});
   }
   networks.SetCovariance(covariance);
   return absl::OkStatus();

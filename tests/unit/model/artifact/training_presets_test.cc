@@ -123,6 +123,17 @@ TEST(TrainingPresetsTest, AugmentationCanBeTurnedOff) {
   EXPECT_THAT(WrongFields(resolved), ElementsAre());
 }
 
+TEST(TrainingPresetsTest, APredictedCovarianceHasANetworkAndNoOtherHas) {
+  const v1::TrainingSettings predicted =
+      Resolved("optimization { decoder_covariance: DECODER_COVARIANCE_PREDICTED }");
+  EXPECT_THAT(predicted.model().decoder_covariance().hidden(), ElementsAre(64));
+  EXPECT_THAT(WrongFields(predicted), ElementsAre());
+  const v1::TrainingSettings other = Resolved(
+      "model { decoder_covariance { hidden: 8 } }"
+      "optimization { decoder_covariance: DECODER_COVARIANCE_LEARNED }");
+  EXPECT_THAT(WrongFields(other), ElementsAre("model.decoder_covariance"));
+}
+
 TEST(TrainingPresetsTest, LiteralIsThePaperByItsLetter) {
   const v1::TrainingSettings literal = Resolved("preset: 'literal'");
   EXPECT_THAT(WrongFields(literal), ElementsAre());

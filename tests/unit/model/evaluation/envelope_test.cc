@@ -17,8 +17,8 @@ Trajectory Points(std::initializer_list<std::array<double, 2>> points) {
   return trajectory;
 }
 
-WaypointCovariance Covariances(std::initializer_list<std::array<double, 3>> rows) {
-  WaypointCovariance covariance(rows.size(), 3);
+WaypointCovariances Covariances(std::initializer_list<std::array<double, 3>> rows) {
+  WaypointCovariances covariance(rows.size(), 3);
   int t = 0;
   for (const auto& [xx, xy, yy] : rows) covariance.row(t++) << xx, xy, yy;
   return covariance;
@@ -27,7 +27,7 @@ WaypointCovariance Covariances(std::initializer_list<std::array<double, 3>> rows
 // Deviations 3 m along x and 1 m along y: 3 m ahead is one sigma, 2 m aside is two.
 TEST(EnvelopeTest, EllipsesAreMeasuredAlongTheirAxes) {
   const Trajectory mean = Points({{0, 0}, {0, 0}, {0, 0}, {0, 0}});
-  const WaypointCovariance covariance = Covariances({{9, 0, 1}, {9, 0, 1}, {9, 0, 1}, {9, 0, 1}});
+  const WaypointCovariances covariance = Covariances({{9, 0, 1}, {9, 0, 1}, {9, 0, 1}, {9, 0, 1}});
   const Coverage coverage =
       CoverageOf(mean, covariance, Points({{3.0, 0.0}, {0.0, 1.01}, {0.0, 2.0}, {0.0, 2.01}}));
   EXPECT_DOUBLE_EQ(coverage.one_sigma, 0.25);
@@ -37,7 +37,7 @@ TEST(EnvelopeTest, EllipsesAreMeasuredAlongTheirAxes) {
 // The ellipse of [2 1; 1 2] is long along (1, 1), where its deviation is sqrt 3, and short across.
 TEST(EnvelopeTest, EllipsesTurnWithTheirCovariance) {
   const Trajectory mean = Points({{5, 5}, {5, 5}});
-  const WaypointCovariance covariance = Covariances({{2, 1, 2}, {2, 1, 2}});
+  const WaypointCovariances covariance = Covariances({{2, 1, 2}, {2, 1, 2}});
   const double along = std::sqrt(3.0 / 2.0);
   const Coverage coverage = CoverageOf(
       mean, covariance,
@@ -51,7 +51,7 @@ TEST(EnvelopeTest, GaussiansHoldTheShareThatTheoryGives) {
   std::normal_distribution<double> normal;
   constexpr int kCount = 40'000;
   Trajectory truth(kCount, 2);
-  WaypointCovariance covariance(kCount, 3);
+  WaypointCovariances covariance(kCount, 3);
   for (int i = 0; i < kCount; ++i) {
     const double a = normal(random);
     const double b = normal(random);

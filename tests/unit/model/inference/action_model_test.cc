@@ -197,6 +197,57 @@ TEST_F(ActionModelTest, MomentsAddTheDecodersCovariance) {
   }
 }
 
+// The covariance as a function of the latent, by hand: one ReLU layer, then the factor L.
+TEST_F(ActionModelTest, MomentsAddTheCovarianceThatTheLatentSays) {
+  v1::ModelSpec spec = SmallSpec();
+  spec.mutable_decoder_covariance()->add_hidden(5);
+  stored_ = RandomModel(spec, 6);
+  ASSERT_FALSE(stored_.weights.contains("decoder.covariance"));
+  stored_.weights.at("decoder_covariance.1.bias").values[3 * 6] = -9.0f;  // below the bounds
+  fs::remove_all(folder_);
+  ASSERT_TRUE(artifact::WriteModelFolder(folder_, stored_).ok());
+  model_ = Load();
+  session_ = model_->NewSession();
+  const auto& w0 = stored_.weights.at("decoder_covariance.0.weight").values;
+  const auto& b0 = stored_.weights.at("decoder_covariance.0.bias").values;
+  const auto& w1 = stored_.weights.at("decoder_covariance.1.weight").values;
+  const auto& b1 = stored_.weights.at("decoder_covariance.1.bias").values;
+  const int actions[] = {3, 1};
+  for (const LatentSource source : {LatentSource::kPosterior, LatentSource::kPrior}) {
+    for (const auto& distribution : session_->Describe(EncodeOne(2), actions, source)) {
+      std::vector<double> hidden;
+      for (size_t h = 0; h < 5; ++h) {
+        double sum = b0[h];
+        for (size_t d = 0; d < 3; ++d) {
+          sum += w0[3 * h + d] * distribution.latent_mean[static_cast<Eigen::Index>(d)];
+        }
+        hidden.push_back(std::max(0.0, sum));
+      }
+      for (size_t t = 0; t < 7; ++t) {
+        double factor[3];
+        for (size_t o = 0; o < 3; ++o) {
+          factor[o] = b1[3 * t + o];
+          for (size_t h = 0; h < 5; ++h) factor[o] += w1[5 * (3 * t + o) + h] * hidden[h];
+        }
+        Eigen::Matrix2d L;
+        L << std::exp(std::max(-3.0, factor[0])), 0.0, factor[2] * std::exp(factor[1]),
+            std::exp(factor[1]);
+        Eigen::Matrix2d expected = L * L.transpose();
+        const auto row = static_cast<Eigen::Index>(t);
+        for (size_t d = 0; d < 3; ++d) {
+          const Eigen::Vector2d half =
+              (distribution.sigma[1 + 2 * d].row(row) - distribution.sigma[2 + 2 * d].row(row)) / 2;
+          expected += half * half.transpose();
+        }
+        const double tolerance = 1e-6 * expected.trace();
+        EXPECT_NEAR(distribution.moment_covariance(row, 0), expected(0, 0), tolerance);
+        EXPECT_NEAR(distribution.moment_covariance(row, 1), expected(0, 1), tolerance);
+        EXPECT_NEAR(distribution.moment_covariance(row, 2), expected(1, 1), tolerance);
+      }
+    }
+  }
+}
+
 TEST_F(ActionModelTest, ThePriorIsTheComponentWhateverTheScene) {
   const int actions[] = {2};
   const auto here = session_->Describe(EncodeOne(3), actions, LatentSource::kPrior).front();

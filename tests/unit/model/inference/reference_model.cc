@@ -40,6 +40,7 @@ artifact::StoredModel RandomModel(const v1::ModelSpec& spec, uint32_t seed) {
     if (!layer.adds) continue;
     for (float& gamma : model.weights[layer.normalization + ".weight"].values) gamma *= 0.4f;
   }
+  if (spec.has_decoder_covariance()) return model;
   std::vector<float>& covariance = model.weights["decoder.covariance"].values;
   for (size_t i = 0; i < covariance.size(); i += 3) {
     covariance[i] = 0.5f + std::abs(covariance[i]);

@@ -1,5 +1,4 @@
-// Whole runs on analytic scenes: what is learned, that it is the same again, and that the engine
-// says what LibTorch says.
+// Whole runs on analytic scenes: what is learned, and that it is the same again.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,10 +11,8 @@
 #include "model/artifact/model_folder.h"
 #include "model/artifact/model_spec.h"
 #include "model/inference/action_model.h"
-#include "model/learning/calibration.h"
 #include "model/learning/checkpoint.h"
 #include "model/learning/learner.h"
-#include "model/learning/moments.h"
 #include "model/learning/optimizer.h"
 #include "model/learning/trainer.h"
 #include "model/learning/training_failure.h"
@@ -321,92 +318,6 @@ TEST_F(TrainingTest, ADeviceThatIsNotThereIsRefused) {
   EXPECT_THAT(std::string(status.message()), HasSubstr("cuda"));
 }
 
-void ExpectClose(const at::Tensor& expected, const Eigen::VectorXd& actual, const char* what) {
-  const at::Tensor plain = expected.detach().to(at::kDouble).contiguous().flatten();
-  ASSERT_EQ(plain.numel(), actual.size()) << what;
-  const Eigen::Map<const Eigen::VectorXd> values(plain.data_ptr<double>(), plain.numel());
-  EXPECT_LE((values - actual).norm(), 1e-4 * values.norm() + 1e-7) << what;
-}
-
-// Every network of the engine, f32, against LibTorch's.
-TEST_F(TrainingTest, TheEngineSaysWhatLibTorchSays) {
-  v1::TrainingSettings settings = TinySettings();
-  settings.mutable_optimization()->set_pretraining_epochs(4);
-  settings.mutable_optimization()->set_mixture_epochs(2);
-  settings.mutable_optimization()->set_joint_epochs(2);
-  const TrainingData data = Data();
-  RunProgress progress(Learner::Plan(settings, static_cast<int64_t>(data.training.examples.size())),
-                       {}, [] { return std::chrono::system_clock::time_point(); });
-  Learner learner(
-      settings, data, at::Device(at::kCPU), 1, [] { return false; }, progress);
-  for (const auto phase : {&Learner::Pretrain, &Learner::PlaceMixture, &Learner::TrainMixture,
-                           &Learner::TrainJointly, &Learner::Calibrate}) {
-    ASSERT_TRUE((learner.*phase)().ok());
-  }
-  Networks& networks = learner.networks();
-  v1::ModelManifest manifest;
-  *manifest.mutable_spec() = settings.model();
-  ASSERT_TRUE(artifact::WriteModelFolder(folder_ / "model", {manifest, networks.Export()}).ok());
-  const auto model = inference::ActionModel::Load(folder_ / "model", {inference::Precision::kF32});
-  ASSERT_TRUE(model.ok()) << model.status();
-  const auto session = (*model)->NewSession();
-
-  at::NoGradGuard no_grad;
-  constexpr int64_t kExamples = 5;
-  const std::vector<RasterLoader::Item> items = DrawItems(data.validation, kExamples);
-  RasterLoader loader(settings.model().raster(), data.validation, items, kExamples, 1);
-  RasterLoader::Batch batch = *loader.Next();
-  const at::Tensor x = VariedTrajectories(data.validation, batch);
-  const at::Tensor features = networks.EncodeScenes(RasterTensor(settings.model().raster(), batch),
-                                                    VariedMotions(data.validation, batch), {});
-  const at::Tensor log_p_y = networks.PredictActions(features);
-  const Gaussian posterior = networks.EncodeScenarios(features);
-  const Gaussian q_z = networks.EncodeTrajectories(x);
-  const Gaussian mixture = networks.Mixture();
-  const at::Tensor q_y =
-      UnifiedLogResponsibilities(
-          log_p_y, CrossEntropy({q_z.mean.unsqueeze(1), q_z.log_variance.unsqueeze(1)}, mixture),
-          Divergence(posterior, mixture))
-          .exp();
-  const WaypointMoments moments = LatentMoments(networks, posterior);
-
-  const size_t bytes = scene::RasterBytes(settings.model().raster());
-  for (int64_t i = 0; i < kExamples; ++i) {
-    const uint8_t* raster = batch.rasters.data() + static_cast<size_t>(i) * bytes;
-    inference::SceneEncoding encoding;
-    const inference::SceneInput scene{
-        raster, data.validation.examples[static_cast<size_t>(items[static_cast<size_t>(i)].example)]
-                    .motion};
-    session->Encode({&scene, 1}, {&encoding, 1});
-    ExpectClose(features[i], encoding.features.cast<double>(), "features");
-    ExpectClose(log_p_y[i].exp(), encoding.probabilities, "p(y|s)");
-    const std::vector<int> actions = {4, 0};
-    const auto distributions =
-        session->Describe(encoding, actions, inference::LatentSource::kPosterior);
-    for (size_t j = 0; j < actions.size(); ++j) {
-      const int64_t k = actions[j];
-      const inference::ActionDistribution& actual = distributions[j];
-      ExpectClose(posterior.mean[i][k], actual.latent_mean, "mean of q(z|y,s)");
-      ExpectClose((0.5 * posterior.log_variance[i][k]).exp(), actual.latent_stddev,
-                  "deviation of q(z|y,s)");
-      ExpectClose(networks.Decode(posterior.mean[i][k]),
-                  Eigen::Map<const Eigen::VectorXd>(actual.mean().data(), actual.mean().size()),
-                  "mean trajectory");
-      ExpectClose(
-          moments.mean[i][k],
-          Eigen::Map<const Eigen::VectorXd>(actual.moment_mean.data(), actual.moment_mean.size()),
-          "moment mean");
-      ExpectClose(moments.covariance[i][k] + networks["decoder.covariance"][k],
-                  Eigen::Map<const Eigen::VectorXd>(actual.moment_covariance.data(),
-                                                    actual.moment_covariance.size()),
-                  "moment covariance");
-    }
-    inference::Trajectory trajectory(x.size(1) / 2, 2);
-    for (int64_t c = 0; c < x.size(1); ++c) trajectory.data()[c] = x[i][c].item<float>();
-    ExpectClose(q_y[i], session->Classify(encoding, trajectory).responsibilities, "q(y|x,s)");
-  }
-}
-
 TEST_F(TrainingTest, PlacesComponentsOnTheEncodingsOfClusters) {
   const TrainingData data = Data();
   const v1::TrainingSettings settings = TinySettings();
@@ -464,74 +375,6 @@ TEST(OptimizerTest, LearningRateWarmsUpAndThenFallsToZero) {
   EXPECT_NEAR(LearningRateShare(100, 100, 2000), 1.0, 1e-9);
   EXPECT_NEAR(LearningRateShare(1050, 100, 2000), 0.5, 1e-9);
   EXPECT_LT(LearningRateShare(1999, 100, 2000), 1e-4);
-}
-
-// Predictions of two actions whose residuals have known covariances.
-Predictions KnownPredictions(at::Generator& generator, double scale) {
-  constexpr int64_t kExamples = 4000;
-  Predictions predictions;
-  predictions.mean = at::zeros({kExamples, 2, 1, 2}, at::kFloat);
-  predictions.mean.select(1, 1).fill_(100.0);
-  predictions.covariance = at::zeros({kExamples, 2, 1, 3}, at::kFloat);
-  predictions.log_probabilities = at::full({kExamples, 2}, std::log(0.5), at::kFloat);
-  predictions.log_responsibilities = at::full({kExamples, 2}, -50.0, at::kFloat);
-  at::Tensor x = at::empty({kExamples, 2}, at::kFloat).normal_(0.0, 1.0, generator);
-  x.select(1, 0).mul_(2.0 * scale);  // deviations of 2 m along and 0.5 m across
-  x.select(1, 1).mul_(0.5 * scale);
-  x.slice(0, kExamples / 2).add_(100.0);
-  predictions.log_responsibilities.slice(0, 0, kExamples / 2).select(1, 0).zero_();
-  predictions.log_responsibilities.slice(0, kExamples / 2).select(1, 1).zero_();
-  predictions.trajectories = x;
-  return predictions;
-}
-
-TEST(CalibrationTest, DecoderCovarianceIsThatOfTheResiduals) {
-  at::Generator generator = MakeGenerator(1);
-  const Predictions predictions = KnownPredictions(generator, 1.0);
-  const at::Tensor covariance = FitDecoderCovariance(predictions, generator);
-  for (int k = 0; k < 2; ++k) {
-    EXPECT_NEAR(covariance[k][0][0].item<double>(), 4.0, 0.4);
-    EXPECT_NEAR(covariance[k][0][1].item<double>(), 0.0, 0.1);
-    EXPECT_NEAR(covariance[k][0][2].item<double>(), 0.25, 0.025);
-  }
-}
-
-TEST(CalibrationTest, WhatTheLatentExplainsIsNotCountedTwice) {
-  at::Generator generator = MakeGenerator(1);
-  Predictions predictions = KnownPredictions(generator, 1.0);
-  predictions.covariance.select(3, 0).fill_(3.0);
-  const at::Tensor covariance = FitDecoderCovariance(predictions, generator);
-  EXPECT_NEAR(covariance[0][0][0].item<double>(), 1.0, 0.4);
-}
-
-TEST(CalibrationTest, CovarianceScaleFollowsHeldOutResiduals) {
-  at::Generator generator = MakeGenerator(1);
-  const Predictions training = KnownPredictions(generator, 1.0);
-  const at::Tensor covariance = FitDecoderCovariance(training, generator);
-  const at::Tensor scale = FitCovarianceScale(KnownPredictions(generator, 1.5), covariance);
-  EXPECT_NEAR(scale[0].item<double>(), 2.25, 0.2);
-}
-
-TEST(CalibrationTest, TemperatureUndoesOverconfidence) {
-  at::Generator generator = MakeGenerator(1);
-  const at::Tensor logits = at::empty({4000, 5}, at::kFloat).normal_(0.0, 1.0, generator);
-  const at::Tensor log_q = at::log_softmax(logits, 1);
-  EXPECT_NEAR(FitTemperature(at::log_softmax(2.0 * logits, 1), log_q), 2.0, 0.02);
-  EXPECT_NEAR(FitTemperature(log_q, log_q), 1.0, 0.01);
-}
-
-TEST(MomentsTest, WaypointLogLikelihoodIsThatOfAMixtureOfGaussians) {
-  const at::Tensor log_p = at::tensor({0.3, 0.7}, at::kDouble).log().view({1, 2});
-  const at::Tensor mean = at::tensor({0.0, 0.0, 2.0, 1.0}, at::kDouble).view({1, 2, 1, 2});
-  const at::Tensor covariance =
-      at::tensor({1.0, 0.0, 4.0, 2.0, 0.5, 1.0}, at::kDouble).view({1, 2, 1, 3});
-  const at::Tensor x = at::tensor({1.0, 0.5}, at::kDouble).view({1, 2});
-  // N((1, .5); 0, diag(1, 4)) and N((-1, -.5); 0, [2 .5; .5 1]), determinant 1.75.
-  const double first = std::exp(-0.5 * (1.0 + 0.25 / 4.0)) / (2.0 * M_PI * 2.0);
-  const double quadratic = (1.0 * 1.0 - 2.0 * 0.5 * 0.5 + 2.0 * 0.25) / 1.75;
-  const double second = std::exp(-0.5 * quadratic) / (2.0 * M_PI * std::sqrt(1.75));
-  EXPECT_NEAR(WaypointLogLikelihood(log_p, mean, covariance, x).item<double>(),
-              std::log(0.3 * first + 0.7 * second), 1e-12);
 }
 
 }  // namespace

@@ -1,0 +1,135 @@
+#include "model/learning/covariance_fit.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "model/learning/moments.h"
+#include "model/learning/optimizer.h"
+
+namespace maneuver::learning {
+namespace {
+
+constexpr double kFloor = 0.05;  // metres: no covariance is narrower
+constexpr int kFitPasses = 8;
+constexpr int64_t kFitBatch = 512;
+constexpr double kFitRate = 0.05;
+constexpr int kScaleSteps = 80;
+constexpr double kScaleRate = 0.1;
+constexpr double kMostLatentFactor = 3.0;
+constexpr double kMostWidening = 16.0;
+
+// [.., 3] lower Cholesky factor (l11, l21, l22), the diagonal as logarithms, to xx, xy, yy.
+at::Tensor CovarianceOf(const at::Tensor& factor) {
+  const at::Tensor l11 = factor.select(-1, 0).exp();
+  const at::Tensor l21 = factor.select(-1, 1);
+  const at::Tensor l22 = factor.select(-1, 2).exp();
+  return at::stack(
+      {l11.square() + kFloor * kFloor, l11 * l21, l21.square() + l22.square() + kFloor * kFloor},
+      -1);
+}
+
+// Its inverse, for covariances at least twice the floor wide.
+at::Tensor FactorOf(const at::Tensor& covariance) {
+  const at::Tensor xx = (covariance.select(-1, 0) - kFloor * kFloor).clamp_min(kFloor * kFloor);
+  const at::Tensor l11 = xx.sqrt();
+  const at::Tensor l21 = covariance.select(-1, 1) / l11;
+  const at::Tensor rest =
+      (covariance.select(-1, 2) - kFloor * kFloor - l21.square()).clamp_min(kFloor * kFloor);
+  return at::stack({l11.log(), l21, 0.5 * rest.log()}, -1);
+}
+
+// sum_i q_k (e e^T - latent) / sum_i q_k, with some of the mean over all actions mixed in where an
+// action has few examples. [K, T, 3]
+at::Tensor ResidualCovariance(const Predictions& predictions) {
+  constexpr double kPriorExamples = 20.0;
+  const at::Tensor weight = predictions.log_responsibilities.exp();  // [N, K]
+  const at::Tensor truth =
+      predictions.trajectories.view({predictions.trajectories.size(0), 1, -1, 2});
+  const at::Tensor error = truth - predictions.mean;
+  const at::Tensor dx = error.select(3, 0);
+  const at::Tensor dy = error.select(3, 1);
+  const at::Tensor unexplained =
+      at::stack({dx.square(), dx * dy, dy.square()}, -1) - predictions.covariance;
+  const at::Tensor sums = (weight.unsqueeze(-1).unsqueeze(-1) * unexplained).sum(0);  // [K, T, 3]
+  const at::Tensor counts = weight.sum(0).view({-1, 1, 1});
+  const at::Tensor pooled = sums.sum(0, /*keepdim=*/true) / counts.sum();
+  return (sums + kPriorExamples * pooled) / (counts + kPriorExamples);
+}
+
+// -E ln p over waypoints.
+at::Tensor Nll(const Predictions& predictions, const at::Tensor& covariance) {
+  return -WaypointLogLikelihood(predictions.log_probabilities, predictions.mean, covariance,
+                                predictions.trajectories)
+              .mean();
+}
+
+}  // namespace
+
+at::Tensor PooledCovariance(const Predictions& predictions) {
+  const at::Tensor weight = predictions.log_responsibilities.exp().sum(0);  // [K]
+  return (weight.view({-1, 1, 1}) * ResidualCovariance(predictions)).sum(0) / weight.sum();
+}
+
+at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& generator) {
+  at::Tensor factor = FactorOf(ResidualCovariance(predictions)).detach().contiguous();
+  factor.set_requires_grad(true);
+  const int64_t examples = predictions.trajectories.size(0);
+  const int64_t batches = (examples + kFitBatch - 1) / kFitBatch;
+  AdamW optimizer;
+  optimizer.Add({factor}, kFitRate, 0.0);
+  for (int64_t step = 0; step < kFitPasses * batches; ++step) {
+    const at::Tensor rows =
+        at::randint(examples, {std::min(examples, kFitBatch)}, generator, at::kLong)
+            .to(factor.device());
+    const Predictions batch = predictions.Rows(rows);
+    Nll(batch, batch.covariance + CovarianceOf(factor)).backward();
+    optimizer.Step(LearningRateShare(step, 0, kFitPasses * batches));
+  }
+  return CovarianceOf(factor).detach();
+}
+
+CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor& covariance,
+                                   bool fit_latent) {
+  Predictions own_actions = held_out;
+  own_actions.log_probabilities = held_out.log_responsibilities;
+  const int64_t waypoints = covariance.size(-2);
+  const at::Tensor along = at::linspace(0.0, 1.0, waypoints, covariance.options());
+  // ln of the factor at the start, how much more it is at the end of the horizon, and ln of the
+  // latent's.
+  at::Tensor logs = at::zeros({3}, covariance.options());
+  logs.set_requires_grad(true);
+  AdamW optimizer;
+  optimizer.Add({logs}, kScaleRate, 0.0);
+  const auto factor = [&] { return (logs[0] + logs[1] * along).exp(); };
+  const double most = std::log(kMostLatentFactor);
+  const auto latent_factor = [&] { return logs[2].clamp(-most, most).exp(); };
+  for (int step = 0; step < kScaleSteps; ++step) {
+    at::Tensor whole = covariance * factor().view({1, -1, 1});
+    whole =
+        whole + (fit_latent ? held_out.covariance * latent_factor().square() : held_out.covariance);
+    Nll(own_actions, whole).backward();
+    optimizer.Step(LearningRateShare(step, 0, kScaleSteps));
+  }
+  return {factor().detach(), fit_latent ? latent_factor().item<double>() : 1.0};
+}
+
+double CoveredShare(const Predictions& predictions, const at::Tensor& covariance) {
+  at::NoGradGuard no_grad;
+  const at::Tensor within = (SquaredDistances(predictions.mean, predictions.covariance + covariance,
+                                              predictions.trajectories) <= 4.0)
+                                .to(at::kFloat)
+                                .mean(2);  // [N, K]
+  return (predictions.log_responsibilities.exp() * within).sum(1).mean().item<double>();
+}
+
+double WidenToCover(const Predictions& held_out, const at::Tensor& covariance, double share) {
+  if (CoveredShare(held_out, covariance) >= share) return 1.0;
+  double low = 0.0, high = std::log(kMostWidening);
+  for (int i = 0; i < 20; ++i) {
+    const double middle = 0.5 * (low + high);
+    (CoveredShare(held_out, covariance * std::exp(middle)) >= share ? high : low) = middle;
+  }
+  return std::exp(high);
+}
+
+}  // namespace maneuver::learning

@@ -1,0 +1,45 @@
+// What a trained model says of many examples, for what is fitted to its answers.
+
+#ifndef MANEUVER_MODEL_LEARNING_PREDICTIONS_H_
+#define MANEUVER_MODEL_LEARNING_PREDICTIONS_H_
+
+#include <ATen/ATen.h>
+
+#include <cstdint>
+#include <functional>
+
+#include "model/learning/networks.h"
+#include "model/learning/training_data.h"
+
+namespace maneuver::learning {
+
+// What the backbone makes of N examples.
+struct ExampleFeatures {
+  at::Tensor trajectories;  // [N, 2T] metres
+  at::Tensor features;      // [N, F'], see artifact::SceneFeatures
+};
+
+// At most `most` examples of the set, drawn evenly, not varied. Fewer if `stopped`.
+//   step: called with the number of examples of each batch
+ExampleFeatures EncodeExamples(Networks& networks, const ExampleSet& set, int64_t most, int threads,
+                               const std::function<bool()>& stopped,
+                               const std::function<void(int64_t)>& step);
+
+// What a model predicts for N examples, without the decoder's covariance.
+struct Predictions {
+  at::Tensor trajectories;          // [N, 2T] metres
+  at::Tensor log_probabilities;     // ln p(y|s), [N, K]
+  at::Tensor log_responsibilities;  // ln q(y|x,s), [N, K]
+  at::Tensor mean;                  // [N, K, T, 2] metres
+  at::Tensor covariance;            // latent, [N, K, T, 3] square metres
+  at::Tensor latents{};             // means of q(z|y,s), [N, K, D]; of anchors, undefined
+
+  // Of some of the examples. rows: [M]
+  Predictions Rows(const at::Tensor& rows) const;
+};
+
+Predictions Predict(const Networks& networks, const ExampleFeatures& examples);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_PREDICTIONS_H_
