@@ -56,6 +56,27 @@ at::Tensor ResidualCovariance(const Predictions& predictions) {
   return (sums + kPriorExamples * pooled) / (counts + kPriorExamples);
 }
 
+// Each example under the action that it most likely is, alone.
+struct OwnAction {
+  Predictions predictions;  // of one action, [N, 1, ..]
+  at::Tensor covariance;    // the decoder's, [N, 1, T, 3]
+};
+
+//   covariance: [K, T, 3] or [N, K, T, 3]
+OwnAction TakeOwnAction(const Predictions& predictions, const at::Tensor& covariance) {
+  const at::Tensor action = predictions.log_responsibilities.argmax(1);  // [N]
+  const auto take = [&](const at::Tensor& of_all) {                      // [N, K, T, C]
+    const at::Tensor index =
+        action.view({-1, 1, 1, 1}).expand({of_all.size(0), 1, of_all.size(2), of_all.size(3)});
+    return of_all.gather(1, index);
+  };
+  const at::Tensor certain = at::zeros({action.size(0), 1}, predictions.mean.options());
+  return {
+      {predictions.trajectories, certain, certain, take(predictions.mean),
+       take(predictions.covariance)},
+      covariance.dim() == 4 ? take(covariance) : covariance.index_select(0, action).unsqueeze(1)};
+}
+
 // -E ln p over waypoints.
 at::Tensor Nll(const Predictions& predictions, const at::Tensor& covariance) {
   return -WaypointLogLikelihood(predictions.log_probabilities, predictions.mean, covariance,
@@ -90,10 +111,8 @@ at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& g
 
 CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor& covariance,
                                    bool fit_latent) {
-  Predictions own_actions = held_out;
-  own_actions.log_probabilities = held_out.log_responsibilities;
-  const int64_t waypoints = covariance.size(-2);
-  const at::Tensor along = at::linspace(0.0, 1.0, waypoints, covariance.options());
+  const OwnAction own = TakeOwnAction(held_out, covariance);
+  const at::Tensor along = at::linspace(0.0, 1.0, covariance.size(-2), covariance.options());
   // ln of the factor at the start, how much more it is at the end of the horizon, and ln of the
   // latent's.
   at::Tensor logs = at::zeros({3}, covariance.options());
@@ -104,10 +123,10 @@ CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor
   const double most = std::log(kMostLatentFactor);
   const auto latent_factor = [&] { return logs[2].clamp(-most, most).exp(); };
   for (int step = 0; step < kScaleSteps; ++step) {
-    at::Tensor whole = covariance * factor().view({1, -1, 1});
-    whole =
-        whole + (fit_latent ? held_out.covariance * latent_factor().square() : held_out.covariance);
-    Nll(own_actions, whole).backward();
+    at::Tensor whole = own.covariance * factor().view({-1, 1});
+    whole = whole + (fit_latent ? own.predictions.covariance * latent_factor().square()
+                                : own.predictions.covariance);
+    Nll(own.predictions, whole).backward();
     optimizer.Step(LearningRateShare(step, 0, kScaleSteps));
   }
   return {factor().detach(), fit_latent ? latent_factor().item<double>() : 1.0};
@@ -115,11 +134,12 @@ CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor
 
 double CoveredShare(const Predictions& predictions, const at::Tensor& covariance) {
   at::NoGradGuard no_grad;
-  const at::Tensor within = (SquaredDistances(predictions.mean, predictions.covariance + covariance,
-                                              predictions.trajectories) <= 4.0)
-                                .to(at::kFloat)
-                                .mean(2);  // [N, K]
-  return (predictions.log_responsibilities.exp() * within).sum(1).mean().item<double>();
+  const OwnAction own = TakeOwnAction(predictions, covariance);
+  return (SquaredDistances(own.predictions.mean, own.predictions.covariance + own.covariance,
+                           predictions.trajectories) <= 4.0)
+      .to(at::kFloat)
+      .mean()
+      .item<double>();
 }
 
 double WidenToCover(const Predictions& held_out, const at::Tensor& covariance, double share) {
