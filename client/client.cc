@@ -62,6 +62,7 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const ClientOptions& opt
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 100);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2'000);
+  if (options.own_connection) arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
   if (!options.user_agent.empty()) arguments.SetUserAgentPrefix(options.user_agent);
 
   auto credentials = LoadCredentials(options);
@@ -75,6 +76,7 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const ClientOptions& opt
   connection->models = v1::ModelService::NewStub(connection->channel);
   connection->datasets = v1::DatasetService::NewStub(connection->channel);
   connection->training = v1::TrainingService::NewStub(connection->channel);
+  connection->pending = std::make_unique<PendingPredictions>(connection->channel);
   return std::unique_ptr<Client>(new Client(std::move(connection)));
 }
 
@@ -109,6 +111,17 @@ absl::StatusOr<v1::ClassifyTrajectoriesResponse> Client::ClassifyTrajectories(
     const v1::ClassifyTrajectoriesRequest& request, const CallOptions& call) {
   return MANEUVER_CALL(predictions, PredictionService, ClassifyTrajectories, Repeatable::kYes,
                        prediction);
+}
+
+void Client::StartPrediction(const PreparedPrediction& request, OnPrediction on_answer,
+                             const CallOptions& call) {
+  auto pending = std::make_unique<PendingPredictions::Call>();
+  connection_->Introduce(pending->context);
+  pending->context.set_deadline(absl::ToChronoTime(
+      absl::Now() + call.timeout.value_or(connection_->options.deadlines.prediction)));
+  pending->message = request.message_;
+  pending->on_answer = std::move(on_answer);
+  connection_->pending->Start(std::move(pending), call.cancellation);
 }
 
 absl::StatusOr<v1::ListModelVersionsResponse> Client::ListModelVersions(

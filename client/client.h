@@ -39,6 +39,7 @@
 #include "absl/time/time.h"
 #include "client/cancellation.h"
 #include "client/predict_stream.h"
+#include "client/prepared_prediction.h"
 #include "client/retry.h"
 #include "maneuver/v1/dataset_service.pb.h"
 #include "maneuver/v1/model_service.pb.h"
@@ -73,6 +74,9 @@ struct ClientOptions {
   absl::Duration watch_patience = absl::Minutes(1);
   OnRetry on_retry = {};        // told before each wait; may be empty
   std::string user_agent = "";  // goes before gRPC's own
+  // Clients of the same address share one connection, where a server takes a limited number of
+  // calls at once; the others wait. True: this one has its own.
+  bool own_connection = false;
 };
 
 // Of one call.
@@ -102,6 +106,13 @@ class Client {
                                               const CallOptions& call = {});
   absl::StatusOr<v1::ClassifyTrajectoriesResponse> ClassifyTrajectories(
       const v1::ClassifyTrajectoriesRequest& request, const CallOptions& call = {});
+  // Starts a prediction and returns; of thousands under way none needs a thread of its own. Not
+  // retried.
+  //   on_answer: called once, on a thread of the client's own that all answers share: must not
+  //     block, and may start predictions, but after CANCELLED. The client has to outlive it; its
+  //     destructor cancels what is under way.
+  void StartPrediction(const PreparedPrediction& request, OnPrediction on_answer,
+                       const CallOptions& call = {});
   // For a loop: see predict_stream.h. The client has to outlive the stream.
   std::unique_ptr<PredictStream> StreamPredict(PredictStream::OnResponse on_response,
                                                const CallOptions& call = {});

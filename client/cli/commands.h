@@ -18,6 +18,7 @@ void AddJob(Command& root, Environment& environment);
 void AddModel(Command& root, Environment& environment);
 void AddPredict(Command& root, Environment& environment);  // probability, distribution, predict
 void AddClassify(Command& root, Environment& environment);
+void AddLoad(Command& root, Environment& environment);
 void AddHealth(Command& root, Environment& environment);
 
 }  // namespace maneuver::cli

@@ -15,22 +15,26 @@ namespace maneuver::cli {
 Environment::Environment(std::istream& input, std::ostream& answers, std::ostream& messages)
     : in(input), out(answers), err(messages) {}
 
+client::ClientOptions Environment::client_options() {
+  client::ClientOptions options;
+  options.address = server;
+  options.user_agent = "maneuver/" MANEUVER_VERSION;
+  if (verbose) {
+    options.on_retry = [this](const absl::Status& failure, absl::Duration wait) {
+      err << failure.message() << "; trying again in " << absl::FormatDuration(wait) << "\n";
+    };
+  }
+  if (tls || !tls_ca.empty() || !tls_certificate.empty() || !tls_key.empty()) {
+    options.tls = client::TlsOptions{tls_ca, tls_certificate, tls_key};
+  }
+  options.token_file = token_file;
+  if (token_file.empty()) options.token = token;
+  return options;
+}
+
 client::Client& Environment::server_client() {
   if (client_ == nullptr) {
-    client::ClientOptions options;
-    options.address = server;
-    options.user_agent = "maneuver/" MANEUVER_VERSION;
-    if (verbose) {
-      options.on_retry = [this](const absl::Status& failure, absl::Duration wait) {
-        err << failure.message() << "; trying again in " << absl::FormatDuration(wait) << "\n";
-      };
-    }
-    if (tls || !tls_ca.empty() || !tls_certificate.empty() || !tls_key.empty()) {
-      options.tls = client::TlsOptions{tls_ca, tls_certificate, tls_key};
-    }
-    options.token_file = token_file;
-    if (token_file.empty()) options.token = token;
-    auto connected = client::Client::Connect(options);
+    auto connected = client::Client::Connect(client_options());
     if (!connected.ok()) std::exit(Refuse(std::string(connected.status().message())));
     client_ = *std::move(connected);
   }

@@ -41,6 +41,8 @@ class Environment {
 
   bool json() const { return output == "json"; }
 
+  // The options above, for another connection to that server.
+  client::ClientOptions client_options();
   // The server, connected to on first use. Says why and ends the program if the options above make
   // that impossible.
   client::Client& server_client();

@@ -39,6 +39,7 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
   AddModel(root, environment);
   AddPredict(root, environment);
   AddClassify(root, environment);
+  AddLoad(root, environment);
   AddHealth(root, environment);
   return line.Run(arguments, environment.out, environment.err);
 }

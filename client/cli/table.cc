@@ -38,4 +38,20 @@ std::string Table::Text(bool color) const {
   return text;
 }
 
+std::string Table::Markdown() const {
+  std::string titles = "|";
+  std::string rule = "|";
+  for (const Column& column : columns_) {
+    titles += " " + column.title + " |";
+    rule += column.align == Align::kRight ? "---:|" : "---|";
+  }
+  std::string text = titles + "\n" + rule + "\n";
+  for (const auto& row : rows_) {
+    text += "|";
+    for (const std::string& cell : row) text += " " + cell + " |";
+    text += "\n";
+  }
+  return text;
+}
+
 }  // namespace maneuver::cli

@@ -27,6 +27,8 @@ class Table {
 
   // Lines end in '\n' and have no spaces before it.
   std::string Text(bool color) const;
+  // The same as a Markdown table.
+  std::string Markdown() const;
 
  private:
   std::vector<Column> columns_;

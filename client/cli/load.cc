@@ -1,0 +1,361 @@
+// maneuver load: how much can the server take, and how long do callers wait?
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <ostream>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/commands.h"
+#include "client/cli/interrupt.h"
+#include "client/cli/json_files.h"
+#include "client/cli/load_arguments.h"
+#include "client/cli/load_report.h"
+#include "client/cli/load_scenes.h"
+#include "client/cli/progress_line.h"
+#include "client/cli/resource_names.h"
+#include "client/cli/text_format.h"
+#include "client/load/request_mix.h"
+#include "client/load/server_callee.h"
+
+namespace maneuver::cli {
+namespace {
+
+struct Arguments {
+  std::vector<std::string> files;
+  std::string dataset;
+  int64_t scenes = 32;
+  std::string model;
+  std::string method = "predict";
+  std::string targets = "1";
+  std::vector<int64_t> actions;
+  std::optional<double> min_probability;
+  std::optional<int64_t> top_k;
+
+  std::optional<double> rate;
+  std::string arrival = "poisson";
+  int64_t concurrency = 32;
+  std::string rates;
+  std::optional<std::string> deadline;
+  double warm_up = 2.0;
+  double duration = 10.0;
+  std::optional<int64_t> calls;
+  int64_t seed = 1;
+
+  int64_t connections = 4;
+  int64_t max_in_flight = 10'000;
+  std::string metrics;
+  std::string json;
+  bool markdown = false;
+};
+
+std::chrono::nanoseconds Nanoseconds(double seconds) {
+  return std::chrono::nanoseconds(std::llround(seconds * 1e9));
+}
+
+v1::PredictRequest Pattern(const Arguments& arguments) {
+  v1::PredictRequest pattern;
+  pattern.set_model(ModelResource(arguments.model));
+  v1::DistributionQuery& query = *pattern.mutable_query();
+  for (const int64_t id : arguments.actions) {
+    query.mutable_action_ids()->add_ids(static_cast<int32_t>(id));
+  }
+  if (arguments.top_k) query.set_top_k(static_cast<int32_t>(*arguments.top_k));
+  if (arguments.min_probability) query.set_min_probability(*arguments.min_probability);
+  return pattern;
+}
+
+client::PredictionMethod Method(const std::string& name) {
+  if (name == "probability") return client::PredictionMethod::kPredictActionProbabilities;
+  if (name == "distribution") return client::PredictionMethod::kPredictActionDistributions;
+  return client::PredictionMethod::kPredict;
+}
+
+// What all steps have in common.
+absl::StatusOr<load::LoadPlan> CommonPlan(const Arguments& arguments,
+                                          const Environment& environment) {
+  load::LoadPlan plan;
+  plan.warm_up = Nanoseconds(arguments.warm_up);
+  plan.duration = Nanoseconds(arguments.duration);
+  plan.calls = arguments.calls;
+  plan.max_in_flight = static_cast<int>(arguments.max_in_flight);
+  plan.seed = static_cast<uint64_t>(arguments.seed);
+  if (environment.timeout) plan.patience = Nanoseconds(*environment.timeout);
+  if (arguments.deadline) {
+    const auto range = ParseRange("--deadline", *arguments.deadline, 0.01, 1e7);
+    if (!range.ok()) return range.status();
+    plan.deadline = load::DeadlineRange{range->least, range->most};
+  }
+  return plan;
+}
+
+load::ArrivalProcess Arrival(const Arguments& arguments) {
+  return arguments.arrival == "constant" ? load::ArrivalProcess::kConstant
+                                         : load::ArrivalProcess::kPoisson;
+}
+
+// Runs steps one after another and reports what there is, also when it is interrupted.
+class LoadCommand {
+ public:
+  LoadCommand(const Arguments& arguments, Environment& environment)
+      : arguments_(arguments), environment_(environment) {}
+
+  int Run() {
+    const auto plan = CommonPlan(arguments_, environment_);
+    if (!plan.ok()) return Refuse(plan.status());
+    std::vector<SweepRate> rates;
+    if (!arguments_.rates.empty()) {
+      auto parsed = ParseRates(arguments_.rates);
+      if (!parsed.ok()) return Refuse(parsed.status());
+      rates = *std::move(parsed);
+    }
+    const absl::Status prepared = Prepare();
+    if (absl::IsInvalidArgument(prepared) || absl::IsNotFound(prepared)) return Refuse(prepared);
+    if (!prepared.ok()) return environment_.Fail(prepared);
+    absl::Status status = Probe();
+    if (status.ok()) status = Connect();
+    if (!status.ok()) return environment_.Fail(status);
+
+    report_.server = environment_.server;
+    {
+      const Interrupt interrupt([this] { stop_.Cancel(); });
+      status = RunSteps(*plan, rates);
+    }
+    report_.interrupted = stop_.cancelled();
+    return Report(status);
+  }
+
+ private:
+  int Refuse(const absl::Status& status) {
+    return environment_.Refuse(std::string(status.message()));
+  }
+
+  absl::Status Prepare() {
+    const auto targets = ParseRange("--targets", arguments_.targets, 1, 10'000);
+    if (!targets.ok()) return targets.status();
+    load::RequestMix mix;
+    mix.least_targets = static_cast<int>(targets->least);
+    mix.most_targets = static_cast<int>(targets->most);
+    mix.seed = static_cast<uint64_t>(arguments_.seed);
+    const auto scenes = ReadLoadScenes({.files = arguments_.files,
+                                        .source = arguments_.dataset,
+                                        .most = static_cast<int>(arguments_.scenes),
+                                        .most_targets = mix.most_targets,
+                                        .seed = static_cast<uint64_t>(arguments_.seed)},
+                                       environment_);
+    if (!scenes.ok()) return scenes.status();
+    const std::vector<v1::PredictRequest> requests =
+        load::MakeRequests(*scenes, Pattern(arguments_), mix);
+    first_ = requests.front();
+    double targets_sum = 0.0;
+    double bytes = 0.0;
+    for (const v1::PredictRequest& request : requests) {
+      requests_.emplace_back(request, Method(arguments_.method));
+      bytes += static_cast<double>(requests_.back().bytes());
+      for (const v1::Scenario& scene : request.scenarios()) targets_sum += scene.target_ids_size();
+    }
+    const auto count = static_cast<double>(requests.size());
+    report_.requests = static_cast<int>(requests.size());
+    report_.mean_targets = targets_sum / count;
+    report_.mean_bytes = bytes / count;
+    return absl::OkStatus();
+  }
+
+  // One call, so that what is wrong altogether is said in words and not in a table.
+  absl::Status Probe() {
+    const auto answer = environment_.server_client().Predict(first_, environment_.call_options());
+    if (!answer.ok()) return answer.status();
+    const load::Outcome outcome = load::OutcomeOf(answer);
+    if (outcome.targets > 0) return absl::OkStatus();
+    return absl::InvalidArgumentError(
+        absl::StrCat("the server refuses what it is asked: ", outcome.refusal));
+  }
+
+  absl::Status Connect() {
+    client::ClientOptions options = environment_.client_options();
+    options.own_connection = true;
+    for (int64_t i = 0; i < arguments_.connections; ++i) {
+      auto connection = client::Client::Connect(options);
+      if (!connection.ok()) return connection.status();
+      connections_.push_back(*std::move(connection));
+    }
+    report_.connections = static_cast<int>(connections_.size());
+    return absl::OkStatus();
+  }
+
+  absl::Status RunSteps(const load::LoadPlan& common, const std::vector<SweepRate>& rates) {
+    load::LoadPlan plan = common;
+    const load::ClosedLoop callers{static_cast<int>(arguments_.concurrency)};
+    const std::string callers_name = absl::StrCat(callers.callers, " callers");
+    if (arguments_.rate) {
+      plan.loop = load::OpenLoop{*arguments_.rate, Arrival(arguments_)};
+      return RunStep(absl::StrCat(*arguments_.rate, "/s"), plan);
+    }
+    plan.loop = callers;
+    const bool measure_capacity =
+        std::any_of(rates.begin(), rates.end(), [](const SweepRate& r) { return r.of_capacity; });
+    if (rates.empty() || measure_capacity) {
+      // A deadline is for those who come at their rate: what the server can do has none.
+      if (measure_capacity) plan.deadline.reset();
+      const absl::Status status = RunStep(callers_name, plan);
+      if (!status.ok() || stop_.cancelled() || rates.empty()) return status;
+      report_.capacity = report_.steps.back().tally.AnsweredRate();
+      if (!(*report_.capacity > 0.0)) {
+        return absl::DeadlineExceededError(
+            "not one call was answered in time, so there is no capacity to take shares of; allow "
+            "more with --duration");
+      }
+      plan.deadline = common.deadline;
+    }
+    for (const SweepRate& rate : rates) {
+      plan.loop = load::OpenLoop{rate.of_capacity ? rate.value * *report_.capacity : rate.value,
+                                 Arrival(arguments_)};
+      const absl::Status status = RunStep(RateName(rate), plan);
+      if (!status.ok() || stop_.cancelled()) return status;
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status RunStep(const std::string& name, const load::LoadPlan& plan) {
+    std::unique_ptr<load::ServerWatch> watch;
+    if (!arguments_.metrics.empty()) {
+      auto started = load::ServerWatch::Start(arguments_.metrics);
+      if (!started.ok()) return started.status();
+      watch = *std::move(started);
+    }
+    ProgressLine progress(environment_.err, environment_.interactive);
+    load::ServerCallee callee(connections_, requests_);
+    LoadStep step{
+        name, plan, load::RunLoad(plan, callee, timeline_, stop_, [&](const load::Progress& now) {
+          progress.Show(now.fraction, absl::StrCat(name, now.warming_up ? ", warming up" : "", ", ",
+                                                   now.in_flight, " in flight"));
+        })};
+    progress.Clear();
+    absl::Status status;
+    if (watch != nullptr) {
+      auto change = watch->End();
+      status = change.status();
+      if (change.ok()) step.server = *std::move(change);
+    }
+    report_.steps.push_back(std::move(step));
+    return status;
+  }
+
+  int Report(const absl::Status& status) {
+    const std::string json = LoadReportJson(report_);
+    if (environment_.json()) {
+      environment_.out << json;
+    } else if (!report_.steps.empty()) {
+      environment_.out << LoadReportText(report_, arguments_.markdown  ? TableStyle::kMarkdown
+                                                  : environment_.color ? TableStyle::kColorText
+                                                                       : TableStyle::kText);
+    }
+    int exit_code = kOk;
+    if (!status.ok()) exit_code = environment_.Fail(status);
+    for (const LoadStep& step : report_.steps) {
+      if (step.tally.failure.ok()) continue;
+      environment_.err << "maneuver: " << step.name << ": "
+                       << Explain(step.tally.failure, environment_.server) << "\n";
+      exit_code = kFailed;
+    }
+    if (report_.interrupted) {
+      environment_.err << "maneuver: interrupted; this is what was measured until then\n";
+      exit_code = kFailed;
+    }
+    if (!arguments_.json.empty()) {
+      const absl::Status written = WriteFile(arguments_.json, json);
+      if (!written.ok()) return environment_.Fail(written);
+    }
+    return exit_code;
+  }
+
+  const Arguments& arguments_;
+  Environment& environment_;
+  LoadReport report_;
+  v1::PredictRequest first_;
+  std::vector<client::PreparedPrediction> requests_;
+  client::Cancellation stop_;
+  load::RealTimeline timeline_;
+  std::vector<std::unique_ptr<client::Client>> connections_;  // go first: their calls use the rest
+};
+
+constexpr char kHelp[] =
+    "Asks for predictions at a rate (--rate, or --rates for several), whether or not the server "
+    "keeps\n"
+    "up; or, without either, with so many callers who each ask again as soon as they are answered\n"
+    "(--concurrency), which finds out what the server can do.\n"
+    "\n"
+    "Latency counts from the moment when a call was due, so that a server that stands still for a\n"
+    "second has made all those wait who would have called then. OFFERED/s are the calls that were "
+    "due,\n"
+    "ANSWERED/s those answered in that time; REFUSED ones were told to come later, EXPIRED ones "
+    "were not\n"
+    "answered within their deadline. A call that was refused is not made again.\n"
+    "\n"
+    "Run it on another machine than the server's, or on other cores: what it takes, the server "
+    "does not\n"
+    "have. Exit status 1 if calls failed for other reasons than too much load, or on Ctrl-C, "
+    "which\n"
+    "prints what was measured so far.\n"
+    "\n"
+    "Example: maneuver load --metrics 127.0.0.1:9470\n"
+    "         maneuver load --rates 25%,50%,80%,100%,300% --deadline 500 --json load.json\n"
+    "         maneuver load --rate 200 --targets 1-16 --dataset city --duration 60\n"
+    "         maneuver load scene.json --rate 1000 --calls 10000 --deadline 1-5";
+
+}  // namespace
+
+void AddLoad(Command& root, Environment& environment) {
+  const auto arguments = std::make_shared<Arguments>();
+  Command command = root.Add("load", "How much can the server take?", kHelp);
+  command.Option("FILE", &arguments->files,
+                 "Scenarios to ask about, as predict takes them [scenes of the synthetic town]");
+  command.Option("--dataset", &arguments->dataset,
+                 "Ask about scenes of this folder, or of datasets/NAME on the server");
+  command.Option("--scenes", &arguments->scenes, 1, 100'000, "Scenes of it, or of the town");
+  command.Option("--model", &arguments->model,
+                 "town (what serves), town/2 or town@candidate [the only one that serves]");
+  command.Choice("--method", &arguments->method, {"predict", "probability", "distribution"},
+                 "What is asked");
+  command.Option("--targets", &arguments->targets, "Targets of a request, N or from A-B");
+  command.Option("--actions", &arguments->actions, "Describe these actions, such as 1,2");
+  command.Option("--min-probability", &arguments->min_probability, 0.0, 1.0,
+                 "Describe actions at least this probable [0.05]");
+  command.Option("--top-k", &arguments->top_k, 1, 1'000'000,
+                 "Describe the k most probable actions");
+  command.Exclude("--actions", "--min-probability");
+  command.Exclude("--actions", "--top-k");
+  command.Exclude("--top-k", "--min-probability");
+
+  command.Option("--rate", &arguments->rate, 1e-3, 1e6, "Calls a second");
+  command.Choice("--arrival", &arguments->arrival, {"poisson", "constant"},
+                 "At random, as from many callers, or evenly");
+  command.Option("--concurrency", &arguments->concurrency, 1, 100'000,
+                 "Callers who each wait for an answer before they ask again");
+  command.Option("--rates", &arguments->rates,
+                 "One run after another, at these calls a second, or shares of what --concurrency "
+                 "callers get: 25%,100%,200");
+  command.Exclude("--rate", "--rates");
+  command.Exclude("--rate", "--concurrency");
+  command.Option("--deadline", &arguments->deadline,
+                 "Milliseconds from when a call is due, N or from A-B [--timeout, or 30 s]");
+  command.Option("--warm-up", &arguments->warm_up, 0.0, 1e5, "Seconds that are not measured");
+  command.Option("--duration", &arguments->duration, 0.1, 1e6, "Seconds that are");
+  command.Option("--calls", &arguments->calls, 1, 1'000'000'000'000,
+                 "End after so many calls, the warm-up's included");
+  command.Option("--seed", &arguments->seed, 0, INT64_MAX,
+                 "Of the town, the choice of requests and the times");
+
+  command.Option("--connections", &arguments->connections, 1, 1'000,
+                 "A server takes a limited number of calls at once on each");
+  command.Option("--max-in-flight", &arguments->max_in_flight, 1, 1'000'000,
+                 "Calls at once; those beyond wait, and are late");
+  command.Option("--metrics", &arguments->metrics,
+                 "Metrics page of the server: shows what it says of itself");
+  command.Option("--json", &arguments->json, "Write all figures to this file as well");
+  command.Flag("--markdown", &arguments->markdown, "Tables as Markdown");
+  command.Run([arguments, &environment] { return LoadCommand(*arguments, environment).Run(); });
+}
+
+}  // namespace maneuver::cli

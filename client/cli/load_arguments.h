@@ -1,0 +1,36 @@
+// Ranges and rates as `maneuver load` takes them.
+
+#ifndef MANEUVER_CLIENT_CLI_LOAD_ARGUMENTS_H_
+#define MANEUVER_CLIENT_CLI_LOAD_ARGUMENTS_H_
+
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+namespace maneuver::cli {
+
+struct NumberRange {
+  double least = 0.0;
+  double most = 0.0;
+};
+
+// "5" or "1-5", both within [`least`, `most`]. INVALID_ARGUMENT, naming `flag`, for anything else.
+absl::StatusOr<NumberRange> ParseRange(const std::string& flag, const std::string& text,
+                                       double least, double most);
+
+// One step of a sweep: so many calls a second, or that share of what the server can do.
+struct SweepRate {
+  double value = 0.0;  // > 0; 0.25 is 25 %
+  bool of_capacity = false;
+};
+
+// "25%,100%,200": INVALID_ARGUMENT for anything else.
+absl::StatusOr<std::vector<SweepRate>> ParseRates(const std::string& text);
+
+// "25 %", "200/s".
+std::string RateName(const SweepRate& rate);
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_LOAD_ARGUMENTS_H_

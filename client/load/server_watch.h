@@ -1,0 +1,58 @@
+// What a server says of itself while it is under load.
+
+#ifndef MANEUVER_CLIENT_LOAD_SERVER_WATCH_H_
+#define MANEUVER_CLIENT_LOAD_SERVER_WATCH_H_
+
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+
+#include "absl/status/statusor.h"
+#include "client/load/metrics_page.h"
+
+namespace maneuver::load {
+
+// Highest values seen of gauges, which two pages alone would miss.
+struct Peaks {
+  std::optional<double> queued_targets = {};
+  std::optional<double> memory_bytes = {};  // resident
+};
+
+struct ServerChange {
+  MetricsPage before;
+  MetricsPage after;
+  Peaks peaks;
+};
+
+// Reads the page when it is made, every half second, and at the end.
+class ServerWatch {
+ public:
+  // UNAVAILABLE or INVALID_ARGUMENT, see FetchMetrics.
+  static absl::StatusOr<std::unique_ptr<ServerWatch>> Start(const std::string& url);
+  ~ServerWatch();
+  ServerWatch(const ServerWatch&) = delete;
+  ServerWatch& operator=(const ServerWatch&) = delete;
+
+  // Call once.
+  absl::StatusOr<ServerChange> End();
+
+ private:
+  ServerWatch(const std::string& url, MetricsPage before);
+  void Look(const MetricsPage& page);
+  void StopLooking();
+
+  const std::string url_;
+  const MetricsPage before_;
+  std::mutex mutex_;  // guards what follows
+  std::condition_variable changed_;
+  bool ended_ = false;
+  Peaks peaks_;
+  std::thread looker_;
+};
+
+}  // namespace maneuver::load
+
+#endif  // MANEUVER_CLIENT_LOAD_SERVER_WATCH_H_
