@@ -7,33 +7,41 @@
 namespace maneuver::client {
 namespace {
 
-const char* MethodName(PredictionMethod method) {
-  switch (method) {
-    case PredictionMethod::kPredictActionProbabilities:
-      return "/maneuver.v1.PredictionService/PredictActionProbabilities";
-    case PredictionMethod::kPredictActionDistributions:
-      return "/maneuver.v1.PredictionService/PredictActionDistributions";
-    case PredictionMethod::kPredict:
-      break;
-  }
-  return "/maneuver.v1.PredictionService/Predict";
+template <typename Request>
+Request WithoutQuery(const v1::PredictRequest& request) {
+  Request result;
+  result.set_model(request.model());
+  *result.mutable_scenarios() = request.scenarios();
+  return result;
+}
+
+grpc::ByteBuffer Serialize(const google::protobuf::MessageLite& message) {
+  const grpc::Slice slice(message.SerializeAsString());
+  return grpc::ByteBuffer(&slice, 1);
 }
 
 }  // namespace
 
-// The requests of the three methods have the same fields under the same numbers; that for
-// probabilities has no query.
 PreparedPrediction::PreparedPrediction(const v1::PredictRequest& request, PredictionMethod method) {
   auto message = std::make_shared<Message>();
-  message->method = MethodName(method);
-  std::string bytes = request.SerializeAsString();
-  if (method == PredictionMethod::kPredictActionProbabilities && request.has_query()) {
-    v1::PredictRequest without_query = request;
-    without_query.clear_query();
-    bytes = without_query.SerializeAsString();
+  const std::string service = "/maneuver.v1.PredictionService/";
+  switch (method) {
+    case PredictionMethod::kPredict:
+      message->method = service + "Predict";
+      message->request = Serialize(request);
+      break;
+    case PredictionMethod::kPredictActionProbabilities:
+      message->method = service + "PredictActionProbabilities";
+      message->request = Serialize(WithoutQuery<v1::PredictActionProbabilitiesRequest>(request));
+      break;
+    case PredictionMethod::kPredictActionDistributions: {
+      message->method = service + "PredictActionDistributions";
+      auto distributions = WithoutQuery<v1::PredictActionDistributionsRequest>(request);
+      *distributions.mutable_query() = request.query();
+      message->request = Serialize(distributions);
+      break;
+    }
   }
-  const grpc::Slice slice(bytes);
-  message->request = grpc::ByteBuffer(&slice, 1);
   message_ = std::move(message);
 }
 

@@ -14,7 +14,7 @@ namespace maneuver::client {
 
 enum class PredictionMethod {
   kPredict,
-  kPredictActionProbabilities,  // without the request's query
+  kPredictActionProbabilities,  // takes no query
   kPredictActionDistributions,
 };
 

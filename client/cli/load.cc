@@ -334,8 +334,7 @@ void AddLoad(Command& root, Environment& environment) {
   command.Option("--concurrency", &arguments->concurrency, 1, 100'000,
                  "Callers who each wait for an answer before they ask again");
   command.Option("--rates", &arguments->rates,
-                 "One run after another, at these calls a second, or shares of what --concurrency "
-                 "callers get: 25%,100%,200");
+                 "Several runs: calls a second, or shares of what --concurrency callers get");
   command.Exclude("--rate", "--rates");
   command.Exclude("--rate", "--concurrency");
   command.Option("--deadline", &arguments->deadline,

@@ -41,11 +41,16 @@ HistogramChange BatchSize(const ServerChange& server) {
   return load::Change(server.before, server.after, "maneuver_batch_size");
 }
 
-// Targets with this outcome.
-std::optional<double> Targets(const ServerChange& server, const char* outcome) {
-  const auto after = server.after.Sum("maneuver_targets_total", {{"outcome", outcome}});
+// Nothing if the server does not count that.
+std::optional<double> Growth(const ServerChange& server, const char* counter,
+                             const load::MetricLabels& labels) {
+  const auto after = server.after.Sum(counter, labels);
   if (!after) return std::nullopt;
-  return *after - server.before.Sum("maneuver_targets_total", {{"outcome", outcome}}).value_or(0.0);
+  return *after - server.before.Sum(counter, labels).value_or(0.0);
+}
+
+std::optional<double> Targets(const ServerChange& server, const char* outcome) {
+  return Growth(server, "maneuver_targets_total", {{"outcome", outcome}});
 }
 
 Table CallersTable(const LoadReport& report) {
@@ -119,11 +124,14 @@ std::string Remarks(const LoadStep& step) {
     absl::StrAppend(&text, step.name, ": ", parts..., "\n");
   };
   if (const int64_t refused = tally.Ended(absl::StatusCode::kResourceExhausted); refused > 0) {
-    remark(tally.refused_with_delay, " of ", refused, " refused calls were told to wait, ",
-           Short(Milliseconds(tally.least_delay)), " to ", Short(Milliseconds(tally.most_delay)),
-           " ms; they were refused after ",
-           Short(Milliseconds(tally.refusal_latency.Quantile(0.5))), " ms (p50), ",
-           Short(Milliseconds(tally.refusal_latency.Quantile(0.99))), " ms (p99)");
+    const std::string delay =
+        tally.refused_with_delay == 0
+            ? ""
+            : absl::StrCat(", ", Short(Milliseconds(tally.least_delay)), " to ",
+                           Short(Milliseconds(tally.most_delay)), " ms");
+    remark(tally.refused_with_delay, " of ", refused, " refused calls were told to wait", delay,
+           "; they were refused after ", Short(Milliseconds(tally.refusal_latency.Quantile(0.5))),
+           " ms (p50), ", Short(Milliseconds(tally.refusal_latency.Quantile(0.99))), " ms (p99)");
   }
   if (tally.refused_targets > 0) {
     remark(tally.refused_targets, " targets were refused in answers: ", tally.failure.message());
@@ -164,6 +172,10 @@ Json ToJson(const ServerChange& server) {
   for (const char* outcome : {"answered", "expired", "cancelled", "refused"}) {
     json["targets"][outcome] = Number(Targets(server, outcome));
   }
+  for (const char* after : {"nothing", "queue", "raster", "encode"}) {
+    json["dropped_after"][after] =
+        Number(Growth(server, "maneuver_dropped_targets_total", {{"after", after}}));
+  }
   json["batch_size_mean"] = Number(BatchSize(server).Mean());
   json["batched_targets"] = Number(BatchSize(server).sum);
   for (const char* stage : {"queue", "raster", "encode", "describe"}) {
@@ -188,6 +200,8 @@ Json ToJson(const LoadStep& step) {
   }
   json["seconds"] = std::chrono::duration<double>(tally.length).count();
   json["calls_due"] = tally.due;
+  json["calls_answered"] = tally.answered_calls;
+  json["targets_answered"] = tally.answered_targets;
   json["offered_per_second"] = tally.OfferedRate();
   json["answered_per_second"] = tally.AnsweredRate();
   json["answered_targets_per_second"] = tally.AnsweredTargetRate();

@@ -39,8 +39,9 @@ struct LoadPlan {
   std::variant<OpenLoop, ClosedLoop> loop = ClosedLoop{};
   std::chrono::nanoseconds warm_up{0};  // not measured
   std::chrono::nanoseconds duration{std::chrono::seconds(10)};
-  std::optional<int64_t> calls;           // end after so many, warm-up included
-  std::optional<DeadlineRange> deadline;  // counted from when a call was due; nothing: `patience`
+  std::optional<int64_t> calls = {};  // end after so many, warm-up included
+  std::optional<DeadlineRange> deadline =
+      {};  // counted from when a call was due; nothing: `patience`
   // Of an open loop; calls beyond wait for their turn, and are late.
   int max_in_flight = 10'000;
   // How long calls may take without a deadline.

@@ -88,6 +88,7 @@ TEST(CommandLineTest, HelpOfEveryCommandHasAnExample) {
                                              {"distribution"},
                                              {"predict"},
                                              {"classify"},
+                                             {"load"},
                                              {"health"}}) {
     std::vector<std::string> arguments = command;
     arguments.push_back("--help");

@@ -1,0 +1,152 @@
+#!/usr/bin/env bash
+# What a server does when it is asked for more than it can do, as Markdown tables:
+#
+#   1. 25, 50, 80, 100 and 300 % of what it can do. It keeps its promise if at 300 % it still answers
+#      at least 90 % of that, its memory stays bounded, and each refused call is told when to come
+#      again.
+#   2. Patient callers at 40 % of it, alone and beside 10,000 calls that have 1 to 5 ms. It keeps its
+#      promise if their p99 stays below twice what it was. Expired targets are counted by how far they
+#      came.
+#
+#   tests/bench/overload.sh [MODEL_FOLDER] [-- flags of maneuverd]
+#
+# Without a model one is trained in a minute. SECONDS_EACH (10) is the length of a run; DEADLINE (500)
+# what callers of part 1 allow, milliseconds; SCENES a dataset folder, in place of the synthetic town;
+# STORM_RATE (1000) the storm's calls a second; BIN (build/release/bin) where the programs are.
+# Server and callers share this machine. Ends with status 1 if a promise was not kept.
+set -euo pipefail
+
+model=
+case "${1:---}" in
+  -h|--help) sed -n '2,18s/^# \{0,1\}//p' "$0"; exit 0 ;;
+  --) [ $# -eq 0 ] || shift ;;
+  *) model=$1; shift; [ "${1:-}" != -- ] || shift ;;
+esac
+bin=${BIN:-$(dirname "$0")/../../build/release/bin}
+each=${SECONDS_EACH:-10}
+deadline=${DEADLINE:-500}
+storm_rate=${STORM_RATE:-1000}
+scenes=()
+[ -z "${SCENES:-}" ] || scenes=(--dataset "$SCENES")
+
+work=$(mktemp -d)
+server=
+finish() {
+  [ -z "$server" ] || { kill "$server" 2>/dev/null; wait "$server" 2>/dev/null; } || true
+  rm -rf "$work"
+}
+trap finish EXIT
+
+if [ -n "$model" ]; then
+  mkdir -p "$work/data/models/measured"
+  cp -r "$model" "$work/data/models/measured/1"
+fi
+"$bin/maneuverd" --data-dir "$work/data" --listen 127.0.0.1:0 --metrics-listen 127.0.0.1:0 \
+  --port-file "$work/ports.json" "$@" >"$work/maneuverd.out" 2>"$work/maneuverd.log" &
+server=$!
+for _ in $(seq 300); do
+  [ ! -s "$work/ports.json" ] || break
+  kill -0 "$server" 2>/dev/null || { cat "$work/maneuverd.log" >&2; exit 1; }
+  sleep 0.1
+done
+MANEUVER_SERVER=$(sed -n 's/.*"grpc": *"\([^"]*\)".*/\1/p' "$work/ports.json")
+metrics=$(sed -n 's/.*"metrics": *"\([^"]*\)".*/\1/p' "$work/ports.json")
+export MANEUVER_SERVER
+
+if [ -n "$model" ]; then
+  "$bin/maneuver" model promote measured/1 >&2
+else
+  "$bin/maneuver" synthesize "$work/town" --recordings 60 >&2
+  "$bin/maneuver" dataset upload "$work/town" town >&2
+  "$bin/maneuver" train measured --dataset town --epochs 3 --set examples.max_examples=3000 \
+    --set optimization.mixture_epochs=20 --set optimization.posterior_epochs=1 >&2
+fi
+
+load() { "$bin/maneuver" load --metrics "$metrics" --duration "$each" "${scenes[@]}" "$@"; }
+# Figure $2 of file $1, such as steps.0.latency_ms.p99; 0 if it is not there.
+figure() {
+  awk -v wanted="$2" '
+    { match($0, /^ */); depth = RLENGTH / 2; line = substr($0, RLENGTH + 1) }
+    line ~ /^\{/ { path[depth] = elements[depth]++ + 0 }
+    line ~ /^"/ {
+      key = line; sub(/^"/, "", key); sub(/":.*/, "", key); path[depth] = key
+      name = path[1]
+      for (i = 2; i <= depth; i++) name = name "." path[i]
+      if (name == wanted) { sub(/^"[^"]*": /, "", line); gsub(/[",]/, "", line); value = line }
+    }
+    END { print value == "" || value == "null" ? 0 : value }' "$1"
+}
+# The most memory the server has had, MB. Reading it starts anew.
+most_memory() {
+  sed -n 's/^VmHWM:[ \t]*\([0-9]*\) kB/\1/p' "/proc/$server/status" | awk '{ printf "%.0f", $1 / 1024 }'
+  echo 5 >"/proc/$server/clear_refs" 2>/dev/null || true
+}
+failed=0
+# Says whether a promise was kept: words, then what awk makes of the condition.
+promise() {
+  if awk "BEGIN { exit !($2) }"; then echo "- kept: $1"; else echo "- **not kept**: $1"; failed=1; fi
+}
+per() { awk "BEGIN { printf \"%.2f\", $2 > 0 ? $1 / $2 : 0 }"; }
+
+echo "$(nproc) cores, load of the machine before: $(cut -d' ' -f1-3 /proc/loadavg)."
+echo
+echo "## Shares of its capacity; callers allow $deadline ms"
+echo
+most_memory >"$work/before"
+load --rates 25%,50%,80%,100%,300% --deadline "$deadline" --markdown --json "$work/shares.json" || failed=1
+highest=$(most_memory)
+capacity=$(figure "$work/shares.json" capacity)
+goodput=$(figure "$work/shares.json" steps.5.answered_per_second)
+refused=$(figure "$work/shares.json" steps.5.ended.RESOURCE_EXHAUSTED)
+with_delay=$(figure "$work/shares.json" steps.5.refused_with_delay)
+echo
+promise "goodput at 300 % is $(per "$goodput" "$capacity") of the capacity (at least 0.90)" \
+  "$goodput >= 0.9 * $capacity"
+promise "the server had at most $highest MB, $(cat "$work/before") MB before" "$highest < 2048"
+promise "$with_delay of $refused refused calls were told when to come again" \
+  "$with_delay == $refused"
+
+patient_rate=$(awk "BEGIN { print 0.4 * $capacity }")
+storm_seconds=$(awk "BEGIN { print 10000 / $storm_rate }")
+# Measured while the storm is on, not while it begins.
+patient() {
+  load --rate "$patient_rate" --deadline 5000 --seed 2 --warm-up 2 --duration "$storm_seconds" \
+    --json "$work/$1.json" >/dev/null
+}
+echo
+echo "## Patient callers, 40 % of its capacity, beside 10,000 calls of 1 to 5 ms in $storm_seconds s"
+echo
+patient alone || failed=1
+patient beside &
+beside=$!
+load --rate "$storm_rate" --deadline 1-5 --calls 10000 --warm-up 0 --duration 3600 --seed 3 \
+  --json "$work/storm.json" >/dev/null || failed=1
+wait "$beside" || failed=1
+patient after || failed=1
+echo "| patient callers | answered/s | p50 ms | p90 ms | p99 ms | p99.9 ms |"
+echo "|---|---:|---:|---:|---:|---:|"
+for run in alone beside after; do
+  file=$work/$run.json
+  printf '| %s | %.1f | %.2f | %.2f | %.2f | %.2f |\n' "$run" \
+    "$(figure "$file" steps.0.answered_per_second)" "$(figure "$file" steps.0.latency_ms.p50)" \
+    "$(figure "$file" steps.0.latency_ms.p90)" "$(figure "$file" steps.0.latency_ms.p99)" \
+    "$(figure "$file" steps.0.latency_ms.p99_9)"
+done
+storm() { figure "$work/storm.json" "steps.0.$1"; }
+echo
+echo "| the storm | |"
+echo "|---|---:|"
+echo "| calls | $(storm calls_due) |"
+echo "| answered in time | $(storm ended.OK) |"
+echo "| expired, for their callers | $(storm ended.DEADLINE_EXCEEDED) |"
+echo "| refused | $(storm ended.RESOURCE_EXHAUSTED) |"
+echo "| targets that the server dropped on entry | $(storm server.dropped_after.nothing) |"
+echo "| ... on leaving the queue | $(storm server.dropped_after.queue) |"
+echo "| ... after their raster | $(storm server.dropped_after.raster) |"
+echo "| ... that expired in the networks | $(storm server.dropped_after.encode) |"
+echo
+ratio=$(per "$(figure "$work/beside.json" steps.0.latency_ms.p99)" \
+  "$(figure "$work/alone.json" steps.0.latency_ms.p99)")
+promise "the patient callers' p99 was $ratio times what it was without the storm (less than 2)" \
+  "$ratio < 2"
+[ $failed -eq 0 ]

@@ -1,0 +1,164 @@
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <condition_variable>
+#include <mutex>
+#include <set>
+#include <thread>
+#include <vector>
+
+#include "client/client.h"
+#include "tests/unit/client/test_server.h"
+
+namespace maneuver::client {
+namespace {
+
+std::unique_ptr<Client> ConnectTo(const TestServer& server, bool own_connection = false) {
+  return *Client::Connect({.address = server.address(), .own_connection = own_connection});
+}
+
+v1::PredictRequest RequestFor(const std::string& model) {
+  v1::PredictRequest request;
+  request.set_model(model);
+  return request;
+}
+
+// Answers, and waiting for them.
+class Answers {
+ public:
+  OnPrediction Take() {
+    return [this](absl::StatusOr<v1::PredictResponse> answer) {
+      const std::lock_guard lock(mutex_);
+      answers_.push_back(std::move(answer));
+      changed_.notify_all();
+    };
+  }
+  std::vector<absl::StatusOr<v1::PredictResponse>> WaitFor(size_t count) {
+    std::unique_lock lock(mutex_);
+    changed_.wait_for(lock, std::chrono::seconds(20), [&] { return answers_.size() >= count; });
+    return answers_;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::vector<absl::StatusOr<v1::PredictResponse>> answers_;
+};
+
+TEST(StartPredictionTest, ManyAreUnderWayAtOnceAndEachIsAnswered) {
+  constexpr int kCalls = 40;
+  TestServer server;
+  std::mutex mutex;
+  std::condition_variable changed;
+  int arrived = 0;
+  server.on_predict = [&](auto*, const v1::PredictRequest& request, v1::PredictResponse* response) {
+    // Nobody is answered before all are here.
+    std::unique_lock lock(mutex);
+    ++arrived;
+    changed.notify_all();
+    changed.wait_for(lock, std::chrono::seconds(20), [&] { return arrived == kCalls; });
+    response->set_model_version(request.model());
+    return grpc::Status::OK;
+  };
+  Answers answers;
+  const auto client = ConnectTo(server);
+  for (int i = 0; i < kCalls / 2; ++i) {
+    // What was prepared need not outlive the call.
+    const PreparedPrediction prediction(RequestFor(std::to_string(i)));
+    client->StartPrediction(prediction, answers.Take());
+    client->StartPrediction(prediction, answers.Take());
+  }
+  std::multiset<std::string> versions;
+  for (const auto& answer : answers.WaitFor(kCalls)) {
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    versions.insert(answer->model_version());
+  }
+  EXPECT_EQ(versions.size(), static_cast<size_t>(kCalls));
+  for (int i = 0; i < kCalls / 2; ++i) EXPECT_EQ(versions.count(std::to_string(i)), 2U);
+}
+
+TEST(StartPredictionTest, TheServersErrorIsTheAnswerAndItIsNotTriedAgain) {
+  TestServer server;
+  std::atomic<int> calls = 0;
+  server.on_predict = [&](auto*, const auto&, auto*) {
+    ++calls;
+    return grpc::Status(grpc::StatusCode::UNAVAILABLE, "busy");
+  };
+  Answers answers;
+  const auto client = ConnectTo(server);
+  client->StartPrediction(PreparedPrediction(RequestFor("a")), answers.Take());
+  EXPECT_EQ(answers.WaitFor(1).at(0).status(), absl::UnavailableError("busy"));
+  EXPECT_EQ(calls, 1);
+}
+
+TEST(StartPredictionTest, EachMethodIsTheOneThatIsCalled) {
+  TestServer server;  // knows Predict alone
+  server.on_predict = [](auto*, const auto&, auto*) { return grpc::Status::OK; };
+  Answers answers;
+  const auto client = ConnectTo(server);
+  size_t ended = 0;
+  for (const auto method : {PredictionMethod::kPredictActionProbabilities,
+                            PredictionMethod::kPredictActionDistributions}) {
+    client->StartPrediction(PreparedPrediction(RequestFor("a"), method), answers.Take());
+    EXPECT_TRUE(absl::IsUnimplemented(answers.WaitFor(++ended).back().status()));
+  }
+}
+
+// Holds calls until they are cancelled.
+void Hold(TestServer* server) {
+  server->on_predict = [](grpc::ServerContext* context, const auto&, auto*) {
+    while (!context->IsCancelled()) std::this_thread::yield();
+    return grpc::Status::CANCELLED;
+  };
+}
+
+TEST(StartPredictionTest, DeadlinesAndCancellationEndIt) {
+  TestServer server;
+  Hold(&server);
+  Answers answers;
+  const auto client = ConnectTo(server);
+  const PreparedPrediction prediction(RequestFor("a"));
+  client->StartPrediction(prediction, answers.Take(), {.timeout = absl::Milliseconds(30)});
+  EXPECT_TRUE(absl::IsDeadlineExceeded(answers.WaitFor(1).back().status()));
+
+  Cancellation cancellation;
+  client->StartPrediction(prediction, answers.Take(), {.cancellation = &cancellation});
+  cancellation.Cancel();
+  EXPECT_TRUE(absl::IsCancelled(answers.WaitFor(2).back().status()));
+  client->StartPrediction(prediction, answers.Take(), {.cancellation = &cancellation});
+  EXPECT_TRUE(absl::IsCancelled(answers.WaitFor(3).back().status()));
+}
+
+TEST(StartPredictionTest, AClientThatGoesTakesItsCallsWithIt) {
+  TestServer server;
+  Hold(&server);
+  Answers answers;
+  auto client = ConnectTo(server);
+  for (int i = 0; i < 5; ++i) {
+    client->StartPrediction(PreparedPrediction(RequestFor("a")), answers.Take());
+  }
+  client.reset();
+  const auto ended = answers.WaitFor(0);  // all of them have ended
+  ASSERT_EQ(ended.size(), 5U);
+  for (const auto& answer : ended) EXPECT_TRUE(absl::IsCancelled(answer.status()));
+}
+
+TEST(ClientTest, ClientsShareAConnectionUnlessTheyWantTheirOwn) {
+  TestServer server;
+  std::mutex mutex;
+  std::set<std::string> peers;
+  server.on_predict = [&](grpc::ServerContext* context, const auto&, auto*) {
+    const std::lock_guard lock(mutex);
+    peers.insert(context->peer());
+    return grpc::Status::OK;
+  };
+  std::vector<std::unique_ptr<Client>> clients;
+  for (const bool own : {false, false, true, true}) {
+    clients.push_back(ConnectTo(server, own));
+    ASSERT_TRUE(clients.back()->Predict({}).ok());
+  }
+  EXPECT_EQ(peers.size(), 3U);
+}
+
+}  // namespace
+}  // namespace maneuver::client
