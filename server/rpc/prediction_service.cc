@@ -49,6 +49,13 @@ class PredictionReactor final : public grpc::ServerUnaryReactor {
 
 }  // namespace
 
+PredictionService::PredictionService(PredictionContext& context) : context_(context) {
+  SetMessageAllocatorFor_PredictActionProbabilities(&probabilities_messages_);
+  SetMessageAllocatorFor_PredictActionDistributions(&distributions_messages_);
+  SetMessageAllocatorFor_Predict(&predict_messages_);
+  SetMessageAllocatorFor_ClassifyTrajectories(&classify_messages_);
+}
+
 grpc::ServerUnaryReactor* PredictionService::PredictActionProbabilities(
     grpc::CallbackServerContext* rpc, const v1::PredictActionProbabilitiesRequest* request,
     v1::PredictActionProbabilitiesResponse* response) {

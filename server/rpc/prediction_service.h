@@ -2,6 +2,7 @@
 #define MANEUVER_SERVER_RPC_PREDICTION_SERVICE_H_
 
 #include "maneuver/v1/prediction_service.grpc.pb.h"
+#include "server/rpc/arena_messages.h"
 #include "server/rpc/prediction_run.h"
 
 namespace maneuver::rpc {
@@ -9,7 +10,7 @@ namespace maneuver::rpc {
 class PredictionService final : public v1::PredictionService::CallbackService {
  public:
   // `context` outlives the service.
-  explicit PredictionService(PredictionContext& context) : context_(context) {}
+  explicit PredictionService(PredictionContext& context);
 
   grpc::ServerUnaryReactor* PredictActionProbabilities(
       grpc::CallbackServerContext* rpc, const v1::PredictActionProbabilitiesRequest* request,
@@ -28,6 +29,13 @@ class PredictionService final : public v1::PredictionService::CallbackService {
 
  private:
   PredictionContext& context_;
+  ArenaMessages<v1::PredictActionProbabilitiesRequest, v1::PredictActionProbabilitiesResponse>
+      probabilities_messages_;
+  ArenaMessages<v1::PredictActionDistributionsRequest, v1::PredictActionDistributionsResponse>
+      distributions_messages_;
+  ArenaMessages<v1::PredictRequest, v1::PredictResponse> predict_messages_;
+  ArenaMessages<v1::ClassifyTrajectoriesRequest, v1::ClassifyTrajectoriesResponse>
+      classify_messages_;
 };
 
 }  // namespace maneuver::rpc
