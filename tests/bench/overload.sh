@@ -64,7 +64,7 @@ else
 fi
 
 load() { "$bin/maneuver" load --metrics "$metrics" "${scenes[@]}" "$@"; }
-# Figure $2 of file $1, such as steps.0.latency_ms.p99; 0 if it is not there.
+# Figure $2 of file $1, such as steps.0.latency_ms.p99; 0 if it is not there, - if it is not known.
 figure() {
   awk -v wanted="$2" '
     { match($0, /^ */); depth = RLENGTH / 2; line = substr($0, RLENGTH + 1) }
@@ -75,7 +75,7 @@ figure() {
       for (i = 2; i <= depth; i++) name = name "." path[i]
       if (name == wanted) { sub(/^"[^"]*": /, "", line); gsub(/[",]/, "", line); value = line }
     }
-    END { print value == "" || value == "null" ? 0 : value }' "$1"
+    END { print value == "" ? 0 : value == "null" ? "-" : value }' "$1"
 }
 # The most memory the server has had, MB. Reading it starts anew.
 most_memory() {
