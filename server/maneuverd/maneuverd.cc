@@ -219,7 +219,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
 
 int Main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "token") return RunTokenCommand(argc - 1, argv + 1);
-  const auto parsed = ParseCommandLine(argc, argv);
+  const auto parsed = ParseCommandLine(argc, argv, environ);
   if (const int* status = std::get_if<int>(&parsed)) return *status;
   const auto& options = std::get<ServerOptions>(parsed);
   monitoring::ConfigureLogging(options.log_format, options.log_level);
