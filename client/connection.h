@@ -11,6 +11,7 @@
 
 #include "client/client.h"
 #include "client/error_details.h"
+#include "maneuver/v1/admin_service.grpc.pb.h"
 #include "maneuver/v1/dataset_service.grpc.pb.h"
 #include "maneuver/v1/model_service.grpc.pb.h"
 #include "maneuver/v1/prediction_service.grpc.pb.h"
@@ -32,6 +33,7 @@ struct Client::Connection {
   std::unique_ptr<v1::ModelService::Stub> models;
   std::unique_ptr<v1::DatasetService::Stub> datasets;
   std::unique_ptr<v1::TrainingService::Stub> training;
+  std::unique_ptr<v1::AdminService::Stub> admin;
 
   // Says who calls. For every call, before it starts.
   void Introduce(grpc::ClientContext& context) const {

@@ -19,6 +19,7 @@ void AddModel(Command& root, Environment& environment);
 void AddPredict(Command& root, Environment& environment);  // probability, distribution, predict
 void AddClassify(Command& root, Environment& environment);
 void AddHealth(Command& root, Environment& environment);
+void AddLogLevel(Command& root, Environment& environment);
 
 }  // namespace maneuver::cli
 

@@ -40,6 +40,7 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
   AddPredict(root, environment);
   AddClassify(root, environment);
   AddHealth(root, environment);
+  AddLogLevel(root, environment);
   return line.Run(arguments, environment.out, environment.err);
 }
 

@@ -28,6 +28,7 @@
 #include "server/maneuverd/token_command.h"
 #include "server/monitoring/logging.h"
 #include "server/monitoring/prometheus_metrics.h"
+#include "server/rpc/admin_service.h"
 #include "server/rpc/dataset_service.h"
 #include "server/rpc/model_service.h"
 #include "server/rpc/prediction_service.h"
@@ -174,12 +175,14 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   rpc::ModelService model_service(**models, disk);
   rpc::DatasetService dataset_service(**datasets, **supervisor, disk);
   rpc::TrainingService training_service(**supervisor, disk);
+  rpc::AdminService admin_service;
 
   auto server = rpc::Server::Start(options.listen,
                                    {{v1::PredictionService::service_full_name(), &predictions},
                                     {v1::ModelService::service_full_name(), &model_service},
                                     {v1::DatasetService::service_full_name(), &dataset_service},
-                                    {v1::TrainingService::service_full_name(), &training_service}},
+                                    {v1::TrainingService::service_full_name(), &training_service},
+                                    {v1::AdminService::service_full_name(), &admin_service}},
                                    (*protection)->access(), *metrics, (*protection)->credentials(),
                                    options.limits);
   if (!server.ok()) return server.status();
