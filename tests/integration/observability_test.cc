@@ -1,12 +1,8 @@
 // What an operator sees of a real server: its page of metrics, and its log.
 
-#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
-#include <cstdlib>
 #include <fstream>
 #include <map>
 #include <regex>
@@ -18,6 +14,7 @@
 #include "maneuver/v1/admin_service.grpc.pb.h"
 #include "maneuver/v1/dataset_service.grpc.pb.h"
 #include "maneuver/v1/prediction_service.grpc.pb.h"
+#include "tests/integration/metrics_page.h"
 #include "tests/integration/secured_server.h"
 
 namespace maneuver::testing {
@@ -27,27 +24,6 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 
 constexpr char kTraceparent[] = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01";
-
-// The body of http://ADDRESS/metrics.
-std::string MetricsPage(const ServerProcess& server) {
-  const std::string& address = server.metrics_address();
-  const int descriptor = socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in peer{};
-  peer.sin_family = AF_INET;
-  peer.sin_port = htons(static_cast<uint16_t>(std::stoi(address.substr(address.rfind(':') + 1))));
-  peer.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  EXPECT_EQ(connect(descriptor, reinterpret_cast<const sockaddr*>(&peer), sizeof peer), 0);
-  const std::string request = "GET /metrics HTTP/1.0\r\n\r\n";
-  EXPECT_EQ(write(descriptor, request.data(), request.size()),
-            static_cast<ssize_t>(request.size()));
-  std::string answer;
-  char buffer[4096];
-  for (ssize_t count = 0; (count = read(descriptor, buffer, sizeof buffer)) > 0;) {
-    answer.append(buffer, static_cast<size_t>(count));
-  }
-  close(descriptor);
-  return answer.substr(answer.find("\r\n\r\n") + 4);
-}
 
 // Names, types, help and labels of a page in alphabetical order, without what changes: the numbers,
 // the bounds of buckets and the version; methods by one of them.
@@ -75,12 +51,6 @@ std::string ShapeOf(const std::string& page) {
     for (const std::string& series : each.series) shape += series + "\n";
   }
   return shape;
-}
-
-double ValueOf(const std::string& page, const std::string& series) {
-  const size_t start = page.find("\n" + series + " ");
-  if (start == std::string::npos) return -1.0;
-  return std::stod(page.substr(start + series.size() + 2));
 }
 
 int RunShell(const std::string& script, std::string* output) {
