@@ -77,6 +77,7 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const ClientOptions& opt
   connection->datasets = v1::DatasetService::NewStub(connection->channel);
   connection->training = v1::TrainingService::NewStub(connection->channel);
   connection->pending = std::make_unique<PendingPredictions>(connection->channel);
+  connection->admin = v1::AdminService::NewStub(connection->channel);
   return std::unique_ptr<Client>(new Client(std::move(connection)));
 }
 
@@ -225,6 +226,16 @@ absl::StatusOr<v1::Job> Client::ResumeJob(const v1::ResumeJobRequest& request,
 absl::Status Client::DeleteJob(const v1::DeleteJobRequest& request, const CallOptions& call) {
   return StatusOnly(
       MANEUVER_CALL(training, TrainingService, DeleteJob, Repeatable::kNo, management));
+}
+
+absl::StatusOr<v1::GetLogLevelResponse> Client::GetLogLevel(const v1::GetLogLevelRequest& request,
+                                                            const CallOptions& call) {
+  return MANEUVER_CALL(admin, AdminService, GetLogLevel, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::SetLogLevelResponse> Client::SetLogLevel(const v1::SetLogLevelRequest& request,
+                                                            const CallOptions& call) {
+  return MANEUVER_CALL(admin, AdminService, SetLogLevel, Repeatable::kYes, management);
 }
 
 #undef MANEUVER_CALL

@@ -41,6 +41,7 @@
 #include "client/predict_stream.h"
 #include "client/prepared_prediction.h"
 #include "client/retry.h"
+#include "maneuver/v1/admin_service.pb.h"
 #include "maneuver/v1/dataset_service.pb.h"
 #include "maneuver/v1/model_service.pb.h"
 #include "maneuver/v1/prediction_service.pb.h"
@@ -172,6 +173,12 @@ class Client {
   absl::StatusOr<v1::Job> WatchJob(const v1::WatchJobRequest& request,
                                    const std::function<bool(const v1::Job&)>& on_event,
                                    const CallOptions& call = {});
+
+  // For operators.
+  absl::StatusOr<v1::GetLogLevelResponse> GetLogLevel(const v1::GetLogLevelRequest& request,
+                                                      const CallOptions& call = {});
+  absl::StatusOr<v1::SetLogLevelResponse> SetLogLevel(const v1::SetLogLevelRequest& request,
+                                                      const CallOptions& call = {});
 
   // grpc.health.v1: OK if the service ("" is the whole server) is SERVING; UNAVAILABLE, with the
   // reason "NOT_SERVING" (ErrorDetailsOf), if it is not; NOT_FOUND if the server does not know it.

@@ -12,6 +12,7 @@
 #include "client/client.h"
 #include "client/error_details.h"
 #include "client/pending_predictions.h"
+#include "maneuver/v1/admin_service.grpc.pb.h"
 #include "maneuver/v1/dataset_service.grpc.pb.h"
 #include "maneuver/v1/model_service.grpc.pb.h"
 #include "maneuver/v1/prediction_service.grpc.pb.h"
@@ -33,6 +34,7 @@ struct Client::Connection {
   std::unique_ptr<v1::ModelService::Stub> models;
   std::unique_ptr<v1::DatasetService::Stub> datasets;
   std::unique_ptr<v1::TrainingService::Stub> training;
+  std::unique_ptr<v1::AdminService::Stub> admin;
   std::unique_ptr<PendingPredictions> pending;  // goes before what it uses
 
   // Says who calls. For every call, before it starts.

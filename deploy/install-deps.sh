@@ -18,6 +18,8 @@ packages=(
   prometheus-cpp-dev libsqlite3-dev libcli11-dev libspdlog-dev nlohmann-json3-dev zlib1g-dev
   # tests
   libgtest-dev libgmock-dev libbenchmark-dev
+  # clients that are not ours, for tests/clients
+  python3 python3-grpcio python3-protobuf nghttp2-client
   # what the scripts use
   git curl ca-certificates
 )

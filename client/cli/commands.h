@@ -20,6 +20,7 @@ void AddPredict(Command& root, Environment& environment);  // probability, distr
 void AddClassify(Command& root, Environment& environment);
 void AddLoad(Command& root, Environment& environment);
 void AddHealth(Command& root, Environment& environment);
+void AddLogLevel(Command& root, Environment& environment);
 
 }  // namespace maneuver::cli
 

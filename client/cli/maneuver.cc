@@ -41,6 +41,7 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
   AddClassify(root, environment);
   AddLoad(root, environment);
   AddHealth(root, environment);
+  AddLogLevel(root, environment);
   return line.Run(arguments, environment.out, environment.err);
 }
 

@@ -55,10 +55,10 @@ absl::Status InvalidField(std::string_view field, std::string_view description) 
   return InvalidFields({{std::string(field), std::string(description)}});
 }
 
-absl::Status WithReason(absl::Status status, std::string_view reason,
+absl::Status WithReason(absl::Status status, Reason reason,
                         const std::map<std::string, std::string>& metadata) {
   v1::ErrorInfo detail;
-  detail.set_reason(std::string(reason));
+  detail.set_reason(std::string(reason.name()));
   detail.set_domain("maneuver");
   detail.mutable_metadata()->insert(metadata.begin(), metadata.end());
   Attach(status, kErrorInfo, detail);

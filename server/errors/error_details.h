@@ -14,6 +14,7 @@
 
 #include "absl/status/status.h"
 #include "model/scene/field_violation.h"
+#include "server/errors/reasons.h"
 
 namespace maneuver::v1 {
 class Status;
@@ -28,8 +29,8 @@ absl::Status InvalidFields(const std::vector<scene::FieldViolation>& violations,
                            std::string_view prefix = {});
 absl::Status InvalidField(std::string_view field, std::string_view description);
 
-// `status` with an ErrorInfo: a stable UPPER_SNAKE_CASE reason. Replaces an earlier one.
-absl::Status WithReason(absl::Status status, std::string_view reason,
+// `status` with an ErrorInfo: a reason of the table in reasons.h. Replaces an earlier one.
+absl::Status WithReason(absl::Status status, Reason reason,
                         const std::map<std::string, std::string>& metadata = {});
 // The reason that WithReason gave; empty if there is none.
 std::string ReasonOf(const absl::Status& status);

@@ -36,10 +36,10 @@ std::string ToJson(const google::protobuf::Message& message) {
   return json;
 }
 
-absl::Status WithDefaultReason(absl::Status status, const char* reason) {
+absl::Status WithDefaultReason(absl::Status status, errors::Reason reason) {
   absl::Status clean(status.code(), WithoutPaths(std::string(status.message())));
-  return errors::WithReason(std::move(clean),
-                            absl::IsResourceExhausted(status) ? "DISK_FULL" : reason);
+  return errors::WithReason(
+      std::move(clean), absl::IsResourceExhausted(status) ? errors::Reason("DISK_FULL") : reason);
 }
 
 absl::Status PrepareFolder(const fs::path& folder, const google::protobuf::Message& settings) {

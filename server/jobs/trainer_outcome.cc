@@ -102,7 +102,7 @@ absl::Status TrainerStatus(const ChildResult& result, const std::string& last_wo
     return OutOfMemory("the system killed the trainer for want of memory", last_words);
   }
   if (result.signal != 0) return Died(result.signal, last_words);
-  const auto failed = [&last_words](absl::StatusCode code, const char* reason,
+  const auto failed = [&last_words](absl::StatusCode code, errors::Reason reason,
                                     absl::string_view sentence) {
     return errors::WithReason(absl::Status(code, WithLastWords(sentence, last_words)), reason);
   };

@@ -28,6 +28,7 @@
 #include "server/maneuverd/token_command.h"
 #include "server/monitoring/logging.h"
 #include "server/monitoring/prometheus_metrics.h"
+#include "server/rpc/admin_service.h"
 #include "server/rpc/dataset_service.h"
 #include "server/rpc/model_service.h"
 #include "server/rpc/prediction_service.h"
@@ -174,12 +175,14 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   rpc::ModelService model_service(**models, disk);
   rpc::DatasetService dataset_service(**datasets, **supervisor, disk);
   rpc::TrainingService training_service(**supervisor, disk);
+  rpc::AdminService admin_service;
 
   auto server = rpc::Server::Start(options.listen,
                                    {{v1::PredictionService::service_full_name(), &predictions},
                                     {v1::ModelService::service_full_name(), &model_service},
                                     {v1::DatasetService::service_full_name(), &dataset_service},
-                                    {v1::TrainingService::service_full_name(), &training_service}},
+                                    {v1::TrainingService::service_full_name(), &training_service},
+                                    {v1::AdminService::service_full_name(), &admin_service}},
                                    (*protection)->access(), *metrics, (*protection)->credentials(),
                                    options.limits);
   if (!server.ok()) return server.status();
@@ -219,7 +222,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
 
 int Main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "token") return RunTokenCommand(argc - 1, argv + 1);
-  const auto parsed = ParseCommandLine(argc, argv);
+  const auto parsed = ParseCommandLine(argc, argv, environ);
   if (const int* status = std::get_if<int>(&parsed)) return *status;
   const auto& options = std::get<ServerOptions>(parsed);
   monitoring::ConfigureLogging(options.log_format, options.log_level);

@@ -7,6 +7,10 @@
 #include <map>
 #include <string>
 #include <thread>
+#include <utility>
+#include <vector>
+
+#include "server/maneuverd/configuration.h"
 
 namespace maneuver {
 namespace {
@@ -42,6 +46,12 @@ absl::StatusOr<security::ListenAddress> ParseExposed(const std::string& text, bo
   const auto status = security::CheckExposure(*address, encrypted, insecure);
   if (!status.ok()) return status;
   return address;
+}
+
+bool AsksForHelp(const std::vector<std::string>& arguments) {
+  return std::ranges::any_of(arguments, [](const std::string& argument) {
+    return argument == "--help" || argument == "-h" || argument == "--version";
+  });
 }
 
 struct SecurityFlags {
@@ -112,7 +122,8 @@ absl::Status TakeSecurityFlags(const SecurityFlags& flags, ServerOptions* option
 
 }  // namespace
 
-std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv) {
+std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* argv,
+                                                  const char* const* environment) {
   ServerOptions options;
   std::string listen = "127.0.0.1:8470";
   std::string metrics_listen = "127.0.0.1:9470";
@@ -125,9 +136,22 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv) {
   SecurityFlags security_flags;
   options.jobs.trainer = BesideThisProgram("maneuver-trainer");
 
-  CLI::App app("maneuverd: predicts what drivers do next. Answers over gRPC, learns on request.");
-  app.footer("\nmaneuverd token create makes a token for --tokens.");
-  app.set_version_flag("--version", MANEUVER_VERSION);
+  CLI::App app("maneuverd: predicts what drivers do next. Answers over gRPC, learns on request.",
+               "maneuverd");
+  app.footer(
+      "\nEvery option can be given as a variable of the environment too (--max-batch is "
+      "MANEUVERD_MAX_BATCH),\nor in the file that --config names (max-batch = 32); the command "
+      "line "
+      "comes first, the file last.\n\nmaneuverd token create makes a token for --tokens.");
+  app.get_help_ptr()->configurable(false);
+  app.set_version_flag("--version", MANEUVER_VERSION)->configurable(false);
+  std::string configuration_file;
+  bool print_settings = false;
+  app.add_option("--config", configuration_file, "File with values of options, a line each")
+      ->configurable(false);
+  app.add_flag("--print-config", print_settings,
+               "Print the value of every option, as --config reads it, and end")
+      ->configurable(false);
   app.add_option("--data-dir", options.data_dir, "Folder of models, datasets and jobs")->required();
   app.add_option("--listen", listen, "HOST:PORT for gRPC; port 0 picks a free one")
       ->capture_default_str();
@@ -167,10 +191,25 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv) {
                  "After SIGTERM, how long calls in flight may take, seconds")
       ->check(CLI::Range(0.0, 3600.0))
       ->capture_default_str();
+  const std::vector<std::string> arguments(argv + 1, argv + argc);
+  // Help is given even where the environment is wrong.
+  const char* const no_environment = nullptr;
+  const bool only_asks = AsksForHelp(arguments);
+  const auto configuration =
+      Configuration::Read(app, arguments, only_asks ? &no_environment : environment);
+  if (!configuration.ok()) {
+    std::cerr << "maneuverd: " << configuration.status().message() << "\n";
+    return kUsageError;
+  }
   try {
-    app.parse(argc, argv);
+    std::vector<std::string> line = configuration->CommandLine();
+    std::ranges::reverse(line);  // as CLI11 wants it
+    app.parse(std::move(line));
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : kUsageError;
+    if (error.get_exit_code() == static_cast<int>(CLI::ExitCodes::Success)) return app.exit(error);
+    std::cerr << "maneuverd: " << configuration->WithSource(error.what())
+              << "\nRun maneuverd --help for more information.\n";
+    return kUsageError;
   }
 
   options.scheduler.workers = workers;
@@ -181,8 +220,9 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv) {
   options.log_format = kLogFormats.at(log_format);
   options.log_level = kLogLevels.at(log_level);
 
-  const auto refuse = [](const char* flag, const absl::Status& status) {
-    std::cerr << "maneuverd: " << flag << status.message() << "\n";
+  const auto refuse = [&configuration](const char* flag, const absl::Status& status) {
+    const std::string error = flag + std::string(status.message());
+    std::cerr << "maneuverd: " << configuration->WithSource(error) << "\n";
     return kUsageError;
   };
   if (const auto status = TakeSecurityFlags(security_flags, &options); !status.ok()) {
@@ -197,6 +237,10 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv) {
     auto metrics_address = ParseExposed(metrics_listen, /*encrypted=*/false, insecure);
     if (!metrics_address.ok()) return refuse("--metrics-listen: ", metrics_address.status());
     options.metrics_listen = *std::move(metrics_address);
+  }
+  if (print_settings) {
+    std::cout << PrintSettings(app);
+    return 0;
   }
   return options;
 }

@@ -1,4 +1,4 @@
-// The command line of maneuverd.
+// The options of maneuverd: by command line, environment and file (configuration.h).
 
 #ifndef MANEUVER_SERVER_MANEUVERD_OPTIONS_H_
 #define MANEUVER_SERVER_MANEUVERD_OPTIONS_H_
@@ -35,9 +35,11 @@ struct ServerOptions {
   std::chrono::milliseconds shutdown_timeout{10'000};
 };
 
-// The options, or the exit status of a command line that is wrong or only asks for help (which was
-// then printed).
-std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv);
+// The options, or the exit status of a command line that is wrong, or only asks for help or for
+// what the options are (which was then printed).
+//   environment: ends with nullptr, as environ does.
+std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* argv,
+                                                  const char* const* environment);
 
 }  // namespace maneuver
 

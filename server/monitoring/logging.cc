@@ -37,6 +37,9 @@ struct Loggers {
     json = std::make_shared<spdlog::logger>("json", std::move(json_sink));
     text->set_pattern(kTextPattern, spdlog::pattern_time_type::utc);
     json->set_pattern(kJsonPattern, spdlog::pattern_time_type::utc);
+    // The level that counts is the one below.
+    text->set_level(spdlog::level::trace);
+    json->set_level(spdlog::level::trace);
     text->flush_on(spdlog::level::debug);
     json->flush_on(spdlog::level::debug);
   }
@@ -44,6 +47,7 @@ struct Loggers {
   std::shared_ptr<spdlog::logger> text;
   std::shared_ptr<spdlog::logger> json;
   std::atomic<LogFormat> format = LogFormat::kText;
+  std::atomic<LogLevel> level = LogLevel::kInfo;
 };
 
 Loggers& GetLoggers() {
@@ -100,11 +104,29 @@ void AppendValue(std::string& out, LogFormat format, const LogField& field) {
 }  // namespace
 
 void ConfigureLogging(LogFormat format, LogLevel level) {
-  Loggers& loggers = GetLoggers();
-  loggers.text->set_level(ToSpdlog(level));
-  loggers.json->set_level(ToSpdlog(level));
-  loggers.format = format;
+  GetLoggers().format = format;
+  SetLogLevel(level);
 }
+
+LogLevel GetLogLevel() { return GetLoggers().level; }
+
+void SetLogLevel(LogLevel level) { GetLoggers().level = level; }
+
+std::string_view ToString(LogLevel level) {
+  switch (level) {
+    case LogLevel::kDebug:
+      return "debug";
+    case LogLevel::kInfo:
+      return "info";
+    case LogLevel::kWarning:
+      return "warning";
+    case LogLevel::kError:
+      return "error";
+  }
+  return "unknown";
+}
+
+bool WouldLog(LogLevel level) { return level >= GetLogLevel(); }
 
 std::string FormatLogLine(LogFormat format, std::string_view message,
                           std::initializer_list<LogField> fields) {
@@ -131,13 +153,12 @@ std::string FormatLogLine(LogFormat format, std::string_view message,
 }
 
 void Log(LogLevel level, std::string_view message, std::initializer_list<LogField> fields) {
+  if (!WouldLog(level)) return;
   Loggers& loggers = GetLoggers();
   const LogFormat format = loggers.format;
   spdlog::logger& logger = format == LogFormat::kJson ? *loggers.json : *loggers.text;
-  const auto spdlog_level = ToSpdlog(level);
-  if (!logger.should_log(spdlog_level)) return;
   const std::string line = FormatLogLine(format, message, fields);
-  logger.log(spdlog_level, spdlog::string_view_t(line));
+  logger.log(ToSpdlog(level), spdlog::string_view_t(line));
 }
 
 }  // namespace maneuver::monitoring

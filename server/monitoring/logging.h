@@ -35,6 +35,16 @@ struct LogField {
 // Until it is called: text, info and above. May be called again at any time.
 void ConfigureLogging(LogFormat format, LogLevel level);
 
+// The least level that is logged. Changed at any time.
+LogLevel GetLogLevel();
+void SetLogLevel(LogLevel level);
+
+// "debug".
+std::string_view ToString(LogLevel level);
+
+// Whether a line of this level would be written: for what is costly to put together.
+bool WouldLog(LogLevel level);
+
 // One line: time, level, `message` (a constant phrase), fields.
 void Log(LogLevel level, std::string_view message, std::initializer_list<LogField> fields = {});
 

@@ -1,5 +1,6 @@
 #include "server/monitoring/prometheus_metrics.h"
 
+#include <prometheus/collectable.h>
 #include <prometheus/counter.h>
 #include <prometheus/exposer.h>
 #include <prometheus/gauge.h>
@@ -7,11 +8,15 @@
 #include <prometheus/registry.h>
 #include <prometheus/text_serializer.h>
 
+#include <algorithm>
 #include <exception>
+#include <iterator>
 #include <map>
 #include <mutex>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "server/monitoring/process_metrics.h"
 
 namespace maneuver::monitoring {
 namespace {
@@ -44,6 +49,36 @@ class PrometheusHistogram final : public Histogram {
   prometheus::Histogram& histogram_;
 };
 
+prometheus::MetricFamily Family(const char* name, const char* help, prometheus::MetricType type,
+                                double value) {
+  prometheus::ClientMetric metric;
+  metric.gauge.value = value;
+  metric.counter.value = value;
+  return {name, help, type, {metric}};
+}
+
+// The process, looked at whenever the page is made.
+class ProcessCollectable final : public prometheus::Collectable {
+ public:
+  std::vector<prometheus::MetricFamily> Collect() const override {
+    using prometheus::MetricType;
+    const auto process = ReadProcessMetrics();
+    if (!process) return {};
+    return {Family("process_cpu_seconds_total", "User and system time spent, seconds.",
+                   MetricType::Counter, process->cpu_seconds),
+            Family("process_start_time_seconds", "When the process was started, Unix time.",
+                   MetricType::Gauge, process->start_time_seconds),
+            Family("process_resident_memory_bytes", "Memory that is in use, bytes.",
+                   MetricType::Gauge, process->resident_bytes),
+            Family("process_virtual_memory_bytes", "Memory that is mapped, bytes.",
+                   MetricType::Gauge, process->virtual_bytes),
+            Family("process_open_fds", "Open file descriptors.", MetricType::Gauge,
+                   process->open_descriptors),
+            Family("process_max_fds", "Most file descriptors that may be open.", MetricType::Gauge,
+                   process->max_descriptors)};
+  }
+};
+
 class PrometheusRegistry final : public PrometheusMetrics {
  public:
   PrometheusRegistry() : registry_(std::make_shared<prometheus::Registry>()) {}
@@ -69,7 +104,9 @@ class PrometheusRegistry final : public PrometheusMetrics {
   }
 
   std::string Page() const override {
-    return prometheus::TextSerializer().Serialize(registry_->Collect());
+    auto families = registry_->Collect();
+    std::ranges::move(process_->Collect(), std::back_inserter(families));
+    return prometheus::TextSerializer().Serialize(families);
   }
 
   absl::StatusOr<int> Listen(const std::string& address) override {
@@ -77,6 +114,7 @@ class PrometheusRegistry final : public PrometheusMetrics {
       constexpr size_t kThreads = 1;
       exposer_ = std::make_unique<prometheus::Exposer>(address, kThreads);
       exposer_->RegisterCollectable(registry_);
+      exposer_->RegisterCollectable(process_);
       return exposer_->GetListeningPorts().at(0);
     } catch (const std::exception& error) {
       return absl::UnavailableError(absl::StrCat("cannot serve metrics on ", address, " (",
@@ -92,7 +130,8 @@ class PrometheusRegistry final : public PrometheusMetrics {
     return wrappers.try_emplace(&metric, metric).first->second;
   }
 
-  std::shared_ptr<prometheus::Registry> registry_;
+  const std::shared_ptr<prometheus::Registry> registry_;
+  const std::shared_ptr<prometheus::Collectable> process_ = std::make_shared<ProcessCollectable>();
   std::mutex mutex_;  // guards the maps, whose elements never move
   std::map<prometheus::Counter*, PrometheusCounter> counters_;
   std::map<prometheus::Gauge*, PrometheusGauge> gauges_;

@@ -15,7 +15,7 @@ class PrometheusMetrics : public MetricRegistry {
  public:
   static std::unique_ptr<PrometheusMetrics> Create();
 
-  // The page, in Prometheus' text format.
+  // The page, in Prometheus' text format; with the metrics of the process (process_metrics.h).
   virtual std::string Page() const = 0;
 
   // Serves the page under http://ADDRESS/metrics until this object is destroyed.

@@ -1,21 +1,83 @@
-// Counts and times every call of every service, in one place.
+// What is counted of calls, by method.
 
 #ifndef MANEUVER_SERVER_RPC_CALL_METRICS_H_
 #define MANEUVER_SERVER_RPC_CALL_METRICS_H_
 
-#include <grpcpp/support/server_interceptor.h>
+#include <grpcpp/support/status_code_enum.h>
 
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <map>
 #include <memory>
+#include <mutex>
+#include <string>
+#include <string_view>
+#include <vector>
 
 #include "server/monitoring/metrics.h"
 
 namespace maneuver::rpc {
 
-//   maneuver_requests_total{method, code}, maneuver_request_duration_seconds{method},
-//   maneuver_requests_in_flight{method}
-// with methods as "PredictionService/Predict". `metrics` outlives the server.
-std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> CountCalls(
-    monitoring::MetricRegistry& metrics);
+// "NOT_FOUND". "UNKNOWN" for what is no code.
+const char* CodeName(grpc::StatusCode code);
+
+// Thread-safe.
+class MethodMetrics {
+ public:
+  //   name: as the label has it, "PredictionService/Predict".
+  //   of_contract: a method of maneuver.v1, whose messages are counted.
+  MethodMetrics(monitoring::MetricRegistry& metrics, std::string name, bool of_contract);
+
+  const std::string& name() const { return name_; }
+  bool of_contract() const { return of_contract_; }
+
+  void Begin() { in_flight_.Add(1.0); }
+  void Received(size_t bytes) { request_bytes_.Increment(static_cast<double>(bytes)); }
+  void Sent(size_t bytes) { response_bytes_.Increment(static_cast<double>(bytes)); }
+  void End(grpc::StatusCode code, std::chrono::nanoseconds time);
+
+ private:
+  static constexpr size_t kCodes = 17;
+  struct OfCode {
+    monitoring::Counter& requests;
+    monitoring::Histogram& duration;
+  };
+  // Made when it is first needed: most methods only ever see a few codes.
+  OfCode& Of(grpc::StatusCode code);
+
+  monitoring::MetricRegistry& metrics_;
+  const std::string name_;
+  const bool of_contract_;
+  monitoring::Gauge& in_flight_;
+  monitoring::Counter& request_bytes_;
+  monitoring::Counter& response_bytes_;
+  std::mutex mutex_;                                    // held to make one
+  std::array<std::unique_ptr<OfCode>, kCodes> made_;    // guarded by mutex_
+  std::array<std::atomic<OfCode*>, kCodes> by_code_{};  // what is made
+};
+
+//   maneuver_requests_total{method, code}, maneuver_request_duration_seconds{method, code},
+//   maneuver_requests_in_flight{method}, maneuver_request_bytes_total{method},
+//   maneuver_response_bytes_total{method}
+// Thread-safe. What it returns lives as long as it does.
+class CallMetrics {
+ public:
+  //   methods: of the contract, "/maneuver.v1.PredictionService/Predict"; shown from the start.
+  // `metrics` outlives it.
+  CallMetrics(monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods);
+
+  // Of one of `methods`, or of another that the server has: health and reflection. gRPC asks for
+  // registered methods alone, so the labels are bounded.
+  MethodMetrics& Find(std::string_view method);
+
+ private:
+  MethodMetrics& Add(std::string_view method, bool of_contract);
+
+  monitoring::MetricRegistry& metrics_;
+  std::mutex mutex_;  // guards methods_, whose elements never move
+  std::map<std::string, std::unique_ptr<MethodMetrics>, std::less<>> methods_;
+};
 
 }  // namespace maneuver::rpc
 

@@ -148,6 +148,12 @@ absl::StatusOr<std::unique_ptr<GuardedService>> GuardedService::Create(
   return guard;
 }
 
+std::vector<std::string> GuardedService::MethodNames() const {
+  std::vector<std::string> names;
+  for (const auto& name : method_names_) names.push_back(*name);
+  return names;
+}
+
 security::Credentials CredentialsOf(const grpc::ServerContextBase& rpc) {
   security::Credentials credentials;
   const auto [begin, end] = rpc.client_metadata().equal_range("authorization");

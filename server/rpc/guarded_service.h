@@ -32,6 +32,9 @@ class GuardedService final : public grpc::Service {
   static absl::StatusOr<std::unique_ptr<GuardedService>> Create(const NamedService& guarded,
                                                                 security::AccessControl& access);
 
+  // "/maneuver.v1.PredictionService/Predict" of each.
+  std::vector<std::string> MethodNames() const;
+
  private:
   GuardedService() = default;
 

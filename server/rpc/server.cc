@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "server/rpc/call_metrics.h"
+#include "server/rpc/call_observer.h"
 
 namespace maneuver::rpc {
 namespace {
@@ -61,13 +61,16 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
   Limit(builder, limits);
   RefuseCompression(builder);
   std::vector<std::unique_ptr<GuardedService>> guarded;
+  std::vector<std::string> methods;
   for (const NamedService& service : services) {
     auto guard = GuardedService::Create(service, access);
     if (!guard.ok()) return guard.status();
+    const auto names = (*guard)->MethodNames();
+    methods.insert(methods.end(), names.begin(), names.end());
     builder.RegisterService(guarded.emplace_back(*std::move(guard)).get());
   }
   std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> interceptors;
-  interceptors.push_back(CountCalls(metrics));
+  interceptors.push_back(ObserveCalls(metrics, methods));
   builder.experimental().SetInterceptorCreators(std::move(interceptors));
 
   std::unique_ptr<grpc::Server> server = builder.BuildAndStart();

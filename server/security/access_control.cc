@@ -35,7 +35,7 @@ std::optional<std::string_view> BearerToken(std::string_view header) {
   return header.substr(kScheme.size());
 }
 
-absl::Status WithReason(absl::Status status, std::string_view reason,
+absl::Status WithReason(absl::Status status, errors::Reason reason,
                         const std::map<std::string, std::string>& metadata = {}) {
   return errors::WithReason(std::move(status), reason, metadata);
 }

@@ -48,6 +48,9 @@ constexpr MethodRole kMethodRoles[] = {
     {"/maneuver.v1.TrainingService/CancelJob", Role::kTrain},
     {"/maneuver.v1.TrainingService/ResumeJob", Role::kTrain},
     {"/maneuver.v1.TrainingService/DeleteJob", Role::kAdmin},
+
+    {"/maneuver.v1.AdminService/GetLogLevel", Role::kAdmin},
+    {"/maneuver.v1.AdminService/SetLogLevel", Role::kAdmin},
 };
 
 }  // namespace

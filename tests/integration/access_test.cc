@@ -53,6 +53,8 @@ const std::map<std::string, std::string> kExpectedRoles = {
     {"/maneuver.v1.TrainingService/CancelJob", "train"},
     {"/maneuver.v1.TrainingService/ResumeJob", "train"},
     {"/maneuver.v1.TrainingService/DeleteJob", "admin"},
+    {"/maneuver.v1.AdminService/GetLogLevel", "admin"},
+    {"/maneuver.v1.AdminService/SetLogLevel", "admin"},
 };
 
 Headers Bearer(const std::string& token) { return {{"authorization", "Bearer " + token}}; }

@@ -1,0 +1,160 @@
+// Every reason that an ErrorInfo of this server can have. They are part of the contract: never
+// renamed, never given another meaning. docs/errors.md is this table, held to it by a test.
+
+#ifndef MANEUVER_SERVER_ERRORS_REASONS_H_
+#define MANEUVER_SERVER_ERRORS_REASONS_H_
+
+#include <concepts>
+#include <string_view>
+
+namespace maneuver::errors {
+
+struct ReasonEntry {
+  std::string_view name;
+  std::string_view codes;  // that it comes with, separated by ", "
+  std::string_view meaning;
+  std::string_view remedy;  // what the caller, or the server's operator, does about it
+};
+
+// In the order in which the page lists them: of any call, of predictions, models, datasets, jobs,
+// and of how a job ended (Job.error).
+inline constexpr ReasonEntry kReasons[] = {
+    {"CREDENTIALS_MISSING", "UNAUTHENTICATED",
+     "the server asks who calls, and the call does not say",
+     "send a token, or connect with a client certificate"},
+    {"TOKEN_UNKNOWN", "UNAUTHENTICATED",
+     "the token, or the header around it, is wrong, or was taken back",
+     "ask the operator for a token"},
+    {"CERTIFICATE_NOT_LISTED", "PERMISSION_DENIED",
+     "no line of the tokens file has a name of the client's certificate",
+     "have the operator add one"},
+    {"ROLE_MISSING", "PERMISSION_DENIED",
+     "the caller does not have the role that the metadata's `role` names",
+     "have the operator add it to the caller's line"},
+    {"METHOD_NOT_DECLARED", "PERMISSION_DENIED",
+     "the method has no row in the table of roles: a fault of the server", "report it"},
+    {"RATE_LIMITED", "RESOURCE_EXHAUSTED", "the client asks for more in a second than it may",
+     "wait as long as RetryInfo says"},
+    {"INVALID_FIELD", "INVALID_ARGUMENT",
+     "fields of the request, or of one item of a batch, make no sense",
+     "correct the fields that BadRequest lists"},
+    {"TOO_MANY_REQUESTS", "RESOURCE_EXHAUSTED", "too many requests wait for the server's disk",
+     "wait as long as RetryInfo says"},
+    {"SERVER_STOPS", "UNAVAILABLE", "the server is being shut down",
+     "try again, at another replica or a little later"},
+
+    {"NO_MODEL_SERVES", "FAILED_PRECONDITION",
+     "no model has the alias `serving`, and the request names none",
+     "train a model, or give a version the alias"},
+    {"MODEL_NOT_NAMED", "FAILED_PRECONDITION",
+     "several models have the alias `serving`, and the request names none", "name one in `model`"},
+    {"QUEUE_FULL", "RESOURCE_EXHAUSTED", "the server has more to predict than it can",
+     "wait as long as RetryInfo says; add replicas if it stays so"},
+    {"TOO_MANY_TARGETS", "RESOURCE_EXHAUSTED",
+     "one request has more targets than the queue has places",
+     "split it; the message says into how much"},
+
+    {"MODEL_NOT_FOUND", "NOT_FOUND", "there is no such model",
+     "ListModelVersions with models/- names those that exist"},
+    {"MODEL_VERSION_NOT_FOUND", "NOT_FOUND", "there is no such version of the model",
+     "ListModelVersions names those that exist"},
+    {"MODEL_ALIAS_NOT_FOUND", "NOT_FOUND", "the model has no such alias",
+     "point it to a version with SetModelAlias"},
+    {"MODEL_DAMAGED", "FAILED_PRECONDITION", "the files of the version are damaged",
+     "point the alias to another version; delete this one and train anew"},
+    {"MODEL_VERSION_IN_USE", "FAILED_PRECONDITION",
+     "an alias points to the version that is to be deleted",
+     "point the alias elsewhere, or delete it first"},
+
+    {"DATASET_NOT_FOUND", "NOT_FOUND, FAILED_PRECONDITION",
+     "there is no such dataset, or a job that is to go on has lost it",
+     "ListDatasets names those that exist; upload it"},
+    {"DATASET_EXISTS", "ALREADY_EXISTS", "there is a dataset of this name",
+     "choose another name, or delete that one first"},
+    {"DATASET_INVALID", "INVALID_ARGUMENT",
+     "what was uploaded is no dataset, or not all of it came",
+     "correct what the message says and upload again"},
+    {"DATASET_DAMAGED", "DATA_LOSS",
+     "the dataset's files do not have the bytes that they were stored with",
+     "delete it and upload it again"},
+    {"DATASET_IN_USE", "FAILED_PRECONDITION",
+     "the job in the metadata needs the dataset that is to be deleted",
+     "wait for the job, or cancel it"},
+    {"SCENARIO_NOT_FOUND", "NOT_FOUND", "the dataset has no scenario of this id",
+     "ListScenarios names them"},
+
+    {"JOB_NOT_FOUND", "NOT_FOUND",
+     "there is no such job, or it ended so long ago that it was forgotten",
+     "ListJobs names those that exist"},
+    {"JOB_NOT_ENDED", "FAILED_PRECONDITION", "the job runs, or is still being stopped",
+     "cancel it, or wait until it is stopped"},
+    {"JOB_NOT_RESUMABLE", "FAILED_PRECONDITION",
+     "the job has ended in a state that nothing follows", "train again"},
+    {"REQUEST_ID_REUSED", "ALREADY_EXISTS",
+     "the request_id belongs to a different request, whose job is in the metadata",
+     "choose a new one for a new job"},
+
+    {"INVALID_SETTINGS", "INVALID_ARGUMENT", "the trainer refused the job's settings",
+     "correct them and ask again"},
+    {"UNUSABLE_DATA", "FAILED_PRECONDITION", "the job's data cannot be read",
+     "upload the dataset again"},
+    {"NOT_ENOUGH_EXAMPLES", "FAILED_PRECONDITION",
+     "the datasets hold too few examples for the settings",
+     "upload more, or ask for less of each example"},
+    {"TRAINING_DIVERGED", "ABORTED", "the loss is no longer finite",
+     "try a smaller optimization.learning_rate"},
+    {"ACTIONS_COLLAPSED", "FAILED_PRECONDITION",
+     "the model uses too few of its actions to be of use",
+     "train with another seed, or with more data"},
+    {"OUT_OF_MEMORY", "RESOURCE_EXHAUSTED",
+     "the job took more memory than there is, or than it may",
+     "make batch, raster or model smaller, or give it more (--job-memory-limit), and resume the "
+     "job"},
+    {"WALL_TIME_EXCEEDED", "DEADLINE_EXCEEDED",
+     "the job ran for as long as a job may (--job-time-limit)", "resume it: it has as long again"},
+    {"DISK_FULL", "RESOURCE_EXHAUSTED", "the server's disk is full",
+     "free some space; resume the job or upload again"},
+    {"CANNOT_WRITE", "FAILED_PRECONDITION", "the server cannot write in its data folder",
+     "see to its permissions and resume the job"},
+    {"MODEL_REFUSED", "any",
+     "the model that was learned cannot be published; code and message say why",
+     "see to what the message says and resume the job"},
+    {"MODEL_UNAVAILABLE", "any",
+     "the model that is to be evaluated cannot be had; code and message say why",
+     "name one that ListModelVersions lists"},
+    {"TRAINER_DIED", "ABORTED",
+     "the trainer was killed or crashed; the metadata's `signal` says by what",
+     "resume the job, with more memory if it was that"},
+    {"TRAINER_INTERNAL", "INTERNAL",
+     "the trainer failed by a fault of its own, or cannot be started",
+     "see its log in the job's folder, and report it"},
+    {"SERVER_INTERRUPTED", "ABORTED", "the server stopped while the job ran",
+     "none: the job goes on when the server is back"},
+};
+
+constexpr bool IsListed(std::string_view name) {
+  for (const ReasonEntry& entry : kReasons) {
+    if (entry.name == name) return true;
+  }
+  return false;
+}
+
+// Not defined: a call of it is an error of the compiler's that says what is wrong.
+void ThisReasonIsNotListedInReasonsH();
+
+// The name of an entry of the table. What is not in the table does not compile.
+class Reason {
+ public:
+  template <std::convertible_to<std::string_view> Text>
+  consteval Reason(const Text& name) : name_(name) {  // NOLINT(google-explicit-constructor)
+    if (!IsListed(name_)) ThisReasonIsNotListedInReasonsH();
+  }
+  constexpr std::string_view name() const { return name_; }
+
+ private:
+  std::string_view name_;
+};
+
+}  // namespace maneuver::errors
+
+#endif  // MANEUVER_SERVER_ERRORS_REASONS_H_

@@ -1,0 +1,60 @@
+// Where options get their values from besides the command line: the environment and one file. The
+// names are the same everywhere: --max-batch, MANEUVERD_MAX_BATCH, and in the file max-batch. The
+// command line comes before the environment, and that before the file.
+
+#ifndef MANEUVER_SERVER_MANEUVERD_CONFIGURATION_H_
+#define MANEUVER_SERVER_MANEUVERD_CONFIGURATION_H_
+
+#include <CLI/CLI.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+namespace maneuver {
+
+// An option that got its value elsewhere than on the command line.
+struct Setting {
+  std::string name;    // "max-batch"
+  std::string value;   // as it would be on the command line; empty: as if it were not there
+  std::string source;  // as errors name it: "MANEUVERD_MAX_BATCH", "maneuverd.conf:3"
+};
+
+// The settings of a file: lines such as
+//   max-batch = 32          # a comment
+//   log-format = "json"
+// in which quotes are needed around what holds spaces, quotes or #, and \" \\ and \n stand for
+// themselves and the end of a line. INVALID_ARGUMENT, with file and line, for any other line and
+// for a name that comes twice.
+absl::StatusOr<std::vector<Setting>> ParseSettings(std::string_view text, const std::string& file);
+
+// Every option of a program with the value that it has, in the form of ParseSettings. Call once the
+// program's arguments are parsed.
+std::string PrintSettings(const CLI::App& app);
+
+// What a program is started with.
+class Configuration {
+ public:
+  // Reads the environment, and the file that --config or MANEUVERD_CONFIG names.
+  //   app: its options that are configurable() may stand in them.
+  //   arguments: of the command line, without the program's name.
+  //   environment: ends with nullptr, as environ does.
+  // INVALID_ARGUMENT for unknown names of either, NOT_FOUND for a file that cannot be read.
+  static absl::StatusOr<Configuration> Read(const CLI::App& app, std::vector<std::string> arguments,
+                                            const char* const* environment);
+
+  // All of it as one command line.
+  std::vector<std::string> CommandLine() const;
+
+  // `error`, which names an option, after where that option got its value from.
+  std::string WithSource(const std::string& error) const;
+
+ private:
+  std::vector<std::string> arguments_;
+  std::vector<Setting> settings_;  // that the command line does not override
+};
+
+}  // namespace maneuver
+
+#endif  // MANEUVER_SERVER_MANEUVERD_CONFIGURATION_H_

@@ -1,0 +1,25 @@
+// What the process itself takes up, as the kernel tells it.
+
+#ifndef MANEUVER_SERVER_MONITORING_PROCESS_METRICS_H_
+#define MANEUVER_SERVER_MONITORING_PROCESS_METRICS_H_
+
+#include <optional>
+
+namespace maneuver::monitoring {
+
+// Under the names that Prometheus' client libraries give them.
+struct ProcessMetrics {
+  double cpu_seconds = 0.0;         // process_cpu_seconds_total, user and system
+  double start_time_seconds = 0.0;  // process_start_time_seconds, Unix time
+  double resident_bytes = 0.0;      // process_resident_memory_bytes
+  double virtual_bytes = 0.0;       // process_virtual_memory_bytes
+  double open_descriptors = 0.0;    // process_open_fds
+  double max_descriptors = 0.0;     // process_max_fds; infinity: no limit
+};
+
+// Of this process, now. Nothing if /proc is not there.
+std::optional<ProcessMetrics> ReadProcessMetrics();
+
+}  // namespace maneuver::monitoring
+
+#endif  // MANEUVER_SERVER_MONITORING_PROCESS_METRICS_H_

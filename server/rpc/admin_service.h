@@ -1,0 +1,20 @@
+#ifndef MANEUVER_SERVER_RPC_ADMIN_SERVICE_H_
+#define MANEUVER_SERVER_RPC_ADMIN_SERVICE_H_
+
+#include "maneuver/v1/admin_service.grpc.pb.h"
+
+namespace maneuver::rpc {
+
+class AdminService final : public v1::AdminService::CallbackService {
+ public:
+  grpc::ServerUnaryReactor* GetLogLevel(grpc::CallbackServerContext* rpc,
+                                        const v1::GetLogLevelRequest* request,
+                                        v1::GetLogLevelResponse* response) override;
+  grpc::ServerUnaryReactor* SetLogLevel(grpc::CallbackServerContext* rpc,
+                                        const v1::SetLogLevelRequest* request,
+                                        v1::SetLogLevelResponse* response) override;
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_ADMIN_SERVICE_H_

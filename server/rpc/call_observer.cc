@@ -1,0 +1,121 @@
+#include "server/rpc/call_observer.h"
+
+#include <google/protobuf/message_lite.h>
+#include <grpc/byte_buffer.h>
+
+#include <atomic>
+#include <chrono>
+#include <random>
+#include <string_view>
+
+#include "server/rpc/call_log.h"
+#include "server/rpc/call_metrics.h"
+
+namespace maneuver::rpc {
+namespace {
+
+using grpc::experimental::InterceptionHookPoints;
+using grpc::experimental::InterceptorBatchMethods;
+using grpc::experimental::ServerRpcInfo;
+
+// Lives as long as its call. Reads and writes of a stream come from several threads.
+class CallInterceptor final : public grpc::experimental::Interceptor {
+ public:
+  CallInterceptor(MethodMetrics& metrics, CallLog& log, ServerRpcInfo::Type type)
+      : metrics_(metrics), log_(log), type_(type), start_(std::chrono::steady_clock::now()) {
+    metrics_.Begin();
+  }
+  // A call that broke off before it was given a status was cancelled.
+  ~CallInterceptor() override { End(grpc::StatusCode::CANCELLED); }
+
+  void Intercept(InterceptorBatchMethods* batch) override {
+    if (batch->QueryInterceptionHookPoint(InterceptionHookPoints::POST_RECV_INITIAL_METADATA)) {
+      Introduce(*batch->GetRecvInitialMetadata());
+    }
+    if (metrics_.of_contract()) CountBytes(*batch);
+    if (batch->QueryInterceptionHookPoint(InterceptionHookPoints::PRE_SEND_STATUS)) {
+      batch->GetSendTrailingMetadata()->emplace("x-request-id", origin_.request_id);
+      End(batch->GetSendStatus().error_code());
+    }
+    batch->Proceed();
+  }
+
+ private:
+  void Introduce(const std::multimap<grpc::string_ref, grpc::string_ref>& headers) {
+    const auto value = [&headers](const char* name) {
+      const auto header = headers.find(name);
+      return header == headers.end()
+                 ? std::string_view()
+                 : std::string_view(header->second.data(), header->second.size());
+    };
+    origin_ = log_.OriginOf(value("x-request-id"), value("traceparent"));
+  }
+
+  void CountBytes(InterceptorBatchMethods& batch) {
+    if (batch.QueryInterceptionHookPoint(InterceptionHookPoints::POST_RECV_MESSAGE)) {
+      const size_t bytes = SizeOf(batch.GetRecvMessage());
+      received_ += static_cast<int64_t>(bytes);
+      metrics_.Received(bytes);
+    }
+    if (batch.QueryInterceptionHookPoint(InterceptionHookPoints::PRE_SEND_MESSAGE)) {
+      // Serialised here in place of a little later.
+      const size_t bytes = batch.GetSerializedSendMessage()->Length();
+      sent_ += static_cast<int64_t>(bytes);
+      metrics_.Sent(bytes);
+    }
+  }
+
+  // Of a message as a guarded service receives it: parsed if it is one of a stream, and otherwise
+  // the bytes themselves (see GuardedHandler::Deserialize).
+  size_t SizeOf(void* message) const {
+    if (message == nullptr) return 0;  // the end of the stream
+    if (type_ == ServerRpcInfo::Type::UNARY || type_ == ServerRpcInfo::Type::SERVER_STREAMING) {
+      return grpc_byte_buffer_length(static_cast<grpc_byte_buffer*>(message));
+    }
+    return static_cast<google::protobuf::MessageLite*>(message)->ByteSizeLong();
+  }
+
+  void End(grpc::StatusCode code) {
+    if (ended_.exchange(true)) return;
+    const auto time = std::chrono::steady_clock::now() - start_;
+    metrics_.End(code, time);
+    log_.Write({.method = metrics_.name(),
+                .code = code,
+                .time = time,
+                .request_bytes = received_,
+                .response_bytes = sent_},
+               origin_);
+  }
+
+  MethodMetrics& metrics_;
+  CallLog& log_;
+  const ServerRpcInfo::Type type_;
+  const std::chrono::steady_clock::time_point start_;
+  CallOrigin origin_;  // set before anything else of the call happens
+  std::atomic<int64_t> received_ = 0;
+  std::atomic<int64_t> sent_ = 0;
+  std::atomic<bool> ended_ = false;
+};
+
+class CallObserver final : public grpc::experimental::ServerInterceptorFactoryInterface {
+ public:
+  CallObserver(monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods)
+      : metrics_(metrics, methods), log_(std::random_device()()) {}
+
+  grpc::experimental::Interceptor* CreateServerInterceptor(ServerRpcInfo* info) override {
+    return new CallInterceptor(metrics_.Find(info->method()), log_, info->type());
+  }
+
+ private:
+  CallMetrics metrics_;
+  CallLog log_;
+};
+
+}  // namespace
+
+std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCalls(
+    monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods) {
+  return std::make_unique<CallObserver>(metrics, methods);
+}
+
+}  // namespace maneuver::rpc

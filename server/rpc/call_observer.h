@@ -1,0 +1,25 @@
+// Sees every call of every service, in one place, and has it counted and logged.
+
+#ifndef MANEUVER_SERVER_RPC_CALL_OBSERVER_H_
+#define MANEUVER_SERVER_RPC_CALL_OBSERVER_H_
+
+#include <grpcpp/support/server_interceptor.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "server/monitoring/metrics.h"
+
+namespace maneuver::rpc {
+
+// Counts calls (call_metrics.h) and writes their lines (call_log.h). Every answer carries its
+// request id as the trailer x-request-id.
+//   methods: of the guarded services, "/maneuver.v1.PredictionService/Predict".
+// `metrics` outlives the server.
+std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCalls(
+    monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods);
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_CALL_OBSERVER_H_

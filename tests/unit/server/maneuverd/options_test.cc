@@ -1,0 +1,181 @@
+// What the server is started with, from command line, environment and file together.
+
+#include "server/maneuverd/options.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_split.h"
+
+namespace maneuver {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+
+struct Outcome {
+  std::variant<ServerOptions, int> parsed;
+  std::string out;
+  std::string err;
+
+  const ServerOptions& options() const { return std::get<ServerOptions>(parsed); }
+  bool refused() const { return std::holds_alternative<int>(parsed) && std::get<int>(parsed) == 2; }
+};
+
+class OptionsTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ =
+        fs::path(::testing::TempDir()) /
+        ("options-" + std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()));
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  std::string Write(const std::string& name, const std::string& text) {
+    const fs::path file = folder_ / name;
+    std::ofstream(file) << text;
+    return file.string();
+  }
+
+  static Outcome Parse(std::vector<std::string> arguments,
+                       std::vector<std::string> environment = {}) {
+    std::vector<const char*> argv = {"maneuverd"};
+    for (const std::string& argument : arguments) argv.push_back(argument.c_str());
+    std::vector<const char*> variables;
+    for (const std::string& variable : environment) variables.push_back(variable.c_str());
+    variables.push_back(nullptr);
+    ::testing::internal::CaptureStdout();
+    ::testing::internal::CaptureStderr();
+    auto parsed = ParseCommandLine(static_cast<int>(argv.size()), argv.data(), variables.data());
+    return {std::move(parsed), ::testing::internal::GetCapturedStdout(),
+            ::testing::internal::GetCapturedStderr()};
+  }
+
+  fs::path folder_;
+};
+
+TEST_F(OptionsTest, TheCommandLineComesBeforeTheEnvironmentAndThatBeforeTheFile) {
+  const std::string file =
+      Write("m.conf", "data-dir = \"from file\"\nmax-batch = 3\nmax-queue = 33\nworkers = 5\n");
+  const Outcome outcome = Parse({"--config", file, "--max-batch", "1"},
+                                {"MANEUVERD_MAX_BATCH=2", "MANEUVERD_MAX_QUEUE=22", "HOME=/"});
+  ASSERT_EQ(outcome.err, "");
+  EXPECT_EQ(outcome.options().scheduler.queue.max_batch, 1);
+  EXPECT_EQ(outcome.options().scheduler.queue.max_queue, 22);
+  EXPECT_EQ(outcome.options().scheduler.workers, 5);
+  EXPECT_EQ(outcome.options().data_dir, "from file");
+}
+
+TEST_F(OptionsTest, TheEnvironmentCanNameTheFileAndFlagsCanBeTurnedOff) {
+  const std::string file = Write("m.conf", "data-dir = d\ninsecure = true\nlisten = 0.0.0.0:0\n");
+  EXPECT_EQ(Parse({}, {"MANEUVERD_CONFIG=" + file}).options().listen.host, "0.0.0.0");
+  const Outcome off = Parse({}, {"MANEUVERD_CONFIG=" + file, "MANEUVERD_INSECURE=false"});
+  EXPECT_TRUE(off.refused());
+  EXPECT_THAT(off.err, HasSubstr("--listen"));
+}
+
+TEST_F(OptionsTest, AnEmptyVariableIsAsIfItWereNotThere) {
+  EXPECT_EQ(Parse({"--data-dir", "d"}, {"MANEUVERD_MAX_BATCH=", "MANEUVERD_TOKENS="})
+                .options()
+                .scheduler.queue.max_batch,
+            ServerOptions().scheduler.queue.max_batch);
+}
+
+TEST_F(OptionsTest, UnknownNamesAreRefusedWithTheirPlace) {
+  const std::string file = Write("m.conf", "data-dir = d\nmax-bach = 3\n");
+  const Outcome in_file = Parse({"--config", file});
+  EXPECT_TRUE(in_file.refused());
+  EXPECT_THAT(in_file.err, HasSubstr("m.conf:2: there is no option max-bach"));
+  const Outcome variable = Parse({"--data-dir", "d"}, {"MANEUVERD_MAX_BACH=3"});
+  EXPECT_TRUE(variable.refused());
+  EXPECT_THAT(variable.err, HasSubstr("MANEUVERD_MAX_BACH: "));
+  for (const char* name : {"config", "print-config", "help", "version"}) {
+    EXPECT_TRUE(
+        Parse({"--config", Write("n.conf", "data-dir = d\n" + std::string(name) + " = true\n")})
+            .refused())
+        << name;
+  }
+  EXPECT_TRUE(Parse({"--config", (folder_ / "none.conf").string()}).refused());
+}
+
+TEST_F(OptionsTest, ABadValueIsNamedWithItsPlace) {
+  const std::string file = Write("m.conf", "data-dir = d\nmax-batch = 0\n");
+  const Outcome in_file = Parse({"--config", file});
+  EXPECT_TRUE(in_file.refused());
+  EXPECT_THAT(in_file.err, HasSubstr("m.conf:2: --max-batch: "));
+  const Outcome variable = Parse({"--data-dir", "d"}, {"MANEUVERD_WORKERS=many"});
+  EXPECT_TRUE(variable.refused());
+  EXPECT_THAT(variable.err, AllOf(HasSubstr("MANEUVERD_WORKERS: "), HasSubstr("--workers")));
+  const Outcome address = Parse({"--data-dir", "d"}, {"MANEUVERD_METRICS_LISTEN=nowhere"});
+  EXPECT_TRUE(address.refused());
+  EXPECT_THAT(address.err, HasSubstr("MANEUVERD_METRICS_LISTEN: --metrics-listen: "));
+  const Outcome empty = Parse({"--config", Write("e.conf", "data-dir = d\nworkers = \"\"\n")});
+  EXPECT_TRUE(empty.refused());
+  EXPECT_THAT(empty.err, HasSubstr("e.conf:2: workers needs a value"));
+}
+
+TEST_F(OptionsTest, WhatIsPrintedCanBeReadAgain) {
+  const std::vector<std::string> arguments = {"--data-dir",
+                                              "a \"b\" # c\\",
+                                              "--workers",
+                                              "7",
+                                              "--max-queue-delay",
+                                              "2.5",
+                                              "--insecure",
+                                              "--log-format",
+                                              "json",
+                                              "--precision",
+                                              "f32",
+                                              "--keep-jobs",
+                                              "3",
+                                              "--metrics-listen",
+                                              "none",
+                                              "--listen",
+                                              "0.0.0.0:1"};
+  std::vector<std::string> print = arguments;
+  print.emplace_back("--print-config");
+  const Outcome printed = Parse(print);
+  ASSERT_EQ(std::get<int>(printed.parsed), 0) << printed.err;
+  const std::string file = Write("printed.conf", printed.out);
+  const Outcome again = Parse({"--config", file, "--print-config"});
+  EXPECT_EQ(again.err, "");
+  EXPECT_EQ(again.out, printed.out);
+  const Outcome read = Parse({"--config", file});
+  EXPECT_EQ(read.options().data_dir, "a \"b\" # c\\");
+  EXPECT_EQ(read.options().scheduler.workers, 7);
+  EXPECT_EQ(read.options().scheduler.queue.max_queue_delay, std::chrono::microseconds(2500));
+  EXPECT_EQ(read.options().jobs.retention.jobs, absl::Hours(72));
+  EXPECT_EQ(read.options().listen.host, "0.0.0.0");
+  EXPECT_FALSE(read.options().metrics_listen.has_value());
+  EXPECT_EQ(read.options().log_format, monitoring::LogFormat::kJson);
+}
+
+TEST_F(OptionsTest, HelpIsGivenWhateverTheEnvironmentSays) {
+  const Outcome help = Parse({"--help"}, {"MANEUVERD_NONSENSE=1"});
+  EXPECT_EQ(std::get<int>(help.parsed), 0);
+  EXPECT_THAT(help.out, AllOf(HasSubstr("--max-batch"), HasSubstr("MANEUVERD_MAX_BATCH")));
+}
+
+TEST_F(OptionsTest, TheDocumentationListsEveryOption) {
+  std::ostringstream page;
+  page << std::ifstream(MANEUVER_DOCS "/configuration.md").rdbuf();
+  const Outcome printed = Parse({"--data-dir", "d", "--print-config"});
+  int options = 0;
+  for (const absl::string_view line : absl::StrSplit(printed.out, '\n', absl::SkipEmpty())) {
+    const std::string name(line.substr(0, line.find(' ')));
+    EXPECT_THAT(page.str(), HasSubstr("\n| `" + name + "` |"));
+    ++options;
+  }
+  EXPECT_GT(options, 25);
+}
+
+}  // namespace
+}  // namespace maneuver
