@@ -20,6 +20,8 @@ PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* r
   return {.model = &request.model(),
           .scenarios = &request.scenarios(),
           .query = &request.query(),
+          .priority = request.priority(),
+          .bytes = static_cast<int64_t>(request.ByteSizeLong()),
           .model_version = response->mutable_model_version(),
           .waypoint_times = response->mutable_waypoint_times(),
           .predictions = response->mutable_predictions()};

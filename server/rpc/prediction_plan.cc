@@ -106,6 +106,18 @@ absl::StatusOr<serving::DescribeActions> ParseQuery(const v1::DistributionQuery&
   return describe;
 }
 
+absl::StatusOr<serving::Priority> ParsePriority(v1::Priority priority) {
+  switch (priority) {
+    case v1::PRIORITY_UNSPECIFIED:
+    case v1::PRIORITY_INTERACTIVE:
+      return serving::Priority::kInteractive;
+    case v1::PRIORITY_BULK:
+      return serving::Priority::kBulk;
+    default:
+      return errors::InvalidField("priority", "no such priority");
+  }
+}
+
 PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
                               const scene::ScenarioLimits& limits, bool classify) {
   PredictionPlan plan;

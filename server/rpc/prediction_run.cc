@@ -71,6 +71,10 @@ absl::Status PredictionRun::Submit(serving::ModelHandle model) {
     if (!describe.ok()) return describe.status();
     call_->question = *std::move(describe);
   }
+  const auto priority = ParsePriority(io_.priority);
+  if (!priority.ok()) return priority.status();
+  call_->priority = *priority;
+  call_->bytes = io_.bytes;
   plan_ = PlanPrediction(*io_.scenarios, spec, context_.limits, classify);
   *io_.model_version = model->name().ToString();
   if (io_.waypoint_times != nullptr) {

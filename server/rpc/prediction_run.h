@@ -38,6 +38,8 @@ struct PredictionIo {
   const Scenarios* scenarios = nullptr;
   const v1::DistributionQuery* query = nullptr;  // nullptr: no distributions
   bool probabilities = true;
+  v1::Priority priority = v1::PRIORITY_UNSPECIFIED;
+  int64_t bytes = 0;  // of the request
 
   std::string* model_version = nullptr;
   google::protobuf::RepeatedField<double>* waypoint_times = nullptr;  // nullptr: not wanted

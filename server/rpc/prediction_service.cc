@@ -14,6 +14,11 @@ serving::TimePoint DeadlineOf(const grpc::CallbackServerContext& rpc) {
   return std::chrono::steady_clock::now() + (deadline - std::chrono::system_clock::now());
 }
 
+// As they came over the wire; in memory it is about twice as much.
+int64_t Bytes(const google::protobuf::Message& request) {
+  return static_cast<int64_t>(request.ByteSizeLong());
+}
+
 // Lives until gRPC is done with the call.
 class PredictionReactor final : public grpc::ServerUnaryReactor {
  public:
@@ -55,6 +60,8 @@ grpc::ServerUnaryReactor* PredictionService::PredictActionProbabilities(
   return new PredictionReactor(context_, *rpc,
                                {.model = &request->model(),
                                 .scenarios = &request->scenarios(),
+                                .priority = request->priority(),
+                                .bytes = Bytes(*request),
                                 .model_version = response->mutable_model_version(),
                                 .predictions = response->mutable_predictions()});
 }
@@ -67,6 +74,8 @@ grpc::ServerUnaryReactor* PredictionService::PredictActionDistributions(
                                 .scenarios = &request->scenarios(),
                                 .query = &request->query(),
                                 .probabilities = false,
+                                .priority = request->priority(),
+                                .bytes = Bytes(*request),
                                 .model_version = response->mutable_model_version(),
                                 .waypoint_times = response->mutable_waypoint_times(),
                                 .predictions = response->mutable_predictions()});
@@ -84,6 +93,8 @@ grpc::ServerUnaryReactor* PredictionService::ClassifyTrajectories(
   return new PredictionReactor(context_, *rpc,
                                {.model = &request->model(),
                                 .scenarios = &request->scenarios(),
+                                .priority = request->priority(),
+                                .bytes = Bytes(*request),
                                 .model_version = response->mutable_model_version(),
                                 .classifications = response->mutable_classifications()});
 }

@@ -28,6 +28,8 @@ absl::StatusOr<std::optional<security::ModelReference>> ParseReference(const std
 absl::StatusOr<serving::DescribeActions> ParseQuery(const v1::DistributionQuery& query,
                                                     int actions);
 
+absl::StatusOr<serving::Priority> ParsePriority(v1::Priority priority);
+
 // What becomes of one target id of the request: an error, or its place in `targets`.
 struct PlannedTarget {
   int64_t id = 0;

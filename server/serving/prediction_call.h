@@ -48,6 +48,9 @@ struct DescribeActions {
 struct ClassifyTrajectory {};
 using Question = std::variant<std::monostate, DescribeActions, ClassifyTrajectory>;
 
+// Whose work goes first; see TargetQueue.
+enum class Priority { kInteractive = 0, kBulk = 1 };
+
 // One target, validated.
 struct Target {
   const v1::Scenario* scenario = nullptr;  // outlives the call
@@ -70,6 +73,8 @@ struct PredictionCall {
   ModelHandle model;
   Question question;
   std::vector<Target> targets;  // at least one
+  int64_t bytes = 0;            // of the request that it holds on to
+  Priority priority = Priority::kInteractive;
   TimePoint deadline = TimePoint::max();
   // Called once, from a worker, when each target has an answer or an error.
   //   answers: in the order of targets.

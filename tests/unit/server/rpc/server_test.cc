@@ -9,12 +9,14 @@
 
 #include <filesystem>
 #include <fstream>
+#include <latch>
 #include <map>
 
 #include "maneuver/v1/model_service.grpc.pb.h"
 #include "maneuver/v1/prediction_service.grpc.pb.h"
 #include "server/monitoring/prometheus_metrics.h"
 #include "server/rpc/model_service.h"
+#include "server/rpc/predict_stream.h"
 #include "server/rpc/prediction_service.h"
 #include "server/security/secret_file.h"
 #include "tests/unit/server/serving/fake_action_model.h"
@@ -342,6 +344,48 @@ TEST_F(ServerTest, AStreamTakesAnyNumberOfRequests) {
   writer.join();
   EXPECT_TRUE(stream->Finish().ok());
   EXPECT_EQ(answered.size(), static_cast<size_t>(kRequests));
+}
+
+TEST_F(ServerTest, PriorityAndBytesOfARequestReachTheQueue) {
+  Publish();
+  networks_.CloseGate();
+  const size_t before = networks_.batches().size();
+  const v1::PredictRequest request = OneScene();
+  std::vector<v1::PredictResponse> responses(4);
+  std::latch finished(4);
+  const auto start = [&](size_t i, v1::Priority priority) {
+    PredictionIo io = PredictIo(request, &responses[i]);
+    io.priority = priority;
+    return PredictionRun::Start(*context_, io, serving::TimePoint::max(),
+                                [&](const absl::Status& status) {
+                                  EXPECT_TRUE(status.ok()) << status;
+                                  finished.count_down();
+                                });
+  };
+  // Both workers are busy; what comes now waits.
+  const auto first = start(0, v1::PRIORITY_UNSPECIFIED);
+  networks_.AwaitBatches(before + 1);
+  const auto second = start(1, v1::PRIORITY_UNSPECIFIED);
+  networks_.AwaitBatches(before + 2);
+  const auto bulk = start(2, v1::PRIORITY_BULK);
+  const auto interactive = start(3, v1::PRIORITY_INTERACTIVE);
+  const std::string page = metrics_->Page();
+  for (const char* priority : {"bulk", "interactive"}) {
+    const std::string label = std::string("{priority=\"") + priority + "\"} ";
+    EXPECT_THAT(page, HasSubstr("maneuver_queue_targets" + label + "1\n"));
+    EXPECT_THAT(page, HasSubstr("maneuver_queue_bytes" + label +
+                                std::to_string(request.ByteSizeLong()) + "\n"));
+  }
+  networks_.OpenGate();
+  finished.wait();
+}
+
+TEST_F(ServerTest, APriorityThatDoesNotExistIsRefused) {
+  Publish();
+  v1::PredictRequest request = OneScene();
+  request.set_priority(static_cast<v1::Priority>(9));
+  v1::PredictResponse response;
+  EXPECT_EQ(Predict(request, &response).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
 }
 
 TEST_F(ServerTest, WorkStopsWhenTheCallerHasGone) {
