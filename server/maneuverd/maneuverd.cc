@@ -210,6 +210,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   const auto deadline = std::chrono::system_clock::now() + options.shutdown_timeout;
   (*server)->TurnHealth();
   (*supervisor)->Stop();
+  predictions.Drain();
   (*server)->Shutdown(deadline);
   (*models)->OnReadyChange(nullptr);
   loader.join();

@@ -101,7 +101,7 @@ grpc::ServerUnaryReactor* PredictionService::ClassifyTrajectories(
 
 grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse>*
 PredictionService::StreamPredict(grpc::CallbackServerContext* rpc) {
-  return new PredictStream(context_, CredentialsOf(*rpc));
+  return PredictStream::Open(context_, streams_, CredentialsOf(*rpc));
 }
 
 }  // namespace maneuver::rpc

@@ -416,6 +416,51 @@ TEST_F(ServerTest, WorkStopsWhenTheCallerHasGone) {
   EXPECT_LE(networks_.described(), described + 1);  // of the stream, if its cancellation came late
 }
 
+TEST_F(ServerTest, IdleStreamsDoNotHoldUpTheEnd) {
+  Publish();
+  v1::StreamPredictRequest request;
+  *request.mutable_request() = OneScene();
+  v1::StreamPredictResponse response;
+  grpc::ClientContext idle_context;
+  const auto idle = stub_->StreamPredict(&idle_context);
+  ASSERT_TRUE(idle->Write(request));
+  ASSERT_TRUE(idle->Read(&response));
+  grpc::ClientContext busy_context;
+  const auto busy = stub_->StreamPredict(&busy_context);
+  const size_t before = networks_.batches().size();
+  networks_.CloseGate();
+  request.set_request_id("in flight");
+  ASSERT_TRUE(busy->Write(request));
+  networks_.AwaitBatches(before + 1);
+
+  const auto start = std::chrono::steady_clock::now();
+  predictions_->Drain();
+  EXPECT_FALSE(idle->Read(&response));
+  const grpc::Status idle_end = idle->Finish();
+  EXPECT_EQ(idle_end.error_code(), grpc::StatusCode::UNAVAILABLE);
+  EXPECT_EQ(Reason(idle_end), "SHUTTING_DOWN");
+
+  std::thread end(
+      [this] { server_->Shutdown(std::chrono::system_clock::now() + std::chrono::minutes(1)); });
+  networks_.OpenGate();
+  ASSERT_TRUE(busy->Read(&response));
+  EXPECT_EQ(response.request_id(), "in flight");
+  EXPECT_TRUE(response.has_response());
+  EXPECT_FALSE(busy->Read(&response));
+  EXPECT_EQ(busy->Finish().error_code(), grpc::StatusCode::UNAVAILABLE);
+  end.join();
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(30));
+}
+
+TEST_F(ServerTest, AStreamThatIsOpenedAfterTheDrainEndsAtOnce) {
+  predictions_->Drain();
+  grpc::ClientContext context;
+  const auto stream = stub_->StreamPredict(&context);
+  v1::StreamPredictResponse response;
+  EXPECT_FALSE(stream->Read(&response));
+  EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::UNAVAILABLE);
+}
+
 TEST_F(ServerTest, CompressedRequestsAreRefused) {
   Publish();
   grpc::ClientContext context;
