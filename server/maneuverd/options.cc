@@ -158,6 +158,15 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, char** argv) {
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
+  app.add_option("--max-maps", options.maps.max_maps,
+                 "Most registered maps that are held; the one unused for longest goes first")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  app.add_option("--max-map-bytes", options.maps.max_bytes,
+                 "Most memory of registered maps, such as 256MiB")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
   app.add_option("--precision", precision, "Of the engine; auto: bf16 where the processor has it")
       ->check(CLI::IsMember(kPrecisions))
       ->capture_default_str();

@@ -75,7 +75,9 @@ absl::Status PredictionRun::Submit(serving::ModelHandle model) {
   if (!priority.ok()) return priority.status();
   call_->priority = *priority;
   call_->bytes = io_.bytes;
-  plan_ = PlanPrediction(*io_.scenarios, spec, context_.limits, classify);
+  auto maps = FindMaps(*io_.scenarios, context_.maps);
+  if (!maps.ok()) return maps.status();
+  plan_ = PlanPrediction(*io_.scenarios, spec, context_.limits, classify, *std::move(maps));
   *io_.model_version = model->name().ToString();
   if (io_.waypoint_times != nullptr) {
     const auto times = artifact::WaypointTimes(spec.trajectory());

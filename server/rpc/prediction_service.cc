@@ -1,5 +1,6 @@
 #include "server/rpc/prediction_service.h"
 
+#include "server/rpc/blocking_call.h"
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/predict_stream.h"
 #include "server/rpc/status_details.h"
@@ -102,6 +103,20 @@ grpc::ServerUnaryReactor* PredictionService::ClassifyTrajectories(
 grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse>*
 PredictionService::StreamPredict(grpc::CallbackServerContext* rpc) {
   return PredictStream::Open(context_, streams_, CredentialsOf(*rpc));
+}
+
+// A large map takes a while to check and to digest: not on gRPC's threads.
+grpc::ServerUnaryReactor* PredictionService::RegisterMap(grpc::CallbackServerContext* rpc,
+                                                         const v1::RegisterMapRequest* request,
+                                                         v1::RegisterMapResponse* response) {
+  return AnswerFrom(context_.blocking, rpc, [this, request, response] {
+    auto registered = context_.maps.Register(request->map_features());
+    if (registered.ok()) {
+      response->set_map_id(std::move(registered->id));
+      response->set_size_bytes(registered->bytes);
+    }
+    return registered.status();
+  });
 }
 
 }  // namespace maneuver::rpc

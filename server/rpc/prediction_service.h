@@ -26,6 +26,9 @@ class PredictionService final : public v1::PredictionService::CallbackService {
       v1::ClassifyTrajectoriesResponse* response) override;
   grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse>* StreamPredict(
       grpc::CallbackServerContext* rpc) override;
+  grpc::ServerUnaryReactor* RegisterMap(grpc::CallbackServerContext* rpc,
+                                        const v1::RegisterMapRequest* request,
+                                        v1::RegisterMapResponse* response) override;
 
   // Ends the streams, which would hold up the server's end as long as their callers stay; what they
   // have asked is answered. Call it just before the server refuses new calls.

@@ -68,6 +68,16 @@ void Answer(const TargetQueue::Item& item, TargetAnswer answer) {
   }
 }
 
+void Draw(const Target& target, scene::Rasterizer& rasterizer, std::span<uint8_t> raster) {
+  const v1::Scenario& scenario = *target.scenario;
+  const double now = scenario.prediction_time();
+  if (target.map != nullptr) {
+    rasterizer.Rasterize(scenario, *target.map, now, target.id, target.X_WT, {}, raster);
+  } else {
+    rasterizer.Rasterize(scenario, now, target.id, target.X_WT, {}, raster);
+  }
+}
+
 }  // namespace
 
 BatchScheduler::Metrics::Metrics(monitoring::MetricRegistry& registry)
@@ -256,8 +266,7 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
     if (!call.Alive(options_.now()).ok()) continue;  // dropped below
     const Target& target = call.targets[rows[i].item.target];
     const std::span<uint8_t> raster = engine->Raster(i);
-    engine->rasterizer().Rasterize(*target.scenario, target.scenario->prediction_time(), target.id,
-                                   target.X_WT, scene::RasterView(), raster);
+    Draw(target, engine->rasterizer(), raster);
     rows[i].scene = {raster.data(), target.motion};
   }
   metrics_.raster_time.Observe(Seconds(options_.now() - start));

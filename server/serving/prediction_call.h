@@ -14,6 +14,7 @@
 #include "absl/status/status.h"
 #include "model/inference/action_model.h"
 #include "model/scene/pose2.h"
+#include "model/scene/road_map.h"
 #include "server/serving/served_model.h"
 
 namespace maneuver::v1 {
@@ -59,6 +60,8 @@ struct Target {
   scene::MotionInputs motion{};
   // What it did, [T, 2], target frame; for ClassifyTrajectory alone.
   inference::Trajectory trajectory = {};
+  // In place of the scenario's own map, unless nullptr; outlives the call.
+  const scene::RoadMap* map = nullptr;
 };
 
 struct TargetAnswer {

@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <fstream>
 #include <latch>
+#include <limits>
 #include <map>
 
 #include "maneuver/v1/model_service.grpc.pb.h"
@@ -99,7 +100,7 @@ class ServerTest : public ::testing::Test {
         serving::SchedulerOptions{.workers = 2, .queue = {.max_queue = 100}}, *metrics_);
     disk_ = std::make_unique<jobs::WorkerPool>(2, 100);
     context_ = std::make_unique<PredictionContext>(
-        PredictionContext{*models_, *scheduler_, *disk_, {}, *access_});
+        PredictionContext{*models_, *scheduler_, maps_, *disk_, {.map_by_id = true}, *access_});
     predictions_ = std::make_unique<PredictionService>(*context_);
     model_service_ = std::make_unique<ModelService>(*models_, *disk_);
     auto server = Server::Start({"127.0.0.1", 0},
@@ -169,6 +170,7 @@ class ServerTest : public ::testing::Test {
   serving::FakeNetworks networks_;
   std::unique_ptr<serving::ModelRegistry> models_;
   std::unique_ptr<serving::BatchScheduler> scheduler_;
+  serving::MapCache maps_{{.max_maps = 2}, *metrics_};
   std::unique_ptr<jobs::WorkerPool> disk_;
   std::unique_ptr<PredictionContext> context_;
   std::unique_ptr<PredictionService> predictions_;
@@ -414,6 +416,59 @@ TEST_F(ServerTest, WorkStopsWhenTheCallerHasGone) {
   // Shutdown waits for both calls to come to their end.
   server_->Shutdown(std::chrono::system_clock::now() + std::chrono::seconds(10));
   EXPECT_LE(networks_.described(), described + 1);  // of the stream, if its cancellation came late
+}
+
+TEST_F(ServerTest, AScenarioMayNameARegisteredMap) {
+  Publish();
+  v1::PredictRequest own = OneScene();
+  v1::MapFeature* lane = own.mutable_scenarios(0)->add_map_features();
+  lane->set_type(v1::MAP_FEATURE_TYPE_LANE_CENTERLINE);
+  for (const double x : {90.0, 110.0}) {
+    lane->add_x(x);
+    lane->add_y(3.0);
+  }
+  v1::PredictResponse expected;
+  ASSERT_TRUE(Predict(own, &expected).ok());
+  v1::PredictResponse without;
+  ASSERT_TRUE(Predict(OneScene(), &without).ok());
+  ASSERT_NE(expected.SerializeAsString(), without.SerializeAsString());
+
+  const auto register_map = [&](v1::RegisterMapResponse* registered) {
+    v1::RegisterMapRequest request;
+    *request.mutable_map_features() = own.scenarios(0).map_features();
+    grpc::ClientContext context;
+    return stub_->RegisterMap(&context, request, registered);
+  };
+  v1::PredictRequest named = OneScene();
+  named.mutable_scenarios(0)->set_map_id(serving::MapId(own.scenarios(0).map_features()));
+  v1::PredictResponse response;
+  const grpc::Status unknown = Predict(named, &response);
+  EXPECT_EQ(unknown.error_code(), grpc::StatusCode::FAILED_PRECONDITION);
+  EXPECT_EQ(Reason(unknown), "MAP_NOT_REGISTERED");
+  EXPECT_THAT(unknown.error_message(), HasSubstr("register it with RegisterMap"));
+
+  v1::RegisterMapResponse registered;
+  ASSERT_TRUE(register_map(&registered).ok());
+  EXPECT_EQ(registered.map_id(), named.scenarios(0).map_id());
+  EXPECT_GT(registered.size_bytes(), 32);
+  ASSERT_TRUE(Predict(named, &response).ok());
+  EXPECT_EQ(response.SerializeAsString(), expected.SerializeAsString());
+
+  lane->set_x(0, std::numeric_limits<double>::infinity());
+  const grpc::Status refused = register_map(&registered);
+  EXPECT_EQ(refused.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(refused.error_message(), HasSubstr("map_features[0].x[0]"));
+}
+
+TEST_F(ServerTest, AScenarioWithAMapIdThatCannotBeOneFailsAlone) {
+  Publish();
+  v1::PredictRequest request = OneScene();
+  *request.add_scenarios() = Scene();
+  request.mutable_scenarios(0)->set_map_id("../../etc/passwd");
+  v1::PredictResponse response;
+  ASSERT_TRUE(Predict(request, &response).ok());
+  EXPECT_THAT(response.predictions(0).error().message(), HasSubstr("scenarios[0].map_id"));
+  EXPECT_EQ(response.predictions(1).targets_size(), 1);
 }
 
 TEST_F(ServerTest, IdleStreamsDoNotHoldUpTheEnd) {
