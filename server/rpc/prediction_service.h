@@ -2,6 +2,7 @@
 #define MANEUVER_SERVER_RPC_PREDICTION_SERVICE_H_
 
 #include "maneuver/v1/prediction_service.grpc.pb.h"
+#include "server/rpc/predict_stream.h"
 #include "server/rpc/prediction_run.h"
 
 namespace maneuver::rpc {
@@ -25,9 +26,17 @@ class PredictionService final : public v1::PredictionService::CallbackService {
       v1::ClassifyTrajectoriesResponse* response) override;
   grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse>* StreamPredict(
       grpc::CallbackServerContext* rpc) override;
+  grpc::ServerUnaryReactor* RegisterMap(grpc::CallbackServerContext* rpc,
+                                        const v1::RegisterMapRequest* request,
+                                        v1::RegisterMapResponse* response) override;
+
+  // Ends the streams, which would hold up the server's end as long as their callers stay; what they
+  // have asked is answered. Call it just before the server refuses new calls.
+  void Drain() { streams_.Drain(); }
 
  private:
   PredictionContext& context_;
+  OpenStreams streams_;
 };
 
 }  // namespace maneuver::rpc
