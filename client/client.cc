@@ -125,6 +125,11 @@ void Client::StartPrediction(const PreparedPrediction& request, OnPrediction on_
   connection_->pending->Start(std::move(pending), call.cancellation);
 }
 
+absl::StatusOr<v1::RegisterMapResponse> Client::RegisterMap(const v1::RegisterMapRequest& request,
+                                                            const CallOptions& call) {
+  return MANEUVER_CALL(predictions, PredictionService, RegisterMap, Repeatable::kYes, prediction);
+}
+
 absl::StatusOr<v1::ListModelVersionsResponse> Client::ListModelVersions(
     const v1::ListModelVersionsRequest& request, const CallOptions& call) {
   return MANEUVER_CALL(models, ModelService, ListModelVersions, Repeatable::kYes, management);

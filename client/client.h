@@ -114,6 +114,9 @@ class Client {
   //     destructor cancels what is under way.
   void StartPrediction(const PreparedPrediction& request, OnPrediction on_answer,
                        const CallOptions& call = {});
+  // Gives the server a map for scenarios that name it; MapReuse (map_reuse.h) does it by itself.
+  absl::StatusOr<v1::RegisterMapResponse> RegisterMap(const v1::RegisterMapRequest& request,
+                                                      const CallOptions& call = {});
   // For a loop: see predict_stream.h. The client has to outlive the stream.
   std::unique_ptr<PredictStream> StreamPredict(PredictStream::OnResponse on_response,
                                                const CallOptions& call = {});

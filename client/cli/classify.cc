@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands.h"
+#include "client/cli/priority_option.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/scenario_files.h"
 #include "client/cli/table.h"
@@ -19,6 +20,7 @@ struct Arguments {
   std::vector<std::string> files;
   std::string model;
   std::optional<double> deadline;
+  std::string priority = "interactive";
 };
 
 int Classify(const Arguments& arguments, Environment& environment) {
@@ -26,6 +28,7 @@ int Classify(const Arguments& arguments, Environment& environment) {
   if (!scenarios.ok()) return environment.Refuse(std::string(scenarios.status().message()));
   v1::ClassifyTrajectoriesRequest request;
   request.set_model(ModelResource(arguments.model));
+  request.set_priority(PriorityNamed(arguments.priority));
   request.mutable_scenarios()->Add(scenarios->begin(), scenarios->end());
   client::CallOptions call = environment.call_options();
   if (arguments.deadline) call.timeout = absl::Milliseconds(*arguments.deadline);
@@ -88,6 +91,7 @@ void AddClassify(Command& root, Environment& environment) {
                  "town (what serves), town/2 or town@candidate [the only one that serves]");
   command.Option("--deadline", &arguments->deadline, 1.0, 1e7,
                  "Milliseconds that the answer may take");
+  AddPriorityOption(command, &arguments->priority);
   command.Run([arguments, &environment] { return Classify(*arguments, environment); });
 }
 

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands.h"
 #include "client/cli/json_files.h"
+#include "client/cli/priority_option.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/scenario_files.h"
 #include "client/cli/table.h"
@@ -28,6 +29,7 @@ struct Arguments {
   bool prior = false;
   std::string frame = "world";
   std::optional<double> deadline;
+  std::string priority = "interactive";
   std::optional<std::string> plot;
   double at_least = 0.02;
 };
@@ -207,6 +209,7 @@ template <typename Request>
 Request MakeRequest(const Arguments& arguments, const std::vector<v1::Scenario>& scenarios) {
   Request request;
   request.set_model(ModelResource(arguments.model));
+  request.set_priority(PriorityNamed(arguments.priority));
   for (const v1::Scenario& scenario : scenarios) {
     v1::Scenario* observed = request.add_scenarios();
     *observed = scenario;
@@ -283,6 +286,7 @@ void AddCommonOptions(Command& command, Arguments* arguments) {
                  "town (what serves), town/2 or town@candidate [the only one that serves]");
   command.Option("--deadline", &arguments->deadline, 1.0, 1e7,
                  "Milliseconds that the answer may take");
+  AddPriorityOption(command, &arguments->priority);
 }
 
 void AddQueryOptions(Command& command, Arguments* arguments) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -52,6 +53,23 @@ class Projection {
 
   double pixels_per_meter() const { return pixels_per_meter_; }
 
+  // Around all that is seen in a picture of this size with a margin of `margin` pixels, world.
+  Box Seen(double width, double height, double margin) const {
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    Box box{kInfinity, kInfinity, -kInfinity, -kInfinity};
+    for (const double u : {-margin, width + margin}) {
+      for (const double v : {-margin, height + margin}) {
+        const Point2 p_TP{(u - origin_u_) / pixels_per_meter_, (origin_v_ - v) / pixels_per_meter_};
+        const Point2 p_WP = X_WT_ * p_TP;
+        box.low_x = std::min(box.low_x, p_WP.x);
+        box.low_y = std::min(box.low_y, p_WP.y);
+        box.high_x = std::max(box.high_x, p_WP.x);
+        box.high_y = std::max(box.high_y, p_WP.y);
+      }
+    }
+    return box;
+  }
+
  private:
   Pose2 X_WT_;
   double pixels_per_meter_;
@@ -71,12 +89,17 @@ class Rasterizer::Painter {
     assert(spec.meters_per_pixel() > 0.0 && frame_interval_ > 0.0);
   }
 
-  void Paint(const v1::Scenario& scenario, double time, int64_t target_id,
+  //   map: in place of the scenario's own; or nullptr.
+  void Paint(const v1::Scenario& scenario, const RoadMap* map, double time, int64_t target_id,
              const Projection& projection, const RasterView& view, std::span<uint8_t> raster) {
     canvas_.Begin(raster);
     ReadSignals(scenario, time);
-    for (const v1::MapFeature& feature : scenario.map_features()) {
-      DrawFeature(feature, projection);
+    if (map != nullptr) {
+      DrawMap(*map, projection);
+    } else {
+      for (const v1::MapFeature& feature : scenario.map_features()) {
+        DrawFeature(feature, projection);
+      }
     }
     for (const v1::Agent& agent : scenario.agents()) {
       const bool is_target = agent.id() == target_id;
@@ -88,6 +111,9 @@ class Rasterizer::Painter {
 
  private:
   using LaneIntensity = std::pair<int64_t, uint8_t>;
+
+  // What is drawn of a feature reaches beyond its points by at most so many pixels.
+  static constexpr double kReach = 2.0;
 
   // Finds the lanes that are not green.
   void ReadSignals(const v1::Scenario& scenario, double time) {
@@ -116,6 +142,16 @@ class Rasterizer::Painter {
     return found->second;
   }
 
+  void DrawMap(const RoadMap& map, const Projection& projection) {
+    // A pixel more than what is drawn may reach, for rounding.
+    const Box seen = projection.Seen(spec_.width(), spec_.height(), kReach + 1.0);
+    for (int i = 0; i < map.features().size(); ++i) {
+      if (seen.Overlaps(map.boxes()[static_cast<size_t>(i)])) {
+        DrawFeature(map.features()[i], projection);
+      }
+    }
+  }
+
   // Projects the feature's points into points_; false if none of it can be seen.
   bool Project(const v1::MapFeature& feature, const Projection& projection) {
     const int count = std::min(feature.x_size(), feature.y_size());
@@ -131,8 +167,6 @@ class Rasterizer::Painter {
       high = {std::max(high.u, point.u), std::max(high.v, point.v)};
       points_[i] = point;
     }
-    // What is drawn reaches beyond its points by at most this.
-    constexpr double kReach = 2.0;
     return high.u > -kReach && low.u < spec_.width() + kReach && high.v > -kReach &&
            low.v < spec_.height() + kReach;
   }
@@ -228,7 +262,14 @@ Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 void Rasterizer::Rasterize(const v1::Scenario& scenario, double time, int64_t target_id,
                            const Pose2& X_WT, const RasterView& view, std::span<uint8_t> raster) {
   const Projection projection(painter_->spec_, X_WT, view);
-  painter_->Paint(scenario, time, target_id, projection, view, raster);
+  painter_->Paint(scenario, nullptr, time, target_id, projection, view, raster);
+}
+
+void Rasterizer::Rasterize(const v1::Scenario& scenario, const RoadMap& map, double time,
+                           int64_t target_id, const Pose2& X_WT, const RasterView& view,
+                           std::span<uint8_t> raster) {
+  const Projection projection(painter_->spec_, X_WT, view);
+  painter_->Paint(scenario, &map, time, target_id, projection, view, raster);
 }
 
 void MirrorRaster(const v1::RasterSpec& spec, std::span<uint8_t> raster) {

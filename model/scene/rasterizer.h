@@ -66,6 +66,7 @@
 #include "maneuver/v1/model_spec.pb.h"
 #include "maneuver/v1/scenario.pb.h"
 #include "model/scene/pose2.h"
+#include "model/scene/road_map.h"
 
 namespace maneuver::scene {
 
@@ -132,6 +133,10 @@ class Rasterizer {
   //   such. raster: [H, W, C] bytes, row-major, channels innermost; all of it is written.
   void Rasterize(const v1::Scenario& scenario, double time, int64_t target_id, const Pose2& X_WT,
                  const RasterView& view, std::span<uint8_t> raster);
+  // The same picture as if map's features were the scenario's, which has none; sooner, as what lies
+  // far from the target is passed over.
+  void Rasterize(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
+                 const Pose2& X_WT, const RasterView& view, std::span<uint8_t> raster);
 
  private:
   class Painter;

@@ -203,13 +203,10 @@ void CheckFeature(const v1::MapFeature& feature, int index, const ScenarioLimits
   CheckCoordinates(index, "y", feature.y(), limits.max_coordinate, violations);
 }
 
-void CheckMap(const v1::Scenario& scenario, const ScenarioLimits& limits, Violations* violations) {
-  if (!CheckCount("map_features", scenario.map_features_size(), limits.max_map_features,
-                  violations)) {
-    return;
-  }
+void CheckMap(const MapFeatures& features, const ScenarioLimits& limits, Violations* violations) {
+  if (!CheckCount("map_features", features.size(), limits.max_map_features, violations)) return;
   int64_t points = 0;
-  for (const v1::MapFeature& feature : scenario.map_features()) {
+  for (const v1::MapFeature& feature : features) {
     points += std::max(feature.x_size(), feature.y_size());
   }
   if (points > limits.max_map_points) {
@@ -217,8 +214,18 @@ void CheckMap(const v1::Scenario& scenario, const ScenarioLimits& limits, Violat
                                            limits.max_map_points, " are accepted"));
     return;
   }
-  for (int i = 0; i < scenario.map_features_size() && !violations->full(); ++i) {
-    CheckFeature(scenario.map_features(i), i, limits, violations);
+  for (int i = 0; i < features.size() && !violations->full(); ++i) {
+    CheckFeature(features[i], i, limits, violations);
+  }
+}
+
+void CheckMapId(const v1::Scenario& scenario, const ScenarioLimits& limits,
+                Violations* violations) {
+  if (scenario.map_id().empty()) return;
+  if (!limits.map_by_id) {
+    violations->Add("map_id", "is for requests of predictions; here the map has to be whole");
+  } else if (!scenario.map_features().empty()) {
+    violations->Add("map_id", "cannot be given together with map_features; name a map or send it");
   }
 }
 
@@ -271,13 +278,20 @@ std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
     }
     CheckAgentIds(scenario, &violations);
   }
-  CheckMap(scenario, limits, &violations);
+  CheckMap(scenario.map_features(), limits, &violations);
+  CheckMapId(scenario, limits, &violations);
   if (CheckCount("traffic_signals", scenario.traffic_signals_size(), limits.max_traffic_signals,
                  &violations)) {
     for (int i = 0; i < scenario.traffic_signals_size() && !violations.full(); ++i) {
       CheckSignal(scenario.traffic_signals(i), i, limits, &violations);
     }
   }
+  return violations.Take();
+}
+
+std::vector<FieldViolation> ValidateMap(const MapFeatures& features, const ScenarioLimits& limits) {
+  Violations violations(limits.max_violations);
+  CheckMap(features, limits, &violations);
   return violations.Take();
 }
 

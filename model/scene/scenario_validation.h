@@ -9,6 +9,7 @@
 
 #include "maneuver/v1/scenario.pb.h"
 #include "model/scene/field_violation.h"
+#include "model/scene/road_map.h"
 
 namespace maneuver::scene {
 
@@ -25,6 +26,8 @@ struct ScenarioLimits {
   int max_violations = 16;      // validation stops looking after so many
   double max_coordinate = 1e8;  // metres, either sign
   double max_size = 1'000.0;    // of an agent, metres
+  // Whether map_id may stand in for the map; who looks it up checks that it is there.
+  bool map_by_id = false;
 };
 
 // What is wrong with the scenario as a whole; empty if nothing is. Looks at all but the targets:
@@ -33,6 +36,9 @@ struct ScenarioLimits {
 // without any point is not.
 std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
                                              const ScenarioLimits& limits);
+
+// What is wrong with a map on its own, by the same rules and with the same field paths.
+std::vector<FieldViolation> ValidateMap(const MapFeatures& features, const ScenarioLimits& limits);
 
 // What is wrong with target_ids[target_index] of a scenario that ValidateScenario found good: no
 // agent has the id, or the agent has no state within `tolerance` seconds of the prediction time.

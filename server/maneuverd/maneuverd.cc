@@ -35,6 +35,7 @@
 #include "server/rpc/server.h"
 #include "server/rpc/training_service.h"
 #include "server/serving/batch_scheduler.h"
+#include "server/serving/map_cache.h"
 #include "server/serving/model_registry.h"
 
 namespace maneuver {
@@ -170,7 +171,9 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   retention.SweepRegularly(kBetweenSweeps);
   // After what its work uses, before the services that give it work.
   jobs::WorkerPool disk(kDiskThreads, kMaxWaitingForDisk);
-  rpc::PredictionContext context{**models, scheduler, disk, {}, (*protection)->access()};
+  serving::MapCache maps(options.maps, *metrics);
+  const scene::ScenarioLimits limits{.map_by_id = true};
+  rpc::PredictionContext context{**models, scheduler, maps, disk, limits, (*protection)->access()};
   rpc::PredictionService predictions(context);
   rpc::ModelService model_service(**models, disk);
   rpc::DatasetService dataset_service(**datasets, **supervisor, disk);
@@ -213,6 +216,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   const auto deadline = std::chrono::system_clock::now() + options.shutdown_timeout;
   (*server)->TurnHealth();
   (*supervisor)->Stop();
+  predictions.Drain();
   (*server)->Shutdown(deadline);
   (*models)->OnReadyChange(nullptr);
   loader.join();

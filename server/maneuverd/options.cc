@@ -174,8 +174,22 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->check(CLI::Range(0.0, 1000.0))
       ->capture_default_str();
   app.add_option("--max-queue", options.scheduler.queue.max_queue,
-                 "Most targets that wait; beyond them calls are refused")
+                 "Most targets of each priority that wait; beyond them calls are refused")
       ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  app.add_option("--max-queue-bytes", options.scheduler.queue.max_queue_bytes,
+                 "Most bytes of requests of each priority that wait, such as 256MiB")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  app.add_option("--max-maps", options.maps.max_maps,
+                 "Most registered maps that are held; the one unused for longest goes first")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  app.add_option("--max-map-bytes", options.maps.max_bytes,
+                 "Most memory of registered maps, such as 256MiB")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->check(CLI::PositiveNumber)
       ->capture_default_str();
   app.add_option("--precision", precision, "Of the engine; auto: bf16 where the processor has it")
       ->check(CLI::IsMember(kPrecisions))

@@ -16,6 +16,7 @@
 #include "server/security/certificates.h"
 #include "server/security/listen_address.h"
 #include "server/serving/batch_scheduler.h"
+#include "server/serving/map_cache.h"
 
 namespace maneuver {
 
@@ -28,6 +29,7 @@ struct ServerOptions {
   security::AccessOptions access;
   rpc::ConnectionLimits limits;
   serving::SchedulerOptions scheduler;
+  serving::MapCacheOptions maps;
   inference::EngineOptions engine;
   JobOptions jobs;
   monitoring::LogFormat log_format = monitoring::LogFormat::kText;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "server/errors/error_details.h"
+#include "server/rpc/status_details.h"
 
 namespace maneuver::rpc {
 namespace {
@@ -14,28 +15,65 @@ constexpr size_t kMaxInFlight = 64;
 constexpr size_t kMaxRequestIdLength = 128;
 constexpr char kMethod[] = "/maneuver.v1.PredictionService/StreamPredict";
 
+absl::Status ShuttingDown() {
+  return errors::WithReason(
+      absl::UnavailableError("the server is shutting down; open another stream"), "SHUTTING_DOWN");
+}
+
 }  // namespace
+
+void OpenStreams::Drain() {
+  std::set<std::shared_ptr<PredictStream>> streams;
+  {
+    const std::lock_guard lock(mutex_);
+    draining_ = true;
+    streams = streams_;
+  }
+  for (const auto& stream : streams) stream->Drain();
+}
+
+bool OpenStreams::Add(const std::shared_ptr<PredictStream>& stream) {
+  const std::lock_guard lock(mutex_);
+  streams_.insert(stream);
+  return !draining_;
+}
+
+void OpenStreams::Remove(const std::shared_ptr<PredictStream>& stream) {
+  const std::lock_guard lock(mutex_);
+  streams_.erase(stream);
+}
 
 PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* response) {
   return {.model = &request.model(),
           .scenarios = &request.scenarios(),
           .query = &request.query(),
+          .priority = request.priority(),
+          .bytes = static_cast<int64_t>(request.ByteSizeLong()),
           .model_version = response->mutable_model_version(),
           .waypoint_times = response->mutable_waypoint_times(),
           .predictions = response->mutable_predictions()};
 }
 
-PredictStream::PredictStream(PredictionContext& context, security::Credentials caller)
-    : context_(context), caller_(std::move(caller)) {
-  Proceed(std::unique_lock(mutex_));
+PredictStream* PredictStream::Open(PredictionContext& context, OpenStreams& streams,
+                                   security::Credentials caller) {
+  const std::shared_ptr<PredictStream> stream(
+      new PredictStream(context, streams, std::move(caller)));
+  if (!streams.Add(stream)) stream->draining_ = true;
+  stream->Proceed(std::unique_lock(stream->mutex_));
+  return stream.get();
 }
+
+PredictStream::PredictStream(PredictionContext& context, OpenStreams& streams,
+                             security::Credentials caller)
+    : context_(context), streams_(streams), caller_(std::move(caller)) {}
 
 void PredictStream::Proceed(std::unique_lock<std::mutex> lock) {
   v1::StreamPredictRequest* read = nullptr;
   const v1::StreamPredictResponse* write = nullptr;
   bool finish = false;
   const size_t unwritten = in_flight_.size() + to_write_.size() + (writing_ != nullptr ? 1 : 0);
-  if (!read_pending_ && !reads_ended_ && unwritten < kMaxInFlight) {
+  const bool no_more = reads_ended_ || draining_;
+  if (!read_pending_ && !no_more && unwritten < kMaxInFlight) {
     read_pending_ = true;
     reading_ = std::make_shared<Entry>();
     read = &reading_->request;
@@ -45,16 +83,19 @@ void PredictStream::Proceed(std::unique_lock<std::mutex> lock) {
     to_write_.pop_front();
     write = &writing_->response;
   }
-  if (!finished_ && !read_pending_ && reads_ended_ && in_flight_.empty() && to_write_.empty() &&
-      writing_ == nullptr) {
+  // A read that a drain leaves pending ends with the stream.
+  if (!finished_ && no_more && (!read_pending_ || draining_) && in_flight_.empty() &&
+      to_write_.empty() && writing_ == nullptr) {
     finished_ = finish = true;
   }
-  const bool cancelled = cancelled_;
+  const absl::Status end = cancelled_     ? absl::CancelledError()
+                           : reads_ended_ ? absl::OkStatus()
+                                          : ShuttingDown();
   lock.unlock();
   // Outside the lock: gRPC may call back at once. Nothing follows Finish, as OnDone may come then.
   if (read != nullptr) StartRead(read);
   if (write != nullptr) StartWrite(write);
-  if (finish) Finish(cancelled ? grpc::Status::CANCELLED : grpc::Status::OK);
+  if (finish) Finish(ToGrpcStatus(end));
 }
 
 void PredictStream::OnReadDone(bool ok) {
@@ -63,10 +104,12 @@ void PredictStream::OnReadDone(bool ok) {
     const std::lock_guard lock(mutex_);
     read_pending_ = false;
     entry = std::move(reading_);
-    if (ok) {
-      in_flight_.insert(entry);
-    } else {
+    if (!ok) {
       reads_ended_ = true;
+    } else if (finished_) {
+      ok = false;  // too late: how the stream ended tells the caller that it was not answered
+    } else {
+      in_flight_.insert(entry);
     }
   }
   if (ok) Begin(std::move(entry));
@@ -136,6 +179,12 @@ void PredictStream::OnCancel() {
   Proceed(std::move(lock));
 }
 
-void PredictStream::OnDone() { delete this; }
+void PredictStream::Drain() {
+  std::unique_lock lock(mutex_);
+  draining_ = true;
+  Proceed(std::move(lock));
+}
+
+void PredictStream::OnDone() { streams_.Remove(shared_from_this()); }
 
 }  // namespace maneuver::rpc

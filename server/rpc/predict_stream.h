@@ -18,13 +18,39 @@ namespace maneuver::rpc {
 // What Predict's request and response mean to a run.
 PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* response);
 
+class PredictStream;
+
+// The streams that are open. Safe from any thread.
+class OpenStreams {
+ public:
+  // Ends every stream, those that are opened later included; see PredictStream::Drain.
+  void Drain();
+
+ private:
+  friend class PredictStream;
+
+  // False if it is to end at once.
+  bool Add(const std::shared_ptr<PredictStream>& stream);
+  void Remove(const std::shared_ptr<PredictStream>& stream);
+
+  std::mutex mutex_;  // guards what follows
+  bool draining_ = false;
+  std::set<std::shared_ptr<PredictStream>> streams_;
+};
+
 // Lives until gRPC is done with the stream, which is after the last of its requests was answered.
 class PredictStream final
-    : public grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse> {
+    : public grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse>,
+      public std::enable_shared_from_this<PredictStream> {
  public:
   // Each request of the stream is admitted anew: a token that is taken back ends it for open
-  // streams too.
-  PredictStream(PredictionContext& context, security::Credentials caller);
+  // streams too. `streams` outlives the stream.
+  static PredictStream* Open(PredictionContext& context, OpenStreams& streams,
+                             security::Credentials caller);
+
+  // Takes no more requests, answers those that it has, and ends with UNAVAILABLE: the caller opens
+  // another stream, elsewhere.
+  void Drain();
 
   void OnReadDone(bool ok) override;
   void OnWriteDone(bool ok) override;
@@ -39,6 +65,8 @@ class PredictStream final
     std::shared_ptr<PredictionRun> run;
   };
 
+  PredictStream(PredictionContext& context, OpenStreams& streams, security::Credentials caller);
+
   void Begin(std::shared_ptr<Entry> entry);
   absl::Status Admit(const v1::PredictRequest& request);
   void Answered(std::shared_ptr<Entry> entry, const absl::Status& status);
@@ -47,6 +75,7 @@ class PredictStream final
   void Proceed(std::unique_lock<std::mutex> lock);
 
   PredictionContext& context_;
+  OpenStreams& streams_;
   const security::Credentials caller_;
 
   std::mutex mutex_;  // guards what follows
@@ -54,6 +83,7 @@ class PredictStream final
   bool read_pending_ = false;
   bool reads_ended_ = false;  // the caller sends no more, or has gone
   bool cancelled_ = false;
+  bool draining_ = false;
   bool finished_ = false;
   std::set<std::shared_ptr<Entry>> in_flight_;
   std::deque<std::shared_ptr<Entry>> to_write_;

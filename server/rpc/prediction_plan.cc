@@ -106,9 +106,41 @@ absl::StatusOr<serving::DescribeActions> ParseQuery(const v1::DistributionQuery&
   return describe;
 }
 
+absl::StatusOr<serving::Priority> ParsePriority(v1::Priority priority) {
+  switch (priority) {
+    case v1::PRIORITY_UNSPECIFIED:
+    case v1::PRIORITY_INTERACTIVE:
+      return serving::Priority::kInteractive;
+    case v1::PRIORITY_BULK:
+      return serving::Priority::kBulk;
+    default:
+      return errors::InvalidField("priority", "no such priority");
+  }
+}
+
+absl::StatusOr<ScenarioMaps> FindMaps(const Scenarios& scenarios, serving::MapCache& maps) {
+  ScenarioMaps found;
+  for (int s = 0; s < scenarios.size(); ++s) {
+    const std::string& id = scenarios[s].map_id();
+    if (!serving::IsMapId(id)) continue;
+    found.resize(static_cast<size_t>(scenarios.size()));
+    auto& map = found[static_cast<size_t>(s)];
+    map = maps.Find(id);
+    if (map == nullptr) {
+      return errors::WithReason(absl::FailedPreconditionError(absl::StrCat(
+                                    "scenarios[", s,
+                                    "].map_id: the server does not hold this map; register it with "
+                                    "RegisterMap and repeat the request")),
+                                "MAP_NOT_REGISTERED", {{"map_id", id}});
+    }
+  }
+  return found;
+}
+
 PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
-                              const scene::ScenarioLimits& limits, bool classify) {
-  PredictionPlan plan;
+                              const scene::ScenarioLimits& limits, bool classify,
+                              ScenarioMaps maps) {
+  PredictionPlan plan{.scenarios = {}, .targets = {}, .maps = std::move(maps)};
   const double tolerance = scene::FrameTolerance(spec.raster());
   for (int s = 0; s < scenarios.size(); ++s) {
     const v1::Scenario& scenario = scenarios[s];
@@ -118,6 +150,9 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
     auto violations = scene::ValidateScenario(scenario, limits);
     if (scenario.scenario_id().size() > kMaxScenarioIdLength) {
       violations.push_back({"scenario_id", "longer than 128 characters"});
+    }
+    if (!scenario.map_id().empty() && !serving::IsMapId(scenario.map_id())) {
+      violations.push_back({"map_id", "is not what RegisterMap gives: 64 lower-case hex digits"});
     }
     if (scenario.target_ids().empty()) {
       violations.push_back({"target_ids", "name at least one agent to answer for"});
@@ -154,6 +189,7 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
         }
         work.trajectory = *std::move(trajectory);
       }
+      if (!plan.maps.empty()) work.map = plan.maps[static_cast<size_t>(s)].get();
       target.index = plan.targets.size();
       plan.targets.push_back(std::move(work));
     }

@@ -71,7 +71,13 @@ absl::Status PredictionRun::Submit(serving::ModelHandle model) {
     if (!describe.ok()) return describe.status();
     call_->question = *std::move(describe);
   }
-  plan_ = PlanPrediction(*io_.scenarios, spec, context_.limits, classify);
+  const auto priority = ParsePriority(io_.priority);
+  if (!priority.ok()) return priority.status();
+  call_->priority = *priority;
+  call_->bytes = io_.bytes;
+  auto maps = FindMaps(*io_.scenarios, context_.maps);
+  if (!maps.ok()) return maps.status();
+  plan_ = PlanPrediction(*io_.scenarios, spec, context_.limits, classify, *std::move(maps));
   *io_.model_version = model->name().ToString();
   if (io_.waypoint_times != nullptr) {
     const auto times = artifact::WaypointTimes(spec.trajectory());

@@ -15,6 +15,7 @@
 #include "server/rpc/prediction_translation.h"
 #include "server/security/access_control.h"
 #include "server/serving/batch_scheduler.h"
+#include "server/serving/map_cache.h"
 #include "server/serving/model_registry.h"
 
 namespace maneuver::rpc {
@@ -23,6 +24,7 @@ namespace maneuver::rpc {
 struct PredictionContext {
   serving::ModelRegistry& models;
   serving::BatchScheduler& scheduler;
+  serving::MapCache& maps;
   jobs::WorkerPool& blocking;  // for a model that is not in memory
   scene::ScenarioLimits limits;
   security::AccessControl& access;
@@ -38,6 +40,8 @@ struct PredictionIo {
   const Scenarios* scenarios = nullptr;
   const v1::DistributionQuery* query = nullptr;  // nullptr: no distributions
   bool probabilities = true;
+  v1::Priority priority = v1::PRIORITY_UNSPECIFIED;
+  int64_t bytes = 0;  // of the request
 
   std::string* model_version = nullptr;
   google::protobuf::RepeatedField<double>* waypoint_times = nullptr;  // nullptr: not wanted

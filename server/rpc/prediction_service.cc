@@ -1,5 +1,6 @@
 #include "server/rpc/prediction_service.h"
 
+#include "server/rpc/blocking_call.h"
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/predict_stream.h"
 #include "server/rpc/status_details.h"
@@ -12,6 +13,11 @@ serving::TimePoint DeadlineOf(const grpc::CallbackServerContext& rpc) {
   const auto deadline = rpc.deadline();
   if (deadline == std::chrono::system_clock::time_point::max()) return serving::TimePoint::max();
   return std::chrono::steady_clock::now() + (deadline - std::chrono::system_clock::now());
+}
+
+// As they came over the wire; in memory it is about twice as much.
+int64_t Bytes(const google::protobuf::Message& request) {
+  return static_cast<int64_t>(request.ByteSizeLong());
 }
 
 // Lives until gRPC is done with the call.
@@ -62,6 +68,8 @@ grpc::ServerUnaryReactor* PredictionService::PredictActionProbabilities(
   return new PredictionReactor(context_, *rpc,
                                {.model = &request->model(),
                                 .scenarios = &request->scenarios(),
+                                .priority = request->priority(),
+                                .bytes = Bytes(*request),
                                 .model_version = response->mutable_model_version(),
                                 .predictions = response->mutable_predictions()});
 }
@@ -74,6 +82,8 @@ grpc::ServerUnaryReactor* PredictionService::PredictActionDistributions(
                                 .scenarios = &request->scenarios(),
                                 .query = &request->query(),
                                 .probabilities = false,
+                                .priority = request->priority(),
+                                .bytes = Bytes(*request),
                                 .model_version = response->mutable_model_version(),
                                 .waypoint_times = response->mutable_waypoint_times(),
                                 .predictions = response->mutable_predictions()});
@@ -91,13 +101,29 @@ grpc::ServerUnaryReactor* PredictionService::ClassifyTrajectories(
   return new PredictionReactor(context_, *rpc,
                                {.model = &request->model(),
                                 .scenarios = &request->scenarios(),
+                                .priority = request->priority(),
+                                .bytes = Bytes(*request),
                                 .model_version = response->mutable_model_version(),
                                 .classifications = response->mutable_classifications()});
 }
 
 grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse>*
 PredictionService::StreamPredict(grpc::CallbackServerContext* rpc) {
-  return new PredictStream(context_, CredentialsOf(*rpc));
+  return PredictStream::Open(context_, streams_, CredentialsOf(*rpc));
+}
+
+// A large map takes a while to check and to digest: not on gRPC's threads.
+grpc::ServerUnaryReactor* PredictionService::RegisterMap(grpc::CallbackServerContext* rpc,
+                                                         const v1::RegisterMapRequest* request,
+                                                         v1::RegisterMapResponse* response) {
+  return AnswerFrom(context_.blocking, rpc, [this, request, response] {
+    auto registered = context_.maps.Register(request->map_features());
+    if (registered.ok()) {
+      response->set_map_id(std::move(registered->id));
+      response->set_size_bytes(registered->bytes);
+    }
+    return registered.status();
+  });
 }
 
 }  // namespace maneuver::rpc

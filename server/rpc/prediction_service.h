@@ -3,6 +3,7 @@
 
 #include "maneuver/v1/prediction_service.grpc.pb.h"
 #include "server/rpc/arena_messages.h"
+#include "server/rpc/predict_stream.h"
 #include "server/rpc/prediction_run.h"
 
 namespace maneuver::rpc {
@@ -26,6 +27,13 @@ class PredictionService final : public v1::PredictionService::CallbackService {
       v1::ClassifyTrajectoriesResponse* response) override;
   grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse>* StreamPredict(
       grpc::CallbackServerContext* rpc) override;
+  grpc::ServerUnaryReactor* RegisterMap(grpc::CallbackServerContext* rpc,
+                                        const v1::RegisterMapRequest* request,
+                                        v1::RegisterMapResponse* response) override;
+
+  // Ends the streams, which would hold up the server's end as long as their callers stay; what they
+  // have asked is answered. Call it just before the server refuses new calls.
+  void Drain() { streams_.Drain(); }
 
  private:
   PredictionContext& context_;
@@ -36,6 +44,7 @@ class PredictionService final : public v1::PredictionService::CallbackService {
   ArenaMessages<v1::PredictRequest, v1::PredictResponse> predict_messages_;
   ArenaMessages<v1::ClassifyTrajectoriesRequest, v1::ClassifyTrajectoriesResponse>
       classify_messages_;
+  OpenStreams streams_;
 };
 
 }  // namespace maneuver::rpc

@@ -5,6 +5,7 @@
 #ifndef MANEUVER_SERVER_RPC_PREDICTION_TRANSLATION_H_
 #define MANEUVER_SERVER_RPC_PREDICTION_TRANSLATION_H_
 
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -13,6 +14,7 @@
 #include "maneuver/v1/prediction_service.pb.h"
 #include "model/scene/scenario_validation.h"
 #include "server/security/resource_name.h"
+#include "server/serving/map_cache.h"
 #include "server/serving/prediction_call.h"
 
 namespace maneuver::rpc {
@@ -28,6 +30,8 @@ absl::StatusOr<std::optional<security::ModelReference>> ParseReference(const std
 absl::StatusOr<serving::DescribeActions> ParseQuery(const v1::DistributionQuery& query,
                                                     int actions);
 
+absl::StatusOr<serving::Priority> ParsePriority(v1::Priority priority);
+
 // What becomes of one target id of the request: an error, or its place in `targets`.
 struct PlannedTarget {
   int64_t id = 0;
@@ -38,15 +42,25 @@ struct PlannedScenario {
   absl::Status status;  // if not OK there are no targets
   std::vector<PlannedTarget> targets;
 };
+// Of each scenario the map that it names, or nullptr. Empty: no scenario names one.
+using ScenarioMaps = std::vector<std::shared_ptr<const scene::RoadMap>>;
+
 struct PredictionPlan {
   std::vector<PlannedScenario> scenarios;
   std::vector<serving::Target> targets;
+  ScenarioMaps maps;  // which the targets point to
 };
+
+// Looks up the maps that scenarios name. FAILED_PRECONDITION with the reason MAP_NOT_REGISTERED if
+// one is not held; ids that could be none are left to PlanPrediction.
+absl::StatusOr<ScenarioMaps> FindMaps(const Scenarios& scenarios, serving::MapCache& maps);
 
 // Validates each scenario and target for a model. Those that are bad fail alone.
 //   classify: whether each target's future is needed as well, resampled to the model's waypoints.
+//   maps: by FindMaps.
 PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
-                              const scene::ScenarioLimits& limits, bool classify);
+                              const scene::ScenarioLimits& limits, bool classify,
+                              ScenarioMaps maps = {});
 
 // What an answer leaves out, and its frame.
 struct AnswerStyle {

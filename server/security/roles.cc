@@ -23,6 +23,7 @@ constexpr MethodRole kMethodRoles[] = {
     {"/maneuver.v1.PredictionService/Predict", Role::kPredict},
     {"/maneuver.v1.PredictionService/ClassifyTrajectories", Role::kPredict},
     {"/maneuver.v1.PredictionService/StreamPredict", Role::kPredict},
+    {"/maneuver.v1.PredictionService/RegisterMap", Role::kPredict},
 
     {"/maneuver.v1.ModelService/ListModelVersions", Role::kPredict},
     {"/maneuver.v1.ModelService/GetModelVersion", Role::kPredict},

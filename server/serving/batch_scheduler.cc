@@ -30,6 +30,26 @@ monitoring::Counter& TargetCounter(monitoring::MetricRegistry& registry, const c
                              {{"outcome", outcome}});
 }
 
+monitoring::Counter& DropCounter(monitoring::MetricRegistry& registry, const char* cause,
+                                 const char* after) {
+  return registry.AddCounter(
+      "maneuver_dropped_targets_total",
+      "Targets that nobody waited for any more, by why, and by what they had "
+      "behind them: nothing (refused on entry), the queue, raster or encode.",
+      {{"cause", cause}, {"after", after}});
+}
+
+monitoring::Gauge& DepthGauge(monitoring::MetricRegistry& registry, const char* priority) {
+  return registry.AddGauge("maneuver_queue_targets", "Targets that wait for a worker.",
+                           {{"priority", priority}});
+}
+
+monitoring::Gauge& BytesGauge(monitoring::MetricRegistry& registry, const char* priority) {
+  return registry.AddGauge("maneuver_queue_bytes",
+                           "Bytes of the requests that have targets waiting for a worker.",
+                           {{"priority", priority}});
+}
+
 TargetAnswer Failure(absl::Status status) {
   TargetAnswer answer;
   answer.status = std::move(status);
@@ -48,6 +68,16 @@ void Answer(const TargetQueue::Item& item, TargetAnswer answer) {
   }
 }
 
+void Draw(const Target& target, scene::Rasterizer& rasterizer, std::span<uint8_t> raster) {
+  const v1::Scenario& scenario = *target.scenario;
+  const double now = scenario.prediction_time();
+  if (target.map != nullptr) {
+    rasterizer.Rasterize(scenario, *target.map, now, target.id, target.X_WT, {}, raster);
+  } else {
+    rasterizer.Rasterize(scenario, now, target.id, target.X_WT, {}, raster);
+  }
+}
+
 }  // namespace
 
 BatchScheduler::Metrics::Metrics(monitoring::MetricRegistry& registry)
@@ -57,15 +87,22 @@ BatchScheduler::Metrics::Metrics(monitoring::MetricRegistry& registry)
       raster_time(StageHistogram(registry, "raster")),
       encode_time(StageHistogram(registry, "encode")),
       describe_time(StageHistogram(registry, "describe")),
-      queue_depth(registry.AddGauge("maneuver_queue_targets", "Targets that wait for a worker.")),
+      queue_depth{&DepthGauge(registry, "interactive"), &DepthGauge(registry, "bulk")},
+      queue_bytes{&BytesGauge(registry, "interactive"), &BytesGauge(registry, "bulk")},
       answered(TargetCounter(registry, "answered")),
       expired(TargetCounter(registry, "expired")),
       cancelled(TargetCounter(registry, "cancelled")),
-      refused(TargetCounter(registry, "refused")) {}
+      refused(TargetCounter(registry, "refused")) {
+  constexpr std::array<const char*, kDropPlaces> kAfter = {"nothing", "queue", "raster", "encode"};
+  for (size_t i = 0; i < kAfter.size(); ++i) {
+    expired_after[i] = &DropCounter(registry, "expired", kAfter[i]);
+    cancelled_after[i] = &DropCounter(registry, "cancelled", kAfter[i]);
+  }
+}
 
 BatchScheduler::BatchScheduler(const SchedulerOptions& options, monitoring::MetricRegistry& metrics)
-    : options_(options), metrics_(metrics), queue_(options.queue) {
-  for (int i = 0; i < options_.workers; ++i) workers_.emplace_back([this] { Work(); });
+    : options_(options), metrics_(metrics), queue_(options.queue), drain_rate_(options.workers) {
+  for (int i = 0; i < options_.workers; ++i) workers_.emplace_back([this, i] { Work(i); });
 }
 
 BatchScheduler::~BatchScheduler() {
@@ -82,71 +119,101 @@ BatchScheduler::~BatchScheduler() {
   }
 }
 
+absl::Status BatchScheduler::CheckSize(const PredictionCall& call) const {
+  const QueueOptions& queue = options_.queue;
+  if (call.targets.size() > static_cast<size_t>(queue.max_queue)) {
+    return errors::WithReason(absl::ResourceExhaustedError(absl::StrCat(
+                                  "the request has ", call.targets.size(),
+                                  " targets; split it into requests of at most ", queue.max_queue)),
+                              "TOO_MANY_TARGETS");
+  }
+  if (call.bytes > queue.max_queue_bytes) {
+    return errors::WithReason(
+        absl::ResourceExhaustedError(absl::StrCat("the request has ", call.bytes,
+                                                  " bytes; split it into requests of at most ",
+                                                  queue.max_queue_bytes)),
+        "REQUEST_TOO_LARGE");
+  }
+  return absl::OkStatus();
+}
+
 absl::Status BatchScheduler::Submit(CallPtr call) {
   const size_t targets = call->targets.size();
   const TimePoint now = options_.now();
   if (auto status = call->Alive(now); !status.ok()) {
-    for (size_t i = 0; i < targets; ++i) CountDead(status);
+    CountDead(status, Passed::kNothing, targets);
+    return status;
+  }
+  if (auto status = CheckSize(*call); !status.ok()) {
+    metrics_.refused.Increment(static_cast<double>(targets));
     return status;
   }
   call->answers.resize(targets);
   call->unanswered.store(targets, std::memory_order_relaxed);
 
+  absl::Status status;
   std::vector<TargetQueue::Item> dead;
   {
     const std::lock_guard lock(mutex_);
-    if (targets > static_cast<size_t>(options_.queue.max_queue)) {
-      metrics_.refused.Increment(static_cast<double>(targets));
-      return errors::WithReason(
-          absl::ResourceExhaustedError(absl::StrCat("the request has ", targets,
-                                                    " targets; split it into requests of at most ",
-                                                    options_.queue.max_queue)),
-          "TOO_MANY_TARGETS");
-    }
     if (stopping_) {
       return absl::UnavailableError("the server is shutting down; try again");
     }
-    if (!queue_.HasRoom(targets)) dead = queue_.TakeDead(now);
-    if (!queue_.HasRoom(targets)) {
+    if (!queue_.HasRoom(*call)) dead = queue_.TakeDead(now);
+    if (queue_.HasRoom(*call)) {
+      queue_.Push(std::move(call), now);
+    } else {
       metrics_.refused.Increment(static_cast<double>(targets));
-      return errors::WithRetryDelay(
+      status = errors::WithRetryDelay(
           errors::WithReason(absl::ResourceExhaustedError(
                                  "the server has more to do than it can; try again a little later"),
                              "QUEUE_FULL"),
-          RetryDelayLocked());
+          RetryDelayLocked(call->priority, now));
     }
-    queue_.Push(std::move(call), now);
-    metrics_.queue_depth.Set(queue_.size());
+    ShowQueueLocked();
   }
-  wake_.notify_one();
-  Drop(dead, now);
-  return absl::OkStatus();
+  if (status.ok()) wake_.notify_one();
+  Drop(dead, now, Passed::kQueue);
+  return status;
 }
 
-nanoseconds BatchScheduler::RetryDelayLocked() const {
-  const double seconds = queue_.size() * seconds_per_target_ / std::max(1, options_.workers);
-  return duration_cast<nanoseconds>(duration<double>(std::clamp(seconds, 0.005, 5.0)));
+void BatchScheduler::ShowQueueLocked() {
+  for (const Priority priority : {Priority::kInteractive, Priority::kBulk}) {
+    const auto i = static_cast<size_t>(priority);
+    metrics_.queue_depth[i]->Set(queue_.size(priority));
+    metrics_.queue_bytes[i]->Set(static_cast<double>(queue_.bytes(priority)));
+  }
 }
 
-void BatchScheduler::CountDead(const absl::Status& status) {
-  (absl::IsCancelled(status) ? metrics_.cancelled : metrics_.expired).Increment();
+nanoseconds BatchScheduler::RetryDelayLocked(Priority priority, TimePoint now) const {
+  return std::clamp<nanoseconds>(drain_rate_.TimeFor(queue_.SizeBefore(priority), now),
+                                 std::chrono::milliseconds(1), std::chrono::seconds(30));
 }
 
-void BatchScheduler::Drop(const std::vector<TargetQueue::Item>& items, TimePoint now) {
+void BatchScheduler::CountDead(const absl::Status& status, Passed passed, size_t targets) {
+  const auto i = static_cast<size_t>(passed);
+  const auto count = static_cast<double>(targets);
+  const bool cancelled = absl::IsCancelled(status);
+  (cancelled ? metrics_.cancelled : metrics_.expired).Increment(count);
+  (cancelled ? metrics_.cancelled_after : metrics_.expired_after)[i]->Increment(count);
+}
+
+void BatchScheduler::Drop(const std::vector<TargetQueue::Item>& items, TimePoint now,
+                          Passed passed) {
   for (const TargetQueue::Item& item : items) {
     absl::Status status = item.call->Alive(now);
-    CountDead(status);
+    CountDead(status, passed, 1);
     Answer(item, Failure(std::move(status)));
   }
 }
 
-void BatchScheduler::Work() {
+void BatchScheduler::Work(int worker) {
   std::unique_lock lock(mutex_);
   while (true) {
     const TimePoint now = options_.now();
     if (auto dead = queue_.TakeDead(now); !dead.empty()) {
+      ShowQueueLocked();
       lock.unlock();
-      Drop(dead, now);
+      Drop(dead, now, Passed::kQueue);
       lock.lock();
       continue;
     }
@@ -158,22 +225,19 @@ void BatchScheduler::Work() {
       wake_.wait_for(lock, next - now);
     } else {
       auto items = queue_.TakeBatch();
-      metrics_.queue_depth.Set(queue_.size());
+      ShowQueueLocked();
+      drain_rate_.Begin(worker, items.size(), now);
       // More may be left than one worker can take.
       if (!queue_.empty()) wake_.notify_one();
       lock.unlock();
-      const size_t size = items.size();
       RunBatch(std::move(items));
-      const double seconds = Seconds(options_.now() - now);
       lock.lock();
-      constexpr double kSmoothing = 0.05;
-      seconds_per_target_ +=
-          kSmoothing * (seconds / static_cast<double>(size) - seconds_per_target_);
+      drain_rate_.End(worker, options_.now());
     }
   }
 }
 
-TimePoint BatchScheduler::DropDead(std::vector<Row>& rows) {
+TimePoint BatchScheduler::DropDead(std::vector<Row>& rows, Passed passed) {
   const TimePoint now = options_.now();
   std::vector<TargetQueue::Item> dead;
   std::erase_if(rows, [&](const Row& row) {
@@ -181,7 +245,7 @@ TimePoint BatchScheduler::DropDead(std::vector<Row>& rows) {
     dead.push_back(row.item);
     return true;
   });
-  Drop(dead, now);
+  Drop(dead, now, passed);
   return now;
 }
 
@@ -190,7 +254,7 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
   std::vector<Row> rows;
   for (TargetQueue::Item& item : items) rows.push_back({std::move(item), nullptr});
 
-  TimePoint start = DropDead(rows);
+  TimePoint start = DropDead(rows, Passed::kQueue);
   if (rows.empty()) return;
   metrics_.batch_size.Observe(static_cast<double>(rows.size()));
   for (const Row& row : rows) {
@@ -198,15 +262,16 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
   }
   ServedModel::Lease engine(*model);
   for (size_t i = 0; i < rows.size(); ++i) {
-    const Target& target = rows[i].item.call->targets[rows[i].item.target];
+    const PredictionCall& call = *rows[i].item.call;
+    if (!call.Alive(options_.now()).ok()) continue;  // dropped below
+    const Target& target = call.targets[rows[i].item.target];
     const std::span<uint8_t> raster = engine->Raster(i);
-    engine->rasterizer().Rasterize(*target.scenario, target.scenario->prediction_time(), target.id,
-                                   target.X_WT, scene::RasterView(), raster);
+    Draw(target, engine->rasterizer(), raster);
     rows[i].scene = {raster.data(), target.motion};
   }
   metrics_.raster_time.Observe(Seconds(options_.now() - start));
 
-  start = DropDead(rows);
+  start = DropDead(rows, Passed::kRaster);
   if (rows.empty()) return;
   std::vector<inference::SceneInput> scenes;
   for (const Row& row : rows) scenes.push_back(row.scene);
@@ -219,7 +284,7 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
     const PredictionCall& call = *rows[i].item.call;
     // Describing many actions takes long enough to ask again before each target.
     if (const TimePoint now = options_.now(); !call.Alive(now).ok()) {
-      Drop({rows[i].item}, now);
+      Drop({rows[i].item}, now, Passed::kEncode);
       continue;
     }
     TargetAnswer answer;

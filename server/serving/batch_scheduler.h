@@ -2,11 +2,12 @@
 // stages raster, encode and describe on one of a few worker threads.
 //
 // Work that nobody waits for is dropped on entry, on leaving the queue and before each stage, so it
-// never reaches the networks.
+// never reaches the networks. Interactive work goes before bulk work (target_queue.h).
 
 #ifndef MANEUVER_SERVER_SERVING_BATCH_SCHEDULER_H_
 #define MANEUVER_SERVER_SERVING_BATCH_SCHEDULER_H_
 
+#include <array>
 #include <condition_variable>
 #include <functional>
 #include <mutex>
@@ -15,6 +16,7 @@
 
 #include "absl/status/status.h"
 #include "server/monitoring/metrics.h"
+#include "server/serving/drain_rate.h"
 #include "server/serving/prediction_call.h"
 #include "server/serving/target_queue.h"
 
@@ -38,8 +40,9 @@ class BatchScheduler {
 
   // OK: call->done will be called, once. Otherwise it will not:
   //   CANCELLED, DEADLINE_EXCEEDED   nobody waits for it;
-  //   RESOURCE_EXHAUSTED             the queue is full, with a retry delay; or the call alone has
-  //                                  more targets than fit, and must be split.
+  //   RESOURCE_EXHAUSTED             QUEUE_FULL, with the time that the workers need, by their
+  //                                  measured speed, for what waits; or the call alone is more than
+  //                                  fits, and must be split: TOO_MANY_TARGETS, REQUEST_TOO_LARGE.
   absl::Status Submit(CallPtr call);
 
  private:
@@ -49,6 +52,10 @@ class BatchScheduler {
     inference::SceneInput scene = {};
   };
 
+  // What work that nobody waited for had behind it when it was dropped.
+  enum class Passed { kNothing, kQueue, kRaster, kEncode };
+  static constexpr int kDropPlaces = 4;
+
   struct Metrics {
     explicit Metrics(monitoring::MetricRegistry& registry);
     monitoring::Histogram& batch_size;
@@ -56,21 +63,28 @@ class BatchScheduler {
     monitoring::Histogram& raster_time;
     monitoring::Histogram& encode_time;
     monitoring::Histogram& describe_time;
-    monitoring::Gauge& queue_depth;
+    std::array<monitoring::Gauge*, 2> queue_depth;  // by Priority
+    std::array<monitoring::Gauge*, 2> queue_bytes;
     monitoring::Counter& answered;
     monitoring::Counter& expired;
     monitoring::Counter& cancelled;
     monitoring::Counter& refused;
+    // By Passed.
+    std::array<monitoring::Counter*, kDropPlaces> expired_after;
+    std::array<monitoring::Counter*, kDropPlaces> cancelled_after;
   };
 
-  void Work();
+  void Work(int worker);
   void RunBatch(std::vector<TargetQueue::Item> items);
-  void CountDead(const absl::Status& status);
+  // OK if the call fits into an empty queue.
+  absl::Status CheckSize(const PredictionCall& call) const;
+  void CountDead(const absl::Status& status, Passed passed, size_t targets);
   // Gives each item the error of its call.
-  void Drop(const std::vector<TargetQueue::Item>& items, TimePoint now);
+  void Drop(const std::vector<TargetQueue::Item>& items, TimePoint now, Passed passed);
   // Takes out the targets that nobody waits for. Returns the time.
-  TimePoint DropDead(std::vector<Row>& rows);
-  std::chrono::nanoseconds RetryDelayLocked() const;
+  TimePoint DropDead(std::vector<Row>& rows, Passed passed);
+  void ShowQueueLocked();
+  std::chrono::nanoseconds RetryDelayLocked(Priority priority, TimePoint now) const;
 
   const SchedulerOptions options_;
   Metrics metrics_;
@@ -78,7 +92,7 @@ class BatchScheduler {
   std::mutex mutex_;  // guards what follows
   std::condition_variable wake_;
   TargetQueue queue_;
-  double seconds_per_target_ = 0.005;  // of one worker; smoothed
+  DrainRate drain_rate_;
   bool stopping_ = false;
 
   std::vector<std::thread> workers_;

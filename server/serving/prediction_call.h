@@ -14,6 +14,7 @@
 #include "absl/status/status.h"
 #include "model/inference/action_model.h"
 #include "model/scene/pose2.h"
+#include "model/scene/road_map.h"
 #include "server/serving/served_model.h"
 
 namespace maneuver::v1 {
@@ -48,6 +49,9 @@ struct DescribeActions {
 struct ClassifyTrajectory {};
 using Question = std::variant<std::monostate, DescribeActions, ClassifyTrajectory>;
 
+// Whose work goes first; see TargetQueue.
+enum class Priority { kInteractive = 0, kBulk = 1 };
+
 // One target, validated.
 struct Target {
   const v1::Scenario* scenario = nullptr;  // outlives the call
@@ -56,6 +60,8 @@ struct Target {
   scene::MotionInputs motion{};
   // What it did, [T, 2], target frame; for ClassifyTrajectory alone.
   inference::Trajectory trajectory = {};
+  // In place of the scenario's own map, unless nullptr; outlives the call.
+  const scene::RoadMap* map = nullptr;
 };
 
 struct TargetAnswer {
@@ -70,6 +76,8 @@ struct PredictionCall {
   ModelHandle model;
   Question question;
   std::vector<Target> targets;  // at least one
+  int64_t bytes = 0;            // of the request that it holds on to
+  Priority priority = Priority::kInteractive;
   TimePoint deadline = TimePoint::max();
   // Called once, from a worker, when each target has an answer or an error.
   //   answers: in the order of targets.

@@ -1,15 +1,24 @@
 // Which targets are answered next, and with which others. No threads and no clock of its own: the
 // batch scheduler holds a lock around it and passes the time.
 //
-// Calls stand in line. A batch takes targets from the first call, then from the others that ask the
-// same model version, until it is full. A call that still has targets left then goes to the end of
-// the line: a large call cannot make small ones wait for all of it.
+// Calls stand in two lines, interactive and bulk. A batch is of one line and of one model version:
+// it takes targets from the line's first call, then from the others that ask the same version,
+// until it is full. A call that still has targets left then goes to the end of its line: a large
+// call cannot make small ones wait for all of it.
+//
+// Interactive batches go first, and wait for no bulk target to fill them. While both lines wait,
+// bulk still gets `bulk_share` of the targets: each interactive batch adds to what bulk is owed,
+// and once that is a batch, a bulk batch goes. Each line has its own bounds: neither can keep the
+// other out of the queue.
 
 #ifndef MANEUVER_SERVER_SERVING_TARGET_QUEUE_H_
 #define MANEUVER_SERVER_SERVING_TARGET_QUEUE_H_
 
+#include <array>
 #include <chrono>
+#include <cstdint>
 #include <deque>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -22,18 +31,25 @@ using CallPtr = std::shared_ptr<PredictionCall>;
 struct QueueOptions {
   int max_batch = 8;                            // targets
   std::chrono::nanoseconds max_queue_delay{0};  // how long a batch that is not full may wait
-  int max_queue = 4096;                         // targets
+  // Of each priority:
+  int max_queue = 4096;                          // targets
+  int64_t max_queue_bytes = int64_t{256} << 20;  // of the calls that still have targets waiting
+  double bulk_share = 0.1;                       // in [0, 1): of the targets, while both lines wait
 };
 
 class TargetQueue {
  public:
   explicit TargetQueue(const QueueOptions& options) : options_(options) {}
 
-  // Targets that wait.
-  int size() const { return size_; }
-  bool empty() const { return calls_.empty(); }
-  // Whether a call of so many targets can be pushed.
-  bool HasRoom(size_t targets) const;
+  // Targets that wait, and bytes of their calls.
+  int size() const { return size(Priority::kInteractive) + size(Priority::kBulk); }
+  int size(Priority priority) const { return line(priority).targets; }
+  int64_t bytes(Priority priority) const { return line(priority).bytes; }
+  bool empty() const { return size() == 0; }
+  // Targets that are likely to be taken before one of this priority that comes now.
+  int SizeBefore(Priority priority) const;
+  // Whether the call can be pushed now.
+  bool HasRoom(const PredictionCall& call) const;
   void Push(CallPtr call, TimePoint now);
 
   struct Item {
@@ -42,20 +58,32 @@ class TargetQueue {
   };
   // Takes out all that nobody waits for any more: it will reach no worker.
   std::vector<Item> TakeDead(TimePoint now);
-  // When the next batch is to be taken: in the past if it is full or has waited long enough.
+  // When the next batch is to be taken: in the past if one is full or has waited long enough.
   // TimePoint::max() if there is nothing.
   TimePoint NextBatchTime() const;
-  // The next batch: 1 to max_batch targets of one model version. Not empty unless the queue is.
+  // The next batch: 1 to max_batch targets of one priority and model version. Not empty unless the
+  // queue is.
   std::vector<Item> TakeBatch();
   // Takes out everything.
   std::vector<Item> TakeAll();
 
  private:
+  struct Line {
+    std::deque<CallPtr> calls;  // each with at least one target left
+    int targets = 0;
+    int64_t bytes = 0;
+  };
+
+  Line& line(Priority priority) { return lines_[static_cast<size_t>(priority)]; }
+  const Line& line(Priority priority) const { return lines_[static_cast<size_t>(priority)]; }
+  Priority NextPriority() const;
+  TimePoint NextBatchTime(const Line& line) const;
+  std::vector<Item> TakeBatch(Line& line);
   std::vector<Item> TakeWhere(const std::function<bool(const PredictionCall&)>& wanted);
 
   const QueueOptions options_;
-  std::deque<CallPtr> calls_;  // each with at least one target left
-  int size_ = 0;
+  std::array<Line, 2> lines_;
+  double owed_to_bulk_ = 0.0;  // targets
 };
 
 }  // namespace maneuver::serving

@@ -16,6 +16,7 @@
 #include "client/cli/table.h"
 #include "client/cli/target_selection.h"
 #include "client/cli/text_format.h"
+#include "tests/unit/client/test_server.h"
 
 namespace maneuver::cli {
 namespace {
@@ -120,6 +121,24 @@ TEST(CommandLineTest, AServerThatDoesNotAnswerIsNamedWithWhatToDo) {
   EXPECT_THAT(result.out, IsEmpty());
   EXPECT_THAT(result.err, HasSubstr("no server answers at 127.0.0.1:1; start one with maneuverd "
                                     "--data-dir DIR or name it with --server"));
+}
+
+TEST(CommandLineTest, PredictAsksWithItsPriority) {
+  client::TestServer server;
+  std::vector<v1::Priority> asked;
+  server.on_predict = [&](grpc::ServerContext*, const v1::PredictRequest& request,
+                          v1::PredictResponse*) {
+    asked.push_back(request.priority());
+    return grpc::Status::OK;
+  };
+  const std::string scene = R"({"agents": [{"id": 7, "states": [{}]}], "targetIds": [7]})";
+  std::vector<std::string> arguments = {"--server", server.address(), "predict", "-"};
+  EXPECT_EQ(Maneuver(arguments, scene).status, kOk);
+  arguments.insert(arguments.end(), {"--priority", "bulk"});
+  EXPECT_EQ(Maneuver(arguments, scene).status, kOk);
+  EXPECT_THAT(asked, ElementsAre(v1::PRIORITY_INTERACTIVE, v1::PRIORITY_BULK));
+  arguments.back() = "urgent";
+  EXPECT_EQ(Maneuver(arguments, scene).status, kUsage);
 }
 
 TEST(CommandLineTest, GlobalOptionsMayFollowTheCommand) {

@@ -25,6 +25,8 @@ class TestServer final {
   // What the services do. Called on gRPC's threads.
   std::function<grpc::Status(grpc::ServerContext*, const v1::PredictRequest&, v1::PredictResponse*)>
       on_predict;
+  std::function<grpc::Status(const v1::RegisterMapRequest&, v1::RegisterMapResponse*)>
+      on_register_map;
   std::function<grpc::Status(const v1::TrainRequest&, v1::Job*)> on_train;
   std::function<grpc::Status(const v1::DeleteJobRequest&)> on_delete_job;
   std::function<grpc::Status(const v1::WatchJobRequest&, grpc::ServerWriter<v1::WatchJobResponse>*)>
@@ -63,6 +65,11 @@ class TestServer final {
                          v1::PredictResponse* response) override {
       owner_->See(*context);
       return owner_->on_predict(context, *request, response);
+    }
+    grpc::Status RegisterMap(grpc::ServerContext* context, const v1::RegisterMapRequest* request,
+                             v1::RegisterMapResponse* response) override {
+      owner_->See(*context);
+      return owner_->on_register_map(*request, response);
     }
     grpc::Status StreamPredict(
         grpc::ServerContext* context,

@@ -66,6 +66,27 @@ TEST(ScenarioValidationTest, ShortLinesAndAreasPass) {
   EXPECT_THAT(Fields(ValidateScenario(scenario, {})), IsEmpty());
 }
 
+TEST(ScenarioValidationTest, AMapIdStandsInForAMapWhereThatIsAllowed) {
+  v1::Scenario scenario = GoodScenario();
+  scenario.set_map_id("a");
+  const ScenarioLimits by_id{.map_by_id = true};
+  EXPECT_THAT(Fields(ValidateScenario(scenario, by_id)), ElementsAre("map_id"));
+  scenario.clear_map_features();
+  EXPECT_THAT(Fields(ValidateScenario(scenario, by_id)), IsEmpty());
+  // In a dataset nobody could look it up.
+  EXPECT_THAT(Fields(ValidateScenario(scenario, {})), ElementsAre("map_id"));
+}
+
+TEST(ScenarioValidationTest, AMapAloneIsHeldAgainstTheSameRules) {
+  v1::Scenario scenario = GoodScenario();
+  EXPECT_THAT(Fields(ValidateMap(scenario.map_features(), {})), IsEmpty());
+  EXPECT_THAT(Fields(ValidateMap(scenario.map_features(), {.max_map_features = 2})),
+              ElementsAre("map_features"));
+  scenario.mutable_map_features(2)->set_x(1, kNan);
+  EXPECT_THAT(Fields(ValidateMap(scenario.map_features(), {})),
+              ElementsAre("map_features[2].x[1]"));
+}
+
 struct BadCase {
   std::string name;
   std::string field;

@@ -9,12 +9,15 @@
 
 #include <filesystem>
 #include <fstream>
+#include <latch>
+#include <limits>
 #include <map>
 
 #include "maneuver/v1/model_service.grpc.pb.h"
 #include "maneuver/v1/prediction_service.grpc.pb.h"
 #include "server/monitoring/prometheus_metrics.h"
 #include "server/rpc/model_service.h"
+#include "server/rpc/predict_stream.h"
 #include "server/rpc/prediction_service.h"
 #include "server/security/secret_file.h"
 #include "tests/unit/server/serving/fake_action_model.h"
@@ -97,7 +100,7 @@ class ServerTest : public ::testing::Test {
         serving::SchedulerOptions{.workers = 2, .queue = {.max_queue = 100}}, *metrics_);
     disk_ = std::make_unique<jobs::WorkerPool>(2, 100);
     context_ = std::make_unique<PredictionContext>(
-        PredictionContext{*models_, *scheduler_, *disk_, {}, *access_});
+        PredictionContext{*models_, *scheduler_, maps_, *disk_, {.map_by_id = true}, *access_});
     predictions_ = std::make_unique<PredictionService>(*context_);
     model_service_ = std::make_unique<ModelService>(*models_, *disk_);
     auto server = Server::Start({"127.0.0.1", 0},
@@ -167,6 +170,7 @@ class ServerTest : public ::testing::Test {
   serving::FakeNetworks networks_;
   std::unique_ptr<serving::ModelRegistry> models_;
   std::unique_ptr<serving::BatchScheduler> scheduler_;
+  serving::MapCache maps_{{.max_maps = 2}, *metrics_};
   std::unique_ptr<jobs::WorkerPool> disk_;
   std::unique_ptr<PredictionContext> context_;
   std::unique_ptr<PredictionService> predictions_;
@@ -344,6 +348,48 @@ TEST_F(ServerTest, AStreamTakesAnyNumberOfRequests) {
   EXPECT_EQ(answered.size(), static_cast<size_t>(kRequests));
 }
 
+TEST_F(ServerTest, PriorityAndBytesOfARequestReachTheQueue) {
+  Publish();
+  networks_.CloseGate();
+  const size_t before = networks_.batches().size();
+  const v1::PredictRequest request = OneScene();
+  std::vector<v1::PredictResponse> responses(4);
+  std::latch finished(4);
+  const auto start = [&](size_t i, v1::Priority priority) {
+    PredictionIo io = PredictIo(request, &responses[i]);
+    io.priority = priority;
+    return PredictionRun::Start(*context_, io, serving::TimePoint::max(),
+                                [&](const absl::Status& status) {
+                                  EXPECT_TRUE(status.ok()) << status;
+                                  finished.count_down();
+                                });
+  };
+  // Both workers are busy; what comes now waits.
+  const auto first = start(0, v1::PRIORITY_UNSPECIFIED);
+  networks_.AwaitBatches(before + 1);
+  const auto second = start(1, v1::PRIORITY_UNSPECIFIED);
+  networks_.AwaitBatches(before + 2);
+  const auto bulk = start(2, v1::PRIORITY_BULK);
+  const auto interactive = start(3, v1::PRIORITY_INTERACTIVE);
+  const std::string page = metrics_->Page();
+  for (const char* priority : {"bulk", "interactive"}) {
+    const std::string label = std::string("{priority=\"") + priority + "\"} ";
+    EXPECT_THAT(page, HasSubstr("maneuver_queue_targets" + label + "1\n"));
+    EXPECT_THAT(page, HasSubstr("maneuver_queue_bytes" + label +
+                                std::to_string(request.ByteSizeLong()) + "\n"));
+  }
+  networks_.OpenGate();
+  finished.wait();
+}
+
+TEST_F(ServerTest, APriorityThatDoesNotExistIsRefused) {
+  Publish();
+  v1::PredictRequest request = OneScene();
+  request.set_priority(static_cast<v1::Priority>(9));
+  v1::PredictResponse response;
+  EXPECT_EQ(Predict(request, &response).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+}
+
 TEST_F(ServerTest, WorkStopsWhenTheCallerHasGone) {
   Publish();
   const int described = networks_.described();
@@ -370,6 +416,104 @@ TEST_F(ServerTest, WorkStopsWhenTheCallerHasGone) {
   // Shutdown waits for both calls to come to their end.
   server_->Shutdown(std::chrono::system_clock::now() + std::chrono::seconds(10));
   EXPECT_LE(networks_.described(), described + 1);  // of the stream, if its cancellation came late
+}
+
+TEST_F(ServerTest, AScenarioMayNameARegisteredMap) {
+  Publish();
+  v1::PredictRequest own = OneScene();
+  v1::MapFeature* lane = own.mutable_scenarios(0)->add_map_features();
+  lane->set_type(v1::MAP_FEATURE_TYPE_LANE_CENTERLINE);
+  for (const double x : {90.0, 110.0}) {
+    lane->add_x(x);
+    lane->add_y(3.0);
+  }
+  v1::PredictResponse expected;
+  ASSERT_TRUE(Predict(own, &expected).ok());
+  v1::PredictResponse without;
+  ASSERT_TRUE(Predict(OneScene(), &without).ok());
+  ASSERT_NE(expected.SerializeAsString(), without.SerializeAsString());
+
+  const auto register_map = [&](v1::RegisterMapResponse* registered) {
+    v1::RegisterMapRequest request;
+    *request.mutable_map_features() = own.scenarios(0).map_features();
+    grpc::ClientContext context;
+    return stub_->RegisterMap(&context, request, registered);
+  };
+  v1::PredictRequest named = OneScene();
+  named.mutable_scenarios(0)->set_map_id(serving::MapId(own.scenarios(0).map_features()));
+  v1::PredictResponse response;
+  const grpc::Status unknown = Predict(named, &response);
+  EXPECT_EQ(unknown.error_code(), grpc::StatusCode::FAILED_PRECONDITION);
+  EXPECT_EQ(Reason(unknown), "MAP_NOT_REGISTERED");
+  EXPECT_THAT(unknown.error_message(), HasSubstr("register it with RegisterMap"));
+
+  v1::RegisterMapResponse registered;
+  ASSERT_TRUE(register_map(&registered).ok());
+  EXPECT_EQ(registered.map_id(), named.scenarios(0).map_id());
+  EXPECT_GT(registered.size_bytes(), 32);
+  ASSERT_TRUE(Predict(named, &response).ok());
+  EXPECT_EQ(response.SerializeAsString(), expected.SerializeAsString());
+
+  lane->set_x(0, std::numeric_limits<double>::infinity());
+  const grpc::Status refused = register_map(&registered);
+  EXPECT_EQ(refused.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(refused.error_message(), HasSubstr("map_features[0].x[0]"));
+}
+
+TEST_F(ServerTest, AScenarioWithAMapIdThatCannotBeOneFailsAlone) {
+  Publish();
+  v1::PredictRequest request = OneScene();
+  *request.add_scenarios() = Scene();
+  request.mutable_scenarios(0)->set_map_id("../../etc/passwd");
+  v1::PredictResponse response;
+  ASSERT_TRUE(Predict(request, &response).ok());
+  EXPECT_THAT(response.predictions(0).error().message(), HasSubstr("scenarios[0].map_id"));
+  EXPECT_EQ(response.predictions(1).targets_size(), 1);
+}
+
+TEST_F(ServerTest, IdleStreamsDoNotHoldUpTheEnd) {
+  Publish();
+  v1::StreamPredictRequest request;
+  *request.mutable_request() = OneScene();
+  v1::StreamPredictResponse response;
+  grpc::ClientContext idle_context;
+  const auto idle = stub_->StreamPredict(&idle_context);
+  ASSERT_TRUE(idle->Write(request));
+  ASSERT_TRUE(idle->Read(&response));
+  grpc::ClientContext busy_context;
+  const auto busy = stub_->StreamPredict(&busy_context);
+  const size_t before = networks_.batches().size();
+  networks_.CloseGate();
+  request.set_request_id("in flight");
+  ASSERT_TRUE(busy->Write(request));
+  networks_.AwaitBatches(before + 1);
+
+  const auto start = std::chrono::steady_clock::now();
+  predictions_->Drain();
+  EXPECT_FALSE(idle->Read(&response));
+  const grpc::Status idle_end = idle->Finish();
+  EXPECT_EQ(idle_end.error_code(), grpc::StatusCode::UNAVAILABLE);
+  EXPECT_EQ(Reason(idle_end), "SHUTTING_DOWN");
+
+  std::thread end(
+      [this] { server_->Shutdown(std::chrono::system_clock::now() + std::chrono::minutes(1)); });
+  networks_.OpenGate();
+  ASSERT_TRUE(busy->Read(&response));
+  EXPECT_EQ(response.request_id(), "in flight");
+  EXPECT_TRUE(response.has_response());
+  EXPECT_FALSE(busy->Read(&response));
+  EXPECT_EQ(busy->Finish().error_code(), grpc::StatusCode::UNAVAILABLE);
+  end.join();
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(30));
+}
+
+TEST_F(ServerTest, AStreamThatIsOpenedAfterTheDrainEndsAtOnce) {
+  predictions_->Drain();
+  grpc::ClientContext context;
+  const auto stream = stub_->StreamPredict(&context);
+  v1::StreamPredictResponse response;
+  EXPECT_FALSE(stream->Read(&response));
+  EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::UNAVAILABLE);
 }
 
 TEST_F(ServerTest, CompressedRequestsAreRefused) {

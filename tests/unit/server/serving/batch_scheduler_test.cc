@@ -8,6 +8,7 @@
 
 #include "maneuver/v1/scenario.pb.h"
 #include "server/errors/error_details.h"
+#include "server/monitoring/prometheus_metrics.h"
 #include "tests/unit/server/serving/fake_action_model.h"
 
 namespace maneuver::serving {
@@ -54,7 +55,26 @@ class BatchSchedulerTest : public ::testing::Test {
     return std::make_unique<BatchScheduler>(
         SchedulerOptions{
             .workers = workers, .queue = queue, .now = [this] { return clock_.Now(); }},
-        monitoring::MetricRegistry::Null());
+        *metrics_);
+  }
+
+  // A line of the metrics page: its name and labels, then its value.
+  std::string Metric(const std::string& name) const {
+    const std::string page = "\n" + metrics_->Page();
+    const size_t start = page.find("\n" + name + " ");
+    if (start == std::string::npos) return "none";
+    const size_t value = start + name.size() + 2;
+    return page.substr(value, page.find('\n', value) - value);
+  }
+  // "0 1 0 0" after nothing, queue, raster, encode.
+  std::string Dropped(const std::string& cause) const {
+    std::string counts;
+    for (const char* after : {"nothing", "queue", "raster", "encode"}) {
+      counts += Metric(std::string("maneuver_dropped_targets_total{after=\"") + after +
+                       "\",cause=\"" + cause + "\"}");
+      counts += " ";
+    }
+    return counts;
   }
 
   Asked Prepare(const v1::Scenario& scenario, size_t targets = 1) {
@@ -88,6 +108,8 @@ class BatchSchedulerTest : public ::testing::Test {
     return asked;
   }
 
+  const std::unique_ptr<monitoring::PrometheusMetrics> metrics_ =
+      monitoring::PrometheusMetrics::Create();
   ManualClock clock_;
   FakeNetworks networks_;
   const ModelHandle model_ = std::make_shared<ServedModel>(
@@ -131,6 +153,58 @@ TEST_F(BatchSchedulerTest, AFullQueueRefusesWithARetryDelay) {
   networks_.OpenGate();
   EXPECT_THAT(fits.answers.get(), SizeIs(1));
   EXPECT_THAT(waiting.answers.get(), SizeIs(2));
+}
+
+TEST_F(BatchSchedulerTest, TheRetryDelayIsTheTimeThatTheWorkersNeedForTheQueue) {
+  const auto scheduler = Scheduler(1, {.max_batch = 8, .max_queue = 4});
+  Asked first = Occupy(*scheduler);
+  clock_.Advance(milliseconds(100));  // for one target
+  networks_.OpenGate();
+  first.answers.get();
+  Asked working = Occupy(*scheduler);
+  Asked waiting = Ask(*scheduler, scene_, 4);
+  EXPECT_EQ(errors::RetryDelay(Ask(*scheduler, scene_).status), milliseconds(400));
+  // The batch at work takes longer than the last one.
+  clock_.Advance(milliseconds(150));
+  EXPECT_EQ(errors::RetryDelay(Ask(*scheduler, scene_).status), milliseconds(600));
+  networks_.OpenGate();
+  waiting.answers.get();
+}
+
+TEST_F(BatchSchedulerTest, AQueueThatIsFullOfBytesRefusesUntilTheyAreGone) {
+  const auto scheduler = Scheduler(1, {.max_queue_bytes = 1000});
+  Asked working = Occupy(*scheduler);
+  const auto ask = [&](int64_t bytes) {
+    Asked asked = Prepare(scene_);
+    asked.call->bytes = bytes;
+    asked.status = scheduler->Submit(asked.call);
+    return asked;
+  };
+  Asked waiting = ask(900);
+  EXPECT_EQ(Metric("maneuver_queue_bytes{priority=\"interactive\"}"), "900");
+  EXPECT_EQ(Metric("maneuver_queue_targets{priority=\"interactive\"}"), "1");
+  const Asked refused = ask(101);
+  EXPECT_EQ(errors::ReasonOf(refused.status), "QUEUE_FULL");
+  EXPECT_TRUE(errors::RetryDelay(refused.status).has_value());
+  const Asked too_large = ask(1001);
+  EXPECT_EQ(errors::ReasonOf(too_large.status), "REQUEST_TOO_LARGE");
+  EXPECT_FALSE(errors::RetryDelay(too_large.status).has_value());
+  networks_.OpenGate();
+  waiting.answers.get();
+  EXPECT_TRUE(ask(1000).answers.get().at(0).status.ok());
+}
+
+TEST_F(BatchSchedulerTest, InteractiveWorkOvertakesBulkWork) {
+  const auto scheduler = Scheduler(1, {.max_batch = 4});
+  Asked working = Occupy(*scheduler);
+  Asked bulk = Prepare(scene_, 4);
+  bulk.call->priority = Priority::kBulk;
+  ASSERT_TRUE(scheduler->Submit(bulk.call).ok());
+  Asked interactive = Ask(*scheduler, scene_, 2);
+  networks_.OpenGate();
+  EXPECT_THAT(bulk.answers.get(), SizeIs(4));
+  EXPECT_THAT(interactive.answers.get(), SizeIs(2));
+  EXPECT_THAT(networks_.batches(), ElementsAre(1, 2, 4));
 }
 
 TEST_F(BatchSchedulerTest, ACallThatCanNeverFitIsToldToSplit) {
@@ -196,6 +270,39 @@ TEST_F(BatchSchedulerTest, WorkThatIsCancelledWhileItIsEncodedIsNotDescribed) {
   EXPECT_EQ(networks_.described(), 0);
 }
 
+TEST_F(BatchSchedulerTest, WorkThatIsCancelledWhileItIsDrawnNeverReachesTheNetworks) {
+  Asked asked = Prepare(scene_, 2);
+  networks_.on_new_session = [&] { asked.call->cancelled = true; };
+  const auto scheduler = Scheduler(1, {});
+  ASSERT_TRUE(scheduler->Submit(asked.call).ok());
+  EXPECT_TRUE(absl::IsCancelled(asked.answers.get().at(1).status));
+  EXPECT_THAT(networks_.batches(), SizeIs(0));
+  EXPECT_EQ(Dropped("cancelled"), "0 0 2 0 ");
+}
+
+TEST_F(BatchSchedulerTest, DroppedWorkIsCountedByWhereItWas) {
+  const auto scheduler = Scheduler(1, {});
+  EXPECT_FALSE(Ask(*scheduler, scene_, 3, clock_.Now()).status.ok());
+  EXPECT_EQ(Dropped("expired"), "3 0 0 0 ");
+
+  networks_.CloseGate();
+  const TimePoint soon = clock_.Now() + milliseconds(10);
+  Asked encoding = Ask(*scheduler, scene_, 1, soon);
+  networks_.AwaitBatches(1);
+  Asked waiting = Ask(*scheduler, scene_, 2, soon);
+  Asked leaving = Ask(*scheduler, scene_, 4);
+  leaving.call->cancelled = true;
+  clock_.Advance(milliseconds(10));
+  networks_.OpenGate();
+  encoding.answers.get();
+  waiting.answers.get();
+  leaving.answers.get();
+  EXPECT_EQ(Dropped("expired"), "3 2 0 1 ");
+  EXPECT_EQ(Dropped("cancelled"), "0 4 0 0 ");
+  EXPECT_EQ(Metric("maneuver_targets_total{outcome=\"expired\"}"), "6");
+  EXPECT_EQ(Metric("maneuver_targets_total{outcome=\"cancelled\"}"), "4");
+}
+
 TEST_F(BatchSchedulerTest, ClassificationGetsItsTrajectory) {
   const auto scheduler = Scheduler(1, {});
   Asked asked = Prepare(scene_);
@@ -248,6 +355,7 @@ TEST_F(BatchSchedulerTest, EachTargetGetsItsOwnAnswerUnderLoadFromManyThreads) {
         order.push_back((seed * 31 + n * 7 + t * 3) % kScenes);
         asked.call->targets.push_back({&scenes[static_cast<size_t>(order.back())], 7, {}, {}});
       }
+      asked.call->priority = n % 3 == 0 ? Priority::kBulk : Priority::kInteractive;
       ASSERT_TRUE(scheduler->Submit(asked.call).ok());
       if (n % 5 == 0) asked.call->cancelled = true;
       const Answers answers = asked.answers.get();

@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <condition_variable>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <numeric>
@@ -46,6 +47,10 @@ class FakeNetworks {
     const std::lock_guard lock(mutex_);
     return described_;
   }
+
+  // Called when a worker gets itself an engine: after the queue, before any raster. Set it before
+  // the first call.
+  std::function<void()> on_new_session;
 
   void EnterEncode(int targets) {
     std::unique_lock lock(mutex_);
@@ -131,6 +136,7 @@ class FakeActionModel final : public inference::ActionModel {
   std::string_view precision() const override { return "f32"; }
   size_t weight_bytes() const override { return 4; }
   std::unique_ptr<inference::InferenceSession> NewSession() const override {
+    if (networks_.on_new_session) networks_.on_new_session();
     return std::make_unique<FakeSession>(networks_, scene::RasterBytes(spec().raster()));
   }
 

@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "tests/unit/server/serving/fake_action_model.h"
 
 namespace maneuver::serving {
@@ -23,12 +25,16 @@ class TargetQueueTest : public ::testing::Test {
                                          std::make_shared<FakeActionModel>(networks));
   }
 
-  CallPtr Call(const ModelHandle& model, size_t targets) {
+  CallPtr Call(const ModelHandle& model, size_t targets, Priority priority = Priority::kInteractive,
+               int64_t bytes = 0) {
     auto call = std::make_shared<PredictionCall>();
     call->model = model;
     call->targets.resize(targets);
+    call->priority = priority;
+    call->bytes = bytes;
     return call;
   }
+  CallPtr Bulk(size_t targets) { return Call(model_, targets, Priority::kBulk); }
 
   // Which targets of which calls, calls by their place in `calls`.
   static std::vector<std::pair<int, size_t>> Names(const std::vector<TargetQueue::Item>& items,
@@ -91,10 +97,103 @@ TEST_F(TargetQueueTest, ABatchThatIsNotFullWaitsForTheDelayOfItsFirstCall) {
 TEST_F(TargetQueueTest, RoomIsCountedInTargets) {
   TargetQueue queue({.max_batch = 2, .max_queue = 5});
   queue.Push(Call(model_, 4), kStart);
-  EXPECT_TRUE(queue.HasRoom(1));
-  EXPECT_FALSE(queue.HasRoom(2));
+  EXPECT_TRUE(queue.HasRoom(*Call(model_, 1)));
+  EXPECT_FALSE(queue.HasRoom(*Call(model_, 2)));
   queue.TakeBatch();
-  EXPECT_TRUE(queue.HasRoom(3));
+  EXPECT_TRUE(queue.HasRoom(*Call(model_, 3)));
+}
+
+TEST_F(TargetQueueTest, RoomIsCountedInBytesUntilACallsLastTargetIsTaken) {
+  TargetQueue queue({.max_batch = 2, .max_queue_bytes = 1000});
+  constexpr auto kInteractive = Priority::kInteractive;
+  queue.Push(Call(model_, 3, kInteractive, 600), kStart);
+  EXPECT_TRUE(queue.HasRoom(*Call(model_, 1, kInteractive, 400)));
+  EXPECT_FALSE(queue.HasRoom(*Call(model_, 1, kInteractive, 401)));
+  queue.TakeBatch();
+  EXPECT_EQ(queue.bytes(kInteractive), 600);
+  queue.TakeBatch();
+  EXPECT_EQ(queue.bytes(kInteractive), 0);
+  // What died gives its bytes back as well.
+  const CallPtr dying = Call(model_, 3, kInteractive, 600);
+  queue.Push(dying, kStart);
+  dying->cancelled = true;
+  queue.TakeDead(kStart);
+  EXPECT_TRUE(queue.HasRoom(*Call(model_, 1, kInteractive, 1000)));
+}
+
+TEST_F(TargetQueueTest, NeitherPriorityKeepsTheOtherOut) {
+  TargetQueue queue({.max_queue = 3, .max_queue_bytes = 1000});
+  queue.Push(Call(model_, 3, Priority::kBulk, 1000), kStart);
+  EXPECT_FALSE(queue.HasRoom(*Bulk(1)));
+  EXPECT_TRUE(queue.HasRoom(*Call(model_, 3, Priority::kInteractive, 1000)));
+  queue.Push(Call(model_, 3, Priority::kInteractive, 1000), kStart);
+  queue.TakeBatch();
+  queue.TakeBatch();
+  queue.Push(Call(model_, 3, Priority::kInteractive, 1000), kStart);
+  EXPECT_TRUE(queue.HasRoom(*Call(model_, 3, Priority::kBulk, 1000)));
+}
+
+TEST_F(TargetQueueTest, InteractiveTargetsGoBeforeBulkOnesAndNotWithThem) {
+  TargetQueue queue({.max_batch = 4});
+  const std::vector<CallPtr> calls = {Bulk(5), Call(model_, 1), Bulk(1), Call(model_, 2)};
+  for (const CallPtr& call : calls) queue.Push(call, kStart);
+
+  EXPECT_EQ(queue.SizeBefore(Priority::kInteractive), 3);
+  EXPECT_EQ(queue.SizeBefore(Priority::kBulk), 9);
+  EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(1, 0), Pair(3, 0), Pair(3, 1)));
+  EXPECT_THAT(Names(queue.TakeBatch(), calls),
+              ElementsAre(Pair(0, 0), Pair(0, 1), Pair(0, 2), Pair(0, 3)));
+  EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(2, 0), Pair(0, 4)));
+}
+
+// The numbers are those of the policy, whatever the sizes of calls and batches.
+TEST_F(TargetQueueTest, BulkGetsItsShareHoweverMuchInteractiveWorkWaits) {
+  for (const double share : {0.1, 0.25}) {
+    for (const size_t bulk_call : {1u, 50u}) {
+      for (const size_t interactive_call : {1u, 8u}) {
+        TargetQueue queue({.max_batch = 8, .bulk_share = share});
+        double taken[2] = {0.0, 0.0};
+        int since_bulk = 0;
+        int longest_wait = 0;
+        for (int batch = 0; batch < 1000; ++batch) {
+          while (queue.size(Priority::kInteractive) < 16) {
+            queue.Push(Call(model_, interactive_call), kStart);
+          }
+          while (queue.size(Priority::kBulk) < 16) queue.Push(Bulk(bulk_call), kStart);
+          const auto items = queue.TakeBatch();
+          ASSERT_EQ(items.size(), 8u);
+          const Priority priority = items.front().call->priority;
+          taken[static_cast<size_t>(priority)] += static_cast<double>(items.size());
+          since_bulk = priority == Priority::kBulk ? 0 : since_bulk + 1;
+          longest_wait = std::max(longest_wait, since_bulk);
+        }
+        EXPECT_NEAR(taken[1] / (taken[0] + taken[1]), share, 0.002);
+        EXPECT_LE(longest_wait, static_cast<int>((1.0 - share) / share) + 1);
+      }
+    }
+  }
+}
+
+TEST_F(TargetQueueTest, AFewBulkTargetsNeedNotFillABatchToGetTheirTurn) {
+  TargetQueue queue({.max_batch = 8, .bulk_share = 0.1});
+  const CallPtr lonely = Bulk(1);
+  queue.Push(lonely, kStart);
+  int batches = 0;
+  do {
+    ASSERT_LT(++batches, 4);  // 1 target is owed after 9 interactive ones
+    queue.Push(Call(model_, 8), kStart);
+  } while (queue.TakeBatch().front().call != lonely);
+}
+
+TEST_F(TargetQueueTest, BulkThatIsReadyFetchesInteractiveTargetsThatStillGather) {
+  TargetQueue queue({.max_batch = 2, .max_queue_delay = milliseconds(5)});
+  const std::vector<CallPtr> calls = {Call(model_, 1), Bulk(2)};
+  queue.Push(calls[0], kStart);
+  EXPECT_EQ(queue.NextBatchTime(), kStart + milliseconds(5));
+  queue.Push(calls[1], kStart);
+  EXPECT_LT(queue.NextBatchTime(), kStart);
+  EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(0, 0)));
+  EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(1, 0), Pair(1, 1)));
 }
 
 TEST_F(TargetQueueTest, ExpiredAndCancelledCallsAreTakenOutFromAnyPlace) {

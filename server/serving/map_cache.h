@@ -1,0 +1,84 @@
+// Maps that callers registered, for scenarios that name them.
+//
+// A map's id is the digest of its content: whoever registers the same map gets the same id, and
+// nobody can change what an id stands for. The cache is bounded by number and memory; the map that
+// was not used for longest goes first. Scenarios that are being answered keep theirs.
+
+#ifndef MANEUVER_SERVER_SERVING_MAP_CACHE_H_
+#define MANEUVER_SERVER_SERVING_MAP_CACHE_H_
+
+#include <cstdint>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "model/scene/road_map.h"
+#include "model/scene/scenario_validation.h"
+#include "server/monitoring/metrics.h"
+
+namespace maneuver::serving {
+
+struct MapCacheOptions {
+  int max_maps = 256;
+  int64_t max_bytes = int64_t{256} << 20;  // of memory
+  scene::ScenarioLimits limits = {};       // those of maps
+};
+
+// RegisterMapResponse.map_id of a map, as the contract defines it.
+std::string MapId(const scene::MapFeatures& features);
+
+// Whether `text` could be the id of a map at all.
+bool IsMapId(std::string_view text);
+
+// Safe to use from any thread.
+class MapCache {
+ public:
+  MapCache(const MapCacheOptions& options, monitoring::MetricRegistry& metrics);
+
+  struct Registered {
+    std::string id;
+    int64_t bytes = 0;
+  };
+  // Holds the map from now on; others may have to go.
+  //   INVALID_ARGUMENT    the features are not a map; field paths are those of a Scenario;
+  //   RESOURCE_EXHAUSTED  MAP_TOO_LARGE: it alone takes more than max_bytes.
+  absl::StatusOr<Registered> Register(scene::MapFeatures features);
+
+  // The map, which is then the one used last; nullptr if it is not held.
+  std::shared_ptr<const scene::RoadMap> Find(const std::string& id);
+
+ private:
+  struct Entry {
+    std::string id;
+    std::shared_ptr<const scene::RoadMap> map;
+  };
+
+  struct Metrics {
+    explicit Metrics(monitoring::MetricRegistry& registry);
+    monitoring::Gauge& maps;
+    monitoring::Gauge& bytes;
+    monitoring::Counter& hits;
+    monitoring::Counter& misses;
+    monitoring::Counter& evicted;
+  };
+
+  // Both need the lock.
+  std::shared_ptr<const scene::RoadMap> Use(const std::string& id);
+  std::list<Entry> MakeRoom(int64_t bytes);
+
+  const MapCacheOptions options_;
+  Metrics metrics_;
+  std::mutex mutex_;         // guards what follows
+  std::list<Entry> by_use_;  // the one used last first
+  std::unordered_map<std::string, std::list<Entry>::iterator> by_id_;
+  int64_t bytes_ = 0;
+};
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_SERVER_SERVING_MAP_CACHE_H_
