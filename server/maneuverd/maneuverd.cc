@@ -181,7 +181,10 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   rpc::AdminService admin_service;
 
   auto server = rpc::Server::Start(options.listen,
-                                   {{v1::PredictionService::service_full_name(), &predictions},
+                                   {{v1::PredictionService::service_full_name(), &predictions,
+                                     [&scheduler](std::string_view method, auto deadline) {
+                                       return rpc::CheckWait(scheduler, method, deadline);
+                                     }},
                                     {v1::ModelService::service_full_name(), &model_service},
                                     {v1::DatasetService::service_full_name(), &dataset_service},
                                     {v1::TrainingService::service_full_name(), &training_service},

@@ -71,8 +71,12 @@ std::unique_ptr<MethodHandler> RefusingHandler(RpcMethod::RpcType type,
 class GuardedHandler final : public MethodHandler {
  public:
   GuardedHandler(MethodHandler& guarded, std::string_view method, RpcMethod::RpcType type,
-                 security::AccessControl& access)
-      : guarded_(guarded), method_(method), type_(type), access_(access) {}
+                 security::AccessControl& access, decltype(NamedService::worth) worth)
+      : guarded_(guarded),
+        method_(method),
+        type_(type),
+        access_(access),
+        worth_(std::move(worth)) {}
 
   // gRPC calls this first, with the request of a method that takes a single one; it is kept as it
   // is, to be parsed only once its caller is admitted.
@@ -81,7 +85,10 @@ class GuardedHandler final : public MethodHandler {
   }
 
   void RunHandler(const HandlerParameter& call) override {
-    const absl::Status status = access_.Admit(method_, CredentialsOf(*call.server_context));
+    absl::Status status = access_.Admit(method_, CredentialsOf(*call.server_context));
+    if (status.ok() && worth_ && type_ == RpcMethod::NORMAL_RPC) {
+      status = worth_(method_, call.server_context->deadline());
+    }
     if (status.ok()) {
       Run(guarded_, call);
     } else {
@@ -109,6 +116,7 @@ class GuardedHandler final : public MethodHandler {
   const std::string_view method_;
   const RpcMethod::RpcType type_;
   security::AccessControl& access_;
+  const decltype(NamedService::worth) worth_;
 };
 
 // A service's handlers, which it shows to those who derive from it.
@@ -143,7 +151,7 @@ absl::StatusOr<std::unique_ptr<GuardedService>> GuardedService::Create(
     }
     const RpcMethod::RpcType type = TypeOf(method);
     guard->AddMethod(new RpcServiceMethod(name.c_str(), type, nullptr));
-    guard->MarkMethodCallback(i, new GuardedHandler(*handler, name, type, access));
+    guard->MarkMethodCallback(i, new GuardedHandler(*handler, name, type, access, guarded.worth));
   }
   return guard;
 }

@@ -7,8 +7,11 @@
 #include <grpcpp/impl/codegen/service_type.h>
 #include <grpcpp/server_context.h>
 
+#include <chrono>
+#include <functional>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -21,6 +24,13 @@ namespace maneuver::rpc {
 struct NamedService {
   const char* name;
   grpc::Service* service;
+  // Whether a call of a method ("/maneuver.v1.PredictionService/Predict") that has until `deadline`
+  // is worth its work. Unary calls alone are asked about, after their callers are admitted and
+  // before their requests are parsed: that is a good part of the work, and a server with too much
+  // to do has no time for it. Empty: each is.
+  std::function<absl::Status(std::string_view method,
+                             std::chrono::system_clock::time_point deadline)>
+      worth = {};
 };
 
 // Registered in place of the service that it guards. The generated code has no place for such a

@@ -8,9 +8,8 @@
 namespace maneuver::rpc {
 namespace {
 
-// The caller's deadline on the steady clock.
-serving::TimePoint DeadlineOf(const grpc::CallbackServerContext& rpc) {
-  const auto deadline = rpc.deadline();
+// A caller's deadline on the clock of the scheduler.
+serving::TimePoint OnSteadyClock(std::chrono::system_clock::time_point deadline) {
   if (deadline == std::chrono::system_clock::time_point::max()) return serving::TimePoint::max();
   return std::chrono::steady_clock::now() + (deadline - std::chrono::system_clock::now());
 }
@@ -32,7 +31,7 @@ class PredictionReactor final : public grpc::ServerUnaryReactor {
         return;
       }
     }
-    auto run = PredictionRun::Start(context, io, DeadlineOf(rpc),
+    auto run = PredictionRun::Start(context, io, OnSteadyClock(rpc.deadline()),
                                     [this](absl::Status status) { Finish(ToGrpcStatus(status)); });
     const std::lock_guard lock(mutex_);
     run_ = std::move(run);
@@ -54,6 +53,12 @@ class PredictionReactor final : public grpc::ServerUnaryReactor {
 };
 
 }  // namespace
+
+absl::Status CheckWait(serving::BatchScheduler& scheduler, std::string_view method,
+                       std::chrono::system_clock::time_point deadline) {
+  if (method.ends_with("/RegisterMap")) return absl::OkStatus();
+  return scheduler.CheckWait(serving::Priority::kInteractive, OnSteadyClock(deadline));
+}
 
 PredictionService::PredictionService(PredictionContext& context) : context_(context) {
   SetMessageAllocatorFor_PredictActionProbabilities(&probabilities_messages_);

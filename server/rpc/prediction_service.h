@@ -8,6 +8,11 @@
 
 namespace maneuver::rpc {
 
+// NamedService::worth of the prediction service: whether the scheduler expects to answer a call in
+// time. A map is registered whatever waits.
+absl::Status CheckWait(serving::BatchScheduler& scheduler, std::string_view method,
+                       std::chrono::system_clock::time_point deadline);
+
 class PredictionService final : public v1::PredictionService::CallbackService {
  public:
   // `context` outlives the service.

@@ -159,7 +159,10 @@ absl::Status BatchScheduler::Submit(CallPtr call) {
       return absl::UnavailableError("the server is shutting down; try again");
     }
     if (!queue_.HasRoom(*call)) dead = queue_.TakeDead(now);
-    if (queue_.HasRoom(*call)) {
+    status = CheckWaitLocked(call->priority, targets, call->deadline, now);
+    if (!status.ok()) {
+      metrics_.refused.Increment(static_cast<double>(targets));
+    } else if (queue_.HasRoom(*call)) {
       queue_.Push(std::move(call), now);
     } else {
       metrics_.refused.Increment(static_cast<double>(targets));
@@ -174,6 +177,36 @@ absl::Status BatchScheduler::Submit(CallPtr call) {
   if (status.ok()) wake_.notify_one();
   Drop(dead, now, Passed::kQueue);
   return status;
+}
+
+absl::Status BatchScheduler::CheckWait(Priority priority, TimePoint deadline) {
+  const TimePoint now = options_.now();
+  absl::Status status;
+  {
+    const std::lock_guard lock(mutex_);
+    status = CheckWaitLocked(priority, 1, deadline, now);
+  }
+  if (!status.ok()) metrics_.refused.Increment();
+  return status;
+}
+
+absl::Status BatchScheduler::CheckWaitLocked(Priority priority, size_t targets, TimePoint deadline,
+                                             TimePoint now) const {
+  // What is expected is not exact, and the answer has a way to go as well.
+  constexpr double kMargin = 1.25;
+  const int before = queue_.SizeBefore(priority);
+  if (before == 0 || deadline == TimePoint::max()) return absl::OkStatus();
+  const nanoseconds expected = drain_rate_.TimeFor(before + static_cast<int>(targets), now);
+  const nanoseconds needed = duration_cast<nanoseconds>(kMargin * expected);
+  const nanoseconds left = std::max(nanoseconds(0), deadline - now);
+  if (needed <= left) return absl::OkStatus();
+  return errors::WithRetryDelay(
+      errors::WithReason(
+          absl::ResourceExhaustedError("the server has more to do than it can before the call's "
+                                       "deadline; try again a little later, or allow more time"),
+          "DEADLINE_TOO_CLOSE"),
+      std::clamp<nanoseconds>(needed - left, std::chrono::milliseconds(1),
+                              std::chrono::seconds(30)));
 }
 
 void BatchScheduler::ShowQueueLocked() {

@@ -41,9 +41,16 @@ class BatchScheduler {
   // OK: call->done will be called, once. Otherwise it will not:
   //   CANCELLED, DEADLINE_EXCEEDED   nobody waits for it;
   //   RESOURCE_EXHAUSTED             QUEUE_FULL, with the time that the workers need, by their
-  //                                  measured speed, for what waits; or the call alone is more than
-  //                                  fits, and must be split: TOO_MANY_TARGETS, REQUEST_TOO_LARGE.
+  //                                  measured speed, for what waits; DEADLINE_TOO_CLOSE, with how
+  //                                  much too long that is; or the call alone is more than fits,
+  //                                  and must be split: TOO_MANY_TARGETS, REQUEST_TOO_LARGE.
   absl::Status Submit(CallPtr call);
+
+  // Whether a call of one target that has until `deadline` can be expected to be answered by then:
+  // if not, the DEADLINE_TOO_CLOSE of Submit, before its request is parsed. Its caller is better
+  // told at once, and what it would have held up is answered instead. A call that would not have to
+  // wait is always tried.
+  absl::Status CheckWait(Priority priority, TimePoint deadline);
 
  private:
   // A target on its way through the stages.
@@ -85,6 +92,9 @@ class BatchScheduler {
   TimePoint DropDead(std::vector<Row>& rows, Passed passed);
   void ShowQueueLocked();
   std::chrono::nanoseconds RetryDelayLocked(Priority priority, TimePoint now) const;
+  // Of so many targets of a call that comes now.
+  absl::Status CheckWaitLocked(Priority priority, size_t targets, TimePoint deadline,
+                               TimePoint now) const;
 
   const SchedulerOptions options_;
   Metrics metrics_;

@@ -171,6 +171,35 @@ TEST_F(BatchSchedulerTest, TheRetryDelayIsTheTimeThatTheWorkersNeedForTheQueue) 
   waiting.answers.get();
 }
 
+TEST_F(BatchSchedulerTest, ACallWhoseDeadlineWouldPassInTheQueueIsToldSoAtOnce) {
+  const auto scheduler = Scheduler(1, {.max_batch = 8});
+  Asked first = Occupy(*scheduler);
+  clock_.Advance(milliseconds(100));  // for one target
+  networks_.OpenGate();
+  first.answers.get();
+  // Nothing waits: even the shortest deadline is tried.
+  EXPECT_TRUE(scheduler->CheckWait(Priority::kInteractive, clock_.Now() + milliseconds(1)).ok());
+  Asked working = Occupy(*scheduler);
+  Asked waiting = Ask(*scheduler, scene_, 4);
+  // Four and itself, 100 ms each, and a quarter more to be sure: 625 ms.
+  const Asked hopeless = Ask(*scheduler, scene_, 1, clock_.Now() + milliseconds(600));
+  EXPECT_EQ(hopeless.status.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(errors::ReasonOf(hopeless.status), "DEADLINE_TOO_CLOSE");
+  EXPECT_EQ(errors::RetryDelay(hopeless.status), milliseconds(25));
+  EXPECT_EQ(scheduler->CheckWait(Priority::kInteractive, clock_.Now() + milliseconds(600)),
+            hopeless.status);
+  EXPECT_EQ(Metric("maneuver_targets_total{outcome=\"refused\"}"), "2");
+  // Two targets take longer than one.
+  EXPECT_FALSE(Ask(*scheduler, scene_, 2, clock_.Now() + milliseconds(640)).status.ok());
+  Asked patient = Ask(*scheduler, scene_, 1, clock_.Now() + milliseconds(640));
+  EXPECT_TRUE(patient.status.ok());
+  Asked endless = Ask(*scheduler, scene_);
+  EXPECT_TRUE(endless.status.ok());
+  networks_.OpenGate();
+  EXPECT_TRUE(patient.answers.get()[0].status.ok());
+  endless.answers.get();
+}
+
 TEST_F(BatchSchedulerTest, AQueueThatIsFullOfBytesRefusesUntilTheyAreGone) {
   const auto scheduler = Scheduler(1, {.max_queue_bytes = 1000});
   Asked working = Occupy(*scheduler);
