@@ -34,6 +34,7 @@ std::span<const inference::SceneInput> Scenes(const std::string& preset);
 void CountTargets(benchmark::State& state, int batch);
 
 void RegisterEngineBenchmarks();
+void RegisterMapBenchmarks();
 void RegisterLibTorchBenchmarks();
 
 }  // namespace maneuver::bench

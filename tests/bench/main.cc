@@ -8,6 +8,7 @@ int main(int argc, char** argv) {
   benchmark::Initialize(&argc, argv);
   if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
   maneuver::bench::RegisterEngineBenchmarks();
+  maneuver::bench::RegisterMapBenchmarks();
 #ifdef MANEUVER_TRAINER
   maneuver::bench::RegisterLibTorchBenchmarks();
 #endif
