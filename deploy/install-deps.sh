@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Installs the Debian 12 packages that Maneuver is built from. Run it as root, as
-# often as you like: it does nothing when they are all there.
+# Installs the Debian 12 packages that Maneuver is built from and, with --tests,
+# those that only its tests run. Run it as root, as often as you like: it does
+# nothing when they are all there.
 set -euo pipefail
 
 packages=(
@@ -18,11 +19,11 @@ packages=(
   prometheus-cpp-dev libsqlite3-dev libcli11-dev libspdlog-dev nlohmann-json3-dev zlib1g-dev
   # tests
   libgtest-dev libgmock-dev libbenchmark-dev
-  # clients that are not ours, for tests/clients
-  python3 python3-grpcio python3-protobuf nghttp2-client
   # what the scripts use
   git curl ca-certificates
 )
+# Clients that are not ours, for tests/clients.
+[ "${1:-}" != --tests ] || packages+=(python3 python3-grpcio python3-protobuf nghttp2-client)
 
 missing=()
 for package in "${packages[@]}"; do
