@@ -30,6 +30,7 @@ const std::map<std::string, std::string> kExpectedRoles = {
     {"/maneuver.v1.PredictionService/PredictActionDistributions", "predict"},
     {"/maneuver.v1.PredictionService/Predict", "predict"},
     {"/maneuver.v1.PredictionService/ClassifyTrajectories", "predict"},
+    {"/maneuver.v1.PredictionService/RegisterMap", "predict"},
     {"/maneuver.v1.PredictionService/StreamPredict", "predict"},
     {"/maneuver.v1.ModelService/ListModelVersions", "predict"},
     {"/maneuver.v1.ModelService/GetModelVersion", "predict"},

@@ -6,6 +6,7 @@
 #include <set>
 #include <string>
 
+#include "maneuver/v1/admin_service.pb.h"
 #include "maneuver/v1/dataset_service.pb.h"
 #include "maneuver/v1/model_service.pb.h"
 #include "maneuver/v1/prediction_service.pb.h"
@@ -18,7 +19,8 @@ std::set<std::string> MethodsOfTheContract() {
   std::set<std::string> methods;
   for (const auto* file :
        {v1::PredictRequest::descriptor()->file(), v1::ActionSet::descriptor()->file(),
-        v1::UploadHeader::descriptor()->file(), v1::Job::descriptor()->file()}) {
+        v1::UploadHeader::descriptor()->file(), v1::Job::descriptor()->file(),
+        v1::GetLogLevelRequest::descriptor()->file()}) {
     for (int s = 0; s < file->service_count(); ++s) {
       const auto* service = file->service(s);
       for (int m = 0; m < service->method_count(); ++m) {
