@@ -11,20 +11,22 @@
 #   tests/bench/overload.sh [MODEL_FOLDER] [-- flags of maneuverd]
 #
 # Without a model one is trained in a minute. SECONDS_EACH (10) is the length of a run; DEADLINE (500)
-# what callers of part 1 allow, milliseconds; SCENES a dataset folder, in place of the synthetic town;
-# STORM_RATE (1000) the storm's calls a second; BIN (build/release/bin) where the programs are.
+# what callers of part 1 allow, milliseconds; TARGETS (1) how many vehicles a call asks about, but for
+# the storm's, which ask about one; SCENES a dataset folder, in place of the synthetic town; STORM_RATE
+# (1000) the storm's calls a second; BIN (build/release/bin) where the programs are.
 # Server and callers share this machine. Ends with status 1 if a promise was not kept.
 set -euo pipefail
 
 model=
 case "${1:---}" in
-  -h|--help) sed -n '2,18s/^# \{0,1\}//p' "$0"; exit 0 ;;
+  -h|--help) sed -n '2,19s/^# \{0,1\}//p' "$0"; exit 0 ;;
   --) [ $# -eq 0 ] || shift ;;
   *) model=$1; shift; [ "${1:-}" != -- ] || shift ;;
 esac
 bin=${BIN:-$(dirname "$0")/../../build/release/bin}
 each=${SECONDS_EACH:-10}
 deadline=${DEADLINE:-500}
+targets=${TARGETS:-1}
 storm_rate=${STORM_RATE:-1000}
 scenes=()
 [ -z "${SCENES:-}" ] || scenes=(--dataset "$SCENES")
@@ -91,10 +93,10 @@ per() { awk "BEGIN { printf \"%.2f\", ($2 > 0 ? $1 / $2 : 0) }"; }
 
 echo "$(nproc) cores, load of the machine before: $(cut -d' ' -f1-3 /proc/loadavg)."
 echo
-echo "## Shares of its capacity; callers allow $deadline ms"
+echo "## Shares of its capacity; callers ask for $targets and allow $deadline ms"
 echo
 most_memory >"$work/before"
-load --rates 25%,50%,80%,100%,300% --duration "$each" --deadline "$deadline" --markdown --json "$work/shares.json" || failed=1
+load --rates 25%,50%,80%,100%,300% --targets "$targets" --duration "$each" --deadline "$deadline" --markdown --json "$work/shares.json" || failed=1
 highest=$(most_memory)
 capacity=$(figure "$work/shares.json" capacity)
 goodput=$(figure "$work/shares.json" steps.5.answered_per_second)
@@ -111,7 +113,7 @@ patient_rate=$(awk "BEGIN { print 0.4 * $capacity }")
 storm_seconds=$(awk "BEGIN { print 10000 / $storm_rate }")
 # Measured while the storm is on, not while it begins.
 patient() {
-  load --rate "$patient_rate" --deadline 5000 --seed 2 --warm-up 2 --duration "$storm_seconds" \
+  load --rate "$patient_rate" --targets "$targets" --deadline 5000 --seed 2 --warm-up 2 --duration "$storm_seconds" \
     --json "$work/$1.json" >/dev/null
 }
 echo
