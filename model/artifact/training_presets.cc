@@ -267,6 +267,7 @@ void CheckOptimization(const v1::OptimizationSettings& optimization, v1::Objecti
     rules->Between(field, "weight", weight, 0.0, 1e4);
   };
   rules->Between("optimization.weight_decay", "decay", optimization.weight_decay(), 0.0, 1.0);
+  check_weight("optimization.cluster_weight", optimization.cluster_weight());
   check_weight("optimization.action_weight", optimization.action_weight());
   check_weight("optimization.posterior_reconstruction_weight",
                optimization.posterior_reconstruction_weight());

@@ -13,7 +13,7 @@ namespace {
 
 constexpr int64_t kMostTraining = 4096;  // examples
 constexpr int64_t kMostHeldOut = 3072;
-constexpr int64_t kFewestHeldOut = 100;  // below this nothing is fitted to them
+constexpr int64_t kFewestHeldOut = 100;    // below this nothing is fitted to them
 constexpr int64_t kLatentExamples = 1024;  // of each, for the factor of q(z|y,s): one number
 
 // As many of the examples, evenly.

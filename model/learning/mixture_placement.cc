@@ -15,6 +15,7 @@ constexpr int kClusterRestarts = 3;
 constexpr double kSidewaysWeight = 2.0;
 constexpr double kReach = 10.0;          // metres
 constexpr double kVelocityWindow = 0.5;  // seconds
+constexpr double kSlow = 1.0 / 3.0;      // metres per second
 // Variance of a component that starts from few encodings.
 constexpr double kSmallestVariance = 1e-3;
 // Components with fewer encodings take their variance from all.
@@ -28,7 +29,8 @@ at::Tensor PositionSpace(const at::Tensor& trajectories) {
   return (points * weights / (1.0 + reach / kReach).sqrt()).flatten(1).contiguous();
 }
 
-// Velocities over half seconds, v ln(1 + |v|) / |v| with v in metres per second. [N, 2S]
+// Velocities over half seconds, v ln(1 + |v| / kSlow) / |v|: above a walking pace it is ratios of
+// speeds that count. [N, 2S]
 at::Tensor VelocitySpace(const at::Tensor& trajectories, double waypoint_interval) {
   const at::Tensor points = trajectories.view({trajectories.size(0), -1, 2});
   const int64_t waypoints = points.size(1);
@@ -38,7 +40,7 @@ at::Tensor VelocitySpace(const at::Tensor& trajectories, double waypoint_interva
   const at::Tensor from = at::cat({at::zeros_like(points.slice(1, 0, 1)), passed}, 1);
   const at::Tensor velocity = from.diff(1, 1) / (static_cast<double>(stride) * waypoint_interval);
   const at::Tensor speed = velocity.square().sum(2, /*keepdim=*/true).sqrt().clamp_min(1e-6);
-  return (velocity * (speed.log1p() / speed)).flatten(1).contiguous();
+  return (velocity * ((speed / kSlow).log1p() / speed)).flatten(1).contiguous();
 }
 
 TrajectoryClusters Cluster(const at::Tensor& rows, int clusters, uint64_t seed, int restarts) {

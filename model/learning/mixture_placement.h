@@ -42,7 +42,7 @@ at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& cen
 //                        clusters would be speeds of going straight on, which q(z|y,s) knows from
 //                        the scenario anyway
 //   VELOCITY_CLUSTERS    k-means on the velocities along the trajectories, of speeds drawn closer
-//                        together (ln(1 + v)): what is done, rather than where it leads
+//                        together (ln(1 + 3 v)): what is done, rather than where it leads
 //   RANDOM               means from N(0, I), variances 1
 //   UNIFORM              means even in the box of the encodings, the box split evenly among them
 //   ENCODED_POINTS       means at the encodings of random examples

@@ -22,12 +22,16 @@ BoundTerms BaseTerms(const BaseModel& model, const at::Tensor& log_q_y) {
   return terms;
 }
 
+// ln q_y of the base model, whatever is known. [B, K]
+at::Tensor UnlabelledResponsibilities(const BaseModel& model) {
+  return BaseLogResponsibilities(model.log_p_y,
+                                 CrossEntropy(PerExample(model.q_z), PerAction(model.p_z)));
+}
+
 // ln q_y of the base model, held fixed. [B, K]
 at::Tensor FixedBaseResponsibilities(const BaseModel& model) {
   at::NoGradGuard held_fixed;
-  return WithLabels(BaseLogResponsibilities(
-                        model.log_p_y, CrossEntropy(PerExample(model.q_z), PerAction(model.p_z))),
-                    model.labels);
+  return WithLabels(UnlabelledResponsibilities(model), model.labels);
 }
 
 // ln p(x'|z') for the sample of each action. [B, K]
@@ -85,6 +89,10 @@ at::Tensor ExpectOverActions(const at::Tensor& log_q_y, const at::Tensor& values
 
 BoundTerms BaseBound(const BaseModel& model) {
   return BaseTerms(model, FixedBaseResponsibilities(model));
+}
+
+at::Tensor HeldCrossEntropy(const BaseModel& model) {
+  return -UnlabelledResponsibilities(model).gather(1, model.labels.unsqueeze(1)).squeeze(1);
 }
 
 BoundTerms DualBound(const BaseModel& model, const PosteriorBranch& posterior) {

@@ -84,6 +84,10 @@ struct PosteriorBranch {
 
 // The bound of the base model; the responsibilities are held fixed.
 BoundTerms BaseBound(const BaseModel& model);
+// -ln q_y of the actions that all examples are held to, of the q_y that they would have otherwise,
+// with a gradient. [B]
+//   model.labels: [B], 0 .. K-1
+at::Tensor HeldCrossEntropy(const BaseModel& model);
 // The part of the dual objective that depends on q(z|y,s): q_y and p_y are the base model's.
 BoundTerms DualBound(const BaseModel& model, const PosteriorBranch& posterior);
 // The bound of the unified model; the responsibilities are held fixed.

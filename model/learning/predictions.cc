@@ -12,7 +12,7 @@ namespace maneuver::learning {
 namespace {
 
 constexpr int64_t kEncodedBatch = 64;
-constexpr int64_t kPredictedBatch = 256;
+constexpr int64_t kPredictedBatch = 32;
 
 }  // namespace
 

@@ -187,10 +187,12 @@ absl::Status Learner::TrainMixtureFor(const std::string& phase, int epochs,
                                       double* validation_loss) {
   const double rate = settings_.optimization().learning_rate();
   const double clustered = settings_.optimization().clustered_share() * epochs;
+  const double cluster_weight = settings_.optimization().cluster_weight();
   return TrainOnTrajectories(
       phase, epochs,
       {{Part::kTrajectoryEncoder, rate}, {Part::kDecoder, rate}, {Part::kMixture, rate}},
-      [this, clustered](const at::Tensor& x, const Moment& moment, TermMeans* means) {
+      [this, clustered, cluster_weight](const at::Tensor& x, const Moment& moment,
+                                        TermMeans* means) {
         SceneBatch batch{x, {}, {}};
         if (centers_.defined() && moment.epoch < clustered) batch.labels = ClustersOf(x);
         BaseModel model = ApplyBase(networks_, batch, NoiseDrawn());
@@ -201,7 +203,9 @@ absl::Status Learner::TrainMixtureFor(const std::string& phase, int epochs,
         means->Add(terms);
         BoundWeights weights;
         weights.action = weights.latent_divergence = moment.divergence_share;
-        return Loss(terms, weights);
+        const at::Tensor loss = Loss(terms, weights);
+        if (cluster_weight <= 0.0 || !batch.labels.defined()) return loss;
+        return loss + cluster_weight * HeldCrossEntropy(model).mean();
       },
       [this, validation_loss](TermMeans means) {
         v1::EpochReport report;

@@ -74,7 +74,7 @@ TEST(MixturePlacementTest, VelocitiesAreDrawnTogetherByTheLogarithmAndKeepTheirD
   const at::Tensor trajectory = at::tensor({3.F, 0.F, 3.F, 4.F, 3.F, 4.F}).view({1, 6});
   const at::Tensor space =
       ClusterSpace(v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS, trajectory, /*waypoint_interval=*/0.5);
-  const std::vector<double> expected = {std::log(7.0), 0.0, 0.0, std::log(9.0), 0.0, 0.0};
+  const std::vector<double> expected = {std::log(19.0), 0.0, 0.0, std::log(25.0), 0.0, 0.0};
   ASSERT_EQ(space.size(1), 6);
   for (int64_t i = 0; i < 6; ++i) {
     EXPECT_NEAR(space[0][i].item<double>(), expected[static_cast<size_t>(i)], 1e-5) << i;
@@ -90,8 +90,8 @@ TEST(MixturePlacementTest, VelocitiesAreOverHalfSeconds) {
   const at::Tensor space =
       ClusterSpace(v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS, trajectory, /*waypoint_interval=*/0.1);
   ASSERT_EQ(space.size(1), 4);
-  EXPECT_NEAR(space[0][0].item<double>(), std::log(3.0), 1e-5);
-  EXPECT_NEAR(space[0][2].item<double>(), std::log(5.0), 1e-5);
+  EXPECT_NEAR(space[0][0].item<double>(), std::log(7.0), 1e-5);
+  EXPECT_NEAR(space[0][2].item<double>(), std::log(13.0), 1e-5);
 }
 
 TEST(MixturePlacementTest, EachTrajectoryIsNearestTheCentreOfItsGroup) {

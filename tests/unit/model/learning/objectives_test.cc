@@ -118,6 +118,35 @@ TEST_F(ObjectivesTest, BaseResponsibilitiesAreThePlainOnesEvenWhereExponentialsU
   }
 }
 
+TEST_F(ObjectivesTest, WhatAnActionIsHeldToCostsTheResponsibilityThatItWouldHave) {
+  const probability::LatentMixture mixture{
+      Eigen::Map<const Eigen::Matrix<double, -1, -1, Eigen::RowMajor>>(
+          mixture_.mean.data_ptr<double>(), kActions, kLatents),
+      Eigen::Map<const Eigen::Matrix<double, -1, -1, Eigen::RowMajor>>(
+          mixture_.log_variance.data_ptr<double>(), kActions, kLatents),
+      Eigen::VectorXd::Zero(kActions)};
+  mixture_.mean.set_requires_grad(true);
+  BaseModel model = Base();
+  model.labels = at::tensor({4, 0, 2, 2}, at::kLong);
+  const at::Tensor cost = HeldCrossEntropy(model);
+  for (int64_t i = 0; i < kBatch; ++i) {
+    const Eigen::VectorXd q_y =
+        probability::BaseResponsibilities(ToEigen(log_p_y_[i]), Plain(encoding_, i), mixture);
+    EXPECT_NEAR(cost[i].item<double>(), -std::log(q_y[model.labels[i].item<int64_t>()]), 1e-9);
+  }
+  // d cost / d mean_k = -([k is held] - q_k) (m - mean_k) / variance_k, m the encoding's mean.
+  cost[1].backward();
+  const Eigen::VectorXd q_y =
+      probability::BaseResponsibilities(ToEigen(log_p_y_[1]), Plain(encoding_, 1), mixture);
+  for (int64_t k = 0; k < kActions; ++k) {
+    const Eigen::VectorXd pull =
+        (ToEigen(encoding_.mean[1]) - ToEigen(mixture_.mean[k])).array() /
+        ToEigen(mixture_.log_variance[k]).array().exp();
+    const Eigen::VectorXd expected = -((k == 0 ? 1.0 : 0.0) - q_y[k]) * pull;
+    EXPECT_NEAR((ToEigen(mixture_.mean.grad()[k]) - expected).norm(), 0.0, 1e-9) << k;
+  }
+}
+
 // L = E_q ln p(x, y, z | s) - ln q(y, z | x, s), by drawing y and z.
 TEST_F(ObjectivesTest, BaseBoundIsTheMonteCarloMeanOfLogPOverQ) {
   constexpr int kSamples = 40'000;
