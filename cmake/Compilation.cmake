@@ -28,7 +28,11 @@ endif()
 
 find_program(CCACHE_PROGRAM ccache)
 if(CCACHE_PROGRAM AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
-  set(CMAKE_CXX_COMPILER_LAUNCHER "${CCACHE_PROGRAM}")
+  # ccache leaves what begins with precompiled headers to the compiler unless it may take two
+  # things lightly that do not occur here: other definitions when the headers are precompiled, and
+  # __DATE__ and __TIME__.
+  set(CMAKE_CXX_COMPILER_LAUNCHER "${CMAKE_COMMAND}" -E env
+    CCACHE_SLOPPINESS=pch_defines,time_macros "${CCACHE_PROGRAM}")
 endif()
 find_program(LLD_PROGRAM ld.lld)
 if(LLD_PROGRAM)

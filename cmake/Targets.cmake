@@ -1,26 +1,46 @@
-# Compiles the sources of a target as one, if `together` and the build say so.
+# Compiles the sources of a target as one, if `together` and the build say so: in units of sixteen
+# sources at most, all of about the same size, so that none is left over to be compiled alone.
 function(maneuver_together target together)
   if(together AND MANEUVER_UNITY)
-    set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 8)
+    get_target_property(sources ${target} SOURCES)
+    list(FILTER sources INCLUDE REGEX "\\.cc$")
+    list(LENGTH sources count)
+    math(EXPR units "(${count} + 15) / 16")
+    math(EXPR size "(${count} + ${units} - 1) / ${units}")
+    set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE ${size})
     # A private struct of one source is then in the same unit as another's.
     target_compile_options(${target} PRIVATE -Wno-subobject-linkage)
   endif()
 endfunction()
 
-# maneuver_library(NAME scene SOURCES a.cc ... DEPENDS ... [TOGETHER])
+# Lets a target begin with the headers that `owner` has read and stored, if one is named. They must
+# have the same code generation flags and definitions.
+function(maneuver_begin_with_headers_of target owner)
+  if(owner)
+    target_precompile_headers(${target} REUSE_FROM ${owner})
+  endif()
+endfunction()
+
+# maneuver_library(NAME scene SOURCES a.cc ... DEPENDS ... [TOGETHER] [HEADERS_OF maneuver_proto])
 #
 # The one library of a folder, `maneuver_<name>`. DEPENDS are public, PRIVATE
 # are seen by its .cc files alone. Without SOURCES it is headers only.
 #
 # TOGETHER: its sources share heavy headers and are compiled as one, for a faster
 # first build; -DMANEUVER_UNITY=OFF compiles each alone, as one wants while editing.
+# Their private names must then differ.
+#
+# HEADERS_OF: reads the precompiled headers of maneuver_proto (protobuf, absl, all messages), or of
+# maneuver_grpc (those, gRPC and the services), instead of its own. Each source still includes what
+# it uses.
 function(maneuver_library)
-  cmake_parse_arguments(ARG "TOGETHER" "NAME" "SOURCES;DEPENDS;PRIVATE" ${ARGN})
+  cmake_parse_arguments(ARG "TOGETHER" "NAME;HEADERS_OF" "SOURCES;DEPENDS;PRIVATE" ${ARGN})
   set(target maneuver_${ARG_NAME})
   if(ARG_SOURCES)
     add_library(${target} STATIC ${ARG_SOURCES})
     target_compile_options(${target} PRIVATE ${MANEUVER_WARNINGS})
     maneuver_together(${target} ${ARG_TOGETHER})
+    maneuver_begin_with_headers_of(${target} "${ARG_HEADERS_OF}")
     target_include_directories(${target} PUBLIC "${CMAKE_SOURCE_DIR}")
     target_link_libraries(${target} PUBLIC ${ARG_DEPENDS} PRIVATE ${ARG_PRIVATE})
   else()
@@ -30,12 +50,13 @@ function(maneuver_library)
   endif()
 endfunction()
 
-# maneuver_program(NAME maneuverd SOURCES main.cc DEPENDS ... [TOGETHER])
+# maneuver_program(NAME maneuverd SOURCES main.cc DEPENDS ... [TOGETHER] [HEADERS_OF maneuver_grpc])
 function(maneuver_program)
-  cmake_parse_arguments(ARG "TOGETHER" "NAME" "SOURCES;DEPENDS" ${ARGN})
+  cmake_parse_arguments(ARG "TOGETHER" "NAME;HEADERS_OF" "SOURCES;DEPENDS" ${ARGN})
   add_executable(${ARG_NAME} ${ARG_SOURCES})
   target_compile_options(${ARG_NAME} PRIVATE ${MANEUVER_WARNINGS})
   maneuver_together(${ARG_NAME} ${ARG_TOGETHER})
+  maneuver_begin_with_headers_of(${ARG_NAME} "${ARG_HEADERS_OF}")
   target_include_directories(${ARG_NAME} PRIVATE "${CMAKE_SOURCE_DIR}")
   target_compile_definitions(${ARG_NAME} PRIVATE MANEUVER_VERSION="${PROJECT_VERSION}")
   target_link_libraries(${ARG_NAME} PRIVATE ${ARG_DEPENDS})

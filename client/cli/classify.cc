@@ -16,14 +16,14 @@
 namespace maneuver::cli {
 namespace {
 
-struct Arguments {
+struct ClassifyArguments {
   std::vector<std::string> files;
   std::string model;
   std::optional<double> deadline;
   std::string priority = "interactive";
 };
 
-int Classify(const Arguments& arguments, Environment& environment) {
+int Classify(const ClassifyArguments& arguments, Environment& environment) {
   const auto scenarios = ReadScenarios(arguments.files, environment);
   if (!scenarios.ok()) return environment.Refuse(std::string(scenarios.status().message()));
   v1::ClassifyTrajectoriesRequest request;
@@ -79,7 +79,7 @@ int Classify(const Arguments& arguments, Environment& environment) {
 }  // namespace
 
 void AddClassify(Command& root, Environment& environment) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<ClassifyArguments>();
   Command command = root.Add("classify", "Which action was what a target really did?",
                              "q(y|x,s), from the states after the prediction time; the scene has "
                              "to know them as far as the\n"

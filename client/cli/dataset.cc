@@ -45,7 +45,7 @@ int Upload(const std::string& folder, const std::string& name, Environment& envi
   return kOk;
 }
 
-int List(Environment& environment) {
+int ListDatasets(Environment& environment) {
   v1::ListDatasetsRequest request;
   request.set_page_size(1'000);
   v1::ListDatasetsResponse all;
@@ -90,7 +90,7 @@ void PrintCounts(const std::string& title,
   environment.out << "\n" << table.Text(environment.color);
 }
 
-int Show(const std::string& name, Environment& environment) {
+int ShowDataset(const std::string& name, Environment& environment) {
   v1::DescribeDatasetRequest request;
   request.set_name(DatasetResource(name));
   const auto summary =
@@ -117,7 +117,7 @@ int Show(const std::string& name, Environment& environment) {
   return kOk;
 }
 
-int Delete(const std::string& name, Environment& environment) {
+int DeleteDataset(const std::string& name, Environment& environment) {
   v1::DeleteDatasetRequest request;
   request.set_name(DatasetResource(name));
   const absl::Status status =
@@ -142,18 +142,18 @@ void AddDataset(Command& root, Environment& environment) {
   upload.Run([=, &environment] { return Upload(*folder, *name, environment); });
 
   Command list = group.Add("list", "All datasets", "Example: maneuver dataset list --output json");
-  list.Run([&environment] { return List(environment); });
+  list.Run([&environment] { return ListDatasets(environment); });
 
   Command show =
       group.Add("show", "What is in a dataset, counted", "Example: maneuver dataset show town");
   show.Argument("NAME", name.get(), "Its name");
-  show.Run([=, &environment] { return Show(*name, environment); });
+  show.Run([=, &environment] { return ShowDataset(*name, environment); });
 
   Command remove = group.Add("delete", "Remove a dataset",
                              "Refused while a job needs it.\n"
                              "Example: maneuver dataset delete town");
   remove.Argument("NAME", name.get(), "Its name");
-  remove.Run([=, &environment] { return Delete(*name, environment); });
+  remove.Run([=, &environment] { return DeleteDataset(*name, environment); });
 }
 
 }  // namespace maneuver::cli

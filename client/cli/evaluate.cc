@@ -12,7 +12,7 @@
 namespace maneuver::cli {
 namespace {
 
-struct Arguments {
+struct EvaluateArguments {
   std::string model;
   std::string dataset;
   std::vector<std::string> assignments;
@@ -20,7 +20,7 @@ struct Arguments {
   bool detach = false;
 };
 
-int Evaluate(const Arguments& arguments, Environment& environment) {
+int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
   v1::EvaluateRequest request;
   request.set_model(ModelResource(arguments.model));
   request.set_dataset(DatasetResource(arguments.dataset));
@@ -58,7 +58,7 @@ int Evaluate(const Arguments& arguments, Environment& environment) {
 }  // namespace
 
 void AddEvaluate(Command& root, Environment& environment) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<EvaluateArguments>();
   Command command = root.Add("evaluate", "Measure a model on a dataset",
                              "Example: maneuver evaluate town --dataset unseen\n"
                              "         maneuver evaluate town/2 --dataset unseen --set stride=1s\n"

@@ -22,7 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Arguments {
+struct ImportArguments {
   std::string folder;
   std::vector<std::string> inputs;
   std::string on_damage = "stop";
@@ -60,7 +60,7 @@ absl::StatusOr<std::vector<fs::path>> InputFiles(const std::vector<std::string>&
 
 class WaymoImport {
  public:
-  WaymoImport(const Arguments& arguments, Environment& environment)
+  WaymoImport(const ImportArguments& arguments, Environment& environment)
       : arguments_(arguments),
         environment_(environment),
         progress_(environment.err, environment.interactive) {}
@@ -160,7 +160,7 @@ class WaymoImport {
                    absl::StrCat(recordings_, " recordings, ", Fixed(rate, 0), " a second"));
   }
 
-  const Arguments& arguments_;
+  const ImportArguments& arguments_;
   Environment& environment_;
   ProgressLine progress_;
   const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
@@ -173,7 +173,7 @@ class WaymoImport {
   std::map<std::string, int> times_seen_;
 };
 
-int ImportWaymo(const Arguments& arguments, Environment& environment) {
+int ImportWaymo(const ImportArguments& arguments, Environment& environment) {
   const absl::StatusOr<std::vector<fs::path>> files = InputFiles(arguments.inputs);
   if (!files.ok()) return environment.Refuse(std::string(files.status().message()));
   auto writer = data::DatasetWriter::Create(arguments.folder, arguments.origin);
@@ -195,7 +195,7 @@ int ImportWaymo(const Arguments& arguments, Environment& environment) {
 
 void AddImport(Command& root, Environment& environment) {
   Command import = root.Add("import", "Make a dataset of recordings in another format");
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<ImportArguments>();
   Command command = import.Add(
       "waymo", "Waymo Open Motion scenarios (TFRecord, also gzipped)",
       "Recordings that fail validation are reported and left out; the exit status is then 1, and\n"

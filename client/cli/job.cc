@@ -25,7 +25,7 @@ double Done(const v1::Job& job) {
   return job.state() == v1::JOB_STATE_SUCCEEDED ? 1.0 : job.progress().fraction();
 }
 
-int List(Environment& environment) {
+int ListJobs(Environment& environment) {
   v1::ListJobsRequest request;
   request.set_page_size(1'000);
   v1::ListJobsResponse all;
@@ -59,8 +59,8 @@ int List(Environment& environment) {
   return kOk;
 }
 
-int Show(const std::string& name, const std::optional<std::string>& figures,
-         Environment& environment) {
+int ShowJob(const std::string& name, const std::optional<std::string>& figures,
+            Environment& environment) {
   v1::GetJobRequest request;
   request.set_name(JobResource(name));
   const auto job = environment.server_client().GetJob(request, environment.call_options());
@@ -137,7 +137,7 @@ int Resume(const std::string& name, bool detach, Environment& environment) {
   return kOk;
 }
 
-int Delete(const std::string& name, Environment& environment) {
+int DeleteJob(const std::string& name, Environment& environment) {
   v1::DeleteJobRequest request;
   request.set_name(JobResource(name));
   const absl::Status status =
@@ -154,7 +154,7 @@ void AddJob(Command& root, Environment& environment) {
   const auto name = std::make_shared<std::string>();
 
   Command list = group.Add("list", "All jobs, newest first", "Example: maneuver job list");
-  list.Run([&environment] { return List(environment); });
+  list.Run([&environment] { return ListJobs(environment); });
 
   Command show = group.Add("show", "One job",
                            "Example: maneuver job show 3f2a\n"
@@ -162,7 +162,7 @@ void AddJob(Command& root, Environment& environment) {
   show.Argument("JOB", name.get(), "Its name, as maneuver job list prints it");
   const auto figures = std::make_shared<std::optional<std::string>>();
   show.Option("--figures", figures.get(), "Folder to draw an evaluation's figures into");
-  show.Run([=, &environment] { return Show(*name, *figures, environment); });
+  show.Run([=, &environment] { return ShowJob(*name, *figures, environment); });
 
   Command watch =
       group.Add("watch", "Follow a job until it ends",
@@ -189,7 +189,7 @@ void AddJob(Command& root, Environment& environment) {
   Command remove = group.Add("delete", "Forget a job that ended; what it made stays",
                              "Example: maneuver job delete 3f2a");
   remove.Argument("JOB", name.get(), "Its name");
-  remove.Run([=, &environment] { return Delete(*name, environment); });
+  remove.Run([=, &environment] { return DeleteJob(*name, environment); });
 }
 
 }  // namespace maneuver::cli

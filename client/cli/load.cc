@@ -22,7 +22,7 @@
 namespace maneuver::cli {
 namespace {
 
-struct Arguments {
+struct LoadArguments {
   std::vector<std::string> files;
   std::string dataset;
   int64_t scenes = 32;
@@ -54,7 +54,7 @@ std::chrono::nanoseconds Nanoseconds(double seconds) {
   return std::chrono::nanoseconds(std::llround(seconds * 1e9));
 }
 
-v1::PredictRequest Pattern(const Arguments& arguments) {
+v1::PredictRequest Pattern(const LoadArguments& arguments) {
   v1::PredictRequest pattern;
   pattern.set_model(ModelResource(arguments.model));
   v1::DistributionQuery& query = *pattern.mutable_query();
@@ -73,7 +73,7 @@ client::PredictionMethod Method(const std::string& name) {
 }
 
 // What all steps have in common.
-absl::StatusOr<load::LoadPlan> CommonPlan(const Arguments& arguments,
+absl::StatusOr<load::LoadPlan> CommonPlan(const LoadArguments& arguments,
                                           const Environment& environment) {
   load::LoadPlan plan;
   plan.warm_up = Nanoseconds(arguments.warm_up);
@@ -90,7 +90,7 @@ absl::StatusOr<load::LoadPlan> CommonPlan(const Arguments& arguments,
   return plan;
 }
 
-load::ArrivalProcess Arrival(const Arguments& arguments) {
+load::ArrivalProcess Arrival(const LoadArguments& arguments) {
   return arguments.arrival == "constant" ? load::ArrivalProcess::kConstant
                                          : load::ArrivalProcess::kPoisson;
 }
@@ -98,7 +98,7 @@ load::ArrivalProcess Arrival(const Arguments& arguments) {
 // Runs steps one after another and reports what there is, also when it is interrupted.
 class LoadCommand {
  public:
-  LoadCommand(const Arguments& arguments, Environment& environment)
+  LoadCommand(const LoadArguments& arguments, Environment& environment)
       : arguments_(arguments), environment_(environment) {}
 
   int Run() {
@@ -270,7 +270,7 @@ class LoadCommand {
     return exit_code;
   }
 
-  const Arguments& arguments_;
+  const LoadArguments& arguments_;
   Environment& environment_;
   LoadReport report_;
   v1::PredictRequest first_;
@@ -307,7 +307,7 @@ constexpr char kHelp[] =
 }  // namespace
 
 void AddLoad(Command& root, Environment& environment) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<LoadArguments>();
   Command command = root.Add("load", "How much can the server take?", kHelp);
   command.Option("FILE", &arguments->files,
                  "Scenarios to ask about, as predict takes them [scenes of the synthetic town]");

@@ -23,7 +23,7 @@ const char* NameOf(v1::LogLevel level) {
   return "unknown";
 }
 
-int Show(Environment& environment) {
+int ShowLevel(Environment& environment) {
   const auto answer = environment.server_client().GetLogLevel({}, environment.call_options());
   if (!answer.ok()) return environment.Fail(answer.status());
   if (environment.json()) {
@@ -62,7 +62,7 @@ void AddLogLevel(Command& root, Environment& environment) {
       "Example: maneuver log-level debug");
   command.OptionalArgument("LEVEL", level.get(), "debug, info, warning or error; none: show it");
   command.Run([level, &environment] {
-    return level->empty() ? Show(environment) : Change(*level, environment);
+    return level->empty() ? ShowLevel(environment) : Change(*level, environment);
   });
 }
 

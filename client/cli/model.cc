@@ -18,7 +18,7 @@
 namespace maneuver::cli {
 namespace {
 
-struct Arguments {
+struct ModelArguments {
   std::string model;
   std::string alias = "serving";
   int64_t action = 0;
@@ -36,7 +36,7 @@ std::string Metric(const v1::ModelManifest& manifest, const std::string& name) {
   return found == manifest.metrics().end() ? "-" : Fixed(found->second, 2);
 }
 
-int List(const std::string& model, Environment& environment) {
+int ListModels(const std::string& model, Environment& environment) {
   v1::ListModelVersionsRequest request;
   request.set_parent(model.empty() ? "models/-" : ModelResource(model));
   request.set_page_size(1'000);
@@ -79,7 +79,7 @@ int List(const std::string& model, Environment& environment) {
   return kOk;
 }
 
-int Show(const std::string& name, Environment& environment) {
+int ShowModel(const std::string& name, Environment& environment) {
   v1::GetModelVersionRequest request;
   request.set_name(ModelResource(name));
   const auto version =
@@ -124,7 +124,7 @@ std::string Ends(const v1::Trajectory& mean) {
                       y >= 0.0 ? "left" : "right");
 }
 
-int Actions(const Arguments& arguments, Environment& environment) {
+int Actions(const ModelArguments& arguments, Environment& environment) {
   v1::GetActionSetRequest request;
   request.set_name(ModelResource(arguments.model));
   const auto set = environment.server_client().GetActionSet(request, environment.call_options());
@@ -159,7 +159,7 @@ int Actions(const Arguments& arguments, Environment& environment) {
   return kOk;
 }
 
-int Delete(const std::string& name, Environment& environment) {
+int DeleteModel(const std::string& name, Environment& environment) {
   v1::DeleteModelVersionRequest request;
   request.set_name(ModelResource(name));
   const absl::Status status =
@@ -169,7 +169,7 @@ int Delete(const std::string& name, Environment& environment) {
   return kOk;
 }
 
-int Promote(const Arguments& arguments, Environment& environment) {
+int Promote(const ModelArguments& arguments, Environment& environment) {
   const std::string version = ModelResource(arguments.model);
   const size_t versions = version.find("/versions/");
   if (versions == std::string::npos) {
@@ -189,7 +189,7 @@ int Promote(const Arguments& arguments, Environment& environment) {
   return kOk;
 }
 
-int Label(const Arguments& arguments, Environment& environment) {
+int Label(const ModelArguments& arguments, Environment& environment) {
   v1::LabelActionRequest request;
   request.set_name(ModelResource(arguments.model));
   request.set_action_id(static_cast<int32_t>(arguments.action));
@@ -211,18 +211,18 @@ int Label(const Arguments& arguments, Environment& environment) {
 
 void AddModel(Command& root, Environment& environment) {
   Command group = root.Add("model", "Trained models and their actions");
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<ModelArguments>();
   const std::string any = "town (what serves), town/2 or town@candidate";
 
   Command list = group.Add("list", "All versions, newest first",
                            "Example: maneuver model list\n"
                            "         maneuver model list town");
   list.OptionalArgument("MODEL", &arguments->model, "Of this model alone");
-  list.Run([=, &environment] { return List(arguments->model, environment); });
+  list.Run([=, &environment] { return ListModels(arguments->model, environment); });
 
   Command show = group.Add("show", "One version", "Example: maneuver model show town/2");
   show.Argument("MODEL", &arguments->model, any);
-  show.Run([=, &environment] { return Show(arguments->model, environment); });
+  show.Run([=, &environment] { return ShowModel(arguments->model, environment); });
 
   Command actions = group.Add("actions", "What actions a version has learned",
                               "Example: maneuver model actions town --plot actions.png");
@@ -235,7 +235,7 @@ void AddModel(Command& root, Environment& environment) {
                              "Refused while an alias points to it.\n"
                              "Example: maneuver model delete town/1");
   remove.Argument("MODEL", &arguments->model, "The version, such as town/1");
-  remove.Run([=, &environment] { return Delete(arguments->model, environment); });
+  remove.Run([=, &environment] { return DeleteModel(arguments->model, environment); });
 
   Command promote = group.Add("promote", "Make a version the one that serves",
                               "It is loaded and checked first; a bad one leaves all as it was.\n"

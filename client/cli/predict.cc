@@ -20,7 +20,7 @@
 namespace maneuver::cli {
 namespace {
 
-struct Arguments {
+struct PredictArguments {
   std::vector<std::string> files;
   std::string model;
   std::vector<int64_t> actions;
@@ -36,7 +36,7 @@ struct Arguments {
 
 using Predictions = google::protobuf::RepeatedPtrField<v1::ScenarioPrediction>;
 
-v1::DistributionQuery Query(const Arguments& arguments) {
+v1::DistributionQuery Query(const PredictArguments& arguments) {
   v1::DistributionQuery query;
   if (!arguments.actions.empty()) {
     for (const int64_t id : arguments.actions) {
@@ -52,7 +52,7 @@ v1::DistributionQuery Query(const Arguments& arguments) {
   return query;
 }
 
-client::CallOptions Options(const Arguments& arguments, Environment& environment) {
+client::CallOptions Options(const PredictArguments& arguments, Environment& environment) {
   client::CallOptions call = environment.call_options();
   if (arguments.deadline) call.timeout = absl::Milliseconds(*arguments.deadline);
   return call;
@@ -175,7 +175,7 @@ std::string PictureFile(const std::string& file, int index, size_t count) {
 
 // Draws each scenario that was answered. True if all went well.
 bool DrawAll(const std::vector<v1::Scenario>& scenarios, const Predictions& predictions,
-             double horizon, const std::string& model_version, const Arguments& arguments,
+             double horizon, const std::string& model_version, const PredictArguments& arguments,
              const std::map<int, std::string>& labels, Environment& environment) {
   plot::ScenePlotOptions options;
   options.min_probability = !arguments.actions.empty() || arguments.top_k
@@ -206,7 +206,7 @@ bool DrawAll(const std::vector<v1::Scenario>& scenarios, const Predictions& pred
 
 // A request with the scenes as they were at the prediction time: the rest is not sent.
 template <typename Request>
-Request MakeRequest(const Arguments& arguments, const std::vector<v1::Scenario>& scenarios) {
+Request MakeRequest(const PredictArguments& arguments, const std::vector<v1::Scenario>& scenarios) {
   Request request;
   request.set_model(ModelResource(arguments.model));
   request.set_priority(PriorityNamed(arguments.priority));
@@ -218,7 +218,7 @@ Request MakeRequest(const Arguments& arguments, const std::vector<v1::Scenario>&
   return request;
 }
 
-int Probability(const Arguments& arguments, Environment& environment) {
+int Probability(const PredictArguments& arguments, Environment& environment) {
   const auto scenarios = ReadScenarios(arguments.files, environment);
   if (!scenarios.ok()) return environment.Refuse(std::string(scenarios.status().message()));
   const auto answer = environment.server_client().PredictActionProbabilities(
@@ -236,7 +236,7 @@ int Probability(const Arguments& arguments, Environment& environment) {
 
 // Prints and draws what distribution and predict have in common.
 template <typename Answer>
-int Finish(const Arguments& arguments, const std::vector<v1::Scenario>& scenarios,
+int Finish(const PredictArguments& arguments, const std::vector<v1::Scenario>& scenarios,
            const Answer& answer, Environment& environment) {
   const double horizon = answer.waypoint_times().empty() ? 0.0 : *answer.waypoint_times().rbegin();
   std::map<int, std::string> labels;
@@ -254,7 +254,7 @@ int Finish(const Arguments& arguments, const std::vector<v1::Scenario>& scenario
   return all_well ? kOk : kFailed;
 }
 
-int Distribution(const Arguments& arguments, Environment& environment) {
+int Distribution(const PredictArguments& arguments, Environment& environment) {
   const auto scenarios = ReadScenarios(arguments.files, environment);
   if (!scenarios.ok()) return environment.Refuse(std::string(scenarios.status().message()));
   auto request = MakeRequest<v1::PredictActionDistributionsRequest>(arguments, *scenarios);
@@ -265,7 +265,7 @@ int Distribution(const Arguments& arguments, Environment& environment) {
   return Finish(arguments, *scenarios, *answer, environment);
 }
 
-int Predict(const Arguments& arguments, Environment& environment) {
+int Predict(const PredictArguments& arguments, Environment& environment) {
   const auto scenarios = ReadScenarios(arguments.files, environment);
   if (!scenarios.ok()) return environment.Refuse(std::string(scenarios.status().message()));
   auto request = MakeRequest<v1::PredictRequest>(arguments, *scenarios);
@@ -280,7 +280,7 @@ int Predict(const Arguments& arguments, Environment& environment) {
   return Finish(arguments, *scenarios, *answer, environment);
 }
 
-void AddCommonOptions(Command& command, Arguments* arguments) {
+void AddCommonOptions(Command& command, PredictArguments* arguments) {
   command.Arguments("FILE", &arguments->files, "Scenario as proto3 JSON; - for standard input");
   command.Option("--model", &arguments->model,
                  "town (what serves), town/2 or town@candidate [the only one that serves]");
@@ -289,7 +289,7 @@ void AddCommonOptions(Command& command, Arguments* arguments) {
   AddPriorityOption(command, &arguments->priority);
 }
 
-void AddQueryOptions(Command& command, Arguments* arguments) {
+void AddQueryOptions(Command& command, PredictArguments* arguments) {
   command.Option("--actions", &arguments->actions, "Describe these actions, such as 1,2");
   command.Option("--min-probability", &arguments->min_probability, 0.0, 1.0,
                  "Describe actions at least this probable [0.05]");
@@ -308,7 +308,7 @@ void AddQueryOptions(Command& command, Arguments* arguments) {
 }  // namespace
 
 void AddPredict(Command& root, Environment& environment) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<PredictArguments>();
   Command probability = root.Add("probability", "How probable is each action?",
                                  "p(y|s) for each target of each scene, most probable first. A "
                                  "scene or target that is refused\n"

@@ -20,7 +20,7 @@
 namespace maneuver::cli {
 namespace {
 
-struct Arguments {
+struct ScenarioArguments {
   std::string source;
   std::string scenario_id;
   int64_t most = 0;
@@ -30,7 +30,7 @@ struct Arguments {
   std::optional<std::string> file;
 };
 
-int List(const Arguments& arguments, Environment& environment) {
+int PrintScenarios(const ScenarioArguments& arguments, Environment& environment) {
   const auto all = ListScenarios(arguments.source, arguments.most, environment);
   if (!all.ok()) return environment.Fail(all.status());
   if (environment.json()) {
@@ -69,7 +69,7 @@ std::string TypeName(v1::AgentType type) {
   }
 }
 
-int Show(const Arguments& arguments, Environment& environment) {
+int ShowScenario(const ScenarioArguments& arguments, Environment& environment) {
   const auto scenario = GetScenario(arguments.source, arguments.scenario_id, environment);
   if (!scenario.ok()) return environment.Fail(scenario.status());
   const v1::ScenarioSummary summary = Summarize(*scenario);
@@ -109,7 +109,7 @@ int Show(const Arguments& arguments, Environment& environment) {
   return kOk;
 }
 
-int Extract(const Arguments& arguments, Environment& environment) {
+int Extract(const ScenarioArguments& arguments, Environment& environment) {
   auto scenario = GetScenario(arguments.source, arguments.scenario_id, environment);
   if (!scenario.ok()) return environment.Fail(scenario.status());
   if (arguments.time) scenario->set_prediction_time(*arguments.time);
@@ -152,21 +152,21 @@ int Extract(const Arguments& arguments, Environment& environment) {
 
 void AddScenario(Command& root, Environment& environment) {
   Command group = root.Add("scenario", "Recordings of a dataset");
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<ScenarioArguments>();
   const std::string source_help = "A dataset folder, or datasets/NAME on the server";
 
   Command list = group.Add("list", "The recordings of a dataset",
                            "Example: maneuver scenario list town\n"
                            "         maneuver scenario list datasets/town --most 10");
   list.Argument("SOURCE", &arguments->source, source_help);
-  list.Option("--most", &arguments->most, 0, INT64_MAX, "List at most so many; 0: all");
-  list.Run([=, &environment] { return List(*arguments, environment); });
+  list.Option("--most", &arguments->most, 0, INT64_MAX, "PrintScenarios at most so many; 0: all");
+  list.Run([=, &environment] { return PrintScenarios(*arguments, environment); });
 
   Command show = group.Add("show", "What is in one recording",
                            "Example: maneuver scenario show town town-1-0");
   show.Argument("SOURCE", &arguments->source, source_help);
   show.Argument("SCENARIO_ID", &arguments->scenario_id, "Which recording");
-  show.Run([=, &environment] { return Show(*arguments, environment); });
+  show.Run([=, &environment] { return ShowScenario(*arguments, environment); });
 
   Command extract =
       group.Add("extract", "Take one scene out of a dataset, as JSON",

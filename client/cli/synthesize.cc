@@ -78,7 +78,7 @@ class TownProduction {
   std::vector<std::thread> workers_;
 };
 
-struct Arguments {
+struct SynthesizeArguments {
   std::string folder;
   int64_t recordings = 200;
   int64_t seed = 1;
@@ -86,7 +86,7 @@ struct Arguments {
   int64_t threads = 0;
 };
 
-int Synthesize(const Arguments& arguments, Environment& environment) {
+int Synthesize(const SynthesizeArguments& arguments, Environment& environment) {
   auto writer = data::DatasetWriter::Create(arguments.folder,
                                             absl::StrCat("synthetic town, seed ", arguments.seed));
   if (!writer.ok()) return environment.Fail(writer.status());
@@ -123,7 +123,7 @@ int Synthesize(const Arguments& arguments, Environment& environment) {
 }  // namespace
 
 void AddSynthesize(Command& root, Environment& environment) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<SynthesizeArguments>();
   Command command = root.Add("synthesize", "Make a dataset of the synthetic town",
                              "Writes a new dataset folder: traffic in a made-up town, and beside "
                              "it what each vehicle was\n"

@@ -13,7 +13,7 @@
 namespace maneuver::cli {
 namespace {
 
-struct Arguments {
+struct TrainArguments {
   std::string model;
   std::vector<std::string> datasets;
   std::optional<std::string> preset;
@@ -33,7 +33,7 @@ struct Arguments {
 };
 
 // File first, then the named options, then --set; the horizon last, since it needs the interval.
-absl::StatusOr<v1::TrainingSettings> Settings(const Arguments& arguments,
+absl::StatusOr<v1::TrainingSettings> Settings(const TrainArguments& arguments,
                                               Environment& environment) {
   v1::TrainingSettings settings;
   if (arguments.settings_file) {
@@ -68,7 +68,7 @@ absl::StatusOr<v1::TrainingSettings> Settings(const Arguments& arguments,
   return settings;
 }
 
-int Train(const Arguments& arguments, Environment& environment) {
+int Train(const TrainArguments& arguments, Environment& environment) {
   const absl::StatusOr<v1::TrainingSettings> settings = Settings(arguments, environment);
   if (!settings.ok()) return environment.Refuse(std::string(settings.status().message()));
   v1::TrainRequest request;
@@ -108,7 +108,7 @@ int Train(const Arguments& arguments, Environment& environment) {
 }  // namespace
 
 void AddTrain(Command& root, Environment& environment) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<TrainArguments>();
   Command command = root.Add(
       "train", "Learn a new version of a model",
       "Starts a job on the server and shows its progress; Ctrl-C stops watching, not the job.\n"

@@ -16,25 +16,22 @@
 namespace maneuver::plot {
 namespace {
 
-constexpr Color kPaper = {255, 255, 255};
-constexpr Color kInk = {20, 20, 20};
-constexpr Color kFaintInk = {90, 90, 90};
-constexpr int kWidth = 1500;
+constexpr int kMeansWidth = 1500;
 constexpr double kLegend = 300.0;  // pixels at the right
-constexpr double kHeader = 74.0;
+constexpr double kMeansHeader = 74.0;
 
-using Points = std::vector<Pixel>;  // metres, from the origin on
+using MeansPoints = std::vector<Pixel>;  // metres, from the origin on
 
 struct DrawnAction {
   const v1::Action* action;
   double share;      // mean p(y|s)
   std::string name;  // label or class
   int examples = 0;  // among the sampled
-  Points mean;
+  MeansPoints mean;
   Color color;
 };
 
-absl::Status Read(const v1::Trajectory& trajectory, Points* points) {
+absl::Status Read(const v1::Trajectory& trajectory, MeansPoints* points) {
   if (trajectory.x_size() != trajectory.y_size()) {
     return absl::InvalidArgumentError("a trajectory has unequal numbers of x and y");
   }
@@ -50,7 +47,7 @@ int ActionOf(const v1::EvaluatedExample& example) {
   return static_cast<int>(std::max_element(q.begin(), q.end()) - q.begin());
 }
 
-double Apart(const Points& a, const Points& b) {
+double Apart(const MeansPoints& a, const MeansPoints& b) {
   double sum = 0.0;
   const size_t count = std::min(a.size(), b.size());
   for (size_t i = 0; i < count; ++i) sum += std::hypot(a[i].x - b[i].x, a[i].y - b[i].y);
@@ -108,7 +105,7 @@ absl::StatusOr<std::vector<DrawnAction>> ActionsOf(const v1::ActionSet& set,
   return actions;
 }
 
-Line ToPixels(const Axes& axes, const Points& points) {
+Line ToPixels(const Axes& axes, const MeansPoints& points) {
   Line line;
   for (const Pixel& p : points) line.push_back(axes.ToPixel(p.x, p.y));
   return line;
@@ -164,17 +161,18 @@ void DrawLegend(const std::vector<DrawnAction>& actions, const Box& box, Canvas*
   }
 }
 
-absl::StatusOr<std::string> Draw(const v1::ActionSet& set, const v1::EvaluationReport& report) {
+absl::StatusOr<std::string> PaintActionMeans(const v1::ActionSet& set,
+                                             const v1::EvaluationReport& report) {
   const absl::StatusOr<std::vector<DrawnAction>> actions = ActionsOf(set, report);
   if (!actions.ok()) return actions.status();
   if (actions->empty() || report.sampled_examples().empty()) {
     return absl::InvalidArgumentError(
         "nothing to draw: there are no actions, or the report carries no examples");
   }
-  std::map<int, std::vector<Points>> examples;  // by action
+  std::map<int, std::vector<MeansPoints>> examples;  // by action
   Extent extent;
   for (const v1::EvaluatedExample& example : report.sampled_examples()) {
-    Points points;
+    MeansPoints points;
     absl::Status status = Read(example.trajectory(), &points);
     if (!status.ok()) return status;
     for (const Pixel& p : points) extent.Include(p.x, p.y);
@@ -188,18 +186,18 @@ absl::StatusOr<std::string> Draw(const v1::ActionSet& set, const v1::EvaluationR
             extent.max_y + margin};
 
   // As high as the extent asks for, within reason.
-  const double across = kWidth - kLegend - 100.0;
+  const double across = kMeansWidth - kLegend - 100.0;
   const double up = std::clamp(
       across * (extent.max_y - extent.min_y) / (extent.max_x - extent.min_x), 430.0, 1100.0);
-  const int height = static_cast<int>(kHeader + up + 64.0);
-  Canvas canvas(kWidth, height, kPaper);
-  const Box box{76.0, kHeader, across, up};
+  const int height = static_cast<int>(kMeansHeader + up + 64.0);
+  Canvas canvas(kMeansWidth, height, kPaper);
+  const Box box{76.0, kMeansHeader, across, up};
   const Axes axes(box, extent);
   const AxesStyle style{{120, 120, 120}, kFaintInk, {240, 240, 240}};
   canvas.ClipTo(box);
   axes.DrawGrid(style, &canvas);
   for (auto action = actions->rbegin(); action != actions->rend(); ++action) {
-    for (const Points& points : examples[action->action->action_id()]) {
+    for (const MeansPoints& points : examples[action->action->action_id()]) {
       canvas.Stroke(ToPixels(axes, points), action->color, 1.0, 0.42);
     }
   }
@@ -223,7 +221,7 @@ absl::StatusOr<std::string> Draw(const v1::ActionSet& set, const v1::EvaluationR
 absl::StatusOr<std::string> DrawActionMeans(const v1::ActionSet& actions,
                                             const v1::EvaluationReport& report) {
   try {
-    return Draw(actions, report);
+    return PaintActionMeans(actions, report);
   } catch (const std::exception& error) {  // OpenCV's end here
     return absl::InternalError(absl::StrCat("cannot draw the action means: ", error.what()));
   }

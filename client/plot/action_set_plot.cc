@@ -13,11 +13,8 @@
 namespace maneuver::plot {
 namespace {
 
-constexpr Color kPaper = {255, 255, 255};
-constexpr Color kInk = {20, 20, 20};
-constexpr Color kFaintInk = {90, 90, 90};
-constexpr double kHeader = 80.0;    // pixels over the whole
-constexpr double kLeastSide = 4.0;  // metres that a panel shows at least, along each axis
+constexpr double kSetHeader = 80.0;  // pixels over the whole
+constexpr double kLeastSide = 4.0;   // metres that a panel shows at least, along each axis
 
 using Points = std::vector<std::pair<double, double>>;  // metres, from the origin on
 
@@ -102,8 +99,8 @@ void DrawKey(int dimensions, double left, double baseline, Canvas* canvas) {
   }
 }
 
-absl::StatusOr<std::string> Draw(const v1::ActionSet& actions,
-                                 const ActionSetPlotOptions& options) {
+absl::StatusOr<std::string> PaintActionSet(const v1::ActionSet& actions,
+                                           const ActionSetPlotOptions& options) {
   std::vector<const v1::Action*> shown;
   for (const v1::Action& action : actions.actions()) {
     if (action.effective() || options.all) shown.push_back(&action);
@@ -118,7 +115,7 @@ absl::StatusOr<std::string> Draw(const v1::ActionSet& actions,
   const GridShape grid = ShapeOf(static_cast<int>(shown.size()));
   const int width = options.width > 0 ? options.width : std::max(900, 330 * grid.columns);
   const int height =
-      options.height > 0 ? options.height : static_cast<int>(kHeader) + 270 * grid.rows + 10;
+      options.height > 0 ? options.height : static_cast<int>(kSetHeader) + 270 * grid.rows + 10;
   absl::Status status = CheckSize(width, height);
   if (!status.ok()) return status;
 
@@ -134,7 +131,7 @@ absl::StatusOr<std::string> Draw(const v1::ActionSet& actions,
   DrawKey(dimensions, 20.0, 62.0, &canvas);
   canvas.Text("axes in metres, ahead and left; share: mean p(y|s) in validation",
               {width - 14.0, 62.0}, 9.0, kFaintInk, Anchor::kRight);
-  const Box whole{0.0, kHeader, double(width), height - kHeader - 6.0};
+  const Box whole{0.0, kSetHeader, double(width), height - kSetHeader - 6.0};
   for (size_t i = 0; i < shown.size(); ++i) {
     const auto name = options.names.find(shown[i]->action_id());
     const bool named = shown[i]->label().empty() && name != options.names.end();
@@ -150,7 +147,7 @@ absl::StatusOr<std::string> Draw(const v1::ActionSet& actions,
 absl::StatusOr<std::string> DrawActionSet(const v1::ActionSet& actions,
                                           const ActionSetPlotOptions& options) {
   try {
-    return Draw(actions, options);
+    return PaintActionSet(actions, options);
   } catch (const std::exception& error) {  // OpenCV's end here
     return absl::InternalError(absl::StrCat("cannot draw the action set: ", error.what()));
   }

@@ -16,6 +16,11 @@ struct Color {
   int blue = 0;
 };
 
+// What a light ground is drawn with.
+inline constexpr Color kPaper = {255, 255, 255};
+inline constexpr Color kInk = {20, 20, 20};
+inline constexpr Color kFaintInk = {90, 90, 90};
+
 // Pixels of the finished picture, x to the right, y down.
 using Pixel = cv::Point2d;
 using Line = std::vector<Pixel>;

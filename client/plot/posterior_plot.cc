@@ -16,9 +16,11 @@ namespace {
 constexpr double kTitle = 44.0;  // pixels over both panels
 constexpr double kWide = 1.9;    // of an extent: width by height
 
-absl::StatusOr<std::string> Draw(const v1::Scenario& scenario, const v1::TargetPrediction& generic,
-                                 const v1::TargetPrediction& posterior, const v1::Agent& target,
-                                 const ScenePlotOptions& options) {
+absl::StatusOr<std::string> PaintPosteriors(const v1::Scenario& scenario,
+                                            const v1::TargetPrediction& generic,
+                                            const v1::TargetPrediction& posterior,
+                                            const v1::Agent& target,
+                                            const ScenePlotOptions& options) {
   TargetPanel first(scenario, target, generic, options);
   TargetPanel second(scenario, target, posterior, options);
   for (TargetPanel* panel : {&first, &second}) {
@@ -66,7 +68,7 @@ absl::StatusOr<std::string> DrawGenericAndPosterior(const v1::Scenario& scenario
         continue;
       }
       try {
-        return Draw(scenario, one, other, *agent, options);
+        return PaintPosteriors(scenario, one, other, *agent, options);
       } catch (const std::exception& error) {  // OpenCV's end here
         return absl::InternalError(absl::StrCat("cannot draw the scene: ", error.what()));
       }

@@ -12,23 +12,20 @@
 namespace maneuver::plot {
 namespace {
 
-constexpr Color kPaper = {255, 255, 255};
-constexpr Color kInk = {20, 20, 20};
-constexpr Color kFaintInk = {90, 90, 90};
 constexpr Color kFrame = {120, 120, 120};
 constexpr Color kDiagonal = {150, 150, 150};
 constexpr Color kCurve = {0, 114, 178};
 constexpr Color kGap = {213, 94, 0};
 constexpr Color kBars = {170, 196, 216};
-constexpr int kWidth = 720;
-constexpr int kHeight = 950;
+constexpr int kPlotWidth = 720;
+constexpr int kPlotHeight = 950;
 constexpr Box kCurveBox = {96.0, 92.0, 590.0, 590.0};
 constexpr Box kCountBox = {96.0, 706.0, 590.0, 170.0};
-constexpr double kLetters = 9.0;
+constexpr double kPlotLetters = 9.0;
 
 void DrawCurve(const v1::EvaluationReport& report, Canvas* canvas) {
   const Axes axes(kCurveBox, {0.0, 1.0, 0.0, 1.0});
-  const AxesStyle style{kFrame, kFaintInk, {238, 238, 238}, kLetters, 110.0, false};
+  const AxesStyle style{kFrame, kFaintInk, {238, 238, 238}, kPlotLetters, 110.0, false};
   axes.DrawGrid(style, canvas);
   canvas->Dashes({axes.ToPixel(0.0, 0.0), axes.ToPixel(1.0, 1.0)}, kDiagonal, 1.6, 7.0, 6.0);
   Line curve;
@@ -55,7 +52,7 @@ void DrawCurve(const v1::EvaluationReport& report, Canvas* canvas) {
     } else {
       canvas->Stroke(swatch, color, 3.0);
     }
-    canvas->Text(text, {left + 36.0, y + kLetters / 2.0}, kLetters, kInk);
+    canvas->Text(text, {left + 36.0, y + kPlotLetters / 2.0}, kPlotLetters, kInk);
     y += 22.0;
   };
   key(kCurve, "measured", false);
@@ -63,7 +60,7 @@ void DrawCurve(const v1::EvaluationReport& report, Canvas* canvas) {
   key(kDiagonal, "perfectly calibrated", true);
   canvas->TextUpwards("mean q(y|x,s) of that action",
                       {kCurveBox.left - 58.0, kCurveBox.top + kCurveBox.height / 2.0},
-                      kLetters + 1.0, kFaintInk);
+                      kPlotLetters + 1.0, kFaintInk);
 }
 
 void DrawCounts(const v1::EvaluationReport& report, Canvas* canvas) {
@@ -78,7 +75,7 @@ void DrawCounts(const v1::EvaluationReport& report, Canvas* canvas) {
     const double right = across(bin.upper()) - 2.0;
     canvas->Rectangle({left, kCountBox.bottom() - high, right - left, high}, kBars);
     canvas->Text(absl::StrCat(bin.examples()),
-                 {(left + right) / 2.0, kCountBox.bottom() - high - 6.0}, kLetters, kFaintInk,
+                 {(left + right) / 2.0, kCountBox.bottom() - high - 6.0}, kPlotLetters, kFaintInk,
                  Anchor::kCenter);
   }
   canvas->Strokes({{{kCountBox.left, kCountBox.top},
@@ -90,18 +87,18 @@ void DrawCounts(const v1::EvaluationReport& report, Canvas* canvas) {
     const double p = 0.2 * i;
     canvas->Stroke({{across(p), kCountBox.bottom()}, {across(p), kCountBox.bottom() + 4.0}}, kFrame,
                    1.0);
-    canvas->Text(absl::StrFormat("%.1f", p), {across(p), kCountBox.bottom() + 8.0 + kLetters},
-                 kLetters, kFaintInk, Anchor::kCenter);
+    canvas->Text(absl::StrFormat("%.1f", p), {across(p), kCountBox.bottom() + 8.0 + kPlotLetters},
+                 kPlotLetters, kFaintInk, Anchor::kCenter);
   }
   canvas->Text("p(y|s) of the most probable action",
-               {kCountBox.left + kCountBox.width / 2.0, kCountBox.bottom() + 46.0}, kLetters + 1.0,
-               kFaintInk, Anchor::kCenter);
+               {kCountBox.left + kCountBox.width / 2.0, kCountBox.bottom() + 46.0},
+               kPlotLetters + 1.0, kFaintInk, Anchor::kCenter);
   canvas->TextUpwards("examples", {kCountBox.left - 58.0, kCountBox.top + kCountBox.height / 2.0},
-                      kLetters + 1.0, kFaintInk);
+                      kPlotLetters + 1.0, kFaintInk);
 }
 
-std::string Draw(const v1::EvaluationReport& report) {
-  Canvas canvas(kWidth, kHeight, kPaper);
+std::string PaintReliability(const v1::EvaluationReport& report) {
+  Canvas canvas(kPlotWidth, kPlotHeight, kPaper);
   const auto error = report.metrics().find("calibration_error");
   const std::string title = error == report.metrics().end()
                                 ? "Reliability of p(y|s)"
@@ -124,7 +121,7 @@ absl::StatusOr<std::string> DrawReliability(const v1::EvaluationReport& report) 
     return absl::InvalidArgumentError("nothing to draw: the report has no reliability table");
   }
   try {
-    return Draw(report);
+    return PaintReliability(report);
   } catch (const std::exception& error) {  // OpenCV's end here
     return absl::InternalError(absl::StrCat("cannot draw the reliability: ", error.what()));
   }

@@ -13,9 +13,9 @@
 namespace maneuver::plot {
 namespace {
 
-absl::StatusOr<std::string> Draw(const v1::Scenario& scenario,
-                                 const v1::ScenarioPrediction& prediction,
-                                 const ScenePlotOptions& options) {
+absl::StatusOr<std::string> PaintScene(const v1::Scenario& scenario,
+                                       const v1::ScenarioPrediction& prediction,
+                                       const ScenePlotOptions& options) {
   std::vector<TargetPanel> panels;
   for (const v1::TargetPrediction& target : prediction.targets()) {
     if (target.has_error()) continue;
@@ -49,7 +49,7 @@ absl::StatusOr<std::string> DrawScene(const v1::Scenario& scenario,
                                       const v1::ScenarioPrediction& prediction,
                                       const ScenePlotOptions& options) {
   try {
-    return Draw(scenario, prediction, options);
+    return PaintScene(scenario, prediction, options);
   } catch (const std::exception& error) {  // OpenCV's end here
     return absl::InternalError(absl::StrCat("cannot draw the scene: ", error.what()));
   }

@@ -80,10 +80,10 @@ class ShardSeries {
   std::vector<v1::Shard> shards_;
 };
 
-class Writer final : public DatasetWriter {
+class FolderWriter final : public DatasetWriter {
  public:
-  Writer(std::filesystem::path folder, std::filesystem::path temporary, std::string origin,
-         const DatasetWriterOptions& options)
+  FolderWriter(std::filesystem::path folder, std::filesystem::path temporary, std::string origin,
+               const DatasetWriterOptions& options)
       : folder_(std::move(folder)),
         temporary_(std::move(temporary)),
         scenarios_(temporary_, "scenarios", v1::SHARD_CONTENT_SCENARIOS, options.shard_bytes),
@@ -93,7 +93,7 @@ class Writer final : public DatasetWriter {
     manifest_.set_origin(std::move(origin));
   }
 
-  ~Writer() override {
+  ~FolderWriter() override {
     std::error_code ignored;
     if (!committed_) std::filesystem::remove_all(temporary_, ignored);
   }
@@ -174,7 +174,7 @@ absl::StatusOr<std::unique_ptr<DatasetWriter>> DatasetWriter::Create(
   }
   auto temporary = files::MakeTemporaryFolderFor(folder);
   if (!temporary.ok()) return temporary.status();
-  return std::make_unique<Writer>(folder, *std::move(temporary), std::move(origin), options);
+  return std::make_unique<FolderWriter>(folder, *std::move(temporary), std::move(origin), options);
 }
 
 }  // namespace maneuver::data

@@ -108,9 +108,9 @@ class Reader final : public TfRecordReader {
   absl::Status lost_;  // not OK: why the framing is lost
 };
 
-class Writer final : public TfRecordWriter {
+class FileWriter final : public TfRecordWriter {
  public:
-  explicit Writer(std::unique_ptr<files::OutputFile> output) : output_(std::move(output)) {}
+  explicit FileWriter(std::unique_ptr<files::OutputFile> output) : output_(std::move(output)) {}
 
   absl::Status Append(std::string_view payload) override {
     std::string header;
@@ -177,7 +177,7 @@ absl::StatusOr<std::unique_ptr<TfRecordWriter>> TfRecordWriter::Create(
     const std::filesystem::path& file) {
   auto output = files::OutputFile::Create(file);
   if (!output.ok()) return output.status();
-  return std::make_unique<Writer>(*std::move(output));
+  return std::make_unique<FileWriter>(*std::move(output));
 }
 
 }  // namespace maneuver::data

@@ -7,7 +7,7 @@ namespace maneuver::evaluation {
 namespace {
 
 // Three digits: "850", "24.6 M", "5.08 G".
-std::string Count(int64_t count) {
+std::string InThousands(int64_t count) {
   double value = static_cast<double>(count);
   const char* unit = "";
   for (const char* next : {" k", " M", " G", " T"}) {
@@ -22,14 +22,14 @@ std::string Count(int64_t count) {
 }  // namespace
 
 std::string BackboneCostText(const v1::ModelCost& cost) {
-  return absl::StrCat(Count(cost.backbone_parameters()), " parameters, ",
-                      Count(cost.backbone_multiply_adds()), " multiply-adds a target");
+  return absl::StrCat(InThousands(cost.backbone_parameters()), " parameters, ",
+                      InThousands(cost.backbone_multiply_adds()), " multiply-adds a target");
 }
 
 std::string ModelCostText(const v1::ModelCost& cost) {
-  return absl::StrCat(Count(cost.parameters()), " parameters; multiply-adds: ",
-                      Count(cost.backbone_multiply_adds() + cost.predictor_multiply_adds()),
-                      " for p(y|s), ", Count(cost.distribution_multiply_adds()),
+  return absl::StrCat(InThousands(cost.parameters()), " parameters; multiply-adds: ",
+                      InThousands(cost.backbone_multiply_adds() + cost.predictor_multiply_adds()),
+                      " for p(y|s), ", InThousands(cost.distribution_multiply_adds()),
                       " for each action described");
 }
 

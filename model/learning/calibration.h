@@ -3,13 +3,12 @@
 #ifndef MANEUVER_MODEL_LEARNING_CALIBRATION_H_
 #define MANEUVER_MODEL_LEARNING_CALIBRATION_H_
 
-#include <ATen/ATen.h>
-
 #include <cstdint>
 #include <functional>
 
 #include "absl/status/status.h"
 #include "model/learning/networks.h"
+#include "model/learning/tensors.h"
 #include "model/learning/training_data.h"
 
 namespace maneuver::learning {

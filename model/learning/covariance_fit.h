@@ -3,9 +3,8 @@
 #ifndef MANEUVER_MODEL_LEARNING_COVARIANCE_FIT_H_
 #define MANEUVER_MODEL_LEARNING_COVARIANCE_FIT_H_
 
-#include <ATen/ATen.h>
-
 #include "model/learning/predictions.h"
+#include "model/learning/tensors.h"
 
 namespace maneuver::learning {
 

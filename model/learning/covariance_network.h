@@ -3,10 +3,9 @@
 #ifndef MANEUVER_MODEL_LEARNING_COVARIANCE_NETWORK_H_
 #define MANEUVER_MODEL_LEARNING_COVARIANCE_NETWORK_H_
 
-#include <ATen/ATen.h>
-
 #include "model/learning/networks.h"
 #include "model/learning/predictions.h"
+#include "model/learning/tensors.h"
 
 namespace maneuver::learning {
 

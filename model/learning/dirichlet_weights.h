@@ -9,9 +9,9 @@
 #ifndef MANEUVER_MODEL_LEARNING_DIRICHLET_WEIGHTS_H_
 #define MANEUVER_MODEL_LEARNING_DIRICHLET_WEIGHTS_H_
 
-#include <ATen/ATen.h>
-
 #include <vector>
+
+#include "model/learning/tensors.h"
 
 namespace maneuver::learning {
 

@@ -3,7 +3,7 @@
 #ifndef MANEUVER_MODEL_LEARNING_GAUSSIAN_H_
 #define MANEUVER_MODEL_LEARNING_GAUSSIAN_H_
 
-#include <ATen/ATen.h>
+#include "model/learning/tensors.h"
 
 namespace maneuver::learning {
 

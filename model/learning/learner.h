@@ -3,8 +3,6 @@
 #ifndef MANEUVER_MODEL_LEARNING_LEARNER_H_
 #define MANEUVER_MODEL_LEARNING_LEARNER_H_
 
-#include <ATen/ATen.h>
-
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -20,6 +18,7 @@
 #include "model/learning/optimizer.h"
 #include "model/learning/run_progress.h"
 #include "model/learning/scene_bound.h"
+#include "model/learning/tensors.h"
 #include "model/learning/training_data.h"
 #include "model/learning/validation.h"
 

@@ -3,13 +3,12 @@
 #ifndef MANEUVER_MODEL_LEARNING_MIXTURE_PLACEMENT_H_
 #define MANEUVER_MODEL_LEARNING_MIXTURE_PLACEMENT_H_
 
-#include <ATen/ATen.h>
-
 #include <cstdint>
 #include <vector>
 
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/learning/gaussian.h"
+#include "model/learning/tensors.h"
 
 namespace maneuver::learning {
 

@@ -4,10 +4,9 @@
 #ifndef MANEUVER_MODEL_LEARNING_MOMENTS_H_
 #define MANEUVER_MODEL_LEARNING_MOMENTS_H_
 
-#include <ATen/ATen.h>
-
 #include "model/learning/gaussian.h"
 #include "model/learning/networks.h"
+#include "model/learning/tensors.h"
 
 namespace maneuver::learning {
 

@@ -5,8 +5,6 @@
 #ifndef MANEUVER_MODEL_LEARNING_NETWORKS_H_
 #define MANEUVER_MODEL_LEARNING_NETWORKS_H_
 
-#include <ATen/ATen.h>
-
 #include <cstdint>
 #include <map>
 #include <span>
@@ -17,6 +15,7 @@
 #include "model/artifact/backbone_layers.h"
 #include "model/artifact/tensor.h"
 #include "model/learning/gaussian.h"
+#include "model/learning/tensors.h"
 
 namespace maneuver::learning {
 

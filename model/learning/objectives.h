@@ -8,9 +8,8 @@
 #ifndef MANEUVER_MODEL_LEARNING_OBJECTIVES_H_
 #define MANEUVER_MODEL_LEARNING_OBJECTIVES_H_
 
-#include <ATen/ATen.h>
-
 #include "model/learning/gaussian.h"
+#include "model/learning/tensors.h"
 
 namespace maneuver::learning {
 

@@ -3,10 +3,10 @@
 #ifndef MANEUVER_MODEL_LEARNING_OPTIMIZER_H_
 #define MANEUVER_MODEL_LEARNING_OPTIMIZER_H_
 
-#include <ATen/ATen.h>
-
 #include <cstdint>
 #include <vector>
+
+#include "model/learning/tensors.h"
 
 namespace maneuver::learning {
 

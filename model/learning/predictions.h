@@ -3,12 +3,11 @@
 #ifndef MANEUVER_MODEL_LEARNING_PREDICTIONS_H_
 #define MANEUVER_MODEL_LEARNING_PREDICTIONS_H_
 
-#include <ATen/ATen.h>
-
 #include <cstdint>
 #include <functional>
 
 #include "model/learning/networks.h"
+#include "model/learning/tensors.h"
 #include "model/learning/training_data.h"
 
 namespace maneuver::learning {

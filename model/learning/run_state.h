@@ -3,14 +3,13 @@
 #ifndef MANEUVER_MODEL_LEARNING_RUN_STATE_H_
 #define MANEUVER_MODEL_LEARNING_RUN_STATE_H_
 
-#include <ATen/ATen.h>
-
 #include <string>
 
 #include "checkpoint.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/learning/networks.h"
 #include "model/learning/optimizer.h"
+#include "model/learning/tensors.h"
 
 namespace maneuver::learning {
 

@@ -3,13 +3,12 @@
 #ifndef MANEUVER_MODEL_LEARNING_SCENE_BOUND_H_
 #define MANEUVER_MODEL_LEARNING_SCENE_BOUND_H_
 
-#include <ATen/ATen.h>
-
 #include <functional>
 
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/learning/networks.h"
 #include "model/learning/objectives.h"
+#include "model/learning/tensors.h"
 
 namespace maneuver::learning {
 

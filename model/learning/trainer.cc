@@ -1,6 +1,5 @@
 #include "model/learning/trainer.h"
 
-#include <ATen/ATen.h>
 #include <ATen/Parallel.h>
 
 #include <algorithm>
@@ -14,6 +13,7 @@
 #include "model/learning/export.h"
 #include "model/learning/learner.h"
 #include "model/learning/run_progress.h"
+#include "model/learning/tensors.h"
 #include "model/learning/training_failure.h"
 
 namespace maneuver::learning {

@@ -3,8 +3,6 @@
 #ifndef MANEUVER_MODEL_LEARNING_VALIDATION_H_
 #define MANEUVER_MODEL_LEARNING_VALIDATION_H_
 
-#include <ATen/ATen.h>
-
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -17,6 +15,7 @@
 #include "model/learning/objectives.h"
 #include "model/learning/raster_loader.h"
 #include "model/learning/scene_bound.h"
+#include "model/learning/tensors.h"
 #include "model/learning/training_data.h"
 
 namespace maneuver::learning {

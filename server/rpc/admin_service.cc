@@ -34,6 +34,9 @@ std::optional<LogLevel> FromProto(v1::LogLevel level) {
 
 }  // namespace
 
+AdminService::AdminService() = default;
+AdminService::~AdminService() = default;
+
 grpc::ServerUnaryReactor* AdminService::GetLogLevel(grpc::CallbackServerContext* rpc,
                                                     const v1::GetLogLevelRequest*,
                                                     v1::GetLogLevelResponse* response) {

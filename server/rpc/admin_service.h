@@ -7,6 +7,11 @@ namespace maneuver::rpc {
 
 class AdminService final : public v1::AdminService::CallbackService {
  public:
+  // Out of line, as is the destructor: whoever makes a service would otherwise compile all of
+  // gRPC's handling of its calls once more.
+  AdminService();
+  ~AdminService() override;
+
   grpc::ServerUnaryReactor* GetLogLevel(grpc::CallbackServerContext* rpc,
                                         const v1::GetLogLevelRequest* request,
                                         v1::GetLogLevelResponse* response) override;

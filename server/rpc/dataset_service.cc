@@ -79,6 +79,12 @@ absl::Status Answer(absl::StatusOr<Message> result, Message* response) {
 
 }  // namespace
 
+DatasetService::DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs,
+                               jobs::WorkerPool& pool)
+    : datasets_(datasets), jobs_(jobs), pool_(pool) {}
+
+DatasetService::~DatasetService() = default;
+
 grpc::ServerReadReactor<v1::UploadDatasetRequest>* DatasetService::UploadDataset(
     grpc::CallbackServerContext* rpc, v1::Dataset* response) {
   return new DatasetUploadCall(datasets_, pool_, rpc, response);

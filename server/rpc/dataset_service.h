@@ -10,9 +10,9 @@ namespace maneuver::rpc {
 
 class DatasetService final : public v1::DatasetService::CallbackService {
  public:
-  // All outlive the service.
-  DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs, jobs::WorkerPool& pool)
-      : datasets_(datasets), jobs_(jobs), pool_(pool) {}
+  // All outlive the service. Out of line, with the destructor: see AdminService.
+  DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs, jobs::WorkerPool& pool);
+  ~DatasetService() override;
 
   grpc::ServerReadReactor<v1::UploadDatasetRequest>* UploadDataset(grpc::CallbackServerContext* rpc,
                                                                    v1::Dataset* response) override;

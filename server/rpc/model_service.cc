@@ -111,6 +111,11 @@ int Characters(std::string_view text) {
 
 }  // namespace
 
+ModelService::ModelService(serving::ModelRegistry& models, jobs::WorkerPool& pool)
+    : models_(models), pool_(pool) {}
+
+ModelService::~ModelService() = default;
+
 grpc::ServerUnaryReactor* ModelService::ListModelVersions(
     grpc::CallbackServerContext* rpc, const v1::ListModelVersionsRequest* request,
     v1::ListModelVersionsResponse* response) {

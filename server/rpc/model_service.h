@@ -9,9 +9,9 @@ namespace maneuver::rpc {
 
 class ModelService final : public v1::ModelService::CallbackService {
  public:
-  // Both outlive the service.
-  ModelService(serving::ModelRegistry& models, jobs::WorkerPool& pool)
-      : models_(models), pool_(pool) {}
+  // Both outlive the service. Out of line, with the destructor: see AdminService.
+  ModelService(serving::ModelRegistry& models, jobs::WorkerPool& pool);
+  ~ModelService() override;
 
   grpc::ServerUnaryReactor* ListModelVersions(grpc::CallbackServerContext* rpc,
                                               const v1::ListModelVersionsRequest* request,

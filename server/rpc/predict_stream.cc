@@ -12,7 +12,7 @@ namespace {
 // Requests read and not yet written back; beyond that the stream is not read, and flow control
 // makes the caller wait.
 constexpr size_t kMaxInFlight = 64;
-constexpr size_t kMaxRequestIdLength = 128;
+constexpr size_t kMaxStreamedIdLength = 128;
 constexpr char kMethod[] = "/maneuver.v1.PredictionService/StreamPredict";
 
 absl::Status ShuttingDown() {
@@ -124,7 +124,7 @@ absl::Status PredictStream::Admit(const v1::PredictRequest& request) {
 
 void PredictStream::Begin(std::shared_ptr<Entry> entry) {
   const v1::StreamPredictRequest& request = entry->request;
-  if (request.request_id().size() > kMaxRequestIdLength) {
+  if (request.request_id().size() > kMaxStreamedIdLength) {
     return Answered(std::move(entry),
                     errors::InvalidField("request_id", "longer than 128 characters"));
   }

@@ -67,6 +67,8 @@ PredictionService::PredictionService(PredictionContext& context) : context_(cont
   SetMessageAllocatorFor_ClassifyTrajectories(&classify_messages_);
 }
 
+PredictionService::~PredictionService() = default;
+
 grpc::ServerUnaryReactor* PredictionService::PredictActionProbabilities(
     grpc::CallbackServerContext* rpc, const v1::PredictActionProbabilitiesRequest* request,
     v1::PredictActionProbabilitiesResponse* response) {

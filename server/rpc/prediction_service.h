@@ -15,8 +15,9 @@ absl::Status CheckWait(serving::BatchScheduler& scheduler, std::string_view meth
 
 class PredictionService final : public v1::PredictionService::CallbackService {
  public:
-  // `context` outlives the service.
+  // `context` outlives the service. Out of line, with the destructor: see AdminService.
   explicit PredictionService(PredictionContext& context);
+  ~PredictionService() override;
 
   grpc::ServerUnaryReactor* PredictActionProbabilities(
       grpc::CallbackServerContext* rpc, const v1::PredictActionProbabilitiesRequest* request,

@@ -45,6 +45,11 @@ absl::StatusOr<std::string> JobName(const std::string& name) {
 
 }  // namespace
 
+TrainingService::TrainingService(jobs::Supervisor& jobs, jobs::WorkerPool& pool)
+    : jobs_(jobs), pool_(pool) {}
+
+TrainingService::~TrainingService() = default;
+
 grpc::ServerUnaryReactor* TrainingService::Train(grpc::CallbackServerContext* rpc,
                                                  const v1::TrainRequest* request,
                                                  v1::Job* response) {

@@ -9,8 +9,9 @@ namespace maneuver::rpc {
 
 class TrainingService final : public v1::TrainingService::CallbackService {
  public:
-  // Both outlive the service.
-  TrainingService(jobs::Supervisor& jobs, jobs::WorkerPool& pool) : jobs_(jobs), pool_(pool) {}
+  // Both outlive the service. Out of line, with the destructor: see AdminService.
+  TrainingService(jobs::Supervisor& jobs, jobs::WorkerPool& pool);
+  ~TrainingService() override;
 
   grpc::ServerUnaryReactor* Train(grpc::CallbackServerContext* rpc, const v1::TrainRequest* request,
                                   v1::Job* response) override;

@@ -7,7 +7,6 @@
 namespace maneuver::data::town {
 namespace {
 
-constexpr double kFootwayOffset = 1.9;
 constexpr double kTightestUTurn = 10.5;  // metres from lane to lane
 
 Movement MovementOf(double angle) {

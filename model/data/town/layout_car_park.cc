@@ -10,7 +10,6 @@
 namespace maneuver::data::town {
 namespace {
 
-constexpr double kQuarter = 0.5 * std::numbers::pi;
 constexpr double kBayWidth = 2.8;  // metres
 constexpr double kBayDepth = 5.2;
 

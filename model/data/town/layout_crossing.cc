@@ -1,12 +1,9 @@
-#include <numbers>
 #include <vector>
 
 #include "model/data/town/layouts.h"
 
 namespace maneuver::data::town {
 namespace {
-
-constexpr double kQuarter = 0.5 * std::numbers::pi;
 
 RoadSpec Street(Random& random, int lanes) {
   RoadSpec spec;

@@ -3,11 +3,15 @@
 #ifndef MANEUVER_MODEL_DATA_TOWN_LAYOUTS_H_
 #define MANEUVER_MODEL_DATA_TOWN_LAYOUTS_H_
 
+#include <numbers>
+
 #include "model/data/town/place.h"
 #include "model/data/town/random.h"
 #include "model/data/town/road_builder.h"
 
 namespace maneuver::data::town {
+
+inline constexpr double kQuarter = 0.5 * std::numbers::pi;  // of a turn, radians
 
 // layout_road.cc
 Place StraightRoad(Random& random);

@@ -6,8 +6,7 @@
 namespace maneuver::data::town {
 namespace {
 
-constexpr double kBikeLane = 1.6;       // metres wide
-constexpr double kFootwayOffset = 1.9;  // metres from the kerb to where people walk
+constexpr double kBikeLane = 1.6;  // metres wide
 
 double HalfWidth(const RoadSpec& spec, int lanes) {
   return 0.5 * spec.median + lanes * spec.lane_width + (spec.bike_lanes ? kBikeLane : 0.0) +

@@ -11,6 +11,8 @@
 
 namespace maneuver::data::town {
 
+inline constexpr double kFootwayOffset = 1.9;  // metres from the kerb to where people walk
+
 struct RoadSpec {
   int forward = 1;            // lanes along the reference line, on its right
   int backward = 1;           // lanes against it, on its left

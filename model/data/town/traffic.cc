@@ -12,7 +12,7 @@
 namespace maneuver::data::town {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 constexpr double kLongestStep = 0.1;     // seconds
 constexpr double kHardestBraking = 5.5;  // metres per second squared
 constexpr int kFirstPedestrian = 1000;
@@ -180,7 +180,7 @@ class Traffic {
       vehicle.s = s;
       const double far = on.path.length() - s;
       vehicle.speed = std::min(0.8 * on.speed_limit * vehicle.driver.speed_factor,
-                               on.next.empty() ? kInfinity : std::sqrt(2.0 * far));
+                               on.next.empty() ? kUnlimited : std::sqrt(2.0 * far));
       MaybeLengthen(vehicle);
       SetPose(place_.graph, true, vehicle);
       vehicles_.push_back(std::move(vehicle));
@@ -195,7 +195,7 @@ class Traffic {
       const Lane& lane = place_.graph.lanes[source.lane];
       Vehicle vehicle = NewVehicle(source.lane);
       double speed = lane.speed_limit * vehicle.driver.speed_factor;
-      double room = kInfinity;
+      double room = kUnlimited;
       const PathPoint start = lane.path.At(0.0);
       for (const Vehicle& other : vehicles_) {
         const Vec2 d = other.pose.p - start.p;
@@ -238,12 +238,12 @@ class Traffic {
         // Backwards out of a bay: stop before going on forwards.
         const double left = DistanceToStep(place_.graph, vehicle, step);
         if (vehicle.speed > 0.1 || left > 0.4) return StopWithin(vehicle, left - 0.1);
-        return kInfinity;
+        return kUnlimited;
       }
       const double distance = DistanceToGate(place_.graph, vehicle, step);
       const double look = 8.0 + vehicle.speed +
                           vehicle.speed * vehicle.speed / (2.0 * 0.9 * vehicle.driver.braking);
-      if (distance > look) return kInfinity;
+      if (distance > look) return kUnlimited;
       if (!lane.gate) continue;
       if (vehicle.admitted >= step) {
         if (!MustStopAfterAll(place_, vehicle, step, time)) continue;
@@ -262,7 +262,7 @@ class Traffic {
       }
       return StopWithin(vehicle, distance);
     }
-    return kInfinity;
+    return kUnlimited;
   }
 
   void Decide(size_t index, double time, double dt) {

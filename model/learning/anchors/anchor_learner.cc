@@ -18,10 +18,10 @@ namespace {
 
 constexpr char kPhases[][10] = {"covernet", "multipath"};
 // As the model's calibration has them.
-constexpr int64_t kMostTraining = 4096;  // examples
-constexpr int64_t kMostHeldOut = 3072;
-constexpr int64_t kFewestHeldOut = 100;
-constexpr int64_t kBatch = 64;
+constexpr int64_t kMostCalibrated = 4096;  // examples
+constexpr int64_t kMostChecked = 3072;
+constexpr int64_t kFewestChecked = 100;
+constexpr int64_t kCalibrationBatch = 64;
 
 absl::Status Stopped() { return absl::CancelledError("training was stopped"); }
 
@@ -31,7 +31,7 @@ Predictions PredictAll(AnchorNetworks& networks, const ExampleSet& set, int64_t 
   at::NoGradGuard no_grad;
   std::vector<at::Tensor> trajectories, log_p, nearest, means, covariances;
   const v1::RasterSpec& raster = networks.spec().raster();
-  RasterLoader loader(raster, set, DrawItems(set, most), kBatch, threads);
+  RasterLoader loader(raster, set, DrawItems(set, most), kCalibrationBatch, threads);
   while (std::optional<RasterLoader::Batch> batch = loader.Next()) {
     if (stopped()) return {};
     const at::Tensor x = VariedTrajectories(set, *batch).to(networks.device());
@@ -195,15 +195,15 @@ absl::Status AnchorLearner::Train(Baseline& baseline) {
 absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
   const v1::OptimizationSettings& optimization = settings_.optimization();
   AnchorNetworks& networks = baseline.networks;
-  Predictions held_out = PredictAll(networks, data_.validation, kMostHeldOut, threads_, stopped_);
+  Predictions held_out = PredictAll(networks, data_.validation, kMostChecked, threads_, stopped_);
   if (stopped_()) return Stopped();
   const bool has_held_out =
-      held_out.trajectories.defined() && held_out.trajectories.size(0) >= kFewestHeldOut;
+      held_out.trajectories.defined() && held_out.trajectories.size(0) >= kFewestChecked;
   if (has_held_out && optimization.calibrate_probabilities()) {
     networks.SetTemperature(
         FitTemperature(held_out.log_probabilities, held_out.log_responsibilities));
     // Once more, with the temperature in it.
-    held_out = PredictAll(networks, data_.validation, kMostHeldOut, threads_, stopped_);
+    held_out = PredictAll(networks, data_.validation, kMostChecked, threads_, stopped_);
     if (stopped_()) return Stopped();
   }
   if (networks.regresses()) {
@@ -213,7 +213,7 @@ absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
     networks.SetScale(FitCovarianceScale(held_out, own, /*fit_latent=*/false).factor);
     return absl::OkStatus();
   }
-  Predictions training = PredictAll(networks, data_.training, kMostTraining, threads_, stopped_);
+  Predictions training = PredictAll(networks, data_.training, kMostCalibrated, threads_, stopped_);
   if (stopped_()) return Stopped();
   training.covariance = at::zeros_like(training.covariance);
   at::Tensor covariance = FitDecoderCovariance(training, baseline.generator);

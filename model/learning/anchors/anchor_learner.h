@@ -3,8 +3,6 @@
 #ifndef MANEUVER_MODEL_LEARNING_ANCHORS_ANCHOR_LEARNER_H_
 #define MANEUVER_MODEL_LEARNING_ANCHORS_ANCHOR_LEARNER_H_
 
-#include <ATen/ATen.h>
-
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -17,6 +15,7 @@
 #include "model/learning/anchors/anchor_networks.h"
 #include "model/learning/checkpoint.h"
 #include "model/learning/run_progress.h"
+#include "model/learning/tensors.h"
 #include "model/learning/training_data.h"
 
 namespace maneuver::learning {

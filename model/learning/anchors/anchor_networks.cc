@@ -13,14 +13,14 @@ namespace {
 
 using artifact::AnchorGaussian;
 
-constexpr int64_t kMostClustered = 16'384;  // examples
-constexpr int kRestarts = 3;                // of k-means
-constexpr double kSmallestDeviation = 0.3;  // metres
-constexpr double kSmall = 0.05;             // of the usual deviation: a last layer starts small
+constexpr int64_t kMostForAnchors = 16'384;       // examples
+constexpr int kRestarts = 3;                      // of k-means
+constexpr double kSmallestAnchorDeviation = 0.3;  // metres
+constexpr double kSmallAtFirst = 0.05;  // of the usual deviation: a last layer starts small
 constexpr char kCovariance[] = "anchors.covariance";
 constexpr char kScale[] = "anchors.scale";
 
-std::string Layer(int i, const char* tensor) {
+std::string PredictorLayer(int i, const char* tensor) {
   return "anchor_regression." + std::to_string(i) + "." + tensor;
 }
 
@@ -40,7 +40,7 @@ at::Tensor OfAnchor(const at::Tensor& values, const at::Tensor& nearest) {
 }  // namespace
 
 Anchors PlaceAnchors(const at::Tensor& trajectories, int anchors, bool mirrored, uint64_t seed) {
-  const int64_t count = std::min(trajectories.size(0), kMostClustered);
+  const int64_t count = std::min(trajectories.size(0), kMostForAnchors);
   at::Tensor rows = trajectories.index_select(
       0, at::arange(count, at::kLong).mul_(trajectories.size(0)).floor_divide_(count));
   if (mirrored) {
@@ -59,7 +59,7 @@ Anchors PlaceAnchors(const at::Tensor& trajectories, int anchors, bool mirrored,
   const at::Tensor sums = at::zeros_like(mean).index_add(0, assigned, squares);
   const at::Tensor counts = at::bincount(assigned, {}, anchors).clamp_min(1).unsqueeze(1);
   return {mean.view({anchors, -1, 2}),
-          (sums / counts).sqrt().clamp_min(kSmallestDeviation).view({anchors, -1, 2})};
+          (sums / counts).sqrt().clamp_min(kSmallestAnchorDeviation).view({anchors, -1, 2})};
 }
 
 at::Tensor NearestAnchor(const at::Tensor& anchors, const at::Tensor& trajectories) {
@@ -123,12 +123,14 @@ AnchorNetworks::AnchorNetworks(const v1::ModelSpec& model, Anchors anchors, bool
     const bool last = i == hidden.hidden_size();
     const int64_t outputs =
         last ? anchors_.size(0) * waypoints * AnchorGaussian::kNumbers : hidden.hidden(i);
-    const double stddev = (last ? kSmall : 1.0) * std::sqrt(2.0 / static_cast<double>(inputs));
-    tensors_[Layer(i, "weight")] = at::empty({outputs, inputs}, at::kFloat)
-                                       .normal_(0.0, stddev, generator)
-                                       .to(device)
-                                       .set_requires_grad(true);
-    tensors_[Layer(i, "bias")] = at::zeros({outputs}, anchors_.options()).set_requires_grad(true);
+    const double stddev =
+        (last ? kSmallAtFirst : 1.0) * std::sqrt(2.0 / static_cast<double>(inputs));
+    tensors_[PredictorLayer(i, "weight")] = at::empty({outputs, inputs}, at::kFloat)
+                                                .normal_(0.0, stddev, generator)
+                                                .to(device)
+                                                .set_requires_grad(true);
+    tensors_[PredictorLayer(i, "bias")] =
+        at::zeros({outputs}, anchors_.options()).set_requires_grad(true);
     inputs = outputs;
   }
 }
@@ -147,7 +149,8 @@ AnchorPredictions AnchorNetworks::Predict(const at::Tensor& rasters, const at::T
   at::Tensor numbers = features;
   for (int i = 0; i <= spec().action_predictor().hidden_size(); ++i) {
     if (i > 0) numbers = numbers.relu();
-    numbers = at::linear(numbers, tensors_.at(Layer(i, "weight")), tensors_.at(Layer(i, "bias")));
+    numbers = at::linear(numbers, tensors_.at(PredictorLayer(i, "weight")),
+                         tensors_.at(PredictorLayer(i, "bias")));
   }
   numbers = numbers.view({batch, anchors_.size(0), anchors_.size(1), AnchorGaussian::kNumbers});
   predictions.mean = anchors_ + deviation_ * numbers.slice(3, 0, 2);
@@ -195,8 +198,10 @@ artifact::TensorMap AnchorNetworks::Export() const {
   const at::Tensor offset =
       at::cat({at::zeros_like(ones), deviation_.log(), at::zeros_like(ones.slice(2, 0, 1))}, 2)
           .flatten();
-  weights[Layer(last, "weight")] = Copy(tensors_.at(Layer(last, "weight")) * factor.unsqueeze(1));
-  weights[Layer(last, "bias")] = Copy(tensors_.at(Layer(last, "bias")) * factor + offset);
+  weights[PredictorLayer(last, "weight")] =
+      Copy(tensors_.at(PredictorLayer(last, "weight")) * factor.unsqueeze(1));
+  weights[PredictorLayer(last, "bias")] =
+      Copy(tensors_.at(PredictorLayer(last, "bias")) * factor + offset);
   return weights;
 }
 

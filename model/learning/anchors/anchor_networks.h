@@ -3,8 +3,6 @@
 #ifndef MANEUVER_MODEL_LEARNING_ANCHORS_ANCHOR_NETWORKS_H_
 #define MANEUVER_MODEL_LEARNING_ANCHORS_ANCHOR_NETWORKS_H_
 
-#include <ATen/ATen.h>
-
 #include <cstdint>
 #include <map>
 #include <string>
@@ -12,6 +10,7 @@
 
 #include "model/artifact/tensor.h"
 #include "model/learning/networks.h"
+#include "model/learning/tensors.h"
 
 namespace maneuver::learning {
 

@@ -1,5 +1,6 @@
 // The anchor baselines: their losses, what they learn, and that the engine measures them.
 
+#include <ATen/ops/empty_like.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -1,5 +1,7 @@
 #include "model/learning/calibration.h"
 
+#include <ATen/ops/rand.h>
+#include <ATen/ops/randn.h>
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -1,5 +1,6 @@
 #include "model/learning/dirichlet_weights.h"
 
+#include <ATen/ops/rand.h>
 #include <gmock/gmock.h>
 
 #include <cmath>

@@ -1,5 +1,6 @@
 #include "model/learning/mixture_placement.h"
 
+#include <ATen/ops/equal.h>
 #include <gtest/gtest.h>
 
 #include <cmath>

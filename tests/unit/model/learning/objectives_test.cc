@@ -3,6 +3,8 @@
 
 #include "model/learning/objectives.h"
 
+#include <ATen/ops/allclose.h>
+#include <ATen/ops/equal.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
