@@ -37,6 +37,7 @@
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/map_cache.h"
 #include "server/serving/model_registry.h"
+#include "server/serving/shadow.h"
 
 namespace maneuver {
 namespace {
@@ -173,7 +174,13 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   jobs::WorkerPool disk(kDiskThreads, kMaxWaitingForDisk);
   serving::MapCache maps(options.maps, *metrics);
   const scene::ScenarioLimits limits{.map_by_id = true};
-  rpc::PredictionContext context{**models, scheduler, maps, disk, limits, (*protection)->access()};
+  std::shared_ptr<serving::Shadow> shadow;
+  if (options.shadow.fraction > 0.0) {
+    shadow = std::make_shared<serving::Shadow>(
+        options.shadow, **models, [&scheduler] { return scheduler.HasWaiting(); }, *metrics);
+  }
+  rpc::PredictionContext context{
+      **models, scheduler, maps, disk, limits, (*protection)->access(), std::move(shadow)};
   rpc::PredictionService predictions(context);
   rpc::ModelService model_service(**models, disk);
   rpc::DatasetService dataset_service(**datasets, **supervisor, disk);

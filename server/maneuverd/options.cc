@@ -191,6 +191,12 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
+  app.add_option(
+         "--shadow-fraction", options.shadow.fraction,
+         "Part of the requests, 0 to 1, for which the alias candidate is asked as well, once "
+         "they are answered; metrics say how far the answers differ")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
   app.add_option("--precision", precision, "Of the engine; auto: bf16 where the processor has it")
       ->check(CLI::IsMember(kPrecisions))
       ->capture_default_str();

@@ -17,6 +17,7 @@
 #include "server/security/listen_address.h"
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/map_cache.h"
+#include "server/serving/shadow.h"
 
 namespace maneuver {
 
@@ -30,6 +31,7 @@ struct ServerOptions {
   rpc::ConnectionLimits limits;
   serving::SchedulerOptions scheduler;
   serving::MapCacheOptions maps;
+  serving::ShadowOptions shadow;
   inference::EngineOptions engine;
   JobOptions jobs;
   monitoring::LogFormat log_format = monitoring::LogFormat::kText;

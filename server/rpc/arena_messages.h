@@ -7,7 +7,23 @@
 #include <google/protobuf/arena.h>
 #include <grpcpp/support/message_allocator.h>
 
+#include <memory>
+
 namespace maneuver::rpc {
+
+// The messages of one call.
+class CallArena {
+ public:
+  virtual ~CallArena() = default;
+  // Keeps the messages for longer than the call.
+  virtual std::shared_ptr<const void> Keep() const = 0;
+};
+
+// nullptr if the method has no ArenaMessages.
+inline std::shared_ptr<const void> KeepMessages(grpc::RpcAllocatorState* state) {
+  const auto* arena = dynamic_cast<const CallArena*>(state);
+  return arena == nullptr ? nullptr : arena->Keep();
+}
 
 // For SetMessageAllocatorFor_... of the generated services; outlives the server.
 template <typename Request, typename Response>
@@ -16,13 +32,14 @@ class ArenaMessages final : public grpc::MessageAllocator<Request, Response> {
   grpc::MessageHolder<Request, Response>* AllocateMessages() override { return new Messages; }
 
  private:
-  class Messages final : public grpc::MessageHolder<Request, Response> {
+  class Messages final : public grpc::MessageHolder<Request, Response>, public CallArena {
    public:
-    Messages() : arena_(Options()) {
-      this->set_request(google::protobuf::Arena::CreateMessage<Request>(&arena_));
-      this->set_response(google::protobuf::Arena::CreateMessage<Response>(&arena_));
+    Messages() : arena_(std::make_shared<google::protobuf::Arena>(Options())) {
+      this->set_request(google::protobuf::Arena::CreateMessage<Request>(arena_.get()));
+      this->set_response(google::protobuf::Arena::CreateMessage<Response>(arena_.get()));
     }
     void Release() override { delete this; }
+    std::shared_ptr<const void> Keep() const override { return arena_; }
 
    private:
     // A small request fits into the first block, a scene into a few.
@@ -33,7 +50,7 @@ class ArenaMessages final : public grpc::MessageAllocator<Request, Response> {
       return options;
     }
 
-    google::protobuf::Arena arena_;
+    const std::shared_ptr<google::protobuf::Arena> arena_;
   };
 };
 

@@ -141,7 +141,7 @@ void PredictStream::Begin(std::shared_ptr<Entry> entry) {
                std::chrono::nanoseconds(request.timeout().nanos());
   }
   const PredictionIo io = PredictIo(entry->request.request(), entry->response.mutable_response());
-  auto run = PredictionRun::Start(context_, io, deadline,
+  auto run = PredictionRun::Start(context_, io, deadline, entry,
                                   [this, entry](absl::Status status) { Answered(entry, status); });
   const std::lock_guard lock(mutex_);
   if (!in_flight_.contains(entry)) return;  // answered already

@@ -19,23 +19,28 @@ absl::Status AdmitTargets(security::AccessControl& access, const security::Crede
 std::shared_ptr<PredictionRun> PredictionRun::Start(PredictionContext& context,
                                                     const PredictionIo& io,
                                                     serving::TimePoint deadline,
+                                                    std::shared_ptr<const void> request,
                                                     std::function<void(absl::Status)> done) {
-  std::shared_ptr<PredictionRun> run(new PredictionRun(context, io, deadline, std::move(done)));
+  std::shared_ptr<PredictionRun> run(
+      new PredictionRun(context, io, deadline, std::move(request), std::move(done)));
   run->FindModel();
   return run;
 }
 
 PredictionRun::PredictionRun(PredictionContext& context, const PredictionIo& io,
-                             serving::TimePoint deadline, std::function<void(absl::Status)> done)
+                             serving::TimePoint deadline, std::shared_ptr<const void> request,
+                             std::function<void(absl::Status)> done)
     : context_(context),
       io_(io),
+      request_(std::move(request)),
       done_(std::move(done)),
       call_(std::make_shared<serving::PredictionCall>()) {
   call_->deadline = deadline;
 }
 
 void PredictionRun::Finish(absl::Status status) {
-  // `done_` may hold what keeps this run alive.
+  // They may hold what keeps this run alive.
+  const auto request = std::move(request_);
   const auto done = std::exchange(done_, nullptr);
   done(std::move(status));
 }
@@ -117,7 +122,13 @@ void PredictionRun::Answer(std::vector<serving::TargetAnswer> answers) {
     }
     WritePredictions(*io_.scenarios, plan_, answers, style, io_.predictions);
   }
+  // Once it is finished the server may end: the shadow is kept, the context is not.
+  const auto shadow = answers.empty() || request_ == nullptr ? nullptr : context_.shadow;
+  if (shadow == nullptr || !shadow->Samples(call_->targets)) return Finish(absl::OkStatus());
+  auto kept = std::make_shared<std::pair<std::shared_ptr<const void>, ScenarioMaps>>(
+      std::move(request_), std::move(plan_.maps));
   Finish(absl::OkStatus());
+  shadow->Offer(*call_, std::move(answers), std::move(kept));
 }
 
 }  // namespace maneuver::rpc

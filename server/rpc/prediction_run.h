@@ -17,6 +17,7 @@
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/map_cache.h"
 #include "server/serving/model_registry.h"
+#include "server/serving/shadow.h"
 
 namespace maneuver::rpc {
 
@@ -28,6 +29,7 @@ struct PredictionContext {
   jobs::WorkerPool& blocking;  // for a model that is not in memory
   scene::ScenarioLimits limits;
   security::AccessControl& access;
+  std::shared_ptr<serving::Shadow> shadow = nullptr;  // nullptr: none
 };
 
 // Whether the caller may ask for that many targets now.
@@ -54,8 +56,10 @@ class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
  public:
   // Starts a run. `done` is called once, from any thread, possibly before this returns. Errors of
   // single items are in the answer.
+  //   request: keeps what `io` reads beyond the run, for the shadow; nullptr: nothing for it.
   static std::shared_ptr<PredictionRun> Start(PredictionContext& context, const PredictionIo& io,
                                               serving::TimePoint deadline,
+                                              std::shared_ptr<const void> request,
                                               std::function<void(absl::Status)> done);
 
   // Nobody waits for the answer any more; `done` is still called.
@@ -63,7 +67,7 @@ class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
 
  private:
   PredictionRun(PredictionContext& context, const PredictionIo& io, serving::TimePoint deadline,
-                std::function<void(absl::Status)> done);
+                std::shared_ptr<const void> request, std::function<void(absl::Status)> done);
 
   void FindModel();
   absl::Status Submit(serving::ModelHandle model);
@@ -72,6 +76,7 @@ class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
 
   PredictionContext& context_;
   const PredictionIo io_;
+  std::shared_ptr<const void> request_;  // until it is finished
   std::function<void(absl::Status)> done_;
   const serving::CallPtr call_;
   PredictionPlan plan_;

@@ -22,7 +22,7 @@ int64_t Bytes(const google::protobuf::Message& request) {
 // Lives until gRPC is done with the call.
 class PredictionReactor final : public grpc::ServerUnaryReactor {
  public:
-  PredictionReactor(PredictionContext& context, const grpc::CallbackServerContext& rpc,
+  PredictionReactor(PredictionContext& context, grpc::CallbackServerContext& rpc,
                     const PredictionIo& io) {
     if (context.access.limits_targets()) {
       const absl::Status admitted = AdmitTargets(context.access, CredentialsOf(rpc), *io.scenarios);
@@ -31,7 +31,8 @@ class PredictionReactor final : public grpc::ServerUnaryReactor {
         return;
       }
     }
-    auto run = PredictionRun::Start(context, io, OnSteadyClock(rpc.deadline()),
+    auto request = context.shadow == nullptr ? nullptr : KeepMessages(rpc.GetRpcAllocatorState());
+    auto run = PredictionRun::Start(context, io, OnSteadyClock(rpc.deadline()), std::move(request),
                                     [this](absl::Status status) { Finish(ToGrpcStatus(status)); });
     const std::lock_guard lock(mutex_);
     run_ = std::move(run);

@@ -39,6 +39,7 @@ struct ModelAliasName {
 };
 
 inline constexpr std::string_view kServingAlias = "serving";
+inline constexpr std::string_view kCandidateAlias = "candidate";
 
 // What a request may say instead of a version.
 using ModelReference = std::variant<ModelVersionName, ModelAliasName>;

@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "maneuver/v1/scenario.pb.h"
 #include "server/errors/error_details.h"
 
 namespace maneuver::serving {
@@ -65,16 +64,6 @@ void Answer(const TargetQueue::Item& item, TargetAnswer answer) {
     // What `done` holds, perhaps the call itself, is let go with it.
     const auto done = std::exchange(call.done, nullptr);
     done(std::move(call.answers));
-  }
-}
-
-void Draw(const Target& target, scene::Rasterizer& rasterizer, std::span<uint8_t> raster) {
-  const v1::Scenario& scenario = *target.scenario;
-  const double now = scenario.prediction_time();
-  if (target.map != nullptr) {
-    rasterizer.Rasterize(scenario, *target.map, now, target.id, target.X_WT, {}, raster);
-  } else {
-    rasterizer.Rasterize(scenario, now, target.id, target.X_WT, {}, raster);
   }
 }
 
@@ -210,6 +199,7 @@ absl::Status BatchScheduler::CheckWaitLocked(Priority priority, size_t targets, 
 }
 
 void BatchScheduler::ShowQueueLocked() {
+  waiting_.store(queue_.size(), std::memory_order_relaxed);
   for (const Priority priority : {Priority::kInteractive, Priority::kBulk}) {
     const auto i = static_cast<size_t>(priority);
     metrics_.queue_depth[i]->Set(queue_.size(priority));
@@ -329,6 +319,7 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
           engine->session().Classify(encodings[i], call.targets[rows[i].item.target].trajectory);
     }
     answer.probabilities = std::move(encodings[i].probabilities);
+    answer.features = std::move(encodings[i].features);
     metrics_.answered.Increment();
     Answer(rows[i].item, std::move(answer));
   }

@@ -8,6 +8,7 @@
 #define MANEUVER_SERVER_SERVING_BATCH_SCHEDULER_H_
 
 #include <array>
+#include <atomic>
 #include <condition_variable>
 #include <functional>
 #include <mutex>
@@ -51,6 +52,9 @@ class BatchScheduler {
   // told at once, and what it would have held up is answered instead. A call that would not have to
   // wait is always tried.
   absl::Status CheckWait(Priority priority, TimePoint deadline);
+
+  // Whether targets wait for a worker. Takes no lock: who asks all the time holds up nobody.
+  bool HasWaiting() const { return waiting_.load(std::memory_order_relaxed) > 0; }
 
  private:
   // A target on its way through the stages.
@@ -104,6 +108,8 @@ class BatchScheduler {
   TargetQueue queue_;
   DrainRate drain_rate_;
   bool stopping_ = false;
+
+  std::atomic<int> waiting_ = 0;  // targets in the queue, written under mutex_
 
   std::vector<std::thread> workers_;
 };

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <numeric>
 
+#include "maneuver/v1/scenario.pb.h"
+
 namespace maneuver::serving {
 
 std::vector<int> SelectActions(const Eigen::VectorXd& probabilities,
@@ -23,6 +25,16 @@ std::vector<int> SelectActions(const Eigen::VectorXd& probabilities,
     std::erase_if(actions, [&](int a) { return probabilities[a] < least->probability; });
   }
   return actions;
+}
+
+void Draw(const Target& target, scene::Rasterizer& rasterizer, std::span<uint8_t> raster) {
+  const v1::Scenario& scenario = *target.scenario;
+  const double now = scenario.prediction_time();
+  if (target.map != nullptr) {
+    rasterizer.Rasterize(scenario, *target.map, now, target.id, target.X_WT, {}, raster);
+  } else {
+    rasterizer.Rasterize(scenario, now, target.id, target.X_WT, {}, raster);
+  }
 }
 
 absl::Status PredictionCall::Alive(TimePoint now) const {

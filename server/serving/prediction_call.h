@@ -8,12 +8,14 @@
 #include <chrono>
 #include <functional>
 #include <optional>
+#include <span>
 #include <variant>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "model/inference/action_model.h"
 #include "model/scene/pose2.h"
+#include "model/scene/rasterizer.h"
 #include "model/scene/road_map.h"
 #include "server/serving/served_model.h"
 
@@ -64,9 +66,13 @@ struct Target {
   const scene::RoadMap* map = nullptr;
 };
 
+// Draws a target for a model; `rasterizer` and `raster` are of its spec.
+void Draw(const Target& target, scene::Rasterizer& rasterizer, std::span<uint8_t> raster);
+
 struct TargetAnswer {
   absl::Status status;            // if not OK, nothing else is set
   Eigen::VectorXd probabilities;  // [K]
+  Eigen::VectorXf features;       // as in inference::SceneEncoding
   std::vector<inference::ActionDistribution> distributions;
   std::optional<inference::Classification> classification;
 };

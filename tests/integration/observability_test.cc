@@ -4,10 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
-#include <map>
-#include <regex>
-#include <set>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -24,44 +20,6 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 
 constexpr char kTraceparent[] = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01";
-
-// Names, types, help and labels of a page in alphabetical order, without what changes: the numbers,
-// the bounds of buckets and the version; methods by one of them.
-std::string ShapeOf(const std::string& page) {
-  struct Family {
-    std::string comments;
-    std::set<std::string> series;
-  };
-  std::map<std::string, Family> families;
-  Family* family = nullptr;
-  std::istringstream lines(page);
-  for (std::string line; std::getline(lines, line);) {
-    if (line.starts_with("#")) {
-      family = &families[line.substr(7, line.find(' ', 7) - 7)];  // "# HELP name", "# TYPE name"
-      family->comments += line + "\n";
-    } else if (!line.empty() && family != nullptr) {
-      line = line.substr(0, line.rfind(' '));
-      family->series.insert(
-          std::regex_replace(line, std::regex("(le|quantile|method|version)=\"[^\"]*\""), "$1=*"));
-    }
-  }
-  std::string shape;
-  for (const auto& [name, each] : families) {
-    shape += each.comments;
-    for (const std::string& series : each.series) shape += series + "\n";
-  }
-  return shape;
-}
-
-int RunShell(const std::string& script, std::string* output) {
-  return Run({"/bin/sh", "-c", script}, output);
-}
-
-std::string ReadText(const std::filesystem::path& file) {
-  std::ostringstream text;
-  text << std::ifstream(file).rdbuf();
-  return text.str();
-}
 
 class ObservabilityTest : public ::testing::Test {
  protected:
@@ -116,24 +74,12 @@ class ObservabilityTest : public ::testing::Test {
 TEST_F(ObservabilityTest, ThePageOfMetricsHasTheseNamesTypesLabelsAndHelp) {
   MetricsPage(*server_);  // the page counts its own visitors, from the second on
   const std::string shape = ShapeOf(MetricsPage(*server_));
-  const std::filesystem::path golden = GOLDEN_METRICS_PAGE;
-  if (shape == ReadText(golden)) return;
-  const std::filesystem::path seen = ACTUAL_METRICS_PAGE;
-  std::ofstream(seen) << shape;
-  std::string difference;
-  RunShell("diff -U0 '" + golden.string() + "' '" + seen.string() + "'", &difference);
-  ADD_FAILURE() << "If this is what is meant: cp " << seen << " " << golden << "\n" << difference;
+  ExpectShape(shape, GOLDEN_METRICS_PAGE, ACTUAL_METRICS_PAGE);
 }
 
 TEST_F(ObservabilityTest, PromtoolFindsNothingWrongWithThePage) {
-  std::string output;
-  if (RunShell("command -v promtool", &output) != 0) {
-    GTEST_SKIP() << "promtool is not installed";
-  }
-  const std::filesystem::path page = folder_.file("page");
-  std::ofstream(page) << MetricsPage(*server_);
-  EXPECT_EQ(RunShell("promtool check metrics <" + page.string(), &output), 0) << output;
-  EXPECT_EQ(output, "");
+  if (!HasPromtool()) GTEST_SKIP() << "promtool is not installed";
+  ExpectPromtoolIsContent(MetricsPage(*server_), folder_.file("page"));
 }
 
 TEST_F(ObservabilityTest, BytesOfMessagesAreCountedByMethod) {

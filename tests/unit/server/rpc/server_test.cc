@@ -358,7 +358,7 @@ TEST_F(ServerTest, PriorityAndBytesOfARequestReachTheQueue) {
   const auto start = [&](size_t i, v1::Priority priority) {
     PredictionIo io = PredictIo(request, &responses[i]);
     io.priority = priority;
-    return PredictionRun::Start(*context_, io, serving::TimePoint::max(),
+    return PredictionRun::Start(*context_, io, serving::TimePoint::max(), nullptr,
                                 [&](const absl::Status& status) {
                                   EXPECT_TRUE(status.ok()) << status;
                                   finished.count_down();

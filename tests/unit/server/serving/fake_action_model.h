@@ -48,6 +48,10 @@ class FakeNetworks {
     return described_;
   }
 
+  // What the model says. Set them before the first call.
+  Eigen::VectorXd probabilities = Eigen::Vector3d(0.2, 0.5, 0.3);
+  double ahead = 0.0;  // metres that every waypoint is further along x
+
   // Called when a worker gets itself an engine: after the queue, before any raster. Set it before
   // the first call.
   std::function<void()> on_new_session;
@@ -84,7 +88,7 @@ class FakeSession final : public inference::InferenceSession {
       const uint8_t* raster = scenes[i].raster;
       const int64_t sum = std::accumulate(raster, raster + raster_bytes_, int64_t{0});
       encodings[i].features = Eigen::VectorXf::Constant(1, static_cast<float>(sum));
-      encodings[i].probabilities = Eigen::Vector3d(0.2, 0.5, 0.3);
+      encodings[i].probabilities = networks_.probabilities;
     }
   }
 
@@ -98,6 +102,7 @@ class FakeSession final : public inference::InferenceSession {
       answer.action = action;
       answer.latent_mean = Eigen::VectorXd::Constant(1, encoding.features[0]);
       answer.sigma.push_back(inference::Trajectory::Constant(2, 2, action));
+      answer.sigma.back().col(0).array() += networks_.ahead;
       answer.moment_mean = answer.sigma.front();
       answer.moment_covariance.setZero(2, 3);
       answers.push_back(std::move(answer));

@@ -9,6 +9,7 @@
 #include "model/files/durable_file.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/server/serving/fake_action_model.h"
+#include "tests/unit/server/serving/memory_alias_store.h"
 
 namespace maneuver::serving {
 namespace {
@@ -20,31 +21,6 @@ using security::ModelVersionName;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-
-class MemoryAliasStore final : public AliasStore {
- public:
-  absl::Status SetAlias(const ModelAliasName& name, int version) override {
-    if (broken) return absl::UnavailableError("disk full");
-    aliases[name] = version;
-    return absl::OkStatus();
-  }
-  absl::StatusOr<int> GetAlias(const ModelAliasName& name) override {
-    const auto found = aliases.find(name);
-    if (found == aliases.end()) return absl::NotFoundError("no alias");
-    return found->second;
-  }
-  absl::StatusOr<std::vector<ModelAlias>> ListAliases() override {
-    std::vector<ModelAlias> all;
-    for (const auto& [name, version] : aliases) all.push_back({name, version});
-    return all;
-  }
-  absl::Status DeleteAlias(const ModelAliasName& name) override {
-    return aliases.erase(name) == 1 ? absl::OkStatus() : absl::NotFoundError("no alias");
-  }
-
-  std::map<ModelAliasName, int> aliases;
-  bool broken = false;
-};
 
 class ModelRegistryTest : public ::testing::Test {
  protected:

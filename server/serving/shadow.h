@@ -1,0 +1,138 @@
+// Asks the version that a model's alias `candidate` points to what it would have answered, for a
+// fraction of the requests that another version of the model has answered, and measures how far the
+// two differ (model/evaluation/answer_difference.h).
+//
+// Callers never notice: a request comes here once its answer is complete; what the shadow cannot
+// take at once is dropped and counted; one thread of its own, of the lowest priority, works only
+// while no target waits for the scheduler's workers, and rests for most of the time.
+
+#ifndef MANEUVER_SERVER_SERVING_SHADOW_H_
+#define MANEUVER_SERVER_SERVING_SHADOW_H_
+
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "server/monitoring/metrics.h"
+#include "server/serving/model_registry.h"
+#include "server/serving/prediction_call.h"
+#include "server/serving/shadow_comparison.h"
+
+namespace maneuver::serving {
+
+struct ShadowOptions {
+  double fraction = 0.0;  // of the requests, 0 to 1
+  // What may wait for the shadow's thread, that at work included: targets, and bytes of the
+  // requests that they hold on to.
+  int max_targets = 64;
+  int64_t max_bytes = int64_t{64} << 20;
+  // In (0, 1]: most of the time that the thread works; the rest it rests.
+  double max_share = 0.25;
+  // Metrics are kept for each model, for so many of them.
+  int max_models = 32;
+  // The time; replaced in tests.
+  std::function<TimePoint()> now = [] { return std::chrono::steady_clock::now(); };
+};
+
+// Safe to use from any thread.
+class Shadow {
+ public:
+  //   models, metrics: outlive the shadow.
+  //   busy: whether there is better to do; asked all the time, so it should take no lock.
+  Shadow(const ShadowOptions& options, ModelRegistry& models, std::function<bool()> busy,
+         monitoring::MetricRegistry& metrics);
+  // Ends after the step at work.
+  ~Shadow();
+  Shadow(const Shadow&) = delete;
+  Shadow& operator=(const Shadow&) = delete;
+
+  // Whether a request for these targets is one of the fraction: by a hash of its scenarios' names
+  // and times, its targets and where they are. The same request always is, or never, on any server.
+  bool Samples(std::span<const Target> targets) const;
+
+  // Takes an answered request, which nobody waits for any more. Never waits itself.
+  //   answers: of call.targets; those that failed are left out.
+  //   kept: what the targets point to; let go of once they are compared, or dropped.
+  void Offer(const PredictionCall& call, std::vector<TargetAnswer> answers,
+             std::shared_ptr<const void> kept);
+
+ private:
+  struct AnsweredTarget {
+    Target target;
+    inference::SceneEncoding encoding;
+  };
+  struct AnsweredRequest {
+    ModelHandle answered;
+    ModelHandle candidate;
+    std::vector<AnsweredTarget> targets;
+    int64_t bytes = 0;
+    std::shared_ptr<const void> kept;
+  };
+  // Of one model.
+  struct Differences {
+    Differences(monitoring::MetricRegistry& metrics, const std::string& model);
+    void Observe(const evaluation::AnswerDifference& difference);
+
+    monitoring::Histogram& expected;
+    monitoring::Histogram& likeliest;
+    monitoring::Histogram& energy;
+    monitoring::Histogram& divergence;
+    monitoring::Histogram& answered_entropy;
+    monitoring::Histogram& candidate_entropy;
+  };
+  struct Comparison {
+    ModelHandle answered;
+    ModelHandle candidate;
+    std::unique_ptr<ShadowComparison> versions;  // nullptr: the two cannot be compared
+    TimePoint last_used;
+  };
+
+  // How many of its targets were taken; the others are let go of.
+  size_t Push(AnsweredRequest& request);
+  void Work();
+  void Compare(AnsweredRequest& request);
+  // Takes the steps of one target, each in its turn. False if the shadow ends.
+  bool CompareTarget(ShadowComparison& versions, Differences& differences,
+                     const AnsweredTarget& target);
+  // Runs a step once it is the shadow's turn. False, and it did not run, if the shadow ends.
+  bool InTurn(const std::function<void()>& step);
+  // nullptr if the two cannot be compared.
+  ShadowComparison* ComparisonOf(const AnsweredRequest& request);
+  // Lets go of versions that were not asked for a while.
+  void ForgetComparisons();
+  Differences& DifferencesOf(const std::string& model);
+
+  const ShadowOptions options_;
+  ModelRegistry& models_;
+  const std::function<bool()> busy_;
+  monitoring::MetricRegistry& metrics_;
+  monitoring::Counter& compared_;
+  monitoring::Counter& dropped_;
+  monitoring::Counter& failed_;
+  monitoring::Counter& seconds_;
+
+  std::mutex mutex_;  // guards what follows
+  std::condition_variable wake_;
+  std::deque<AnsweredRequest> waiting_;
+  size_t held_targets_ = 0;  // that wait or are at work
+  int64_t held_bytes_ = 0;
+  bool stopping_ = false;
+
+  // The thread's own.
+  TimePoint rests_until_;
+  std::map<std::string, Comparison> comparisons_;  // by model
+  std::map<std::string, Differences> differences_;
+  std::thread thread_;
+};
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_SERVER_SERVING_SHADOW_H_
