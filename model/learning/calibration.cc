@@ -13,17 +13,7 @@ namespace {
 
 constexpr int64_t kMostTraining = 4096;  // examples
 constexpr int64_t kMostHeldOut = 3072;
-constexpr int64_t kFewestHeldOut = 100;    // below this nothing is fitted to them
-constexpr int64_t kLatentExamples = 1024;  // of each, for the factor of q(z|y,s): one number
-
-// As many of the examples, evenly.
-ExampleFeatures Some(const ExampleFeatures& examples, int64_t most) {
-  const int64_t count = examples.features.size(0);
-  if (count <= most) return examples;
-  const at::Tensor rows = at::arange(most, examples.features.options().dtype(at::kLong)) * count;
-  const at::Tensor chosen = rows.div(most, "floor");
-  return {examples.trajectories.index_select(0, chosen), examples.features.index_select(0, chosen)};
-}
+constexpr int64_t kFewestHeldOut = 100;  // below this nothing is fitted to them
 
 std::string LastLayer(const char* network, const v1::MlpSpec& spec) {
   return network + ("." + std::to_string(spec.hidden_size()));
@@ -108,20 +98,20 @@ absl::Status CalibrateModel(Networks& networks, const TrainingData& data,
       held_out_examples.features.defined() && held_out_examples.features.size(0) >= kFewestHeldOut;
   const bool fixed = optimization.decoder_covariance() == v1::DECODER_COVARIANCE_FIXED;
 
+  Predictions training = Predict(networks, training_examples);
+  Predictions held_out = has_held_out ? Predict(networks, held_out_examples) : Predictions();
   // How wide q(z|y,s) is, first: q(y|x,s) depends on it, and everything else on that. Of a base
   // model it is p(z|y) and stays so.
   if (has_held_out && !fixed && optimization.calibrate_latent() &&
       networks.spec().objective() != v1::OBJECTIVE_BASE) {
-    FitCovariance(networks, Predict(networks, Some(training_examples, kLatentExamples)), generator);
+    FitCovariance(networks, training, generator);
     if (stopped()) return stop();
-    const Predictions some = Predict(networks, Some(held_out_examples, kLatentExamples));
     const CovarianceScale scale =
-        FitCovarianceScale(some, DecoderCovariance(networks, some), /*fit_latent=*/true);
+        FitCovarianceScale(held_out, DecoderCovariance(networks, held_out), /*fit_latent=*/true);
     ScaleLatent(networks, scale.latent_stddev);
-    if (stopped()) return stop();
+    training = Predict(networks, training_examples);
+    held_out = Predict(networks, held_out_examples);
   }
-  Predictions training = Predict(networks, training_examples);
-  Predictions held_out = has_held_out ? Predict(networks, held_out_examples) : Predictions();
   if (has_held_out && optimization.calibrate_probabilities()) {
     const double temperature =
         FitTemperature(held_out.log_probabilities, held_out.log_responsibilities);
