@@ -348,6 +348,37 @@ TEST_F(ServerTest, AStreamTakesAnyNumberOfRequests) {
   EXPECT_EQ(answered.size(), static_cast<size_t>(kRequests));
 }
 
+TEST_F(ServerTest, ARequestReachesTheShadowOnceItsCallerIsAnswered) {
+  Publish();
+  Publish();
+  ASSERT_TRUE(models_->SetAlias({"town", "candidate"}, 2).ok());
+  // It has room for nothing, and so counts at once what it is offered.
+  context_->shadow = std::make_shared<serving::Shadow>(
+      serving::ShadowOptions{.fraction = 1.0, .max_targets = 0}, *models_, [] { return true; },
+      *metrics_);
+  const auto offered = [this] {
+    return metrics_->Page().find("maneuver_shadow_targets_total{outcome=\"dropped\"} 0\n") ==
+           std::string::npos;
+  };
+  const v1::PredictRequest request = OneScene();
+  v1::PredictResponse response;
+  std::latch finished(1);
+  auto kept = std::make_shared<int>();
+  const std::weak_ptr<int> watched = kept;
+  const auto run =
+      PredictionRun::Start(*context_, PredictIo(request, &response), serving::TimePoint::max(),
+                           std::move(kept), [&](const absl::Status& status) {
+                             EXPECT_TRUE(status.ok()) << status;
+                             EXPECT_EQ(response.predictions_size(), 1);
+                             EXPECT_FALSE(offered());
+                             finished.count_down();
+                           });
+  finished.wait();
+  scheduler_ = nullptr;  // ends once its workers have
+  EXPECT_TRUE(offered());
+  EXPECT_TRUE(watched.expired());
+}
+
 TEST_F(ServerTest, PriorityAndBytesOfARequestReachTheQueue) {
   Publish();
   networks_.CloseGate();
