@@ -12,6 +12,7 @@ Request WithoutQuery(const v1::PredictRequest& request) {
   Request result;
   result.set_model(request.model());
   *result.mutable_scenarios() = request.scenarios();
+  result.set_priority(request.priority());
   return result;
 }
 

@@ -13,6 +13,7 @@
 #include "client/cli/load_arguments.h"
 #include "client/cli/load_report.h"
 #include "client/cli/load_scenes.h"
+#include "client/cli/priority_option.h"
 #include "client/cli/progress_line.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/text_format.h"
@@ -29,6 +30,7 @@ struct LoadArguments {
   std::string model;
   std::string method = "predict";
   std::string targets = "1";
+  std::string priority = "interactive";
   std::vector<int64_t> actions;
   std::optional<double> min_probability;
   std::optional<int64_t> top_k;
@@ -57,6 +59,7 @@ std::chrono::nanoseconds Nanoseconds(double seconds) {
 v1::PredictRequest Pattern(const LoadArguments& arguments) {
   v1::PredictRequest pattern;
   pattern.set_model(ModelResource(arguments.model));
+  pattern.set_priority(PriorityNamed(arguments.priority));
   v1::DistributionQuery& query = *pattern.mutable_query();
   for (const int64_t id : arguments.actions) {
     query.mutable_action_ids()->add_ids(static_cast<int32_t>(id));
@@ -319,6 +322,7 @@ void AddLoad(Command& root, Environment& environment) {
   command.Choice("--method", &arguments->method, {"predict", "probability", "distribution"},
                  "What is asked");
   command.Option("--targets", &arguments->targets, "Targets of a request, N or from A-B");
+  AddPriorityOption(command, &arguments->priority);
   command.Option("--actions", &arguments->actions, "Describe these actions, such as 1,2");
   command.Option("--min-probability", &arguments->min_probability, 0.0, 1.0,
                  "Describe actions at least this probable [0.05]");
