@@ -23,6 +23,7 @@
 #include "server/jobs/supervisor.h"
 #include "server/jobs/worker_pool.h"
 #include "server/maneuverd/data_lock.h"
+#include "server/maneuverd/idle_memory.h"
 #include "server/maneuverd/options.h"
 #include "server/maneuverd/protection.h"
 #include "server/maneuverd/token_command.h"
@@ -148,6 +149,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
                  {{"version", MANEUVER_VERSION}})
       .Set(1.0);
 
+  const IdleMemory idle_memory;
   const auto protection = Protection::Open(options, *metrics);
   if (!protection.ok()) return protection.status();
   const auto lock = DataLock::Take(options.data_dir);

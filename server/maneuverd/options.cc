@@ -59,6 +59,8 @@ struct SecurityFlags {
   int max_message_mib = 64;
   int64_t max_idle_s = 900;
   int64_t max_age_s = 3600;
+  int64_t handshake_s = 10;
+  int64_t keepalive_s = 60;
   bool insecure = false;
 };
 
@@ -95,6 +97,21 @@ void AddSecurityFlags(CLI::App& app, SecurityFlags* flags, ServerOptions* option
                  "A connection this old takes no new calls, seconds; those in flight go on")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
+  app.add_option("--handshake-timeout", flags->handshake_s,
+                 "A connection whose handshake takes longer is closed, seconds")
+      ->check(CLI::Range(1, 3600))
+      ->capture_default_str();
+  app.add_option("--keepalive", flags->keepalive_s,
+                 "A connection without a word for so long is asked for one, and closed if none "
+                 "comes in a third of that, seconds")
+      ->check(CLI::Range(1, 100'000))
+      ->capture_default_str();
+  app.add_option("--max-receive-memory", options->limits.max_receive_bytes,
+                 "Most memory of messages that have not come whole, of all connections, such as "
+                 "1GiB; beyond that calls are broken off")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
 }
 
 // FAILED_PRECONDITION for flags that make no sense together.
@@ -117,6 +134,13 @@ absl::Status TakeSecurityFlags(const SecurityFlags& flags, ServerOptions* option
   options->limits.max_message_bytes = flags.max_message_mib << 20;
   options->limits.max_idle = std::chrono::seconds(flags.max_idle_s);
   options->limits.max_age = std::chrono::seconds(flags.max_age_s);
+  options->limits.handshake = std::chrono::seconds(flags.handshake_s);
+  options->limits.keepalive = std::chrono::seconds(flags.keepalive_s);
+  if (options->limits.max_receive_bytes < 2 * int64_t{options->limits.max_message_bytes}) {
+    return absl::FailedPreconditionError(
+        "--max-receive-memory has to be at least twice --max-message: less of the one, or more of "
+        "the other");
+  }
   return absl::OkStatus();
 }
 

@@ -3,6 +3,7 @@
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
+#include <grpcpp/resource_quota.h>
 
 #include <algorithm>
 #include <climits>
@@ -17,8 +18,8 @@ namespace {
 
 constexpr char kPredictionService[] = "maneuver.v1.PredictionService";
 
-int Milliseconds(std::chrono::seconds time) {
-  const int64_t milliseconds = std::chrono::milliseconds(time).count();
+int Milliseconds(std::chrono::milliseconds time) {
+  const int64_t milliseconds = time.count();
   return static_cast<int>(std::min<int64_t>(milliseconds, INT_MAX));
 }
 
@@ -27,10 +28,15 @@ void Limit(grpc::ServerBuilder& builder, const ConnectionLimits& limits) {
   builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, limits.max_streams);
   builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_IDLE_MS, Milliseconds(limits.max_idle));
   builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, Milliseconds(limits.max_age));
-  // Who connects and says nothing is not waited for, and who went without a word is found out.
-  builder.AddChannelArgument(GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, 10'000);
-  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, 60'000);
-  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 20'000);
+  // Who connects and says nothing is not waited for, and who went without a word is found out, also
+  // when nothing else was said for long (gRPC would stop to ask after two times).
+  const std::chrono::milliseconds keepalive = limits.keepalive;
+  builder.AddChannelArgument(GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, Milliseconds(limits.handshake));
+  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, Milliseconds(keepalive));
+  builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, Milliseconds(keepalive / 3));
+  builder.AddChannelArgument(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);
+  builder.SetResourceQuota(
+      grpc::ResourceQuota("connections").Resize(static_cast<size_t>(limits.max_receive_bytes)));
   // A client may do the same.
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, 10'000);

@@ -4,6 +4,7 @@
 #define MANEUVER_SERVER_RPC_SERVER_H_
 
 #include <chrono>
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
@@ -29,6 +30,14 @@ struct ConnectionLimits {
   // A connection this old takes no more calls: the client connects anew, to another replica maybe,
   // and with certificates of the day. Calls in flight go on.
   std::chrono::seconds max_age{3600};
+  std::chrono::seconds handshake{10};  // from connecting to the client's first frame of HTTP/2
+  // Without a word for so long, a connection is asked for one, and closed if none comes in a third
+  // of that, calls or not.
+  std::chrono::seconds keepalive{60};
+  // What all connections together may hold of messages that have not come whole: gRPC looks at a
+  // message's size only once it has all of it. Beyond that idle connections are closed, and then
+  // calls are broken off with RESOURCE_EXHAUSTED, whoever's they are, until there is room.
+  int64_t max_receive_bytes = int64_t{1} << 30;
 };
 
 class Server {

@@ -1,0 +1,53 @@
+#include "server/maneuverd/idle_memory.h"
+
+#include <malloc.h>
+
+#include <algorithm>
+#include <chrono>
+
+#include "server/monitoring/process_metrics.h"
+
+namespace maneuver {
+namespace {
+
+constexpr std::chrono::seconds kInterval{2};
+// Less is kept for the next burst, which would have to fetch it again page by page.
+constexpr double kMuch = 32 << 20;
+
+// Memory of this process beyond what it has allocated: its programs, and what was freed.
+double UnusedBytes() {
+  const auto process = monitoring::ReadProcessMetrics();
+  const struct mallinfo2 heap = mallinfo2();  // of all arenas
+  return process ? process->resident_bytes - static_cast<double>(heap.uordblks + heap.hblkhd) : 0.0;
+}
+
+}  // namespace
+
+IdleMemory::IdleMemory() : thread_([this] { Run(); }) {}
+
+IdleMemory::~IdleMemory() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopped_ = true;
+  }
+  stop_.notify_all();
+  thread_.join();
+}
+
+void IdleMemory::Run() {
+  double before = UnusedBytes();
+  double least = before;  // what cannot be given back
+  std::unique_lock lock(mutex_);
+  while (!stop_.wait_for(lock, kInterval, [this] { return stopped_; })) {
+    const double now = UnusedBytes();
+    if (std::min(before, now) < least + kMuch) {
+      least = std::min(least, now);
+      before = now;
+      continue;
+    }
+    malloc_trim(0);
+    before = least = UnusedBytes();
+  }
+}
+
+}  // namespace maneuver
