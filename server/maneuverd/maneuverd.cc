@@ -185,8 +185,9 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
       **models, scheduler, maps, disk, limits, (*protection)->access(), std::move(shadow)};
   rpc::PredictionService predictions(context);
   rpc::ModelService model_service(**models, disk);
-  rpc::DatasetService dataset_service(**datasets, **supervisor, disk);
-  rpc::TrainingService training_service(**supervisor, disk);
+  security::AccessControl& access = (*protection)->access();
+  rpc::DatasetService dataset_service(**datasets, **supervisor, disk, access);
+  rpc::TrainingService training_service(**supervisor, disk, access);
   rpc::AdminService admin_service;
 
   auto server = rpc::Server::Start(options.listen,

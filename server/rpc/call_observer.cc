@@ -65,12 +65,16 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
     }
   }
 
-  // Of a message as a guarded service receives it: parsed if it is one of a stream, and otherwise
-  // the bytes themselves (see GuardedHandler::Deserialize).
+  // Of a message as a guarded service receives it: the bytes themselves in a call of one request
+  // (see GuardedHandler::Deserialize) and in a stream both ways (see PredictStream), parsed in an
+  // upload.
   size_t SizeOf(void* message) const {
     if (message == nullptr) return 0;  // the end of the stream
     if (type_ == ServerRpcInfo::Type::UNARY || type_ == ServerRpcInfo::Type::SERVER_STREAMING) {
       return grpc_byte_buffer_length(static_cast<grpc_byte_buffer*>(message));
+    }
+    if (type_ == ServerRpcInfo::Type::BIDI_STREAMING) {
+      return static_cast<grpc::ByteBuffer*>(message)->Length();
     }
     return static_cast<google::protobuf::MessageLite*>(message)->ByteSizeLong();
   }

@@ -80,14 +80,14 @@ absl::Status Answer(absl::StatusOr<Message> result, Message* response) {
 }  // namespace
 
 DatasetService::DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs,
-                               jobs::WorkerPool& pool)
-    : datasets_(datasets), jobs_(jobs), pool_(pool) {}
+                               jobs::WorkerPool& pool, security::AccessControl& access)
+    : datasets_(datasets), jobs_(jobs), pool_(pool), access_(access) {}
 
 DatasetService::~DatasetService() = default;
 
 grpc::ServerReadReactor<v1::UploadDatasetRequest>* DatasetService::UploadDataset(
     grpc::CallbackServerContext* rpc, v1::Dataset* response) {
-  return new DatasetUploadCall(datasets_, pool_, rpc, response);
+  return new DatasetUploadCall(datasets_, pool_, access_, rpc, response);
 }
 
 grpc::ServerUnaryReactor* DatasetService::ListDatasets(grpc::CallbackServerContext* rpc,

@@ -5,13 +5,15 @@
 #include "model/data/dataset_store.h"
 #include "server/jobs/supervisor.h"
 #include "server/jobs/worker_pool.h"
+#include "server/security/access_control.h"
 
 namespace maneuver::rpc {
 
 class DatasetService final : public v1::DatasetService::CallbackService {
  public:
   // All outlive the service. Out of line, with the destructor: see AdminService.
-  DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs, jobs::WorkerPool& pool);
+  DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs, jobs::WorkerPool& pool,
+                 security::AccessControl& access);
   ~DatasetService() override;
 
   grpc::ServerReadReactor<v1::UploadDatasetRequest>* UploadDataset(grpc::CallbackServerContext* rpc,
@@ -39,6 +41,7 @@ class DatasetService final : public v1::DatasetService::CallbackService {
   data::DatasetStore& datasets_;
   jobs::Supervisor& jobs_;
   jobs::WorkerPool& pool_;
+  security::AccessControl& access_;
 };
 
 }  // namespace maneuver::rpc

@@ -5,38 +5,75 @@
 #include "model/data/dataset_folder.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/blocking_call.h"
+#include "server/rpc/guarded_service.h"
 #include "server/security/resource_name.h"
 
 namespace maneuver::rpc {
 namespace {
 
 constexpr size_t kMaxChunk = size_t{1} << 20;
+constexpr char kUploadMethod[] = "/maneuver.v1.DatasetService/UploadDataset";
 
 }  // namespace
 
 DatasetUploadCall::DatasetUploadCall(data::DatasetStore& datasets, jobs::WorkerPool& pool,
+                                     security::AccessControl& access,
                                      grpc::CallbackServerContext* rpc, v1::Dataset* response)
     : datasets_(datasets), pool_(pool), rpc_(rpc), response_(response) {
-  StartRead(&message_);
+  admission_ = access.Watch(kUploadMethod, CredentialsOf(*rpc),
+                            [this](const absl::Status& refusal) { OnRefused(refusal); });
+  ReadOn();
+}
+
+void DatasetUploadCall::OnRefused(const absl::Status& refusal) {
+  {
+    const std::lock_guard lock(mutex_);
+    refusal_ = refusal;
+    if (!reading_.exchange(false)) return;  // who works on the call will see it
+  }
+  // The read that is left pending ends with the call.
+  pool_.Continue([this, refusal] { End(refusal); });
 }
 
 void DatasetUploadCall::OnReadDone(bool ok) {
+  if (!reading_.exchange(false)) return;  // the call was refused
   const auto step = [this, ok] { TakeStep(ok); };
   if (upload_ != nullptr) {
     pool_.Continue(step);
   } else if (!pool_.Post(step)) {
-    Finish(ToGrpcStatus(Busy()));
+    End(Busy());
   }
 }
 
 void DatasetUploadCall::TakeStep(bool has_message) {
   const absl::Status status = has_message ? TakeMessage() : Commit();
   if (status.ok() && has_message) {
-    StartRead(&message_);
-    return;
+    ReadOn();
+  } else {
+    End(status);
   }
+}
+
+void DatasetUploadCall::ReadOn() {
+  absl::Status refusal;
+  {
+    // No refusal comes between; OnReadDone, which may come at once, takes no lock.
+    const std::lock_guard lock(mutex_);
+    refusal = refusal_;
+    if (refusal.ok()) {
+      reading_ = true;
+      StartRead(&message_);
+    }
+  }
+  if (!refusal.ok()) End(refusal);
+}
+
+void DatasetUploadCall::End(const absl::Status& status) {
   // Before the client hears of it: what failed has left nothing.
   upload_.reset();
+  {
+    const std::lock_guard lock(mutex_);  // ReadOn, on another thread, has let go of it
+  }
   Finish(ToGrpcStatus(status));
 }
 

@@ -4,12 +4,15 @@
 #include <grpcpp/server_context.h>
 #include <grpcpp/support/server_callback.h>
 
+#include <atomic>
 #include <memory>
+#include <mutex>
 
 #include "absl/status/status.h"
 #include "maneuver/v1/dataset_service.pb.h"
 #include "model/data/dataset_store.h"
 #include "server/jobs/worker_pool.h"
+#include "server/security/access_control.h"
 
 namespace maneuver::rpc {
 
@@ -18,12 +21,17 @@ namespace maneuver::rpc {
 class DatasetUploadCall final : public grpc::ServerReadReactor<v1::UploadDatasetRequest> {
  public:
   DatasetUploadCall(data::DatasetStore& datasets, jobs::WorkerPool& pool,
-                    grpc::CallbackServerContext* rpc, v1::Dataset* response);
+                    security::AccessControl& access, grpc::CallbackServerContext* rpc,
+                    v1::Dataset* response);
 
   void OnReadDone(bool ok) override;
   void OnDone() override { delete this; }
 
  private:
+  // The caller's token was taken back: the call ends as soon as nobody works on it.
+  void OnRefused(const absl::Status& refusal);
+  void ReadOn();
+  void End(const absl::Status& status);
   // One of them at a time, on a thread of the pool.
   void TakeStep(bool has_message);
   absl::Status TakeMessage();
@@ -35,7 +43,15 @@ class DatasetUploadCall final : public grpc::ServerReadReactor<v1::UploadDataset
   grpc::CallbackServerContext* const rpc_;
   v1::Dataset* const response_;
   v1::UploadDatasetRequest message_;
-  std::unique_ptr<data::DatasetUpload> upload_;  // once the header came
+  std::unique_ptr<data::DatasetUpload> upload_;  // once the header came; of who works on the call
+
+  // A read is under way. Who turns it to false goes on with the call: OnReadDone, or a refusal.
+  std::atomic<bool> reading_ = false;
+  std::mutex mutex_;
+  absl::Status refusal_;  // guarded by mutex_
+
+  // Last, so that it ends first: nobody refuses what is gone.
+  std::unique_ptr<security::AccessControl::LongCall> admission_;
 };
 
 // With the ErrorInfo that fits an error of the dataset store.

@@ -1,10 +1,14 @@
 #include "server/rpc/predict_stream.h"
 
+#include <grpcpp/impl/codegen/proto_utils.h>
+
 #include <algorithm>
 #include <utility>
 
 #include "server/errors/error_details.h"
+#include "server/rpc/guarded_service.h"
 #include "server/rpc/status_details.h"
+#include "server/rpc/stream_envelope.h"
 
 namespace maneuver::rpc {
 namespace {
@@ -12,12 +16,26 @@ namespace {
 // Requests read and not yet written back; beyond that the stream is not read, and flow control
 // makes the caller wait.
 constexpr size_t kMaxInFlight = 64;
+constexpr size_t kMaxBytesInFlight = size_t{8} << 20;
 constexpr size_t kMaxStreamedIdLength = 128;
 constexpr char kMethod[] = "/maneuver.v1.PredictionService/StreamPredict";
 
 absl::Status ShuttingDown() {
   return errors::WithReason(
       absl::UnavailableError("the server is shutting down; open another stream"), "SHUTTING_DOWN");
+}
+
+absl::Status NoMessage() {
+  return errors::InvalidField("request", "these bytes are no StreamPredictRequest");
+}
+
+serving::TimePoint DeadlineOf(const StreamEnvelope& envelope) {
+  // Longer than a day is as good as never.
+  constexpr int64_t kNever = 24 * 3600;
+  if (!envelope.timeout || envelope.timeout->seconds() >= kNever) return serving::TimePoint::max();
+  const int64_t seconds = std::max<int64_t>(envelope.timeout->seconds(), 0);
+  return std::chrono::steady_clock::now() + std::chrono::seconds(seconds) +
+         std::chrono::nanoseconds(envelope.timeout->nanos());
 }
 
 }  // namespace
@@ -55,42 +73,47 @@ PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* r
 }
 
 PredictStream* PredictStream::Open(PredictionContext& context, OpenStreams& streams,
-                                   security::Credentials caller) {
-  const std::shared_ptr<PredictStream> stream(
-      new PredictStream(context, streams, std::move(caller)));
+                                   grpc::CallbackServerContext* rpc) {
+  const std::shared_ptr<PredictStream> stream(new PredictStream(context, streams, rpc));
   if (!streams.Add(stream)) stream->draining_ = true;
-  stream->Proceed(std::unique_lock(stream->mutex_));
-  return stream.get();
+  PredictStream* const opened = stream.get();
+  opened->admission_ =
+      context.access.Watch(kMethod, opened->caller_,
+                           [opened](const absl::Status& refusal) { opened->OnRefused(refusal); });
+  opened->Proceed(std::unique_lock(opened->mutex_));
+  return opened;
 }
 
 PredictStream::PredictStream(PredictionContext& context, OpenStreams& streams,
-                             security::Credentials caller)
-    : context_(context), streams_(streams), caller_(std::move(caller)) {}
+                             grpc::CallbackServerContext* rpc)
+    : context_(context), streams_(streams), rpc_(rpc), caller_(CredentialsOf(*rpc)) {}
 
 void PredictStream::Proceed(std::unique_lock<std::mutex> lock) {
-  v1::StreamPredictRequest* read = nullptr;
-  const v1::StreamPredictResponse* write = nullptr;
+  grpc::ByteBuffer* read = nullptr;
+  const grpc::ByteBuffer* write = nullptr;
   bool finish = false;
   const size_t unwritten = in_flight_.size() + to_write_.size() + (writing_ != nullptr ? 1 : 0);
-  const bool no_more = reads_ended_ || draining_;
-  if (!read_pending_ && !no_more && unwritten < kMaxInFlight) {
+  const bool ends_early = draining_ || !refusal_.ok();
+  const bool no_more = reads_ended_ || ends_early;
+  if (!read_pending_ && !no_more && unwritten < kMaxInFlight && bytes_ < kMaxBytesInFlight) {
     read_pending_ = true;
     reading_ = std::make_shared<Entry>();
-    read = &reading_->request;
+    read = &reading_->bytes;
   }
   if (writing_ == nullptr && !to_write_.empty()) {
     writing_ = std::move(to_write_.front());
     to_write_.pop_front();
-    write = &writing_->response;
+    write = &writing_->bytes;
   }
-  // A read that a drain leaves pending ends with the stream.
-  if (!finished_ && no_more && (!read_pending_ || draining_) && in_flight_.empty() &&
+  // A read that an early end leaves pending ends with the stream.
+  if (!finished_ && no_more && (!read_pending_ || ends_early) && in_flight_.empty() &&
       to_write_.empty() && writing_ == nullptr) {
     finished_ = finish = true;
   }
-  const absl::Status end = cancelled_     ? absl::CancelledError()
-                           : reads_ended_ ? absl::OkStatus()
-                                          : ShuttingDown();
+  const absl::Status end = cancelled_       ? absl::CancelledError()
+                           : !refusal_.ok() ? refusal_
+                           : reads_ended_   ? absl::OkStatus()
+                                            : ShuttingDown();
   lock.unlock();
   // Outside the lock: gRPC may call back at once. Nothing follows Finish, as OnDone may come then.
   if (read != nullptr) StartRead(read);
@@ -109,6 +132,8 @@ void PredictStream::OnReadDone(bool ok) {
     } else if (finished_) {
       ok = false;  // too late: how the stream ended tells the caller that it was not answered
     } else {
+      entry->size = entry->bytes.Length();
+      bytes_ += entry->size;
       in_flight_.insert(entry);
     }
   }
@@ -116,49 +141,63 @@ void PredictStream::OnReadDone(bool ok) {
   Proceed(std::unique_lock(mutex_));
 }
 
-absl::Status PredictStream::Admit(const v1::PredictRequest& request) {
-  absl::Status status = context_.access.Admit(kMethod, caller_);
-  if (status.ok()) status = AdmitTargets(context_.access, caller_, request.scenarios());
-  return status;
+void PredictStream::Begin(std::shared_ptr<Entry> entry) {
+  if (const absl::Status status = Start(entry); !status.ok()) Answered(std::move(entry), status);
 }
 
-void PredictStream::Begin(std::shared_ptr<Entry> entry) {
-  const v1::StreamPredictRequest& request = entry->request;
-  if (request.request_id().size() > kMaxStreamedIdLength) {
-    return Answered(std::move(entry),
-                    errors::InvalidField("request_id", "longer than 128 characters"));
+absl::Status PredictStream::Start(const std::shared_ptr<Entry>& entry) {
+  const auto envelope = ReadEnvelope(entry->bytes);
+  if (!envelope) return NoMessage();
+  if (envelope->request_id.size() > kMaxStreamedIdLength) {
+    return errors::InvalidField("request_id", "longer than 128 characters");
   }
-  entry->response.set_request_id(request.request_id());
-  if (const absl::Status status = Admit(request.request()); !status.ok()) {
-    return Answered(std::move(entry), status);
+  auto& [request, response] = *entry->messages;
+  response.set_request_id(envelope->request_id);
+  if (absl::Status status = context_.access.Admit(kMethod, caller_); !status.ok()) return status;
+  const serving::TimePoint deadline = DeadlineOf(*envelope);
+  // As for other calls, before the request is parsed.
+  absl::Status status = context_.scheduler.CheckWait(serving::Priority::kInteractive, deadline);
+  if (!status.ok()) return status;
+  if (!grpc::SerializationTraits<v1::StreamPredictRequest>::Deserialize(&entry->bytes, &request)
+           .ok()) {
+    return NoMessage();
   }
-  serving::TimePoint deadline = serving::TimePoint::max();
-  // Longer than a day is as good as never.
-  constexpr int64_t kNever = 24 * 3600;
-  if (request.has_timeout() && request.timeout().seconds() < kNever) {
-    const int64_t seconds = std::max<int64_t>(request.timeout().seconds(), 0);
-    deadline = std::chrono::steady_clock::now() + std::chrono::seconds(seconds) +
-               std::chrono::nanoseconds(request.timeout().nanos());
-  }
-  const PredictionIo io = PredictIo(entry->request.request(), entry->response.mutable_response());
-  auto run = PredictionRun::Start(context_, io, deadline, entry,
-                                  [this, entry](absl::Status status) { Answered(entry, status); });
+  status = AdmitTargets(context_.access, caller_, request.request().scenarios());
+  if (!status.ok()) return status;
+  const PredictionIo io = PredictIo(request.request(), response.mutable_response());
+  auto run = PredictionRun::Start(context_, io, deadline, entry->messages,
+                                  [this, entry](absl::Status end) { Answered(entry, end); });
   const std::lock_guard lock(mutex_);
-  if (!in_flight_.contains(entry)) return;  // answered already
+  if (!in_flight_.contains(entry)) return absl::OkStatus();  // answered already
   entry->run = std::move(run);
-  if (cancelled_) entry->run->Cancel();
+  if (cancelled_ || !refusal_.ok()) entry->run->Cancel();
+  return absl::OkStatus();
 }
 
 void PredictStream::Answered(std::shared_ptr<Entry> entry, const absl::Status& status) {
-  if (!status.ok()) *entry->response.mutable_error() = errors::ToProto(status);
+  v1::StreamPredictResponse& response = entry->messages->response;
+  if (!status.ok()) *response.mutable_error() = errors::ToProto(status);
+  grpc::ByteBuffer bytes;
+  bool own = false;
+  const bool serialised =
+      grpc::SerializationTraits<v1::StreamPredictResponse>::Serialize(response, &bytes, &own).ok();
+  // What waits for its caller to read it is the answer alone.
+  entry->messages.reset();
   std::unique_lock lock(mutex_);
   in_flight_.erase(entry);
-  if (!cancelled_) to_write_.push_back(std::move(entry));
+  bytes_ -= entry->size;
+  if (serialised && !cancelled_ && refusal_.ok()) {
+    entry->bytes.Swap(&bytes);
+    entry->size = entry->bytes.Length();
+    bytes_ += entry->size;
+    to_write_.push_back(std::move(entry));
+  }
   Proceed(std::move(lock));
 }
 
 void PredictStream::OnWriteDone(bool ok) {
   std::unique_lock lock(mutex_);
+  bytes_ -= writing_->size;
   writing_ = nullptr;
   if (!ok) {
     // The caller has gone.
@@ -185,6 +224,25 @@ void PredictStream::Drain() {
   Proceed(std::move(lock));
 }
 
-void PredictStream::OnDone() { streams_.Remove(shared_from_this()); }
+void PredictStream::OnRefused(const absl::Status& refusal) {
+  std::unique_lock lock(mutex_);
+  const bool again = !refusal_.ok();
+  refusal_ = refusal;
+  to_write_.clear();
+  for (const auto& entry : in_flight_) {
+    if (entry->run != nullptr) entry->run->Cancel();
+  }
+  if (again && writing_ != nullptr) {
+    lock.unlock();
+    rpc_->TryCancel();
+  } else {
+    Proceed(std::move(lock));
+  }
+}
+
+void PredictStream::OnDone() {
+  admission_.reset();
+  streams_.Remove(shared_from_this());
+}
 
 }  // namespace maneuver::rpc

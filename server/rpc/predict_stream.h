@@ -3,6 +3,7 @@
 #ifndef MANEUVER_SERVER_RPC_PREDICT_STREAM_H_
 #define MANEUVER_SERVER_RPC_PREDICT_STREAM_H_
 
+#include <grpcpp/support/byte_buffer.h>
 #include <grpcpp/support/server_callback.h>
 
 #include <deque>
@@ -39,14 +40,13 @@ class OpenStreams {
 };
 
 // Lives until gRPC is done with the stream, which is after the last of its requests was answered.
-class PredictStream final
-    : public grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse>,
-      public std::enable_shared_from_this<PredictStream> {
+class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>,
+                            public std::enable_shared_from_this<PredictStream> {
  public:
-  // Each request of the stream is admitted anew: a token that is taken back ends it for open
-  // streams too. `streams` outlives the stream.
+  // Each request of the stream is admitted anew, and the stream ends when its caller's token is
+  // taken back. `streams` outlives the stream.
   static PredictStream* Open(PredictionContext& context, OpenStreams& streams,
-                             security::Credentials caller);
+                             grpc::CallbackServerContext* rpc);
 
   // Takes no more requests, answers those that it has, and ends with UNAVAILABLE: the caller opens
   // another stream, elsewhere.
@@ -59,15 +59,25 @@ class PredictStream final
 
  private:
   // One request in flight, from its arrival until its answer was written.
-  struct Entry {
+  struct Messages {
     v1::StreamPredictRequest request;
     v1::StreamPredictResponse response;
+  };
+  struct Entry {
+    grpc::ByteBuffer bytes;  // that came, and then those that go
+    size_t size = 0;         // of them
+    std::shared_ptr<Messages> messages = std::make_shared<Messages>();  // until it is answered
     std::shared_ptr<PredictionRun> run;
   };
 
-  PredictStream(PredictionContext& context, OpenStreams& streams, security::Credentials caller);
+  PredictStream(PredictionContext& context, OpenStreams& streams, grpc::CallbackServerContext* rpc);
 
+  // The caller's token was taken back. The first time the stream ends as soon as nothing of it is
+  // under way; a caller who does not even read what is written is cut off the next time.
+  void OnRefused(const absl::Status& refusal);
   void Begin(std::shared_ptr<Entry> entry);
+  // Looks at a request, parses it and hands it to the scheduler.
+  absl::Status Start(const std::shared_ptr<Entry>& entry);
   absl::Status Admit(const v1::PredictRequest& request);
   void Answered(std::shared_ptr<Entry> entry, const absl::Status& status);
   // Reads, writes or finishes, whatever the state now allows. Takes the lock under which the state
@@ -76,7 +86,9 @@ class PredictStream final
 
   PredictionContext& context_;
   OpenStreams& streams_;
+  grpc::CallbackServerContext* const rpc_;
   const security::Credentials caller_;
+  std::unique_ptr<security::AccessControl::LongCall> admission_;  // until OnDone
 
   std::mutex mutex_;  // guards what follows
   std::shared_ptr<Entry> reading_;
@@ -85,6 +97,8 @@ class PredictStream final
   bool cancelled_ = false;
   bool draining_ = false;
   bool finished_ = false;
+  absl::Status refusal_;
+  size_t bytes_ = 0;  // of the entries that follow
   std::set<std::shared_ptr<Entry>> in_flight_;
   std::deque<std::shared_ptr<Entry>> to_write_;
   std::shared_ptr<Entry> writing_;

@@ -115,9 +115,9 @@ grpc::ServerUnaryReactor* PredictionService::ClassifyTrajectories(
                                 .classifications = response->mutable_classifications()});
 }
 
-grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse>*
-PredictionService::StreamPredict(grpc::CallbackServerContext* rpc) {
-  return PredictStream::Open(context_, streams_, CredentialsOf(*rpc));
+grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* PredictionService::StreamPredict(
+    grpc::CallbackServerContext* rpc) {
+  return PredictStream::Open(context_, streams_, rpc);
 }
 
 // A large map takes a while to check and to digest: not on gRPC's threads.

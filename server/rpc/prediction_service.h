@@ -13,7 +13,16 @@ namespace maneuver::rpc {
 absl::Status CheckWait(serving::BatchScheduler& scheduler, std::string_view method,
                        std::chrono::system_clock::time_point deadline);
 
-class PredictionService final : public v1::PredictionService::CallbackService {
+// StreamPredict takes and gives bytes: it looks at a request before it parses it.
+using PredictionMethods = v1::PredictionService::WithCallbackMethod_PredictActionProbabilities<
+    v1::PredictionService::WithCallbackMethod_PredictActionDistributions<
+        v1::PredictionService::WithCallbackMethod_Predict<
+            v1::PredictionService::WithCallbackMethod_ClassifyTrajectories<
+                v1::PredictionService::WithRawCallbackMethod_StreamPredict<
+                    v1::PredictionService::WithCallbackMethod_RegisterMap<
+                        v1::PredictionService::Service>>>>>>;
+
+class PredictionService final : public PredictionMethods {
  public:
   // `context` outlives the service. Out of line, with the destructor: see AdminService.
   explicit PredictionService(PredictionContext& context);
@@ -31,7 +40,7 @@ class PredictionService final : public v1::PredictionService::CallbackService {
   grpc::ServerUnaryReactor* ClassifyTrajectories(
       grpc::CallbackServerContext* rpc, const v1::ClassifyTrajectoriesRequest* request,
       v1::ClassifyTrajectoriesResponse* response) override;
-  grpc::ServerBidiReactor<v1::StreamPredictRequest, v1::StreamPredictResponse>* StreamPredict(
+  grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* StreamPredict(
       grpc::CallbackServerContext* rpc) override;
   grpc::ServerUnaryReactor* RegisterMap(grpc::CallbackServerContext* rpc,
                                         const v1::RegisterMapRequest* request,

@@ -45,8 +45,9 @@ absl::StatusOr<std::string> JobName(const std::string& name) {
 
 }  // namespace
 
-TrainingService::TrainingService(jobs::Supervisor& jobs, jobs::WorkerPool& pool)
-    : jobs_(jobs), pool_(pool) {}
+TrainingService::TrainingService(jobs::Supervisor& jobs, jobs::WorkerPool& pool,
+                                 security::AccessControl& access)
+    : jobs_(jobs), pool_(pool), access_(access) {}
 
 TrainingService::~TrainingService() = default;
 
@@ -108,8 +109,8 @@ grpc::ServerUnaryReactor* TrainingService::DeleteJob(grpc::CallbackServerContext
 }
 
 grpc::ServerWriteReactor<v1::WatchJobResponse>* TrainingService::WatchJob(
-    grpc::CallbackServerContext*, const v1::WatchJobRequest* request) {
-  return new JobWatchCall(jobs_, pool_, *request);
+    grpc::CallbackServerContext* rpc, const v1::WatchJobRequest* request) {
+  return new JobWatchCall(jobs_, pool_, access_, rpc, *request);
 }
 
 }  // namespace maneuver::rpc

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "server/rpc/blocking_call.h"
+#include "server/rpc/guarded_service.h"
 #include "server/security/resource_name.h"
 
 namespace maneuver::rpc {
@@ -10,6 +11,7 @@ namespace {
 
 // Events that are read from the store at once.
 constexpr int kBatch = 64;
+constexpr char kWatchMethod[] = "/maneuver.v1.TrainingService/WatchJob";
 
 absl::Status Check(const v1::WatchJobRequest& request) {
   if (const auto id = security::ParseJobName(request.name(), "name"); !id.ok()) return id.status();
@@ -22,8 +24,9 @@ absl::Status Check(const v1::WatchJobRequest& request) {
 }  // namespace
 
 JobWatchCall::JobWatchCall(jobs::Supervisor& jobs, jobs::WorkerPool& pool,
+                           security::AccessControl& access, grpc::CallbackServerContext* rpc,
                            const v1::WatchJobRequest& request)
-    : jobs_(jobs), pool_(pool) {
+    : jobs_(jobs), pool_(pool), rpc_(rpc) {
   if (const absl::Status status = Check(request); !status.ok()) {
     End(status);
     return;
@@ -32,6 +35,8 @@ JobWatchCall::JobWatchCall(jobs::Supervisor& jobs, jobs::WorkerPool& pool,
                                                    request.after_sequence());
   // Before the first look at the store: nothing is missed in between.
   subscription_ = jobs.news().Subscribe(request.name(), [this] { OnNews(); });
+  admission_ = access.Watch(kWatchMethod, CredentialsOf(*rpc),
+                            [this](const absl::Status& refusal) { OnRefused(refusal); });
   // The client knows that it is heard, even if there is nothing to tell for long.
   StartSendInitialMetadata();
   if (!pool_.Post([this] { ReadNext(); })) End(Busy());
@@ -47,16 +52,39 @@ void JobWatchCall::OnNews() {
   ReadSoon();
 }
 
+void JobWatchCall::OnRefused(const absl::Status& refusal) {
+  bool again = false;
+  {
+    const std::lock_guard lock(mutex_);
+    again = !refusal_.ok();
+    refusal_ = refusal;
+    if (phase_ == Phase::kWaiting) {
+      phase_ = Phase::kWorking;
+      again = false;
+    } else if (!again || phase_ == Phase::kFinished) {
+      return;  // who works will see it
+    }
+  }
+  if (again) {
+    rpc_->TryCancel();
+  } else {
+    End(refusal);
+  }
+}
+
 void JobWatchCall::ReadSoon() {
   pool_.Continue([this] { ReadNext(); });
 }
 
 void JobWatchCall::ReadNext() {
   for (;;) {
+    absl::Status refusal;
     {
       const std::lock_guard lock(mutex_);
       has_news_ = false;
+      refusal = refusal_;
     }
+    if (!refusal.ok()) return End(refusal);
     const bool is_stopped = jobs_.IsStopped();
     auto news = reader_->Next(kBatch);
     if (!news.ok()) {
@@ -77,7 +105,7 @@ void JobWatchCall::ReadNext() {
     }
     const std::lock_guard lock(mutex_);
     if (is_cancelled_) break;
-    if (has_news_) continue;
+    if (has_news_ || !refusal_.ok()) continue;
     phase_ = Phase::kWaiting;
     return;
   }

@@ -12,6 +12,7 @@
 #include "maneuver/v1/training_service.pb.h"
 #include "server/jobs/supervisor.h"
 #include "server/jobs/worker_pool.h"
+#include "server/security/access_control.h"
 
 namespace maneuver::rpc {
 
@@ -19,7 +20,8 @@ namespace maneuver::rpc {
 // costs a small buffer, and holds up nobody. Deletes itself.
 class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse> {
  public:
-  JobWatchCall(jobs::Supervisor& jobs, jobs::WorkerPool& pool, const v1::WatchJobRequest& request);
+  JobWatchCall(jobs::Supervisor& jobs, jobs::WorkerPool& pool, security::AccessControl& access,
+               grpc::CallbackServerContext* rpc, const v1::WatchJobRequest& request);
 
   void OnWriteDone(bool ok) override;
   void OnCancel() override;
@@ -34,6 +36,9 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
   };
 
   void OnNews();
+  // The caller's token was taken back. The first time the call ends as soon as nobody works on it;
+  // who does not even read what is written is cut off the next time.
+  void OnRefused(const absl::Status& refusal);
   // Reads what is new and writes it; waits if there is nothing. On a thread of the pool, kWorking.
   void ReadNext();
   void ReadSoon();
@@ -42,6 +47,7 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
 
   jobs::Supervisor& jobs_;
   jobs::WorkerPool& pool_;
+  grpc::CallbackServerContext* const rpc_;
 
   // These belong to whoever is kWorking.
   std::unique_ptr<jobs::JobEventReader> reader_;
@@ -52,9 +58,11 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
   Phase phase_ = Phase::kWorking;  // guarded by mutex_
   bool has_news_ = false;          // came while kWorking; guarded by mutex_
   bool is_cancelled_ = false;      // guarded by mutex_
+  absl::Status refusal_;           // guarded by mutex_
 
-  // Last, so that it ends first: no news reaches what is gone.
+  // Last, so that they end first: no news reaches what is gone.
   std::unique_ptr<jobs::JobNews::Subscription> subscription_;
+  std::unique_ptr<security::AccessControl::LongCall> admission_;
 };
 
 }  // namespace maneuver::rpc

@@ -69,7 +69,67 @@ absl::StatusOr<std::unique_ptr<AccessControl>> AccessControl::Create(
   return access;
 }
 
+class AccessControl::ListedCall final : public LongCall {
+ public:
+  ListedCall(AccessControl& access, std::string_view method, Credentials credentials,
+             std::function<void(const absl::Status&)> on_refused)
+      : access_(access),
+        method_(method),
+        credentials_(std::move(credentials)),
+        on_refused_(std::move(on_refused)) {
+    const std::lock_guard lock(access_.long_calls_mutex_);
+    place_ = access_.long_calls_.insert(access_.long_calls_.end(), this);
+    // Its caller may have been admitted by identities that are gone by now.
+    access_.look_again_ = true;
+  }
+  ~ListedCall() override {
+    const std::lock_guard lock(access_.long_calls_mutex_);
+    access_.long_calls_.erase(place_);
+  }
+
+  // Whether its caller may still make it; tells it if not.
+  bool Look() {
+    Caller caller;
+    absl::Status status = access_.Decide(method_, credentials_, caller);
+    if (status.ok()) return true;
+    if (!told_) status = access_.Refuse(std::move(status), method_, caller);
+    told_ = true;
+    on_refused_(status);
+    return false;
+  }
+
+ private:
+  AccessControl& access_;
+  const std::string method_;
+  const Credentials credentials_;
+  const std::function<void(const absl::Status&)> on_refused_;
+  bool told_ = false;
+  std::list<ListedCall*>::iterator place_;
+};
+
+std::unique_ptr<AccessControl::LongCall> AccessControl::Watch(
+    std::string_view method, Credentials credentials,
+    std::function<void(const absl::Status&)> on_refused) {
+  if (!asks_for_identity()) return nullptr;
+  return std::make_unique<ListedCall>(*this, method, std::move(credentials), std::move(on_refused));
+}
+
+void AccessControl::LookAtLongCalls(bool identities_changed) {
+  const std::lock_guard lock(long_calls_mutex_);
+  if (!identities_changed && !look_again_) return;
+  look_again_ = false;
+  for (ListedCall* call : long_calls_) {
+    if (!call->Look()) look_again_ = true;
+  }
+}
+
 absl::StatusOr<bool> AccessControl::Reload() {
+  auto changed = ReadIdentities();
+  LookAtLongCalls(changed.ok() && *changed);
+  return changed;
+}
+
+absl::StatusOr<bool> AccessControl::ReadIdentities() {
   if (!asks_for_identity()) return false;
   auto text = ReadSecretFile(options_.identities);
   if (!text.ok()) return text.status();

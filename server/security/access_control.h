@@ -6,6 +6,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <list>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -55,6 +56,18 @@ class AccessControl {
   absl::Status AdmitTargets(const Credentials& credentials, int targets);
   bool limits_targets() const { return targets_.is_limited(); }
 
+  // A call that goes on for long, on the list of those who are looked at again when the identities
+  // have changed. Off it with its destruction, which waits for `on_refused` if that is under way.
+  class LongCall {
+   public:
+    virtual ~LongCall() = default;
+  };
+  // `on_refused` is told why the caller may not make the call any more, once for each Reload from
+  // then on, on its thread; it may not destroy what this returns.
+  [[nodiscard]] std::unique_ptr<LongCall> Watch(
+      std::string_view method, Credentials credentials,
+      std::function<void(const absl::Status&)> on_refused);
+
   // Reads the identities again; calls from now on are held against them. False if they are as they
   // were. After an error those before stay.
   absl::StatusOr<bool> Reload();
@@ -74,14 +87,22 @@ class AccessControl {
   // Counts and logs a refusal, and returns it.
   absl::Status Refuse(absl::Status refusal, std::string_view method, const Caller& caller);
   std::shared_ptr<const Identities> Current() const;
+  absl::StatusOr<bool> ReadIdentities();
+  void LookAtLongCalls(bool identities_changed);
 
   const AccessOptions options_;
   RateLimiter calls_;
   RateLimiter targets_;
   RateLimiter log_lines_;
   std::map<std::string, monitoring::Counter*, std::less<>> refused_;  // by reason
-  mutable std::mutex mutex_;                                          // guards what follows
-  std::string text_;                                                  // of identities_
+
+  class ListedCall;
+  std::mutex long_calls_mutex_;  // guards what follows
+  std::list<ListedCall*> long_calls_;
+  bool look_again_ = false;  // some are new, or were refused and are still there
+
+  mutable std::mutex mutex_;  // guards what follows
+  std::string text_;          // of identities_
   std::shared_ptr<const Identities> identities_;
 };
 

@@ -10,8 +10,12 @@
 #include "maneuver/v1/dataset_service.grpc.pb.h"
 #include "maneuver/v1/training_service.grpc.pb.h"
 #include "model/files/durable_file.h"
+#include "server/monitoring/prometheus_metrics.h"
 #include "server/rpc/dataset_service.h"
 #include "server/rpc/training_service.h"
+#include "server/security/identities.h"
+#include "server/security/periodic_reload.h"
+#include "server/security/secret_file.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
 namespace maneuver::rpc {
@@ -35,8 +39,10 @@ class JobServicesTest : public jobs::SupervisorTest {
  protected:
   void SetUp() override {
     Start();
-    dataset_service_ = std::make_unique<DatasetService>(*datasets_, *supervisor_, pool_);
-    training_service_ = std::make_unique<TrainingService>(*supervisor_, pool_);
+    WriteTokens(*security::TokenLine("ada", *security::RoleSet::Parse("train"), "secret"));
+    access_ = *security::AccessControl::Create({.identities = folder_ / "tokens"}, *metrics_);
+    dataset_service_ = std::make_unique<DatasetService>(*datasets_, *supervisor_, pool_, *access_);
+    training_service_ = std::make_unique<TrainingService>(*supervisor_, pool_, *access_);
     grpc::ServerBuilder builder;
     builder.RegisterService(dataset_service_.get());
     builder.RegisterService(training_service_.get());
@@ -49,6 +55,11 @@ class JobServicesTest : public jobs::SupervisorTest {
   ~JobServicesTest() override {
     supervisor_->Stop();
     server_->Shutdown(std::chrono::system_clock::now());
+  }
+
+  void WriteTokens(const std::string& lines) {
+    std::filesystem::remove(folder_ / "tokens");
+    ASSERT_TRUE(security::AppendLine(folder_ / "tokens", lines).ok());
   }
 
   // The dataset "town" of the fixture, as a client has it.
@@ -109,6 +120,9 @@ class JobServicesTest : public jobs::SupervisorTest {
 
   const std::filesystem::path town_ = folder_ / "datasets" / "town";
   jobs::WorkerPool pool_{2, 100};
+  const std::unique_ptr<monitoring::PrometheusMetrics> metrics_ =
+      monitoring::PrometheusMetrics::Create();
+  std::unique_ptr<security::AccessControl> access_;
   std::unique_ptr<DatasetService> dataset_service_;
   std::unique_ptr<TrainingService> training_service_;
   std::unique_ptr<grpc::Server> server_;
@@ -276,6 +290,34 @@ TEST_F(JobServicesTest, AWatchReplaysFromTheStartOrACursorAndEndsWithTheJob) {
   EXPECT_EQ(live[5].state(), v1::JOB_STATE_SUCCEEDED);
   EXPECT_EQ(live[5].model_version(), "models/town/versions/1");
   EXPECT_EQ(rest.size(), 2u);
+}
+
+TEST_F(JobServicesTest, ATokenThatIsTakenBackEndsUploadsAndWatchesThatHaveBegun) {
+  Trainer(jobs::kRunsOn);
+  const v1::Job job = TrainOverTheWire();
+  grpc::ClientContext watch_context;
+  watch_context.AddMetadata("authorization", "Bearer secret");
+  v1::WatchJobRequest request;
+  request.set_name(job.name());
+  const auto watch = training_stub_->WatchJob(&watch_context, request);
+  v1::WatchJobResponse event;
+  ASSERT_TRUE(watch->Read(&event));
+  grpc::ClientContext upload_context;
+  upload_context.AddMetadata("authorization", "Bearer secret");
+  v1::Dataset dataset;
+  const auto upload = datasets_stub_->UploadDataset(&upload_context, &dataset);
+  ASSERT_TRUE(upload->Write(Header("datasets/other")));
+
+  const security::PeriodicReload reload({{"tokens", [this] { return access_->Reload(); }}},
+                                        std::chrono::milliseconds(10));
+  WriteTokens("# nobody\n");
+  while (watch->Read(&event)) {
+  }
+  for (const grpc::Status& status : {watch->Finish(), upload->Finish()}) {
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAUTHENTICATED);
+    EXPECT_EQ(Reason(status), "TOKEN_UNKNOWN");
+  }
+  EXPECT_THAT(NamesInStore(), ElementsAre("town", "village"));
 }
 
 TEST_F(JobServicesTest, AWatchOfNoJobIsRefused) {

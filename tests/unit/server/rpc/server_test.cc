@@ -12,6 +12,7 @@
 #include <latch>
 #include <limits>
 #include <map>
+#include <thread>
 
 #include "maneuver/v1/model_service.grpc.pb.h"
 #include "maneuver/v1/prediction_service.grpc.pb.h"
@@ -321,6 +322,66 @@ TEST_F(ServerTest, AStreamAnswersRequestsAsTheyFinish) {
   EXPECT_EQ(response.response().predictions(0).targets(0).probabilities_size(), 3);
   EXPECT_FALSE(stream->Read(&response));
   EXPECT_TRUE(stream->Finish().ok());
+}
+
+// Bytes that are a StreamPredictRequest but for the scenes in it, which would not parse.
+std::string WithoutSense(int timeout_nanos) {
+  v1::StreamPredictRequest request;
+  request.set_request_id("no sense");
+  if (timeout_nanos > 0) request.mutable_timeout()->set_nanos(timeout_nanos);
+  return request.SerializeAsString() + "\x12\x03\xff\xff\xff";
+}
+
+TEST_F(ServerTest, AStreamIsToldThatTheDeadlineIsTooCloseBeforeItsRequestIsParsed) {
+  Publish();
+  grpc::ClientContext context;
+  grpc::CompletionQueue queue;
+  const auto finished = [&queue] {
+    void* tag = nullptr;
+    bool ok = false;
+    return queue.Next(&tag, &ok) && ok;
+  };
+  auto stream = grpc::GenericStub(channel_).PrepareCall(
+      &context, "/maneuver.v1.PredictionService/StreamPredict", &queue);
+  stream->StartCall(nullptr);
+  ASSERT_TRUE(finished());
+  const auto ask = [&](const std::string& bytes) {
+    const grpc::Slice slice(bytes);
+    stream->Write(grpc::ByteBuffer(&slice, 1), nullptr);
+    EXPECT_TRUE(finished());
+    grpc::ByteBuffer answer;
+    stream->Read(&answer, nullptr);
+    EXPECT_TRUE(finished());
+    grpc::Slice whole;
+    v1::StreamPredictResponse response;
+    EXPECT_TRUE(answer.DumpToSingleSlice(&whole).ok());
+    EXPECT_TRUE(response.ParseFromArray(whole.begin(), static_cast<int>(whole.size())));
+    EXPECT_EQ(response.request_id(), "no sense");
+    return response.error().code();
+  };
+  constexpr int kMillisecond = 1'000'000;
+  EXPECT_EQ(ask(WithoutSense(kMillisecond)), grpc::StatusCode::INVALID_ARGUMENT);
+
+  // One request at work, and others that wait for it.
+  networks_.CloseGate();
+  grpc::ClientContext waiting_context;
+  const auto waiting = stub_->StreamPredict(&waiting_context);
+  v1::StreamPredictRequest request;
+  *request.mutable_request() = OneScene();
+  const auto soon = [] { return std::chrono::steady_clock::now() + std::chrono::milliseconds(1); };
+  for (int i = 0; i < 60; ++i) ASSERT_TRUE(waiting->Write(request));
+  while (scheduler_->CheckWait(serving::Priority::kInteractive, soon()).ok()) {
+    std::this_thread::yield();
+  }
+  EXPECT_EQ(ask(WithoutSense(kMillisecond)), grpc::StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_EQ(ask(WithoutSense(0)), grpc::StatusCode::INVALID_ARGUMENT);  // who has time
+  networks_.OpenGate();
+  waiting_context.TryCancel();
+  waiting->Finish();
+  context.TryCancel();
+  grpc::Status status;
+  stream->Finish(&status, nullptr);
+  finished();
 }
 
 TEST_F(ServerTest, AStreamTakesAnyNumberOfRequests) {
