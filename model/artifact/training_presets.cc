@@ -47,6 +47,7 @@ constexpr char kLearning[] = R"pb(
     responsibilities: RESPONSIBILITIES_PRINTED
     mixture_placement: MIXTURE_PLACEMENT_VELOCITY_CLUSTERS
     clustered_share: 0.9
+    slow_speed: 1
     placements: 1
     decoder_covariance: DECODER_COVARIANCE_LEARNED
     dropout: 0.2
@@ -267,6 +268,8 @@ void CheckOptimization(const v1::OptimizationSettings& optimization, v1::Objecti
     rules->Between(field, "weight", weight, 0.0, 1e4);
   };
   rules->Between("optimization.weight_decay", "decay", optimization.weight_decay(), 0.0, 1.0);
+  rules->Between("optimization.slow_speed", "metres per second", optimization.slow_speed(), 0.01,
+                 100.0);
   check_weight("optimization.cluster_weight", optimization.cluster_weight());
   check_weight("optimization.action_weight", optimization.action_weight());
   check_weight("optimization.posterior_reconstruction_weight",

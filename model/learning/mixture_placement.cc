@@ -15,7 +15,6 @@ constexpr int kClusterRestarts = 3;
 constexpr double kSidewaysWeight = 2.0;
 constexpr double kReach = 10.0;          // metres
 constexpr double kVelocityWindow = 0.5;  // seconds
-constexpr double kSlow = 1.0 / 3.0;      // metres per second
 // Variance of a component that starts from few encodings.
 constexpr double kSmallestVariance = 1e-3;
 // Components with fewer encodings take their variance from all.
@@ -29,18 +28,19 @@ at::Tensor PositionSpace(const at::Tensor& trajectories) {
   return (points * weights / (1.0 + reach / kReach).sqrt()).flatten(1).contiguous();
 }
 
-// Velocities over half seconds, v ln(1 + |v| / kSlow) / |v|: above a walking pace it is ratios of
-// speeds that count. [N, 2S]
-at::Tensor VelocitySpace(const at::Tensor& trajectories, double waypoint_interval) {
+// Velocities over half seconds, v ln(1 + |v| / slow) / |v|: of fast ones it is their ratios that
+// count. [N, 2S]
+at::Tensor VelocitySpace(const at::Tensor& trajectories, const TrajectoryScale& scale) {
   const at::Tensor points = trajectories.view({trajectories.size(0), -1, 2});
   const int64_t waypoints = points.size(1);
-  const int64_t stride = std::clamp<int64_t>(std::llround(kVelocityWindow / waypoint_interval), 1,
-                                             std::max<int64_t>(1, waypoints));
+  const int64_t stride = std::clamp<int64_t>(
+      std::llround(kVelocityWindow / scale.waypoint_interval), 1, std::max<int64_t>(1, waypoints));
   const at::Tensor passed = points.slice(1, stride - 1, waypoints, stride);
   const at::Tensor from = at::cat({at::zeros_like(points.slice(1, 0, 1)), passed}, 1);
-  const at::Tensor velocity = from.diff(1, 1) / (static_cast<double>(stride) * waypoint_interval);
+  const at::Tensor velocity =
+      from.diff(1, 1) / (static_cast<double>(stride) * scale.waypoint_interval);
   const at::Tensor speed = velocity.square().sum(2, /*keepdim=*/true).sqrt().clamp_min(1e-6);
-  return (velocity * ((speed / kSlow).log1p() / speed)).flatten(1).contiguous();
+  return (velocity * ((speed / scale.slow_speed).log1p() / speed)).flatten(1).contiguous();
 }
 
 TrajectoryClusters Cluster(const at::Tensor& rows, int clusters, uint64_t seed, int restarts) {
@@ -136,15 +136,14 @@ at::Tensor Centers(const TrajectoryClusters& clusters) {
 }  // namespace
 
 at::Tensor ClusterSpace(v1::MixturePlacement placement, const at::Tensor& trajectories,
-                        double waypoint_interval) {
-  return placement == v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS
-             ? VelocitySpace(trajectories, waypoint_interval)
-             : PositionSpace(trajectories);
+                        const TrajectoryScale& scale) {
+  return placement == v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS ? VelocitySpace(trajectories, scale)
+                                                              : PositionSpace(trajectories);
 }
 
 at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& centers,
-                           const at::Tensor& trajectories, double waypoint_interval) {
-  return at::cdist(ClusterSpace(placement, trajectories, waypoint_interval), centers).argmin(1);
+                           const at::Tensor& trajectories, const TrajectoryScale& scale) {
+  return at::cdist(ClusterSpace(placement, trajectories, scale), centers).argmin(1);
 }
 
 PlacedMixture PlaceMixture(v1::MixturePlacement placement, const EncodedExamples& examples,
@@ -179,8 +178,8 @@ PlacedMixture PlaceMixture(v1::MixturePlacement placement, const EncodedExamples
       return Fit(PlacedAt(Seeds(q_z, actions, seed), q_z), q_z);
     default: {
       const TrajectoryClusters clusters =
-          Cluster(ClusterSpace(placement, examples.trajectories, examples.waypoint_interval),
-                  actions, seed, kClusterRestarts);
+          Cluster(ClusterSpace(placement, examples.trajectories, examples.scale), actions, seed,
+                  kClusterRestarts);
       PlacedMixture placed = PlacedByClusters(clusters.assignment, q_z, actions);
       placed.centers = Centers(clusters);
       return placed;
@@ -202,10 +201,10 @@ PlacedMixture PlaceLabelledMixture(v1::MixturePlacement placement, const Encoded
   }
   PlacedMixture placed = PlacedByClusters(known_labels, Rows(examples.q_z, known), labelled);
   if (labelled == actions || unknown.size(0) < actions) return placed;
-  const PlacedMixture rest = PlaceMixture(placement,
-                                          {examples.trajectories.index_select(0, unknown),
-                                           examples.waypoint_interval, Rows(examples.q_z, unknown)},
-                                          actions - labelled, seed);
+  const PlacedMixture rest = PlaceMixture(
+      placement,
+      {examples.trajectories.index_select(0, unknown), examples.scale, Rows(examples.q_z, unknown)},
+      actions - labelled, seed);
   return {{at::cat({placed.components.mean, rest.components.mean}),
            at::cat({placed.components.log_variance, rest.components.log_variance})},
           EvenWeights(actions)};

@@ -20,20 +20,26 @@ struct PlacedMixture {
   at::Tensor centers = {};
 };
 
+// What the waypoints of a trajectory are apart, and what counts as slow.
+struct TrajectoryScale {
+  double waypoint_interval = 0.0;  // seconds
+  double slow_speed = 1.0;         // metres per second; below it speeds count by their differences
+};
+
 // What a mixture is placed by.
 struct EncodedExamples {
-  at::Tensor trajectories;         // x, [N, 2T] metres, on the CPU
-  double waypoint_interval = 0.0;  // seconds
-  Gaussian q_z;                    // q(z|x), [N, D], on the CPU
+  at::Tensor trajectories;  // x, [N, 2T] metres, on the CPU
+  TrajectoryScale scale;
+  Gaussian q_z;  // q(z|x), [N, D], on the CPU
 };
 
 // Where TRAJECTORY_CLUSTERS and VELOCITY_CLUSTERS measure distances. [N, S]
 at::Tensor ClusterSpace(v1::MixturePlacement placement, const at::Tensor& trajectories,
-                        double waypoint_interval);
+                        const TrajectoryScale& scale);
 
 // The nearest of the centres to each trajectory. [N]
 at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& centers,
-                           const at::Tensor& trajectories, double waypoint_interval);
+                           const at::Tensor& trajectories, const TrajectoryScale& scale);
 
 // A mixture of `actions` components. The same seed gives the same one.
 //   TRAJECTORY_CLUSTERS  k-means on the trajectories in a space that draws far ones closer together
@@ -41,7 +47,7 @@ at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& cen
 //                        clusters would be speeds of going straight on, which q(z|y,s) knows from
 //                        the scenario anyway
 //   VELOCITY_CLUSTERS    k-means on the velocities along the trajectories, of speeds drawn closer
-//                        together (ln(1 + 3 v)): what is done, rather than where it leads
+//                        together (ln(1 + v / slow)): what is done, rather than where it leads
 //   RANDOM               means from N(0, I), variances 1
 //   UNIFORM              means even in the box of the encodings, the box split evenly among them
 //   ENCODED_POINTS       means at the encodings of random examples

@@ -19,6 +19,11 @@ using Part = Networks::Part;
 constexpr double kCountRate = 0.02;         // of the mixture's counts, a batch
 constexpr int64_t kMostClustered = 16'384;  // examples
 
+TrajectoryScale ScaleOf(const v1::TrainingSettings& settings) {
+  return {artifact::WaypointTimes(settings.model().trajectory()).front(),
+          settings.optimization().slow_speed()};
+}
+
 // One thread while it lives: layers over a batch of trajectories are over before a second thread
 // has woken, and on a busy machine threads that wait for each other cost several times the work.
 class OneThread {
@@ -116,9 +121,7 @@ EncodedExamples Learner::EncodeForPlacement(std::vector<int>* labels) {
     labels->resize(labels->empty() ? 0 : static_cast<size_t>(placed.size(0)), -1);
   }
   const Gaussian q_z = networks_.EncodeTrajectories(placed.to(networks_.device()));
-  return {placed,
-          artifact::WaypointTimes(settings_.model().trajectory()).front(),
-          {q_z.mean.cpu(), q_z.log_variance.cpu()}};
+  return {placed, ScaleOf(settings_), {q_z.mean.cpu(), q_z.log_variance.cpu()}};
 }
 
 at::Tensor Learner::WeightCounts() const { return networks_["mixture.log_weight"].detach().exp(); }
@@ -133,7 +136,7 @@ void Learner::FollowWeightCounts(const at::Tensor& responsibilities) {
 
 at::Tensor Learner::ClustersOf(const at::Tensor& trajectories) const {
   return NearestClusters(settings_.optimization().mixture_placement(), centers_, trajectories.cpu(),
-                         artifact::WaypointTimes(settings_.model().trajectory()).front())
+                         ScaleOf(settings_))
       .to(networks_.device());
 }
 

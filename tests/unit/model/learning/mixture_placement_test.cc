@@ -23,7 +23,8 @@ EncodedExamples FourGroups() {
   const at::Tensor reach = group.to(at::kFloat) * 20.0;
   at::Tensor trajectories = at::zeros({kExamples, 6});
   for (int t = 0; t < 3; ++t) trajectories.select(1, 2 * t).copy_(reach * (t + 1) / 3.0);
-  return {trajectories, 1.0, {mean, at::full({kExamples, 2}, std::log(0.01))}};
+  return {
+      trajectories, {.waypoint_interval = 1.0}, {mean, at::full({kExamples, 2}, std::log(0.01))}};
 }
 
 double NearestDistance(const at::Tensor& means, const at::Tensor& point) {
@@ -73,8 +74,8 @@ TEST(MixturePlacementTest, VelocityClustersTakeTheMomentsOfTheirEncodings) {
 TEST(MixturePlacementTest, VelocitiesAreDrawnTogetherByTheLogarithmAndKeepTheirDirection) {
   // From the origin 3 m ahead, then 4 m to the left, then no further.
   const at::Tensor trajectory = at::tensor({3.F, 0.F, 3.F, 4.F, 3.F, 4.F}).view({1, 6});
-  const at::Tensor space =
-      ClusterSpace(v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS, trajectory, /*waypoint_interval=*/0.5);
+  const at::Tensor space = ClusterSpace(v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS, trajectory,
+                                        {.waypoint_interval = 0.5, .slow_speed = 1.0 / 3.0});
   const std::vector<double> expected = {std::log(19.0), 0.0, 0.0, std::log(25.0), 0.0, 0.0};
   ASSERT_EQ(space.size(1), 6);
   for (int64_t i = 0; i < 6; ++i) {
@@ -89,10 +90,10 @@ TEST(MixturePlacementTest, VelocitiesAreOverHalfSeconds) {
     trajectory[0][2 * t].fill_(t < 5 ? 0.2 * (t + 1) : 1.0 + 0.4 * (t - 4));
   }
   const at::Tensor space =
-      ClusterSpace(v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS, trajectory, /*waypoint_interval=*/0.1);
+      ClusterSpace(v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS, trajectory, {.waypoint_interval = 0.1});
   ASSERT_EQ(space.size(1), 4);
-  EXPECT_NEAR(space[0][0].item<double>(), std::log(7.0), 1e-5);
-  EXPECT_NEAR(space[0][2].item<double>(), std::log(13.0), 1e-5);
+  EXPECT_NEAR(space[0][0].item<double>(), std::log(3.0), 1e-5);
+  EXPECT_NEAR(space[0][2].item<double>(), std::log(5.0), 1e-5);
 }
 
 TEST(MixturePlacementTest, EachTrajectoryIsNearestTheCentreOfItsGroup) {
@@ -100,8 +101,8 @@ TEST(MixturePlacementTest, EachTrajectoryIsNearestTheCentreOfItsGroup) {
   for (const auto placement :
        {v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS, v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS}) {
     const PlacedMixture placed = PlaceMixture(placement, examples, kActions, 1);
-    const at::Tensor cluster = NearestClusters(placement, placed.centers, examples.trajectories,
-                                               examples.waypoint_interval);
+    const at::Tensor cluster =
+        NearestClusters(placement, placed.centers, examples.trajectories, examples.scale);
     for (int64_t i = 0; i < kExamples; ++i) {
       const int64_t own = cluster[i].item<int64_t>();
       EXPECT_EQ(own, cluster[i % 4].item<int64_t>());
