@@ -101,11 +101,12 @@ class FaultsTest : public ::testing::Test {
     for ([[maybe_unused]] const auto& descriptor : fs::directory_iterator(folder)) ++count;
     return count;
   }
-  // As it was before, but for what was needed for the first time.
+  // As it was before, but for what was needed for the first time and what lies between pieces of
+  // it: a fifth of the 332 MiB that the largest of these faults sends.
   void ExpectAllIsGivenBack(std::chrono::seconds patience = 20s) {
     EXPECT_TRUE(WaitFor([&] { return Descriptors() <= descriptors_; }, patience))
         << Descriptors() << " descriptors, before " << descriptors_;
-    EXPECT_TRUE(WaitFor([&] { return Status("VmRSS:") <= memory_ + 48 * kMiB; }, patience))
+    EXPECT_TRUE(WaitFor([&] { return Status("VmRSS:") <= memory_ + 64 * kMiB; }, patience))
         << Status("VmRSS:") / kMiB << " MiB, before " << memory_ / kMiB;
   }
 
