@@ -141,9 +141,8 @@ TEST_F(ObjectivesTest, WhatAnActionIsHeldToCostsTheResponsibilityThatItWouldHave
   const Eigen::VectorXd q_y =
       probability::BaseResponsibilities(ToEigen(log_p_y_[1]), Plain(encoding_, 1), mixture);
   for (int64_t k = 0; k < kActions; ++k) {
-    const Eigen::VectorXd pull =
-        (ToEigen(encoding_.mean[1]) - ToEigen(mixture_.mean[k])).array() /
-        ToEigen(mixture_.log_variance[k]).array().exp();
+    const Eigen::VectorXd pull = (ToEigen(encoding_.mean[1]) - ToEigen(mixture_.mean[k])).array() /
+                                 ToEigen(mixture_.log_variance[k]).array().exp();
     const Eigen::VectorXd expected = -((k == 0 ? 1.0 : 0.0) - q_y[k]) * pull;
     EXPECT_NEAR((ToEigen(mixture_.mean.grad()[k]) - expected).norm(), 0.0, 1e-9) << k;
   }
