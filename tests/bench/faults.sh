@@ -19,30 +19,12 @@ model=$1
 shift
 [ "${1:-}" != -- ] || shift
 here=$(dirname "$0")
-bin=${BIN:-$here/../../build/release/bin}
 each=${SECONDS_EACH:-10}
 rate=${RATE:-100}
 
-work=$(mktemp -d)
-server=
-finish() {
-  [ -z "$server" ] || { kill "$server" 2>/dev/null; wait "$server" 2>/dev/null; } || true
-  rm -rf "$work"
-}
-trap finish EXIT
-
-mkdir -p "$work/data/models/measured"
-cp -r "$model" "$work/data/models/measured/1"
-"$bin/maneuverd" --data-dir "$work/data" --listen 127.0.0.1:0 --metrics-listen none \
-  --port-file "$work/ports.json" "$@" >"$work/maneuverd.out" 2>"$work/maneuverd.log" &
-server=$!
-for _ in $(seq 300); do
-  [ ! -s "$work/ports.json" ] || break
-  kill -0 "$server" 2>/dev/null || { cat "$work/maneuverd.log" >&2; exit 1; }
-  sleep 0.1
-done
-MANEUVER_SERVER=$(sed -n 's/.*"grpc": *"\([^"]*\)".*/\1/p' "$work/ports.json")
-export MANEUVER_SERVER
+source "$here/measured_server.sh"
+version 1 "$model"
+start_server "$@"
 "$bin/maneuver" model promote measured/1 >&2
 
 # VmRSS or VmHWM of the server, MB.

@@ -23,7 +23,6 @@ case "${1:---}" in
   --) [ $# -eq 0 ] || shift ;;
   *) model=$1; shift; [ "${1:-}" != -- ] || shift ;;
 esac
-bin=${BIN:-$(dirname "$0")/../../build/release/bin}
 each=${SECONDS_EACH:-10}
 deadline=${DEADLINE:-500}
 targets=${TARGETS:-1}
@@ -31,30 +30,9 @@ storm_rate=${STORM_RATE:-1000}
 scenes=()
 [ -z "${SCENES:-}" ] || scenes=(--dataset "$SCENES")
 
-work=$(mktemp -d)
-server=
-finish() {
-  [ -z "$server" ] || { kill "$server" 2>/dev/null; wait "$server" 2>/dev/null; } || true
-  rm -rf "$work"
-}
-trap finish EXIT
-
-if [ -n "$model" ]; then
-  mkdir -p "$work/data/models/measured"
-  cp -r "$model" "$work/data/models/measured/1"
-fi
-# Callers on the same cores have to be punctual: they come first.
-nice -n 5 "$bin/maneuverd" --data-dir "$work/data" --listen 127.0.0.1:0 --metrics-listen 127.0.0.1:0 \
-  --port-file "$work/ports.json" "$@" >"$work/maneuverd.out" 2>"$work/maneuverd.log" &
-server=$!
-for _ in $(seq 300); do
-  [ ! -s "$work/ports.json" ] || break
-  kill -0 "$server" 2>/dev/null || { cat "$work/maneuverd.log" >&2; exit 1; }
-  sleep 0.1
-done
-MANEUVER_SERVER=$(sed -n 's/.*"grpc": *"\([^"]*\)".*/\1/p' "$work/ports.json")
-metrics=$(sed -n 's/.*"metrics": *"\([^"]*\)".*/\1/p' "$work/ports.json")
-export MANEUVER_SERVER
+source "$(dirname "$0")/measured_server.sh"
+[ -z "$model" ] || version 1 "$model"
+start_server "$@"
 
 if [ -n "$model" ]; then
   "$bin/maneuver" model promote measured/1 >&2

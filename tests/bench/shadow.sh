@@ -10,31 +10,12 @@
 # than the shadow does.
 set -euo pipefail
 [ $# -eq 2 ] || { sed -n '2,10s/^# \{0,1\}//p' "$0"; exit 2; }
-bin=${BIN:-$(dirname "$0")/../../build/release/bin}
 each=${SECONDS_EACH:-6}
 
-work=$(mktemp -d)
-server=
-finish() {
-  [ -z "$server" ] || { kill "$server" 2>/dev/null; wait "$server" 2>/dev/null; } || true
-  rm -rf "$work"
-}
-trap finish EXIT
-mkdir -p "$work/data/models/measured"
-cp -r "$1" "$work/data/models/measured/1"
-cp -r "$2" "$work/data/models/measured/2"
-# Callers on the same cores have to be punctual: they come first.
-nice -n 5 "$bin/maneuverd" --data-dir "$work/data" --listen 127.0.0.1:0 --metrics-listen 127.0.0.1:0 \
-  --port-file "$work/ports.json" --shadow-fraction 1 >"$work/maneuverd.out" 2>"$work/maneuverd.log" &
-server=$!
-for _ in $(seq 300); do
-  [ ! -s "$work/ports.json" ] || break
-  kill -0 "$server" 2>/dev/null || { cat "$work/maneuverd.log" >&2; exit 1; }
-  sleep 0.1
-done
-MANEUVER_SERVER=$(sed -n 's/.*"grpc": *"\([^"]*\)".*/\1/p' "$work/ports.json")
-metrics=$(sed -n 's/.*"metrics": *"\([^"]*\)".*/\1/p' "$work/ports.json")
-export MANEUVER_SERVER
+source "$(dirname "$0")/measured_server.sh"
+version 1 "$1"
+version 2 "$2"
+start_server --shadow-fraction 1
 
 candidate() { "$bin/maneuver" model promote "measured/$1" --alias candidate >&2; }
 # load FILE OPTIONS...
