@@ -192,8 +192,8 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
 
   auto server = rpc::Server::Start(options.listen,
                                    {{v1::PredictionService::service_full_name(), &predictions,
-                                     [&scheduler](std::string_view method, auto deadline) {
-                                       return rpc::CheckWait(scheduler, method, deadline);
+                                     [&scheduler](auto method, auto deadline, const auto& request) {
+                                       return rpc::CheckWait(scheduler, method, deadline, request);
                                      }},
                                     {v1::ModelService::service_full_name(), &model_service},
                                     {v1::DatasetService::service_full_name(), &dataset_service},

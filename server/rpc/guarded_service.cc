@@ -68,6 +68,20 @@ std::unique_ptr<MethodHandler> RefusingHandler(RpcMethod::RpcType type,
       });
 }
 
+// The same bytes. Empty if there are none, or if they are not as they were sent.
+ByteBuffer Shared(grpc_byte_buffer* bytes) {
+  if (bytes == nullptr || bytes->type != GRPC_BB_RAW ||
+      bytes->data.raw.compression != GRPC_COMPRESS_NONE) {
+    return {};
+  }
+  const grpc_slice_buffer& parts = bytes->data.raw.slice_buffer;
+  std::vector<grpc::Slice> slices;
+  for (size_t i = 0; i < parts.count; ++i) {
+    slices.emplace_back(parts.slices[i], grpc::Slice::ADD_REF);
+  }
+  return {slices.data(), slices.size()};
+}
+
 class GuardedHandler final : public MethodHandler {
  public:
   GuardedHandler(MethodHandler& guarded, std::string_view method, RpcMethod::RpcType type,
@@ -87,7 +101,8 @@ class GuardedHandler final : public MethodHandler {
   void RunHandler(const HandlerParameter& call) override {
     absl::Status status = access_.Admit(method_, CredentialsOf(*call.server_context));
     if (status.ok() && worth_ && type_ == RpcMethod::NORMAL_RPC) {
-      status = worth_(method_, call.server_context->deadline());
+      status = worth_(method_, call.server_context->deadline(),
+                      Shared(static_cast<grpc_byte_buffer*>(call.request)));
     }
     if (status.ok()) {
       Run(guarded_, call);

@@ -6,6 +6,7 @@
 
 #include <grpcpp/impl/codegen/service_type.h>
 #include <grpcpp/server_context.h>
+#include <grpcpp/support/byte_buffer.h>
 
 #include <chrono>
 #include <functional>
@@ -25,11 +26,12 @@ struct NamedService {
   const char* name;
   grpc::Service* service;
   // Whether a call of a method ("/maneuver.v1.PredictionService/Predict") that has until `deadline`
-  // is worth its work. Unary calls alone are asked about, after their callers are admitted and
-  // before their requests are parsed: that is a good part of the work, and a server with too much
-  // to do has no time for it. Empty: each is.
+  // for `request` is worth its work. Unary calls alone are asked about, after their callers are
+  // admitted and before their requests are parsed: that is a good part of the work, and a server
+  // with too much to do has no time for it. Empty: each is.
   std::function<absl::Status(std::string_view method,
-                             std::chrono::system_clock::time_point deadline)>
+                             std::chrono::system_clock::time_point deadline,
+                             const grpc::ByteBuffer& request)>
       worth = {};
 };
 

@@ -7,8 +7,8 @@
 
 #include "server/errors/error_details.h"
 #include "server/rpc/guarded_service.h"
+#include "server/rpc/request_outline.h"
 #include "server/rpc/status_details.h"
-#include "server/rpc/stream_envelope.h"
 
 namespace maneuver::rpc {
 namespace {
@@ -29,13 +29,13 @@ absl::Status NoMessage() {
   return errors::InvalidField("request", "these bytes are no StreamPredictRequest");
 }
 
-serving::TimePoint DeadlineOf(const StreamEnvelope& envelope) {
+serving::TimePoint DeadlineOf(const StreamOutline& outline) {
   // Longer than a day is as good as never.
   constexpr int64_t kNever = 24 * 3600;
-  if (!envelope.timeout || envelope.timeout->seconds() >= kNever) return serving::TimePoint::max();
-  const int64_t seconds = std::max<int64_t>(envelope.timeout->seconds(), 0);
+  if (!outline.timeout || outline.timeout->seconds() >= kNever) return serving::TimePoint::max();
+  const int64_t seconds = std::max<int64_t>(outline.timeout->seconds(), 0);
   return std::chrono::steady_clock::now() + std::chrono::seconds(seconds) +
-         std::chrono::nanoseconds(envelope.timeout->nanos());
+         std::chrono::nanoseconds(outline.timeout->nanos());
 }
 
 }  // namespace
@@ -146,17 +146,18 @@ void PredictStream::Begin(std::shared_ptr<Entry> entry) {
 }
 
 absl::Status PredictStream::Start(const std::shared_ptr<Entry>& entry) {
-  const auto envelope = ReadEnvelope(entry->bytes);
-  if (!envelope) return NoMessage();
-  if (envelope->request_id.size() > kMaxStreamedIdLength) {
+  const auto outline = ReadStreamOutline(entry->bytes);
+  if (!outline) return NoMessage();
+  if (outline->request_id.size() > kMaxStreamedIdLength) {
     return errors::InvalidField("request_id", "longer than 128 characters");
   }
   auto& [request, response] = *entry->messages;
-  response.set_request_id(envelope->request_id);
+  response.set_request_id(outline->request_id);
   if (absl::Status status = context_.access.Admit(kMethod, caller_); !status.ok()) return status;
-  const serving::TimePoint deadline = DeadlineOf(*envelope);
+  const serving::TimePoint deadline = DeadlineOf(*outline);
   // As for other calls, before the request is parsed.
-  absl::Status status = context_.scheduler.CheckWait(serving::Priority::kInteractive, deadline);
+  absl::Status status =
+      context_.scheduler.CheckWait(serving::Priority::kInteractive, outline->targets, deadline);
   if (!status.ok()) return status;
   if (!grpc::SerializationTraits<v1::StreamPredictRequest>::Deserialize(&entry->bytes, &request)
            .ok()) {

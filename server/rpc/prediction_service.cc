@@ -3,6 +3,7 @@
 #include "server/rpc/blocking_call.h"
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/predict_stream.h"
+#include "server/rpc/request_outline.h"
 #include "server/rpc/status_details.h"
 
 namespace maneuver::rpc {
@@ -56,9 +57,11 @@ class PredictionReactor final : public grpc::ServerUnaryReactor {
 }  // namespace
 
 absl::Status CheckWait(serving::BatchScheduler& scheduler, std::string_view method,
-                       std::chrono::system_clock::time_point deadline) {
+                       std::chrono::system_clock::time_point deadline,
+                       const grpc::ByteBuffer& request) {
   if (method.ends_with("/RegisterMap")) return absl::OkStatus();
-  return scheduler.CheckWait(serving::Priority::kInteractive, OnSteadyClock(deadline));
+  return scheduler.CheckWait(serving::Priority::kInteractive, CountTargets(request),
+                             OnSteadyClock(deadline));
 }
 
 PredictionService::PredictionService(PredictionContext& context) : context_(context) {

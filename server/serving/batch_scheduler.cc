@@ -168,14 +168,14 @@ absl::Status BatchScheduler::Submit(CallPtr call) {
   return status;
 }
 
-absl::Status BatchScheduler::CheckWait(Priority priority, TimePoint deadline) {
+absl::Status BatchScheduler::CheckWait(Priority priority, size_t targets, TimePoint deadline) {
   const TimePoint now = options_.now();
   absl::Status status;
   {
     const std::lock_guard lock(mutex_);
-    status = CheckWaitLocked(priority, 1, deadline, now);
+    status = CheckWaitLocked(priority, targets, deadline, now);
   }
-  if (!status.ok()) metrics_.refused.Increment();
+  if (!status.ok()) metrics_.refused.Increment(static_cast<double>(targets));
   return status;
 }
 
@@ -183,7 +183,7 @@ absl::Status BatchScheduler::CheckWaitLocked(Priority priority, size_t targets, 
                                              TimePoint now) const {
   // What is expected is not exact, and the answer has a way to go as well.
   constexpr double kMargin = 1.25;
-  const int before = queue_.SizeBefore(priority);
+  const int before = queue_.SizeBefore(priority, targets);
   if (before == 0 || deadline == TimePoint::max()) return absl::OkStatus();
   const nanoseconds expected = drain_rate_.TimeFor(before + static_cast<int>(targets), now);
   const nanoseconds needed = duration_cast<nanoseconds>(kMargin * expected);
@@ -208,8 +208,10 @@ void BatchScheduler::ShowQueueLocked() {
 }
 
 nanoseconds BatchScheduler::RetryDelayLocked(Priority priority, TimePoint now) const {
-  return std::clamp<nanoseconds>(drain_rate_.TimeFor(queue_.SizeBefore(priority), now),
-                                 std::chrono::milliseconds(1), std::chrono::seconds(30));
+  // Whoever fills the queue is the last in it.
+  const int waiting = queue_.SizeBefore(priority, static_cast<size_t>(options_.queue.max_queue));
+  return std::clamp<nanoseconds>(drain_rate_.TimeFor(waiting, now), std::chrono::milliseconds(1),
+                                 std::chrono::seconds(30));
 }
 
 void BatchScheduler::CountDead(const absl::Status& status, Passed passed, size_t targets) {

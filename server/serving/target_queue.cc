@@ -9,8 +9,18 @@ size_t TargetsLeft(const PredictionCall& call) { return call.targets.size() - ca
 
 }  // namespace
 
-int TargetQueue::SizeBefore(Priority priority) const {
-  return priority == Priority::kBulk ? size() : size(priority);
+int64_t TargetQueue::Line::PlaceOf(size_t size) const {
+  return come + kOvertaking * static_cast<int64_t>(size);
+}
+
+int TargetQueue::SizeBefore(Priority priority, size_t targets) const {
+  const Line& own = line(priority);
+  int before = priority == Priority::kBulk ? size() : size(priority);
+  const int64_t place = own.PlaceOf(targets);
+  for (auto it = own.calls.rbegin(); it != own.calls.rend() && it->first > place; ++it) {
+    before -= static_cast<int>(TargetsLeft(*it->second));
+  }
+  return before;
 }
 
 bool TargetQueue::HasRoom(const PredictionCall& call) const {
@@ -26,14 +36,17 @@ void TargetQueue::Push(CallPtr call, TimePoint now) {
   Line& own = line(call->priority);
   own.targets += static_cast<int>(call->targets.size());
   own.bytes += call->bytes;
-  own.calls.push_back(std::move(call));
+  const size_t targets = call->targets.size();
+  own.calls.emplace(own.PlaceOf(targets), std::move(call));
+  own.come += static_cast<int64_t>(targets);
 }
 
 std::vector<TargetQueue::Item> TargetQueue::TakeWhere(
     const std::function<bool(const PredictionCall&)>& wanted) {
   std::vector<Item> taken;
   for (Line& line : lines_) {
-    std::erase_if(line.calls, [&](const CallPtr& call) {
+    std::erase_if(line.calls, [&](const auto& place) {
+      const CallPtr& call = place.second;
       if (!wanted(*call)) return false;
       line.targets -= static_cast<int>(TargetsLeft(*call));
       line.bytes -= call->bytes;
@@ -58,13 +71,16 @@ TimePoint TargetQueue::NextBatchTime() const {
 
 TimePoint TargetQueue::NextBatchTime(const Line& line) const {
   if (line.calls.empty()) return TimePoint::max();
-  const PredictionCall& first = *line.calls.front();
+  const ModelHandle& model = line.calls.begin()->second->model;
   size_t ready = 0;
-  for (const CallPtr& call : line.calls) {
-    if (call->model == first.model) ready += TargetsLeft(*call);
+  TimePoint oldest = TimePoint::max();
+  for (const auto& [place, call] : line.calls) {
+    if (call->model != model) continue;
+    ready += TargetsLeft(*call);
     if (ready >= static_cast<size_t>(options_.max_batch)) return TimePoint::min();
+    oldest = std::min(oldest, call->submitted);
   }
-  return first.submitted + options_.max_queue_delay;
+  return oldest + options_.max_queue_delay;
 }
 
 Priority TargetQueue::NextPriority() const {
@@ -91,26 +107,22 @@ std::vector<TargetQueue::Item> TargetQueue::TakeBatch() {
 std::vector<TargetQueue::Item> TargetQueue::TakeBatch(Line& line) {
   std::vector<Item> batch;
   if (line.calls.empty()) return batch;
-  const ModelHandle model = line.calls.front()->model;
+  const ModelHandle model = line.calls.begin()->second->model;
   const size_t max_batch = static_cast<size_t>(options_.max_batch);
-  std::vector<CallPtr> unfinished;
   for (auto it = line.calls.begin(); it != line.calls.end() && batch.size() < max_batch;) {
-    PredictionCall& call = **it;
+    const CallPtr shared = it->second;
+    PredictionCall& call = *shared;
     if (call.model != model) {
       ++it;
       continue;
     }
     for (; call.next < call.targets.size() && batch.size() < max_batch; ++call.next) {
-      batch.push_back({*it, call.next});
+      batch.push_back({shared, call.next});
     }
-    if (TargetsLeft(call) > 0) {
-      unfinished.push_back(*it);
-    } else {
-      line.bytes -= call.bytes;
-    }
+    if (TargetsLeft(call) > 0) break;  // the batch is full
+    line.bytes -= call.bytes;
     it = line.calls.erase(it);
   }
-  line.calls.insert(line.calls.end(), unfinished.begin(), unfinished.end());
   line.targets -= static_cast<int>(batch.size());
   return batch;
 }

@@ -1,10 +1,12 @@
 // Which targets are answered next, and with which others. No threads and no clock of its own: the
 // batch scheduler holds a lock around it and passes the time.
 //
-// Calls stand in two lines, interactive and bulk. A batch is of one line and of one model version:
-// it takes targets from the line's first call, then from the others that ask the same version,
-// until it is full. A call that still has targets left then goes to the end of its line: a large
-// call cannot make small ones wait for all of it.
+// Calls stand in two lines, interactive and bulk, in the order in which they came, but that a large
+// call lets smaller ones overtake it: up to kOvertaking targets for each of its own, so that it
+// neither makes them wait for all of it nor waits for ever itself. Calls of one size are done one
+// after the other: by halves, all of them would be late. A batch is of one line and of one model
+// version: it takes targets from the line's first call, then from the others that ask the same
+// version, until it is full.
 //
 // Interactive batches go first, and wait for no bulk target to fill them. While both lines wait,
 // bulk still gets `bulk_share` of the targets: each interactive batch adds to what bulk is owed,
@@ -17,8 +19,8 @@
 #include <array>
 #include <chrono>
 #include <cstdint>
-#include <deque>
 #include <functional>
+#include <map>
 #include <memory>
 #include <vector>
 
@@ -39,6 +41,8 @@ struct QueueOptions {
 
 class TargetQueue {
  public:
+  static constexpr int64_t kOvertaking = 8;
+
   explicit TargetQueue(const QueueOptions& options) : options_(options) {}
 
   // Targets that wait, and bytes of their calls.
@@ -46,8 +50,8 @@ class TargetQueue {
   int size(Priority priority) const { return line(priority).targets; }
   int64_t bytes(Priority priority) const { return line(priority).bytes; }
   bool empty() const { return size() == 0; }
-  // Targets that are likely to be taken before one of this priority that comes now.
-  int SizeBefore(Priority priority) const;
+  // Targets that are likely to be taken before those of a call of so many that comes now.
+  int SizeBefore(Priority priority, size_t targets) const;
   // Whether the call can be pushed now.
   bool HasRoom(const PredictionCall& call) const;
   void Push(CallPtr call, TimePoint now);
@@ -69,7 +73,10 @@ class TargetQueue {
 
  private:
   struct Line {
-    std::deque<CallPtr> calls;  // each with at least one target left
+    std::multimap<int64_t, CallPtr> calls;  // by their place; each with at least one target left
+    int64_t come = 0;                       // targets, since the beginning
+    // Of a call of so many targets that comes now. The less, the sooner it goes.
+    int64_t PlaceOf(size_t size) const;
     int targets = 0;
     int64_t bytes = 0;
   };

@@ -370,7 +370,7 @@ TEST_F(ServerTest, AStreamIsToldThatTheDeadlineIsTooCloseBeforeItsRequestIsParse
   *request.mutable_request() = OneScene();
   const auto soon = [] { return std::chrono::steady_clock::now() + std::chrono::milliseconds(1); };
   for (int i = 0; i < 60; ++i) ASSERT_TRUE(waiting->Write(request));
-  while (scheduler_->CheckWait(serving::Priority::kInteractive, soon()).ok()) {
+  while (scheduler_->CheckWait(serving::Priority::kInteractive, 1, soon()).ok()) {
     std::this_thread::yield();
   }
   EXPECT_EQ(ask(WithoutSense(kMillisecond)), grpc::StatusCode::RESOURCE_EXHAUSTED);

@@ -178,15 +178,16 @@ TEST_F(BatchSchedulerTest, ACallWhoseDeadlineWouldPassInTheQueueIsToldSoAtOnce) 
   networks_.OpenGate();
   first.answers.get();
   // Nothing waits: even the shortest deadline is tried.
-  EXPECT_TRUE(scheduler->CheckWait(Priority::kInteractive, clock_.Now() + milliseconds(1)).ok());
+  EXPECT_TRUE(scheduler->CheckWait(Priority::kInteractive, 1, clock_.Now() + milliseconds(1)).ok());
   Asked working = Occupy(*scheduler);
-  Asked waiting = Ask(*scheduler, scene_, 4);
+  std::vector<Asked> waiting;
+  for (int i = 0; i < 4; ++i) waiting.push_back(Ask(*scheduler, scene_));
   // Four and itself, 100 ms each, and a quarter more to be sure: 625 ms.
   const Asked hopeless = Ask(*scheduler, scene_, 1, clock_.Now() + milliseconds(600));
   EXPECT_EQ(hopeless.status.code(), absl::StatusCode::kResourceExhausted);
   EXPECT_EQ(errors::ReasonOf(hopeless.status), "DEADLINE_TOO_CLOSE");
   EXPECT_EQ(errors::RetryDelay(hopeless.status), milliseconds(25));
-  EXPECT_EQ(scheduler->CheckWait(Priority::kInteractive, clock_.Now() + milliseconds(600)),
+  EXPECT_EQ(scheduler->CheckWait(Priority::kInteractive, 1, clock_.Now() + milliseconds(600)),
             hopeless.status);
   EXPECT_EQ(Metric("maneuver_targets_total{outcome=\"refused\"}"), "2");
   // Two targets take longer than one.

@@ -75,11 +75,35 @@ TEST_F(TargetQueueTest, ABatchAsksOneModelVersionOnly) {
 TEST_F(TargetQueueTest, ALargeCallDoesNotMakeASmallOneWaitForAllOfIt) {
   TargetQueue queue({.max_batch = 2});
   const std::vector<CallPtr> calls = {Call(model_, 6), Call(model_, 1)};
+  queue.Push(calls[0], kStart);
+  EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(0, 0), Pair(0, 1)));
+  queue.Push(calls[1], kStart);
+  EXPECT_EQ(queue.SizeBefore(Priority::kInteractive, 1), 1);
+  EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(1, 0), Pair(0, 2)));
+  EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(0, 3), Pair(0, 4)));
+}
+
+// By halves all would be done late; one by one all but the last are done earlier, and it no later.
+TEST_F(TargetQueueTest, CallsOfOneSizeAreDoneOneAfterTheOther) {
+  TargetQueue queue({.max_batch = 2});
+  const std::vector<CallPtr> calls = {Call(model_, 4), Call(model_, 4)};
   for (const CallPtr& call : calls) queue.Push(call, kStart);
 
   EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(0, 0), Pair(0, 1)));
-  EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(1, 0), Pair(0, 2)));
-  EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(0, 3), Pair(0, 4)));
+  EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(0, 2), Pair(0, 3)));
+  EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(1, 0), Pair(1, 1)));
+}
+
+TEST_F(TargetQueueTest, SmallCallsDoNotKeepALargeOneWaitingForEver) {
+  TargetQueue queue({.max_batch = 1});
+  const CallPtr large = Call(model_, 10);
+  queue.Push(large, kStart);
+  int batches = 0;
+  while (large->next < 10) {
+    ASSERT_LE(++batches, 10 + 10 * TargetQueue::kOvertaking);
+    queue.Push(Call(model_, 1), kStart);  // as fast as they are answered
+    queue.TakeBatch();
+  }
 }
 
 TEST_F(TargetQueueTest, ABatchThatIsNotFullWaitsForTheDelayOfItsFirstCall) {
@@ -138,12 +162,14 @@ TEST_F(TargetQueueTest, InteractiveTargetsGoBeforeBulkOnesAndNotWithThem) {
   const std::vector<CallPtr> calls = {Bulk(5), Call(model_, 1), Bulk(1), Call(model_, 2)};
   for (const CallPtr& call : calls) queue.Push(call, kStart);
 
-  EXPECT_EQ(queue.SizeBefore(Priority::kInteractive), 3);
-  EXPECT_EQ(queue.SizeBefore(Priority::kBulk), 9);
+  EXPECT_EQ(queue.SizeBefore(Priority::kInteractive, 2), 3);
+  EXPECT_EQ(queue.SizeBefore(Priority::kInteractive, 1), 1);
+  EXPECT_EQ(queue.SizeBefore(Priority::kBulk, 5), 9);
+  EXPECT_EQ(queue.SizeBefore(Priority::kBulk, 1), 4);
   EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(1, 0), Pair(3, 0), Pair(3, 1)));
   EXPECT_THAT(Names(queue.TakeBatch(), calls),
-              ElementsAre(Pair(0, 0), Pair(0, 1), Pair(0, 2), Pair(0, 3)));
-  EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(2, 0), Pair(0, 4)));
+              ElementsAre(Pair(2, 0), Pair(0, 0), Pair(0, 1), Pair(0, 2)));
+  EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(0, 3), Pair(0, 4)));
 }
 
 // The numbers are those of the policy, whatever the sizes of calls and batches.

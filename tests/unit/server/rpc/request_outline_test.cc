@@ -1,0 +1,104 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+#include <vector>
+
+#include "maneuver/v1/prediction_service.pb.h"
+#include "server/rpc/request_outline.h"
+
+namespace maneuver::rpc {
+namespace {
+
+// In slices of so many bytes, as a network delivers them.
+grpc::ByteBuffer InSlices(const std::string& bytes, size_t size) {
+  std::vector<grpc::Slice> slices;
+  for (size_t i = 0; i < bytes.size(); i += size) slices.emplace_back(bytes.substr(i, size));
+  return {slices.data(), slices.size()};
+}
+
+v1::StreamPredictRequest Request() {
+  v1::StreamPredictRequest request;
+  request.set_request_id("cycle 7");
+  request.mutable_timeout()->set_seconds(1);
+  request.mutable_timeout()->set_nanos(500);
+  for (int i = 0; i < 10; ++i) {
+    auto& scenario = *request.mutable_request()->add_scenarios();
+    scenario.set_map_id("a map");
+    for (int id = 0; id < i; ++id) scenario.add_target_ids(id % 2 == 0 ? -1 : 1000);
+  }
+  return request;
+}
+
+TEST(StreamOutlineTest, HasTheIdAndTheTimeoutHoweverTheMessageComes) {
+  const std::string bytes = Request().SerializeAsString();
+  for (const size_t size : {size_t{1}, size_t{7}, bytes.size()}) {
+    const grpc::ByteBuffer message = InSlices(bytes, size);
+    const auto outline = ReadStreamOutline(message);
+    ASSERT_TRUE(outline.has_value());
+    EXPECT_EQ(outline->request_id, "cycle 7");
+    ASSERT_TRUE(outline->timeout.has_value());
+    EXPECT_EQ(outline->timeout->seconds(), 1);
+    EXPECT_EQ(outline->timeout->nanos(), 500);
+    EXPECT_EQ(outline->targets, 45u);
+    EXPECT_EQ(message.Length(), bytes.size());  // and nothing is taken away
+  }
+}
+
+TEST(StreamOutlineTest, WhatIsNotSetIsNotThere) {
+  const auto outline = ReadStreamOutline(InSlices("", 1));
+  ASSERT_TRUE(outline.has_value());
+  EXPECT_EQ(outline->request_id, "");
+  EXPECT_FALSE(outline->timeout.has_value());
+}
+
+TEST(StreamOutlineTest, TheScenesAreNotParsed) {
+  // Field 2, three bytes that are no message; then field 1.
+  const auto outline = ReadStreamOutline(InSlices(std::string("\x12\x03\xff\xff\xff\x0a\x01z"), 2));
+  ASSERT_TRUE(outline.has_value());
+  EXPECT_EQ(outline->request_id, "z");
+  EXPECT_EQ(outline->targets, 0u);
+}
+
+TEST(StreamOutlineTest, AMessageThatIsCutOffIsNone) {
+  const std::string bytes = Request().SerializeAsString();
+  EXPECT_FALSE(ReadStreamOutline(InSlices(bytes.substr(0, bytes.size() - 1), 5)).has_value());
+  EXPECT_FALSE(ReadStreamOutline(InSlices(std::string(3, '\0'), 1)).has_value());
+  EXPECT_FALSE(ReadStreamOutline(InSlices("\xff\xff\xff", 3)).has_value());
+}
+
+TEST(CountTargetsTest, CountsThoseOfAllScenarios) {
+  const auto count = [](const google::protobuf::Message& request) {
+    return CountTargets(InSlices(request.SerializeAsString(), 5));
+  };
+  EXPECT_EQ(count(Request().request()), 45u);
+  EXPECT_EQ(count(v1::PredictRequest()), 0u);
+  v1::ClassifyTrajectoriesRequest classify;
+  classify.add_scenarios()->add_target_ids(3);
+  EXPECT_EQ(count(classify), 1u);
+}
+
+TEST(CountTargetsTest, IdsNeedNotBeInARow) {
+  // One scenario: id 1, then -1, then 7 and 8 in a row.
+  std::string ids("\x18\x01\x18", 3);
+  ids += std::string(9, '\xff') + '\x01';
+  ids += std::string("\x1a\x02\x07\x08", 4);
+  std::string request("\x12", 1);
+  request += static_cast<char>(ids.size());
+  request += ids;
+  v1::PredictRequest parsed;
+  ASSERT_TRUE(parsed.ParseFromString(request));
+  ASSERT_EQ(parsed.scenarios(0).target_ids_size(), 4);
+  EXPECT_EQ(CountTargets(InSlices(request, 3)), 4u);
+}
+
+TEST(CountTargetsTest, OfBytesThatAreNoRequestItCountsWhatIsThere) {
+  const std::string bytes = Request().request().SerializeAsString();
+  for (size_t cut = 0; cut < bytes.size(); ++cut) {
+    EXPECT_LE(CountTargets(InSlices(bytes.substr(0, cut), 4)), 45u);
+  }
+  EXPECT_EQ(CountTargets(InSlices("\x12\xff\xff\xff\xff\xff\xff\xff\xff\xff", 3)), 0u);
+}
+
+}  // namespace
+}  // namespace maneuver::rpc
