@@ -23,7 +23,12 @@ double UnusedBytes() {
 
 }  // namespace
 
-IdleMemory::IdleMemory() : thread_([this] { Run(); }) {}
+IdleMemory::IdleMemory() {
+  mallopt(M_MMAP_THRESHOLD, 32 << 20);  // bytes: the most that is allowed
+  mallopt(M_TRIM_THRESHOLD, 1 << 30);
+  mallopt(M_TOP_PAD, 4 << 20);
+  thread_ = std::thread([this] { Run(); });
+}
 
 IdleMemory::~IdleMemory() {
   {

@@ -16,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/synchronization/mutex.h"
 #include "model/data/dataset_store.h"
 #include "model/files/durable_file.h"
 #include "server/jobs/retention.h"
@@ -242,6 +243,9 @@ int Main(int argc, char** argv) {
   const auto parsed = ParseCommandLine(argc, argv, environ);
   if (const int* status = std::get_if<int>(&parsed)) return *status;
   const auto& options = std::get<ServerOptions>(parsed);
+  // gRPC locks all the time, and an Abseil that was built for debugging, as Debian's is, looks for
+  // cycles of locks at each.
+  absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   monitoring::ConfigureLogging(options.log_format, options.log_level);
   TerminationSignals signals;
   if (const absl::Status status = Run(options, signals); !status.ok()) {

@@ -184,8 +184,10 @@ absl::Status BatchScheduler::CheckWaitLocked(Priority priority, size_t targets, 
   // What is expected is not exact, and the answer has a way to go as well.
   constexpr double kMargin = 1.25;
   const int before = queue_.SizeBefore(priority, targets);
-  if (before == 0 || deadline == TimePoint::max()) return absl::OkStatus();
-  const nanoseconds expected = drain_rate_.TimeFor(before + static_cast<int>(targets), now);
+  const bool waits = before > 0 || drain_rate_.AllAtWork();
+  if (!waits || deadline == TimePoint::max()) return absl::OkStatus();
+  const nanoseconds expected = drain_rate_.TimeForWorkBegun(now) +
+                               drain_rate_.TimeFor(before + static_cast<int>(targets), now);
   const nanoseconds needed = duration_cast<nanoseconds>(kMargin * expected);
   const nanoseconds left = std::max(nanoseconds(0), deadline - now);
   if (needed <= left) return absl::OkStatus();

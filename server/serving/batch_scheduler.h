@@ -49,8 +49,8 @@ class BatchScheduler {
 
   // Whether a call of so many targets that has until `deadline` can be expected to be answered by
   // then: if not, the DEADLINE_TOO_CLOSE of Submit, before its request is parsed. Its caller is
-  // better told at once, and what it would have held up is answered instead. A call that would not
-  // have to wait is always tried.
+  // better told at once, and what it would have held up is answered instead. A call that would
+  // not have to wait, since a worker is idle, is always tried.
   absl::Status CheckWait(Priority priority, size_t targets, TimePoint deadline);
 
   // Whether targets wait for a worker. Takes no lock: who asks all the time holds up nobody.

@@ -27,8 +27,22 @@ void DrainRate::End(int worker, TimePoint now) {
   batch.targets = 0.0;
 }
 
+bool DrainRate::AllAtWork() const {
+  return std::ranges::all_of(at_work_, [](const Batch& batch) { return batch.targets > 0.0; });
+}
+
+std::chrono::nanoseconds DrainRate::TimeForWorkBegun(TimePoint now) const {
+  double seconds = 0.0;
+  for (const Batch& batch : at_work_) {
+    if (batch.targets == 0.0) continue;
+    seconds += std::max(0.0, batch.targets * SecondsPerTarget() - SecondsBetween(batch.begin, now));
+  }
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+      std::chrono::duration<double>(seconds / static_cast<double>(at_work_.size())));
+}
+
 std::chrono::nanoseconds DrainRate::TimeFor(int targets, TimePoint now) const {
-  const double measured = targets_ > 0.0 ? seconds_ / targets_ : 0.0;
+  const double measured = SecondsPerTarget();
   double targets_per_second = 0.0;
   for (const Batch& batch : at_work_) {
     double seconds_per_target = measured;

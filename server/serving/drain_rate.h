@@ -22,6 +22,11 @@ class DrainRate {
   void Begin(int worker, size_t targets, TimePoint now);
   void End(int worker, TimePoint now);
 
+  // Whether each worker is at work, and how long they need for what is left of that, by the
+  // measured speed: not negative.
+  bool AllAtWork() const;
+  std::chrono::nanoseconds TimeForWorkBegun(TimePoint now) const;
+
   // How long all workers together take for so many targets. A batch that takes longer than those
   // before it counts while it is still at work. 0 as long as nothing is known.
   std::chrono::nanoseconds TimeFor(int targets, TimePoint now) const;
@@ -31,6 +36,9 @@ class DrainRate {
     double targets = 0.0;  // 0: the worker is idle
     TimePoint begin;
   };
+
+  // Of one worker, on the work that is done. 0 if nothing is known.
+  double SecondsPerTarget() const { return targets_ > 0.0 ? seconds_ / targets_ : 0.0; }
 
   std::vector<Batch> at_work_;  // of each worker
   // Of the batches that are done, the older ones counting less.

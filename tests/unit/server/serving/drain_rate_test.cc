@@ -53,6 +53,20 @@ TEST(DrainRateTest, ABatchThatTakesLongCountsWhileItIsAtWork) {
   EXPECT_NEAR(Seconds(rate.TimeFor(110, kStart + milliseconds(1100))), 1.0, 1e-6);
 }
 
+TEST(DrainRateTest, WhatIsLeftOfTheWorkBegunTakesItsTime) {
+  DrainRate rate(2);
+  rate.Begin(0, 10, kStart);
+  rate.End(0, kStart + milliseconds(100));  // 10 ms a target
+  EXPECT_EQ(rate.TimeForWorkBegun(kStart + milliseconds(100)).count(), 0);
+  rate.Begin(0, 10, kStart + milliseconds(100));
+  EXPECT_FALSE(rate.AllAtWork());
+  rate.Begin(1, 4, kStart + milliseconds(120));
+  EXPECT_TRUE(rate.AllAtWork());
+  // 70 and 30 ms of one worker, by two.
+  EXPECT_NEAR(Seconds(rate.TimeForWorkBegun(kStart + milliseconds(130))), 0.05, 1e-6);
+  EXPECT_EQ(rate.TimeForWorkBegun(kStart + milliseconds(300)).count(), 0);
+}
+
 TEST(DrainRateTest, AnotherSpeedIsLearnedWithinSeconds) {
   DrainRate rate(1);
   TimePoint now = kStart;
