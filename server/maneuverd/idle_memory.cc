@@ -25,7 +25,7 @@ double UnusedBytes() {
 
 IdleMemory::IdleMemory() {
   mallopt(M_MMAP_THRESHOLD, 32 << 20);  // bytes: the most that is allowed
-  mallopt(M_TRIM_THRESHOLD, 1 << 30);
+  mallopt(M_TRIM_THRESHOLD, 16 << 20);  // of each arena: malloc_trim cannot give back its end
   mallopt(M_TOP_PAD, 4 << 20);
   thread_ = std::thread([this] { Run(); });
 }
