@@ -75,6 +75,7 @@ class Session final : public InferenceSession {
   std::vector<ActionDistribution> Describe(const SceneEncoding& encoding,
                                            std::span<const int> actions,
                                            LatentSource source) override {
+    if (actions.empty()) return {};
     // The sigma points of all actions are decoded in one product.
     const Eigen::Index points = 2 * networks_.mixture.dimensions() + 1;
     Eigen::MatrixXd latents(points * static_cast<Eigen::Index>(actions.size()),

@@ -78,6 +78,7 @@ DenseLayer::DenseLayer(int inputs, int outputs, const float* weight, const float
 }
 
 void DenseLayer::Apply(const float* x, int rows, Activation activation, float* y) const {
+  if (rows == 0) return;  // as when no action is to be described
   const int panels = static_cast<int>(bias_.size()) / kPanel;
   float tile[kMaxRows * kMaxPanels * kPanel];
   // Panels outside, rows inside: a panel stays in cache for all rows.

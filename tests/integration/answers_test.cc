@@ -105,6 +105,16 @@ TEST_F(AnswersTest, DistributionsHoldEverythingThatWasAskedFor) {
   }
 }
 
+TEST_F(AnswersTest, WhereNoActionIsProbableEnoughNoneIsDescribed) {
+  v1::PredictRequest request = Request(0, 1);
+  request.mutable_query()->set_min_probability(1.0);
+  v1::PredictResponse response;
+  ASSERT_TRUE(Predict(request, &response).ok());
+  const v1::TargetPrediction& target = response.predictions(0).targets(0);
+  EXPECT_GT(target.probabilities_size(), 0);
+  EXPECT_EQ(target.distributions_size(), 0);
+}
+
 TEST_F(AnswersTest, FramesAgree) {
   v1::PredictRequest request = Request(0, 1);
   request.mutable_scenarios(0)->mutable_target_ids()->Truncate(1);

@@ -308,6 +308,13 @@ TEST_F(ActionModelTest, AnActionHasTheSameBitsWhateverElseIsAsked) {
   }
 }
 
+TEST_F(ActionModelTest, NoActionsAreDescribedAsNone) {
+  const SceneEncoding encoding = EncodeOne(6);
+  for (const LatentSource source : {LatentSource::kPosterior, LatentSource::kPrior}) {
+    EXPECT_TRUE(session_->Describe(encoding, {}, source).empty());
+  }
+}
+
 TEST_F(ActionModelTest, AnswersHaveTheSameBitsAfterARestart) {
   const auto again = Load()->NewSession();
   const Rasters rasters = {RandomRaster(SmallSpec(), 7)};

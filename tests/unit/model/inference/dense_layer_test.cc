@@ -59,6 +59,10 @@ TEST_P(DenseLayerTest, IsTheMatrixProductInDoublePrecision) {
   }
 }
 
+TEST_P(DenseLayerTest, NoRowsGiveNone) {
+  EXPECT_TRUE(Apply({}, 0, Activation::kRelu).empty());
+}
+
 TEST_P(DenseLayerTest, ARowHasTheSameBitsInEveryBatch) {
   const int most = 17;
   const auto x = RandomValues(static_cast<size_t>(most * inputs_), 4);
