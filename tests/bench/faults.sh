@@ -8,7 +8,7 @@
 #
 # SECONDS_EACH (10) is the length of a run; RATE (100) the others' calls a second; FAULTS the faults,
 # of faults.py; BIN (build/release/bin) where the programs are. Server and callers share this machine;
-# those who are at fault have what time the others leave (nice), as they would come from elsewhere.
+# those who are at fault have what time the others leave (SCHED_IDLE), as they would come from elsewhere.
 # Ends with status 1 if a promise was not kept.
 set -euo pipefail
 
@@ -50,7 +50,7 @@ for fault in ${FAULTS:-message bomb streams half-open slow}; do
   memory_before=$(memory VmRSS)
   descriptors_before=$(descriptors)
   echo 5 >"/proc/$server/clear_refs" 2>/dev/null || true
-  nice -n 10 /usr/bin/python3 "$here/faults.py" "$MANEUVER_SERVER" "$fault" "$((each + 2))" >"$work/$fault.txt" &
+  chrt --idle 0 /usr/bin/python3 "$here/faults.py" "$MANEUVER_SERVER" "$fault" "$((each + 2))" >"$work/$fault.txt" &
   caller=$!
   others beside
   wait "$caller" || failed=1
