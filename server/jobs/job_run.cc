@@ -181,6 +181,7 @@ void RemoveJobOutput(const fs::path& folder) {
   std::error_code ignored;
   fs::remove_all(folder / kOutput, ignored);
   files::RemoveTemporaries(folder).IgnoreError();
+  files::RemoveTemporaries(CheckpointFolder(folder)).IgnoreError();
 }
 
 void BeginAttempt(v1::Job& job, const fs::path& folder, absl::Time now) {
