@@ -3,6 +3,7 @@
 #include <google/protobuf/util/time_util.h>
 
 #include <algorithm>
+#include <functional>
 #include <limits>
 #include <system_error>
 #include <utility>
@@ -39,18 +40,68 @@ absl::Status Exists(const std::string& id) {
 
 bool Damaged(const absl::Status& status) { return absl::IsDataLoss(status); }
 
+uint64_t BytesOf(const v1::Dataset& manifest) {
+  uint64_t bytes = 0;
+  for (const v1::Shard& shard : manifest.shards()) {
+    const auto size = static_cast<uint64_t>(std::max<int64_t>(0, shard.size_bytes()));
+    bytes += std::min(size, std::numeric_limits<uint64_t>::max() - bytes);
+  }
+  return bytes;
+}
+
+}  // namespace
+
+// Safe to use from any thread.
+class Arrivals {
+ public:
+  struct Bytes {
+    uint64_t announced = 0;
+    uint64_t missing = 0;  // of these, not on the disk yet
+  };
+
+  // Announces so many unless `refuse`, told what others have announced, finds an error.
+  absl::Status Announce(uint64_t bytes, const std::function<absl::Status(const Bytes&)>& refuse) {
+    const std::lock_guard lock(mutex_);
+    if (absl::Status status = refuse(bytes_); !status.ok()) return status;
+    bytes_.announced += bytes;
+    bytes_.missing += bytes;
+    return absl::OkStatus();
+  }
+  void Arrived(uint64_t bytes) {
+    const std::lock_guard lock(mutex_);
+    bytes_.missing -= bytes;
+  }
+  // An upload is over.
+  void End(const Bytes& of_upload) {
+    const std::lock_guard lock(mutex_);
+    bytes_.announced -= of_upload.announced;
+    bytes_.missing -= of_upload.missing;
+  }
+
+ private:
+  std::mutex mutex_;
+  Bytes bytes_;  // guarded by mutex_
+};
+
+namespace {
+
 class Upload final : public DatasetUpload {
  public:
-  Upload(std::string id, fs::path folder, fs::path temporary, v1::Dataset manifest)
+  // What the manifest says has been announced.
+  Upload(std::string id, fs::path folder, fs::path temporary, v1::Dataset manifest,
+         std::shared_ptr<Arrivals> arrivals)
       : id_(std::move(id)),
         folder_(std::move(folder)),
         temporary_(std::move(temporary)),
-        manifest_(std::move(manifest)) {}
+        manifest_(std::move(manifest)),
+        arrivals_(std::move(arrivals)),
+        bytes_{BytesOf(manifest_), BytesOf(manifest_)} {}
 
   ~Upload() override {
     file_.reset();
     std::error_code ignored;
     if (!committed_) fs::remove_all(temporary_, ignored);
+    arrivals_->End(bytes_);
   }
 
   absl::Status Append(std::string_view bytes) override {
@@ -90,6 +141,8 @@ class Upload final : public DatasetUpload {
       digest_->Update(part);
       if (absl::Status status = file_->Append(part); !status.ok()) return status;
       bytes.remove_prefix(part.size());
+      arrivals_->Arrived(part.size());
+      bytes_.missing -= part.size();
       if (absl::Status status = FinishFullShards(); !status.ok()) return status;
     }
     return absl::OkStatus();
@@ -143,7 +196,9 @@ class Upload final : public DatasetUpload {
   const fs::path folder_;
   const fs::path temporary_;
   v1::Dataset manifest_;
-  int shard_ = 0;  // that is arriving
+  const std::shared_ptr<Arrivals> arrivals_;
+  Arrivals::Bytes bytes_;  // of this upload
+  int shard_ = 0;          // that is arriving
   std::unique_ptr<files::OutputFile> file_;
   std::unique_ptr<files::Sha256> digest_;
   absl::Status status_;
@@ -177,12 +232,18 @@ v1::ScenarioSummary Summarize(const v1::Scenario& scenario) {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(fs::path folder) {
+DatasetStore::DatasetStore(fs::path folder, int64_t quota_bytes)
+    : folder_(std::move(folder)),
+      quota_bytes_(quota_bytes),
+      arrivals_(std::make_shared<Arrivals>()) {}
+
+absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(fs::path folder,
+                                                                 int64_t quota_bytes) {
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return files::ErrnoStatus(error.value(), "create", folder);
   if (absl::Status status = files::RemoveTemporaries(folder); !status.ok()) return status;
-  return std::unique_ptr<DatasetStore>(new DatasetStore(std::move(folder)));
+  return std::unique_ptr<DatasetStore>(new DatasetStore(std::move(folder), quota_bytes));
 }
 
 bool DatasetStore::Contains(const std::string& id) const {
@@ -218,21 +279,50 @@ absl::StatusOr<std::unique_ptr<DatasetUpload>> DatasetStore::BeginUpload(
     const std::string& id, const v1::Dataset& manifest) const {
   std::error_code error;
   if (fs::exists(FolderOf(id), error)) return Exists(id);
-  uint64_t wanted = 0;
-  for (const v1::Shard& shard : manifest.shards()) {
-    const auto size = static_cast<uint64_t>(std::max<int64_t>(0, shard.size_bytes()));
-    wanted += std::min(size, std::numeric_limits<uint64_t>::max() - wanted);
-  }
-  const fs::space_info space = fs::space(folder_, error);
-  if (!error && (space.available < kReservedBytes || wanted > space.available - kReservedBytes)) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("the dataset needs ", wanted, " bytes and the server has ",
-                     space.available < kReservedBytes ? 0 : space.available - kReservedBytes,
-                     " left; delete datasets or models that are no longer needed"));
-  }
+  const uint64_t wanted = BytesOf(manifest);
+  const absl::Status room = arrivals_->Announce(wanted, [&](const Arrivals::Bytes& others) {
+    // An upload that ends meanwhile counts twice rather than not at all.
+    const auto total = quota_bytes_ > 0 ? TotalBytes() : 0;
+    if (!total.ok()) return total.status();
+    const auto quota = static_cast<uint64_t>(quota_bytes_);
+    const uint64_t kept = static_cast<uint64_t>(*total) + others.announced;
+    if (quota > 0 && (kept > quota || wanted > quota - kept)) {
+      return absl::FailedPreconditionError(absl::StrCat(
+          "the dataset has ", wanted, " bytes and of the ", quota,
+          " that all datasets may have together ", kept > quota ? 0 : quota - kept,
+          " are left; delete datasets that are no longer needed, or start the server with a larger "
+          "--dataset-quota"));
+    }
+    const fs::space_info space = fs::space(folder_, error);
+    const uint64_t taken = kReservedBytes + others.missing;
+    if (!error && (space.available < taken || wanted > space.available - taken)) {
+      return absl::ResourceExhaustedError(
+          absl::StrCat("the dataset needs ", wanted, " bytes and the server has ",
+                       space.available < taken ? 0 : space.available - taken,
+                       " left; delete datasets or models that are no longer needed"));
+    }
+    return absl::OkStatus();
+  });
+  if (!room.ok()) return room;
   auto temporary = files::MakeTemporaryFolderFor(FolderOf(id));
-  if (!temporary.ok()) return temporary.status();
-  return std::make_unique<Upload>(id, FolderOf(id), *std::move(temporary), manifest);
+  if (!temporary.ok()) {
+    arrivals_->End({wanted, wanted});
+    return temporary.status();
+  }
+  return std::make_unique<Upload>(id, FolderOf(id), *std::move(temporary), manifest, arrivals_);
+}
+
+absl::StatusOr<int64_t> DatasetStore::TotalBytes() const {
+  const auto ids = List("", std::numeric_limits<size_t>::max());
+  if (!ids.ok()) return ids.status();
+  int64_t bytes = 0;
+  for (const std::string& id : *ids) {
+    // One that was deleted meanwhile, or cannot be read, takes no part.
+    if (const auto dataset = Get(id); dataset.ok()) {
+      bytes += static_cast<int64_t>(BytesOf(*dataset));
+    }
+  }
+  return bytes;
 }
 
 absl::StatusOr<fs::path> DatasetStore::Detach(const std::string& id) {

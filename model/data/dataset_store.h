@@ -37,12 +37,17 @@ class DatasetUpload {
   virtual absl::StatusOr<v1::Dataset> Commit() = 0;
 };
 
+// What uploads under way have announced.
+class Arrivals;
+
 // Ids must be valid ones (security::ParseDatasetName). Datasets are immutable: what was read of one
 // once stays true as long as it is there. Safe to use from any thread. NOT_FOUND for an unknown id.
 class DatasetStore {
  public:
   // Creates the folder if need be and removes what interrupted uploads and deletions left in it.
-  static absl::StatusOr<std::unique_ptr<DatasetStore>> Open(std::filesystem::path folder);
+  //   quota_bytes: most that all datasets together may have; 0: as much as the disk holds.
+  static absl::StatusOr<std::unique_ptr<DatasetStore>> Open(std::filesystem::path folder,
+                                                            int64_t quota_bytes = 0);
 
   std::filesystem::path FolderOf(const std::string& id) const { return folder_ / id; }
   bool Contains(const std::string& id) const;
@@ -51,7 +56,8 @@ class DatasetStore {
   absl::StatusOr<std::vector<std::string>> List(const std::string& after, size_t limit) const;
 
   // Begins an upload. ALREADY_EXISTS; INVALID_ARGUMENT is not checked here: see
-  // ValidateDatasetManifest; RESOURCE_EXHAUSTED if it does not fit on the disk.
+  // ValidateDatasetManifest; RESOURCE_EXHAUSTED if it does not fit on the disk, FAILED_PRECONDITION
+  // if not within the quota, beside what other uploads have announced.
   absl::StatusOr<std::unique_ptr<DatasetUpload>> BeginUpload(const std::string& id,
                                                              const v1::Dataset& manifest) const;
 
@@ -73,10 +79,13 @@ class DatasetStore {
  private:
   using Summaries = std::shared_ptr<const std::vector<v1::ScenarioSummary>>;
 
-  explicit DatasetStore(std::filesystem::path folder) : folder_(std::move(folder)) {}
+  DatasetStore(std::filesystem::path folder, int64_t quota_bytes);
+  absl::StatusOr<int64_t> TotalBytes() const;
   absl::StatusOr<Summaries> SummariesOf(const std::string& id);
 
   const std::filesystem::path folder_;
+  const int64_t quota_bytes_;
+  const std::shared_ptr<Arrivals> arrivals_;
   std::mutex mutex_;
   // What ListScenarios read, by id and time of creation. Guarded by mutex_.
   std::map<std::pair<std::string, int64_t>, Summaries> summaries_;

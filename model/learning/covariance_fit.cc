@@ -17,6 +17,9 @@ constexpr int kScaleSteps = 80;
 constexpr double kScaleRate = 0.1;
 constexpr double kMostLatentFactor = 3.0;
 constexpr double kMostWidening = 16.0;
+// Nearly all of q(y|x,s). With one alone a trajectory between two actions has to be an outlier of
+// either, and all widths pay for it.
+constexpr int64_t kOwnActions = 4;
 
 // [.., 3] lower Cholesky factor (l11, l21, l22), the diagonal as logarithms, to xx, xy, yy.
 at::Tensor CovarianceOf(const at::Tensor& factor) {
@@ -56,25 +59,30 @@ at::Tensor ResidualCovariance(const Predictions& predictions) {
   return (sums + kPriorExamples * pooled) / (counts + kPriorExamples);
 }
 
-// Each example under the action that it most likely is, alone.
-struct OwnAction {
-  Predictions predictions;  // of one action, [N, 1, ..]
-  at::Tensor covariance;    // the decoder's, [N, 1, T, 3]
+// Each example under the few actions that it most likely is.
+struct OwnActions {
+  Predictions predictions;  // of those actions, [N, own, ..], their probabilities q(y|x,s)
+  at::Tensor covariance;    // the decoder's, [N, own, T, 3]
 };
 
 //   covariance: [K, T, 3] or [N, K, T, 3]
-OwnAction TakeOwnAction(const Predictions& predictions, const at::Tensor& covariance) {
-  const at::Tensor action = predictions.log_responsibilities.argmax(1);  // [N]
-  const auto take = [&](const at::Tensor& of_all) {                      // [N, K, T, C]
-    const at::Tensor index =
-        action.view({-1, 1, 1, 1}).expand({of_all.size(0), 1, of_all.size(2), of_all.size(3)});
+OwnActions TakeOwnActions(const Predictions& predictions, const at::Tensor& covariance,
+                          int64_t own) {
+  const auto [log_q, actions] = predictions.log_responsibilities.topk(
+      std::min(own, predictions.log_responsibilities.size(1)), 1);  // [N, own]
+  const int64_t examples = actions.size(0), count = actions.size(1);
+  const auto take = [&, &chosen = actions](const at::Tensor& of_all) {  // [N, K, T, C]
+    const at::Tensor index = chosen.view({examples, count, 1, 1})
+                                 .expand({examples, count, of_all.size(2), of_all.size(3)});
     return of_all.gather(1, index);
   };
-  const at::Tensor certain = at::zeros({action.size(0), 1}, predictions.mean.options());
-  return {
-      {predictions.trajectories, certain, certain, take(predictions.mean),
-       take(predictions.covariance)},
-      covariance.dim() == 4 ? take(covariance) : covariance.index_select(0, action).unsqueeze(1)};
+  const at::Tensor log_share = at::log_softmax(log_q, 1);
+  return {{predictions.trajectories, log_share, log_share, take(predictions.mean),
+           take(predictions.covariance)},
+          covariance.dim() == 4
+              ? take(covariance)
+              : covariance.index_select(0, actions.reshape({-1}))
+                    .view({examples, count, covariance.size(1), covariance.size(2)})};
 }
 
 // -E ln p over waypoints.
@@ -111,7 +119,7 @@ at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& g
 
 CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor& covariance,
                                    bool fit_latent) {
-  const OwnAction own = TakeOwnAction(held_out, covariance);
+  const OwnActions own = TakeOwnActions(held_out, covariance, kOwnActions);
   const at::Tensor along = at::linspace(0.0, 1.0, covariance.size(-2), covariance.options());
   // ln of the factor at the start, how much more it is at the end of the horizon, and ln of the
   // latent's.
@@ -134,7 +142,7 @@ CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor
 
 double CoveredShare(const Predictions& predictions, const at::Tensor& covariance) {
   at::NoGradGuard no_grad;
-  const OwnAction own = TakeOwnAction(predictions, covariance);
+  const OwnActions own = TakeOwnActions(predictions, covariance, 1);
   return (SquaredDistances(own.predictions.mean, own.predictions.covariance + own.covariance,
                            predictions.trajectories) <= 4.0)
       .to(at::kFloat)

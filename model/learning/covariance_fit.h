@@ -16,9 +16,9 @@ at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& g
 // Those residuals for all actions together, [T, 3].
 at::Tensor PooledCovariance(const Predictions& predictions);
 
-// What makes held-out trajectories most likely under the actions that they are (of the largest
-// q(y|x,s)): residuals on examples that were learned from are too small, and each action has to
-// hold its own (under p(y|s), neighbours would cover for one that is too narrow).
+// What makes held-out trajectories most likely under the actions that they are (of the few
+// largest q(y|x,s)): residuals on examples that were learned from are too small, and each action
+// has to hold its own (under p(y|s), neighbours would cover for one that is too narrow).
 struct CovarianceScale {
   at::Tensor factor;           // of the decoder's covariance at each waypoint, exp(a + b t), [T]
   double latent_stddev = 1.0;  // factor of the standard deviations of q(z|y,s), in [1/3, 3]

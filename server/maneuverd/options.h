@@ -32,6 +32,7 @@ struct ServerOptions {
   serving::SchedulerOptions scheduler;
   serving::MapCacheOptions maps;
   serving::ShadowOptions shadow;
+  int64_t dataset_quota_bytes = 0;  // 0: as many as the disk holds
   inference::EngineOptions engine;
   JobOptions jobs;
   monitoring::LogFormat log_format = monitoring::LogFormat::kText;

@@ -126,6 +126,8 @@ absl::Status WithDatasetReason(absl::Status status) {
       return errors::WithReason(std::move(status), "DATASET_INVALID");
     case absl::StatusCode::kResourceExhausted:
       return errors::WithReason(std::move(status), "DISK_FULL");
+    case absl::StatusCode::kFailedPrecondition:
+      return errors::WithReason(absl::ResourceExhaustedError(status.message()), "DATASET_QUOTA");
     default:
       return status;
   }

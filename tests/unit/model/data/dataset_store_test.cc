@@ -35,7 +35,9 @@ class DatasetStoreTest : public testing::Test {
     }
   }
 
-  void Reopen() { store_ = *DatasetStore::Open(folder_ / "datasets"); }
+  void Reopen(int64_t quota_bytes = 0) {
+    store_ = *DatasetStore::Open(folder_ / "datasets", quota_bytes);
+  }
 
   // Uploads bytes in pieces that end where no shard does.
   absl::StatusOr<v1::Dataset> Upload(const std::string& id, const std::string& bytes) {
@@ -96,6 +98,25 @@ TEST_F(DatasetStoreTest, WhatASuddenDeathLeftIsRemovedByTheNextStart) {
   EXPECT_EQ(Names().size(), 1u);
   Reopen();
   EXPECT_THAT(Names(), IsEmpty());
+}
+
+TEST_F(DatasetStoreTest, TheQuotaIsForAllDatasetsAndForWhatIsOnItsWay) {
+  const auto size = static_cast<int64_t>(bytes_.size());
+  Reopen(2 * size + 100);
+  ASSERT_TRUE(Upload("first", bytes_).ok());
+  auto second = store_->BeginUpload("second", manifest_);
+  ASSERT_TRUE(second.ok()) << second.status();
+  ASSERT_TRUE((*second)->Append(std::string_view(bytes_).substr(0, 1000)).ok());
+  const absl::Status third = store_->BeginUpload("third", manifest_).status();
+  EXPECT_TRUE(absl::IsFailedPrecondition(third)) << third;
+  EXPECT_THAT(std::string(third.message()),
+              AllOf(HasSubstr(std::to_string(size) + " bytes"), HasSubstr(" 100 are left")));
+  // What is broken off or deleted makes room again.
+  second->reset();
+  ASSERT_TRUE(Upload("third", bytes_).ok());
+  EXPECT_FALSE(store_->BeginUpload("fourth", manifest_).ok());
+  ASSERT_TRUE(store_->Detach("first").ok());
+  EXPECT_TRUE(store_->BeginUpload("fourth", manifest_).ok());
 }
 
 TEST_F(DatasetStoreTest, ATruncatedUploadIsRefusedByItsShard) {

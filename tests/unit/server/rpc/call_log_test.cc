@@ -49,7 +49,8 @@ TEST_F(CallLogTest, WithoutARequestIdOneIsMadeUpForEachCall) {
 }
 
 TEST_F(CallLogTest, WhatHasNotItsProperFormNeverGetsIn) {
-  for (const std::string id : {"two words", "a\nb", "a=b", "\"", std::string(65, 'a').c_str()}) {
+  for (const std::string& id : {std::string("two words"), std::string("a\nb"), std::string("a=b"),
+                                std::string("\""), std::string(65, 'a')}) {
     EXPECT_THAT(log_.OriginOf(id, "").request_id, ::testing::StartsWith("00000abc-")) << id;
   }
   EXPECT_EQ(log_.OriginOf(std::string(64, 'a'), "").request_id, std::string(64, 'a'));
