@@ -106,9 +106,12 @@ v1::PromotionDecision AsPublished(const v1::Job& job, const VersionAccess& versi
   const std::string serving =
       versions.serving(std::string(absl::StripPrefix(request.model(), "models/")));
   decision.set_promoted(serving == job.model_version());
-  decision.set_reason(decision.promoted()
-                          ? absl::StrCat("no version of ", request.model(), " served")
-                          : absl::StrCat(serving, " serves"));
+  if (decision.promoted()) {
+    decision.set_reason(absl::StrCat("no version of ", request.model(), " served"));
+  } else {
+    decision.set_reason(serving.empty() ? "the alias was deleted meanwhile"
+                                        : absl::StrCat(serving, " serves"));
+  }
   return decision;
 }
 
