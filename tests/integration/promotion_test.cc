@@ -116,13 +116,14 @@ TEST_F(PromotionTest, AWorseVersionIsNotPromotedAndAnEqualOneIsThoughTheServerDi
   Run({"evaluate", "tiny/2", "--dataset", "unseen", "--set", "stride=2s"});
   EXPECT_THAT(Run({"model", "compare", "tiny/1", "tiny/2"}, 1), HasSubstr("stride=2s"));
 
-  // The settings of version 1 make the same version again; the server dies as it is published.
-  std::vector<std::string> command = Train(trained_.settings().string());
+  // The settings of version 2 make the same version again; the server dies as it is published.
+  Run({"model", "promote", "tiny/2"});
+  std::vector<std::string> command = Train(WorseSettings());
   command.insert(command.end(), {"--detach", "--output", "json"});
   v1::Job job;
   const std::string started = Run(command);
   ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(started, &job).ok()) << started;
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(120);
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(240);
   while (!fs::exists(trained_.data_dir() / "models" / "tiny" / "3")) {
     ASSERT_LT(std::chrono::steady_clock::now(), deadline);
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
@@ -139,11 +140,11 @@ TEST_F(PromotionTest, AWorseVersionIsNotPromotedAndAnEqualOneIsThoughTheServerDi
   }
   EXPECT_EQ(Serving(), "models/tiny/versions/3");
   EXPECT_THAT(Run({"job", "show", job.name()}), HasSubstr("tiny/3 was promoted: no worse than"));
-  EXPECT_THAT(Run({"model", "compare", "tiny/1", "tiny"}), ContainsRegex("nll +nats.* 0.000 +="));
+  EXPECT_THAT(Run({"model", "compare", "tiny/2", "tiny"}), ContainsRegex("nll +nats.* 0.000 +="));
 
   // Reports go with their version.
-  Run({"model", "delete", "tiny/2"});
-  EXPECT_FALSE(fs::exists(trained_.data_dir() / "models" / "tiny" / "2"));
+  Run({"model", "delete", "tiny/1"});
+  EXPECT_FALSE(fs::exists(trained_.data_dir() / "models" / "tiny" / "1"));
 }
 
 }  // namespace

@@ -40,6 +40,23 @@ Result Maneuver(const std::vector<std::string>& arguments, const std::string& in
   return {status, out.str(), err.str()};
 }
 
+TEST(CommandLineTest, OptionsOfPromotionThatDoNotGoTogetherAreRefused) {
+  const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
+      {{"--promote", "if-no-worse"}, "wants --promote-dataset"},
+      {{"--promote-dataset", "unseen"}, "go with --promote if-no-worse"},
+      {{"--promote", "always", "--promote-metric", "nll"}, "go with --promote if-no-worse"},
+      {{"--promote", "if-no-worse", "--promote-dataset", "unseen", "--promote-metric",
+        "nll=little"},
+       "not nll=little"}};
+  for (const auto& [options, says] : cases) {
+    std::vector<std::string> arguments = {"train", "town", "--dataset", "town"};
+    arguments.insert(arguments.end(), options.begin(), options.end());
+    const Result result = Maneuver(arguments);
+    EXPECT_EQ(result.status, kUsage) << says;
+    EXPECT_THAT(result.err, HasSubstr(says));
+  }
+}
+
 TEST(CommandLineTest, MistakesEndWithStatusTwoAndAHint) {
   for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
            {},
@@ -51,10 +68,6 @@ TEST(CommandLineTest, MistakesEndWithStatusTwoAndAHint) {
            {"synthesize", "out", "--recordings", "many"},
            {"model", "list", "--output", "xml"},
            {"model", "compare", "town/1"},
-           {"train", "town", "--dataset", "town", "--promote", "if-no-worse"},
-           {"train", "town", "--dataset", "town", "--promote-dataset", "unseen"},
-           {"train", "town", "--dataset", "town", "--promote", "if-no-worse", "--promote-dataset",
-            "unseen", "--promote-metric", "nll=little"},
            {"predict", "x.json", "--top-k", "0"},
            {"predict", "x.json", "--top-k", "1", "--actions", "2"},
            {"scenario", "extract", "town", "a", "--wrong"}}) {

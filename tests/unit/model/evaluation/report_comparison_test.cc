@@ -41,7 +41,7 @@ TEST(ReportComparisonTest, ReportsOfOtherExamplesAreNotComparable) {
        "standing_distance=2"},
       {[](auto& r) { r.mutable_example_settings()->set_max_speed(9.0); }, "max_speed=9"},
       {[](auto& r) { r.mutable_trajectory()->set_waypoints(12); }, "12 waypoints of 0.4 s"},
-      {[](auto& r) { r.set_examples(99); }, "99 examples"},
+      {[](auto& r) { r.set_examples(99); }, "the other over 99"},
   };
   EXPECT_TRUE(CheckComparable(Report(1), Report(2)).ok());
   for (const Case& each : cases) {
