@@ -168,6 +168,16 @@ absl::StatusOr<v1::Action> Client::LabelAction(const v1::LabelActionRequest& req
   return MANEUVER_CALL(models, ModelService, LabelAction, Repeatable::kYes, management);
 }
 
+absl::StatusOr<v1::ListEvaluationReportsResponse> Client::ListEvaluationReports(
+    const v1::ListEvaluationReportsRequest& request, const CallOptions& call) {
+  return MANEUVER_CALL(models, ModelService, ListEvaluationReports, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::EvaluationReport> Client::GetEvaluationReport(
+    const v1::GetEvaluationReportRequest& request, const CallOptions& call) {
+  return MANEUVER_CALL(models, ModelService, GetEvaluationReport, Repeatable::kYes, management);
+}
+
 absl::StatusOr<v1::ListDatasetsResponse> Client::ListDatasets(
     const v1::ListDatasetsRequest& request, const CallOptions& call) {
   return MANEUVER_CALL(datasets, DatasetService, ListDatasets, Repeatable::kYes, management);

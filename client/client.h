@@ -136,6 +136,10 @@ class Client {
                                              const CallOptions& call = {});
   absl::StatusOr<v1::Action> LabelAction(const v1::LabelActionRequest& request,
                                          const CallOptions& call = {});
+  absl::StatusOr<v1::ListEvaluationReportsResponse> ListEvaluationReports(
+      const v1::ListEvaluationReportsRequest& request, const CallOptions& call = {});
+  absl::StatusOr<v1::EvaluationReport> GetEvaluationReport(
+      const v1::GetEvaluationReportRequest& request, const CallOptions& call = {});
 
   // Datasets.
   using OnUploaded = std::function<void(int64_t sent_bytes, int64_t total_bytes)>;

@@ -103,6 +103,9 @@ int ShowJob(const std::string& name, const std::optional<std::string>& figures,
     environment.out << "\nThe last lines of its process:\n";
     for (const std::string& line : job->last_lines()) environment.out << "  " << line << "\n";
   }
+  if (job->has_promotion_decision()) {
+    environment.out << "\n" << PromotionText(*job, environment.color);
+  }
   if (job->evaluation().metrics_size() > 0) {
     environment.out << "\n" << evaluation::ReportText(job->evaluation(), environment.color);
   }

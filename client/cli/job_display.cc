@@ -4,6 +4,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/command.h"
+#include "client/cli/comparison_text.h"
 #include "client/cli/interrupt.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/text_format.h"
@@ -119,6 +120,18 @@ std::string MetricsText(const google::protobuf::Map<std::string, double>& metric
   return evaluation::ReportText(report, color);
 }
 
+std::string PromotionText(const v1::Job& job, bool color) {
+  if (!job.has_promotion_decision()) return "";
+  const v1::PromotionDecision& decision = job.promotion_decision();
+  std::string text = absl::StrCat(
+      ShortName(job.model_version()),
+      decision.promoted() ? " was promoted: " : " was not promoted: ", decision.reason(), "\n");
+  if (decision.has_comparison()) {
+    absl::StrAppend(&text, "\n", ComparisonText(decision.comparison(), color));
+  }
+  return text;
+}
+
 int PrintOutcome(const v1::Job& job, Environment& environment) {
   const bool succeeded = job.state() == v1::JOB_STATE_SUCCEEDED;
   if (environment.json()) {
@@ -144,7 +157,8 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
                     << evaluation::ReportText(job.evaluation(), environment.color);
     return kOk;
   }
-  environment.out << job.model_version() << " is trained, in " << Spell(took) << "\n";
+  environment.out << job.model_version() << " is trained, in " << Spell(took) << "\n"
+                  << PromotionText(job, environment.color);
   v1::GetModelVersionRequest request;
   request.set_name(job.model_version());
   const auto version =

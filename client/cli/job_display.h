@@ -27,6 +27,10 @@ std::string MetricsText(const google::protobuf::Map<std::string, double>& metric
 // go on. Returns kOk if the job succeeded or was left running, else kFailed.
 int WatchToEnd(const std::string& job, Environment& environment);
 
+// Whether what a job trained was promoted, why, and by which figures; empty while nobody knows.
+// Whole lines.
+std::string PromotionText(const v1::Job& job, bool color);
+
 // What came of a job that ended; returns kOk if it succeeded.
 int PrintOutcome(const v1::Job& job, Environment& environment);
 

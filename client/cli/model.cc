@@ -1,4 +1,4 @@
-// maneuver model: list, show, actions, delete, promote, label.
+// maneuver model: list, show, actions, delete, promote, label; compare is in model_compare.cc.
 
 #include <cmath>
 #include <memory>
@@ -9,6 +9,7 @@
 #include "client/cli/commands.h"
 #include "client/cli/job_display.h"
 #include "client/cli/json_files.h"
+#include "client/cli/model_compare.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
@@ -79,6 +80,18 @@ int ListModels(const std::string& model, Environment& environment) {
   return kOk;
 }
 
+// "unseen (1200 examples, 2026-02-03 14:05:06)", one for each dataset; "-" without any.
+absl::StatusOr<std::string> EvaluatedOn(const std::string& version, Environment& environment) {
+  const auto reports = ListReports(version, environment);
+  if (!reports.ok()) return reports.status();
+  std::vector<std::string> texts;
+  for (const v1::EvaluationReport& report : *reports) {
+    texts.push_back(absl::StrCat(ShortName(report.dataset()), " (", report.examples(),
+                                 " examples, ", Moment(report.create_time()), ")"));
+  }
+  return texts.empty() ? "-" : absl::StrJoin(texts, ", ");
+}
+
 int ShowModel(const std::string& name, Environment& environment) {
   v1::GetModelVersionRequest request;
   request.set_name(ModelResource(name));
@@ -89,6 +102,8 @@ int ShowModel(const std::string& name, Environment& environment) {
     environment.PrintJson(*version);
     return kOk;
   }
+  const auto evaluated = EvaluatedOn(version->name(), environment);
+  if (!evaluated.ok()) return environment.Fail(evaluated.status());
   const v1::ModelManifest& manifest = version->manifest();
   const v1::ModelSpec& spec = manifest.spec();
   int effective = 0;
@@ -108,6 +123,7 @@ int ShowModel(const std::string& name, Environment& environment) {
   table.Add({"preset", manifest.provenance().settings().preset()});
   table.Add({"examples", absl::StrCat(manifest.provenance().training_examples(), " learned, ",
                                       manifest.provenance().validation_examples(), " held out")});
+  table.Add({"evaluated on", *evaluated});
   environment.out << table.Text(environment.color);
   if (manifest.metrics_size() > 0) {
     environment.out << "\n" << MetricsText(manifest.metrics(), environment.color);
@@ -244,6 +260,8 @@ void AddModel(Command& root, Environment& environment) {
   promote.Argument("MODEL", &arguments->model, "The version, such as town/2");
   promote.Option("--alias", &arguments->alias, "Which alias to point to it");
   promote.Run([=, &environment] { return Promote(*arguments, environment); });
+
+  AddModelCompare(group, environment);
 
   Command label = group.Add("label", "Give an action a name for people",
                             "Example: maneuver model label town/2 7 \"left turn\"");

@@ -3,6 +3,7 @@
 #include <memory>
 #include <ostream>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands.h"
 #include "client/cli/job_display.h"
@@ -28,6 +29,8 @@ struct TrainArguments {
   std::optional<int64_t> seed;
   std::optional<int64_t> priority;
   std::string promote = "auto";
+  std::optional<std::string> promote_dataset;
+  std::vector<std::string> promote_metrics;
   bool detach = false;
   bool validate_only = false;
 };
@@ -68,6 +71,39 @@ absl::StatusOr<v1::TrainingSettings> Settings(const TrainArguments& arguments,
   return settings;
 }
 
+v1::Promotion PromotionOf(const std::string& choice) {
+  if (choice == "always") return v1::PROMOTION_ALWAYS;
+  if (choice == "never") return v1::PROMOTION_NEVER;
+  return choice == "if-no-worse" ? v1::PROMOTION_IF_NO_WORSE : v1::PROMOTION_UNSPECIFIED;
+}
+
+// What is wrong with the options, empty if nothing is.
+std::string SetPromotion(const TrainArguments& arguments, v1::TrainRequest& request) {
+  request.set_promotion(PromotionOf(arguments.promote));
+  if (request.promotion() != v1::PROMOTION_IF_NO_WORSE) {
+    const bool given = arguments.promote_dataset || !arguments.promote_metrics.empty();
+    return given ? "--promote-dataset and --promote-metric go with --promote if-no-worse" : "";
+  }
+  if (!arguments.promote_dataset) {
+    return "--promote if-no-worse wants --promote-dataset: what both versions are measured on";
+  }
+  v1::PromotionCriteria& criteria = *request.mutable_promotion_criteria();
+  criteria.set_dataset(DatasetResource(*arguments.promote_dataset));
+  for (const std::string& text : arguments.promote_metrics) {
+    v1::MetricCriterion& criterion = *criteria.add_metrics();
+    const size_t equals = text.find('=');
+    criterion.set_metric(text.substr(0, equals));
+    if (equals == std::string::npos) continue;
+    double tolerance = 0.0;
+    if (!absl::SimpleAtod(text.substr(equals + 1), &tolerance)) {
+      return absl::StrCat("--promote-metric is NAME or NAME=TOLERANCE, such as nll=0.01; not ",
+                          text);
+    }
+    criterion.set_tolerance(tolerance);
+  }
+  return "";
+}
+
 int Train(const TrainArguments& arguments, Environment& environment) {
   const absl::StatusOr<v1::TrainingSettings> settings = Settings(arguments, environment);
   if (!settings.ok()) return environment.Refuse(std::string(settings.status().message()));
@@ -77,9 +113,9 @@ int Train(const TrainArguments& arguments, Environment& environment) {
     request.add_datasets(DatasetResource(dataset));
   }
   *request.mutable_settings() = *settings;
-  request.set_promotion(arguments.promote == "always"  ? v1::PROMOTION_ALWAYS
-                        : arguments.promote == "never" ? v1::PROMOTION_NEVER
-                                                       : v1::PROMOTION_UNSPECIFIED);
+  if (const std::string wrong = SetPromotion(arguments, request); !wrong.empty()) {
+    return environment.Refuse(wrong);
+  }
   request.set_priority(static_cast<int32_t>(arguments.priority.value_or(0)));
   request.set_validate_only(arguments.validate_only);
   const auto job = environment.server_client().Train(request, environment.call_options());
@@ -115,7 +151,8 @@ void AddTrain(Command& root, Environment& environment) {
       "Settings come from the preset, then --settings, then the options, then --set.\n"
       "Example: maneuver train town --dataset town\n"
       "         maneuver train city --dataset waymo-training --horizon 5s --epochs 20 \\\n"
-      "             --set optimization.batch_size=128 --set model.decoder.hidden=256,256 --detach");
+      "             --set optimization.batch_size=128 --set model.decoder.hidden=256,256 --detach\n"
+      "         maneuver train town --dataset town --promote if-no-worse --promote-dataset unseen");
   command.Argument("MODEL", &arguments->model, "The model: a-z, 0-9 and -; need not exist");
   command.Option("--dataset", &arguments->datasets, "Dataset to learn from; may be repeated", true);
   command.Option(
@@ -138,8 +175,14 @@ void AddTrain(Command& root, Environment& environment) {
                  "Epochs of the mixture alone");
   command.Option("--actions", &arguments->actions, 1, 10'000, "K, the number of actions");
   command.Option("--seed", &arguments->seed, 0, INT64_MAX, "Seed of everything random");
-  command.Choice("--promote", &arguments->promote, {"auto", "never", "always"},
-                 "When the new version becomes the one that serves; auto: if none does yet");
+  command.Choice("--promote", &arguments->promote, {"auto", "never", "always", "if-no-worse"},
+                 "When the new version becomes the one that serves; auto: if none does yet; "
+                 "if-no-worse: if none does yet, or measured on --promote-dataset it is no worse");
+  command.Option("--promote-dataset", &arguments->promote_dataset,
+                 "Dataset to measure both versions on, for if-no-worse");
+  command.Option("--promote-metric", &arguments->promote_metrics,
+                 "NAME or NAME=TOLERANCE, such as nll=0.01, that may not be worse; may be repeated "
+                 "[min_ade_6 nll]");
   command.Option("--priority", &arguments->priority, -100, 100,
                  "Jobs of a higher one run first [0]");
   command.Flag("--detach", &arguments->detach, "Start the job and return");

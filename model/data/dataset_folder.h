@@ -54,6 +54,9 @@ std::vector<scene::FieldViolation> ValidateDatasetManifest(const v1::Dataset& ma
 absl::StatusOr<v1::Dataset> ParseDatasetManifest(const std::string& json);
 std::string PrintDatasetManifest(const v1::Dataset& manifest);
 
+// Dataset contents by one digest, as EvaluationReport.dataset_sha256 has it.
+std::string ContentSha256(const v1::Dataset& manifest);
+
 // dataset.json of a folder whose shards are there in the sizes it states. NOT_FOUND, or DATA_LOSS
 // with the reason.
 absl::StatusOr<v1::Dataset> ReadDatasetManifest(const std::filesystem::path& folder);

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_layout.h"
+#include "model/files/digest.h"
 #include "model/files/durable_file.h"
 
 namespace maneuver::data {
@@ -139,6 +140,12 @@ absl::StatusOr<v1::Dataset> LoadDatasetManifest(const std::filesystem::path& fol
                                             violations.front().description));
   }
   return manifest;
+}
+
+std::string ContentSha256(const v1::Dataset& manifest) {
+  std::string digests;
+  for (const v1::Shard& shard : manifest.shards()) absl::StrAppend(&digests, shard.sha256(), "\n");
+  return files::Sha256Hex(digests);
 }
 
 absl::StatusOr<v1::Dataset> ReadDatasetManifest(const std::filesystem::path& folder) {

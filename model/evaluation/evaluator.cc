@@ -116,6 +116,8 @@ absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& mode
   if (!all.ok()) return all.status();
   v1::EvaluationReport report = MakeReport(all->measured, all->measured_by_waymo);
   AddSample(*all, input, report);
+  *report.mutable_example_settings() = input.examples;
+  *report.mutable_trajectory() = model.spec().trajectory();
   return report;
 }
 

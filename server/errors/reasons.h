@@ -79,6 +79,10 @@ inline constexpr ReasonEntry kReasons[] = {
     {"MODEL_VERSION_IN_USE", "FAILED_PRECONDITION",
      "an alias points to the version that is to be deleted",
      "point the alias elsewhere, or delete it first"},
+    {"EVALUATION_NOT_FOUND", "NOT_FOUND", "the version was not evaluated on that dataset",
+     "ListEvaluationReports names those that it was evaluated on; evaluate it"},
+    {"EVALUATION_DAMAGED", "FAILED_PRECONDITION", "the report beside the version does not parse",
+     "evaluate the version on that dataset again"},
 
     {"DATASET_NOT_FOUND", "NOT_FOUND, FAILED_PRECONDITION",
      "there is no such dataset, or a job that is to go on has lost it",

@@ -3,12 +3,14 @@
 #include <google/protobuf/io/coded_stream.h>
 #include <google/protobuf/io/zero_copy_stream_impl_lite.h>
 
+#include <cmath>
 #include <set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
 #include "model/artifact/training_presets.h"
+#include "model/evaluation/metric_table.h"
 #include "model/files/digest.h"
 #include "server/errors/error_details.h"
 #include "server/security/resource_name.h"
@@ -19,6 +21,7 @@ namespace {
 constexpr size_t kMaxRequestId = 128;
 constexpr int kMaxDatasets = 100;
 constexpr int kMaxSampledExamples = 1000;
+constexpr int kMaxCriteria = 20;
 constexpr int kMostPriority = 100;
 constexpr char kDatasetRule[] =
     "expected datasets/{dataset}, with ids of lower-case letters, digits and hyphens";
@@ -36,6 +39,46 @@ void CheckPriority(int priority, Violations& violations) {
   if (priority < -kMostPriority || priority > kMostPriority) {
     violations.push_back(
         {"priority", absl::StrCat("expected -", kMostPriority, " to ", kMostPriority)});
+  }
+}
+
+void CheckCriteria(const v1::PromotionCriteria& criteria, Violations& violations) {
+  const std::string field = "promotion_criteria.";
+  if (!security::ParseDatasetName(criteria.dataset(), field + "dataset").ok()) {
+    violations.push_back({field + "dataset", kDatasetRule});
+  }
+  if (criteria.metrics_size() > kMaxCriteria) {
+    violations.push_back({field + "metrics", absl::StrCat("must be at most ", kMaxCriteria)});
+    return;
+  }
+  std::set<std::string> seen;
+  for (int i = 0; i < criteria.metrics_size(); ++i) {
+    const v1::MetricCriterion& criterion = criteria.metrics(i);
+    const std::string metric = absl::StrCat(field, "metrics[", i, "].metric");
+    if (!evaluation::CanDecide(criterion.metric())) {
+      violations.push_back(
+          {metric, "is no metric of the model's own that has a better side, such as min_ade_6"});
+    } else if (!seen.insert(criterion.metric()).second) {
+      violations.push_back({metric, "is named before"});
+    }
+    if (!(criterion.tolerance() >= 0.0) || !std::isfinite(criterion.tolerance())) {
+      violations.push_back({absl::StrCat(field, "metrics[", i, "].tolerance"),
+                            "must be 0 or more, in the metric's unit"});
+    }
+  }
+  v1::TrainingSettings settings;
+  *settings.mutable_examples() = criteria.examples();
+  for (scene::FieldViolation& violation :
+       artifact::ValidateTrainingSettings(artifact::ResolveTrainingSettings(settings))) {
+    violations.push_back({field + violation.field, std::move(violation.description)});
+  }
+}
+
+void CheckPromotion(const v1::TrainRequest& request, Violations& violations) {
+  if (request.promotion() == v1::PROMOTION_IF_NO_WORSE) {
+    CheckCriteria(request.promotion_criteria(), violations);
+  } else if (request.has_promotion_criteria()) {
+    violations.push_back({"promotion_criteria", "only goes with PROMOTION_IF_NO_WORSE"});
   }
 }
 
@@ -87,6 +130,7 @@ absl::Status CheckTrainRequest(const v1::TrainRequest& request) {
   if (!v1::Promotion_IsValid(request.promotion())) {
     violations.push_back({"promotion", "is no promotion that this server knows"});
   }
+  CheckPromotion(request, violations);
   CheckRequestId(request.request_id(), violations);
   CheckPriority(request.priority(), violations);
   const auto settings = artifact::ResolveTrainingSettings(request.settings());
@@ -138,6 +182,7 @@ std::vector<std::string> DatasetIds(const v1::Job& job) {
   };
   if (job.has_train()) {
     for (const std::string& name : job.train().datasets()) add(name);
+    if (job.train().has_promotion_criteria()) add(job.train().promotion_criteria().dataset());
   } else {
     add(job.evaluate().dataset());
   }

@@ -1,9 +1,7 @@
 #include "server/jobs/job_run.h"
 
-#include <google/protobuf/util/json_util.h>
-
 #include <algorithm>
-#include <optional>
+#include <string>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -12,91 +10,16 @@
 #include "absl/strings/strip.h"
 #include "model/artifact/training_presets.h"
 #include "model/files/durable_file.h"
-#include "model/files/errno_status.h"
 #include "server/errors/error_details.h"
-#include "server/jobs/job_requests.h"
 #include "server/jobs/job_time.h"
+#include "server/jobs/promotion_run.h"
 #include "server/jobs/trainer_outcome.h"
+#include "server/jobs/trainer_run.h"
 
 namespace maneuver::jobs {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr char kSettingsFile[] = "settings.json";
-constexpr char kLogFile[] = "trainer.log";
-constexpr char kOutput[] = "output";
-
-std::string ToJson(const google::protobuf::Message& message) {
-  google::protobuf::util::JsonPrintOptions options;
-  options.add_whitespace = true;
-  std::string json;
-  // Fails only for messages that no request can hold (Any).
-  (void)google::protobuf::util::MessageToJsonString(message, &json, options);
-  return json;
-}
-
-absl::Status WithDefaultReason(absl::Status status, errors::Reason reason) {
-  absl::Status clean(status.code(), WithoutPaths(std::string(status.message())));
-  return errors::WithReason(
-      std::move(clean), absl::IsResourceExhausted(status) ? errors::Reason("DISK_FULL") : reason);
-}
-
-absl::Status PrepareFolder(const fs::path& folder, const google::protobuf::Message& settings) {
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) return files::ErrnoStatus(error.value(), "create", folder);
-  RemoveJobOutput(folder);
-  return files::WriteFileAtomically(folder / kSettingsFile, ToJson(settings) + "\n");
-}
-
-// What a job's process came to.
-struct Outcome {
-  absl::Status status;
-  // For no reason of its own: another process is to go on.
-  bool died = false;
-};
-
-// The rest of what the job's processes may take; nothing left: 0 or less. Nothing: no limit.
-std::optional<std::chrono::milliseconds> TimeLeft(const v1::Job& job, const JobLimits& limits) {
-  if (limits.run_time.count() == 0) return std::nullopt;
-  return limits.run_time -
-         absl::ToChronoMilliseconds(ToDuration(job.attempts().earlier_run_time()));
-}
-
-// Runs the trainer to its end. OK if it says that all went well.
-Outcome RunTrainer(v1::Job& job, std::vector<std::string> arguments, const fs::path& folder,
-                   const JobRunEnvironment& environment, StopRequest& stop,
-                   ProgressRecorder& progress) {
-  const JobLimits& limits = environment.limits;
-  ChildCommand command;
-  command.arguments = {environment.trainer};
-  command.arguments.insert(command.arguments.end(), arguments.begin(), arguments.end());
-  if (limits.threads > 0) {
-    command.arguments.insert(command.arguments.end(),
-                             {"--threads", std::to_string(limits.threads)});
-  }
-  command.log = folder / kLogFile;
-  command.patience = environment.patience;
-  command.memory_limit_bytes = limits.memory_bytes;
-  if (const auto left = TimeLeft(job, limits)) {
-    if (left->count() <= 0) return {WallTimeExceeded(limits.run_time)};
-    command.time_limit = *left;
-  }
-  std::error_code error;
-  const auto log_size = fs::file_size(command.log, error);
-  const auto result = RunChild(
-      command, stop, [&](const std::string& line) { progress.Record(line); },
-      [&] { progress.Tick(); });
-  progress.Flush();
-  if (!result.ok()) return {CannotStartTrainer(result.status())};
-  const std::vector<std::string> lines =
-      LastLines(command.log, error ? 0 : static_cast<int64_t>(log_size));
-  job.mutable_last_lines()->Assign(lines.begin(), lines.end());
-  const bool is_done = result->signal == 0 && result->exit_status == 0;
-  if (result->timed_out && !is_done) return {WallTimeExceeded(limits.run_time)};
-  return {TrainerStatus(*result, lines.empty() ? std::string() : lines.back()), HasDied(*result)};
-}
 
 std::vector<std::string> TrainArguments(const v1::Job& job, const fs::path& folder,
                                         const JobRunEnvironment& environment) {
@@ -127,17 +50,19 @@ std::vector<std::string> TrainArguments(const v1::Job& job, const fs::path& fold
   return arguments;
 }
 
-Outcome Train(v1::Job& job, const fs::path& folder, const JobRunEnvironment& environment,
-              StopRequest& stop, ProgressRecorder& progress) {
+Outcome Train(v1::Job& job, const fs::path& folder, const JobAttempt& attempt) {
+  const JobRunEnvironment& environment = attempt.environment;
   const v1::TrainRequest& request = job.train();
   if (absl::Status status =
           PrepareFolder(folder, artifact::ResolveTrainingSettings(request.settings()));
       !status.ok()) {
     return {WithDefaultReason(status, "CANNOT_WRITE")};
   }
-  Outcome outcome = RunTrainer(job, TrainArguments(job, folder, environment), folder, environment,
-                               stop, progress);
-  if (!outcome.status.ok() || stop.reason() != StopRequest::Reason::kNone) return outcome;
+  if (request.promotion() == v1::PROMOTION_IF_NO_WORSE) {
+    attempt.progress.SetPart(0.0, kTrainedAt);
+  }
+  Outcome outcome = RunTrainer(job, TrainArguments(job, folder, environment), folder, attempt);
+  if (!outcome.status.ok() || attempt.stop.reason() != StopRequest::Reason::kNone) return outcome;
   const auto version =
       environment.publish(std::string(absl::StripPrefix(request.model(), "models/")),
                           folder / kOutput, request.promotion(), job.name());
@@ -146,41 +71,63 @@ Outcome Train(v1::Job& job, const fs::path& folder, const JobRunEnvironment& env
   return outcome;
 }
 
-Outcome Evaluate(v1::Job& job, const fs::path& folder, const JobRunEnvironment& environment,
-                 StopRequest& stop, ProgressRecorder& progress) {
+Outcome Evaluate(v1::Job& job, const fs::path& folder, const JobAttempt& attempt) {
   const v1::EvaluateRequest& request = job.evaluate();
-  const auto model = environment.resolve(request.model());
-  if (!model.ok()) return {WithDefaultReason(model.status(), "MODEL_UNAVAILABLE")};
-  if (absl::Status status = PrepareFolder(folder, ResolveExamples(request.examples()));
-      !status.ok()) {
-    return {WithDefaultReason(status, "CANNOT_WRITE")};
+  Measured measured = Measure(
+      job, {request.model(), request.dataset(), request.examples(), request.sampled_examples()},
+      folder, attempt);
+  if (measured.report) *job.mutable_evaluation() = *std::move(measured.report);
+  return std::move(measured.outcome);
+}
+
+// The version that the job's process made, if the server died after it published that and before it
+// said so.
+Outcome FindPublishedVersion(v1::Job& job, const JobRunEnvironment& environment) {
+  if (!job.has_train() || job.attempts().started() <= 1) return {};
+  const auto published =
+      environment.find_published(std::string(absl::StripPrefix(job.train().model(), "models/")),
+                                 job.train().promotion(), job.name());
+  if (!published.ok()) return {WithDefaultReason(published.status(), "MODEL_REFUSED")};
+  if (*published) job.set_model_version(**published);
+  return {};
+}
+
+bool MadeSomething(const v1::Job& job) {
+  return job.has_evaluation() || !job.model_version().empty();
+}
+
+// Made a version, and is to say yet whether that is to serve.
+bool IsUndecided(const v1::Job& job) {
+  return !job.model_version().empty() && !job.has_promotion_decision();
+}
+
+// Does what is yet to be done.
+Outcome GoOn(v1::Job& job, const fs::path& folder, const JobAttempt& attempt) {
+  Outcome outcome = FindPublishedVersion(job, attempt.environment);
+  if (!outcome.status.ok()) return outcome;
+  const int most = attempt.environment.limits.attempts_without_progress;
+  if (job.attempts().without_progress() >= most &&
+      (!MadeSomething(job) || job.train().promotion() == v1::PROMOTION_IF_NO_WORSE)) {
+    return {GaveUp(errors::FromProto(job.error()), most)};
   }
-  const std::string id(absl::StripPrefix(request.dataset(), "datasets/"));
-  Outcome outcome = RunTrainer(
-      job,
-      {"evaluate", "--model", model->folder, "--dataset", environment.datasets->FolderOf(id),
-       "--settings", folder / kSettingsFile, "--output", folder / kOutput, "--sampled-examples",
-       std::to_string(request.sampled_examples()), "--progress", "json"},
-      folder, environment, stop, progress);
-  if (!outcome.status.ok() || stop.reason() != StopRequest::Reason::kNone) return outcome;
-  const auto text = files::ReadFile(folder / kOutput);
-  v1::EvaluationReport report;
-  if (!text.ok() || !google::protobuf::util::JsonStringToMessage(*text, &report).ok()) {
-    return {errors::WithReason(absl::InternalError("the trainer ended well but left no report"),
-                               "TRAINER_INTERNAL")};
+  const auto stopped = [&] { return attempt.stop.reason() != StopRequest::Reason::kNone; };
+  if (!MadeSomething(job) && !stopped()) {
+    outcome = job.has_train() ? Train(job, folder, attempt) : Evaluate(job, folder, attempt);
   }
-  report.set_model_version(model->version);
-  report.set_dataset(request.dataset());
-  *job.mutable_evaluation() = std::move(report);
+  if (IsUndecided(job) && (!stopped() || job.train().promotion() != v1::PROMOTION_IF_NO_WORSE)) {
+    outcome = RunPromotion(job, folder / kPromotionFolder, attempt);
+  }
   return outcome;
 }
 
 }  // namespace
 
 void RemoveJobOutput(const fs::path& folder) {
-  std::error_code ignored;
-  fs::remove_all(folder / kOutput, ignored);
-  files::RemoveTemporaries(folder).IgnoreError();
+  for (const fs::path& each : {folder, folder / kPromotionFolder}) {
+    std::error_code ignored;
+    fs::remove_all(each / kOutput, ignored);
+    files::RemoveTemporaries(each).IgnoreError();
+  }
   files::RemoveTemporaries(CheckpointFolder(folder)).IgnoreError();
 }
 
@@ -207,32 +154,21 @@ v1::Job RunJob(v1::Job job, const fs::path& folder, const JobRunEnvironment& env
                StopRequest& stop, ProgressRecorder& progress,
                const std::function<absl::Time()>& now) {
   const int most = environment.limits.attempts_without_progress;
-  Outcome outcome;
-  // The server may have died after it published the version and before it said so.
-  if (job.has_train() && job.attempts().started() > 1) {
-    const auto published =
-        environment.find_published(std::string(absl::StripPrefix(job.train().model(), "models/")),
-                                   job.train().promotion(), job.name());
-    if (!published.ok()) {
-      outcome.status = WithDefaultReason(published.status(), "MODEL_REFUSED");
-    } else if (*published) {
-      job.set_model_version(**published);
-    }
-  }
-  if (outcome.status.ok() && job.model_version().empty()) {
-    if (job.attempts().without_progress() >= most) {
-      outcome.status = GaveUp(errors::FromProto(job.error()), most);
-    } else if (stop.reason() == StopRequest::Reason::kNone) {
-      outcome = job.has_train() ? Train(job, folder, environment, stop, progress)
-                                : Evaluate(job, folder, environment, stop, progress);
-    }
-  }
+  Outcome outcome = GoOn(job, folder, {environment, stop, progress, now});
   RemoveJobOutput(folder);
   EndAttempt(job, folder, now(), outcome.died && stop.reason() == StopRequest::Reason::kNone);
   job.clear_error();
-  const bool made_something = job.has_evaluation() || !job.model_version().empty();
+  const bool goes_on = outcome.died && job.attempts().without_progress() < most;
+  if (outcome.died && !goes_on) outcome.status = GaveUp(std::move(outcome.status), most);
+  // A version is there and stays, whatever befalls the decision about it. The server's end and the
+  // death of a process put that off.
+  if (IsUndecided(job) && stop.reason() == StopRequest::Reason::kCancelled) {
+    DecideAgainst(job, absl::CancelledError("the job was cancelled"), now());
+  } else if (IsUndecided(job) && stop.reason() != StopRequest::Reason::kServerStops && !goes_on) {
+    DecideAgainst(job, outcome.status, now());
+  }
   // Whoever asked to stop too late gets what was finished.
-  if (made_something) {
+  if (MadeSomething(job) && !IsUndecided(job)) {
     job.set_state(v1::JOB_STATE_SUCCEEDED);
     RemoveCheckpoints(folder);
   } else if (stop.reason() == StopRequest::Reason::kCancelled) {
@@ -240,11 +176,10 @@ v1::Job RunJob(v1::Job job, const fs::path& folder, const JobRunEnvironment& env
   } else if (stop.reason() == StopRequest::Reason::kServerStops) {
     job.set_state(v1::JOB_STATE_PENDING);
     *job.mutable_error() = errors::ToProto(ServerInterrupted());
-  } else if (outcome.died && job.attempts().without_progress() < most) {
+  } else if (goes_on) {
     job.set_state(v1::JOB_STATE_PENDING);
     *job.mutable_error() = errors::ToProto(outcome.status);
   } else {
-    if (outcome.died) outcome.status = GaveUp(std::move(outcome.status), most);
     job.set_state(v1::JOB_STATE_FAILED);
     *job.mutable_error() = errors::ToProto(outcome.status);
   }

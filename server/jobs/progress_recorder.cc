@@ -23,6 +23,11 @@ ProgressRecorder::ProgressRecorder(JobStore& store, JobNews& news, const v1::Job
       now_(std::move(now)),
       last_sequence_(job.progress().sequence()) {}
 
+void ProgressRecorder::SetPart(double begin, double end) {
+  part_begin_ = begin;
+  part_end_ = end;
+}
+
 void ProgressRecorder::Record(const std::string& line) {
   v1::JobProgress progress;
   google::protobuf::util::JsonParseOptions options;
@@ -32,6 +37,7 @@ void ProgressRecorder::Record(const std::string& line) {
                     {{"job", job_}});
     return;
   }
+  progress.set_fraction(part_begin_ + (part_end_ - part_begin_) * progress.fraction());
   if (!progress.has_time()) *progress.mutable_time() = ToTimestamp(now_());
   if (progress.has_epoch_report() || progress.phase() != last_phase_ ||
       now_() - last_time_ >= kShortest) {

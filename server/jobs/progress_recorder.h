@@ -24,6 +24,9 @@ class ProgressRecorder {
   ProgressRecorder(JobStore& store, JobNews& news, const v1::Job& job,
                    std::function<absl::Time()> now);
 
+  // What the trainer reports from now on is this part of the job, from 0 to 1: its fraction becomes
+  // one of the whole. At first it is all of it.
+  void SetPart(double begin, double end);
   // One line of the trainer: a JobProgress as proto3 JSON. What is none is logged and passed over.
   void Record(const std::string& line);
   // Stores an event that waited long enough. Call it now and then.
@@ -42,6 +45,8 @@ class ProgressRecorder {
   int64_t last_sequence_;
   absl::Time last_time_ = absl::InfinitePast();
   std::string last_phase_;
+  double part_begin_ = 0.0;
+  double part_end_ = 1.0;
   std::optional<v1::JobProgress> waiting_;
 };
 

@@ -158,6 +158,7 @@ void Supervisor::RunOne(const v1::Job& job, StopRequest& stop) {
       .publish = options_.publish,
       .find_published = options_.find_published,
       .resolve = options_.resolve,
+      .versions = options_.versions,
       .patience = options_.patience};
   ProgressRecorder progress(store_, news_, job, options_.now);
   EndRun(RunJob(job, FolderOf(job.name()), environment, stop, progress, options_.now), stop);

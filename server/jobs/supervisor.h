@@ -43,6 +43,7 @@ struct SupervisorOptions {
   PublishModel publish;
   FindPublished find_published;
   ResolveModel resolve;
+  VersionAccess versions;
   int max_running_jobs = 1;
   // From SIGTERM to SIGKILL, for a job that is cancelled or cut off by Stop.
   std::chrono::milliseconds patience{5'000};

@@ -82,6 +82,39 @@ class TerminationSignals {
   sigset_t signals_;
 };
 
+jobs::VersionAccess VersionAccessOf(serving::ModelRegistry& models) {
+  jobs::VersionAccess access;
+  access.keep_report = [&models](const v1::EvaluationReport& report) {
+    return models.KeepReport(report);
+  };
+  access.find_report = [&models](
+                           const std::string& version,
+                           const std::string& dataset) -> absl::StatusOr<v1::EvaluationReport> {
+    const auto name = security::ParseModelVersionName(version, "model_version");
+    if (!name.ok()) return name.status();
+    const auto id = security::ParseDatasetName(dataset, "dataset");
+    if (!id.ok()) return id.status();
+    return models.GetReport({*name, *id});
+  };
+  access.serving = [&models](const std::string& model) {
+    const auto serving = models.Serving(model);
+    return serving ? serving->ToString() : std::string();
+  };
+  access.promote_over = [&models](const std::string& version,
+                                  const std::string& before) -> absl::StatusOr<bool> {
+    const auto name = security::ParseModelVersionName(version, "model_version");
+    if (!name.ok()) return name.status();
+    std::optional<security::ModelVersionName> serving;
+    if (!before.empty()) {
+      const auto parsed = security::ParseModelVersionName(before, "model_version");
+      if (!parsed.ok()) return parsed.status();
+      serving = *parsed;
+    }
+    return models.PromoteOver(*name, serving);
+  };
+  return access;
+}
+
 jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options,
                                              serving::ModelRegistry& models) {
   jobs::SupervisorOptions supervisor;
@@ -116,6 +149,7 @@ jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options,
     if (!resolved.ok()) return resolved.status();
     return jobs::ResolvedModel{resolved->name.ToString(), std::move(resolved->folder)};
   };
+  supervisor.versions = VersionAccessOf(models);
   return supervisor;
 }
 

@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <charconv>
 #include <chrono>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_spec.h"
 #include "server/rpc/blocking_call.h"
+#include "server/rpc/paging.h"
 #include "server/rpc/prediction_translation.h"
 
 namespace maneuver::rpc {
@@ -102,6 +104,34 @@ absl::StatusOr<v1::ModelVersion> DescribeReference(
   const auto resolved = models.Resolve(reference);
   if (!resolved.ok()) return resolved.status();
   return models.Describe(resolved->name);
+}
+
+// The name of the last report of the page before is the token. One that was measured anew in
+// between has moved to the front: the page then begins with it, and some are seen twice.
+absl::Status ListReportsPage(const serving::ModelRegistry& models,
+                             const v1::ListEvaluationReportsRequest& request,
+                             v1::ListEvaluationReportsResponse* response) {
+  const auto reference = security::ParseModelReference(request.parent(), "parent");
+  if (!reference.ok()) return reference.status();
+  const auto page_size = PageSizeOf(request.page_size());
+  if (!page_size.ok()) return page_size.status();
+  const auto version = models.Resolve(*reference);
+  if (!version.ok()) return version.status();
+  auto reports = models.ListReports(version->name);
+  if (!reports.ok()) return reports.status();
+  auto next = reports->begin();
+  if (!request.page_token().empty()) {
+    next = std::ranges::find(*reports, request.page_token(), &v1::EvaluationReport::name);
+    if (next == reports->end()) return WrongPageToken();
+    ++next;
+  }
+  for (int i = 0; i < *page_size && next != reports->end(); ++i, ++next) {
+    *response->add_evaluation_reports() = std::move(*next);
+  }
+  if (next != reports->end()) {
+    response->set_next_page_token(response->evaluation_reports().rbegin()->name());
+  }
+  return absl::OkStatus();
 }
 
 // UTF-8: bytes that do not continue a character.
@@ -202,6 +232,26 @@ grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext*
     }
     if (action.ok()) *response = *std::move(action);
     return action.status();
+  });
+}
+
+grpc::ServerUnaryReactor* ModelService::ListEvaluationReports(
+    grpc::CallbackServerContext* rpc, const v1::ListEvaluationReportsRequest* request,
+    v1::ListEvaluationReportsResponse* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response] {
+    return ListReportsPage(models_, *request, response);
+  });
+}
+
+grpc::ServerUnaryReactor* ModelService::GetEvaluationReport(
+    grpc::CallbackServerContext* rpc, const v1::GetEvaluationReportRequest* request,
+    v1::EvaluationReport* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+    const auto name = security::ParseEvaluationName(request->name(), "name");
+    if (!name.ok()) return name.status();
+    auto report = models_.GetReport(*name);
+    if (report.ok()) *response = *std::move(report);
+    return report.status();
   });
 }
 

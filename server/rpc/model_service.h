@@ -34,6 +34,12 @@ class ModelService final : public v1::ModelService::CallbackService {
   grpc::ServerUnaryReactor* LabelAction(grpc::CallbackServerContext* rpc,
                                         const v1::LabelActionRequest* request,
                                         v1::Action* response) override;
+  grpc::ServerUnaryReactor* ListEvaluationReports(
+      grpc::CallbackServerContext* rpc, const v1::ListEvaluationReportsRequest* request,
+      v1::ListEvaluationReportsResponse* response) override;
+  grpc::ServerUnaryReactor* GetEvaluationReport(grpc::CallbackServerContext* rpc,
+                                                const v1::GetEvaluationReportRequest* request,
+                                                v1::EvaluationReport* response) override;
 
  private:
   serving::ModelRegistry& models_;

@@ -70,6 +70,10 @@ std::string ModelAliasName::ToString() const {
   return absl::StrCat("models/", model, "/aliases/", alias);
 }
 
+std::string EvaluationName::ToString() const {
+  return absl::StrCat(version.ToString(), "/evaluations/", evaluation);
+}
+
 bool IsResourceId(std::string_view id) { return IsJobId(id) && IsLower(id.front()); }
 
 int ParseVersion(std::string_view text) {
@@ -110,6 +114,16 @@ absl::StatusOr<ModelVersionName> ParseModelVersionName(std::string_view name,
 absl::StatusOr<ModelAliasName> ParseModelAliasName(std::string_view name, std::string_view field) {
   if (auto alias = AliasIn(name, "/aliases/")) return *std::move(alias);
   return Malformed(field, absl::StrCat("models/{model}/aliases/{alias}, ", kIdRule));
+}
+
+absl::StatusOr<EvaluationName> ParseEvaluationName(std::string_view name, std::string_view field) {
+  if (const auto halves = SplitAt(name, "/evaluations/"); halves && IsResourceId(halves->tail)) {
+    if (auto version = VersionIn(halves->head)) {
+      return EvaluationName{*std::move(version), std::string(halves->tail)};
+    }
+  }
+  return Malformed(
+      field, absl::StrCat("models/{model}/versions/{version}/evaluations/{evaluation}, ", kIdRule));
 }
 
 absl::StatusOr<std::string> ParseDatasetName(std::string_view name, std::string_view field) {

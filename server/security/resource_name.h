@@ -38,6 +38,15 @@ struct ModelAliasName {
   friend auto operator<=>(const ModelAliasName&, const ModelAliasName&) = default;
 };
 
+// models/{model}/versions/{version}/evaluations/{evaluation}; the evaluation's id is its dataset's.
+struct EvaluationName {
+  ModelVersionName version;
+  std::string evaluation;
+
+  std::string ToString() const;
+  friend bool operator==(const EvaluationName&, const EvaluationName&) = default;
+};
+
 inline constexpr std::string_view kServingAlias = "serving";
 inline constexpr std::string_view kCandidateAlias = "candidate";
 
@@ -53,6 +62,7 @@ absl::StatusOr<ModelReference> ParseModelReference(std::string_view name, std::s
 absl::StatusOr<ModelVersionName> ParseModelVersionName(std::string_view name,
                                                        std::string_view field);
 absl::StatusOr<ModelAliasName> ParseModelAliasName(std::string_view name, std::string_view field);
+absl::StatusOr<EvaluationName> ParseEvaluationName(std::string_view name, std::string_view field);
 // datasets/{dataset}: the id.
 absl::StatusOr<std::string> ParseDatasetName(std::string_view name, std::string_view field);
 // jobs/{job}: the id.

@@ -28,6 +28,8 @@ constexpr MethodRole kMethodRoles[] = {
     {"/maneuver.v1.ModelService/ListModelVersions", Role::kPredict},
     {"/maneuver.v1.ModelService/GetModelVersion", Role::kPredict},
     {"/maneuver.v1.ModelService/GetActionSet", Role::kPredict},
+    {"/maneuver.v1.ModelService/ListEvaluationReports", Role::kPredict},
+    {"/maneuver.v1.ModelService/GetEvaluationReport", Role::kPredict},
     {"/maneuver.v1.ModelService/LabelAction", Role::kTrain},
     {"/maneuver.v1.ModelService/SetModelAlias", Role::kAdmin},
     {"/maneuver.v1.ModelService/DeleteModelAlias", Role::kAdmin},

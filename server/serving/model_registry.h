@@ -79,6 +79,7 @@ class ModelRegistry {
 
   // Makes the finished model folder `finished` (on the same file system) the next version of
   // `model`. It is loaded and checked first: if it is damaged nothing changes. May take long.
+  //   promotion: with PROMOTION_IF_NO_WORSE the version does not serve yet: see PromoteOver.
   //   maker: who made it, kept beside it for FindMadeBy; empty: nobody says.
   absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
                                                      const std::filesystem::path& finished,
@@ -95,6 +96,13 @@ class ModelRegistry {
   // stored, all stays as it was. May take long.
   absl::Status SetAlias(const security::ModelAliasName& name, int version);
   absl::Status DeleteAlias(const security::ModelAliasName& name);
+  // The version that serves a model; nothing: none does.
+  std::optional<security::ModelVersionName> Serving(const std::string& model) const;
+  // Points `serving` to a version as SetAlias does, but only as long as `before` serves its model
+  // (nothing: none does). False, and all stays as it was, if another one does by now. May take
+  // long.
+  absl::StatusOr<bool> PromoteOver(const security::ModelVersionName& name,
+                                   const std::optional<security::ModelVersionName>& before);
 
   // Removes a version from disk. FAILED_PRECONDITION while an alias points to it.
   absl::Status Delete(const security::ModelVersionName& name);
@@ -110,6 +118,18 @@ class ModelRegistry {
   // What is stored of a version. Reads model.json. Errors: NOT_FOUND; FAILED_PRECONDITION with the
   // reason if it is damaged.
   absl::StatusOr<v1::ModelVersion> Describe(const security::ModelVersionName& name) const;
+
+  // Keeps a report beside the version that it names (evaluation_files.h), in place of one on the
+  // same dataset. Errors: NOT_FOUND if there is no such version; RESOURCE_EXHAUSTED if the disk is
+  // full, or another error of files; the report before is then still there.
+  absl::Status KeepReport(const v1::EvaluationReport& report);
+  // What a version was evaluated on, newest first, without strata, reliability and what actions
+  // were used for. One that is damaged is logged and left out. Errors: NOT_FOUND.
+  absl::StatusOr<std::vector<v1::EvaluationReport>> ListReports(
+      const security::ModelVersionName& name) const;
+  // Errors: NOT_FOUND, also where the version was not evaluated on that dataset;
+  // FAILED_PRECONDITION if it is damaged.
+  absl::StatusOr<v1::EvaluationReport> GetReport(const security::EvaluationName& name) const;
 
   // Names an action; an empty label removes it. Errors: as Describe, and OUT_OF_RANGE.
   absl::StatusOr<v1::Action> LabelAction(const security::ModelVersionName& name, int action_id,

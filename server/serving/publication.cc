@@ -88,4 +88,22 @@ absl::StatusOr<std::optional<ModelVersionName>> ModelRegistry::FindMadeBy(
   return found;
 }
 
+std::optional<ModelVersionName> ModelRegistry::Serving(const std::string& model) const {
+  const std::lock_guard lock(mutex_);
+  const auto alias = aliases_.find({model, std::string(kServingAlias)});
+  if (alias == aliases_.end()) return std::nullopt;
+  return ModelVersionName{model, alias->second};
+}
+
+absl::StatusOr<bool> ModelRegistry::PromoteOver(const ModelVersionName& name,
+                                                const std::optional<ModelVersionName>& before) {
+  const std::lock_guard change(change_mutex_);
+  if (Serving(name.model) != before) return false;
+  const auto handle = LoadVersion(name);
+  if (!handle.ok()) return handle.status();
+  const absl::Status status = PointAlias({name.model, std::string(kServingAlias)}, *handle);
+  if (!status.ok()) return status;
+  return true;
+}
+
 }  // namespace maneuver::serving

@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/files/durable_file.h"
+#include "server/serving/evaluation_files.h"
 
 namespace maneuver::serving {
 namespace {
@@ -36,7 +37,9 @@ absl::StatusOr<std::map<std::string, std::set<int>>> VersionFolders::Scan() cons
     if (auto status = files::RemoveTemporaries(model.path()); !status.ok()) return status;
     for (const auto& version : fs::directory_iterator(model.path(), error)) {
       const int number = security::ParseVersion(version.path().filename().string());
-      if (number > 0 && version.is_directory(error)) found[id].insert(number);
+      if (number == 0 || !version.is_directory(error)) continue;
+      found[id].insert(number);
+      if (auto status = RemoveUnfinishedEvaluations(version.path()); !status.ok()) return status;
     }
   }
   if (error) return FileError("list the folder of models", error);

@@ -1,7 +1,8 @@
 // Model versions on disk:
 //
 //   {folder}/{model}/{version}/       one version: model.json, weights.safetensors; made_by, the
-//                                     name of the job that made it
+//                                     name of the job that made it; evaluations, what was measured
+//                                     of it (evaluation_files.h)
 //   {folder}/{model}/.last_version    highest number ever given, once that version was deleted: a
 //                                     number never comes to mean another version
 

@@ -35,6 +35,8 @@ const std::map<std::string, std::string> kExpectedRoles = {
     {"/maneuver.v1.ModelService/ListModelVersions", "predict"},
     {"/maneuver.v1.ModelService/GetModelVersion", "predict"},
     {"/maneuver.v1.ModelService/GetActionSet", "predict"},
+    {"/maneuver.v1.ModelService/ListEvaluationReports", "predict"},
+    {"/maneuver.v1.ModelService/GetEvaluationReport", "predict"},
     {"/maneuver.v1.ModelService/LabelAction", "train"},
     {"/maneuver.v1.ModelService/SetModelAlias", "admin"},
     {"/maneuver.v1.ModelService/DeleteModelAlias", "admin"},

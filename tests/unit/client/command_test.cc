@@ -40,6 +40,23 @@ Result Maneuver(const std::vector<std::string>& arguments, const std::string& in
   return {status, out.str(), err.str()};
 }
 
+TEST(CommandLineTest, OptionsOfPromotionThatDoNotGoTogetherAreRefused) {
+  const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
+      {{"--promote", "if-no-worse"}, "wants --promote-dataset"},
+      {{"--promote-dataset", "unseen"}, "go with --promote if-no-worse"},
+      {{"--promote", "always", "--promote-metric", "nll"}, "go with --promote if-no-worse"},
+      {{"--promote", "if-no-worse", "--promote-dataset", "unseen", "--promote-metric",
+        "nll=little"},
+       "not nll=little"}};
+  for (const auto& [options, says] : cases) {
+    std::vector<std::string> arguments = {"train", "town", "--dataset", "town"};
+    arguments.insert(arguments.end(), options.begin(), options.end());
+    const Result result = Maneuver(arguments);
+    EXPECT_EQ(result.status, kUsage) << says;
+    EXPECT_THAT(result.err, HasSubstr(says));
+  }
+}
+
 TEST(CommandLineTest, MistakesEndWithStatusTwoAndAHint) {
   for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
            {},
@@ -50,6 +67,7 @@ TEST(CommandLineTest, MistakesEndWithStatusTwoAndAHint) {
            {"synthesize", "out", "--recordings", "0"},
            {"synthesize", "out", "--recordings", "many"},
            {"model", "list", "--output", "xml"},
+           {"model", "compare", "town/1"},
            {"predict", "x.json", "--top-k", "0"},
            {"predict", "x.json", "--top-k", "1", "--actions", "2"},
            {"scenario", "extract", "town", "a", "--wrong"}}) {
@@ -83,6 +101,7 @@ TEST(CommandLineTest, HelpOfEveryCommandHasAnExample) {
                                              {"model", "show"},
                                              {"model", "actions"},
                                              {"model", "delete"},
+                                             {"model", "compare"},
                                              {"model", "promote"},
                                              {"model", "label"},
                                              {"probability"},

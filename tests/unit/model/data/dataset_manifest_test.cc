@@ -5,6 +5,7 @@
 #include <string>
 
 #include "model/data/dataset_folder.h"
+#include "model/files/digest.h"
 #include "tests/unit/model/data/temporary_folder.h"
 
 namespace maneuver::data {
@@ -38,6 +39,22 @@ TEST(DatasetManifestTest, TextRoundTripKeepsEveryField) {
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   EXPECT_EQ(parsed->SerializeAsString(), Manifest().SerializeAsString());
   EXPECT_THAT(PrintDatasetManifest(Manifest()), HasSubstr("\"size_bytes\": \"100\""));
+}
+
+TEST(DatasetManifestTest, OneDigestStandsForTheContentsOfAllShardsInOrder) {
+  v1::Dataset two = Manifest();
+  *two.add_shards() = two.shards(0);
+  two.mutable_shards(1)->set_sha256(std::string(64, 'b'));
+  v1::Dataset turned = two;
+  turned.mutable_shards()->SwapElements(0, 1);
+  EXPECT_EQ(ContentSha256(Manifest()), files::Sha256Hex(std::string(64, 'a') + "\n"));
+  EXPECT_NE(ContentSha256(Manifest()), ContentSha256(two));
+  EXPECT_NE(ContentSha256(two), ContentSha256(turned));
+  // Names and times are not contents.
+  v1::Dataset renamed = two;
+  renamed.set_name("datasets/x");
+  renamed.mutable_shards(0)->set_file("other.tfrecord");
+  EXPECT_EQ(ContentSha256(two), ContentSha256(renamed));
 }
 
 TEST(DatasetManifestTest, TextThatIsNoJsonIsDataLoss) {

@@ -148,6 +148,9 @@ TEST_F(EvaluatorTest, MeasuresModelAndBaselinesAgainstTheRecording) {
   ASSERT_TRUE(report.ok()) << report.status();
   // Only at 1 s are there a past and a horizon.
   EXPECT_EQ(report->examples(), 20);
+  EXPECT_EQ(report->example_settings().SerializeAsString(), input_.examples.SerializeAsString());
+  EXPECT_EQ(report->trajectory().SerializeAsString(),
+            model_->spec().trajectory().SerializeAsString());
   const auto& metrics = report->metrics();
   EXPECT_NEAR(metrics.at("ade_1"), 1.0, 1e-4);
   EXPECT_NEAR(metrics.at("min_ade_6"), 0.0, 1e-4);

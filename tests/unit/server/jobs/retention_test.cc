@@ -15,7 +15,7 @@ namespace fs = std::filesystem;
 using testing::ElementsAre;
 using testing::IsEmpty;
 
-std::vector<KeptVersion> Versions() {  // newest first
+std::vector<KeptVersion> TownAndCity() {  // newest first
   return {{"models/town", "models/town/versions/4", false},
           {"models/city", "models/city/versions/1", false},
           {"models/town", "models/town/versions/3", false},
@@ -24,22 +24,22 @@ std::vector<KeptVersion> Versions() {  // newest first
 }
 
 TEST(VersionsToDeleteTest, TheNewestOfEachModelStay) {
-  EXPECT_THAT(VersionsToDelete({.versions = 2}, Versions(), {}),
+  EXPECT_THAT(VersionsToDelete({.versions = 2}, TownAndCity(), {}),
               ElementsAre("models/town/versions/1"));
 }
 
 TEST(VersionsToDeleteTest, WhatAnAliasNamesStaysHoweverOld) {
-  EXPECT_THAT(VersionsToDelete({.versions = 1}, Versions(), {}),
+  EXPECT_THAT(VersionsToDelete({.versions = 1}, TownAndCity(), {}),
               ElementsAre("models/town/versions/3", "models/town/versions/1"));
 }
 
 TEST(VersionsToDeleteTest, WhatAJobReadsStays) {
-  EXPECT_THAT(VersionsToDelete({.versions = 1}, Versions(), {"models/town/versions/3"}),
+  EXPECT_THAT(VersionsToDelete({.versions = 1}, TownAndCity(), {"models/town/versions/3"}),
               ElementsAre("models/town/versions/1"));
 }
 
 TEST(VersionsToDeleteTest, WithoutANumberAllStay) {
-  EXPECT_THAT(VersionsToDelete({}, Versions(), {}), IsEmpty());
+  EXPECT_THAT(VersionsToDelete({}, TownAndCity(), {}), IsEmpty());
 }
 
 class RetentionTest : public SupervisorTest {
@@ -71,7 +71,7 @@ class RetentionTest : public SupervisorTest {
   }
 
   const absl::Time now_ = absl::Now();
-  std::vector<KeptVersion> versions_ = Versions();
+  std::vector<KeptVersion> versions_ = TownAndCity();
 };
 
 TEST_F(RetentionTest, OldJobsAreForgottenAndOldCheckpointsRemoved) {

@@ -126,9 +126,41 @@ done
     options.resolve = [this](const std::string& reference) -> absl::StatusOr<ResolvedModel> {
       if (reference.starts_with("models/none"))
         return absl::NotFoundError("there is no such model");
-      return ResolvedModel{"models/town/versions/7", folder_ / "model"};
+      if (reference.starts_with("models/town/versions/")) {
+        return ResolvedModel{reference, folder_ / "model" / reference.substr(21)};
+      }
+      return ResolvedModel{"models/town/versions/7", folder_ / "model" / "7"};
     };
+    options.versions = Versions();
     return options;
+  }
+
+  VersionAccess Versions() {
+    VersionAccess access;
+    access.keep_report = [this](const v1::EvaluationReport& report) {
+      const std::lock_guard lock(mutex_);
+      if (keep_error_.ok()) reports_[report.model_version()] = report;
+      return keep_error_;
+    };
+    access.find_report = [this](const std::string& version,
+                                const std::string&) -> absl::StatusOr<v1::EvaluationReport> {
+      const std::lock_guard lock(mutex_);
+      const auto found = reports_.find(version);
+      if (found == reports_.end()) return absl::NotFoundError("it was not evaluated");
+      return found->second;
+    };
+    access.serving = [this](const std::string&) {
+      const std::lock_guard lock(mutex_);
+      return serving_;
+    };
+    access.promote_over = [this](const std::string& version,
+                                 const std::string& before) -> absl::StatusOr<bool> {
+      const std::lock_guard lock(mutex_);
+      if (serving_ != before) return false;
+      serving_ = version;
+      return true;
+    };
+    return access;
   }
 
   void Start() { StartWith(Options()); }
@@ -182,9 +214,12 @@ done
   std::unique_ptr<data::DatasetStore> datasets_;
   std::unique_ptr<SqliteStore> store_;
   std::mutex mutex_;
-  absl::Status publish_error_;                    // guarded by mutex_
-  std::vector<v1::Promotion> promotions_;         // guarded by mutex_
-  std::map<std::string, std::string> published_;  // by maker; guarded by mutex_
+  absl::Status publish_error_;                           // guarded by mutex_
+  std::vector<v1::Promotion> promotions_;                // guarded by mutex_
+  std::map<std::string, std::string> published_;         // by maker; guarded by mutex_
+  absl::Status keep_error_;                              // guarded by mutex_
+  std::map<std::string, v1::EvaluationReport> reports_;  // by version; guarded by mutex_
+  std::string serving_;                                  // version; guarded by mutex_
   std::unique_ptr<Supervisor> supervisor_;
 };
 

@@ -65,6 +65,38 @@ TEST_F(SupervisorTest, AnEvaluationPutsItsReportOnTheJob) {
   EXPECT_EQ(job.evaluation().metrics().at("minADE6"), 1.5);
 }
 
+TEST_F(SupervisorTest, TheReportOfAnEvaluationIsKeptWithTheVersionAndWhatItWasMeasuredOn) {
+  Trainer("printf '{\"examples\":\"12\"}' > \"$output\"");
+  Start();
+  v1::EvaluateRequest request;
+  request.set_model("models/town");
+  request.set_dataset("datasets/village");
+  const v1::Job job = WaitForEnd(supervisor_->Evaluate(request)->name());
+  const std::lock_guard lock(mutex_);
+  const v1::EvaluationReport& kept = reports_.at("models/town/versions/7");
+  EXPECT_EQ(kept.SerializeAsString(), job.evaluation().SerializeAsString());
+  EXPECT_EQ(kept.dataset(), "datasets/village");
+  EXPECT_EQ(kept.dataset_sha256(), data::ContentSha256(*datasets_->Get("village")));
+  EXPECT_TRUE(kept.has_create_time());
+}
+
+TEST_F(SupervisorTest, AnEvaluationWhoseReportFindsNoRoomFailsButNotForAVersionThatIsGone) {
+  Trainer("printf '{\"examples\":\"12\"}' > \"$output\"");
+  Start();
+  v1::EvaluateRequest request;
+  request.set_model("models/town");
+  request.set_dataset("datasets/village");
+  keep_error_ = absl::ResourceExhaustedError("no space left");
+  EXPECT_EQ(ReasonOf(WaitForEnd(supervisor_->Evaluate(request)->name())), "DISK_FULL");
+  {
+    const std::lock_guard lock(mutex_);
+    keep_error_ = absl::NotFoundError("deleted");
+  }
+  const v1::Job job = WaitForEnd(supervisor_->Evaluate(request)->name());
+  EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED);
+  EXPECT_EQ(job.evaluation().examples(), 12);
+}
+
 TEST_F(SupervisorTest, AFailureHasAReasonAndTheLastLineWithoutPaths) {
   Trainer("echo first >&2; echo \"no vehicle in $dataset/x.tfrecord\" >&2; exit 65");
   Start();
@@ -157,6 +189,39 @@ TEST_F(SupervisorTest, WrongRequestsAreRefusedByField) {
   evaluate.set_sampled_examples(1000);
   evaluate.set_model("models/none");
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Evaluate(evaluate).status()));
+}
+
+TEST_F(SupervisorTest, CriteriaOfPromotionAreCheckedByField) {
+  Start();
+  v1::TrainRequest request = TrainTown();
+  request.set_promotion(v1::PROMOTION_IF_NO_WORSE);
+  v1::PromotionCriteria& criteria = *request.mutable_promotion_criteria();
+  for (const char* metric : {"min_ade_6", "min_ade_6", "no_such", "effective_actions", "ade_cv"}) {
+    criteria.add_metrics()->set_metric(metric);
+  }
+  criteria.mutable_metrics(0)->set_tolerance(-0.1);
+  criteria.mutable_examples()->set_keep_standing(2.0);
+  const absl::Status status = supervisor_->Train(request).status();
+  EXPECT_TRUE(absl::IsInvalidArgument(status)) << status;
+  const std::string details(status.GetPayload("type.googleapis.com/google.rpc.BadRequest").value());
+  for (const char* field :
+       {"promotion_criteria.dataset", "promotion_criteria.metrics[0].tolerance",
+        "promotion_criteria.metrics[1].metric", "promotion_criteria.metrics[2].metric",
+        "promotion_criteria.metrics[3].metric", "promotion_criteria.metrics[4].metric",
+        "promotion_criteria.examples.keep_standing"}) {
+    EXPECT_THAT(details, HasSubstr(field));
+  }
+  EXPECT_THAT(details, Not(HasSubstr("metrics[0].metric")));
+
+  v1::TrainRequest other = TrainTown();
+  other.mutable_promotion_criteria()->set_dataset("datasets/town");
+  EXPECT_TRUE(absl::IsInvalidArgument(supervisor_->Train(other).status()));
+  other.set_promotion(v1::PROMOTION_IF_NO_WORSE);
+  other.set_validate_only(true);
+  EXPECT_TRUE(supervisor_->Train(other).ok());
+  // It is read as the others are, and must be there.
+  other.mutable_promotion_criteria()->set_dataset("datasets/none");
+  EXPECT_TRUE(absl::IsNotFound(supervisor_->Train(other).status()));
 }
 
 TEST_F(SupervisorTest, ARunningJobIsCancelled) {

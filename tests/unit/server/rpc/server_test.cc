@@ -664,6 +664,59 @@ TEST_F(ServerTest, VersionsArePagedNewestFirst) {
             grpc::StatusCode::INVALID_ARGUMENT);
 }
 
+TEST_F(ServerTest, ReportsOfAVersionArePagedNewestFirstAndReadWhole) {
+  Publish();
+  int64_t seconds = 0;
+  for (const char* dataset : {"a", "b", "c", "d", "e"}) {
+    v1::EvaluationReport report;
+    report.set_model_version("models/town/versions/1");
+    report.set_dataset(std::string("datasets/") + dataset);
+    report.mutable_create_time()->set_seconds(++seconds);
+    report.add_strata()->set_name("left");
+    ASSERT_TRUE(models_->KeepReport(report).ok());
+  }
+  v1::ListEvaluationReportsRequest request;
+  request.set_parent("models/town");  // what serves
+  request.set_page_size(2);
+  std::vector<std::string> datasets;
+  std::string last;
+  do {
+    v1::ListEvaluationReportsResponse response;
+    grpc::ClientContext context;
+    const grpc::Status status = model_stub_->ListEvaluationReports(&context, request, &response);
+    ASSERT_TRUE(status.ok()) << status.error_message();
+    EXPECT_LE(response.evaluation_reports_size(), 2);
+    for (const auto& report : response.evaluation_reports()) {
+      datasets.push_back(report.dataset().substr(9));
+      last = report.name();
+    }
+    request.set_page_token(response.next_page_token());
+  } while (!request.page_token().empty());
+  EXPECT_THAT(datasets, ElementsAre("e", "d", "c", "b", "a"));
+
+  v1::GetEvaluationReportRequest get;
+  get.set_name(last);
+  v1::EvaluationReport report;
+  {
+    grpc::ClientContext context;
+    ASSERT_TRUE(model_stub_->GetEvaluationReport(&context, get, &report).ok());
+    EXPECT_EQ(report.dataset(), "datasets/a");
+    EXPECT_EQ(report.strata_size(), 1);
+  }
+  {
+    get.set_name("models/town/versions/1/evaluations/f");
+    grpc::ClientContext context;
+    const grpc::Status status = model_stub_->GetEvaluationReport(&context, get, &report);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::NOT_FOUND);
+    EXPECT_EQ(Reason(status), "EVALUATION_NOT_FOUND");
+  }
+  request.set_page_token("nonsense");
+  v1::ListEvaluationReportsResponse response;
+  grpc::ClientContext context;
+  EXPECT_EQ(model_stub_->ListEvaluationReports(&context, request, &response).error_code(),
+            grpc::StatusCode::INVALID_ARGUMENT);
+}
+
 TEST_F(ServerTest, PromotionIsAnAliasAndAnAliasedVersionStays) {
   Publish();
   Publish();

@@ -21,6 +21,8 @@ TEST(ResourceNameTest, NamesSurviveTheWayThereAndBack) {
   EXPECT_EQ(ParseModelVersionName("models/a-1/versions/3", "name")->ToString(),
             "models/a-1/versions/3");
   EXPECT_EQ(ParseModelAliasName("models/a/aliases/b", "name")->ToString(), "models/a/aliases/b");
+  EXPECT_EQ(ParseEvaluationName("models/a/versions/3/evaluations/b-1", "name")->ToString(),
+            "models/a/versions/3/evaluations/b-1");
   EXPECT_EQ(*ParseDatasetName("datasets/x", "name"), "x");
   EXPECT_EQ(*ParseJobName("jobs/0a-b", "name"), "0a-b");
   EXPECT_EQ(*ParseModelName("models/" + std::string(63, 'a'), "parent"), std::string(63, 'a'));
@@ -36,6 +38,8 @@ TEST_P(HostileNameTest, IsNoId) {
   EXPECT_FALSE(ParseModelVersionName("models/" + id + "/versions/1", "name").ok());
   EXPECT_FALSE(ParseModelVersionName("models/town/versions/" + id, "name").ok());
   EXPECT_FALSE(ParseModelAliasName("models/town/aliases/" + id, "name").ok());
+  EXPECT_FALSE(ParseEvaluationName("models/town/versions/1/evaluations/" + id, "name").ok());
+  EXPECT_FALSE(ParseEvaluationName("models/" + id + "/versions/1/evaluations/x", "name").ok());
   EXPECT_FALSE(ParseDatasetName("datasets/" + id, "name").ok());
   EXPECT_FALSE(ParseJobName("jobs/" + id, "name").ok());
 }

@@ -8,8 +8,7 @@
 #include "model/artifact/model_folder.h"
 #include "model/files/durable_file.h"
 #include "tests/unit/model/artifact/tiny_model.h"
-#include "tests/unit/server/serving/fake_action_model.h"
-#include "tests/unit/server/serving/memory_alias_store.h"
+#include "tests/unit/server/serving/model_registry_fixture.h"
 
 namespace maneuver::serving {
 namespace {
@@ -21,77 +20,6 @@ using security::ModelVersionName;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-
-class ModelRegistryTest : public ::testing::Test {
- protected:
-  void SetUp() override {
-    folder_ = fs::path(::testing::TempDir()) /
-              ("registry-" +
-               std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()));
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
-    Restart();
-  }
-  void TearDown() override {
-    registry_ = nullptr;
-    fs::remove_all(folder_);
-  }
-
-  // A server that starts over the same data.
-  void Restart() {
-    registry_ = nullptr;
-    auto opened = ModelRegistry::Open(
-        folder_ / "models", aliases_,
-        [this](const fs::path& folder)
-            -> absl::StatusOr<std::shared_ptr<const inference::ActionModel>> {
-          ++loads_;
-          const auto weights = files::ReadFile(folder / "weights.safetensors");
-          if (!weights.ok() || *weights == "altered") {
-            return absl::DataLossError("weights.safetensors was altered");
-          }
-          return std::make_shared<FakeActionModel>(networks_);
-        },
-        {.max_unaliased_in_memory = 1}, monitoring::MetricRegistry::Null());
-    ASSERT_TRUE(opened.ok()) << opened.status();
-    registry_ = *std::move(opened);
-    registry_->LoadAliased();
-  }
-
-  // What a trainer leaves behind.
-  fs::path FinishedModel(const std::string& weights = "good") {
-    const fs::path finished = folder_ / ("finished-" + std::to_string(++finished_));
-    fs::create_directories(finished);
-    std::ofstream(finished / "weights.safetensors") << weights;
-    std::ofstream(finished / "model.json") << "{}";
-    return finished;
-  }
-
-  absl::StatusOr<ModelVersionName> Publish(const std::string& model,
-                                           v1::Promotion promotion = v1::PROMOTION_UNSPECIFIED,
-                                           const std::string& weights = "good") {
-    return registry_->Publish(model, FinishedModel(weights), promotion);
-  }
-
-  static std::optional<ModelReference> Alias(const std::string& model, const std::string& alias) {
-    return ModelAliasName{model, alias};
-  }
-  static std::optional<ModelReference> Version(const std::string& model, int version) {
-    return ModelVersionName{model, version};
-  }
-  // The version that answers, or 0 if it is not in memory, or -1 if there is none.
-  int Answers(const std::optional<ModelReference>& reference) {
-    const auto handle = registry_->Find(reference);
-    if (!handle.ok()) return -1;
-    return *handle == nullptr ? 0 : (*handle)->name().version;
-  }
-
-  fs::path folder_;
-  MemoryAliasStore aliases_;
-  FakeNetworks networks_;
-  int loads_ = 0;
-  int finished_ = 0;
-  std::unique_ptr<ModelRegistry> registry_;
-};
 
 TEST_F(ModelRegistryTest, WithoutModelsARequestIsToldToTrainOne) {
   const auto found = registry_->Find(std::nullopt);
@@ -304,6 +232,21 @@ TEST_F(ModelRegistryTest, ALabelStaysWithItsVersion) {
   EXPECT_GT(described->cost().backbone_multiply_adds(), 0);
   EXPECT_EQ(registry_->List("town").at(0).create_time, before);
   EXPECT_TRUE(absl::IsOutOfRange(registry_->LabelAction({"town", 1}, 3, "x").status()));
+}
+
+TEST_F(ModelRegistryTest, AVersionIsPromotedOverTheOneThatItWasComparedWithAndNoOther) {
+  EXPECT_EQ(registry_->Serving("town"), std::nullopt);
+  ASSERT_TRUE(Publish("town", v1::PROMOTION_IF_NO_WORSE).ok());
+  EXPECT_EQ(registry_->Serving("town"), std::nullopt);  // not by publishing
+  EXPECT_TRUE(*registry_->PromoteOver({"town", 1}, std::nullopt));
+  EXPECT_EQ(registry_->Serving("town"), (ModelVersionName{"town", 1}));
+  ASSERT_TRUE(Publish("town", v1::PROMOTION_IF_NO_WORSE).ok());
+  ASSERT_TRUE(Publish("town", v1::PROMOTION_IF_NO_WORSE).ok());
+  EXPECT_FALSE(*registry_->PromoteOver({"town", 2}, ModelVersionName{"town", 3}));
+  EXPECT_FALSE(*registry_->PromoteOver({"town", 2}, std::nullopt));
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+  EXPECT_TRUE(*registry_->PromoteOver({"town", 2}, ModelVersionName{"town", 1}));
+  EXPECT_EQ(Answers(Alias("town", "serving")), 2);
 }
 
 }  // namespace

@@ -1,0 +1,136 @@
+#include "model/evaluation/metric_table.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <iterator>
+
+namespace maneuver::evaluation {
+namespace {
+
+struct MetricRow {
+  std::string_view name;
+  std::string_view unit;
+  Better better;
+  double ideal = 0.0;
+};
+
+// A Gaussian in the plane within 1 and 2 sigma: 1 - exp(-1/2), 1 - exp(-2).
+constexpr double kWithinOneSigma = 0.393469340287366576;
+constexpr double kWithinTwoSigma = 0.864664716763387308;
+
+// In the order in which they are listed. Names are without the "_6" of the best of six, "_prior" of
+// the generic distributions, and what marks baselines.
+constexpr MetricRow kMetrics[] = {
+    {"ade", "m", Better::kLower},
+    {"min_ade", "m", Better::kLower},
+    {"fde", "m", Better::kLower},
+    {"min_fde", "m", Better::kLower},
+    {"brier_fde", "m", Better::kLower},
+    {"miss_rate", "share", Better::kLower},
+    {"miss_rate_nuscenes", "share", Better::kLower},
+    {"miss_rate_waymo", "share", Better::kLower},
+    {"ade_waymo", "m", Better::kLower},
+    {"min_ade_waymo", "m", Better::kLower},
+    {"fde_waymo", "m", Better::kLower},
+    {"min_fde_waymo", "m", Better::kLower},
+    {"ade_ratio", "", Better::kLower},
+    {"fde_ratio", "", Better::kLower},
+    {"min_ade_6_ratio", "", Better::kLower},
+    {"min_fde_6_ratio", "", Better::kLower},
+    {"nll", "nats", Better::kLower},
+    {"nll_joint", "nats", Better::kLower},
+    {"nll_action", "nats", Better::kLower},
+    {"coverage_1sigma", "share", Better::kNearer, kWithinOneSigma},
+    {"coverage_2sigma", "share", Better::kNearer, kWithinTwoSigma},
+    // Of the latent's covariance alone, which is not the whole of it.
+    {"coverage_1sigma_latent", "share", Better::kNone},
+    {"coverage_2sigma_latent", "share", Better::kNone},
+    {"mean_sigma_posterior", "m", Better::kNone},
+    {"mean_sigma", "m", Better::kNone},  // with _prior
+    {"mean_sigma_ratio", "", Better::kNone},
+    {"effective_actions", "", Better::kNone},
+    {"largest_share", "share", Better::kNone},
+    {"action_perplexity", "", Better::kNone},
+    {"action_entropy", "nats", Better::kNone},
+    {"mutual_information", "nats", Better::kNone},
+    {"calibration_error", "share", Better::kLower},
+    {"nmi", "", Better::kHigher},
+    {"purity", "share", Better::kHigher},
+    {"nmi_kinematic", "", Better::kHigher},
+    {"purity_kinematic", "share", Better::kHigher},
+    {"labelled_examples", "", Better::kNone},
+};
+
+constexpr int kRanksOfOne = 1'000;  // more than any k
+
+bool StripSuffix(std::string_view* name, std::string_view suffix) {
+  if (!name->ends_with(suffix)) return false;
+  name->remove_suffix(suffix.size());
+  return true;
+}
+
+bool StripPrefix(std::string_view* name, std::string_view prefix) {
+  if (!name->starts_with(prefix)) return false;
+  name->remove_prefix(prefix.size());
+  return true;
+}
+
+// "min_ade_6" -> "min_ade" and 6. As it is, and 0, without a number at its end.
+int StripNumber(std::string_view* name) {
+  const size_t underscore = name->rfind('_');
+  if (underscore == std::string_view::npos) return 0;
+  const std::string_view digits = name->substr(underscore + 1);
+  if (digits.empty() || digits.size() > 2) return 0;
+  int number = 0;
+  for (const char c : digits) {
+    if (c < '0' || c > '9') return 0;
+    number = 10 * number + (c - '0');
+  }
+  name->remove_suffix(digits.size() + 1);
+  return number;
+}
+
+// How far a value is from the best that it can be; infinite if it is no number.
+double Badness(const MetricInfo& metric, double value) {
+  if (!std::isfinite(value)) return HUGE_VAL;
+  if (metric.better == Better::kHigher) return -value;
+  return metric.better == Better::kNearer ? std::abs(value - metric.ideal) : value;
+}
+
+}  // namespace
+
+std::optional<MetricInfo> FindMetric(std::string_view name) {
+  const bool trained = StripPrefix(&name, "covernet_") || StripPrefix(&name, "multipath_");
+  const bool simple = StripSuffix(&name, "_cv") || StripSuffix(&name, "_ctra");
+  const bool generic = StripSuffix(&name, "_prior");
+  const int best_of = StripNumber(&name);
+  const auto* const row = std::ranges::find(kMetrics, name, &MetricRow::name);
+  if (row == std::end(kMetrics)) return std::nullopt;
+  MetricInfo info{.unit = row->unit, .better = row->better, .ideal = row->ideal};
+  info.of_model = !trained && !simple;
+  if (!info.of_model) info.better = Better::kNone;
+  // The model's own first, then its generic distributions, then baselines.
+  constexpr int kRows = static_cast<int>(std::size(kMetrics));
+  const int group = trained ? 3 : simple ? 2 : generic ? 1 : 0;
+  info.rank =
+      (group * kRows + static_cast<int>(row - std::begin(kMetrics))) * kRanksOfOne + best_of;
+  return info;
+}
+
+bool CanDecide(std::string_view name) {
+  const std::optional<MetricInfo> metric = FindMetric(name);
+  return metric && metric->better != Better::kNone;
+}
+
+v1::MetricVerdict Judge(const MetricInfo& metric, double baseline, double candidate,
+                        double tolerance) {
+  if (metric.better == Better::kNone) return v1::METRIC_VERDICT_UNSPECIFIED;
+  if (!std::isfinite(candidate)) return v1::METRIC_VERDICT_WORSE;
+  const double before = Badness(metric, baseline);
+  const double after = Badness(metric, candidate);
+  if (after < before) return v1::METRIC_VERDICT_BETTER;
+  return after <= before + tolerance ? v1::METRIC_VERDICT_NO_WORSE : v1::METRIC_VERDICT_WORSE;
+}
+
+}  // namespace maneuver::evaluation

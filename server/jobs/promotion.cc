@@ -1,0 +1,144 @@
+#include "server/jobs/promotion.h"
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "model/evaluation/report_comparison.h"
+#include "server/errors/error_details.h"
+#include "server/jobs/job_requests.h"
+
+namespace maneuver::jobs {
+namespace {
+
+// So often another version may come to serve while the one before is being compared.
+constexpr int kMostChanges = 5;
+
+v1::PromotionDecision Against(const std::string& what, const absl::Status& why) {
+  v1::PromotionDecision decision;
+  decision.set_reason(absl::StrCat(what, ": ", std::string(why.message())));
+  *decision.mutable_error() = errors::ToProto(why);
+  return decision;
+}
+
+// "nll 1.3000 against 1.2500 nats"
+std::string FiguresText(const v1::MetricComparison& metric) {
+  std::string text = absl::StrFormat("%s %.4f against %.4f", metric.metric(),
+                                     metric.candidate_value(), metric.baseline_value());
+  if (!metric.unit().empty()) absl::StrAppend(&text, " ", metric.unit());
+  if (metric.tolerance() > 0.0) absl::StrAppend(&text, " + ", metric.tolerance());
+  return text;
+}
+
+// By what the reports say.
+v1::PromotionDecision Compare(const PromotionTask& task, const v1::EvaluationReport& baseline,
+                              const v1::EvaluationReport& candidate) {
+  const std::string cannot =
+      absl::StrCat("cannot be compared with ", baseline.model_version(), ", which serves");
+  if (absl::Status status = evaluation::CheckComparable(baseline, candidate); !status.ok()) {
+    return Against(cannot, status);
+  }
+  v1::PromotionDecision decision;
+  v1::EvaluationComparison& comparison = *decision.mutable_comparison();
+  comparison.set_baseline(baseline.model_version());
+  comparison.set_candidate(candidate.model_version());
+  comparison.set_dataset(task.criteria.dataset());
+  comparison.set_examples(candidate.examples());
+  std::vector<std::string> all;
+  std::vector<std::string> worse;
+  for (const v1::MetricCriterion& criterion : task.criteria.metrics()) {
+    auto metric =
+        evaluation::CompareMetric(baseline, candidate, criterion.metric(), criterion.tolerance());
+    if (!metric.ok()) return Against(cannot, metric.status());
+    all.push_back(FiguresText(*metric));
+    if (metric->verdict() == v1::METRIC_VERDICT_WORSE) worse.push_back(all.back());
+    *comparison.add_metrics() = *std::move(metric);
+  }
+  decision.set_promoted(worse.empty());
+  decision.set_reason(absl::StrCat(worse.empty() ? "no worse than " : "worse than ",
+                                   baseline.model_version(), " on ", task.criteria.dataset(), ": ",
+                                   absl::StrJoin(worse.empty() ? all : worse, ", ")));
+  return decision;
+}
+
+// The report of a version by the task's criteria: the one that is kept, or a new one.
+PromotionSteps::MeasuredVersion ReportOf(const std::string& version, const PromotionTask& task,
+                                         PromotionSteps& steps) {
+  auto kept = steps.FindReport(version);
+  if (kept.ok() && kept->dataset_sha256() == task.dataset_sha256 &&
+      evaluation::ChooseTheSameExamples(kept->example_settings(), task.criteria.examples())) {
+    return {absl::OkStatus(), false, *std::move(kept)};
+  }
+  return steps.Measure(version);
+}
+
+// Against the version that serves; nothing changes yet.
+PromotionOutcome Judge(const std::string& serving, const PromotionTask& task,
+                       PromotionSteps& steps) {
+  if (serving.empty()) {
+    v1::PromotionDecision decision;
+    decision.set_promoted(true);
+    decision.set_reason(absl::StrCat("no version of ", task.model, " served"));
+    return {std::move(decision), {}};
+  }
+  std::vector<v1::EvaluationReport> reports;
+  for (const std::string& version : {task.version, serving}) {
+    PromotionSteps::MeasuredVersion measured = ReportOf(version, task, steps);
+    if (measured.interrupted) return {std::nullopt, std::move(measured.status)};
+    if (!measured.status.ok()) {
+      return {Against(absl::StrCat(version, " was not measured on ", task.criteria.dataset()),
+                      measured.status),
+              {}};
+    }
+    reports.push_back(std::move(measured.report));
+  }
+  return {Compare(task, reports[1], reports[0]), {}};
+}
+
+}  // namespace
+
+v1::PromotionCriteria ResolveCriteria(v1::PromotionCriteria criteria) {
+  if (criteria.metrics().empty()) {
+    for (const char* metric : {"min_ade_6", "nll"}) criteria.add_metrics()->set_metric(metric);
+  }
+  *criteria.mutable_examples() = ResolveExamples(criteria.examples());
+  return criteria;
+}
+
+PromotionOutcome DecidePromotion(const PromotionTask& task, PromotionSteps& steps) {
+  std::optional<v1::PromotionDecision> remembered = steps.Remembered();
+  for (int changes = 0; changes < kMostChanges; ++changes) {
+    const std::string serving = steps.Serving();
+    PromotionOutcome outcome;
+    if (serving == task.version) {
+      // The server died after it had promoted, or somebody was quicker.
+      outcome.decision = std::exchange(remembered, std::nullopt).value_or(v1::PromotionDecision());
+      if (!outcome.decision->promoted()) {
+        outcome.decision->set_promoted(true);
+        outcome.decision->set_reason("it serves already: somebody else promoted it");
+      }
+      return outcome;
+    }
+    if (remembered && remembered->comparison().baseline() == serving) {
+      outcome.decision = *remembered;
+    } else {
+      outcome = Judge(serving, task, steps);
+    }
+    remembered.reset();
+    if (!outcome.decision || !outcome.decision->promoted()) return outcome;
+    if (absl::Status status = steps.Remember(*outcome.decision); !status.ok()) {
+      return {Against("the decision to promote it could not be written down", status), {}};
+    }
+    const absl::StatusOr<bool> promoted = steps.Promote(task.version, serving);
+    if (!promoted.ok()) return {Against("it could not be promoted", promoted.status()), {}};
+    if (*promoted) return outcome;
+  }
+  return {Against("it could not be compared",
+                  absl::AbortedError("another version came to serve again and again meanwhile")),
+          {}};
+}
+
+}  // namespace maneuver::jobs

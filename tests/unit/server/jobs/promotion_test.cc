@@ -1,0 +1,256 @@
+#include "server/jobs/promotion.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <map>
+#include <utility>
+#include <vector>
+
+#include "server/jobs/job_requests.h"
+
+namespace maneuver::jobs {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+constexpr char kOld[] = "models/town/versions/1";
+constexpr char kNew[] = "models/town/versions/2";
+constexpr char kOther[] = "models/town/versions/3";
+
+// Versions of which everything is known.
+class FakeSteps final : public PromotionSteps {
+ public:
+  std::string Serving() override { return serving; }
+  absl::StatusOr<v1::EvaluationReport> FindReport(const std::string& version) override {
+    const auto found = kept.find(version);
+    if (found == kept.end()) return absl::NotFoundError("it was not evaluated");
+    return found->second;
+  }
+  MeasuredVersion Measure(const std::string& version) override {
+    measured.push_back(version);
+    if (on_measure) on_measure(version);
+    if (!failure.ok()) return {failure, interrupted, {}};
+    kept[version] = truth.at(version);
+    return {absl::OkStatus(), false, truth.at(version)};
+  }
+  absl::StatusOr<bool> Promote(const std::string& version, const std::string& before) override {
+    EXPECT_TRUE(remembered && remembered->promoted()) << "not written down first";
+    if (!promotion_failure.ok()) return promotion_failure;
+    if (serving != before) return false;
+    serving = version;
+    return true;
+  }
+  absl::Status Remember(const v1::PromotionDecision& decision) override {
+    remembered = decision;
+    return absl::OkStatus();
+  }
+  std::optional<v1::PromotionDecision> Remembered() override { return remembered; }
+
+  std::string serving = kOld;
+  std::map<std::string, v1::EvaluationReport> kept;
+  std::map<std::string, v1::EvaluationReport> truth;
+  std::vector<std::string> measured;
+  std::function<void(const std::string&)> on_measure;
+  absl::Status failure;
+  bool interrupted = false;
+  absl::Status promotion_failure;
+  std::optional<v1::PromotionDecision> remembered;
+};
+
+class PromotionTest : public testing::Test {
+ protected:
+  PromotionTest() {
+    v1::PromotionCriteria criteria;
+    criteria.set_dataset("datasets/unseen");
+    task_ = {"models/town", kNew, ResolveCriteria(criteria), "abc"};
+    steps_.truth[kOld] = Report(kOld, 1.0, 2.0);
+    steps_.truth[kNew] = Report(kNew, 0.5, 1.5);
+    steps_.truth[kOther] = Report(kOther, 0.25, 1.0);
+  }
+
+  v1::EvaluationReport Report(const std::string& version, double min_ade, double nll) const {
+    v1::EvaluationReport report;
+    report.set_model_version(version);
+    report.set_dataset("datasets/unseen");
+    report.set_dataset_sha256("abc");
+    report.set_examples(10);
+    *report.mutable_example_settings() = task_.criteria.examples();
+    (*report.mutable_metrics())["min_ade_6"] = min_ade;
+    (*report.mutable_metrics())["nll"] = nll;
+    (*report.mutable_metrics())["fde_1"] = 7.0;
+    return report;
+  }
+  v1::PromotionDecision Decide() {
+    const PromotionOutcome outcome = DecidePromotion(task_, steps_);
+    EXPECT_TRUE(outcome.decision) << outcome.interruption;
+    return outcome.decision.value_or(v1::PromotionDecision());
+  }
+
+  PromotionTask task_;
+  FakeSteps steps_;
+};
+
+TEST_F(PromotionTest, ByDefaultNeitherMinAdeOfSixNorLikelihoodMayBeWorse) {
+  std::vector<std::string> metrics;
+  for (const auto& metric : task_.criteria.metrics()) metrics.push_back(metric.metric());
+  EXPECT_THAT(metrics, ElementsAre("min_ade_6", "nll"));
+}
+
+TEST_F(PromotionTest, ABetterVersionIsPromotedWithTheFiguresOfBoth) {
+  const v1::PromotionDecision decision = Decide();
+  EXPECT_TRUE(decision.promoted()) << decision.reason();
+  EXPECT_EQ(steps_.serving, kNew);
+  EXPECT_THAT(steps_.measured, ElementsAre(kNew, kOld));
+  const v1::EvaluationComparison& figures = decision.comparison();
+  EXPECT_EQ(figures.baseline(), kOld);
+  EXPECT_EQ(figures.candidate(), kNew);
+  EXPECT_EQ(figures.dataset(), "datasets/unseen");
+  EXPECT_EQ(figures.examples(), 10);
+  ASSERT_EQ(figures.metrics_size(), 2);
+  EXPECT_EQ(figures.metrics(0).metric(), "min_ade_6");
+  EXPECT_EQ(figures.metrics(0).baseline_value(), 1.0);
+  EXPECT_EQ(figures.metrics(0).candidate_value(), 0.5);
+  EXPECT_EQ(figures.metrics(1).candidate_value(), 1.5);
+}
+
+TEST_F(PromotionTest, AnEqualVersionIsPromoted) {
+  steps_.truth[kNew] = Report(kNew, 1.0, 2.0);
+  EXPECT_TRUE(Decide().promoted());
+}
+
+TEST_F(PromotionTest, OneWorseMetricIsEnoughToKeepWhatServes) {
+  steps_.truth[kNew] = Report(kNew, 0.5, 2.125);
+  const v1::PromotionDecision decision = Decide();
+  EXPECT_FALSE(decision.promoted());
+  EXPECT_EQ(steps_.serving, kOld);
+  EXPECT_EQ(decision.reason(),
+            "worse than models/town/versions/1 on datasets/unseen: nll 2.1250 against 2.0000 nats");
+  EXPECT_EQ(decision.comparison().metrics(0).verdict(), v1::METRIC_VERDICT_BETTER);
+  EXPECT_EQ(decision.comparison().metrics(1).verdict(), v1::METRIC_VERDICT_WORSE);
+  EXPECT_FALSE(decision.has_error());
+
+  task_.criteria.mutable_metrics(1)->set_tolerance(0.125);
+  EXPECT_TRUE(Decide().promoted());
+}
+
+TEST_F(PromotionTest, OnlyTheNamedMetricsDecide) {
+  steps_.truth[kNew] = Report(kNew, 9.0, 9.0);
+  task_.criteria.clear_metrics();
+  task_.criteria.add_metrics()->set_metric("fde_1");
+  EXPECT_TRUE(Decide().promoted());
+}
+
+TEST_F(PromotionTest, TheFirstVersionIsPromotedUnmeasured) {
+  steps_.serving = "";
+  const v1::PromotionDecision decision = Decide();
+  EXPECT_TRUE(decision.promoted());
+  EXPECT_EQ(decision.reason(), "no version of models/town served");
+  EXPECT_THAT(steps_.measured, IsEmpty());
+  EXPECT_EQ(steps_.serving, kNew);
+}
+
+TEST_F(PromotionTest, AReportOfTheSameExamplesIsNotMadeAgainAndOneOfOthersIs) {
+  steps_.kept[kOld] = steps_.truth[kOld];
+  Decide();
+  EXPECT_THAT(steps_.measured, ElementsAre(kNew));
+
+  steps_.serving = kOld;
+  steps_.remembered.reset();
+  steps_.measured.clear();
+  steps_.kept[kOld].mutable_example_settings()->mutable_stride()->set_seconds(77);
+  steps_.kept[kNew].set_dataset_sha256("of the dataset that had the name before");
+  Decide();
+  EXPECT_THAT(steps_.measured, ElementsAre(kNew, kOld));
+}
+
+TEST_F(PromotionTest, VersionsOfOtherHorizonsAreNotCompared) {
+  steps_.truth[kNew].mutable_trajectory()->set_waypoints(20);
+  const v1::PromotionDecision decision = Decide();
+  EXPECT_FALSE(decision.promoted());
+  EXPECT_THAT(decision.reason(), HasSubstr("20 waypoints"));
+  EXPECT_TRUE(decision.has_error());
+}
+
+TEST_F(PromotionTest, AFailedMeasurementIsADecisionAgainst) {
+  steps_.failure = absl::FailedPreconditionError("the recordings hold no example");
+  const v1::PromotionDecision decision = Decide();
+  EXPECT_FALSE(decision.promoted());
+  EXPECT_THAT(decision.reason(), HasSubstr("the recordings hold no example"));
+  EXPECT_EQ(decision.error().code(), static_cast<int>(absl::StatusCode::kFailedPrecondition));
+  EXPECT_EQ(steps_.serving, kOld);
+}
+
+TEST_F(PromotionTest, AnInterruptedMeasurementIsNoDecisionAndWhatWasMeasuredIsKept) {
+  steps_.on_measure = [this](const std::string& version) {
+    if (version == kOld) {
+      steps_.failure = absl::UnavailableError("the server stops");
+      steps_.interrupted = true;
+    }
+  };
+  const PromotionOutcome outcome = DecidePromotion(task_, steps_);
+  EXPECT_FALSE(outcome.decision);
+  EXPECT_TRUE(absl::IsUnavailable(outcome.interruption));
+
+  steps_.on_measure = nullptr;
+  steps_.failure = absl::OkStatus();
+  steps_.measured.clear();
+  EXPECT_TRUE(Decide().promoted());
+  EXPECT_THAT(steps_.measured, ElementsAre(kOld));
+}
+
+TEST_F(PromotionTest, AServerThatDiedOnceItHadPromotedStillKnowsTheFigures) {
+  const v1::PromotionDecision first = Decide();
+  steps_.measured.clear();
+  const v1::PromotionDecision again = Decide();  // as a new server would
+  EXPECT_EQ(again.SerializeAsString(), first.SerializeAsString());
+  EXPECT_THAT(steps_.measured, IsEmpty());
+}
+
+TEST_F(PromotionTest, AServerThatDiedBeforeItPromotedDoesWhatWasDecided) {
+  const v1::PromotionDecision first = Decide();
+  steps_.serving = kOld;
+  steps_.measured.clear();
+  const v1::PromotionDecision again = Decide();
+  EXPECT_EQ(again.SerializeAsString(), first.SerializeAsString());
+  EXPECT_EQ(steps_.serving, kNew);
+}
+
+TEST_F(PromotionTest, AVersionThatCameToServeMeanwhileIsTheOneToBeat) {
+  steps_.on_measure = [this](const std::string& version) {
+    if (version == kOld) steps_.serving = kOther;  // better than the new one
+  };
+  const v1::PromotionDecision decision = Decide();
+  EXPECT_FALSE(decision.promoted());
+  EXPECT_EQ(decision.comparison().baseline(), kOther);
+  EXPECT_EQ(steps_.serving, kOther);
+  EXPECT_THAT(steps_.measured, ElementsAre(kNew, kOld, kOther));
+}
+
+TEST_F(PromotionTest, ADecisionThatWasMadeAgainstAnotherVersionIsMadeAnew) {
+  Decide();
+  steps_.serving = kOther;
+  EXPECT_FALSE(Decide().promoted());
+  EXPECT_EQ(steps_.serving, kOther);
+}
+
+TEST_F(PromotionTest, AVersionThatSomebodyPromotedMeanwhileServesAndThatIsAll) {
+  steps_.serving = kNew;
+  const v1::PromotionDecision decision = Decide();
+  EXPECT_TRUE(decision.promoted());
+  EXPECT_THAT(decision.reason(), HasSubstr("already"));
+  EXPECT_THAT(steps_.measured, IsEmpty());
+}
+
+TEST_F(PromotionTest, AVersionThatDoesNotLoadIsNotPromoted) {
+  steps_.promotion_failure = absl::FailedPreconditionError("it cannot be served");
+  const v1::PromotionDecision decision = Decide();
+  EXPECT_FALSE(decision.promoted());
+  EXPECT_THAT(decision.reason(), HasSubstr("it cannot be served"));
+}
+
+}  // namespace
+}  // namespace maneuver::jobs

@@ -1,0 +1,95 @@
+// A registry over a folder of its own, whose models are as good as their weights file says.
+
+#ifndef MANEUVER_TESTS_UNIT_SERVER_SERVING_MODEL_REGISTRY_FIXTURE_H_
+#define MANEUVER_TESTS_UNIT_SERVER_SERVING_MODEL_REGISTRY_FIXTURE_H_
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "model/files/durable_file.h"
+#include "server/serving/model_registry.h"
+#include "tests/unit/server/serving/fake_action_model.h"
+#include "tests/unit/server/serving/memory_alias_store.h"
+
+namespace maneuver::serving {
+
+class ModelRegistryTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = std::filesystem::path(::testing::TempDir()) /
+              ("registry-" +
+               std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()));
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directories(folder_);
+    Restart();
+  }
+  void TearDown() override {
+    registry_ = nullptr;
+    std::filesystem::remove_all(folder_);
+  }
+
+  // A server that starts over the same data.
+  void Restart() {
+    registry_ = nullptr;
+    auto opened = ModelRegistry::Open(
+        folder_ / "models", aliases_,
+        [this](const std::filesystem::path& folder)
+            -> absl::StatusOr<std::shared_ptr<const inference::ActionModel>> {
+          ++loads_;
+          const auto weights = files::ReadFile(folder / "weights.safetensors");
+          if (!weights.ok() || *weights == "altered") {
+            return absl::DataLossError("weights.safetensors was altered");
+          }
+          return std::make_shared<FakeActionModel>(networks_);
+        },
+        {.max_unaliased_in_memory = 1}, monitoring::MetricRegistry::Null());
+    ASSERT_TRUE(opened.ok()) << opened.status();
+    registry_ = *std::move(opened);
+    registry_->LoadAliased();
+  }
+
+  // What a trainer leaves behind.
+  std::filesystem::path FinishedModel(const std::string& weights = "good") {
+    const std::filesystem::path finished = folder_ / ("finished-" + std::to_string(++finished_));
+    std::filesystem::create_directories(finished);
+    std::ofstream(finished / "weights.safetensors") << weights;
+    std::ofstream(finished / "model.json") << "{}";
+    return finished;
+  }
+
+  absl::StatusOr<security::ModelVersionName> Publish(
+      const std::string& model, v1::Promotion promotion = v1::PROMOTION_UNSPECIFIED,
+      const std::string& weights = "good") {
+    return registry_->Publish(model, FinishedModel(weights), promotion);
+  }
+
+  static std::optional<security::ModelReference> Alias(const std::string& model,
+                                                       const std::string& alias) {
+    return security::ModelAliasName{model, alias};
+  }
+  static std::optional<security::ModelReference> Version(const std::string& model, int version) {
+    return security::ModelVersionName{model, version};
+  }
+  // The version that answers, or 0 if it is not in memory, or -1 if there is none.
+  int Answers(const std::optional<security::ModelReference>& reference) {
+    const auto handle = registry_->Find(reference);
+    if (!handle.ok()) return -1;
+    return *handle == nullptr ? 0 : (*handle)->name().version;
+  }
+
+  std::filesystem::path folder_;
+  MemoryAliasStore aliases_;
+  FakeNetworks networks_;
+  int loads_ = 0;
+  int finished_ = 0;
+  std::unique_ptr<ModelRegistry> registry_;
+};
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_TESTS_UNIT_SERVER_SERVING_MODEL_REGISTRY_FIXTURE_H_
