@@ -191,7 +191,8 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   if (!lock.ok()) return lock.status();
   const auto store = jobs::SqliteStore::Open(options.data_dir / "maneuver.db");
   if (!store.ok()) return store.status();
-  const auto datasets = data::DatasetStore::Open(options.data_dir / "datasets", options.dataset_quota_bytes);
+  const auto datasets =
+      data::DatasetStore::Open(options.data_dir / "datasets", options.dataset_quota_bytes);
   if (!datasets.ok()) return datasets.status();
   const auto models = serving::ModelRegistry::Open(
       options.data_dir / "models", **store,

@@ -115,6 +115,10 @@ absl::Status ListReportsPage(const serving::ModelRegistry& models,
   if (!reference.ok()) return reference.status();
   const auto page_size = PageSizeOf(request.page_size());
   if (!page_size.ok()) return page_size.status();
+  if (!request.page_token().empty() &&
+      !security::ParseEvaluationName(request.page_token(), "page_token").ok()) {
+    return WrongPageToken();
+  }
   const auto version = models.Resolve(*reference);
   if (!version.ok()) return version.status();
   auto reports = models.ListReports(version->name);

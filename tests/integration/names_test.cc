@@ -33,8 +33,8 @@ using google::protobuf::MethodDescriptor;
 const std::set<std::string> kNames = {"name",    "parent",   "model", "model_version",
                                       "dataset", "datasets", "file",  "page_token"};
 // Strings that name nothing: the server keeps them or compares them.
-const std::set<std::string> kOtherStrings = {"request_id", "scenario_id", "label", "origin",
-                                             "sha256",     "preset",      "device"};
+const std::set<std::string> kOtherStrings = {"request_id", "scenario_id", "label",  "origin",
+                                             "sha256",     "preset",      "device", "metric"};
 
 const std::vector<std::string> kHostile = {
     "../../etc/passwd",
@@ -87,6 +87,7 @@ const std::map<std::string, std::string> kHarmless = {
     {"maneuver.v1.EvaluateRequest.model", "models/a/versions/1"},
     {"maneuver.v1.EvaluateRequest.dataset", "datasets/a"},
     {"maneuver.v1.ListModelVersionsRequest.parent", "models/a"},
+    {"maneuver.v1.ListEvaluationReportsRequest.parent", "models/a/versions/1"},
     {"maneuver.v1.ListScenariosRequest.parent", "datasets/a"},
     {"maneuver.v1.UploadHeader.name", "datasets/a"},
     {"maneuver.v1.Dataset.name", ""},  // the server's to say; UploadHeader.name counts
