@@ -59,9 +59,7 @@ TEST_P(DenseLayerTest, IsTheMatrixProductInDoublePrecision) {
   }
 }
 
-TEST_P(DenseLayerTest, NoRowsGiveNone) {
-  EXPECT_TRUE(Apply({}, 0, Activation::kRelu).empty());
-}
+TEST_P(DenseLayerTest, NoRowsGiveNone) { EXPECT_TRUE(Apply({}, 0, Activation::kRelu).empty()); }
 
 TEST_P(DenseLayerTest, ARowHasTheSameBitsInEveryBatch) {
   const int most = 17;
