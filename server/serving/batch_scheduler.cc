@@ -169,6 +169,7 @@ absl::Status BatchScheduler::Submit(CallPtr call) {
 }
 
 absl::Status BatchScheduler::CheckWait(Priority priority, size_t targets, TimePoint deadline) {
+  targets = std::max<size_t>(targets, 1);  // of a request that cannot be read, who knows
   const TimePoint now = options_.now();
   absl::Status status;
   {

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cstdlib>
 #include <filesystem>
+#include <future>
 #include <memory>
 
 #include "client/client.h"
@@ -123,12 +124,17 @@ TEST_F(MapsTest, AnIdleStreamDoesNotHoldUpTheEndOfTheServer) {
   trained_->server().Terminate();
   ServerProcess server(trained_->data_dir(), {"--shutdown-timeout", "25"});
   const auto client = Connect(server);
-  const auto stream = client->StreamPredict(nullptr);
+  std::promise<void> answered;
+  const auto stream =
+      client->StreamPredict([&](const v1::StreamPredictResponse&) { answered.set_value(); });
   ASSERT_TRUE(stream->Send("1", Request({trained_->unseen()[0]})).ok());
+  // Answered, so that it is the server's: one that arrives while it ends is cancelled by gRPC.
+  ASSERT_EQ(answered.get_future().wait_for(std::chrono::seconds(30)), std::future_status::ready);
   const auto start = std::chrono::steady_clock::now();
   EXPECT_EQ(server.Terminate(), 0);
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(15));
-  EXPECT_TRUE(absl::IsUnavailable(stream->Finish()));
+  const absl::Status end = stream->Finish();
+  EXPECT_TRUE(absl::IsUnavailable(end)) << end;
 }
 
 }  // namespace
