@@ -1,3 +1,5 @@
+#include "server/rpc/request_outline.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -5,7 +7,6 @@
 #include <vector>
 
 #include "maneuver/v1/prediction_service.pb.h"
-#include "server/rpc/request_outline.h"
 
 namespace maneuver::rpc {
 namespace {
