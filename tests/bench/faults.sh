@@ -7,13 +7,13 @@
 #   tests/bench/faults.sh MODEL_FOLDER [-- flags of maneuverd]
 #
 # SECONDS_EACH (10) is the length of a run; RATE (100) the others' calls a second; FAULTS the faults,
-# of faults.py; BIN (build/release/bin) where the programs are. Server and callers share this machine;
-# those who are at fault have what time the others leave (SCHED_IDLE), as they would come from elsewhere.
-# Ends with status 1 if a promise was not kept.
+# of faults.py; BIN (build/release/bin) where the programs are. Server and callers have cores of their
+# own, or, with SHARED=1, the same; those who are at fault have what time the others leave (SCHED_IDLE),
+# as they would come from elsewhere. Ends with status 1 if a promise was not kept.
 set -euo pipefail
 
 case "${1:---help}" in
-  -h|--help) sed -n '2,14s/^# \{0,1\}//p' "$0"; exit 0 ;;
+  -h|--help) sed -n '2,13s/^# \{0,1\}//p' "$0"; exit 0 ;;
 esac
 model=$1
 shift

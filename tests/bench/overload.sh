@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # What a server does when it is asked for more than it can do, as Markdown tables:
 #
-#   1. 25, 50, 80, 100 and 300 % of what it can do. It keeps its promise if at 300 % it still answers
-#      at least 90 % of that, its memory stays bounded, and each refused call is told when to come
-#      again.
+#   1. 25, 50, 80, 100 and 300 % of what it can do, then what it can do and 300 % of it in turn, ROUNDS
+#      (5) times. It keeps its promise if at 300 % it still answers at least 90 % of what it did just
+#      before (median), its memory stays bounded, and each refused call is told when to come again.
 #   2. Patient callers at 40 % of it, alone and beside 10,000 calls that have 1 to 5 ms. It keeps its
 #      promise if their p99 stays below twice what it was. Expired targets are counted by how far they
 #      came.
@@ -11,21 +11,22 @@
 #   tests/bench/overload.sh [MODEL_FOLDER] [-- flags of maneuverd]
 #
 # Without a model one is trained in a minute. SECONDS_EACH (10) is the length of a run; DEADLINE (500)
-# what callers of part 1 allow, milliseconds; TARGETS (1) how many vehicles a call asks about, but for
+# what callers of part 1 allow, milliseconds; TARGETS (16) how many vehicles a call asks about, but for
 # the storm's, which ask about one; SCENES a dataset folder, in place of the synthetic town; STORM_RATE
-# (1000) the storm's calls a second; BIN (build/release/bin) where the programs are.
-# Server and callers share this machine. Ends with status 1 if a promise was not kept.
+# (1000) the storm's calls a second; BIN (build/release/bin) where the programs are. Server and callers
+# have cores of their own, or, with SHARED=1, the same. Ends with status 1 if a promise was not kept.
 set -euo pipefail
 
 model=
 case "${1:---}" in
-  -h|--help) sed -n '2,19s/^# \{0,1\}//p' "$0"; exit 0 ;;
+  -h|--help) sed -n '2,20s/^# \{0,1\}//p' "$0"; exit 0 ;;
   --) [ $# -eq 0 ] || shift ;;
   *) model=$1; shift; [ "${1:-}" != -- ] || shift ;;
 esac
 each=${SECONDS_EACH:-10}
 deadline=${DEADLINE:-500}
-targets=${TARGETS:-1}
+targets=${TARGETS:-16}
+rounds=${ROUNDS:-5}
 storm_rate=${STORM_RATE:-1000}
 scenes=()
 [ -z "${SCENES:-}" ] || scenes=(--dataset "$SCENES")
@@ -69,20 +70,33 @@ promise() {
 }
 per() { awk "BEGIN { printf \"%.2f\", ($2 > 0 ? $1 / $2 : 0) }"; }
 
-echo "$(nproc) cores, load of the machine before: $(cut -d' ' -f1-3 /proc/loadavg)."
+echo "$cores cores, of which the server has $server_cores and callers $(taskset -pc $$ | sed 's/.*: //')."
+echo "Load of the machine before: $(cut -d' ' -f1-3 /proc/loadavg)."
 echo
 echo "## Shares of its capacity; callers ask for $targets and allow $deadline ms"
 echo
 most_memory >"$work/before"
 load --rates 25%,50%,80%,100%,300% --targets "$targets" --duration "$each" --deadline "$deadline" --markdown --json "$work/shares.json" || failed=1
-highest=$(most_memory)
 capacity=$(figure "$work/shares.json" capacity)
-goodput=$(figure "$work/shares.json" steps.5.answered_per_second)
 refused=$(figure "$work/shares.json" steps.5.ended.RESOURCE_EXHAUSTED)
 with_delay=$(figure "$work/shares.json" steps.5.refused_with_delay)
 echo
-promise "goodput at 300 % is $(per "$goodput" "$capacity") of the capacity (at least 0.90)" \
-  "$goodput >= 0.9 * $capacity"
+echo "| in turn | 32 callers, answered/s | 300 %, answered/s | goodput |"
+echo "|---|---:|---:|---:|"
+goodput=()
+for round in $(seq "$rounds"); do
+  load --targets "$targets" --duration "$each" --deadline "$deadline" --json "$work/can.json" >/dev/null || failed=1
+  can=$(figure "$work/can.json" steps.0.answered_per_second)
+  load --rate "$(awk "BEGIN { print 3 * $capacity }")" --targets "$targets" --duration "$each" \
+    --deadline "$deadline" --seed "$((round + 1))" --json "$work/does.json" >/dev/null || failed=1
+  does=$(figure "$work/does.json" steps.0.answered_per_second)
+  goodput+=("$(per "$does" "$can")")
+  printf '| %d | %.1f | %.1f | %s |\n' "$round" "$can" "$does" "${goodput[-1]}"
+done
+highest=$(most_memory)
+median=$(printf '%s\n' "${goodput[@]}" | sort -n | sed -n "$(((rounds + 1) / 2))p")
+echo
+promise "goodput at 300 % is $median of the capacity (at least 0.90)" "$median >= 0.9"
 promise "the server had at most $highest MB, $(cat "$work/before") MB before" "$highest < 2048"
 promise "$with_delay of $refused refused calls were told when to come again" \
   "$with_delay == $refused"

@@ -6,8 +6,8 @@
 #   tests/bench/shadow.sh MODEL_FOLDER CANDIDATE_FOLDER
 #
 # PAIRS (5) of runs of SECONDS_EACH (6); SHARE (0.5) of the capacity; BIN (build/release/bin) where
-# the programs are. Server and callers share this machine: on a busy one the pairs differ by more
-# than the shadow does.
+# the programs are. Server and callers have cores of their own, or, with SHARED=1, the same: on a busy
+# machine the pairs differ by more than the shadow does.
 set -euo pipefail
 [ $# -eq 2 ] || { sed -n '2,10s/^# \{0,1\}//p' "$0"; exit 2; }
 each=${SECONDS_EACH:-6}
