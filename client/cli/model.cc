@@ -120,6 +120,9 @@ int ShowModel(const std::string& name, Environment& environment) {
   table.Add({"backbone", evaluation::BackboneCostText(version->cost())});
   table.Add({"whole model", evaluation::ModelCostText(version->cost())});
   table.Add({"datasets", absl::StrJoin(manifest.provenance().datasets(), " ")});
+  if (!manifest.provenance().start_from().empty()) {
+    table.Add({"started from", ShortName(manifest.provenance().start_from())});
+  }
   table.Add({"preset", manifest.provenance().settings().preset()});
   table.Add({"examples", absl::StrCat(manifest.provenance().training_examples(), " learned, ",
                                       manifest.provenance().validation_examples(), " held out")});

@@ -17,6 +17,7 @@ namespace {
 struct TrainArguments {
   std::string model;
   std::vector<std::string> datasets;
+  std::optional<std::string> start_from;
   std::optional<std::string> preset;
   std::optional<std::string> objective;
   std::optional<std::string> settings_file;
@@ -104,15 +105,41 @@ std::string SetPromotion(const TrainArguments& arguments, v1::TrainRequest& requ
   return "";
 }
 
+// NAME or NAME=WEIGHT each. What is wrong with them, empty if nothing is.
+std::string SetDatasets(const TrainArguments& arguments, v1::TrainRequest& request) {
+  auto& weights = *request.mutable_settings()->mutable_examples()->mutable_dataset_weights();
+  bool weighted = false;
+  std::vector<double> given;
+  for (const std::string& text : arguments.datasets) {
+    const size_t equals = text.find('=');
+    request.add_datasets(DatasetResource(text.substr(0, equals)));
+    double& weight = given.emplace_back(1.0);
+    if (equals == std::string::npos) continue;
+    weighted = true;
+    if (!absl::SimpleAtod(text.substr(equals + 1), &weight) || !(weight > 0.0)) {
+      return absl::StrCat(
+          "--dataset is NAME or NAME=WEIGHT with a weight above 0, such as city=3; "
+          "not ",
+          text);
+    }
+  }
+  if (weighted && !weights.empty()) {
+    return "weights are given twice: with --dataset and as examples.dataset_weights";
+  }
+  if (weighted) weights.Assign(given.begin(), given.end());
+  return "";
+}
+
 int Train(const TrainArguments& arguments, Environment& environment) {
   const absl::StatusOr<v1::TrainingSettings> settings = Settings(arguments, environment);
   if (!settings.ok()) return environment.Refuse(std::string(settings.status().message()));
   v1::TrainRequest request;
   request.set_model(ModelResource(arguments.model));
-  for (const std::string& dataset : arguments.datasets) {
-    request.add_datasets(DatasetResource(dataset));
-  }
   *request.mutable_settings() = *settings;
+  if (const std::string wrong = SetDatasets(arguments, request); !wrong.empty()) {
+    return environment.Refuse(wrong);
+  }
+  if (arguments.start_from) request.set_start_from(ModelResource(*arguments.start_from));
   if (const std::string wrong = SetPromotion(arguments, request); !wrong.empty()) {
     return environment.Refuse(wrong);
   }
@@ -152,9 +179,16 @@ void AddTrain(Command& root, Environment& environment) {
       "Example: maneuver train town --dataset town\n"
       "         maneuver train city --dataset waymo-training --horizon 5s --epochs 20 \\\n"
       "             --set optimization.batch_size=128 --set model.decoder.hidden=256,256 --detach\n"
-      "         maneuver train town --dataset town --promote if-no-worse --promote-dataset unseen");
+      "         maneuver train town --dataset town --promote if-no-worse --promote-dataset unseen\n"
+      "         maneuver train town --start-from town --dataset town --dataset new=3 --epochs 3");
   command.Argument("MODEL", &arguments->model, "The model: a-z, 0-9 and -; need not exist");
-  command.Option("--dataset", &arguments->datasets, "Dataset to learn from; may be repeated", true);
+  command.Option("--dataset", &arguments->datasets,
+                 "Dataset to learn from; may be repeated, then also as NAME=WEIGHT: city=3 and "
+                 "highway=1 take three examples from city for one from highway",
+                 true);
+  command.Option("--start-from", &arguments->start_from,
+                 "Version to start from, such as town, town/2 or town@candidate: its sizes and "
+                 "actions stay, only the joint and the posterior epochs are run [random weights]");
   command.Option(
       "--objective", &arguments->objective,
       "base (actions alone), dual (then how they fit the scene) or unified (all at once) "

@@ -4,13 +4,16 @@
 #include <google/protobuf/duration.pb.h>
 #include <google/protobuf/message.h>
 #include <google/protobuf/text_format.h>
+#include <google/protobuf/util/message_differencer.h>
 
 #include <algorithm>
 #include <cstdlib>
 #include <string>
 #include <utility>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "model/artifact/field_rules.h"
 #include "model/artifact/model_spec.h"
 
@@ -234,6 +237,11 @@ void CheckExamples(const v1::ExampleSettings& examples, FieldRules* rules) {
                  "examples.validation_share", "must be at least 0 and less than 1");
   rules->Between("examples.label_share", "share", examples.label_share(), 0.0, 1.0);
   rules->Require(examples.max_examples() >= 0, "examples.max_examples", "must not be negative");
+  for (int i = 0; i < examples.dataset_weights_size(); ++i) {
+    const double weight = examples.dataset_weights(i);
+    rules->Require(weight > 0.0 && weight <= 1e6, absl::StrCat("examples.dataset_weights[", i, "]"),
+                   "must be more than 0 and at most 1000000");
+  }
 }
 
 void CheckOptimization(const v1::OptimizationSettings& optimization, v1::Objective objective,
@@ -313,6 +321,55 @@ v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& setting
     resolved.mutable_model()->mutable_decoder_covariance()->add_hidden(kCovarianceWidth);
   }
   return resolved;
+}
+
+v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& settings,
+                                             const v1::ModelSpec& start) {
+  v1::TrainingSettings resolved = settings;
+  resolved.clear_model();
+  if (start.has_decoder_covariance() &&
+      resolved.optimization().decoder_covariance() == v1::DECODER_COVARIANCE_UNSPECIFIED) {
+    resolved.mutable_optimization()->set_decoder_covariance(v1::DECODER_COVARIANCE_PREDICTED);
+  }
+  resolved = ResolveTrainingSettings(resolved);
+  *resolved.mutable_model() = start;
+  if (start.objective() == v1::OBJECTIVE_UNSPECIFIED) {
+    resolved.mutable_model()->set_objective(v1::OBJECTIVE_UNIFIED);
+  }
+  if (settings.model().objective() != v1::OBJECTIVE_UNSPECIFIED) {
+    resolved.mutable_model()->set_objective(settings.model().objective());
+  }
+  return resolved;
+}
+
+std::vector<scene::FieldViolation> ValidateStart(const v1::TrainingSettings& settings,
+                                                 const v1::ModelSpec& start) {
+  FieldRules rules;
+  v1::TrainingSettings asked;
+  *asked.mutable_model() = settings.model();
+  asked.mutable_model()->clear_objective();
+  v1::TrainingSettings started;
+  *started.mutable_model() = start;
+  Replace(asked, &started);
+  std::string difference;
+  google::protobuf::util::MessageDifferencer differencer;
+  differencer.ReportDifferencesToString(&difference);
+  const bool agrees = differencer.Compare(start, started.model());
+  absl::StripTrailingAsciiWhitespace(&difference);
+  rules.Require(
+      agrees, "model",
+      absl::StrCat(
+          "has other sizes than the version to start from, which fixes them; leave it out (",
+          absl::StrReplaceAll(difference, {{"\n", "; "}}), ")"));
+  rules.Require(
+      settings.optimization().weight_concentration() == 0.0, "optimization.weight_concentration",
+      "is for the mixture alone, which a run that starts from a version does not learn anew");
+  rules.Require(
+      settings.optimization().decoder_covariance() != v1::DECODER_COVARIANCE_PREDICTED ||
+          start.has_decoder_covariance(),
+      "optimization.decoder_covariance",
+      "must not be DECODER_COVARIANCE_PREDICTED: the version to start from has no network for it");
+  return std::move(rules).violations();
 }
 
 std::vector<scene::FieldViolation> ValidateTrainingSettings(const v1::TrainingSettings& resolved) {

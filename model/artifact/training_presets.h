@@ -6,6 +6,7 @@
 
 #include <vector>
 
+#include "maneuver/v1/model_spec.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/scene/field_violation.h"
 
@@ -15,8 +16,17 @@ namespace maneuver::artifact {
 // fields replace the preset's whole. An unknown preset is left as it is, for validation to find.
 v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& settings);
 
+// The same for a run that starts from a model of this spec, which stands in for the preset's; only
+// the objective may be another one.
+v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& settings,
+                                             const v1::ModelSpec& start);
+
 // What is wrong with resolved settings (fields named from them: model.actions, ...).
 std::vector<scene::FieldViolation> ValidateTrainingSettings(const v1::TrainingSettings& resolved);
+
+// What in settings that are not resolved yet does not go with a start from a model of this spec.
+std::vector<scene::FieldViolation> ValidateStart(const v1::TrainingSettings& settings,
+                                                 const v1::ModelSpec& start);
 
 }  // namespace maneuver::artifact
 

@@ -8,6 +8,7 @@
 
 #include "model/learning/calibration.h"
 #include "model/learning/epoch_size.h"
+#include "model/learning/example_order.h"
 #include "model/learning/run_state.h"
 
 namespace maneuver::learning {
@@ -25,7 +26,7 @@ double CountTracks(std::span<const data::Example> examples) {
 }  // namespace
 
 std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settings,
-                                              int64_t training_examples) {
+                                              int64_t training_examples, bool started) {
   const v1::OptimizationSettings& optimization = settings.optimization();
   const int64_t batch = optimization.batch_size();
   const int64_t examples = EpochExamples(settings, training_examples);
@@ -35,17 +36,22 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
   const int posterior_epochs =
       settings.model().objective() == v1::OBJECTIVE_BASE ? 0 : optimization.posterior_epochs();
   // Costs of a step relative to one of pretraining, for the compact preset.
-  return {
-      {"load", 1, 1, 1.0},
-      {"pretrain", optimization.pretraining_epochs(),
-       optimization.pretraining_epochs() * short_epoch, 1.0},
-      {"place", kPlacementEpochs, placements * kPlacementEpochs * short_epoch, 1.3},
-      {"mixture", optimization.mixture_epochs(), optimization.mixture_epochs() * short_epoch, 1.3},
-      {"joint", optimization.joint_epochs(), optimization.joint_epochs() * long_epoch, 30.0},
-      {"posterior", posterior_epochs, posterior_epochs * long_epoch, 20.0},
-      {"calibrate", 1, CalibrationSteps(training_examples), 15.0},
-      {"export", 1, 1, 1.0},
-      {"evaluate", 1, 100, 7.0}};
+  std::vector<RunProgress::Phase> plan = {{"load", 1, 1, 1.0}};
+  if (!started) {
+    plan.insert(plan.end(),
+                {{"pretrain", optimization.pretraining_epochs(),
+                  optimization.pretraining_epochs() * short_epoch, 1.0},
+                 {"place", kPlacementEpochs, placements * kPlacementEpochs * short_epoch, 1.3},
+                 {"mixture", optimization.mixture_epochs(),
+                  optimization.mixture_epochs() * short_epoch, 1.3}});
+  }
+  plan.insert(plan.end(), {{"joint", optimization.joint_epochs(),
+                            optimization.joint_epochs() * long_epoch, 30.0},
+                           {"posterior", posterior_epochs, posterior_epochs * long_epoch, 20.0},
+                           {"calibrate", 1, CalibrationSteps(training_examples), 15.0},
+                           {"export", 1, 1, 1.0},
+                           {"evaluate", 1, 100, 7.0}});
+  return plan;
 }
 
 Learner::Learner(const v1::TrainingSettings& settings, const TrainingData& data, at::Device device,
@@ -63,15 +69,21 @@ Learner::Learner(const v1::TrainingSettings& settings, const TrainingData& data,
   networks_.Standardize(trajectories_, settings.augmentation().mirror());
 }
 
+void Learner::StartFrom(const artifact::TensorMap& weights, const std::string& sha256) {
+  networks_.Import(weights);
+  start_weights_sha256_ = sha256;
+}
+
 absl::Status Learner::KeepCheckpoints(CheckpointFolder* folder) {
   checkpoints_ = folder;
   resumed_ = folder->ReadLatest();
   if (!resumed_) return absl::OkStatus();
   if (resumed_->settings() != RunSettings(settings_) ||
-      resumed_->training_examples() != trajectories_.size(0)) {
+      resumed_->training_examples() != trajectories_.size(0) ||
+      resumed_->start_weights_sha256() != start_weights_sha256_) {
     return absl::FailedPreconditionError(
-        "the folder of checkpoints is of a run with other settings or other data; name another "
-        "folder, or empty this one to start anew");
+        "the folder of checkpoints is of a run with other settings, other data or another start; "
+        "name another folder, or empty this one to start anew");
   }
   RestoreNetworks(*resumed_, &networks_);
   if (resumed_->has_centers()) centers_ = RestoreTensor(resumed_->centers());
@@ -88,7 +100,9 @@ absl::Status Learner::Learn() {
                                {"mixture", &Learner::TrainMixture},
                                {"joint", &Learner::TrainJointly},
                                {"posterior", &Learner::TrainScenarioEncoders}};
-  for (const Stage& stage : kStages) {
+  const size_t first =
+      start_weights_sha256_.empty() ? 0 : 3;  // what was started from has a mixture
+  for (const Stage& stage : std::span(kStages).subspan(first)) {
     // Until its phase has taken the checkpoint on, all phases before it are over.
     if (resumed_ && resumed_->phase() != stage.phase) continue;
     const absl::Status status = (this->*stage.run)();
@@ -142,6 +156,7 @@ absl::Status Learner::KeepCheckpoint(const std::string& phase, const Position& p
   checkpoint.set_steps(position.steps);
   checkpoint.set_epoch_random(epoch_random_);
   checkpoint.set_random(RandomState(generator_));
+  checkpoint.set_start_weights_sha256(start_weights_sha256_);
   StoreNetworks(networks_, &checkpoint);
   if (centers_.defined()) *checkpoint.mutable_centers() = StoreTensor(centers_);
   StoreOptimizer(optimizer, &checkpoint);
@@ -176,9 +191,8 @@ NoiseSource Learner::NoiseDrawn() {
 }
 
 at::Tensor Learner::DrawEpoch() {
-  const int64_t examples = trajectories_.size(0);
-  return at::randperm(examples, generator_, at::kLong)
-      .slice(0, 0, EpochExamples(settings_, examples));
+  return DrawExamples(data_.folder_examples, DatasetWeights(settings_),
+                      EpochExamples(settings_, trajectories_.size(0)), generator_);
 }
 
 at::Tensor Learner::Vary(const at::Tensor& trajectories) {

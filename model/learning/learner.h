@@ -34,8 +34,14 @@ class Learner {
           int threads, std::function<bool()> stopped, RunProgress& progress);
 
   // The plan of a run, for its RunProgress.
+  //   started: from the weights of a model
   static std::vector<RunProgress::Phase> Plan(const v1::TrainingSettings& settings,
-                                              int64_t training_examples);
+                                              int64_t training_examples, bool started = false);
+
+  // Learning starts from these weights, of the same spec, in place of random ones: with the joint
+  // phase. To be called first.
+  //   sha256: of the weights, by which checkpoints of another run are known
+  void StartFrom(const artifact::TensorMap& weights, const std::string& sha256);
 
   // Writes checkpoints to `folder`, which must outlive the learner, and goes on from its latest one
   // if there is one. FAILED_PRECONDITION if that is of another run.
@@ -124,6 +130,7 @@ class Learner {
   std::string epoch_random_;  // state of the generator when the epoch began
   CheckpointFolder* checkpoints_ = nullptr;
   std::optional<Checkpoint> resumed_;  // until its phase takes it on
+  std::string start_weights_sha256_;   // empty: random weights
   Networks networks_;
   // Tracks that examples are of: windows of the same one repeat each other, and would overstate
   // what was seen.

@@ -333,4 +333,23 @@ artifact::TensorMap Networks::Export() const {
   return weights;
 }
 
+void Networks::Import(const artifact::TensorMap& weights) {
+  at::NoGradGuard no_grad;
+  const auto values = [&](const std::string& name) {
+    const artifact::Tensor& stored = weights.at(name);
+    return at::tensor(at::ArrayRef<float>(stored.values), at::kFloat)
+        .view(stored.shape)
+        .to(device_);
+  };
+  // Positions in deviations to coefficients: the basis is orthonormal.
+  const at::Tensor stddev = values("trajectory.stddev").flatten().unsqueeze(1);
+  const at::Tensor deviations = coefficient_stddev_.flatten().unsqueeze(1);
+  const at::Tensor to_coefficients = (CurveMap() / deviations.t()).t() / deviations * stddev.t();
+  for (auto& [name, tensor] : tensors_) {
+    at::Tensor imported = values(name);
+    if (StartsWith(name, last_decoder_layer_)) imported = at::matmul(to_coefficients, imported);
+    tensor.copy_(imported);
+  }
+}
+
 }  // namespace maneuver::learning

@@ -91,6 +91,9 @@ class Networks {
 
   // Copies for the model folder: ln p(y) normalised, the decoder's last layer times the basis.
   artifact::TensorMap Export() const;
+  // The inverse, to within rounding, of weights of the same spec; the deviations that Standardize
+  // found of coefficients stay.
+  void Import(const artifact::TensorMap& weights);
 
   // Copies of all that is learned, and back.
   using Snapshot = std::map<std::string, at::Tensor>;

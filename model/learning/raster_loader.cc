@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <unordered_map>
 #include <utility>
 
 #include "model/scene/rasterizer.h"
@@ -137,6 +138,24 @@ std::optional<RasterLoader::Batch> RasterLoader::Next() {
   lock.unlock();
   changed_.notify_all();
   return batch;
+}
+
+std::vector<RasterLoader::Item> VariedItems(const v1::TrainingSettings& settings,
+                                            std::span<const int64_t> order, int64_t first,
+                                            int epoch) {
+  constexpr int kTimeBits = 40;  // beyond the number of examples
+  const int frames = settings.model().raster().history_frames();
+  const uint64_t seed = static_cast<uint64_t>(settings.seed());
+  std::unordered_map<int64_t, int64_t> times;
+  std::vector<RasterLoader::Item> items;
+  for (int64_t i = 0; i < static_cast<int64_t>(order.size()); ++i) {
+    const int64_t example = order[static_cast<size_t>(i)];
+    const int64_t time = times[example]++;
+    if (i < first) continue;
+    items.push_back({example, DrawVariation(settings.augmentation(), frames, seed, epoch,
+                                            example + (time << kTimeBits))});
+  }
+  return items;
 }
 
 }  // namespace maneuver::learning

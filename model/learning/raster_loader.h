@@ -89,6 +89,13 @@ class RasterLoader {
   std::vector<std::jthread> threads_;
 };
 
+// What is left of an epoch: its examples from `first` on, in their order, each varied anew, also
+// one that comes again.
+//   settings: complete
+std::vector<RasterLoader::Item> VariedItems(const v1::TrainingSettings& settings,
+                                            std::span<const int64_t> order, int64_t first,
+                                            int epoch);
+
 }  // namespace maneuver::learning
 
 #endif  // MANEUVER_MODEL_LEARNING_RASTER_LOADER_H_

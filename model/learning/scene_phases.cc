@@ -26,18 +26,13 @@ absl::Status Learner::TrainOnScenes(const std::string& phase, int epochs, v1::Ob
   const int64_t examples = EpochExamples(settings_, trajectories_.size(0));
   const int64_t batch_size = optimization.batch_size();
   const int64_t epoch_steps = StepsOfEpoch(examples, batch_size);
-  const uint64_t seed = static_cast<uint64_t>(settings_.seed());
   TermMeans means;
   for (Position now = BeginPhase(phase, epoch_steps, &optimizer, &means); now.epochs < epochs;
        now = {now.epochs + 1, 0, false}) {
-    const int epoch = now.epochs + 1;
     const at::Tensor order = BeginEpoch(now);
-    std::vector<RasterLoader::Item> items;
-    for (int64_t i = now.steps * batch_size; i < examples; ++i) {
-      const int64_t example = order.data_ptr<int64_t>()[i];
-      items.push_back({example, DrawVariation(settings_.augmentation(), raster.history_frames(),
-                                              seed, epoch, example)});
-    }
+    std::vector<RasterLoader::Item> items =
+        VariedItems(settings_, {order.data_ptr<int64_t>(), static_cast<size_t>(examples)},
+                    now.steps * batch_size, now.epochs + 1);
     if (examples % batch_size == 1) items.pop_back();
     RasterLoader loader(raster, data_.training, std::move(items), batch_size, threads_);
     while (std::optional<RasterLoader::Batch> batch = loader.Next()) {

@@ -1,6 +1,7 @@
 #include "model/learning/trainer.h"
 
 #include <ATen/Parallel.h>
+#include <google/protobuf/util/message_differencer.h>
 
 #include <algorithm>
 #include <chrono>
@@ -9,6 +10,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "model/artifact/model_folder.h"
 #include "model/learning/anchors/anchor_learner.h"
 #include "model/learning/export.h"
 #include "model/learning/learner.h"
@@ -50,6 +52,12 @@ class Run {
     progress_.Replan(Plan(run_, static_cast<int64_t>(data.training.examples.size())));
     const int threads = Threads(run_.settings);
     Learner learner(run_.settings, data, device_, threads, stopped_, progress_);
+    std::vector<std::string> labels = data.label_names;
+    if (!run_.start_from.empty()) {
+      absl::StatusOr<std::vector<std::string>> named = Start(data, learner);
+      if (!named.ok()) return named.status();
+      labels = *std::move(named);
+    }
     std::optional<CheckpointFolder> checkpoints;
     if (!run_.checkpoints.empty()) {
       absl::StatusOr<CheckpointFolder> opened =
@@ -77,7 +85,7 @@ class Run {
     progress_.BeginPhase("evaluate");
     options.output = run_.output;
     options.threads = threads;
-    options.labels = data.label_names;
+    options.labels = std::move(labels);
     options.least_effective_actions = run_.least_effective_actions;
     int64_t reported = 0;  // hundredths, as the plan has it
     options.progress = [this, &reported](int64_t done, int64_t total) {
@@ -92,9 +100,32 @@ class Run {
 
  private:
   static std::vector<RunProgress::Phase> Plan(const TrainingRun& run, int64_t training_examples) {
-    std::vector<RunProgress::Phase> plan = Learner::Plan(run.settings, training_examples);
+    std::vector<RunProgress::Phase> plan =
+        Learner::Plan(run.settings, training_examples, !run.start_from.empty());
     if (run.baselines) AnchorLearner::AddPhases(run.settings, training_examples, &plan);
     return plan;
+  }
+
+  // Gives the learner the model to start from. Its actions' labels.
+  absl::StatusOr<std::vector<std::string>> Start(const TrainingData& data, Learner& learner) const {
+    const absl::StatusOr<artifact::StoredModel> start = artifact::ReadModelFolder(run_.start_from);
+    if (!start.ok()) return start.status();
+    v1::ModelSpec spec = start->manifest.spec();
+    spec.set_objective(run_.settings.model().objective());
+    if (!google::protobuf::util::MessageDifferencer::Equals(spec, run_.settings.model())) {
+      return absl::InvalidArgumentError("model: must be that of the version to start from");
+    }
+    std::vector<std::string> labels;
+    for (const v1::Action& action : start->manifest.actions()) labels.push_back(action.label());
+    for (size_t i = 0; i < data.label_names.size(); ++i) {
+      if (i < labels.size() && labels[i] == data.label_names[i]) continue;
+      return absl::FailedPreconditionError(absl::StrCat(
+          "action ", i, " of the version to start from is not labelled \"", data.label_names[i],
+          "\", as these recordings would have it; set examples.label_share to 0, or train from the "
+          "beginning"));
+    }
+    learner.StartFrom(start->weights, start->manifest.weights_sha256());
+    return labels;
   }
 
   v1::ModelManifest Describe(const TrainingData& data) const {
@@ -102,6 +133,7 @@ class Run {
     *manifest.mutable_spec() = run_.settings.model();
     v1::Provenance& provenance = *manifest.mutable_provenance();
     for (const std::string& name : run_.dataset_names) provenance.add_datasets(name);
+    provenance.set_start_from(run_.start_from_name);
     *provenance.mutable_settings() = run_.settings;
     provenance.mutable_train_time()->set_seconds(
         std::chrono::duration_cast<std::chrono::seconds>(

@@ -35,7 +35,11 @@ struct TrainingRun {
   // A model that gives fewer actions a probability of 0.05 anywhere among its held-out examples is
   // an error, if those are at least a hundred; 0: none is.
   int least_effective_actions = 0;
+  // Model folder whose weights learning starts from, its spec that of the settings; empty: random
+  // ones. Pretraining and mixture are left out, and actions keep their numbers and labels.
+  std::filesystem::path start_from;
   // For the provenance.
+  std::string start_from_name;
   std::vector<std::string> dataset_names;
   std::string trainer_version;
   // Called on the calling thread; may be empty.
@@ -50,12 +54,12 @@ struct TrainingRun {
 //   INVALID_ARGUMENT     a device that LibTorch does not have here
 //   FAILED_PRECONDITION  not enough examples; the message says how many and what to do
 //   FAILED_PRECONDITION  collapsed to fewer than least_effective_actions
-//   DATA_LOSS, NOT_FOUND a dataset folder is damaged or missing
-//   FAILED_PRECONDITION  the checkpoints are of another run
-//   ABORTED              the loss is no longer finite
-//   RESOURCE_EXHAUSTED   out of memory, or the disk is full
-//   CANCELLED            stopped; if checkpoints are kept, one of this moment was written
-//   others               those of artifact::WriteModelFolder
+//   DATA_LOSS, NOT_FOUND a dataset folder, or the model to start from, is damaged or missing
+//   FAILED_PRECONDITION  labels are asked for that the actions of the model to start from do not
+//   have FAILED_PRECONDITION  the checkpoints are of another run ABORTED              the loss is
+//   no longer finite RESOURCE_EXHAUSTED   out of memory, or the disk is full CANCELLED stopped; if
+//   checkpoints are kept, one of this moment was written others               those of
+//   artifact::WriteModelFolder
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
                                         const std::vector<std::filesystem::path>& datasets);
 

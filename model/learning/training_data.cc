@@ -45,16 +45,43 @@ class Splitter {
     }
   }
 
+  // The recordings from here on are another folder's.
+  void EndFolder() {
+    int64_t before = 0;
+    for (const int64_t examples : data_.folder_examples) before += examples;
+    data_.folder_examples.push_back(static_cast<int64_t>(data_.training.examples.size()) - before);
+  }
+
   absl::StatusOr<TrainingData> Finish() && {
     const int64_t found = static_cast<int64_t>(data_.training.examples.size());
     const int64_t needed = MinimumExamples(settings_);
     if (found < needed) return TooFew(found, needed);
+    if (absl::Status status = CheckWeights(); !status.ok()) return status;
     const absl::Status status = LabelExamples();
     if (!status.ok()) return status;
     return std::move(data_);
   }
 
  private:
+  absl::Status CheckWeights() const {
+    const auto& weights = settings_.examples().dataset_weights();
+    if (weights.empty()) return absl::OkStatus();
+    if (static_cast<size_t>(weights.size()) != data_.folder_examples.size()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("examples.dataset_weights has ", weights.size(), " weights for ",
+                       data_.folder_examples.size(), " datasets; give each of them one"));
+    }
+    for (size_t i = 0; i < data_.folder_examples.size(); ++i) {
+      if (data_.folder_examples[i] > 0) continue;
+      return WithFailure(
+          absl::FailedPreconditionError(absl::StrCat(
+              "examples.dataset_weights[", i,
+              "] is of a dataset that holds no training examples; leave that dataset out")),
+          TrainingFailure::kNotEnoughExamples);
+    }
+    return absl::OkStatus();
+  }
+
   // Seconds.
   double Horizon() const { return artifact::WaypointTimes(settings_.model().trajectory()).back(); }
 
@@ -139,6 +166,7 @@ absl::StatusOr<TrainingData> LoadTrainingData(std::span<const std::filesystem::p
                                        return true;
                                      });
     if (!status.ok()) return status;
+    splitter.EndFolder();
   }
   return std::move(splitter).Finish();
 }
@@ -147,6 +175,7 @@ absl::StatusOr<TrainingData> SplitRecordings(std::vector<v1::Scenario> recording
                                              const v1::TrainingSettings& settings) {
   Splitter splitter(settings);
   for (v1::Scenario& recording : recordings) splitter.Add(std::move(recording));
+  splitter.EndFolder();
   return std::move(splitter).Finish();
 }
 

@@ -33,6 +33,8 @@ struct TrainingData {
   // where nothing is known. Empty without label_share.
   std::vector<int> labels;
   std::vector<std::string> label_names;  // sorted
+  // How many training examples each folder has; they follow each other in that order.
+  std::vector<int64_t> folder_examples;
 };
 
 // Reads the folders and enumerates the examples of complete settings. Annotations are for
@@ -40,7 +42,7 @@ struct TrainingData {
 // than the model has actions.
 //   keep_going: asked between recordings; false ends it with CANCELLED.
 // Errors: those of data::ForEachScenario; FAILED_PRECONDITION, with what was found and what to do,
-// if there are fewer training examples than MinimumExamples.
+// if there are fewer training examples than MinimumExamples, or none in a folder that has a weight.
 absl::StatusOr<TrainingData> LoadTrainingData(std::span<const std::filesystem::path> folders,
                                               const v1::TrainingSettings& settings,
                                               const std::function<bool()>& keep_going);

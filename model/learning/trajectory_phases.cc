@@ -9,6 +9,7 @@
 #include "model/artifact/model_spec.h"
 #include "model/learning/dirichlet_weights.h"
 #include "model/learning/epoch_size.h"
+#include "model/learning/example_order.h"
 #include "model/learning/learner.h"
 
 namespace maneuver::learning {
@@ -103,8 +104,7 @@ absl::Status Learner::Pretrain() {
 EncodedExamples Learner::EncodeForPlacement(std::vector<int>* labels) {
   at::NoGradGuard no_grad;
   const int64_t count = std::min(trajectories_.size(0), kMostClustered);
-  const at::Tensor drawn =
-      at::arange(count, at::kLong).mul_(trajectories_.size(0)).floor_divide_(count);
+  const at::Tensor drawn = SpreadExamples(data_.folder_examples, DatasetWeights(settings_), count);
   at::Tensor placed = trajectories_.index_select(0, drawn);
   labels->clear();
   if (!data_.labels.empty()) {

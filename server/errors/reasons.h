@@ -141,7 +141,7 @@ inline constexpr ReasonEntry kReasons[] = {
      "the model that was learned cannot be published; code and message say why",
      "see to what the message says and resume the job"},
     {"MODEL_UNAVAILABLE", "any",
-     "the model that is to be evaluated cannot be had; code and message say why",
+     "the model that is to be evaluated, or started from, cannot be had; code and message say why",
      "name one that ListModelVersions lists"},
     {"TRAINER_DIED", "ABORTED",
      "the trainer was killed or crashed; the metadata's `signal` says by what",

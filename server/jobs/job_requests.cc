@@ -26,6 +26,9 @@ constexpr int kMostPriority = 100;
 constexpr char kDatasetRule[] =
     "expected datasets/{dataset}, with ids of lower-case letters, digits and hyphens";
 
+constexpr char kModelRule[] =
+    "expected models/{model}, models/{model}@{alias} or models/{model}/versions/{version}";
+
 using Violations = std::vector<scene::FieldViolation>;
 
 void CheckRequestId(const std::string& request_id, Violations& violations) {
@@ -66,6 +69,9 @@ void CheckCriteria(const v1::PromotionCriteria& criteria, Violations& violations
                             "must be 0 or more, in the metric's unit"});
     }
   }
+  if (criteria.examples().dataset_weights_size() > 0) {
+    violations.push_back({field + "examples.dataset_weights", "is for training alone"});
+  }
   v1::TrainingSettings settings;
   *settings.mutable_examples() = criteria.examples();
   for (scene::FieldViolation& violation :
@@ -79,6 +85,20 @@ void CheckPromotion(const v1::TrainRequest& request, Violations& violations) {
     CheckCriteria(request.promotion_criteria(), violations);
   } else if (request.has_promotion_criteria()) {
     violations.push_back({"promotion_criteria", "only goes with PROMOTION_IF_NO_WORSE"});
+  }
+}
+
+void CheckWeights(const v1::TrainRequest& request, Violations& violations) {
+  const int weights = request.settings().examples().dataset_weights_size();
+  if (weights == 0 || weights == request.datasets_size()) return;
+  violations.push_back(
+      {"settings.examples.dataset_weights",
+       absl::StrCat("has ", weights, " weights for ", request.datasets_size(), " datasets")});
+}
+
+void AddOfSettings(std::vector<scene::FieldViolation> found, Violations& violations) {
+  for (scene::FieldViolation& violation : found) {
+    violations.push_back({"settings." + violation.field, std::move(violation.description)});
   }
 }
 
@@ -133,22 +153,34 @@ absl::Status CheckTrainRequest(const v1::TrainRequest& request) {
   CheckPromotion(request, violations);
   CheckRequestId(request.request_id(), violations);
   CheckPriority(request.priority(), violations);
-  const auto settings = artifact::ResolveTrainingSettings(request.settings());
-  for (scene::FieldViolation& violation : artifact::ValidateTrainingSettings(settings)) {
-    violations.push_back({"settings." + violation.field, std::move(violation.description)});
+  CheckWeights(request, violations);
+  if (request.start_from().empty()) {
+    const auto settings = artifact::ResolveTrainingSettings(request.settings());
+    AddOfSettings(artifact::ValidateTrainingSettings(settings), violations);
+  } else if (!security::ParseModelReference(request.start_from(), "start_from").ok()) {
+    violations.push_back({"start_from", kModelRule});
   }
+  return Checked(violations);
+}
+
+absl::Status CheckStart(const v1::TrainRequest& request, const v1::ModelSpec& start) {
+  Violations violations;
+  AddOfSettings(artifact::ValidateStart(request.settings(), start), violations);
+  const auto settings = artifact::ResolveTrainingSettings(request.settings(), start);
+  AddOfSettings(artifact::ValidateTrainingSettings(settings), violations);
   return Checked(violations);
 }
 
 absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request) {
   Violations violations;
   if (!request.model().empty() && !security::ParseModelReference(request.model(), "model").ok()) {
-    violations.push_back({"model",
-                          "expected models/{model}, models/{model}@{alias} or "
-                          "models/{model}/versions/{version}"});
+    violations.push_back({"model", kModelRule});
   }
   if (!security::ParseDatasetName(request.dataset(), "dataset").ok()) {
     violations.push_back({"dataset", kDatasetRule});
+  }
+  if (request.examples().dataset_weights_size() > 0) {
+    violations.push_back({"examples.dataset_weights", "is for training alone"});
   }
   if (request.sampled_examples() < 0 || request.sampled_examples() > kMaxSampledExamples) {
     violations.push_back({"sampled_examples", absl::StrCat("must be 0 to ", kMaxSampledExamples)});

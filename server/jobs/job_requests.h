@@ -16,6 +16,10 @@ namespace maneuver::jobs {
 absl::Status CheckTrainRequest(const v1::TrainRequest& request);
 absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request);
 
+// Whether the settings of a request with start_from, which CheckTrainRequest has not looked at, go
+// with a model of this spec. INVALID_ARGUMENT with each wrong field.
+absl::Status CheckStart(const v1::TrainRequest& request, const v1::ModelSpec& start);
+
 // Example settings with every unset field taken from the default preset.
 v1::ExampleSettings ResolveExamples(const v1::ExampleSettings& examples);
 

@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
+#include "model/artifact/model_folder.h"
 #include "model/artifact/training_presets.h"
 #include "model/files/durable_file.h"
 #include "server/errors/error_details.h"
@@ -53,15 +54,27 @@ std::vector<std::string> TrainArguments(const v1::Job& job, const fs::path& fold
 Outcome Train(v1::Job& job, const fs::path& folder, const JobAttempt& attempt) {
   const JobRunEnvironment& environment = attempt.environment;
   const v1::TrainRequest& request = job.train();
-  if (absl::Status status =
-          PrepareFolder(folder, artifact::ResolveTrainingSettings(request.settings()));
-      !status.ok()) {
+  v1::TrainingSettings settings;
+  std::vector<std::string> start;
+  if (request.start_from().empty()) {
+    settings = artifact::ResolveTrainingSettings(request.settings());
+  } else {
+    const auto version = environment.resolve(request.start_from());
+    if (!version.ok()) return {WithDefaultReason(version.status(), "MODEL_UNAVAILABLE")};
+    const auto manifest = artifact::ReadModelManifest(version->folder);
+    if (!manifest.ok()) return {WithDefaultReason(manifest.status(), "MODEL_UNAVAILABLE")};
+    settings = artifact::ResolveTrainingSettings(request.settings(), manifest->spec());
+    start = {"--start-from", version->folder, "--start-from-name", version->version};
+  }
+  if (absl::Status status = PrepareFolder(folder, settings); !status.ok()) {
     return {WithDefaultReason(status, "CANNOT_WRITE")};
   }
   if (request.promotion() == v1::PROMOTION_IF_NO_WORSE) {
     attempt.progress.SetPart(0.0, kTrainedAt);
   }
-  Outcome outcome = RunTrainer(job, TrainArguments(job, folder, environment), folder, attempt);
+  std::vector<std::string> arguments = TrainArguments(job, folder, environment);
+  arguments.insert(arguments.end(), start.begin(), start.end());
+  Outcome outcome = RunTrainer(job, std::move(arguments), folder, attempt);
   if (!outcome.status.ok() || attempt.stop.reason() != StopRequest::Reason::kNone) return outcome;
   const auto version =
       environment.publish(std::string(absl::StripPrefix(request.model(), "models/")),

@@ -83,7 +83,9 @@ absl::Status Retention::SweepVersions() {
   for (const v1::JobState state : {v1::JOB_STATE_PENDING, v1::JOB_STATE_RUNNING}) {
     const auto jobs = jobs_.store().ListInState(state, std::nullopt);
     if (!jobs.ok()) return jobs.status();
-    for (const v1::Job& job : *jobs) needed.push_back(job.evaluate().model());
+    for (const v1::Job& job : *jobs) {
+      needed.push_back(job.has_train() ? job.train().start_from() : job.evaluate().model());
+    }
   }
   absl::Status result;
   for (const std::string& version : VersionsToDelete(policy_, models_.list(), needed)) {

@@ -74,7 +74,8 @@ class Supervisor {
   // Whether Stop is done: no job goes on before the next start.
   bool IsStopped() const { return is_stopped_; }
 
-  // A new job, PENDING; the same job for the same request_id. INVALID_ARGUMENT; NOT_FOUND for an
+  // A new job, PENDING; the same job for the same request_id. Its train.start_from is the version
+  // that the reference means now. INVALID_ARGUMENT; NOT_FOUND for an
   // unknown dataset or model; ALREADY_EXISTS if request_id was used for a different request.
   // With validate_only: a job without a name, and nothing is started.
   absl::StatusOr<v1::Job> Train(const v1::TrainRequest& request);

@@ -8,11 +8,13 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "model/artifact/model_folder.h"
 #include "server/errors/error_details.h"
 #include "server/jobs/job_requests.h"
 #include "server/jobs/job_state.h"
 #include "server/jobs/job_time.h"
 #include "server/jobs/supervisor.h"
+#include "server/jobs/trainer_run.h"
 #include "server/monitoring/logging.h"
 
 namespace maneuver::jobs {
@@ -43,10 +45,23 @@ std::string NewJobId() {
 
 absl::StatusOr<v1::Job> Supervisor::Train(const v1::TrainRequest& request) {
   if (absl::Status status = CheckTrainRequest(request); !status.ok()) return status;
+  const std::string digest = RequestDigest(request);
   v1::Job job;
   *job.mutable_train() = request;
-  return Admit(std::move(job), request.request_id(), RequestDigest(request),
-               request.validate_only());
+  if (!request.start_from().empty()) {
+    // An alias may have gone on since the job was first asked for.
+    bool found = false;
+    auto earlier = EarlierJob(request.request_id(), digest, &found);
+    if (found || !earlier.ok()) return earlier;
+    const auto start = options_.resolve(request.start_from());
+    if (!start.ok()) return start.status();
+    const auto manifest = artifact::ReadModelManifest(start->folder);
+    if (!manifest.ok()) return WithDefaultReason(manifest.status(), "MODEL_UNAVAILABLE");
+    absl::Status status = CheckStart(request, manifest->spec());
+    if (!status.ok()) return status;
+    job.mutable_train()->set_start_from(start->version);
+  }
+  return Admit(std::move(job), request.request_id(), digest, request.validate_only());
 }
 
 absl::StatusOr<v1::Job> Supervisor::Evaluate(const v1::EvaluateRequest& request) {

@@ -147,5 +147,27 @@ TEST_F(PromotionTest, AWorseVersionIsNotPromotedAndAnEqualOneIsThoughTheServerDi
   EXPECT_FALSE(fs::exists(trained_.data_dir() / "models" / "tiny" / "1"));
 }
 
+TEST_F(PromotionTest, AVersionLearnsOnFromAnotherWithMoreOfTheNewRecordings) {
+  const std::vector<std::string> command = {"train",     "tiny",     "--start-from", "tiny",
+                                            "--dataset", "town",     "--dataset",    "unseen=3",
+                                            "--epochs",  "2",        "--set",        "seed=9",
+                                            "--set",     "threads=1"};
+  const std::string learned = Run(command);
+  EXPECT_THAT(learned, HasSubstr("joint"));
+  EXPECT_THAT(learned, Not(HasSubstr("mixture 1/")));
+  EXPECT_THAT(Run({"model", "show", "tiny/2"}), ContainsRegex("started from +tiny/1"));
+  v1::ModelVersion version;
+  const std::string json = Run({"model", "show", "tiny/2", "--output", "json"});
+  ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(json, &version).ok()) << json;
+  EXPECT_EQ(version.manifest().spec().actions(), 12);
+  const auto& weights = version.manifest().provenance().settings().examples().dataset_weights();
+  EXPECT_THAT(weights, ::testing::ElementsAre(1.0, 3.0));
+
+  std::vector<std::string> other_sizes = command;
+  other_sizes.insert(other_sizes.end(), {"--actions", "13"});
+  EXPECT_THAT(Run(other_sizes, 1), HasSubstr("settings.model"));
+  EXPECT_THAT(Run({"train", "tiny", "--dataset", "town=0"}, 2), HasSubstr("city=3"));
+}
+
 }  // namespace
 }  // namespace maneuver::testing

@@ -7,6 +7,7 @@
 #include "model/learning/calibration.h"
 #include "model/learning/covariance_fit.h"
 #include "model/learning/epoch_size.h"
+#include "model/learning/example_order.h"
 #include "model/learning/optimizer.h"
 #include "model/learning/predictions.h"
 #include "model/learning/raster_loader.h"
@@ -112,8 +113,8 @@ absl::StatusOr<artifact::StoredBaselines> AnchorLearner::Learn() {
 
 at::Tensor AnchorLearner::DrawEpoch(at::Generator& generator) const {
   const int64_t examples = static_cast<int64_t>(data_.training.examples.size());
-  return at::randperm(examples, generator, at::kLong)
-      .slice(0, 0, EpochExamples(settings_, examples));
+  return DrawExamples(data_.folder_examples, DatasetWeights(settings_),
+                      EpochExamples(settings_, examples), generator);
 }
 
 absl::Status AnchorLearner::Train(Baseline& baseline) {
@@ -152,13 +153,9 @@ absl::Status AnchorLearner::Train(Baseline& baseline) {
     RestoreRandomState(epoch_random, &baseline.generator);
     const at::Tensor order = DrawEpoch(baseline.generator);
     if (steps > 0) RestoreRandomState(now, &baseline.generator);
-    std::vector<RasterLoader::Item> items;
-    for (int64_t i = steps * batch_size; i < examples; ++i) {
-      const int64_t example = order.data_ptr<int64_t>()[i];
-      items.push_back(
-          {example, DrawVariation(settings_.augmentation(), raster.history_frames(),
-                                  static_cast<uint64_t>(settings_.seed()), epochs + 1, example)});
-    }
+    std::vector<RasterLoader::Item> items =
+        VariedItems(settings_, {order.data_ptr<int64_t>(), static_cast<size_t>(examples)},
+                    steps * batch_size, epochs + 1);
     if (examples % batch_size == 1) items.pop_back();
     RasterLoader loader(raster, data_.training, std::move(items), batch_size, threads_);
     while (std::optional<RasterLoader::Batch> batch = loader.Next()) {

@@ -8,6 +8,7 @@
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/artifact/model_cost.h"
+#include "model/artifact/model_folder.h"
 #include "model/artifact/training_presets.h"
 #include "model/evaluation/cost_text.h"
 #include "model/evaluation/report_text.h"
@@ -19,10 +20,10 @@
 namespace maneuver::trainer {
 namespace {
 
-// Every violation in one message.
-absl::Status CheckSettings(const v1::TrainingSettings& settings) {
+// Every violation in one message; OK if there are none.
+absl::Status Refuse(const std::vector<scene::FieldViolation>& violations) {
   std::string message;
-  for (const scene::FieldViolation& violation : artifact::ValidateTrainingSettings(settings)) {
+  for (const scene::FieldViolation& violation : violations) {
     absl::StrAppend(&message, message.empty() ? "settings: " : "; ", violation.field, " ",
                     violation.description);
   }
@@ -63,6 +64,16 @@ TrainCommand::TrainCommand(CLI::App& app)
   command_
       ->add_option("--dataset-name", dataset_names_,
                    "Names of the datasets for the model's provenance (default: the folders')")
+      ->type_name("NAME");
+  command_
+      ->add_option(
+          "--start-from", start_from_,
+          "Model folder to start from, in place of random weights: it fixes all sizes, its "
+          "actions stay what they are, and only the joint and the posterior epochs are run")
+      ->type_name("FOLDER");
+  command_
+      ->add_option("--start-from-name", start_from_name_,
+                   "Its name for the model's provenance (default: the folder's)")
       ->type_name("NAME");
   command_
       ->add_option("--checkpoints", checkpoints_,
@@ -112,9 +123,21 @@ absl::Status TrainCommand::Train() const {
     if (absl::Status status = ReadJson(settings_, &settings); !status.ok()) return status;
   }
   learning::TrainingRun run;
-  run.settings = artifact::ResolveTrainingSettings(settings);
+  if (start_from_.empty()) {
+    run.settings = artifact::ResolveTrainingSettings(settings);
+  } else {
+    const absl::StatusOr<v1::ModelManifest> start = artifact::ReadModelManifest(start_from_);
+    if (!start.ok()) return start.status();
+    absl::Status status = Refuse(artifact::ValidateStart(settings, start->spec()));
+    if (!status.ok()) return status;
+    run.settings = artifact::ResolveTrainingSettings(settings, start->spec());
+    run.start_from = start_from_;
+    run.start_from_name =
+        start_from_name_.empty() ? start_from_.filename().string() : start_from_name_;
+  }
   if (threads_ > 0) run.settings.set_threads(threads_);
-  if (absl::Status status = CheckSettings(run.settings); !status.ok()) return status;
+  absl::Status valid = Refuse(artifact::ValidateTrainingSettings(run.settings));
+  if (!valid.ok()) return valid;
   if (std::error_code ignored; std::filesystem::exists(output_, ignored)) {
     return absl::AlreadyExistsError(absl::StrCat(output_.filename().string(), " exists already"));
   }

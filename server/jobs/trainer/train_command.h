@@ -26,6 +26,8 @@ class TrainCommand {
   std::filesystem::path settings_;
   std::vector<std::filesystem::path> datasets_;
   std::vector<std::string> dataset_names_;
+  std::filesystem::path start_from_;
+  std::string start_from_name_;
   std::filesystem::path output_;
   std::filesystem::path checkpoints_;
   double checkpoint_interval_ = 60.0;  // seconds

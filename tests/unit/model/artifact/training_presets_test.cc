@@ -213,5 +213,56 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"Threads", "threads: -1", "threads"}, Fault{"Device", "device: 'tpu'", "device"}),
     [](const testing::TestParamInfo<Fault>& fault) { return fault.param.name; });
 
+v1::ModelSpec StartSpec() {
+  return Resolved("preset: 'paper' model { actions: 7 objective: OBJECTIVE_BASE }").model();
+}
+
+TEST(StartTest, TheSpecOfTheStartStandsInForThePresetsAndTheObjectiveMayChange) {
+  const v1::TrainingSettings kept =
+      ResolveTrainingSettings(Settings("optimization { joint_epochs: 3 }"), StartSpec());
+  EXPECT_EQ(kept.model().SerializeAsString(), StartSpec().SerializeAsString());
+  EXPECT_EQ(kept.optimization().joint_epochs(), 3);
+  EXPECT_EQ(kept.optimization().batch_size(), Resolved("").optimization().batch_size());
+  const v1::TrainingSettings dual =
+      ResolveTrainingSettings(Settings("model { objective: OBJECTIVE_DUAL }"), StartSpec());
+  EXPECT_EQ(dual.model().objective(), v1::OBJECTIVE_DUAL);
+  EXPECT_EQ(dual.model().actions(), 7);
+  EXPECT_THAT(WrongFields(dual), ElementsAre());
+}
+
+TEST(StartTest, AgreementIsFineAndWhatDoesNotAgreeIsNamed) {
+  const auto wrong = [](const std::string& text) {
+    std::vector<std::string> fields;
+    for (const auto& violation : ValidateStart(Settings(text), StartSpec())) {
+      fields.push_back(violation.field);
+    }
+    return fields;
+  };
+  EXPECT_THAT(wrong(""), ElementsAre());
+  EXPECT_THAT(wrong("model { actions: 7 decoder { hidden: 500 hidden: 500 hidden: 500 } }"),
+              ElementsAre());
+  EXPECT_THAT(wrong("model { actions: 8 }"), ElementsAre("model"));
+  EXPECT_THAT(wrong("model { decoder { hidden: 12 } }"), ElementsAre("model"));
+  EXPECT_THAT(wrong("optimization { weight_concentration: 0.1 }"),
+              ElementsAre("optimization.weight_concentration"));
+  EXPECT_THAT(wrong("optimization { decoder_covariance: DECODER_COVARIANCE_PREDICTED }"),
+              ElementsAre("optimization.decoder_covariance"));
+  const auto message = ValidateStart(Settings("model { actions: 8 }"), StartSpec())[0].description;
+  EXPECT_NE(message.find("actions: 7 -> 8"), std::string::npos) << message;
+}
+
+TEST(StartTest, ACovarianceNetworkOfTheStartIsKept) {
+  const v1::ModelSpec spec =
+      Resolved("optimization { decoder_covariance: DECODER_COVARIANCE_PREDICTED }").model();
+  const v1::TrainingSettings resolved = ResolveTrainingSettings(Settings(""), spec);
+  EXPECT_TRUE(resolved.model().has_decoder_covariance());
+  EXPECT_THAT(WrongFields(resolved), ElementsAre());
+}
+
+TEST(TrainingPresetsTest, WeightsOfDatasetsArePositive) {
+  EXPECT_THAT(WrongFields(Resolved("examples { dataset_weights: 1 dataset_weights: 0 }")),
+              ElementsAre("examples.dataset_weights[1]"));
+}
+
 }  // namespace
 }  // namespace maneuver::artifact

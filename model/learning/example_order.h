@@ -1,0 +1,39 @@
+// Which examples an epoch is over.
+
+#ifndef MANEUVER_MODEL_LEARNING_EXAMPLE_ORDER_H_
+#define MANEUVER_MODEL_LEARNING_EXAMPLE_ORDER_H_
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "maneuver/v1/training_settings.pb.h"
+#include "model/learning/tensors.h"
+
+namespace maneuver::learning {
+
+// examples.dataset_weights as a span.
+inline std::span<const double> DatasetWeights(const v1::TrainingSettings& settings) {
+  const auto& weights = settings.examples().dataset_weights();
+  return {weights.data(), static_cast<size_t>(weights.size())};
+}
+
+// How many of `count` examples each dataset gives: proportional to its weight, to within one.
+//   weights: positive, one or more
+std::vector<int64_t> SharesOf(std::span<const double> weights, int64_t count);
+
+// `count` examples in random order, [count] indices. Datasets follow each other: the first has the
+// first sizes[0] examples. Without weights each example is drawn once at most; with them each
+// dataset gives its share, all of its examples as often as each other, give or take one.
+//   sizes: examples of each dataset; count is at most their sum
+//   weights: empty, or one for each dataset; datasets are not empty then
+at::Tensor DrawExamples(std::span<const int64_t> sizes, std::span<const double> weights,
+                        int64_t count, at::Generator& generator);
+
+// `count` examples spread evenly over all of them, or over each dataset its share. [count] indices
+at::Tensor SpreadExamples(std::span<const int64_t> sizes, std::span<const double> weights,
+                          int64_t count);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_EXAMPLE_ORDER_H_
