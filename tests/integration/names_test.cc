@@ -30,9 +30,9 @@ using google::protobuf::Message;
 using google::protobuf::MethodDescriptor;
 
 // Fields that name something on the server's disk, and tokens that are made of such names.
-const std::set<std::string> kNames = {"name",    "parent",   "model", "model_version",
-                                      "dataset", "datasets", "file",  "page_token",
-                                      "start_from"};
+const std::set<std::string> kNames = {"name",          "parent",     "model",
+                                      "model_version", "dataset",    "datasets",
+                                      "file",          "page_token", "start_from"};
 // Strings that name nothing: the server keeps them or compares them.
 const std::set<std::string> kOtherStrings = {"request_id", "scenario_id", "label",  "origin",
                                              "sha256",     "preset",      "device", "metric"};

@@ -148,10 +148,14 @@ TEST_F(PromotionTest, AWorseVersionIsNotPromotedAndAnEqualOneIsThoughTheServerDi
 }
 
 TEST_F(PromotionTest, AVersionLearnsOnFromAnotherWithMoreOfTheNewRecordings) {
-  const std::vector<std::string> command = {"train",     "tiny",     "--start-from", "tiny",
-                                            "--dataset", "town",     "--dataset",    "unseen=3",
-                                            "--epochs",  "2",        "--set",        "seed=9",
-                                            "--set",     "threads=1"};
+  const std::vector<std::string> command = {"train",        "tiny",
+                                            "--start-from", "tiny",
+                                            "--dataset",    "town",
+                                            "--dataset",    "unseen=3",
+                                            "--epochs",     "1",
+                                            "--set",        "optimization.posterior_epochs=1",
+                                            "--set",        "examples.max_examples=500",
+                                            "--set",        "threads=1"};
   const std::string learned = Run(command);
   EXPECT_THAT(learned, HasSubstr("joint"));
   EXPECT_THAT(learned, Not(HasSubstr("mixture 1/")));
