@@ -159,7 +159,7 @@ void AddScenario(Command& root, Environment& environment) {
                            "Example: maneuver scenario list town\n"
                            "         maneuver scenario list datasets/town --most 10");
   list.Argument("SOURCE", &arguments->source, source_help);
-  list.Option("--most", &arguments->most, 0, INT64_MAX, "PrintScenarios at most so many; 0: all");
+  list.Option("--most", &arguments->most, 0, INT64_MAX, "Print at most so many; 0: all");
   list.Run([=, &environment] { return PrintScenarios(*arguments, environment); });
 
   Command show = group.Add("show", "What is in one recording",

@@ -82,6 +82,7 @@ TEST(CommandLineTest, HelpOfEveryCommandHasAnExample) {
   for (const std::vector<std::string>& command :
        std::vector<std::vector<std::string>>{{"synthesize"},
                                              {"import", "waymo"},
+                                             {"import", "commonroad"},
                                              {"dataset", "upload"},
                                              {"dataset", "list"},
                                              {"dataset", "show"},

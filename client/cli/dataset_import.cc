@@ -1,0 +1,251 @@
+#include "client/cli/dataset_import.h"
+
+#include <algorithm>
+#include <chrono>
+#include <deque>
+#include <future>
+#include <map>
+#include <memory>
+#include <ostream>
+#include <thread>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/commands.h"
+#include "client/cli/progress_line.h"
+#include "client/cli/text_format.h"
+#include "model/data/dataset_folder.h"
+#include "model/scene/scenario_validation.h"
+
+namespace maneuver::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+// The files that the inputs name: those of a folder by name, hidden ones left out.
+absl::StatusOr<std::vector<fs::path>> InputFiles(const std::vector<std::string>& inputs,
+                                                 const std::string& extension) {
+  std::vector<fs::path> files;
+  for (const std::string& input : inputs) {
+    std::error_code error;
+    if (!fs::is_directory(input, error)) {
+      if (!fs::is_regular_file(input, error)) {
+        return absl::NotFoundError(
+            absl::StrCat(input, " does not exist; name files or folders of them"));
+      }
+      files.emplace_back(input);
+      continue;
+    }
+    std::vector<fs::path> found;
+    for (const fs::directory_entry& entry : fs::directory_iterator(input, error)) {
+      if (!entry.is_regular_file(error) || entry.path().filename().string().front() == '.')
+        continue;
+      if (extension.empty() || entry.path().extension() == extension) found.push_back(entry.path());
+    }
+    if (found.empty()) {
+      return absl::NotFoundError(absl::StrCat(input, " holds no files to import"));
+    }
+    std::sort(found.begin(), found.end());
+    files.insert(files.end(), found.begin(), found.end());
+  }
+  return files;
+}
+
+std::string TimeLeft(double seconds) {
+  const auto whole = static_cast<int64_t>(seconds + 0.5);
+  return whole < 60 ? absl::StrCat(whole, " s left") : absl::StrCat(whole / 60, " min left");
+}
+
+class Import {
+ public:
+  Import(const ImportArguments& arguments, const ImportFormat& format, Environment& environment)
+      : arguments_(arguments),
+        format_(format),
+        environment_(environment),
+        progress_(environment.err, environment.interactive),
+        ahead_(2 * static_cast<size_t>(arguments.threads.value_or(
+                       std::max(1U, std::thread::hardware_concurrency())))) {}
+
+  absl::StatusOr<v1::Dataset> Run(data::DatasetWriter& writer, const std::vector<fs::path>& files) {
+    for (const fs::path& file : files) {
+      total_bytes_ += static_cast<double>(fs::file_size(file));
+    }
+    for (const fs::path& file : files) {
+      const double before = before_file_;
+      absl::Status status = format_.read(
+          file,
+          [&](RawRecording&& recording) -> absl::Status {
+            recording.end += before;
+            Begin(std::move(recording));
+            while (parsing_.size() > ahead_) {
+              absl::Status taken = TakeFirst(writer);
+              if (!taken.ok()) return taken;
+            }
+            return absl::OkStatus();
+          },
+          [&](const absl::Status& damage) {
+            if (arguments_.on_damage == "stop") return false;
+            ++damaged_;
+            Say(std::string(damage.message()));
+            return true;
+          });
+      if (!status.ok()) return status;
+      before_file_ += static_cast<double>(fs::file_size(file));
+    }
+    while (!parsing_.empty()) {
+      absl::Status status = TakeFirst(writer);
+      if (!status.ok()) return status;
+    }
+    progress_.Clear();
+    if (recordings_ == 0) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("none of the files holds a usable ", format_.name));
+    }
+    return writer.Commit();
+  }
+
+  bool complete() const { return damaged_ == 0 && refused_ == 0; }
+
+  // What was not taken as it was, for people.
+  std::string Report() const {
+    std::string text;
+    if (damaged_ > 0) absl::StrAppend(&text, "damaged records skipped: ", damaged_, "\n");
+    if (refused_ > 0) absl::StrAppend(&text, "unusable recordings skipped: ", refused_, "\n");
+    if (renamed_ > 0) {
+      absl::StrAppend(&text, renamed_,
+                      " recordings with an id seen before got a suffix (\"#2\")\n");
+    }
+    return text;
+  }
+
+  std::string Rate() const {
+    const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - start_;
+    return Fixed(static_cast<double>(recordings_) / std::max(passed.count(), 1e-3), 0);
+  }
+
+ private:
+  struct Parsed {
+    absl::StatusOr<v1::Scenario> scenario;
+    std::string problem;  // of one that parses; empty: none
+  };
+  struct Pending {
+    std::string place;
+    double end = 0.0;
+    std::future<Parsed> parsed;
+  };
+
+  void Begin(RawRecording&& recording) {
+    Pending& pending = parsing_.emplace_back();
+    pending.place = std::move(recording.place);
+    pending.end = recording.end;
+    pending.parsed = std::async(std::launch::async, [this, bytes = std::move(recording.bytes)] {
+      Parsed parsed{format_.parse(bytes), ""};
+      if (!parsed.scenario.ok()) return parsed;
+      const auto violations = scene::ValidateScenario(*parsed.scenario, scene::ScenarioLimits());
+      if (!violations.empty()) {
+        parsed.problem = absl::StrCat(parsed.scenario->scenario_id(), ": ", violations[0].field,
+                                      ": ", violations[0].description);
+      }
+      return parsed;
+    });
+  }
+
+  absl::Status TakeFirst(data::DatasetWriter& writer) {
+    Pending pending = std::move(parsing_.front());
+    parsing_.pop_front();
+    Parsed parsed = pending.parsed.get();
+    absl::StatusOr<v1::Scenario>& scenario = parsed.scenario;
+    if (!scenario.ok()) return Refuse(pending.place, std::string(scenario.status().message()));
+    if (!parsed.problem.empty()) return Refuse(pending.place, parsed.problem);
+    if (scenario->scenario_id().empty()) {
+      scenario->set_scenario_id(absl::StrCat("unnamed-", recordings_ + refused_));
+    }
+    // Parts of one place share the id up to '#', which keeps them on one side of the split.
+    const int part = ++times_seen_[scenario->scenario_id()];
+    if (part > 1) {
+      scenario->set_scenario_id(absl::StrCat(scenario->scenario_id(), "#", part));
+      ++renamed_;
+    }
+    ++recordings_;
+    absl::Status status = writer.Add(*scenario);
+    Progress(pending.end);
+    return status;
+  }
+
+  absl::Status Refuse(const std::string& place, const std::string& reason) {
+    const std::string text = absl::StrCat(place, ": ", reason);
+    if (arguments_.strict) return absl::InvalidArgumentError(text);
+    ++refused_;
+    Say(text);
+    return absl::OkStatus();
+  }
+
+  void Say(const std::string& text) {
+    progress_.Clear();
+    environment_.err << text << "; skipped\n";
+  }
+
+  void Progress(double bytes) {
+    const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - start_;
+    const double left = passed.count() * (total_bytes_ / std::max(bytes, 1.0) - 1.0);
+    progress_.Show(bytes / std::max(total_bytes_, 1.0),
+                   absl::StrCat(recordings_, " recordings, ", Rate(), " a second, ",
+                                TimeLeft(std::max(left, 0.0))));
+  }
+
+  const ImportArguments& arguments_;
+  const ImportFormat& format_;
+  Environment& environment_;
+  ProgressLine progress_;
+  const size_t ahead_;  // recordings that are parsed while one is written
+  std::deque<Pending> parsing_;
+  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  double total_bytes_ = 0.0;
+  double before_file_ = 0.0;
+  int64_t recordings_ = 0;
+  int64_t refused_ = 0;
+  int64_t damaged_ = 0;
+  int64_t renamed_ = 0;
+  std::map<std::string, int> times_seen_;
+};
+
+}  // namespace
+
+void AddImportOptions(Command& command, ImportArguments& arguments, const std::string& what) {
+  command.Argument("OUT_DIR", &arguments.folder, "Folder to write; must not exist");
+  command.Arguments("FILE", &arguments.inputs, what);
+  command.Choice("--on-damage", &arguments.on_damage, {"stop", "skip"},
+                 "What to do at a damaged record");
+  command.Flag("--strict", &arguments.strict, "Stop at a recording that cannot be used");
+  command.Option("--origin", &arguments.origin, "What to write down as the dataset's origin");
+  command.Option("--threads", &arguments.threads, 1, 1024,
+                 "How many recordings are parsed at once [one for each core]");
+}
+
+int RunImport(const ImportArguments& arguments, const ImportFormat& format,
+              Environment& environment) {
+  const absl::StatusOr<std::vector<fs::path>> files =
+      InputFiles(arguments.inputs, format.extension);
+  if (!files.ok()) return environment.Refuse(std::string(files.status().message()));
+  auto writer = data::DatasetWriter::Create(arguments.folder, arguments.origin);
+  if (!writer.ok()) return environment.Fail(writer.status());
+  Import import(arguments, format, environment);
+  const absl::StatusOr<v1::Dataset> dataset = import.Run(**writer, *files);
+  environment.err << import.Report();
+  if (!dataset.ok()) return environment.Fail(dataset.status());
+  if (environment.json()) {
+    environment.PrintJson(*dataset);
+  } else {
+    environment.out << arguments.folder << ": " << dataset->recordings() << " recordings, "
+                    << Spell(dataset->duration_seconds()) << " of driving\n";
+  }
+  return import.complete() ? kOk : kFailed;
+}
+
+void AddImport(Command& root, Environment& environment) {
+  Command import = root.Add("import", "Make a dataset of recordings in another format");
+  AddImportWaymo(import, environment);
+  AddImportCommonRoad(import, environment);
+}
+
+}  // namespace maneuver::cli

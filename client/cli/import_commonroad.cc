@@ -1,0 +1,45 @@
+// maneuver import commonroad: CommonRoad XML files as a dataset folder.
+
+#include <memory>
+
+#include "client/cli/dataset_import.h"
+#include "model/data/commonroad/commonroad_reader.h"
+#include "model/files/durable_file.h"
+
+namespace maneuver::cli {
+namespace {
+
+absl::Status ReadWhole(const std::filesystem::path& file,
+                       const std::function<absl::Status(RawRecording&&)>& take,
+                       const std::function<bool(const absl::Status&)>&) {
+  absl::StatusOr<std::string> bytes = files::ReadFile(file);
+  if (!bytes.ok()) return bytes.status();
+  const double size = static_cast<double>(bytes->size());
+  return take({*std::move(bytes), file.filename().string(), size});
+}
+
+}  // namespace
+
+void AddImportCommonRoad(Command& import, Environment& environment) {
+  const auto arguments = std::make_shared<ImportArguments>();
+  arguments->origin = "CommonRoad";
+  Command command = import.Add(
+      "commonroad", "CommonRoad scenarios (XML of versions 2018b and 2020a)",
+      "One file is one recording. Of folders, files that end in .xml are read. Files that cannot "
+      "be\n"
+      "used are reported and left out; the exit status is then 1, and the dataset is written all\n"
+      "the same.\n"
+      "Example: maneuver import commonroad ngsim scenarios/ --origin \"NGSIM, CommonRoad\"\n"
+      "Then:    maneuver dataset upload ngsim ngsim");
+  AddImportOptions(command, *arguments, "XML files, or folders of them");
+  command.Run([arguments, &environment] {
+    return RunImport(*arguments,
+                     {.name = "CommonRoad scenario",
+                      .read = ReadWhole,
+                      .parse = data::ParseCommonRoad,
+                      .extension = ".xml"},
+                     environment);
+  });
+}
+
+}  // namespace maneuver::cli

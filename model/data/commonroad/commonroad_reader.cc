@@ -1,0 +1,393 @@
+#include "model/data/commonroad/commonroad_reader.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <map>
+#include <optional>
+#include <pugixml.hpp>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "model/data/commonroad/lanelet_map.h"
+#include "model/files/digest.h"
+
+namespace maneuver::data {
+namespace {
+
+using pugi::xml_node;
+
+constexpr double kPast = 1.0;       // seconds of a recording before its prediction time
+constexpr int kMostSteps = 10'000;  // that a static obstacle's state is repeated at
+
+// What is wrong with an element, once, wherever it is found. Nothing is thrown.
+class Reading {
+ public:
+  bool ok() const { return problem_.empty(); }
+  const std::string& problem() const { return problem_; }
+  void Fail(const std::string& problem) {
+    if (problem_.empty()) problem_ = problem;
+  }
+
+  // A number: the text of `node`, which `what` names.
+  double Number(const xml_node& node, const std::string& what) {
+    double value = 0.0;
+    if (!absl::SimpleAtod(node.text().as_string(), &value) || !std::isfinite(value)) {
+      Fail(absl::StrCat(what, " is no number"));
+      return 0.0;
+    }
+    return value;
+  }
+  int64_t Id(const xml_node& node, const char* attribute, const std::string& what) {
+    int64_t value = 0;
+    if (!absl::SimpleAtoi(node.attribute(attribute).as_string(), &value)) {
+      Fail(absl::StrCat(what, " has no whole number as its ", attribute));
+    }
+    return value;
+  }
+  // <exact>, or the middle of an interval. Nothing where there is no such element.
+  std::optional<double> Value(const xml_node& node, const std::string& what) {
+    if (!node) return std::nullopt;
+    if (const xml_node exact = node.child("exact")) return Number(exact, what);
+    return 0.5 *
+           (Number(node.child("intervalStart"), what) + Number(node.child("intervalEnd"), what));
+  }
+  MapPoint Point(const xml_node& node, const std::string& what) {
+    return {Number(node.child("x"), what + ": x"), Number(node.child("y"), what + ": y")};
+  }
+  Polyline Points(const xml_node& node, const std::string& what) {
+    Polyline points;
+    for (const xml_node& point : node.children("point")) points.push_back(Point(point, what));
+    return points;
+  }
+
+ private:
+  std::string problem_;
+};
+
+v1::AgentType TypeOf(const std::string& type) {
+  static const std::map<std::string, v1::AgentType> kTypes = {
+      {"car", v1::AGENT_TYPE_VEHICLE},           {"truck", v1::AGENT_TYPE_VEHICLE},
+      {"bus", v1::AGENT_TYPE_VEHICLE},           {"motorcycle", v1::AGENT_TYPE_VEHICLE},
+      {"taxi", v1::AGENT_TYPE_VEHICLE},          {"priorityVehicle", v1::AGENT_TYPE_VEHICLE},
+      {"parkedVehicle", v1::AGENT_TYPE_VEHICLE}, {"bicycle", v1::AGENT_TYPE_CYCLIST},
+      {"pedestrian", v1::AGENT_TYPE_PEDESTRIAN}};
+  const auto found = kTypes.find(type);
+  return found == kTypes.end() ? v1::AGENT_TYPE_OTHER : found->second;
+}
+
+// The box around a shape that is given about the obstacle's own place, metres.
+struct Box {
+  double left = 0.0, right = 0.0, back = 0.0, front = 0.0;
+  void Add(double x, double y) {
+    back = std::min(back, x);
+    front = std::max(front, x);
+    right = std::min(right, y);
+    left = std::max(left, y);
+  }
+};
+
+void AddShape(const xml_node& shape, const std::string& what, Reading& reading, v1::Agent* agent) {
+  Box box;
+  for (const xml_node& part : shape.children()) {
+    const std::string name = part.name();
+    if (name == "rectangle") {
+      const double length = reading.Number(part.child("length"), what + ": length");
+      const double width = reading.Number(part.child("width"), what + ": width");
+      const double turn = part.child("orientation")
+                              ? reading.Number(part.child("orientation"), what + ": orientation")
+                              : 0.0;
+      const MapPoint center = part.child("center")
+                                  ? reading.Point(part.child("center"), what + ": center")
+                                  : MapPoint();
+      for (const double along : {-0.5, 0.5}) {
+        for (const double across : {-0.5, 0.5}) {
+          const double x = along * length, y = across * width;
+          box.Add(center.x + std::cos(turn) * x - std::sin(turn) * y,
+                  center.y + std::sin(turn) * x + std::cos(turn) * y);
+        }
+      }
+    } else if (name == "circle") {
+      const double radius = reading.Number(part.child("radius"), what + ": radius");
+      const MapPoint center = part.child("center")
+                                  ? reading.Point(part.child("center"), what + ": center")
+                                  : MapPoint();
+      box.Add(center.x - radius, center.y - radius);
+      box.Add(center.x + radius, center.y + radius);
+    } else if (name == "polygon") {
+      for (const MapPoint& point : reading.Points(part, what)) box.Add(point.x, point.y);
+    }
+  }
+  if (box.front <= box.back || box.left <= box.right) reading.Fail(what + " has no extent");
+  agent->set_length(box.front - box.back);
+  agent->set_width(box.left - box.right);
+}
+
+// Where a state is: a point, or the centre of an area. Nothing if it is told by lanelets alone.
+std::optional<MapPoint> PlaceOf(const xml_node& position, const std::string& what,
+                                Reading& reading) {
+  if (const xml_node point = position.child("point")) return reading.Point(point, what);
+  for (const char* shape : {"rectangle", "circle"}) {
+    if (const xml_node center = position.child(shape).child("center")) {
+      return reading.Point(center, what);
+    }
+  }
+  return std::nullopt;
+}
+
+void AddState(const xml_node& state, double step, const std::string& what, Reading& reading,
+              v1::Agent* agent) {
+  const std::optional<MapPoint> place =
+      PlaceOf(state.child("position"), what + ": position", reading);
+  const std::optional<double> time = reading.Value(state.child("time"), what + ": time");
+  if (!place || !time) return;
+  const double heading =
+      reading.Value(state.child("orientation"), what + ": orientation").value_or(0.0);
+  const double speed = reading.Value(state.child("velocity"), what + ": velocity").value_or(0.0);
+  v1::AgentState* added = agent->add_states();
+  added->set_time(*time * step);
+  added->set_x(place->x);
+  added->set_y(place->y);
+  added->set_heading(static_cast<float>(std::remainder(heading, 2.0 * M_PI)));
+  added->set_velocity_x(static_cast<float>(speed * std::cos(heading)));
+  added->set_velocity_y(static_cast<float>(speed * std::sin(heading)));
+  const int states = agent->states_size();
+  if (states > 1 && added->time() <= agent->states(states - 2).time()) {
+    reading.Fail(what + " must be later than the one before");
+  }
+}
+
+bool IsObstacle(const xml_node& node) {
+  const std::string name = node.name();
+  return name == "obstacle" || name == "dynamicObstacle" || name == "staticObstacle";
+}
+
+bool IsStatic(const xml_node& obstacle) {
+  return std::string(obstacle.name()) == "staticObstacle" ||
+         std::string(obstacle.child("role").text().as_string()) == "static";
+}
+
+void AddObstacles(const xml_node& root, double step, Reading& reading, v1::Scenario* scenario) {
+  double last_step = 0.0;
+  std::set<int64_t> standing;
+  for (const xml_node& obstacle : root.children()) {
+    if (!IsObstacle(obstacle)) continue;
+    const std::string what = absl::StrCat("obstacle ", obstacle.attribute("id").as_string());
+    v1::Agent agent;
+    agent.set_id(reading.Id(obstacle, "id", what));
+    agent.set_type(TypeOf(obstacle.child("type").text().as_string()));
+    const xml_node shape =
+        obstacle.child("shape") ? obstacle.child("shape") : obstacle.child("Shape");
+    AddShape(shape, what + ": shape", reading, &agent);
+    AddState(obstacle.child("initialState"), step, what + ": initialState", reading, &agent);
+    for (const xml_node& state : obstacle.child("trajectory").children("state")) {
+      AddState(state, step, what + ": state of its trajectory", reading, &agent);
+    }
+    if (!reading.ok()) return;
+    if (agent.states().empty()) continue;
+    last_step = std::max(last_step, std::round(agent.states().rbegin()->time() / step));
+    if (IsStatic(obstacle)) standing.insert(agent.id());
+    *scenario->add_agents() = std::move(agent);
+  }
+  const int steps = static_cast<int>(std::min<double>(last_step, kMostSteps));
+  for (v1::Agent& agent : *scenario->mutable_agents()) {
+    if (!standing.contains(agent.id()) || agent.states_size() != 1) continue;
+    const v1::AgentState stands = agent.states(0);
+    for (int i = static_cast<int>(std::round(stands.time() / step)) + 1; i <= steps; ++i) {
+      *agent.add_states() = stands;
+      agent.mutable_states()->rbegin()->set_time(i * step);
+    }
+  }
+}
+
+Lanelet::Kind KindOf(const xml_node& lanelet) {
+  Lanelet::Kind kind = Lanelet::Kind::kDriving;
+  for (const xml_node& type : lanelet.children("laneletType")) {
+    const std::string name = type.text().as_string();
+    if (name == "crosswalk") return Lanelet::Kind::kCrosswalk;
+    if (name == "sidewalk") kind = Lanelet::Kind::kSidewalk;
+    if (name == "bicycleLane") kind = Lanelet::Kind::kBicycle;
+  }
+  return kind;
+}
+
+std::optional<int64_t> Beside(const xml_node& adjacent) {
+  int64_t id = 0;
+  if (!adjacent || !absl::SimpleAtoi(adjacent.attribute("ref").as_string(), &id)) {
+    return std::nullopt;
+  }
+  return id;
+}
+
+// Speed limits of 2020a are traffic signs, whose additional value is in metres per second: by the
+// sign's id.
+std::map<std::string, double> SpeedSigns(const xml_node& root) {
+  static const std::set<std::string> kMaximumSpeed = {"274", "R2-1"};
+  std::map<std::string, double> limits;
+  for (const xml_node& sign : root.children("trafficSign")) {
+    for (const xml_node& element : sign.children("trafficSignElement")) {
+      double limit = 0.0;
+      if (kMaximumSpeed.contains(element.child("trafficSignID").text().as_string()) &&
+          absl::SimpleAtod(element.child("additionalValue").text().as_string(), &limit) &&
+          limit > 0.0) {
+        limits[sign.attribute("id").as_string()] = limit;
+      }
+    }
+  }
+  return limits;
+}
+
+std::vector<Lanelet> ReadLanelets(const xml_node& root, Reading& reading) {
+  const std::map<std::string, double> signs = SpeedSigns(root);
+  std::vector<Lanelet> lanelets;
+  for (const xml_node& node : root.children("lanelet")) {
+    const std::string what = absl::StrCat("lanelet ", node.attribute("id").as_string());
+    Lanelet& lanelet = lanelets.emplace_back();
+    lanelet.id = reading.Id(node, "id", what);
+    lanelet.kind = KindOf(node);
+    lanelet.left = reading.Points(node.child("leftBound"), what + ": leftBound");
+    lanelet.right = reading.Points(node.child("rightBound"), what + ": rightBound");
+    if (lanelet.left.size() < 2 || lanelet.right.size() < 2) {
+      reading.Fail(what + " must have bounds of two points or more");
+      return lanelets;
+    }
+    lanelet.beside_left = Beside(node.child("adjacentLeft"));
+    lanelet.beside_right = Beside(node.child("adjacentRight"));
+    if (const xml_node limit = node.child("speedLimit")) {
+      lanelet.speed_limit = reading.Number(limit, what + ": speedLimit");
+    }
+    for (const xml_node& reference : node.children("trafficSignRef")) {
+      const auto sign = signs.find(reference.attribute("ref").as_string());
+      if (sign != signs.end()) lanelet.speed_limit = sign->second;
+    }
+    for (const xml_node& line : node.children("stopLine")) {
+      const Polyline points = reading.Points(line, what + ": stopLine");
+      // Without points it is where the lanelet ends.
+      lanelet.stop_lines.push_back(
+          points.size() >= 2 ? points : Polyline{lanelet.left.back(), lanelet.right.back()});
+    }
+  }
+  return lanelets;
+}
+
+v1::TrafficSignalState StateOf(const std::string& color) {
+  if (color == "red") return v1::TRAFFIC_SIGNAL_STATE_STOP;
+  if (color == "yellow" || color == "redYellow") return v1::TRAFFIC_SIGNAL_STATE_CAUTION;
+  return color == "green" ? v1::TRAFFIC_SIGNAL_STATE_GO : v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED;
+}
+
+// What a light shows from step 0 to `last`, where it changes.
+std::vector<v1::TrafficSignalReading> ReadingsOf(const xml_node& light, int last, double step,
+                                                 Reading& reading) {
+  const std::string what = absl::StrCat("trafficLight ", light.attribute("id").as_string());
+  std::vector<std::pair<int64_t, v1::TrafficSignalState>> cycle;  // how long, steps
+  int64_t length = 0;
+  for (const xml_node& element : light.child("cycle").children("cycleElement")) {
+    const auto duration =
+        static_cast<int64_t>(reading.Number(element.child("duration"), what + ": duration"));
+    if (duration <= 0) reading.Fail(what + ": duration must be positive");
+    cycle.emplace_back(duration, StateOf(element.child("color").text().as_string()));
+    length += duration;
+  }
+  std::vector<v1::TrafficSignalReading> readings;
+  if (cycle.empty() || !reading.ok()) return readings;
+  const bool active = light.child("active").text().as_bool(true);
+  const int64_t offset = light.child("cycle").child("timeOffset").text().as_llong(0);
+  for (int i = 0; i <= last; ++i) {
+    int64_t within = (((i - offset) % length) + length) % length;
+    size_t element = 0;
+    while (within >= cycle[element].first) within -= cycle[element++].first;
+    const v1::TrafficSignalState state =
+        active ? cycle[element].second : v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED;
+    if (!readings.empty() && readings.back().state() == state) continue;
+    readings.emplace_back().set_time(i * step);
+    readings.back().set_state(state);
+  }
+  return readings;
+}
+
+// Of several lights at a lanelet, the one for those who go straight on, else the first.
+void AddSignals(const xml_node& root, double step, Reading& reading, v1::Scenario* scenario) {
+  double end = 0.0;
+  for (const v1::Agent& agent : scenario->agents()) {
+    end = std::max(end, agent.states().rbegin()->time());
+  }
+  const int last = static_cast<int>(std::min<double>(std::round(end / step), kMostSteps));
+  std::map<std::string, xml_node> lights;
+  for (const xml_node& light : root.children("trafficLight")) {
+    lights[light.attribute("id").as_string()] = light;
+  }
+  if (lights.empty()) return;
+  for (const xml_node& lanelet : root.children("lanelet")) {
+    xml_node shown;
+    for (const xml_node& reference : lanelet.children("trafficLightRef")) {
+      const auto found = lights.find(reference.attribute("ref").as_string());
+      if (found == lights.end()) continue;
+      const std::string direction = found->second.child("direction").text().as_string("all");
+      const bool straight = direction == "all" || direction.find("traight") != direction.npos;
+      if (!shown || straight) shown = found->second;
+      if (straight) break;
+    }
+    if (!shown) continue;
+    v1::TrafficSignal signal;
+    signal.set_lane_id(reading.Id(lanelet, "id", "lanelet"));
+    for (v1::TrafficSignalReading& each : ReadingsOf(shown, last, step, reading)) {
+      *signal.add_readings() = std::move(each);
+    }
+    if (!signal.readings().empty()) *scenario->add_traffic_signals() = std::move(signal);
+  }
+}
+
+absl::StatusOr<v1::Scenario> Read(const xml_node& root, std::string_view xml) {
+  Reading reading;
+  const double step = root.attribute("timeStepSize").as_double(0.0);
+  if (!(step > 0.0)) return absl::InvalidArgumentError("commonRoad: timeStepSize must be positive");
+  v1::Scenario scenario;
+  const std::string id = root.attribute("benchmarkID").as_string();
+  scenario.set_scenario_id(id.empty() ? absl::StrCat("nosid-", files::Sha256Hex(xml).substr(0, 8))
+                                      : id);
+  AddObstacles(root, step, reading, &scenario);
+  if (reading.ok() && scenario.agents().empty()) reading.Fail("the scenario has no obstacles");
+  const std::vector<Lanelet> lanelets = ReadLanelets(root, reading);
+  if (reading.ok()) {
+    for (v1::MapFeature& feature : MapOf(lanelets)) {
+      *scenario.add_map_features() = std::move(feature);
+    }
+  }
+  if (reading.ok()) AddSignals(root, step, reading, &scenario);
+  if (!reading.ok()) return absl::InvalidArgumentError(reading.problem());
+
+  double first = HUGE_VAL, last = 0.0;
+  for (const v1::Agent& agent : scenario.agents()) {
+    first = std::min(first, agent.states(0).time());
+    last = std::max(last, agent.states().rbegin()->time());
+  }
+  scenario.set_prediction_time(std::min(first + kPast, last));
+  return scenario;
+}
+
+}  // namespace
+
+absl::StatusOr<v1::Scenario> ParseCommonRoad(std::string_view xml) {
+  pugi::xml_document document;
+  const pugi::xml_parse_result parsed = document.load_buffer(xml.data(), xml.size());
+  if (!parsed) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("no XML: ", parsed.description(), " at byte ", parsed.offset));
+  }
+  const xml_node root = document.child("commonRoad");
+  if (!root) return absl::InvalidArgumentError("no CommonRoad scenario: it has no <commonRoad>");
+  const std::string version = root.attribute("commonRoadVersion").as_string();
+  if (version != "2018b" && version != "2020a") {
+    return absl::InvalidArgumentError(
+        absl::StrCat("commonRoadVersion \"", version, "\" is not read here; 2018b and 2020a are"));
+  }
+  return Read(root, xml);
+}
+
+}  // namespace maneuver::data

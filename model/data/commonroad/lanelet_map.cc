@@ -1,0 +1,176 @@
+#include "model/data/commonroad/lanelet_map.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <utility>
+
+namespace maneuver::data {
+namespace {
+
+// How far beside a bound the ground is looked at to see whether it is the edge of the road, and the
+// longest piece of a bound that is looked at as one, metres.
+constexpr double kBeside = 0.3;
+constexpr double kPiece = 2.0;
+
+double Distance(const MapPoint& a, const MapPoint& b) { return std::hypot(b.x - a.x, b.y - a.y); }
+
+MapPoint Between(const MapPoint& a, const MapPoint& b, double share) {
+  return {a.x + share * (b.x - a.x), a.y + share * (b.y - a.y)};
+}
+
+// So many points at equal distances along the line.
+Polyline Resample(const Polyline& line, size_t points) {
+  std::vector<double> along = {0.0};
+  for (size_t i = 1; i < line.size(); ++i) {
+    along.push_back(along.back() + Distance(line[i - 1], line[i]));
+  }
+  Polyline sampled;
+  size_t i = 1;
+  for (size_t k = 0; k < points; ++k) {
+    const double at = along.back() * static_cast<double>(k) /
+                      static_cast<double>(std::max<size_t>(1, points - 1));
+    while (i + 1 < line.size() && along[i] < at) ++i;
+    const double length = along[i] - along[i - 1];
+    const double share = length > 0.0 ? std::clamp((at - along[i - 1]) / length, 0.0, 1.0) : 0.0;
+    sampled.push_back(Between(line[i - 1], line[i], share));
+  }
+  return sampled;
+}
+
+// The ground of a lanelet: from its left bound around to its right one.
+class Area {
+ public:
+  explicit Area(const Lanelet& lanelet) : outline_(lanelet.left) {
+    outline_.insert(outline_.end(), lanelet.right.rbegin(), lanelet.right.rend());
+    low_ = high_ = outline_.front();
+    for (const MapPoint& point : outline_) {
+      low_ = {std::min(low_.x, point.x), std::min(low_.y, point.y)};
+      high_ = {std::max(high_.x, point.x), std::max(high_.y, point.y)};
+    }
+  }
+
+  const Polyline& outline() const { return outline_; }
+
+  // By the number of sides that a ray to the right crosses.
+  bool Contains(const MapPoint& point) const {
+    if (point.x < low_.x || point.x > high_.x || point.y < low_.y || point.y > high_.y) {
+      return false;
+    }
+    bool inside = false;
+    for (size_t i = 0, j = outline_.size() - 1; i < outline_.size(); j = i++) {
+      const MapPoint& a = outline_[i];
+      const MapPoint& b = outline_[j];
+      if ((a.y > point.y) == (b.y > point.y)) continue;
+      if (point.x < a.x + (b.x - a.x) * (point.y - a.y) / (b.y - a.y)) inside = !inside;
+    }
+    return inside;
+  }
+
+ private:
+  Polyline outline_;
+  MapPoint low_;
+  MapPoint high_;
+};
+
+v1::MapFeature Feature(v1::MapFeatureType type, const Polyline& line) {
+  v1::MapFeature feature;
+  feature.set_type(type);
+  for (const MapPoint& point : line) {
+    feature.add_x(point.x);
+    feature.add_y(point.y);
+  }
+  return feature;
+}
+
+// The parts of a lanelet's bound beside which there is no ground of another lanelet, to `features`.
+//   side: 1 for the left bound, -1 for the right one
+void AddEdges(const Polyline& bound, double side, size_t own, const std::vector<Area>& areas,
+              std::vector<v1::MapFeature>* features) {
+  Polyline run;
+  const auto end_run = [&] {
+    if (run.size() >= 2) features->push_back(Feature(v1::MAP_FEATURE_TYPE_ROAD_EDGE, run));
+    run.clear();
+  };
+  for (size_t i = 1; i < bound.size(); ++i) {
+    const double length = Distance(bound[i - 1], bound[i]);
+    if (length <= 0.0) continue;
+    const int pieces = std::max(1, static_cast<int>(std::ceil(length / kPiece)));
+    const MapPoint beside = {-side * (bound[i].y - bound[i - 1].y) / length * kBeside,
+                             side * (bound[i].x - bound[i - 1].x) / length * kBeside};
+    for (int k = 0; k < pieces; ++k) {
+      const MapPoint middle = Between(bound[i - 1], bound[i], (k + 0.5) / pieces);
+      const MapPoint looked_at = {middle.x + beside.x, middle.y + beside.y};
+      bool inner = false;
+      for (size_t j = 0; j < areas.size() && !inner; ++j) {
+        inner = j != own && areas[j].Contains(looked_at);
+      }
+      if (inner) {
+        end_run();
+        continue;
+      }
+      if (run.empty())
+        run.push_back(Between(bound[i - 1], bound[i], static_cast<double>(k) / pieces));
+      // Of a straight stretch its end alone.
+      const MapPoint end = Between(bound[i - 1], bound[i], (k + 1.0) / pieces);
+      if (k > 0 && run.size() > 1) {
+        run.back() = end;
+      } else {
+        run.push_back(end);
+      }
+    }
+  }
+  end_run();
+}
+
+}  // namespace
+
+Polyline Centerline(const Lanelet& lanelet) {
+  const size_t points = std::max(lanelet.left.size(), lanelet.right.size());
+  const bool alike = lanelet.left.size() == lanelet.right.size();
+  const Polyline left = alike ? lanelet.left : Resample(lanelet.left, points);
+  const Polyline right = alike ? lanelet.right : Resample(lanelet.right, points);
+  Polyline center;
+  for (size_t i = 0; i < points; ++i) center.push_back(Between(left[i], right[i], 0.5));
+  return center;
+}
+
+std::vector<v1::MapFeature> MapOf(const std::vector<Lanelet>& lanelets) {
+  std::vector<v1::MapFeature> features;
+  std::vector<Area> areas;
+  std::set<std::pair<int64_t, int64_t>> drawn;  // pairs whose common bound is
+  for (const Lanelet& lanelet : lanelets) areas.emplace_back(lanelet);
+  for (size_t i = 0; i < lanelets.size(); ++i) {
+    const Lanelet& lanelet = lanelets[i];
+    if (lanelet.kind == Lanelet::Kind::kCrosswalk) {
+      features.push_back(Feature(v1::MAP_FEATURE_TYPE_CROSSWALK, areas[i].outline()));
+      features.back().set_id(lanelet.id);
+      continue;
+    }
+    if (lanelet.kind != Lanelet::Kind::kSidewalk) {
+      v1::MapFeature center =
+          Feature(lanelet.kind == Lanelet::Kind::kBicycle ? v1::MAP_FEATURE_TYPE_BIKE_LANE
+                                                          : v1::MAP_FEATURE_TYPE_LANE_CENTERLINE,
+                  Centerline(lanelet));
+      center.set_id(lanelet.id);
+      center.set_speed_limit(lanelet.speed_limit);
+      features.push_back(std::move(center));
+    }
+    for (const double side : {1.0, -1.0}) {
+      const Polyline& bound = side > 0.0 ? lanelet.left : lanelet.right;
+      const std::optional<int64_t>& beside =
+          side > 0.0 ? lanelet.beside_left : lanelet.beside_right;
+      if (!beside) {
+        AddEdges(bound, side, i, areas, &features);
+      } else if (drawn.insert(std::minmax(lanelet.id, *beside)).second) {
+        features.push_back(Feature(v1::MAP_FEATURE_TYPE_ROAD_LINE, bound));
+      }
+    }
+    for (const Polyline& line : lanelet.stop_lines) {
+      features.push_back(Feature(v1::MAP_FEATURE_TYPE_STOP_LINE, line));
+    }
+  }
+  return features;
+}
+
+}  // namespace maneuver::data

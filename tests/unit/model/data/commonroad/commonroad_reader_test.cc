@@ -1,0 +1,227 @@
+#include "model/data/commonroad/commonroad_reader.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+
+#include "model/scene/scenario_validation.h"
+
+namespace maneuver::data {
+namespace {
+
+using testing::HasSubstr;
+
+std::string State(const std::string& tag, int step, double x, double y, double heading,
+                  double speed) {
+  const auto exact = [](const char* name, double value) {
+    return std::string("<") + name + "><exact>" + std::to_string(value) + "</exact></" + name + ">";
+  };
+  return "<" + tag + "><position><point><x>" + std::to_string(x) + "</x><y>" + std::to_string(y) +
+         "</y></point></position>" + exact("orientation", heading) + exact("time", step) +
+         exact("velocity", speed) + "</" + tag + ">";
+}
+
+const std::string kCarShape =
+    "<shape><rectangle><length>4.5</length><width>1.9</width></rectangle></shape>";
+
+// Drives along y = 3 for 20 steps, 1 m each.
+std::string DrivenCar(const std::string& tag, const std::string& before_type) {
+  std::string states;
+  for (int i = 1; i <= 20; ++i) states += State("state", i, i, 3.0, 0.0, 10.0);
+  return "<" + tag + " id=\"7\">" + before_type + "<type>car</type>" + kCarShape +
+         State("initialState", 0, 0.0, 3.0, 0.0, 10.0) + "<trajectory>" + states +
+         "</trajectory></" + tag + ">";
+}
+
+std::string File(const std::string& version, const std::string& content) {
+  return "<?xml version=\"1.0\"?><commonRoad benchmarkID=\"TST_Road-1\" commonRoadVersion=\"" +
+         version + "\" timeStepSize=\"0.1\">" + content + "</commonRoad>";
+}
+
+v1::Scenario Parse(const std::string& xml) {
+  const auto scenario = ParseCommonRoad(xml);
+  EXPECT_TRUE(scenario.ok()) << scenario.status();
+  if (!scenario.ok()) return {};
+  EXPECT_TRUE(scene::ValidateScenario(*scenario, scene::ScenarioLimits()).empty());
+  return *scenario;
+}
+
+class BothVersionsTest : public testing::TestWithParam<bool> {};
+
+TEST_P(BothVersionsTest, AnObstaclesStatesAreItsInitialOneAndItsTrajectory) {
+  const v1::Scenario scenario =
+      Parse(GetParam() ? File("2018b", DrivenCar("obstacle", "<role>dynamic</role>"))
+                       : File("2020a", DrivenCar("dynamicObstacle", "")));
+  EXPECT_EQ(scenario.scenario_id(), "TST_Road-1");
+  EXPECT_DOUBLE_EQ(scenario.prediction_time(), 1.0);
+  ASSERT_EQ(scenario.agents_size(), 1);
+  const v1::Agent& car = scenario.agents(0);
+  EXPECT_EQ(car.id(), 7);
+  EXPECT_EQ(car.type(), v1::AGENT_TYPE_VEHICLE);
+  EXPECT_DOUBLE_EQ(car.length(), 4.5);
+  EXPECT_DOUBLE_EQ(car.width(), 1.9);
+  ASSERT_EQ(car.states_size(), 21);
+  EXPECT_DOUBLE_EQ(car.states(20).time(), 2.0);
+  EXPECT_DOUBLE_EQ(car.states(20).x(), 20.0);
+  EXPECT_DOUBLE_EQ(car.states(20).y(), 3.0);
+}
+
+INSTANTIATE_TEST_SUITE_P(Versions, BothVersionsTest, testing::Bool(),
+                         [](const auto& version) { return version.param ? "of2018b" : "of2020a"; });
+
+TEST(CommonRoadTest, VelocityPointsAlongTheHeadingWhichIsBroughtIntoOneTurn) {
+  const v1::Scenario scenario = Parse(File(
+      "2020a", "<dynamicObstacle id=\"1\"><type>bicycle</type>" + kCarShape +
+                   State("initialState", 0, 0.0, 0.0, 2.5 * M_PI, 4.0) + "</dynamicObstacle>"));
+  const v1::AgentState& state = scenario.agents(0).states(0);
+  EXPECT_EQ(scenario.agents(0).type(), v1::AGENT_TYPE_CYCLIST);
+  EXPECT_NEAR(state.heading(), M_PI / 2, 1e-6);
+  EXPECT_NEAR(state.velocity_x(), 0.0, 1e-5);
+  EXPECT_NEAR(state.velocity_y(), 4.0, 1e-5);
+}
+
+TEST(CommonRoadTest, WhatStandsStandsAllTheTime) {
+  const std::string parked = "<staticObstacle id=\"9\"><type>parkedVehicle</type>" + kCarShape +
+                             State("initialState", 0, 5.0, -2.0, 0.5, 0.0) + "</staticObstacle>";
+  const v1::Scenario scenario = Parse(File("2020a", parked + DrivenCar("dynamicObstacle", "")));
+  ASSERT_EQ(scenario.agents_size(), 2);
+  const v1::Agent& stands = scenario.agents(0);
+  ASSERT_EQ(stands.states_size(), 21);
+  EXPECT_DOUBLE_EQ(stands.states(20).time(), 2.0);
+  EXPECT_DOUBLE_EQ(stands.states(20).x(), 5.0);
+  // By its role, in the older version.
+  const v1::Scenario older =
+      Parse(File("2018b", DrivenCar("obstacle", "<role>dynamic</role>") +
+                              "<obstacle id=\"9\"><role>static</role><type>car</type>" + kCarShape +
+                              State("initialState", 0, 5.0, -2.0, 0.5, 0.0) + "</obstacle>"));
+  EXPECT_EQ(older.agents(1).states_size(), 21);
+}
+
+TEST(CommonRoadTest, AnIntervalCountsByItsMiddleAndAnAreaByItsCentre) {
+  const v1::Scenario scenario =
+      Parse(File("2018b", "<obstacle id=\"1\"><role>dynamic</role><type>car</type>" + kCarShape +
+                              "<initialState><position><circle><radius>2</radius>"
+                              "<center><x>3</x><y>4</y></center></circle></position>"
+                              "<orientation><exact>0</exact></orientation>"
+                              "<time><exact>0</exact></time>"
+                              "<velocity><intervalStart>4</intervalStart>"
+                              "<intervalEnd>6</intervalEnd></velocity>"
+                              "</initialState></obstacle>"));
+  const v1::AgentState& state = scenario.agents(0).states(0);
+  EXPECT_DOUBLE_EQ(state.x(), 3.0);
+  EXPECT_DOUBLE_EQ(state.y(), 4.0);
+  EXPECT_FLOAT_EQ(state.velocity_x(), 5.0F);
+}
+
+TEST(CommonRoadTest, AShapeHasTheBoxAroundIt) {
+  const auto box = [](const std::string& shape) {
+    const v1::Scenario scenario = Parse(File(
+        "2020a", "<dynamicObstacle id=\"1\"><type>pedestrian</type><shape>" + shape + "</shape>" +
+                     State("initialState", 0, 0.0, 0.0, 0.0, 0.0) + "</dynamicObstacle>"));
+    return std::pair(scenario.agents(0).length(), scenario.agents(0).width());
+  };
+  EXPECT_EQ(box("<circle><radius>0.4</radius></circle>"), std::pair(0.8, 0.8));
+  EXPECT_EQ(box("<polygon><point><x>-1</x><y>-0.5</y></point><point><x>2</x><y>0</y></point>"
+                "<point><x>0</x><y>1</y></point></polygon>"),
+            std::pair(3.0, 1.5));
+  const auto [length, width] =
+      box("<rectangle><length>4</length><width>2</width><orientation>1.5707963267948966"
+          "</orientation></rectangle>");
+  EXPECT_NEAR(length, 2.0, 1e-9);
+  EXPECT_NEAR(width, 4.0, 1e-9);
+}
+
+const std::string kBounds =
+    "<leftBound><point><x>0</x><y>2</y></point><point><x>50</x><y>2</y></point></leftBound>"
+    "<rightBound><point><x>0</x><y>-2</y></point><point><x>50</x><y>-2</y></point></rightBound>";
+
+const v1::MapFeature* Find(const v1::Scenario& scenario, v1::MapFeatureType type) {
+  for (const v1::MapFeature& feature : scenario.map_features()) {
+    if (feature.type() == type) return &feature;
+  }
+  return nullptr;
+}
+
+TEST(CommonRoadTest, ALaneHasItsLimitFromItsElementOrItsSignAndAStopLineAtItsEnd) {
+  const v1::Scenario older =
+      Parse(File("2018b", DrivenCar("obstacle", "<role>dynamic</role>") + "<lanelet id=\"5\">" +
+                              kBounds + "<speedLimit>13.5</speedLimit></lanelet>"));
+  const v1::MapFeature* lane = Find(older, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE);
+  ASSERT_NE(lane, nullptr);
+  EXPECT_EQ(lane->id(), 5);
+  EXPECT_DOUBLE_EQ(lane->speed_limit(), 13.5);
+  EXPECT_THAT(lane->y(), testing::ElementsAre(0.0, 0.0));
+
+  const v1::Scenario newer =
+      Parse(File("2020a", DrivenCar("dynamicObstacle", "") + "<lanelet id=\"5\">" + kBounds +
+                              "<stopLine><lineMarking>solid</lineMarking></stopLine>"
+                              "<trafficSignRef ref=\"70\"/><trafficSignRef ref=\"71\"/></lanelet>"
+                              "<trafficSign id=\"70\"><trafficSignElement><trafficSignID>R3-4"
+                              "</trafficSignID></trafficSignElement></trafficSign>"
+                              "<trafficSign id=\"71\"><trafficSignElement><trafficSignID>R2-1"
+                              "</trafficSignID><additionalValue>11.2</additionalValue>"
+                              "</trafficSignElement></trafficSign>"));
+  EXPECT_DOUBLE_EQ(Find(newer, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE)->speed_limit(), 11.2);
+  const v1::MapFeature* stop = Find(newer, v1::MAP_FEATURE_TYPE_STOP_LINE);
+  ASSERT_NE(stop, nullptr);
+  EXPECT_THAT(stop->x(), testing::ElementsAre(50.0, 50.0));
+}
+
+// Green for 5 steps, yellow for 3, red for 10; it began at step 2, so step 0 is in the red before.
+TEST(CommonRoadTest, ALightShowsItsCycleToTheLanesThatReferToIt) {
+  const auto light = [](const std::string& id, const std::string& direction,
+                        const std::string& more) {
+    return "<trafficLight id=\"" + id +
+           "\"><cycle><cycleElement><duration>5</duration><color>green</color></cycleElement>"
+           "<cycleElement><duration>3</duration><color>yellow</color></cycleElement>"
+           "<cycleElement><duration>10</duration><color>red</color></cycleElement>"
+           "<timeOffset>2</timeOffset></cycle><direction>" +
+           direction + "</direction>" + more + "</trafficLight>";
+  };
+  const v1::Scenario scenario = Parse(
+      File("2020a", DrivenCar("dynamicObstacle", "") + "<lanelet id=\"5\">" + kBounds +
+                        "<trafficLightRef ref=\"80\"/><trafficLightRef ref=\"81\"/></lanelet>" +
+                        light("80", "left", "<active>false</active>") +
+                        light("81", "straightRight", "")));
+  ASSERT_EQ(scenario.traffic_signals_size(), 1);
+  const v1::TrafficSignal& signal = scenario.traffic_signals(0);
+  EXPECT_EQ(signal.lane_id(), 5);
+  std::vector<std::pair<double, v1::TrafficSignalState>> shown;
+  for (const v1::TrafficSignalReading& reading : signal.readings()) {
+    shown.emplace_back(std::round(reading.time() * 10.0), reading.state());
+  }
+  EXPECT_THAT(shown, testing::ElementsAre(std::pair(0.0, v1::TRAFFIC_SIGNAL_STATE_STOP),
+                                          std::pair(2.0, v1::TRAFFIC_SIGNAL_STATE_GO),
+                                          std::pair(7.0, v1::TRAFFIC_SIGNAL_STATE_CAUTION),
+                                          std::pair(10.0, v1::TRAFFIC_SIGNAL_STATE_STOP),
+                                          std::pair(20.0, v1::TRAFFIC_SIGNAL_STATE_GO)));
+}
+
+TEST(CommonRoadTest, WhatIsWrongIsSaidWithItsElement) {
+  const auto problem = [](const std::string& xml) {
+    const auto scenario = ParseCommonRoad(xml);
+    EXPECT_EQ(scenario.status().code(), absl::StatusCode::kInvalidArgument) << xml;
+    return std::string(scenario.status().message());
+  };
+  const std::string car = DrivenCar("dynamicObstacle", "");
+  EXPECT_THAT(problem("not XML"), HasSubstr("no XML"));
+  EXPECT_THAT(problem(File("2020a", car).substr(0, 400)), HasSubstr("no XML"));
+  EXPECT_THAT(problem("<osm/>"), HasSubstr("<commonRoad>"));
+  EXPECT_THAT(problem(File("2017a", car)), HasSubstr("2017a"));
+  EXPECT_THAT(problem(File("2020a", "")), HasSubstr("no obstacles"));
+  EXPECT_THAT(problem(File("2020a", car + "<lanelet id=\"5\"/>")), HasSubstr("lanelet 5"));
+  std::string wrong = car;
+  wrong.replace(wrong.find("<length>4.5"), 11, "<length>wide");
+  EXPECT_THAT(problem(File("2020a", wrong)), HasSubstr("obstacle 7: shape: length is no number"));
+  wrong = car;
+  wrong.replace(wrong.find("<exact>2.0"), 10, "<exact>1.0");
+  EXPECT_THAT(problem(File("2020a", wrong)), HasSubstr("later than the one before"));
+  std::string no_step = File("2020a", car);
+  no_step.replace(no_step.find("timeStepSize=\"0.1\""), 18, "");
+  EXPECT_THAT(problem(no_step), HasSubstr("timeStepSize"));
+}
+
+}  // namespace
+}  // namespace maneuver::data
