@@ -1,5 +1,7 @@
 #include "client/cli/dataset_import.h"
 
+#include <sys/resource.h>
+
 #include <algorithm>
 #include <chrono>
 #include <deque>
@@ -118,12 +120,23 @@ class Import {
     return text;
   }
 
-  std::string Rate() const {
-    const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - start_;
-    return Fixed(static_cast<double>(recordings_) / std::max(passed.count(), 1e-3), 0);
+  // How long it took, and the most memory this process ever had.
+  std::string Effort() const {
+    rusage usage{};
+    getrusage(RUSAGE_SELF, &usage);
+    return absl::StrCat("read in ", Fixed(Passed(), 1), " s, ", Rate(),
+                        " recordings a second, with ", usage.ru_maxrss / 1024,
+                        " MB of memory at most");
   }
 
  private:
+  double Passed() const {  // seconds
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+  }
+  std::string Rate() const {
+    return Fixed(static_cast<double>(recordings_) / std::max(Passed(), 1e-3), 0);
+  }
+
   struct Parsed {
     absl::StatusOr<v1::Scenario> scenario;
     std::string problem;  // of one that parses; empty: none
@@ -186,8 +199,7 @@ class Import {
   }
 
   void Progress(double bytes) {
-    const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - start_;
-    const double left = passed.count() * (total_bytes_ / std::max(bytes, 1.0) - 1.0);
+    const double left = Passed() * (total_bytes_ / std::max(bytes, 1.0) - 1.0);
     progress_.Show(bytes / std::max(total_bytes_, 1.0),
                    absl::StrCat(recordings_, " recordings, ", Rate(), " a second, ",
                                 TimeLeft(std::max(left, 0.0))));
@@ -238,6 +250,7 @@ int RunImport(const ImportArguments& arguments, const ImportFormat& format,
   } else {
     environment.out << arguments.folder << ": " << dataset->recordings() << " recordings, "
                     << Spell(dataset->duration_seconds()) << " of driving\n";
+    environment.err << import.Effort() << "\n";
   }
   return import.complete() ? kOk : kFailed;
 }
