@@ -22,8 +22,8 @@
 // A server that asks who calls: set tls and token_file of ClientOptions.
 //
 // Each call has a deadline, over all its attempts. Calls that are safe to repeat are tried again
-// when the server is UNAVAILABLE (retry.h): all but deletions and uploads. Train and Evaluate are
-// safe because they carry a request_id; one is made up where the request has none.
+// when the server is UNAVAILABLE (retry.h): all but deletions; uploads go on where they were. Train
+// and Evaluate are safe because they carry a request_id; one is made up where the request has none.
 
 #ifndef MANEUVER_CLIENT_CLIENT_H_
 #define MANEUVER_CLIENT_CLIENT_H_
@@ -71,6 +71,8 @@ struct ClientOptions {
   std::string token_file = "";  // in place of `token`; read by Connect
   CallDeadlines deadlines = {};
   RetryPolicy retry = {};
+  // An upload that broke off is gone on with for so long after the last sign of life.
+  absl::Duration upload_patience = absl::Minutes(2);
   // A watched job whose stream broke is picked up again for so long after the last sign of life.
   absl::Duration watch_patience = absl::Minutes(1);
   OnRetry on_retry = {};        // told before each wait; may be empty
@@ -84,6 +86,13 @@ struct ClientOptions {
 struct CallOptions {
   std::optional<absl::Duration> timeout = {};  // in place of the kind's deadline
   Cancellation* cancellation = nullptr;        // not owned; outlives the call
+};
+
+// How far an upload is, bytes of shards.
+struct UploadProgress {
+  int64_t there = 0;    // on the server, or on the way to it
+  int64_t total = 0;    // of the whole dataset
+  int64_t resumed = 0;  // of `there`: on the server before this call
 };
 
 // A connection to one server. Thread-safe; calls run in the calling thread.
@@ -142,11 +151,13 @@ class Client {
       const v1::GetEvaluationReportRequest& request, const CallOptions& call = {});
 
   // Datasets.
-  using OnUploaded = std::function<void(int64_t sent_bytes, int64_t total_bytes)>;
+  using OnUploaded = std::function<void(const UploadProgress&)>;
   // Uploads a folder with dataset.json and its shards as datasets/{dataset} `name`. Returns once it
-  // is committed; after an error nothing of it is there.
-  //   on_progress: after each chunk; may be empty.
-  // NOT_FOUND or DATA_LOSS, before anything is sent, if the folder is not whole.
+  // is committed. What has arrived, by this call or an earlier one, is not sent again: a connection
+  // that breaks is made anew and the upload goes on, and after an error the same call does.
+  //   on_progress: once it is known what is there, and after each chunk; may be empty.
+  // NOT_FOUND or DATA_LOSS, before anything is sent, if the folder is not whole; ABORTED if another
+  // upload of the name by the same caller has begun meanwhile.
   absl::StatusOr<v1::Dataset> UploadDataset(const std::string& folder, const std::string& name,
                                             const OnUploaded& on_progress,
                                             const CallOptions& call = {});

@@ -1,11 +1,14 @@
 // maneuver dataset: upload, list, show, delete.
 
+#include <algorithm>
 #include <chrono>
 #include <memory>
 #include <ostream>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands.h"
+#include "client/cli/dataset_show.h"
 #include "client/cli/progress_line.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/table.h"
@@ -14,28 +17,47 @@
 namespace maneuver::cli {
 namespace {
 
-int64_t SizeBytes(const v1::Dataset& dataset) {
-  int64_t bytes = 0;
-  for (const v1::Shard& shard : dataset.shards()) bytes += shard.size_bytes();
-  return bytes;
+// "12.0 MB of 40 MB, 3.1 MB a second, 9 s left".
+std::string HowFar(const client::UploadProgress& progress, double seconds) {
+  if (progress.there == progress.total) return "the server checks it";
+  const double rate =
+      static_cast<double>(progress.there - progress.resumed) / std::max(seconds, 1e-3);
+  std::string text = absl::StrCat(Bytes(progress.there), " of ", Bytes(progress.total));
+  if (rate > 0.0) {
+    const double left = static_cast<double>(progress.total - progress.there) / rate;
+    absl::StrAppend(&text, ", ", Bytes(static_cast<int64_t>(rate)), " a second, ", Spell(left),
+                    " left");
+  }
+  return text;
 }
 
 int Upload(const std::string& folder, const std::string& name, Environment& environment) {
-  ProgressLine progress(environment.err, environment.interactive);
+  ProgressLine line(environment.err, environment.interactive);
   const auto start = std::chrono::steady_clock::now();
+  bool has_begun = false;
   const absl::StatusOr<v1::Dataset> dataset = environment.server_client().UploadDataset(
       folder, DatasetResource(name),
-      [&](int64_t sent, int64_t total) {
+      [&](const client::UploadProgress& progress) {
+        if (!std::exchange(has_begun, true) && progress.resumed > 0) {
+          environment.err << "resumed: " << Bytes(progress.resumed) << " of "
+                          << Bytes(progress.total) << " were there" << std::endl;
+        }
         const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - start;
-        const double rate = static_cast<double>(sent) / std::max(passed.count(), 1e-3);
-        progress.Show(static_cast<double>(sent) / static_cast<double>(std::max<int64_t>(total, 1)),
-                      sent == total ? std::string("the server checks it")
-                                    : absl::StrCat(Bytes(sent), " of ", Bytes(total), ", ",
-                                                   Bytes(static_cast<int64_t>(rate)), " a second"));
+        line.Show(static_cast<double>(progress.there) /
+                      static_cast<double>(std::max<int64_t>(progress.total, 1)),
+                  HowFar(progress, passed.count()));
       },
       environment.call_options());
-  progress.Clear();
-  if (!dataset.ok()) return environment.Fail(dataset.status());
+  line.Clear();
+  if (!dataset.ok()) {
+    const int status = environment.Fail(dataset.status());
+    if (has_begun &&
+        (absl::IsUnavailable(dataset.status()) || absl::IsDeadlineExceeded(dataset.status()))) {
+      environment.err << "what has arrived is kept for a while: the same command goes on from "
+                         "there\n";
+    }
+    return status;
+  }
   if (environment.json()) {
     environment.PrintJson(*dataset);
   } else {
@@ -79,44 +101,6 @@ int ListDatasets(Environment& environment) {
   return kOk;
 }
 
-void PrintCounts(const std::string& title,
-                 const google::protobuf::Map<std::string, int64_t>& counts,
-                 Environment& environment) {
-  if (counts.empty()) return;
-  Table table({{title}, {"COUNT", Align::kRight}});
-  for (const auto& [name, count] : std::map<std::string, int64_t>(counts.begin(), counts.end())) {
-    table.Add({name, absl::StrCat(count)});
-  }
-  environment.out << "\n" << table.Text(environment.color);
-}
-
-int ShowDataset(const std::string& name, Environment& environment) {
-  v1::DescribeDatasetRequest request;
-  request.set_name(DatasetResource(name));
-  const auto summary =
-      environment.server_client().DescribeDataset(request, environment.call_options());
-  if (!summary.ok()) return environment.Fail(summary.status());
-  if (environment.json()) {
-    environment.PrintJson(*summary);
-    return kOk;
-  }
-  const v1::Dataset& dataset = summary->dataset();
-  Table table({{"DATASET"}, {ShortName(dataset.name())}});
-  table.Add({"origin", dataset.origin()});
-  table.Add({"created", Moment(dataset.create_time())});
-  table.Add({"recordings", absl::StrCat(dataset.recordings())});
-  table.Add({"driving", Spell(dataset.duration_seconds())});
-  table.Add(
-      {"size", absl::StrCat(Bytes(SizeBytes(dataset)), " in ", dataset.shards_size(), " files")});
-  table.Add({"examples", absl::StrCat(summary->examples())});
-  table.Add({"standing", absl::StrCat(summary->standing_examples())});
-  environment.out << table.Text(environment.color);
-  PrintCounts("AGENTS", summary->agents_by_type(), environment);
-  PrintCounts("MAP", summary->map_features_by_type(), environment);
-  PrintCounts("MANEUVERS", summary->maneuvers(), environment);
-  return kOk;
-}
-
 int DeleteDataset(const std::string& name, Environment& environment) {
   v1::DeleteDatasetRequest request;
   request.set_name(DatasetResource(name));
@@ -135,7 +119,8 @@ void AddDataset(Command& root, Environment& environment) {
   const auto folder = std::make_shared<std::string>();
 
   Command upload = group.Add("upload", "Send a dataset folder to the server",
-                             "The dataset appears whole or not at all, and never changes.\n"
+                             "The dataset appears whole or not at all, and never changes. Where\n"
+                             "an upload was interrupted, the same command goes on.\n"
                              "Example: maneuver dataset upload town town");
   upload.Argument("FOLDER", folder.get(), "Folder with dataset.json");
   upload.Argument("NAME", name.get(), "Its name on the server: a-z, 0-9 and -");
@@ -144,10 +129,16 @@ void AddDataset(Command& root, Environment& environment) {
   Command list = group.Add("list", "All datasets", "Example: maneuver dataset list --output json");
   list.Run([&environment] { return ListDatasets(environment); });
 
-  Command show =
-      group.Add("show", "What is in a dataset, counted", "Example: maneuver dataset show town");
-  show.Argument("NAME", name.get(), "Its name");
-  show.Run([=, &environment] { return ShowDataset(*name, environment); });
+  const auto shown = std::make_shared<ShowDatasetArguments>();
+  Command show = group.Add("show", "What is in a dataset, counted and drawn",
+                           "Example: maneuver dataset show town --plot town.png\n"
+                           "Example: maneuver dataset show town --set examples.stride=1s");
+  show.Argument("NAME", &shown->source, "Its name, or a folder with dataset.json");
+  show.Option("--set", &shown->changes,
+              "Which examples are counted: examples.stride=1s, examples.standing_distance=2, ...");
+  show.Option("--plot", &shown->plot, "PNG file to draw some of its scenes into");
+  show.Option("--scenes", &shown->scenes, 1, 36, "So many of them");
+  show.Run([=, &environment] { return ShowDataset(*shown, environment); });
 
   Command remove = group.Add("delete", "Remove a dataset",
                              "Refused while a job needs it.\n"

@@ -6,9 +6,7 @@
 #include <unordered_set>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/strip.h"
 #include "model/data/dataset_layout.h"
-#include "model/data/example_index.h"
 #include "model/data/tfrecord.h"
 #include "model/files/digest.h"
 #include "model/scene/scenario_validation.h"
@@ -20,19 +18,10 @@ namespace {
 constexpr TfRecordReaderOptions kShardOptions = {.max_record_bytes = uint64_t{256} << 20,
                                                  .allow_gzip = false};
 
-absl::Status NotAMessage(const v1::Shard& shard, uint64_t offset, absl::string_view what) {
-  return absl::DataLossError(
-      absl::StrCat(shard.file(), ", record at byte ", offset, ": not ", what));
-}
-
 absl::Status WrongCount(const v1::Shard& shard, int64_t seen) {
   return absl::DataLossError(absl::StrCat("shard ", shard.file(), " has ", seen, " records; ",
                                           kManifestFile, " says ", shard.records()));
 }
-
-// Returns an error for a payload that is not what it should be; clears *more to stop.
-using VisitPayload = std::function<absl::Status(const v1::Shard& shard, uint64_t offset,
-                                                std::string&& payload, bool* more)>;
 
 absl::Status ReadShard(const std::filesystem::path& folder, const v1::Shard& shard,
                        OnDamage on_damage, const VisitPayload& visit, bool* more,
@@ -53,22 +42,6 @@ absl::Status ReadShard(const std::filesystem::path& folder, const v1::Shard& sha
   if (*more && seen != shard.records()) {
     if (on_damage == OnDamage::kStop) return WrongCount(shard, seen);
     *skipped += std::max<int64_t>(0, shard.records() - seen);
-  }
-  return absl::OkStatus();
-}
-
-absl::Status ForEachPayload(const std::filesystem::path& folder, v1::ShardContent content,
-                            OnDamage on_damage, const VisitPayload& visit, int64_t* skipped) {
-  // Where damage is passed over, a shard of another size is nothing to stop at.
-  const auto manifest =
-      on_damage == OnDamage::kStop ? ReadDatasetManifest(folder) : LoadDatasetManifest(folder);
-  if (!manifest.ok()) return manifest.status();
-  bool more = true;
-  for (const v1::Shard& shard : manifest->shards()) {
-    if (shard.content() != content) continue;
-    absl::Status status = ReadShard(folder, shard, on_damage, visit, &more, skipped);
-    if (!status.ok()) return status;
-    if (!more) break;
   }
   return absl::OkStatus();
 }
@@ -131,12 +104,28 @@ absl::Status VerifyShard(const std::filesystem::path& folder, const v1::Shard& s
   return ReadShard(folder, shard, OnDamage::kStop, visit, &more, &skipped);
 }
 
-// AGENT_TYPE_VEHICLE -> VEHICLE.
-std::string WithoutPrefix(const std::string& name, absl::string_view prefix) {
-  return std::string(absl::StripPrefix(name, prefix));
+}  // namespace
+
+absl::Status NotAMessage(const v1::Shard& shard, uint64_t offset, std::string_view what) {
+  return absl::DataLossError(absl::StrCat(shard.file(), ", record at byte ", offset, ": not ",
+                                          absl::string_view(what.data(), what.size())));
 }
 
-}  // namespace
+absl::Status ForEachPayload(const std::filesystem::path& folder, v1::ShardContent content,
+                            OnDamage on_damage, const VisitPayload& visit, int64_t* skipped) {
+  // Where damage is passed over, a shard of another size is nothing to stop at.
+  const auto manifest =
+      on_damage == OnDamage::kStop ? ReadDatasetManifest(folder) : LoadDatasetManifest(folder);
+  if (!manifest.ok()) return manifest.status();
+  bool more = true;
+  for (const v1::Shard& shard : manifest->shards()) {
+    if (shard.content() != content) continue;
+    absl::Status status = ReadShard(folder, shard, on_damage, visit, &more, skipped);
+    if (!status.ok()) return status;
+    if (!more) break;
+  }
+  return absl::OkStatus();
+}
 
 absl::Status VerifyDatasetFolder(const std::filesystem::path& folder) {
   const auto manifest = ReadDatasetManifest(folder);
@@ -213,42 +202,6 @@ absl::StatusOr<v1::Scenario> ReadScenario(const std::filesystem::path& folder,
     return absl::NotFoundError(absl::StrCat("the dataset has no scenario ", scenario_id));
   }
   return found;
-}
-
-absl::StatusOr<v1::DatasetSummary> DescribeDataset(const std::filesystem::path& folder,
-                                                   const v1::ModelSpec& spec,
-                                                   const v1::ExampleSettings& settings) {
-  const auto manifest = ReadDatasetManifest(folder);
-  if (!manifest.ok()) return manifest.status();
-  v1::DatasetSummary summary;
-  *summary.mutable_dataset() = *manifest;
-  auto& agents = *summary.mutable_agents_by_type();
-  auto& features = *summary.mutable_map_features_by_type();
-  int64_t examples = 0;
-  int64_t standing = 0;
-  // Every standing window counts: see DatasetSummary.
-  v1::ExampleSettings all = settings;
-  all.set_keep_standing(1.0);
-  absl::Status status = ForEachScenario(folder, OnDamage::kStop, [&](v1::Scenario&& scenario) {
-    for (const v1::Agent& agent : scenario.agents()) {
-      ++agents[WithoutPrefix(v1::AgentType_Name(agent.type()), "AGENT_TYPE_")];
-    }
-    for (const v1::MapFeature& feature : scenario.map_features()) {
-      ++features[WithoutPrefix(v1::MapFeatureType_Name(feature.type()), "MAP_FEATURE_TYPE_")];
-    }
-    examples += static_cast<int64_t>(EnumerateExamples(scenario, 0, spec, all, &standing).size());
-    return true;
-  });
-  if (!status.ok()) return status;
-  summary.set_examples(examples);
-  summary.set_standing_examples(standing);
-  auto& maneuvers = *summary.mutable_maneuvers();
-  status = ForEachAnnotation(folder, OnDamage::kStop, [&](v1::ManeuverAnnotation&& annotation) {
-    ++maneuvers[annotation.maneuver()];
-    return true;
-  });
-  if (!status.ok()) return status;
-  return summary;
 }
 
 }  // namespace maneuver::data

@@ -86,12 +86,14 @@ absl::StatusOr<std::vector<v1::Scenario>> ReadRecordings(const std::filesystem::
 absl::StatusOr<v1::Scenario> ReadScenario(const std::filesystem::path& folder,
                                           const std::string& scenario_id);
 
-// Counts what is in a folder. `examples` are those that EnumerateExamples finds by this spec and
-// these settings (complete ones: artifact::ResolveTrainingSettings fills them in). Types are named
-// without their prefix: VEHICLE, LANE_CENTERLINE.
+// Counts what is in a folder, on `threads` threads (0: one for each core) that hold a few
+// recordings at a time. `examples` are those that EnumerateExamples finds by this spec and these
+// settings (complete ones: artifact::ResolveTrainingSettings fills them in), with all standing
+// ones. Types are named without their prefix: VEHICLE, LANE_CENTERLINE.
 absl::StatusOr<v1::DatasetSummary> DescribeDataset(const std::filesystem::path& folder,
                                                    const v1::ModelSpec& spec,
-                                                   const v1::ExampleSettings& settings);
+                                                   const v1::ExampleSettings& settings,
+                                                   int threads = 0);
 
 }  // namespace maneuver::data
 

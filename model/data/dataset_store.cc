@@ -3,18 +3,19 @@
 #include <google/protobuf/util/time_util.h>
 
 #include <algorithm>
-#include <functional>
 #include <limits>
 #include <system_error>
+#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_layout.h"
+#include "model/data/staged_upload.h"
+#include "model/data/upload_staging.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
-#include "model/files/output_file.h"
 
 namespace maneuver::data {
 namespace {
@@ -31,179 +32,14 @@ absl::Status NoSuchDataset(const std::string& id) {
   return absl::NotFoundError(absl::StrCat("there is no datasets/", id));
 }
 
-absl::Status Exists(const std::string& id) {
-  return absl::AlreadyExistsError(
-      absl::StrCat("datasets/", id,
-                   " exists already; datasets never change: choose another name, "
-                   "or delete it first"));
+bool SameShards(const v1::Dataset& a, const v1::Dataset& b) {
+  return std::ranges::equal(
+      a.shards(), b.shards(), [](const v1::Shard& left, const v1::Shard& right) {
+        return left.file() == right.file() && left.content() == right.content() &&
+               left.size_bytes() == right.size_bytes() && left.records() == right.records() &&
+               left.sha256() == right.sha256();
+      });
 }
-
-bool Damaged(const absl::Status& status) { return absl::IsDataLoss(status); }
-
-uint64_t BytesOf(const v1::Dataset& manifest) {
-  uint64_t bytes = 0;
-  for (const v1::Shard& shard : manifest.shards()) {
-    const auto size = static_cast<uint64_t>(std::max<int64_t>(0, shard.size_bytes()));
-    bytes += std::min(size, std::numeric_limits<uint64_t>::max() - bytes);
-  }
-  return bytes;
-}
-
-}  // namespace
-
-// Safe to use from any thread.
-class Arrivals {
- public:
-  struct Bytes {
-    uint64_t announced = 0;
-    uint64_t missing = 0;  // of these, not on the disk yet
-  };
-
-  // Announces so many unless `refuse`, told what others have announced, finds an error.
-  absl::Status Announce(uint64_t bytes, const std::function<absl::Status(const Bytes&)>& refuse) {
-    const std::lock_guard lock(mutex_);
-    if (absl::Status status = refuse(bytes_); !status.ok()) return status;
-    bytes_.announced += bytes;
-    bytes_.missing += bytes;
-    return absl::OkStatus();
-  }
-  void Arrived(uint64_t bytes) {
-    const std::lock_guard lock(mutex_);
-    bytes_.missing -= bytes;
-  }
-  // An upload is over.
-  void End(const Bytes& of_upload) {
-    const std::lock_guard lock(mutex_);
-    bytes_.announced -= of_upload.announced;
-    bytes_.missing -= of_upload.missing;
-  }
-
- private:
-  std::mutex mutex_;
-  Bytes bytes_;  // guarded by mutex_
-};
-
-namespace {
-
-class Upload final : public DatasetUpload {
- public:
-  // What the manifest says has been announced.
-  Upload(std::string id, fs::path folder, fs::path temporary, v1::Dataset manifest,
-         std::shared_ptr<Arrivals> arrivals)
-      : id_(std::move(id)),
-        folder_(std::move(folder)),
-        temporary_(std::move(temporary)),
-        manifest_(std::move(manifest)),
-        arrivals_(std::move(arrivals)),
-        bytes_{BytesOf(manifest_), BytesOf(manifest_)} {}
-
-  ~Upload() override {
-    file_.reset();
-    std::error_code ignored;
-    if (!committed_) fs::remove_all(temporary_, ignored);
-    arrivals_->End(bytes_);
-  }
-
-  absl::Status Append(std::string_view bytes) override {
-    if (!status_.ok()) return status_;
-    return status_ = Take(bytes);
-  }
-
-  absl::StatusOr<v1::Dataset> Commit() override {
-    if (!status_.ok()) return status_;
-    status_ = CommitOnce();
-    if (!status_.ok()) return status_;
-    committed_ = true;
-    return manifest_;
-  }
-
- private:
-  const v1::Shard& shard() const { return manifest_.shards(shard_); }
-
-  absl::Status Take(std::string_view bytes) {
-    // Also moves past shards without a byte.
-    if (absl::Status status = FinishFullShards(); !status.ok()) return status;
-    while (!bytes.empty()) {
-      if (shard_ == manifest_.shards_size()) {
-        return absl::InvalidArgumentError(absl::StrCat(
-            "more bytes than the header's shards have: ", bytes.size(), " after the end of ",
-            shard_ == 0 ? "nothing" : manifest_.shards(shard_ - 1).file()));
-      }
-      if (file_ == nullptr) {
-        auto file = files::OutputFile::Create(temporary_ / shard().file());
-        if (!file.ok()) return file.status();
-        file_ = *std::move(file);
-        digest_ = std::make_unique<files::Sha256>();
-      }
-      const auto left = static_cast<uint64_t>(shard().size_bytes() - file_->size_bytes());
-      const std::string_view part =
-          bytes.substr(0, static_cast<size_t>(std::min<uint64_t>(left, bytes.size())));
-      digest_->Update(part);
-      if (absl::Status status = file_->Append(part); !status.ok()) return status;
-      bytes.remove_prefix(part.size());
-      arrivals_->Arrived(part.size());
-      bytes_.missing -= part.size();
-      if (absl::Status status = FinishFullShards(); !status.ok()) return status;
-    }
-    return absl::OkStatus();
-  }
-
-  // Closes the shard that has all its bytes, and those after it that have none.
-  absl::Status FinishFullShards() {
-    while (shard_ < manifest_.shards_size()) {
-      if (file_ == nullptr) {
-        if (shard().size_bytes() > 0) return absl::OkStatus();
-        auto file = files::OutputFile::Create(temporary_ / shard().file());
-        if (!file.ok()) return file.status();
-        file_ = *std::move(file);
-        digest_ = std::make_unique<files::Sha256>();
-      }
-      if (file_->size_bytes() < shard().size_bytes()) return absl::OkStatus();
-      if (absl::Status status = file_->Close(); !status.ok()) return status;
-      file_.reset();
-      if (digest_->Finish() != shard().sha256()) {
-        return absl::DataLossError(
-            absl::StrCat("shard ", shard().file(),
-                         " arrived with another SHA-256 than the header says: it was "
-                         "altered on its way, or before; upload it again"));
-      }
-      ++shard_;
-    }
-    return absl::OkStatus();
-  }
-
-  absl::Status CommitOnce() {
-    if (absl::Status status = FinishFullShards(); !status.ok()) return status;
-    if (shard_ < manifest_.shards_size()) {
-      return absl::InvalidArgumentError(absl::StrCat(
-          "the upload ended within shard ", shard().file(), ": ",
-          file_ == nullptr ? 0 : file_->size_bytes(), " of ", shard().size_bytes(), " bytes"));
-    }
-    manifest_.set_name(absl::StrCat("datasets/", id_));
-    *manifest_.mutable_create_time() = TimeUtil::GetCurrentTime();
-    absl::Status status = files::WriteFileAtomically(temporary_ / kManifestFile,
-                                                     PrintDatasetManifest(manifest_) + "\n");
-    if (!status.ok()) return status;
-    status = VerifyDatasetFolder(temporary_);
-    // The digests agreed: it is not damaged, it never was what it should be.
-    if (Damaged(status)) return absl::InvalidArgumentError(status.message());
-    if (!status.ok()) return status;
-    status = files::PublishFolder(temporary_, folder_);
-    return absl::IsAlreadyExists(status) ? Exists(id_) : status;
-  }
-
-  const std::string id_;
-  const fs::path folder_;
-  const fs::path temporary_;
-  v1::Dataset manifest_;
-  const std::shared_ptr<Arrivals> arrivals_;
-  Arrivals::Bytes bytes_;  // of this upload
-  int shard_ = 0;          // that is arriving
-  std::unique_ptr<files::OutputFile> file_;
-  std::unique_ptr<files::Sha256> digest_;
-  absl::Status status_;
-  bool committed_ = false;
-};
 
 v1::ScenarioSummary Summarize(const v1::Scenario& scenario) {
   v1::ScenarioSummary summary;
@@ -230,20 +66,51 @@ v1::ScenarioSummary Summarize(const v1::Scenario& scenario) {
   return summary;
 }
 
+// Beside the shards; by what the dataset was described with.
+constexpr char kDescriptionPrefix[] = ".description-";
+// Changes with what is counted, and how.
+constexpr int kDescriptionVersion = 1;
+
+std::string DescriptionFile(const v1::ModelSpec& spec, const v1::ExampleSettings& settings) {
+  const std::string digest = files::Sha256Hex(absl::StrCat(
+      kDescriptionVersion, "\n", spec.SerializeAsString(), "\n", settings.SerializeAsString()));
+  return absl::StrCat(kDescriptionPrefix, digest.substr(0, 16));
+}
+
+// In place of any other. If that fails, the next one counts again.
+void KeepDescription(const fs::path& file, const v1::DatasetSummary& summary) {
+  std::error_code error;
+  std::vector<fs::path> others;
+  for (fs::directory_iterator entry(file.parent_path(), error);
+       !error && entry != fs::directory_iterator(); entry.increment(error)) {
+    if (entry->path().filename().string().starts_with(kDescriptionPrefix)) {
+      others.push_back(entry->path());
+    }
+  }
+  for (const fs::path& other : others) fs::remove(other, error);
+  (void)files::WriteFileAtomically(file, summary.SerializeAsString());
+}
+
 }  // namespace
 
-DatasetStore::DatasetStore(fs::path folder, int64_t quota_bytes)
+DatasetStore::DatasetStore(fs::path folder, const DatasetStoreOptions& options)
     : folder_(std::move(folder)),
-      quota_bytes_(quota_bytes),
-      arrivals_(std::make_shared<Arrivals>()) {}
+      options_(options),
+      staging_(std::make_shared<UploadStaging>(folder_)) {}
 
-absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(fs::path folder,
-                                                                 int64_t quota_bytes) {
+absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(
+    fs::path folder, const DatasetStoreOptions& options) {
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return files::ErrnoStatus(error.value(), "create", folder);
   if (absl::Status status = files::RemoveTemporaries(folder); !status.ok()) return status;
-  return std::unique_ptr<DatasetStore>(new DatasetStore(std::move(folder), quota_bytes));
+  std::unique_ptr<DatasetStore> store(new DatasetStore(std::move(folder), options));
+  // Of a dataset that was committed right before a sudden death the shards may lie there still.
+  absl::Status status = store->staging_->RemoveIf(
+      [&](const std::string& id, fs::file_time_type) { return store->Contains(id); });
+  status.Update(store->RemoveAbandonedUploads(fs::file_time_type::clock::now()));
+  if (!status.ok()) return status;
+  return store;
 }
 
 bool DatasetStore::Contains(const std::string& id) const {
@@ -275,41 +142,99 @@ absl::StatusOr<std::vector<std::string>> DatasetStore::List(const std::string& a
   return ids;
 }
 
-absl::StatusOr<std::unique_ptr<DatasetUpload>> DatasetStore::BeginUpload(
-    const std::string& id, const v1::Dataset& manifest) const {
-  std::error_code error;
-  if (fs::exists(FolderOf(id), error)) return Exists(id);
-  const uint64_t wanted = BytesOf(manifest);
-  const absl::Status room = arrivals_->Announce(wanted, [&](const Arrivals::Bytes& others) {
-    // An upload that ends meanwhile counts twice rather than not at all.
-    const auto total = quota_bytes_ > 0 ? TotalBytes() : 0;
-    if (!total.ok()) return total.status();
-    const auto quota = static_cast<uint64_t>(quota_bytes_);
-    const uint64_t kept = static_cast<uint64_t>(*total) + others.announced;
-    if (quota > 0 && (kept > quota || wanted > quota - kept)) {
-      return absl::FailedPreconditionError(absl::StrCat(
-          "the dataset has ", wanted, " bytes and of the ", quota,
-          " that all datasets may have together ", kept > quota ? 0 : quota - kept,
-          " are left; delete datasets that are no longer needed, or start the server with a larger "
-          "--dataset-quota"));
-    }
-    const fs::space_info space = fs::space(folder_, error);
-    const uint64_t taken = kReservedBytes + others.missing;
-    if (!error && (space.available < taken || wanted > space.available - taken)) {
-      return absl::ResourceExhaustedError(
-          absl::StrCat("the dataset needs ", wanted, " bytes and the server has ",
-                       space.available < taken ? 0 : space.available - taken,
-                       " left; delete datasets or models that are no longer needed"));
-    }
-    return absl::OkStatus();
-  });
-  if (!room.ok()) return room;
-  auto temporary = files::MakeTemporaryFolderFor(FolderOf(id));
-  if (!temporary.ok()) {
-    arrivals_->End({wanted, wanted});
-    return temporary.status();
+absl::Status DatasetStore::CheckRoom(uint64_t wanted, uint64_t arrived, uint64_t announced,
+                                     uint64_t missing, uint64_t broken_off) const {
+  // An upload that ends meanwhile counts twice rather than not at all.
+  const auto total = options_.quota_bytes > 0 ? TotalBytes() : 0;
+  if (!total.ok()) return total.status();
+  const auto quota = static_cast<uint64_t>(options_.quota_bytes);
+  const uint64_t kept = static_cast<uint64_t>(*total) + announced + broken_off;
+  if (quota > 0 && (kept > quota || wanted > quota - kept)) {
+    return absl::FailedPreconditionError(absl::StrCat(
+        "the dataset has ", wanted, " bytes and of the ", quota,
+        " that all datasets may have together ", kept > quota ? 0 : quota - kept, " are left",
+        broken_off > 0 ? absl::StrCat(" (uploads that broke off hold ", broken_off, ")") : "",
+        "; delete datasets that are no longer needed, or start the server with a larger "
+        "--dataset-quota"));
   }
-  return std::make_unique<Upload>(id, FolderOf(id), *std::move(temporary), manifest, arrivals_);
+  std::error_code error;
+  const fs::space_info space = fs::space(folder_, error);
+  const uint64_t taken = kReservedBytes + missing;
+  const uint64_t needed = wanted - std::min(arrived, wanted);
+  if (!error && (space.available < taken || needed > space.available - taken)) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat("the dataset needs ", needed, " bytes and the server has ",
+                     space.available < taken ? 0 : space.available - taken,
+                     " left; delete datasets or models that are no longer needed"));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::unique_ptr<DatasetUpload>> DatasetStore::BeginUpload(
+    const std::string& id, const v1::Dataset& manifest, const std::string& caller,
+    std::vector<int64_t> arrived) const {
+  std::error_code error;
+  if (fs::exists(FolderOf(id), error)) return DatasetExists(id);
+  arrived.resize(static_cast<size_t>(manifest.shards_size()));
+  const std::shared_ptr<UploadStaging::Slot> slot = staging_->Enter(id, caller);
+  const std::lock_guard lock(slot->mutex);
+  if (slot->committing) {
+    return absl::UnavailableError(
+        absl::StrCat("an earlier upload of datasets/", id, " is being checked; try again shortly"));
+  }
+  const std::vector<int64_t> there = ArrivedBytes(slot->folder, manifest);
+  uint64_t skipped = 0;
+  for (size_t i = 0; i < arrived.size(); ++i) {
+    if (arrived[i] > there[i]) {
+      return absl::UnavailableError(absl::StrCat(
+          "of shard ", manifest.shards(static_cast<int>(i)).file(), " ", there[i],
+          " bytes have arrived, not ", arrived[i], "; ask with QueryUpload and go on from there"));
+    }
+    skipped += static_cast<uint64_t>(arrived[i]);
+  }
+  const uint64_t wanted = BytesOf(manifest);
+  absl::Status status =
+      staging_->Announce(*slot, {.announced = wanted, .missing = wanted - skipped},
+                         [&](const UploadStaging::Others& others) {
+                           return CheckRoom(wanted, skipped, others.under_way.announced,
+                                            others.under_way.missing, others.broken_off);
+                         });
+  if (!status.ok()) return status;
+  const int64_t turn = ++slot->turn;
+  RemoveOtherShards(slot->folder, manifest);
+  status = staging_->MakeFolder(*slot);
+  if (!status.ok()) {
+    staging_->End(*slot);
+    return status;
+  }
+  return ContinueUpload({.id = id,
+                         .folder = FolderOf(id),
+                         .manifest = manifest,
+                         .arrived = std::move(arrived),
+                         .slot = slot,
+                         .turn = turn},
+                        staging_);
+}
+
+absl::StatusOr<v1::QueryUploadResponse> DatasetStore::QueryUpload(const std::string& id,
+                                                                  const v1::Dataset& manifest,
+                                                                  const std::string& caller) const {
+  v1::QueryUploadResponse response;
+  auto committed = Get(id);
+  if (committed.ok() && SameShards(*committed, manifest)) {
+    *response.mutable_committed() = *std::move(committed);
+  }
+  for (const int64_t bytes : ArrivedBytes(staging_->Enter(id, caller)->folder, manifest)) {
+    response.add_arrived_bytes(bytes);
+  }
+  return response;
+}
+
+absl::Status DatasetStore::RemoveAbandonedUploads(fs::file_time_type now) const {
+  if (options_.keep_uploads.count() <= 0) return absl::OkStatus();
+  return staging_->RemoveIf([&](const std::string&, fs::file_time_type last) {
+    return now - last > options_.keep_uploads;
+  });
 }
 
 absl::StatusOr<int64_t> DatasetStore::TotalBytes() const {
@@ -378,10 +303,18 @@ absl::StatusOr<std::vector<v1::ScenarioSummary>> DatasetStore::ListScenarios(con
 
 absl::StatusOr<v1::DatasetSummary> DatasetStore::Describe(
     const std::string& id, const v1::ModelSpec& spec, const v1::ExampleSettings& settings) const {
-  if (!Contains(id)) return NoSuchDataset(id);
-  auto summary = DescribeDataset(FolderOf(id), spec, settings);
-  if (!summary.ok() && !Contains(id)) return NoSuchDataset(id);
-  if (summary.ok()) summary->mutable_dataset()->set_name(absl::StrCat("datasets/", id));
+  const auto manifest = Get(id);
+  if (!manifest.ok()) return manifest.status();
+  const fs::path kept = FolderOf(id) / DescriptionFile(spec, settings);
+  v1::DatasetSummary summary;
+  if (const auto bytes = files::ReadFile(kept); !bytes.ok() || !summary.ParseFromString(*bytes)) {
+    const int threads = std::clamp(static_cast<int>(std::thread::hardware_concurrency()) / 4, 1, 4);
+    auto counted = DescribeDataset(FolderOf(id), spec, settings, threads);
+    if (!counted.ok()) return Contains(id) ? counted.status() : NoSuchDataset(id);
+    summary = *std::move(counted);
+    KeepDescription(kept, summary);
+  }
+  *summary.mutable_dataset() = *manifest;
   return summary;
 }
 

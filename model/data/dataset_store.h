@@ -3,6 +3,7 @@
 #ifndef MANEUVER_MODEL_DATA_DATASET_STORE_H_
 #define MANEUVER_MODEL_DATA_DATASET_STORE_H_
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -25,29 +26,41 @@ namespace maneuver::data {
 // One dataset on its way in: its shards' bytes, one after the other. Not thread-safe.
 class DatasetUpload {
  public:
-  // Without a Commit nothing remains.
+  // Without a Commit what has arrived is kept for the next upload of this name by this caller.
   virtual ~DatasetUpload() = default;
 
   // The next bytes. Errors, each naming the shard: INVALID_ARGUMENT for more bytes than the
-  // manifest says, DATA_LOSS for a shard with another SHA-256, RESOURCE_EXHAUSTED for a full disk.
+  // manifest says, DATA_LOSS for a shard with another SHA-256 (what came of it, now or before, is
+  // thrown away), RESOURCE_EXHAUSTED for a full disk; ABORTED once another upload of this name by
+  // this caller has begun.
   virtual absl::Status Append(std::string_view bytes) = 0;
   // Reads back and checks everything (VerifyDatasetFolder), then makes it a dataset in one step.
   // May take long. INVALID_ARGUMENT if bytes are missing, or with the shard, record and field of
-  // what is no valid recording; ALREADY_EXISTS if another upload was first.
+  // what is no valid recording; ALREADY_EXISTS if another upload was first; DATA_LOSS as above.
   virtual absl::StatusOr<v1::Dataset> Commit() = 0;
+  // Nothing of it is to be kept.
+  virtual void Discard() = 0;
 };
 
-// What uploads under way have announced.
-class Arrivals;
+// Where uploads lie until they are datasets.
+class UploadStaging;
+
+struct DatasetStoreOptions {
+  // Most that all datasets together may have, what has arrived of others included; 0: as much as
+  // the disk holds.
+  int64_t quota_bytes = 0;
+  // What has arrived by an upload that broke off is removed so long after its last byte; 0: never.
+  std::chrono::seconds keep_uploads = std::chrono::hours(24);
+};
 
 // Ids must be valid ones (security::ParseDatasetName). Datasets are immutable: what was read of one
 // once stays true as long as it is there. Safe to use from any thread. NOT_FOUND for an unknown id.
 class DatasetStore {
  public:
-  // Creates the folder if need be and removes what interrupted uploads and deletions left in it.
-  //   quota_bytes: most that all datasets together may have; 0: as much as the disk holds.
-  static absl::StatusOr<std::unique_ptr<DatasetStore>> Open(std::filesystem::path folder,
-                                                            int64_t quota_bytes = 0);
+  // Creates the folder if need be and removes what interrupted commits and deletions left in it,
+  // and uploads that are too old.
+  static absl::StatusOr<std::unique_ptr<DatasetStore>> Open(
+      std::filesystem::path folder, const DatasetStoreOptions& options = {});
 
   std::filesystem::path FolderOf(const std::string& id) const { return folder_ / id; }
   bool Contains(const std::string& id) const;
@@ -55,11 +68,23 @@ class DatasetStore {
   // Ids after `after`, sorted, at most `limit`.
   absl::StatusOr<std::vector<std::string>> List(const std::string& after, size_t limit) const;
 
-  // Begins an upload. ALREADY_EXISTS; INVALID_ARGUMENT is not checked here: see
-  // ValidateDatasetManifest; RESOURCE_EXHAUSTED if it does not fit on the disk, FAILED_PRECONDITION
-  // if not within the quota, beside what other uploads have announced.
-  absl::StatusOr<std::unique_ptr<DatasetUpload>> BeginUpload(const std::string& id,
-                                                             const v1::Dataset& manifest) const;
+  // Begins an upload, or goes on with one: what has arrived is this caller's alone.
+  //   caller: who it is; empty where nobody is asked.
+  //   arrived: [shards] bytes that are not sent, because QueryUpload said that they are there;
+  //     empty: everything is sent.
+  // Errors: ALREADY_EXISTS; INVALID_ARGUMENT is not checked here: see ValidateDatasetManifest;
+  // RESOURCE_EXHAUSTED if it does not fit on the disk, FAILED_PRECONDITION if not within the quota,
+  // beside what other uploads have announced; UNAVAILABLE if less has arrived than is said, or
+  // while an earlier upload of this name is being committed: ask QueryUpload again.
+  absl::StatusOr<std::unique_ptr<DatasetUpload>> BeginUpload(
+      const std::string& id, const v1::Dataset& manifest, const std::string& caller = "",
+      std::vector<int64_t> arrived = {}) const;
+  // What need not be sent. The manifest is valid.
+  absl::StatusOr<v1::QueryUploadResponse> QueryUpload(const std::string& id,
+                                                      const v1::Dataset& manifest,
+                                                      const std::string& caller = "") const;
+  // Removes what uploads that broke off too long before `now` have left.
+  absl::Status RemoveAbandonedUploads(std::filesystem::file_time_type now) const;
 
   // Takes a dataset away in one step. What is returned is a folder to be removed, which may take
   // long; if nobody does, the next Open will.
@@ -69,7 +94,8 @@ class DatasetStore {
   // dataset reads all of it.
   absl::StatusOr<std::vector<v1::ScenarioSummary>> ListScenarios(const std::string& id,
                                                                  size_t begin, size_t limit);
-  // Counts what is in a dataset; see DescribeDataset of dataset_folder.h. Reads all of it.
+  // Counts what is in a dataset; see DescribeDataset of dataset_folder.h. Reads all of it, on a
+  // quarter of the cores, and keeps the answer beside the shards for the next time.
   absl::StatusOr<v1::DatasetSummary> Describe(const std::string& id, const v1::ModelSpec& spec,
                                               const v1::ExampleSettings& settings) const;
   // Reads up to the recording.
@@ -79,13 +105,15 @@ class DatasetStore {
  private:
   using Summaries = std::shared_ptr<const std::vector<v1::ScenarioSummary>>;
 
-  DatasetStore(std::filesystem::path folder, int64_t quota_bytes);
+  DatasetStore(std::filesystem::path folder, const DatasetStoreOptions& options);
+  absl::Status CheckRoom(uint64_t wanted, uint64_t arrived, uint64_t announced, uint64_t missing,
+                         uint64_t broken_off) const;
   absl::StatusOr<int64_t> TotalBytes() const;
   absl::StatusOr<Summaries> SummariesOf(const std::string& id);
 
   const std::filesystem::path folder_;
-  const int64_t quota_bytes_;
-  const std::shared_ptr<Arrivals> arrivals_;
+  const DatasetStoreOptions options_;
+  const std::shared_ptr<UploadStaging> staging_;
   std::mutex mutex_;
   // What ListScenarios read, by id and time of creation. Guarded by mutex_.
   std::map<std::pair<std::string, int64_t>, Summaries> summaries_;

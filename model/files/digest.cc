@@ -4,8 +4,10 @@
 #include <openssl/evp.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
+#include <limits>
 #include <vector>
 
 #include "model/files/errno_status.h"
@@ -29,6 +31,27 @@ void Sha256::Update(std::string_view bytes) {
   EVP_DigestUpdate(state_->context.get(), bytes.data(), bytes.size());
 }
 
+absl::Status Sha256::UpdateWithFile(const std::filesystem::path& file, int64_t bytes) {
+  const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return ErrnoStatus(errno, "open", file);
+  std::vector<char> buffer(1 << 18);
+  while (bytes > 0) {
+    const auto wanted = std::min<int64_t>(bytes, static_cast<int64_t>(buffer.size()));
+    const ssize_t count = read(descriptor, buffer.data(), static_cast<size_t>(wanted));
+    if (count < 0 && errno == EINTR) continue;
+    if (count < 0) {
+      const int error = errno;
+      close(descriptor);
+      return ErrnoStatus(error, "read", file);
+    }
+    if (count == 0) break;
+    Update({buffer.data(), static_cast<size_t>(count)});
+    bytes -= count;
+  }
+  close(descriptor);
+  return absl::OkStatus();
+}
+
 std::string Sha256::Finish() {
   std::array<unsigned char, 32> digest{};
   EVP_DigestFinal_ex(state_->context.get(), digest.data(), nullptr);
@@ -49,22 +72,9 @@ std::string Sha256Hex(std::string_view bytes) {
 }
 
 absl::StatusOr<std::string> Sha256OfFile(const std::filesystem::path& file) {
-  const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC);
-  if (descriptor < 0) return ErrnoStatus(errno, "open", file);
   Sha256 sha256;
-  std::vector<char> buffer(1 << 18);
-  for (;;) {
-    const ssize_t count = read(descriptor, buffer.data(), buffer.size());
-    if (count < 0 && errno == EINTR) continue;
-    if (count < 0) {
-      const int error = errno;
-      close(descriptor);
-      return ErrnoStatus(error, "read", file);
-    }
-    if (count == 0) break;
-    sha256.Update({buffer.data(), static_cast<size_t>(count)});
-  }
-  close(descriptor);
+  const absl::Status status = sha256.UpdateWithFile(file, std::numeric_limits<int64_t>::max());
+  if (!status.ok()) return status;
   return sha256.Finish();
 }
 

@@ -3,11 +3,13 @@
 #ifndef MANEUVER_MODEL_FILES_DIGEST_H_
 #define MANEUVER_MODEL_FILES_DIGEST_H_
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <string>
 #include <string_view>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 namespace maneuver::files {
@@ -21,6 +23,8 @@ class Sha256 {
   Sha256& operator=(const Sha256&) = delete;
 
   void Update(std::string_view bytes);
+  // With the first `bytes` of a file, or all of them if it has fewer.
+  absl::Status UpdateWithFile(const std::filesystem::path& file, int64_t bytes);
   // Lower-case hexadecimal, 64 characters. Call once.
   std::string Finish();
 

@@ -1,10 +1,12 @@
 #include "model/files/output_file.h"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
 
+#include "absl/strings/str_cat.h"
 #include "model/files/errno_status.h"
 
 namespace maneuver::files {
@@ -18,6 +20,24 @@ absl::StatusOr<std::unique_ptr<OutputFile>> OutputFile::Create(const std::filesy
   const int descriptor = open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (descriptor < 0) return ErrnoStatus(errno, "create", file);
   return std::unique_ptr<OutputFile>(new OutputFile(descriptor, file));
+}
+
+absl::StatusOr<std::unique_ptr<OutputFile>> OutputFile::Continue(const std::filesystem::path& file,
+                                                                 int64_t offset) {
+  const int descriptor = open(file.c_str(), O_WRONLY | O_CLOEXEC);
+  if (descriptor < 0) return ErrnoStatus(errno, "open", file);
+  std::unique_ptr<OutputFile> output(new OutputFile(descriptor, file));
+  struct stat about {};
+  if (fstat(descriptor, &about) != 0) return ErrnoStatus(errno, "read", file);
+  if (about.st_size < offset) {
+    return absl::DataLossError(
+        absl::StrCat(NameOf(file), " has ", about.st_size, " bytes and should have ", offset));
+  }
+  if (ftruncate(descriptor, offset) != 0 || lseek(descriptor, offset, SEEK_SET) != offset) {
+    return ErrnoStatus(errno, "write", file);
+  }
+  output->size_bytes_ = offset;
+  return output;
 }
 
 OutputFile::OutputFile(int descriptor, std::filesystem::path file)

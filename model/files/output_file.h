@@ -1,4 +1,4 @@
-// A new file that is written front to back.
+// A file that is written front to back.
 
 #ifndef MANEUVER_MODEL_FILES_OUTPUT_FILE_H_
 #define MANEUVER_MODEL_FILES_OUTPUT_FILE_H_
@@ -19,6 +19,10 @@ class OutputFile {
  public:
   // ALREADY_EXISTS if there is such a file.
   static absl::StatusOr<std::unique_ptr<OutputFile>> Create(const std::filesystem::path& file);
+  // Goes on with a file after its first `offset` bytes; what it has beyond them is cut off.
+  // DATA_LOSS if it has fewer.
+  static absl::StatusOr<std::unique_ptr<OutputFile>> Continue(const std::filesystem::path& file,
+                                                              int64_t offset);
   // Without a Close the file's end may be missing.
   ~OutputFile();
   OutputFile(const OutputFile&) = delete;
@@ -28,7 +32,7 @@ class OutputFile {
   // Flushes, syncs and closes. Call once, after the last Append.
   absl::Status Close();
 
-  // Appended so far.
+  // Appended so far, what it had before included.
   int64_t size_bytes() const { return size_bytes_; }
 
  private:

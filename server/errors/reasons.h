@@ -95,6 +95,13 @@ inline constexpr ReasonEntry kReasons[] = {
     {"DATASET_DAMAGED", "DATA_LOSS",
      "the dataset's files do not have the bytes that they were stored with",
      "delete it and upload it again"},
+    {"UPLOAD_CHANGED", "UNAVAILABLE",
+     "less of the dataset has arrived than the header skips, or an earlier upload of it is just "
+     "being checked",
+     "ask QueryUpload a little later and go on from there, as the client library does"},
+    {"UPLOAD_TAKEN_OVER", "ABORTED",
+     "the same caller has begun another upload of this dataset, which goes on in place of this one",
+     "let that one end; upload the same dataset from one place"},
     {"DATASET_IN_USE", "FAILED_PRECONDITION",
      "the job in the metadata needs the dataset that is to be deleted",
      "wait for the job, or cancel it"},

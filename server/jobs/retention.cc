@@ -47,6 +47,7 @@ Retention::~Retention() {
 absl::Status Retention::Sweep(absl::Time now) {
   absl::Status status = SweepJobs(now);
   status.Update(SweepVersions());
+  for (const auto& sweep : others_) status.Update(sweep());
   return status;
 }
 

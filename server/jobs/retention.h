@@ -8,6 +8,7 @@
 #include <mutex>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -58,6 +59,9 @@ class Retention {
   // Removes what is too old. The first error, after all was tried.
   absl::Status Sweep(absl::Time now);
 
+  // Something else that is to be done at each sweep. Before SweepRegularly.
+  void AlsoSweep(std::function<absl::Status()> sweep) { others_.push_back(std::move(sweep)); }
+
   // Sweeps now and then once in every `interval`, on a thread of its own, until this is destroyed.
   void SweepRegularly(absl::Duration interval);
 
@@ -68,6 +72,7 @@ class Retention {
   const RetentionPolicy policy_;
   Supervisor& jobs_;
   const RetainedModels models_;
+  std::vector<std::function<absl::Status()>> others_;
 
   std::mutex mutex_;
   std::condition_variable changed_;

@@ -191,8 +191,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   if (!lock.ok()) return lock.status();
   const auto store = jobs::SqliteStore::Open(options.data_dir / "maneuver.db");
   if (!store.ok()) return store.status();
-  const auto datasets =
-      data::DatasetStore::Open(options.data_dir / "datasets", options.dataset_quota_bytes);
+  const auto datasets = data::DatasetStore::Open(options.data_dir / "datasets", options.datasets);
   if (!datasets.ok()) return datasets.status();
   const auto models = serving::ModelRegistry::Open(
       options.data_dir / "models", **store,
@@ -207,6 +206,9 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
                                                   **datasets, *metrics);
   if (!supervisor.ok()) return supervisor.status();
   jobs::Retention retention(options.jobs.retention, **supervisor, Retained(**models));
+  retention.AlsoSweep([&datasets] {
+    return (*datasets)->RemoveAbandonedUploads(std::filesystem::file_time_type::clock::now());
+  });
   retention.SweepRegularly(kBetweenSweeps);
   // After what its work uses, before the services that give it work.
   jobs::WorkerPool disk(kDiskThreads, kMaxWaitingForDisk);

@@ -221,12 +221,21 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
          "they are answered; metrics say how far the answers differ")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
-  app.add_option("--dataset-quota", options.dataset_quota_bytes,
+  app.add_option("--dataset-quota", options.datasets.quota_bytes,
                  "Most bytes that all datasets together may have, such as 50GiB; 0: as many as the "
                  "disk holds")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
+  app.add_option_function<double>(
+         "--keep-uploads",
+         [&options](double hours) {
+           options.datasets.keep_uploads = std::chrono::seconds(std::llround(3600.0 * hours));
+         },
+         "Hours after its last byte that what has arrived by an upload that broke off is removed; "
+         "0: never")
+      ->check(CLI::Range(0.0, 1e5))
+      ->default_str("24");
   app.add_option("--precision", precision, "Of the engine; auto: bf16 where the processor has it")
       ->check(CLI::IsMember(kPrecisions))
       ->capture_default_str();

@@ -8,6 +8,7 @@
 #include <optional>
 #include <variant>
 
+#include "model/data/dataset_store.h"
 #include "model/inference/action_model.h"
 #include "server/maneuverd/job_options.h"
 #include "server/monitoring/logging.h"
@@ -32,7 +33,7 @@ struct ServerOptions {
   serving::SchedulerOptions scheduler;
   serving::MapCacheOptions maps;
   serving::ShadowOptions shadow;
-  int64_t dataset_quota_bytes = 0;  // 0: as many as the disk holds
+  data::DatasetStoreOptions datasets;
   inference::EngineOptions engine;
   JobOptions jobs;
   monitoring::LogFormat log_format = monitoring::LogFormat::kText;

@@ -9,6 +9,7 @@
 #include "model/artifact/training_presets.h"
 #include "server/rpc/blocking_call.h"
 #include "server/rpc/dataset_upload.h"
+#include "server/rpc/guarded_service.h"
 #include "server/rpc/paging.h"
 #include "server/security/resource_name.h"
 
@@ -63,10 +64,23 @@ absl::Status ListPage(data::DatasetStore& datasets, const v1::ListScenariosReque
   return absl::OkStatus();
 }
 
+// A description is counted while the caller waits.
+constexpr int kLeastStrideNanos = 10'000'000;
+
 absl::StatusOr<v1::DatasetSummary> Describe(const data::DatasetStore& datasets,
-                                            const std::string& id) {
-  const v1::TrainingSettings defaults = artifact::ResolveTrainingSettings({});
-  return datasets.Describe(id, defaults.model(), defaults.examples());
+                                            const v1::DescribeDatasetRequest& request) {
+  const auto id = security::ParseDatasetName(request.name(), "name");
+  if (!id.ok()) return id.status();
+  v1::TrainingSettings settings;
+  *settings.mutable_examples() = request.examples();
+  settings = artifact::ResolveTrainingSettings(settings);
+  const auto violations = artifact::ValidateTrainingSettings(settings);
+  if (!violations.empty()) return errors::InvalidFields(violations);
+  const auto& stride = settings.examples().stride();
+  if (stride.seconds() == 0 && stride.nanos() < kLeastStrideNanos) {
+    return errors::InvalidField("examples.stride", "must be at least 0.01 s");
+  }
+  return datasets.Describe(*id, settings.model(), settings.examples());
 }
 
 // Copies the value to *response.
@@ -90,6 +104,15 @@ grpc::ServerReadReactor<v1::UploadDatasetRequest>* DatasetService::UploadDataset
   return new DatasetUploadCall(datasets_, pool_, access_, rpc, response);
 }
 
+grpc::ServerUnaryReactor* DatasetService::QueryUpload(grpc::CallbackServerContext* rpc,
+                                                      const v1::QueryUploadRequest* request,
+                                                      v1::QueryUploadResponse* response) {
+  return AnswerFrom(pool_, rpc,
+                    [this, caller = access_.NameOf(CredentialsOf(*rpc)), request, response] {
+                      return AnswerQueryUpload(datasets_, caller, *request, response);
+                    });
+}
+
 grpc::ServerUnaryReactor* DatasetService::ListDatasets(grpc::CallbackServerContext* rpc,
                                                        const v1::ListDatasetsRequest* request,
                                                        v1::ListDatasetsResponse* response) {
@@ -110,8 +133,7 @@ grpc::ServerUnaryReactor* DatasetService::DescribeDataset(grpc::CallbackServerCo
                                                           const v1::DescribeDatasetRequest* request,
                                                           v1::DatasetSummary* response) {
   return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
-    const auto id = security::ParseDatasetName(request->name(), "name");
-    return id.ok() ? Answer(Describe(datasets_, *id), response) : id.status();
+    return Answer(Describe(datasets_, *request), response);
   });
 }
 

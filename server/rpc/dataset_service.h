@@ -18,6 +18,9 @@ class DatasetService final : public v1::DatasetService::CallbackService {
 
   grpc::ServerReadReactor<v1::UploadDatasetRequest>* UploadDataset(grpc::CallbackServerContext* rpc,
                                                                    v1::Dataset* response) override;
+  grpc::ServerUnaryReactor* QueryUpload(grpc::CallbackServerContext* rpc,
+                                        const v1::QueryUploadRequest* request,
+                                        v1::QueryUploadResponse* response) override;
   grpc::ServerUnaryReactor* ListDatasets(grpc::CallbackServerContext* rpc,
                                          const v1::ListDatasetsRequest* request,
                                          v1::ListDatasetsResponse* response) override;

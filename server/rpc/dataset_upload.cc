@@ -1,7 +1,9 @@
 #include "server/rpc/dataset_upload.h"
 
 #include <utility>
+#include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/blocking_call.h"
@@ -14,12 +16,34 @@ namespace {
 constexpr size_t kMaxChunk = size_t{1} << 20;
 constexpr char kUploadMethod[] = "/maneuver.v1.DatasetService/UploadDataset";
 
+// Of a valid manifest: nothing, or a number for each shard that fits its size.
+absl::Status CheckArrived(const v1::UploadHeader& header) {
+  const int numbers = header.arrived_bytes_size();
+  if (numbers == 0) return absl::OkStatus();
+  if (numbers != header.dataset().shards_size()) {
+    return errors::InvalidField("header.arrived_bytes",
+                                absl::StrCat("must be empty or have a number for each of the ",
+                                             header.dataset().shards_size(), " shards"));
+  }
+  for (int i = 0; i < numbers; ++i) {
+    const int64_t size = header.dataset().shards(i).size_bytes();
+    if (header.arrived_bytes(i) >= 0 && header.arrived_bytes(i) <= size) continue;
+    return errors::InvalidField(absl::StrCat("header.arrived_bytes[", i, "]"),
+                                absl::StrCat("must be from 0 to the shard's size, ", size));
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 DatasetUploadCall::DatasetUploadCall(data::DatasetStore& datasets, jobs::WorkerPool& pool,
                                      security::AccessControl& access,
                                      grpc::CallbackServerContext* rpc, v1::Dataset* response)
-    : datasets_(datasets), pool_(pool), rpc_(rpc), response_(response) {
+    : datasets_(datasets),
+      pool_(pool),
+      caller_(access.NameOf(CredentialsOf(*rpc))),
+      rpc_(rpc),
+      response_(response) {
   admission_ = access.Watch(kUploadMethod, CredentialsOf(*rpc),
                             [this](const absl::Status& refusal) { OnRefused(refusal); });
   ReadOn();
@@ -32,7 +56,7 @@ void DatasetUploadCall::OnRefused(const absl::Status& refusal) {
     if (!reading_.exchange(false)) return;  // who works on the call will see it
   }
   // The read that is left pending ends with the call.
-  pool_.Continue([this, refusal] { End(refusal); });
+  pool_.Continue([this, refusal] { EndRefused(refusal); });
 }
 
 void DatasetUploadCall::OnReadDone(bool ok) {
@@ -65,11 +89,17 @@ void DatasetUploadCall::ReadOn() {
       StartRead(&message_);
     }
   }
-  if (!refusal.ok()) End(refusal);
+  if (!refusal.ok()) EndRefused(refusal);
+}
+
+void DatasetUploadCall::EndRefused(const absl::Status& refusal) {
+  // Whoever may not upload may leave nothing here either.
+  if (upload_ != nullptr) upload_->Discard();
+  End(refusal);
 }
 
 void DatasetUploadCall::End(const absl::Status& status) {
-  // Before the client hears of it: what failed has left nothing.
+  // Before the client hears of it, and asks what has arrived.
   upload_.reset();
   {
     const std::lock_guard lock(mutex_);  // ReadOn, on another thread, has let go of it
@@ -96,7 +126,10 @@ absl::Status DatasetUploadCall::TakeHeader(const v1::UploadHeader& header) {
   if (!id.ok()) return id.status();
   const auto violations = data::ValidateDatasetManifest(header.dataset());
   if (!violations.empty()) return errors::InvalidFields(violations, "header.dataset");
-  auto upload = datasets_.BeginUpload(*id, header.dataset());
+  if (absl::Status status = CheckArrived(header); !status.ok()) return status;
+  auto upload = datasets_.BeginUpload(
+      *id, header.dataset(), caller_,
+      std::vector<int64_t>(header.arrived_bytes().begin(), header.arrived_bytes().end()));
   if (!upload.ok()) return WithDatasetReason(upload.status());
   upload_ = *std::move(upload);
   return absl::OkStatus();
@@ -114,6 +147,19 @@ absl::Status DatasetUploadCall::Commit() {
   return absl::OkStatus();
 }
 
+absl::Status AnswerQueryUpload(const data::DatasetStore& datasets, const std::string& caller,
+                               const v1::QueryUploadRequest& request,
+                               v1::QueryUploadResponse* response) {
+  const auto id = security::ParseDatasetName(request.name(), "name");
+  if (!id.ok()) return id.status();
+  const auto violations = data::ValidateDatasetManifest(request.dataset());
+  if (!violations.empty()) return errors::InvalidFields(violations, "dataset");
+  auto found = datasets.QueryUpload(*id, request.dataset(), caller);
+  if (!found.ok()) return WithDatasetReason(found.status());
+  *response = *std::move(found);
+  return absl::OkStatus();
+}
+
 absl::Status WithDatasetReason(absl::Status status) {
   switch (status.code()) {
     case absl::StatusCode::kNotFound:
@@ -128,6 +174,10 @@ absl::Status WithDatasetReason(absl::Status status) {
       return errors::WithReason(std::move(status), "DISK_FULL");
     case absl::StatusCode::kFailedPrecondition:
       return errors::WithReason(absl::ResourceExhaustedError(status.message()), "DATASET_QUOTA");
+    case absl::StatusCode::kAborted:
+      return errors::WithReason(std::move(status), "UPLOAD_TAKEN_OVER");
+    case absl::StatusCode::kUnavailable:
+      return errors::WithReason(std::move(status), "UPLOAD_CHANGED");
     default:
       return status;
   }

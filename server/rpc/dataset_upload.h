@@ -7,6 +7,7 @@
 #include <atomic>
 #include <memory>
 #include <mutex>
+#include <string>
 
 #include "absl/status/status.h"
 #include "maneuver/v1/dataset_service.pb.h"
@@ -32,6 +33,7 @@ class DatasetUploadCall final : public grpc::ServerReadReactor<v1::UploadDataset
   void OnRefused(const absl::Status& refusal);
   void ReadOn();
   void End(const absl::Status& status);
+  void EndRefused(const absl::Status& refusal);
   // One of them at a time, on a thread of the pool.
   void TakeStep(bool has_message);
   absl::Status TakeMessage();
@@ -40,6 +42,7 @@ class DatasetUploadCall final : public grpc::ServerReadReactor<v1::UploadDataset
 
   data::DatasetStore& datasets_;
   jobs::WorkerPool& pool_;
+  const std::string caller_;
   grpc::CallbackServerContext* const rpc_;
   v1::Dataset* const response_;
   v1::UploadDatasetRequest message_;
@@ -53,6 +56,11 @@ class DatasetUploadCall final : public grpc::ServerReadReactor<v1::UploadDataset
   // Last, so that it ends first: nobody refuses what is gone.
   std::unique_ptr<security::AccessControl::LongCall> admission_;
 };
+
+// What of the request's dataset has arrived from `caller`.
+absl::Status AnswerQueryUpload(const data::DatasetStore& datasets, const std::string& caller,
+                               const v1::QueryUploadRequest& request,
+                               v1::QueryUploadResponse* response);
 
 // With the ErrorInfo that fits an error of the dataset store.
 absl::Status WithDatasetReason(absl::Status status);

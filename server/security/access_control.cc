@@ -184,6 +184,12 @@ absl::StatusOr<RoleSet> AccessControl::Identify(const Credentials& credentials,
   return identity->roles;
 }
 
+std::string AccessControl::NameOf(const Credentials& credentials) const {
+  Caller caller;
+  if (asks_for_identity()) (void)Identify(credentials, caller);
+  return caller.name;
+}
+
 absl::Status AccessControl::Decide(std::string_view method, const Credentials& credentials,
                                    Caller& caller) {
   caller.client = absl::StrCat("peer:", credentials.peer);

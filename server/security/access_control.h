@@ -44,6 +44,9 @@ class AccessControl {
   static absl::StatusOr<std::unique_ptr<AccessControl>> Create(const AccessOptions& options,
                                                                monitoring::MetricRegistry& metrics);
 
+  // Name of the identity that calls; empty where nobody is asked, or if it is not known.
+  std::string NameOf(const Credentials& credentials) const;
+
   // Lets a call in or not:
   //   UNAUTHENTICATED    CREDENTIALS_MISSING, TOKEN_UNKNOWN
   //   PERMISSION_DENIED  CERTIFICATE_NOT_LISTED, ROLE_MISSING, METHOD_NOT_DECLARED (roles.h)

@@ -36,6 +36,7 @@ constexpr MethodRole kMethodRoles[] = {
     {"/maneuver.v1.ModelService/DeleteModelVersion", Role::kAdmin},
 
     {"/maneuver.v1.DatasetService/UploadDataset", Role::kTrain},
+    {"/maneuver.v1.DatasetService/QueryUpload", Role::kTrain},
     {"/maneuver.v1.DatasetService/ListDatasets", Role::kTrain},
     {"/maneuver.v1.DatasetService/GetDataset", Role::kTrain},
     {"/maneuver.v1.DatasetService/DescribeDataset", Role::kTrain},

@@ -85,7 +85,9 @@ int Rename(const char* from, const char* to, unsigned flags) {
     Name name = {from, to, ""};
     if (flags == 0 && access(to, F_OK) == 0) {
       name.replaced = disk->kept + std::to_string(disk->operations);
-      if (link(to, name.replaced.c_str()) != 0) name.replaced.clear();  // a folder
+      if (Call(SYS_linkat, AT_FDCWD, to, AT_FDCWD, name.replaced.c_str(), 0) != 0) {
+        name.replaced.clear();  // a folder
+      }
     }
     const int result = Call(SYS_renameat2, AT_FDCWD, from, AT_FDCWD, to, flags);
     if (result != 0) return result;
@@ -188,6 +190,16 @@ int rename(const char* from, const char* to) noexcept { return Rename(from, to, 
 
 int renameat2(int, const char* from, int, const char* to, unsigned flags) noexcept {
   return Rename(from, to, flags);
+}
+
+int link(const char* from, const char* to) noexcept {
+  const bool below = Below(to);
+  if (below) {
+    if (const int error = Begin(true); error != 0) return Result(-error);
+  }
+  const int result = Call(SYS_linkat, AT_FDCWD, from, AT_FDCWD, to, 0);
+  if (below && result == 0) disk->names.push_back({"", to, ""});
+  return result;
 }
 
 int mkdir(const char* folder, mode_t mode) noexcept {

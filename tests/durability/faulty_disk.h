@@ -1,8 +1,8 @@
 // A disk that fails, fills up or loses its power at a chosen moment.
 //
-// Linked into a program it takes the place of open, write, fsync, rename, renameat2 and mkdir of
-// the C library, for the program and all libraries in it. What they do below one folder is counted
-// and can be made to fail; all else they pass on. One thread only.
+// Linked into a program it takes the place of open, write, fsync, link, rename, renameat2 and mkdir
+// of the C library, for the program and all libraries in it. What they do below one folder is
+// counted and can be made to fail; all else they pass on. One thread only.
 
 #ifndef MANEUVER_TESTS_DURABILITY_FAULTY_DISK_H_
 #define MANEUVER_TESTS_DURABILITY_FAULTY_DISK_H_

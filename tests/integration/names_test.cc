@@ -91,6 +91,7 @@ const std::map<std::string, std::string> kHarmless = {
     {"maneuver.v1.ListEvaluationReportsRequest.parent", "models/a/versions/1"},
     {"maneuver.v1.ListScenariosRequest.parent", "datasets/a"},
     {"maneuver.v1.UploadHeader.name", "datasets/a"},
+    {"maneuver.v1.QueryUploadRequest.name", "datasets/a"},
     {"maneuver.v1.Dataset.name", ""},  // the server's to say; UploadHeader.name counts
 };
 

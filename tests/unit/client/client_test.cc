@@ -235,10 +235,11 @@ TEST_F(UploadTest, SendsTheHeaderAndThenEveryByte) {
   };
   int64_t last_sent = 0;
   const auto dataset = ConnectTo(server.address())
-                           ->UploadDataset(folder_, "datasets/x", [&](int64_t sent, int64_t total) {
-                             EXPECT_GT(sent, last_sent);
-                             EXPECT_EQ(total, 1'300'000);
-                             last_sent = sent;
+                           ->UploadDataset(folder_, "datasets/x", [&](const UploadProgress& now) {
+                             EXPECT_TRUE(now.there > last_sent || now.there == 0);
+                             EXPECT_EQ(now.total, 1'300'000);
+                             EXPECT_EQ(now.resumed, 0);
+                             last_sent = now.there;
                            });
   ASSERT_TRUE(dataset.ok()) << dataset.status();
   EXPECT_EQ(dataset->name(), "datasets/x");
@@ -246,6 +247,115 @@ TEST_F(UploadTest, SendsTheHeaderAndThenEveryByte) {
   EXPECT_EQ(bytes, shard_);
   EXPECT_LE(largest, 1U << 20);
   EXPECT_EQ(last_sent, 1'300'000);
+}
+
+// A server that keeps what arrives, and whose `breaks`-th upload and those before break off after
+// the message number that they state.
+class ServerThatBreaksOff {
+ public:
+  ServerThatBreaksOff(TestServer& server, std::vector<int> messages)
+      : messages_(std::move(messages)) {
+    server.on_query_upload = [this](const auto&, v1::QueryUploadResponse* response) {
+      response->add_arrived_bytes(static_cast<int64_t>(kept.size()));
+      return grpc::Status::OK;
+    };
+    server.on_upload = [this](auto* reader, v1::Dataset* dataset) {
+      const size_t upload = uploads++;
+      v1::UploadDatasetRequest request;
+      for (int message = 0; reader->Read(&request); ++message) {
+        if (request.has_header()) kept.resize(request.header().arrived_bytes(0));
+        if (upload < messages_.size() && message == messages_[upload]) {
+          return grpc::Status(grpc::StatusCode::UNAVAILABLE, "broken");
+        }
+        kept += request.chunk();
+        received += static_cast<int64_t>(request.chunk().size());
+      }
+      dataset->set_name("datasets/x");
+      return grpc::Status::OK;
+    };
+  }
+  std::string kept;
+  int64_t received = 0;
+  size_t uploads = 0;
+
+ private:
+  const std::vector<int> messages_;
+};
+
+TEST_F(UploadTest, GoesOnWhereItBrokeOffAndSendsNothingTwice) {
+  TestServer server;
+  ServerThatBreaksOff keeper(server, {1, 2, 2});
+  std::vector<int64_t> resumed;
+  const auto dataset = ConnectTo(server.address())
+                           ->UploadDataset(folder_, "datasets/x", [&](const UploadProgress& now) {
+                             resumed.push_back(now.resumed);
+                           });
+  ASSERT_TRUE(dataset.ok()) << dataset.status();
+  EXPECT_EQ(keeper.uploads, 4u);
+  EXPECT_EQ(keeper.kept, shard_);
+  EXPECT_EQ(keeper.received, 1'300'000);
+  // What this very call has sent was not there before it.
+  for (const int64_t bytes : resumed) EXPECT_EQ(bytes, 0);
+}
+
+TEST_F(UploadTest, SaysWhatWasThereBeforeItBegan) {
+  TestServer server;
+  ServerThatBreaksOff keeper(server, {});
+  keeper.kept = shard_.substr(0, 1'000'000);
+  UploadProgress last;
+  const auto dataset =
+      ConnectTo(server.address())
+          ->UploadDataset(folder_, "datasets/x", [&](const UploadProgress& now) { last = now; });
+  ASSERT_TRUE(dataset.ok()) << dataset.status();
+  EXPECT_EQ(keeper.received, 300'000);
+  EXPECT_EQ(keeper.kept, shard_);
+  EXPECT_EQ(last.resumed, 1'000'000);
+  EXPECT_EQ(last.there, last.total);
+}
+
+TEST_F(UploadTest, ACommitWhoseAnswerWasLostIsASuccess) {
+  TestServer server;
+  bool is_committed = false;
+  server.on_query_upload = [&](const auto& request, v1::QueryUploadResponse* response) {
+    response->add_arrived_bytes(0);
+    if (is_committed) response->mutable_committed()->set_name(request.name());
+    return grpc::Status::OK;
+  };
+  server.on_upload = [&](auto* reader, v1::Dataset*) {
+    v1::UploadDatasetRequest request;
+    while (reader->Read(&request)) {
+    }
+    is_committed = true;
+    return grpc::Status(grpc::StatusCode::UNAVAILABLE, "broken");
+  };
+  const auto dataset = ConnectTo(server.address())->UploadDataset(folder_, "datasets/x", nullptr);
+  ASSERT_TRUE(dataset.ok()) << dataset.status();
+  EXPECT_EQ(dataset->name(), "datasets/x");
+}
+
+TEST_F(UploadTest, WhatLayThereWrongIsSentAgainOnce) {
+  TestServer server;
+  ServerThatBreaksOff keeper(server, {});
+  const auto upload = server.on_upload;
+  keeper.kept = "wrong";
+  int losses = 0;
+  int most_losses = 1;
+  server.on_upload = [&](auto* reader, v1::Dataset* dataset) {
+    const grpc::Status status = upload(reader, dataset);
+    if (losses == most_losses) return status;
+    ++losses;
+    keeper.kept = most_losses == 1 ? "" : "wrong again";
+    return grpc::Status(grpc::StatusCode::DATA_LOSS, "another SHA-256");
+  };
+  const auto client = ConnectTo(server.address());
+  EXPECT_TRUE(client->UploadDataset(folder_, "datasets/x", nullptr).ok());
+  EXPECT_EQ(keeper.kept, shard_);
+  // Not for ever, though.
+  losses = 0;
+  most_losses = 100;
+  keeper.kept = "wrong";
+  EXPECT_TRUE(absl::IsDataLoss(client->UploadDataset(folder_, "datasets/x", nullptr).status()));
+  EXPECT_EQ(losses, 2);
 }
 
 TEST_F(UploadTest, AnErrorOfTheServerIsTheErrorOfTheCall) {

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <opencv2/imgcodecs.hpp>
 #include <vector>
@@ -8,11 +9,52 @@
 #include "client/plot/axes.h"
 #include "client/plot/canvas.h"
 #include "client/plot/label_placer.h"
+#include "client/plot/recordings_plot.h"
 #include "client/plot/scene_plot.h"
 #include "tests/unit/client/pictures_for_tests.h"
 
 namespace maneuver::plot {
 namespace {
+
+// One panel, seen 140 m wide: how far a pixel near a point of the world is from a colour.
+int NearestInRecording(const cv::Mat& picture, double x, double y, Color color) {
+  const cv::Point2d middle(42.0 + (800.0 - 42.0 - 16.0) / 2.0, 44.0 + (760.0 - 44.0 - 42.0) / 2.0);
+  const double scale = (800.0 - 42.0 - 16.0) / 140.0;
+  int nearest = 255;
+  for (int dy = -2; dy <= 2; ++dy) {
+    for (int dx = -2; dx <= 2; ++dx) {
+      const cv::Point pixel(static_cast<int>(std::lround(middle.x + scale * (x - 100.0))) + dx,
+                            static_cast<int>(std::lround(middle.y - scale * (y - 50.0))) + dy);
+      nearest = std::min(nearest, Distance(picture.at<cv::Vec3b>(pixel), color));
+    }
+  }
+  return nearest;
+}
+
+TEST(RecordingsPlotTest, ShowsTargetsAndWhereTheyGoNorthUp) {
+  v1::Scenario recording = Scene();
+  recording.mutable_agents(0)->set_type(v1::AGENT_TYPE_VEHICLE);
+  const auto png = DrawRecordings({&recording, 1}, {.width = 800, .height = 800});
+  ASSERT_TRUE(png.ok()) << png.status();
+  const cv::Mat picture = Decode(*png);
+  ASSERT_EQ(picture.cols, 800);
+  constexpr Color kYellow = {255, 214, 10};
+  constexpr Color kPath = {240, 240, 244};
+  EXPECT_LT(NearestInRecording(picture, 100.0, 50.0, kYellow), 60);
+  const v1::AgentState& later = recording.agents(0).states(6);
+  EXPECT_LT(NearestInRecording(picture, later.x(), later.y(), kPath), 40);
+  // Its mirror image, which a picture upside down would show.
+  EXPECT_GT(NearestInRecording(picture, later.x(), 100.0 - later.y(), kPath), 100);
+}
+
+TEST(RecordingsPlotTest, WhereNobodyIsInSightItLooksAtTheMiddleOfTheTime) {
+  v1::Scenario recording = Scene();
+  recording.set_prediction_time(100.0);
+  EXPECT_TRUE(DrawRecordings({&recording, 1}, {}).ok());
+  recording.clear_agents();
+  EXPECT_TRUE(absl::IsInvalidArgument(DrawRecordings({&recording, 1}, {}).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(DrawRecordings({}, {}).status()));
+}
 
 TEST(ScenePlotTest, IsAPngOfTheSizeAskedFor) {
   const auto png = DrawScene(Scene(), Answer(0.9), Options());

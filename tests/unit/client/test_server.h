@@ -33,6 +33,9 @@ class TestServer final {
       on_watch;
   std::function<grpc::Status(grpc::ServerReader<v1::UploadDatasetRequest>*, v1::Dataset*)>
       on_upload;
+  // Empty: nothing has arrived, as far as a server of before the question knows.
+  std::function<grpc::Status(const v1::QueryUploadRequest&, v1::QueryUploadResponse*)>
+      on_query_upload;
   std::function<grpc::Status(
       grpc::ServerReaderWriter<v1::StreamPredictResponse, v1::StreamPredictRequest>*)>
       on_stream;
@@ -112,6 +115,12 @@ class TestServer final {
                                v1::Dataset* dataset) override {
       owner_->See(*context);
       return owner_->on_upload(reader, dataset);
+    }
+    grpc::Status QueryUpload(grpc::ServerContext* context, const v1::QueryUploadRequest* request,
+                             v1::QueryUploadResponse* response) override {
+      owner_->See(*context);
+      if (!owner_->on_query_upload) return {grpc::StatusCode::UNIMPLEMENTED, "no such method"};
+      return owner_->on_query_upload(*request, response);
     }
 
    private:

@@ -3,7 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <string>
+#include <vector>
 
 #include "model/data/dataset_folder.h"
 #include "model/data/tfrecord.h"
@@ -36,7 +38,7 @@ class DatasetStoreTest : public testing::Test {
   }
 
   void Reopen(int64_t quota_bytes = 0) {
-    store_ = *DatasetStore::Open(folder_ / "datasets", quota_bytes);
+    store_ = *DatasetStore::Open(folder_ / "datasets", {.quota_bytes = quota_bytes});
   }
 
   // Uploads bytes in pieces that end where no shard does.
@@ -49,6 +51,54 @@ class DatasetStoreTest : public testing::Test {
       if (!status.ok()) return status;
     }
     return (*upload)->Commit();
+  }
+
+  // Brings the first bytes and breaks off.
+  void BreakOffAfter(size_t bytes, const std::string& caller = "") {
+    auto upload = store_->BeginUpload("town", manifest_, caller, Arrived(caller));
+    ASSERT_TRUE(upload.ok()) << upload.status();
+    ASSERT_TRUE((*upload)->Append(std::string_view(bytes_).substr(0, bytes)).ok());
+  }
+
+  // For each shard of "town".
+  std::vector<int64_t> Arrived(const std::string& caller = "") const {
+    const auto answer = store_->QueryUpload("town", manifest_, caller);
+    EXPECT_TRUE(answer.ok()) << answer.status();
+    return {answer->arrived_bytes().begin(), answer->arrived_bytes().end()};
+  }
+
+  // Brings what has not arrived of "town".
+  absl::StatusOr<v1::Dataset> GoOn(const std::string& caller = "") {
+    const std::vector<int64_t> arrived = Arrived(caller);
+    auto upload = store_->BeginUpload("town", manifest_, caller, arrived);
+    if (!upload.ok()) return upload.status();
+    size_t begin = 0;
+    for (int i = 0; i < manifest_.shards_size(); ++i) {
+      const auto size = static_cast<size_t>(manifest_.shards(i).size_bytes());
+      const auto there = static_cast<size_t>(arrived[static_cast<size_t>(i)]);
+      const absl::Status status =
+          (*upload)->Append(std::string_view(bytes_).substr(begin + there, size - there));
+      if (!status.ok()) return status;
+      begin += size;
+    }
+    return (*upload)->Commit();
+  }
+
+  size_t FirstShardBytes() const { return static_cast<size_t>(manifest_.shards(0).size_bytes()); }
+
+  // The file of the shard that an upload that broke off has left.
+  std::filesystem::path StagedFile(int shard, const std::string& suffix) const {
+    for (const auto& slot :
+         std::filesystem::directory_iterator(folder_ / "datasets" / ".uploads")) {
+      return slot.path() / (manifest_.shards(shard).sha256() + suffix);
+    }
+    return {};
+  }
+
+  static void AlterAByte(const std::filesystem::path& file) {
+    std::string content = *files::ReadFile(file);
+    content[content.size() / 2] ^= 1;
+    ASSERT_TRUE(files::WriteFileAtomically(file, content).ok());
   }
 
   // Names in the store's folder, hidden ones too.
@@ -81,21 +131,155 @@ TEST_F(DatasetStoreTest, AnUploadBecomesADatasetThatIsThereAfterARestart) {
             SmallRecording("r2").SerializeAsString());
 }
 
-TEST_F(DatasetStoreTest, NothingIsThereBeforeTheCommitAndNothingStaysWithoutIt) {
+TEST_F(DatasetStoreTest, NothingIsADatasetBeforeTheCommit) {
   auto upload = store_->BeginUpload("town", manifest_);
   ASSERT_TRUE(upload.ok());
   ASSERT_TRUE((*upload)->Append(bytes_).ok());
   EXPECT_FALSE(store_->Contains("town"));
   EXPECT_THAT(*store_->List("", 10), IsEmpty());
+}
+
+TEST_F(DatasetStoreTest, AnUploadOfWhichNothingCameLeavesNothing) {
+  ASSERT_TRUE(store_->BeginUpload("town", manifest_).ok());
+  EXPECT_THAT(Names(), IsEmpty());
+}
+
+TEST_F(DatasetStoreTest, ADiscardedUploadLeavesNothing) {
+  auto upload = store_->BeginUpload("town", manifest_);
+  ASSERT_TRUE((*upload)->Append(bytes_).ok());
+  (*upload)->Discard();
   upload->reset();
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, WhatASuddenDeathLeftIsRemovedByTheNextStart) {
-  auto upload = store_->BeginUpload("town", manifest_);
+TEST_F(DatasetStoreTest, WhatArrivedIsThereAfterARestartAndIsNotSentAgain) {
+  BreakOffAfter(FirstShardBytes() + 500);
+  Reopen();
+  EXPECT_FALSE(store_->Contains("town"));
+  const std::vector<int64_t> arrived = Arrived();
+  EXPECT_EQ(arrived[0], manifest_.shards(0).size_bytes());
+  EXPECT_EQ(arrived[1], 500);
+  const auto dataset = GoOn();
+  ASSERT_TRUE(dataset.ok()) << dataset.status();
+  EXPECT_TRUE(VerifyDatasetFolder(store_->FolderOf("town")).ok());
+  EXPECT_THAT(Names(), ElementsAre("town"));
+}
+
+TEST_F(DatasetStoreTest, LessThanHasArrivedMayBeGoneOnFromAndMoreMayNot) {
+  BreakOffAfter(1'000);
+  std::vector<int64_t> claimed = Arrived();
+  ASSERT_EQ(claimed[0], 1'000);
+  claimed[0] = 1'001;
+  EXPECT_TRUE(absl::IsUnavailable(store_->BeginUpload("town", manifest_, "", claimed).status()));
+  claimed[0] = 300;
+  auto upload = store_->BeginUpload("town", manifest_, "", claimed);
+  ASSERT_TRUE(upload.ok()) << upload.status();
+  ASSERT_TRUE((*upload)->Append(std::string_view(bytes_).substr(300)).ok());
+  EXPECT_TRUE((*upload)->Commit().ok());
+}
+
+TEST_F(DatasetStoreTest, WhatOneCallerSentIsNotThereForAnother) {
+  BreakOffAfter(bytes_.size(), "ada");
+  EXPECT_THAT(Arrived("ada"), testing::Contains(testing::Gt(0)));
+  EXPECT_THAT(Arrived("bob"), testing::Each(0));
+  EXPECT_THAT(Arrived(""), testing::Each(0));
+  EXPECT_TRUE(
+      absl::IsUnavailable(store_->BeginUpload("town", manifest_, "bob", Arrived("ada")).status()));
+  // Nor under another name, for her own.
+  const auto other = store_->QueryUpload("other", manifest_, "ada");
+  EXPECT_THAT(other->arrived_bytes(), testing::Each(0));
+}
+
+TEST_F(DatasetStoreTest, ABeginningThatTurnsOutWrongIsThrownAwayAndTheNextAttemptStartsClean) {
+  BreakOffAfter(1'000);
+  AlterAByte(StagedFile(0, ".part"));
+  const absl::Status wrong = GoOn().status();
+  EXPECT_TRUE(absl::IsDataLoss(wrong)) << wrong;
+  EXPECT_EQ(Arrived()[0], 0);
+  const auto dataset = GoOn();
+  EXPECT_TRUE(dataset.ok()) << dataset.status();
+}
+
+TEST_F(DatasetStoreTest, AWholeShardThatTheDiskAlteredIsThrownAwayAndTheOthersAreKept) {
+  BreakOffAfter(bytes_.size());
+  AlterAByte(StagedFile(0, ""));
+  const absl::Status wrong = GoOn().status();
+  EXPECT_TRUE(absl::IsDataLoss(wrong)) << wrong;
+  EXPECT_THAT(std::string(wrong.message()), HasSubstr(manifest_.shards(0).file()));
+  EXPECT_EQ(Arrived()[0], 0);
+  EXPECT_EQ(Arrived()[1], manifest_.shards(1).size_bytes());
+  const auto dataset = GoOn();
+  EXPECT_TRUE(dataset.ok()) << dataset.status();
+}
+
+TEST_F(DatasetStoreTest, OfTwoUploadsByOneCallerTheLaterGoesOn) {
+  auto first = store_->BeginUpload("town", manifest_);
+  ASSERT_TRUE(first.ok());
+  ASSERT_TRUE((*first)->Append(std::string_view(bytes_).substr(0, FirstShardBytes() + 100)).ok());
+  // Its connection is broken, which the server does not know yet.
+  const std::vector<int64_t> arrived = Arrived();
+  ASSERT_EQ(arrived[0], manifest_.shards(0).size_bytes());
+  auto second = store_->BeginUpload("town", manifest_, "", arrived);
+  ASSERT_TRUE(second.ok()) << second.status();
+  const absl::Status taken_over = (*first)->Append("rubbish");
+  EXPECT_TRUE(absl::IsAborted(taken_over)) << taken_over;
+  EXPECT_TRUE(absl::IsAborted((*first)->Commit().status()));
+  const size_t there = FirstShardBytes() + static_cast<size_t>(arrived[1]);
+  ASSERT_TRUE((*second)->Append(std::string_view(bytes_).substr(there, 50)).ok());
+  first->reset();  // takes nothing with it
+  ASSERT_TRUE((*second)->Append(std::string_view(bytes_).substr(there + 50)).ok());
+  const auto dataset = (*second)->Commit();
+  EXPECT_TRUE(dataset.ok()) << dataset.status();
+}
+
+TEST_F(DatasetStoreTest, OfWhatLaysThereAnotherUploadKeepsTheShardsThatItHasToo) {
+  BreakOffAfter(bytes_.size());
+  const std::filesystem::path given_up = StagedFile(1, "");
+  ASSERT_TRUE(std::filesystem::exists(given_up));
+  manifest_.mutable_shards()->DeleteSubrange(1, manifest_.shards_size() - 1);
+  manifest_.set_recordings(manifest_.shards(0).records());
+  EXPECT_EQ(Arrived()[0], manifest_.shards(0).size_bytes());
+  auto upload = store_->BeginUpload("town", manifest_, "", Arrived());
   ASSERT_TRUE(upload.ok());
-  ASSERT_TRUE((*upload)->Append(bytes_.substr(0, 1000)).ok());
-  EXPECT_EQ(Names().size(), 1u);
+  EXPECT_FALSE(std::filesystem::exists(given_up));
+  EXPECT_TRUE((*upload)->Commit().ok());
+}
+
+TEST_F(DatasetStoreTest, WhoAsksAfterTheCommitIsToldOfTheDataset) {
+  EXPECT_FALSE(store_->QueryUpload("town", manifest_)->has_committed());
+  ASSERT_TRUE(Upload("town", bytes_).ok());
+  EXPECT_EQ(store_->QueryUpload("town", manifest_)->committed().name(), "datasets/town");
+  manifest_.mutable_shards(0)->mutable_sha256()->front() ^= 1;
+  EXPECT_FALSE(store_->QueryUpload("town", manifest_)->has_committed());
+}
+
+TEST_F(DatasetStoreTest, UploadsThatNobodyGoesOnWithAreRemovedAfterTheirTime) {
+  const auto now = std::filesystem::file_time_type::clock::now();
+  BreakOffAfter(1'000);
+  ASSERT_TRUE(store_->RemoveAbandonedUploads(now + std::chrono::hours(23)).ok());
+  EXPECT_EQ(Arrived()[0], 1'000);
+  {
+    const auto upload = store_->BeginUpload("town", manifest_, "", Arrived());
+    ASSERT_TRUE(store_->RemoveAbandonedUploads(now + std::chrono::hours(25)).ok());
+    EXPECT_EQ(Arrived()[0], 1'000) << "somebody is at it";
+  }
+  ASSERT_TRUE(store_->RemoveAbandonedUploads(now + std::chrono::hours(25)).ok());
+  EXPECT_THAT(Names(), IsEmpty());
+}
+
+TEST_F(DatasetStoreTest, AStartRemovesUploadsThatAreTooOld) {
+  BreakOffAfter(1'000);
+  const auto old = std::filesystem::file_time_type::clock::now() - std::chrono::hours(25);
+  const std::filesystem::path part = StagedFile(0, ".part");
+  std::filesystem::last_write_time(part, old);
+  std::filesystem::last_write_time(part.parent_path(), old);
+  Reopen();
+  EXPECT_THAT(Names(), IsEmpty());
+}
+
+TEST_F(DatasetStoreTest, WhatASuddenDeathLeftOfACommitIsRemovedByTheNextStart) {
+  auto temporary = files::MakeTemporaryFolderFor(folder_ / "datasets" / "town");
+  ASSERT_TRUE(temporary.ok());
   Reopen();
   EXPECT_THAT(Names(), IsEmpty());
 }
@@ -104,16 +288,20 @@ TEST_F(DatasetStoreTest, TheQuotaIsForAllDatasetsAndForWhatIsOnItsWay) {
   const auto size = static_cast<int64_t>(bytes_.size());
   Reopen(2 * size + 100);
   ASSERT_TRUE(Upload("first", bytes_).ok());
-  auto second = store_->BeginUpload("second", manifest_);
+  auto second = store_->BeginUpload("town", manifest_);
   ASSERT_TRUE(second.ok()) << second.status();
   ASSERT_TRUE((*second)->Append(std::string_view(bytes_).substr(0, 1000)).ok());
   const absl::Status third = store_->BeginUpload("third", manifest_).status();
   EXPECT_TRUE(absl::IsFailedPrecondition(third)) << third;
   EXPECT_THAT(std::string(third.message()),
               AllOf(HasSubstr(std::to_string(size) + " bytes"), HasSubstr(" 100 are left")));
-  // What is broken off or deleted makes room again.
+  // What has arrived counts while it lies there, but not against its own upload.
   second->reset();
-  ASSERT_TRUE(Upload("third", bytes_).ok());
+  const absl::Status fourth = store_->BeginUpload("fourth", manifest_).status();
+  EXPECT_TRUE(absl::IsFailedPrecondition(fourth)) << fourth;
+  EXPECT_THAT(std::string(fourth.message()), HasSubstr("broke off hold 1000"));
+  ASSERT_TRUE(GoOn().ok());
+  // What is deleted makes room again.
   EXPECT_FALSE(store_->BeginUpload("fourth", manifest_).ok());
   ASSERT_TRUE(store_->Detach("first").ok());
   EXPECT_TRUE(store_->BeginUpload("fourth", manifest_).ok());
@@ -125,7 +313,7 @@ TEST_F(DatasetStoreTest, ATruncatedUploadIsRefusedByItsShard) {
   EXPECT_THAT(std::string(result.status().message()),
               AllOf(HasSubstr("shard " + manifest_.shards().rbegin()->file()),
                     HasSubstr("of " + std::to_string(manifest_.shards().rbegin()->size_bytes()))));
-  EXPECT_THAT(Names(), IsEmpty());
+  EXPECT_FALSE(store_->Contains("town"));
 }
 
 TEST_F(DatasetStoreTest, BytesBeyondTheLastShardAreRefused) {
@@ -141,7 +329,8 @@ TEST_F(DatasetStoreTest, AnAlteredByteIsRefusedByItsShard) {
   EXPECT_TRUE(absl::IsDataLoss(result.status())) << result.status();
   EXPECT_THAT(std::string(result.status().message()),
               AllOf(HasSubstr("shard " + manifest_.shards(1).file()), HasSubstr("SHA-256")));
-  EXPECT_THAT(Names(), IsEmpty());
+  EXPECT_FALSE(store_->Contains("town"));
+  EXPECT_EQ(Arrived()[1], 0);
 }
 
 TEST_F(DatasetStoreTest, ARecordingThatIsNoneIsRefusedByRecordAndField) {
@@ -181,9 +370,9 @@ TEST_F(DatasetStoreTest, ANameIsTakenOnce) {
   EXPECT_TRUE(absl::IsAlreadyExists(store_->BeginUpload("town", manifest_).status()));
 }
 
-TEST_F(DatasetStoreTest, OfTwoUploadsOfANameTheFirstToCommitWins) {
-  auto first = store_->BeginUpload("town", manifest_);
-  auto second = store_->BeginUpload("town", manifest_);
+TEST_F(DatasetStoreTest, OfTwoCallersThatUploadANameTheFirstToCommitWins) {
+  auto first = store_->BeginUpload("town", manifest_, "ada");
+  auto second = store_->BeginUpload("town", manifest_, "bob");
   ASSERT_TRUE(first.ok() && second.ok());
   ASSERT_TRUE((*first)->Append(bytes_).ok());
   ASSERT_TRUE((*second)->Append(bytes_).ok());
@@ -223,6 +412,30 @@ TEST_F(DatasetStoreTest, DatasetsAreListedByNameInPages) {
   EXPECT_THAT(*store_->List("", 2), ElementsAre("a", "b"));
   EXPECT_THAT(*store_->List("b", 2), ElementsAre("c"));
   EXPECT_THAT(*store_->List("c", 2), IsEmpty());
+}
+
+TEST_F(DatasetStoreTest, ADescriptionIsKeptBesideTheDatasetForItsSettings) {
+  ASSERT_TRUE(Upload("town", bytes_).ok());
+  v1::ModelSpec spec;
+  spec.mutable_raster()->set_history_frames(11);
+  spec.mutable_raster()->mutable_frame_interval()->set_nanos(100'000'000);
+  spec.mutable_trajectory()->set_waypoints(4);
+  spec.mutable_trajectory()->mutable_waypoint_interval()->set_nanos(500'000'000);
+  v1::ExampleSettings settings;
+  settings.mutable_stride()->set_seconds(1);
+  const auto counted = store_->Describe("town", spec, settings);
+  ASSERT_TRUE(counted.ok()) << counted.status();
+  EXPECT_EQ(counted->examples(), 9);
+  EXPECT_EQ(counted->dataset().name(), "datasets/town");
+  // Nobody reads these any more.
+  const std::filesystem::path shard = store_->FolderOf("town") / manifest_.shards(0).file();
+  std::filesystem::resize_file(shard, 0);
+  std::filesystem::resize_file(shard, FirstShardBytes());
+  const auto kept = store_->Describe("town", spec, settings);
+  ASSERT_TRUE(kept.ok()) << kept.status();
+  EXPECT_EQ(kept->DebugString(), counted->DebugString());
+  settings.mutable_stride()->set_seconds(2);
+  EXPECT_TRUE(absl::IsDataLoss(store_->Describe("town", spec, settings).status()));
 }
 
 TEST_F(DatasetStoreTest, RecordingsAreListedInOrderAtAGlance) {

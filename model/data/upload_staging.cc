@@ -1,0 +1,192 @@
+#include "model/data/upload_staging.h"
+
+#include <algorithm>
+#include <limits>
+#include <set>
+#include <system_error>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "model/files/digest.h"
+#include "model/files/durable_file.h"
+#include "model/files/errno_status.h"
+
+namespace maneuver::data {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Of SHA-256: enough to tell callers apart.
+constexpr size_t kCallerDigits = 32;
+
+// -1 if there is none.
+int64_t SizeOf(const fs::path& file) {
+  std::error_code error;
+  const uintmax_t size = fs::file_size(file, error);
+  return error ? -1 : static_cast<int64_t>(size);
+}
+
+}  // namespace
+
+uint64_t BytesOf(const v1::Dataset& manifest) {
+  uint64_t bytes = 0;
+  for (const v1::Shard& shard : manifest.shards()) {
+    const auto size = static_cast<uint64_t>(std::max<int64_t>(0, shard.size_bytes()));
+    bytes += std::min(size, std::numeric_limits<uint64_t>::max() - bytes);
+  }
+  return bytes;
+}
+
+fs::path WholeShard(const fs::path& slot, const v1::Shard& shard) { return slot / shard.sha256(); }
+
+fs::path PartOfShard(const fs::path& slot, const v1::Shard& shard) {
+  return slot / (shard.sha256() + ".part");
+}
+
+std::vector<int64_t> ArrivedBytes(const fs::path& slot, const v1::Dataset& manifest) {
+  std::vector<int64_t> arrived;
+  std::set<std::string> parts;  // the beginning of a shard serves one of several that are alike
+  for (const v1::Shard& shard : manifest.shards()) {
+    int64_t bytes = 0;
+    if (SizeOf(WholeShard(slot, shard)) == shard.size_bytes()) {
+      bytes = shard.size_bytes();
+    } else if (parts.insert(shard.sha256()).second) {
+      bytes = std::max<int64_t>(0, SizeOf(PartOfShard(slot, shard)));
+      if (bytes > shard.size_bytes()) bytes = 0;
+    }
+    arrived.push_back(bytes);
+  }
+  return arrived;
+}
+
+void RemoveOtherShards(const fs::path& slot, const v1::Dataset& manifest) {
+  std::set<std::string> wanted;
+  for (const v1::Shard& shard : manifest.shards()) {
+    wanted.insert(shard.sha256());
+    wanted.insert(shard.sha256() + ".part");
+  }
+  std::error_code error;
+  std::vector<fs::path> others;
+  for (fs::directory_iterator entry(slot, error); !error && entry != fs::directory_iterator();
+       entry.increment(error)) {
+    if (!wanted.contains(entry->path().filename().string())) others.push_back(entry->path());
+  }
+  for (const fs::path& file : others) fs::remove(file, error);
+}
+
+UploadStaging::UploadStaging(fs::path datasets) : folder_(std::move(datasets) / ".uploads") {}
+
+std::shared_ptr<UploadStaging::Slot> UploadStaging::Enter(const std::string& id,
+                                                          const std::string& caller) {
+  const std::string name = absl::StrCat(id, ".", files::Sha256Hex(caller).substr(0, kCallerDigits));
+  const std::lock_guard lock(mutex_);
+  std::erase_if(slots_, [](const auto& entry) { return entry.second.expired(); });
+  std::weak_ptr<Slot>& known = slots_[name];
+  std::shared_ptr<Slot> slot = known.lock();
+  if (slot == nullptr) {
+    slot = std::make_shared<Slot>();
+    slot->name = name;
+    slot->folder = folder_ / name;
+    known = slot;
+  }
+  return slot;
+}
+
+absl::Status UploadStaging::Announce(Slot& slot, const Bytes& bytes,
+                                     const std::function<absl::Status(const Others&)>& refuse) {
+  const std::lock_guard lock(mutex_);
+  Others others{.under_way = under_way_, .broken_off = BrokenOffBytes()};
+  others.under_way.announced -= slot.bytes.announced;
+  others.under_way.missing -= slot.bytes.missing;
+  if (absl::Status status = refuse(others); !status.ok()) return status;
+  under_way_ = {others.under_way.announced + bytes.announced,
+                others.under_way.missing + bytes.missing};
+  slot.bytes = bytes;
+  return absl::OkStatus();
+}
+
+void UploadStaging::Arrived(Slot& slot, uint64_t bytes) {
+  const std::lock_guard lock(mutex_);
+  under_way_.missing -= bytes;
+  slot.bytes.missing -= bytes;
+}
+
+void UploadStaging::End(Slot& slot) {
+  const std::lock_guard lock(mutex_);
+  under_way_.announced -= slot.bytes.announced;
+  under_way_.missing -= slot.bytes.missing;
+  slot.bytes = {};
+}
+
+absl::Status UploadStaging::MakeFolder(const Slot& slot) {
+  const std::lock_guard lock(mutex_);
+  std::error_code error;
+  if (!fs::create_directories(slot.folder, error)) {
+    return error ? files::ErrnoStatus(error.value(), "create", slot.folder) : absl::OkStatus();
+  }
+  absl::Status status = files::SyncPath(folder_);
+  status.Update(files::SyncPath(folder_.parent_path()));
+  return status;
+}
+
+void UploadStaging::RemoveFolder(const Slot& slot) {
+  const std::lock_guard lock(mutex_);
+  std::error_code ignored;
+  fs::remove_all(slot.folder, ignored);
+  fs::remove(folder_, ignored);  // if it was the last
+}
+
+void UploadStaging::RemoveEmptyFolder(const Slot& slot) {
+  const std::lock_guard lock(mutex_);
+  std::error_code ignored;
+  fs::remove(slot.folder, ignored);
+  fs::remove(folder_, ignored);
+}
+
+absl::Status UploadStaging::RemoveIf(
+    const std::function<bool(const std::string& id, fs::file_time_type last)>& is_over) {
+  const std::lock_guard lock(mutex_);
+  std::error_code error;
+  if (!fs::exists(folder_, error)) return absl::OkStatus();
+  std::vector<fs::path> over;
+  fs::directory_iterator slot(folder_, error);
+  for (; !error && slot != fs::directory_iterator(); slot.increment(error)) {
+    const std::string name = slot->path().filename().string();
+    if (IsHeld(name)) continue;
+    fs::file_time_type last = fs::last_write_time(slot->path(), error);
+    for (fs::directory_iterator file(slot->path(), error);
+         !error && file != fs::directory_iterator(); file.increment(error)) {
+      last = std::max(last, file->last_write_time(error));
+    }
+    if (error) break;
+    if (is_over(name.substr(0, name.find('.')), last)) over.push_back(slot->path());
+  }
+  if (error) return files::ErrnoStatus(error.value(), "read", folder_);
+  for (const fs::path& folder : over) {
+    fs::remove_all(folder, error);
+    if (error) return files::ErrnoStatus(error.value(), "remove", folder);
+  }
+  fs::remove(folder_, error);  // if that was all
+  return absl::OkStatus();
+}
+
+bool UploadStaging::IsHeld(const std::string& name) const {
+  const auto slot = slots_.find(name);
+  return slot != slots_.end() && !slot->second.expired();
+}
+
+uint64_t UploadStaging::BrokenOffBytes() const {
+  uint64_t bytes = 0;
+  std::error_code error;
+  fs::directory_iterator slot(folder_, error);
+  for (; !error && slot != fs::directory_iterator(); slot.increment(error)) {
+    if (IsHeld(slot->path().filename().string())) continue;
+    for (fs::directory_iterator file(slot->path(), error);
+         !error && file != fs::directory_iterator(); file.increment(error)) {
+      bytes += static_cast<uint64_t>(std::max<int64_t>(0, SizeOf(file->path())));
+    }
+  }
+  return bytes;
+}
+
+}  // namespace maneuver::data

@@ -1,0 +1,100 @@
+// Where uploads lie until they are datasets; for the .cc files of this folder alone. What has
+// arrived outlives the call that brought it.
+//
+//   <datasets>/.uploads/<dataset>.<caller>/<SHA-256>       a shard that is whole, and is what its
+//                                                          name says
+//                                         /<SHA-256>.part  the beginning of one
+//
+// <caller> is a digest of who calls. Shards are looked for among those of the same caller and
+// dataset name alone: whoever knows the digest of somebody else's shard learns nothing by it, and
+// does not get its bytes.
+
+#ifndef MANEUVER_MODEL_DATA_UPLOAD_STAGING_H_
+#define MANEUVER_MODEL_DATA_UPLOAD_STAGING_H_
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "maneuver/v1/dataset.pb.h"
+
+namespace maneuver::data {
+
+// Sum of the shards' sizes; the largest number there is for absurd ones.
+uint64_t BytesOf(const v1::Dataset& manifest);
+
+// Files of a shard in its slot's folder.
+std::filesystem::path WholeShard(const std::filesystem::path& slot, const v1::Shard& shard);
+std::filesystem::path PartOfShard(const std::filesystem::path& slot, const v1::Shard& shard);
+
+// For each shard of the manifest: how many of its first bytes are there.
+std::vector<int64_t> ArrivedBytes(const std::filesystem::path& slot, const v1::Dataset& manifest);
+// Removes the files that are of no shard of the manifest.
+void RemoveOtherShards(const std::filesystem::path& slot, const v1::Dataset& manifest);
+
+// Thread-safe.
+class UploadStaging {
+ public:
+  // What a call that brings an upload has announced.
+  struct Bytes {
+    uint64_t announced = 0;
+    uint64_t missing = 0;  // of these, not on the disk yet
+  };
+  struct Others {
+    Bytes under_way;
+    uint64_t broken_off = 0;  // on the disk, of uploads that no call brings now
+  };
+  // One caller's upload of one dataset. Of the calls that bring it the latest has the turn.
+  struct Slot {
+    std::string name;
+    std::filesystem::path folder;
+    std::mutex mutex;  // guards what follows, and the folder's files; before UploadStaging's own
+    int64_t turn = 0;
+    bool committing = false;  // nobody else may take the turn
+    Bytes bytes;              // of who has the turn; guarded by UploadStaging
+  };
+
+  explicit UploadStaging(std::filesystem::path datasets);
+
+  // The slot, without a folder until somebody makes one; held, it is not abandoned.
+  std::shared_ptr<Slot> Enter(const std::string& id, const std::string& caller);
+
+  // Announces so many in place of what the slot announced before, unless `refuse`, told of the
+  // others, finds an error.
+  absl::Status Announce(Slot& slot, const Bytes& bytes,
+                        const std::function<absl::Status(const Others&)>& refuse);
+  void Arrived(Slot& slot, uint64_t bytes);
+  // Nobody brings it any more.
+  void End(Slot& slot);
+
+  absl::Status MakeFolder(const Slot& slot);
+  // With what is in it, or if nothing is.
+  void RemoveFolder(const Slot& slot);
+  void RemoveEmptyFolder(const Slot& slot);
+
+  // Removes slots that no call brings and that `is_over` (dataset, time of the last byte).
+  absl::Status RemoveIf(const std::function<bool(const std::string& id,
+                                                 std::filesystem::file_time_type last)>& is_over);
+
+ private:
+  // All of these are called with mutex_ held.
+  bool IsHeld(const std::string& name) const;
+  uint64_t BrokenOffBytes() const;
+
+  const std::filesystem::path folder_;
+  std::mutex mutex_;
+  // Guarded by mutex_.
+  Bytes under_way_;
+  std::map<std::string, std::weak_ptr<Slot>> slots_;
+};
+
+}  // namespace maneuver::data
+
+#endif  // MANEUVER_MODEL_DATA_UPLOAD_STAGING_H_

@@ -1,0 +1,79 @@
+// maneuver dataset show, of folders.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/command.h"
+#include "client/cli/dataset_show.h"
+#include "client/cli/maneuver.h"
+#include "model/data/dataset_folder.h"
+#include "tests/unit/model/data/recordings_for_tests.h"
+#include "tests/unit/model/data/temporary_folder.h"
+
+namespace maneuver::cli {
+namespace {
+
+using testing::AllOf;
+using testing::ContainsRegex;
+using testing::HasSubstr;
+
+class DatasetCommandTest : public testing::Test {
+ protected:
+  DatasetCommandTest() {
+    auto writer = data::DatasetWriter::Create(town(), "a test");
+    for (int i = 0; i < 3; ++i) {
+      EXPECT_TRUE((*writer)->Add(data::SmallRecording(absl::StrCat("r", i))).ok());
+    }
+    EXPECT_TRUE((*writer)->Commit().ok());
+  }
+
+  std::string town() const { return (folder_ / "town").string(); }
+
+  int Maneuver(const std::vector<std::string>& arguments) {
+    std::istringstream in;
+    out_.str("");
+    err_.str("");
+    Environment environment(in, out_, err_);
+    return RunManeuver(arguments, environment);
+  }
+
+  const data::TemporaryFolder folder_;
+  std::ostringstream out_;
+  std::ostringstream err_;
+};
+
+TEST_F(DatasetCommandTest, AFolderIsShownAsADatasetOfTheServerIs) {
+  EXPECT_EQ(Maneuver({"dataset", "show", town(), "--set", "examples.stride=1s"}), kOk)
+      << err_.str();
+  EXPECT_THAT(out_.str(), AllOf(HasSubstr("a test"), ContainsRegex("recordings +3\n"),
+                                HasSubstr("one each 1 s"), HasSubstr("3 of 3 recordings"),
+                                ContainsRegex("VEHICLE +3\n")));
+  const std::string picture = (folder_ / "town.png").string();
+  EXPECT_EQ(Maneuver({"--output", "json", "dataset", "show", town(), "--plot", picture}), kOk);
+  EXPECT_THAT(out_.str(), HasSubstr("\"agentsByType\""));
+  EXPECT_GT(std::filesystem::file_size(picture), 10'000u);
+}
+
+TEST_F(DatasetCommandTest, WhatCannotBeCountedIsRefused) {
+  EXPECT_EQ(Maneuver({"dataset", "show", town(), "--set", "examples.strid=1s"}), kUsage);
+  EXPECT_NE(Maneuver({"dataset", "show", town(), "--set", "examples.stride=-1s"}), kOk);
+}
+
+TEST(DescriptionTextTest, BarsAreAsLongAsTheirShares) {
+  v1::DatasetSummary summary;
+  for (const double edge : {0.0, 1.0, 2.5, 40.0}) summary.mutable_speeds()->add_edges(edge);
+  for (const int64_t count : {1000, 500, 0}) summary.mutable_speeds()->add_counts(count);
+  const std::string text = DescriptionText(summary, /*color=*/false);
+  EXPECT_THAT(text, HasSubstr("0 to 1 m/s       1 000  66.7 %  " + std::string(40, '#') + "\n"));
+  EXPECT_THAT(text, HasSubstr("1 to 2.5 m/s       500  33.3 %  " + std::string(20, '#') + "\n"));
+  EXPECT_THAT(text, HasSubstr("over 2.5 m/s         0   0.0 %\n"));
+}
+
+}  // namespace
+}  // namespace maneuver::cli
