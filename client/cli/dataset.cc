@@ -1,4 +1,4 @@
-// maneuver dataset: upload, list, show, delete.
+// maneuver dataset: upload, list, show, annotate, delete.
 
 #include <algorithm>
 #include <chrono>
@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands.h"
+#include "client/cli/dataset_annotate.h"
 #include "client/cli/dataset_show.h"
 #include "client/cli/progress_line.h"
 #include "client/cli/resource_names.h"
@@ -139,6 +140,18 @@ void AddDataset(Command& root, Environment& environment) {
   show.Option("--plot", &shown->plot, "PNG file to draw some of its scenes into");
   show.Option("--scenes", &shown->scenes, 1, 36, "So many of them");
   show.Run([=, &environment] { return ShowDataset(*shown, environment); });
+
+  const auto labelled = std::make_shared<AnnotateArguments>();
+  Command annotate = group.Add("annotate", "Add labels of actions to a dataset folder",
+                               "Makes a new folder of the same shards and one with the labels.\n"
+                               "LABELS is a CSV file: recording,target,time,action\n"
+                               "Example: maneuver dataset annotate town labels.csv town-labelled");
+  annotate.Argument("FOLDER", &labelled->folder, "Folder with dataset.json");
+  annotate.Argument("LABELS", &labelled->labels, "CSV file");
+  annotate.Argument("OUTPUT", &labelled->output, "The new folder");
+  annotate.Option("--action", &labelled->actions,
+                  "An action that labels may name; without any, all names will do");
+  annotate.Run([=, &environment] { return AnnotateDataset(*labelled, environment); });
 
   Command remove = group.Add("delete", "Remove a dataset",
                              "Refused while a job needs it.\n"

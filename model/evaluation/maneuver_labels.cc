@@ -1,8 +1,14 @@
 #include "model/evaluation/maneuver_labels.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace maneuver::evaluation {
+namespace {
+
+constexpr double kSameMoment = 1e-6;  // seconds, for what rounding does to a time
+
+}  // namespace
 
 ManeuverLabels::ManeuverLabels(std::span<const v1::ManeuverAnnotation> annotations) {
   for (const v1::ManeuverAnnotation& annotation : annotations) {
@@ -18,11 +24,22 @@ std::optional<int> ManeuverLabels::Over(const std::string& scenario_id, int64_t 
   const auto found = intervals_.find({scenario_id, agent_id});
   if (found == intervals_.end()) return std::nullopt;
   std::map<int, double> covered;  // seconds of the window, by class
+  const v1::ManeuverAnnotation* moment = nullptr;
+  double nearest = kNearMoment + kSameMoment;
   for (const v1::ManeuverAnnotation* annotation : found->second) {
+    if (annotation->start_time() == annotation->end_time()) {
+      const double distance = std::abs(annotation->start_time() - start);
+      if (distance < nearest) {
+        nearest = distance;
+        moment = annotation;
+      }
+      continue;
+    }
     const double overlap =
         std::min(end, annotation->end_time()) - std::max(start, annotation->start_time());
     if (overlap > 0.0) covered[classes_.at(annotation->maneuver())] += overlap;
   }
+  if (moment != nullptr) return classes_.at(moment->maneuver());
   if (covered.empty()) return std::nullopt;
   return std::max_element(covered.begin(), covered.end(),
                           [](const auto& a, const auto& b) { return a.second < b.second; })

@@ -15,13 +15,18 @@
 
 namespace maneuver::evaluation {
 
+// Half the default time between two examples, seconds: each moment is near one of them.
+inline constexpr double kNearMoment = 0.25;
+
 // Recorded manoeuvres by scenario and agent. Keeps pointers into the annotations.
 class ManeuverLabels {
  public:
   explicit ManeuverLabels(std::span<const v1::ManeuverAnnotation> annotations);
 
   // Class of the manoeuvre that covers most of [start, end]; nothing if none was recorded then. The
-  // same name has the same class.
+  // same name has the same class. An annotation of a moment (its start is its end) says what the
+  // agent does from there on: it counts for windows that start at most kNearMoment from it, the
+  // nearest one before all else.
   std::optional<int> Over(const std::string& scenario_id, int64_t agent_id, double start,
                           double end) const;
   // Name of each class.

@@ -86,6 +86,7 @@ TEST(CommandLineTest, HelpOfEveryCommandHasAnExample) {
                                              {"dataset", "upload"},
                                              {"dataset", "list"},
                                              {"dataset", "show"},
+                                             {"dataset", "annotate"},
                                              {"dataset", "delete"},
                                              {"scenario", "list"},
                                              {"scenario", "show"},

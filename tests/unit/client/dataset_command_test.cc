@@ -1,9 +1,10 @@
-// maneuver dataset show, of folders.
+// maneuver dataset show and annotate, of folders.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <fstream>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -22,6 +23,7 @@ namespace {
 using testing::AllOf;
 using testing::ContainsRegex;
 using testing::HasSubstr;
+using testing::Not;
 
 class DatasetCommandTest : public testing::Test {
  protected:
@@ -41,6 +43,12 @@ class DatasetCommandTest : public testing::Test {
     err_.str("");
     Environment environment(in, out_, err_);
     return RunManeuver(arguments, environment);
+  }
+
+  std::string WriteLabels(const std::string& lines) const {
+    const std::string file = (folder_ / "labels.csv").string();
+    std::ofstream(file) << "recording,target,time,action\n" << lines;
+    return file;
   }
 
   const data::TemporaryFolder folder_;
@@ -63,6 +71,28 @@ TEST_F(DatasetCommandTest, AFolderIsShownAsADatasetOfTheServerIs) {
 TEST_F(DatasetCommandTest, WhatCannotBeCountedIsRefused) {
   EXPECT_EQ(Maneuver({"dataset", "show", town(), "--set", "examples.strid=1s"}), kUsage);
   EXPECT_NE(Maneuver({"dataset", "show", town(), "--set", "examples.stride=-1s"}), kOk);
+}
+
+TEST_F(DatasetCommandTest, LabelsMakeANewFolder) {
+  const std::string labels = WriteLabels("r1,1,2.0,turn_left\nr2,1,2.0,stop\nr0,1,1.0,stop\n");
+  const std::string output = (folder_ / "labelled").string();
+  ASSERT_EQ(Maneuver({"dataset", "annotate", town(), labels, output}), kOk) << err_.str();
+  EXPECT_THAT(out_.str(), AllOf(ContainsRegex("stop +2\n"), ContainsRegex("turn_left +1\n")));
+  EXPECT_TRUE(data::VerifyDatasetFolder(output).ok());
+  ASSERT_EQ(Maneuver({"dataset", "show", output}), kOk);
+  EXPECT_THAT(out_.str(), ContainsRegex("turn_left +1\n"));
+}
+
+TEST_F(DatasetCommandTest, LabelsThatCannotBeUsedAreListedByLineAndNothingIsWritten) {
+  const std::string labels = WriteLabels("r1,1,2.0,turn_left\nr9,1,2.0,stop\nr0,1,1.0,stopp\n");
+  const std::string output = (folder_ / "labelled").string();
+  EXPECT_EQ(Maneuver({"dataset", "annotate", town(), labels, output, "--action", "turn_left",
+                      "--action", "stop"}),
+            kUsage);
+  EXPECT_THAT(err_.str(), AllOf(HasSubstr("labels.csv:3: the dataset has no recording 'r9'"),
+                                HasSubstr("labels.csv:4: action 'stopp'"),
+                                Not(HasSubstr("labels.csv:2")), HasSubstr("2 of the lines")));
+  EXPECT_FALSE(std::filesystem::exists(output));
 }
 
 TEST(DescriptionTextTest, BarsAreAsLongAsTheirShares) {

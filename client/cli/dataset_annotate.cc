@@ -1,0 +1,55 @@
+#include "client/cli/dataset_annotate.h"
+
+#include <map>
+#include <ostream>
+#include <set>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/command.h"
+#include "client/cli/table.h"
+#include "model/data/label_file.h"
+#include "model/files/durable_file.h"
+
+namespace maneuver::cli {
+namespace {
+
+int RefuseLabels(const std::string& file, const data::CheckedLabels& labels,
+                 Environment& environment) {
+  for (const data::LabelProblem& problem : labels.problems) {
+    environment.err << file << ":" << problem.line << ": " << problem.what << "\n";
+  }
+  const auto shown = static_cast<int64_t>(labels.problems.size());
+  if (labels.problem_count > shown) {
+    environment.err << "... and " << labels.problem_count - shown << " more\n";
+  }
+  return environment.Refuse(absl::StrCat(labels.problem_count, " of the lines of ", file,
+                                         " cannot be used; nothing was written"));
+}
+
+}  // namespace
+
+int AnnotateDataset(const AnnotateArguments& arguments, Environment& environment) {
+  const auto text = files::ReadFile(arguments.labels);
+  if (!text.ok()) return environment.Fail(text.status());
+  const std::set<std::string> actions(arguments.actions.begin(), arguments.actions.end());
+  const auto labels = data::CheckLabels(*text, arguments.folder, actions);
+  if (!labels.ok()) return environment.Fail(labels.status());
+  if (labels->problem_count > 0) return RefuseLabels(arguments.labels, *labels, environment);
+  const auto dataset =
+      data::AnnotateDataset(arguments.folder, labels->annotations, arguments.output);
+  if (!dataset.ok()) return environment.Fail(dataset.status());
+  if (environment.json()) {
+    environment.PrintJson(*dataset);
+    return kOk;
+  }
+  std::map<std::string, int64_t> counts;
+  for (const auto& annotation : labels->annotations) ++counts[annotation.maneuver()];
+  Table table({{"ACTION"}, {"LABELS", Align::kRight}});
+  for (const auto& [action, count] : counts) table.Add({action, absl::StrCat(count)});
+  environment.out << table.Text(environment.color);
+  environment.err << arguments.output << ": " << dataset->recordings() << " recordings, "
+                  << labels->annotations.size() << " labels; train with examples.label_share=1\n";
+  return kOk;
+}
+
+}  // namespace maneuver::cli
