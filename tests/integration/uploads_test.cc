@@ -86,7 +86,7 @@ TEST_F(UploadsTest, GoOnOverAConnectionThatBreaks) {
   const auto dataset = Upload(proxy);
   ASSERT_TRUE(dataset.ok()) << dataset.status();
   EXPECT_EQ(breaks, 2);
-  EXPECT_EQ(proxy.connections(), 3);
+  EXPECT_GE(proxy.connections(), 3);
   EXPECT_GT(proxy.sent(), size_);
   EXPECT_LT(proxy.sent(), size_ + 2 * kInFlight);
   RecordProperty("dataset_bytes", absl::StrCat(size_));
