@@ -27,13 +27,13 @@ TEST(LabelFileLearningTest, LabelsOfAFileAreTheOneHotPosteriorOfTheirExamples) {
   settings.mutable_examples()->set_label_share(1.0);
   const std::vector<v1::Scenario> recordings = ArcRecordings(60);
 
-  // The first example of every third recording is labelled, a little beside its time.
+  // The first example of every fourth recording is labelled, a little beside its time.
   std::string file = "recording,target,time,action\n";
   std::set<std::string> labelled;
   auto writer = data::DatasetWriter::Create(folder / "arcs", "a test");
   for (size_t i = 0; i < recordings.size(); ++i) {
     ASSERT_TRUE((*writer)->Add(recordings[i]).ok());
-    if (i % 3 != 0) continue;
+    if (i % 4 != 0) continue;
     const auto examples =
         data::EnumerateExamples(recordings[i], 0, settings.model(), settings.examples());
     ASSERT_FALSE(examples.empty());
@@ -58,7 +58,7 @@ TEST(LabelFileLearningTest, LabelsOfAFileAreTheOneHotPosteriorOfTheirExamples) {
 
   RasterLoader::Batch batch;
   for (size_t i = 0; i < examples.size(); ++i) {
-    batch.items.push_back({.example = static_cast<int64_t>(i)});
+    batch.items.push_back({.example = static_cast<int64_t>(i), .variation = {}});
   }
   const auto count = static_cast<int64_t>(examples.size());
   const int64_t actions = settings.model().actions();
