@@ -49,6 +49,30 @@ std::shared_ptr<const inference::ActionModel> LoadPreset(const std::string& pres
   return model = *std::move(loaded);
 }
 
+BenchModel PresetBenchModel(const std::string& preset) {
+  BenchModel model;
+  model.name = preset;
+  model.stored = std::make_shared<const artifact::StoredModel>(StoredPreset(preset));
+  model.model = LoadPreset(preset, inference::Precision::kAuto);
+  model.networks = std::make_shared<const inference::Networks>(
+      model.model->spec(), model.stored->weights, model.model->precision() == "bf16");
+  return model;
+}
+
+absl::StatusOr<BenchModel> FolderBenchModel(const fs::path& folder) {
+  absl::StatusOr<artifact::StoredModel> stored = artifact::ReadModelFolder(folder);
+  if (!stored.ok()) return stored.status();
+  BenchModel model;
+  model.name = fs::absolute(folder).lexically_normal().filename().string();
+  model.stored = std::make_shared<const artifact::StoredModel>(*std::move(stored));
+  auto loaded = inference::ActionModel::FromStored(*model.stored, {});
+  if (!loaded.ok()) return loaded.status();
+  model.model = *std::move(loaded);
+  model.networks = std::make_shared<const inference::Networks>(
+      model.model->spec(), model.stored->weights, model.model->precision() == "bf16");
+  return model;
+}
+
 std::span<const inference::SceneInput> Scenes(const std::string& preset) {
   static std::map<std::string, std::vector<std::vector<uint8_t>>> rasters;
   static std::map<std::string, std::vector<inference::SceneInput>> scenes;

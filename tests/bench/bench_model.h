@@ -1,4 +1,4 @@
-// Models to measure: presets with random weights, on which no time depends.
+// Models to measure: presets with random weights, on which no time depends, and stored ones.
 
 #ifndef MANEUVER_TESTS_BENCH_BENCH_MODEL_H_
 #define MANEUVER_TESTS_BENCH_BENCH_MODEL_H_
@@ -6,6 +6,8 @@
 #include <benchmark/benchmark.h>
 
 #include <cstdint>
+#include <filesystem>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -13,6 +15,7 @@
 
 #include "model/artifact/model_folder.h"
 #include "model/inference/action_model.h"
+#include "model/inference/networks.h"
 
 namespace maneuver::bench {
 
@@ -27,6 +30,25 @@ const artifact::StoredModel& StoredPreset(const std::string& preset);
 std::shared_ptr<const inference::ActionModel> LoadPreset(const std::string& preset,
                                                          inference::Precision precision);
 
+// A model whose parts are to be measured alone, too.
+struct BenchModel {
+  std::string name;
+  std::shared_ptr<const artifact::StoredModel> stored;
+  std::shared_ptr<const inference::ActionModel> model;
+  std::shared_ptr<const inference::Networks> networks;  // the model's own, once more
+};
+BenchModel PresetBenchModel(const std::string& preset);
+// Errors: those of ActionModel::Load.
+absl::StatusOr<BenchModel> FolderBenchModel(const std::filesystem::path& folder);
+
+// Another evaluation of a model's backbone and p(y|s), ready to be run on these scenes.
+using PeerEncode = std::function<void()>;
+using MakePeer =
+    std::function<PeerEncode(const artifact::StoredModel&, std::span<const inference::SceneInput>)>;
+// LibTorch's, on one thread, channels last, without gradients.
+PeerEncode LibTorchEncode(const artifact::StoredModel& model,
+                          std::span<const inference::SceneInput> scenes);
+
 // kLargestBatch rasters of the preset, each as sparse as a real one; without motion.
 std::span<const inference::SceneInput> Scenes(const std::string& preset);
 
@@ -35,6 +57,7 @@ void CountTargets(benchmark::State& state, int batch);
 
 void RegisterEngineBenchmarks();
 void RegisterMapBenchmarks();
+void RegisterStageBenchmarks();
 void RegisterLibTorchBenchmarks();
 
 }  // namespace maneuver::bench

@@ -5,6 +5,8 @@
 #include <ATen/Parallel.h>
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -30,11 +32,11 @@ learning::Networks MakeNetworks(const artifact::StoredModel& model) {
   return networks;
 }
 
-at::Tensor RasterBatch(const std::string& preset, int batch) {
-  const artifact::GridSize size =
-      artifact::RasterGrid(StoredPreset(preset).manifest.spec().raster());
+at::Tensor RasterBatch(const artifact::StoredModel& model,
+                       std::span<const inference::SceneInput> scenes) {
+  const artifact::GridSize size = artifact::RasterGrid(model.manifest.spec().raster());
   std::vector<at::Tensor> rasters;
-  for (const auto& scene : Scenes(preset).first(static_cast<size_t>(batch))) {
+  for (const auto& scene : scenes) {
     rasters.push_back(at::from_blob(const_cast<uint8_t*>(scene.raster),
                                     {size.height, size.width, size.channels}, at::kByte));
   }
@@ -57,11 +59,22 @@ double Difference(const std::string& preset, int batch, const at::Tensor& log_pr
   return largest;
 }
 
+at::Tensor MotionBatch(std::span<const inference::SceneInput> scenes) {
+  const at::Tensor motions =
+      at::empty({static_cast<int64_t>(scenes.size()), scene::kMotionInputs}, at::kFloat);
+  for (size_t i = 0; i < scenes.size(); ++i) {
+    std::copy_n(scenes[i].motion.data(), scene::kMotionInputs,
+                motions.data_ptr<float>() + i * scene::kMotionInputs);
+  }
+  return motions;
+}
+
 void Encode(benchmark::State& state, const std::string& preset, int batch) {
   at::NoGradGuard no_grad;
   at::set_num_threads(1);
   learning::Networks networks = MakeNetworks(StoredPreset(preset));
-  const at::Tensor rasters = RasterBatch(preset, batch);
+  const at::Tensor rasters =
+      RasterBatch(StoredPreset(preset), Scenes(preset).first(static_cast<size_t>(batch)));
   const at::Tensor motions = at::zeros({batch, scene::kMotionInputs});
   at::Tensor log_probabilities;
   for (auto _ : state) {
@@ -72,6 +85,18 @@ void Encode(benchmark::State& state, const std::string& preset, int batch) {
 }
 
 }  // namespace
+
+PeerEncode LibTorchEncode(const artifact::StoredModel& model,
+                          std::span<const inference::SceneInput> scenes) {
+  const auto networks = std::make_shared<learning::Networks>(MakeNetworks(model));
+  return [networks, rasters = RasterBatch(model, scenes), motions = MotionBatch(scenes)] {
+    at::NoGradGuard no_grad;
+    const int threads = at::get_num_threads();
+    at::set_num_threads(1);
+    networks->PredictActions(networks->EncodeScenes(rasters, motions, {}));
+    at::set_num_threads(threads);
+  };
+}
 
 void RegisterLibTorchBenchmarks() {
   for (const char* preset : kPresets) {

@@ -1,18 +1,131 @@
-// maneuver-bench: google-benchmark's options, such as --benchmark_filter=encode.
+// maneuver-bench: what the parts of an answer cost.
 
 #include <benchmark/benchmark.h>
 
-#include "tests/bench/bench_model.h"
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <iostream>
+#include <string>
+#include <utility>
+#include <vector>
 
-int main(int argc, char** argv) {
-  benchmark::Initialize(&argc, argv);
-  if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
-  maneuver::bench::RegisterEngineBenchmarks();
-  maneuver::bench::RegisterMapBenchmarks();
+#include "tests/bench/bench_model.h"
+#include "tests/bench/bench_report.h"
+#include "tests/bench/bench_scenes.h"
+#include "tests/bench/turns.h"
+
+namespace maneuver::bench {
+namespace {
+
+constexpr int kScenes = 12;
+
+struct Arguments {
+  std::string report;
+  std::string turns;
+  std::string write_model;
+  std::string pictures;
+  std::string model = "compact";
+  std::string dataset;
+  double seconds = 10.0;
+};
+
+int Fail(const absl::Status& status) {
+  std::cerr << "maneuver-bench: " << status << "\n";
+  return EXIT_FAILURE;
+}
+
+// With kLargestBatch targets each; none if there are no recordings.
+absl::StatusOr<std::vector<v1::Scenario>> RecordedScenes(const Arguments& arguments) {
+  if (arguments.dataset.empty()) return WaymoScenes(kLargestBatch, kScenes);
+  return DatasetScenes(arguments.dataset, kLargestBatch, kScenes);
+}
+
+absl::StatusOr<BenchModel> Model(const std::string& name) {
+  for (const char* preset : kPresets) {
+    if (name == preset) return PresetBenchModel(preset);
+  }
+  return FolderBenchModel(name);
+}
+
+int WriteModel(const Arguments& arguments) {
+  const auto model = Model(arguments.model);
+  if (!model.ok()) return Fail(model.status());
+  const absl::Status status = artifact::WriteModelFolder(arguments.write_model, *model->stored);
+  return status.ok() ? EXIT_SUCCESS : Fail(status);
+}
+
+int Turns(const Arguments& arguments) {
+  auto model = Model(arguments.model);
+  if (!model.ok()) return Fail(model.status());
+  auto scenes = RecordedScenes(arguments);
+  if (!scenes.ok()) return Fail(scenes.status());
+  if (scenes->empty()) *scenes = TownScenes(kLargestBatch, 1);
+  const absl::Status status = TakeTurns(*model, *scenes, arguments.turns, std::cin, std::cout);
+  return status.ok() ? EXIT_SUCCESS : Fail(status);
+}
+
+int Report(const Arguments& arguments) {
+  ReportOptions options;
+  options.file = std::filesystem::absolute(arguments.report);
+  options.pictures = arguments.pictures.empty() ? options.file.parent_path()
+                                                : std::filesystem::absolute(arguments.pictures);
+  options.seconds = arguments.seconds;
 #ifdef MANEUVER_TRAINER
-  maneuver::bench::RegisterLibTorchBenchmarks();
+  options.libtorch = LibTorchEncode;
+#endif
+  auto model = Model(arguments.model);
+  if (!model.ok()) return Fail(model.status());
+  options.models.push_back(*std::move(model));
+  for (const char* preset : kPresets) {
+    if (preset != arguments.model) options.models.push_back(PresetBenchModel(preset));
+  }
+  auto recorded = RecordedScenes(arguments);
+  if (!recorded.ok()) return Fail(recorded.status());
+  if (!recorded->empty()) options.scenes.push_back({"recorded scenes", *std::move(recorded)});
+  options.scenes.push_back({"synthetic scenes", TownScenes(kLargestBatch, kScenes)});
+  const absl::Status status = WriteReport(options);
+  return status.ok() ? EXIT_SUCCESS : Fail(status);
+}
+
+int Main(int argc, char** argv) {
+  benchmark::Initialize(&argc, argv, [] {});
+  CLI::App app(
+      "What the parts of an answer cost, by google-benchmark (--benchmark_filter=stages), or as a "
+      "report in which everything is measured in turn.");
+  Arguments arguments;
+  app.add_option("--report", arguments.report, "Markdown file to write, in place of benchmarks");
+  app.add_option("--pictures", arguments.pictures,
+                 "Folder of the report's pictures [the report's own]");
+  app.add_option("--model", arguments.model,
+                 "Folder of the model to look at most closely, or a preset: random weights")
+      ->capture_default_str();
+  app.add_option("--dataset", arguments.dataset,
+                 "Dataset folder with recorded scenes [those of MANEUVER_REAL_DATA]");
+  app.add_option("--seconds", arguments.seconds, "Length of each of the report's measurements")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  app.add_option(
+      "--turns", arguments.turns,
+      "File for the inputs of another engine; then evaluates when standard input says so "
+      "(tests/bench/peers)");
+  app.add_option("--write-model", arguments.write_model,
+                 "Folder to write the model to, for what else is to measure a preset");
+  CLI11_PARSE(app, argc, argv);
+  if (!arguments.write_model.empty()) return WriteModel(arguments);
+  if (!arguments.turns.empty()) return Turns(arguments);
+  if (!arguments.report.empty()) return Report(arguments);
+  RegisterEngineBenchmarks();
+  RegisterMapBenchmarks();
+  RegisterStageBenchmarks();
+#ifdef MANEUVER_TRAINER
+  RegisterLibTorchBenchmarks();
 #endif
   benchmark::RunSpecifiedBenchmarks();
   benchmark::Shutdown();
-  return 0;
+  return EXIT_SUCCESS;
 }
+
+}  // namespace
+}  // namespace maneuver::bench
+
+int main(int argc, char** argv) { return maneuver::bench::Main(argc, argv); }

@@ -7,19 +7,16 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cstdlib>
-#include <filesystem>
 #include <string>
 #include <vector>
 
 #include "client/observed_scenario.h"
 #include "maneuver/v1/prediction_service.pb.h"
-#include "model/data/tfrecord.h"
-#include "model/data/waymo_reader.h"
 #include "model/scene/rasterizer.h"
 #include "model/scene/scenario_validation.h"
 #include "model/scene/target_frame.h"
 #include "tests/bench/bench_model.h"
+#include "tests/bench/bench_scenes.h"
 
 namespace maneuver::bench {
 namespace {
@@ -35,23 +32,14 @@ struct Scene {
 
 std::vector<Scene> RealScenes() {
   std::vector<Scene> scenes;
-  const char* folder = std::getenv("MANEUVER_REAL_DATA");
-  if (folder == nullptr) return scenes;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
-    if (!entry.path().filename().string().starts_with("validation.tfrecord")) continue;
-    auto reader = data::TfRecordReader::Open(entry.path());
-    std::string payload;
-    while (reader.ok() && (*reader)->Next(&payload).ok()) {
-      auto scenario = data::ParseWaymoScenario(payload);
-      if (!scenario.ok()) continue;
-      client::StripFuture(&*scenario);
-      Scene scene{{}, {}, scene::RoadMap(scenario->map_features())};
-      *scene.whole.add_scenarios() = *scenario;
-      scenario->clear_map_features();
-      scenario->set_map_id(std::string(64, 'a'));
-      *scene.named.add_scenarios() = *std::move(scenario);
-      scenes.push_back(std::move(scene));
-    }
+  for (v1::Scenario& scenario : WaymoRecordings()) {
+    client::StripFuture(&scenario);
+    Scene scene{{}, {}, scene::RoadMap(scenario.map_features())};
+    *scene.whole.add_scenarios() = scenario;
+    scenario.clear_map_features();
+    scenario.set_map_id(std::string(64, 'a'));
+    *scene.named.add_scenarios() = std::move(scenario);
+    scenes.push_back(std::move(scene));
   }
   return scenes;
 }

@@ -1,0 +1,151 @@
+#include "tests/bench/bench_scenes.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <string>
+#include <utility>
+
+#include "client/observed_scenario.h"
+#include "model/data/dataset_folder.h"
+#include "model/data/tfrecord.h"
+#include "model/data/town/synthetic_town.h"
+#include "model/data/waymo_reader.h"
+#include "model/scene/target_frame.h"
+
+namespace maneuver::bench {
+namespace {
+
+constexpr double kStateTolerance = 0.05;  // seconds
+constexpr int64_t kCopiedAgents = int64_t{1} << 40;
+
+// False if there are not so many vehicles.
+bool ChooseTargets(int targets, v1::Scenario* scene) {
+  const double now = scene->prediction_time();
+  const auto position = [&](const v1::Agent& agent) {
+    return scene::TargetPose(agent, now, kStateTolerance);
+  };
+  const v1::Agent* first =
+      scene->target_ids().empty() ? nullptr : scene::FindAgent(*scene, scene->target_ids(0));
+  const auto center = first == nullptr ? std::nullopt : position(*first);
+  std::vector<std::pair<double, int64_t>> vehicles;
+  for (const v1::Agent& agent : scene->agents()) {
+    if (agent.type() != v1::AGENT_TYPE_VEHICLE) continue;
+    const auto X_WT = position(agent);
+    if (!X_WT) continue;
+    const scene::Point2 p_W = *X_WT * scene::Point2{0.0, 0.0};
+    const scene::Point2 c_W = center ? *center * scene::Point2{0.0, 0.0} : p_W;
+    vehicles.emplace_back(std::hypot(p_W.x - c_W.x, p_W.y - c_W.y), agent.id());
+  }
+  if (static_cast<int>(vehicles.size()) < targets) return false;
+  std::sort(vehicles.begin(), vehicles.end());
+  scene->clear_target_ids();
+  for (int i = 0; i < targets; ++i) {
+    scene->add_target_ids(vehicles[static_cast<size_t>(i)].second);
+  }
+  return true;
+}
+
+void AddScene(v1::Scenario scene, int targets, std::vector<v1::Scenario>* scenes) {
+  if (!ChooseTargets(targets, &scene)) return;
+  client::StripFuture(&scene);
+  scenes->push_back(std::move(scene));
+}
+
+}  // namespace
+
+absl::StatusOr<std::vector<v1::Scenario>> DatasetScenes(const std::filesystem::path& folder,
+                                                        int targets, int most) {
+  std::vector<v1::Scenario> scenes;
+  const absl::Status status =
+      data::ForEachScenario(folder, data::OnDamage::kStop, [&](v1::Scenario&& scene) {
+        AddScene(std::move(scene), targets, &scenes);
+        return static_cast<int>(scenes.size()) < most;
+      });
+  if (!status.ok()) return status;
+  return scenes;
+}
+
+std::vector<v1::Scenario> WaymoRecordings() {
+  std::vector<v1::Scenario> recordings;
+  const char* folder = std::getenv("MANEUVER_REAL_DATA");
+  if (folder == nullptr) return recordings;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
+    if (!entry.path().filename().string().starts_with("validation.tfrecord")) continue;
+    auto reader = data::TfRecordReader::Open(entry.path());
+    std::string payload;
+    while (reader.ok() && (*reader)->Next(&payload).ok()) {
+      auto recording = data::ParseWaymoScenario(payload);
+      if (recording.ok()) recordings.push_back(*std::move(recording));
+    }
+  }
+  return recordings;
+}
+
+std::vector<v1::Scenario> WaymoScenes(int targets, int most) {
+  std::vector<v1::Scenario> scenes;
+  for (v1::Scenario& recording : WaymoRecordings()) {
+    if (static_cast<int>(scenes.size()) == most) break;
+    AddScene(std::move(recording), targets, &scenes);
+  }
+  return scenes;
+}
+
+std::vector<v1::Scenario> TownScenes(int targets, int most) {
+  constexpr int kTries = 20;  // for each scene: many layouts have few vehicles
+  std::vector<v1::Scenario> scenes;
+  for (int i = 0; i < kTries * most && static_cast<int>(scenes.size()) < most; ++i) {
+    AddScene(data::town::GenerateRecording({}, i).scenario, targets, &scenes);
+  }
+  return scenes;
+}
+
+int64_t MapPoints(const v1::Scenario& scenario) {
+  int64_t points = 0;
+  for (const v1::MapFeature& feature : scenario.map_features()) points += feature.x_size();
+  return points;
+}
+
+v1::PredictRequest RequestFor(const std::vector<v1::Scenario>& scenes, int actions) {
+  v1::PredictRequest request;
+  for (const v1::Scenario& scene : scenes) *request.add_scenarios() = scene;
+  request.mutable_query()->set_top_k(actions);
+  return request;
+}
+
+v1::Scenario WithAgents(const v1::Scenario& scene, int count) {
+  v1::Scenario changed = scene;
+  changed.clear_agents();
+  std::vector<const v1::Agent*> others;
+  for (const v1::Agent& agent : scene.agents()) {
+    const bool target = std::find(scene.target_ids().begin(), scene.target_ids().end(),
+                                  agent.id()) != scene.target_ids().end();
+    if (target) {
+      *changed.add_agents() = agent;
+    } else {
+      others.push_back(&agent);
+    }
+  }
+  for (int i = 0; i < count && !others.empty(); ++i) {
+    const size_t copy = static_cast<size_t>(i) / others.size();
+    v1::Agent& agent = *changed.add_agents();
+    agent = *others[static_cast<size_t>(i) % others.size()];
+    agent.set_id(agent.id() + static_cast<int64_t>(copy) * kCopiedAgents);
+  }
+  return changed;
+}
+
+v1::Scenario WithMapPoints(const v1::Scenario& scene, int64_t points) {
+  v1::Scenario changed = scene;
+  changed.clear_map_features();
+  if (MapPoints(scene) == 0) return changed;
+  for (int64_t i = 0, have = 0; have < points; ++i) {
+    v1::MapFeature& feature = *changed.add_map_features();
+    feature = scene.map_features(static_cast<int>(i % scene.map_features_size()));
+    if (feature.id() != 0) feature.set_id(i + 1);
+    have += feature.x_size();
+  }
+  return changed;
+}
+
+}  // namespace maneuver::bench

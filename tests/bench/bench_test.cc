@@ -1,0 +1,127 @@
+// That maneuver-bench runs, on small measurements of which no time is looked at; and that what it
+// measures is what the engine does.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <string>
+
+#include "tests/bench/bench_model.h"
+#include "tests/bench/bench_report.h"
+#include "tests/bench/bench_scenes.h"
+#include "tests/bench/curves.h"
+#include "tests/bench/interleaved.h"
+#include "tests/bench/pipeline.h"
+
+namespace maneuver::bench {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::ContainsRegex;
+using testing::HasSubstr;
+using testing::Not;
+
+std::string Read(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::stringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+const BenchModel& Compact() {
+  static const BenchModel model = PresetBenchModel("compact");
+  return model;
+}
+
+TEST(BenchTest, ReportHasEveryStageTargetAndPicture) {
+  const fs::path folder = fs::path(testing::TempDir()) / "maneuver-bench-report";
+  fs::create_directories(folder / "pictures");
+  ReportOptions options;
+  options.models = {Compact()};
+  options.scenes = {{"synthetic scenes", TownScenes(kLargestBatch, 2)}};
+  options.seconds = 0.0;
+  options.rounds = 1;
+  options.most_targets = 16;
+  options.yardstick_bytes = size_t{1} << 20;
+  options.file = folder / "report.md";
+  options.pictures = folder / "pictures";
+  ASSERT_EQ(WriteReport(options), absl::OkStatus());
+
+  const std::string report = Read(options.file);
+  for (int stage = 0; stage < kStages; ++stage) {
+    EXPECT_THAT(report, ContainsRegex(std::string("\n\\| ") + StageName(static_cast<Stage>(stage)) +
+                                      " \\| [0-9]+\\.?[0-9]* \\| [0-9.]+ % "));
+  }
+  for (const char* part :
+       {"matrix product, f32", "matrix product, bf16", "memory, read", "memory, copied",
+        "rasterise / backbone", "distributions of 4 actions / backbone",
+        "neither raster nor networks / all", "| compact | 64x64x13 |"}) {
+    EXPECT_THAT(report, HasSubstr(part));
+  }
+  EXPECT_THAT(report, Not(HasSubstr("nan")));
+  EXPECT_THAT(report, Not(HasSubstr("inf ")));
+  for (const char* picture : {"stages", "targets", "agents", "map", "actions"}) {
+    const std::string name = std::string("pictures/performance-") + picture + ".svg";
+    EXPECT_THAT(report, HasSubstr("](" + name + ")"));
+    EXPECT_THAT(Read(folder / name), HasSubstr("</svg>"));
+  }
+  fs::remove_all(folder);
+}
+
+// Else the backbone and the heads that are measured are not those that serve.
+TEST(BenchTest, StagesOneByOneGiveTheResponseOfAllTogether) {
+  const auto scenes = TownScenes(kLargestBatch, 1);
+  ASSERT_EQ(scenes.size(), 1u);
+  Pipeline pipeline(Compact(), {RequestFor(scenes, 4)}, 4);
+  ASSERT_EQ(pipeline.targets(), kLargestBatch);
+  pipeline.RunAll();
+  const std::string together = pipeline.responses().front();
+  const auto probabilities = pipeline.encodings().back().probabilities;
+  for (int stage = 0; stage < kStages; ++stage) pipeline.Run(static_cast<Stage>(stage));
+  EXPECT_EQ(pipeline.responses().front(), together);
+  EXPECT_EQ(pipeline.encodings().back().probabilities, probabilities);
+  v1::PredictResponse response;
+  ASSERT_TRUE(response.ParseFromString(together));
+  ASSERT_EQ(response.predictions(0).targets_size(), kLargestBatch);
+  EXPECT_EQ(response.predictions(0).targets(0).distributions_size(), 4);
+}
+
+TEST(BenchTest, ScenesGrowByAgentsAndMapPointsAlone) {
+  const auto scenes = TownScenes(kLargestBatch, 1);
+  ASSERT_EQ(scenes.size(), 1u);
+  const v1::Scenario crowded = WithAgents(scenes[0], 300);
+  EXPECT_EQ(crowded.agents_size(), kLargestBatch + 300);
+  EXPECT_EQ(MapPoints(crowded), MapPoints(scenes[0]));
+  EXPECT_EQ(Pipeline(Compact(), {RequestFor({crowded}, 1)}, 1).targets(), kLargestBatch);
+  const v1::Scenario vast = WithMapPoints(scenes[0], 3 * MapPoints(scenes[0]));
+  EXPECT_GE(MapPoints(vast), 3 * MapPoints(scenes[0]));
+  EXPECT_EQ(vast.agents_size(), scenes[0].agents_size());
+  EXPECT_EQ(Pipeline(Compact(), {RequestFor({vast}, 1)}, 1).targets(), kLargestBatch);
+}
+
+TEST(BenchTest, RatiosAreOfTheSameRound) {
+  // A machine that is ten times slower in one round: the ratio of medians would be 1.5.
+  const Series a = {2, 20, 2};
+  const Series b = {1, 10, 1};
+  EXPECT_EQ(Median(Ratios(a, b)), 2.0);
+  EXPECT_EQ(Median({5, 1, 3}), 3.0);
+  EXPECT_EQ(Quantile({4, 3, 2, 1, 0}, 0.25), 1.0);
+}
+
+TEST(BenchTest, LineIsFittedWithItsLargestDeparture) {
+  const StraightLine exact = FitLine({0, 1, 3}, {5, 7, 11});
+  EXPECT_NEAR(exact.constant, 5.0, 1e-12);
+  EXPECT_NEAR(exact.slope, 2.0, 1e-12);
+  EXPECT_NEAR(exact.furthest, 0.0, 1e-12);
+  // By hand: the line through (0, 1), (1, 4), (2, 1) is y = 2.
+  const StraightLine bent = FitLine({0, 1, 2}, {1, 4, 1});
+  EXPECT_NEAR(bent.constant, 2.0, 1e-12);
+  EXPECT_NEAR(bent.slope, 0.0, 1e-12);
+  EXPECT_NEAR(bent.furthest, 1.0, 1e-12);
+}
+
+}  // namespace
+}  // namespace maneuver::bench

@@ -1,0 +1,98 @@
+// One answer in process, from the bytes of a request to the bytes of its response, stage by stage:
+// the same calls as the server makes, without gRPC, queue and threads.
+
+#ifndef MANEUVER_TESTS_BENCH_PIPELINE_H_
+#define MANEUVER_TESTS_BENCH_PIPELINE_H_
+
+#include <google/protobuf/arena.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "maneuver/v1/prediction_service.pb.h"
+#include "model/inference/networks.h"
+#include "server/rpc/prediction_translation.h"
+#include "server/serving/served_model.h"
+#include "tests/bench/bench_model.h"
+
+namespace maneuver::bench {
+
+enum class Stage {
+  kParse,
+  kValidate,  // and the targets' frames and motion
+  kRasterize,
+  kBackbone,
+  kHeads,          // features and p(y|s)
+  kDistributions,  // of the most probable actions
+  kAnswer,         // the response's messages, in the world's frame
+  kSerialize,
+};
+inline constexpr int kStages = 8;
+// As a row of a table says it.
+const char* StageName(Stage stage);
+
+class Pipeline {
+ public:
+  // `requests` must be valid, and all their targets too.
+  //   actions: how many are described for each target.
+  Pipeline(const BenchModel& model, const std::vector<v1::PredictRequest>& requests, int actions);
+
+  // A stage of all requests. Those before it must have been run once; of at most kLargestBatch
+  // targets, since a worker takes no more at once.
+  void Run(Stage stage);
+  // Of the distributions: the K encoders' part, and the decoding of the sigma points.
+  void RunScenarioEncoders();
+  void RunDecoder();
+  // Everything, as a worker does: batch by batch, backbone and heads by InferenceSession::Encode.
+  void RunAll();
+
+  int targets() const { return targets_; }
+  const std::vector<std::string>& responses() const { return responses_; }  // serialised
+  // Those of the last batch.
+  const std::vector<inference::SceneEncoding>& encodings() const { return encodings_; }
+  const std::vector<inference::SceneInput>& scenes() const { return scenes_; }
+
+ private:
+  struct Work {
+    const serving::Target* target;
+    serving::TargetAnswer* answer;
+  };
+
+  void Parse();
+  void Validate();
+  void Rasterize(size_t begin, size_t count);
+  void EvaluateBackbone();
+  void EvaluateHeads();
+  void Describe(size_t begin);
+  void WriteAnswers();
+  void Serialize();
+
+  const BenchModel& model_;
+  const inference::Networks& networks_;
+  const int actions_;
+  serving::Engine engine_;
+  inference::Backbone::ScratchPointer scratch_;
+  inference::MlpScratch mlp_scratch_;
+  int targets_ = 0;
+
+  std::vector<std::string> bytes_;  // of the requests
+  std::vector<std::unique_ptr<google::protobuf::Arena>> arenas_;
+  std::vector<v1::PredictRequest*> received_;
+  std::vector<rpc::PredictionPlan> plans_;
+  std::vector<std::vector<serving::TargetAnswer>> answers_;  // of each request
+  std::vector<Work> work_;                                   // of all requests
+  std::vector<inference::SceneInput> scenes_;
+  std::vector<float> grids_;
+  std::vector<float> features_;  // [targets, F']
+  std::vector<float> logits_;    // [targets, K]
+  std::vector<float> outputs_;
+  std::vector<inference::SceneEncoding> encodings_;
+  std::vector<std::unique_ptr<google::protobuf::Arena>> response_arenas_;
+  std::vector<v1::PredictResponse*> written_;
+  std::vector<std::string> responses_;
+};
+
+}  // namespace maneuver::bench
+
+#endif  // MANEUVER_TESTS_BENCH_PIPELINE_H_

@@ -1,0 +1,57 @@
+// Each stage of an answer alone, and all together, on recorded and on synthetic scenes: 8 targets
+// of one scene. MANEUVER_REAL_DATA as in map_bench.cc.
+
+#include <benchmark/benchmark.h>
+
+#include <string>
+#include <vector>
+
+#include "tests/bench/bench_scenes.h"
+#include "tests/bench/pipeline.h"
+
+namespace maneuver::bench {
+namespace {
+
+constexpr int kActions = 4;
+
+// nullptr: there is no such scene.
+Pipeline* FirstScene(bool recorded) {
+  static const BenchModel model = PresetBenchModel("compact");
+  static std::unique_ptr<Pipeline> pipelines[2];
+  std::unique_ptr<Pipeline>& pipeline = pipelines[recorded ? 1 : 0];
+  if (pipeline == nullptr) {
+    const auto scenes = recorded ? WaymoScenes(kLargestBatch, 1) : TownScenes(kLargestBatch, 1);
+    if (scenes.empty()) return nullptr;
+    pipeline =
+        std::make_unique<Pipeline>(model, std::vector{RequestFor(scenes, kActions)}, kActions);
+  }
+  return pipeline.get();
+}
+
+void Measure(benchmark::State& state, bool recorded, const std::function<void(Pipeline&)>& run) {
+  Pipeline* pipeline = FirstScene(recorded);
+  if (pipeline == nullptr) return state.SkipWithError("MANEUVER_REAL_DATA has no such scene");
+  pipeline->RunAll();
+  for (auto _ : state) run(*pipeline);
+  CountTargets(state, pipeline->targets());
+}
+
+void Register(const std::string& name, const std::function<void(Pipeline&)>& run) {
+  for (const bool recorded : {true, false}) {
+    benchmark::RegisterBenchmark(("stages/" + name + (recorded ? "/recorded" : "/town")).c_str(),
+                                 Measure, recorded, run)
+        ->Unit(benchmark::kMicrosecond);
+  }
+}
+
+}  // namespace
+
+void RegisterStageBenchmarks() {
+  for (int i = 0; i < kStages; ++i) {
+    const Stage stage = static_cast<Stage>(i);
+    Register(StageName(stage), [stage](Pipeline& pipeline) { pipeline.Run(stage); });
+  }
+  Register("all", [](Pipeline& pipeline) { pipeline.RunAll(); });
+}
+
+}  // namespace maneuver::bench
