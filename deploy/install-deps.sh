@@ -22,8 +22,9 @@ packages=(
   # what the scripts use
   git curl ca-certificates
 )
-# Clients that are not ours, for tests/clients.
-[ "${1:-}" != --tests ] || packages+=(python3 python3-grpcio python3-protobuf nghttp2-client)
+# Clients that are not ours, for tests/clients; the engine that exported networks are tested with.
+[ "${1:-}" != --tests ] || packages+=(
+  python3 python3-grpcio python3-protobuf nghttp2-client libopencv-dnn-dev)
 
 missing=()
 for package in "${packages[@]}"; do

@@ -1,4 +1,5 @@
-// maneuver model: list, show, actions, delete, promote, label; compare is in model_compare.cc.
+// maneuver model: list, show, actions, delete, promote, label; compare and export are in
+// model_compare.cc and model_export.cc.
 
 #include <cmath>
 #include <memory>
@@ -10,6 +11,7 @@
 #include "client/cli/job_display.h"
 #include "client/cli/json_files.h"
 #include "client/cli/model_compare.h"
+#include "client/cli/model_export.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
@@ -265,6 +267,7 @@ void AddModel(Command& root, Environment& environment) {
   promote.Run([=, &environment] { return Promote(*arguments, environment); });
 
   AddModelCompare(group, environment);
+  AddModelExport(group, environment);
 
   Command label = group.Add("label", "Give an action a name for people",
                             "Example: maneuver model label town/2 7 \"left turn\"");

@@ -16,7 +16,11 @@
 #include "client/cli/table.h"
 #include "client/cli/target_selection.h"
 #include "client/cli/text_format.h"
+#include "model/artifact/model_folder.h"
+#include "model/artifact/training_presets.h"
+#include "model/onnx/onnx_export.h"
 #include "tests/unit/client/test_server.h"
+#include "tests/unit/model/inference/reference_model.h"
 
 namespace maneuver::cli {
 namespace {
@@ -38,6 +42,37 @@ Result Maneuver(const std::vector<std::string>& arguments, const std::string& in
   Environment environment(in, out, err);
   const int status = RunManeuver(arguments, environment);
   return {status, out.str(), err.str()};
+}
+
+TEST(ModelExportTest, WritesTheNetworksOfAFolder) {
+  const std::filesystem::path work =
+      std::filesystem::path(testing::TempDir()) / ("export-" + std::to_string(getpid()));
+  std::filesystem::create_directories(work);
+  v1::TrainingSettings settings;
+  const v1::ModelSpec spec = artifact::ResolveTrainingSettings(settings).model();
+  ASSERT_EQ(artifact::WriteModelFolder(work / "model", inference::RandomModel(spec, 1)),
+            absl::OkStatus());
+  const auto stored = artifact::ReadModelFolder(work / "model");
+  ASSERT_EQ(stored.status(), absl::OkStatus());
+  for (const bool distributions : {true, false}) {
+    const std::string file = work / "networks.onnx";
+    std::vector<std::string> arguments = {"model", "export", work / "model", "--onnx", file};
+    if (!distributions) {
+      arguments.insert(arguments.end(), {"--probabilities-only", "--scenes", "7"});
+    }
+    const Result result = Maneuver(arguments);
+    EXPECT_EQ(result.status, kOk) << result.err;
+    std::stringstream written;
+    written << std::ifstream(file, std::ios::binary).rdbuf();
+    EXPECT_TRUE(written.str() == onnx::ExportOnnx(*stored, {distributions, distributions ? 0 : 7}));
+  }
+  std::filesystem::remove_all(work);
+}
+
+TEST(ModelExportTest, WithoutAModelFolderItFailsAndSaysSo) {
+  const Result result = Maneuver({"model", "export", "/nowhere", "--onnx", "/nowhere/file"});
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_THAT(result.err, HasSubstr("/nowhere"));
 }
 
 TEST(CommandLineTest, OptionsOfPromotionThatDoNotGoTogetherAreRefused) {

@@ -1,0 +1,55 @@
+#include "client/cli/model_export.h"
+
+#include <memory>
+#include <ostream>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/json_files.h"
+#include "client/cli/text_format.h"
+#include "model/artifact/model_folder.h"
+#include "model/onnx/onnx_export.h"
+
+namespace maneuver::cli {
+namespace {
+
+struct ExportArguments {
+  std::string folder;
+  std::string onnx;
+  bool probabilities_only = false;
+  int64_t scenes = 0;
+};
+
+int Export(const ExportArguments& arguments, Environment& environment) {
+  const absl::StatusOr<artifact::StoredModel> model = artifact::ReadModelFolder(arguments.folder);
+  if (!model.ok()) {
+    return environment.Fail(absl::Status(
+        model.status().code(), absl::StrCat(arguments.folder, ": ", model.status().message())));
+  }
+  const std::string file = onnx::ExportOnnx(*model, {.distributions = !arguments.probabilities_only,
+                                                     .scenes = static_cast<int>(arguments.scenes)});
+  const absl::Status status = WriteFile(arguments.onnx, file);
+  if (!status.ok()) return environment.Fail(status);
+  environment.err << arguments.onnx << ": " << Bytes(static_cast<int64_t>(file.size())) << "\n";
+  return kOk;
+}
+
+}  // namespace
+
+void AddModelExport(Command& group, Environment& environment) {
+  const auto arguments = std::make_shared<ExportArguments>();
+  Command command =
+      group.Add("export", "A model folder's networks as an ONNX file",
+                "From the raster to p(y|s), and on to the sigma trajectories of every action.\n"
+                "Example: maneuver model export /var/lib/maneuver/models/town/2 --onnx town.onnx");
+  command.Argument("MODEL_FOLDER", &arguments->folder,
+                   "Folder with model.json and weights.safetensors");
+  command.Argument("--onnx", &arguments->onnx, "File to write");
+  command.Flag("--probabilities-only", &arguments->probabilities_only,
+               "Without the distributions of actions");
+  command.Option("--scenes", &arguments->scenes, 0, 10'000,
+                 "For exactly so many scenes, which some engines want to know [0: any number]");
+  command.Run([arguments, &environment] { return Export(*arguments, environment); });
+}
+
+}  // namespace maneuver::cli

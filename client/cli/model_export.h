@@ -1,0 +1,15 @@
+// maneuver model export: a model's networks for other engines.
+
+#ifndef MANEUVER_CLIENT_CLI_MODEL_EXPORT_H_
+#define MANEUVER_CLIENT_CLI_MODEL_EXPORT_H_
+
+#include "client/cli/command.h"
+#include "client/cli/environment.h"
+
+namespace maneuver::cli {
+
+void AddModelExport(Command& group, Environment& environment);
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_MODEL_EXPORT_H_

@@ -1,0 +1,55 @@
+// Private to onnx/: writes a graph node by node.
+
+#ifndef MANEUVER_MODEL_ONNX_GRAPH_BUILDER_H_
+#define MANEUVER_MODEL_ONNX_GRAPH_BUILDER_H_
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "onnx_file.pb.h"
+
+namespace maneuver::onnx {
+
+// Sizes of an input or output; -1 stands for any number of scenes.
+using Sizes = std::vector<int64_t>;
+
+// A setting of a node: one whole number, several, or a float.
+struct Setting {
+  std::string name;
+  std::vector<int64_t> numbers;
+  bool list = false;
+  float real = 0.0f;
+
+  static Setting One(std::string name, int64_t number) { return {std::move(name), {number}}; }
+  static Setting List(std::string name, std::vector<int64_t> numbers) {
+    return {std::move(name), std::move(numbers), true};
+  }
+  static Setting Real(std::string name, float real) { return {std::move(name), {}, false, real}; }
+};
+
+class GraphBuilder {
+ public:
+  explicit GraphBuilder(GraphProto* graph) : graph_(*graph) {}
+
+  void Input(const std::string& name, const Sizes& sizes);
+  void Output(const std::string& name, const Sizes& sizes);
+
+  // Constants; return their name.
+  std::string Floats(const std::string& name, const Sizes& sizes, std::span<const float> values);
+  std::string Integers(const std::string& name, std::span<const int64_t> values);
+
+  // Adds a node with one output, which gets the name that is returned: `name`.
+  std::string Add(const std::string& op, const std::string& name,
+                  const std::vector<std::string>& inputs,
+                  const std::vector<Setting>& settings = {});
+
+ private:
+  GraphProto& graph_;
+};
+
+}  // namespace maneuver::onnx
+
+#endif  // MANEUVER_MODEL_ONNX_GRAPH_BUILDER_H_

@@ -1,0 +1,263 @@
+// Exported networks evaluated by OpenCV, an engine that shares nothing with this one, against the
+// answers of this one on the same rasters.
+
+#include "model/onnx/onnx_export.h"
+
+#include <gmock/gmock.h>
+#include <google/protobuf/text_format.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <opencv2/dnn.hpp>
+#include <string>
+#include <vector>
+
+#include "model/artifact/backbone_layers.h"
+#include "model/artifact/model_spec.h"
+#include "model/artifact/training_presets.h"
+#include "model/inference/action_model.h"
+#include "tests/unit/model/inference/reference_model.h"
+
+namespace maneuver::onnx {
+namespace {
+
+constexpr int kScenes = 3;
+// Bounds of what other orders of summation in f32 may change.
+constexpr double kFeatureBound = 1e-5;      // relative to the largest feature
+constexpr double kProbabilityBound = 2e-6;  // absolute
+constexpr double kLatentBound = 3e-5;       // absolute, of values of order 1
+constexpr double kWaypointBound = 1e-4;     // metres
+
+v1::ModelSpec Spec(const std::string& backbone, bool motion) {
+  v1::ModelSpec spec;
+  google::protobuf::TextFormat::ParseFromString(
+      R"pb(
+        raster {
+          height: 37
+          width: 30
+          meters_per_pixel: 1
+          target_position: 0.3
+          history_frames: 3
+          frame_interval { nanos: 500000000 }
+        }
+        trajectory {
+          waypoints: 7
+          waypoint_interval { nanos: 500000000 }
+        }
+        actions: 6
+        latent_dimensions: 3
+        action_predictor { hidden: [ 24, 20 ] }
+        trajectory_encoder { hidden: [ 33 ] }
+        decoder { hidden: [ 18, 19, 20 ] }
+        scenario_encoder { hidden: [ 22, 17 ] }
+        decoder_stddev: 0.8
+      )pb",
+      &spec);
+  google::protobuf::TextFormat::ParseFromString(backbone, spec.mutable_backbone());
+  spec.set_target_motion(motion);
+  return spec;
+}
+
+v1::ModelSpec PlainSpec() {
+  return Spec(R"pb(convolutions { channels: 12 stride: 2 }
+                   convolutions { channels: 16 stride: 1 }
+                   convolutions { channels: 21 stride: 2 }
+                   features: 40)pb",
+              true);
+}
+
+v1::ModelSpec ResidualSpec(const char* block) {
+  return Spec(std::string(R"pb(residual {
+                                 stem { channels: 12 kernel_size: 7 stride: 2 max_pool: true }
+                                 stages { blocks: 2 width: 3 stride: 1 }
+                                 stages { blocks: 2 width: 5 stride: 2 }
+                                 block:)pb") +
+                  block + "} features: 24",
+              false);
+}
+
+v1::ModelSpec PresetSpec(const char* preset) {
+  v1::TrainingSettings settings;
+  settings.set_preset(preset);
+  return artifact::ResolveTrainingSettings(settings).model();
+}
+
+// What both engines are asked about.
+struct Scenes {
+  std::vector<std::vector<uint8_t>> rasters;
+  std::vector<inference::SceneInput> inputs;
+  cv::Mat raster;  // [N, C, H, W]
+  cv::Mat motion;  // [N, 4]
+};
+
+Scenes MakeScenes(const v1::ModelSpec& spec) {
+  const artifact::GridSize grid = artifact::RasterGrid(spec.raster());
+  Scenes scenes;
+  const int sizes[] = {kScenes, grid.channels, grid.height, grid.width};
+  scenes.raster = cv::Mat(4, sizes, CV_32F);
+  scenes.motion = cv::Mat(kScenes, scene::kMotionInputs, CV_32F);
+  for (int n = 0; n < kScenes; ++n) {
+    scenes.rasters.push_back(inference::RandomRaster(spec, static_cast<uint32_t>(n)));
+    const uint8_t* byte = scenes.rasters.back().data();
+    for (int row = 0; row < grid.height; ++row) {
+      for (int column = 0; column < grid.width; ++column) {
+        for (int c = 0; c < grid.channels; ++c) {
+          const int place[] = {n, c, row, column};
+          scenes.raster.at<float>(place) = static_cast<float>(*byte++) / 255.0f;
+        }
+      }
+    }
+    inference::SceneInput input{nullptr, {}};
+    for (int i = 0; i < scene::kMotionInputs; ++i) {
+      input.motion[static_cast<size_t>(i)] = 0.3f * static_cast<float>(i - n);
+      scenes.motion.at<float>(n, i) = input.motion[static_cast<size_t>(i)];
+    }
+    scenes.inputs.push_back(input);
+  }
+  for (size_t n = 0; n < scenes.inputs.size(); ++n) {
+    scenes.inputs[n].raster = scenes.rasters[n].data();
+  }
+  return scenes;
+}
+
+// Answers of all scenes, one after the other.
+struct Answers {
+  std::vector<double> features, probabilities, latent_mean, latent_stddev, trajectories;
+};
+
+template <typename Values>
+void Append(const Values& values, std::vector<double>* all) {
+  for (auto value = values.data(); value != values.data() + values.size(); ++value) {
+    all->push_back(static_cast<double>(*value));
+  }
+}
+
+Answers EngineAnswers(const artifact::StoredModel& model, const Scenes& scenes) {
+  const auto loaded =
+      inference::ActionModel::FromStored(model, {inference::Precision::kF32}).value();
+  const auto session = loaded->NewSession();
+  std::vector<inference::SceneEncoding> encodings(scenes.inputs.size());
+  session->Encode(scenes.inputs, encodings);
+  std::vector<int> actions(static_cast<size_t>(loaded->spec().actions()));
+  std::iota(actions.begin(), actions.end(), 0);
+  Answers answers;
+  for (const inference::SceneEncoding& encoding : encodings) {
+    Append(encoding.features, &answers.features);
+    Append(encoding.probabilities, &answers.probabilities);
+    for (const auto& action :
+         session->Describe(encoding, actions, inference::LatentSource::kPosterior)) {
+      Append(action.latent_mean, &answers.latent_mean);
+      Append(action.latent_stddev, &answers.latent_stddev);
+      for (const inference::Trajectory& sigma : action.sigma) Append(sigma, &answers.trajectories);
+    }
+  }
+  return answers;
+}
+
+Answers ExportedAnswers(const artifact::StoredModel& model, const Scenes& scenes) {
+  const std::string file = ExportOnnx(model, {.distributions = true, .scenes = kScenes});
+  cv::dnn::Net net = cv::dnn::readNetFromONNX(file.data(), file.size());
+  net.setInput(scenes.raster, "raster");
+  if (model.manifest.spec().target_motion()) net.setInput(scenes.motion, "motion");
+  const std::vector<cv::String> names = {"features", "probabilities", "latent_mean",
+                                         "latent_stddev", "trajectories"};
+  std::vector<cv::Mat> outputs;
+  net.forward(outputs, names);
+  Answers answers;
+  std::vector<double>* parts[] = {&answers.features, &answers.probabilities, &answers.latent_mean,
+                                  &answers.latent_stddev, &answers.trajectories};
+  for (size_t i = 0; i < outputs.size(); ++i) {
+    const float* values = outputs[i].ptr<float>();
+    parts[i]->assign(values, values + outputs[i].total());
+  }
+  return answers;
+}
+
+// Of values as many as the other; else no number at all.
+double LargestDifference(const std::vector<double>& a, const std::vector<double>& b) {
+  if (a.size() != b.size() || a.empty()) return std::nan("");
+  double largest = 0.0;
+  for (size_t i = 0; i < a.size(); ++i) largest = std::max(largest, std::abs(a[i] - b[i]));
+  return largest;
+}
+
+double Largest(const std::vector<double>& values) {
+  double largest = 0.0;
+  for (const double value : values) largest = std::max(largest, std::abs(value));
+  return largest;
+}
+
+class OnnxExportTest : public testing::TestWithParam<std::pair<const char*, v1::ModelSpec>> {};
+
+TEST_P(OnnxExportTest, AnotherEngineGivesTheSameAnswers) {
+  const artifact::StoredModel model = inference::RandomModel(GetParam().second, 5);
+  const Scenes scenes = MakeScenes(GetParam().second);
+  const Answers ours = EngineAnswers(model, scenes);
+  const Answers theirs = ExportedAnswers(model, scenes);
+  const auto expect = [&](const char* what, const std::vector<double>& a,
+                          const std::vector<double>& b, double bound) {
+    const double difference = LargestDifference(a, b);
+    EXPECT_LE(difference, bound) << what;
+    std::cout << what << ": largest difference " << difference << ", bound " << bound << "\n";
+  };
+  expect("features", theirs.features, ours.features, kFeatureBound * Largest(ours.features));
+  expect("probabilities", theirs.probabilities, ours.probabilities, kProbabilityBound);
+  expect("latent_mean", theirs.latent_mean, ours.latent_mean, kLatentBound);
+  expect("latent_stddev", theirs.latent_stddev, ours.latent_stddev, kLatentBound);
+  expect("trajectories", theirs.trajectories, ours.trajectories, kWaypointBound);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Networks, OnnxExportTest,
+    testing::Values(std::pair("Plain", PlainSpec()),
+                    std::pair("Bottlenecks", ResidualSpec("RESIDUAL_BLOCK_BOTTLENECK")),
+                    std::pair("BasicBlocks", ResidualSpec("RESIDUAL_BLOCK_BASIC")),
+                    std::pair("Compact", PresetSpec("compact"))),
+    [](const auto& network) { return network.param.first; });
+
+// Else the comparison above would not see a wrong weight.
+TEST(OnnxExportTest, EveryWeightThatIsExportedDecidesAnswers) {
+  const artifact::StoredModel model = inference::RandomModel(PlainSpec(), 5);
+  const Scenes scenes = MakeScenes(PlainSpec());
+  const Answers right = ExportedAnswers(model, scenes);
+  for (const auto& [name, tensor] : model.weights) {
+    artifact::StoredModel changed = model;
+    for (float& value : changed.weights.at(name).values) value *= 1.01f;
+    const Answers wrong = ExportedAnswers(changed, scenes);
+    const double difference =
+        std::max({LargestDifference(wrong.features, right.features) / kFeatureBound /
+                      Largest(right.features),
+                  LargestDifference(wrong.probabilities, right.probabilities) / kProbabilityBound,
+                  LargestDifference(wrong.latent_mean, right.latent_mean) / kLatentBound,
+                  LargestDifference(wrong.latent_stddev, right.latent_stddev) / kLatentBound,
+                  LargestDifference(wrong.trajectories, right.trajectories) / kWaypointBound});
+    const bool left_out = name.starts_with("trajectory_encoder.") ||
+                          name.starts_with("decoder.covariance") || name == "mixture.log_weight";
+    if (left_out) {
+      EXPECT_EQ(difference, 0.0) << name;
+    } else {
+      EXPECT_GT(difference, 10.0) << name;  // in bounds of the comparison
+    }
+  }
+}
+
+TEST(OnnxExportTest, DistributionsCanBeLeftOut) {
+  const artifact::StoredModel model = inference::RandomModel(PlainSpec(), 5);
+  const Scenes scenes = MakeScenes(PlainSpec());
+  const std::string file = ExportOnnx(model, {.distributions = false, .scenes = kScenes});
+  EXPECT_LT(file.size(), ExportOnnx(model, {}).size());
+  cv::dnn::Net net = cv::dnn::readNetFromONNX(file.data(), file.size());
+  net.setInput(scenes.raster, "raster");
+  net.setInput(scenes.motion, "motion");
+  const cv::Mat probabilities = net.forward("probabilities");
+  const std::vector<double> whole = ExportedAnswers(model, scenes).probabilities;
+  ASSERT_EQ(probabilities.total(), whole.size());
+  for (size_t i = 0; i < whole.size(); ++i) {
+    EXPECT_EQ(static_cast<double>(probabilities.ptr<float>()[i]), whole[i]);
+  }
+}
+
+}  // namespace
+}  // namespace maneuver::onnx
