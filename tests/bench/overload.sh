@@ -45,19 +45,6 @@ else
 fi
 
 load() { "$bin/maneuver" load --metrics "$metrics" "${scenes[@]}" "$@"; }
-# Figure $2 of file $1, such as steps.0.latency_ms.p99; 0 if it is not there, - if it is not known.
-figure() {
-  awk -v wanted="$2" '
-    { match($0, /^ */); depth = RLENGTH / 2; line = substr($0, RLENGTH + 1) }
-    line ~ /^\{/ { path[depth] = elements[depth]++ + 0 }
-    line ~ /^"/ {
-      key = line; sub(/^"/, "", key); sub(/":.*/, "", key); path[depth] = key
-      name = path[1]
-      for (i = 2; i <= depth; i++) name = name "." path[i]
-      if (name == wanted) { sub(/^"[^"]*": /, "", line); gsub(/[",]/, "", line); value = line }
-    }
-    END { print value == "" ? 0 : value == "null" ? "-" : value }' "$1"
-}
 # The most memory the server has had, MB. Reading it starts anew.
 most_memory() {
   sed -n 's/^VmHWM:[ \t]*\([0-9]*\) kB/\1/p' "/proc/$server/status" | awk '{ printf "%.0f", $1 / 1024 }'

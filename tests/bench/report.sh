@@ -1,0 +1,112 @@
+#!/usr/bin/env bash
+# Measures this machine's answers and writes docs/performance.md with its pictures:
+#
+#   1. maneuver-bench --report: every stage in process, beside the machine's yardsticks
+#   2. the server over loopback: saturated, at half its capacity, idle, with one worker and with two,
+#      its start and its memory
+#   3. tests/bench/peers, those of them whose needs are installed (see the README there)
+#
+#   tests/bench/report.sh MODEL_FOLDER [DATASET_FOLDER]
+#
+# The dataset's recordings are asked about in place of the synthetic town's. SECONDS_EACH (10) is the
+# length of a measurement; OUT (docs/performance.md) the file; BIN (build/release/bin) where the
+# programs are, maneuver-bench among them. Nothing else should run meanwhile.
+set -euo pipefail
+
+case "${1:---help}" in
+  -h|--help) sed -n '2,15s/^# \{0,1\}//p' "$0"; exit 0 ;;
+esac
+model=$1
+dataset=${2:-}
+each=${SECONDS_EACH:-10}
+here=$(cd "$(dirname "$0")" && pwd)
+out=${OUT:-$here/../../docs/performance.md}
+pictures=$(dirname "$out")/pictures
+mkdir -p "$pictures"
+source "$here/measured_server.sh"
+scenes=()
+[ -z "$dataset" ] || scenes=(--dataset "$dataset")
+
+load_before=$(cut -d' ' -f1-3 /proc/loadavg)
+"$bin/maneuver-bench" --report "$work/bench.md" --pictures "$work/pictures" --model "$model" \
+  "${scenes[@]}" --seconds "$each"
+cp "$work"/pictures/*.svg "$pictures/"
+
+# The server of a model, ready; again with other flags.
+version 1 "$model"
+start_server
+"$bin/maneuver" model promote measured/1 >&2
+stop_server
+
+# load NAME [options]: into $work/NAME.json.
+load() {
+  local name=$1
+  shift
+  "$bin/maneuver" load "${scenes[@]}" --warm-up 2 --duration "$each" --json "$work/$name.json" \
+    "$@" >/dev/null
+}
+rate() { awk "BEGIN { print $1 * $2 }"; }
+median() { sort -n | awk '{ v[NR] = $1 } END { print v[int((NR + 1) / 2)] }'; }
+ratio() { awk "BEGIN { printf \"%.2f\", $1 / $2 }"; }
+memory() { awk -v of="$1:" '$1 == of { printf "%.0f", $2 / 1024 }' "/proc/$server/status"; }
+
+# Milliseconds from the start of the process until it answers that it serves.
+for _ in 1 2 3 4 5 6 7; do
+  begin=$(date +%s%N)
+  start_server
+  until "$bin/maneuver" health >/dev/null 2>&1; do :; done
+  awk "BEGIN { print ($(date +%s%N) - $begin) / 1e6 }" >>"$work/starts"
+  resident=$(memory VmRSS)
+  stop_server
+done
+# Capacity with one worker and with two, in turn, 8 targets a call.
+for _ in 1 2 3; do
+  for workers in 1 2; do
+    start_server --workers "$workers"
+    load saturated --targets 8
+    figure "$work/saturated.json" steps.0.answered_targets_per_second >>"$work/workers.$workers"
+    stop_server
+  done
+done
+start_server
+load saturated --targets 1
+capacity=$(figure "$work/saturated.json" steps.0.answered_per_second)
+load idle --targets 1 --rate 20
+load half --targets 1 --rate "$(rate "$capacity" 0.5)"
+most=$(memory VmHWM)
+stop_server
+
+idle=$(figure "$work/idle.json" steps.0.latency_ms.p50)
+half=$(figure "$work/half.json" steps.0.latency_ms.p99)
+# The first row of the curve over targets: one target in process, microseconds.
+alone=$(awk -F'|' '/^\| targets of the request/ { getline; getline; print $3 + 0; exit }' "$work/bench.md")
+weights=$(stat -c %s "$model/weights.safetensors" | awk '{ printf "%.0f", $1 / 1048576 }')
+
+{
+  echo "# Performance"
+  echo
+  echo "Written by \`tests/bench/report.sh MODEL_FOLDER [DATASET_FOLDER]\`: see there for what is measured. Load of the"
+  echo "machine before: $load_before."
+  echo
+  sed 's/](performance-/](pictures\/performance-/; s/](\.\.\/[^)]*pictures\//](pictures\//' "$work/bench.md"
+  echo "## The server over loopback"
+  echo
+  echo "Predict, with every action of at least 0.05. Server and callers (\`maneuver load\`) share this machine's $(nproc) cores."
+  echo
+  echo "| what | measured | ratio | target |"
+  echo "|---|---:|---:|---:|"
+  echo "| saturated, 1 target a call, calls a second | $capacity | | |"
+  echo "| idle, p50, ms; / one target in process | $idle | $(ratio "$idle" "$alone / 1000") | at most 1.3 |"
+  echo "| half of its capacity, p99, ms; / unloaded p50 | $half | $(ratio "$half" "$idle") | at most 3 |"
+  echo "| saturated, 8 targets a call, 1 worker, targets a second | $(median <"$work/workers.1") | | |"
+  echo "| ... 2 workers; / 1 worker | $(median <"$work/workers.2") | $(ratio "$(median <"$work/workers.2")" "$(median <"$work/workers.1")") | at least 1.8 |"
+  echo "| start until it says that it serves, the question included, ms | $(median <"$work/starts") | | under 300 |"
+  echo "| resident after the start, MB | $resident | | under 300 |"
+  echo "| ... at most, under load, MB; weights have $weights MB | $most | | under 300, 150 without the weights |"
+  echo
+  echo "## Peers"
+  echo
+  BIN=$bin "$here/peers/all.sh" "$model" ${dataset:+"$dataset"}
+} >"$work/report.md"
+mv "$work/report.md" "$out"
+echo "$out"
