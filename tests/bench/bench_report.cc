@@ -7,13 +7,13 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 #include "git_revision.h"
 #include "model/artifact/backbone_layers.h"
 #include "model/artifact/model_cost.h"
 #include "model/inference/backbone.h"
 #include "tests/bench/bench_scenes.h"
 #include "tests/bench/curves.h"
+#include "tests/bench/markdown.h"
 #include "tests/bench/stage_times.h"
 #include "tests/bench/yardsticks.h"
 
@@ -21,29 +21,6 @@ namespace maneuver::bench {
 namespace {
 
 constexpr size_t kScenesOfAKind = 6;
-
-// Three digits or so.
-std::string Short(double value) {
-  return absl::StrFormat("%.*f", value < 9.995 ? 2 : value < 99.95 ? 1 : 0, value);
-}
-std::string Microseconds(const Series& series) { return Short(kMicroseconds * Median(series)); }
-// "0.21 (0.20 to 0.23)": the median of the rounds' ratios, and the middle half of them.
-std::string Ratio(const Series& a, const Series& b) {
-  const Series ratios = Ratios(a, b);
-  return absl::StrFormat("%.3f (%.3f to %.3f)", Median(ratios), Quantile(ratios, 0.25),
-                         Quantile(ratios, 0.75));
-}
-std::string Percent(double share) { return absl::StrFormat("%.1f %%", 100.0 * share); }
-
-std::string Row(const std::vector<std::string>& cells) {
-  return absl::StrCat("| ", absl::StrJoin(cells, " | "), " |\n");
-}
-// Names to the left, figures to the right.
-std::string Header(const std::vector<std::string>& cells) {
-  std::string rule = "|---|";
-  for (size_t i = 1; i < cells.size(); ++i) rule += "---:|";
-  return absl::StrCat(Row(cells), rule, "\n");
-}
 
 // The three things that a core is held against, in the rounds of everything else.
 class YardstickTimes {

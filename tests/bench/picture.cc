@@ -74,7 +74,7 @@ std::vector<double> TicksTo(double most) {
   return ticks;
 }
 
-std::string Number(double value) { return absl::StrFormat("%.4g", value); }
+std::string Number(double value) { return absl::StrFormat("%.6g", value); }
 
 double Largest(const std::vector<double>& values) {
   return *std::max_element(values.begin(), values.end());
@@ -141,7 +141,8 @@ std::string DrawBars(const std::string& title, const std::string& unit,
   const double most = Largest(totals);
   const double legend = kTop + kStep * static_cast<double>(bars.size()) + 14;
   Svg svg(820, static_cast<int>(legend) + 44);
-  svg.Text(kLeft, 26, "start", title, kInk, "font-weight=\"bold\" font-size=\"15\"");
+  svg.Text(kLeft, 26, "start", absl::StrCat(title, ", ", unit), kInk,
+           "font-weight=\"bold\" font-size=\"15\"");
   for (size_t b = 0; b < bars.size(); ++b) {
     const double y = kTop + kStep * static_cast<double>(b);
     svg.Text(kLeft, y + 12, "start", bars[b], kInk);
@@ -151,7 +152,7 @@ std::string DrawBars(const std::string& title, const std::string& unit,
       svg.Rectangle(x, y + 20, width, kBar, Color(p));
       x += width;
     }
-    svg.Text(x + 8, y + 40, "start", absl::StrCat(Number(totals[b]), " ", unit), kInk);
+    svg.Text(x + 8, y + 40, "start", absl::StrFormat("%.0f", totals[b]), kInk);
   }
   double x = kLeft;
   for (size_t p = 0; p < parts.size(); ++p) {

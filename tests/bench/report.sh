@@ -22,14 +22,15 @@ each=${SECONDS_EACH:-10}
 here=$(cd "$(dirname "$0")" && pwd)
 out=${OUT:-$here/../../docs/performance.md}
 pictures=$(dirname "$out")/pictures
-mkdir -p "$pictures"
 source "$here/measured_server.sh"
 scenes=()
 [ -z "$dataset" ] || scenes=(--dataset "$dataset")
 
+mkdir -p "$pictures" "$work/pictures"
+all_cores=0-$((cores - 1))
 load_before=$(cut -d' ' -f1-3 /proc/loadavg)
-"$bin/maneuver-bench" --report "$work/bench.md" --pictures "$work/pictures" --model "$model" \
-  "${scenes[@]}" --seconds "$each"
+taskset -c "$all_cores" "$bin/maneuver-bench" --report "$work/bench.md" \
+  --pictures "$work/pictures" --model "$model" "${scenes[@]}" --seconds "$each"
 cp "$work"/pictures/*.svg "$pictures/"
 
 # The server of a model, ready; again with other flags.
@@ -47,9 +48,11 @@ load() {
 }
 rate() { awk "BEGIN { print $1 * $2 }"; }
 median() { sort -n | awk '{ v[NR] = $1 } END { print v[int((NR + 1) / 2)] }'; }
-ratio() { awk "BEGIN { printf \"%.2f\", $1 / $2 }"; }
+ratio() { awk "BEGIN { printf \"%.2f\", ($1) / ($2) }"; }
 memory() { awk -v of="$1:" '$1 == of { printf "%.0f", $2 / 1024 }' "/proc/$server/status"; }
 
+own_cores=$server_cores
+server_cores=$all_cores
 # Milliseconds from the start of the process until it answers that it serves.
 for _ in 1 2 3 4 5 6 7; do
   begin=$(date +%s%N)
@@ -59,7 +62,7 @@ for _ in 1 2 3 4 5 6 7; do
   resident=$(memory VmRSS)
   stop_server
 done
-# Capacity with one worker and with two, in turn, 8 targets a call.
+# Capacity with one worker and with two, in turn, 8 targets a call; callers share the server's cores.
 for _ in 1 2 3; do
   for workers in 1 2; do
     start_server --workers "$workers"
@@ -70,14 +73,18 @@ for _ in 1 2 3; do
 done
 start_server
 load saturated --targets 1
+stop_server
+server_cores=$own_cores
+start_server
+load own --targets 1
 capacity=$(figure "$work/saturated.json" steps.0.answered_per_second)
 load idle --targets 1 --rate 20
-load half --targets 1 --rate "$(rate "$capacity" 0.5)"
+load half --targets 1 --rate "$(rate "$(figure "$work/own.json" steps.0.answered_per_second)" 0.5)"
 most=$(memory VmHWM)
 stop_server
 
-idle=$(figure "$work/idle.json" steps.0.latency_ms.p50)
-half=$(figure "$work/half.json" steps.0.latency_ms.p99)
+idle=$(figure "$work/idle.json" steps.0.latency_ms.p50 | awk '{ printf "%.2f", $1 }')
+half=$(figure "$work/half.json" steps.0.latency_ms.p99 | awk '{ printf "%.2f", $1 }')
 # The first row of the curve over targets: one target in process, microseconds.
 alone=$(awk -F'|' '/^\| targets of the request/ { getline; getline; print $3 + 0; exit }' "$work/bench.md")
 weights=$(stat -c %s "$model/weights.safetensors" | awk '{ printf "%.0f", $1 / 1048576 }')
@@ -88,10 +95,11 @@ weights=$(stat -c %s "$model/weights.safetensors" | awk '{ printf "%.0f", $1 / 1
   echo "Written by \`tests/bench/report.sh MODEL_FOLDER [DATASET_FOLDER]\`: see there for what is measured. Load of the"
   echo "machine before: $load_before."
   echo
-  sed 's/](performance-/](pictures\/performance-/; s/](\.\.\/[^)]*pictures\//](pictures\//' "$work/bench.md"
+  cat "$work/bench.md"
   echo "## The server over loopback"
   echo
-  echo "Predict, with every action of at least 0.05. Server and callers (\`maneuver load\`) share this machine's $(nproc) cores."
+  echo "Predict, with every action of at least 0.05. For what is saturated and for the start the server has all $cores cores, of"
+  echo "which its callers (\`maneuver load\`) share the last; for the latencies each has its own: the server $own_cores."
   echo
   echo "| what | measured | ratio | target |"
   echo "|---|---:|---:|---:|"
@@ -106,7 +114,7 @@ weights=$(stat -c %s "$model/weights.safetensors" | awk '{ printf "%.0f", $1 / 1
   echo
   echo "## Peers"
   echo
-  BIN=$bin "$here/peers/all.sh" "$model" ${dataset:+"$dataset"}
+  BIN=$bin taskset -c "$all_cores" "$here/peers/all.sh" "$model" ${dataset:+"$dataset"}
 } >"$work/report.md"
 mv "$work/report.md" "$out"
 echo "$out"

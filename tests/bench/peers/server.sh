@@ -5,11 +5,12 @@
 #   tests/bench/peers/server.sh MODEL_FOLDER [DATASET_FOLDER]
 #
 # SECONDS_EACH (8) is the length of a run, of which there are ROUNDS (3) for each; PYTHON
-# (/usr/bin/python3), BIN (build/release/bin). Other servers stand idle meanwhile.
+# (/usr/bin/python3), BIN (build/release/bin). The other server stands idle meanwhile. Both have all cores,
+# of which the callers share the last.
 set -euo pipefail
 
 case "${1:---help}" in
-  -h|--help) sed -n '2,8s/^# \{0,1\}//p' "$0"; exit 0 ;;
+  -h|--help) sed -n '2,9s/^# \{0,1\}//p' "$0"; exit 0 ;;
 esac
 model=$1
 here=$(cd "$(dirname "$0")" && pwd)
@@ -18,11 +19,13 @@ source "$here/../measured_server.sh"
 scenes=()
 [ -z "${2:-}" ] || scenes=(--dataset "$2")
 
+server_cores=0-$((cores - 1))
 version 1 "$model"
 start_server
 ours=$MANEUVER_SERVER
 "$bin/maneuver" model promote measured/1 >&2
-nice -n 5 "${PYTHON:-/usr/bin/python3}" "$here/server.py" "$model" >"$work/peer.out" 2>"$work/peer.log" &
+taskset -c "$server_cores" nice -n 5 "${PYTHON:-/usr/bin/python3}" "$here/server.py" "$model" \
+  >"$work/peer.out" 2>"$work/peer.log" &
 peer=$!
 trap 'kill "$peer" 2>/dev/null || true; finish' EXIT
 for _ in $(seq 600); do
