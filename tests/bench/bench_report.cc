@@ -235,10 +235,9 @@ absl::Status WriteText(const std::filesystem::path& path, const std::string& tex
 
 std::string Introduction(const ReportOptions& options) {
   std::string text = absl::StrFormat(
-      "%s, %d cores. Maneuver %s, %s, %s%s. Every time is of one core, in process, without gRPC "
-      "and "
-      "without waiting; what a table compares was measured in turn in the same rounds, times are "
-      "their medians.\n\n",
+      "%s, %d cores. Maneuver %s, %s, %s%s. Every time is processor time of one core, in process, "
+      "without gRPC and without waiting: medians of the rounds in which what a table compares was "
+      "measured in turn.\n\n",
       ProcessorName(), std::thread::hardware_concurrency(), kGitRevision, kBuildType, kCompiler,
       inference::ProcessorHasBf16() ? "" : "; bf16: not on this processor");
   for (const SceneSet& set : options.scenes) {

@@ -1,10 +1,18 @@
 #include "tests/bench/interleaved.h"
 
+#include <time.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cstddef>
 
 namespace maneuver::bench {
+
+double ThreadSeconds() {
+  timespec time;
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
 
 double Quantile(Series values, double share) {
   const auto place = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
@@ -33,13 +41,13 @@ std::vector<Series> MeasureInTurn(const std::vector<std::function<void()>>& thin
   for (const auto& thing : things) thing();
   std::vector<Series> series(things.size());
   const Clock::time_point begin = Clock::now();
-  Clock::time_point last = begin;
-  for (int round = 0;
-       round < least || std::chrono::duration<double>(last - begin).count() < seconds; ++round) {
+  const auto passed = [&] { return std::chrono::duration<double>(Clock::now() - begin).count(); };
+  for (int round = 0; round < least || passed() < seconds; ++round) {
+    double last = ThreadSeconds();
     for (size_t i = 0; i < things.size(); ++i) {
       things[i]();
-      const Clock::time_point now = Clock::now();
-      series[i].push_back(std::chrono::duration<double>(now - last).count());
+      const double now = ThreadSeconds();
+      series[i].push_back(now - last);
       last = now;
     }
   }

@@ -1,6 +1,5 @@
 #include "tests/bench/turns.h"
 
-#include <chrono>
 #include <fstream>
 #include <istream>
 #include <nlohmann/json.hpp>
@@ -10,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/artifact/backbone_layers.h"
 #include "tests/bench/bench_scenes.h"
+#include "tests/bench/interleaved.h"
 #include "tests/bench/pipeline.h"
 
 namespace maneuver::bench {
@@ -65,10 +65,9 @@ absl::Status TakeTurns(const BenchModel& model, const std::vector<v1::Scenario>&
   std::vector<inference::SceneEncoding> encodings(pipeline.scenes().size());
   std::string word;
   for (int repeats = 0; in >> word >> repeats && word == "encode";) {
-    const auto begin = std::chrono::steady_clock::now();
+    const double begin = ThreadSeconds();
     for (int i = 0; i < repeats; ++i) session->Encode(pipeline.scenes(), encodings);
-    const auto end = std::chrono::steady_clock::now();
-    out << std::chrono::duration<double>(end - begin).count() << std::endl;
+    out << ThreadSeconds() - begin << std::endl;
   }
   return absl::OkStatus();
 }

@@ -18,8 +18,8 @@ namespace maneuver::bench {
 // p(y|s), [N, K]. Says the sizes in one line of JSON on `out`:
 //   {"model": ..., "precision": "f32", "scenes": N, "channels": C, "height": H, "width": W,
 //    "motion": true, "actions": K}
-// Then answers each line "encode R" on `in` with the seconds that R evaluations of backbone and
-// p(y|s) of all N took, on one thread from the rasters' bytes on; ends with `in`.
+// Then answers each line "encode R" on `in` with the seconds of processor time that R evaluations
+// of backbone and p(y|s) of all N took, on one thread from the rasters' bytes on; ends with `in`.
 absl::Status TakeTurns(const BenchModel& model, const std::vector<v1::Scenario>& scenes,
                        const std::filesystem::path& file, std::istream& in, std::ostream& out);
 

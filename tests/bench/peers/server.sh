@@ -41,12 +41,12 @@ echo "|---|---:|---:|---:|---:|---:|"
 for targets in 1 8; do
   rm -f "$work"/rate.* "$work"/p50.*
   for _ in $(seq "${ROUNDS:-3}"); do
-    for server in ours theirs; do
-      "$bin/maneuver" load --server "${!server}" "${scenes[@]}" --targets "$targets" --warm-up 2 \
+    for whose in ours theirs; do
+      "$bin/maneuver" load --server "${!whose}" "${scenes[@]}" --targets "$targets" --warm-up 2 \
         --duration "${SECONDS_EACH:-8}" --json "$work/load.json" >"$work/load.txt" 2>&1 ||
         { cat "$work/load.txt" >&2; exit 1; }
-      figure "$work/load.json" steps.0.answered_per_second >>"$work/rate.$server"
-      figure "$work/load.json" steps.0.latency_ms.p50 >>"$work/p50.$server"
+      figure "$work/load.json" steps.0.answered_per_second >>"$work/rate.$whose"
+      figure "$work/load.json" steps.0.latency_ms.p50 >>"$work/p50.$whose"
     done
   done
   paste "$work/rate.ours" "$work/rate.theirs" | awk '{ print $1 / $2 }' >"$work/rate.ratio"
