@@ -32,7 +32,7 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
-constexpr int kNiceness = 10;
+constexpr int kNiceness = 19;
 constexpr int kLastOfBestEffort = 7;
 constexpr size_t kMaxLine = size_t{1} << 20;
 constexpr milliseconds kTick{200};

@@ -21,9 +21,11 @@ trap finish EXIT
 
 cores=$(nproc)
 server_cores=0-$((cores - 1))
+niceness=5
 if [ -z "${SHARED:-}" ] && [ "$cores" -gt 1 ]; then
   callers=$(((cores + 3) / 4))
   server_cores=0-$((cores - callers - 1))
+  niceness=0
   taskset -pc "$((cores - callers))-$((cores - 1))" $$ >/dev/null
 fi
 
@@ -35,7 +37,7 @@ version() {
 
 # start_server [flags of maneuverd]. Callers on the same cores have to be punctual: they come first.
 start_server() {
-  taskset -c "$server_cores" nice -n 5 "$bin/maneuverd" --data-dir "$work/data" --listen 127.0.0.1:0 \
+  taskset -c "$server_cores" nice -n "$niceness" "$bin/maneuverd" --data-dir "$work/data" --listen 127.0.0.1:0 \
     --metrics-listen 127.0.0.1:0 --port-file "$work/ports.json" "$@" \
     >"$work/maneuverd.out" 2>"$work/maneuverd.log" &
   server=$!
