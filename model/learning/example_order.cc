@@ -9,8 +9,9 @@ namespace {
 
 // 0 .. size-1 in random order, again and again, until there are `count`.
 at::Tensor DrawInTurns(int64_t size, int64_t count, at::Generator& generator) {
-  std::vector<at::Tensor> turns;
-  for (int64_t drawn = 0; drawn < count || turns.empty(); drawn += size) {
+  TORCH_CHECK(size > 0 || count == 0, "there is nothing to draw ", count, " examples from");
+  std::vector<at::Tensor> turns = {at::empty({0}, at::kLong)};
+  for (int64_t drawn = 0; drawn < count; drawn += size) {
     turns.push_back(
         at::randperm(size, generator, at::kLong).slice(0, 0, std::min(size, count - drawn)));
   }

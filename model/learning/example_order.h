@@ -9,6 +9,7 @@
 
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/learning/tensors.h"
+#include "model/learning/training_data.h"
 
 namespace maneuver::learning {
 
@@ -16,6 +17,12 @@ namespace maneuver::learning {
 inline std::span<const double> DatasetWeights(const v1::TrainingSettings& settings) {
   const auto& weights = settings.examples().dataset_weights();
   return {weights.data(), static_cast<size_t>(weights.size())};
+}
+
+// How many training examples each dataset has; all together, if nobody said which are whose.
+inline std::vector<int64_t> DatasetSizes(const TrainingData& data) {
+  if (!data.folder_examples.empty()) return data.folder_examples;
+  return {static_cast<int64_t>(data.training.examples.size())};
 }
 
 // How many of `count` examples each dataset gives: proportional to its weight, to within one.

@@ -191,7 +191,7 @@ NoiseSource Learner::NoiseDrawn() {
 }
 
 at::Tensor Learner::DrawEpoch() {
-  return DrawExamples(data_.folder_examples, DatasetWeights(settings_),
+  return DrawExamples(DatasetSizes(data_), DatasetWeights(settings_),
                       EpochExamples(settings_, trajectories_.size(0)), generator_);
 }
 

@@ -33,7 +33,8 @@ struct TrainingData {
   // where nothing is known. Empty without label_share.
   std::vector<int> labels;
   std::vector<std::string> label_names;  // sorted
-  // How many training examples each folder has; they follow each other in that order.
+  // How many training examples each folder has; they follow each other in that order. Empty: not
+  // known, and dataset_weights have no meaning.
   std::vector<int64_t> folder_examples;
 };
 

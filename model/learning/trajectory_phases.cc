@@ -104,7 +104,7 @@ absl::Status Learner::Pretrain() {
 EncodedExamples Learner::EncodeForPlacement(std::vector<int>* labels) {
   at::NoGradGuard no_grad;
   const int64_t count = std::min(trajectories_.size(0), kMostClustered);
-  const at::Tensor drawn = SpreadExamples(data_.folder_examples, DatasetWeights(settings_), count);
+  const at::Tensor drawn = SpreadExamples(DatasetSizes(data_), DatasetWeights(settings_), count);
   at::Tensor placed = trajectories_.index_select(0, drawn);
   labels->clear();
   if (!data_.labels.empty()) {

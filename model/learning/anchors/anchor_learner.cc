@@ -113,7 +113,7 @@ absl::StatusOr<artifact::StoredBaselines> AnchorLearner::Learn() {
 
 at::Tensor AnchorLearner::DrawEpoch(at::Generator& generator) const {
   const int64_t examples = static_cast<int64_t>(data_.training.examples.size());
-  return DrawExamples(data_.folder_examples, DatasetWeights(settings_),
+  return DrawExamples(DatasetSizes(data_), DatasetWeights(settings_),
                       EpochExamples(settings_, examples), generator);
 }
 
