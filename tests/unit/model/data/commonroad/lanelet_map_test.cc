@@ -64,6 +64,15 @@ TEST(MapOfTest, TwoLanesHaveOneLineBetweenThemAndEdgesOutside) {
   EXPECT_DOUBLE_EQ(Length(edges), 80.0);
 }
 
+// As in files that do not say which lanelets lie beside each other.
+TEST(MapOfTest, WhereTwoLanesTouchUnsaidThereIsNoEdge) {
+  const auto edges = OfType(MapOf({Along(1, 0.0, 40.0, 0.0, 4.0), Along(2, 0.0, 40.0, 4.0, 8.0)}),
+                            v1::MAP_FEATURE_TYPE_ROAD_EDGE);
+  ASSERT_EQ(edges.size(), 2u);
+  EXPECT_DOUBLE_EQ(edges[0].y(0), 0.0);
+  EXPECT_DOUBLE_EQ(edges[1].y(0), 8.0);
+}
+
 // Two roads that cross, each 4 m wide: of their bounds, 4 m each lie on the other one.
 TEST(MapOfTest, NoEdgeRunsAcrossAJunction) {
   Lanelet north;
