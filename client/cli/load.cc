@@ -19,6 +19,7 @@
 #include "client/cli/text_format.h"
 #include "client/load/request_mix.h"
 #include "client/load/server_callee.h"
+#include "client/map_reuse.h"
 
 namespace maneuver::cli {
 namespace {
@@ -31,6 +32,7 @@ struct LoadArguments {
   std::string method = "predict";
   std::string targets = "1";
   std::string priority = "interactive";
+  bool register_maps = false;
   std::vector<int64_t> actions;
   std::optional<double> min_probability;
   std::optional<int64_t> top_k;
@@ -148,8 +150,12 @@ class LoadCommand {
                                         .seed = static_cast<uint64_t>(arguments_.seed)},
                                        environment_);
     if (!scenes.ok()) return scenes.status();
-    const std::vector<v1::PredictRequest> requests =
+    std::vector<v1::PredictRequest> requests =
         load::MakeRequests(*scenes, Pattern(arguments_), mix);
+    if (arguments_.register_maps) {
+      const absl::Status registered = RegisterMaps(scenes->size(), &requests);
+      if (!registered.ok()) return registered;
+    }
     first_ = requests.front();
     double targets_sum = 0.0;
     double bytes = 0.0;
@@ -162,6 +168,17 @@ class LoadCommand {
     report_.requests = static_cast<int>(requests.size());
     report_.mean_targets = targets_sum / count;
     report_.mean_bytes = bytes / count;
+    return absl::OkStatus();
+  }
+
+  // From here on the requests name their maps.
+  absl::Status RegisterMaps(size_t most, std::vector<v1::PredictRequest>* requests) {
+    client::MapReuse maps(environment_.server_client(), most);
+    for (v1::PredictRequest& request : *requests) {
+      const absl::Status named =
+          maps.NameMaps(request.mutable_scenarios(), environment_.call_options());
+      if (!named.ok()) return named;
+    }
     return absl::OkStatus();
   }
 
@@ -323,6 +340,8 @@ void AddLoad(Command& root, Environment& environment) {
                  "What is asked");
   command.Option("--targets", &arguments->targets, "Targets of a request, N or from A-B");
   AddPriorityOption(command, &arguments->priority);
+  command.Flag("--register-maps", &arguments->register_maps,
+               "Register the scenes' maps first; requests then name them, as a planner's do");
   command.Option("--actions", &arguments->actions, "Describe these actions, such as 1,2");
   command.Option("--min-probability", &arguments->min_probability, 0.0, 1.0,
                  "Describe actions at least this probable [0.05]");

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # What a server does when it is asked for more than it can do, as Markdown tables:
 #
-#   1. 25, 50, 80, 100 and 300 % of what it can do, then what it can do and 300 % of it in turn, ROUNDS
+#   1. 25, 50, 80, 100 and 300 % of what it can do, then what it can do and 300 % of that in turn, ROUNDS
 #      (5) times. It keeps its promise if at 300 % it still answers at least 90 % of what it did just
 #      before (median), its memory stays bounded, and each refused call is told when to come again.
 #   2. Patient callers at 40 % of it, alone and beside 10,000 calls that have 1 to 5 ms. It keeps its
@@ -12,14 +12,15 @@
 #
 # Without a model one is trained in a minute. SECONDS_EACH (10) is the length of a run; DEADLINE (500)
 # what callers of part 1 allow, milliseconds; TARGETS (16) how many vehicles a call asks about, but for
-# the storm's, which ask about one; SCENES a dataset folder, in place of the synthetic town; STORM_RATE
-# (1000) the storm's calls a second; BIN (build/release/bin) where the programs are. Server and callers
-# have cores of their own, or, with SHARED=1, the same. Ends with status 1 if a promise was not kept.
+# the storm's, which ask about one; MAPS=1 registers the roads first, so that calls only name them;
+# SCENES a dataset folder, in place of the synthetic town; STORM_RATE (1000) the storm's calls a second;
+# BIN (build/release/bin) where the programs are. Server and callers have cores of their own, or, with
+# SHARED=1, the same. Ends with status 1 if a promise was not kept.
 set -euo pipefail
 
 model=
 case "${1:---}" in
-  -h|--help) sed -n '2,20s/^# \{0,1\}//p' "$0"; exit 0 ;;
+  -h|--help) sed -n '2,21s/^# \{0,1\}//p' "$0"; exit 0 ;;
   --) [ $# -eq 0 ] || shift ;;
   *) model=$1; shift; [ "${1:-}" != -- ] || shift ;;
 esac
@@ -30,6 +31,7 @@ rounds=${ROUNDS:-5}
 storm_rate=${STORM_RATE:-1000}
 scenes=()
 [ -z "${SCENES:-}" ] || scenes=(--dataset "$SCENES")
+[ -z "${MAPS:-}" ] || scenes+=(--register-maps)
 
 source "$(dirname "$0")/measured_server.sh"
 [ -z "$model" ] || version 1 "$model"
@@ -74,7 +76,7 @@ goodput=()
 for round in $(seq "$rounds"); do
   load --targets "$targets" --duration "$each" --deadline "$deadline" --json "$work/can.json" >/dev/null || failed=1
   can=$(figure "$work/can.json" steps.0.answered_per_second)
-  load --rate "$(awk "BEGIN { print 3 * $capacity }")" --targets "$targets" --duration "$each" \
+  load --rate "$(awk "BEGIN { print 3 * $can }")" --targets "$targets" --duration "$each" \
     --deadline "$deadline" --seed "$((round + 1))" --json "$work/does.json" >/dev/null || failed=1
   does=$(figure "$work/does.json" steps.0.answered_per_second)
   goodput+=("$(per "$does" "$can")")

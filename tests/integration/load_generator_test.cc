@@ -119,6 +119,23 @@ TEST_F(LoadGeneratorTest, AnOpenLoopCallsAtItsRate) {
   EXPECT_EQ(Calls(after, "OK", method) - Calls(before, "OK", method), 60);
 }
 
+TEST_F(LoadGeneratorTest, RegisteredMapsAreNamedAndNotSent) {
+  const Arguments calls = {"--calls", "20", "--warm-up", "0"};
+  const nlohmann::json whole = Load(calls);
+  const load::MetricsPage before = Metrics();
+  Arguments named = calls;
+  named.emplace_back("--register-maps");
+  const nlohmann::json report = Load(named);
+  const load::MetricsPage after = Metrics();
+  EXPECT_EQ(report["steps"][0]["ended"], nlohmann::json({{"OK", 20}}));
+  // Most of what is left are the agents' histories.
+  EXPECT_LT(report["bytes_per_request"], 0.9 * whole["bytes_per_request"].get<double>());
+  const auto hits = [](const load::MetricsPage& page) {
+    return page.Sum("maneuver_map_lookups_total", {{"result", "hit"}}).value_or(0.0);
+  };
+  EXPECT_EQ(hits(after) - hits(before), 20 + 1);
+}
+
 TEST_F(LoadGeneratorTest, RefusalsAreCountedWithTheirDelayAndAreNoFailure) {
   const load::MetricsPage before = Metrics();
   // Each call takes a third of the queue: of sixteen callers most are refused.
