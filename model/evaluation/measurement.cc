@@ -115,7 +115,11 @@ MeasuringContext::MeasuringContext(const inference::ActionModel& measured_model,
       waymo(waypoint_times),
       frame_interval(static_cast<double>(model.spec().raster().frame_interval().seconds()) +
                      1e-9 * model.spec().raster().frame_interval().nanos()),
-      baselines(measured_baselines) {}
+      baselines(measured_baselines) {
+  for (const v1::Scenario& recording : recordings) {
+    maps.push_back(scene::RoadMap::Over(recording.map_features()));
+  }
+}
 
 Measurer::Measurer(const MeasuringContext& context)
     : context_(context),
@@ -133,7 +137,8 @@ void Measurer::Measure(std::span<const data::Example> examples, std::span<Measur
   std::vector<inference::SceneInput> scenes;
   for (size_t i = 0; i < examples.size(); ++i) {
     std::span<uint8_t> raster(rasters_.data() + i * raster_bytes_, raster_bytes_);
-    rasterizer_.Rasterize(context_.recordings[static_cast<size_t>(examples[i].recording)],
+    const auto recording = static_cast<size_t>(examples[i].recording);
+    rasterizer_.Rasterize(context_.recordings[recording], context_.maps[recording],
                           examples[i].time, examples[i].target_id, examples[i].X_WT, {}, raster);
     scenes.push_back({raster.data(), examples[i].motion});
   }

@@ -23,6 +23,7 @@
 #include "model/inference/action_model.h"
 #include "model/inference/anchor_model.h"
 #include "model/scene/rasterizer.h"
+#include "model/scene/road_map.h"
 
 namespace maneuver::evaluation {
 
@@ -75,6 +76,7 @@ struct MeasuringContext {
 
   const inference::ActionModel& model;
   std::span<const v1::Scenario> recordings;
+  std::vector<scene::RoadMap> maps;  // of the recordings
   ManeuverLabels labels;
   std::vector<int> all_actions;                        // 0 .. K-1
   std::vector<inference::ActionDistribution> generic;  // p(z|y) of each action, [K]

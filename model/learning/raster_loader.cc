@@ -75,6 +75,9 @@ RasterLoader::RasterLoader(const v1::RasterSpec& spec, const ExampleSet& set,
       batch_size_(static_cast<size_t>(batch_size)),
       batches_((items_.size() + batch_size_ - 1) / batch_size_),
       ready_(kAhead) {
+  for (const v1::Scenario& recording : set.recordings) {
+    maps_.push_back(scene::RoadMap::Over(recording.map_features()));
+  }
   for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Work(); });
 }
 
@@ -116,7 +119,8 @@ void RasterLoader::Work() {
                                    .is_hidden = HiddenAgents(variation)};
       const scene::Pose2 X_WT(example.X_WT.x(), example.X_WT.y(),
                               example.X_WT.heading() + variation.rotation);
-      rasterizer.Rasterize(set_.recordings[static_cast<size_t>(example.recording)], example.time,
+      const auto recording = static_cast<size_t>(example.recording);
+      rasterizer.Rasterize(set_.recordings[recording], maps_[recording], example.time,
                            example.target_id, X_WT, view, raster);
       if (variation.mirror) scene::MirrorRaster(spec_, raster);
     }

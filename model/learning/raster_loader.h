@@ -15,6 +15,7 @@
 #include "maneuver/v1/model_spec.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/learning/training_data.h"
+#include "model/scene/road_map.h"
 
 namespace maneuver::learning {
 
@@ -74,6 +75,7 @@ class RasterLoader {
 
   const v1::RasterSpec spec_;
   const ExampleSet& set_;
+  std::vector<scene::RoadMap> maps_;  // [recordings]
   const std::vector<Item> items_;
   const size_t batch_size_;
   const size_t batches_;

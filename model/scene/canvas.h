@@ -1,4 +1,7 @@
-// Antialiased painting into one channel of an interleaved picture.
+// Antialiased painting into the channels of a picture.
+//
+// Each channel is painted on a plane of its own, where neighbouring pixels lie side by side and are
+// painted eight at a time; Finish brings them together, channels innermost.
 //
 // Paint covers: a pixel takes max(what it is, coverage * intensity), so neither the order of
 // painting nor painting twice matters. Coverage depends on where a shape lies relative to the
@@ -21,18 +24,18 @@ struct PixelPoint {
   double v = 0.0;
 };
 
-// Holds scratch memory and the picture that it paints: one for each thread. Points may lie
-// anywhere, at any distance outside the picture.
+// Holds the planes and scratch memory: one for each thread. Points may lie anywhere, at any
+// distance outside the picture. All zero at first.
 class Canvas {
  public:
   Canvas(int height, int width, int channels);
 
-  // Starts a picture, all zero. It must outlive the painting.
-  //   picture: [height, width, channels] bytes.
-  void Begin(std::span<uint8_t> picture);
+  // Writes what was painted since the last time, and starts anew, all zero.
+  //   picture: [height, width, channels] bytes; all of it is written.
+  void Finish(std::span<uint8_t> picture);
 
   // A line of one pixel's width with soft edges: coverage is max(0, 1 - d), d being the distance in
-  // pixels from the pixel's centre to the polyline. Points within 0.05 pixels of the chord that
+  // pixels from the pixel's centre to the polyline. Points within 0.03 pixels of the chord that
   // leaves them out are left out. Nothing for fewer than two points.
   void DrawPolyline(int channel, std::span<const PixelPoint> points, uint8_t intensity);
 
@@ -52,20 +55,29 @@ class Canvas {
   void FillPolygon(int channel, std::span<const PixelPoint> points, uint8_t intensity);
 
  private:
+  // What has been painted of a plane: rows first .. end-1.
+  struct Rows {
+    int first = 0;
+    int end = 0;
+  };
+
   void DrawSegment(int channel, PixelPoint a, PixelPoint b, float intensity);
   void AddEdge(PixelPoint a, PixelPoint b, int rows, int columns);
   void AddEdgeInside(float u0, float v0, float u1, float v1, int stride);
-  void Paint(int channel, int row, int column, float value);
-  void PaintRow(int channel, int row, int column, int count);
+  // Says that rows first .. end-1 of a channel will be painted, and returns the first of them.
+  uint8_t* RowsToPaint(int channel, int first, int end);
 
   const int height_;
   const int width_;
   const int channels_;
-  std::span<uint8_t> picture_;
+  // From one row of a plane to the next: as many pixels as are painted at a time lie beyond the
+  // last one that is seen, so that nobody has to stop there.
+  const int stride_;
+  std::vector<uint8_t> planes_;  // [channels, height, stride]; zero but for painted_
+  std::vector<Rows> painted_;    // [channels]
+  std::vector<uint8_t> sides_;   // of a polyline's points
   // Signed area that each pixel gains over its left neighbour; all zero between calls.
   std::vector<float> area_gain_;
-  // What PaintRow paints; a little longer than a row.
-  std::vector<int> row_values_;
 };
 
 }  // namespace maneuver::scene

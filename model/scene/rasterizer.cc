@@ -89,24 +89,17 @@ class Rasterizer::Painter {
     assert(spec.meters_per_pixel() > 0.0 && frame_interval_ > 0.0);
   }
 
-  //   map: in place of the scenario's own; or nullptr.
-  void Paint(const v1::Scenario& scenario, const RoadMap* map, double time, int64_t target_id,
+  void Paint(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
              const Projection& projection, const RasterView& view, std::span<uint8_t> raster) {
-    canvas_.Begin(raster);
     ReadSignals(scenario, time);
-    if (map != nullptr) {
-      DrawMap(*map, projection);
-    } else {
-      for (const v1::MapFeature& feature : scenario.map_features()) {
-        DrawFeature(feature, projection);
-      }
-    }
+    DrawMap(map, projection);
     for (const v1::Agent& agent : scenario.agents()) {
       const bool is_target = agent.id() == target_id;
       if (!is_target && view.is_hidden && view.is_hidden(agent.id())) continue;
       DrawAgent(agent, time, is_target ? kTargetChannel : OtherAgentsChannel(spec_),
                 std::min(view.frames, spec_.history_frames()), projection);
     }
+    canvas_.Finish(raster);
   }
 
  private:
@@ -114,6 +107,8 @@ class Rasterizer::Painter {
 
   // What is drawn of a feature reaches beyond its points by at most so many pixels.
   static constexpr double kReach = 2.0;
+  // Stretches of a line that bend less are drawn straight, pixels.
+  static constexpr double kBendTolerance = 0.02;
 
   // Finds the lanes that are not green.
   void ReadSignals(const v1::Scenario& scenario, double time) {
@@ -146,33 +141,67 @@ class Rasterizer::Painter {
     // A pixel more than what is drawn may reach, for rounding.
     const Box seen = projection.Seen(spec_.width(), spec_.height(), kReach + 1.0);
     for (int i = 0; i < map.features().size(); ++i) {
-      if (seen.Overlaps(map.boxes()[static_cast<size_t>(i)])) {
-        DrawFeature(map.features()[i], projection);
+      if (!seen.Overlaps(map.boxes()[static_cast<size_t>(i)])) continue;
+      const v1::MapFeature& feature = map.features()[i];
+      if (IsLine(feature)) {
+        DrawLine(feature, map.stretches(i), seen, projection);
+      } else {
+        points_.clear();
+        Project(feature, 0, std::min(feature.x_size(), feature.y_size()), projection);
+        DrawPlace(feature);
       }
     }
   }
 
-  // Projects the feature's points into points_; false if none of it can be seen.
-  bool Project(const v1::MapFeature& feature, const Projection& projection) {
-    const int count = std::min(feature.x_size(), feature.y_size());
-    if (count == 0) return false;
-    points_.resize(count);
-    const double* x = feature.x().data();
-    const double* y = feature.y().data();
-    PixelPoint low = projection({x[0], y[0]});
-    PixelPoint high = low;
-    for (int i = 0; i < count; ++i) {
-      const PixelPoint point = projection({x[i], y[i]});
-      low = {std::min(low.u, point.u), std::min(low.v, point.v)};
-      high = {std::max(high.u, point.u), std::max(high.v, point.v)};
-      points_[i] = point;
+  static bool IsLine(const v1::MapFeature& feature) {
+    switch (feature.type()) {
+      case v1::MAP_FEATURE_TYPE_LANE_CENTERLINE:
+      case v1::MAP_FEATURE_TYPE_BIKE_LANE:
+      case v1::MAP_FEATURE_TYPE_ROAD_EDGE:
+      case v1::MAP_FEATURE_TYPE_ROAD_LINE:
+        return true;
+      case v1::MAP_FEATURE_TYPE_STOP_LINE:
+        return feature.x_size() > 1;
+      default:
+        return false;
     }
-    return high.u > -kReach && low.u < spec_.width() + kReach && high.v > -kReach &&
-           low.v < spec_.height() + kReach;
   }
 
-  void DrawFeature(const v1::MapFeature& feature, const Projection& projection) {
-    if (!Project(feature, projection)) return;
+  // Appends points begin .. end-1 of the feature to points_.
+  void Project(const v1::MapFeature& feature, int begin, int end, const Projection& projection) {
+    const double* const x = feature.x().data();
+    const double* const y = feature.y().data();
+    const size_t size = points_.size();
+    points_.resize(size + static_cast<size_t>(end - begin));
+    PixelPoint* point = &points_[size];
+    for (int i = begin; i < end; ++i) *point++ = projection({x[i], y[i]});
+  }
+
+  // Those stretches that may be seen; of straight ones the ends alone.
+  void DrawLine(const v1::MapFeature& feature, std::span<const Stretch> stretches, const Box& seen,
+                const Projection& projection) {
+    constexpr int kIntervals = RoadMap::kStretchPoints - 1;
+    const int last = std::min(feature.x_size(), feature.y_size()) - 1;
+    const double bend = kBendTolerance / projection.pixels_per_meter();
+    points_.clear();
+    int first = 0;  // point of the stretch
+    for (const Stretch& stretch : stretches) {
+      const int end = std::min(first + kIntervals, last);
+      if (seen.Overlaps(stretch.box)) {
+        if (points_.empty()) Project(feature, first, first + 1, projection);
+        Project(feature, stretch.squared_bend <= bend * bend ? end : first + 1, end + 1,
+                projection);
+      } else if (!points_.empty()) {
+        DrawPoints(feature);
+        points_.clear();
+      }
+      first = end;
+    }
+    if (!points_.empty()) DrawPoints(feature);
+  }
+
+  // A line through points_.
+  void DrawPoints(const v1::MapFeature& feature) {
     switch (feature.type()) {
       case v1::MAP_FEATURE_TYPE_LANE_CENTERLINE:
         return canvas_.DrawPolyline(kLaneChannel, points_, LaneIntensityOf(feature.id()));
@@ -182,6 +211,16 @@ class Rasterizer::Painter {
         return canvas_.DrawPolyline(kLineChannel, points_, kRoadEdgeIntensity);
       case v1::MAP_FEATURE_TYPE_ROAD_LINE:
         return canvas_.DrawPolyline(kLineChannel, points_, kRoadLineIntensity);
+      case v1::MAP_FEATURE_TYPE_STOP_LINE:
+        return canvas_.DrawPolyline(kPlaceChannel, points_, kStopLineIntensity);
+      default:
+        return;
+    }
+  }
+
+  // An area around points_, or a disc at the only one.
+  void DrawPlace(const v1::MapFeature& feature) {
+    switch (feature.type()) {
       case v1::MAP_FEATURE_TYPE_CROSSWALK:
         return canvas_.FillPolygon(kPlaceChannel, points_, kCrosswalkIntensity);
       case v1::MAP_FEATURE_TYPE_SPEED_BUMP:
@@ -189,10 +228,7 @@ class Rasterizer::Painter {
       case v1::MAP_FEATURE_TYPE_DRIVEWAY:
         return canvas_.FillPolygon(kPlaceChannel, points_, kDrivewayIntensity);
       case v1::MAP_FEATURE_TYPE_STOP_LINE:
-        if (points_.size() == 1) {
-          return canvas_.FillDisc(kPlaceChannel, points_[0], kStopSignRadius, kStopLineIntensity);
-        }
-        return canvas_.DrawPolyline(kPlaceChannel, points_, kStopLineIntensity);
+        return canvas_.FillDisc(kPlaceChannel, points_[0], kStopSignRadius, kStopLineIntensity);
       case v1::MAP_FEATURE_TYPE_STOP_SIGN:
         return canvas_.FillDisc(kPlaceChannel, points_[0], kStopSignRadius, kStopSignIntensity);
       default:
@@ -261,15 +297,14 @@ Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 
 void Rasterizer::Rasterize(const v1::Scenario& scenario, double time, int64_t target_id,
                            const Pose2& X_WT, const RasterView& view, std::span<uint8_t> raster) {
-  const Projection projection(painter_->spec_, X_WT, view);
-  painter_->Paint(scenario, nullptr, time, target_id, projection, view, raster);
+  Rasterize(scenario, RoadMap::Over(scenario.map_features()), time, target_id, X_WT, view, raster);
 }
 
 void Rasterizer::Rasterize(const v1::Scenario& scenario, const RoadMap& map, double time,
                            int64_t target_id, const Pose2& X_WT, const RasterView& view,
                            std::span<uint8_t> raster) {
   const Projection projection(painter_->spec_, X_WT, view);
-  painter_->Paint(scenario, &map, time, target_id, projection, view, raster);
+  painter_->Paint(scenario, map, time, target_id, projection, view, raster);
 }
 
 void MirrorRaster(const v1::RasterSpec& spec, std::span<uint8_t> raster) {

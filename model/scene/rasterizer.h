@@ -48,10 +48,11 @@
 //      3 + h + i      all other agents' boxes in frame i
 //
 // Intensities are the constants below. Lines are one pixel wide whatever the scale, and
-// antialiased; areas and boxes are to scale, and a pixel has the share of the intensity of which
-// its area is covered. Where things overlap the brighter one is seen. A box is drawn in frame i
-// where the agent's state nearest to that time puts it; if none lies within half a frame interval,
-// the agent is absent from that frame. Nothing is interpolated or carried over.
+// antialiased; points that lie within 0.05 pixels of a straight line through those before and after
+// them may be left out; areas and boxes are to scale, and a pixel has the share of the intensity of
+// which its area is covered. Where things overlap the brighter one is seen. A box is drawn in frame
+// i where the agent's state nearest to that time puts it; if none lies within half a frame
+// interval, the agent is absent from that frame. Nothing is interpolated or carried over.
 
 #ifndef MANEUVER_MODEL_SCENE_RASTERIZER_H_
 #define MANEUVER_MODEL_SCENE_RASTERIZER_H_
@@ -133,8 +134,8 @@ class Rasterizer {
   //   such. raster: [H, W, C] bytes, row-major, channels innermost; all of it is written.
   void Rasterize(const v1::Scenario& scenario, double time, int64_t target_id, const Pose2& X_WT,
                  const RasterView& view, std::span<uint8_t> raster);
-  // The same picture as if map's features were the scenario's, which has none; sooner, as what lies
-  // far from the target is passed over.
+  // The same picture as if map's features were the scenario's: its own (RoadMap::Over), which need
+  // not be looked through for each target, or others in place of them.
   void Rasterize(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
                  const Pose2& X_WT, const RasterView& view, std::span<uint8_t> raster);
 

@@ -141,6 +141,7 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
                               const scene::ScenarioLimits& limits, bool classify,
                               ScenarioMaps maps) {
   PredictionPlan plan{.scenarios = {}, .targets = {}, .maps = std::move(maps)};
+  plan.maps.resize(static_cast<size_t>(scenarios.size()));
   const double tolerance = scene::FrameTolerance(spec.raster());
   for (int s = 0; s < scenarios.size(); ++s) {
     const v1::Scenario& scenario = scenarios[s];
@@ -161,6 +162,10 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
       planned.status = errors::InvalidFields(violations, path);
       continue;
     }
+    auto& map = plan.maps[static_cast<size_t>(s)];
+    if (map == nullptr) {
+      map = std::make_shared<scene::RoadMap>(scene::RoadMap::Over(scenario.map_features()));
+    }
     for (int t = 0; t < scenario.target_ids_size(); ++t) {
       PlannedTarget& target = planned.targets.emplace_back();
       target.id = scenario.target_ids(t);
@@ -178,7 +183,8 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
       serving::Target work{.scenario = &scenario,
                            .id = target.id,
                            .X_WT = *X_WT,
-                           .motion = scene::DescribeMotion(*agent, scenario.prediction_time())};
+                           .motion = scene::DescribeMotion(*agent, scenario.prediction_time()),
+                           .map = map.get()};
       if (classify) {
         int agent_index = 0;
         while (&scenario.agents(agent_index) != agent) ++agent_index;
@@ -189,7 +195,6 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
         }
         work.trajectory = *std::move(trajectory);
       }
-      if (!plan.maps.empty()) work.map = plan.maps[static_cast<size_t>(s)].get();
       target.index = plan.targets.size();
       plan.targets.push_back(std::move(work));
     }

@@ -26,6 +26,58 @@ TEST(RoadMapTest, EachFeatureHasTheBoxAroundItsPoints) {
   EXPECT_GT(map.bytes(), 4 * 16);
 }
 
+// A circle's points lie R (1 - cos) from the chord between two of them, as far as half way.
+TEST(RoadMapTest, StretchesSayHowFarTheyBend) {
+  constexpr double kRadius = 50.0;
+  constexpr double kStep = 0.01;  // radians
+  constexpr int kPoints = 40;
+  constexpr int kIntervals = RoadMap::kStretchPoints - 1;
+  v1::Scenario scenario;
+  v1::MapFeature* circle = AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_EDGE, {});
+  for (int i = 0; i < kPoints; ++i) {
+    circle->add_x(200.0 + kRadius * std::cos(kStep * i));
+    circle->add_y(-70.0 + kRadius * std::sin(kStep * i));
+  }
+  const RoadMap map(scenario.map_features());
+  const auto stretches = map.stretches(0);
+  ASSERT_EQ(stretches.size(), 3u);
+  for (size_t s = 0; s < stretches.size(); ++s) {
+    const int first = static_cast<int>(s) * kIntervals;
+    const int last = std::min(first + kIntervals, kPoints - 1);
+    const double half = 0.5 * kStep * (last - first);
+    // Of an odd number of intervals no point is half way.
+    const double least = kRadius * (std::cos(kStep / 2) - std::cos(half));
+    EXPECT_LE(std::sqrt(stretches[s].squared_bend), kRadius * (1.0 - std::cos(half)) + 1e-9);
+    EXPECT_GE(std::sqrt(stretches[s].squared_bend), least - 1e-9);
+    EXPECT_EQ(stretches[s].box.high_x, circle->x(first));
+    EXPECT_EQ(stretches[s].box.low_x, circle->x(last));
+    EXPECT_EQ(stretches[s].box.low_y, circle->y(first));
+    EXPECT_EQ(stretches[s].box.high_y, circle->y(last));
+  }
+}
+
+TEST(RoadMapTest, AStretchThatTurnsBackIsNotStraight) {
+  v1::Scenario scenario;
+  AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_LINE, {{0, 0}, {5, 0}, {2, 0}});
+  AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_LINE, {{0, 0}, {5, 0}, {0, 0}});
+  AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_LINE, {{0, 0}, {5, 0}, {9, 0}});
+  AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_LINE, {});
+  const RoadMap map(scenario.map_features());
+  EXPECT_TRUE(std::isinf(map.stretches(0)[0].squared_bend));
+  EXPECT_TRUE(std::isinf(map.stretches(1)[0].squared_bend));
+  EXPECT_EQ(map.stretches(2)[0].squared_bend, 0.0);
+  EXPECT_TRUE(map.stretches(3).empty());
+}
+
+TEST(RoadMapTest, AMapOverFeaturesIsTheirsAndHasNone) {
+  v1::Scenario scenario;
+  AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_LINE, {{3.0, -1.0}, {-2.0, 5.0}, {0.0, 0.0}});
+  const RoadMap map = RoadMap::Over(scenario.map_features());
+  EXPECT_EQ(&map.features(), &scenario.map_features());
+  EXPECT_EQ(map.boxes()[0].high_y, 5.0);
+  EXPECT_LT(map.bytes(), RoadMap(scenario.map_features()).bytes());
+}
+
 TEST(RoadMapTest, BoxesThatTouchOverlap) {
   const Box box{0.0, 0.0, 2.0, 1.0};
   EXPECT_TRUE(box.Overlaps({2.0, 1.0, 3.0, 3.0}));

@@ -1,0 +1,178 @@
+#include <algorithm>
+#include <cmath>
+
+#include "model/scene/canvas.h"
+#include "model/scene/clipping.h"
+#include "model/scene/lanes.h"
+
+namespace maneuver::scene {
+namespace {
+
+void Paint(float value, uint8_t* pixel) {
+  *pixel = std::max(*pixel, static_cast<uint8_t>(value + 0.5F));
+}
+
+}  // namespace
+
+void Canvas::FillDisc(int channel, const PixelPoint& centre, double radius, uint8_t intensity) {
+  const double reach = radius + 0.5;
+  const PixelRange rows(centre.v - reach, centre.v + reach, height_);
+  const PixelRange columns(centre.u - reach, centre.u + reach, width_);
+  if (rows.first >= rows.last) return;
+  uint8_t* pixels = RowsToPaint(channel, rows.first, rows.last);
+  for (int row = rows.first; row < rows.last; ++row, pixels += stride_) {
+    for (int column = columns.first; column < columns.last; ++column) {
+      const double distance = std::hypot(column + 0.5 - centre.u, row + 0.5 - centre.v);
+      const double coverage = std::clamp(reach - distance, 0.0, 1.0);
+      Paint(static_cast<float>(coverage * intensity), &pixels[column]);
+    }
+  }
+}
+
+void Canvas::FillBox(int channel, const PixelPoint& centre, const PixelPoint& direction,
+                     double half_length, double half_width, uint8_t intensity) {
+  const double reach_u =
+      (half_length + 0.5) * std::abs(direction.u) + (half_width + 0.5) * std::abs(direction.v);
+  const double reach_v =
+      (half_length + 0.5) * std::abs(direction.v) + (half_width + 0.5) * std::abs(direction.u);
+  const PixelRange rows(centre.v - reach_v, centre.v + reach_v, height_);
+  const PixelRange columns(centre.u - reach_u, centre.u + reach_u, width_);
+  if (rows.first >= rows.last) return;
+  const auto cosine = static_cast<float>(direction.u);
+  const auto sine = static_cast<float>(direction.v);
+  // Along each axis of the box: where its overlap with a unit interval ends, and how much it can
+  // be.
+  const auto end_x = static_cast<float>(half_length + 0.5);
+  const auto end_y = static_cast<float>(half_width + 0.5);
+  const FloatLanes most_x = Broadcast(std::min(1.0F, static_cast<float>(2.0 * half_length)));
+  const FloatLanes most_y = Broadcast(std::min(1.0F, static_cast<float>(2.0 * half_width)));
+  const auto full = static_cast<float>(intensity);
+  const FloatLanes zero = {};
+  uint8_t* pixels = RowsToPaint(channel, rows.first, rows.last);
+  for (int row = rows.first; row < rows.last; ++row, pixels += stride_) {
+    const auto dv = static_cast<float>(row + 0.5 - centre.v);
+    for (int column = columns.first; column < columns.last; column += kLanes) {
+      const FloatLanes du = kLaneIndex + static_cast<float>(column + 0.5 - centre.u);
+      const FloatLanes x = Magnitude(cosine * du + sine * dv);
+      const FloatLanes y = Magnitude(cosine * dv - sine * du);
+      const FloatLanes overlap_x = Most(zero, Least(most_x, end_x - x));
+      const FloatLanes overlap_y = Most(zero, Least(most_y, end_y - y));
+      PaintOver(overlap_x * overlap_y * full, pixels + column);
+    }
+  }
+}
+
+// The signed area between each edge and everything to its right, summed over the edges, is the
+// polygon's: an edge that spans dv rows' height within a pixel adds dv times the share of the pixel
+// right of it there, and dv to all pixels further right. Those sums are kept as gains from pixel to
+// pixel, so that one pass along each row yields the coverage.
+void Canvas::FillPolygon(int channel, std::span<const PixelPoint> points, uint8_t intensity) {
+  if (points.size() < 3) return;
+  PixelPoint low = points[0];
+  PixelPoint high = points[0];
+  for (const PixelPoint& point : points) {
+    low = {std::min(low.u, point.u), std::min(low.v, point.v)};
+    high = {std::max(high.u, point.u), std::max(high.v, point.v)};
+  }
+  const PixelRange row_range(low.v, high.v, height_);
+  const PixelRange column_range(low.u, high.u, width_);
+  const int rows = row_range.last - row_range.first;
+  const int columns = column_range.last - column_range.first;
+  if (rows <= 0 || columns <= 0) return;
+
+  const auto local = [&](const PixelPoint& point) {
+    return PixelPoint{point.u - column_range.first, point.v - row_range.first};
+  };
+  PixelPoint previous = local(points.back());
+  for (const PixelPoint& point : points) {
+    const PixelPoint next = local(point);
+    AddEdge(previous, next, rows, columns);
+    previous = next;
+  }
+
+  const auto full = static_cast<float>(intensity);
+  float* gain = area_gain_.data();
+  uint8_t* pixels = RowsToPaint(channel, row_range.first, row_range.last) + column_range.first;
+  for (int row = 0; row < rows; ++row, gain += columns + 2, pixels += stride_) {
+    float area = 0.0F;
+    for (int column = 0; column < columns; ++column) {
+      area += gain[column];
+      Paint(std::min(std::abs(area), 1.0F) * full, &pixels[column]);
+    }
+    std::fill(gain, gain + columns + 2, 0.0F);
+  }
+}
+
+// Cuts an edge down to [0, columns] x [0, rows]. What lies left of that still covers all columns;
+// what lies right of it, none.
+void Canvas::AddEdge(PixelPoint a, PixelPoint b, int rows, int columns) {
+  double enter = 0.0;
+  double leave = 1.0;
+  ClipParameter(a.v, b.v, 0.0, rows, &enter, &leave);
+  if (a.v == b.v || !(enter < leave)) return;
+  const double du = b.u - a.u;
+  double cuts[4] = {enter, leave, leave, leave};
+  int pieces = 1;
+  if (du != 0.0) {
+    const double at_left = -a.u / du;
+    const double at_right = (columns - a.u) / du;
+    for (const double cut : {std::min(at_left, at_right), std::max(at_left, at_right)}) {
+      if (cut > enter && cut < leave) {
+        cuts[pieces] = cut;
+        cuts[++pieces] = leave;
+      }
+    }
+  }
+  for (int piece = 0; piece < pieces; ++piece) {
+    PixelPoint p = Between(a, b, cuts[piece]);
+    PixelPoint q = Between(a, b, cuts[piece + 1]);
+    if (p.u + q.u >= 2.0 * columns) continue;
+    p = {Limited(p.u, columns), Limited(p.v, rows)};
+    q = {Limited(q.u, columns), Limited(q.v, rows)};
+    AddEdgeInside(static_cast<float>(p.u), static_cast<float>(p.v), static_cast<float>(q.u),
+                  static_cast<float>(q.v), columns + 2);
+  }
+}
+
+void Canvas::AddEdgeInside(float u0, float v0, float u1, float v1, int stride) {
+  if (v0 == v1) return;
+  const float sign = v0 < v1 ? 1.0F : -1.0F;
+  if (v0 > v1) {
+    std::swap(u0, u1);
+    std::swap(v0, v1);
+  }
+  const float slope = (u1 - u0) / (v1 - v0);
+  const float low = std::min(u0, u1);
+  const float high = std::max(u0, u1);
+  float from = u0;  // where the edge enters the row
+  for (auto row = static_cast<int>(v0); static_cast<float>(row) < v1; ++row) {
+    const float top = std::max(v0, static_cast<float>(row));
+    const float bottom = std::min(v1, static_cast<float>(row + 1));
+    const float to = std::clamp(u0 + (bottom - v0) * slope, low, high);
+    const float left = std::min(from, to);
+    const float right = std::max(from, to);
+    const float drop = sign * (bottom - top);
+    float* gain = &area_gain_[static_cast<size_t>(row) * stride];
+    auto column = static_cast<int>(left);
+    if (right <= static_cast<float>(column + 1)) {  // within one pixel
+      const float uncovered = 0.5F * (left + right) - static_cast<float>(column);
+      gain[column] += drop * (1.0F - uncovered);
+      gain[column + 1] += drop * uncovered;
+    } else {
+      // Within each pixel that it crosses, the edge drops by its share and covers what lies right
+      // of it in that pixel.
+      const float drop_per_pixel = drop / (right - left);
+      for (float u = left; u < right; ++column) {
+        const float next = std::min(right, static_cast<float>(column + 1));
+        const float share = drop_per_pixel * (next - u);
+        const float uncovered = 0.5F * (u + next) - static_cast<float>(column);
+        gain[column] += share * (1.0F - uncovered);
+        gain[column + 1] += share * uncovered;
+        u = next;
+      }
+    }
+    from = to;
+  }
+}
+
+}  // namespace maneuver::scene

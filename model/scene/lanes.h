@@ -1,0 +1,62 @@
+// Eight neighbouring pixels of a row at once, or four points: GCC's and Clang's vector extensions,
+// which become whatever vectors the processor has.
+
+#ifndef MANEUVER_MODEL_SCENE_LANES_H_
+#define MANEUVER_MODEL_SCENE_LANES_H_
+
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+
+namespace maneuver::scene {
+
+inline constexpr int kLanes = 8;
+
+using FloatLanes = float __attribute__((vector_size(kLanes * sizeof(float))));
+using IntLanes = int32_t __attribute__((vector_size(kLanes * sizeof(int32_t))));
+using ByteLanes = uint8_t __attribute__((vector_size(kLanes)));
+
+inline constexpr int kPointLanes = 4;
+using DoubleLanes = double __attribute__((vector_size(kPointLanes * sizeof(double))));
+using MaskLanes = int64_t __attribute__((vector_size(kPointLanes * sizeof(int64_t))));
+
+inline bool AnyOf(MaskLanes mask) { return (mask[0] | mask[1] | mask[2] | mask[3]) != 0; }
+
+inline constexpr FloatLanes kLaneIndex = {0, 1, 2, 3, 4, 5, 6, 7};
+
+inline FloatLanes Broadcast(float value) { return value + FloatLanes{}; }
+
+template <typename Lanes>
+inline Lanes Least(Lanes a, Lanes b) {
+  return a < b ? a : b;
+}
+template <typename Lanes>
+inline Lanes Most(Lanes a, Lanes b) {
+  return a > b ? a : b;
+}
+template <typename Lanes>
+inline Lanes Magnitude(Lanes a) {
+  return Most(a, -a);
+}
+
+inline FloatLanes SquareRoot(FloatLanes a) {
+  for (int lane = 0; lane < kLanes; ++lane) a[lane] = std::sqrt(a[lane]);
+  return a;
+}
+
+// Paints over eight pixels, of which each becomes the brighter of what it is and `value`, rounded.
+//   value: 0 to 255.
+inline void PaintOver(FloatLanes value, uint8_t* pixels) {
+  using Bytes = uint8_t __attribute__((vector_size(kLanes * sizeof(int32_t))));
+  // The low byte of each number.
+  const auto bytes = reinterpret_cast<Bytes>(__builtin_convertvector(value + 0.5F, IntLanes));
+  const ByteLanes painted = __builtin_shufflevector(bytes, bytes, 0, 4, 8, 12, 16, 20, 24, 28);
+  ByteLanes seen;
+  std::memcpy(&seen, pixels, kLanes);
+  seen = seen > painted ? seen : painted;
+  std::memcpy(pixels, &seen, kLanes);
+}
+
+}  // namespace maneuver::scene
+
+#endif  // MANEUVER_MODEL_SCENE_LANES_H_
