@@ -19,6 +19,7 @@ namespace {
 
 using probability::DiagonalGaussian;
 using RowMajorXf = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+using probability::RowMajorXd;
 
 // Rasters that are encoded together: bounds the scratch memory and still reads the projection's
 // weights once for so many.
@@ -78,8 +79,8 @@ class Session final : public InferenceSession {
     if (actions.empty()) return {};
     // The sigma points of all actions are decoded in one product.
     const Eigen::Index points = 2 * networks_.mixture.dimensions() + 1;
-    Eigen::MatrixXd latents(points * static_cast<Eigen::Index>(actions.size()),
-                            networks_.mixture.dimensions());
+    RowMajorXf latents(points * static_cast<Eigen::Index>(actions.size()),
+                       networks_.mixture.dimensions());
     std::vector<ActionDistribution> distributions(actions.size());
     for (size_t i = 0; i < actions.size(); ++i) {
       const DiagonalGaussian latent = source == LatentSource::kPosterior
@@ -89,13 +90,12 @@ class Session final : public InferenceSession {
       distributions[i].latent_mean = latent.mean;
       distributions[i].latent_stddev = latent.stddev();
       latents.middleRows(points * static_cast<Eigen::Index>(i), points) =
-          probability::SigmaPoints(latent.mean, distributions[i].latent_stddev);
+          probability::SigmaPoints(latent.mean, distributions[i].latent_stddev).cast<float>();
     }
-    const Eigen::MatrixXd images = Decode(latents);
+    Decode(latents);
     FillDecoderCovariances(distributions);
     for (size_t i = 0; i < actions.size(); ++i) {
-      FillTrajectories(images.middleRows(points * static_cast<Eigen::Index>(i), points),
-                       &distributions[i]);
+      FillTrajectories(points * static_cast<Eigen::Index>(i), points, &distributions[i]);
     }
     return distributions;
   }
@@ -110,8 +110,8 @@ class Session final : public InferenceSession {
     }
     // An action that the softmax gave 0 is impossible, which its logarithm says.
     const Eigen::VectorXd log_prior = encoding.probabilities.array().log();
-    const auto moments = probability::MomentsOfSigmaPoints(
-        Decode(probability::SigmaPoints(latent.mean, latent.stddev())));
+    Decode(probability::SigmaPoints(latent.mean, latent.stddev()).cast<float>());
+    const auto moments = probability::MomentsOfSigmaPoints(DecodedMetres(0, decoded_.rows()));
     const double reconstruction =
         probability::ExpectedLogDensity(x, moments, model_->spec().decoder_stddev());
     const v1::Objective objective = model_->spec().objective();
@@ -179,16 +179,19 @@ class Session final : public InferenceSession {
     return {outputs.head(dimensions).cast<double>(), outputs.tail(dimensions).cast<double>()};
   }
 
-  // Means of p(x|z), metres. latents: [N, D]; returns [N, 2T].
-  Eigen::MatrixXd Decode(const Eigen::MatrixXd& latents) {
-    const RowMajorXf inputs = latents.cast<float>();
-    RowMajorXf outputs(latents.rows(), networks_.decoder.outputs());
-    networks_.decoder.Apply(inputs.data(), static_cast<int>(inputs.rows()), &mlp_scratch_,
-                            outputs.data());
-    Eigen::MatrixXd metres = outputs.cast<double>();
-    metres.array().rowwise() *= networks_.trajectory_stddev.transpose().array();
-    metres.rowwise() += networks_.trajectory_mean.transpose();
-    return metres;
+  // Means of p(x|z), standardized, into decoded_, [N, 2T].
+  //   latents: [N, D]
+  void Decode(const RowMajorXf& latents) {
+    decoded_.resize(latents.rows(), networks_.decoder.outputs());
+    networks_.decoder.Apply(latents.data(), static_cast<int>(latents.rows()), &mlp_scratch_,
+                            decoded_.data());
+  }
+
+  // Rows of decoded_ in metres, [count, 2T].
+  RowMajorXd DecodedMetres(Eigen::Index first, Eigen::Index count) const {
+    const auto rows = decoded_.middleRows(first, count).cast<double>().array();
+    return (rows.rowwise() * networks_.trajectory_stddev.transpose().array()).rowwise() +
+           networks_.trajectory_mean.transpose().array();
   }
 
   // Covariance of p(x|z) at the mean of each distribution's latent, into its moments.
@@ -214,21 +217,26 @@ class Session final : public InferenceSession {
     }
   }
 
-  // Sigma trajectories and moments of a distribution, from its decoded sigma points [2D+1, 2T];
-  // what p(x|z) adds is in the moments already.
-  void FillTrajectories(const Eigen::MatrixXd& images, ActionDistribution* distribution) {
+  // Sigma trajectories and moments of a distribution, from its decoded sigma points, rows of
+  // decoded_; what p(x|z) adds is in the moments already.
+  void FillTrajectories(Eigen::Index first, Eigen::Index points,
+                        ActionDistribution* distribution) const {
+    const RowMajorXd images = DecodedMetres(first, points);
     const Eigen::Index waypoints = images.cols() / 2;
-    for (Eigen::Index p = 0; p < images.rows(); ++p) {
-      const Eigen::VectorXd flat = images.row(p);
-      distribution->sigma.push_back(Eigen::Map<const Trajectory>(flat.data(), waypoints, 2));
+    distribution->sigma.reserve(static_cast<size_t>(points));
+    for (Eigen::Index p = 0; p < points; ++p) {
+      distribution->sigma.push_back(
+          Eigen::Map<const Trajectory>(images.row(p).data(), waypoints, 2));
     }
     const auto moments = probability::MomentsOfSigmaPoints(images);
     distribution->moment_mean = Eigen::Map<const Trajectory>(moments.mean.data(), waypoints, 2);
-    for (Eigen::Index t = 0; t < waypoints; ++t) {
-      const auto x = moments.deviations.col(2 * t);
-      const auto y = moments.deviations.col(2 * t + 1);
-      distribution->moment_covariance.row(t) +=
-          Eigen::RowVector3d(x.squaredNorm(), x.dot(y), y.squaredNorm());
+    for (Eigen::Index d = 0; d < moments.deviations.rows(); ++d) {
+      const Eigen::Map<const Trajectory> deviation(moments.deviations.row(d).data(), waypoints, 2);
+      const auto x = deviation.col(0).array();
+      const auto y = deviation.col(1).array();
+      distribution->moment_covariance.col(0).array() += x * x;
+      distribution->moment_covariance.col(1).array() += x * y;
+      distribution->moment_covariance.col(2).array() += y * y;
     }
   }
 
@@ -239,6 +247,7 @@ class Session final : public InferenceSession {
   RowMajorXf grids_;     // [rows, h * w * C]
   RowMajorXf features_;  // [rows, F']
   RowMajorXf logits_;    // [rows, K]
+  RowMajorXf decoded_;   // [sigma points, 2T]
 };
 
 std::unique_ptr<InferenceSession> LoadedModel::NewSession() const {

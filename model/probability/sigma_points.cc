@@ -5,9 +5,9 @@
 
 namespace maneuver::probability {
 
-Eigen::MatrixXd SigmaPoints(const Eigen::VectorXd& mean, const Eigen::VectorXd& stddev) {
+RowMajorXd SigmaPoints(const Eigen::VectorXd& mean, const Eigen::VectorXd& stddev) {
   const Eigen::Index dimensions = mean.size();
-  Eigen::MatrixXd points = mean.transpose().replicate(2 * dimensions + 1, 1);
+  RowMajorXd points = mean.transpose().replicate(2 * dimensions + 1, 1);
   for (Eigen::Index d = 0; d < dimensions; ++d) {
     points(1 + 2 * d, d) += stddev[d];
     points(2 + 2 * d, d) -= stddev[d];
@@ -15,9 +15,9 @@ Eigen::MatrixXd SigmaPoints(const Eigen::VectorXd& mean, const Eigen::VectorXd& 
   return points;
 }
 
-SigmaMoments MomentsOfSigmaPoints(const Eigen::MatrixXd& images) {
+SigmaMoments MomentsOfSigmaPoints(const RowMajorXd& images) {
   const Eigen::Index dimensions = (images.rows() - 1) / 2;
-  SigmaMoments moments{images.row(0), Eigen::MatrixXd(dimensions, images.cols())};
+  SigmaMoments moments{images.row(0), RowMajorXd(dimensions, images.cols())};
   for (Eigen::Index d = 0; d < dimensions; ++d) {
     const auto plus = images.row(1 + 2 * d);
     const auto minus = images.row(2 + 2 * d);

@@ -23,19 +23,22 @@
 
 namespace maneuver::probability {
 
+// A point in each row, its numbers side by side.
+using RowMajorXd = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
 // [2D+1, D]: the mean, then + and then - one standard deviation along each dimension in turn.
-Eigen::MatrixXd SigmaPoints(const Eigen::VectorXd& mean, const Eigen::VectorXd& stddev);
+RowMajorXd SigmaPoints(const Eigen::VectorXd& mean, const Eigen::VectorXd& stddev);
 
 struct SigmaMoments {
-  Eigen::VectorXd mean;        // [N]
-  Eigen::MatrixXd deviations;  // [D, N] rows h_d: the covariance is their sum of outer products
+  Eigen::VectorXd mean;   // [N]
+  RowMajorXd deviations;  // [D, N] rows h_d: the covariance is their sum of outer products
 
   Eigen::MatrixXd Covariance() const { return deviations.transpose() * deviations; }  // [N, N]
 };
 
 // Moments of a decoder's output.
 //   images: [2D+1, N], of the points as SigmaPoints orders them
-SigmaMoments MomentsOfSigmaPoints(const Eigen::MatrixXd& images);
+SigmaMoments MomentsOfSigmaPoints(const RowMajorXd& images);
 
 // E ln N(x; f(z), stddev^2 I) over the Gaussian whose sigma points have these moments under f: as
 // E |x - f(z)|^2 = |x - E f(z)|^2 + tr Cov f(z), exact for a linear decoder.
