@@ -64,6 +64,7 @@ Pipeline::Pipeline(const BenchModel& model, const std::vector<v1::PredictRequest
   }
   if (targets_ == 0 || targets_ != named) Fail("a scene to measure with is not valid");
   RunAll();
+  EvaluateBackbone();  // on its own: a session keeps it to itself
 }
 
 void Pipeline::Run(Stage stage) {
