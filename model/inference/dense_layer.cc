@@ -3,12 +3,11 @@
 #include <algorithm>
 #include <utility>
 
+#include "model/inference/packet.h"
+
 namespace maneuver::inference {
 namespace {
 
-// Eigen's widest vector of floats for this processor: 8 with AVX2, 16 with AVX-512.
-using Packet = Eigen::internal::packet_traits<float>::type;
-constexpr int kPacket = Eigen::internal::packet_traits<float>::size;
 constexpr int kPanel = 2 * kPacket;
 
 // Else GCC reads weights from memory again for each row that they are multiplied with. With four

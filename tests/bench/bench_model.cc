@@ -79,7 +79,8 @@ std::span<const inference::SceneInput> Scenes(const std::string& preset) {
   std::vector<inference::SceneInput>& found = scenes[preset];
   if (!found.empty()) return found;
   for (uint32_t i = 0; i < kLargestBatch; ++i) {
-    rasters[preset].push_back(inference::RandomRaster(StoredPreset(preset).manifest.spec(), i));
+    rasters[preset].push_back(
+        inference::RandomRaster(StoredPreset(preset).manifest.spec(), 2 * i + 1));
   }
   for (const auto& raster : rasters[preset]) found.push_back({raster.data(), {}});
   return found;

@@ -55,7 +55,10 @@ std::vector<uint8_t> RandomRaster(const v1::ModelSpec& spec, uint32_t seed) {
   const auto grid = artifact::RasterGrid(spec.raster());
   std::vector<uint8_t> raster(static_cast<size_t>(grid.channels) *
                               static_cast<size_t>(grid.height) * static_cast<size_t>(grid.width));
-  for (uint8_t& byte : raster) byte = random() % 4 == 0 ? static_cast<uint8_t>(random() % 256) : 0;
+  const uint32_t one_in = seed % 2 == 0 ? 4 : 20;
+  for (uint8_t& byte : raster) {
+    byte = random() % one_in == 0 ? static_cast<uint8_t>(random() % 256) : 0;
+  }
   return raster;
 }
 

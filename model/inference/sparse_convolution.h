@@ -1,0 +1,67 @@
+// The part of a raster's first convolution that reads the agents' channels. Those are most of the
+// channels and next to all black: only what is not is multiplied.
+
+#ifndef MANEUVER_MODEL_INFERENCE_SPARSE_CONVOLUTION_H_
+#define MANEUVER_MODEL_INFERENCE_SPARSE_CONVOLUTION_H_
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "model/artifact/backbone_layers.h"
+#include "model/inference/folded_convolution.h"
+
+namespace maneuver::inference {
+
+// Immutable; safe to share between threads.
+class SparseConvolution {
+ public:
+  // Where a larger share of the values is not 0, multiplying all of them takes less time.
+  static constexpr double kMostFilled = 0.1;
+
+  // What is not black of a raster. One for each thread.
+  struct Values {
+    struct Value {
+      int channel;
+      float value;
+    };
+    struct Pixel {
+      int column;
+      int begin, end;  // in values
+    };
+    std::vector<Value> values;  // in the order of the raster
+    std::vector<Pixel> pixels;  // that have any
+    std::vector<int> rows;      // [H + 1], in pixels
+  };
+
+  // Whether there is one for a layer: its outputs have to fill whole vectors.
+  static bool Takes(const artifact::BackboneLayer& layer);
+
+  // The channels from `first_channel` on of a layer that reads the raster's bytes as they are.
+  SparseConvolution(const artifact::BackboneLayer& layer, const FoldedConvolution& folded,
+                    int first_channel);
+
+  size_t bytes() const { return static_cast<size_t>(weights_.size()) * sizeof(float); }
+
+  // Finds those channels' values in a raster, [H, W, C] bytes. False if it has too many.
+  bool Find(const uint8_t* raster, Values* values) const;
+
+  // Adds what they give to the output of the other channels, and applies the layer's ReLU.
+  //   grid: [h, w, C']
+  void AddTo(const Values& values, float* grid) const;
+
+ private:
+  // Adds what an input row gives to an output row, by row `tap` of the kernel.
+  void AddRow(const Values& values, int row, int tap, float* outputs) const;
+
+  const artifact::BackboneLayer layer_;
+  const size_t most_;            // values
+  std::vector<int> columns_;     // [W C] the column of each byte of a row
+  std::vector<uint8_t> wanted_;  // [W C + 8] 255 where a row's byte is one of those channels
+  Eigen::ArrayXf weights_;       // [k, k, C, C']
+};
+
+}  // namespace maneuver::inference
+
+#endif  // MANEUVER_MODEL_INFERENCE_SPARSE_CONVOLUTION_H_
