@@ -119,6 +119,15 @@ class ManifestsTest(unittest.TestCase):
                 rolling = overlay.deployment["spec"]["strategy"]["rollingUpdate"]
                 self.assertEqual((rolling["maxUnavailable"], rolling["maxSurge"]), (0, 1))
 
+    def test_replicas_are_ready_with_a_model_and_who_learns_without(self):
+        wanted = {"fleet": "maneuver.v1.PredictionService", "one-node": ""}
+        for overlay in self.for_each():
+            if overlay.name in wanted:
+                probe = overlay.server["readinessProbe"]["grpc"]
+                self.assertEqual(probe, {"port": GRPC_PORT, "service": wanted[overlay.name]})
+            else:
+                self.assertEqual(overlay.server["readinessProbe"]["exec"]["command"][-1], wanted["fleet"])
+
     def test_a_data_folder_is_of_one_server(self):
         for overlay in self.for_each():
             data = next(v for v in overlay.pod["spec"]["volumes"] if v["name"] == "data")
