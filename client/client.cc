@@ -12,10 +12,14 @@
 #include "absl/time/clock.h"
 #include "client/connection.h"
 #include "client/credentials.h"
+#include "client/server_address.h"
+#include "client/service_config.h"
 #include "google/protobuf/wrappers.pb.h"
 
 namespace maneuver::client {
 namespace {
+
+constexpr int kMostKeptForRetry = 64 << 20;  // bytes of one request
 
 // 128 random bits, hexadecimal.
 std::string NewRequestId() {
@@ -43,9 +47,8 @@ absl::Status StatusOnly(const absl::StatusOr<Empty>& response) {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const ClientOptions& options) {
-  if (options.address.empty()) {
-    return absl::InvalidArgumentError("address is empty; name the server as HOST:PORT");
-  }
+  const auto address = ParseServerAddress(options.address);
+  if (!address.ok()) return address.status();
   const RetryPolicy& retry = options.retry;
   if (retry.max_attempts < 1 || retry.initial_backoff < absl::ZeroDuration() ||
       retry.backoff_multiplier < 1.0 || !(retry.jitter >= 0.0 && retry.jitter <= 1.0)) {
@@ -57,8 +60,7 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const ClientOptions& opt
   // Scenes and answers may be large; how large is for the server to say.
   arguments.SetMaxReceiveMessageSize(-1);
   arguments.SetMaxSendMessageSize(-1);
-  // Retries are ours; a new connection is tried as soon as a retry asks for it.
-  arguments.SetInt(GRPC_ARG_ENABLE_RETRIES, 0);
+  // A new connection is tried as soon as a retry asks for it.
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
   // This is also how long an attempt to connect may take.
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 5'000);
@@ -66,18 +68,45 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const ClientOptions& opt
   if (options.own_connection) arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
   if (!options.user_agent.empty()) arguments.SetUserAgentPrefix(options.user_agent);
 
+  if (options.tls && !options.tls->server_name.empty()) {
+    arguments.SetSslTargetNameOverride(options.tls->server_name);
+  }
+
   auto credentials = LoadCredentials(options);
   if (!credentials.ok()) return credentials.status();
+  const auto channel = [&](const ServiceConfig& config, bool retries) {
+    grpc::ChannelArguments own = arguments;
+    // Of the other calls retries are ours.
+    own.SetInt(GRPC_ARG_ENABLE_RETRIES, retries ? 1 : 0);
+    if (retries) {
+      // What may be sent again is kept, and requests beyond gRPC's 256 KiB are not rare.
+      own.SetInt(GRPC_ARG_PER_RPC_RETRY_BUFFER_SIZE, kMostKeptForRetry);
+    }
+    const std::string json = ToJson(config);
+    if (!json.empty()) own.SetServiceConfigJSON(json);
+    return grpc::CreateCustomChannel(address->target, credentials->channel, own);
+  };
 
   auto connection = std::make_unique<Connection>();
   connection->options = options;
   connection->authorization = std::move(credentials->authorization);
-  connection->channel = grpc::CreateCustomChannel(options.address, credentials->channel, arguments);
-  connection->predictions = v1::PredictionService::NewStub(connection->channel);
+  ServiceConfig config{.several = address->several};
+  connection->channel = channel(config, false);
+  std::shared_ptr<grpc::Channel> predicting = connection->channel;
+  if (address->several) {
+    config.health_service = v1::PredictionService::service_full_name();
+    predicting = channel(config, false);
+  }
+  std::shared_ptr<grpc::Channel> started = predicting;
+  if (options.retry_started) {
+    config.retry = options.retry;
+    started = channel(config, true);
+  }
+  connection->predictions = v1::PredictionService::NewStub(predicting);
   connection->models = v1::ModelService::NewStub(connection->channel);
   connection->datasets = v1::DatasetService::NewStub(connection->channel);
   connection->training = v1::TrainingService::NewStub(connection->channel);
-  connection->pending = std::make_unique<PendingPredictions>(connection->channel);
+  connection->pending = std::make_unique<PendingPredictions>(started);
   connection->admin = v1::AdminService::NewStub(connection->channel);
   return std::unique_ptr<Client>(new Client(std::move(connection)));
 }

@@ -61,16 +61,23 @@ struct TlsOptions {
   std::string root_certificates = "";  // whose servers are trusted; empty: the system's authorities
   std::string certificate = "";        // of this client, where the server asks for one
   std::string key = "";                // of that certificate
+  std::string server_name = "";        // in the server's certificate; empty: the address's
 };
 
 struct ClientOptions {
-  std::string address = "127.0.0.1:8470";  // HOST:PORT, or unix:PATH
-  std::optional<TlsOptions> tls = {};      // nothing: plain text
+  // HOST:PORT, or unix:PATH. Several servers that answer alike: IP:PORT,IP:PORT, or
+  // dns:///NAME:PORT for all addresses of a name. Calls then go to them in turn, predictions to
+  // those whose health says that a model is ready; what changes something should name one server.
+  std::string address = "127.0.0.1:8470";
+  std::optional<TlsOptions> tls = {};  // nothing: plain text
   // Says who calls, where the server asks for that. Sent over TLS, or within this machine, alone.
   std::string token = "";
   std::string token_file = "";  // in place of `token`; read by Connect
   CallDeadlines deadlines = {};
   RetryPolicy retry = {};
+  // StartPrediction is tried again as well, and by gRPC itself: as `retry` says, but five times at
+  // most, and not while more than a few calls of late have failed.
+  bool retry_started = false;
   // An upload that broke off is gone on with for so long after the last sign of life.
   absl::Duration upload_patience = absl::Minutes(2);
   // A watched job whose stream broke is picked up again for so long after the last sign of life.
@@ -95,7 +102,7 @@ struct UploadProgress {
   int64_t resumed = 0;  // of `there`: on the server before this call
 };
 
-// A connection to one server. Thread-safe; calls run in the calling thread.
+// A connection to one server, or to each of several. Thread-safe; calls run in the calling thread.
 class Client {
  public:
   // INVALID_ARGUMENT for options that make no sense, NOT_FOUND for files that cannot be read,
@@ -117,7 +124,7 @@ class Client {
   absl::StatusOr<v1::ClassifyTrajectoriesResponse> ClassifyTrajectories(
       const v1::ClassifyTrajectoriesRequest& request, const CallOptions& call = {});
   // Starts a prediction and returns; of thousands under way none needs a thread of its own. Not
-  // retried.
+  // retried, unless ClientOptions::retry_started.
   //   on_answer: called once, on a thread of the client's own that all answers share: must not
   //     block, and may start predictions, but after CANCELLED. The client has to outlive it; its
   //     destructor cancels what is under way.

@@ -24,6 +24,16 @@ inline absl::Status ToStatus(const grpc::Status& status) {
   return StatusFromWire(status.error_code(), status.error_message(), status.error_details());
 }
 
+// What a call ended with that may be made again. CANCELLED, and the caller did not: the server was
+// just stopping when the call came (gRPC ends it so), or a proxy lost its server meanwhile.
+inline absl::Status ToRetriable(const grpc::Status& status, const Cancellation* callers) {
+  if (status.error_code() != grpc::StatusCode::CANCELLED ||
+      (callers != nullptr && callers->cancelled())) {
+    return ToStatus(status);
+  }
+  return absl::UnavailableError("the call was broken off on its way or by the server");
+}
+
 enum class Repeatable { kNo, kYes };
 
 struct Client::Connection {
@@ -61,7 +71,7 @@ struct Client::Connection {
           const Cancellation::Registration registration(call.cancellation,
                                                         [&context] { context.TryCancel(); });
           response.Clear();
-          return ToStatus((stub.*method)(&context, request, &response));
+          return ToRetriable((stub.*method)(&context, request, &response), call.cancellation);
         });
     if (!status.ok()) return status;
     return response;

@@ -8,9 +8,22 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "client/server_address.h"
 
 namespace maneuver::client {
 namespace {
+
+bool IsLocalHost(const std::string& address) {
+  std::string host(address.substr(0, address.rfind(':')));
+  if (host.size() > 2 && host.front() == '[' && host.back() == ']') {
+    host = host.substr(1, host.size() - 2);
+  }
+  in_addr v4{};
+  if (inet_pton(AF_INET, host.c_str(), &v4) == 1) return (ntohl(v4.s_addr) >> 24) == 127;
+  in6_addr v6{};
+  if (inet_pton(AF_INET6, host.c_str(), &v6) == 1) return IN6_IS_ADDR_LOOPBACK(&v6) != 0;
+  return host == "localhost";
+}
 
 absl::StatusOr<std::string> ReadAll(const std::string& file) {
   std::ifstream stream(file, std::ios::binary);
@@ -66,15 +79,8 @@ absl::StatusOr<std::string> ReadToken(const ClientOptions& options) {
 
 bool IsLocal(std::string_view address) {
   if (address.starts_with("unix:") || address.starts_with("unix-abstract:")) return true;
-  std::string host(address.substr(0, address.rfind(':')));
-  if (host.size() > 2 && host.front() == '[' && host.back() == ']') {
-    host = host.substr(1, host.size() - 2);
-  }
-  in_addr v4{};
-  if (inet_pton(AF_INET, host.c_str(), &v4) == 1) return (ntohl(v4.s_addr) >> 24) == 127;
-  in6_addr v6{};
-  if (inet_pton(AF_INET6, host.c_str(), &v6) == 1) return IN6_IS_ADDR_LOOPBACK(&v6) != 0;
-  return host == "localhost";
+  const auto parsed = ParseServerAddress(address);
+  return parsed.ok() && std::ranges::all_of(parsed->all, IsLocalHost);
 }
 
 absl::StatusOr<ClientCredentials> LoadCredentials(const ClientOptions& options) {

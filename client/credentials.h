@@ -23,7 +23,8 @@ struct ClientCredentials {
 // what is wrong with them.
 absl::StatusOr<ClientCredentials> LoadCredentials(const ClientOptions& options);
 
-// Whether nobody but this machine sees what goes there: unix:..., localhost, 127.0.0.0/8 or [::1].
+// Whether nobody but this machine sees what goes there: unix:..., localhost, 127.0.0.0/8 or [::1],
+// and of several servers all.
 bool IsLocal(std::string_view address);
 
 }  // namespace maneuver::client

@@ -168,7 +168,8 @@ absl::StatusOr<v1::Dataset> Client::UploadDataset(const std::string& folder,
   const auto ask = [&](grpc::ClientContext& context) {
     v1::QueryUploadResponse answer;
     absl::Status status =
-        ToStatus(connection_->datasets->QueryUpload(&context, upload.Question(), &answer));
+        ToRetriable(connection_->datasets->QueryUpload(&context, upload.Question(), &answer),
+                    call.cancellation);
     // A server of before there was such a question keeps nothing.
     if (absl::IsUnimplemented(status)) {
       const int shards = upload.Question().dataset().shards_size();
@@ -185,7 +186,9 @@ absl::StatusOr<v1::Dataset> Client::UploadDataset(const std::string& folder,
     has_sent = true;
     folder_error = upload.Send(writer.get());
     if (!folder_error.ok()) context.TryCancel();
-    const absl::Status status = ToStatus(writer->Finish());  // also says why it took no more
+    const grpc::Status end = writer->Finish();  // also says why it took no more
+    const absl::Status status =
+        folder_error.ok() ? ToRetriable(end, call.cancellation) : ToStatus(end);
     is_done = status.ok();
     return status;
   };

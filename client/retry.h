@@ -11,7 +11,8 @@
 
 namespace maneuver::client {
 
-// When and how often a call that failed with UNAVAILABLE is tried again. No other code is retried.
+// When and how often a call that failed with UNAVAILABLE, or was broken off, is tried again. No
+// other code is retried.
 struct RetryPolicy {
   int max_attempts = 4;  // the first one included; 1: never retry
   absl::Duration initial_backoff = absl::Milliseconds(100);

@@ -34,7 +34,7 @@ absl::StatusOr<v1::Job> Client::WatchJob(const v1::WatchJobRequest& request,
         break;
       }
     }
-    absl::Status status = ToStatus(reader->Finish());
+    absl::Status status = ToRetriable(reader->Finish(), call.cancellation);
     if (stopped || (status.ok() && HasEnded(job))) return absl::OkStatus();
     if (status.ok()) return absl::UnavailableError("the server stopped telling of the job");
     return status;

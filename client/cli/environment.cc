@@ -24,8 +24,9 @@ client::ClientOptions Environment::client_options() {
       err << failure.message() << "; trying again in " << absl::FormatDuration(wait) << "\n";
     };
   }
-  if (tls || !tls_ca.empty() || !tls_certificate.empty() || !tls_key.empty()) {
-    options.tls = client::TlsOptions{tls_ca, tls_certificate, tls_key};
+  if (tls || !tls_ca.empty() || !tls_certificate.empty() || !tls_key.empty() ||
+      !tls_server_name.empty()) {
+    options.tls = client::TlsOptions{tls_ca, tls_certificate, tls_key, tls_server_name};
   }
   options.token_file = token_file;
   if (token_file.empty()) options.token = token;

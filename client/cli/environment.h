@@ -29,10 +29,11 @@ class Environment {
 
   // Global options.
   std::string server = "127.0.0.1:8470";
-  bool tls = false;    // also if one of the three that follow is given
+  bool tls = false;    // also if one of the four that follow is given
   std::string tls_ca;  // PEM files
   std::string tls_certificate;
   std::string tls_key;
+  std::string tls_server_name;
   std::string token_file;
   std::string token;  // from the environment: what is on a command line, others can read
   std::string output = "text";

@@ -48,6 +48,7 @@ struct LoadArguments {
   int64_t seed = 1;
 
   int64_t connections = 4;
+  bool retry = false;
   int64_t max_in_flight = 10'000;
   std::string metrics;
   std::string json;
@@ -195,6 +196,7 @@ class LoadCommand {
   absl::Status Connect() {
     client::ClientOptions options = environment_.client_options();
     options.own_connection = true;
+    options.retry_started = arguments_.retry;
     for (int64_t i = 0; i < arguments_.connections; ++i) {
       auto connection = client::Client::Connect(options);
       if (!connection.ok()) return connection.status();
@@ -371,6 +373,8 @@ void AddLoad(Command& root, Environment& environment) {
 
   command.Option("--connections", &arguments->connections, 1, 1'000,
                  "A server takes a limited number of calls at once on each");
+  command.Flag("--retry", &arguments->retry,
+               "Make calls again that fail with UNAVAILABLE, as the other commands do");
   command.Option("--max-in-flight", &arguments->max_in_flight, 1, 1'000'000,
                  "Calls at once; those beyond wait, and are late");
   command.Option("--metrics", &arguments->metrics,

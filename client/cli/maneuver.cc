@@ -12,7 +12,11 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
       "part of what was asked for failed, 2 the command line makes no sense.",
       "maneuver", MANEUVER_VERSION);
   Command root = line.root();
-  root.Option("--server", &environment.server, "HOST:PORT of the server", "MANEUVER_SERVER");
+  root.Option(
+      "--server", &environment.server,
+      "HOST:PORT of the server; IP:PORT,IP:PORT or dns:///NAME:PORT: predictions go to each "
+      "of them in turn",
+      "MANEUVER_SERVER");
   root.Flag("--tls", &environment.tls, "Over TLS, to a server whom the system's authorities know");
   root.Option("--tls-ca", &environment.tls_ca,
               "Over TLS, to a server whom this authority knows, PEM", "MANEUVER_TLS_CA");
@@ -21,6 +25,9 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
               "MANEUVER_TLS_CERTIFICATE");
   root.Option("--tls-key", &environment.tls_key, "The certificate's private key, PEM",
               "MANEUVER_TLS_KEY");
+  root.Option("--tls-server-name", &environment.tls_server_name,
+              "Name in the server's certificate, if it is not that of --server",
+              "MANEUVER_TLS_SERVER_NAME");
   root.Option("--token-file", &environment.token_file,
               "File with the token that says who calls; or the token itself in MANEUVER_TOKEN",
               "MANEUVER_TOKEN_FILE");

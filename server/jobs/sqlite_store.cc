@@ -60,8 +60,10 @@ class Store final : public SqliteStore {
   absl::Status Prepare() {
     sqlite3_extended_result_codes(database_, 1);
     sqlite3_busy_timeout(database_, kBusyTimeoutMs);
-    for (const char* pragma : {"PRAGMA locking_mode = EXCLUSIVE", "PRAGMA journal_mode = WAL",
-                               "PRAGMA synchronous = FULL", "PRAGMA foreign_keys = ON"}) {
+    // Not locked against readers: a back-up copies it while the server runs. A second server is
+    // kept off by the lock of the data folder.
+    for (const char* pragma :
+         {"PRAGMA journal_mode = WAL", "PRAGMA synchronous = FULL", "PRAGMA foreign_keys = ON"}) {
       if (absl::Status status = Execute(database_, pragma); !status.ok()) return status;
     }
     return PrepareSchema(database_);

@@ -171,6 +171,19 @@ jobs::RetainedModels Retained(serving::ModelRegistry& models) {
   return retained;
 }
 
+// What cannot be served is logged; what served before then goes on.
+void Serve(const std::vector<security::ModelVersionName>& versions,
+           serving::ModelRegistry& models) {
+  for (const security::ModelVersionName& version : versions) {
+    const security::ModelAliasName alias{version.model, std::string(security::kServingAlias)};
+    if (models.Serving(version.model) == version) continue;
+    if (const auto status = models.SetAlias(alias, version.version); !status.ok()) {
+      Log(LogLevel::kError, "cannot serve the version of --serve",
+          {{"model_version", version.ToString()}, {"reason", std::string(status.message())}});
+    }
+  }
+}
+
 absl::Status WritePortFile(const std::filesystem::path& file, const std::string& grpc_address,
                            const std::string& metrics_address) {
   const nlohmann::json addresses = {{"grpc", grpc_address}, {"metrics", metrics_address}};
@@ -257,18 +270,24 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
 
   // Health turns to SERVING with the first model; until then calls say what is missing.
   (*models)->OnReadyChange([&](bool ready) { (*server)->SetPredictionsReady(ready); });
-  std::thread loader([&] { (*models)->LoadAliased(); });
+  std::thread loader([&] {
+    Serve(options.serve, **models);
+    (*models)->LoadAliased();
+  });
 
   const int signal = signals.Wait();
   signals.ExitOnNext();
   Log(LogLevel::kInfo, "shutting down",
       {{"signal", signal == SIGTERM ? "SIGTERM" : "SIGINT"},
+       {"delay_seconds", std::chrono::duration<double>(options.shutdown_delay).count()},
        {"timeout_seconds", std::chrono::duration<double>(options.shutdown_timeout).count()}});
-  const auto deadline = std::chrono::system_clock::now() + options.shutdown_timeout;
+  const auto refusing = std::chrono::system_clock::now() + options.shutdown_delay;
   (*server)->TurnHealth();
   (*supervisor)->Stop();
+  // Who balances needs a moment to see that: until then nobody is turned away.
+  std::this_thread::sleep_until(refusing);
   predictions.Drain();
-  (*server)->Shutdown(deadline);
+  (*server)->Shutdown(refusing + options.shutdown_timeout);
   (*models)->OnReadyChange(nullptr);
   loader.join();
   Log(LogLevel::kInfo, "stopped");

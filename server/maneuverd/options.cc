@@ -10,6 +10,10 @@
 #include <utility>
 #include <vector>
 
+#include "absl/status/statusor.h"
+#include "absl/strings/ascii.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "server/maneuverd/configuration.h"
 
 namespace maneuver {
@@ -114,6 +118,22 @@ void AddSecurityFlags(CLI::App& app, SecurityFlags* flags, ServerOptions* option
       ->capture_default_str();
 }
 
+// "town/3,highway/2"; INVALID_ARGUMENT for anything else.
+absl::StatusOr<std::vector<security::ModelVersionName>> ParseVersions(const std::string& text) {
+  std::vector<security::ModelVersionName> versions;
+  for (const absl::string_view word : absl::StrSplit(text, ',', absl::SkipWhitespace())) {
+    const std::vector<std::string> parts =
+        absl::StrSplit(absl::StripAsciiWhitespace(word), absl::MaxSplits('/', 1));
+    const int number = parts.size() == 2 ? security::ParseVersion(parts[1]) : 0;
+    if (number == 0 || !security::IsResourceId(parts[0])) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(text, " are no versions of models; name them as town/3,highway/2"));
+    }
+    versions.push_back({parts[0], number});
+  }
+  return versions;
+}
+
 // FAILED_PRECONDITION for flags that make no sense together.
 absl::Status TakeSecurityFlags(const SecurityFlags& flags, ServerOptions* options) {
   const security::CertificateFiles& tls = flags.tls;
@@ -153,7 +173,9 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   std::string metrics_listen = "127.0.0.1:9470";
   int workers = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   double max_queue_delay_ms = 0.0;
+  double shutdown_delay_s = 0.0;
   double shutdown_timeout_s = 10.0;
+  std::string serve;
   std::string precision = "auto";
   std::string log_format = "text";
   std::string log_level = "info";
@@ -236,6 +258,10 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
          "0: never")
       ->check(CLI::Range(0.0, 1e5))
       ->default_str("24");
+  app.add_option(
+      "--serve", serve,
+      "Versions of models, such as town/3,highway/2, that get the alias serving when the "
+      "server starts; without it those serve that served before");
   app.add_option("--precision", precision, "Of the engine; auto: bf16 where the processor has it")
       ->check(CLI::IsMember(kPrecisions))
       ->capture_default_str();
@@ -246,8 +272,13 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   app.add_option("--log-level", log_level, "Least level that is logged")
       ->check(CLI::IsMember(kLogLevels))
       ->capture_default_str();
+  app.add_option("--shutdown-delay", shutdown_delay_s,
+                 "After SIGTERM, how long new calls are still taken while health says NOT_SERVING, "
+                 "seconds; behind a balancer as long as it takes to notice")
+      ->check(CLI::Range(0.0, 3600.0))
+      ->capture_default_str();
   app.add_option("--shutdown-timeout", shutdown_timeout_s,
-                 "After SIGTERM, how long calls in flight may take, seconds")
+                 "After that, how long calls in flight may take, seconds")
       ->check(CLI::Range(0.0, 3600.0))
       ->capture_default_str();
   const std::vector<std::string> arguments(argv + 1, argv + argc);
@@ -273,6 +304,8 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
 
   options.scheduler.workers = workers;
   options.scheduler.queue.max_queue_delay = Milliseconds(max_queue_delay_ms);
+  options.shutdown_delay =
+      std::chrono::duration_cast<std::chrono::milliseconds>(Milliseconds(shutdown_delay_s * 1e3));
   options.shutdown_timeout =
       std::chrono::duration_cast<std::chrono::milliseconds>(Milliseconds(shutdown_timeout_s * 1e3));
   options.engine.precision = kPrecisions.at(precision);
@@ -297,6 +330,9 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
     if (!metrics_address.ok()) return refuse("--metrics-listen: ", metrics_address.status());
     options.metrics_listen = *std::move(metrics_address);
   }
+  auto versions = ParseVersions(serve);
+  if (!versions.ok()) return refuse("--serve: ", versions.status());
+  options.serve = *std::move(versions);
   if (print_settings) {
     std::cout << PrintSettings(app);
     return 0;

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <optional>
 #include <variant>
+#include <vector>
 
 #include "model/data/dataset_store.h"
 #include "model/inference/action_model.h"
@@ -16,6 +17,7 @@
 #include "server/security/access_control.h"
 #include "server/security/certificates.h"
 #include "server/security/listen_address.h"
+#include "server/security/resource_name.h"
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/map_cache.h"
 #include "server/serving/shadow.h"
@@ -27,6 +29,7 @@ struct ServerOptions {
   security::ListenAddress listen;
   std::optional<security::ListenAddress> metrics_listen;  // nothing: no metrics page
   std::filesystem::path port_file;                        // empty: none
+  std::vector<security::ModelVersionName> serve;          // are to be @serving from the start
   std::optional<security::CertificateFiles> tls;          // nothing: plain text
   security::AccessOptions access;
   rpc::ConnectionLimits limits;
@@ -38,6 +41,7 @@ struct ServerOptions {
   JobOptions jobs;
   monitoring::LogFormat log_format = monitoring::LogFormat::kText;
   monitoring::LogLevel log_level = monitoring::LogLevel::kInfo;
+  std::chrono::milliseconds shutdown_delay{0};
   std::chrono::milliseconds shutdown_timeout{10'000};
 };
 

@@ -18,6 +18,8 @@ using grpc::experimental::InterceptionHookPoints;
 using grpc::experimental::InterceptorBatchMethods;
 using grpc::experimental::ServerRpcInfo;
 
+constexpr std::string_view kWatchHealth = "Health/Watch";
+
 // Lives as long as its call. Reads and writes of a stream come from several threads.
 class CallInterceptor final : public grpc::experimental::Interceptor {
  public:
@@ -81,6 +83,10 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
 
   void End(grpc::StatusCode code) {
     if (ended_.exchange(true)) return;
+    // So gRPC ends its own Watch when the watcher goes; it is nobody's fault.
+    if (code == grpc::StatusCode::UNKNOWN && metrics_.name() == kWatchHealth) {
+      code = grpc::StatusCode::CANCELLED;
+    }
     const auto time = std::chrono::steady_clock::now() - start_;
     metrics_.End(code, time);
     log_.Write({.method = metrics_.name(),

@@ -43,6 +43,17 @@ TEST(ClientTest, UnavailableIsTriedAgainUntilItAnswers) {
   EXPECT_EQ(calls, 3);
 }
 
+// So gRPC ends calls that come while the server stops, and HAProxy those whose server died.
+TEST(ClientTest, ACallThatIsBrokenOffIsTriedAgain) {
+  TestServer server;
+  std::atomic<int> calls = 0;
+  server.on_predict = [&](auto*, const auto&, auto*) {
+    return ++calls < 3 ? grpc::Status(grpc::StatusCode::CANCELLED, "") : grpc::Status::OK;
+  };
+  EXPECT_TRUE(ConnectTo(server.address())->Predict({}).ok());
+  EXPECT_EQ(calls, 3);
+}
+
 TEST(ClientTest, AttemptsAreBounded) {
   TestServer server;
   std::atomic<int> calls = 0;

@@ -91,6 +91,52 @@ TEST(StartPredictionTest, TheServersErrorIsTheAnswerAndItIsNotTriedAgain) {
   EXPECT_EQ(calls, 1);
 }
 
+TEST(StartPredictionTest, IsTriedAgainWhereTheClientWantsThat) {
+  TestServer server;
+  std::atomic<int> calls = 0;
+  std::atomic<size_t> least = SIZE_MAX;
+  server.on_predict = [&](auto*, const v1::PredictRequest& request, v1::PredictResponse* response) {
+    least = std::min<size_t>(least, request.ByteSizeLong());
+    if (++calls < 3) return grpc::Status(grpc::StatusCode::UNAVAILABLE, "busy");
+    response->set_model_version("models/town/versions/1");
+    return grpc::Status::OK;
+  };
+  Answers answers;
+  const auto client = *Client::Connect({.address = server.address(),
+                                        .retry = {.initial_backoff = absl::Milliseconds(1)},
+                                        .retry_started = true});
+  // More than gRPC keeps for another attempt unless it is told to.
+  v1::PredictRequest large = RequestFor("a");
+  constexpr size_t kLarge = 1 << 20;
+  large.add_scenarios()->set_scenario_id(std::string(kLarge, 'x'));
+  client->StartPrediction(PreparedPrediction(large), answers.Take());
+  const auto answer = answers.WaitFor(1).at(0);
+  ASSERT_TRUE(answer.ok()) << answer.status();
+  EXPECT_EQ(calls, 3);
+  EXPECT_GT(least, kLarge);
+}
+
+TEST(StartPredictionTest, AServerThatStaysAwayIsNotAskedOverAndOver) {
+  constexpr int kCalls = 400;
+  TestServer server;
+  std::atomic<int> calls = 0;
+  server.on_predict = [&](auto*, const auto&, auto*) {
+    ++calls;
+    return grpc::Status(grpc::StatusCode::UNAVAILABLE, "busy");
+  };
+  Answers answers;
+  const auto client = *Client::Connect({.address = server.address(),
+                                        .retry = {.initial_backoff = absl::Milliseconds(1)},
+                                        .retry_started = true});
+  for (int i = 1; i <= kCalls; ++i) {
+    client->StartPrediction(PreparedPrediction(RequestFor("a")), answers.Take());
+    EXPECT_TRUE(absl::IsUnavailable(answers.WaitFor(static_cast<size_t>(i)).back().status()));
+  }
+  // A hundred failures are tried again, of which 75 are of attempts that were second or later ones.
+  EXPECT_LE(calls, kCalls + 100);
+  EXPECT_GT(calls, kCalls + 50);
+}
+
 TEST(StartPredictionTest, EachMethodIsTheOneThatIsCalled) {
   TestServer server;  // knows Predict alone
   server.on_predict = [](auto*, const auto&, auto*) { return grpc::Status::OK; };

@@ -5,6 +5,7 @@
 #define MANEUVER_TESTS_UNIT_CLIENT_TEST_SERVER_H_
 
 #include <grpcpp/grpcpp.h>
+#include <grpcpp/health_check_service_interface.h>
 
 #include <functional>
 #include <memory>
@@ -41,7 +42,10 @@ class TestServer final {
       on_stream;
 
   // `port` 0: any free one.
-  explicit TestServer(int port = 0) : predictions_(this), training_(this), datasets_(this) {
+  //   health: serves grpc.health.v1, where PredictionService is not ready until SetReady.
+  explicit TestServer(int port = 0, bool health = false)
+      : predictions_(this), training_(this), datasets_(this) {
+    grpc::EnableDefaultHealthCheckService(health);
     grpc::ServerBuilder builder;
     builder.AddListeningPort("127.0.0.1:" + std::to_string(port), grpc::InsecureServerCredentials(),
                              &port_);
@@ -49,9 +53,15 @@ class TestServer final {
     builder.RegisterService(&training_);
     builder.RegisterService(&datasets_);
     server_ = builder.BuildAndStart();
+    grpc::EnableDefaultHealthCheckService(false);
+    if (health) SetReady(false);
   }
   ~TestServer() {
     if (server_ != nullptr) server_->Shutdown(std::chrono::system_clock::now());
+  }
+
+  void SetReady(bool ready) {
+    server_->GetHealthCheckService()->SetServingStatus("maneuver.v1.PredictionService", ready);
   }
 
   std::string address() const { return "127.0.0.1:" + std::to_string(port_); }

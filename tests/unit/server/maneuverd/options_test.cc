@@ -122,6 +122,18 @@ TEST_F(OptionsTest, ABadValueIsNamedWithItsPlace) {
   EXPECT_THAT(empty.err, HasSubstr("e.conf:2: workers needs a value"));
 }
 
+TEST_F(OptionsTest, VersionsThatAreToServeAreNamedByModelAndNumber) {
+  using security::ModelVersionName;
+  EXPECT_THAT(Parse({"--data-dir", "d"}).options().serve, ::testing::IsEmpty());
+  EXPECT_THAT(Parse({"--data-dir", "d", "--serve", "town/3, highway/12"}).options().serve,
+              ::testing::ElementsAre(ModelVersionName{"town", 3}, ModelVersionName{"highway", 12}));
+  for (const char* text : {"town", "town/0", "town/x", "Town/1", "town/1/2", "town@serving"}) {
+    const Outcome outcome = Parse({"--data-dir", "d", "--serve", text});
+    EXPECT_TRUE(outcome.refused()) << text;
+    EXPECT_THAT(outcome.err, HasSubstr("--serve"));
+  }
+}
+
 TEST_F(OptionsTest, WhatIsPrintedCanBeReadAgain) {
   const std::vector<std::string> arguments = {"--data-dir",
                                               "a \"b\" # c\\",

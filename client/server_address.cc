@@ -1,0 +1,54 @@
+#include "client/server_address.h"
+
+#include <arpa/inet.h>
+
+#include <algorithm>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
+
+namespace maneuver::client {
+namespace {
+
+constexpr std::string_view kDns = "dns:///";
+
+// "127.0.0.1:8470": AF_INET, "[::1]:8470": AF_INET6, anything else: 0.
+int FamilyOf(const std::string& address) {
+  const size_t colon = address.rfind(':');
+  if (colon == std::string::npos || colon + 1 == address.size()) return 0;
+  std::string host = address.substr(0, colon);
+  in_addr v4{};
+  if (inet_pton(AF_INET, host.c_str(), &v4) == 1) return AF_INET;
+  if (host.size() < 3 || host.front() != '[' || host.back() != ']') return 0;
+  host = host.substr(1, host.size() - 2);
+  in6_addr v6{};
+  return inet_pton(AF_INET6, host.c_str(), &v6) == 1 ? AF_INET6 : 0;
+}
+
+}  // namespace
+
+absl::StatusOr<ServerAddress> ParseServerAddress(std::string_view address) {
+  if (address.empty()) {
+    return absl::InvalidArgumentError("address is empty; name the server as HOST:PORT");
+  }
+  if (address.starts_with(kDns)) {
+    return ServerAddress{std::string(address), true, {std::string(address.substr(kDns.size()))}};
+  }
+  const std::vector<std::string> all = absl::StrSplit(std::string(address), ',');
+  if (all.size() == 1) return ServerAddress{std::string(address), false, all};
+  const int family = FamilyOf(all.front());
+  const bool alike = std::ranges::all_of(
+      all, [family](const std::string& one) { return FamilyOf(one) == family; });
+  if (family == 0 || !alike) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(std::string(address),
+                     ": several servers are named by their addresses, all IPv4 (10.0.0.1:8470,"
+                     "10.0.0.2:8470) or all IPv6 ([fd00::1]:8470,...), or by a name that stands "
+                     "for all of them: dns:///NAME:PORT"));
+  }
+  return ServerAddress{absl::StrCat(family == AF_INET ? "ipv4:" : "ipv6:", absl::StrJoin(all, ",")),
+                       true, all};
+}
+
+}  // namespace maneuver::client

@@ -1,0 +1,233 @@
+#!/usr/bin/python3
+"""What can be said of deploy/kubernetes without a cluster: each overlay is rendered, and its parts fit one another.
+
+Needs kubectl (Debian: kubernetes-client) and python3-yaml. With --maneuverd the server reads the configuration that the
+pods get, and with --replica a pod's start is played on this machine: what its init container does, then its server.
+The schemas of the Kubernetes API are for schemas.cjs.
+"""
+
+import argparse
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import yaml
+
+REPOSITORY = pathlib.Path(__file__).resolve().parent.parent.parent
+OVERLAYS = REPOSITORY / "deploy" / "kubernetes" / "overlays"
+MADE_BY_HAND = {"Secret": {"maneuverd-tls", "maneuverd-tokens"}, "PersistentVolumeClaim": {"maneuver-published-models"}}
+USER = 8470
+GRPC_PORT = 8470
+METRICS_PORT = 9470
+PRESTOP_AND_CHECKPOINT_S = 10
+options = argparse.Namespace(maneuverd=None, maneuver=None, small_model=None)
+
+
+def render(overlay):
+    done = subprocess.run(["kubectl", "kustomize", OVERLAYS / overlay], capture_output=True, text=True)
+    if done.returncode != 0:
+        raise RuntimeError(f"{overlay}: {done.stderr}")
+    return list(yaml.safe_load_all(done.stdout))
+
+
+def settings_of(configuration):
+    lines = [line.split("#")[0].strip() for line in configuration.splitlines()]
+    return dict(re.split(r"\s*=\s*", line, maxsplit=1) for line in lines if line)
+
+
+class Overlay:
+    def __init__(self, name):
+        self.name = name
+        self.objects = render(name)
+        self.deployment = self.one("Deployment")
+        self.pod = self.deployment["spec"]["template"]
+        self.server = self.pod["spec"]["containers"][0]
+        self.configuration = next(o["data"]["maneuverd.conf"] for o in self.of_kind("ConfigMap")
+                                  if "maneuverd.conf" in o["data"])
+
+    def of_kind(self, kind):
+        return [o for o in self.objects if o["kind"] == kind]
+
+    def one(self, kind):
+        found = self.of_kind(kind)
+        assert len(found) == 1, f"{self.name} has {len(found)} of {kind}"
+        return found[0]
+
+    def containers(self):
+        return self.pod["spec"].get("initContainers", []) + self.pod["spec"]["containers"]
+
+
+class ManifestsTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.overlays = [Overlay(path.name) for path in sorted(OVERLAYS.iterdir())]
+        assert [o.name for o in cls.overlays] == ["fleet", "fleet-tls", "one-node"]
+
+    def for_each(self):
+        for overlay in self.overlays:
+            with self.subTest(overlay.name):
+                yield overlay
+
+    def test_whatever_is_named_is_there(self):
+        for overlay in self.for_each():
+            named = [(source["configMap"]["name"], "ConfigMap") for source in overlay.pod["spec"]["volumes"]
+                     if "configMap" in source]
+            named += [(source["secret"]["secretName"], "Secret") for source in overlay.pod["spec"]["volumes"]
+                      if "secret" in source]
+            named += [(source["persistentVolumeClaim"]["claimName"], "PersistentVolumeClaim")
+                      for source in overlay.pod["spec"]["volumes"] if "persistentVolumeClaim" in source]
+            named += [(source["configMapRef"]["name"], "ConfigMap") for source in overlay.server.get("envFrom", [])]
+            for name, kind in named:
+                made = {o["metadata"]["name"] for o in overlay.of_kind(kind)} | MADE_BY_HAND.get(kind, set())
+                self.assertIn(name, made)
+            volumes = {volume["name"] for volume in overlay.pod["spec"]["volumes"]}
+            mounted = {mount["name"] for container in overlay.containers() for mount in container["volumeMounts"]}
+            self.assertEqual(mounted, volumes)
+
+    def test_selectors_find_the_pods_and_ports_are_theirs(self):
+        for overlay in self.for_each():
+            labels = overlay.pod["metadata"]["labels"].items()
+            selectors = [overlay.deployment["spec"]["selector"]["matchLabels"]]
+            selectors += [service["spec"]["selector"] for service in overlay.of_kind("Service")]
+            selectors += [o["spec"]["selector"]["matchLabels"] for o in overlay.of_kind("PodDisruptionBudget")]
+            selectors += [o["spec"]["podSelector"]["matchLabels"] for o in overlay.of_kind("NetworkPolicy")]
+            for selector in selectors:
+                self.assertTrue(selector)
+                self.assertLessEqual(selector.items(), labels)
+            ports = {port["name"]: port["containerPort"] for port in overlay.server["ports"]}
+            self.assertEqual(ports, {"grpc": GRPC_PORT, "metrics": METRICS_PORT})
+            for service in overlay.of_kind("Service"):
+                for port in service["spec"]["ports"]:
+                    self.assertEqual(ports[port["targetPort"]], port["port"])
+            headless = [s["metadata"]["name"] for s in overlay.of_kind("Service") if s["spec"].get("clusterIP") == "None"]
+            self.assertEqual(headless, ["maneuverd-replicas"])
+
+    def test_a_pod_has_time_to_drain(self):
+        for overlay in self.for_each():
+            settings = settings_of(overlay.configuration)
+            delay = int(settings["shutdown-delay"])
+            readiness = overlay.server["readinessProbe"]
+            self.assertLess(readiness["periodSeconds"] * (readiness["failureThreshold"] + 1), delay)
+            self.assertGreaterEqual(overlay.pod["spec"]["terminationGracePeriodSeconds"],
+                                    delay + 2 * int(settings["shutdown-timeout"]) + PRESTOP_AND_CHECKPOINT_S)
+            if overlay.name != "one-node":
+                rolling = overlay.deployment["spec"]["strategy"]["rollingUpdate"]
+                self.assertEqual((rolling["maxUnavailable"], rolling["maxSurge"]), (0, 1))
+
+    def test_replicas_are_ready_with_a_model_and_who_learns_without(self):
+        wanted = {"fleet": "maneuver.v1.PredictionService", "one-node": ""}
+        for overlay in self.for_each():
+            if overlay.name in wanted:
+                probe = overlay.server["readinessProbe"]["grpc"]
+                self.assertEqual(probe, {"port": GRPC_PORT, "service": wanted[overlay.name]})
+            else:
+                self.assertEqual(overlay.server["readinessProbe"]["exec"]["command"][-1], wanted["fleet"])
+
+    def test_a_data_folder_is_of_one_server(self):
+        for overlay in self.for_each():
+            data = next(v for v in overlay.pod["spec"]["volumes"] if v["name"] == "data")
+            if "emptyDir" not in data:
+                self.assertEqual(overlay.deployment["spec"]["strategy"], {"type": "Recreate"})
+                self.assertEqual(overlay.deployment["spec"]["replicas"], 1)
+                self.assertEqual(overlay.of_kind("HorizontalPodAutoscaler"), [])
+
+    def test_pods_have_no_rights_to_spare(self):
+        for overlay in self.for_each():
+            pod = overlay.pod["spec"]
+            self.assertIs(pod["enableServiceLinks"], False)
+            self.assertIs(pod["automountServiceAccountToken"], False)
+            self.assertEqual(pod["securityContext"]["runAsUser"], USER)
+            self.assertIs(pod["securityContext"]["runAsNonRoot"], True)
+            for container in overlay.containers():
+                self.assertEqual(container["securityContext"], {"allowPrivilegeEscalation": False,
+                                                                "readOnlyRootFilesystem": True,
+                                                                "capabilities": {"drop": ["ALL"]}})
+            self.assertTrue(all(m.get("readOnly") for m in overlay.server["volumeMounts"]
+                                if m["name"] not in ("data", "temporary")))
+
+    def test_over_tls_nothing_is_asked_in_plain_text(self):
+        overlay = next(o for o in self.overlays if o.name == "fleet-tls")
+        for probe in ("readinessProbe", "startupProbe"):
+            self.assertNotIn("grpc", {name for name, value in overlay.server[probe].items() if value is not None})
+            self.assertEqual(overlay.server[probe]["exec"]["command"][:2], ["maneuverd", "health"])
+        for variable in overlay.server["env"]:
+            folder = str(pathlib.Path(variable["value"]).parent)
+            self.assertIn(folder, [mount["mountPath"] for mount in overlay.server["volumeMounts"]])
+
+    def test_the_server_takes_its_configuration(self):
+        if options.maneuverd is None:
+            self.skipTest("without --maneuverd")
+        for overlay in self.for_each():
+            with tempfile.TemporaryDirectory() as folder:
+                file = pathlib.Path(folder) / "maneuverd.conf"
+                file.write_text(overlay.configuration)
+                environment = {v["name"]: v["value"] for v in overlay.server.get("env", [])
+                               if v["name"] != "MANEUVERD_TOKENS"}
+                for source in overlay.of_kind("ConfigMap"):
+                    environment.update({k: v for k, v in source["data"].items() if k.startswith("MANEUVERD_")})
+                done = subprocess.run([options.maneuverd, "--config", file, "--print-config"], capture_output=True,
+                                      text=True, env=dict(os.environ, **environment))
+                self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_a_replica_serves_what_was_published(self):
+        """The fleet's init container and server, with their paths put into a temporary folder."""
+        if options.small_model is None:
+            self.skipTest("without --small-model")
+        fleet = next(o for o in self.overlays if o.name == "fleet")
+        with tempfile.TemporaryDirectory() as folder:
+            work = pathlib.Path(folder)
+            learner = work / "learner" / "models" / "town"
+            learner.mkdir(parents=True)
+            for version in ("1", "2"):
+                subprocess.run([options.small_model, learner / version, version], check=True)
+                publish = [REPOSITORY / "deploy" / "publish.sh", work / "learner", f"town/{version}", work / "published"]
+                for _ in range(2):  # the second time it is already there
+                    subprocess.run(publish, check=True, stdout=subprocess.DEVNULL)
+            shutil.rmtree(learner / "2")
+            subprocess.run([options.small_model, learner / "2", "3"], check=True)
+            changed = subprocess.run(publish, capture_output=True, text=True)
+            self.assertEqual(changed.returncode, 1)
+            self.assertIn("another model", changed.stderr)
+
+            def moved(text):
+                return text.replace("/var/lib/maneuver", f"{work}/data").replace("/published", f"{work}/published")
+
+            (work / "data").mkdir()
+            init = fleet.pod["spec"]["initContainers"][0]
+            subprocess.run([moved(word) for word in init["command"]], check=True)
+            loopback = moved(fleet.configuration).replace("0.0.0.0:8470", "127.0.0.1:0").replace("0.0.0.0:9470", "none")
+            (work / "maneuverd.conf").write_text(loopback.replace("shutdown-delay = 10", "shutdown-delay = 0"))
+            ports = work / "ports"
+            log = open(work / "log", "w")
+            server = subprocess.Popen([options.maneuverd, "--config", work / "maneuverd.conf", "--port-file", ports],
+                                      env=dict(os.environ, MANEUVERD_SERVE="town/2"), stdout=log, stderr=log)
+            try:
+                ask = f"""until [ -s {ports} ]; do sleep 0.02; done
+                    export MANEUVER_SERVER=$(sed 's/.*"grpc":"\\([^"]*\\).*/\\1/' {ports})
+                    until {options.maneuver} health maneuver.v1.PredictionService >/dev/null 2>&1; do sleep 0.1; done
+                    {options.maneuver} --output json model list"""
+                models = subprocess.run(["sh", "-c", ask], capture_output=True, text=True, timeout=100)
+                self.assertEqual(models.returncode, 0, models.stderr + (work / "log").read_text())
+                serving = [v["name"] for v in yaml.safe_load(models.stdout)["modelVersions"] if "serving" in v["aliases"]]
+                self.assertEqual(serving, ["models/town/versions/2"], models.stdout)
+            finally:
+                server.terminate()
+                server.wait(60)
+                log.close()
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--maneuverd", type=pathlib.Path)
+    parser.add_argument("--maneuver", type=pathlib.Path)
+    parser.add_argument("--small-model", type=pathlib.Path, help="program that writes one")
+    parser.parse_known_args(namespace=options)
+    if shutil.which("kubectl") is None:
+        print("SKIPPED: kubectl is not there; apt-get install kubernetes-client")
+        sys.exit(0)
+    unittest.main(argv=sys.argv[:1])

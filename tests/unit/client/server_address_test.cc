@@ -1,0 +1,92 @@
+#include "client/server_address.h"
+
+#include <gtest/gtest.h>
+
+#include "client/client.h"
+#include "client/credentials.h"
+#include "tests/unit/client/test_server.h"
+
+namespace maneuver::client {
+namespace {
+
+TEST(ServerAddressTest, OneServerIsTakenAsItIs) {
+  for (const char* address : {"127.0.0.1:8470", "planner.example:8470", "unix:/run/maneuverd"}) {
+    const auto parsed = ParseServerAddress(address);
+    ASSERT_TRUE(parsed.ok()) << parsed.status();
+    EXPECT_EQ(parsed->target, address);
+    EXPECT_FALSE(parsed->several);
+  }
+}
+
+TEST(ServerAddressTest, SeveralAreAListOfAddressesOrANameForAllOfThem) {
+  const auto list = ParseServerAddress("10.0.0.1:8470,10.0.0.2:8471");
+  ASSERT_TRUE(list.ok());
+  EXPECT_EQ(list->target, "ipv4:10.0.0.1:8470,10.0.0.2:8471");
+  EXPECT_TRUE(list->several);
+  EXPECT_EQ(ParseServerAddress("[fd00::1]:8470,[::1]:8470")->target,
+            "ipv6:[fd00::1]:8470,[::1]:8470");
+  const auto name = ParseServerAddress("dns:///maneuverd:8470");
+  ASSERT_TRUE(name.ok());
+  EXPECT_EQ(name->target, "dns:///maneuverd:8470");
+  EXPECT_TRUE(name->several);
+}
+
+TEST(ServerAddressTest, AListOfAnythingElseIsRefused) {
+  for (const char* address :
+       {"", "a:1,b:1", "10.0.0.1:8470,", "10.0.0.1:8470,[::1]:8470", "10.0.0.1,10.0.0.2"}) {
+    EXPECT_TRUE(absl::IsInvalidArgument(ParseServerAddress(address).status())) << address;
+    EXPECT_TRUE(absl::IsInvalidArgument(Client::Connect({.address = address}).status()));
+  }
+}
+
+TEST(ServerAddressTest, ATokenStaysOnThisMachineOnlyIfAllServersAreOnIt) {
+  EXPECT_TRUE(IsLocal("127.0.0.1:1,127.0.0.2:1"));
+  EXPECT_TRUE(IsLocal("dns:///localhost:1"));
+  EXPECT_FALSE(IsLocal("127.0.0.1:1,10.0.0.1:1"));
+  EXPECT_FALSE(IsLocal("dns:///maneuverd:1"));
+  EXPECT_TRUE(absl::IsFailedPrecondition(
+      Client::Connect({.address = "127.0.0.1:1,10.0.0.1:1", .token = "secret"}).status()));
+}
+
+// A server in whose place predictions are answered under its name, once it is said to be ready.
+class NamedServer {
+ public:
+  explicit NamedServer(const std::string& name) {
+    server.on_predict = [name](auto*, const auto&, v1::PredictResponse* response) {
+      response->set_model_version(name);
+      return grpc::Status::OK;
+    };
+  }
+  TestServer server{0, /*health=*/true};
+};
+
+TEST(SeveralServersTest, PredictionsGoInTurnToThoseThatAreReady) {
+  NamedServer a("a");
+  NamedServer b("b");
+  NamedServer c("c");
+  a.server.SetReady(true);
+  b.server.SetReady(true);
+  const auto client = *Client::Connect(
+      {.address = a.server.address() + "," + b.server.address() + "," + c.server.address()});
+  const auto ask = [&client] { return client->Predict({})->model_version(); };
+  // Until both are connected to, the first that is has all calls.
+  const absl::Time give_up = absl::Now() + absl::Seconds(20);
+  std::string before = ask();
+  while (ask() == before && absl::Now() < give_up) {
+  }
+  before = ask();
+  for (int i = 0; i < 10; ++i) {
+    const std::string now = ask();
+    EXPECT_NE(now, before);
+    EXPECT_NE(now, "c");
+    before = now;
+  }
+  // One that is drained is left alone, at the latest once its health has come here.
+  b.server.SetReady(false);
+  int in_a_row = 0;
+  while (in_a_row < 10 && absl::Now() < give_up) in_a_row = ask() == "a" ? in_a_row + 1 : 0;
+  EXPECT_EQ(in_a_row, 10);
+}
+
+}  // namespace
+}  // namespace maneuver::client
