@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs the Debian 12 packages that Maneuver is built from and, with --tests,
-# those that only its tests run. Run it as root, as often as you like: it does
+# those that only its tests run; with --packages those that pack it. Run it as root, as often as you like: it does
 # nothing when they are all there.
 set -euo pipefail
 
@@ -23,6 +23,7 @@ packages=(
   git curl ca-certificates
 )
 # Clients that are not ours, for tests/clients; the engine that exported networks are tested with.
+case "${1:-}" in --tests | --packages) packages+=(dpkg-dev file) ;; esac
 [ "${1:-}" != --tests ] || packages+=(
   python3 python3-grpcio python3-protobuf nghttp2-client libopencv-dnn-dev)
 

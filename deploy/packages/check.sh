@@ -55,7 +55,7 @@ else
   debootstrap --variant=minbase bookworm "$root" >"$work/debootstrap.log"
 fi
 mkdir "$root/packages"
-cp -r "$packages"/*.deb "$here"/check_inside.sh "$here"/../../tests/packages/program "$root/packages/"
+cp -r "$packages"/*.deb "$here"/check_inside.sh "$here"/small_training.json "$here"/../../tests/packages/program "$root/packages/"
 # The same server and trainer once more, as an upgrade.
 for name in maneuverd maneuver-trainer; do
   next=$work/next-$name

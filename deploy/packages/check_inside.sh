@@ -50,30 +50,11 @@ fails "sees disks" in_its_view sh -c 'ls /dev/sd* /dev/vd* /dev/kmsg'
 
 step "Training, in a process of its own"
 apt_get install ./maneuver-trainer_*.deb
-cat >settings.json <<'JSON'
-{
-  "preset": "compact",
-  "model": {
-    "raster": {"height": 48, "width": 48, "meters_per_pixel": 2, "history_frames": 3, "frame_interval": "0.5s"},
-    "backbone": {"convolutions": [{"channels": 16, "stride": 2}, {"channels": 24, "stride": 2}], "features": 48},
-    "trajectory": {"waypoints": 10, "waypoint_interval": "0.4s"},
-    "actions": 12,
-    "latent_dimensions": 3,
-    "action_predictor": {"hidden": [48, 48]},
-    "trajectory_encoder": {"hidden": [48, 48]},
-    "decoder": {"hidden": [48, 48]},
-    "scenario_encoder": {"hidden": [32, 32]}
-  },
-  "examples": {"max_examples": 800},
-  "optimization": {"pretraining_epochs": 10, "mixture_epochs": 5, "posterior_epochs": 1},
-  "threads": 1
-}
-JSON
 maneuver synthesize town --recordings 60 --seed 1 >/dev/null
 maneuver synthesize unseen --recordings 4 --seed 2 >/dev/null
 maneuver dataset upload town town >/dev/null
-train() { maneuver train town --dataset town --settings settings.json --detach "$@" >/dev/null; }
-train --epochs 3
+train() { maneuver train town --dataset town --settings small_training.json --detach "$@" >/dev/null; }
+train
 wait_until pgrep -x maneuver-traine
 trainer=$(pgrep -x maneuver-traine)
 same "user" maneuver "$(ps -o user= -p "$trainer")"
@@ -100,7 +81,7 @@ asked() {
     if maneuver probability scene.json >/dev/null 2>>asked.log; then echo ok; else echo failed; fi
   done
 }
-train --epochs 20
+train --epochs 12
 wait_until pgrep -x maneuver-traine
 asked >asked.txt &
 before=$(server)
