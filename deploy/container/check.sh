@@ -2,11 +2,13 @@
 # Builds both images by the Dockerfile and runs them, without a daemon: by buildah with chroot
 # isolation. Says how large they are; ends with 0 if they do what they should.
 #
-#   deploy/container/check.sh [--base FOLDER] [--packages FOLDER] [--maneuver PROGRAM]
+#   deploy/container/check.sh [--base FOLDER] [--packages FOLDER] [--maneuver PROGRAM] [-- OPTIONS]
 #
 # --base      a plain Debian 12, as debootstrap makes it, in place of the image debian:bookworm-slim
 # --packages  .deb files that are there already, in place of building them as the Dockerfile says
 # --maneuver  the command, to have the image with the trainer learn a little; not done without
+#
+# OPTIONS     of "buildah build", such as a volume for the cache of compiled objects
 #
 # Wants root, buildah and, for the network that both sides see, iproute2. Not part of the tests:
 # building takes long, and all of LibTorch is installed.
@@ -16,12 +18,13 @@ cd "$(dirname "$0")/../.."
 base=
 packages=
 maneuver=
-usage() { sed -n '2,14s/^# \{0,1\}//p' "$0"; }
+usage() { sed -n '2,16s/^# \{0,1\}//p' "$0"; }
 while [ $# -gt 0 ]; do
   case "$1" in
     --base) base=$(cd "${2:?--base needs a folder}" && pwd); shift ;;
     --packages) packages=$(cd "${2:?--packages needs a folder}" && pwd); shift ;;
     --maneuver) maneuver=$(realpath "${2:?--maneuver needs a program}"); shift ;;
+    --) shift; break ;;
     -h|--help) usage; exit 0 ;;
     *) echo "check: unknown option $1; see --help" >&2; exit 2 ;;
   esac
@@ -57,6 +60,7 @@ if [ -n "$base" ]; then
   buildah commit --quiet "$container" localhost/maneuver-base >/dev/null
   options+=(--build-arg BASE=localhost/maneuver-base)
 fi
+options+=("$@")
 [ -z "$packages" ] || options+=(--build-context "packages=$packages")
 
 size() { buildah inspect --type image --format '{{.FromImageID}}' "$1" | xargs -I{} sh -c "buildah images --format '{{.ID}} {{.Size}}' --no-trunc | grep {} | head -n 1 | cut -d' ' -f2-"; }
