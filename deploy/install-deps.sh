@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs the Debian 12 packages that Maneuver is built from and, with --tests,
-# those that only its tests run; with --packages those that pack it. Run it as root, as often as you like: it does
-# nothing when they are all there.
+# those that only its tests run, or with --packages those that pack it. Run it as
+# root, as often as you like: it does nothing when they are all there.
 set -euo pipefail
 
 packages=(
@@ -25,7 +25,9 @@ packages=(
 # Clients that are not ours, for tests/clients; the engine that exported networks are tested with.
 case "${1:-}" in --tests | --packages) packages+=(dpkg-dev file) ;; esac
 [ "${1:-}" != --tests ] || packages+=(
-  python3 python3-grpcio python3-protobuf nghttp2-client libopencv-dnn-dev)
+  python3 python3-grpcio python3-protobuf nghttp2-client libopencv-dnn-dev
+  # what says how far the unit is closed
+  systemd)
 
 missing=()
 for package in "${packages[@]}"; do
