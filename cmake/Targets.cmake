@@ -50,9 +50,12 @@ function(maneuver_library)
   endif()
 endfunction()
 
-# maneuver_program(NAME maneuverd SOURCES main.cc DEPENDS ... [TOGETHER] [HEADERS_OF maneuver_grpc])
+# maneuver_program(NAME maneuverd COMPONENT server SOURCES main.cc DEPENDS ... [TOGETHER]
+#   [HEADERS_OF maneuver_grpc])
+#
+# COMPONENT: the part of the installation, and the package, that it belongs to (deploy/packages).
 function(maneuver_program)
-  cmake_parse_arguments(ARG "TOGETHER" "NAME;HEADERS_OF" "SOURCES;DEPENDS" ${ARGN})
+  cmake_parse_arguments(ARG "TOGETHER" "NAME;COMPONENT;HEADERS_OF" "SOURCES;DEPENDS" ${ARGN})
   add_executable(${ARG_NAME} ${ARG_SOURCES})
   target_compile_options(${ARG_NAME} PRIVATE ${MANEUVER_WARNINGS})
   maneuver_together(${ARG_NAME} ${ARG_TOGETHER})
@@ -60,7 +63,8 @@ function(maneuver_program)
   target_include_directories(${ARG_NAME} PRIVATE "${CMAKE_SOURCE_DIR}")
   target_compile_definitions(${ARG_NAME} PRIVATE MANEUVER_VERSION="${PROJECT_VERSION}")
   target_link_libraries(${ARG_NAME} PRIVATE ${ARG_DEPENDS})
-  install(TARGETS ${ARG_NAME} RUNTIME DESTINATION "${CMAKE_INSTALL_BINDIR}")
+  install(TARGETS ${ARG_NAME} RUNTIME DESTINATION "${CMAKE_INSTALL_BINDIR}"
+    COMPONENT ${ARG_COMPONENT})
 endfunction()
 
 # maneuver_test(NAME scene SOURCES a_test.cc ... DEPENDS ...)

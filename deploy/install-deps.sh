@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs the Debian 12 packages that Maneuver is built from and, with --tests,
-# those that only its tests run. Run it as root, as often as you like: it does
-# nothing when they are all there.
+# those that only its tests run, or with --packages those that pack it. Run it as
+# root, as often as you like: it does nothing when they are all there.
 set -euo pipefail
 
 packages=(
@@ -22,11 +22,14 @@ packages=(
   # what the scripts use
   git curl ca-certificates
 )
-# Clients that are not ours, for tests/clients; the engine that exported networks are tested with;
-# what deploy/backup.sh, deploy/balancing and deploy/kubernetes need.
+case "${1:-}" in --tests | --packages) packages+=(dpkg-dev file) ;; esac
 [ "${1:-}" != --tests ] || packages+=(
+  # clients that are not ours, for tests/clients; the engine that exported networks are tested with
   python3 python3-grpcio python3-protobuf nghttp2-client libopencv-dnn-dev
-  haproxy openssl rsync sqlite3 kubernetes-client python3-yaml)
+  # deploy/backup.sh, deploy/balancing, deploy/kubernetes
+  haproxy openssl rsync sqlite3 kubernetes-client python3-yaml
+  # deploy/packages: systemd says how far the unit is closed
+  systemd)
 
 missing=()
 for package in "${packages[@]}"; do

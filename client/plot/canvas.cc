@@ -3,8 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+
+#include "client/plot/png.h"
 
 namespace maneuver::plot {
 namespace {
@@ -249,9 +250,7 @@ std::string Canvas::EncodePng() const {
   cv::Mat small;
   cv::resize(picture_, small, cv::Size(picture_.cols / kScale, picture_.rows / kScale), 0.0, 0.0,
              cv::INTER_AREA);
-  std::vector<uint8_t> bytes;
-  cv::imencode(".png", small, bytes);
-  return {bytes.begin(), bytes.end()};
+  return plot::EncodePng(small);
 }
 
 }  // namespace maneuver::plot

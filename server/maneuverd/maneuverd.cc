@@ -24,6 +24,7 @@
 #include "server/jobs/supervisor.h"
 #include "server/jobs/worker_pool.h"
 #include "server/maneuverd/data_lock.h"
+#include "server/maneuverd/health_command.h"
 #include "server/maneuverd/idle_memory.h"
 #include "server/maneuverd/options.h"
 #include "server/maneuverd/protection.h"
@@ -296,6 +297,9 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
 
 int Main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "token") return RunTokenCommand(argc - 1, argv + 1);
+  if (argc > 1 && std::string_view(argv[1]) == "health") {
+    return RunHealthCommand(argc - 1, argv + 1, environ);
+  }
   const auto parsed = ParseCommandLine(argc, argv, environ);
   if (const int* status = std::get_if<int>(&parsed)) return *status;
   const auto& options = std::get<ServerOptions>(parsed);

@@ -2,7 +2,6 @@
 
 #include <prometheus/collectable.h>
 #include <prometheus/counter.h>
-#include <prometheus/exposer.h>
 #include <prometheus/gauge.h>
 #include <prometheus/histogram.h>
 #include <prometheus/registry.h>
@@ -16,6 +15,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "server/monitoring/metrics_page_server.h"
 #include "server/monitoring/process_metrics.h"
 
 namespace maneuver::monitoring {
@@ -111,11 +111,10 @@ class PrometheusRegistry final : public PrometheusMetrics {
 
   absl::StatusOr<int> Listen(const std::string& address) override {
     try {
-      constexpr size_t kThreads = 1;
-      exposer_ = std::make_unique<prometheus::Exposer>(address, kThreads);
-      exposer_->RegisterCollectable(registry_);
-      exposer_->RegisterCollectable(process_);
-      return exposer_->GetListeningPorts().at(0);
+      page_ = std::make_unique<MetricsPageServer>(address);
+      page_->Show(registry_);
+      page_->Show(process_);
+      return page_->port();
     } catch (const std::exception& error) {
       return absl::UnavailableError(absl::StrCat("cannot serve metrics on ", address, " (",
                                                  error.what(), "): is the port taken?"));
@@ -136,7 +135,7 @@ class PrometheusRegistry final : public PrometheusMetrics {
   std::map<prometheus::Counter*, PrometheusCounter> counters_;
   std::map<prometheus::Gauge*, PrometheusGauge> gauges_;
   std::map<prometheus::Histogram*, PrometheusHistogram> histograms_;
-  std::unique_ptr<prometheus::Exposer> exposer_;  // last: stops before what it shows
+  std::unique_ptr<MetricsPageServer> page_;  // last: stops before what it shows
 };
 
 }  // namespace

@@ -1,0 +1,110 @@
+// maneuverd health, the probe of machines and containers that have the server alone.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include "tests/integration/secured_server.h"
+
+namespace maneuver::testing {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr int kServing = 0;
+constexpr int kNotServing = 1;
+constexpr int kCannotAsk = 2;
+
+std::string PortOf(const std::string& address) { return address.substr(address.rfind(':') + 1); }
+
+class HealthCommandTest : public ::testing::Test {
+ protected:
+  int Probe(const std::string& listen, std::vector<std::string> arguments = {}) {
+    std::vector<std::string> command = {MANEUVERD, "health"};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    command.insert(command.end(),
+                   {"--data-dir", folder_.file("data").string(), "--listen", listen});
+    return maneuver::testing::Run(command, &output_);
+  }
+
+  std::vector<std::string> Tls() const {
+    return {"--tls-certificate", folder_.file("server.crt").string(), "--tls-key",
+            folder_.file("server.key").string()};
+  }
+
+  SecuredFolder folder_;
+  std::string output_;
+};
+
+TEST_F(HealthCommandTest, SaysWhetherTheServerAndEachServiceServe) {
+  const auto server = folder_.Start();
+  EXPECT_EQ(Probe(server->address()), kServing);
+  EXPECT_EQ(output_, "SERVING\n");
+  EXPECT_EQ(Probe(server->address(), {"maneuver.v1.TrainingService"}), kServing);
+  // It has no model.
+  EXPECT_EQ(Probe(server->address(), {"maneuver.v1.PredictionService"}), kNotServing);
+  EXPECT_THAT(output_, HasSubstr("PredictionService is not ready to serve"));
+  EXPECT_EQ(Probe(server->address(), {"no.such.Service"}), kNotServing);
+}
+
+TEST_F(HealthCommandTest, WhoListensEverywhereIsAskedOnThisMachine) {
+  const auto server = folder_.Start();
+  EXPECT_EQ(Probe("0.0.0.0:" + PortOf(server->address()), {"--insecure"}), kServing);
+}
+
+TEST_F(HealthCommandTest, ReadsTheServersFileAndRefusesWhatTheServerWouldRefuse) {
+  const auto server = folder_.Start();
+  folder_.Write("maneuverd.conf", "listen = " + server->address() + "\ndata-dir = \"" +
+                                      folder_.file("data").string() + "\"\n");
+  EXPECT_EQ(
+      maneuver::testing::Run(
+          {MANEUVERD, "health", "--config", folder_.file("maneuverd.conf").string()}, &output_),
+      kServing);
+  folder_.Write("maneuverd.conf", "lissen = " + server->address() + "\n");
+  EXPECT_EQ(
+      maneuver::testing::Run(
+          {MANEUVERD, "health", "--config", folder_.file("maneuverd.conf").string()}, &output_),
+      kCannotAsk);
+  EXPECT_EQ(Probe("127.0.0.1:0"), kCannotAsk);
+}
+
+TEST_F(HealthCommandTest, WhoIsGoneDoesNotServe) {
+  auto server = folder_.Start();
+  const std::string address = server->address();
+  server->Terminate();
+  EXPECT_EQ(Probe(address), kNotServing);
+}
+
+TEST_F(HealthCommandTest, AsksOverTlsWhateverNameTheCertificateHas) {
+  TestAuthority authority("authority");
+  folder_.Install(authority.Issue("server", "DNS:elsewhere.example"));
+  const auto server = folder_.StartTls();
+  EXPECT_EQ(Probe(server->address(), Tls()), kServing) << output_;
+  EXPECT_EQ(Probe(server->address()), kNotServing) << "plain text";
+}
+
+TEST_F(HealthCommandTest, BringsACertificateWhereOneIsAskedFor) {
+  TestAuthority authority("authority");
+  TestAuthority clients("clients");
+  folder_.Install(authority.Issue("server", "IP:127.0.0.1"));
+  folder_.Write("ca.crt", clients.certificate());
+  folder_.Write("tokens", "probe predict cn:probe\n");
+  const auto probe = clients.Issue("probe", "");
+  folder_.Write("probe.crt", probe.certificate);
+  folder_.Write("probe.key", probe.key);
+  const std::vector<std::string> mutual = {"--tokens", folder_.file("tokens").string(),
+                                           "--tls-client-ca", folder_.file("ca.crt").string()};
+  const auto server = folder_.StartTls(mutual);
+  EXPECT_EQ(Probe(server->address(), Tls()), kNotServing);
+  setenv("MANEUVER_TLS_CERTIFICATE", folder_.file("probe.crt").c_str(), 1);
+  setenv("MANEUVER_TLS_KEY", folder_.file("probe.key").c_str(), 1);
+  EXPECT_EQ(Probe(server->address(), Tls()), kServing) << output_;
+  unsetenv("MANEUVER_TLS_CERTIFICATE");
+  unsetenv("MANEUVER_TLS_KEY");
+}
+
+}  // namespace
+}  // namespace maneuver::testing
