@@ -22,9 +22,11 @@ packages=(
   # what the scripts use
   git curl ca-certificates
 )
-# Clients that are not ours, for tests/clients; the engine that exported networks are tested with.
+# Clients that are not ours, for tests/clients; the engine that exported networks are tested with;
+# what the dashboard, the alerts and Compose are tested with.
 [ "${1:-}" != --tests ] || packages+=(
-  python3 python3-grpcio python3-protobuf nghttp2-client libopencv-dnn-dev)
+  python3 python3-grpcio python3-protobuf nghttp2-client libopencv-dnn-dev
+  prometheus docker-compose openssl)
 
 missing=()
 for package in "${packages[@]}"; do
@@ -49,4 +51,8 @@ if ! { apt-get update --quiet >"$log" 2>&1 && install; }; then
   cat "$log" >&2
   echo "install-deps: apt-get failed; its last words are above" >&2
   exit 1
+fi
+# Its tests start a Prometheus of their own; Debian's package would keep one running.
+if [[ " ${missing[*]} " == *" prometheus "* ]] && [ -d /run/systemd/system ]; then
+  systemctl disable --now --quiet prometheus
 fi
