@@ -29,7 +29,7 @@ def models():
 def jobs():
     return row(
         "Jobs and training curves",
-        curves("What do jobs wait for?", "Jobs that run and that wait. Always some pending: raise --max-running-jobs, or ask for less.",
+        curves("How many jobs run, and how many wait?", "Always some pending: raise --max-running-jobs, or ask for less.",
                [query('sum by (state) (maneuver_jobs{SERVER, state=~"pending|running"})', "{{state}}")], "short", steps=True, least=0),
         curves("How did jobs end?",
                "In the last hour; interrupted ones go on from a checkpoint. Failed: maneuver job show JOB says why, and what to do.",
@@ -40,7 +40,8 @@ def jobs():
         curves("Do they still learn?",
                "Loss of the last epoch, nats an example; each phase has its own, so it jumps where one begins. Validation rising while "
                "training falls: it learns by heart; fewer epochs, or more data.",
-               [query("maneuver_training_loss_nats{SERVER}", "{{of}}, slot {{slot}}")], "none", width=12, steps=True),
+               [query("maneuver_training_loss_nats{SERVER}", "{{of}}, slot {{slot}}")], "none", width=12, steps=True,
+               orders=True),
         curves("How well do they explain what they have not seen?",
                "Log-likelihood of a waypoint on validation examples, nats; higher is better. What two versions of one model "
                "can be compared by.",

@@ -32,13 +32,15 @@ def _panel(kind, title, description, queries, unit, width, height, options, defa
 
 
 def curves(title, description, queries, unit, width=8, height=8, stacked=False, steps=False,
-           points=False, least=None, most=None, limit=None):
-    """Lines over time. limit: a red line at what should not be passed."""
+           orders=False, least=None, most=None, limit=None):
+    """Lines over time. orders: by orders of magnitude, of either sign. limit: a red line at what should not be passed."""
     custom = {"drawStyle": "line", "lineWidth": 1, "fillOpacity": 25 if stacked else 8,
               "lineInterpolation": "stepAfter" if steps else "linear",
-              "showPoints": "always" if points else "never", "spanNulls": False,
+              "showPoints": "never", "spanNulls": False,
               "stacking": {"mode": "normal" if stacked else "none", "group": "A"},
               "thresholdsStyle": {"mode": "line" if limit is not None else "off"}}
+    if orders:
+        custom["scaleDistribution"] = {"type": "symlog", "log": 10, "linearThreshold": 1}
     defaults = {"color": _PALETTE, "custom": custom}
     if least is not None:
         defaults["min"] = least

@@ -45,11 +45,25 @@ def text(x, y, words, size=11, colour=TEXT, anchor="start", weight="normal"):
             f'font-weight="{weight}">{html.escape(words)}</text>')
 
 
-def ticks(low, high, wanted=4):
+def ticks(low, high, unit, wanted=4):
+    if unit in ("bytes", "Bps") and high > 1024:
+        size = 1024 ** int(math.log(high, 1024))
+        return [size * tick for tick in ticks(low / size, high / size, "", wanted)]
     rough = (high - low) / wanted
     power = 10 ** math.floor(math.log10(rough))
     step = next(factor * power for factor in (1, 2, 2.5, 5, 10) if factor * power >= rough * 0.999)
     return [step * i for i in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+
+
+def magnitude(value):
+    """Grafana's symlog: straight up to 1, orders of magnitude beyond, of either sign."""
+    return value if abs(value) <= 1 else math.copysign(1 + math.log10(abs(value)), value)
+
+
+def orders(low, high):
+    """Ticks of that scale, as they are placed and as they are."""
+    powers = [10.0 ** power for power in range(12)]
+    return [tick for tick in [-power for power in reversed(powers)] + [0] + powers if low <= magnitude(tick) <= high]
 
 
 def legend_of(target, labels):
@@ -121,7 +135,8 @@ class Drawing:
         stacked = custom["stacking"]["mode"] == "normal"
         if stacked:
             series = self.stack(series)
-        values = [value for _, course in series for _, value in course if value is not None]
+        scale, ticks_of = (magnitude, orders) if "scaleDistribution" in custom else (float, lambda a, b: ticks(a, b, unit))
+        values = [scale(value) for _, course in series for _, value in course if value is not None]
         low = min(values + [defaults["min"]] if "min" in defaults else values)
         high = max(values + [defaults["max"]] if "max" in defaults else values)
         limit = defaults["thresholds"]["steps"][-1]["value"] if custom["thresholdsStyle"]["mode"] == "line" else None
@@ -130,10 +145,10 @@ class Drawing:
         high = high + 0.06 * (high - low) if high > low else low + 1
         legends = self.legend(x + 8, y + height - 6, width - 16, series)
         left, top, right, bottom = x + 58, y + 30, x + width - 12, y + height - 18 - 14 * legends
-        put_y = lambda value: bottom - (bottom - top) * (value - low) / (high - low)
+        put_y = lambda value: bottom - (bottom - top) * (scale(value) - low) / (high - low)
         put_x = lambda at: left + (right - left) * (at - self.start) / (self.end - self.start)
         self.time_axis(left, top, right - left, bottom - top)
-        for tick in ticks(low, high):
+        for tick in ticks_of(low, high):
             self.line(left, put_y(tick), right, put_y(tick))
             self.parts.append(text(left - 6, put_y(tick) + 3, shown(tick, unit), 9, FAINT, "end"))
         if limit is not None and limit <= high:

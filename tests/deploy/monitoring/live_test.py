@@ -36,7 +36,7 @@ def live(server, prometheus):
     server.maneuver("model", "promote", "town/1")
     server.maneuver("model", "promote", "town/2", "--alias", "candidate")
     job = server.train("--promote", "never", "--epochs", 10_000)
-    server.maneuver("load", "--rate", 40, "--warm-up", 0, "--duration", 4)
+    server.maneuver("load", "--rate", 40, "--register-maps", "--warm-up", 0, "--duration", 4)
     # Finite, and later than pretraining.
     learns = "maneuver_training_log_likelihood_nats == maneuver_training_log_likelihood_nats"
     wait_for("a first epoch", lambda: prometheus.now(learns))
@@ -82,11 +82,11 @@ class LiveTest(unittest.TestCase):
         """The queries that would be 0 all the time if nothing had happened."""
         seen = {
             'maneuver_targets_total{outcome="refused"}', 'maneuver_dropped_targets_total{cause="expired"}',
+            'maneuver_map_lookups_total{result="hit"}', 'maneuver_requests_total{code="NOT_FOUND"}',
             'maneuver_refused_calls_total{reason="TOKEN_UNKNOWN"}', 'maneuver_refused_calls_total{reason="ROLE_MISSING"}',
             'maneuver_model_swaps_total{alias="serving"}', 'maneuver_model_swaps_total{alias="candidate"}',
             'maneuver_shadow_targets_total{outcome="compared"}', 'maneuver_job_ends_total{state="failed"}',
-            'maneuver_job_ends_total{state="cancelled"}',
-            'maneuver_requests_total{code="NOT_FOUND"}'}
+            'maneuver_job_ends_total{state="cancelled"}'}
         for series in seen:
             with self.subTest(series=series):
                 self.assertTrue(any(value > 0 for _, value in self.prometheus.now(series)))

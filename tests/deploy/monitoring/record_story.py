@@ -15,13 +15,13 @@ import tempfile
 import time
 
 import dashboard
-from scraped_server import Prometheus, Server
+from scraped_server import Prometheus, Server, wait_for
 
 STEP = 3  # seconds between two points
 
 
-def story(server, dataset, minutes):
-    """Each thing at its share of the time."""
+def story(server, prometheus, dataset, minutes):
+    """Each thing at its share of the time; when the steady load ended."""
     begin = time.monotonic()
     running = []
 
@@ -35,13 +35,15 @@ def story(server, dataset, minutes):
         seconds = share * 60 * minutes
         start("load", "--dataset", dataset, "--warm-up", 0, "--duration", f"{seconds:.0f}", *arguments)
 
+    wait_for("a first scrape", lambda: prometheus.now("up == 1"))
     server.maneuver("model", "promote", "town/1")
     server.maneuver("model", "promote", "town/2", "--alias", "candidate")
-    load(1.0, "--rate", 25, "--targets", "1-8")
-    load(0.9, "--rate", 4, "--targets", "8-16", "--priority", "bulk")
-    load(0.95, "--rate", 8, "--method", "probability", "--targets", "1-4")
+    load(1.0, "--rate", 20, "--targets", "1-8", "--register-maps")
+    load(1.0, "--rate", 4, "--targets", "8-16", "--priority", "bulk")
+    load(1.0, "--rate", 8, "--method", "probability", "--targets", "1-4")
     at(0.08)
-    job = server.train("--promote", "never", "--epochs", 400, "--set", "examples.max_examples=1200")
+    job = server.train("--promote", "never", "--epochs", 200, "--pretraining-epochs", 15, "--mixture-epochs", 60,
+                       "--set", "examples.max_examples=3000", "--set", "augmentation.mirror=false")
     at(0.2)
     load(0.08, "--rate", 40, "--targets", "1-8")
     at(0.38)
@@ -59,25 +61,28 @@ def story(server, dataset, minutes):
     at(0.86)
     server.maneuver("job", "cancel", job)
     server.maneuver("job", "watch", server.train("--horizon", "60s"), fails=True)
-    at(1.0)
+    at(0.97)
+    end = time.time()
     for process in running:
         process.wait()
+    return end
 
 
 def main(programs, output, dataset, model, candidate, minutes="10"):
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
-        server = Server(programs, folder, ["--workers", "1", "--shadow-fraction", "0.5", "--max-queue", "512"], [model, candidate])
+        server = Server(programs, folder, ["--workers", "1", "--shadow-fraction", "0.5", "--max-queue", "128"], [model, candidate],
+                        recordings=60)
         prometheus = Prometheus(folder, server.metrics)
         try:
             server.maneuver("dataset", "upload", folder / "town", "town")
             prometheus.start = time.time()
-            story(server, dataset, float(minutes))
+            end = story(server, prometheus, dataset, float(minutes))
             courses = {}
             for query in dashboard.queries():
                 courses[query.expr] = [
                     {"labels": labels, "values": [(at, value if math.isfinite(value) else None) for at, value in values]}
-                    for labels, values in prometheus.course(dashboard.written_out(query.expr), step=STEP)]
+                    for labels, values in prometheus.course(dashboard.written_out(query.expr), end=end, step=STEP)]
             pathlib.Path(output).write_text(json.dumps({"start": prometheus.start, "step": STEP, "courses": courses}))
         finally:
             prometheus.stop()

@@ -24,11 +24,11 @@ TINY = {
         "raster": {"height": 48, "width": 48, "meters_per_pixel": 2, "history_frames": 3, "frame_interval": "0.5s"},
         "backbone": {"convolutions": [{"channels": 16, "stride": 2}, {"channels": 24, "stride": 2}], "features": 48},
         "trajectory": {"waypoints": 10, "waypoint_interval": "0.4s"},
-        "actions": 8,
+        "actions": 12,
         "latent_dimensions": 3,
-        "action_predictor": {"hidden": [32, 32]},
-        "trajectory_encoder": {"hidden": [32, 32]},
-        "decoder": {"hidden": [32, 32]},
+        "action_predictor": {"hidden": [96, 96]},
+        "trajectory_encoder": {"hidden": [96, 96]},
+        "decoder": {"hidden": [96, 96]},
         "scenario_encoder": {"hidden": [32, 32]}},
     "optimization": {"pretraining_epochs": 1, "mixture_epochs": 1, "joint_epochs": 1, "posterior_epochs": 1},
     "examples": {"max_examples": 300},
@@ -73,13 +73,13 @@ class Server:
     """A maneuverd in `folder`, with a certificate of its own and models/town of two versions, neither of which serves;
     models: their folders. The town that they were learned from is in `folder`/town. Without `models`, tiny ones are learned."""
 
-    def __init__(self, programs, folder, flags, models=()):
+    def __init__(self, programs, folder, flags, models=(), recordings=24):
         self._programs, self.folder = pathlib.Path(programs), folder
         self._make_certificate()
         self.operator = self._make_token("operator", "predict,train,admin")
         self.planner = self._make_token("planner", "predict")
         (folder / "tiny.json").write_text(json.dumps(TINY))
-        self.run("maneuver", "synthesize", folder / "town", "--recordings", 24)
+        self.run("maneuver", "synthesize", folder / "town", "--recordings", recordings)
         for version, model in enumerate(models or map(self._learn, (1, 2)), 1):
             shutil.copytree(model, folder / "data/models/town" / str(version))
         ports = folder / "ports.json"
@@ -187,9 +187,9 @@ class Prometheus:
         """[(labels, value)] at this moment."""
         return [(each["metric"], float(each["value"][1])) for each in self.get("query", query=expr)["result"]]
 
-    def course(self, expr, start=None, step=1):
-        """[(labels, [(time, value)])] from the start until now."""
-        series = self.get("query_range", query=expr, start=start or self.start, end=time.time(), step=step)["result"]
+    def course(self, expr, end=None, step=1):
+        """[(labels, [(time, value)])] from the start until the end, or now."""
+        series = self.get("query_range", query=expr, start=self.start, end=end or time.time(), step=step)["result"]
         return [(each["metric"], [(at, float(value)) for at, value in each["values"]]) for each in series]
 
     def stop(self):
