@@ -15,7 +15,7 @@ import urllib.request
 REPOSITORY = pathlib.Path(__file__).resolve().parents[3]
 COMPOSE = REPOSITORY / "deploy/compose"
 RULES = REPOSITORY / "deploy/monitoring/prometheus"
-PATIENCE = 60  # seconds that a process has to start
+PATIENCE = 120  # seconds that something has to start
 
 # Trains in seconds.
 TINY = {
