@@ -29,7 +29,9 @@ case "${1:-}" in --tests | --packages) packages+=(dpkg-dev file) ;; esac
   # deploy/backup.sh, deploy/balancing, deploy/kubernetes
   haproxy openssl rsync sqlite3 kubernetes-client python3-yaml
   # deploy/packages: systemd says how far the unit is closed
-  systemd)
+  systemd
+  # the dashboard, the alerts, Compose
+  prometheus docker-compose)
 
 missing=()
 for package in "${packages[@]}"; do
@@ -55,7 +57,9 @@ if ! { apt-get update --quiet >"$log" 2>&1 && install; }; then
   echo "install-deps: apt-get failed; its last words are above" >&2
   exit 1
 fi
-# The balancer is for tests: not a service of this machine.
-if [[ " ${missing[*]} " == *" haproxy "* ]] && [ -d /run/systemd/system ]; then
-  systemctl disable --now --quiet haproxy
-fi
+# Some are for tests, which start their own: no services of this machine.
+for service in haproxy prometheus; do
+  if [[ " ${missing[*]} " == *" $service "* ]] && [ -d /run/systemd/system ]; then
+    systemctl disable --now --quiet "$service"
+  fi
+done

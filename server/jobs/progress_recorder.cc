@@ -15,12 +15,14 @@ constexpr absl::Duration kShortest = absl::Milliseconds(200);
 }  // namespace
 
 ProgressRecorder::ProgressRecorder(JobStore& store, JobNews& news, const v1::Job& job,
-                                   std::function<absl::Time()> now)
+                                   std::function<absl::Time()> now,
+                                   std::function<void(const v1::JobProgress&)> show)
     : store_(store),
       news_(news),
       job_(job.name()),
       attempt_(job.attempts().started()),
       now_(std::move(now)),
+      show_(std::move(show)),
       last_sequence_(job.progress().sequence()) {}
 
 void ProgressRecorder::SetPart(double begin, double end) {
@@ -62,6 +64,7 @@ void ProgressRecorder::Store(v1::JobProgress progress) {
   progress.set_attempt(attempt_);
   last_time_ = now_();
   last_phase_ = progress.phase();
+  if (show_) show_(progress);
   // An event that is lost is a pity, but no reason to lose the job.
   if (const absl::Status status = store_.AddProgress(job_, progress); !status.ok()) {
     monitoring::Log(monitoring::LogLevel::kWarning, "progress not stored",

@@ -21,8 +21,10 @@ namespace maneuver::jobs {
 class ProgressRecorder {
  public:
   //   job: with its latest event so far, and this process counted.
+  //   show: called with every event that is stored.
   ProgressRecorder(JobStore& store, JobNews& news, const v1::Job& job,
-                   std::function<absl::Time()> now);
+                   std::function<absl::Time()> now,
+                   std::function<void(const v1::JobProgress&)> show = nullptr);
 
   // What the trainer reports from now on is this part of the job, from 0 to 1: its fraction becomes
   // one of the whole. At first it is all of it.
@@ -42,6 +44,7 @@ class ProgressRecorder {
   const std::string job_;
   const int attempt_;
   const std::function<absl::Time()> now_;
+  const std::function<void(const v1::JobProgress&)> show_;
   int64_t last_sequence_;
   absl::Time last_time_ = absl::InfinitePast();
   std::string last_phase_;

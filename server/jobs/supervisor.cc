@@ -38,7 +38,7 @@ absl::StatusOr<std::unique_ptr<Supervisor>> Supervisor::Start(SupervisorOptions 
       new Supervisor(std::move(options), store, datasets, metrics));
   if (absl::Status status = supervisor->Recover(); !status.ok()) return status;
   for (int i = 0; i < supervisor->options_.max_running_jobs; ++i) {
-    supervisor->threads_.emplace_back([s = supervisor.get()] { s->RunJobs(); });
+    supervisor->threads_.emplace_back([s = supervisor.get(), i] { s->RunJobs(i); });
   }
   return supervisor;
 }
@@ -49,9 +49,13 @@ Supervisor::Supervisor(SupervisorOptions options, JobStore& store, data::Dataset
       store_(store),
       datasets_(datasets),
       interruptions_(metrics.AddCounter("maneuver_job_interruptions_total",
-                                        "Processes of jobs that died or were cut off.")) {
+                                        "Processes of jobs that died or were cut off.")),
+      curves_(metrics, options_.max_running_jobs) {
   for (const v1::JobState state : kJobStates) {
     gauges_[state] = &metrics.AddGauge("maneuver_jobs", "Jobs by state.",
+                                       {{"state", std::string(JobStateLabel(state))}});
+    if (!HasEnded(state)) continue;
+    ends_[state] = &metrics.AddCounter("maneuver_job_ends_total", "Jobs that ended, by state.",
                                        {{"state", std::string(JobStateLabel(state))}});
   }
 }
@@ -94,6 +98,7 @@ absl::Status Supervisor::Recover() {
       *job.mutable_error() = errors::ToProto(ServerInterrupted());
     }
     if (absl::Status status = store_.Move(v1::JOB_STATE_RUNNING, job); !status.ok()) return status;
+    if (HasEnded(job.state())) CountEnd(job.state());
     Log(LogLevel::kWarning, "job was interrupted",
         {{"job", job.name()}, {"state", std::string(JobStateLabel(job.state()))}});
   }
@@ -114,7 +119,7 @@ fs::path Supervisor::FolderOf(const std::string& name) const {
   return options_.folder / std::string(absl::StripPrefix(name, "jobs/"));
 }
 
-void Supervisor::RunJobs() {
+void Supervisor::RunJobs(int slot) {
   std::unique_lock lock(mutex_);
   while (!stops_) {
     auto pending = store_.ListInState(v1::JOB_STATE_PENDING, 1);
@@ -138,12 +143,12 @@ void Supervisor::RunJobs() {
     const auto stop = std::make_shared<StopRequest>();
     running_[job.name()] = stop;
     lock.unlock();
-    RunOne(job, *stop);
+    RunOne(job, slot, *stop);
     lock.lock();
   }
 }
 
-void Supervisor::RunOne(const v1::Job& job, StopRequest& stop) {
+void Supervisor::RunOne(const v1::Job& job, int slot, StopRequest& stop) {
   Log(LogLevel::kInfo, "job started",
       {{"job", job.name()},
        {"attempt", job.attempts().started()},
@@ -160,8 +165,12 @@ void Supervisor::RunOne(const v1::Job& job, StopRequest& stop) {
       .resolve = options_.resolve,
       .versions = options_.versions,
       .patience = options_.patience};
-  ProgressRecorder progress(store_, news_, job, options_.now);
-  EndRun(RunJob(job, FolderOf(job.name()), environment, stop, progress, options_.now), stop);
+  ProgressRecorder progress(
+      store_, news_, job, options_.now,
+      [this, slot](const v1::JobProgress& event) { curves_.Show(slot, event); });
+  v1::Job ended = RunJob(job, FolderOf(job.name()), environment, stop, progress, options_.now);
+  curves_.Clear(slot);
+  EndRun(std::move(ended), stop);
 }
 
 void Supervisor::EndRun(v1::Job job, StopRequest& stop) {
@@ -190,7 +199,11 @@ void Supervisor::EndRun(v1::Job job, StopRequest& stop) {
       {{"job", job.name()},
        {"state", std::string(JobStateLabel(job.state()))},
        {"error", job.error().message()}});
-  if (!HasEnded(job.state())) interruptions_.Increment();
+  if (HasEnded(job.state())) {
+    CountEnd(job.state());
+  } else {
+    interruptions_.Increment();
+  }
   changed_.notify_one();
   CountJobs();
   news_.Publish(job.name());

@@ -24,6 +24,7 @@
 #include "model/data/dataset_store.h"
 #include "server/jobs/checkpoints.h"
 #include "server/jobs/child_process.h"
+#include "server/jobs/job_curves.h"
 #include "server/jobs/job_run.h"
 #include "server/jobs/job_store.h"
 #include "server/jobs/job_watch.h"
@@ -120,17 +121,22 @@ class Supervisor {
   absl::Status CheckDatasets(const v1::Job& job) const;
   std::filesystem::path FolderOf(const std::string& name) const;
 
-  void RunJobs();
-  void RunOne(const v1::Job& job, StopRequest& stop);
+  //   slot: which of the jobs that may run at a time; from 0.
+  void RunJobs(int slot);
+  void RunOne(const v1::Job& job, int slot, StopRequest& stop);
   // Stores what a process of a job came to.
   void EndRun(v1::Job job, StopRequest& stop);
+  // Shows how many jobs are in each state.
   void CountJobs();
+  void CountEnd(v1::JobState state) { ends_.at(state)->Increment(); }
 
   const SupervisorOptions options_;
   JobStore& store_;
   data::DatasetStore& datasets_;
   std::map<v1::JobState, monitoring::Gauge*> gauges_;
+  std::map<v1::JobState, monitoring::Counter*> ends_;  // of the states that end a job
   monitoring::Counter& interruptions_;
+  JobCurves curves_;
   JobNews news_;
   std::atomic<bool> is_stopped_ = false;
 

@@ -152,6 +152,7 @@ absl::StatusOr<v1::Job> Supervisor::Cancel(const std::string& name) {
     *job->mutable_end_time() = ToTimestamp(options_.now());
     if (absl::Status status = store_.Move(v1::JOB_STATE_PENDING, *job); !status.ok()) return status;
   }
+  CountEnd(job->state());
   CountJobs();
   news_.Publish(name);
   Log(LogLevel::kInfo, "job cancelled before it ran", {{"job", name}});

@@ -203,6 +203,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   if (!protection.ok()) return protection.status();
   const auto lock = DataLock::Take(options.data_dir);
   if (!lock.ok()) return lock.status();
+  metrics->WatchDisk(options.data_dir);
   const auto store = jobs::SqliteStore::Open(options.data_dir / "maneuver.db");
   if (!store.ok()) return store.status();
   const auto datasets = data::DatasetStore::Open(options.data_dir / "datasets", options.datasets);

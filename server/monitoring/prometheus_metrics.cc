@@ -12,6 +12,8 @@
 #include <iterator>
 #include <map>
 #include <mutex>
+#include <system_error>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -79,6 +81,27 @@ class ProcessCollectable final : public prometheus::Collectable {
   }
 };
 
+// The disk of a folder, looked at whenever the page is made.
+class DiskCollectable final : public prometheus::Collectable {
+ public:
+  explicit DiskCollectable(std::filesystem::path folder) : folder_(std::move(folder)) {}
+
+  std::vector<prometheus::MetricFamily> Collect() const override {
+    using prometheus::MetricType;
+    std::error_code error;
+    const auto space = std::filesystem::space(folder_, error);
+    if (error) return {};
+    return {Family("maneuver_data_disk_bytes", "Size of the disk that holds the data folder.",
+                   MetricType::Gauge, static_cast<double>(space.capacity)),
+            Family("maneuver_data_disk_free_bytes",
+                   "What the server may still write to the disk that holds the data folder.",
+                   MetricType::Gauge, static_cast<double>(space.available))};
+  }
+
+ private:
+  const std::filesystem::path folder_;
+};
+
 class PrometheusRegistry final : public PrometheusMetrics {
  public:
   PrometheusRegistry() : registry_(std::make_shared<prometheus::Registry>()) {}
@@ -103,9 +126,15 @@ class PrometheusRegistry final : public PrometheusMetrics {
                                  .Add(labels, buckets));
   }
 
+  void WatchDisk(const std::filesystem::path& folder) override {
+    looked_at_.push_back(std::make_shared<DiskCollectable>(folder));
+  }
+
   std::string Page() const override {
     auto families = registry_->Collect();
-    std::ranges::move(process_->Collect(), std::back_inserter(families));
+    for (const auto& each : looked_at_) {
+      std::ranges::move(each->Collect(), std::back_inserter(families));
+    }
     return prometheus::TextSerializer().Serialize(families);
   }
 
@@ -113,7 +142,7 @@ class PrometheusRegistry final : public PrometheusMetrics {
     try {
       page_ = std::make_unique<MetricsPageServer>(address);
       page_->Show(registry_);
-      page_->Show(process_);
+      for (const auto& each : looked_at_) page_->Show(each);
       return page_->port();
     } catch (const std::exception& error) {
       return absl::UnavailableError(absl::StrCat("cannot serve metrics on ", address, " (",
@@ -130,7 +159,9 @@ class PrometheusRegistry final : public PrometheusMetrics {
   }
 
   const std::shared_ptr<prometheus::Registry> registry_;
-  const std::shared_ptr<prometheus::Collectable> process_ = std::make_shared<ProcessCollectable>();
+  // What is looked at whenever the page is made.
+  std::vector<std::shared_ptr<prometheus::Collectable>> looked_at_ = {
+      std::make_shared<ProcessCollectable>()};
   std::mutex mutex_;  // guards the maps, whose elements never move
   std::map<prometheus::Counter*, PrometheusCounter> counters_;
   std::map<prometheus::Gauge*, PrometheusGauge> gauges_;

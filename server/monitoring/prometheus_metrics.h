@@ -3,6 +3,7 @@
 #ifndef MANEUVER_SERVER_MONITORING_PROMETHEUS_METRICS_H_
 #define MANEUVER_SERVER_MONITORING_PROMETHEUS_METRICS_H_
 
+#include <filesystem>
 #include <memory>
 #include <string>
 
@@ -14,6 +15,10 @@ namespace maneuver::monitoring {
 class PrometheusMetrics : public MetricRegistry {
  public:
   static std::unique_ptr<PrometheusMetrics> Create();
+
+  // From now on the page says how large the disk is that holds `folder`, and how much of it is
+  // free. Call before Listen, once.
+  virtual void WatchDisk(const std::filesystem::path& folder) = 0;
 
   // The page, in Prometheus' text format; with the metrics of the process (process_metrics.h).
   virtual std::string Page() const = 0;

@@ -91,6 +91,9 @@ BatchScheduler::Metrics::Metrics(monitoring::MetricRegistry& registry)
 
 BatchScheduler::BatchScheduler(const SchedulerOptions& options, monitoring::MetricRegistry& metrics)
     : options_(options), metrics_(metrics), queue_(options.queue), drain_rate_(options.workers) {
+  metrics.AddGauge("maneuver_workers", "Threads that evaluate models.").Set(options_.workers);
+  metrics.AddGauge("maneuver_queue_limit_targets", "Most targets of each priority that may wait.")
+      .Set(options_.queue.max_queue);
   for (int i = 0; i < options_.workers; ++i) workers_.emplace_back([this, i] { Work(i); });
 }
 

@@ -60,11 +60,7 @@ ModelRegistry::ModelRegistry(std::filesystem::path folder, AliasStore& aliases, 
       alias_store_(aliases),
       loader_(std::move(loader)),
       options_(options),
-      models_loaded_(
-          metrics.AddGauge("maneuver_models_loaded", "Model versions that are in memory.")),
-      load_time_(metrics.AddHistogram("maneuver_model_load_seconds",
-                                      "Time to load and warm up a model version.",
-                                      monitoring::TimeBuckets())) {}
+      metrics_(metrics) {}
 
 void ModelRegistry::OnReadyChange(std::function<void(bool)> listener) {
   const std::lock_guard change(change_mutex_);
@@ -85,6 +81,14 @@ bool ModelRegistry::ReadyLocked() const {
 }
 
 void ModelRegistry::NotifyReady() {
+  std::map<ModelAliasName, int> loaded;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [name, version] : aliases_) {
+      if (resident_.contains({name.model, version})) loaded[name] = version;
+    }
+  }
+  metrics_.Show(loaded);
   if (listener_) listener_(Ready());
 }
 
@@ -197,12 +201,13 @@ absl::StatusOr<ModelHandle> ModelRegistry::LoadFolder(const ModelVersionName& na
     status = handle->WarmUp();
   }
   if (!status.ok()) {
+    metrics_.CountFailedLoad();
     Log(LogLevel::kError, "model refused",
         {{"model_version", name.ToString()}, {"reason", std::string(status.message())}});
     return Unusable(name, status);
   }
   const double seconds = SecondsSince(start);
-  load_time_.Observe(seconds);
+  metrics_.CountLoad(seconds);
   Log(LogLevel::kInfo, "model loaded",
       {{"model_version", name.ToString()},
        {"precision", handle->model().precision()},
@@ -249,7 +254,7 @@ void ModelRegistry::MakeResidentLocked(const ModelHandle& handle,
     dropped.push_back(std::move(found->second.handle));
     resident_.erase(found);
   }
-  models_loaded_.Set(static_cast<double>(resident_.size()));
+  metrics_.SetLoaded(resident_.size());
 }
 
 std::vector<std::string> ModelRegistry::AliasesOfLocked(const ModelVersionName& name) const {
@@ -267,7 +272,8 @@ absl::Status ModelRegistry::PointAlias(const ModelAliasName& name, const ModelHa
   {
     std::vector<ModelHandle> dropped;  // freed after the lock
     const std::lock_guard lock(mutex_);
-    aliases_[name] = handle->name().version;
+    const int before = std::exchange(aliases_[name], handle->name().version);
+    if (before != handle->name().version) metrics_.CountSwap(name.alias);
     versions_[name.model].insert(handle->name().version);
     MakeResidentLocked(handle, dropped);
   }
@@ -329,7 +335,7 @@ absl::Status ModelRegistry::Delete(const ModelVersionName& name) {
     if (const auto found = resident_.find(name); found != resident_.end()) {
       dropped = std::move(found->second.handle);
       resident_.erase(found);
-      models_loaded_.Set(static_cast<double>(resident_.size()));
+      metrics_.SetLoaded(resident_.size());
     }
   }
   Log(LogLevel::kInfo, "model deleted", {{"model_version", name.ToString()}});

@@ -24,6 +24,7 @@
 #include "server/monitoring/metrics.h"
 #include "server/security/resource_name.h"
 #include "server/serving/alias_store.h"
+#include "server/serving/registry_metrics.h"
 #include "server/serving/served_model.h"
 #include "server/serving/version_folders.h"
 
@@ -163,12 +164,11 @@ class ModelRegistry {
   AliasStore& alias_store_;
   const ModelLoader loader_;
   const ModelRegistryOptions options_;
-  monitoring::Gauge& models_loaded_;
-  monitoring::Histogram& load_time_;
 
   // Held while something changes or loads, one at a time; taken before mutex_.
   mutable std::mutex change_mutex_;
   std::function<void(bool)> listener_;  // guarded by change_mutex_
+  RegistryMetrics metrics_;             // guarded by change_mutex_, but what is safe anyway
   // Guards what follows; held for look-ups alone, never while the disk is read.
   mutable std::mutex mutex_;
   std::map<std::string, std::set<int>> versions_;  // by model; what is on disk

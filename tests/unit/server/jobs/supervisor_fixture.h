@@ -165,10 +165,13 @@ done
 
   void Start() { StartWith(Options()); }
   void StartWith(SupervisorOptions options) {
-    auto supervisor = Supervisor::Start(std::move(options), *store_, *datasets_);
+    auto supervisor = Supervisor::Start(std::move(options), *store_, *datasets_, *job_metrics_);
     ASSERT_TRUE(supervisor.ok()) << supervisor.status();
     supervisor_ = *std::move(supervisor);
   }
+
+  // From the next start on. They outlive this until then.
+  void UseMetrics(monitoring::MetricRegistry& metrics) { job_metrics_ = &metrics; }
 
   static v1::TrainRequest TrainTown() {
     v1::TrainRequest request;
@@ -213,6 +216,7 @@ done
   const data::TemporaryFolder folder_;
   std::unique_ptr<data::DatasetStore> datasets_;
   std::unique_ptr<SqliteStore> store_;
+  monitoring::MetricRegistry* job_metrics_ = &monitoring::MetricRegistry::Null();
   std::mutex mutex_;
   absl::Status publish_error_;                           // guarded by mutex_
   std::vector<v1::Promotion> promotions_;                // guarded by mutex_

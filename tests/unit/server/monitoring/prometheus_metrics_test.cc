@@ -4,9 +4,11 @@
 #include <gtest/gtest.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <chrono>
+#include <filesystem>
 #include <string>
 #include <string_view>
 
@@ -38,6 +40,28 @@ TEST(PrometheusMetricsTest, TheSameNameAndLabelsAreTheSameMetric) {
             &metrics->AddCounter("a_total", "A.", {{"x", "1"}}));
   EXPECT_NE(&metrics->AddCounter("a_total", "A.", {{"x", "1"}}),
             &metrics->AddCounter("a_total", "A.", {{"x", "2"}}));
+}
+
+TEST(PrometheusMetricsTest, TheDiskOfAFolderIsLookedAtForEachPage) {
+  const auto metrics = PrometheusMetrics::Create();
+  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "watched-disk";
+  std::filesystem::create_directory(folder);
+  metrics->WatchDisk(folder);
+  struct statvfs disk {};
+  ASSERT_EQ(statvfs(folder.c_str(), &disk), 0);
+  const auto value = [&metrics](const std::string& name) {
+    const std::string page = metrics->Page();
+    const size_t at = page.find("\n" + name + " ");
+    return at == std::string::npos ? -1.0 : std::stod(page.substr(at + name.size() + 2));
+  };
+  const double block = static_cast<double>(disk.f_frsize);
+  const double size = block * static_cast<double>(disk.f_blocks);
+  EXPECT_EQ(value("maneuver_data_disk_bytes"), size);
+  // Others write to it meanwhile.
+  EXPECT_NEAR(value("maneuver_data_disk_free_bytes"), block * static_cast<double>(disk.f_bavail),
+              0.05 * size);
+  std::filesystem::remove(folder);
+  EXPECT_EQ(value("maneuver_data_disk_free_bytes"), -1.0);
 }
 
 TEST(PrometheusMetricsTest, ATakenPortIsAnError) {

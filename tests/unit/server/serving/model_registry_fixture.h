@@ -47,11 +47,14 @@ class ModelRegistryTest : public ::testing::Test {
           }
           return std::make_shared<FakeActionModel>(networks_);
         },
-        {.max_unaliased_in_memory = 1}, monitoring::MetricRegistry::Null());
+        {.max_unaliased_in_memory = 1}, *registry_metrics_);
     ASSERT_TRUE(opened.ok()) << opened.status();
     registry_ = *std::move(opened);
     registry_->LoadAliased();
   }
+
+  // From the next start on. They outlive it.
+  void UseMetrics(monitoring::MetricRegistry& metrics) { registry_metrics_ = &metrics; }
 
   // What a trainer leaves behind.
   std::filesystem::path FinishedModel(const std::string& weights = "good") {
@@ -82,6 +85,7 @@ class ModelRegistryTest : public ::testing::Test {
     return *handle == nullptr ? 0 : (*handle)->name().version;
   }
 
+  monitoring::MetricRegistry* registry_metrics_ = &monitoring::MetricRegistry::Null();
   std::filesystem::path folder_;
   MemoryAliasStore aliases_;
   FakeNetworks networks_;

@@ -1,0 +1,43 @@
+// What the model registry tells of itself.
+
+#ifndef MANEUVER_SERVER_SERVING_REGISTRY_METRICS_H_
+#define MANEUVER_SERVER_SERVING_REGISTRY_METRICS_H_
+
+#include <map>
+#include <set>
+#include <string>
+
+#include "server/monitoring/metrics.h"
+#include "server/security/resource_name.h"
+
+namespace maneuver::serving {
+
+// One caller at a time for Show and CountSwap; the rest is safe to use from any thread.
+class RegistryMetrics {
+ public:
+  explicit RegistryMetrics(monitoring::MetricRegistry& registry);
+
+  // How many versions are in memory.
+  void SetLoaded(size_t versions) { loaded_.Set(static_cast<double>(versions)); }
+  void CountLoad(double seconds) { load_time_.Observe(seconds); }
+  void CountFailedLoad() { failed_loads_.Increment(); }
+  // An alias stands for another version than before.
+  void CountSwap(const std::string& alias);
+  // What `serving` and `candidate` of each model stand for.
+  //   aliases: those whose versions are in memory.
+  void Show(const std::map<security::ModelAliasName, int>& aliases);
+
+ private:
+  monitoring::MetricRegistry& registry_;
+  monitoring::Gauge& loaded_;
+  monitoring::Histogram& load_time_;
+  monitoring::Counter& failed_loads_;
+  monitoring::Gauge& serving_models_;
+  std::map<std::string, monitoring::Counter*> swaps_;  // by alias; "": any other
+  std::set<std::string> models_;                       // that have gauges
+  std::map<security::ModelAliasName, monitoring::Gauge*> versions_;
+};
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_SERVER_SERVING_REGISTRY_METRICS_H_

@@ -1,0 +1,91 @@
+// What the page of metrics says of the registry.
+
+#include "server/serving/registry_metrics.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "server/monitoring/prometheus_metrics.h"
+#include "tests/unit/server/serving/model_registry_fixture.h"
+
+namespace maneuver::serving {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class RegistryMetricsTest : public ModelRegistryTest {
+ protected:
+  RegistryMetricsTest() { UseMetrics(*metrics_); }
+
+  std::string Page() const { return metrics_->Page(); }
+  static std::string Of(const std::string& alias, int version) {
+    return "\nmaneuver_model_version{alias=\"" + alias + "\",model=\"town\"} " +
+           std::to_string(version) + "\n";
+  }
+  static std::string Swaps(const std::string& alias, int count) {
+    return "\nmaneuver_model_swaps_total{alias=\"" + alias + "\"} " + std::to_string(count) + "\n";
+  }
+
+  const std::unique_ptr<monitoring::PrometheusMetrics> metrics_ =
+      monitoring::PrometheusMetrics::Create();
+};
+
+TEST_F(RegistryMetricsTest, TheVersionsOfServingAndCandidateAreShownUntilTheAliasGoes) {
+  EXPECT_THAT(Page(), HasSubstr("\nmaneuver_serving_models 0\n"));
+  ASSERT_TRUE(Publish("town").ok());
+  EXPECT_THAT(Page(), HasSubstr("\nmaneuver_serving_models 1\n"));
+  EXPECT_THAT(Page(), HasSubstr(Of("serving", 1)));
+  EXPECT_THAT(Page(), HasSubstr(Of("candidate", 0)));
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(registry_->SetAlias({"town", "candidate"}, 2).ok());
+  EXPECT_THAT(Page(), HasSubstr(Of("candidate", 2)));
+  ASSERT_TRUE(registry_->DeleteAlias({"town", "candidate"}).ok());
+  EXPECT_THAT(Page(), HasSubstr(Of("candidate", 0)));
+  ASSERT_TRUE(registry_->DeleteAlias({"town", "serving"}).ok());
+  EXPECT_THAT(Page(), HasSubstr(Of("serving", 0)));
+  EXPECT_THAT(Page(), HasSubstr("\nmaneuver_serving_models 0\n"));
+}
+
+TEST_F(RegistryMetricsTest, ASwapIsAnAliasThatStandsForAnotherVersion) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  EXPECT_THAT(Page(), HasSubstr(Swaps("serving", 1)));
+  ASSERT_TRUE(registry_->SetAlias({"town", "serving"}, 2).ok());
+  ASSERT_TRUE(registry_->SetAlias({"town", "serving"}, 2).ok());  // it does already
+  EXPECT_THAT(Page(), HasSubstr(Swaps("serving", 2)));
+  EXPECT_THAT(Page(), HasSubstr(Swaps("candidate", 0)));
+  // Names of aliases are callers': they are no labels.
+  ASSERT_TRUE(registry_->SetAlias({"town", "friday"}, 1).ok());
+  EXPECT_THAT(Page(), HasSubstr(Swaps("other", 1)));
+  EXPECT_THAT(Page(), Not(HasSubstr("friday")));
+}
+
+TEST_F(RegistryMetricsTest, AVersionThatDoesNotLoadIsCountedAndDoesNotServe) {
+  ASSERT_TRUE(Publish("town").ok());
+  std::ofstream(folder_ / "models/town/1/weights.safetensors") << "altered";
+  Restart();
+  EXPECT_THAT(Page(), HasSubstr("\nmaneuver_model_load_failures_total 1\n"));
+  EXPECT_THAT(Page(), HasSubstr("\nmaneuver_serving_models 0\n"));
+}
+
+TEST(RegistryMetricsLimitTest, NoMoreThan32ModelsAreLabels) {
+  const auto page = monitoring::PrometheusMetrics::Create();
+  RegistryMetrics metrics(*page);
+  std::map<security::ModelAliasName, int> aliases;
+  for (int i = 0; i < 40; ++i) aliases[{"model" + std::to_string(i), "serving"}] = 1;
+  metrics.Show(aliases);
+  const std::string text = page->Page();
+  int series = 0;
+  for (size_t at = 0; (at = text.find("\nmaneuver_model_version{", at)) != std::string::npos;
+       ++at) {
+    ++series;
+  }
+  EXPECT_EQ(series, 2 * 32);
+  EXPECT_THAT(text, HasSubstr("\nmaneuver_serving_models 40\n"));
+}
+
+}  // namespace
+}  // namespace maneuver::serving
