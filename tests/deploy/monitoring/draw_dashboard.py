@@ -2,7 +2,7 @@
 """Draws rows of the dashboard from recorded series, much as Grafana would, as an SVG.
 
     draw_dashboard.py SERIES.json OUTPUT.svg [ROW...]       the series: record_story.py
-    rsvg-convert OUTPUT.svg --output docs/pictures/dashboard.png
+    rsvg-convert OUTPUT.svg --output dashboard.png && pngquant --output docs/pictures/dashboard.png 64 dashboard.png
 
 ROW: titles of rows, or how they begin; without them all are drawn.
 """
@@ -226,7 +226,7 @@ class Drawing:
             colour = ",".join(str(int(low + (high - low) * strength)) for low, high in ((60, 255), (35, 190), (20, 110)))
             self.parts.append(f'<rect x="{left + second * (at - self.start):.1f}" y="{put_y(i) + 0.5:.1f}" '
                               f'width="{second * self.recorded["step"]:.2f}" height="{row - 1:.1f}" fill="rgb({colour})"/>')
-        for i in range(first, last + 1):
+        for i in range(first, last + 1, math.ceil(11 / row)):
             if math.isfinite(buckets[i][0]):
                 unit = panel["fieldConfig"]["defaults"]["unit"]
                 self.parts.append(text(left - 6, put_y(i) + 4, shown(buckets[i][0], unit), 9, FAINT, "end"))

@@ -38,12 +38,12 @@ def story(server, prometheus, dataset, minutes):
     wait_for("a first scrape", lambda: prometheus.now("up == 1"))
     server.maneuver("model", "promote", "town/1")
     server.maneuver("model", "promote", "town/2", "--alias", "candidate")
-    load(1.0, "--rate", 20, "--targets", "1-8", "--register-maps")
+    load(1.0, "--rate", 15, "--targets", "1-8", "--register-maps")
     load(1.0, "--rate", 4, "--targets", "8-16", "--priority", "bulk")
     load(1.0, "--rate", 8, "--method", "probability", "--targets", "1-4")
-    at(0.08)
-    job = server.train("--promote", "never", "--epochs", 200, "--pretraining-epochs", 15, "--mixture-epochs", 60,
-                       "--set", "examples.max_examples=3000", "--set", "augmentation.mirror=false")
+    at(0.03)
+    job = server.train("--promote", "never", "--epochs", 200, "--pretraining-epochs", 15, "--mixture-epochs", 30,
+                       "--set", "examples.max_examples=1500", "--set", "augmentation.mirror=false")
     at(0.2)
     load(0.08, "--rate", 40, "--targets", "1-8")
     at(0.38)
