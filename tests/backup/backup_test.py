@@ -36,7 +36,7 @@ SETTINGS = {
         "scenario_encoder": {"hidden": [32, 32]},
     },
     "optimization": {"pretraining_epochs": 1, "mixture_epochs": 1, "joint_epochs": 1, "posterior_epochs": 1},
-    "examples": {"max_examples": 300},
+    "examples": {"max_examples": 4000},
     "seed": 7,
     "threads": 1,
 }
@@ -147,7 +147,7 @@ def run(options, work, servers):
     server, scenes = prepare(options, work, servers)
     (work / "settings.json").write_text(json.dumps(SETTINGS))
     job = json.loads(server.maneuver("train", "town", "--dataset", "town", "--settings", work / "settings.json",
-                                     "--set", "optimization.joint_epochs=8", "--detach"))["name"]
+                                     "--set", "optimization.joint_epochs=12", "--detach"))["name"]
     folder = server.data / "jobs" / job.removeprefix("jobs/")
     wait_for(lambda: any(folder.glob("checkpoints/*")), "the job has a checkpoint")
 
