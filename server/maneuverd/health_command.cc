@@ -98,13 +98,21 @@ int Ask(const std::shared_ptr<grpc::Channel>& channel, const std::string& servic
   return 0;
 }
 
+// The service is named first, or last where that is not the value of the option before it.
+bool IsService(int argc, const char* const* argv, int i) {
+  if (absl::StartsWith(argv[i], "-")) return false;
+  if (i == 1) return true;
+  const bool is_value = absl::StartsWith(argv[i - 1], "-") && !absl::StrContains(argv[i - 1], '=');
+  return i == argc - 1 && !is_value;
+}
+
 }  // namespace
 
 int RunHealthCommand(int argc, const char* const* argv, const char* const* environment) {
   std::string service;
   std::vector<const char*> server_line = {"maneuverd"};
   for (int i = 1; i < argc; ++i) {
-    if (i == 1 && !absl::StartsWith(argv[i], "-")) {
+    if (IsService(argc, argv, i)) {
       service = argv[i];
     } else {
       server_line.push_back(argv[i]);

@@ -7,7 +7,8 @@ namespace maneuver {
 
 // For probes of the machine or container that the server runs in: it reads the same file and
 // environment as the server, so it knows where to ask, and needs no other program there.
-//   argv: from "health" on; then a service, if not the whole server is meant, and options.
+//   argv: from "health" on; then options, and before or after them a service, if not the whole
+//     server is meant.
 // 0: it serves, 1: it does not, 2: the options are wrong. What is wrong was printed.
 int RunHealthCommand(int argc, const char* const* argv, const char* const* environment);
 

@@ -71,6 +71,22 @@ TEST_F(HealthCommandTest, ReadsTheServersFileAndRefusesWhatTheServerWouldRefuse)
   EXPECT_EQ(Probe("127.0.0.1:0"), kCannotAsk);
 }
 
+TEST_F(HealthCommandTest, TheServiceIsNamedBeforeTheOptionsOrAfterThem) {
+  const auto server = folder_.Start();
+  const std::string data_dir = folder_.file("data").string();
+  const std::string address = server->address();
+  for (const std::vector<std::string>& command :
+       {std::vector<std::string>{MANEUVERD, "health", "--data-dir", data_dir, "--listen", address,
+                                 "maneuver.v1.PredictionService"},
+        {MANEUVERD, "health", "maneuver.v1.PredictionService", "--data-dir", data_dir, "--listen",
+         address},
+        {MANEUVERD, "health", "--data-dir=" + data_dir, "--listen=" + address,
+         "maneuver.v1.PredictionService"}}) {
+    EXPECT_EQ(maneuver::testing::Run(command, &output_), kNotServing) << output_;
+    EXPECT_THAT(output_, HasSubstr("PredictionService is not ready to serve"));
+  }
+}
+
 TEST_F(HealthCommandTest, WhoIsGoneDoesNotServe) {
   auto server = folder_.Start();
   const std::string address = server->address();
