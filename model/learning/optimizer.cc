@@ -43,7 +43,8 @@ void AdamW::Step(double share) {
     const at::Tensor scale = slot.second_moment.sqrt().div_(std::sqrt(correction2)).add_(kEpsilon);
     if (slot.decay != 0.0) slot.parameter.mul_(1.0 - rate * slot.decay);
     slot.parameter.addcdiv_(slot.first_moment, scale, -rate / correction1);
-    gradient.zero_();
+    // Gone rather than zero: the next one is then taken as it is, not added.
+    slot.parameter.mutable_grad().reset();
   }
 }
 

@@ -8,6 +8,9 @@
 #include "model/scene/rasterizer.h"
 
 namespace maneuver::learning {
+
+using Clock = std::chrono::steady_clock;
+
 namespace {
 
 // SplitMix64: well mixed bits from a counter.
@@ -75,10 +78,12 @@ RasterLoader::RasterLoader(const v1::RasterSpec& spec, const ExampleSet& set,
       batch_size_(static_cast<size_t>(batch_size)),
       batches_((items_.size() + batch_size_ - 1) / batch_size_),
       ready_(kAhead) {
+  const Clock::time_point begin = Clock::now();
   for (const v1::Scenario& recording : set.recordings) {
     maps_.push_back(scene::RoadMap::Over(recording.map_features()));
   }
   for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Work(); });
+  making_ = Clock::now() - begin;
 }
 
 RasterLoader::~RasterLoader() {
@@ -136,8 +141,14 @@ std::optional<RasterLoader::Batch> RasterLoader::Next() {
   std::unique_lock lock(mutex_);
   if (taken_ == batches_) return std::nullopt;
   std::optional<Batch>& slot = ready_[taken_ % kAhead];
-  changed_.wait(lock, [&slot] { return slot.has_value(); });
+  std::chrono::nanoseconds waited = std::exchange(making_, std::chrono::nanoseconds{0});
+  if (!slot) {
+    const Clock::time_point begin = Clock::now();
+    changed_.wait(lock, [&slot] { return slot.has_value(); });
+    waited += Clock::now() - begin;
+  }
   std::optional<Batch> batch = std::exchange(slot, std::nullopt);
+  batch->waited = waited;
   ++taken_;
   lock.unlock();
   changed_.notify_all();

@@ -4,6 +4,7 @@
 #define MANEUVER_MODEL_LEARNING_RASTER_LOADER_H_
 
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <mutex>
@@ -54,6 +55,9 @@ class RasterLoader {
   struct Batch {
     std::vector<Item> items;
     std::vector<uint8_t> rasters;  // [B, H, W, C]
+    // How long Next waited for it: 0 if it was ready. The first batch has what it took to make the
+    // loader as well.
+    std::chrono::nanoseconds waited{0};
   };
 
   // One pass: `items` in batches of `batch_size` (the last one may be smaller), drawn by `threads`
@@ -79,6 +83,7 @@ class RasterLoader {
   const std::vector<Item> items_;
   const size_t batch_size_;
   const size_t batches_;
+  std::chrono::nanoseconds making_{0};  // the loader, until the first batch has it
 
   std::mutex mutex_;
   std::condition_variable changed_;

@@ -23,7 +23,8 @@ RunProgress::RunProgress(std::vector<Phase> phases, Sink sink, Clock clock)
       clock_(std::move(clock)),
       begun_(clock_()),
       phase_begun_(begun_),
-      last_emitted_(begun_) {}
+      last_emitted_(begun_),
+      step_begun_(begun_) {}
 
 void RunProgress::BeginPhase(const std::string& name) {
   do {
@@ -34,13 +35,18 @@ void RunProgress::BeginPhase(const std::string& name) {
   epoch_ = 0;
   phase_step_ = 0;
   phase_examples_ = 0;
-  phase_begun_ = clock_();
+  phase_begun_ = step_begun_ = clock_();
+  phase_stepping_ = {};
+  phase_waited_ = {};
   Emit(Snapshot());
 }
 
 void RunProgress::Replan(std::vector<Phase> phases) { phases_ = std::move(phases); }
 
-void RunProgress::BeginEpoch(int epoch) { epoch_ = epoch; }
+void RunProgress::BeginEpoch(int epoch) {
+  epoch_ = epoch;
+  step_begun_ = clock_();
+}
 
 void RunProgress::Resume(int64_t phase_steps) {
   step_ = phase_steps;
@@ -49,11 +55,14 @@ void RunProgress::Resume(int64_t phase_steps) {
   resumed_at_ = std::clamp(DoneCost() / TotalCost(), 0.0, 1.0);
 }
 
-void RunProgress::Step(int64_t examples) {
+void RunProgress::Step(int64_t examples, std::chrono::nanoseconds waited) {
+  const std::chrono::system_clock::time_point now = clock_();
   ++step_;
   ++phase_step_;
   phase_examples_ += examples;
-  if (clock_() - last_emitted_ >= kBetween) Emit(Snapshot());
+  phase_stepping_ += now - std::exchange(step_begun_, now);
+  phase_waited_ += waited;
+  if (now - last_emitted_ >= kBetween) Emit(Snapshot());
 }
 
 void RunProgress::EndEpoch(const v1::EpochReport& report) {
@@ -100,6 +109,10 @@ v1::JobProgress RunProgress::Snapshot() const {
   const double phase_seconds = Seconds(clock_() - phase_begun_);
   if (phase_seconds > 0.0) {
     progress.set_examples_per_second(static_cast<double>(phase_examples_) / phase_seconds);
+  }
+  if (const double stepping = Seconds(phase_stepping_); stepping > 0.0) {
+    const double waited = std::chrono::duration<double>(phase_waited_).count();
+    progress.set_waiting_fraction(std::min(1.0, waited / stepping));
   }
   return progress;
 }

@@ -39,8 +39,8 @@ class RunProgress {
   // So many steps of the phase, and all phases before it, were done by the run that this one goes
   // on with.
   void Resume(int64_t phase_steps);
-  // One step over so many examples.
-  void Step(int64_t examples);
+  // One step over so many examples, for which it waited so long.
+  void Step(int64_t examples, std::chrono::nanoseconds waited = {});
   void EndEpoch(const v1::EpochReport& report);
 
  private:
@@ -55,6 +55,10 @@ class RunProgress {
   std::chrono::system_clock::time_point begun_;
   std::chrono::system_clock::time_point phase_begun_;
   std::chrono::system_clock::time_point last_emitted_;
+  std::chrono::system_clock::time_point step_begun_;
+  // Of the phase: what its steps took, and what of it they waited.
+  std::chrono::system_clock::duration phase_stepping_{0};
+  std::chrono::nanoseconds phase_waited_{0};
   int current_ = -1;
   int epoch_ = 0;
   int64_t phase_step_ = 0;

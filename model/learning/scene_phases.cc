@@ -60,7 +60,7 @@ absl::Status Learner::TrainOnScenes(const std::string& phase, int epochs, v1::Ob
           TakeStep(loss, LearningRateShare(step, kWarmUpSteps, epochs * epoch_steps), &optimizer);
       if (!status.ok()) return status;
       ++now.steps;
-      progress_.Step(scenes.trajectories.size(0));
+      progress_.Step(scenes.trajectories.size(0), batch->waited);
     }
     v1::EpochReport report;
     std::exchange(means, {}).Write(report.mutable_training());

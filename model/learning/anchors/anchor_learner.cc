@@ -179,7 +179,7 @@ absl::Status AnchorLearner::Train(Baseline& baseline) {
       loss.backward();
       optimizer.Step(LearningRateShare(epochs * epoch_steps + steps, kWarmUpSteps, all_steps));
       ++steps;
-      progress_.Step(x.size(0));
+      progress_.Step(x.size(0), batch->waited);
     }
     v1::EpochReport report;
     std::exchange(means, {}).Write(report.mutable_training());

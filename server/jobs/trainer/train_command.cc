@@ -5,6 +5,7 @@
 #include <iostream>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/artifact/model_cost.h"
@@ -160,13 +161,22 @@ absl::Status TrainCommand::Train() const {
   const ProgressDisplay::Style style = ProgressDisplay::ParseStyle(progress_);
   if (style == ProgressDisplay::Style::kBar) PrintCost(run.settings.model());
   absl::StatusOr<v1::ModelManifest> manifest;
+  double waiting = 0.0;
   {
     ProgressDisplay display(style, std::cout);
-    run.progress = [&display](const v1::JobProgress& progress) { display.Show(progress); };
+    run.progress = [&display, &waiting](const v1::JobProgress& progress) {
+      display.Show(progress);
+      if (progress.phase() == "joint") waiting = progress.waiting_fraction();
+    };
     manifest = learning::Train(run, datasets_);
   }
   if (!manifest.ok()) return manifest.status();
-  if (style == ProgressDisplay::Style::kBar) PrintMetrics(*manifest);
+  if (style == ProgressDisplay::Style::kBar) {
+    std::cout << absl::StrFormat(
+        "The steps of the joint phase waited for rasters %.1f %% of their time.\n",
+        100.0 * waiting);
+    PrintMetrics(*manifest);
+  }
   return absl::OkStatus();
 }
 

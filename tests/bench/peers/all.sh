@@ -28,6 +28,11 @@ if has_modules "torch, numpy"; then
 else
   printf 'PyTorch is not installed here.\n\n'
 fi
+if [ $# -ge 2 ] && has_modules "torch, numpy"; then
+  printf '### Training\n\n'
+  "$here/../training.sh" "$@"
+  printf '\n'
+fi
 if has_modules "torch, numpy, cv2, grpc, google.protobuf"; then
   printf '### A server in Python\n\n'
   "$here/server.sh" "$@"

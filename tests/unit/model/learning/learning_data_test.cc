@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <set>
+#include <thread>
 
 #include "model/learning/raster_loader.h"
 #include "model/learning/run_progress.h"
@@ -226,6 +227,34 @@ TEST(RasterLoaderTest, CanBeLeftBeforeThePassIsOver) {
   EXPECT_TRUE(loader.Next());
 }
 
+TEST(RasterLoaderTest, SaysHowLongTheHurriedWaitedForEachBatch) {
+  const auto data = SplitRecordings(ArcRecordings(60), TinySettings());
+  ASSERT_TRUE(data.ok());
+  RasterLoader loader(TinySettings().model().raster(), data->training,
+                      std::vector<RasterLoader::Item>(400), 4, 1);
+  const auto begin = std::chrono::steady_clock::now();
+  std::chrono::nanoseconds waited{0};
+  EXPECT_GT(loader.Next()->waited.count(), 0);  // with the making of the loader, never nothing
+  while (const auto batch = loader.Next()) waited += batch->waited;
+  EXPECT_GT(waited.count(), 0);
+  EXPECT_LE(waited, std::chrono::steady_clock::now() - begin);
+}
+
+TEST(RasterLoaderTest, AConsumerSlowerThanTheDrawingWaitsForNothing) {
+  const auto data = SplitRecordings(ArcRecordings(60), TinySettings());
+  ASSERT_TRUE(data.ok());
+  bool waited = true;
+  // How slow that is depends on what else runs.
+  for (int pause = 20; waited && pause < 10'000; pause *= 2) {
+    RasterLoader loader(TinySettings().model().raster(), data->training,
+                        std::vector<RasterLoader::Item>(12), 4, 1);
+    ASSERT_TRUE(loader.Next());
+    std::this_thread::sleep_for(std::chrono::milliseconds(pause));
+    waited = loader.Next()->waited.count() > 0 || loader.Next()->waited.count() > 0;
+  }
+  EXPECT_FALSE(waited);
+}
+
 TEST(TrajectoryClustersTest, FindsSeparateGroups) {
   constexpr int kGroups = 4;
   constexpr int kEach = 25;
@@ -280,6 +309,26 @@ TEST_F(RunProgressTest, FractionWeighsStepsByTheirCostAndTimeLeftFollows) {
   progress_.BeginPhase("joint");
   EXPECT_NEAR(seen_.back().fraction(), 11.0 / 101.0, 1e-9);
   EXPECT_EQ(seen_.back().time_left().seconds(), 90);
+}
+
+TEST_F(RunProgressTest, SharesTheTimeOfStepsBetweenWaitingAndLearning) {
+  using std::chrono::milliseconds;
+  progress_.BeginPhase("pretrain");
+  now_ += milliseconds(700);
+  progress_.Step(4, milliseconds(350));
+  EXPECT_EQ(seen_.back().waiting_fraction(), 0.5);
+  progress_.BeginPhase("joint");  // anew
+  EXPECT_EQ(seen_.back().waiting_fraction(), 0.0);
+  for (int epoch = 1; epoch <= 2; ++epoch) {
+    progress_.BeginEpoch(epoch);
+    now_ += milliseconds(600);
+    progress_.Step(4, milliseconds(150));
+    now_ += milliseconds(400);
+    progress_.Step(4);
+    now_ += milliseconds(9000);  // validation: no step's time
+    progress_.EndEpoch({});
+  }
+  EXPECT_NEAR(seen_.back().waiting_fraction(), 0.15, 1e-9);
 }
 
 TEST_F(RunProgressTest, ReportsAFewTimesASecondAndEachEpoch) {
