@@ -47,7 +47,7 @@ load() {
     "$@" >/dev/null
 }
 rate() { awk "BEGIN { print $1 * $2 }"; }
-median() { sort -n | awk '{ v[NR] = $1 } END { print v[int((NR + 1) / 2)] }'; }
+median() { sort -n | awk '{ v[NR] = $1 } END { printf "%.0f", v[int((NR + 1) / 2)] }'; }
 ratio() { awk "BEGIN { printf \"%.2f\", ($1) / ($2) }"; }
 memory() { awk -v of="$1:" '$1 == of { printf "%.0f", $2 / 1024 }' "/proc/$server/status"; }
 
@@ -77,7 +77,7 @@ stop_server
 server_cores=$own_cores
 start_server
 load own --targets 1
-capacity=$(figure "$work/saturated.json" steps.0.answered_per_second)
+capacity=$(figure "$work/saturated.json" steps.0.answered_per_second | awk '{ printf "%.0f", $1 }')
 load idle --targets 1 --rate 20
 load half --targets 1 --rate "$(rate "$(figure "$work/own.json" steps.0.answered_per_second)" 0.5)"
 most=$(memory VmHWM)
