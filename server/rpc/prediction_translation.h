@@ -42,8 +42,8 @@ struct PlannedScenario {
   absl::Status status;  // if not OK there are no targets
   std::vector<PlannedTarget> targets;
 };
-// Of each scenario the map that it names, or nullptr; empty if no scenario names one. Of a plan: the
-// one that it names, or its own.
+// Of each scenario the map that it names, or nullptr; empty if no scenario names one. Of a plan:
+// the one that it names, or its own.
 using ScenarioMaps = std::vector<std::shared_ptr<const scene::RoadMap>>;
 
 struct PredictionPlan {

@@ -62,8 +62,8 @@ struct Target {
   scene::MotionInputs motion{};
   // What it did, [T, 2], target frame; for ClassifyTrajectory alone.
   inference::Trajectory trajectory = {};
-  // The one that the scenario names, or its own; outlives the call. nullptr: its own, looked through
-  // for each target.
+  // The one that the scenario names, or its own; outlives the call. nullptr: its own, looked
+  // through for each target.
   const scene::RoadMap* map = nullptr;
 };
 
