@@ -2,7 +2,6 @@
 
 #include <fcntl.h>
 #include <linux/close_range.h>
-#include <linux/ioprio.h>
 #include <poll.h>
 #include <sched.h>
 #include <signal.h>
@@ -33,7 +32,12 @@ using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
 constexpr int kNiceness = 19;
-constexpr int kLastOfBestEffort = 7;
+// ioprio_set(2)'s numbers: the last level of the class best-effort, for one process. Debian's
+// <linux/ioprio.h> has not been C++ since 6.1.192: a parameter is called `class` in it.
+constexpr int kIoWhoProcess = 1;
+constexpr int kIoBestEffort = 2;
+constexpr int kIoClassShift = 13;
+constexpr int kIoLastLevel = 7;
 constexpr size_t kMaxLine = size_t{1} << 20;
 constexpr milliseconds kTick{200};
 // While there is nothing left to read but the process has not ended.
@@ -82,8 +86,7 @@ absl::StatusOr<Pipe> MakePipe() {
   setpriority(PRIO_PROCESS, 0, kNiceness);
   const sched_param batch{};
   sched_setscheduler(0, SCHED_BATCH, &batch);
-  syscall(SYS_ioprio_set, IOPRIO_WHO_PROCESS, 0,
-          IOPRIO_PRIO_VALUE(IOPRIO_CLASS_BE, kLastOfBestEffort));
+  syscall(SYS_ioprio_set, kIoWhoProcess, 0, kIoBestEffort << kIoClassShift | kIoLastLevel);
   // Memory is short: rather this process than the server.
   const int score = open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC);
   if (score >= 0) {
