@@ -7,7 +7,6 @@
 #include <future>
 #include <random>
 
-#include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "client/connection.h"
@@ -120,38 +119,46 @@ const ClientOptions& Client::options() const { return connection_->options; }
 #define MANEUVER_CALL(stub, Service, Method, repeatable, deadline)                       \
   connection_->Call(*connection_->stub, &v1::Service::Stub::Method, request, repeatable, \
                     connection_->options.deadlines.deadline, call)
+// A prediction, of which a server may be asked for more than it can do.
+#define MANEUVER_PREDICTION(Method) \
+  connection_->Predict(&v1::PredictionService::Stub::Method, request, call)
 
 absl::StatusOr<v1::PredictActionProbabilitiesResponse> Client::PredictActionProbabilities(
     const v1::PredictActionProbabilitiesRequest& request, const CallOptions& call) {
-  return MANEUVER_CALL(predictions, PredictionService, PredictActionProbabilities, Repeatable::kYes,
-                       prediction);
+  return MANEUVER_PREDICTION(PredictActionProbabilities);
 }
 
 absl::StatusOr<v1::PredictActionDistributionsResponse> Client::PredictActionDistributions(
     const v1::PredictActionDistributionsRequest& request, const CallOptions& call) {
-  return MANEUVER_CALL(predictions, PredictionService, PredictActionDistributions, Repeatable::kYes,
-                       prediction);
+  return MANEUVER_PREDICTION(PredictActionDistributions);
 }
 
 absl::StatusOr<v1::PredictResponse> Client::Predict(const v1::PredictRequest& request,
                                                     const CallOptions& call) {
-  return MANEUVER_CALL(predictions, PredictionService, Predict, Repeatable::kYes, prediction);
+  return MANEUVER_PREDICTION(Predict);
 }
 
 absl::StatusOr<v1::ClassifyTrajectoriesResponse> Client::ClassifyTrajectories(
     const v1::ClassifyTrajectoriesRequest& request, const CallOptions& call) {
-  return MANEUVER_CALL(predictions, PredictionService, ClassifyTrajectories, Repeatable::kYes,
-                       prediction);
+  return MANEUVER_PREDICTION(ClassifyTrajectories);
 }
 
 void Client::StartPrediction(const PreparedPrediction& request, OnPrediction on_answer,
                              const CallOptions& call) {
   auto pending = std::make_unique<PendingPredictions::Call>();
-  connection_->Introduce(pending->context);
-  pending->context.set_deadline(absl::ToChronoTime(
-      absl::Now() + call.timeout.value_or(connection_->options.deadlines.prediction)));
+  const absl::Duration timeout = call.timeout.value_or(connection_->options.deadlines.prediction);
   pending->message = request.message_;
   pending->on_answer = std::move(on_answer);
+  const absl::Status admitted = connection_->Admit(timeout);
+  if (!admitted.ok()) {
+    connection_->pending->Refuse(std::move(pending), admitted);
+    return;
+  }
+  connection_->Introduce(pending->context);
+  pending->context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
+  pending->on_end = [this, timeout](const absl::Status& status) {
+    connection_->Record(status, timeout);
+  };
   connection_->pending->Start(std::move(pending), call.cancellation);
 }
 
@@ -306,14 +313,9 @@ absl::Status Client::CheckHealth(const std::string& service, const CallOptions& 
   if (!status.ok()) return status;
   constexpr int kServing = 1;
   if (response.value() == kServing) return absl::OkStatus();
-  status = absl::UnavailableError(
-      absl::StrCat(service.empty() ? "the server" : service, " is not ready to serve"));
-  v1::ErrorInfo info;
-  info.set_reason("NOT_SERVING");
-  info.set_domain("maneuver");
-  status.SetPayload("type.googleapis.com/google.rpc.ErrorInfo",
-                    absl::Cord(info.SerializeAsString()));
-  return status;
+  return WithDetails(absl::UnavailableError(absl::StrCat(service.empty() ? "the server" : service,
+                                                         " is not ready to serve")),
+                     {.reason = "NOT_SERVING"});
 }
 
 bool HasEnded(const v1::Job& job) {

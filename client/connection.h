@@ -9,8 +9,10 @@
 #include <string>
 #include <utility>
 
+#include "absl/time/clock.h"
 #include "client/client.h"
 #include "client/error_details.h"
+#include "client/overload_throttle.h"
 #include "client/pending_predictions.h"
 #include "maneuver/v1/admin_service.grpc.pb.h"
 #include "maneuver/v1/dataset_service.grpc.pb.h"
@@ -45,11 +47,32 @@ struct Client::Connection {
   std::unique_ptr<v1::DatasetService::Stub> datasets;
   std::unique_ptr<v1::TrainingService::Stub> training;
   std::unique_ptr<v1::AdminService::Stub> admin;
+  OverloadThrottle throttle;
   std::unique_ptr<PendingPredictions> pending;  // goes before what it uses
 
   // Says who calls. For every call, before it starts.
   void Introduce(grpc::ClientContext& context) const {
     if (!authorization.empty()) context.AddMetadata("authorization", authorization);
+  }
+
+  // Whether a prediction is sent at all, and how it ended. See OverloadThrottle.
+  absl::Status Admit(absl::Duration timeout) {
+    return options.hold_back ? throttle.Admit(timeout, absl::Now()) : absl::OkStatus();
+  }
+  void Record(const absl::Status& status, absl::Duration timeout) {
+    throttle.Record(status, timeout, absl::Now());
+  }
+
+  template <typename Request, typename Response>
+  absl::StatusOr<Response> Predict(grpc::Status (v1::PredictionService::Stub::*method)(
+                                       grpc::ClientContext*, const Request&, Response*),
+                                   const Request& request, const CallOptions& call) {
+    const absl::Duration timeout = call.timeout.value_or(options.deadlines.prediction);
+    const absl::Status admitted = Admit(timeout);
+    if (!admitted.ok()) return admitted;
+    auto response = Call(*predictions, method, request, Repeatable::kYes, timeout, call);
+    Record(response.status(), timeout);
+    return response;
   }
 
   // Makes a unary call until it succeeds or may not be tried again.

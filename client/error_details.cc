@@ -9,6 +9,8 @@ constexpr char kErrorInfo[] = "type.googleapis.com/google.rpc.ErrorInfo";
 constexpr char kBadRequest[] = "type.googleapis.com/google.rpc.BadRequest";
 constexpr char kRetryInfo[] = "type.googleapis.com/google.rpc.RetryInfo";
 
+constexpr char kDomain[] = "maneuver";
+
 // Adds what one detail says; one of another type, or one that does not parse, says nothing.
 void Read(std::string_view type_url, const std::string& value, ErrorDetails* details) {
   if (type_url == kErrorInfo) {
@@ -30,7 +32,39 @@ void Read(std::string_view type_url, const std::string& value, ErrorDetails* det
   }
 }
 
+void Add(const char* type_url, const google::protobuf::MessageLite& detail, absl::Status* status) {
+  status->SetPayload(type_url, absl::Cord(detail.SerializeAsString()));
+}
+
 }  // namespace
+
+absl::Status WithDetails(absl::Status status, const ErrorDetails& details) {
+  if (!details.reason.empty()) {
+    v1::ErrorInfo info;
+    info.set_reason(details.reason);
+    info.set_domain(kDomain);
+    info.mutable_metadata()->insert(details.metadata.begin(), details.metadata.end());
+    Add(kErrorInfo, info, &status);
+  }
+  if (!details.field_violations.empty()) {
+    v1::BadRequest bad;
+    for (const FieldViolation& violation : details.field_violations) {
+      auto& added = *bad.add_field_violations();
+      added.set_field(violation.field);
+      added.set_description(violation.description);
+    }
+    Add(kBadRequest, bad, &status);
+  }
+  if (details.retry_delay) {
+    v1::RetryInfo retry;
+    absl::Duration rest;
+    retry.mutable_retry_delay()->set_seconds(
+        absl::IDivDuration(*details.retry_delay, absl::Seconds(1), &rest));
+    retry.mutable_retry_delay()->set_nanos(static_cast<int32_t>(absl::ToInt64Nanoseconds(rest)));
+    Add(kRetryInfo, retry, &status);
+  }
+  return status;
+}
 
 ErrorDetails ErrorDetailsOf(const absl::Status& status) {
   ErrorDetails details;

@@ -25,6 +25,9 @@
 
 namespace maneuver::client {
 
+// The reason of a prediction that the library did not send (ClientOptions::hold_back).
+inline constexpr char kHeldBack[] = "HELD_BACK";
+
 // A field of the request that is wrong.
 struct FieldViolation {
   std::string field;        // path from the request: scenarios[2].agents[0].states[5].x
@@ -33,10 +36,10 @@ struct FieldViolation {
 
 // google.rpc.ErrorInfo, BadRequest and RetryInfo of one error; empty where the server said nothing.
 struct ErrorDetails {
-  std::string reason;                           // stable, UPPER_SNAKE_CASE
-  std::map<std::string, std::string> metadata;  // more about the reason
-  std::vector<FieldViolation> field_violations;
-  std::optional<absl::Duration> retry_delay;  // wait at least this long before trying again
+  std::string reason = {};                           // stable, UPPER_SNAKE_CASE
+  std::map<std::string, std::string> metadata = {};  // more about the reason
+  std::vector<FieldViolation> field_violations = {};
+  std::optional<absl::Duration> retry_delay = {};  // wait at least this long before trying again
 };
 
 // Details of a failed call.
@@ -44,6 +47,9 @@ ErrorDetails ErrorDetailsOf(const absl::Status& status);
 
 // Details of one failed item of a batch, or of a failed job.
 ErrorDetails ErrorDetailsOf(const v1::Status& status);
+
+// The status with details as a server would send them; what is empty is left out.
+absl::Status WithDetails(absl::Status status, const ErrorDetails& details);
 
 // The error of one item or job as a status, with its details as payloads. OK for code 0.
 absl::Status ToStatus(const v1::Status& status);

@@ -61,12 +61,22 @@ PendingPredictions::~PendingPredictions() {
   if (taker_.joinable()) taker_.join();
 }
 
+void PendingPredictions::Count() {
+  const std::lock_guard lock(mutex_);
+  ++under_way_;
+  if (!taker_.joinable()) taker_ = std::thread([this] { TakeAnswers(); });
+}
+
+void PendingPredictions::Refuse(std::unique_ptr<Call> call, absl::Status status) {
+  Count();
+  call->refusal = std::move(status);
+  Call* const refused = call.release();
+  refused->alarm = std::make_unique<grpc::Alarm>();
+  refused->alarm->Set(&queue_, gpr_now(GPR_CLOCK_MONOTONIC), refused);
+}
+
 void PendingPredictions::Start(std::unique_ptr<Call> call, Cancellation* callers_cancellation) {
-  {
-    const std::lock_guard lock(mutex_);
-    ++under_way_;
-    if (!taker_.joinable()) taker_ = std::thread([this] { TakeAnswers(); });
-  }
+  Count();
   const auto cancel = [context = &call->context] { context->TryCancel(); };
   call->registration = std::make_unique<Cancellation::Registration>(&cancellation_, cancel);
   if (callers_cancellation != nullptr) {
@@ -88,10 +98,12 @@ void PendingPredictions::TakeAnswers() {
     std::unique_ptr<Call> call(static_cast<Call*>(tag));
     // The caller's goes when the call has ended.
     call->callers_registration.reset();
-    if (call->status.ok()) {
+    absl::Status status = call->refusal.ok() ? ToStatus(call->status) : std::move(call->refusal);
+    if (call->on_end) call->on_end(status);
+    if (status.ok()) {
       call->on_answer(std::move(call->response));
     } else {
-      call->on_answer(ToStatus(call->status));
+      call->on_answer(std::move(status));
     }
     call.reset();
     const std::lock_guard lock(mutex_);

@@ -49,6 +49,7 @@ struct LoadArguments {
 
   int64_t connections = 4;
   bool retry = false;
+  bool send_all = false;
   int64_t max_in_flight = 10'000;
   std::string metrics;
   std::string json;
@@ -197,6 +198,7 @@ class LoadCommand {
     client::ClientOptions options = environment_.client_options();
     options.own_connection = true;
     options.retry_started = arguments_.retry;
+    options.hold_back = !arguments_.send_all;
     for (int64_t i = 0; i < arguments_.connections; ++i) {
       auto connection = client::Client::Connect(options);
       if (!connection.ok()) return connection.status();
@@ -375,6 +377,9 @@ void AddLoad(Command& root, Environment& environment) {
                  "A server takes a limited number of calls at once on each");
   command.Flag("--retry", &arguments->retry,
                "Make calls again that fail with UNAVAILABLE, as the other commands do");
+  command.Flag(
+      "--send-all", &arguments->send_all,
+      "Also send what the client library holds back from a server that refuses most calls");
   command.Option("--max-in-flight", &arguments->max_in_flight, 1, 1'000'000,
                  "Calls at once; those beyond wait, and are late");
   command.Option("--metrics", &arguments->metrics,

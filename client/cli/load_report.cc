@@ -133,6 +133,11 @@ std::string Remarks(const LoadStep& step) {
            "; they were refused after ", Short(Milliseconds(tally.refusal_latency.Quantile(0.5))),
            " ms (p50), ", Short(Milliseconds(tally.refusal_latency.Quantile(0.99))), " ms (p99)");
   }
+  if (tally.held_back > 0) {
+    remark(tally.held_back,
+           " of them the client library did not send, since the server refused most of those that "
+           "it did; --send-all sends them too");
+  }
   if (tally.refused_targets > 0) {
     remark(tally.refused_targets, " targets were refused in answers: ", tally.failure.message());
   }
@@ -211,6 +216,7 @@ Json ToJson(const LoadStep& step) {
   json["unsent"] = tally.unsent;
   json["unfinished"] = tally.unfinished;
   json["refused_with_delay"] = tally.refused_with_delay;
+  json["held_back"] = tally.held_back;
   json["retry_delay_ms"] = {{"least", Milliseconds(tally.least_delay)},
                             {"most", Milliseconds(tally.most_delay)}};
   json["refused_targets"] = tally.refused_targets;

@@ -47,8 +47,10 @@ void Tally::Add(const Window& window, TimePoint due_at, TimePoint sent_at, TimeP
     }
   } else if (absl::IsResourceExhausted(outcome.status)) {
     refusal_latency.Record(ended_at - due_at);
-    if (const auto delay = client::ErrorDetailsOf(outcome.status).retry_delay) {
-      const std::chrono::nanoseconds time = absl::ToChronoNanoseconds(*delay);
+    const client::ErrorDetails details = client::ErrorDetailsOf(outcome.status);
+    if (details.reason == client::kHeldBack) ++held_back;
+    if (details.retry_delay) {
+      const std::chrono::nanoseconds time = absl::ToChronoNanoseconds(*details.retry_delay);
       least_delay = refused_with_delay == 0 ? time : std::min(least_delay, time);
       most_delay = std::max(most_delay, time);
       ++refused_with_delay;

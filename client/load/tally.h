@@ -46,6 +46,7 @@ struct Tally {
   int64_t refused_with_delay = 0;  // that carried google.rpc.RetryInfo
   std::chrono::nanoseconds least_delay{0};
   std::chrono::nanoseconds most_delay{0};
+  int64_t held_back = 0;  // by the client library, which spares the server: it never saw them
   int64_t refused_targets = 0;
   // The first that failed with something that more load does not explain; OK if none did. Codes
   // that overload explains are RESOURCE_EXHAUSTED and DEADLINE_EXCEEDED.

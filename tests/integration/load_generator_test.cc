@@ -139,18 +139,34 @@ TEST_F(LoadGeneratorTest, RegisteredMapsAreNamedAndNotSent) {
 TEST_F(LoadGeneratorTest, RefusalsAreCountedWithTheirDelayAndAreNoFailure) {
   const load::MetricsPage before = Metrics();
   // Each call takes a third of the queue: of sixteen callers most are refused.
-  const nlohmann::json report =
-      Load({"--concurrency", "16", "--targets", "8", "--warm-up", "0", "--calls", "300"});
+  const nlohmann::json report = Load(
+      {"--concurrency", "16", "--targets", "8", "--warm-up", "0", "--calls", "300", "--send-all"});
   const load::MetricsPage after = Metrics();
   const auto& step = report["steps"][0];
   const int refused = step["ended"].value("RESOURCE_EXHAUSTED", 0);
   EXPECT_GT(refused, 0);
   EXPECT_EQ(step["refused_with_delay"], refused);
+  EXPECT_EQ(step["held_back"], 0);
   EXPECT_GT(step["retry_delay_ms"]["least"], 0.0);
   EXPECT_EQ(refused + step["ended"].value("OK", 0), 300);
   EXPECT_EQ(Calls(after, "RESOURCE_EXHAUSTED") - Calls(before, "RESOURCE_EXHAUSTED"), refused);
   EXPECT_EQ(Targets(after, "refused") - Targets(before, "refused"), 8 * refused);
   EXPECT_LE(step["server"]["most_queued_targets"], kMostQueued);
+}
+
+TEST_F(LoadGeneratorTest, WhatTheLibraryHoldsBackIsRefusedAndTheServerNeverSeesIt) {
+  const load::MetricsPage before = Metrics();
+  const nlohmann::json report = Load({"--rate", "2000", "--targets", "8", "--warm-up", "0",
+                                      "--duration", "1", "--connections", "1"});
+  const load::MetricsPage after = Metrics();
+  const auto& step = report["steps"][0];
+  const int refused = step["ended"].value("RESOURCE_EXHAUSTED", 0);
+  const int held_back = step["held_back"];
+  EXPECT_GT(held_back, 0);
+  EXPECT_EQ(step["refused_with_delay"], refused);
+  EXPECT_EQ(Calls(after, "RESOURCE_EXHAUSTED") - Calls(before, "RESOURCE_EXHAUSTED"),
+            refused - held_back);
+  EXPECT_THAT(output_, HasSubstr("--send-all"));
 }
 
 TEST_F(LoadGeneratorTest, ExpiredCallsAreCountedAndAreNoFailure) {

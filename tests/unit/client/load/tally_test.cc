@@ -71,6 +71,21 @@ TEST(TallyTest, RefusalsAreCountedWithTheDelayThatTheyCarry) {
   EXPECT_EQ(tally.Failed(), 0);
 }
 
+TEST(TallyTest, RefusedCallsThatWereNeverSentAreCountedApart) {
+  Tally tally;
+  const auto refused = [&](const std::string& reason) {
+    tally.Add(kWindow, kStart, kStart, kStart,
+              {client::WithDetails(absl::ResourceExhaustedError("too much"),
+                                   {.reason = reason, .retry_delay = absl::Milliseconds(5)})});
+  };
+  refused("QUEUE_FULL");
+  refused(client::kHeldBack);
+  refused(client::kHeldBack);
+  EXPECT_EQ(tally.held_back, 2);
+  EXPECT_EQ(tally.refused_with_delay, 3);
+  EXPECT_EQ(tally.Ended(absl::StatusCode::kResourceExhausted), 3);
+}
+
 TEST(TallyTest, WhatLoadDoesNotExplainIsAFailureAndTheFirstIsKept) {
   Tally tally;
   for (const absl::Status& status :

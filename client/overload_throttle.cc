@@ -1,0 +1,59 @@
+#include "client/overload_throttle.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "client/error_details.h"
+
+namespace maneuver::client {
+namespace {
+
+// Calls differ in the time that they have, if in nothing else by what they lost before they were
+// sent: they are alike within this factor.
+constexpr double kAlike = 1.25;
+
+}  // namespace
+
+absl::Status OverloadThrottle::Admit(absl::Duration timeout, absl::Time now) {
+  const std::lock_guard lock(mutex_);
+  ForgetLocked(now);
+  if (timeout > kAlike * refused_timeout_) return absl::OkStatus();
+  const double surplus = requests_ - kSentOfAccepted * accepted_ - kFree;
+  const double uniform = std::uniform_real_distribution<double>(0.0, 1.0)(random_);
+  if (uniform * (requests_ + 1.0) >= surplus) return absl::OkStatus();
+  requests_ += 1.0;
+  return WithDetails(
+      absl::ResourceExhaustedError("not sent: the server has refused most calls of late, since it "
+                                   "has more to do than it can; try again a little later"),
+      {.reason = kHeldBack, .retry_delay = retry_delay_});
+}
+
+void OverloadThrottle::Record(const absl::Status& status, absl::Duration timeout, absl::Time now) {
+  if (absl::IsUnavailable(status) || absl::IsCancelled(status) ||
+      absl::IsDeadlineExceeded(status)) {
+    return;
+  }
+  const ErrorDetails details =
+      absl::IsResourceExhausted(status) ? ErrorDetailsOf(status) : ErrorDetails();
+  const std::lock_guard lock(mutex_);
+  ForgetLocked(now);
+  requests_ += 1.0;
+  if (!details.retry_delay) {  // such as a call that is too large, whenever it comes
+    accepted_ += 1.0;
+    return;
+  }
+  retry_delay_ = *details.retry_delay;
+  if (kAlike * timeout > refused_timeout_) refused_at_ = now;
+  refused_timeout_ = std::max(refused_timeout_, timeout);
+}
+
+void OverloadThrottle::ForgetLocked(absl::Time now) {
+  if (now - refused_at_ > kMemory) refused_timeout_ = absl::ZeroDuration();
+  if (now <= forgotten_at_) return;
+  const double kept = std::exp(-absl::FDivDuration(now - forgotten_at_, kMemory));
+  requests_ *= kept;
+  accepted_ *= kept;
+  forgotten_at_ = now;
+}
+
+}  // namespace maneuver::client
