@@ -22,27 +22,25 @@ absl::Status OverloadThrottle::Admit(absl::Duration timeout, absl::Time now) {
   const double uniform = std::uniform_real_distribution<double>(0.0, 1.0)(random_);
   if (uniform * (requests_ + 1.0) >= surplus) return absl::OkStatus();
   requests_ += 1.0;
-  return WithDetails(
-      absl::ResourceExhaustedError("not sent: the server has refused most calls of late, since it "
-                                   "has more to do than it can; try again a little later"),
-      {.reason = kHeldBack, .retry_delay = retry_delay_});
+  return WithDetails(absl::ResourceExhaustedError(
+                         "not sent: the server has not accepted most calls of late, since "
+                         "it has more to do than it can; try again a little later"),
+                     {.reason = kHeldBack, .retry_delay = retry_delay_});
 }
 
 void OverloadThrottle::Record(const absl::Status& status, absl::Duration timeout, absl::Time now) {
-  if (absl::IsUnavailable(status) || absl::IsCancelled(status) ||
-      absl::IsDeadlineExceeded(status)) {
-    return;
-  }
+  if (absl::IsUnavailable(status) || absl::IsCancelled(status)) return;
   const ErrorDetails details =
       absl::IsResourceExhausted(status) ? ErrorDetailsOf(status) : ErrorDetails();
   const std::lock_guard lock(mutex_);
   ForgetLocked(now);
   requests_ += 1.0;
-  if (!details.retry_delay) {  // such as a call that is too large, whenever it comes
+  // One without a delay is for good, such as that of a call that is too large.
+  if (!details.retry_delay && !absl::IsDeadlineExceeded(status)) {
     accepted_ += 1.0;
     return;
   }
-  retry_delay_ = *details.retry_delay;
+  if (details.retry_delay) retry_delay_ = *details.retry_delay;
   if (kAlike * timeout > refused_timeout_) refused_at_ = now;
   refused_timeout_ = std::max(refused_timeout_, timeout);
 }

@@ -9,7 +9,6 @@
 #include <map>
 #include <memory>
 #include <ostream>
-#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -17,6 +16,7 @@
 #include "client/cli/progress_line.h"
 #include "client/cli/text_format.h"
 #include "model/data/dataset_folder.h"
+#include "model/machine/usable_cores.h"
 #include "model/scene/scenario_validation.h"
 
 namespace maneuver::cli {
@@ -65,8 +65,7 @@ class Import {
         format_(format),
         environment_(environment),
         progress_(environment.err, environment.interactive),
-        ahead_(2 * static_cast<size_t>(arguments.threads.value_or(
-                       std::max(1U, std::thread::hardware_concurrency())))) {}
+        ahead_(2 * static_cast<size_t>(arguments.threads.value_or(machine::UsableCores()))) {}
 
   absl::StatusOr<v1::Dataset> Run(data::DatasetWriter& writer, const std::vector<fs::path>& files) {
     for (const fs::path& file : files) {

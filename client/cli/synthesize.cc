@@ -15,6 +15,7 @@
 #include "client/cli/text_format.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/town/synthetic_town.h"
+#include "model/machine/usable_cores.h"
 
 namespace maneuver::cli {
 namespace {
@@ -94,7 +95,7 @@ int Synthesize(const SynthesizeArguments& arguments, Environment& environment) {
   options.seed = static_cast<uint64_t>(arguments.seed);
   options.duration = arguments.duration;
   const int count = static_cast<int>(arguments.recordings);
-  const int cores = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  const int cores = machine::UsableCores();
   TownProduction production(options, count,
                             arguments.threads > 0 ? static_cast<int>(arguments.threads) : cores);
   ProgressLine progress(environment.err, environment.interactive);

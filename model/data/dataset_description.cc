@@ -17,6 +17,7 @@
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_layout.h"
 #include "model/data/example_index.h"
+#include "model/machine/usable_cores.h"
 #include "model/scene/target_frame.h"
 
 namespace maneuver::data {
@@ -302,7 +303,7 @@ absl::StatusOr<v1::DatasetSummary> DescribeDataset(const std::filesystem::path& 
                                                    int threads) {
   const auto manifest = ReadDatasetManifest(folder);
   if (!manifest.ok()) return manifest.status();
-  const size_t cores = std::max(1u, std::thread::hardware_concurrency());
+  const auto cores = static_cast<size_t>(machine::UsableCores());
   const size_t wanted = threads > 0 ? static_cast<size_t>(threads) : cores;
   const size_t useful = std::min(wanted, static_cast<size_t>(manifest->recordings()));
   Records records(kWaitingPerThread * useful);

@@ -9,6 +9,7 @@
 #include "model/data/dataset_layout.h"
 #include "model/data/tfrecord.h"
 #include "model/files/digest.h"
+#include "model/machine/usable_cores.h"
 #include "model/scene/scenario_validation.h"
 
 namespace maneuver::data {
@@ -175,7 +176,7 @@ absl::StatusOr<std::vector<v1::Scenario>> ReadRecordings(const std::filesystem::
       std::string().swap(payloads[i]);
     }
   };
-  const size_t cores = std::max(1u, std::thread::hardware_concurrency());
+  const auto cores = static_cast<size_t>(machine::UsableCores());
   const size_t wanted = threads > 0 ? static_cast<size_t>(threads) : cores;
   std::vector<std::thread> workers;
   for (size_t i = 1; i < std::min(wanted, payloads.size()); ++i) workers.emplace_back(parse);

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <limits>
 #include <system_error>
-#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -16,6 +15,7 @@
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
+#include "model/machine/usable_cores.h"
 
 namespace maneuver::data {
 namespace {
@@ -308,7 +308,7 @@ absl::StatusOr<v1::DatasetSummary> DatasetStore::Describe(
   const fs::path kept = FolderOf(id) / DescriptionFile(spec, settings);
   v1::DatasetSummary summary;
   if (const auto bytes = files::ReadFile(kept); !bytes.ok() || !summary.ParseFromString(*bytes)) {
-    const int threads = std::clamp(static_cast<int>(std::thread::hardware_concurrency()) / 4, 1, 4);
+    const int threads = std::clamp(machine::UsableCores() / 4, 1, 4);
     auto counted = DescribeDataset(FolderOf(id), spec, settings, threads);
     if (!counted.ok()) return Contains(id) ? counted.status() : NoSuchDataset(id);
     summary = *std::move(counted);

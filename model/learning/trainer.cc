@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <chrono>
 #include <optional>
-#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -17,6 +16,7 @@
 #include "model/learning/run_progress.h"
 #include "model/learning/tensors.h"
 #include "model/learning/training_failure.h"
+#include "model/machine/usable_cores.h"
 
 namespace maneuver::learning {
 namespace {
@@ -30,7 +30,7 @@ absl::StatusOr<at::Device> FindDevice(const std::string& name) {
 
 int Threads(const v1::TrainingSettings& settings) {
   if (settings.threads() > 0) return settings.threads();
-  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  return machine::UsableCores();
 }
 
 // All phases on loaded data.

@@ -6,7 +6,6 @@
 #include <iostream>
 #include <map>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -14,6 +13,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "model/machine/usable_cores.h"
 #include "server/maneuverd/configuration.h"
 
 namespace maneuver {
@@ -171,7 +171,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   ServerOptions options;
   std::string listen = "127.0.0.1:8470";
   std::string metrics_listen = "127.0.0.1:9470";
-  int workers = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  int workers = machine::UsableCores();
   double max_queue_delay_ms = 0.0;
   double shutdown_delay_s = 0.0;
   double shutdown_timeout_s = 10.0;

@@ -2,7 +2,6 @@
 
 #include <fstream>
 #include <span>
-#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -11,6 +10,7 @@
 #include "model/artifact/backbone_layers.h"
 #include "model/artifact/model_cost.h"
 #include "model/inference/backbone.h"
+#include "model/machine/usable_cores.h"
 #include "tests/bench/bench_scenes.h"
 #include "tests/bench/curves.h"
 #include "tests/bench/markdown.h"
@@ -238,7 +238,7 @@ std::string Introduction(const ReportOptions& options) {
       "%s, %d cores. Maneuver %s, %s, %s%s. Every time is processor time of one core, in process, "
       "without gRPC and without waiting: medians of the rounds in which what a table compares was "
       "measured in turn.\n\n",
-      ProcessorName(), std::thread::hardware_concurrency(), kGitRevision, kBuildType, kCompiler,
+      ProcessorName(), machine::UsableCores(), kGitRevision, kBuildType, kCompiler,
       inference::ProcessorHasBf16() ? "" : "; bf16: not on this processor");
   for (const SceneSet& set : options.scenes) {
     double agents = 0, points = 0;

@@ -6,7 +6,6 @@
 #include <chrono>
 #include <iostream>
 #include <memory>
-#include <thread>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -18,6 +17,7 @@
 #include "model/inference/action_model.h"
 #include "model/inference/anchor_model.h"
 #include "model/learning/run_progress.h"
+#include "model/machine/usable_cores.h"
 #include "server/jobs/trainer/recordings.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
@@ -100,8 +100,7 @@ absl::StatusOr<v1::EvaluationReport> EvaluateCommand::Measure(const v1::ExampleS
   input.examples = examples;
   input.sampled_examples = sampled_examples_;
   if (baselines.ok()) input.baselines = &*baselines;
-  input.threads =
-      threads_ > 0 ? threads_ : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  input.threads = threads_ > 0 ? threads_ : machine::UsableCores();
   int64_t reported = 0;  // hundredths
   int64_t counted = 0;
   input.progress = [&](int64_t done, int64_t total) {

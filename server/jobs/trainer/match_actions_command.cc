@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <iostream>
-#include <thread>
 
 #include "model/artifact/training_presets.h"
 #include "model/evaluation/action_matching.h"
 #include "model/evaluation/action_matching_text.h"
 #include "model/inference/action_model.h"
+#include "model/machine/usable_cores.h"
 #include "server/jobs/trainer/recordings.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
@@ -53,8 +53,7 @@ absl::StatusOr<v1::ActionMatching> MatchActionsCommand::Match() const {
   evaluation::EvaluationInput input;
   input.recordings = recordings->scenarios;
   input.examples = artifact::ResolveTrainingSettings({}).examples();
-  input.threads =
-      threads_ > 0 ? threads_ : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  input.threads = threads_ > 0 ? threads_ : machine::UsableCores();
   input.progress = [](int64_t, int64_t) { return !StopRequested(); };
   return evaluation::MatchActions(**first, **second, input);
 }

@@ -88,10 +88,25 @@ TEST(OverloadThrottleTest, ThatHurriedCallsAreRefusedDoesNotHoldBackPatientOnes)
   EXPECT_EQ(simulation.sent, 500);
 }
 
-TEST(OverloadThrottleTest, OnlyRefusalsThatTellADelayHoldBack) {
+TEST(OverloadThrottleTest, CallsThatRunOutOfTimeHoldBackAsRefusedOnesDo) {
+  OverloadThrottle throttle(1);
+  int sent = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const absl::Status status = throttle.Admit(kTimeout, absl::UnixEpoch());
+    if (status.ok()) {
+      ++sent;
+      throttle.Record(absl::DeadlineExceededError("late"), kTimeout, absl::UnixEpoch());
+    } else {
+      EXPECT_EQ(ErrorDetailsOf(status).retry_delay, OverloadThrottle::kDelay);
+    }
+  }
+  EXPECT_LT(sent, 50);
+}
+
+TEST(OverloadThrottleTest, NothingElseHoldsBack) {
   for (const absl::Status& status :
-       {absl::UnavailableError("away"), absl::DeadlineExceededError("late"),
-        absl::CancelledError("enough"), absl::InvalidArgumentError("wrong"),
+       {absl::OkStatus(), absl::UnavailableError("away"), absl::CancelledError("enough"),
+        absl::InvalidArgumentError("wrong"),
         absl::ResourceExhaustedError("the message is too large")}) {
     OverloadThrottle throttle;
     for (int i = 0; i < 1000; ++i) {

@@ -1,0 +1,63 @@
+#include "model/machine/usable_cores.h"
+
+#include <gtest/gtest.h>
+#include <sched.h>
+
+#include <fstream>
+#include <string>
+#include <thread>
+
+namespace maneuver::machine {
+namespace {
+
+namespace fs = std::filesystem;
+
+class GroupLimitTest : public testing::Test {
+ protected:
+  void SetUp() override { fs::create_directories(root_ / "pod/container"); }
+  void TearDown() override { fs::remove_all(root_); }
+
+  void Write(const fs::path& group, const std::string& text) {
+    std::ofstream(root_ / group / "cpu.max") << text << "\n";
+  }
+  std::optional<double> Limit() const { return GroupLimit(root_, "/pod/container"); }
+
+  const fs::path root_ =
+      fs::path(testing::TempDir()) / testing::UnitTest::GetInstance()->current_test_info()->name();
+};
+
+TEST_F(GroupLimitTest, ThereIsNoneWithoutFilesOrWithoutALimitInThem) {
+  EXPECT_EQ(Limit(), std::nullopt);
+  Write("pod", "max 100000");
+  Write("pod/container", "nonsense");
+  EXPECT_EQ(Limit(), std::nullopt);
+}
+
+TEST_F(GroupLimitTest, TheLeastOfAllGroupsAboveHolds) {
+  Write("pod/container", "max 100000");
+  Write("pod", "150000 100000");
+  EXPECT_EQ(Limit(), 1.5);
+  Write("pod/container", "50000 100000");
+  EXPECT_EQ(Limit(), 0.5);
+  Write("", "20000 100000");
+  EXPECT_EQ(Limit(), 0.2);
+}
+
+TEST(UsableCoresTest, FollowWhereTheThreadMayRun) {
+  EXPECT_GE(UsableCores(), 1);
+  EXPECT_LE(UsableCores(), static_cast<int>(std::thread::hardware_concurrency()));
+  std::thread([] {
+    cpu_set_t all;
+    ASSERT_EQ(sched_getaffinity(0, sizeof(all), &all), 0);
+    cpu_set_t one;
+    CPU_ZERO(&one);
+    for (int core = 0; core < CPU_SETSIZE && CPU_COUNT(&one) == 0; ++core) {
+      if (CPU_ISSET(core, &all)) CPU_SET(core, &one);
+    }
+    ASSERT_EQ(sched_setaffinity(0, sizeof(one), &one), 0);
+    EXPECT_EQ(UsableCores(), 1);
+  }).join();
+}
+
+}  // namespace
+}  // namespace maneuver::machine
