@@ -80,7 +80,7 @@ struct ClientOptions {
   bool retry_started = false;
   // Predictions are not sent while the server refuses most of them for having too much to do, or
   // has no time for them before their deadlines: they fail at once with RESOURCE_EXHAUSTED, reason
-  // kHeldBack, but for about half as many as it accepts, so that it is known when it has time
+  // kHeldBack, but for about a fifth more than it accepts, so that it is known when it has time
   // again. Its own time goes to those it can answer.
   bool hold_back = true;
   // An upload that broke off is gone on with for so long after the last sign of life.

@@ -20,16 +20,17 @@ namespace maneuver::client {
 // Thread-safe.
 class OverloadThrottle {
  public:
-  // Sent for each that is accepted. Twice is usual; here an answer costs as little as five
-  // refusals.
-  static constexpr double kSentOfAccepted = 1.5;
+  // Sent for each that is accepted. Twice is usual where a refusal costs next to nothing; here
+  // three or so, of calls with a whole map in them, cost as much as an answer about a single
+  // vehicle.
+  static constexpr double kSentOfAccepted = 1.2;
   // So many more than that may be refused at no consequence: nobody who asks now and then is held
   // back.
   static constexpr double kFree = 3.0;
   // What who is held back is told until the server has said how long.
   static constexpr absl::Duration kDelay = absl::Milliseconds(50);
   // What "of late" is: a call counts for less and less, 1/e of it after this.
-  static constexpr absl::Duration kMemory = absl::Seconds(3);
+  static constexpr absl::Duration kMemory = absl::Seconds(2);
 
   explicit OverloadThrottle(uint64_t seed = std::random_device{}()) : random_(seed) {}
 

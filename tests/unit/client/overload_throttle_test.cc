@@ -43,17 +43,17 @@ struct Simulation {
   }
 };
 
-TEST(OverloadThrottleTest, NothingIsHeldBackFromAServerThatAcceptsTwoThirds) {
+TEST(OverloadThrottleTest, NothingIsHeldBackFromAServerThatAcceptsFiveSixths) {
   Simulation simulation;
-  simulation.Run(absl::Seconds(20), 100, 67);
+  simulation.Run(absl::Seconds(20), 100, 84);
   EXPECT_EQ(simulation.sent, 2000);
 }
 
-TEST(OverloadThrottleTest, AnOverloadedServerIsSentHalfAsMuchAgainAsItAccepts) {
+TEST(OverloadThrottleTest, AnOverloadedServerIsSentLittleMoreThanItAccepts) {
   Simulation simulation;
   simulation.Run(absl::Seconds(20), 3000, 1000);  // until it has settled
   simulation.Run(absl::Seconds(20), 3000, 1000);
-  EXPECT_NEAR(simulation.accepted, 20000, 10);
+  EXPECT_NEAR(simulation.accepted, 20000, 200);
   EXPECT_NEAR(simulation.sent, OverloadThrottle::kSentOfAccepted * 20000, 600);
 }
 
