@@ -185,14 +185,16 @@ absl::Status BatchScheduler::CheckWait(Priority priority, size_t targets, TimePo
 
 absl::Status BatchScheduler::CheckWaitLocked(Priority priority, size_t targets, TimePoint deadline,
                                              TimePoint now) const {
-  // What is expected is not exact, and the answer has a way to go as well.
+  // What is expected is not exact, and the answer has a way to go as well: of calls with less than
+  // that to spare most would be worked on for nothing.
   constexpr double kMargin = 1.25;
+  constexpr nanoseconds kWay = std::chrono::milliseconds(2);
   const int before = queue_.SizeBefore(priority, targets);
   const bool waits = before > 0 || drain_rate_.AllAtWork();
   if (!waits || deadline == TimePoint::max()) return absl::OkStatus();
   const nanoseconds expected = drain_rate_.TimeForWorkBegun(now) +
                                drain_rate_.TimeFor(before + static_cast<int>(targets), now);
-  const nanoseconds needed = duration_cast<nanoseconds>(kMargin * expected);
+  const nanoseconds needed = duration_cast<nanoseconds>(kMargin * expected) + kWay;
   const nanoseconds left = std::max(nanoseconds(0), deadline - now);
   if (needed <= left) return absl::OkStatus();
   return errors::WithRetryDelay(
