@@ -73,6 +73,14 @@ absl::StatusOr<BenchModel> FolderBenchModel(const fs::path& folder) {
   return model;
 }
 
+BenchModel WithPrecision(const BenchModel& model, inference::Precision precision) {
+  BenchModel other = model;
+  other.model = *inference::ActionModel::FromStored(*model.stored, {.precision = precision});
+  other.networks = std::make_shared<const inference::Networks>(
+      other.model->spec(), model.stored->weights, other.model->precision() == "bf16");
+  return other;
+}
+
 std::span<const inference::SceneInput> Scenes(const std::string& preset) {
   static std::map<std::string, std::vector<std::vector<uint8_t>>> rasters;
   static std::map<std::string, std::vector<inference::SceneInput>> scenes;

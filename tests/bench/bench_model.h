@@ -40,6 +40,8 @@ struct BenchModel {
 BenchModel PresetBenchModel(const std::string& preset);
 // Errors: those of ActionModel::Load.
 absl::StatusOr<BenchModel> FolderBenchModel(const std::filesystem::path& folder);
+// The same once more, in a precision that the processor has.
+BenchModel WithPrecision(const BenchModel& model, inference::Precision precision);
 
 // Another evaluation of a model's backbone and p(y|s), ready to be run on these scenes.
 using PeerEncode = std::function<void()>;

@@ -14,6 +14,7 @@
 #include "tests/bench/bench_scenes.h"
 #include "tests/bench/curves.h"
 #include "tests/bench/markdown.h"
+#include "tests/bench/precision_change.h"
 #include "tests/bench/stage_times.h"
 #include "tests/bench/yardsticks.h"
 
@@ -253,6 +254,25 @@ std::string Introduction(const ReportOptions& options) {
   return text;
 }
 
+// What the answers of the model's precision differ by from those of f32, if it is another.
+std::string PrecisionText(const BenchModel& model, const std::vector<SceneSet>& sets) {
+  const std::string precision(model.model->precision());
+  if (precision == "f32") return "";
+  std::string text = absl::StrCat(
+      "\n## ", precision, " beside f32\n\nDifferences of ", model.name,
+      "'s answers. Waypoints are those of the mean trajectories of actions with p(y|s) of at "
+      "least ",
+      kLikely, ".\n\n",
+      Header({"scenes", "targets", "p(y\\|s): mean", "largest", "waypoint, m: mean", "largest"}));
+  for (const SceneSet& set : sets) {
+    const PrecisionChange change = ChangeFromF32(model, set.scenes);
+    absl::StrAppendFormat(&text, "| %s | %d | %.5f | %.4f | %.4f | %.3f |\n", set.name,
+                          change.targets, change.mean_probability, change.largest_probability,
+                          change.mean_waypoint, change.largest_waypoint);
+  }
+  return text;
+}
+
 }  // namespace
 
 absl::Status WriteReport(const ReportOptions& options) {
@@ -294,6 +314,7 @@ absl::Status WriteReport(const ReportOptions& options) {
   text += Header(head);
   for (const BenchModel& one : options.models) text += ModelRow(one, options, &yardsticks);
 
+  text += PrecisionText(model, options.scenes);
   text += "\n## Growth\n\n";
   const GrowthOptions growth{options.seconds, options.rounds, options.most_targets};
   for (const GrowthCurve& curve : MeasureGrowth(model, options.scenes.front().scenes, growth)) {

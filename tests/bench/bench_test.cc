@@ -15,6 +15,7 @@
 #include "tests/bench/curves.h"
 #include "tests/bench/interleaved.h"
 #include "tests/bench/pipeline.h"
+#include "tests/bench/precision_change.h"
 
 namespace maneuver::bench {
 namespace {
@@ -69,6 +70,25 @@ TEST(BenchTest, ReportHasEveryStageTargetAndPicture) {
     EXPECT_THAT(Read(folder / name), HasSubstr("</svg>"));
   }
   fs::remove_all(folder);
+}
+
+// With random weights, of the preset's size. What a trained model's answers change by is in the
+// report.
+TEST(BenchTest, Bf16StaysCloseToF32OnRecordedScenes) {
+  if (!inference::ProcessorHasBf16()) GTEST_SKIP() << "this processor does not compute with bf16";
+  const auto scenes = WaymoScenes(kLargestBatch, 12);
+  if (scenes.empty()) GTEST_SKIP() << "MANEUVER_REAL_DATA is not set";
+  const BenchModel model = WithPrecision(Compact(), inference::Precision::kBf16);
+  const PrecisionChange change = ChangeFromF32(model, scenes);
+  EXPECT_GE(change.targets, 8);
+  EXPECT_GT(change.largest_probability, 0.0);  // or one was compared with itself
+  EXPECT_LT(change.largest_probability, 0.02);
+  EXPECT_LT(change.mean_probability, 0.002);
+  EXPECT_LT(change.largest_waypoint, 0.5);
+  EXPECT_LT(change.mean_waypoint, 0.05);
+  EXPECT_EQ(
+      ChangeFromF32(WithPrecision(model, inference::Precision::kF32), scenes).largest_probability,
+      0.0);
 }
 
 // Else the backbone and the heads that are measured are not those that serve.
