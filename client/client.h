@@ -78,10 +78,10 @@ struct ClientOptions {
   // StartPrediction is tried again as well, and by gRPC itself: as `retry` says, but five times at
   // most, and not while more than a few calls of late have failed.
   bool retry_started = false;
-  // Predictions are not sent while the server refuses most of them for having too much to do, or
-  // has no time for them before their deadlines: they fail at once with RESOURCE_EXHAUSTED, reason
-  // kHeldBack, but for about a fifth more than it accepts, so that it is known when it has time
-  // again. Its own time goes to those it can answer.
+  // While the server refuses more than a sixth of the predictions for having too much to do, or has
+  // no time for them before their deadlines, about a fifth more than it accepts are sent, so that
+  // it is known when it has time again. The others fail at once with RESOURCE_EXHAUSTED, reason
+  // kHeldBack. The server's time goes to those it can answer.
   bool hold_back = true;
   // An upload that broke off is gone on with for so long after the last sign of life.
   absl::Duration upload_patience = absl::Minutes(2);

@@ -22,10 +22,11 @@ absl::Status OverloadThrottle::Admit(absl::Duration timeout, absl::Time now) {
   const double uniform = std::uniform_real_distribution<double>(0.0, 1.0)(random_);
   if (uniform * (requests_ + 1.0) >= surplus) return absl::OkStatus();
   requests_ += 1.0;
-  return WithDetails(absl::ResourceExhaustedError(
-                         "not sent: the server has not accepted most calls of late, since "
-                         "it has more to do than it can; try again a little later"),
-                     {.reason = kHeldBack, .retry_delay = retry_delay_});
+  return WithDetails(
+      absl::ResourceExhaustedError(
+          "not sent: the server has refused too many of this client's calls of late, or had no "
+          "time for them; try again a little later"),
+      {.reason = kHeldBack, .retry_delay = retry_delay_});
 }
 
 void OverloadThrottle::Record(const absl::Status& status, absl::Duration timeout, absl::Time now) {

@@ -379,7 +379,7 @@ void AddLoad(Command& root, Environment& environment) {
                "Make calls again that fail with UNAVAILABLE, as the other commands do");
   command.Flag(
       "--send-all", &arguments->send_all,
-      "Also send what the client library holds back from a server that refuses most calls");
+      "Also send what the client library holds back from a server that refuses too many calls");
   command.Option("--max-in-flight", &arguments->max_in_flight, 1, 1'000'000,
                  "Calls at once; those beyond wait, and are late");
   command.Option("--metrics", &arguments->metrics,

@@ -135,8 +135,8 @@ std::string Remarks(const LoadStep& step) {
   }
   if (tally.held_back > 0) {
     remark(tally.held_back,
-           " of them the client library did not send, since the server refused most of those that "
-           "it did; --send-all sends them too");
+           " of them the client library did not send, since the server refused too many of those "
+           "that it did; --send-all sends them too");
   }
   if (tally.refused_targets > 0) {
     remark(tally.refused_targets, " targets were refused in answers: ", tally.failure.message());

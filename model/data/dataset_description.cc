@@ -303,8 +303,7 @@ absl::StatusOr<v1::DatasetSummary> DescribeDataset(const std::filesystem::path& 
                                                    int threads) {
   const auto manifest = ReadDatasetManifest(folder);
   if (!manifest.ok()) return manifest.status();
-  const auto cores = static_cast<size_t>(machine::UsableCores());
-  const size_t wanted = threads > 0 ? static_cast<size_t>(threads) : cores;
+  const auto wanted = static_cast<size_t>(threads > 0 ? threads : machine::UsableCores());
   const size_t useful = std::min(wanted, static_cast<size_t>(manifest->recordings()));
   Records records(kWaitingPerThread * useful);
   std::vector<Counts> counts(useful, Counts(spec, settings));

@@ -176,8 +176,7 @@ absl::StatusOr<std::vector<v1::Scenario>> ReadRecordings(const std::filesystem::
       std::string().swap(payloads[i]);
     }
   };
-  const auto cores = static_cast<size_t>(machine::UsableCores());
-  const size_t wanted = threads > 0 ? static_cast<size_t>(threads) : cores;
+  const auto wanted = static_cast<size_t>(threads > 0 ? threads : machine::UsableCores());
   std::vector<std::thread> workers;
   for (size_t i = 1; i < std::min(wanted, payloads.size()); ++i) workers.emplace_back(parse);
   parse();
