@@ -11,9 +11,8 @@
 #include <vector>
 
 #include "model/artifact/backbone_layers.h"
+#include "model/inference/first_layer.h"
 #include "model/inference/folded_convolution.h"
-#include "model/inference/sparse_convolution.h"
-#include "model/scene/rasterizer.h"
 
 namespace maneuver::inference {
 namespace {
@@ -128,39 +127,6 @@ void AverageCells(const Value* grid, const GridSize& size, float* mean) {
   for (size_t c = 0; c < channels; ++c) mean[c] /= static_cast<float>(cells);
 }
 
-// The first layer in two parts: the map's channels whole, the agents' where they are not black.
-struct SplitLayer {
-  SplitLayer(const BackboneLayer& layer, const FoldedConvolution& folded)
-      : agents(layer, folded, scene::kTargetChannel) {
-    constexpr int kMapChannels = scene::kTargetChannel;
-    const size_t taps = static_cast<size_t>(layer.kernel) * static_cast<size_t>(layer.kernel);
-    const size_t inputs = static_cast<size_t>(layer.input.channels);
-    FoldedConvolution of_map;
-    of_map.bias = folded.bias;
-    for (size_t o = 0; o < folded.bias.size(); ++o) {
-      const auto weights = folded.weight.begin() + static_cast<std::ptrdiff_t>(o * inputs * taps);
-      of_map.weight.insert(of_map.weight.end(), weights,
-                           weights + static_cast<std::ptrdiff_t>(kMapChannels * taps));
-    }
-    map.layer = layer;
-    map.layer.input.channels = kMapChannels;
-    map.layer.relu = false;
-    map.source = Description(map.layer.input, Type::f32);
-    map.destination = Description(map.layer.output, Type::f32);
-    MakeConvolution(of_map, &map);
-  }
-
-  Step map;
-  SparseConvolution agents;
-};
-
-// The first `kept` of each pixel's `channels`.
-void NarrowPixels(const uint8_t* raster, int64_t pixels, int channels, int kept, float* values) {
-  for (int64_t p = 0; p < pixels; ++p, raster += channels, values += kept) {
-    for (int c = 0; c < kept; ++c) values[c] = static_cast<float>(raster[c]);
-  }
-}
-
 }  // namespace
 
 bool ProcessorHasBf16() {
@@ -174,8 +140,8 @@ struct Backbone::Layers {
   memory::desc values;  // the raster as the first layer reads it
   dnnl::reorder widen;  // bytes to values; exact, also in bf16
   std::vector<Step> steps;
-  // In place of the first step, in f32, for a raster that is black for the most part.
-  std::optional<SplitLayer> split;
+  // In place of the first step, for a raster that is black for the most part.
+  std::optional<FirstLayer> first;
 };
 
 class Backbone::Scratch {
@@ -189,9 +155,6 @@ class Backbone::Scratch {
       size_t& size = sizes[step.layer.destination];
       size = std::max(size, step.destination.get_size());
       scratchpad_size = std::max(scratchpad_size, step.scratchpad.get_size());
-    }
-    if (layers.split) {
-      scratchpad_size = std::max(scratchpad_size, layers.split->map.scratchpad.get_size());
     }
     for (int r = 0; r < artifact::kBackboneRegisters; ++r) registers[r] = Allocate(sizes[r]);
     scratchpad = Allocate(scratchpad_size);
@@ -208,14 +171,6 @@ class Backbone::Scratch {
       if (step.layer.kind != Kind::kConvolution) continue;
       arguments.back().insert({{DNNL_ARG_WEIGHTS, step.weight}, {DNNL_ARG_BIAS, step.bias}});
     }
-    if (!layers.split) return;
-    const Step& map = layers.split->map;
-    map_values = memory(map.source, CpuEngine());
-    map_arguments = {{DNNL_ARG_SRC, map_values},
-                     {DNNL_ARG_DST, arguments.front().at(DNNL_ARG_DST)},
-                     {DNNL_ARG_SCRATCHPAD, At(map.scratchpad, scratchpad)},
-                     {DNNL_ARG_WEIGHTS, map.weight},
-                     {DNNL_ARG_BIAS, map.bias}};
   }
 
   dnnl::stream stream;
@@ -225,10 +180,7 @@ class Backbone::Scratch {
   memory registers[artifact::kBackboneRegisters];
   memory scratchpad;                                       // one for all steps
   std::vector<std::unordered_map<int, memory>> arguments;  // of each step
-  // Of the split layer.
-  SparseConvolution::Values agents;
-  memory map_values;
-  std::unordered_map<int, memory> map_arguments;
+  FirstLayer::Scratch first;
 
  private:
   static memory Allocate(size_t size) {
@@ -261,9 +213,7 @@ Backbone::Backbone(const v1::ModelSpec& spec, const artifact::TensorMap& weights
       // The raster's bytes go in as they are: the first layer divides them.
       const auto folded = Fold(weights, step.layer, i == 0 ? 1.0 / kFullIntensity : 1.0);
       MakeConvolution(folded, &step);
-      if (i == 0 && !bf16 && SparseConvolution::Takes(step.layer)) {
-        layers->split.emplace(step.layer, folded);
-      }
+      if (i == 0 && FirstLayer::Takes(step.layer)) layers->first.emplace(step.layer, folded, bf16);
     } else if (step.layer.kind == Kind::kMaxPool) {
       MakeMaxPool(&step);
     }
@@ -275,9 +225,7 @@ Backbone::~Backbone() = default;
 
 size_t Backbone::bytes() const {
   size_t bytes = 0;
-  if (layers_->split) {
-    bytes += layers_->split->agents.bytes() + layers_->split->map.weight.get_desc().get_size();
-  }
+  if (layers_->first) bytes += layers_->first->bytes();
   for (const Step& step : layers_->steps) {
     if (step.layer.kind != Kind::kConvolution) continue;
     bytes += step.weight.get_desc().get_size() + step.bias.get_desc().get_size();
@@ -295,15 +243,9 @@ void Backbone::Evaluate(const uint8_t* raster, Scratch* scratch, float* grid) co
   scratch->bytes.set_data_handle(const_cast<uint8_t*>(raster));  // only read
   scratch->grid.set_data_handle(grid);
   size_t done = 0;
-  if (layers_->split && layers_->split->agents.Find(raster, &scratch->agents)) {
-    const Step& map = layers_->split->map;
-    const GridSize& size = map.layer.input;
-    NarrowPixels(raster, int64_t{size.height} * size.width, layers_->steps[0].layer.input.channels,
-                 size.channels, static_cast<float*>(scratch->map_values.get_data_handle()));
-    map.primitive.execute(scratch->stream, scratch->map_arguments);
-    scratch->stream.wait();
-    const memory& output = scratch->map_arguments.at(DNNL_ARG_DST);
-    layers_->split->agents.AddTo(scratch->agents, static_cast<float*>(output.get_data_handle()));
+  if (layers_->first &&
+      layers_->first->Evaluate(raster, &scratch->first,
+                               scratch->arguments[0].at(DNNL_ARG_DST).get_data_handle())) {
     done = 1;
   } else {
     layers_->widen.execute(scratch->stream, scratch->bytes, scratch->values);

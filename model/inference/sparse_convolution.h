@@ -17,9 +17,6 @@ namespace maneuver::inference {
 // Immutable; safe to share between threads.
 class SparseConvolution {
  public:
-  // Where a larger share of the values is not 0, multiplying all of them takes less time.
-  static constexpr double kMostFilled = 0.1;
-
   // What is not black of a raster. One for each thread.
   struct Values {
     struct Value {
@@ -35,25 +32,27 @@ class SparseConvolution {
     std::vector<int> rows;      // [H + 1], in pixels
   };
 
-  // Whether there is one for a layer: its outputs have to fill whole vectors.
+  // Whether there is one for a layer: its outputs have to fill vectors.
   static bool Takes(const artifact::BackboneLayer& layer);
 
   // The channels from `first_channel` on of a layer that reads the raster's bytes as they are.
+  //   most_filled: the largest share of those channels' values that may differ from 0
   SparseConvolution(const artifact::BackboneLayer& layer, const FoldedConvolution& folded,
-                    int first_channel);
+                    int first_channel, double most_filled);
 
   size_t bytes() const { return static_cast<size_t>(weights_.size()) * sizeof(float); }
 
   // Finds those channels' values in a raster, [H, W, C] bytes. False if it has too many.
   bool Find(const uint8_t* raster, Values* values) const;
 
-  // Adds what they give to the output of the other channels, and applies the layer's ReLU.
-  //   grid: [h, w, C']
-  void AddTo(const Values& values, float* grid) const;
+  // Adds what they give to an output row, which has the sums of the other channels; without the
+  // layer's ReLU.
+  //   sums: [w, C']
+  void AddRow(const Values& values, int row, float* sums) const;
 
  private:
   // Adds what an input row gives to an output row, by row `tap` of the kernel.
-  void AddRow(const Values& values, int row, int tap, float* outputs) const;
+  void AddTap(const Values& values, int row, int tap, float* sums) const;
 
   const artifact::BackboneLayer layer_;
   const size_t most_;            // values

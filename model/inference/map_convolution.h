@@ -1,0 +1,69 @@
+// The part of a raster's first convolution that reads the map's channels: lines fill too much of
+// them to look at each value, and too little to multiply all. Where what a few neighbours read of a
+// row is black, it is passed over. In f32: three channels do not fill the pairs that bf16
+// multiplies.
+
+#ifndef MANEUVER_MODEL_INFERENCE_MAP_CONVOLUTION_H_
+#define MANEUVER_MODEL_INFERENCE_MAP_CONVOLUTION_H_
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "model/artifact/backbone_layers.h"
+#include "model/inference/folded_convolution.h"
+#include "model/scene/rasterizer.h"
+
+namespace maneuver::inference {
+
+// Immutable; safe to share between threads.
+class MapConvolution {
+ public:
+  static constexpr int kChannels = scene::kTargetChannel;  // those before the target's
+
+  // The input rows that an output row reads, of the map's channels, as floats, with the padding on
+  // both sides. One for each thread.
+  class Rows {
+   private:
+    friend class MapConvolution;
+    float* Values(const MapConvolution& of, int row) {
+      return &values[of.row_pixels_ * kChannels * static_cast<size_t>(row % of.layer_.kernel)];
+    }
+    int* Before(const MapConvolution& of, int row) {
+      return &before[(of.row_pixels_ + 1) * static_cast<size_t>(row % of.layer_.kernel)];
+    }
+    std::vector<float> values;  // [k, W', 3], row r at r % k
+    std::vector<int> before;    // [k, W' + 1] how many pixels to the left are not black
+    std::vector<int> held;      // [k] which row is in each place; -1: none
+  };
+
+  // Whether there is one for a layer: its outputs have to fill vectors.
+  static bool Takes(const artifact::BackboneLayer& layer);
+
+  // Of a layer that reads the raster's bytes as they are: kChannels of its channels.
+  MapConvolution(const artifact::BackboneLayer& layer, const FoldedConvolution& folded);
+
+  size_t bytes() const {
+    return static_cast<size_t>(weights_.size() + bias_.size()) * sizeof(float);
+  }
+
+  // Before the first row of each raster.
+  void Begin(Rows* rows) const;
+  // An output row, from the top to the bottom; without the layer's ReLU.
+  //   raster: [H, W, C] bytes;  sums: [w, C']
+  void Row(const uint8_t* raster, int row, Rows* rows, float* sums) const;
+
+ private:
+  // Puts an input row into its place, if it is not there.
+  void Widen(const uint8_t* raster, int row, Rows* rows) const;
+
+  const artifact::BackboneLayer layer_;
+  const size_t row_pixels_;  // W': of an input row with its padding
+  Eigen::ArrayXf weights_;   // [k, k, 3, C']
+  Eigen::ArrayXf bias_;      // [C']
+};
+
+}  // namespace maneuver::inference
+
+#endif  // MANEUVER_MODEL_INFERENCE_MAP_CONVOLUTION_H_

@@ -1,0 +1,108 @@
+#include "model/inference/first_layer.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <tuple>
+#include <vector>
+
+#include "tests/unit/model/inference/convolution_problem.h"
+
+namespace maneuver::inference {
+namespace {
+
+double Expected(const Problem& problem, int row, int column, int channel) {
+  const double sum = problem.folded.bias[static_cast<size_t>(channel)] +
+                     Products(problem, 0, row, column, channel);
+  return problem.layer.relu ? std::max(sum, 0.0) : sum;
+}
+
+// Holds the grid against every product, as far as its precision goes.
+template <typename Value>
+void ExpectGrid(const Problem& problem, const std::vector<Value>& grid, double tolerance) {
+  size_t i = 0;
+  for (int row = 0; row < problem.layer.output.height; ++row) {
+    for (int column = 0; column < problem.layer.output.width; ++column) {
+      for (int channel = 0; channel < problem.layer.output.channels; ++channel, ++i) {
+        const double expected = Expected(problem, row, column, channel);
+        ASSERT_NEAR(static_cast<float>(grid[i]), expected, tolerance * (1.0 + std::abs(expected)))
+            << "row " << row << " column " << column << " channel " << channel;
+      }
+    }
+  }
+}
+
+using Shape = std::tuple<int, int, int, int>;  // kernel, stride, inputs, outputs
+class FirstLayerTest : public testing::TestWithParam<Shape> {
+ protected:
+  // One value in `one_in` is filled, and none from the middle column on: what is black is passed
+  // over, and what is beside it must not be.
+  Problem HalfBlackProblem(int one_in) const {
+    const auto [kernel, stride, inputs, outputs] = GetParam();
+    Problem problem = MakeProblem(kernel, stride, inputs, outputs, one_in);
+    const auto& input = problem.layer.input;
+    for (int row = 0; row < input.height; ++row) {
+      const auto end = problem.raster.begin() + (row + 1) * input.width * inputs;
+      std::fill(end - input.width / 2 * inputs, end, uint8_t{0});
+    }
+    return problem;
+  }
+};
+INSTANTIATE_TEST_SUITE_P(Shapes, FirstLayerTest,
+                         testing::Values(Shape{3, 2, 13, 24}, Shape{3, 1, 5, 8},
+                                         Shape{3, 2, 13, 32}, Shape{5, 2, 4, 40},
+                                         Shape{7, 2, 25, 64}, Shape{3, 3, 8, 16},
+                                         Shape{5, 4, 9, 72}));
+
+TEST_P(FirstLayerTest, IsEveryProduct) {
+  FirstLayer::Scratch scratch;  // used again
+  for (const bool relu : {true, false}) {
+    for (const int one_in : {40, 60}) {
+      Problem problem = HalfBlackProblem(one_in);
+      problem.layer.relu = relu;
+      ASSERT_TRUE(FirstLayer::Takes(problem.layer));
+      const size_t size = static_cast<size_t>(problem.layer.output.values());
+      std::vector<float> floats(size);
+      ASSERT_TRUE(FirstLayer(problem.layer, problem.folded, false)
+                      .Evaluate(problem.raster.data(), &scratch, floats.data()));
+      ExpectGrid(problem, floats, 1e-5);
+      std::vector<Eigen::bfloat16> narrow(size);
+      ASSERT_TRUE(FirstLayer(problem.layer, problem.folded, true)
+                      .Evaluate(problem.raster.data(), &scratch, narrow.data()));
+      ExpectGrid(problem, narrow, 1.0 / 256);
+    }
+  }
+}
+
+TEST_P(FirstLayerTest, ABlackRasterLeavesTheBias) {
+  Problem problem = HalfBlackProblem(40);
+  std::fill(problem.raster.begin(), problem.raster.end(), uint8_t{0});
+  std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()));
+  FirstLayer::Scratch scratch;
+  ASSERT_TRUE(FirstLayer(problem.layer, problem.folded, false)
+                  .Evaluate(problem.raster.data(), &scratch, grid.data()));
+  ExpectGrid(problem, grid, 0.0);
+}
+
+TEST(FilledFirstLayerTest, IsLeftToBeConvolvedWholeSoonerInBf16) {
+  const Problem problem = MakeProblem(3, 2, 13, 24, 16);  // between .03 and .1
+  std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()), -1.0F);
+  const std::vector<float> before = grid;
+  FirstLayer::Scratch scratch;
+  EXPECT_FALSE(FirstLayer(problem.layer, problem.folded, true)
+                   .Evaluate(problem.raster.data(), &scratch, grid.data()));
+  EXPECT_EQ(grid, before);
+  EXPECT_TRUE(FirstLayer(problem.layer, problem.folded, false)
+                  .Evaluate(problem.raster.data(), &scratch, grid.data()));
+}
+
+TEST(FirstLayerKindTest, ThatReadsNoAgentsOrFillsNoVectorIsNotTaken) {
+  EXPECT_TRUE(FirstLayer::Takes(MakeProblem(3, 2, 13, 24, 4).layer));
+  EXPECT_FALSE(FirstLayer::Takes(MakeProblem(3, 2, 13, 25, 4).layer));
+  EXPECT_FALSE(FirstLayer::Takes(MakeProblem(3, 2, 3, 24, 4).layer));
+  EXPECT_FALSE(FirstLayer::Takes(MakeProblem(1, 1, 13, 24, 4).layer));
+}
+
+}  // namespace
+}  // namespace maneuver::inference
