@@ -86,7 +86,7 @@ TEST_P(FirstLayerTest, ABlackRasterLeavesTheBias) {
 }
 
 TEST(FilledFirstLayerTest, IsLeftToBeConvolvedWholeSoonerInBf16) {
-  const Problem problem = MakeProblem(3, 2, 13, 24, 16);  // between .03 and .1
+  const Problem problem = MakeProblem(3, 2, 13, 24, 16);  // between .05 and .1
   std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()), -1.0F);
   const std::vector<float> before = grid;
   FirstLayer::Scratch scratch;
