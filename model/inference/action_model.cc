@@ -132,7 +132,7 @@ class Session final : public InferenceSession {
     }
     features_.resize(rows, networks_.projection.outputs());
     networks_.projection.Apply(grids_.data(), static_cast<int>(rows), Activation::kRelu,
-                               features_.data());
+                               &mlp_scratch_.dense, features_.data());
     if (model_->spec().target_motion()) AppendMotion(scenes);
     logits_.resize(rows, networks_.action_predictor.outputs());
     networks_.action_predictor.Apply(features_.data(), static_cast<int>(rows), &mlp_scratch_,

@@ -14,7 +14,7 @@ using RowMajorXf = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::R
 
 // The layers `<name>.0`, `<name>.1`, ... With `networks` of them side by side, [networks, out, in],
 // those of number `network`.
-Mlp MakeMlp(const TensorMap& weights, const std::string& name, int64_t network = 0) {
+Mlp MakeMlp(const TensorMap& weights, const std::string& name, bool bf16, int64_t network = 0) {
   std::vector<DenseLayer> layers;
   for (int i = 0;; ++i) {
     const auto found = weights.find(absl::StrCat(name, ".", i, ".weight"));
@@ -25,13 +25,13 @@ Mlp MakeMlp(const TensorMap& weights, const std::string& name, int64_t network =
     const int64_t outputs = bias.shape.back();
     layers.emplace_back(static_cast<int>(inputs), static_cast<int>(outputs),
                         weight.values.data() + network * inputs * outputs,
-                        bias.values.data() + network * outputs);
+                        bias.values.data() + network * outputs, bf16);
   }
 }
 
 // The projection reads its grid as [C, h, w] (tensor.h), the convolutions write [h, w, C]: its
 // columns are put in their order once, here.
-DenseLayer MakeProjection(const v1::ModelSpec& spec, const TensorMap& weights) {
+DenseLayer MakeProjection(const v1::ModelSpec& spec, const TensorMap& weights, bool bf16) {
   const artifact::GridSize grid = artifact::BackboneLayers(spec).back().output;
   const Tensor& weight = weights.at("backbone.projection.weight");
   const int64_t outputs = weight.shape[0];
@@ -47,13 +47,14 @@ DenseLayer MakeProjection(const v1::ModelSpec& spec, const TensorMap& weights) {
     }
   }
   return DenseLayer(static_cast<int>(inputs), static_cast<int>(outputs), reordered.data(),
-                    weights.at("backbone.projection.bias").values.data());
+                    weights.at("backbone.projection.bias").values.data(), bf16);
 }
 
-std::vector<Mlp> MakeScenarioEncoders(const v1::ModelSpec& spec, const TensorMap& weights) {
+std::vector<Mlp> MakeScenarioEncoders(const v1::ModelSpec& spec, const TensorMap& weights,
+                                      bool bf16) {
   std::vector<Mlp> encoders;
   for (int64_t k = 0; k < spec.actions(); ++k) {
-    encoders.push_back(MakeMlp(weights, "scenario_encoder", k));
+    encoders.push_back(MakeMlp(weights, "scenario_encoder", bf16, k));
   }
   return encoders;
 }
@@ -75,17 +76,17 @@ Eigen::VectorXd Vector(const Tensor& tensor) {
 
 Networks::Networks(const v1::ModelSpec& spec, const TensorMap& weights, bool bf16)
     : backbone(spec, weights, bf16),
-      projection(MakeProjection(spec, weights)),
-      action_predictor(MakeMlp(weights, "action_predictor")),
-      trajectory_encoder(MakeMlp(weights, "trajectory_encoder")),
-      decoder(MakeMlp(weights, "decoder")),
-      scenario_encoders(MakeScenarioEncoders(spec, weights)),
+      projection(MakeProjection(spec, weights, bf16)),
+      action_predictor(MakeMlp(weights, "action_predictor", bf16)),
+      trajectory_encoder(MakeMlp(weights, "trajectory_encoder", false)),
+      decoder(MakeMlp(weights, "decoder", false)),
+      scenario_encoders(MakeScenarioEncoders(spec, weights, bf16)),
       mixture{Matrix(weights.at("mixture.mean")), Matrix(weights.at("mixture.log_variance")),
               Vector(weights.at("mixture.log_weight"))},
       trajectory_mean(Vector(weights.at("trajectory.mean"))),
       trajectory_stddev(Vector(weights.at("trajectory.stddev"))) {
   if (spec.has_decoder_covariance()) {
-    covariance_network = MakeMlp(weights, "decoder_covariance");
+    covariance_network = MakeMlp(weights, "decoder_covariance", false);
     return;
   }
   const Tensor& table = weights.at("decoder.covariance");

@@ -19,8 +19,9 @@ namespace maneuver::inference {
 // Immutable; safe to share between threads. Built from weights that fit the spec, as
 // artifact::ReadModelFolder returns them.
 struct Networks {
-  // Lets oneDNN's exceptions out, as Backbone does. In bf16 the convolutions alone are: the layers
-  // after them are small, and means in metres want the precision.
+  // Lets oneDNN's exceptions out, as Backbone does. In bf16 are the convolutions, and the weights
+  // of what reads a scene's features, since those come from memory for each few targets. Decoders
+  // are in f32: means in metres want the precision.
   Networks(const v1::ModelSpec& spec, const artifact::TensorMap& weights, bool bf16);
 
   size_t bytes() const;

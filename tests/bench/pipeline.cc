@@ -148,7 +148,8 @@ void Pipeline::EvaluateHeads() {
   const size_t features = static_cast<size_t>(networks_.action_predictor.inputs());
   const size_t actions = static_cast<size_t>(networks_.action_predictor.outputs());
   outputs_.resize(scenes_.size() * projected);
-  networks_.projection.Apply(grids_.data(), rows, inference::Activation::kRelu, outputs_.data());
+  networks_.projection.Apply(grids_.data(), rows, inference::Activation::kRelu, &mlp_scratch_.dense,
+                             outputs_.data());
   features_.resize(scenes_.size() * features);
   for (size_t i = 0; i < scenes_.size(); ++i) {
     float* row = features_.data() + i * features;

@@ -26,10 +26,12 @@ class DenseLayerTest : public testing::TestWithParam<std::pair<int, int>> {
   const std::vector<float> bias_ = RandomValues(static_cast<size_t>(outputs_), 2);
   const DenseLayer layer_{inputs_, outputs_, weight_.data(), bias_.data()};
 
+  DenseScratch scratch_;  // used again
+
   std::vector<float> Apply(const std::vector<float>& x, int rows, Activation activation) {
     // What lies behind the outputs must be left alone.
     std::vector<float> y(static_cast<size_t>(rows * outputs_) + 1, -7.0f);
-    layer_.Apply(x.data(), rows, activation, y.data());
+    layer_.Apply(x.data(), rows, activation, &scratch_, y.data());
     EXPECT_EQ(y.back(), -7.0f);
     y.pop_back();
     return y;
@@ -73,6 +75,44 @@ TEST_P(DenseLayerTest, ARowHasTheSameBitsInEveryBatch) {
   for (int rows = 1; rows <= most; ++rows) {
     const auto y = Apply(x, rows, Activation::kNone);
     ASSERT_EQ(std::memcmp(y.data(), alone.data(), y.size() * sizeof(float)), 0) << rows;
+  }
+}
+
+// Of an input in four, of all rows or of one, nothing is left: as after a ReLU.
+TEST_P(DenseLayerTest, InputsThatArePassedOverChangeNoBit) {
+  for (const int rows : {1, 2, 3, 5, 8, 13}) {
+    auto x = RandomValues(static_cast<size_t>(rows * inputs_), 5);
+    for (int r = 0; r < rows; ++r) {
+      for (int i = 0; i < inputs_; ++i) {
+        if (i % 4 == 1 || (i + r) % 4 == 2) x[static_cast<size_t>(r * inputs_ + i)] = 0.0f;
+      }
+    }
+    const auto y = Apply(x, rows, Activation::kNone);
+    for (int r = 0; r < rows; ++r) {
+      for (int o = 0; o < outputs_; ++o) {
+        float sum = bias_[static_cast<size_t>(o)];
+        for (int i = 0; i < inputs_; ++i) {
+          sum = std::fma(x[static_cast<size_t>(r * inputs_ + i)],
+                         weight_[static_cast<size_t>(o * inputs_ + i)], sum);
+        }
+        ASSERT_EQ(y[static_cast<size_t>(r * outputs_ + o)], sum) << rows << " rows, row " << r;
+      }
+    }
+  }
+}
+
+TEST_P(DenseLayerTest, InBf16OnlyWeightsAreRounded) {
+  std::vector<float> rounded;
+  for (const float w : weight_) rounded.push_back(static_cast<float>(Eigen::bfloat16(w)));
+  const DenseLayer narrow(inputs_, outputs_, weight_.data(), bias_.data(), true);
+  const DenseLayer wide(inputs_, outputs_, rounded.data(), bias_.data(), false);
+  for (const int rows : {1, 2, 4, 9}) {
+    const auto x = RandomValues(static_cast<size_t>(rows * inputs_), 6);
+    std::vector<float> ours(static_cast<size_t>(rows * outputs_));
+    std::vector<float> expected(ours.size());
+    narrow.Apply(x.data(), rows, Activation::kRelu, &scratch_, ours.data());
+    wide.Apply(x.data(), rows, Activation::kRelu, &scratch_, expected.data());
+    ASSERT_EQ(ours, expected) << rows;
   }
 }
 
