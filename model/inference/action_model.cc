@@ -189,9 +189,13 @@ class Session final : public InferenceSession {
 
   // Rows of decoded_ in metres, [count, 2T].
   RowMajorXd DecodedMetres(Eigen::Index first, Eigen::Index count) const {
-    const auto rows = decoded_.middleRows(first, count).cast<double>().array();
-    return (rows.rowwise() * networks_.trajectory_stddev.transpose().array()).rowwise() +
-           networks_.trajectory_mean.transpose().array();
+    RowMajorXd metres(count, decoded_.cols());
+    for (Eigen::Index r = 0; r < count; ++r) {
+      metres.row(r) = decoded_.row(first + r).cast<double>().cwiseProduct(
+                          networks_.trajectory_stddev.transpose()) +
+                      networks_.trajectory_mean.transpose();
+    }
+    return metres;
   }
 
   // Covariance of p(x|z) at the mean of each distribution's latent, into its moments.
@@ -217,37 +221,41 @@ class Session final : public InferenceSession {
     }
   }
 
-  // Sigma trajectories and moments of a distribution, from its decoded sigma points, rows of
-  // decoded_; what p(x|z) adds is in the moments already.
-  void FillTrajectories(Eigen::Index first, Eigen::Index points,
-                        ActionDistribution* distribution) const {
-    const RowMajorXd images = DecodedMetres(first, points);
+  // Sigma trajectories and moments of a distribution (probability::MomentsOfSigmaPoints), from its
+  // decoded sigma points, rows of decoded_; what p(x|z) adds is in the moments already.
+  void FillTrajectories(Eigen::Index first, Eigen::Index points, ActionDistribution* distribution) {
+    RowMajorXd images = DecodedMetres(first, points);
     const Eigen::Index waypoints = images.cols() / 2;
-    distribution->sigma.reserve(static_cast<size_t>(points));
-    for (Eigen::Index p = 0; p < points; ++p) {
-      distribution->sigma.push_back(
-          Eigen::Map<const Trajectory>(images.row(p).data(), waypoints, 2));
+    distribution->moment_mean.resize(waypoints, 2);
+    Eigen::Map<Eigen::RowVectorXd> mean(distribution->moment_mean.data(), images.cols());
+    mean = images.row(0);
+    deviation_.resize(images.cols());
+    WaypointCovariances& covariance = distribution->moment_covariance;
+    for (Eigen::Index d = 1; d + 1 < points; d += 2) {
+      const auto plus = images.row(d);
+      const auto minus = images.row(d + 1);
+      mean += 0.5 * (plus - 2.0 * images.row(0) + minus);
+      deviation_ = 0.5 * (plus - minus);
+      for (Eigen::Index t = 0; t < waypoints; ++t) {
+        const double x = deviation_[2 * t];
+        const double y = deviation_[2 * t + 1];
+        covariance(t, 0) += x * x;
+        covariance(t, 1) += x * y;
+        covariance(t, 2) += y * y;
+      }
     }
-    const auto moments = probability::MomentsOfSigmaPoints(images);
-    distribution->moment_mean = Eigen::Map<const Trajectory>(moments.mean.data(), waypoints, 2);
-    for (Eigen::Index d = 0; d < moments.deviations.rows(); ++d) {
-      const Eigen::Map<const Trajectory> deviation(moments.deviations.row(d).data(), waypoints, 2);
-      const auto x = deviation.col(0).array();
-      const auto y = deviation.col(1).array();
-      distribution->moment_covariance.col(0).array() += x * x;
-      distribution->moment_covariance.col(1).array() += x * y;
-      distribution->moment_covariance.col(2).array() += y * y;
-    }
+    distribution->sigma = TrajectorySet(std::move(images));
   }
 
   std::shared_ptr<const LoadedModel> model_;
   const Networks& networks_;
   Backbone::ScratchPointer scratch_;
   MlpScratch mlp_scratch_;
-  RowMajorXf grids_;     // [rows, h * w * C]
-  RowMajorXf features_;  // [rows, F']
-  RowMajorXf logits_;    // [rows, K]
-  RowMajorXf decoded_;   // [sigma points, 2T]
+  RowMajorXf grids_;              // [rows, h * w * C]
+  RowMajorXf features_;           // [rows, F']
+  RowMajorXf logits_;             // [rows, K]
+  RowMajorXf decoded_;            // [sigma points, 2T]
+  Eigen::RowVectorXd deviation_;  // [2T]
 };
 
 std::unique_ptr<InferenceSession> LoadedModel::NewSession() const {

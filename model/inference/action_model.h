@@ -13,6 +13,7 @@
 
 #include "absl/status/statusor.h"
 #include "maneuver/v1/model.pb.h"
+#include "model/inference/trajectory_set.h"
 #include "model/scene/target_motion.h"
 
 namespace maneuver::artifact {
@@ -33,9 +34,6 @@ enum class LatentSource {
   kPrior,      // p(z|y)
 };
 
-// Positions at the waypoints, target frame, metres. [T, 2]
-using Trajectory = Eigen::Matrix<double, Eigen::Dynamic, 2, Eigen::RowMajor>;
-
 // A covariance at each waypoint, target frame. [T, 3] xx, xy, yy, square metres
 using WaypointCovariances = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
@@ -44,11 +42,11 @@ struct ActionDistribution {
   int action = 0;
   Eigen::VectorXd latent_mean;    // [D]
   Eigen::VectorXd latent_stddev;  // [D]
-  std::vector<Trajectory> sigma;  // [2D+1]: the mean, then + and - one stddev along each dimension
+  TrajectorySet sigma;            // [2D+1]: the mean, then + and - one stddev along each dimension
   Trajectory moment_mean;         // [T, 2]
   WaypointCovariances moment_covariance;  // of the sigma points plus the decoder's own
 
-  const Trajectory& mean() const { return sigma.front(); }
+  Eigen::Map<const Trajectory> mean() const { return sigma[0]; }
 };
 
 // Which action a trajectory was.

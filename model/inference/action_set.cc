@@ -5,7 +5,7 @@
 namespace maneuver::inference {
 namespace {
 
-v1::Trajectory ToProto(const Trajectory& trajectory) {
+v1::Trajectory ToProto(const Eigen::Ref<const Trajectory>& trajectory) {
   v1::Trajectory proto;
   proto.mutable_x()->Add(trajectory.col(0).begin(), trajectory.col(0).end());
   proto.mutable_y()->Add(trajectory.col(1).begin(), trajectory.col(1).end());
@@ -21,8 +21,8 @@ v1::ActionDistribution ToProto(const ActionDistribution& distribution, double pr
   proto.mutable_latent_stddev()->Add(distribution.latent_stddev.begin(),
                                      distribution.latent_stddev.end());
   *proto.mutable_mean_trajectory() = ToProto(distribution.mean());
-  for (const Trajectory& sigma : distribution.sigma) {
-    *proto.add_sigma_trajectories() = ToProto(sigma);
+  for (size_t p = 0; p < distribution.sigma.size(); ++p) {
+    *proto.add_sigma_trajectories() = ToProto(distribution.sigma[p]);
   }
   v1::WaypointMoments& moments = *proto.mutable_moments();
   const auto& mean = distribution.moment_mean;

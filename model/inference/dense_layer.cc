@@ -12,7 +12,7 @@ namespace maneuver::inference {
 namespace {
 
 constexpr int kPanel = 2 * kPacket;
-constexpr size_t kAhead = 12;  // inputs from whose weights are fetched to those in use
+constexpr size_t kAhead = 32;  // inputs from whose weights are fetched to those in use
 
 // Else GCC reads weights from memory again for each row that they are multiplied with. With four
 // rows that takes 1.4 times as long; with more there are no registers for it, with fewer less to
@@ -102,10 +102,20 @@ void ApplyTile(const Operands& operands, float* y /* [kRows, kPanels, kPanel] */
 // Which inputs are not 0 in all `rows`, in their order.
 //   filled: room for all inputs and kAhead;  bits: scratch, likewise
 size_t FindFilled(const float* x, int rows, int inputs, uint32_t* bits, uint32_t* filled) {
-  std::memcpy(bits, x, sizeof(float) * static_cast<size_t>(inputs));
-  for (int r = 1; r < rows; ++r) {
-    const float* row = x + static_cast<Eigen::Index>(r) * inputs;
-    for (int i = 0; i < inputs; ++i) bits[i] |= std::bit_cast<uint32_t>(row[i]);
+  int done = 0;
+  for (; done + kPacket <= inputs; done += kPacket) {
+    Packet any = Eigen::internal::ploadu<Packet>(x + done);
+    for (int r = 1; r < rows; ++r) {
+      any = Eigen::internal::por(
+          any, Eigen::internal::ploadu<Packet>(x + static_cast<Eigen::Index>(r) * inputs + done));
+    }
+    std::memcpy(bits + done, &any, sizeof(any));
+  }
+  for (; done < inputs; ++done) {
+    bits[done] = 0;
+    for (int r = 0; r < rows; ++r) {
+      bits[done] |= std::bit_cast<uint32_t>(x[static_cast<Eigen::Index>(r) * inputs + done]);
+    }
   }
   size_t count = 0;
   for (int i = 0; i < inputs; ++i) {

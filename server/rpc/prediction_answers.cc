@@ -13,25 +13,33 @@ void WriteVector(const Eigen::VectorXd& values, google::protobuf::RepeatedField<
   field->Assign(values.data(), values.data() + values.size());
 }
 
+// Room for `count` more values.
+double* Append(int count, google::protobuf::RepeatedField<double>* field) {
+  field->Reserve(field->size() + count);
+  return field->AddNAlreadyReserved(count);
+}
+
 // Puts positions and covariances of the target's frame into the frame of the answer.
 class FrameChange {
  public:
   // X_AT: pose of the target in the answer's frame A.
   explicit FrameChange(const scene::Pose2& X_AT) : X_AT_(X_AT) {}
 
-  void Write(const inference::Trajectory& trajectory, v1::Trajectory* proto) const {
+  void Write(const Eigen::Ref<const inference::Trajectory>& trajectory,
+             v1::Trajectory* proto) const {
     Write(trajectory, proto->mutable_x(), proto->mutable_y());
   }
 
-  void Write(const inference::Trajectory& trajectory, google::protobuf::RepeatedField<double>* x,
+  void Write(const Eigen::Ref<const inference::Trajectory>& trajectory,
+             google::protobuf::RepeatedField<double>* x,
              google::protobuf::RepeatedField<double>* y) const {
     const int waypoints = static_cast<int>(trajectory.rows());
-    x->Reserve(waypoints);
-    y->Reserve(waypoints);
+    double* const x_A = Append(waypoints, x);
+    double* const y_A = Append(waypoints, y);
     for (int t = 0; t < waypoints; ++t) {
       const scene::Point2 p_A = X_AT_ * scene::Point2{trajectory(t, 0), trajectory(t, 1)};
-      x->AddAlreadyReserved(p_A.x);
-      y->AddAlreadyReserved(p_A.y);
+      x_A[t] = p_A.x;
+      y_A[t] = p_A.y;
     }
   }
 
@@ -41,13 +49,17 @@ class FrameChange {
       v1::WaypointMoments* proto) const {
     const double c = X_AT_.cosine();
     const double s = X_AT_.sine();
-    for (Eigen::Index t = 0; t < covariances.rows(); ++t) {
+    const int waypoints = static_cast<int>(covariances.rows());
+    double* const xx_A = Append(waypoints, proto->mutable_covariance_xx());
+    double* const xy_A = Append(waypoints, proto->mutable_covariance_xy());
+    double* const yy_A = Append(waypoints, proto->mutable_covariance_yy());
+    for (int t = 0; t < waypoints; ++t) {
       const double xx = covariances(t, 0);
       const double xy = covariances(t, 1);
       const double yy = covariances(t, 2);
-      proto->add_covariance_xx(c * c * xx - 2.0 * c * s * xy + s * s * yy);
-      proto->add_covariance_xy(c * s * (xx - yy) + (c * c - s * s) * xy);
-      proto->add_covariance_yy(s * s * xx + 2.0 * c * s * xy + c * c * yy);
+      xx_A[t] = c * c * xx - 2.0 * c * s * xy + s * s * yy;
+      xy_A[t] = c * s * (xx - yy) + (c * c - s * s) * xy;
+      yy_A[t] = s * s * xx + 2.0 * c * s * xy + c * c * yy;
     }
   }
 
@@ -64,8 +76,8 @@ void WriteDistribution(const inference::ActionDistribution& action, double proba
   WriteVector(action.latent_stddev, proto->mutable_latent_stddev());
   frame.Write(action.mean(), proto->mutable_mean_trajectory());
   if (sigma_trajectories) {
-    for (const inference::Trajectory& sigma : action.sigma) {
-      frame.Write(sigma, proto->add_sigma_trajectories());
+    for (size_t p = 0; p < action.sigma.size(); ++p) {
+      frame.Write(action.sigma[p], proto->add_sigma_trajectories());
     }
   }
   v1::WaypointMoments* moments = proto->mutable_moments();

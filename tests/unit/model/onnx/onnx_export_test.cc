@@ -150,7 +150,9 @@ Answers EngineAnswers(const artifact::StoredModel& model, const Scenes& scenes) 
          session->Describe(encoding, actions, inference::LatentSource::kPosterior)) {
       Append(action.latent_mean, &answers.latent_mean);
       Append(action.latent_stddev, &answers.latent_stddev);
-      for (const inference::Trajectory& sigma : action.sigma) Append(sigma, &answers.trajectories);
+      for (size_t p = 0; p < action.sigma.size(); ++p) {
+        Append(action.sigma[p], &answers.trajectories);
+      }
     }
   }
   return answers;

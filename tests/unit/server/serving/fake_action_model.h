@@ -101,9 +101,9 @@ class FakeSession final : public inference::InferenceSession {
       inference::ActionDistribution answer;
       answer.action = action;
       answer.latent_mean = Eigen::VectorXd::Constant(1, encoding.features[0]);
-      answer.sigma.push_back(inference::Trajectory::Constant(2, 2, action));
-      answer.sigma.back().col(0).array() += networks_.ahead;
-      answer.moment_mean = answer.sigma.front();
+      answer.moment_mean = inference::Trajectory::Constant(2, 2, action);
+      answer.moment_mean.col(0).array() += networks_.ahead;
+      answer.sigma = {answer.moment_mean};
       answer.moment_covariance.setZero(2, 3);
       answers.push_back(std::move(answer));
     }
