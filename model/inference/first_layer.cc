@@ -1,6 +1,7 @@
 #include "model/inference/first_layer.h"
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <limits>
 
 #include "model/inference/packet.h"
@@ -15,17 +16,23 @@ namespace simd = Eigen::internal;
 constexpr double kMostFilledF32 = 0.1;
 constexpr double kMostFilledBf16 = 0.05;
 
-// A row of sums as bf16 or as floats. `count` is a multiple of half a packet.
-void Store(const float* sums, Eigen::Index count, bool relu, bool bf16, void* row) {
-  using Vector = HalfPackets::Type;
-  const Vector least = simd::pset1<Vector>(relu ? 0.0F : std::numeric_limits<float>::lowest());
-  for (Eigen::Index i = 0; i < count; i += HalfPackets::kWidth) {
-    const Vector values = simd::pmax(simd::ploadu<Vector>(sums + i), least);
-    if (bf16) {
-      simd::pstoreu(static_cast<Eigen::bfloat16*>(row) + i, simd::F32ToBf16(values));
-    } else {
-      simd::pstoreu(static_cast<float*>(row) + i, values);
-    }
+// A row of sums as bf16 or as floats, whole packets and what is left.
+void Store(const float* sums, Eigen::Index count, bool relu, Eigen::bfloat16* row) {
+  const float least = relu ? 0.0F : std::numeric_limits<float>::lowest();
+  Eigen::Index i = 0;
+  for (; i + kPacket <= count; i += kPacket) {
+    const Packet values = simd::pmax(simd::ploadu<Packet>(sums + i), simd::pset1<Packet>(least));
+    simd::pstoreu(row + i, simd::F32ToBf16(values));
+  }
+  for (; i < count; ++i) row[i] = Eigen::bfloat16(std::max(sums[i], least));
+}
+void Store(const float* sums, Eigen::Index count, bool relu, float* row) {
+  Eigen::Map<const Eigen::ArrayXf> values(sums, count);
+  Eigen::Map<Eigen::ArrayXf> stored(row, count);
+  if (relu) {
+    stored = values.max(0.0F);
+  } else {
+    stored = values;
   }
 }
 
@@ -51,9 +58,11 @@ bool FirstLayer::Evaluate(const uint8_t* raster, Scratch* scratch, void* grid) c
   for (int row = 0; row < layer_.output.height; ++row) {
     map_.Row(raster, row, &scratch->map, sums);
     agents_.AddRow(scratch->agents, row, sums);
-    const size_t size = bf16_ ? sizeof(Eigen::bfloat16) : sizeof(float);
-    Store(sums, row_values, layer_.relu, bf16_,
-          static_cast<std::byte*>(grid) + static_cast<size_t>(row * row_values) * size);
+    if (bf16_) {
+      Store(sums, row_values, layer_.relu, static_cast<Eigen::bfloat16*>(grid) + row * row_values);
+    } else {
+      Store(sums, row_values, layer_.relu, static_cast<float*>(grid) + row * row_values);
+    }
   }
   return true;
 }

@@ -62,12 +62,21 @@ for _ in 1 2 3 4 5 6 7; do
   resident=$(memory VmRSS)
   stop_server
 done
+# Processor time of a process so far, s.
+processor_time() { awk -v ticks="$(getconf CLK_TCK)" '{ sub(/.*\) /, ""); print ($12 + $13) / ticks }' "/proc/$1/stat"; }
 # Capacity with one worker and with two, in turn, 8 targets a call; callers share the server's cores.
+# Whether the second worker's targets cost more is seen in what they take of the processors, us.
+TIMEFORMAT='%U %S'
 for _ in 1 2 3; do
   for workers in 1 2; do
     start_server --workers "$workers"
-    load saturated --targets 8
+    before=$(processor_time "$server")
+    { time load saturated --targets 8 --metrics "$metrics" 2>"$work/load.log"; } 2>"$work/callers"
+    used=$(awk "BEGIN { print $(processor_time "$server") - $before }")
+    answered=$(figure "$work/saturated.json" steps.0.server.targets.answered)
     figure "$work/saturated.json" steps.0.answered_targets_per_second >>"$work/workers.$workers"
+    awk "BEGIN { print $used / $answered * 1e6 }" >>"$work/server_time.$workers"
+    awk "{ print (\$1 + \$2) / $answered * 1e6 }" "$work/callers" >>"$work/callers_time.$workers"
     stop_server
   done
 done
@@ -117,6 +126,9 @@ weights=$(stat -c %s "$model/weights.safetensors" | awk '{ printf "%.0f", $1 / 1
   echo "| ... at random | $half_random | $(ratio "$half_random" "$idle") | |"
   echo "| saturated, 8 targets a call, 1 worker, targets a second | $(median <"$work/workers.1") | | |"
   echo "| ... 2 workers; / 1 worker | $(median <"$work/workers.2") | $(ratio "$(median <"$work/workers.2")" "$(median <"$work/workers.1")") | at least 1.8 |"
+  echo "| processor time of the server a target, 1 worker, us | $(median <"$work/server_time.1") | | |"
+  echo "| ... 2 workers; / 1 worker | $(median <"$work/server_time.2") | $(ratio "$(median <"$work/server_time.2")" "$(median <"$work/server_time.1")") | |"
+  echo "| ... of the callers, 2 workers | $(median <"$work/callers_time.2") | | |"
   echo "| start until it says that it serves, the question included, ms | $(median <"$work/starts") | | under 300 |"
   echo "| resident after the start, MB | $resident | | under 300 |"
   echo "| ... at most, under load, MB; weights have $weights MB | $most | | under 300, 150 without the weights |"
