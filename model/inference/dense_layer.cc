@@ -164,7 +164,9 @@ void DenseLayer::Apply(const float* x, int rows, Activation activation, DenseScr
   if (rows == 0) return;  // as when no action is to be described
   const size_t inputs = static_cast<size_t>(inputs_);
   const int blocks = (rows + kMaxRows - 1) / kMaxRows;
-  const auto begin_of = [&](int block) { return rows * block / blocks; };  // 7 rows are 3 and 4
+  const auto begin_of = [&](int block) {
+    return rows * block / blocks;
+  };  // 13 rows are 6 and 7, not 12 and 1
   scratch->bits.resize(inputs);
   const size_t room = inputs + kAhead;
   scratch->filled.resize(static_cast<size_t>(blocks) * room);

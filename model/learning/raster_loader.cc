@@ -1,5 +1,9 @@
 #include "model/learning/raster_loader.h"
 
+#include <sys/resource.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <cmath>
 #include <unordered_map>
@@ -12,6 +16,14 @@ namespace maneuver::learning {
 using Clock = std::chrono::steady_clock;
 
 namespace {
+
+// Rasters are needed in a while, a step's threads now: one that waits for its core has all others
+// wait for it. Niceness is each thread's own in Linux. Not so little that on a single core the step
+// had to wait for its rasters instead.
+void YieldToSteps() {
+  constexpr int kNiceness = 5;
+  (void)setpriority(PRIO_PROCESS, static_cast<id_t>(syscall(SYS_gettid)), kNiceness);
+}
 
 // SplitMix64: well mixed bits from a counter.
 uint64_t Mix(uint64_t x) {
@@ -95,6 +107,7 @@ RasterLoader::~RasterLoader() {
 }
 
 void RasterLoader::Work() {
+  YieldToSteps();
   scene::Rasterizer rasterizer(spec_);
   const size_t bytes = scene::RasterBytes(spec_);
   while (true) {

@@ -26,6 +26,7 @@ struct Arguments {
   std::string pictures;
   std::string model = "compact";
   std::string dataset;
+  bool f32 = false;
   double seconds = 10.0;
 };
 
@@ -60,6 +61,7 @@ int Turns(const Arguments& arguments) {
   auto scenes = RecordedScenes(arguments);
   if (!scenes.ok()) return Fail(scenes.status());
   if (scenes->empty()) *scenes = TownScenes(kLargestBatch, 1);
+  if (arguments.f32) *model = WithPrecision(*model, inference::Precision::kF32);
   const absl::Status status = TakeTurns(*model, *scenes, arguments.turns, std::cin, std::cout);
   return status.ok() ? EXIT_SUCCESS : Fail(status);
 }
@@ -108,6 +110,7 @@ int Main(int argc, char** argv) {
       "--turns", arguments.turns,
       "File for the inputs of another engine; then evaluates when standard input says so "
       "(tests/bench/peers)");
+  app.add_flag("--f32", arguments.f32, "Takes its turns in f32, also where the processor has bf16");
   app.add_option("--write-model", arguments.write_model,
                  "Folder to write the model to, for what else is to measure a preset");
   CLI11_PARSE(app, argc, argv);

@@ -20,6 +20,7 @@ block() {
 
 if (cd "$here" && node -e 'require.resolve("onnxruntime-node")' 2>/dev/null); then
   block "ONNX Runtime" node "$here/onnxruntime.cjs" "$@"
+  block "ONNX Runtime, the engine in f32 as well" env F32=1 node "$here/onnxruntime.cjs" "$@"
 else
   printf 'ONNX Runtime is not installed here.\n\n'
 fi

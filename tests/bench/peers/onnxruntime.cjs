@@ -3,8 +3,8 @@
 //
 //   node onnxruntime.cjs MODEL_FOLDER [DATASET_FOLDER]
 //
-// BIN (build/release/bin) is where the programs are; ROUNDS (40) how often each takes its turn. Ends
-// with status 1 if the two give other probabilities.
+// BIN (build/release/bin) is where the programs are; ROUNDS (40) how often each takes its turn; F32=1
+// has the engine take f32 where it would take bf16. Ends with status 1 if the two give other probabilities.
 'use strict';
 
 const { execFileSync, spawn } = require('node:child_process');
@@ -29,6 +29,7 @@ class Engine {
   constructor(model, dataset, file) {
     const args = ['--turns', file, '--model', model];
     if (dataset) args.push('--dataset', dataset);
+    if (process.env.F32) args.push('--f32');
     this.process = spawn(path.join(bin, 'maneuver-bench'), args, {
       stdio: ['pipe', 'pipe', 'inherit'],
     });
