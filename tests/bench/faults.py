@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Callers who do what they should not, against a server in plain text on this machine.
 
-faults.py ADDRESS FAULT SECONDS: goes on for so long (message: a single one, halfway; half-open: until the server has closed them), then says as one line of JSON what became of
-them.
+faults.py ADDRESS FAULT SECONDS: goes on for so long (message: a single one, halfway; half-open: until the
+server has closed them), then says as one line of JSON what became of them.
 
   message     one message of 300 MB
   messages    messages of 300 MB, one after another
@@ -56,7 +56,10 @@ def headers(method, *more):
 
 
 def frames(connection, unread, received):
-    """Those that are whole in what was received: kind, flags, stream and payload of each. Answers what HTTP/2 has to be answered. What is left stays in `unread`, a bytearray."""
+    """Those that are whole in what was received: kind, flags, stream and payload of each.
+
+    Answers what HTTP/2 has to be answered. What is left stays in `unread`, a bytearray.
+    """
     unread += received
     while len(unread) >= 9:
         length = int.from_bytes(unread[:3], "big")
