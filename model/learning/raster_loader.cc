@@ -1,14 +1,11 @@
 #include "model/learning/raster_loader.h"
 
-#include <sys/resource.h>
-#include <sys/syscall.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <cmath>
 #include <unordered_map>
 #include <utility>
 
+#include "model/machine/thread_priority.h"
 #include "model/scene/rasterizer.h"
 
 namespace maneuver::learning {
@@ -18,12 +15,8 @@ using Clock = std::chrono::steady_clock;
 namespace {
 
 // Rasters are needed in a while, a step's threads now: one that waits for its core has all others
-// wait for it. Niceness is each thread's own in Linux. Not so little that on a single core the step
-// had to wait for its rasters instead.
-void YieldToSteps() {
-  constexpr int kNiceness = 5;
-  (void)setpriority(PRIO_PROCESS, static_cast<id_t>(syscall(SYS_gettid)), kNiceness);
-}
+// wait for it. Not so nice that on a single core the step had to wait for its rasters instead.
+constexpr int kNiceness = 5;
 
 // SplitMix64: well mixed bits from a counter.
 uint64_t Mix(uint64_t x) {
@@ -107,7 +100,7 @@ RasterLoader::~RasterLoader() {
 }
 
 void RasterLoader::Work() {
-  YieldToSteps();
+  machine::AddNiceness(kNiceness);
   scene::Rasterizer rasterizer(spec_);
   const size_t bytes = scene::RasterBytes(spec_);
   while (true) {

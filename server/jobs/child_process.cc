@@ -84,8 +84,9 @@ absl::StatusOr<Pipe> MakePipe() {
   if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0) fail();
   if (getppid() != parent) _exit(127);  // it died before the line above
   setpriority(PRIO_PROCESS, 0, kNiceness);
-  const sched_param batch{};
-  sched_setscheduler(0, SCHED_BATCH, &batch);
+  // Whoever wakes on its core goes at once.
+  const sched_param idle{};
+  sched_setscheduler(0, SCHED_IDLE, &idle);
   syscall(SYS_ioprio_set, kIoWhoProcess, 0, kIoBestEffort << kIoClassShift | kIoLastLevel);
   // Memory is short: rather this process than the server.
   const int score = open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC);

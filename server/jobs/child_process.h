@@ -61,7 +61,7 @@ struct ChildResult {
 };
 
 // Runs a command to its end. It gets a process group of its own, a lower priority for processor and
-// disk (nice 19, SCHED_BATCH, last of the best-effort class), no standard input, and SIGKILL when
+// disk (nice 19, SCHED_IDLE, last of the best-effort class), no standard input, and SIGKILL when
 // the calling thread ends: call this from a thread that lives as long as the server. Whatever it
 // leaves in its group is killed.
 //   on_line: each line of standard output, without its end; lines over 1 MiB are dropped.

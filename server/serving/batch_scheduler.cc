@@ -130,6 +130,7 @@ absl::Status BatchScheduler::CheckSize(const PredictionCall& call) const {
 }
 
 absl::Status BatchScheduler::Submit(CallPtr call) {
+  submitters_.Join();
   const size_t targets = call->targets.size();
   const TimePoint now = options_.now();
   if (auto status = call->Alive(now); !status.ok()) {
@@ -155,6 +156,9 @@ absl::Status BatchScheduler::Submit(CallPtr call) {
     if (!status.ok()) {
       metrics_.refused.Increment(static_cast<double>(targets));
     } else if (queue_.HasRoom(*call)) {
+      if (queue_.size(call->priority) == 0) {
+        waiting_since_[static_cast<size_t>(call->priority)] = now;
+      }
       queue_.Push(std::move(call), now);
     } else {
       metrics_.refused.Increment(static_cast<double>(targets));
@@ -186,16 +190,23 @@ absl::Status BatchScheduler::CheckWait(Priority priority, size_t targets, TimePo
 absl::Status BatchScheduler::CheckWaitLocked(Priority priority, size_t targets, TimePoint deadline,
                                              TimePoint now) const {
   // What is expected is not exact, and the answer has a way to go as well: of calls with less than
-  // that to spare most would be worked on for nothing.
+  // that to spare most would be worked on for nothing. Where the queue has been there for longer
+  // than the call has left it is no burst, and does nobody any good: what waits has to stay in
+  // memory, and who is answered is answered late, by more than is known here if calls wait to be
+  // read as well. A short one keeps the workers as busy.
   constexpr double kMargin = 1.25;
+  constexpr double kStandingMargin = 3.0;
   constexpr nanoseconds kWay = std::chrono::milliseconds(2);
   const int before = queue_.SizeBefore(priority, targets);
   const bool waits = before > 0 || drain_rate_.AllAtWork();
   if (!waits || deadline == TimePoint::max()) return absl::OkStatus();
   const nanoseconds expected = drain_rate_.TimeForWorkBegun(now) +
                                drain_rate_.TimeFor(before + static_cast<int>(targets), now);
-  const nanoseconds needed = duration_cast<nanoseconds>(kMargin * expected) + kWay;
   const nanoseconds left = std::max(nanoseconds(0), deadline - now);
+  const bool standing =
+      queue_.size(priority) > 0 && now - waiting_since_[static_cast<size_t>(priority)] > left;
+  const double margin = standing ? kStandingMargin : kMargin;
+  const nanoseconds needed = duration_cast<nanoseconds>(margin * expected) + kWay;
   if (needed <= left) return absl::OkStatus();
   return errors::WithRetryDelay(
       errors::WithReason(
@@ -253,6 +264,7 @@ void BatchScheduler::Work(int worker) {
     if (stopping_) return;
     const TimePoint next = queue_.NextBatchTime();
     if (next == TimePoint::max()) {
+      submitters_.SetPatient(false);
       wake_.wait(lock);
     } else if (next > now) {
       wake_.wait_for(lock, next - now);
@@ -260,9 +272,11 @@ void BatchScheduler::Work(int worker) {
       auto items = queue_.TakeBatch();
       ShowQueueLocked();
       drain_rate_.Begin(worker, items.size(), now);
+      const bool backlog = !queue_.empty();
       // More may be left than one worker can take.
-      if (!queue_.empty()) wake_.notify_one();
+      if (backlog) wake_.notify_one();
       lock.unlock();
+      submitters_.SetPatient(backlog);
       RunBatch(std::move(items));
       lock.lock();
       drain_rate_.End(worker, options_.now());

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "model/machine/thread_priority.h"
 #include "server/monitoring/metrics.h"
 #include "server/serving/drain_rate.h"
 #include "server/serving/prediction_call.h"
@@ -107,9 +108,14 @@ class BatchScheduler {
   std::condition_variable wake_;
   TargetQueue queue_;
   DrainRate drain_rate_;
+  std::array<TimePoint, 2> waiting_since_;  // by Priority: since then some always did
   bool stopping_ = false;
 
   std::atomic<int> waiting_ = 0;  // targets in the queue, written under mutex_
+
+  // Those that submit calls. What they bring has to wait while there is a backlog, and what is
+  // answered wakes them: until it is worked off they do not interrupt the workers.
+  machine::PassingThreads submitters_;
 
   std::vector<std::thread> workers_;
 };

@@ -1,15 +1,12 @@
 #include "server/serving/shadow.h"
 
-#include <sys/resource.h>
-#include <sys/syscall.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <bit>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "maneuver/v1/scenario.pb.h"
+#include "model/machine/thread_priority.h"
 #include "server/errors/error_details.h"
 #include "server/monitoring/logging.h"
 
@@ -77,12 +74,9 @@ monitoring::Histogram& EntropyHistogram(monitoring::MetricRegistry& metrics, con
                               {{"model", model}, {"of", of}});
 }
 
-// Niceness is each thread's own in Linux. Not SCHED_IDLE: in a short critical section of the
-// allocator or of Offer that could keep others waiting for long.
-void YieldToOthers() {
-  constexpr int kNicest = 19;
-  (void)setpriority(PRIO_PROCESS, static_cast<id_t>(syscall(SYS_gettid)), kNicest);
-}
+// The last to go. Not SCHED_IDLE: in a short critical section of the allocator or of Offer that
+// could keep others waiting for long.
+constexpr int kNicest = 19;
 
 }  // namespace
 
@@ -197,7 +191,7 @@ size_t Shadow::Push(AnsweredRequest& request) {
 }
 
 void Shadow::Work() {
-  YieldToOthers();
+  machine::AddNiceness(kNicest);
   std::unique_lock lock(mutex_);
   while (!stopping_) {
     if (waiting_.empty()) {

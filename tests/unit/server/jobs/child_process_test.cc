@@ -74,9 +74,9 @@ TEST_F(ChildProcessTest, ItHasNoInputALowerPriorityAndAGroupOfItsOwn) {
 }
 
 TEST_F(ChildProcessTest, ServingGoesBeforeItAtTheProcessorAndTheDisk) {
-  // The scheduling policy, as proc(5) numbers the fields: SCHED_BATCH is 3.
+  // The scheduling policy, as proc(5) numbers the fields: SCHED_IDLE is 5.
   ASSERT_TRUE(RunShell("cut -d' ' -f41 /proc/self/stat; ionice -p $$").ok());
-  EXPECT_THAT(lines_, ElementsAre("3", "best-effort: prio 7"));
+  EXPECT_THAT(lines_, ElementsAre("5", "best-effort: prio 7"));
 }
 
 TEST_F(ChildProcessTest, ItIsKilledOnceItTakesMoreMemoryThanItMay) {

@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sched.h>
 
 #include <future>
 #include <numeric>
@@ -209,6 +210,56 @@ TEST_F(BatchSchedulerTest, ACallWhoseDeadlineWouldPassInTheQueueIsToldSoAtOnce) 
   networks_.OpenGate();
   EXPECT_TRUE(patient.answers.get()[0].status.ok());
   endless.answers.get();
+}
+
+TEST_F(BatchSchedulerTest, AQueueThatStandsIsKeptShort) {
+  const auto scheduler = Scheduler(1, {.max_batch = 8});
+  Asked first = Occupy(*scheduler);
+  clock_.Advance(milliseconds(100));  // for one target
+  networks_.OpenGate();
+  first.answers.get();
+  const auto check = [&](Priority priority, int left) {
+    return scheduler->CheckWait(priority, 1, clock_.Now() + milliseconds(left)).ok();
+  };
+  // The worker has yet to come back.
+  while (!check(Priority::kInteractive, 1)) std::this_thread::yield();
+  networks_.CloseGate();
+  Asked working = Ask(*scheduler, scene_, 8);
+  networks_.AwaitBatches(2);
+  Asked waiting = Ask(*scheduler, scene_);
+  clock_.Advance(milliseconds(700));
+  // The worker has 100 ms to go; the one that waits and the call take as long each: 300 ms. A burst
+  // may fill the time that its calls have, but for a quarter: one that lasts no longer than that.
+  EXPECT_TRUE(check(Priority::kInteractive, 700));
+  // For a call with less time it is none. Three times as long, and 2 ms for the way.
+  EXPECT_FALSE(check(Priority::kInteractive, 699));
+  clock_.Advance(milliseconds(50));  // which the worker has less to go
+  EXPECT_FALSE(check(Priority::kInteractive, 749));
+  clock_.Advance(milliseconds(50));
+  EXPECT_FALSE(check(Priority::kInteractive, 601));
+  EXPECT_TRUE(check(Priority::kInteractive, 602));
+  // In the other line nothing stood.
+  EXPECT_TRUE(check(Priority::kBulk, 252));
+  networks_.OpenGate();
+  EXPECT_THAT(working.answers.get(), SizeIs(8));
+  EXPECT_TRUE(waiting.answers.get()[0].status.ok());
+}
+
+TEST_F(BatchSchedulerTest, WhoSubmitsIsPatientWhileThereIsABacklog) {
+  const auto scheduler = Scheduler(1, {.max_batch = 1});
+  const auto policy = [] { return sched_getscheduler(0); };
+  Asked first = Occupy(*scheduler);
+  Asked second = Ask(*scheduler, scene_);
+  Asked third = Ask(*scheduler, scene_);
+  EXPECT_EQ(policy(), SCHED_OTHER);  // it was idle when it took the first
+  networks_.LetOnePass();
+  networks_.AwaitBatches(2);
+  EXPECT_EQ(policy(), SCHED_BATCH);
+  networks_.LetOnePass();
+  networks_.AwaitBatches(3);
+  EXPECT_EQ(policy(), SCHED_OTHER);
+  networks_.OpenGate();
+  third.answers.get();
 }
 
 TEST_F(BatchSchedulerTest, AQueueThatIsFullOfBytesRefusesUntilTheyAreGone) {

@@ -34,6 +34,14 @@ class FakeNetworks {
     }
     changed_.notify_all();
   }
+  // One batch, though the gate is closed.
+  void LetOnePass() {
+    {
+      const std::lock_guard lock(mutex_);
+      ++passes_;
+    }
+    changed_.notify_all();
+  }
   // Until so many batches have entered Encode.
   void AwaitBatches(size_t count) {
     std::unique_lock lock(mutex_);
@@ -60,7 +68,8 @@ class FakeNetworks {
     std::unique_lock lock(mutex_);
     batches_.push_back(targets);
     changed_.notify_all();
-    changed_.wait(lock, [&] { return !closed_; });
+    changed_.wait(lock, [&] { return !closed_ || passes_ > 0; });
+    if (closed_) --passes_;
   }
   void EnterDescribe() {
     const std::lock_guard lock(mutex_);
@@ -71,6 +80,7 @@ class FakeNetworks {
   std::mutex mutex_;  // guards what follows
   std::condition_variable changed_;
   bool closed_ = false;
+  int passes_ = 0;
   std::vector<int> batches_;
   int described_ = 0;
 };

@@ -1,0 +1,74 @@
+#include "model/machine/thread_priority.h"
+
+#include <sched.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <mutex>
+#include <vector>
+
+namespace maneuver::machine {
+namespace {
+
+pid_t ThisThread() { return static_cast<pid_t>(syscall(SYS_gettid)); }
+
+// As a rule a thread has SCHED_OTHER.
+void SetPolicy(pid_t thread, bool patient) {
+  const sched_param none{};
+  (void)sched_setscheduler(thread, patient ? SCHED_BATCH : SCHED_OTHER, &none);
+}
+
+}  // namespace
+
+void AddNiceness(int more) {
+  // In Linux it is each thread's own.
+  [[maybe_unused]] const int now = nice(more);
+}
+
+struct PassingThreads::Members {
+  std::atomic<bool> patient = false;  // written under mutex
+
+  std::mutex mutex;  // guards what follows
+  std::vector<pid_t> threads;
+};
+
+// The groups that a thread is in. It leaves them as it ends: its number may become another's.
+struct PassingThreads::Memberships {
+  ~Memberships() {
+    for (const auto& group : groups) {
+      const std::lock_guard lock(group->mutex);
+      std::erase(group->threads, ThisThread());
+    }
+  }
+  std::vector<std::shared_ptr<Members>> groups;
+};
+
+PassingThreads::PassingThreads() : members_(std::make_shared<Members>()) {}
+
+PassingThreads::~PassingThreads() { SetPatient(false); }
+
+void PassingThreads::Join() {
+  static thread_local Memberships memberships;
+  if (std::ranges::find(memberships.groups, members_) != memberships.groups.end()) return;
+  // Of groups that are gone nothing is left but what their threads keep.
+  std::erase_if(memberships.groups, [](const auto& group) { return group.use_count() == 1; });
+  memberships.groups.push_back(members_);
+  const std::lock_guard lock(members_->mutex);
+  members_->threads.push_back(ThisThread());
+  if (members_->patient) SetPolicy(ThisThread(), true);
+}
+
+void PassingThreads::SetPatient(bool patient) {
+  if (members_->patient.load(std::memory_order_relaxed) == patient) return;
+  const std::lock_guard lock(members_->mutex);
+  if (members_->patient.exchange(patient) == patient) return;
+  for (const pid_t thread : members_->threads) SetPolicy(thread, patient);
+}
+
+size_t PassingThreads::size() const {
+  const std::lock_guard lock(members_->mutex);
+  return members_->threads.size();
+}
+
+}  // namespace maneuver::machine
