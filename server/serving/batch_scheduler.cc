@@ -13,6 +13,10 @@ using std::chrono::duration;
 using std::chrono::duration_cast;
 using std::chrono::nanoseconds;
 
+// Patient threads may come as late as the kernel's next tick, 4 ms with most: that is little beside
+// a wait of so much and more.
+constexpr nanoseconds kBacklog = std::chrono::milliseconds(3);
+
 double Seconds(nanoseconds time) { return duration<double>(time).count(); }
 
 monitoring::Histogram& StageHistogram(monitoring::MetricRegistry& registry, const char* stage) {
@@ -196,7 +200,7 @@ absl::Status BatchScheduler::CheckWaitLocked(Priority priority, size_t targets, 
   // read as well. A short one keeps the workers as busy.
   constexpr double kMargin = 1.25;
   constexpr double kStandingMargin = 3.0;
-  constexpr nanoseconds kWay = std::chrono::milliseconds(2);
+  constexpr nanoseconds kWay = std::chrono::milliseconds(3);
   const int before = queue_.SizeBefore(priority, targets);
   const bool waits = before > 0 || drain_rate_.AllAtWork();
   if (!waits || deadline == TimePoint::max()) return absl::OkStatus();
@@ -272,9 +276,9 @@ void BatchScheduler::Work(int worker) {
       auto items = queue_.TakeBatch();
       ShowQueueLocked();
       drain_rate_.Begin(worker, items.size(), now);
-      const bool backlog = !queue_.empty();
       // More may be left than one worker can take.
-      if (backlog) wake_.notify_one();
+      if (!queue_.empty()) wake_.notify_one();
+      const bool backlog = drain_rate_.TimeFor(queue_.size(), now) > kBacklog;
       lock.unlock();
       submitters_.SetPatient(backlog);
       RunBatch(std::move(items));

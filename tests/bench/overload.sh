@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
 # What a server does when it is asked for more than it can do, as Markdown tables:
 #
-#   1. 25, 50, 80, 100 and 300 % of what it can do, then what it can do and 300 % of that in turn, ROUNDS
-#      (5) times. It keeps its promise if at 300 % it still answers at least 90 % of what it did just
-#      before (median), its memory stays bounded, and each refused call is told when to come again.
-#      Callers hold back as the client library has them; beside it, what is left if they send all.
-#   2. Patient callers at 40 % of it, alone and beside 10,000 calls that have 1 to 5 ms, in turn, STORMS (3)
-#      times. It keeps its promise if their p99 stays below twice what it was (median). Expired targets
-#      are counted by how far they came.
+#   1. 25, 50, 80, 100 and 300 % of what it can do, then 300 % and what it can do in turn, ROUNDS (5)
+#      times. It keeps its promise if at 300 % it still answers at least 90 % of what it does just before
+#      and just after (the mean of both; the median of the rounds), its memory stays bounded, and each
+#      refused call is told when to come again. Callers hold back as the client library has them; beside
+#      it, what is left if they send all.
+#   2. Patient callers at 40 % of what it can do by then, alone and beside 10,000 calls that have 1 to
+#      5 ms, STORMS (3) times. It keeps its promise if their p99 stays below twice what it was (median).
+#      Expired targets are counted by how far they came.
 #
 #   tests/bench/overload.sh [MODEL_FOLDER] [-- flags of maneuverd]
 #
@@ -21,7 +22,7 @@ set -euo pipefail
 
 model=
 case "${1:---}" in
-  -h|--help) sed -n '2,22s/^# \{0,1\}//p' "$0"; exit 0 ;;
+  -h|--help) sed -n '2,23s/^# \{0,1\}//p' "$0"; exit 0 ;;
   --) [ $# -eq 0 ] || shift ;;
   *) model=$1; shift; [ "${1:-}" != -- ] || shift ;;
 esac
@@ -59,7 +60,7 @@ failed=0
 promise() {
   if awk "BEGIN { exit !($2) }"; then echo "- kept: $1"; else echo "- **not kept**: $1"; failed=1; fi
 }
-per() { awk "BEGIN { printf \"%.2f\", ($2 > 0 ? $1 / $2 : 0) }"; }
+per() { awk "BEGIN { printf \"%.2f\", ($2 > 0 ? $1 / ($2) : 0) }"; }
 
 echo "$cores cores, of which the server has $server_cores and callers $(taskset -pc $$ | sed 's/.*: //')."
 echo "Load of the machine before: $(cut -d' ' -f1-3 /proc/loadavg)."
@@ -68,32 +69,38 @@ echo "## Shares of its capacity; callers ask for $targets and allow $deadline ms
 echo
 most_memory >"$work/before"
 load --rates 25%,50%,80%,100%,300% --targets "$targets" --duration "$each" --deadline "$deadline" --markdown --json "$work/shares.json" || failed=1
-capacity=$(figure "$work/shares.json" capacity)
 refused=$(figure "$work/shares.json" steps.5.ended.RESOURCE_EXHAUSTED)
 with_delay=$(figure "$work/shares.json" steps.5.refused_with_delay)
-echo
-echo "| in turn | 32 callers, answered/s | 300 %, answered/s | held back | goodput | 300 %, all sent, answered/s | goodput |"
-echo "|---|---:|---:|---:|---:|---:|---:|"
-goodput=()
-goodput_of_all=()
-# overload NAME RATE SEED [flags]: into $work/NAME.json.
-overload() {
-  load --rate "$2" --seed "$3" --targets "$targets" --duration "$each" --deadline "$deadline" \
-    --json "$work/$1.json" "${@:4}" >/dev/null || failed=1
-}
-for round in $(seq "$rounds"); do
+# Into $can: what 32 callers are answered a second, each of whom waits for the answer.
+measure_capacity() {
   load --targets "$targets" --duration "$each" --deadline "$deadline" --json "$work/can.json" >/dev/null || failed=1
   can=$(figure "$work/can.json" steps.0.answered_per_second)
-  thrice=$(awk "BEGIN { print 3 * $can }")
-  overload does "$thrice" "$((round + 1))"
-  overload all "$thrice" "$((round + 1))" --send-all
-  does=$(figure "$work/does.json" steps.0.answered_per_second)
-  of_all=$(figure "$work/all.json" steps.0.answered_per_second)
-  goodput+=("$(per "$does" "$can")")
-  goodput_of_all+=("$(per "$of_all" "$can")")
-  printf '| %d | %.1f | %.1f | %d of %d | %s | %.1f | %s |\n' "$round" "$can" "$does" \
-    "$(figure "$work/does.json" steps.0.held_back)" "$(figure "$work/does.json" steps.0.calls_due)" \
-    "${goodput[-1]}" "$of_all" "${goodput_of_all[-1]}"
+}
+# overload NAME SEED [flags]: three times $can, into $work/NAME.json. Into $answered what it answers,
+# into $share that as a share of what it can do just before and just after.
+overload() {
+  before=$can
+  load --rate "$(awk "BEGIN { print 3 * $can }")" --seed "$2" --targets "$targets" --duration "$each" \
+    --deadline "$deadline" --json "$work/$1.json" "${@:3}" >/dev/null || failed=1
+  answered=$(figure "$work/$1.json" steps.0.answered_per_second)
+  measure_capacity
+  share=$(per "$answered" "($before + $can) / 2")
+}
+echo
+echo "| in turn | 32 callers, answered/s | 300 %, answered/s | held back | 32 callers | goodput | 300 %, all sent, answered/s | 32 callers | goodput |"
+echo "|---|---:|---:|---:|---:|---:|---:|---:|---:|"
+goodput=()
+goodput_of_all=()
+measure_capacity
+for round in $(seq "$rounds"); do
+  printf '| %d | %.1f |' "$round" "$can"
+  overload does "$((round + 1))"
+  goodput+=("$share")
+  printf ' %.1f | %d of %d | %.1f | %s |' "$answered" "$(figure "$work/does.json" steps.0.held_back)" \
+    "$(figure "$work/does.json" steps.0.calls_due)" "$can" "$share"
+  overload all "$((round + 1))" --send-all
+  goodput_of_all+=("$share")
+  printf ' %.1f | %.1f | %s |\n' "$answered" "$can" "$share"
 done
 highest=$(most_memory)
 median() { printf '%s\n' "$@" | sort -n | sed -n "$((($# + 1) / 2))p"; }
@@ -105,7 +112,6 @@ promise "the server had at most $highest MB, $(cat "$work/before") MB before" "$
 promise "$with_delay of $refused refused calls were told when to come again" \
   "$with_delay == $refused"
 
-patient_rate=$(awk "BEGIN { print 0.4 * $capacity }")
 storm_seconds=$(awk "BEGIN { print 10000 / $storm_rate }")
 # Measured while the storm is on, not while it begins.
 patient() {
@@ -126,6 +132,8 @@ show() {
 }
 times=()
 for _ in $(seq "$storms"); do
+  measure_capacity
+  patient_rate=$(awk "BEGIN { print 0.4 * $can }")
   patient alone || failed=1
   patient beside &
   beside=$!

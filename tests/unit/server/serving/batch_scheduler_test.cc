@@ -189,16 +189,16 @@ TEST_F(BatchSchedulerTest, ACallWhoseDeadlineWouldPassInTheQueueIsToldSoAtOnce) 
   const int refused_before = refused();
   Asked working = Occupy(*scheduler);
   // Nothing waits, but the worker has 100 ms to go, and the call takes as long.
-  // With a quarter more to be sure, and 2 ms for the way: 252.
-  EXPECT_FALSE(check(251).ok());
-  EXPECT_TRUE(check(252).ok());
+  // With a quarter more to be sure, and 3 ms for the way: 253.
+  EXPECT_FALSE(check(252).ok());
+  EXPECT_TRUE(check(253).ok());
   std::vector<Asked> waiting;
   for (int i = 0; i < 4; ++i) waiting.push_back(Ask(*scheduler, scene_));
-  // The one at work, four and itself, 100 ms each, and likewise: 752 ms.
+  // The one at work, four and itself, 100 ms each, and likewise: 753 ms.
   const Asked hopeless = Ask(*scheduler, scene_, 1, clock_.Now() + milliseconds(725));
   EXPECT_EQ(hopeless.status.code(), absl::StatusCode::kResourceExhausted);
   EXPECT_EQ(errors::ReasonOf(hopeless.status), "DEADLINE_TOO_CLOSE");
-  EXPECT_EQ(errors::RetryDelay(hopeless.status), milliseconds(27));
+  EXPECT_EQ(errors::RetryDelay(hopeless.status), milliseconds(28));
   EXPECT_EQ(check(725), hopeless.status);
   EXPECT_EQ(refused() - refused_before, 3);
   // Two targets take longer than one.
@@ -231,15 +231,15 @@ TEST_F(BatchSchedulerTest, AQueueThatStandsIsKeptShort) {
   // The worker has 100 ms to go; the one that waits and the call take as long each: 300 ms. A burst
   // may fill the time that its calls have, but for a quarter: one that lasts no longer than that.
   EXPECT_TRUE(check(Priority::kInteractive, 700));
-  // For a call with less time it is none. Three times as long, and 2 ms for the way.
+  // For a call with less time it is none. Three times as long, and 3 ms for the way.
   EXPECT_FALSE(check(Priority::kInteractive, 699));
   clock_.Advance(milliseconds(50));  // which the worker has less to go
   EXPECT_FALSE(check(Priority::kInteractive, 749));
   clock_.Advance(milliseconds(50));
-  EXPECT_FALSE(check(Priority::kInteractive, 601));
-  EXPECT_TRUE(check(Priority::kInteractive, 602));
+  EXPECT_FALSE(check(Priority::kInteractive, 602));
+  EXPECT_TRUE(check(Priority::kInteractive, 603));
   // In the other line nothing stood.
-  EXPECT_TRUE(check(Priority::kBulk, 252));
+  EXPECT_TRUE(check(Priority::kBulk, 253));
   networks_.OpenGate();
   EXPECT_THAT(working.answers.get(), SizeIs(8));
   EXPECT_TRUE(waiting.answers.get()[0].status.ok());
@@ -249,6 +249,7 @@ TEST_F(BatchSchedulerTest, WhoSubmitsIsPatientWhileThereIsABacklog) {
   const auto scheduler = Scheduler(1, {.max_batch = 1});
   const auto policy = [] { return sched_getscheduler(0); };
   Asked first = Occupy(*scheduler);
+  clock_.Advance(milliseconds(4));  // for a target
   Asked second = Ask(*scheduler, scene_);
   Asked third = Ask(*scheduler, scene_);
   EXPECT_EQ(policy(), SCHED_OTHER);  // it was idle when it took the first
