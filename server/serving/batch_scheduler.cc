@@ -204,13 +204,14 @@ absl::Status BatchScheduler::CheckWaitLocked(Priority priority, size_t targets, 
   const int before = queue_.SizeBefore(priority, targets);
   const bool waits = before > 0 || drain_rate_.AllAtWork();
   if (!waits || deadline == TimePoint::max()) return absl::OkStatus();
-  const nanoseconds expected = drain_rate_.TimeForWorkBegun(now) +
-                               drain_rate_.TimeFor(before + static_cast<int>(targets), now);
   const nanoseconds left = std::max(nanoseconds(0), deadline - now);
   const bool standing =
       queue_.size(priority) > 0 && now - waiting_since_[static_cast<size_t>(priority)] > left;
-  const double margin = standing ? kStandingMargin : kMargin;
-  const nanoseconds needed = duration_cast<nanoseconds>(margin * expected) + kWay;
+  const nanoseconds wait = drain_rate_.TimeForWorkBegun(now) + drain_rate_.TimeFor(before, now);
+  const nanoseconds work = drain_rate_.TimeFor(static_cast<int>(targets), now);
+  const nanoseconds needed =
+      duration_cast<nanoseconds>((standing ? kStandingMargin : kMargin) * wait + kMargin * work) +
+      kWay;
   if (needed <= left) return absl::OkStatus();
   return errors::WithRetryDelay(
       errors::WithReason(
