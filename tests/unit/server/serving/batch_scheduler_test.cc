@@ -109,6 +109,18 @@ class BatchSchedulerTest : public ::testing::Test {
     return asked;
   }
 
+  // Has the only worker find out by a first one, and waits until it is idle again.
+  void TargetsTake(std::chrono::nanoseconds time, BatchScheduler& scheduler) {
+    Asked first = Occupy(scheduler);
+    clock_.Advance(time);
+    networks_.OpenGate();
+    first.answers.get();
+    const auto no_time = [this] { return clock_.Now() + milliseconds(1); };
+    while (!scheduler.CheckWait(Priority::kInteractive, 1, no_time()).ok()) {
+      std::this_thread::yield();
+    }
+  }
+
   const std::unique_ptr<monitoring::PrometheusMetrics> metrics_ =
       monitoring::PrometheusMetrics::Create();
   ManualClock clock_;
@@ -174,18 +186,14 @@ TEST_F(BatchSchedulerTest, TheRetryDelayIsTheTimeThatTheWorkersNeedForTheQueue) 
 
 TEST_F(BatchSchedulerTest, ACallWhoseDeadlineWouldPassInTheQueueIsToldSoAtOnce) {
   const auto scheduler = Scheduler(1, {.max_batch = 8});
-  Asked first = Occupy(*scheduler);
-  clock_.Advance(milliseconds(100));  // for one target
-  networks_.OpenGate();
-  first.answers.get();
+  TargetsTake(milliseconds(100), *scheduler);
   const auto check = [&](int left) {
     return scheduler->CheckWait(Priority::kInteractive, 1, clock_.Now() + milliseconds(left));
   };
   const auto refused = [&] {
     return std::stoi(Metric("maneuver_targets_total{outcome=\"refused\"}"));
   };
-  // The worker has yet to come back; then even the shortest deadline is tried.
-  while (!check(1).ok()) std::this_thread::yield();
+  EXPECT_TRUE(check(1).ok());  // the worker is idle: even the shortest deadline is tried
   const int refused_before = refused();
   Asked working = Occupy(*scheduler);
   // Nothing waits, but the worker has 100 ms to go, and the call takes as long.
@@ -214,15 +222,10 @@ TEST_F(BatchSchedulerTest, ACallWhoseDeadlineWouldPassInTheQueueIsToldSoAtOnce) 
 
 TEST_F(BatchSchedulerTest, AQueueThatStandsIsKeptShort) {
   const auto scheduler = Scheduler(1, {.max_batch = 8});
-  Asked first = Occupy(*scheduler);
-  clock_.Advance(milliseconds(100));  // for one target
-  networks_.OpenGate();
-  first.answers.get();
+  TargetsTake(milliseconds(100), *scheduler);
   const auto check = [&](Priority priority, int left) {
     return scheduler->CheckWait(priority, 1, clock_.Now() + milliseconds(left)).ok();
   };
-  // The worker has yet to come back.
-  while (!check(Priority::kInteractive, 1)) std::this_thread::yield();
   networks_.CloseGate();
   Asked working = Ask(*scheduler, scene_, 8);
   networks_.AwaitBatches(2);
