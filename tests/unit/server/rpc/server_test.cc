@@ -362,17 +362,15 @@ TEST_F(ServerTest, AStreamIsToldThatTheDeadlineIsTooCloseBeforeItsRequestIsParse
   constexpr int kMillisecond = 1'000'000;
   EXPECT_EQ(ask(WithoutSense(100 * kMillisecond)), grpc::StatusCode::INVALID_ARGUMENT);
 
-  // One request at work, and others that wait for it.
+  // Both workers are at work, and others wait for them.
   networks_.CloseGate();
   grpc::ClientContext waiting_context;
   const auto waiting = stub_->StreamPredict(&waiting_context);
   v1::StreamPredictRequest request;
   *request.mutable_request() = OneScene();
-  const auto soon = [] { return std::chrono::steady_clock::now() + std::chrono::milliseconds(1); };
+  const size_t warm_up = networks_.batches().size();
   for (int i = 0; i < 60; ++i) ASSERT_TRUE(waiting->Write(request));
-  while (scheduler_->CheckWait(serving::Priority::kInteractive, 1, soon()).ok()) {
-    std::this_thread::yield();
-  }
+  networks_.AwaitBatches(warm_up + 2);
   EXPECT_EQ(ask(WithoutSense(kMillisecond)), grpc::StatusCode::RESOURCE_EXHAUSTED);
   EXPECT_EQ(ask(WithoutSense(0)), grpc::StatusCode::INVALID_ARGUMENT);  // who has time
   networks_.OpenGate();
