@@ -28,6 +28,8 @@ class Refusal final : public Reactor {
  public:
   explicit Refusal(const grpc::Status& status) { this->Finish(status); }
   void OnDone() override { delete this; }
+  // No other thread need be woken for it.
+  bool InternalInlineable() override { return true; }
 };
 
 RpcMethod::RpcType TypeOf(const MethodDescriptor& method) {

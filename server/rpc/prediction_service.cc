@@ -47,6 +47,8 @@ class PredictionReactor final : public grpc::ServerUnaryReactor {
   }
 
   void OnDone() override { delete this; }
+  // What it does is short: no other thread need be woken for it.
+  bool InternalInlineable() override { return true; }
 
  private:
   std::mutex mutex_;  // guards what follows

@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "server/monitoring/metrics.h"
 #include "server/rpc/guarded_service.h"
+#include "server/rpc/poll_heartbeat.h"
 #include "server/security/access_control.h"
 #include "server/security/listen_address.h"
 
@@ -76,6 +77,7 @@ class Server {
   const std::vector<std::unique_ptr<GuardedService>> services_;
   const std::shared_ptr<grpc::ServerCredentials> credentials_;
   const std::unique_ptr<grpc::Server> server_;
+  const PollHeartbeat heartbeat_;
 };
 
 }  // namespace maneuver::rpc

@@ -1,0 +1,47 @@
+// Keeps gRPC's threads from falling asleep.
+//
+// The threads that read what comes for the callback API look away for 100 ms whenever none of them
+// has had anything for a second (gRPC 1.51, CallbackAlternativeCQ): who calls once a second then
+// waits for up to that long. Something that is always there before the second is over keeps them
+// looking: a call that ends at once, on a channel that leads nowhere.
+
+#ifndef MANEUVER_SERVER_RPC_POLL_HEARTBEAT_H_
+#define MANEUVER_SERVER_RPC_POLL_HEARTBEAT_H_
+
+#include <grpcpp/generic/generic_stub.h>
+
+#include <chrono>
+#include <condition_variable>
+#include <mutex>
+#include <thread>
+
+namespace maneuver::rpc {
+
+class PollHeartbeat {
+ public:
+  // At most a third of the second: there are two such threads and more, and one that has had the
+  // last beats is enough.
+  explicit PollHeartbeat(std::chrono::milliseconds interval = std::chrono::milliseconds(300));
+  PollHeartbeat(const PollHeartbeat&) = delete;
+  PollHeartbeat& operator=(const PollHeartbeat&) = delete;
+  ~PollHeartbeat();
+
+  // Waits until so many beats have been seen by gRPC's threads.
+  void AwaitBeats(int count);
+
+ private:
+  void Run();
+
+  const std::chrono::milliseconds interval_;
+  grpc::GenericStub nowhere_;
+  std::mutex mutex_;  // guards what follows
+  std::condition_variable changed_;
+  bool stopping_ = false;
+  bool under_way_ = false;
+  int beats_ = 0;
+  std::thread thread_;
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_POLL_HEARTBEAT_H_
