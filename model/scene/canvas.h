@@ -55,17 +55,21 @@ class Canvas {
   void FillPolygon(int channel, std::span<const PixelPoint> points, uint8_t intensity);
 
  private:
-  // What has been painted of a plane: rows first .. end-1.
-  struct Rows {
-    int first = 0;
-    int end = 0;
-  };
-
   void DrawSegment(int channel, PixelPoint a, PixelPoint b, float intensity);
   void AddEdge(PixelPoint a, PixelPoint b, int rows, int columns);
   void AddEdgeInside(float u0, float v0, float u1, float v1, int stride);
-  // Says that rows first .. end-1 of a channel will be painted, and returns the first of them.
-  uint8_t* RowsToPaint(int channel, int first, int end);
+  uint8_t* Row(int channel, int row) {
+    return &planes_[(static_cast<size_t>(channel) * height_ + row) * stride_];
+  }
+  // Notes that columns left .. right of rows top .. end-1 are painted, padding included.
+  void Touch(int channel, int top, int end, int left, int right) {
+    const int first = left >> block_bits_;
+    const uint64_t blocks = ((uint64_t{2} << (right >> block_bits_)) - 1) >> first << first;
+    uint64_t* touched = &touched_[static_cast<size_t>(top) * channels_ + channel];
+    for (int row = top; row < end; ++row, touched += channels_) *touched |= blocks;
+  }
+  // Moves those blocks of a row to where its pixels lie `channels` apart, and leaves zeros.
+  void MoveBlocks(uint64_t blocks, uint8_t* row, uint8_t* to) const;
 
   const int height_;
   const int width_;
@@ -73,9 +77,10 @@ class Canvas {
   // From one row of a plane to the next: as many pixels as are painted at a time lie beyond the
   // last one that is seen, so that nobody has to stop there.
   const int stride_;
-  std::vector<uint8_t> planes_;  // [channels, height, stride]; zero but for painted_
-  std::vector<Rows> painted_;    // [channels]
-  std::vector<uint8_t> sides_;   // of a polyline's points
+  const int block_bits_;         // a block is 2^block_bits_ pixels of a row, of which there are 64
+  std::vector<uint8_t> planes_;  // [channels, height, stride]; zero but where touched
+  std::vector<uint64_t> touched_;  // [height, channels]: a bit for each block
+  std::vector<uint8_t> sides_;     // of a polyline's points
   // Signed area that each pixel gains over its left neighbour; all zero between calls.
   std::vector<float> area_gain_;
 };

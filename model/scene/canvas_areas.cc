@@ -18,8 +18,9 @@ void Canvas::FillDisc(int channel, const PixelPoint& centre, double radius, uint
   const double reach = radius + 0.5;
   const PixelRange rows(centre.v - reach, centre.v + reach, height_);
   const PixelRange columns(centre.u - reach, centre.u + reach, width_);
-  if (rows.first >= rows.last) return;
-  uint8_t* pixels = RowsToPaint(channel, rows.first, rows.last);
+  if (rows.first >= rows.last || columns.first >= columns.last) return;
+  Touch(channel, rows.first, rows.last, columns.first, columns.last - 1);
+  uint8_t* pixels = Row(channel, rows.first);
   for (int row = rows.first; row < rows.last; ++row, pixels += stride_) {
     for (int column = columns.first; column < columns.last; ++column) {
       const double distance = std::hypot(column + 0.5 - centre.u, row + 0.5 - centre.v);
@@ -37,7 +38,10 @@ void Canvas::FillBox(int channel, const PixelPoint& centre, const PixelPoint& di
       (half_length + 0.5) * std::abs(direction.v) + (half_width + 0.5) * std::abs(direction.u);
   const PixelRange rows(centre.v - reach_v, centre.v + reach_v, height_);
   const PixelRange columns(centre.u - reach_u, centre.u + reach_u, width_);
-  if (rows.first >= rows.last) return;
+  if (rows.first >= rows.last || columns.first >= columns.last) return;
+  // Painted eight at a time.
+  const int last =
+      columns.first + (columns.last - columns.first + kLanes - 1) / kLanes * kLanes - 1;
   const auto cosine = static_cast<float>(direction.u);
   const auto sine = static_cast<float>(direction.v);
   // Along each axis of the box: where its overlap with a unit interval ends, and how much it can
@@ -48,7 +52,8 @@ void Canvas::FillBox(int channel, const PixelPoint& centre, const PixelPoint& di
   const FloatLanes most_y = Broadcast(std::min(1.0F, static_cast<float>(2.0 * half_width)));
   const auto full = static_cast<float>(intensity);
   const FloatLanes zero = {};
-  uint8_t* pixels = RowsToPaint(channel, rows.first, rows.last);
+  Touch(channel, rows.first, rows.last, columns.first, last);
+  uint8_t* pixels = Row(channel, rows.first);
   for (int row = rows.first; row < rows.last; ++row, pixels += stride_) {
     const auto dv = static_cast<float>(row + 0.5 - centre.v);
     for (int column = columns.first; column < columns.last; column += kLanes) {
@@ -92,7 +97,8 @@ void Canvas::FillPolygon(int channel, std::span<const PixelPoint> points, uint8_
 
   const auto full = static_cast<float>(intensity);
   float* gain = area_gain_.data();
-  uint8_t* pixels = RowsToPaint(channel, row_range.first, row_range.last) + column_range.first;
+  Touch(channel, row_range.first, row_range.last, column_range.first, column_range.last - 1);
+  uint8_t* pixels = Row(channel, row_range.first) + column_range.first;
   for (int row = 0; row < rows; ++row, gain += columns + 2, pixels += stride_) {
     float area = 0.0F;
     for (int column = 0; column < columns; ++column) {

@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstring>
 
 #include "model/scene/canvas.h"
 #include "model/scene/chord.h"
@@ -18,9 +20,6 @@ uint8_t SidesBeyond(const PixelPoint& point, int height, int width) {
   return static_cast<uint8_t>((point.u < -kLineReach) | (point.u > width + kLineReach) << 1 |
                               (point.v < -kLineReach) << 2 | (point.v > height + kLineReach) << 3);
 }
-
-// Without a branch that nobody can foretell.
-float WithinSegment(float t) { return std::min(std::max(t, 0.0F), 1.0F); }
 
 }  // namespace
 
@@ -50,9 +49,15 @@ void Canvas::DrawSegment(int channel, PixelPoint a, PixelPoint b, float intensit
   constexpr double kMargin = 2 * kLineReach;
   double enter = 0.0;
   double leave = 1.0;
-  ClipParameter(a.u, b.u, -kMargin, width_ + kMargin, &enter, &leave);
-  ClipParameter(a.v, b.v, -kMargin, height_ + kMargin, &enter, &leave);
-  if (!(enter <= leave)) return;
+  const auto is_near = [this](const PixelPoint& p) {
+    return p.u >= -kMargin && p.u <= width_ + kMargin && p.v >= -kMargin &&
+           p.v <= height_ + kMargin;
+  };
+  if (!is_near(a) || !is_near(b)) {
+    ClipParameter(a.u, b.u, -kMargin, width_ + kMargin, &enter, &leave);
+    ClipParameter(a.v, b.v, -kMargin, height_ + kMargin, &enter, &leave);
+    if (!(enter <= leave)) return;
+  }
   const PixelPoint first = Between(a, b, enter);
   const PixelPoint last = Between(a, b, leave);
 
@@ -67,29 +72,51 @@ void Canvas::DrawSegment(int channel, PixelPoint a, PixelPoint b, float intensit
   // How much of the segment a row is; a level one has next to no rows.
   constexpr float kLeastSlope = 1e-20F;
   const float per_row = 1.0F / (std::abs(along_v) > kLeastSlope ? along_v : kLeastSlope);
-  const auto limit = static_cast<float>(width_);
+  const auto width = static_cast<float>(width_);
 
   const auto [top, end_row] =
       PixelRange(std::min(first.v, last.v) - kReach, std::max(first.v, last.v) + kReach, height_);
   if (top >= end_row) return;
-  uint8_t* pixels = RowsToPaint(channel, top, end_row);
-  for (int row = top; row < end_row; ++row, pixels += stride_) {
-    // The part of the segment that may lie within reach of this row's centres.
-    const float centre = static_cast<float>(row) + 0.5F - v;
-    const float ta = (centre - kReach) * per_row;
-    const float tb = (centre + kReach) * per_row;
-    const float u0 = u + WithinSegment(std::min(ta, tb)) * along_u;
-    const float u1 = u + WithinSegment(std::max(ta, tb)) * along_u;
-    const int left = std::max(0, static_cast<int>(std::min(u0, u1) - kReach));
-    const float right = std::min(std::max(u0, u1) + kReach, limit);  // pixels that begin before it
-    for (int column = left; static_cast<float>(column) < right; column += kLanes) {
-      const FloatLanes du = kLaneIndex + (static_cast<float>(column) + 0.5F - u);
-      const FloatLanes along =
-          Most(FloatLanes{}, Least(du * direction_u + centre * direction_v, Broadcast(length)));
-      const FloatLanes off_u = du - along * direction_u;
-      const FloatLanes off_v = centre - along * direction_v;
-      const FloatLanes distance = SquareRoot(off_u * off_u + off_v * off_v);
-      PaintOver(Most(FloatLanes{}, kReach - distance) * intensity, pixels + column);
+  // Of a slanted segment that is more than is painted, but found out once.
+  const auto leftmost =
+      static_cast<int>(std::clamp(std::min(u, u + along_u) - kReach, 0.0F, width));
+  const auto rightmost =
+      static_cast<int>(std::clamp(std::max(u, u + along_u) + kReach, 0.0F, width));
+  Touch(channel, top, end_row, leftmost, rightmost + kLanes - 1);
+  uint8_t* pixels = Row(channel, top);
+  const FloatLanes nothing = {};
+  const FloatLanes end = Broadcast(length);
+  // Eight rows at once for what is one number of a row, then row by row.
+  for (int begin = top; begin < end_row; begin += kLanes) {
+    const int rows = std::min(kLanes, end_row - begin);
+    // The part of the segment that may lie within reach of the rows' centres.
+    const FloatLanes centres = kLaneIndex + (static_cast<float>(begin) + 0.5F) - v;
+    const FloatLanes ta = (centres - kReach) * per_row;
+    const FloatLanes tb = (centres + kReach) * per_row;
+    const FloatLanes u0 = u + Within(Least(ta, tb), 0.0F, 1.0F) * along_u;
+    const FloatLanes u1 = u + Within(Most(ta, tb), 0.0F, 1.0F) * along_u;
+    const auto left =
+        __builtin_convertvector(Within(Least(u0, u1) - kReach, 0.0F, width), IntLanes);
+    const FloatLanes right = Least(Most(u0, u1) + kReach, Broadcast(width));
+    alignas(32) std::array<int32_t, kLanes> columns;
+    alignas(32) std::array<float, kLanes> ends;
+    alignas(32) std::array<float, kLanes> centre_of;
+    std::memcpy(columns.data(), &left, sizeof(left));
+    std::memcpy(ends.data(), &right, sizeof(right));
+    std::memcpy(centre_of.data(), &centres, sizeof(centres));
+    for (int i = 0; i < rows; ++i, pixels += stride_) {
+      const FloatLanes centre = Broadcast(centre_of[i]);
+      const FloatLanes across = centre * direction_v;
+      int column = columns[i];
+      do {  // mostly once
+        const FloatLanes du = kLaneIndex + (static_cast<float>(column) + 0.5F - u);
+        const FloatLanes along = Most(nothing, Least(du * direction_u + across, end));
+        const FloatLanes off_u = du - along * direction_u;
+        const FloatLanes off_v = centre - along * direction_v;
+        const FloatLanes distance = SquareRoot(off_u * off_u + off_v * off_v);
+        PaintOver(Most(nothing, kReach - distance) * intensity, pixels + column);
+        column += kLanes;
+      } while (static_cast<float>(column) < ends[i]);
     }
   }
 }

@@ -34,6 +34,9 @@ template <typename Lanes>
 inline Lanes Most(Lanes a, Lanes b) {
   return a > b ? a : b;
 }
+inline FloatLanes Within(FloatLanes a, float low, float high) {
+  return Most(Broadcast(low), Least(a, Broadcast(high)));
+}
 template <typename Lanes>
 inline Lanes Magnitude(Lanes a) {
   return Most(a, -a);

@@ -21,15 +21,23 @@ namespace fs = std::filesystem;
   std::exit(EXIT_FAILURE);
 }
 
+v1::ModelSpec SpecOf(const std::string& preset) {
+  v1::TrainingSettings settings;
+  settings.set_preset(preset);
+  if (preset == kCompactWide) {
+    settings.set_preset("compact");
+    *settings.mutable_model()->mutable_raster() = SpecOf("paper").raster();
+  }
+  return artifact::ResolveTrainingSettings(settings).model();
+}
+
 }  // namespace
 
 const artifact::StoredModel& StoredPreset(const std::string& preset) {
   static std::map<std::string, artifact::StoredModel> models;
   const auto found = models.find(preset);
   if (found != models.end()) return found->second;
-  v1::TrainingSettings settings;
-  settings.set_preset(preset);
-  const v1::ModelSpec spec = artifact::ResolveTrainingSettings(settings).model();
+  const v1::ModelSpec spec = SpecOf(preset);
   return models.emplace(preset, inference::RandomModel(spec, 1)).first->second;
 }
 

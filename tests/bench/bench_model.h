@@ -19,7 +19,9 @@
 
 namespace maneuver::bench {
 
-inline constexpr const char* kPresets[] = {"compact", "paper", "resnet50"};
+// Presets of training settings; and the compact networks on the raster that the paper's take.
+inline constexpr const char* kCompactWide = "compact-224";
+inline constexpr const char* kPresets[] = {"compact", kCompactWide, "paper", "resnet50"};
 inline constexpr int kBatches[] = {1, 8};
 inline constexpr int kLargestBatch = 8;
 

@@ -302,5 +302,37 @@ TEST(InterleavedCanvasTest, ANarrowPictureIsTheLeftPartOfAWideOne) {
   }
 }
 
+// However wide it is, nothing that is painted is forgotten, and nothing left for the next picture.
+TEST(InterleavedCanvasTest, TheRightEndOfAWidePictureIsLikeANarrowOne) {
+  constexpr int kRows = 20;
+  constexpr int kSeen = 30;
+  const auto paint = [](int columns) {
+    Canvas canvas(kRows, columns, 2);
+    const double left = columns - kSeen;
+    const PixelPoint line[] = {{left + 2, 2}, {left + 9, 7}, {left + 38, 12}};
+    const PixelPoint triangle[] = {{left + 1, 18}, {left + 35, 19}, {left + 20, 9}};
+    canvas.DrawPolyline(0, line, 255);
+    canvas.FillBox(0, {left + 11, 5}, {0.8, 0.6}, 7, 4, 200);
+    canvas.FillDisc(1, {left + 13, 4}, 3, 150);
+    canvas.FillPolygon(1, triangle, 90);
+    std::vector<uint8_t> picture(static_cast<size_t>(kRows) * columns * 2, 77);
+    canvas.Finish(picture);
+    std::vector<uint8_t> next(picture.size(), 77);
+    canvas.Finish(next);
+    EXPECT_EQ(next, std::vector<uint8_t>(picture.size())) << columns;
+    return picture;
+  };
+  const std::vector<uint8_t> narrow = paint(kSeen);
+  for (const int columns : {448, 500, 505, 600, 1000, 2000}) {
+    const std::vector<uint8_t> wide = paint(columns);
+    for (int row = 0; row < kRows; ++row) {
+      for (int i = 0; i < kSeen * 2; ++i) {
+        ASSERT_NEAR(wide[(row * columns + columns - kSeen) * 2 + i], narrow[row * kSeen * 2 + i], 1)
+            << columns << " columns, row " << row << ", byte " << i;
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace maneuver::scene
