@@ -16,6 +16,7 @@
 #include "tests/bench/markdown.h"
 #include "tests/bench/precision_change.h"
 #include "tests/bench/stage_times.h"
+#include "tests/bench/worker_scaling.h"
 #include "tests/bench/yardsticks.h"
 
 namespace maneuver::bench {
@@ -273,6 +274,23 @@ std::string PrecisionText(const BenchModel& model, const std::vector<SceneSet>& 
   return text;
 }
 
+std::string WorkerText(const BenchModel& model, const SceneSet& set, const ReportOptions& options) {
+  const std::vector<WorkerSpeed> speeds =
+      MeasureWorkers(model, set.scenes, options.seconds, options.rounds);
+  std::string text =
+      absl::StrCat("\n## Workers\n\nTargets a second by the clock, ", model.name, ", ", set.name,
+                   ": the scheduler and its workers in process, without gRPC and without callers, "
+                   "who would need "
+                   "the same cores; in turn.\n\n",
+                   Header({"workers", "targets a second", "/ 1 worker"}));
+  for (const WorkerSpeed& speed : speeds) {
+    text +=
+        Row({absl::StrCat(speed.workers), absl::StrFormat("%.0f", Median(speed.targets_per_second)),
+             Ratio(speed.targets_per_second, speeds.front().targets_per_second)});
+  }
+  return text;
+}
+
 }  // namespace
 
 absl::Status WriteReport(const ReportOptions& options) {
@@ -315,6 +333,7 @@ absl::Status WriteReport(const ReportOptions& options) {
   for (const BenchModel& one : options.models) text += ModelRow(one, options, &yardsticks);
 
   text += PrecisionText(model, options.scenes);
+  text += WorkerText(model, options.scenes.front(), options);
   text += "\n## Growth\n\n";
   const GrowthOptions growth{options.seconds, options.rounds, options.most_targets};
   for (const GrowthCurve& curve : MeasureGrowth(model, options.scenes.front().scenes, growth)) {

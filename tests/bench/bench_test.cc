@@ -62,6 +62,7 @@ TEST(BenchTest, ReportHasEveryStageTargetAndPicture) {
         "neither raster nor networks / all", "| compact | 64x64x13 |"}) {
     EXPECT_THAT(report, HasSubstr(part));
   }
+  EXPECT_THAT(report, ContainsRegex("\n\\| 1 \\| [0-9]+ \\| 1.000 "));  // workers
   EXPECT_THAT(report, Not(HasSubstr("nan")));
   EXPECT_THAT(report, Not(HasSubstr("inf ")));
   for (const char* picture : {"stages", "targets", "agents", "map", "actions"}) {
