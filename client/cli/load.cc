@@ -17,6 +17,7 @@
 #include "client/cli/progress_line.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/text_format.h"
+#include "client/error_details.h"
 #include "client/load/request_mix.h"
 #include "client/load/server_callee.h"
 #include "client/map_reuse.h"
@@ -184,9 +185,14 @@ class LoadCommand {
     return absl::OkStatus();
   }
 
-  // One call, so that what is wrong altogether is said in words and not in a table.
+  // One call, so that what is wrong altogether is said in words and not in a table. To be told to
+  // come later is nothing wrong: who makes load may find some.
   absl::Status Probe() {
     const auto answer = environment_.server_client().Predict(first_, environment_.call_options());
+    if (absl::IsResourceExhausted(answer.status()) &&
+        client::ErrorDetailsOf(answer.status()).retry_delay) {
+      return absl::OkStatus();
+    }
     if (!answer.ok()) return answer.status();
     const load::Outcome outcome = load::OutcomeOf(answer);
     if (outcome.targets > 0) return absl::OkStatus();

@@ -199,6 +199,24 @@ TEST_F(LoadGeneratorTest, AModelThatIsNotThereIsSaidAtOnce) {
   EXPECT_THAT(output_, HasSubstr("nobody"));
 }
 
+TEST_F(LoadGeneratorTest, AServerThatIsTooBusyForTheFirstCallIsAskedAllTheSame) {
+  // The only call that it takes for a while promotes the model.
+  const std::filesystem::path data = folder_->path() / "busy";
+  std::filesystem::create_directories(data / "models");
+  std::filesystem::copy(folder_->path() / "data" / "models" / "tiny", data / "models" / "tiny",
+                        std::filesystem::copy_options::recursive);
+  const ServerProcess busy(data, Arguments{"--rate-limit", "0.001"});
+  std::string output;
+  ASSERT_EQ(RunManeuver(busy, {"model", "promote", "tiny/1"}, &output), 0) << output;
+  EXPECT_EQ(RunManeuver(busy,
+                        {"load", "--concurrency", "1", "--duration", "0.5", "--warm-up", "0",
+                         "--scenes", "1", "--send-all"},
+                        &output),
+            0)
+      << output;
+  EXPECT_THAT(output, HasSubstr("1 caller"));
+}
+
 TEST_F(LoadGeneratorTest, CtrlCPrintsWhatWasMeasuredSoFar) {
   const std::filesystem::path file = folder_->path() / "interrupted.json";
   const std::filesystem::path log = folder_->path() / "interrupted.log";
