@@ -95,11 +95,12 @@ for _ in 1 2 3 4 5; do
   load idle --targets 1 --top-k 4 --concurrency 1
   load half_even --targets 1 --top-k 4 --rate "$half" --arrival constant
   load half_random --targets 1 --top-k 4 --rate "$half"
-  latency idle p50 >>"$work/idle"
+  idle=$(latency idle p50)
+  echo "$idle" >>"$work/idle"
   for arrival in half_even half_random; do
-    latency "$arrival" p99 >>"$work/$arrival"
-    ratio "$(latency "$arrival" p99)" "$(latency idle p50)" >>"$work/$arrival.times"
-    echo >>"$work/$arrival.times"
+    p99=$(latency "$arrival" p99)
+    echo "$p99" >>"$work/$arrival"
+    echo "$(ratio "$p99" "$idle")" >>"$work/$arrival.times"
   done
 done
 most=$(memory VmHWM)
