@@ -145,6 +145,26 @@ TEST_F(WritePredictionsTest, TheWorldFrameTurnsPositionsAndCovariances) {
   EXPECT_NEAR(action.moments().covariance_yy(0), 4.0, 1e-6);
 }
 
+// They are turned several at a time, and there may be any number of them.
+TEST_F(WritePredictionsTest, EachWaypointOfAnyNumberIsTurned) {
+  for (int waypoints = 1; waypoints <= 13; ++waypoints) {
+    inference::Trajectory path(waypoints, 2);
+    for (int t = 0; t < waypoints; ++t) path.row(t) << 3.0 * t, 100.0 + t;
+    inference::ActionDistribution& action = answers_[0].distributions[0];
+    action.sigma = {path, 2.0 * path};
+    action.moment_mean = path;
+    action.moment_covariance.setZero(waypoints, 3);
+    const v1::TargetPrediction target = Write({});
+    const v1::Trajectory& second = target.distributions(0).sigma_trajectories(1);
+    ASSERT_EQ(second.x_size(), waypoints);
+    ASSERT_EQ(second.y_size(), waypoints);
+    for (int t = 0; t < waypoints; ++t) {
+      EXPECT_NEAR(second.x(t), 10.0 - 2.0 * (100.0 + t), 1e-4) << t << " of " << waypoints;
+      EXPECT_NEAR(second.y(t), 20.0 + 2.0 * (3.0 * t), 1e-4) << t << " of " << waypoints;
+    }
+  }
+}
+
 TEST_F(WritePredictionsTest, TheTargetFrameIsTheModelsOwn) {
   const v1::TargetPrediction target =
       Write({.probabilities = false, .sigma_trajectories = false, .frame = v1::FRAME_TARGET});
