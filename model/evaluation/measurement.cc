@@ -125,8 +125,7 @@ Measurer::Measurer(const MeasuringContext& context)
     : context_(context),
       session_(context.model.NewSession()),
       rasterizer_(context.model.spec().raster()),
-      raster_bytes_(scene::RasterBytes(context.model.spec().raster())),
-      rasters_(kBatch * raster_bytes_),
+      rasters_(kBatch, scene::NewRaster(context.model.spec().raster())),
       encodings_(kBatch) {
   if (context.baselines == nullptr) return;
   covernet_ = context.baselines->covernet->NewSession();
@@ -136,11 +135,11 @@ Measurer::Measurer(const MeasuringContext& context)
 void Measurer::Measure(std::span<const data::Example> examples, std::span<Measurement> measured) {
   std::vector<inference::SceneInput> scenes;
   for (size_t i = 0; i < examples.size(); ++i) {
-    std::span<uint8_t> raster(rasters_.data() + i * raster_bytes_, raster_bytes_);
     const auto recording = static_cast<size_t>(examples[i].recording);
     rasterizer_.Rasterize(context_.recordings[recording], context_.maps[recording],
-                          examples[i].time, examples[i].target_id, examples[i].X_WT, {}, raster);
-    scenes.push_back({raster.data(), examples[i].motion});
+                          examples[i].time, examples[i].target_id, examples[i].X_WT, {},
+                          &rasters_[i]);
+    scenes.push_back({&rasters_[i], examples[i].motion});
   }
   session_->Encode(scenes, std::span(encodings_).first(examples.size()));
   for (size_t i = 0; i < examples.size(); ++i) {

@@ -111,8 +111,7 @@ class Measurer {
   std::unique_ptr<inference::InferenceSession> multipath_;  // likewise
   inference::MlpScratch anchor_scratch_;
   scene::Rasterizer rasterizer_;
-  size_t raster_bytes_;
-  std::vector<uint8_t> rasters_;
+  std::vector<scene::Raster> rasters_;  // [kBatch]
   std::vector<inference::SceneEncoding> encodings_;
 };
 

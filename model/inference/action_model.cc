@@ -127,7 +127,7 @@ class Session final : public InferenceSession {
     const Eigen::Index rows = static_cast<Eigen::Index>(scenes.size());
     grids_.resize(rows, networks_.projection.inputs());
     for (Eigen::Index r = 0; r < rows; ++r) {
-      networks_.backbone.Evaluate(scenes[static_cast<size_t>(r)].raster, scratch_.get(),
+      networks_.backbone.Evaluate(*scenes[static_cast<size_t>(r)].raster, scratch_.get(),
                                   grids_.row(r).data());
     }
     features_.resize(rows, networks_.projection.outputs());

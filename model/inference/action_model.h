@@ -4,7 +4,6 @@
 #define MANEUVER_MODEL_INFERENCE_ACTION_MODEL_H_
 
 #include <Eigen/Core>
-#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <span>
@@ -14,6 +13,7 @@
 #include "absl/status/statusor.h"
 #include "maneuver/v1/model.pb.h"
 #include "model/inference/trajectory_set.h"
+#include "model/scene/raster.h"
 #include "model/scene/target_motion.h"
 
 namespace maneuver::artifact {
@@ -57,8 +57,8 @@ struct Classification {
 
 // What the networks see of a scene.
 struct SceneInput {
-  const uint8_t* raster = nullptr;  // [H, W, C] bytes as scene::Rasterizer draws them
-  scene::MotionInputs motion{};     // ignored by a model that does not ask for it
+  const scene::Raster* raster = nullptr;  // as scene::Rasterizer draws it
+  scene::MotionInputs motion{};           // ignored by a model that does not ask for it
 };
 
 // What the networks say of one scene, before any action is looked at closer.

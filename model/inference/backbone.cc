@@ -174,9 +174,10 @@ class Backbone::Scratch {
   }
 
   dnnl::stream stream;
-  memory bytes;   // points to the caller's raster
-  memory values;  // in register 0
-  memory grid;    // points to the caller's grid
+  std::vector<uint8_t> interleaved;  // the raster, for oneDNN's first layer
+  memory bytes;                      // points there
+  memory values;                     // in register 0
+  memory grid;                       // points to the caller's grid
   memory registers[artifact::kBackboneRegisters];
   memory scratchpad;                                       // one for all steps
   std::vector<std::unordered_map<int, memory>> arguments;  // of each step
@@ -238,9 +239,8 @@ Backbone::ScratchPointer Backbone::NewScratch() const {
   return ScratchPointer(new Scratch(*layers_));
 }
 
-void Backbone::Evaluate(const uint8_t* raster, Scratch* scratch, float* grid) const {
+void Backbone::Evaluate(const scene::Raster& raster, Scratch* scratch, float* grid) const {
   const OneThread one_thread;
-  scratch->bytes.set_data_handle(const_cast<uint8_t*>(raster));  // only read
   scratch->grid.set_data_handle(grid);
   size_t done = 0;
   if (layers_->first &&
@@ -248,6 +248,9 @@ void Backbone::Evaluate(const uint8_t* raster, Scratch* scratch, float* grid) co
                                scratch->arguments[0].at(DNNL_ARG_DST).get_data_handle())) {
     done = 1;
   } else {
+    scratch->interleaved.resize(raster.values());
+    raster.WriteInterleaved(scratch->interleaved);
+    scratch->bytes.set_data_handle(scratch->interleaved.data());
     layers_->widen.execute(scratch->stream, scratch->bytes, scratch->values);
   }
   for (size_t i = done; i < layers_->steps.size(); ++i) {

@@ -9,6 +9,7 @@
 
 #include "maneuver/v1/model_spec.pb.h"
 #include "model/artifact/tensor.h"
+#include "model/scene/raster.h"
 
 namespace maneuver::inference {
 
@@ -38,10 +39,9 @@ class Backbone {
   // The scratch refers to this backbone.
   ScratchPointer NewScratch() const;
 
-  // raster: [H, W, C] bytes, 255 stands for 1;  grid: [h, w, C'] the last layer's output (a
-  // residual network's is [1, 1, C']). On the
-  // calling thread alone.
-  void Evaluate(const uint8_t* raster, Scratch* scratch, float* grid) const;
+  // raster: 255 stands for 1;  grid: [h, w, C'] the last layer's output (a residual network's is
+  // [1, 1, C']). On the calling thread alone.
+  void Evaluate(const scene::Raster& raster, Scratch* scratch, float* grid) const;
 
  private:
   struct Layers;

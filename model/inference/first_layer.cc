@@ -49,7 +49,7 @@ FirstLayer::FirstLayer(const artifact::BackboneLayer& layer, const FoldedConvolu
       map_(layer, folded),
       agents_(layer, folded, MapConvolution::kChannels, bf16 ? kMostFilledBf16 : kMostFilledF32) {}
 
-bool FirstLayer::Evaluate(const uint8_t* raster, Scratch* scratch, void* grid) const {
+bool FirstLayer::Evaluate(const scene::Raster& raster, Scratch* scratch, void* grid) const {
   if (!agents_.Find(raster, &scratch->agents)) return false;
   const Eigen::Index row_values = Eigen::Index{layer_.output.width} * layer_.output.channels;
   scratch->sums.resize(static_cast<size_t>(row_values));

@@ -13,6 +13,7 @@
 #include "model/inference/folded_convolution.h"
 #include "model/inference/map_convolution.h"
 #include "model/inference/sparse_convolution.h"
+#include "model/scene/raster.h"
 
 namespace maneuver::inference {
 
@@ -36,8 +37,8 @@ class FirstLayer {
 
   // False, and nothing is done, if so much of the agents' channels is filled that convolving all of
   // them takes less time.
-  //   raster: [H, W, C] bytes;  grid: [h, w, C'] bf16 or floats
-  bool Evaluate(const uint8_t* raster, Scratch* scratch, void* grid) const;
+  //   grid: [h, w, C'] bf16 or floats
+  bool Evaluate(const scene::Raster& raster, Scratch* scratch, void* grid) const;
 
  private:
   const artifact::BackboneLayer layer_;

@@ -1,6 +1,7 @@
 #include "model/inference/map_convolution.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cstring>
 
@@ -13,25 +14,46 @@ namespace simd = Eigen::internal;
 
 constexpr int kChannels = MapConvolution::kChannels;
 static_assert(std::endian::native == std::endian::little && kChannels == 3);
-constexpr uint32_t kMapBytes = 0xffffff;  // of four bytes, the first
-constexpr int kPixels = 4;                // of a row that are summed at a time
-constexpr int kTogether = 3;              // of outputs: with four pixels, all registers of AVX2
-constexpr int kMostRows = 16;             // of a kernel
+constexpr int kLanes = scene::Raster::kLanes;
+constexpr int kPixels = 4;     // of a row that are summed at a time
+constexpr int kTogether = 3;   // of outputs: with four pixels, all registers of AVX2
+constexpr int kMostRows = 16;  // of a kernel
 
-using FourWords = uint32_t __attribute__((vector_size(16)));
-using FourIntegers = int32_t __attribute__((vector_size(16)));
-using FourFloats = float __attribute__((vector_size(16)));
+// Eight neighbouring pixels of a channel, a byte for each.
+uint64_t EightPixels(const uint8_t* pixels) {
+  uint64_t eight = 0;
+  std::memcpy(&eight, pixels, sizeof(eight));
+  return eight;
+}
+
+void ToFloats(const uint8_t* bytes, int count, float* floats) {
+  for (int i = 0; i < count; ++i) floats[i] = static_cast<float>(int{bytes[i]});
+}
+
+// Writes for each of eight pixels how many to its left are not black, and returns how many there
+// are with these.
+//   filled: how many before them;  pixels: all channels together
+int CountFilled(int filled, uint64_t pixels, int* before) {
+  constexpr uint64_t kLow = 0x7f7f7f7f7f7f7f7f;
+  // A 1 in each byte that is not 0.
+  const uint64_t ones = ((((pixels & kLow) + kLow) | pixels) & ~kLow) >> 7;
+  const uint64_t up_to = ones * 0x0101010101010101;  // of each byte the sum of all up to it
+  const auto counts = std::bit_cast<std::array<uint8_t, kLanes>>(up_to - ones);
+  for (int i = 0; i < kLanes; ++i) before[i] = filled + counts[static_cast<size_t>(i)];
+  return filled + static_cast<int>(up_to >> 56);
+}
 
 // What the sums of some pixels are made of.
 struct Taps {
-  const float* inputs[kMostRows];   // of each kernel row, at the first pixel's first value
+  const float* inputs[kMostRows];   // of each kernel row, where the first pixel reads it
   const int* before[kMostRows];     // of each, there: how many pixels before it are not black
   const float* weights[kMostRows];  // [values, C'] of each
   int rows;
-  int values;   // of a kernel row
-  int stride;   // input pixels from a pixel to the next one
-  int kernel;   // input pixels that a pixel reads of a row
-  int outputs;  // C'
+  int values;         // that a pixel reads of a kernel row
+  const int* places;  // [values] where each is, from the first
+  int stride;         // input pixels from a pixel to the next one
+  int kernel;         // input pixels that a pixel reads of a row
+  int outputs;        // C'
 };
 
 // The sums of `kCount` pixels, `kPackets` vectors of their outputs. Each is one chain of fused
@@ -47,19 +69,18 @@ void SumPixels(const Taps& taps, const float* bias, int first_output, float* sum
 #pragma GCC unroll 8
     for (int pixel = 1; pixel < kCount; ++pixel) totals[pixel][p] = totals[0][p];
   }
-  const int step = taps.stride * kChannels;
   for (int row = 0; row < taps.rows; ++row) {
     const int* const before = taps.before[row];
     if (before[(kCount - 1) * taps.stride + taps.kernel] == before[0]) continue;  // all is black
-    const float* inputs = taps.inputs[row];
     const float* weights = taps.weights[row] + first_output;
-    for (int value = 0; value < taps.values; ++value, ++inputs, weights += taps.outputs) {
+    for (int value = 0; value < taps.values; ++value, weights += taps.outputs) {
+      const float* const inputs = taps.inputs[row] + taps.places[value];
       Vector weight[kPackets];
 #pragma GCC unroll 8
       for (int p = 0; p < kPackets; ++p) weight[p] = simd::ploadu<Vector>(weights + p * kWidth);
 #pragma GCC unroll 8
       for (int pixel = 0; pixel < kCount; ++pixel) {
-        const Vector input = simd::pset1<Vector>(inputs[pixel * step]);
+        const Vector input = simd::pset1<Vector>(inputs[pixel * taps.stride]);
 #pragma GCC unroll 8
         for (int p = 0; p < kPackets; ++p) {
           totals[pixel][p] = simd::pmadd(input, weight[p], totals[pixel][p]);
@@ -96,7 +117,7 @@ void SumRow(Taps taps, const float* bias, int width, float* sums) {
     (count == 1 ? SumAllOutputs<Vectors, 1> : SumAllOutputs<Vectors, kPixels>)(taps, bias, sums);
     for (int row = 0; row < taps.rows; ++row) {
       taps.before[row] += count * taps.stride;
-      taps.inputs[row] += count * taps.stride * kChannels;
+      taps.inputs[row] += count * taps.stride;
     }
     sums += count * taps.outputs;
     column += count;
@@ -114,9 +135,15 @@ bool MapConvolution::Takes(const artifact::BackboneLayer& layer) {
 MapConvolution::MapConvolution(const artifact::BackboneLayer& layer,
                                const FoldedConvolution& folded)
     : layer_(layer),
-      row_pixels_(static_cast<size_t>(layer.input.width + layer.kernel)),
+      row_pixels_(
+          static_cast<size_t>((layer.input.width + kLanes - 1) / kLanes * kLanes + layer.kernel)),
       weights_(Eigen::Index{layer.kernel} * layer.kernel * kChannels * layer.output.channels),
       bias_(Eigen::Map<const Eigen::ArrayXf>(folded.bias.data(), layer.output.channels)) {
+  for (int tap = 0; tap < layer.kernel; ++tap) {
+    for (int channel = 0; channel < kChannels; ++channel) {
+      places_.push_back(channel * static_cast<int>(row_pixels_) + tap);
+    }
+  }
   const int taps = layer.kernel * layer.kernel;
   Eigen::Index place = 0;
   for (int tap = 0; tap < taps; ++tap) {
@@ -136,39 +163,49 @@ void MapConvolution::Begin(Rows* rows) const {
   rows->held.assign(kernel, -1);
 }
 
-void MapConvolution::Widen(const uint8_t* raster, int row, Rows* rows) const {
+void MapConvolution::Widen(const scene::Raster& raster, int row, Rows* rows) const {
   const int place = row % layer_.kernel;
   if (rows->held[place] == row) return;
   rows->held[place] = row;
+  const int width = layer_.input.width;
   const int padding = layer_.kernel / 2;
-  const int inputs = layer_.input.channels;
-  const uint8_t* pixel = raster + static_cast<size_t>(row) * layer_.input.width * inputs;
-  float* value = rows->Values(*this, row) + padding * kChannels;
+  float* const values = rows->Values(*this, row) + padding;
   int* const before = rows->Before(*this, row) + padding;
-  int filled = 0;
-  for (int column = 0; column < layer_.input.width; ++column, pixel += inputs) {
-    before[column] = filled;
-    // Four bytes at once are a few instructions; the fourth is no part of the map, and what it
-    // becomes is overwritten, by the padding at last.
-    uint32_t word = 0;
-    std::memcpy(&word, pixel, sizeof(word));
-    filled += (word & kMapBytes) != 0 ? 1 : 0;
-    const FourWords bytes = (FourWords{word, word, word, word} >> FourWords{0, 8, 16, 24}) & 255;
-    const FourFloats floats =
-        __builtin_convertvector(std::bit_cast<FourIntegers>(bytes), FourFloats);
-    std::memcpy(value, &floats, sizeof(floats));
-    value += kChannels;
+  int* const behind = rows->Before(*this, row) + row_pixels_ + 1;
+  scene::PixelBlocks touched = 0;
+  const uint8_t* channels[kChannels];
+  for (int channel = 0; channel < kChannels; ++channel) {
+    touched |= raster.Touched(channel, row);
+    channels[channel] = raster.Row(channel, row);
   }
-  *value = 0.0F;
-  std::fill(before + layer_.input.width, rows->Before(*this, row) + row_pixels_ + 1, filled);
+  if (touched == 0) return std::fill(before, behind, 0);  // nobody will ask for the values
+  for (int channel = 0; channel < kChannels; ++channel) {
+    float* const floats = values + static_cast<size_t>(channel) * row_pixels_;
+    if (raster.Touched(channel, row) != 0) {
+      ToFloats(channels[channel], width, floats);
+    } else {
+      std::fill(floats, floats + width, 0.0F);
+    }
+  }
+  int filled = 0;
+  for (int column = 0; column < width; column += kLanes) {
+    uint64_t any = 0;
+    if ((touched >> raster.BlockOf(column) & 1) != 0) {
+      // What lies behind the last pixel may count as well: more is summed then than need be.
+      for (const uint8_t* channel : channels) any |= EightPixels(channel + column);
+    }
+    filled = CountFilled(filled, any, before + column);
+  }
+  std::fill(before + width, behind, filled);
 }
 
-void MapConvolution::Row(const uint8_t* raster, int row, Rows* rows, float* sums) const {
+void MapConvolution::Row(const scene::Raster& raster, int row, Rows* rows, float* sums) const {
   const int top = row * layer_.stride - layer_.kernel / 2;
   Taps taps{};
   taps.kernel = layer_.kernel;
   taps.stride = layer_.stride;
-  taps.values = layer_.kernel * kChannels;
+  taps.values = static_cast<int>(places_.size());
+  taps.places = places_.data();
   taps.outputs = layer_.output.channels;
   const int first = std::max(0, -top);
   const int last = std::min(layer_.kernel, layer_.input.height - top);

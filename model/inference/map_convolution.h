@@ -13,6 +13,7 @@
 
 #include "model/artifact/backbone_layers.h"
 #include "model/inference/folded_convolution.h"
+#include "model/scene/raster.h"
 #include "model/scene/rasterizer.h"
 
 namespace maneuver::inference {
@@ -33,7 +34,7 @@ class MapConvolution {
     int* Before(const MapConvolution& of, int row) {
       return &before[(of.row_pixels_ + 1) * static_cast<size_t>(row % of.layer_.kernel)];
     }
-    std::vector<float> values;  // [k, W', 3], row r at r % k
+    std::vector<float> values;  // [k, 3, W'], row r at r % k; of a black row anything
     std::vector<int> before;    // [k, W' + 1] how many pixels to the left are not black
     std::vector<int> held;      // [k] which row is in each place; -1: none
   };
@@ -51,15 +52,16 @@ class MapConvolution {
   // Before the first row of each raster.
   void Begin(Rows* rows) const;
   // An output row, from the top to the bottom; without the layer's ReLU.
-  //   raster: [H, W, C] bytes;  sums: [w, C']
-  void Row(const uint8_t* raster, int row, Rows* rows, float* sums) const;
+  //   sums: [w, C']
+  void Row(const scene::Raster& raster, int row, Rows* rows, float* sums) const;
 
  private:
   // Puts an input row into its place, if it is not there.
-  void Widen(const uint8_t* raster, int row, Rows* rows) const;
+  void Widen(const scene::Raster& raster, int row, Rows* rows) const;
 
   const artifact::BackboneLayer layer_;
-  const size_t row_pixels_;  // W': of an input row with its padding
+  const size_t row_pixels_;  // W': of an input row, whole eights of them, with its padding
+  std::vector<int> places_;  // [k, 3] where a pixel reads each value of a row, from the first
   Eigen::ArrayXf weights_;   // [k, k, 3, C']
   Eigen::ArrayXf bias_;      // [C']
 };

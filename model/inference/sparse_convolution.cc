@@ -51,22 +51,6 @@ void AddOutputs(const Values::Value* values, int count, const float* weights, in
   }
 }
 
-constexpr int kBlock = 64;  // bytes that are looked at together
-
-// Whether nothing that is wanted of a block is filled.
-bool IsBlack(const uint8_t* bytes, const uint8_t* wanted) {
-  uint64_t filled = 0;
-#pragma GCC unroll 8
-  for (int i = 0; i < kBlock; i += static_cast<int>(sizeof(uint64_t))) {
-    uint64_t eight = 0;
-    uint64_t mask = 0;
-    std::memcpy(&eight, bytes + i, sizeof(eight));
-    std::memcpy(&mask, wanted + i, sizeof(mask));
-    filled |= eight & mask;
-  }
-  return filled == 0;
-}
-
 }  // namespace
 
 bool SparseConvolution::Takes(const artifact::BackboneLayer& layer) {
@@ -78,15 +62,11 @@ SparseConvolution::SparseConvolution(const artifact::BackboneLayer& layer,
                                      const FoldedConvolution& folded, int first_channel,
                                      double most_filled)
     : layer_(layer),
-      most_(static_cast<size_t>(most_filled * layer.input.height * layer.input.width *
-                                (layer.input.channels - first_channel))) {
+      first_channel_(first_channel),
+      most_(static_cast<int>(most_filled * layer.input.height * layer.input.width *
+                             (layer.input.channels - first_channel))) {
   const int inputs = layer.input.channels;
   const int outputs = layer.output.channels;
-  for (int i = 0; i < layer.input.width * inputs; ++i) {
-    columns_.push_back(i / inputs);
-    wanted_.push_back(i % inputs < first_channel ? 0 : 255);
-  }
-  wanted_.resize(wanted_.size() + sizeof(uint64_t));
   const int taps = layer.kernel * layer.kernel;
   weights_.resize(Eigen::Index{taps} * inputs * outputs);
   for (int o = 0; o < outputs; ++o) {
@@ -99,46 +79,62 @@ SparseConvolution::SparseConvolution(const artifact::BackboneLayer& layer,
   }
 }
 
-bool SparseConvolution::Find(const uint8_t* raster, Values* values) const {
-  const artifact::GridSize& input = layer_.input;
-  const int row_bytes = input.width * input.channels;
-  values->values.clear();
+bool SparseConvolution::Find(const scene::Raster& raster, Values* values) const {
+  values->count = 0;
   values->pixels.clear();
   values->rows.assign(1, 0);
-  for (int row = 0; row < input.height; ++row) {
-    const uint8_t* const bytes = raster + static_cast<size_t>(row) * row_bytes;
-    int last_column = -1;
-    for (int begin = 0; begin < row_bytes; begin += static_cast<int>(sizeof(uint64_t))) {
-      if (begin % kBlock == 0 && begin + kBlock <= row_bytes &&
-          IsBlack(bytes + begin, &wanted_[begin])) {
-        begin += kBlock - static_cast<int>(sizeof(uint64_t));
-        continue;
-      }
-      uint64_t eight = 0;
-      uint64_t wanted = 0;
-      std::memcpy(&wanted, &wanted_[begin], sizeof(wanted));
-      if (begin + static_cast<int>(sizeof(eight)) <= row_bytes) {
-        std::memcpy(&eight, bytes + begin, sizeof(eight));
-      } else {
-        std::memcpy(&eight, bytes + begin, row_bytes - begin);
-      }
-      eight &= wanted;
-      while (eight != 0) {
-        const int place = begin + std::countr_zero(eight) / 8;
-        const int column = columns_[place];
-        const int count = static_cast<int>(values->values.size());
-        if (column != last_column) values->pixels.push_back({column, count, count});
-        last_column = column;
-        values->values.push_back(
-            {place - column * input.channels, static_cast<float>(bytes[place])});
-        values->pixels.back().end = count + 1;
-        eight &= ~(uint64_t{0xff} << (8 * (place - begin)));
+  for (int row = 0; row < layer_.input.height; ++row) {
+    scene::PixelBlocks touched = 0;
+    values->in_row.clear();
+    for (int channel = first_channel_; channel < layer_.input.channels; ++channel) {
+      const scene::PixelBlocks blocks = raster.Touched(channel, row);
+      if (blocks != 0) values->in_row.push_back({channel, blocks});
+      touched |= blocks;
+    }
+    for (; touched != 0; touched &= touched - 1) {
+      const int begin = std::countr_zero(touched) * raster.block_pixels();
+      const int end = std::min(begin + raster.block_pixels(), layer_.input.width);
+      for (int column = begin; column < end; column += scene::Raster::kLanes) {
+        FindEight(raster, row, column, values);
       }
     }
     values->rows.push_back(static_cast<int>(values->pixels.size()));
-    if (values->values.size() > most_) return false;
+    if (values->count > most_) return false;
   }
   return true;
+}
+
+void SparseConvolution::FindEight(const scene::Raster& raster, int row, int column,
+                                  Values* values) const {
+  constexpr int kLanes = scene::Raster::kLanes;
+  const int seen = std::min(kLanes, layer_.input.width - column);
+  const uint64_t seen_bytes = ~uint64_t{0} >> (8 * (kLanes - seen));
+  uint64_t filled = 0;
+  values->in_eight.clear();
+  const int block = raster.BlockOf(column);
+  for (const auto& [channel, blocks] : values->in_row) {
+    if ((blocks >> block & 1) == 0) continue;
+    uint64_t pixels = 0;
+    std::memcpy(&pixels, raster.Row(channel, row) + column, sizeof(pixels));
+    pixels &= seen_bytes;
+    if (pixels != 0) values->in_eight.push_back({channel, pixels});
+    filled |= pixels;
+  }
+  const size_t room = static_cast<size_t>(values->count) + kLanes * values->in_eight.size();
+  if (values->values.size() < room) values->values.resize(2 * room);
+  while (filled != 0) {
+    const int shift = std::countr_zero(filled) / 8 * 8;
+    const int begin = values->count;
+    Values::Value* value = &values->values[static_cast<size_t>(begin)];
+    for (const Values::Eight& eight : values->in_eight) {
+      const auto byte = static_cast<uint8_t>(eight.pixels >> shift);
+      *value = {eight.channel, static_cast<float>(byte)};
+      value += byte != 0 ? 1 : 0;
+    }
+    values->count = static_cast<int>(value - values->values.data());
+    values->pixels.push_back({column + shift / 8, begin, values->count});
+    filled &= ~(uint64_t{0xff} << shift);
+  }
 }
 
 void SparseConvolution::AddTap(const Values& values, int row, int tap, float* sums) const {

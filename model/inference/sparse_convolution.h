@@ -11,6 +11,7 @@
 
 #include "model/artifact/backbone_layers.h"
 #include "model/inference/folded_convolution.h"
+#include "model/scene/raster.h"
 
 namespace maneuver::inference {
 
@@ -27,9 +28,25 @@ class SparseConvolution {
       int column;
       int begin, end;  // in values
     };
-    std::vector<Value> values;  // in the order of the raster
+    int count = 0;              // of values
+    std::vector<Value> values;  // pixel by pixel, then by channel; room for more
     std::vector<Pixel> pixels;  // that have any
     std::vector<int> rows;      // [H + 1], in pixels
+
+   private:
+    friend class SparseConvolution;
+    // A channel that may have something in a row.
+    struct Touched {
+      int channel;
+      scene::PixelBlocks blocks;
+    };
+    // A channel that has something in eight pixels of it.
+    struct Eight {
+      int channel;
+      uint64_t pixels;  // a byte for each
+    };
+    std::vector<Touched> in_row;
+    std::vector<Eight> in_eight;
   };
 
   // Whether there is one for a layer: its outputs have to fill vectors.
@@ -42,8 +59,8 @@ class SparseConvolution {
 
   size_t bytes() const { return static_cast<size_t>(weights_.size()) * sizeof(float); }
 
-  // Finds those channels' values in a raster, [H, W, C] bytes. False if it has too many.
-  bool Find(const uint8_t* raster, Values* values) const;
+  // Finds those channels' values in a raster. False if it has too many.
+  bool Find(const scene::Raster& raster, Values* values) const;
 
   // Adds what they give to an output row, which has the sums of the other channels; without the
   // layer's ReLU.
@@ -51,14 +68,15 @@ class SparseConvolution {
   void AddRow(const Values& values, int row, float* sums) const;
 
  private:
+  // Finds the values of up to eight pixels of a row from `column` on.
+  void FindEight(const scene::Raster& raster, int row, int column, Values* values) const;
   // Adds what an input row gives to an output row, by row `tap` of the kernel.
   void AddTap(const Values& values, int row, int tap, float* sums) const;
 
   const artifact::BackboneLayer layer_;
-  const size_t most_;            // values
-  std::vector<int> columns_;     // [W C] the column of each byte of a row
-  std::vector<uint8_t> wanted_;  // [W C + 8] 255 where a row's byte is one of those channels
-  Eigen::ArrayXf weights_;       // [k, k, C, C']
+  const int first_channel_;
+  const int most_;          // values
+  Eigen::ArrayXf weights_;  // [k, k, C, C']
 };
 
 }  // namespace maneuver::inference

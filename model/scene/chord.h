@@ -1,4 +1,4 @@
-// Straight stretches of a polyline, for the canvas alone: a road is drawn in as few segments as its
+// Straight stretches of a polyline, for the brush alone: a road is drawn in as few segments as its
 // shape needs, not in as many as its map has.
 
 #ifndef MANEUVER_MODEL_SCENE_CHORD_H_
@@ -7,7 +7,7 @@
 #include <cstddef>
 #include <span>
 
-#include "model/scene/canvas.h"
+#include "model/scene/brush.h"
 
 namespace maneuver::scene {
 

@@ -1,4 +1,4 @@
-// What of a shape lies in the picture; for the canvas alone.
+// What of a shape lies in the picture; for the brush alone.
 
 #ifndef MANEUVER_MODEL_SCENE_CLIPPING_H_
 #define MANEUVER_MODEL_SCENE_CLIPPING_H_
@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "model/scene/canvas.h"
+#include "model/scene/brush.h"
 
 namespace maneuver::scene {
 

@@ -8,9 +8,11 @@
 #include <cstdint>
 #include <cstring>
 
+#include "model/scene/raster.h"
+
 namespace maneuver::scene {
 
-inline constexpr int kLanes = 8;
+inline constexpr int kLanes = Raster::kLanes;
 
 using FloatLanes = float __attribute__((vector_size(kLanes * sizeof(float))));
 using IntLanes = int32_t __attribute__((vector_size(kLanes * sizeof(int32_t))));

@@ -4,10 +4,11 @@
 #include <cassert>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
-#include "model/scene/canvas.h"
+#include "model/scene/brush.h"
 #include "model/scene/target_frame.h"
 
 namespace maneuver::scene {
@@ -82,15 +83,15 @@ class Projection {
 class Rasterizer::Painter {
  public:
   explicit Painter(const v1::RasterSpec& spec)
-      : spec_(spec),
-        frame_interval_(FrameInterval(spec)),
-        tolerance_(FrameTolerance(spec)),
-        canvas_(spec.height(), spec.width(), RasterChannels(spec)) {
+      : spec_(spec), frame_interval_(FrameInterval(spec)), tolerance_(FrameTolerance(spec)) {
     assert(spec.meters_per_pixel() > 0.0 && frame_interval_ > 0.0);
   }
 
   void Paint(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
-             const Projection& projection, const RasterView& view, std::span<uint8_t> raster) {
+             const Pose2& X_WT, const RasterView& view, Raster* raster) {
+    const Projection projection(spec_, X_WT, view);
+    raster_ = raster;
+    raster_->Clear();
     ReadSignals(scenario, time);
     DrawMap(map, projection);
     for (const v1::Agent& agent : scenario.agents()) {
@@ -99,7 +100,12 @@ class Rasterizer::Painter {
       DrawAgent(agent, time, is_target ? kTargetChannel : OtherAgentsChannel(spec_),
                 std::min(view.frames, spec_.history_frames()), projection);
     }
-    canvas_.Finish(raster);
+  }
+
+  // That is written as interleaved bytes in the end.
+  Raster* Interleaved() {
+    if (!interleaved_) interleaved_.emplace(NewRaster(spec_));
+    return &*interleaved_;
   }
 
  private:
@@ -204,15 +210,15 @@ class Rasterizer::Painter {
   void DrawPoints(const v1::MapFeature& feature) {
     switch (feature.type()) {
       case v1::MAP_FEATURE_TYPE_LANE_CENTERLINE:
-        return canvas_.DrawPolyline(kLaneChannel, points_, LaneIntensityOf(feature.id()));
+        return brush_.DrawPolyline(raster_, kLaneChannel, points_, LaneIntensityOf(feature.id()));
       case v1::MAP_FEATURE_TYPE_BIKE_LANE:
-        return canvas_.DrawPolyline(kLaneChannel, points_, kBikeLaneIntensity);
+        return brush_.DrawPolyline(raster_, kLaneChannel, points_, kBikeLaneIntensity);
       case v1::MAP_FEATURE_TYPE_ROAD_EDGE:
-        return canvas_.DrawPolyline(kLineChannel, points_, kRoadEdgeIntensity);
+        return brush_.DrawPolyline(raster_, kLineChannel, points_, kRoadEdgeIntensity);
       case v1::MAP_FEATURE_TYPE_ROAD_LINE:
-        return canvas_.DrawPolyline(kLineChannel, points_, kRoadLineIntensity);
+        return brush_.DrawPolyline(raster_, kLineChannel, points_, kRoadLineIntensity);
       case v1::MAP_FEATURE_TYPE_STOP_LINE:
-        return canvas_.DrawPolyline(kPlaceChannel, points_, kStopLineIntensity);
+        return brush_.DrawPolyline(raster_, kPlaceChannel, points_, kStopLineIntensity);
       default:
         return;
     }
@@ -222,15 +228,17 @@ class Rasterizer::Painter {
   void DrawPlace(const v1::MapFeature& feature) {
     switch (feature.type()) {
       case v1::MAP_FEATURE_TYPE_CROSSWALK:
-        return canvas_.FillPolygon(kPlaceChannel, points_, kCrosswalkIntensity);
+        return brush_.FillPolygon(raster_, kPlaceChannel, points_, kCrosswalkIntensity);
       case v1::MAP_FEATURE_TYPE_SPEED_BUMP:
-        return canvas_.FillPolygon(kPlaceChannel, points_, kSpeedBumpIntensity);
+        return brush_.FillPolygon(raster_, kPlaceChannel, points_, kSpeedBumpIntensity);
       case v1::MAP_FEATURE_TYPE_DRIVEWAY:
-        return canvas_.FillPolygon(kPlaceChannel, points_, kDrivewayIntensity);
+        return brush_.FillPolygon(raster_, kPlaceChannel, points_, kDrivewayIntensity);
       case v1::MAP_FEATURE_TYPE_STOP_LINE:
-        return canvas_.FillDisc(kPlaceChannel, points_[0], kStopSignRadius, kStopLineIntensity);
+        return Brush::FillDisc(raster_, kPlaceChannel, points_[0], kStopSignRadius,
+                               kStopLineIntensity);
       case v1::MAP_FEATURE_TYPE_STOP_SIGN:
-        return canvas_.FillDisc(kPlaceChannel, points_[0], kStopSignRadius, kStopSignIntensity);
+        return Brush::FillDisc(raster_, kPlaceChannel, points_[0], kStopSignRadius,
+                               kStopSignIntensity);
       default:
         return;
     }
@@ -265,19 +273,19 @@ class Rasterizer::Painter {
       return;
     }
     const double half_pixels = 0.5 * projection.pixels_per_meter();
-    canvas_.FillBox(channel, centre, projection.Direction(state.heading()),
-                    half_pixels * agent.length(), half_pixels * agent.width(),
-                    BoxIntensity(agent.type()));
+    Brush::FillBox(raster_, channel, centre, projection.Direction(state.heading()),
+                   half_pixels * agent.length(), half_pixels * agent.width(),
+                   BoxIntensity(agent.type()));
   }
 
   const v1::RasterSpec spec_;
   const double frame_interval_;
   const double tolerance_;
-  Canvas canvas_;
+  std::optional<Raster> interleaved_;
+  Raster* raster_ = nullptr;  // that is drawn at the moment
+  Brush brush_;
   std::vector<LaneIntensity> dim_lanes_;  // by lane id
   std::vector<PixelPoint> points_;        // of the feature at hand
-
-  friend class Rasterizer;
 };
 
 int RasterChannels(const v1::RasterSpec& spec) {
@@ -288,6 +296,10 @@ size_t RasterBytes(const v1::RasterSpec& spec) {
   return static_cast<size_t>(spec.height()) * spec.width() * RasterChannels(spec);
 }
 
+Raster NewRaster(const v1::RasterSpec& spec) {
+  return {spec.height(), spec.width(), RasterChannels(spec)};
+}
+
 double FrameTolerance(const v1::RasterSpec& spec) { return 0.5 * FrameInterval(spec); }
 
 Rasterizer::Rasterizer(const v1::RasterSpec& spec) : painter_(std::make_unique<Painter>(spec)) {}
@@ -295,16 +307,23 @@ Rasterizer::~Rasterizer() = default;
 Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
 Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 
-void Rasterizer::Rasterize(const v1::Scenario& scenario, double time, int64_t target_id,
-                           const Pose2& X_WT, const RasterView& view, std::span<uint8_t> raster) {
-  Rasterize(scenario, RoadMap::Over(scenario.map_features()), time, target_id, X_WT, view, raster);
+void Rasterizer::Rasterize(const v1::Scenario& scenario, const RoadMap& map, double time,
+                           int64_t target_id, const Pose2& X_WT, const RasterView& view,
+                           Raster* raster) {
+  painter_->Paint(scenario, map, time, target_id, X_WT, view, raster);
 }
 
 void Rasterizer::Rasterize(const v1::Scenario& scenario, const RoadMap& map, double time,
                            int64_t target_id, const Pose2& X_WT, const RasterView& view,
                            std::span<uint8_t> raster) {
-  const Projection projection(painter_->spec_, X_WT, view);
-  painter_->Paint(scenario, map, time, target_id, projection, view, raster);
+  Raster* const drawn = painter_->Interleaved();
+  painter_->Paint(scenario, map, time, target_id, X_WT, view, drawn);
+  drawn->WriteInterleaved(raster);
+}
+
+void Rasterizer::Rasterize(const v1::Scenario& scenario, double time, int64_t target_id,
+                           const Pose2& X_WT, const RasterView& view, std::span<uint8_t> raster) {
+  Rasterize(scenario, RoadMap::Over(scenario.map_features()), time, target_id, X_WT, view, raster);
 }
 
 void MirrorRaster(const v1::RasterSpec& spec, std::span<uint8_t> raster) {

@@ -67,6 +67,7 @@
 #include "maneuver/v1/model_spec.pb.h"
 #include "maneuver/v1/scenario.pb.h"
 #include "model/scene/pose2.h"
+#include "model/scene/raster.h"
 #include "model/scene/road_map.h"
 
 namespace maneuver::scene {
@@ -116,6 +117,8 @@ struct RasterView {
 int RasterChannels(const v1::RasterSpec& spec);
 // H * W * C.
 size_t RasterBytes(const v1::RasterSpec& spec);
+// Of that size, all black.
+Raster NewRaster(const v1::RasterSpec& spec);
 // Half a frame interval: how far a state may lie from a frame's time, seconds.
 double FrameTolerance(const v1::RasterSpec& spec);
 
@@ -131,13 +134,18 @@ class Rasterizer {
   // Draws `scenario`, which ValidateScenario found good, as it was at `time` (which stands in for
   // its prediction_time; nothing later is looked at) from the target's frame X_WT.
   //   target_id: the agent that is drawn in the target's channels; the others' if there is none
-  //   such. raster: [H, W, C] bytes, row-major, channels innermost; all of it is written.
-  void Rasterize(const v1::Scenario& scenario, double time, int64_t target_id, const Pose2& X_WT,
-                 const RasterView& view, std::span<uint8_t> raster);
-  // The same picture as if map's features were the scenario's: its own (RoadMap::Over), which need
-  // not be looked through for each target, or others in place of them.
+  //   such.
+  //   map: the scenario's own features (RoadMap::Over), which need not be looked through for each
+  //   target, or others in place of them.
+  //   raster: a NewRaster of the spec, whatever is drawn there.
+  void Rasterize(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
+                 const Pose2& X_WT, const RasterView& view, Raster* raster);
+  // The same as [H, W, C] bytes, row-major, channels innermost; all of it is written.
   void Rasterize(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
                  const Pose2& X_WT, const RasterView& view, std::span<uint8_t> raster);
+  // Likewise with the scenario's own features.
+  void Rasterize(const v1::Scenario& scenario, double time, int64_t target_id, const Pose2& X_WT,
+                 const RasterView& view, std::span<uint8_t> raster);
 
  private:
   class Painter;

@@ -317,9 +317,9 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
     const PredictionCall& call = *rows[i].item.call;
     if (!call.Alive(options_.now()).ok()) continue;  // dropped below
     const Target& target = call.targets[rows[i].item.target];
-    const std::span<uint8_t> raster = engine->Raster(i);
+    scene::Raster* const raster = &engine->Raster(i);
     Draw(target, engine->rasterizer(), raster);
-    rows[i].scene = {raster.data(), target.motion};
+    rows[i].scene = {raster, target.motion};
   }
   metrics_.raster_time.Observe(Seconds(options_.now() - start));
 

@@ -27,13 +27,14 @@ std::vector<int> SelectActions(const Eigen::VectorXd& probabilities,
   return actions;
 }
 
-void Draw(const Target& target, scene::Rasterizer& rasterizer, std::span<uint8_t> raster) {
+void Draw(const Target& target, scene::Rasterizer& rasterizer, scene::Raster* raster) {
   const v1::Scenario& scenario = *target.scenario;
   const double now = scenario.prediction_time();
   if (target.map != nullptr) {
     rasterizer.Rasterize(scenario, *target.map, now, target.id, target.X_WT, {}, raster);
   } else {
-    rasterizer.Rasterize(scenario, now, target.id, target.X_WT, {}, raster);
+    const auto map = scene::RoadMap::Over(scenario.map_features());
+    rasterizer.Rasterize(scenario, map, now, target.id, target.X_WT, {}, raster);
   }
 }
 

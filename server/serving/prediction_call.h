@@ -68,7 +68,7 @@ struct Target {
 };
 
 // Draws a target for a model; `rasterizer` and `raster` are of its spec.
-void Draw(const Target& target, scene::Rasterizer& rasterizer, std::span<uint8_t> raster);
+void Draw(const Target& target, scene::Rasterizer& rasterizer, scene::Raster* raster);
 
 struct TargetAnswer {
   absl::Status status;            // if not OK, nothing else is set

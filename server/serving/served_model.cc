@@ -10,12 +10,12 @@
 namespace maneuver::serving {
 
 Engine::Engine(const inference::ActionModel& model)
-    : rasterizer_(model.spec().raster()),
-      session_(model.NewSession()),
-      raster_bytes_(scene::RasterBytes(model.spec().raster())) {}
+    : raster_spec_(model.spec().raster()),
+      rasterizer_(raster_spec_),
+      session_(model.NewSession()) {}
 
-std::span<uint8_t> Engine::Raster(size_t i) {
-  while (rasters_.size() <= i) rasters_.emplace_back(raster_bytes_);
+scene::Raster& Engine::Raster(size_t i) {
+  while (rasters_.size() <= i) rasters_.push_back(scene::NewRaster(raster_spec_));
   return rasters_[i];
 }
 
@@ -25,9 +25,8 @@ ServedModel::ServedModel(security::ModelVersionName name,
 
 absl::Status ServedModel::WarmUp() {
   Lease engine(*this);
-  const std::span<uint8_t> raster = engine->Raster(0);
-  std::ranges::fill(raster, uint8_t{0});
-  const std::array<inference::SceneInput, 1> scenes = {{{raster.data(), {}}}};
+  engine->Raster(0).Clear();
+  const std::array<inference::SceneInput, 1> scenes = {{{&engine->Raster(0), {}}}};
   std::array<inference::SceneEncoding, 1> encodings;
   engine->session().Encode(scenes, encodings);
 

@@ -4,14 +4,15 @@
 #define MANEUVER_SERVER_SERVING_SERVED_MODEL_H_
 
 #include <chrono>
-#include <cstdint>
+#include <cstddef>
+#include <deque>
 #include <memory>
 #include <mutex>
-#include <span>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "model/inference/action_model.h"
+#include "model/scene/raster.h"
 #include "model/scene/rasterizer.h"
 #include "server/security/resource_name.h"
 
@@ -24,14 +25,14 @@ class Engine {
 
   scene::Rasterizer& rasterizer() { return rasterizer_; }
   inference::InferenceSession& session() { return *session_; }
-  // The bytes of raster `i`, [H, W, C]; stays where it is when more are asked for.
-  std::span<uint8_t> Raster(size_t i);
+  // Where the raster of a batch's target `i` is drawn; stays where it is when more are asked for.
+  scene::Raster& Raster(size_t i);
 
  private:
+  const v1::RasterSpec raster_spec_;
   scene::Rasterizer rasterizer_;
   std::unique_ptr<inference::InferenceSession> session_;
-  size_t raster_bytes_;
-  std::vector<std::vector<uint8_t>> rasters_;
+  std::deque<scene::Raster> rasters_;
 };
 
 // Everything that a request in flight holds on to: while it does, the version stays in memory,

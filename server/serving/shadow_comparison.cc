@@ -53,13 +53,13 @@ absl::Status ShadowComparison::Draw(const Target& target) {
       !scene::TargetPose(*agent, scenario.prediction_time(), tolerance).has_value()) {
     return absl::FailedPreconditionError("the candidate sees no state of the target");
   }
-  serving::Draw(target, candidate_engine_.rasterizer(), candidate_engine_.Raster(0));
+  serving::Draw(target, candidate_engine_.rasterizer(), &candidate_engine_.Raster(0));
   return absl::OkStatus();
 }
 
 absl::Status ShadowComparison::Encode(const Target& target) {
   const std::array<inference::SceneInput, 1> scene = {
-      {{candidate_engine_.Raster(0).data(), target.motion}}};
+      {{&candidate_engine_.Raster(0), target.motion}}};
   candidate_engine_.session().Encode(scene, {&candidate_encoding_, 1});
   if (candidate_encoding_.probabilities.allFinite()) return absl::OkStatus();
   return absl::InternalError("the candidate's probabilities are no numbers");

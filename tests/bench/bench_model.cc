@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <cstdlib>
+#include <deque>
 #include <filesystem>
 #include <iostream>
 #include <map>
@@ -10,6 +11,7 @@
 
 #include "model/artifact/training_presets.h"
 #include "tests/unit/model/inference/reference_model.h"
+#include "tests/unit/model/scene/raster_of.h"
 
 namespace maneuver::bench {
 namespace {
@@ -90,15 +92,16 @@ BenchModel WithPrecision(const BenchModel& model, inference::Precision precision
 }
 
 std::span<const inference::SceneInput> Scenes(const std::string& preset) {
-  static std::map<std::string, std::vector<std::vector<uint8_t>>> rasters;
+  static std::map<std::string, std::deque<scene::Raster>> rasters;
   static std::map<std::string, std::vector<inference::SceneInput>> scenes;
   std::vector<inference::SceneInput>& found = scenes[preset];
   if (!found.empty()) return found;
   for (uint32_t i = 0; i < kLargestBatch; ++i) {
+    const v1::ModelSpec& spec = StoredPreset(preset).manifest.spec();
     rasters[preset].push_back(
-        inference::RandomRaster(StoredPreset(preset).manifest.spec(), 2 * i + 1));
+        scene::RasterOf(spec.raster(), inference::RandomRaster(spec, 2 * i + 1)));
+    found.push_back({&rasters[preset].back(), {}});
   }
-  for (const auto& raster : rasters[preset]) found.push_back({raster.data(), {}});
   return found;
 }
 

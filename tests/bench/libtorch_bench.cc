@@ -37,8 +37,9 @@ at::Tensor RasterBatch(const artifact::StoredModel& model,
   const artifact::GridSize size = artifact::RasterGrid(model.manifest.spec().raster());
   std::vector<at::Tensor> rasters;
   for (const auto& scene : scenes) {
-    rasters.push_back(at::from_blob(const_cast<uint8_t*>(scene.raster),
-                                    {size.height, size.width, size.channels}, at::kByte));
+    rasters.push_back(at::empty({size.height, size.width, size.channels}, at::kByte));
+    scene.raster->WriteInterleaved(
+        {rasters.back().data_ptr<uint8_t>(), static_cast<size_t>(rasters.back().numel())});
   }
   return at::stack(rasters);
 }

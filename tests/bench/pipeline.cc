@@ -127,10 +127,10 @@ void Pipeline::Validate() {
 void Pipeline::Rasterize(size_t begin, size_t count) {
   scenes_.resize(count);
   for (size_t i = 0; i < count; ++i) {
-    const std::span<uint8_t> raster = engine_.Raster(i);
+    scene::Raster* const raster = &engine_.Raster(i);
     const serving::Target& target = *work_[begin + i].target;
     serving::Draw(target, engine_.rasterizer(), raster);
-    scenes_[i] = {raster.data(), target.motion};
+    scenes_[i] = {raster, target.motion};
   }
 }
 
@@ -138,7 +138,7 @@ void Pipeline::EvaluateBackbone() {
   const size_t size = static_cast<size_t>(networks_.projection.inputs());
   grids_.resize(scenes_.size() * size);
   for (size_t i = 0; i < scenes_.size(); ++i) {
-    networks_.backbone.Evaluate(scenes_[i].raster, scratch_.get(), grids_.data() + i * size);
+    networks_.backbone.Evaluate(*scenes_[i].raster, scratch_.get(), grids_.data() + i * size);
   }
 }
 

@@ -15,20 +15,21 @@
 namespace maneuver::bench {
 namespace {
 
-// [H, W, C] bytes to [C, H, W] of 0 to 1.
-void AppendChannelsFirst(const uint8_t* raster, const artifact::GridSize& size,
-                         std::vector<float>* values) {
-  const int cells = size.height * size.width;
-  for (int c = 0; c < size.channels; ++c) {
-    for (int cell = 0; cell < cells; ++cell) {
-      values->push_back(static_cast<float>(raster[cell * size.channels + c]) / 255.0f);
+// To [C, H, W] of 0 to 1.
+void AppendChannelsFirst(const scene::Raster& raster, std::vector<float>* values) {
+  for (int channel = 0; channel < raster.channels(); ++channel) {
+    for (int row = 0; row < raster.height(); ++row) {
+      const uint8_t* const pixels = raster.Row(channel, row);
+      for (int column = 0; column < raster.width(); ++column) {
+        values->push_back(static_cast<float>(pixels[column]) / 255.0f);
+      }
     }
   }
 }
 
-std::vector<float> InputsAndAnswers(const Pipeline& pipeline, const artifact::GridSize& size) {
+std::vector<float> InputsAndAnswers(const Pipeline& pipeline) {
   std::vector<float> values;
-  for (const auto& scene : pipeline.scenes()) AppendChannelsFirst(scene.raster, size, &values);
+  for (const auto& scene : pipeline.scenes()) AppendChannelsFirst(*scene.raster, &values);
   for (const auto& scene : pipeline.scenes()) {
     values.insert(values.end(), scene.motion.begin(), scene.motion.end());
   }
@@ -45,7 +46,7 @@ absl::Status TakeTurns(const BenchModel& model, const std::vector<v1::Scenario>&
   const v1::ModelSpec& spec = model.model->spec();
   const artifact::GridSize size = artifact::RasterGrid(spec.raster());
   Pipeline pipeline(model, {RequestFor({scenes.front()}, 1)}, 1);
-  const std::vector<float> values = InputsAndAnswers(pipeline, size);
+  const std::vector<float> values = InputsAndAnswers(pipeline);
   std::ofstream written(file, std::ios::binary);
   written.write(reinterpret_cast<const char*>(values.data()),
                 static_cast<std::streamsize>(sizeof(float) * values.size()));

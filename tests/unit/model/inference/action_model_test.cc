@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <deque>
 #include <filesystem>
 #include <numbers>
 #include <random>
@@ -14,6 +15,7 @@
 
 #include "model/inference/backbone.h"
 #include "tests/unit/model/inference/reference_model.h"
+#include "tests/unit/model/scene/raster_of.h"
 
 namespace maneuver::inference {
 namespace {
@@ -113,7 +115,11 @@ class ActionModelTest : public testing::Test {
 
   std::vector<SceneEncoding> Encode(InferenceSession* session, const Rasters& rasters) {
     std::vector<SceneInput> scenes;
-    for (const auto& raster : rasters) scenes.push_back({raster.data(), {}});
+    std::deque<scene::Raster> drawn;
+    for (const auto& raster : rasters) {
+      drawn.push_back(scene::RasterOf(SmallSpec().raster(), raster));
+      scenes.push_back({&drawn.back(), {}});
+    }
     std::vector<SceneEncoding> encodings(rasters.size());
     session->Encode(scenes, encodings);
     return encodings;

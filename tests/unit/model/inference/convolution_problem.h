@@ -3,30 +3,47 @@
 #ifndef MANEUVER_TESTS_UNIT_MODEL_INFERENCE_CONVOLUTION_PROBLEM_H_
 #define MANEUVER_TESTS_UNIT_MODEL_INFERENCE_CONVOLUTION_PROBLEM_H_
 
+#include <algorithm>
 #include <cstdint>
 #include <random>
 #include <vector>
 
 #include "model/artifact/backbone_layers.h"
 #include "model/inference/folded_convolution.h"
+#include "tests/unit/model/scene/raster_of.h"
 
 namespace maneuver::inference {
 
 struct Problem {
   artifact::BackboneLayer layer;
   FoldedConvolution folded;
-  std::vector<uint8_t> raster;
+  std::vector<uint8_t> raster;  // [H, W, C]
+
+  // As if something had been painted across the right end of every fifth row.
+  scene::Raster Drawn() const {
+    const artifact::GridSize& grid = layer.input;
+    auto drawn = scene::RasterOf(grid.height, grid.width, grid.channels, raster);
+    const int end = static_cast<int>(drawn.stride());
+    for (int channel = 0; channel < grid.channels; ++channel) {
+      for (int row = 0; row < grid.height; row += 5) {
+        drawn.Touch(channel, row, row + 1, grid.width - 1, end - 1);
+        std::fill(drawn.Row(channel, row) + grid.width, drawn.Row(channel, row) + end, 0xff);
+      }
+    }
+    return drawn;
+  }
 };
 
 // A raster of which one value in `one_in` is filled, at random.
-inline Problem MakeProblem(int kernel, int stride, int inputs, int outputs, int one_in) {
+inline Problem MakeProblem(int kernel, int stride, int inputs, int outputs, int one_in,
+                           int width = 22) {
   std::mt19937 random(kernel * 1000 + stride * 100 + inputs * 10 + outputs);
   Problem problem;
   artifact::BackboneLayer& layer = problem.layer;
   layer.kernel = kernel;
   layer.stride = stride;
-  layer.input = {inputs, 17, 22};
-  layer.output = {outputs, (17 - 1) / stride + 1, (22 - 1) / stride + 1};
+  layer.input = {inputs, 17, width};
+  layer.output = {outputs, (17 - 1) / stride + 1, (width - 1) / stride + 1};
   std::normal_distribution<float> normal;
   problem.folded.weight.resize(static_cast<size_t>(outputs) * inputs * kernel * kernel);
   problem.folded.bias.resize(outputs);

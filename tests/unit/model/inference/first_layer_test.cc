@@ -65,11 +65,11 @@ TEST_P(FirstLayerTest, IsEveryProduct) {
       const size_t size = static_cast<size_t>(problem.layer.output.values());
       std::vector<float> floats(size);
       ASSERT_TRUE(FirstLayer(problem.layer, problem.folded, false)
-                      .Evaluate(problem.raster.data(), &scratch, floats.data()));
+                      .Evaluate(problem.Drawn(), &scratch, floats.data()));
       ExpectGrid(problem, floats, 1e-5);
       std::vector<Eigen::bfloat16> narrow(size);
       ASSERT_TRUE(FirstLayer(problem.layer, problem.folded, true)
-                      .Evaluate(problem.raster.data(), &scratch, narrow.data()));
+                      .Evaluate(problem.Drawn(), &scratch, narrow.data()));
       ExpectGrid(problem, narrow, 1.0 / 256);
     }
   }
@@ -81,8 +81,19 @@ TEST_P(FirstLayerTest, ABlackRasterLeavesTheBias) {
   std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()));
   FirstLayer::Scratch scratch;
   ASSERT_TRUE(FirstLayer(problem.layer, problem.folded, false)
-                  .Evaluate(problem.raster.data(), &scratch, grid.data()));
+                  .Evaluate(problem.Drawn(), &scratch, grid.data()));
   ExpectGrid(problem, grid, 0.0);
+}
+
+// Blocks of a raster's rows are 16 pixels there.
+TEST(WideFirstLayerTest, IsEveryProduct) {
+  const Problem problem = MakeProblem(3, 2, 5, 8, 40, 605);
+  ASSERT_GT(problem.Drawn().block_pixels(), scene::Raster::kLanes);
+  std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()));
+  FirstLayer::Scratch scratch;
+  ASSERT_TRUE(FirstLayer(problem.layer, problem.folded, false)
+                  .Evaluate(problem.Drawn(), &scratch, grid.data()));
+  ExpectGrid(problem, grid, 1e-5);
 }
 
 TEST(FilledFirstLayerTest, IsLeftToBeConvolvedWholeSoonerInBf16) {
@@ -91,10 +102,10 @@ TEST(FilledFirstLayerTest, IsLeftToBeConvolvedWholeSoonerInBf16) {
   const std::vector<float> before = grid;
   FirstLayer::Scratch scratch;
   EXPECT_FALSE(FirstLayer(problem.layer, problem.folded, true)
-                   .Evaluate(problem.raster.data(), &scratch, grid.data()));
+                   .Evaluate(problem.Drawn(), &scratch, grid.data()));
   EXPECT_EQ(grid, before);
   EXPECT_TRUE(FirstLayer(problem.layer, problem.folded, false)
-                  .Evaluate(problem.raster.data(), &scratch, grid.data()));
+                  .Evaluate(problem.Drawn(), &scratch, grid.data()));
 }
 
 TEST(FirstLayerKindTest, ThatReadsNoAgentsOrFillsNoVectorIsNotTaken) {

@@ -6,12 +6,14 @@
 
 #include <cmath>
 #include <cstring>
+#include <deque>
 #include <filesystem>
 #include <string>
 
 #include "model/inference/action_model.h"
 #include "model/inference/backbone.h"
 #include "tests/unit/model/inference/reference_model.h"
+#include "tests/unit/model/scene/raster_of.h"
 
 namespace maneuver::inference {
 namespace {
@@ -90,10 +92,14 @@ class ResidualBackboneTest : public testing::TestWithParam<Network> {
     return (*model)->NewSession();
   }
 
-  static std::vector<SceneEncoding> Encode(InferenceSession* session,
-                                           const std::vector<std::vector<uint8_t>>& rasters) {
+  std::vector<SceneEncoding> Encode(InferenceSession* session,
+                                    const std::vector<std::vector<uint8_t>>& rasters) const {
     std::vector<SceneInput> scenes;
-    for (const auto& raster : rasters) scenes.push_back({raster.data(), {}});
+    std::deque<scene::Raster> drawn;
+    for (const auto& raster : rasters) {
+      drawn.push_back(scene::RasterOf(spec_.raster(), raster));
+      scenes.push_back({&drawn.back(), {}});
+    }
     std::vector<SceneEncoding> encodings(rasters.size());
     session->Encode(scenes, encodings);
     return encodings;

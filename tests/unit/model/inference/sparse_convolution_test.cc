@@ -30,7 +30,7 @@ TEST_P(SparseConvolutionTest, AddsWhatTheChannelsGive) {
     for (const int first : {0, 3}) {
       const SparseConvolution convolution(problem.layer, problem.folded, first, 0.1);
       std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()), kBefore);
-      ASSERT_TRUE(convolution.Find(problem.raster.data(), &values));
+      ASSERT_TRUE(convolution.Find(problem.Drawn(), &values));
       for (int row = 0; row < problem.layer.output.height; ++row) {
         convolution.AddRow(values, row,
                            &grid[static_cast<size_t>(row) * problem.layer.output.width * outputs]);
@@ -51,8 +51,8 @@ TEST_P(SparseConvolutionTest, AddsWhatTheChannelsGive) {
 TEST(FilledRasterTest, IsLeftToBeConvolvedWhole) {
   const Problem problem = MakeProblem(3, 2, 13, 32, 4);
   SparseConvolution::Values values;
-  EXPECT_FALSE(SparseConvolution(problem.layer, problem.folded, 3, 0.1)
-                   .Find(problem.raster.data(), &values));
+  EXPECT_FALSE(
+      SparseConvolution(problem.layer, problem.folded, 3, 0.1).Find(problem.Drawn(), &values));
 }
 
 TEST(FilledRasterTest, TheChannelsOfTheMapDoNotCount) {
@@ -61,9 +61,10 @@ TEST(FilledRasterTest, TheChannelsOfTheMapDoNotCount) {
     if (i % 13 >= 3) problem.raster[i] = 0;
   }
   SparseConvolution::Values values;
-  EXPECT_TRUE(SparseConvolution(problem.layer, problem.folded, 3, 0.1)
-                  .Find(problem.raster.data(), &values));
-  EXPECT_TRUE(values.values.empty());
+  EXPECT_TRUE(
+      SparseConvolution(problem.layer, problem.folded, 3, 0.1).Find(problem.Drawn(), &values));
+  EXPECT_EQ(values.count, 0);
+  EXPECT_TRUE(values.pixels.empty());
 }
 
 TEST(FilledRasterTest, OutputsThatFillNoVectorAreNotTaken) {

@@ -23,6 +23,7 @@
 #include "model/learning/validation.h"
 #include "model/scene/rasterizer.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
+#include "tests/unit/model/scene/raster_of.h"
 
 namespace maneuver::learning {
 namespace {
@@ -295,8 +296,10 @@ TEST_F(BaselinesTest, TheEngineSaysWhatLibTorchSays) {
     const auto session = (*model)->NewSession();
     inference::MlpScratch scratch;
     for (int64_t i = 0; i < 5; ++i) {
-      inference::SceneInput scene{
-          batch.rasters.data() + static_cast<size_t>(i) * scene::RasterBytes(raster), {}};
+      const size_t bytes = scene::RasterBytes(raster);
+      const scene::Raster drawn =
+          scene::RasterOf(raster, {batch.rasters.data() + static_cast<size_t>(i) * bytes, bytes});
+      inference::SceneInput scene{&drawn, {}};
       std::copy_n(motions[i].data_ptr<float>(), scene.motion.size(), scene.motion.begin());
       inference::SceneEncoding encoding;
       session->Encode({&scene, 1}, {&encoding, 1});

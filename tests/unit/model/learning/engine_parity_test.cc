@@ -11,6 +11,7 @@
 #include "model/learning/moments.h"
 #include "model/scene/rasterizer.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
+#include "tests/unit/model/scene/raster_of.h"
 
 namespace maneuver::learning {
 namespace {
@@ -73,11 +74,13 @@ TEST_P(EngineParityTest, TheEngineSaysWhatLibTorchSays) {
 
   const size_t bytes = scene::RasterBytes(settings.model().raster());
   for (int64_t i = 0; i < kExamples; ++i) {
-    const uint8_t* raster = batch.rasters.data() + static_cast<size_t>(i) * bytes;
+    const scene::Raster raster = scene::RasterOf(
+        settings.model().raster(), {batch.rasters.data() + static_cast<size_t>(i) * bytes, bytes});
     inference::SceneEncoding encoding;
     const inference::SceneInput scene{
-        raster, data.validation.examples[static_cast<size_t>(items[static_cast<size_t>(i)].example)]
-                    .motion};
+        &raster,
+        data.validation.examples[static_cast<size_t>(items[static_cast<size_t>(i)].example)]
+            .motion};
     session->Encode({&scene, 1}, {&encoding, 1});
     ExpectClose(features[i], encoding.features.cast<double>(), "features");
     ExpectClose(log_p_y[i].exp(), encoding.probabilities, "p(y|s)");

@@ -88,10 +88,11 @@ class ForkTest : public testing::TestWithParam<v1::Objective> {
     const std::vector<data::Example> examples =
         data::EnumerateExamples(scenario, 0, settings.model(), settings.examples());
     const data::Example& example = examples.at(0);
-    std::vector<uint8_t> raster(scene::RasterBytes(settings.model().raster()));
+    scene::Raster raster = scene::NewRaster(settings.model().raster());
     scene::Rasterizer(settings.model().raster())
-        .Rasterize(scenario, example.time, 1, example.X_WT, {}, raster);
-    const inference::SceneInput scene{raster.data(), example.motion};
+        .Rasterize(scenario, scene::RoadMap::Over(scenario.map_features()), example.time, 1,
+                   example.X_WT, {}, &raster);
+    const inference::SceneInput scene{&raster, example.motion};
     inference::SceneEncoding encoding;
     session_->Encode({&scene, 1}, {&encoding, 1});
     const std::vector<int> actions = {0, 1, 2, 3};

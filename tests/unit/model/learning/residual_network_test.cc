@@ -16,6 +16,7 @@
 #include "model/learning/networks.h"
 #include "model/scene/target_motion.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
+#include "tests/unit/model/scene/raster_of.h"
 
 namespace maneuver::learning {
 namespace {
@@ -123,7 +124,12 @@ TEST_P(ResidualNetworkTest, TrainsAStepIsExportedAndTheEngineSaysWhatLibTorchSay
       networks.EncodeScenes(rasters, at::zeros({kScenes, scene::kMotionInputs}), {});
   const at::Tensor probabilities = networks.PredictActions(features).exp();
   std::vector<inference::SceneInput> scenes;
-  for (int64_t i = 0; i < kScenes; ++i) scenes.push_back({rasters[i].data_ptr<uint8_t>(), {}});
+  std::deque<scene::Raster> drawn;
+  for (int64_t i = 0; i < kScenes; ++i) {
+    drawn.push_back(scene::RasterOf(
+        spec.raster(), {rasters[i].data_ptr<uint8_t>(), scene::RasterBytes(spec.raster())}));
+    scenes.push_back({&drawn.back(), {}});
+  }
   std::vector<inference::SceneEncoding> encodings(scenes.size());
   (*model)->NewSession()->Encode(scenes, encodings);
   for (int64_t i = 0; i < kScenes; ++i) {

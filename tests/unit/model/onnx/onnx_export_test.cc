@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <numeric>
 #include <opencv2/dnn.hpp>
 #include <string>
@@ -19,6 +20,7 @@
 #include "model/artifact/training_presets.h"
 #include "model/inference/action_model.h"
 #include "tests/unit/model/inference/reference_model.h"
+#include "tests/unit/model/scene/raster_of.h"
 
 namespace maneuver::onnx {
 namespace {
@@ -86,7 +88,7 @@ v1::ModelSpec PresetSpec(const char* preset) {
 
 // What both engines are asked about.
 struct Scenes {
-  std::vector<std::vector<uint8_t>> rasters;
+  std::deque<scene::Raster> rasters;
   std::vector<inference::SceneInput> inputs;
   cv::Mat raster;  // [N, C, H, W]
   cv::Mat motion;  // [N, 4]
@@ -99,8 +101,9 @@ Scenes MakeScenes(const v1::ModelSpec& spec) {
   scenes.raster = cv::Mat(4, sizes, CV_32F);
   scenes.motion = cv::Mat(kScenes, scene::kMotionInputs, CV_32F);
   for (int n = 0; n < kScenes; ++n) {
-    scenes.rasters.push_back(inference::RandomRaster(spec, static_cast<uint32_t>(n)));
-    const uint8_t* byte = scenes.rasters.back().data();
+    const auto bytes = inference::RandomRaster(spec, static_cast<uint32_t>(n));
+    scenes.rasters.push_back(scene::RasterOf(spec.raster(), bytes));
+    const uint8_t* byte = bytes.data();
     for (int row = 0; row < grid.height; ++row) {
       for (int column = 0; column < grid.width; ++column) {
         for (int c = 0; c < grid.channels; ++c) {
@@ -109,15 +112,12 @@ Scenes MakeScenes(const v1::ModelSpec& spec) {
         }
       }
     }
-    inference::SceneInput input{nullptr, {}};
+    inference::SceneInput input{&scenes.rasters.back(), {}};
     for (int i = 0; i < scene::kMotionInputs; ++i) {
       input.motion[static_cast<size_t>(i)] = 0.3f * static_cast<float>(i - n);
       scenes.motion.at<float>(n, i) = input.motion[static_cast<size_t>(i)];
     }
     scenes.inputs.push_back(input);
-  }
-  for (size_t n = 0; n < scenes.inputs.size(); ++n) {
-    scenes.inputs[n].raster = scenes.rasters[n].data();
   }
   return scenes;
 }

@@ -61,7 +61,7 @@ TEST_P(LineOfManyPointsTest, IsSeenWhereItIs) {
     heading += curvature * step;
     place = {place.x + step * std::cos(heading), place.y + step * std::sin(heading)};
   }
-  const Raster raster = Draw(spec, scenario, 0.0, 1, X_WT);
+  const Picture raster = Draw(spec, scenario, 0.0, 1, X_WT);
   std::vector<Point2> points;
   for (int i = 0; i < lane->x_size(); ++i) {
     points.push_back(InPicture(spec, X_WT, lane->x(i), lane->y(i)));

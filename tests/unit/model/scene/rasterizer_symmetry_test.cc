@@ -115,13 +115,13 @@ v1::Scenario Mirrored(v1::Scenario scenario) {
   return scenario;
 }
 
-double MeanDifference(const Raster& a, const Raster& b) {
+double MeanDifference(const Picture& a, const Picture& b) {
   double sum = 0.0;
   for (size_t i = 0; i < a.bytes().size(); ++i) sum += std::abs(a.bytes()[i] - b.bytes()[i]);
   return sum / static_cast<double>(a.bytes().size());
 }
 
-int LargestDifference(const Raster& a, const Raster& b) {
+int LargestDifference(const Picture& a, const Picture& b) {
   int largest = 0;
   for (size_t i = 0; i < a.bytes().size(); ++i) {
     largest = std::max(largest, std::abs(a.bytes()[i] - b.bytes()[i]));
@@ -136,10 +136,10 @@ TEST(RasterSymmetryTest, MovingTheWholeWorldLeavesThePictureAsItWas) {
   const v1::RasterSpec spec = Spec(64);
   for (int trial = 0; trial < 20; ++trial) {
     const v1::Scenario scenario = CrowdedScene(&random);
-    const Raster raster = Draw(spec, scenario, kNow, kTarget, TargetOf(scenario));
+    const Picture raster = Draw(spec, scenario, kNow, kTarget, TargetOf(scenario));
     const Pose2 X_VW(place(random), place(random), angle(random));
     const v1::Scenario moved = Moved(X_VW, scenario);
-    const Raster again = Draw(spec, moved, kNow, kTarget, TargetOf(moved));
+    const Picture again = Draw(spec, moved, kNow, kTarget, TargetOf(moved));
     EXPECT_LT(MeanDifference(raster, again), kMeanTolerance) << "trial " << trial;
     EXPECT_LE(LargestDifference(raster, again), kLargestTolerance) << "trial " << trial;
   }
@@ -150,8 +150,8 @@ TEST(RasterSymmetryTest, TurningTheWorldButNotTheTargetIsSeen) {
   const v1::RasterSpec spec = Spec(64);
   const v1::Scenario scenario = CrowdedScene(&random);
   const Pose2 X_WT = TargetOf(scenario);
-  const Raster raster = Draw(spec, scenario, kNow, kTarget, X_WT);
-  const Raster turned =
+  const Picture raster = Draw(spec, scenario, kNow, kTarget, X_WT);
+  const Picture turned =
       Draw(spec, scenario, kNow, kTarget, Pose2(X_WT.x(), X_WT.y(), X_WT.heading() + 0.2));
   EXPECT_GT(MeanDifference(raster, turned), kMeanOfOtherPicture);
 }
@@ -162,8 +162,8 @@ TEST(RasterSymmetryTest, MirroredRasterIsTheRasterOfTheMirroredWorld) {
     const v1::RasterSpec spec = Spec(height);
     const v1::Scenario scenario = CrowdedScene(&random);
     const v1::Scenario mirrored = Mirrored(scenario);
-    const Raster expected = Draw(spec, mirrored, kNow, kTarget, TargetOf(mirrored));
-    Raster raster = Draw(spec, scenario, kNow, kTarget, TargetOf(scenario));
+    const Picture expected = Draw(spec, mirrored, kNow, kTarget, TargetOf(mirrored));
+    Picture raster = Draw(spec, scenario, kNow, kTarget, TargetOf(scenario));
     EXPECT_GT(MeanDifference(raster, expected), kMeanOfOtherPicture);
     const std::vector<uint8_t> before = raster.bytes();
     MirrorRaster(spec, raster.bytes());
@@ -182,9 +182,9 @@ TEST(RasterSymmetryTest, AViewIsTheRasterOfAScaledAndShiftedWorld) {
   const v1::RasterSpec spec = Spec(64);
   v1::RasterSpec finer = spec;
   finer.set_meters_per_pixel(spec.meters_per_pixel() / 1.1);
-  const Raster expected = Draw(finer, scenario, kNow, kTarget, X_WT);
+  const Picture expected = Draw(finer, scenario, kNow, kTarget, X_WT);
   const RasterView view{.scale = 1.1, .shift_x = 2.0, .shift_y = -3.0};
-  const Raster raster = Draw(spec, scenario, kNow, kTarget, X_WT, view);
+  const Picture raster = Draw(spec, scenario, kNow, kTarget, X_WT, view);
   for (int row = 3; row < 64; ++row) {
     for (int column = 2; column < 80; ++column) {
       for (int channel = 0; channel < RasterChannels(spec); ++channel) {

@@ -24,14 +24,14 @@ TEST(RasterSpecTest, CountsChannelsAndBytes) {
 }
 
 TEST(RasterizerTest, WritesEveryByteEvenOfAnEmptyScene) {
-  const Raster raster = Draw(SmallSpec(), {}, 0.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), {}, 0.0, kTarget, kOrigin);
   for (const uint8_t value : raster.bytes()) ASSERT_EQ(value, 0);
 }
 
 TEST(RasterizerTest, TargetBoxFillsExactlyItsPixels) {
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, kTarget, v1::AGENT_TYPE_VEHICLE, 4.0, 2.0), 0.0, 0, 0, 0);
-  const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
   // x from -2 to 2: columns 6 to 9; y from -1 to 1: rows 5 and 6.
   for (int row = 0; row < 12; ++row) {
     for (int column = 0; column < 16; ++column) {
@@ -50,7 +50,7 @@ TEST(RasterizerTest, AheadIsRightAndLeftIsUp) {
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, kTarget, v1::AGENT_TYPE_VEHICLE, 4.0, 2.0), 0.0, 50, 30, M_PI / 2);
   AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, 2.0, 2.0), 0.0, 48, 34, M_PI / 2);
-  const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, Pose2(50, 30, M_PI / 2));
+  const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, Pose2(50, 30, M_PI / 2));
   for (int row = 0; row < 12; ++row) {
     for (int column = 0; column < 16; ++column) {
       // x from 3 to 5: columns 11 and 12; y from 1 to 3: rows 3 and 4.
@@ -63,7 +63,7 @@ TEST(RasterizerTest, AheadIsRightAndLeftIsUp) {
 TEST(RasterizerTest, ABoxThatTurnsLeftPointsUp) {
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, 8.0, 1.0), 0.0, 0, 0, M_PI / 4);
-  const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
   for (int i = -2; i < 2; ++i) {
     // The centres of these pixels lie on the box's middle line, or on its mirror image.
     EXPECT_EQ(raster.at(5 - i, 8 + i, kNowOthers), 255) << i;
@@ -76,7 +76,7 @@ TEST(RasterizerTest, TargetPositionMovesTheTargetAlongThePicture) {
   spec.set_target_position(0.25);  // u = 4
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, kTarget, v1::AGENT_TYPE_VEHICLE, 2.0, 2.0), 0.0, 0, 0, 0);
-  const Raster raster = Draw(spec, scenario, 0.0, kTarget, kOrigin);
+  const Picture raster = Draw(spec, scenario, 0.0, kTarget, kOrigin);
   EXPECT_EQ(raster.at(5, 2, kNowTarget), 0);
   EXPECT_EQ(raster.at(5, 3, kNowTarget), 255);
   EXPECT_EQ(raster.at(5, 4, kNowTarget), 255);
@@ -88,7 +88,7 @@ TEST(RasterizerTest, MetersPerPixelSetsTheScale) {
   spec.set_meters_per_pixel(0.5);
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, kTarget, v1::AGENT_TYPE_VEHICLE, 4.0, 2.0), 0.0, 0, 0, 0);
-  const Raster raster = Draw(spec, scenario, 0.0, kTarget, kOrigin);
+  const Picture raster = Draw(spec, scenario, 0.0, kTarget, kOrigin);
   EXPECT_EQ(raster.Sum(kNowTarget), 255 * 8 * 4);
   EXPECT_EQ(raster.at(4, 4, kNowTarget), 255);
   EXPECT_EQ(raster.at(7, 11, kNowTarget), 255);
@@ -98,7 +98,7 @@ TEST(RasterizerTest, CenterlineAlongARowLightsThatRowAlone) {
   v1::Scenario scenario;
   // y = 1.5 is v = 4.5, the middle of row 4.
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{-100, 1.5}, {0, 1.5}, {100, 1.5}});
-  const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
   for (int row = 0; row < 12; ++row) {
     for (int column = 0; column < 16; ++column) {
       ASSERT_EQ(raster.at(row, column, kLaneChannel), row == 4 ? 255 : 0) << row << " " << column;
@@ -110,7 +110,7 @@ TEST(RasterizerTest, CenterlineAlongARowLightsThatRowAlone) {
 TEST(RasterizerTest, CenterlineThroughTheTargetLightsTheTwoMiddleRowsHalf) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{-100, 0}, {100, 0}});
-  const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
   for (int column = 0; column < 16; ++column) {
     EXPECT_EQ(raster.at(4, column, kLaneChannel), 0);
     EXPECT_EQ(raster.at(5, column, kLaneChannel), 128);  // 127.5
@@ -138,7 +138,7 @@ TEST_P(FeatureTest, IsDrawnInItsChannelAndIntensity) {
       param.type == v1::MAP_FEATURE_TYPE_DRIVEWAY) {
     for (double& y : *scenario.mutable_map_features(0)->mutable_y()) y += 1.0;
   }
-  const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
   const int column = param.type == v1::MAP_FEATURE_TYPE_STOP_SIGN ? 8 : 11;
   EXPECT_EQ(raster.at(4, column, param.channel), param.intensity);
   for (int channel = 0; channel < 9; ++channel) {
@@ -165,7 +165,7 @@ INSTANTIATE_TEST_SUITE_P(
 TEST(RasterizerTest, CrosswalkIsFilledAndCloses) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_CROSSWALK, {{1, -2}, {3, -2}, {3, 2}, {1, 2}});
-  const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
   for (int row = 0; row < 12; ++row) {
     for (int column = 0; column < 16; ++column) {
       const bool inside = row >= 4 && row <= 7 && column >= 9 && column <= 10;
@@ -177,7 +177,7 @@ TEST(RasterizerTest, CrosswalkIsFilledAndCloses) {
 TEST(RasterizerTest, StopLineOfOnePointIsADisc) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_STOP_LINE, {{0.5, 1.5}});
-  const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
   EXPECT_EQ(raster.at(4, 8, kPlaceChannel), kStopLineIntensity);
   EXPECT_EQ(raster.at(4, 9, kPlaceChannel), kStopLineIntensity);
   EXPECT_EQ(raster.at(4, 10, kPlaceChannel), 0);
@@ -192,7 +192,7 @@ TEST(RasterizerTest, AgentsOfEachTypeHaveTheirIntensity) {
   for (const auto& [type, intensity] : kinds) {
     v1::Scenario scenario;
     AddState(AddAgent(&scenario, 2, type, 2, 2), 0.0, 2, 2, 0);
-    const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
+    const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
     EXPECT_EQ(raster.at(4, 10, kNowOthers), intensity) << type;
     EXPECT_EQ(raster.Sum(kNowOthers), 4 * intensity) << type;
   }
@@ -205,14 +205,14 @@ TEST(RasterizerTest, WhatIsFarAwayIsNotSeen) {
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_EDGE, {{1e8, 1e8}, {1e8, -1e8}});
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_STOP_SIGN, {{-1e8, 0}});
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_CROSSWALK, {{1e8, 1e8}, {9e7, 1e8}, {1e8, 9e7}});
-  const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
   for (const uint8_t value : raster.bytes()) ASSERT_EQ(value, 0);
 }
 
 TEST(RasterizerTest, WhatIsHalfOutsideIsCutAtTheEdge) {
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, 4, 2), 0.0, 8, 0, 0);
-  const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
   EXPECT_EQ(raster.Sum(kNowOthers), 255 * 2 * 2);
   EXPECT_EQ(raster.at(5, 15, kNowOthers), 255);
   EXPECT_EQ(raster.at(5, 14, kNowOthers), 255);
@@ -246,12 +246,20 @@ TEST(RasterizerTest, DrawsTheSameWhateverItDrewBefore) {
   signal->add_readings()->set_state(v1::TRAFFIC_SIGNAL_STATE_STOP);
   v1::Scenario second;
   AddFeature(&second, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{-5, 5}, {5, -5}})->set_id(4);
-  const Raster alone = Draw(SmallSpec(), second, 0.0, kTarget, kOrigin);
+  const Picture alone = Draw(SmallSpec(), second, 0.0, kTarget, kOrigin);
 
   Rasterizer rasterizer(SmallSpec());
-  Raster after(SmallSpec());
+  Picture after(SmallSpec());
   rasterizer.Rasterize(first, 0.0, kTarget, kOrigin, {}, after.bytes());
   rasterizer.Rasterize(second, 0.0, kTarget, kOrigin, {}, after.bytes());
+  EXPECT_EQ(after.bytes(), alone.bytes());
+
+  Raster raster = NewRaster(SmallSpec());
+  for (const v1::Scenario* scenario : {&first, &second}) {
+    const auto map = RoadMap::Over(scenario->map_features());
+    rasterizer.Rasterize(*scenario, map, 0.0, kTarget, kOrigin, {}, &raster);
+  }
+  raster.WriteInterleaved(after.bytes());
   EXPECT_EQ(after.bytes(), alone.bytes());
 }
 
@@ -259,7 +267,7 @@ TEST(RasterViewTest, ShiftsMoveTheTargetAheadAndToTheLeft) {
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, kTarget, v1::AGENT_TYPE_VEHICLE, 2, 2), 0.0, 0, 0, 0);
   const RasterView view{.scale = 1.0, .shift_x = 3.0, .shift_y = 2.0};
-  const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin, view);
+  const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin, view);
   EXPECT_EQ(raster.Sum(kNowTarget), 255 * 4);
   EXPECT_EQ(raster.at(3, 10, kNowTarget), 255);  // from (5, 7): three right, two up
   EXPECT_EQ(raster.at(4, 11, kNowTarget), 255);
@@ -269,7 +277,7 @@ TEST(RasterViewTest, ScaleMakesTheWorldLargerAboutTheTarget) {
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, 2, 1), 0.0, 2, 1.5, 0);
   const RasterView view{.scale = 2.0, .shift_x = 0.0, .shift_y = 0.0};
-  const Raster raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin, view);
+  const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin, view);
   // x from 1 to 3 becomes u from 10 to 14; y from 1 to 2 becomes v from 2 to 4.
   EXPECT_EQ(raster.Sum(kNowOthers), 255 * 4 * 2);
   EXPECT_EQ(raster.at(2, 10, kNowOthers), 255);

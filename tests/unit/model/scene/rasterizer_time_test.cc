@@ -15,7 +15,7 @@ constexpr int kOtherFrames = 6;
 const Pose2 kOrigin;
 
 // Column of the only lit pixel of row 5 in a channel, or -1 for none.
-int LitColumn(const Raster& raster, int channel) {
+int LitColumn(const Picture& raster, int channel) {
   int lit = -1;
   for (int column = 0; column < 16; ++column) {
     if (raster.at(5, column, channel) == 0) continue;
@@ -41,7 +41,7 @@ TEST(HistoryTest, FramesGoFromNowBackwards) {
     AddSpotState(target, 0.1 * i, i);
     AddSpotState(other, 0.1 * i, i + 5);
   }
-  const Raster raster = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
   for (int frame = 0; frame < 3; ++frame) {
     EXPECT_EQ(LitColumn(raster, kTargetFrames + frame), 10 - frame);
     EXPECT_EQ(LitColumn(raster, kOtherFrames + frame), 15 - frame);
@@ -56,7 +56,7 @@ TEST(HistoryTest, TakesTheStateNearestToEachFrame) {
   AddSpotState(agent, 0.86, 3);  // 0.04 from frame 1
   AddSpotState(agent, 0.92, 4);  // 0.02 from frame 1
   AddSpotState(agent, 0.97, 5);
-  const Raster raster = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
   EXPECT_EQ(LitColumn(raster, kOtherFrames + 0), 5);
   EXPECT_EQ(LitColumn(raster, kOtherFrames + 1), 4);
   EXPECT_EQ(LitColumn(raster, kOtherFrames + 2), 2);
@@ -68,7 +68,7 @@ TEST(HistoryTest, GapsStayEmpty) {
   AddSpotState(agent, 0.8, 3);
   AddSpotState(agent, 0.84, 4);  // 0.06 from frame 1: absent from it
   AddSpotState(agent, 1.0, 5);
-  const Raster raster = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
   EXPECT_EQ(LitColumn(raster, kOtherFrames + 0), 5);
   EXPECT_EQ(raster.Sum(kOtherFrames + 1), 0);
   EXPECT_EQ(LitColumn(raster, kOtherFrames + 2), 3);
@@ -79,7 +79,7 @@ TEST(HistoryTest, AnAgentThatIsGoneOrNotYetThereIsAbsentNow) {
   AddSpotState(AddSpot(&scenario, 2), 0.9, 3);  // gone since
   AddSpotState(AddSpot(&scenario, 3), 1.1, 6);  // comes later
   AddSpot(&scenario, 4);                        // never there
-  const Raster raster = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
+  const Picture raster = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
   EXPECT_EQ(raster.Sum(kOtherFrames), 0);
   EXPECT_EQ(LitColumn(raster, kOtherFrames + 1), 3);
 }
@@ -120,7 +120,7 @@ TEST(FutureTest, NothingLaterThanNowIsLookedAt) {
   }
   removed.mutable_traffic_signals(0)->mutable_readings()->RemoveLast();
 
-  const Raster whole = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
+  const Picture whole = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
   EXPECT_GT(whole.Sum(kTargetFrames), 0);
   EXPECT_EQ(Draw(SmallSpec(), altered, 1.0, kTarget, kOrigin).bytes(), whole.bytes());
   EXPECT_EQ(Draw(SmallSpec(), removed, 1.0, kTarget, kOrigin).bytes(), whole.bytes());

@@ -119,8 +119,8 @@ TEST(RoadMapTest, ASharedMapGivesTheSamePictureAsTheScenariosOwn) {
     const RasterView view{.scale = 1.0 + 0.3 * uniform(random),
                           .shift_x = 3.0 * uniform(random),
                           .shift_y = 3.0 * uniform(random)};
-    const Raster expected = Draw(spec, own, 0.0, 1, X_WT, view);
-    Raster shared(spec);
+    const Picture expected = Draw(spec, own, 0.0, 1, X_WT, view);
+    Picture shared(spec);
     Rasterizer(spec).Rasterize(bare, map, 0.0, 1, X_WT, view, shared.bytes());
     ASSERT_EQ(shared.bytes(), expected.bytes()) << "trial " << trial;
     visible += expected.Sum(kLaneChannel) > 0 || expected.Sum(kPlaceChannel) > 0;

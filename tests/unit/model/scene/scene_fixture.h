@@ -57,9 +57,9 @@ inline v1::MapFeature* AddFeature(v1::Scenario* scenario, v1::MapFeatureType typ
 }
 
 // A raster and a way to look at it.
-class Raster {
+class Picture {
  public:
-  explicit Raster(const v1::RasterSpec& spec) : spec_(spec), bytes_(RasterBytes(spec), 0xA5) {}
+  explicit Picture(const v1::RasterSpec& spec) : spec_(spec), bytes_(RasterBytes(spec), 0xA5) {}
 
   int at(int row, int column, int channel) const {
     return bytes_[(static_cast<size_t>(row) * spec_.width() + column) * RasterChannels(spec_) +
@@ -78,9 +78,9 @@ class Raster {
   std::vector<uint8_t> bytes_;
 };
 
-inline Raster Draw(const v1::RasterSpec& spec, const v1::Scenario& scenario, double time,
+inline Picture Draw(const v1::RasterSpec& spec, const v1::Scenario& scenario, double time,
                    int64_t target_id, const Pose2& X_WT, const RasterView& view = {}) {
-  Raster raster(spec);
+  Picture raster(spec);
   Rasterizer(spec).Rasterize(scenario, time, target_id, X_WT, view, raster.bytes());
   return raster;
 }

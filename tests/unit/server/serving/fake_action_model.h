@@ -88,15 +88,15 @@ class FakeNetworks {
 // The sum of a raster's bytes is its feature, so an answer tells which raster it is for.
 class FakeSession final : public inference::InferenceSession {
  public:
-  FakeSession(FakeNetworks& networks, size_t raster_bytes)
-      : networks_(networks), raster_bytes_(raster_bytes) {}
+  explicit FakeSession(FakeNetworks& networks) : networks_(networks) {}
 
   void Encode(std::span<const inference::SceneInput> scenes,
               std::span<inference::SceneEncoding> encodings) override {
     networks_.EnterEncode(static_cast<int>(scenes.size()));
     for (size_t i = 0; i < scenes.size(); ++i) {
-      const uint8_t* raster = scenes[i].raster;
-      const int64_t sum = std::accumulate(raster, raster + raster_bytes_, int64_t{0});
+      std::vector<uint8_t> bytes(scenes[i].raster->values());
+      scenes[i].raster->WriteInterleaved(bytes);
+      const int64_t sum = std::accumulate(bytes.begin(), bytes.end(), int64_t{0});
       encodings[i].features = Eigen::VectorXf::Constant(1, static_cast<float>(sum));
       encodings[i].probabilities = networks_.probabilities;
     }
@@ -128,7 +128,6 @@ class FakeSession final : public inference::InferenceSession {
 
  private:
   FakeNetworks& networks_;
-  const size_t raster_bytes_;
 };
 
 class FakeActionModel final : public inference::ActionModel {
@@ -152,7 +151,7 @@ class FakeActionModel final : public inference::ActionModel {
   size_t weight_bytes() const override { return 4; }
   std::unique_ptr<inference::InferenceSession> NewSession() const override {
     if (networks_.on_new_session) networks_.on_new_session();
-    return std::make_unique<FakeSession>(networks_, scene::RasterBytes(spec().raster()));
+    return std::make_unique<FakeSession>(networks_);
   }
 
  private:

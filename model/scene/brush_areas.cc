@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "model/scene/canvas.h"
+#include "model/scene/brush.h"
 #include "model/scene/clipping.h"
 #include "model/scene/lanes.h"
 
@@ -14,14 +14,15 @@ void Paint(float value, uint8_t* pixel) {
 
 }  // namespace
 
-void Canvas::FillDisc(int channel, const PixelPoint& centre, double radius, uint8_t intensity) {
+void Brush::FillDisc(Raster* raster, int channel, const PixelPoint& centre, double radius,
+                     uint8_t intensity) {
   const double reach = radius + 0.5;
-  const PixelRange rows(centre.v - reach, centre.v + reach, height_);
-  const PixelRange columns(centre.u - reach, centre.u + reach, width_);
+  const PixelRange rows(centre.v - reach, centre.v + reach, raster->height());
+  const PixelRange columns(centre.u - reach, centre.u + reach, raster->width());
   if (rows.first >= rows.last || columns.first >= columns.last) return;
-  Touch(channel, rows.first, rows.last, columns.first, columns.last - 1);
-  uint8_t* pixels = Row(channel, rows.first);
-  for (int row = rows.first; row < rows.last; ++row, pixels += stride_) {
+  raster->Touch(channel, rows.first, rows.last, columns.first, columns.last - 1);
+  uint8_t* pixels = raster->Row(channel, rows.first);
+  for (int row = rows.first; row < rows.last; ++row, pixels += raster->stride()) {
     for (int column = columns.first; column < columns.last; ++column) {
       const double distance = std::hypot(column + 0.5 - centre.u, row + 0.5 - centre.v);
       const double coverage = std::clamp(reach - distance, 0.0, 1.0);
@@ -30,14 +31,15 @@ void Canvas::FillDisc(int channel, const PixelPoint& centre, double radius, uint
   }
 }
 
-void Canvas::FillBox(int channel, const PixelPoint& centre, const PixelPoint& direction,
-                     double half_length, double half_width, uint8_t intensity) {
+void Brush::FillBox(Raster* raster, int channel, const PixelPoint& centre,
+                    const PixelPoint& direction, double half_length, double half_width,
+                    uint8_t intensity) {
   const double reach_u =
       (half_length + 0.5) * std::abs(direction.u) + (half_width + 0.5) * std::abs(direction.v);
   const double reach_v =
       (half_length + 0.5) * std::abs(direction.v) + (half_width + 0.5) * std::abs(direction.u);
-  const PixelRange rows(centre.v - reach_v, centre.v + reach_v, height_);
-  const PixelRange columns(centre.u - reach_u, centre.u + reach_u, width_);
+  const PixelRange rows(centre.v - reach_v, centre.v + reach_v, raster->height());
+  const PixelRange columns(centre.u - reach_u, centre.u + reach_u, raster->width());
   if (rows.first >= rows.last || columns.first >= columns.last) return;
   // Painted eight at a time.
   const int last =
@@ -52,9 +54,9 @@ void Canvas::FillBox(int channel, const PixelPoint& centre, const PixelPoint& di
   const FloatLanes most_y = Broadcast(std::min(1.0F, static_cast<float>(2.0 * half_width)));
   const auto full = static_cast<float>(intensity);
   const FloatLanes zero = {};
-  Touch(channel, rows.first, rows.last, columns.first, last);
-  uint8_t* pixels = Row(channel, rows.first);
-  for (int row = rows.first; row < rows.last; ++row, pixels += stride_) {
+  raster->Touch(channel, rows.first, rows.last, columns.first, last);
+  uint8_t* pixels = raster->Row(channel, rows.first);
+  for (int row = rows.first; row < rows.last; ++row, pixels += raster->stride()) {
     const auto dv = static_cast<float>(row + 0.5 - centre.v);
     for (int column = columns.first; column < columns.last; column += kLanes) {
       const FloatLanes du = kLaneIndex + static_cast<float>(column + 0.5 - centre.u);
@@ -71,7 +73,8 @@ void Canvas::FillBox(int channel, const PixelPoint& centre, const PixelPoint& di
 // polygon's: an edge that spans dv rows' height within a pixel adds dv times the share of the pixel
 // right of it there, and dv to all pixels further right. Those sums are kept as gains from pixel to
 // pixel, so that one pass along each row yields the coverage.
-void Canvas::FillPolygon(int channel, std::span<const PixelPoint> points, uint8_t intensity) {
+void Brush::FillPolygon(Raster* raster, int channel, std::span<const PixelPoint> points,
+                        uint8_t intensity) {
   if (points.size() < 3) return;
   PixelPoint low = points[0];
   PixelPoint high = points[0];
@@ -79,8 +82,8 @@ void Canvas::FillPolygon(int channel, std::span<const PixelPoint> points, uint8_
     low = {std::min(low.u, point.u), std::min(low.v, point.v)};
     high = {std::max(high.u, point.u), std::max(high.v, point.v)};
   }
-  const PixelRange row_range(low.v, high.v, height_);
-  const PixelRange column_range(low.u, high.u, width_);
+  const PixelRange row_range(low.v, high.v, raster->height());
+  const PixelRange column_range(low.u, high.u, raster->width());
   const int rows = row_range.last - row_range.first;
   const int columns = column_range.last - column_range.first;
   if (rows <= 0 || columns <= 0) return;
@@ -88,6 +91,8 @@ void Canvas::FillPolygon(int channel, std::span<const PixelPoint> points, uint8_
   const auto local = [&](const PixelPoint& point) {
     return PixelPoint{point.u - column_range.first, point.v - row_range.first};
   };
+  // Two more in each row: an edge at the right border changes what lies beyond it.
+  area_gain_.resize(std::max(area_gain_.size(), static_cast<size_t>(rows) * (columns + 2)));
   PixelPoint previous = local(points.back());
   for (const PixelPoint& point : points) {
     const PixelPoint next = local(point);
@@ -97,9 +102,10 @@ void Canvas::FillPolygon(int channel, std::span<const PixelPoint> points, uint8_
 
   const auto full = static_cast<float>(intensity);
   float* gain = area_gain_.data();
-  Touch(channel, row_range.first, row_range.last, column_range.first, column_range.last - 1);
-  uint8_t* pixels = Row(channel, row_range.first) + column_range.first;
-  for (int row = 0; row < rows; ++row, gain += columns + 2, pixels += stride_) {
+  raster->Touch(channel, row_range.first, row_range.last, column_range.first,
+                column_range.last - 1);
+  uint8_t* pixels = raster->Row(channel, row_range.first) + column_range.first;
+  for (int row = 0; row < rows; ++row, gain += columns + 2, pixels += raster->stride()) {
     float area = 0.0F;
     for (int column = 0; column < columns; ++column) {
       area += gain[column];
@@ -111,7 +117,7 @@ void Canvas::FillPolygon(int channel, std::span<const PixelPoint> points, uint8_
 
 // Cuts an edge down to [0, columns] x [0, rows]. What lies left of that still covers all columns;
 // what lies right of it, none.
-void Canvas::AddEdge(PixelPoint a, PixelPoint b, int rows, int columns) {
+void Brush::AddEdge(PixelPoint a, PixelPoint b, int rows, int columns) {
   double enter = 0.0;
   double leave = 1.0;
   ClipParameter(a.v, b.v, 0.0, rows, &enter, &leave);
@@ -140,7 +146,7 @@ void Canvas::AddEdge(PixelPoint a, PixelPoint b, int rows, int columns) {
   }
 }
 
-void Canvas::AddEdgeInside(float u0, float v0, float u1, float v1, int stride) {
+void Brush::AddEdgeInside(float u0, float v0, float u1, float v1, int stride) {
   if (v0 == v1) return;
   const float sign = v0 < v1 ? 1.0F : -1.0F;
   if (v0 > v1) {

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <cstring>
 
-#include "model/scene/canvas.h"
+#include "model/scene/brush.h"
 #include "model/scene/chord.h"
 #include "model/scene/clipping.h"
 #include "model/scene/lanes.h"
@@ -21,41 +21,20 @@ uint8_t SidesBeyond(const PixelPoint& point, int height, int width) {
                               (point.v < -kLineReach) << 2 | (point.v > height + kLineReach) << 3);
 }
 
-}  // namespace
-
-void Canvas::DrawPolyline(int channel, std::span<const PixelPoint> points, uint8_t intensity) {
-  if (points.size() < 2) return;
-  sides_.resize(points.size());
-  for (size_t i = 0; i < points.size(); ++i) sides_[i] = SidesBeyond(points[i], height_, width_);
-  // A stretch of the line is drawn from where it may be seen to where it no longer can.
-  const auto is_unseen = [this](size_t end) { return (sides_[end - 1] & sides_[end]) != 0; };
-  for (size_t end = 1; end < points.size();) {
-    if (is_unseen(end)) {
-      ++end;
-      continue;
-    }
-    size_t start = end - 1;
-    while (end < points.size() && !is_unseen(end)) ++end;
-    while (start + 1 < end) {
-      const size_t next = start + ChordEnd(points.subspan(start, end - start));
-      DrawSegment(channel, points[start], points[next], intensity);
-      start = next;
-    }
-  }
-}
-
-void Canvas::DrawSegment(int channel, PixelPoint a, PixelPoint b, float intensity) {
+void DrawSegment(Raster* raster, int channel, PixelPoint a, PixelPoint b, float intensity) {
+  const int picture_width = raster->width();
+  const int picture_height = raster->height();
   // What is cut off lies too far outside to be seen, and floats suffice for the rest.
   constexpr double kMargin = 2 * kLineReach;
   double enter = 0.0;
   double leave = 1.0;
-  const auto is_near = [this](const PixelPoint& p) {
-    return p.u >= -kMargin && p.u <= width_ + kMargin && p.v >= -kMargin &&
-           p.v <= height_ + kMargin;
+  const auto is_near = [&](const PixelPoint& p) {
+    return p.u >= -kMargin && p.u <= picture_width + kMargin && p.v >= -kMargin &&
+           p.v <= picture_height + kMargin;
   };
   if (!is_near(a) || !is_near(b)) {
-    ClipParameter(a.u, b.u, -kMargin, width_ + kMargin, &enter, &leave);
-    ClipParameter(a.v, b.v, -kMargin, height_ + kMargin, &enter, &leave);
+    ClipParameter(a.u, b.u, -kMargin, picture_width + kMargin, &enter, &leave);
+    ClipParameter(a.v, b.v, -kMargin, picture_height + kMargin, &enter, &leave);
     if (!(enter <= leave)) return;
   }
   const PixelPoint first = Between(a, b, enter);
@@ -72,18 +51,18 @@ void Canvas::DrawSegment(int channel, PixelPoint a, PixelPoint b, float intensit
   // How much of the segment a row is; a level one has next to no rows.
   constexpr float kLeastSlope = 1e-20F;
   const float per_row = 1.0F / (std::abs(along_v) > kLeastSlope ? along_v : kLeastSlope);
-  const auto width = static_cast<float>(width_);
+  const auto width = static_cast<float>(picture_width);
 
-  const auto [top, end_row] =
-      PixelRange(std::min(first.v, last.v) - kReach, std::max(first.v, last.v) + kReach, height_);
+  const auto [top, end_row] = PixelRange(std::min(first.v, last.v) - kReach,
+                                         std::max(first.v, last.v) + kReach, picture_height);
   if (top >= end_row) return;
   // Of a slanted segment that is more than is painted, but found out once.
   const auto leftmost =
       static_cast<int>(std::clamp(std::min(u, u + along_u) - kReach, 0.0F, width));
   const auto rightmost =
       static_cast<int>(std::clamp(std::max(u, u + along_u) + kReach, 0.0F, width));
-  Touch(channel, top, end_row, leftmost, rightmost + kLanes - 1);
-  uint8_t* pixels = Row(channel, top);
+  raster->Touch(channel, top, end_row, leftmost, rightmost + kLanes - 1);
+  uint8_t* pixels = raster->Row(channel, top);
   const FloatLanes nothing = {};
   const FloatLanes end = Broadcast(length);
   // Eight rows at once for what is one number of a row, then row by row.
@@ -104,7 +83,7 @@ void Canvas::DrawSegment(int channel, PixelPoint a, PixelPoint b, float intensit
     std::memcpy(columns.data(), &left, sizeof(left));
     std::memcpy(ends.data(), &right, sizeof(right));
     std::memcpy(centre_of.data(), &centres, sizeof(centres));
-    for (int i = 0; i < rows; ++i, pixels += stride_) {
+    for (int i = 0; i < rows; ++i, pixels += raster->stride()) {
       const FloatLanes centre = Broadcast(centre_of[i]);
       const FloatLanes across = centre * direction_v;
       int column = columns[i];
@@ -117,6 +96,31 @@ void Canvas::DrawSegment(int channel, PixelPoint a, PixelPoint b, float intensit
         PaintOver(Most(nothing, kReach - distance) * intensity, pixels + column);
         column += kLanes;
       } while (static_cast<float>(column) < ends[i]);
+    }
+  }
+}
+
+}  // namespace
+
+void Brush::DrawPolyline(Raster* raster, int channel, std::span<const PixelPoint> points,
+                         uint8_t intensity) {
+  if (points.size() < 2) return;
+  sides_.resize(points.size());
+  for (size_t i = 0; i < points.size(); ++i)
+    sides_[i] = SidesBeyond(points[i], raster->height(), raster->width());
+  // A stretch of the line is drawn from where it may be seen to where it no longer can.
+  const auto is_unseen = [this](size_t end) { return (sides_[end - 1] & sides_[end]) != 0; };
+  for (size_t end = 1; end < points.size();) {
+    if (is_unseen(end)) {
+      ++end;
+      continue;
+    }
+    size_t start = end - 1;
+    while (end < points.size() && !is_unseen(end)) ++end;
+    while (start + 1 < end) {
+      const size_t next = start + ChordEnd(points.subspan(start, end - start));
+      DrawSegment(raster, channel, points[start], points[next], intensity);
+      start = next;
     }
   }
 }

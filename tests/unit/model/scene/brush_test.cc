@@ -1,4 +1,4 @@
-#include "model/scene/canvas.h"
+#include "model/scene/brush.h"
 
 #include <gtest/gtest.h>
 
@@ -14,9 +14,13 @@ namespace {
 constexpr int kHeight = 24;
 constexpr int kWidth = 32;
 
-class CanvasTest : public testing::Test {
+class BrushTest : public testing::Test {
  protected:
-  void Finish() { canvas_.Finish(picture_); }
+  // What was painted since the last time, and starts anew.
+  void Finish() {
+    raster_.WriteInterleaved(picture_);
+    raster_.Clear();
+  }
   int at(int row, int column) const { return picture_[row * kWidth + column]; }
   double Total() const {
     double total = 0.0;
@@ -28,7 +32,8 @@ class CanvasTest : public testing::Test {
   }
 
   std::vector<uint8_t> picture_ = std::vector<uint8_t>(kHeight * kWidth);
-  Canvas canvas_{kHeight, kWidth, 1};
+  Raster raster_{kHeight, kWidth, 1};
+  Brush brush_;
   std::mt19937_64 random_{7};
 };
 
@@ -59,7 +64,7 @@ double DistanceToPolyline(const std::vector<PixelPoint>& points, double u, doubl
   return nearest;
 }
 
-TEST_F(CanvasTest, PolygonCoversEachPixelByItsShare) {
+TEST_F(BrushTest, PolygonCoversEachPixelByItsShare) {
   constexpr int kSamples = 40;  // along each side of a pixel
   // An edge through a pixel misjudges at most about one row of samples.
   constexpr double kTolerance = 255.0 * 2.0 / kSamples;
@@ -73,7 +78,7 @@ TEST_F(CanvasTest, PolygonCoversEachPixelByItsShare) {
       const double radius = Uniform(2, 20);
       polygon.push_back({centre.u + radius * std::cos(angle), centre.v + radius * std::sin(angle)});
     }
-    canvas_.FillPolygon(0, polygon, 255);
+    brush_.FillPolygon(&raster_, 0, polygon, 255);
     Finish();
     for (int row = 0; row < kHeight; ++row) {
       for (int column = 0; column < kWidth; ++column) {
@@ -89,9 +94,9 @@ TEST_F(CanvasTest, PolygonCoversEachPixelByItsShare) {
   }
 }
 
-TEST_F(CanvasTest, PolygonOfFractionalPixels) {
+TEST_F(BrushTest, PolygonOfFractionalPixels) {
   const PixelPoint corners[] = {{2.25, 3.5}, {4.5, 3.5}, {4.5, 5.0}, {2.25, 5.0}};
-  canvas_.FillPolygon(0, corners, 200);
+  brush_.FillPolygon(&raster_, 0, corners, 200);
   Finish();
   EXPECT_EQ(at(3, 2), 75);   // 0.75 * 0.5 * 200
   EXPECT_EQ(at(3, 3), 100);  // 0.5 * 200
@@ -105,26 +110,26 @@ TEST_F(CanvasTest, PolygonOfFractionalPixels) {
   EXPECT_EQ(at(4, 5), 0);
 }
 
-TEST_F(CanvasTest, PolygonLeavesNothingBehindForTheNext) {
+TEST_F(BrushTest, PolygonLeavesNothingBehindForTheNext) {
   const PixelPoint first[] = {{-50, -50}, {90, -40}, {10, 90}};
   const PixelPoint second[] = {{3, 3}, {4, 3}, {4, 4}, {3, 4}};
-  canvas_.FillPolygon(0, first, 255);
+  brush_.FillPolygon(&raster_, 0, first, 255);
   Finish();
-  canvas_.FillPolygon(0, second, 255);
+  brush_.FillPolygon(&raster_, 0, second, 255);
   Finish();
   EXPECT_EQ(at(3, 3), 255);
   EXPECT_DOUBLE_EQ(Total(), 1.0);
 }
 
-TEST_F(CanvasTest, PolygonAroundThePictureCoversAllOfIt) {
+TEST_F(BrushTest, PolygonAroundThePictureCoversAllOfIt) {
   const PixelPoint corners[] = {{-1e10, -3e10}, {2e10, -1e10}, {1e10, 4e10}, {-3e10, 2e10}};
-  canvas_.FillPolygon(0, corners, 77);
+  brush_.FillPolygon(&raster_, 0, corners, 77);
   Finish();
   for (const uint8_t value : picture_) ASSERT_EQ(value, 77);
 }
 
-TEST_F(CanvasTest, BoxAlongThePictureCoversEachPixelByItsShare) {
-  canvas_.FillBox(0, {10.0, 8.25}, {1.0, 0.0}, 2.5, 1.0, 200);
+TEST_F(BrushTest, BoxAlongThePictureCoversEachPixelByItsShare) {
+  brush_.FillBox(&raster_, 0, {10.0, 8.25}, {1.0, 0.0}, 2.5, 1.0, 200);
   Finish();
   // u from 7.5 to 12.5, v from 7.25 to 9.25.
   const double across[] = {0, 0.5, 1, 1, 1, 1, 0.5, 0};
@@ -138,20 +143,20 @@ TEST_F(CanvasTest, BoxAlongThePictureCoversEachPixelByItsShare) {
   EXPECT_NEAR(Total() * 255.0 / 200.0, 5.0 * 2.0, 0.05);
 }
 
-TEST_F(CanvasTest, BoxesCoverTheirAreaAtEveryAngle) {
+TEST_F(BrushTest, BoxesCoverTheirAreaAtEveryAngle) {
   for (int trial = 0; trial < 200; ++trial) {
     const double angle = Uniform(-M_PI, M_PI);
     const double half_length = Uniform(0.2, 5.0);
     const double half_width = Uniform(0.2, 3.0);
-    canvas_.FillBox(0, {Uniform(12, 20), Uniform(10, 14)}, {std::cos(angle), std::sin(angle)},
-                    half_length, half_width, 255);
+    brush_.FillBox(&raster_, 0, {Uniform(12, 20), Uniform(10, 14)},
+                   {std::cos(angle), std::sin(angle)}, half_length, half_width, 255);
     Finish();
     const double area = 4.0 * half_length * half_width;
     EXPECT_NEAR(Total(), area, 0.25 + 0.02 * area) << "angle " << angle;
   }
 }
 
-TEST_F(CanvasTest, BoxLooksLikeThePolygonOfItsCorners) {
+TEST_F(BrushTest, BoxLooksLikeThePolygonOfItsCorners) {
   constexpr double kTolerance = 0.2 * 255.0;  // the filters differ at corners
   constexpr double kMeanTolerance = 1.0;
   for (int trial = 0; trial < 50; ++trial) {
@@ -160,14 +165,14 @@ TEST_F(CanvasTest, BoxLooksLikeThePolygonOfItsCorners) {
     const PixelPoint c{Uniform(0, kWidth), Uniform(0, kHeight)};
     const double a = Uniform(1, 6);
     const double b = Uniform(1, 4);
-    canvas_.FillBox(0, c, d, a, b, 255);
+    brush_.FillBox(&raster_, 0, c, d, a, b, 255);
     Finish();
     const std::vector<uint8_t> box = picture_;
     const PixelPoint corners[] = {{c.u + a * d.u - b * d.v, c.v + a * d.v + b * d.u},
                                   {c.u - a * d.u - b * d.v, c.v - a * d.v + b * d.u},
                                   {c.u - a * d.u + b * d.v, c.v - a * d.v - b * d.u},
                                   {c.u + a * d.u + b * d.v, c.v + a * d.v - b * d.u}};
-    canvas_.FillPolygon(0, corners, 255);
+    brush_.FillPolygon(&raster_, 0, corners, 255);
     Finish();
     double sum = 0.0;
     for (size_t i = 0; i < box.size(); ++i) {
@@ -178,7 +183,7 @@ TEST_F(CanvasTest, BoxLooksLikeThePolygonOfItsCorners) {
   }
 }
 
-TEST_F(CanvasTest, PolylineFallsOffWithDistance) {
+TEST_F(BrushTest, PolylineFallsOffWithDistance) {
   // Simplification may move the line by 0.03 pixels; rounding adds half a level.
   constexpr double kTolerance = 0.03 * 255.0 + 1.0;
   for (int trial = 0; trial < 40; ++trial) {
@@ -192,7 +197,7 @@ TEST_F(CanvasTest, PolylineFallsOffWithDistance) {
       points.push_back(
           {points.back().u + step * std::cos(heading), points.back().v + step * std::sin(heading)});
     }
-    canvas_.DrawPolyline(0, points, 255);
+    brush_.DrawPolyline(&raster_, 0, points, 255);
     Finish();
     for (int row = 0; row < kHeight; ++row) {
       for (int column = 0; column < kWidth; ++column) {
@@ -204,17 +209,17 @@ TEST_F(CanvasTest, PolylineFallsOffWithDistance) {
   }
 }
 
-TEST_F(CanvasTest, PolylineThatTurnsBackKeepsItsTip) {
+TEST_F(BrushTest, PolylineThatTurnsBackKeepsItsTip) {
   const PixelPoint points[] = {{4, 10.5}, {14, 10.5}, {8, 10.5}};
-  canvas_.DrawPolyline(0, points, 255);
+  brush_.DrawPolyline(&raster_, 0, points, 255);
   Finish();
   for (int column = 4; column < 14; ++column) EXPECT_EQ(at(10, column), 255) << column;
   EXPECT_EQ(at(10, 15), 0);
 }
 
-TEST_F(CanvasTest, PolylineFromFarAwayCrossesWhereItShould) {
+TEST_F(BrushTest, PolylineFromFarAwayCrossesWhereItShould) {
   const PixelPoint points[] = {{-1e10, 5.5}, {1e10, 5.5}};
-  canvas_.DrawPolyline(0, points, 255);
+  brush_.DrawPolyline(&raster_, 0, points, 255);
   Finish();
   for (int column = 0; column < kWidth; ++column) {
     EXPECT_EQ(at(5, column), 255);
@@ -223,15 +228,15 @@ TEST_F(CanvasTest, PolylineFromFarAwayCrossesWhereItShould) {
   }
 }
 
-TEST_F(CanvasTest, PolylineOfOnePointIsNotDrawn) {
+TEST_F(BrushTest, PolylineOfOnePointIsNotDrawn) {
   const PixelPoint points[] = {{5.5, 5.5}};
-  canvas_.DrawPolyline(0, points, 255);
+  brush_.DrawPolyline(&raster_, 0, points, 255);
   Finish();
   EXPECT_EQ(Total(), 0.0);
 }
 
-TEST_F(CanvasTest, DiscHasItsRadius) {
-  canvas_.FillDisc(0, {10.5, 10.5}, 1.5, 200);
+TEST_F(BrushTest, DiscHasItsRadius) {
+  brush_.FillDisc(&raster_, 0, {10.5, 10.5}, 1.5, 200);
   Finish();
   EXPECT_EQ(at(10, 10), 200);
   EXPECT_EQ(at(10, 11), 200);
@@ -239,18 +244,18 @@ TEST_F(CanvasTest, DiscHasItsRadius) {
   EXPECT_EQ(at(10, 12), 0);
 }
 
-TEST_F(CanvasTest, TheBrighterPaintIsSeenInWhicheverOrder) {
+TEST_F(BrushTest, TheBrighterPaintIsSeenInWhicheverOrder) {
   const PixelPoint square[] = {{8, 8}, {12, 8}, {12, 12}, {8, 12}};
   const PixelPoint line[] = {{4, 10.5}, {16, 10.5}};
   const std::function<void(uint8_t)> shapes[] = {
       [&](uint8_t intensity) {
-        canvas_.FillBox(0, {10, 10}, {1, 0}, 2, 2, intensity);
+        brush_.FillBox(&raster_, 0, {10, 10}, {1, 0}, 2, 2, intensity);
       },
-      [&](uint8_t intensity) { canvas_.FillPolygon(0, square, intensity); },
+      [&](uint8_t intensity) { brush_.FillPolygon(&raster_, 0, square, intensity); },
       [&](uint8_t intensity) {
-        canvas_.FillDisc(0, {10, 10}, 3, intensity);
+        brush_.FillDisc(&raster_, 0, {10, 10}, 3, intensity);
       },
-      [&](uint8_t intensity) { canvas_.DrawPolyline(0, line, intensity); }};
+      [&](uint8_t intensity) { brush_.DrawPolyline(&raster_, 0, line, intensity); }};
   for (const auto& first : shapes) {
     for (const auto& second : shapes) {
       first(100);
@@ -265,28 +270,29 @@ TEST_F(CanvasTest, TheBrighterPaintIsSeenInWhicheverOrder) {
   }
 }
 
-TEST(InterleavedCanvasTest, PaintsOneChannelAlone) {
+TEST(InterleavedRasterTest, PaintsOneChannelAlone) {
   std::vector<uint8_t> picture(4 * 4 * 3);
-  Canvas canvas(4, 4, 3);
-  canvas.FillBox(1, {1.5, 2.5}, {1, 0}, 0.5, 0.5, 99);
-  canvas.Finish(picture);
+  Raster raster(4, 4, 3);
+  Brush::FillBox(&raster, 1, {1.5, 2.5}, {1, 0}, 0.5, 0.5, 99);
+  raster.WriteInterleaved(picture);
   for (int i = 0; i < 4 * 4 * 3; ++i) EXPECT_EQ(picture[i], i == (2 * 4 + 1) * 3 + 1 ? 99 : 0);
 }
 
 // What lies beyond the right edge is not seen, nor where the next row begins.
-TEST(InterleavedCanvasTest, ANarrowPictureIsTheLeftPartOfAWideOne) {
+TEST(InterleavedRasterTest, ANarrowPictureIsTheLeftPartOfAWideOne) {
   constexpr int kRows = 20;
   constexpr int kWide = 40;
   const auto paint = [](int columns) {
-    Canvas canvas(kRows, columns, 2);
+    Raster raster(kRows, columns, 2);
+    Brush brush;
     const PixelPoint line[] = {{-3, 2}, {9, 7}, {38, 12}};
     const PixelPoint triangle[] = {{1, 18}, {35, 19}, {20, 9}};
-    canvas.DrawPolyline(0, line, 255);
-    canvas.FillBox(0, {11, 5}, {0.8, 0.6}, 7, 4, 200);
-    canvas.FillDisc(1, {13, 4}, 3, 150);
-    canvas.FillPolygon(1, triangle, 90);
+    brush.DrawPolyline(&raster, 0, line, 255);
+    brush.FillBox(&raster, 0, {11, 5}, {0.8, 0.6}, 7, 4, 200);
+    brush.FillDisc(&raster, 1, {13, 4}, 3, 150);
+    brush.FillPolygon(&raster, 1, triangle, 90);
     std::vector<uint8_t> picture(static_cast<size_t>(kRows) * columns * 2, 77);
-    canvas.Finish(picture);
+    raster.WriteInterleaved(picture);
     return picture;
   };
   const std::vector<uint8_t> wide = paint(kWide);
@@ -303,22 +309,24 @@ TEST(InterleavedCanvasTest, ANarrowPictureIsTheLeftPartOfAWideOne) {
 }
 
 // However wide it is, nothing that is painted is forgotten, and nothing left for the next picture.
-TEST(InterleavedCanvasTest, TheRightEndOfAWidePictureIsLikeANarrowOne) {
+TEST(InterleavedRasterTest, TheRightEndOfAWidePictureIsLikeANarrowOne) {
   constexpr int kRows = 20;
   constexpr int kSeen = 30;
   const auto paint = [](int columns) {
-    Canvas canvas(kRows, columns, 2);
+    Raster raster(kRows, columns, 2);
+    Brush brush;
     const double left = columns - kSeen;
     const PixelPoint line[] = {{left + 2, 2}, {left + 9, 7}, {left + 38, 12}};
     const PixelPoint triangle[] = {{left + 1, 18}, {left + 35, 19}, {left + 20, 9}};
-    canvas.DrawPolyline(0, line, 255);
-    canvas.FillBox(0, {left + 11, 5}, {0.8, 0.6}, 7, 4, 200);
-    canvas.FillDisc(1, {left + 13, 4}, 3, 150);
-    canvas.FillPolygon(1, triangle, 90);
+    brush.DrawPolyline(&raster, 0, line, 255);
+    brush.FillBox(&raster, 0, {left + 11, 5}, {0.8, 0.6}, 7, 4, 200);
+    brush.FillDisc(&raster, 1, {left + 13, 4}, 3, 150);
+    brush.FillPolygon(&raster, 1, triangle, 90);
     std::vector<uint8_t> picture(static_cast<size_t>(kRows) * columns * 2, 77);
-    canvas.Finish(picture);
+    raster.WriteInterleaved(picture);
     std::vector<uint8_t> next(picture.size(), 77);
-    canvas.Finish(next);
+    raster.Clear();
+    raster.WriteInterleaved(next);
     EXPECT_EQ(next, std::vector<uint8_t>(picture.size())) << columns;
     return picture;
   };

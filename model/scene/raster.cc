@@ -1,0 +1,67 @@
+#include "model/scene/raster.h"
+
+#include <algorithm>
+#include <bit>
+#include <cassert>
+#include <cstring>
+
+namespace maneuver::scene {
+namespace {
+
+constexpr int kLanes = Raster::kLanes;
+
+// The smallest blocks of which 64 suffice for a row.
+int BlockBits(int stride) {
+  int bits = std::countr_zero(static_cast<unsigned>(kLanes));
+  while ((stride - 1) >> bits >= 64) ++bits;
+  return bits;
+}
+
+}  // namespace
+
+Raster::Raster(int height, int width, int channels)
+    : height_(height),
+      width_(width),
+      channels_(channels),
+      stride_((width + 2 * kLanes - 1) / kLanes * kLanes),
+      block_bits_(BlockBits(stride_)),
+      planes_(static_cast<size_t>(channels) * height * stride_),
+      touched_(static_cast<size_t>(height) * channels) {
+  assert(height > 0 && width > 0 && channels > 0);
+}
+
+void Raster::Clear() {
+  PixelBlocks* touched = touched_.data();
+  for (int row = 0; row < height_; ++row) {
+    for (int channel = 0; channel < channels_; ++channel, ++touched) {
+      if (*touched == 0) continue;
+      // From the first to the last: what lies between is mostly touched as well.
+      const int begin = std::countr_zero(*touched) << block_bits_;
+      const int end = std::min((64 - std::countl_zero(*touched)) << block_bits_, stride_);
+      std::memset(Row(channel, row) + begin, 0, static_cast<size_t>(end - begin));
+      *touched = 0;
+    }
+  }
+}
+
+// Row by row, so that all channels of a row are written while it is at hand.
+void Raster::WriteInterleaved(std::span<uint8_t> bytes) const {
+  assert(bytes.size() == values());
+  const ptrdiff_t channels = channels_;
+  const size_t row_bytes = static_cast<size_t>(width_) * channels_;
+  uint8_t* to = bytes.data();
+  for (int row = 0; row < height_; ++row, to += row_bytes) {
+    std::memset(to, 0, row_bytes);
+    for (int channel = 0; channel < channels_; ++channel) {
+      const uint8_t* const from = Row(channel, row);
+      for (PixelBlocks left = Touched(channel, row); left != 0; left &= left - 1) {
+        const int begin = std::countr_zero(left) << block_bits_;
+        const int end = std::min(begin + block_pixels(), width_);
+        uint8_t* pixel = to + begin * channels + channel;
+        for (int column = begin; column < end; ++column, pixel += channels) *pixel = from[column];
+      }
+    }
+  }
+}
+
+}  // namespace maneuver::scene
