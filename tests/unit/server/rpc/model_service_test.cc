@@ -1,0 +1,132 @@
+#include "server/rpc/model_service.h"
+
+#include <gmock/gmock.h>
+
+#include <fstream>
+
+#include "tests/unit/server/rpc/server_fixture.h"
+
+namespace maneuver::rpc {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+class ModelServiceTest : public ServerTest {};
+
+TEST_F(ModelServiceTest, VersionsArePagedNewestFirst) {
+  for (int i = 0; i < 5; ++i) Publish();
+  v1::ListModelVersionsRequest request;
+  request.set_parent("models/-");
+  request.set_page_size(2);
+  std::vector<std::string> names;
+  do {
+    v1::ListModelVersionsResponse response;
+    grpc::ClientContext context;
+    const grpc::Status status = model_stub_->ListModelVersions(&context, request, &response);
+    ASSERT_TRUE(status.ok()) << status.error_message();
+    for (const auto& version : response.model_versions())
+      names.push_back(version.name().substr(21));
+    request.set_page_token(response.next_page_token());
+  } while (!request.page_token().empty());
+  EXPECT_THAT(names, ElementsAre("5", "4", "3", "2", "1"));
+
+  request.set_page_token("nonsense");
+  v1::ListModelVersionsResponse response;
+  grpc::ClientContext context;
+  EXPECT_EQ(model_stub_->ListModelVersions(&context, request, &response).error_code(),
+            grpc::StatusCode::INVALID_ARGUMENT);
+}
+
+TEST_F(ModelServiceTest, ReportsOfAVersionArePagedNewestFirstAndReadWhole) {
+  Publish();
+  int64_t seconds = 0;
+  for (const char* dataset : {"a", "b", "c", "d", "e"}) {
+    v1::EvaluationReport report;
+    report.set_model_version("models/town/versions/1");
+    report.set_dataset(std::string("datasets/") + dataset);
+    report.mutable_create_time()->set_seconds(++seconds);
+    report.add_strata()->set_name("left");
+    ASSERT_TRUE(models_->KeepReport(report).ok());
+  }
+  v1::ListEvaluationReportsRequest request;
+  request.set_parent("models/town");  // what serves
+  request.set_page_size(2);
+  std::vector<std::string> datasets;
+  std::string last;
+  do {
+    v1::ListEvaluationReportsResponse response;
+    grpc::ClientContext context;
+    const grpc::Status status = model_stub_->ListEvaluationReports(&context, request, &response);
+    ASSERT_TRUE(status.ok()) << status.error_message();
+    EXPECT_LE(response.evaluation_reports_size(), 2);
+    for (const auto& report : response.evaluation_reports()) {
+      datasets.push_back(report.dataset().substr(9));
+      last = report.name();
+    }
+    request.set_page_token(response.next_page_token());
+  } while (!request.page_token().empty());
+  EXPECT_THAT(datasets, ElementsAre("e", "d", "c", "b", "a"));
+
+  v1::GetEvaluationReportRequest get;
+  get.set_name(last);
+  v1::EvaluationReport report;
+  {
+    grpc::ClientContext context;
+    ASSERT_TRUE(model_stub_->GetEvaluationReport(&context, get, &report).ok());
+    EXPECT_EQ(report.dataset(), "datasets/a");
+    EXPECT_EQ(report.strata_size(), 1);
+  }
+  {
+    get.set_name("models/town/versions/1/evaluations/f");
+    grpc::ClientContext context;
+    const grpc::Status status = model_stub_->GetEvaluationReport(&context, get, &report);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::NOT_FOUND);
+    EXPECT_EQ(Reason(status), "EVALUATION_NOT_FOUND");
+  }
+  request.set_page_token("nonsense");
+  v1::ListEvaluationReportsResponse response;
+  grpc::ClientContext context;
+  EXPECT_EQ(model_stub_->ListEvaluationReports(&context, request, &response).error_code(),
+            grpc::StatusCode::INVALID_ARGUMENT);
+}
+
+TEST_F(ModelServiceTest, PromotionIsAnAliasAndAnAliasedVersionStays) {
+  Publish();
+  Publish();
+  v1::SetModelAliasRequest set;
+  set.set_name("models/town/aliases/serving");
+  set.set_model_version("models/town/versions/2");
+  {
+    v1::ModelAlias alias;
+    grpc::ClientContext context;
+    ASSERT_TRUE(model_stub_->SetModelAlias(&context, set, &alias).ok());
+  }
+  v1::PredictResponse response;
+  ASSERT_TRUE(Predict(OneScene(), &response).ok());
+  EXPECT_EQ(response.model_version(), "models/town/versions/2");
+
+  v1::DeleteModelVersionRequest remove;
+  google::protobuf::Empty empty;
+  {
+    remove.set_name("models/town/versions/2");
+    grpc::ClientContext context;
+    const grpc::Status status = model_stub_->DeleteModelVersion(&context, remove, &empty);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::FAILED_PRECONDITION);
+    EXPECT_EQ(Reason(status), "MODEL_VERSION_IN_USE");
+  }
+  {
+    remove.set_name("models/town/versions/1");
+    grpc::ClientContext context;
+    EXPECT_TRUE(model_stub_->DeleteModelVersion(&context, remove, &empty).ok());
+  }
+  set.set_model_version("models/city/versions/1");
+  v1::ModelAlias alias;
+  grpc::ClientContext context;
+  EXPECT_EQ(model_stub_->SetModelAlias(&context, set, &alias).error_code(),
+            grpc::StatusCode::INVALID_ARGUMENT);
+}
+
+}  // namespace
+}  // namespace maneuver::rpc

@@ -1,0 +1,209 @@
+#include "server/rpc/predict_stream.h"
+
+#include <gmock/gmock.h>
+
+#include <set>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tests/unit/server/rpc/server_fixture.h"
+
+namespace maneuver::rpc {
+namespace {
+
+class PredictStreamTest : public ServerTest {};
+
+// Bytes that are a StreamPredictRequest but for the scenes in it, which would not parse.
+std::string WithoutSense(int timeout_nanos) {
+  v1::StreamPredictRequest request;
+  request.set_request_id("no sense");
+  if (timeout_nanos > 0) request.mutable_timeout()->set_nanos(timeout_nanos);
+  return request.SerializeAsString() + "\x12\x03\xff\xff\xff";
+}
+
+TEST_F(PredictStreamTest, AStreamAnswersRequestsAsTheyFinish) {
+  Publish();
+  networks_.CloseGate();
+  const size_t before = networks_.batches().size();
+  grpc::ClientContext context;
+  auto stream = stub_->StreamPredict(&context);
+  v1::StreamPredictRequest request;
+  request.set_request_id("slow");
+  *request.mutable_request() = OneScene();
+  ASSERT_TRUE(stream->Write(request));
+  networks_.AwaitBatches(before + 1);
+  request.set_request_id("late");
+  request.mutable_timeout();
+  ASSERT_TRUE(stream->Write(request));
+  request.set_request_id("bad");
+  request.clear_timeout();
+  request.mutable_request()->set_model("x");
+  ASSERT_TRUE(stream->Write(request));
+  ASSERT_TRUE(stream->WritesDone());
+
+  v1::StreamPredictResponse response;
+  ASSERT_TRUE(stream->Read(&response));
+  EXPECT_EQ(response.request_id(), "late");
+  EXPECT_EQ(response.error().code(), grpc::StatusCode::DEADLINE_EXCEEDED);
+  ASSERT_TRUE(stream->Read(&response));
+  EXPECT_EQ(response.request_id(), "bad");
+  EXPECT_EQ(response.error().code(), grpc::StatusCode::INVALID_ARGUMENT);
+  networks_.OpenGate();
+  ASSERT_TRUE(stream->Read(&response));
+  EXPECT_EQ(response.request_id(), "slow");
+  EXPECT_EQ(response.response().predictions(0).targets(0).probabilities_size(), 3);
+  EXPECT_FALSE(stream->Read(&response));
+  EXPECT_TRUE(stream->Finish().ok());
+}
+
+TEST_F(PredictStreamTest, AStreamIsToldThatTheDeadlineIsTooCloseBeforeItsRequestIsParsed) {
+  Publish();
+  grpc::ClientContext context;
+  grpc::CompletionQueue queue;
+  const auto finished = [&queue] {
+    void* tag = nullptr;
+    bool ok = false;
+    return queue.Next(&tag, &ok) && ok;
+  };
+  auto stream = grpc::GenericStub(channel_).PrepareCall(
+      &context, "/maneuver.v1.PredictionService/StreamPredict", &queue);
+  stream->StartCall(nullptr);
+  ASSERT_TRUE(finished());
+  const auto ask = [&](const std::string& bytes) {
+    const grpc::Slice slice(bytes);
+    stream->Write(grpc::ByteBuffer(&slice, 1), nullptr);
+    EXPECT_TRUE(finished());
+    grpc::ByteBuffer answer;
+    stream->Read(&answer, nullptr);
+    EXPECT_TRUE(finished());
+    grpc::Slice whole;
+    v1::StreamPredictResponse response;
+    EXPECT_TRUE(answer.DumpToSingleSlice(&whole).ok());
+    EXPECT_TRUE(response.ParseFromArray(whole.begin(), static_cast<int>(whole.size())));
+    EXPECT_EQ(response.request_id(), "no sense");
+    return response.error().code();
+  };
+  constexpr int kMillisecond = 1'000'000;
+  EXPECT_EQ(ask(WithoutSense(100 * kMillisecond)), grpc::StatusCode::INVALID_ARGUMENT);
+
+  // Both workers are at work, and others wait for them.
+  networks_.CloseGate();
+  grpc::ClientContext waiting_context;
+  const auto waiting = stub_->StreamPredict(&waiting_context);
+  v1::StreamPredictRequest request;
+  *request.mutable_request() = OneScene();
+  const size_t warm_up = networks_.batches().size();
+  for (int i = 0; i < 60; ++i) ASSERT_TRUE(waiting->Write(request));
+  networks_.AwaitBatches(warm_up + 2);
+  EXPECT_EQ(ask(WithoutSense(kMillisecond)), grpc::StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_EQ(ask(WithoutSense(0)), grpc::StatusCode::INVALID_ARGUMENT);  // who has time
+  networks_.OpenGate();
+  waiting_context.TryCancel();
+  waiting->Finish();
+  context.TryCancel();
+  grpc::Status status;
+  stream->Finish(&status, nullptr);
+  finished();
+}
+
+TEST_F(PredictStreamTest, AStreamTakesAnyNumberOfRequests) {
+  Publish();
+  constexpr int kRequests = 300;  // several times what may be in flight
+  grpc::ClientContext context;
+  auto stream = stub_->StreamPredict(&context);
+  std::thread writer([&] {
+    v1::StreamPredictRequest request;
+    *request.mutable_request() = OneScene();
+    for (int i = 0; i < kRequests; ++i) {
+      request.set_request_id(std::to_string(i));
+      stream->Write(request);
+    }
+    stream->WritesDone();
+  });
+  std::set<std::string> answered;
+  v1::StreamPredictResponse response;
+  while (stream->Read(&response)) {
+    EXPECT_TRUE(response.has_response()) << response.error().message();
+    answered.insert(response.request_id());
+  }
+  writer.join();
+  EXPECT_TRUE(stream->Finish().ok());
+  EXPECT_EQ(answered.size(), static_cast<size_t>(kRequests));
+}
+
+TEST_F(PredictStreamTest, WorkStopsWhenTheCallerHasGone) {
+  Publish();
+  const int described = networks_.described();
+  const size_t before = networks_.batches().size();
+  networks_.CloseGate();
+  {
+    grpc::ClientContext context;
+    auto stream = stub_->StreamPredict(&context);
+    v1::StreamPredictRequest request;
+    *request.mutable_request() = OneScene();
+    ASSERT_TRUE(stream->Write(request));
+    networks_.AwaitBatches(before + 1);
+    context.TryCancel();
+    EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::CANCELLED);
+  }
+  {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + std::chrono::milliseconds(30));
+    v1::PredictResponse response;
+    EXPECT_EQ(stub_->Predict(&context, OneScene(), &response).error_code(),
+              grpc::StatusCode::DEADLINE_EXCEEDED);
+  }
+  networks_.OpenGate();
+  // Shutdown waits for both calls to come to their end.
+  server_->Shutdown(std::chrono::system_clock::now() + std::chrono::seconds(10));
+  EXPECT_LE(networks_.described(), described + 1);  // of the stream, if its cancellation came late
+}
+
+TEST_F(PredictStreamTest, IdleStreamsDoNotHoldUpTheEnd) {
+  Publish();
+  v1::StreamPredictRequest request;
+  *request.mutable_request() = OneScene();
+  v1::StreamPredictResponse response;
+  grpc::ClientContext idle_context;
+  const auto idle = stub_->StreamPredict(&idle_context);
+  ASSERT_TRUE(idle->Write(request));
+  ASSERT_TRUE(idle->Read(&response));
+  grpc::ClientContext busy_context;
+  const auto busy = stub_->StreamPredict(&busy_context);
+  const size_t before = networks_.batches().size();
+  networks_.CloseGate();
+  request.set_request_id("in flight");
+  ASSERT_TRUE(busy->Write(request));
+  networks_.AwaitBatches(before + 1);
+
+  const auto start = std::chrono::steady_clock::now();
+  predictions_->Drain();
+  EXPECT_FALSE(idle->Read(&response));
+  const grpc::Status idle_end = idle->Finish();
+  EXPECT_EQ(idle_end.error_code(), grpc::StatusCode::UNAVAILABLE);
+  EXPECT_EQ(Reason(idle_end), "SHUTTING_DOWN");
+
+  std::thread end(
+      [this] { server_->Shutdown(std::chrono::system_clock::now() + std::chrono::minutes(1)); });
+  networks_.OpenGate();
+  ASSERT_TRUE(busy->Read(&response));
+  EXPECT_EQ(response.request_id(), "in flight");
+  EXPECT_TRUE(response.has_response());
+  EXPECT_FALSE(busy->Read(&response));
+  EXPECT_EQ(busy->Finish().error_code(), grpc::StatusCode::UNAVAILABLE);
+  end.join();
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(30));
+}
+
+TEST_F(PredictStreamTest, AStreamThatIsOpenedAfterTheDrainEndsAtOnce) {
+  predictions_->Drain();
+  grpc::ClientContext context;
+  const auto stream = stub_->StreamPredict(&context);
+  v1::StreamPredictResponse response;
+  EXPECT_FALSE(stream->Read(&response));
+  EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::UNAVAILABLE);
+}
+
+}  // namespace
+}  // namespace maneuver::rpc

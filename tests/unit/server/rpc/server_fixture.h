@@ -1,0 +1,182 @@
+// The whole server over loopback, with networks that cost nothing.
+
+#ifndef MANEUVER_TESTS_UNIT_SERVER_RPC_SERVER_FIXTURE_H_
+#define MANEUVER_TESTS_UNIT_SERVER_RPC_SERVER_FIXTURE_H_
+
+#include <grpcpp/generic/generic_stub.h>
+#include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "maneuver/v1/model_service.grpc.pb.h"
+#include "maneuver/v1/prediction_service.grpc.pb.h"
+#include "server/monitoring/prometheus_metrics.h"
+#include "server/rpc/model_service.h"
+#include "server/rpc/prediction_service.h"
+#include "server/rpc/server.h"
+#include "tests/unit/server/serving/fake_action_model.h"
+
+namespace maneuver::rpc {
+
+class MemoryAliasStore final : public serving::AliasStore {
+ public:
+  absl::Status SetAlias(const security::ModelAliasName& name, int version) override {
+    aliases_[name] = version;
+    return absl::OkStatus();
+  }
+  absl::StatusOr<int> GetAlias(const security::ModelAliasName& name) override {
+    return aliases_.at(name);
+  }
+  absl::StatusOr<std::vector<serving::ModelAlias>> ListAliases() override {
+    return std::vector<serving::ModelAlias>();
+  }
+  absl::Status DeleteAlias(const security::ModelAliasName& name) override {
+    return aliases_.erase(name) == 1 ? absl::OkStatus() : absl::NotFoundError("no alias");
+  }
+
+ private:
+  std::map<security::ModelAliasName, int> aliases_;
+};
+
+// ErrorInfo.reason of a failed call.
+inline std::string Reason(const grpc::Status& status) {
+  v1::Status details;
+  v1::ErrorInfo info;
+  if (!details.ParseFromString(status.error_details())) return "no details";
+  for (const auto& any : details.details()) {
+    if (any.type_url() == "type.googleapis.com/google.rpc.ErrorInfo") {
+      info.ParseFromString(any.value());
+    }
+  }
+  return info.reason();
+}
+
+inline v1::Scenario Scene() {
+  v1::Scenario scenario;
+  v1::Agent* agent = scenario.add_agents();
+  agent->set_id(7);
+  agent->set_type(v1::AGENT_TYPE_VEHICLE);
+  agent->set_length(4);
+  agent->set_width(2);
+  agent->add_states()->set_x(100.0);
+  scenario.add_target_ids(7);
+  return scenario;
+}
+
+inline v1::PredictRequest OneScene() {
+  v1::PredictRequest request;
+  *request.add_scenarios() = Scene();
+  return request;
+}
+
+class ServerTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ =
+        std::filesystem::path(::testing::TempDir()) /
+        ("server-" + std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()));
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directories(folder_);
+    auto models = serving::ModelRegistry::Open(
+        folder_ / "models", aliases_,
+        [this](const std::filesystem::path&)
+            -> absl::StatusOr<std::shared_ptr<const inference::ActionModel>> {
+          return std::make_shared<serving::FakeActionModel>(networks_);
+        },
+        {.max_unaliased_in_memory = 0}, *metrics_);
+    ASSERT_TRUE(models.ok()) << models.status();
+    models_ = *std::move(models);
+    scheduler_ = std::make_unique<serving::BatchScheduler>(
+        serving::SchedulerOptions{.workers = 2, .queue = {.max_queue = 100}}, *metrics_);
+    disk_ = std::make_unique<jobs::WorkerPool>(2, 100);
+    context_ = std::make_unique<PredictionContext>(
+        PredictionContext{*models_, *scheduler_, maps_, *disk_, {.map_by_id = true}, *access_});
+    predictions_ = std::make_unique<PredictionService>(*context_);
+    model_service_ = std::make_unique<ModelService>(*models_, *disk_);
+    auto server = Server::Start({"127.0.0.1", 0},
+                                {{v1::PredictionService::service_full_name(), predictions_.get()},
+                                 {v1::ModelService::service_full_name(), model_service_.get()}},
+                                *access_, *metrics_);
+    ASSERT_TRUE(server.ok()) << server.status();
+    server_ = *std::move(server);
+    models_->OnReadyChange([this](bool ready) { server_->SetPredictionsReady(ready); });
+    channel_ =
+        grpc::CreateChannel(server_->address().ToString(), grpc::InsecureChannelCredentials());
+    stub_ = v1::PredictionService::NewStub(channel_);
+    model_stub_ = v1::ModelService::NewStub(channel_);
+  }
+
+  void TearDown() override {
+    networks_.OpenGate();
+    if (server_ != nullptr) server_->Shutdown(std::chrono::system_clock::now());
+    server_ = nullptr;
+    disk_ = nullptr;
+    scheduler_ = nullptr;
+    std::filesystem::remove_all(folder_);
+  }
+
+  void Publish(const std::string& model = "town") {
+    const std::filesystem::path finished = folder_ / "finished";
+    std::filesystem::create_directories(finished);
+    std::ofstream(finished / "weights.safetensors") << "x";
+    const auto name = models_->Publish(model, finished, v1::PROMOTION_UNSPECIFIED);
+    ASSERT_TRUE(name.ok()) << name.status();
+  }
+
+  grpc::Status Predict(const v1::PredictRequest& request, v1::PredictResponse* response) {
+    grpc::ClientContext context;
+    return stub_->Predict(&context, request, response);
+  }
+
+  // grpc.health.v1: 1 is SERVING, 2 is NOT_SERVING.
+  int Health(const std::string& service) {
+    std::string request = "\x0a";
+    request += static_cast<char>(service.size());
+    request += service;
+    const grpc::Slice slice(request);
+    grpc::ByteBuffer buffer(&slice, 1);
+    grpc::ByteBuffer answer;
+    grpc::ClientContext context;
+    grpc::Status status;
+    grpc::CompletionQueue queue;
+    auto call = grpc::GenericStub(channel_).PrepareUnaryCall(
+        &context, "/grpc.health.v1.Health/Check", buffer, &queue);
+    call->StartCall();
+    call->Finish(&answer, &status, this);
+    void* tag = nullptr;
+    bool ok = false;
+    queue.Next(&tag, &ok);
+    grpc::Slice bytes;
+    if (!status.ok() || !answer.DumpToSingleSlice(&bytes).ok() || bytes.size() != 2) return -1;
+    return bytes.begin()[1];
+  }
+
+  std::filesystem::path folder_;
+  const std::unique_ptr<monitoring::PrometheusMetrics> metrics_ =
+      monitoring::PrometheusMetrics::Create();
+  const std::unique_ptr<security::AccessControl> access_ =
+      *security::AccessControl::Create({}, *metrics_);
+  MemoryAliasStore aliases_;
+  serving::FakeNetworks networks_;
+  std::unique_ptr<serving::ModelRegistry> models_;
+  std::unique_ptr<serving::BatchScheduler> scheduler_;
+  serving::MapCache maps_{{.max_maps = 2}, *metrics_};
+  std::unique_ptr<jobs::WorkerPool> disk_;
+  std::unique_ptr<PredictionContext> context_;
+  std::unique_ptr<PredictionService> predictions_;
+  std::unique_ptr<ModelService> model_service_;
+  std::unique_ptr<Server> server_;
+  std::shared_ptr<grpc::Channel> channel_;
+  std::unique_ptr<v1::PredictionService::Stub> stub_;
+  std::unique_ptr<v1::ModelService::Stub> model_stub_;
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_TESTS_UNIT_SERVER_RPC_SERVER_FIXTURE_H_
