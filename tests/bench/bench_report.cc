@@ -239,7 +239,8 @@ std::string Introduction(const ReportOptions& options) {
   std::string text = absl::StrFormat(
       "%s, %d cores. Maneuver %s, %s, %s%s. Every time is processor time of one core, in process, "
       "without gRPC and without waiting: medians of the rounds in which what a table compares was "
-      "measured in turn.\n\n",
+      "measured in turn, each stage and each request after a whole answer, whose caches are a busy "
+      "worker's.\n\n",
       ProcessorName(), machine::UsableCores(), kGitRevision, kBuildType, kCompiler,
       inference::ProcessorHasBf16() ? "" : "; bf16: not on this processor");
   for (const SceneSet& set : options.scenes) {

@@ -64,21 +64,28 @@ for _ in 1 2 3 4 5 6 7; do
 done
 # Processor time of a process so far, s.
 processor_time() { awk -v ticks="$(getconf CLK_TCK)" '{ sub(/.*\) /, ""); print ($12 + $13) / ticks }' "/proc/$1/stat"; }
-# Capacity with one worker and with two, in turn, 8 targets a call; callers share the server's cores.
-# Whether the second worker's targets cost more is seen in what they take of the processors, us.
+# saturate NAME WORKERS [options]: what it answers, and what a target takes of the processors, us, of
+# the server and of its callers, which share the server's cores.
 TIMEFORMAT='%U %S'
+saturate() {
+  local name=$1 workers=$2
+  shift 2
+  start_server --workers "$workers"
+  before=$(processor_time "$server")
+  { time load saturated --targets 8 --metrics "$metrics" "$@" 2>"$work/load.log"; } 2>"$work/callers"
+  used=$(awk "BEGIN { print $(processor_time "$server") - $before }")
+  answered=$(figure "$work/saturated.json" steps.0.server.targets.answered)
+  figure "$work/saturated.json" steps.0.answered_targets_per_second >>"$work/workers.$name"
+  figure "$work/saturated.json" bytes_per_request >"$work/bytes.$name"
+  awk "BEGIN { print $used / $answered * 1e6 }" >>"$work/server_time.$name"
+  awk "{ print (\$1 + \$2) / $answered * 1e6 }" "$work/callers" >>"$work/callers_time.$name"
+  stop_server
+}
+# One worker and two, in turn: whether the second one's targets cost more. And without maps in the requests.
 for _ in 1 2 3; do
-  for workers in 1 2; do
-    start_server --workers "$workers"
-    before=$(processor_time "$server")
-    { time load saturated --targets 8 --metrics "$metrics" 2>"$work/load.log"; } 2>"$work/callers"
-    used=$(awk "BEGIN { print $(processor_time "$server") - $before }")
-    answered=$(figure "$work/saturated.json" steps.0.server.targets.answered)
-    figure "$work/saturated.json" steps.0.answered_targets_per_second >>"$work/workers.$workers"
-    awk "BEGIN { print $used / $answered * 1e6 }" >>"$work/server_time.$workers"
-    awk "{ print (\$1 + \$2) / $answered * 1e6 }" "$work/callers" >>"$work/callers_time.$workers"
-    stop_server
-  done
+  saturate 1 1
+  saturate 2 2
+  saturate registered 1 --register-maps
 done
 start_server
 load saturated --targets 1
@@ -87,6 +94,13 @@ server_cores=$own_cores
 start_server
 load own --targets 1 --top-k 4
 capacity=$(figure "$work/saturated.json" steps.0.answered_per_second | awk '{ printf "%.0f", $1 }')
+# What a call takes that does nothing, us: gRPC's health check, by nghttp2's h2load if it is there.
+nothing=-
+if command -v h2load >/dev/null; then
+  printf '\0\0\0\0\0' >"$work/empty"
+  nothing=$(h2load -n 5000 -c 1 -m 1 -d "$work/empty" -H 'content-type: application/grpc' -H 'te: trailers' \
+    "http://$MANEUVER_SERVER/grpc.health.v1.Health/Check" 2>/dev/null | awk '/^time for request/ { print $6 }')
+fi
 # As many actions as are described in process.
 latency() { figure "$work/$1.json" "steps.0.latency_ms.$2" | awk '{ printf "%.2f", $1 }'; }
 load now_and_then --targets 1 --top-k 4 --rate 20
@@ -111,6 +125,11 @@ idle=$(middle idle)
 now_and_then=$(latency now_and_then p50)
 # The first row of the curve over targets: one target in process, microseconds.
 alone=$(awk -F'|' '/^\| targets of the request/ { getline; getline; print $3 + 0; exit }' "$work/bench.md")
+# Raster and networks of 8 targets of one scene in process, microseconds a target.
+computed=$(awk -F'|' '/^\| (rasterise|backbone|heads|distributions) \|/ { sum += $3 } /^\| sum of the stages/ { print sum; exit }' "$work/bench.md")
+# rest TIME: which share of it they are not; kilobytes NAME: of a request.
+rest() { ratio "$1 - $computed" "$1"; }
+kilobytes() { awk '{ printf "%.0f", $1 / 1000 }' "$work/bytes.$1"; }
 weights=$(stat -c %s "$model/weights.safetensors" | awk '{ printf "%.0f", $1 / 1048576 }')
 
 {
@@ -129,6 +148,7 @@ weights=$(stat -c %s "$model/weights.safetensors" | awk '{ printf "%.0f", $1 / 1
   echo "|---|---:|---:|---:|"
   echo "| saturated, 1 target a call, calls a second | $capacity | | |"
   echo "| one caller who asks again and again, p50, ms; / one target in process | $idle | $(ratio "$idle" "$alone / 1000") | at most 1.3 |"
+  echo "| ... a call that does nothing, mean | $nothing | | |"
   echo "| ... 20 times a second: cores have slept, caches are cold | $now_and_then | $(ratio "$now_and_then" "$alone / 1000") | |"
   echo "| half of its capacity, evenly, p99, ms; / p50 of one caller just before (the third of five) | $(middle half_even) | $(middle half_even.times) | at most 3 |"
   echo "| ... at random | $(middle half_random) | $(middle half_random.times) | |"
@@ -136,6 +156,8 @@ weights=$(stat -c %s "$model/weights.safetensors" | awk '{ printf "%.0f", $1 / 1
   echo "| ... 2 workers; / 1 worker | $(median <"$work/workers.2") | $(ratio "$(median <"$work/workers.2")" "$(median <"$work/workers.1")") | at least 1.8 |"
   echo "| processor time of the server a target, 1 worker, us | $(median <"$work/server_time.1") | | |"
   echo "| ... 2 workers; / 1 worker | $(median <"$work/server_time.2") | $(ratio "$(median <"$work/server_time.2")" "$(median <"$work/server_time.1")") | |"
+  echo "| ... neither raster nor networks, which take $computed in process; requests of $(kilobytes 1) kB | $(rest "$(median <"$work/server_time.1")") | | at most 0.15 |"
+  echo "| ... maps registered, requests of $(kilobytes registered) kB: the time; the share | $(median <"$work/server_time.registered") | $(rest "$(median <"$work/server_time.registered")") | at most 0.15 |"
   echo "| ... of the callers, 2 workers | $(median <"$work/callers_time.2") | | |"
   echo "| start until it says that it serves, the question included, ms | $(median <"$work/starts") | | under 300 |"
   echo "| resident after the start, MB | $resident | | under 300 |"

@@ -32,7 +32,8 @@ struct StageTimes {
   Series AllStages() const;
 };
 
-// For MeasureInTurn: all stages of each pipeline, one pipeline after the other.
+// For MeasureInTurn: all stages of each pipeline, one pipeline after the other, each after a whole
+// answer, which fills the caches as a busy worker finds them.
 void AddStages(const Pipelines& pipelines, std::vector<std::function<void()>>* things);
 // What became of them; takes its series from the front of `series`.
 StageTimes TakeStages(const Pipelines& pipelines, std::span<const Series>* series);
