@@ -57,8 +57,17 @@ void Raster::WriteInterleaved(std::span<uint8_t> bytes) const {
       for (PixelBlocks left = Touched(channel, row); left != 0; left &= left - 1) {
         const int begin = std::countr_zero(left) << block_bits_;
         const int end = std::min(begin + block_pixels(), width_);
-        uint8_t* pixel = to + begin * channels + channel;
-        for (int column = begin; column < end; ++column, pixel += channels) *pixel = from[column];
+        for (int first = begin; first < end; first += kLanes) {
+          uint64_t eight = 0;
+          static_assert(sizeof(eight) == kLanes);
+          std::memcpy(&eight, from + first, sizeof(eight));
+          if (eight == 0) continue;
+          const int behind = std::min(first + kLanes, end);
+          uint8_t* pixel = to + first * channels + channel;
+          for (int column = first; column < behind; ++column, pixel += channels) {
+            *pixel = from[column];
+          }
+        }
       }
     }
   }
