@@ -99,7 +99,7 @@ nothing=-
 if command -v h2load >/dev/null; then
   printf '\0\0\0\0\0' >"$work/empty"
   nothing=$(h2load -n 5000 -c 1 -m 1 -d "$work/empty" -H 'content-type: application/grpc' -H 'te: trailers' \
-    "http://$MANEUVER_SERVER/grpc.health.v1.Health/Check" 2>/dev/null | awk '/^time for request/ { print $6 }')
+    "http://$MANEUVER_SERVER/grpc.health.v1.Health/Check" 2>/dev/null | awk '/^time for request/ { print $6 + 0 }')
 fi
 # As many actions as are described in process.
 latency() { figure "$work/$1.json" "steps.0.latency_ms.$2" | awk '{ printf "%.2f", $1 }'; }
@@ -148,7 +148,7 @@ weights=$(stat -c %s "$model/weights.safetensors" | awk '{ printf "%.0f", $1 / 1
   echo "|---|---:|---:|---:|"
   echo "| saturated, 1 target a call, calls a second | $capacity | | |"
   echo "| one caller who asks again and again, p50, ms; / one target in process | $idle | $(ratio "$idle" "$alone / 1000") | at most 1.3 |"
-  echo "| ... a call that does nothing, mean | $nothing | | |"
+  echo "| ... a call that does nothing, mean, us | $nothing | | |"
   echo "| ... 20 times a second: cores have slept, caches are cold | $now_and_then | $(ratio "$now_and_then" "$alone / 1000") | |"
   echo "| half of its capacity, evenly, p99, ms; / p50 of one caller just before (the third of five) | $(middle half_even) | $(middle half_even.times) | at most 3 |"
   echo "| ... at random | $(middle half_random) | $(middle half_random.times) | |"
