@@ -3,7 +3,7 @@
 #
 #   1. maneuver-bench --report: every stage in process, beside the machine's yardsticks
 #   2. the server over loopback: saturated, at half its capacity, idle, with one worker and with two,
-#      its start and its memory
+#      its start and its memory; a call that does nothing, if h2load (nghttp2-client) is there
 #   3. tests/bench/peers, those of them whose needs are installed (see the README there)
 #
 #   tests/bench/report.sh MODEL_FOLDER [DATASET_FOLDER]
