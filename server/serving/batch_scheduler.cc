@@ -5,12 +5,12 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/errors/error_details.h"
+#include "server/serving/admission.h"
 
 namespace maneuver::serving {
 namespace {
 
 using std::chrono::duration;
-using std::chrono::duration_cast;
 using std::chrono::nanoseconds;
 
 // Patient threads may come as late as the kernel's next tick, 4 ms with most: that is little beside
@@ -18,40 +18,6 @@ using std::chrono::nanoseconds;
 constexpr nanoseconds kBacklog = std::chrono::milliseconds(3);
 
 double Seconds(nanoseconds time) { return duration<double>(time).count(); }
-
-monitoring::Histogram& StageHistogram(monitoring::MetricRegistry& registry, const char* stage) {
-  return registry.AddHistogram(
-      "maneuver_stage_duration_seconds",
-      "Time a target waits in the queue, and time a batch takes in each stage.",
-      monitoring::TimeBuckets(), {{"stage", stage}});
-}
-
-monitoring::Counter& TargetCounter(monitoring::MetricRegistry& registry, const char* outcome) {
-  return registry.AddCounter("maneuver_targets_total",
-                             "Targets by what became of them: answered, expired, cancelled or "
-                             "refused because the queue was full.",
-                             {{"outcome", outcome}});
-}
-
-monitoring::Counter& DropCounter(monitoring::MetricRegistry& registry, const char* cause,
-                                 const char* after) {
-  return registry.AddCounter(
-      "maneuver_dropped_targets_total",
-      "Targets that nobody waited for any more, by why, and by what they had "
-      "behind them: nothing (refused on entry), the queue, raster or encode.",
-      {{"cause", cause}, {"after", after}});
-}
-
-monitoring::Gauge& DepthGauge(monitoring::MetricRegistry& registry, const char* priority) {
-  return registry.AddGauge("maneuver_queue_targets", "Targets that wait for a worker.",
-                           {{"priority", priority}});
-}
-
-monitoring::Gauge& BytesGauge(monitoring::MetricRegistry& registry, const char* priority) {
-  return registry.AddGauge("maneuver_queue_bytes",
-                           "Bytes of the requests that have targets waiting for a worker.",
-                           {{"priority", priority}});
-}
 
 TargetAnswer Failure(absl::Status status) {
   TargetAnswer answer;
@@ -72,26 +38,6 @@ void Answer(const TargetQueue::Item& item, TargetAnswer answer) {
 }
 
 }  // namespace
-
-BatchScheduler::Metrics::Metrics(monitoring::MetricRegistry& registry)
-    : batch_size(registry.AddHistogram("maneuver_batch_size", "Targets in a batch.",
-                                       {1, 2, 4, 8, 16, 32, 64, 128})),
-      queue_time(StageHistogram(registry, "queue")),
-      raster_time(StageHistogram(registry, "raster")),
-      encode_time(StageHistogram(registry, "encode")),
-      describe_time(StageHistogram(registry, "describe")),
-      queue_depth{&DepthGauge(registry, "interactive"), &DepthGauge(registry, "bulk")},
-      queue_bytes{&BytesGauge(registry, "interactive"), &BytesGauge(registry, "bulk")},
-      answered(TargetCounter(registry, "answered")),
-      expired(TargetCounter(registry, "expired")),
-      cancelled(TargetCounter(registry, "cancelled")),
-      refused(TargetCounter(registry, "refused")) {
-  constexpr std::array<const char*, kDropPlaces> kAfter = {"nothing", "queue", "raster", "encode"};
-  for (size_t i = 0; i < kAfter.size(); ++i) {
-    expired_after[i] = &DropCounter(registry, "expired", kAfter[i]);
-    cancelled_after[i] = &DropCounter(registry, "cancelled", kAfter[i]);
-  }
-}
 
 BatchScheduler::BatchScheduler(const SchedulerOptions& options, monitoring::MetricRegistry& metrics)
     : options_(options), metrics_(metrics), queue_(options.queue), drain_rate_(options.workers) {
@@ -193,33 +139,17 @@ absl::Status BatchScheduler::CheckWait(Priority priority, size_t targets, TimePo
 
 absl::Status BatchScheduler::CheckWaitLocked(Priority priority, size_t targets, TimePoint deadline,
                                              TimePoint now) const {
-  // What is expected is not exact, and the answer has a way to go as well: of calls with less than
-  // that to spare most would be worked on for nothing. Where the queue has been there for longer
-  // than the call has left it is no burst, and does nobody any good: what waits has to stay in
-  // memory, and who is answered is answered late, by more than is known here if calls wait to be
-  // read as well. A short one keeps the workers as busy.
-  constexpr double kMargin = 1.25;
-  constexpr double kStandingMargin = 3.0;
-  constexpr nanoseconds kWay = std::chrono::milliseconds(3);
   const int before = queue_.SizeBefore(priority, targets);
   const bool waits = before > 0 || drain_rate_.AllAtWork();
   if (!waits || deadline == TimePoint::max()) return absl::OkStatus();
   const nanoseconds left = std::max(nanoseconds(0), deadline - now);
   const bool standing =
       queue_.size(priority) > 0 && now - waiting_since_[static_cast<size_t>(priority)] > left;
-  const nanoseconds wait = drain_rate_.TimeForWorkBegun(now) + drain_rate_.TimeFor(before, now);
-  const nanoseconds work = drain_rate_.TimeFor(static_cast<int>(targets), now);
-  const nanoseconds needed =
-      duration_cast<nanoseconds>((standing ? kStandingMargin : kMargin) * wait + kMargin * work) +
-      kWay;
-  if (needed <= left) return absl::OkStatus();
-  return errors::WithRetryDelay(
-      errors::WithReason(
-          absl::ResourceExhaustedError("the server has more to do than it can before the call's "
-                                       "deadline; try again a little later, or allow more time"),
-          "DEADLINE_TOO_CLOSE"),
-      std::clamp<nanoseconds>(needed - left, std::chrono::milliseconds(1),
-                              std::chrono::seconds(30)));
+  return CheckTimeLeft(
+      {.wait = drain_rate_.TimeForWorkBegun(now) + drain_rate_.TimeFor(before, now),
+       .work = drain_rate_.TimeFor(static_cast<int>(targets), now),
+       .standing = standing},
+      left);
 }
 
 void BatchScheduler::ShowQueueLocked() {
@@ -234,8 +164,7 @@ void BatchScheduler::ShowQueueLocked() {
 nanoseconds BatchScheduler::RetryDelayLocked(Priority priority, TimePoint now) const {
   // Whoever fills the queue is the last in it.
   const int waiting = queue_.SizeBefore(priority, static_cast<size_t>(options_.queue.max_queue));
-  return std::clamp<nanoseconds>(drain_rate_.TimeFor(waiting, now), std::chrono::milliseconds(1),
-                                 std::chrono::seconds(30));
+  return RetryDelay(drain_rate_.TimeFor(waiting, now));
 }
 
 void BatchScheduler::CountDead(const absl::Status& status, Passed passed, size_t targets) {

@@ -20,6 +20,7 @@
 #include "server/monitoring/metrics.h"
 #include "server/serving/drain_rate.h"
 #include "server/serving/prediction_call.h"
+#include "server/serving/scheduler_metrics.h"
 #include "server/serving/target_queue.h"
 
 namespace maneuver::serving {
@@ -64,28 +65,6 @@ class BatchScheduler {
     inference::SceneInput scene = {};
   };
 
-  // What work that nobody waited for had behind it when it was dropped.
-  enum class Passed { kNothing, kQueue, kRaster, kEncode };
-  static constexpr int kDropPlaces = 4;
-
-  struct Metrics {
-    explicit Metrics(monitoring::MetricRegistry& registry);
-    monitoring::Histogram& batch_size;
-    monitoring::Histogram& queue_time;
-    monitoring::Histogram& raster_time;
-    monitoring::Histogram& encode_time;
-    monitoring::Histogram& describe_time;
-    std::array<monitoring::Gauge*, 2> queue_depth;  // by Priority
-    std::array<monitoring::Gauge*, 2> queue_bytes;
-    monitoring::Counter& answered;
-    monitoring::Counter& expired;
-    monitoring::Counter& cancelled;
-    monitoring::Counter& refused;
-    // By Passed.
-    std::array<monitoring::Counter*, kDropPlaces> expired_after;
-    std::array<monitoring::Counter*, kDropPlaces> cancelled_after;
-  };
-
   void Work(int worker);
   void RunBatch(std::vector<TargetQueue::Item> items);
   // OK if the call fits into an empty queue.
@@ -102,7 +81,7 @@ class BatchScheduler {
                                TimePoint now) const;
 
   const SchedulerOptions options_;
-  Metrics metrics_;
+  SchedulerMetrics metrics_;
 
   std::mutex mutex_;  // guards what follows
   std::condition_variable wake_;
