@@ -79,7 +79,7 @@ class Picture {
 };
 
 inline Picture Draw(const v1::RasterSpec& spec, const v1::Scenario& scenario, double time,
-                   int64_t target_id, const Pose2& X_WT, const RasterView& view = {}) {
+                    int64_t target_id, const Pose2& X_WT, const RasterView& view = {}) {
   Picture raster(spec);
   Rasterizer(spec).Rasterize(scenario, time, target_id, X_WT, view, raster.bytes());
   return raster;

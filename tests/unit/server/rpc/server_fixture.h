@@ -134,24 +134,32 @@ class ServerTest : public ::testing::Test {
     return stub_->Predict(&context, request, response);
   }
 
+  // A unary call of any bytes.
+  static grpc::Status CallWithBytes(const std::shared_ptr<grpc::Channel>& channel,
+                                    const std::string& method, const std::string& bytes,
+                                    grpc::ByteBuffer* answer) {
+    const grpc::Slice slice(bytes);
+    const grpc::ByteBuffer request(&slice, 1);
+    grpc::ClientContext context;
+    grpc::Status status;
+    grpc::CompletionQueue queue;
+    auto call = grpc::GenericStub(channel).PrepareUnaryCall(&context, method, request, &queue);
+    call->StartCall();
+    call->Finish(answer, &status, nullptr);
+    void* tag = nullptr;
+    bool ok = false;
+    queue.Next(&tag, &ok);
+    return status;
+  }
+
   // grpc.health.v1: 1 is SERVING, 2 is NOT_SERVING.
   int Health(const std::string& service) {
     std::string request = "\x0a";
     request += static_cast<char>(service.size());
     request += service;
-    const grpc::Slice slice(request);
-    grpc::ByteBuffer buffer(&slice, 1);
     grpc::ByteBuffer answer;
-    grpc::ClientContext context;
-    grpc::Status status;
-    grpc::CompletionQueue queue;
-    auto call = grpc::GenericStub(channel_).PrepareUnaryCall(
-        &context, "/grpc.health.v1.Health/Check", buffer, &queue);
-    call->StartCall();
-    call->Finish(&answer, &status, this);
-    void* tag = nullptr;
-    bool ok = false;
-    queue.Next(&tag, &ok);
+    const grpc::Status status =
+        CallWithBytes(channel_, "/grpc.health.v1.Health/Check", request, &answer);
     grpc::Slice bytes;
     if (!status.ok() || !answer.DumpToSingleSlice(&bytes).ok() || bytes.size() != 2) return -1;
     return bytes.begin()[1];
