@@ -44,7 +44,11 @@ void PollHeartbeat::Run() {
     auto call = std::make_shared<Call>();
     Call& started = *call;
     nowhere_.UnaryCall(&started.context, "/maneuver/heartbeat", {}, &started.request,
-                       &started.response, [this, call = std::move(call)](const grpc::Status&) {
+                       &started.response,
+                       [this, call = std::move(call)](const grpc::Status&) mutable {
+                         // A context holds its channel. Whoever gives up the last one waits for
+                         // gRPC's threads, of which this is one: that is left to the destructor.
+                         call = nullptr;
                          const std::lock_guard beat(mutex_);
                          ++beats_;
                          under_way_ = false;

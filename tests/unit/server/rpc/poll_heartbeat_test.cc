@@ -15,5 +15,14 @@ TEST(PollHeartbeatTest, EndsInTheMiddleOfAWait) {
   heartbeat.AwaitBeats(1);
 }
 
+// gRPC's threads end with the last channel. Were a beat to hold the channel for longer than the
+// heartbeat does, one of them would wait for itself.
+TEST(PollHeartbeatTest, NoBeatOutlivesTheHeartbeat) {
+  for (int i = 0; i < 3000; ++i) {
+    PollHeartbeat heartbeat(std::chrono::hours(1));
+    heartbeat.AwaitBeats(1);
+  }
+}
+
 }  // namespace
 }  // namespace maneuver::rpc
