@@ -16,6 +16,7 @@
 #include "tests/bench/interleaved.h"
 #include "tests/bench/pipeline.h"
 #include "tests/bench/precision_change.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::bench {
 namespace {
@@ -38,7 +39,7 @@ const BenchModel& Compact() {
 }
 
 TEST(BenchTest, ReportHasEveryStageTargetAndPicture) {
-  const fs::path folder = fs::path(testing::TempDir()) / "maneuver-bench-report";
+  const TemporaryFolder folder;
   fs::create_directories(folder / "pictures");
   ReportOptions options;
   options.models = {Compact()};
@@ -70,7 +71,6 @@ TEST(BenchTest, ReportHasEveryStageTargetAndPicture) {
     EXPECT_THAT(report, HasSubstr("](" + name + ")"));
     EXPECT_THAT(Read(folder / name), HasSubstr("</svg>"));
   }
-  fs::remove_all(folder);
 }
 
 // With random weights, of the preset's size. What a trained model's answers change by is in the

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/durability/publication.h"
-#include "tests/unit/model/data/temporary_folder.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::durability {
 namespace {
@@ -20,7 +20,7 @@ absl::Status WriteCheckpoint(const fs::path& folder, int epochs) {
 }
 
 TEST(DurabilityTest, ACheckpointIsTheLastOrTheOneBefore) {
-  const data::TemporaryFolder parent;
+  const TemporaryFolder parent;
   const int moments = CheckEveryFault(
       Publication{
           .prepare =

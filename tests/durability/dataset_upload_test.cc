@@ -10,7 +10,7 @@
 #include "model/files/durable_file.h"
 #include "tests/durability/publication.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
-#include "tests/unit/model/data/temporary_folder.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::durability {
 namespace {
@@ -79,7 +79,7 @@ bool IsWholeDataset(const fs::path& folder, const std::string& id) {
 }
 
 TEST(DurabilityTest, AnUploadIsADatasetOrNothing) {
-  const data::TemporaryFolder parent;
+  const TemporaryFolder parent;
   const LocalDataset local(parent / "local");
   ASSERT_GE(local.manifest.shards_size(), 2);
   const int moments = CheckEveryFault(
@@ -100,7 +100,7 @@ TEST(DurabilityTest, AnUploadIsADatasetOrNothing) {
 }
 
 TEST(DurabilityTest, AnUploadThatIsGoneOnWithIsADatasetOrCanBeGoneOnWith) {
-  const data::TemporaryFolder parent;
+  const TemporaryFolder parent;
   const LocalDataset local(parent / "local");
   const auto first_shard = static_cast<size_t>(local.manifest.shards(0).size_bytes());
   const int moments = CheckEveryFault(
@@ -117,7 +117,7 @@ TEST(DurabilityTest, AnUploadThatIsGoneOnWithIsADatasetOrCanBeGoneOnWith) {
 }
 
 TEST(DurabilityTest, WhatHasArrivedIsThereAfterAPowerCut) {
-  const data::TemporaryFolder parent;
+  const TemporaryFolder parent;
   const LocalDataset local(parent / "local");
   const auto first_shard = static_cast<size_t>(local.manifest.shards(0).size_bytes());
   const int moments = CheckEveryFault(

@@ -4,7 +4,7 @@
 #include "server/serving/version_folders.h"
 #include "tests/durability/publication.h"
 #include "tests/unit/model/artifact/tiny_model.h"
-#include "tests/unit/model/data/temporary_folder.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::durability {
 namespace {
@@ -25,7 +25,7 @@ absl::Status PublishVersion(const fs::path& folder, int version) {
 }
 
 TEST(DurabilityTest, AModelVersionIsThereWholeOrNotAtAll) {
-  const data::TemporaryFolder parent;
+  const TemporaryFolder parent;
   const int moments = CheckEveryFault(
       Publication{
           .prepare = [](const fs::path& folder) { ASSERT_TRUE(PublishVersion(folder, 1).ok()); },

@@ -1,11 +1,9 @@
 #include "client/client.h"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <atomic>
 #include <filesystem>
-#include <fstream>
 #include <mutex>
 #include <set>
 #include <thread>
@@ -13,6 +11,7 @@
 
 #include "client/error_details.h"
 #include "tests/unit/client/test_server.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::client {
 namespace {
@@ -207,25 +206,17 @@ TEST(ClientTest, WatchSaysThatAJobIsUnknown) {
   EXPECT_TRUE(absl::IsNotFound(ConnectTo(server.address())->WatchJob({}, nullptr).status()));
 }
 
-// A dataset folder with one shard, removed at the end.
+// A dataset folder with one shard.
 class UploadTest : public testing::Test {
  protected:
-  UploadTest()
-      : folder_(std::filesystem::path(testing::TempDir()) /
-                ("maneuver-upload-" + std::to_string(getpid()))) {
-    std::filesystem::create_directory(folder_);
+  UploadTest() {
     for (int i = 0; i < 1'300'000; ++i) shard_ += static_cast<char>(i * 7 % 251);
-    Write("scenarios-00000.tfrecord", shard_);
-    Write("dataset.json", R"({"formatVersion": 1, "recordings": "3", "shards": [
+    WriteBytes(folder_ / "scenarios-00000.tfrecord", shard_);
+    WriteBytes(folder_ / "dataset.json", R"({"formatVersion": 1, "recordings": "3", "shards": [
         {"file": "scenarios-00000.tfrecord", "sizeBytes": "1300000", "records": "3"}]})");
   }
-  ~UploadTest() override { std::filesystem::remove_all(folder_); }
 
-  void Write(const std::string& file, const std::string& content) {
-    std::ofstream(folder_ / file, std::ios::binary) << content;
-  }
-
-  const std::filesystem::path folder_;
+  const TemporaryFolder folder_;
   std::string shard_;
 };
 
@@ -245,13 +236,14 @@ TEST_F(UploadTest, SendsTheHeaderAndThenEveryByte) {
     return grpc::Status::OK;
   };
   int64_t last_sent = 0;
-  const auto dataset = ConnectTo(server.address())
-                           ->UploadDataset(folder_, "datasets/x", [&](const UploadProgress& now) {
-                             EXPECT_TRUE(now.there > last_sent || now.there == 0);
-                             EXPECT_EQ(now.total, 1'300'000);
-                             EXPECT_EQ(now.resumed, 0);
-                             last_sent = now.there;
-                           });
+  const auto dataset =
+      ConnectTo(server.address())
+          ->UploadDataset(folder_.path(), "datasets/x", [&](const UploadProgress& now) {
+            EXPECT_TRUE(now.there > last_sent || now.there == 0);
+            EXPECT_EQ(now.total, 1'300'000);
+            EXPECT_EQ(now.resumed, 0);
+            last_sent = now.there;
+          });
   ASSERT_TRUE(dataset.ok()) << dataset.status();
   EXPECT_EQ(dataset->name(), "datasets/x");
   EXPECT_EQ(header.dataset().recordings(), 3);
@@ -297,10 +289,10 @@ TEST_F(UploadTest, GoesOnWhereItBrokeOffAndSendsNothingTwice) {
   TestServer server;
   ServerThatBreaksOff keeper(server, {1, 2, 2});
   std::vector<int64_t> resumed;
-  const auto dataset = ConnectTo(server.address())
-                           ->UploadDataset(folder_, "datasets/x", [&](const UploadProgress& now) {
-                             resumed.push_back(now.resumed);
-                           });
+  const auto dataset =
+      ConnectTo(server.address())
+          ->UploadDataset(folder_.path(), "datasets/x",
+                          [&](const UploadProgress& now) { resumed.push_back(now.resumed); });
   ASSERT_TRUE(dataset.ok()) << dataset.status();
   EXPECT_EQ(keeper.uploads, 4u);
   EXPECT_EQ(keeper.kept, shard_);
@@ -314,9 +306,9 @@ TEST_F(UploadTest, SaysWhatWasThereBeforeItBegan) {
   ServerThatBreaksOff keeper(server, {});
   keeper.kept = shard_.substr(0, 1'000'000);
   UploadProgress last;
-  const auto dataset =
-      ConnectTo(server.address())
-          ->UploadDataset(folder_, "datasets/x", [&](const UploadProgress& now) { last = now; });
+  const auto dataset = ConnectTo(server.address())
+                           ->UploadDataset(folder_.path(), "datasets/x",
+                                           [&](const UploadProgress& now) { last = now; });
   ASSERT_TRUE(dataset.ok()) << dataset.status();
   EXPECT_EQ(keeper.received, 300'000);
   EXPECT_EQ(keeper.kept, shard_);
@@ -339,7 +331,8 @@ TEST_F(UploadTest, ACommitWhoseAnswerWasLostIsASuccess) {
     is_committed = true;
     return grpc::Status(grpc::StatusCode::UNAVAILABLE, "broken");
   };
-  const auto dataset = ConnectTo(server.address())->UploadDataset(folder_, "datasets/x", nullptr);
+  const auto dataset =
+      ConnectTo(server.address())->UploadDataset(folder_.path(), "datasets/x", nullptr);
   ASSERT_TRUE(dataset.ok()) << dataset.status();
   EXPECT_EQ(dataset->name(), "datasets/x");
 }
@@ -359,13 +352,14 @@ TEST_F(UploadTest, WhatLayThereWrongIsSentAgainOnce) {
     return grpc::Status(grpc::StatusCode::DATA_LOSS, "another SHA-256");
   };
   const auto client = ConnectTo(server.address());
-  EXPECT_TRUE(client->UploadDataset(folder_, "datasets/x", nullptr).ok());
+  EXPECT_TRUE(client->UploadDataset(folder_.path(), "datasets/x", nullptr).ok());
   EXPECT_EQ(keeper.kept, shard_);
   // Not for ever, though.
   losses = 0;
   most_losses = 100;
   keeper.kept = "wrong";
-  EXPECT_TRUE(absl::IsDataLoss(client->UploadDataset(folder_, "datasets/x", nullptr).status()));
+  EXPECT_TRUE(
+      absl::IsDataLoss(client->UploadDataset(folder_.path(), "datasets/x", nullptr).status()));
   EXPECT_EQ(losses, 2);
 }
 
@@ -374,16 +368,19 @@ TEST_F(UploadTest, AnErrorOfTheServerIsTheErrorOfTheCall) {
   server.on_upload = [&](auto*, auto*) {
     return grpc::Status(grpc::StatusCode::ALREADY_EXISTS, "datasets/x exists");
   };
-  const auto dataset = ConnectTo(server.address())->UploadDataset(folder_, "datasets/x", nullptr);
+  const auto dataset =
+      ConnectTo(server.address())->UploadDataset(folder_.path(), "datasets/x", nullptr);
   EXPECT_TRUE(absl::IsAlreadyExists(dataset.status())) << dataset.status();
 }
 
 TEST_F(UploadTest, AFolderThatIsNotWholeIsNotSent) {
   const auto client = ConnectTo("127.0.0.1:1");  // nobody is asked
-  Write("scenarios-00000.tfrecord", "short");
-  EXPECT_TRUE(absl::IsDataLoss(client->UploadDataset(folder_, "datasets/x", nullptr).status()));
+  WriteBytes(folder_ / "scenarios-00000.tfrecord", "short");
+  EXPECT_TRUE(
+      absl::IsDataLoss(client->UploadDataset(folder_.path(), "datasets/x", nullptr).status()));
   std::filesystem::remove(folder_ / "dataset.json");
-  EXPECT_TRUE(absl::IsNotFound(client->UploadDataset(folder_, "datasets/x", nullptr).status()));
+  EXPECT_TRUE(
+      absl::IsNotFound(client->UploadDataset(folder_.path(), "datasets/x", nullptr).status()));
 }
 
 TEST(PredictStreamTest, EveryRequestIsAnsweredByItsName) {
@@ -472,17 +469,16 @@ TEST(ClientTest, ATokenIsNotSentWhereOthersCouldReadIt) {
 }
 
 TEST(ClientTest, FilesThatMakeNoSenseAreNamed) {
-  const std::string folder = ::testing::TempDir();
-  const std::string empty = folder + "/empty" + std::to_string(getpid());
-  std::ofstream(empty) << "\n";
-  EXPECT_TRUE(absl::IsNotFound(Client::Connect({.token_file = folder + "/none"}).status()));
+  const TemporaryFolder folder;
+  const std::string empty = folder / "empty";
+  WriteBytes(empty, "\n");
+  EXPECT_TRUE(absl::IsNotFound(Client::Connect({.token_file = folder / "none"}).status()));
   EXPECT_TRUE(absl::IsInvalidArgument(Client::Connect({.token_file = empty}).status()));
   EXPECT_TRUE(absl::IsInvalidArgument(Client::Connect({.token = "a\nb"}).status()));
   EXPECT_TRUE(absl::IsInvalidArgument(
       Client::Connect({.tls = TlsOptions{.root_certificates = empty}}).status()));
   EXPECT_TRUE(
       absl::IsInvalidArgument(Client::Connect({.tls = TlsOptions{.certificate = empty}}).status()));
-  std::filesystem::remove(empty);
 }
 
 }  // namespace

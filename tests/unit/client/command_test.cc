@@ -2,9 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
-#include <filesystem>
 #include <fstream>
 #include <sstream>
 
@@ -21,6 +19,7 @@
 #include "model/onnx/onnx_export.h"
 #include "tests/unit/client/test_server.h"
 #include "tests/unit/model/inference/reference_model.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::cli {
 namespace {
@@ -45,9 +44,7 @@ Result Maneuver(const std::vector<std::string>& arguments, const std::string& in
 }
 
 TEST(ModelExportTest, WritesTheNetworksOfAFolder) {
-  const std::filesystem::path work =
-      std::filesystem::path(testing::TempDir()) / ("export-" + std::to_string(getpid()));
-  std::filesystem::create_directories(work);
+  const TemporaryFolder work;
   v1::TrainingSettings settings;
   const v1::ModelSpec spec = artifact::ResolveTrainingSettings(settings).model();
   ASSERT_EQ(artifact::WriteModelFolder(work / "model", inference::RandomModel(spec, 1)),
@@ -66,7 +63,6 @@ TEST(ModelExportTest, WritesTheNetworksOfAFolder) {
     written << std::ifstream(file, std::ios::binary).rdbuf();
     EXPECT_TRUE(written.str() == onnx::ExportOnnx(*stored, {distributions, distributions ? 0 : 7}));
   }
-  std::filesystem::remove_all(work);
 }
 
 TEST(ModelExportTest, WithoutAModelFolderItFailsAndSaysSo) {

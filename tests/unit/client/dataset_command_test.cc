@@ -15,7 +15,7 @@
 #include "client/cli/maneuver.h"
 #include "model/data/dataset_folder.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
-#include "tests/unit/model/data/temporary_folder.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::cli {
 namespace {
@@ -51,7 +51,7 @@ class DatasetCommandTest : public testing::Test {
     return file;
   }
 
-  const data::TemporaryFolder folder_;
+  const TemporaryFolder folder_;
   std::ostringstream out_;
   std::ostringstream err_;
 };

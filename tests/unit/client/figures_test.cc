@@ -15,6 +15,7 @@
 #include "maneuver/v1/dataset_service.grpc.pb.h"
 #include "maneuver/v1/model_service.grpc.pb.h"
 #include "maneuver/v1/prediction_service.grpc.pb.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::cli {
 namespace {
@@ -103,9 +104,6 @@ class FiguresTest : public testing::Test {
     builder.RegisterService(&predictions_);
     server_ = builder.BuildAndStart();
     environment_.server = "127.0.0.1:" + std::to_string(port);
-    folder_ = std::filesystem::path(testing::TempDir()) /
-              testing::UnitTest::GetInstance()->current_test_info()->name() / "figures";
-    std::filesystem::remove_all(folder_);
 
     report_.set_model_version("models/town/versions/2");
     report_.set_dataset("datasets/unseen");
@@ -116,10 +114,7 @@ class FiguresTest : public testing::Test {
     AddExample("dull", 10.0, 0.0, 0.99);
     AddExample("open", 20.0, 0.0, 0.5);
   }
-  ~FiguresTest() override {
-    server_->Shutdown(std::chrono::system_clock::now());
-    std::filesystem::remove_all(folder_.parent_path());
-  }
+  ~FiguresTest() override { server_->Shutdown(std::chrono::system_clock::now()); }
 
   void AddExample(const std::string& scenario, double x, double y, double probability) {
     v1::EvaluatedExample* example = report_.add_sampled_examples();
@@ -141,7 +136,8 @@ class FiguresTest : public testing::Test {
   std::ostringstream out_;
   std::ostringstream err_;
   Environment environment_{in_, out_, err_};
-  std::filesystem::path folder_;
+  const TemporaryFolder parent_;
+  const std::filesystem::path folder_ = parent_ / "figures";
   v1::EvaluationReport report_;
 };
 

@@ -13,8 +13,8 @@
 #include "client/cli/maneuver.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/tfrecord.h"
-#include "tests/unit/model/data/temporary_folder.h"
 #include "tests/unit/model/data/wire_format.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::cli {
 namespace {
@@ -91,7 +91,7 @@ class ImportTest : public testing::Test {
     std::ofstream(folder_ / name, std::ios::binary) << text;
   }
 
-  const data::TemporaryFolder folder_;
+  const TemporaryFolder folder_;
 };
 
 TEST_F(ImportTest, RecordingsKeepTheirOrderHoweverManyThreadsParseThem) {

@@ -14,20 +14,19 @@
 #include "model/artifact/safetensors.h"
 #include "model/files/digest.h"
 #include "tests/unit/model/artifact/tiny_model.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::artifact {
 namespace {
 
 namespace fs = std::filesystem;
+using testing::ElementsAre;
 using testing::HasSubstr;
+using testing::IsEmpty;
 
 std::string ReadBytes(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);
   return {std::istreambuf_iterator<char>(stream), {}};
-}
-
-void WriteBytes(const fs::path& file, const std::string& bytes) {
-  std::ofstream(file, std::ios::binary) << bytes;
 }
 
 void Replace(std::string* text, const std::string& from, const std::string& to) {
@@ -36,22 +35,10 @@ void Replace(std::string* text, const std::string& from, const std::string& to) 
   text->replace(at, from.size(), to);
 }
 
-// A folder that is gone after the test.
 class ModelFolderTest : public testing::Test {
  protected:
-  void SetUp() override {
-    const auto* info = testing::UnitTest::GetInstance()->current_test_info();
-    std::string name = std::string("model-folder-") + info->name();
-    for (char& c : name) c = c == '/' ? '-' : c;
-    parent_ = fs::path(testing::TempDir()) / name;
-    fs::remove_all(parent_);
-    fs::create_directories(parent_);
-    folder_ = parent_ / "1";
-  }
-  void TearDown() override { fs::remove_all(parent_); }
-
-  fs::path parent_;
-  fs::path folder_;
+  const TemporaryFolder parent_;
+  const fs::path folder_ = parent_ / "1";
 };
 
 TEST_F(ModelFolderTest, ReadsBackWhatItWrote) {
@@ -85,14 +72,14 @@ TEST_F(ModelFolderTest, NeverReplacesAVersion) {
   ASSERT_TRUE(WriteModelFolder(folder_, TinyModel()).ok());
   EXPECT_EQ(WriteModelFolder(folder_, TinyModel()).code(), absl::StatusCode::kAlreadyExists);
   EXPECT_TRUE(ReadModelFolder(folder_).ok());
-  EXPECT_EQ(std::distance(fs::directory_iterator(parent_), fs::directory_iterator()), 1);
+  EXPECT_THAT(parent_.Names(), ElementsAre("1"));
 }
 
 TEST_F(ModelFolderTest, NeverWritesWhatItWouldNotRead) {
   StoredModel model = TinyModel();
   model.weights["decoder.0.bias"].values[0] = std::numeric_limits<float>::quiet_NaN();
   EXPECT_EQ(WriteModelFolder(folder_, model).code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_TRUE(fs::is_empty(parent_));
+  EXPECT_THAT(parent_.Names(), IsEmpty());
 }
 
 TEST_F(ModelFolderTest, AFolderThatIsNotThereIsNotFound) {

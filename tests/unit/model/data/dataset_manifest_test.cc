@@ -6,7 +6,7 @@
 
 #include "model/data/dataset_folder.h"
 #include "model/files/digest.h"
-#include "tests/unit/model/data/temporary_folder.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::data {
 namespace {
@@ -132,7 +132,7 @@ TEST(DatasetManifestTest, AFolderWithoutOneIsNotFoundAndADamagedOneIsDataLoss) {
   TemporaryFolder folder;
   EXPECT_EQ(ReadDatasetManifest(folder / "absent").status().code(), absl::StatusCode::kNotFound);
   WriteBytes(folder / "dataset.json", "{}");
-  const auto manifest = ReadDatasetManifest(folder / "");
+  const auto manifest = ReadDatasetManifest(folder.path());
   EXPECT_EQ(manifest.status().code(), absl::StatusCode::kDataLoss);
   EXPECT_THAT(std::string(manifest.status().message()), HasSubstr("format_version"));
 }

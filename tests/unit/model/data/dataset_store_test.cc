@@ -11,7 +11,7 @@
 #include "model/data/tfrecord.h"
 #include "model/files/durable_file.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
-#include "tests/unit/model/data/temporary_folder.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::data {
 namespace {

@@ -2,8 +2,9 @@
 
 #include <gtest/gtest.h>
 
-#include <fstream>
 #include <string>
+
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::files {
 namespace {
@@ -28,16 +29,16 @@ TEST(Sha256Test, PiecesGiveTheDigestOfTheWhole) {
 }
 
 TEST(Sha256Test, OfAFileLargerThanTheReadBuffer) {
-  const std::string file = testing::TempDir() + "/million_a";
-  std::ofstream(file, std::ios::binary) << std::string(1'000'000, 'a');
-  const auto digest = Sha256OfFile(file);
+  const TemporaryFolder folder;
+  WriteBytes(folder / "million_a", std::string(1'000'000, 'a'));
+  const auto digest = Sha256OfFile(folder / "million_a");
   ASSERT_TRUE(digest.ok()) << digest.status();
   EXPECT_EQ(*digest, kMillionA);
 }
 
 TEST(Sha256Test, OfAMissingFileIsNotFound) {
-  EXPECT_EQ(Sha256OfFile(testing::TempDir() + "/absent").status().code(),
-            absl::StatusCode::kNotFound);
+  const TemporaryFolder folder;
+  EXPECT_EQ(Sha256OfFile(folder / "absent").status().code(), absl::StatusCode::kNotFound);
 }
 
 }  // namespace

@@ -6,11 +6,12 @@
 
 #include <cerrno>
 #include <csignal>
-#include <fstream>
-#include <vector>
+#include <filesystem>
+#include <string>
 
 #include "model/files/errno_status.h"
 #include "model/files/output_file.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::files {
 namespace {
@@ -23,27 +24,7 @@ using testing::UnorderedElementsAre;
 
 class DurableFileTest : public testing::Test {
  protected:
-  void SetUp() override {
-    folder_ = fs::path(testing::TempDir()) /
-              testing::UnitTest::GetInstance()->current_test_info()->name();
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-
-  std::vector<std::string> Names() const {
-    std::vector<std::string> names;
-    for (const auto& entry : fs::directory_iterator(folder_)) {
-      names.push_back(entry.path().filename());
-    }
-    return names;
-  }
-
-  static void Write(const fs::path& file, const std::string& content) {
-    std::ofstream(file, std::ios::binary) << content;
-  }
-
-  fs::path folder_;
+  const TemporaryFolder folder_;
 };
 
 TEST_F(DurableFileTest, WritesAndReplacesWithoutLeavingATemporary) {
@@ -51,12 +32,12 @@ TEST_F(DurableFileTest, WritesAndReplacesWithoutLeavingATemporary) {
   ASSERT_TRUE(WriteFileAtomically(folder_ / "a", "first").ok());
   ASSERT_TRUE(WriteFileAtomically(folder_ / "a", binary).ok());
   EXPECT_EQ(*ReadFile(folder_ / "a"), binary);
-  EXPECT_THAT(Names(), ElementsAre("a"));
+  EXPECT_THAT(folder_.Names(), ElementsAre("a"));
 }
 
 TEST_F(DurableFileTest, ReadsAFileLargerThanTheBuffer) {
   const std::string content(300'001, 'x');
-  Write(folder_ / "large", content);
+  WriteBytes(folder_ / "large", content);
   EXPECT_EQ(*ReadFile(folder_ / "large"), content);
 }
 
@@ -80,24 +61,24 @@ TEST_F(DurableFileTest, AWriteThatFailsLeavesTheOldContentAndNoTemporary) {
   signal(SIGXFSZ, handler);
   EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
   EXPECT_EQ(*ReadFile(folder_ / "a"), "old");
-  EXPECT_THAT(Names(), ElementsAre("a"));
+  EXPECT_THAT(folder_.Names(), ElementsAre("a"));
 }
 
 TEST_F(DurableFileTest, ReplacingAFolderByAFileFailsAndLeavesNoTemporary) {
   fs::create_directory(folder_ / "taken");
   EXPECT_FALSE(WriteFileAtomically(folder_ / "taken", "x").ok());
-  EXPECT_THAT(Names(), ElementsAre("taken"));
+  EXPECT_THAT(folder_.Names(), ElementsAre("taken"));
 }
 
 TEST_F(DurableFileTest, PublishesAFolderWithEverythingInIt) {
   const auto temporary = MakeTemporaryFolderFor(folder_ / "model");
   ASSERT_TRUE(temporary.ok()) << temporary.status();
-  EXPECT_EQ(temporary->parent_path(), folder_);
-  Write(*temporary / "weights", "w");
+  EXPECT_EQ(temporary->parent_path(), folder_.path());
+  WriteBytes(*temporary / "weights", "w");
   fs::create_directory(*temporary / "inner");
-  Write(*temporary / "inner" / "file", "f");
+  WriteBytes(*temporary / "inner" / "file", "f");
   ASSERT_TRUE(PublishFolder(*temporary, folder_ / "model").ok());
-  EXPECT_THAT(Names(), ElementsAre("model"));
+  EXPECT_THAT(folder_.Names(), ElementsAre("model"));
   EXPECT_EQ(*ReadFile(folder_ / "model" / "weights"), "w");
   EXPECT_EQ(*ReadFile(folder_ / "model" / "inner" / "file"), "f");
 }
@@ -106,7 +87,7 @@ TEST_F(DurableFileTest, DoesNotPublishOverSomethingThatExists) {
   fs::create_directory(folder_ / "model");  // empty: a plain rename would replace it
   const auto temporary = MakeTemporaryFolderFor(folder_ / "model");
   ASSERT_TRUE(temporary.ok());
-  Write(*temporary / "weights", "w");
+  WriteBytes(*temporary / "weights", "w");
   EXPECT_EQ(PublishFolder(*temporary, folder_ / "model").code(), absl::StatusCode::kAlreadyExists);
   EXPECT_TRUE(fs::exists(*temporary / "weights"));
   EXPECT_TRUE(fs::is_empty(folder_ / "model"));
@@ -117,19 +98,19 @@ TEST_F(DurableFileTest, TemporaryFoldersOfOneNameDiffer) {
   const auto second = MakeTemporaryFolderFor(folder_ / "model/");
   ASSERT_TRUE(first.ok() && second.ok());
   EXPECT_NE(*first, *second);
-  EXPECT_EQ(second->parent_path(), folder_);
+  EXPECT_EQ(second->parent_path(), folder_.path());
   EXPECT_THAT(first->filename().string(), testing::StartsWith(".model.tmp-"));
   EXPECT_THAT(second->filename().string(), testing::StartsWith(".model.tmp-"));
 }
 
 TEST_F(DurableFileTest, RemovesTemporariesAndNothingElse) {
   ASSERT_TRUE(MakeTemporaryFolderFor(folder_ / "model").ok());
-  Write(folder_ / ".file.tmp-12", "half");
-  Write(folder_ / "notes.tmp-12", "not hidden: not ours");
-  Write(folder_ / ".hidden", "");
+  WriteBytes(folder_ / ".file.tmp-12", "half");
+  WriteBytes(folder_ / "notes.tmp-12", "not hidden: not ours");
+  WriteBytes(folder_ / ".hidden", "");
   fs::create_directory(folder_ / "model");
-  ASSERT_TRUE(RemoveTemporaries(folder_).ok());
-  EXPECT_THAT(Names(), UnorderedElementsAre("notes.tmp-12", ".hidden", "model"));
+  ASSERT_TRUE(RemoveTemporaries(folder_.path()).ok());
+  EXPECT_THAT(folder_.Names(), UnorderedElementsAre("notes.tmp-12", ".hidden", "model"));
 }
 
 TEST_F(DurableFileTest, RemovingTemporariesOfAMissingFolderIsNotFound) {
@@ -166,7 +147,7 @@ TEST_F(DurableFileTest, OutputFileKeepsOrderAcrossSmallAndLargeWrites) {
 }
 
 TEST_F(DurableFileTest, OutputFileNeverOverwrites) {
-  Write(folder_ / "out", "kept");
+  WriteBytes(folder_ / "out", "kept");
   EXPECT_EQ(OutputFile::Create(folder_ / "out").status().code(), absl::StatusCode::kAlreadyExists);
   EXPECT_EQ(*ReadFile(folder_ / "out"), "kept");
 }

@@ -16,6 +16,7 @@
 #include "model/inference/backbone.h"
 #include "tests/unit/model/inference/reference_model.h"
 #include "tests/unit/model/scene/raster_of.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::inference {
 namespace {
@@ -97,15 +98,11 @@ bool SameBits(const ActionDistribution& a, const ActionDistribution& b) {
 class ActionModelTest : public testing::Test {
  protected:
   void SetUp() override {
-    const auto* info = testing::UnitTest::GetInstance()->current_test_info();
-    folder_ = fs::path(testing::TempDir()) / (std::string("action-model-") + info->name());
-    fs::remove_all(folder_);
     stored_ = RandomModel(SmallSpec(), 5);
     ASSERT_TRUE(artifact::WriteModelFolder(folder_, stored_).ok());
     model_ = Load();
     session_ = model_->NewSession();
   }
-  void TearDown() override { fs::remove_all(folder_); }
 
   std::shared_ptr<const ActionModel> Load() {
     auto model = ActionModel::Load(folder_, {.precision = Precision::kF32});
@@ -137,7 +134,8 @@ class ActionModelTest : public testing::Test {
     return trajectory;
   }
 
-  fs::path folder_;
+  const TemporaryFolder parent_;
+  const fs::path folder_ = parent_ / "model";
   artifact::StoredModel stored_;
   std::shared_ptr<const ActionModel> model_;
   std::unique_ptr<InferenceSession> session_;

@@ -14,11 +14,10 @@
 #include "model/inference/backbone.h"
 #include "tests/unit/model/inference/reference_model.h"
 #include "tests/unit/model/scene/raster_of.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::inference {
 namespace {
-
-namespace fs = std::filesystem;
 
 struct Network {
   const char* name;
@@ -76,15 +75,10 @@ v1::ModelSpec Spec(const Network& network) {
 
 class ResidualBackboneTest : public testing::TestWithParam<Network> {
  protected:
-  ResidualBackboneTest()
-      : spec_(Spec(GetParam())),
-        stored_(RandomModel(spec_, 3)),
-        folder_(fs::path(testing::TempDir()) / (std::string("residual-") + GetParam().name)) {
-    fs::remove_all(folder_);
+  ResidualBackboneTest() : spec_(Spec(GetParam())), stored_(RandomModel(spec_, 3)) {
     const absl::Status written = artifact::WriteModelFolder(folder_, stored_);
     EXPECT_TRUE(written.ok()) << written;
   }
-  ~ResidualBackboneTest() override { fs::remove_all(folder_); }
 
   std::unique_ptr<InferenceSession> NewSession(Precision precision) {
     const auto model = ActionModel::Load(folder_, {.precision = precision});
@@ -107,7 +101,8 @@ class ResidualBackboneTest : public testing::TestWithParam<Network> {
 
   const v1::ModelSpec spec_;
   const artifact::StoredModel stored_;
-  const fs::path folder_;
+  const TemporaryFolder parent_;
+  const std::filesystem::path folder_ = parent_ / "model";
 };
 
 TEST_P(ResidualBackboneTest, EncodesAsTheReferenceDoes) {

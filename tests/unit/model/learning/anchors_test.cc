@@ -24,6 +24,7 @@
 #include "model/scene/rasterizer.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 #include "tests/unit/model/scene/raster_of.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::learning {
 namespace {
@@ -117,18 +118,8 @@ TEST(AnchorsTest, AreTheCentresOfSeparateFamiliesAndExamplesGoToTheNearest) {
   EXPECT_NEAR(mirrored.select(2, 1).sum().item<double>(), 0.0, 1e-3);
 }
 
-// Runs in a folder of the test's own, gone afterwards.
 class BaselinesTest : public testing::Test {
  protected:
-  BaselinesTest() {
-    folder_ =
-        fs::path(testing::TempDir()) /
-        (std::string("baselines-") + testing::UnitTest::GetInstance()->current_test_info()->name());
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
-  }
-  ~BaselinesTest() override { fs::remove_all(folder_); }
-
   TrainingRun Run(const std::string& name, int epochs) const {
     TrainingRun run;
     run.settings = TinySettings();
@@ -147,7 +138,7 @@ class BaselinesTest : public testing::Test {
   }
 
   const TrainingData data_ = *SplitRecordings(ArcRecordings(72), TinySettings());
-  fs::path folder_;
+  const TemporaryFolder folder_;
 };
 
 TEST_F(BaselinesTest, LearnWhichArcItIsAndHaveRowsInTheMetrics) {

@@ -2,17 +2,15 @@
 
 #include <gtest/gtest.h>
 
-#include <filesystem>
 #include <string>
 
 #include "model/artifact/training_presets.h"
 #include "model/learning/trainer.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::learning {
 namespace {
-
-namespace fs = std::filesystem;
 
 constexpr int kActions = 12;
 
@@ -37,15 +35,13 @@ v1::TrainingSettings SmallSettings(const std::string& preset) {
 
 // exp of the entropy of the mean p(y|s) over held-out examples: how many actions are asked for.
 double ActionsInUse(const std::string& preset) {
-  const fs::path folder = fs::path(testing::TempDir()) / ("collapse-" + preset);
-  fs::remove_all(folder);
+  const TemporaryFolder folder;
   TrainingRun run;
   run.settings = SmallSettings(preset);
-  run.output = folder;
+  run.output = folder / preset;
   run.dataset_names = {"datasets/arcs"};
   run.trainer_version = "test";
   const auto manifest = Train(run, *SplitRecordings(ArcRecordings(72), run.settings));
-  fs::remove_all(folder);
   EXPECT_TRUE(manifest.ok()) << manifest.status();
   return manifest.ok() ? manifest->metrics().at("action_perplexity") : 0.0;
 }

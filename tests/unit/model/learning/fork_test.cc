@@ -5,17 +5,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <filesystem>
-
 #include "model/inference/action_model.h"
 #include "model/learning/trainer.h"
 #include "model/scene/rasterizer.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::learning {
 namespace {
-
-namespace fs = std::filesystem;
 
 constexpr double kLeftAtForks = 0.7;
 
@@ -68,10 +65,6 @@ struct Answer {
 class ForkTest : public testing::TestWithParam<v1::Objective> {
  protected:
   void SetUp() override {
-    folder_ =
-        fs::path(testing::TempDir()) / ("fork-" + std::to_string(static_cast<int>(GetParam())));
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
     TrainingRun run;
     run.settings = ForkSettings(GetParam());
     run.output = folder_ / "model";
@@ -80,7 +73,6 @@ class ForkTest : public testing::TestWithParam<v1::Objective> {
     model_ = inference::ActionModel::Load(run.output, {inference::Precision::kF32}).value();
     session_ = model_->NewSession();
   }
-  void TearDown() override { fs::remove_all(folder_); }
 
   Answer Ask(Fork lanes, bool left, double curvature) {
     const v1::Scenario scenario = ForkRecording("unseen", lanes, left, curvature);
@@ -115,7 +107,7 @@ class ForkTest : public testing::TestWithParam<v1::Objective> {
     return answer;
   }
 
-  fs::path folder_;
+  const TemporaryFolder folder_;
   std::shared_ptr<const inference::ActionModel> model_;
   std::unique_ptr<inference::InferenceSession> session_;
 };

@@ -15,14 +15,14 @@
 #include "model/learning/raster_loader.h"
 #include "model/learning/training_data.h"
 #include "model/learning/validation.h"
-#include "tests/unit/model/data/temporary_folder.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::learning {
 namespace {
 
 TEST(LabelFileLearningTest, LabelsOfAFileAreTheOneHotPosteriorOfTheirExamples) {
-  const data::TemporaryFolder folder;
+  const TemporaryFolder folder;
   v1::TrainingSettings settings = TinySettings();
   settings.mutable_examples()->set_label_share(1.0);
   const std::vector<v1::Scenario> recordings = ArcRecordings(60);

@@ -6,7 +6,6 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
-#include <filesystem>
 #include <string>
 
 #include "model/artifact/model_folder.h"
@@ -17,11 +16,10 @@
 #include "model/scene/target_motion.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 #include "tests/unit/model/scene/raster_of.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::learning {
 namespace {
-
-namespace fs = std::filesystem;
 
 // TinySettings with two bottleneck blocks in each of two stages.
 v1::TrainingSettings SmallSettings() {
@@ -76,15 +74,8 @@ void VaryNormalizations(const v1::ModelSpec& spec, Networks* networks, at::Gener
 
 class ResidualNetworkTest : public testing::TestWithParam<bool> {
  protected:
-  ResidualNetworkTest()
-      : settings_(GetParam() ? ResNet50Settings() : SmallSettings()),
-        folder_(fs::path(testing::TempDir()) / (GetParam() ? "resnet50" : "small-residual")) {
-    fs::remove_all(folder_);
-  }
-  ~ResidualNetworkTest() override { fs::remove_all(folder_); }
-
-  const v1::TrainingSettings settings_;
-  const fs::path folder_;
+  const v1::TrainingSettings settings_ = GetParam() ? ResNet50Settings() : SmallSettings();
+  const TemporaryFolder folder_;
 };
 
 TEST_P(ResidualNetworkTest, TrainsAStepIsExportedAndTheEngineSaysWhatLibTorchSays) {
@@ -112,9 +103,10 @@ TEST_P(ResidualNetworkTest, TrainsAStepIsExportedAndTheEngineSaysWhatLibTorchSay
   VaryNormalizations(spec, &networks, generator);
   v1::ModelManifest manifest;
   *manifest.mutable_spec() = spec;
-  const absl::Status written = artifact::WriteModelFolder(folder_, {manifest, networks.Export()});
+  const absl::Status written =
+      artifact::WriteModelFolder(folder_ / "model", {manifest, networks.Export()});
   ASSERT_TRUE(written.ok()) << written;
-  const auto model = inference::ActionModel::Load(folder_, {inference::Precision::kF32});
+  const auto model = inference::ActionModel::Load(folder_ / "model", {inference::Precision::kF32});
   ASSERT_TRUE(model.ok()) << model.status();
 
   at::NoGradGuard no_grad;

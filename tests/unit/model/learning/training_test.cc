@@ -18,6 +18,7 @@
 #include "model/learning/training_failure.h"
 #include "model/scene/rasterizer.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::learning {
 namespace {
@@ -25,18 +26,8 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-// A folder of the test's own, gone afterwards.
 class TrainingTest : public testing::Test {
  protected:
-  TrainingTest() {
-    folder_ =
-        fs::path(testing::TempDir()) /
-        (std::string("learning-") + testing::UnitTest::GetInstance()->current_test_info()->name());
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
-  }
-  ~TrainingTest() override { fs::remove_all(folder_); }
-
   static TrainingData Data() { return *SplitRecordings(ArcRecordings(72), TinySettings()); }
 
   TrainingRun Run(const std::string& name) {
@@ -49,7 +40,7 @@ class TrainingTest : public testing::Test {
     return run;
   }
 
-  fs::path folder_;
+  const TemporaryFolder folder_;
   std::vector<v1::JobProgress> progress_;
 };
 
@@ -75,7 +66,7 @@ TEST_F(TrainingTest, LearnsActionsThatPredictHeldOutArcs) {
   const auto stored = artifact::ReadModelManifest(folder_ / "model");
   ASSERT_TRUE(stored.ok()) << stored.status();
   EXPECT_EQ(stored->actions_size(), 6);
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder_), fs::directory_iterator()), 1);
+  EXPECT_THAT(folder_.Names(), testing::ElementsAre("model"));
 }
 
 TEST_F(TrainingTest, ReportsEveryPhaseAndTheTermsOfTheBound) {
@@ -290,14 +281,14 @@ TEST_F(TrainingTest, AModelOfTooFewActionsFailsWhereThatIsAsked) {
   const absl::Status status = Train(run, Data()).status();
   EXPECT_EQ(FailureOf(status), TrainingFailure::kCollapsed);
   EXPECT_THAT(std::string(status.message()), HasSubstr("collapsed to"));
-  EXPECT_TRUE(fs::is_empty(folder_));
+  EXPECT_THAT(folder_.Names(), testing::IsEmpty());
 }
 
 TEST_F(TrainingTest, StopsWhenToldAndLeavesNothing) {
   TrainingRun run = Run("model");
   run.stopped = [this] { return progress_.size() > 3; };
   EXPECT_EQ(Train(run, Data()).status().code(), absl::StatusCode::kCancelled);
-  EXPECT_TRUE(fs::is_empty(folder_));
+  EXPECT_THAT(folder_.Names(), testing::IsEmpty());
 }
 
 TEST_F(TrainingTest, ALossThatIsNotFiniteEndsTheRun) {
@@ -306,7 +297,7 @@ TEST_F(TrainingTest, ALossThatIsNotFiniteEndsTheRun) {
   const absl::Status status = Train(run, Data()).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kAborted);
   EXPECT_THAT(std::string(status.message()), HasSubstr("learning_rate"));
-  EXPECT_TRUE(fs::is_empty(folder_));
+  EXPECT_THAT(folder_.Names(), testing::IsEmpty());
 }
 
 TEST_F(TrainingTest, ADeviceThatIsNotThereIsRefused) {

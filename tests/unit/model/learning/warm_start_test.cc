@@ -16,6 +16,7 @@
 #include "model/learning/trainer.h"
 #include "model/learning/training_failure.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::learning {
 namespace {
@@ -82,15 +83,6 @@ TEST(VariedItemsTest, AnExampleThatComesAgainIsVariedAnew) {
 
 class WarmStartTest : public testing::Test {
  protected:
-  WarmStartTest() {
-    folder_ =
-        fs::path(testing::TempDir()) /
-        (std::string("warm-") + testing::UnitTest::GetInstance()->current_test_info()->name());
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
-  }
-  ~WarmStartTest() override { fs::remove_all(folder_); }
-
   TrainingRun Run(const std::string& name) {
     TrainingRun run;
     run.settings = TinySettings();
@@ -110,7 +102,7 @@ class WarmStartTest : public testing::Test {
   }
 
   const TrainingData data_ = *SplitRecordings(ArcRecordings(72), TinySettings());
-  fs::path folder_;
+  const TemporaryFolder folder_;
   std::set<std::string> phases_;
 };
 

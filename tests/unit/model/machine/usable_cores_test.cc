@@ -7,6 +7,8 @@
 #include <string>
 #include <thread>
 
+#include "tests/unit/temporary_folder.h"
+
 namespace maneuver::machine {
 namespace {
 
@@ -15,15 +17,13 @@ namespace fs = std::filesystem;
 class GroupLimitTest : public testing::Test {
  protected:
   void SetUp() override { fs::create_directories(root_ / "pod/container"); }
-  void TearDown() override { fs::remove_all(root_); }
 
   void Write(const fs::path& group, const std::string& text) {
     std::ofstream(root_ / group / "cpu.max") << text << "\n";
   }
-  std::optional<double> Limit() const { return GroupLimit(root_, "/pod/container"); }
+  std::optional<double> Limit() const { return GroupLimit(root_.path(), "/pod/container"); }
 
-  const fs::path root_ =
-      fs::path(testing::TempDir()) / testing::UnitTest::GetInstance()->current_test_info()->name();
+  const TemporaryFolder root_;
 };
 
 TEST_F(GroupLimitTest, ThereIsNoneWithoutFilesOrWithoutALimitInThem) {

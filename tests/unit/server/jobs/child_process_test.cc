@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "model/files/durable_file.h"
-#include "tests/unit/model/data/temporary_folder.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::jobs {
 namespace {
@@ -27,7 +27,7 @@ class ChildProcessTest : public testing::Test {
         [this](const std::string& line) { lines_.push_back(line); }, [] {});
   }
 
-  const data::TemporaryFolder folder_;
+  const TemporaryFolder folder_;
   StopRequest stop_;
   std::vector<std::string> lines_;
 };

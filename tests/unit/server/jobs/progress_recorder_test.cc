@@ -5,7 +5,7 @@
 #include <memory>
 
 #include "server/jobs/sqlite_store.h"
-#include "tests/unit/model/data/temporary_folder.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::jobs {
 namespace {
@@ -39,7 +39,7 @@ class ProgressRecorderTest : public testing::Test {
     return steps;
   }
 
-  const data::TemporaryFolder folder_;
+  const TemporaryFolder folder_;
   std::unique_ptr<SqliteStore> store_;
   JobNews news_;
   absl::Time now_ = absl::FromUnixSeconds(1'000);

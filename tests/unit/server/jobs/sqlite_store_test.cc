@@ -11,7 +11,7 @@
 #include <thread>
 #include <vector>
 
-#include "tests/unit/model/data/temporary_folder.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::jobs {
 namespace {
@@ -60,7 +60,7 @@ class SqliteStoreTest : public testing::Test {
     store_ = *std::move(store);
   }
 
-  const data::TemporaryFolder folder_;
+  const TemporaryFolder folder_;
   const std::filesystem::path file_ = folder_ / "maneuver.db";
   std::unique_ptr<SqliteStore> store_;
 };

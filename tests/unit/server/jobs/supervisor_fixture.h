@@ -24,7 +24,7 @@
 #include "server/jobs/sqlite_store.h"
 #include "server/jobs/supervisor.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
-#include "tests/unit/model/data/temporary_folder.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::jobs {
 
@@ -213,7 +213,7 @@ done
     return folder_ / job.name();  // jobs/{id}
   }
 
-  const data::TemporaryFolder folder_;
+  const TemporaryFolder folder_;
   std::unique_ptr<data::DatasetStore> datasets_;
   std::unique_ptr<SqliteStore> store_;
   monitoring::MetricRegistry* job_metrics_ = &monitoring::MetricRegistry::Null();

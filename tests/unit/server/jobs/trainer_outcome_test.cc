@@ -8,7 +8,7 @@
 
 #include "maneuver/v1/status.pb.h"
 #include "server/errors/error_details.h"
-#include "tests/unit/model/data/temporary_folder.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::jobs {
 namespace {
@@ -100,7 +100,7 @@ class LastLineTest : public testing::Test {
     const std::vector<std::string> lines = LastLines(folder_ / "log");
     return lines.empty() ? std::string() : lines.back();
   }
-  const data::TemporaryFolder folder_;
+  const TemporaryFolder folder_;
 };
 
 TEST_F(LastLineTest, IsTheLastThatSaysSomething) {

@@ -5,17 +5,18 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <fstream>
 #include <sstream>
 #include <string>
 #include <vector>
 
 #include "absl/strings/str_split.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver {
 namespace {
 
-namespace fs = std::filesystem;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
@@ -30,17 +31,8 @@ struct Outcome {
 
 class OptionsTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    folder_ =
-        fs::path(::testing::TempDir()) /
-        ("options-" + std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()));
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-
   std::string Write(const std::string& name, const std::string& text) {
-    const fs::path file = folder_ / name;
+    const std::filesystem::path file = folder_ / name;
     std::ofstream(file) << text;
     return file.string();
   }
@@ -59,7 +51,7 @@ class OptionsTest : public ::testing::Test {
             ::testing::internal::GetCapturedStderr()};
   }
 
-  fs::path folder_;
+  const TemporaryFolder folder_;
 };
 
 TEST_F(OptionsTest, TheCommandLineComesBeforeTheEnvironmentAndThatBeforeTheFile) {

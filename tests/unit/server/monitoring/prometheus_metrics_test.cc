@@ -12,6 +12,8 @@
 #include <string>
 #include <string_view>
 
+#include "tests/unit/temporary_folder.h"
+
 namespace maneuver::monitoring {
 namespace {
 
@@ -44,7 +46,8 @@ TEST(PrometheusMetricsTest, TheSameNameAndLabelsAreTheSameMetric) {
 
 TEST(PrometheusMetricsTest, TheDiskOfAFolderIsLookedAtForEachPage) {
   const auto metrics = PrometheusMetrics::Create();
-  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "watched-disk";
+  const TemporaryFolder parent;
+  const std::filesystem::path folder = parent / "watched";
   std::filesystem::create_directory(folder);
   metrics->WatchDisk(folder);
   struct statvfs disk {};

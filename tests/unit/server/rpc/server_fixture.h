@@ -21,6 +21,7 @@
 #include "server/rpc/prediction_service.h"
 #include "server/rpc/server.h"
 #include "tests/unit/server/serving/fake_action_model.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::rpc {
 
@@ -78,11 +79,6 @@ inline v1::PredictRequest OneScene() {
 class ServerTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    folder_ =
-        std::filesystem::path(::testing::TempDir()) /
-        ("server-" + std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()));
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
     auto models = serving::ModelRegistry::Open(
         folder_ / "models", aliases_,
         [this](const std::filesystem::path&)
@@ -118,7 +114,6 @@ class ServerTest : public ::testing::Test {
     server_ = nullptr;
     disk_ = nullptr;
     scheduler_ = nullptr;
-    std::filesystem::remove_all(folder_);
   }
 
   void Publish(const std::string& model = "town") {
@@ -165,7 +160,7 @@ class ServerTest : public ::testing::Test {
     return bytes.begin()[1];
   }
 
-  std::filesystem::path folder_;
+  const TemporaryFolder folder_;
   const std::unique_ptr<monitoring::PrometheusMetrics> metrics_ =
       monitoring::PrometheusMetrics::Create();
   const std::unique_ptr<security::AccessControl> access_ =

@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <atomic>
 #include <filesystem>
@@ -13,6 +12,7 @@
 #include "server/errors/error_details.h"
 #include "server/monitoring/prometheus_metrics.h"
 #include "server/security/secret_file.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::security {
 namespace {
@@ -33,15 +33,9 @@ Credentials Bearer(const std::string& token) {
 class AccessControlTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    folder_ =
-        fs::path(::testing::TempDir()) /
-        ("access-" + std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()) +
-         std::to_string(getpid()));
-    fs::create_directories(folder_);
     options_.identities = folder_ / "tokens";
     Write(*TokenLine("planner", Predict(), "first"));
   }
-  void TearDown() override { fs::remove_all(folder_); }
 
   void Write(const std::string& text) {
     fs::remove(options_.identities);
@@ -53,7 +47,7 @@ class AccessControlTest : public ::testing::Test {
     return *std::move(access);
   }
 
-  fs::path folder_;
+  const TemporaryFolder folder_;
   AccessOptions options_;
   const std::unique_ptr<monitoring::PrometheusMetrics> metrics_ =
       monitoring::PrometheusMetrics::Create();
@@ -152,8 +146,8 @@ TEST_F(AccessControlTest, CallsAndReloadsGoOnAtTheSameTime) {
 }
 
 TEST(SecretFileTest, WhatOthersMayReadIsRefusedWithTheCommandThatHelps) {
-  const fs::path file = fs::path(::testing::TempDir()) / ("secret" + std::to_string(getpid()));
-  fs::remove(file);
+  const TemporaryFolder folder;
+  const fs::path file = folder / "secret";
   ASSERT_TRUE(AppendLine(file, "a\n").ok());
   EXPECT_EQ(*ReadSecretFile(file), "a\n");
   for (const fs::perms open : {fs::perms::others_read, fs::perms::others_write,
@@ -171,12 +165,10 @@ TEST(SecretFileTest, WhatOthersMayReadIsRefusedWithTheCommandThatHelps) {
   ASSERT_TRUE(AppendLine(file, "b\n").ok());
   EXPECT_EQ(*ReadSecretFile(file), "a\nb\n");
   EXPECT_NE(fs::status(file).permissions() & fs::perms::group_read, fs::perms::none);
-  fs::remove(file);
 }
 
 TEST(SecretFileTest, LinesThatAreAddedAtTheSameTimeAreAllThere) {
-  const fs::path folder = fs::path(::testing::TempDir()) / ("lines" + std::to_string(getpid()));
-  fs::create_directories(folder);
+  const TemporaryFolder folder;
   std::vector<std::thread> writers;
   for (int i = 0; i < 8; ++i) {
     writers.emplace_back([&] {
@@ -185,8 +177,7 @@ TEST(SecretFileTest, LinesThatAreAddedAtTheSameTimeAreAllThere) {
   }
   for (std::thread& writer : writers) writer.join();
   EXPECT_EQ(fs::file_size(folder / "f"), 8 * 10 * 11u);
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder), fs::directory_iterator()), 1);
-  fs::remove_all(folder);
+  EXPECT_THAT(folder.Names(), ::testing::ElementsAre("f"));
 }
 
 }  // namespace

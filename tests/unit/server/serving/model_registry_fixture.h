@@ -15,23 +15,15 @@
 #include "server/serving/model_registry.h"
 #include "tests/unit/server/serving/fake_action_model.h"
 #include "tests/unit/server/serving/memory_alias_store.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::serving {
 
 class ModelRegistryTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    folder_ = std::filesystem::path(::testing::TempDir()) /
-              ("registry-" +
-               std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()));
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
-    Restart();
-  }
-  void TearDown() override {
-    registry_ = nullptr;
-    std::filesystem::remove_all(folder_);
-  }
+  void SetUp() override { Restart(); }
+  // Before the metrics that a fixture derived from this one has lent it.
+  void TearDown() override { registry_ = nullptr; }
 
   // A server that starts over the same data.
   void Restart() {
@@ -86,7 +78,7 @@ class ModelRegistryTest : public ::testing::Test {
   }
 
   monitoring::MetricRegistry* registry_metrics_ = &monitoring::MetricRegistry::Null();
-  std::filesystem::path folder_;
+  const TemporaryFolder folder_;
   MemoryAliasStore aliases_;
   FakeNetworks networks_;
   int loads_ = 0;

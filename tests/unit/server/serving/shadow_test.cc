@@ -13,6 +13,7 @@
 #include "server/monitoring/prometheus_metrics.h"
 #include "tests/unit/server/serving/fake_action_model.h"
 #include "tests/unit/server/serving/memory_alias_store.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::serving {
 namespace {
@@ -35,10 +36,6 @@ v1::Scenario Scene() {
 class ShadowTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    folder_ =
-        fs::path(::testing::TempDir()) /
-        ("shadow-" + std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()));
-    fs::remove_all(folder_);
     Open();
     for (const char* weights : {"first", "second"}) {
       const fs::path finished = folder_ / "finished";
@@ -54,7 +51,6 @@ class ShadowTest : public ::testing::Test {
     candidate_.OpenGate();
     shadow_ = nullptr;
     registry_ = nullptr;
-    fs::remove_all(folder_);
   }
 
   void Open() {
@@ -123,7 +119,7 @@ class ShadowTest : public ::testing::Test {
     return Metric("maneuver_shadow_" + name + "_sum{model=\"town\"" + more_labels + "}");
   }
 
-  fs::path folder_;
+  const TemporaryFolder folder_;
   MemoryAliasStore aliases_;
   FakeNetworks first_;
   FakeNetworks candidate_;
