@@ -6,13 +6,14 @@
 #include <bit>
 #include <dnnl.hpp>
 #include <optional>
+#include <span>
 #include <unordered_map>
 #include <utility>
 #include <vector>
 
 #include "model/artifact/backbone_layers.h"
-#include "model/inference/first_layer.h"
 #include "model/inference/folded_convolution.h"
+#include "model/inference/leading_layers.h"
 
 namespace maneuver::inference {
 namespace {
@@ -140,8 +141,9 @@ struct Backbone::Layers {
   memory::desc values;  // the raster as the first layer reads it
   dnnl::reorder widen;  // bytes to values; exact, also in bf16
   std::vector<Step> steps;
-  // In place of the first step, for a raster that is black for the most part.
-  std::optional<FirstLayer> first;
+  // In place of the first steps, for a raster that is black for the most part.
+  std::optional<LeadingLayers> leading;
+  size_t leading_steps = 0;
 };
 
 class Backbone::Scratch {
@@ -171,6 +173,7 @@ class Backbone::Scratch {
       if (step.layer.kind != Kind::kConvolution) continue;
       arguments.back().insert({{DNNL_ARG_WEIGHTS, step.weight}, {DNNL_ARG_BIAS, step.bias}});
     }
+    if (layers.leading) leading.emplace(*layers.leading);
   }
 
   dnnl::stream stream;
@@ -181,7 +184,7 @@ class Backbone::Scratch {
   memory registers[artifact::kBackboneRegisters];
   memory scratchpad;                                       // one for all steps
   std::vector<std::unordered_map<int, memory>> arguments;  // of each step
-  FirstLayer::Scratch first;
+  std::optional<LeadingLayers::Scratch> leading;
 
  private:
   static memory Allocate(size_t size) {
@@ -205,6 +208,8 @@ Backbone::Backbone(const v1::ModelSpec& spec, const artifact::TensorMap& weights
   layers->widen = dnnl::reorder(
       dnnl::reorder::primitive_desc(CpuEngine(), layers->bytes, CpuEngine(), layers->values));
   const std::vector<BackboneLayer> list = artifact::BackboneLayers(spec);
+  layers->leading_steps = LeadingLayers::Count(list, bf16);
+  std::vector<FoldedConvolution> leading;
   for (size_t i = 0; i < list.size(); ++i) {
     Step& step = layers->steps.emplace_back();
     step.layer = list[i];
@@ -214,10 +219,14 @@ Backbone::Backbone(const v1::ModelSpec& spec, const artifact::TensorMap& weights
       // The raster's bytes go in as they are: the first layer divides them.
       const auto folded = Fold(weights, step.layer, i == 0 ? 1.0 / kFullIntensity : 1.0);
       MakeConvolution(folded, &step);
-      if (i == 0 && FirstLayer::Takes(step.layer)) layers->first.emplace(step.layer, folded, bf16);
+      if (i < layers->leading_steps) leading.push_back(folded);
     } else if (step.layer.kind == Kind::kMaxPool) {
       MakeMaxPool(&step);
     }
+  }
+  if (layers->leading_steps > 0) {
+    layers->leading.emplace(std::span(list).first(layers->leading_steps), leading, bf16,
+                            bf16 && layers->leading_steps < list.size());
   }
   layers_ = std::move(layers);
 }
@@ -226,7 +235,7 @@ Backbone::~Backbone() = default;
 
 size_t Backbone::bytes() const {
   size_t bytes = 0;
-  if (layers_->first) bytes += layers_->first->bytes();
+  if (layers_->leading) bytes += layers_->leading->bytes();
   for (const Step& step : layers_->steps) {
     if (step.layer.kind != Kind::kConvolution) continue;
     bytes += step.weight.get_desc().get_size() + step.bias.get_desc().get_size();
@@ -243,11 +252,13 @@ void Backbone::Evaluate(const scene::Raster& raster, Scratch* scratch, float* gr
   const OneThread one_thread;
   scratch->grid.set_data_handle(grid);
   size_t done = 0;
-  if (layers_->first &&
-      layers_->first->Evaluate(raster, &scratch->first,
-                               scratch->arguments[0].at(DNNL_ARG_DST).get_data_handle())) {
-    done = 1;
-  } else {
+  if (layers_->leading) {
+    const memory& last = scratch->arguments[layers_->leading_steps - 1].at(DNNL_ARG_DST);
+    if (layers_->leading->Evaluate(raster, &*scratch->leading, last.get_data_handle())) {
+      done = layers_->leading_steps;
+    }
+  }
+  if (done == 0) {
     scratch->interleaved.resize(raster.values());
     raster.WriteInterleaved(scratch->interleaved);
     scratch->bytes.set_data_handle(scratch->interleaved.data());

@@ -49,19 +49,33 @@ FirstLayer::FirstLayer(const artifact::BackboneLayer& layer, const FoldedConvolu
       map_(layer, folded),
       agents_(layer, folded, MapConvolution::kChannels, bf16 ? kMostFilledBf16 : kMostFilledF32) {}
 
-bool FirstLayer::Evaluate(const scene::Raster& raster, Scratch* scratch, void* grid) const {
+bool FirstLayer::Evaluate(const scene::Raster& raster, const CellMask& cells, Scratch* scratch,
+                          void* grid, ptrdiff_t row_values) const {
   if (!agents_.Find(raster, &scratch->agents)) return false;
-  const Eigen::Index row_values = Eigen::Index{layer_.output.width} * layer_.output.channels;
-  scratch->sums.resize(static_cast<size_t>(row_values));
+  const Eigen::Index channels = layer_.output.channels;
+  const int width = layer_.output.width;
+  scratch->sums.resize(static_cast<size_t>(width * channels));
   float* const sums = scratch->sums.data();
   map_.Begin(&scratch->map);
   for (int row = 0; row < layer_.output.height; ++row) {
-    map_.Row(raster, row, &scratch->map, sums);
+    if (!cells.HasAny(row)) continue;
+    map_.Row(raster, row, cells, &scratch->map, sums);
     agents_.AddRow(scratch->agents, row, sums);
-    if (bf16_) {
-      Store(sums, row_values, layer_.relu, static_cast<Eigen::bfloat16*>(grid) + row * row_values);
-    } else {
-      Store(sums, row_values, layer_.relu, static_cast<float*>(grid) + row * row_values);
+    // Groups of cells that are summed, as many neighbours at a time as there are.
+    for (int column = 0, end = 0; column < width; column = end) {
+      const bool summed = MapConvolution::Sums(cells, row, column);
+      for (end = column; end < width && MapConvolution::Sums(cells, row, end) == summed;) {
+        end += MapConvolution::GroupAt(end, width);
+      }
+      if (!summed) continue;
+      const ptrdiff_t place = row * row_values + column * channels;
+      const float* const from = sums + column * channels;
+      const Eigen::Index count = (end - column) * channels;
+      if (bf16_) {
+        Store(from, count, layer_.relu, static_cast<Eigen::bfloat16*>(grid) + place);
+      } else {
+        Store(from, count, layer_.relu, static_cast<float*>(grid) + place);
+      }
     }
   }
   return true;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "model/artifact/backbone_layers.h"
+#include "model/inference/cell_mask.h"
 #include "model/inference/folded_convolution.h"
 #include "model/inference/map_convolution.h"
 #include "model/inference/sparse_convolution.h"
@@ -37,8 +38,12 @@ class FirstLayer {
 
   // False, and nothing is done, if so much of the agents' channels is filled that convolving all of
   // them takes less time.
-  //   grid: [h, w, C'] bf16 or floats
-  bool Evaluate(const scene::Raster& raster, Scratch* scratch, void* grid) const;
+  //   cells: of the output, those to be written; of their neighbours some may be as well. All that
+  //       see anything but black, at least
+  //   grid: [h, row_values] bf16 or floats, of each row the first [w, C'];  row_values: from a row
+  //       to its next
+  bool Evaluate(const scene::Raster& raster, const CellMask& cells, Scratch* scratch, void* grid,
+                ptrdiff_t row_values) const;
 
  private:
   const artifact::BackboneLayer layer_;

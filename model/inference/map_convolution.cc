@@ -15,8 +15,7 @@ namespace simd = Eigen::internal;
 constexpr int kChannels = MapConvolution::kChannels;
 static_assert(std::endian::native == std::endian::little && kChannels == 3);
 constexpr int kLanes = scene::Raster::kLanes;
-constexpr int kPixels = 4;     // of a row that are summed at a time
-constexpr int kTogether = 3;   // of outputs: with four pixels, all registers of AVX2
+constexpr int kTogether = 3;   // of outputs: with a group's pixels, all registers of AVX2
 constexpr int kMostRows = 16;  // of a kernel
 
 // Eight neighbouring pixels of a channel, a byte for each.
@@ -110,11 +109,13 @@ void SumAllOutputs(const Taps& taps, const float* bias, float* sums) {
   }
 }
 
-template <typename Vectors>
-void SumRow(Taps taps, const float* bias, int width, float* sums) {
-  for (int column = 0; column < width;) {
-    const int count = column + kPixels <= width ? kPixels : 1;
-    (count == 1 ? SumAllOutputs<Vectors, 1> : SumAllOutputs<Vectors, kPixels>)(taps, bias, sums);
+template <typename Vectors, int kGroup>
+void SumRow(Taps taps, const float* bias, const CellMask& cells, int out_row, float* sums) {
+  for (int column = 0; column < cells.width();) {
+    const int count = MapConvolution::GroupAt(column, cells.width());
+    if (cells.HasAny(out_row, column, count)) {
+      (count == 1 ? SumAllOutputs<Vectors, 1> : SumAllOutputs<Vectors, kGroup>)(taps, bias, sums);
+    }
     for (int row = 0; row < taps.rows; ++row) {
       taps.before[row] += count * taps.stride;
       taps.inputs[row] += count * taps.stride;
@@ -199,7 +200,8 @@ void MapConvolution::Widen(const scene::Raster& raster, int row, Rows* rows) con
   std::fill(before + width, behind, filled);
 }
 
-void MapConvolution::Row(const scene::Raster& raster, int row, Rows* rows, float* sums) const {
+void MapConvolution::Row(const scene::Raster& raster, int row, const CellMask& cells, Rows* rows,
+                         float* sums) const {
   const int top = row * layer_.stride - layer_.kernel / 2;
   Taps taps{};
   taps.kernel = layer_.kernel;
@@ -216,8 +218,8 @@ void MapConvolution::Row(const scene::Raster& raster, int row, Rows* rows, float
     taps.weights[taps.rows++] = weights_.data() + Eigen::Index{tap} * taps.values * taps.outputs;
   }
   const bool whole = taps.outputs % kPacket == 0;
-  (whole ? SumRow<WholePackets> : SumRow<HalfPackets>)(taps, bias_.data(), layer_.output.width,
-                                                       sums);
+  (whole ? SumRow<WholePackets, kGroup> : SumRow<HalfPackets, kGroup>)(taps, bias_.data(), cells,
+                                                                       row, sums);
 }
 
 }  // namespace maneuver::inference

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "model/artifact/backbone_layers.h"
+#include "model/inference/cell_mask.h"
 #include "model/inference/folded_convolution.h"
 #include "model/scene/raster.h"
 #include "model/scene/rasterizer.h"
@@ -22,6 +23,13 @@ namespace maneuver::inference {
 class MapConvolution {
  public:
   static constexpr int kChannels = scene::kTargetChannel;  // those before the target's
+
+  // Cells of a row are summed in groups: how many those are that begin at `column`, the first
+  // column of a group, and whether any of them is asked for.
+  static int GroupAt(int column, int width) { return column + kGroup <= width ? kGroup : 1; }
+  static bool Sums(const CellMask& cells, int row, int column) {
+    return cells.HasAny(row, column, GroupAt(column, cells.width()));
+  }
 
   // The input rows that an output row reads, of the map's channels, as floats, with the padding on
   // both sides. One for each thread.
@@ -51,11 +59,15 @@ class MapConvolution {
 
   // Before the first row of each raster.
   void Begin(Rows* rows) const;
-  // An output row, from the top to the bottom; without the layer's ReLU.
+  // The groups of an output row that have any of `cells`, rows from the top to the bottom; without
+  // the layer's ReLU.
   //   sums: [w, C']
-  void Row(const scene::Raster& raster, int row, Rows* rows, float* sums) const;
+  void Row(const scene::Raster& raster, int row, const CellMask& cells, Rows* rows,
+           float* sums) const;
 
  private:
+  static constexpr int kGroup = 4;
+
   // Puts an input row into its place, if it is not there.
   void Widen(const scene::Raster& raster, int row, Rows* rows) const;
 

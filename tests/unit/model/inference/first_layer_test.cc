@@ -12,6 +12,16 @@
 namespace maneuver::inference {
 namespace {
 
+CellMask AllCells(const Problem& problem) {
+  CellMask cells(problem.layer.output.height, problem.layer.output.width);
+  cells.SetAll();
+  return cells;
+}
+
+ptrdiff_t RowValues(const Problem& problem) {
+  return ptrdiff_t{problem.layer.output.width} * problem.layer.output.channels;
+}
+
 double Expected(const Problem& problem, int row, int column, int channel) {
   const double sum = problem.folded.bias[static_cast<size_t>(channel)] +
                      Products(problem, 0, row, column, channel);
@@ -65,11 +75,13 @@ TEST_P(FirstLayerTest, IsEveryProduct) {
       const size_t size = static_cast<size_t>(problem.layer.output.values());
       std::vector<float> floats(size);
       ASSERT_TRUE(FirstLayer(problem.layer, problem.folded, false)
-                      .Evaluate(problem.Drawn(), &scratch, floats.data()));
+                      .Evaluate(problem.Drawn(), AllCells(problem), &scratch, floats.data(),
+                                RowValues(problem)));
       ExpectGrid(problem, floats, 1e-5);
       std::vector<Eigen::bfloat16> narrow(size);
       ASSERT_TRUE(FirstLayer(problem.layer, problem.folded, true)
-                      .Evaluate(problem.Drawn(), &scratch, narrow.data()));
+                      .Evaluate(problem.Drawn(), AllCells(problem), &scratch, narrow.data(),
+                                RowValues(problem)));
       ExpectGrid(problem, narrow, 1.0 / 256);
     }
   }
@@ -80,9 +92,45 @@ TEST_P(FirstLayerTest, ABlackRasterLeavesTheBias) {
   std::fill(problem.raster.begin(), problem.raster.end(), uint8_t{0});
   std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()));
   FirstLayer::Scratch scratch;
-  ASSERT_TRUE(FirstLayer(problem.layer, problem.folded, false)
-                  .Evaluate(problem.Drawn(), &scratch, grid.data()));
+  ASSERT_TRUE(
+      FirstLayer(problem.layer, problem.folded, false)
+          .Evaluate(problem.Drawn(), AllCells(problem), &scratch, grid.data(), RowValues(problem)));
   ExpectGrid(problem, grid, 0.0);
+}
+
+// Rows lie further apart than they are wide.
+TEST_P(FirstLayerTest, CellsThatAreAskedForAreTheSameToTheBitAndNoOthersAreNeeded) {
+  const Problem problem = HalfBlackProblem(60);
+  const artifact::GridSize& output = problem.layer.output;
+  const FirstLayer layer(problem.layer, problem.folded, false);
+  FirstLayer::Scratch scratch;
+  std::vector<float> all(static_cast<size_t>(output.values()));
+  ASSERT_TRUE(
+      layer.Evaluate(problem.Drawn(), AllCells(problem), &scratch, all.data(), RowValues(problem)));
+  CellMask pixels(problem.layer.input.height, problem.layer.input.width);
+  pixels.SetPixels(problem.Drawn());
+  CellMask seen(output.height, output.width);
+  seen.SetSeen(pixels, problem.layer);
+  const ptrdiff_t apart = RowValues(problem) + 5;
+  std::vector<float> some(static_cast<size_t>(output.height * apart), -1.0F);
+  ASSERT_TRUE(layer.Evaluate(problem.Drawn(), seen, &scratch, some.data(), apart));
+  int left = 0;
+  for (int row = 0; row < output.height; ++row) {
+    for (int column = 0; column < output.width; ++column) {
+      for (int channel = 0; channel < output.channels; ++channel) {
+        const int place = column * output.channels + channel;
+        const float value = some[static_cast<size_t>(row * apart + place)];
+        const float expected = all[static_cast<size_t>(row * RowValues(problem) + place)];
+        if (seen.Has(row, column) || value != -1.0F) {
+          ASSERT_EQ(value, expected);
+        } else {
+          ++left;
+        }
+      }
+    }
+    for (int i = 1; i <= 5; ++i) ASSERT_EQ(some[static_cast<size_t>((row + 1) * apart - i)], -1.0F);
+  }
+  EXPECT_GT(left, 0);
 }
 
 // Blocks of a raster's rows are 16 pixels there.
@@ -91,8 +139,9 @@ TEST(WideFirstLayerTest, IsEveryProduct) {
   ASSERT_GT(problem.Drawn().block_pixels(), scene::Raster::kLanes);
   std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()));
   FirstLayer::Scratch scratch;
-  ASSERT_TRUE(FirstLayer(problem.layer, problem.folded, false)
-                  .Evaluate(problem.Drawn(), &scratch, grid.data()));
+  ASSERT_TRUE(
+      FirstLayer(problem.layer, problem.folded, false)
+          .Evaluate(problem.Drawn(), AllCells(problem), &scratch, grid.data(), RowValues(problem)));
   ExpectGrid(problem, grid, 1e-5);
 }
 
@@ -101,11 +150,13 @@ TEST(FilledFirstLayerTest, IsLeftToBeConvolvedWholeSoonerInBf16) {
   std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()), -1.0F);
   const std::vector<float> before = grid;
   FirstLayer::Scratch scratch;
-  EXPECT_FALSE(FirstLayer(problem.layer, problem.folded, true)
-                   .Evaluate(problem.Drawn(), &scratch, grid.data()));
+  EXPECT_FALSE(
+      FirstLayer(problem.layer, problem.folded, true)
+          .Evaluate(problem.Drawn(), AllCells(problem), &scratch, grid.data(), RowValues(problem)));
   EXPECT_EQ(grid, before);
-  EXPECT_TRUE(FirstLayer(problem.layer, problem.folded, false)
-                  .Evaluate(problem.Drawn(), &scratch, grid.data()));
+  EXPECT_TRUE(
+      FirstLayer(problem.layer, problem.folded, false)
+          .Evaluate(problem.Drawn(), AllCells(problem), &scratch, grid.data(), RowValues(problem)));
 }
 
 TEST(FirstLayerKindTest, ThatReadsNoAgentsOrFillsNoVectorIsNotTaken) {
