@@ -140,7 +140,7 @@ void SumAll(int packets, const Shape& shape, const void* input, const typename S
   using Summer = void (*)(const Shape&, const Value*, const Value*, const Eigen::ArrayXf&,
                           std::span<const CellConvolution::Cell>, Output*);
   constexpr Summer kSummers[kPacketChoices] = {SumAll<Step, Output, 1>, SumAll<Step, Output, 2>,
-                                             SumAll<Step, Output, 3>, SumAll<Step, Output, 4>};
+                                               SumAll<Step, Output, 3>, SumAll<Step, Output, 4>};
   kSummers[packets - 1](shape, static_cast<const Value*>(input), weights, bias, cells,
                         static_cast<Output*>(output));
 }
