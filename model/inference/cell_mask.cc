@@ -61,12 +61,12 @@ void CellMask::CutRow(int row) {
   if (left != 0) Row(row)[words_ - 1] &= (uint64_t{1} << left) - 1;
 }
 
-void CellMask::SetPixels(const scene::Raster& raster) {
+void CellMask::SetPixels(const scene::Raster& raster, int channels) {
   constexpr int kLanes = scene::Raster::kLanes;
   std::ranges::fill(bits_, 0);
   for (int row = 0; row < height_; ++row) {
     uint64_t* const bits = Row(row);
-    for (int channel = 0; channel < raster.channels(); ++channel) {
+    for (int channel = 0; channel < channels; ++channel) {
       const uint8_t* const pixels = raster.Row(channel, row);
       scene::PixelBlocks touched = raster.Touched(channel, row);
       for (; touched != 0; touched &= touched - 1) {

@@ -6,6 +6,7 @@
 #ifndef MANEUVER_MODEL_INFERENCE_CELL_MASK_H_
 #define MANEUVER_MODEL_INFERENCE_CELL_MASK_H_
 
+#include <algorithm>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -32,10 +33,26 @@ class CellMask {
     return (Row(row)[column / kBits] >> (column % kBits) & ((uint64_t{1} << count) - 1)) != 0;
   }
   bool HasAny(int row) const;
+  // Whether it has any of columns begin .. end-1 of a row, of which some may lie outside.
+  bool HasAnyOf(int row, int begin, int end) const {
+    begin = std::max(begin, 0);
+    end = std::min(end, width_);
+    if (begin >= end) return false;
+    const uint64_t* const words = Row(row);
+    const int first = begin / kBits;
+    const int last = (end - 1) / kBits;
+    const uint64_t from = ~uint64_t{0} << (begin % kBits);
+    const uint64_t until = ~uint64_t{0} >> (kBits - 1 - (end - 1) % kBits);
+    if (first == last) return (words[first] & from & until) != 0;
+    uint64_t any = (words[first] & from) | (words[last] & until);
+    for (int word = first + 1; word < last; ++word) any |= words[word];
+    return any != 0;
+  }
 
   void SetAll();
-  // The pixels of a raster of this size that are not black in all channels.
-  void SetPixels(const scene::Raster& raster);
+  // The pixels of a raster of this size that are not black in all of its first channels.
+  void SetPixels(const scene::Raster& raster, int channels);
+  void Add(int row, int column) { Row(row)[column / kBits] |= uint64_t{1} << (column % kBits); }
   // The cells of a convolution's output whose kernels meet any cell of `input`.
   //   layer: its output is of this size
   void SetSeen(const CellMask& input, const artifact::BackboneLayer& layer);

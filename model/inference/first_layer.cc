@@ -49,18 +49,23 @@ FirstLayer::FirstLayer(const artifact::BackboneLayer& layer, const FoldedConvolu
       map_(layer, folded),
       agents_(layer, folded, MapConvolution::kChannels, bf16 ? kMostFilledBf16 : kMostFilledF32) {}
 
-bool FirstLayer::Evaluate(const scene::Raster& raster, const CellMask& cells, Scratch* scratch,
+bool FirstLayer::Look(const scene::Raster& raster, Scratch* scratch) const {
+  scratch->map_pixels_.SetPixels(raster, MapConvolution::kChannels);
+  scratch->pixels_ = scratch->map_pixels_;
+  return agents_.Find(raster, &scratch->agents_, &scratch->pixels_);
+}
+
+void FirstLayer::Evaluate(const scene::Raster& raster, const CellMask& cells, Scratch* scratch,
                           void* grid, ptrdiff_t row_values) const {
-  if (!agents_.Find(raster, &scratch->agents)) return false;
   const Eigen::Index channels = layer_.output.channels;
   const int width = layer_.output.width;
-  scratch->sums.resize(static_cast<size_t>(width * channels));
-  float* const sums = scratch->sums.data();
-  map_.Begin(&scratch->map);
+  scratch->sums_.resize(static_cast<size_t>(width * channels));
+  float* const sums = scratch->sums_.data();
+  map_.Begin(&scratch->map_);
   for (int row = 0; row < layer_.output.height; ++row) {
     if (!cells.HasAny(row)) continue;
-    map_.Row(raster, row, cells, &scratch->map, sums);
-    agents_.AddRow(scratch->agents, row, sums);
+    map_.Row(raster, scratch->map_pixels_, row, cells, &scratch->map_, sums);
+    agents_.AddRow(scratch->agents_, row, sums);
     // Groups of cells that are summed, as many neighbours at a time as there are.
     for (int column = 0, end = 0; column < width; column = end) {
       const bool summed = MapConvolution::Sums(cells, row, column);
@@ -78,7 +83,6 @@ bool FirstLayer::Evaluate(const scene::Raster& raster, const CellMask& cells, Sc
       }
     }
   }
-  return true;
 }
 
 }  // namespace maneuver::inference

@@ -22,10 +22,20 @@ namespace maneuver::inference {
 class FirstLayer {
  public:
   // One for each thread.
-  struct Scratch {
-    MapConvolution::Rows map;
-    SparseConvolution::Values agents;
-    std::vector<float> sums;  // [w, C']
+  class Scratch {
+   public:
+    explicit Scratch(const FirstLayer& layer)
+        : map_pixels_(layer.layer_.input.height, layer.layer_.input.width), pixels_(map_pixels_) {}
+    // Of the raster that was looked at last, those that are not black in all channels.
+    const CellMask& pixels() const { return pixels_; }
+
+   private:
+    friend class FirstLayer;
+    CellMask map_pixels_;  // those that are not black in the map's channels
+    CellMask pixels_;
+    SparseConvolution::Values agents_;
+    MapConvolution::Rows map_;
+    std::vector<float> sums_;  // [w, C']
   };
 
   static bool Takes(const artifact::BackboneLayer& layer);
@@ -36,13 +46,16 @@ class FirstLayer {
 
   size_t bytes() const { return map_.bytes() + agents_.bytes(); }
 
-  // False, and nothing is done, if so much of the agents' channels is filled that convolving all of
-  // them takes less time.
+  // Finds what is not black. False if so much of the agents' channels is filled that convolving all
+  // of them takes less time.
+  bool Look(const scene::Raster& raster, Scratch* scratch) const;
+
+  // Of a raster that was looked at.
   //   cells: of the output, those to be written; of their neighbours some may be as well. All that
   //       see anything but black, at least
   //   grid: [h, row_values] bf16 or floats, of each row the first [w, C'];  row_values: from a row
   //       to its next
-  bool Evaluate(const scene::Raster& raster, const CellMask& cells, Scratch* scratch, void* grid,
+  void Evaluate(const scene::Raster& raster, const CellMask& cells, Scratch* scratch, void* grid,
                 ptrdiff_t row_values) const;
 
  private:

@@ -44,7 +44,9 @@ LeadingLayers::LeadingLayers(std::span<const BackboneLayer> layers,
   for (CellMask& mask : scratch.masks_) mask.SetAll();
   for (size_t i = 0; i < grids_.size(); ++i) scratch.places_[i] = grids_[i].black.data();
   const artifact::GridSize& input = layers_[0].input;
-  EvaluateCells(scene::Raster(input.height, input.width, input.channels), &scratch);
+  const scene::Raster black(input.height, input.width, input.channels);
+  first_.Look(black, &scratch.first_);
+  EvaluateCells(black, &scratch);
 }
 
 size_t LeadingLayers::bytes() const {
@@ -54,8 +56,7 @@ size_t LeadingLayers::bytes() const {
   return bytes;
 }
 
-LeadingLayers::Scratch::Scratch(const LeadingLayers& layers)
-    : pixels_(layers.layers_[0].input.height, layers.layers_[0].input.width) {
+LeadingLayers::Scratch::Scratch(const LeadingLayers& layers) : first_(layers.first_) {
   for (size_t i = 0; i < layers.layers_.size(); ++i) {
     const artifact::GridSize& output = layers.layers_[i].output;
     masks_.emplace_back(output.height, output.width);
@@ -67,8 +68,8 @@ LeadingLayers::Scratch::Scratch(const LeadingLayers& layers)
 }
 
 bool LeadingLayers::Evaluate(const scene::Raster& raster, Scratch* scratch, void* grid) const {
-  scratch->pixels_.SetPixels(raster);
-  const CellMask* seen = &scratch->pixels_;
+  if (!first_.Look(raster, &scratch->first_)) return false;
+  const CellMask* seen = &scratch->first_.pixels();
   for (size_t i = 0; i < layers_.size(); ++i) {
     std::swap(scratch->masks_[i], scratch->computed_[i]);
     scratch->masks_[i].SetSeen(*seen, layers_[i]);
@@ -78,7 +79,8 @@ bool LeadingLayers::Evaluate(const scene::Raster& raster, Scratch* scratch, void
   const std::vector<std::byte>& last = grids_.back().black;
   scratch->places_.back() = static_cast<std::byte*>(grid);
   std::memcpy(grid, last.data(), last.size());
-  return EvaluateCells(raster, scratch);
+  EvaluateCells(raster, scratch);
+  return true;
 }
 
 void LeadingLayers::Blacken(size_t layer, Scratch* scratch) const {
@@ -93,13 +95,11 @@ void LeadingLayers::Blacken(size_t layer, Scratch* scratch) const {
   }
 }
 
-bool LeadingLayers::EvaluateCells(const scene::Raster& raster, Scratch* scratch) const {
+void LeadingLayers::EvaluateCells(const scene::Raster& raster, Scratch* scratch) const {
   const Grid* from = &grids_[0];
   std::byte* const first =
       scratch->places_[0] + static_cast<size_t>(from->Place(0, 0)) * from->value_bytes;
-  if (!first_.Evaluate(raster, scratch->masks_[0], &scratch->first_, first, from->row_values)) {
-    return false;
-  }
+  first_.Evaluate(raster, scratch->masks_[0], &scratch->first_, first, from->row_values);
   for (size_t i = 1; i < layers_.size(); ++i) {
     const Grid& to = grids_[i];
     const int stride = layers_[i].stride;
@@ -116,7 +116,6 @@ bool LeadingLayers::EvaluateCells(const scene::Raster& raster, Scratch* scratch)
                             scratch->places_[i]);
     from = &to;
   }
-  return true;
 }
 
 }  // namespace maneuver::inference

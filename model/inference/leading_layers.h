@@ -37,9 +37,9 @@ class LeadingLayers {
 
   size_t bytes() const;
 
-  // False if so much of the agents' channels is filled that convolving all of the raster takes less
-  // time.
-  //   grid: [h, w, C'] the last layer's output, bf16 or floats; anything if it is false
+  // False, and nothing is done, if so much of the agents' channels is filled that convolving all of
+  // the raster takes less time.
+  //   grid: [h, w, C'] the last layer's output, bf16 or floats
   bool Evaluate(const scene::Raster& raster, Scratch* scratch, void* grid) const;
 
  private:
@@ -61,7 +61,7 @@ class LeadingLayers {
   // mask now.
   void Blacken(size_t layer, Scratch* scratch) const;
   // Computes the cells of all layers that their masks have.
-  bool EvaluateCells(const scene::Raster& raster, Scratch* scratch) const;
+  void EvaluateCells(const scene::Raster& raster, Scratch* scratch) const;
 
   const std::vector<artifact::BackboneLayer> layers_;
   const FirstLayer first_;
@@ -76,7 +76,6 @@ class LeadingLayers::Scratch {
 
  private:
   friend class LeadingLayers;
-  CellMask pixels_;
   // Of each layer but the last: its grid, as black gives it but for cells of `computed_`.
   std::vector<std::vector<std::byte>> grids_;
   std::vector<std::byte*> places_;  // where each layer's grid is; the last one's is the caller's

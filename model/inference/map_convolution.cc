@@ -1,9 +1,7 @@
 #include "model/inference/map_convolution.h"
 
 #include <algorithm>
-#include <array>
-#include <bit>
-#include <cstring>
+#include <cstdint>
 
 #include "model/inference/packet.h"
 
@@ -13,45 +11,21 @@ namespace {
 namespace simd = Eigen::internal;
 
 constexpr int kChannels = MapConvolution::kChannels;
-static_assert(std::endian::native == std::endian::little && kChannels == 3);
-constexpr int kLanes = scene::Raster::kLanes;
 constexpr int kTogether = 3;   // of outputs: with a group's pixels, all registers of AVX2
 constexpr int kMostRows = 16;  // of a kernel
-
-// Eight neighbouring pixels of a channel, a byte for each.
-uint64_t EightPixels(const uint8_t* pixels) {
-  uint64_t eight = 0;
-  std::memcpy(&eight, pixels, sizeof(eight));
-  return eight;
-}
 
 void ToFloats(const uint8_t* bytes, int count, float* floats) {
   for (int i = 0; i < count; ++i) floats[i] = static_cast<float>(int{bytes[i]});
 }
 
-// Writes for each of eight pixels how many to its left are not black, and returns how many there
-// are with these.
-//   filled: how many before them;  pixels: all channels together
-int CountFilled(int filled, uint64_t pixels, int* before) {
-  constexpr uint64_t kLow = 0x7f7f7f7f7f7f7f7f;
-  // A 1 in each byte that is not 0.
-  const uint64_t ones = ((((pixels & kLow) + kLow) | pixels) & ~kLow) >> 7;
-  const uint64_t up_to = ones * 0x0101010101010101;  // of each byte the sum of all up to it
-  const auto counts = std::bit_cast<std::array<uint8_t, kLanes>>(up_to - ones);
-  for (int i = 0; i < kLanes; ++i) before[i] = filled + counts[static_cast<size_t>(i)];
-  return filled + static_cast<int>(up_to >> 56);
-}
-
-// What the sums of some pixels are made of.
+// What the sums of some pixels are made of: the kernel's rows that are not black to all of them.
 struct Taps {
-  const float* inputs[kMostRows];   // of each kernel row, where the first pixel reads it
-  const int* before[kMostRows];     // of each, there: how many pixels before it are not black
+  const float* inputs[kMostRows];   // of each, where the first pixel reads it
   const float* weights[kMostRows];  // [values, C'] of each
   int rows;
   int values;         // that a pixel reads of a kernel row
   const int* places;  // [values] where each is, from the first
   int stride;         // input pixels from a pixel to the next one
-  int kernel;         // input pixels that a pixel reads of a row
   int outputs;        // C'
 };
 
@@ -69,8 +43,6 @@ void SumPixels(const Taps& taps, const float* bias, int first_output, float* sum
     for (int pixel = 1; pixel < kCount; ++pixel) totals[pixel][p] = totals[0][p];
   }
   for (int row = 0; row < taps.rows; ++row) {
-    const int* const before = taps.before[row];
-    if (before[(kCount - 1) * taps.stride + taps.kernel] == before[0]) continue;  // all is black
     const float* weights = taps.weights[row] + first_output;
     for (int value = 0; value < taps.values; ++value, weights += taps.outputs) {
       const float* const inputs = taps.inputs[row] + taps.places[value];
@@ -98,32 +70,21 @@ void SumPixels(const Taps& taps, const float* bias, int first_output, float* sum
 
 template <typename Vectors, int kCount>
 void SumAllOutputs(const Taps& taps, const float* bias, float* sums) {
-  using Summer = void (*)(const Taps&, const float*, int, float*);
-  constexpr Summer kSummers[kTogether] = {
+  using SomeSummer = void (*)(const Taps&, const float*, int, float*);
+  constexpr SomeSummer kSomeSummers[kTogether] = {
       SumPixels<Vectors, 1, kCount>, SumPixels<Vectors, 2, kCount>, SumPixels<Vectors, 3, kCount>};
   constexpr int kWidth = Vectors::kWidth;
   for (int done = 0; done < taps.outputs;) {
     const int packets = std::min((taps.outputs - done) / kWidth, kTogether);
-    kSummers[packets - 1](taps, bias, done, sums);
+    kSomeSummers[packets - 1](taps, bias, done, sums);
     done += packets * kWidth;
   }
 }
 
+// For one pixel, and for a group.
+using Summer = void (*)(const Taps&, const float*, float*);
 template <typename Vectors, int kGroup>
-void SumRow(Taps taps, const float* bias, const CellMask& cells, int out_row, float* sums) {
-  for (int column = 0; column < cells.width();) {
-    const int count = MapConvolution::GroupAt(column, cells.width());
-    if (cells.HasAny(out_row, column, count)) {
-      (count == 1 ? SumAllOutputs<Vectors, 1> : SumAllOutputs<Vectors, kGroup>)(taps, bias, sums);
-    }
-    for (int row = 0; row < taps.rows; ++row) {
-      taps.before[row] += count * taps.stride;
-      taps.inputs[row] += count * taps.stride;
-    }
-    sums += count * taps.outputs;
-    column += count;
-  }
-}
+constexpr Summer kSummers[2] = {SumAllOutputs<Vectors, 1>, SumAllOutputs<Vectors, kGroup>};
 
 }  // namespace
 
@@ -136,8 +97,7 @@ bool MapConvolution::Takes(const artifact::BackboneLayer& layer) {
 MapConvolution::MapConvolution(const artifact::BackboneLayer& layer,
                                const FoldedConvolution& folded)
     : layer_(layer),
-      row_pixels_(
-          static_cast<size_t>((layer.input.width + kLanes - 1) / kLanes * kLanes + layer.kernel)),
+      row_pixels_(static_cast<size_t>(layer.input.width + layer.kernel)),
       weights_(Eigen::Index{layer.kernel} * layer.kernel * kChannels * layer.output.channels),
       bias_(Eigen::Map<const Eigen::ArrayXf>(folded.bias.data(), layer.output.channels)) {
   for (int tap = 0; tap < layer.kernel; ++tap) {
@@ -160,7 +120,6 @@ MapConvolution::MapConvolution(const artifact::BackboneLayer& layer,
 void MapConvolution::Begin(Rows* rows) const {
   const size_t kernel = static_cast<size_t>(layer_.kernel);
   rows->values.assign(row_pixels_ * kChannels * kernel, 0.0F);  // the padding stays
-  rows->before.assign((row_pixels_ + 1) * kernel, 0);
   rows->held.assign(kernel, -1);
 }
 
@@ -169,57 +128,45 @@ void MapConvolution::Widen(const scene::Raster& raster, int row, Rows* rows) con
   if (rows->held[place] == row) return;
   rows->held[place] = row;
   const int width = layer_.input.width;
-  const int padding = layer_.kernel / 2;
-  float* const values = rows->Values(*this, row) + padding;
-  int* const before = rows->Before(*this, row) + padding;
-  int* const behind = rows->Before(*this, row) + row_pixels_ + 1;
-  scene::PixelBlocks touched = 0;
-  const uint8_t* channels[kChannels];
-  for (int channel = 0; channel < kChannels; ++channel) {
-    touched |= raster.Touched(channel, row);
-    channels[channel] = raster.Row(channel, row);
-  }
-  if (touched == 0) return std::fill(before, behind, 0);  // nobody will ask for the values
-  for (int channel = 0; channel < kChannels; ++channel) {
-    float* const floats = values + static_cast<size_t>(channel) * row_pixels_;
+  float* floats = rows->Values(*this, row) + layer_.kernel / 2;
+  for (int channel = 0; channel < kChannels; ++channel, floats += row_pixels_) {
     if (raster.Touched(channel, row) != 0) {
-      ToFloats(channels[channel], width, floats);
+      ToFloats(raster.Row(channel, row), width, floats);
     } else {
       std::fill(floats, floats + width, 0.0F);
     }
   }
-  int filled = 0;
-  for (int column = 0; column < width; column += kLanes) {
-    uint64_t any = 0;
-    if ((touched >> raster.BlockOf(column) & 1) != 0) {
-      // What lies behind the last pixel may count as well: more is summed then than need be.
-      for (const uint8_t* channel : channels) any |= EightPixels(channel + column);
-    }
-    filled = CountFilled(filled, any, before + column);
-  }
-  std::fill(before + width, behind, filled);
 }
 
-void MapConvolution::Row(const scene::Raster& raster, int row, const CellMask& cells, Rows* rows,
-                         float* sums) const {
-  const int top = row * layer_.stride - layer_.kernel / 2;
+void MapConvolution::Row(const scene::Raster& raster, const CellMask& pixels, int row,
+                         const CellMask& cells, Rows* rows, float* sums) const {
+  const int padding = layer_.kernel / 2;
+  const int top = row * layer_.stride - padding;
+  const int first = std::max(0, -top);
+  const int last = std::min(layer_.kernel, layer_.input.height - top);
+  const int width = layer_.output.width;
+  const int outputs = layer_.output.channels;
   Taps taps{};
-  taps.kernel = layer_.kernel;
   taps.stride = layer_.stride;
   taps.values = static_cast<int>(places_.size());
   taps.places = places_.data();
-  taps.outputs = layer_.output.channels;
-  const int first = std::max(0, -top);
-  const int last = std::min(layer_.kernel, layer_.input.height - top);
-  for (int tap = first; tap < last; ++tap) {
-    Widen(raster, top + tap, rows);
-    taps.inputs[taps.rows] = rows->Values(*this, top + tap);
-    taps.before[taps.rows] = rows->Before(*this, top + tap);
-    taps.weights[taps.rows++] = weights_.data() + Eigen::Index{tap} * taps.values * taps.outputs;
+  taps.outputs = outputs;
+  const Summer* const summers =
+      outputs % kPacket == 0 ? kSummers<WholePackets, kGroup> : kSummers<HalfPackets, kGroup>;
+  for (int column = 0, count = 0; column < width; column += count) {
+    count = GroupAt(column, width);
+    if (!Sums(cells, row, column)) continue;
+    const int left = column * layer_.stride;  // in the input, with its padding
+    const int right = left + (count - 1) * layer_.stride + layer_.kernel;
+    taps.rows = 0;
+    for (int tap = first; tap < last; ++tap) {
+      if (!pixels.HasAnyOf(top + tap, left - padding, right - padding)) continue;
+      Widen(raster, top + tap, rows);
+      taps.inputs[taps.rows] = rows->Values(*this, top + tap) + left;
+      taps.weights[taps.rows++] = weights_.data() + Eigen::Index{tap} * taps.values * outputs;
+    }
+    summers[count == 1 ? 0 : 1](taps, bias_.data(), sums + ptrdiff_t{column} * outputs);
   }
-  const bool whole = taps.outputs % kPacket == 0;
-  (whole ? SumRow<WholePackets, kGroup> : SumRow<HalfPackets, kGroup>)(taps, bias_.data(), cells,
-                                                                       row, sums);
 }
 
 }  // namespace maneuver::inference

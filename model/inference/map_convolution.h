@@ -39,11 +39,7 @@ class MapConvolution {
     float* Values(const MapConvolution& of, int row) {
       return &values[of.row_pixels_ * kChannels * static_cast<size_t>(row % of.layer_.kernel)];
     }
-    int* Before(const MapConvolution& of, int row) {
-      return &before[(of.row_pixels_ + 1) * static_cast<size_t>(row % of.layer_.kernel)];
-    }
     std::vector<float> values;  // [k, 3, W'], row r at r % k; of a black row anything
-    std::vector<int> before;    // [k, W' + 1] how many pixels to the left are not black
     std::vector<int> held;      // [k] which row is in each place; -1: none
   };
 
@@ -61,9 +57,10 @@ class MapConvolution {
   void Begin(Rows* rows) const;
   // The groups of an output row that have any of `cells`, rows from the top to the bottom; without
   // the layer's ReLU.
+  //   pixels: those of its channels that are not black
   //   sums: [w, C']
-  void Row(const scene::Raster& raster, int row, const CellMask& cells, Rows* rows,
-           float* sums) const;
+  void Row(const scene::Raster& raster, const CellMask& pixels, int row, const CellMask& cells,
+           Rows* rows, float* sums) const;
 
  private:
   static constexpr int kGroup = 4;
@@ -72,7 +69,7 @@ class MapConvolution {
   void Widen(const scene::Raster& raster, int row, Rows* rows) const;
 
   const artifact::BackboneLayer layer_;
-  const size_t row_pixels_;  // W': of an input row, whole eights of them, with its padding
+  const size_t row_pixels_;  // W': of an input row, with its padding
   std::vector<int> places_;  // [k, 3] where a pixel reads each value of a row, from the first
   Eigen::ArrayXf weights_;   // [k, k, 3, C']
   Eigen::ArrayXf bias_;      // [C']

@@ -79,7 +79,7 @@ SparseConvolution::SparseConvolution(const artifact::BackboneLayer& layer,
   }
 }
 
-bool SparseConvolution::Find(const scene::Raster& raster, Values* values) const {
+bool SparseConvolution::Find(const scene::Raster& raster, Values* values, CellMask* pixels) const {
   values->count = 0;
   values->pixels.clear();
   values->rows.assign(1, 0);
@@ -97,6 +97,9 @@ bool SparseConvolution::Find(const scene::Raster& raster, Values* values) const 
       for (int column = begin; column < end; column += scene::Raster::kLanes) {
         FindEight(raster, row, column, values);
       }
+    }
+    for (size_t i = static_cast<size_t>(values->rows.back()); i < values->pixels.size(); ++i) {
+      pixels->Add(row, values->pixels[i].column);
     }
     values->rows.push_back(static_cast<int>(values->pixels.size()));
     if (values->count > most_) return false;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "model/artifact/backbone_layers.h"
+#include "model/inference/cell_mask.h"
 #include "model/inference/folded_convolution.h"
 #include "model/scene/raster.h"
 
@@ -59,8 +60,8 @@ class SparseConvolution {
 
   size_t bytes() const { return static_cast<size_t>(weights_.size()) * sizeof(float); }
 
-  // Finds those channels' values in a raster. False if it has too many.
-  bool Find(const scene::Raster& raster, Values* values) const;
+  // Finds those channels' values in a raster, and adds their pixels. False if it has too many.
+  bool Find(const scene::Raster& raster, Values* values, CellMask* pixels) const;
 
   // Adds what they give to an output row, which has the sums of the other channels; without the
   // layer's ReLU.

@@ -42,10 +42,10 @@ TEST(CellMaskTest, WhatAnotherOneHasIsLeftOut) {
   CellMask both(17, 70);
   fill(5);
   fill(65);
-  one.SetPixels(problem.Drawn());
+  one.SetPixels(problem.Drawn(), problem.layer.input.channels);
   fill(7);
   fill(69);
-  both.SetPixels(problem.Drawn());
+  both.SetPixels(problem.Drawn(), problem.layer.input.channels);
   std::vector<int> columns;
   both.ForEachWithout(one, 2, [&columns](int column) { columns.push_back(column); });
   EXPECT_THAT(columns, ElementsAre(7, 69));
@@ -55,13 +55,34 @@ TEST(CellMaskTest, NeighboursAreAskedForTogether) {
   Problem problem = MakeProblem(3, 1, 4, 8, 1'000'000, 70);
   problem.raster[static_cast<size_t>((2 * 70 + 66) * 4 + 3)] = 1;
   CellMask mask(17, 70);
-  mask.SetPixels(problem.Drawn());
+  mask.SetPixels(problem.Drawn(), problem.layer.input.channels);
   EXPECT_THAT(Columns(mask, 2), ElementsAre(66));
   EXPECT_TRUE(mask.HasAny(2, 64, 4));
   EXPECT_TRUE(mask.HasAny(2, 66, 1));
   EXPECT_FALSE(mask.HasAny(2, 64, 2));
   EXPECT_FALSE(mask.HasAny(2, 67, 3));
   EXPECT_FALSE(mask.HasAny(3, 64, 4));
+}
+
+TEST(CellMaskTest, ColumnsAreAskedForTogetherWhereverTheyLie) {
+  CellMask mask(2, 200);
+  for (const int column : {3, 130}) mask.Add(1, column);
+  for (int begin = -5; begin < 205; ++begin) {
+    for (const int count : {0, 1, 4, 60, 64, 65, 140}) {
+      const int end = begin + count;
+      const bool expected = (begin <= 3 && 3 < end) || (begin <= 130 && 130 < end);
+      ASSERT_EQ(mask.HasAnyOf(1, begin, end), expected) << begin << " to " << end;
+    }
+  }
+  EXPECT_FALSE(mask.HasAnyOf(0, 0, 200));
+}
+
+TEST(CellMaskTest, TheFirstChannelsMayBeAllThatCount) {
+  Problem problem = MakeProblem(3, 1, 4, 8, 1'000'000, 70);
+  problem.raster[static_cast<size_t>((2 * 70 + 66) * 4 + 3)] = 1;
+  CellMask mask(17, 70);
+  mask.SetPixels(problem.Drawn(), 3);
+  EXPECT_FALSE(mask.HasAny(2));
 }
 
 class CellMaskWidthTest : public testing::TestWithParam<int> {};
@@ -72,7 +93,7 @@ TEST_P(CellMaskWidthTest, HasThePixelsThatAreNotBlack) {
   CellMask mask(17, width);
   mask.SetAll();  // what was there before is gone
   const Problem problem = MakeProblem(3, 1, 5, 8, 90, width);
-  mask.SetPixels(problem.Drawn());
+  mask.SetPixels(problem.Drawn(), problem.layer.input.channels);
   int filled = 0;
   for (int row = 0; row < 17; ++row) {
     for (int column = 0; column < width; ++column) {
@@ -96,7 +117,7 @@ TEST_P(SeenCellsTest, AreThoseWhoseKernelsMeetAny) {
   const auto [kernel, stride, width] = GetParam();
   const Problem problem = MakeProblem(3, 1, 4, 8, 250, width);
   CellMask input(17, width);
-  input.SetPixels(problem.Drawn());
+  input.SetPixels(problem.Drawn(), problem.layer.input.channels);
   artifact::BackboneLayer layer;
   layer.kernel = kernel;
   layer.stride = stride;

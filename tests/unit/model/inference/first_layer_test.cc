@@ -22,6 +22,15 @@ ptrdiff_t RowValues(const Problem& problem) {
   return ptrdiff_t{problem.layer.output.width} * problem.layer.output.channels;
 }
 
+// All cells, if the layer takes the raster.
+bool EvaluateAll(const FirstLayer& layer, const Problem& problem, FirstLayer::Scratch* scratch,
+                 void* grid) {
+  const scene::Raster raster = problem.Drawn();
+  if (!layer.Look(raster, scratch)) return false;
+  layer.Evaluate(raster, AllCells(problem), scratch, grid, RowValues(problem));
+  return true;
+}
+
 double Expected(const Problem& problem, int row, int column, int channel) {
   const double sum = problem.folded.bias[static_cast<size_t>(channel)] +
                      Products(problem, 0, row, column, channel);
@@ -66,23 +75,22 @@ INSTANTIATE_TEST_SUITE_P(Shapes, FirstLayerTest,
                                          Shape{5, 4, 9, 72}));
 
 TEST_P(FirstLayerTest, IsEveryProduct) {
-  FirstLayer::Scratch scratch;  // used again
   for (const bool relu : {true, false}) {
+    Problem problem = HalfBlackProblem(40);
+    problem.layer.relu = relu;
+    ASSERT_TRUE(FirstLayer::Takes(problem.layer));
+    const FirstLayer wide(problem.layer, problem.folded, false);
+    const FirstLayer narrow(problem.layer, problem.folded, true);
+    FirstLayer::Scratch scratch(wide);  // used again
+    const size_t size = static_cast<size_t>(problem.layer.output.values());
+    std::vector<float> floats(size);
+    std::vector<Eigen::bfloat16> halves(size);
     for (const int one_in : {40, 60}) {
-      Problem problem = HalfBlackProblem(one_in);
-      problem.layer.relu = relu;
-      ASSERT_TRUE(FirstLayer::Takes(problem.layer));
-      const size_t size = static_cast<size_t>(problem.layer.output.values());
-      std::vector<float> floats(size);
-      ASSERT_TRUE(FirstLayer(problem.layer, problem.folded, false)
-                      .Evaluate(problem.Drawn(), AllCells(problem), &scratch, floats.data(),
-                                RowValues(problem)));
+      problem.raster = HalfBlackProblem(one_in).raster;
+      ASSERT_TRUE(EvaluateAll(wide, problem, &scratch, floats.data()));
       ExpectGrid(problem, floats, 1e-5);
-      std::vector<Eigen::bfloat16> narrow(size);
-      ASSERT_TRUE(FirstLayer(problem.layer, problem.folded, true)
-                      .Evaluate(problem.Drawn(), AllCells(problem), &scratch, narrow.data(),
-                                RowValues(problem)));
-      ExpectGrid(problem, narrow, 1.0 / 256);
+      ASSERT_TRUE(EvaluateAll(narrow, problem, &scratch, halves.data()));
+      ExpectGrid(problem, halves, 1.0 / 256);
     }
   }
 }
@@ -91,44 +99,47 @@ TEST_P(FirstLayerTest, ABlackRasterLeavesTheBias) {
   Problem problem = HalfBlackProblem(40);
   std::fill(problem.raster.begin(), problem.raster.end(), uint8_t{0});
   std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()));
-  FirstLayer::Scratch scratch;
-  ASSERT_TRUE(
-      FirstLayer(problem.layer, problem.folded, false)
-          .Evaluate(problem.Drawn(), AllCells(problem), &scratch, grid.data(), RowValues(problem)));
+  const FirstLayer layer(problem.layer, problem.folded, false);
+  FirstLayer::Scratch scratch(layer);
+  ASSERT_TRUE(EvaluateAll(layer, problem, &scratch, grid.data()));
   ExpectGrid(problem, grid, 0.0);
 }
 
 // Rows lie further apart than they are wide.
 TEST_P(FirstLayerTest, CellsThatAreAskedForAreTheSameToTheBitAndNoOthersAreNeeded) {
   const Problem problem = HalfBlackProblem(60);
+  const scene::Raster raster = problem.Drawn();
+  const artifact::GridSize& input = problem.layer.input;
   const artifact::GridSize& output = problem.layer.output;
   const FirstLayer layer(problem.layer, problem.folded, false);
-  FirstLayer::Scratch scratch;
+  FirstLayer::Scratch scratch(layer);
   std::vector<float> all(static_cast<size_t>(output.values()));
-  ASSERT_TRUE(
-      layer.Evaluate(problem.Drawn(), AllCells(problem), &scratch, all.data(), RowValues(problem)));
-  CellMask pixels(problem.layer.input.height, problem.layer.input.width);
-  pixels.SetPixels(problem.Drawn());
+  ASSERT_TRUE(EvaluateAll(layer, problem, &scratch, all.data()));
+  CellMask pixels(input.height, input.width);
+  pixels.SetPixels(raster, input.channels);
+  for (int row = 0; row < input.height; ++row) {
+    for (int column = 0; column < input.width; ++column) {
+      ASSERT_EQ(scratch.pixels().Has(row, column), pixels.Has(row, column));
+    }
+  }
   CellMask seen(output.height, output.width);
   seen.SetSeen(pixels, problem.layer);
   const ptrdiff_t apart = RowValues(problem) + 5;
   std::vector<float> some(static_cast<size_t>(output.height * apart), -1.0F);
-  ASSERT_TRUE(layer.Evaluate(problem.Drawn(), seen, &scratch, some.data(), apart));
+  ASSERT_TRUE(layer.Look(raster, &scratch));
+  layer.Evaluate(raster, seen, &scratch, some.data(), apart);
   int left = 0;
   for (int row = 0; row < output.height; ++row) {
-    for (int column = 0; column < output.width; ++column) {
-      for (int channel = 0; channel < output.channels; ++channel) {
-        const int place = column * output.channels + channel;
-        const float value = some[static_cast<size_t>(row * apart + place)];
-        const float expected = all[static_cast<size_t>(row * RowValues(problem) + place)];
-        if (seen.Has(row, column) || value != -1.0F) {
-          ASSERT_EQ(value, expected);
-        } else {
-          ++left;
-        }
+    for (int place = 0; place < apart; ++place) {
+      const float value = some[static_cast<size_t>(row * apart + place)];
+      if (place >= RowValues(problem)) {
+        ASSERT_EQ(value, -1.0F);
+      } else if (seen.Has(row, place / output.channels) || value != -1.0F) {
+        ASSERT_EQ(value, all[static_cast<size_t>(row * RowValues(problem) + place)]);
+      } else {
+        ++left;
       }
     }
-    for (int i = 1; i <= 5; ++i) ASSERT_EQ(some[static_cast<size_t>((row + 1) * apart - i)], -1.0F);
   }
   EXPECT_GT(left, 0);
 }
@@ -138,25 +149,19 @@ TEST(WideFirstLayerTest, IsEveryProduct) {
   const Problem problem = MakeProblem(3, 2, 5, 8, 40, 605);
   ASSERT_GT(problem.Drawn().block_pixels(), scene::Raster::kLanes);
   std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()));
-  FirstLayer::Scratch scratch;
-  ASSERT_TRUE(
-      FirstLayer(problem.layer, problem.folded, false)
-          .Evaluate(problem.Drawn(), AllCells(problem), &scratch, grid.data(), RowValues(problem)));
+  const FirstLayer layer(problem.layer, problem.folded, false);
+  FirstLayer::Scratch scratch(layer);
+  ASSERT_TRUE(EvaluateAll(layer, problem, &scratch, grid.data()));
   ExpectGrid(problem, grid, 1e-5);
 }
 
 TEST(FilledFirstLayerTest, IsLeftToBeConvolvedWholeSoonerInBf16) {
   const Problem problem = MakeProblem(3, 2, 13, 24, 16);  // between .05 and .1
-  std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()), -1.0F);
-  const std::vector<float> before = grid;
-  FirstLayer::Scratch scratch;
-  EXPECT_FALSE(
-      FirstLayer(problem.layer, problem.folded, true)
-          .Evaluate(problem.Drawn(), AllCells(problem), &scratch, grid.data(), RowValues(problem)));
-  EXPECT_EQ(grid, before);
-  EXPECT_TRUE(
-      FirstLayer(problem.layer, problem.folded, false)
-          .Evaluate(problem.Drawn(), AllCells(problem), &scratch, grid.data(), RowValues(problem)));
+  const FirstLayer wide(problem.layer, problem.folded, false);
+  const FirstLayer narrow(problem.layer, problem.folded, true);
+  FirstLayer::Scratch scratch(wide);
+  EXPECT_FALSE(narrow.Look(problem.Drawn(), &scratch));
+  EXPECT_TRUE(wide.Look(problem.Drawn(), &scratch));
 }
 
 TEST(FirstLayerKindTest, ThatReadsNoAgentsOrFillsNoVectorIsNotTaken) {

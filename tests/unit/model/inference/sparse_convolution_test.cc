@@ -30,7 +30,16 @@ TEST_P(SparseConvolutionTest, AddsWhatTheChannelsGive) {
     for (const int first : {0, 3}) {
       const SparseConvolution convolution(problem.layer, problem.folded, first, 0.1);
       std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()), kBefore);
-      ASSERT_TRUE(convolution.Find(problem.Drawn(), &values));
+      const artifact::GridSize& input = problem.layer.input;
+      CellMask pixels(input.height, input.width);
+      ASSERT_TRUE(convolution.Find(problem.Drawn(), &values, &pixels));
+      int found = 0;
+      for (int row = 0; row < input.height; ++row) {
+        pixels.ForEach(row, [&](int column) {
+          ASSERT_EQ(values.pixels[static_cast<size_t>(found++)].column, column);
+        });
+        ASSERT_EQ(found, values.rows[static_cast<size_t>(row) + 1]);
+      }
       for (int row = 0; row < problem.layer.output.height; ++row) {
         convolution.AddRow(values, row,
                            &grid[static_cast<size_t>(row) * problem.layer.output.width * outputs]);
@@ -51,8 +60,9 @@ TEST_P(SparseConvolutionTest, AddsWhatTheChannelsGive) {
 TEST(FilledRasterTest, IsLeftToBeConvolvedWhole) {
   const Problem problem = MakeProblem(3, 2, 13, 32, 4);
   SparseConvolution::Values values;
-  EXPECT_FALSE(
-      SparseConvolution(problem.layer, problem.folded, 3, 0.1).Find(problem.Drawn(), &values));
+  CellMask pixels(problem.layer.input.height, problem.layer.input.width);
+  EXPECT_FALSE(SparseConvolution(problem.layer, problem.folded, 3, 0.1)
+                   .Find(problem.Drawn(), &values, &pixels));
 }
 
 TEST(FilledRasterTest, TheChannelsOfTheMapDoNotCount) {
@@ -61,8 +71,9 @@ TEST(FilledRasterTest, TheChannelsOfTheMapDoNotCount) {
     if (i % 13 >= 3) problem.raster[i] = 0;
   }
   SparseConvolution::Values values;
-  EXPECT_TRUE(
-      SparseConvolution(problem.layer, problem.folded, 3, 0.1).Find(problem.Drawn(), &values));
+  CellMask pixels(problem.layer.input.height, problem.layer.input.width);
+  EXPECT_TRUE(SparseConvolution(problem.layer, problem.folded, 3, 0.1)
+                  .Find(problem.Drawn(), &values, &pixels));
   EXPECT_EQ(values.count, 0);
   EXPECT_TRUE(values.pixels.empty());
 }
