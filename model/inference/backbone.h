@@ -1,4 +1,5 @@
-// The convolutional stage, on oneDNN.
+// The convolutional stage: by our own convolutions as far as a raster is black for the most part
+// (leading_layers.h), by oneDNN's otherwise.
 
 #ifndef MANEUVER_MODEL_INFERENCE_BACKBONE_H_
 #define MANEUVER_MODEL_INFERENCE_BACKBONE_H_
