@@ -54,12 +54,12 @@ struct Pair {
   }
 };
 constexpr bool kHasPairs = true;
+void Store(const Packet& sums, bfloat16* outputs) { simd::pstoreu(outputs, simd::F32ToBf16(sums)); }
 #else
 constexpr bool kHasPairs = false;
 #endif
 
 void Store(const Packet& sums, float* outputs) { simd::pstoreu(outputs, sums); }
-void Store(const Packet& sums, bfloat16* outputs) { simd::pstoreu(outputs, simd::F32ToBf16(sums)); }
 
 // A layer's figures.
 struct Shape {
