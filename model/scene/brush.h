@@ -12,16 +12,11 @@
 #include <span>
 #include <vector>
 
+#include "model/scene/lanes.h"
+#include "model/scene/pixel_line.h"
 #include "model/scene/raster.h"
 
 namespace maneuver::scene {
-
-// A place in the picture, pixels: u along a row, v along a column. Pixel (row r, column c) covers
-// [c, c+1) x [r, r+1).
-struct PixelPoint {
-  double u = 0.0;
-  double v = 0.0;
-};
 
 // Holds scratch memory: one for each thread. Points may lie anywhere, at any distance outside the
 // picture.
@@ -30,8 +25,7 @@ class Brush {
   // A line of one pixel's width with soft edges: coverage is max(0, 1 - d), d being the distance in
   // pixels from the pixel's centre to the polyline. Points within 0.03 pixels of the chord that
   // leaves them out are left out. Nothing for fewer than two points.
-  void DrawPolyline(Raster* raster, int channel, std::span<const PixelPoint> points,
-                    uint8_t intensity);
+  void DrawPolyline(Raster* raster, int channel, const PixelLine& points, uint8_t intensity);
 
   // A disc: coverage is max(0, min(1, radius + 0.5 - d)), d being the distance in pixels from the
   // pixel's centre to `centre`.
@@ -55,7 +49,7 @@ class Brush {
   void AddEdge(PixelPoint a, PixelPoint b, int rows, int columns);
   void AddEdgeInside(float u0, float v0, float u1, float v1, int stride);
 
-  std::vector<uint8_t> sides_;  // of a polyline's points
+  std::vector<int64_t> sides_;  // of a polyline's points
   // Signed area that each pixel gains over its left neighbour; all zero between calls.
   std::vector<float> area_gain_;
 };

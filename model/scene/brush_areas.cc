@@ -20,9 +20,10 @@ void Brush::FillDisc(Raster* raster, int channel, const PixelPoint& centre, doub
   const PixelRange rows(centre.v - reach, centre.v + reach, raster->height());
   const PixelRange columns(centre.u - reach, centre.u + reach, raster->width());
   if (rows.first >= rows.last || columns.first >= columns.last) return;
-  raster->Touch(channel, rows.first, rows.last, columns.first, columns.last - 1);
+  const PixelBlocks blocks = raster->BlocksOf(columns.first, columns.last - 1);
   uint8_t* pixels = raster->Row(channel, rows.first);
   for (int row = rows.first; row < rows.last; ++row, pixels += raster->stride()) {
+    raster->Touch(channel, row, blocks);
     for (int column = columns.first; column < columns.last; ++column) {
       const double distance = std::hypot(column + 0.5 - centre.u, row + 0.5 - centre.v);
       const double coverage = std::clamp(reach - distance, 0.0, 1.0);
@@ -54,9 +55,10 @@ void Brush::FillBox(Raster* raster, int channel, const PixelPoint& centre,
   const FloatLanes most_y = Broadcast(std::min(1.0F, static_cast<float>(2.0 * half_width)));
   const auto full = static_cast<float>(intensity);
   const FloatLanes zero = {};
-  raster->Touch(channel, rows.first, rows.last, columns.first, last);
+  const PixelBlocks blocks = raster->BlocksOf(columns.first, last);
   uint8_t* pixels = raster->Row(channel, rows.first);
   for (int row = rows.first; row < rows.last; ++row, pixels += raster->stride()) {
+    raster->Touch(channel, row, blocks);
     const auto dv = static_cast<float>(row + 0.5 - centre.v);
     for (int column = columns.first; column < columns.last; column += kLanes) {
       const FloatLanes du = kLaneIndex + static_cast<float>(column + 0.5 - centre.u);
@@ -102,10 +104,10 @@ void Brush::FillPolygon(Raster* raster, int channel, std::span<const PixelPoint>
 
   const auto full = static_cast<float>(intensity);
   float* gain = area_gain_.data();
-  raster->Touch(channel, row_range.first, row_range.last, column_range.first,
-                column_range.last - 1);
+  const PixelBlocks blocks = raster->BlocksOf(column_range.first, column_range.last - 1);
   uint8_t* pixels = raster->Row(channel, row_range.first) + column_range.first;
   for (int row = 0; row < rows; ++row, gain += columns + 2, pixels += raster->stride()) {
+    raster->Touch(channel, row_range.first + row, blocks);
     float area = 0.0F;
     for (int column = 0; column < columns; ++column) {
       area += gain[column];

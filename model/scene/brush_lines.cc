@@ -14,11 +14,11 @@ namespace {
 // Lines reach this far from their middle, pixels.
 constexpr double kLineReach = 1.0;
 
-// On which sides of the picture a point lies, beyond what a line can be seen from: a bit for each.
+// On which sides of the picture points lie, beyond what a line can be seen from: a bit for each.
 // A line between two points on the same side is not seen.
-uint8_t SidesBeyond(const PixelPoint& point, int height, int width) {
-  return static_cast<uint8_t>((point.u < -kLineReach) | (point.u > width + kLineReach) << 1 |
-                              (point.v < -kLineReach) << 2 | (point.v > height + kLineReach) << 3);
+MaskLanes SidesBeyond(DoubleLanes u, DoubleLanes v, int height, int width) {
+  return ((u < -kLineReach) & 1) | ((u > width + kLineReach) & 2) | ((v < -kLineReach) & 4) |
+         ((v > height + kLineReach) & 8);
 }
 
 void DrawSegment(Raster* raster, int channel, PixelPoint a, PixelPoint b, float intensity) {
@@ -61,7 +61,7 @@ void DrawSegment(Raster* raster, int channel, PixelPoint a, PixelPoint b, float 
       static_cast<int>(std::clamp(std::min(u, u + along_u) - kReach, 0.0F, width));
   const auto rightmost =
       static_cast<int>(std::clamp(std::max(u, u + along_u) + kReach, 0.0F, width));
-  raster->Touch(channel, top, end_row, leftmost, rightmost + kLanes - 1);
+  const PixelBlocks blocks = raster->BlocksOf(leftmost, rightmost + kLanes - 1);
   uint8_t* pixels = raster->Row(channel, top);
   const FloatLanes nothing = {};
   const FloatLanes end = Broadcast(length);
@@ -86,6 +86,7 @@ void DrawSegment(Raster* raster, int channel, PixelPoint a, PixelPoint b, float 
     for (int i = 0; i < rows; ++i, pixels += raster->stride()) {
       const FloatLanes centre = Broadcast(centre_of[i]);
       const FloatLanes across = centre * direction_v;
+      raster->Touch(channel, begin + i, blocks);
       int column = columns[i];
       do {  // mostly once
         const FloatLanes du = kLaneIndex + (static_cast<float>(column) + 0.5F - u);
@@ -102,12 +103,14 @@ void DrawSegment(Raster* raster, int channel, PixelPoint a, PixelPoint b, float 
 
 }  // namespace
 
-void Brush::DrawPolyline(Raster* raster, int channel, std::span<const PixelPoint> points,
-                         uint8_t intensity) {
+void Brush::DrawPolyline(Raster* raster, int channel, const PixelLine& points, uint8_t intensity) {
   if (points.size() < 2) return;
-  sides_.resize(points.size());
-  for (size_t i = 0; i < points.size(); ++i)
-    sides_[i] = SidesBeyond(points[i], raster->height(), raster->width());
+  sides_.resize(std::max(sides_.size(), points.size() + kPointLanes));
+  for (size_t i = 0; i < points.size(); i += kPointLanes) {
+    const MaskLanes sides =
+        SidesBeyond(points.U(i), points.V(i), raster->height(), raster->width());
+    std::memcpy(&sides_[i], &sides, sizeof(sides));
+  }
   // A stretch of the line is drawn from where it may be seen to where it no longer can.
   const auto is_unseen = [this](size_t end) { return (sides_[end - 1] & sides_[end]) != 0; };
   for (size_t end = 1; end < points.size();) {
@@ -118,7 +121,7 @@ void Brush::DrawPolyline(Raster* raster, int channel, std::span<const PixelPoint
     size_t start = end - 1;
     while (end < points.size() && !is_unseen(end)) ++end;
     while (start + 1 < end) {
-      const size_t next = start + ChordEnd(points.subspan(start, end - start));
+      const size_t next = ChordEnd(points, start, end - 1);
       DrawSegment(raster, channel, points[start], points[next], intensity);
       start = next;
     }

@@ -7,53 +7,41 @@
 namespace maneuver::scene {
 namespace {
 
-struct FourPoints {
-  FourPoints(const PixelPoint& a, const PixelPoint& b, const PixelPoint& c, const PixelPoint& d)
-      : u{a.u, b.u, c.u, d.u}, v{a.v, b.v, c.v, d.v} {}
-  DoubleLanes u, v;
-};
-
-// Whether the chord from points[0] to points[end] passes all points between them: that they lie
+// Whether the chord from point `start` to point `end` passes all points between them: that they lie
 // near it, and beside it rather than before or beyond it.
-bool Passes(std::span<const PixelPoint> points, size_t end) {
-  const PixelPoint& start = points[0];
-  const double du = points[end].u - start.u;
-  const double dv = points[end].v - start.v;
+bool Passes(const PixelLine& line, size_t start, size_t end) {
+  const PixelPoint from = line[start];
+  const double du = line[end].u - from.u;
+  const double dv = line[end].v - from.v;
   const double squared = du * du + dv * dv;
-  const double farthest = kChordTolerance * kChordTolerance;
-  const bool is_point = squared <= farthest;  // has no beside
-  const auto passes = [&](const FourPoints& four) {
-    const DoubleLanes off_u = four.u - start.u;
-    const DoubleLanes off_v = four.v - start.v;
-    MaskLanes missed = off_u * off_u + off_v * off_v > farthest;
-    if (!is_point) {
-      const DoubleLanes across = off_u * dv - off_v * du;
-      const DoubleLanes along = off_u * du + off_v * dv;
-      missed = (across * across > farthest * squared) | (along < 0.0) | (along > squared);
-    }
-    return !AnyOf(missed);
-  };
-  // Every chord passes its own end, which makes up the last four.
-  const auto point = [&](size_t i) -> const PixelPoint& { return points[std::min(i, end)]; };
-  for (size_t i = 1; i < end; i += kPointLanes) {
-    if (!passes({point(i), point(i + 1), point(i + 2), point(i + 3)})) return false;
+  constexpr double kFarthest = kChordTolerance * kChordTolerance;
+  const bool is_point = squared <= kFarthest;  // has no beside
+  const double farthest = kFarthest * squared;
+  for (size_t i = start + 1; i < end; i += kPointLanes) {
+    const DoubleLanes off_u = line.U(i) - from.u;
+    const DoubleLanes off_v = line.V(i) - from.v;
+    const DoubleLanes across = off_u * dv - off_v * du;
+    const DoubleLanes along = off_u * du + off_v * dv;
+    MaskLanes missed = (across * across > farthest) | (along < 0.0) | (along > squared);
+    if (is_point) missed = off_u * off_u + off_v * off_v > kFarthest;
+    const auto left = static_cast<int64_t>(end - i);
+    if (AnyOf(missed & (kPointIndex < left))) return false;
   }
   return true;
 }
 
 }  // namespace
 
-size_t ChordEnd(std::span<const PixelPoint> points) {
+size_t ChordEnd(const PixelLine& line, size_t start, size_t last) {
   // Twice as far for as long as it goes; then half as far from where it went, and so on.
-  const size_t last = points.size() - 1;
-  size_t end = 1;
+  size_t end = start + 1;
   size_t step = 7;
-  while (end < last && Passes(points, std::min(end + step, last))) {
+  while (end < last && Passes(line, start, std::min(end + step, last))) {
     end = std::min(end + step, last);
-    step = end;
+    step = end - start;
   }
   for (step = std::min(step, last - end) / 2; step > 0; step /= 2) {
-    if (Passes(points, end + step)) end += step;
+    if (Passes(line, start, end + step)) end += step;
   }
   return end;
 }

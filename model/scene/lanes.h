@@ -4,6 +4,10 @@
 #ifndef MANEUVER_MODEL_SCENE_LANES_H_
 #define MANEUVER_MODEL_SCENE_LANES_H_
 
+#ifdef __AVX__
+#include <immintrin.h>
+#endif
+
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -22,7 +26,15 @@ inline constexpr int kPointLanes = 4;
 using DoubleLanes = double __attribute__((vector_size(kPointLanes * sizeof(double))));
 using MaskLanes = int64_t __attribute__((vector_size(kPointLanes * sizeof(int64_t))));
 
-inline bool AnyOf(MaskLanes mask) { return (mask[0] | mask[1] | mask[2] | mask[3]) != 0; }
+inline constexpr MaskLanes kPointIndex = {0, 1, 2, 3};
+
+inline bool AnyOf(MaskLanes mask) {
+#ifdef __AVX__
+  return _mm256_movemask_pd(reinterpret_cast<__m256d>(mask)) != 0;
+#else
+  return (mask[0] | mask[1] | mask[2] | mask[3]) != 0;
+#endif
+}
 
 inline constexpr FloatLanes kLaneIndex = {0, 1, 2, 3, 4, 5, 6, 7};
 

@@ -10,6 +10,9 @@ namespace {
 
 constexpr int kLanes = Raster::kLanes;
 
+// So many pixels are cleared at a time: more than were painted, maybe, which all have to be black.
+constexpr int kCleared = 32;
+
 // The smallest blocks of which 64 suffice for a row.
 int BlockBits(int stride) {
   int bits = std::countr_zero(static_cast<unsigned>(kLanes));
@@ -25,7 +28,7 @@ Raster::Raster(int height, int width, int channels)
       channels_(channels),
       stride_((width + 2 * kLanes - 1) / kLanes * kLanes),
       block_bits_(BlockBits(stride_)),
-      planes_(static_cast<size_t>(channels) * height * stride_),
+      planes_(static_cast<size_t>(channels) * height * stride_ + kCleared),
       touched_(static_cast<size_t>(height) * channels) {
   assert(height > 0 && width > 0 && channels > 0);
 }
@@ -38,7 +41,8 @@ void Raster::Clear() {
       // From the first to the last: what lies between is mostly touched as well.
       const int begin = std::countr_zero(*touched) << block_bits_;
       const int end = std::min((64 - std::countl_zero(*touched)) << block_bits_, stride_);
-      std::memset(Row(channel, row) + begin, 0, static_cast<size_t>(end - begin));
+      uint8_t* const pixels = Row(channel, row);
+      for (int at = begin; at < end; at += kCleared) std::memset(pixels + at, 0, kCleared);
       *touched = 0;
     }
   }

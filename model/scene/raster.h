@@ -45,13 +45,14 @@ class Raster {
   int block_pixels() const { return 1 << block_bits_; }
   // The block that a pixel of a row is in: which bit it is.
   int BlockOf(int column) const { return column >> block_bits_; }
-  // Notes that columns left .. right of rows top .. end-1 are painted; `right` may be as far behind
-  // the last pixel as the row goes.
-  void Touch(int channel, int top, int end, int left, int right) {
+  // Those of columns left .. right; `right` may be as far behind the last pixel as the row goes.
+  PixelBlocks BlocksOf(int left, int right) const {
     const int first = left >> block_bits_;
-    const PixelBlocks blocks = ((PixelBlocks{2} << (right >> block_bits_)) - 1) >> first << first;
-    PixelBlocks* touched = &touched_[static_cast<size_t>(top) * channels_ + channel];
-    for (int row = top; row < end; ++row, touched += channels_) *touched |= blocks;
+    return ((PixelBlocks{2} << (right >> block_bits_)) - 1) >> first << first;
+  }
+  // Notes that blocks of a row are painted.
+  void Touch(int channel, int row, PixelBlocks blocks) {
+    touched_[static_cast<size_t>(row) * channels_ + channel] |= blocks;
   }
 
   // Makes all of it black again.
@@ -71,7 +72,7 @@ class Raster {
   int channels_;
   int stride_;
   int block_bits_;
-  std::vector<uint8_t> planes_;       // [C, H, stride]; 0 but where touched
+  std::vector<uint8_t> planes_;       // [C, H, stride], and room behind; 0 but where touched
   std::vector<PixelBlocks> touched_;  // [H, C]
 };
 

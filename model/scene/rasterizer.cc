@@ -3,12 +3,15 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <optional>
 #include <utility>
 #include <vector>
 
 #include "model/scene/brush.h"
+#include "model/scene/lanes.h"
+#include "model/scene/pixel_line.h"
 #include "model/scene/target_frame.h"
 
 namespace maneuver::scene {
@@ -42,8 +45,18 @@ class Projection {
         origin_v_(0.5 * spec.height() - view.shift_y) {}
 
   PixelPoint operator()(const Point2& p_WP) const {
-    const Point2 p_TP = X_WT_.ToLocal(p_WP);
-    return {origin_u_ + pixels_per_meter_ * p_TP.x, origin_v_ - pixels_per_meter_ * p_TP.y};
+    PixelPoint point;
+    Project(p_WP.x, p_WP.y, &point.u, &point.v);
+    return point;
+  }
+
+  // Of one point, or of several: T is double or DoubleLanes.
+  template <typename T>
+  void Project(T x, T y, T* u, T* v) const {
+    const T dx = x - X_WT_.x();
+    const T dy = y - X_WT_.y();
+    *u = origin_u_ + pixels_per_meter_ * (X_WT_.cosine() * dx + X_WT_.sine() * dy);
+    *v = origin_v_ - pixels_per_meter_ * (-X_WT_.sine() * dx + X_WT_.cosine() * dy);
   }
 
   // Unit vector along a heading in the world.
@@ -152,8 +165,10 @@ class Rasterizer::Painter {
       if (IsLine(feature)) {
         DrawLine(feature, map.stretches(i), seen, projection);
       } else {
-        points_.clear();
-        Project(feature, 0, std::min(feature.x_size(), feature.y_size()), projection);
+        corners_.clear();
+        for (int point = 0; point < std::min(feature.x_size(), feature.y_size()); ++point) {
+          corners_.push_back(projection({feature.x(point), feature.y(point)}));
+        }
         DrawPlace(feature);
       }
     }
@@ -173,14 +188,20 @@ class Rasterizer::Painter {
     }
   }
 
-  // Appends points begin .. end-1 of the feature to points_.
+  // Appends points begin .. end-1 of the feature to line_.
   void Project(const v1::MapFeature& feature, int begin, int end, const Projection& projection) {
     const double* const x = feature.x().data();
     const double* const y = feature.y().data();
-    const size_t size = points_.size();
-    points_.resize(size + static_cast<size_t>(end - begin));
-    PixelPoint* point = &points_[size];
-    for (int i = begin; i < end; ++i) *point++ = projection({x[i], y[i]});
+    size_t place = line_.Extend(static_cast<size_t>(end - begin));
+    int i = begin;
+    for (; i + kPointLanes <= end; i += kPointLanes, place += kPointLanes) {
+      DoubleLanes four_x, four_y, u, v;
+      std::memcpy(&four_x, x + i, sizeof(four_x));
+      std::memcpy(&four_y, y + i, sizeof(four_y));
+      projection.Project(four_x, four_y, &u, &v);
+      line_.Set(place, u, v);
+    }
+    for (; i < end; ++i, ++place) line_.Set(place, projection({x[i], y[i]}));
   }
 
   // Those stretches that may be seen; of straight ones the ends alone.
@@ -189,55 +210,55 @@ class Rasterizer::Painter {
     constexpr int kIntervals = RoadMap::kStretchPoints - 1;
     const int last = std::min(feature.x_size(), feature.y_size()) - 1;
     const double bend = kBendTolerance / projection.pixels_per_meter();
-    points_.clear();
+    line_.Clear();
     int first = 0;  // point of the stretch
     for (const Stretch& stretch : stretches) {
       const int end = std::min(first + kIntervals, last);
       if (seen.Overlaps(stretch.box)) {
-        if (points_.empty()) Project(feature, first, first + 1, projection);
+        if (line_.empty()) Project(feature, first, first + 1, projection);
         Project(feature, stretch.squared_bend <= bend * bend ? end : first + 1, end + 1,
                 projection);
-      } else if (!points_.empty()) {
+      } else if (!line_.empty()) {
         DrawPoints(feature);
-        points_.clear();
+        line_.Clear();
       }
       first = end;
     }
-    if (!points_.empty()) DrawPoints(feature);
+    if (!line_.empty()) DrawPoints(feature);
   }
 
-  // A line through points_.
+  // A line through line_.
   void DrawPoints(const v1::MapFeature& feature) {
     switch (feature.type()) {
       case v1::MAP_FEATURE_TYPE_LANE_CENTERLINE:
-        return brush_.DrawPolyline(raster_, kLaneChannel, points_, LaneIntensityOf(feature.id()));
+        return brush_.DrawPolyline(raster_, kLaneChannel, line_, LaneIntensityOf(feature.id()));
       case v1::MAP_FEATURE_TYPE_BIKE_LANE:
-        return brush_.DrawPolyline(raster_, kLaneChannel, points_, kBikeLaneIntensity);
+        return brush_.DrawPolyline(raster_, kLaneChannel, line_, kBikeLaneIntensity);
       case v1::MAP_FEATURE_TYPE_ROAD_EDGE:
-        return brush_.DrawPolyline(raster_, kLineChannel, points_, kRoadEdgeIntensity);
+        return brush_.DrawPolyline(raster_, kLineChannel, line_, kRoadEdgeIntensity);
       case v1::MAP_FEATURE_TYPE_ROAD_LINE:
-        return brush_.DrawPolyline(raster_, kLineChannel, points_, kRoadLineIntensity);
+        return brush_.DrawPolyline(raster_, kLineChannel, line_, kRoadLineIntensity);
       case v1::MAP_FEATURE_TYPE_STOP_LINE:
-        return brush_.DrawPolyline(raster_, kPlaceChannel, points_, kStopLineIntensity);
+        return brush_.DrawPolyline(raster_, kPlaceChannel, line_, kStopLineIntensity);
       default:
         return;
     }
   }
 
-  // An area around points_, or a disc at the only one.
+  // An area around corners_, or a disc at the only one.
   void DrawPlace(const v1::MapFeature& feature) {
     switch (feature.type()) {
       case v1::MAP_FEATURE_TYPE_CROSSWALK:
-        return brush_.FillPolygon(raster_, kPlaceChannel, points_, kCrosswalkIntensity);
+        return brush_.FillPolygon(raster_, kPlaceChannel, corners_, kCrosswalkIntensity);
       case v1::MAP_FEATURE_TYPE_SPEED_BUMP:
-        return brush_.FillPolygon(raster_, kPlaceChannel, points_, kSpeedBumpIntensity);
+        return brush_.FillPolygon(raster_, kPlaceChannel, corners_, kSpeedBumpIntensity);
       case v1::MAP_FEATURE_TYPE_DRIVEWAY:
-        return brush_.FillPolygon(raster_, kPlaceChannel, points_, kDrivewayIntensity);
+        return brush_.FillPolygon(raster_, kPlaceChannel, corners_, kDrivewayIntensity);
       case v1::MAP_FEATURE_TYPE_STOP_LINE:
-        return Brush::FillDisc(raster_, kPlaceChannel, points_[0], kStopSignRadius,
+        return Brush::FillDisc(raster_, kPlaceChannel, corners_[0], kStopSignRadius,
                                kStopLineIntensity);
       case v1::MAP_FEATURE_TYPE_STOP_SIGN:
-        return Brush::FillDisc(raster_, kPlaceChannel, points_[0], kStopSignRadius,
+        return Brush::FillDisc(raster_, kPlaceChannel, corners_[0], kStopSignRadius,
                                kStopSignIntensity);
       default:
         return;
@@ -285,7 +306,9 @@ class Rasterizer::Painter {
   Raster* raster_ = nullptr;  // that is drawn at the moment
   Brush brush_;
   std::vector<LaneIntensity> dim_lanes_;  // by lane id
-  std::vector<PixelPoint> points_;        // of the feature at hand
+  // Of the feature at hand, a line or a place.
+  PixelLine line_;
+  std::vector<PixelPoint> corners_;
 };
 
 int RasterChannels(const v1::RasterSpec& spec) {

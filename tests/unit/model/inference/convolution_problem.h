@@ -26,7 +26,7 @@ struct Problem {
     const int end = static_cast<int>(drawn.stride());
     for (int channel = 0; channel < grid.channels; ++channel) {
       for (int row = 0; row < grid.height; row += 5) {
-        drawn.Touch(channel, row, row + 1, grid.width - 1, end - 1);
+        drawn.Touch(channel, row, drawn.BlocksOf(grid.width - 1, end - 1));
         std::fill(drawn.Row(channel, row) + grid.width, drawn.Row(channel, row) + end, 0xff);
       }
     }

@@ -197,7 +197,7 @@ TEST_F(BrushTest, PolylineFallsOffWithDistance) {
       points.push_back(
           {points.back().u + step * std::cos(heading), points.back().v + step * std::sin(heading)});
     }
-    brush_.DrawPolyline(&raster_, 0, points, 255);
+    brush_.DrawPolyline(&raster_, 0, PixelLine(points), 255);
     Finish();
     for (int row = 0; row < kHeight; ++row) {
       for (int column = 0; column < kWidth; ++column) {
@@ -209,9 +209,32 @@ TEST_F(BrushTest, PolylineFallsOffWithDistance) {
   }
 }
 
+// Both ends lie outside, each beyond another side: what lies between them is seen.
+TEST_F(BrushTest, PolylineAroundThePictureCutsItsCorners) {
+  constexpr double kBeyond = 5.0;
+  const std::vector<PixelPoint> beside = {{0.5 * kWidth, -kBeyond},
+                                          {kWidth + kBeyond, 0.5 * kHeight},
+                                          {0.5 * kWidth, kHeight + kBeyond},
+                                          {-kBeyond, 0.5 * kHeight}};
+  for (size_t i = 0; i < beside.size(); ++i) {
+    const std::vector<PixelPoint> line = {beside[i], beside[(i + 1) % beside.size()]};
+    brush_.DrawPolyline(&raster_, 0, PixelLine(line), 255);
+    Finish();
+    int seen = 0;
+    for (int row = 0; row < kHeight; ++row) {
+      for (int column = 0; column < kWidth; ++column) {
+        const double distance = DistanceToPolyline(line, column + 0.5, row + 0.5);
+        ASSERT_NEAR(at(row, column), 255.0 * std::max(0.0, 1.0 - distance), 1.0);
+        seen += at(row, column) > 0 ? 1 : 0;
+      }
+    }
+    EXPECT_GT(seen, 5) << "corner " << i;
+  }
+}
+
 TEST_F(BrushTest, PolylineThatTurnsBackKeepsItsTip) {
   const PixelPoint points[] = {{4, 10.5}, {14, 10.5}, {8, 10.5}};
-  brush_.DrawPolyline(&raster_, 0, points, 255);
+  brush_.DrawPolyline(&raster_, 0, PixelLine(points), 255);
   Finish();
   for (int column = 4; column < 14; ++column) EXPECT_EQ(at(10, column), 255) << column;
   EXPECT_EQ(at(10, 15), 0);
@@ -219,7 +242,7 @@ TEST_F(BrushTest, PolylineThatTurnsBackKeepsItsTip) {
 
 TEST_F(BrushTest, PolylineFromFarAwayCrossesWhereItShould) {
   const PixelPoint points[] = {{-1e10, 5.5}, {1e10, 5.5}};
-  brush_.DrawPolyline(&raster_, 0, points, 255);
+  brush_.DrawPolyline(&raster_, 0, PixelLine(points), 255);
   Finish();
   for (int column = 0; column < kWidth; ++column) {
     EXPECT_EQ(at(5, column), 255);
@@ -230,7 +253,7 @@ TEST_F(BrushTest, PolylineFromFarAwayCrossesWhereItShould) {
 
 TEST_F(BrushTest, PolylineOfOnePointIsNotDrawn) {
   const PixelPoint points[] = {{5.5, 5.5}};
-  brush_.DrawPolyline(&raster_, 0, points, 255);
+  brush_.DrawPolyline(&raster_, 0, PixelLine(points), 255);
   Finish();
   EXPECT_EQ(Total(), 0.0);
 }
@@ -255,7 +278,7 @@ TEST_F(BrushTest, TheBrighterPaintIsSeenInWhicheverOrder) {
       [&](uint8_t intensity) {
         brush_.FillDisc(&raster_, 0, {10, 10}, 3, intensity);
       },
-      [&](uint8_t intensity) { brush_.DrawPolyline(&raster_, 0, line, intensity); }};
+      [&](uint8_t intensity) { brush_.DrawPolyline(&raster_, 0, PixelLine(line), intensity); }};
   for (const auto& first : shapes) {
     for (const auto& second : shapes) {
       first(100);
@@ -287,7 +310,7 @@ TEST(InterleavedRasterTest, ANarrowPictureIsTheLeftPartOfAWideOne) {
     Brush brush;
     const PixelPoint line[] = {{-3, 2}, {9, 7}, {38, 12}};
     const PixelPoint triangle[] = {{1, 18}, {35, 19}, {20, 9}};
-    brush.DrawPolyline(&raster, 0, line, 255);
+    brush.DrawPolyline(&raster, 0, PixelLine(line), 255);
     brush.FillBox(&raster, 0, {11, 5}, {0.8, 0.6}, 7, 4, 200);
     brush.FillDisc(&raster, 1, {13, 4}, 3, 150);
     brush.FillPolygon(&raster, 1, triangle, 90);
@@ -318,7 +341,7 @@ TEST(InterleavedRasterTest, TheRightEndOfAWidePictureIsLikeANarrowOne) {
     const double left = columns - kSeen;
     const PixelPoint line[] = {{left + 2, 2}, {left + 9, 7}, {left + 38, 12}};
     const PixelPoint triangle[] = {{left + 1, 18}, {left + 35, 19}, {left + 20, 9}};
-    brush.DrawPolyline(&raster, 0, line, 255);
+    brush.DrawPolyline(&raster, 0, PixelLine(line), 255);
     brush.FillBox(&raster, 0, {left + 11, 5}, {0.8, 0.6}, 7, 4, 200);
     brush.FillDisc(&raster, 1, {left + 13, 4}, 3, 150);
     brush.FillPolygon(&raster, 1, triangle, 90);

@@ -24,7 +24,7 @@ void PaintAtRandom(Raster* raster, std::mt19937_64* random) {
   };
   Brush brush;
   const double angle = uniform(-M_PI, M_PI);
-  brush.DrawPolyline(raster, 0, std::vector{place(), place(), place()}, 255);
+  brush.DrawPolyline(raster, 0, PixelLine(std::vector{place(), place(), place()}), 255);
   brush.FillPolygon(raster, 1, std::vector{place(), place(), place()}, 90);
   Brush::FillDisc(raster, 1, place(), 2.5, 150);
   Brush::FillBox(raster, 2, place(), {std::cos(angle), std::sin(angle)}, uniform(1, 9), 3, 200);

@@ -1,0 +1,74 @@
+// The points of a line in the picture: each coordinate by itself, so that several points are looked
+// at together.
+
+#ifndef MANEUVER_MODEL_SCENE_PIXEL_LINE_H_
+#define MANEUVER_MODEL_SCENE_PIXEL_LINE_H_
+
+#include <algorithm>
+#include <cstddef>
+#include <cstring>
+#include <span>
+#include <vector>
+
+#include "model/scene/lanes.h"
+
+namespace maneuver::scene {
+
+// A place in the picture, pixels: u along a row, v along a column. Pixel (row r, column c) covers
+// [c, c+1) x [r, r+1).
+struct PixelPoint {
+  double u = 0.0;
+  double v = 0.0;
+};
+
+class PixelLine {
+ public:
+  PixelLine() = default;
+  explicit PixelLine(std::span<const PixelPoint> points) {
+    Extend(points.size());
+    for (size_t i = 0; i < points.size(); ++i) Set(i, points[i]);
+  }
+
+  size_t size() const { return size_; }
+  bool empty() const { return size_ == 0; }
+  PixelPoint operator[](size_t i) const { return {u_[i], v_[i]}; }
+  // Of points i .. i + kPointLanes-1, i being a point's; behind the last point they are any
+  // numbers.
+  DoubleLanes U(size_t i) const { return Load(&u_[i]); }
+  DoubleLanes V(size_t i) const { return Load(&v_[i]); }
+
+  // Keeps the memory.
+  void Clear() { size_ = 0; }
+  // Appends so many points, all of which are to be set. Returns the first one's place.
+  size_t Extend(size_t count) {
+    const size_t first = size_;
+    size_ += count;
+    if (size_ + kPointLanes > u_.size()) {
+      u_.resize(std::max(2 * u_.size(), size_ + kPointLanes));
+      v_.resize(u_.size());
+    }
+    return first;
+  }
+  void Set(size_t i, const PixelPoint& point) {
+    u_[i] = point.u;
+    v_[i] = point.v;
+  }
+  void Set(size_t i, DoubleLanes u, DoubleLanes v) {
+    std::memcpy(&u_[i], &u, sizeof(u));
+    std::memcpy(&v_[i], &v, sizeof(v));
+  }
+
+ private:
+  static DoubleLanes Load(const double* values) {
+    DoubleLanes lanes;
+    std::memcpy(&lanes, values, sizeof(lanes));
+    return lanes;
+  }
+
+  size_t size_ = 0;
+  std::vector<double> u_, v_;  // with kPointLanes numbers behind the last point's
+};
+
+}  // namespace maneuver::scene
+
+#endif  // MANEUVER_MODEL_SCENE_PIXEL_LINE_H_
