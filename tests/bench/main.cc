@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "git_revision.h"
 #include "tests/bench/bench_model.h"
 #include "tests/bench/bench_report.h"
 #include "tests/bench/bench_scenes.h"
@@ -89,11 +90,31 @@ int Report(const Arguments& arguments) {
   return status.ok() ? EXIT_SUCCESS : Fail(status);
 }
 
+// By google-benchmark, whose options they are.
+int Benchmarks(char* program, std::vector<std::string> options) {
+  std::vector<char*> arguments = {program};
+  for (std::string& option : options) arguments.push_back(option.data());
+  auto count = static_cast<int>(arguments.size());
+  arguments.push_back(nullptr);
+  benchmark::Initialize(&count, arguments.data());
+  if (benchmark::ReportUnrecognizedArguments(count, arguments.data())) return EXIT_FAILURE;
+  RegisterEngineBenchmarks();
+  RegisterMapBenchmarks();
+  RegisterStageBenchmarks();
+#ifdef MANEUVER_TRAINER
+  RegisterLibTorchBenchmarks();
+#endif
+  benchmark::RunSpecifiedBenchmarks();
+  benchmark::Shutdown();
+  return EXIT_SUCCESS;
+}
+
 int Main(int argc, char** argv) {
-  benchmark::Initialize(&argc, argv, [] {});
   CLI::App app(
-      "What the parts of an answer cost, by google-benchmark (--benchmark_filter=stages), or as a "
-      "report in which everything is measured in turn.");
+      "What the parts of an answer cost, by google-benchmark (--benchmark_filter=stages, "
+      "--benchmark_list_tests), or as a report in which everything is measured in turn.");
+  app.allow_extras();
+  app.set_version_flag("--version", kGitRevision, "The commit that it was built from");
   Arguments arguments;
   app.add_option("--report", arguments.report, "Markdown file to write, in place of benchmarks");
   app.add_option("--pictures", arguments.pictures,
@@ -117,15 +138,7 @@ int Main(int argc, char** argv) {
   if (!arguments.write_model.empty()) return WriteModel(arguments);
   if (!arguments.turns.empty()) return Turns(arguments);
   if (!arguments.report.empty()) return Report(arguments);
-  RegisterEngineBenchmarks();
-  RegisterMapBenchmarks();
-  RegisterStageBenchmarks();
-#ifdef MANEUVER_TRAINER
-  RegisterLibTorchBenchmarks();
-#endif
-  benchmark::RunSpecifiedBenchmarks();
-  benchmark::Shutdown();
-  return EXIT_SUCCESS;
+  return Benchmarks(argv[0], app.remaining());
 }
 
 }  // namespace

@@ -23,6 +23,13 @@ here=$(cd "$(dirname "$0")" && pwd)
 out=${OUT:-$here/../../docs/performance.md}
 pictures=$(dirname "$out")/pictures
 source "$here/measured_server.sh"
+measured=$("$bin/maneuver-bench" --version)
+checkout=$(git -C "$here" describe --always --abbrev=10 2>/dev/null || true)
+if [ -n "$checkout" ] && [ "${measured%-dirty}" != "$checkout" ]; then
+  echo "report.sh: $bin/maneuver-bench was built from $measured, and the checkout is at $checkout:" \
+    "cmake --build --preset release --target maneuver-bench" >&2
+  exit 1
+fi
 scenes=()
 [ -z "$dataset" ] || scenes=(--dataset "$dataset")
 
