@@ -1,15 +1,34 @@
 #include "model/learning/optimizer.h"
 
+#include <ATen/Parallel.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
+#include "model/learning/adamw_step.h"
+
 namespace maneuver::learning {
 namespace {
 
-constexpr double kBeta1 = 0.9;
-constexpr double kBeta2 = 0.999;
-constexpr double kEpsilon = 1e-8;
+// Numbers that are worth a thread.
+constexpr int64_t kGrain = 1 << 15;
+
+// Whether a tensor's numbers lie one after the other, in the order of the other's.
+bool IsInStep(const at::Tensor& tensor, const at::Tensor& other) {
+  return tensor.is_cpu() && tensor.scalar_type() == at::kFloat &&
+         tensor.is_non_overlapping_and_dense() && tensor.strides() == other.strides();
+}
+
+// By tensor operations, each of which goes through memory: of any device and layout.
+void TakeStep(const AdamWStep& step, const at::Tensor& gradient, const at::Tensor& parameter,
+              const at::Tensor& first, const at::Tensor& second) {
+  first.lerp_(gradient, 1.0 - kBeta1);
+  second.mul_(kBeta2).addcmul_(gradient, gradient, 1.0 - kBeta2);
+  const at::Tensor scale = second.sqrt().div_(std::sqrt(step.correction2)).add_(kEpsilon);
+  if (step.decay != 0.0) parameter.mul_(1.0 - step.rate * step.decay);
+  parameter.addcdiv_(first, scale, -step.rate / step.correction1);
+}
 
 }  // namespace
 
@@ -37,12 +56,20 @@ void AdamW::Step(double share) {
   for (Slot& slot : slots_) {
     const at::Tensor gradient = slot.parameter.grad();
     if (!gradient.defined()) continue;
-    const double rate = slot.rate * share;
-    slot.first_moment.lerp_(gradient, 1.0 - kBeta1);
-    slot.second_moment.mul_(kBeta2).addcmul_(gradient, gradient, 1.0 - kBeta2);
-    const at::Tensor scale = slot.second_moment.sqrt().div_(std::sqrt(correction2)).add_(kEpsilon);
-    if (slot.decay != 0.0) slot.parameter.mul_(1.0 - rate * slot.decay);
-    slot.parameter.addcdiv_(slot.first_moment, scale, -rate / correction1);
+    const AdamWStep step{slot.rate * share, slot.decay, correction1, correction2};
+    if (IsInStep(slot.parameter, gradient) && IsInStep(gradient, slot.first_moment) &&
+        IsInStep(slot.first_moment, slot.second_moment) &&
+        IsInStep(slot.second_moment, slot.parameter)) {
+      const float* const g = gradient.data_ptr<float>();
+      float* const x = slot.parameter.data_ptr<float>();
+      float* const m = slot.first_moment.data_ptr<float>();
+      float* const v = slot.second_moment.data_ptr<float>();
+      at::parallel_for(0, gradient.numel(), kGrain, [&](int64_t begin, int64_t end) {
+        TakeStep(step, end - begin, g + begin, x + begin, m + begin, v + begin);
+      });
+    } else {
+      TakeStep(step, gradient, slot.parameter, slot.first_moment, slot.second_moment);
+    }
     // Gone rather than zero: the next one is then taken as it is, not added.
     slot.parameter.mutable_grad().reset();
   }

@@ -265,13 +265,29 @@ class Rasterizer::Painter {
     }
   }
 
+  using States = google::protobuf::RepeatedPtrField<v1::AgentState>;
+
+  // The first state later than `time`. Most come one frame after the other, so that its place can
+  // be told from the first one's: of a long recording every look is at memory that is far away.
+  States::const_iterator FirstAfter(const States& states, double time) const {
+    const auto begin = states.begin();
+    if (states.empty()) return begin;
+    const double frames = std::floor((time - begin->time()) / frame_interval_) + 1.0;
+    const auto guess =
+        begin + static_cast<int>(std::clamp(frames, 0.0, static_cast<double>(states.size())));
+    if ((guess == begin || (guess - 1)->time() <= time) &&
+        (guess == states.end() || time < guess->time())) {
+      return guess;
+    }
+    return std::upper_bound(begin, states.end(), time,
+                            [](double t, const v1::AgentState& state) { return t < state.time(); });
+  }
+
   // The latest `frames` frames of an agent in one walk back through its states.
   void DrawAgent(const v1::Agent& agent, double time, int channel, int frames,
                  const Projection& projection) {
     const auto& states = agent.states();
-    const auto after =
-        std::upper_bound(states.begin(), states.end(), time + kSameTime,
-                         [](double t, const v1::AgentState& state) { return t < state.time(); });
+    const auto after = FirstAfter(states, time + kSameTime);
     if (after == states.begin()) return;
     auto state = after - 1;
     for (int frame = 0; frame < frames; ++frame) {

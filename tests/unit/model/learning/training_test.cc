@@ -13,7 +13,6 @@
 #include "model/inference/action_model.h"
 #include "model/learning/checkpoint.h"
 #include "model/learning/learner.h"
-#include "model/learning/optimizer.h"
 #include "model/learning/trainer.h"
 #include "model/learning/training_failure.h"
 #include "model/scene/rasterizer.h"
@@ -337,35 +336,6 @@ TEST_F(TrainingTest, PlacesComponentsOnTheEncodingsOfClusters) {
   }
   EXPECT_NEAR(networks.MixtureLogWeights().exp().sum().item<double>(), 1.0, 1e-5);
   EXPECT_GT(networks["mixture.mean"].var(0).sum().item<double>(), 0.1);
-}
-
-TEST(OptimizerTest, StepsAsAdamWIsDefined) {
-  at::Tensor weights = at::tensor({1.0, -2.0}, at::kDouble).view({1, 2}).set_requires_grad(true);
-  AdamW optimizer;
-  optimizer.Add({weights}, 0.1, 0.5);
-  double expected[] = {1.0, -2.0};
-  double m[] = {0.0, 0.0}, v[] = {0.0, 0.0};
-  for (int step = 1; step <= 3; ++step) {
-    weights.square().sum().backward();
-    for (int i = 0; i < 2; ++i) {
-      const double gradient = 2.0 * expected[i];
-      m[i] = 0.9 * m[i] + 0.1 * gradient;
-      v[i] = 0.999 * v[i] + 0.001 * gradient * gradient;
-      expected[i] -= 0.1 * 0.5 * expected[i];
-      expected[i] -= 0.1 * (m[i] / (1.0 - std::pow(0.9, step))) /
-                     (std::sqrt(v[i] / (1.0 - std::pow(0.999, step))) + 1e-8);
-    }
-    optimizer.Step(1.0);
-    EXPECT_NEAR(weights[0][0].item<double>(), expected[0], 1e-9);
-    EXPECT_NEAR(weights[0][1].item<double>(), expected[1], 1e-9);
-  }
-}
-
-TEST(OptimizerTest, LearningRateWarmsUpAndThenFallsToZero) {
-  EXPECT_LT(LearningRateShare(0, 100, 2000), 0.02);
-  EXPECT_NEAR(LearningRateShare(100, 100, 2000), 1.0, 1e-9);
-  EXPECT_NEAR(LearningRateShare(1050, 100, 2000), 0.5, 1e-9);
-  EXPECT_LT(LearningRateShare(1999, 100, 2000), 1e-4);
 }
 
 }  // namespace
