@@ -273,8 +273,9 @@ class Rasterizer::Painter {
     const auto begin = states.begin();
     if (states.empty()) return begin;
     const double frames = std::floor((time - begin->time()) / frame_interval_) + 1.0;
-    const auto guess =
-        begin + static_cast<int>(std::clamp(frames, 0.0, static_cast<double>(states.size())));
+    // 0 for what is not a number.
+    const double place = std::min(std::max(0.0, frames), static_cast<double>(states.size()));
+    const auto guess = begin + static_cast<int>(place);
     if ((guess == begin || (guess - 1)->time() <= time) &&
         (guess == states.end() || time < guess->time())) {
       return guess;
