@@ -101,20 +101,26 @@ server_cores=$own_cores
 start_server
 load own --targets 1 --top-k 4
 capacity=$(figure "$work/saturated.json" steps.0.answered_per_second | awk '{ printf "%.0f", $1 }')
-# What a call takes that does nothing, us: gRPC's health check, by nghttp2's h2load if it is there.
-nothing=-
-if command -v h2load >/dev/null; then
-  printf '\0\0\0\0\0' >"$work/empty"
-  nothing=$(h2load -n 5000 -c 1 -m 1 -d "$work/empty" -H 'content-type: application/grpc' -H 'te: trailers' \
-    "http://$MANEUVER_SERVER/grpc.health.v1.Health/Check" 2>/dev/null | awk '/^time for request/ { print $6 + 0 }')
-fi
+# nothing CALLS [options]: p50 and p99 of calls that do nothing, one after the other, ms: gRPC's health
+# check, by nghttp2's h2load if it is there.
+printf '\0\0\0\0\0' >"$work/empty"
+nothing() {
+  command -v h2load >/dev/null || { echo - -; return; }
+  rm -f "$work/nothing.log"
+  h2load -n "$1" -c 1 -m 1 "${@:2}" -d "$work/empty" -H 'content-type: application/grpc' -H 'te: trailers' \
+    --log-file="$work/nothing.log" "http://$MANEUVER_SERVER/grpc.health.v1.Health/Check" >/dev/null 2>&1
+  cut -f3 "$work/nothing.log" | sort -n |
+    awk '{ v[NR] = $1 / 1000 } END { printf "%.3f %.3f\n", v[int((NR + 1) / 2)], v[int((99 * NR + 99) / 100)] }'
+}
 # As many actions as are described in process.
 latency() { figure "$work/$1.json" "steps.0.latency_ms.$2" | awk '{ printf "%.2f", $1 }'; }
 load now_and_then --targets 1 --top-k 4 --rate 20
 half=$(rate "$(figure "$work/own.json" steps.0.answered_per_second)" 0.5)
 for _ in 1 2 3 4 5; do
   load idle --targets 1 --top-k 4 --concurrency 1
+  nothing 5000 | cut -d' ' -f1 >>"$work/nothing"
   load half_even --targets 1 --top-k 4 --rate "$half" --arrival constant
+  nothing "$(rate "$half" "$each" | cut -d. -f1)" --rps="$half" | cut -d' ' -f2 >>"$work/nothing_half"
   load half_random --targets 1 --top-k 4 --rate "$half"
   idle=$(latency idle p50)
   echo "$idle" >>"$work/idle"
@@ -155,9 +161,10 @@ weights=$(stat -c %s "$model/weights.safetensors" | awk '{ printf "%.0f", $1 / 1
   echo "|---|---:|---:|---:|"
   echo "| saturated, 1 target a call, calls a second | $capacity | | |"
   echo "| one caller who asks again and again, p50, ms; / one target in process | $idle | $(ratio "$idle" "$alone / 1000") | at most 1.3 |"
-  echo "| ... a call that does nothing, mean, us | $nothing | | |"
+  echo "| ... a call that does nothing, one after the other, p50, ms | $(middle nothing) | | |"
   echo "| ... 20 times a second: cores have slept, caches are cold | $now_and_then | $(ratio "$now_and_then" "$alone / 1000") | |"
   echo "| half of its capacity, evenly, p99, ms; / p50 of one caller just before (the third of five) | $(middle half_even) | $(middle half_even.times) | at most 3 |"
+  echo "| ... calls that do nothing, as often, evenly, p99, ms; / p50 one after the other | $(middle nothing_half) | $(ratio "$(middle nothing_half)" "$(middle nothing)") | |"
   echo "| ... at random | $(middle half_random) | $(middle half_random.times) | |"
   echo "| saturated, 8 targets a call, 1 worker, targets a second | $(median <"$work/workers.1") | | |"
   echo "| ... 2 workers; / 1 worker | $(median <"$work/workers.2") | $(ratio "$(median <"$work/workers.2")" "$(median <"$work/workers.1")") | at least 1.8 |"
