@@ -55,7 +55,7 @@ load() {
 }
 rate() { awk "BEGIN { print $1 * $2 }"; }
 median() { sort -n | awk '{ v[NR] = $1 } END { printf "%.0f", v[int((NR + 1) / 2)] }'; }
-ratio() { awk "BEGIN { printf \"%.2f\", ($1) / ($2) }"; }
+ratio() { [ "$1" = - ] && echo - || awk "BEGIN { printf \"%.2f\", ($1) / ($2) }"; }
 memory() { awk -v of="$1:" '$1 == of { printf "%.0f", $2 / 1024 }' "/proc/$server/status"; }
 
 own_cores=$server_cores
