@@ -12,7 +12,6 @@
 #include <span>
 #include <vector>
 
-#include "model/scene/lanes.h"
 #include "model/scene/pixel_line.h"
 #include "model/scene/raster.h"
 

@@ -135,10 +135,16 @@ int Main(int argc, char** argv) {
   app.add_option("--write-model", arguments.write_model,
                  "Folder to write the model to, for what else is to measure a preset");
   CLI11_PARSE(app, argc, argv);
+  const bool benchmarks =
+      arguments.write_model.empty() && arguments.turns.empty() && arguments.report.empty();
+  if (benchmarks) return Benchmarks(argv[0], app.remaining());
+  if (const auto others = app.remaining(); !others.empty()) {
+    std::cerr << "maneuver-bench: " << others.front() << " is no option here; see --help\n";
+    return EXIT_FAILURE;
+  }
   if (!arguments.write_model.empty()) return WriteModel(arguments);
   if (!arguments.turns.empty()) return Turns(arguments);
-  if (!arguments.report.empty()) return Report(arguments);
-  return Benchmarks(argv[0], app.remaining());
+  return Report(arguments);
 }
 
 }  // namespace
