@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "model/artifact/backbone_layers.h"
+#include "model/inference/backbone_step.h"
 #include "model/inference/folded_convolution.h"
 #include "model/inference/leading_layers.h"
 
@@ -40,92 +41,36 @@ class OneThread {
   int before_;
 };
 
-dnnl::engine& CpuEngine() {
-  static dnnl::engine engine(dnnl::engine::kind::cpu, 0);
-  return engine;
-}
-
-memory::desc Description(const GridSize& grid, Type type) {
-  // [h, w, C] on both sides is what oneDNN's vector kernels take for any number of channels. Asked
-  // for `any` layout here it mixes layouts and falls back to its reference loops, a hundred times
-  // slower.
-  return {{1, grid.channels, grid.height, grid.width}, type, Format::nhwc};
-}
-
-// A layer made ready. An average has no primitive: AverageCells is simpler than oneDNN's, which
-// cannot widen bf16.
-struct Step {
-  BackboneLayer layer;
-  memory::desc source;
-  memory::desc destination;
-  dnnl::primitive primitive;
-  memory::desc scratchpad;
-  memory weight;  // packed as the primitive wants it
-  memory bias;
-};
-
-void MakeConvolution(const FoldedConvolution& folded, Step* step) {
-  const BackboneLayer& layer = step->layer;
-  const memory::dim kernel = layer.kernel;
-  const memory::dims weight_dims = {layer.output.channels, layer.input.channels, kernel, kernel};
-  const memory::desc any_weight(weight_dims, step->source.data_type(), Format::any);
-  const memory::desc bias({layer.output.channels}, Type::f32, Format::x);
-  dnnl::post_ops operations;
-  if (layer.adds) operations.append_sum(1.0f);
-  if (layer.relu) operations.append_eltwise(1.0f, dnnl::algorithm::eltwise_relu, 0.0f, 0.0f);
-  dnnl::primitive_attr attributes;
-  attributes.set_post_ops(operations);
-  attributes.set_scratchpad_mode(dnnl::scratchpad_mode::user);  // else it is shared by threads
-
-  const memory::dims strides = {layer.stride, layer.stride};
-  const memory::dims padding = {kernel / 2, kernel / 2};
-  const dnnl::convolution_forward::primitive_desc description(
-      {dnnl::prop_kind::forward_inference, dnnl::algorithm::convolution_direct, step->source,
-       any_weight, bias, step->destination, strides, padding, padding},
-      attributes, CpuEngine());
-  step->primitive = dnnl::convolution_forward(description);
-  step->scratchpad = description.scratchpad_desc();
-
-  dnnl::stream stream(CpuEngine());
-  memory plain({weight_dims, Type::f32, Format::oihw}, CpuEngine(),
-               const_cast<float*>(folded.weight.data()));  // only read
-  step->weight = memory(description.weights_desc(), CpuEngine());
-  dnnl::reorder(plain, step->weight).execute(stream, plain, step->weight);
-  stream.wait();
-  step->bias = memory(bias, CpuEngine());
-  std::copy(folded.bias.begin(), folded.bias.end(),
-            static_cast<float*>(step->bias.get_data_handle()));
-}
-
-void MakeMaxPool(Step* step) {
-  const BackboneLayer& layer = step->layer;
-  const memory::dims strides = {layer.stride, layer.stride};
-  const memory::dims kernel = {layer.kernel, layer.kernel};
-  const memory::dims padding = {layer.kernel / 2, layer.kernel / 2};
-  dnnl::primitive_attr attributes;
-  attributes.set_scratchpad_mode(dnnl::scratchpad_mode::user);
-  const dnnl::pooling_forward::primitive_desc description(
-      {dnnl::prop_kind::forward_inference, dnnl::algorithm::pooling_max, step->source,
-       step->destination, strides, kernel, padding, padding},
-      attributes, CpuEngine());
-  step->primitive = dnnl::pooling_forward(description);
-  step->scratchpad = description.scratchpad_desc();
-}
-
 float Widen(float value) { return value; }
 float Widen(uint16_t bf16) { return std::bit_cast<float>(uint32_t{bf16} << 16); }
 
 // The mean of each channel.
 //   grid: [h, w, C];  mean: [C]
 template <typename Value>
-void AverageCells(const Value* grid, const GridSize& size, float* mean) {
-  const size_t channels = static_cast<size_t>(size.channels);
-  const size_t cells = static_cast<size_t>(size.height) * static_cast<size_t>(size.width);
+void AverageCells(const Value* grid, size_t cells, size_t channels, float* mean) {
   std::fill_n(mean, channels, 0.0f);
   for (size_t cell = 0; cell < cells; ++cell) {
     for (size_t c = 0; c < channels; ++c) mean[c] += Widen(grid[cell * channels + c]);
   }
   for (size_t c = 0; c < channels; ++c) mean[c] /= static_cast<float>(cells);
+}
+
+// Of an average's step.
+//   grid: as step.source says;  mean: [C]
+void AverageCells(const BackboneStep& step, const void* grid, float* mean) {
+  const GridSize& size = step.layer.input;
+  const size_t cells = static_cast<size_t>(size.height) * static_cast<size_t>(size.width);
+  const size_t channels = static_cast<size_t>(size.channels);
+  if (step.source.data_type() == Type::bf16) {
+    AverageCells(static_cast<const uint16_t*>(grid), cells, channels, mean);
+    return;
+  }
+  const auto* values = static_cast<const float*>(grid);
+  // Each block is a grid of its channels.
+  const size_t together = step.layout == GridLayout::kChannelBlocks ? kBlockChannels : channels;
+  for (size_t c = 0; c < channels; c += together) {
+    AverageCells(values + c * cells, cells, together, mean + c);
+  }
 }
 
 }  // namespace
@@ -140,7 +85,9 @@ struct Backbone::Layers {
   memory::desc bytes;   // the raster as it comes
   memory::desc values;  // the raster as the first layer reads it
   dnnl::reorder widen;  // bytes to values; exact, also in bf16
-  std::vector<Step> steps;
+  std::vector<BackboneStep> steps;
+  size_t first_in_blocks = 0;  // of the steps; as many as there are if none is
+  dnnl::reorder to_blocks;     // of that step's source
   // In place of the first steps, for a raster that is black for the most part.
   std::optional<LeadingLayers> leading;
   size_t leading_steps = 0;
@@ -151,27 +98,40 @@ class Backbone::Scratch {
   explicit Scratch(const Layers& layers)
       : stream(CpuEngine()), bytes(layers.bytes, CpuEngine(), nullptr) {
     // Each register is as large as the largest grid that comes to it.
-    size_t sizes[artifact::kBackboneRegisters] = {layers.values.get_size()};
+    size_t sizes[kGridLayouts][artifact::kBackboneRegisters] = {{layers.values.get_size()}};
     size_t scratchpad_size = 0;
-    for (const Step& step : layers.steps) {
-      size_t& size = sizes[step.layer.destination];
-      size = std::max(size, step.destination.get_size());
+    for (const BackboneStep& step : layers.steps) {
+      for (const auto& [number, held] : {std::pair(step.layer.source, step.source),
+                                         std::pair(step.layer.destination, step.destination)}) {
+        size_t& size = sizes[static_cast<size_t>(step.layout)][number];
+        size = std::max(size, held.get_size());
+      }
       scratchpad_size = std::max(scratchpad_size, step.scratchpad.get_size());
     }
-    for (int r = 0; r < artifact::kBackboneRegisters; ++r) registers[r] = Allocate(sizes[r]);
+    for (int layout = 0; layout < kGridLayouts; ++layout) {
+      for (int r = 0; r < artifact::kBackboneRegisters; ++r) {
+        registers[layout][r] = Allocate(sizes[layout][r]);
+      }
+    }
     scratchpad = Allocate(scratchpad_size);
-    values = At(layers.values, registers[0]);
-    for (const Step& step : layers.steps) {
-      memory destination = At(step.destination, registers[step.layer.destination]);
+    values = At(layers.values, registers[0][0]);
+    for (const BackboneStep& step : layers.steps) {
+      memory* const places = registers[static_cast<size_t>(step.layout)];
+      memory destination = At(step.destination, places[step.layer.destination]);
       if (&step == &layers.steps.back()) {
         destination = memory(step.destination, CpuEngine(), nullptr);
         grid = destination;  // a handle: the same memory object
       }
-      arguments.push_back({{DNNL_ARG_SRC, At(step.source, registers[step.layer.source])},
+      arguments.push_back({{DNNL_ARG_SRC, At(step.source, places[step.layer.source])},
                            {DNNL_ARG_DST, destination},
                            {DNNL_ARG_SCRATCHPAD, At(step.scratchpad, scratchpad)}});
       if (step.layer.kind != Kind::kConvolution) continue;
       arguments.back().insert({{DNNL_ARG_WEIGHTS, step.weight}, {DNNL_ARG_BIAS, step.bias}});
+    }
+    if (layers.first_in_blocks < layers.steps.size()) {
+      const BackboneLayer& first = layers.steps[layers.first_in_blocks].layer;
+      to_blocks_from =
+          At(GridDescription(first.input, layers.values.data_type()), registers[0][first.source]);
     }
     if (layers.leading) leading.emplace(*layers.leading);
   }
@@ -181,7 +141,8 @@ class Backbone::Scratch {
   memory bytes;                      // points there
   memory values;                     // in register 0
   memory grid;                       // points to the caller's grid
-  memory registers[artifact::kBackboneRegisters];
+  memory to_blocks_from;
+  memory registers[kGridLayouts][artifact::kBackboneRegisters];
   memory scratchpad;                                       // one for all steps
   std::vector<std::unordered_map<int, memory>> arguments;  // of each step
   std::optional<LeadingLayers::Scratch> leading;
@@ -203,18 +164,22 @@ Backbone::Backbone(const v1::ModelSpec& spec, const artifact::TensorMap& weights
   const Type type = bf16 ? Type::bf16 : Type::f32;
   auto layers = std::make_unique<Layers>();
   const GridSize raster = artifact::RasterGrid(spec.raster());
-  layers->bytes = Description(raster, Type::u8);
-  layers->values = Description(raster, type);
+  layers->bytes = GridDescription(raster, Type::u8);
+  layers->values = GridDescription(raster, type);
   layers->widen = dnnl::reorder(
       dnnl::reorder::primitive_desc(CpuEngine(), layers->bytes, CpuEngine(), layers->values));
   const std::vector<BackboneLayer> list = artifact::BackboneLayers(spec);
   layers->leading_steps = LeadingLayers::Count(list, bf16);
+  layers->first_in_blocks = FirstInBlocks(list, layers->leading_steps, bf16);
   std::vector<FoldedConvolution> leading;
   for (size_t i = 0; i < list.size(); ++i) {
-    Step& step = layers->steps.emplace_back();
+    BackboneStep& step = layers->steps.emplace_back();
     step.layer = list[i];
-    step.source = Description(list[i].input, type);
-    step.destination = Description(list[i].output, i + 1 == list.size() ? Type::f32 : type);
+    if (i >= layers->first_in_blocks) step.layout = GridLayout::kChannelBlocks;
+    step.source = GridDescription(list[i].input, type, step.layout);
+    // The last is an average where grids lie in blocks: one cell, which has no layout.
+    step.destination = i + 1 == list.size() ? GridDescription(list[i].output, Type::f32)
+                                            : GridDescription(list[i].output, type, step.layout);
     if (step.layer.kind == Kind::kConvolution) {
       // The raster's bytes go in as they are: the first layer divides them.
       const auto folded = Fold(weights, step.layer, i == 0 ? 1.0 / kFullIntensity : 1.0);
@@ -223,6 +188,11 @@ Backbone::Backbone(const v1::ModelSpec& spec, const artifact::TensorMap& weights
     } else if (step.layer.kind == Kind::kMaxPool) {
       MakeMaxPool(&step);
     }
+  }
+  if (layers->first_in_blocks < list.size()) {
+    const BackboneStep& first = layers->steps[layers->first_in_blocks];
+    layers->to_blocks = dnnl::reorder(dnnl::reorder::primitive_desc(
+        CpuEngine(), GridDescription(first.layer.input, type), CpuEngine(), first.source));
   }
   if (layers->leading_steps > 0) {
     layers->leading.emplace(std::span(list).first(layers->leading_steps), leading, bf16,
@@ -236,7 +206,7 @@ Backbone::~Backbone() = default;
 size_t Backbone::bytes() const {
   size_t bytes = 0;
   if (layers_->leading) bytes += layers_->leading->bytes();
-  for (const Step& step : layers_->steps) {
+  for (const BackboneStep& step : layers_->steps) {
     if (step.layer.kind != Kind::kConvolution) continue;
     bytes += step.weight.get_desc().get_size() + step.bias.get_desc().get_size();
   }
@@ -265,17 +235,16 @@ void Backbone::Evaluate(const scene::Raster& raster, Scratch* scratch, float* gr
     layers_->widen.execute(scratch->stream, scratch->bytes, scratch->values);
   }
   for (size_t i = done; i < layers_->steps.size(); ++i) {
-    const Step& step = layers_->steps[i];
-    if (step.layer.kind != Kind::kAveragePool) {
-      step.primitive.execute(scratch->stream, scratch->arguments[i]);
-      continue;
+    const BackboneStep& step = layers_->steps[i];
+    if (i == layers_->first_in_blocks) {
+      layers_->to_blocks.execute(scratch->stream, scratch->to_blocks_from,
+                                 scratch->arguments[i].at(DNNL_ARG_SRC));
     }
-    scratch->stream.wait();
-    const void* source = scratch->registers[step.layer.source].get_data_handle();
-    if (step.source.data_type() == Type::bf16) {
-      AverageCells(static_cast<const uint16_t*>(source), step.layer.input, grid);
+    if (step.layer.kind == Kind::kAveragePool) {
+      scratch->stream.wait();
+      AverageCells(step, scratch->arguments[i].at(DNNL_ARG_SRC).get_data_handle(), grid);
     } else {
-      AverageCells(static_cast<const float*>(source), step.layer.input, grid);
+      step.primitive.execute(scratch->stream, scratch->arguments[i]);
     }
   }
   scratch->stream.wait();

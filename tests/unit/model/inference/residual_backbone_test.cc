@@ -35,6 +35,15 @@ constexpr Network kNetworks[] = {
                      block: RESIDUAL_BLOCK_BOTTLENECK
                      stages { blocks: 2 width: 8 stride: 1 }
                      stages { blocks: 2 width: 16 stride: 2 })pb"},
+    // All channels fill blocks of 16: Winograd's minimal filtering where there is AVX-512.
+    {"Blocks", R"pb(stem { channels: 32 kernel_size: 7 stride: 2 max_pool: true }
+                    block: RESIDUAL_BLOCK_BOTTLENECK
+                    stages { blocks: 2 width: 16 stride: 1 }
+                    stages { blocks: 2 width: 32 stride: 2 })pb"},
+    {"BasicBlocksOf16", R"pb(stem { channels: 16 kernel_size: 3 stride: 1 }
+                             block: RESIDUAL_BLOCK_BASIC
+                             stages { blocks: 2 width: 16 stride: 1 }
+                             stages { blocks: 2 width: 32 stride: 2 })pb"},
     {"BasicBlocks", R"pb(stem { channels: 6 kernel_size: 3 stride: 1 }
                          block: RESIDUAL_BLOCK_BASIC
                          stages { blocks: 2 width: 6 stride: 1 }
