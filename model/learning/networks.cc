@@ -7,15 +7,15 @@
 
 #include "model/artifact/backbone_layers.h"
 #include "model/artifact/model_spec.h"
+#include "model/learning/batch_norm_relu.h"
+#include "model/learning/raster_convolution.h"
 #include "model/learning/trajectory_basis.h"
 
 namespace maneuver::learning {
 namespace {
 
-constexpr double kBatchNormMomentum = 0.1;
-constexpr double kBatchNormEpsilon = 1e-5;  // artifact/tensor.h
-constexpr double kSmall = 0.05;             // of the usual deviation: last layers that start small
-constexpr double kKnotInterval = 0.8;       // seconds: what a driver does takes no less
+constexpr double kSmall = 0.05;        // of the usual deviation: last layers that start small
+constexpr double kKnotInterval = 0.8;  // seconds: what a driver does takes no less
 // What hardly varies is not blown up, metres.
 constexpr double kSmallestDeviation = 0.3;
 
@@ -112,18 +112,27 @@ at::Tensor Networks::Mlp(const std::string& name, size_t layers, at::Tensor x) c
   return x;
 }
 
-at::Tensor Networks::EvaluateBackbone(at::Tensor raster, bool training) {
+at::Tensor Networks::EvaluateBackbone(const at::Tensor& rasters, bool training) {
   using Kind = artifact::BackboneLayer::Kind;
-  at::Tensor grids[artifact::kBackboneRegisters] = {std::move(raster)};
+  at::Tensor grids[artifact::kBackboneRegisters];
   for (const artifact::BackboneLayer& layer : backbone_) {
     at::Tensor grid = grids[layer.source];
     const int64_t padding = layer.kernel / 2;
     switch (layer.kind) {
       case Kind::kConvolution: {
-        const std::string& norm = layer.normalization;
-        grid = at::conv2d(grid, (*this)[layer.convolution + ".weight"], {}, layer.stride, padding);
-        grid = at::batch_norm(grid, (*this)[norm + ".weight"], (*this)[norm + ".bias"],
-                              (*this)[norm + ".running_mean"], (*this)[norm + ".running_var"],
+        const at::Tensor& weight = (*this)[layer.convolution + ".weight"];
+        const bool first = &layer == &backbone_.front();
+        grid = first ? ConvolveRasters(rasters, weight, layer.stride)
+                     : at::conv2d(grid, weight, {}, layer.stride, padding);
+        const BatchNorm norm = {(*this)[layer.normalization + ".weight"],
+                                (*this)[layer.normalization + ".bias"],
+                                (*this)[layer.normalization + ".running_mean"],
+                                (*this)[layer.normalization + ".running_var"]};
+        if (training && layer.relu && !layer.adds) {
+          grids[layer.destination] = BatchNormRelu(grid, norm);
+          continue;
+        }
+        grid = at::batch_norm(grid, norm.weight, norm.bias, norm.running_mean, norm.running_var,
                               training, kBatchNormMomentum, kBatchNormEpsilon,
                               /*cudnn_enabled=*/true);
         break;
@@ -143,9 +152,7 @@ at::Tensor Networks::EvaluateBackbone(at::Tensor raster, bool training) {
 
 at::Tensor Networks::EncodeScenes(const at::Tensor& rasters, const at::Tensor& motions,
                                   const Mode& mode) {
-  // [B, H, W, C] seen as [B, C, H, W] is channels-last, which the convolutions want.
-  at::Tensor grid = rasters.to(device_).permute({0, 3, 1, 2}).to(at::kFloat).mul_(1.0 / 255.0);
-  grid = EvaluateBackbone(std::move(grid), mode.training != nullptr);
+  const at::Tensor grid = EvaluateBackbone(rasters, mode.training != nullptr);
   at::Tensor features =
       at::linear(grid.contiguous().flatten(1), (*this)["backbone.projection.weight"],
                  (*this)["backbone.projection.bias"])

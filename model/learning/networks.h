@@ -101,8 +101,8 @@ class Networks {
   void Restore(const Snapshot& snapshot);
 
  private:
-  // rasters [B, C, H, W], 1 at full intensity, to the last grid [B, C', h, w]
-  at::Tensor EvaluateBackbone(at::Tensor rasters, bool training);
+  // rasters [B, H, W, C] bytes, to the last grid [B, C', h, w]
+  at::Tensor EvaluateBackbone(const at::Tensor& rasters, bool training);
   at::Tensor Mlp(const std::string& name, size_t layers, at::Tensor x) const;
   at::Tensor PerAction(const at::Tensor& features) const;
   // The linear map from the decoder's last layer to positions relative to the mean. [2T, 2M]

@@ -1,12 +1,11 @@
 #include "model/learning/optimizer.h"
 
-#include <ATen/Parallel.h>
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
 #include "model/learning/adamw_step.h"
+#include "model/learning/parallel.h"
 
 namespace maneuver::learning {
 namespace {

@@ -1,0 +1,83 @@
+// Batch normalisation and ReLU in one against PyTorch's two, in doubles.
+
+#include "model/learning/batch_norm_relu.h"
+
+#include <ATen/ATen.h>
+#include <ATen/Parallel.h>
+#include <gtest/gtest.h>
+
+namespace maneuver::learning {
+namespace {
+
+struct Problem {
+  const char* name;
+  std::vector<int64_t> shape;  // [B, C, h, w]
+  bool channels_last;
+  double mean;  // of all channels, in deviations
+  int threads;
+};
+
+class BatchNormReluTest : public testing::TestWithParam<Problem> {
+ protected:
+  ~BatchNormReluTest() override { at::set_num_threads(threads_); }
+  const int threads_ = at::get_num_threads();
+};
+INSTANTIATE_TEST_SUITE_P(Grids, BatchNormReluTest,
+                         testing::Values(Problem{"Vectors", {8, 24, 16, 16}, true, 0.3, 1},
+                                         Problem{"Threads", {64, 24, 32, 32}, true, 0.3, 3},
+                                         Problem{"NoVector", {3, 5, 7, 9}, true, -0.4, 1},
+                                         Problem{"ChannelsFirst", {4, 12, 9, 11}, false, 0.0, 1},
+                                         Problem{"FarFromZero", {16, 16, 9, 9}, true, 300.0, 1},
+                                         Problem{"OneCell", {2, 8, 1, 1}, true, 0.0, 1}),
+                         [](const auto& problem) { return problem.param.name; });
+
+BatchNorm RandomNorm(int64_t channels, double mean) {
+  return {at::randn({channels}), at::randn({channels}), at::randn({channels}) * 0.1 + mean,
+          at::rand({channels}) + 0.5};
+}
+
+BatchNorm InDoubles(const BatchNorm& norm) {
+  return {norm.weight.detach().to(at::kDouble), norm.bias.detach().to(at::kDouble),
+          norm.running_mean.to(at::kDouble), norm.running_var.to(at::kDouble)};
+}
+
+double Difference(const at::Tensor& a, const at::Tensor& b) {
+  return (a.to(at::kDouble) - b).abs().max().item<double>() / (1.0 + b.abs().max().item<double>());
+}
+
+TEST_P(BatchNormReluTest, AgreesWithPyTorch) {
+  const Problem& p = GetParam();
+  at::set_num_threads(p.threads);
+  at::manual_seed(1);
+  at::Tensor x = at::randn(p.shape) + p.mean;
+  if (p.channels_last) x = x.contiguous(at::MemoryFormat::ChannelsLast);
+  BatchNorm norm = RandomNorm(p.shape[1], p.mean);
+  BatchNorm exact_norm = InDoubles(norm);
+  at::Tensor exact_x = x.to(at::kDouble);
+  for (at::Tensor* learned :
+       {&x, &norm.weight, &norm.bias, &exact_x, &exact_norm.weight, &exact_norm.bias}) {
+    learned->requires_grad_();
+  }
+
+  const at::Tensor y = BatchNormRelu(x, norm);
+  const at::Tensor exact =
+      at::batch_norm(exact_x, exact_norm.weight, exact_norm.bias, exact_norm.running_mean,
+                     exact_norm.running_var, true, kBatchNormMomentum, kBatchNormEpsilon, false)
+          .relu();
+  // A float far from 0 has so many digits fewer.
+  const double most = p.mean > 100.0 ? 1e-4 : 5e-6;
+  EXPECT_LE(Difference(y, exact), most);
+  EXPECT_LE(Difference(norm.running_mean, exact_norm.running_mean), 1e-6);
+  EXPECT_LE(Difference(norm.running_var, exact_norm.running_var), 1e-6);
+  EXPECT_GT(exact.eq(0.0).sum().item<int64_t>(), 0);
+
+  const at::Tensor gradient = at::randn_like(y);
+  y.backward(gradient);
+  exact.backward(gradient.to(at::kDouble));
+  EXPECT_LE(Difference(x.grad(), exact_x.grad()), most);
+  EXPECT_LE(Difference(norm.weight.grad(), exact_norm.weight.grad()), 5.0 * most);
+  EXPECT_LE(Difference(norm.bias.grad(), exact_norm.bias.grad()), most);
+}
+
+}  // namespace
+}  // namespace maneuver::learning
