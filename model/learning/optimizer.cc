@@ -4,8 +4,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "model/learning/adamw_step.h"
-#include "model/learning/parallel.h"
+#include "model/learning/kernels/adamw_step.h"
+#include "model/learning/kernels/parallel.h"
 
 namespace maneuver::learning {
 namespace {

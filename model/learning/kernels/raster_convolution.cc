@@ -1,4 +1,4 @@
-#include "model/learning/raster_convolution.h"
+#include "model/learning/kernels/raster_convolution.h"
 
 #include <torch/csrc/autograd/custom_function.h>
 
@@ -6,8 +6,8 @@
 #include <utility>
 #include <vector>
 
-#include "model/learning/lit_values.h"
-#include "model/learning/parallel.h"
+#include "model/learning/kernels/lit_values.h"
+#include "model/learning/kernels/parallel.h"
 
 namespace maneuver::learning {
 namespace {

@@ -1,7 +1,7 @@
 // The arithmetic of AdamW on plain numbers.
 
-#ifndef MANEUVER_MODEL_LEARNING_ADAMW_STEP_H_
-#define MANEUVER_MODEL_LEARNING_ADAMW_STEP_H_
+#ifndef MANEUVER_MODEL_LEARNING_KERNELS_ADAMW_STEP_H_
+#define MANEUVER_MODEL_LEARNING_KERNELS_ADAMW_STEP_H_
 
 #include <cstdint>
 
@@ -28,4 +28,4 @@ void TakeStep(const AdamWStep& step, int64_t count, const float* gradient, float
 
 }  // namespace maneuver::learning
 
-#endif  // MANEUVER_MODEL_LEARNING_ADAMW_STEP_H_
+#endif  // MANEUVER_MODEL_LEARNING_KERNELS_ADAMW_STEP_H_

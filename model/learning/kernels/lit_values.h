@@ -1,7 +1,7 @@
 // The values of rasters that are not black, and what a convolution makes of them.
 
-#ifndef MANEUVER_MODEL_LEARNING_LIT_VALUES_H_
-#define MANEUVER_MODEL_LEARNING_LIT_VALUES_H_
+#ifndef MANEUVER_MODEL_LEARNING_KERNELS_LIT_VALUES_H_
+#define MANEUVER_MODEL_LEARNING_KERNELS_LIT_VALUES_H_
 
 #include <cstddef>
 #include <cstdint>
@@ -53,4 +53,4 @@ class LitValues {
 
 }  // namespace maneuver::learning
 
-#endif  // MANEUVER_MODEL_LEARNING_LIT_VALUES_H_
+#endif  // MANEUVER_MODEL_LEARNING_KERNELS_LIT_VALUES_H_

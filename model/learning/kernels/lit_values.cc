@@ -1,4 +1,4 @@
-#include "model/learning/lit_values.h"
+#include "model/learning/kernels/lit_values.h"
 
 #include <algorithm>
 #include <bit>

@@ -1,12 +1,12 @@
-#include "model/learning/batch_norm_relu.h"
+#include "model/learning/kernels/batch_norm_relu.h"
 
 #include <torch/csrc/autograd/custom_function.h>
 
 #include <cmath>
 #include <functional>
 
-#include "model/learning/batch_norm_passes.h"
-#include "model/learning/parallel.h"
+#include "model/learning/kernels/batch_norm_passes.h"
+#include "model/learning/kernels/parallel.h"
 
 namespace maneuver::learning {
 namespace {

@@ -2,8 +2,8 @@
 // Normalization, 2015, algorithm 1), with cells' channels next to each other: two forward, two
 // back.
 
-#ifndef MANEUVER_MODEL_LEARNING_BATCH_NORM_PASSES_H_
-#define MANEUVER_MODEL_LEARNING_BATCH_NORM_PASSES_H_
+#ifndef MANEUVER_MODEL_LEARNING_KERNELS_BATCH_NORM_PASSES_H_
+#define MANEUVER_MODEL_LEARNING_KERNELS_BATCH_NORM_PASSES_H_
 
 #include <cstdint>
 
@@ -45,4 +45,4 @@ void PassGradientBack(int64_t cells, int64_t channels, const float* x, const flo
 
 }  // namespace maneuver::learning
 
-#endif  // MANEUVER_MODEL_LEARNING_BATCH_NORM_PASSES_H_
+#endif  // MANEUVER_MODEL_LEARNING_KERNELS_BATCH_NORM_PASSES_H_

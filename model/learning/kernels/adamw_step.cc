@@ -1,4 +1,4 @@
-#include "model/learning/adamw_step.h"
+#include "model/learning/kernels/adamw_step.h"
 
 #include <cmath>
 

@@ -1,4 +1,4 @@
-#include "model/learning/batch_norm_passes.h"
+#include "model/learning/kernels/batch_norm_passes.h"
 
 #include <algorithm>
 #include <vector>
