@@ -17,7 +17,7 @@ inline constexpr double kBatchNormMomentum = 0.1;
 inline constexpr double kBatchNormEpsilon = 1e-5;  // artifact/tensor.h
 
 // max(0, at::batch_norm of x by its own moments), which the running ones follow. On the processor
-// memory is gone through half as often as by the two of them, and y is not kept for the way back.
+// it takes two passes over memory each way, and does not keep y for the way back.
 //   x: [B, C, h, w]; returns: the same, channels last
 at::Tensor BatchNormRelu(const at::Tensor& x, const BatchNorm& norm);
 

@@ -2,13 +2,16 @@
 # Every peer whose needs are installed, as Markdown: see README.md.
 #
 #   tests/bench/peers/all.sh MODEL_FOLDER [DATASET_FOLDER]
+#
+# ONNX Runtime evaluates ResNet-50 as well, with random weights: its speed does not depend on them.
 set -euo pipefail
 
 case "${1:---help}" in
-  -h|--help) sed -n '2,4s/^# \{0,1\}//p' "$0"; exit 0 ;;
+  -h|--help) sed -n '2,6s/^# \{0,1\}//p' "$0"; exit 0 ;;
 esac
 here=$(cd "$(dirname "$0")" && pwd)
 python=${PYTHON:-/usr/bin/python3}
+bin=${BIN:-$here/../../../build/release/bin}
 has_modules() { "$python" -c "import $1" 2>/dev/null; }
 # block TITLE COMMAND...: what the command prints.
 block() {
@@ -21,6 +24,12 @@ block() {
 if (cd "$here" && node -e 'require.resolve("onnxruntime-node")' 2>/dev/null); then
   block "ONNX Runtime" node "$here/onnxruntime.cjs" "$@"
   block "ONNX Runtime, the engine in f32 as well" env F32=1 node "$here/onnxruntime.cjs" "$@"
+  work=$(mktemp -d)
+  trap 'rm -rf "$work"' EXIT
+  "$bin/maneuver-bench" --model resnet50 --write-model "$work/resnet50" >&2
+  block "ONNX Runtime, ResNet-50" env ROUNDS=8 node "$here/onnxruntime.cjs" "$work/resnet50" "${@:2}"
+  block "ONNX Runtime, ResNet-50, the engine in f32 as well" \
+    env ROUNDS=8 F32=1 node "$here/onnxruntime.cjs" "$work/resnet50" "${@:2}"
 else
   printf 'ONNX Runtime is not installed here.\n\n'
 fi
