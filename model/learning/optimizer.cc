@@ -11,7 +11,7 @@ namespace maneuver::learning {
 namespace {
 
 // Numbers that are worth a thread.
-constexpr int64_t kGrain = 1 << 15;
+constexpr int64_t kNumbersPerThread = 1 << 15;
 
 // Whether a tensor's numbers lie one after the other, in the order of the other's.
 bool IsInStep(const at::Tensor& tensor, const at::Tensor& other) {
@@ -63,7 +63,7 @@ void AdamW::Step(double share) {
       float* const x = slot.parameter.data_ptr<float>();
       float* const m = slot.first_moment.data_ptr<float>();
       float* const v = slot.second_moment.data_ptr<float>();
-      at::parallel_for(0, gradient.numel(), kGrain, [&](int64_t begin, int64_t end) {
+      at::parallel_for(0, gradient.numel(), kNumbersPerThread, [&](int64_t begin, int64_t end) {
         TakeStep(step, end - begin, g + begin, x + begin, m + begin, v + begin);
       });
     } else {

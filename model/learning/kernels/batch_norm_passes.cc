@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <vector>
 
+// Comparisons with 0 are such that what is not a number stays so: a loss is to tell.
+
 namespace maneuver::learning {
 namespace {
 
@@ -49,7 +51,7 @@ void NormalizeRelu(int64_t cells, int64_t channels, const float* x, const Channe
     const int64_t cell = i * channels;
     for (int64_t c = 0; c < channels; ++c) {
       const float value = x[cell + c] * map.scale[c] + map.offset[c];
-      y[cell + c] = value > 0.0F ? value : 0.0F;
+      y[cell + c] = value < 0.0F ? 0.0F : value;
     }
   }
 }
@@ -63,7 +65,7 @@ void AddGradientSums(int64_t cells, int64_t channels, const float* x, const floa
             for (int64_t c = 0; c < channels; ++c) {
               const float value = x[cell + c];
               const float seen =
-                  value * map.scale[c] + map.offset[c] > 0.0F ? y_gradient[cell + c] : 0.0F;
+                  value * map.scale[c] + map.offset[c] <= 0.0F ? 0.0F : y_gradient[cell + c];
               first[c] += seen;
               second[c] += seen * (value - mean[c]);
             }
@@ -78,7 +80,7 @@ void PassGradientBack(int64_t cells, int64_t channels, const float* x, const flo
     const int64_t cell = i * channels;
     for (int64_t c = 0; c < channels; ++c) {
       const float value = x[cell + c];
-      const float seen = value * map.scale[c] + map.offset[c] > 0.0F ? y_gradient[cell + c] : 0.0F;
+      const float seen = value * map.scale[c] + map.offset[c] <= 0.0F ? 0.0F : y_gradient[cell + c];
       x_gradient[cell + c] = map.scale[c] * seen + slope[c] * value + constant[c];
     }
   }

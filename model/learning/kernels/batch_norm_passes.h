@@ -9,7 +9,7 @@
 
 namespace maneuver::learning {
 
-// Of each channel, y = max(0, scale x + offset). All are [channels].
+// Of each channel, y = max(0, scale x + offset), NaN if that is NaN. All are [channels].
 struct ChannelMap {
   const float* scale;
   const float* offset;

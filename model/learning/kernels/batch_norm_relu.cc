@@ -2,7 +2,7 @@
 
 #include <torch/csrc/autograd/custom_function.h>
 
-#include <cmath>
+#include <algorithm>
 #include <functional>
 
 #include "model/learning/kernels/batch_norm_passes.h"
@@ -15,7 +15,7 @@ using torch::autograd::AutogradContext;
 using torch::autograd::Variable;
 using torch::autograd::variable_list;
 
-constexpr int64_t kGrain = 512;  // cells that are worth a thread
+constexpr int64_t kCellsPerThread = 512;  // that are worth one
 
 // Cells with their channels next to each other, [cells, C].
 struct Cells {
@@ -36,7 +36,7 @@ struct Cells {
 at::Tensor SumCells(const Cells& cells,
                     const std::function<void(int64_t, int64_t, const ChannelSums&)>& add) {
   const at::Tensor sums = at::zeros({at::get_num_threads(), 2, cells.channels}, at::kDouble);
-  at::parallel_for(0, cells.count, kGrain, [&](int64_t begin, int64_t end) {
+  at::parallel_for(0, cells.count, kCellsPerThread, [&](int64_t begin, int64_t end) {
     auto* const own = sums.data_ptr<double>() + at::get_thread_num() * 2 * cells.channels;
     add(begin, end, {own, own + cells.channels});
   });
@@ -50,7 +50,8 @@ class FusedBatchNormRelu : public torch::autograd::Function<FusedBatchNormRelu> 
                           const at::Tensor& running_var) {
     const Cells cells(x);
     const auto count = static_cast<double>(cells.count);
-    const at::Tensor shift = running_mean.contiguous();
+    const at::Tensor shift = at::empty({cells.channels}, at::kFloat);
+    std::copy_n(cells.at(0), cells.channels, shift.data_ptr<float>());  // near enough to the mean
     const at::Tensor moments = SumCells(cells,
                                         [&](int64_t begin, int64_t end, const ChannelSums& sums) {
                                           AddMoments(end - begin, cells.channels, cells.at(begin),
@@ -66,7 +67,7 @@ class FusedBatchNormRelu : public torch::autograd::Function<FusedBatchNormRelu> 
     const at::Tensor scale = (weight.detach() * inverse_stddev).to(at::kFloat);
     const at::Tensor offset = (bias.detach() - mean * scale).to(at::kFloat);
     const Cells y(at::empty_like(cells.grid));
-    at::parallel_for(0, cells.count, kGrain, [&](int64_t begin, int64_t end) {
+    at::parallel_for(0, cells.count, kCellsPerThread, [&](int64_t begin, int64_t end) {
       NormalizeRelu(end - begin, cells.channels, cells.at(begin),
                     {scale.data_ptr<float>(), offset.data_ptr<float>()}, y.at(begin));
     });
@@ -75,6 +76,7 @@ class FusedBatchNormRelu : public torch::autograd::Function<FusedBatchNormRelu> 
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
+    TORCH_CHECK(!at::GradMode::is_enabled(), "batch normalisation has no second derivative here");
     const variable_list saved = context->get_saved_variables();
     const Cells x(saved[0]);
     const at::Tensor& scale = saved[1];
@@ -94,7 +96,7 @@ class FusedBatchNormRelu : public torch::autograd::Function<FusedBatchNormRelu> 
     const at::Tensor constant = (-factor * sums[0] - slope * mean).to(at::kFloat);
     const at::Tensor slope32 = slope.to(at::kFloat);
     const Cells x_gradient(at::empty_like(x.grid));
-    at::parallel_for(0, x.count, kGrain, [&](int64_t begin, int64_t end) {
+    at::parallel_for(0, x.count, kCellsPerThread, [&](int64_t begin, int64_t end) {
       PassGradientBack(end - begin, x.channels, x.at(begin), y_gradient.at(begin), map,
                        slope32.data_ptr<float>(), constant.data_ptr<float>(), x_gradient.at(begin));
     });

@@ -17,8 +17,8 @@ inline constexpr double kBatchNormMomentum = 0.1;
 inline constexpr double kBatchNormEpsilon = 1e-5;  // artifact/tensor.h
 
 // max(0, at::batch_norm of x by its own moments), which the running ones follow. On the processor
-// it takes two passes over memory each way, and does not keep y for the way back.
-//   x: [B, C, h, w]; returns: the same, channels last
+// it takes two passes over memory each way, and what comes before the ReLU is never stored.
+//   x: [B, C, h, w]; returns: the same, channels last on the processor
 at::Tensor BatchNormRelu(const at::Tensor& x, const BatchNorm& norm);
 
 }  // namespace maneuver::learning

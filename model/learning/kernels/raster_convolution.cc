@@ -72,6 +72,7 @@ class LitConvolution : public torch::autograd::Function<LitConvolution> {
   }
 
   static variable_list backward(AutogradContext* context, variable_list gradients) {
+    TORCH_CHECK(!at::GradMode::is_enabled(), "the convolution has no second derivative here");
     const auto batch =
         c10::static_intrusive_pointer_cast<LitBatch>(context->saved_data["batch"].toCapsule());
     const ConvolutionShape& shape = batch->shape;
@@ -98,8 +99,8 @@ class LitConvolution : public torch::autograd::Function<LitConvolution> {
 }  // namespace
 
 at::Tensor ConvolveRasters(const at::Tensor& rasters, const at::Tensor& weight, int64_t stride) {
-  if (weight.is_cpu()) {
-    const auto batch = FindLit(rasters, weight, stride);
+  if (weight.is_cpu() && rasters.is_cpu()) {
+    const auto batch = FindLit(rasters.contiguous(), weight, stride);
     size_t lit = 0;
     for (const std::optional<LitValues>& raster : batch->rasters) lit += raster->size();
     if (static_cast<double>(lit) <= kMostLit * static_cast<double>(rasters.numel())) {

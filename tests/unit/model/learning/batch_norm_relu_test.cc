@@ -6,6 +6,9 @@
 #include <ATen/Parallel.h>
 #include <gtest/gtest.h>
 
+#include <limits>
+#include <vector>
+
 namespace maneuver::learning {
 namespace {
 
@@ -13,23 +16,27 @@ struct Problem {
   const char* name;
   std::vector<int64_t> shape;  // [B, C, h, w]
   bool channels_last;
-  double mean;  // of all channels, in deviations
+  double mean;          // of all channels, in deviations
+  double running_mean;  // before
   int threads;
 };
 
-class BatchNormReluTest : public testing::TestWithParam<Problem> {
+class BatchNormReluTest : public testing::Test {
  protected:
   ~BatchNormReluTest() override { at::set_num_threads(threads_); }
   const int threads_ = at::get_num_threads();
 };
-INSTANTIATE_TEST_SUITE_P(Grids, BatchNormReluTest,
-                         testing::Values(Problem{"Vectors", {8, 24, 16, 16}, true, 0.3, 1},
-                                         Problem{"Threads", {64, 24, 32, 32}, true, 0.3, 3},
-                                         Problem{"NoVector", {3, 5, 7, 9}, true, -0.4, 1},
-                                         Problem{"ChannelsFirst", {4, 12, 9, 11}, false, 0.0, 1},
-                                         Problem{"FarFromZero", {16, 16, 9, 9}, true, 300.0, 1},
-                                         Problem{"OneCell", {2, 8, 1, 1}, true, 0.0, 1}),
-                         [](const auto& problem) { return problem.param.name; });
+class BatchNormReluGridTest : public BatchNormReluTest,
+                              public testing::WithParamInterface<Problem> {};
+INSTANTIATE_TEST_SUITE_P(
+    Grids, BatchNormReluGridTest,
+    testing::Values(Problem{"Vectors", {8, 24, 16, 16}, true, 0.3, 0.3, 1},
+                    Problem{"Threads", {64, 24, 32, 32}, true, 0.3, 0.3, 3},
+                    Problem{"NoVector", {3, 5, 7, 9}, true, -0.4, 0.0, 1},
+                    Problem{"ChannelsFirst", {4, 12, 9, 11}, false, 0.0, 0.0, 1},
+                    Problem{"FarFromZero", {16, 16, 9, 9}, true, 300.0, -100.0, 1},
+                    Problem{"OneCell", {2, 8, 1, 1}, true, 0.0, 0.0, 1}),
+    [](const auto& problem) { return problem.param.name; });
 
 BatchNorm RandomNorm(int64_t channels, double mean) {
   return {at::randn({channels}), at::randn({channels}), at::randn({channels}) * 0.1 + mean,
@@ -45,13 +52,13 @@ double Difference(const at::Tensor& a, const at::Tensor& b) {
   return (a.to(at::kDouble) - b).abs().max().item<double>() / (1.0 + b.abs().max().item<double>());
 }
 
-TEST_P(BatchNormReluTest, AgreesWithPyTorch) {
+TEST_P(BatchNormReluGridTest, AgreesWithPyTorch) {
   const Problem& p = GetParam();
   at::set_num_threads(p.threads);
   at::manual_seed(1);
   at::Tensor x = at::randn(p.shape) + p.mean;
   if (p.channels_last) x = x.contiguous(at::MemoryFormat::ChannelsLast);
-  BatchNorm norm = RandomNorm(p.shape[1], p.mean);
+  BatchNorm norm = RandomNorm(p.shape[1], p.running_mean);
   BatchNorm exact_norm = InDoubles(norm);
   at::Tensor exact_x = x.to(at::kDouble);
   for (at::Tensor* learned :
@@ -77,6 +84,34 @@ TEST_P(BatchNormReluTest, AgreesWithPyTorch) {
   EXPECT_LE(Difference(x.grad(), exact_x.grad()), most);
   EXPECT_LE(Difference(norm.weight.grad(), exact_norm.weight.grad()), 5.0 * most);
   EXPECT_LE(Difference(norm.bias.grad(), exact_norm.bias.grad()), most);
+}
+
+// A loss must not stay finite when something before it is not.
+TEST_F(BatchNormReluTest, WhatIsNotANumberStaysSo) {
+  at::manual_seed(1);
+  at::Tensor x = at::randn({4, 8, 5, 5});
+  x[2][3][1][1] = std::numeric_limits<float>::quiet_NaN();
+  x.requires_grad_();
+  const BatchNorm norm = RandomNorm(8, 0.0);
+  const at::Tensor y = BatchNormRelu(x, norm);
+  EXPECT_TRUE(y.select(1, 3).isnan().all().item<bool>());
+  EXPECT_FALSE(y.select(1, 4).isnan().any().item<bool>());
+  y.sum().backward();
+  EXPECT_TRUE(x.grad().select(1, 3).isnan().all().item<bool>());
+}
+
+TEST_F(BatchNormReluTest, AsManyThreadsGiveTheSameBits) {
+  at::set_num_threads(3);
+  at::manual_seed(1);
+  const at::Tensor x = at::randn({64, 24, 16, 16}).contiguous(at::MemoryFormat::ChannelsLast);
+  const BatchNorm norm = RandomNorm(24, 0.0);
+  at::Tensor first;
+  for (int i = 0; i < 5; ++i) {
+    const at::Tensor again = x.clone().requires_grad_();
+    BatchNormRelu(again, norm).square().sum().backward();
+    if (i == 0) first = again.grad();
+    EXPECT_TRUE(at::equal(again.grad(), first));
+  }
 }
 
 }  // namespace
