@@ -108,6 +108,10 @@ v1::ModelSpec AnchorSpec(const v1::ModelSpec& model) {
   v1::ModelSpec spec = model;
   spec.set_latent_dimensions(1);
   spec.set_objective(v1::OBJECTIVE_BASE);
+  spec.clear_action_geometry();
+  spec.clear_mean_residual();
+  spec.clear_scene_covariance();
+  spec.clear_decoder_covariance();
   for (v1::MlpSpec* latent : {spec.mutable_trajectory_encoder(), spec.mutable_decoder(),
                               spec.mutable_scenario_encoder()}) {
     latent->clear_hidden();

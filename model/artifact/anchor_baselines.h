@@ -10,8 +10,10 @@
 // MultiPath-like (Chai et al., CoRL 2019): the same with an offset and a Gaussian for each anchor
 // and waypoint. Both have k-means centres of training trajectories for anchors. Their tensors:
 //
-//   backbone.*, action_predictor.*     as tensor.h has them, K logits
-//   anchors.mean                       [K, T, 2] metres, target frame
+//   backbone.*, history.*, lane_path.*, join.*, action_predictor.*
+//                                      as tensor.h has them, K logits
+//   anchors.mean                       [K, T, 2] metres, target frame, relative to the spec's
+//                                      reference
 //   covernet:   anchors.covariance     [K, T, 3] xx, xy, yy, square metres
 //   multipath:  anchors.scale          [T] factor of the predicted covariances, positive
 //               anchor_regression.{i}.{weight,bias}   F' -> the action predictor's hidden layers ->
@@ -49,8 +51,9 @@ struct StoredBaselines {
   TensorMap multipath;  // MultiPath-like
 };
 
-// The spec of a model's baselines: what is read of a scene and predicted is the model's; the latent
-// parts, which anchors take the place of, are as small as a spec lets them be.
+// Returns the spec of a model's baselines. They read the same of a scene, and their trajectories
+// have the same waypoints and reference. The latent parts, which the anchors replace, are as small
+// as a spec allows; how the model decodes actions is left out.
 v1::ModelSpec AnchorSpec(const v1::ModelSpec& model);
 
 // Adds them to a model folder. INVALID_ARGUMENT for what ReadBaselines would refuse.

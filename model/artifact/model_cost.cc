@@ -6,6 +6,10 @@
 #include "absl/strings/match.h"
 #include "model/artifact/backbone_layers.h"
 #include "model/artifact/model_spec.h"
+#include "model/artifact/tensor.h"
+#include "model/scene/action_geometry.h"
+#include "model/scene/lane_path_inputs.h"
+#include "model/scene/target_history.h"
 
 namespace maneuver::artifact {
 namespace {
@@ -13,7 +17,8 @@ namespace {
 // Whether gradients change a tensor; the others are measured.
 bool IsLearned(const std::string& name) {
   return !absl::EndsWith(name, ".running_mean") && !absl::EndsWith(name, ".running_var") &&
-         !absl::StartsWith(name, "trajectory.") && name != "decoder.covariance";
+         !absl::StartsWith(name, "trajectory.") && name != "decoder.covariance" &&
+         name != "mean_residual.curves" && name != "scene_covariance.speed_factor";
 }
 
 int64_t MultiplyAdds(const BackboneLayer& layer) {
@@ -28,6 +33,62 @@ int64_t MultiplyAdds(int64_t inputs, const v1::MlpSpec& mlp, int64_t outputs) {
     inputs = width;
   }
   return sum + inputs * outputs;
+}
+
+int64_t OfBackbone(const v1::ModelSpec& spec) {
+  if (!spec.has_raster()) return 0;
+  int64_t sum = 0;
+  int64_t flattened = 0;
+  for (const BackboneLayer& layer : BackboneLayers(spec)) {
+    sum += MultiplyAdds(layer);
+    flattened = layer.output.values();
+  }
+  return sum + flattened * spec.backbone().features();
+}
+
+// Of history.*, lane_path.* and join.* (tensor.h).
+int64_t OfSceneVectors(const v1::ModelSpec& spec) {
+  if (!spec.has_scene_vectors()) return 0;
+  const v1::SceneVectorsSpec& vectors = spec.scene_vectors();
+  const int64_t H = vectors.history_width();
+  const int64_t P = vectors.path_width();
+  const int64_t raster = spec.has_raster() ? spec.backbone().features() : 0;
+  const int64_t path = P * (scene::kLanePathInputs + P + P + vectors.attention_heads() + 1);
+  return H * (scene::kHistoryInputs + H) + H * P + scene::kMostLanePaths * path +
+         (H + 2 * P + raster) * vectors.features();
+}
+
+// Of action_geometry.*, for all actions. What a layer adds of the scene or of a path is the same
+// for all actions.
+int64_t OfActionGeometry(const v1::ModelSpec& spec) {
+  if (!spec.has_action_geometry()) return 0;
+  const v1::ActionGeometrySpec& geometry = spec.action_geometry();
+  const int64_t F = SceneFeatures(spec);
+  const int64_t P = spec.scene_vectors().path_width();
+  const int64_t G = geometry.pair_width();
+  const int64_t A = geometry.features();
+  const int64_t shared = F * G + scene::kMostLanePaths * P * G + F * A;
+  const int64_t pair = scene::kPairNumbers * G + G * G + G * geometry.attention_heads() + G;
+  const int64_t action = (2 * G + scene::kActionNumbers) * A + A * A + A;
+  return shared + spec.actions() * (scene::kMostLanePaths * pair + action);
+}
+
+// Of mean_residual.* and what h_y adds to the latent, for one action.
+int64_t OfMeanResidual(const v1::ModelSpec& spec) {
+  const int64_t A = spec.action_geometry().features();
+  const int64_t latent = A * 2 * spec.latent_dimensions();
+  if (!spec.mean_residual()) return latent;
+  const int64_t curves = 2 * CurveFunctions(spec.trajectory());
+  return latent + (SceneFeatures(spec) + A + 2 * spec.trajectory().waypoints()) * curves;
+}
+
+int64_t OfCovariance(const v1::ModelSpec& spec) {
+  if (spec.has_scene_covariance()) {
+    return MultiplyAdds(SceneFeatures(spec), spec.scene_covariance(), 2 * kStddevTerms);
+  }
+  if (!spec.has_decoder_covariance()) return 0;
+  return MultiplyAdds(spec.latent_dimensions(), spec.decoder_covariance(),
+                      3 * spec.trajectory().waypoints());
 }
 
 }  // namespace
@@ -46,24 +107,17 @@ v1::ModelCost CountCost(const v1::ModelSpec& spec) {
   cost.set_backbone_parameters(backbone_parameters);
   cost.set_parameters(parameters);
 
-  int64_t backbone = 0;
-  int64_t flattened = 0;
-  for (const BackboneLayer& layer : BackboneLayers(spec)) {
-    backbone += MultiplyAdds(layer);
-    flattened = layer.output.values();
-  }
-  cost.set_backbone_multiply_adds(backbone + flattened * spec.backbone().features());
-  cost.set_predictor_multiply_adds(
-      MultiplyAdds(SceneFeatures(spec), spec.action_predictor(), spec.actions()));
+  const int64_t F = SceneFeatures(spec);
   const int64_t D = spec.latent_dimensions();
   const int64_t sigma_points = 2 * D + 1;
-  const int64_t covariance =
-      spec.has_decoder_covariance()
-          ? MultiplyAdds(D, spec.decoder_covariance(), 3 * spec.trajectory().waypoints())
-          : 0;
+  cost.set_backbone_multiply_adds(OfBackbone(spec));
+  cost.set_vector_multiply_adds(OfSceneVectors(spec));
+  cost.set_predictor_multiply_adds(MultiplyAdds(F, spec.action_predictor(), spec.actions()) +
+                                   OfActionGeometry(spec));
   cost.set_distribution_multiply_adds(
-      covariance + MultiplyAdds(SceneFeatures(spec), spec.scenario_encoder(), 2 * D) +
-      sigma_points * MultiplyAdds(D, spec.decoder(), 2 * spec.trajectory().waypoints()));
+      MultiplyAdds(F, spec.scenario_encoder(), 2 * D) +
+      sigma_points * MultiplyAdds(D, spec.decoder(), 2 * spec.trajectory().waypoints()) +
+      OfMeanResidual(spec) + OfCovariance(spec));
   return cost;
 }
 

@@ -8,8 +8,9 @@
 
 namespace maneuver::artifact {
 
-// Of a valid spec. Counted as is usual for image networks: convolutions and fully connected layers
-// alone multiply; a batch normalisation has two parameters a channel, its running moments are none.
+// Returns the cost of a model with a valid spec. Counted as is usual for image networks:
+// convolutions, fully connected layers and the weighted sums of attention alone multiply; a batch
+// normalisation has two parameters a channel, its running moments are none.
 v1::ModelCost CountCost(const v1::ModelSpec& spec);
 
 }  // namespace maneuver::artifact

@@ -5,11 +5,17 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
+#include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "model/artifact/backbone_layers.h"
 #include "model/artifact/field_rules.h"
+#include "model/artifact/tensor.h"
+#include "model/scene/action_geometry.h"
+#include "model/scene/lane_path_inputs.h"
+#include "model/scene/target_history.h"
 #include "model/scene/target_motion.h"
 
 namespace maneuver::artifact {
@@ -101,11 +107,98 @@ void CheckTrajectory(const v1::TrajectorySpec& trajectory, FieldRules* rules) {
   }
 }
 
+void CheckDivides(const std::string& field, int heads, const char* of, int width,
+                  FieldRules* rules) {
+  rules->Require(heads >= 1 && width % std::max(heads, 1) == 0, field,
+                 absl::StrCat("must be at least 1 and divide ", of, " (", width, "), not ", heads));
+}
+
+void CheckSceneVectors(const v1::SceneVectorsSpec& vectors, FieldRules* rules) {
+  rules->Between("scene_vectors.history_width", "width", vectors.history_width(), 1,
+                 kMaxHiddenWidth);
+  rules->Between("scene_vectors.features", "width", vectors.features(), 1, kMaxHiddenWidth);
+  rules->Between("scene_vectors.path_width", "width", vectors.path_width(), 0, kMaxHiddenWidth);
+  if (vectors.path_width() > 0) {
+    CheckDivides("scene_vectors.attention_heads", vectors.attention_heads(), "path_width",
+                 vectors.path_width(), rules);
+  }
+}
+
+void CheckActionGeometry(const v1::ModelSpec& spec, FieldRules* rules) {
+  const v1::ActionGeometrySpec& geometry = spec.action_geometry();
+  rules->Require(ReadsLanePaths(spec), "action_geometry",
+                 "needs lane paths: set scene_vectors.path_width");
+  rules->Between("action_geometry.pair_width", "width", geometry.pair_width(), 1, kMaxHiddenWidth);
+  rules->Between("action_geometry.features", "width", geometry.features(), 1, kMaxHiddenWidth);
+  CheckDivides("action_geometry.attention_heads", geometry.attention_heads(), "pair_width",
+               geometry.pair_width(), rules);
+}
+
+// What reads the scene, and what only some of it can be given to.
+void CheckInputs(const v1::ModelSpec& spec, FieldRules* rules) {
+  rules->Require(spec.has_raster() || spec.has_scene_vectors(), "raster",
+                 "must be set, or scene_vectors: the networks have to read something");
+  if (spec.has_raster()) {
+    CheckRaster(spec.raster(), rules);
+    CheckBackbone(spec.backbone(), rules);
+  } else {
+    rules->Require(!spec.has_backbone(), "backbone", "needs a raster");
+  }
+  if (spec.has_scene_vectors()) {
+    CheckSceneVectors(spec.scene_vectors(), rules);
+    rules->Require(!spec.target_motion(), "target_motion",
+                   "is part of scene_vectors; leave it out");
+  }
+  if (spec.has_action_geometry()) CheckActionGeometry(spec, rules);
+  const auto needs_vectors = [&](bool asked, const char* field) {
+    rules->Require(!asked || spec.has_scene_vectors(), field, "needs scene_vectors");
+  };
+  needs_vectors(HasReference(spec), "reference");
+  needs_vectors(spec.mean_residual(), "mean_residual");
+  needs_vectors(spec.has_scene_covariance(), "scene_covariance");
+  rules->Require(!spec.has_scene_covariance() || !spec.has_decoder_covariance(), "scene_covariance",
+                 "is in place of decoder_covariance, not beside it");
+}
+
+void CheckTargetTypes(const v1::ModelSpec& spec, FieldRules* rules) {
+  std::set<int> seen;
+  for (int i = 0; i < spec.target_types_size(); ++i) {
+    const v1::AgentType type = spec.target_types(i);
+    const std::string field = absl::StrCat("target_types[", i, "]");
+    rules->Require(v1::AgentType_IsValid(type) && type != v1::AGENT_TYPE_UNSPECIFIED, field,
+                   "is no type of agents");
+    rules->Require(seen.insert(type).second, field, "is named twice");
+  }
+}
+
+struct TypeNames {
+  const char* one;
+  const char* several;
+};
+
+TypeNames NamesOf(v1::AgentType type) {
+  switch (type) {
+    case v1::AGENT_TYPE_VEHICLE:
+      return {"a vehicle", "vehicles"};
+    case v1::AGENT_TYPE_PEDESTRIAN:
+      return {"a pedestrian", "pedestrians"};
+    case v1::AGENT_TYPE_CYCLIST:
+      return {"a cyclist", "cyclists"};
+    case v1::AGENT_TYPE_OTHER:
+      return {"an agent of another type", "agents of other types"};
+    default:
+      return {"an agent whose type is not stated", "agents whose type is not stated"};
+  }
+}
+
 // Of a spec whose single fields are good.
 void CheckMemory(const v1::ModelSpec& spec, FieldRules* rules) {
-  int64_t largest = RasterGrid(spec.raster()).values();
-  for (const BackboneLayer& layer : BackboneLayers(spec)) {
-    largest = std::max(largest, layer.output.values());
+  int64_t largest = 0;
+  if (spec.has_raster()) {
+    largest = RasterGrid(spec.raster()).values();
+    for (const BackboneLayer& layer : BackboneLayers(spec)) {
+      largest = std::max(largest, layer.output.values());
+    }
   }
   rules->Require(largest <= kMaxGrid,
                  spec.backbone().has_residual() ? "backbone.residual" : "backbone.convolutions",
@@ -141,9 +234,9 @@ void AddMlp(const std::string& name, int64_t inputs, const v1::MlpSpec& mlp, int
 
 std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec) {
   FieldRules rules;
-  CheckRaster(spec.raster(), &rules);
-  CheckBackbone(spec.backbone(), &rules);
+  CheckInputs(spec, &rules);
   CheckTrajectory(spec.trajectory(), &rules);
+  CheckTargetTypes(spec, &rules);
   rules.Between("actions", "actions", spec.actions(), 2, 256);
   rules.Between("latent_dimensions", "dimensions", spec.latent_dimensions(), 1, 32);
   CheckMlp(spec.action_predictor(), "action_predictor", &rules);
@@ -153,9 +246,16 @@ std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec) 
   if (spec.has_decoder_covariance()) {
     CheckMlp(spec.decoder_covariance(), "decoder_covariance", &rules);
   }
+  if (spec.has_scene_covariance()) CheckMlp(spec.scene_covariance(), "scene_covariance", &rules);
+  rules.Require(v1::TrajectoryReference_IsValid(spec.reference()), "reference",
+                "is not one that this version knows");
   rules.Between("decoder_stddev", "metres", spec.decoder_stddev(), 1e-3, 100.0);
   if (rules.violations().empty()) CheckMemory(spec, &rules);
   return std::move(rules).violations();
+}
+
+double WaypointInterval(const v1::TrajectorySpec& spec) {
+  return Seconds(spec.waypoint_interval());
 }
 
 std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec) {
@@ -170,29 +270,127 @@ std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec) {
 }
 
 int64_t SceneFeatures(const v1::ModelSpec& spec) {
+  if (spec.has_scene_vectors()) return spec.scene_vectors().features();
   return spec.backbone().features() + (spec.target_motion() ? scene::kMotionInputs : 0);
 }
+
+bool Predicts(const v1::ModelSpec& spec, v1::AgentType type) {
+  if (type == v1::AGENT_TYPE_UNSPECIFIED) return true;
+  if (spec.target_types().empty()) return type == v1::AGENT_TYPE_VEHICLE;
+  return std::find(spec.target_types().begin(), spec.target_types().end(), type) !=
+         spec.target_types().end();
+}
+
+std::string TargetTypesText(const v1::ModelSpec& spec) {
+  if (spec.target_types().empty()) return NamesOf(v1::AGENT_TYPE_VEHICLE).several;
+  std::string text;
+  for (int i = 0; i < spec.target_types_size(); ++i) {
+    if (i > 0) text += i + 1 < spec.target_types_size() ? ", " : " and ";
+    text += NamesOf(spec.target_types(i)).several;
+  }
+  return text;
+}
+
+std::string AgentText(v1::AgentType type) { return NamesOf(type).one; }
+
+bool HasReference(const v1::ModelSpec& spec) {
+  return spec.reference() == v1::TRAJECTORY_REFERENCE_CONSTANT_VELOCITY ||
+         spec.reference() == v1::TRAJECTORY_REFERENCE_FADING_MOTION;
+}
+
+bool ReadsLanePaths(const v1::ModelSpec& spec) { return spec.scene_vectors().path_width() > 0; }
+
+int64_t CurveFunctions(const v1::TrajectorySpec& spec) {
+  constexpr int64_t kDegree = 3;
+  const double horizon = spec.waypoints() * Seconds(spec.waypoint_interval());
+  const int64_t intervals = std::max<int64_t>(1, std::lround(horizon / kKnotInterval));
+  return std::min<int64_t>(intervals + kDegree - 1, spec.waypoints());
+}
+
+namespace {
+
+void AddDense(const std::string& name, int64_t inputs, int64_t outputs, Shapes* shapes) {
+  shapes->emplace(name + ".weight", std::vector<int64_t>{outputs, inputs});
+  shapes->emplace(name + ".bias", std::vector<int64_t>{outputs});
+}
+
+void AddBackbone(const v1::ModelSpec& spec, Shapes* shapes) {
+  const std::vector<BackboneLayer> layers = BackboneLayers(spec);
+  for (const BackboneLayer& layer : layers) {
+    if (layer.kind != BackboneLayer::Kind::kConvolution) continue;
+    const int64_t outputs = layer.output.channels;
+    (*shapes)[layer.convolution + ".weight"] = {outputs, layer.input.channels, layer.kernel,
+                                                layer.kernel};
+    for (const char* part : {"weight", "bias", "running_mean", "running_var"}) {
+      (*shapes)[absl::StrCat(layer.normalization, ".", part)] = {outputs};
+    }
+  }
+  AddDense("backbone.projection", layers.back().output.values(), spec.backbone().features(),
+           shapes);
+}
+
+void AddSceneVectors(const v1::ModelSpec& spec, Shapes* shapes) {
+  const v1::SceneVectorsSpec& vectors = spec.scene_vectors();
+  const int64_t H = vectors.history_width();
+  const int64_t P = vectors.path_width();
+  AddDense("history.0", scene::kHistoryInputs, H, shapes);
+  AddDense("history.1", H, H, shapes);
+  if (P > 0) {
+    AddDense("lane_path.0", scene::kLanePathInputs, P, shapes);
+    AddDense("lane_path.1", P, P, shapes);
+    AddDense("lane_path.history", H, P, shapes);
+    AddDense("lane_path.output", P, P, shapes);
+    AddDense("lane_path.attention", P, vectors.attention_heads(), shapes);
+  }
+  const int64_t raster = spec.has_raster() ? spec.backbone().features() : 0;
+  AddDense("join", H + 2 * P + raster, vectors.features(), shapes);
+}
+
+void AddActionGeometry(const v1::ModelSpec& spec, Shapes* shapes) {
+  const v1::ActionGeometrySpec& geometry = spec.action_geometry();
+  const int64_t K = spec.actions();
+  const int64_t F = SceneFeatures(spec);
+  const int64_t P = spec.scene_vectors().path_width();
+  const int64_t G = geometry.pair_width();
+  const int64_t A = geometry.features();
+  Shapes& all = *shapes;
+  all["action_geometry.pair.weight"] = {G, scene::kPairNumbers};
+  all["action_geometry.path.weight"] = {G, P};
+  all["action_geometry.scene.weight"] = {G, F};
+  all["action_geometry.action.bias"] = {K, G};
+  AddDense("action_geometry.hidden", G, G, shapes);
+  AddDense("action_geometry.attention", G, geometry.attention_heads(), shapes);
+  all["action_geometry.joint.weight"] = {A, 2 * G + scene::kActionNumbers};
+  all["action_geometry.joint_scene.weight"] = {A, F};
+  all["action_geometry.joint_action.bias"] = {K, A};
+  AddDense("action_geometry.output", A, A, shapes);
+  all["action_geometry.logit.weight"] = {1, A};
+  all["action_geometry.latent.weight"] = {K, 2 * int64_t{spec.latent_dimensions()}, A};
+}
+
+void AddMeanResidual(const v1::ModelSpec& spec, Shapes* shapes) {
+  const int64_t K = spec.actions();
+  const int64_t M = CurveFunctions(spec.trajectory());
+  (*shapes)["mean_residual.scene.weight"] = {K, 2 * M, SceneFeatures(spec)};
+  if (spec.has_action_geometry()) {
+    (*shapes)["mean_residual.geometry.weight"] = {K, 2 * M, spec.action_geometry().features()};
+  }
+  (*shapes)["mean_residual.curves"] = {2 * int64_t{spec.trajectory().waypoints()}, 2 * M};
+}
+
+}  // namespace
 
 std::map<std::string, std::vector<int64_t>> TensorShapes(const v1::ModelSpec& spec) {
   const int64_t K = spec.actions();
   const int64_t D = spec.latent_dimensions();
   const int64_t T = spec.trajectory().waypoints();
-  const int64_t F = spec.backbone().features();
   const int64_t features = SceneFeatures(spec);
 
   Shapes shapes;
-  const std::vector<BackboneLayer> layers = BackboneLayers(spec);
-  for (const BackboneLayer& layer : layers) {
-    if (layer.kind != BackboneLayer::Kind::kConvolution) continue;
-    const int64_t outputs = layer.output.channels;
-    shapes[layer.convolution + ".weight"] = {outputs, layer.input.channels, layer.kernel,
-                                             layer.kernel};
-    for (const char* part : {"weight", "bias", "running_mean", "running_var"}) {
-      shapes[absl::StrCat(layer.normalization, ".", part)] = {outputs};
-    }
-  }
-  shapes["backbone.projection.weight"] = {F, layers.back().output.values()};
-  shapes["backbone.projection.bias"] = {F};
+  if (spec.has_raster()) AddBackbone(spec, &shapes);
+  if (spec.has_scene_vectors()) AddSceneVectors(spec, &shapes);
+  if (spec.has_action_geometry()) AddActionGeometry(spec, &shapes);
+  if (spec.mean_residual()) AddMeanResidual(spec, &shapes);
 
   AddMlp("action_predictor", features, spec.action_predictor(), K, {}, &shapes);
   AddMlp("trajectory_encoder", 2 * T, spec.trajectory_encoder(), 2 * D, {}, &shapes);
@@ -204,7 +402,10 @@ std::map<std::string, std::vector<int64_t>> TensorShapes(const v1::ModelSpec& sp
   shapes["mixture.log_weight"] = {K};
   shapes["trajectory.mean"] = {T, 2};
   shapes["trajectory.stddev"] = {T, 2};
-  if (spec.has_decoder_covariance()) {
+  if (spec.has_scene_covariance()) {
+    AddMlp("scene_covariance", features, spec.scene_covariance(), 2 * kStddevTerms, {K}, &shapes);
+    shapes["scene_covariance.speed_factor"] = {kSpeedBinCount, 2};
+  } else if (spec.has_decoder_covariance()) {
     AddMlp("decoder_covariance", D, spec.decoder_covariance(), 3 * T, {}, &shapes);
   } else {
     shapes["decoder.covariance"] = {K, T, 3};

@@ -41,12 +41,67 @@ struct Tensor {
 //   decoder_covariance.{i}.{weight,bias}   D -> hidden ... -> 3T: a, b, c of each waypoint, whose
 //       covariance is L L^T with L = (e^a 0; c e^b e^b), a and b held within the bounds below
 //
-// A trajectory [T, 2] is flattened as x_1, y_1, x_2, y_2, ...
+// Of a model with scene vectors (scene/scene_vectors.h), in place of the backbone or beside it; H,
+// P and F are the spec's history_width, path_width and features, all arrows through ReLU:
+//
+//   history.{0,1}.{weight,bias}   42 -> H -> H: o, from the target's own history
+//   lane_path.{0,1}.{weight,bias}   84 -> P -> P, no ReLU after the second: one lane path alone
+//   lane_path.history.{weight,bias}   H -> P: what o adds to each path's, before the ReLU
+//   lane_path.output.{weight,bias}   P -> P: l_i, of path i
+//   lane_path.attention.{weight,bias}   P -> heads, no ReLU. Head j weighs channels j P / heads to
+//       (j + 1) P / heads of all l_i by the softmax of its number over the paths: attended [P]. The
+//       largest of each channel over the paths: maximum [P]. Both are 0 where there is no path
+//   join.{weight,bias}   (o, attended, maximum, then the backbone's features, whichever there are)
+//       -> F: the scene's features f
+//
+// Of actions that look at the lanes, with G, A = pair_width, features of the spec's action_geometry
+// and u_yi the 18 numbers of action y and path i, v_y the 13 of action y (inference/
+// action_geometry.h):
+//
+//   action_geometry.pair.weight   [G, 18]
+//   action_geometry.path.weight   [G, P]
+//   action_geometry.scene.weight   [G, F]
+//   action_geometry.action.bias   [K, G]
+//       g_yi = relu(pair u_yi + path l_i + scene f + action_y)
+//   action_geometry.hidden.{weight,bias}   g_yi -> G
+//   action_geometry.attention.{weight,bias}   G -> heads; attended and maximum over i as above
+//   action_geometry.joint.weight   [A, 2G + 13] of (attended, maximum, v_y)
+//   action_geometry.joint_scene.weight   [A, F]
+//   action_geometry.joint_action.bias   [K, A]
+//       relu of the sum of the three
+//   action_geometry.output.{weight,bias}   A -> A: h_y
+//   action_geometry.logit.weight   [1, A]: what h_y adds to the logit of action y
+//   action_geometry.latent.weight   [K, 2D, A]: what h_y adds to what scenario_encoder y answers
+//
+// Of a mean that depends on the scene, with M functions an axis (CurveFunctions, model_spec.h):
+//
+//   mean_residual.scene.weight   [K, 2M, F]
+//   mean_residual.geometry.weight   [K, 2M, A]; of actions that look at the lanes alone
+//   mean_residual.curves   [2T, 2M] metres: p(x|z,y,s) has the decoder's mean plus
+//       curves (scene_y f + geometry_y h_y)
+//
+// Of a covariance that the scene predicts, in place of decoder.covariance:
+//
+//   scene_covariance.{i}.{weight,bias}   [K, out, in], [K, out]   F -> hidden ... -> 8: for each of
+//       along and across, four numbers a_0 .. a_3; ln stddev at time t of the horizon h is
+//       a_0 + a_1 ln(2t/h) + a_2 (2t/h - 1) + a_3 e^-t, held within the bounds below. Along and
+//       across are those of the predicted mean (inference/mean_direction.h)
+//   scene_covariance.speed_factor   [6, 2]   factors of the two variances by the speed at the
+//       prediction time: below 0.5, 2, 5, 10, 15 m/s and from there on
+//
+// A trajectory [T, 2] is flattened as x_1, y_1, x_2, y_2, ... Trajectories that the encoder reads
+// and the decoder answers are relative to the spec's reference (scene/motion_reference.h).
 using TensorMap = std::map<std::string, Tensor>;
 
-// Bounds of a and b of decoder_covariance: 5 cm and 55 m.
+// Bounds of a and b of decoder_covariance, and of scene_covariance: 5 cm and 55 m.
 inline constexpr float kLeastLogStddev = -3.0f;
 inline constexpr float kMostLogStddev = 4.0f;
+
+// Of scene_covariance: numbers of each axis, and the lower bounds of all speed bins but the first,
+// m/s.
+inline constexpr int kStddevTerms = 4;
+inline constexpr double kSpeedBins[] = {0.5, 2.0, 5.0, 10.0, 15.0};
+inline constexpr int kSpeedBinCount = 6;
 
 }  // namespace maneuver::artifact
 

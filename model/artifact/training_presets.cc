@@ -8,11 +8,13 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <set>
 #include <string>
 #include <utility>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
 #include "model/artifact/field_rules.h"
 #include "model/artifact/model_spec.h"
@@ -23,10 +25,22 @@ namespace {
 using google::protobuf::FieldDescriptor;
 using google::protobuf::Message;
 
-constexpr char kDefaultPreset[] = "compact";
+constexpr int kDualPosteriorEpochs = 6;
 constexpr int kCovarianceWidth = 64;  // of the predicted covariance's hidden layer
 
-// What both presets share.
+const std::set<std::string>& Presets() {
+  static const auto& presets = *new std::set<std::string>{"compact", "lanes", "lanes-metres",
+                                                          "literal", "paper", "resnet50"};
+  return presets;
+}
+
+// Where none is named: settings of a raster are of the raster's preset.
+std::string DefaultPreset(const v1::ModelSpec& model) {
+  return model.has_raster() || model.has_backbone() || model.has_target_motion() ? "compact"
+                                                                                 : "lanes";
+}
+
+// What all presets share.
 constexpr char kLearning[] = R"pb(
   examples {
     stride { nanos: 500000000 }
@@ -184,6 +198,60 @@ constexpr char kResNet50[] = R"pb(
   }
 )pb";
 
+// Reads the target's history and the lane paths as vectors, predicts what the target does beyond
+// its present motion, and lets actions look at the lanes. Not the paper's model: x is relative to a
+// reference, and its mean depends on the scene (mean_residual).
+constexpr char kLanes[] = R"pb(
+  preset: "lanes"
+  model {
+    trajectory {
+      waypoints: 50
+      waypoint_interval { nanos: 100000000 }
+    }
+    actions: 25
+    latent_dimensions: 5
+    action_predictor { hidden: [ 128 ] }
+    trajectory_encoder { hidden: [ 128, 128, 128 ] }
+    decoder { hidden: [ 128, 128, 128 ] }
+    scenario_encoder { hidden: [ 64 ] }
+    decoder_stddev: 1.0
+    objective: OBJECTIVE_UNIFIED
+    reference: TRAJECTORY_REFERENCE_FADING_MOTION
+    scene_vectors { history_width: 64 path_width: 96 attention_heads: 4 features: 256 }
+    action_geometry { pair_width: 32 attention_heads: 2 features: 64 }
+    mean_residual: true
+    scene_covariance { hidden: [ 32 ] }
+  }
+  examples {
+    max_examples: 12000
+    training_stride { nanos: 200000000 }
+  }
+  optimization {
+    mixture_epochs: 100
+    joint_epochs: 20
+    posterior_epochs: 0
+    covariance_epochs: 6
+    batch_size: 128
+    learning_rate: 1.4e-3
+    posterior_reconstruction_weight: 0.4
+    posterior_huber: 1
+    posterior_actions: 6
+    mixture_placement: MIXTURE_PLACEMENT_DEPARTURE_CLUSTERS
+    clustered_share: 0.85
+    decoder_covariance: DECODER_COVARIANCE_SCENE
+    geometry_dropout: 0.1
+    calibrate_latent: false
+  }
+  augmentation { shift_pixels: 0 sensor_noise: 0.5 }
+)pb";
+
+// On top of lanes: actions that mean places in the target's frame, as the paper's do.
+constexpr char kLanesMetres[] = R"pb(
+  preset: "lanes-metres"
+  model { reference: TRAJECTORY_REFERENCE_NONE }
+  optimization { mixture_placement: MIXTURE_PLACEMENT_VELOCITY_CLUSTERS }
+)pb";
+
 // Clears the fields of `preset` that `settings` replaces whole, where merging would append
 // (repeated fields) or mix (seconds of one duration with nanoseconds of another).
 void ClearReplaced(const Message& settings, Message* preset) {
@@ -229,6 +297,9 @@ v1::TrainingSettings ParsePreset(std::initializer_list<const char*> texts) {
 
 void CheckExamples(const v1::ExampleSettings& examples, FieldRules* rules) {
   rules->Positive("examples.stride", examples.stride());
+  if (examples.has_training_stride()) {
+    rules->Positive("examples.training_stride", examples.training_stride());
+  }
   rules->Require(examples.keep_standing() > 0 && examples.keep_standing() <= 1,
                  "examples.keep_standing", "must be more than 0 and at most 1");
   rules->Between("examples.standing_distance", "metres", examples.standing_distance(), 0.0, 100.0);
@@ -282,12 +353,20 @@ void CheckOptimization(const v1::OptimizationSettings& optimization, v1::Objecti
   check_weight("optimization.action_weight", optimization.action_weight());
   check_weight("optimization.posterior_reconstruction_weight",
                optimization.posterior_reconstruction_weight());
+  rules->Between("optimization.posterior_huber", "metres", optimization.posterior_huber(), 0.0,
+                 1e3);
+  rules->Between("optimization.posterior_actions", "actions", optimization.posterior_actions(), 0,
+                 256);
+  rules->Require(optimization.geometry_dropout() >= 0 && optimization.geometry_dropout() < 1,
+                 "optimization.geometry_dropout", "must be at least 0 and less than 1");
+  check_epochs("optimization.covariance_epochs", optimization.covariance_epochs(), 0);
   check_weight("optimization.posterior_divergence_weight",
                optimization.posterior_divergence_weight());
 }
 
-void CheckAugmentation(const v1::AugmentationSettings& augmentation, const v1::RasterSpec& raster,
+void CheckAugmentation(const v1::AugmentationSettings& augmentation, const v1::ModelSpec& model,
                        FieldRules* rules) {
+  const v1::RasterSpec& raster = model.raster();
   rules->Between("augmentation.scale", "share", augmentation.scale(), 0.0, 0.5);
   rules->Between("augmentation.shift_pixels", "pixels", augmentation.shift_pixels(), 0,
                  std::max(0, std::min(raster.height(), raster.width()) / 4));
@@ -297,15 +376,23 @@ void CheckAugmentation(const v1::AugmentationSettings& augmentation, const v1::R
         {"augmentation.drop_history", augmentation.drop_history()}}) {
     rules->Require(share >= 0 && share < 1, field, "must be at least 0 and less than 1");
   }
+  rules->Between("augmentation.sensor_noise", "share", augmentation.sensor_noise(), 0.0, 1.0);
+  rules->Require(augmentation.sensor_noise() == 0.0 || model.has_scene_vectors(),
+                 "augmentation.sensor_noise", "needs model.scene_vectors");
 }
 
 }  // namespace
 
 v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& settings) {
-  const std::string& name = settings.preset().empty() ? kDefaultPreset : settings.preset();
+  const std::string name =
+      settings.preset().empty() ? DefaultPreset(settings.model()) : settings.preset();
   v1::TrainingSettings resolved;
   if (name == "compact") {
     resolved = ParsePreset({kLearning, kCompact});
+  } else if (name == "lanes") {
+    resolved = ParsePreset({kLearning, kLanes});
+  } else if (name == "lanes-metres") {
+    resolved = ParsePreset({kLearning, kLanes, kLanesMetres});
   } else if (name == "paper") {
     resolved = ParsePreset({kLearning, kPaper});
   } else if (name == "resnet50") {
@@ -320,6 +407,16 @@ v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& setting
       !resolved.model().has_decoder_covariance()) {
     resolved.mutable_model()->mutable_decoder_covariance()->add_hidden(kCovarianceWidth);
   }
+  // All that a dual model learns of q(z|y,s) it learns then.
+  if (resolved.model().objective() == v1::OBJECTIVE_DUAL &&
+      !settings.optimization().has_posterior_epochs() &&
+      resolved.optimization().posterior_epochs() == 0) {
+    resolved.mutable_optimization()->set_posterior_epochs(kDualPosteriorEpochs);
+  }
+  if (resolved.optimization().decoder_covariance() != v1::DECODER_COVARIANCE_SCENE &&
+      !settings.model().has_scene_covariance()) {
+    resolved.mutable_model()->clear_scene_covariance();
+  }
   return resolved;
 }
 
@@ -331,6 +428,11 @@ v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& setting
       resolved.optimization().decoder_covariance() == v1::DECODER_COVARIANCE_UNSPECIFIED) {
     resolved.mutable_optimization()->set_decoder_covariance(v1::DECODER_COVARIANCE_PREDICTED);
   }
+  if (start.has_scene_covariance() &&
+      resolved.optimization().decoder_covariance() == v1::DECODER_COVARIANCE_UNSPECIFIED) {
+    resolved.mutable_optimization()->set_decoder_covariance(v1::DECODER_COVARIANCE_SCENE);
+  }
+  if (resolved.preset().empty()) resolved.set_preset(DefaultPreset(start));
   resolved = ResolveTrainingSettings(resolved);
   *resolved.mutable_model() = start;
   if (start.objective() == v1::OBJECTIVE_UNSPECIFIED) {
@@ -369,16 +471,19 @@ std::vector<scene::FieldViolation> ValidateStart(const v1::TrainingSettings& set
           start.has_decoder_covariance(),
       "optimization.decoder_covariance",
       "must not be DECODER_COVARIANCE_PREDICTED: the version to start from has no network for it");
+  rules.Require(settings.optimization().decoder_covariance() != v1::DECODER_COVARIANCE_SCENE ||
+                    start.has_scene_covariance(),
+                "optimization.decoder_covariance",
+                "must not be DECODER_COVARIANCE_SCENE: the version to start from has no network "
+                "for it");
   return std::move(rules).violations();
 }
 
 std::vector<scene::FieldViolation> ValidateTrainingSettings(const v1::TrainingSettings& resolved) {
   FieldRules rules;
   // Nothing else of it was filled in if its preset is not known.
-  const bool known = resolved.preset() == "compact" || resolved.preset() == "paper" ||
-                     resolved.preset() == "resnet50" || resolved.preset() == "literal";
-  if (!rules.Require(known, "preset",
-                     "must be \"compact\", \"paper\", \"resnet50\" or \"literal\"")) {
+  if (!rules.Require(Presets().contains(resolved.preset()), "preset",
+                     absl::StrCat("must be one of ", absl::StrJoin(Presets(), ", ")))) {
     return std::move(rules).violations();
   }
   for (const scene::FieldViolation& violation : ValidateModelSpec(resolved.model())) {
@@ -389,9 +494,13 @@ std::vector<scene::FieldViolation> ValidateTrainingSettings(const v1::TrainingSe
           resolved.optimization().decoder_covariance() == v1::DECODER_COVARIANCE_PREDICTED,
       "model.decoder_covariance",
       "needs optimization.decoder_covariance DECODER_COVARIANCE_PREDICTED");
+  rules.Require((resolved.optimization().decoder_covariance() == v1::DECODER_COVARIANCE_SCENE) ==
+                    resolved.model().has_scene_covariance(),
+                "model.scene_covariance",
+                "and optimization.decoder_covariance DECODER_COVARIANCE_SCENE need each other");
   CheckExamples(resolved.examples(), &rules);
   CheckOptimization(resolved.optimization(), resolved.model().objective(), &rules);
-  CheckAugmentation(resolved.augmentation(), resolved.model().raster(), &rules);
+  CheckAugmentation(resolved.augmentation(), resolved.model(), &rules);
   rules.Between("threads", "threads", resolved.threads(), 0, 1024);
   rules.Require(resolved.device() == "cpu" || resolved.device() == "cuda", "device",
                 "must be \"cpu\" or \"cuda\"");

@@ -12,8 +12,9 @@
 
 namespace maneuver::artifact {
 
-// `settings` with every unset field taken from its preset ("compact" if it names none). Repeated
-// fields replace the preset's whole. An unknown preset is left as it is, for validation to find.
+// `settings` with every unset field taken from its preset. Where it names none, that is "lanes", or
+// "compact" if it has a raster, a backbone or target_motion. Repeated fields replace the preset's
+// whole. An unknown preset is left as it is, for validation to find.
 v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& settings);
 
 // The same for a run that starts from a model of this spec, which stands in for the preset's; only

@@ -5,6 +5,7 @@
 
 #include <string>
 
+#include "maneuver/v1/prediction_service.pb.h"
 #include "maneuver/v1/status.pb.h"
 
 namespace maneuver {
@@ -52,6 +53,23 @@ TEST(WireCompatibilityTest, RetryInfoIsGoogleRpcRetryInfo) {
   const Descriptor* retry = v1::RetryInfo::descriptor();
   EXPECT_EQ(retry->field_count(), 1);
   EXPECT_EQ(retry->FindFieldByNumber(1)->message_type()->full_name(), "google.protobuf.Duration");
+}
+
+// Clients and servers of different releases understand each other while these numbers stand.
+TEST(WireCompatibilityTest, RepresentativesAreAddedBesideTheFieldsThatWereThere) {
+  const Descriptor* query = v1::DistributionQuery::descriptor();
+  EXPECT_EQ(Field(query, 1), "action_ids:message");
+  EXPECT_EQ(Field(query, 2), "min_probability:double");
+  EXPECT_EQ(Field(query, 3), "top_k:int32");
+  EXPECT_EQ(Field(query, 6), "omit_sigma_trajectories:bool");
+  EXPECT_EQ(Field(query, 7), "representatives:int32");
+  const Descriptor* target = v1::TargetPrediction::descriptor();
+  EXPECT_EQ(Field(target, 3), "probabilities:double*");
+  EXPECT_EQ(Field(target, 4), "distributions:message*");
+  EXPECT_EQ(Field(target, 5), "representatives:message*");
+  const Descriptor* representative = v1::Representative::descriptor();
+  EXPECT_EQ(Field(representative, 1), "action_id:int32");
+  EXPECT_EQ(Field(representative, 2), "weight:double");
 }
 
 }  // namespace

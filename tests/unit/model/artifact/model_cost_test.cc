@@ -3,9 +3,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <string>
 #include <utility>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "model/artifact/backbone_layers.h"
 #include "model/artifact/training_presets.h"
 #include "tests/unit/model/artifact/tiny_model.h"
@@ -66,6 +68,51 @@ TEST(ModelCostTest, CountsEveryPartOnce) {
   EXPECT_EQ(cost.backbone_multiply_adds(), 80 * 4 * 7 * 9 + 80 * 6 * 4 * 9 + 5 * 480);
   EXPECT_EQ(cost.predictor_multiply_adds(), 5 * 7 + 7 * 3);
   EXPECT_EQ(cost.distribution_multiply_adds(), 5 * 11 + 11 * 4 + 5 * (2 * 10 + 10 * 6));
+}
+
+// Sum of the sizes of the tensors whose names begin so and end in ".weight".
+int64_t Weights(const v1::ModelSpec& spec, const std::string& begin) {
+  int64_t sum = 0;
+  for (const auto& [name, shape] : TensorShapes(spec)) {
+    if (!absl::StartsWith(name, begin) || !absl::EndsWith(name, ".weight")) continue;
+    int64_t count = 1;
+    for (const int64_t size : shape) count *= size;
+    sum += count;
+  }
+  return sum;
+}
+
+// Every weight multiplies once for each scene, path, action or pair that its layer is applied to.
+TEST(ModelCostTest, CountsWhatReadsVectorsAndLooksAtTheLanes) {
+  v1::TrainingSettings settings;
+  settings.set_preset("lanes");
+  const v1::ModelSpec spec = ResolveTrainingSettings(settings).model();
+  const int64_t K = spec.actions();
+  const int64_t P = spec.scene_vectors().path_width();
+  const int64_t G = spec.action_geometry().pair_width();
+  const v1::ModelCost cost = CountCost(spec);
+  EXPECT_EQ(cost.backbone_multiply_adds(), 0);
+  EXPECT_EQ(cost.backbone_parameters(), 0);
+  EXPECT_EQ(cost.vector_multiply_adds(),
+            Weights(spec, "history.") + Weights(spec, "lane_path.history") +
+                6 * (Weights(spec, "lane_path.0") + Weights(spec, "lane_path.1") +
+                     Weights(spec, "lane_path.output") + Weights(spec, "lane_path.attention") + P) +
+                Weights(spec, "join."));
+  const auto geometry = [&](const std::string& layer) {
+    return Weights(spec, "action_geometry." + layer + ".");
+  };
+  EXPECT_EQ(cost.predictor_multiply_adds(),
+            Weights(spec, "action_predictor.") + geometry("scene") + 6 * geometry("path") +
+                geometry("joint_scene") +
+                6 * K * (geometry("pair") + geometry("hidden") + geometry("attention") + G) +
+                K * (geometry("joint") + geometry("output") + geometry("logit")));
+  EXPECT_EQ(cost.distribution_multiply_adds(),
+            (Weights(spec, "scenario_encoder.") + Weights(spec, "mean_residual.") +
+             Weights(spec, "scene_covariance.") + geometry("latent")) /
+                    K +
+                11 * Weights(spec, "decoder.") +
+                TensorShapes(spec).at("mean_residual.curves")[0] *
+                    TensorShapes(spec).at("mean_residual.curves")[1]);
 }
 
 }  // namespace

@@ -74,15 +74,24 @@ INSTANTIATE_TEST_SUITE_P(
               "} }",
               "backbone.convolutions"},
         Fault{"TwoBackbones", "backbone { residual { block: RESIDUAL_BLOCK_BASIC } }",
-              "backbone.residual"}),
+              "backbone.residual"},
+        Fault{"TypeTwice", "target_types: [ AGENT_TYPE_VEHICLE, AGENT_TYPE_VEHICLE ]",
+              "target_types[1]"},
+        Fault{"TypeNotStated", "target_types: AGENT_TYPE_UNSPECIFIED", "target_types[0]"}),
     [](const testing::TestParamInfo<Fault>& fault) { return fault.param.name; });
 
 TEST(ModelSpecTest, AnEmptySpecIsWrongInEveryPart) {
   const auto fields = WrongFields(v1::ModelSpec());
-  for (const char* field : {"raster.height", "raster.frame_interval", "backbone.convolutions",
-                            "backbone.features", "trajectory.waypoints", "actions",
-                            "latent_dimensions", "decoder.hidden", "decoder_stddev"}) {
+  for (const char* field : {"raster", "trajectory.waypoints", "actions", "latent_dimensions",
+                            "decoder.hidden", "decoder_stddev"}) {
     EXPECT_THAT(fields, testing::Contains(field));
+  }
+  v1::ModelSpec empty_parts;
+  empty_parts.mutable_raster();
+  const auto of_raster = WrongFields(empty_parts);
+  for (const char* field :
+       {"raster.height", "raster.frame_interval", "backbone.convolutions", "backbone.features"}) {
+    EXPECT_THAT(of_raster, testing::Contains(field));
   }
 }
 
@@ -182,6 +191,23 @@ TEST(ModelSpecTest, ShapesAreThoseOfTheListInTensorH) {
   EXPECT_EQ(shapes["decoder.covariance"], Shape({3, 3, 3}));
   // 2 convolutions, a projection, 4 MLPs of 2, 3, 2 and 2 layers, and 6 tables.
   EXPECT_EQ(shapes.size(), 2u * 5 + 2 + 2 * (2 + 3 + 2 + 2) + 6);
+}
+
+TEST(ModelSpecTest, PredictsVehiclesUnlessItStatesOtherTypes) {
+  v1::ModelSpec spec = TinySpec();
+  EXPECT_TRUE(Predicts(spec, v1::AGENT_TYPE_VEHICLE));
+  EXPECT_TRUE(Predicts(spec, v1::AGENT_TYPE_UNSPECIFIED));
+  EXPECT_FALSE(Predicts(spec, v1::AGENT_TYPE_PEDESTRIAN));
+  EXPECT_FALSE(Predicts(spec, v1::AGENT_TYPE_OTHER));
+  EXPECT_EQ(TargetTypesText(spec), "vehicles");
+  spec.add_target_types(v1::AGENT_TYPE_PEDESTRIAN);
+  EXPECT_FALSE(Predicts(spec, v1::AGENT_TYPE_VEHICLE));
+  EXPECT_TRUE(Predicts(spec, v1::AGENT_TYPE_UNSPECIFIED));
+  EXPECT_TRUE(Predicts(spec, v1::AGENT_TYPE_PEDESTRIAN));
+  spec.add_target_types(v1::AGENT_TYPE_CYCLIST);
+  EXPECT_EQ(TargetTypesText(spec), "pedestrians and cyclists");
+  spec.add_target_types(v1::AGENT_TYPE_VEHICLE);
+  EXPECT_EQ(TargetTypesText(spec), "pedestrians, cyclists and vehicles");
 }
 
 TEST(ModelSpecTest, WaypointsBeginOneIntervalAfterThePresent) {

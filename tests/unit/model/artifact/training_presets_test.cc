@@ -33,9 +33,32 @@ TEST(TrainingPresetsTest, PresetsAreValid) {
   EXPECT_THAT(WrongFields(Resolved("preset: 'paper'")), ElementsAre());
 }
 
-TEST(TrainingPresetsTest, CompactIsTheDefault) {
-  EXPECT_EQ(Resolved("").SerializeAsString(), Resolved("preset: 'compact'").SerializeAsString());
-  EXPECT_EQ(Resolved("").preset(), "compact");
+TEST(TrainingPresetsTest, LanesIsTheDefault) {
+  EXPECT_EQ(Resolved("").SerializeAsString(), Resolved("preset: 'lanes'").SerializeAsString());
+  EXPECT_EQ(Resolved("").preset(), "lanes");
+  EXPECT_THAT(WrongFields(Resolved("preset: 'lanes-metres'")), ElementsAre());
+  EXPECT_EQ(Resolved("preset: 'lanes-metres'").model().reference(), v1::TRAJECTORY_REFERENCE_NONE);
+}
+
+// Callers who set sizes of a raster before there was another default.
+TEST(TrainingPresetsTest, SettingsOfARasterAreOfTheRastersPreset) {
+  for (const char* settings : {"model { raster { height: 96 } }", "model { target_motion: false }",
+                               "model { backbone { features: 64 } }"}) {
+    EXPECT_EQ(Resolved(settings).preset(), "compact") << settings;
+    EXPECT_THAT(WrongFields(Resolved(settings)), ElementsAre()) << settings;
+  }
+}
+
+TEST(TrainingPresetsTest, ADualModelLearnsItsScenarioEncoders) {
+  EXPECT_GT(Resolved("model { objective: OBJECTIVE_DUAL }").optimization().posterior_epochs(), 0);
+  EXPECT_EQ(Resolved("").optimization().posterior_epochs(), 0);
+}
+
+TEST(TrainingPresetsTest, AnotherCovarianceTakesThePlaceOfTheScenes) {
+  const v1::TrainingSettings learned =
+      Resolved("optimization { decoder_covariance: DECODER_COVARIANCE_LEARNED }");
+  EXPECT_FALSE(learned.model().has_scene_covariance());
+  EXPECT_THAT(WrongFields(learned), ElementsAre());
 }
 
 TEST(TrainingPresetsTest, PaperHasTheSizesOfThePaper) {
@@ -88,7 +111,7 @@ TEST(TrainingPresetsTest, AnUnknownPresetIsLeftAloneAndNamed) {
 }
 
 TEST(TrainingPresetsTest, SetFieldsReplaceThePresetsAndNothingElse) {
-  v1::TrainingSettings expected = Resolved("");
+  v1::TrainingSettings expected = Resolved("preset: 'compact'");
   expected.mutable_model()->mutable_raster()->set_height(64);
   expected.mutable_optimization()->set_joint_epochs(2);
   EXPECT_EQ(Resolved("model { raster { height: 64 } } optimization { joint_epochs: 2 }")
@@ -147,11 +170,11 @@ TEST(TrainingPresetsTest, LiteralIsThePaperByItsLetter) {
   EXPECT_FALSE(literal.augmentation().mirror());
   // The sizes are those of compact.
   EXPECT_EQ(literal.model().raster().SerializeAsString(),
-            Resolved("").model().raster().SerializeAsString());
+            Resolved("preset: 'compact'").model().raster().SerializeAsString());
 }
 
 TEST(TrainingPresetsTest, WhatIsOnInThePresetCanBeTurnedOff) {
-  EXPECT_TRUE(Resolved("").model().target_motion());
+  EXPECT_TRUE(Resolved("preset: 'compact'").model().target_motion());
   EXPECT_TRUE(Resolved("").optimization().calibrate_probabilities());
   const v1::TrainingSettings off = Resolved(
       "model { target_motion: false } "
@@ -222,7 +245,8 @@ TEST(StartTest, TheSpecOfTheStartStandsInForThePresetsAndTheObjectiveMayChange) 
       ResolveTrainingSettings(Settings("optimization { joint_epochs: 3 }"), StartSpec());
   EXPECT_EQ(kept.model().SerializeAsString(), StartSpec().SerializeAsString());
   EXPECT_EQ(kept.optimization().joint_epochs(), 3);
-  EXPECT_EQ(kept.optimization().batch_size(), Resolved("").optimization().batch_size());
+  EXPECT_EQ(kept.optimization().batch_size(),
+            Resolved("preset: 'compact'").optimization().batch_size());
   const v1::TrainingSettings dual =
       ResolveTrainingSettings(Settings("model { objective: OBJECTIVE_DUAL }"), StartSpec());
   EXPECT_EQ(dual.model().objective(), v1::OBJECTIVE_DUAL);

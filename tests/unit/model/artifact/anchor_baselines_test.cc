@@ -1,0 +1,39 @@
+#include "model/artifact/anchor_baselines.h"
+
+#include <gmock/gmock.h>
+#include <google/protobuf/util/message_differencer.h>
+#include <gtest/gtest.h>
+
+#include "model/artifact/model_spec.h"
+#include "model/artifact/training_presets.h"
+
+namespace maneuver::artifact {
+namespace {
+
+using google::protobuf::util::MessageDifferencer;
+
+TEST(AnchorSpecTest, ReadsTheSceneAsTheModelDoesAndDecodesNoAction) {
+  for (const char* preset : {"lanes", "lanes-metres", "compact"}) {
+    v1::TrainingSettings settings;
+    settings.set_preset(preset);
+    const v1::ModelSpec model = ResolveTrainingSettings(settings).model();
+    const v1::ModelSpec spec = AnchorSpec(model);
+    EXPECT_THAT(ValidateModelSpec(spec), testing::IsEmpty()) << preset;
+    EXPECT_EQ(spec.has_raster(), model.has_raster()) << preset;
+    EXPECT_TRUE(MessageDifferencer::Equals(spec.raster(), model.raster())) << preset;
+    EXPECT_TRUE(MessageDifferencer::Equals(spec.scene_vectors(), model.scene_vectors())) << preset;
+    EXPECT_TRUE(MessageDifferencer::Equals(spec.trajectory(), model.trajectory())) << preset;
+    EXPECT_EQ(spec.target_motion(), model.target_motion()) << preset;
+    EXPECT_EQ(spec.reference(), model.reference()) << preset;
+    EXPECT_EQ(spec.actions(), model.actions()) << preset;
+    EXPECT_FALSE(spec.has_action_geometry()) << preset;
+    EXPECT_FALSE(spec.mean_residual()) << preset;
+    EXPECT_FALSE(spec.has_scene_covariance()) << preset;
+    EXPECT_FALSE(spec.has_decoder_covariance()) << preset;
+    // The predictor reads the same features.
+    EXPECT_EQ(SceneFeatures(spec), SceneFeatures(model)) << preset;
+  }
+}
+
+}  // namespace
+}  // namespace maneuver::artifact
