@@ -96,7 +96,7 @@ class Projection {
 class Rasterizer::Painter {
  public:
   explicit Painter(const v1::RasterSpec& spec)
-      : spec_(spec), frame_interval_(FrameInterval(spec)), tolerance_(FrameTolerance(spec)) {
+      : spec_(spec), frame_interval_(FrameInterval(spec)), tolerance_(0.5 * frame_interval_) {
     assert(spec.meters_per_pixel() > 0.0 && frame_interval_ > 0.0);
   }
 
@@ -339,8 +339,6 @@ size_t RasterBytes(const v1::RasterSpec& spec) {
 Raster NewRaster(const v1::RasterSpec& spec) {
   return {spec.height(), spec.width(), RasterChannels(spec)};
 }
-
-double FrameTolerance(const v1::RasterSpec& spec) { return 0.5 * FrameInterval(spec); }
 
 Rasterizer::Rasterizer(const v1::RasterSpec& spec) : painter_(std::make_unique<Painter>(spec)) {}
 Rasterizer::~Rasterizer() = default;

@@ -119,8 +119,6 @@ int RasterChannels(const v1::RasterSpec& spec);
 size_t RasterBytes(const v1::RasterSpec& spec);
 // Of that size, all black.
 Raster NewRaster(const v1::RasterSpec& spec);
-// Half a frame interval: how far a state may lie from a frame's time, seconds.
-double FrameTolerance(const v1::RasterSpec& spec);
 
 // Draws scenarios. Holds scratch memory: one for each thread.
 class Rasterizer {

@@ -3,8 +3,11 @@
 #include <algorithm>
 #include <cstring>
 #include <limits>
+#include <mutex>
+#include <optional>
 #include <utility>
 
+#include "model/scene/lane_graph.h"
 #include "model/scene/lanes.h"
 
 namespace maneuver::scene {
@@ -77,13 +80,20 @@ class Points {
 
 }  // namespace
 
+struct RoadMap::LazyLanes {
+  std::once_flag once;
+  std::optional<LaneGraph> graph;
+};
+
 RoadMap::RoadMap(MapFeatures features)
     : RoadMap(std::make_unique<const MapFeatures>(std::move(features)), nullptr) {}
 
 RoadMap RoadMap::Over(const MapFeatures& features) { return RoadMap(nullptr, &features); }
 
 RoadMap::RoadMap(std::unique_ptr<const MapFeatures> owned, const MapFeatures* others)
-    : owned_(std::move(owned)), features_(owned_ != nullptr ? owned_.get() : others) {
+    : owned_(std::move(owned)),
+      features_(owned_ != nullptr ? owned_.get() : others),
+      lanes_(std::make_unique<LazyLanes>()) {
   constexpr int kIntervals = kStretchPoints - 1;
   size_t stretches = 0;
   for (const v1::MapFeature& feature : *features_) {
@@ -104,10 +114,21 @@ RoadMap::RoadMap(std::unique_ptr<const MapFeatures> owned, const MapFeatures* ot
     boxes_.push_back(box);
   }
   first_stretches_.push_back(stretches_.size());
-  bytes_ = static_cast<int64_t>(sizeof(*this) + boxes_.capacity() * sizeof(Box) +
-                                stretches_.capacity() * sizeof(Stretch) +
-                                first_stretches_.capacity() * sizeof(size_t));
+  bytes_ =
+      static_cast<int64_t>(sizeof(*this) + sizeof(LazyLanes) + boxes_.capacity() * sizeof(Box) +
+                           stretches_.capacity() * sizeof(Stretch) +
+                           first_stretches_.capacity() * sizeof(size_t)) +
+      LaneGraph::MostBytes(*features_);
   if (owned_ != nullptr) bytes_ += static_cast<int64_t>(owned_->SpaceUsedExcludingSelfLong());
+}
+
+RoadMap::~RoadMap() = default;
+RoadMap::RoadMap(RoadMap&&) noexcept = default;
+RoadMap& RoadMap::operator=(RoadMap&&) noexcept = default;
+
+const LaneGraph& RoadMap::lanes() const {
+  std::call_once(lanes_->once, [this] { lanes_->graph.emplace(*features_); });
+  return *lanes_->graph;
 }
 
 }  // namespace maneuver::scene

@@ -42,6 +42,8 @@ struct Stretch {
   double squared_bend;
 };
 
+class LaneGraph;
+
 // Does not change; safe to share between threads.
 class RoadMap {
  public:
@@ -50,6 +52,9 @@ class RoadMap {
   // Of features that are somebody else's and stay where they are for as long as it lives: a
   // scenario's own, which all its targets share.
   static RoadMap Over(const MapFeatures& features);
+  ~RoadMap();
+  RoadMap(RoadMap&&) noexcept;
+  RoadMap& operator=(RoadMap&&) noexcept;
 
   const MapFeatures& features() const { return *features_; }
   // Around the points of each feature.
@@ -62,10 +67,15 @@ class RoadMap {
             first_stretches_[feature + 1] - first_stretches_[feature]};
   }
   static constexpr int kStretchPoints = 17;
-  // Memory that it takes, its own features included.
+  // Returns the driving lanes of the features. The first call builds them; any thread may make it.
+  const LaneGraph& lanes() const;
+  // Memory that it takes, its own features included. Counts lanes() from the start, so that the
+  // number does not change when they are built.
   int64_t bytes() const { return bytes_; }
 
  private:
+  struct LazyLanes;
+
   // One of the two is nullptr.
   RoadMap(std::unique_ptr<const MapFeatures> owned, const MapFeatures* others);
 
@@ -74,6 +84,7 @@ class RoadMap {
   std::vector<Box> boxes_;               // [features]
   std::vector<Stretch> stretches_;       // of all features, one after the other
   std::vector<size_t> first_stretches_;  // [features + 1], into stretches_
+  std::unique_ptr<LazyLanes> lanes_;
   int64_t bytes_;
 };
 

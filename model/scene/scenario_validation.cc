@@ -183,6 +183,18 @@ void CheckCoordinates(int feature_index, const char* field,
   }
 }
 
+void CheckLinks(const v1::MapFeature& feature, int index, const ScenarioLimits& limits,
+                Violations* violations) {
+  const auto check = [&](const char* field, int count) {
+    if (count <= limits.max_lane_links) return;
+    CheckCount(Member(Element("map_features", index), field), count, limits.max_lane_links,
+               violations);
+  };
+  check("successor_ids", feature.successor_ids_size());
+  check("left_neighbor_ids", feature.left_neighbor_ids_size());
+  check("right_neighbor_ids", feature.right_neighbor_ids_size());
+}
+
 void CheckFeature(const v1::MapFeature& feature, int index, const ScenarioLimits& limits,
                   Violations* violations) {
   const bool known = v1::MapFeatureType_IsValid(feature.type()) &&
@@ -212,6 +224,7 @@ void CheckFeature(const v1::MapFeature& feature, int index, const ScenarioLimits
               : NotFinite(feature.speed_limit()));
     }
   }
+  CheckLinks(feature, index, limits, violations);
   CheckCoordinates(index, "x", feature.x(), limits.max_coordinate, violations);
   CheckCoordinates(index, "y", feature.y(), limits.max_coordinate, violations);
 }

@@ -20,6 +20,7 @@ struct ScenarioLimits {
   int max_states_per_agent = 2'000;
   int max_map_features = 20'000;
   int max_map_points = 500'000;  // over all features
+  int max_lane_links = 64;       // of one kind (successors, left, right neighbours) of a feature
   int max_targets = 1'000;
   int max_traffic_signals = 2'000;
   int max_readings_per_signal = 2'000;

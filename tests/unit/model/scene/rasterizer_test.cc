@@ -19,7 +19,6 @@ TEST(RasterSpecTest, CountsChannelsAndBytes) {
   const v1::RasterSpec spec = SmallSpec();
   EXPECT_EQ(RasterChannels(spec), 9);
   EXPECT_EQ(RasterBytes(spec), 12u * 16u * 9u);
-  EXPECT_DOUBLE_EQ(FrameTolerance(spec), 0.05);
   EXPECT_EQ(OtherAgentsChannel(spec), kNowOthers);
 }
 

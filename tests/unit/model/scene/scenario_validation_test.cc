@@ -125,6 +125,17 @@ INSTANTIATE_TEST_SUITE_P(
                 [](auto* s) { State37(s)->set_velocity_x(-INFINITY); }},
         BadCase{"StateVelocityY", "agents[3].states[7].velocity_y", "nan",
                 [](auto* s) { State37(s)->set_velocity_y(NAN); }},
+        BadCase{
+            "Successors", "map_features[1].successor_ids", "65 elements; at most 64",
+            [](auto* s) { s->mutable_map_features(1)->mutable_successor_ids()->Resize(65, 1); }},
+        BadCase{"LeftNeighbors", "map_features[1].left_neighbor_ids", "65 elements; at most 64",
+                [](auto* s) {
+                  s->mutable_map_features(1)->mutable_left_neighbor_ids()->Resize(65, 1);
+                }},
+        BadCase{"RightNeighbors", "map_features[1].right_neighbor_ids", "65 elements; at most 64",
+                [](auto* s) {
+                  s->mutable_map_features(1)->mutable_right_neighbor_ids()->Resize(65, 1);
+                }},
         BadCase{"LastStateTime", "agents[3].states[9].time", "inf",
                 [](auto* s) { s->mutable_agents(3)->mutable_states(9)->set_time(kInfinity); }},
         BadCase{"StateTimeBackwards", "agents[2].states[9].time",

@@ -1,0 +1,21 @@
+// What the networks read of the lane paths of a target; lane_paths.h finds them.
+
+#ifndef MANEUVER_MODEL_SCENE_LANE_PATH_INPUTS_H_
+#define MANEUVER_MODEL_SCENE_LANE_PATH_INPUTS_H_
+
+#include <array>
+
+namespace maneuver::scene {
+
+inline constexpr int kMostLanePaths = 6;
+inline constexpr int kLanePathInputs = 84;  // numbers a path
+
+struct LanePathInputs {
+  int count = 0;  // paths that there are, 0 .. kMostLanePaths
+  // [kMostLanePaths, kLanePathInputs]; rows from `count` on are 0
+  std::array<float, kMostLanePaths * kLanePathInputs> values{};
+};
+
+}  // namespace maneuver::scene
+
+#endif  // MANEUVER_MODEL_SCENE_LANE_PATH_INPUTS_H_

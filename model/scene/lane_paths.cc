@@ -1,0 +1,723 @@
+#include "model/scene/lane_paths.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <limits>
+#include <span>
+#include <tuple>
+#include <utility>
+
+#include "model/scene/target_frame.h"
+
+namespace maneuver::scene {
+namespace {
+
+constexpr size_t kPoints = kLanePathDistances.size();
+constexpr double kReach = 110.0;        // metres; as long as a path is
+constexpr double kStartDistance = 5.0;  // metres, from the target to the segment
+constexpr double kStartCosine = 0.5;    // between the headings of the target and the segment
+constexpr double kTurnCost = 4.0;       // metres
+constexpr size_t kMostStarts = 6;
+constexpr int kMostBranches = 5;         // paths of a start
+constexpr int kMostWaysOn = 4;           // successors of a lane that are followed
+constexpr size_t kMostExtensions = 128;  // of the paths of a start
+constexpr double kSamePath = 1.5;        // metres, between points of the same number
+constexpr double kBehind = 1.0;          // metres; agents and signs are looked for from so far
+constexpr double kAhead = 80.0;          // behind the foot to so far ahead of it
+constexpr double kLeaderDistance = 1.8;  // metres, from the path
+constexpr double kLeaderAhead = 1.5;     // metres, from the foot along the path
+constexpr double kSignDistance = 7.0;    // metres, from the path
+constexpr double kSignalBehind = 3.0;    // metres, from the foot along the path
+constexpr double kAsNear = 1e-9;         // square metres; rounding at the corners of a lane
+constexpr double kNobody = 100.0;        // metres; stands for the distance of what is not there
+constexpr double kMostSpeed = 100.0;     // metres per second
+constexpr int kLookAheads = 5;           // seconds
+constexpr double kNear = kStartDistance + kAhead + kSignDistance + 1.0;  // metres
+
+// A direction in the world.
+struct Heading {
+  double cosine = 1.0;
+  double sine = 0.0;
+};
+
+// A place on a path.
+struct Spot {
+  Point2 p_WP;
+  Heading heading;
+};
+
+// Where a path passes something.
+struct Passing {
+  double squared_distance = std::numeric_limits<double>::infinity();
+  double at = 0.0;  // arc length from the start of the path's first lane
+  Heading heading;
+};
+
+// Another agent at the time that is looked at.
+struct Other {
+  Point2 p_WA;
+  double velocity_x;
+  double velocity_y;
+  double length;
+};
+
+// What a signal shows to a lane; the most restrictive light has the highest rank.
+struct LaneSignal {
+  int64_t lane_id;
+  int rank;
+
+  bool operator<(const LaneSignal& other) const {
+    return std::tie(lane_id, rank) < std::tie(other.lane_id, other.rank);
+  }
+};
+
+int RankOf(v1::TrafficSignalState state) {
+  switch (state) {
+    case v1::TRAFFIC_SIGNAL_STATE_STOP:
+      return 3;
+    case v1::TRAFFIC_SIGNAL_STATE_CAUTION:
+      return 2;
+    case v1::TRAFFIC_SIGNAL_STATE_GO:
+      return 1;
+    default:
+      return 0;
+  }
+}
+
+v1::TrafficSignalState StateOfRank(int rank) {
+  constexpr v1::TrafficSignalState kStates[] = {
+      v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED, v1::TRAFFIC_SIGNAL_STATE_GO,
+      v1::TRAFFIC_SIGNAL_STATE_CAUTION, v1::TRAFFIC_SIGNAL_STATE_STOP};
+  return kStates[rank];
+}
+
+double LimitedSpeed(double speed) { return std::clamp(speed, -kMostSpeed, kMostSpeed); }
+
+// Lanes that follow each other, as one line. Arc lengths count from the start of the first lane.
+class Track {
+ public:
+  void Begin(const LaneGraph& graph, double foot) {
+    graph_ = &graph;
+    foot_ = foot;
+    legs_.clear();
+    pieces_.clear();
+  }
+  void AddLane(int lane, double start) { legs_.push_back({lane, start}); }
+  // Call it after the last AddLane, if they came in descending order.
+  void Reverse() { std::reverse(legs_.begin(), legs_.end()); }
+
+  double foot() const { return foot_; }
+  double end() const { return legs_.back().start + graph_->Length(LaneOf(legs_.back())); }
+  size_t legs() const { return legs_.size(); }
+  const Lane& lane(size_t leg) const { return LaneOf(legs_[leg]); }
+  double start(size_t leg) const { return legs_[leg].start; }
+  const LanePoint& lane_start(size_t leg) const { return graph_->Start(lane(leg)); }
+
+  // Reads places one after the other, of ascending arc lengths.
+  class Reader {
+   public:
+    explicit Reader(const Track& track) : track_(track) { Enter(0); }
+    Spot operator()(double at) {
+      while (leg_ + 1 < track_.legs_.size() && at >= track_.legs_[leg_ + 1].start) Enter(leg_ + 1);
+      const Lane& lane = track_.lane(leg_);
+      const LanePoint* const points = track_.graph_->points().data();
+      const double distance = at - track_.legs_[leg_].start;
+      if (distance > points[lane.last].distance) return BeyondLane(distance);
+      const LanePoint* const after =
+          std::upper_bound(points + point_ + 1, points + lane.last, distance,
+                           [](double d, const LanePoint& point) { return d < point.distance; });
+      point_ = static_cast<int>(after - points) - 1;
+      return Along(points[point_], distance);
+    }
+
+   private:
+    void Enter(size_t leg) {
+      leg_ = leg;
+      point_ = track_.lane(leg).first;
+    }
+    static Spot Along(const LanePoint& point, double distance) {
+      const double ahead = distance - point.distance;
+      return {{point.x + ahead * point.cosine, point.y + ahead * point.sine},
+              {point.cosine, point.sine}};
+    }
+    // In the gap before the next lane, or straight on after the last one.
+    Spot BeyondLane(double distance) const {
+      const LanePoint& end = track_.graph_->End(track_.lane(leg_));
+      if (leg_ + 1 == track_.legs_.size()) return Along(end, distance);
+      const LanePoint& next = track_.graph_->Start(track_.lane(leg_ + 1));
+      const double gap = track_.start(leg_ + 1) - track_.start(leg_) - end.distance;
+      const double share = (distance - end.distance) / gap;
+      return {{end.x + share * (next.x - end.x), end.y + share * (next.y - end.y)},
+              {next.cosine, next.sine}};
+    }
+
+    const Track& track_;
+    size_t leg_ = 0;
+    int point_ = 0;  // no place before it is asked for
+  };
+
+  // Selects the part that Pass() looks at.
+  void SelectPart(double from, double to) {
+    from_ = from;
+    to_ = to;
+    pieces_.clear();
+    for (const Leg& leg : legs_) {
+      const Lane& lane = LaneOf(leg);
+      for (int i = lane.first_piece; i <= lane.last_piece; ++i) {
+        const LanePiece& piece = graph_->pieces()[static_cast<size_t>(i)];
+        if (leg.start + DistanceOf(piece.last) < from || leg.start + DistanceOf(piece.first) > to) {
+          continue;
+        }
+        box_ = pieces_.empty() ? piece.box : box_.With(piece.box);
+        pieces_.push_back({i, leg.start});
+      }
+    }
+  }
+
+  // Returns where the selected part comes nearest to a point; infinitely far away unless it comes
+  // nearer than `reach` metres. The first place counts where several are as near.
+  Passing Pass(const Point2& p_WP, double reach) const {
+    Passing nearest;
+    nearest.squared_distance = reach * reach;
+    bool found = false;
+    const Box around{p_WP.x - reach, p_WP.y - reach, p_WP.x + reach, p_WP.y + reach};
+    if (pieces_.empty() || !box_.Overlaps(around)) return {};
+    for (const auto& [index, start] : pieces_) {
+      const LanePiece& piece = graph_->pieces()[static_cast<size_t>(index)];
+      if (!piece.box.Overlaps(around)) continue;
+      for (int i = piece.first; i < piece.last; ++i) found |= PassSegment(i, start, p_WP, &nearest);
+    }
+    return found ? nearest : Passing{};
+  }
+
+  // Appends the corners between two arc lengths, and the places there.
+  void AppendCorners(double from, double to, std::vector<Point2>* corners) const {
+    Reader reader(*this);
+    corners->push_back(reader(from).p_WP);
+    for (const Leg& leg : legs_) {
+      const Lane& lane = LaneOf(leg);
+      for (int i = lane.first; i <= lane.last; ++i) {
+        const LanePoint& point = graph_->points()[static_cast<size_t>(i)];
+        const double at = leg.start + point.distance;
+        if (at > from && at < to) corners->push_back({point.x, point.y});
+      }
+    }
+    corners->push_back(reader(to).p_WP);
+  }
+
+ private:
+  struct Leg {
+    int lane;
+    double start;  // arc length of its first point
+  };
+
+  const Lane& LaneOf(const Leg& leg) const {
+    return graph_->lanes()[static_cast<size_t>(leg.lane)];
+  }
+  double DistanceOf(int point) const {
+    return graph_->points()[static_cast<size_t>(point)].distance;
+  }
+
+  // Whether the segment that begins at a point, of a lane that begins at `start`, comes nearer.
+  bool PassSegment(int point, double start, const Point2& p_WP, Passing* nearest) const {
+    const LanePoint& from = graph_->points()[static_cast<size_t>(point)];
+    const double begin = start + from.distance;
+    const double least = std::max(from_ - begin, 0.0);
+    const double most = std::min(to_ - begin, DistanceOf(point + 1) - from.distance);
+    if (least > most) return false;
+    const double dx = p_WP.x - from.x;
+    const double dy = p_WP.y - from.y;
+    const double along = std::clamp(dx * from.cosine + dy * from.sine, least, most);
+    const double off_x = dx - along * from.cosine;
+    const double off_y = dy - along * from.sine;
+    const double squared = off_x * off_x + off_y * off_y;
+    if (squared >= nearest->squared_distance - kAsNear) return false;
+    *nearest = {squared, begin + along, {from.cosine, from.sine}};
+    return true;
+  }
+
+  const LaneGraph* graph_ = nullptr;
+  double foot_ = 0.0;
+  std::vector<Leg> legs_;
+  // The selected part, and the box around the pieces that it touches.
+  double from_ = 0.0;
+  double to_ = 0.0;
+  Box box_{};
+  std::vector<std::pair<int, double>> pieces_;  // of the graph; arc length where their lane begins
+};
+
+// A lane that a path can begin on.
+struct Start {
+  double cost;
+  int point;  // its foot is on the segment that begins at this point of the graph
+  int lane;
+  double foot;    // arc length
+  double offset;  // of the target to the left of the lane, recorded world, metres
+  Heading heading;
+
+  bool operator<(const Start& other) const {
+    return std::tie(cost, point) < std::tie(other.cost, other.point);
+  }
+};
+
+// The starts of least cost, each on another lane.
+class Starts {
+ public:
+  void Clear() { count_ = 0; }
+  void Offer(const Start& start) {
+    size_t i = 0;
+    while (i < count_ && starts_[i].lane != start.lane) ++i;
+    if (i == count_) {
+      if (count_ < kMostStarts) {
+        ++count_;
+      } else if (start < starts_[--i]) {
+        // Takes the place of the last one.
+      } else {
+        return;
+      }
+    } else if (!(start < starts_[i])) {
+      return;
+    }
+    for (; i > 0 && start < starts_[i - 1]; --i) starts_[i] = starts_[i - 1];
+    starts_[i] = start;
+  }
+  std::span<const Start> get() const { return {starts_.data(), count_}; }
+
+ private:
+  std::array<Start, kMostStarts> starts_;
+  size_t count_ = 0;
+};
+
+// From the recorded world to the target's frame in the view's.
+class Projection {
+ public:
+  Projection(const Pose2& X_WT, const LanePathView& view)
+      : X_WT_(X_WT), scale_(view.scale), left_(view.mirror ? -1.0 : 1.0) {}
+
+  Point2 operator()(const Point2& p_WP) const {
+    const Point2 p_TP = X_WT_.ToLocal(p_WP);
+    return {scale_ * p_TP.x, left_ * scale_ * p_TP.y};
+  }
+  Heading operator()(const Heading& heading) const {
+    return {X_WT_.cosine() * heading.cosine + X_WT_.sine() * heading.sine,
+            left_ * (X_WT_.cosine() * heading.sine - X_WT_.sine() * heading.cosine)};
+  }
+  double scale() const { return scale_; }
+  double left() const { return left_; }
+
+ private:
+  Pose2 X_WT_;
+  double scale_;
+  double left_;  // -1 in a mirror
+};
+
+struct Leader {
+  const Other* agent = nullptr;
+  Passing passing;
+};
+
+struct SignalAhead {
+  bool exists = false;
+  v1::TrafficSignalState state = v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED;
+  double distance = kNobody;  // recorded world, from the foot
+  size_t leg = 0;
+};
+
+struct SignAhead {
+  const Point2* place = nullptr;
+  double distance = kNobody;  // recorded world, from the foot
+};
+
+// Writes one number after the other.
+class Row {
+ public:
+  explicit Row(float* values) : next_(values) {}
+  void Add(double value) { *next_++ = static_cast<float>(value); }
+  void Add(const Point2& point, double divisor) {
+    Add(point.x / divisor);
+    Add(point.y / divisor);
+  }
+  const float* end() const { return next_; }
+
+ private:
+  float* next_;
+};
+
+}  // namespace
+
+class LanePathFinder::Search {
+ public:
+  void Find(const v1::Scenario& scenario, const LaneGraph& lanes, double time, int64_t target_id,
+            const Pose2& X_WT, double speed, const LanePathView& view, LanePathInputs* inputs) {
+    assert(view.scale > 0.0);
+    inputs->count = 0;
+    inputs->values.fill(0.0F);
+    const Projection projection(X_WT, view);
+    ForEachPath(lanes, X_WT, projection, [&](const Start& start) {
+      const auto path = static_cast<size_t>(inputs->count++);
+      if (path == 0) LookAround(scenario, lanes, time, target_id, X_WT, view.scale);
+      WriteInputs(start, path, LimitedSpeed(speed), projection,
+                  inputs->values.data() + path * kLanePathInputs);
+    });
+  }
+
+  std::vector<LanePath> Describe(const v1::Scenario& scenario, const LaneGraph& lanes, double time,
+                                 int64_t target_id, const Pose2& X_WT) {
+    std::vector<LanePath> paths;
+    ForEachPath(lanes, X_WT, Projection(X_WT, {}), [&](const Start& start) {
+      if (paths.empty()) LookAround(scenario, lanes, time, target_id, X_WT, 1.0);
+      paths.push_back(DescribePath(start));
+    });
+    return paths;
+  }
+
+ private:
+  // One lane of a path that is being extended.
+  struct Node {
+    int lane;
+    int parent;  // the lane before it, in nodes_; -1: none
+    // Arc lengths of its ends from the start of the path's first lane, recorded world.
+    double start;
+    double end;
+  };
+
+  // Calls call(start) for each path; it is then track_, and described by spots_ and points_.
+  template <typename Call>
+  void ForEachPath(const LaneGraph& graph, const Pose2& X_WT, const Projection& projection,
+                   Call call) {
+    FindStarts(graph, X_WT, projection.scale());
+    size_t kept = 0;
+    for (const Start& start : starts_.get()) {
+      const Lane& first = graph.lanes()[static_cast<size_t>(start.lane)];
+      nodes_.clear();
+      nodes_.push_back({start.lane, -1, 0.0, graph.Length(first)});
+      int branches = 0;
+      for (size_t i = 0; i < nodes_.size() && branches < kMostBranches; ++i) {
+        if (Extend(graph, start, i, projection.scale())) continue;
+        ++branches;
+        MakeTrack(graph, start, i);
+        ReadPoints(projection, &points_[kept]);
+        if (IsKnown(kept)) continue;
+        call(start);
+        if (++kept == points_.size()) return;
+      }
+    }
+  }
+
+  void FindStarts(const LaneGraph& graph, const Pose2& X_WT, double scale) {
+    starts_.Clear();
+    const Point2 p_WT{X_WT.x(), X_WT.y()};
+    const double reach = kStartDistance / scale;
+    graph.ForEachPieceNear(p_WT, reach, [&](const LanePiece& piece) {
+      for (int i = piece.first; i < piece.last; ++i) {
+        const LanePoint& point = graph.points()[static_cast<size_t>(i)];
+        const double cosine = point.cosine * X_WT.cosine() + point.sine * X_WT.sine();
+        if (cosine <= kStartCosine) continue;
+        const double length = graph.points()[static_cast<size_t>(i) + 1].distance - point.distance;
+        const double dx = p_WT.x - point.x;
+        const double dy = p_WT.y - point.y;
+        const double along = std::clamp(dx * point.cosine + dy * point.sine, 0.0, length);
+        const double off_x = dx - along * point.cosine;
+        const double off_y = dy - along * point.sine;
+        const double squared = off_x * off_x + off_y * off_y;
+        if (squared >= reach * reach) continue;
+        starts_.Offer({.cost = scale * std::sqrt(squared) + kTurnCost * (1.0 - cosine),
+                       .point = i,
+                       .lane = piece.lane,
+                       .foot = point.distance + along,
+                       .offset = off_y * point.cosine - off_x * point.sine,
+                       .heading = {point.cosine, point.sine}});
+      }
+    });
+  }
+
+  // Adds the ways on from a node. Returns whether there are any; if not, its path is complete.
+  bool Extend(const LaneGraph& graph, const Start& start, size_t index, double scale) {
+    const Node node = nodes_[index];
+    if (index >= kMostExtensions || scale * (node.end - start.foot) >= kReach) return false;
+    const Lane& lane = graph.lanes()[static_cast<size_t>(node.lane)];
+    int ways = 0;
+    for (const int next : graph.Successors(lane)) {
+      if (ways == kMostWaysOn) break;
+      if (Passes(index, next)) continue;
+      const Lane& next_lane = graph.lanes()[static_cast<size_t>(next)];
+      const double begin = node.end + graph.Gap(lane, next_lane);
+      nodes_.push_back({next, static_cast<int>(index), begin, begin + graph.Length(next_lane)});
+      ++ways;
+    }
+    return ways > 0;
+  }
+
+  // Whether the path that ends with a node has the lane.
+  bool Passes(size_t index, int lane) const {
+    for (auto i = static_cast<int>(index); i >= 0; i = nodes_[static_cast<size_t>(i)].parent) {
+      if (nodes_[static_cast<size_t>(i)].lane == lane) return true;
+    }
+    return false;
+  }
+
+  void MakeTrack(const LaneGraph& graph, const Start& start, size_t index) {
+    track_.Begin(graph, start.foot);
+    for (auto i = static_cast<int>(index); i >= 0; i = nodes_[static_cast<size_t>(i)].parent) {
+      track_.AddLane(nodes_[static_cast<size_t>(i)].lane, nodes_[static_cast<size_t>(i)].start);
+    }
+    track_.Reverse();
+  }
+
+  void ReadPoints(const Projection& projection, std::array<Point2, kPoints>* points) {
+    Track::Reader reader(track_);
+    for (size_t i = 0; i < kPoints; ++i) {
+      const Spot spot = reader(track_.foot() + kLanePathDistances[i] / projection.scale());
+      (*points)[i] = projection(spot.p_WP);
+      headings_[i] = projection(spot.heading);
+    }
+  }
+
+  // Whether the path with the points points_[path] is close to one before it.
+  bool IsKnown(size_t path) const {
+    for (size_t other = 0; other < path; ++other) {
+      bool same = true;
+      // From the far end, where paths differ most.
+      for (size_t i = kPoints; i-- > 0 && same;) {
+        const double dx = points_[path][i].x - points_[other][i].x;
+        const double dy = points_[path][i].y - points_[other][i].y;
+        same = dx * dx + dy * dy < kSamePath * kSamePath;
+      }
+      if (same) return true;
+    }
+    return false;
+  }
+
+  // Collects what a path may meet: agents, signals and stop signs.
+  void LookAround(const v1::Scenario& scenario, const LaneGraph& graph, double time,
+                  int64_t target_id, const Pose2& X_WT, double scale) {
+    scale_ = scale;
+    const double reach = kNear / scale;
+    const Box near{X_WT.x() - reach, X_WT.y() - reach, X_WT.x() + reach, X_WT.y() + reach};
+    const auto is_near = [&near](double x, double y) {
+      return x >= near.low_x && x <= near.high_x && y >= near.low_y && y <= near.high_y;
+    };
+    own_length_ = 0.0;
+    others_.clear();
+    for (const v1::Agent& agent : scenario.agents()) {
+      if (agent.id() == target_id) {
+        own_length_ = agent.length();
+        continue;
+      }
+      const v1::AgentState* const state = StateAt(agent, time);
+      if (state == nullptr || !is_near(state->x(), state->y())) continue;
+      others_.push_back(
+          {{state->x(), state->y()}, state->velocity_x(), state->velocity_y(), agent.length()});
+    }
+    stop_signs_.clear();
+    for (const Point2& sign : graph.stop_signs()) {
+      if (is_near(sign.x, sign.y)) stop_signs_.push_back(sign);
+    }
+    ReadSignals(scenario, time);
+  }
+
+  static const v1::AgentState* StateAt(const v1::Agent& agent, double time) {
+    const int index = FindState(agent, time, kLanePathTolerance, time + kSameTime);
+    return index < 0 ? nullptr : &agent.states(index);
+  }
+
+  void ReadSignals(const v1::Scenario& scenario, double time) {
+    signals_.clear();
+    for (const v1::TrafficSignal& signal : scenario.traffic_signals()) {
+      const auto& readings = signal.readings();
+      const auto after = std::upper_bound(
+          readings.begin(), readings.end(), time + kSameTime,
+          [](double t, const v1::TrafficSignalReading& reading) { return t < reading.time(); });
+      if (after == readings.begin() || signal.lane_id() == 0) continue;
+      signals_.push_back({signal.lane_id(), RankOf((after - 1)->state())});
+    }
+    std::sort(signals_.begin(), signals_.end());
+  }
+
+  // What track_ meets, after LookAround. Distances and arc lengths are those of the recorded world.
+  Leader FindLeader() const {
+    Leader leader;
+    for (const Other& other : others_) {
+      const Passing passing = track_.Pass(other.p_WA, kLeaderDistance / scale_);
+      if (std::isinf(passing.squared_distance) ||
+          passing.at <= track_.foot() + kLeaderAhead / scale_ ||
+          (leader.agent != nullptr && passing.at >= leader.passing.at)) {
+        continue;
+      }
+      leader = {&other, passing};
+    }
+    return leader;
+  }
+
+  SignalAhead FindSignal() const {
+    if (signals_.empty()) return {};
+    for (size_t leg = 0; leg < track_.legs(); ++leg) {
+      const double distance = track_.start(leg) - track_.foot();
+      if (distance <= -kSignalBehind / scale_) continue;
+      // The last one of a lane is its most restrictive one.
+      const int64_t id = track_.lane(leg).id;
+      const auto after = std::upper_bound(signals_.begin(), signals_.end(),
+                                          LaneSignal{id, std::numeric_limits<int>::max()});
+      if (id == 0 || after == signals_.begin() || (after - 1)->lane_id != id) continue;
+      return {true, StateOfRank((after - 1)->rank), distance, leg};
+    }
+    return {};
+  }
+
+  SignAhead FindStopSign() const {
+    SignAhead ahead;
+    for (const Point2& sign : stop_signs_) {
+      const Passing passing = track_.Pass(sign, kSignDistance / scale_);
+      const double distance = passing.at - track_.foot();
+      if (std::isinf(passing.squared_distance) ||
+          (ahead.place != nullptr && distance >= ahead.distance)) {
+        continue;
+      }
+      ahead = {&sign, distance};
+    }
+    return ahead;
+  }
+
+  // Selects the part of track_ on which agents and signs are looked for.
+  void SelectPart() {
+    if (others_.empty() && stop_signs_.empty()) return;
+    track_.SelectPart(track_.foot() - kBehind / scale_, track_.foot() + kAhead / scale_);
+  }
+
+  // Writes the 84 numbers of track_, which is path `path` of the target.
+  //   speed: of the target, recorded world.
+  void WriteInputs(const Start& start, size_t path, double speed, const Projection& projection,
+                   float* values) {
+    SelectPart();
+    Row row(values);
+    for (size_t i = 0; i < kPoints; ++i) {
+      row.Add(points_[path][i], std::max(kLanePathDistances[i], 5.0));
+    }
+    for (const Heading& heading : headings_) row.Add(heading.cosine);
+    for (const Heading& heading : headings_) row.Add(heading.sine);
+    WriteLookAhead(std::max(speed, 0.0), projection, &row);
+    WriteStart(start, path == 0, projection, &row);
+    WriteLeader(speed, &row);
+    WriteSignal(&row);
+    WriteStopSign(&row);
+    assert(row.end() == values + kLanePathInputs);
+  }
+
+  // Numbers 52 to 61.
+  void WriteLookAhead(double speed, const Projection& projection, Row* row) const {
+    Track::Reader reader(track_);
+    for (int second = 1; second <= kLookAheads; ++second) {
+      const double straight = speed * second;
+      Point2 point = projection(reader(track_.foot() + straight).p_WP);
+      point.x -= scale_ * straight;
+      row->Add(point, 10.0);
+    }
+  }
+
+  // Numbers 62 to 68.
+  void WriteStart(const Start& start, bool is_first, const Projection& projection, Row* row) const {
+    // The heading of the lane relative to the target's; its sine changes sign the other way round.
+    const Heading heading = projection(start.heading);
+    row->Add(projection.left() * scale_ * start.offset);
+    row->Add(-heading.sine);
+    row->Add(heading.cosine);
+    row->Add(std::min(scale_ * (track_.end() - track_.foot()), kReach) / 50.0);
+    row->Add(start.cost / 3.0);
+    row->Add(is_first ? 1.0 : 0.0);
+    row->Add(scale_ * LimitedSpeed(track_.lane(0).speed_limit) / 15.0);
+  }
+
+  // Numbers 69 to 73.
+  void WriteLeader(double speed, Row* row) const {
+    const Leader leader = FindLeader();
+    if (leader.agent == nullptr) {
+      for (const double value : {0.0, kNobody / 30.0, 0.0, 0.0, 0.0}) row->Add(value);
+      return;
+    }
+    const Other& agent = *leader.agent;
+    const Heading& heading = leader.passing.heading;
+    const double gap =
+        scale_ * (leader.passing.at - track_.foot() - 0.5 * (agent.length + own_length_));
+    const double along =
+        LimitedSpeed(agent.velocity_x * heading.cosine + agent.velocity_y * heading.sine);
+    row->Add(1.0);
+    row->Add(gap / 30.0);
+    row->Add(scale_ * along / 10.0);
+    row->Add(scale_ * (along - speed) / 10.0);
+    row->Add(std::exp(-std::max(gap, 0.0) / 15.0));
+  }
+
+  // Numbers 74 to 80.
+  void WriteSignal(Row* row) const {
+    const SignalAhead signal = FindSignal();
+    for (const v1::TrafficSignalState state :
+         {v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED, v1::TRAFFIC_SIGNAL_STATE_STOP,
+          v1::TRAFFIC_SIGNAL_STATE_CAUTION, v1::TRAFFIC_SIGNAL_STATE_GO}) {
+      row->Add(signal.exists && signal.state == state ? 1.0 : 0.0);
+    }
+    const double distance = signal.exists ? scale_ * signal.distance : kNobody;
+    const double closeness = std::exp(-std::max(distance, 0.0) / 15.0);
+    row->Add(distance / 30.0);
+    row->Add(signal.state == v1::TRAFFIC_SIGNAL_STATE_STOP ? closeness : 0.0);
+    row->Add(signal.state == v1::TRAFFIC_SIGNAL_STATE_CAUTION ? closeness : 0.0);
+  }
+
+  // Numbers 81 to 83.
+  void WriteStopSign(Row* row) const {
+    const SignAhead sign = FindStopSign();
+    const double distance = sign.place != nullptr ? scale_ * sign.distance : kNobody;
+    row->Add(sign.place != nullptr ? 1.0 : 0.0);
+    row->Add(distance / 30.0);
+    row->Add(sign.place != nullptr ? std::exp(-std::abs(distance) / 10.0) : 0.0);
+  }
+
+  LanePath DescribePath(const Start& start) {
+    SelectPart();
+    LanePath path;
+    path.cost = start.cost;
+    track_.AppendCorners(track_.foot(), track_.foot() + kLanePathDistances.back(), &path.points);
+    if (const Leader leader = FindLeader(); leader.agent != nullptr) {
+      path.leader = leader.agent->p_WA;
+    }
+    if (const SignalAhead signal = FindSignal(); signal.exists) {
+      const LanePoint& place = track_.lane_start(signal.leg);
+      path.signal = Point2{place.x, place.y};
+      path.signal_state = signal.state;
+    }
+    if (const SignAhead sign = FindStopSign(); sign.place != nullptr) path.stop_sign = *sign.place;
+    return path;
+  }
+
+  // Of the target that is looked at.
+  double scale_ = 1.0;
+  Starts starts_;
+  double own_length_ = 0.0;
+  std::vector<Other> others_;        // those that a path may come near
+  std::vector<Point2> stop_signs_;   // metres, world
+  std::vector<LaneSignal> signals_;  // in ascending order
+  // Of the start that is followed, in the order in which they are extended.
+  std::vector<Node> nodes_;
+  // Of the path at hand, and the points of those before it.
+  Track track_;
+  std::array<std::array<Point2, kPoints>, kMostLanePaths> points_;  // target's frame, the view's
+  std::array<Heading, kPoints> headings_;                           // target's frame
+};
+
+LanePathFinder::LanePathFinder() : search_(std::make_unique<Search>()) {}
+LanePathFinder::~LanePathFinder() = default;
+LanePathFinder::LanePathFinder(LanePathFinder&&) noexcept = default;
+LanePathFinder& LanePathFinder::operator=(LanePathFinder&&) noexcept = default;
+
+void LanePathFinder::Find(const v1::Scenario& scenario, const LaneGraph& lanes, double time,
+                          int64_t target_id, const Pose2& X_WT, double speed,
+                          const LanePathView& view, LanePathInputs* inputs) {
+  search_->Find(scenario, lanes, time, target_id, X_WT, speed, view, inputs);
+}
+
+std::vector<LanePath> LanePathFinder::Describe(const v1::Scenario& scenario, const LaneGraph& lanes,
+                                               double time, int64_t target_id, const Pose2& X_WT) {
+  return search_->Describe(scenario, lanes, time, target_id, X_WT);
+}
+
+}  // namespace maneuver::scene

@@ -1,0 +1,40 @@
+// r(m): the roll-out of the present motion that trajectories are measured from.
+
+#ifndef MANEUVER_MODEL_SCENE_MOTION_REFERENCE_H_
+#define MANEUVER_MODEL_SCENE_MOTION_REFERENCE_H_
+
+#include <span>
+
+#include "maneuver/v1/model_spec.pb.h"
+#include "model/scene/target_history.h"
+
+namespace maneuver::scene {
+
+// After about this time the present acceleration and turn rate no longer tell what follows,
+// seconds.
+inline constexpr double kMotionFades = 1.0;
+inline constexpr double kMostAcceleration = 4.0;  // m/s^2, either sign
+inline constexpr double kMostTurnRate = 1.0;      // rad/s, either sign
+
+// Writes r(t) at each waypoint time, x then y, target frame, metres.
+//
+//   NONE               r = 0
+//   CONSTANT_VELOCITY  r = (v0 t, 0), v0 the speed along the heading
+//   FADING_MOTION      acceleration a0 and turn rate w0 decay as e^(-t / tau), tau = kMotionFades:
+//
+//     f(t) = tau (1 - e^(-t / tau))
+//     v(t) = v0 + a0 f(t), not below 0 where v0 > 0       a0 held within +- kMostAcceleration
+//     h(t) = w0 f(t)                                      w0 held within +- kMostTurnRate
+//     r(t) = integral of v (cos h, sin h) from 0 to t
+//
+//   by the midpoint rule, in equal steps of at most 0.1 s from waypoint to waypoint, where v and h
+//   of a step are the means of their values at its two ends.
+//
+//   waypoint_times: [T] seconds, increasing, above 0
+//   reference: [T, 2]
+void RollOut(v1::TrajectoryReference kind, const MotionEstimate& motion,
+             std::span<const double> waypoint_times, std::span<double> reference);
+
+}  // namespace maneuver::scene
+
+#endif  // MANEUVER_MODEL_SCENE_MOTION_REFERENCE_H_

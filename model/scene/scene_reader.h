@@ -1,0 +1,61 @@
+// Reads everything that a model's networks see of a scene.
+
+#ifndef MANEUVER_MODEL_SCENE_SCENE_READER_H_
+#define MANEUVER_MODEL_SCENE_SCENE_READER_H_
+
+#include <cstdint>
+#include <optional>
+
+#include "maneuver/v1/model_spec.pb.h"
+#include "maneuver/v1/scenario.pb.h"
+#include "model/scene/lane_paths.h"
+#include "model/scene/pose2.h"
+#include "model/scene/raster.h"
+#include "model/scene/rasterizer.h"
+#include "model/scene/road_map.h"
+#include "model/scene/scene_vectors.h"
+#include "model/scene/target_motion.h"
+
+namespace maneuver::scene {
+
+// What the networks see of a scene, for one target.
+struct SceneInputs {
+  std::optional<Raster> raster;  // none for a model without a raster
+  MotionInputs motion{};         // 0 unless the model asks for it (ModelSpec.target_motion)
+  SceneVectors vectors;          // 0 for a model without scene vectors
+};
+
+// Reads the parts that a model's spec names: a raster, the target's motion, its history, lane
+// paths. Holds scratch memory: one for each thread.
+class SceneReader {
+ public:
+  // `spec` must be valid, as artifact::ValidateModelSpec says.
+  explicit SceneReader(const v1::ModelSpec& spec);
+
+  // Returns the inputs of an empty scene. Read() writes over them; they can be used again.
+  SceneInputs NewInputs() const;
+
+  // Reads `scenario`, which ValidateScenario accepts, as it was at `time`, which stands in for its
+  // prediction_time. Looks at nothing later.
+  //   map: the scenario's own features (RoadMap::Over), or others in place of them.
+  //   target_id, X_WT: the target and its frame, from its latest state at or before `time`
+  //     (TargetPose). The vectors are as of that state. Those of a target that is not in the
+  //     scenario are those of one that stands.
+  //   inputs: from NewInputs().
+  void Read(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
+            const Pose2& X_WT, SceneInputs* inputs);
+  // The two parts of Read(): raster and motion; scene vectors.
+  void ReadRaster(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
+                  const Pose2& X_WT, SceneInputs* inputs);
+  void ReadVectors(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
+                   const Pose2& X_WT, SceneInputs* inputs);
+
+ private:
+  v1::ModelSpec spec_;
+  std::optional<Rasterizer> rasterizer_;
+  std::optional<LanePathFinder> lane_paths_;
+};
+
+}  // namespace maneuver::scene
+
+#endif  // MANEUVER_MODEL_SCENE_SCENE_READER_H_

@@ -1,0 +1,95 @@
+// The target's past second as vectors: what the networks read of it, and how it moves now.
+
+#ifndef MANEUVER_MODEL_SCENE_TARGET_HISTORY_H_
+#define MANEUVER_MODEL_SCENE_TARGET_HISTORY_H_
+
+#include <array>
+#include <cstdint>
+
+#include "maneuver/v1/scenario.pb.h"
+#include "model/scene/pose2.h"
+
+namespace maneuver::scene {
+
+inline constexpr int kHistoryStates = 11;        // at -1.0, -0.9 .. 0 s
+inline constexpr double kHistoryInterval = 0.1;  // seconds
+
+// Where the target was, in its own frame at the prediction time.
+struct PastState {
+  double x = 0.0;           // metres
+  double y = 0.0;           // metres
+  double heading = 0.0;     // radians, without jumps of 2 pi
+  double velocity_x = 0.0;  // m/s
+  double velocity_y = 0.0;  // m/s
+};
+
+struct TargetHistory {
+  std::array<PastState, kHistoryStates> states;  // oldest first
+  double length = 0.0;                           // of the box, metres
+  double width = 0.0;                            // of the box, metres
+};
+
+// The history of an agent at `time`, at which it has a state, in the frame X_WT. States between the
+// recorded ones are interpolated linearly. Before the first recorded state, or before `oldest`
+// seconds ago, the target is taken to have moved on at the velocity and heading of the first one
+// that counts. Looks at nothing later than `time`.
+TargetHistory ResampleHistory(const v1::Agent& agent, double time, const Pose2& X_WT,
+                              double oldest = 1.0);
+
+// How the target moves at the prediction time, estimated from its history.
+//
+// Acceleration a and turn rate w are the slopes of straight lines fitted to the 11 speeds along the
+// body and to the 11 headings. Each is shrunk by the noise of its fit, so that a noisy track falls
+// back on constant velocity:
+//
+//   acceleration = a / (1 + 30 s^2 / 1.1)              s^2, q^2: residual variances of the fits,
+//   turn_rate    = w / (1 + 100 q^2 / (1.1 * 0.12^2))  over 9 degrees of freedom
+//
+// 1.1 s^2 is the sum of the squared times about their mean, so that s^2 / 1.1 is the variance of
+// the slope.
+struct MotionEstimate {
+  double speed = 0.0;           // along the heading, m/s; negative: backwards
+  double lateral_speed = 0.0;   // to the left, m/s
+  double acceleration = 0.0;    // m/s^2
+  double turn_rate = 0.0;       // rad/s, counter-clockwise
+  double speed_change = 0.0;    // over the last half second, m/s
+  double earlier_change = 0.0;  // of the speed over the half second before, m/s
+  double heading_change = 0.0;  // over the last half second, radians
+};
+MotionEstimate EstimateMotion(const TargetHistory& history);
+
+// What the networks read of a history, each number about 1:
+//
+//    0      speed / 10 m/s            5     earlier change of speed, m/s
+//    1      lateral speed, m/s        6     change of heading / 0.5 rad
+//    2      acceleration / 2 m/s^2    7     length / 5 m
+//    3      turn rate * 3 s/rad       8     width / 2 m
+//    4      change of speed, m/s            (0-8 each held within -4 .. 4)
+//    9-38   for the states at -1.0, -0.8 .. 0 s, what differs from constant velocity v: x - v t and
+//           y in metres, heading * 5, velocity_x - v, velocity_y * 2, each held within -5 .. 5
+//   39-41   e^(-|v| / 0.5), e^(-|v| / 2), e^(-|v| / 8): a finer scale for slow speeds, v in m/s
+inline constexpr int kHistoryInputs = 42;
+using HistoryInputs = std::array<float, kHistoryInputs>;
+HistoryInputs DescribeHistory(const TargetHistory& history, const MotionEstimate& motion);
+
+// The same history in a world `scale` times as large; the box keeps pace.
+TargetHistory Scaled(const TargetHistory& history, double scale);
+// The same history in a mirror along the heading: left and right swap.
+TargetHistory Mirrored(const TargetHistory& history);
+
+// A history as a worse sensor would have recorded it. Speeds and headings carry noise that is
+// correlated from state to state (autoregressive, 0.7).
+struct SensorNoise {
+  double speed_stddev = 0.0;    // m/s; smaller in proportion below 1 m/s
+  double heading_stddev = 0.0;  // radians
+  uint64_t seed = 0;            // the same seed gives the same noise
+};
+struct NoisyHistory {
+  TargetHistory history;  // in a frame that is turned by heading_error
+  double heading_error;   // radians, counter-clockwise: of the present heading
+};
+NoisyHistory WithNoise(const TargetHistory& history, const SensorNoise& noise);
+
+}  // namespace maneuver::scene
+
+#endif  // MANEUVER_MODEL_SCENE_TARGET_HISTORY_H_

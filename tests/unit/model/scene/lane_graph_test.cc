@@ -1,0 +1,351 @@
+#include "model/scene/lane_graph.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <numbers>
+#include <random>
+#include <set>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "model/scene/road_map.h"
+#include "tests/unit/model/scene/scene_fixture.h"
+
+namespace maneuver::scene {
+namespace {
+
+using testing::ElementsAre;
+using testing::IsEmpty;
+
+constexpr double kDegree = std::numbers::pi / 180.0;
+
+v1::MapFeature* AddLane(v1::Scenario* scenario, int64_t id, std::initializer_list<Point2> points) {
+  v1::MapFeature* lane = AddFeature(scenario, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, points);
+  lane->set_id(id);
+  return lane;
+}
+
+// Ids of the lanes that follow the lane with index i.
+std::vector<int64_t> SuccessorIds(const LaneGraph& graph, int i) {
+  std::vector<int64_t> ids;
+  for (const int next : graph.Successors(graph.lanes()[static_cast<size_t>(i)])) {
+    ids.push_back(graph.lanes()[static_cast<size_t>(next)].id);
+  }
+  return ids;
+}
+
+double Seconds(const std::function<void()>& work) {
+  const auto start = std::chrono::steady_clock::now();
+  work();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+TEST(LaneGraphTest, PointsHaveArcLengthsAndHeadings) {
+  v1::Scenario scenario;
+  AddLane(&scenario, 7, {{1.0, 1.0}, {4.0, 5.0}, {4.0, 7.0}})->set_speed_limit(13.0);
+  const LaneGraph graph(scenario.map_features());
+  ASSERT_EQ(graph.lanes().size(), 1u);
+  const Lane& lane = graph.lanes()[0];
+  EXPECT_EQ(lane.id, 7);
+  EXPECT_EQ(lane.speed_limit, 13.0);
+  EXPECT_EQ(graph.Length(lane), 7.0);
+  ASSERT_EQ(graph.points().size(), 3u);
+  EXPECT_EQ(graph.points()[1].distance, 5.0);
+  EXPECT_DOUBLE_EQ(graph.points()[0].cosine, 0.6);
+  EXPECT_DOUBLE_EQ(graph.points()[0].sine, 0.8);
+  EXPECT_DOUBLE_EQ(graph.points()[1].sine, 1.0);
+  EXPECT_DOUBLE_EQ(graph.points()[2].sine, 1.0);  // as the segment before it
+}
+
+TEST(LaneGraphTest, HoldsDrivingLanesAndStopSignsOnly) {
+  v1::Scenario scenario;
+  AddFeature(&scenario, v1::MAP_FEATURE_TYPE_BIKE_LANE, {{0, 0}, {9, 0}});
+  AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_EDGE, {{0, 0}, {9, 0}});
+  AddFeature(&scenario, v1::MAP_FEATURE_TYPE_STOP_SIGN, {{3, 4}});
+  AddLane(&scenario, 1, {{5, 5}});
+  AddLane(&scenario, 2, {{5, 5}, {5, 5}, {5.0005, 5}});
+  AddLane(&scenario, 3, {});
+  AddLane(&scenario, 4, {{5, 5}, {6, 5}});
+  const LaneGraph graph(scenario.map_features());
+  ASSERT_EQ(graph.lanes().size(), 1u);
+  EXPECT_EQ(graph.lanes()[0].id, 4);
+  EXPECT_EQ(graph.points().size(), 2u);
+  ASSERT_EQ(graph.stop_signs().size(), 1u);
+  EXPECT_EQ(graph.stop_signs()[0].y, 4.0);
+}
+
+TEST(LaneGraphTest, LeavesOutPointsThatRepeat) {
+  v1::Scenario scenario;
+  AddLane(&scenario, 1, {{0, 0}, {0, 0}, {2, 0}, {2.0004, 0}, {2.0008, 0}, {2, 3}, {2, 3}});
+  AddLane(&scenario, 2, {{0, 0}, {2, 0}, {2, 3}});
+  const LaneGraph graph(scenario.map_features());
+  ASSERT_EQ(graph.points().size(), 6u);
+  for (size_t i = 0; i < 3; ++i) {
+    EXPECT_EQ(graph.points()[i].x, graph.points()[i + 3].x);
+    EXPECT_EQ(graph.points()[i].y, graph.points()[i + 3].y);
+    EXPECT_EQ(graph.points()[i].distance, graph.points()[i + 3].distance);
+    EXPECT_EQ(graph.points()[i].cosine, graph.points()[i + 3].cosine);
+  }
+}
+
+// A repeated point at the end of a long lane: the rest of the lane does not notice.
+TEST(LaneGraphTest, LongLanesHaveTheSamePointsWithAndWithoutARepeatedOne) {
+  v1::Scenario scenario;
+  v1::MapFeature* once = AddLane(&scenario, 1, {});
+  for (int i = 0; i < 300; ++i) {
+    once->add_x(100.0 * std::cos(0.01 * i));
+    once->add_y(70.0 * std::sin(0.01 * i));
+  }
+  v1::MapFeature* twice = scenario.add_map_features();
+  *twice = *scenario.mutable_map_features(0);
+  twice->add_x(twice->x(299));
+  twice->add_y(twice->y(299));
+  const LaneGraph graph(scenario.map_features());
+  ASSERT_EQ(graph.points().size(), 600u);
+  double length = 0.0;
+  for (size_t i = 0; i < 300; ++i) {
+    const LanePoint& a = graph.points()[i];
+    const LanePoint& b = graph.points()[i + 300];
+    EXPECT_NEAR(a.distance, length, 1e-9);
+    EXPECT_EQ(a.distance, b.distance);
+    EXPECT_EQ(a.cosine, b.cosine);
+    EXPECT_EQ(a.sine, b.sine);
+    if (i < 299) {
+      const LanePoint& next = graph.points()[i + 1];
+      EXPECT_NEAR(std::atan2(a.sine, a.cosine), std::atan2(next.y - a.y, next.x - a.x), 1e-12);
+      length += std::hypot(next.x - a.x, next.y - a.y);
+    }
+  }
+}
+
+TEST(LaneGraphTest, ALaneFollowsWhereItBeginsAtTheEndInTheSameDirection) {
+  const auto follows = [](double x, double y, double heading) {
+    v1::Scenario scenario;
+    AddLane(&scenario, 1, {{0, 0}, {10, 0}});
+    AddLane(&scenario, 2, {{x, y}, {x + 20 * std::cos(heading), y + 20 * std::sin(heading)}});
+    return !SuccessorIds(LaneGraph(scenario.map_features()), 0).empty();
+  };
+  EXPECT_TRUE(follows(10, 0, 0));
+  EXPECT_TRUE(follows(10.59, 0, 0));
+  EXPECT_TRUE(follows(9.41, 0, 0));
+  EXPECT_TRUE(follows(10, -0.59, 0));
+  EXPECT_FALSE(follows(10.61, 0, 0));
+  EXPECT_FALSE(follows(10.5, 0.5, 0));  // 0.71 m away
+  EXPECT_FALSE(follows(9.39, 0, 0));
+  EXPECT_TRUE(follows(10, 0, 36.8 * kDegree));
+  EXPECT_TRUE(follows(10, 0, -36.8 * kDegree));
+  EXPECT_FALSE(follows(10, 0, 36.9 * kDegree));
+  EXPECT_FALSE(follows(10, 0, std::numbers::pi));
+}
+
+// Anywhere in the world, so that starts and ends fall into neighbouring cells of the search.
+TEST(LaneGraphTest, SuccessorsByGeometryAreThoseThatAFullSearchFinds) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  size_t found = 0;
+  for (int trial = 0; trial < 100; ++trial) {
+    v1::Scenario scenario;
+    for (int id = 1; id <= 40; ++id) {
+      const Point2 start{2.0 * uniform(random), 2.0 * uniform(random)};
+      AddLane(&scenario, id, {start, {start.x + uniform(random), start.y + uniform(random)}});
+    }
+    const LaneGraph graph(scenario.map_features());
+    for (int i = 0; i < 40; ++i) {
+      const v1::MapFeature& lane = scenario.map_features(i);
+      std::vector<int64_t> expected;
+      for (const v1::MapFeature& next : scenario.map_features()) {
+        const double turn = std::atan2(next.y(1) - next.y(0), next.x(1) - next.x(0)) -
+                            std::atan2(lane.y(1) - lane.y(0), lane.x(1) - lane.x(0));
+        if (next.id() != lane.id() && std::cos(turn) > 0.8 &&
+            std::hypot(next.x(0) - lane.x(1), next.y(0) - lane.y(1)) < 0.6) {
+          expected.push_back(next.id());
+        }
+      }
+      EXPECT_EQ(SuccessorIds(graph, i), expected);
+      found += expected.size();
+    }
+  }
+  EXPECT_GT(found, 1000u);
+}
+
+TEST(LaneGraphTest, DeclaredSuccessorsCountInPlaceOfThoseByGeometry) {
+  v1::Scenario scenario;
+  v1::MapFeature* lane = AddLane(&scenario, 1, {{0, 0}, {10, 0}});
+  AddLane(&scenario, 2, {{10, 0}, {20, 0}});
+  AddLane(&scenario, 3, {{10, 2}, {10, 12}});
+  AddLane(&scenario, 4, {{15.1, 0}, {30, 0}});
+  AddFeature(&scenario, v1::MAP_FEATURE_TYPE_BIKE_LANE, {{10, 0}, {20, 0}})->set_id(5);
+  EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(2));
+  lane = scenario.mutable_map_features(0);
+  // 3 is there, at an angle that geometry would not accept. 4 begins too far away, 5 is no driving
+  // lane, 6 is nowhere, 0 is no id, and nothing follows itself.
+  for (const int64_t id : {6, 3, 5, 4, 0, 1, 3}) lane->add_successor_ids(id);
+  EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(3));
+  lane->clear_successor_ids();
+  for (const int64_t id : {6, 5, 4, 0, 1}) lane->add_successor_ids(id);
+  EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(2));
+  // In the order in which they are declared.
+  lane->clear_successor_ids();
+  for (const int64_t id : {3, 2}) lane->add_successor_ids(id);
+  EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(3, 2));
+}
+
+TEST(LaneGraphTest, AnIdThatSeveralLanesHaveNamesTheFirst) {
+  v1::Scenario scenario;
+  AddLane(&scenario, 1, {{0, 0}, {10, 0}})->add_successor_ids(2);
+  AddLane(&scenario, 2, {{10, 1}, {20, 1}});
+  AddLane(&scenario, 2, {{10, 0}, {20, 0}});
+  const LaneGraph graph(scenario.map_features());
+  const auto successors = graph.Successors(graph.lanes()[0]);
+  ASSERT_EQ(successors.size(), 1u);
+  EXPECT_EQ(successors[0], 1);
+}
+
+TEST(LaneGraphTest, FindsEveryPieceNearAPoint) {
+  std::mt19937 random(6);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  for (const int lanes : {1, 8, 9, 64, 65, 700}) {
+    v1::Scenario scenario;
+    for (int id = 1; id <= lanes; ++id) {
+      v1::MapFeature* lane = AddLane(&scenario, id, {});
+      double x = 200.0 * uniform(random);
+      double y = 200.0 * uniform(random);
+      for (int i = 0; i < 40; ++i) {
+        lane->add_x(x += 2.0 * uniform(random));
+        lane->add_y(y += 2.0 * uniform(random));
+      }
+    }
+    const LaneGraph graph(scenario.map_features());
+    ASSERT_EQ(graph.pieces().size(), static_cast<size_t>(3 * lanes));
+    int found = 0;
+    for (int trial = 0; trial < 100; ++trial) {
+      const Point2 place{220.0 * uniform(random), 220.0 * uniform(random)};
+      std::set<const LanePiece*> pieces;
+      graph.ForEachPieceNear(place, 10.0, [&](const LanePiece& piece) {
+        EXPECT_TRUE(pieces.insert(&piece).second) << "the same piece twice";
+      });
+      for (const LanePiece& piece : graph.pieces()) {
+        bool near = false;
+        for (int i = piece.first; i <= piece.last; ++i) {
+          const LanePoint& point = graph.points()[static_cast<size_t>(i)];
+          near |= std::abs(point.x - place.x) <= 10.0 && std::abs(point.y - place.y) <= 10.0;
+        }
+        if (near) {
+          EXPECT_TRUE(pieces.contains(&piece));
+        }
+        found += near;
+      }
+    }
+    EXPECT_TRUE(found > 0 || lanes < 64);
+  }
+}
+
+TEST(LaneGraphTest, PiecesCoverEachSegmentOnce) {
+  v1::Scenario scenario;
+  for (int points = 2; points <= 50; ++points) {
+    v1::MapFeature* lane = AddLane(&scenario, points, {});
+    for (int i = 0; i < points; ++i) {
+      lane->add_x(i);
+      lane->add_y(points);
+    }
+  }
+  const LaneGraph graph(scenario.map_features());
+  for (size_t i = 0; i < graph.lanes().size(); ++i) {
+    const Lane& lane = graph.lanes()[i];
+    int next = lane.first;
+    for (int j = lane.first_piece; j <= lane.last_piece; ++j) {
+      const LanePiece& piece = graph.pieces()[static_cast<size_t>(j)];
+      EXPECT_EQ(piece.lane, static_cast<int>(i));
+      EXPECT_EQ(piece.first, next);
+      EXPECT_LE(piece.last - piece.first, LaneGraph::kPieceSegments);
+      next = piece.last;
+    }
+    EXPECT_EQ(next, lane.last);
+  }
+}
+
+TEST(LaneGraphTest, AMapWithoutLanesHasNone) {
+  const LaneGraph graph{MapFeatures()};
+  EXPECT_THAT(graph.lanes(), IsEmpty());
+  graph.ForEachPieceNear({0, 0}, 1e9, [](const LanePiece&) { FAIL(); });
+}
+
+// What a map of n points can do at worst: everything at one place, everything following everything.
+TEST(LaneGraphTest, HostileMapsAreBoundedInTimeAndMemory) {
+  constexpr int kLanes = 100'000;
+  const auto same_place = [](v1::MapFeature* lane, int) {
+    for (const double x : {0.0, 0.0, 0.3, 0.3}) lane->add_x(x);
+    for (int i = 0; i < 4; ++i) lane->add_y(0.0);
+  };
+  const auto one_point = [](v1::MapFeature* lane, int i) {
+    lane->add_x(i);
+    lane->add_y(0.0);
+  };
+  const auto one_long_row = [](v1::MapFeature* lane, int i) {
+    for (const double x : {1.0 * i, i + 1.0}) lane->add_x(x);
+    for (int k = 0; k < 2; ++k) lane->add_y(0.0);
+  };
+  const auto across_the_world = [](v1::MapFeature* lane, int i) {
+    for (const double x : {-1e8, 1e8}) lane->add_x(x);
+    for (const double y : {-1e8 + i, 1e8 - i}) lane->add_y(y);
+  };
+  using Fill = std::function<void(v1::MapFeature*, int)>;
+  for (const Fill& fill :
+       {Fill(same_place), Fill(one_point), Fill(one_long_row), Fill(across_the_world)}) {
+    for (const bool declares : {false, true}) {
+      v1::Scenario scenario;
+      for (int i = 0; i < kLanes; ++i) {
+        v1::MapFeature* lane = AddLane(&scenario, 1 + i % 100, {});
+        fill(lane, i);
+        for (int k = 0; declares && k < 64; ++k) lane->add_successor_ids(1 + (i + k) % 100);
+      }
+      const double seconds = Seconds([&] {
+        const LaneGraph graph(scenario.map_features());
+        EXPECT_LE(graph.bytes(), LaneGraph::MostBytes(scenario.map_features()));
+        for (const Lane& lane : graph.lanes()) {
+          EXPECT_LE(lane.successors, LaneGraph::kMostSuccessors);
+        }
+      });
+      // Hundreds of times what it takes: what grows with the square of the lanes takes longer.
+      EXPECT_LT(seconds, 20.0);
+    }
+  }
+}
+
+TEST(RoadMapTest, LanesAreBuiltOnceForAllThreads) {
+  v1::Scenario scenario;
+  AddLane(&scenario, 1, {{0, 0}, {10, 0}});
+  RoadMap map = RoadMap::Over(scenario.map_features());
+  std::vector<const LaneGraph*> seen(4, nullptr);
+  std::vector<std::thread> threads;
+  for (const LaneGraph*& graph : seen) {
+    threads.emplace_back([&map, &graph] { graph = &map.lanes(); });
+  }
+  for (std::thread& thread : threads) thread.join();
+  for (const LaneGraph* graph : seen) EXPECT_EQ(graph, seen[0]);
+  EXPECT_EQ(seen[0]->lanes().size(), 1u);
+  const RoadMap moved = std::move(map);
+  EXPECT_EQ(&moved.lanes(), seen[0]);
+}
+
+TEST(RoadMapTest, BytesCountTheLanesFromTheStart) {
+  v1::Scenario scenario;
+  v1::MapFeature* lane = AddLane(&scenario, 1, {});
+  for (int i = 0; i < 1000; ++i) {
+    lane->add_x(i);
+    lane->add_y(0);
+  }
+  const RoadMap map(scenario.map_features());
+  const int64_t before = map.bytes();
+  EXPECT_GE(before, 16'000 + map.lanes().bytes());
+  EXPECT_EQ(map.bytes(), before);
+}
+
+}  // namespace
+}  // namespace maneuver::scene

@@ -1,0 +1,159 @@
+#include "model/scene/scene_reader.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include "model/scene/target_frame.h"
+#include "tests/unit/model/scene/scene_fixture.h"
+
+namespace maneuver::scene {
+namespace {
+
+constexpr int64_t kTarget = 7;
+
+v1::ModelSpec RasterModel() {
+  v1::ModelSpec spec;
+  *spec.mutable_raster() = SmallSpec();
+  spec.set_target_motion(true);
+  return spec;
+}
+
+v1::ModelSpec VectorModel() {
+  v1::ModelSpec spec;
+  spec.mutable_scene_vectors()->set_history_width(8);
+  return spec;
+}
+
+v1::ModelSpec LaneModel() {
+  v1::ModelSpec spec = VectorModel();
+  spec.mutable_scene_vectors()->set_path_width(8);
+  return spec;
+}
+
+// A vehicle that heads north and brakes at 2 m/s^2, 10 m/s fast at 1 s; states every 0.1 s up to
+// `last`, in seconds. Another one stands 4 m ahead of where it is at 1 s, and a lane runs north.
+v1::Scenario Braking(double last = 3.0) {
+  v1::Scenario scenario;
+  v1::Agent* const target = AddAgent(&scenario, kTarget, v1::AGENT_TYPE_VEHICLE, 4.0, 2.0);
+  for (int i = 0; 0.1 * i < last + 0.05; ++i) {
+    const double t = 0.1 * i - 1.0;
+    AddState(target, 0.1 * i, 3.0, 10.0 * t - t * t, M_PI / 2);
+    v1::AgentState& state = *target->mutable_states(i);
+    state.set_velocity_y(static_cast<float>(10.0 - 2.0 * t));
+  }
+  v1::Agent* const other = AddAgent(&scenario, 8, v1::AGENT_TYPE_VEHICLE, 2.0, 2.0);
+  AddState(other, 1.0, 3.0, 4.0, 0.0);
+  AddFeature(&scenario, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{2.5, -50.0}, {2.5, 200.0}});
+  return scenario;
+}
+
+SceneInputs Read(const v1::ModelSpec& spec, const v1::Scenario& scenario, double time,
+                 int64_t target_id = kTarget) {
+  SceneReader reader(spec);
+  SceneInputs inputs = reader.NewInputs();
+  const v1::Agent* const agent = FindAgent(scenario, target_id);
+  const Pose2 X_WT = agent == nullptr ? Pose2() : *TargetPose(*agent, time, 0.15);
+  reader.Read(scenario, RoadMap::Over(scenario.map_features()), time, target_id, X_WT, &inputs);
+  return inputs;
+}
+
+std::vector<uint8_t> BytesOf(const Raster& raster) {
+  std::vector<uint8_t> bytes(raster.values());
+  raster.WriteInterleaved(bytes);
+  return bytes;
+}
+
+void ExpectSameVectors(const SceneVectors& a, const SceneVectors& b) {
+  EXPECT_EQ(a.history, b.history);
+  EXPECT_EQ(a.paths.count, b.paths.count);
+  EXPECT_EQ(a.paths.values, b.paths.values);
+  EXPECT_EQ(a.motion.speed, b.motion.speed);
+  EXPECT_EQ(a.motion.acceleration, b.motion.acceleration);
+  EXPECT_EQ(a.motion.turn_rate, b.motion.turn_rate);
+}
+
+TEST(SceneReaderTest, DrawsTheRasterOfAModelThatHasOne) {
+  const v1::Scenario scenario = Braking();
+  const SceneInputs inputs = Read(RasterModel(), scenario, 1.0);
+  ASSERT_TRUE(inputs.raster.has_value());
+  const Pose2 X_WT = *TargetPose(scenario.agents(0), 1.0, 0.0);
+  EXPECT_EQ(BytesOf(*inputs.raster), Draw(SmallSpec(), scenario, 1.0, kTarget, X_WT).bytes());
+  EXPECT_EQ(inputs.motion, DescribeMotion(scenario.agents(0), 1.0));
+  EXPECT_FLOAT_EQ(inputs.motion[0], 1.0F);  // in 10 m/s
+}
+
+TEST(SceneReaderTest, ReadsTheHistoryOfAModelWithSceneVectors) {
+  const SceneInputs inputs = Read(VectorModel(), Braking(), 1.0);
+  EXPECT_FALSE(inputs.raster.has_value());
+  EXPECT_EQ(inputs.motion, MotionInputs{});
+  EXPECT_NEAR(inputs.vectors.motion.speed, 10.0, 1e-5);
+  EXPECT_NEAR(inputs.vectors.motion.acceleration, -2.0, 1e-4);
+  EXPECT_NEAR(inputs.vectors.motion.turn_rate, 0.0, 1e-9);
+  EXPECT_NEAR(inputs.vectors.history[0], 1.0, 1e-6);   // speed / 10 m/s
+  EXPECT_NEAR(inputs.vectors.history[2], -1.0, 1e-4);  // acceleration / 2 m/s^2
+  // The state one second ago is 11 m behind, where constant velocity has it 10 m behind.
+  EXPECT_NEAR(inputs.vectors.history[9], -1.0, 1e-4);
+}
+
+TEST(SceneReaderTest, ReadsBothForAModelWithBoth) {
+  v1::ModelSpec spec = VectorModel();
+  *spec.mutable_raster() = SmallSpec();
+  const SceneInputs inputs = Read(spec, Braking(), 1.0);
+  EXPECT_EQ(BytesOf(*inputs.raster), BytesOf(*Read(RasterModel(), Braking(), 1.0).raster));
+  ExpectSameVectors(inputs.vectors, Read(VectorModel(), Braking(), 1.0).vectors);
+}
+
+TEST(SceneReaderTest, LooksAtNothingLater) {
+  ExpectSameVectors(Read(VectorModel(), Braking(3.0), 1.0).vectors,
+                    Read(VectorModel(), Braking(1.0), 1.0).vectors);
+}
+
+// Planners ask between two states: the present is then the latest state, as the target's frame is.
+TEST(SceneReaderTest, ReadsVectorsAsOfTheLatestState) {
+  ExpectSameVectors(Read(LaneModel(), Braking(1.0), 1.08).vectors,
+                    Read(LaneModel(), Braking(1.0), 1.0).vectors);
+}
+
+// The lane runs north, 0.5 m to the left of the target; the other vehicle stands on it.
+TEST(SceneReaderTest, ReadsTheLanePathsOfAModelThatAsksForThem) {
+  const SceneInputs inputs = Read(LaneModel(), Braking(), 1.0);
+  const LanePathInputs& paths = inputs.vectors.paths;
+  ASSERT_EQ(paths.count, 1);
+  EXPECT_NEAR(paths.values[0], 0.5, 1e-5);    // 2.5 m ahead, divided by 5 m
+  EXPECT_NEAR(paths.values[1], 0.1, 1e-5);    // 0.5 m to the left, divided by 5 m
+  EXPECT_NEAR(paths.values[62], -0.5, 1e-5);  // the target is 0.5 m to the right of the lane
+  EXPECT_EQ(paths.values[69], 1.0F);          // there is a leader
+  EXPECT_NEAR(paths.values[70], (4.0 - 3.0) / 30.0, 1e-5);  // its gap
+  EXPECT_NEAR(paths.values[72], -1.0, 1e-5);  // it stands: 10 m/s less than the target
+  EXPECT_EQ(Read(VectorModel(), Braking(), 1.0).vectors.paths.count, 0);
+}
+
+TEST(SceneReaderTest, ReadsAnEmptySceneAsAStandingTarget) {
+  const SceneInputs inputs = Read(VectorModel(), v1::Scenario(), 0.0);
+  EXPECT_EQ(inputs.vectors.motion.speed, 0.0);
+  EXPECT_EQ(inputs.vectors.history[0], 0.0F);
+  EXPECT_EQ(inputs.vectors.history[39], 1.0F);  // e^(-|v| / 0.5)
+}
+
+TEST(SceneReaderTest, ReadsOverWhatAnotherSceneHasLeft) {
+  v1::ModelSpec spec = LaneModel();
+  *spec.mutable_raster() = SmallSpec();
+  spec.set_target_motion(true);
+  SceneReader reader(spec);
+  SceneInputs inputs = reader.NewInputs();
+  const v1::Scenario scenario = Braking();
+  const v1::Scenario empty;
+  reader.Read(scenario, RoadMap::Over(scenario.map_features()), 1.0, kTarget,
+              *TargetPose(scenario.agents(0), 1.0, 0.0), &inputs);
+  reader.Read(empty, RoadMap::Over(empty.map_features()), 0.0, kTarget, Pose2(), &inputs);
+  const SceneInputs fresh = Read(spec, empty, 0.0);
+  EXPECT_EQ(BytesOf(*inputs.raster), BytesOf(*fresh.raster));
+  EXPECT_EQ(inputs.motion, fresh.motion);
+  ExpectSameVectors(inputs.vectors, fresh.vectors);
+}
+
+}  // namespace
+}  // namespace maneuver::scene
