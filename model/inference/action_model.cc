@@ -9,10 +9,12 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_folder.h"
+#include "model/artifact/model_spec.h"
 #include "model/artifact/tensor.h"
 #include "model/inference/networks.h"
 #include "model/probability/responsibilities.h"
 #include "model/probability/sigma_points.h"
+#include "model/scene/motion_reference.h"
 
 namespace maneuver::inference {
 namespace {
@@ -41,6 +43,16 @@ WaypointCovariances CovariancesOf(const Eigen::RowVectorXf& factors) {
   return covariances;
 }
 
+// r(m), or empty for a model without a reference.
+Trajectory RollOutReference(const v1::ModelSpec& spec, const scene::MotionEstimate& motion,
+                            std::span<const double> waypoint_times) {
+  if (!artifact::HasReference(spec)) return {};
+  Trajectory reference(static_cast<Eigen::Index>(waypoint_times.size()), 2);
+  scene::RollOut(spec.reference(), motion, waypoint_times,
+                 {reference.data(), static_cast<size_t>(reference.size())});
+  return reference;
+}
+
 class LoadedModel final : public ActionModel {
  public:
   LoadedModel(v1::ModelManifest manifest, const artifact::TensorMap& weights, bool bf16)
@@ -64,7 +76,9 @@ class Session final : public InferenceSession {
   explicit Session(std::shared_ptr<const LoadedModel> model)
       : model_(std::move(model)),
         networks_(model_->networks()),
-        scratch_(networks_.backbone.NewScratch()) {}
+        waypoint_times_(artifact::WaypointTimes(model_->spec().trajectory())) {
+    if (networks_.backbone) scratch_ = networks_.backbone->NewScratch();
+  }
 
   void Encode(std::span<const SceneInput> scenes, std::span<SceneEncoding> encodings) override {
     for (size_t begin = 0; begin < scenes.size(); begin += kEncodingBlock) {
@@ -83,9 +97,7 @@ class Session final : public InferenceSession {
                        networks_.mixture.dimensions());
     std::vector<ActionDistribution> distributions(actions.size());
     for (size_t i = 0; i < actions.size(); ++i) {
-      const DiagonalGaussian latent = source == LatentSource::kPosterior
-                                          ? Posterior(encoding, actions[i])
-                                          : networks_.mixture.Component(actions[i]);
+      const DiagonalGaussian latent = Latent(encoding, actions[i], source);
       distributions[i].action = actions[i];
       distributions[i].latent_mean = latent.mean;
       distributions[i].latent_stddev = latent.stddev();
@@ -95,14 +107,35 @@ class Session final : public InferenceSession {
     Decode(latents);
     FillDecoderCovariances(distributions);
     for (size_t i = 0; i < actions.size(); ++i) {
-      FillTrajectories(points * static_cast<Eigen::Index>(i), points, &distributions[i]);
+      FillTrajectories(points * static_cast<Eigen::Index>(i), points,
+                       ShiftOf(encoding, actions[i], source), &distributions[i]);
+      if (networks_.scene_covariance) AddSceneCovariance(encoding, &distributions[i]);
     }
     return distributions;
   }
 
+  TrajectorySet MeanTrajectories(const SceneEncoding& encoding, std::span<const int> actions,
+                                 LatentSource source) override {
+    if (actions.empty()) return {};
+    RowMajorXf latents(static_cast<Eigen::Index>(actions.size()), networks_.mixture.dimensions());
+    for (size_t i = 0; i < actions.size(); ++i) {
+      latents.row(static_cast<Eigen::Index>(i)) =
+          Latent(encoding, actions[i], source).mean.cast<float>();
+    }
+    Decode(latents);
+    RowMajorXd means = DecodedMetres(0, decoded_.rows());
+    for (size_t i = 0; i < actions.size(); ++i) {
+      const Eigen::RowVectorXd shift = ShiftOf(encoding, actions[i], source);
+      if (shift.size() > 0) means.row(static_cast<Eigen::Index>(i)) += shift;
+    }
+    return TrajectorySet(std::move(means));
+  }
+
   Classification Classify(const SceneEncoding& encoding, const Trajectory& trajectory) override {
-    const Eigen::VectorXd x =
-        Eigen::Map<const Eigen::VectorXd>(trajectory.data(), trajectory.size());
+    Eigen::VectorXd x = Eigen::Map<const Eigen::VectorXd>(trajectory.data(), trajectory.size());
+    if (encoding.reference.size() > 0) {
+      x -= Eigen::Map<const Eigen::VectorXd>(encoding.reference.data(), x.size());
+    }
     const DiagonalGaussian latent = EncodeTrajectory(x);
     std::vector<DiagonalGaussian> posteriors;
     for (int k = 0; k < networks_.mixture.components(); ++k) {
@@ -125,18 +158,16 @@ class Session final : public InferenceSession {
  private:
   void EncodeBlock(std::span<const SceneInput> scenes, std::span<SceneEncoding> encodings) {
     const Eigen::Index rows = static_cast<Eigen::Index>(scenes.size());
-    grids_.resize(rows, networks_.projection.inputs());
-    for (Eigen::Index r = 0; r < rows; ++r) {
-      networks_.backbone.Evaluate(*scenes[static_cast<size_t>(r)].raster, scratch_.get(),
-                                  grids_.row(r).data());
+    if (networks_.backbone) EvaluateRasters(scenes);
+    if (networks_.scene) {
+      EvaluateVectors(scenes, encodings);
+    } else if (model_->spec().target_motion()) {
+      AppendMotion(scenes);
     }
-    features_.resize(rows, networks_.projection.outputs());
-    networks_.projection.Apply(grids_.data(), static_cast<int>(rows), Activation::kRelu,
-                               &mlp_scratch_.dense, features_.data());
-    if (model_->spec().target_motion()) AppendMotion(scenes);
     logits_.resize(rows, networks_.action_predictor.outputs());
     networks_.action_predictor.Apply(features_.data(), static_cast<int>(rows), &mlp_scratch_,
                                      logits_.data());
+    if (networks_.actions) EvaluateActions(encodings);
     for (Eigen::Index r = 0; r < rows; ++r) {
       SceneEncoding& encoding = encodings[static_cast<size_t>(r)];
       encoding.features = features_.row(r);
@@ -144,9 +175,55 @@ class Session final : public InferenceSession {
     }
   }
 
+  // The backbone's features, into features_.
+  void EvaluateRasters(std::span<const SceneInput> scenes) {
+    const Eigen::Index rows = static_cast<Eigen::Index>(scenes.size());
+    grids_.resize(rows, networks_.projection->inputs());
+    for (Eigen::Index r = 0; r < rows; ++r) {
+      networks_.backbone->Evaluate(*scenes[static_cast<size_t>(r)].raster, scratch_.get(),
+                                   grids_.row(r).data());
+    }
+    features_.resize(rows, networks_.projection->outputs());
+    networks_.projection->Apply(grids_.data(), static_cast<int>(rows), Activation::kRelu,
+                                &mlp_scratch_.dense, features_.data());
+  }
+
+  // Joins the vectors, and the backbone's features if features_ holds them, into features_. Rolls
+  // out the references.
+  void EvaluateVectors(std::span<const SceneInput> scenes, std::span<SceneEncoding> encodings) {
+    vectors_.clear();
+    for (size_t i = 0; i < scenes.size(); ++i) {
+      vectors_.push_back(scenes[i].vectors);
+      const scene::MotionEstimate& motion = scenes[i].vectors->motion;
+      encodings[i].speed = motion.speed;
+      encodings[i].reference = RollOutReference(model_->spec(), motion, waypoint_times_);
+    }
+    networks_.scene->Evaluate(vectors_, networks_.backbone ? features_.data() : nullptr,
+                              &scene_features_);
+    features_ = Eigen::Map<const RowMajorXf>(scene_features_.features.data(),
+                                             static_cast<Eigen::Index>(scenes.size()),
+                                             networks_.scene->features());
+  }
+
+  // h_y of all actions, and what it adds to logits_. After EvaluateVectors.
+  void EvaluateActions(std::span<SceneEncoding> encodings) {
+    references_.clear();
+    for (const SceneEncoding& encoding : encodings) references_.push_back(&encoding.reference);
+    networks_.actions->Evaluate(vectors_, references_, scene_features_, &action_features_);
+    logits_ += Eigen::Map<const RowMajorXf>(action_features_.logits.data(), logits_.rows(),
+                                            logits_.cols());
+    const Eigen::Index features = networks_.actions->features();
+    for (size_t i = 0; i < encodings.size(); ++i) {
+      encodings[i].geometry =
+          Eigen::Map<const RowMajorXf>(action_features_.geometry.data() +
+                                           static_cast<Eigen::Index>(i) * logits_.cols() * features,
+                                       logits_.cols(), features);
+    }
+  }
+
   // The targets' motion, to the right of the features.
   void AppendMotion(std::span<const SceneInput> scenes) {
-    const Eigen::Index features = networks_.projection.outputs();
+    const Eigen::Index features = networks_.projection->outputs();
     RowMajorXf appended(features_.rows(), features + scene::kMotionInputs);
     appended.leftCols(features) = features_;
     for (Eigen::Index r = 0; r < appended.rows(); ++r) {
@@ -157,11 +234,21 @@ class Session final : public InferenceSession {
     features_ = std::move(appended);
   }
 
+  // Where z of an action comes from: q(z|y,s) or p(z|y).
+  DiagonalGaussian Latent(const SceneEncoding& encoding, int action, LatentSource source) {
+    return source == LatentSource::kPosterior ? Posterior(encoding, action)
+                                              : networks_.mixture.Component(action);
+  }
+
   // q(z|y=k,s), which the scenario encoder states relative to the component (tensor.h).
   DiagonalGaussian Posterior(const SceneEncoding& encoding, int k) {
     Eigen::VectorXf outputs(networks_.scenario_encoders.front().outputs());
     networks_.scenario_encoders[static_cast<size_t>(k)].Apply(encoding.features.data(), 1,
                                                               &mlp_scratch_, outputs.data());
+    if (networks_.actions) {
+      networks_.actions->AddLatent(k, encoding.geometry.row(k).data(), &mlp_scratch_.dense,
+                                   &outputs);
+    }
     const Eigen::Index dimensions = networks_.mixture.dimensions();
     DiagonalGaussian posterior = networks_.mixture.Component(k);
     posterior.mean += posterior.stddev().cwiseProduct(outputs.head(dimensions).cast<double>());
@@ -169,7 +256,7 @@ class Session final : public InferenceSession {
     return posterior;
   }
 
-  // q(z|x) of a flattened trajectory in metres.
+  // q(z|x) of a flattened trajectory in metres, relative to the reference.
   DiagonalGaussian EncodeTrajectory(const Eigen::VectorXd& x) {
     const Eigen::VectorXf standardized =
         (x - networks_.trajectory_mean).cwiseQuotient(networks_.trajectory_stddev).cast<float>();
@@ -187,7 +274,7 @@ class Session final : public InferenceSession {
                             decoded_.data());
   }
 
-  // Rows of decoded_ in metres, [count, 2T].
+  // Rows of decoded_ in metres, relative to the reference. [count, 2T]
   RowMajorXd DecodedMetres(Eigen::Index first, Eigen::Index count) const {
     RowMajorXd metres(count, decoded_.cols());
     for (Eigen::Index r = 0; r < count; ++r) {
@@ -198,9 +285,32 @@ class Session final : public InferenceSession {
     return metres;
   }
 
-  // Covariance of p(x|z) at the mean of each distribution's latent, into its moments.
+  // What an action's decoded trajectories are moved by, metres: the reference, and in a posterior
+  // the residual of the mean. [2T], or empty where there is neither.
+  Eigen::RowVectorXd ShiftOf(const SceneEncoding& encoding, int k, LatentSource source) {
+    Eigen::RowVectorXd shift;
+    if (networks_.mean_residual && source == LatentSource::kPosterior) {
+      const float* geometry = networks_.actions ? encoding.geometry.row(k).data() : nullptr;
+      shift = networks_.mean_residual->Evaluate(encoding.features.data(), geometry, k,
+                                                &mlp_scratch_.dense);
+    }
+    if (encoding.reference.size() == 0) return shift;
+    const Eigen::Map<const Eigen::RowVectorXd> reference(encoding.reference.data(),
+                                                         encoding.reference.size());
+    if (shift.size() == 0) return reference;
+    return shift + reference;
+  }
+
+  // Covariance of p(x|z) at the mean of each distribution's latent, into its moments. 0 where the
+  // scene predicts it, which needs the mean first.
   void FillDecoderCovariances(std::span<ActionDistribution> distributions) {
     const Eigen::Index waypoints = networks_.trajectory_mean.size() / 2;
+    if (networks_.scene_covariance) {
+      for (ActionDistribution& distribution : distributions) {
+        distribution.moment_covariance = WaypointCovariances::Zero(waypoints, 3);
+      }
+      return;
+    }
     if (!networks_.covariance_network) {
       for (ActionDistribution& distribution : distributions) {
         distribution.moment_covariance =
@@ -223,8 +333,11 @@ class Session final : public InferenceSession {
 
   // Sigma trajectories and moments of a distribution (probability::MomentsOfSigmaPoints), from its
   // decoded sigma points, rows of decoded_; what p(x|z) adds is in the moments already.
-  void FillTrajectories(Eigen::Index first, Eigen::Index points, ActionDistribution* distribution) {
+  //   shift: as ShiftOf answers it
+  void FillTrajectories(Eigen::Index first, Eigen::Index points, const Eigen::RowVectorXd& shift,
+                        ActionDistribution* distribution) {
     RowMajorXd images = DecodedMetres(first, points);
+    if (shift.size() > 0) images.rowwise() += shift;
     const Eigen::Index waypoints = images.cols() / 2;
     distribution->moment_mean.resize(waypoints, 2);
     Eigen::Map<Eigen::RowVectorXd> mean(distribution->moment_mean.data(), images.cols());
@@ -247,10 +360,29 @@ class Session final : public InferenceSession {
     distribution->sigma = TrajectorySet(std::move(images));
   }
 
+  // Adds the covariance that the scene predicts to a distribution that has its mean.
+  void AddSceneCovariance(const SceneEncoding& encoding, ActionDistribution* distribution) {
+    // Without a scene, the networks are evaluated at features of 0.
+    if (encoding.features.size() == 0) {
+      no_features_.setZero(artifact::SceneFeatures(model_->spec()));
+    }
+    const Eigen::VectorXf& features =
+        encoding.features.size() == 0 ? no_features_ : encoding.features;
+    distribution->moment_covariance += networks_.scene_covariance->Evaluate(
+        features.data(), distribution->action, distribution->moment_mean, encoding.speed,
+        &mlp_scratch_);
+  }
+
   std::shared_ptr<const LoadedModel> model_;
   const Networks& networks_;
-  Backbone::ScratchPointer scratch_;
+  const std::vector<double> waypoint_times_;  // seconds
+  Backbone::ScratchPointer scratch_;          // null without a backbone
   MlpScratch mlp_scratch_;
+  SceneVectorFeatures scene_features_;
+  ActionFeatures action_features_;
+  std::vector<const scene::SceneVectors*> vectors_;
+  std::vector<const Trajectory*> references_;
+  Eigen::VectorXf no_features_;   // [F'] zeros
   RowMajorXf grids_;              // [rows, h * w * C]
   RowMajorXf features_;           // [rows, F']
   RowMajorXf logits_;             // [rows, K]
@@ -263,6 +395,14 @@ std::unique_ptr<InferenceSession> LoadedModel::NewSession() const {
 }
 
 }  // namespace
+
+SceneEncoding DrivingStraight(const v1::ModelSpec& spec, double speed) {
+  SceneEncoding encoding;
+  encoding.reference =
+      RollOutReference(spec, {.speed = speed}, artifact::WaypointTimes(spec.trajectory()));
+  encoding.speed = speed;
+  return encoding;
+}
 
 absl::StatusOr<std::shared_ptr<const ActionModel>> ActionModel::Load(
     const std::filesystem::path& folder, const EngineOptions& options) {

@@ -14,6 +14,8 @@
 #include "maneuver/v1/model.pb.h"
 #include "model/inference/trajectory_set.h"
 #include "model/scene/raster.h"
+#include "model/scene/scene_reader.h"
+#include "model/scene/scene_vectors.h"
 #include "model/scene/target_motion.h"
 
 namespace maneuver::artifact {
@@ -57,14 +59,24 @@ struct Classification {
 
 // What the networks see of a scene.
 struct SceneInput {
-  const scene::Raster* raster = nullptr;  // as scene::Rasterizer draws it
+  const scene::Raster* raster = nullptr;  // as scene::Rasterizer draws it; null without a raster
   scene::MotionInputs motion{};           // ignored by a model that does not ask for it
+  const scene::SceneVectors* vectors = nullptr;  // ignored by a model without scene vectors
 };
+
+// Returns a view of what a scene::SceneReader of the model's spec has read. `inputs` outlives it.
+inline SceneInput InputOf(const scene::SceneInputs& inputs) {
+  return {inputs.raster ? &*inputs.raster : nullptr, inputs.motion, &inputs.vectors};
+}
 
 // What the networks say of one scene, before any action is looked at closer.
 struct SceneEncoding {
   Eigen::VectorXf features;       // [F'], see artifact::SceneFeatures
   Eigen::VectorXd probabilities;  // p(y|s), [K], sums to 1 within 1e-9
+  // h_y of each action, [K, A] row-major; empty unless actions look at the lanes.
+  Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> geometry;
+  Trajectory reference;  // r(m), target frame; empty: trajectories are in metres
+  double speed = 0.0;    // along the heading at the prediction time, m/s
 };
 
 // Evaluates a model. Holds scratch memory: one for each thread; keeps its model alive.
@@ -74,17 +86,28 @@ class InferenceSession {
  public:
   virtual ~InferenceSession() = default;
 
-  // Backbone and p(y|s) for each scene.
+  // Features, p(y|s), reference and what actions see of the lanes, for each scene.
   //   encodings: as many as scenes.
   virtual void Encode(std::span<const SceneInput> scenes, std::span<SceneEncoding> encodings) = 0;
 
   // Distributions of the actions asked for (0 .. K-1, any order, answered in that order). The
   // scenario encoders of other actions are not evaluated.
+  //
+  // kPosterior: q(z|y,s) decoded, plus the reference and the residual of the mean. Needs an
+  // encoding that Encode wrote. kPrior: p(z|y) decoded, plus the reference alone. An encoding
+  // without features (DrivingStraight, or a default one: at rest) will do; a covariance that the
+  // scene predicts is then that of features of 0.
   virtual std::vector<ActionDistribution> Describe(const SceneEncoding& encoding,
                                                    std::span<const int> actions,
                                                    LatentSource source) = 0;
 
-  // q(y|x,s) of a trajectory that was driven in this scene, and the bound on ln p(x|s).
+  // Returns the mean trajectories alone of the actions asked for, in that order: one decoded point
+  // an action, where Describe decodes 2D+1. The same bits in f32 as ActionDistribution::mean().
+  virtual TrajectorySet MeanTrajectories(const SceneEncoding& encoding,
+                                         std::span<const int> actions, LatentSource source) = 0;
+
+  // q(y|x,s) of a trajectory that was driven in this scene, and the bound on ln p(x|s). The bound
+  // is that of p(x|z) around reference and decoded latent, without the residual of the mean.
   virtual Classification Classify(const SceneEncoding& encoding, const Trajectory& trajectory) = 0;
 };
 
@@ -108,11 +131,19 @@ class ActionModel : public std::enable_shared_from_this<ActionModel> {
   virtual std::unique_ptr<InferenceSession> NewSession() const = 0;
 };
 
+// The encoding of no scene: the target drives straight on at `speed`, m/s. For generic actions,
+// with LatentSource::kPrior. A model without a reference answers the same trajectories at any
+// speed.
+SceneEncoding DrivingStraight(const v1::ModelSpec& spec, double speed);
+
 // The generic action set: p(z|y=k) decoded, for all k, with usage and effective as given. Used when
 // a model is exported, before it has a manifest with actions.
 //   usage: [K]; effective: usage of some example at least 0.05.
+//   speed: at which the actions of a model with a reference are drawn, m/s
+inline constexpr double kActionSetSpeed = 10.0;  // of the actions that a manifest stores
 std::vector<v1::Action> DecodeActionSet(const ActionModel& model, std::span<const double> usage,
-                                        std::span<const bool> effective);
+                                        std::span<const bool> effective,
+                                        double speed = kActionSetSpeed);
 
 }  // namespace maneuver::inference
 

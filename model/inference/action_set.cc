@@ -38,12 +38,11 @@ v1::ActionDistribution ToProto(const ActionDistribution& distribution, double pr
 }  // namespace
 
 std::vector<v1::Action> DecodeActionSet(const ActionModel& model, std::span<const double> usage,
-                                        std::span<const bool> effective) {
+                                        std::span<const bool> effective, double speed) {
   std::vector<int> ids(static_cast<size_t>(model.spec().actions()));
   std::iota(ids.begin(), ids.end(), 0);
-  // No scene: the prior looks at none.
   const std::vector<ActionDistribution> distributions =
-      model.NewSession()->Describe(SceneEncoding{}, ids, LatentSource::kPrior);
+      model.NewSession()->Describe(DrivingStraight(model.spec(), speed), ids, LatentSource::kPrior);
   std::vector<v1::Action> actions(ids.size());
   for (size_t k = 0; k < ids.size(); ++k) {
     actions[k].set_action_id(ids[k]);

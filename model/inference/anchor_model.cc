@@ -78,6 +78,7 @@ std::vector<ActionDistribution> AnchorModel::Describe(const SceneEncoding& encod
     ActionDistribution& distribution = distributions[k];
     distribution.action = static_cast<int>(k);
     Trajectory mean = anchors_[k];
+    if (encoding.reference.size() > 0) mean += encoding.reference;
     const Eigen::Index first = static_cast<Eigen::Index>(k) * waypoints;
     if (regression_ == nullptr) {
       distribution.moment_covariance = covariance_.middleRows(first, waypoints);
@@ -105,11 +106,13 @@ std::vector<ActionDistribution> AnchorModel::Describe(const SceneEncoding& encod
   return distributions;
 }
 
-int AnchorModel::Nearest(const Trajectory& trajectory) const {
+int AnchorModel::Nearest(const SceneEncoding& encoding, const Trajectory& trajectory) const {
+  Trajectory departure = trajectory;
+  if (encoding.reference.size() > 0) departure -= encoding.reference;
   int nearest = 0;
   double smallest = std::numeric_limits<double>::infinity();
   for (size_t k = 0; k < anchors_.size(); ++k) {
-    const double distance = (anchors_[k] - trajectory).squaredNorm();
+    const double distance = (anchors_[k] - departure).squaredNorm();
     if (distance < smallest) {
       smallest = distance;
       nearest = static_cast<int>(k);

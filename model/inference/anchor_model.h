@@ -30,18 +30,19 @@ class AnchorModel {
   // Reads scenes: its encodings hold p(k|s) and the features that Describe wants. One a thread.
   std::unique_ptr<InferenceSession> NewSession() const { return scenes_->NewSession(); }
 
-  // N(a_k + mu_k(s), Sigma_k(s)) at each waypoint, for all anchors; `sigma` holds the mean alone,
-  // for there is no latent. [K]
+  // Returns N(r + a_k + mu_k(s), Sigma_k(s)) at each waypoint, for all anchors; r is the encoding's
+  // reference. `sigma` holds the mean alone, for there is no latent. [K]
   std::vector<ActionDistribution> Describe(const SceneEncoding& encoding,
                                            MlpScratch* scratch) const;
-  // The anchor with the smallest mean squared distance, which learning takes for the right one.
-  int Nearest(const Trajectory& trajectory) const;
+  // Returns the anchor with the smallest mean squared distance to the trajectory less the
+  // encoding's reference. Learning takes it for the right one.
+  int Nearest(const SceneEncoding& encoding, const Trajectory& trajectory) const;
 
  private:
   AnchorModel(std::shared_ptr<const ActionModel> scenes, const artifact::TensorMap& weights);
 
   std::shared_ptr<const ActionModel> scenes_;
-  std::vector<Trajectory> anchors_;  // [K]
+  std::vector<Trajectory> anchors_;  // [K] relative to the reference
   std::unique_ptr<const Mlp> regression_;
   // [K * T, 3] of the CoverNet-like one, square metres
   Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> covariance_;

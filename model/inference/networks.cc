@@ -2,8 +2,8 @@
 
 #include <utility>
 
-#include "absl/strings/str_cat.h"
 #include "model/artifact/backbone_layers.h"
+#include "model/inference/stored_layers.h"
 
 namespace maneuver::inference {
 namespace {
@@ -11,23 +11,6 @@ namespace {
 using artifact::Tensor;
 using artifact::TensorMap;
 using RowMajorXf = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-// The layers `<name>.0`, `<name>.1`, ... With `networks` of them side by side, [networks, out, in],
-// those of number `network`.
-Mlp MakeMlp(const TensorMap& weights, const std::string& name, bool bf16, int64_t network = 0) {
-  std::vector<DenseLayer> layers;
-  for (int i = 0;; ++i) {
-    const auto found = weights.find(absl::StrCat(name, ".", i, ".weight"));
-    if (found == weights.end()) return Mlp(std::move(layers));
-    const Tensor& weight = found->second;
-    const Tensor& bias = weights.at(absl::StrCat(name, ".", i, ".bias"));
-    const int64_t inputs = weight.shape.back();
-    const int64_t outputs = bias.shape.back();
-    layers.emplace_back(static_cast<int>(inputs), static_cast<int>(outputs),
-                        weight.values.data() + network * inputs * outputs,
-                        bias.values.data() + network * outputs, bf16);
-  }
-}
 
 // The projection reads its grid as [C, h, w] (tensor.h), the convolutions write [h, w, C]: its
 // columns are put in their order once, here.
@@ -50,15 +33,6 @@ DenseLayer MakeProjection(const v1::ModelSpec& spec, const TensorMap& weights, b
                     weights.at("backbone.projection.bias").values.data(), bf16);
 }
 
-std::vector<Mlp> MakeScenarioEncoders(const v1::ModelSpec& spec, const TensorMap& weights,
-                                      bool bf16) {
-  std::vector<Mlp> encoders;
-  for (int64_t k = 0; k < spec.actions(); ++k) {
-    encoders.push_back(MakeMlp(weights, "scenario_encoder", bf16, k));
-  }
-  return encoders;
-}
-
 // A tensor as doubles, its trailing dimensions made one.
 Eigen::MatrixXd Matrix(const Tensor& tensor) {
   const Eigen::Index rows = tensor.shape[0];
@@ -72,34 +46,61 @@ Eigen::VectorXd Vector(const Tensor& tensor) {
       .cast<double>();
 }
 
+// The decoded means of p(z|y), metres, without a reference. [K, 2T]
+TrajectorySet::Rows GenericMeans(const Networks& networks) {
+  const RowMajorXf latents = networks.mixture.mean.cast<float>();
+  RowMajorXf decoded(latents.rows(), networks.decoder.outputs());
+  MlpScratch scratch;
+  networks.decoder.Apply(latents.data(), static_cast<int>(latents.rows()), &scratch,
+                         decoded.data());
+  TrajectorySet::Rows metres(decoded.rows(), decoded.cols());
+  for (Eigen::Index k = 0; k < metres.rows(); ++k) {
+    metres.row(k) =
+        decoded.row(k).cast<double>().cwiseProduct(networks.trajectory_stddev.transpose()) +
+        networks.trajectory_mean.transpose();
+  }
+  return metres;
+}
+
 }  // namespace
 
 Networks::Networks(const v1::ModelSpec& spec, const TensorMap& weights, bool bf16)
-    : backbone(spec, weights, bf16),
-      projection(MakeProjection(spec, weights, bf16)),
-      action_predictor(MakeMlp(weights, "action_predictor", bf16)),
-      trajectory_encoder(MakeMlp(weights, "trajectory_encoder", false)),
-      decoder(MakeMlp(weights, "decoder", false)),
-      scenario_encoders(MakeScenarioEncoders(spec, weights, bf16)),
+    : action_predictor(StoredMlp(weights, "action_predictor", bf16)),
+      trajectory_encoder(StoredMlp(weights, "trajectory_encoder", false)),
+      decoder(StoredMlp(weights, "decoder", false)),
+      scenario_encoders(StoredMlps(weights, "scenario_encoder", spec.actions(), bf16)),
       mixture{Matrix(weights.at("mixture.mean")), Matrix(weights.at("mixture.log_variance")),
               Vector(weights.at("mixture.log_weight"))},
       trajectory_mean(Vector(weights.at("trajectory.mean"))),
       trajectory_stddev(Vector(weights.at("trajectory.stddev"))) {
-  if (spec.has_decoder_covariance()) {
-    covariance_network = MakeMlp(weights, "decoder_covariance", false);
-    return;
+  if (spec.has_raster()) {
+    backbone.emplace(spec, weights, bf16);
+    projection = MakeProjection(spec, weights, bf16);
   }
-  const Tensor& table = weights.at("decoder.covariance");
-  decoder_covariance =
-      Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, 3, Eigen::RowMajor>>(
-          table.values.data(), static_cast<Eigen::Index>(table.values.size()) / 3, 3)
-          .cast<double>();
+  if (spec.has_scene_vectors()) scene.emplace(spec, weights, bf16);
+  if (spec.has_action_geometry()) actions.emplace(spec, weights, GenericMeans(*this));
+  if (spec.mean_residual()) mean_residual.emplace(spec, weights);
+  if (spec.has_scene_covariance()) {
+    scene_covariance.emplace(spec, weights, bf16);
+  } else if (spec.has_decoder_covariance()) {
+    covariance_network = StoredMlp(weights, "decoder_covariance", false);
+  } else {
+    const Tensor& table = weights.at("decoder.covariance");
+    decoder_covariance =
+        Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, 3, Eigen::RowMajor>>(
+            table.values.data(), static_cast<Eigen::Index>(table.values.size()) / 3, 3)
+            .cast<double>();
+  }
 }
 
 size_t Networks::bytes() const {
-  size_t bytes = backbone.bytes() + projection.bytes() + action_predictor.bytes() +
-                 trajectory_encoder.bytes() + decoder.bytes();
+  size_t bytes = action_predictor.bytes() + trajectory_encoder.bytes() + decoder.bytes();
+  if (backbone) bytes += backbone->bytes() + projection->bytes();
+  if (scene) bytes += scene->bytes();
+  if (actions) bytes += actions->bytes();
+  if (mean_residual) bytes += mean_residual->bytes();
   for (const Mlp& encoder : scenario_encoders) bytes += encoder.bytes();
+  if (scene_covariance) bytes += scene_covariance->bytes();
   if (covariance_network) bytes += covariance_network->bytes();
   return bytes;
 }

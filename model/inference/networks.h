@@ -10,8 +10,12 @@
 
 #include "maneuver/v1/model_spec.pb.h"
 #include "model/artifact/tensor.h"
+#include "model/inference/action_network.h"
 #include "model/inference/backbone.h"
 #include "model/inference/dense_layer.h"
+#include "model/inference/mean_residual.h"
+#include "model/inference/scene_covariance.h"
+#include "model/inference/scene_network.h"
 #include "model/probability/latent_mixture.h"
 
 namespace maneuver::inference {
@@ -20,23 +24,31 @@ namespace maneuver::inference {
 // artifact::ReadModelFolder returns them.
 struct Networks {
   // Lets oneDNN's exceptions out, as Backbone does. In bf16 are the convolutions, and the weights
-  // of what reads a scene's features, since those come from memory for each few targets. Decoders
-  // are in f32: means in metres want the precision.
+  // of the wide layers that make and read a scene's features, since those come from memory for each
+  // few targets. Whatever answers metres is in f32: means want the precision.
   Networks(const v1::ModelSpec& spec, const artifact::TensorMap& weights, bool bf16);
 
   size_t bytes() const;
 
-  Backbone backbone;
-  DenseLayer projection;               // last grid as [h, w, C] -> F
-  Mlp action_predictor;                // F -> K logits of p(y|s)
+  // Of a model with a raster.
+  std::optional<Backbone> backbone;
+  std::optional<DenseLayer> projection;  // last grid as [h, w, C] -> F
+  // Of a model with scene vectors.
+  std::optional<SceneNetwork> scene;
+  Mlp action_predictor;                // F' -> K logits of p(y|s)
   Mlp trajectory_encoder;              // 2T -> 2D: mean and log-variance of q(z|x)
   Mlp decoder;                         // D -> 2T
-  std::vector<Mlp> scenario_encoders;  // [K] F -> 2D: a and b of q(z|y,s)
+  std::vector<Mlp> scenario_encoders;  // [K] F' -> 2D: a and b of q(z|y,s)
   probability::LatentMixture mixture;  // p(z|y)
   Eigen::VectorXd trajectory_mean;     // [2T] metres
   Eigen::VectorXd trajectory_stddev;   // [2T] metres
-  // The covariance of p(x|z): of the latent, D -> 3T as in tensor.h, or else of the action,
-  // [K * T, 3] xx, xy, yy, square metres.
+  // Of actions that look at the lanes.
+  std::optional<ActionNetwork> actions;
+  // Of a mean that depends on the scene.
+  std::optional<MeanResidual> mean_residual;
+  // The covariance of p(x|z): of the scene; of the latent, D -> 3T as in tensor.h; or else of the
+  // action, [K * T, 3] xx, xy, yy, square metres.
+  std::optional<SceneCovariance> scene_covariance;
   std::optional<Mlp> covariance_network;
   Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> decoder_covariance;
 };

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <deque>
 #include <filesystem>
 #include <numbers>
@@ -14,6 +13,7 @@
 #include <thread>
 
 #include "model/inference/backbone.h"
+#include "tests/unit/model/inference/answers.h"
 #include "tests/unit/model/inference/reference_model.h"
 #include "tests/unit/model/scene/raster_of.h"
 #include "tests/unit/temporary_folder.h"
@@ -58,41 +58,6 @@ v1::ModelSpec SmallSpec() {
       )pb",
       &spec);
   return spec;
-}
-
-template <typename Range>
-std::vector<double> Doubles(const Range& values) {
-  return {values.data(), values.data() + values.size()};
-}
-
-// Relative to the largest of the expected values.
-void ExpectNear(const std::vector<double>& actual, const std::vector<double>& expected,
-                double tolerance, const std::string& what) {
-  ASSERT_EQ(actual.size(), expected.size()) << what;
-  double scale = 0;
-  for (const double value : expected) scale = std::max(scale, std::abs(value));
-  for (size_t i = 0; i < expected.size(); ++i) {
-    EXPECT_NEAR(actual[i], expected[i], tolerance * scale) << what << "[" << i << "]";
-  }
-}
-
-template <typename A, typename B>
-bool SameBits(const A& a, const B& b) {
-  return a.size() == b.size() &&
-         std::memcmp(a.data(), b.data(), sizeof(*a.data()) * static_cast<size_t>(a.size())) == 0;
-}
-
-bool SameBits(const SceneEncoding& a, const SceneEncoding& b) {
-  return SameBits(a.features, b.features) && SameBits(a.probabilities, b.probabilities);
-}
-
-bool SameBits(const ActionDistribution& a, const ActionDistribution& b) {
-  bool same =
-      a.action == b.action && a.sigma.size() == b.sigma.size() &&
-      SameBits(a.latent_mean, b.latent_mean) && SameBits(a.latent_stddev, b.latent_stddev) &&
-      SameBits(a.moment_mean, b.moment_mean) && SameBits(a.moment_covariance, b.moment_covariance);
-  for (size_t p = 0; same && p < a.sigma.size(); ++p) same = SameBits(a.sigma[p], b.sigma[p]);
-  return same;
 }
 
 class ActionModelTest : public testing::Test {
@@ -148,8 +113,11 @@ TEST_F(ActionModelTest, EncodesAsTheReferenceDoes) {
     const SceneEncoding encoding = Encode(session_.get(), {raster})[0];
     const auto features = reference.Features(raster);
     ExpectNear(Doubles(encoding.features.cast<double>().eval()), features, 1e-5, "features");
-    ExpectNear(Doubles(encoding.probabilities), reference.Probabilities(features), 1e-5, "p(y|s)");
+    ExpectNear(Doubles(encoding.probabilities), reference.Probabilities({features}), 1e-5,
+               "p(y|s)");
     EXPECT_NEAR(encoding.probabilities.sum(), 1.0, 1e-9);
+    EXPECT_EQ(encoding.geometry.size(), 0);
+    EXPECT_EQ(encoding.reference.size(), 0);
   }
 }
 
@@ -164,7 +132,7 @@ TEST_F(ActionModelTest, DescribesAsTheReferenceDoes) {
   for (size_t i = 0; i < actions.size(); ++i) {
     const ActionDistribution& distribution = distributions[i];
     EXPECT_EQ(distribution.action, actions[i]);
-    const auto posterior = reference.Posterior(features, actions[i]);
+    const auto posterior = reference.Posterior({features}, actions[i]);
     std::vector<double> mean(posterior.begin(), posterior.begin() + 3), stddev;
     for (size_t d = 3; d < 6; ++d) stddev.push_back(std::exp(posterior[d] / 2));
     ExpectNear(Doubles(distribution.latent_mean), mean, 1e-5, "latent mean");
@@ -274,7 +242,7 @@ TEST_F(ActionModelTest, ClassifiesAsBruteForceNormalisationDoes) {
     const auto classification = session_->Classify(Encode(session_.get(), {raster})[0], trajectory);
     EXPECT_NEAR(classification.responsibilities.sum(), 1.0, 1e-12);
     ExpectNear(Doubles(classification.responsibilities),
-               reference.Responsibilities(reference.Features(raster), Doubles(trajectory)), 1e-4,
+               reference.Responsibilities({reference.Features(raster)}, Doubles(trajectory)), 1e-4,
                "q(y|x,s)");
   }
 }
@@ -312,9 +280,51 @@ TEST_F(ActionModelTest, AnActionHasTheSameBitsWhateverElseIsAsked) {
   }
 }
 
+TEST_F(ActionModelTest, MeanTrajectoriesHaveTheBitsOfTheirDistributions) {
+  const SceneEncoding encoding = EncodeOne(6);
+  for (const LatentSource source : {LatentSource::kPosterior, LatentSource::kPrior}) {
+    const int actions[] = {4, 0, 5};
+    const TrajectorySet means = session_->MeanTrajectories(encoding, actions, source);
+    const auto described = session_->Describe(encoding, actions, source);
+    ASSERT_EQ(means.size(), described.size());
+    for (size_t i = 0; i < means.size(); ++i) {
+      EXPECT_TRUE(SameBits(means[i], described[i].mean()));
+    }
+  }
+}
+
+// The reference and the residual of the mean are in both.
+TEST_F(ActionModelTest, MeanTrajectoriesOfARelativeModelHaveTheBitsOfTheirDistributions) {
+  v1::ModelSpec spec = SmallSpec();
+  spec.clear_raster();
+  spec.clear_backbone();
+  spec.mutable_scene_vectors()->set_history_width(8);
+  spec.mutable_scene_vectors()->set_features(12);
+  spec.set_reference(v1::TRAJECTORY_REFERENCE_FADING_MOTION);
+  spec.set_mean_residual(true);
+  const auto model = ActionModel::FromStored(RandomModel(spec, 7), {.precision = Precision::kF32});
+  ASSERT_TRUE(model.ok()) << model.status();
+  const auto session = (*model)->NewSession();
+  scene::SceneVectors vectors;
+  vectors.motion.speed = 10.0;
+  vectors.history.fill(0.5f);
+  const SceneInput scene{.raster = nullptr, .motion = {}, .vectors = &vectors};
+  SceneEncoding encoding;
+  session->Encode({&scene, 1}, {&encoding, 1});
+  for (const LatentSource source : {LatentSource::kPosterior, LatentSource::kPrior}) {
+    const int actions[] = {4, 0, 5};
+    const TrajectorySet means = session->MeanTrajectories(encoding, actions, source);
+    const auto described = session->Describe(encoding, actions, source);
+    for (size_t i = 0; i < described.size(); ++i) {
+      EXPECT_TRUE(SameBits(means[i], described[i].mean()));
+    }
+  }
+}
+
 TEST_F(ActionModelTest, NoActionsAreDescribedAsNone) {
   const SceneEncoding encoding = EncodeOne(6);
   for (const LatentSource source : {LatentSource::kPosterior, LatentSource::kPrior}) {
+    EXPECT_TRUE(session_->MeanTrajectories(encoding, {}, source).empty());
     EXPECT_TRUE(session_->Describe(encoding, {}, source).empty());
   }
 }

@@ -7,6 +7,8 @@
 
 #include "model/artifact/backbone_layers.h"
 #include "model/artifact/model_spec.h"
+#include "model/scene/action_geometry.h"
+#include "model/scene/motion_reference.h"
 
 namespace maneuver::inference {
 
@@ -30,6 +32,7 @@ artifact::StoredModel RandomModel(const v1::ModelSpec& spec, uint32_t seed) {
     for (size_t i = 0; i < count; ++i) tensor.values.push_back(scale * normal(random));
     const bool positive =
         name.ends_with("running_var") || name == "trajectory.stddev" ||
+        name == "scene_covariance.speed_factor" ||
         (name.find("normalization") != std::string::npos && name.ends_with(".weight"));
     if (positive) {
       for (float& value : tensor.values) value = 0.5f + std::abs(value);
@@ -40,7 +43,7 @@ artifact::StoredModel RandomModel(const v1::ModelSpec& spec, uint32_t seed) {
     if (!layer.adds) continue;
     for (float& gamma : model.weights[layer.normalization + ".weight"].values) gamma *= 0.4f;
   }
-  if (spec.has_decoder_covariance()) return model;
+  if (!model.weights.contains("decoder.covariance")) return model;
   std::vector<float>& covariance = model.weights["decoder.covariance"].values;
   for (size_t i = 0; i < covariance.size(); i += 3) {
     covariance[i] = 0.5f + std::abs(covariance[i]);
@@ -62,9 +65,66 @@ std::vector<uint8_t> RandomRaster(const v1::ModelSpec& spec, uint32_t seed) {
   return raster;
 }
 
+scene::SceneVectors RandomVectors(uint32_t seed, int paths) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  scene::SceneVectors vectors;
+  vectors.motion.speed = 10.0 + 10.0 * uniform(random);
+  vectors.motion.acceleration = 3.0 * uniform(random);
+  vectors.motion.turn_rate = 0.5 * uniform(random);
+  for (float& input : vectors.history) input = static_cast<float>(uniform(random));
+  vectors.paths.count = paths;
+  for (int p = 0; p < paths; ++p) {
+    const auto path = vectors.paths.values.begin() + p * scene::kLanePathInputs;
+    for (int i = 0; i < scene::kLanePathInputs; ++i) path[i] = static_cast<float>(uniform(random));
+    const double offset = 3.0 * uniform(random);
+    const double heading = 0.6 * uniform(random);
+    const double lengths[] = {2.5, 5, 7.5, 10, 15, 20, 25, 30, 40, 50, 65, 80, 100};
+    for (int i = 0; i < 13; ++i) {
+      const double scale = std::max(lengths[i], 5.0);
+      path[2 * i] =
+          static_cast<float>((offset * std::sin(heading) + lengths[i] * std::cos(heading)) / scale);
+      path[2 * i + 1] = static_cast<float>(
+          (-offset * std::cos(heading) + lengths[i] * std::sin(heading)) / scale);
+    }
+    path[62] = static_cast<float>(offset);
+    path[63] = static_cast<float>(-std::sin(heading));
+    path[69] = uniform(random) > 0 ? 1.0f : 0.0f;
+    path[81] = uniform(random) > 0 ? 1.0f : 0.0f;
+  }
+  return vectors;
+}
+
 namespace {
 
 using Values = ReferenceModel::Values;
+using Rows = ReferenceModel::Rows;
+
+Values Relu(Values x) {
+  for (double& value : x) value = std::max(0.0, value);
+  return x;
+}
+
+Values Sum(Values x, const Values& y) {
+  for (size_t i = 0; i < x.size(); ++i) x[i] += y.at(i);
+  return x;
+}
+
+Values Joined(Values x, const Values& y) {
+  x.insert(x.end(), y.begin(), y.end());
+  return x;
+}
+
+Values Row(const std::vector<float>& matrix, size_t row, size_t columns) {
+  const auto begin = matrix.begin() + static_cast<std::ptrdiff_t>(row * columns);
+  return {begin, begin + static_cast<std::ptrdiff_t>(columns)};
+}
+
+template <typename Floats>
+Values Doubles(const Floats& floats, size_t first, size_t count) {
+  const auto begin = floats.begin() + static_cast<std::ptrdiff_t>(first);
+  return {begin, begin + static_cast<std::ptrdiff_t>(count)};
+}
 
 // [C, h, w]
 struct Grid {
@@ -231,9 +291,12 @@ ReferenceModel::Values ReferenceModel::Mlp(const std::string& name, int layers, 
   return x;
 }
 
-ReferenceModel::Values ReferenceModel::Probabilities(const Values& features) const {
-  Values logits = Mlp("action_predictor",
-                      model_.manifest.spec().action_predictor().hidden_size() + 1, features);
+ReferenceModel::Values ReferenceModel::Probabilities(const Scene& scene) const {
+  Values logits =
+      Mlp("action_predictor", spec().action_predictor().hidden_size() + 1, scene.features);
+  for (size_t k = 0; k < scene.geometry.size(); ++k) {
+    logits[k] += Linear("action_geometry.logit", scene.geometry[k])[0];
+  }
   long double sum = 0;
   for (const double logit : logits) sum += std::exp(static_cast<long double>(logit));
   for (double& logit : logits) {
@@ -242,10 +305,14 @@ ReferenceModel::Values ReferenceModel::Probabilities(const Values& features) con
   return logits;
 }
 
-ReferenceModel::Values ReferenceModel::Posterior(const Values& features, int k) const {
-  const v1::ModelSpec& spec = model_.manifest.spec();
-  const size_t D = static_cast<size_t>(spec.latent_dimensions());
-  Values output = Mlp("scenario_encoder", spec.scenario_encoder().hidden_size() + 1, features, k);
+ReferenceModel::Values ReferenceModel::Posterior(const Scene& scene, int k) const {
+  const size_t D = static_cast<size_t>(spec().latent_dimensions());
+  Values output =
+      Mlp("scenario_encoder", spec().scenario_encoder().hidden_size() + 1, scene.features, k);
+  if (!scene.geometry.empty()) {
+    output =
+        Sum(output, Linear("action_geometry.latent", scene.geometry[static_cast<size_t>(k)], k));
+  }
   for (size_t d = 0; d < D; ++d) {
     const double mean = Tensor("mixture.mean")[static_cast<size_t>(k) * D + d];
     const double log_variance = Tensor("mixture.log_variance")[static_cast<size_t>(k) * D + d];
@@ -272,17 +339,18 @@ ReferenceModel::Values ReferenceModel::Decode(const Values& z) const {
   return x;
 }
 
-ReferenceModel::Values ReferenceModel::Responsibilities(const Values& features,
-                                                        const Values& x) const {
+ReferenceModel::Values ReferenceModel::Responsibilities(const Scene& scene, const Values& x) const {
   const v1::ModelSpec& spec = model_.manifest.spec();
   const size_t K = static_cast<size_t>(spec.actions());
   const size_t D = static_cast<size_t>(spec.latent_dimensions());
-  const Values prior = Probabilities(features);
-  const Values q = EncodeTrajectory(x);
+  const Values prior = Probabilities(scene);
+  Values relative = x;
+  for (size_t i = 0; i < scene.reference.size(); ++i) relative[i] -= scene.reference[i];
+  const Values q = EncodeTrajectory(relative);
   std::vector<long double> joint(K);
   long double sum = 0;
   for (size_t k = 0; k < K; ++k) {
-    const Values posterior = Posterior(features, static_cast<int>(k));
+    const Values posterior = Posterior(scene, static_cast<int>(k));
     double cross_entropy = 0, divergence = 0;
     for (size_t d = 0; d < D; ++d) {
       const double mean = Tensor("mixture.mean")[k * D + d];
@@ -301,6 +369,184 @@ ReferenceModel::Values ReferenceModel::Responsibilities(const Values& features,
   Values responsibilities(K);
   for (size_t k = 0; k < K; ++k) responsibilities[k] = static_cast<double>(joint[k] / sum);
   return responsibilities;
+}
+
+ReferenceModel::Values ReferenceModel::Linear(const std::string& name, const Values& x,
+                                              int network) const {
+  const std::vector<int64_t>& shape = Shape(name + ".weight");
+  const size_t inputs = static_cast<size_t>(shape.back());
+  const size_t outputs = static_cast<size_t>(shape[shape.size() - 2]);
+  Values y(outputs);
+  for (size_t o = 0; o < outputs; ++o) {
+    const size_t row = static_cast<size_t>(network) * outputs + o;
+    if (model_.weights.contains(name + ".bias")) y[o] = Tensor(name + ".bias")[row];
+    for (size_t i = 0; i < inputs; ++i) {
+      y[o] += double{Tensor(name + ".weight")[row * inputs + i]} * x.at(i);
+    }
+  }
+  return y;
+}
+
+ReferenceModel::Values ReferenceModel::Pool(const std::string& name, const Rows& elements,
+                                            int heads, size_t width) const {
+  Values pooled(2 * width, 0.0);
+  Rows scores;
+  for (const Values& element : elements) scores.push_back(Linear(name + ".attention", element));
+  for (size_t c = 0; c < width; ++c) {
+    const size_t head = c * static_cast<size_t>(heads) / width;
+    double sum = 0;
+    for (const Values& score : scores) sum += std::exp(score[head]);
+    for (size_t i = 0; i < elements.size(); ++i) {
+      pooled[c] += std::exp(scores[i][head]) / sum * elements[i][c];
+      pooled[width + c] = std::max(pooled[width + c], elements[i][c]);
+    }
+  }
+  return pooled;
+}
+
+ReferenceModel::Rows ReferenceModel::LanePaths(const scene::SceneVectors& vectors,
+                                               const Values& own) const {
+  Rows paths;
+  for (int i = 0; i < vectors.paths.count; ++i) {
+    const Values numbers =
+        Doubles(vectors.paths.values, static_cast<size_t>(i) * scene::kLanePathInputs,
+                scene::kLanePathInputs);
+    const Values alone = Linear("lane_path.1", Relu(Linear("lane_path.0", numbers)));
+    const Values both = Relu(Sum(alone, Linear("lane_path.history", own)));
+    paths.push_back(Relu(Linear("lane_path.output", both)));
+  }
+  return paths;
+}
+
+ReferenceModel::Scene ReferenceModel::Encode(const scene::SceneVectors& vectors,
+                                             const Values& raster_features) const {
+  Scene scene;
+  scene.speed = vectors.motion.speed;
+  const std::vector<double> times = artifact::WaypointTimes(spec().trajectory());
+  scene.reference.resize(2 * times.size());
+  scene::RollOut(spec().reference(), vectors.motion, times, scene.reference);
+
+  const Values own = Relu(Linear(
+      "history.1", Relu(Linear("history.0", Doubles(vectors.history, 0, scene::kHistoryInputs)))));
+  Values joined = own;
+  Rows paths;
+  const v1::SceneVectorsSpec& sizes = spec().scene_vectors();
+  if (sizes.path_width() > 0) {
+    paths = LanePaths(vectors, own);
+    joined = Joined(joined, Pool("lane_path", paths, sizes.attention_heads(),
+                                 static_cast<size_t>(sizes.path_width())));
+  }
+  scene.features = Relu(Linear("join", Joined(joined, raster_features)));
+  if (spec().has_action_geometry()) scene.geometry = Geometry(vectors, scene, paths);
+  return scene;
+}
+
+ReferenceModel::Rows ReferenceModel::Geometry(const scene::SceneVectors& vectors,
+                                              const Scene& scene, const Rows& paths) const {
+  const size_t K = static_cast<size_t>(spec().actions());
+  const size_t D = static_cast<size_t>(spec().latent_dimensions());
+  const scene::GeometryWaypoints waypoints =
+      scene::FindGeometryWaypoints(artifact::WaypointTimes(spec().trajectory()));
+  std::vector<scene::ActionPoints> points(K);
+  for (size_t k = 0; k < K; ++k) {
+    const Values x = Sum(Decode(Row(Tensor("mixture.mean"), k, D)), scene.reference);
+    for (size_t t = 0; t < scene::kGeometryTimes; ++t) {
+      for (size_t axis = 0; axis < 2; ++axis) {
+        const auto at = [&](int waypoint) {
+          return waypoint < 0 ? 0.0f
+                              : static_cast<float>(x[2 * static_cast<size_t>(waypoint) + axis]);
+        };
+        points[k].at[t][axis] = at(waypoints.at[t]);
+        points[k].before[t][axis] = at(waypoints.before[t]);
+      }
+    }
+  }
+  std::vector<float> pairs(K * scene::kMostLanePaths * scene::kPairNumbers);
+  std::vector<float> actions(K * scene::kActionNumbers);
+  scene::DescribeActions(points, waypoints, vectors.paths, vectors.motion.speed, pairs, actions);
+
+  const std::string name = "action_geometry.";
+  const size_t G = static_cast<size_t>(spec().action_geometry().pair_width());
+  const size_t A = static_cast<size_t>(spec().action_geometry().features());
+  Rows geometry;
+  for (size_t k = 0; k < K; ++k) {
+    Rows elements;
+    for (size_t i = 0; i < paths.size(); ++i) {
+      const size_t pair = (k * scene::kMostLanePaths + i) * scene::kPairNumbers;
+      Values g = Linear(name + "pair", Doubles(pairs, pair, scene::kPairNumbers));
+      g = Sum(g, Linear(name + "path", paths[i]));
+      g = Sum(g, Linear(name + "scene", scene.features));
+      g = Relu(Sum(g, Row(Tensor(name + "action.bias"), k, G)));
+      elements.push_back(Relu(Linear(name + "hidden", g)));
+    }
+    const Values pooled =
+        Pool("action_geometry", elements, spec().action_geometry().attention_heads(), G);
+    const Values own = Doubles(actions, k * scene::kActionNumbers, scene::kActionNumbers);
+    Values joint = Linear(name + "joint", Joined(pooled, own));
+    joint = Sum(joint, Linear(name + "joint_scene", scene.features));
+    joint = Relu(Sum(joint, Row(Tensor(name + "joint_action.bias"), k, A)));
+    geometry.push_back(Relu(Linear(name + "output", joint)));
+  }
+  return geometry;
+}
+
+ReferenceModel::Values ReferenceModel::MeanResidual(const Scene& scene, int k) const {
+  const Values& f = scene.features;
+  Values coefficients = Linear("mean_residual.scene", f, k);
+  if (!scene.geometry.empty()) {
+    const Values& h = scene.geometry[static_cast<size_t>(k)];
+    coefficients = Sum(coefficients, Linear("mean_residual.geometry", h, k));
+  }
+  Values metres(static_cast<size_t>(Shape("mean_residual.curves")[0]), 0.0);
+  for (size_t i = 0; i < metres.size(); ++i) {
+    for (size_t m = 0; m < coefficients.size(); ++m) {
+      metres[i] +=
+          double{Tensor("mean_residual.curves")[i * coefficients.size() + m]} * coefficients[m];
+    }
+  }
+  return metres;
+}
+
+ReferenceModel::Rows ReferenceModel::SceneCovariance(const Scene& scene, int k,
+                                                     const Values& mean) const {
+  const Values a =
+      Mlp("scene_covariance", spec().scene_covariance().hidden_size() + 1, scene.features, k);
+  const std::vector<double> times = artifact::WaypointTimes(spec().trajectory());
+  const double interval = times[0];
+  const double h = times.back();
+  const double v = std::abs(scene.speed);
+  const size_t bin = v < 0.5 ? 0 : v < 2 ? 1 : v < 5 ? 2 : v < 10 ? 3 : v < 15 ? 4 : 5;
+  const int T = static_cast<int>(times.size());
+  const int window = static_cast<int>(std::lround(0.2 / interval));
+  Rows covariances;
+  for (int t = 0; t < T; ++t) {
+    // The mean of the steps in the window, one after another.
+    double dx = 0, dy = 0;
+    int steps = 0;
+    for (int i = std::max(0, t - window); i <= std::min(T - 1, t + window); ++i, ++steps) {
+      const size_t at = 2 * static_cast<size_t>(i);
+      dx += mean[at] - (i > 0 ? mean[at - 2] : 0.0);
+      dy += mean[at + 1] - (i > 0 ? mean[at - 1] : 0.0);
+    }
+    const double length = std::hypot(dx, dy);
+    const bool moves = length / steps >= 0.5 * interval;
+    const double angle = moves ? std::atan2(dy, dx) : 0.0;
+    double variance[2];
+    for (size_t axis = 0; axis < 2; ++axis) {
+      const double time = times[static_cast<size_t>(t)];
+      const double share = 2 * time / h;
+      const double* n = &a[4 * axis];
+      const double log_stddev =
+          n[0] + n[1] * std::log(share) + n[2] * (share - 1) + n[3] * std::exp(-time);
+      variance[axis] = std::pow(std::exp(std::clamp(log_stddev, -3.0, 4.0)), 2) *
+                       Tensor("scene_covariance.speed_factor")[2 * bin + axis];
+    }
+    const double c = std::cos(angle), s = std::sin(angle);
+    covariances.push_back({c * c * variance[0] + s * s * variance[1],
+                           c * s * (variance[0] - variance[1]),
+                           s * s * variance[0] + c * c * variance[1]});
+  }
+  return covariances;
 }
 
 }  // namespace maneuver::inference

@@ -125,7 +125,7 @@ TEST_P(ResidualBackboneTest, EncodesAsTheReferenceDoes) {
         features.data(), static_cast<Eigen::Index>(features.size()));
     ASSERT_GT(expected.norm(), 0.1);  // features that are all 0 would say nothing
     EXPECT_LE((encoding.features.cast<double>() - expected).norm(), 1e-5 * expected.norm());
-    const auto probabilities = reference.Probabilities(features);
+    const auto probabilities = reference.Probabilities({features});
     for (size_t k = 0; k < probabilities.size(); ++k) {
       EXPECT_NEAR(encoding.probabilities[static_cast<Eigen::Index>(k)], probabilities[k], 1e-5);
     }
