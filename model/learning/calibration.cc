@@ -7,6 +7,7 @@
 #include "model/learning/covariance_fit.h"
 #include "model/learning/covariance_network.h"
 #include "model/learning/predictions.h"
+#include "model/learning/scene_covariance.h"
 
 namespace maneuver::learning {
 namespace {
@@ -22,6 +23,9 @@ std::string LastLayer(const char* network, const v1::MlpSpec& spec) {
 // The covariance of p(x|z) for each example, or for all.
 at::Tensor DecoderCovariance(const Networks& networks, const Predictions& predictions) {
   at::NoGradGuard no_grad;
+  if (networks.spec().has_scene_covariance()) {
+    return WithSpeedFactors(predictions, networks["scene_covariance.speed_factor"]);
+  }
   return networks.spec().has_decoder_covariance() ? networks.PredictCovariance(predictions.latents)
                                                   : networks["decoder.covariance"];
 }
@@ -56,6 +60,9 @@ void ScaleLatent(Networks& networks, double factor) {
 
 void ScaleLogits(Networks& networks, double temperature) {
   at::NoGradGuard no_grad;
+  if (networks.spec().has_action_geometry()) {
+    networks["action_geometry.logit.weight"].div_(temperature);
+  }
   const std::string last = LastLayer("action_predictor", networks.spec().action_predictor());
   networks[last + ".weight"].div_(temperature);
   networks[last + ".bias"].div_(temperature);
@@ -95,7 +102,7 @@ absl::Status CalibrateModel(Networks& networks, const TrainingData& data,
       EncodeExamples(networks, data.validation, kMostHeldOut, threads, stopped, step);
   if (stopped()) return stop();
   const bool has_held_out =
-      held_out_examples.features.defined() && held_out_examples.features.size(0) >= kFewestHeldOut;
+      held_out_examples.trajectories.defined() && held_out_examples.scenes.size() >= kFewestHeldOut;
   const bool fixed = optimization.decoder_covariance() == v1::DECODER_COVARIANCE_FIXED;
 
   Predictions training = Predict(networks, training_examples);
@@ -103,6 +110,7 @@ absl::Status CalibrateModel(Networks& networks, const TrainingData& data,
   // How wide q(z|y,s) is, first: q(y|x,s) depends on it, and everything else on that. Of a base
   // model it is p(z|y) and stays so.
   if (has_held_out && !fixed && optimization.calibrate_latent() &&
+      !networks.spec().has_scene_covariance() &&
       networks.spec().objective() != v1::OBJECTIVE_BASE) {
     FitCovariance(networks, training, generator);
     if (stopped()) return stop();
@@ -124,6 +132,13 @@ absl::Status CalibrateModel(Networks& networks, const TrainingData& data,
     at::NoGradGuard no_grad;
     const double variance = std::pow(networks.spec().decoder_stddev(), 2.0);
     networks["decoder.covariance"].copy_(at::tensor({variance, 0.0, variance}, at::kFloat));
+  } else if (networks.spec().has_scene_covariance()) {
+    if (has_held_out) {
+      const at::Tensor factors = FitSpeedFactors(held_out);
+      at::NoGradGuard no_grad;
+      networks["scene_covariance.speed_factor"].copy_(
+          WidenToCoverBySpeed(held_out, factors, optimization.covered_share()));
+    }
   } else {
     FitCovariance(networks, training, generator);
     if (stopped()) return stop();

@@ -20,7 +20,9 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
 // q(z|y,s) (into the scenario encoders' last bias), the temperature of p(y|s) (into the action
 // predictor's last layer), and the covariance of p(x|z): fitted to examples that were learned from,
 // scaled along the horizon to held-out ones, widened until it covers enough of them
-// (covariance_fit.h). Then mixture.log_weight, the mean of p(y|s).
+// (covariance_fit.h). A covariance that the scene predicts has been learned before; here its
+// factors by speed are fitted to held-out examples (scene_covariance.h). Then mixture.log_weight,
+// the mean of p(y|s).
 //   step: called with the number of examples of each batch that was looked at
 absl::Status CalibrateModel(Networks& networks, const TrainingData& data,
                             const v1::OptimizationSettings& optimization, int threads,

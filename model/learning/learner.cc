@@ -35,6 +35,8 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
   const int64_t placements = optimization.placements() > 1 ? optimization.placements() : 0;
   const int posterior_epochs =
       settings.model().objective() == v1::OBJECTIVE_BASE ? 0 : optimization.posterior_epochs();
+  const int covariance_epochs =
+      settings.model().has_scene_covariance() ? optimization.covariance_epochs() : 0;
   // Costs of a step relative to one of pretraining, for the compact preset.
   std::vector<RunProgress::Phase> plan = {{"load", 1, 1, 1.0}};
   if (!started) {
@@ -48,6 +50,7 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
   plan.insert(plan.end(), {{"joint", optimization.joint_epochs(),
                             optimization.joint_epochs() * long_epoch, 30.0},
                            {"posterior", posterior_epochs, posterior_epochs * long_epoch, 20.0},
+                           {"covariance", covariance_epochs, covariance_epochs * long_epoch, 10.0},
                            {"calibrate", 1, CalibrationSteps(training_examples), 15.0},
                            {"export", 1, 1, 1.0},
                            {"evaluate", 1, 100, 7.0}});
@@ -99,7 +102,8 @@ absl::Status Learner::Learn() {
                                {"place", &Learner::PlaceMixture},
                                {"mixture", &Learner::TrainMixture},
                                {"joint", &Learner::TrainJointly},
-                               {"posterior", &Learner::TrainScenarioEncoders}};
+                               {"posterior", &Learner::TrainScenarioEncoders},
+                               {"covariance", &Learner::TrainCovariance}};
   const size_t first =
       start_weights_sha256_.empty() ? 0 : 3;  // what was started from has a mixture
   for (const Stage& stage : std::span(kStages).subspan(first)) {

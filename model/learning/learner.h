@@ -61,6 +61,8 @@ class Learner {
   absl::Status TrainJointly();
   // q(z|y,s) alone, of a dual model; of a base model, it becomes the generic action.
   absl::Status TrainScenarioEncoders();
+  // The covariance that the scene predicts, of a model that has one; all else is held fixed.
+  absl::Status TrainCovariance();
   // What the predicted probabilities and covariances are worth: see calibration.h.
   absl::Status Calibrate();
 
@@ -84,9 +86,16 @@ class Learner {
                                    const std::vector<Group>& groups, const BatchLoss& loss,
                                    const std::function<v1::EpochReport(TermMeans)>& report);
   absl::Status TrainMixtureFor(const std::string& phase, int epochs, double* validation_loss);
-  // A phase on scenes: one objective, the parts that learn.
-  absl::Status TrainOnScenes(const std::string& phase, int epochs, v1::Objective objective,
-                             const std::vector<Group>& groups);
+  // The loss of a batch of scenes; its terms go to `means`.
+  using SceneLoss = std::function<at::Tensor(const SceneBatch& batch, const SceneTensors& scenes,
+                                             const Moment& moment, TermMeans* means)>;
+  // A phase on scenes: the parts that learn, and what is said of held-out examples after an epoch.
+  absl::Status TrainOnScenes(const std::string& phase, int epochs, const std::vector<Group>& groups,
+                             const SceneLoss& loss_of,
+                             const std::function<void(v1::EpochReport*)>& validate);
+  // Such a phase that maximises a bound.
+  absl::Status TrainOnBound(const std::string& phase, int epochs, v1::Objective objective,
+                            Learning learning, const std::vector<Group>& groups);
   // alpha_0 + N_k of the mixture, with a prior on its weights (dirichlet_weights.h). [K]
   at::Tensor WeightCounts() const;
   void FollowWeightCounts(const at::Tensor& responsibilities);

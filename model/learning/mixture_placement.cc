@@ -57,6 +57,18 @@ Gaussian Moments(const Gaussian& q_z) {
   return {mean, variance.clamp_min(kSmallestVariance).log()};
 }
 
+// Positions every half second, each over the root of its time plus half a second: departures from a
+// reference grow with the time. [N, S]
+at::Tensor DepartureSpace(const at::Tensor& trajectories, const TrajectoryScale& scale) {
+  constexpr double kStep = 0.5;  // seconds
+  const int64_t every = std::max<int64_t>(1, std::lround(kStep / scale.waypoint_interval));
+  const at::Tensor points = trajectories.view({trajectories.size(0), -1, 2});
+  const int64_t first = std::min(every, points.size(1)) - 1;
+  const at::Tensor index = at::arange(first, points.size(1), every, at::kLong);
+  const at::Tensor times = (index + 1).to(at::kFloat) * scale.waypoint_interval;
+  return (points.index_select(1, index) / (times + kStep).sqrt().view({1, -1, 1})).flatten(1);
+}
+
 Gaussian Rows(const Gaussian& q_z, const at::Tensor& rows) {
   return {q_z.mean.index_select(0, rows), q_z.log_variance.index_select(0, rows)};
 }
@@ -137,8 +149,14 @@ at::Tensor Centers(const TrajectoryClusters& clusters) {
 
 at::Tensor ClusterSpace(v1::MixturePlacement placement, const at::Tensor& trajectories,
                         const TrajectoryScale& scale) {
-  return placement == v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS ? VelocitySpace(trajectories, scale)
-                                                              : PositionSpace(trajectories);
+  switch (placement) {
+    case v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS:
+      return VelocitySpace(trajectories, scale);
+    case v1::MIXTURE_PLACEMENT_DEPARTURE_CLUSTERS:
+      return DepartureSpace(trajectories, scale);
+    default:
+      return PositionSpace(trajectories);
+  }
 }
 
 at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& centers,

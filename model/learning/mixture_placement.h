@@ -33,7 +33,7 @@ struct EncodedExamples {
   Gaussian q_z;  // q(z|x), [N, D], on the CPU
 };
 
-// Where TRAJECTORY_CLUSTERS and VELOCITY_CLUSTERS measure distances. [N, S]
+// Where TRAJECTORY_, VELOCITY_ and DEPARTURE_CLUSTERS measure distances. [N, S]
 at::Tensor ClusterSpace(v1::MixturePlacement placement, const at::Tensor& trajectories,
                         const TrajectoryScale& scale);
 
@@ -48,6 +48,8 @@ at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& cen
 //                        the scenario anyway
 //   VELOCITY_CLUSTERS    k-means on the velocities along the trajectories, of speeds drawn closer
 //                        together (ln(1 + v / slow)): what is done, rather than where it leads
+//   DEPARTURE_CLUSTERS   k-means on the positions every half second, each over the root of its time
+//                        plus half a second; for trajectories relative to a reference
 //   RANDOM               means from N(0, I), variances 1
 //   UNIFORM              means even in the box of the encodings, the box split evenly among them
 //   ENCODED_POINTS       means at the encodings of random examples

@@ -6,7 +6,8 @@
 
 namespace maneuver::learning {
 
-WaypointMoments LatentMoments(const Networks& networks, const Gaussian& latents) {
+WaypointMoments LatentMoments(const Networks& networks, const Gaussian& latents,
+                              const at::Tensor& residual) {
   const int64_t batch = latents.mean.size(0);
   const int64_t actions = latents.mean.size(1);
   const int64_t dimensions = latents.mean.size(2);
@@ -14,7 +15,8 @@ WaypointMoments LatentMoments(const Networks& networks, const Gaussian& latents)
   const at::Tensor center = latents.mean.unsqueeze(2);                            // [B, K, 1, D]
   const at::Tensor points = at::cat({center, center + offsets, center - offsets}, 2);
   const at::Tensor decoded =
-      networks.Decode(points).view({batch, actions, 2 * dimensions + 1, -1, 2});
+      networks.Decode(points, residual.defined() ? residual.unsqueeze(2) : residual)
+          .view({batch, actions, 2 * dimensions + 1, -1, 2});
   // As probability/sigma_points.h has it: the mean with the second differences, the covariance from
   // the central ones.
   const at::Tensor middle = decoded.select(2, 0);               // [B, K, T, 2]

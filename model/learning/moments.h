@@ -17,8 +17,10 @@ struct WaypointMoments {
 };
 
 // Of p(x|z) under latents [B, K, D], from the latent's mean and one standard deviation to either
-// side along each dimension; without the decoder's own covariance.
-WaypointMoments LatentMoments(const Networks& networks, const Gaussian& latents);
+// side along each dimension; without the decoder's own covariance, relative to the reference.
+//   residual: Networks::MeanResidual of the scenes, [B, K, 2M], or undefined
+WaypointMoments LatentMoments(const Networks& networks, const Gaussian& latents,
+                              const at::Tensor& residual);
 
 // Squared Mahalanobis distance of each waypoint under each action. [B, K, T]; arguments as below
 at::Tensor SquaredDistances(const at::Tensor& mean, const at::Tensor& covariance,

@@ -15,7 +15,7 @@ namespace maneuver::learning {
 namespace {
 
 constexpr double kSmall = 0.05;        // of the usual deviation: last layers that start small
-constexpr double kKnotInterval = 0.8;  // seconds: what a driver does takes no less
+constexpr double kVectorsShare = 0.4;  // of the usual deviation: layers that read vectors
 // What hardly varies is not blown up, metres.
 constexpr double kSmallestDeviation = 0.3;
 
@@ -29,11 +29,42 @@ bool EndsWith(const std::string& name, const std::string& suffix) {
 }
 
 // Inputs of each output of a weight: [out, in], [out, in, k, k] or [K, out, in].
-int64_t FanIn(const std::string& name, const std::vector<int64_t>& shape) {
-  if (StartsWith(name, "scenario_encoder.")) return shape[2];
+int64_t FanIn(const std::vector<int64_t>& shape) {
+  if (shape.size() == 3) return shape[2];
   int64_t fan = 1;
   for (size_t i = 1; i < shape.size(); ++i) fan *= shape[i];
   return fan;
+}
+
+// What adds to something else, which learning begins from as if it were not there.
+bool StartsAtNothing(const std::string& name) {
+  return StartsWith(name, "action_geometry.logit.") ||
+         StartsWith(name, "action_geometry.latent.") || StartsWith(name, "mean_residual.");
+}
+
+// Layers whose inputs are numbers of all kinds and whose outputs are summed.
+bool ReadsVectors(const std::string& name) {
+  for (const char* prefix : {"history.", "lane_path.", "join.", "action_geometry."}) {
+    if (StartsWith(name, prefix)) return true;
+  }
+  return false;
+}
+
+bool IsResidualWeight(const std::string& name) {
+  return StartsWith(name, "mean_residual.") && EndsWith(name, ".weight");
+}
+
+// The four functions of time that ln stddev of scene_covariance is a sum of (tensor.h). [T, 4]
+at::Tensor StddevTerms(const std::vector<double>& waypoint_times) {
+  const auto count = static_cast<int64_t>(waypoint_times.size());
+  const at::Tensor t = at::tensor(at::ArrayRef<double>(waypoint_times), at::kDouble).to(at::kFloat);
+  const at::Tensor relative = 2.0 * t / waypoint_times.back();
+  return at::stack({at::ones({count}), relative.log(), relative - 1.0, (-t).exp()}, 1);
+}
+
+// values [B, K, in], weight [K, out, in] -> [B, K, out], each action by its own weight.
+at::Tensor OfEachAction(const at::Tensor& values, const at::Tensor& weight) {
+  return at::bmm(values.transpose(0, 1), weight.transpose(1, 2)).transpose(0, 1);
 }
 
 std::string Layer(const std::string& network, size_t i, const char* tensor) {
@@ -49,18 +80,25 @@ at::Generator MakeGenerator(uint64_t seed) {
 Networks::Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& generator)
     : spec_(spec),
       device_(device),
-      backbone_(artifact::BackboneLayers(spec)),
-      last_decoder_layer_("decoder." + std::to_string(spec.decoder().hidden_size())) {
+      backbone_(spec.has_raster() ? artifact::BackboneLayers(spec)
+                                  : std::vector<artifact::BackboneLayer>()),
+      last_decoder_layer_("decoder." + std::to_string(spec.decoder().hidden_size())),
+      geometry_waypoints_(
+          scene::FindGeometryWaypoints(artifact::WaypointTimes(spec.trajectory()))) {
   Eigen::MatrixXf basis =
-      SplineBasis(artifact::WaypointTimes(spec.trajectory()), kKnotInterval).transpose();
+      SplineBasis(artifact::WaypointTimes(spec.trajectory()), artifact::kKnotInterval).transpose();
   const int64_t functions = basis.rows();
   basis_ = at::from_blob(basis.data(), {basis.cols(), functions}).clone().to(device);
   coefficient_stddev_ = at::ones({functions, 2}, basis_.options());
 
+  stddev_terms_ = StddevTerms(artifact::WaypointTimes(spec.trajectory())).to(device);
+  TORCH_CHECK(functions == artifact::CurveFunctions(spec.trajectory()), "CurveFunctions is off");
   const std::string last_scenario_layer = Layer(
       "scenario_encoder", static_cast<size_t>(spec.scenario_encoder().hidden_size()), "weight");
   const std::string last_action_layer = Layer(
       "action_predictor", static_cast<size_t>(spec.action_predictor().hidden_size()), "weight");
+  const std::string last_covariance_layer =
+      "scene_covariance." + std::to_string(spec.scene_covariance().hidden_size());
   for (auto [name, shape] : artifact::TensorShapes(spec)) {
     if (StartsWith(name, last_decoder_layer_)) shape[0] = 2 * functions;
     at::Tensor values = at::zeros(shape, at::kFloat);
@@ -71,13 +109,27 @@ Networks::Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& 
     } else if (EndsWith(name, "running_var") || name == "trajectory.stddev") {
       values.fill_(1.0);
       learned = false;
+    } else if (name == "mean_residual.curves") {
+      learned = false;  // filled in when it is exported
+    } else if (name == "scene_covariance.speed_factor") {
+      values.fill_(1.0);
+      learned = false;
+    } else if (name == last_covariance_layer + ".bias") {
+      // Along and across: spreads that grow with the time.
+      values.copy_(at::tensor({0.0, 1.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0}, at::kFloat));
+    } else if (StartsAtNothing(name)) {
+      values.zero_();
     } else if (StartsWith(name, "backbone.") && shape.size() == 1 && EndsWith(name, ".weight")) {
       values.fill_(1.0);  // of a normalisation
     } else if (name == "mixture.log_weight") {
       values.fill_(-std::log(static_cast<double>(spec.actions())));
     } else if (EndsWith(name, ".weight")) {
-      double stddev = std::sqrt(2.0 / static_cast<double>(FanIn(name, shape)));
-      if (name == last_scenario_layer || name == last_action_layer) stddev *= kSmall;
+      double stddev = std::sqrt(2.0 / static_cast<double>(FanIn(shape)));
+      if (name == last_scenario_layer || name == last_action_layer ||
+          name == last_covariance_layer + ".weight") {
+        stddev *= kSmall;
+      }
+      if (ReadsVectors(name)) stddev *= kVectorsShare;
       values.normal_(0.0, stddev, generator);
     }
     values = values.to(device_);
@@ -150,26 +202,14 @@ at::Tensor Networks::EvaluateBackbone(const at::Tensor& rasters, bool training) 
   return grids[backbone_.back().destination];
 }
 
-at::Tensor Networks::EncodeScenes(const at::Tensor& rasters, const at::Tensor& motions,
-                                  const Mode& mode) {
-  const at::Tensor grid = EvaluateBackbone(rasters, mode.training != nullptr);
-  at::Tensor features =
-      at::linear(grid.contiguous().flatten(1), (*this)["backbone.projection.weight"],
-                 (*this)["backbone.projection.bias"])
-          .relu();
-  if (mode.training != nullptr && mode.dropout > 0.0) {
-    const at::Tensor kept = at::empty(features.sizes(), at::kFloat)
-                                .bernoulli_(1.0 - mode.dropout, *mode.training)
-                                .div_(1.0 - mode.dropout);
-    features = features * kept.to(device_);
-  }
-  if (spec_.target_motion()) features = at::cat({features, motions.to(device_)}, 1);
-  return features;
-}
-
-at::Tensor Networks::PredictActions(const at::Tensor& features) const {
+at::Tensor Networks::PredictActions(const SceneFeatures& scenes) const {
   const size_t layers = static_cast<size_t>(spec_.action_predictor().hidden_size()) + 1;
-  return at::log_softmax(Mlp("action_predictor", layers, features), 1);
+  at::Tensor logits = Mlp("action_predictor", layers, scenes.features);
+  if (scenes.geometry.defined()) {
+    logits =
+        logits + at::linear(scenes.geometry, (*this)["action_geometry.logit.weight"]).squeeze(2);
+  }
+  return at::log_softmax(logits, 1);
 }
 
 Gaussian Networks::EncodeTrajectories(const at::Tensor& trajectories) const {
@@ -180,10 +220,30 @@ Gaussian Networks::EncodeTrajectories(const at::Tensor& trajectories) const {
   return {halves[0], halves[1]};
 }
 
-at::Tensor Networks::Decode(const at::Tensor& latents) const {
+at::Tensor Networks::Decode(const at::Tensor& latents, const at::Tensor& residual) const {
   const size_t layers = static_cast<size_t>(spec_.decoder().hidden_size()) + 1;
-  return at::linear(Mlp("decoder", layers, latents), CurveMap(),
-                    (*this)["trajectory.mean"].flatten());
+  at::Tensor coefficients = Mlp("decoder", layers, latents);
+  if (residual.defined()) coefficients = coefficients + residual;
+  return at::linear(coefficients, CurveMap(), (*this)["trajectory.mean"].flatten());
+}
+
+at::Tensor Networks::MeanResidual(const SceneFeatures& scenes) const {
+  if (!spec_.mean_residual()) return {};
+  const at::Tensor& weight = (*this)["mean_residual.scene.weight"];  // [K, 2M, F]
+  at::Tensor residual = at::linear(scenes.features, weight.flatten(0, 1))
+                            .unflatten(1, {weight.size(0), weight.size(1)});
+  if (!scenes.geometry.defined()) return residual;
+  return residual + OfEachAction(scenes.geometry, (*this)["mean_residual.geometry.weight"]);
+}
+
+at::Tensor Networks::PredictLogStddevs(const SceneFeatures& scenes) const {
+  const at::Tensor numbers =
+      PerAction("scene_covariance", spec_.scene_covariance().hidden_size(), scenes.features)
+          .transpose(0, 1)
+          .unflatten(2, {2, artifact::kStddevTerms});  // [B, K, 2, 4]
+  return at::matmul(numbers, stddev_terms_.t())
+      .transpose(2, 3)
+      .clamp(artifact::kLeastLogStddev, artifact::kMostLogStddev);
 }
 
 at::Tensor Networks::PredictCovariance(const at::Tensor& latents) const {
@@ -229,15 +289,14 @@ void Networks::Standardize(const at::Tensor& trajectories, bool mirrored) {
   coefficient_stddev_ = moments(at::matmul(basis_.t(), points), &coefficient_mean);
 }
 
-// The raw outputs a, b of the K scenario encoders, [K, B, 2D].
-at::Tensor Networks::PerAction(const at::Tensor& features) const {
-  const size_t layers = static_cast<size_t>(spec_.scenario_encoder().hidden_size()) + 1;
+at::Tensor Networks::PerAction(const std::string& name, int hidden,
+                               const at::Tensor& features) const {
   const int64_t batch = features.size(0);
   const int64_t actions = spec_.actions();
   at::Tensor x;
-  for (size_t i = 0; i < layers; ++i) {
-    const at::Tensor& weight = (*this)[Layer("scenario_encoder", i, "weight")];  // [K, out, in]
-    const at::Tensor& bias = (*this)[Layer("scenario_encoder", i, "bias")];      // [K, out]
+  for (size_t i = 0; i <= static_cast<size_t>(hidden); ++i) {
+    const at::Tensor& weight = (*this)[Layer(name, i, "weight")];  // [K, out, in]
+    const at::Tensor& bias = (*this)[Layer(name, i, "bias")];      // [K, out]
     if (i == 0) {
       // All read the same features: one product for all of them.
       x = at::linear(features, weight.flatten(0, 1), bias.flatten())
@@ -250,8 +309,14 @@ at::Tensor Networks::PerAction(const at::Tensor& features) const {
   return x;
 }
 
-Gaussian Networks::EncodeScenarios(const at::Tensor& features) const {
-  const std::vector<at::Tensor> halves = PerAction(features).transpose(0, 1).chunk(2, -1);
+Gaussian Networks::EncodeScenarios(const SceneFeatures& scenes) const {
+  at::Tensor outputs =
+      PerAction("scenario_encoder", spec_.scenario_encoder().hidden_size(), scenes.features)
+          .transpose(0, 1);  // [B, K, 2D]
+  if (scenes.geometry.defined()) {
+    outputs = outputs + OfEachAction(scenes.geometry, (*this)["action_geometry.latent.weight"]);
+  }
+  const std::vector<at::Tensor> halves = outputs.chunk(2, -1);
   const at::Tensor mean = (*this)["mixture.mean"].detach();
   const at::Tensor log_variance = (*this)["mixture.log_variance"].detach();
   return {mean + (0.5 * log_variance).exp() * halves[0], log_variance + halves[1]};
@@ -266,28 +331,34 @@ at::Tensor Networks::MixtureLogWeights() const {
 }
 
 std::vector<at::Tensor> Networks::Parameters(Part part) const {
-  const auto prefix = [part]() -> std::string {
-    switch (part) {
-      case Part::kTrajectoryEncoder:
-        return "trajectory_encoder.";
-      case Part::kDecoder:
-        return "decoder.";
-      case Part::kMixture:
-        return "mixture.";
-      case Part::kBackbone:
-        return "backbone.";
-      case Part::kActions:
-        return "action_predictor.";
-      case Part::kScenarioEncoder:
-        return "scenario_encoder.";
-      case Part::kDecoderCovariance:
-        return "decoder_covariance.";
-    }
-    return "";
-  }();
+  // By the beginnings of their names; the longest that fits decides.
+  static const auto& parts =
+      *new std::map<std::string, Part>{{"trajectory_encoder.", Part::kTrajectoryEncoder},
+                                       {"decoder.", Part::kDecoder},
+                                       {"mixture.", Part::kMixture},
+                                       {"backbone.", Part::kScene},
+                                       {"history.", Part::kScene},
+                                       {"lane_path.", Part::kScene},
+                                       {"join.", Part::kScene},
+                                       {"action_geometry.", Part::kScene},
+                                       {"action_geometry.latent.", Part::kScenarioEncoder},
+                                       {"action_geometry.logit.", Part::kActions},
+                                       {"action_predictor.", Part::kActions},
+                                       {"scenario_encoder.", Part::kScenarioEncoder},
+                                       {"mean_residual.", Part::kScenarioEncoder},
+                                       {"decoder_covariance.", Part::kDecoderCovariance},
+                                       {"scene_covariance.", Part::kSceneCovariance}};
   std::vector<at::Tensor> parameters;
   for (const auto& [name, tensor] : tensors_) {
-    if (StartsWith(name, prefix) && tensor.requires_grad()) parameters.push_back(tensor);
+    if (!tensor.requires_grad()) continue;
+    size_t longest = 0;
+    bool belongs = false;
+    for (const auto& [prefix, of] : parts) {
+      if (!StartsWith(name, prefix) || prefix.size() < longest) continue;
+      longest = prefix.size();
+      belongs = of == part;
+    }
+    if (belongs) parameters.push_back(tensor);
   }
   return parameters;
 }
@@ -332,6 +403,7 @@ artifact::TensorMap Networks::Export() const {
     at::Tensor exported = tensor;
     if (name == "mixture.log_weight") exported = at::log_softmax(tensor, 0);
     if (StartsWith(name, last_decoder_layer_)) exported = at::matmul(to_positions, tensor);
+    if (name == "mean_residual.curves") exported = CurveMap();
     const at::Tensor values = exported.detach().to(at::kCPU).contiguous();
     artifact::Tensor& copy = weights[name];
     copy.shape = values.sizes().vec();
@@ -355,6 +427,11 @@ void Networks::Import(const artifact::TensorMap& weights) {
   for (auto& [name, tensor] : tensors_) {
     at::Tensor imported = values(name);
     if (StartsWith(name, last_decoder_layer_)) imported = at::matmul(to_coefficients, imported);
+    if (IsResidualWeight(name)) {
+      // From the coefficients of the stored curves, in metres, to ours in standard deviations.
+      imported = at::matmul((CurveMap() / deviations.t()).t() / deviations,
+                            at::matmul(values("mean_residual.curves"), imported));
+    }
     tensor.copy_(imported);
   }
 }

@@ -15,7 +15,9 @@
 #include "model/artifact/backbone_layers.h"
 #include "model/artifact/tensor.h"
 #include "model/learning/gaussian.h"
+#include "model/learning/scene_tensors.h"
 #include "model/learning/tensors.h"
+#include "model/scene/action_geometry.h"
 
 namespace maneuver::learning {
 
@@ -38,19 +40,27 @@ class Networks {
   struct Mode {
     at::Generator* training = nullptr;  // set: training
     double dropout = 0.0;
+    double geometry_dropout = 0.0;  // share of h_y that is taken away
   };
 
-  // The backbone.
-  //   rasters: [B, H, W, C] bytes
-  //   motions: [B, scene::kMotionInputs]; not looked at if the spec does not ask for it
-  //   returns: features [B, F'], see artifact::SceneFeatures
-  at::Tensor EncodeScenes(const at::Tensor& rasters, const at::Tensor& motions, const Mode& mode);
-  // ln p(y|s). features [B, F'] -> [B, K]
-  at::Tensor PredictActions(const at::Tensor& features) const;
+  // Everything that reads the scene: backbone, history, lane paths, and how the generic actions lie
+  // to the lanes (which gives the mixture and the decoder no gradient).
+  SceneFeatures EncodeScenes(const SceneTensors& scenes, const Mode& mode);
+  // ln p(y|s). [B, K]
+  at::Tensor PredictActions(const SceneFeatures& scenes) const;
   // q(z|x). trajectories [B, 2T] metres -> [B, D]
   Gaussian EncodeTrajectories(const at::Tensor& trajectories) const;
-  // Mean of p(x|z), a smooth curve (trajectory_basis.h). latents [..., D] -> [..., 2T] metres
-  at::Tensor Decode(const at::Tensor& latents) const;
+  // Mean of p(x|z), a smooth curve (trajectory_basis.h), relative to the reference.
+  //   latents: [..., D]
+  //   residual: what a scene adds, MeanResidual's [..., 2M]; undefined: nothing
+  //   returns: [..., 2T] metres
+  at::Tensor Decode(const at::Tensor& latents, const at::Tensor& residual = {}) const;
+  // W_y f(s) + W'_y h_y of a spec with mean_residual, else undefined. [B, K, 2M] coefficients in
+  // standard deviations
+  at::Tensor MeanResidual(const SceneFeatures& scenes) const;
+  // ln of the standard deviations along and across the mean of each action, of a spec with
+  // scene_covariance, without the factors of the speed. [B, K, T, 2] ln metres
+  at::Tensor PredictLogStddevs(const SceneFeatures& scenes) const;
   // Covariance of p(x|z) of a spec that has it depend on z. [..., D] -> [..., T, 3] xx, xy, yy,
   // square metres
   at::Tensor PredictCovariance(const at::Tensor& latents) const;
@@ -60,8 +70,8 @@ class Networks {
   // p(y|s) = 0 for these actions from now on.
   void SwitchOff(std::span<const int> actions);
   // q_1(z|s) .. q_K(z|s), relative to the mixture's components, which get no gradient through it.
-  // features [B, F'] -> [B, K, D]
-  Gaussian EncodeScenarios(const at::Tensor& features) const;
+  // [B, K, D]
+  Gaussian EncodeScenarios(const SceneFeatures& scenes) const;
   // p(z|y). [K, D]
   Gaussian Mixture() const;
   // ln p(y) without a scenario, normalised. [K]
@@ -82,10 +92,11 @@ class Networks {
     kTrajectoryEncoder,
     kDecoder,
     kMixture,
-    kBackbone,
+    kScene,  // what reads scenes: backbone, history, lane paths, geometry
     kActions,
-    kScenarioEncoder,
-    kDecoderCovariance
+    kScenarioEncoder,  // and what else makes p(x|z,y,s) of a scene
+    kDecoderCovariance,
+    kSceneCovariance
   };
   std::vector<at::Tensor> Parameters(Part part) const;
 
@@ -104,7 +115,16 @@ class Networks {
   // rasters [B, H, W, C] bytes, to the last grid [B, C', h, w]
   at::Tensor EvaluateBackbone(const at::Tensor& rasters, bool training);
   at::Tensor Mlp(const std::string& name, size_t layers, at::Tensor x) const;
-  at::Tensor PerAction(const at::Tensor& features) const;
+  // The K networks `name` side by side. features [B, F'] -> [K, B, out]
+  at::Tensor PerAction(const std::string& name, int layers, const at::Tensor& features) const;
+  // Joint features of history, lane paths and raster; `lane_paths` gets l_i, [B, paths, P].
+  at::Tensor ReadScenes(const SceneTensors& scenes, const Mode& mode, at::Tensor* lane_paths);
+  // h_y. lane_paths: l_i;  features: [B, F'] -> [B, K, A]
+  at::Tensor LookAtLanes(const SceneTensors& scenes, const at::Tensor& lane_paths,
+                         const at::Tensor& features) const;
+  // A layer `name`, [..., in] -> [..., out].
+  at::Tensor Dense(const std::string& name, const at::Tensor& x) const;
+  at::Tensor Drop(const at::Tensor& values, double share, at::Generator& generator) const;
   // The linear map from the decoder's last layer to positions relative to the mean. [2T, 2M]
   at::Tensor CurveMap() const;
 
@@ -114,6 +134,8 @@ class Networks {
   const std::string last_decoder_layer_;  // "decoder.3"
   at::Tensor basis_;                      // [T, M]
   at::Tensor coefficient_stddev_;         // [M, 2] metres
+  at::Tensor stddev_terms_;               // of scene_covariance, [T, 4]
+  const scene::GeometryWaypoints geometry_waypoints_;
   std::map<std::string, at::Tensor> tensors_;
 };
 

@@ -34,15 +34,22 @@ at::Tensor FixedBaseResponsibilities(const BaseModel& model) {
   return WithLabels(UnlabelledResponsibilities(model), model.labels);
 }
 
-// ln p(x'|z') for the sample of each action. [B, K]
+// ln p(x'|z') for the sample of each action that is decoded. [B, n]
 at::Tensor ReconstructEach(const BaseModel& model, const PosteriorBranch& posterior) {
-  return LogLikelihood(model.trajectories.unsqueeze(1), posterior.decoded, model.decoder_stddev);
+  const at::Tensor x = model.trajectories.unsqueeze(1);
+  return posterior.huber > 0.0
+             ? RobustReconstruction(x, posterior.decoded, model.decoder_stddev, posterior.huber)
+             : LogLikelihood(x, posterior.decoded, model.decoder_stddev);
 }
 
-void AddPosterior(const at::Tensor& reconstruction, const at::Tensor& divergence,
-                  BoundTerms* terms) {
-  terms->posterior_reconstruction = ExpectOverActions(terms->log_responsibilities, reconstruction);
-  terms->posterior_divergence = ExpectOverActions(terms->log_responsibilities, divergence);
+void AddPosterior(const at::Tensor& reconstruction, const PosteriorBranch& posterior,
+                  const at::Tensor& divergence, BoundTerms* terms) {
+  at::Tensor log_q_y = terms->log_responsibilities;
+  terms->posterior_divergence = ExpectOverActions(log_q_y, divergence);
+  if (posterior.actions.defined()) {
+    log_q_y = at::log_softmax(log_q_y.gather(1, posterior.actions), 1);
+  }
+  terms->posterior_reconstruction = ExpectOverActions(log_q_y, reconstruction);
 }
 
 }  // namespace
@@ -52,6 +59,15 @@ at::Tensor LogLikelihood(const at::Tensor& trajectories, const at::Tensor& decod
   const double normalizer =
       coordinates * (0.5 * std::log(2.0 * std::numbers::pi) + std::log(stddev));
   return (trajectories - decoded).square().sum(-1) * (-0.5 / (stddev * stddev)) - normalizer;
+}
+
+at::Tensor RobustReconstruction(const at::Tensor& trajectories, const at::Tensor& decoded,
+                                double stddev, double huber) {
+  const at::Tensor squares =
+      (trajectories - decoded).unflatten(-1, {-1, 2}).square().sum(-1);  // [..., T]
+  const double squared_huber = huber * huber;
+  return ((1.0 + squares / squared_huber).sqrt() - 1.0).sum(-1) *
+         (-squared_huber / (stddev * stddev));
 }
 
 at::Tensor BaseLogResponsibilities(const at::Tensor& log_p_y, const at::Tensor& cross_entropy) {
@@ -98,15 +114,15 @@ at::Tensor HeldCrossEntropy(const BaseModel& model) {
 BoundTerms DualBound(const BaseModel& model, const PosteriorBranch& posterior) {
   BoundTerms terms;
   terms.log_responsibilities = FixedBaseResponsibilities(model);
-  AddPosterior(ReconstructEach(model, posterior), Divergence(posterior.q_z, PerAction(model.p_z)),
-               &terms);
+  AddPosterior(ReconstructEach(model, posterior), posterior,
+               Divergence(posterior.q_z, PerAction(model.p_z)), &terms);
   return terms;
 }
 
 BoundTerms UnifiedBound(const BaseModel& model, const PosteriorBranch& posterior,
                         double exact_weight) {
   const at::Tensor divergence = Divergence(posterior.q_z, PerAction(model.p_z));  // [B, K]
-  const at::Tensor reconstruction = ReconstructEach(model, posterior);            // [B, K]
+  const at::Tensor reconstruction = ReconstructEach(model, posterior);            // [B, n]
   at::Tensor log_q_y;
   {
     at::NoGradGuard held_fixed;
@@ -118,7 +134,7 @@ BoundTerms UnifiedBound(const BaseModel& model, const PosteriorBranch& posterior
     log_q_y = WithLabels(log_q_y, model.labels);
   }
   BoundTerms terms = BaseTerms(model, log_q_y);
-  AddPosterior(reconstruction, divergence, &terms);
+  AddPosterior(reconstruction, posterior, divergence, &terms);
   return terms;
 }
 

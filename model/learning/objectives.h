@@ -77,9 +77,21 @@ struct BaseModel {
 
 // And what the unified model adds.
 struct PosteriorBranch {
-  at::Tensor decoded;  // mean of p(x'|z'~) for each action, [B, K, 2T]
+  at::Tensor decoded;  // mean of p(x'|z'~) for each action that is decoded, [B, n, 2T]
   Gaussian q_z;        // q_z', [B, K, D]
+  // The actions that are decoded, [B, n]; undefined: all K in their order. The reconstruction is
+  // over these alone, with their q_y normalised among themselves.
+  at::Tensor actions = {};
+  // Where the reconstruction grows from a square to a distance, metres; 0: nowhere.
+  double huber = 0.0;
 };
+
+// -rho(x - decoded) / stddev^2 with the pseudo-Huber loss of each waypoint's distance e,
+//   rho(e) = h^2 (sqrt(1 + e^2 / h^2) - 1),
+// which is e^2 / 2 for e << h and h e for e >> h; summed over the waypoints. [...]
+//   trajectories, decoded: [..., 2T]
+at::Tensor RobustReconstruction(const at::Tensor& trajectories, const at::Tensor& decoded,
+                                double stddev, double huber);
 
 // The bound of the base model; the responsibilities are held fixed.
 BoundTerms BaseBound(const BaseModel& model);

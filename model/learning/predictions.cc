@@ -4,8 +4,9 @@
 #include <vector>
 
 #include "model/learning/moments.h"
-#include "model/learning/raster_loader.h"
 #include "model/learning/scene_bound.h"
+#include "model/learning/scene_covariance.h"
+#include "model/learning/scene_loader.h"
 #include "model/learning/validation.h"
 
 namespace maneuver::learning {
@@ -20,47 +21,69 @@ ExampleFeatures EncodeExamples(Networks& networks, const ExampleSet& set, int64_
                                const std::function<bool()>& stopped,
                                const std::function<void(int64_t)>& step) {
   at::NoGradGuard no_grad;
-  const v1::RasterSpec& raster = networks.spec().raster();
-  std::vector<at::Tensor> trajectories, features;
-  RasterLoader loader(raster, set, DrawItems(set, most), kEncodedBatch, threads);
-  while (std::optional<RasterLoader::Batch> batch = loader.Next()) {
+  std::vector<at::Tensor> trajectories, features, geometry, references, speeds;
+  SceneLoader loader(networks.spec(), set, DrawItems(set, most), kEncodedBatch, threads);
+  while (std::optional<SceneLoader::Batch> batch = loader.Next()) {
     if (stopped()) break;
-    trajectories.push_back(VariedTrajectories(set, *batch).to(networks.device()));
-    features.push_back(
-        networks.EncodeScenes(RasterTensor(raster, *batch), VariedMotions(set, *batch), {}));
-    step(features.back().size(0));
+    const SceneFeatures scenes = networks.EncodeScenes(batch->scenes, {});
+    trajectories.push_back(batch->trajectories.to(networks.device()));
+    features.push_back(scenes.features);
+    if (scenes.geometry.defined()) geometry.push_back(scenes.geometry);
+    references.push_back(batch->scenes.references.to(networks.device()));
+    speeds.push_back(batch->scenes.speeds.to(networks.device()));
+    step(scenes.size());
   }
   if (features.empty()) return {};
-  return {at::cat(trajectories), at::cat(features)};
+  return {at::cat(trajectories),
+          {at::cat(features), geometry.empty() ? at::Tensor() : at::cat(geometry)},
+          at::cat(references),
+          at::cat(speeds)};
 }
 
 Predictions Predictions::Rows(const at::Tensor& rows) const {
-  return {trajectories.index_select(0, rows),
-          log_probabilities.index_select(0, rows),
-          log_responsibilities.index_select(0, rows),
-          mean.index_select(0, rows),
-          covariance.index_select(0, rows),
-          latents.defined() ? latents.index_select(0, rows) : at::Tensor()};
+  const auto take = [&rows](const at::Tensor& all) {
+    return all.defined() ? all.index_select(0, rows) : all;
+  };
+  return {take(trajectories),
+          take(log_probabilities),
+          take(log_responsibilities),
+          take(mean),
+          take(covariance),
+          take(latents),
+          take(speeds),
+          take(along),
+          take(across)};
 }
 
 Predictions Predict(const Networks& networks, const ExampleFeatures& examples) {
   at::NoGradGuard no_grad;
-  std::vector<at::Tensor> log_p, log_q, means, covariances, latents;
-  const int64_t count = examples.features.size(0);
+  std::vector<at::Tensor> log_p, log_q, means, covariances, latents, along, across;
+  const int64_t count = examples.scenes.size();
   for (int64_t begin = 0; begin < count; begin += kPredictedBatch) {
     const at::Tensor x = examples.trajectories.slice(0, begin, begin + kPredictedBatch);
-    const at::Tensor features = examples.features.slice(0, begin, begin + kPredictedBatch);
-    const at::Tensor log_p_y = networks.PredictActions(features);
-    const Gaussian posterior = networks.EncodeScenarios(features);
-    const WaypointMoments moments = LatentMoments(networks, posterior);
+    const SceneFeatures scenes = examples.scenes.Slice(begin, begin + kPredictedBatch);
+    const at::Tensor log_p_y = networks.PredictActions(scenes);
+    const Gaussian posterior = networks.EncodeScenarios(scenes);
+    const WaypointMoments moments =
+        LatentMoments(networks, posterior, networks.MeanResidual(scenes));
     log_p.push_back(log_p_y);
-    log_q.push_back(Responsibilities(networks, {x, features, {}}, log_p_y, posterior));
+    log_q.push_back(Responsibilities(networks, {x, scenes, {}}, log_p_y, posterior));
     means.push_back(moments.mean);
     covariances.push_back(moments.covariance);
     latents.push_back(posterior.mean);
+    if (networks.spec().has_scene_covariance()) {
+      const at::Tensor reference = examples.references.slice(0, begin, begin + kPredictedBatch);
+      const SplitCovariance split =
+          PredictSceneCovariance(networks, scenes, moments.mean, reference);
+      along.push_back(split.along);
+      across.push_back(split.across);
+    }
   }
-  return {examples.trajectories, at::cat(log_p),       at::cat(log_q),
-          at::cat(means),        at::cat(covariances), at::cat(latents)};
+  const auto join = [](const std::vector<at::Tensor>& parts) {
+    return parts.empty() ? at::Tensor() : at::cat(parts);
+  };
+  return {examples.trajectories, join(log_p),     join(log_q), join(means), join(covariances),
+          join(latents),         examples.speeds, join(along), join(across)};
 }
 
 }  // namespace maneuver::learning

@@ -12,10 +12,12 @@
 
 namespace maneuver::learning {
 
-// What the backbone makes of N examples.
+// What the networks make of N examples' scenes.
 struct ExampleFeatures {
-  at::Tensor trajectories;  // [N, 2T] metres
-  at::Tensor features;      // [N, F'], see artifact::SceneFeatures
+  at::Tensor trajectories;  // x - r(m), [N, 2T] metres
+  SceneFeatures scenes;
+  at::Tensor references;  // r(m), [N, 2T] metres
+  at::Tensor speeds;      // [N] m/s
 };
 
 // At most `most` examples of the set, drawn evenly, not varied. Fewer if `stopped`.
@@ -24,14 +26,20 @@ ExampleFeatures EncodeExamples(Networks& networks, const ExampleSet& set, int64_
                                const std::function<bool()>& stopped,
                                const std::function<void(int64_t)>& step);
 
-// What a model predicts for N examples, without the decoder's covariance.
+// What a model predicts for N examples, relative to their references and without the decoder's
+// covariance.
 struct Predictions {
-  at::Tensor trajectories;          // [N, 2T] metres
+  at::Tensor trajectories;          // x - r(m), [N, 2T] metres
   at::Tensor log_probabilities;     // ln p(y|s), [N, K]
   at::Tensor log_responsibilities;  // ln q(y|x,s), [N, K]
   at::Tensor mean;                  // [N, K, T, 2] metres
   at::Tensor covariance;            // latent, [N, K, T, 3] square metres
   at::Tensor latents{};             // means of q(z|y,s), [N, K, D]; of anchors, undefined
+  at::Tensor speeds{};              // along the heading, [N] m/s; of anchors, undefined
+  // What the scene predicts of the decoder's covariance, with scene_covariance alone: [N, K, T, 3]
+  // xx, xy, yy of each of along and across its own, square metres.
+  at::Tensor along{};
+  at::Tensor across{};
 
   // Of some of the examples. rows: [M]
   Predictions Rows(const at::Tensor& rows) const;

@@ -14,8 +14,8 @@ namespace maneuver::learning {
 
 // What the networks see of a batch.
 struct SceneBatch {
-  at::Tensor trajectories;  // x, [B, 2T] metres
-  at::Tensor features;      // of the backbone, [B, F]
+  at::Tensor trajectories;  // x - r(m), [B, 2T] metres
+  SceneFeatures scenes;     // undefined features: p(y) knows no scene
   at::Tensor labels;        // [B] as in BaseModel, or undefined
 };
 

@@ -6,23 +6,25 @@
 #include "model/learning/calibration.h"
 #include "model/learning/epoch_size.h"
 #include "model/learning/learner.h"
-#include "model/learning/raster_loader.h"
+#include "model/learning/scene_covariance.h"
+#include "model/learning/scene_loader.h"
 
 namespace maneuver::learning {
 
 using Part = Networks::Part;
 
-absl::Status Learner::TrainOnScenes(const std::string& phase, int epochs, v1::Objective objective,
-                                    const std::vector<Group>& groups) {
+absl::Status Learner::TrainOnScenes(const std::string& phase, int epochs,
+                                    const std::vector<Group>& groups, const SceneLoss& loss_of,
+                                    const std::function<void(v1::EpochReport*)>& validate) {
   const v1::OptimizationSettings& optimization = settings_.optimization();
   AdamW optimizer;
-  bool backbone_learns = false;
+  bool scene_learns = false;
   for (const Group& group : groups) {
     optimizer.Add(networks_.Parameters(group.part), group.rate, optimization.weight_decay());
-    backbone_learns |= group.part == Part::kBackbone;
+    scene_learns |= group.part == Part::kScene;
   }
-  const Networks::Mode training{&generator_, optimization.dropout()};
-  const v1::RasterSpec& raster = settings_.model().raster();
+  const Networks::Mode training{&generator_, optimization.dropout(),
+                                optimization.geometry_dropout()};
   const int64_t examples = EpochExamples(settings_, trajectories_.size(0));
   const int64_t batch_size = optimization.batch_size();
   const int64_t epoch_steps = StepsOfEpoch(examples, batch_size);
@@ -30,31 +32,26 @@ absl::Status Learner::TrainOnScenes(const std::string& phase, int epochs, v1::Ob
   for (Position now = BeginPhase(phase, epoch_steps, &optimizer, &means); now.epochs < epochs;
        now = {now.epochs + 1, 0, false}) {
     const at::Tensor order = BeginEpoch(now);
-    std::vector<RasterLoader::Item> items =
+    std::vector<SceneLoader::Item> items =
         VariedItems(settings_, {order.data_ptr<int64_t>(), static_cast<size_t>(examples)},
                     now.steps * batch_size, now.epochs + 1);
     if (examples % batch_size == 1) items.pop_back();
-    RasterLoader loader(raster, data_.training, std::move(items), batch_size, threads_);
-    while (std::optional<RasterLoader::Batch> batch = loader.Next()) {
+    SceneLoader loader(settings_.model(), data_.training, std::move(items), batch_size, threads_);
+    while (std::optional<SceneLoader::Batch> batch = loader.Next()) {
       const absl::Status kept = KeepCheckpoint(phase, now, optimizer, means);
       if (!kept.ok()) return kept;
       SceneBatch scenes;
-      scenes.trajectories = VariedTrajectories(data_.training, *batch).to(networks_.device());
+      scenes.trajectories = batch->trajectories.to(networks_.device());
       scenes.labels = BatchLabels(data_.labels, *batch);
-      const at::Tensor motions = VariedMotions(data_.training, *batch);
-      if (backbone_learns) {
-        scenes.features = networks_.EncodeScenes(RasterTensor(raster, *batch), motions, training);
+      if (scene_learns) {
+        scenes.scenes = networks_.EncodeScenes(batch->scenes, training);
       } else {
         at::NoGradGuard no_grad;
-        scenes.features = networks_.EncodeScenes(RasterTensor(raster, *batch), motions, {});
+        scenes.scenes = networks_.EncodeScenes(batch->scenes, {});
       }
-      const BoundTerms terms =
-          SceneBound(networks_, objective, backbone_learns ? Learning::kAll : Learning::kPosterior,
-                     optimization, scenes, NoiseDrawn());
       const int64_t step = now.epochs * epoch_steps + now.steps;
-      const at::Tensor loss =
-          Loss(terms, Weights(optimization, WarmUpShare(step, epochs * epoch_steps)));
-      means.Add(terms);
+      const at::Tensor loss = loss_of(
+          scenes, batch->scenes, {now.epochs, WarmUpShare(step, epochs * epoch_steps)}, &means);
       means.Add("loss", loss, scenes.trajectories.size(0));
       const absl::Status status =
           TakeStep(loss, LearningRateShare(step, kWarmUpSteps, epochs * epoch_steps), &optimizer);
@@ -64,12 +61,28 @@ absl::Status Learner::TrainOnScenes(const std::string& phase, int epochs, v1::Ob
     }
     v1::EpochReport report;
     std::exchange(means, {}).Write(report.mutable_training());
-    ValidateScenes(networks_, data_.validation, objective, optimization, threads_, stopped_,
-                   &report);
+    validate(&report);
     progress_.EndEpoch(report);
   }
   optimizer.ZeroGradients();
   return absl::OkStatus();
+}
+
+absl::Status Learner::TrainOnBound(const std::string& phase, int epochs, v1::Objective objective,
+                                   Learning learning, const std::vector<Group>& groups) {
+  const v1::OptimizationSettings& optimization = settings_.optimization();
+  return TrainOnScenes(
+      phase, epochs, groups,
+      [&](const SceneBatch& batch, const SceneTensors&, const Moment& moment, TermMeans* means) {
+        const BoundTerms terms =
+            SceneBound(networks_, objective, learning, optimization, batch, NoiseDrawn());
+        means->Add(terms);
+        return Loss(terms, Weights(optimization, moment.divergence_share));
+      },
+      [&](v1::EpochReport* report) {
+        ValidateScenes(networks_, data_.validation, objective, optimization, threads_, stopped_,
+                       report);
+      });
 }
 
 absl::Status Learner::TrainJointly() {
@@ -77,14 +90,14 @@ absl::Status Learner::TrainJointly() {
   const double rate = optimization.learning_rate();
   const double latent_rate = rate * optimization.latent_learning_rate_share();
   const bool unified = settings_.model().objective() == v1::OBJECTIVE_UNIFIED;
-  std::vector<Group> groups = {{Part::kBackbone, rate},
+  std::vector<Group> groups = {{Part::kScene, rate},
                                {Part::kActions, rate},
                                {Part::kTrajectoryEncoder, latent_rate},
                                {Part::kDecoder, latent_rate},
                                {Part::kMixture, latent_rate}};
   if (unified) groups.push_back({Part::kScenarioEncoder, rate});
-  return TrainOnScenes("joint", optimization.joint_epochs(),
-                       unified ? v1::OBJECTIVE_UNIFIED : v1::OBJECTIVE_BASE, groups);
+  return TrainOnBound("joint", optimization.joint_epochs(),
+                      unified ? v1::OBJECTIVE_UNIFIED : v1::OBJECTIVE_BASE, Learning::kAll, groups);
 }
 
 absl::Status Learner::TrainScenarioEncoders() {
@@ -93,8 +106,22 @@ absl::Status Learner::TrainScenarioEncoders() {
     networks_.SilenceScenarioEncoders();
     return absl::OkStatus();
   }
-  return TrainOnScenes("posterior", optimization.posterior_epochs(), settings_.model().objective(),
-                       {{Part::kScenarioEncoder, optimization.learning_rate()}});
+  return TrainOnBound("posterior", optimization.posterior_epochs(), settings_.model().objective(),
+                      Learning::kPosterior,
+                      {{Part::kScenarioEncoder, optimization.learning_rate()}});
+}
+
+absl::Status Learner::TrainCovariance() {
+  if (!settings_.model().has_scene_covariance()) return absl::OkStatus();
+  constexpr double kRate = 4e-3;
+  return TrainOnScenes(
+      "covariance", settings_.optimization().covariance_epochs(), {{Part::kSceneCovariance, kRate}},
+      [this](const SceneBatch& batch, const SceneTensors& scenes, const Moment&, TermMeans*) {
+        return SceneCovarianceLoss(networks_, batch.scenes, batch.trajectories,
+                                   scenes.references.to(networks_.device()))
+            .mean();
+      },
+      [](v1::EpochReport*) {});
 }
 
 absl::Status Learner::Calibrate() {

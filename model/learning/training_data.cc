@@ -1,10 +1,12 @@
 #include "model/learning/training_data.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <iterator>
 #include <optional>
 #include <string>
+#include <thread>
 #include <unordered_set>
 #include <utility>
 
@@ -22,15 +24,19 @@ namespace {
 // Adds recordings one by one to the side of the split that they belong to.
 class Splitter {
  public:
-  explicit Splitter(const v1::TrainingSettings& settings) : settings_(settings) {}
+  explicit Splitter(const v1::TrainingSettings& settings)
+      : settings_(settings), training_examples_(settings.examples()) {
+    if (!training_examples_.has_training_stride()) return;
+    *training_examples_.mutable_stride() = training_examples_.training_stride();
+  }
 
   void Add(v1::Scenario&& recording) {
     const bool held_out =
         data::HeldOut(recording.scenario_id(), settings_.examples().validation_share());
     ExampleSet& side = held_out ? data_.validation : data_.training;
-    std::vector<data::Example> found =
-        data::EnumerateExamples(recording, static_cast<int>(side.recordings.size()),
-                                settings_.model(), settings_.examples());
+    std::vector<data::Example> found = data::EnumerateExamples(
+        recording, static_cast<int>(side.recordings.size()), settings_.model(),
+        held_out ? settings_.examples() : training_examples_);
     std::move(found.begin(), found.end(), std::back_inserter(side.examples));
     if (held_out) held_out_ids_.insert(recording.scenario_id());
     side.recordings.push_back(std::move(recording));
@@ -134,6 +140,7 @@ class Splitter {
   }
 
   const v1::TrainingSettings& settings_;
+  v1::ExampleSettings training_examples_;  // with the stride of training
   TrainingData data_;
   std::unordered_set<std::string> held_out_ids_;
   std::vector<v1::ManeuverAnnotation> training_annotations_;
@@ -142,19 +149,43 @@ class Splitter {
 
 }  // namespace
 
+const std::vector<scene::RoadMap>& ExampleSet::Maps(int threads) const {
+  std::vector<scene::RoadMap>& maps = indexed_.maps;
+  if (!maps.empty() || recordings.empty()) return maps;
+  maps.reserve(recordings.size());
+  for (const v1::Scenario& recording : recordings) {
+    maps.push_back(scene::RoadMap::Over(recording.map_features()));
+  }
+  std::atomic<size_t> next = 0;
+  std::vector<std::jthread> workers;
+  for (int i = 0; i < threads; ++i) {
+    workers.emplace_back([&] {
+      for (size_t map = next++; map < maps.size(); map = next++) maps[map].lanes();
+    });
+  }
+  workers.clear();  // waits for them
+  return maps;
+}
+
 int64_t MinimumExamples(const v1::TrainingSettings& settings) {
   return 2 * std::max(settings.model().actions(), settings.optimization().batch_size());
 }
 
-absl::StatusOr<TrainingData> LoadTrainingData(std::span<const std::filesystem::path> folders,
-                                              const v1::TrainingSettings& settings,
-                                              const std::function<bool()>& keep_going) {
+absl::StatusOr<TrainingData> LoadTrainingData(
+    std::span<const std::filesystem::path> folders, const v1::TrainingSettings& settings,
+    const std::function<bool()>& keep_going,
+    const std::function<bool(const v1::Scenario&)>& learns_from) {
   Splitter splitter(settings);
+  std::unordered_set<std::string> left_out;  // ids
   bool stopped = false;
   for (const std::filesystem::path& folder : folders) {
     absl::Status status =
         data::ForEachScenario(folder, data::OnDamage::kStop, [&](v1::Scenario&& recording) {
-          splitter.Add(std::move(recording));
+          if (learns_from && !learns_from(recording)) {
+            left_out.insert(recording.scenario_id());
+          } else {
+            splitter.Add(std::move(recording));
+          }
           stopped = !keep_going();
           return !stopped;
         });
@@ -162,7 +193,9 @@ absl::StatusOr<TrainingData> LoadTrainingData(std::span<const std::filesystem::p
     if (stopped) return absl::CancelledError("stopped while reading the recordings");
     status = data::ForEachAnnotation(folder, data::OnDamage::kStop,
                                      [&](v1::ManeuverAnnotation&& annotation) {
-                                       splitter.Add(std::move(annotation));
+                                       if (!left_out.contains(annotation.scenario_id())) {
+                                         splitter.Add(std::move(annotation));
+                                       }
                                        return true;
                                      });
     if (!status.ok()) return status;

@@ -16,13 +16,35 @@
 #include "maneuver/v1/scenario.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/data/example_index.h"
+#include "model/scene/road_map.h"
 
 namespace maneuver::learning {
+
+// Maps that refer to recordings; a copy of the recordings has to index its own.
+struct IndexedMaps {
+  IndexedMaps() = default;
+  IndexedMaps(const IndexedMaps&) {}
+  IndexedMaps& operator=(const IndexedMaps&) {
+    maps.clear();
+    return *this;
+  }
+  IndexedMaps(IndexedMaps&&) noexcept = default;
+  IndexedMaps& operator=(IndexedMaps&&) noexcept = default;
+
+  std::vector<scene::RoadMap> maps;
+};
 
 // Recordings of one side of the split, and the examples in them.
 struct ExampleSet {
   std::vector<v1::Scenario> recordings;
   std::vector<data::Example> examples;  // Example.recording counts in `recordings`
+
+  // The maps of the recordings, indexed on the first call, by so many threads. Not to be called
+  // from two threads at once; the recordings must not change afterwards.
+  const std::vector<scene::RoadMap>& Maps(int threads) const;
+
+ private:
+  mutable IndexedMaps indexed_;  // [recordings] once they are indexed
 };
 
 struct TrainingData {
@@ -42,11 +64,14 @@ struct TrainingData {
 // evaluation and, by label_share, for labels. FAILED_PRECONDITION if more manoeuvres are labelled
 // than the model has actions.
 //   keep_going: asked between recordings; false ends it with CANCELLED.
+//   learns_from: recordings for which it says false are left out, with their annotations, as if
+//   the folders did not have them; empty: none are.
 // Errors: those of data::ForEachScenario; FAILED_PRECONDITION, with what was found and what to do,
 // if there are fewer training examples than MinimumExamples, or none in a folder that has a weight.
-absl::StatusOr<TrainingData> LoadTrainingData(std::span<const std::filesystem::path> folders,
-                                              const v1::TrainingSettings& settings,
-                                              const std::function<bool()>& keep_going);
+absl::StatusOr<TrainingData> LoadTrainingData(
+    std::span<const std::filesystem::path> folders, const v1::TrainingSettings& settings,
+    const std::function<bool()>& keep_going,
+    const std::function<bool(const v1::Scenario&)>& learns_from = {});
 
 // The same from recordings in memory.
 absl::StatusOr<TrainingData> SplitRecordings(std::vector<v1::Scenario> recordings,

@@ -99,53 +99,26 @@ at::Tensor Trajectories(const std::vector<data::Example>& examples) {
   at::Tensor rows = at::empty({static_cast<int64_t>(examples.size()), coordinates}, at::kFloat);
   float* row = rows.data_ptr<float>();
   for (const data::Example& example : examples) {
-    row = std::copy(example.trajectory.begin(), example.trajectory.end(), row);
+    for (size_t i = 0; i < example.trajectory.size(); ++i) {
+      *row++ = example.trajectory[i] - (example.reference.empty() ? 0.0F : example.reference[i]);
+    }
   }
   return rows;
 }
 
-std::vector<RasterLoader::Item> DrawItems(const ExampleSet& set, int64_t most) {
+std::vector<SceneLoader::Item> DrawItems(const ExampleSet& set, int64_t most) {
   const int64_t all = static_cast<int64_t>(set.examples.size());
   const int64_t count = std::min(all, most);
-  std::vector<RasterLoader::Item> items;
+  std::vector<SceneLoader::Item> items;
   for (int64_t i = 0; i < count; ++i) items.push_back({i * all / count, {}});
   return items;
 }
 
-at::Tensor RasterTensor(const v1::RasterSpec& spec, RasterLoader::Batch& batch) {
-  return at::from_blob(batch.rasters.data(),
-                       {static_cast<int64_t>(batch.items.size()), spec.height(), spec.width(),
-                        scene::RasterChannels(spec)},
-                       at::kByte);
-}
-
-at::Tensor VariedMotions(const ExampleSet& set, const RasterLoader::Batch& batch) {
-  at::Tensor motions =
-      at::empty({static_cast<int64_t>(batch.items.size()), scene::kMotionInputs}, at::kFloat);
-  float* row = motions.data_ptr<float>();
-  for (const RasterLoader::Item& item : batch.items) {
-    const scene::MotionInputs varied =
-        VariedMotion(item.variation, set.examples[static_cast<size_t>(item.example)].motion);
-    row = std::copy(varied.begin(), varied.end(), row);
-  }
-  return motions;
-}
-
-at::Tensor VariedTrajectories(const ExampleSet& set, const RasterLoader::Batch& batch) {
-  std::vector<data::Example> varied;
-  varied.reserve(batch.items.size());
-  for (const RasterLoader::Item& item : batch.items) {
-    varied.push_back(set.examples[static_cast<size_t>(item.example)]);
-    ApplyVariation(item.variation, varied.back().trajectory);
-  }
-  return Trajectories(varied);
-}
-
-at::Tensor BatchLabels(const std::vector<int>& labels, const RasterLoader::Batch& batch) {
+at::Tensor BatchLabels(const std::vector<int>& labels, const SceneLoader::Batch& batch) {
   if (labels.empty()) return {};
   at::Tensor of_batch = at::empty({static_cast<int64_t>(batch.items.size())}, at::kLong);
   int64_t* label = of_batch.data_ptr<int64_t>();
-  for (const RasterLoader::Item& item : batch.items) {
+  for (const SceneLoader::Item& item : batch.items) {
     *label++ = item.variation.mirror ? -1 : labels[static_cast<size_t>(item.example)];
   }
   return of_batch;
@@ -200,20 +173,20 @@ void ValidateScenes(Networks& networks, const ExampleSet& set, v1::Objective obj
   const NoiseSource means_for_samples = [](at::IntArrayRef shape) { return at::zeros(shape); };
   TermMeans means;
   UsageReport usage(spec.actions());
-  RasterLoader loader(spec.raster(), set, DrawItems(set, kMostValidated), kBatch, threads);
-  for (int64_t index = 0; std::optional<RasterLoader::Batch> batch = loader.Next(); ++index) {
+  SceneLoader loader(spec, set, DrawItems(set, kMostValidated), kBatch, threads);
+  for (int64_t index = 0; std::optional<SceneLoader::Batch> batch = loader.Next(); ++index) {
     if (stopped()) return;
-    const at::Tensor x = VariedTrajectories(set, *batch).to(networks.device());
-    const at::Tensor features =
-        networks.EncodeScenes(RasterTensor(spec.raster(), *batch), VariedMotions(set, *batch), {});
+    const at::Tensor x = batch->trajectories.to(networks.device());
+    const SceneFeatures scenes = networks.EncodeScenes(batch->scenes, {});
     const BoundTerms terms = SceneBound(networks, objective, Learning::kPosterior, optimization,
-                                        {x, features, {}}, means_for_samples);
+                                        {x, scenes, {}}, means_for_samples);
     means.Add(terms);
     means.Add("loss", Loss(terms, weights), x.size(0));
-    const at::Tensor log_p_y = networks.PredictActions(features);
+    const at::Tensor log_p_y = networks.PredictActions(scenes);
     usage.Add(log_p_y, terms.log_responsibilities);
     if (index % kDescribedBatches != 0) continue;
-    const WaypointMoments moments = LatentMoments(networks, networks.EncodeScenarios(features));
+    const WaypointMoments moments =
+        LatentMoments(networks, networks.EncodeScenarios(scenes), networks.MeanResidual(scenes));
     const at::Tensor own =
         at::tensor({stddev * stddev, 0.0, stddev * stddev}, moments.covariance.options());
     means.Add("log_likelihood",

@@ -13,8 +13,8 @@
 #include "maneuver/v1/training_service.pb.h"
 #include "model/learning/networks.h"
 #include "model/learning/objectives.h"
-#include "model/learning/raster_loader.h"
 #include "model/learning/scene_bound.h"
+#include "model/learning/scene_loader.h"
 #include "model/learning/tensors.h"
 #include "model/learning/training_data.h"
 
@@ -39,22 +39,15 @@ class TermMeans {
   std::map<std::string, Sum> sums_;
 };
 
-// The examples' trajectories as one tensor, [N, 2T] metres.
+// The examples' trajectories relative to their references, [N, 2T] metres.
 at::Tensor Trajectories(const std::vector<data::Example>& examples);
 
 // At most `most` of the examples, drawn evenly, not varied.
-std::vector<RasterLoader::Item> DrawItems(const ExampleSet& set, int64_t most);
-
-// The rasters of a batch as a tensor on its bytes, [B, H, W, C]; the batch must outlive it.
-at::Tensor RasterTensor(const v1::RasterSpec& spec, RasterLoader::Batch& batch);
-// How the targets of a batch have been moving, varied as its items say. [B, scene::kMotionInputs]
-at::Tensor VariedMotions(const ExampleSet& set, const RasterLoader::Batch& batch);
-// The trajectories of a batch, varied as its items say. [B, 2T]
-at::Tensor VariedTrajectories(const ExampleSet& set, const RasterLoader::Batch& batch);
+std::vector<SceneLoader::Item> DrawItems(const ExampleSet& set, int64_t most);
 
 // The labels of a batch's examples, [B]; -1 where there is none, and of mirrored examples: a
 // mirrored left turn is not one. Undefined without any labels.
-at::Tensor BatchLabels(const std::vector<int>& labels, const RasterLoader::Batch& batch);
+at::Tensor BatchLabels(const std::vector<int>& labels, const SceneLoader::Batch& batch);
 
 // Smallest and largest standard deviation of the mixture's components.
 void ReportMixture(const Networks& networks, v1::EpochReport* report);

@@ -10,8 +10,8 @@
 #include "model/learning/example_order.h"
 #include "model/learning/optimizer.h"
 #include "model/learning/predictions.h"
-#include "model/learning/raster_loader.h"
 #include "model/learning/run_state.h"
+#include "model/learning/scene_loader.h"
 #include "model/learning/validation.h"
 
 namespace maneuver::learning {
@@ -31,13 +31,11 @@ Predictions PredictAll(AnchorNetworks& networks, const ExampleSet& set, int64_t 
                        const std::function<bool()>& stopped) {
   at::NoGradGuard no_grad;
   std::vector<at::Tensor> trajectories, log_p, nearest, means, covariances;
-  const v1::RasterSpec& raster = networks.spec().raster();
-  RasterLoader loader(raster, set, DrawItems(set, most), kCalibrationBatch, threads);
-  while (std::optional<RasterLoader::Batch> batch = loader.Next()) {
+  SceneLoader loader(networks.spec(), set, DrawItems(set, most), kCalibrationBatch, threads);
+  while (std::optional<SceneLoader::Batch> batch = loader.Next()) {
     if (stopped()) return {};
-    const at::Tensor x = VariedTrajectories(set, *batch).to(networks.device());
-    const AnchorPredictions predictions =
-        networks.Predict(RasterTensor(raster, *batch), VariedMotions(set, *batch), {});
+    const at::Tensor x = batch->trajectories.to(networks.device());
+    const AnchorPredictions predictions = networks.Predict(batch->scenes, {});
     trajectories.push_back(x);
     log_p.push_back(predictions.log_probabilities);
     nearest.push_back(NearestAnchor(networks.anchors(), x));
@@ -123,7 +121,6 @@ absl::Status AnchorLearner::Train(Baseline& baseline) {
   AdamW optimizer;
   optimizer.Add(networks.Parameters(), optimization.learning_rate(), optimization.weight_decay());
   const Networks::Mode training{&baseline.generator, optimization.dropout()};
-  const v1::RasterSpec& raster = settings_.model().raster();
   const int64_t examples =
       EpochExamples(settings_, static_cast<int64_t>(data_.training.examples.size()));
   const int64_t batch_size = optimization.batch_size();
@@ -153,19 +150,18 @@ absl::Status AnchorLearner::Train(Baseline& baseline) {
     RestoreRandomState(epoch_random, &baseline.generator);
     const at::Tensor order = DrawEpoch(baseline.generator);
     if (steps > 0) RestoreRandomState(now, &baseline.generator);
-    std::vector<RasterLoader::Item> items =
+    std::vector<SceneLoader::Item> items =
         VariedItems(settings_, {order.data_ptr<int64_t>(), static_cast<size_t>(examples)},
                     steps * batch_size, epochs + 1);
     if (examples % batch_size == 1) items.pop_back();
-    RasterLoader loader(raster, data_.training, std::move(items), batch_size, threads_);
-    while (std::optional<RasterLoader::Batch> batch = loader.Next()) {
+    SceneLoader loader(networks.spec(), data_.training, std::move(items), batch_size, threads_);
+    while (std::optional<SceneLoader::Batch> batch = loader.Next()) {
       if (stopped_()) return Stopped();
       const absl::Status kept =
           KeepCheckpoint(baseline, epochs, steps, epoch_random, optimizer, means);
       if (!kept.ok()) return kept;
-      const at::Tensor x = VariedTrajectories(data_.training, *batch).to(device_);
-      const AnchorPredictions predictions = networks.Predict(
-          RasterTensor(raster, *batch), VariedMotions(data_.training, *batch), training);
+      const at::Tensor x = batch->trajectories.to(device_);
+      const AnchorPredictions predictions = networks.Predict(batch->scenes, training);
       const at::Tensor nearest = NearestAnchor(networks.anchors(), x);
       const at::Tensor losses = networks.regresses() ? MultiPathLoss(predictions, nearest, x)
                                                      : ClassifierLoss(predictions, nearest);

@@ -135,18 +135,17 @@ AnchorNetworks::AnchorNetworks(const v1::ModelSpec& model, Anchors anchors, bool
   }
 }
 
-AnchorPredictions AnchorNetworks::Predict(const at::Tensor& rasters, const at::Tensor& motions,
-                                          const Networks::Mode& mode) {
-  const at::Tensor features = scenes_.EncodeScenes(rasters, motions, mode);
+AnchorPredictions AnchorNetworks::Predict(const SceneTensors& scenes, const Networks::Mode& mode) {
+  const SceneFeatures encoded = scenes_.EncodeScenes(scenes, mode);
   AnchorPredictions predictions;
-  predictions.log_probabilities = scenes_.PredictActions(features);
-  const int64_t batch = features.size(0);
+  predictions.log_probabilities = scenes_.PredictActions(encoded);
+  const int64_t batch = encoded.size();
   if (!regresses_) {
     predictions.mean = anchors_.unsqueeze(0).expand({batch, -1, -1, -1});
     predictions.covariance = tensors_.at(kCovariance).unsqueeze(0).expand({batch, -1, -1, -1});
     return predictions;
   }
-  at::Tensor numbers = features;
+  at::Tensor numbers = encoded.features;
   for (int i = 0; i <= spec().action_predictor().hidden_size(); ++i) {
     if (i > 0) numbers = numbers.relu();
     numbers = at::linear(numbers, tensors_.at(PredictorLayer(i, "weight")),
@@ -161,7 +160,7 @@ AnchorPredictions AnchorNetworks::Predict(const at::Tensor& rasters, const at::T
 }
 
 std::vector<at::Tensor> AnchorNetworks::Parameters() const {
-  std::vector<at::Tensor> parameters = scenes_.Parameters(Networks::Part::kBackbone);
+  std::vector<at::Tensor> parameters = scenes_.Parameters(Networks::Part::kScene);
   for (const at::Tensor& each : scenes_.Parameters(Networks::Part::kActions)) {
     parameters.push_back(each);
   }

@@ -63,9 +63,8 @@ class AnchorNetworks {
   const v1::ModelSpec& spec() const { return scenes_.spec(); }
   const at::Tensor& anchors() const { return anchors_; }
 
-  // rasters and motions as in Networks::EncodeScenes
-  AnchorPredictions Predict(const at::Tensor& rasters, const at::Tensor& motions,
-                            const Networks::Mode& mode);
+  // Relative to the scenes' references.
+  AnchorPredictions Predict(const SceneTensors& scenes, const Networks::Mode& mode);
 
   // Backbone, classifier and regression.
   std::vector<at::Tensor> Parameters() const;

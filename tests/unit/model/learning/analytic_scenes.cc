@@ -132,4 +132,35 @@ v1::TrainingSettings TinySettings() {
   return artifact::ResolveTrainingSettings(settings);
 }
 
+v1::TrainingSettings TinyLanesSettings(const std::string& preset) {
+  v1::TrainingSettings settings = TinySettings();
+  settings.set_preset(preset);
+  v1::ModelSpec& model = *settings.mutable_model();
+  model.clear_raster();
+  model.clear_backbone();
+  model.clear_target_motion();
+  v1::SceneVectorsSpec& vectors = *model.mutable_scene_vectors();
+  vectors.set_history_width(16);
+  vectors.set_path_width(24);
+  vectors.set_attention_heads(2);
+  vectors.set_features(32);
+  v1::ActionGeometrySpec& geometry = *model.mutable_action_geometry();
+  geometry.set_pair_width(12);
+  geometry.set_attention_heads(2);
+  geometry.set_features(16);
+  v1::OptimizationSettings optimization;
+  optimization.set_pretraining_epochs(25);
+  optimization.set_mixture_epochs(10);
+  optimization.set_joint_epochs(15);
+  optimization.set_covariance_epochs(3);
+  optimization.set_batch_size(16);
+  optimization.set_learning_rate(3e-3);
+  *settings.mutable_optimization() = optimization;
+  v1::ExampleSettings examples;
+  examples.set_validation_share(0.25);
+  *settings.mutable_examples() = examples;
+  settings.clear_augmentation();
+  return artifact::ResolveTrainingSettings(settings);
+}
+
 }  // namespace maneuver::learning

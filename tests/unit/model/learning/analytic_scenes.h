@@ -30,6 +30,9 @@ std::vector<v1::Scenario> ArcRecordings(int count);
 // Complete settings that train in seconds: 3 s horizon, 6 actions.
 v1::TrainingSettings TinySettings();
 
+// The same of the presets `lanes` and `lanes-metres`.
+v1::TrainingSettings TinyLanesSettings(const std::string& preset = "lanes");
+
 }  // namespace maneuver::learning
 
 #endif  // MANEUVER_TESTS_UNIT_MODEL_LEARNING_ANALYTIC_SCENES_H_

@@ -18,7 +18,7 @@
 #include "model/learning/anchors/anchor_learner.h"
 #include "model/learning/anchors/anchor_networks.h"
 #include "model/learning/learner.h"
-#include "model/learning/raster_loader.h"
+#include "model/learning/scene_loader.h"
 #include "model/learning/trainer.h"
 #include "model/learning/validation.h"
 #include "model/scene/rasterizer.h"
@@ -266,11 +266,11 @@ TEST_F(BaselinesTest, TheEngineSaysWhatLibTorchSays) {
   settings.mutable_model()->set_target_motion(true);
   at::Generator generator = MakeGenerator(3);
   const Anchors anchors = PlaceAnchors(Trajectories(data_.training.examples), 6, true, 1);
-  const std::vector<RasterLoader::Item> items = DrawItems(data_.validation, 5);
+  const std::vector<SceneLoader::Item> items = DrawItems(data_.validation, 5);
   const v1::RasterSpec& raster = settings.model().raster();
-  RasterLoader loader(raster, data_.validation, items, 5, 1);
-  RasterLoader::Batch batch = *loader.Next();
-  const at::Tensor motions = VariedMotions(data_.validation, batch);
+  SceneLoader loader(settings.model(), data_.validation, items, 5, 1);
+  SceneLoader::Batch batch = *loader.Next();
+  const at::Tensor motions = batch.scenes.motions;
   for (const bool regresses : {false, true}) {
     at::NoGradGuard no_grad;
     AnchorNetworks networks(settings.model(), anchors, regresses, at::kCPU, generator);
@@ -280,7 +280,7 @@ TEST_F(BaselinesTest, TheEngineSaysWhatLibTorchSays) {
     }
     if (regresses) networks.SetScale(at::linspace(0.5, 1.5, 10, at::kFloat));
     networks.SetTemperature(1.7);
-    const AnchorPredictions expected = networks.Predict(RasterTensor(raster, batch), motions, {});
+    const AnchorPredictions expected = networks.Predict(batch.scenes, {});
     const auto model = inference::AnchorModel::Make(networks.spec(), networks.Export(),
                                                     {inference::Precision::kF32});
     ASSERT_TRUE(model.ok()) << model.status();
@@ -289,7 +289,7 @@ TEST_F(BaselinesTest, TheEngineSaysWhatLibTorchSays) {
     for (int64_t i = 0; i < 5; ++i) {
       const size_t bytes = scene::RasterBytes(raster);
       const scene::Raster drawn =
-          scene::RasterOf(raster, {batch.rasters.data() + static_cast<size_t>(i) * bytes, bytes});
+          scene::RasterOf(raster, {batch.scenes.rasters[i].data_ptr<uint8_t>(), bytes});
       inference::SceneInput scene{&drawn, {}};
       std::copy_n(motions[i].data_ptr<float>(), scene.motion.size(), scene.motion.begin());
       inference::SceneEncoding encoding;
@@ -311,10 +311,10 @@ TEST_F(BaselinesTest, TheEngineSaysWhatLibTorchSays) {
           }
         }
       }
-      const at::Tensor x = VariedTrajectories(data_.validation, batch);
+      const at::Tensor x = batch.trajectories;
       const Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, 2, Eigen::RowMajor>> truth(
           x[i].data_ptr<float>(), 10, 2);
-      EXPECT_EQ((*model)->Nearest(truth.cast<double>()),
+      EXPECT_EQ((*model)->Nearest(encoding, truth.cast<double>()),
                 NearestAnchor(networks.anchors(), x)[i].item<int64_t>());
     }
   }

@@ -9,9 +9,9 @@
 #include "model/inference/action_model.h"
 #include "model/learning/learner.h"
 #include "model/learning/moments.h"
-#include "model/scene/rasterizer.h"
+#include "model/learning/scene_covariance.h"
+#include "model/scene/scene_reader.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
-#include "tests/unit/model/scene/raster_of.h"
 
 namespace maneuver::learning {
 namespace {
@@ -23,13 +23,49 @@ void ExpectClose(const at::Tensor& expected, const Eigen::VectorXd& actual, cons
   EXPECT_LE((values - actual).norm(), 1e-4 * values.norm() + 1e-7) << what;
 }
 
+// What p(x|z,y,s) adds to the latent covariance, as LibTorch has it. [B, K, T, 3]
+at::Tensor OwnCovariance(const Networks& networks, const SceneLoader::Batch& batch,
+                         const SceneFeatures& features, const Gaussian& posterior,
+                         const WaypointMoments& moments) {
+  if (networks.spec().has_scene_covariance()) {
+    const SplitCovariance split =
+        PredictSceneCovariance(networks, features, moments.mean, batch.scenes.references);
+    Predictions predictions;
+    predictions.speeds = batch.scenes.speeds;
+    predictions.along = split.along;
+    predictions.across = split.across;
+    return WithSpeedFactors(predictions, networks["scene_covariance.speed_factor"]);
+  }
+  return networks.spec().has_decoder_covariance()
+             ? networks.PredictCovariance(posterior.mean)
+             : networks["decoder.covariance"].expand_as(moments.covariance);
+}
+
+struct ParityCase {
+  const char* name;
+  v1::TrainingSettings (*settings)();
+};
+
+v1::TrainingSettings RasterSettings(v1::DecoderCovariance covariance) {
+  v1::TrainingSettings settings = TinySettings();
+  settings.mutable_optimization()->set_decoder_covariance(covariance);
+  return artifact::ResolveTrainingSettings(settings);
+}
+
+// Scene vectors beside a raster.
+v1::TrainingSettings RasterAndVectorsSettings() {
+  v1::TrainingSettings settings = TinyLanesSettings();
+  const v1::ModelSpec raster = TinySettings().model();
+  *settings.mutable_model()->mutable_raster() = raster.raster();
+  *settings.mutable_model()->mutable_backbone() = raster.backbone();
+  return settings;
+}
+
 // Every network of the engine, f32, against LibTorch's.
-class EngineParityTest : public testing::TestWithParam<v1::DecoderCovariance> {};
+class EngineParityTest : public testing::TestWithParam<ParityCase> {};
 
 TEST_P(EngineParityTest, TheEngineSaysWhatLibTorchSays) {
-  v1::TrainingSettings settings = TinySettings();
-  settings.mutable_optimization()->set_decoder_covariance(GetParam());
-  settings = artifact::ResolveTrainingSettings(settings);
+  v1::TrainingSettings settings = GetParam().settings();
   settings.mutable_optimization()->set_pretraining_epochs(4);
   settings.mutable_optimization()->set_mixture_epochs(2);
   settings.mutable_optimization()->set_joint_epochs(2);
@@ -38,9 +74,11 @@ TEST_P(EngineParityTest, TheEngineSaysWhatLibTorchSays) {
                        {}, [] { return std::chrono::system_clock::time_point(); });
   Learner learner(
       settings, data, at::Device(at::kCPU), 1, [] { return false; }, progress);
-  for (const auto phase : {&Learner::Pretrain, &Learner::PlaceMixture, &Learner::TrainMixture,
-                           &Learner::TrainJointly, &Learner::Calibrate}) {
-    ASSERT_TRUE((learner.*phase)().ok());
+  for (const auto phase :
+       {&Learner::Pretrain, &Learner::PlaceMixture, &Learner::TrainMixture, &Learner::TrainJointly,
+        &Learner::TrainCovariance, &Learner::Calibrate}) {
+    const absl::Status status = (learner.*phase)();
+    ASSERT_TRUE(status.ok()) << status;
   }
   Networks& networks = learner.networks();
   v1::ModelManifest manifest;
@@ -52,12 +90,11 @@ TEST_P(EngineParityTest, TheEngineSaysWhatLibTorchSays) {
 
   at::NoGradGuard no_grad;
   constexpr int64_t kExamples = 5;
-  const std::vector<RasterLoader::Item> items = DrawItems(data.validation, kExamples);
-  RasterLoader loader(settings.model().raster(), data.validation, items, kExamples, 1);
-  RasterLoader::Batch batch = *loader.Next();
-  const at::Tensor x = VariedTrajectories(data.validation, batch);
-  const at::Tensor features = networks.EncodeScenes(RasterTensor(settings.model().raster(), batch),
-                                                    VariedMotions(data.validation, batch), {});
+  const std::vector<SceneLoader::Item> items = DrawItems(data.validation, kExamples);
+  SceneLoader loader(settings.model(), data.validation, items, kExamples, 1);
+  const SceneLoader::Batch batch = *loader.Next();
+  const at::Tensor x = batch.trajectories;
+  const SceneFeatures features = networks.EncodeScenes(batch.scenes, {});
   const at::Tensor log_p_y = networks.PredictActions(features);
   const Gaussian posterior = networks.EncodeScenarios(features);
   const Gaussian q_z = networks.EncodeTrajectories(x);
@@ -67,23 +104,32 @@ TEST_P(EngineParityTest, TheEngineSaysWhatLibTorchSays) {
           log_p_y, CrossEntropy({q_z.mean.unsqueeze(1), q_z.log_variance.unsqueeze(1)}, mixture),
           Divergence(posterior, mixture))
           .exp();
-  const WaypointMoments moments = LatentMoments(networks, posterior);
-  const at::Tensor own = settings.model().has_decoder_covariance()
-                             ? networks.PredictCovariance(posterior.mean)
-                             : networks["decoder.covariance"].expand_as(moments.covariance);
+  const at::Tensor residual = networks.MeanResidual(features);
+  const WaypointMoments moments = LatentMoments(networks, posterior, residual);
+  const at::Tensor own = OwnCovariance(networks, batch, features, posterior, moments);
+  const at::Tensor reference = batch.scenes.references.unflatten(1, {-1, 2});
 
-  const size_t bytes = scene::RasterBytes(settings.model().raster());
+  scene::SceneReader reader(settings.model());
   for (int64_t i = 0; i < kExamples; ++i) {
-    const scene::Raster raster = scene::RasterOf(
-        settings.model().raster(), {batch.rasters.data() + static_cast<size_t>(i) * bytes, bytes});
+    const data::Example& example =
+        data.validation.examples[static_cast<size_t>(items[static_cast<size_t>(i)].example)];
+    const v1::Scenario& recording =
+        data.validation.recordings[static_cast<size_t>(example.recording)];
+    scene::SceneInputs inputs = reader.NewInputs();
+    reader.Read(recording, scene::RoadMap::Over(recording.map_features()), example.time,
+                example.target_id, example.X_WT, &inputs);
     inference::SceneEncoding encoding;
-    const inference::SceneInput scene{
-        &raster,
-        data.validation.examples[static_cast<size_t>(items[static_cast<size_t>(i)].example)]
-            .motion};
+    const inference::SceneInput scene = inference::InputOf(inputs);
     session->Encode({&scene, 1}, {&encoding, 1});
-    ExpectClose(features[i], encoding.features.cast<double>(), "features");
+    ExpectClose(features.features[i], encoding.features.cast<double>(), "features");
     ExpectClose(log_p_y[i].exp(), encoding.probabilities, "p(y|s)");
+    if (features.geometry.defined()) {
+      ExpectClose(
+          features.geometry[i],
+          Eigen::Map<const Eigen::VectorXf>(encoding.geometry.data(), encoding.geometry.size())
+              .cast<double>(),
+          "h_y");
+    }
     const std::vector<int> actions = {4, 0};
     const auto distributions =
         session->Describe(encoding, actions, inference::LatentSource::kPosterior);
@@ -93,11 +139,13 @@ TEST_P(EngineParityTest, TheEngineSaysWhatLibTorchSays) {
       ExpectClose(posterior.mean[i][k], actual.latent_mean, "mean of q(z|y,s)");
       ExpectClose((0.5 * posterior.log_variance[i][k]).exp(), actual.latent_stddev,
                   "deviation of q(z|y,s)");
-      ExpectClose(networks.Decode(posterior.mean[i][k]),
+      ExpectClose(networks.Decode(posterior.mean[i][k],
+                                  residual.defined() ? residual[i][k] : at::Tensor()) +
+                      batch.scenes.references[i],
                   Eigen::Map<const Eigen::VectorXd>(actual.mean().data(), actual.mean().size()),
                   "mean trajectory");
       ExpectClose(
-          moments.mean[i][k],
+          moments.mean[i][k] + reference[i],
           Eigen::Map<const Eigen::VectorXd>(actual.moment_mean.data(), actual.moment_mean.size()),
           "moment mean");
       ExpectClose(moments.covariance[i][k] + own[i][k],
@@ -106,18 +154,23 @@ TEST_P(EngineParityTest, TheEngineSaysWhatLibTorchSays) {
                   "moment covariance");
     }
     inference::Trajectory trajectory(x.size(1) / 2, 2);
-    for (int64_t c = 0; c < x.size(1); ++c) trajectory.data()[c] = x[i][c].item<float>();
+    for (int64_t c = 0; c < x.size(1); ++c) {
+      trajectory.data()[c] = x[i][c].item<float>() + batch.scenes.references[i][c].item<float>();
+    }
     ExpectClose(q_y[i], session->Classify(encoding, trajectory).responsibilities, "q(y|x,s)");
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(All, EngineParityTest,
-                         testing::Values(v1::DECODER_COVARIANCE_FIXED,
-                                         v1::DECODER_COVARIANCE_LEARNED,
-                                         v1::DECODER_COVARIANCE_PREDICTED),
-                         [](const auto& covariance) {
-                           return v1::DecoderCovariance_Name(covariance.param);
-                         });
+INSTANTIATE_TEST_SUITE_P(
+    All, EngineParityTest,
+    testing::Values(
+        ParityCase{"Fixed", [] { return RasterSettings(v1::DECODER_COVARIANCE_FIXED); }},
+        ParityCase{"Learned", [] { return RasterSettings(v1::DECODER_COVARIANCE_LEARNED); }},
+        ParityCase{"Predicted", [] { return RasterSettings(v1::DECODER_COVARIANCE_PREDICTED); }},
+        ParityCase{"Lanes", [] { return TinyLanesSettings(); }},
+        ParityCase{"LanesMetres", [] { return TinyLanesSettings("lanes-metres"); }},
+        ParityCase{"RasterAndVectors", &RasterAndVectorsSettings}),
+    [](const auto& parity) { return std::string(parity.param.name); });
 
 }  // namespace
 }  // namespace maneuver::learning

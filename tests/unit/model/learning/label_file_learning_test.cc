@@ -12,7 +12,7 @@
 #include "model/data/dataset_folder.h"
 #include "model/data/label_file.h"
 #include "model/learning/objectives.h"
-#include "model/learning/raster_loader.h"
+#include "model/learning/scene_loader.h"
 #include "model/learning/training_data.h"
 #include "model/learning/validation.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
@@ -56,7 +56,7 @@ TEST(LabelFileLearningTest, LabelsOfAFileAreTheOneHotPosteriorOfTheirExamples) {
   const auto& examples = data->training.examples;
   ASSERT_EQ(data->labels.size(), examples.size());
 
-  RasterLoader::Batch batch;
+  SceneLoader::Batch batch;
   for (size_t i = 0; i < examples.size(); ++i) {
     batch.items.push_back({.example = static_cast<int64_t>(i), .variation = {}});
   }

@@ -8,8 +8,8 @@
 #include <set>
 #include <thread>
 
-#include "model/learning/raster_loader.h"
 #include "model/learning/run_progress.h"
+#include "model/learning/scene_loader.h"
 #include "model/learning/training_data.h"
 #include "model/learning/trajectory_clusters.h"
 #include "model/scene/rasterizer.h"
@@ -79,15 +79,13 @@ TEST(VariationTest, RasterAndTrajectoryAreVariedAlike) {
   }
   Variation mirror;
   mirror.mirror = true;
-  const v1::RasterSpec& spec = settings.model().raster();
-  const auto mirrored = RasterLoader(spec, left, {{0, mirror}}, 1, 1).Next();
-  const auto plain = RasterLoader(spec, right, {{0, {}}}, 1, 1).Next();
+  const v1::ModelSpec& spec = settings.model();
+  const auto mirrored = SceneLoader(spec, left, {{0, mirror}}, 1, 1).Next();
+  const auto plain = SceneLoader(spec, right, {{0, {}}}, 1, 1).Next();
   ASSERT_TRUE(mirrored && plain);
-  int difference = 0;
-  for (size_t i = 0; i < plain->rasters.size(); ++i) {
-    difference = std::max(difference, std::abs(mirrored->rasters[i] - plain->rasters[i]));
-  }
-  EXPECT_LE(difference, 2);
+  const at::Tensor difference =
+      mirrored->scenes.rasters.to(at::kInt) - plain->scenes.rasters.to(at::kInt);
+  EXPECT_LE(difference.abs().max().item<int>(), 2);
   std::vector<float> trajectory = left.examples[0].trajectory;
   ApplyVariation(mirror, trajectory);
   for (size_t i = 0; i < trajectory.size(); ++i) {
@@ -110,11 +108,11 @@ TEST(VariationTest, RotationTurnsRasterAndTrajectoryAlike) {
   by_hand.X_WT = scene::Pose2(by_hand.X_WT.x(), by_hand.X_WT.y(), by_hand.X_WT.heading() + kAngle);
   Variation rotation;
   rotation.rotation = kAngle;
-  const v1::RasterSpec& spec = settings.model().raster();
-  const auto varied = RasterLoader(spec, plain, {{0, rotation}}, 1, 1).Next();
-  const auto expected = RasterLoader(spec, turned, {{0, {}}}, 1, 1).Next();
+  const v1::ModelSpec& spec = settings.model();
+  const auto varied = SceneLoader(spec, plain, {{0, rotation}}, 1, 1).Next();
+  const auto expected = SceneLoader(spec, turned, {{0, {}}}, 1, 1).Next();
   ASSERT_TRUE(varied && expected);
-  EXPECT_EQ(varied->rasters, expected->rasters);
+  EXPECT_TRUE(varied->scenes.rasters.equal(expected->scenes.rasters));
 
   std::vector<float> trajectory = plain.examples[0].trajectory;
   ApplyVariation(rotation, trajectory);
@@ -158,7 +156,7 @@ TEST(VariationTest, MotionIsVariedAsTheTrajectoryIs) {
   EXPECT_FLOAT_EQ(varied[3], -0.2F);
 }
 
-TEST(RasterLoaderTest, AVariationHidesItsShareOfTheOtherAgents) {
+TEST(SceneLoaderTest, AVariationHidesItsShareOfTheOtherAgents) {
   ExampleSet set;
   const v1::TrainingSettings settings = TinySettings();
   set.recordings.push_back(ArcRecording("arc", 0.0, 10.0));
@@ -176,13 +174,8 @@ TEST(RasterLoaderTest, AVariationHidesItsShareOfTheOtherAgents) {
   set.examples = data::EnumerateExamples(recording, 0, settings.model(), settings.examples());
   const v1::RasterSpec& spec = settings.model().raster();
   const auto brightness = [&](const Variation& variation, int channel) {
-    const auto batch = RasterLoader(spec, set, {{0, variation}}, 1, 1).Next();
-    int64_t sum = 0;
-    const size_t channels = static_cast<size_t>(scene::RasterChannels(spec));
-    for (size_t i = static_cast<size_t>(channel); i < batch->rasters.size(); i += channels) {
-      sum += batch->rasters[i];
-    }
-    return sum;
+    const auto batch = SceneLoader(settings.model(), set, {{0, variation}}, 1, 1).Next();
+    return batch->scenes.rasters.select(3, channel).to(at::kLong).sum().item<int64_t>();
   };
   const int others = scene::OtherAgentsChannel(spec);
   Variation none, all, present;
@@ -196,22 +189,22 @@ TEST(RasterLoaderTest, AVariationHidesItsShareOfTheOtherAgents) {
   EXPECT_EQ(brightness(present, scene::kTargetChannel + 1), 0);
 }
 
-TEST(RasterLoaderTest, BatchesComeInOrderWhateverTheNumberOfThreads) {
+TEST(SceneLoaderTest, BatchesComeInOrderWhateverTheNumberOfThreads) {
   const auto data = SplitRecordings(ArcRecordings(60), TinySettings());
   ASSERT_TRUE(data.ok());
-  std::vector<RasterLoader::Item> items;
+  std::vector<SceneLoader::Item> items;
   for (int64_t i = 0; i < 45; ++i) {
     items.push_back({(i * 7) % 60, DrawVariation(TinySettings().augmentation(), 2, 1, 1, i)});
   }
-  const v1::RasterSpec spec = TinySettings().model().raster();
-  RasterLoader one(spec, data->training, items, 4, 1);
-  RasterLoader three(spec, data->training, items, 4, 3);
+  const v1::ModelSpec spec = TinySettings().model();
+  SceneLoader one(spec, data->training, items, 4, 1);
+  SceneLoader three(spec, data->training, items, 4, 3);
   size_t seen = 0;
   while (auto batch = one.Next()) {
     const auto other = three.Next();
     ASSERT_TRUE(other);
-    EXPECT_EQ(batch->rasters, other->rasters);
-    for (const RasterLoader::Item& item : batch->items) {
+    EXPECT_TRUE(batch->scenes.rasters.equal(other->scenes.rasters));
+    for (const SceneLoader::Item& item : batch->items) {
       EXPECT_EQ(item.example, items[seen++].example);
     }
   }
@@ -219,19 +212,19 @@ TEST(RasterLoaderTest, BatchesComeInOrderWhateverTheNumberOfThreads) {
   EXPECT_FALSE(three.Next());
 }
 
-TEST(RasterLoaderTest, CanBeLeftBeforeThePassIsOver) {
+TEST(SceneLoaderTest, CanBeLeftBeforeThePassIsOver) {
   const auto data = SplitRecordings(ArcRecordings(60), TinySettings());
   ASSERT_TRUE(data.ok());
-  RasterLoader loader(TinySettings().model().raster(), data->training,
-                      std::vector<RasterLoader::Item>(400), 4, 2);
+  SceneLoader loader(TinySettings().model(), data->training, std::vector<SceneLoader::Item>(400), 4,
+                     2);
   EXPECT_TRUE(loader.Next());
 }
 
-TEST(RasterLoaderTest, SaysHowLongTheHurriedWaitedForEachBatch) {
+TEST(SceneLoaderTest, SaysHowLongTheHurriedWaitedForEachBatch) {
   const auto data = SplitRecordings(ArcRecordings(60), TinySettings());
   ASSERT_TRUE(data.ok());
-  RasterLoader loader(TinySettings().model().raster(), data->training,
-                      std::vector<RasterLoader::Item>(400), 4, 1);
+  SceneLoader loader(TinySettings().model(), data->training, std::vector<SceneLoader::Item>(400), 4,
+                     1);
   const auto begin = std::chrono::steady_clock::now();
   std::chrono::nanoseconds waited{0};
   EXPECT_GT(loader.Next()->waited.count(), 0);  // with the making of the loader, never nothing
@@ -240,14 +233,14 @@ TEST(RasterLoaderTest, SaysHowLongTheHurriedWaitedForEachBatch) {
   EXPECT_LE(waited, std::chrono::steady_clock::now() - begin);
 }
 
-TEST(RasterLoaderTest, AConsumerSlowerThanTheDrawingWaitsForNothing) {
+TEST(SceneLoaderTest, AConsumerSlowerThanTheDrawingWaitsForNothing) {
   const auto data = SplitRecordings(ArcRecordings(60), TinySettings());
   ASSERT_TRUE(data.ok());
   bool waited = true;
   // How slow that is depends on what else runs.
   for (int pause = 20; waited && pause < 10'000; pause *= 2) {
-    RasterLoader loader(TinySettings().model().raster(), data->training,
-                        std::vector<RasterLoader::Item>(12), 4, 1);
+    SceneLoader loader(TinySettings().model(), data->training, std::vector<SceneLoader::Item>(12),
+                       4, 1);
     ASSERT_TRUE(loader.Next());
     std::this_thread::sleep_for(std::chrono::milliseconds(pause));
     waited = loader.Next()->waited.count() > 0 || loader.Next()->waited.count() > 0;

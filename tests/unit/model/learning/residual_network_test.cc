@@ -112,9 +112,10 @@ TEST_P(ResidualNetworkTest, TrainsAStepIsExportedAndTheEngineSaysWhatLibTorchSay
   at::NoGradGuard no_grad;
   constexpr int64_t kScenes = 3;
   const at::Tensor rasters = RandomRasters(spec.raster(), kScenes, generator);
-  const at::Tensor features =
-      networks.EncodeScenes(rasters, at::zeros({kScenes, scene::kMotionInputs}), {});
-  const at::Tensor probabilities = networks.PredictActions(features).exp();
+  const SceneFeatures encoded = networks.EncodeScenes(
+      {.rasters = rasters, .motions = at::zeros({kScenes, scene::kMotionInputs})}, {});
+  const at::Tensor features = encoded.features;
+  const at::Tensor probabilities = networks.PredictActions(encoded).exp();
   std::vector<inference::SceneInput> scenes;
   std::deque<scene::Raster> drawn;
   for (int64_t i = 0; i < kScenes; ++i) {
@@ -146,16 +147,16 @@ TEST(FreshResidualNetworkTest, BlocksPassOnWhatTheyAddTo) {
   const v1::ModelSpec spec = SmallSettings().model();
   at::Generator generator = MakeGenerator(5);
   Networks networks(spec, at::Device(at::kCPU), generator);
-  const at::Tensor rasters = RandomRasters(spec.raster(), 2, generator);
-  const at::Tensor motions = at::zeros({2, scene::kMotionInputs});
-  const at::Tensor fresh = networks.EncodeScenes(rasters, motions, {});
+  const SceneTensors scenes{.rasters = RandomRasters(spec.raster(), 2, generator),
+                            .motions = at::zeros({2, scene::kMotionInputs})};
+  const at::Tensor fresh = networks.EncodeScenes(scenes, {}).features;
   for (const char* within : {"backbone.stage.0.block.1.convolution.0.weight",
                              "backbone.stage.1.block.0.convolution.2.weight"}) {
     networks[within].mul_(3.0);
   }
-  EXPECT_TRUE(networks.EncodeScenes(rasters, motions, {}).equal(fresh));
+  EXPECT_TRUE(networks.EncodeScenes(scenes, {}).features.equal(fresh));
   networks["backbone.stage.1.block.0.shortcut.convolution.weight"].mul_(3.0);
-  EXPECT_FALSE(networks.EncodeScenes(rasters, motions, {}).equal(fresh));
+  EXPECT_FALSE(networks.EncodeScenes(scenes, {}).features.equal(fresh));
 }
 
 }  // namespace

@@ -12,7 +12,7 @@
 #include "model/data/dataset_folder.h"
 #include "model/learning/example_order.h"
 #include "model/learning/networks.h"
-#include "model/learning/raster_loader.h"
+#include "model/learning/scene_loader.h"
 #include "model/learning/trainer.h"
 #include "model/learning/training_failure.h"
 #include "tests/unit/model/learning/analytic_scenes.h"

@@ -1,0 +1,70 @@
+// Cross-validation: every recording is measured by a model that learned from no recording of its
+// group. No LibTorch in this header.
+
+#ifndef MANEUVER_MODEL_LEARNING_CROSS_VALIDATION_H_
+#define MANEUVER_MODEL_LEARNING_CROSS_VALIDATION_H_
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "maneuver/v1/cross_validation.pb.h"
+#include "maneuver/v1/training_service.pb.h"
+#include "maneuver/v1/training_settings.pb.h"
+
+namespace maneuver::learning {
+
+// A dataset that every model is measured on and none learns from.
+struct NamedDataset {
+  std::string name;
+  std::filesystem::path folder;
+};
+
+struct CrossValidation {
+  // Complete and valid (artifact/training_presets.h). The seed is that of `seeds`.
+  v1::TrainingSettings settings;
+  // Dataset folders to learn from and to measure.
+  std::vector<std::filesystem::path> datasets;
+  std::vector<NamedDataset> test_datasets;
+  int folds = 5;
+  int64_t fold_seed = 1;
+  std::vector<int64_t> seeds = {1};  // of the trainings, each once
+  std::optional<int> only_fold;      // counted from 0; empty: all of them
+  // Also train the anchor baselines in each fold.
+  bool baselines = false;
+  // Folder that the models are written to, as seed-1-fold-2 (folds counted from 1); it exists, and
+  // has none of them.
+  std::filesystem::path models;
+  std::string trainer_version;
+  // Called as a model learns, on the calling thread. May be empty.
+  std::function<void(const v1::JobProgress&)> progress;
+  // Called before a model learns, with its seed and fold, and when it was measured. May be empty.
+  std::function<void(int64_t seed, int fold)> began;
+  std::function<void(const v1::FoldRun& run)> measured;
+  // Asked often, from several threads; true ends it with CANCELLED. May be empty.
+  std::function<bool()> stopped;
+};
+
+// Returns how the recordings of the datasets are dealt out (data/recording_groups.h). Folds depend
+// on `datasets`, `folds` and `fold_seed` alone. Recordings of a test dataset that share a group
+// with one to learn from are left out of it.
+// Errors: those of data::ForEachScenario and data::AssignFolds; FAILED_PRECONDITION if all
+// recordings of a test dataset are left out; CANCELLED.
+absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidation& run);
+
+// Trains and measures the models of all seeds and folds, one after the other: learns from the other
+// folds (of which `validation_share` is held out for calibration, as in any training), loads what
+// was written by the engine in f32, and measures it on the recordings of its fold and on the test
+// datasets.
+//   plan: of this run
+// Errors: those of Train and of evaluation::MeasureExamples, with the seed and the fold; CANCELLED.
+absl::StatusOr<v1::CrossValidationPart> CrossValidate(const CrossValidation& run,
+                                                      const v1::CrossValidationPlan& plan);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_CROSS_VALIDATION_H_

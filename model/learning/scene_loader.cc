@@ -1,0 +1,237 @@
+#include "model/learning/scene_loader.h"
+
+#include <algorithm>
+#include <cmath>
+#include <unordered_map>
+#include <utility>
+
+#include "model/artifact/model_spec.h"
+#include "model/machine/thread_priority.h"
+#include "model/scene/lane_paths.h"
+#include "model/scene/motion_reference.h"
+#include "model/scene/observation_window.h"
+#include "model/scene/rasterizer.h"
+#include "model/scene/target_frame.h"
+
+namespace maneuver::learning {
+
+using Clock = std::chrono::steady_clock;
+
+namespace {
+
+// Rasters are needed in a while, a step's threads now: one that waits for its core has all others
+// wait for it. Not so nice that on a single core the step had to wait for its rasters instead.
+constexpr int kNiceness = 5;
+
+// Frames of the past that a model looks at, the present included.
+int HistoryFrames(const v1::ModelSpec& spec) {
+  const scene::ObservationWindow window = scene::WindowOf(spec);
+  return static_cast<int>(std::lround(window.past / window.frame_interval)) + 1;
+}
+
+// What one thread reads scenes with.
+class Reader {
+ public:
+  Reader(const v1::ModelSpec& spec, const ExampleSet& set, const std::vector<scene::RoadMap>& maps)
+      : spec_(spec),
+        set_(set),
+        maps_(maps),
+        waypoint_times_(artifact::WaypointTimes(spec.trajectory())),
+        frame_interval_(scene::WindowOf(spec).frame_interval) {
+    if (spec.has_raster()) rasterizer_.emplace(spec.raster());
+  }
+
+  // The scenes and trajectories of the batch's items.
+  void Read(SceneLoader::Batch* batch) {
+    const auto count = static_cast<int64_t>(batch->items.size());
+    const auto coordinates = static_cast<int64_t>(2 * waypoint_times_.size());
+    SceneTensors& scenes = batch->scenes;
+    batch->trajectories = at::empty({count, coordinates}, at::kFloat);
+    scenes.motions = at::empty({count, scene::kMotionInputs}, at::kFloat);
+    scenes.references = at::zeros({count, coordinates}, at::kFloat);
+    scenes.speeds = at::zeros({count}, at::kFloat);
+    if (spec_.has_raster()) {
+      scenes.rasters = at::empty({count, spec_.raster().height(), spec_.raster().width(),
+                                  scene::RasterChannels(spec_.raster())},
+                                 at::kByte);
+    }
+    if (spec_.has_scene_vectors()) {
+      scenes.histories = at::empty({count, scene::kHistoryInputs}, at::kFloat);
+    }
+    if (artifact::ReadsLanePaths(spec_)) {
+      scenes.lane_paths =
+          at::empty({count, scene::kMostLanePaths, scene::kLanePathInputs}, at::kFloat);
+      scenes.path_mask = at::zeros({count, scene::kMostLanePaths}, at::kFloat);
+    }
+    for (int64_t i = 0; i < count; ++i) {
+      const SceneLoader::Item& item = batch->items[static_cast<size_t>(i)];
+      ReadOne(set_.examples[static_cast<size_t>(item.example)], item.variation, i, batch);
+    }
+  }
+
+ private:
+  // Row `i` of a tensor of floats.
+  static std::span<float> Row(const at::Tensor& rows, int64_t i) {
+    const int64_t size = rows.numel() / rows.size(0);
+    return {rows.data_ptr<float>() + i * size, static_cast<size_t>(size)};
+  }
+
+  void ReadOne(const data::Example& example, Variation variation, int64_t i,
+               SceneLoader::Batch* batch) {
+    SceneTensors& scenes = batch->scenes;
+    std::ranges::copy(VariedMotion(variation, example.motion), Row(scenes.motions, i).begin());
+    if (spec_.has_scene_vectors()) variation.rotation += ReadVectors(example, variation, i, scenes);
+    if (spec_.has_raster()) DrawRaster(example, variation, i, scenes);
+    const std::span<float> trajectory = Row(batch->trajectories, i);
+    std::ranges::copy(example.trajectory, trajectory.begin());
+    ApplyVariation(variation, trajectory);
+    const std::span<const float> reference = Row(scenes.references, i);
+    for (size_t t = 0; t < trajectory.size(); ++t) trajectory[t] -= reference[t];
+  }
+
+  // Returns by how much the sensor's noise turns the target's frame, radians.
+  double ReadVectors(const data::Example& example, const Variation& variation, int64_t i,
+                     const SceneTensors& scenes) {
+    const auto recording = static_cast<size_t>(example.recording);
+    const v1::Agent& agent = *scene::FindAgent(set_.recordings[recording], example.target_id);
+    const scene::Pose2 X_WT(example.X_WT.x(), example.X_WT.y(),
+                            example.X_WT.heading() + variation.rotation);
+    const double oldest = std::min<double>(1.0, (variation.frames - 0.5) * frame_interval_);
+    const scene::NoisyHistory noisy = scene::WithNoise(
+        scene::ResampleHistory(agent, example.time, X_WT, oldest), variation.noise);
+    scene::TargetHistory varied = scene::Scaled(noisy.history, variation.scale);
+    if (variation.mirror) varied = scene::Mirrored(varied);
+    const scene::MotionEstimate motion = scene::EstimateMotion(varied);
+    std::ranges::copy(scene::DescribeHistory(varied, motion), Row(scenes.histories, i).begin());
+    scenes.speeds.data_ptr<float>()[i] = static_cast<float>(motion.speed);
+    reference_.resize(2 * waypoint_times_.size());
+    scene::RollOut(spec_.reference(), motion, waypoint_times_, reference_);
+    std::ranges::copy(reference_, Row(scenes.references, i).begin());
+    if (artifact::ReadsLanePaths(spec_)) {
+      const scene::Pose2 turned(X_WT.x(), X_WT.y(), X_WT.heading() + noisy.heading_error);
+      lane_paths_.Find(set_.recordings[recording], maps_[recording].lanes(), example.time,
+                       example.target_id, turned, motion.speed / variation.scale,
+                       {.scale = variation.scale, .mirror = variation.mirror}, &paths_);
+      std::ranges::copy(paths_.values, Row(scenes.lane_paths, i).begin());
+      std::ranges::fill(Row(scenes.path_mask, i).first(static_cast<size_t>(paths_.count)), 1.0F);
+    }
+    return noisy.heading_error;
+  }
+
+  void DrawRaster(const data::Example& example, const Variation& variation, int64_t i,
+                  const SceneTensors& scenes) {
+    const size_t bytes = scene::RasterBytes(spec_.raster());
+    const std::span<uint8_t> raster(
+        scenes.rasters.data_ptr<uint8_t>() + static_cast<size_t>(i) * bytes, bytes);
+    // Mirrored after it is drawn: the shift turns round with the rest.
+    const scene::RasterView view{.scale = variation.scale,
+                                 .shift_x = variation.shift_x,
+                                 .shift_y = variation.shift_y,
+                                 .frames = variation.frames,
+                                 .is_hidden = HiddenAgents(variation)};
+    const scene::Pose2 X_WT(example.X_WT.x(), example.X_WT.y(),
+                            example.X_WT.heading() + variation.rotation);
+    const auto recording = static_cast<size_t>(example.recording);
+    rasterizer_->Rasterize(set_.recordings[recording], maps_[recording], example.time,
+                           example.target_id, X_WT, view, raster);
+    if (variation.mirror) scene::MirrorRaster(spec_.raster(), raster);
+  }
+
+  const v1::ModelSpec& spec_;
+  const ExampleSet& set_;
+  const std::vector<scene::RoadMap>& maps_;
+  const std::vector<double> waypoint_times_;
+  const double frame_interval_;  // seconds
+  std::optional<scene::Rasterizer> rasterizer_;
+  scene::LanePathFinder lane_paths_;
+  scene::LanePathInputs paths_;
+  std::vector<double> reference_;  // [T, 2]
+};
+
+}  // namespace
+
+SceneLoader::SceneLoader(const v1::ModelSpec& spec, const ExampleSet& set, std::vector<Item> items,
+                         int64_t batch_size, int threads)
+    : spec_(spec),
+      set_(set),
+      maps_(set.Maps(threads)),
+      items_(std::move(items)),
+      batch_size_(static_cast<size_t>(batch_size)),
+      batches_((items_.size() + batch_size_ - 1) / batch_size_),
+      ready_(kAhead) {
+  const Clock::time_point begin = Clock::now();
+  for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Work(); });
+  making_ = Clock::now() - begin;
+}
+
+SceneLoader::~SceneLoader() {
+  {
+    std::lock_guard lock(mutex_);
+    stopping_ = true;
+  }
+  changed_.notify_all();
+}
+
+void SceneLoader::Work() {
+  machine::AddNiceness(kNiceness);
+  Reader reader(spec_, set_, maps_);
+  while (true) {
+    size_t index = 0;
+    {
+      std::unique_lock lock(mutex_);
+      changed_.wait(
+          lock, [this] { return stopping_ || claimed_ == batches_ || claimed_ < taken_ + kAhead; });
+      if (stopping_ || claimed_ == batches_) return;
+      index = claimed_++;
+    }
+    const size_t begin = index * batch_size_;
+    const size_t end = std::min(begin + batch_size_, items_.size());
+    Batch batch;
+    batch.items.assign(items_.begin() + static_cast<std::ptrdiff_t>(begin),
+                       items_.begin() + static_cast<std::ptrdiff_t>(end));
+    reader.Read(&batch);
+    {
+      std::lock_guard lock(mutex_);
+      ready_[index % kAhead] = std::move(batch);
+    }
+    changed_.notify_all();
+  }
+}
+
+std::optional<SceneLoader::Batch> SceneLoader::Next() {
+  std::unique_lock lock(mutex_);
+  if (taken_ == batches_) return std::nullopt;
+  std::optional<Batch>& slot = ready_[taken_ % kAhead];
+  std::chrono::nanoseconds waited = std::exchange(making_, std::chrono::nanoseconds{0});
+  if (!slot) {
+    const Clock::time_point begin = Clock::now();
+    changed_.wait(lock, [&slot] { return slot.has_value(); });
+    waited += Clock::now() - begin;
+  }
+  std::optional<Batch> batch = std::exchange(slot, std::nullopt);
+  batch->waited = waited;
+  ++taken_;
+  lock.unlock();
+  changed_.notify_all();
+  return batch;
+}
+
+std::vector<SceneLoader::Item> VariedItems(const v1::TrainingSettings& settings,
+                                           std::span<const int64_t> order, int64_t first,
+                                           int epoch) {
+  constexpr int kTimeBits = 40;  // beyond the number of examples
+  const int frames = HistoryFrames(settings.model());
+  const uint64_t seed = static_cast<uint64_t>(settings.seed());
+  std::unordered_map<int64_t, int64_t> times;
+  std::vector<SceneLoader::Item> items;
+  for (int64_t i = 0; i < static_cast<int64_t>(order.size()); ++i) {
+    const int64_t example = order[static_cast<size_t>(i)];
+    const int64_t time = times[example]++;
+    if (i < first) continue;
+    items.push_back({example, DrawVariation(settings.augmentation(), frames, seed, epoch,
+                                            example + (time << kTimeBits))});
+  }
+  return items;
+}
+
+}  // namespace maneuver::learning

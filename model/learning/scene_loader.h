@@ -1,0 +1,88 @@
+// Reads the scenes of a pass over examples ahead of the one who needs them.
+
+#ifndef MANEUVER_MODEL_LEARNING_SCENE_LOADER_H_
+#define MANEUVER_MODEL_LEARNING_SCENE_LOADER_H_
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <thread>
+#include <vector>
+
+#include "maneuver/v1/model_spec.pb.h"
+#include "maneuver/v1/training_settings.pb.h"
+#include "model/learning/scene_tensors.h"
+#include "model/learning/training_data.h"
+#include "model/learning/variation.h"
+#include "model/scene/road_map.h"
+
+namespace maneuver::learning {
+
+// Scenes on the fly: every pass reads them anew, varied as asked, so that memory does not grow with
+// the number of examples and the scale is exact (lines stay one pixel wide, lane paths are sampled
+// where a larger world has them).
+class SceneLoader {
+ public:
+  struct Item {
+    int64_t example = 0;
+    Variation variation;
+  };
+  struct Batch {
+    std::vector<Item> items;
+    SceneTensors scenes;
+    at::Tensor trajectories;  // x - r(m), varied as the items say, [B, 2T] metres
+    // How long Next waited for it: 0 if it was ready. The first batch has what it took to make the
+    // loader as well.
+    std::chrono::nanoseconds waited{0};
+  };
+
+  // One pass: `items` in batches of `batch_size` (the last one may be smaller), read by `threads`
+  // threads that are at most a few batches ahead. `set` must outlive the loader.
+  SceneLoader(const v1::ModelSpec& spec, const ExampleSet& set, std::vector<Item> items,
+              int64_t batch_size, int threads);
+  // Stops the threads, whether or not the pass is over.
+  ~SceneLoader();
+  SceneLoader(const SceneLoader&) = delete;
+  SceneLoader& operator=(const SceneLoader&) = delete;
+
+  // The next batch, in order; nothing when the pass is over.
+  std::optional<Batch> Next();
+
+ private:
+  static constexpr size_t kAhead = 4;  // batches
+
+  void Work();
+
+  const v1::ModelSpec spec_;
+  const ExampleSet& set_;
+  const std::vector<scene::RoadMap>& maps_;  // [recordings]
+  const std::vector<Item> items_;
+  const size_t batch_size_;
+  const size_t batches_;
+  std::chrono::nanoseconds making_{0};  // the loader, until the first batch has it
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  // Guarded by mutex_:
+  size_t claimed_ = 0;  // batches that a thread has begun
+  size_t taken_ = 0;    // batches that Next has given out
+  bool stopping_ = false;
+  std::vector<std::optional<Batch>> ready_;  // ring of kAhead, batch i at i % kAhead
+
+  std::vector<std::jthread> threads_;
+};
+
+// What is left of an epoch: its examples from `first` on, in their order, each varied anew, also
+// one that comes again.
+//   settings: complete
+std::vector<SceneLoader::Item> VariedItems(const v1::TrainingSettings& settings,
+                                           std::span<const int64_t> order, int64_t first,
+                                           int epoch);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_SCENE_LOADER_H_

@@ -1,0 +1,35 @@
+// What the networks read of a batch of scenes, and the features that they compute from it.
+
+#ifndef MANEUVER_MODEL_LEARNING_SCENE_TENSORS_H_
+#define MANEUVER_MODEL_LEARNING_SCENE_TENSORS_H_
+
+#include "model/learning/tensors.h"
+
+namespace maneuver::learning {
+
+// Inputs of B scenes, on the CPU. What a spec does not ask for is not defined.
+struct SceneTensors {
+  at::Tensor rasters = {};     // [B, H, W, C] bytes
+  at::Tensor motions = {};     // [B, scene::kMotionInputs]
+  at::Tensor histories = {};   // [B, scene::kHistoryInputs]
+  at::Tensor lane_paths = {};  // [B, scene::kMostLanePaths, scene::kLanePathInputs]
+  at::Tensor path_mask = {};   // [B, scene::kMostLanePaths] 1 where there is a path, else 0
+  at::Tensor references = {};  // r(m), [B, 2T] metres, target frame; 0 for a model without one
+  at::Tensor speeds = {};      // along the heading, [B] m/s
+};
+
+// What p(y|s), q(z|y,s) and the rest read of B scenes.
+struct SceneFeatures {
+  at::Tensor features;       // [B, F'], see artifact::SceneFeatures
+  at::Tensor geometry = {};  // h_y, [B, K, A]; undefined unless actions look at the lanes
+
+  int64_t size() const { return features.size(0); }
+  SceneFeatures Slice(int64_t begin, int64_t end) const {
+    return {features.slice(0, begin, end),
+            geometry.defined() ? geometry.slice(0, begin, end) : at::Tensor()};
+  }
+};
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_SCENE_TENSORS_H_

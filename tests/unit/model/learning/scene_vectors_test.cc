@@ -1,0 +1,174 @@
+// What training reads of a scene as vectors, and what the networks make of it.
+
+#include <gtest/gtest.h>
+
+#include "model/learning/objectives.h"
+#include "model/learning/scene_bound.h"
+#include "model/learning/scene_loader.h"
+#include "model/learning/validation.h"
+#include "tests/unit/model/learning/analytic_scenes.h"
+
+namespace maneuver::learning {
+namespace {
+
+// One recording whose examples a Lanes model reads.
+ExampleSet Recorded(v1::Scenario recording, const v1::TrainingSettings& settings) {
+  ExampleSet set;
+  set.recordings.push_back(std::move(recording));
+  set.examples =
+      data::EnumerateExamples(set.recordings[0], 0, settings.model(), settings.examples());
+  return set;
+}
+
+SceneLoader::Batch First(const ExampleSet& set, const Variation& variation,
+                         const v1::TrainingSettings& settings) {
+  return *SceneLoader(settings.model(), set, {{0, variation}}, 1, 1).Next();
+}
+
+void ExpectNear(const at::Tensor& a, const at::Tensor& b, double tolerance, const char* what) {
+  EXPECT_LE((a - b).abs().max().item<double>(), tolerance) << what;
+}
+
+void ExpectSame(const SceneLoader::Batch& a, const SceneLoader::Batch& b) {
+  ExpectNear(a.scenes.histories, b.scenes.histories, 1e-4, "history");
+  ExpectNear(a.scenes.lane_paths, b.scenes.lane_paths, 2e-3, "lane paths");
+  ExpectNear(a.scenes.path_mask, b.scenes.path_mask, 0.0, "mask");
+  ExpectNear(a.scenes.references, b.scenes.references, 2e-3, "reference");
+  ExpectNear(a.trajectories, b.trajectories, 2e-3, "trajectory");
+}
+
+TEST(SceneVectorsTest, AMirroredExampleIsThatOfTheMirroredWorld) {
+  const v1::TrainingSettings settings = TinyLanesSettings();
+  const ExampleSet left = Recorded(ArcRecording("arc", 0.04, 9.0), settings);
+  const ExampleSet right = Recorded(ArcRecording("arc", -0.04, 9.0), settings);
+  Variation mirror;
+  mirror.mirror = true;
+  ExpectSame(First(left, mirror, settings), First(right, {}, settings));
+}
+
+TEST(SceneVectorsTest, AScaledExampleIsThatOfTheScaledWorld) {
+  constexpr double kScale = 1.1;
+  const v1::TrainingSettings settings = TinyLanesSettings();
+  v1::Scenario recording = ArcRecording("arc", 0.03, 8.0);
+  const ExampleSet plain = Recorded(recording, settings);
+  for (v1::AgentState& state : *recording.mutable_agents(0)->mutable_states()) {
+    state.set_x(kScale * state.x());
+    state.set_y(kScale * state.y());
+    state.set_velocity_x(static_cast<float>(kScale * state.velocity_x()));
+    state.set_velocity_y(static_cast<float>(kScale * state.velocity_y()));
+  }
+  recording.mutable_agents(0)->set_length(kScale * recording.agents(0).length());
+  recording.mutable_agents(0)->set_width(kScale * recording.agents(0).width());
+  for (v1::MapFeature& feature : *recording.mutable_map_features()) {
+    for (int i = 0; i < feature.x_size(); ++i) {
+      feature.set_x(i, kScale * feature.x(i));
+      feature.set_y(i, kScale * feature.y(i));
+    }
+  }
+  const ExampleSet large = Recorded(recording, settings);
+  Variation scale;
+  scale.scale = kScale;
+  ExpectSame(First(plain, scale, settings), First(large, {}, settings));
+}
+
+TEST(SceneVectorsTest, NoiseTurnsTheFutureWithTheFrame) {
+  const v1::TrainingSettings settings = TinyLanesSettings();
+  const ExampleSet set = Recorded(ArcRecording("arc", 0.0, 10.0), settings);
+  Variation noisy;
+  noisy.noise = {.speed_stddev = 0.0, .heading_stddev = 0.02, .seed = 4};
+  const SceneLoader::Batch plain = First(set, {}, settings);
+  const SceneLoader::Batch turned = First(set, noisy, settings);
+  const at::Tensor x = (plain.trajectories + plain.scenes.references).view({-1, 2});
+  const at::Tensor y = (turned.trajectories + turned.scenes.references).view({-1, 2});
+  ExpectNear(x.norm(2, 1), y.norm(2, 1), 1e-3, "distances");
+  EXPECT_GT((x - y).abs().max().item<double>(), 0.05);
+  // The lane turns with it: straight ahead is along the lane still.
+  const at::Tensor lane = turned.scenes.lane_paths[0][0].slice(0, 0, 26).view({13, 2});
+  EXPECT_NEAR(std::atan2(lane[5][1].item<double>(), lane[5][0].item<double>()),
+              std::atan2(y[9][1].item<double>(), y[9][0].item<double>()), 1e-3);
+}
+
+TEST(SceneVectorsTest, RelativeTrajectoriesAreThePositionsLessTheReference) {
+  const v1::TrainingSettings settings = TinyLanesSettings();
+  const ExampleSet set = Recorded(ArcRecording("arc", 0.02, 12.0), settings);
+  const SceneLoader::Batch batch = First(set, {}, settings);
+  const at::Tensor all = Trajectories(set.examples);
+  ExpectNear(all[0], batch.trajectories[0], 1e-4, "relative");
+  const at::Tensor positions = at::tensor(at::ArrayRef<float>(set.examples[0].trajectory));
+  ExpectNear(all[0] + batch.scenes.references[0], positions, 1e-4, "positions");
+  EXPECT_GT(batch.scenes.references.abs().max().item<double>(), 10.0);
+}
+
+TEST(SceneVectorsTest, PathsThatAreNotThereChangeNothing) {
+  const v1::TrainingSettings settings = TinyLanesSettings();
+  at::Generator generator = MakeGenerator(2);
+  Networks networks(settings.model(), at::Device(at::kCPU), generator);
+  const ExampleSet set = Recorded(ArcRecording("arc", 0.02, 12.0), settings);
+  SceneLoader::Batch batch = First(set, {}, settings);
+  at::NoGradGuard no_grad;
+  const SceneFeatures before = networks.EncodeScenes(batch.scenes, {});
+  const int64_t count = batch.scenes.path_mask.sum().item<int64_t>();
+  ASSERT_GT(count, 0);
+  ASSERT_LT(count, 6);
+  batch.scenes.lane_paths.select(1, count).fill_(3.0);
+  const SceneFeatures after = networks.EncodeScenes(batch.scenes, {});
+  EXPECT_TRUE(before.features.equal(after.features));
+  EXPECT_TRUE(before.geometry.equal(after.geometry));
+}
+
+TEST(RobustReconstructionTest, IsASquareNearbyAndADistanceFarOff) {
+  const at::Tensor x = at::zeros({1, 2});
+  const auto loss = [&](double distance) {
+    const at::Tensor decoded = at::tensor({0.6 * distance, 0.8 * distance}).view({1, 2});
+    return -RobustReconstruction(x.to(at::kDouble), decoded, 1.0, 1.5).item<double>();
+  };
+  EXPECT_NEAR(loss(1e-3), 0.5e-6, 1e-10);
+  EXPECT_NEAR(loss(1000.0) - loss(999.0), 1.5, 1e-3);
+  EXPECT_NEAR(loss(2.0), 1.5 * 1.5 * (std::sqrt(1.0 + 4.0 / 2.25) - 1.0), 1e-9);
+}
+
+TEST(RobustReconstructionTest, ItsGradientIsThatOfFiniteDifferences) {
+  at::Generator generator = MakeGenerator(5);
+  const at::Tensor x = at::empty({3, 8}, at::kDouble).normal_(0.0, 2.0, generator);
+  at::Tensor decoded = at::empty({3, 8}, at::kDouble).normal_(0.0, 2.0, generator);
+  decoded.set_requires_grad(true);
+  RobustReconstruction(x, decoded, 0.7, 1.0).sum().backward();
+  at::NoGradGuard no_grad;
+  for (const int64_t i : {0, 5, 11, 23}) {
+    at::Tensor one = decoded.flatten()[i];
+    constexpr double kStep = 1e-5;
+    one.add_(kStep);
+    const double above = RobustReconstruction(x, decoded, 0.7, 1.0).sum().item<double>();
+    one.sub_(2.0 * kStep);
+    const double below = RobustReconstruction(x, decoded, 0.7, 1.0).sum().item<double>();
+    one.add_(kStep);
+    EXPECT_NEAR(decoded.grad().flatten()[i].item<double>(), (above - below) / (2.0 * kStep), 1e-6);
+  }
+}
+
+// With as many actions as there are, the reconstruction over the likeliest ones is that over all.
+TEST(SceneBoundTest, TheLikeliestActionsOfAllAreAll) {
+  v1::TrainingSettings settings = TinyLanesSettings();
+  at::Generator generator = MakeGenerator(2);
+  Networks networks(settings.model(), at::Device(at::kCPU), generator);
+  const TrainingData data = *SplitRecordings(ArcRecordings(40), settings);
+  SceneLoader loader(settings.model(), data.training, DrawItems(data.training, 8), 8, 1);
+  const SceneLoader::Batch batch = *loader.Next();
+  const NoiseSource means = [](at::IntArrayRef shape) { return at::zeros(shape); };
+  at::NoGradGuard no_grad;
+  const SceneBatch scenes{batch.trajectories, networks.EncodeScenes(batch.scenes, {}), {}};
+  const auto reconstruction = [&](int actions) {
+    settings.mutable_optimization()->set_posterior_actions(actions);
+    return SceneBound(networks, v1::OBJECTIVE_UNIFIED, Learning::kAll, settings.optimization(),
+                      scenes, means)
+        .posterior_reconstruction;
+  };
+  const at::Tensor all = reconstruction(0);
+  ExpectNear(reconstruction(6), all, 1e-4, "all of six");
+  const at::Tensor five = reconstruction(5);
+  ExpectNear(five, all, 0.5 * all.abs().max().item<double>(), "five of six");
+  EXPECT_FALSE(five.equal(all));
+}
+
+}  // namespace
+}  // namespace maneuver::learning
