@@ -150,6 +150,11 @@ absl::StatusOr<v1::ActionMatching> Match(const v1::ModelManifest& first,
         "the models' waypoints are not at the same times: match models of one horizon and one "
         "waypoint interval");
   }
+  if (artifact::HasReference(first.spec()) != artifact::HasReference(second.spec())) {
+    return absl::InvalidArgumentError(
+        "the actions of one model are relative to the present motion and those of the other are "
+        "not: they do not mean the same");
+  }
   const auto ours = CandidatesOf(first, first_shares, times);
   if (!ours.ok()) return ours.status();
   const auto theirs = CandidatesOf(second, second_shares, times);

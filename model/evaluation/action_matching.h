@@ -32,8 +32,10 @@ namespace maneuver::evaluation {
 //   tolerance       kToleranceSpeed times the horizon: 2 m at 5 s
 //   agreeing_share  sum of p_i over the pairs with d <= tolerance, of all p_i = 1; likewise p_j
 //
-// Shares are those of the manifests (validation examples). INVALID_ARGUMENT if a manifest has no
-// effective action or the models' waypoints are not at the same times.
+// Shares are those of the manifests (validation examples). The generic means of models whose
+// actions are relative to the present motion are those that the manifests store, at 10 m/s.
+// INVALID_ARGUMENT if a manifest has no effective action, the models' waypoints are not at the same
+// times, or one model has a reference and the other has none.
 absl::StatusOr<v1::ActionMatching> MatchActions(const v1::ModelManifest& first,
                                                 const v1::ModelManifest& second);
 

@@ -10,9 +10,9 @@
 
 namespace maneuver::evaluation {
 
-// Adds the metrics covernet_* and multipath_* (evaluator.h) of measurements that have them.
-void AddAnchorMetrics(std::span<const Measurement> measured, bool measured_by_waymo,
-                      v1::EvaluationReport& report);
+// Adds those metrics covernet_* and multipath_* (evaluator.h) that are no means over examples, of
+// measurements that have baselines. example_metrics.h has the others.
+void AddAnchorMetrics(std::span<const Measurement> measured, v1::EvaluationReport& report);
 
 }  // namespace maneuver::evaluation
 

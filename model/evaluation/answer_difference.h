@@ -58,7 +58,7 @@ class AnswerComparison {
  public:
   // INVALID_ARGUMENT if the first version's waypoints all lie behind the second's horizon. The
   // divergence is not known for versions that MatchActions refuses: their waypoints are at
-  // different times, or one has no effective action.
+  // different times, one has no effective action, or one of them alone has a reference.
   static absl::StatusOr<AnswerComparison> Make(const v1::ModelManifest& first,
                                                const v1::ModelManifest& second);
 

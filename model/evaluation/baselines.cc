@@ -5,8 +5,10 @@
 #include <numbers>
 #include <vector>
 
+#include "model/scene/motion_reference.h"
 #include "model/scene/pose2.h"
 #include "model/scene/target_frame.h"
+#include "model/scene/target_history.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -94,6 +96,15 @@ Trajectory ConstantTurnRateAndAcceleration(const Motion& motion,
     }
     trajectory.row(static_cast<Eigen::Index>(i)) << x, y;
   }
+  return trajectory;
+}
+
+Trajectory FadedRollOut(const v1::Agent& agent, double time, const scene::Pose2& X_WT,
+                        std::span<const double> waypoint_times) {
+  Trajectory trajectory(waypoint_times.size(), 2);
+  scene::RollOut(v1::TRAJECTORY_REFERENCE_FADING_MOTION,
+                 scene::EstimateMotion(scene::ResampleHistory(agent, time, X_WT)), waypoint_times,
+                 {trajectory.data(), static_cast<size_t>(trajectory.size())});
   return trajectory;
 }
 

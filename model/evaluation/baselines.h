@@ -7,6 +7,7 @@
 
 #include "maneuver/v1/scenario.pb.h"
 #include "model/inference/action_model.h"
+#include "model/scene/pose2.h"
 
 namespace maneuver::evaluation {
 
@@ -38,6 +39,15 @@ Trajectory ConstantVelocity(const Motion& motion, std::span<const double> waypoi
 //   waypoint_times: [T] seconds
 Trajectory ConstantTurnRateAndAcceleration(const Motion& motion,
                                            std::span<const double> waypoint_times);
+
+// The faded roll-out: acceleration and turn rate, shrunk by the noise of their estimates, fade away
+// within about a second (scene::RollOut, FADING_MOTION; scene::EstimateMotion). What models with
+// that reference start from.
+//   agent: has a state at `time`; later states are not looked at
+//   X_WT: pose of the agent at `time` in the world
+//   waypoint_times: [T] seconds
+Trajectory FadedRollOut(const v1::Agent& agent, double time, const scene::Pose2& X_WT,
+                        std::span<const double> waypoint_times);
 
 }  // namespace maneuver::evaluation
 

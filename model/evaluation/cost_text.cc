@@ -28,7 +28,8 @@ std::string BackboneCostText(const v1::ModelCost& cost) {
 
 std::string ModelCostText(const v1::ModelCost& cost) {
   return absl::StrCat(InThousands(cost.parameters()), " parameters; multiply-adds: ",
-                      InThousands(cost.backbone_multiply_adds() + cost.predictor_multiply_adds()),
+                      InThousands(cost.backbone_multiply_adds() + cost.vector_multiply_adds() +
+                                  cost.predictor_multiply_adds()),
                       " for p(y|s), ", InThousands(cost.distribution_multiply_adds()),
                       " for each action described");
 }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "model/artifact/model_spec.h"
 #include "model/evaluation/example_sample.h"
 #include "model/evaluation/report.h"
 
@@ -18,10 +19,16 @@ namespace {
 
 constexpr int64_t kReportEvery = 64;  // examples
 
-// Whether baselines can be measured on the rasters and trajectories of a model.
+// Whether baselines can be measured on what a model reads of a scene and on its trajectories. The
+// sizes of the networks that read it may differ.
 bool SeesTheSame(const v1::ModelSpec& baselines, const v1::ModelSpec& model) {
   using google::protobuf::util::MessageDifferencer;
-  return MessageDifferencer::Equals(baselines.raster(), model.raster()) &&
+  return baselines.has_raster() == model.has_raster() &&
+         MessageDifferencer::Equals(baselines.raster(), model.raster()) &&
+         baselines.target_motion() == model.target_motion() &&
+         baselines.has_scene_vectors() == model.has_scene_vectors() &&
+         artifact::ReadsLanePaths(baselines) == artifact::ReadsLanePaths(model) &&
+         baselines.reference() == model.reference() &&
          MessageDifferencer::Equals(baselines.trajectory(), model.trajectory());
 }
 
@@ -99,7 +106,8 @@ absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& m
   }
   if (input.baselines != nullptr && !SeesTheSame(input.baselines->covernet->spec(), model.spec())) {
     return absl::FailedPreconditionError(
-        "the baselines in the model's folder are of a model with another raster or horizon");
+        "the baselines in the model's folder are of a model that reads other inputs of a scene, or "
+        "has another reference or horizon");
   }
   const MeasuringContext context(model, input.recordings, input.annotations, input.baselines);
   all.measured.resize(all.examples.size());

@@ -43,10 +43,17 @@ struct EvaluationInput {
 //   ade_waymo_1, min_ade_waymo_k, fde_waymo_1, min_fde_waymo_k, miss_rate_waymo_k
 //                                          as Waymo has them (waymo_displacement.h); absent if the
 //                                          horizon is below 3 s
-//   ade_cv, fde_cv, miss_rate_cv, ...      the same of constant velocity, and with _ctra of
-//   constant
-//                                          turn rate and acceleration (baselines.h)
+//   ade_medoid, fde_medoid, miss_rate_medoid
+//                                          of the medoid, the best single answer
+//                                          (inference/representatives.h), as ade_1 and miss_rate_1
+//   min_ade_cover_k, min_fde_cover_k, miss_rate_cover_k
+//                                          k = 5, 6, 10: of the first k representatives in place of
+//                                          the k most probable actions
+//   ade_cv, fde_cv, miss_rate_cv, ...      the same of constant velocity; with _ctra of constant
+//                                          turn rate and acceleration, with _faded of the faded
+//                                          roll-out (baselines.h)
 //   ade_ratio, fde_ratio                   ade_1 / ade_cv, fde_1 / fde_cv
+//   ade_medoid_ratio, fde_medoid_ratio     ade_medoid / ade_cv, fde_medoid / fde_cv
 //   min_ade_6_ratio, min_fde_6_ratio       min_ade_6 / ade_cv, min_fde_6 / fde_cv
 //   nll, nll_joint                         mixture over all actions (likelihood.h)
 //   nll_action                             of the example's action alone, argmax q(y|x,s), a

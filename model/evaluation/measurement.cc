@@ -5,6 +5,7 @@
 #include <numeric>
 
 #include "model/artifact/model_spec.h"
+#include "model/inference/representatives.h"
 #include "model/scene/target_frame.h"
 
 namespace maneuver::evaluation {
@@ -18,9 +19,14 @@ Trajectory ToTrajectory(const std::vector<float>& values) {
   return trajectory;
 }
 
+// p(z|y) knows no scene; what decodes it may.
+bool GenericDependsOnScene(const v1::ModelSpec& spec) {
+  return artifact::HasReference(spec) || spec.has_scene_covariance();
+}
+
 std::vector<ActionDistribution> DescribeGeneric(const inference::ActionModel& model,
                                                 std::span<const int> actions) {
-  // p(z|y) knows no scene.
+  if (GenericDependsOnScene(model.spec())) return {};
   return model.NewSession()->Describe({}, actions, inference::LatentSource::kPrior);
 }
 
@@ -41,8 +47,8 @@ Truth TruthOf(const data::Example& example, const v1::Agent& agent, double speed
               const MeasuringContext& context) {
   Truth truth{ToTrajectory(example.trajectory), {}, speed};
   for (const double time : context.waymo.measured_times()) {
-    const int index = scene::FindState(agent, example.time + time,
-                                       data::kMaxGapFrames * context.frame_interval, HUGE_VAL);
+    const int index =
+        scene::FindState(agent, example.time + time, context.window.max_gap(), HUGE_VAL);
     truth.headings.push_back(agent.states(index).heading() - example.X_WT.heading());
   }
   return truth;
@@ -85,6 +91,28 @@ RankedMeans MeansOf(std::span<const ActionDistribution> distributions,
   return means;
 }
 
+// Mean trajectories of the representatives in the order of choice, with their weights.
+//   distributions: of the actions 0 .. K-1
+RankedMeans CoverOf(std::span<const ActionDistribution> distributions,
+                    const Eigen::VectorXd& probabilities, double waypoint_interval) {
+  const std::vector<int> candidates = inference::RepresentativeCandidates(probabilities);
+  inference::TrajectorySet::Rows rows(static_cast<Eigen::Index>(candidates.size()),
+                                      distributions.front().mean().size());
+  for (size_t n = 0; n < candidates.size(); ++n) {
+    const auto mean = distributions[static_cast<size_t>(candidates[n])].mean();
+    rows.row(static_cast<Eigen::Index>(n)) =
+        Eigen::Map<const Eigen::RowVectorXd>(mean.data(), mean.size());
+  }
+  RankedMeans cover;
+  for (const inference::Representative& each : inference::ChooseRepresentatives(
+           probabilities, candidates, inference::TrajectorySet(std::move(rows)), waypoint_interval,
+           kRanks.back())) {
+    cover.trajectories.push_back(distributions[static_cast<size_t>(each.action)].mean());
+    cover.probabilities.push_back(each.weight);
+  }
+  return cover;
+}
+
 SourceMeasurement MeasureSource(std::span<const ActionDistribution> distributions,
                                 const RankedMeans& means, const Eigen::VectorXd& probabilities,
                                 int action, const Trajectory& truth) {
@@ -113,8 +141,7 @@ MeasuringContext::MeasuringContext(const inference::ActionModel& measured_model,
       generic(DescribeGeneric(model, all_actions)),
       waypoint_times(artifact::WaypointTimes(model.spec().trajectory())),
       waymo(waypoint_times),
-      frame_interval(static_cast<double>(model.spec().raster().frame_interval().seconds()) +
-                     1e-9 * model.spec().raster().frame_interval().nanos()),
+      window(scene::WindowOf(model.spec())),
       baselines(measured_baselines) {
   for (const v1::Scenario& recording : recordings) {
     maps.push_back(scene::RoadMap::Over(recording.map_features()));
@@ -124,8 +151,8 @@ MeasuringContext::MeasuringContext(const inference::ActionModel& measured_model,
 Measurer::Measurer(const MeasuringContext& context)
     : context_(context),
       session_(context.model.NewSession()),
-      rasterizer_(context.model.spec().raster()),
-      rasters_(kBatch, scene::NewRaster(context.model.spec().raster())),
+      reader_(context.model.spec()),
+      inputs_(kBatch, reader_.NewInputs()),
       encodings_(kBatch) {
   if (context.baselines == nullptr) return;
   covernet_ = context.baselines->covernet->NewSession();
@@ -136,10 +163,9 @@ void Measurer::Measure(std::span<const data::Example> examples, std::span<Measur
   std::vector<inference::SceneInput> scenes;
   for (size_t i = 0; i < examples.size(); ++i) {
     const auto recording = static_cast<size_t>(examples[i].recording);
-    rasterizer_.Rasterize(context_.recordings[recording], context_.maps[recording],
-                          examples[i].time, examples[i].target_id, examples[i].X_WT, {},
-                          &rasters_[i]);
-    scenes.push_back({&rasters_[i], examples[i].motion});
+    reader_.Read(context_.recordings[recording], context_.maps[recording], examples[i].time,
+                 examples[i].target_id, examples[i].X_WT, &inputs_[i]);
+    scenes.push_back(inference::InputOf(inputs_[i]));
   }
   session_->Encode(scenes, std::span(encodings_).first(examples.size()));
   for (size_t i = 0; i < examples.size(); ++i) {
@@ -170,7 +196,7 @@ void Measurer::MeasureAnchors(std::span<const inference::SceneInput> scenes,
     const RankedMeans means = MeansOf(distributions, probabilities, Ranked(probabilities));
     AnchorMeasurement& anchors = (measured[i].*field).emplace();
     anchors.probabilities = probabilities;
-    anchors.nearest = model.Nearest(truth.trajectory);
+    anchors.nearest = model.Nearest(encodings_[i], truth.trajectory);
     for (size_t rank = 0; rank < kRanks.size(); ++rank) {
       anchors.displacement[rank] =
           BestOf(means.trajectories, means.probabilities, kRanks[rank], truth.trajectory);
@@ -199,23 +225,39 @@ Measurement Measurer::MeasureOne(const data::Example& example,
   const RankedMeans means = MeansOf(posterior, encoding.probabilities, ranked);
   measured.posterior =
       MeasureSource(posterior, means, encoding.probabilities, measured.action, truth.trajectory);
-  measured.prior =
-      MeasureSource(context_.generic, MeansOf(context_.generic, encoding.probabilities, ranked),
-                    encoding.probabilities, measured.action, truth.trajectory);
+  measured.prior = MeasurePrior(encoding, ranked, measured.action, truth.trajectory);
+  const RankedMeans cover =
+      CoverOf(posterior, encoding.probabilities, context_.waypoint_times.front());
   for (size_t i = 0; i < kRanks.size(); ++i) {
     measured.waymo[i] = WaymoErrorsOf(means.trajectories, kRanks[i], truth, context_);
+    measured.cover[i] =
+        BestOf(cover.trajectories, cover.probabilities, kRanks[i], truth.trajectory);
   }
   measured.constant_velocity =
       BaselineErrorsOf(ConstantVelocity(motion, context_.waypoint_times), truth, context_);
   measured.constant_turn = BaselineErrorsOf(
       ConstantTurnRateAndAcceleration(motion, context_.waypoint_times), truth, context_);
+  measured.faded = BaselineErrorsOf(
+      FadedRollOut(agent, example.time, example.X_WT, context_.waypoint_times), truth, context_);
 
   measured.maneuver = context_.labels.Over(recording.scenario_id(), example.target_id, example.time,
                                            example.time + context_.waypoint_times.back());
-  measured.keys = {AgentsAt(recording, example.time, 0.5 * context_.frame_interval), motion.speed(),
+  measured.keys = {AgentsAt(recording, example.time, context_.window.tolerance()), motion.speed(),
                    FinalHeadingChange(truth.trajectory),
                    Classify(truth.trajectory, context_.waypoint_times)};
   return measured;
+}
+
+SourceMeasurement Measurer::MeasurePrior(const inference::SceneEncoding& encoding,
+                                         std::span<const int> ranked, int action,
+                                         const Trajectory& truth) {
+  const auto measure = [&](std::span<const ActionDistribution> generic) {
+    return MeasureSource(generic, MeansOf(generic, encoding.probabilities, ranked),
+                         encoding.probabilities, action, truth);
+  };
+  if (!context_.generic.empty()) return measure(context_.generic);
+  return measure(
+      session_->Describe(encoding, context_.all_actions, inference::LatentSource::kPrior));
 }
 
 }  // namespace maneuver::evaluation

@@ -22,8 +22,9 @@
 #include "model/evaluation/waymo_displacement.h"
 #include "model/inference/action_model.h"
 #include "model/inference/anchor_model.h"
-#include "model/scene/rasterizer.h"
+#include "model/scene/observation_window.h"
 #include "model/scene/road_map.h"
+#include "model/scene/scene_reader.h"
 
 namespace maneuver::evaluation {
 
@@ -59,8 +60,12 @@ struct Measurement {
   SourceMeasurement posterior;                   // from q(z|y,s)
   SourceMeasurement prior;                       // from p(z|y): the generic distributions
   std::array<WaymoErrors, kRanks.size()> waymo;  // from q(z|y,s)
+  // Of the first k representatives (inference/representatives.h) in place of the k most probable
+  // actions, from q(z|y,s). The first one alone is the medoid.
+  std::array<DisplacementErrors, kRanks.size()> cover;
   BaselineErrors constant_velocity;
   BaselineErrors constant_turn;                // CTRA
+  BaselineErrors faded;                        // the faded roll-out
   std::optional<AnchorMeasurement> covernet;   // where the model's folder carries baselines
   std::optional<AnchorMeasurement> multipath;  // likewise
   std::optional<int> maneuver;                 // recorded over most of the horizon, if any
@@ -78,11 +83,13 @@ struct MeasuringContext {
   std::span<const v1::Scenario> recordings;
   std::vector<scene::RoadMap> maps;  // of the recordings
   ManeuverLabels labels;
-  std::vector<int> all_actions;                        // 0 .. K-1
-  std::vector<inference::ActionDistribution> generic;  // p(z|y) of each action, [K]
-  std::vector<double> waypoint_times;                  // [T] seconds
+  std::vector<int> all_actions;  // 0 .. K-1
+  // p(z|y) of each action, [K]; empty if they depend on the scene and are described for each
+  // example.
+  std::vector<inference::ActionDistribution> generic;
+  std::vector<double> waypoint_times;  // [T] seconds
   WaymoMeasure waymo;
-  double frame_interval;  // seconds
+  scene::ObservationWindow window;
   const inference::AnchorBaselines* baselines;
 };
 
@@ -97,21 +104,23 @@ class Measurer {
   void Measure(std::span<const data::Example> examples, std::span<Measurement> measured);
 
  private:
-  // One baseline on the rasters that were drawn last, its measurements to a field of `measured`.
+  // One baseline on the scenes that were read last, its measurements to a field of `measured`.
   void MeasureAnchors(std::span<const inference::SceneInput> scenes,
                       std::span<const data::Example> examples, const inference::AnchorModel& model,
                       inference::InferenceSession& session,
                       std::optional<AnchorMeasurement> Measurement::*field,
                       std::span<Measurement> measured);
   Measurement MeasureOne(const data::Example& example, const inference::SceneEncoding& encoding);
+  SourceMeasurement MeasurePrior(const inference::SceneEncoding& encoding,
+                                 std::span<const int> ranked, int action, const Trajectory& truth);
 
   const MeasuringContext& context_;
   std::unique_ptr<inference::InferenceSession> session_;
   std::unique_ptr<inference::InferenceSession> covernet_;   // null without baselines
   std::unique_ptr<inference::InferenceSession> multipath_;  // likewise
   inference::MlpScratch anchor_scratch_;
-  scene::Rasterizer rasterizer_;
-  std::vector<scene::Raster> rasters_;  // [kBatch]
+  scene::SceneReader reader_;
+  std::vector<scene::SceneInputs> inputs_;  // [kBatch]
   std::vector<inference::SceneEncoding> encodings_;
 };
 

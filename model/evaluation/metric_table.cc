@@ -30,12 +30,20 @@ constexpr MetricRow kMetrics[] = {
     {"miss_rate", "share", Better::kLower},
     {"miss_rate_nuscenes", "share", Better::kLower},
     {"miss_rate_waymo", "share", Better::kLower},
+    {"ade_medoid", "m", Better::kLower},
+    {"min_ade_cover", "m", Better::kLower},
+    {"fde_medoid", "m", Better::kLower},
+    {"min_fde_cover", "m", Better::kLower},
+    {"miss_rate_medoid", "share", Better::kLower},
+    {"miss_rate_cover", "share", Better::kLower},
     {"ade_waymo", "m", Better::kLower},
     {"min_ade_waymo", "m", Better::kLower},
     {"fde_waymo", "m", Better::kLower},
     {"min_fde_waymo", "m", Better::kLower},
     {"ade_ratio", "", Better::kLower},
     {"fde_ratio", "", Better::kLower},
+    {"ade_medoid_ratio", "", Better::kLower},
+    {"fde_medoid_ratio", "", Better::kLower},
     {"min_ade_6_ratio", "", Better::kLower},
     {"min_fde_6_ratio", "", Better::kLower},
     {"nll", "nats", Better::kLower},
@@ -102,7 +110,8 @@ double Badness(const MetricInfo& metric, double value) {
 
 std::optional<MetricInfo> FindMetric(std::string_view name) {
   const bool trained = StripPrefix(&name, "covernet_") || StripPrefix(&name, "multipath_");
-  const bool simple = StripSuffix(&name, "_cv") || StripSuffix(&name, "_ctra");
+  const bool simple =
+      StripSuffix(&name, "_cv") || StripSuffix(&name, "_ctra") || StripSuffix(&name, "_faded");
   const bool generic = StripSuffix(&name, "_prior");
   const int best_of = StripNumber(&name);
   const auto* const row = std::ranges::find(kMetrics, name, &MetricRow::name);

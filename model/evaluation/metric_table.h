@@ -23,7 +23,7 @@ struct MetricInfo {
   Better better = Better::kNone;
   double ideal = 0.0;  // with kNearer: what a Gaussian would have
   // Whether it is the model's own, not that of a baseline beside it: constant velocity, constant
-  // turn rate and acceleration, or one trained with the model.
+  // turn rate and acceleration, the faded roll-out, or one trained with the model.
   bool of_model = true;
   // Where it stands among the others when they are listed: accuracy, likelihood, envelope, actions.
   int rank = 0;

@@ -1,15 +1,16 @@
 #include "model/evaluation/report.h"
 
 #include <algorithm>
+#include <array>
 #include <map>
 #include <string>
-#include <utility>
+#include <string_view>
 #include <vector>
 
-#include "absl/strings/str_cat.h"
 #include "model/evaluation/anchor_report.h"
 #include "model/evaluation/calibration.h"
 #include "model/evaluation/clustering.h"
+#include "model/evaluation/example_metrics.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -17,100 +18,22 @@ namespace {
 using Metrics = google::protobuf::Map<std::string, double>;
 using Part = std::vector<const Measurement*>;
 
-// Writes means over some of the measurements.
-class Means {
- public:
-  Means(const Part& part, Metrics& metrics) : part_(part), metrics_(metrics) {}
-
-  //   value: of a Measurement
-  void Set(const std::string& name, auto value) const {
+// Writes the means of the metrics that `wanted` says.
+void SetMeans(const Part& part, std::span<const ExampleMetric> all, auto wanted, Metrics& metrics) {
+  for (const ExampleMetric& metric : all) {
+    if (!wanted(metric.name)) continue;
     double sum = 0.0;
-    for (const Measurement* each : part_) sum += value(*each);
-    metrics_[name] = sum / static_cast<double>(part_.size());
-  }
-
- private:
-  const Part& part_;
-  Metrics& metrics_;
-};
-
-void SetRatio(Metrics& metrics, const std::string& name, const std::string& numerator,
-              const std::string& denominator) {
-  if (metrics.at(denominator) > 0.0) {
-    metrics[name] = metrics.at(numerator) / metrics.at(denominator);
+    for (const Measurement* each : part) sum += metric.value(*each);
+    metrics[metric.name] = sum / static_cast<double>(part.size());
   }
 }
 
-// "ade" and 1: "ade_1", of which there is no smallest; "ade" and 6: "min_ade_6".
-std::string Ranked(const std::string& error, int k) {
-  return absl::StrCat(k == 1 ? "" : "min_", error, "_", k);
-}
-
-using Source = SourceMeasurement Measurement::*;
-using Baseline = BaselineErrors Measurement::*;
-
-// Errors of the best of k that are the same for everyone, and Argoverse 2's misses.
-void SetDisplacement(const Means& means, Source source, size_t rank, const std::string& suffix) {
-  const int k = kRanks[rank];
-  const auto of = [&](auto field) {
-    return [=](const Measurement& m) {
-      return static_cast<double>((m.*source).displacement[rank].*field);
-    };
-  };
-  means.Set(Ranked("ade", k) + suffix, of(&DisplacementErrors::min_ade));
-  means.Set(Ranked("fde", k) + suffix, of(&DisplacementErrors::min_fde));
-  means.Set(absl::StrCat("miss_rate_", k, suffix), of(&DisplacementErrors::missed_argoverse));
-}
-
-// What else benchmarks define.
-void SetBenchmarks(const Means& means, size_t rank, bool measured_by_waymo) {
-  const int k = kRanks[rank];
-  means.Set(absl::StrCat("brier_fde_", k),
-            [=](const Measurement& m) { return m.posterior.displacement[rank].brier_fde; });
-  means.Set(absl::StrCat("miss_rate_nuscenes_", k),
-            [=](const Measurement& m) { return m.posterior.displacement[rank].missed_nuscenes; });
-  if (!measured_by_waymo) return;
-  means.Set(Ranked("ade_waymo", k), [=](const Measurement& m) { return m.waymo[rank].min_ade; });
-  means.Set(Ranked("fde_waymo", k), [=](const Measurement& m) { return m.waymo[rank].min_fde; });
-  means.Set(absl::StrCat("miss_rate_waymo_", k),
-            [=](const Measurement& m) { return m.waymo[rank].miss_rate; });
-}
-
-void SetBaseline(const Means& means, Baseline baseline, const std::string& suffix) {
-  const auto of = [&](auto field) {
-    return [=](const Measurement& m) {
-      return static_cast<double>((m.*baseline).displacement.*field);
-    };
-  };
-  means.Set("ade" + suffix, of(&DisplacementErrors::min_ade));
-  means.Set("fde" + suffix, of(&DisplacementErrors::min_fde));
-  means.Set("miss_rate" + suffix, of(&DisplacementErrors::missed_argoverse));
-  means.Set("miss_rate_nuscenes" + suffix, of(&DisplacementErrors::missed_nuscenes));
-}
-
-void SetWaymoBaseline(const Means& means, Baseline baseline, const std::string& suffix) {
-  const auto of = [&](auto field) {
-    return [=](const Measurement& m) { return (m.*baseline).waymo.*field; };
-  };
-  means.Set("ade_waymo" + suffix, of(&WaymoErrors::min_ade));
-  means.Set("fde_waymo" + suffix, of(&WaymoErrors::min_fde));
-  means.Set("miss_rate_waymo" + suffix, of(&WaymoErrors::miss_rate));
-}
-
-// Likelihood and envelope.
-void SetDensity(const Means& means, Source source, const std::string& suffix) {
-  const auto set = [&](const std::string& name, auto value) {
-    means.Set(name + suffix, [=](const Measurement& m) { return value(m.*source); });
-  };
-  set("nll", [](const SourceMeasurement& s) { return s.nll.marginal; });
-  set("nll_joint", [](const SourceMeasurement& s) { return s.nll.joint; });
-  set("nll_action", [](const SourceMeasurement& s) { return s.action_nll; });
-  set("coverage_1sigma", [](const SourceMeasurement& s) { return s.envelope.whole.one_sigma; });
-  set("coverage_2sigma", [](const SourceMeasurement& s) { return s.envelope.whole.two_sigma; });
-  set("coverage_1sigma_latent",
-      [](const SourceMeasurement& s) { return s.envelope.latent.one_sigma; });
-  set("coverage_2sigma_latent",
-      [](const SourceMeasurement& s) { return s.envelope.latent.two_sigma; });
+void SetRatios(Metrics& metrics) {
+  for (const MetricRatio& ratio : MetricRatios()) {
+    const double denominator = metrics.at(std::string(ratio.denominator));
+    if (!(denominator > 0.0)) continue;
+    metrics[std::string(ratio.name)] = metrics.at(std::string(ratio.numerator)) / denominator;
+  }
 }
 
 ActionStatistics StatisticsOf(const Part& part) {
@@ -143,53 +66,23 @@ void SetAgreement(const Part& part, Metrics& metrics) {
   metrics["labelled_examples"] = static_cast<double>(maneuvers.total());
 }
 
-void SetAll(const Part& part, bool measured_by_waymo, Metrics& metrics) {
-  const Means means(part, metrics);
-  for (size_t rank = 0; rank < kRanks.size(); ++rank) {
-    SetDisplacement(means, &Measurement::posterior, rank, "");
-    SetDisplacement(means, &Measurement::prior, rank, "_prior");
-    SetBenchmarks(means, rank, measured_by_waymo);
-  }
-  SetBaseline(means, &Measurement::constant_velocity, "_cv");
-  SetBaseline(means, &Measurement::constant_turn, "_ctra");
-  if (measured_by_waymo) {
-    SetWaymoBaseline(means, &Measurement::constant_velocity, "_cv");
-    SetWaymoBaseline(means, &Measurement::constant_turn, "_ctra");
-  }
-  SetRatio(metrics, "ade_ratio", "ade_1", "ade_cv");
-  SetRatio(metrics, "fde_ratio", "fde_1", "fde_cv");
-  SetRatio(metrics, "min_ade_6_ratio", "min_ade_6", "ade_cv");
-  SetRatio(metrics, "min_fde_6_ratio", "min_fde_6", "fde_cv");
-  SetDensity(means, &Measurement::posterior, "");
-  SetDensity(means, &Measurement::prior, "_prior");
-  means.Set("mean_sigma_posterior",
-            [](const Measurement& m) { return m.posterior.envelope.mean_sigma; });
-  means.Set("mean_sigma_prior", [](const Measurement& m) { return m.prior.envelope.mean_sigma; });
-  SetRatio(metrics, "mean_sigma_ratio", "mean_sigma_posterior", "mean_sigma_prior");
-  SetAgreement(part, metrics);
+// What is worth knowing of each stratum, besides the calibration error.
+constexpr std::array<std::string_view, 20> kMainMetrics = {
+    "ade_1",     "fde_1",       "ade_medoid",      "fde_medoid",      "min_ade_6",
+    "min_fde_6", "miss_rate_6", "min_ade_cover_6", "min_fde_cover_6", "miss_rate_cover_6",
+    "ade_cv",    "fde_cv",      "ade_ctra",        "fde_ctra",        "ade_faded",
+    "fde_faded", "nll",         "nll_prior",       "coverage_1sigma", "coverage_2sigma"};
+
+void SetMain(const Part& part, std::span<const ExampleMetric> all, Metrics& metrics) {
+  const auto is_main = [](std::string_view name) {
+    return std::ranges::find(kMainMetrics, name) != kMainMetrics.end();
+  };
+  SetMeans(part, all, is_main, metrics);
+  metrics["calibration_error"] = StatisticsOf(part).ExpectedCalibrationError();
 }
 
-// What is worth knowing of each stratum.
-void SetMain(const Part& part, Metrics& metrics) {
-  const Means means(part, metrics);
-  Metrics all;
-  const Means gather(part, all);
-  for (size_t rank = 0; rank < kRanks.size(); ++rank) {
-    SetDisplacement(gather, &Measurement::posterior, rank, "");
-  }
-  SetBaseline(gather, &Measurement::constant_velocity, "_cv");
-  SetBaseline(gather, &Measurement::constant_turn, "_ctra");
-  SetDensity(gather, &Measurement::posterior, "");
-  SetDensity(gather, &Measurement::prior, "_prior");
-  SetActions(StatisticsOf(part), all);
-  for (const char* name : {"ade_1", "fde_1", "min_ade_6", "min_fde_6", "miss_rate_6", "ade_cv",
-                           "fde_cv", "ade_ctra", "fde_ctra", "nll", "nll_prior", "coverage_1sigma",
-                           "coverage_2sigma", "calibration_error"}) {
-    metrics[name] = all.at(name);
-  }
-}
-
-void AddStrata(std::span<const Measurement> measured, v1::EvaluationReport& report) {
+void AddStrata(std::span<const Measurement> measured, std::span<const ExampleMetric> all,
+               v1::EvaluationReport& report) {
   for (const Stratification& stratification : Stratifications()) {
     std::vector<Part> parts(stratification.names.size());
     for (const Measurement& each : measured) {
@@ -200,7 +93,7 @@ void AddStrata(std::span<const Measurement> measured, v1::EvaluationReport& repo
       stratum.set_dimension(std::string(stratification.dimension));
       stratum.set_name(std::string(stratification.names[i]));
       stratum.set_examples(static_cast<int64_t>(parts[i].size()));
-      if (!parts[i].empty()) SetMain(parts[i], *stratum.mutable_metrics());
+      if (!parts[i].empty()) SetMain(parts[i], all, *stratum.mutable_metrics());
     }
   }
 }
@@ -248,15 +141,20 @@ v1::EvaluationReport MakeReport(std::span<const Measurement> measured, bool meas
   report.set_examples(static_cast<int64_t>(measured.size()));
   Part all;
   for (const Measurement& each : measured) all.push_back(&each);
-  SetAll(all, measured_by_waymo, *report.mutable_metrics());
+  const std::vector<ExampleMetric> metrics =
+      ExampleMetrics(measured_by_waymo, measured.front().covernet.has_value());
+  SetMeans(
+      all, metrics, [](const std::string&) { return true; }, *report.mutable_metrics());
+  SetRatios(*report.mutable_metrics());
+  SetAgreement(all, *report.mutable_metrics());
   const ActionStatistics statistics = StatisticsOf(all);
   SetActions(statistics, *report.mutable_metrics());
   const Eigen::VectorXd usage = statistics.MeanProbability();
   report.mutable_action_usage()->Add(usage.begin(), usage.end());
   AddReliability(statistics, report);
-  AddStrata(measured, report);
+  AddStrata(measured, metrics, report);
   AddActionUses(measured, statistics, report);
-  AddAnchorMetrics(measured, measured_by_waymo, report);
+  AddAnchorMetrics(measured, report);
   return report;
 }
 

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/string_view.h"
+#include "model/evaluation/text_block.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -20,48 +21,6 @@ std::string Hundredths(double value) { return absl::StrFormat("%.2f", value); }
 std::string Thousandths(double value) { return absl::StrFormat("%.3f", value); }
 std::string Share(double value) { return absl::StrFormat("%.1f %%", 100.0 * value); }
 std::string Count(double value) { return absl::StrFormat("%.0f", value); }
-
-// One table: a title and right-aligned columns. Columns without a value are left out.
-class Block {
- public:
-  Block(std::string title, std::vector<std::string> columns) : cells_({std::move(columns)}) {
-    cells_.front().insert(cells_.front().begin(), std::move(title));
-  }
-
-  void Add(std::string label, std::vector<std::string> values) {
-    values.insert(values.begin(), std::move(label));
-    values.resize(cells_.front().size());
-    cells_.push_back(std::move(values));
-  }
-  bool empty() const { return cells_.size() == 1; }
-
-  std::string Text(bool color) const {
-    std::vector<size_t> widths;  // 0: left out
-    for (size_t column = 0; column < cells_.front().size(); ++column) {
-      size_t width = 0;
-      for (size_t row = 1; row < cells_.size(); ++row) {
-        width = std::max(width, cells_[row][column].size());
-      }
-      widths.push_back(width == 0 ? 0 : std::max(width, cells_.front()[column].size()));
-    }
-    std::string text;
-    for (size_t row = 0; row < cells_.size(); ++row) {
-      std::string line = cells_[row][0] + std::string(widths[0] - cells_[row][0].size(), ' ');
-      for (size_t column = 1; column < widths.size(); ++column) {
-        if (widths[column] == 0) continue;
-        const std::string& cell = cells_[row][column];
-        absl::StrAppend(&line, "  ", std::string(widths[column] - cell.size(), ' '), cell);
-      }
-      line.erase(line.find_last_not_of(' ') + 1);
-      if (row == 0 && color) line = absl::StrCat("\x1b[1m", line, "\x1b[0m");
-      absl::StrAppend(&text, line, "\n");
-    }
-    return text;
-  }
-
- private:
-  std::vector<std::vector<std::string>> cells_;  // titles first; each with its label
-};
 
 // Takes metrics out of a report by name, and knows which are left.
 class Reader {
@@ -100,27 +59,37 @@ class Reader {
   std::set<std::string> read_;
 };
 
-// "ade", "": ade_1, min_ade_5, min_ade_6, min_ade_10, ade_cv, ade_ctra.
+constexpr size_t kModelColumns = 4;  // k = 1, 5, 6, 10; then the baselines that learn nothing
+
+// "ade": ade_1, min_ade_5, min_ade_6, min_ade_10, ade_cv, ade_ctra, ade_faded.
 std::vector<std::string> Best(absl::string_view error) {
   return {absl::StrCat(error, "_1"),         absl::StrCat("min_", error, "_5"),
           absl::StrCat("min_", error, "_6"), absl::StrCat("min_", error, "_10"),
-          absl::StrCat(error, "_cv"),        absl::StrCat(error, "_ctra")};
+          absl::StrCat(error, "_cv"),        absl::StrCat(error, "_ctra"),
+          absl::StrCat(error, "_faded")};
 }
 
 std::vector<std::string> Each(absl::string_view error) {
-  return {absl::StrCat(error, "_1"),  absl::StrCat(error, "_5"),  absl::StrCat(error, "_6"),
-          absl::StrCat(error, "_10"), absl::StrCat(error, "_cv"), absl::StrCat(error, "_ctra")};
+  return {absl::StrCat(error, "_1"),    absl::StrCat(error, "_5"),  absl::StrCat(error, "_6"),
+          absl::StrCat(error, "_10"),   absl::StrCat(error, "_cv"), absl::StrCat(error, "_ctra"),
+          absl::StrCat(error, "_faded")};
+}
+
+// "ade", "min_": ade_medoid, min_ade_cover_5, min_ade_cover_6, min_ade_cover_10.
+std::vector<std::string> Cover(absl::string_view error, absl::string_view best) {
+  return {absl::StrCat(error, "_medoid"), absl::StrCat(best, error, "_cover_5"),
+          absl::StrCat(best, error, "_cover_6"), absl::StrCat(best, error, "_cover_10")};
 }
 
 // The names with "_prior" after each; the baselines have no latent.
 std::vector<std::string> Prior(std::vector<std::string> names) {
-  names.resize(4);
+  names.resize(kModelColumns);
   for (std::string& name : names) name += "_prior";
   return names;
 }
 
 Block Accuracy(Reader& read) {
-  Block block("ACCURACY", {"k = 1", "k = 5", "k = 6", "k = 10", "CV", "CTRA"});
+  Block block("ACCURACY", {"k = 1", "k = 5", "k = 6", "k = 10", "CV", "CTRA", "FADED"});
   read.Row(block, "minADE, m", Hundredths, Best("ade"));
   read.Row(block, "minFDE, m", Hundredths, Best("fde"));
   read.Row(block, "brier-minFDE, Argoverse 2", Hundredths, Each("brier_fde"));
@@ -129,23 +98,31 @@ Block Accuracy(Reader& read) {
   read.Row(block, "missed, Waymo", Share, Each("miss_rate_waymo"));
   read.Row(block, "minADE, Waymo, m", Hundredths, Best("ade_waymo"));
   read.Row(block, "minFDE, Waymo, m", Hundredths, Best("fde_waymo"));
+  // Of k representatives in place of the k most probable actions.
+  read.Row(block, "medoid, covering minADE, m", Hundredths, Cover("ade", "min_"));
+  read.Row(block, "medoid, covering minFDE, m", Hundredths, Cover("fde", "min_"));
+  read.Row(block, "medoid, covering missed, Argoverse 2", Share, Cover("miss_rate", ""));
   read.Row(block, "generic minADE, m", Hundredths, Prior(Best("ade")));
   read.Row(block, "generic minFDE, m", Hundredths, Prior(Best("fde")));
   read.Row(block, "generic missed, Argoverse 2", Share, Prior(Each("miss_rate")));
   read.Row(block, "minADE by ADE of CV", Thousandths, {"ade_ratio", "", "min_ade_6_ratio"});
   read.Row(block, "minFDE by FDE of CV", Thousandths, {"fde_ratio", "", "min_fde_6_ratio"});
+  read.Row(block, "medoid's ADE by ADE of CV", Thousandths, {"ade_medoid_ratio"});
+  read.Row(block, "medoid's FDE by FDE of CV", Thousandths, {"fde_medoid_ratio"});
   return block;
 }
 
 // The model beside what was trained with it and beside what learns nothing; only where the model's
 // folder carries baselines.
 Block Baselines(Reader& read, const Metrics& metrics) {
-  Block block("BASELINES", {"MODEL", "COVERNET-LIKE", "MULTIPATH-LIKE", "CV", "CTRA"});
+  Block block("BASELINES", {"MODEL", "COVERNET-LIKE", "MULTIPATH-LIKE", "CV", "CTRA", "FADED"});
   if (!metrics.contains("covernet_nll")) return block;
   const auto row = [&](std::string label, Format format, const std::string& name,
                        const std::string& simple = "") {
     std::vector<std::string> names = {name, "covernet_" + name, "multipath_" + name};
-    if (!simple.empty()) names.insert(names.end(), {simple + "_cv", simple + "_ctra"});
+    if (!simple.empty()) {
+      names.insert(names.end(), {simple + "_cv", simple + "_ctra", simple + "_faded"});
+    }
     read.Row(block, std::move(label), format, names);
   };
   row("ADE, m", Hundredths, "ade_1", "ade");
@@ -247,19 +224,23 @@ Block ActionUses(const v1::EvaluationReport& report) {
 }
 
 Block Strata(const v1::EvaluationReport& report) {
-  Block block("EXAMPLES BY", {"EXAMPLES", "ADE", "CV", "CTRA", "minADE6", "FDE", "CV", "CTRA",
-                              "minFDE6", "missed6", "NLL", "2 sigma", "ECE"});
+  Block block("EXAMPLES BY",
+              {"EXAMPLES", "ADE", "medoid", "CV", "CTRA", "faded", "minADE6", "FDE", "CV", "CTRA",
+               "faded", "minFDE6", "missed6", "NLL", "2 sigma", "ECE"});
   for (const v1::EvaluationStratum& stratum : report.strata()) {
     Reader read(stratum.metrics());
     std::vector<std::string> values = {absl::StrCat(stratum.examples())};
     for (const auto& [name, format] :
          std::vector<std::pair<const char*, Format>>{{"ade_1", Hundredths},
+                                                     {"ade_medoid", Hundredths},
                                                      {"ade_cv", Hundredths},
                                                      {"ade_ctra", Hundredths},
+                                                     {"ade_faded", Hundredths},
                                                      {"min_ade_6", Hundredths},
                                                      {"fde_1", Hundredths},
                                                      {"fde_cv", Hundredths},
                                                      {"fde_ctra", Hundredths},
+                                                     {"fde_faded", Hundredths},
                                                      {"min_fde_6", Hundredths},
                                                      {"miss_rate_6", Share},
                                                      {"nll", Thousandths},

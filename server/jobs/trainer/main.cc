@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <system_error>
 
+#include "server/jobs/trainer/cross_validate_command.h"
 #include "server/jobs/trainer/evaluate_command.h"
 #include "server/jobs/trainer/match_actions_command.h"
 #include "server/jobs/trainer/prune_command.h"
@@ -33,7 +34,7 @@ Settings are a TrainingSettings message as JSON (proto/maneuver/v1/
 training_settings.proto documents every field); what is left out is the
 preset's. For example, a horizon of 3 s and a longer joint phase:
 
-  {"preset": "compact",
+  {"preset": "lanes",
    "model": {"trajectory": {"waypoints": 30}},
    "optimization": {"joint_epochs": 20}, "seed": 7})";
 
@@ -86,6 +87,7 @@ int main(int argc, char** argv) {
   maneuver::trainer::EvaluateCommand evaluate(app);
   maneuver::trainer::PruneCommand prune(app);
   maneuver::trainer::MatchActionsCommand match(app);
+  maneuver::trainer::CrossValidateCommand cross_validate(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -95,5 +97,6 @@ int main(int argc, char** argv) {
   maneuver::trainer::InstallStopSignals();
   if (train.chosen()) return train.Run();
   if (match.chosen()) return match.Run();
+  if (cross_validate.chosen()) return cross_validate.Run();
   return prune.chosen() ? prune.Run() : evaluate.Run();
 }

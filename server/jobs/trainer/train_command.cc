@@ -33,8 +33,10 @@ absl::Status Refuse(const std::vector<scene::FieldViolation>& violations) {
 
 void PrintCost(const v1::ModelSpec& spec) {
   const v1::ModelCost cost = artifact::CountCost(spec);
-  std::cout << "backbone: " << evaluation::BackboneCostText(cost) << "\n"
-            << "whole model: " << evaluation::ModelCostText(cost) << std::endl;
+  if (spec.has_raster()) {
+    std::cout << "backbone: " << evaluation::BackboneCostText(cost) << "\n";
+  }
+  std::cout << "whole model: " << evaluation::ModelCostText(cost) << std::endl;
 }
 
 void PrintMetrics(const v1::ModelManifest& manifest) {
@@ -54,7 +56,7 @@ TrainCommand::TrainCommand(CLI::App& app)
     : command_(app.add_subcommand("train", "Learn a model from dataset folders")) {
   command_
       ->add_option("--settings", settings_,
-                   "TrainingSettings as JSON; without it, the preset compact")
+                   "TrainingSettings as JSON; without it, the preset lanes")
       ->type_name("FILE");
   command_->add_option("--dataset", datasets_, "Dataset folders to learn from")
       ->type_name("FOLDER")

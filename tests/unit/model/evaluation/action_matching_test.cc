@@ -97,6 +97,19 @@ TEST(ActionMatchingTest, FiguresAreThoseOfAHandMadeCase) {
   EXPECT_THAT(text, HasSubstr("partner in 2.0 m  70.0 % and 50.0 %"));
 }
 
+// "Slows down a little" and "arrives 20 m ahead" are near to each other at one speed alone.
+TEST(ActionMatchingTest, RefusesModelsOfWhichOneAloneIsRelativeToTheMotion) {
+  v1::ModelManifest metres = EmptyManifest();
+  AddAction(metres, 20.0, 0.0, 1.0);
+  v1::ModelManifest relative = metres;
+  relative.mutable_spec()->set_reference(v1::TRAJECTORY_REFERENCE_FADING_MOTION);
+  EXPECT_EQ(MatchActions(metres, relative).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(MatchActions(relative, metres).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_TRUE(MatchActions(relative, relative).ok());
+  metres.mutable_spec()->set_reference(v1::TRAJECTORY_REFERENCE_NONE);
+  EXPECT_TRUE(MatchActions(metres, metres).ok());
+}
+
 TEST(ActionMatchingTest, IdleActionsTakeNobodysPlace) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 1.0);

@@ -75,6 +75,24 @@ v1::Agent Turning(double from, double to) {
   return agent;
 }
 
+TEST(FadedRollOutTest, AccelerationAndTurnRateFadeFromTheirPresentValues) {
+  const v1::Agent agent = Turning(9.0, 15.0);  // what comes after 10 is not looked at
+  const std::array<double, 3> times = {0.5, 2.0, 5.0};
+  const Trajectory trajectory = FadedRollOut(agent, 10.0, scene::Pose2(0.0, 0.0, 3.1), times);
+  // v = 5 + 2 f, h = 0.3 f, f = 1 - e^-t, in small steps.
+  Eigen::RowVector2d position(0.0, 0.0);
+  constexpr double kStep = 1e-4;
+  size_t next = 0;
+  for (int i = 0; next < times.size(); ++i) {
+    const double faded = 1.0 - std::exp(-(i + 0.5) * kStep);
+    position += kStep * (5.0 + 2.0 * faded) *
+                Eigen::RowVector2d(std::cos(0.3 * faded), std::sin(0.3 * faded));
+    if ((i + 1) * kStep < times[next] - 0.5 * kStep) continue;
+    EXPECT_LT((trajectory.row(static_cast<Eigen::Index>(next)) - position).norm(), 5e-3);
+    ++next;
+  }
+}
+
 TEST(EstimateMotionTest, ReadsVelocityAccelerationAndTurnRate) {
   const Motion motion = EstimateMotion(Turning(9.0, 15.0), 10.0);
   EXPECT_NEAR(motion.velocity_x, 5.0, 1e-5);

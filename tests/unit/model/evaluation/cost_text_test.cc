@@ -15,6 +15,9 @@ TEST(CostTextTest, CountsHaveThreeDigitsAndAUnit) {
   EXPECT_EQ(BackboneCostText(cost), "24.6 M parameters, 5.07 G multiply-adds a target");
   EXPECT_EQ(ModelCostText(cost),
             "1.00 M parameters; multiply-adds: 5.08 G for p(y|s), 850 for each action described");
+  cost.set_vector_multiply_adds(20'000'000);
+  EXPECT_EQ(ModelCostText(cost),
+            "1.00 M parameters; multiply-adds: 5.10 G for p(y|s), 850 for each action described");
   cost.set_backbone_parameters(99'960);
   cost.set_backbone_multiply_adds(9'996);
   EXPECT_EQ(BackboneCostText(cost), "100 k parameters, 10.0 k multiply-adds a target");

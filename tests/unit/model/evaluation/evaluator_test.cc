@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "model/artifact/model_spec.h"
+
 namespace maneuver::evaluation {
 namespace {
 
@@ -21,16 +23,23 @@ constexpr double kAcceleration = 1.0;
 // Three actions: 0, the most probable, is the truth of a vehicle that accelerates at kSpeed, 1 m to
 // its left; 1 is that truth; 2 stays where it is. The generic distributions are all 4 m to the
 // left of that. Every q(y|x,s) is action 1's.
+//
+// Of a relative model the generic ones are to the left only where the encoding is told the speed,
+// and elsewhere 100 m off.
 class FakeSession final : public inference::InferenceSession {
  public:
-  void Encode(std::span<const inference::SceneInput>,
+  FakeSession(bool relative, const Eigen::Vector3d& probabilities)
+      : relative_(relative), probabilities_(probabilities) {}
+
+  void Encode(std::span<const inference::SceneInput> scenes,
               std::span<inference::SceneEncoding> encodings) override {
-    for (inference::SceneEncoding& encoding : encodings) {
-      encoding.probabilities = Eigen::Vector3d(0.6, 0.3, 0.1);
+    for (size_t i = 0; i < scenes.size(); ++i) {
+      encodings[i].probabilities = probabilities_;
+      if (relative_) encodings[i].speed = scenes[i].vectors->motion.speed;
     }
   }
 
-  std::vector<inference::ActionDistribution> Describe(const inference::SceneEncoding&,
+  std::vector<inference::ActionDistribution> Describe(const inference::SceneEncoding& encoding,
                                                       std::span<const int> actions,
                                                       inference::LatentSource source) override {
     const bool generic = source == inference::LatentSource::kPrior;
@@ -43,6 +52,7 @@ class FakeSession final : public inference::InferenceSession {
         mean.row(i) << (action == 2 ? 0.0 : travelled), (action == 0 ? 1.0 : 0.0);
       }
       if (generic) mean.col(1).array() += 4.0;
+      if (relative_ && std::abs(encoding.speed - kSpeed) > 1e-4) mean.col(1).array() += 100.0;
       inference::ActionDistribution distribution;
       distribution.action = action;
       // One latent dimension that spreads along x: 2 m generic, 1 m in the scene.
@@ -57,14 +67,25 @@ class FakeSession final : public inference::InferenceSession {
     return distributions;
   }
 
+  // The evaluation describes every action, and needs no means beside that.
+  inference::TrajectorySet MeanTrajectories(const inference::SceneEncoding&, std::span<const int>,
+                                            inference::LatentSource) override {
+    return {};
+  }
+
   inference::Classification Classify(const inference::SceneEncoding&, const Trajectory&) override {
     return {.responsibilities = Eigen::Vector3d(0.2, 0.7, 0.1)};
   }
+
+ private:
+  const bool relative_;
+  const Eigen::Vector3d probabilities_;
 };
 
 class FakeModel final : public inference::ActionModel {
  public:
-  FakeModel() {
+  explicit FakeModel(const Eigen::Vector3d& probabilities = {0.6, 0.3, 0.1})
+      : probabilities_(probabilities) {
     v1::ModelSpec& spec = *manifest_.mutable_spec();
     spec.mutable_raster()->set_height(32);
     spec.mutable_raster()->set_width(32);
@@ -78,14 +99,23 @@ class FakeModel final : public inference::ActionModel {
     spec.set_latent_dimensions(1);
   }
 
+  // A model that reads the target's history too, and predicts relative to its speed.
+  static std::shared_ptr<const FakeModel> Relative() {
+    auto model = std::make_shared<FakeModel>();
+    model->manifest_.mutable_spec()->mutable_scene_vectors()->set_history_width(1);
+    model->manifest_.mutable_spec()->set_reference(v1::TRAJECTORY_REFERENCE_CONSTANT_VELOCITY);
+    return model;
+  }
+
   const v1::ModelManifest& manifest() const override { return manifest_; }
   std::string_view precision() const override { return "f32"; }
   size_t weight_bytes() const override { return 4; }
   std::unique_ptr<inference::InferenceSession> NewSession() const override {
-    return std::make_unique<FakeSession>();
+    return std::make_unique<FakeSession>(artifact::HasReference(spec()), probabilities_);
   }
 
  private:
+  const Eigen::Vector3d probabilities_;
   v1::ModelManifest manifest_;
 };
 
@@ -161,12 +191,44 @@ TEST_F(EvaluatorTest, MeasuresModelAndBaselinesAgainstTheRecording) {
   EXPECT_NEAR(metrics.at("ade_cv"), 0.5 * 91.0 / 24.0, 1e-4);
   EXPECT_NEAR(metrics.at("fde_cv"), 4.5, 1e-4);
   EXPECT_NEAR(metrics.at("ade_ctra"), 0.0, 1e-4);
+  // The acceleration fades with e^-t, so the speed gains 1 - e^-t and the way t - (1 - e^-t).
+  double lag = 0.0;
+  for (int i = 1; i <= kWaypoints; ++i) {
+    const double t = 0.5 * i;
+    lag += (0.5 * t * t - t + 1.0 - std::exp(-t)) / kWaypoints;
+  }
+  EXPECT_NEAR(metrics.at("ade_faded"), lag, 2e-3);
   EXPECT_NEAR(metrics.at("nmi_kinematic"), 0.0, 1e-12);
   EXPECT_NEAR(metrics.at("largest_share"), 0.6, 1e-12);
   EXPECT_EQ(report->action_uses(1).kinematic_class(), "straight_fast");
   EXPECT_EQ(report->action_uses(1).examples(), 20);
   // It said 0.6 of action 0, which q gives 0.2.
   EXPECT_NEAR(metrics.at("calibration_error"), 0.4, 1e-12);
+}
+
+TEST_F(EvaluatorTest, MeasuresTheGenericActionsOfARelativeModelInEachScene) {
+  const auto metres = Evaluate(*model_, input_);
+  const auto relative = Evaluate(*FakeModel::Relative(), input_);
+  ASSERT_TRUE(metres.ok() && relative.ok()) << relative.status();
+  for (const auto& [name, value] : metres->metrics()) {
+    EXPECT_EQ(value, relative->metrics().at(name)) << name;
+  }
+}
+
+// The most probable action stands still, 19.4 m behind on average; the truth is nearer to all
+// three.
+TEST_F(EvaluatorTest, MeasuresTheMedoidAndTheRepresentatives) {
+  const FakeModel model({0.3, 0.3, 0.4});
+  const auto report = Evaluate(model, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  const auto& metrics = report->metrics();
+  EXPECT_NEAR(metrics.at("ade_1"), kSpeed * 1.75 + 0.5 * 91.0 / 24.0, 1e-4);
+  EXPECT_NEAR(metrics.at("ade_medoid"), 0.0, 1e-4);
+  EXPECT_NEAR(metrics.at("fde_medoid"), 0.0, 1e-4);
+  EXPECT_EQ(metrics.at("miss_rate_1"), 1.0);
+  EXPECT_EQ(metrics.at("miss_rate_medoid"), 0.0);
+  EXPECT_NEAR(metrics.at("min_ade_cover_6"), 0.0, 1e-4);
+  EXPECT_EQ(metrics.at("miss_rate_cover_6"), 0.0);
 }
 
 // 4.5 m along the heading is more than 2.0 m x 0.948 at 3 s; 1 m to the side is above 0.948 m.

@@ -30,7 +30,8 @@ TEST(MetricTableTest, KnowsEachMetricOfAReport) {
 
 TEST(MetricTableTest, ErrorsAreBetterLowerAndAgreementHigher) {
   for (const char* name : {"ade_1", "min_ade_6", "min_fde_10", "brier_fde_5", "miss_rate_waymo_6",
-                           "nll", "nll_joint_prior", "min_ade_6_ratio", "calibration_error"}) {
+                           "nll", "nll_joint_prior", "min_ade_6_ratio", "calibration_error",
+                           "ade_medoid", "min_fde_cover_6", "ade_medoid_ratio"}) {
     EXPECT_EQ(FindMetric(name)->better, Better::kLower) << name;
   }
   for (const char* name : {"nmi", "purity_kinematic"}) {
@@ -43,12 +44,15 @@ TEST(MetricTableTest, ErrorsAreBetterLowerAndAgreementHigher) {
   EXPECT_EQ(FindMetric("min_ade_6")->unit, "m");
   EXPECT_EQ(FindMetric("nll")->unit, "nats");
   EXPECT_EQ(FindMetric("miss_rate_6")->unit, "share");
+  EXPECT_EQ(FindMetric("ade_medoid")->unit, "m");
+  EXPECT_EQ(FindMetric("miss_rate_cover_6")->unit, "share");
   EXPECT_TRUE(CanDecide("min_ade_6"));
   EXPECT_FALSE(CanDecide("no_such"));
 }
 
 TEST(MetricTableTest, ABaselineSaysNothingOfTheModel) {
-  for (const char* name : {"ade_cv", "miss_rate_waymo_ctra", "covernet_nll", "multipath_ade_1"}) {
+  for (const char* name :
+       {"ade_cv", "miss_rate_waymo_ctra", "fde_faded", "covernet_nll", "multipath_ade_1"}) {
     ASSERT_TRUE(FindMetric(name)) << name;
     EXPECT_FALSE(FindMetric(name)->of_model) << name;
     EXPECT_EQ(FindMetric(name)->better, Better::kNone) << name;

@@ -19,10 +19,13 @@ Measurement Example(int action, double confidence) {
   for (size_t rank = 0; rank < kRanks.size(); ++rank) {
     measured.posterior.displacement[rank] = {.min_ade = 1.0, .min_fde = 2.0, .brier_fde = 2.5};
     measured.prior.displacement[rank] = {.min_ade = 3.0, .min_fde = 4.0};
+    measured.cover[rank] = {.min_ade = 0.75, .min_fde = 1.5};
     measured.waymo[rank] = {.min_ade = 0.5, .min_fde = 0.75, .miss_rate = 0.5};
   }
   measured.constant_velocity.displacement = {.min_ade = 2.0, .min_fde = 8.0};
   measured.constant_turn.displacement = {.min_ade = 5.0, .min_fde = 6.0};
+  measured.faded.displacement = {.min_ade = 1.75, .min_fde = 3.5};
+  measured.faded.waymo = {.min_ade = 0.25};
   return measured;
 }
 
@@ -37,6 +40,9 @@ TEST(ReportTest, MetricsAreMeansUnderTheirNames) {
   measured[0].posterior.envelope = {{0.2, 0.4}, {0.6, 0.8}, 3.0};
   measured[0].prior.envelope = {{0.4, 0.6}, {0.8, 1.0}, 4.0};
   measured[0].waymo[1].miss_rate = 1.0;
+  measured[0].cover[0].min_ade = 1.25;
+  measured[1].cover[2].min_ade = 0.25;
+  measured[1].cover[2].missed_argoverse = true;
   const auto metrics = MakeReport(measured, true).metrics();
   EXPECT_DOUBLE_EQ(metrics.at("ade_1"), 1.5);
   EXPECT_DOUBLE_EQ(metrics.at("min_ade_5"), 1.0);
@@ -50,6 +56,18 @@ TEST(ReportTest, MetricsAreMeansUnderTheirNames) {
   EXPECT_DOUBLE_EQ(metrics.at("miss_rate_waymo_5"), 0.75);
   EXPECT_DOUBLE_EQ(metrics.at("min_ade_waymo_6"), 0.5);
   EXPECT_DOUBLE_EQ(metrics.at("fde_waymo_1"), 0.75);
+  EXPECT_DOUBLE_EQ(metrics.at("ade_medoid"), 1.0);
+  EXPECT_DOUBLE_EQ(metrics.at("fde_medoid"), 1.5);
+  EXPECT_DOUBLE_EQ(metrics.at("miss_rate_medoid"), 0.0);
+  EXPECT_DOUBLE_EQ(metrics.at("ade_medoid_ratio"), 0.5);
+  EXPECT_DOUBLE_EQ(metrics.at("fde_medoid_ratio"), 0.1875);
+  EXPECT_DOUBLE_EQ(metrics.at("min_ade_cover_5"), 0.75);
+  EXPECT_DOUBLE_EQ(metrics.at("min_ade_cover_6"), 0.5);
+  EXPECT_DOUBLE_EQ(metrics.at("min_fde_cover_10"), 1.5);
+  EXPECT_DOUBLE_EQ(metrics.at("miss_rate_cover_6"), 0.5);
+  EXPECT_DOUBLE_EQ(metrics.at("ade_faded"), 1.75);
+  EXPECT_DOUBLE_EQ(metrics.at("fde_faded"), 3.5);
+  EXPECT_DOUBLE_EQ(metrics.at("ade_waymo_faded"), 0.25);
   EXPECT_DOUBLE_EQ(metrics.at("ade_cv"), 2.0);
   EXPECT_DOUBLE_EQ(metrics.at("fde_ctra"), 6.0);
   EXPECT_DOUBLE_EQ(metrics.at("ade_ratio"), 0.75);
@@ -103,6 +121,9 @@ TEST(ReportTest, StrataPartTheExamplesAndAreMeasuredAlone) {
       EXPECT_DOUBLE_EQ(stratum.metrics().at("ade_1"), 9.0);
     }
     if (stratum.name() == "5-10 m/s") {
+      EXPECT_DOUBLE_EQ(stratum.metrics().at("ade_medoid"), 0.75);
+      EXPECT_DOUBLE_EQ(stratum.metrics().at("min_ade_cover_6"), 0.75);
+      EXPECT_DOUBLE_EQ(stratum.metrics().at("ade_faded"), 1.75);
       EXPECT_DOUBLE_EQ(stratum.metrics().at("ade_1"), 5.0);
     }
     if (stratum.name() == "straight") {

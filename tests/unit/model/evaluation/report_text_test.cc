@@ -25,6 +25,23 @@ TEST(ReportTextTest, AccuracyStandsBesideTheBaselines) {
             "generic minADE, m             0.75\n");
 }
 
+TEST(ReportTextTest, TheMedoidAndTheRepresentativesStandBelowTheMostProbable) {
+  v1::EvaluationReport report;
+  auto& metrics = *report.mutable_metrics();
+  metrics["ade_1"] = 1.25;
+  metrics["ade_faded"] = 2.5;
+  metrics["ade_medoid"] = 1.125;
+  metrics["min_ade_cover_6"] = 0.25;
+  metrics["miss_rate_cover_6"] = 0.5;
+  metrics["ade_medoid_ratio"] = 0.5;
+  EXPECT_EQ(ReportText(report, false),
+            "ACCURACY                              k = 1   k = 6  FADED\n"
+            "minADE, m                              1.25           2.50\n"
+            "medoid, covering minADE, m             1.12    0.25\n"
+            "medoid, covering missed, Argoverse 2         50.0 %\n"
+            "medoid's ADE by ADE of CV             0.500\n");
+}
+
 TEST(ReportTextTest, UnknownMetricsFollowByName) {
   v1::EvaluationReport report;
   (*report.mutable_metrics())["nll"] = 1.8;

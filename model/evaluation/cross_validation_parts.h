@@ -1,0 +1,23 @@
+// Parts of one cross-validation, put together.
+
+#ifndef MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_PARTS_H_
+#define MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_PARTS_H_
+
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "maneuver/v1/cross_validation.pb.h"
+
+namespace maneuver::evaluation {
+
+// Returns one part with all runs: seeds in ascending order, and of each seed the folds in theirs.
+// Also checks what an honest figure rests on: no model was measured on a recording of a group that
+// it learned from.
+// FAILED_PRECONDITION, with what to do, if the parts have different plans, two of them have the
+// same run, a seed lacks a fold, or only some runs have baselines. DATA_LOSS if a part contradicts
+// itself.
+absl::StatusOr<v1::CrossValidationPart> MergeParts(std::vector<v1::CrossValidationPart> parts);
+
+}  // namespace maneuver::evaluation
+
+#endif  // MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_PARTS_H_

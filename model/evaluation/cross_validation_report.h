@@ -1,0 +1,34 @@
+// Cross-validation in figures: means over all examples, their intervals, and who is ahead.
+
+#ifndef MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_REPORT_H_
+#define MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_REPORT_H_
+
+#include <cstdint>
+
+#include "maneuver/v1/cross_validation.pb.h"
+
+namespace maneuver::evaluation {
+
+struct BootstrapOptions {
+  int resamples = 1000;
+  uint64_t seed = 1;
+};
+
+// Smaller parts are not compared with rivals.
+inline constexpr int kLeastComparedExamples = 50;
+
+// Returns the figures of a whole cross-validation, as MergeParts returns it. For each training
+// seed, a figure is computed from the examples of all folds together; the estimate is the mean over
+// the seeds. The bootstrap draws groups of recordings, the same ones for all figures of a set:
+//   means        sum of the values / number of examples
+//   ratios       of two means, those of MetricRatios
+//   differences  of two means over the same examples
+//   calibration_error  as ActionStatistics has it, from the examples of all folds together
+// Other metrics of whole sets (mutual_information, nmi, ...) are those of each model on its set;
+// they have a range and no interval.
+v1::CrossValidationReport MakeCrossValidationReport(const v1::CrossValidationPart& whole,
+                                                    const BootstrapOptions& options);
+
+}  // namespace maneuver::evaluation
+
+#endif  // MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_REPORT_H_

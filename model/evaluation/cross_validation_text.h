@@ -1,0 +1,20 @@
+// A cross-validation as people read it.
+
+#ifndef MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_TEXT_H_
+#define MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_TEXT_H_
+
+#include <string>
+
+#include "maneuver/v1/cross_validation.pb.h"
+
+namespace maneuver::evaluation {
+
+// Returns tables for the held-out folds and for each test dataset: the main metrics with their
+// intervals, what each model is like, the main metrics by speed and by kinematic class, and who is
+// ahead there. The report itself has all metrics and all strata. Lines end in '\n'; without colour
+// it is plain ASCII.
+std::string CrossValidationText(const v1::CrossValidationReport& report, bool color);
+
+}  // namespace maneuver::evaluation
+
+#endif  // MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_TEXT_H_

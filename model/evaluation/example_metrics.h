@@ -1,0 +1,40 @@
+// The metrics that are means over examples, by name: what reports and cross-validation average.
+// A new one is added here, and to metric_table.h.
+
+#ifndef MANEUVER_MODEL_EVALUATION_EXAMPLE_METRICS_H_
+#define MANEUVER_MODEL_EVALUATION_EXAMPLE_METRICS_H_
+
+#include <functional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "model/evaluation/measurement.h"
+
+namespace maneuver::evaluation {
+
+// A value of each example; the metric is its mean over the examples. evaluator.h defines the names.
+struct ExampleMetric {
+  std::string name;
+  std::function<double(const Measurement& measured)> value;
+};
+
+// Returns the metrics that every measurement has, in a fixed order.
+//   measured_by_waymo: whether the horizon reaches a time at which Waymo measures
+//   with_baselines: whether covernet and multipath were measured too
+std::vector<ExampleMetric> ExampleMetrics(bool measured_by_waymo, bool with_baselines);
+
+// A metric that is the ratio of the means of two example metrics.
+struct MetricRatio {
+  std::string_view name;
+  std::string_view numerator;
+  std::string_view denominator;
+};
+
+// Returns all of them. A ratio has no value where its denominator is 0.
+std::span<const MetricRatio> MetricRatios();
+
+}  // namespace maneuver::evaluation
+
+#endif  // MANEUVER_MODEL_EVALUATION_EXAMPLE_METRICS_H_

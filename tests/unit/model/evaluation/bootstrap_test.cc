@@ -1,0 +1,53 @@
+#include "model/evaluation/bootstrap.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+namespace maneuver::evaluation {
+namespace {
+
+TEST(BootstrapTest, EachDrawHasAsManyGroupsAsThereAre) {
+  const Eigen::MatrixXd draws = DrawGroups(40, 500, 3);
+  ASSERT_EQ(draws.rows(), 500);
+  ASSERT_EQ(draws.cols(), 40);
+  EXPECT_TRUE((draws.rowwise().sum().array() == 40.0).all());
+  // Each count is binomial of 40 and 1/40: mean 1, variance 39/40.
+  EXPECT_NEAR(draws.mean(), 1.0, 1e-12);
+  EXPECT_NEAR((draws.array() - 1.0).square().mean(), 0.975, 0.03);
+}
+
+TEST(BootstrapTest, TheSameSeedDrawsTheSameGroupsAndAnotherOneOthers) {
+  EXPECT_EQ(DrawGroups(10, 20, 3), DrawGroups(10, 20, 3));
+  EXPECT_NE(DrawGroups(10, 20, 3), DrawGroups(10, 20, 4));
+}
+
+TEST(BootstrapTest, PercentilesAreInterpolatedAndPassOverWhatIsNotFinite) {
+  std::vector<double> values = {NAN, HUGE_VAL};
+  for (int i = 40; i >= 0; --i) values.push_back(i);
+  const Interval interval = PercentileInterval(values);
+  EXPECT_DOUBLE_EQ(interval.lower, 1.0);
+  EXPECT_DOUBLE_EQ(interval.upper, 39.0);
+  EXPECT_TRUE(std::isnan(PercentileInterval({NAN}).lower));
+}
+
+// By the central limit theorem the mean of n independent groups with standard deviation s lies
+// within 1.96 s / sqrt(n) of the truth in 95 % of the cases.
+TEST(BootstrapTest, TheIntervalOfAMeanIsThatOfNormalTheory) {
+  constexpr int kGroups = 400;
+  std::mt19937_64 random(5);
+  std::exponential_distribution<double> exponential(0.5);
+  Eigen::VectorXd values(kGroups);
+  for (double& value : values) value = exponential(random);
+  const Eigen::VectorXd means = DrawGroups(kGroups, 4000, 1) * values / kGroups;
+  const Interval interval = PercentileInterval({means.begin(), means.end()});
+  const double mean = values.mean();
+  const double half = 1.96 * std::sqrt((values.array() - mean).square().mean() / kGroups);
+  EXPECT_NEAR(interval.lower, mean - half, 0.08 * half);
+  EXPECT_NEAR(interval.upper, mean + half, 0.08 * half);
+}
+
+}  // namespace
+}  // namespace maneuver::evaluation

@@ -1,0 +1,308 @@
+// Parts, the report and its text, on measurements that are given by formulas.
+
+#include <gmock/gmock.h>
+#include <google/protobuf/util/message_differencer.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "model/evaluation/cross_validation_parts.h"
+#include "model/evaluation/cross_validation_report.h"
+#include "model/evaluation/cross_validation_text.h"
+
+namespace maneuver::evaluation {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr int kRecordings = 200;
+constexpr int kFolds = 2;
+
+// Recordings i with one group each, in fold i % 2.
+v1::CrossValidationPlan Plan() {
+  v1::CrossValidationPlan plan;
+  plan.set_folds(kFolds);
+  plan.set_fold_seed(1);
+  for (int i = 0; i < kRecordings; ++i) {
+    v1::GroupedRecording& recording = *plan.add_recordings();
+    recording.set_scenario_id(std::to_string(i));
+    recording.set_group(i);
+    recording.set_fold(i % kFolds);
+  }
+  return plan;
+}
+
+v1::MeasuredSet EmptySet() {
+  v1::MeasuredSet set;
+  for (const char* name : {"ade_1", "ade_cv", "ade_ctra"}) set.add_value_names(name);
+  v1::StratumDimension& dimension = *set.add_dimensions();
+  dimension.set_dimension("speed");
+  dimension.add_names("slow");
+  dimension.add_names("fast");
+  return set;
+}
+
+void AddExample(v1::MeasuredSet& set, int recording, double ade, double cv, double ctra,
+                int stratum) {
+  v1::MeasuredExample& example = *set.add_examples();
+  example.set_recording(recording);
+  for (const double value : {ade, cv, ctra}) example.add_values(value);
+  example.add_strata(stratum);
+  example.set_confidence(0.75);
+  example.set_responsibility(recording % 2 == 0 ? 1.0 : 0.0);
+}
+
+// Standard normal, the same for the same recording.
+double NormalOf(int recording) {
+  std::mt19937_64 random(static_cast<uint64_t>(recording));
+  random.discard(10);
+  return std::normal_distribution<double>()(random);
+}
+
+// Recording i has i % 3 + 1 equal examples, the last of them fast: ADE 2 + 0.5 n, where n is
+// normal and every recording's own, plus the seed's offset. Constant velocity's is 3 above, up to a
+// tenth of a normal number. CTRA's is 0.5 above and below in turns of six recordings.
+v1::FoldRun MakeRun(int64_t seed, int fold) {
+  v1::FoldRun run;
+  run.set_seed(seed);
+  run.set_fold(fold);
+  *run.mutable_held_out() = EmptySet();
+  for (int i = 0; i < kRecordings; ++i) {
+    if (i % kFolds != fold) {
+      run.add_learned(i);
+      continue;
+    }
+    const double ade = 2.0 + 0.5 * NormalOf(i) + 0.01 * static_cast<double>(seed);
+    for (int j = 0; j <= i % 3; ++j) {
+      AddExample(*run.mutable_held_out(), i, ade, ade + 3.0 + 0.1 * NormalOf(i + 1000),
+                 ade + (i / 6 % 2 == 0 ? 0.5 : -0.5), j == i % 3 ? 1 : 0);
+    }
+  }
+  (*run.mutable_held_out()->mutable_set_metrics())["mutual_information"] =
+      1.0 + fold + 0.1 * static_cast<double>(seed);
+  return run;
+}
+
+v1::CrossValidationPart Part(const std::vector<std::pair<int64_t, int>>& runs) {
+  v1::CrossValidationPart part;
+  *part.mutable_plan() = Plan();
+  for (const auto& [seed, fold] : runs) {
+    part.mutable_plan()->add_seeds(seed);
+    *part.add_runs() = MakeRun(seed, fold);
+  }
+  return part;
+}
+
+std::string MergeError(std::vector<v1::CrossValidationPart> parts, absl::StatusCode code) {
+  const absl::Status status = MergeParts(std::move(parts)).status();
+  EXPECT_EQ(status.code(), code) << status;
+  return std::string(status.message());
+}
+
+TEST(CrossValidationPartsTest, PartsInAnyOrderMakeTheSameWhole) {
+  const auto all = MergeParts({Part({{1, 0}, {1, 1}, {2, 0}, {2, 1}})});
+  ASSERT_TRUE(all.ok()) << all.status();
+  const auto merged = MergeParts({Part({{2, 1}}), Part({{1, 1}, {2, 0}}), Part({{1, 0}})});
+  ASSERT_TRUE(merged.ok()) << merged.status();
+  EXPECT_THAT(merged->plan().seeds(), testing::ElementsAre(1, 2));
+  EXPECT_TRUE(google::protobuf::util::MessageDifferencer::Equals(*all, *merged));
+}
+
+TEST(CrossValidationPartsTest, RefusesWhatIsMissingTwiceThereOrOfAnotherPlan) {
+  using enum absl::StatusCode;
+  EXPECT_THAT(MergeError({Part({{1, 0}})}, kFailedPrecondition),
+              HasSubstr("seed 1 lacks fold 2 of 2; run it with --only-fold 2 --seeds 1"));
+  EXPECT_THAT(MergeError({Part({{1, 0}, {1, 1}}), Part({{1, 0}})}, kFailedPrecondition),
+              HasSubstr("two parts have seed 1, fold 1"));
+  v1::CrossValidationPart other = Part({{1, 1}});
+  other.mutable_plan()->set_fold_seed(2);
+  EXPECT_THAT(MergeError({Part({{1, 0}}), other}, kFailedPrecondition),
+              HasSubstr("different cross-validations"));
+  other = Part({{1, 1}});
+  other.mutable_runs(0)->mutable_held_out()->set_value_names(2, "ade_other");
+  EXPECT_THAT(MergeError({Part({{1, 0}}), other}, kFailedPrecondition),
+              HasSubstr("different metrics"));
+}
+
+TEST(CrossValidationPartsTest, RefusesAModelThatLearnedFromTheGroupItIsMeasuredOn) {
+  using enum absl::StatusCode;
+  v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
+  part.mutable_plan()->mutable_recordings(5)->set_group(8);  // of the other fold
+  EXPECT_THAT(MergeError({part}, kDataLoss), HasSubstr("learned from its group"));
+  part = Part({{1, 0}, {1, 1}});
+  part.mutable_runs(0)->add_learned(4);
+  EXPECT_THAT(MergeError({part}, kDataLoss), HasSubstr("recording 4 was measured"));
+}
+
+TEST(CrossValidationPartsTest, RefusesDamagedParts) {
+  using enum absl::StatusCode;
+  v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
+  part.mutable_runs(0)->mutable_held_out()->mutable_examples(0)->set_recording(kRecordings);
+  MergeError({part}, kDataLoss);
+  part = Part({{1, 0}, {1, 1}});
+  part.mutable_runs(0)->mutable_held_out()->mutable_examples(0)->set_strata(0, 2);
+  MergeError({part}, kDataLoss);
+  part = Part({{1, 0}, {1, 1}});
+  part.mutable_runs(0)->mutable_held_out()->mutable_examples(0)->mutable_values()->RemoveLast();
+  MergeError({part}, kDataLoss);
+  part = Part({{1, 0}, {1, 1}});
+  part.mutable_runs(0)->set_learned(0, -1);
+  MergeError({part}, kDataLoss);
+}
+
+class CrossValidationReportTest : public testing::Test {
+ protected:
+  CrossValidationReportTest() {
+    const auto whole = MergeParts({Part({{1, 0}, {1, 1}, {3, 0}, {3, 1}})});
+    report_ = MakeCrossValidationReport(*whole, {.resamples = 2000});
+  }
+  const v1::CrossValidatedSet& set() const { return report_.sets(0); }
+
+  v1::CrossValidationReport report_;
+};
+
+TEST_F(CrossValidationReportTest, MeansAreOverTheExamplesOfAllFolds) {
+  double sum = 0.0;
+  int examples = 0;
+  for (int i = 0; i < kRecordings; ++i) {
+    sum += (i % 3 + 1) * (2.0 + 0.5 * NormalOf(i));
+    examples += i % 3 + 1;
+  }
+  const v1::Estimate& ade = set().overall().metrics().at("ade_1");
+  EXPECT_EQ(set().overall().examples(), examples);
+  EXPECT_EQ(set().recordings(), kRecordings);
+  EXPECT_EQ(set().groups(), kRecordings);
+  EXPECT_EQ(set().largest_group(), 1);
+  EXPECT_NEAR(ade.value(), sum / examples + 0.02, 1e-12);
+  EXPECT_NEAR(ade.seed_values(0), sum / examples + 0.01, 1e-12);
+  EXPECT_NEAR(ade.seed_values(1), sum / examples + 0.03, 1e-12);
+}
+
+// The mean is a ratio of sums over independent groups; its variance, by the delta method, is
+// sum_g m_g^2 (x_g - mean)^2 / (sum_g m_g)^2 with m_g examples of value x_g in group g.
+TEST_F(CrossValidationReportTest, IntervalsAreThoseOfTheDeltaMethodOverGroups) {
+  const v1::Estimate& ade = set().overall().metrics().at("ade_1");
+  double squares = 0.0;
+  double examples = 0.0;
+  for (int i = 0; i < kRecordings; ++i) {
+    const double m = i % 3 + 1;
+    squares += std::pow(m * (2.02 + 0.5 * NormalOf(i) - ade.value()), 2);
+    examples += m;
+  }
+  const double half = 1.96 * std::sqrt(squares) / examples;
+  EXPECT_NEAR(ade.lower(), ade.value() - half, 0.12 * half);
+  EXPECT_NEAR(ade.upper(), ade.value() + half, 0.12 * half);
+}
+
+TEST_F(CrossValidationReportTest, RatiosAreOfMeans) {
+  const auto& metrics = set().overall().metrics();
+  const v1::Estimate& ratio = metrics.at("ade_ratio");
+  const double of_means = metrics.at("ade_1").value() / metrics.at("ade_cv").value();
+  EXPECT_NEAR(ratio.value(), of_means, 1e-4);  // the mean of two seeds' ratios
+  EXPECT_LT(ratio.lower(), of_means);
+  EXPECT_GT(ratio.upper(), of_means);
+  EXPECT_FALSE(metrics.contains("fde_ratio"));
+}
+
+// p is 0.75 everywhere; the even recordings, which hold half of the examples, have q = 1.
+TEST_F(CrossValidationReportTest, TheCalibrationErrorIsOfAllFoldsTogether) {
+  double right = 0.0;
+  double examples = 0.0;
+  for (int i = 0; i < kRecordings; ++i) {
+    right += i % 2 == 0 ? i % 3 + 1 : 0;
+    examples += i % 3 + 1;
+  }
+  EXPECT_NEAR(set().overall().metrics().at("calibration_error").value(),
+              std::abs(0.75 - right / examples), 1e-12);
+}
+
+TEST_F(CrossValidationReportTest, TheModelIsAheadWhereTheIntervalOfThePairsSaysSo) {
+  ASSERT_EQ(set().overall().comparisons_size(), 2);
+  const v1::RivalComparison& cv = set().overall().comparisons(0);
+  EXPECT_EQ(cv.rival(), "cv");
+  EXPECT_EQ(cv.rival_metric(), "ade_cv");
+  EXPECT_EQ(cv.verdict(), v1::RIVAL_VERDICT_AHEAD);
+  // Paired: what both share is not in it.
+  EXPECT_NEAR(cv.difference().value(), -3.0, 0.03);
+  EXPECT_LT(cv.difference().upper() - cv.difference().lower(), 0.05);
+  EXPECT_EQ(set().overall().comparisons(1).verdict(), v1::RIVAL_VERDICT_UNDECIDED);
+}
+
+TEST_F(CrossValidationReportTest, StrataPartTheExamples) {
+  ASSERT_EQ(set().strata_size(), 2);
+  EXPECT_EQ(set().strata(0).name(), "slow");
+  EXPECT_EQ(set().strata(1).name(), "fast");
+  EXPECT_EQ(set().strata(0).examples() + set().strata(1).examples(), set().overall().examples());
+  EXPECT_EQ(set().strata(1).examples(), kRecordings);
+  // Recordings 0, 3, 6, ... have no slow example.
+  EXPECT_EQ(set().strata(0).groups(), 133);
+}
+
+TEST_F(CrossValidationReportTest, MetricsOfWholeSetsHaveTheRangeOfTheModels) {
+  const v1::ModelRange& range = set().set_metrics().at("mutual_information");
+  EXPECT_DOUBLE_EQ(range.smallest(), 1.1);
+  EXPECT_DOUBLE_EQ(range.largest(), 2.3);
+  const double first = MakeRun(1, 0).held_out().examples_size();
+  const double second = MakeRun(1, 1).held_out().examples_size();
+  EXPECT_NEAR(range.seed_values(0), (first * 1.1 + second * 2.1) / (first + second), 1e-12);
+}
+
+TEST(CrossValidationSmallPartsTest, FewExamplesAreNotCompared) {
+  v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
+  for (v1::FoldRun& run : *part.mutable_runs()) {
+    auto& examples = *run.mutable_held_out()->mutable_examples();
+    examples.DeleteSubrange(24, examples.size() - 24);
+  }
+  const auto whole = MergeParts({part});
+  ASSERT_TRUE(whole.ok()) << whole.status();
+  const auto report = MakeCrossValidationReport(*whole, {.resamples = 100});
+  EXPECT_EQ(report.sets(0).overall().examples(), 48);
+  EXPECT_EQ(report.sets(0).overall().comparisons_size(), 0);
+}
+
+// A test dataset is measured by the model of every fold; its recordings count once.
+TEST(CrossValidationTestDatasetTest, AllModelsMeasureEveryExample) {
+  v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
+  v1::TestDataset& test = *part.mutable_plan()->add_test_datasets();
+  test.set_name("other");
+  test.set_left_out(3);
+  for (int i = 0; i < 60; ++i) test.add_recordings()->set_group(1000 + i / 20);
+  for (v1::FoldRun& run : *part.mutable_runs()) {
+    v1::MeasuredSet& set = *run.add_tests();
+    set = EmptySet();
+    for (int i = 0; i < 60; ++i) AddExample(set, i, run.fold() == 0 ? 1.0 : 2.0, 1.0, 1.0, 0);
+  }
+  const auto whole = MergeParts({part});
+  ASSERT_TRUE(whole.ok()) << whole.status();
+  const auto report = MakeCrossValidationReport(*whole, {.resamples = 100});
+  ASSERT_EQ(report.sets_size(), 2);
+  const v1::CrossValidatedSet& other = report.sets(1);
+  EXPECT_EQ(other.name(), "other");
+  EXPECT_EQ(other.left_out(), 3);
+  EXPECT_EQ(other.groups(), 3);
+  EXPECT_EQ(other.largest_group(), 20);
+  EXPECT_EQ(other.overall().examples(), 60);
+  EXPECT_DOUBLE_EQ(other.overall().metrics().at("ade_1").value(), 1.5);
+  const std::string text = CrossValidationText(report, false);
+  EXPECT_THAT(text, HasSubstr("TEST DATASET other: 60 examples of 60 recordings in 3 groups"));
+  EXPECT_THAT(text, HasSubstr("3 more recordings were left out"));
+  EXPECT_THAT(text, HasSubstr("too narrow"));
+}
+
+TEST_F(CrossValidationReportTest, TheTextHasFiguresIntervalsAndVerdicts) {
+  const std::string text = CrossValidationText(report_, false);
+  EXPECT_THAT(text, HasSubstr("2 folds, training seeds 1, 3; 2000 draws"));
+  EXPECT_THAT(text, HasSubstr("ade_1, m"));
+  EXPECT_THAT(text, HasSubstr(" .. "));
+  EXPECT_THAT(text, HasSubstr("mutual_information, nats"));
+  EXPECT_THAT(text, HasSubstr("ahead -3.0"));
+  EXPECT_THAT(text, HasSubstr("BY SPEED"));
+  EXPECT_EQ(text.find("BY CLASS"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace maneuver::evaluation
