@@ -29,11 +29,19 @@ size_t Hash(const Features& features) {
   return hash;
 }
 
+bool EqualIds(const google::protobuf::RepeatedField<int64_t>& a,
+              const google::protobuf::RepeatedField<int64_t>& b) {
+  return std::ranges::equal(a, b);
+}
+
 bool Equal(const Features& a, const Features& b) {
   return std::ranges::equal(a, b, [](const v1::MapFeature& one, const v1::MapFeature& other) {
     return one.id() == other.id() && one.type() == other.type() &&
            one.speed_limit() == other.speed_limit() && BytesOf(one.x()) == BytesOf(other.x()) &&
-           BytesOf(one.y()) == BytesOf(other.y());
+           BytesOf(one.y()) == BytesOf(other.y()) &&
+           EqualIds(one.successor_ids(), other.successor_ids()) &&
+           EqualIds(one.left_neighbor_ids(), other.left_neighbor_ids()) &&
+           EqualIds(one.right_neighbor_ids(), other.right_neighbor_ids());
   });
 }
 

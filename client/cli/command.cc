@@ -112,6 +112,10 @@ void Command::Exclude(const std::string& flag, const std::string& other) {
   app_->get_option(flag)->excludes(app_->get_option(other));
 }
 
+void Command::Need(const std::string& flag, const std::string& other) {
+  app_->get_option(flag)->needs(app_->get_option(other));
+}
+
 void Command::Run(std::function<int()> run) {
   app_->callback([chosen = chosen_, run = std::move(run)] { *chosen = run; });
 }

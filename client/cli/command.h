@@ -65,6 +65,8 @@ class Command {
   void Flag(const std::string& flags, bool* value, const std::string& help);
   // These two options cannot be given together.
   void Exclude(const std::string& flag, const std::string& other);
+  // The first option cannot be given without the second.
+  void Need(const std::string& flag, const std::string& other);
 
   // What the command does; returns its ExitCode.
   void Run(std::function<int()> run);

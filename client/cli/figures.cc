@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "client/cli/action_gallery.h"
 #include "client/cli/command.h"
 #include "client/cli/json_files.h"
 #include "client/cli/scenario_source.h"
@@ -75,7 +76,9 @@ class Figures {
     auto actions = environment_.server_client().GetActionSet(request, environment_.call_options());
     if (!actions.ok()) return environment_.Fail(actions.status());
     actions_ = *std::move(actions);
-    Save("actions", plot::DrawActionSet(actions_, {.names = Names()}));
+    Save("actions", actions_.has_speed()
+                        ? DrawGallery(report_.model_version(), {.names = Names()}, environment_)
+                        : plot::DrawActionSet(actions_, {.names = Names()}));
     Save("action-means", plot::DrawActionMeans(actions_, report_));
     Save("reliability", plot::DrawReliability(report_));
     for (const auto& [name, example] : ChooseScenes(report_)) Save(name, DrawScene(*example));

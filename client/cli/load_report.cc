@@ -93,6 +93,7 @@ Table ServerTable(const LoadReport& report) {
                {"p99 ms", Align::kRight},
                {"BATCH", Align::kRight},
                {"RASTER ms", Align::kRight},
+               {"VECTORS ms", Align::kRight},
                {"ENCODE ms", Align::kRight},
                {"DESCRIBE ms", Align::kRight},
                {"ANSWERED", Align::kRight},
@@ -105,14 +106,14 @@ Table ServerTable(const LoadReport& report) {
     if (!step.server) continue;
     const ServerChange& server = *step.server;
     const auto memory = server.peaks.memory_bytes;
-    table.Add({step.name, Short(1e3 * Stage(server, "queue").Mean()),
-               Short(1e3 * Stage(server, "queue").Quantile(0.99)), Short(BatchSize(server).Mean()),
-               Short(1e3 * Stage(server, "raster").Mean()),
-               Short(1e3 * Stage(server, "encode").Mean()),
-               Short(1e3 * Stage(server, "describe").Mean()), Count(Targets(server, "answered")),
-               Count(Targets(server, "expired")), Count(Targets(server, "cancelled")),
-               Count(Targets(server, "refused")), Count(server.peaks.queued_targets),
-               memory ? Bytes(static_cast<int64_t>(*memory)) : "-"});
+    table.Add(
+        {step.name, Short(1e3 * Stage(server, "queue").Mean()),
+         Short(1e3 * Stage(server, "queue").Quantile(0.99)), Short(BatchSize(server).Mean()),
+         Short(1e3 * Stage(server, "raster").Mean()), Short(1e3 * Stage(server, "vectors").Mean()),
+         Short(1e3 * Stage(server, "encode").Mean()), Short(1e3 * Stage(server, "describe").Mean()),
+         Count(Targets(server, "answered")), Count(Targets(server, "expired")),
+         Count(Targets(server, "cancelled")), Count(Targets(server, "refused")),
+         Count(server.peaks.queued_targets), memory ? Bytes(static_cast<int64_t>(*memory)) : "-"});
   }
   return table;
 }
@@ -183,7 +184,7 @@ Json ToJson(const ServerChange& server) {
   }
   json["batch_size_mean"] = Number(BatchSize(server).Mean());
   json["batched_targets"] = Number(BatchSize(server).sum);
-  for (const char* stage : {"queue", "raster", "encode", "describe"}) {
+  for (const char* stage : {"queue", "raster", "vectors", "encode", "describe"}) {
     const HistogramChange change = Stage(server, stage);
     json["stages_ms"][stage] = {{"count", change.count},
                                 {"mean", Number(1e3 * change.Mean())},

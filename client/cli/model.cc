@@ -7,16 +7,17 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "client/cli/action_gallery.h"
 #include "client/cli/commands.h"
 #include "client/cli/job_display.h"
 #include "client/cli/json_files.h"
 #include "client/cli/model_compare.h"
 #include "client/cli/model_export.h"
 #include "client/cli/resource_names.h"
+#include "client/cli/spec_rows.h"
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
 #include "client/plot/action_set_plot.h"
-#include "model/evaluation/cost_text.h"
 
 namespace maneuver::cli {
 namespace {
@@ -27,6 +28,7 @@ struct ModelArguments {
   int64_t action = 0;
   std::string label;
   bool all = false;
+  std::optional<double> speed;
   std::optional<std::string> plot;
 };
 
@@ -117,10 +119,7 @@ int ShowModel(const std::string& name, Environment& environment) {
   table.Add({"latent dimensions", absl::StrCat(spec.latent_dimensions())});
   table.Add({"horizon", absl::StrCat(Spell(Horizon(spec)), " in ", spec.trajectory().waypoints(),
                                      " waypoints")});
-  table.Add({"raster", absl::StrCat(spec.raster().width(), " x ", spec.raster().height(), " at ",
-                                    spec.raster().meters_per_pixel(), " m a pixel")});
-  table.Add({"backbone", evaluation::BackboneCostText(version->cost())});
-  table.Add({"whole model", evaluation::ModelCostText(version->cost())});
+  AddSpecRows(spec, version->cost(), &table);
   table.Add({"datasets", absl::StrJoin(manifest.provenance().datasets(), " ")});
   if (!manifest.provenance().start_from().empty()) {
     table.Add({"started from", ShortName(manifest.provenance().start_from())});
@@ -145,15 +144,28 @@ std::string Ends(const v1::Trajectory& mean) {
                       y >= 0.0 ? "left" : "right");
 }
 
+// One panel for each action; or, of actions that differ by speed where none is asked for, a
+// gallery.
+absl::StatusOr<std::string> DrawActions(const v1::ActionSet& set, const ModelArguments& arguments,
+                                        Environment& environment) {
+  if (!set.has_speed() || arguments.speed) {
+    plot::ActionSetPlotOptions options;
+    options.all = arguments.all;
+    return plot::DrawActionSet(set, options);
+  }
+  plot::ActionGalleryOptions options;
+  options.all = arguments.all;
+  return DrawGallery(set.model_version(), options, environment);
+}
+
 int Actions(const ModelArguments& arguments, Environment& environment) {
   v1::GetActionSetRequest request;
   request.set_name(ModelResource(arguments.model));
+  if (arguments.speed) request.set_speed(*arguments.speed);
   const auto set = environment.server_client().GetActionSet(request, environment.call_options());
   if (!set.ok()) return environment.Fail(set.status());
   if (arguments.plot) {
-    plot::ActionSetPlotOptions options;
-    options.all = arguments.all;
-    const absl::StatusOr<std::string> picture = plot::DrawActionSet(*set, options);
+    const absl::StatusOr<std::string> picture = DrawActions(*set, arguments, environment);
     const absl::Status status =
         picture.ok() ? WriteFile(*arguments.plot, *picture) : picture.status();
     if (!status.ok()) return environment.Fail(status);
@@ -174,6 +186,12 @@ int Actions(const ModelArguments& arguments, Environment& environment) {
                Ends(action.distribution().mean_trajectory())});
   }
   environment.out << table.Text(environment.color);
+  if (set->has_speed()) {
+    environment.err << "means are those of a target that drives straight on at " << set->speed()
+                    << " m/s; --speed asks for another speed\n";
+  } else if (arguments.speed) {
+    environment.err << "the actions of this model are the same at every speed\n";
+  }
   if (left_out > 0) {
     environment.err << left_out << " actions are not effective; --all shows them too\n";
   }
@@ -246,9 +264,15 @@ void AddModel(Command& root, Environment& environment) {
   show.Run([=, &environment] { return ShowModel(arguments->model, environment); });
 
   Command actions = group.Add("actions", "What actions a version has learned",
-                              "Example: maneuver model actions town --plot actions.png");
+                              "Actions of a model that predicts relative to the present motion "
+                              "depend on the speed: --plot draws them at 0, 5, 10 and 20 m/s, or "
+                              "at --speed.\n"
+                              "Example: maneuver model actions town --plot actions.png\n"
+                              "         maneuver model actions town --speed 10");
   actions.OptionalArgument("MODEL", &arguments->model, any + " [the only one that serves]");
   actions.Flag("--all", &arguments->all, "Also actions that are not effective");
+  actions.Option("--speed", &arguments->speed, 0.0, 100.0,
+                 "Speed of the target that they are drawn for, m/s [10]");
   actions.Option("--plot", &arguments->plot, "PNG file to draw them into");
   actions.Run([=, &environment] { return Actions(*arguments, environment); });
 

@@ -40,7 +40,8 @@ void AddModelExport(Command& group, Environment& environment) {
   const auto arguments = std::make_shared<ExportArguments>();
   Command command =
       group.Add("export", "A model folder's networks as an ONNX file",
-                "From the raster to p(y|s), and on to the sigma trajectories of every action.\n"
+                "From what is read of a scene to p(y|s), and on to the sigma trajectories of every "
+                "action.\n"
                 "Example: maneuver model export /var/lib/maneuver/models/town/2 --onnx town.onnx");
   command.Argument("MODEL_FOLDER", &arguments->folder,
                    "Folder with model.json and weights.safetensors");

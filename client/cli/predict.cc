@@ -26,11 +26,13 @@ struct PredictArguments {
   std::vector<int64_t> actions;
   std::optional<double> min_probability;
   std::optional<int64_t> top_k;
+  std::optional<int64_t> representatives;
   bool prior = false;
   std::string frame = "world";
   std::optional<double> deadline;
   std::string priority = "interactive";
   std::optional<std::string> plot;
+  bool paths = false;
   double at_least = 0.02;
 };
 
@@ -47,6 +49,7 @@ v1::DistributionQuery Query(const PredictArguments& arguments) {
   } else if (arguments.min_probability) {
     query.set_min_probability(*arguments.min_probability);
   }
+  query.set_representatives(static_cast<int32_t>(arguments.representatives.value_or(0)));
   query.set_source(arguments.prior ? v1::LATENT_SOURCE_PRIOR : v1::LATENT_SOURCE_POSTERIOR);
   query.set_frame(arguments.frame == "target" ? v1::FRAME_TARGET : v1::FRAME_WORLD);
   return query;
@@ -128,32 +131,66 @@ void PrintProbabilities(const Predictions& predictions, double at_least,
   environment.out << table.Text(environment.color);
 }
 
+// "12.3, -4.5 m": the mean trajectory at the last waypoint; "-" if it has none.
+std::string EndOf(const v1::ActionDistribution& action) {
+  const v1::Trajectory& mean = action.mean_trajectory();
+  if (mean.x().empty() || mean.y().empty()) return "-";
+  return absl::StrCat(Fixed(*mean.x().rbegin(), 1), ", ", Fixed(*mean.y().rbegin(), 1), " m");
+}
+
+std::string EndTitle(double horizon, const std::string& frame) {
+  return absl::StrCat("AFTER ", Fixed(horizon, 1), " s (", frame, ")");
+}
+
+// Actions that cover the mixture, the medoid first, with the probability that each stands for.
+void PrintRepresentatives(const Predictions& predictions, double horizon, const std::string& frame,
+                          const std::map<int, std::string>& labels, Environment& environment) {
+  Table table({{"SCENARIO"},
+               {"TARGET", Align::kRight},
+               {"REPRESENTATIVE", Align::kRight},
+               {"ACTION", Align::kRight},
+               {"LABEL"},
+               {"WEIGHT", Align::kRight},
+               {EndTitle(horizon, frame), Align::kRight}});
+  for (const v1::ScenarioPrediction& prediction : predictions) {
+    for (const v1::TargetPrediction& target : prediction.targets()) {
+      for (int i = 0; i < target.representatives_size(); ++i) {
+        const v1::Representative& representative = target.representatives(i);
+        const int action = representative.action_id();
+        const auto described =
+            std::ranges::find(target.distributions(), action, &v1::ActionDistribution::action_id);
+        table.Add({i == 0 ? prediction.scenario_id() : "",
+                   i == 0 ? absl::StrCat(target.target_id()) : "",
+                   i == 0 ? "1 (medoid)" : absl::StrCat(i + 1), absl::StrCat(action),
+                   LabelOf(labels, action), Share(representative.weight()),
+                   described == target.distributions().end() ? "-" : EndOf(*described)});
+      }
+    }
+  }
+  environment.out << table.Text(environment.color);
+}
+
 // The mean trajectory at the last waypoint and how far one standard deviation reaches there.
 void PrintDistributions(const Predictions& predictions, double horizon, const std::string& frame,
                         const std::map<int, std::string>& labels, Environment& environment) {
-  const std::string end = absl::StrCat("AFTER ", Fixed(horizon, 1), " s (", frame, ")");
   Table table({{"SCENARIO"},
                {"TARGET", Align::kRight},
                {"ACTION", Align::kRight},
                {"LABEL"},
                {"PROBABILITY", Align::kRight},
-               {end, Align::kRight},
+               {EndTitle(horizon, frame), Align::kRight},
                {"STDDEV x, y", Align::kRight}});
   for (const v1::ScenarioPrediction& prediction : predictions) {
     for (const v1::TargetPrediction& target : prediction.targets()) {
       for (int i = 0; i < target.distributions_size(); ++i) {
         const v1::ActionDistribution& action = target.distributions(i);
-        const v1::Trajectory& mean = action.mean_trajectory();
         const v1::WaypointMoments& moments = action.moments();
-        const bool complete = !mean.x().empty() && !mean.y().empty() &&
-                              !moments.covariance_xx().empty() && !moments.covariance_yy().empty();
+        const bool has_moments =
+            !moments.covariance_xx().empty() && !moments.covariance_yy().empty();
         table.Add({i == 0 ? prediction.scenario_id() : "",
                    i == 0 ? absl::StrCat(target.target_id()) : "", absl::StrCat(action.action_id()),
-                   LabelOf(labels, action.action_id()), Share(action.probability()),
-                   complete ? absl::StrCat(Fixed(*mean.x().rbegin(), 1), ", ",
-                                           Fixed(*mean.y().rbegin(), 1), " m")
-                            : "-",
-                   complete
+                   LabelOf(labels, action.action_id()), Share(action.probability()), EndOf(action),
+                   has_moments
                        ? absl::StrCat(Fixed(std::sqrt(*moments.covariance_xx().rbegin()), 1), ", ",
                                       Fixed(std::sqrt(*moments.covariance_yy().rbegin()), 1), " m")
                        : "-"});
@@ -183,6 +220,7 @@ bool DrawAll(const std::vector<v1::Scenario>& scenarios, const Predictions& pred
                                 : arguments.min_probability.value_or(0.05);
   options.frame = Query(arguments).frame();
   options.horizon = horizon;
+  options.lane_paths = arguments.paths;
   options.model_version = model_version;
   options.labels = labels;
   bool all_drawn = true;
@@ -245,6 +283,10 @@ int Finish(const PredictArguments& arguments, const std::vector<v1::Scenario>& s
     environment.PrintJson(answer);
   } else {
     PrintDistributions(answer.predictions(), horizon, arguments.frame, labels, environment);
+    if (arguments.representatives) {
+      environment.out << "\n";
+      PrintRepresentatives(answer.predictions(), horizon, arguments.frame, labels, environment);
+    }
   }
   bool all_well = ReportErrors(answer.predictions(), environment);
   if (arguments.plot) {
@@ -298,11 +340,16 @@ void AddQueryOptions(Command& command, PredictArguments* arguments) {
   command.Exclude("--actions", "--min-probability");
   command.Exclude("--actions", "--top-k");
   command.Exclude("--top-k", "--min-probability");
+  command.Option("--representatives", &arguments->representatives, 1, 1'000'000,
+                 "Choose and describe so many actions that cover the mixture; the first one is the "
+                 "medoid, the best single answer");
   command.Flag("--prior", &arguments->prior,
                "The actions in general, p(z|y), in place of what they would be here");
   command.Choice("--frame", &arguments->frame, {"world", "target"}, "Frame of the trajectories");
   command.Option("--plot", &arguments->plot,
                  "PNG file to draw the scene into; FILE-1.png, ... for several scenes");
+  command.Flag("--paths", &arguments->paths, "Draw where each target can go along the lanes, too");
+  command.Need("--paths", "--plot");
 }
 
 }  // namespace
@@ -334,6 +381,7 @@ void AddPredict(Command& root, Environment& environment) {
   Command predict =
       root.Add("predict", "Both answers at once",
                "Example: maneuver predict scene.json --plot scene.png\n"
+               "         maneuver predict scene.json --representatives 6 --plot scene.png\n"
                "         maneuver predict *.json --model town@candidate --output json");
   AddCommonOptions(predict, arguments.get());
   AddQueryOptions(predict, arguments.get());

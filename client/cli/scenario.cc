@@ -16,6 +16,7 @@
 #include "client/cli/target_selection.h"
 #include "client/cli/text_format.h"
 #include "client/observed_scenario.h"
+#include "client/plot/scene_plot.h"
 
 namespace maneuver::cli {
 namespace {
@@ -28,6 +29,8 @@ struct ScenarioArguments {
   std::vector<int64_t> targets;
   bool no_future = false;
   std::optional<std::string> file;
+  std::optional<std::string> plot;
+  bool paths = false;
 };
 
 int PrintScenarios(const ScenarioArguments& arguments, Environment& environment) {
@@ -69,22 +72,37 @@ std::string TypeName(v1::AgentType type) {
   }
 }
 
-int ShowScenario(const ScenarioArguments& arguments, Environment& environment) {
-  const auto scenario = GetScenario(arguments.source, arguments.scenario_id, environment);
-  if (!scenario.ok()) return environment.Fail(scenario.status());
-  const v1::ScenarioSummary summary = Summarize(*scenario);
+// Draws the targets of a recording, without predictions.
+int PlotScenario(const ScenarioArguments& arguments, const v1::Scenario& scenario,
+                 Environment& environment) {
+  v1::ScenarioPrediction nothing_predicted;
+  for (const int64_t id : DefaultTargets(scenario, scenario.prediction_time())) {
+    nothing_predicted.add_targets()->set_target_id(id);
+  }
+  plot::ScenePlotOptions options;
+  options.lane_paths = arguments.paths;
+  const absl::StatusOr<std::string> picture = plot::DrawScene(scenario, nothing_predicted, options);
+  const absl::Status status =
+      picture.ok() ? WriteFile(*arguments.plot, *picture) : picture.status();
+  if (!status.ok()) return environment.Fail(status);
+  environment.err << "the picture is " << *arguments.plot << "\n";
+  return kOk;
+}
+
+void PrintScenario(const v1::Scenario& scenario, Environment& environment) {
+  const v1::ScenarioSummary summary = Summarize(scenario);
   if (environment.json()) {
     environment.PrintJson(summary);
-    return kOk;
+    return;
   }
-  Table facts({{"SCENARIO"}, {scenario->scenario_id()}});
+  Table facts({{"SCENARIO"}, {scenario.scenario_id()}});
   facts.Add({"from", Fixed(summary.start_time(), 2) + " s"});
   facts.Add({"to", Fixed(summary.end_time(), 2) + " s"});
-  facts.Add({"prediction time", Fixed(scenario->prediction_time(), 2) + " s"});
+  facts.Add({"prediction time", Fixed(scenario.prediction_time(), 2) + " s"});
   facts.Add({"targets", absl::StrJoin(summary.target_ids(), " ")});
-  facts.Add({"map features", absl::StrCat(scenario->map_features_size())});
+  facts.Add({"map features", absl::StrCat(scenario.map_features_size())});
   facts.Add({"map points", absl::StrCat(summary.map_points())});
-  facts.Add({"traffic signals", absl::StrCat(scenario->traffic_signals_size())});
+  facts.Add({"traffic signals", absl::StrCat(scenario.traffic_signals_size())});
   environment.out << facts.Text(environment.color) << "\n";
   Table agents({{"AGENT", Align::kRight},
                 {"TYPE"},
@@ -92,7 +110,7 @@ int ShowScenario(const ScenarioArguments& arguments, Environment& environment) {
                 {"SEEN FROM", Align::kRight},
                 {"TO", Align::kRight},
                 {"TRAVELS", Align::kRight}});
-  for (const v1::Agent& agent : scenario->agents()) {
+  for (const v1::Agent& agent : scenario.agents()) {
     if (agent.states().empty()) continue;
     const v1::AgentState& first = *agent.states().begin();
     const v1::AgentState& last = *agent.states().rbegin();
@@ -106,7 +124,13 @@ int ShowScenario(const ScenarioArguments& arguments, Environment& environment) {
                 Fixed(first.time(), 1), Fixed(last.time(), 1), Fixed(path, 0) + " m"});
   }
   environment.out << agents.Text(environment.color);
-  return kOk;
+}
+
+int ShowScenario(const ScenarioArguments& arguments, Environment& environment) {
+  const auto scenario = GetScenario(arguments.source, arguments.scenario_id, environment);
+  if (!scenario.ok()) return environment.Fail(scenario.status());
+  PrintScenario(*scenario, environment);
+  return arguments.plot ? PlotScenario(arguments, *scenario, environment) : kOk;
 }
 
 int Extract(const ScenarioArguments& arguments, Environment& environment) {
@@ -162,10 +186,16 @@ void AddScenario(Command& root, Environment& environment) {
   list.Option("--most", &arguments->most, 0, INT64_MAX, "Print at most so many; 0: all");
   list.Run([=, &environment] { return PrintScenarios(*arguments, environment); });
 
-  Command show = group.Add("show", "What is in one recording",
-                           "Example: maneuver scenario show town town-1-0");
+  Command show =
+      group.Add("show", "What is in one recording",
+                "Example: maneuver scenario show town town-1-0\n"
+                "         maneuver scenario show town town-1-0 --plot scene.png --paths");
   show.Argument("SOURCE", &arguments->source, source_help);
   show.Argument("SCENARIO_ID", &arguments->scenario_id, "Which recording");
+  show.Option("--plot", &arguments->plot,
+              "PNG file to draw its targets into, at its prediction time");
+  show.Flag("--paths", &arguments->paths, "Draw where each target can go along the lanes, too");
+  show.Need("--paths", "--plot");
   show.Run([=, &environment] { return ShowScenario(*arguments, environment); });
 
   Command extract =

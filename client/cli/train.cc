@@ -195,8 +195,8 @@ void AddTrain(Command& root, Environment& environment) {
       "[unified]");
   command.Option(
       "--preset", &arguments->preset,
-      "compact (minutes on two cores), paper (its sizes), resnet50 (and its backbone) or literal "
-      "(by its letter) [compact]");
+      "lanes (relative to the motion), lanes-metres, or the paper's: compact (small), paper (its "
+      "sizes), resnet50 (and its backbone), literal (by its letter) [lanes]");
   command.Option("--settings", &arguments->settings_file,
                  "File with TrainingSettings as proto3 JSON");
   command.Option("--set", &arguments->assignments,

@@ -208,9 +208,11 @@ absl::StatusOr<std::string> PaintActionMeans(const v1::ActionSet& set,
   const double horizon = set.waypoint_times().empty() ? 0.0 : *set.waypoint_times().rbegin();
   canvas.Text(absl::StrFormat("%s on %s", report.model_version(), report.dataset()), {76.0, 32.0},
               13.0, kInk, Anchor::kLeft, true);
-  canvas.Text(absl::StrFormat("generic mean of each action (thick), %g s, over %d recorded "
+  const std::string at =
+      set.has_speed() ? absl::StrFormat(" from %g m/s straight on", set.speed()) : "";
+  canvas.Text(absl::StrFormat("generic mean of each action (thick), %g s%s, over %d recorded "
                               "trajectories in the colour of the action that they most likely were",
-                              horizon, report.sampled_examples_size()),
+                              horizon, at, report.sampled_examples_size()),
               {76.0, 56.0}, 10.0, kFaintInk);
   DrawLegend(*actions, {box.right() + 30.0, box.top, kLegend - 40.0, up}, &canvas);
   return canvas.EncodePng();

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 namespace maneuver::plot {
 namespace {
@@ -54,6 +55,44 @@ Line Past(const ScenePanel& panel, const v1::Agent& agent, int now) {
     line.push_back(panel.FromWorld(state.x(), state.y()));
   }
   return line;
+}
+
+Color LightColor(v1::TrafficSignalState state) {
+  switch (state) {
+    case v1::TRAFFIC_SIGNAL_STATE_STOP:
+      return {255, 70, 60};
+    case v1::TRAFFIC_SIGNAL_STATE_CAUTION:
+      return {255, 190, 40};
+    case v1::TRAFFIC_SIGNAL_STATE_GO:
+      return {70, 220, 110};
+    default:
+      return {120, 120, 120};
+  }
+}
+
+// A circle around a place, as a line.
+Line Ring(const Pixel& center, double radius) {
+  constexpr int kCorners = 32;
+  Line ring;
+  for (int i = 0; i <= kCorners; ++i) {
+    const double angle = 2.0 * std::numbers::pi * i / kCorners;
+    ring.push_back({center.x + radius * std::cos(angle), center.y + radius * std::sin(angle)});
+  }
+  return ring;
+}
+
+// An arrowhead at the end of a line of two points or more, `size` pixels long. Empty if the last
+// two are the same.
+Line Arrowhead(const Line& line, double size) {
+  const Pixel tip = line.back();
+  const Pixel from = line[line.size() - 2];
+  const double length = std::hypot(tip.x - from.x, tip.y - from.y);
+  if (length == 0.0) return {};
+  const double dx = size * (tip.x - from.x) / length;
+  const double dy = size * (tip.y - from.y) / length;
+  return {{tip.x + dx, tip.y + dy},
+          {tip.x - 0.5 * dy, tip.y + 0.5 * dx},
+          {tip.x + 0.5 * dy, tip.y - 0.5 * dx}};
 }
 
 }  // namespace
@@ -118,15 +157,49 @@ void DrawSignals(const ScenePanel& panel, Canvas* canvas) {
     for (const v1::TrafficSignalReading& reading : signal.readings()) {
       if (reading.time() <= now) state = reading.state();
     }
-    const Color color = state == v1::TRAFFIC_SIGNAL_STATE_STOP      ? Color{255, 70, 60}
-                        : state == v1::TRAFFIC_SIGNAL_STATE_CAUTION ? Color{255, 190, 40}
-                        : state == v1::TRAFFIC_SIGNAL_STATE_GO      ? Color{70, 220, 110}
-                                                                    : Color{120, 120, 120};
+    const Color color = LightColor(state);
     for (const v1::MapFeature& lane : panel.scenario->map_features()) {
       if (lane.id() != signal.lane_id() || lane.x().empty() || lane.y().empty()) continue;
       if (lane.type() != v1::MAP_FEATURE_TYPE_LANE_CENTERLINE) continue;
       canvas->Disc(panel.FromWorld(lane.x(0), lane.y(0)), 4.0, color, 0.9);
     }
+  }
+}
+
+void DrawLanePaths(const ScenePanel& panel, const std::vector<scene::LanePath>& paths,
+                   Canvas* canvas) {
+  std::vector<Line> lines;
+  std::vector<Line> heads;
+  for (const scene::LanePath& path : paths) {
+    Line line;
+    for (const scene::Point2& point : path.points)
+      line.push_back(panel.FromWorld(point.x, point.y));
+    if (Line head = Arrowhead(line, 11.0); !head.empty()) heads.push_back(std::move(head));
+    lines.push_back(std::move(line));
+  }
+  canvas->Strokes(lines, kLanePath, 7.0, 0.3);
+  canvas->Strokes(lines, kLanePath, 2.0, 0.9);
+  canvas->Polygons(heads, kLanePath, 0.9);
+  for (const scene::LanePath& path : paths) {
+    if (path.signal) {
+      const Pixel center = panel.FromWorld(path.signal->x, path.signal->y);
+      canvas->Disc(center, 5.0, LightColor(path.signal_state));
+      canvas->Stroke(Ring(center, 8.0), kLanePath, 1.6);
+    }
+    if (path.stop_sign) {
+      const Pixel center = panel.FromWorld(path.stop_sign->x, path.stop_sign->y);
+      canvas->Disc(center, 6.0, {200, 30, 40});
+      canvas->Stroke(Ring(center, 6.0), {240, 240, 240}, 1.6);
+    }
+  }
+}
+
+void DrawLeaders(const ScenePanel& panel, const std::vector<scene::LanePath>& paths,
+                 Canvas* canvas) {
+  for (const scene::LanePath& path : paths) {
+    if (!path.leader) continue;
+    const double radius = std::max(12.0, 3.2 * panel.axes.pixels_per_meter());
+    canvas->Stroke(Ring(panel.FromWorld(path.leader->x, path.leader->y), radius), kLanePath, 2.2);
   }
 }
 

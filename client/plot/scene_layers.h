@@ -8,6 +8,7 @@
 #include "client/plot/axes.h"
 #include "client/plot/canvas.h"
 #include "maneuver/v1/scenario.pb.h"
+#include "model/scene/lane_paths.h"
 #include "model/scene/pose2.h"
 
 namespace maneuver::plot {
@@ -32,6 +33,7 @@ inline constexpr Color kRoadEdge = {84, 80, 74};
 inline constexpr Color kArea = {150, 160, 180};
 inline constexpr Color kOtherAgent = {226, 60, 54};
 inline constexpr Color kTarget = {255, 214, 10};
+inline constexpr Color kLanePath = {64, 196, 188};
 inline constexpr Color kTruth = {255, 255, 255};
 inline constexpr Color kText = {222, 224, 228};
 inline constexpr Color kFaintText = {150, 153, 160};
@@ -42,6 +44,12 @@ int StateNow(const v1::Agent& agent, double prediction_time);
 
 void DrawMap(const ScenePanel& panel, Canvas* canvas);
 void DrawSignals(const ScenePanel& panel, Canvas* canvas);
+// Lane paths with arrowheads at their ends, and the signals and stop signs that they meet.
+void DrawLanePaths(const ScenePanel& panel, const std::vector<scene::LanePath>& paths,
+                   Canvas* canvas);
+// Rings around the leaders on the paths.
+void DrawLeaders(const ScenePanel& panel, const std::vector<scene::LanePath>& paths,
+                 Canvas* canvas);
 // Everyone but `target_id`, with their past second.
 void DrawOtherAgents(const ScenePanel& panel, int64_t target_id, Canvas* canvas);
 void DrawTarget(const ScenePanel& panel, const v1::Agent& target, Canvas* canvas);

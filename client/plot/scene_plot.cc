@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <exception>
+#include <optional>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -9,6 +10,7 @@
 #include "client/plot/picture_size.h"
 #include "client/plot/scene_layers.h"
 #include "client/plot/target_panel.h"
+#include "model/scene/road_map.h"
 
 namespace maneuver::plot {
 namespace {
@@ -16,12 +18,15 @@ namespace {
 absl::StatusOr<std::string> PaintScene(const v1::Scenario& scenario,
                                        const v1::ScenarioPrediction& prediction,
                                        const ScenePlotOptions& options) {
+  std::optional<scene::RoadMap> map;
+  if (options.lane_paths) map.emplace(scene::RoadMap::Over(scenario.map_features()));
   std::vector<TargetPanel> panels;
   for (const v1::TargetPrediction& target : prediction.targets()) {
     if (target.has_error()) continue;
     const v1::Agent* agent = AgentInSight(scenario, target.target_id());
     if (agent == nullptr) continue;
     panels.emplace_back(scenario, *agent, target, options);
+    if (map) panels.back().FindLanePaths(map->lanes());
     absl::Status status = panels.back().Prepare();
     if (!status.ok()) return status;
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
@@ -19,9 +20,11 @@ constexpr double kRightMargin = 18.0;
 constexpr double kLowerMargin = 54.0;
 constexpr double kLeastWidth = 60.0;  // metres that a panel shows at least
 constexpr double kLeastHeight = 40.0;
-constexpr double kRow = 20.0;      // of the legend
-constexpr double kLetters = 10.0;  // height of its capitals
-constexpr double kBar = 70.0;      // pixels of probability 1
+constexpr double kRow = 20.0;        // of the legend
+constexpr double kLetters = 10.0;    // height of its capitals
+constexpr double kBar = 70.0;        // pixels of probability 1
+constexpr double kMedoidLine = 5.0;  // widths of means, pixels
+constexpr double kFaintLine = 1.6;
 
 Line ToPixels(const ScenePanel& panel, const std::vector<scene::Point2>& points) {
   Line line;
@@ -81,11 +84,28 @@ TargetPanel::TargetPanel(const v1::Scenario& scenario, const v1::Agent& target,
   X_WT_ = scene::Pose2(now.x(), now.y(), now.heading());
 }
 
+void TargetPanel::FindLanePaths(const scene::LaneGraph& lanes) {
+  lane_paths_ = scene::LanePathFinder().Describe(scenario_, lanes, scenario_.prediction_time(),
+                                                 target_.id(), X_WT_);
+}
+
 absl::Status TargetPanel::Prepare() {
+  std::map<int, int> ranks;  // of the representatives, by action
+  for (const v1::Representative& representative : prediction_.representatives()) {
+    ranks.emplace(representative.action_id(), static_cast<int>(ranks.size()) + 1);
+  }
   for (const v1::ActionDistribution& distribution : prediction_.distributions()) {
-    if (distribution.probability() < options_.min_probability) continue;
-    ActionLines lines{&distribution, {}, {}};
+    const auto rank = ranks.find(distribution.action_id());
+    ActionLines lines{&distribution};
+    lines.share = distribution.probability();
+    if (rank != ranks.end()) {
+      lines.rank = rank->second;
+      lines.share = prediction_.representatives(rank->second - 1).weight();
+    } else if (distribution.probability() < options_.min_probability) {
+      continue;
+    }
     for (const v1::Trajectory& sigma : distribution.sigma_trajectories()) {
+      if (IsFaint(lines)) break;
       lines.sigma.emplace_back();
       absl::Status status = Read(sigma, &lines.sigma.back());
       if (!status.ok()) return status;
@@ -94,8 +114,10 @@ absl::Status TargetPanel::Prepare() {
     if (!status.ok()) return status;
     actions_.push_back(std::move(lines));
   }
-  // The most probable last, over the others.
+  // The medoid last, after the other representatives; without any, the most probable one.
   std::stable_sort(actions_.begin(), actions_.end(), [](const auto& a, const auto& b) {
+    if (a.rank > 0 && b.rank > 0) return a.rank > b.rank;
+    if (a.rank != b.rank) return a.rank == 0;
     return a.distribution->probability() < b.distribution->probability();
   });
   return absl::OkStatus();
@@ -125,6 +147,11 @@ Extent TargetPanel::Shown() const {
       for (const scene::Point2& p : line) extent.Include(p.x, p.y);
     }
   }
+  if (actions_.empty()) {
+    for (const scene::LanePath& path : lane_paths_) {
+      for (const scene::Point2& p : InTarget(path)) extent.Include(p.x, p.y);
+    }
+  }
   const double now = scenario_.prediction_time();
   for (const v1::AgentState& state : target_.states()) {
     if (state.time() < now - 1.0) continue;
@@ -150,7 +177,9 @@ void TargetPanel::Draw(const Box& cell, const Extent& shown, const Style& style,
   panel.axes.DrawGrid(axes, canvas);
   DrawMap(panel, canvas);
   DrawSignals(panel, canvas);
+  DrawLanePaths(panel, lane_paths_, canvas);
   DrawOtherAgents(panel, target_.id(), canvas);
+  DrawLeaders(panel, lane_paths_, canvas);
   for (const ActionLines& action : actions_) DrawSigma(panel, action, canvas);
   for (const ActionLines& action : actions_) DrawMean(panel, action, canvas);
   const Line truth = TruthLine(panel, target_, options_.horizon);
@@ -175,6 +204,12 @@ void TargetPanel::Draw(const Box& cell, const Extent& shown, const Style& style,
   }
 }
 
+std::vector<scene::Point2> TargetPanel::InTarget(const scene::LanePath& path) const {
+  std::vector<scene::Point2> points;
+  for (const scene::Point2& point : path.points) points.push_back(X_WT_.ToLocal(point));
+  return points;
+}
+
 void TargetPanel::DrawSigma(const ScenePanel& panel, const ActionLines& action,
                             Canvas* canvas) const {
   std::vector<Line> lines;
@@ -188,12 +223,17 @@ void TargetPanel::DrawMean(const ScenePanel& panel, const ActionLines& action,
                            Canvas* canvas) const {
   const Line line = ToPixels(panel, action.mean);
   const Color color = ActionColor(action.distribution->action_id());
+  if (IsFaint(action)) {
+    canvas->Stroke(line, color, kFaintLine, 0.6);
+    return;
+  }
   canvas->Stroke(line, kGround, 6.0, 0.55);
-  canvas->Stroke(line, color, 3.2);
-  canvas->Disc(line.back(), 4.6, color);
+  canvas->Stroke(line, color, action.rank == 1 ? kMedoidLine : 3.2);
+  if (action.rank == 1) canvas->Disc(line.back(), 8.0, kText);
+  canvas->Disc(line.back(), action.rank == 1 ? 5.8 : 4.6, color);
 }
 
-// The id of each action at the end of its mean, where there is room for it.
+// The number of each action at the end of its mean, where there is room for it.
 void TargetPanel::DrawIds(const ScenePanel& panel, const Box& legend, const Line& truth,
                           Canvas* canvas) const {
   LabelPlacer placer(panel.axes.box());
@@ -204,18 +244,44 @@ void TargetPanel::DrawIds(const ScenePanel& panel, const Box& legend, const Line
   placer.Occupy({rear_left.x, rear_left.y, scale * target_.length(), scale * target_.width()});
   for (const ActionLines& action : actions_) placer.Occupy(ToPixels(panel, action.mean), 8.0);
   for (auto action = actions_.rbegin(); action != actions_.rend(); ++action) {
+    if (IsFaint(*action)) continue;
     const Line line = ToPixels(panel, action->mean);
-    const int id = action->distribution->action_id();
-    const auto place = placer.Place(line.back(), absl::StrCat(id), 10.0, 40.0);
+    const std::string number = absl::StrCat(NumberOf(*action));
+    const auto place = placer.Place(line.back(), number, 10.0, 40.0);
     if (!place) continue;
     canvas->Rectangle(place->frame, kGround, 0.72);
-    canvas->Text(absl::StrCat(id), place->baseline, 10.0, ActionColor(id), Anchor::kCenter, true);
+    canvas->Text(number, place->baseline, 10.0, ActionColor(action->distribution->action_id()),
+                 Anchor::kCenter, true);
   }
 }
 
-std::string TargetPanel::Label(int action_id) const {
-  const auto label = options_.labels.find(action_id);
-  return label == options_.labels.end() ? "" : label->second;
+int TargetPanel::NumberOf(const ActionLines& action) const {
+  return HasRepresentatives() ? action.rank : action.distribution->action_id();
+}
+
+std::string TargetPanel::NameOf(const ActionLines& action) const {
+  const int id = action.distribution->action_id();
+  const auto found = options_.labels.find(id);
+  const std::string label = found == options_.labels.end() ? "" : found->second;
+  if (!HasRepresentatives()) return label;
+  return absl::StrCat("action ", id, label.empty() ? "" : ", ", label,
+                      action.rank == 1 ? " (medoid)" : "");
+}
+
+std::vector<TargetPanel::Key> TargetPanel::Keys(bool truth) const {
+  std::vector<Key> keys;
+  if (LegendActions() < actions_.size()) {
+    keys.push_back({kFaintText, kFaintLine, "other described actions"});
+  }
+  keys.push_back({kTarget, 2.6, "target, past second"});
+  if (truth) keys.push_back({kTruth, 2.6, "what it really did"});
+  if (!lane_paths_.empty()) keys.push_back({kLanePath, 2.6, "lane paths"});
+  return keys;
+}
+
+size_t TargetPanel::LegendActions() const {
+  return static_cast<size_t>(std::ranges::count_if(
+      actions_, [this](const ActionLines& action) { return !IsFaint(action); }));
 }
 
 // In the corner where it covers least of what the target may do and did. The lower left is the
@@ -223,11 +289,10 @@ std::string TargetPanel::Label(int action_id) const {
 Box TargetPanel::LegendBox(const ScenePanel& panel, const Line& truth) const {
   double label_width = 0.0;
   for (const ActionLines& action : actions_) {
-    label_width =
-        std::max(label_width, Canvas::TextWidth(Label(action.distribution->action_id()), kLetters));
+    label_width = std::max(label_width, Canvas::TextWidth(NameOf(action), kLetters));
   }
   if (label_width > 0.0) label_width += 14.0;
-  const size_t rows = actions_.size() + (truth.empty() ? 1 : 2);
+  const size_t rows = LegendActions() + Keys(!truth.empty()).size();
   const double width = 34.0 + 24.0 + label_width + kBar + 78.0;
   const double height = kRow * static_cast<double>(rows) + 14.0;
   const Box& box = panel.axes.box();
@@ -242,6 +307,7 @@ Box TargetPanel::LegendBox(const ScenePanel& panel, const Line& truth) const {
                               [&](const Pixel& pixel) { return corner.Holds(pixel); });
     };
     count(truth);
+    for (const scene::LanePath& path : lane_paths_) count(ToPixels(panel, InTarget(path)));
     for (const ActionLines& action : actions_) {
       count(ToPixels(panel, action.mean));
       for (const auto& sigma : action.sigma) count(ToPixels(panel, sigma));
@@ -252,33 +318,32 @@ Box TargetPanel::LegendBox(const ScenePanel& panel, const Line& truth) const {
                            [&](const Box& a, const Box& b) { return covered(a) < covered(b); });
 }
 
-// Swatch, id, label and probability of each action, most probable first; then the other lines.
+// Swatch, number, name and share of each action, the most important first; then the other lines.
 void TargetPanel::DrawLegend(const Box& frame, bool truth, Canvas* canvas) const {
   canvas->Rectangle(frame, {10, 11, 14}, 0.78);
   double y = frame.top + 7.0 + kRow / 2.0;
   const double swatch = frame.left + 10.0;
-  for (auto action = actions_.rbegin(); action != actions_.rend(); ++action, y += kRow) {
-    const v1::ActionDistribution& distribution = *action->distribution;
-    const Color color = ActionColor(distribution.action_id());
+  for (auto action = actions_.rbegin(); action != actions_.rend(); ++action) {
+    if (IsFaint(*action)) continue;
+    const Color color = ActionColor(action->distribution->action_id());
     const double baseline = y + kLetters / 2.0;
     canvas->Stroke({{swatch, y}, {swatch + 20.0, y}}, color, 3.2);
-    canvas->Text(absl::StrCat(distribution.action_id()), {swatch + 46.0, baseline}, kLetters, kText,
+    canvas->Text(absl::StrCat(NumberOf(*action)), {swatch + 46.0, baseline}, kLetters, kText,
                  Anchor::kRight);
-    canvas->Text(Label(distribution.action_id()), {swatch + 58.0, baseline}, kLetters, kText);
+    canvas->Text(NameOf(*action), {swatch + 58.0, baseline}, kLetters, kText);
     const double bar = frame.right() - kBar - 68.0;
     canvas->Rectangle({bar, y - 5.0, kBar, 10.0}, color, 0.18);
-    canvas->Rectangle({bar, y - 5.0, kBar * std::clamp(distribution.probability(), 0.0, 1.0), 10.0},
-                      color, 0.95);
-    canvas->Text(absl::StrFormat("%.1f %%", 100.0 * distribution.probability()),
-                 {frame.right() - 8.0, baseline}, kLetters, kText, Anchor::kRight);
-  }
-  const auto key = [&](Color color, const std::string& text) {
-    canvas->Stroke({{swatch, y}, {swatch + 20.0, y}}, color, 2.6);
-    canvas->Text(text, {swatch + 34.0, y + kLetters / 2.0}, kLetters, kFaintText);
+    canvas->Rectangle({bar, y - 5.0, kBar * std::clamp(action->share, 0.0, 1.0), 10.0}, color,
+                      0.95);
+    canvas->Text(absl::StrFormat("%.1f %%", 100.0 * action->share), {frame.right() - 8.0, baseline},
+                 kLetters, kText, Anchor::kRight);
     y += kRow;
-  };
-  key(kTarget, "target, past second");
-  if (truth) key(kTruth, "what it really did");
+  }
+  for (const Key& key : Keys(truth)) {
+    canvas->Stroke({{swatch, y}, {swatch + 20.0, y}}, key.color, key.width);
+    canvas->Text(key.text, {swatch + 34.0, y + kLetters / 2.0}, kLetters, kFaintText);
+    y += kRow;
+  }
 }
 
 }  // namespace maneuver::plot

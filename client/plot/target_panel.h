@@ -13,6 +13,7 @@
 #include "client/plot/scene_plot.h"
 #include "maneuver/v1/prediction_service.pb.h"
 #include "maneuver/v1/scenario.pb.h"
+#include "model/scene/lane_paths.h"
 #include "model/scene/pose2.h"
 
 namespace maneuver::plot {
@@ -32,10 +33,14 @@ class TargetPanel {
   TargetPanel(const v1::Scenario& scenario, const v1::Agent& target,
               const v1::TargetPrediction& prediction, const ScenePlotOptions& options);
 
+  // Finds the lane paths to draw. Without this call there are none.
+  void FindLanePaths(const scene::LaneGraph& lanes);
+
   // Before the others. INVALID_ARGUMENT if a trajectory has unequal numbers of x and y.
   absl::Status Prepare();
 
-  // What has to be seen: the target, what it may do, and what it did. Target frame.
+  // What has to be seen: the target, what it may do, what it did, and its lane paths unless actions
+  // are drawn. Target frame.
   Extent Shown() const;
 
   void Draw(const Box& cell, const Extent& shown, const Style& style, Canvas* canvas) const;
@@ -44,24 +49,45 @@ class TargetPanel {
   // The trajectories of one action, target frame, metres.
   struct ActionLines {
     const v1::ActionDistribution* distribution;
-    std::vector<std::vector<scene::Point2>> sigma;
-    std::vector<scene::Point2> mean;
+    int rank = 0;        // among the representatives, 1 is the medoid; 0: it is none of them
+    double share = 0.0;  // probability, or the weight as a representative
+    std::vector<std::vector<scene::Point2>> sigma = {};
+    std::vector<scene::Point2> mean = {};
   };
 
   absl::Status Read(const v1::Trajectory& trajectory, std::vector<scene::Point2>* points) const;
-  std::string Label(int action_id) const;
+  // Whether the answer names representatives. Then these are drawn in full, and other actions
+  // faintly.
+  bool HasRepresentatives() const { return !prediction_.representatives().empty(); }
+  bool IsFaint(const ActionLines& action) const { return HasRepresentatives() && action.rank == 0; }
+  // What the picture calls an action: its rank as a representative, else its id.
+  int NumberOf(const ActionLines& action) const;
+  // What the legend says of an action beside its number; may be empty.
+  std::string NameOf(const ActionLines& action) const;
+  // Lines of the legend that explain other than actions.
+  struct Key {
+    Color color;
+    double width;
+    std::string text;
+  };
+  std::vector<Key> Keys(bool truth) const;
+  size_t LegendActions() const;
+  // The points of a lane path in the target's frame.
+  std::vector<scene::Point2> InTarget(const scene::LanePath& path) const;
   void DrawSigma(const ScenePanel& panel, const ActionLines& action, Canvas* canvas) const;
   void DrawMean(const ScenePanel& panel, const ActionLines& action, Canvas* canvas) const;
   void DrawIds(const ScenePanel& panel, const Box& legend, const Line& truth, Canvas* canvas) const;
   Box LegendBox(const ScenePanel& panel, const Line& truth) const;
   void DrawLegend(const Box& frame, bool truth, Canvas* canvas) const;
+  // Lines of the legend that are no actions.
 
   const v1::Scenario& scenario_;
   const v1::Agent& target_;
   const v1::TargetPrediction& prediction_;
   const ScenePlotOptions& options_;
   scene::Pose2 X_WT_;
-  std::vector<ActionLines> actions_;  // the most probable last
+  std::vector<ActionLines> actions_;  // the most important last, drawn over the others
+  std::vector<scene::LanePath> lane_paths_;
 };
 
 }  // namespace maneuver::plot

@@ -5,7 +5,10 @@
 
 #include "model/data/stable_hash.h"
 #include "model/data/trajectory.h"
+#include "model/scene/motion_reference.h"
+#include "model/scene/observation_window.h"
 #include "model/scene/target_frame.h"
+#include "model/scene/target_history.h"
 
 namespace maneuver::data {
 namespace {
@@ -24,15 +27,17 @@ struct Window {
   double max_speed;  // infinite: no limit
   double standing_distance;
   double keep_standing;
+  v1::TrajectoryReference reference;
 };
 
 Window MakeWindow(const v1::ModelSpec& spec, const v1::ExampleSettings& settings) {
-  const double frame_interval = Seconds(spec.raster().frame_interval());
+  const scene::ObservationWindow observed = scene::WindowOf(spec);
   Window window;
   window.stride = Seconds(settings.stride());
-  window.past = std::max(0, spec.raster().history_frames() - 1) * frame_interval;
-  window.tolerance = 0.5 * frame_interval;
-  window.max_gap = kMaxGapFrames * frame_interval;
+  window.past = observed.past;
+  window.tolerance = observed.tolerance();
+  window.max_gap = observed.max_gap();
+  window.reference = spec.reference();
   const double waypoint_interval = Seconds(spec.trajectory().waypoint_interval());
   for (int i = 1; i <= spec.trajectory().waypoints(); ++i) {
     window.waypoint_times.push_back(i * waypoint_interval);
@@ -91,6 +96,19 @@ bool KeepsStanding(uint64_t scenario_hash, int64_t target_id, double time, doubl
   return UnitInterval(hash) < keep_standing;
 }
 
+// Empty without a reference.
+std::vector<float> ReferenceOf(const v1::Agent& agent, double time, const scene::Pose2& X_WT,
+                               const Window& window) {
+  if (window.reference == v1::TRAJECTORY_REFERENCE_UNSPECIFIED ||
+      window.reference == v1::TRAJECTORY_REFERENCE_NONE) {
+    return {};
+  }
+  std::vector<double> reference(2 * window.waypoint_times.size());
+  scene::RollOut(window.reference, scene::EstimateMotion(scene::ResampleHistory(agent, time, X_WT)),
+                 window.waypoint_times, reference);
+  return {reference.begin(), reference.end()};
+}
+
 }  // namespace
 
 std::vector<Example> EnumerateExamples(const v1::Scenario& recording, int recording_index,
@@ -127,7 +145,8 @@ std::vector<Example> EnumerateExamples(const v1::Scenario& recording, int record
                           .X_WT = X_WT,
                           .trajectory = {trajectory.begin(), trajectory.end()},
                           .standing = standing,
-                          .motion = scene::DescribeMotion(agent, state.time())});
+                          .motion = scene::DescribeMotion(agent, state.time()),
+                          .reference = ReferenceOf(agent, state.time(), X_WT, window)});
     }
   }
   return examples;

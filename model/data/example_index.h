@@ -25,6 +25,9 @@ struct Example {
   std::vector<float> trajectory;  // [T, 2] target frame, metres
   bool standing = false;
   scene::MotionInputs motion{};
+  // r(m), what a model's trajectories are measured from, [T, 2] target frame, metres; empty for a
+  // model without a reference.
+  std::vector<float> reference;
 };
 
 // Two states that are further apart than this many frame intervals have a gap between them: one

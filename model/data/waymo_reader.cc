@@ -12,6 +12,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/files/digest.h"
+#include "model/scene/scenario_validation.h"
 #include "waymo_scenario.pb.h"
 
 namespace maneuver::data {
@@ -147,6 +148,43 @@ void AddFeature(int64_t id, v1::MapFeatureType type, const Points& points, doubl
   *scenario->add_map_features() = std::move(feature);
 }
 
+// Adds an id to a list of ids that may be full, or have it already.
+void AddId(int64_t id, google::protobuf::RepeatedField<int64_t>* ids) {
+  if (ids->size() < scene::ScenarioLimits().max_lane_links &&
+      std::find(ids->begin(), ids->end(), id) == ids->end()) {
+    ids->Add(id);
+  }
+}
+
+// Declares which lanes follow each other and lie side by side. A recording says on either lane that
+// one follows the other.
+void AddLaneLinks(const waymo::Scenario& recording, v1::Scenario* scenario) {
+  std::map<int64_t, v1::MapFeature*> lanes;
+  for (v1::MapFeature& feature : *scenario->mutable_map_features()) {
+    if (feature.type() == v1::MAP_FEATURE_TYPE_LANE_CENTERLINE ||
+        feature.type() == v1::MAP_FEATURE_TYPE_BIKE_LANE) {
+      lanes.emplace(feature.id(), &feature);
+    }
+  }
+  for (const waymo::MapFeature& feature : recording.map_features()) {
+    const auto found = lanes.find(feature.id());
+    if (!feature.has_lane() || found == lanes.end()) continue;
+    v1::MapFeature* const lane = found->second;
+    for (const int64_t id : feature.lane().exit_lanes()) AddId(id, lane->mutable_successor_ids());
+    for (const auto& neighbor : feature.lane().left_neighbors()) {
+      AddId(neighbor.feature_id(), lane->mutable_left_neighbor_ids());
+    }
+    for (const auto& neighbor : feature.lane().right_neighbors()) {
+      AddId(neighbor.feature_id(), lane->mutable_right_neighbor_ids());
+    }
+    for (const int64_t id : feature.lane().entry_lanes()) {
+      const auto before = lanes.find(id);
+      if (before == lanes.end()) continue;
+      AddId(feature.id(), before->second->mutable_successor_ids());
+    }
+  }
+}
+
 void AddMapFeature(const waymo::MapFeature& feature, v1::Scenario* scenario) {
   const int64_t id = feature.id();
   switch (feature.feature_data_case()) {
@@ -257,6 +295,7 @@ absl::StatusOr<v1::Scenario> ParseWaymoScenario(std::string_view serialized) {
   for (const waymo::MapFeature& feature : recording.map_features()) {
     AddMapFeature(feature, &scenario);
   }
+  AddLaneLinks(recording, &scenario);
   AddSignals(recording, &scenario);
   return scenario;
 }

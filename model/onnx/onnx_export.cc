@@ -2,7 +2,9 @@
 
 #include <cmath>
 #include <cstdint>
+#include <set>
 #include <span>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -10,6 +12,9 @@
 #include "model/artifact/backbone_layers.h"
 #include "model/artifact/model_spec.h"
 #include "model/onnx/graph_builder.h"
+#include "model/scene/action_geometry.h"
+#include "model/scene/lane_path_inputs.h"
+#include "model/scene/target_history.h"
 #include "model/scene/target_motion.h"
 
 namespace maneuver::onnx {
@@ -23,6 +28,8 @@ constexpr int64_t kFormat = 7;
 constexpr int64_t kOperators = 13;
 constexpr float kNormalizationEpsilon = 1e-5f;  // tensor.h
 constexpr int64_t kAnyNumber = -1;
+// Taken from the scores of paths that are not there: e to the minus this is 0 in f32.
+constexpr float kHidden = 1e4f;
 
 class Exporter {
  public:
@@ -33,9 +40,18 @@ class Exporter {
         graph_(graph) {}
 
   void AddEverything(bool distributions) {
-    const std::string features = AddFeatures();
-    const std::string logits =
+    const std::string features =
+        spec_.has_scene_vectors() ? AddVectorFeatures() : AddRasterFeatures();
+    std::string logits =
         AddMlp("action_predictor", spec_.action_predictor().hidden_size() + 1, features);
+    if (spec_.has_action_geometry()) {
+      AddActionGeometry(features);
+      logits = graph_.Add(
+          "Add", "logits",
+          {logits, Reshape("action_geometry.logits", AddDense("action_geometry.logit", geometry_),
+                           {scenes_, spec_.actions()})});
+      AddGenericTrajectories();
+    }
     graph_.Add("Softmax", "probabilities", {logits}, {Setting::One("axis", 1)});
     graph_.Output("features", {scenes_, artifact::SceneFeatures(spec_)});
     graph_.Output("probabilities", {scenes_, spec_.actions()});
@@ -47,7 +63,18 @@ class Exporter {
 
   std::string AddWeights(const std::string& name) {
     const Tensor& tensor = Weights(name);
-    return graph_.Floats(name, tensor.shape, tensor.values);
+    return AddConstant(name, tensor.shape, tensor.values);
+  }
+
+  // A constant that several nodes may ask for by one name.
+  std::string AddConstant(const std::string& name, const Sizes& sizes,
+                          std::span<const float> values) {
+    return constants_.insert(name).second ? graph_.Floats(name, sizes, values) : name;
+  }
+
+  // So many rows of each scene.
+  int64_t Rows(int64_t of_each_scene) const {
+    return scenes_ == kAnyNumber ? kAnyNumber : scenes_ * of_each_scene;
   }
 
   std::string AddConvolution(const BackboneLayer& layer, const std::string& source,
@@ -68,8 +95,8 @@ class Exporter {
     return grid;
   }
 
-  // [N, F'].
-  std::string AddFeatures() {
+  // The backbone's features before the ReLU, [N, F].
+  std::string AddBackbone() {
     const artifact::GridSize raster = artifact::RasterGrid(spec_.raster());
     graph_.Input("raster", {scenes_, raster.channels, raster.height, raster.width});
     std::string registers[artifact::kBackboneRegisters] = {"raster"};
@@ -93,7 +120,12 @@ class Exporter {
       last = layer.destination;
     }
     const std::string flat = graph_.Add("Flatten", "flat", {registers[last]});
-    const std::string projected = AddDense("backbone.projection", flat, nullptr);
+    return AddDense("backbone.projection", flat);
+  }
+
+  // [N, F'] of a model without scene vectors.
+  std::string AddRasterFeatures() {
+    const std::string projected = AddBackbone();
     if (!spec_.target_motion()) return graph_.Add("Relu", "features", {projected});
     graph_.Input("motion", {scenes_, scene::kMotionInputs});
     return graph_.Add("Concat", "features",
@@ -101,33 +133,217 @@ class Exporter {
                       {Setting::One("axis", 1)});
   }
 
-  // y = W x + b. Of weights [networks, out, in] side by side, those of number `network`.
-  std::string AddDense(const std::string& name, const std::string& input, const int64_t* network) {
+  // y = W x, + b if there is a bias. Of weights [networks, out, in] side by side, those of number
+  // `network`.
+  //   label: of this use of the weights, if there are several
+  std::string AddDense(const std::string& name, const std::string& input,
+                       const int64_t* network = nullptr, const std::string& label = "") {
     const Tensor& weight = Weights(name + ".weight");
-    const Tensor& bias = Weights(name + ".bias");
     const int64_t inputs = weight.shape.back();
-    const int64_t outputs = bias.shape.back();
+    const int64_t outputs = weight.shape[weight.shape.size() - 2];
     const int64_t number = network == nullptr ? 0 : *network;
     const std::string full = network == nullptr ? name : absl::StrCat(name, ".action.", number);
     const auto part = [&](const Tensor& tensor, int64_t size) {
       return std::span(tensor.values)
           .subspan(static_cast<size_t>(number * size), static_cast<size_t>(size));
     };
-    return graph_.Add(
-        "Gemm", full,
-        {input, graph_.Floats(full + ".weight", {outputs, inputs}, part(weight, outputs * inputs)),
-         graph_.Floats(full + ".bias", {outputs}, part(bias, outputs))},
-        {Setting::One("transB", 1)});
+    std::vector<std::string> operands = {
+        input, AddConstant(full + ".weight", {outputs, inputs}, part(weight, outputs * inputs))};
+    if (const auto bias = model_.weights.find(name + ".bias"); bias != model_.weights.end()) {
+      operands.push_back(AddConstant(full + ".bias", {outputs}, part(bias->second, outputs)));
+    }
+    return graph_.Add("Gemm", full + label, operands, {Setting::One("transB", 1)});
   }
+
+  std::string AddRelu(const std::string& x) { return graph_.Add("Relu", x + ".relu", {x}); }
 
   // `<name>.0`, `<name>.1`, ... with ReLU between them.
   std::string AddMlp(const std::string& name, int layers, std::string x,
-                     const int64_t* network = nullptr) {
+                     const int64_t* network = nullptr, const std::string& label = "") {
     for (int i = 0; i < layers; ++i) {
-      x = AddDense(absl::StrCat(name, ".", i), x, network);
-      if (i + 1 < layers) x = graph_.Add("Relu", x + ".relu", {x});
+      x = AddDense(absl::StrCat(name, ".", i), x, network, label);
+      if (i + 1 < layers) x = AddRelu(x);
     }
     return x;
+  }
+
+  // W_k x_k for each action k, [N, K, 1, out], with weights [K, out, in].
+  //   x: [N K, in]
+  std::string AddDenseOfEachAction(const std::string& name, const std::string& x) {
+    const Tensor& weight = Weights(name + ".weight");
+    const int64_t K = weight.shape[0], outputs = weight.shape[1], inputs = weight.shape[2];
+    std::vector<float> transposed(weight.values.size());
+    for (int64_t k = 0; k < K; ++k) {
+      for (int64_t o = 0; o < outputs; ++o) {
+        for (int64_t i = 0; i < inputs; ++i) {
+          transposed[static_cast<size_t>((k * inputs + i) * outputs + o)] =
+              weight.values[static_cast<size_t>((k * outputs + o) * inputs + i)];
+        }
+      }
+    }
+    return graph_.Add("MatMul", name,
+                      {Reshape(name + ".each", x, {scenes_, K, 1, inputs}),
+                       AddConstant(name + ".weight", {1, K, inputs, outputs}, transposed)});
+  }
+
+  // [N, F'] of a model with scene vectors (tensor.h).
+  std::string AddVectorFeatures() {
+    graph_.Input("history", {scenes_, scene::kHistoryInputs});
+    const std::string own =
+        AddRelu(AddDense("history.1", AddRelu(AddDense("history.0", "history"))));
+    std::vector<std::string> parts = {own};
+    if (artifact::ReadsLanePaths(spec_)) {
+      AddLanePaths(own);
+      const Pooled pooled = AddPooling("lane_path", paths_, 1, spec_.scene_vectors().path_width(),
+                                       spec_.scene_vectors().attention_heads());
+      parts.insert(parts.end(), {pooled.attended, pooled.maximum});
+    }
+    if (spec_.has_raster()) parts.push_back(AddRelu(AddBackbone()));
+    return graph_.Add(
+        "Relu", "features",
+        {AddDense("join", graph_.Add("Concat", "joined", parts, {Setting::One("axis", 1)}))});
+  }
+
+  // l_i of each path, [N 6, P], into paths_; the masks that pooling wants.
+  void AddLanePaths(const std::string& own) {
+    const int64_t paths = scene::kMostLanePaths;
+    const int64_t P = spec_.scene_vectors().path_width();
+    graph_.Input("lane_paths", {scenes_, paths, scene::kLanePathInputs});
+    graph_.Input("lane_path_mask", {scenes_, paths});
+    const float huge[] = {kHidden}, minus_huge[] = {-kHidden};
+    mask_ = Reshape("lane_path_mask.each", "lane_path_mask", {scenes_, 1, paths, 1});
+    gate_ = AddScaled("lane_path_gate", mask_, huge, minus_huge);
+    const std::string rows =
+        Reshape("lane_paths.rows", "lane_paths", {Rows(paths), scene::kLanePathInputs});
+    const std::string alone = AddDense("lane_path.1", AddRelu(AddDense("lane_path.0", rows)));
+    const std::string sum =
+        graph_.Add("Add", "lane_path.sum",
+                   {Reshape("lane_path.alone", alone, {scenes_, paths, P}),
+                    Reshape("lane_path.own", AddDense("lane_path.history", own), {scenes_, 1, P})});
+    paths_ = AddRelu(
+        AddDense("lane_path.output", Reshape("lane_path.rows", AddRelu(sum), {Rows(paths), P})));
+  }
+
+  struct Pooled {
+    std::string attended;  // [N S, width]
+    std::string maximum;   // [N S, width]
+  };
+  // Over the paths that there are, of S sets for each scene.
+  //   elements: [N S 6, width], none below 0
+  Pooled AddPooling(const std::string& name, const std::string& elements, int64_t sets,
+                    int64_t width, int64_t heads) {
+    const int64_t paths = scene::kMostLanePaths;
+    const int64_t channels = width / heads;
+    const int64_t path_axis[] = {2};
+    const std::string scores = Reshape(name + ".scores", AddDense(name + ".attention", elements),
+                                       {scenes_, sets, paths, heads});
+    // A path that is not there weighs nothing, and where there is none all weights are 0.
+    const std::string shown = graph_.Add("Add", name + ".gated", {scores, gate_});
+    const std::string softmax =
+        graph_.Add("Softmax", name + ".softmax", {shown}, {Setting::One("axis", 2)});
+    const std::string weights = graph_.Add("Mul", name + ".weights", {softmax, mask_});
+    const std::string weighted = graph_.Add(
+        "Mul", name + ".weighted",
+        {Reshape(name + ".weights.each", weights, {scenes_, sets, paths, heads, 1}),
+         Reshape(name + ".channels", elements, {scenes_, sets, paths, heads, channels})});
+    const std::string attended =
+        graph_.Add("ReduceSum", name + ".attended",
+                   {weighted, graph_.Integers(name + ".attended.axes", path_axis)},
+                   {Setting::One("keepdims", 0)});
+    const std::string there =
+        graph_.Add("Mul", name + ".there",
+                   {Reshape(name + ".elements", elements, {scenes_, sets, paths, width}), mask_});
+    const std::string maximum =
+        graph_.Add("ReduceMax", name + ".maximum", {there},
+                   {Setting::List("axes", {2}), Setting::One("keepdims", 0)});
+    return {Reshape(name + ".attended.rows", attended, {Rows(sets), width}),
+            Reshape(name + ".maximum.rows", maximum, {Rows(sets), width})};
+  }
+
+  // h_y of all actions, [N K, A], into geometry_.
+  void AddActionGeometry(const std::string& features) {
+    const int64_t K = spec_.actions();
+    const int64_t paths = scene::kMostLanePaths;
+    const int64_t G = spec_.action_geometry().pair_width();
+    const int64_t A = spec_.action_geometry().features();
+    const auto dense = [&](const char* layer, const std::string& x) {
+      return AddDense(absl::StrCat("action_geometry.", layer), x);
+    };
+    const auto add = [&](const char* name, const std::string& a, const std::string& b) {
+      return graph_.Add("Add", absl::StrCat("action_geometry.", name), {a, b});
+    };
+    graph_.Input("action_paths", {scenes_, K, paths, scene::kPairNumbers});
+    graph_.Input("action_numbers", {scenes_, K, scene::kActionNumbers});
+    const std::string pairs =
+        Reshape("action_paths.rows", "action_paths", {Rows(K * paths), scene::kPairNumbers});
+    const std::string of_pair =
+        Reshape("action_geometry.of_pair", dense("pair", pairs), {scenes_, K, paths, G});
+    const std::string of_path =
+        Reshape("action_geometry.of_path", dense("path", paths_), {scenes_, 1, paths, G});
+    const std::string of_scene =
+        Reshape("action_geometry.of_scene", dense("scene", features), {scenes_, 1, 1, G});
+    const std::string of_action = AddConstant("action_geometry.action.bias", {1, K, 1, G},
+                                              Weights("action_geometry.action.bias").values);
+    const std::string first = AddRelu(add("first", add("pair_and_path", of_pair, of_path),
+                                          add("scene_and_action", of_scene, of_action)));
+    const std::string second = AddRelu(
+        dense("hidden", Reshape("action_geometry.first.rows", first, {Rows(K * paths), G})));
+    const Pooled pooled =
+        AddPooling("action_geometry", second, K, G, spec_.action_geometry().attention_heads());
+    const std::string numbers =
+        Reshape("action_numbers.rows", "action_numbers", {Rows(K), scene::kActionNumbers});
+    const std::string joined =
+        graph_.Add("Concat", "action_geometry.joined", {pooled.attended, pooled.maximum, numbers},
+                   {Setting::One("axis", 1)});
+    const std::string joint =
+        Reshape("action_geometry.joint.each", dense("joint", joined), {scenes_, K, A});
+    const std::string joint_scene = Reshape("action_geometry.joint_scene.each",
+                                            dense("joint_scene", features), {scenes_, 1, A});
+    const std::string joint_action =
+        AddConstant("action_geometry.joint_action.bias", {1, K, A},
+                    Weights("action_geometry.joint_action.bias").values);
+    const std::string all =
+        AddRelu(add("joint_sum", add("joint_and_scene", joint, joint_scene), joint_action));
+    geometry_ =
+        AddRelu(dense("output", Reshape("action_geometry.joint_sum.rows", all, {Rows(K), A})));
+  }
+
+  // p(z|y) decoded at its mean, [K, T, 2].
+  void AddGenericTrajectories() {
+    const int64_t K = spec_.actions();
+    const int64_t T = spec_.trajectory().waypoints();
+    const std::string decoded = AddMlp("decoder", spec_.decoder().hidden_size() + 1,
+                                       AddWeights("mixture.mean"), nullptr, ".generic");
+    Reshape("generic_trajectories",
+            AddScaled("generic_positions", decoded, Weights("trajectory.stddev").values,
+                      Weights("trajectory.mean").values),
+            {K, T, 2});
+    graph_.Output("generic_trajectories", {K, T, 2});
+  }
+
+  // What the mean of each action has beside what is decoded, [N, K, 1, 2T].
+  std::string AddMeanResidual(const std::string& features) {
+    const int64_t K = spec_.actions();
+    const Tensor& scene = Weights("mean_residual.scene.weight");
+    const int64_t coefficients = scene.shape[1];
+    std::string sum = Reshape(
+        "mean_residual.scene.each",
+        graph_.Add("Gemm", "mean_residual.scene",
+                   {features, AddConstant("mean_residual.scene.weight",
+                                          {K * coefficients, scene.shape[2]}, scene.values)},
+                   {Setting::One("transB", 1)}),
+        {scenes_, K, 1, coefficients});
+    if (spec_.has_action_geometry()) {
+      sum = graph_.Add("Add", "mean_residual.sum",
+                       {sum, AddDenseOfEachAction("mean_residual.geometry", geometry_)});
+    }
+    const std::string metres =
+        graph_.Add("Gemm", "mean_residual.metres",
+                   {Reshape("mean_residual.rows", sum, {Rows(K), coefficients}),
+                    AddWeights("mean_residual.curves")},
+                   {Setting::One("transB", 1)});
+    return Reshape("mean_residual", metres,
+                   {scenes_, K, 1, 2 * int64_t{spec_.trajectory().waypoints()}});
   }
 
   std::string Reshape(const std::string& name, const std::string& x,
@@ -135,19 +351,16 @@ class Exporter {
     return graph_.Add("Reshape", name, {x, graph_.Integers(name + ".shape", sizes)});
   }
 
-  // One half of the K scenario encoders' outputs side by side, a (first = 0) or b: [N, K D].
-  std::string AddHalf(const std::string& name, const std::vector<std::string>& outputs,
-                      int64_t first) {
-    const int64_t begin[] = {first}, end[] = {first + spec_.latent_dimensions()}, axis[] = {1};
-    const std::string from = graph_.Integers(name + ".begin", begin);
-    const std::string to = graph_.Integers(name + ".end", end);
-    const std::string along = graph_.Integers(name + ".axis", axis);
-    std::vector<std::string> halves;
-    for (size_t k = 0; k < outputs.size(); ++k) {
-      halves.push_back(
-          graph_.Add("Slice", absl::StrCat(name, ".", k), {outputs[k], from, to, along}));
-    }
-    return graph_.Add("Concat", name, halves, {Setting::One("axis", 1)});
+  // One half of the K scenario encoders' outputs, a (first = 0) or b: [N, K D].
+  //   outputs: [N, K, 2D]
+  std::string AddHalf(const std::string& name, const std::string& outputs, int64_t first) {
+    const int64_t D = spec_.latent_dimensions();
+    const int64_t begin[] = {first}, end[] = {first + D}, axis[] = {2};
+    const std::string half =
+        graph_.Add("Slice", name + ".each",
+                   {outputs, graph_.Integers(name + ".begin", begin),
+                    graph_.Integers(name + ".end", end), graph_.Integers(name + ".axis", axis)});
+    return Reshape(name, half, {scenes_, spec_.actions() * D});
   }
 
   // x * scale + offset, both [columns of x].
@@ -162,10 +375,23 @@ class Exporter {
   // q(z|y,s) of all actions, mean and deviation, [N, K D] each; relative to the components of the
   // mixture (tensor.h).
   std::pair<std::string, std::string> AddPosteriors(const std::string& features) {
-    std::vector<std::string> outputs;
-    for (int64_t k = 0; k < spec_.actions(); ++k) {
-      outputs.push_back(
+    const int64_t K = spec_.actions();
+    const int64_t D = spec_.latent_dimensions();
+    std::vector<std::string> encoders;
+    for (int64_t k = 0; k < K; ++k) {
+      encoders.push_back(
           AddMlp("scenario_encoder", spec_.scenario_encoder().hidden_size() + 1, features, &k));
+    }
+    std::string outputs =
+        Reshape("scenario_encoder.each",
+                graph_.Add("Concat", "scenario_encoder", encoders, {Setting::One("axis", 1)}),
+                {scenes_, K, 2 * D});
+    if (spec_.has_action_geometry()) {
+      outputs =
+          graph_.Add("Add", "scenario_encoder.sum",
+                     {outputs, Reshape("action_geometry.latents",
+                                       AddDenseOfEachAction("action_geometry.latent", geometry_),
+                                       {scenes_, K, 2 * D})});
     }
     std::vector<float> stddev, log_stddev;
     for (const float log_variance : Weights("mixture.log_variance").values) {
@@ -207,19 +433,18 @@ class Exporter {
     const int64_t D = spec_.latent_dimensions();
     const int64_t T = spec_.trajectory().waypoints();
     const int64_t points = 2 * D + 1;
-    const auto rows = [&](int64_t of_each_scene) {
-      return scenes_ == kAnyNumber ? kAnyNumber : scenes_ * of_each_scene;
-    };
     const auto [mean, stddev] = AddPosteriors(features);
     const std::string moments = graph_.Add("Concat", "posterior_moments",
-                                           {Reshape("posterior_mean.rows", mean, {rows(K), D}),
-                                            Reshape("posterior_stddev.rows", stddev, {rows(K), D})},
+                                           {Reshape("posterior_mean.rows", mean, {Rows(K), D}),
+                                            Reshape("posterior_stddev.rows", stddev, {Rows(K), D})},
                                            {Setting::One("axis", 1)});
     const std::string decoded =
         AddMlp("decoder", spec_.decoder().hidden_size() + 1,
-               Reshape("sigma_points.rows", AddSigmaPoints(moments), {rows(K * points), D}));
-    const std::string metres = AddScaled("positions", decoded, Weights("trajectory.stddev").values,
-                                         Weights("trajectory.mean").values);
+               Reshape("sigma_points.rows", AddSigmaPoints(moments), {Rows(K * points), D}));
+    const std::string metres =
+        AddShifts(AddScaled("positions", decoded, Weights("trajectory.stddev").values,
+                            Weights("trajectory.mean").values),
+                  features);
     Reshape("latent_mean", mean, {scenes_, K, D});
     Reshape("latent_stddev", stddev, {scenes_, K, D});
     Reshape("trajectories", metres, {scenes_, K, points, T, 2});
@@ -228,10 +453,31 @@ class Exporter {
     graph_.Output("trajectories", {scenes_, K, points, T, 2});
   }
 
+  // The decoded positions with the residual of the mean and the reference, whichever there are.
+  //   positions: [N K (2D+1), 2T] metres
+  std::string AddShifts(std::string positions, const std::string& features) {
+    const bool relative = artifact::HasReference(spec_);
+    if (!spec_.mean_residual() && !relative) return positions;
+    const int64_t T = spec_.trajectory().waypoints();
+    positions = Reshape("positions.each", positions,
+                        {scenes_, spec_.actions(), 2 * spec_.latent_dimensions() + 1, 2 * T});
+    if (spec_.mean_residual()) {
+      positions = graph_.Add("Add", "positions.of_scene", {positions, AddMeanResidual(features)});
+    }
+    if (!relative) return positions;
+    graph_.Input("reference", {scenes_, T, 2});
+    return graph_.Add("Add", "positions.of_target",
+                      {positions, Reshape("reference.each", "reference", {scenes_, 1, 1, 2 * T})});
+  }
+
   const artifact::StoredModel& model_;
   const v1::ModelSpec& spec_;
   const int64_t scenes_;
   GraphBuilder graph_;
+  std::set<std::string> constants_;
+  // Of lane paths: l_i, [N 6, P]; 1 or 0, and 0 or -kHidden, where one is or is not, [N, 1, 6, 1].
+  std::string paths_, mask_, gate_;
+  std::string geometry_;  // h_y of all actions, [N K, A]
 };
 
 }  // namespace

@@ -1,21 +1,37 @@
-// A model's networks as an ONNX file, for other engines: what this one computes, from the raster
-// on.
+// A model's networks as an ONNX file, for other engines: what this one computes of a scene that has
+// been read (scene/scene_reader.h).
 //
-// Inputs, N scenes:
-//   raster        [N, C, H, W]  scene::Rasterizer's bytes divided by 255, channels first
-//   motion        [N, 4]        scene::MotionInputs; of a model that asks for it alone
+// Inputs, N scenes; each is there if the model reads it:
+//   raster          [N, C, H, W]  scene::Rasterizer's bytes divided by 255, channels first
+//   motion          [N, 4]        scene::MotionInputs
+//   history         [N, 42]       scene::HistoryInputs
+//   lane_paths      [N, 6, 84]    scene::LanePathInputs::values; 0 where there is no path
+//   lane_path_mask  [N, 6]        1 where there is a path, else 0
+//   action_paths    [N, K, 6, 18] how each action lies to each path; 0 where there is no path
+//   action_numbers  [N, K, 13]    of each action's own trajectory
+//   reference       [N, T, 2]     r(m), target frame, metres (scene/motion_reference.h); with
+//                                 distributions alone
 // Outputs:
-//   features      [N, F']       artifact::SceneFeatures
-//   probabilities [N, K]        p(y|s)
+//   features        [N, F']       artifact::SceneFeatures
+//   probabilities   [N, K]        p(y|s)
+//   generic_trajectories [K, T, 2]  p(z|y) decoded at its mean, metres, without the reference; of
+//                                 no input. Of actions that look at the lanes alone
 // and, with distributions,
-//   latent_mean   [N, K, D]     of q(z|y,s)
-//   latent_stddev [N, K, D]
-//   trajectories  [N, K, 2D+1, T, 2]  sigma trajectories, target frame, metres, in the order of
-//                               inference::ActionDistribution::sigma
+//   latent_mean     [N, K, D]     of q(z|y,s)
+//   latent_stddev   [N, K, D]
+//   trajectories    [N, K, 2D+1, T, 2]  sigma trajectories, target frame, metres, in the order of
+//                                 inference::ActionDistribution::sigma, with the residual of the
+//                                 mean and the reference
 //
-// Batch normalisation stays a node of its own, as it was learned. Not in the file: drawing, moments
-// and their covariances (closed forms of the sigma trajectories and of two small tables), the prior
-// p(z|y), and q(z|x), which classifies trajectories.
+// action_paths and action_numbers follow from the other inputs. For each scene:
+//   1. Add the reference, 0 if the model has none, to each of the generic_trajectories.
+//   2. Pick the points of each that scene::FindGeometryWaypoints names; -1 stands for the origin.
+//   3. Give them to scene::DescribeActions, with lane_paths and the target's speed along its
+//      heading, scene::MotionEstimate::speed. Its formulas are in scene/action_geometry.h.
+//
+// Batch normalisation stays a node of its own, as it was learned. Not in the file: how a scene is
+// read, moments and their covariances (closed forms of the sigma trajectories and of small tables
+// or networks), the prior p(z|y), and q(z|x), which classifies trajectories.
 
 #ifndef MANEUVER_MODEL_ONNX_ONNX_EXPORT_H_
 #define MANEUVER_MODEL_ONNX_ONNX_EXPORT_H_

@@ -3,10 +3,13 @@
 #include <algorithm>
 #include <charconv>
 #include <chrono>
+#include <memory>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_spec.h"
+#include "model/inference/action_model.h"
 #include "server/rpc/blocking_call.h"
 #include "server/rpc/paging.h"
 #include "server/rpc/prediction_translation.h"
@@ -19,6 +22,7 @@ using VersionInfo = serving::ModelRegistry::VersionInfo;
 constexpr int kDefaultPageSize = 50;
 constexpr int kMaxPageSize = 1000;
 constexpr int kMaxLabelLength = 64;
+constexpr double kMostSpeed = 100.0;  // m/s, of GetActionSetRequest
 
 // The place in the list after which the next page starts: "{create time, ns}/{name}".
 struct PageStart {
@@ -104,6 +108,39 @@ absl::StatusOr<v1::ModelVersion> DescribeReference(
   const auto resolved = models.Resolve(reference);
   if (!resolved.ok()) return resolved.status();
   return models.Describe(resolved->name);
+}
+
+// Decodes the actions of `version` at the speed that the request asks for, if that makes a
+// difference. May load the version.
+absl::Status DrawAtSpeed(serving::ModelRegistry& models, const v1::GetActionSetRequest& request,
+                         v1::ModelVersion* version) {
+  if (!request.has_speed()) return absl::OkStatus();
+  if (!(request.speed() >= 0.0 && request.speed() <= kMostSpeed)) {
+    return errors::InvalidField("speed", absl::StrCat("expected 0 to ", kMostSpeed, " m/s"));
+  }
+  const v1::ModelManifest& manifest = version->manifest();
+  if (!artifact::HasReference(manifest.spec()) || manifest.actions().empty()) {
+    return absl::OkStatus();
+  }
+  const auto name = security::ParseModelReference(version->name(), "name");
+  if (!name.ok()) return name.status();
+  auto handle = models.Find(*name);
+  if (handle.ok() && *handle == nullptr) handle = models.Load(*name);
+  if (!handle.ok()) return handle.status();
+
+  auto& actions = *version->mutable_manifest()->mutable_actions();
+  std::vector<double> usage;
+  const auto effective = std::make_unique<bool[]>(static_cast<size_t>(actions.size()));
+  for (const v1::Action& action : actions) {
+    effective[usage.size()] = action.effective();
+    usage.push_back(action.usage());
+  }
+  std::vector<v1::Action> drawn = inference::DecodeActionSet(
+      (*handle)->model(), usage, {effective.get(), usage.size()}, request.speed());
+  for (size_t k = 0; k < drawn.size(); ++k) {
+    actions[static_cast<int>(k)].mutable_distribution()->Swap(drawn[k].mutable_distribution());
+  }
+  return absl::OkStatus();
 }
 
 // The name of the last report of the page before is the token. One that was measured anew in
@@ -213,9 +250,16 @@ grpc::ServerUnaryReactor* ModelService::GetActionSet(grpc::CallbackServerContext
     if (!reference.ok()) return reference.status();
     auto version = DescribeReference(models_, *reference);
     if (!version.ok()) return version.status();
+    const v1::ModelSpec& spec = version->manifest().spec();
+    if (const absl::Status status = DrawAtSpeed(models_, *request, &*version); !status.ok()) {
+      return status;
+    }
     response->set_model_version(version->name());
-    const auto times = artifact::WaypointTimes(version->manifest().spec().trajectory());
+    const auto times = artifact::WaypointTimes(spec.trajectory());
     response->mutable_waypoint_times()->Assign(times.begin(), times.end());
+    if (artifact::HasReference(spec)) {
+      response->set_speed(request->has_speed() ? request->speed() : inference::kActionSetSpeed);
+    }
     response->mutable_actions()->Swap(version->mutable_manifest()->mutable_actions());
     return absl::OkStatus();
   });

@@ -149,13 +149,18 @@ void WritePredictions(const Scenarios& scenarios, const PredictionPlan& plan,
       scenarios, plan, answers, predictions,
       [&](const serving::Target& target, const TargetAnswer& answer, v1::TargetPrediction* proto) {
         if (style.probabilities) {
-          WriteVector(answer.probabilities, proto->mutable_probabilities());
+          WriteVector(answer.encoding.probabilities, proto->mutable_probabilities());
         }
         const bool in_target_frame = style.frame == v1::FRAME_TARGET;
         const FrameChange frame(in_target_frame ? scene::Pose2() : target.X_WT);
         for (const inference::ActionDistribution& action : answer.distributions) {
-          WriteDistribution(action, answer.probabilities[action.action], frame,
+          WriteDistribution(action, answer.encoding.probabilities[action.action], frame,
                             style.sigma_trajectories, proto->add_distributions());
+        }
+        for (const inference::Representative& each : answer.representatives) {
+          v1::Representative* representative = proto->add_representatives();
+          representative->set_action_id(each.action);
+          representative->set_weight(each.weight);
         }
       });
 }
@@ -168,7 +173,7 @@ void WriteClassifications(
       scenarios, plan, answers, classifications,
       [](const serving::Target&, const TargetAnswer& answer, v1::TargetClassification* proto) {
         WriteVector(answer.classification->responsibilities, proto->mutable_responsibilities());
-        WriteVector(answer.probabilities, proto->mutable_probabilities());
+        WriteVector(answer.encoding.probabilities, proto->mutable_probabilities());
         proto->set_log_likelihood_bound(answer.classification->log_likelihood_bound);
       });
 }

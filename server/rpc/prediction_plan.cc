@@ -4,9 +4,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_spec.h"
-#include "model/data/example_index.h"
 #include "model/data/trajectory.h"
-#include "model/scene/rasterizer.h"
+#include "model/scene/observation_window.h"
 #include "model/scene/target_frame.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/prediction_translation.h"
@@ -15,11 +14,6 @@ namespace maneuver::rpc {
 namespace {
 
 constexpr size_t kMaxScenarioIdLength = 128;
-
-// The same rule as when learning.
-double MaxGap(const v1::RasterSpec& spec) {
-  return data::kMaxGapFrames * 2.0 * scene::FrameTolerance(spec);
-}
 
 // What the target did after the prediction time, as the model sees it.
 absl::StatusOr<inference::Trajectory> ObservedTrajectory(const v1::Scenario& scenario,
@@ -30,9 +24,9 @@ absl::StatusOr<inference::Trajectory> ObservedTrajectory(const v1::Scenario& sce
   const std::vector<double> times = artifact::WaypointTimes(spec.trajectory());
   inference::Trajectory trajectory(static_cast<Eigen::Index>(times.size()), 2);
   int missing = 0;
-  if (!data::ResampleFuture(agent, scenario.prediction_time(), X_WT, times, MaxGap(spec.raster()),
-                            {trajectory.data(), static_cast<size_t>(trajectory.size())},
-                            &missing)) {
+  if (!data::ResampleFuture(
+          agent, scenario.prediction_time(), X_WT, times, scene::WindowOf(spec).max_gap(),
+          {trajectory.data(), static_cast<size_t>(trajectory.size())}, &missing)) {
     return errors::InvalidField(
         absl::StrCat(scenario_path, ".agents[", agent_index, "].states"),
         absl::StrCat("no states around ", times[static_cast<size_t>(missing)],
@@ -40,6 +34,15 @@ absl::StatusOr<inference::Trajectory> ObservedTrajectory(const v1::Scenario& sce
                      " s that the model looks ahead, without gaps"));
   }
   return trajectory;
+}
+
+absl::Status TypeNotLearned(const std::string& field, const v1::Agent& agent,
+                            const v1::ModelSpec& spec) {
+  return errors::WithReason(
+      errors::InvalidField(field, absl::StrCat("is ", artifact::AgentText(agent.type()),
+                                               ", and the model has learned to predict ",
+                                               artifact::TargetTypesText(spec), " alone")),
+      "TARGET_TYPE_NOT_LEARNED", {{"predicts", artifact::TargetTypesText(spec)}});
 }
 
 }  // namespace
@@ -69,6 +72,11 @@ absl::StatusOr<serving::DescribeActions> ParseQuery(const v1::DistributionQuery&
   if (!v1::Frame_IsValid(query.frame())) {
     return errors::InvalidField("query.frame", "no such frame");
   }
+  if (query.representatives() < 0 || query.representatives() > actions) {
+    return errors::InvalidField("query.representatives",
+                                absl::StrCat("expected 0 to ", actions, ", as many as actions"));
+  }
+  describe.representatives = query.representatives();
   switch (query.selection_case()) {
     case v1::DistributionQuery::kActionIds: {
       serving::ActionIds chosen;
@@ -142,7 +150,7 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
                               ScenarioMaps maps) {
   PredictionPlan plan{.scenarios = {}, .targets = {}, .maps = std::move(maps)};
   plan.maps.resize(static_cast<size_t>(scenarios.size()));
-  const double tolerance = scene::FrameTolerance(spec.raster());
+  const double tolerance = scene::WindowOf(spec).tolerance();
   for (int s = 0; s < scenarios.size(); ++s) {
     const v1::Scenario& scenario = scenarios[s];
     const std::string path = absl::StrCat("scenarios[", s, "]");
@@ -174,17 +182,17 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
         continue;
       }
       const v1::Agent* agent = scene::FindAgent(scenario, target.id);
+      if (!artifact::Predicts(spec, agent->type())) {
+        target.status = TypeNotLearned(absl::StrCat(path, ".target_ids[", t, "]"), *agent, spec);
+        continue;
+      }
       const auto X_WT = scene::TargetPose(*agent, scenario.prediction_time(), tolerance);
       if (!X_WT) {
         target.status = errors::InvalidField(absl::StrCat(path, ".target_ids[", t, "]"),
                                              "has no state at the prediction time");
         continue;
       }
-      serving::Target work{.scenario = &scenario,
-                           .id = target.id,
-                           .X_WT = *X_WT,
-                           .motion = scene::DescribeMotion(*agent, scenario.prediction_time()),
-                           .map = map.get()};
+      serving::Target work{.scenario = &scenario, .id = target.id, .X_WT = *X_WT, .map = map.get()};
       if (classify) {
         int agent_index = 0;
         while (&scenario.agents(agent_index) != agent) ++agent_index;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "model/artifact/model_spec.h"
 #include "server/errors/error_details.h"
 #include "server/serving/admission.h"
 
@@ -230,10 +231,28 @@ TimePoint BatchScheduler::DropDead(std::vector<Row>& rows, Passed passed) {
   return now;
 }
 
+TimePoint BatchScheduler::ReadScenes(Engine& engine, std::vector<Row>& rows, TimePoint start) {
+  const v1::ModelSpec& spec = rows.front().item.call->model->model().spec();
+  const auto read = [&](auto&& part, monitoring::Histogram& stage_time) {
+    for (size_t i = 0; i < rows.size(); ++i) {
+      const PredictionCall& call = *rows[i].item.call;
+      if (!call.Alive(options_.now()).ok()) continue;  // the caller drops it
+      part(call.targets[rows[i].item.target], engine.reader(), &engine.Inputs(i));
+      rows[i].scene = inference::InputOf(engine.Inputs(i));
+    }
+    const TimePoint now = options_.now();
+    stage_time.Observe(Seconds(now - start));
+    start = now;
+  };
+  if (spec.has_raster()) read(ReadRaster, metrics_.raster_time);
+  if (spec.has_scene_vectors()) read(ReadVectors, metrics_.vectors_time);
+  return start;
+}
+
 void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
   const ModelHandle model = items.front().call->model;
   std::vector<Row> rows;
-  for (TargetQueue::Item& item : items) rows.push_back({std::move(item), nullptr});
+  for (TargetQueue::Item& item : items) rows.push_back({std::move(item)});
 
   TimePoint start = DropDead(rows, Passed::kQueue);
   if (rows.empty()) return;
@@ -242,16 +261,7 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
     metrics_.queue_time.Observe(Seconds(start - row.item.call->submitted));
   }
   ServedModel::Lease engine(*model);
-  for (size_t i = 0; i < rows.size(); ++i) {
-    const PredictionCall& call = *rows[i].item.call;
-    if (!call.Alive(options_.now()).ok()) continue;  // dropped below
-    const Target& target = call.targets[rows[i].item.target];
-    scene::Raster* const raster = &engine->Raster(i);
-    Draw(target, engine->rasterizer(), raster);
-    rows[i].scene = {raster, target.motion};
-  }
-  metrics_.raster_time.Observe(Seconds(options_.now() - start));
-
+  start = ReadScenes(*engine, rows, start);
   start = DropDead(rows, Passed::kRaster);
   if (rows.empty()) return;
   std::vector<inference::SceneInput> scenes;
@@ -261,6 +271,7 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
   metrics_.encode_time.Observe(Seconds(options_.now() - start));
 
   start = options_.now();
+  const double waypoint_interval = artifact::WaypointInterval(model->model().spec().trajectory());
   for (size_t i = 0; i < rows.size(); ++i) {
     const PredictionCall& call = *rows[i].item.call;
     // Describing many actions takes long enough to ask again before each target.
@@ -270,14 +281,12 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
     }
     TargetAnswer answer;
     if (const auto* describe = std::get_if<DescribeActions>(&call.question)) {
-      const auto actions = SelectActions(encodings[i].probabilities, describe->selection);
-      answer.distributions = engine->session().Describe(encodings[i], actions, describe->source);
+      DescribeTarget(*describe, encodings[i], waypoint_interval, engine->session(), &answer);
     } else if (std::holds_alternative<ClassifyTrajectory>(call.question)) {
       answer.classification =
           engine->session().Classify(encodings[i], call.targets[rows[i].item.target].trajectory);
     }
-    answer.probabilities = std::move(encodings[i].probabilities);
-    answer.features = std::move(encodings[i].features);
+    answer.encoding = std::move(encodings[i]);
     metrics_.answered.Increment();
     Answer(rows[i].item, std::move(answer));
   }

@@ -1,5 +1,5 @@
 // Answers prediction calls: gathers their targets into batches, and runs each batch through the
-// stages raster, encode and describe on one of a few worker threads.
+// stages raster, vectors, encode and describe on one of a few worker threads.
 //
 // Work that nobody waits for is dropped on entry, on leaving the queue and before each stage, so it
 // never reaches the networks. Interactive work goes before bulk work (target_queue.h).
@@ -67,6 +67,9 @@ class BatchScheduler {
 
   void Work(int worker);
   void RunBatch(std::vector<TargetQueue::Item> items);
+  // Reads the scenes of the rows that somebody waits for: all rasters, then all vectors, whichever
+  // the model reads. Returns the time when it is done.
+  TimePoint ReadScenes(Engine& engine, std::vector<Row>& rows, TimePoint start);
   // OK if the call fits into an empty queue.
   absl::Status CheckSize(const PredictionCall& call) const;
   void CountDead(const absl::Status& status, Passed passed, size_t targets);

@@ -15,6 +15,7 @@ namespace {
 static_assert(std::endian::native == std::endian::little, "MapId feeds numbers as they lie");
 
 constexpr size_t kIdLength = 64;
+constexpr int32_t kDeclaresLinks = 1 << 30;  // added to the type of a feature in its digest
 
 template <typename Number>
 void Feed(files::Sha256& digest, const Number* numbers, size_t count) {
@@ -27,13 +28,29 @@ monitoring::Counter& LookupCounter(monitoring::MetricRegistry& registry, const c
                              {{"result", result}});
 }
 
+bool DeclaresLinks(const v1::MapFeature& feature) {
+  return !feature.successor_ids().empty() || !feature.left_neighbor_ids().empty() ||
+         !feature.right_neighbor_ids().empty();
+}
+
+void FeedLinks(files::Sha256& digest, const v1::MapFeature& feature) {
+  const auto lists = {&feature.successor_ids(), &feature.left_neighbor_ids(),
+                      &feature.right_neighbor_ids()};
+  for (const auto* ids : lists) {
+    const auto count = static_cast<int32_t>(ids->size());
+    Feed(digest, &count, 1);
+  }
+  for (const auto* ids : lists) Feed(digest, ids->data(), static_cast<size_t>(ids->size()));
+}
+
 }  // namespace
 
 std::string MapId(const scene::MapFeatures& features) {
   files::Sha256 digest;
   for (const v1::MapFeature& feature : features) {
     const int64_t id = feature.id();
-    const auto type = static_cast<int32_t>(feature.type());
+    const bool declares_links = DeclaresLinks(feature);
+    const int32_t type = feature.type() + (declares_links ? kDeclaresLinks : 0);
     const auto points = static_cast<int32_t>(feature.x_size());
     const double speed_limit = feature.speed_limit();
     Feed(digest, &id, 1);
@@ -42,6 +59,7 @@ std::string MapId(const scene::MapFeatures& features) {
     Feed(digest, feature.x().data(), static_cast<size_t>(feature.x_size()));
     Feed(digest, feature.y().data(), static_cast<size_t>(feature.y_size()));
     Feed(digest, &speed_limit, 1);
+    if (declares_links) FeedLinks(digest, feature);
   }
   return digest.Finish();
 }

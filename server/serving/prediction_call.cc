@@ -6,6 +6,24 @@
 #include "maneuver/v1/scenario.pb.h"
 
 namespace maneuver::serving {
+namespace {
+
+// Calls read(scenario, map) with the target's map.
+template <typename Read>
+void WithMap(const Target& target, Read&& read) {
+  const v1::Scenario& scenario = *target.scenario;
+  if (target.map != nullptr) return read(scenario, *target.map);
+  read(scenario, scene::RoadMap::Over(scenario.map_features()));
+}
+
+// Sorts actions, the most probable first; of equally probable ones, the smaller id first.
+void SortByProbability(const Eigen::VectorXd& probabilities, std::vector<int>* actions) {
+  std::ranges::sort(*actions, [&](int a, int b) {
+    return probabilities[a] != probabilities[b] ? probabilities[a] > probabilities[b] : a < b;
+  });
+}
+
+}  // namespace
 
 std::vector<int> SelectActions(const Eigen::VectorXd& probabilities,
                                const ActionSelection& selection) {
@@ -16,9 +34,7 @@ std::vector<int> SelectActions(const Eigen::VectorXd& probabilities,
     actions.resize(static_cast<size_t>(probabilities.size()));
     std::iota(actions.begin(), actions.end(), 0);
   }
-  std::ranges::sort(actions, [&](int a, int b) {
-    return probabilities[a] != probabilities[b] ? probabilities[a] > probabilities[b] : a < b;
-  });
+  SortByProbability(probabilities, &actions);
   if (const auto* top = std::get_if<TopK>(&selection)) {
     actions.resize(std::min(actions.size(), static_cast<size_t>(top->k)));
   } else if (const auto* least = std::get_if<AtLeast>(&selection)) {
@@ -27,15 +43,41 @@ std::vector<int> SelectActions(const Eigen::VectorXd& probabilities,
   return actions;
 }
 
-void Draw(const Target& target, scene::Rasterizer& rasterizer, scene::Raster* raster) {
-  const v1::Scenario& scenario = *target.scenario;
-  const double now = scenario.prediction_time();
-  if (target.map != nullptr) {
-    rasterizer.Rasterize(scenario, *target.map, now, target.id, target.X_WT, {}, raster);
-  } else {
-    const auto map = scene::RoadMap::Over(scenario.map_features());
-    rasterizer.Rasterize(scenario, map, now, target.id, target.X_WT, {}, raster);
+void DescribeTarget(const DescribeActions& question, const inference::SceneEncoding& encoding,
+                    double waypoint_interval, inference::InferenceSession& session,
+                    TargetAnswer* answer) {
+  const Eigen::VectorXd& probabilities = encoding.probabilities;
+  std::vector<int> actions = SelectActions(probabilities, question.selection);
+  answer->representatives.clear();
+  if (question.representatives > 0) {
+    const std::vector<int> candidates = inference::RepresentativeCandidates(probabilities);
+    answer->representatives = inference::ChooseRepresentatives(
+        probabilities, candidates, session.MeanTrajectories(encoding, candidates, question.source),
+        waypoint_interval, question.representatives);
+    for (const inference::Representative& each : answer->representatives) {
+      if (std::ranges::find(actions, each.action) == actions.end()) actions.push_back(each.action);
+    }
+    SortByProbability(probabilities, &actions);
   }
+  answer->distributions = session.Describe(encoding, actions, question.source);
+}
+
+void ReadRaster(const Target& target, scene::SceneReader& reader, scene::SceneInputs* inputs) {
+  WithMap(target, [&](const v1::Scenario& scenario, const scene::RoadMap& map) {
+    reader.ReadRaster(scenario, map, scenario.prediction_time(), target.id, target.X_WT, inputs);
+  });
+}
+
+void ReadVectors(const Target& target, scene::SceneReader& reader, scene::SceneInputs* inputs) {
+  WithMap(target, [&](const v1::Scenario& scenario, const scene::RoadMap& map) {
+    reader.ReadVectors(scenario, map, scenario.prediction_time(), target.id, target.X_WT, inputs);
+  });
+}
+
+void ReadScene(const Target& target, scene::SceneReader& reader, scene::SceneInputs* inputs) {
+  WithMap(target, [&](const v1::Scenario& scenario, const scene::RoadMap& map) {
+    reader.Read(scenario, map, scenario.prediction_time(), target.id, target.X_WT, inputs);
+  });
 }
 
 absl::Status PredictionCall::Alive(TimePoint now) const {

@@ -14,9 +14,10 @@
 
 #include "absl/status/status.h"
 #include "model/inference/action_model.h"
+#include "model/inference/representatives.h"
 #include "model/scene/pose2.h"
-#include "model/scene/rasterizer.h"
 #include "model/scene/road_map.h"
+#include "model/scene/scene_reader.h"
 #include "server/serving/served_model.h"
 
 namespace maneuver::v1 {
@@ -47,6 +48,7 @@ std::vector<int> SelectActions(const Eigen::VectorXd& probabilities,
 struct DescribeActions {
   ActionSelection selection;
   inference::LatentSource source = inference::LatentSource::kPosterior;
+  int representatives = 0;  // how many to choose, 0 .. K; they are described as well
 };
 struct ClassifyTrajectory {};
 using Question = std::variant<std::monostate, DescribeActions, ClassifyTrajectory>;
@@ -59,7 +61,6 @@ struct Target {
   const v1::Scenario* scenario = nullptr;  // outlives the call
   int64_t id = 0;
   scene::Pose2 X_WT;
-  scene::MotionInputs motion{};
   // What it did, [T, 2], target frame; for ClassifyTrajectory alone.
   inference::Trajectory trajectory = {};
   // The one that the scenario names, or its own; outlives the call. nullptr: its own, looked
@@ -67,16 +68,26 @@ struct Target {
   const scene::RoadMap* map = nullptr;
 };
 
-// Draws a target for a model; `rasterizer` and `raster` are of its spec.
-void Draw(const Target& target, scene::Rasterizer& rasterizer, scene::Raster* raster);
+// Read what a model sees of a target: the two parts of SceneReader::Read, and both. `reader` and
+// `inputs` are of the model's spec.
+void ReadRaster(const Target& target, scene::SceneReader& reader, scene::SceneInputs* inputs);
+void ReadVectors(const Target& target, scene::SceneReader& reader, scene::SceneInputs* inputs);
+void ReadScene(const Target& target, scene::SceneReader& reader, scene::SceneInputs* inputs);
 
 struct TargetAnswer {
-  absl::Status status;            // if not OK, nothing else is set
-  Eigen::VectorXd probabilities;  // [K]
-  Eigen::VectorXf features;       // as in inference::SceneEncoding
-  std::vector<inference::ActionDistribution> distributions;
+  absl::Status status;  // if not OK, nothing else is set
+  inference::SceneEncoding encoding;
+  std::vector<inference::ActionDistribution> distributions;  // most probable first
+  std::vector<inference::Representative> representatives;    // the medoid first
   std::optional<inference::Classification> classification;
 };
+
+// Describes the actions that are asked for in a scene, and chooses the representatives.
+//   waypoint_interval: of the session's model, seconds
+//   answer: its distributions and representatives are set
+void DescribeTarget(const DescribeActions& question, const inference::SceneEncoding& encoding,
+                    double waypoint_interval, inference::InferenceSession& session,
+                    TargetAnswer* answer);
 
 // Filled in by the caller, then given to the scheduler, which answers it once.
 struct PredictionCall {

@@ -6,7 +6,8 @@ namespace {
 monitoring::Histogram& StageHistogram(monitoring::MetricRegistry& registry, const char* stage) {
   return registry.AddHistogram(
       "maneuver_stage_duration_seconds",
-      "Time a target waits in the queue, and time a batch takes in each stage.",
+      "Time a target waits in the queue, and time a batch takes in each stage: raster, vectors "
+      "(history and lane paths), whichever the model reads, encode and describe.",
       monitoring::TimeBuckets(), {{"stage", stage}});
 }
 
@@ -22,7 +23,8 @@ monitoring::Counter& DropCounter(monitoring::MetricRegistry& registry, const cha
   return registry.AddCounter(
       "maneuver_dropped_targets_total",
       "Targets that nobody waited for any more, by why, and by what they had "
-      "behind them: nothing (refused on entry), the queue, raster or encode.",
+      "behind them: nothing (refused on entry), the queue, raster (the scene was read, as a raster "
+      "or as vectors) or encode.",
       {{"cause", cause}, {"after", after}});
 }
 
@@ -44,6 +46,7 @@ SchedulerMetrics::SchedulerMetrics(monitoring::MetricRegistry& registry)
                                        {1, 2, 4, 8, 16, 32, 64, 128})),
       queue_time(StageHistogram(registry, "queue")),
       raster_time(StageHistogram(registry, "raster")),
+      vectors_time(StageHistogram(registry, "vectors")),
       encode_time(StageHistogram(registry, "encode")),
       describe_time(StageHistogram(registry, "describe")),
       queue_depth{&DepthGauge(registry, "interactive"), &DepthGauge(registry, "bulk")},

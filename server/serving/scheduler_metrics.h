@@ -10,6 +10,7 @@
 namespace maneuver::serving {
 
 // What work that nobody waited for had behind it when it was dropped.
+// kRaster: the scene had been read, as a raster or as vectors.
 enum class Passed { kNothing, kQueue, kRaster, kEncode };
 inline constexpr int kDropPlaces = 4;
 
@@ -19,7 +20,8 @@ struct SchedulerMetrics {
 
   monitoring::Histogram& batch_size;
   monitoring::Histogram& queue_time;
-  monitoring::Histogram& raster_time;
+  monitoring::Histogram& raster_time;   // of models with a raster
+  monitoring::Histogram& vectors_time;  // of models with scene vectors
   monitoring::Histogram& encode_time;
   monitoring::Histogram& describe_time;
   std::array<monitoring::Gauge*, 2> queue_depth;  // by Priority

@@ -10,13 +10,11 @@
 namespace maneuver::serving {
 
 Engine::Engine(const inference::ActionModel& model)
-    : raster_spec_(model.spec().raster()),
-      rasterizer_(raster_spec_),
-      session_(model.NewSession()) {}
+    : reader_(model.spec()), session_(model.NewSession()) {}
 
-scene::Raster& Engine::Raster(size_t i) {
-  while (rasters_.size() <= i) rasters_.push_back(scene::NewRaster(raster_spec_));
-  return rasters_[i];
+scene::SceneInputs& Engine::Inputs(size_t i) {
+  while (inputs_.size() <= i) inputs_.push_back(reader_.NewInputs());
+  return inputs_[i];
 }
 
 ServedModel::ServedModel(security::ModelVersionName name,
@@ -25,8 +23,10 @@ ServedModel::ServedModel(security::ModelVersionName name,
 
 absl::Status ServedModel::WarmUp() {
   Lease engine(*this);
-  engine->Raster(0).Clear();
-  const std::array<inference::SceneInput, 1> scenes = {{{&engine->Raster(0), {}}}};
+  const v1::Scenario empty;
+  engine->reader().Read(empty, scene::RoadMap::Over(empty.map_features()), /*time=*/0.0,
+                        /*target_id=*/0, scene::Pose2(), &engine->Inputs(0));
+  const std::array<inference::SceneInput, 1> scenes = {inference::InputOf(engine->Inputs(0))};
   std::array<inference::SceneEncoding, 1> encodings;
   engine->session().Encode(scenes, encodings);
 

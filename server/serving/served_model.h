@@ -12,8 +12,7 @@
 
 #include "absl/status/status.h"
 #include "model/inference/action_model.h"
-#include "model/scene/raster.h"
-#include "model/scene/rasterizer.h"
+#include "model/scene/scene_reader.h"
 #include "server/security/resource_name.h"
 
 namespace maneuver::serving {
@@ -23,16 +22,16 @@ class Engine {
  public:
   explicit Engine(const inference::ActionModel& model);
 
-  scene::Rasterizer& rasterizer() { return rasterizer_; }
+  scene::SceneReader& reader() { return reader_; }
   inference::InferenceSession& session() { return *session_; }
-  // Where the raster of a batch's target `i` is drawn; stays where it is when more are asked for.
-  scene::Raster& Raster(size_t i);
+  // Returns where the inputs of a batch's target `i` are read to. The reference stays valid when
+  // others are asked for.
+  scene::SceneInputs& Inputs(size_t i);
 
  private:
-  const v1::RasterSpec raster_spec_;
-  scene::Rasterizer rasterizer_;
+  scene::SceneReader reader_;
   std::unique_ptr<inference::InferenceSession> session_;
-  std::deque<scene::Raster> rasters_;
+  std::deque<scene::SceneInputs> inputs_;
 };
 
 // Everything that a request in flight holds on to: while it does, the version stays in memory,

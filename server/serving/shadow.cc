@@ -162,8 +162,7 @@ void Shadow::Offer(const PredictionCall& call, std::vector<TargetAnswer> answers
                           .kept = std::move(kept)};
   for (size_t i = 0; i < answers.size(); ++i) {
     if (!answers[i].status.ok()) continue;
-    request.targets.push_back(
-        {call.targets[i], {std::move(answers[i].features), std::move(answers[i].probabilities)}});
+    request.targets.push_back({call.targets[i], std::move(answers[i].encoding)});
   }
   const size_t asked = request.targets.size();
   const size_t taken = Push(request);
@@ -239,8 +238,8 @@ void Shadow::Compare(AnsweredRequest& request) {
 bool Shadow::CompareTarget(ShadowComparison& versions, Differences& differences,
                            const AnsweredTarget& target) {
   absl::Status status;
-  if (!InTurn([&] { status = versions.Draw(target.target); })) return false;
-  if (status.ok() && !InTurn([&] { status = versions.Encode(target.target); })) return false;
+  if (!InTurn([&] { status = versions.Read(target.target); })) return false;
+  if (status.ok() && !InTurn([&] { status = versions.Encode(); })) return false;
   if (status.ok() && !InTurn([&] {
         const auto difference = versions.Compare(target.encoding);
         status = difference.status();

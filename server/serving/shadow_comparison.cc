@@ -6,6 +6,8 @@
 #include <utility>
 
 #include "maneuver/v1/scenario.pb.h"
+#include "model/artifact/model_spec.h"
+#include "model/scene/observation_window.h"
 #include "model/scene/target_frame.h"
 
 namespace maneuver::serving {
@@ -45,21 +47,24 @@ ShadowComparison::ShadowComparison(ModelHandle answered, ModelHandle candidate,
       answered_session_(answered_->model().NewSession()),
       candidate_engine_(candidate_->model()) {}
 
-absl::Status ShadowComparison::Draw(const Target& target) {
+absl::Status ShadowComparison::Read(const Target& target) {
   const v1::Scenario& scenario = *target.scenario;
-  const double tolerance = scene::FrameTolerance(candidate_->model().spec().raster());
+  const double tolerance = scene::WindowOf(candidate_->model().spec()).tolerance();
   const v1::Agent* agent = scene::FindAgent(scenario, target.id);
   if (agent == nullptr ||
       !scene::TargetPose(*agent, scenario.prediction_time(), tolerance).has_value()) {
     return absl::FailedPreconditionError("the candidate sees no state of the target");
   }
-  serving::Draw(target, candidate_engine_.rasterizer(), &candidate_engine_.Raster(0));
+  if (!artifact::Predicts(candidate_->model().spec(), agent->type())) {
+    return absl::FailedPreconditionError("the candidate has not learned the target's type");
+  }
+  ReadScene(target, candidate_engine_.reader(), &candidate_engine_.Inputs(0));
   return absl::OkStatus();
 }
 
-absl::Status ShadowComparison::Encode(const Target& target) {
+absl::Status ShadowComparison::Encode() {
   const std::array<inference::SceneInput, 1> scene = {
-      {{&candidate_engine_.Raster(0), target.motion}}};
+      inference::InputOf(candidate_engine_.Inputs(0))};
   candidate_engine_.session().Encode(scene, {&candidate_encoding_, 1});
   if (candidate_encoding_.probabilities.allFinite()) return absl::OkStatus();
   return absl::InternalError("the candidate's probabilities are no numbers");

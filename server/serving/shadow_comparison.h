@@ -28,11 +28,11 @@ class ShadowComparison {
 
   const evaluation::AnswerComparison& comparison() const { return comparison_; }
 
-  // FAILED_PRECONDITION if the candidate sees no state of the target at the prediction time: its
-  // frames are closer together.
-  absl::Status Draw(const Target& target);
+  // FAILED_PRECONDITION if the candidate sees no state of the target at the prediction time, since
+  // its frames are closer together, or has not learned to predict agents of its type.
+  absl::Status Read(const Target& target);
   // INTERNAL if the candidate's probabilities are no numbers.
-  absl::Status Encode(const Target& target);
+  absl::Status Encode();
   //   answered: of this target. INTERNAL if a difference is no number.
   absl::StatusOr<evaluation::AnswerDifference> Compare(const inference::SceneEncoding& answered);
 

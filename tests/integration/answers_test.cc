@@ -6,12 +6,14 @@
 #include <google/protobuf/util/message_differencer.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <functional>
 #include <limits>
 #include <memory>
 #include <numeric>
+#include <set>
 
 #include "maneuver/v1/model_service.grpc.pb.h"
 #include "maneuver/v1/prediction_service.grpc.pb.h"
@@ -113,6 +115,58 @@ TEST_F(AnswersTest, WhereNoActionIsProbableEnoughNoneIsDescribed) {
   const v1::TargetPrediction& target = response.predictions(0).targets(0);
   EXPECT_GT(target.probabilities_size(), 0);
   EXPECT_EQ(target.distributions_size(), 0);
+}
+
+// Against the definition, by all actions of the same answer.
+TEST_F(AnswersTest, TheMedoidHasTheLeastExpectedDistanceToTheMixture) {
+  v1::PredictRequest request = Request(0, 4);
+  request.mutable_query()->set_min_probability(0.0);
+  request.mutable_query()->set_representatives(3);
+  v1::PredictResponse response;
+  ASSERT_TRUE(Predict(request, &response).ok());
+  for (const v1::ScenarioPrediction& prediction : response.predictions()) {
+    for (const v1::TargetPrediction& target : prediction.targets()) {
+      ASSERT_EQ(target.distributions_size(), 12);
+      // Waypoints are 0.4 s apart: all of them count.
+      const auto expected_distance = [&](const v1::Trajectory& from) {
+        double sum = 0.0;
+        for (const v1::ActionDistribution& other : target.distributions()) {
+          for (int t = 0; t < from.x_size(); ++t) {
+            sum += other.probability() * std::hypot(from.x(t) - other.mean_trajectory().x(t),
+                                                    from.y(t) - other.mean_trajectory().y(t));
+          }
+        }
+        return sum / from.x_size();
+      };
+      ASSERT_EQ(target.representatives_size(), 3);
+      double medoid = HUGE_VAL;
+      double least = HUGE_VAL;
+      for (const v1::ActionDistribution& action : target.distributions()) {
+        const double distance = expected_distance(action.mean_trajectory());
+        least = std::min(least, distance);
+        if (action.action_id() == target.representatives(0).action_id()) medoid = distance;
+      }
+      EXPECT_NEAR(medoid, least, 0.01);  // negligible actions are left out of the choice
+      double weights = 0.0;
+      for (const v1::Representative& each : target.representatives()) weights += each.weight();
+      EXPECT_NEAR(weights, 1.0, 1e-9);
+    }
+  }
+}
+
+TEST_F(AnswersTest, RepresentativesAreDescribedThoughNothingElseIs) {
+  v1::PredictRequest request = Request(0, 1);
+  request.mutable_query()->set_min_probability(1.0);
+  request.mutable_query()->set_representatives(4);
+  v1::PredictResponse response;
+  ASSERT_TRUE(Predict(request, &response).ok());
+  const v1::TargetPrediction& target = response.predictions(0).targets(0);
+  ASSERT_EQ(target.representatives_size(), 4);
+  std::set<int> represented, described;
+  for (const auto& each : target.representatives()) represented.insert(each.action_id());
+  for (const auto& each : target.distributions()) described.insert(each.action_id());
+  EXPECT_EQ(described, represented);
+  EXPECT_EQ(described.size(), 4u);
 }
 
 TEST_F(AnswersTest, FramesAgree) {

@@ -224,6 +224,22 @@ std::optional<int64_t> Beside(const xml_node& adjacent) {
   return id;
 }
 
+// The same if it is driven in the same direction.
+std::optional<int64_t> NeighborOf(const xml_node& adjacent) {
+  const std::string direction = adjacent.attribute("drivingDir").as_string();
+  return direction == "same" ? Beside(adjacent) : std::nullopt;
+}
+
+// Ids that the elements of this name refer to.
+std::vector<int64_t> References(const xml_node& lanelet, const char* name) {
+  std::vector<int64_t> ids;
+  for (const xml_node& element : lanelet.children(name)) {
+    int64_t id = 0;
+    if (absl::SimpleAtoi(element.attribute("ref").as_string(), &id)) ids.push_back(id);
+  }
+  return ids;
+}
+
 // Speed limits of 2020a are traffic signs, whose additional value is in metres per second: by the
 // sign's id.
 std::map<std::string, double> SpeedSigns(const xml_node& root) {
@@ -258,6 +274,10 @@ std::vector<Lanelet> ReadLanelets(const xml_node& root, Reading& reading) {
     }
     lanelet.beside_left = Beside(node.child("adjacentLeft"));
     lanelet.beside_right = Beside(node.child("adjacentRight"));
+    lanelet.neighbor_left = NeighborOf(node.child("adjacentLeft"));
+    lanelet.neighbor_right = NeighborOf(node.child("adjacentRight"));
+    lanelet.successors = References(node, "successor");
+    lanelet.predecessors = References(node, "predecessor");
     if (const xml_node limit = node.child("speedLimit")) {
       lanelet.speed_limit = reading.Number(limit, what + ": speedLimit");
     }

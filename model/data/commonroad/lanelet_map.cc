@@ -2,8 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <map>
 #include <set>
 #include <utility>
+
+#include "model/scene/scenario_validation.h"
 
 namespace maneuver::data {
 namespace {
@@ -123,6 +127,23 @@ void AddEdges(const Polyline& bound, double side, size_t own, const std::vector<
   end_run();
 }
 
+// Successors of each lanelet, as it or its successor states them, without repetition.
+std::map<int64_t, std::vector<int64_t>> SuccessorsOf(const std::vector<Lanelet>& lanelets) {
+  std::map<int64_t, std::vector<int64_t>> successors;
+  const auto add = [&](int64_t from, int64_t to) {
+    std::vector<int64_t>& known = successors[from];
+    if (std::ssize(known) < scene::ScenarioLimits().max_lane_links &&
+        std::find(known.begin(), known.end(), to) == known.end()) {
+      known.push_back(to);
+    }
+  };
+  for (const Lanelet& lanelet : lanelets) {
+    for (const int64_t id : lanelet.successors) add(lanelet.id, id);
+    for (const int64_t id : lanelet.predecessors) add(id, lanelet.id);
+  }
+  return successors;
+}
+
 }  // namespace
 
 Polyline Centerline(const Lanelet& lanelet) {
@@ -140,6 +161,7 @@ std::vector<v1::MapFeature> MapOf(const std::vector<Lanelet>& lanelets) {
   std::vector<Area> areas;
   std::set<std::pair<int64_t, int64_t>> drawn;  // pairs whose common bound is
   for (const Lanelet& lanelet : lanelets) areas.emplace_back(lanelet);
+  std::map<int64_t, std::vector<int64_t>> successors = SuccessorsOf(lanelets);
   for (size_t i = 0; i < lanelets.size(); ++i) {
     const Lanelet& lanelet = lanelets[i];
     if (lanelet.kind == Lanelet::Kind::kCrosswalk) {
@@ -154,6 +176,9 @@ std::vector<v1::MapFeature> MapOf(const std::vector<Lanelet>& lanelets) {
                   Centerline(lanelet));
       center.set_id(lanelet.id);
       center.set_speed_limit(lanelet.speed_limit);
+      for (const int64_t id : successors[lanelet.id]) center.add_successor_ids(id);
+      if (lanelet.neighbor_left) center.add_left_neighbor_ids(*lanelet.neighbor_left);
+      if (lanelet.neighbor_right) center.add_right_neighbor_ids(*lanelet.neighbor_right);
       features.push_back(std::move(center));
     }
     for (const double side : {1.0, -1.0}) {

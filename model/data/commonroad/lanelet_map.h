@@ -28,6 +28,11 @@ struct Lanelet {
   // The lanelet beside it that shares the bound, in either direction of travel.
   std::optional<int64_t> beside_left;
   std::optional<int64_t> beside_right;
+  // The same if both are driven in one direction.
+  std::optional<int64_t> neighbor_left;
+  std::optional<int64_t> neighbor_right;
+  std::vector<int64_t> successors;
+  std::vector<int64_t> predecessors;
   std::vector<Polyline> stop_lines;
   double speed_limit = 0.0;  // metres per second; 0: not known
 };
@@ -37,12 +42,11 @@ struct Lanelet {
 Polyline Centerline(const Lanelet& lanelet);
 
 // Map features of all lanelets:
-//   a centreline for each that is driven or cycled on, under the lanelet's id;
-//   an area for each crosswalk;
-//   road lines where two lanelets lie side by side and share a bound, once for both;
-//   road edges: the outline of all lanelets together, so none across a junction, where lanelets
-//   overlap;
-//   stop lines.
+//   a centreline for each that is driven or cycled on, under the lanelet's id, with its successors
+//   (as the lanelet or its successor states them) and neighbours, as many as ScenarioLimits
+//   accepts; an area for each crosswalk; road lines where two lanelets lie side by side and share a
+//   bound, once for both; road edges: the outline of all lanelets together, so none across a
+//   junction, where lanelets overlap; stop lines.
 // Lines and edges have no id.
 std::vector<v1::MapFeature> MapOf(const std::vector<Lanelet>& lanelets);
 

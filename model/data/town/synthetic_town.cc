@@ -42,6 +42,19 @@ void AddPoint(const Placement& placement, Vec2 p, v1::MapFeature& feature) {
   feature.add_y(world.y);
 }
 
+// Declares the lanes that follow a lane and those beside it. Nobody maps bays.
+void WriteLinks(const Place& place, const Lane& lane, v1::MapFeature& feature) {
+  const auto is_mapped = [&](int i) {
+    return i >= 0 && place.graph.lanes[static_cast<size_t>(i)].kind != LaneKind::kBay;
+  };
+  for (const LaneLink& link : lane.next) {
+    // A lane that is joined beyond its start is no successor: it is not followed from there.
+    if (is_mapped(link.lane) && link.at == 0.0) feature.add_successor_ids(LaneFeatureId(link.lane));
+  }
+  if (is_mapped(lane.left)) feature.add_left_neighbor_ids(LaneFeatureId(lane.left));
+  if (is_mapped(lane.right)) feature.add_right_neighbor_ids(LaneFeatureId(lane.right));
+}
+
 void WriteLanes(const Place& place, const Placement& placement, v1::Scenario& scenario) {
   for (size_t i = 0; i < place.graph.lanes.size(); ++i) {
     const Lane& lane = place.graph.lanes[i];
@@ -51,6 +64,7 @@ void WriteLanes(const Place& place, const Placement& placement, v1::Scenario& sc
     feature.set_type(lane.kind == LaneKind::kBike ? v1::MAP_FEATURE_TYPE_BIKE_LANE
                                                   : v1::MAP_FEATURE_TYPE_LANE_CENTERLINE);
     feature.set_speed_limit(lane.speed_limit);
+    WriteLinks(place, lane, feature);
     double bend = 0.0;
     for (const PathPoint& point : lane.path.points())
       bend = std::max(bend, std::abs(point.curvature));

@@ -27,6 +27,7 @@ namespace {
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
+using testing::Not;
 
 struct Result {
   int status;
@@ -100,7 +101,10 @@ TEST(CommandLineTest, MistakesEndWithStatusTwoAndAHint) {
            {"model", "list", "--output", "xml"},
            {"model", "compare", "town/1"},
            {"predict", "x.json", "--top-k", "0"},
+           {"predict", "x.json", "--representatives", "0"},
            {"predict", "x.json", "--top-k", "1", "--actions", "2"},
+           {"predict", "x.json", "--paths"},
+           {"scenario", "show", "town", "a", "--paths"},
            {"scenario", "extract", "town", "a", "--wrong"}}) {
     const Result result = Maneuver(arguments);
     EXPECT_EQ(result.status, kUsage) << testing::PrintToString(arguments);
@@ -191,6 +195,45 @@ TEST(CommandLineTest, PredictAsksWithItsPriority) {
   EXPECT_THAT(asked, ElementsAre(v1::PRIORITY_INTERACTIVE, v1::PRIORITY_BULK));
   arguments.back() = "urgent";
   EXPECT_EQ(Maneuver(arguments, scene).status, kUsage);
+}
+
+TEST(CommandLineTest, PredictShowsTheRepresentativesThatItAsksFor) {
+  client::TestServer server;
+  int asked = -1;
+  server.on_predict = [&](grpc::ServerContext*, const v1::PredictRequest& request,
+                          v1::PredictResponse* response) {
+    asked = request.query().representatives();
+    response->add_waypoint_times(5.0);
+    v1::ScenarioPrediction* prediction = response->add_predictions();
+    prediction->set_scenario_id("scene");
+    v1::TargetPrediction* target = prediction->add_targets();
+    target->set_target_id(7);
+    for (const int id : {3, 1}) {
+      v1::ActionDistribution* action = target->add_distributions();
+      action->set_action_id(id);
+      action->mutable_mean_trajectory()->add_x(10.0 * id);
+      action->mutable_mean_trajectory()->add_y(-2.0);
+    }
+    for (int i = 0; i < asked; ++i) {
+      v1::Representative* representative = target->add_representatives();
+      representative->set_action_id(2 * i + 1);
+      representative->set_weight(i == 0 ? 0.75 : 0.25);
+    }
+    return grpc::Status::OK;
+  };
+  const std::string scene = R"({"agents": [{"id": 7, "states": [{}]}], "targetIds": [7]})";
+  std::vector<std::string> arguments = {"--server", server.address(), "predict", "-"};
+  EXPECT_THAT(Maneuver(arguments, scene).out, Not(HasSubstr("REPRESENTATIVE")));
+  EXPECT_EQ(asked, 0);
+  arguments.insert(arguments.end(), {"--representatives", "2"});
+  EXPECT_THAT(
+      Maneuver(arguments, scene).out,
+      HasSubstr("SCENARIO  TARGET  REPRESENTATIVE  ACTION  LABEL  WEIGHT  AFTER 5.0 s (world)\n"
+                "scene          7      1 (medoid)       1         75.0 %         10.0, -2.0 m\n"
+                "                               2       3         25.0 %         30.0, -2.0 m\n"));
+  EXPECT_EQ(asked, 2);
+  arguments.insert(arguments.end(), {"--output", "json"});
+  EXPECT_THAT(Maneuver(arguments, scene).out, HasSubstr("\"representatives\""));
 }
 
 TEST(CommandLineTest, GlobalOptionsMayFollowTheCommand) {

@@ -113,6 +113,20 @@ TEST_F(MapReuseTest, AMapIsSentOnce) {
   EXPECT_EQ(sent_whole_, 0);
 }
 
+TEST_F(MapReuseTest, MapsThatDifferInWhatALaneDeclaresAreSentApart) {
+  MapReuse maps(*client_);
+  const auto declare = [&](auto add_id) {
+    v1::PredictRequest request = Request({5.0});
+    add_id(request.mutable_scenarios(0)->mutable_map_features(0));
+    EXPECT_THAT(Answered(maps.Predict(request)), ElementsAre("5"));
+  };
+  declare([](v1::MapFeature*) {});
+  declare([](v1::MapFeature* lane) { lane->add_successor_ids(3); });
+  declare([](v1::MapFeature* lane) { lane->add_left_neighbor_ids(3); });
+  declare([](v1::MapFeature* lane) { lane->add_right_neighbor_ids(3); });
+  EXPECT_EQ(registrations_, 4);
+}
+
 TEST_F(MapReuseTest, AMapThatTheServerLostIsRegisteredAgain) {
   MapReuse maps(*client_);
   maps.Predict(Request({5.0, 6.0})).IgnoreError();

@@ -5,12 +5,14 @@
 #include <opencv2/imgcodecs.hpp>
 #include <vector>
 
+#include "client/plot/action_gallery_plot.h"
 #include "client/plot/action_set_plot.h"
 #include "client/plot/axes.h"
 #include "client/plot/canvas.h"
 #include "client/plot/label_placer.h"
 #include "client/plot/recordings_plot.h"
 #include "client/plot/scene_plot.h"
+#include "model/scene/pose2.h"
 #include "tests/unit/client/pictures_for_tests.h"
 
 namespace maneuver::plot {
@@ -90,6 +92,63 @@ TEST(ScenePlotTest, WithoutAFutureNothingIsWhite) {
   EXPECT_GT(frame.NearestDistance(picture, 25.0, 5.0, kWhite), 60);
 }
 
+// A lane through the target along its heading, another one beside it that it cannot reach, and a
+// leader 30 m ahead.
+v1::Scenario SceneWithLanes() {
+  v1::Scenario scenario = Scene();
+  const scene::Pose2 X_WT(100.0, 50.0, kHeading);
+  for (const double left : {0.0, 15.0}) {
+    v1::MapFeature* lane = scenario.add_map_features();
+    lane->set_type(v1::MAP_FEATURE_TYPE_LANE_CENTERLINE);
+    for (const double ahead : {-50.0, 150.0}) {
+      const scene::Point2 point = X_WT * scene::Point2{ahead, left};
+      lane->add_x(point.x);
+      lane->add_y(point.y);
+    }
+  }
+  v1::Agent* leader = scenario.add_agents();
+  leader->set_id(8);
+  leader->set_length(4.0);
+  leader->set_width(2.0);
+  v1::AgentState* state = leader->add_states();
+  const scene::Point2 place = X_WT * scene::Point2{30.0, 0.0};
+  state->set_time(1.0);
+  state->set_x(place.x);
+  state->set_y(place.y);
+  state->set_heading(static_cast<float>(kHeading));
+  return scenario;
+}
+
+TEST(ScenePlotTest, LanePathsAreDrawnWhereTheyLieIfAskedFor) {
+  constexpr Color kTurquoise = {64, 196, 188};
+  ScenePlotOptions options = Options();
+  for (const bool asked : {true, false}) {
+    options.lane_paths = asked;
+    const cv::Mat picture = Decode(*DrawScene(SceneWithLanes(), Answer(0.9), options));
+    const PictureFrame frame(picture);
+    for (const double ahead : {12.0, 20.0, 38.0}) {
+      EXPECT_EQ(frame.NearestDistance(picture, ahead, 0.0, kTurquoise) < 40, asked) << ahead;
+      EXPECT_GT(frame.NearestDistance(picture, ahead, 15.0, kTurquoise), 60) << ahead;
+    }
+    // The ring around the leader, beside the path.
+    int nearest = 255;
+    for (double left = 2.0; left < 5.0; left += 0.1) {
+      nearest = std::min(nearest, frame.NearestDistance(picture, 30.0, left, kTurquoise));
+    }
+    EXPECT_EQ(nearest < 60, asked);
+  }
+}
+
+TEST(ScenePlotTest, WithoutActionsThePathsAreSeenToTheirEnds) {
+  ScenePlotOptions options = Options();
+  options.lane_paths = true;
+  v1::ScenarioPrediction nothing;
+  nothing.add_targets()->set_target_id(7);
+  const cv::Mat picture = Decode(*DrawScene(SceneWithLanes(), nothing, options));
+  const PictureFrame frame(picture);
+  EXPECT_LT(frame.NearestDistance(picture, 95.0, 0.0, {64, 196, 188}), 40);
+}
+
 TEST(ScenePlotTest, TruthEndsAtTheHorizon) {
   ScenePlotOptions options = Options();
   options.horizon = 2.5;  // as far as (20, 4)
@@ -123,6 +182,59 @@ TEST(ScenePlotTest, ImprobableActionsAreNotDrawn) {
   const cv::Mat picture = Decode(*DrawScene(Scene(), Answer(0.04), Options()));
   const PictureFrame frame(picture);
   EXPECT_GT(frame.NearestDistance(picture, 25.0, -5.0, ActionColor(2)), 60);
+}
+
+// Adds an action straight to (40, left) of the target's frame, 4 % probable.
+void AddImprobableAction(int id, double left, v1::ScenarioPrediction* prediction) {
+  v1::ActionDistribution* action = prediction->mutable_targets(0)->add_distributions();
+  action->set_action_id(id);
+  action->set_probability(0.04);
+  for (int i = 1; i <= 10; ++i) {
+    action->mutable_mean_trajectory()->add_x(4.0 * i);
+    action->mutable_mean_trajectory()->add_y(0.1 * left * i);
+  }
+}
+
+void AddRepresentative(int id, double weight, v1::ScenarioPrediction* prediction) {
+  v1::Representative* representative = prediction->mutable_targets(0)->add_representatives();
+  representative->set_action_id(id);
+  representative->set_weight(weight);
+}
+
+TEST(ScenePlotTest, RepresentativesAreDrawnHoweverImprobableAndTheMedoidHasAWhiteRing) {
+  v1::ScenarioPrediction answer = Answer(0.9);
+  AddImprobableAction(4, -16.0, &answer);
+  AddImprobableAction(6, 16.0, &answer);
+  AddImprobableAction(8, -24.0, &answer);
+  AddRepresentative(4, 0.7, &answer);
+  AddRepresentative(6, 0.3, &answer);
+  const cv::Mat picture = Decode(*DrawScene(Scene(), answer, Options()));
+  const PictureFrame frame(picture);
+  EXPECT_LT(frame.NearestDistance(picture, 25.0, -10.0, ActionColor(4)), 12);
+  EXPECT_LT(frame.NearestDistance(picture, 25.0, 10.0, ActionColor(6)), 12);
+  EXPECT_GT(frame.NearestDistance(picture, 25.0, -15.0, ActionColor(8)), 60);  // 4 %, and not one
+  // White about the disc where the mean ends.
+  const auto ring = [&](double slope) {
+    int nearest = 255;
+    for (double ahead = 36.0; ahead < 46.0; ahead += 0.25) {
+      nearest = std::min(nearest, frame.NearestDistance(picture, ahead, slope * ahead, kWhite));
+    }
+    return nearest;
+  };
+  EXPECT_LT(ring(-0.4), 60);
+  EXPECT_GT(ring(0.4), 60);
+}
+
+TEST(ScenePlotTest, ActionsBesideTheRepresentativesAreFaint) {
+  v1::ScenarioPrediction answer = Answer(0.9);
+  AddImprobableAction(4, 16.0, &answer);
+  const cv::Mat before = Decode(*DrawScene(Scene(), answer, Options()));
+  AddRepresentative(4, 1.0, &answer);
+  const cv::Mat after = Decode(*DrawScene(Scene(), answer, Options()));
+  EXPECT_LT(PictureFrame(before).NearestDistance(before, 25.0, -5.0, ActionColor(2)), 12);
+  const int faint = PictureFrame(after).NearestDistance(after, 25.0, -5.0, ActionColor(2));
+  EXPECT_GT(faint, 20);
+  EXPECT_LT(faint, 160);  // and still there
 }
 
 TEST(ScenePlotTest, WhatCannotBeDrawnIsRefused) {
@@ -188,6 +300,46 @@ TEST(ActionSetPlotTest, ANameIsDrawnWhereThereIsNoLabel) {
   EXPECT_NE(picture, *DrawActionSet(TwoActions(), {}));
   EXPECT_EQ(picture, *DrawActionSet(TwoActions(), {.names = {{0, "left turn"}}}));
   EXPECT_EQ(picture, *DrawActionSet(labelled, {.names = {{0, "right turn"}}}));
+}
+
+v1::ActionSet TwoActionsAt(double speed) {
+  v1::ActionSet set = TwoActions();
+  set.set_speed(speed);
+  return set;
+}
+
+TEST(ActionGalleryPlotTest, DrawsAPanelForEachSpeed) {
+  const std::vector<v1::ActionSet> sets = {TwoActionsAt(0.0), TwoActionsAt(5.0), TwoActionsAt(10.0),
+                                           TwoActionsAt(20.0)};
+  const auto all_four = DrawActionGallery(sets, {});
+  ASSERT_TRUE(all_four.ok()) << all_four.status();
+  const cv::Mat picture = Decode(*all_four);
+  EXPECT_EQ(picture.cols, 1500);
+  EXPECT_EQ(picture.rows, 1000);
+  EXPECT_EQ(*DrawActionGallery(sets, {}), *all_four);
+  // The second set has its panel in the upper right quarter, left of the legend, and nowhere else.
+  std::vector<v1::ActionSet> others = sets;
+  others[1].mutable_actions(0)->mutable_distribution()->mutable_mean_trajectory()->set_y(0, 9.0);
+  const cv::Mat other = Decode(*DrawActionGallery(others, {}));
+  const cv::Rect panel(625, 74, 625, 463);
+  EXPECT_GT(cv::norm(picture(panel), other(panel), cv::NORM_INF), 50.0);
+  cv::Mat rest = other.clone();
+  picture(panel).copyTo(rest(panel));
+  EXPECT_EQ(cv::norm(picture, rest, cv::NORM_INF), 0.0);
+}
+
+TEST(ActionGalleryPlotTest, LeavesOutActionsThatAreNotEffective) {
+  const std::vector<v1::ActionSet> sets = {TwoActionsAt(10.0)};
+  EXPECT_NE(*DrawActionGallery(sets, {}), *DrawActionGallery(sets, {.all = true}));
+}
+
+TEST(ActionGalleryPlotTest, RefusesSetsThatItCannotDraw) {
+  EXPECT_TRUE(absl::IsInvalidArgument(DrawActionGallery({}, {}).status()));
+  std::vector<v1::ActionSet> sets = {TwoActions()};  // of no speed
+  EXPECT_TRUE(absl::IsInvalidArgument(DrawActionGallery(sets, {}).status()));
+  sets = {TwoActionsAt(5.0)};
+  sets[0].mutable_actions(0)->mutable_distribution()->mutable_mean_trajectory()->add_x(1.0);
+  EXPECT_TRUE(absl::IsInvalidArgument(DrawActionGallery(sets, {}).status()));
 }
 
 TEST(LabelPlacerTest, LabelsLieWithinAndApart) {

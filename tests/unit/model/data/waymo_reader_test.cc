@@ -180,6 +180,37 @@ TEST(WaymoReaderTest, MapsMapFeatures) {
   EXPECT_THAT(scene::ValidateScenario(scenario, {}), IsEmpty());
 }
 
+TEST(WaymoReaderTest, LanesDeclareTheirSuccessorsAndNeighbors) {
+  const auto lane = [] { return Wire().Message(8, Point(1, 2)).Message(8, Point(3, 4)); };
+  const auto neighbor = [](int id) { return Wire().Varint(1, id).Varint(2, 5); };
+  Wire recording = Recording({MovingTrack(1)});
+  recording.Message(
+      8, Wire().Varint(1, 100).Message(3, lane()
+                                              .Bytes(10, "\x65\x66")  // packed: 101 and 102
+                                              .Message(11, neighbor(104))
+                                              .Message(12, neighbor(105))
+                                              .Message(12, neighbor(106))));
+  recording.Message(8, Wire().Varint(1, 101).Message(3, lane().Bytes(9, "\x64")));
+  // Lane 100 does not say that 103 follows it, but 103 does. Nobody knows 99.
+  recording.Message(8, Wire().Varint(1, 103).Message(3, lane().Varint(9, 100).Varint(9, 99)));
+  const v1::Scenario scenario = Parse(recording);
+  ASSERT_EQ(scenario.map_features_size(), 3);
+  EXPECT_THAT(scenario.map_features(0).successor_ids(), ElementsAre(101, 102, 103));
+  EXPECT_THAT(scenario.map_features(0).left_neighbor_ids(), ElementsAre(104));
+  EXPECT_THAT(scenario.map_features(0).right_neighbor_ids(), ElementsAre(105, 106));
+  EXPECT_THAT(scenario.map_features(1).successor_ids(), IsEmpty());
+}
+
+TEST(WaymoReaderTest, ALaneDeclaresNoMoreSuccessorsThanAScenarioMayHave) {
+  Wire lane = Wire().Message(8, Point(1, 2)).Message(8, Point(3, 4));
+  for (int id = 1; id <= 100; ++id) lane.Varint(10, id);
+  Wire recording = Recording({MovingTrack(1)});
+  recording.Message(8, Wire().Varint(1, 100).Message(3, lane));
+  const v1::Scenario scenario = Parse(recording);
+  EXPECT_EQ(scenario.map_features(0).successor_ids_size(), 64);
+  EXPECT_THAT(scene::ValidateScenario(scenario, {}), IsEmpty());
+}
+
 // One step of lane -> state.
 Wire Signals(const std::vector<std::pair<int, int>>& lanes) {
   Wire step;

@@ -20,17 +20,13 @@
 #include "model/artifact/training_presets.h"
 #include "model/inference/action_model.h"
 #include "tests/unit/model/inference/reference_model.h"
+#include "tests/unit/model/onnx/engine_answers.h"
 #include "tests/unit/model/scene/raster_of.h"
 
 namespace maneuver::onnx {
 namespace {
 
 constexpr int kScenes = 3;
-// Bounds of what other orders of summation in f32 may change.
-constexpr double kFeatureBound = 1e-5;      // relative to the largest feature
-constexpr double kProbabilityBound = 2e-6;  // absolute
-constexpr double kLatentBound = 3e-5;       // absolute, of values of order 1
-constexpr double kWaypointBound = 1e-4;     // metres
 
 v1::ModelSpec Spec(const std::string& backbone, bool motion) {
   v1::ModelSpec spec;
@@ -122,42 +118,6 @@ Scenes MakeScenes(const v1::ModelSpec& spec) {
   return scenes;
 }
 
-// Answers of all scenes, one after the other.
-struct Answers {
-  std::vector<double> features, probabilities, latent_mean, latent_stddev, trajectories;
-};
-
-template <typename Values>
-void Append(const Values& values, std::vector<double>* all) {
-  for (auto value = values.data(); value != values.data() + values.size(); ++value) {
-    all->push_back(static_cast<double>(*value));
-  }
-}
-
-Answers EngineAnswers(const artifact::StoredModel& model, const Scenes& scenes) {
-  const auto loaded =
-      inference::ActionModel::FromStored(model, {inference::Precision::kF32}).value();
-  const auto session = loaded->NewSession();
-  std::vector<inference::SceneEncoding> encodings(scenes.inputs.size());
-  session->Encode(scenes.inputs, encodings);
-  std::vector<int> actions(static_cast<size_t>(loaded->spec().actions()));
-  std::iota(actions.begin(), actions.end(), 0);
-  Answers answers;
-  for (const inference::SceneEncoding& encoding : encodings) {
-    Append(encoding.features, &answers.features);
-    Append(encoding.probabilities, &answers.probabilities);
-    for (const auto& action :
-         session->Describe(encoding, actions, inference::LatentSource::kPosterior)) {
-      Append(action.latent_mean, &answers.latent_mean);
-      Append(action.latent_stddev, &answers.latent_stddev);
-      for (size_t p = 0; p < action.sigma.size(); ++p) {
-        Append(action.sigma[p], &answers.trajectories);
-      }
-    }
-  }
-  return answers;
-}
-
 Answers ExportedAnswers(const artifact::StoredModel& model, const Scenes& scenes) {
   const std::string file = ExportOnnx(model, {.distributions = true, .scenes = kScenes});
   cv::dnn::Net net = cv::dnn::readNetFromONNX(file.data(), file.size());
@@ -177,38 +137,14 @@ Answers ExportedAnswers(const artifact::StoredModel& model, const Scenes& scenes
   return answers;
 }
 
-// Of values as many as the other; else no number at all.
-double LargestDifference(const std::vector<double>& a, const std::vector<double>& b) {
-  if (a.size() != b.size() || a.empty()) return std::nan("");
-  double largest = 0.0;
-  for (size_t i = 0; i < a.size(); ++i) largest = std::max(largest, std::abs(a[i] - b[i]));
-  return largest;
-}
-
-double Largest(const std::vector<double>& values) {
-  double largest = 0.0;
-  for (const double value : values) largest = std::max(largest, std::abs(value));
-  return largest;
-}
-
 class OnnxExportTest : public testing::TestWithParam<std::pair<const char*, v1::ModelSpec>> {};
 
 TEST_P(OnnxExportTest, AnotherEngineGivesTheSameAnswers) {
   const artifact::StoredModel model = inference::RandomModel(GetParam().second, 5);
   const Scenes scenes = MakeScenes(GetParam().second);
-  const Answers ours = EngineAnswers(model, scenes);
+  const Answers ours = EngineAnswers(model, scenes.inputs);
   const Answers theirs = ExportedAnswers(model, scenes);
-  const auto expect = [&](const char* what, const std::vector<double>& a,
-                          const std::vector<double>& b, double bound) {
-    const double difference = LargestDifference(a, b);
-    EXPECT_LE(difference, bound) << what;
-    std::cout << what << ": largest difference " << difference << ", bound " << bound << "\n";
-  };
-  expect("features", theirs.features, ours.features, kFeatureBound * Largest(ours.features));
-  expect("probabilities", theirs.probabilities, ours.probabilities, kProbabilityBound);
-  expect("latent_mean", theirs.latent_mean, ours.latent_mean, kLatentBound);
-  expect("latent_stddev", theirs.latent_stddev, ours.latent_stddev, kLatentBound);
-  expect("trajectories", theirs.trajectories, ours.trajectories, kWaypointBound);
+  ExpectSame(theirs, ours);
 }
 
 INSTANTIATE_TEST_SUITE_P(
@@ -228,13 +164,7 @@ TEST(OnnxExportTest, EveryWeightThatIsExportedDecidesAnswers) {
     artifact::StoredModel changed = model;
     for (float& value : changed.weights.at(name).values) value *= 1.01f;
     const Answers wrong = ExportedAnswers(changed, scenes);
-    const double difference =
-        std::max({LargestDifference(wrong.features, right.features) / kFeatureBound /
-                      Largest(right.features),
-                  LargestDifference(wrong.probabilities, right.probabilities) / kProbabilityBound,
-                  LargestDifference(wrong.latent_mean, right.latent_mean) / kLatentBound,
-                  LargestDifference(wrong.latent_stddev, right.latent_stddev) / kLatentBound,
-                  LargestDifference(wrong.trajectories, right.trajectories) / kWaypointBound});
+    const double difference = InBounds(wrong, right);
     const bool left_out = name.starts_with("trajectory_encoder.") ||
                           name.starts_with("decoder.covariance") || name == "mixture.log_weight";
     if (left_out) {

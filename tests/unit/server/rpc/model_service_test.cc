@@ -1,9 +1,13 @@
 #include "server/rpc/model_service.h"
 
 #include <gmock/gmock.h>
+#include <google/protobuf/util/json_util.h>
 
+#include <cmath>
 #include <fstream>
+#include <optional>
 
+#include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/server/rpc/server_fixture.h"
 
 namespace maneuver::rpc {
@@ -13,7 +17,76 @@ namespace fs = std::filesystem;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-class ModelServiceTest : public ServerTest {};
+class ModelServiceTest : public ServerTest {
+ protected:
+  // Writes the manifest of town/1: three actions that stand still, the second of them labelled.
+  void WriteManifest(v1::TrajectoryReference reference) {
+    v1::ModelManifest manifest;
+    manifest.set_format_version(1);
+    v1::ModelSpec& spec = *manifest.mutable_spec();
+    spec = artifact::TinySpec();
+    spec.set_reference(reference);
+    spec.mutable_scene_vectors()->set_history_width(4);
+    spec.mutable_scene_vectors()->set_features(4);
+    for (int id = 0; id < spec.actions(); ++id) {
+      v1::Action& action = *manifest.add_actions();
+      action.set_action_id(id);
+      action.set_usage(0.25);
+      action.set_effective(id != 2);
+      action.mutable_distribution()->mutable_mean_trajectory()->add_x(0.0);
+    }
+    manifest.mutable_actions(1)->set_label("keeps going");
+    std::string json;
+    ASSERT_TRUE(google::protobuf::util::MessageToJsonString(manifest, &json).ok());
+    std::ofstream(folder_ / "models" / "town" / "1" / "model.json") << json;
+  }
+
+  grpc::Status GetActionSet(std::optional<double> speed, v1::ActionSet* set) {
+    v1::GetActionSetRequest request;
+    request.set_name("models/town");
+    if (speed) request.set_speed(*speed);
+    grpc::ClientContext context;
+    return model_stub_->GetActionSet(&context, request, set);
+  }
+};
+
+// The fake model's action k is k + the speed in metres ahead.
+TEST_F(ModelServiceTest, DrawsRelativeActionsAtTheSpeedAskedFor) {
+  Publish();
+  WriteManifest(v1::TRAJECTORY_REFERENCE_FADING_MOTION);
+  v1::ActionSet set;
+  ASSERT_TRUE(GetActionSet(7.0, &set).ok());
+  EXPECT_EQ(set.speed(), 7.0);
+  ASSERT_EQ(set.actions_size(), 3);
+  EXPECT_EQ(set.actions(1).distribution().mean_trajectory().x(0), 8.0);
+  EXPECT_EQ(set.actions(1).distribution().probability(), 0.25);
+  EXPECT_EQ(set.actions(1).label(), "keeps going");
+  EXPECT_EQ(set.actions(1).usage(), 0.25);
+  EXPECT_TRUE(set.actions(1).effective());
+  EXPECT_FALSE(set.actions(2).effective());
+  // As stored.
+  ASSERT_TRUE(GetActionSet(std::nullopt, &set).ok());
+  EXPECT_EQ(set.speed(), 10.0);
+  EXPECT_EQ(set.actions(1).distribution().mean_trajectory().x(0), 0.0);
+}
+
+TEST_F(ModelServiceTest, ActionsInMetresAreTheSameAtEverySpeed) {
+  Publish();
+  WriteManifest(v1::TRAJECTORY_REFERENCE_NONE);
+  v1::ActionSet set;
+  ASSERT_TRUE(GetActionSet(7.0, &set).ok());
+  EXPECT_FALSE(set.has_speed());
+  EXPECT_EQ(set.actions(1).distribution().mean_trajectory().x(0), 0.0);
+}
+
+TEST_F(ModelServiceTest, RefusesASpeedThatNobodyDrives) {
+  Publish();
+  WriteManifest(v1::TRAJECTORY_REFERENCE_FADING_MOTION);
+  for (const double speed : {-1.0, 101.0, std::nan("")}) {
+    v1::ActionSet set;
+    EXPECT_EQ(GetActionSet(speed, &set).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  }
+}
 
 TEST_F(ModelServiceTest, VersionsArePagedNewestFirst) {
   for (int i = 0; i < 5; ++i) Publish();

@@ -71,6 +71,50 @@ TEST(PlanPredictionTest, BadItemsFailAloneWithTheirPathFromTheRequest) {
   EXPECT_EQ(plan.targets[0].scenario, &request.scenarios(0));
 }
 
+TEST(PlanPredictionTest, RefusesATargetOfATypeThatTheModelHasNotLearned) {
+  v1::PredictRequest request;
+  *request.add_scenarios() = Scene();
+  request.mutable_scenarios(0)->mutable_agents(1)->mutable_states(0)->set_time(5.0);
+  request.mutable_scenarios(0)->mutable_agents(1)->set_type(v1::AGENT_TYPE_PEDESTRIAN);
+  PredictionPlan plan = PlanPrediction(request.scenarios(), Spec(), {}, false);
+  EXPECT_TRUE(plan.scenarios[0].targets[0].status.ok());
+  const absl::Status& refused = plan.scenarios[0].targets[1].status;
+  EXPECT_EQ(refused.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(FirstField(refused), "scenarios[0].target_ids[1]");
+  EXPECT_EQ(errors::ReasonOf(refused), "TARGET_TYPE_NOT_LEARNED");
+  EXPECT_THAT(std::string(refused.message()), HasSubstr("is a pedestrian"));
+  EXPECT_THAT(std::string(refused.message()), HasSubstr("vehicles"));
+  ASSERT_EQ(plan.targets.size(), 1u);
+
+  v1::ModelSpec pedestrians = Spec();
+  pedestrians.add_target_types(v1::AGENT_TYPE_PEDESTRIAN);
+  plan = PlanPrediction(request.scenarios(), pedestrians, {}, false);
+  EXPECT_FALSE(plan.scenarios[0].targets[0].status.ok());
+  EXPECT_TRUE(plan.scenarios[0].targets[1].status.ok());
+}
+
+TEST(PlanPredictionTest, AnswersATargetWhoseTypeIsNotStated) {
+  v1::PredictRequest request;
+  *request.add_scenarios() = Scene();
+  request.mutable_scenarios(0)->mutable_agents(0)->clear_type();
+  const PredictionPlan plan = PlanPrediction(request.scenarios(), Spec(), {}, false);
+  EXPECT_TRUE(plan.scenarios[0].targets[0].status.ok());
+}
+
+// Half of the default interval of 0.25 s.
+TEST(PlanPredictionTest, AModelWithoutARasterAllowsAStateOfAnEighthOfASecondAgo) {
+  v1::ModelSpec spec = Spec();
+  spec.clear_raster();
+  spec.mutable_scene_vectors()->set_history_width(8);
+  v1::PredictRequest request;
+  *request.add_scenarios() = Scene();
+  v1::AgentState& state = *request.mutable_scenarios(0)->mutable_agents(0)->mutable_states(0);
+  state.set_time(4.88);
+  EXPECT_EQ(PlanPrediction(request.scenarios(), spec, {}, false).targets.size(), 1u);
+  state.set_time(4.87);
+  EXPECT_TRUE(PlanPrediction(request.scenarios(), spec, {}, false).targets.empty());
+}
+
 TEST(PlanPredictionTest, ATargetWithoutItsFutureCannotBeClassified) {
   v1::ClassifyTrajectoriesRequest request;
   *request.add_scenarios() = Scene();
@@ -100,7 +144,7 @@ class WritePredictionsTest : public ::testing::Test {
     *request_.add_scenarios() = Scene();
     plan_ = PlanPrediction(request_.scenarios(), Spec(), {}, false);
     answers_.resize(1);
-    answers_[0].probabilities = Eigen::Vector3d(0.1, 0.7, 0.2);
+    answers_[0].encoding.probabilities = Eigen::Vector3d(0.1, 0.7, 0.2);
     inference::ActionDistribution action;
     action.action = 1;
     action.latent_mean = Eigen::VectorXd::Constant(1, 0.5);
@@ -176,6 +220,16 @@ TEST_F(WritePredictionsTest, TheTargetFrameIsTheModelsOwn) {
   EXPECT_EQ(action.moments().covariance_xy(0), 0.5);
 }
 
+TEST_F(WritePredictionsTest, RepresentativesKeepTheirOrder) {
+  EXPECT_EQ(Write({}).representatives_size(), 0);
+  answers_[0].representatives = {{.action = 2, .weight = 0.25}, {.action = 1, .weight = 0.75}};
+  const v1::TargetPrediction target = Write({});
+  ASSERT_EQ(target.representatives_size(), 2);
+  EXPECT_EQ(target.representatives(0).action_id(), 2);
+  EXPECT_EQ(target.representatives(0).weight(), 0.25);
+  EXPECT_EQ(target.representatives(1).action_id(), 1);
+}
+
 TEST_F(WritePredictionsTest, ATargetThatFailedLaterHasNothingButItsError) {
   answers_[0] = {};
   answers_[0].status = absl::InternalError("no");
@@ -189,6 +243,15 @@ TEST(ParseQueryTest, TheDefaultIsEveryActionOfAtLeastFivePercentFromThePosterior
   ASSERT_TRUE(describe.ok());
   EXPECT_EQ(std::get<serving::AtLeast>(describe->selection).probability, 0.05);
   EXPECT_EQ(describe->source, inference::LatentSource::kPosterior);
+  EXPECT_EQ(describe->representatives, 0);
+}
+
+TEST(ParseQueryTest, RepresentativesGoWithAnySelection) {
+  const auto describe =
+      ParseQuery(FromText<v1::DistributionQuery>("top_k: 2 representatives: 3"), 3);
+  ASSERT_TRUE(describe.ok());
+  EXPECT_EQ(std::get<serving::TopK>(describe->selection).k, 2);
+  EXPECT_EQ(describe->representatives, 3);
 }
 
 TEST(ParseQueryTest, WhatIsWrongIsNamed) {
@@ -205,6 +268,8 @@ TEST(ParseQueryTest, WhatIsWrongIsNamed) {
   EXPECT_EQ(field("min_probability: 1.1"), "query.min_probability");
   EXPECT_EQ(field("min_probability: nan"), "query.min_probability");
   EXPECT_EQ(field("top_k: 0"), "query.top_k");
+  EXPECT_EQ(field("representatives: 4"), "query.representatives");
+  EXPECT_EQ(field("representatives: -1"), "query.representatives");
   EXPECT_EQ(field("source: LATENT_SOURCE_PRIOR frame: FRAME_TARGET"), "");
   v1::DistributionQuery unknown;
   unknown.set_source(static_cast<v1::LatentSource>(9));

@@ -100,6 +100,51 @@ TEST_F(ServerTest, EachMethodAnswersWhatItIsFor) {
   }
 }
 
+TEST_F(ServerTest, RepresentativesComeWithTheirDistributionsFromEachMethod) {
+  networks_.probabilities = Eigen::Vector3d(0.4, 0.25, 0.35);  // action 1 lies between the others
+  Publish();
+  v1::PredictRequest request = OneScene();
+  request.mutable_query()->set_min_probability(1.0);
+  request.mutable_query()->set_representatives(2);
+  const auto check = [](const v1::TargetPrediction& target) {
+    ASSERT_EQ(target.representatives_size(), 2);
+    EXPECT_EQ(target.representatives(0).action_id(), 1);
+    EXPECT_NEAR(target.representatives(0).weight(), 0.6, 1e-12);
+    EXPECT_EQ(target.representatives(1).action_id(), 0);
+    EXPECT_NEAR(target.representatives(1).weight(), 0.4, 1e-12);
+    ASSERT_EQ(target.distributions_size(), 2);
+    EXPECT_EQ(target.distributions(0).action_id(), 0);
+    EXPECT_EQ(target.distributions(0).probability(), 0.4);
+    EXPECT_EQ(target.distributions(1).action_id(), 1);
+  };
+  {
+    v1::PredictResponse response;
+    ASSERT_TRUE(Predict(request, &response).ok());
+    check(response.predictions(0).targets(0));
+  }
+  {
+    v1::PredictActionDistributionsRequest distributions;
+    *distributions.add_scenarios() = Scene();
+    *distributions.mutable_query() = request.query();
+    v1::PredictActionDistributionsResponse response;
+    grpc::ClientContext context;
+    ASSERT_TRUE(stub_->PredictActionDistributions(&context, distributions, &response).ok());
+    check(response.predictions(0).targets(0));
+  }
+  {
+    grpc::ClientContext context;
+    const auto stream = stub_->StreamPredict(&context);
+    v1::StreamPredictRequest streamed;
+    *streamed.mutable_request() = request;
+    v1::StreamPredictResponse response;
+    ASSERT_TRUE(stream->Write(streamed));
+    ASSERT_TRUE(stream->Read(&response));
+    check(response.response().predictions(0).targets(0));
+    stream->WritesDone();
+    EXPECT_TRUE(stream->Finish().ok());
+  }
+}
+
 TEST_F(ServerTest, RequestsThatAreWrongAsAWholeAreRefused) {
   Publish();
   v1::PredictResponse response;
@@ -112,6 +157,11 @@ TEST_F(ServerTest, RequestsThatAreWrongAsAWholeAreRefused) {
   request.clear_model();
   request.mutable_query()->mutable_action_ids()->add_ids(3);
   EXPECT_EQ(Predict(request, &response).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  request.mutable_query()->clear_action_ids();
+  request.mutable_query()->set_representatives(4);  // of three actions
+  const grpc::Status status = Predict(request, &response);
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(status.error_message(), HasSubstr("query.representatives: expected 0 to 3"));
 }
 
 TEST_F(ServerTest, AVersionThatIsNotInMemoryIsLoadedForTheRequest) {

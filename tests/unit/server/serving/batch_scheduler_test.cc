@@ -82,7 +82,7 @@ class BatchSchedulerTest : public ::testing::Test {
     Asked asked;
     asked.call = std::make_shared<PredictionCall>();
     asked.call->model = model_;
-    asked.call->question = DescribeActions{TopK{1}, inference::LatentSource::kPosterior};
+    asked.call->question = DescribeActions{TopK{1}};
     for (size_t i = 0; i < targets; ++i) {
       asked.call->targets.push_back({&scenario, 7, scene::Pose2(), {}});
     }
@@ -151,6 +151,25 @@ TEST_F(BatchSchedulerTest, ACallLargerThanABatchIsAnsweredWhole) {
     EXPECT_THAT(answer.distributions, SizeIs(1));
     EXPECT_EQ(answer.distributions[0].action, 1);
   }
+}
+
+TEST_F(BatchSchedulerTest, AnswersForAModelThatReadsVectorsInPlaceOfARaster) {
+  v1::Scenario moving = SceneWith(4.0);
+  moving.mutable_agents(0)->mutable_states(0)->set_velocity_x(6.0F);
+  const auto scheduler = Scheduler(1, {.max_batch = 8});
+  Asked asked = Prepare(moving, 2);
+  asked.call->targets[1].scenario = &scene_;
+  asked.call->model = std::make_shared<ServedModel>(security::ModelVersionName{"town", 2},
+                                                    FakeActionModel::OfVectors(networks_));
+  ASSERT_TRUE(asked.call->model->WarmUp().ok());
+  ASSERT_TRUE(scheduler->Submit(asked.call).ok());
+  const Answers answers = asked.answers.get();
+  ASSERT_THAT(answers, SizeIs(2));
+  EXPECT_EQ(answers[0].encoding.features[0], 6.0F);
+  EXPECT_EQ(answers[0].encoding.speed, 6.0);
+  EXPECT_EQ(answers[1].encoding.features[0], 0.0F);
+  EXPECT_EQ(Metric("maneuver_stage_duration_seconds_count{stage=\"vectors\"}"), "1");
+  EXPECT_EQ(Metric("maneuver_stage_duration_seconds_count{stage=\"raster\"}"), "0");
 }
 
 TEST_F(BatchSchedulerTest, AFullQueueRefusesWithARetryDelay) {
@@ -395,6 +414,57 @@ TEST_F(BatchSchedulerTest, DroppedWorkIsCountedByWhereItWas) {
   EXPECT_EQ(Dropped("cancelled"), "0 4 0 0 ");
   EXPECT_EQ(Metric("maneuver_targets_total{outcome=\"expired\"}"), "6");
   EXPECT_EQ(Metric("maneuver_targets_total{outcome=\"cancelled\"}"), "4");
+}
+
+// Action k stands at (k, k), so the medoid is action 1, between the others.
+TEST_F(BatchSchedulerTest, DescribesRepresentativesBesideTheSelection) {
+  networks_.probabilities = Eigen::Vector3d(0.4, 0.25, 0.35);
+  const auto scheduler = Scheduler(1, {});
+  const auto ask = [&](int representatives) {
+    Asked asked = Prepare(scene_);
+    asked.call->question =
+        DescribeActions{TopK{1}, inference::LatentSource::kPosterior, representatives};
+    EXPECT_TRUE(scheduler->Submit(asked.call).ok());
+    return asked.answers.get().at(0);
+  };
+  const auto described = [](const TargetAnswer& answer) {
+    std::vector<int> actions;
+    for (const auto& each : answer.distributions) actions.push_back(each.action);
+    return actions;
+  };
+  const TargetAnswer none = ask(0);
+  EXPECT_THAT(none.representatives, SizeIs(0));
+  EXPECT_THAT(described(none), ElementsAre(0));
+  EXPECT_EQ(networks_.means(), 0);
+
+  const TargetAnswer one = ask(1);
+  ASSERT_THAT(one.representatives, SizeIs(1));
+  EXPECT_EQ(one.representatives[0].action, 1);
+  EXPECT_EQ(one.representatives[0].weight, 1.0);
+  EXPECT_THAT(described(one), ElementsAre(0, 1));  // by probability, each once
+  EXPECT_EQ(networks_.means(), kFakeActions);
+
+  // Action 0 leaves 0.35 at a distance, action 2 leaves 0.4.
+  const TargetAnswer two = ask(2);
+  ASSERT_THAT(two.representatives, SizeIs(2));
+  EXPECT_EQ(two.representatives[0].action, 1);
+  EXPECT_NEAR(two.representatives[0].weight, 0.6, 1e-12);
+  EXPECT_EQ(two.representatives[1].action, 0);
+  EXPECT_NEAR(two.representatives[1].weight, 0.4, 1e-12);
+  EXPECT_THAT(described(two), ElementsAre(0, 1));
+}
+
+TEST_F(BatchSchedulerTest, WorkThatIsCancelledWhileItIsEncodedHasNoRepresentatives) {
+  const auto scheduler = Scheduler(1, {});
+  networks_.CloseGate();
+  Asked asked = Prepare(scene_);
+  asked.call->question = DescribeActions{TopK{1}, inference::LatentSource::kPosterior, 2};
+  ASSERT_TRUE(scheduler->Submit(asked.call).ok());
+  networks_.AwaitBatches(1);
+  asked.call->cancelled = true;
+  networks_.OpenGate();
+  EXPECT_TRUE(absl::IsCancelled(asked.answers.get().at(0).status));
+  EXPECT_EQ(networks_.means(), 0);
 }
 
 TEST_F(BatchSchedulerTest, ClassificationGetsItsTrajectory) {

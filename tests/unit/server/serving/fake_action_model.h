@@ -1,4 +1,5 @@
-// A model that costs nothing and says what was asked of it.
+// A model that costs nothing and says what was asked of it. Its actions are ahead by as many metres
+// as the target drives in a second, if it reads vectors.
 
 #ifndef MANEUVER_TESTS_UNIT_SERVER_SERVING_FAKE_ACTION_MODEL_H_
 #define MANEUVER_TESTS_UNIT_SERVER_SERVING_FAKE_ACTION_MODEL_H_
@@ -55,6 +56,11 @@ class FakeNetworks {
     const std::lock_guard lock(mutex_);
     return described_;
   }
+  // How many mean trajectories were decoded on their own.
+  int means() {
+    const std::lock_guard lock(mutex_);
+    return means_;
+  }
 
   // What the model says. Set them before the first call.
   Eigen::VectorXd probabilities = Eigen::Vector3d(0.2, 0.5, 0.3);
@@ -75,6 +81,10 @@ class FakeNetworks {
     const std::lock_guard lock(mutex_);
     ++described_;
   }
+  void EnterMeans(int actions) {
+    const std::lock_guard lock(mutex_);
+    means_ += actions;
+  }
 
  private:
   std::mutex mutex_;  // guards what follows
@@ -83,9 +93,11 @@ class FakeNetworks {
   int passes_ = 0;
   std::vector<int> batches_;
   int described_ = 0;
+  int means_ = 0;
 };
 
-// The sum of a raster's bytes is its feature, so an answer tells which raster it is for.
+// The sum of a raster's bytes is its feature, so an answer tells which raster it is for. Of a model
+// without a raster it is the target's speed, m/s.
 class FakeSession final : public inference::InferenceSession {
  public:
   explicit FakeSession(FakeNetworks& networks) : networks_(networks) {}
@@ -94,11 +106,9 @@ class FakeSession final : public inference::InferenceSession {
               std::span<inference::SceneEncoding> encodings) override {
     networks_.EnterEncode(static_cast<int>(scenes.size()));
     for (size_t i = 0; i < scenes.size(); ++i) {
-      std::vector<uint8_t> bytes(scenes[i].raster->values());
-      scenes[i].raster->WriteInterleaved(bytes);
-      const int64_t sum = std::accumulate(bytes.begin(), bytes.end(), int64_t{0});
-      encodings[i].features = Eigen::VectorXf::Constant(1, static_cast<float>(sum));
+      encodings[i].features = Eigen::VectorXf::Constant(1, FeatureOf(scenes[i]));
       encodings[i].probabilities = networks_.probabilities;
+      encodings[i].speed = scenes[i].vectors->motion.speed;
     }
   }
 
@@ -110,14 +120,27 @@ class FakeSession final : public inference::InferenceSession {
     for (const int action : actions) {
       inference::ActionDistribution answer;
       answer.action = action;
-      answer.latent_mean = Eigen::VectorXd::Constant(1, encoding.features[0]);
-      answer.moment_mean = inference::Trajectory::Constant(2, 2, action);
-      answer.moment_mean.col(0).array() += networks_.ahead;
+      // Of no scene, there is no feature.
+      const double feature = encoding.features.size() > 0 ? encoding.features[0] : 0.0;
+      answer.latent_mean = Eigen::VectorXd::Constant(1, feature);
+      answer.moment_mean = Mean(action, encoding);
       answer.sigma = {answer.moment_mean};
       answer.moment_covariance.setZero(2, 3);
       answers.push_back(std::move(answer));
     }
     return answers;
+  }
+
+  inference::TrajectorySet MeanTrajectories(const inference::SceneEncoding& encoding,
+                                            std::span<const int> actions,
+                                            inference::LatentSource) override {
+    networks_.EnterMeans(static_cast<int>(actions.size()));
+    inference::TrajectorySet::Rows rows(static_cast<Eigen::Index>(actions.size()), 4);
+    for (size_t i = 0; i < actions.size(); ++i) {
+      const inference::Trajectory mean = Mean(actions[i], encoding);
+      rows.row(static_cast<Eigen::Index>(i)) = Eigen::Map<const Eigen::RowVector4d>(mean.data());
+    }
+    return inference::TrajectorySet(std::move(rows));
   }
 
   inference::Classification Classify(const inference::SceneEncoding&,
@@ -127,6 +150,20 @@ class FakeSession final : public inference::InferenceSession {
   }
 
  private:
+  static float FeatureOf(const inference::SceneInput& scene) {
+    if (scene.raster == nullptr) return static_cast<float>(scene.vectors->motion.speed);
+    std::vector<uint8_t> bytes(scene.raster->values());
+    scene.raster->WriteInterleaved(bytes);
+    return static_cast<float>(std::accumulate(bytes.begin(), bytes.end(), int64_t{0}));
+  }
+
+  // Action k stands at (k + ahead + the target's speed, k).
+  inference::Trajectory Mean(int action, const inference::SceneEncoding& encoding) const {
+    inference::Trajectory mean = inference::Trajectory::Constant(2, 2, action);
+    mean.col(0).array() += networks_.ahead + encoding.speed;
+    return mean;
+  }
+
   FakeNetworks& networks_;
 };
 
@@ -144,6 +181,14 @@ class FakeActionModel final : public inference::ActionModel {
     spec.mutable_trajectory()->mutable_waypoint_interval()->set_seconds(1);
     spec.set_actions(kFakeActions);
     spec.set_latent_dimensions(1);
+  }
+
+  // A model that reads vectors in place of a raster.
+  static std::shared_ptr<const FakeActionModel> OfVectors(FakeNetworks& networks) {
+    auto model = std::make_shared<FakeActionModel>(networks);
+    model->manifest_.mutable_spec()->clear_raster();
+    model->manifest_.mutable_spec()->mutable_scene_vectors()->set_history_width(1);
+    return model;
   }
 
   const v1::ModelManifest& manifest() const override { return manifest_; }

@@ -63,6 +63,28 @@ TEST_F(MapCacheTest, TheIdIsTheDigestThatTheContractDefines) {
   EXPECT_FALSE(IsMapId("F" + id.substr(1)));
 }
 
+// As above; the type has 2^30 added, and three counts and three ids follow the speed limit.
+TEST_F(MapCacheTest, TheIdCoversWhatALaneDeclares) {
+  scene::MapFeatures features;
+  v1::MapFeature* lane = features.Add();
+  lane->set_id(7);
+  lane->set_type(v1::MAP_FEATURE_TYPE_LANE_CENTERLINE);
+  lane->add_x(1.5);
+  lane->add_x(-2.25);
+  lane->add_y(3.0);
+  lane->add_y(1e6);
+  lane->set_speed_limit(13.9);
+  lane->add_successor_ids(8);
+  lane->add_successor_ids(-9);
+  lane->add_right_neighbor_ids(10);
+  v1::MapFeature* sign = features.Add();
+  sign->set_id(-8);
+  sign->set_type(v1::MAP_FEATURE_TYPE_STOP_SIGN);
+  sign->add_x(0.0);
+  sign->add_y(4.0);
+  EXPECT_EQ(MapId(features), "6a83a519151d3e824f220d1ecabb826b6516e1ea28b97f8fc0cdb40a315f67f9");
+}
+
 TEST_F(MapCacheTest, EveryFieldOfAMapChangesItsId) {
   const std::string id = MapId(Lane(1.0));
   EXPECT_EQ(MapId(Lane(1.0)), id);
@@ -76,6 +98,9 @@ TEST_F(MapCacheTest, EveryFieldOfAMapChangesItsId) {
   EXPECT_TRUE(changed([](auto* lane) { lane->set_x(1, 1.0 + 1e-12); }));
   EXPECT_TRUE(changed([](auto* lane) { lane->set_y(0, 1.1); }));
   EXPECT_TRUE(changed([](auto* lane) { lane->set_speed_limit(1.0); }));
+  EXPECT_TRUE(changed([](auto* lane) { lane->add_successor_ids(0); }));
+  EXPECT_TRUE(changed([](auto* lane) { lane->add_left_neighbor_ids(0); }));
+  EXPECT_TRUE(changed([](auto* lane) { lane->add_right_neighbor_ids(0); }));
   EXPECT_TRUE(changed([](auto* lane) {
     lane->add_x(2.0);
     lane->add_y(1.0);

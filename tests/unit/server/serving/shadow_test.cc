@@ -89,8 +89,8 @@ class ShadowTest : public ::testing::Test {
     call.targets.assign(targets, {&scene_, 7, scene::Pose2(), {}});
     std::vector<TargetAnswer> answers(targets);
     for (TargetAnswer& answer : answers) {
-      answer.probabilities = first_.probabilities;
-      answer.features = Eigen::VectorXf::Zero(1);
+      answer.encoding.probabilities = first_.probabilities;
+      answer.encoding.features = Eigen::VectorXf::Zero(1);
     }
     auto released = std::make_shared<std::promise<void>>();
     std::future<void> future = released->get_future();
@@ -173,6 +173,24 @@ TEST_F(ShadowTest, TheCandidateSeesTheSameScene) {
   EXPECT_NEAR(Sum("likeliest_trajectory_distance_meters"), 5.0, 1e-6);
 }
 
+// The answer's encoding was of a target at 3 m/s, which puts its actions 3 m ahead of the
+// candidate's.
+TEST_F(ShadowTest, WhatWasEncodedForTheAnswerIsDescribedAgain) {
+  Start();
+  PredictionCall call;
+  call.model = Serving();
+  call.targets = {{&scene_, 7, scene::Pose2(), {}}};
+  std::vector<TargetAnswer> answers(1);
+  answers[0].encoding.probabilities = first_.probabilities;
+  answers[0].encoding.features = Eigen::VectorXf::Zero(1);
+  answers[0].encoding.speed = 3.0;
+  std::promise<void> released;
+  shadow_->Offer(call, std::move(answers),
+                 std::shared_ptr<const void>(this, [&](const void*) { released.set_value(); }));
+  released.get_future().wait();
+  EXPECT_NEAR(Sum("expected_trajectory_distance_meters"), 3.0, 1e-6);
+}
+
 TEST_F(ShadowTest, NothingIsDoneWhileCallsWait) {
   busy_ = true;
   Start();
@@ -245,8 +263,8 @@ TEST_F(ShadowTest, TargetsThatFailedAreNotCompared) {
   call.targets.assign(2, {&scene_, 7, scene::Pose2(), {}});
   std::vector<TargetAnswer> answers(2);
   answers[0].status = absl::InternalError("no");
-  answers[1].probabilities = first_.probabilities;
-  answers[1].features = Eigen::VectorXf::Zero(1);
+  answers[1].encoding.probabilities = first_.probabilities;
+  answers[1].encoding.features = Eigen::VectorXf::Zero(1);
   std::promise<void> released;
   shadow_->Offer(call, std::move(answers),
                  std::shared_ptr<const void>(this, [&](const void*) { released.set_value(); }));

@@ -169,6 +169,25 @@ TEST(CommonRoadTest, ALaneHasItsLimitFromItsElementOrItsSignAndAStopLineAtItsEnd
   EXPECT_THAT(stop->x(), testing::ElementsAre(50.0, 50.0));
 }
 
+TEST(CommonRoadTest, ALaneHasItsSuccessorsAndItsNeighborsOfTheSameDirection) {
+  const v1::Scenario scenario =
+      Parse(File("2020a", DrivenCar("dynamicObstacle", "") + "<lanelet id=\"5\">" + kBounds +
+                              "<predecessor ref=\"4\"/><successor ref=\"6\"/><successor ref=\"8\"/>"
+                              "<adjacentLeft ref=\"9\" drivingDir=\"opposite\"/>"
+                              "<adjacentRight ref=\"10\" drivingDir=\"same\"/></lanelet>"
+                              "<lanelet id=\"4\">" +
+                              kBounds + "</lanelet>"));
+  ASSERT_EQ(scenario.map_features(0).id(), 5);
+  EXPECT_THAT(scenario.map_features(0).successor_ids(), testing::ElementsAre(6, 8));
+  EXPECT_THAT(scenario.map_features(0).left_neighbor_ids(), testing::IsEmpty());
+  EXPECT_THAT(scenario.map_features(0).right_neighbor_ids(), testing::ElementsAre(10));
+  for (const v1::MapFeature& feature : scenario.map_features()) {
+    if (feature.id() == 4) {
+      EXPECT_THAT(feature.successor_ids(), testing::ElementsAre(5));
+    }
+  }
+}
+
 // Green for 5 steps, yellow for 3, red for 10; it began at step 2, so step 0 is in the red before.
 TEST(CommonRoadTest, ALightShowsItsCycleToTheLanesThatReferToIt) {
   const auto light = [](const std::string& id, const std::string& direction,

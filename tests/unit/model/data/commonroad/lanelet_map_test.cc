@@ -64,6 +64,26 @@ TEST(MapOfTest, TwoLanesHaveOneLineBetweenThemAndEdgesOutside) {
   EXPECT_DOUBLE_EQ(Length(edges), 80.0);
 }
 
+TEST(MapOfTest, CenterlinesDeclareWhatFollowsAndWhatLiesBesideInTheSameDirection) {
+  Lanelet first = Along(1, 0.0, 40.0, 0.0, 4.0);
+  Lanelet second = Along(2, 40.0, 80.0, 0.0, 4.0);
+  Lanelet third = Along(3, 40.0, 80.0, 0.0, 4.0);
+  first.successors = {2};
+  second.predecessors = {1};
+  third.predecessors = {1};
+  first.beside_left = 7;  // comes the other way
+  first.beside_right = 8;
+  first.neighbor_right = 8;
+  second.neighbor_left = 9;
+  const auto lanes = OfType(MapOf({first, second, third}), v1::MAP_FEATURE_TYPE_LANE_CENTERLINE);
+  ASSERT_EQ(lanes.size(), 3u);
+  EXPECT_THAT(lanes[0].successor_ids(), testing::ElementsAre(2, 3));
+  EXPECT_THAT(lanes[1].successor_ids(), testing::IsEmpty());
+  EXPECT_THAT(lanes[0].left_neighbor_ids(), testing::IsEmpty());
+  EXPECT_THAT(lanes[0].right_neighbor_ids(), testing::ElementsAre(8));
+  EXPECT_THAT(lanes[1].left_neighbor_ids(), testing::ElementsAre(9));
+}
+
 // As in files that do not say which lanelets lie beside each other.
 TEST(MapOfTest, WhereTwoLanesTouchUnsaidThereIsNoEdge) {
   const auto edges = OfType(MapOf({Along(1, 0.0, 40.0, 0.0, 4.0), Along(2, 0.0, 40.0, 4.0, 8.0)}),

@@ -44,10 +44,13 @@ TEST(RealCommonRoadTest, EveryFileIsAValidScenarioWithAllOfItsObstaclesAndLanele
     for (const v1::Agent& agent : scenario->agents()) states += agent.states_size();
     EXPECT_EQ(states, scenario->agents_size() + Count(text, "<state>"));
     int64_t lanes = 0;
+    int64_t successors = 0;
     for (const v1::MapFeature& feature : scenario->map_features()) {
       lanes += feature.type() == v1::MAP_FEATURE_TYPE_LANE_CENTERLINE;
+      successors += feature.successor_ids_size();
     }
     EXPECT_EQ(lanes, Count(text, "<lanelet id="));
+    EXPECT_EQ(successors, Count(text, "<successor ref="));
     ++files;
   }
   EXPECT_GT(files, 0);

@@ -122,6 +122,44 @@ TEST(SyntheticTownTest, SignalsAreThoseOfLanesOnTheMap) {
   }
 }
 
+TEST(SyntheticTownTest, LanesDeclareSuccessorsThatBeginAtTheirEndsAndNeighborsBesideThem) {
+  int successors = 0;
+  int neighbors = 0;
+  for (int index = 0; index < kRecordings; ++index) {
+    const v1::Scenario& scenario = Recordings()[index].scenario;
+    std::map<int64_t, const v1::MapFeature*> lanes;
+    for (const v1::MapFeature& feature : scenario.map_features()) lanes[feature.id()] = &feature;
+    for (const auto& [id, lane] : lanes) {
+      const int last = lane->x_size() - 1;
+      for (const int64_t next : lane->successor_ids()) {
+        ASSERT_TRUE(lanes.contains(next));
+        EXPECT_NEAR(lanes[next]->x(0), lane->x(last), 0.05);
+        EXPECT_NEAR(lanes[next]->y(0), lane->y(last), 0.05);
+        ++successors;
+      }
+      // A lane that lies to the left has this one on its right, unless nobody changes back.
+      for (const int64_t left : lane->left_neighbor_ids()) {
+        ASSERT_TRUE(lanes.contains(left));
+        const double dx = lane->x(1) - lane->x(0);
+        const double dy = lane->y(1) - lane->y(0);
+        double offset = 1e9;
+        for (int i = 0; i < lanes[left]->x_size(); ++i) {
+          const double x = lanes[left]->x(i) - lane->x(0);
+          const double y = lanes[left]->y(i) - lane->y(0);
+          if (std::hypot(x, y) < std::abs(offset)) {
+            offset = std::copysign(std::hypot(x, y), dx * y - dy * x);
+          }
+        }
+        EXPECT_GT(offset, 2.0);
+        EXPECT_LT(offset, 8.0);
+        ++neighbors;
+      }
+    }
+  }
+  EXPECT_GT(successors, 100);
+  EXPECT_GT(neighbors, 10);
+}
+
 TEST(SyntheticTownTest, TargetsAreSeenBeforeAndMoveAfterwards) {
   int targets = 0;
   int whole_future = 0;

@@ -1,0 +1,71 @@
+// Which recordings belong together, and which fold each of them is in.
+//
+// A model that learned from one recording of a place or of a drive must not be measured on another
+// one of it: it would be asked for what it has seen. Cross-validation therefore keeps groups of
+// recordings together. Two recordings are in one group if a chain of these links joins them:
+//   - their ids are the same up to the first '#' (parts of one recording, as HeldOut has it);
+//   - they share a place: a lane centreline, road line or road edge of at least kLeastSharedLength
+//     is in both maps, that is, it has the same type and the same number of points, and each of its
+//     two ends lies within 1 m along x and y. Recordings of one drive can differ by decimetres:
+//     each localises its map anew. Ends up to 2 m apart may match as well;
+//   - they share an agent: the same agent id makes the same step, from one position to the next,
+//     each rounded to 0.01 m. Steps shorter than 0.1 m do not count, and neither does the time:
+//     recordings of one drive may have clocks of their own.
+
+#ifndef MANEUVER_MODEL_DATA_RECORDING_GROUPS_H_
+#define MANEUVER_MODEL_DATA_RECORDING_GROUPS_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "maneuver/v1/scenario.pb.h"
+
+namespace maneuver::data {
+
+// Shorter map features may be alike by chance.
+inline constexpr double kLeastSharedLength = 20.0;  // metres
+
+// Recordings are numbered in the order in which they were added.
+struct RecordingGroups {
+  std::vector<std::string> ids;  // scenario_id of each recording
+  std::vector<int> groups;       // group of each recording, 0 .. count - 1 by first appearance
+  int count = 0;
+
+  // Returns the number of recordings in the largest group.
+  int LargestGroup() const;
+};
+
+// Finds the groups of recordings that are added one by one. Keeps at most 3,073 hashes of a
+// recording. Not thread-safe.
+class RecordingGrouper {
+ public:
+  void Add(const v1::Scenario& recording);
+
+  RecordingGroups Groups() const;
+
+ private:
+  int Root(int recording) const;
+  // Joins the recording that was added last with the first one that has this hash.
+  void Link(uint64_t hash);
+
+  std::vector<std::string> ids_;
+  std::vector<int> parents_;  // of a forest over the recordings; a root is its own parent
+  std::unordered_map<uint64_t, int> first_;  // the first recording that has a hash
+};
+
+// Returns the fold of each recording, 0 .. folds - 1: whole groups, the largest first, each to the
+// fold with the fewest recordings so far. Groups of one size take their turns in the order of a
+// hash of the seed and of their recordings' ids, so that the order of the recordings does not
+// matter.
+// INVALID_ARGUMENT if there are fewer than two folds; FAILED_PRECONDITION if there are fewer groups
+// than folds.
+absl::StatusOr<std::vector<int>> AssignFolds(const RecordingGroups& groups, int folds,
+                                             uint64_t seed);
+
+}  // namespace maneuver::data
+
+#endif  // MANEUVER_MODEL_DATA_RECORDING_GROUPS_H_

@@ -1,0 +1,148 @@
+// maneuver model show and actions, against a server that answers as each test says.
+
+#include <gmock/gmock.h>
+#include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <mutex>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "client/cli/command.h"
+#include "client/cli/maneuver.h"
+#include "maneuver/v1/model_service.grpc.pb.h"
+#include "tests/unit/temporary_folder.h"
+
+namespace maneuver::cli {
+namespace {
+
+using testing::ContainsRegex;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::Not;
+
+// Serves one version. Its only action keeps half of the speed, if it is relative, for 2 s; it ends
+// 30 m ahead if it is not.
+class Models final : public v1::ModelService::Service {
+ public:
+  bool relative = true;
+  v1::ModelVersion version;
+  std::vector<std::optional<double>> speeds;  // that were asked for
+
+ private:
+  grpc::Status GetActionSet(grpc::ServerContext*, const v1::GetActionSetRequest* request,
+                            v1::ActionSet* response) override {
+    speeds.push_back(request->has_speed() ? std::optional(request->speed()) : std::nullopt);
+    response->set_model_version("models/town/versions/2");
+    response->add_waypoint_times(2.0);
+    v1::Action& action = *response->add_actions();
+    action.set_effective(true);
+    const double speed = request->has_speed() ? request->speed() : 10.0;
+    if (relative) response->set_speed(speed);
+    v1::Trajectory& mean = *action.mutable_distribution()->mutable_mean_trajectory();
+    mean.add_x(relative ? speed : 30.0);
+    mean.add_y(0.0);
+    return grpc::Status::OK;
+  }
+  grpc::Status GetModelVersion(grpc::ServerContext*, const v1::GetModelVersionRequest*,
+                               v1::ModelVersion* response) override {
+    *response = version;
+    return grpc::Status::OK;
+  }
+  grpc::Status ListEvaluationReports(grpc::ServerContext*, const v1::ListEvaluationReportsRequest*,
+                                     v1::ListEvaluationReportsResponse*) override {
+    return grpc::Status::OK;
+  }
+};
+
+class ModelCommandTest : public testing::Test {
+ protected:
+  ModelCommandTest() {
+    grpc::ServerBuilder builder;
+    int port = 0;
+    builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port);
+    builder.RegisterService(&models_);
+    server_ = builder.BuildAndStart();
+    address_ = "127.0.0.1:" + std::to_string(port);
+  }
+  ~ModelCommandTest() override { server_->Shutdown(std::chrono::system_clock::now()); }
+
+  // What the command printed.
+  std::string Run(std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), {"--server", address_});
+    std::istringstream in;
+    std::ostringstream out;
+    Environment environment(in, out, out);
+    EXPECT_EQ(RunManeuver(arguments, environment), kOk) << out.str();
+    return out.str();
+  }
+
+  Models models_;
+  std::unique_ptr<grpc::Server> server_;
+  std::string address_;
+};
+
+TEST_F(ModelCommandTest, ShowsWhatAModelReadsAndPredicts) {
+  v1::ModelSpec& spec = *models_.version.mutable_manifest()->mutable_spec();
+  spec.mutable_scene_vectors()->set_path_width(96);
+  spec.set_reference(v1::TRAJECTORY_REFERENCE_FADING_MOTION);
+  spec.mutable_action_geometry()->set_pair_width(32);
+  spec.set_mean_residual(true);
+  spec.mutable_scene_covariance();
+  std::string shown = Run({"model", "show", "town/2"});
+  EXPECT_THAT(shown, ContainsRegex("predicts +vehicles"));
+  EXPECT_THAT(shown, ContainsRegex("trajectories +relative to the present motion"));
+  EXPECT_THAT(shown, ContainsRegex("vectors +the target's past second, lane paths"));
+  EXPECT_THAT(shown, ContainsRegex("actions look at +the lane paths"));
+  EXPECT_THAT(shown, ContainsRegex("means +depend on the scene"));
+  EXPECT_THAT(shown, ContainsRegex("covariance +predicted from the scene"));
+  EXPECT_THAT(shown, Not(HasSubstr("raster")));
+  EXPECT_THAT(shown, Not(HasSubstr("backbone")));
+
+  spec.Clear();
+  spec.mutable_raster()->set_width(96);
+  spec.mutable_raster()->set_height(64);
+  spec.mutable_raster()->set_meters_per_pixel(0.5);
+  spec.add_target_types(v1::AGENT_TYPE_CYCLIST);
+  shown = Run({"model", "show", "town/2"});
+  EXPECT_THAT(shown, ContainsRegex("predicts +cyclists"));
+  EXPECT_THAT(shown, ContainsRegex("trajectories +in metres"));
+  EXPECT_THAT(shown, ContainsRegex("raster +96 x 64 at 0.5 m a pixel"));
+  EXPECT_THAT(shown, HasSubstr("backbone"));
+  EXPECT_THAT(shown, Not(HasSubstr("vectors")));
+}
+
+TEST_F(ModelCommandTest, DrawsActionsAtTheSpeedAskedFor) {
+  EXPECT_THAT(Run({"model", "actions", "town"}),
+              AllOf(HasSubstr("10.0 m ahead"), HasSubstr("at 10 m/s")));
+  EXPECT_THAT(Run({"model", "actions", "town", "--speed", "7.5"}),
+              AllOf(HasSubstr("7.5 m ahead"), HasSubstr("at 7.5 m/s")));
+  EXPECT_THAT(models_.speeds, ElementsAre(std::nullopt, 7.5));
+}
+
+TEST_F(ModelCommandTest, SaysWhereTheSpeedMakesNoDifference) {
+  models_.relative = false;
+  EXPECT_THAT(Run({"model", "actions", "town", "--speed", "7.5"}),
+              AllOf(HasSubstr("30.0 m ahead"), HasSubstr("the same at every speed")));
+}
+
+TEST_F(ModelCommandTest, DrawsAGalleryOfRelativeActionsAtFourSpeeds) {
+  const TemporaryFolder folder;
+  const std::string gallery = folder / "gallery.png";
+  Run({"model", "actions", "town", "--plot", gallery});
+  EXPECT_THAT(models_.speeds, ElementsAre(std::nullopt, 0.0, 5.0, 10.0, 20.0));
+  EXPECT_GT(std::filesystem::file_size(gallery), 1000U);
+  models_.speeds.clear();
+  Run({"model", "actions", "town", "--plot", folder / "one.png", "--speed", "3"});
+  EXPECT_THAT(models_.speeds, ElementsAre(3.0));
+  models_.relative = false;
+  models_.speeds.clear();
+  Run({"model", "actions", "town", "--plot", folder / "metres.png"});
+  EXPECT_THAT(models_.speeds, ElementsAre(std::nullopt));
+}
+
+}  // namespace
+}  // namespace maneuver::cli
