@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <iostream>
 #include <map>
+#include <random>
 #include <utility>
 
 #include "model/artifact/training_presets.h"
@@ -31,6 +32,17 @@ v1::ModelSpec SpecOf(const std::string& preset) {
     *settings.mutable_model()->mutable_raster() = SpecOf("paper").raster();
   }
   return artifact::ResolveTrainingSettings(settings).model();
+}
+
+scene::SceneVectors RandomVectors(uint32_t seed) {
+  std::mt19937 generator(seed);
+  std::normal_distribution<float> normal;
+  scene::SceneVectors vectors;
+  vectors.motion.speed = 10.0;
+  for (float& value : vectors.history) value = normal(generator);
+  vectors.paths.count = scene::kMostLanePaths;
+  for (float& value : vectors.paths.values) value = normal(generator);
+  return vectors;
 }
 
 }  // namespace
@@ -93,11 +105,17 @@ BenchModel WithPrecision(const BenchModel& model, inference::Precision precision
 
 std::span<const inference::SceneInput> Scenes(const std::string& preset) {
   static std::map<std::string, std::deque<scene::Raster>> rasters;
+  static std::map<std::string, std::deque<scene::SceneVectors>> vectors;
   static std::map<std::string, std::vector<inference::SceneInput>> scenes;
   std::vector<inference::SceneInput>& found = scenes[preset];
   if (!found.empty()) return found;
   for (uint32_t i = 0; i < kLargestBatch; ++i) {
     const v1::ModelSpec& spec = StoredPreset(preset).manifest.spec();
+    if (!spec.has_raster()) {
+      vectors[preset].push_back(RandomVectors(i));
+      found.push_back({nullptr, {}, &vectors[preset].back()});
+      continue;
+    }
     rasters[preset].push_back(
         scene::RasterOf(spec.raster(), inference::RandomRaster(spec, 2 * i + 1)));
     found.push_back({&rasters[preset].back(), {}});

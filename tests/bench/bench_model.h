@@ -21,7 +21,8 @@ namespace maneuver::bench {
 
 // Presets of training settings; and the compact networks on the raster that the paper's take.
 inline constexpr const char* kCompactWide = "compact-224";
-inline constexpr const char* kPresets[] = {"compact", kCompactWide, "paper", "resnet50"};
+inline constexpr const char* kLanes = "lanes";  // reads vectors, no raster
+inline constexpr const char* kPresets[] = {kLanes, "compact", kCompactWide, "paper", "resnet50"};
 inline constexpr int kBatches[] = {1, 8};
 inline constexpr int kLargestBatch = 8;
 
@@ -49,17 +50,19 @@ BenchModel WithPrecision(const BenchModel& model, inference::Precision precision
 using PeerEncode = std::function<void()>;
 using MakePeer =
     std::function<PeerEncode(const artifact::StoredModel&, std::span<const inference::SceneInput>)>;
-// LibTorch's, on one thread, channels last, without gradients.
+// LibTorch's, on one thread, channels last, without gradients; of a model without scene vectors.
 PeerEncode LibTorchEncode(const artifact::StoredModel& model,
                           std::span<const inference::SceneInput> scenes);
 
-// kLargestBatch rasters of the preset, each as sparse as a real one; without motion.
+// kLargestBatch scenes for the preset: rasters as sparse as real ones, without motion; or random
+// vectors with as many lane paths as there can be.
 std::span<const inference::SceneInput> Scenes(const std::string& preset);
 
 // Notes the time of one target when each iteration was of `batch` targets.
 void CountTargets(benchmark::State& state, int batch);
 
 void RegisterEngineBenchmarks();
+void RegisterLanePathBenchmarks();
 void RegisterMapBenchmarks();
 void RegisterStageBenchmarks();
 void RegisterLibTorchBenchmarks();

@@ -54,8 +54,10 @@ TEST(BenchTest, ReportHasEveryStageTargetAndPicture) {
 
   const std::string report = Read(options.file);
   for (int stage = 0; stage < kStages; ++stage) {
-    EXPECT_THAT(report, ContainsRegex(std::string("\n\\| ") + StageName(static_cast<Stage>(stage)) +
-                                      " \\| [0-9]+\\.?[0-9]* \\| [0-9.]+ % "));
+    EXPECT_THAT(report,
+                ContainsRegex(std::string("\n\\| ") +
+                              StageName(static_cast<Stage>(stage), Compact().model->spec()) +
+                              " \\| [0-9]+\\.?[0-9]* \\| [0-9.]+ % "));
   }
   for (const char* part :
        {"matrix product, f32", "matrix product, bf16", "memory, read", "memory, copied",
@@ -92,11 +94,14 @@ TEST(BenchTest, Bf16StaysCloseToF32OnRecordedScenes) {
       0.0);
 }
 
+class PipelineTest : public testing::TestWithParam<const char*> {};
+
 // Else the backbone and the heads that are measured are not those that serve.
-TEST(BenchTest, StagesOneByOneGiveTheResponseOfAllTogether) {
+TEST_P(PipelineTest, StagesOneByOneGiveTheResponseOfAllTogether) {
   const auto scenes = TownScenes(kLargestBatch, 1);
   ASSERT_EQ(scenes.size(), 1u);
-  Pipeline pipeline(Compact(), {RequestFor(scenes, 4)}, 4);
+  const BenchModel model = PresetBenchModel(GetParam());
+  Pipeline pipeline(model, {RequestFor(scenes, 4)}, 4);
   ASSERT_EQ(pipeline.targets(), kLargestBatch);
   pipeline.RunAll();
   const std::string together = pipeline.responses().front();
@@ -108,6 +113,18 @@ TEST(BenchTest, StagesOneByOneGiveTheResponseOfAllTogether) {
   ASSERT_TRUE(response.ParseFromString(together));
   ASSERT_EQ(response.predictions(0).targets_size(), kLargestBatch);
   EXPECT_EQ(response.predictions(0).targets(0).distributions_size(), 4);
+}
+
+INSTANTIATE_TEST_SUITE_P(Presets, PipelineTest, testing::Values("compact", kLanes));
+
+TEST(BenchTest, RepresentativesAreDescribedInPlaceOfTheMostProbable) {
+  const auto scenes = TownScenes(1, 1);
+  ASSERT_EQ(scenes.size(), 1u);
+  Pipeline pipeline(Compact(), {RequestFor(scenes, 0)}, 0, 6);
+  v1::PredictResponse response;
+  ASSERT_TRUE(response.ParseFromString(pipeline.responses().front()));
+  EXPECT_EQ(response.predictions(0).targets(0).representatives_size(), 6);
+  EXPECT_EQ(response.predictions(0).targets(0).distributions_size(), 6);
 }
 
 TEST(BenchTest, ScenesGrowByAgentsAndMapPointsAlone) {

@@ -39,9 +39,9 @@ Curve CurveOf(const std::string& name, const std::vector<StageTimes>& times,
   return curve;
 }
 
-const std::vector<Stage> kEveryStage = {Stage::kParse,    Stage::kValidate, Stage::kRasterize,
-                                        Stage::kBackbone, Stage::kHeads,    Stage::kDistributions,
-                                        Stage::kAnswer,   Stage::kSerialize};
+const std::vector<Stage> kEveryStage = {
+    Stage::kParse, Stage::kValidate,      Stage::kReadScene, Stage::kSceneNetwork,
+    Stage::kHeads, Stage::kDistributions, Stage::kAnswer,    Stage::kSerialize};
 
 // Over something of the scene that parsing, validation and raster see.
 GrowthCurve OverScenes(const BenchModel& model, const std::vector<v1::Scenario>& scenes,
@@ -54,9 +54,10 @@ GrowthCurve OverScenes(const BenchModel& model, const std::vector<v1::Scenario>&
   GrowthCurve curve;
   curve.chart.y_title = "microseconds a target";
   curve.chart.x = std::move(x);
-  curve.chart.curves = {CurveOf("all", times, kEveryStage),
-                        CurveOf("rasterise", times, {Stage::kRasterize}),
-                        CurveOf("parse, validate", times, {Stage::kParse, Stage::kValidate})};
+  curve.chart.curves = {
+      CurveOf("all", times, kEveryStage),
+      CurveOf(StageName(Stage::kReadScene, model.model->spec()), times, {Stage::kReadScene}),
+      CurveOf("parse, validate", times, {Stage::kParse, Stage::kValidate})};
   return curve;
 }
 

@@ -111,7 +111,7 @@ void Encode(benchmark::State& state, const std::string& preset, int batch) {
   const at::Tensor motions = at::zeros({batch, scene::kMotionInputs});
   at::Tensor log_probabilities;
   for (auto _ : state) {
-    log_probabilities = networks.PredictActions(EncodeScenes(networks, rasters, motions));
+    log_probabilities = networks.PredictActions({EncodeScenes(networks, rasters, motions)});
   }
   CountTargets(state, batch);
   state.counters["difference"] = Difference(preset, batch, log_probabilities);
@@ -126,13 +126,14 @@ PeerEncode LibTorchEncode(const artifact::StoredModel& model,
     at::NoGradGuard no_grad;
     const int threads = at::get_num_threads();
     at::set_num_threads(1);
-    networks->PredictActions(EncodeScenes(*networks, rasters, motions));
+    networks->PredictActions({EncodeScenes(*networks, rasters, motions)});
     at::set_num_threads(threads);
   };
 }
 
 void RegisterLibTorchBenchmarks() {
   for (const char* preset : kPresets) {
+    if (StoredPreset(preset).manifest.spec().has_scene_vectors()) continue;
     for (const int batch : kBatches) {
       const std::string name =
           "libtorch/encode/" + std::string(preset) + "/f32/batch:" + std::to_string(batch);

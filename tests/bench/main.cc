@@ -99,6 +99,7 @@ int Benchmarks(char* program, std::vector<std::string> options) {
   benchmark::Initialize(&count, arguments.data());
   if (benchmark::ReportUnrecognizedArguments(count, arguments.data())) return EXIT_FAILURE;
   RegisterEngineBenchmarks();
+  RegisterLanePathBenchmarks();
   RegisterMapBenchmarks();
   RegisterStageBenchmarks();
 #ifdef MANEUVER_TRAINER

@@ -7,13 +7,15 @@
 
 #include <algorithm>
 #include <chrono>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "client/observed_scenario.h"
 #include "maneuver/v1/prediction_service.pb.h"
-#include "model/scene/rasterizer.h"
+#include "model/scene/observation_window.h"
 #include "model/scene/scenario_validation.h"
+#include "model/scene/scene_reader.h"
 #include "model/scene/target_frame.h"
 #include "tests/bench/bench_model.h"
 #include "tests/bench/bench_scenes.h"
@@ -54,9 +56,10 @@ struct Times {
   double total() const { return serialize + parse + validate + raster; }
 };
 
-Times Answer(const v1::PredictRequest& request, const scene::RoadMap* map,
-             scene::Rasterizer& rasterizer, const v1::RasterSpec& spec,
-             std::vector<uint8_t>& raster) {
+// `map`: the one that the request names; nullptr: the request's own, as the server finds it out
+// once for all targets.
+Times Answer(const v1::PredictRequest& request, const scene::RoadMap* map, double tolerance,
+             scene::SceneReader& reader, scene::SceneInputs& inputs) {
   Times times;
   Clock::time_point last = Clock::now();
   const auto lap = [&last] {
@@ -74,16 +77,14 @@ Times Answer(const v1::PredictRequest& request, const scene::RoadMap* map,
   benchmark::DoNotOptimize(scene::ValidateScenario(scenario, {.map_by_id = true}));
   times.validate = lap();
   const double now = scenario.prediction_time();
+  std::optional<scene::RoadMap> own;
+  if (map == nullptr) map = &own.emplace(scene::RoadMap::Over(scenario.map_features()));
   for (const int64_t id : scenario.target_ids()) {
     const v1::Agent* agent = scene::FindAgent(scenario, id);
     if (agent == nullptr) continue;
-    const auto X_WT = scene::TargetPose(*agent, now, scene::FrameTolerance(spec));
+    const auto X_WT = scene::TargetPose(*agent, now, tolerance);
     if (!X_WT) continue;
-    if (map != nullptr) {
-      rasterizer.Rasterize(scenario, *map, now, id, *X_WT, {}, raster);
-    } else {
-      rasterizer.Rasterize(scenario, now, id, *X_WT, {}, raster);
-    }
+    reader.Read(scenario, *map, now, id, *X_WT, &inputs);
   }
   times.raster = lap();
   return times;
@@ -92,9 +93,10 @@ Times Answer(const v1::PredictRequest& request, const scene::RoadMap* map,
 void NamedMaps(benchmark::State& state) {
   static const std::vector<Scene> scenes = RealScenes();
   if (scenes.empty()) return state.SkipWithError("MANEUVER_REAL_DATA has no scenes");
-  const v1::RasterSpec& spec = StoredPreset("compact").manifest.spec().raster();
-  scene::Rasterizer rasterizer(spec);
-  std::vector<uint8_t> raster(scene::RasterBytes(spec));
+  const v1::ModelSpec& spec = StoredPreset("compact").manifest.spec();
+  const double tolerance = scene::WindowOf(spec).tolerance();
+  scene::SceneReader reader(spec);
+  scene::SceneInputs inputs = reader.NewInputs();
   double whole_bytes = 0.0;
   double named_bytes = 0.0;
   for (const Scene& scene : scenes) {
@@ -109,8 +111,8 @@ void NamedMaps(benchmark::State& state) {
   };
   for (auto _ : state) {
     for (size_t i = 0; i < scenes.size(); ++i) {
-      keep(whole[i], Answer(scenes[i].whole, nullptr, rasterizer, spec, raster));
-      keep(named[i], Answer(scenes[i].named, &scenes[i].map, rasterizer, spec, raster));
+      keep(whole[i], Answer(scenes[i].whole, nullptr, tolerance, reader, inputs));
+      keep(named[i], Answer(scenes[i].named, &scenes[i].map, tolerance, reader, inputs));
     }
   }
   const auto microseconds = [&](const std::vector<Times>& times, double Times::*step) {

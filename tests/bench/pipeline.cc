@@ -6,7 +6,9 @@
 #include <span>
 #include <utility>
 
+#include "model/artifact/model_spec.h"
 #include "model/probability/responsibilities.h"
+#include "model/scene/motion_reference.h"
 
 namespace maneuver::bench {
 namespace {
@@ -18,18 +20,29 @@ namespace {
 
 constexpr size_t kBatch = static_cast<size_t>(kLargestBatch);
 
+// The reference of a model that has one; empty of one that has none.
+inference::Trajectory RollOut(const v1::ModelSpec& spec, const scene::MotionEstimate& motion) {
+  inference::Trajectory reference;
+  if (!artifact::HasReference(spec)) return reference;
+  const std::vector<double> times = artifact::WaypointTimes(spec.trajectory());
+  reference.resize(static_cast<Eigen::Index>(times.size()), 2);
+  scene::RollOut(spec.reference(), motion, times,
+                 {reference.data(), static_cast<size_t>(reference.size())});
+  return reference;
+}
+
 }  // namespace
 
-const char* StageName(Stage stage) {
+const char* StageName(Stage stage, const v1::ModelSpec& spec) {
   switch (stage) {
     case Stage::kParse:
       return "parse";
     case Stage::kValidate:
       return "validate";
-    case Stage::kRasterize:
-      return "rasterise";
-    case Stage::kBackbone:
-      return "backbone";
+    case Stage::kReadScene:
+      return spec.has_scene_vectors() ? "read scene" : "rasterise";
+    case Stage::kSceneNetwork:
+      return spec.has_scene_vectors() ? "scene network" : "backbone";
     case Stage::kHeads:
       return "heads";
     case Stage::kDistributions:
@@ -43,12 +56,13 @@ const char* StageName(Stage stage) {
 }
 
 Pipeline::Pipeline(const BenchModel& model, const std::vector<v1::PredictRequest>& requests,
-                   int actions)
+                   int actions, int representatives)
     : model_(model),
       networks_(*model.networks),
       actions_(actions),
+      representatives_(representatives),
       engine_(*model.model),
-      scratch_(networks_.backbone.NewScratch()) {
+      scratch_(networks_.backbone ? networks_.backbone->NewScratch() : nullptr) {
   for (const v1::PredictRequest& request : requests) {
     bytes_.push_back(request.SerializeAsString());
     arenas_.push_back(std::make_unique<google::protobuf::Arena>());
@@ -64,7 +78,7 @@ Pipeline::Pipeline(const BenchModel& model, const std::vector<v1::PredictRequest
   }
   if (targets_ == 0 || targets_ != named) Fail("a scene to measure with is not valid");
   RunAll();
-  EvaluateBackbone();  // on its own: a session keeps it to itself
+  EvaluateSceneNetwork();  // on its own: a session keeps it to itself
 }
 
 void Pipeline::Run(Stage stage) {
@@ -73,10 +87,10 @@ void Pipeline::Run(Stage stage) {
       return Parse();
     case Stage::kValidate:
       return Validate();
-    case Stage::kRasterize:
-      return Rasterize(0, work_.size());
-    case Stage::kBackbone:
-      return EvaluateBackbone();
+    case Stage::kReadScene:
+      return ReadScenes(0, work_.size());
+    case Stage::kSceneNetwork:
+      return EvaluateSceneNetwork();
     case Stage::kHeads:
       return EvaluateHeads();
     case Stage::kDistributions:
@@ -92,7 +106,7 @@ void Pipeline::RunAll() {
   Parse();
   Validate();
   for (size_t begin = 0; begin < work_.size(); begin += kBatch) {
-    Rasterize(begin, std::min(kBatch, work_.size() - begin));
+    ReadScenes(begin, std::min(kBatch, work_.size() - begin));
     encodings_.resize(scenes_.size());
     engine_.session().Encode(scenes_, encodings_);
     Describe(begin);
@@ -124,41 +138,69 @@ void Pipeline::Validate() {
   }
 }
 
-void Pipeline::Rasterize(size_t begin, size_t count) {
+void Pipeline::ReadScenes(size_t begin, size_t count) {
   scenes_.resize(count);
   for (size_t i = 0; i < count; ++i) {
-    scene::Raster* const raster = &engine_.Raster(i);
-    const serving::Target& target = *work_[begin + i].target;
-    serving::Draw(target, engine_.rasterizer(), raster);
-    scenes_[i] = {raster, target.motion};
+    scene::SceneInputs& inputs = engine_.Inputs(i);
+    serving::ReadScene(*work_[begin + i].target, engine_.reader(), &inputs);
+    scenes_[i] = inference::InputOf(inputs);
   }
+}
+
+void Pipeline::EvaluateSceneNetwork() {
+  if (networks_.backbone) EvaluateBackbone();
+  if (networks_.scene) EvaluateVectors();
 }
 
 void Pipeline::EvaluateBackbone() {
-  const size_t size = static_cast<size_t>(networks_.projection.inputs());
+  const size_t size = static_cast<size_t>(networks_.projection->inputs());
   grids_.resize(scenes_.size() * size);
   for (size_t i = 0; i < scenes_.size(); ++i) {
-    networks_.backbone.Evaluate(*scenes_[i].raster, scratch_.get(), grids_.data() + i * size);
+    networks_.backbone->Evaluate(*scenes_[i].raster, scratch_.get(), grids_.data() + i * size);
   }
 }
 
+void Pipeline::ProjectGrids() {
+  features_.resize(scenes_.size() * static_cast<size_t>(networks_.projection->outputs()));
+  networks_.projection->Apply(grids_.data(), static_cast<int>(scenes_.size()),
+                              inference::Activation::kRelu, &mlp_scratch_.dense, features_.data());
+}
+
+void Pipeline::EvaluateVectors() {
+  if (networks_.backbone) ProjectGrids();
+  vectors_.clear();
+  for (const inference::SceneInput& scene : scenes_) vectors_.push_back(scene.vectors);
+  networks_.scene->Evaluate(vectors_, networks_.backbone ? features_.data() : nullptr,
+                            &vector_features_);
+}
+
 void Pipeline::EvaluateHeads() {
-  const int rows = static_cast<int>(scenes_.size());
-  const size_t projected = static_cast<size_t>(networks_.projection.outputs());
+  encodings_.resize(scenes_.size());
+  if (networks_.scene) {
+    features_ = vector_features_.features;
+    return PredictActions();
+  }
+  ProjectGrids();
+  // The targets' motion, to the right of the features, where the model reads it.
+  const size_t projected = static_cast<size_t>(networks_.projection->outputs());
   const size_t features = static_cast<size_t>(networks_.action_predictor.inputs());
-  const size_t actions = static_cast<size_t>(networks_.action_predictor.outputs());
-  outputs_.resize(scenes_.size() * projected);
-  networks_.projection.Apply(grids_.data(), rows, inference::Activation::kRelu, &mlp_scratch_.dense,
-                             outputs_.data());
+  outputs_.swap(features_);
   features_.resize(scenes_.size() * features);
   for (size_t i = 0; i < scenes_.size(); ++i) {
     float* row = features_.data() + i * features;
     std::copy_n(outputs_.data() + i * projected, projected, row);
     std::copy_n(scenes_[i].motion.data(), features - projected, row + projected);
   }
+  PredictActions();
+}
+
+void Pipeline::PredictActions() {
+  const size_t features = static_cast<size_t>(networks_.action_predictor.inputs());
+  const size_t actions = static_cast<size_t>(networks_.action_predictor.outputs());
   logits_.resize(scenes_.size() * actions);
-  networks_.action_predictor.Apply(features_.data(), rows, &mlp_scratch_, logits_.data());
-  encodings_.resize(scenes_.size());
+  networks_.action_predictor.Apply(features_.data(), static_cast<int>(scenes_.size()),
+                                   &mlp_scratch_, logits_.data());
+  if (networks_.scene) LookAtLanes();
   for (size_t i = 0; i < scenes_.size(); ++i) {
     encodings_[i].features = Eigen::Map<const Eigen::VectorXf>(features_.data() + i * features,
                                                                static_cast<Eigen::Index>(features));
@@ -169,14 +211,35 @@ void Pipeline::EvaluateHeads() {
   }
 }
 
+void Pipeline::LookAtLanes() {
+  std::vector<const inference::Trajectory*> references;
+  for (size_t i = 0; i < scenes_.size(); ++i) {
+    const scene::MotionEstimate& motion = vectors_[i]->motion;
+    encodings_[i].speed = motion.speed;
+    encodings_[i].reference = RollOut(model_.model->spec(), motion);
+    references.push_back(&encodings_[i].reference);
+  }
+  if (!networks_.actions) return;
+  networks_.actions->Evaluate(vectors_, references, vector_features_, &action_features_);
+  for (size_t i = 0; i < logits_.size(); ++i) logits_[i] += action_features_.logits[i];
+  const Eigen::Index actions = networks_.action_predictor.outputs();
+  const Eigen::Index features = networks_.actions->features();
+  for (size_t i = 0; i < scenes_.size(); ++i) {
+    auto& geometry = encodings_[i].geometry;
+    geometry.resize(actions, features);
+    std::copy_n(action_features_.geometry.data() + static_cast<Eigen::Index>(i) * geometry.size(),
+                geometry.size(), geometry.data());
+  }
+}
+
 void Pipeline::Describe(size_t begin) {
+  const serving::DescribeActions question{.selection = serving::TopK{actions_},
+                                          .representatives = representatives_};
+  const double waypoint_interval = artifact::WaypointInterval(model_.model->spec().trajectory());
   for (size_t i = 0; i < encodings_.size(); ++i) {
     serving::TargetAnswer& answer = *work_[begin + i].answer;
-    const auto actions =
-        serving::SelectActions(encodings_[i].probabilities, serving::TopK{actions_});
-    answer.distributions =
-        engine_.session().Describe(encodings_[i], actions, inference::LatentSource::kPosterior);
-    answer.probabilities = encodings_[i].probabilities;
+    serving::DescribeTarget(question, encodings_[i], waypoint_interval, engine_.session(), &answer);
+    answer.encoding.probabilities = encodings_[i].probabilities;
   }
 }
 

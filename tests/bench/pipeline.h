@@ -20,23 +20,25 @@ namespace maneuver::bench {
 
 enum class Stage {
   kParse,
-  kValidate,  // and the targets' frames and motion
-  kRasterize,
-  kBackbone,
-  kHeads,          // features and p(y|s)
+  kValidate,       // and the targets' frames and motion
+  kReadScene,      // raster, history and lane paths, whichever the model reads
+  kSceneNetwork,   // the backbone's last grid; of a model with scene vectors, its features
+  kHeads,          // what is left to p(y|s)
   kDistributions,  // of the most probable actions
   kAnswer,         // the response's messages, in the world's frame
   kSerialize,
 };
 inline constexpr int kStages = 8;
-// As a row of a table says it.
-const char* StageName(Stage stage);
+// As a row of a table says it, of a model.
+const char* StageName(Stage stage, const v1::ModelSpec& spec);
 
 class Pipeline {
  public:
   // `requests` must be valid, and all their targets too.
-  //   actions: how many are described for each target.
-  Pipeline(const BenchModel& model, const std::vector<v1::PredictRequest>& requests, int actions);
+  //   actions: so many of the most probable ones are described for each target.
+  //   representatives: so many are chosen for each target, and described as well.
+  Pipeline(const BenchModel& model, const std::vector<v1::PredictRequest>& requests, int actions,
+           int representatives = 0);
 
   // A stage of all requests. Those before it must have been run once; of at most kLargestBatch
   // targets, since a worker takes no more at once.
@@ -61,9 +63,17 @@ class Pipeline {
 
   void Parse();
   void Validate();
-  void Rasterize(size_t begin, size_t count);
+  void ReadScenes(size_t begin, size_t count);
+  void EvaluateSceneNetwork();
   void EvaluateBackbone();
+  void EvaluateVectors();
   void EvaluateHeads();
+  // Into features_.
+  void ProjectGrids();
+  // Of features_ and, if actions look at the lanes, what EvaluateVectors left.
+  void PredictActions();
+  // References, and what the lanes add to logits_.
+  void LookAtLanes();
   void Describe(size_t begin);
   void WriteAnswers();
   void Serialize();
@@ -71,6 +81,7 @@ class Pipeline {
   const BenchModel& model_;
   const inference::Networks& networks_;
   const int actions_;
+  const int representatives_;
   serving::Engine engine_;
   inference::Backbone::ScratchPointer scratch_;
   inference::MlpScratch mlp_scratch_;
@@ -85,7 +96,10 @@ class Pipeline {
   std::vector<inference::SceneInput> scenes_;
   std::vector<float> grids_;
   std::vector<float> features_;  // [targets, F']
-  std::vector<float> logits_;    // [targets, K]
+  std::vector<const scene::SceneVectors*> vectors_;
+  inference::SceneVectorFeatures vector_features_;
+  inference::ActionFeatures action_features_;
+  std::vector<float> logits_;  // [targets, K]
   std::vector<float> outputs_;
   std::vector<inference::SceneEncoding> encodings_;
   std::vector<std::unique_ptr<google::protobuf::Arena>> response_arenas_;

@@ -139,7 +139,7 @@ now_and_then=$(latency now_and_then p50)
 # The first row of the curve over targets: one target in process, microseconds.
 alone=$(awk -F'|' '/^\| targets of the request/ { getline; getline; print $3 + 0; exit }' "$work/bench.md")
 # Raster and networks of 8 targets of one scene in process, microseconds a target.
-computed=$(awk -F'|' '/^\| (rasterise|backbone|heads|distributions) \|/ { sum += $3 } /^\| sum of the stages/ { print sum; exit }' "$work/bench.md")
+computed=$(awk -F'|' '/^\| (rasterise|read scene|backbone|scene network|heads|distributions) \|/ { sum += $3 } /^\| sum of the stages/ { print sum; exit }' "$work/bench.md")
 # rest TIME: which share of it they are not; kilobytes NAME: of a request.
 rest() { ratio "$1 - $computed" "$1"; }
 kilobytes() { awk '{ printf "%.0f", $1 / 1000 }' "$work/bytes.$1"; }

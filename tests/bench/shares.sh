@@ -31,7 +31,7 @@ perf script -i "$work/perf.data" --no-inline -F ip,sym 2>/dev/null | awk '
     RS = ""
     FS = "\n"
     # The first that any caller is of counts.
-    add("raster", "serving::Draw|Rasterizer|scene::Brush|Raster::Clear")
+    add("reading scenes", "serving::ReadRaster|serving::ReadVectors|SceneReader|Rasterizer|scene::Brush|Raster::Clear")
     add("networks", "maneuver::inference|dnnl|Eigen|^ *[0-9a-f]+ \\[unknown\\]$")
     add("sending, the kernel", "sendmsg")
     add("receiving, the kernel", "recvmsg")
@@ -56,5 +56,5 @@ perf script -i "$work/perf.data" --no-inline -F ip,sym 2>/dev/null | awk '
   }
   END {
     for (i = 1; i <= parts; ++i) printf "%5.1f %%  %s\n", 100 * count[i] / samples, names[i]
-    printf "%5.1f %%  neither raster nor networks, of %d samples\n", 100 * rest / samples, samples
+    printf "%5.1f %%  neither reading scenes nor networks, of %d samples\n", 100 * rest / samples, samples
   }'

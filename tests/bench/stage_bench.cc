@@ -1,8 +1,10 @@
-// Each stage of an answer alone, and all together, on recorded and on synthetic scenes: 8 targets
-// of one scene; and all together for one target. MANEUVER_REAL_DATA as in map_bench.cc.
+// Each stage of an answer alone, and all together, of a model with a raster and of one with lane
+// paths, on recorded and on synthetic scenes: 8 targets of one scene; all together for one target;
+// and all together with six representatives. MANEUVER_REAL_DATA as in map_bench.cc.
 
 #include <benchmark/benchmark.h>
 
+#include <compare>
 #include <map>
 #include <memory>
 #include <string>
@@ -16,34 +18,51 @@ namespace maneuver::bench {
 namespace {
 
 constexpr int kActions = 4;
+constexpr char kCompact[] = "compact";
+
+// What is asked of the first scene.
+struct Question {
+  std::string preset = kCompact;
+  int targets = kLargestBatch;
+  int actions = kActions;
+  int representatives = 0;
+  auto operator<=>(const Question&) const = default;
+};
 
 // nullptr: there is no such scene.
-Pipeline* FirstScene(bool recorded, int targets) {
-  static const BenchModel model = PresetBenchModel("compact");
-  static std::map<std::pair<bool, int>, std::unique_ptr<Pipeline>> pipelines;
-  std::unique_ptr<Pipeline>& pipeline = pipelines[{recorded, targets}];
+Pipeline* FirstScene(bool recorded, const Question& question) {
+  static std::map<std::string, BenchModel> models;
+  static std::map<std::pair<bool, Question>, std::unique_ptr<Pipeline>> pipelines;
+  std::unique_ptr<Pipeline>& pipeline = pipelines[{recorded, question}];
   if (pipeline == nullptr) {
-    const auto scenes = recorded ? WaymoScenes(targets, 1) : TownScenes(targets, 1);
+    const auto scenes =
+        recorded ? WaymoScenes(question.targets, 1) : TownScenes(question.targets, 1);
     if (scenes.empty()) return nullptr;
+    const auto model = models.try_emplace(question.preset, PresetBenchModel(question.preset)).first;
     pipeline =
-        std::make_unique<Pipeline>(model, std::vector{RequestFor(scenes, kActions)}, kActions);
+        std::make_unique<Pipeline>(model->second, std::vector{RequestFor(scenes, question.actions)},
+                                   question.actions, question.representatives);
   }
   return pipeline.get();
 }
 
-void Measure(benchmark::State& state, bool recorded, int targets,
+void Measure(benchmark::State& state, bool recorded, const Question& question,
              const std::function<void(Pipeline&)>& run) {
-  Pipeline* pipeline = FirstScene(recorded, targets);
+  Pipeline* pipeline = FirstScene(recorded, question);
   if (pipeline == nullptr) return state.SkipWithError("MANEUVER_REAL_DATA has no such scene");
   pipeline->RunAll();
   for (auto _ : state) run(*pipeline);
   CountTargets(state, pipeline->targets());
 }
 
-void Register(const std::string& name, int targets, const std::function<void(Pipeline&)>& run) {
+// Of the compact preset: stages/NAME/...; of others stages/PRESET/NAME/...
+void Register(const std::string& name, const Question& question,
+              const std::function<void(Pipeline&)>& run) {
   for (const bool recorded : {true, false}) {
-    benchmark::RegisterBenchmark(("stages/" + name + (recorded ? "/recorded" : "/town")).c_str(),
-                                 Measure, recorded, targets, run)
+    const std::string full =
+        (question.preset == kCompact ? "stages/" : "stages/" + question.preset + "/") + name +
+        (recorded ? "/recorded" : "/town");
+    benchmark::RegisterBenchmark(full.c_str(), Measure, recorded, question, run)
         ->Unit(benchmark::kMicrosecond);
   }
 }
@@ -51,13 +70,20 @@ void Register(const std::string& name, int targets, const std::function<void(Pip
 }  // namespace
 
 void RegisterStageBenchmarks() {
-  for (int i = 0; i < kStages; ++i) {
-    const Stage stage = static_cast<Stage>(i);
-    Register(StageName(stage), kLargestBatch, [stage](Pipeline& pipeline) { pipeline.Run(stage); });
+  for (const std::string preset : {kCompact, kLanes}) {
+    const v1::ModelSpec& spec = StoredPreset(preset).manifest.spec();
+    for (int i = 0; i < kStages; ++i) {
+      const Stage stage = static_cast<Stage>(i);
+      Register(StageName(stage, spec), {.preset = preset},
+               [stage](Pipeline& pipeline) { pipeline.Run(stage); });
+    }
+    const auto all = [](Pipeline& pipeline) { pipeline.RunAll(); };
+    Register("all", {.preset = preset}, all);
+    Register("one_target", {.preset = preset, .targets = 1}, all);
+    // Six answers a target: the most probable actions, or representatives.
+    Register("six_actions", {.preset = preset, .actions = 6}, all);
+    Register("six_representatives", {.preset = preset, .actions = 0, .representatives = 6}, all);
   }
-  const auto all = [](Pipeline& pipeline) { pipeline.RunAll(); };
-  Register("all", kLargestBatch, all);
-  Register("one_target", 1, all);
 }
 
 }  // namespace maneuver::bench

@@ -3,11 +3,16 @@
 #include <fstream>
 #include <istream>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <ostream>
+#include <span>
 #include <string>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "model/artifact/backbone_layers.h"
+#include "model/artifact/model_spec.h"
+#include "model/scene/action_geometry.h"
 #include "tests/bench/bench_scenes.h"
 #include "tests/bench/interleaved.h"
 #include "tests/bench/pipeline.h"
@@ -27,39 +32,145 @@ void AppendChannelsFirst(const scene::Raster& raster, std::vector<float>* values
   }
 }
 
-std::vector<float> InputsAndAnswers(const Pipeline& pipeline) {
+// An input of the exported networks (model/onnx/onnx_export.h).
+struct Input {
+  std::string name;
+  std::vector<int64_t> sizes;
   std::vector<float> values;
-  for (const auto& scene : pipeline.scenes()) AppendChannelsFirst(*scene.raster, &values);
-  for (const auto& scene : pipeline.scenes()) {
-    values.insert(values.end(), scene.motion.begin(), scene.motion.end());
+};
+
+void AddRasterInputs(const v1::ModelSpec& spec, std::span<const inference::SceneInput> scenes,
+                     std::vector<Input>* inputs) {
+  const auto N = static_cast<int64_t>(scenes.size());
+  if (spec.has_raster()) {
+    const artifact::GridSize size = artifact::RasterGrid(spec.raster());
+    Input& raster =
+        inputs->emplace_back(Input{"raster", {N, size.channels, size.height, size.width}, {}});
+    for (const auto& scene : scenes) AppendChannelsFirst(*scene.raster, &raster.values);
   }
-  for (const auto& encoding : pipeline.encodings()) {
-    for (const double p : encoding.probabilities) values.push_back(static_cast<float>(p));
+  if (spec.target_motion()) {
+    Input& motion = inputs->emplace_back(Input{"motion", {N, scene::kMotionInputs}, {}});
+    for (const auto& scene : scenes) {
+      motion.values.insert(motion.values.end(), scene.motion.begin(), scene.motion.end());
+    }
   }
-  return values;
+}
+
+void AddVectorInputs(const v1::ModelSpec& spec, std::span<const inference::SceneInput> scenes,
+                     std::vector<Input>* inputs) {
+  const auto N = static_cast<int64_t>(scenes.size());
+  Input history{"history", {N, scene::kHistoryInputs}, {}};
+  Input paths{"lane_paths", {N, scene::kMostLanePaths, scene::kLanePathInputs}, {}};
+  Input mask{"lane_path_mask", {N, scene::kMostLanePaths}, {}};
+  for (const auto& scene : scenes) {
+    const scene::SceneVectors& vectors = *scene.vectors;
+    history.values.insert(history.values.end(), vectors.history.begin(), vectors.history.end());
+    paths.values.insert(paths.values.end(), vectors.paths.values.begin(),
+                        vectors.paths.values.end());
+    for (int i = 0; i < scene::kMostLanePaths; ++i) {
+      mask.values.push_back(i < vectors.paths.count ? 1.0f : 0.0f);
+    }
+  }
+  inputs->push_back(std::move(history));
+  if (!artifact::ReadsLanePaths(spec)) return;
+  inputs->push_back(std::move(paths));
+  inputs->push_back(std::move(mask));
+}
+
+// Mean trajectories of p(z|y), without a reference: at rest it is 0.
+std::vector<inference::Trajectory> GenericTrajectories(const inference::ActionModel& model) {
+  std::vector<int> actions(static_cast<size_t>(model.spec().actions()));
+  std::iota(actions.begin(), actions.end(), 0);
+  std::vector<inference::Trajectory> means;
+  for (const auto& action :
+       model.NewSession()->Describe(inference::DrivingStraight(model.spec(), 0.0), actions,
+                                    inference::LatentSource::kPrior)) {
+    means.emplace_back(action.mean());
+  }
+  return means;
+}
+
+// Of models whose actions look at the lanes.
+//   encodings: of the scenes, for their references
+void AddActionInputs(const inference::ActionModel& model,
+                     std::span<const inference::SceneInput> scenes,
+                     std::span<const inference::SceneEncoding> encodings,
+                     std::vector<Input>* inputs) {
+  const auto N = static_cast<int64_t>(scenes.size());
+  const int64_t K = model.spec().actions();
+  const auto generic = GenericTrajectories(model);
+  const auto waypoints =
+      scene::FindGeometryWaypoints(artifact::WaypointTimes(model.spec().trajectory()));
+  const size_t pairs = static_cast<size_t>(K) * scene::kMostLanePaths * scene::kPairNumbers;
+  const size_t numbers = static_cast<size_t>(K) * scene::kActionNumbers;
+  Input action_paths{"action_paths",
+                     {N, K, scene::kMostLanePaths, scene::kPairNumbers},
+                     std::vector<float>(scenes.size() * pairs)};
+  Input action_numbers{
+      "action_numbers", {N, K, scene::kActionNumbers}, std::vector<float>(scenes.size() * numbers)};
+  for (size_t n = 0; n < scenes.size(); ++n) {
+    std::vector<scene::ActionPoints> points;
+    for (inference::Trajectory trajectory : generic) {
+      if (encodings[n].reference.size() > 0) trajectory += encodings[n].reference;
+      scene::ActionPoints& own = points.emplace_back();
+      for (size_t t = 0; t < scene::kGeometryTimes; ++t) {
+        for (size_t axis = 0; axis < 2; ++axis) {
+          const auto at = [&](int waypoint) {
+            return waypoint < 0
+                       ? 0.0f
+                       : static_cast<float>(trajectory(waypoint, static_cast<Eigen::Index>(axis)));
+          };
+          own.at[t][axis] = at(waypoints.at[t]);
+          own.before[t][axis] = at(waypoints.before[t]);
+        }
+      }
+    }
+    scene::DescribeActions(points, waypoints, scenes[n].vectors->paths,
+                           scenes[n].vectors->motion.speed,
+                           std::span(action_paths.values).subspan(n * pairs, pairs),
+                           std::span(action_numbers.values).subspan(n * numbers, numbers));
+  }
+  inputs->push_back(std::move(action_paths));
+  inputs->push_back(std::move(action_numbers));
+}
+
+std::vector<Input> InputsOf(const inference::ActionModel& model, const Pipeline& pipeline) {
+  const v1::ModelSpec& spec = model.spec();
+  std::vector<Input> inputs;
+  AddRasterInputs(spec, pipeline.scenes(), &inputs);
+  if (spec.has_scene_vectors()) AddVectorInputs(spec, pipeline.scenes(), &inputs);
+  if (spec.has_action_geometry()) {
+    AddActionInputs(model, pipeline.scenes(), pipeline.encodings(), &inputs);
+  }
+  return inputs;
+}
+
+void Write(const std::vector<float>& values, std::ostream& out) {
+  out.write(reinterpret_cast<const char*>(values.data()),
+            static_cast<std::streamsize>(sizeof(float) * values.size()));
 }
 
 }  // namespace
 
 absl::Status TakeTurns(const BenchModel& model, const std::vector<v1::Scenario>& scenes,
                        const std::filesystem::path& file, std::istream& in, std::ostream& out) {
-  const v1::ModelSpec& spec = model.model->spec();
-  const artifact::GridSize size = artifact::RasterGrid(spec.raster());
   Pipeline pipeline(model, {RequestFor({scenes.front()}, 1)}, 1);
-  const std::vector<float> values = InputsAndAnswers(pipeline);
+  nlohmann::ordered_json sizes = {{"model", model.name},
+                                  {"precision", model.model->precision()},
+                                  {"scenes", pipeline.targets()},
+                                  {"actions", model.model->spec().actions()},
+                                  {"inputs", nlohmann::ordered_json::array()}};
   std::ofstream written(file, std::ios::binary);
-  written.write(reinterpret_cast<const char*>(values.data()),
-                static_cast<std::streamsize>(sizeof(float) * values.size()));
+  for (const Input& input : InputsOf(*model.model, pipeline)) {
+    sizes["inputs"].push_back({{"name", input.name}, {"sizes", input.sizes}});
+    Write(input.values, written);
+  }
+  for (const auto& encoding : pipeline.encodings()) {
+    const Eigen::VectorXf probabilities = encoding.probabilities.cast<float>();
+    Write({probabilities.begin(), probabilities.end()}, written);
+  }
   written.close();
   if (!written) return absl::UnavailableError(absl::StrCat("cannot write ", file.string()));
-  const nlohmann::ordered_json sizes = {{"model", model.name},
-                                        {"precision", model.model->precision()},
-                                        {"scenes", pipeline.targets()},
-                                        {"channels", size.channels},
-                                        {"height", size.height},
-                                        {"width", size.width},
-                                        {"motion", spec.target_motion()},
-                                        {"actions", spec.actions()}};
   out << sizes.dump() << std::endl;
 
   const auto session = model.model->NewSession();

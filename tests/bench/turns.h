@@ -14,12 +14,13 @@
 namespace maneuver::bench {
 
 // Writes to `file`, as 32-bit floats one after the other, what another engine needs and has to
-// answer: the rasters divided by 255, [N, C, H, W]; the motion inputs, [N, 4]; this engine's
-// p(y|s), [N, K]. Says the sizes in one line of JSON on `out`:
-//   {"model": ..., "precision": "f32", "scenes": N, "channels": C, "height": H, "width": W,
-//    "motion": true, "actions": K}
+// answer: the inputs of the exported networks (model/onnx/onnx_export.h) that p(y|s) needs, then
+// this engine's p(y|s), [N, K]. Says the sizes in one line of JSON on `out`:
+//   {"model": ..., "precision": "f32", "scenes": N, "actions": K,
+//    "inputs": [{"name": "raster", "sizes": [N, C, H, W]}, {"name": "motion", "sizes": [N, 4]}]}
 // Then answers each line "encode R" on `in` with the seconds of processor time that R evaluations
-// of backbone and p(y|s) of all N took, on one thread from the rasters' bytes on; ends with `in`.
+// of the networks up to p(y|s) of all N took, on one thread. This engine's time includes what holds
+// actions against lane paths, which the other engine gets as an input. Ends with `in`.
 absl::Status TakeTurns(const BenchModel& model, const std::vector<v1::Scenario>& scenes,
                        const std::filesystem::path& file, std::istream& in, std::ostream& out);
 

@@ -1,5 +1,5 @@
-// ONNX Runtime beside the engine, in turn in one run, on one thread each: backbone and p(y|s) of
-// eight targets of one scene.
+// ONNX Runtime beside the engine, in turn in one run, on one thread each: the networks up to p(y|s)
+// for eight targets of one scene.
 //
 //   node onnxruntime.cjs MODEL_FOLDER [DATASET_FOLDER]
 //
@@ -66,19 +66,13 @@ async function main() {
 
   const bytes = fs.readFileSync(inputs);
   const floats = new Float32Array(bytes.buffer, bytes.byteOffset, bytes.byteLength / 4);
-  const { scenes, channels, height, width, actions } = sizes;
+  const { scenes, actions } = sizes;
   let at = 0;
   const take = (count) => floats.slice(at, (at += count));
-  const feeds = {
-    raster: new ort.Tensor('float32', take(scenes * channels * height * width), [
-      scenes,
-      channels,
-      height,
-      width,
-    ]),
-  };
-  const motion = take(scenes * 4);
-  if (sizes.motion) feeds.motion = new ort.Tensor('float32', motion, [scenes, 4]);
+  const feeds = {};
+  for (const { name, sizes: shape } of sizes.inputs) {
+    feeds[name] = new ort.Tensor('float32', take(shape.reduce((a, b) => a * b)), shape);
+  }
   const expected = take(scenes * actions);
 
   const session = await ort.InferenceSession.create(network, {
@@ -117,7 +111,8 @@ async function main() {
 
   const us = (seconds) => (1e6 * seconds).toFixed(1);
   console.log(
-    `${sizes.model}, ${channels}x${height}x${width}, batch ${scenes}, one thread, ${rounds} rounds\n` +
+    `${sizes.model}, ${sizes.inputs.map((input) => `${input.name} ${input.sizes.slice(1).join('x')}`).join(', ')}, ` +
+      `batch ${scenes}, one thread, ${rounds} rounds\n` +
       `engine (${sizes.precision}): ${us(median(ours))} us a target\n` +
       `ONNX Runtime ${require('onnxruntime-node/package.json').version} (f32): ` +
       `${us(median(others))} us a target\n` +

@@ -61,11 +61,16 @@ def main():
         sizes = json.loads(engine.line())
         floats = torch.from_numpy(np.fromfile(file, dtype="<f4"))
     n, k = sizes["scenes"], sizes["actions"]
-    shape = (n, sizes["channels"], sizes["height"], sizes["width"])
-    count = int(np.prod(shape))
-    raster = floats[:count].reshape(shape).contiguous(memory_format=torch.channels_last)
-    motion = floats[count : count + 4 * n].reshape(n, 4)
-    expected = floats[count + 4 * n :].reshape(n, k)
+    inputs, at = {"motion": torch.zeros(n, 4)}, 0
+    for given in sizes["inputs"]:
+        count = int(np.prod(given["sizes"]))
+        inputs[given["name"]] = floats[at : at + count].reshape(given["sizes"])
+        at += count
+    expected = floats[at:].reshape(n, k)
+    if set(inputs) != {"raster", "motion"}:
+        sys.exit("networks.py has the networks of models that read a raster alone")
+    raster = inputs["raster"].contiguous(memory_format=torch.channels_last)
+    motion = inputs["motion"]
 
     eager = Networks(model).to(memory_format=torch.channels_last)
     different = False
@@ -73,7 +78,7 @@ def main():
         traced = torch.jit.optimize_for_inference(
             torch.jit.freeze(torch.jit.trace(eager, (raster, motion)))
         )
-        print(f"{sizes['model']}, {'x'.join(map(str, shape[1:]))}, batch {n}, one thread")
+        print(f"{sizes['model']}, {'x'.join(map(str, raster.shape[1:]))}, batch {n}, one thread")
         for name, network in (("eager, channels-last", eager), ("traced and frozen", traced)):
 
             def theirs(repeats, network=network):

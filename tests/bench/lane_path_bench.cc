@@ -1,0 +1,157 @@
+// What lane paths cost on real scenes: indexing a map, and finding the paths of a target, over the
+// number of map points and over the number of agents. MANEUVER_REAL_DATA as in map_bench.cc.
+
+#include <benchmark/benchmark.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "model/scene/lane_graph.h"
+#include "model/scene/lane_paths.h"
+#include "model/scene/target_frame.h"
+#include "tests/bench/bench_model.h"
+#include "tests/bench/bench_scenes.h"
+
+namespace maneuver::bench {
+namespace {
+
+constexpr int kScenes = 8;
+constexpr int kTargets = 8;  // of a scene
+constexpr double kSpeed = 12.0;
+
+const std::vector<v1::Scenario>& Scenes() {
+  static const std::vector<v1::Scenario> scenes = WaymoScenes(kTargets, kScenes);
+  return scenes;
+}
+
+// The width of the square around all map points, metres.
+double MapWidth(const v1::Scenario& scene) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  double low[2] = {kInfinity, kInfinity};
+  double high[2] = {-kInfinity, -kInfinity};
+  for (const v1::MapFeature& feature : scene.map_features()) {
+    for (const auto* values : {&feature.x(), &feature.y()}) {
+      const int axis = values == &feature.x() ? 0 : 1;
+      for (const double value : *values) {
+        low[axis] = std::min(low[axis], value);
+        high[axis] = std::max(high[axis], value);
+      }
+    }
+  }
+  return std::max(high[0] - low[0], high[1] - low[1]);
+}
+
+// The scene with its first features, or with copies of its map side by side, so that it has
+// `points` map points.
+v1::Scenario WithMapAround(const v1::Scenario& scene, int64_t points) {
+  v1::Scenario changed = WithMapPoints(scene, points);
+  const double width = MapWidth(scene);
+  for (int i = scene.map_features_size(); i < changed.map_features_size(); ++i) {
+    const double shift = width * (i / scene.map_features_size());
+    for (double& x : *changed.mutable_map_features(i)->mutable_x()) x += shift;
+  }
+  return changed;
+}
+
+// A target with what finding its paths takes.
+struct Query {
+  const v1::Scenario* scene;
+  const scene::LaneGraph* lanes;
+  int64_t target_id;
+  scene::Pose2 X_WT;
+};
+
+struct Queries {
+  std::vector<v1::Scenario> scenes;
+  std::vector<scene::LaneGraph> lanes;
+  std::vector<Query> queries;
+
+  template <typename Change>
+  explicit Queries(Change change) {
+    for (const v1::Scenario& scene : Scenes()) scenes.push_back(change(scene));
+    for (const v1::Scenario& scene : scenes) lanes.emplace_back(scene.map_features());
+    for (size_t i = 0; i < scenes.size(); ++i) {
+      for (const int64_t id : scenes[i].target_ids()) {
+        const v1::Agent* const agent = scene::FindAgent(scenes[i], id);
+        if (agent == nullptr) continue;
+        const auto X_WT =
+            scene::TargetPose(*agent, scenes[i].prediction_time(), scene::kLanePathTolerance);
+        if (X_WT) queries.push_back({&scenes[i], &lanes[i], id, *X_WT});
+      }
+    }
+  }
+  Queries(const Queries&) = delete;
+  Queries& operator=(const Queries&) = delete;
+};
+
+// Microseconds a target, and how many paths it has.
+void Find(benchmark::State& state, const Queries& queries) {
+  if (queries.queries.empty()) return state.SkipWithError("MANEUVER_REAL_DATA has no scenes");
+  scene::LanePathFinder finder;
+  scene::LanePathInputs inputs;
+  int64_t paths = 0;
+  for (auto _ : state) {
+    for (const Query& query : queries.queries) {
+      finder.Find(*query.scene, *query.lanes, query.scene->prediction_time(), query.target_id,
+                  query.X_WT, kSpeed, {}, &inputs);
+      benchmark::DoNotOptimize(inputs);
+      paths += inputs.count;
+    }
+  }
+  CountTargets(state, static_cast<int>(queries.queries.size()));
+  state.counters["paths"] =
+      static_cast<double>(paths) / static_cast<double>(state.iterations() * queries.queries.size());
+}
+
+void FindOverPoints(benchmark::State& state) {
+  Find(state,
+       Queries([&](const v1::Scenario& scene) { return WithMapAround(scene, state.range(0)); }));
+}
+
+void FindOverAgents(benchmark::State& state) {
+  Find(state, Queries([&](const v1::Scenario& scene) {
+         return WithAgents(scene, static_cast<int>(state.range(0)));
+       }));
+}
+
+void IndexOverPoints(benchmark::State& state) {
+  if (Scenes().empty()) return state.SkipWithError("MANEUVER_REAL_DATA has no scenes");
+  std::vector<v1::Scenario> scenes;
+  for (const v1::Scenario& scene : Scenes()) {
+    scenes.push_back(WithMapAround(scene, state.range(0)));
+  }
+  size_t lane_points = 0;
+  int64_t bytes = 0;
+  for (auto _ : state) {
+    for (const v1::Scenario& scene : scenes) {
+      const scene::LaneGraph lanes(scene.map_features());
+      benchmark::DoNotOptimize(lanes.points().data());
+      lane_points += lanes.points().size();
+      bytes += lanes.bytes();
+    }
+  }
+  const double maps = static_cast<double>(state.iterations() * scenes.size());
+  state.counters["lane_points"] = static_cast<double>(lane_points) / maps;
+  state.counters["bytes"] = static_cast<double>(bytes) / maps;
+  state.counters["us_a_map"] =
+      benchmark::Counter(1e-6 * maps, benchmark::Counter::kIsRate | benchmark::Counter::kInvert);
+}
+
+}  // namespace
+
+void RegisterLanePathBenchmarks() {
+  const auto add = [](const char* name, void (*run)(benchmark::State&),
+                      const std::vector<int64_t>& sizes) {
+    auto* const added = benchmark::RegisterBenchmark(name, run)->Unit(benchmark::kMicrosecond);
+    for (const int64_t size : sizes) added->Arg(size);
+  };
+  const std::vector<int64_t> points = {1'000, 2'500, 5'000, 10'000, 20'000, 40'000, 80'000};
+  add("lane_paths/index_over_map_points", IndexOverPoints, points);
+  add("lane_paths/find_over_map_points", FindOverPoints, points);
+  add("lane_paths/find_over_agents", FindOverAgents, {0, 50, 100, 200, 400});
+}
+
+}  // namespace maneuver::bench
