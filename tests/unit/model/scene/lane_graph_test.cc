@@ -84,9 +84,10 @@ TEST(LaneGraphTest, LeavesOutPointsThatRepeat) {
   v1::Scenario scenario;
   AddLane(&scenario, 1, {{0, 0}, {0, 0}, {2, 0}, {2.0004, 0}, {2.0008, 0}, {2, 3}, {2, 3}});
   AddLane(&scenario, 2, {{0, 0}, {2, 0}, {2, 3}});
+  AddLane(&scenario, 3, {{0, 0}, {2, 0}, {2.0004, 0}, {2, 3}});
   const LaneGraph graph(scenario.map_features());
-  ASSERT_EQ(graph.points().size(), 6u);
-  for (size_t i = 0; i < 3; ++i) {
+  ASSERT_EQ(graph.points().size(), 9u);
+  for (size_t i = 0; i < 6; ++i) {
     EXPECT_EQ(graph.points()[i].x, graph.points()[i + 3].x);
     EXPECT_EQ(graph.points()[i].y, graph.points()[i + 3].y);
     EXPECT_EQ(graph.points()[i].distance, graph.points()[i + 3].distance);

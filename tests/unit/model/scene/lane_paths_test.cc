@@ -304,6 +304,21 @@ TEST(LanePathsTest, AtMostFiveBranchesOfAStartAndSixPathsInAll) {
   EXPECT_EQ(Find(world).count, 6);
 }
 
+TEST(LanePathsTest, FourWaysOnAreFollowedFromALane) {
+  World world;
+  world.AddLane(1, Line({-20.0, 0.0}, {10.0, 0.0}));
+  for (int way = 0; way < 5; ++way) {
+    const double heading = 0.5 - 0.25 * way;
+    world.AddLane(2 + way,
+                  Line({10.0, 0.0}, {10.0 + 120.0 * std::cos(heading), 120.0 * std::sin(heading)}));
+  }
+  const LanePathInputs inputs = Find(world);
+  ASSERT_EQ(inputs.count, 4);
+  for (int way = 0; way < 4; ++way) {
+    EXPECT_NEAR(PointAt(inputs, way, 12).y, 90.0 * std::sin(0.5 - 0.25 * way), 1e-3);
+  }
+}
+
 TEST(LanePathsTest, DeclaredSuccessorsDecideWhereAPathGoesOn) {
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {20.0, 0.0}));
@@ -491,7 +506,7 @@ World RandomWorld(std::mt19937& random, bool all_declared) {
     v1::Agent* agent = world.AddOther(id, place(), velocity, kTime - 0.1);
     agent->set_length(3.0 + uniform(random));
     if (id % 4 != 0) world.AddStateOf(agent, kTime - 0.04 * (id % 2), place(), velocity);
-    world.AddStateOf(agent, kTime + 0.1, place(), velocity);
+    world.AddStateOf(agent, kTime + 0.03, place(), velocity);
   }
   for (int i = 0; i < 4; ++i) {
     if (!places.empty()) world.AddStopSign(places[random() % places.size()]);
