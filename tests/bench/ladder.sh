@@ -56,7 +56,7 @@ done
 python3 - "$results" $rows <<'PYTHON'
 import json, sys
 results, rows = sys.argv[1], sys.argv[2:]
-metrics = ['ade_ratio', 'min_ade_6', 'min_fde_6', 'miss_rate_6', 'nll', 'calibration_error', 'envelope_2_sigma']
+metrics = ['ade_ratio', 'min_ade_6', 'min_fde_6', 'miss_rate_6', 'nll', 'calibration_error', 'coverage_2sigma', 'ade_medoid_ratio']
 reports = {row: json.load(open(f'{results}/{row}.json')) for row in rows}
 for number in range(len(next(iter(reports.values()))['sets'])):
     print('\n| row | ' + ' | '.join(metrics) + ' |\n|---' * 1 + '|---' * len(metrics) + '|')
