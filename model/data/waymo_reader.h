@@ -19,8 +19,8 @@ namespace maneuver::data {
 // copies of these recordings come without), one typical of its type. A signal has a reading where
 // it changes, "unspecified" where the recording stops telling.
 //
-// Lanes declare their successors (exit_lanes, and the entry_lanes of others) and neighbours, as many
-// as ScenarioLimits accepts.
+// Lanes declare their successors (exit_lanes, and the entry_lanes of others) and neighbours, as
+// many as ScenarioLimits accepts.
 //
 // INVALID_ARGUMENT if it does not parse, has no tracks, or its times do not increase or do not
 // match its states.
