@@ -1,7 +1,7 @@
 // Which recordings belong together, and which fold each of them is in.
 //
-// A model that learned from one recording of a place or of a drive must not be measured on another
-// one of it: it would be asked for what it has seen. Cross-validation therefore keeps groups of
+// A model that learned from a place or a drive must not be measured on another recording of the same
+// place or drive, because it has already seen the answer. Cross-validation therefore keeps groups of
 // recordings together. Two recordings are in one group if a chain of these links joins them:
 //   - their ids are the same up to the first '#' (parts of one recording, as HeldOut has it);
 //   - they share a place: a lane centreline, road line or road edge of at least kLeastSharedLength
