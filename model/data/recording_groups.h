@@ -1,8 +1,9 @@
 // Which recordings belong together, and which fold each of them is in.
 //
-// A model that learned from a place or a drive must not be measured on another recording of the same
-// place or drive, because it has already seen the answer. Cross-validation therefore keeps groups of
-// recordings together. Two recordings are in one group if a chain of these links joins them:
+// A model that learned from a place or a drive must not be measured on another recording of the
+// same place or drive, because it has already seen the answer. Cross-validation therefore keeps
+// groups of recordings together. Two recordings are in one group if a chain of these links joins
+// them:
 //   - their ids are the same up to the first '#' (parts of one recording, as HeldOut has it);
 //   - they share a place: a lane centreline, road line or road edge of at least kLeastSharedLength
 //     is in both maps, that is, it has the same type and the same number of points, and each of its
