@@ -21,6 +21,17 @@ endif()
 # no fused multiply-add where none was written.
 add_compile_options(-ffp-contract=off)
 
+# What is shipped is what is measured: every build has the same hardening, and all of it is cheap.
+# Stack protector; checked buffer functions (they need an optimised build); landing pads for indirect
+# branches and shadow stacks (CET); addresses chosen at each start (PIE); relocations that are all
+# resolved, and then read-only, before main (full RELRO). Sanitizers bring checks of their own.
+if(NOT MANEUVER_SANITIZER)
+  add_compile_options(-fstack-protector-strong -fcf-protection=full -fPIE)
+  add_compile_definitions("$<$<NOT:$<CONFIG:Debug>>:_FORTIFY_SOURCE=2>")
+  add_link_options("$<$<STREQUAL:$<TARGET_PROPERTY:TYPE>,EXECUTABLE>:-pie>"
+    LINKER:-z,relro,-z,now,-z,noexecstack)
+endif()
+
 if(MANEUVER_SANITIZER)
   add_compile_options(-fsanitize=${MANEUVER_SANITIZER} -fno-omit-frame-pointer -g1)
   add_link_options(-fsanitize=${MANEUVER_SANITIZER})
