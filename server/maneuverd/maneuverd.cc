@@ -2,6 +2,7 @@
 
 #include <pthread.h>
 #include <signal.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -297,6 +298,8 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
 }
 
 int Main(int argc, char** argv) {
+  // Recordings, models and jobs are nobody else's.
+  umask(077);
   if (argc > 1 && std::string_view(argv[1]) == "token") return RunTokenCommand(argc - 1, argv + 1);
   if (argc > 1 && std::string_view(argv[1]) == "health") {
     return RunHealthCommand(argc - 1, argv + 1, environ);
