@@ -7,6 +7,7 @@
 #include "model/data/trajectory.h"
 #include "model/scene/motion_reference.h"
 #include "model/scene/observation_window.h"
+#include "model/scene/scenario_validation.h"
 #include "model/scene/target_frame.h"
 #include "model/scene/target_history.h"
 
@@ -97,6 +98,13 @@ bool KeepsStanding(uint64_t scenario_hash, int64_t target_id, double time, doubl
 }
 
 // Empty without a reference.
+// Of recordings that were stored before validation had these bounds.
+bool IsPossible(const v1::Agent& agent) {
+  return std::ranges::all_of(agent.states(), [](const v1::AgentState& state) {
+    return scene::IsPhysicallyPossible(state);
+  });
+}
+
 std::vector<float> ReferenceOf(const v1::Agent& agent, double time, const scene::Pose2& X_WT,
                                const Window& window) {
   if (window.reference == v1::TRAJECTORY_REFERENCE_UNSPECIFIED ||
@@ -121,7 +129,7 @@ std::vector<Example> EnumerateExamples(const v1::Scenario& recording, int record
   const uint64_t scenario_hash = StableHash(recording.scenario_id());
   std::vector<double> trajectory(2 * window.waypoint_times.size());
   for (const v1::Agent& agent : recording.agents()) {
-    if (agent.type() != v1::AGENT_TYPE_VEHICLE) continue;
+    if (agent.type() != v1::AGENT_TYPE_VEHICLE || !IsPossible(agent)) continue;
     for (const int now : StartStates(agent, window)) {
       const v1::AgentState& state = agent.states(now);
       const int oldest =

@@ -11,6 +11,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <span>
 
 #include "model/scene/raster.h"
 
@@ -54,6 +55,20 @@ inline FloatLanes Within(FloatLanes a, float low, float high) {
 template <typename Lanes>
 inline Lanes Magnitude(Lanes a) {
   return Most(a, -a);
+}
+
+// Returns whether each value lies within -limit and limit; NaN does not.
+inline bool AllWithin(std::span<const double> values, double limit) {
+  MaskLanes good = ~MaskLanes{};
+  size_t i = 0;
+  for (; i + kPointLanes <= values.size(); i += kPointLanes) {
+    DoubleLanes four;
+    std::memcpy(&four, values.data() + i, sizeof(four));
+    good &= Magnitude(four) <= limit;
+  }
+  bool all = !AnyOf(~good);
+  for (; i < values.size(); ++i) all &= std::abs(values[i]) <= limit;
+  return all;
 }
 
 inline FloatLanes SquareRoot(FloatLanes a) {

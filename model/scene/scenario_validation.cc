@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -48,19 +47,6 @@ int Characters(const std::string& text) {
 // False for what is not finite, too.
 bool Within(double value, double limit) { return std::abs(value) <= limit; }
 
-bool AllWithin(const google::protobuf::RepeatedField<double>& values, double limit) {
-  MaskLanes good = ~MaskLanes{};
-  int i = 0;
-  for (; i + kPointLanes <= values.size(); i += kPointLanes) {
-    DoubleLanes four;
-    std::memcpy(&four, values.data() + i, sizeof(four));
-    good &= Magnitude(four) <= limit;
-  }
-  bool all = !AnyOf(~good);
-  for (; i < values.size(); ++i) all &= Within(values[i], limit);
-  return all;
-}
-
 // Twelve digits: times may count from 1970.
 std::string Number(double value) {
   char text[32];
@@ -75,6 +61,13 @@ std::string NotFinite(double value) {
 std::string OutOfCoordinates(double value, double limit) {
   if (!std::isfinite(value)) return NotFinite(value);
   return StrCat("is ", Number(value), " m; must lie within ", Number(limit), " m of the origin");
+}
+
+// For a quantity in `unit` that is within neither `low` and `high` nor finite perhaps.
+std::string OutOfRange(double value, double low, double high, const char* unit) {
+  if (!std::isfinite(value)) return NotFinite(value);
+  return StrCat("is ", Number(value), " ", unit, "; must lie within ", Number(low), " and ",
+                Number(high), " ", unit);
 }
 
 bool CheckCount(std::string_view field, int count, int limit, Violations* violations) {
@@ -96,15 +89,17 @@ void CheckSize(const std::string& agent, const char* field, double size, double 
 
 // Times of states and of readings alike.
 template <typename Timed>
-bool TimeIsGood(const Timed& elements, int index) {
+bool TimeIsGood(const Timed& elements, int index, const ScenarioLimits& limits) {
   const double time = elements[index].time();
-  return std::isfinite(time) && (index == 0 || time > elements[index - 1].time());
+  return Within(time, limits.max_time) && (index == 0 || time > elements[index - 1].time());
 }
 
 template <typename Timed>
-std::string BadTime(const Timed& elements, int index) {
+std::string BadTime(const Timed& elements, int index, const ScenarioLimits& limits) {
   const double time = elements[index].time();
-  if (!std::isfinite(time)) return NotFinite(time);
+  if (!Within(time, limits.max_time)) {
+    return OutOfRange(time, -limits.max_time, limits.max_time, "s");
+  }
   return StrCat("is ", Number(time), " s, not after the ", Number(elements[index - 1].time()),
                 " s before it; times must strictly increase");
 }
@@ -112,27 +107,28 @@ std::string BadTime(const Timed& elements, int index) {
 void CheckState(const v1::Agent& agent, int agent_index, int index, const ScenarioLimits& limits,
                 Violations* violations) {
   const v1::AgentState& state = agent.states(index);
-  const bool good = TimeIsGood(agent.states(), index) & Within(state.x(), limits.max_coordinate) &
-                    Within(state.y(), limits.max_coordinate) & std::isfinite(state.heading()) &
-                    std::isfinite(state.velocity_x()) & std::isfinite(state.velocity_y());
+  const bool good =
+      TimeIsGood(agent.states(), index, limits) && IsPhysicallyPossible(state, limits);
   if (good) return;
   const std::string path = StrCat("agents[", agent_index, "].states[", index, "]");
-  if (!TimeIsGood(agent.states(), index)) {
-    violations->Add(Member(path, "time"), BadTime(agent.states(), index));
+  if (!TimeIsGood(agent.states(), index, limits)) {
+    violations->Add(Member(path, "time"), BadTime(agent.states(), index, limits));
   }
   const auto check_coordinate = [&](const char* field, double value) {
     if (!Within(value, limits.max_coordinate)) {
       violations->Add(Member(path, field), OutOfCoordinates(value, limits.max_coordinate));
     }
   };
-  const auto check_finite = [&](const char* field, float value) {
-    if (!std::isfinite(value)) violations->Add(Member(path, field), NotFinite(value));
+  const auto check_range = [&](const char* field, double value, double limit, const char* unit) {
+    if (!Within(value, limit)) {
+      violations->Add(Member(path, field), OutOfRange(value, -limit, limit, unit));
+    }
   };
   check_coordinate("x", state.x());
   check_coordinate("y", state.y());
-  check_finite("heading", state.heading());
-  check_finite("velocity_x", state.velocity_x());
-  check_finite("velocity_y", state.velocity_y());
+  check_range("heading", state.heading(), limits.max_heading, "rad");
+  check_range("velocity_x", state.velocity_x(), limits.max_speed, "m/s");
+  check_range("velocity_y", state.velocity_y(), limits.max_speed, "m/s");
 }
 
 void CheckAgent(const v1::Agent& agent, int index, const ScenarioLimits& limits,
@@ -175,7 +171,7 @@ void CheckAgentIds(const v1::Scenario& scenario, Violations* violations) {
 void CheckCoordinates(int feature_index, const char* field,
                       const google::protobuf::RepeatedField<double>& values, double limit,
                       Violations* violations) {
-  if (AllWithin(values, limit)) return;
+  if (AllWithin({values.data(), static_cast<size_t>(values.size())}, limit)) return;
   for (int i = 0; i < values.size() && !violations->full(); ++i) {
     if (Within(values[i], limit)) continue;
     violations->Add(StrCat("map_features[", feature_index, "].", field, "[", i, "]"),
@@ -200,7 +196,7 @@ void CheckFeature(const v1::MapFeature& feature, int index, const ScenarioLimits
   const bool known = v1::MapFeatureType_IsValid(feature.type()) &&
                      feature.type() != v1::MAP_FEATURE_TYPE_UNSPECIFIED;
   const bool speed_limit_is_good =
-      feature.speed_limit() >= 0.0 && std::isfinite(feature.speed_limit());
+      feature.speed_limit() >= 0.0 && feature.speed_limit() <= limits.max_speed;
   if (!known || !speed_limit_is_good || feature.x_size() != feature.y_size() ||
       feature.x().empty()) {
     const std::string path = Element("map_features", index);
@@ -217,11 +213,8 @@ void CheckFeature(const v1::MapFeature& feature, int index, const ScenarioLimits
       violations->Add(Member(path, "x"), "has no points");
     }
     if (!speed_limit_is_good) {
-      violations->Add(
-          Member(path, "speed_limit"),
-          std::isfinite(feature.speed_limit())
-              ? StrCat("is ", Number(feature.speed_limit()), " m/s; must not be negative")
-              : NotFinite(feature.speed_limit()));
+      violations->Add(Member(path, "speed_limit"),
+                      OutOfRange(feature.speed_limit(), 0.0, limits.max_speed, "m/s"));
     }
   }
   CheckLinks(feature, index, limits, violations);
@@ -264,11 +257,13 @@ void CheckSignal(const v1::TrafficSignal& signal, int index, const ScenarioLimit
   }
   for (int i = 0; i < signal.readings_size() && !violations->full(); ++i) {
     const v1::TrafficSignalReading& reading = signal.readings(i);
-    const bool time_is_good = TimeIsGood(signal.readings(), i);
+    const bool time_is_good = TimeIsGood(signal.readings(), i, limits);
     const bool state_is_good = v1::TrafficSignalState_IsValid(reading.state());
     if (time_is_good && state_is_good) continue;
     const std::string path = StrCat("traffic_signals[", index, "].readings[", i, "]");
-    if (!time_is_good) violations->Add(Member(path, "time"), BadTime(signal.readings(), i));
+    if (!time_is_good) {
+      violations->Add(Member(path, "time"), BadTime(signal.readings(), i, limits));
+    }
     if (!state_is_good) {
       violations->Add(Member(path, "state"), StrCat(static_cast<int>(reading.state()),
                                                     " is no known traffic signal state"));
@@ -286,6 +281,13 @@ std::string NearestState(const v1::Agent& agent, double time) {
 
 }  // namespace
 
+bool IsPhysicallyPossible(const v1::AgentState& state, const ScenarioLimits& limits) {
+  return Within(state.time(), limits.max_time) & Within(state.x(), limits.max_coordinate) &
+         Within(state.y(), limits.max_coordinate) & Within(state.heading(), limits.max_heading) &
+         Within(state.velocity_x(), limits.max_speed) &
+         Within(state.velocity_y(), limits.max_speed);
+}
+
 std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
                                              const ScenarioLimits& limits) {
   Violations violations(limits.max_violations);
@@ -294,8 +296,9 @@ std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
     violations.Add("scenario_id", StrCat("has ", characters, " characters; at most ",
                                          limits.max_scenario_id, " are accepted"));
   }
-  if (!std::isfinite(scenario.prediction_time())) {
-    violations.Add("prediction_time", NotFinite(scenario.prediction_time()));
+  if (!Within(scenario.prediction_time(), limits.max_time)) {
+    violations.Add("prediction_time",
+                   OutOfRange(scenario.prediction_time(), -limits.max_time, limits.max_time, "s"));
   }
   CheckCount("target_ids", scenario.target_ids_size(), limits.max_targets, &violations);
   if (CheckCount("agents", scenario.agents_size(), limits.max_agents, &violations)) {

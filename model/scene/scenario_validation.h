@@ -27,14 +27,22 @@ struct ScenarioLimits {
   int max_violations = 16;      // validation stops looking after so many
   double max_coordinate = 1e8;  // metres, either sign
   double max_size = 1'000.0;    // of an agent, metres
+  // What no recording of a road can reach, either sign. Values near the largest float would make
+  // differences of them infinite.
+  double max_heading = 1'000.0;  // radians: headings may count turns
+  double max_speed = 1'000.0;    // m/s, along each axis; also of a lane's speed limit
+  double max_time = 1e11;        // seconds: times may count from any epoch
   // Whether map_id may stand in for the map; who looks it up checks that it is there.
   bool map_by_id = false;
 };
 
+// Returns whether time, position, heading and velocity are finite and within the limits.
+bool IsPhysicallyPossible(const v1::AgentState& state, const ScenarioLimits& limits = {});
+
 // What is wrong with the scenario as a whole; empty if nothing is. Looks at all but the targets:
-// finite numbers, positive sizes, strictly increasing times, unique ids, equal numbers of x and y,
-// known enum values, limits. Lines and areas of too few points to be seen are let pass; a feature
-// without any point is not.
+// numbers within the limits, positive sizes, strictly increasing times, unique ids, equal numbers
+// of x and y, known enum values, limits. Lines and areas of too few points to be seen are let pass;
+// a feature without any point is not.
 std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
                                              const ScenarioLimits& limits);
 

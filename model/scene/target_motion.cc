@@ -35,8 +35,9 @@ MotionInputs DescribeMotion(const v1::Agent& agent, double time) {
   const v1::AgentState* before = state_at(time - kStep);
   if (before == nullptr) return motion;
   motion[1] = Limited(SpeedAlongHeading(*now) - SpeedAlongHeading(*before));
-  motion[3] = Limited(std::remainder(now->heading() - before->heading(), 2.0 * std::numbers::pi) /
-                      kTurnUnit);
+  // In double: the difference of two floats may be too large for one.
+  const double turn = double{now->heading()} - double{before->heading()};
+  motion[3] = Limited(std::remainder(turn, 2.0 * std::numbers::pi) / kTurnUnit);
   const v1::AgentState* earlier = state_at(time - 2.0 * kStep);
   if (earlier == nullptr) return motion;
   motion[2] = Limited(SpeedAlongHeading(*before) - SpeedAlongHeading(*earlier));

@@ -293,5 +293,15 @@ TEST(StableHashTest, IsFnv1aAndSplitMix64) {
   EXPECT_EQ(UnitInterval(uint64_t{1} << 63), 0.5);
 }
 
+TEST(ExampleIndexTest, LeavesOutAVehicleThatIsPhysicallyImpossible) {
+  v1::Scenario recording = Recording(Vehicle(1, 0.0, 40, 10.0));
+  *recording.add_agents() = Vehicle(2, 0.0, 40, 10.0);
+  const size_t of_both = Enumerate(recording).size();
+  recording.mutable_agents(1)->mutable_states(12)->set_heading(3.4e38F);
+  const std::vector<Example> examples = Enumerate(recording);
+  EXPECT_EQ(examples.size(), of_both / 2);
+  for (const Example& example : examples) EXPECT_EQ(example.target_id, 1);
+}
+
 }  // namespace
 }  // namespace maneuver::data

@@ -58,6 +58,19 @@ TEST(ScenarioValidationTest, AGoodScenarioPasses) {
   EXPECT_THAT(Fields(ValidateScenario({}, {})), IsEmpty());
 }
 
+TEST(ScenarioValidationTest, AcceptsTheLargestValuesThatAreDocumented) {
+  v1::Scenario scenario = GoodScenario();
+  v1::AgentState* state = scenario.mutable_agents(3)->mutable_states(9);
+  state->set_heading(-1000.0F);
+  state->set_velocity_x(1000.0F);
+  state->set_velocity_y(-1000.0F);
+  state->set_x(1e8);
+  state->set_time(1e11);
+  scenario.set_prediction_time(1e11);
+  scenario.mutable_map_features(0)->set_speed_limit(1000.0);
+  EXPECT_THAT(Fields(ValidateScenario(scenario, {})), IsEmpty());
+}
+
 TEST(ScenarioValidationTest, ShortLinesAndAreasPass) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{0, 0}});
@@ -125,6 +138,26 @@ INSTANTIATE_TEST_SUITE_P(
                 [](auto* s) { State37(s)->set_velocity_x(-INFINITY); }},
         BadCase{"StateVelocityY", "agents[3].states[7].velocity_y", "nan",
                 [](auto* s) { State37(s)->set_velocity_y(NAN); }},
+        BadCase{"StateHeadingOfManyTurns", "agents[3].states[7].heading",
+                "is -1001 rad; must lie within -1000 and 1000 rad",
+                [](auto* s) { State37(s)->set_heading(-1001.0F); }},
+        BadCase{"LargestHeading", "agents[3].states[7].heading", "must lie within -1000 and 1000",
+                [](auto* s) { State37(s)->set_heading(3.4e38F); }},
+        BadCase{"StateVelocityTooFast", "agents[3].states[7].velocity_x",
+                "is 1001 m/s; must lie within -1000 and 1000 m/s",
+                [](auto* s) { State37(s)->set_velocity_x(1001.0F); }},
+        BadCase{"StateVelocityTooFastBackwards", "agents[3].states[7].velocity_y",
+                "is -1001 m/s; must lie within -1000 and 1000 m/s",
+                [](auto* s) { State37(s)->set_velocity_y(-1001.0F); }},
+        BadCase{"TimeThatIsNoClocks", "agents[3].states[9].time",
+                "is 200000000000 s; must lie within -100000000000 and 100000000000 s",
+                [](auto* s) { s->mutable_agents(3)->mutable_states(9)->set_time(2e11); }},
+        BadCase{"PredictionTimeThatIsNoClocks", "prediction_time",
+                "is -200000000000 s; must lie within -100000000000 and ",
+                [](auto* s) { s->set_prediction_time(-2e11); }},
+        BadCase{"SpeedLimitTooFast", "map_features[1].speed_limit",
+                "is 1001 m/s; must lie within 0 and 1000 m/s",
+                [](auto* s) { s->mutable_map_features(1)->set_speed_limit(1001.0); }},
         BadCase{
             "Successors", "map_features[1].successor_ids", "65 elements; at most 64",
             [](auto* s) { s->mutable_map_features(1)->mutable_successor_ids()->Resize(65, 1); }},

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 
 namespace maneuver::scene {
 namespace {
@@ -70,6 +71,14 @@ TEST(TargetMotionTest, OutliersAreLimited) {
   const MotionInputs motion = DescribeMotion(agent, 2.0);
   EXPECT_EQ(motion[0], 4.0f);
   EXPECT_EQ(motion[1], 4.0f);
+}
+
+TEST(TargetMotionTest, TheLargestHeadingsDifferByAFiniteTurn) {
+  constexpr float kLargest = std::numeric_limits<float>::max();
+  v1::Agent agent;
+  AddState(&agent, 1.5, -kLargest, 5.0);
+  AddState(&agent, 2.0, kLargest, 5.0);
+  EXPECT_TRUE(std::isfinite(DescribeMotion(agent, 2.0)[3]));
 }
 
 }  // namespace
