@@ -12,6 +12,7 @@
 #include "absl/status/status.h"
 #include "model/artifact/model_spec.h"
 #include "model/evaluation/example_sample.h"
+#include "model/evaluation/finite_report.h"
 #include "model/evaluation/report.h"
 
 namespace maneuver::evaluation {
@@ -126,6 +127,7 @@ absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& mode
   AddSample(*all, input, report);
   *report.mutable_example_settings() = input.examples;
   *report.mutable_trajectory() = model.spec().trajectory();
+  if (absl::Status status = CheckFinite(report); !status.ok()) return status;
   return report;
 }
 

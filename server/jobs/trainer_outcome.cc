@@ -134,6 +134,10 @@ absl::Status TrainerStatus(const ChildResult& result, const std::string& last_wo
     case TrainerExit::kCollapsed:
       return failed(absl::StatusCode::kFailedPrecondition, "ACTIONS_COLLAPSED",
                     "the model uses too few of its actions to be of use.");
+    case TrainerExit::kNotFinite:
+      return failed(absl::StatusCode::kAborted, "METRICS_NOT_FINITE",
+                    "a metric of the evaluation is not finite; see whether the data or the model "
+                    "is damaged.");
     case TrainerExit::kInternal:
       break;
   }

@@ -17,7 +17,7 @@ namespace maneuver::jobs {
 
 // OK for exit status 0; otherwise an error with one of these reasons as its ErrorInfo:
 //   INVALID_SETTINGS, UNUSABLE_DATA, NOT_ENOUGH_EXAMPLES, DISK_FULL, CANNOT_WRITE,
-//   TRAINING_DIVERGED, ACTIONS_COLLAPSED, TRAINER_INTERNAL
+//   TRAINING_DIVERGED, ACTIONS_COLLAPSED, METRICS_NOT_FINITE, TRAINER_INTERNAL
 //   OUT_OF_MEMORY        more than its limit, or killed by the system for want of it
 //   WALL_TIME_EXCEEDED
 //   TRAINER_DIED         by a signal; metadata signal = its number

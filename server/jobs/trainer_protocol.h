@@ -34,6 +34,7 @@ enum class TrainerExit {
   kCannotWrite = 74,      // EX_IOERR: no permission, something in the way
   kDiverged = 80,         // the loss is no longer finite
   kCollapsed = 81,        // to fewer actions than --least-actions
+  kNotFinite = 82,        // a metric of the evaluation
 };
 
 }  // namespace maneuver::jobs

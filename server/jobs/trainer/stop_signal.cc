@@ -44,6 +44,8 @@ TrainerExit ExitFor(const absl::Status& status) {
       return TrainerExit::kDiskFull;
     case absl::StatusCode::kAborted:
       return TrainerExit::kDiverged;
+    case absl::StatusCode::kOutOfRange:
+      return TrainerExit::kNotFinite;
     default:
       return TrainerExit::kInternal;
   }

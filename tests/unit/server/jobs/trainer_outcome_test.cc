@@ -40,6 +40,7 @@ TEST(TrainerOutcomeTest, EveryExitStatusHasItsReason) {
       {74, absl::StatusCode::kFailedPrecondition, "CANNOT_WRITE"},
       {80, absl::StatusCode::kAborted, "TRAINING_DIVERGED"},
       {81, absl::StatusCode::kFailedPrecondition, "ACTIONS_COLLAPSED"},
+      {82, absl::StatusCode::kAborted, "METRICS_NOT_FINITE"},
       {1, absl::StatusCode::kInternal, "TRAINER_INTERNAL"},
       {127, absl::StatusCode::kInternal, "TRAINER_INTERNAL"},
   };
