@@ -2,6 +2,7 @@
 
 #include <cstring>
 
+#include "absl/strings/str_cat.h"
 #include "maneuver/v1/status.pb.h"
 #include "model/scene/lanes.h"
 #include "server/errors/error_details.h"
@@ -132,7 +133,10 @@ void WriteItems(const Scenarios& scenarios, const PredictionPlan& plan,
       if (!target.status.ok()) {
         *proto->mutable_error() = errors::ToProto(target.status);
       } else if (const TargetAnswer& answer = answers[target.index]; !answer.status.ok()) {
-        *proto->mutable_error() = errors::ToProto(answer.status);
+        v1::Status* error = proto->mutable_error();
+        *error = errors::ToProto(answer.status);
+        error->set_message(absl::StrCat("scenarios[", s, "].target_ids[", item->targets_size() - 1,
+                                        "]: ", error->message()));
       } else {
         write(plan.targets[target.index], answer, proto);
       }

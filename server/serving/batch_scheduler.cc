@@ -4,9 +4,13 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "maneuver/v1/scenario.pb.h"
 #include "model/artifact/model_spec.h"
+#include "model/files/digest.h"
 #include "server/errors/error_details.h"
+#include "server/monitoring/logging.h"
 #include "server/serving/admission.h"
+#include "server/serving/answer_check.h"
 
 namespace maneuver::serving {
 namespace {
@@ -17,6 +21,8 @@ using std::chrono::nanoseconds;
 // Patient threads may come as late as the kernel's next tick, 4 ms with most: that is little beside
 // a wait of so much and more.
 constexpr nanoseconds kBacklog = std::chrono::milliseconds(3);
+
+constexpr double kFaultLinesPerSecond = 10.0;
 
 double Seconds(nanoseconds time) { return duration<double>(time).count(); }
 
@@ -41,7 +47,11 @@ void Answer(const TargetQueue::Item& item, TargetAnswer answer) {
 }  // namespace
 
 BatchScheduler::BatchScheduler(const SchedulerOptions& options, monitoring::MetricRegistry& metrics)
-    : options_(options), metrics_(metrics), queue_(options.queue), drain_rate_(options.workers) {
+    : options_(options),
+      metrics_(metrics),
+      fault_lines_(kFaultLinesPerSecond),
+      queue_(options.queue),
+      drain_rate_(options.workers) {
   metrics.AddGauge("maneuver_workers", "Threads that evaluate models.").Set(options_.workers);
   metrics.AddGauge("maneuver_queue_limit_targets", "Most targets of each priority that may wait.")
       .Set(options_.queue.max_queue);
@@ -249,6 +259,33 @@ TimePoint BatchScheduler::ReadScenes(Engine& engine, std::vector<Row>& rows, Tim
   return start;
 }
 
+absl::Status BatchScheduler::Describe(const TargetQueue::Item& item,
+                                      inference::SceneEncoding&& encoding,
+                                      inference::InferenceSession& session, TargetAnswer* answer) {
+  const PredictionCall& call = *item.call;
+  const Target& target = call.targets[item.target];
+  answer->encoding = std::move(encoding);
+  absl::Status status = CheckProbabilities(answer->encoding.probabilities, "p(y|s)");
+  if (status.ok()) {
+    if (const auto* describe = std::get_if<DescribeActions>(&call.question)) {
+      const double interval = artifact::WaypointInterval(call.model->model().spec().trajectory());
+      DescribeTarget(*describe, answer->encoding, interval, session, answer);
+    } else if (std::holds_alternative<ClassifyTrajectory>(call.question)) {
+      answer->classification = session.Classify(answer->encoding, target.trajectory);
+    }
+    status = CheckAnswer(*answer);
+  }
+  (status.ok() ? metrics_.answered : metrics_.unsound).Increment();
+  if (!status.ok() && !fault_lines_.Take("", 1.0)) {
+    monitoring::Log(monitoring::LogLevel::kError, "unsound answer withheld",
+                    {{"model_version", call.model->name().ToString()},
+                     {"scenario_sha256", files::Sha256Hex(target.scenario->SerializeAsString())},
+                     {"target_id", target.id},
+                     {"reason", std::string(status.message())}});
+  }
+  return status;
+}
+
 void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
   const ModelHandle model = items.front().call->model;
   std::vector<Row> rows;
@@ -271,7 +308,6 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
   metrics_.encode_time.Observe(Seconds(options_.now() - start));
 
   start = options_.now();
-  const double waypoint_interval = artifact::WaypointInterval(model->model().spec().trajectory());
   for (size_t i = 0; i < rows.size(); ++i) {
     const PredictionCall& call = *rows[i].item.call;
     // Describing many actions takes long enough to ask again before each target.
@@ -280,15 +316,9 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
       continue;
     }
     TargetAnswer answer;
-    if (const auto* describe = std::get_if<DescribeActions>(&call.question)) {
-      DescribeTarget(*describe, encodings[i], waypoint_interval, engine->session(), &answer);
-    } else if (std::holds_alternative<ClassifyTrajectory>(call.question)) {
-      answer.classification =
-          engine->session().Classify(encodings[i], call.targets[rows[i].item.target].trajectory);
-    }
-    answer.encoding = std::move(encodings[i]);
-    metrics_.answered.Increment();
-    Answer(rows[i].item, std::move(answer));
+    absl::Status status =
+        Describe(rows[i].item, std::move(encodings[i]), engine->session(), &answer);
+    Answer(rows[i].item, status.ok() ? std::move(answer) : Failure(std::move(status)));
   }
   metrics_.describe_time.Observe(Seconds(options_.now() - start));
 }

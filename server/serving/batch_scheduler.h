@@ -18,6 +18,7 @@
 #include "absl/status/status.h"
 #include "model/machine/thread_priority.h"
 #include "server/monitoring/metrics.h"
+#include "server/security/rate_limiter.h"
 #include "server/serving/drain_rate.h"
 #include "server/serving/prediction_call.h"
 #include "server/serving/scheduler_metrics.h"
@@ -72,6 +73,11 @@ class BatchScheduler {
   TimePoint ReadScenes(Engine& engine, std::vector<Row>& rows, TimePoint start);
   // OK if the call fits into an empty queue.
   absl::Status CheckSize(const PredictionCall& call) const;
+  // Puts the target's answer together, from what Encode said of its scene. INTERNAL if it is none
+  // that may leave the server (answer_check.h): that is counted, and logged with the digest of the
+  // scenario.
+  absl::Status Describe(const TargetQueue::Item& item, inference::SceneEncoding&& encoding,
+                        inference::InferenceSession& session, TargetAnswer* answer);
   void CountDead(const absl::Status& status, Passed passed, size_t targets);
   // Gives each item the error of its call.
   void Drop(const std::vector<TargetQueue::Item>& items, TimePoint now, Passed passed);
@@ -85,6 +91,7 @@ class BatchScheduler {
 
   const SchedulerOptions options_;
   SchedulerMetrics metrics_;
+  security::RateLimiter fault_lines_;  // of the log
 
   std::mutex mutex_;  // guards what follows
   std::condition_variable wake_;

@@ -1,6 +1,7 @@
 #include "server/serving/prediction_call.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 #include "maneuver/v1/scenario.pb.h"
@@ -34,6 +35,8 @@ std::vector<int> SelectActions(const Eigen::VectorXd& probabilities,
     actions.resize(static_cast<size_t>(probabilities.size()));
     std::iota(actions.begin(), actions.end(), 0);
   }
+  // Sorting needs an order.
+  std::erase_if(actions, [&](int a) { return std::isnan(probabilities[a]); });
   SortByProbability(probabilities, &actions);
   if (const auto* top = std::get_if<TopK>(&selection)) {
     actions.resize(std::min(actions.size(), static_cast<size_t>(top->k)));

@@ -12,10 +12,12 @@ monitoring::Histogram& StageHistogram(monitoring::MetricRegistry& registry, cons
 }
 
 monitoring::Counter& TargetCounter(monitoring::MetricRegistry& registry, const char* outcome) {
-  return registry.AddCounter("maneuver_targets_total",
-                             "Targets by what became of them: answered, expired, cancelled or "
-                             "refused because the queue was full.",
-                             {{"outcome", outcome}});
+  return registry.AddCounter(
+      "maneuver_targets_total",
+      "Targets by what became of them: answered, unsound (the model's answer "
+      "was withheld), expired, cancelled or refused because the queue was "
+      "full.",
+      {{"outcome", outcome}});
 }
 
 monitoring::Counter& DropCounter(monitoring::MetricRegistry& registry, const char* cause,
@@ -52,6 +54,7 @@ SchedulerMetrics::SchedulerMetrics(monitoring::MetricRegistry& registry)
       queue_depth{&DepthGauge(registry, "interactive"), &DepthGauge(registry, "bulk")},
       queue_bytes{&BytesGauge(registry, "interactive"), &BytesGauge(registry, "bulk")},
       answered(TargetCounter(registry, "answered")),
+      unsound(TargetCounter(registry, "unsound")),
       expired(TargetCounter(registry, "expired")),
       cancelled(TargetCounter(registry, "cancelled")),
       refused(TargetCounter(registry, "refused")) {

@@ -27,6 +27,7 @@ struct SchedulerMetrics {
   std::array<monitoring::Gauge*, 2> queue_depth;  // by Priority
   std::array<monitoring::Gauge*, 2> queue_bytes;
   monitoring::Counter& answered;
+  monitoring::Counter& unsound;
   monitoring::Counter& expired;
   monitoring::Counter& cancelled;
   monitoring::Counter& refused;

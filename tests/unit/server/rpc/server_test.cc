@@ -390,6 +390,21 @@ TEST_F(ServerTest, RefusedEmptyAndMalformedCallsOfEachKindAreAnswered) {
   EXPECT_TRUE(Predict(OneScene(), &response).ok());
 }
 
+TEST_F(ServerTest, AnUnsoundAnswerIsAnErrorOfItsTargetAlone) {
+  Publish();
+  networks_.ahead = std::numeric_limits<double>::infinity();
+  v1::PredictRequest request = OneScene();
+  request.mutable_scenarios(0)->add_target_ids(8);
+  *request.mutable_scenarios(0)->add_agents() = request.scenarios(0).agents(0);
+  request.mutable_scenarios(0)->mutable_agents(1)->set_id(8);
+  v1::PredictResponse response;
+  ASSERT_TRUE(Predict(request, &response).ok());
+  const v1::TargetPrediction& target = response.predictions(0).targets(1);
+  EXPECT_EQ(target.error().code(), 13);
+  EXPECT_THAT(target.error().message(), ::testing::StartsWith("scenarios[0].target_ids[1]: "));
+  EXPECT_EQ(target.distributions_size(), 0);
+}
+
 TEST_F(ServerTest, ATakenPortIsAnError) {
   const auto second = Server::Start(
       server_->address(), {{v1::PredictionService::service_full_name(), predictions_.get()}},

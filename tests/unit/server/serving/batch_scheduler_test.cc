@@ -5,9 +5,11 @@
 #include <sched.h>
 
 #include <future>
+#include <limits>
 #include <numeric>
 
 #include "maneuver/v1/scenario.pb.h"
+#include "model/files/digest.h"
 #include "server/errors/error_details.h"
 #include "server/monitoring/prometheus_metrics.h"
 #include "tests/unit/server/serving/fake_action_model.h"
@@ -542,6 +544,28 @@ TEST_F(BatchSchedulerTest, EachTargetGetsItsOwnAnswerUnderLoadFromManyThreads) {
   for (int i = 0; i < kCallers; ++i) callers.emplace_back(caller, i);
   for (std::thread& thread : callers) thread.join();
   EXPECT_GT(answered, 0);
+}
+
+TEST_F(BatchSchedulerTest, WithholdsAnAnswerWhoseProbabilitiesAreNotFinite) {
+  networks_.probabilities[1] = std::numeric_limits<double>::quiet_NaN();
+  const auto scheduler = Scheduler(1, {});
+  const Answers answers = Ask(*scheduler, scene_).answers.get();
+  EXPECT_EQ(answers[0].status.code(), absl::StatusCode::kInternal);
+  EXPECT_EQ(errors::ReasonOf(answers[0].status), "ANSWER_UNSOUND");
+  EXPECT_TRUE(answers[0].distributions.empty());
+  EXPECT_EQ(Metric("maneuver_targets_total{outcome=\"unsound\"}"), "1");
+  EXPECT_EQ(Metric("maneuver_targets_total{outcome=\"answered\"}"), "0");
+}
+
+TEST_F(BatchSchedulerTest, WithholdsAnAnswerWhoseTrajectoryIsNotFinite) {
+  networks_.ahead = std::numeric_limits<double>::infinity();
+  const auto scheduler = Scheduler(1, {});
+  testing::internal::CaptureStderr();
+  const Answers answers = Ask(*scheduler, scene_).answers.get();
+  EXPECT_EQ(errors::ReasonOf(answers[0].status), "ANSWER_UNSOUND");
+  const std::string log = testing::internal::GetCapturedStderr();
+  EXPECT_THAT(log, HasSubstr("unsound answer withheld"));
+  EXPECT_THAT(log, HasSubstr("scenario_sha256=" + files::Sha256Hex(scene_.SerializeAsString())));
 }
 
 }  // namespace
