@@ -62,6 +62,13 @@ inline constexpr ReasonEntry kReasons[] = {
     {"REQUEST_TOO_LARGE", "RESOURCE_EXHAUSTED",
      "one request has more bytes than the queue has room for",
      "split it; the message says into how much"},
+    {"RESPONSE_TOO_LARGE", "RESOURCE_EXHAUSTED",
+     "the answer could have more bytes than one answer may (--max-response-bytes)",
+     "omit sigma trajectories, ask for fewer actions, or split the request; the message says into "
+     "how much"},
+    {"SEND_MEMORY_FULL", "RESOURCE_EXHAUSTED",
+     "answers that their callers have not taken fill the memory for them (--max-send-memory)",
+     "wait as long as RetryInfo says; read answers as they come"},
     {"ANSWER_UNSOUND", "INTERNAL",
      "the model's answer for a target is not finite or no distribution, and was withheld",
      "report the scenario, whose digest is in the server's log; ask another version"},

@@ -41,6 +41,7 @@
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/map_cache.h"
 #include "server/serving/model_registry.h"
+#include "server/serving/send_memory.h"
 #include "server/serving/shadow.h"
 
 namespace maneuver {
@@ -217,6 +218,8 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
       {}, *metrics);
   if (!models.ok()) return models.status();
 
+  // Outlives the calls, which hold shares of it.
+  serving::SendMemory send_memory(options.sends, *metrics);
   serving::BatchScheduler scheduler(options.scheduler, *metrics);
   const auto supervisor = jobs::Supervisor::Start(SupervisorOptionsFor(options, **models), **store,
                                                   **datasets, *metrics);
@@ -235,8 +238,14 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
     shadow = std::make_shared<serving::Shadow>(
         options.shadow, **models, [&scheduler] { return scheduler.HasWaiting(); }, *metrics);
   }
-  rpc::PredictionContext context{
-      **models, scheduler, maps, disk, limits, (*protection)->access(), std::move(shadow)};
+  rpc::PredictionContext context{.models = **models,
+                                 .scheduler = scheduler,
+                                 .maps = maps,
+                                 .send_memory = send_memory,
+                                 .blocking = disk,
+                                 .limits = limits,
+                                 .access = (*protection)->access(),
+                                 .shadow = std::move(shadow)};
   rpc::PredictionService predictions(context);
   rpc::ModelService model_service(**models, disk);
   security::AccessControl& access = (*protection)->access();

@@ -230,6 +230,19 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
+  app.add_option(
+         "--max-response-bytes", options.sends.max_response_bytes,
+         "Most bytes that the answer of one prediction call may have, such as 256MiB; calls "
+         "whose answer could have more are refused")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  app.add_option("--max-send-memory", options.sends.max_send_memory,
+                 "Most bytes of answers of all prediction calls that their callers have not taken, "
+                 "such as 1GiB; beyond that calls are refused")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
   app.add_option("--max-maps", options.maps.max_maps,
                  "Most registered maps that are held; the one unused for longest goes first")
       ->check(CLI::Range(1, 1'000'000))
@@ -331,6 +344,11 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
     auto metrics_address = ParseExposed(metrics_listen, /*encrypted=*/false, insecure);
     if (!metrics_address.ok()) return refuse("--metrics-listen: ", metrics_address.status());
     options.metrics_listen = *std::move(metrics_address);
+  }
+  if (options.sends.max_send_memory < options.sends.max_response_bytes) {
+    return refuse("", absl::FailedPreconditionError(
+                          "--max-send-memory has to be at least --max-response-bytes: less of the "
+                          "one, or more of the other"));
   }
   auto versions = ParseVersions(serve);
   if (!versions.ok()) return refuse("--serve: ", versions.status());

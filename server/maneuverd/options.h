@@ -20,6 +20,7 @@
 #include "server/security/resource_name.h"
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/map_cache.h"
+#include "server/serving/send_memory.h"
 #include "server/serving/shadow.h"
 
 namespace maneuver {
@@ -35,6 +36,7 @@ struct ServerOptions {
   rpc::ConnectionLimits limits;
   serving::SchedulerOptions scheduler;
   serving::MapCacheOptions maps;
+  serving::SendLimits sends;
   serving::ShadowOptions shadow;
   data::DatasetStoreOptions datasets;
   inference::EngineOptions engine;

@@ -17,6 +17,8 @@ namespace {
 // makes the caller wait.
 constexpr size_t kMaxInFlight = 64;
 constexpr size_t kMaxBytesInFlight = size_t{8} << 20;
+// Of answers that are being computed, at most.
+constexpr int64_t kMaxExpectedBytes = int64_t{64} << 20;
 constexpr size_t kMaxStreamedIdLength = 128;
 constexpr char kMethod[] = "/maneuver.v1.PredictionService/StreamPredict";
 
@@ -95,7 +97,8 @@ void PredictStream::Proceed(std::unique_lock<std::mutex> lock) {
   const size_t unwritten = in_flight_.size() + to_write_.size() + (writing_ != nullptr ? 1 : 0);
   const bool ends_early = draining_ || !refusal_.ok();
   const bool no_more = reads_ended_ || ends_early;
-  if (!read_pending_ && !no_more && unwritten < kMaxInFlight && bytes_ < kMaxBytesInFlight) {
+  if (!read_pending_ && !no_more && unwritten < kMaxInFlight && bytes_ < kMaxBytesInFlight &&
+      expected_bytes_ < kMaxExpectedBytes) {
     read_pending_ = true;
     reading_ = std::make_shared<Entry>();
     read = &reading_->bytes;
@@ -169,8 +172,13 @@ absl::Status PredictStream::Start(const std::shared_ptr<Entry>& entry) {
   auto run = PredictionRun::Start(context_, io, deadline, entry->messages,
                                   [this, entry](absl::Status end) { Answered(entry, end); });
   const std::lock_guard lock(mutex_);
-  if (!in_flight_.contains(entry)) return absl::OkStatus();  // answered already
+  if (!in_flight_.contains(entry)) {  // answered already
+    entry->memory = run->TakeMemory();
+    return absl::OkStatus();
+  }
   entry->run = std::move(run);
+  entry->expected = entry->run->answer_bytes();
+  expected_bytes_ += entry->expected;
   if (cancelled_ || !refusal_.ok()) entry->run->Cancel();
   return absl::OkStatus();
 }
@@ -184,9 +192,15 @@ void PredictStream::Answered(std::shared_ptr<Entry> entry, const absl::Status& s
       grpc::SerializationTraits<v1::StreamPredictResponse>::Serialize(response, &bytes, &own).ok();
   // What waits for its caller to read it is the answer alone.
   entry->messages.reset();
+  std::shared_ptr<PredictionRun> run;  // let go of without the lock
   std::unique_lock lock(mutex_);
   in_flight_.erase(entry);
+  if (entry->run != nullptr) {
+    entry->memory = entry->run->TakeMemory();
+    run = std::move(entry->run);
+  }
   bytes_ -= entry->size;
+  expected_bytes_ -= entry->expected;
   if (serialised && !cancelled_ && refusal_.ok()) {
     entry->bytes.Swap(&bytes);
     entry->size = entry->bytes.Length();

@@ -67,7 +67,9 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
     grpc::ByteBuffer bytes;  // that came, and then those that go
     size_t size = 0;         // of them
     std::shared_ptr<Messages> messages = std::make_shared<Messages>();  // until it is answered
-    std::shared_ptr<PredictionRun> run;
+    std::shared_ptr<PredictionRun> run;                                 // until it is answered
+    int64_t expected = 0;               // bytes of the answer, at most, until it is there
+    serving::SendMemory::Share memory;  // of the answer
   };
 
   PredictStream(PredictionContext& context, OpenStreams& streams, grpc::CallbackServerContext* rpc);
@@ -98,7 +100,8 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   bool draining_ = false;
   bool finished_ = false;
   absl::Status refusal_;
-  size_t bytes_ = 0;  // of the entries that follow
+  size_t bytes_ = 0;            // of the entries that follow
+  int64_t expected_bytes_ = 0;  // of those in flight
   std::set<std::shared_ptr<Entry>> in_flight_;
   std::deque<std::shared_ptr<Entry>> to_write_;
   std::shared_ptr<Entry> writing_;

@@ -6,6 +6,7 @@
 #include "model/artifact/model_spec.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/blocking_call.h"
+#include "server/serving/answer_size.h"
 
 namespace maneuver::rpc {
 
@@ -76,6 +77,7 @@ absl::Status PredictionRun::Submit(serving::ModelHandle model) {
     if (!describe.ok()) return describe.status();
     call_->question = *std::move(describe);
   }
+  if (auto status = ReserveMemory(spec); !status.ok()) return status;
   const auto priority = ParsePriority(io_.priority);
   if (!priority.ok()) return priority.status();
   call_->priority = *priority;
@@ -102,6 +104,32 @@ absl::Status PredictionRun::Submit(serving::ModelHandle model) {
   return status;
 }
 
+absl::Status PredictionRun::ReserveMemory(const v1::ModelSpec& spec) {
+  const bool sigma = io_.query == nullptr || !io_.query->omit_sigma_trajectories();
+  const int64_t of_target = serving::MostBytesOfTarget(spec, call_->question, sigma);
+  int64_t bytes = 0;
+  int64_t targets = 0;
+  for (const v1::Scenario& scenario : *io_.scenarios) {
+    bytes += serving::kScenarioBytes + scenario.target_ids_size() * of_target;
+    targets += scenario.target_ids_size();
+  }
+  auto share = context_.send_memory.Reserve(bytes, std::max<int64_t>(1, targets));
+  if (!share.ok()) return share.status();
+  memory_ = *std::move(share);
+  answer_bytes_.store(bytes, std::memory_order_relaxed);
+  return absl::OkStatus();
+}
+
+int64_t PredictionRun::MessageBytes() const {
+  size_t bytes = 0;
+  if (io_.predictions != nullptr) {
+    for (const auto& prediction : *io_.predictions) bytes += prediction.ByteSizeLong();
+  } else {
+    for (const auto& each : *io_.classifications) bytes += each.ByteSizeLong();
+  }
+  return static_cast<int64_t>(bytes);
+}
+
 void PredictionRun::Answer(std::vector<serving::TargetAnswer> answers) {
   // Deadline, cancellation and shutdown concern the whole request: its caller gets no answer full
   // of errors.
@@ -122,6 +150,7 @@ void PredictionRun::Answer(std::vector<serving::TargetAnswer> answers) {
     }
     WritePredictions(*io_.scenarios, plan_, answers, style, io_.predictions);
   }
+  memory_.ShrinkTo(MessageBytes());
   // Once it is finished the server may end: the shadow is kept, the context is not.
   const auto shadow = answers.empty() || request_ == nullptr ? nullptr : context_.shadow;
   if (shadow == nullptr || !shadow->Samples(call_->targets)) return Finish(absl::OkStatus());

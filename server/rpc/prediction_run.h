@@ -4,11 +4,14 @@
 #ifndef MANEUVER_SERVER_RPC_PREDICTION_RUN_H_
 #define MANEUVER_SERVER_RPC_PREDICTION_RUN_H_
 
+#include <atomic>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "absl/status/status.h"
 #include "server/jobs/worker_pool.h"
@@ -17,6 +20,7 @@
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/map_cache.h"
 #include "server/serving/model_registry.h"
+#include "server/serving/send_memory.h"
 #include "server/serving/shadow.h"
 
 namespace maneuver::rpc {
@@ -26,6 +30,7 @@ struct PredictionContext {
   serving::ModelRegistry& models;
   serving::BatchScheduler& scheduler;
   serving::MapCache& maps;
+  serving::SendMemory& send_memory;
   jobs::WorkerPool& blocking;  // for a model that is not in memory
   scene::ScenarioLimits limits;
   security::AccessControl& access;
@@ -62,6 +67,13 @@ class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
                                               std::shared_ptr<const void> request,
                                               std::function<void(absl::Status)> done);
 
+  // The most bytes that the answer can have; 0 before the model is found. They are counted as
+  // memory of the server until the run is destroyed, as many as they are once it has finished: keep
+  // it, or what TakeMemory returns, until the caller has the answer.
+  int64_t answer_bytes() const { return answer_bytes_.load(std::memory_order_relaxed); }
+  // Call once `done` was called.
+  serving::SendMemory::Share TakeMemory() { return std::move(memory_); }
+
   // Nobody waits for the answer any more; `done` is still called.
   void Cancel() { call_->cancelled.store(true, std::memory_order_relaxed); }
 
@@ -71,6 +83,8 @@ class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
 
   void FindModel();
   absl::Status Submit(serving::ModelHandle model);
+  absl::Status ReserveMemory(const v1::ModelSpec& spec);
+  int64_t MessageBytes() const;  // of the answer that was written
   void Answer(std::vector<serving::TargetAnswer> answers);
   void Finish(absl::Status status);
 
@@ -80,6 +94,8 @@ class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
   std::function<void(absl::Status)> done_;
   const serving::CallPtr call_;
   PredictionPlan plan_;
+  serving::SendMemory::Share memory_;
+  std::atomic<int64_t> answer_bytes_ = 0;
 };
 
 }  // namespace maneuver::rpc

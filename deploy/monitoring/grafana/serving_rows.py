@@ -131,6 +131,11 @@ def queue():
                "short", least=0),
         curves("How much memory waits?", "Bytes of the requests that have targets waiting, by priority; --max-queue-bytes is the limit.",
                [query("sum by (priority) (maneuver_queue_bytes{SERVER})", "{{priority}}")], "bytes", least=0),
+        curves("Do callers take their answers?",
+               "Bytes of answers that are being computed or wait for their callers, of all servers, and --max-send-memory of all. At the "
+               "limit calls are refused: some callers read too slowly.",
+               [query("sum(maneuver_send_memory_bytes{SERVER})", "answers"),
+                query("sum(maneuver_send_memory_limit_bytes{SERVER})", "limit")], "bytes", least=0),
         curves("Do the registered maps fit?",
                "Scenarios a second that named a map, and maps let go of. Misses that keep coming: raise --max-maps or --max-map-bytes.",
                [query("sum by (result) (rate(maneuver_map_lookups_total{SERVER}[RATE]))", "{{result}}"),

@@ -205,5 +205,28 @@ TEST_F(PredictStreamTest, AStreamThatIsOpenedAfterTheDrainEndsAtOnce) {
   EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::UNAVAILABLE);
 }
 
+// More than the windows of HTTP/2 let through.
+TEST_F(PredictStreamTest, AnswersThatNobodyTakesCountAsMemoryUntilTheyAreTaken) {
+  Publish();
+  grpc::ClientContext context;
+  auto stream = stub_->StreamPredict(&context);
+  v1::StreamPredictRequest request;
+  *request.mutable_request() = OneScene();
+  for (int64_t id = 1000; id < 1500; ++id) {
+    request.mutable_request()->mutable_scenarios(0)->add_target_ids(id);
+  }
+  constexpr int kRequests = 30;
+  for (int i = 0; i < kRequests; ++i) ASSERT_TRUE(stream->Write(request));
+  ASSERT_TRUE(stream->WritesDone());
+  // Until nearly all are answered, and some could not be sent.
+  while (SendMemory() < 2e6) std::this_thread::yield();
+  v1::StreamPredictResponse response;
+  int answers = 0;
+  while (stream->Read(&response)) ++answers;
+  EXPECT_EQ(answers, kRequests);
+  EXPECT_TRUE(stream->Finish().ok());
+  while (SendMemory() > 0.0) std::this_thread::yield();
+}
+
 }  // namespace
 }  // namespace maneuver::rpc

@@ -91,8 +91,8 @@ class ServerTest : public ::testing::Test {
     scheduler_ = std::make_unique<serving::BatchScheduler>(
         serving::SchedulerOptions{.workers = 2, .queue = {.max_queue = 100}}, *metrics_);
     disk_ = std::make_unique<jobs::WorkerPool>(2, 100);
-    context_ = std::make_unique<PredictionContext>(
-        PredictionContext{*models_, *scheduler_, maps_, *disk_, {.map_by_id = true}, *access_});
+    context_ = std::make_unique<PredictionContext>(PredictionContext{
+        *models_, *scheduler_, maps_, send_memory_, *disk_, {.map_by_id = true}, *access_});
     predictions_ = std::make_unique<PredictionService>(*context_);
     model_service_ = std::make_unique<ModelService>(*models_, *disk_);
     auto server = Server::Start({"127.0.0.1", 0},
@@ -127,6 +127,13 @@ class ServerTest : public ::testing::Test {
   grpc::Status Predict(const v1::PredictRequest& request, v1::PredictResponse* response) {
     grpc::ClientContext context;
     return stub_->Predict(&context, request, response);
+  }
+
+  // Bytes of answers that their callers have not taken.
+  double SendMemory() const {
+    const std::string page = metrics_->Page();
+    const std::string name = "\nmaneuver_send_memory_bytes ";
+    return std::stod(page.substr(page.find(name) + name.size()));
   }
 
   // A unary call of any bytes.
@@ -168,6 +175,8 @@ class ServerTest : public ::testing::Test {
   MemoryAliasStore aliases_;
   serving::FakeNetworks networks_;
   std::unique_ptr<serving::ModelRegistry> models_;
+  serving::SendMemory send_memory_{{.max_response_bytes = 1 << 20, .max_send_memory = 8 << 20},
+                                   *metrics_};
   std::unique_ptr<serving::BatchScheduler> scheduler_;
   serving::MapCache maps_{{.max_maps = 2}, *metrics_};
   std::unique_ptr<jobs::WorkerPool> disk_;

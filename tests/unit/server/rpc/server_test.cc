@@ -412,5 +412,34 @@ TEST_F(ServerTest, ATakenPortIsAnError) {
   EXPECT_TRUE(absl::IsUnavailable(second.status()));
 }
 
+TEST_F(ServerTest, RefusesARequestWhoseAnswerCouldBeTooLarge) {
+  Publish();
+  const int described = networks_.described();  // to warm up
+  v1::PredictRequest request;
+  for (int i = 0; i < 50; ++i) {
+    v1::Scenario& scenario = *request.add_scenarios();
+    scenario = Scene();
+    // None of these is an agent, but each would have an error as its answer.
+    for (int id = 100; id < 150; ++id) scenario.add_target_ids(id);
+  }
+  request.mutable_query()->set_min_probability(0.0);
+  v1::PredictResponse response;
+  const grpc::Status status = Predict(request, &response);
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_EQ(Reason(status), "RESPONSE_TOO_LARGE");
+  EXPECT_THAT(status.error_message(), ::testing::HasSubstr("omit_sigma_trajectories"));
+  EXPECT_EQ(networks_.described(), described);
+  request.mutable_scenarios()->DeleteSubrange(10, 40);
+  EXPECT_TRUE(Predict(request, &response).ok());
+}
+
+TEST_F(ServerTest, AnAnswerGivesItsMemoryBackOnceItIsTaken) {
+  Publish();
+  v1::PredictResponse response;
+  for (int i = 0; i < 100; ++i) ASSERT_TRUE(Predict(OneScene(), &response).ok());
+  // The end of a call is seen by its caller before it is by the server.
+  while (SendMemory() > 0.0) std::this_thread::yield();
+}
+
 }  // namespace
 }  // namespace maneuver::rpc

@@ -1,0 +1,48 @@
+#include "server/serving/answer_size.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace maneuver::serving {
+namespace {
+
+// Tag and length of a field.
+constexpr int64_t kField = 8;
+
+int64_t Numbers(int64_t count) { return 8 * count + kField; }
+
+int64_t MostActions(const DescribeActions& question, int actions) {
+  int64_t most = actions;
+  if (const auto* chosen = std::get_if<ActionIds>(&question.selection)) {
+    most = static_cast<int64_t>(chosen->ids.size());
+  } else if (const auto* top = std::get_if<TopK>(&question.selection)) {
+    most = top->k;
+  } else if (const auto* least = std::get_if<AtLeast>(&question.selection)) {
+    // A hair more, for rounding.
+    if (least->probability > 0.0) {
+      most = static_cast<int64_t>(std::min(1e9, 1.0 / least->probability + 1e-6));
+    }
+  }
+  return std::min<int64_t>(most + question.representatives, actions);
+}
+
+}  // namespace
+
+int64_t MostBytesOfTarget(const v1::ModelSpec& spec, const Question& question,
+                          bool sigma_trajectories) {
+  const int64_t probabilities = Numbers(spec.actions());
+  const auto* describe = std::get_if<DescribeActions>(&question);
+  if (describe == nullptr) return std::max(kTargetErrorBytes, 2 * probabilities + 8 * kField);
+  const int64_t latents = spec.latent_dimensions();
+  const int64_t waypoints = spec.trajectory().waypoints();
+  const int64_t trajectory = 2 * Numbers(waypoints) + kField;
+  const int64_t trajectories = 1 + (sigma_trajectories ? 2 * latents + 1 : 0);
+  const int64_t moments = 5 * Numbers(waypoints) + kField;
+  const int64_t distribution =
+      2 * Numbers(latents) + trajectories * trajectory + moments + 4 * kField;
+  const int64_t representatives = int64_t{describe->representatives} * 3 * kField;
+  return std::max(kTargetErrorBytes, probabilities + representatives + 4 * kField +
+                                         MostActions(*describe, spec.actions()) * distribution);
+}
+
+}  // namespace maneuver::serving

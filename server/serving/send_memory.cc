@@ -1,0 +1,89 @@
+#include "server/serving/send_memory.h"
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/errors/error_details.h"
+
+namespace maneuver::serving {
+namespace {
+
+// A guess: how fast callers take what is theirs is not known.
+constexpr std::chrono::milliseconds kRetryDelay{100};
+
+monitoring::Counter& RefusalCounter(monitoring::MetricRegistry& metrics, const char* reason) {
+  return metrics.AddCounter("maneuver_send_memory_refusals_total",
+                            "Calls refused for the size of their answer, by reason: too_large (for "
+                            "one answer) or full (of answers that callers have not taken).",
+                            {{"reason", reason}});
+}
+
+}  // namespace
+
+SendMemory::Share::Share(Share&& other) noexcept
+    : memory_(std::exchange(other.memory_, nullptr)), bytes_(std::exchange(other.bytes_, 0)) {}
+
+SendMemory::Share& SendMemory::Share::operator=(Share&& other) noexcept {
+  std::swap(memory_, other.memory_);
+  std::swap(bytes_, other.bytes_);
+  return *this;
+}
+
+SendMemory::Share::~Share() { ShrinkTo(0); }
+
+void SendMemory::Share::ShrinkTo(int64_t bytes) {
+  if (memory_ == nullptr || bytes >= bytes_) return;
+  memory_->Release(bytes_ - bytes);
+  bytes_ = bytes;
+}
+
+SendMemory::SendMemory(const SendLimits& limits, monitoring::MetricRegistry& metrics)
+    : limits_(limits),
+      used_gauge_(metrics.AddGauge("maneuver_send_memory_bytes",
+                                   "Bytes of answers that are being computed or that callers have "
+                                   "not taken yet; the most that they may have until then.")),
+      too_large_(RefusalCounter(metrics, "too_large")),
+      full_(RefusalCounter(metrics, "full")) {
+  metrics.AddGauge("maneuver_send_memory_limit_bytes", "Most bytes of maneuver_send_memory_bytes.")
+      .Set(static_cast<double>(limits_.max_send_memory));
+}
+
+absl::StatusOr<SendMemory::Share> SendMemory::Reserve(int64_t bytes, int64_t targets) {
+  if (bytes > limits_.max_response_bytes) {
+    too_large_.Increment();
+    const int64_t fitting = limits_.max_response_bytes / std::max<int64_t>(1, bytes / targets);
+    return errors::WithReason(
+        absl::ResourceExhaustedError(absl::StrCat(
+            "the answer could have ", bytes, " bytes, and one answer may have ",
+            limits_.max_response_bytes,
+            "; set omit_sigma_trajectories, ask for fewer actions (top_k), or split the request "
+            "into requests of at most ",
+            std::max<int64_t>(1, fitting), " targets")),
+        "RESPONSE_TOO_LARGE");
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    if (used_ + bytes <= limits_.max_send_memory) {
+      used_ += bytes;
+      used_gauge_.Set(static_cast<double>(used_));
+      return Share(this, bytes);
+    }
+  }
+  full_.Increment();
+  return errors::WithRetryDelay(
+      errors::WithReason(absl::ResourceExhaustedError(
+                             "answers that their callers have not taken yet fill the server's "
+                             "memory for them; try again a little later, or ask for less at once"),
+                         "SEND_MEMORY_FULL"),
+      kRetryDelay);
+}
+
+void SendMemory::Release(int64_t bytes) {
+  const std::lock_guard lock(mutex_);
+  used_ -= bytes;
+  used_gauge_.Set(static_cast<double>(used_));
+}
+
+}  // namespace maneuver::serving

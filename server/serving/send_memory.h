@@ -1,0 +1,67 @@
+// What answers may take up, each and all together, from the moment that their calls are admitted
+// until their callers have taken them: a caller that asks for much and reads slowly cannot fill the
+// memory.
+
+#ifndef MANEUVER_SERVER_SERVING_SEND_MEMORY_H_
+#define MANEUVER_SERVER_SERVING_SEND_MEMORY_H_
+
+#include <cstdint>
+#include <mutex>
+
+#include "absl/status/statusor.h"
+#include "server/monitoring/metrics.h"
+
+namespace maneuver::serving {
+
+// Bytes as they go over the wire. While an answer is written it takes up to three times as many.
+struct SendLimits {
+  int64_t max_response_bytes = int64_t{256} << 20;  // of one answer
+  int64_t max_send_memory = int64_t{1} << 30;       // of all
+};
+
+// Safe to use from any thread. Outlives its shares.
+class SendMemory {
+ public:
+  // A part of the memory; gives it back when it is destroyed.
+  class Share {
+   public:
+    Share() = default;
+    Share(Share&& other) noexcept;
+    Share& operator=(Share&& other) noexcept;
+    ~Share();
+
+    int64_t bytes() const { return bytes_; }
+    // Gives back what is more than `bytes`: the answer is known to be smaller.
+    void ShrinkTo(int64_t bytes);
+
+   private:
+    friend class SendMemory;
+    Share(SendMemory* memory, int64_t bytes) : memory_(memory), bytes_(bytes) {}
+
+    SendMemory* memory_ = nullptr;
+    int64_t bytes_ = 0;
+  };
+
+  SendMemory(const SendLimits& limits, monitoring::MetricRegistry& metrics);
+
+  // Reserves the memory of an answer of at most `bytes`, to `targets` targets. RESOURCE_EXHAUSTED:
+  //   RESPONSE_TOO_LARGE   it is more than one answer may have; the message says what to ask
+  //                        instead;
+  //   SEND_MEMORY_FULL     answers that their callers have not taken leave no room, with a delay
+  //                        after which to come again.
+  absl::StatusOr<Share> Reserve(int64_t bytes, int64_t targets);
+
+ private:
+  void Release(int64_t bytes);
+
+  const SendLimits limits_;
+  monitoring::Gauge& used_gauge_;
+  monitoring::Counter& too_large_;
+  monitoring::Counter& full_;
+  std::mutex mutex_;
+  int64_t used_ = 0;  // guarded by mutex_
+};
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_SERVER_SERVING_SEND_MEMORY_H_

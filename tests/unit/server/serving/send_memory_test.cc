@@ -1,0 +1,56 @@
+#include "server/serving/send_memory.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <utility>
+
+#include "server/errors/error_details.h"
+#include "server/monitoring/prometheus_metrics.h"
+
+namespace maneuver::serving {
+namespace {
+
+using testing::HasSubstr;
+
+class SendMemoryTest : public testing::Test {
+ protected:
+  const std::unique_ptr<monitoring::PrometheusMetrics> metrics_ =
+      monitoring::PrometheusMetrics::Create();
+  SendMemory memory_{{.max_response_bytes = 1000, .max_send_memory = 2500}, *metrics_};
+};
+
+TEST_F(SendMemoryTest, RefusesAnAnswerThatIsTooLargeAndSaysHowManyTargetsFit) {
+  const auto share = memory_.Reserve(1200, 6);
+  EXPECT_EQ(share.status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(errors::ReasonOf(share.status()), "RESPONSE_TOO_LARGE");
+  EXPECT_THAT(std::string(share.status().message()), HasSubstr("at most 5 targets"));
+  EXPECT_FALSE(errors::RetryDelay(share.status()).has_value());
+  EXPECT_TRUE(memory_.Reserve(1000, 6).ok());
+}
+
+TEST_F(SendMemoryTest, RefusesWhileAnswersThatNobodyTookFillIt) {
+  auto first = memory_.Reserve(1000, 1);
+  auto second = memory_.Reserve(1000, 1);
+  ASSERT_TRUE(first.ok() && second.ok());
+  const auto refused = memory_.Reserve(501, 1);
+  EXPECT_EQ(errors::ReasonOf(refused.status()), "SEND_MEMORY_FULL");
+  EXPECT_TRUE(errors::RetryDelay(refused.status()).has_value());
+  { const SendMemory::Share taken = *std::move(first); }
+  EXPECT_TRUE(memory_.Reserve(501, 1).ok());
+}
+
+TEST_F(SendMemoryTest, GivesBackWhatAnAnswerDidNotNeed) {
+  auto share = memory_.Reserve(1000, 1);
+  ASSERT_TRUE(share.ok());
+  share->ShrinkTo(300);
+  EXPECT_EQ(share->bytes(), 300);
+  share->ShrinkTo(700);  // it never takes more
+  EXPECT_EQ(share->bytes(), 300);
+  EXPECT_THAT(metrics_->Page(), HasSubstr("\nmaneuver_send_memory_bytes 300\n"));
+  { const SendMemory::Share taken = *std::move(share); }
+  EXPECT_THAT(metrics_->Page(), HasSubstr("\nmaneuver_send_memory_bytes 0\n"));
+}
+
+}  // namespace
+}  // namespace maneuver::serving
