@@ -6,6 +6,8 @@
 #include <google/protobuf/duration.pb.h>
 
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 #include <string>
 #include <utility>
 #include <vector>
@@ -21,11 +23,19 @@ inline double Seconds(const google::protobuf::Duration& duration) {
 
 class FieldRules {
  public:
+  // A message may have millions of elements that are wrong.
+  static constexpr size_t kMaxViolations = 16;
+
   // Each returns whether the rule holds, and adds a violation if it does not.
 
   bool Require(bool holds, std::string field, std::string description) {
-    if (!holds) violations_.push_back({std::move(field), std::move(description)});
-    return holds;
+    if (holds) return true;
+    if (violations_.size() < kMaxViolations) {
+      violations_.push_back({std::move(field), std::move(description)});
+    } else {
+      ++others_;
+    }
+    return false;
   }
 
   // low <= value <= high. NaN fails. `quantity` says what is counted or measured.
@@ -43,11 +53,20 @@ class FieldRules {
                    "must be longer than 0 s and at most 3600 s");
   }
 
-  const std::vector<scene::FieldViolation>& violations() const& { return violations_; }
-  std::vector<scene::FieldViolation> violations() && { return std::move(violations_); }
+  // Whether every rule held.
+  bool all_hold() const { return violations_.empty(); }
+  // The first kMaxViolations; the last of them says how many more there are.
+  std::vector<scene::FieldViolation> violations() && {
+    if (others_ > 0) {
+      absl::StrAppend(&violations_.back().description, " (and ", others_,
+                      " more fields are wrong)");
+    }
+    return std::move(violations_);
+  }
 
  private:
   std::vector<scene::FieldViolation> violations_;
+  int64_t others_ = 0;  // that are not listed
 };
 
 }  // namespace maneuver::artifact

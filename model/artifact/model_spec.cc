@@ -250,7 +250,7 @@ std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec) 
   rules.Require(v1::TrajectoryReference_IsValid(spec.reference()), "reference",
                 "is not one that this version knows");
   rules.Between("decoder_stddev", "metres", spec.decoder_stddev(), 1e-3, 100.0);
-  if (rules.violations().empty()) CheckMemory(spec, &rules);
+  if (rules.all_hold()) CheckMemory(spec, &rules);
   return std::move(rules).violations();
 }
 

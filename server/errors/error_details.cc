@@ -1,6 +1,9 @@
 #include "server/errors/error_details.h"
 
+#include <algorithm>
 #include <array>
+#include <span>
+#include <utility>
 
 #include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
@@ -33,7 +36,8 @@ std::string JoinPath(std::string_view prefix, const std::string& field) {
 absl::Status InvalidFields(const std::vector<scene::FieldViolation>& violations,
                            std::string_view prefix) {
   v1::BadRequest detail;
-  for (const scene::FieldViolation& violation : violations) {
+  const std::span listed(violations.data(), std::min(violations.size(), kMaxListedViolations));
+  for (const scene::FieldViolation& violation : listed) {
     auto* entry = detail.add_field_violations();
     entry->set_field(JoinPath(prefix, violation.field));
     entry->set_description(violation.description);

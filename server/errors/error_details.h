@@ -22,7 +22,11 @@ class Status;
 
 namespace maneuver::errors {
 
-// INVALID_ARGUMENT with a BadRequest. The message names the first violation and counts the others.
+// The most violations that an error lists: errors travel in headers, which clients bound.
+inline constexpr size_t kMaxListedViolations = 16;
+
+// INVALID_ARGUMENT with a BadRequest, which lists the first kMaxListedViolations. The message names
+// the first violation and counts the others.
 //   prefix: path of the message that the violations were found in ("scenarios[2]"), put before each
 //   field; empty for none.
 absl::Status InvalidFields(const std::vector<scene::FieldViolation>& violations,

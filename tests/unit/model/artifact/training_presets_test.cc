@@ -288,5 +288,14 @@ TEST(TrainingPresetsTest, WeightsOfDatasetsArePositive) {
               ElementsAre("examples.dataset_weights[1]"));
 }
 
+TEST(TrainingPresetsTest, ListsSixteenWrongFieldsAndCountsTheOthers) {
+  v1::TrainingSettings settings;
+  settings.mutable_examples()->mutable_dataset_weights()->Resize(1000, -1.0);
+  const auto violations = ValidateTrainingSettings(ResolveTrainingSettings(settings));
+  ASSERT_EQ(violations.size(), 16u);
+  EXPECT_EQ(violations[15].field, "examples.dataset_weights[15]");
+  EXPECT_THAT(violations[15].description, testing::HasSubstr("984 more fields are wrong"));
+}
+
 }  // namespace
 }  // namespace maneuver::artifact
