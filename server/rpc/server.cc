@@ -8,13 +8,18 @@
 #include <algorithm>
 #include <climits>
 #include <cstdint>
+#include <future>
+#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "server/rpc/call_observer.h"
+#include "server/rpc/open_connections.h"
 
 namespace maneuver::rpc {
 namespace {
+
+constexpr std::chrono::milliseconds kPatience{500};  // with callers who do not read
 
 constexpr char kPredictionService[] = "maneuver.v1.PredictionService";
 
@@ -119,7 +124,19 @@ void Server::SetPredictionsReady(bool ready) {
 void Server::TurnHealth() { server_->GetHealthCheckService()->Shutdown(); }
 
 void Server::Shutdown(std::chrono::system_clock::time_point deadline) {
+  // gRPC waits for what it has begun to write, until the keepalive gives a caller up who does not
+  // read.
+  std::promise<void> ended;
+  std::thread cutter([this, deadline, end = ended.get_future()] {
+    auto next = deadline + kPatience;
+    while (end.wait_until(next) == std::future_status::timeout) {
+      CutOffConnections(address_.port);
+      next = std::chrono::system_clock::now() + kPatience;
+    }
+  });
   server_->Shutdown(deadline);
+  ended.set_value();
+  cutter.join();
 }
 
 }  // namespace maneuver::rpc

@@ -64,7 +64,9 @@ class Server {
 
   // Everything turns NOT_SERVING, for good. Calls are still answered.
   void TurnHealth();
-  // Refuses new calls, lets those in flight end until `deadline`, then cancels them.
+  // Refuses new calls, lets those in flight end until `deadline`, then cancels them. Connections
+  // whose callers do not read what was written are cut off half a second later, so that nobody can
+  // hold up the end.
   void Shutdown(std::chrono::system_clock::time_point deadline);
 
  private:

@@ -19,6 +19,8 @@ constexpr int kHeaders = 1;
 constexpr int kReset = 3;
 constexpr int kSettings = 4;
 constexpr int kPing = 6;
+constexpr int kWindowUpdate = 8;
+constexpr int kInitialWindowSize = 4;  // of a setting
 constexpr int kAck = 1;
 constexpr int kEndStream = 1;
 constexpr int kEndHeaders = 4;
@@ -60,6 +62,13 @@ void RawHttp2::SendFrame(int type, int flags, int stream, const std::string& pay
 void RawHttp2::SendPreface() { Send("PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"); }
 
 void RawHttp2::SendSettings() { SendFrame(kSettings, 0, 0, ""); }
+
+void RawHttp2::SendSettingsWithoutFlowControl() {
+  constexpr uint32_t kLargest = 0x7fffffff;
+  constexpr uint32_t kInitial = 65535;  // of the connection, which settings do not change
+  SendFrame(kSettings, 0, 0, BigEndian(kInitialWindowSize, 2) + BigEndian(kLargest, 4));
+  SendFrame(kWindowUpdate, 0, 0, BigEndian(kLargest - kInitial, 4));
+}
 
 void RawHttp2::OpenCall(int stream, const std::string& method) {
   SendFrame(kHeaders, kEndHeaders, stream,

@@ -19,6 +19,8 @@ class RawHttp2 {
   // The magic words of a client.
   void SendPreface();
   void SendSettings();
+  // Settings and windows that let the server send as much as it likes.
+  void SendSettingsWithoutFlowControl();
   // Opens the call of a method, "/package.Service/Method", without a message.
   //   stream: 1, 3, 5, ...
   void OpenCall(int stream, const std::string& method);

@@ -8,6 +8,7 @@
 
 #include "server/rpc/predict_stream.h"
 #include "server/security/secret_file.h"
+#include "tests/integration/raw_http2.h"
 #include "tests/unit/server/rpc/server_fixture.h"
 
 namespace maneuver::rpc {
@@ -439,6 +440,26 @@ TEST_F(ServerTest, AnAnswerGivesItsMemoryBackOnceItIsTaken) {
   for (int i = 0; i < 100; ++i) ASSERT_TRUE(Predict(OneScene(), &response).ok());
   // The end of a call is seen by its caller before it is by the server.
   while (SendMemory() > 0.0) std::this_thread::yield();
+}
+
+// One connection that asks for some megabytes and never reads.
+TEST_F(ServerTest, ShutsDownInTimeWhoeverDoesNotRead) {
+  Publish();
+  maneuver::testing::RawHttp2 reader(server_->address().ToString());
+  reader.SendPreface();
+  reader.SendSettingsWithoutFlowControl();
+  v1::PredictRequest request = OneScene();
+  v1::Scenario& scenario = *request.mutable_scenarios(0);
+  for (int64_t id = 1000; id < 1500; ++id) scenario.add_target_ids(id);
+  constexpr int kCalls = 60;
+  for (int i = 0; i < kCalls; ++i) {
+    reader.OpenCall(2 * i + 1, "/maneuver.v1.PredictionService/Predict");
+    reader.SendMessage(2 * i + 1, request.SerializeAsString());
+  }
+  while (SendMemory() < 2e6) std::this_thread::yield();
+  const auto start = std::chrono::steady_clock::now();
+  server_->Shutdown(std::chrono::system_clock::now() + std::chrono::milliseconds(200));
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(5));
 }
 
 }  // namespace
