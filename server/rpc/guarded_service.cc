@@ -3,11 +3,14 @@
 #include <google/protobuf/descriptor.h>
 #include <grpc/byte_buffer.h>
 #include <grpc/grpc_security_constants.h>
+#include <grpc/support/time.h>
 #include <grpcpp/impl/codegen/server_callback_handlers.h>
 #include <grpcpp/impl/rpc_service_method.h>
 #include <grpcpp/security/auth_context.h>
 #include <grpcpp/support/byte_buffer.h>
 
+#include <algorithm>
+#include <cstdint>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -103,7 +106,7 @@ class GuardedHandler final : public MethodHandler {
   void RunHandler(const HandlerParameter& call) override {
     absl::Status status = access_.Admit(method_, CredentialsOf(*call.server_context));
     if (status.ok() && worth_ && type_ == RpcMethod::NORMAL_RPC) {
-      status = worth_(method_, call.server_context->deadline(),
+      status = worth_(method_, DeadlineOf(*call.server_context),
                       Shared(static_cast<grpc_byte_buffer*>(call.request)));
     }
     if (status.ok()) {
@@ -177,6 +180,17 @@ std::vector<std::string> GuardedService::MethodNames() const {
   std::vector<std::string> names;
   for (const auto& name : method_names_) names.push_back(*name);
   return names;
+}
+
+std::chrono::system_clock::time_point DeadlineOf(const grpc::ServerContextBase& rpc) {
+  constexpr int64_t kNever = int64_t{100} * 24 * 3600;  // seconds
+  const gpr_timespec deadline = rpc.raw_deadline();
+  const gpr_timespec left = gpr_time_sub(deadline, gpr_now(deadline.clock_type));
+  if (left.tv_sec >= kNever) return std::chrono::system_clock::time_point::max();
+  // Long past is past.
+  const int64_t seconds = std::max<int64_t>(left.tv_sec, -kNever);
+  return std::chrono::system_clock::now() + std::chrono::seconds(seconds) +
+         std::chrono::nanoseconds(left.tv_nsec);
 }
 
 security::Credentials CredentialsOf(const grpc::ServerContextBase& rpc) {

@@ -53,6 +53,10 @@ class GuardedService final : public grpc::Service {
   std::vector<std::unique_ptr<const std::string>> method_names_;  // gRPC keeps pointers to them
 };
 
+// When the caller gives up; time_point::max() for no deadline, and for one that is further than a
+// hundred days away. gRPC's own conversion takes deadlines in centuries for ones in the past.
+std::chrono::system_clock::time_point DeadlineOf(const grpc::ServerContextBase& rpc);
+
 // What a call shows of its caller.
 security::Credentials CredentialsOf(const grpc::ServerContextBase& rpc);
 

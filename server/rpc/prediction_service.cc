@@ -33,7 +33,7 @@ class PredictionReactor final : public grpc::ServerUnaryReactor {
       }
     }
     auto request = context.shadow == nullptr ? nullptr : KeepMessages(rpc.GetRpcAllocatorState());
-    auto run = PredictionRun::Start(context, io, OnSteadyClock(rpc.deadline()), std::move(request),
+    auto run = PredictionRun::Start(context, io, OnSteadyClock(DeadlineOf(rpc)), std::move(request),
                                     [this](absl::Status status) { Finish(ToGrpcStatus(status)); });
     const std::lock_guard lock(mutex_);
     run_ = std::move(run);

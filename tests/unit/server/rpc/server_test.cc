@@ -1,6 +1,7 @@
 #include "server/rpc/server.h"
 
 #include <gmock/gmock.h>
+#include <grpc/support/time.h>
 
 #include <latch>
 #include <limits>
@@ -460,6 +461,18 @@ TEST_F(ServerTest, ShutsDownInTimeWhoeverDoesNotRead) {
   const auto start = std::chrono::steady_clock::now();
   server_->Shutdown(std::chrono::system_clock::now() + std::chrono::milliseconds(200));
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(5));
+}
+
+TEST_F(ServerTest, ADeadlineInCenturiesIsKept) {
+  Publish();
+  for (const int64_t hours : {int64_t{2'562'047}, int64_t{99'999'999}}) {
+    grpc::ClientContext context;
+    context.set_deadline(
+        gpr_time_add(gpr_now(GPR_CLOCK_REALTIME), gpr_time_from_hours(hours, GPR_TIMESPAN)));
+    v1::PredictResponse response;
+    const grpc::Status status = stub_->Predict(&context, OneScene(), &response);
+    EXPECT_TRUE(status.ok()) << hours << " h: " << status.error_message();
+  }
 }
 
 }  // namespace
