@@ -201,8 +201,12 @@ security::Credentials CredentialsOf(const grpc::ServerContextBase& rpc) {
   }
   const auto connection = rpc.auth_context();
   if (connection != nullptr) {
-    for (const auto& name : connection->FindPropertyValues(GRPC_X509_SAN_PROPERTY_NAME)) {
-      credentials.alternative_names.push_back(ToString(name));
+    // Not GRPC_X509_SAN_PROPERTY_NAME: it has e-mail names as well, which anyone may be given.
+    for (const char* const kind :
+         {GRPC_PEER_DNS_PROPERTY_NAME, GRPC_PEER_URI_PROPERTY_NAME, GRPC_PEER_IP_PROPERTY_NAME}) {
+      for (const auto& name : connection->FindPropertyValues(kind)) {
+        credentials.alternative_names.push_back(ToString(name));
+      }
     }
     const auto common = connection->FindPropertyValues(GRPC_X509_CN_PROPERTY_NAME);
     if (!common.empty()) credentials.common_name = ToString(common.front());
