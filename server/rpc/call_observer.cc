@@ -10,6 +10,7 @@
 
 #include "server/rpc/call_log.h"
 #include "server/rpc/call_metrics.h"
+#include "server/rpc/status_details.h"
 
 namespace maneuver::rpc {
 namespace {
@@ -19,6 +20,13 @@ using grpc::experimental::InterceptorBatchMethods;
 using grpc::experimental::ServerRpcInfo;
 
 constexpr std::string_view kWatchHealth = "Health/Watch";
+
+absl::Status Malformed() {
+  return errors::WithReason(
+      absl::InvalidArgumentError("the request's bytes do not parse as the message of this method, "
+                                 "or a string in it is not UTF-8"),
+      "MALFORMED_MESSAGE");
+}
 
 // Lives as long as its call. Reads and writes of a stream come from several threads.
 class CallInterceptor final : public grpc::experimental::Interceptor {
@@ -36,6 +44,7 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
     }
     if (metrics_.of_contract()) CountBytes(*batch);
     if (batch->QueryInterceptionHookPoint(InterceptionHookPoints::PRE_SEND_STATUS)) {
+      if (DidNotParse(batch->GetSendStatus())) batch->ModifySendStatus(ToGrpcStatus(Malformed()));
       batch->GetSendTrailingMetadata()->emplace("x-request-id", origin_.request_id);
       End(batch->GetSendStatus().error_code());
     }
@@ -51,6 +60,12 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
                  : std::string_view(header->second.data(), header->second.size());
     };
     origin_ = log_.OriginOf(value("x-request-id"), value("traceparent"));
+  }
+
+  // So gRPC itself ends a call of a method that there is, and nobody else does.
+  bool DidNotParse(const grpc::Status& status) const {
+    return metrics_.of_contract() && status.error_code() == grpc::StatusCode::UNIMPLEMENTED &&
+           status.error_message().empty();
   }
 
   void CountBytes(InterceptorBatchMethods& batch) {

@@ -13,8 +13,9 @@
 
 namespace maneuver::rpc {
 
-// Counts calls (call_metrics.h) and writes their lines (call_log.h). Every answer carries its
-// request id as the trailer x-request-id.
+// Gives calls whose request gRPC could not parse INVALID_ARGUMENT with the reason
+// MALFORMED_MESSAGE. Counts calls (call_metrics.h) and writes their lines (call_log.h). Every
+// answer carries its request id as the trailer x-request-id.
 //   methods: of the guarded services, "/maneuver.v1.PredictionService/Predict".
 // `metrics` outlives the server.
 std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCalls(

@@ -475,5 +475,21 @@ TEST_F(ServerTest, ADeadlineInCenturiesIsKept) {
   }
 }
 
+TEST_F(ServerTest, BytesThatAreNoMessageAreAnInvalidArgument) {
+  Publish();
+  const std::string no_utf8("\x0a\x02\xff\xfe", 4);  // in PredictRequest.model
+  for (const std::string& bytes : {std::string("\xff\xff\xff"), no_utf8}) {
+    for (const char* method : {"PredictionService/Predict", "ModelService/GetModelVersion"}) {
+      grpc::ByteBuffer answer;
+      const grpc::Status status =
+          CallWithBytes(channel_, std::string("/maneuver.v1.") + method, bytes, &answer);
+      EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << method;
+      EXPECT_EQ(Reason(status), "MALFORMED_MESSAGE") << method;
+    }
+  }
+  v1::PredictResponse response;
+  EXPECT_TRUE(Predict(OneScene(), &response).ok());
+}
+
 }  // namespace
 }  // namespace maneuver::rpc
