@@ -1,6 +1,7 @@
 #include "server/rpc/request_outline.h"
 
 #include <google/protobuf/io/coded_stream.h>
+#include <google/protobuf/stubs/common.h>
 #include <google/protobuf/wire_format_lite.h>
 #include <grpcpp/support/proto_buffer_reader.h>
 
@@ -24,6 +25,11 @@ static_assert(kScenarios == v1::ClassifyTrajectoriesRequest::kScenariosFieldNumb
 constexpr uint32_t TagOf(
     int field, WireFormatLite::WireType type = WireFormatLite::WIRETYPE_LENGTH_DELIMITED) {
   return WireFormatLite::MakeTag(field, type);
+}
+
+bool IsUtf8(const std::string& text) {
+  return google::protobuf::internal::IsStructurallyValidUTF8(text.data(),
+                                                             static_cast<int>(text.size()));
 }
 
 bool ReadBytes(CodedInputStream& input, std::string* bytes) {
@@ -97,7 +103,7 @@ std::optional<StreamOutline> ReadStreamOutline(const grpc::ByteBuffer& message) 
     bool good = false;
     switch (tag) {
       case TagOf(v1::StreamPredictRequest::kRequestIdFieldNumber):
-        good = ReadBytes(input, &outline.request_id);
+        good = ReadBytes(input, &outline.request_id) && IsUtf8(outline.request_id);
         break;
       case TagOf(v1::StreamPredictRequest::kTimeoutFieldNumber):
         // A message that comes in parts is merged.

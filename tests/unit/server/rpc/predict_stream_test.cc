@@ -228,5 +228,37 @@ TEST_F(PredictStreamTest, AnswersThatNobodyTakesCountAsMemoryUntilTheyAreTaken) 
   while (SendMemory() > 0.0) std::this_thread::yield();
 }
 
+TEST_F(PredictStreamTest, AnIdThatIsNotUtf8IsRefusedAndNotEchoed) {
+  Publish();
+  grpc::ClientContext context;
+  grpc::CompletionQueue queue;
+  const auto done = [&queue] {
+    void* tag = nullptr;
+    bool ok = false;
+    queue.Next(&tag, &ok);
+    return ok;
+  };
+  auto stream = grpc::GenericStub(channel_).PrepareCall(
+      &context, "/maneuver.v1.PredictionService/StreamPredict", &queue);
+  stream->StartCall(nullptr);
+  ASSERT_TRUE(done());
+  const grpc::Slice bytes(std::string("\x0a\x02\xff\xfe", 4));
+  stream->Write(grpc::ByteBuffer(&bytes, 1), nullptr);
+  ASSERT_TRUE(done());
+  grpc::ByteBuffer answer;
+  stream->Read(&answer, nullptr);
+  ASSERT_TRUE(done());
+  v1::StreamPredictResponse response;
+  ASSERT_TRUE(
+      grpc::SerializationTraits<v1::StreamPredictResponse>::Deserialize(&answer, &response).ok());
+  EXPECT_EQ(response.request_id(), "");
+  EXPECT_EQ(response.error().code(), grpc::StatusCode::INVALID_ARGUMENT);
+  stream->WritesDone(nullptr);
+  done();
+  grpc::Status status;
+  stream->Finish(&status, nullptr);
+  done();
+}
+
 }  // namespace
 }  // namespace maneuver::rpc
