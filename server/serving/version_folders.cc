@@ -39,6 +39,8 @@ absl::StatusOr<std::map<std::string, std::set<int>>> VersionFolders::Scan() cons
       const int number = security::ParseVersion(version.path().filename().string());
       if (number == 0 || !version.is_directory(error)) continue;
       found[id].insert(number);
+      // What a label that was being written left, and a report.
+      if (auto status = files::RemoveTemporaries(version.path()); !status.ok()) return status;
       if (auto status = RemoveUnfinishedEvaluations(version.path()); !status.ok()) return status;
     }
   }

@@ -152,8 +152,11 @@ TEST_F(ModelRegistryTest, LeftoversOfInterruptedWritersAreRemoved) {
   ASSERT_TRUE(Publish("town").ok());
   const auto leftover = files::MakeTemporaryFolderFor(folder_ / "models/town/2");
   ASSERT_TRUE(leftover.ok());
+  const fs::path half_a_label = folder_ / "models/town/1/.model.json.tmp-0123456789abcdef";
+  std::ofstream(half_a_label) << "{";
   Restart();
   EXPECT_FALSE(fs::exists(*leftover));
+  EXPECT_FALSE(fs::exists(half_a_label));
   EXPECT_EQ(Publish("town")->version, 2);
 }
 
