@@ -7,11 +7,15 @@
 #include <atomic>
 #include <chrono>
 #include <thread>
+#include <vector>
 
 namespace maneuver::monitoring {
 namespace {
 
-constexpr size_t kThreads = 1;
+// Whoever connects and says nothing holds a thread until its time is up: what is left of them
+// answers others meanwhile, and after a second all do.
+constexpr char kThreads[] = "8";
+constexpr char kRequestTimeout[] = "1000";  // milliseconds
 constexpr std::chrono::milliseconds kBetweenKnocks{5};
 
 // HOST of HOST:PORT, without brackets.
@@ -41,7 +45,9 @@ void Knock(const std::string& host, const std::string& port) {
 
 MetricsPageServer::MetricsPageServer(const std::string& address)
     : host_(HostOf(address)),
-      exposer_(std::make_unique<prometheus::Exposer>(address, kThreads)),
+      exposer_(std::make_unique<prometheus::Exposer>(
+          std::vector<std::string>{"listening_ports", address, "num_threads", kThreads,
+                                   "request_timeout_ms", kRequestTimeout})),
       port_(exposer_->GetListeningPorts().at(0)) {}
 
 MetricsPageServer::~MetricsPageServer() {
