@@ -134,6 +134,8 @@ inline constexpr ReasonEntry kReasons[] = {
     {"REQUEST_ID_REUSED", "ALREADY_EXISTS",
      "the request_id belongs to a different request, whose job is in the metadata",
      "choose a new one for a new job"},
+    {"TOO_MANY_JOBS", "RESOURCE_EXHAUSTED", "as many jobs wait as may (--max-pending-jobs)",
+     "wait as long as RetryInfo says, or cancel jobs that are no longer needed"},
 
     {"INVALID_SETTINGS", "INVALID_ARGUMENT", "the trainer refused the job's settings",
      "correct them and ask again"},

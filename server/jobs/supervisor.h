@@ -46,6 +46,7 @@ struct SupervisorOptions {
   ResolveModel resolve;
   VersionAccess versions;
   int max_running_jobs = 1;
+  int max_pending_jobs = 1'000;
   // From SIGTERM to SIGKILL, for a job that is cancelled or cut off by Stop.
   std::chrono::milliseconds patience{5'000};
   std::function<absl::Time()> now = absl::Now;
@@ -77,7 +78,8 @@ class Supervisor {
 
   // A new job, PENDING; the same job for the same request_id. Its train.start_from is the version
   // that the reference means now. INVALID_ARGUMENT; NOT_FOUND for an
-  // unknown dataset or model; ALREADY_EXISTS if request_id was used for a different request.
+  // unknown dataset or model; ALREADY_EXISTS if request_id was used for a different request;
+  // RESOURCE_EXHAUSTED while max_pending_jobs wait.
   // With validate_only: a job without a name, and nothing is started.
   absl::StatusOr<v1::Job> Train(const v1::TrainRequest& request);
   // The job's evaluate.model is the version that the reference means now.
@@ -119,6 +121,8 @@ class Supervisor {
                                      bool* found);
   // NOT_FOUND if one that the job reads is not there.
   absl::Status CheckDatasets(const v1::Job& job) const;
+  // RESOURCE_EXHAUSTED while as many jobs are PENDING as may be.
+  absl::Status CheckRoom() const;
   std::filesystem::path FolderOf(const std::string& name) const;
 
   //   slot: which of the jobs that may run at a time; from 0.

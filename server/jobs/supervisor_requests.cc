@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <system_error>
 #include <utility>
 
@@ -23,6 +24,9 @@ namespace {
 namespace fs = std::filesystem;
 using monitoring::Log;
 using monitoring::LogLevel;
+
+// Jobs take minutes at the least.
+constexpr std::chrono::seconds kRetryWhenFull{60};
 
 absl::Status Stopping() {
   return errors::WithReason(absl::UnavailableError("the server is stopping"), "SERVER_STOPS");
@@ -106,6 +110,19 @@ absl::Status Supervisor::CheckDatasets(const v1::Job& job) const {
   return absl::OkStatus();
 }
 
+absl::Status Supervisor::CheckRoom() const {
+  const auto pending = store_.CountInState(v1::JOB_STATE_PENDING);
+  if (!pending.ok()) return pending.status();
+  if (*pending < options_.max_pending_jobs) return absl::OkStatus();
+  return errors::WithRetryDelay(
+      errors::WithReason(absl::ResourceExhaustedError(
+                             absl::StrCat(*pending,
+                                          " jobs wait, as many as this server lets wait; wait, or "
+                                          "cancel jobs that are no longer needed")),
+                         "TOO_MANY_JOBS"),
+      kRetryWhenFull);
+}
+
 absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& request_id,
                                           const std::string& digest, bool validate_only) {
   {
@@ -116,6 +133,7 @@ absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& reques
     if (stops_) return Stopping();
     if (absl::Status status = CheckDatasets(job); !status.ok()) return status;
     job.set_state(v1::JOB_STATE_PENDING);
+    if (absl::Status status = CheckRoom(); !status.ok()) return status;
     if (validate_only) return job;
     job.set_name(absl::StrCat("jobs/", options_.new_id()));
     *job.mutable_create_time() = ToTimestamp(options_.now());

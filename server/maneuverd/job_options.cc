@@ -34,6 +34,10 @@ void AddJobOptions(CLI::App& app, JobOptions& options) {
   app.add_option("--max-running-jobs", options.max_running, "Jobs that run at the same time")
       ->check(CLI::Range(1, 64))
       ->capture_default_str();
+  app.add_option("--max-pending-jobs", options.max_pending,
+                 "Jobs that wait; beyond them new ones are refused")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
   app.add_option(
          "--trainer-threads", options.limits.threads,
          "Threads of each job, whatever its settings say; 0: as they say, or one for each core")

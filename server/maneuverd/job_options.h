@@ -15,6 +15,7 @@ namespace maneuver {
 struct JobOptions {
   std::filesystem::path trainer;
   int max_running = 1;
+  int max_pending = 1'000;
   jobs::JobLimits limits;
   jobs::CheckpointOptions checkpoints;
   int least_effective_actions = 2;

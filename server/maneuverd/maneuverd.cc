@@ -127,6 +127,7 @@ jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options,
   supervisor.checkpoints = options.jobs.checkpoints;
   supervisor.least_effective_actions = options.jobs.least_effective_actions;
   supervisor.max_running_jobs = options.jobs.max_running;
+  supervisor.max_pending_jobs = options.jobs.max_pending;
   // A trainer that ignores SIGTERM must not hold up the server's own end.
   supervisor.patience = std::min(supervisor.patience, options.shutdown_timeout);
   supervisor.publish = [&models](const std::string& model, const std::filesystem::path& finished,

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "model/files/durable_file.h"
+#include "server/errors/error_details.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
 namespace maneuver::jobs {
@@ -371,6 +372,22 @@ TEST_F(SupervisorTest, EveryWatcherGetsTheSameEventsWheneverItComes) {
   const auto rest = Follow(supervisor_->news(), *store_, job, 10, 100);
   ASSERT_EQ(rest.size(), 3u);
   EXPECT_EQ(rest[0].progress().sequence(), 11);
+}
+
+TEST_F(SupervisorTest, RefusesAJobWhileAsManyWaitAsMay) {
+  Trainer("sleep 100");
+  SupervisorOptions options = Options();
+  options.max_pending_jobs = 2;
+  StartWith(options);
+  int accepted = 0;
+  absl::StatusOr<v1::Job> job = supervisor_->Train(TrainTown());
+  for (; job.ok() && accepted < 10; job = supervisor_->Train(TrainTown())) ++accepted;
+  // One may run by now.
+  EXPECT_GE(accepted, 2);
+  EXPECT_LE(accepted, 3);
+  EXPECT_EQ(job.status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(errors::ReasonOf(job.status()), "TOO_MANY_JOBS");
+  EXPECT_TRUE(errors::RetryDelay(job.status()).has_value());
 }
 
 }  // namespace
