@@ -34,6 +34,9 @@ Reading ReadErrno(int error) {
     case EEXIST:
     case ENOTEMPTY:
       return {absl::StatusCode::kAlreadyExists, "it exists already"};
+    case EISDIR:
+    case ENOTDIR:
+      return {absl::StatusCode::kDataLoss, "something else is in its place"};
     case EIO:
       return {absl::StatusCode::kDataLoss, "the device reports an input/output error"};
     default:

@@ -76,6 +76,20 @@ std::string ReasonOf(const absl::Status& status) {
   return detail.reason();
 }
 
+absl::Status WithStorageReason(absl::Status status) {
+  if (status.ok() || !ReasonOf(status).empty()) return status;
+  switch (status.code()) {
+    case absl::StatusCode::kResourceExhausted:
+      return WithReason(std::move(status), "DISK_FULL");
+    case absl::StatusCode::kDataLoss:
+      return WithReason(std::move(status), "STORAGE_DAMAGED");
+    case absl::StatusCode::kPermissionDenied:
+      return WithReason(absl::InternalError(status.message()), "STORAGE_INACCESSIBLE");
+    default:
+      return status;
+  }
+}
+
 absl::Status WithRetryDelay(absl::Status status, std::chrono::nanoseconds delay) {
   v1::RetryInfo detail;
   detail.mutable_retry_delay()->set_seconds(delay.count() / kNanosecondsPerSecond);

@@ -39,6 +39,11 @@ absl::Status WithReason(absl::Status status, Reason reason,
 // The reason that WithReason gave; empty if there is none.
 std::string ReasonOf(const absl::Status& status);
 
+// What a failure of the disk or of the database tells a caller: DISK_FULL for RESOURCE_EXHAUSTED,
+// STORAGE_DAMAGED for DATA_LOSS, and INTERNAL with STORAGE_INACCESSIBLE for PERMISSION_DENIED,
+// which would blame the caller. Anything else, and what has a reason already, stays as it is.
+absl::Status WithStorageReason(absl::Status status);
+
 // `status` with a RetryInfo.
 absl::Status WithRetryDelay(absl::Status status, std::chrono::nanoseconds delay);
 std::optional<std::chrono::nanoseconds> RetryDelay(const absl::Status& status);

@@ -43,6 +43,11 @@ inline constexpr ReasonEntry kReasons[] = {
      "send the message that the contract names, with strings in UTF-8"},
     {"TOO_MANY_REQUESTS", "RESOURCE_EXHAUSTED", "too many requests wait for the server's disk",
      "wait as long as RetryInfo says"},
+    {"STORAGE_DAMAGED", "DATA_LOSS", "the server's database, or a file of its own, is damaged",
+     "have the operator restore the data folder from a back-up"},
+    {"STORAGE_INACCESSIBLE", "INTERNAL",
+     "the server may not read or write a file of its data folder",
+     "have the operator see to the folder's owner and permissions"},
     {"SERVER_STOPS", "UNAVAILABLE", "the server is being shut down",
      "try again, at another replica or a little later"},
 

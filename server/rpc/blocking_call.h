@@ -23,13 +23,15 @@ inline absl::Status Busy() {
       std::chrono::seconds(1));
 }
 
-// Answers a unary call with what `work` returns (a Status), from a thread of `pool`.
+// Answers a unary call with what `work` returns (a Status), from a thread of `pool`. Failures of
+// the disk that have no reason get theirs.
 template <typename Work>
 grpc::ServerUnaryReactor* AnswerFrom(jobs::WorkerPool& pool, grpc::CallbackServerContext* rpc,
                                      Work work) {
   grpc::ServerUnaryReactor* reactor = rpc->DefaultReactor();
-  const bool accepted =
-      pool.Post([reactor, work = std::move(work)] { reactor->Finish(ToGrpcStatus(work())); });
+  const bool accepted = pool.Post([reactor, work = std::move(work)] {
+    reactor->Finish(ToGrpcStatus(errors::WithStorageReason(work())));
+  });
   if (!accepted) reactor->Finish(ToGrpcStatus(Busy()));
   return reactor;
 }

@@ -179,7 +179,7 @@ absl::Status WithDatasetReason(absl::Status status) {
     case absl::StatusCode::kUnavailable:
       return errors::WithReason(std::move(status), "UPLOAD_CHANGED");
     default:
-      return status;
+      return errors::WithStorageReason(std::move(status));
   }
 }
 

@@ -21,5 +21,26 @@ TEST(InvalidFieldsTest, ListsSixteenAndCountsTheOthers) {
   EXPECT_EQ(listed.field_violations_size(), 16);
 }
 
+TEST(StorageReasonTest, NamesWhatTheDiskSaysAndBlamesNoCaller) {
+  const absl::Status full = WithStorageReason(absl::ResourceExhaustedError("the disk is full"));
+  EXPECT_EQ(full.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(ReasonOf(full), "DISK_FULL");
+  const absl::Status damaged = WithStorageReason(absl::DataLossError("malformed"));
+  EXPECT_EQ(damaged.code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(ReasonOf(damaged), "STORAGE_DAMAGED");
+  const absl::Status forbidden = WithStorageReason(absl::PermissionDeniedError("cannot open x"));
+  EXPECT_EQ(forbidden.code(), absl::StatusCode::kInternal);
+  EXPECT_EQ(forbidden.message(), "cannot open x");
+  EXPECT_EQ(ReasonOf(forbidden), "STORAGE_INACCESSIBLE");
+}
+
+TEST(StorageReasonTest, KeepsAReasonThatIsThere) {
+  const absl::Status known = WithReason(absl::ResourceExhaustedError("busy"), "QUEUE_FULL");
+  EXPECT_EQ(ReasonOf(WithStorageReason(known)), "QUEUE_FULL");
+  const absl::Status none = WithStorageReason(absl::NotFoundError("none"));
+  EXPECT_EQ(none.code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(ReasonOf(none), "");
+}
+
 }  // namespace
 }  // namespace maneuver::errors
