@@ -16,6 +16,7 @@
 #include "model/artifact/model_spec.h"
 #include "model/artifact/model_weights.h"
 #include "model/artifact/safetensors.h"
+#include "model/artifact/sealed_json.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 
@@ -144,15 +145,19 @@ absl::Status WriteBaselines(const fs::path& folder, const StoredBaselines& basel
   if (auto status = files::WriteFileAtomically(folder / kWeights, weights); !status.ok()) {
     return status;
   }
-  return files::WriteFileAtomically(folder / kDescription, json);
+  return files::WriteFileAtomically(folder / kDescription, Seal(json));
 }
 
 absl::StatusOr<StoredBaselines> ReadBaselines(const fs::path& folder) {
-  const absl::StatusOr<std::string> json = files::ReadFile(folder / kDescription);
-  if (absl::IsNotFound(json.status())) {
+  const absl::StatusOr<std::string> text = files::ReadFile(folder / kDescription);
+  if (absl::IsNotFound(text.status())) {
     return absl::NotFoundError("the model folder carries no baselines");
   }
-  if (!json.ok()) return json.status();
+  if (!text.ok()) return text.status();
+  const absl::StatusOr<std::string> json = Unseal(*text);
+  if (!json.ok()) {
+    return absl::DataLossError(absl::StrCat(kDescription, " ", json.status().message()));
+  }
   v1::ModelManifest description;
   const auto parsed = google::protobuf::util::JsonStringToMessage(*json, &description);
   if (!parsed.ok()) {

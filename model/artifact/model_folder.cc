@@ -10,6 +10,7 @@
 #include "model/artifact/model_spec.h"
 #include "model/artifact/model_weights.h"
 #include "model/artifact/safetensors.h"
+#include "model/artifact/sealed_json.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 
@@ -50,7 +51,7 @@ absl::StatusOr<std::string> ManifestToJson(const v1::ModelManifest& manifest) {
     return absl::InternalError(
         absl::StrCat("cannot state the manifest as JSON: ", std::string(status.message())));
   }
-  return json;
+  return Seal(json);
 }
 
 // A missing file of a folder that is there is damage, not absence.
@@ -97,9 +98,17 @@ absl::Status WriteModelFolder(const fs::path& folder, StoredModel model) {
   return status;
 }
 
+bool HasManifestDigest(const fs::path& folder) {
+  return IsSealed(files::ReadFile(folder / kManifestFile).value_or(""));
+}
+
 absl::StatusOr<v1::ModelManifest> ReadModelManifest(const fs::path& folder) {
-  const absl::StatusOr<std::string> json = ReadPart(folder, kManifestFile);
-  if (!json.ok()) return json.status();
+  const absl::StatusOr<std::string> text = ReadPart(folder, kManifestFile);
+  if (!text.ok()) return text.status();
+  const absl::StatusOr<std::string> json = Unseal(*text);
+  if (!json.ok()) {
+    return absl::DataLossError(absl::StrCat(kManifestFile, " ", json.status().message()));
+  }
   v1::ModelManifest manifest;
   const auto status = google::protobuf::util::JsonStringToMessage(*json, &manifest);
   if (!status.ok()) {

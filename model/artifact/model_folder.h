@@ -1,4 +1,5 @@
-// A model version on disk: a folder with weights.safetensors and model.json.
+// A model version on disk: a folder with weights.safetensors and model.json, which carries its own
+// digest (sealed_json.h) and that of the weights.
 
 #ifndef MANEUVER_MODEL_ARTIFACT_MODEL_FOLDER_H_
 #define MANEUVER_MODEL_ARTIFACT_MODEL_FOLDER_H_
@@ -22,8 +23,12 @@ struct StoredModel {
 // for a model that ReadModelFolder would refuse. `actions` are all K in order, or none yet.
 absl::Status WriteModelFolder(const std::filesystem::path& folder, StoredModel model);
 
-// The manifest alone, without a look at the weights. DATA_LOSS with the reason if it is damaged.
+// The manifest alone, without a look at the weights. DATA_LOSS with the reason if it is damaged:
+// any byte of it, unless it is of a former release and carries no digest.
 absl::StatusOr<v1::ModelManifest> ReadModelManifest(const std::filesystem::path& folder);
+
+// Whether model.json carries its digest. One that is rewritten does.
+bool HasManifestDigest(const std::filesystem::path& folder);
 
 // Manifest and weights. NOT_FOUND if there is no such folder; DATA_LOSS with the reason if a file
 // is truncated or altered (SHA-256), or a tensor is missing, has another shape than the spec says,

@@ -208,6 +208,12 @@ absl::StatusOr<ModelHandle> ModelRegistry::LoadFolder(const ModelVersionName& na
   }
   const double seconds = SecondsSince(start);
   metrics_.CountLoad(seconds);
+  if (!artifact::HasManifestDigest(folder)) {
+    Log(LogLevel::kWarning,
+        "model.json carries no digest, so damage of it may go unnoticed; a label of an action, or "
+        "training anew, adds one",
+        {{"model_version", name.ToString()}});
+  }
   Log(LogLevel::kInfo, "model loaded",
       {{"model_version", name.ToString()},
        {"precision", handle->model().precision()},

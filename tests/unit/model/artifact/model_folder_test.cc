@@ -12,6 +12,7 @@
 #include <string>
 
 #include "model/artifact/safetensors.h"
+#include "model/artifact/sealed_json.h"
 #include "model/files/digest.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/temporary_folder.h"
@@ -106,6 +107,32 @@ TEST_F(ModelFolderTest, RewritingRefusesTheManifestOfOtherWeights) {
   EXPECT_TRUE(ReadModelFolder(folder_).ok());
 }
 
+TEST_F(ModelFolderTest, NoByteOfTheManifestChangesUnnoticed) {
+  ASSERT_TRUE(WriteModelFolder(folder_, TinyModel()).ok());
+  const std::string written = ReadBytes(folder_ / "model.json");
+  for (size_t i = 0; i < written.size(); ++i) {
+    for (const int mask : {1, 4, 32}) {
+      std::string altered = written;
+      altered[i] = static_cast<char>(altered[i] ^ mask);
+      WriteBytes(folder_ / "model.json", altered);
+      ASSERT_EQ(ReadModelManifest(folder_).status().code(), absl::StatusCode::kDataLoss)
+          << "byte " << i << ": " << written.substr(i, 20);
+    }
+  }
+}
+
+TEST_F(ModelFolderTest, AManifestOfAFormerReleaseIsReadAndGetsItsDigestWhenItIsRewritten) {
+  ASSERT_TRUE(WriteModelFolder(folder_, TinyModel()).ok());
+  EXPECT_TRUE(HasManifestDigest(folder_));
+  WriteBytes(folder_ / "model.json", Unseal(ReadBytes(folder_ / "model.json")).value());
+  EXPECT_FALSE(HasManifestDigest(folder_));
+  const auto read = ReadModelFolder(folder_);
+  ASSERT_TRUE(read.ok()) << read.status();
+  ASSERT_TRUE(RewriteModelManifest(folder_, read->manifest).ok());
+  EXPECT_TRUE(HasManifestDigest(folder_));
+  EXPECT_TRUE(ReadModelFolder(folder_).ok());
+}
+
 struct Damage {
   const char* name;
   std::function<void(const fs::path&)> apply;
@@ -123,10 +150,10 @@ TEST_P(DamagedModelFolderTest, IsRefusedWithTheReason) {
   EXPECT_THAT(std::string(read.status().message()), HasSubstr(GetParam().reason));
 }
 
-// Damage of the manifest's text.
+// Damage of the text of a manifest that carries no digest, as those of former releases.
 std::function<void(const fs::path&)> InManifest(std::string from, std::string to) {
   return [from, to](const fs::path& folder) {
-    std::string json = ReadBytes(folder / "model.json");
+    std::string json = Unseal(ReadBytes(folder / "model.json")).value();
     Replace(&json, from, to);
     WriteBytes(folder / "model.json", json);
   };
@@ -175,7 +202,14 @@ INSTANTIATE_TEST_SUITE_P(
                [](const fs::path& folder) {
                  fs::resize_file(folder / "model.json", fs::file_size(folder / "model.json") / 2);
                },
-               "model.json does not parse"},
+               "model.json is truncated or altered"},
+        Damage{"AlteredSpecThatStillParses",
+               [](const fs::path& folder) {
+                 std::string json = ReadBytes(folder / "model.json");
+                 Replace(&json, "\"meters_per_pixel\": 2", "\"meters_per_pixel\": 3");
+                 WriteBytes(folder / "model.json", json);
+               },
+               "model.json is truncated or altered"},
         Damage{"UnknownField", InManifest("\"decoder_stddev\"", "\"decoder_deviation\""),
                "model.json does not parse"},
         Damage{"LaterFormat", InManifest("\"format_version\": 1", "\"format_version\": 2"),
