@@ -114,9 +114,10 @@ std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport&
   return text;
 }
 
-std::string MetricsText(const google::protobuf::Map<std::string, double>& metrics, bool color) {
+std::string HeldOutText(const v1::ModelManifest& manifest, bool color) {
   v1::EvaluationReport report;
-  *report.mutable_metrics() = metrics;
+  *report.mutable_metrics() = manifest.metrics();
+  *report.mutable_rivals() = manifest.rivals();
   return evaluation::ReportText(report, color);
 }
 
@@ -165,7 +166,7 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
       environment.server_client().GetModelVersion(request, environment.call_options());
   // It may have been deleted since; the job is none the worse for that.
   if (version.ok() && version->manifest().metrics_size() > 0) {
-    environment.out << "\n" << MetricsText(version->manifest().metrics(), environment.color);
+    environment.out << "\n" << HeldOutText(version->manifest(), environment.color);
   }
   return kOk;
 }

@@ -19,8 +19,9 @@ std::string Subject(const v1::Job& job);    // the model: "town"
 // out.
 std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport& last_report);
 
-// The metrics of a model's manifest, as a report shows them; empty without any.
-std::string MetricsText(const google::protobuf::Map<std::string, double>& metrics, bool color);
+// Returns what a model's manifest says of its held-out examples, as a report shows it; empty
+// without any.
+std::string HeldOutText(const v1::ModelManifest& manifest, bool color);
 
 // Follows a job until it ends, drawing its progress on err (on a terminal a bar; elsewhere a line
 // for each epoch), then prints what came of it. Ctrl-C stops watching, not the job, and says how to

@@ -130,7 +130,7 @@ int ShowModel(const std::string& name, Environment& environment) {
   table.Add({"evaluated on", *evaluated});
   environment.out << table.Text(environment.color);
   if (manifest.metrics_size() > 0) {
-    environment.out << "\n" << MetricsText(manifest.metrics(), environment.color);
+    environment.out << "\n" << HeldOutText(manifest, environment.color);
   }
   return kOk;
 }

@@ -56,6 +56,7 @@ absl::StatusOr<StoredModel> PruneActions(const StoredModel& model, std::span<con
   pruned.manifest.mutable_spec()->set_actions(static_cast<int32_t>(kept.size()));
   pruned.manifest.clear_actions();
   pruned.manifest.clear_metrics();
+  pruned.manifest.clear_rivals();
   return pruned;
 }
 

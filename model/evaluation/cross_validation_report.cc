@@ -2,9 +2,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <functional>
 #include <map>
 #include <optional>
 #include <set>
@@ -17,6 +15,8 @@
 #include "model/evaluation/bootstrap.h"
 #include "model/evaluation/calibration.h"
 #include "model/evaluation/example_metrics.h"
+#include "model/evaluation/rival_comparison.h"
+#include "model/evaluation/rival_table.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -26,8 +26,8 @@ using Names = google::protobuf::RepeatedPtrField<std::string>;
 
 constexpr int kBins = ActionStatistics::kBins;
 
-// Sums over examples, from which every figure is computed: the number of examples, each value, and
-// for each bin of the calibration error confidence and responsibility.
+// The numbers of each example: 1, its values, and for each bin of the calibration error its
+// confidence and its responsibility.
 struct Columns {
   explicit Columns(int value_count) : values(value_count) {}
 
@@ -36,26 +36,17 @@ struct Columns {
   int value(int index) const { return 1 + index; }
   int confidence(int bin) const { return 1 + values + bin; }
   int responsibility(int bin) const { return 1 + values + kBins + bin; }
+
+  Eigen::VectorXd Row(const v1::MeasuredExample& example) const {
+    Eigen::VectorXd row = Eigen::VectorXd::Zero(count());
+    row[0] = 1.0;
+    for (int i = 0; i < values; ++i) row[value(i)] = example.values(i);
+    const int bin = std::min(kBins - 1, static_cast<int>(example.confidence() * kBins));
+    row[confidence(bin)] = example.confidence();
+    row[responsibility(bin)] = example.responsibility();
+    return row;
+  }
 };
-
-// A figure from the sums.
-using Figure = std::function<double(const double* sums)>;
-
-Figure MeanOf(const Columns& columns, int index) {
-  return [at = columns.value(index)](const double* sums) { return sums[at] / sums[0]; };
-}
-
-Figure RatioOf(const Columns& columns, int numerator, int denominator) {
-  return [n = columns.value(numerator), d = columns.value(denominator)](const double* sums) {
-    return sums[n] / sums[d];
-  };
-}
-
-Figure DifferenceOf(const Columns& columns, int ours, int theirs) {
-  return [a = columns.value(ours), b = columns.value(theirs)](const double* sums) {
-    return (sums[a] - sums[b]) / sums[0];
-  };
-}
 
 Figure CalibrationErrorOf(const Columns& columns) {
   return [columns](const double* sums) {
@@ -67,164 +58,39 @@ Figure CalibrationErrorOf(const Columns& columns) {
   };
 }
 
-// The sums of one part of the examples, by training seed and by group.
-class PartSums {
- public:
-  PartSums(Columns columns, int seeds) : columns_(columns), sums_(static_cast<size_t>(seeds)) {}
-
-  void Add(size_t seed, int group, const v1::MeasuredExample& example) {
-    Eigen::VectorXd& sums =
-        sums_[seed].try_emplace(group, Eigen::VectorXd::Zero(columns_.count())).first->second;
-    sums[0] += 1.0;
-    for (int i = 0; i < columns_.values; ++i) sums[columns_.value(i)] += example.values(i);
-    const int bin = std::min(kBins - 1, static_cast<int>(example.confidence() * kBins));
-    sums[columns_.confidence(bin)] += example.confidence();
-    sums[columns_.responsibility(bin)] += example.responsibility();
-  }
-
-  bool empty() const { return sums_.front().empty(); }
-  const Columns& columns() const { return columns_; }
-  int seeds() const { return static_cast<int>(sums_.size()); }
-  int groups() const { return static_cast<int>(sums_.front().size()); }
-
-  // Returns the sums over all groups. [columns]
-  Eigen::VectorXd Total(size_t seed) const {
-    Eigen::VectorXd total = Eigen::VectorXd::Zero(columns_.count());
-    for (const auto& [_, sums] : sums_[seed]) total += sums;
-    return total;
-  }
-
-  // Returns the sums over the groups of each draw. [columns, draws]
-  //   draws: how often each group is in each of them, [draws, groups of the set]
-  Eigen::MatrixXd Drawn(size_t seed, const Eigen::MatrixXd& draws) const {
-    Eigen::MatrixXd counts(draws.rows(), static_cast<Eigen::Index>(sums_[seed].size()));
-    Eigen::MatrixXd sums(columns_.count(), counts.cols());
-    Eigen::Index at = 0;
-    for (const auto& [group, of_group] : sums_[seed]) {
-      counts.col(at) = draws.col(group);
-      sums.col(at++) = of_group;
-    }
-    return sums * counts.transpose();
-  }
-
- private:
-  Columns columns_;
-  std::vector<std::map<int, Eigen::VectorXd>> sums_;  // by seed, then by group
-};
-
-// Estimates of one part.
-class Estimator {
- public:
-  Estimator(const PartSums& part, const Eigen::MatrixXd& draws) {
-    for (size_t seed = 0; seed < static_cast<size_t>(part.seeds()); ++seed) {
-      totals_.push_back(part.Total(seed));
-      drawn_.push_back(part.Drawn(seed, draws));
-    }
-  }
-
-  v1::Estimate Estimate(const Figure& figure) const {
-    const double seeds = static_cast<double>(totals_.size());
-    v1::Estimate estimate;
-    for (const Eigen::VectorXd& total : totals_) {
-      estimate.add_seed_values(figure(total.data()));
-      estimate.set_value(estimate.value() + *estimate.seed_values().rbegin() / seeds);
-    }
-    std::vector<double> drawn(static_cast<size_t>(drawn_.front().cols()));
-    for (const Eigen::MatrixXd& of_seed : drawn_) {
-      for (size_t i = 0; i < drawn.size(); ++i) {
-        drawn[i] += figure(of_seed.col(static_cast<Eigen::Index>(i)).data()) / seeds;
-      }
-    }
-    const Interval interval = PercentileInterval(std::move(drawn));
-    estimate.set_lower(interval.lower);
-    estimate.set_upper(interval.upper);
-    return estimate;
-  }
-
- private:
-  std::vector<Eigen::VectorXd> totals_;  // of each seed
-  std::vector<Eigen::MatrixXd> drawn_;   // of each seed, [columns, draws]
-};
-
 std::optional<int> IndexOf(const Names& names, std::string_view name) {
   const auto found = std::find(names.begin(), names.end(), name);
   if (found == names.end()) return std::nullopt;
   return static_cast<int>(found - names.begin());
 }
 
-// Another predictor, and how its metrics are named after the model's.
-struct Rival {
-  std::string_view name;
-  std::string_view prefix;
-  std::string_view suffix;  // of a predictor of one trajectory: in place of "_1" or "_medoid"
-};
-
-constexpr std::array<Rival, 5> kRivals = {{{"cv", "", "_cv"},
-                                           {"ctra", "", "_ctra"},
-                                           {"faded", "", "_faded"},
-                                           {"covernet", "covernet_", ""},
-                                           {"multipath", "multipath_", ""}}};
-
-// What is compared; of all of these less is better.
-constexpr std::array<std::string_view, 8> kCompared = {
-    "ade_1", "fde_1", "miss_rate_1", "ade_medoid", "min_ade_6", "min_fde_6", "miss_rate_6", "nll"};
-
-// Returns the rival's metric to hold against the model's; empty if it has none.
-std::string RivalMetric(const Rival& rival, std::string_view metric) {
-  if (rival.suffix.empty()) return std::string(rival.prefix) + std::string(metric);
-  for (const std::string_view single : {"_1", "_medoid"}) {
-    if (!metric.ends_with(single)) continue;
-    metric.remove_suffix(single.size());
-    return std::string(metric) + std::string(rival.suffix);
-  }
-  return "";
-}
-
-v1::RivalVerdict VerdictOn(const v1::Estimate& difference) {
-  if (difference.upper() < 0.0) return v1::RIVAL_VERDICT_AHEAD;
-  if (difference.lower() > 0.0) return v1::RIVAL_VERDICT_BEHIND;
-  return v1::RIVAL_VERDICT_UNDECIDED;
-}
-
-void AddComparisons(const Estimator& estimator, const Columns& columns, const Names& names,
-                    v1::CrossValidatedPart& proto) {
-  for (const std::string_view metric : kCompared) {
-    for (const Rival& rival : kRivals) {
-      const std::string rival_metric = RivalMetric(rival, metric);
-      const std::optional<int> ours = IndexOf(names, metric);
-      const std::optional<int> theirs = IndexOf(names, rival_metric);
-      if (!ours || !theirs) continue;
-      v1::RivalComparison& comparison = *proto.add_comparisons();
-      comparison.set_metric(std::string(metric));
-      comparison.set_rival(std::string(rival.name));
-      comparison.set_rival_metric(rival_metric);
-      *comparison.mutable_difference() = estimator.Estimate(DifferenceOf(columns, *ours, *theirs));
-      comparison.set_verdict(VerdictOn(comparison.difference()));
-    }
-  }
-}
-
 //   models: how many models of one seed measured each example
-void Fill(const PartSums& part, const Eigen::MatrixXd& draws, const Names& names, int models,
+void Fill(const GroupedSums& part, const Eigen::MatrixXd& draws, const Names& names, int models,
           v1::CrossValidatedPart& proto) {
-  const Columns& columns = part.columns();
+  const Columns columns(names.size());
   const Estimator estimator(part, draws);
   auto& metrics = *proto.mutable_metrics();
   for (int i = 0; i < names.size(); ++i) {
-    metrics[names[i]] = estimator.Estimate(MeanOf(columns, i));
+    metrics[names[i]] = estimator.Estimate(MeanFigure(columns.value(i)));
   }
   for (const MetricRatio& ratio : MetricRatios()) {
     const std::optional<int> numerator = IndexOf(names, ratio.numerator);
     const std::optional<int> denominator = IndexOf(names, ratio.denominator);
     if (!numerator || !denominator || !(part.Total(0)[columns.value(*denominator)] > 0.0)) continue;
     metrics[std::string(ratio.name)] =
-        estimator.Estimate(RatioOf(columns, *numerator, *denominator));
+        estimator.Estimate(RatioFigure(columns.value(*numerator), columns.value(*denominator)));
   }
   metrics["calibration_error"] = estimator.Estimate(CalibrationErrorOf(columns));
   proto.set_examples(std::llround(part.Total(0)[0]) / models);
   proto.set_groups(part.groups());
-  if (proto.examples() >= kLeastComparedExamples) {
-    AddComparisons(estimator, columns, names, proto);
+  if (proto.examples() < kLeastComparedExamples) return;
+  const auto column = [&](std::string_view name) -> std::optional<int> {
+    const std::optional<int> index = IndexOf(names, name);
+    if (!index) return std::nullopt;
+    return columns.value(*index);
+  };
+  for (v1::RivalComparison& comparison : CompareWithRivals(estimator, column)) {
+    *proto.add_comparisons() = std::move(comparison);
   }
 }
 
@@ -286,18 +152,20 @@ void AddSet(std::span<const SetRun> runs, const Recordings& recordings, int seed
   const std::map<int, int> groups = NumberGroups(recordings, proto);
   const v1::MeasuredSet& first = *runs.front().set;
   const Columns columns(first.value_names_size());
-  PartSums overall(columns, seeds);
-  std::vector<std::vector<PartSums>> strata;  // by dimension
+  GroupedSums overall(columns.count(), seeds);
+  std::vector<std::vector<GroupedSums>> strata;  // by dimension
   for (const v1::StratumDimension& dimension : first.dimensions()) {
-    strata.emplace_back(static_cast<size_t>(dimension.names_size()), PartSums(columns, seeds));
+    strata.emplace_back(static_cast<size_t>(dimension.names_size()),
+                        GroupedSums(columns.count(), seeds));
   }
   for (const SetRun& run : runs) {
     for (const v1::MeasuredExample& example : run.set->examples()) {
       const int group = groups.at(recordings[example.recording()].group());
-      overall.Add(run.seed, group, example);
+      const Eigen::VectorXd row = columns.Row(example);
+      overall.Add(run.seed, group, row);
       for (size_t i = 0; i < strata.size(); ++i) {
         const auto stratum = static_cast<size_t>(example.strata(static_cast<int>(i)));
-        strata[i][stratum].Add(run.seed, group, example);
+        strata[i][stratum].Add(run.seed, group, row);
       }
     }
   }

@@ -3,19 +3,10 @@
 #ifndef MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_REPORT_H_
 #define MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_REPORT_H_
 
-#include <cstdint>
-
 #include "maneuver/v1/cross_validation.pb.h"
+#include "model/evaluation/grouped_sums.h"
 
 namespace maneuver::evaluation {
-
-struct BootstrapOptions {
-  int resamples = 1000;
-  uint64_t seed = 1;
-};
-
-// Smaller parts are not compared with rivals.
-inline constexpr int kLeastComparedExamples = 50;
 
 // Returns the figures of a whole cross-validation, as MergeParts returns it. For each training
 // seed, a figure is computed from the examples of all folds together; the estimate is the mean over

@@ -10,13 +10,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "model/evaluation/metric_table.h"
+#include "model/evaluation/rival_table.h"
+#include "model/evaluation/rival_text.h"
 #include "model/evaluation/text_block.h"
 
 namespace maneuver::evaluation {
 namespace {
-
-// Below this an interval says little: the bootstrap knows no more places than it has seen.
-constexpr int kFewGroups = 10;
 
 std::string Number(double value) { return absl::StrFormat("%.3f", value); }
 
@@ -121,27 +120,24 @@ Block Strata(const v1::CrossValidatedSet& set, const std::string& dimension) {
 }
 
 std::string VerdictText(const v1::RivalComparison& comparison) {
-  const char* verdict = "?";
-  if (comparison.verdict() == v1::RIVAL_VERDICT_AHEAD) verdict = "ahead";
-  if (comparison.verdict() == v1::RIVAL_VERDICT_BEHIND) verdict = "BEHIND";
-  return absl::StrFormat("%s %+.3f (%+.3f .. %+.3f)", verdict, comparison.difference().value(),
-                         comparison.difference().lower(), comparison.difference().upper());
+  return absl::StrFormat("%s %+.3f (%+.3f .. %+.3f)", VerdictMark(comparison.verdict()),
+                         comparison.difference().value(), comparison.difference().lower(),
+                         comparison.difference().upper());
 }
 
 // The model beside its rivals by one metric.
 Block Comparisons(const v1::CrossValidatedSet& set, const std::string& metric) {
-  constexpr std::array<std::string_view, 5> kRivalNames = {"cv", "ctra", "faded", "covernet",
-                                                           "multipath"};
-  Block block(absl::StrCat("AHEAD BY ", metric, "?"),
-              {"CV", "CTRA", "FADED", "COVERNET", "MULTIPATH"});
+  std::vector<std::string> titles;
+  for (const Rival& rival : kRivals) titles.emplace_back(rival.column);
+  Block block(absl::StrCat("AHEAD BY ", metric, "?"), std::move(titles));
   const auto add = [&](const std::string& label, const v1::CrossValidatedPart& part) {
-    std::vector<std::string> row(kRivalNames.size());
+    std::vector<std::string> row(kRivals.size());
     bool any = false;
     for (const v1::RivalComparison& comparison : part.comparisons()) {
       if (comparison.metric() != metric) continue;
-      const auto rival = std::ranges::find(kRivalNames, comparison.rival());
-      if (rival == kRivalNames.end()) continue;
-      row[static_cast<size_t>(rival - kRivalNames.begin())] = VerdictText(comparison);
+      const Rival* rival = FindRival(comparison.rival());
+      if (rival == nullptr) continue;
+      row[static_cast<size_t>(rival - kRivals.data())] = VerdictText(comparison);
       any = true;
     }
     if (any) block.Add(label, std::move(row));

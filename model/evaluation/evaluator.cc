@@ -11,9 +11,11 @@
 
 #include "absl/status/status.h"
 #include "model/artifact/model_spec.h"
+#include "model/data/recording_groups.h"
 #include "model/evaluation/example_sample.h"
 #include "model/evaluation/finite_report.h"
 #include "model/evaluation/report.h"
+#include "model/evaluation/rival_comparison.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -125,6 +127,9 @@ absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& mode
   if (!all.ok()) return all.status();
   v1::EvaluationReport report = MakeReport(all->measured, all->measured_by_waymo);
   AddSample(*all, input, report);
+  data::RecordingGrouper grouper;
+  for (const v1::Scenario& recording : input.recordings) grouper.Add(recording);
+  *report.mutable_rivals() = MakeRivalStandings(*all, grouper.Groups());
   *report.mutable_example_settings() = input.examples;
   *report.mutable_trajectory() = model.spec().trajectory();
   if (absl::Status status = CheckFinite(report); !status.ok()) return status;

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/string_view.h"
+#include "model/evaluation/rival_text.h"
 #include "model/evaluation/text_block.h"
 
 namespace maneuver::evaluation {
@@ -268,6 +269,8 @@ std::string ReportText(const v1::EvaluationReport& report, bool color) {
   for (const Block& block : blocks) {
     if (!block.empty()) absl::StrAppend(&text, text.empty() ? "" : "\n", block.Text(color));
   }
+  const std::string rivals = RivalText(report.rivals(), color);
+  if (!rivals.empty()) absl::StrAppend(&text, text.empty() ? "" : "\n", rivals);
   // A manifest's metrics have no count of examples: that is an evaluation's.
   if (report.examples() > 0 && report.metrics().contains("ade_cv") &&
       !report.metrics().contains("covernet_nll")) {

@@ -74,6 +74,7 @@ absl::Status Measure(const inference::ActionModel& model,
   if (absl::IsFailedPrecondition(report.status())) return absl::OkStatus();  // nothing to measure
   if (!report.ok()) return report.status();
   *manifest->mutable_metrics() = report->metrics();
+  *manifest->mutable_rivals() = report->rivals();
   uses->assign(report->action_uses().begin(), report->action_uses().end());
   if (report->examples() < kEnoughToTell) return absl::OkStatus();
   const auto effective = std::count_if(uses->begin(), uses->end(), IsEffective);

@@ -91,6 +91,7 @@ absl::Status ListPage(const serving::ModelRegistry& models,
     if (version.ok()) {
       *proto = *std::move(version);
       proto->mutable_manifest()->clear_actions();
+      proto->mutable_manifest()->clear_rivals();
     } else {
       // A damaged one is listed, so that it can be seen and deleted, with no manifest.
       proto->set_name(versions[i].name.ToString());

@@ -29,7 +29,10 @@ absl::Status ListPage(jobs::Supervisor& jobs, const v1::ListJobsRequest& request
   if (!page.ok()) return page.status();
   for (v1::Job& job : page->jobs) {
     // Hundreds of kilobytes a job, for one that wants its figures alone.
-    if (job.has_evaluation()) job.mutable_evaluation()->clear_sampled_examples();
+    if (job.has_evaluation()) {
+      job.mutable_evaluation()->clear_sampled_examples();
+      job.mutable_evaluation()->clear_rivals();
+    }
     *response->add_jobs() = std::move(job);
   }
   response->set_next_page_token(std::move(page->next_page_token));

@@ -61,6 +61,7 @@ absl::StatusOr<std::vector<v1::EvaluationReport>> ModelRegistry::ListReports(
     report->clear_reliability();
     report->clear_strata();
     report->clear_action_uses();
+    report->clear_rivals();
     reports.push_back(*std::move(report));
   }
   const auto nanoseconds = [](const v1::EvaluationReport& report) {

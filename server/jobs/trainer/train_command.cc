@@ -46,6 +46,7 @@ void PrintMetrics(const v1::ModelManifest& manifest) {
   }
   v1::EvaluationReport report;
   *report.mutable_metrics() = manifest.metrics();
+  *report.mutable_rivals() = manifest.rivals();
   std::cout << "On " << manifest.provenance().validation_examples() << " held-out examples:\n\n"
             << evaluation::ReportText(report, isatty(STDOUT_FILENO) != 0);
 }

@@ -345,17 +345,27 @@ TEST(JobDisplayTest, ProgressSaysWhatIsKnown) {
 }
 
 TEST(JobDisplayTest, MetricsStandBesideThoseOfConstantVelocity) {
-  google::protobuf::Map<std::string, double> metrics;
+  v1::ModelManifest manifest;
+  auto& metrics = *manifest.mutable_metrics();
   metrics["ade_1"] = 1.25;
   metrics["min_ade_6"] = 0.5;
   metrics["ade_cv"] = 2.0;
   metrics["effective_actions"] = 19;
-  EXPECT_EQ(MetricsText(metrics, false),
+  EXPECT_EQ(HeldOutText(manifest, false),
             "ACCURACY   k = 1  k = 6    CV\n"
             "minADE, m   1.25   0.50  2.00\n"
             "\n"
             "ACTIONS    VALUE\n"
             "effective     19\n");
+
+  v1::RivalStanding& all = *manifest.mutable_rivals()->add_parts();
+  all.set_examples(60);
+  v1::RivalComparison& comparison = *all.add_comparisons();
+  comparison.set_metric("ade_1");
+  comparison.set_rival("cv");
+  comparison.mutable_difference()->set_value(-0.75);
+  comparison.set_verdict(v1::RIVAL_VERDICT_AHEAD);
+  EXPECT_THAT(HeldOutText(manifest, false), HasSubstr("ahead -0.75"));
 }
 
 // A vehicle at `speed` m/s along x, seen from `from` to `to` at 10 Hz.

@@ -261,6 +261,24 @@ TEST_F(EvaluatorTest, StrataCountWhoIsInSight) {
   EXPECT_EQ(report->strata(1).examples(), 10);
 }
 
+// The same vehicle drives the same way in all recordings.
+TEST_F(EvaluatorTest, RecordingsOfOneDriveAreOneGroupOfTheStandings) {
+  auto report = Evaluate(*model_, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  EXPECT_EQ(report->rivals().recordings(), 20);
+  EXPECT_EQ(report->rivals().groups(), 1);
+  EXPECT_EQ(report->rivals().largest_group(), 20);
+  EXPECT_EQ(report->rivals().parts(0).examples(), 20);
+
+  for (size_t i = 0; i < recordings_.size(); ++i) {
+    recordings_[i].mutable_agents(0)->set_id(1000 + static_cast<int64_t>(i) / 2);
+  }
+  report = Evaluate(*model_, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  EXPECT_EQ(report->rivals().groups(), 10);
+  EXPECT_EQ(report->rivals().parts(0).groups(), 10);
+}
+
 TEST_F(EvaluatorTest, AgreesWithRecordedManoeuvresIfThereAreAny) {
   auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();

@@ -121,6 +121,7 @@ TEST_F(ModelServiceTest, ReportsOfAVersionArePagedNewestFirstAndReadWhole) {
     report.set_dataset(std::string("datasets/") + dataset);
     report.mutable_create_time()->set_seconds(++seconds);
     report.add_strata()->set_name("left");
+    report.mutable_rivals()->set_groups(7);
     ASSERT_TRUE(models_->KeepReport(report).ok());
   }
   v1::ListEvaluationReportsRequest request;
@@ -135,6 +136,7 @@ TEST_F(ModelServiceTest, ReportsOfAVersionArePagedNewestFirstAndReadWhole) {
     ASSERT_TRUE(status.ok()) << status.error_message();
     EXPECT_LE(response.evaluation_reports_size(), 2);
     for (const auto& report : response.evaluation_reports()) {
+      EXPECT_FALSE(report.has_rivals());
       datasets.push_back(report.dataset().substr(9));
       last = report.name();
     }

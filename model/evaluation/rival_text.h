@@ -1,0 +1,24 @@
+// A model beside its rivals, as people read it.
+
+#ifndef MANEUVER_MODEL_EVALUATION_RIVAL_TEXT_H_
+#define MANEUVER_MODEL_EVALUATION_RIVAL_TEXT_H_
+
+#include <string>
+#include <string_view>
+
+#include "maneuver/v1/rivals.pb.h"
+
+namespace maneuver::evaluation {
+
+// Returns "ahead", "BEHIND" or "?".
+std::string_view VerdictMark(v1::RivalVerdict verdict);
+
+// Returns one table by ade_1, at most 100 columns wide, and below it a line for each rival: in how
+// many strata the model is ahead of it, and where it is behind. Trained rivals have a line by
+// min_ade_6 too. Empty if nothing was compared. The standings themselves have all metrics and all
+// intervals. Lines end in '\n'.
+std::string RivalText(const v1::RivalStandings& standings, bool color);
+
+}  // namespace maneuver::evaluation
+
+#endif  // MANEUVER_MODEL_EVALUATION_RIVAL_TEXT_H_
