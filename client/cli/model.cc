@@ -14,6 +14,7 @@
 #include "client/cli/model_compare.h"
 #include "client/cli/model_export.h"
 #include "client/cli/resource_names.h"
+#include "client/cli/rival_option.h"
 #include "client/cli/spec_rows.h"
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
@@ -25,6 +26,9 @@ namespace {
 struct ModelArguments {
   std::string model;
   std::string alias = "serving";
+  std::vector<std::string> ahead_of;
+  std::vector<std::string> not_behind;
+  std::optional<std::string> dataset;
   int64_t action = 0;
   std::string label;
   bool all = false;
@@ -218,6 +222,16 @@ int Promote(const ModelArguments& arguments, Environment& environment) {
   v1::SetModelAliasRequest request;
   request.set_name(absl::StrCat(version.substr(0, versions), "/aliases/", arguments.alias));
   request.set_model_version(version);
+  absl::Status required = ParseRequirements(arguments.ahead_of, v1::RIVAL_STANDARD_AHEAD,
+                                            "--ahead-of", request.mutable_requirements());
+  required.Update(ParseRequirements(arguments.not_behind, v1::RIVAL_STANDARD_NOT_BEHIND,
+                                    "--not-behind", request.mutable_requirements()));
+  if (!required.ok()) return environment.Refuse(std::string(required.message()));
+  if (request.requirements().empty() == arguments.dataset.has_value()) {
+    return environment.Refuse(
+        "--ahead-of and --not-behind go with --dataset: which evaluation of the version decides");
+  }
+  if (arguments.dataset) request.set_dataset(DatasetResource(*arguments.dataset));
   const auto alias = environment.server_client().SetModelAlias(request, environment.call_options());
   if (!alias.ok()) return environment.Fail(alias.status());
   if (environment.json()) {
@@ -283,11 +297,24 @@ void AddModel(Command& root, Environment& environment) {
   remove.Run([=, &environment] { return DeleteModel(arguments->model, environment); });
 
   Command promote = group.Add("promote", "Make a version the one that serves",
-                              "It is loaded and checked first; a bad one leaves all as it was.\n"
+                              "It is loaded and checked first; a bad one leaves all as it was. So "
+                              "does one whose last evaluation on --dataset does not show what "
+                              "--ahead-of and --not-behind require; the answer names the strata.\n"
                               "Example: maneuver model promote town/2\n"
-                              "         maneuver model promote town/3 --alias candidate");
+                              "         maneuver model promote town/3 --alias candidate\n"
+                              "         maneuver model promote town/3 --dataset unseen \\\n"
+                              "             --ahead-of cv --not-behind ctra@strata");
   promote.Argument("MODEL", &arguments->model, "The version, such as town/2");
   promote.Option("--alias", &arguments->alias, "Which alias to point to it");
+  promote.Option("--dataset", &arguments->dataset,
+                 "Dataset that the version was evaluated on, for --ahead-of and --not-behind");
+  promote.Option("--ahead-of", &arguments->ahead_of,
+                 absl::StrCat("Only if it is ahead of this, by the whole 95 % interval of the "
+                              "difference; may be repeated. ",
+                              kRivalHelp));
+  promote.Option("--not-behind", &arguments->not_behind,
+                 "The same, but only what is behind by the whole interval is refused: undecided "
+                 "will do");
   promote.Run([=, &environment] { return Promote(*arguments, environment); });
 
   AddModelCompare(group, environment);

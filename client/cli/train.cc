@@ -9,6 +9,7 @@
 #include "client/cli/job_display.h"
 #include "client/cli/json_files.h"
 #include "client/cli/resource_names.h"
+#include "client/cli/rival_option.h"
 #include "client/cli/settings_argument.h"
 
 namespace maneuver::cli {
@@ -32,6 +33,8 @@ struct TrainArguments {
   std::string promote = "auto";
   std::optional<std::string> promote_dataset;
   std::vector<std::string> promote_metrics;
+  std::vector<std::string> promote_ahead;
+  std::vector<std::string> promote_not_behind;
   bool detach = false;
   bool validate_only = false;
 };
@@ -82,8 +85,11 @@ v1::Promotion PromotionOf(const std::string& choice) {
 std::string SetPromotion(const TrainArguments& arguments, v1::TrainRequest& request) {
   request.set_promotion(PromotionOf(arguments.promote));
   if (request.promotion() != v1::PROMOTION_IF_NO_WORSE) {
-    const bool given = arguments.promote_dataset || !arguments.promote_metrics.empty();
-    return given ? "--promote-dataset and --promote-metric go with --promote if-no-worse" : "";
+    const bool given = arguments.promote_dataset || !arguments.promote_metrics.empty() ||
+                       !arguments.promote_ahead.empty() || !arguments.promote_not_behind.empty();
+    return given ? "--promote-dataset, --promote-metric, --promote-ahead and --promote-not-behind "
+                   "go with --promote if-no-worse"
+                 : "";
   }
   if (!arguments.promote_dataset) {
     return "--promote if-no-worse wants --promote-dataset: what both versions are measured on";
@@ -102,6 +108,11 @@ std::string SetPromotion(const TrainArguments& arguments, v1::TrainRequest& requ
     }
     criterion.set_tolerance(tolerance);
   }
+  absl::Status status = ParseRequirements(arguments.promote_ahead, v1::RIVAL_STANDARD_AHEAD,
+                                          "--promote-ahead", criteria.mutable_rivals());
+  status.Update(ParseRequirements(arguments.promote_not_behind, v1::RIVAL_STANDARD_NOT_BEHIND,
+                                  "--promote-not-behind", criteria.mutable_rivals()));
+  if (!status.ok()) return std::string(status.message());
   return "";
 }
 
@@ -180,6 +191,9 @@ void AddTrain(Command& root, Environment& environment) {
       "         maneuver train city --dataset waymo-training --horizon 5s --epochs 20 \\\n"
       "             --set optimization.batch_size=128 --set model.decoder.hidden=256,256 --detach\n"
       "         maneuver train town --dataset town --promote if-no-worse --promote-dataset unseen\n"
+      "         maneuver train town --dataset town --promote if-no-worse --promote-dataset unseen "
+      "\\\n"
+      "             --promote-ahead cv --promote-not-behind ctra@strata\n"
       "         maneuver train town --start-from town --dataset town --dataset new=3 --epochs 3");
   command.Argument("MODEL", &arguments->model, "The model: a-z, 0-9 and -; need not exist");
   command.Option("--dataset", &arguments->datasets,
@@ -211,12 +225,20 @@ void AddTrain(Command& root, Environment& environment) {
   command.Option("--seed", &arguments->seed, 0, INT64_MAX, "Seed of everything random");
   command.Choice("--promote", &arguments->promote, {"auto", "never", "always", "if-no-worse"},
                  "When the new version becomes the one that serves; auto: if none does yet; "
-                 "if-no-worse: if none does yet, or measured on --promote-dataset it is no worse");
+                 "if-no-worse: if none does yet, or measured on --promote-dataset it is no worse, "
+                 "and meets --promote-ahead and --promote-not-behind");
   command.Option("--promote-dataset", &arguments->promote_dataset,
                  "Dataset to measure both versions on, for if-no-worse");
   command.Option("--promote-metric", &arguments->promote_metrics,
                  "NAME or NAME=TOLERANCE, such as nll=0.01, that may not be worse; may be repeated "
                  "[min_ade_6 nll]");
+  command.Option("--promote-ahead", &arguments->promote_ahead,
+                 absl::StrCat("Promote only what is ahead of this on --promote-dataset, by the "
+                              "whole 95 % interval of the difference; may be repeated. ",
+                              kRivalHelp));
+  command.Option("--promote-not-behind", &arguments->promote_not_behind,
+                 "The same, but only what is behind by the whole interval is refused: undecided "
+                 "will do");
   command.Option("--priority", &arguments->priority, -100, 100,
                  "Jobs of a higher one run first [0]");
   command.Flag("--detach", &arguments->detach, "Start the job and return");

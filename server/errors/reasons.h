@@ -104,6 +104,12 @@ inline constexpr ReasonEntry kReasons[] = {
      "ListEvaluationReports names those that it was evaluated on; evaluate it"},
     {"EVALUATION_DAMAGED", "FAILED_PRECONDITION", "the report beside the version does not parse",
      "evaluate the version on that dataset again"},
+    {"EVALUATION_OUTDATED", "FAILED_PRECONDITION",
+     "the report beside the version was made by a release that compared it with no rivals",
+     "evaluate the version on that dataset again"},
+    {"REQUIREMENTS_NOT_MET", "FAILED_PRECONDITION",
+     "the version's evaluation does not show what the call requires; the message names where",
+     "leave the alias as it is, or require less"},
 
     {"DATASET_NOT_FOUND", "NOT_FOUND, FAILED_PRECONDITION",
      "there is no such dataset, or a job that is to go on has lost it",

@@ -11,6 +11,7 @@
 #include "absl/strings/strip.h"
 #include "model/artifact/training_presets.h"
 #include "model/evaluation/metric_table.h"
+#include "model/evaluation/rival_table.h"
 #include "model/files/digest.h"
 #include "server/errors/error_details.h"
 #include "server/security/resource_name.h"
@@ -45,7 +46,8 @@ void CheckPriority(int priority, Violations& violations) {
   }
 }
 
-void CheckCriteria(const v1::PromotionCriteria& criteria, Violations& violations) {
+void CheckCriteria(const v1::PromotionCriteria& criteria, bool with_baselines,
+                   Violations& violations) {
   const std::string field = "promotion_criteria.";
   if (!security::ParseDatasetName(criteria.dataset(), field + "dataset").ok()) {
     violations.push_back({field + "dataset", kDatasetRule});
@@ -69,6 +71,13 @@ void CheckCriteria(const v1::PromotionCriteria& criteria, Violations& violations
                             "must be 0 or more, in the metric's unit"});
     }
   }
+  CheckRequirements(criteria.rivals(), field + "rivals", violations);
+  for (int i = 0; i < criteria.rivals_size() && !with_baselines; ++i) {
+    const evaluation::Rival* rival = evaluation::FindRival(criteria.rivals(i).rival());
+    if (rival == nullptr || !rival->trained) continue;
+    violations.push_back({absl::StrCat(field, "rivals[", i, "].rival"),
+                          "is only trained and measured with settings.baselines"});
+  }
   if (criteria.examples().dataset_weights_size() > 0) {
     violations.push_back({field + "examples.dataset_weights", "is for training alone"});
   }
@@ -82,7 +91,7 @@ void CheckCriteria(const v1::PromotionCriteria& criteria, Violations& violations
 
 void CheckPromotion(const v1::TrainRequest& request, Violations& violations) {
   if (request.promotion() == v1::PROMOTION_IF_NO_WORSE) {
-    CheckCriteria(request.promotion_criteria(), violations);
+    CheckCriteria(request.promotion_criteria(), request.settings().baselines(), violations);
   } else if (request.has_promotion_criteria()) {
     violations.push_back({"promotion_criteria", "only goes with PROMOTION_IF_NO_WORSE"});
   }
@@ -126,6 +135,20 @@ std::string DigestOfRequest(Request request) {
 }
 
 }  // namespace
+
+void CheckRequirements(const evaluation::RivalRequirements& requirements, const std::string& field,
+                       std::vector<scene::FieldViolation>& violations) {
+  if (requirements.size() > kMaxCriteria) {
+    violations.push_back({field, absl::StrCat("must be at most ", kMaxCriteria)});
+    return;
+  }
+  for (int i = 0; i < requirements.size(); ++i) {
+    evaluation::RequirementFault fault = evaluation::CheckRequirement(requirements[i]);
+    if (fault.field.empty()) continue;
+    violations.push_back(
+        {absl::StrCat(field, "[", i, "].", fault.field), std::move(fault.description)});
+  }
+}
 
 absl::Status CheckTrainRequest(const v1::TrainRequest& request) {
   Violations violations;

@@ -8,6 +8,8 @@
 
 #include "absl/status/status.h"
 #include "maneuver/v1/training_service.pb.h"
+#include "model/evaluation/rival_requirements.h"
+#include "model/scene/field_violation.h"
 
 namespace maneuver::jobs {
 
@@ -19,6 +21,11 @@ absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request);
 // Whether the settings of a request with start_from, which CheckTrainRequest has not looked at, go
 // with a model of this spec. INVALID_ARGUMENT with each wrong field.
 absl::Status CheckStart(const v1::TrainRequest& request, const v1::ModelSpec& start);
+
+// Appends each wrong field of requirements: `requirements` is the field `field`, such as
+// "requirements".
+void CheckRequirements(const evaluation::RivalRequirements& requirements, const std::string& field,
+                       std::vector<scene::FieldViolation>& violations);
 
 // Example settings with every unset field taken from the default preset.
 v1::ExampleSettings ResolveExamples(const v1::ExampleSettings& examples);

@@ -8,6 +8,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "model/evaluation/report_comparison.h"
+#include "model/evaluation/rival_requirements.h"
 #include "server/errors/error_details.h"
 #include "server/jobs/job_requests.h"
 
@@ -65,28 +66,55 @@ v1::PromotionDecision Compare(const PromotionTask& task, const v1::EvaluationRep
 }
 
 // The report of a version by the task's criteria: the one that is kept, or a new one.
-PromotionSteps::MeasuredVersion ReportOf(const std::string& version, const PromotionTask& task,
-                                         PromotionSteps& steps) {
+//   with_rivals: it must say how the version stands beside its rivals
+PromotionSteps::MeasuredVersion ReportOf(const std::string& version, bool with_rivals,
+                                         const PromotionTask& task, PromotionSteps& steps) {
   auto kept = steps.FindReport(version);
   if (kept.ok() && kept->dataset_sha256() == task.dataset_sha256 &&
-      evaluation::ChooseTheSameExamples(kept->example_settings(), task.criteria.examples())) {
+      evaluation::ChooseTheSameExamples(kept->example_settings(), task.criteria.examples()) &&
+      (kept->has_rivals() || !with_rivals)) {
     return {absl::OkStatus(), false, *std::move(kept)};
   }
   return steps.Measure(version);
 }
 
-// Against the version that serves; nothing changes yet.
+v1::PromotionDecision AsNoneServes(const PromotionTask& task) {
+  v1::PromotionDecision decision;
+  decision.set_promoted(true);
+  decision.set_reason(absl::StrCat("no version of ", task.model, " served"));
+  return decision;
+}
+
+// Turns a decision against a version that does not meet the requirements, and names where.
+void HoldAgainstRivals(const PromotionTask& task, const v1::RivalStandings& rivals,
+                       v1::PromotionDecision& decision) {
+  const auto& requirements = task.criteria.rivals();
+  if (requirements.empty()) return;
+  const std::vector<v1::RivalShortfall> shortfalls =
+      evaluation::FindShortfalls(rivals, requirements);
+  if (shortfalls.empty()) {
+    std::vector<std::string> met;
+    for (const auto& each : requirements) met.push_back(evaluation::RequirementText(each));
+    decision.set_reason(absl::StrCat(decision.reason(), "; ", absl::StrJoin(met, ", ")));
+    return;
+  }
+  decision.mutable_shortfalls()->Assign(shortfalls.begin(), shortfalls.end());
+  const std::string unmet = absl::StrCat("what is required on ", task.criteria.dataset(),
+                                         " is not met: ", evaluation::ShortfallText(shortfalls));
+  decision.set_reason(decision.promoted() ? unmet : absl::StrCat(decision.reason(), "; ", unmet));
+  decision.set_promoted(false);
+}
+
+// Against the requirements and the version that serves; nothing changes yet.
 PromotionOutcome Judge(const std::string& serving, const PromotionTask& task,
                        PromotionSteps& steps) {
-  if (serving.empty()) {
-    v1::PromotionDecision decision;
-    decision.set_promoted(true);
-    decision.set_reason(absl::StrCat("no version of ", task.model, " served"));
-    return {std::move(decision), {}};
-  }
+  const bool with_rivals = !task.criteria.rivals().empty();
+  if (serving.empty() && !with_rivals) return {AsNoneServes(task), {}};
   std::vector<v1::EvaluationReport> reports;
   for (const std::string& version : {task.version, serving}) {
-    PromotionSteps::MeasuredVersion measured = ReportOf(version, task, steps);
+    if (version.empty()) continue;
+    PromotionSteps::MeasuredVersion measured =
+        ReportOf(version, with_rivals && version == task.version, task, steps);
     if (measured.interrupted) return {std::nullopt, std::move(measured.status)};
     if (!measured.status.ok()) {
       return {Against(absl::StrCat(version, " was not measured on ", task.criteria.dataset()),
@@ -95,7 +123,10 @@ PromotionOutcome Judge(const std::string& serving, const PromotionTask& task,
     }
     reports.push_back(std::move(measured.report));
   }
-  return {Compare(task, reports[1], reports[0]), {}};
+  v1::PromotionDecision decision =
+      serving.empty() ? AsNoneServes(task) : Compare(task, reports[1], reports[0]);
+  HoldAgainstRivals(task, reports[0].rivals(), decision);
+  return {std::move(decision), {}};
 }
 
 }  // namespace

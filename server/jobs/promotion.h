@@ -12,7 +12,7 @@
 
 namespace maneuver::jobs {
 
-// Criteria with defaults filled in: min_ade_6 and nll, and the preset's examples.
+// Returns criteria with defaults filled in: min_ade_6 and nll, and the preset's examples.
 v1::PromotionCriteria ResolveCriteria(v1::PromotionCriteria criteria);
 
 // What is to be decided.
@@ -56,11 +56,14 @@ struct PromotionOutcome {
 };
 
 // Decides and, if so, promotes:
-//   - no version of the model serves: promote, without measuring anything;
-//   - else compare the report of the new version with that of the one that serves, measuring what
-//     has no report by these criteria; promote if no metric is worse by more than its tolerance;
-//   - if another version has come to serve meanwhile, compare with that one.
-// Whatever fails on the way is a decision against it, which says why.
+//   - no version of the model serves, and the criteria require nothing beside rivals: promotes
+//     without measuring anything;
+//   - no version serves: promotes if the report of the new version meets the requirements;
+//   - else compares the report of the new version with that of the one that serves; promotes if no
+//     metric is worse by more than its tolerance, and the requirements are met;
+//   - if another version has come to serve meanwhile, compares with that one.
+// Measures what has no report by these criteria. Whatever fails on the way is a decision against
+// it, which says why.
 PromotionOutcome DecidePromotion(const PromotionTask& task, PromotionSteps& steps);
 
 }  // namespace maneuver::jobs

@@ -9,7 +9,9 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_spec.h"
+#include "model/evaluation/rival_requirements.h"
 #include "model/inference/action_model.h"
+#include "server/jobs/job_requests.h"
 #include "server/rpc/blocking_call.h"
 #include "server/rpc/paging.h"
 #include "server/rpc/prediction_translation.h"
@@ -176,6 +178,39 @@ absl::Status ListReportsPage(const serving::ModelRegistry& models,
   return absl::OkStatus();
 }
 
+// OK if the newest report of the version on the request's dataset shows what is required.
+absl::Status CheckRequirements(const serving::ModelRegistry& models,
+                               const v1::SetModelAliasRequest& request,
+                               const security::ModelVersionName& version) {
+  if (request.requirements().empty()) {
+    if (request.dataset().empty()) return absl::OkStatus();
+    return errors::InvalidField("dataset", "only goes with requirements");
+  }
+  std::vector<scene::FieldViolation> violations;
+  jobs::CheckRequirements(request.requirements(), "requirements", violations);
+  if (!violations.empty()) return errors::InvalidFields(violations);
+  const auto dataset = security::ParseDatasetName(request.dataset(), "dataset");
+  if (!dataset.ok()) return dataset.status();
+  const auto report = models.GetReport({version, *dataset});
+  if (!report.ok()) return report.status();
+  if (!report->has_rivals()) {
+    return errors::WithReason(
+        absl::FailedPreconditionError(
+            absl::StrCat(report->name(),
+                         " says nothing of rivals: an earlier release measured it; evaluate the "
+                         "version on ",
+                         request.dataset(), " again")),
+        "EVALUATION_OUTDATED", {{"evaluation", report->name()}});
+  }
+  const std::vector<v1::RivalShortfall> shortfalls =
+      evaluation::FindShortfalls(report->rivals(), request.requirements());
+  if (shortfalls.empty()) return absl::OkStatus();
+  return errors::WithReason(absl::FailedPreconditionError(absl::StrCat(
+                                version.ToString(), " does not show on ", request.dataset(),
+                                " what is required: ", evaluation::ShortfallText(shortfalls))),
+                            "REQUIREMENTS_NOT_MET", {{"evaluation", report->name()}});
+}
+
 // UTF-8: bytes that do not continue a character.
 int Characters(std::string_view text) {
   return static_cast<int>(std::ranges::count_if(text, [](char c) { return (c & 0xC0) != 0x80; }));
@@ -227,6 +262,7 @@ grpc::ServerUnaryReactor* ModelService::SetModelAlias(grpc::CallbackServerContex
     if (version->model != name->model) {
       return errors::InvalidField("model_version", "an alias points to a version of its own model");
     }
+    if (auto status = CheckRequirements(models_, *request, *version); !status.ok()) return status;
     if (auto status = models_.SetAlias(*name, version->version); !status.ok()) return status;
     response->set_name(name->ToString());
     response->set_model_version(version->ToString());

@@ -34,8 +34,9 @@ const std::set<std::string> kNames = {"name",          "parent",     "model",
                                       "model_version", "dataset",    "datasets",
                                       "file",          "page_token", "start_from"};
 // Strings that name nothing: the server keeps them or compares them.
-const std::set<std::string> kOtherStrings = {"request_id", "scenario_id", "label",  "origin",
-                                             "sha256",     "preset",      "device", "metric"};
+const std::set<std::string> kOtherStrings = {"request_id", "scenario_id", "label",
+                                             "origin",     "sha256",      "preset",
+                                             "device",     "metric",      "rival"};
 
 const std::vector<std::string> kHostile = {
     "../../etc/passwd",

@@ -112,6 +112,17 @@ TEST_F(PromotionTest, AWorseVersionIsNotPromotedAndAnEqualOneIsThoughTheServerDi
   EXPECT_EQ(comparison.baseline(), "models/tiny/versions/1");
   EXPECT_GT(comparison.metrics_size(), 40);
 
+  // Every evaluation says where the version is ahead; a promotion can require it.
+  const std::string measured = Run({"evaluate", "tiny/2", "--dataset", "unseen"});
+  EXPECT_THAT(measured, HasSubstr("AHEAD BY ade_1, m?"));
+  EXPECT_THAT(measured, ContainsRegex("all +[0-9]+ +BEHIND \\+[0-9.]+"));
+  EXPECT_THAT(measured,
+              ContainsRegex("ade_1: ahead of constant velocity in [0-9]+ of [0-9]+ strata"));
+  const std::string refused =
+      Run({"model", "promote", "tiny/2", "--dataset", "unseen", "--not-behind", "cv@strata"}, 1);
+  EXPECT_THAT(refused, HasSubstr("behind constant velocity by ade_1 over all examples (+"));
+  EXPECT_EQ(Serving(), "models/tiny/versions/1");
+
   // Measured by other settings, it cannot be compared.
   Run({"evaluate", "tiny/2", "--dataset", "unseen", "--set", "stride=2s"});
   EXPECT_THAT(Run({"model", "compare", "tiny/1", "tiny/2"}, 1), HasSubstr("stride=2s"));

@@ -10,6 +10,7 @@
 #include "client/cli/maneuver.h"
 #include "client/cli/progress_line.h"
 #include "client/cli/resource_names.h"
+#include "client/cli/rival_option.h"
 #include "client/cli/settings_argument.h"
 #include "client/cli/table.h"
 #include "client/cli/target_selection.h"
@@ -76,6 +77,9 @@ TEST(CommandLineTest, OptionsOfPromotionThatDoNotGoTogetherAreRefused) {
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
       {{"--promote", "if-no-worse"}, "wants --promote-dataset"},
       {{"--promote-dataset", "unseen"}, "go with --promote if-no-worse"},
+      {{"--promote-ahead", "cv"}, "go with --promote if-no-worse"},
+      {{"--promote", "if-no-worse", "--promote-dataset", "unseen", "--promote-ahead", "nobody"},
+       "--promote-ahead nobody: nobody is none of cv"},
       {{"--promote", "always", "--promote-metric", "nll"}, "go with --promote if-no-worse"},
       {{"--promote", "if-no-worse", "--promote-dataset", "unseen", "--promote-metric",
         "nll=little"},
@@ -366,6 +370,34 @@ TEST(JobDisplayTest, MetricsStandBesideThoseOfConstantVelocity) {
   comparison.mutable_difference()->set_value(-0.75);
   comparison.set_verdict(v1::RIVAL_VERDICT_AHEAD);
   EXPECT_THAT(HeldOutText(manifest, false), HasSubstr("ahead -0.75"));
+}
+
+TEST(RivalOptionTest, RequirementsAreRivalMetricAndScope) {
+  google::protobuf::RepeatedPtrField<v1::RivalRequirement> requirements;
+  ASSERT_TRUE(ParseRequirements({"cv", "ctra@strata", "baselines:min_fde_6@strata"},
+                                v1::RIVAL_STANDARD_NOT_BEHIND, "--not-behind", &requirements)
+                  .ok());
+  ASSERT_EQ(requirements.size(), 4);
+  EXPECT_EQ(requirements[0].rival(), "cv");
+  EXPECT_EQ(requirements[0].metric(), "");
+  EXPECT_EQ(requirements[0].standard(), v1::RIVAL_STANDARD_NOT_BEHIND);
+  EXPECT_EQ(requirements[0].scope(), v1::RIVAL_SCOPE_ALL_EXAMPLES);
+  EXPECT_EQ(requirements[1].rival(), "ctra");
+  EXPECT_EQ(requirements[1].scope(), v1::RIVAL_SCOPE_EVERY_STRATUM);
+  EXPECT_EQ(requirements[2].rival(), "covernet");
+  EXPECT_EQ(requirements[3].rival(), "multipath");
+  EXPECT_EQ(requirements[3].metric(), "min_fde_6");
+  EXPECT_EQ(requirements[3].scope(), v1::RIVAL_SCOPE_EVERY_STRATUM);
+
+  for (const auto& [text, wrong] : std::vector<std::pair<std::string, std::string>>{
+           {"me", "me is none of cv"},
+           {"cv:min_ade_6", "min_ade_6 cannot be compared with constant velocity"},
+           {"cv@turns", "cv@turns is none of"}}) {
+    const absl::Status status =
+        ParseRequirements({text}, v1::RIVAL_STANDARD_AHEAD, "--ahead-of", &requirements);
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+    EXPECT_THAT(std::string(status.message()), HasSubstr("--ahead-of " + text + ": " + wrong));
+  }
 }
 
 // A vehicle at `speed` m/s along x, seen from `from` to `to` at 10 Hz.

@@ -153,6 +153,109 @@ TEST_F(PromotionTest, TheFirstVersionIsPromotedUnmeasured) {
   EXPECT_EQ(steps_.serving, kNew);
 }
 
+// Constant velocity over all examples: ahead of it by 0.5 m, unless told otherwise.
+void StandBesideConstantVelocity(v1::EvaluationReport& report,
+                                 v1::RivalVerdict verdict = v1::RIVAL_VERDICT_AHEAD) {
+  v1::RivalStanding& all = *report.mutable_rivals()->add_parts();
+  all.set_examples(400);
+  all.set_groups(40);
+  v1::RivalComparison& comparison = *all.add_comparisons();
+  comparison.set_metric("ade_1");
+  comparison.set_rival("cv");
+  comparison.mutable_difference()->set_value(-0.5);
+  comparison.mutable_difference()->set_lower(-0.75);
+  comparison.mutable_difference()->set_upper(0.25);
+  comparison.set_verdict(verdict);
+}
+
+TEST_F(PromotionTest, AVersionThatDoesNotStandAsRequiredIsRefusedWithTheFigures) {
+  task_.criteria.add_rivals()->set_rival("cv");
+  StandBesideConstantVelocity(steps_.truth[kNew], v1::RIVAL_VERDICT_UNDECIDED);
+  const v1::PromotionDecision decision = Decide();
+  EXPECT_FALSE(decision.promoted());
+  EXPECT_EQ(steps_.serving, kOld);
+  EXPECT_EQ(decision.reason(),
+            "what is required on datasets/unseen is not met: not ahead of constant velocity by "
+            "ade_1 over all examples (-0.500 m, 95 % -0.750 .. +0.250)");
+  ASSERT_EQ(decision.shortfalls_size(), 1);
+  EXPECT_EQ(decision.shortfalls(0).requirement().rival(), "cv");
+  EXPECT_EQ(decision.shortfalls(0).comparison().difference().upper(), 0.25);
+  // Both versions' figures are there all the same.
+  EXPECT_EQ(decision.comparison().metrics_size(), 2);
+  EXPECT_FALSE(decision.has_error());
+}
+
+TEST_F(PromotionTest, AVersionThatIsWorseAndDoesNotStandAsRequiredHasBothReasons) {
+  task_.criteria.add_rivals()->set_rival("cv");
+  steps_.truth[kNew] = Report(kNew, 0.5, 2.125);
+  StandBesideConstantVelocity(steps_.truth[kNew], v1::RIVAL_VERDICT_UNDECIDED);
+  const v1::PromotionDecision decision = Decide();
+  EXPECT_THAT(decision.reason(), HasSubstr("nll 2.1250 against 2.0000 nats; what is required"));
+}
+
+TEST_F(PromotionTest, AVersionThatStandsAsRequiredIsPromotedIfItIsNoWorseToo) {
+  task_.criteria.add_rivals()->set_rival("cv");
+  StandBesideConstantVelocity(steps_.truth[kNew]);
+  v1::PromotionDecision decision = Decide();
+  EXPECT_TRUE(decision.promoted()) << decision.reason();
+  EXPECT_THAT(decision.reason(),
+              HasSubstr("; ahead of constant velocity by ade_1 over all examples"));
+
+  steps_.serving = kOld;
+  steps_.remembered.reset();
+  steps_.kept.clear();
+  steps_.truth[kNew] = Report(kNew, 0.5, 2.125);
+  StandBesideConstantVelocity(steps_.truth[kNew]);
+  decision = Decide();
+  EXPECT_FALSE(decision.promoted());
+  EXPECT_EQ(decision.shortfalls_size(), 0);
+}
+
+TEST_F(PromotionTest, TheFirstVersionIsMeasuredIfSomethingIsRequiredOfIt) {
+  task_.criteria.add_rivals()->set_rival("cv");
+  steps_.serving = "";
+  StandBesideConstantVelocity(steps_.truth[kNew], v1::RIVAL_VERDICT_BEHIND);
+  v1::PromotionDecision decision = Decide();
+  EXPECT_FALSE(decision.promoted());
+  EXPECT_THAT(steps_.measured, ElementsAre(kNew));
+  EXPECT_EQ(steps_.serving, "");
+
+  steps_.kept[kNew] = Report(kNew, 0.5, 1.5);
+  StandBesideConstantVelocity(steps_.kept[kNew]);
+  decision = Decide();
+  EXPECT_TRUE(decision.promoted()) << decision.reason();
+  EXPECT_THAT(decision.reason(), HasSubstr("no version of models/town served; ahead of"));
+  EXPECT_EQ(steps_.serving, kNew);
+}
+
+// As an earlier release kept it.
+TEST_F(PromotionTest, AReportWithoutRivalsIsMadeAgainIfSomethingIsRequired) {
+  steps_.kept[kNew] = steps_.truth[kNew];
+  steps_.kept[kOld] = steps_.truth[kOld];
+  task_.criteria.add_rivals()->set_rival("cv");
+  StandBesideConstantVelocity(steps_.truth[kNew]);
+  EXPECT_TRUE(Decide().promoted());
+  EXPECT_THAT(steps_.measured, ElementsAre(kNew));
+}
+
+TEST_F(PromotionTest, RefusesRequirementsThatNobodyCanMeet) {
+  v1::TrainRequest request;
+  request.set_model("models/town");
+  request.add_datasets("datasets/town");
+  request.set_promotion(v1::PROMOTION_IF_NO_WORSE);
+  request.mutable_promotion_criteria()->set_dataset("datasets/unseen");
+  v1::RivalRequirement& requirement = *request.mutable_promotion_criteria()->add_rivals();
+  requirement.set_rival("cv");
+  EXPECT_TRUE(CheckTrainRequest(request).ok());
+  requirement.set_metric("nll");
+  EXPECT_THAT(std::string(CheckTrainRequest(request).message()),
+              HasSubstr("promotion_criteria.rivals[0].metric"));
+  requirement.set_rival("covernet");
+  EXPECT_THAT(std::string(CheckTrainRequest(request).message()), HasSubstr("settings.baselines"));
+  request.mutable_settings()->set_baselines(true);
+  EXPECT_TRUE(CheckTrainRequest(request).ok());
+}
+
 TEST_F(PromotionTest, AReportOfTheSameExamplesIsNotMadeAgainAndOneOfOthersIs) {
   steps_.kept[kOld] = steps_.truth[kOld];
   Decide();

@@ -112,6 +112,95 @@ TEST_F(ModelServiceTest, VersionsArePagedNewestFirst) {
             grpc::StatusCode::INVALID_ARGUMENT);
 }
 
+class RequirementsTest : public ModelServiceTest {
+ protected:
+  void SetUp() override {
+    ModelServiceTest::SetUp();
+    Publish();
+    request_.set_name("models/town/aliases/candidate");
+    request_.set_model_version("models/town/versions/1");
+  }
+
+  // A report of town/1 on datasets/unseen, with `upper` the end of the interval of constant
+  // velocity at 5-10 m/s.
+  void Keep(double upper) {
+    v1::EvaluationReport report;
+    report.set_model_version("models/town/versions/1");
+    report.set_dataset("datasets/unseen");
+    for (const char* name : {"", "5-10 m/s"}) {
+      v1::RivalStanding& part = *report.mutable_rivals()->add_parts();
+      if (*name != '\0') part.set_dimension("speed");
+      part.set_name(name);
+      part.set_examples(400);
+      part.set_groups(40);
+      v1::RivalComparison& comparison = *part.add_comparisons();
+      comparison.set_metric("ade_1");
+      comparison.set_rival("cv");
+      const bool ahead = *name == '\0' || upper < 0.0;
+      comparison.mutable_difference()->set_value(-0.5);
+      comparison.mutable_difference()->set_lower(-1.0);
+      comparison.mutable_difference()->set_upper(ahead ? -0.125 : upper);
+      comparison.set_verdict(ahead ? v1::RIVAL_VERDICT_AHEAD : v1::RIVAL_VERDICT_UNDECIDED);
+    }
+    ASSERT_TRUE(models_->KeepReport(report).ok());
+  }
+  grpc::Status SetAlias() {
+    grpc::ClientContext context;
+    v1::ModelAlias alias;
+    return model_stub_->SetModelAlias(&context, request_, &alias);
+  }
+
+  v1::SetModelAliasRequest request_;
+};
+
+TEST_F(RequirementsTest, AnAliasMovesIfTheReportShowsWhatIsRequired) {
+  v1::RivalRequirement& requirement = *request_.add_requirements();
+  requirement.set_rival("cv");
+  requirement.set_scope(v1::RIVAL_SCOPE_EVERY_STRATUM);
+  request_.set_dataset("datasets/unseen");
+  EXPECT_EQ(SetAlias().error_code(), grpc::StatusCode::NOT_FOUND);  // not evaluated yet
+
+  Keep(0.25);
+  const grpc::Status refused = SetAlias();
+  EXPECT_EQ(refused.error_code(), grpc::StatusCode::FAILED_PRECONDITION);
+  EXPECT_THAT(refused.error_message(),
+              HasSubstr("not ahead of constant velocity by ade_1 in 5-10 m/s (-0.500 m, 95 % "
+                        "-1.000 .. +0.250)"));
+  EXPECT_THAT(refused.error_details(), HasSubstr("REQUIREMENTS_NOT_MET"));
+  EXPECT_FALSE(
+      models_->Resolve(security::ParseModelReference("models/town@candidate", "").value()).ok());
+
+  Keep(-0.125);
+  const grpc::Status moved = SetAlias();
+  EXPECT_TRUE(moved.ok()) << moved.error_message();
+}
+
+TEST_F(RequirementsTest, RefusesRequirementsThatMakeNoSense) {
+  Keep(-0.125);
+  request_.set_dataset("datasets/unseen");
+  EXPECT_EQ(SetAlias().error_code(), grpc::StatusCode::INVALID_ARGUMENT);  // for nothing
+  request_.add_requirements()->set_rival("nobody");
+  EXPECT_EQ(SetAlias().error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  request_.mutable_requirements(0)->set_rival("cv");
+  request_.clear_dataset();
+  EXPECT_EQ(SetAlias().error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  for (int i = 0; i < 20; ++i) request_.add_requirements()->set_rival("cv");
+  request_.set_dataset("datasets/unseen");
+  EXPECT_EQ(SetAlias().error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+}
+
+TEST_F(RequirementsTest, AReportThatSaysNothingOfRivalsIsOutdated) {
+  v1::EvaluationReport report;
+  report.set_model_version("models/town/versions/1");
+  report.set_dataset("datasets/unseen");
+  ASSERT_TRUE(models_->KeepReport(report).ok());
+  request_.add_requirements()->set_rival("cv");
+  request_.set_dataset("datasets/unseen");
+  const grpc::Status refused = SetAlias();
+  EXPECT_EQ(refused.error_code(), grpc::StatusCode::FAILED_PRECONDITION);
+  EXPECT_THAT(refused.error_message(), HasSubstr("evaluate the version on datasets/unseen again"));
+}
+
 TEST_F(ModelServiceTest, ReportsOfAVersionArePagedNewestFirstAndReadWhole) {
   Publish();
   int64_t seconds = 0;
