@@ -256,6 +256,12 @@ absl::StatusOr<v1::Job> Client::Evaluate(const v1::EvaluateRequest& without_id,
   return MANEUVER_CALL(training, TrainingService, Evaluate, Repeatable::kYes, management);
 }
 
+absl::StatusOr<v1::Job> Client::CrossValidate(const v1::CrossValidateRequest& without_id,
+                                              const CallOptions& call) {
+  const v1::CrossValidateRequest request = WithRequestId(without_id);
+  return MANEUVER_CALL(training, TrainingService, CrossValidate, Repeatable::kYes, management);
+}
+
 absl::StatusOr<v1::Job> Client::GetJob(const v1::GetJobRequest& request, const CallOptions& call) {
   return MANEUVER_CALL(training, TrainingService, GetJob, Repeatable::kYes, management);
 }

@@ -22,8 +22,9 @@
 // A server that asks who calls: set tls and token_file of ClientOptions.
 //
 // Each call has a deadline, over all its attempts. Calls that are safe to repeat are tried again
-// when the server is UNAVAILABLE (retry.h): all but deletions; uploads go on where they were. Train
-// and Evaluate are safe because they carry a request_id; one is made up where the request has none.
+// when the server is UNAVAILABLE (retry.h): all but deletions; uploads go on where they were.
+// Train, Evaluate and CrossValidate are safe because they carry a request_id; one is made up where
+// the request has none.
 
 #ifndef MANEUVER_CLIENT_CLIENT_H_
 #define MANEUVER_CLIENT_CLIENT_H_
@@ -189,6 +190,8 @@ class Client {
   absl::StatusOr<v1::Job> Train(const v1::TrainRequest& request, const CallOptions& call = {});
   absl::StatusOr<v1::Job> Evaluate(const v1::EvaluateRequest& request,
                                    const CallOptions& call = {});
+  absl::StatusOr<v1::Job> CrossValidate(const v1::CrossValidateRequest& request,
+                                        const CallOptions& call = {});
   absl::StatusOr<v1::Job> GetJob(const v1::GetJobRequest& request, const CallOptions& call = {});
   absl::StatusOr<v1::ListJobsResponse> ListJobs(const v1::ListJobsRequest& request,
                                                 const CallOptions& call = {});

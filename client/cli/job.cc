@@ -4,13 +4,13 @@
 #include <ostream>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
 #include "client/cli/commands.h"
 #include "client/cli/figures.h"
 #include "client/cli/job_display.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
+#include "model/evaluation/cross_validation_text.h"
 #include "model/evaluation/report_text.h"
 
 namespace maneuver::cli {
@@ -78,9 +78,7 @@ int ShowJob(const std::string& name, const std::optional<std::string>& figures,
   Table table({{"JOB"}, {ShortName(job->name())}});
   table.Add({"what", Kind(*job)});
   table.Add({"model", Subject(*job)});
-  const std::string datasets =
-      job->has_train() ? absl::StrJoin(job->train().datasets(), " ") : job->evaluate().dataset();
-  table.Add({"datasets", datasets});
+  table.Add({"datasets", Datasets(*job)});
   table.Add({"state", StateName(job->state())});
   if (job->attempts().started() > 1) {
     table.Add({"processes", absl::StrCat(job->attempts().started(), ", the last from ",
@@ -108,6 +106,10 @@ int ShowJob(const std::string& name, const std::optional<std::string>& figures,
   }
   if (job->evaluation().metrics_size() > 0) {
     environment.out << "\n" << evaluation::ReportText(job->evaluation(), environment.color);
+  }
+  if (job->has_cross_validation()) {
+    environment.out << "\n"
+                    << evaluation::CrossValidationText(job->cross_validation(), environment.color);
   }
   return drawn;
 }
@@ -153,7 +155,7 @@ int DeleteJob(const std::string& name, Environment& environment) {
 }  // namespace
 
 void AddJob(Command& root, Environment& environment) {
-  Command group = root.Add("job", "Training and evaluation jobs");
+  Command group = root.Add("job", "Training, evaluation and cross-validation jobs");
   const auto name = std::make_shared<std::string>();
 
   Command list = group.Add("list", "All jobs, newest first", "Example: maneuver job list");

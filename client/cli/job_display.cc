@@ -3,12 +3,14 @@
 #include <ostream>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "client/cli/command.h"
 #include "client/cli/comparison_text.h"
 #include "client/cli/interrupt.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/text_format.h"
 #include "client/error_details.h"
+#include "model/evaluation/cross_validation_text.h"
 #include "model/evaluation/report_text.h"
 
 namespace maneuver::cli {
@@ -88,12 +90,20 @@ std::string StateName(v1::JobState state) {
 }
 
 std::string Kind(const v1::Job& job) {
+  if (job.has_cross_validate()) return "cross-validate";
   return job.has_train() ? "train" : job.has_evaluate() ? "evaluate" : "-";
 }
 
 std::string Subject(const v1::Job& job) {
+  if (job.has_cross_validate()) return "-";
   if (!job.model_version().empty()) return ShortName(job.model_version());
   return ShortName(job.has_train() ? job.train().model() : job.evaluate().model());
+}
+
+std::string Datasets(const v1::Job& job) {
+  if (job.has_train()) return absl::StrJoin(job.train().datasets(), " ");
+  if (job.has_evaluate()) return job.evaluate().dataset();
+  return absl::StrJoin(job.cross_validate().datasets(), " ");
 }
 
 std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport& last_report) {
@@ -156,6 +166,11 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
                     << ShortName(job.evaluation().dataset()) << ", " << job.evaluation().examples()
                     << " examples, in " << Spell(took) << "\n\n"
                     << evaluation::ReportText(job.evaluation(), environment.color);
+    return kOk;
+  }
+  if (job.has_cross_validate()) {
+    environment.out << Datasets(job) << " cross-validated in " << Spell(took) << "\n\n"
+                    << evaluation::CrossValidationText(job.cross_validation(), environment.color);
     return kOk;
   }
   environment.out << job.model_version() << " is trained, in " << Spell(took) << "\n"

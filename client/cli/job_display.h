@@ -12,8 +12,9 @@
 namespace maneuver::cli {
 
 std::string StateName(v1::JobState state);  // "running"
-std::string Kind(const v1::Job& job);       // "train" or "evaluate"
-std::string Subject(const v1::Job& job);    // the model: "town"
+std::string Kind(const v1::Job& job);       // "train", "evaluate" or "cross-validate"
+std::string Subject(const v1::Job& job);    // the model: "town"; "-" of a cross-validation
+std::string Datasets(const v1::Job& job);   // what it learns from or measures: "datasets/town"
 
 // "joint 7/10  loss 2.31  19 effective actions  1 min 05 s left"; parts that are not known are left
 // out.

@@ -42,6 +42,7 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
   AddScenario(root, environment);
   AddTrain(root, environment);
   AddEvaluate(root, environment);
+  AddCrossValidate(root, environment);
   AddJob(root, environment);
   AddModel(root, environment);
   AddPredict(root, environment);

@@ -298,6 +298,7 @@ absl::StatusOr<v1::CrossValidationPart> CrossValidate(const CrossValidation& run
   for (const int64_t seed : run.seeds) {
     for (int fold = 0; fold < run.folds; ++fold) {
       if (run.only_fold && *run.only_fold != fold) continue;
+      if (run.finished.contains({seed, fold})) continue;
       if (run.stopped && run.stopped()) return Interrupted();
       if (run.began) run.began(seed, fold);
       absl::StatusOr<v1::FoldRun> result = runner.Run(seed, fold);

@@ -8,7 +8,9 @@
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -34,6 +36,8 @@ struct CrossValidation {
   int64_t fold_seed = 1;
   std::vector<int64_t> seeds = {1};  // of the trainings, each once
   std::optional<int> only_fold;      // counted from 0; empty: all of them
+  // Seed and fold of each model that was measured before: it is passed over.
+  std::set<std::pair<int64_t, int>> finished;
   // Also train the anchor baselines in each fold.
   bool baselines = false;
   // Folder that the models are written to, as seed-1-fold-2 (folds counted from 1); it exists, and
@@ -56,7 +60,8 @@ struct CrossValidation {
 // recordings of a test dataset are left out; CANCELLED.
 absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidation& run);
 
-// Trains and measures the models of all seeds and folds, one after the other: learns from the other
+// Trains and measures the models of all seeds and folds that are not finished, one after the other:
+// learns from the other
 // folds (of which `validation_share` is held out for calibration, as in any training), loads what
 // was written by the engine in f32, and measures it on the recordings of its fold and on the test
 // datasets.

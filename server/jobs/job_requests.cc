@@ -23,6 +23,9 @@ constexpr size_t kMaxRequestId = 128;
 constexpr int kMaxDatasets = 100;
 constexpr int kMaxSampledExamples = 1000;
 constexpr int kMaxCriteria = 20;
+constexpr int kMaxSeeds = 20;
+constexpr int kMaxFolds = 100;
+constexpr int kDefaultFolds = 5;
 constexpr int kMostPriority = 100;
 constexpr char kDatasetRule[] =
     "expected datasets/{dataset}, with ids of lower-case letters, digits and hyphens";
@@ -97,12 +100,43 @@ void CheckPromotion(const v1::TrainRequest& request, Violations& violations) {
   }
 }
 
-void CheckWeights(const v1::TrainRequest& request, Violations& violations) {
-  const int weights = request.settings().examples().dataset_weights_size();
-  if (weights == 0 || weights == request.datasets_size()) return;
-  violations.push_back(
-      {"settings.examples.dataset_weights",
-       absl::StrCat("has ", weights, " weights for ", request.datasets_size(), " datasets")});
+//   datasets: how many the request names
+void CheckWeights(const v1::TrainingSettings& settings, int datasets, Violations& violations) {
+  const int weights = settings.examples().dataset_weights_size();
+  if (weights == 0 || weights == datasets) return;
+  violations.push_back({"settings.examples.dataset_weights",
+                        absl::StrCat("has ", weights, " weights for ", datasets, " datasets")});
+}
+
+// Checks that there are not too many names, that each is one, and that none is in `seen`; adds them
+// there.
+void CheckDatasets(const google::protobuf::RepeatedPtrField<std::string>& names,
+                   const std::string& field, std::set<std::string>& seen, Violations& violations) {
+  if (names.size() > kMaxDatasets) {
+    violations.push_back({field, absl::StrCat("must be at most ", kMaxDatasets)});
+    return;
+  }
+  for (int i = 0; i < names.size(); ++i) {
+    const std::string each = absl::StrCat(field, "[", i, "]");
+    if (!security::ParseDatasetName(names[i], each).ok()) {
+      violations.push_back({each, kDatasetRule});
+    } else if (!seen.insert(names[i]).second) {
+      violations.push_back({each, "is named before"});
+    }
+  }
+}
+
+void CheckSeeds(const v1::CrossValidateRequest& request, Violations& violations) {
+  if (request.seeds_size() > kMaxSeeds) {
+    violations.push_back({"seeds", absl::StrCat("must be at most ", kMaxSeeds)});
+    return;
+  }
+  std::set<int64_t> seen;
+  for (int i = 0; i < request.seeds_size(); ++i) {
+    if (request.seeds(i) >= 0 && seen.insert(request.seeds(i)).second) continue;
+    violations.push_back({absl::StrCat("seeds[", i, "]"),
+                          request.seeds(i) < 0 ? "must be 0 or more" : "is named before"});
+  }
 }
 
 void AddOfSettings(std::vector<scene::FieldViolation> found, Violations& violations) {
@@ -157,26 +191,15 @@ absl::Status CheckTrainRequest(const v1::TrainRequest& request) {
         {"model", "expected models/{model}, with ids of lower-case letters, digits and hyphens"});
   }
   if (request.datasets().empty()) violations.push_back({"datasets", "must name at least one"});
-  if (request.datasets_size() > kMaxDatasets) {
-    violations.push_back({"datasets", absl::StrCat("must be at most ", kMaxDatasets)});
-    return Checked(violations);
-  }
   std::set<std::string> seen;
-  for (int i = 0; i < request.datasets_size(); ++i) {
-    const std::string field = absl::StrCat("datasets[", i, "]");
-    if (!security::ParseDatasetName(request.datasets(i), field).ok()) {
-      violations.push_back({field, kDatasetRule});
-    } else if (!seen.insert(request.datasets(i)).second) {
-      violations.push_back({field, "is named before"});
-    }
-  }
+  CheckDatasets(request.datasets(), "datasets", seen, violations);
   if (!v1::Promotion_IsValid(request.promotion())) {
     violations.push_back({"promotion", "is no promotion that this server knows"});
   }
   CheckPromotion(request, violations);
   CheckRequestId(request.request_id(), violations);
   CheckPriority(request.priority(), violations);
-  CheckWeights(request, violations);
+  CheckWeights(request.settings(), request.datasets_size(), violations);
   if (request.start_from().empty()) {
     const auto settings = artifact::ResolveTrainingSettings(request.settings());
     AddOfSettings(artifact::ValidateTrainingSettings(settings), violations);
@@ -219,6 +242,35 @@ absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request) {
   return Checked(violations);
 }
 
+absl::Status CheckCrossValidateRequest(const v1::CrossValidateRequest& request) {
+  Violations violations;
+  if (request.datasets().empty()) violations.push_back({"datasets", "must name at least one"});
+  std::set<std::string> seen;
+  CheckDatasets(request.datasets(), "datasets", seen, violations);
+  CheckDatasets(request.test_datasets(), "test_datasets", seen, violations);
+  if (request.folds() != 0 && (request.folds() < 2 || request.folds() > kMaxFolds)) {
+    violations.push_back(
+        {"folds", absl::StrCat("must be 2 to ", kMaxFolds, ", or 0 for ", kDefaultFolds)});
+  }
+  if (request.fold_seed() < 0) violations.push_back({"fold_seed", "must be 0 or more"});
+  CheckSeeds(request, violations);
+  CheckRequestId(request.request_id(), violations);
+  CheckPriority(request.priority(), violations);
+  CheckWeights(request.settings(), request.datasets_size(), violations);
+  AddOfSettings(
+      artifact::ValidateTrainingSettings(artifact::ResolveTrainingSettings(request.settings())),
+      violations);
+  return Checked(violations);
+}
+
+int FoldsOf(const v1::CrossValidateRequest& request) {
+  return request.folds() == 0 ? kDefaultFolds : request.folds();
+}
+
+int64_t FoldSeedOf(const v1::CrossValidateRequest& request) {
+  return request.has_fold_seed() ? request.fold_seed() : 1;
+}
+
 v1::ExampleSettings ResolveExamples(const v1::ExampleSettings& examples) {
   v1::TrainingSettings settings;
   *settings.mutable_examples() = examples;
@@ -230,6 +282,10 @@ std::string RequestDigest(v1::EvaluateRequest request) {
   return DigestOfRequest(std::move(request));
 }
 
+std::string RequestDigest(v1::CrossValidateRequest request) {
+  return DigestOfRequest(std::move(request));
+}
+
 std::vector<std::string> DatasetIds(const v1::Job& job) {
   std::vector<std::string> ids;
   const auto add = [&ids](const std::string& name) {
@@ -238,6 +294,9 @@ std::vector<std::string> DatasetIds(const v1::Job& job) {
   if (job.has_train()) {
     for (const std::string& name : job.train().datasets()) add(name);
     if (job.train().has_promotion_criteria()) add(job.train().promotion_criteria().dataset());
+  } else if (job.has_cross_validate()) {
+    for (const std::string& name : job.cross_validate().datasets()) add(name);
+    for (const std::string& name : job.cross_validate().test_datasets()) add(name);
   } else {
     add(job.evaluate().dataset());
   }

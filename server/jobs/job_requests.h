@@ -3,6 +3,7 @@
 #ifndef MANEUVER_SERVER_JOBS_JOB_REQUESTS_H_
 #define MANEUVER_SERVER_JOBS_JOB_REQUESTS_H_
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,7 @@ namespace maneuver::jobs {
 // each wrong field.
 absl::Status CheckTrainRequest(const v1::TrainRequest& request);
 absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request);
+absl::Status CheckCrossValidateRequest(const v1::CrossValidateRequest& request);
 
 // Whether the settings of a request with start_from, which CheckTrainRequest has not looked at, go
 // with a model of this spec. INVALID_ARGUMENT with each wrong field.
@@ -33,6 +35,11 @@ v1::ExampleSettings ResolveExamples(const v1::ExampleSettings& examples);
 // The same for equal requests and for them alone, whatever their request_id says.
 std::string RequestDigest(v1::TrainRequest request);
 std::string RequestDigest(v1::EvaluateRequest request);
+std::string RequestDigest(v1::CrossValidateRequest request);
+
+// Return what a request means by 0 folds and by no fold seed.
+int FoldsOf(const v1::CrossValidateRequest& request);
+int64_t FoldSeedOf(const v1::CrossValidateRequest& request);
 
 // The ids of the datasets that a job reads.
 std::vector<std::string> DatasetIds(const v1::Job& job);

@@ -1,5 +1,7 @@
 #include "server/jobs/job_run.h"
 
+#include <google/protobuf/util/json_util.h>
+
 #include <algorithm>
 #include <string>
 #include <system_error>
@@ -7,11 +9,13 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
 #include "model/artifact/model_folder.h"
 #include "model/artifact/training_presets.h"
 #include "model/files/durable_file.h"
 #include "server/errors/error_details.h"
+#include "server/jobs/job_requests.h"
 #include "server/jobs/job_time.h"
 #include "server/jobs/promotion_run.h"
 #include "server/jobs/trainer_outcome.h"
@@ -21,6 +25,8 @@ namespace maneuver::jobs {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr char kReportFile[] = "report.json";  // in a cross-validation's output
 
 std::vector<std::string> TrainArguments(const v1::Job& job, const fs::path& folder,
                                         const JobRunEnvironment& environment) {
@@ -93,6 +99,60 @@ Outcome Evaluate(v1::Job& job, const fs::path& folder, const JobAttempt& attempt
   return std::move(measured.outcome);
 }
 
+std::vector<std::string> CrossValidateArguments(const v1::CrossValidateRequest& request,
+                                                const fs::path& folder,
+                                                const data::DatasetStore& datasets) {
+  const auto folder_of = [&datasets](const std::string& name) {
+    return datasets.FolderOf(std::string(absl::StripPrefix(name, "datasets/"))).string();
+  };
+  std::vector<std::string> arguments = {"cross-validate",
+                                        "--settings",
+                                        folder / kSettingsFile,
+                                        "--output",
+                                        folder / kOutput / kReportFile,
+                                        "--models",
+                                        folder / kOutput / "models",
+                                        "--checkpoints",
+                                        CheckpointFolder(folder),
+                                        "--progress",
+                                        "json",
+                                        "--folds",
+                                        absl::StrCat(FoldsOf(request)),
+                                        "--fold-seed",
+                                        absl::StrCat(FoldSeedOf(request))};
+  if (!request.seeds().empty()) {
+    arguments.insert(arguments.end(), {"--seeds", absl::StrJoin(request.seeds(), ",")});
+  }
+  for (const std::string& dataset : request.datasets()) {
+    arguments.insert(arguments.end(), {"--dataset", folder_of(dataset)});
+  }
+  for (const std::string& dataset : request.test_datasets()) {
+    const std::string name(absl::StripPrefix(dataset, "datasets/"));
+    arguments.insert(arguments.end(),
+                     {"--test-dataset", absl::StrCat(name, "=", folder_of(dataset))});
+  }
+  return arguments;
+}
+
+Outcome CrossValidate(v1::Job& job, const fs::path& folder, const JobAttempt& attempt) {
+  const v1::CrossValidateRequest& request = job.cross_validate();
+  const v1::TrainingSettings settings = artifact::ResolveTrainingSettings(request.settings());
+  if (absl::Status status = PrepareFolder(folder, settings); !status.ok()) {
+    return {WithDefaultReason(status, "CANNOT_WRITE")};
+  }
+  Outcome outcome = RunTrainer(
+      job, CrossValidateArguments(request, folder, *attempt.environment.datasets), folder, attempt);
+  if (!outcome.status.ok() || attempt.stop.reason() != StopRequest::Reason::kNone) return outcome;
+  const auto text = files::ReadFile(folder / kOutput / kReportFile);
+  v1::CrossValidationReport report;
+  if (!text.ok() || !google::protobuf::util::JsonStringToMessage(*text, &report).ok()) {
+    return {errors::WithReason(absl::InternalError("the trainer ended well but left no report"),
+                               "TRAINER_INTERNAL")};
+  }
+  *job.mutable_cross_validation() = std::move(report);
+  return outcome;
+}
+
 // The version that the job's process made, if the server died after it published that and before it
 // said so.
 Outcome FindPublishedVersion(v1::Job& job, const JobRunEnvironment& environment) {
@@ -106,7 +166,7 @@ Outcome FindPublishedVersion(v1::Job& job, const JobRunEnvironment& environment)
 }
 
 bool MadeSomething(const v1::Job& job) {
-  return job.has_evaluation() || !job.model_version().empty();
+  return job.has_evaluation() || job.has_cross_validation() || !job.model_version().empty();
 }
 
 // Made a version, and is to say yet whether that is to serve.
@@ -125,7 +185,9 @@ Outcome GoOn(v1::Job& job, const fs::path& folder, const JobAttempt& attempt) {
   }
   const auto stopped = [&] { return attempt.stop.reason() != StopRequest::Reason::kNone; };
   if (!MadeSomething(job) && !stopped()) {
-    outcome = job.has_train() ? Train(job, folder, attempt) : Evaluate(job, folder, attempt);
+    outcome = job.has_train()            ? Train(job, folder, attempt)
+              : job.has_cross_validate() ? CrossValidate(job, folder, attempt)
+                                         : Evaluate(job, folder, attempt);
   }
   if (IsUndecided(job) && (!stopped() || job.train().promotion() != v1::PROMOTION_IF_NO_WORSE)) {
     outcome = RunPromotion(job, folder / kPromotionFolder, attempt);

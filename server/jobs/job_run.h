@@ -20,14 +20,15 @@ void BeginAttempt(v1::Job& job, const std::filesystem::path& folder, absl::Time 
 //   died: it is to be held against the job if it left no new checkpoint.
 void EndAttempt(v1::Job& job, const std::filesystem::path& folder, absl::Time end, bool died);
 
-// Runs one attempt at `job`, which BeginAttempt counted, in `folder`: the process that trains or
-// evaluates, and those that measure what is to be promoted, each only if it is yet to be done.
-// Returns the job with all that goes with its new state but its end_time: in one of the states that
-// end it, or PENDING if another process is to go on. Writes in `folder`:
+// Runs one attempt at `job`, which BeginAttempt counted, in `folder`: the process that trains,
+// evaluates or cross-validates, and those that measure what is to be promoted, each only if it is
+// yet to be done. Returns the job with all that goes with its new state but its end_time: in one of
+// the states that end it, or PENDING if another process is to go on. Writes in `folder`:
 //   settings.json   what the trainer was told
 //   trainer.log     its standard error
 //   checkpoints     where the next process goes on from; removed once the job has SUCCEEDED
-//   output          its result, until it is published or read
+//   output          its result, until it is published or read; of a cross-validation, the report
+//                   and the models
 //   promotion       the same of the evaluations that decide about promotion; decision.json once
 //   that
 //                   is to be carried out

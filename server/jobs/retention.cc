@@ -85,7 +85,8 @@ absl::Status Retention::SweepVersions() {
     const auto jobs = jobs_.store().ListInState(state, std::nullopt);
     if (!jobs.ok()) return jobs.status();
     for (const v1::Job& job : *jobs) {
-      needed.push_back(job.has_train() ? job.train().start_from() : job.evaluate().model());
+      if (job.has_train()) needed.push_back(job.train().start_from());
+      if (job.has_evaluate()) needed.push_back(job.evaluate().model());
     }
   }
   absl::Status result;

@@ -45,7 +45,8 @@ std::string WithoutProgress(v1::Job job) {
 }
 
 int64_t PriorityOf(const v1::Job& job) {
-  return job.has_evaluate() ? job.evaluate().priority() : job.train().priority();
+  if (job.has_evaluate()) return job.evaluate().priority();
+  return job.has_cross_validate() ? job.cross_validate().priority() : job.train().priority();
 }
 
 int64_t Micros(const google::protobuf::Timestamp& time) {

@@ -84,6 +84,7 @@ class Supervisor {
   absl::StatusOr<v1::Job> Train(const v1::TrainRequest& request);
   // The job's evaluate.model is the version that the reference means now.
   absl::StatusOr<v1::Job> Evaluate(const v1::EvaluateRequest& request);
+  absl::StatusOr<v1::Job> CrossValidate(const v1::CrossValidateRequest& request);
 
   absl::StatusOr<v1::Job> Get(const std::string& name);
   // Newest first.

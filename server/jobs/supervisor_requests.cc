@@ -83,6 +83,14 @@ absl::StatusOr<v1::Job> Supervisor::Evaluate(const v1::EvaluateRequest& request)
   return Admit(std::move(job), request.request_id(), digest, request.validate_only());
 }
 
+absl::StatusOr<v1::Job> Supervisor::CrossValidate(const v1::CrossValidateRequest& request) {
+  if (absl::Status status = CheckCrossValidateRequest(request); !status.ok()) return status;
+  v1::Job job;
+  *job.mutable_cross_validate() = request;
+  return Admit(std::move(job), request.request_id(), RequestDigest(request),
+               request.validate_only());
+}
+
 absl::StatusOr<v1::Job> Supervisor::EarlierJob(const std::string& request_id,
                                                const std::string& digest, bool* found) {
   *found = false;

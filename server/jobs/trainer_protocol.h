@@ -6,16 +6,21 @@
 //       [--checkpoints-kept N] [--least-actions N]
 //   maneuver-trainer evaluate --model FOLDER --dataset FOLDER [--output FILE]
 //       [--settings FILE] [--sampled-examples N] [--threads N] [--progress json|bar|none]
+//   maneuver-trainer cross-validate --settings FILE --dataset FOLDER... --output FILE
+//       [--test-dataset NAME=FOLDER...] [--folds N] [--fold-seed N] [--seeds N,...]
+//       [--models FOLDER] [--checkpoints FOLDER] [--threads N] [--progress json|bar|none]
 //
-// FILEs are proto3 JSON: settings is a TrainingSettings (train) or an ExampleSettings (evaluate),
-// the output of evaluate an EvaluationReport, that of train a model folder. With --progress json
-// each line on standard output is one JobProgress as proto3 JSON, and evaluate needs --output;
-// without it evaluate prints the report for people. Whatever is on standard error is for people,
+// FILEs are proto3 JSON: settings is a TrainingSettings (train, cross-validate) or an
+// ExampleSettings (evaluate), the output of evaluate an EvaluationReport, that of cross-validate a
+// CrossValidationReport, that of train a model folder. With --progress json each line on standard
+// output is one JobProgress as proto3 JSON, and evaluate and cross-validate need --output; without
+// it they print the report for people. Whatever is on standard error is for people,
 // its last line says why a run failed. SIGTERM stops a run; nothing half-written remains.
 //
 // A run that finds checkpoints of its own in the folder named by --checkpoints goes on from the
 // latest one. Each is a file checkpoint-NUMBER, written in one step; numbers only grow. SIGTERM has
-// a last one written. They stay when the run is over.
+// a last one written. They stay when the run is over. Of a cross-validation, each model that was
+// measured is a checkpoint, and a model that was being learned is learned anew.
 
 #ifndef MANEUVER_SERVER_JOBS_TRAINER_PROTOCOL_H_
 #define MANEUVER_SERVER_JOBS_TRAINER_PROTOCOL_H_

@@ -33,6 +33,7 @@ absl::Status ListPage(jobs::Supervisor& jobs, const v1::ListJobsRequest& request
       job.mutable_evaluation()->clear_sampled_examples();
       job.mutable_evaluation()->clear_rivals();
     }
+    job.clear_cross_validation();
     *response->add_jobs() = std::move(job);
   }
   response->set_next_page_token(std::move(page->next_page_token));
@@ -66,6 +67,14 @@ grpc::ServerUnaryReactor* TrainingService::Evaluate(grpc::CallbackServerContext*
                                                     v1::Job* response) {
   return AnswerFrom(
       pool_, rpc, [this, request, response] { return Answer(jobs_.Evaluate(*request), response); });
+}
+
+grpc::ServerUnaryReactor* TrainingService::CrossValidate(grpc::CallbackServerContext* rpc,
+                                                         const v1::CrossValidateRequest* request,
+                                                         v1::Job* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response] {
+    return Answer(jobs_.CrossValidate(*request), response);
+  });
 }
 
 grpc::ServerUnaryReactor* TrainingService::GetJob(grpc::CallbackServerContext* rpc,

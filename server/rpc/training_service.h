@@ -19,6 +19,9 @@ class TrainingService final : public v1::TrainingService::CallbackService {
   grpc::ServerUnaryReactor* Evaluate(grpc::CallbackServerContext* rpc,
                                      const v1::EvaluateRequest* request,
                                      v1::Job* response) override;
+  grpc::ServerUnaryReactor* CrossValidate(grpc::CallbackServerContext* rpc,
+                                          const v1::CrossValidateRequest* request,
+                                          v1::Job* response) override;
   grpc::ServerUnaryReactor* GetJob(grpc::CallbackServerContext* rpc,
                                    const v1::GetJobRequest* request, v1::Job* response) override;
   grpc::ServerUnaryReactor* ListJobs(grpc::CallbackServerContext* rpc,

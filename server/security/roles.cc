@@ -46,6 +46,7 @@ constexpr MethodRole kMethodRoles[] = {
 
     {"/maneuver.v1.TrainingService/Train", Role::kTrain},
     {"/maneuver.v1.TrainingService/Evaluate", Role::kTrain},
+    {"/maneuver.v1.TrainingService/CrossValidate", Role::kTrain},
     {"/maneuver.v1.TrainingService/GetJob", Role::kTrain},
     {"/maneuver.v1.TrainingService/ListJobs", Role::kTrain},
     {"/maneuver.v1.TrainingService/WatchJob", Role::kTrain},

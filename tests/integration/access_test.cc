@@ -51,6 +51,7 @@ const std::map<std::string, std::string> kExpectedRoles = {
     {"/maneuver.v1.DatasetService/DeleteDataset", "admin"},
     {"/maneuver.v1.TrainingService/Train", "train"},
     {"/maneuver.v1.TrainingService/Evaluate", "train"},
+    {"/maneuver.v1.TrainingService/CrossValidate", "train"},
     {"/maneuver.v1.TrainingService/GetJob", "train"},
     {"/maneuver.v1.TrainingService/ListJobs", "train"},
     {"/maneuver.v1.TrainingService/WatchJob", "train"},

@@ -30,9 +30,9 @@ using google::protobuf::Message;
 using google::protobuf::MethodDescriptor;
 
 // Fields that name something on the server's disk, and tokens that are made of such names.
-const std::set<std::string> kNames = {"name",          "parent",     "model",
-                                      "model_version", "dataset",    "datasets",
-                                      "file",          "page_token", "start_from"};
+const std::set<std::string> kNames = {"name",       "parent",       "model", "model_version",
+                                      "dataset",    "datasets",     "file",  "page_token",
+                                      "start_from", "test_datasets"};
 // Strings that name nothing: the server keeps them or compares them.
 const std::set<std::string> kOtherStrings = {"request_id", "scenario_id", "label",
                                              "origin",     "sha256",      "preset",
@@ -86,6 +86,7 @@ const std::map<std::string, std::string> kHarmless = {
     {"maneuver.v1.SetModelAliasRequest.model_version", "models/a/versions/1"},
     {"maneuver.v1.TrainRequest.model", "models/a"},
     {"maneuver.v1.TrainRequest.datasets", "datasets/a"},
+    {"maneuver.v1.CrossValidateRequest.datasets", "datasets/a"},
     {"maneuver.v1.EvaluateRequest.model", "models/a/versions/1"},
     {"maneuver.v1.EvaluateRequest.dataset", "datasets/a"},
     {"maneuver.v1.ListModelVersionsRequest.parent", "models/a"},

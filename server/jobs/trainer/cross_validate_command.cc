@@ -18,6 +18,7 @@
 #include "model/evaluation/cross_validation_report.h"
 #include "model/evaluation/cross_validation_text.h"
 #include "model/files/durable_file.h"
+#include "server/jobs/trainer/fold_files.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
@@ -133,7 +134,8 @@ class FoldDisplay {
   FoldDisplay(const learning::CrossValidation& run, ProgressDisplay::Style style)
       : run_(run),
         style_(style),
-        models_((run.only_fold ? 1 : run.folds) * static_cast<int>(run.seeds.size())) {}
+        models_((run.only_fold ? 1 : run.folds) * static_cast<int>(run.seeds.size())),
+        done_(static_cast<int>(run.finished.size())) {}
 
   void Begin(int64_t seed, int fold) {
     if (style_ == ProgressDisplay::Style::kBar) {
@@ -167,7 +169,7 @@ class FoldDisplay {
   const learning::CrossValidation& run_;
   const ProgressDisplay::Style style_;
   const int models_;
-  int done_ = 0;
+  int done_;
   std::optional<ProgressDisplay> display_;
 };
 
@@ -224,6 +226,11 @@ CrossValidateCommand::CrossValidateCommand(CLI::App& app)
       ->add_option("--models", models_,
                    "Keep the models in this folder, as seed-1-fold-1 and so on; without it they "
                    "are removed")
+      ->type_name("FOLDER");
+  command_
+      ->add_option("--checkpoints", checkpoints_,
+                   "Keep what each model measured in this folder; a run that finds its own there "
+                   "goes on with the models that are missing")
       ->type_name("FOLDER");
   command_
       ->add_option("--part", part_,
@@ -325,11 +332,27 @@ absl::StatusOr<v1::CrossValidationPart> CrossValidateCommand::Measure() const {
   const absl::StatusOr<v1::CrossValidationPlan> plan = learning::PlanCrossValidation(*run);
   if (!plan.ok()) return plan.status();
   if (style == ProgressDisplay::Style::kBar) std::cout << DescribePlan(*plan) << std::endl;
+  std::optional<FoldFiles> kept;
+  if (!checkpoints_.empty()) {
+    absl::StatusOr<FoldFiles> opened = FoldFiles::Open(checkpoints_, *plan);
+    if (!opened.ok()) return opened.status();
+    kept = *std::move(opened);
+    for (const v1::FoldRun& each : kept->runs()) run->finished.insert({each.seed(), each.fold()});
+  }
+  absl::Status keeping;  // the first that could not be kept
   FoldDisplay display(*run, style);
   run->began = [&](int64_t seed, int fold) { display.Begin(seed, fold); };
   run->progress = [&](const v1::JobProgress& progress) { display.Show(progress); };
-  run->measured = [&](const v1::FoldRun& result) { display.Finish(result); };
+  run->measured = [&](const v1::FoldRun& result) {
+    display.Finish(result);
+    if (kept) keeping.Update(kept->Add(result));
+  };
+  run->stopped = [&keeping] { return !keeping.ok() || StopRequested(); };
   absl::StatusOr<v1::CrossValidationPart> part = learning::CrossValidate(*run, *plan);
+  if (!keeping.ok()) return keeping;
+  if (part.ok() && kept) {
+    for (const v1::FoldRun& each : kept->runs()) *part->add_runs() = each;
+  }
   if (part.ok() && !part_.empty()) {
     absl::Status status = files::WriteFileAtomically(part_, part->SerializeAsString());
     if (!status.ok()) return status;

@@ -42,6 +42,7 @@ class CrossValidateCommand {
   bool baselines_ = false;
   bool plan_only_ = false;
   std::filesystem::path models_;
+  std::filesystem::path checkpoints_;
   std::filesystem::path part_;
   std::vector<std::filesystem::path> merge_;
   std::filesystem::path output_;

@@ -1,0 +1,56 @@
+#include "server/jobs/trainer/fold_files.h"
+
+#include <google/protobuf/util/message_differencer.h>
+
+#include <string>
+#include <system_error>
+
+#include "absl/strings/str_cat.h"
+#include "model/files/durable_file.h"
+
+namespace maneuver::trainer {
+namespace {
+
+std::filesystem::path FileOf(const std::filesystem::path& folder, int number) {
+  return folder / absl::StrCat("checkpoint-", number);
+}
+
+}  // namespace
+
+absl::StatusOr<FoldFiles> FoldFiles::Open(std::filesystem::path folder,
+                                          v1::CrossValidationPlan plan) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) {
+    return absl::UnavailableError(
+        absl::StrCat("cannot make the folder of the checkpoints: ", error.message()));
+  }
+  FoldFiles files(std::move(folder), std::move(plan));
+  for (;;) {
+    const absl::StatusOr<std::string> bytes =
+        files::ReadFile(FileOf(files.folder_, files.files_ + 1));
+    if (absl::IsNotFound(bytes.status())) return files;
+    if (!bytes.ok()) return bytes.status();
+    v1::CrossValidationPart part;
+    if (!part.ParseFromString(*bytes) || part.runs_size() != 1) {
+      return absl::DataLossError(
+          absl::StrCat("checkpoint-", files.files_ + 1, " is damaged; remove it to go on"));
+    }
+    if (!google::protobuf::util::MessageDifferencer::Equals(part.plan(), files.plan_)) {
+      return absl::DataLossError(
+          absl::StrCat("checkpoint-", files.files_ + 1,
+                       " is of other settings, datasets, folds or seeds; name an empty folder"));
+    }
+    files.runs_.push_back(part.runs(0));
+    ++files.files_;
+  }
+}
+
+absl::Status FoldFiles::Add(const v1::FoldRun& run) {
+  v1::CrossValidationPart part;
+  *part.mutable_plan() = plan_;
+  *part.add_runs() = run;
+  return files::WriteFileAtomically(FileOf(folder_, ++files_), part.SerializeAsString());
+}
+
+}  // namespace maneuver::trainer
