@@ -194,6 +194,7 @@ std::string DescriptionText(const v1::DatasetSummary& summary, bool color) {
                       HistogramText(absl::StrFormat("TURN IN %g S", summary.horizon_seconds()),
                                     summary.turns(), TurnNames(summary.turns()), color),
                       CountsText("AGENTS", summary.agents_by_type(), color),
+                      CountsText("EXAMPLES BY TARGET", summary.examples_by_type(), color),
                       CountsText("MAP FEATURES", summary.map_features_by_type(), color),
                       CountsText("MANEUVERS", summary.maneuvers(), color));
 }

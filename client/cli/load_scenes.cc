@@ -14,9 +14,9 @@ namespace {
 // The targets that the recording names, or more moving vehicles where more are wanted.
 void ChooseTargets(int most, v1::Scenario* scene) {
   const double now = scene->prediction_time();
-  std::vector<int64_t> targets = DefaultTargets(*scene, now);
+  std::vector<int64_t> targets = DefaultTargets(*scene, v1::AGENT_TYPE_VEHICLE, now);
   if (static_cast<int>(targets.size()) < most) {
-    std::vector<int64_t> moving = MovingVehicles(*scene, now, most);
+    std::vector<int64_t> moving = MovingAgents(*scene, v1::AGENT_TYPE_VEHICLE, now, most);
     if (moving.size() > targets.size()) targets = std::move(moving);
   }
   scene->mutable_target_ids()->Assign(targets.begin(), targets.end());

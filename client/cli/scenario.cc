@@ -27,6 +27,7 @@ struct ScenarioArguments {
   int64_t most = 0;
   std::optional<double> time;
   std::vector<int64_t> targets;
+  std::string type = "vehicle";
   bool no_future = false;
   std::optional<std::string> file;
   std::optional<std::string> plot;
@@ -76,7 +77,8 @@ std::string TypeName(v1::AgentType type) {
 int PlotScenario(const ScenarioArguments& arguments, const v1::Scenario& scenario,
                  Environment& environment) {
   v1::ScenarioPrediction nothing_predicted;
-  for (const int64_t id : DefaultTargets(scenario, scenario.prediction_time())) {
+  for (const int64_t id :
+       DefaultTargets(scenario, v1::AGENT_TYPE_VEHICLE, scenario.prediction_time())) {
     nothing_predicted.add_targets()->set_target_id(id);
   }
   plot::ScenePlotOptions options;
@@ -133,6 +135,14 @@ int ShowScenario(const ScenarioArguments& arguments, Environment& environment) {
   return arguments.plot ? PlotScenario(arguments, *scenario, environment) : kOk;
 }
 
+// Of the name that TypeName() gives it.
+v1::AgentType TypeOf(const std::string& name) {
+  for (const v1::AgentType type : {v1::AGENT_TYPE_PEDESTRIAN, v1::AGENT_TYPE_CYCLIST}) {
+    if (TypeName(type) == name) return type;
+  }
+  return v1::AGENT_TYPE_VEHICLE;
+}
+
 int Extract(const ScenarioArguments& arguments, Environment& environment) {
   auto scenario = GetScenario(arguments.source, arguments.scenario_id, environment);
   if (!scenario.ok()) return environment.Fail(scenario.status());
@@ -151,10 +161,10 @@ int Extract(const ScenarioArguments& arguments, Environment& environment) {
           "; see maneuver scenario show"));
     }
   }
-  if (targets.empty()) targets = DefaultTargets(*scenario, time);
+  if (targets.empty()) targets = DefaultTargets(*scenario, TypeOf(arguments.type), time);
   if (targets.empty()) {
     return environment.Refuse(
-        absl::StrCat("no vehicle of ", scenario->scenario_id(), " moves at ", time,
+        absl::StrCat("no ", arguments.type, " of ", scenario->scenario_id(), " moves at ", time,
                      " s with a second of history; choose another --time, or a --target"));
   }
   scenario->mutable_target_ids()->Assign(targets.begin(), targets.end());
@@ -202,7 +212,7 @@ void AddScenario(Command& root, Environment& environment) {
       group.Add("extract", "Take one scene out of a dataset, as JSON",
                 "Writes a Scenario as proto3 JSON that maneuver predict takes. Without --target it "
                 "asks about\n"
-                "the vehicles that the recording names, else about those that move (at most 8). "
+                "the agents of --type that the recording names, else those that move (at most 8). "
                 "The future\n"
                 "is kept, for classify and for plots: predictions never see it.\n"
                 "Example: maneuver scenario extract town town-1-0 --time 4 -o scene.json\n"
@@ -212,6 +222,9 @@ void AddScenario(Command& root, Environment& environment) {
   extract.Option("--time", &arguments->time, -1e12, 1e12,
                  "Prediction time, seconds on the recording's clock [the recording's own]");
   extract.Option("--target", &arguments->targets, "Agents to ask about, by id");
+  extract.Choice("--type", &arguments->type, {"vehicle", "pedestrian", "cyclist"},
+                 "Type of the agents to ask about");
+  extract.Exclude("--type", "--target");
   extract.Flag("--no-future,!--with-future", &arguments->no_future,
                "Leave out what lies after the prediction time");
   extract.Option("-o,--out", &arguments->file, "File to write [standard output]");

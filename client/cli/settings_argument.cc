@@ -71,19 +71,30 @@ std::string Kind(const FieldDescriptor& field) {
   return field.is_repeated() ? absl::StrCat("a list, each ", kind) : kind;
 }
 
+// "dual" and "OBJECTIVE_DUAL" alike.
+std::string EnumJson(const google::protobuf::EnumDescriptor& enumeration,
+                     const std::string& value) {
+  const std::string prefix = ValuePrefix(enumeration);
+  const std::string name = absl::AsciiStrToUpper(value);
+  return absl::StrCat("\"", absl::StartsWith(name, prefix) ? "" : prefix, name, "\"");
+}
+
 // The value as JSON of the field's type.
 std::string JsonValue(const FieldDescriptor& field, const std::string& value) {
   if (field.is_repeated()) {
-    return value.rfind('[', 0) == 0 ? value : absl::StrCat("[", value, "]");
+    if (value.rfind('[', 0) == 0) return value;
+    if (field.cpp_type() != FieldDescriptor::CPPTYPE_ENUM) return absl::StrCat("[", value, "]");
+    std::vector<std::string> names;
+    for (const auto name : absl::StrSplit(value, ',')) {
+      names.push_back(EnumJson(*field.enum_type(), std::string(absl::StripAsciiWhitespace(name))));
+    }
+    return absl::StrCat("[", absl::StrJoin(names, ","), "]");
   }
   if (field.cpp_type() == FieldDescriptor::CPPTYPE_STRING) {
     return absl::StrCat("\"", absl::StrReplaceAll(value, {{"\\", "\\\\"}, {"\"", "\\\""}}), "\"");
   }
   if (field.cpp_type() == FieldDescriptor::CPPTYPE_ENUM) {
-    // "dual" and "OBJECTIVE_DUAL" alike.
-    const std::string prefix = ValuePrefix(*field.enum_type());
-    const std::string name = absl::AsciiStrToUpper(value);
-    return absl::StrCat("\"", absl::StartsWith(name, prefix) ? "" : prefix, name, "\"");
+    return EnumJson(*field.enum_type(), value);
   }
   if (IsDuration(field)) {
     return absl::StrCat("\"", absl::StripSuffix(value, "s"), "s\"");

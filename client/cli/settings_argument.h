@@ -13,8 +13,9 @@
 namespace maneuver::cli {
 
 // Sets one field, named by its dotted path, as "optimization.joint_epochs=20",
-// "model.decoder.hidden=500,500" or "examples.stride=0.5s" say. Lists are replaced whole; durations
-// may leave the "s" out; messages are proto3 JSON. INVALID_ARGUMENT says which fields there are, or
+// "model.decoder.hidden=500,500", "model.target_types=pedestrian,cyclist" or "examples.stride=0.5s"
+// say. Lists are replaced whole; durations may leave the "s" out, names of enumerations their
+// prefix; messages are proto3 JSON. INVALID_ARGUMENT says which fields there are, or
 // what the field takes.
 absl::Status SetField(const std::string& assignment, google::protobuf::Message* message);
 

@@ -23,10 +23,11 @@ int CurrentState(const v1::Agent& agent, double time) {
   return latest;
 }
 
-std::vector<int64_t> MovingVehicles(const v1::Scenario& scenario, double time, int most) {
+std::vector<int64_t> MovingAgents(const v1::Scenario& scenario, v1::AgentType type, double time,
+                                  int most) {
   std::vector<std::pair<double, int64_t>> travelled;
   for (const v1::Agent& agent : scenario.agents()) {
-    if (agent.type() != v1::AGENT_TYPE_VEHICLE) continue;
+    if (agent.type() != type) continue;
     const int now = CurrentState(agent, time);
     const int before = CurrentState(agent, time - kHistory);
     if (now < 0 || before < 0) continue;
@@ -42,15 +43,15 @@ std::vector<int64_t> MovingVehicles(const v1::Scenario& scenario, double time, i
   return targets;
 }
 
-std::vector<int64_t> DefaultTargets(const v1::Scenario& scenario, double time) {
+std::vector<int64_t> DefaultTargets(const v1::Scenario& scenario, v1::AgentType type, double time) {
   std::vector<int64_t> targets;
   for (const int64_t id : scenario.target_ids()) {
     for (const v1::Agent& agent : scenario.agents()) {
-      if (agent.id() != id || agent.type() != v1::AGENT_TYPE_VEHICLE) continue;
+      if (agent.id() != id || agent.type() != type) continue;
       if (CurrentState(agent, time) >= 0) targets.push_back(id);
     }
   }
-  return targets.empty() ? MovingVehicles(scenario, time, kMostTargets) : targets;
+  return targets.empty() ? MovingAgents(scenario, type, time, kMostTargets) : targets;
 }
 
 }  // namespace maneuver::cli

@@ -24,6 +24,7 @@ struct TrainArguments {
   std::optional<std::string> settings_file;
   std::vector<std::string> assignments;
   std::optional<std::string> horizon;
+  std::optional<std::string> targets;
   std::optional<int64_t> pretraining_epochs;
   std::optional<int64_t> mixture_epochs;
   std::optional<int64_t> epochs;
@@ -50,6 +51,10 @@ absl::StatusOr<v1::TrainingSettings> Settings(const TrainArguments& arguments,
   if (arguments.preset) settings.set_preset(*arguments.preset);
   if (arguments.objective) {
     absl::Status status = SetField("model.objective=" + *arguments.objective, &settings);
+    if (!status.ok()) return status;
+  }
+  if (arguments.targets) {
+    absl::Status status = SetField("model.target_types=" + *arguments.targets, &settings);
     if (!status.ok()) return status;
   }
   if (arguments.seed) settings.set_seed(*arguments.seed);
@@ -216,6 +221,9 @@ void AddTrain(Command& root, Environment& environment) {
   command.Option("--set", &arguments->assignments,
                  "FIELD=VALUE of TrainingSettings, such as optimization.learning_rate=5e-4");
   command.Option("--horizon", &arguments->horizon, "How far to predict, such as 5s");
+  command.Option("--targets", &arguments->targets,
+                 "Types of agents to learn from and to predict: vehicle, pedestrian, cyclist or "
+                 "other, or several with commas between them [vehicle]");
   command.Option("--epochs", &arguments->epochs, 0, 100'000, "Epochs of everything together");
   command.Option("--pretraining-epochs", &arguments->pretraining_epochs, 0, 100'000,
                  "Epochs of the plain VAE");

@@ -43,6 +43,11 @@ std::string WithoutPrefix(const std::string& name, absl::string_view prefix) {
   return std::string(absl::StripPrefix(name, prefix));
 }
 
+// "VEHICLE".
+std::string TypeName(const v1::Agent& agent) {
+  return WithoutPrefix(v1::AgentType_Name(agent.type()), "AGENT_TYPE_");
+}
+
 v1::Histogram EmptyHistogram(std::span<const double> edges, double scale) {
   v1::Histogram histogram;
   for (const double edge : edges) histogram.add_edges(scale * edge);
@@ -154,6 +159,11 @@ class Counts {
  public:
   Counts(const v1::ModelSpec& spec, const v1::ExampleSettings& settings)
       : spec_(spec), settings_(settings) {
+    spec_.clear_target_types();
+    for (const v1::AgentType type : {v1::AGENT_TYPE_VEHICLE, v1::AGENT_TYPE_PEDESTRIAN,
+                                     v1::AGENT_TYPE_CYCLIST, v1::AGENT_TYPE_OTHER}) {
+      spec_.add_target_types(type);
+    }
     // Every standing window counts: see DatasetSummary.
     settings_.set_keep_standing(1.0);
     horizon_ = spec.trajectory().waypoints() * SecondsOf(spec.trajectory().waypoint_interval());
@@ -167,8 +177,7 @@ class Counts {
     std::unordered_map<int64_t, const v1::Agent*> by_id;
     for (const v1::Agent& agent : recording.agents()) {
       by_id[agent.id()] = &agent;
-      ++(*summary_.mutable_agents_by_type())[WithoutPrefix(v1::AgentType_Name(agent.type()),
-                                                           "AGENT_TYPE_")];
+      ++(*summary_.mutable_agents_by_type())[TypeName(agent)];
       if (agent.type() == v1::AGENT_TYPE_VEHICLE && !agent.states().empty() &&
           NeverGoesAs(settings_.standing_distance(), agent)) {
         summary_.set_standing_vehicles(summary_.standing_vehicles() + 1);
@@ -183,7 +192,9 @@ class Counts {
     coverage.set_lane_length(coverage.lane_length() + lanes.length());
     if (!lanes.empty()) coverage.set_recordings_with_lanes(coverage.recordings_with_lanes() + 1);
     for (const Example& example : EnumerateExamples(recording, 0, spec_, settings_)) {
-      Add(example, *by_id.at(example.target_id), lanes);
+      const v1::Agent& target = *by_id.at(example.target_id);
+      ++(*summary_.mutable_examples_by_type())[TypeName(target)];
+      if (target.type() == v1::AGENT_TYPE_VEHICLE) Add(example, target, lanes);
     }
   }
 
@@ -191,6 +202,7 @@ class Counts {
   void Add(const v1::DatasetSummary& other) {
     AddTo(other.agents_by_type(), summary_.mutable_agents_by_type());
     AddTo(other.map_features_by_type(), summary_.mutable_map_features_by_type());
+    AddTo(other.examples_by_type(), summary_.mutable_examples_by_type());
     AddTo(other.speeds(), summary_.mutable_speeds());
     AddTo(other.turns(), summary_.mutable_turns());
     summary_.set_examples(summary_.examples() + other.examples());
@@ -223,7 +235,7 @@ class Counts {
     Count(std::remainder(turn, 2.0 * std::numbers::pi), summary_.mutable_turns());
   }
 
-  const v1::ModelSpec& spec_;
+  v1::ModelSpec spec_;  // with every type of targets
   v1::ExampleSettings settings_;
   double horizon_ = 0.0;
   v1::DatasetSummary summary_;

@@ -69,7 +69,7 @@ v1::ScenarioSummary Summarize(const v1::Scenario& scenario) {
 // Beside the shards; by what the dataset was described with.
 constexpr char kDescriptionPrefix[] = ".description-";
 // Changes with what is counted, and how.
-constexpr int kDescriptionVersion = 1;
+constexpr int kDescriptionVersion = 2;
 
 std::string DescriptionFile(const v1::ModelSpec& spec, const v1::ExampleSettings& settings) {
   const std::string digest = files::Sha256Hex(absl::StrCat(

@@ -25,7 +25,7 @@ struct Window {
   double tolerance;  // half a frame interval
   double max_gap;    // between two states
   std::vector<double> waypoint_times;
-  double max_speed;  // infinite: no limit
+  double max_speed;  // of any target, infinite: no limit
   double standing_distance;
   double keep_standing;
   v1::TrajectoryReference reference;
@@ -49,6 +49,16 @@ Window MakeWindow(const v1::ModelSpec& spec, const v1::ExampleSettings& settings
   return window;
 }
 
+bool LearnsFrom(const v1::ModelSpec& spec, v1::AgentType type) {
+  const auto& types = spec.target_types();
+  if (types.empty()) return type == v1::AGENT_TYPE_VEHICLE;
+  return std::find(types.begin(), types.end(), type) != types.end();
+}
+
+bool Parks(v1::AgentType type) {
+  return type != v1::AGENT_TYPE_PEDESTRIAN && type != v1::AGENT_TYPE_CYCLIST;
+}
+
 double Distance(const v1::AgentState& a, const v1::AgentState& b) {
   return std::hypot(b.x() - a.x(), b.y() - a.y());
 }
@@ -69,16 +79,17 @@ std::vector<int> StartStates(const v1::Agent& agent, const Window& window) {
 }
 
 // Whether the track from state `first` on, to `end_time` or its own end, is one motion: no gap up
-// to state `now`, no step faster than a vehicle. Gaps after it are for ResampleFuture to judge.
+// to state `now`, no step that is too fast. Gaps after it are for ResampleFuture to judge.
 bool IsContinuous(const v1::Agent& agent, int first, int now, double end_time,
                   const Window& window) {
+  const double max_speed = std::min(window.max_speed, MostSpeed(agent.type()));
   for (int i = first + 1; i < agent.states_size(); ++i) {
     const v1::AgentState& before = agent.states(i - 1);
     if (before.time() >= end_time) break;
     const v1::AgentState& after = agent.states(i);
     const double step = after.time() - before.time();
     if (i <= now && step > window.max_gap) return false;
-    if (Distance(before, after) > window.max_speed * step) return false;
+    if (Distance(before, after) > max_speed * step) return false;
   }
   return true;
 }
@@ -129,7 +140,8 @@ std::vector<Example> EnumerateExamples(const v1::Scenario& recording, int record
   const uint64_t scenario_hash = StableHash(recording.scenario_id());
   std::vector<double> trajectory(2 * window.waypoint_times.size());
   for (const v1::Agent& agent : recording.agents()) {
-    if (agent.type() != v1::AGENT_TYPE_VEHICLE || !IsPossible(agent)) continue;
+    if (!LearnsFrom(spec, agent.type()) || !IsPossible(agent)) continue;
+    const double keep_standing = Parks(agent.type()) ? window.keep_standing : 1.0;
     for (const int now : StartStates(agent, window)) {
       const v1::AgentState& state = agent.states(now);
       const int oldest =
@@ -145,7 +157,7 @@ std::vector<Example> EnumerateExamples(const v1::Scenario& recording, int record
       const bool standing = Stands(trajectory, window.standing_distance);
       if (standing) {
         if (standing_seen != nullptr) ++*standing_seen;
-        if (!KeepsStanding(scenario_hash, agent.id(), state.time(), window.keep_standing)) continue;
+        if (!KeepsStanding(scenario_hash, agent.id(), state.time(), keep_standing)) continue;
       }
       examples.push_back({.recording = recording_index,
                           .target_id = agent.id(),
@@ -158,6 +170,17 @@ std::vector<Example> EnumerateExamples(const v1::Scenario& recording, int record
     }
   }
   return examples;
+}
+
+double MostSpeed(v1::AgentType type) {
+  switch (type) {
+    case v1::AGENT_TYPE_PEDESTRIAN:
+      return 10.0;
+    case v1::AGENT_TYPE_CYCLIST:
+      return 25.0;
+    default:
+      return HUGE_VAL;
+  }
 }
 
 bool HeldOut(const std::string& scenario_id, double validation_share) {

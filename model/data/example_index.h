@@ -40,20 +40,26 @@ inline constexpr double kMaxGapFrames = 2.5;
 // Times are the target's states nearest to the multiples of the stride on the scenario's clock (not
 // counted from where a track begins: what one track does moves nobody else's examples), if within
 // half a frame interval of them. An example needs
-//   - a vehicle for a target;
+//   - a target of a type that the spec learns from (ModelSpec.target_types);
 //   - a past: a state at the oldest of the history_frames, within half a frame interval, and no gap
 //     since;
 //   - a future without gaps over the whole horizon;
-//   - no step over that time faster than max_speed (if that is above 0): it is mistracked.
+//   - no step over that time faster than max_speed (if that is above 0) or than its type ever is
+//     (MostSpeed): it is mistracked.
 // A target whose waypoints all lie within standing_distance of where it is stands (a distance and
-// not a path length: sensor noise alone adds up to metres of path). Standing ones are kept with
-// probability keep_standing, decided by a hash of scenario id, target and time (so that the same
-// windows stay whatever else is in the dataset).
+// not a path length: sensor noise alone adds up to metres of path). Most standing vehicles are
+// parked: they are kept with probability keep_standing, decided by a hash of scenario id, target
+// and time (so that the same windows stay whatever else is in the dataset). Standing pedestrians
+// and cyclists are all kept: they do not park, and few of them stand.
 //   standing_seen: incremented for each standing window, kept or not, if given.
 std::vector<Example> EnumerateExamples(const v1::Scenario& recording, int recording_index,
                                        const v1::ModelSpec& spec,
                                        const v1::ExampleSettings& settings,
                                        int64_t* standing_seen = nullptr);
+
+// Returns what no agent of a type is faster than, metres per second: 10 for pedestrians, 25 for
+// cyclists, infinite for others.
+double MostSpeed(v1::AgentType type);
 
 // Whether a recording is held out for validation: by a hash of its id, so that it is on the same
 // side in every run and in every dataset. Recordings of one place in parts ("id#1", "id#2") go

@@ -43,6 +43,9 @@ absl::StatusOr<Trajectory> MeanOf(const v1::Action& action, size_t waypoints) {
 absl::StatusOr<std::vector<Candidate>> CandidatesOf(const v1::ModelManifest& manifest,
                                                     const Eigen::VectorXd& shares,
                                                     std::span<const double> waypoint_times) {
+  const bool of_pedestrians = manifest.spec().target_types_size() == 1 &&
+                              manifest.spec().target_types(0) == v1::AGENT_TYPE_PEDESTRIAN;
+  const v1::AgentType type = of_pedestrians ? v1::AGENT_TYPE_PEDESTRIAN : v1::AGENT_TYPE_VEHICLE;
   std::vector<Candidate> candidates;
   for (const v1::Action& action : manifest.actions()) {
     if (!action.effective()) continue;
@@ -51,7 +54,7 @@ absl::StatusOr<std::vector<Candidate>> CandidatesOf(const v1::ModelManifest& man
     v1::MatchedAction description;
     description.set_action_id(action.action_id());
     description.set_label(action.label());
-    description.set_kinematic_class(std::string(Name(Classify(*mean, waypoint_times))));
+    description.set_kinematic_class(std::string(Name(Classify(*mean, waypoint_times, type))));
     description.set_share(shares.size() == 0 ? action.usage() : shares[action.action_id()]);
     candidates.push_back({std::move(description), *std::move(mean)});
   }

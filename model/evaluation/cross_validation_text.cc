@@ -101,11 +101,12 @@ std::string Value(const v1::CrossValidatedPart& part, const std::string& name) {
   return found == part.metrics().end() ? "" : Number(found->second.value());
 }
 
-Block Strata(const v1::CrossValidatedSet& set, const std::string& dimension) {
+Block Strata(const v1::CrossValidatedSet& set, const std::string& dimension,
+             const std::string& title) {
   std::vector<std::string> titles = {"examples", "groups"};
   for (const std::string_view name : kStratumMetrics) titles.emplace_back(name);
   titles.emplace_back("ade_ratio, 95 %");
-  Block block(dimension == "speed" ? "BY SPEED" : "BY CLASS", titles);
+  Block block(title, titles);
   for (const v1::CrossValidatedPart& part : set.strata()) {
     if (part.dimension() != dimension) continue;
     std::vector<std::string> row = {absl::StrCat(part.examples()), absl::StrCat(part.groups())};
@@ -117,6 +118,13 @@ Block Strata(const v1::CrossValidatedSet& set, const std::string& dimension) {
     block.Add(part.name(), std::move(row));
   }
   return block;
+}
+
+// The targets' types are worth telling where there are several.
+bool HasSeveralTypes(const v1::CrossValidatedSet& set) {
+  return std::ranges::count_if(set.strata(), [](const v1::CrossValidatedPart& part) {
+           return part.dimension() == "type";
+         }) > 1;
 }
 
 std::string VerdictText(const v1::RivalComparison& comparison) {
@@ -144,7 +152,10 @@ Block Comparisons(const v1::CrossValidatedSet& set, const std::string& metric) {
   };
   add("all", set.overall());
   for (const v1::CrossValidatedPart& part : set.strata()) {
-    if (part.dimension() == "speed" || part.dimension() == "class") add(part.name(), part);
+    if (part.dimension() == "speed" || part.dimension() == "class" ||
+        (part.dimension() == "type" && HasSeveralTypes(set))) {
+      add(part.name(), part);
+    }
   }
   return block;
 }
@@ -168,8 +179,9 @@ std::string Heading(const v1::CrossValidatedSet& set) {
 
 std::string SetText(const v1::CrossValidatedSet& set, bool color) {
   std::string text = Heading(set);
-  std::vector<Block> blocks = {MainMetrics(set), ModelRanges(set), Strata(set, "speed"),
-                               Strata(set, "class")};
+  std::vector<Block> blocks = {MainMetrics(set), ModelRanges(set), Strata(set, "speed", "BY SPEED"),
+                               Strata(set, "class", "BY CLASS")};
+  if (HasSeveralTypes(set)) blocks.push_back(Strata(set, "type", "BY TYPE"));
   for (const char* metric : {"ade_1", "fde_1", "ade_medoid", "min_ade_6", "min_fde_6", "nll"}) {
     blocks.push_back(Comparisons(set, metric));
   }

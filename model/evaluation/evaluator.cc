@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
 #include "model/artifact/model_spec.h"
 #include "model/data/recording_groups.h"
 #include "model/evaluation/example_sample.h"
@@ -103,9 +104,11 @@ absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& m
   MeasuredExamples all;
   all.examples = EnumerateAll(input, model.spec());
   if (all.examples.empty()) {
-    return absl::FailedPreconditionError(
-        "the recordings hold no example: none has a vehicle with a second of past and a whole "
-        "horizon of future; use longer recordings or a model with a shorter horizon");
+    return absl::FailedPreconditionError(absl::StrCat(
+        "the recordings hold no example: the model predicts ",
+        artifact::TargetTypesText(model.spec()),
+        ", and none of those has a second of past and a whole horizon of future; use recordings "
+        "with such agents, longer ones, or a model with a shorter horizon"));
   }
   if (input.baselines != nullptr && !SeesTheSame(input.baselines->covernet->spec(), model.spec())) {
     return absl::FailedPreconditionError(
@@ -132,6 +135,7 @@ absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& mode
   *report.mutable_rivals() = MakeRivalStandings(*all, grouper.Groups());
   *report.mutable_example_settings() = input.examples;
   *report.mutable_trajectory() = model.spec().trajectory();
+  *report.mutable_target_types() = model.spec().target_types();
   if (absl::Status status = CheckFinite(report); !status.ok()) return status;
   return report;
 }

@@ -82,9 +82,9 @@ struct EvaluationInput {
 //                                          the nearest anchor's one-hot for q(y|x,s)
 //   nmi_kinematic, purity_kinematic        argmax q(y|x,s) against kinematic_classes.h
 //
-// It says which examples these are (example_settings, trajectory). Its strata (strata.h) hold the
-// main ones of these. Its rivals (rival_comparison.h) say where the model is ahead of the others.
-// The report is the same bits for any number of threads.
+// It says which examples these are (example_settings, trajectory, target_types). Its strata
+// (strata.h) hold the main ones of these. Its rivals (rival_comparison.h) say where the model is
+// ahead of the others. The report is the same bits for any number of threads.
 //
 // FAILED_PRECONDITION if the recordings hold no example, or the baselines read or predict something
 // else than the model; CANCELLED if `progress` said so.

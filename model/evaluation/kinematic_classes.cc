@@ -11,13 +11,19 @@ namespace {
 using inference::Trajectory;
 using Position = Eigen::RowVector2d;  // metres
 
-constexpr double kStationaryDistance = 5.0;              // metres
-constexpr double kStationarySpeed = 2.0;                 // m/s
-constexpr double kUTurnBackwards = -5.0;                 // metres
-constexpr double kUTurnHeadingChange = 2.0943951;        // radians: 120 degrees
-constexpr double kLaneChangeShift = 2.0;                 // metres
-constexpr double kCourseDistance = 1.0;                  // metres
-constexpr std::array<double, 2> kSpeedLimits = {5, 10};  // m/s
+constexpr double kUTurnHeadingChange = 2.0943951;  // radians: 120 degrees
+constexpr double kCourseDistance = 1.0;            // metres
+
+// What depends on who moves.
+struct Thresholds {
+  double stationary_distance;          // metres
+  double stationary_speed;             // m/s
+  double u_turn_backwards;             // metres
+  double lane_change_shift;            // metres
+  std::array<double, 2> speed_limits;  // m/s
+};
+constexpr Thresholds kOfVehicles = {5.0, 2.0, -5.0, 2.0, {5.0, 10.0}};
+constexpr Thresholds kOfPedestrians = {1.5, 0.5, -1.5, 1.0, {1.0, 2.0}};
 
 double Course(const Position& from, const Position& to) {
   return std::atan2(to.y() - from.y(), to.x() - from.x());
@@ -57,7 +63,9 @@ double FinalHeadingChange(const Trajectory& trajectory) {
   return std::remainder(course, 2.0 * std::numbers::pi);
 }
 
-KinematicClass Classify(const Trajectory& trajectory, std::span<const double> waypoint_times) {
+KinematicClass Classify(const Trajectory& trajectory, std::span<const double> waypoint_times,
+                        v1::AgentType type) {
+  const Thresholds& limits = type == v1::AGENT_TYPE_PEDESTRIAN ? kOfPedestrians : kOfVehicles;
   const Eigen::Index last = trajectory.rows() - 1;
   const double dx = trajectory(last, 0);
   const double dy = trajectory(last, 1);
@@ -66,25 +74,25 @@ KinematicClass Classify(const Trajectory& trajectory, std::span<const double> wa
                                       : (trajectory.row(last) - trajectory.row(last - 1)).norm() /
                                             (waypoint_times[static_cast<size_t>(last)] -
                                              waypoint_times[static_cast<size_t>(last) - 1]);
-  if (std::hypot(dx, dy) < kStationaryDistance &&
-      std::max(first_speed, last_speed) < kStationarySpeed) {
+  if (std::hypot(dx, dy) < limits.stationary_distance &&
+      std::max(first_speed, last_speed) < limits.stationary_speed) {
     return KinematicClass::kStationary;
   }
   const double heading_change = FinalHeadingChange(trajectory);
   if (std::abs(heading_change) >= kTurnHeadingChange) {
-    if (std::abs(heading_change) >= kUTurnHeadingChange || dx < kUTurnBackwards) {
+    if (std::abs(heading_change) >= kUTurnHeadingChange || dx < limits.u_turn_backwards) {
       return KinematicClass::kUTurn;
     }
     return heading_change > 0.0 ? KinematicClass::kLeftTurn : KinematicClass::kRightTurn;
   }
   const double shift = dy - dx * std::tan(0.5 * heading_change);
-  if (std::abs(shift) >= kLaneChangeShift) {
+  if (std::abs(shift) >= limits.lane_change_shift) {
     return shift > 0.0 ? KinematicClass::kLaneChangeLeft : KinematicClass::kLaneChangeRight;
   }
   const double speed = PathLength(trajectory) / waypoint_times.back();
-  return speed < kSpeedLimits[0]   ? KinematicClass::kStraightSlow
-         : speed < kSpeedLimits[1] ? KinematicClass::kStraightMedium
-                                   : KinematicClass::kStraightFast;
+  return speed < limits.speed_limits[0]   ? KinematicClass::kStraightSlow
+         : speed < limits.speed_limits[1] ? KinematicClass::kStraightMedium
+                                          : KinematicClass::kStraightFast;
 }
 
 }  // namespace maneuver::evaluation

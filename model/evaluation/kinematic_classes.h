@@ -12,13 +12,14 @@
 #include <span>
 #include <string_view>
 
+#include "maneuver/v1/scenario.pb.h"
 #include "model/inference/action_model.h"
 
 namespace maneuver::evaluation {
 
 enum class KinematicClass {
   kStationary,
-  kStraightSlow,    // mean speed below 5 m/s
+  kStraightSlow,    // mean speed of a vehicle below 5 m/s
   kStraightMedium,  // below 10 m/s
   kStraightFast,
   kLeftTurn,
@@ -47,10 +48,18 @@ double FinalHeadingChange(const inference::Trajectory& trajectory);
 //   left, right turn |h| >= 30 degrees, by the sign of h
 //   lane change      |dy - dx tan(h / 2)| >= 2 m: an arc's chord points along h / 2, so this is the
 //                    shift that turning does not account for; by its sign
-//   straight         by the mean speed along the path
+//   straight         by the mean speed along the path: slow, from 5 m/s medium, from 10 m/s fast
+// A pedestrian would nearly always be stationary or slow by these. Of pedestrians the thresholds
+// are 1.5 m and 0.5 m/s (stationary), -1.5 m (U-turn), 1 m (a step aside in place of the lane
+// change), 1 and 2 m/s (stroll, walk, run). Everybody else has those of vehicles.
+//
+// No threshold depends on the horizon: over 3 s few lane changes are complete, and a slow vehicle
+// may count as stationary.
 //   waypoint_times: [T] seconds
+//   type: of the agent that moves so
 KinematicClass Classify(const inference::Trajectory& trajectory,
-                        std::span<const double> waypoint_times);
+                        std::span<const double> waypoint_times,
+                        v1::AgentType type = v1::AGENT_TYPE_VEHICLE);
 
 // Smallest |h| of a turn, radians: 30 degrees.
 inline constexpr double kTurnHeadingChange = 0.523599;

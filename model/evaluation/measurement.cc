@@ -244,7 +244,7 @@ Measurement Measurer::MeasureOne(const data::Example& example,
                                            example.time + context_.waypoint_times.back());
   measured.keys = {AgentsAt(recording, example.time, context_.window.tolerance()), motion.speed(),
                    FinalHeadingChange(truth.trajectory),
-                   Classify(truth.trajectory, context_.waypoint_times)};
+                   Classify(truth.trajectory, context_.waypoint_times, agent.type()), agent.type()};
   return measured;
 }
 

@@ -6,10 +6,13 @@
 #include <climits>
 #include <cmath>
 #include <limits>
+#include <set>
+#include <string>
 #include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
 #include "model/evaluation/metric_table.h"
 
@@ -30,6 +33,15 @@ std::string WaypointsText(const v1::TrajectorySpec& trajectory) {
   const double interval = static_cast<double>(trajectory.waypoint_interval().seconds()) +
                           1e-9 * static_cast<double>(trajectory.waypoint_interval().nanos());
   return absl::StrCat(trajectory.waypoints(), " waypoints of ", interval, " s");
+}
+
+// "VEHICLE", "PEDESTRIAN and CYCLIST"; in the same order whatever the report's.
+std::string TypesText(const v1::EvaluationReport& report) {
+  std::set<std::string> names;
+  for (const int type : report.target_types()) {
+    names.emplace(absl::StripPrefix(v1::AgentType_Name(type), "AGENT_TYPE_"));
+  }
+  return names.empty() ? "VEHICLE" : absl::StrJoin(names, " and ");
 }
 
 absl::Status NotComparable(const std::string& why) {
@@ -88,6 +100,10 @@ absl::Status CheckComparable(const v1::EvaluationReport& a, const v1::Evaluation
     return NotComparable(absl::StrCat(
         "they chose other examples, one by ", SettingsText(a.example_settings()), ", the other by ",
         SettingsText(b.example_settings()), "; evaluate both versions with the same settings"));
+  }
+  if (TypesText(a) != TypesText(b)) {
+    return NotComparable(absl::StrCat("one version predicts ", TypesText(a), ", the other ",
+                                      TypesText(b), "; their examples are of other agents"));
   }
   if (!MessageDifferencer::Equals(a.trajectory(), b.trajectory())) {
     return NotComparable(absl::StrCat("one version predicts ", WaypointsText(a.trajectory()),

@@ -12,6 +12,7 @@ constexpr std::array<std::string_view, 4> kAgents = {"<=10", "11-30", "31-60", "
 constexpr std::array<std::string_view, 5> kSpeeds = {"standing", "0.5-5 m/s", "5-10 m/s",
                                                      "10-15 m/s", ">=15 m/s"};
 constexpr std::array<std::string_view, 3> kTurns = {"straight", "left", "right"};
+constexpr std::array<std::string_view, 4> kTypes = {"vehicle", "pedestrian", "cyclist", "other"};
 
 // Number of `limits` (increasing) that `value` reaches.
 template <typename T, size_t n>
@@ -32,14 +33,28 @@ int TurnStratum(const StratumKeys& keys) {
 
 int ClassStratum(const StratumKeys& keys) { return static_cast<int>(keys.kinematic_class); }
 
+int TypeStratum(const StratumKeys& keys) {
+  switch (keys.type) {
+    case v1::AGENT_TYPE_VEHICLE:
+      return 0;
+    case v1::AGENT_TYPE_PEDESTRIAN:
+      return 1;
+    case v1::AGENT_TYPE_CYCLIST:
+      return 2;
+    default:
+      return 3;
+  }
+}
+
 }  // namespace
 
-const std::array<Stratification, 4>& Stratifications() {
-  static constexpr std::array<Stratification, 4> kStratifications = {
+const std::array<Stratification, 5>& Stratifications() {
+  static constexpr std::array<Stratification, 5> kStratifications = {
       {{"agents", kAgents, AgentStratum},
        {"speed", kSpeeds, SpeedStratum},
        {"turn", kTurns, TurnStratum},
-       {"class", kKinematicClassNames, ClassStratum}}};
+       {"class", kKinematicClassNames, ClassStratum},
+       {"type", kTypes, TypeStratum}}};
   return kStratifications;
 }
 

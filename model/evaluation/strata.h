@@ -18,19 +18,20 @@ struct StratumKeys {
   double speed = 0.0;           // of the target at the prediction time, m/s
   double heading_change = 0.0;  // of the target at the horizon, radians, counter-clockwise
   KinematicClass kinematic_class = KinematicClass::kStationary;  // of its trajectory
+  v1::AgentType type = v1::AGENT_TYPE_VEHICLE;                   // of the target
 };
 
 // One way to divide the examples.
 struct Stratification {
-  std::string_view dimension;               // "agents", "speed", "turn", "class"
+  std::string_view dimension;               // "agents", "speed", "turn", "class", "type"
   std::span<const std::string_view> names;  // of its strata
   int (*stratum)(const StratumKeys& keys);  // index into names
 };
 
 // agents: <=10, 11-30, 31-60, >60;  speed: standing below 0.5 m/s, then up to 5, 10 and 15, and
 // above;  turn: left or right from a heading change of 30 degrees, else straight;
-// class: each KinematicClass.
-const std::array<Stratification, 4>& Stratifications();
+// class: each KinematicClass;  type: vehicle, pedestrian, cyclist or other.
+const std::array<Stratification, 5>& Stratifications();
 
 // Agents of any kind that have a state within `tolerance` seconds of `time`.
 int AgentsAt(const v1::Scenario& recording, double time, double tolerance);

@@ -31,6 +31,11 @@ class Splitter {
   }
 
   void Add(v1::Scenario&& recording) {
+    targets_ += std::count_if(recording.agents().begin(), recording.agents().end(),
+                              [this](const v1::Agent& agent) {
+                                return agent.type() != v1::AGENT_TYPE_UNSPECIFIED &&
+                                       artifact::Predicts(settings_.model(), agent.type());
+                              });
     const bool held_out =
         data::HeldOut(recording.scenario_id(), settings_.examples().validation_share());
     ExampleSet& side = held_out ? data_.validation : data_.training;
@@ -128,15 +133,19 @@ class Splitter {
   }
 
   absl::Status TooFew(int64_t found, int64_t needed) const {
-    return WithFailure(absl::FailedPreconditionError(absl::StrFormat(
-                           "%d recordings hold %d training examples, and %d are needed: a vehicle "
-                           "with one second of "
-                           "past and %.1f s of future without gaps makes one. Add recordings, make "
-                           "model.trajectory.waypoints fewer (a shorter horizon) or "
-                           "examples.stride smaller, or lower "
-                           "model.actions and optimization.batch_size",
-                           recordings_, found, needed, Horizon())),
-                       TrainingFailure::kNotEnoughExamples);
+    const std::string types = artifact::TargetTypesText(settings_.model());
+    const std::string remedy =
+        targets_ == 0
+            ? "None of their agents is of a type that the model learns from: check "
+              "model.target_types and `maneuver dataset show`"
+            : "Add recordings, make model.trajectory.waypoints fewer (a shorter horizon) or "
+              "examples.stride smaller, or lower model.actions and optimization.batch_size";
+    return WithFailure(
+        absl::FailedPreconditionError(absl::StrFormat(
+            "%d recordings with %d %s hold %d training examples, and %d are needed: an agent with "
+            "one second of past and %.1f s of future without gaps makes one. %s",
+            recordings_, targets_, types, found, needed, Horizon(), remedy)),
+        TrainingFailure::kNotEnoughExamples);
   }
 
   const v1::TrainingSettings& settings_;
@@ -145,6 +154,7 @@ class Splitter {
   std::unordered_set<std::string> held_out_ids_;
   std::vector<v1::ManeuverAnnotation> training_annotations_;
   int64_t recordings_ = 0;
+  int64_t targets_ = 0;  // agents of the types that are learned from
 };
 
 }  // namespace

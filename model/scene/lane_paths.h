@@ -63,6 +63,10 @@
 //             100 m if there is none
 //         83  exp(-|d| / 10 m) if there is one, otherwise 0
 //
+// The numbers are the same for every horizon that a model predicts. Over 3 s some of them tell more
+// than is needed. Over 8 s the course of a lane beyond 100 m and 5 s ahead is not among them: paths
+// go straight on there, and actions are held against that (action_geometry.h).
+//
 // Nobody is looked for in the gaps between lanes. Speeds and speed limits beyond 100 m/s count as
 // 100 m/s.
 //

@@ -21,7 +21,7 @@
 namespace {
 
 constexpr char kDescription[] =
-    R"(Learns a model of vehicle actions from dataset folders, or measures one.
+    R"(Learns a model of actions from dataset folders, or measures one.
 
 A dataset folder is made by `maneuver synthesize` or `maneuver import waymo`; a
 model folder holds weights.safetensors and model.json. To learn from a town:
@@ -32,10 +32,10 @@ model folder holds weights.safetensors and model.json. To learn from a town:
 
 Settings are a TrainingSettings message as JSON (proto/maneuver/v1/
 training_settings.proto documents every field); what is left out is the
-preset's. For example, a horizon of 3 s and a longer joint phase:
+preset's. For example, pedestrians, a horizon of 3 s and a longer joint phase:
 
   {"preset": "lanes",
-   "model": {"trajectory": {"waypoints": 30}},
+   "model": {"target_types": ["AGENT_TYPE_PEDESTRIAN"], "trajectory": {"waypoints": 30}},
    "optimization": {"joint_epochs": 20}, "seed": 7})";
 
 constexpr char kFooter[] = R"(Exit status:

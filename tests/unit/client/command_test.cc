@@ -287,6 +287,19 @@ TEST(SetFieldTest, SetsEveryKindOfField) {
   EXPECT_THAT(settings.model().decoder().hidden(), ElementsAre(64));  // replaced, not added to
 }
 
+TEST(SetFieldTest, ListsOfNamesMayLeaveTheirPrefixOut) {
+  v1::TrainingSettings settings;
+  for (const char* types : {"pedestrian,cyclist", "AGENT_TYPE_PEDESTRIAN, cyclist",
+                            "[\"AGENT_TYPE_PEDESTRIAN\", \"AGENT_TYPE_CYCLIST\"]"}) {
+    settings.Clear();
+    ASSERT_TRUE(SetField(std::string("model.target_types=") + types, &settings).ok()) << types;
+    EXPECT_THAT(settings.model().target_types(),
+                ElementsAre(v1::AGENT_TYPE_PEDESTRIAN, v1::AGENT_TYPE_CYCLIST));
+  }
+  EXPECT_THAT(std::string(SetField("model.target_types=dog", &settings).message()),
+              HasSubstr("a list, each vehicle, pedestrian, cyclist or other"));
+}
+
 TEST(SetFieldTest, MistakesSayWhatThereIs) {
   v1::TrainingSettings settings;
   const auto message = [&](const char* assignment) {
@@ -421,8 +434,9 @@ TEST(TargetSelectionTest, MovingVehiclesWithAHistoryAreAskedAboutFastestFirst) {
   AddVehicle(5, 9.0, 0.0, 1.5, &scenario);  // gone
   AddVehicle(6, 9.0, 0.0, 9.0, &scenario);
   scenario.mutable_agents(5)->set_type(v1::AGENT_TYPE_CYCLIST);
-  EXPECT_THAT(MovingVehicles(scenario, 2.0, 8), ElementsAre(4, 1));
-  EXPECT_THAT(MovingVehicles(scenario, 2.0, 1), ElementsAre(4));
+  EXPECT_THAT(MovingAgents(scenario, v1::AGENT_TYPE_VEHICLE, 2.0, 8), ElementsAre(4, 1));
+  EXPECT_THAT(MovingAgents(scenario, v1::AGENT_TYPE_VEHICLE, 2.0, 1), ElementsAre(4));
+  EXPECT_THAT(MovingAgents(scenario, v1::AGENT_TYPE_CYCLIST, 2.0, 8), ElementsAre(6));
 }
 
 TEST(TargetSelectionTest, TargetsOfTheRecordingComeFirstWhileInSight) {
@@ -432,13 +446,14 @@ TEST(TargetSelectionTest, TargetsOfTheRecordingComeFirstWhileInSight) {
   AddVehicle(3, 7.0, 0.0, 9.0, &scenario);
   scenario.add_target_ids(1);
   scenario.add_target_ids(2);
-  EXPECT_THAT(DefaultTargets(scenario, 1.2), ElementsAre(1, 2));
-  EXPECT_THAT(DefaultTargets(scenario, 5.0), ElementsAre(1));
+  EXPECT_THAT(DefaultTargets(scenario, v1::AGENT_TYPE_VEHICLE, 1.2), ElementsAre(1, 2));
+  EXPECT_THAT(DefaultTargets(scenario, v1::AGENT_TYPE_VEHICLE, 5.0), ElementsAre(1));
   scenario.mutable_agents(0)->set_type(v1::AGENT_TYPE_PEDESTRIAN);
-  EXPECT_THAT(DefaultTargets(scenario, 1.2), ElementsAre(2));
+  EXPECT_THAT(DefaultTargets(scenario, v1::AGENT_TYPE_PEDESTRIAN, 1.2), ElementsAre(1));
+  EXPECT_THAT(DefaultTargets(scenario, v1::AGENT_TYPE_VEHICLE, 1.2), ElementsAre(2));
   scenario.mutable_agents(0)->set_type(v1::AGENT_TYPE_VEHICLE);
   scenario.clear_target_ids();
-  EXPECT_THAT(DefaultTargets(scenario, 5.0), ElementsAre(3, 1));
+  EXPECT_THAT(DefaultTargets(scenario, v1::AGENT_TYPE_VEHICLE, 5.0), ElementsAre(3, 1));
 }
 
 }  // namespace

@@ -210,6 +210,16 @@ TEST(ModelSpecTest, PredictsVehiclesUnlessItStatesOtherTypes) {
   EXPECT_EQ(TargetTypesText(spec), "pedestrians, cyclists and vehicles");
 }
 
+TEST(ModelSpecTest, CurvesHaveAKnotAboutEvery0Point8SecondsOfAnyHorizon) {
+  v1::TrajectorySpec spec;
+  spec.mutable_waypoint_interval()->set_nanos(100'000'000);
+  // Cubic splines that start at 0: as many functions as intervals, and two.
+  for (const auto& [waypoints, functions] : {std::pair(30, 6), {50, 8}, {80, 12}, {3, 3}}) {
+    spec.set_waypoints(waypoints);
+    EXPECT_EQ(CurveFunctions(spec), functions) << waypoints;
+  }
+}
+
 TEST(ModelSpecTest, WaypointsBeginOneIntervalAfterThePresent) {
   EXPECT_THAT(WaypointTimes(TinySpec().trajectory()),
               Pointwise(DoubleNear(1e-12), {0.1, 0.2, 0.3}));

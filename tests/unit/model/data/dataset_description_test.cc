@@ -100,6 +100,14 @@ TEST_F(DatasetDescriptionTest, CountsExamplesAndThoseWhoStand) {
   EXPECT_EQ(summary.example_settings().SerializeAsString(), Settings().SerializeAsString());
 }
 
+TEST_F(DatasetDescriptionTest, CountsExamplesOfEveryTypeButDescribesThoseOfVehicles) {
+  const v1::DatasetSummary summary = Describe();
+  EXPECT_EQ(summary.examples_by_type().at("VEHICLE"), summary.examples());
+  // As many pedestrians as vehicles, seen as long; they stand.
+  EXPECT_EQ(summary.examples_by_type().at("PEDESTRIAN"), 12);
+  EXPECT_EQ(summary.examples_by_type().size(), 2u);
+}
+
 TEST_F(DatasetDescriptionTest, CountsSpeedsOfAllExamples) {
   const v1::Histogram speeds = Describe().speeds();
   EXPECT_EQ(CountAt(speeds, 0.0), 3);

@@ -141,13 +141,52 @@ TEST(EnumerateExamplesTest, WithoutAStrideThereAreNone) {
               IsEmpty());
 }
 
-TEST(EnumerateExamplesTest, OnlyVehiclesAreTargets) {
-  for (const auto type : {v1::AGENT_TYPE_PEDESTRIAN, v1::AGENT_TYPE_CYCLIST, v1::AGENT_TYPE_OTHER,
-                          v1::AGENT_TYPE_UNSPECIFIED}) {
-    v1::Agent agent = Vehicle(7, 0.0, 51, 10.0);
-    agent.set_type(type);
-    EXPECT_THAT(Enumerate(Recording(agent)), IsEmpty()) << type;
+// The targets that examples are found of, among one agent of each type.
+std::vector<int64_t> TargetsOf(const v1::ModelSpec& spec, v1::ExampleSettings settings,
+                               double speed) {
+  settings.mutable_stride()->set_seconds(10);  // and a half: one example a track
+  v1::Scenario recording = Recording(Vehicle(v1::AGENT_TYPE_UNSPECIFIED, 8.0, 51, speed));
+  for (const auto type : {v1::AGENT_TYPE_VEHICLE, v1::AGENT_TYPE_PEDESTRIAN, v1::AGENT_TYPE_CYCLIST,
+                          v1::AGENT_TYPE_OTHER}) {
+    *recording.add_agents() = Vehicle(type, 8.0, 51, speed);
   }
+  for (v1::Agent& agent : *recording.mutable_agents()) {
+    agent.set_type(static_cast<v1::AgentType>(agent.id()));
+  }
+  std::vector<int64_t> targets;
+  for (const Example& example : EnumerateExamples(recording, 0, spec, settings)) {
+    targets.push_back(example.target_id);
+  }
+  return targets;
+}
+
+TEST(EnumerateExamplesTest, TargetsAreOfTheTypesThatTheModelLearnsFrom) {
+  v1::ModelSpec spec = Spec();
+  EXPECT_THAT(TargetsOf(spec, Settings(), 5.0), ElementsAre(v1::AGENT_TYPE_VEHICLE));
+  spec.add_target_types(v1::AGENT_TYPE_CYCLIST);
+  EXPECT_THAT(TargetsOf(spec, Settings(), 5.0), ElementsAre(v1::AGENT_TYPE_CYCLIST));
+  spec.add_target_types(v1::AGENT_TYPE_PEDESTRIAN);
+  EXPECT_THAT(TargetsOf(spec, Settings(), 5.0),
+              ElementsAre(v1::AGENT_TYPE_PEDESTRIAN, v1::AGENT_TYPE_CYCLIST));
+}
+
+v1::ModelSpec EveryType() {
+  v1::ModelSpec spec = Spec();
+  for (const auto type : {v1::AGENT_TYPE_VEHICLE, v1::AGENT_TYPE_PEDESTRIAN, v1::AGENT_TYPE_CYCLIST,
+                          v1::AGENT_TYPE_OTHER}) {
+    spec.add_target_types(type);
+  }
+  return spec;
+}
+
+TEST(EnumerateExamplesTest, ATargetFasterThanItsTypeEverIsIsMistracked) {
+  EXPECT_THAT(TargetsOf(EveryType(), Settings(), 11.0),
+              ElementsAre(v1::AGENT_TYPE_VEHICLE, v1::AGENT_TYPE_CYCLIST, v1::AGENT_TYPE_OTHER));
+  EXPECT_THAT(TargetsOf(EveryType(), Settings(), 26.0),
+              ElementsAre(v1::AGENT_TYPE_VEHICLE, v1::AGENT_TYPE_OTHER));
+  v1::ExampleSettings slow = Settings();
+  slow.set_max_speed(4.0);
+  EXPECT_THAT(TargetsOf(EveryType(), slow, 5.0), IsEmpty());
 }
 
 TEST(EnumerateExamplesTest, TheOldestFrameMustBeThere) {
@@ -230,6 +269,13 @@ TEST(KeepStandingTest, KeepsTheShareAskedForAndCountsAll) {
   // Binomial with mean 240 and deviation 14.5: five deviations.
   EXPECT_NEAR(static_cast<double>(kept.size()), 240.0, 73.0);
   EXPECT_EQ(Kept(CarPark("park", 400), 1.0).size(), 2000u);
+}
+
+TEST(KeepStandingTest, KeepsAllPedestriansAndCyclistsForTheyDoNotPark) {
+  v1::ExampleSettings few = Settings();
+  few.set_keep_standing(1e-9);
+  EXPECT_THAT(TargetsOf(EveryType(), few, 0.0),
+              ElementsAre(v1::AGENT_TYPE_PEDESTRIAN, v1::AGENT_TYPE_CYCLIST));
 }
 
 TEST(KeepStandingTest, ALargerShareKeepsWhatASmallerOneDid) {

@@ -53,6 +53,24 @@ std::string ClassOf(const Trajectory& trajectory) {
   return std::string(Name(Classify(trajectory, Times())));
 }
 
+TEST(KinematicClassesTest, PedestriansHaveThresholdsOfTheirOwn) {
+  const auto class_of = [](const Trajectory& trajectory, v1::AgentType type) {
+    return std::string(Name(Classify(trajectory, Times(), type)));
+  };
+  const auto on_foot = [&](const Trajectory& trajectory) {
+    return class_of(trajectory, v1::AGENT_TYPE_PEDESTRIAN);
+  };
+  EXPECT_EQ(ClassOf(Straight(0.9)), "stationary");
+  EXPECT_EQ(class_of(Straight(0.9), v1::AGENT_TYPE_CYCLIST), "stationary");
+  EXPECT_EQ(on_foot(Straight(0.2)), "stationary");
+  EXPECT_EQ(on_foot(Straight(0.9)), "straight_slow");
+  EXPECT_EQ(on_foot(Straight(1.4)), "straight_medium");
+  EXPECT_EQ(on_foot(Straight(3.0)), "straight_fast");
+  EXPECT_EQ(on_foot(Shifted(12.0, 1.1)), "lane_change_left");
+  EXPECT_EQ(on_foot(Shifted(12.0, -0.9)), "straight_fast");
+  EXPECT_EQ(ClassOf(Shifted(12.0, 1.1)), "straight_slow");
+}
+
 TEST(KinematicClassesTest, StraightDrivingIsDividedBySpeed) {
   EXPECT_EQ(ClassOf(Straight(4.9)), "straight_slow");
   EXPECT_EQ(ClassOf(Straight(5.1)), "straight_medium");

@@ -42,6 +42,7 @@ TEST(ReportComparisonTest, ReportsOfOtherExamplesAreNotComparable) {
       {[](auto& r) { r.mutable_example_settings()->set_max_speed(9.0); }, "max_speed=9"},
       {[](auto& r) { r.mutable_trajectory()->set_waypoints(12); }, "12 waypoints of 0.4 s"},
       {[](auto& r) { r.set_examples(99); }, "the other over 99"},
+      {[](auto& r) { r.add_target_types(v1::AGENT_TYPE_CYCLIST); }, "VEHICLE, the other CYCLIST"},
   };
   EXPECT_TRUE(CheckComparable(Report(1), Report(2)).ok());
   for (const Case& each : cases) {
@@ -52,6 +53,12 @@ TEST(ReportComparisonTest, ReportsOfOtherExamplesAreNotComparable) {
     EXPECT_THAT(std::string(status.message()), HasSubstr(each.says));
     EXPECT_FALSE(CompareReports(Report(1), other).ok()) << each.says;
   }
+}
+
+TEST(ReportComparisonTest, NoTypesOfTargetsAreVehicles) {
+  v1::EvaluationReport stated = Report(2);
+  stated.add_target_types(v1::AGENT_TYPE_VEHICLE);
+  EXPECT_TRUE(CheckComparable(Report(1), stated).ok());
 }
 
 TEST(ReportComparisonTest, SettingsOfTrainingDoNotMatter) {

@@ -45,6 +45,15 @@ TEST(StrataTest, ClassesAreNamedAsKinematicClassesAre) {
             "lane_change_right");
 }
 
+TEST(StrataTest, TypesAreThoseOfTheTarget) {
+  EXPECT_EQ(Stratifications()[4].dimension, "type");
+  EXPECT_EQ(StratumOf(4, {}), "vehicle");
+  EXPECT_EQ(StratumOf(4, {.type = v1::AGENT_TYPE_PEDESTRIAN}), "pedestrian");
+  EXPECT_EQ(StratumOf(4, {.type = v1::AGENT_TYPE_CYCLIST}), "cyclist");
+  EXPECT_EQ(StratumOf(4, {.type = v1::AGENT_TYPE_OTHER}), "other");
+  EXPECT_EQ(StratumOf(4, {.type = v1::AGENT_TYPE_UNSPECIFIED}), "other");
+}
+
 TEST(StrataTest, AgentsInSightAreThoseWithAStateNow) {
   v1::Scenario scenario;
   for (const double time : {0.0, 1.0, 1.04, 2.0}) {

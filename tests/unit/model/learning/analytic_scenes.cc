@@ -30,8 +30,8 @@ ArcPoint OnFork(double curvature, double distance) {
 
 using Path = std::function<ArcPoint(double distance)>;
 
-// A vehicle along `path` from 0 on at a constant speed, m/s, for 8 s at 10 Hz.
-v1::Scenario Drive(const std::string& id, const Path& path, double speed) {
+// A vehicle along `path` from 0 on at a constant speed, m/s, for so many seconds at 10 Hz.
+v1::Scenario Drive(const std::string& id, const Path& path, double speed, double duration = 8.0) {
   v1::Scenario scenario;
   scenario.set_scenario_id(id);
   scenario.set_prediction_time(1.0);
@@ -41,7 +41,8 @@ v1::Scenario Drive(const std::string& id, const Path& path, double speed) {
   agent.set_type(v1::AGENT_TYPE_VEHICLE);
   agent.set_length(4.5);
   agent.set_width(1.9);
-  for (int i = 0; i <= 80; ++i) {
+  const auto steps = static_cast<int>(std::lround(10.0 * duration));
+  for (int i = 0; i <= steps; ++i) {
     const double time = 0.1 * i;
     const ArcPoint point = path(speed * time);
     v1::AgentState& state = *agent.add_states();
@@ -68,9 +69,9 @@ void AddLane(const Path& path, v1::Scenario* scenario) {
 
 }  // namespace
 
-v1::Scenario ArcRecording(const std::string& id, double curvature, double speed) {
+v1::Scenario ArcRecording(const std::string& id, double curvature, double speed, double duration) {
   const Path path = [curvature](double distance) { return OnArc(curvature, distance); };
-  v1::Scenario scenario = Drive(id, path, speed);
+  v1::Scenario scenario = Drive(id, path, speed, duration);
   AddLane(path, &scenario);
   return scenario;
 }
@@ -85,12 +86,33 @@ v1::Scenario ForkRecording(const std::string& id, Fork lanes, bool turns_left, d
   return scenario;
 }
 
-std::vector<v1::Scenario> ArcRecordings(int count) {
+std::vector<v1::Scenario> ArcRecordings(int count, double duration) {
   std::vector<v1::Scenario> recordings;
   for (int i = 0; i < count; ++i) {
     const double curvature = (i % 3 - 1) * (0.035 + 0.0005 * (i % 7));
     const double speed = (i / 3 % 2 == 0 ? 6.0 : 12.0) + 0.2 * (i % 5);
-    recordings.push_back(ArcRecording("arc-" + std::to_string(i), curvature, speed));
+    recordings.push_back(ArcRecording("arc-" + std::to_string(i), curvature, speed, duration));
+  }
+  return recordings;
+}
+
+std::vector<v1::Scenario> WalkRecordings(int count) {
+  constexpr int64_t kVehicle = 2;
+  std::vector<v1::Scenario> recordings;
+  for (int i = 0; i < count; ++i) {
+    const double curvature = (i % 3 - 1) * (0.2 + 0.003 * (i % 7));
+    const double speed = (i / 3 % 2 == 0 ? 0.9 : 1.6) + 0.03 * (i % 5);
+    const std::string id = "walk-" + std::to_string(i);
+    v1::Scenario scenario = ArcRecording(id, curvature, speed);
+    v1::Agent& walker = *scenario.mutable_agents(0);
+    walker.set_type(v1::AGENT_TYPE_PEDESTRIAN);
+    walker.set_length(0.8);
+    walker.set_width(0.8);
+    v1::Agent& vehicle = *scenario.add_agents();
+    vehicle = ArcRecording(id, 0.0, 8.0).agents(0);
+    vehicle.set_id(kVehicle);
+    for (v1::AgentState& state : *vehicle.mutable_states()) state.set_y(state.y() - 10.0);
+    recordings.push_back(std::move(scenario));
   }
   return recordings;
 }

@@ -12,9 +12,10 @@
 
 namespace maneuver::learning {
 
-// A vehicle that starts at the origin with heading 0 and follows its lane for 8 s at 10 Hz.
-//   curvature: 1/m, left is positive;  speed: m/s
-v1::Scenario ArcRecording(const std::string& id, double curvature, double speed);
+// A vehicle that starts at the origin with heading 0 and follows its lane at 10 Hz.
+//   curvature: 1/m, left is positive;  speed: m/s;  duration: seconds
+v1::Scenario ArcRecording(const std::string& id, double curvature, double speed,
+                          double duration = 8.0);
 
 // Lanes that a fork shows.
 enum class Fork { kLeft, kRight, kBoth };
@@ -25,7 +26,12 @@ enum class Fork { kLeft, kRight, kBoth };
 v1::Scenario ForkRecording(const std::string& id, Fork lanes, bool turns_left, double curvature);
 
 // `count` recordings over a few curvatures and speeds, differing a little.
-std::vector<v1::Scenario> ArcRecordings(int count);
+//   duration: of each, seconds
+std::vector<v1::Scenario> ArcRecordings(int count, double duration = 8.0);
+
+// `count` recordings of a pedestrian who walks along an arc of a footway and of a vehicle that
+// drives beside it.
+std::vector<v1::Scenario> WalkRecordings(int count);
 
 // Complete settings that train in seconds: 3 s horizon, 6 actions.
 v1::TrainingSettings TinySettings();

@@ -2,9 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
 
 #include "model/artifact/model_folder.h"
+#include "model/artifact/model_spec.h"
 #include "model/artifact/training_presets.h"
 #include "model/inference/action_model.h"
 #include "model/learning/learner.h"
@@ -61,6 +63,15 @@ v1::TrainingSettings RasterAndVectorsSettings() {
   return settings;
 }
 
+// The presets' waypoints, over eight seconds in place of five.
+v1::TrainingSettings LongHorizonSettings() {
+  v1::TrainingSettings settings = TinyLanesSettings();
+  settings.mutable_model()->mutable_trajectory()->set_waypoints(80);
+  settings.mutable_model()->mutable_trajectory()->mutable_waypoint_interval()->set_nanos(
+      100'000'000);
+  return settings;
+}
+
 // Every network of the engine, f32, against LibTorch's.
 class EngineParityTest : public testing::TestWithParam<ParityCase> {};
 
@@ -69,7 +80,9 @@ TEST_P(EngineParityTest, TheEngineSaysWhatLibTorchSays) {
   settings.mutable_optimization()->set_pretraining_epochs(4);
   settings.mutable_optimization()->set_mixture_epochs(2);
   settings.mutable_optimization()->set_joint_epochs(2);
-  const TrainingData data = *SplitRecordings(ArcRecordings(72), settings);
+  const double horizon = artifact::WaypointTimes(settings.model().trajectory()).back();
+  const TrainingData data =
+      *SplitRecordings(ArcRecordings(72, std::max(8.0, horizon + 2.0)), settings);
   RunProgress progress(Learner::Plan(settings, static_cast<int64_t>(data.training.examples.size())),
                        {}, [] { return std::chrono::system_clock::time_point(); });
   Learner learner(
@@ -168,6 +181,7 @@ INSTANTIATE_TEST_SUITE_P(
         ParityCase{"Learned", [] { return RasterSettings(v1::DECODER_COVARIANCE_LEARNED); }},
         ParityCase{"Predicted", [] { return RasterSettings(v1::DECODER_COVARIANCE_PREDICTED); }},
         ParityCase{"Lanes", [] { return TinyLanesSettings(); }},
+        ParityCase{"LanesOver8Seconds", &LongHorizonSettings},
         ParityCase{"LanesMetres", [] { return TinyLanesSettings("lanes-metres"); }},
         ParityCase{"RasterAndVectors", &RasterAndVectorsSettings}),
     [](const auto& parity) { return std::string(parity.param.name); });

@@ -38,10 +38,20 @@ TEST(TrainingDataTest, TooFewExamplesAreRefusedWithWhatWasFoundAndWhatToDo) {
   const auto data = SplitRecordings(ArcRecordings(2), TinySettings());
   ASSERT_EQ(data.status().code(), absl::StatusCode::kFailedPrecondition);
   const std::string message(data.status().message());
-  EXPECT_THAT(message, HasSubstr("2 recordings hold"));
+  EXPECT_THAT(message, HasSubstr("2 recordings with 2 vehicles hold"));
   EXPECT_THAT(message, HasSubstr("32 are needed"));
   EXPECT_THAT(message, HasSubstr("3.0 s of future"));
   EXPECT_THAT(message, HasSubstr("Add recordings"));
+}
+
+TEST(TrainingDataTest, RecordingsWithoutATargetToLearnFromSaySo) {
+  v1::TrainingSettings settings = TinySettings();
+  settings.mutable_model()->add_target_types(v1::AGENT_TYPE_CYCLIST);
+  const auto data = SplitRecordings(ArcRecordings(20), settings);
+  ASSERT_EQ(data.status().code(), absl::StatusCode::kFailedPrecondition);
+  const std::string message(data.status().message());
+  EXPECT_THAT(message, HasSubstr("20 recordings with 0 cyclists hold 0 training examples"));
+  EXPECT_THAT(message, HasSubstr("check model.target_types"));
 }
 
 TEST(VariationTest, IsAFunctionOfSeedEpochAndExample) {

@@ -68,6 +68,20 @@ TEST_F(TrainingTest, LearnsActionsThatPredictHeldOutArcs) {
   EXPECT_THAT(folder_.Names(), testing::ElementsAre("model"));
 }
 
+TEST_F(TrainingTest, LearnsPedestriansThatWalkAlongArcs) {
+  TrainingRun run = Run("model");
+  run.settings = TinyLanesSettings();
+  run.settings.mutable_model()->add_target_types(v1::AGENT_TYPE_PEDESTRIAN);
+  const TrainingData data = *SplitRecordings(WalkRecordings(72), run.settings);
+  for (const data::Example& example : data.training.examples) EXPECT_EQ(example.target_id, 1);
+  const auto manifest = Train(run, data);
+  ASSERT_TRUE(manifest.ok()) << manifest.status();
+  // In three seconds an arc of 0.2 / m leads a walker of 1.3 m/s 1.4 m away from straight on.
+  EXPECT_GT(manifest->metrics().at("fde_cv"), 0.8);
+  EXPECT_LT(manifest->metrics().at("ade_ratio"), 0.7);
+  EXPECT_EQ(manifest->spec().target_types(0), v1::AGENT_TYPE_PEDESTRIAN);
+}
+
 TEST_F(TrainingTest, ReportsEveryPhaseAndTheTermsOfTheBound) {
   ASSERT_TRUE(Train(Run("model"), Data()).ok());
   std::vector<std::string> phases;

@@ -199,6 +199,15 @@ TEST(GeometryWaypointsTest, LiesAtSharesOfTheHorizonAndHalfASecondBefore) {
   for (const double step : kUsual.steps) EXPECT_NEAR(step, 0.5, 1e-9);
 }
 
+TEST(GeometryWaypointsTest, ScalesWithTheHorizonButKeepsTheHalfSecond) {
+  const GeometryWaypoints three = FindGeometryWaypoints(Waypoints(30, 0.1));
+  EXPECT_EQ(three.at, (std::array<int, 3>{11, 20, 29}));  // 1.2, 2.1 and 3 s
+  EXPECT_EQ(three.before, (std::array<int, 3>{6, 15, 24}));
+  const GeometryWaypoints eight = FindGeometryWaypoints(Waypoints(80, 0.1));
+  EXPECT_EQ(eight.at, (std::array<int, 3>{31, 55, 79}));  // 3.2, 5.6 and 8 s
+  EXPECT_EQ(eight.before, (std::array<int, 3>{26, 50, 74}));
+}
+
 TEST(GeometryWaypointsTest, TakesTheNearestOfWaypointsThatAreFarApart) {
   const GeometryWaypoints found = FindGeometryWaypoints(Waypoints(3, 1.0));
   EXPECT_EQ(found.at, (std::array<int, 3>{0, 1, 2}));  // for 1.2, 2.1 and 3 s
