@@ -20,6 +20,7 @@ constexpr double kRightMargin = 18.0;
 constexpr double kLowerMargin = 54.0;
 constexpr double kLeastWidth = 60.0;  // metres that a panel shows at least
 constexpr double kLeastHeight = 40.0;
+constexpr double kOnFoot = 0.4;      // of both, for pedestrians, who walk some 7 m in 5 s
 constexpr double kRow = 20.0;        // of the legend
 constexpr double kLetters = 10.0;    // height of its capitals
 constexpr double kBar = 70.0;        // pixels of probability 1
@@ -159,9 +160,10 @@ Extent TargetPanel::Shown() const {
     const scene::Point2 p = X_WT_.ToLocal({state.x(), state.y()});
     extent.Include(p.x, p.y);
   }
-  const double margin = 6.0 + 0.06 * (extent.max_x - extent.min_x);
-  const double width = std::max(extent.max_x - extent.min_x + 2.0 * margin, kLeastWidth);
-  const double height = std::max(extent.max_y - extent.min_y + 2.0 * margin, kLeastHeight);
+  const double share = target_.type() == v1::AGENT_TYPE_PEDESTRIAN ? kOnFoot : 1.0;
+  const double margin = 6.0 * share + 0.06 * (extent.max_x - extent.min_x);
+  const double width = std::max(extent.max_x - extent.min_x + 2.0 * margin, share * kLeastWidth);
+  const double height = std::max(extent.max_y - extent.min_y + 2.0 * margin, share * kLeastHeight);
   const double x = (extent.min_x + extent.max_x) / 2.0;
   const double y = (extent.min_y + extent.max_y) / 2.0;
   return {x - width / 2.0, x + width / 2.0, y - height / 2.0, y + height / 2.0};

@@ -132,7 +132,7 @@ TEST(ReportTest, StrataPartTheExamplesAndAreMeasuredAlone) {
     }
   }
   EXPECT_EQ(sizes, (std::map<std::string, int64_t>{
-                       {"agents", 3}, {"class", 3}, {"speed", 3}, {"turn", 3}}));
+                       {"agents", 3}, {"class", 3}, {"speed", 3}, {"turn", 3}, {"type", 3}}));
 }
 
 TEST(ReportTest, ActionsAreNamedByWhatTheyMostlyAre) {
