@@ -72,6 +72,7 @@ TEST_F(TrainingTest, LearnsPedestriansThatWalkAlongArcs) {
   TrainingRun run = Run("model");
   run.settings = TinyLanesSettings();
   run.settings.mutable_model()->add_target_types(v1::AGENT_TYPE_PEDESTRIAN);
+  run.settings.mutable_examples()->clear_training_stride();
   const TrainingData data = *SplitRecordings(WalkRecordings(72), run.settings);
   for (const data::Example& example : data.training.examples) EXPECT_EQ(example.target_id, 1);
   const auto manifest = Train(run, data);
