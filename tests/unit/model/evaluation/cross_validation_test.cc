@@ -293,6 +293,20 @@ TEST(CrossValidationTestDatasetTest, AllModelsMeasureEveryExample) {
   EXPECT_THAT(text, HasSubstr("too narrow"));
 }
 
+TEST_F(CrossValidationReportTest, TheTextHasTypesOfTargetsIfThereAreSeveral) {
+  v1::CrossValidationReport report = report_;
+  for (const char* type : {"vehicle", "pedestrian"}) {
+    EXPECT_EQ(CrossValidationText(report, false).find("BY TYPE"), std::string::npos);
+    v1::CrossValidatedPart& part = *report.mutable_sets(0)->add_strata();
+    part.set_dimension("type");
+    part.set_name(type);
+    part.set_examples(7);
+  }
+  const std::string text = CrossValidationText(report, false);
+  EXPECT_THAT(text, HasSubstr("BY TYPE"));
+  EXPECT_THAT(text, HasSubstr("\npedestrian "));
+}
+
 TEST_F(CrossValidationReportTest, TheTextHasFiguresIntervalsAndVerdicts) {
   const std::string text = CrossValidationText(report_, false);
   EXPECT_THAT(text, HasSubstr("2 folds, training seeds 1, 3; 2000 draws"));

@@ -109,6 +109,9 @@ TEST(ReportTextTest, BinsActionsAndStrataHaveTablesOfTheirOwn) {
   stratum.set_name("left");
   stratum.set_examples(12);
   (*stratum.mutable_metrics())["ade_1"] = 1.5;
+  v1::EvaluationStratum& nobody = *report.add_strata();  // no target of a type: left out
+  nobody.set_dimension("type");
+  nobody.set_name("cyclist");
   EXPECT_EQ(ReportText(report, false),
             "p(y|s) OF THE LIKELIEST  EXAMPLES  MEAN p(y|s)  MEAN q(y|x,s)\n"
             "0.5 to 0.6                      7        0.550          0.500\n"
