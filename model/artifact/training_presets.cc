@@ -223,6 +223,7 @@ constexpr char kLanes[] = R"pb(
     scene_covariance { hidden: [ 32 ] }
   }
   examples {
+    validation_share: 0.1
     max_examples: 12000
     training_stride { nanos: 200000000 }
   }

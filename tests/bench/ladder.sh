@@ -22,7 +22,6 @@ mkdir -p "$results"
 declare -A settings=(
   [compact]='{"preset": "compact"}'
   [lanes-metres]='{"preset": "lanes-metres"}'
-  [history]='{"preset": "lanes", "model": {"scene_vectors": {"path_width": 0}}}'
   [relative]='{"preset": "lanes", "model": {"mean_residual": false}}'
   [gaussian]='{"preset": "lanes", "optimization": {"posterior_huber": 0, "posterior_reconstruction_weight": 0.05}}'
   [no-noise]='{"preset": "lanes", "augmentation": {"sensor_noise": 0}}'
