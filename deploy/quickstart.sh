@@ -6,7 +6,7 @@
 #
 #   deploy/quickstart.sh [--keep-running] [--recordings N] [--data-dir DIR] [--preset NAME]
 #
-# --preset paper learns the paper's own model in place of the default; docs/model.md has the others.
+# --preset paper learns the paper's own model in place of the default; docs/explanation/model.md has the others.
 # Run again, it builds only what changed and uses the town and the model that
 # are already there; --fresh starts over.
 set -euo pipefail

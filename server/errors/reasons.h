@@ -1,5 +1,5 @@
-// Every reason that an ErrorInfo of this server can have. They are part of the contract: never
-// renamed, never given another meaning. docs/errors.md is this table, held to it by a test.
+// Every reason that an ErrorInfo of this server can have. Reasons are part of the contract: they are
+// never renamed and never get another meaning. A test holds docs/reference/errors.md to this table.
 
 #ifndef MANEUVER_SERVER_ERRORS_REASONS_H_
 #define MANEUVER_SERVER_ERRORS_REASONS_H_

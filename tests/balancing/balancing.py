@@ -2,7 +2,7 @@
 """Two replicas under steady load: one is killed, one is drained, one is upgraded. Counts what callers saw.
 
 Through HAProxy with deploy/balancing/haproxy.cfg, over TLS, or (--through clients) with clients that balance by
-themselves. Prints a table; the exit status is 1 if a promise of docs/balancing.md was not kept:
+themselves. Prints a table; the exit status is 1 if a promise of docs/guides/balancing.md was not kept:
   - no call fails when a replica is drained (SIGTERM) or upgraded, whether its caller tries again or not;
   - when one is killed, no call fails that began afterwards, and none of callers who try again as
     deploy/balancing/retry-policy.json says.

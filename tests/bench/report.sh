@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Measures this machine's answers and writes docs/performance.md with its pictures:
+# Measures this machine's answers and writes docs/reports/performance.md with its pictures:
 #
 #   1. maneuver-bench --report: every stage in process, beside the machine's yardsticks
 #   2. the server over loopback: saturated, at half its capacity, idle, with one worker and with two,
@@ -9,7 +9,7 @@
 #   tests/bench/report.sh MODEL_FOLDER [DATASET_FOLDER]
 #
 # The dataset's recordings are asked about in place of the synthetic town's. SECONDS_EACH (10) is the
-# length of a measurement; OUT (docs/performance.md) the file; BIN (build/release/bin) where the
+# length of a measurement; OUT (docs/reports/performance.md) the file; BIN (build/release/bin) where the
 # programs are, maneuver-bench among them. Nothing else should run meanwhile.
 set -euo pipefail
 
@@ -20,7 +20,7 @@ model=$1
 dataset=${2:-}
 each=${SECONDS_EACH:-10}
 here=$(cd "$(dirname "$0")" && pwd)
-out=${OUT:-$here/../../docs/performance.md}
+out=${OUT:-$here/../../docs/reports/performance.md}
 pictures=$(dirname "$out")/pictures
 source "$here/measured_server.sh"
 measured=$("$bin/maneuver-bench" --version)

@@ -15,7 +15,7 @@ try {
   require.resolve("kubernetes-models");
   execFileSync("kubectl", ["version", "--client"], { stdio: "ignore" });
 } catch (error) {
-  console.log(`SKIPPED: see docs/kubernetes.md (${String(error.message).split("\n")[0]})`);
+  console.log(`SKIPPED: see docs/guides/kubernetes.md (${String(error.message).split("\n")[0]})`);
   process.exit(77);
 }
 

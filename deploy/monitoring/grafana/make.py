@@ -26,7 +26,7 @@ def dashboard():
     return {
         "title": "Maneuver",
         "uid": "maneuver",
-        "description": "Predictions, models, jobs and the process of maneuverd. What each alert means: docs/dashboards.md.",
+        "description": "Predictions, models, jobs and the process of maneuverd. What each alert means: docs/guides/dashboards.md.",
         "tags": ["maneuver"],
         "schemaVersion": 39,
         "version": 1,

@@ -46,7 +46,7 @@ def jobs():
                "Log-likelihood of a waypoint on validation examples, nats; higher is better. What two versions of one model "
                "can be compared by.",
                [query("maneuver_training_log_likelihood_nats{SERVER}", "slot {{slot}}")], "none", width=12, steps=True),
-        curves("Are the actions in use?", "Effective actions after the last epoch. Falling to a few: they collapse; see docs/learning.md.",
+        curves("Are the actions in use?", "Effective actions after the last epoch. Falling to a few: they collapse; see docs/explanation/learning.md.",
                [query("maneuver_training_effective_actions{SERVER}", "slot {{slot}}")], "none", width=12, steps=True, least=0),
         curves("How fast do they learn?", "Examples a second. Jobs give way to callers: it falls while those ask for much.",
                [query("maneuver_training_examples_per_second{SERVER}", "slot {{slot}}")], "short", width=12, steps=True, least=0))

@@ -147,7 +147,7 @@ def errors():
         "Errors and refusals",
         curves("Which calls fail, and how?",
                "Calls a second by code. INVALID_ARGUMENT, NOT_FOUND: callers. RESOURCE_EXHAUSTED: capacity or limits. INTERNAL, "
-               "UNKNOWN, DATA_LOSS, UNAVAILABLE: the server; see its log. docs/errors.md has every reason.",
+               "UNKNOWN, DATA_LOSS, UNAVAILABLE: the server; see its log. docs/reference/errors.md has every reason.",
                [query('sum by (code) (rate(maneuver_requests_total{SERVER, code!="OK"}[RATE])) > 0', "{{code}}")],
                "reqps", least=0),
         curves("Which methods fail?", "Calls a second that did not end with OK, by method.",

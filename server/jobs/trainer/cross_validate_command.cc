@@ -30,7 +30,7 @@ constexpr char kFooter[] =
     R"(Every recording is measured by a model that learned from no recording that
 shares its place or its agents. The table has means over all examples, with
 95 % intervals, and says where the model is ahead of other predictors.
-docs/cross-validation.md explains it. For example:
+docs/guides/cross-validation.md explains it. For example:
 
   maneuver-trainer cross-validate --dataset city --folds 5 --seeds 1,2,3 \
       --baselines --test-dataset ngsim=ngsim --output city.json

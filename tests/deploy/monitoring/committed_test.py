@@ -87,12 +87,12 @@ class RulesTest(unittest.TestCase):
         self.assertEqual(fired, set(ALERTS))
 
     def test_every_alert_is_in_the_documentation_with_what_to_do(self):
-        page = (REPOSITORY / "docs/dashboards.md").read_text()
+        page = (REPOSITORY / "docs/guides/dashboards.md").read_text()
         documented = re.findall(r"^\| <a id=\"(\w+)\"></a>`(\w+)` \|", page, re.MULTILINE)
         self.assertEqual([name for _, name in documented], ALERTS)
         self.assertEqual([anchor for anchor, _ in documented], [name.lower() for name in ALERTS])
         runbooks = re.findall(r"runbook: (\S+)", (RULES / "alerts.rules.yml").read_text())
-        self.assertEqual(runbooks, [f"docs/dashboards.md#{name.lower()}" for name in ALERTS])
+        self.assertEqual(runbooks, [f"docs/guides/dashboards.md#{name.lower()}" for name in ALERTS])
 
 
 class ComposeTest(unittest.TestCase):

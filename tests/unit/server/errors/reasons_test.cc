@@ -37,7 +37,8 @@ TEST(ReasonsTest, ThePageOfErrorsIsTheTable) {
                                 View(entry.meaning), " | ", View(entry.remedy), " |"));
   }
   std::vector<std::string> page;
-  for (const absl::string_view line : absl::StrSplit(Read(kSources / "docs" / "errors.md"), '\n')) {
+  for (const absl::string_view line :
+       absl::StrSplit(Read(kSources / "docs/reference/errors.md"), '\n')) {
     if (line.substr(0, 3) == "| `") page.emplace_back(line);
   }
   EXPECT_THAT(page, ::testing::ElementsAreArray(rows));

@@ -84,7 +84,7 @@ class RecordingStore : public JobStore {
   std::vector<Change> changes_;  // guarded by mutex_
 };
 
-// The queue as docs/jobs.md describes it, written down once more.
+// The queue as docs/guides/jobs.md describes it, written down once more.
 class ReferenceModel {
  public:
   void Apply(const Change& change) {
