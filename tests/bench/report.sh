@@ -145,11 +145,24 @@ rest() { ratio "$1 - $computed" "$1"; }
 kilobytes() { awk '{ printf "%.0f", $1 / 1000 }' "$work/bytes.$1"; }
 weights=$(stat -c %s "$model/weights.safetensors" | awk '{ printf "%.0f", $1 / 1048576 }')
 
+# Wraps prose at 120 characters; tables and what programs printed stay as they are.
+wrap() {
+  awk '/^```/ { fence = !fence }
+    fence || /^[|`#!]/ { print; next }
+    { while (length > 120) {
+        for (cut = 121; cut > 1 && substr($0, cut, 1) != " "; --cut) {}
+        if (cut == 1) break
+        print substr($0, 1, cut - 1)
+        $0 = substr($0, cut + 1)
+      }
+      print }'
+}
+
 {
   echo "# Performance"
   echo
-  echo "Written by \`tests/bench/report.sh MODEL_FOLDER [DATASET_FOLDER]\`: see there for what is measured. Load of the"
-  echo "machine before: $load_before."
+  echo "Written on $(date -u +%F) by \`tests/bench/report.sh MODEL_FOLDER [DATASET_FOLDER]\`: see there for what is measured."
+  echo "Load of the machine before: $load_before."
   echo
   cat "$work/bench.md"
   echo "## The server over loopback"
@@ -180,6 +193,6 @@ weights=$(stat -c %s "$model/weights.safetensors" | awk '{ printf "%.0f", $1 / 1
   echo "## Peers"
   echo
   BIN=$bin taskset -c "$all_cores" "$here/peers/all.sh" "$model" ${dataset:+"$dataset"}
-} >"$work/report.md"
+} | wrap >"$work/report.md"
 mv "$work/report.md" "$out"
 echo "$out"
