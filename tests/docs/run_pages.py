@@ -25,6 +25,7 @@ import time
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^(?:```sh run|```\w+ file=(?P<file>\S+)|<!-- sh run)\n(?P<text>.*?)^(?:```|-->)$",
                    re.MULTILINE | re.DOTALL)
+MARK = re.compile(r"^\s*(?:```sh run|```\w+ file=|<!-- sh run)", re.MULTILINE)
 PATIENCE_S = 60
 
 
@@ -50,7 +51,10 @@ def server(options, folder):
 
 def run(options, page):
     """Runs a page's blocks. Returns how many there were, and what went wrong, if anything did."""
-    blocks = list(BLOCK.finditer(page.read_text()))
+    text = page.read_text()
+    blocks = list(BLOCK.finditer(text))
+    if len(blocks) != len(MARK.findall(text)):
+        return len(blocks), "a marked block is indented, or does not end"
     if not any(block["file"] is None for block in blocks):
         return 0, None
     with tempfile.TemporaryDirectory(prefix="maneuver-page.") as name:
