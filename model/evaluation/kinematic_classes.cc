@@ -63,6 +63,11 @@ double FinalHeadingChange(const Trajectory& trajectory) {
   return std::remainder(course, 2.0 * std::numbers::pi);
 }
 
+double SidewaysShift(const Trajectory& trajectory, double heading_change) {
+  const Eigen::Index last = trajectory.rows() - 1;
+  return trajectory(last, 1) - trajectory(last, 0) * std::tan(0.5 * heading_change);
+}
+
 KinematicClass Classify(const Trajectory& trajectory, std::span<const double> waypoint_times,
                         v1::AgentType type) {
   const Thresholds& limits = type == v1::AGENT_TYPE_PEDESTRIAN ? kOfPedestrians : kOfVehicles;
@@ -85,7 +90,7 @@ KinematicClass Classify(const Trajectory& trajectory, std::span<const double> wa
     }
     return heading_change > 0.0 ? KinematicClass::kLeftTurn : KinematicClass::kRightTurn;
   }
-  const double shift = dy - dx * std::tan(0.5 * heading_change);
+  const double shift = SidewaysShift(trajectory, heading_change);
   if (std::abs(shift) >= limits.lane_change_shift) {
     return shift > 0.0 ? KinematicClass::kLaneChangeLeft : KinematicClass::kLaneChangeRight;
   }

@@ -42,12 +42,17 @@ std::string_view Name(KinematicClass kinematic_class);
 //   trajectory: target frame, from the origin along +x
 double FinalHeadingChange(const inference::Trajectory& trajectory);
 
+// How far the end is to the left (positive) of where turning alone leads, metres. With (dx, dy) the
+// last waypoint and h = `heading_change`, dy - dx tan(h / 2): an arc's chord points along h / 2.
+//   trajectory: target frame
+//   heading_change: FinalHeadingChange(trajectory); less than pi
+double SidewaysShift(const inference::Trajectory& trajectory, double heading_change);
+
 // With (dx, dy) the last waypoint and h the final heading change, the first that holds of
 //   stationary       |(dx, dy)| < 5 m, and speeds over the first and the last interval < 2 m/s
 //   U-turn           |h| >= 120 degrees, or |h| >= 30 degrees and dx < -5 m
 //   left, right turn |h| >= 30 degrees, by the sign of h
-//   lane change      |dy - dx tan(h / 2)| >= 2 m: an arc's chord points along h / 2, so this is the
-//                    shift that turning does not account for; by its sign
+//   lane change      |SidewaysShift| >= 2 m; by its sign
 //   straight         by the mean speed along the path: slow, from 5 m/s medium, from 10 m/s fast
 // A pedestrian would nearly always be stationary or slow by these. Of pedestrians the thresholds
 // are 1.5 m and 0.5 m/s (stationary), -1.5 m (U-turn), 1 m (a step aside in place of the lane

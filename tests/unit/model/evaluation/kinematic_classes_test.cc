@@ -114,6 +114,14 @@ TEST(KinematicClassesTest, FollowingABendIsNoLaneChange) {
   EXPECT_EQ(ClassOf(bend), "straight_medium");
 }
 
+TEST(KinematicClassesTest, TurningAloneIsNoShift) {
+  for (const double turn : {-100.0, 20.0, 80.0}) {
+    EXPECT_NEAR(SidewaysShift(Arc(50.0, turn * kDegree), turn * kDegree), 0.0, 1e-9);
+  }
+  EXPECT_NEAR(SidewaysShift(Shifted(50.0, 3.5), 0.0), 3.5, 1e-12);
+  EXPECT_NEAR(SidewaysShift(Shifted(50.0, -3.5), 0.0), -3.5, 1e-12);
+}
+
 TEST(KinematicClassesTest, BackingOutIsNoUTurn) {
   EXPECT_EQ(ClassOf(Straight(-2.0)), "straight_slow");
   EXPECT_NEAR(FinalHeadingChange(Straight(-2.0)), 0.0, 1e-12);

@@ -1,0 +1,69 @@
+// What a driver does beyond the present motion, told from the speed now and the trajectory after
+// it.
+//
+// A kinematic class (kinematic_classes.h) says where a trajectory leads: fast straight driving is
+// another class than slow straight driving. A relative class says what changes: both keep their
+// speed. Actions that are relative to the present motion are held against these.
+
+#ifndef MANEUVER_MODEL_EVALUATION_RELATIVE_CLASSES_H_
+#define MANEUVER_MODEL_EVALUATION_RELATIVE_CLASSES_H_
+
+#include <array>
+#include <span>
+#include <string_view>
+
+#include "maneuver/v1/scenario.pb.h"
+#include "model/inference/action_model.h"
+
+namespace maneuver::evaluation {
+
+enum class RelativeClass {
+  kStands,
+  kStops,
+  kStarts,
+  kKeepsSpeed,
+  kAccelerates,
+  kBrakes,
+  kTurnsLeft,
+  kTurnsRight,
+  kUTurn,
+  kLaneChangeLeft,
+  kLaneChangeRight,
+};
+
+// Of each class, in their order.
+inline constexpr std::array<std::string_view, 11> kRelativeClassNames = {
+    "stands",     "stops",       "starts", "keeps_speed",      "accelerates",      "brakes",
+    "turns_left", "turns_right", "u_turn", "lane_change_left", "lane_change_right"};
+
+std::string_view Name(RelativeClass relative_class);
+
+// Returns the first class that holds. v is `present_speed`, e the speed at the end, r the largest
+// distance of a waypoint from the origin, h FinalHeadingChange, d SidewaysShift
+// (kinematic_classes.h).
+//
+//   stands, stops       r < 2 m; stands if v < 1 m/s
+//   U-turn              |h| >= 135 degrees
+//   turns left, right   |h| >= 30 degrees; by the sign of h
+//   lane change         |h| < 15 degrees and |d| >= 2 m; by the sign of d
+//   stops               v >= 1 m/s and e < 0.5 m/s
+//   starts              v < 1 m/s and e > 1 m/s
+//   accelerates, brakes |e - v| > max(1 m/s, 0.15 v); by the sign of e - v
+//   keeps speed         all others
+//
+// Who moves less than 2 m has no course that could be told from noise, so the turns do not apply.
+// r takes the place of the path's length, which noise adds to at every waypoint. e is the distance
+// between the last waypoint and the place half a second before, by that time, for the same reason.
+//
+// Pedestrians have half of each distance and each speed. Everybody else has the figures above.
+//   trajectory: [T, 2] target frame, metres
+//   waypoint_times: [T] seconds, increasing
+//   present_speed: at the prediction time, m/s
+//   type: of the agent that moves so
+RelativeClass ClassifyRelative(const inference::Trajectory& trajectory,
+                               std::span<const double> waypoint_times, double present_speed,
+                               v1::AgentType type = v1::AGENT_TYPE_VEHICLE);
+
+}  // namespace maneuver::evaluation
+
+#endif  // MANEUVER_MODEL_EVALUATION_RELATIVE_CLASSES_H_
