@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 namespace maneuver::evaluation {
 namespace {
@@ -15,6 +16,34 @@ double Entropy(const std::map<int, int64_t>& counts, double total) {
   return entropy;
 }
 
+// ln 0! .. ln n!
+std::vector<double> LogFactorials(int64_t n) {
+  std::vector<double> values(static_cast<size_t>(n) + 1, 0.0);
+  for (size_t i = 1; i < values.size(); ++i) {
+    values[i] = values[i - 1] + std::log(static_cast<double>(i));
+  }
+  return values;
+}
+
+// Mean of (k / n) ln(n k / (a b)), where k of the b pairs of a class are among the a pairs of a
+// cluster, out of n: k is hypergeometric, with
+//   p(k) = a! b! (n - a)! (n - b)! / (n! k! (a - k)! (b - k)! (n - a - b + k)!)
+double ExpectedTerm(int64_t a, int64_t b, int64_t n, const std::vector<double>& log_factorials) {
+  const auto log_factorial = [&](int64_t i) { return log_factorials[static_cast<size_t>(i)]; };
+  const double of_margins = log_factorial(a) + log_factorial(b) + log_factorial(n - a) +
+                            log_factorial(n - b) - log_factorial(n);
+  const auto total = static_cast<double>(n);
+  const double independent = static_cast<double>(a) * static_cast<double>(b) / total;
+  double expected = 0.0;
+  for (int64_t k = std::max<int64_t>(1, a + b - n); k <= std::min(a, b); ++k) {
+    const double log_probability = of_margins - log_factorial(k) - log_factorial(a - k) -
+                                   log_factorial(b - k) - log_factorial(n - a - b + k);
+    const auto count = static_cast<double>(k);
+    expected += std::exp(log_probability) * count / total * std::log(count / independent);
+  }
+  return expected;
+}
+
 }  // namespace
 
 void ContingencyTable::Add(int cluster, int label) {
@@ -24,19 +53,38 @@ void ContingencyTable::Add(int cluster, int label) {
   ++total_;
 }
 
-double ContingencyTable::Purity() const {
-  std::map<int, int64_t> largest;
+std::map<int, ContingencyTable::Majority> ContingencyTable::Majorities() const {
+  std::map<int, Majority> majorities;
   for (const auto& [pair, count] : counts_) {
-    int64_t& most = largest[pair.first];
-    most = std::max(most, count);
+    Majority& majority = majorities[pair.first];
+    majority.total += count;
+    if (count <= majority.count) continue;
+    majority.label = pair.second;
+    majority.count = count;
   }
+  return majorities;
+}
+
+double ContingencyTable::Purity() const {
   int64_t agreeing = 0;
-  for (const auto& [_, count] : largest) agreeing += count;
+  for (const auto& [_, majority] : Majorities()) agreeing += majority.count;
   return total_ == 0 ? 0.0 : static_cast<double>(agreeing) / static_cast<double>(total_);
 }
 
-double ContingencyTable::NormalizedMutualInformation() const {
-  if (clusters_.size() < 2 || labels_.size() < 2) return 0.0;
+double ContingencyTable::ShareInClustersOfPurity(double purity) const {
+  constexpr double kRounding = 1e-12;
+  int64_t pure = 0;
+  for (const auto& [_, majority] : Majorities()) {
+    if (majority.Purity() >= purity - kRounding) pure += majority.total;
+  }
+  return total_ == 0 ? 0.0 : static_cast<double>(pure) / static_cast<double>(total_);
+}
+
+double ContingencyTable::LabelEntropy() const {
+  return Entropy(labels_, static_cast<double>(total_));
+}
+
+double ContingencyTable::MutualInformation() const {
   const auto total = static_cast<double>(total_);
   double information = 0.0;
   for (const auto& [pair, count] : counts_) {
@@ -45,7 +93,24 @@ double ContingencyTable::NormalizedMutualInformation() const {
                                static_cast<double>(labels_.at(pair.second)) / total;
     information += joint * std::log(joint / independent);
   }
-  return 2.0 * information / (Entropy(clusters_, total) + Entropy(labels_, total));
+  return std::max(0.0, information);
+}
+
+double ContingencyTable::ExpectedMutualInformation() const {
+  const std::vector<double> log_factorials = LogFactorials(total_);
+  double expected = 0.0;
+  for (const auto& [cluster, in_cluster] : clusters_) {
+    for (const auto& [label, of_label] : labels_) {
+      expected += ExpectedTerm(in_cluster, of_label, total_, log_factorials);
+    }
+  }
+  return expected;
+}
+
+double ContingencyTable::NormalizedMutualInformation() const {
+  if (clusters_.size() < 2 || labels_.size() < 2) return 0.0;
+  const auto total = static_cast<double>(total_);
+  return 2.0 * MutualInformation() / (Entropy(clusters_, total) + Entropy(labels_, total));
 }
 
 }  // namespace maneuver::evaluation

@@ -9,14 +9,39 @@
 
 namespace maneuver::evaluation {
 
-// Counts of (cluster, class) pairs.
+// Counts of (cluster, class) pairs. Entropies and information are of their shares, in nats.
 class ContingencyTable {
  public:
   void Add(int cluster, int label);
   int64_t total() const { return total_; }
 
+  // The class that most pairs of a cluster have; of several, the smallest.
+  struct Majority {
+    int label = 0;
+    int64_t count = 0;  // pairs of that class
+    int64_t total = 0;  // pairs of the cluster; count / total is the cluster's purity
+
+    double Purity() const { return static_cast<double>(count) / static_cast<double>(total); }
+  };
+  // Returns that of each cluster that has a pair.
+  std::map<int, Majority> Majorities() const;
+
   // Share of the pairs whose class is the most frequent one of their cluster, in (0, 1].
   double Purity() const;
+
+  // Returns the share of the pairs that are in clusters of at least this purity, in [0, 1].
+  double ShareInClustersOfPurity(double purity) const;
+
+  // H(class)
+  double LabelEntropy() const;
+
+  // I(cluster; class), at least 0. Chance alone makes it positive in a sample.
+  double MutualInformation() const;
+
+  // Returns the mean of MutualInformation() over all ways to deal the classes of these pairs out to
+  // their clusters: what chance alone makes of it. Exact, by the hypergeometric distribution of
+  // each count (Vinh, Epps and Bailey 2010, equation 24a).
+  double ExpectedMutualInformation() const;
 
   // 2 I(cluster; class) / (H(cluster) + H(class)), in [0, 1]; 0 when one of them never varies.
   double NormalizedMutualInformation() const;

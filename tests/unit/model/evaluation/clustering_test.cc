@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <vector>
 
 namespace maneuver::evaluation {
 namespace {
@@ -46,6 +48,77 @@ TEST(ClusteringTest, OneClusterTellsNothing) {
   Add(table, 0, 1, 3);
   EXPECT_DOUBLE_EQ(table.NormalizedMutualInformation(), 0.0);
   EXPECT_DOUBLE_EQ(table.Purity(), 0.75);
+}
+
+// Rows 3 1 and 1 3: H(class) = ln 2, and 1/4 of each cluster is of the other class.
+TEST(ClusteringTest, InformationIsTheEntropyThatTheClusterRemoves) {
+  ContingencyTable table;
+  Add(table, 0, 0, 3);
+  Add(table, 0, 1, 1);
+  Add(table, 1, 0, 1);
+  Add(table, 1, 1, 3);
+  const double left = -0.25 * std::log(0.25) - 0.75 * std::log(0.75);
+  EXPECT_NEAR(table.LabelEntropy(), std::log(2.0), 1e-12);
+  EXPECT_NEAR(table.MutualInformation(), std::log(2.0) - left, 1e-12);
+}
+
+// Two pairs in each cluster and of each class: two of the six ways to deal them out agree wholly,
+// and four share nothing.
+TEST(ClusteringTest, ChanceAloneMakesInformation) {
+  ContingencyTable table;
+  Add(table, 0, 0, 2);
+  Add(table, 1, 1, 2);
+  EXPECT_NEAR(table.ExpectedMutualInformation(), std::log(2.0) / 3.0, 1e-12);
+  ContingencyTable one_class;
+  Add(one_class, 0, 0, 2);
+  Add(one_class, 1, 0, 5);
+  EXPECT_NEAR(one_class.ExpectedMutualInformation(), 0.0, 1e-12);
+  // Each pair a cluster of its own: dealt out anyhow, it tells the class.
+  ContingencyTable alone;
+  for (int i = 0; i < 4; ++i) alone.Add(i, i % 2);
+  EXPECT_NEAR(alone.ExpectedMutualInformation(), std::log(2.0), 1e-12);
+}
+
+TEST(ClusteringTest, ExpectedInformationIsTheMeanOverAllPermutations) {
+  const std::vector<int> clusters = {0, 0, 0, 1, 1, 2, 2, 2};
+  std::vector<int> labels = {0, 0, 0, 0, 1, 1, 1, 2};  // sorted: the first permutation
+  double sum = 0.0;
+  int permutations = 0;
+  ContingencyTable table;
+  do {
+    table = {};
+    for (size_t i = 0; i < labels.size(); ++i) table.Add(clusters[i], labels[i]);
+    sum += table.MutualInformation();
+    ++permutations;
+  } while (std::next_permutation(labels.begin(), labels.end()));
+  EXPECT_EQ(permutations, 280);  // 8! / (4! 3! 1!)
+  EXPECT_NEAR(table.ExpectedMutualInformation(), sum / permutations, 1e-12);
+}
+
+TEST(ClusteringTest, MajoritiesAreOfEachClusterAndTheSmallestClassOfSeveral) {
+  ContingencyTable table;
+  Add(table, 4, 2, 3);
+  Add(table, 4, 1, 3);
+  Add(table, 4, 0, 1);
+  Add(table, 9, 5, 2);
+  const auto majorities = table.Majorities();
+  ASSERT_EQ(majorities.size(), 2);
+  EXPECT_EQ(majorities.at(4).label, 1);
+  EXPECT_EQ(majorities.at(4).count, 3);
+  EXPECT_DOUBLE_EQ(majorities.at(4).Purity(), 3.0 / 7.0);
+  EXPECT_EQ(majorities.at(9).label, 5);
+  EXPECT_EQ(majorities.at(9).total, 2);
+}
+
+TEST(ClusteringTest, ClustersOfExactlyThePurityAreShared) {
+  ContingencyTable table;
+  Add(table, 0, 0, 7);
+  Add(table, 0, 1, 3);
+  Add(table, 1, 0, 69);
+  Add(table, 1, 1, 31);
+  EXPECT_DOUBLE_EQ(table.ShareInClustersOfPurity(0.7), 10.0 / 110.0);
+  EXPECT_DOUBLE_EQ(table.ShareInClustersOfPurity(0.6), 1.0);
+  EXPECT_DOUBLE_EQ(ContingencyTable().ShareInClustersOfPurity(0.7), 0.0);
 }
 
 }  // namespace
