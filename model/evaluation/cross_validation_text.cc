@@ -81,9 +81,13 @@ Block MainMetrics(const v1::CrossValidatedSet& set) {
   return block;
 }
 
-Block ModelRanges(const v1::CrossValidatedSet& set) {
-  Block block("OF EACH MODEL", {"MEAN", "RANGE OF MODELS", "OF EACH SEED"});
+// What belongs to a model and is no mean over examples: of the model itself, or of the baselines
+// that were trained with it.
+Block ModelRanges(const v1::CrossValidatedSet& set, const std::string& title, bool of_model) {
+  Block block(title, {"MEAN", "RANGE OF MODELS", "OF EACH SEED"});
   for (const std::string& name : Sorted(set.set_metrics())) {
+    const std::optional<MetricInfo> metric = FindMetric(name);
+    if ((!metric || metric->of_model) != of_model) continue;
     const v1::ModelRange& range = set.set_metrics().at(name);
     block.Add(LabelOf(name), {Number(range.value()),
                               absl::StrFormat("%.3f .. %.3f", range.smallest(), range.largest()),
@@ -179,8 +183,10 @@ std::string Heading(const v1::CrossValidatedSet& set) {
 
 std::string SetText(const v1::CrossValidatedSet& set, bool color) {
   std::string text = Heading(set);
-  std::vector<Block> blocks = {MainMetrics(set), ModelRanges(set), Strata(set, "speed", "BY SPEED"),
-                               Strata(set, "class", "BY CLASS")};
+  std::vector<Block> blocks = {MainMetrics(set),
+                               ModelRanges(set, "MEANING, OF EACH MODEL", /*of_model=*/true),
+                               ModelRanges(set, "BASELINES, OF EACH MODEL", /*of_model=*/false),
+                               Strata(set, "speed", "BY SPEED"), Strata(set, "class", "BY CLASS")};
   if (HasSeveralTypes(set)) blocks.push_back(Strata(set, "type", "BY TYPE"));
   for (const char* metric : {"ade_1", "fde_1", "ade_medoid", "min_ade_6", "min_fde_6", "nll"}) {
     blocks.push_back(Comparisons(set, metric));

@@ -10,9 +10,9 @@
 namespace maneuver::evaluation {
 
 // Returns tables for the held-out folds and for each test dataset: the main metrics with their
-// intervals, what each model is like, the main metrics by speed and by kinematic class, and who is
-// ahead there. The report itself has all metrics and all strata. Lines end in '\n'; without colour
-// it is plain ASCII.
+// intervals, what the actions of each model mean, the main metrics by speed and by kinematic class,
+// and who is ahead there. The report itself has all metrics and all strata. Lines end in '\n';
+// without colour it is plain ASCII.
 std::string CrossValidationText(const v1::CrossValidationReport& report, bool color);
 
 }  // namespace maneuver::evaluation

@@ -81,6 +81,15 @@ struct EvaluationInput {
 //                                          mutual_information and calibration_error, as above with
 //                                          the nearest anchor's one-hot for q(y|x,s)
 //   nmi_kinematic, purity_kinematic        argmax q(y|x,s) against kinematic_classes.h
+//   nmi_relative, purity_relative          the same against relative_classes.h
+//   class_information_kinematic, class_information_relative
+//                                          what argmax q(y|x,s) tells of the class once the
+//                                          target's speed stratum (strata.h) is known: share of
+//                                          the remaining uncertainty, adjusted for chance
+//                                          (class_information.h)
+//   named_share_relative                   share of the examples in actions of which at least 70 %
+//                                          of the examples are of one relative class; chance
+//                                          favours actions of few examples
 //
 // It says which examples these are (example_settings, trajectory, target_types). Its strata
 // (strata.h) hold the main ones of these. Its rivals (rival_comparison.h) say where the model is

@@ -245,6 +245,8 @@ Measurement Measurer::MeasureOne(const data::Example& example,
   measured.keys = {AgentsAt(recording, example.time, context_.window.tolerance()), motion.speed(),
                    FinalHeadingChange(truth.trajectory),
                    Classify(truth.trajectory, context_.waypoint_times, agent.type()), agent.type()};
+  measured.relative_class =
+      ClassifyRelative(truth.trajectory, context_.waypoint_times, motion.speed(), agent.type());
   return measured;
 }
 

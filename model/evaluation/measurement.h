@@ -18,6 +18,7 @@
 #include "model/evaluation/envelope.h"
 #include "model/evaluation/likelihood.h"
 #include "model/evaluation/maneuver_labels.h"
+#include "model/evaluation/relative_classes.h"
 #include "model/evaluation/strata.h"
 #include "model/evaluation/waymo_displacement.h"
 #include "model/inference/action_model.h"
@@ -69,7 +70,8 @@ struct Measurement {
   std::optional<AnchorMeasurement> covernet;   // where the model's folder carries baselines
   std::optional<AnchorMeasurement> multipath;  // likewise
   std::optional<int> maneuver;                 // recorded over most of the horizon, if any
-  StratumKeys keys;                            // and what kind of trajectory it was
+  RelativeClass relative_class = RelativeClass::kStands;  // of the trajectory
+  StratumKeys keys;                                       // and what kind of trajectory it was
 };
 
 // What all threads measure with. Immutable; keeps references to the model, the recordings and the

@@ -67,6 +67,11 @@ constexpr MetricRow kMetrics[] = {
     {"purity", "share", Better::kHigher},
     {"nmi_kinematic", "", Better::kHigher},
     {"purity_kinematic", "share", Better::kHigher},
+    {"class_information_kinematic", "share", Better::kHigher},
+    {"nmi_relative", "", Better::kHigher},
+    {"purity_relative", "share", Better::kHigher},
+    {"class_information_relative", "share", Better::kHigher},
+    {"named_share_relative", "share", Better::kHigher},
     {"labelled_examples", "", Better::kNone},
 };
 

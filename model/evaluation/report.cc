@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <array>
-#include <map>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "model/evaluation/action_meaning.h"
 #include "model/evaluation/anchor_report.h"
 #include "model/evaluation/calibration.h"
-#include "model/evaluation/clustering.h"
 #include "model/evaluation/example_metrics.h"
 
 namespace maneuver::evaluation {
@@ -49,21 +48,6 @@ void SetActions(const ActionStatistics& statistics, Metrics& metrics) {
   metrics["action_entropy"] = statistics.MeanEntropy();
   metrics["mutual_information"] = statistics.MutualInformation();
   metrics["calibration_error"] = statistics.ExpectedCalibrationError();
-}
-
-void SetAgreement(const Part& part, Metrics& metrics) {
-  ContingencyTable maneuvers;
-  ContingencyTable kinematic;
-  for (const Measurement* each : part) {
-    if (each->maneuver) maneuvers.Add(each->action, *each->maneuver);
-    kinematic.Add(each->action, static_cast<int>(each->keys.kinematic_class));
-  }
-  metrics["nmi_kinematic"] = kinematic.NormalizedMutualInformation();
-  metrics["purity_kinematic"] = kinematic.Purity();
-  if (maneuvers.total() == 0) return;
-  metrics["nmi"] = maneuvers.NormalizedMutualInformation();
-  metrics["purity"] = maneuvers.Purity();
-  metrics["labelled_examples"] = static_cast<double>(maneuvers.total());
 }
 
 // What is worth knowing of each stratum, besides the calibration error.
@@ -111,26 +95,12 @@ void AddReliability(const ActionStatistics& statistics, v1::EvaluationReport& re
   }
 }
 
-void AddActionUses(std::span<const Measurement> measured, const ActionStatistics& statistics,
-                   v1::EvaluationReport& report) {
+void AddActionUses(const ActionStatistics& statistics, v1::EvaluationReport& report) {
   const Eigen::VectorXd probabilities = statistics.MeanProbability();
-  std::vector<std::map<KinematicClass, int64_t>> classes(static_cast<size_t>(probabilities.size()));
-  for (const Measurement& each : measured) {
-    ++classes[static_cast<size_t>(each.action)][each.keys.kinematic_class];
-  }
-  for (size_t action = 0; action < classes.size(); ++action) {
+  for (Eigen::Index action = 0; action < probabilities.size(); ++action) {
     v1::ActionUse& use = *report.add_action_uses();
-    use.set_probability(probabilities[static_cast<Eigen::Index>(action)]);
-    use.set_largest_probability(statistics.LargestProbability()[static_cast<Eigen::Index>(action)]);
-    if (classes[action].empty()) continue;
-    int64_t examples = 0;
-    for (const auto& [_, count] : classes[action]) examples += count;
-    const auto& [most, count] =
-        *std::max_element(classes[action].begin(), classes[action].end(),
-                          [](const auto& a, const auto& b) { return a.second < b.second; });
-    use.set_examples(examples);
-    use.set_kinematic_class(std::string(Name(most)));
-    use.set_class_share(static_cast<double>(count) / static_cast<double>(examples));
+    use.set_probability(probabilities[action]);
+    use.set_largest_probability(statistics.LargestProbability()[action]);
   }
 }
 
@@ -146,14 +116,14 @@ v1::EvaluationReport MakeReport(std::span<const Measurement> measured, bool meas
   SetMeans(
       all, metrics, [](const std::string&) { return true; }, *report.mutable_metrics());
   SetRatios(*report.mutable_metrics());
-  SetAgreement(all, *report.mutable_metrics());
   const ActionStatistics statistics = StatisticsOf(all);
   SetActions(statistics, *report.mutable_metrics());
   const Eigen::VectorXd usage = statistics.MeanProbability();
   report.mutable_action_usage()->Add(usage.begin(), usage.end());
   AddReliability(statistics, report);
   AddStrata(measured, metrics, report);
-  AddActionUses(measured, statistics, report);
+  AddActionUses(statistics, report);
+  AddMeaning(measured, report);
   AddAnchorMetrics(measured, report);
   return report;
 }

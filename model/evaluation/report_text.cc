@@ -189,11 +189,19 @@ Block Actions(Reader& read) {
   read.Row(block, "mean entropy of p(y|s), nats", Thousandths, {"action_entropy"});
   read.Row(block, "I(y;s), nats", Thousandths, {"mutual_information"});
   read.Row(block, "calibration error", Thousandths, {"calibration_error"});
-  read.Row(block, "NMI with kinematic classes", Thousandths, {"nmi_kinematic"});
-  read.Row(block, "purity in kinematic classes", Thousandths, {"purity_kinematic"});
-  read.Row(block, "NMI with recorded manoeuvres", Thousandths, {"nmi"});
-  read.Row(block, "purity in recorded manoeuvres", Thousandths, {"purity"});
-  read.Row(block, "examples with a manoeuvre", Count, {"labelled_examples"});
+  return block;
+}
+
+// How the actions agree with classes of trajectories.
+Block Meaning(Reader& read) {
+  Block block("MEANING", {"KINEMATIC", "RELATIVE", "RECORDED"});
+  read.Row(block, "NMI of action and class", Thousandths, {"nmi_kinematic", "nmi_relative", "nmi"});
+  read.Row(block, "purity of the actions", Thousandths,
+           {"purity_kinematic", "purity_relative", "purity"});
+  read.Row(block, "told of the class, given the speed", Share,
+           {"class_information_kinematic", "class_information_relative"});
+  read.Row(block, "examples in actions of purity 0.7", Share, {"", "named_share_relative"});
+  read.Row(block, "examples with a manoeuvre", Count, {"", "", "labelled_examples"});
   return block;
 }
 
@@ -209,7 +217,8 @@ Block Reliability(const v1::EvaluationReport& report) {
 }
 
 Block ActionUses(const v1::EvaluationReport& report) {
-  Block block("ACTION", {"MEAN p(y|s)", "EXAMPLES", "MOSTLY", "SHARE"});
+  Block block("WHAT EACH ACTION DOES",
+              {"MEAN p(y|s)", "EXAMPLES", "RELATIVE", "PURITY", "KINEMATIC", "PURITY"});
   std::vector<int> order;
   for (int i = 0; i < report.action_uses_size(); ++i) order.push_back(i);
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
@@ -218,8 +227,12 @@ Block ActionUses(const v1::EvaluationReport& report) {
   for (const int action : order) {
     const v1::ActionUse& use = report.action_uses(action);
     const bool used = use.examples() > 0;
-    block.Add(absl::StrCat(action), {Share(use.probability()), absl::StrCat(use.examples()),
-                                     use.kinematic_class(), used ? Share(use.class_share()) : ""});
+    // Reports of older releases have no relative classes.
+    const bool has_relative = !use.relative_class().empty();
+    block.Add(absl::StrCat(action),
+              {Share(use.probability()), absl::StrCat(use.examples()), use.relative_class(),
+               has_relative ? Share(use.relative_class_share()) : "", use.kinematic_class(),
+               used ? Share(use.class_share()) : ""});
   }
   return block;
 }
@@ -263,7 +276,8 @@ std::string ReportText(const v1::EvaluationReport& report, bool color) {
   std::vector<Block> blocks = {Accuracy(read),      Baselines(read, report.metrics()),
                                Likelihood(read),    Envelope(read),
                                Reliability(report), Actions(read),
-                               ActionUses(report),  Strata(report)};
+                               Meaning(read),       ActionUses(report),
+                               Strata(report)};
   Block other("OTHER", {"VALUE"});
   for (const auto& [name, value] : read.Left()) other.Add(name, {Thousandths(value)});
   blocks.push_back(std::move(other));

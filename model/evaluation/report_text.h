@@ -10,10 +10,10 @@
 namespace maneuver::evaluation {
 
 // Tables, one for each group of what the report holds: accuracy beside the baselines, likelihood
-// and envelope, probabilities, actions, strata, and where the model is ahead of its rivals
-// (rival_text.h). What it does not hold is left out (a model's manifest has metrics and rivals
-// alone); metrics that no table knows follow by name. Lines end in '\n';
-// without colour it is plain ASCII.
+// and envelope, probabilities, actions and what they mean, strata, and where the model is ahead of
+// its rivals (rival_text.h). What it does not hold is left out (a model's manifest has metrics and
+// rivals alone); metrics that no table knows follow by name. Lines end in '\n'; without colour it
+// is plain ASCII.
 std::string ReportText(const v1::EvaluationReport& report, bool color);
 
 }  // namespace maneuver::evaluation

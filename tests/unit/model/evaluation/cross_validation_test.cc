@@ -307,6 +307,26 @@ TEST_F(CrossValidationReportTest, TheTextHasTypesOfTargetsIfThereAreSeveral) {
   EXPECT_THAT(text, HasSubstr("\npedestrian "));
 }
 
+TEST_F(CrossValidationReportTest, TheTextTellsTheModelsMeaningFromTheBaselines) {
+  v1::CrossValidationReport report = report_;
+  auto& set_metrics = *report.mutable_sets(0)->mutable_set_metrics();
+  for (const char* name : {"class_information_relative", "covernet_mutual_information"}) {
+    set_metrics[name].set_value(0.5);
+    set_metrics[name].set_smallest(0.25);
+    set_metrics[name].set_largest(0.75);
+  }
+  const std::string text = CrossValidationText(report, false);
+  const size_t meaning = text.find("\nMEANING, OF EACH MODEL");
+  const size_t baselines = text.find("\nBASELINES, OF EACH MODEL");
+  ASSERT_NE(meaning, text.npos);
+  ASSERT_NE(baselines, text.npos);
+  const std::string of_model = text.substr(meaning, baselines - meaning);
+  EXPECT_THAT(of_model, HasSubstr("mutual_information, nats"));
+  EXPECT_THAT(of_model, HasSubstr("class_information_relative, share  0.500   0.250 .. 0.750"));
+  EXPECT_THAT(of_model, testing::Not(HasSubstr("covernet")));
+  EXPECT_THAT(text.substr(baselines), HasSubstr("covernet_mutual_information, nats  0.500"));
+}
+
 TEST_F(CrossValidationReportTest, TheTextHasFiguresIntervalsAndVerdicts) {
   const std::string text = CrossValidationText(report_, false);
   EXPECT_THAT(text, HasSubstr("2 folds, training seeds 1, 3; 2000 draws"));

@@ -34,7 +34,7 @@ TEST(MetricTableTest, ErrorsAreBetterLowerAndAgreementHigher) {
                            "ade_medoid", "min_fde_cover_6", "ade_medoid_ratio"}) {
     EXPECT_EQ(FindMetric(name)->better, Better::kLower) << name;
   }
-  for (const char* name : {"nmi", "purity_kinematic"}) {
+  for (const char* name : {"nmi", "purity_kinematic", "class_information_relative"}) {
     EXPECT_EQ(FindMetric(name)->better, Better::kHigher) << name;
   }
   for (const char* name : {"effective_actions", "mean_sigma_prior", "mutual_information"}) {

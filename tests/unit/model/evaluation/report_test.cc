@@ -139,28 +139,19 @@ TEST(ReportTest, ActionsAreNamedByWhatTheyMostlyAre) {
   std::vector<Measurement> measured = {Example(0, 0.9), Example(0, 0.9), Example(0, 0.9)};
   measured[0].keys.kinematic_class = KinematicClass::kLeftTurn;
   measured[2].keys.kinematic_class = KinematicClass::kLeftTurn;
+  measured[1].relative_class = RelativeClass::kBrakes;
+  measured[2].relative_class = RelativeClass::kBrakes;
   const v1::EvaluationReport report = MakeReport(measured, true);
   ASSERT_EQ(report.action_uses_size(), 2);
   EXPECT_EQ(report.action_uses(0).examples(), 3);
   EXPECT_EQ(report.action_uses(0).kinematic_class(), "left_turn");
   EXPECT_DOUBLE_EQ(report.action_uses(0).class_share(), 2.0 / 3.0);
+  EXPECT_EQ(report.action_uses(0).relative_class(), "brakes");
+  EXPECT_DOUBLE_EQ(report.action_uses(0).relative_class_share(), 2.0 / 3.0);
+  EXPECT_DOUBLE_EQ(report.metrics().at("purity_relative"), 2.0 / 3.0);
   EXPECT_DOUBLE_EQ(report.action_uses(0).probability(), 0.9);
   EXPECT_EQ(report.action_uses(1).examples(), 0);
   EXPECT_EQ(report.action_uses(1).kinematic_class(), "");
-}
-
-TEST(ReportTest, AgreementIsWithManoeuvresWhereRecordedAndAlwaysWithKinematics) {
-  std::vector<Measurement> measured = {Example(0, 0.9), Example(1, 0.9), Example(1, 0.9)};
-  measured[0].keys.kinematic_class = KinematicClass::kLeftTurn;
-  v1::EvaluationReport report = MakeReport(measured, true);
-  EXPECT_DOUBLE_EQ(report.metrics().at("nmi_kinematic"), 1.0);
-  EXPECT_DOUBLE_EQ(report.metrics().at("purity_kinematic"), 1.0);
-  EXPECT_FALSE(report.metrics().contains("nmi"));
-  measured[1].maneuver = 3;
-  measured[2].maneuver = 4;
-  report = MakeReport(measured, true);
-  EXPECT_DOUBLE_EQ(report.metrics().at("purity"), 0.5);
-  EXPECT_DOUBLE_EQ(report.metrics().at("labelled_examples"), 2.0);
 }
 
 }  // namespace

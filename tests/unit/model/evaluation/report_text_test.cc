@@ -89,6 +89,45 @@ TEST(ReportTextTest, CoverageStandsBesideWhatAGaussianHolds) {
             "holds the truth, 2 sigma  90.0 %   95.0 %    86.5 %\n");
 }
 
+TEST(ReportTextTest, MeaningHasAColumnForEachKindOfClasses) {
+  v1::EvaluationReport report;
+  auto& metrics = *report.mutable_metrics();
+  metrics["mutual_information"] = 1.25;
+  metrics["nmi_kinematic"] = 0.25;
+  metrics["nmi_relative"] = 0.5;
+  metrics["purity_kinematic"] = 0.625;
+  metrics["purity_relative"] = 0.75;
+  metrics["class_information_kinematic"] = 0.6;
+  metrics["class_information_relative"] = 0.5;
+  metrics["named_share_relative"] = 0.3;
+  EXPECT_EQ(ReportText(report, false),
+            "ACTIONS       VALUE\n"
+            "I(y;s), nats  1.250\n"
+            "\n"
+            "MEANING                             KINEMATIC  RELATIVE\n"
+            "NMI of action and class                 0.250     0.500\n"
+            "purity of the actions                   0.625     0.750\n"
+            "told of the class, given the speed     60.0 %    50.0 %\n"
+            "examples in actions of purity 0.7                30.0 %\n");
+  metrics["nmi"] = 0.375;
+  metrics["labelled_examples"] = 7;
+  EXPECT_THAT(ReportText(report, false),
+              HasSubstr("MEANING                             KINEMATIC  RELATIVE  RECORDED\n"
+                        "NMI of action and class                 0.250     0.500     0.375\n"));
+}
+
+TEST(ReportTextTest, ReportsOfOlderReleasesHaveNoRelativeClasses) {
+  v1::EvaluationReport report;
+  v1::ActionUse& use = *report.add_action_uses();
+  use.set_probability(0.75);
+  use.set_examples(3);
+  use.set_kinematic_class("u_turn");
+  use.set_class_share(0.5);
+  EXPECT_EQ(ReportText(report, false),
+            "WHAT EACH ACTION DOES  MEAN p(y|s)  EXAMPLES  KINEMATIC  PURITY\n"
+            "0                           75.0 %         3     u_turn  50.0 %\n");
+}
+
 TEST(ReportTextTest, BinsActionsAndStrataHaveTablesOfTheirOwn) {
   v1::EvaluationReport report;
   v1::ReliabilityBin& bin = *report.add_reliability();
@@ -104,6 +143,8 @@ TEST(ReportTextTest, BinsActionsAndStrataHaveTablesOfTheirOwn) {
   use.set_examples(3);
   use.set_kinematic_class("u_turn");
   use.set_class_share(0.5);
+  use.set_relative_class("brakes");
+  use.set_relative_class_share(2.0 / 3.0);
   v1::EvaluationStratum& stratum = *report.add_strata();
   stratum.set_dimension("turn");
   stratum.set_name("left");
@@ -116,9 +157,9 @@ TEST(ReportTextTest, BinsActionsAndStrataHaveTablesOfTheirOwn) {
             "p(y|s) OF THE LIKELIEST  EXAMPLES  MEAN p(y|s)  MEAN q(y|x,s)\n"
             "0.5 to 0.6                      7        0.550          0.500\n"
             "\n"
-            "ACTION  MEAN p(y|s)  EXAMPLES  MOSTLY   SHARE\n"
-            "1            75.0 %         3  u_turn  50.0 %\n"
-            "0            25.0 %         0\n"
+            "WHAT EACH ACTION DOES  MEAN p(y|s)  EXAMPLES  RELATIVE  PURITY  KINEMATIC  PURITY\n"
+            "1                           75.0 %         3    brakes  66.7 %     u_turn  50.0 %\n"
+            "0                           25.0 %         0\n"
             "\n"
             "EXAMPLES BY  EXAMPLES   ADE\n"
             "turn: left         12  1.50\n");
