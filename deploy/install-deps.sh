@@ -22,10 +22,17 @@ packages=(
   # what the scripts use
   git curl ca-certificates
 )
-case "${1:-}" in --tests | --packages) packages+=(dpkg-dev file) ;; esac
+case "${1:-}" in
+  --tests | --packages)
+    packages+=(dpkg-dev file
+      # the Python package: its messages, stubs and type hints are generated
+      python3 mypy-protobuf) ;;
+esac
 [ "${1:-}" != --tests ] || packages+=(
   # clients that are not ours, for tests/clients; the engine that exported networks are tested with
-  python3 python3-grpcio python3-protobuf nghttp2-client libopencv-dnn-dev
+  python3-grpcio python3-protobuf nghttp2-client libopencv-dnn-dev
+  # the Python package: arrays, type checking, its wheel
+  python3-numpy mypy python3-setuptools python3-wheel
   # deploy/backup.sh, deploy/balancing, deploy/kubernetes
   haproxy openssl rsync sqlite3 python3-yaml
   # deploy/packages: systemd says how far the unit is closed

@@ -73,6 +73,15 @@ same "built by CMake, it lists" models/town/versions/1 "$(program/build/program 
 c++ -std=c++20 program/main.cc $(pkg-config --cflags --libs maneuver-client) -o program/by-pkg-config
 same "built by pkg-config, it lists" models/town/versions/1 "$(program/by-pkg-config 127.0.0.1:8470)"
 
+step "A program in Python"
+apt_get install ./python3-maneuver_*.deb
+holds "its modules are compiled" sh -c 'ls /usr/lib/python3/dist-packages/maneuver/__pycache__/client.*.pyc'
+same "it lists" models/town/versions/1 "$(python3 -c '
+import maneuver
+print(*(version.name for version in maneuver.Client().list_model_versions()))')"
+apt_get remove python3-maneuver
+fails "anything of it is left" test -e /usr/lib/python3/dist-packages/maneuver
+
 step "Upgrade, while it is asked and while it trains"
 echo '# a line of an administrator' >>/etc/maneuver/maneuverd.conf
 asked() {

@@ -24,26 +24,30 @@ echo "== Pack"
   { cat pack.log >&2; wrong "cpack"; }
 version=$(sed -n 's/^CMAKE_PROJECT_VERSION:STATIC=//p' "$build/CMakeCache.txt")-1
 mkdir stage control
-expected="libmaneuver-client-dev maneuver maneuver-trainer maneuverd"
+expected="libmaneuver-client-dev maneuver maneuver-trainer maneuverd python3-maneuver"
+deb_of() { case $1 in python3-*) echo "packages/$1_${version}_all.deb" ;; *) echo "packages/$1_${version}_amd64.deb" ;; esac; }
 for package in $expected; do
-  deb=packages/${package}_${version}_amd64.deb
+  deb=$(deb_of "$package")
   [ -f "$deb" ] || wrong "there is no $deb: $(ls packages)"
   dpkg --extract "$deb" stage
   dpkg --control "$deb" control/"$package"
 done
-[ "$(ls packages/*.deb | wc -l)" -eq 4 ] || wrong "other packages than $expected: $(ls packages)"
+[ "$(ls packages/*.deb | wc -l)" -eq 5 ] || wrong "other packages than $expected: $(ls packages)"
 
 echo "== What each holds, with what rights"
 for package in $expected; do
   # The generated headers and the documents are what proto/ and docs/ have.
-  dpkg --contents "packages/${package}_${version}_amd64.deb" |
-    awk -v package="$package" '{ print package, $1, $2, $6 }' | grep -Ev '/$|\.pb\.h$|\.proto$|\.md$|/doc/maneuverd/.*pictures/' |
+  dpkg --contents "$(deb_of "$package")" |
+    awk -v package="$package" '{ print package, $1, $2, $6 }' | grep -Ev '/$|\.pb\.h$|_pb2|\.proto$|\.md$|/doc/maneuverd/.*pictures/' |
     sed 's|/lib/x86_64-linux-gnu/|/lib/|' | sort
 done >contents.txt
 diff "$here/contents.txt" contents.txt || wrong "tests/packages/contents.txt (<) is not what was packed (>)"
 for header in "$source"/proto/maneuver/v1/*.proto; do
   name=$(basename "$header" .proto)
   [ -f "stage/usr/include/maneuver/v1/$name.pb.h" ] || wrong "the header of $name.proto is not packed"
+  for module in "${name}_pb2.py" "${name}_pb2.pyi"; do
+    [ -f "stage/usr/lib/python3/dist-packages/maneuver/v1/$module" ] || wrong "$module is not packed"
+  done
   cmp "$header" "stage/usr/share/maneuver/proto/maneuver/v1/$name.proto" || wrong "$name.proto is not packed"
 done
 if grep -rIl -e "$build" -e "$source" stage; then wrong "these name the folder that they were built in"; fi
@@ -58,6 +62,11 @@ done
 ! needs maneuver | grep -E 'torch|imgcodecs|gdal' || wrong "the command asks for more than it needs"
 needs maneuver-trainer | grep -q libtorch || wrong "the trainer does not ask for LibTorch"
 needs libmaneuver-client-dev | grep -q 'libgrpc++-dev' || wrong "the client does not ask for gRPC"
+[ "$(needs python3-maneuver)" = "python3 (>= 3.9), python3-grpcio (>= 1.51), python3-protobuf (>= 3.21)" ] ||
+  wrong "python3-maneuver asks for $(needs python3-maneuver)"
+for script in postinst prerm; do
+  sh -n "control/python3-maneuver/$script" || wrong "python3-maneuver: $script"
+done
 for script in postinst prerm postrm; do
   sh -n "control/maneuverd/$script" || wrong "$script"
 done
@@ -103,6 +112,15 @@ address=$(sed -n 's/.*"grpc": *"\([^"]*\)".*/\1/p' ports.json)
 stage/usr/bin/maneuverd health --data-dir data --listen "$address" || wrong "the probe"
 stage/usr/bin/maneuver --server "$address" health || wrong "the command"
 stage/usr/bin/maneuver-trainer --help >/dev/null || wrong "the trainer"
+
+PYTHONPATH=stage/usr/lib/python3/dist-packages /usr/bin/python3 -B - "$address" <<'EOF' || wrong "the Python package"
+import importlib.metadata, sys
+import maneuver
+assert importlib.metadata.version("maneuver"), "it has no version"
+with maneuver.Client(sys.argv[1]) as client:
+    client.check_health()
+    assert list(client.list_model_versions()) == []
+EOF
 
 run_cmake() { cmake "$@" >cmake.log 2>&1 || { cat cmake.log >&2; wrong "cmake $*"; }; }
 run_cmake -S "$here/program" -B by-cmake -G Ninja "-DCMAKE_PREFIX_PATH=$work/stage/usr"

@@ -1,0 +1,47 @@
+"""Numbers in and out: numpy arrays where numpy is installed, nested lists where it is not."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, List, Sequence, Tuple, cast
+
+try:
+    import numpy
+    HAS_NUMPY = True
+except ImportError:
+    HAS_NUMPY = False
+
+if TYPE_CHECKING:
+    import numpy.typing
+
+    # Of doubles. Without numpy it is a list of the same shape, of lists of floats.
+    FloatArray = numpy.typing.NDArray[numpy.float64]
+    # Rows of numbers: a numpy array, or lists or tuples.
+    Rows = numpy.typing.ArrayLike
+else:
+    FloatArray = Any
+    Rows = Any
+
+
+def array(values: Sequence[Any], *shape: int) -> FloatArray:
+    """Returns `values` with the given shape, which only an empty array needs."""
+    if not HAS_NUMPY:
+        return cast("FloatArray", [*values])
+    made = numpy.asarray(values, dtype=numpy.float64)
+    return made if made.size or not shape else made.reshape(shape)
+
+
+def columns(rows: Rows, names: Sequence[str], path: str) -> List[List[float]]:
+    """Returns the columns of an [N, len(names)] table.
+
+    Raises ValueError, with `path`, for any other shape and for what is not a number.
+    """
+    expected = f"{path}: expected rows of {len(names)} numbers ({', '.join(names)})"
+    try:
+        plain = rows.tolist() if hasattr(rows, "tolist") else rows
+        table: List[Tuple[float, ...]] = [tuple(map(float, row)) for row in cast(Any, plain)]
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{expected}: {error}") from None
+    for index, row in enumerate(table):
+        if len(row) != len(names):
+            raise ValueError(f"{expected}; row {index} has {len(row)}")
+    return [list(column) for column in zip(*table)] or [[] for _ in names]

@@ -1,0 +1,129 @@
+"""The channel, the stubs, and how a call is made. Private to the package."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any, Callable, List, Optional, Tuple, TypeVar
+
+import grpc
+
+from maneuver.credentials import ServerAddress, Tls, authorization, channel_credentials
+from maneuver.credentials import parse_address
+from maneuver.errors import CancelledError, ManeuverError, UnavailableError, from_rpc
+from maneuver.retry import Clock, OnRetry, RetryPolicy, retry
+from maneuver.v1.admin_service_pb2_grpc import AdminServiceStub
+from maneuver.v1.dataset_service_pb2_grpc import DatasetServiceStub
+from maneuver.v1.model_service_pb2_grpc import ModelServiceStub
+from maneuver.v1.prediction_service_pb2_grpc import PredictionServiceStub
+from maneuver.v1.training_service_pb2_grpc import TrainingServiceStub
+
+_Answer = TypeVar("_Answer")
+
+_OPTIONS: List[Tuple[str, Any]] = [
+    # Scenes and answers may be large; how large is for the server to say.
+    ("grpc.max_receive_message_length", -1),
+    ("grpc.max_send_message_length", -1),
+    # A new connection is tried as soon as a retry asks for it.
+    ("grpc.initial_reconnect_backoff_ms", 100),
+    ("grpc.min_reconnect_backoff_ms", 5000),  # also how long an attempt to connect may take
+    ("grpc.max_reconnect_backoff_ms", 2000),
+    # Retries are this package's.
+    ("grpc.enable_retries", 0),
+]
+
+
+@dataclasses.dataclass(frozen=True)
+class Deadlines:
+    """How long a call may take, with all its attempts, when it does not say. Seconds."""
+
+    prediction: float = 30.0
+    management: float = 60.0  # all else but these:
+    upload: float = 3600.0
+    stream: float = 24 * 3600.0  # a stream of predictions, and the watching of a job
+
+
+def retriable(failure: grpc.RpcError) -> ManeuverError:
+    """Returns the error of a call that its caller did not cancel.
+
+    CANCELLED then means that the server was just stopping, or that a proxy lost its server
+    meanwhile: such a call may be made again.
+    """
+    error = from_rpc(failure)
+    if isinstance(error, CancelledError):
+        return UnavailableError(grpc.StatusCode.UNAVAILABLE,
+                                "the call was broken off on its way or by the server")
+    return error
+
+
+class Connection:
+    """A connection to one server, or to each of several. Thread-safe."""
+
+    def __init__(self, address: str, tls: Optional[Tls], token: str, token_file: str,
+                 deadlines: Deadlines, retries: RetryPolicy, on_retry: Optional[OnRetry],
+                 clock: Clock) -> None:
+        self.deadlines = deadlines
+        self.retries = retries
+        self.on_retry = on_retry
+        self.clock = clock
+        parsed = parse_address(address)
+        self.metadata = authorization(address, tls, token, token_file)
+        self._credentials = channel_credentials(tls)
+        self._options = list(_OPTIONS)
+        if tls is not None and tls.server_name:
+            self._options.append(("grpc.ssl_target_name_override", tls.server_name))
+        self.channel = self._open(parsed, health_service="")
+        self._channels = [self.channel]
+        predicting = self.channel
+        if parsed.several:
+            predicting = self._open(parsed, health_service="maneuver.v1.PredictionService")
+            self._channels.append(predicting)
+        self.predictions = PredictionServiceStub(predicting)
+        self.models = ModelServiceStub(self.channel)
+        self.datasets = DatasetServiceStub(self.channel)
+        self.training = TrainingServiceStub(self.channel)
+        self.admin = AdminServiceStub(self.channel)
+
+    def _open(self, address: ServerAddress, health_service: str) -> grpc.Channel:
+        options = list(self._options)
+        if address.several:
+            options.append(("grpc.service_config", json.dumps({
+                "loadBalancingConfig": [{"round_robin": {}}],
+                "healthCheckConfig": {"serviceName": health_service}})))
+        if self._credentials is None:
+            return grpc.insecure_channel(address.target, options)
+        return grpc.secure_channel(address.target, self._credentials, options)
+
+    def close(self) -> None:
+        """Ends the connection and every call on it."""
+        for channel in self._channels:
+            channel.close()
+
+    def deadline(self, timeout: Optional[float], default: float) -> float:
+        """Returns the time on the clock when a call has to be done.
+
+        Raises ValueError for a timeout that is no positive number of seconds.
+        """
+        seconds = default if timeout is None else timeout
+        if not 0.0 < seconds < float("inf"):
+            raise ValueError(f"timeout is a positive number of seconds, and not {seconds}")
+        return self.clock.now() + seconds
+
+    def left(self, deadline: float) -> float:
+        """Returns the seconds until then; a moment where it has passed."""
+        return max(deadline - self.clock.now(), 1e-3)
+
+    def call(self, method: Callable[..., _Answer], request: object, deadline: float, *,
+             repeatable: bool = True) -> _Answer:
+        """Makes a unary call until it succeeds or may not be tried again; raises ManeuverError."""
+
+        def attempt() -> _Answer:
+            try:
+                return method(request, timeout=self.left(deadline), metadata=self.metadata)
+            except grpc.RpcError as failure:
+                raise retriable(failure) from None
+
+        policy = self.retries
+        if not repeatable:
+            policy = dataclasses.replace(policy, max_attempts=1)
+        return retry(policy, deadline, attempt, on_retry=self.on_retry, clock=self.clock)

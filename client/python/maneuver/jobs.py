@@ -1,0 +1,86 @@
+"""Jobs: when they have ended, and following them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Iterator, Optional
+
+import grpc
+
+from maneuver import v1
+from maneuver.connection import Connection, retriable
+from maneuver.errors import ManeuverError, UnavailableError
+from maneuver.retry import RetryPolicy, retry
+
+PATIENCE = 60.0  # a broken watch is picked up for so long after the last sign of life, seconds
+
+
+def has_ended(job: v1.Job) -> bool:
+    """Whether a job has ended: SUCCEEDED, FAILED or CANCELLED."""
+    return job.state in (v1.JOB_STATE_SUCCEEDED, v1.JOB_STATE_FAILED, v1.JOB_STATE_CANCELLED)
+
+
+class Watch:
+    """The events of one job, each once: a broken stream is picked up after the last one."""
+
+    def __init__(self, connection: Connection, name: str, after_sequence: int,
+                 deadline: float) -> None:
+        self._connection = connection
+        self._request = v1.WatchJobRequest(name=name, after_sequence=after_sequence)
+        self._deadline = deadline
+
+    def events(self) -> Iterator[v1.Job]:
+        """Yields the job at each event; the last one has ended. Raises ManeuverError."""
+        seen = False
+        ended = False
+        while not ended:
+            # Before the first event the job is given the patience of any call.
+            policy, give_up = self._connection.retries, self._deadline
+            if seen:
+                policy = dataclasses.replace(policy, max_attempts=1_000_000)
+                give_up = min(self._deadline, self._connection.clock.now() + PATIENCE)
+            stream, job = self._open(policy, give_up)
+            while job is not None:
+                seen = True
+                ended = has_ended(job)
+                self._request.after_sequence = max(self._request.after_sequence,
+                                                   job.progress.sequence)
+                try:
+                    yield job
+                except GeneratorExit:
+                    stream.cancel()
+                    raise
+                job = None if ended else self._next(stream)
+
+    def _open(self, policy: RetryPolicy, give_up: float
+              ) -> "tuple[grpc.Call, Optional[v1.Job]]":
+        """Returns a stream and its first event."""
+
+        def attempt() -> "tuple[grpc.Call, Optional[v1.Job]]":
+            stream = self._connection.training.WatchJob(
+                self._request, timeout=self._connection.left(self._deadline),
+                metadata=self._connection.metadata)
+            try:
+                return stream, next(stream).job
+            except StopIteration:
+                raise UnavailableError(grpc.StatusCode.UNAVAILABLE,
+                                       "the server stopped telling of the job") from None
+            except grpc.RpcError as failure:
+                raise retriable(failure) from None
+
+        return retry(policy, give_up, attempt, on_retry=self._connection.on_retry,
+                     clock=self._connection.clock)
+
+    @staticmethod
+    def _next(stream: grpc.Call) -> Optional[v1.Job]:
+        """Returns the next event; None if the stream broke and may be picked up."""
+        try:
+            event: v1.WatchJobResponse = next(stream)
+            return event.job
+        except StopIteration:
+            return None
+        except grpc.RpcError as failure:
+            error: ManeuverError = retriable(failure)
+            if isinstance(error, UnavailableError):
+                return None
+            raise error from None

@@ -1,0 +1,115 @@
+"""Sends each road once, for callers that see the same one ten times a second.
+
+    maps = maneuver.MapReuse(client)
+    while driving:
+        answer = maps.predict(scene, timeout=0.08)  # as client.predict
+
+A scene's map is registered with the server when it is seen for the first time. From then on
+requests name the map by its id, which is twenty times smaller on real scenes. When the server does
+not hold a map any more it is registered again, and the request repeated. A map that cannot be
+registered is sent along as if MapReuse were not there.
+"""
+
+from __future__ import annotations
+
+import collections
+import hashlib
+import threading
+from typing import Dict, List, Optional, Sequence, TypeVar
+
+from maneuver import v1
+from maneuver.client import Client
+from maneuver.errors import (FailedPreconditionError, InvalidArgumentError, ManeuverError,
+                             UnimplementedError)
+from maneuver.predictor import PredictionRequest, Predictor
+
+_Response = TypeVar("_Response")
+
+
+def _cannot_be_held(error: ManeuverError) -> bool:
+    """Whether registering failed for what the map, or the server, is."""
+    return (isinstance(error, (InvalidArgumentError, UnimplementedError))
+            or error.reason == "MAP_TOO_LARGE")
+
+
+class MapReuse(Predictor):
+    """A client's predictions, with maps that are sent once. Thread-safe.
+
+    max_maps: how many maps, those that were used last, it remembers.
+    """
+
+    def __init__(self, client: Client, max_maps: int = 16) -> None:
+        self._client = client
+        self._max_maps = max_maps
+        self._lock = threading.Lock()  # guards what follows
+        # Digest of the features -> id on the server; the one used last is at the end.
+        self._known: "collections.OrderedDict[bytes, str]" = collections.OrderedDict()
+
+    def forget(self) -> None:
+        """Has every map registered again before it is named the next time."""
+        with self._lock:
+            self._known.clear()
+
+    def name_maps(self, scenes: Sequence[v1.Scenario], *, timeout: Optional[float] = None) -> None:
+        """For a stream: puts map ids in the place of maps, and registers those that are new.
+
+        When an answer has the reason MAP_NOT_REGISTERED, call forget() and send the scenes anew.
+        """
+        self._set_aside(scenes, self._client.deadline(timeout))
+
+    def _ask(self, method: str, request: PredictionRequest, timeout: Optional[float],
+             response: "type[_Response]") -> _Response:
+        deadline = self._client.deadline(timeout)
+        # A scene of the caller's own is not changed.
+        mine = type(request)()
+        mine.CopyFrom(request)
+        for _ in range(2):  # the second time every map is registered anew
+            aside = self._set_aside(mine.scenarios, deadline)
+            try:
+                return self._client.ask_until(method, mine, deadline, response)
+            except FailedPreconditionError as error:
+                if not aside or error.reason != "MAP_NOT_REGISTERED":
+                    raise
+            self.forget()
+            for index, features in aside.items():
+                mine.scenarios[index].map_id = ""
+                mine.scenarios[index].map_features.extend(features)
+        # The server has no room for all of them at once.
+        return self._client.ask_until(method, mine, deadline, response)
+
+    def _set_aside(self, scenes: Sequence[v1.Scenario],
+                   deadline: float) -> Dict[int, List[v1.MapFeature]]:
+        """Puts map ids in the place of maps; returns the maps by the index of their scene."""
+        aside = {}
+        for index, scene in enumerate(scenes):
+            # Both at once is for the server to refuse.
+            if not scene.map_features or scene.map_id:
+                continue
+            map_id = self._id_of(scene, deadline)
+            if map_id:
+                aside[index] = list(scene.map_features)
+                del scene.map_features[:]
+                scene.map_id = map_id
+        return aside
+
+    def _id_of(self, scene: v1.Scenario, deadline: float) -> str:
+        """Returns the id of a scene's map; empty if it cannot be registered."""
+        request = v1.RegisterMapRequest(map_features=scene.map_features)
+        digest = hashlib.sha256(request.SerializeToString(deterministic=True)).digest()
+        with self._lock:
+            known = self._known.get(digest)
+            if known is not None:
+                self._known.move_to_end(digest)
+                return known
+        try:
+            map_id = self._client.ask_until("RegisterMap", request, deadline,
+                                            v1.RegisterMapResponse).map_id
+        except ManeuverError as error:
+            if _cannot_be_held(error):
+                return ""
+            raise
+        with self._lock:
+            self._known[digest] = map_id
+            while len(self._known) > self._max_maps:
+                self._known.popitem(last=False)
+        return map_id

@@ -1,0 +1,21 @@
+"""Builds the package: pyproject.toml says what it is, this generates maneuver.v1 from ../../proto."""
+
+import pathlib
+
+from setuptools import setup
+from setuptools.command.build_py import build_py
+
+from generate import generate
+
+HERE = pathlib.Path(__file__).resolve().parent
+
+
+class BuildWithStubs(build_py):
+    """Copies the modules, then generates maneuver.v1 beside them."""
+
+    def run(self) -> None:
+        super().run()
+        generate(HERE.parent.parent / "proto", pathlib.Path(self.build_lib).resolve())
+
+
+setup(cmdclass={"build_py": BuildWithStubs})
