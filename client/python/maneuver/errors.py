@@ -13,6 +13,7 @@ from __future__ import annotations
 from typing import Dict, NamedTuple, Optional, Sequence, Type, Union
 
 import grpc
+from google.protobuf.message import DecodeError
 
 from maneuver import v1
 
@@ -129,7 +130,7 @@ _CODES = {code.value[0]: code for code in grpc.StatusCode}
 
 def error(code: grpc.StatusCode, message: str, *, status: Optional[v1.Status] = None
           ) -> ManeuverError:
-    """Returns the exception of a code, with the details of `status`."""
+    """Returns the exception of a code, with those details of `status` that parse."""
     reason, metadata, violations = "", {}, []
     retry_delay: Optional[float] = None
     for detail in status.details if status is not None else ():
@@ -139,7 +140,10 @@ def error(code: grpc.StatusCode, message: str, *, status: Optional[v1.Status] = 
         }.get(kind)
         if message_type is None:
             continue
-        parsed = message_type.FromString(detail.value)
+        try:
+            parsed = message_type.FromString(detail.value)
+        except DecodeError:  # a detail that does not parse never hides the error itself
+            continue
         if isinstance(parsed, v1.ErrorInfo):
             reason, metadata = parsed.reason, dict(parsed.metadata)
         elif isinstance(parsed, v1.BadRequest):
@@ -157,12 +161,12 @@ def from_status(status: v1.Status) -> ManeuverError:
 
 
 def from_rpc(failure: grpc.RpcError) -> ManeuverError:
-    """Returns the error of a call that failed. Details that do not parse are left out."""
+    """Returns the error of a call that failed."""
     status = None
     for key, value in failure.trailing_metadata() or ():
         if key == "grpc-status-details-bin":
             try:
                 status = v1.Status.FromString(value)
-            except Exception:  # a proxy's bytes never hide the error itself
+            except DecodeError:
                 status = None
     return error(failure.code(), failure.details() or "", status=status)

@@ -1,0 +1,410 @@
+"""Addresses, credentials, retries and errors, against scripted servers in this process."""
+
+import concurrent.futures
+import contextlib
+import hashlib
+import pathlib
+import pickle
+import socket
+import tempfile
+import time
+import unittest
+
+import grpc
+from google.protobuf.any_pb2 import Any
+
+import maneuver
+from maneuver import v1
+from maneuver.credentials import is_local, parse_address
+from maneuver.retry import backoff_after, retry
+from maneuver.v1 import dataset_service_pb2_grpc, prediction_service_pb2_grpc
+from maneuver.v1 import training_service_pb2_grpc
+
+SCENE = {"target_ids": [7], "agents": [{"id": 7}],
+         "map_features": [{"id": 1, "type": "MAP_FEATURE_TYPE_ROAD_EDGE", "x": [0.0], "y": [1.0]}]}
+
+
+def unavailable(retry_delay=None):
+    return maneuver.UnavailableError(grpc.StatusCode.UNAVAILABLE, "away", retry_delay=retry_delay)
+
+
+def refusal(code, reason, *details):
+    """What a server sends for a call that failed: its code, and its status as bytes."""
+    status = v1.Status(code=code.value[0], message="refused")
+    for kind, detail in (("ErrorInfo", v1.ErrorInfo(reason=reason, metadata={"model": "m"})),
+                         *details):
+        status.details.add(type_url=f"type.googleapis.com/google.rpc.{kind}",
+                           value=detail.SerializeToString())
+    return code, status.SerializeToString()
+
+
+def fail(context, code, status):
+    context.set_trailing_metadata((("grpc-status-details-bin", status),))
+    context.abort(code, "refused")
+
+
+class Clock:
+    """Time that passes only while someone sleeps."""
+
+    def __init__(self):
+        self.waits = []
+
+    def now(self):
+        return 1000.0 + sum(self.waits)
+
+    def clock(self):
+        return maneuver.Clock(now=self.now, sleep=self.waits.append, uniform=lambda: 0.5)
+
+
+def failing(*failures, answer="answer"):
+    """An attempt that raises these in turn, then returns the answer."""
+    left = list(failures)
+
+    def attempt():
+        if left:
+            raise left.pop(0)
+        return answer
+
+    return attempt
+
+
+class RetryTest(unittest.TestCase):
+
+    def setUp(self):
+        self.time = Clock()
+
+    def retry(self, attempt, deadline=2000.0, **policy):
+        return retry(maneuver.RetryPolicy(**policy), deadline, attempt, clock=self.time.clock())
+
+    def test_waits_twice_as_long_each_time(self):
+        attempt = failing(unavailable(), unavailable(), unavailable())
+        self.assertEqual(self.retry(attempt), "answer")
+        self.assertEqual(self.time.waits, [0.1, 0.2, 0.4])
+
+    def test_gives_up_after_the_last_attempt(self):
+        with self.assertRaises(maneuver.UnavailableError):
+            self.retry(failing(*[unavailable()] * 3), max_attempts=3)
+        self.assertEqual(len(self.time.waits), 2)
+
+    def test_does_not_start_a_wait_that_would_pass_the_deadline(self):
+        with self.assertRaises(maneuver.UnavailableError):
+            self.retry(failing(unavailable(), unavailable()), deadline=1000.3)
+        self.assertEqual(self.time.waits, [0.1])
+
+    def test_waits_at_least_as_long_as_the_server_asks(self):
+        self.retry(failing(unavailable(retry_delay=0.75), unavailable(retry_delay=0.01)))
+        self.assertEqual(self.time.waits, [0.75, 0.2])
+
+    def test_repeats_a_call_that_the_server_puts_off(self):
+        put_off = maneuver.ResourceExhaustedError(grpc.StatusCode.RESOURCE_EXHAUSTED, "full",
+                                                  "QUEUE_FULL", retry_delay=0.5)
+        self.assertEqual(self.retry(failing(put_off)), "answer")
+        self.assertEqual(self.time.waits, [0.5])
+
+    def test_does_not_repeat_a_call_that_was_refused_for_good(self):
+        for code, kind in ((grpc.StatusCode.INVALID_ARGUMENT, maneuver.InvalidArgumentError),
+                           (grpc.StatusCode.RESOURCE_EXHAUSTED, maneuver.ResourceExhaustedError),
+                           (grpc.StatusCode.DEADLINE_EXCEEDED, maneuver.DeadlineExceededError)):
+            with self.assertRaises(kind):
+                self.retry(failing(kind(code, "no")))
+        self.assertEqual(self.time.waits, [])
+
+    def test_jitter_is_a_share_of_the_wait(self):
+        policy = maneuver.RetryPolicy(initial_backoff=1.0, max_backoff=3.0, jitter=0.2)
+        self.assertAlmostEqual(backoff_after(policy, 1, 0.0), 0.8)
+        self.assertAlmostEqual(backoff_after(policy, 1, 1.0), 1.2)
+        self.assertAlmostEqual(backoff_after(policy, 5, 0.5), 3.0)
+
+    def test_refuses_a_policy_that_makes_no_sense(self):
+        for wrong in ({"max_attempts": 0}, {"jitter": 1.5}, {"backoff_multiplier": 0.5}):
+            with self.assertRaises(ValueError):
+                maneuver.RetryPolicy(**wrong)
+
+
+class AddressTest(unittest.TestCase):
+
+    def test_names_one_server_or_several(self):
+        one = parse_address("planner.example:8470")
+        self.assertEqual((one.target, one.several), ("planner.example:8470", False))
+        several = parse_address("10.0.0.1:1,10.0.0.2:2")
+        self.assertEqual((several.target, several.several), ("ipv4:10.0.0.1:1,10.0.0.2:2", True))
+        self.assertEqual(parse_address("[fd00::1]:1,[fd00::2]:2").target,
+                         "ipv6:[fd00::1]:1,[fd00::2]:2")
+        self.assertTrue(parse_address("dns:///fleet:8470").several)
+        for wrong in ("", "a:1,b:2", "10.0.0.1:1,[fd00::1]:1"):
+            with self.assertRaises(ValueError):
+                parse_address(wrong)
+
+    def test_knows_what_stays_on_this_machine(self):
+        for local in ("127.0.0.1:1", "127.9.9.9:1", "[::1]:1", "localhost:1", "unix:/run/m"):
+            self.assertTrue(is_local(local), local)
+        for remote in ("10.0.0.1:1", "localhost.example:1", "127.0.0.1:1,10.0.0.1:1"):
+            self.assertFalse(is_local(remote), remote)
+
+    def test_does_not_send_a_token_over_the_network_in_plain_text(self):
+        with self.assertRaisesRegex(ValueError, "plain text"):
+            maneuver.Client("10.0.0.1:8470", token="secret")
+        maneuver.Client("10.0.0.1:8470", token="secret", tls=maneuver.Tls()).close()
+        maneuver.Client("127.0.0.1:8470", token="secret").close()
+
+    def test_refuses_a_token_that_is_not_one_word(self):
+        with self.assertRaisesRegex(ValueError, "one word"):
+            maneuver.Client(token="two words")
+
+    def test_refuses_certificates_that_are_not_pem(self):
+        with tempfile.NamedTemporaryFile() as file:
+            with self.assertRaisesRegex(ValueError, "not in PEM format"):
+                maneuver.Client(tls=maneuver.Tls(root_certificates=file.name))
+        with self.assertRaises(OSError):
+            maneuver.Client(tls=maneuver.Tls(root_certificates="/nowhere.pem"))
+
+
+class ErrorTest(unittest.TestCase):
+
+    def test_survives_pickling(self):
+        error = maneuver.NotFoundError(grpc.StatusCode.NOT_FOUND, "no model", "MODEL_NOT_FOUND",
+                                       [maneuver.FieldViolation("model", "none")], 0.5, {"a": "b"})
+        copy = pickle.loads(pickle.dumps(error))
+        self.assertIsInstance(copy, maneuver.NotFoundError)
+        self.assertEqual(vars(copy), vars(error))
+
+    def test_its_text_has_code_reason_and_fields(self):
+        error = maneuver.InvalidArgumentError(
+            grpc.StatusCode.INVALID_ARGUMENT, "wrong", "INVALID_FIELD",
+            [maneuver.FieldViolation("scenarios[0].agents", "is empty")])
+        self.assertEqual(str(error),
+                         "INVALID_ARGUMENT (INVALID_FIELD): wrong; scenarios[0].agents: is empty")
+
+
+class Predictions(prediction_service_pb2_grpc.PredictionServiceServicer):
+    """Answers Predict as scripted: a (code, status) fails the call, None succeeds."""
+
+    def __init__(self):
+        self.script = []
+        self.requests = []
+        self.registered = []
+        self.metadata = []
+        self.held = set()
+
+    def Predict(self, request, context):
+        self.requests.append(request)
+        self.metadata.append(dict(context.invocation_metadata()))
+        answer = self.script.pop(0) if self.script else None
+        if answer is not None:
+            fail(context, *answer)
+        for scene in request.scenarios:
+            if scene.map_id and scene.map_id not in self.held:
+                fail(context, *refusal(grpc.StatusCode.FAILED_PRECONDITION, "MAP_NOT_REGISTERED"))
+        return v1.PredictResponse(model_version="models/m/versions/1")
+
+    def RegisterMap(self, request, context):
+        self.registered.append(request)
+        map_id = hashlib.sha256(request.SerializeToString()).hexdigest()
+        self.held.add(map_id)
+        return v1.RegisterMapResponse(map_id=map_id)
+
+
+class Training(training_service_pb2_grpc.TrainingServiceServicer):
+    """A job of four events, whose watch breaks after each one."""
+
+    def __init__(self):
+        self.asked_after = []
+        self.deletions = 0
+        self.trained = []
+
+    def WatchJob(self, request, context):
+        self.asked_after.append(request.after_sequence)
+        sequence = request.after_sequence + 1
+        state = v1.JOB_STATE_SUCCEEDED if sequence == 4 else v1.JOB_STATE_RUNNING
+        yield v1.WatchJobResponse(job=v1.Job(name=request.name, state=state,
+                                             progress=v1.JobProgress(sequence=sequence)))
+        if sequence < 4:
+            context.abort(grpc.StatusCode.UNAVAILABLE, "broken")
+
+    def DeleteJob(self, request, context):
+        self.deletions += 1
+        context.abort(grpc.StatusCode.UNAVAILABLE, "away")
+
+    def Train(self, request, context):
+        self.trained.append(request.request_id)
+        if len(self.trained) == 1:
+            context.abort(grpc.StatusCode.UNAVAILABLE, "away")
+        return v1.Job(name="jobs/a")
+
+
+class Datasets(dataset_service_pb2_grpc.DatasetServiceServicer):
+    """Breaks the first upload after two chunks, which it keeps."""
+
+    def __init__(self):
+        self.kept = b""
+        self.uploads = 0
+
+    def QueryUpload(self, request, context):
+        return v1.QueryUploadResponse(arrived_bytes=[len(self.kept)])
+
+    def UploadDataset(self, requests, context):
+        self.uploads += 1
+        header = next(requests).header
+        assert list(header.arrived_bytes) == [len(self.kept)], header.arrived_bytes
+        for count, request in enumerate(requests, 1):
+            self.kept += request.chunk
+            if self.uploads == 1 and count == 2:
+                context.abort(grpc.StatusCode.UNAVAILABLE, "broken")
+        return v1.Dataset(name=header.name)
+
+
+class CallsTest(unittest.TestCase):
+    """A server of this process, whose services answer as scripted."""
+
+    def setUp(self):
+        self.predictions, self.training, self.datasets = Predictions(), Training(), Datasets()
+        server = grpc.server(concurrent.futures.ThreadPoolExecutor(4))
+        prediction_service_pb2_grpc.add_PredictionServiceServicer_to_server(self.predictions, server)
+        training_service_pb2_grpc.add_TrainingServiceServicer_to_server(self.training, server)
+        dataset_service_pb2_grpc.add_DatasetServiceServicer_to_server(self.datasets, server)
+        self.address = f"127.0.0.1:{server.add_insecure_port('127.0.0.1:0')}"
+        server.start()
+        self.addCleanup(lambda: server.stop(None).wait())
+
+    def client(self, **options):
+        client = maneuver.Client(self.address, **{
+            "retries": maneuver.RetryPolicy(initial_backoff=0.001), **options})
+        self.addCleanup(client.close)
+        return client
+
+    def test_repeats_a_prediction_until_the_server_is_back(self):
+        away = refusal(grpc.StatusCode.UNAVAILABLE, "SERVER_STOPS")
+        cancelled = refusal(grpc.StatusCode.CANCELLED, "SERVER_STOPS")
+        self.predictions.script = [away, cancelled, away]
+        told = []
+        client = self.client(on_retry=lambda error, wait: told.append(error.code.name))
+        self.assertEqual(client.predict(SCENE).model_version, "models/m/versions/1")
+        self.assertEqual(told, ["UNAVAILABLE"] * 3)
+        self.assertEqual(len({request.SerializeToString()
+                              for request in self.predictions.requests}), 1)
+
+    def test_retries_0_means_one_attempt(self):
+        self.predictions.script = [refusal(grpc.StatusCode.UNAVAILABLE, "SERVER_STOPS")]
+        with self.assertRaises(maneuver.UnavailableError):
+            self.client(retries=0).predict(SCENE)
+        self.assertEqual(len(self.predictions.requests), 1)
+
+    def test_an_error_has_reason_metadata_fields_and_delay(self):
+        delay = v1.RetryInfo()
+        delay.retry_delay.FromMilliseconds(1500)
+        wrong = v1.BadRequest(field_violations=[
+            v1.BadRequest.FieldViolation(field="scenarios[0].agents", description="is empty")])
+        self.predictions.script = [refusal(grpc.StatusCode.INVALID_ARGUMENT, "INVALID_FIELD",
+                                           ("BadRequest", wrong), ("RetryInfo", delay))]
+        with self.assertRaises(maneuver.InvalidArgumentError) as raised:
+            self.client(retries=0).predict(SCENE)
+        error = raised.exception
+        self.assertEqual((error.code, error.reason, error.metadata, error.retry_delay),
+                         (grpc.StatusCode.INVALID_ARGUMENT, "INVALID_FIELD", {"model": "m"}, 1.5))
+        self.assertEqual(error.violations, (("scenarios[0].agents", "is empty"),))
+        self.assertEqual(error.message, "refused")
+
+    def test_details_that_do_not_parse_do_not_hide_the_error(self):
+        detail = Any(type_url="type.googleapis.com/google.rpc.ErrorInfo", value=b"\xff")
+        for broken in (b"\xff", v1.Status(code=5, details=[detail]).SerializeToString()):
+            self.predictions.script = [(grpc.StatusCode.NOT_FOUND, broken)]
+            with self.assertRaises(maneuver.NotFoundError) as raised:
+                self.client().predict(SCENE)
+            self.assertEqual(raised.exception.reason, "")
+
+    def test_says_who_calls(self):
+        self.client(token="secret").predict(SCENE)
+        self.assertEqual(self.predictions.metadata[0]["authorization"], "Bearer secret")
+
+    def test_does_not_repeat_a_deletion(self):
+        with self.assertRaises(maneuver.UnavailableError):
+            self.client().delete_job("jobs/a")
+        self.assertEqual(self.training.deletions, 1)
+
+    def test_repeats_train_under_one_request_id(self):
+        self.client().train("models/m", ["datasets/d"])
+        first, second = self.training.trained
+        self.assertEqual(first, second)
+        self.assertTrue(first)
+
+    def test_a_watch_that_breaks_goes_on_after_the_last_event(self):
+        jobs = list(self.client().watch_job("jobs/a"))
+        self.assertEqual([job.progress.sequence for job in jobs], [1, 2, 3, 4])
+        self.assertEqual(self.training.asked_after, [0, 1, 2, 3])
+
+    def test_an_upload_that_breaks_goes_on_where_it_was(self):
+        content = bytes(range(256)) * 8192  # 2 MiB, four chunks
+        with tempfile.TemporaryDirectory() as folder:
+            shard = pathlib.Path(folder, "a.tfrecord")
+            shard.write_bytes(content)
+            pathlib.Path(folder, "dataset.json").write_text(
+                '{"shards": [{"file": "a.tfrecord", "size_bytes": "%d"}]}' % len(content))
+            progress = []
+            dataset = self.client().upload_dataset(folder, "datasets/d", on_progress=progress.append)
+        self.assertEqual(dataset.name, "datasets/d")
+        self.assertEqual(self.datasets.uploads, 2)
+        self.assertEqual(self.datasets.kept, content)
+        self.assertEqual(progress[-1], maneuver.UploadProgress(len(content), len(content)))
+
+    def test_refuses_a_folder_that_is_not_whole(self):
+        with tempfile.TemporaryDirectory() as folder:
+            with self.assertRaises(FileNotFoundError):
+                self.client().upload_dataset(folder, "datasets/d")
+            pathlib.Path(folder, "dataset.json").write_text(
+                '{"shards": [{"file": "a.tfrecord", "size_bytes": "3"}]}')
+            pathlib.Path(folder, "a.tfrecord").write_bytes(b"ab")
+            with self.assertRaisesRegex(ValueError, "has 2 bytes; dataset.json says 3"):
+                self.client().upload_dataset(folder, "datasets/d")
+        self.assertEqual(self.datasets.uploads, 0)
+
+    def test_a_map_is_sent_once(self):
+        maps = maneuver.MapReuse(self.client())
+        message = maneuver.v1.Scenario()
+        message.CopyFrom(maneuver.scenes.to_proto(SCENE))
+        for _ in range(3):
+            maps.predict(message)
+        self.assertEqual(len(self.predictions.registered), 1)
+        for request in self.predictions.requests:
+            self.assertTrue(request.scenarios[0].map_id)
+            self.assertFalse(request.scenarios[0].map_features)
+        self.assertEqual(len(message.map_features), 1)  # the caller's scene is as it was
+
+    def test_a_map_that_the_server_let_go_is_registered_again(self):
+        maps = maneuver.MapReuse(self.client())
+        maps.predict(SCENE)
+        self.predictions.held.clear()
+        maps.predict(SCENE)
+        self.assertEqual(len(self.predictions.registered), 2)
+
+    def test_a_map_that_was_not_used_for_longest_is_forgotten(self):
+        maps = maneuver.MapReuse(self.client(), max_maps=2)
+        scenes = [{**SCENE, "map_features": [{"id": 1, "x": [float(i)], "y": [0.0]}]}
+                  for i in range(3)]
+        for index in (0, 1, 0, 2, 0, 1):
+            maps.predict(scenes[index])
+        self.assertEqual(len(self.predictions.registered), 4)
+
+    def test_refuses_two_selections_of_actions(self):
+        with self.assertRaisesRegex(ValueError, "exclude"):
+            self.client().predict(SCENE, top_k=3, min_probability=0.1)
+
+    def test_refuses_a_timeout_that_is_no_time(self):
+        for wrong in (0.0, -1.0, float("inf"), float("nan")):
+            with self.assertRaisesRegex(ValueError, "timeout"):
+                self.client().predict(SCENE, timeout=wrong)
+
+
+class DeadlineTest(unittest.TestCase):
+
+    def test_a_server_that_never_answers_costs_no_more_than_the_deadline(self):
+        with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as silent:
+            address = f"127.0.0.1:{silent.getsockname()[1]}"
+            with maneuver.Client(address, deadline=0.3) as client:
+                started = time.monotonic()
+                with self.assertRaises(maneuver.DeadlineExceededError):
+                    client.predict(SCENE)
+                self.assertLess(time.monotonic() - started, 5.0)
+
+
+if __name__ == "__main__":
+    unittest.main()
