@@ -396,6 +396,11 @@ class CallsTest(unittest.TestCase):
 
 class DeadlineTest(unittest.TestCase):
 
+    def test_a_call_whose_time_is_up_is_not_answered(self):
+        with maneuver.Client("127.0.0.1:1") as client:
+            with self.assertRaises(maneuver.DeadlineExceededError):
+                client.predict(SCENE, timeout=1e-9)
+
     def test_a_server_that_never_answers_costs_no_more_than_the_deadline(self):
         with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as silent:
             address = f"127.0.0.1:{silent.getsockname()[1]}"

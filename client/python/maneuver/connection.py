@@ -10,7 +10,8 @@ import grpc
 
 from maneuver.credentials import ServerAddress, Tls, authorization, channel_credentials
 from maneuver.credentials import parse_address
-from maneuver.errors import CancelledError, ManeuverError, UnavailableError, from_rpc
+from maneuver.errors import (CancelledError, DeadlineExceededError, ManeuverError,
+                             UnavailableError, from_rpc)
 from maneuver.retry import Clock, OnRetry, RetryPolicy, retry
 from maneuver.v1.admin_service_pb2_grpc import AdminServiceStub
 from maneuver.v1.dataset_service_pb2_grpc import DatasetServiceStub
@@ -110,8 +111,12 @@ class Connection:
         return self.clock.now() + seconds
 
     def left(self, deadline: float) -> float:
-        """Returns the seconds until then; a moment where it has passed."""
-        return max(deadline - self.clock.now(), 1e-3)
+        """Returns the seconds until then; raises DeadlineExceededError if it has passed."""
+        seconds = deadline - self.clock.now()
+        if seconds <= 0.0:
+            raise DeadlineExceededError(grpc.StatusCode.DEADLINE_EXCEEDED,
+                                        "the call's time was up before it was sent")
+        return seconds
 
     def call(self, method: Callable[..., _Answer], request: object, deadline: float, *,
              repeatable: bool = True) -> _Answer:
