@@ -40,7 +40,7 @@ def generate(protos: pathlib.Path, output: pathlib.Path) -> None:
          f"--plugin=protoc-gen-mypy_grpc={_program('protoc-gen-mypy_grpc')}",
          f"--mypy_grpc_out=quiet:{output}", *map(str, services)],
         check=True)
-    lines = ['"""The contract maneuver.v1: its messages and enums, generated from the protos."""', ""]
+    lines = ['"""The contract maneuver.v1: its messages and enums, made from the protos."""', ""]
     lines += [f"from maneuver.v1.{file.stem}_pb2 import *" for file in files]
     (output / "maneuver" / "v1" / "__init__.py").write_text("\n".join(lines) + "\n")
 

@@ -1,4 +1,4 @@
-"""Builds the package: pyproject.toml says what it is, this generates maneuver.v1 from ../../proto."""
+"""Generates maneuver.v1 from ../../proto when the package is built; see pyproject.toml."""
 
 import pathlib
 

@@ -37,8 +37,9 @@ client.Predict(request, {deadline: Date.now() + 5000}, (error, answer) => {
     console.log(`vehicle ${target.target_id}, by ${answer.model_version}`);
     for (const action of target.distributions) {
       const {x, y} = action.mean_trajectory; // world frame, metres
-      console.log(`action ${action.action_id}  probability ${action.probability.toFixed(3)}  after ` +
-          `${answer.waypoint_times[last].toFixed(1)} s at (${x[last].toFixed(1)}, ${y[last].toFixed(1)})`);
+      const place = `(${x[last].toFixed(1)}, ${y[last].toFixed(1)})`;
+      console.log(`action ${action.action_id}  probability ${action.probability.toFixed(3)}  ` +
+          `after ${answer.waypoint_times[last].toFixed(1)} s at ${place}`);
     }
   }
 });

@@ -1,9 +1,8 @@
 #!/usr/bin/python3
 """From nothing to answers, in cells: walkthrough.py [HOST:PORT] [FOLDER]
 
-Editors that know "# %%" (VS Code, Spyder, Jupyter with jupytext) run it cell by cell. The server has
-to allow training (maneuver-trainer), and `maneuver` has to be on the PATH, for the synthetic town.
-It takes about a minute.
+Editors that know "# %%" (VS Code, Spyder, Jupyter with jupytext) run it cell by cell. The server
+needs maneuver-trainer, and the PATH `maneuver`, which makes the synthetic town. It takes a minute.
 """
 
 # %% Connect. Nothing is sent yet: the first call finds out whether the server answers.

@@ -86,6 +86,22 @@ class ExamplesTest(unittest.TestCase):
         self.assertEqual(run(build / "predict", SCENE, self.address).splitlines(), self.expected())
         run(build / "predict", EXAMPLES / "README.md", self.address, succeeds=False)
 
+    def test_the_code_on_the_page_about_python_runs(self):
+        page = next((REPOSITORY / "docs").rglob("python.md")).read_text()
+        code = "\n".join(re.findall(r"```python\n(.*?)```", page, re.DOTALL))
+        program = self.folder / "page.py"
+        program.write_text(code.replace("127.0.0.1:8470", self.address)
+                           .replace("models/town", "models/tiny"))
+        printed = run(sys.executable, program, cwd=EXAMPLES)
+        self.assertIn("scenarios[0].agents[0].width", printed)
+        self.assertIn("(12, 10, 2, 2)", printed)
+
+    def test_programs_in_python_have_types_that_fit(self):
+        for program in sorted(EXAMPLES.rglob("*.py")):
+            run(sys.executable, "-m", "mypy", "--config-file",
+                REPOSITORY / "client/python/pyproject.toml", "--cache-dir", self.folder / "mypy",
+                program, MYPYPATH=os.environ["PYTHONPATH"].split(":")[0])
+
     def test_javascript(self):
         folder = self.folder / "javascript"
         shutil.copytree(EXAMPLES / "javascript", folder,

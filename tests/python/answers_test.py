@@ -14,9 +14,15 @@ PROGRAM = """
 import sys
 sys.modules["numpy"] = None  # as where it is not installed
 from maneuver.answers import predictions_of
+from maneuver.arrays import columns
 from maneuver import v1
 answer = predictions_of(v1.PredictResponse.FromString(bytes.fromhex(sys.argv[1]))).target()
 print(answer.mean_trajectories, answer.waypoint_covariances[1][2])
+for points in ([(1, 2.5)], [], [(1, 2, 3)], [1, 2], [("a", 1)]):
+    try:
+        print(columns(points, ("x", "y"), "points"))
+    except ValueError as error:
+        print("refused:", str(error)[:34])
 """
 
 
@@ -87,9 +93,11 @@ class AnswersTest(unittest.TestCase):
             [sys.executable, "-c", PROGRAM, response().SerializeToString().hex()], check=True,
             stdout=subprocess.PIPE, text=True).stdout
         with_numpy = predictions_of(response()).target()
-        self.assertEqual(printed.split(), (f"{with_numpy.mean_trajectories.tolist()} "
-                                           f"{with_numpy.waypoint_covariances[1, 2].tolist()}"
-                                           ).split())
+        refused = "refused: points: expected rows of 2 numbers"
+        self.assertEqual(printed.splitlines(), [
+            f"{with_numpy.mean_trajectories.tolist()} "
+            f"{with_numpy.waypoint_covariances[1, 2].tolist()}",
+            "[[1.0], [2.5]]", "[[], []]", refused, refused, refused])
         self.assertIsInstance(with_numpy.mean_trajectories, numpy.ndarray)
 
 

@@ -259,7 +259,8 @@ class CallsTest(unittest.TestCase):
     def setUp(self):
         self.predictions, self.training, self.datasets = Predictions(), Training(), Datasets()
         server = grpc.server(concurrent.futures.ThreadPoolExecutor(4))
-        prediction_service_pb2_grpc.add_PredictionServiceServicer_to_server(self.predictions, server)
+        prediction_service_pb2_grpc.add_PredictionServiceServicer_to_server(self.predictions,
+                                                                            server)
         training_service_pb2_grpc.add_TrainingServiceServicer_to_server(self.training, server)
         dataset_service_pb2_grpc.add_DatasetServiceServicer_to_server(self.datasets, server)
         self.address = f"127.0.0.1:{server.add_insecure_port('127.0.0.1:0')}"
@@ -340,7 +341,8 @@ class CallsTest(unittest.TestCase):
             pathlib.Path(folder, "dataset.json").write_text(
                 '{"shards": [{"file": "a.tfrecord", "size_bytes": "%d"}]}' % len(content))
             progress = []
-            dataset = self.client().upload_dataset(folder, "datasets/d", on_progress=progress.append)
+            dataset = self.client().upload_dataset(folder, "datasets/d",
+                                                   on_progress=progress.append)
         self.assertEqual(dataset.name, "datasets/d")
         self.assertEqual(self.datasets.uploads, 2)
         self.assertEqual(self.datasets.kept, content)

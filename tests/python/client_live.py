@@ -261,7 +261,8 @@ class ManagementTest(LiveTest):
         job = self.client.train("models/tiny", ["datasets/town"], TINY, validate_only=True)
         self.assertEqual(job.name, "")
         with self.assertRaises(maneuver.InvalidArgumentError) as raised:
-            self.client.train("models/tiny", ["datasets/town"], {"optimization": {"batch_size": -1}})
+            self.client.train("models/tiny", ["datasets/town"],
+                              {"optimization": {"batch_size": -1}})
         self.assertEqual(raised.exception.violations[0].field, "settings.optimization.batch_size")
         with self.assertRaisesRegex(ValueError, "epoks"):
             self.client.train("models/tiny", ["datasets/town"], {"epoks": 3})

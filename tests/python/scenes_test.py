@@ -67,14 +67,21 @@ class ScenesTest(unittest.TestCase):
         message.map_features[0].right_neighbor_ids.append(6)
         self.assertEqual(maneuver.Scenario.from_proto(message).to_proto(), message)
 
+    def test_takes_map_features_as_messages_too(self):
+        ready = maneuver.scenes.map_to_proto([LANE])
+        self.assertEqual(dataclass_scene(map_features=ready).to_proto(), to_proto(AS_DICT))
+
     def test_takes_one_scene_or_several(self):
         self.assertEqual(len(to_protos(AS_DICT)), 1)
         self.assertEqual(len(to_protos([AS_DICT, dataclass_scene(), v1.Scenario()])), 3)
 
     def test_refuses_states_of_another_width_with_their_path(self):
         agent = maneuver.Agent(7, numpy.zeros((3, 5)), 4.5, 1.9)
-        with self.assertRaisesRegex(ValueError, r"agents\[1\]\.states: .* 6 numbers .* row 0 has 5"):
+        with self.assertRaisesRegex(ValueError, r"agents\[1\]\.states: .* 6 numbers .* not of 5"):
             dataclass_scene(agents=[maneuver.Agent(8, [], 1.0, 1.0), agent]).to_proto()
+        for wrong in ([1.0, 2.0], numpy.zeros((2, 2, 2)), [(1.0, 2.0), (1.0,)]):
+            with self.assertRaisesRegex(ValueError, r"map_features\[0\]\.points: .* 2 numbers"):
+                dataclass_scene(map_features=[maneuver.MapFeature("road_edge", wrong)]).to_proto()
 
     def test_refuses_what_is_no_number_with_its_path(self):
         lane = maneuver.MapFeature("road_edge", [("a", 1.0)])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, List, Sequence, Tuple, cast
+from typing import TYPE_CHECKING, Any, List, Sequence, cast
 
 try:
     import numpy
@@ -37,11 +37,17 @@ def columns(rows: Rows, names: Sequence[str], path: str) -> List[List[float]]:
     """
     expected = f"{path}: expected rows of {len(names)} numbers ({', '.join(names)})"
     try:
-        plain = rows.tolist() if hasattr(rows, "tolist") else rows
-        table: List[Tuple[float, ...]] = [tuple(map(float, row)) for row in cast(Any, plain)]
+        if HAS_NUMPY:
+            matrix = numpy.asarray(rows, dtype=numpy.float64)
+            shape, table = matrix.shape, matrix.T.tolist()
+        else:
+            plain = [tuple(map(float, row)) for row in cast(Any, rows)]
+            shape = (len(plain), *{len(row) for row in plain})
+            table = [list(column) for column in zip(*plain)]
     except (TypeError, ValueError) as error:
         raise ValueError(f"{expected}: {error}") from None
-    for index, row in enumerate(table):
-        if len(row) != len(names):
-            raise ValueError(f"{expected}; row {index} has {len(row)}")
-    return [list(column) for column in zip(*table)] or [[] for _ in names]
+    if shape[0] == 0:
+        return [[] for _ in names]
+    if shape[1:] != (len(names),):
+        raise ValueError(f"{expected}, and not of {' or '.join(map(str, shape[1:])) or 'none'}")
+    return cast("List[List[float]]", table)

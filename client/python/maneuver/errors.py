@@ -5,7 +5,8 @@
     except maneuver.NotFoundError as error:
         if error.reason == "MODEL_NOT_FOUND": ...
 
-Each code has a class of its own, and all are a ManeuverError. docs/errors.md lists the reasons.
+Each code has a class of its own, and all are a ManeuverError. docs/reference/errors.md lists the
+reasons.
 """
 
 from __future__ import annotations

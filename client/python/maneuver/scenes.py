@@ -72,7 +72,7 @@ class Scenario:
     agents: Sequence[Agent]  # everyone on the road, targets included
     target_ids: Sequence[int]  # agents to answer for; each has a state at the prediction time
     prediction_time: float  # "now", on the clock of the states, seconds
-    map_features: Sequence[MapFeature] = ()
+    map_features: Sequence[Union[MapFeature, v1.MapFeature]] = ()
     traffic_signals: Sequence[TrafficSignal] = ()
     scenario_id: str = ""  # echoed in answers
     map_id: str = ""  # a map that the server holds (Client.register_map), in place of map_features
@@ -81,7 +81,7 @@ class Scenario:
     def from_arrays(*, times: Sequence[float], tracks: Any, sizes: Rows, ids: Sequence[int],
                     target_ids: Sequence[int], types: Optional[Sequence[str]] = None,
                     prediction_time: Optional[float] = None,
-                    map_features: Sequence[MapFeature] = (),
+                    map_features: Sequence[Union[MapFeature, v1.MapFeature]] = (),
                     traffic_signals: Sequence[TrafficSignal] = (), scenario_id: str = "",
                     map_id: str = "") -> "Scenario":
         """Returns the scene of A agents that were seen at N common times.
