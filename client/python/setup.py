@@ -1,13 +1,15 @@
 """Generates maneuver.v1 from ../../proto when the package is built; see pyproject.toml."""
 
 import pathlib
+import sys
 
 from setuptools import setup
 from setuptools.command.build_py import build_py
 
-from generate import generate
-
 HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+
+from generate import generate  # noqa: E402
 
 
 class BuildWithStubs(build_py):

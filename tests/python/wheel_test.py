@@ -20,12 +20,12 @@ class WheelTest(unittest.TestCase):
             source = pathlib.Path(folder, "source")
             shutil.copytree(REPOSITORY / "client/python", source / "client/python")
             shutil.copytree(REPOSITORY / "proto", source / "proto")
-            subprocess.run(
-                [sys.executable, "-c",
-                 "import setuptools.build_meta as b; print(b.build_wheel('.'))"],
-                cwd=source / "client/python", check=True, capture_output=True,
-                env={"PATH": "/usr/bin:/bin", "PYTHONPATH": "."})
-            wheels = list((source / "client/python").glob("*.whl"))
+            built = subprocess.run(
+                [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", folder,
+                 source / "client/python"],
+                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+            self.assertEqual(built.returncode, 0, built.stdout)
+            wheels = list(pathlib.Path(folder).glob("*.whl"))
             self.assertEqual(len(wheels), 1)
             names = set(zipfile.ZipFile(wheels[0]).namelist())
         for module in REPOSITORY.glob("client/python/maneuver/*.py"):
