@@ -185,6 +185,7 @@ class Predictions(prediction_service_pb2_grpc.PredictionServiceServicer):
         self.registered = []
         self.metadata = []
         self.held = set()
+        self.map_refusal = None
 
     def Predict(self, request, context):
         self.requests.append(request)
@@ -198,6 +199,8 @@ class Predictions(prediction_service_pb2_grpc.PredictionServiceServicer):
         return v1.PredictResponse(model_version="models/m/versions/1")
 
     def RegisterMap(self, request, context):
+        if self.map_refusal is not None:
+            fail(context, *self.map_refusal)
         self.registered.append(request)
         map_id = hashlib.sha256(request.SerializeToString()).hexdigest()
         self.held.add(map_id)
@@ -334,7 +337,7 @@ class CallsTest(unittest.TestCase):
         self.assertEqual(self.training.asked_after, [0, 1, 2, 3])
 
     def test_an_upload_that_breaks_goes_on_where_it_was(self):
-        content = bytes(range(256)) * 8192  # 2 MiB, four chunks
+        content = b"".join(b"%015d\n" % line for line in range(131072))  # 2 MiB, four chunks
         with tempfile.TemporaryDirectory() as folder:
             shard = pathlib.Path(folder, "a.tfrecord")
             shard.write_bytes(content)
@@ -385,6 +388,26 @@ class CallsTest(unittest.TestCase):
         for index in (0, 1, 0, 2, 0, 1):
             maps.predict(scenes[index])
         self.assertEqual(len(self.predictions.registered), 4)
+
+    def test_a_map_that_cannot_be_held_goes_with_each_request(self):
+        maps = maneuver.MapReuse(self.client())
+        self.predictions.map_refusal = refusal(grpc.StatusCode.RESOURCE_EXHAUSTED, "MAP_TOO_LARGE")
+        maps.predict(SCENE)
+        self.assertEqual(len(self.predictions.requests[0].scenarios[0].map_features), 1)
+        self.predictions.map_refusal = refusal(grpc.StatusCode.PERMISSION_DENIED, "ROLE_MISSING")
+        with self.assertRaises(maneuver.PermissionDeniedError):
+            maps.predict(SCENE)
+
+    def test_names_maps_for_a_stream(self):
+        maps = maneuver.MapReuse(self.client())
+        scenes = [maneuver.scenes.to_proto(SCENE), maneuver.scenes.to_proto(SCENE)]
+        maps.name_maps(scenes)
+        self.assertEqual(len(self.predictions.registered), 1)
+        self.assertEqual({scene.map_id for scene in scenes}, self.predictions.held)
+        self.assertEqual([len(scene.map_features) for scene in scenes], [0, 0])
+        maps.forget()
+        maps.name_maps([maneuver.scenes.to_proto(SCENE)])
+        self.assertEqual(len(self.predictions.registered), 2)
 
     def test_refuses_two_selections_of_actions(self):
         with self.assertRaisesRegex(ValueError, "exclude"):

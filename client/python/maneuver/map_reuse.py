@@ -60,22 +60,19 @@ class MapReuse(Predictor):
     def _ask(self, method: str, request: PredictionRequest, timeout: Optional[float],
              response: "type[_Response]") -> _Response:
         deadline = self._client.deadline(timeout)
-        # A scene of the caller's own is not changed.
-        mine = type(request)()
-        mine.CopyFrom(request)
         for _ in range(2):  # the second time every map is registered anew
-            aside = self._set_aside(mine.scenarios, deadline)
+            aside = self._set_aside(request.scenarios, deadline)
             try:
-                return self._client.ask_until(method, mine, deadline, response)
+                return self._client.ask_until(method, request, deadline, response)
             except FailedPreconditionError as error:
                 if not aside or error.reason != "MAP_NOT_REGISTERED":
                     raise
             self.forget()
             for index, features in aside.items():
-                mine.scenarios[index].map_id = ""
-                mine.scenarios[index].map_features.extend(features)
+                request.scenarios[index].map_id = ""
+                request.scenarios[index].map_features.extend(features)
         # The server has no room for all of them at once.
-        return self._client.ask_until(method, mine, deadline, response)
+        return self._client.ask_until(method, request, deadline, response)
 
     def _set_aside(self, scenes: Sequence[v1.Scenario],
                    deadline: float) -> Dict[int, List[v1.MapFeature]]:

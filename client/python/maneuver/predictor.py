@@ -123,7 +123,10 @@ class Predictor(abc.ABC):
     @abc.abstractmethod
     def _ask(self, method: str, request: PredictionRequest, timeout: Optional[float],
              response: "type[_Response]") -> _Response:
-        """Calls a method of PredictionService, which answers with `response`."""
+        """Calls a method of PredictionService, which answers with `response`.
+
+        request: the callee may change it; it holds copies of the caller's scenes.
+        """
 
 
 def _named(values: "dict[str, _Response]", name: str, what: str) -> _Response:
