@@ -21,8 +21,10 @@ std::string ReferenceText(v1::TrajectoryReference reference) {
 }
 
 std::string VectorsText(const v1::ModelSpec& spec) {
-  return artifact::ReadsLanePaths(spec) ? "the target's past second, lane paths"
-                                        : "the target's past second";
+  std::string text = "the target's past second";
+  if (artifact::ReadsLanePaths(spec)) text += ", lane paths";
+  if (artifact::ReadsAgents(spec)) text += ", agents nearby";
+  return text;
 }
 
 }  // namespace

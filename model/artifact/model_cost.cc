@@ -8,6 +8,7 @@
 #include "model/artifact/model_spec.h"
 #include "model/artifact/tensor.h"
 #include "model/scene/action_geometry.h"
+#include "model/scene/agent_inputs.h"
 #include "model/scene/lane_path_inputs.h"
 #include "model/scene/target_history.h"
 
@@ -46,16 +47,23 @@ int64_t OfBackbone(const v1::ModelSpec& spec) {
   return sum + flattened * spec.backbone().features();
 }
 
-// Of history.*, lane_path.* and join.* (tensor.h).
+// Of lane_path.* or agent.* (tensor.h), of so many elements with so many numbers each.
+int64_t OfSet(int64_t elements, int64_t numbers, int64_t width, int64_t heads, int64_t history) {
+  return history * width + elements * width * (numbers + width + width + heads + 1);
+}
+
+// Of history.*, lane_path.*, agent.* and join.* (tensor.h).
 int64_t OfSceneVectors(const v1::ModelSpec& spec) {
   if (!spec.has_scene_vectors()) return 0;
   const v1::SceneVectorsSpec& vectors = spec.scene_vectors();
   const int64_t H = vectors.history_width();
   const int64_t P = vectors.path_width();
+  const int64_t Q = vectors.agent_width();
   const int64_t raster = spec.has_raster() ? spec.backbone().features() : 0;
-  const int64_t path = P * (scene::kLanePathInputs + P + P + vectors.attention_heads() + 1);
-  return H * (scene::kHistoryInputs + H) + H * P + scene::kMostLanePaths * path +
-         (H + 2 * P + raster) * vectors.features();
+  return H * (scene::kHistoryInputs + H) +
+         OfSet(scene::kMostLanePaths, scene::kLanePathInputs, P, vectors.attention_heads(), H) +
+         OfSet(scene::kMostNearAgents, scene::kAgentInputs, Q, vectors.agent_heads(), H) +
+         (H + 2 * P + 2 * Q + raster) * vectors.features();
 }
 
 // Of action_geometry.*, for all actions. What a layer adds of the scene or of a path is the same

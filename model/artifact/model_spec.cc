@@ -14,6 +14,7 @@
 #include "model/artifact/field_rules.h"
 #include "model/artifact/tensor.h"
 #include "model/scene/action_geometry.h"
+#include "model/scene/agent_inputs.h"
 #include "model/scene/lane_path_inputs.h"
 #include "model/scene/target_history.h"
 #include "model/scene/target_motion.h"
@@ -122,12 +123,18 @@ void CheckSceneVectors(const v1::SceneVectorsSpec& vectors, FieldRules* rules) {
     CheckDivides("scene_vectors.attention_heads", vectors.attention_heads(), "path_width",
                  vectors.path_width(), rules);
   }
+  rules->Between("scene_vectors.agent_width", "width", vectors.agent_width(), 0, kMaxHiddenWidth);
+  if (vectors.agent_width() > 0) {
+    CheckDivides("scene_vectors.agent_heads", vectors.agent_heads(), "agent_width",
+                 vectors.agent_width(), rules);
+  }
 }
 
 void CheckActionGeometry(const v1::ModelSpec& spec, FieldRules* rules) {
   const v1::ActionGeometrySpec& geometry = spec.action_geometry();
   rules->Require(ReadsLanePaths(spec), "action_geometry",
-                 "needs lane paths: set scene_vectors.path_width");
+                 "needs lane paths: set scene_vectors.path_width, or leave action_geometry out "
+                 "(in training settings: set action_geometry.pair_width to 0)");
   rules->Between("action_geometry.pair_width", "width", geometry.pair_width(), 1, kMaxHiddenWidth);
   rules->Between("action_geometry.features", "width", geometry.features(), 1, kMaxHiddenWidth);
   CheckDivides("action_geometry.attention_heads", geometry.attention_heads(), "pair_width",
@@ -300,6 +307,8 @@ bool HasReference(const v1::ModelSpec& spec) {
 
 bool ReadsLanePaths(const v1::ModelSpec& spec) { return spec.scene_vectors().path_width() > 0; }
 
+bool ReadsAgents(const v1::ModelSpec& spec) { return spec.scene_vectors().agent_width() > 0; }
+
 int64_t CurveFunctions(const v1::TrajectorySpec& spec) {
   constexpr int64_t kDegree = 3;
   const double horizon = spec.waypoints() * Seconds(spec.waypoint_interval());
@@ -329,21 +338,28 @@ void AddBackbone(const v1::ModelSpec& spec, Shapes* shapes) {
            shapes);
 }
 
+// Of a set of elements that are described by `inputs` numbers each.
+//   history: H
+void AddSet(const std::string& name, int64_t inputs, int64_t history, int64_t width, int64_t heads,
+            Shapes* shapes) {
+  AddDense(name + ".0", inputs, width, shapes);
+  AddDense(name + ".1", width, width, shapes);
+  AddDense(name + ".history", history, width, shapes);
+  AddDense(name + ".output", width, width, shapes);
+  AddDense(name + ".attention", width, heads, shapes);
+}
+
 void AddSceneVectors(const v1::ModelSpec& spec, Shapes* shapes) {
   const v1::SceneVectorsSpec& vectors = spec.scene_vectors();
   const int64_t H = vectors.history_width();
   const int64_t P = vectors.path_width();
+  const int64_t Q = vectors.agent_width();
   AddDense("history.0", scene::kHistoryInputs, H, shapes);
   AddDense("history.1", H, H, shapes);
-  if (P > 0) {
-    AddDense("lane_path.0", scene::kLanePathInputs, P, shapes);
-    AddDense("lane_path.1", P, P, shapes);
-    AddDense("lane_path.history", H, P, shapes);
-    AddDense("lane_path.output", P, P, shapes);
-    AddDense("lane_path.attention", P, vectors.attention_heads(), shapes);
-  }
+  if (P > 0) AddSet("lane_path", scene::kLanePathInputs, H, P, vectors.attention_heads(), shapes);
+  if (Q > 0) AddSet("agent", scene::kAgentInputs, H, Q, vectors.agent_heads(), shapes);
   const int64_t raster = spec.has_raster() ? spec.backbone().features() : 0;
-  AddDense("join", H + 2 * P + raster, vectors.features(), shapes);
+  AddDense("join", H + 2 * P + 2 * Q + raster, vectors.features(), shapes);
 }
 
 void AddActionGeometry(const v1::ModelSpec& spec, Shapes* shapes) {

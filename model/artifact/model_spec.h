@@ -38,6 +38,8 @@ std::string AgentText(v1::AgentType type);
 bool HasReference(const v1::ModelSpec& spec);
 // Whether the model reads lane paths.
 bool ReadsLanePaths(const v1::ModelSpec& spec);
+// Whether the model reads the agents nearby as vectors.
+bool ReadsAgents(const v1::ModelSpec& spec);
 
 // The decoder's trajectories are cubic splines over the horizon that start at 0, with a knot about
 // every kKnotInterval seconds: what a driver does takes no less.

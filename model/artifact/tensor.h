@@ -42,7 +42,8 @@ struct Tensor {
 //       covariance is L L^T with L = (e^a 0; c e^b e^b), a and b held within the bounds below
 //
 // Of a model with scene vectors (scene/scene_vectors.h), in place of the backbone or beside it; H,
-// P and F are the spec's history_width, path_width and features, all arrows through ReLU:
+// P, Q and F are the spec's history_width, path_width, agent_width and features, all arrows through
+// ReLU:
 //
 //   history.{0,1}.{weight,bias}   42 -> H -> H: o, from the target's own history
 //   lane_path.{0,1}.{weight,bias}   84 -> P -> P, no ReLU after the second: one lane path alone
@@ -51,8 +52,10 @@ struct Tensor {
 //   lane_path.attention.{weight,bias}   P -> heads, no ReLU. Head j weighs channels j P / heads to
 //       (j + 1) P / heads of all l_i by the softmax of its number over the paths: attended [P]. The
 //       largest of each channel over the paths: maximum [P]. Both are 0 where there is no path
-//   join.{weight,bias}   (o, attended, maximum, then the backbone's features, whichever there are)
-//       -> F: the scene's features f
+//   agent.{0,1,history,output,attention}.{weight,bias}   the same of the agents nearby
+//       (scene/agent_inputs.h): 24 numbers for 84, Q for P, the spec's agent_heads for heads
+//   join.{weight,bias}   (o, attended and maximum of the lane paths, those of the agents, then the
+//       backbone's features, whichever there are) -> F: the scene's features f
 //
 // Of actions that look at the lanes, with G, A = pair_width, features of the spec's action_geometry
 // and u_yi the 18 numbers of action y and path i, v_y the 13 of action y (inference/

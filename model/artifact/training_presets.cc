@@ -198,9 +198,9 @@ constexpr char kResNet50[] = R"pb(
   }
 )pb";
 
-// Reads the target's history and the lane paths as vectors, predicts what the target does beyond
-// its present motion, and lets actions look at the lanes. Not the paper's model: x is relative to a
-// reference, and its mean depends on the scene (mean_residual).
+// Reads the target's history, the lane paths and the agents nearby as vectors, predicts what the
+// target does beyond its present motion, and lets actions look at the lanes. Not the paper's model:
+// x is relative to a reference, and its mean depends on the scene (mean_residual).
 constexpr char kLanes[] = R"pb(
   preset: "lanes"
   model {
@@ -217,7 +217,14 @@ constexpr char kLanes[] = R"pb(
     decoder_stddev: 1.0
     objective: OBJECTIVE_UNIFIED
     reference: TRAJECTORY_REFERENCE_FADING_MOTION
-    scene_vectors { history_width: 64 path_width: 96 attention_heads: 4 features: 256 }
+    scene_vectors {
+      history_width: 64
+      path_width: 96
+      attention_heads: 4
+      features: 256
+      agent_width: 64
+      agent_heads: 2
+    }
     action_geometry { pair_width: 32 attention_heads: 2 features: 64 }
     mean_residual: true
     scene_covariance { hidden: [ 32 ] }
@@ -283,6 +290,10 @@ void Replace(const v1::TrainingSettings& settings, v1::TrainingSettings* preset)
     preset->mutable_model()->mutable_backbone()->clear_residual();
   }
   preset->MergeFrom(settings);
+  if (settings.model().action_geometry().has_pair_width() &&
+      settings.model().action_geometry().pair_width() == 0) {
+    preset->mutable_model()->clear_action_geometry();
+  }
 }
 
 v1::TrainingSettings ParsePreset(std::initializer_list<const char*> texts) {
@@ -456,6 +467,8 @@ std::vector<scene::FieldViolation> ValidateStart(const v1::TrainingSettings& set
   Replace(asked, &started);
   std::string difference;
   google::protobuf::util::MessageDifferencer differencer;
+  // A field that is not set is the same as one that is 0.
+  differencer.set_message_field_comparison(google::protobuf::util::MessageDifferencer::EQUIVALENT);
   differencer.ReportDifferencesToString(&difference);
   const bool agrees = differencer.Compare(start, started.model());
   absl::StripTrailingAsciiWhitespace(&difference);

@@ -14,7 +14,8 @@ namespace maneuver::artifact {
 
 // `settings` with every unset field taken from its preset. Where it names none, that is "lanes", or
 // "compact" if it has a raster, a backbone or target_motion. Repeated fields replace the preset's
-// whole. An unknown preset is left as it is, for validation to find.
+// whole. Widths of scene_vectors that are set to 0 turn off what the preset has, as does
+// action_geometry.pair_width 0. An unknown preset is left as it is, for validation to find.
 v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& settings);
 
 // The same for a run that starts from a model of this spec, which stands in for the preset's; only

@@ -32,6 +32,7 @@ bool SeesTheSame(const v1::ModelSpec& baselines, const v1::ModelSpec& model) {
          baselines.target_motion() == model.target_motion() &&
          baselines.has_scene_vectors() == model.has_scene_vectors() &&
          artifact::ReadsLanePaths(baselines) == artifact::ReadsLanePaths(model) &&
+         artifact::ReadsAgents(baselines) == artifact::ReadsAgents(model) &&
          baselines.reference() == model.reference() &&
          MessageDifferencer::Equals(baselines.trajectory(), model.trajectory());
 }

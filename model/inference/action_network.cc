@@ -78,18 +78,18 @@ void ActionNetwork::Evaluate(std::span<const scene::SceneVectors* const> scenes,
                              const SceneVectorFeatures& inputs, ActionFeatures* output) const {
   const size_t actions = generic_.size();
   const size_t features = static_cast<size_t>(output_.outputs());
-  const int paths = inputs.first_path.back();
+  const int paths = inputs.paths.first.back();
   output->scene_terms.resize(scenes.size() * static_cast<size_t>(scene_.outputs()));
   scene_.Apply(inputs.features.data(), static_cast<int>(scenes.size()), Activation::kNone,
                &output->dense, output->scene_terms.data());
   output->path_terms.resize(static_cast<size_t>(paths) * static_cast<size_t>(shape_.width));
-  path_.Apply(inputs.paths.data(), paths, Activation::kNone, &output->dense,
+  path_.Apply(inputs.paths.elements.data(), paths, Activation::kNone, &output->dense,
               output->path_terms.data());
   output->geometry.resize(scenes.size() * actions * features);
   for (size_t s = 0; s < scenes.size(); ++s) {
     EvaluateScene(*scenes[s], *references[s],
                   output->scene_terms.data() + s * static_cast<size_t>(scene_.outputs()),
-                  output->path_terms.data() + Eigen::Index{inputs.first_path[s]} * shape_.width,
+                  output->path_terms.data() + Eigen::Index{inputs.paths.first[s]} * shape_.width,
                   output, output->geometry.data() + s * actions * features);
   }
   output->logits.resize(scenes.size() * actions);

@@ -1,5 +1,5 @@
-// The features of a scene that is read as vectors: the target's own history and the lane paths,
-// joined with the raster's features where there is a raster.
+// The features of a scene that is read as vectors: the target's own history, the lane paths and the
+// agents nearby, joined with the raster's features where there is a raster.
 
 #ifndef MANEUVER_MODEL_INFERENCE_SCENE_NETWORK_H_
 #define MANEUVER_MODEL_INFERENCE_SCENE_NETWORK_H_
@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "maneuver/v1/model_spec.pb.h"
@@ -17,19 +18,27 @@
 
 namespace maneuver::inference {
 
+// What is computed of the elements of one set of each scene of a batch, one scene after the other.
+struct SetFeatures {
+  std::vector<float> elements;  // [elements, width]
+  std::vector<int> first;       // [scenes + 1] where the elements of each scene begin
+
+  // Scratch.
+  std::vector<float> numbers, hidden, alone, own_terms, scores;
+};
+
 // What SceneNetwork answers for a batch; also its scratch. One for each thread.
 struct SceneVectorFeatures {
   std::vector<float> features;  // [scenes, F]
-  // l_i of all lane paths of the batch, [paths, P]: those of scene s begin at first_path[s].
-  std::vector<float> paths;
-  std::vector<int> first_path;  // [scenes + 1]
+  SetFeatures paths;            // l_i of the lane paths
+  SetFeatures agents;
 
   // Scratch.
   DenseScratch dense;
-  std::vector<float> histories, own, own_terms, inputs, hidden, alone, scores, joined;
+  std::vector<float> histories, own, joined;
 };
 
-// tensor.h's history, lane_path and join. Immutable; safe to share between threads.
+// tensor.h's history, lane_path, agent and join. Immutable; safe to share between threads.
 class SceneNetwork {
  public:
   // bf16: of the weights of join alone, the widest layer.
@@ -40,31 +49,49 @@ class SceneNetwork {
   int path_width() const { return paths_ ? paths_->shape.width : 0; }
   size_t bytes() const;
 
-  // Writes f and l_i of each scene. A scene's numbers are the same bits whatever the batch.
-  //   raster_features: [scenes, join's inputs that are neither]; null of a model without a raster
+  // Writes f, l_i and the elements of agents of each scene. A scene's numbers are the same bits
+  // whatever the batch.
+  //   raster_features: [scenes, join's inputs that are none of these]; null of a model without a
+  //     raster
   void Evaluate(std::span<const scene::SceneVectors* const> scenes, const float* raster_features,
                 SceneVectorFeatures* output) const;
 
  private:
-  struct PathLayers {
-    DenseLayer first;      // 84 -> P
-    DenseLayer second;     // P -> P
-    DenseLayer history;    // H -> P
-    DenseLayer output;     // P -> P
-    DenseLayer attention;  // P -> heads
+  // Of a set whose elements have n numbers each and W channels.
+  struct SetLayers {
+    SetLayers(const artifact::TensorMap& weights, const std::string& name, SetShape set_shape);
+    size_t bytes() const;
+
+    DenseLayer first;      // n -> W
+    DenseLayer second;     // W -> W
+    DenseLayer history;    // H -> W
+    DenseLayer output;     // W -> W
+    DenseLayer attention;  // W -> heads
     SetShape shape;
   };
 
   void EvaluateHistories(std::span<const scene::SceneVectors* const> scenes,
                          SceneVectorFeatures* output) const;
-  // l_i and the attention's scores.
-  void EvaluatePaths(std::span<const scene::SceneVectors* const> scenes,
-                     SceneVectorFeatures* output) const;
+  // Evaluates the elements and the attention's scores of a set.
+  //   inputs: scene::SceneVectors's member that has the numbers of the set
+  template <typename Inputs>
+  static void EvaluateSet(const SetLayers& layers,
+                          std::span<const scene::SceneVectors* const> scenes,
+                          Inputs scene::SceneVectors::*inputs, SceneVectorFeatures* output,
+                          SetFeatures* set);
+  // Evaluates the sets whose numbers and first elements are in `set`.
+  //   own: [scenes, H]
+  static void EvaluateElements(const SetLayers& layers, const std::vector<float>& own,
+                               DenseScratch* dense, SetFeatures* set);
+  // Writes what join reads of scene s of a batch.
+  void JoinParts(const SceneVectorFeatures& parts, size_t s, const float* raster_features,
+                 float* row) const;
 
   DenseLayer history_first_;   // 42 -> H
   DenseLayer history_second_;  // H -> H
-  std::optional<PathLayers> paths_;
-  DenseLayer join_;  // H + 2P + raster's features -> F
+  std::optional<SetLayers> paths_;
+  std::optional<SetLayers> agents_;
+  DenseLayer join_;  // H + 2P + 2Q + raster's features -> F
 };
 
 }  // namespace maneuver::inference

@@ -44,7 +44,7 @@ bool StartsAtNothing(const std::string& name) {
 
 // Layers whose inputs are numbers of all kinds and whose outputs are summed.
 bool ReadsVectors(const std::string& name) {
-  for (const char* prefix : {"history.", "lane_path.", "join.", "action_geometry."}) {
+  for (const char* prefix : {"history.", "lane_path.", "agent.", "join.", "action_geometry."}) {
     if (StartsWith(name, prefix)) return true;
   }
   return false;
@@ -339,6 +339,7 @@ std::vector<at::Tensor> Networks::Parameters(Part part) const {
                                        {"backbone.", Part::kScene},
                                        {"history.", Part::kScene},
                                        {"lane_path.", Part::kScene},
+                                       {"agent.", Part::kScene},
                                        {"join.", Part::kScene},
                                        {"action_geometry.", Part::kScene},
                                        {"action_geometry.latent.", Part::kScenarioEncoder},

@@ -117,7 +117,7 @@ class Networks {
   at::Tensor Mlp(const std::string& name, size_t layers, at::Tensor x) const;
   // The K networks `name` side by side. features [B, F'] -> [K, B, out]
   at::Tensor PerAction(const std::string& name, int layers, const at::Tensor& features) const;
-  // Joint features of history, lane paths and raster; `lane_paths` gets l_i, [B, paths, P].
+  // Joint features of history, lane paths, agents and raster; `lane_paths` gets l_i, [B, paths, P].
   at::Tensor ReadScenes(const SceneTensors& scenes, const Mode& mode, at::Tensor* lane_paths);
   // h_y. lane_paths: l_i;  features: [B, F'] -> [B, K, A]
   at::Tensor LookAtLanes(const SceneTensors& scenes, const at::Tensor& lane_paths,

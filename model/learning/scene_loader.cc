@@ -7,6 +7,7 @@
 
 #include "model/artifact/model_spec.h"
 #include "model/machine/thread_priority.h"
+#include "model/scene/agent_inputs.h"
 #include "model/scene/lane_paths.h"
 #include "model/scene/motion_reference.h"
 #include "model/scene/observation_window.h"
@@ -63,6 +64,10 @@ class Reader {
           at::empty({count, scene::kMostLanePaths, scene::kLanePathInputs}, at::kFloat);
       scenes.path_mask = at::zeros({count, scene::kMostLanePaths}, at::kFloat);
     }
+    if (artifact::ReadsAgents(spec_)) {
+      scenes.agents = at::empty({count, scene::kMostNearAgents, scene::kAgentInputs}, at::kFloat);
+      scenes.agent_mask = at::zeros({count, scene::kMostNearAgents}, at::kFloat);
+    }
     for (int64_t i = 0; i < count; ++i) {
       const SceneLoader::Item& item = batch->items[static_cast<size_t>(i)];
       ReadOne(set_.examples[static_cast<size_t>(item.example)], item.variation, i, batch);
@@ -107,15 +112,30 @@ class Reader {
     reference_.resize(2 * waypoint_times_.size());
     scene::RollOut(spec_.reference(), motion, waypoint_times_, reference_);
     std::ranges::copy(reference_, Row(scenes.references, i).begin());
+    const scene::Pose2 turned(X_WT.x(), X_WT.y(), X_WT.heading() + noisy.heading_error);
+    ReadSets(example, turned, motion.speed / variation.scale,
+             {.scale = variation.scale, .mirror = variation.mirror}, i, scenes);
+    return noisy.heading_error;
+  }
+
+  // The lane paths and the agents nearby, whichever the model reads.
+  //   speed: the target's, m/s, in the recorded world
+  void ReadSets(const data::Example& example, const scene::Pose2& X_WT, double speed,
+                const scene::WorldView& view, int64_t i, const SceneTensors& scenes) {
+    const auto index = static_cast<size_t>(example.recording);
+    const v1::Scenario& recording = set_.recordings[index];
     if (artifact::ReadsLanePaths(spec_)) {
-      const scene::Pose2 turned(X_WT.x(), X_WT.y(), X_WT.heading() + noisy.heading_error);
-      lane_paths_.Find(set_.recordings[recording], maps_[recording].lanes(), example.time,
-                       example.target_id, turned, motion.speed / variation.scale,
-                       {.scale = variation.scale, .mirror = variation.mirror}, &paths_);
+      lane_paths_.Find(recording, maps_[index].lanes(), example.time, example.target_id, X_WT,
+                       speed, view, &paths_);
       std::ranges::copy(paths_.values, Row(scenes.lane_paths, i).begin());
       std::ranges::fill(Row(scenes.path_mask, i).first(static_cast<size_t>(paths_.count)), 1.0F);
     }
-    return noisy.heading_error;
+    if (artifact::ReadsAgents(spec_)) {
+      scene::DescribeAgents(recording, example.time, example.target_id, X_WT, speed, view,
+                            &agents_);
+      std::ranges::copy(agents_.values, Row(scenes.agents, i).begin());
+      std::ranges::fill(Row(scenes.agent_mask, i).first(static_cast<size_t>(agents_.count)), 1.0F);
+    }
   }
 
   void DrawRaster(const data::Example& example, const Variation& variation, int64_t i,
@@ -145,6 +165,7 @@ class Reader {
   std::optional<scene::Rasterizer> rasterizer_;
   scene::LanePathFinder lane_paths_;
   scene::LanePathInputs paths_;
+  scene::AgentInputs agents_;
   std::vector<double> reference_;  // [T, 2]
 };
 

@@ -1,5 +1,5 @@
-// The part of Networks that reads scenes: backbone, history, lane paths, and how actions lie to the
-// lanes.
+// The part of Networks that reads scenes: backbone, history, lane paths, agents, and how actions
+// lie to the lanes.
 
 #include <ATen/Parallel.h>
 
@@ -74,15 +74,20 @@ at::Tensor Networks::ReadScenes(const SceneTensors& scenes, const Mode& mode,
   const at::Tensor history =
       Dense("history.1", Dense("history.0", scenes.histories.to(device_)).relu()).relu();
   std::vector<at::Tensor> parts = {history};
-  if (artifact::ReadsLanePaths(spec_)) {
-    const at::Tensor alone =
-        Dense("lane_path.1", Dense("lane_path.0", scenes.lane_paths.to(device_)).relu());
-    *lane_paths =
-        Dense("lane_path.output", (alone + Dense("lane_path.history", history).unsqueeze(1)).relu())
+  // Reads a set whose layers are called `name`.*; adds what is pooled of it to `parts`.
+  const auto read_set = [&](const std::string& name, const at::Tensor& numbers,
+                            const at::Tensor& mask) {
+    const at::Tensor alone = Dense(name + ".1", Dense(name + ".0", numbers.to(device_)).relu());
+    const at::Tensor elements =
+        Dense(name + ".output", (alone + Dense(name + ".history", history).unsqueeze(1)).relu())
             .relu();
-    parts.push_back(
-        Pool(*lane_paths, Dense("lane_path.attention", *lane_paths), scenes.path_mask.to(device_)));
+    parts.push_back(Pool(elements, Dense(name + ".attention", elements), mask.to(device_)));
+    return elements;
+  };
+  if (artifact::ReadsLanePaths(spec_)) {
+    *lane_paths = read_set("lane_path", scenes.lane_paths, scenes.path_mask);
   }
+  if (artifact::ReadsAgents(spec_)) read_set("agent", scenes.agents, scenes.agent_mask);
   if (raster.defined()) parts.push_back(raster);
   return Dense("join", at::cat(parts, 1)).relu();
 }

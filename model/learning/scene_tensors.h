@@ -14,6 +14,8 @@ struct SceneTensors {
   at::Tensor histories = {};   // [B, scene::kHistoryInputs]
   at::Tensor lane_paths = {};  // [B, scene::kMostLanePaths, scene::kLanePathInputs]
   at::Tensor path_mask = {};   // [B, scene::kMostLanePaths] 1 where there is a path, else 0
+  at::Tensor agents = {};      // [B, scene::kMostNearAgents, scene::kAgentInputs]
+  at::Tensor agent_mask = {};  // [B, scene::kMostNearAgents] 1 where there is an agent, else 0
   at::Tensor references = {};  // r(m), [B, 2T] metres, target frame; 0 for a model without one
   at::Tensor speeds = {};      // along the heading, [B] m/s
 };

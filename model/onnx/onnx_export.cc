@@ -13,6 +13,7 @@
 #include "model/artifact/model_spec.h"
 #include "model/onnx/graph_builder.h"
 #include "model/scene/action_geometry.h"
+#include "model/scene/agent_inputs.h"
 #include "model/scene/lane_path_inputs.h"
 #include "model/scene/target_history.h"
 #include "model/scene/target_motion.h"
@@ -28,7 +29,7 @@ constexpr int64_t kFormat = 7;
 constexpr int64_t kOperators = 13;
 constexpr float kNormalizationEpsilon = 1e-5f;  // tensor.h
 constexpr int64_t kAnyNumber = -1;
-// Taken from the scores of paths that are not there: e to the minus this is 0 in f32.
+// Taken from the scores of elements that are not there: e to the minus this is 0 in f32.
 constexpr float kHidden = 1e4f;
 
 class Exporter {
@@ -192,11 +193,21 @@ class Exporter {
     const std::string own =
         AddRelu(AddDense("history.1", AddRelu(AddDense("history.0", "history"))));
     std::vector<std::string> parts = {own};
-    if (artifact::ReadsLanePaths(spec_)) {
-      AddLanePaths(own);
-      const Pooled pooled = AddPooling("lane_path", paths_, 1, spec_.scene_vectors().path_width(),
-                                       spec_.scene_vectors().attention_heads());
+    const v1::SceneVectorsSpec& vectors = spec_.scene_vectors();
+    const auto add_pooled = [&](const std::string& name, const Set& set, int64_t width,
+                                int64_t heads) {
+      const Pooled pooled = AddPooling(name, set, set.elements, 1, width, heads);
       parts.insert(parts.end(), {pooled.attended, pooled.maximum});
+    };
+    if (artifact::ReadsLanePaths(spec_)) {
+      paths_ = AddSet("lane_path", scene::kMostLanePaths, scene::kLanePathInputs,
+                      vectors.path_width(), own);
+      add_pooled("lane_path", paths_, vectors.path_width(), vectors.attention_heads());
+    }
+    if (artifact::ReadsAgents(spec_)) {
+      const Set agents =
+          AddSet("agent", scene::kMostNearAgents, scene::kAgentInputs, vectors.agent_width(), own);
+      add_pooled("agent", agents, vectors.agent_width(), vectors.agent_heads());
     }
     if (spec_.has_raster()) parts.push_back(AddRelu(AddBackbone()));
     return graph_.Add(
@@ -204,55 +215,64 @@ class Exporter {
         {AddDense("join", graph_.Add("Concat", "joined", parts, {Setting::One("axis", 1)}))});
   }
 
-  // l_i of each path, [N 6, P], into paths_; the masks that pooling wants.
-  void AddLanePaths(const std::string& own) {
-    const int64_t paths = scene::kMostLanePaths;
-    const int64_t P = spec_.scene_vectors().path_width();
-    graph_.Input("lane_paths", {scenes_, paths, scene::kLanePathInputs});
-    graph_.Input("lane_path_mask", {scenes_, paths});
+  // What is known of a set that has room for `size` elements in each scene.
+  struct Set {
+    int64_t size = 0;
+    std::string elements;  // [N size, width], none below 0
+    std::string mask;      // 1 or 0, where an element is or is not, [N, 1, size, 1]
+    std::string gate;      // 0 or -kHidden, there
+  };
+  // Reads the inputs `<name>s`, [N, size, numbers], and `<name>_mask`, [N, size].
+  Set AddSet(const std::string& name, int64_t size, int64_t numbers, int64_t width,
+             const std::string& own) {
+    const std::string inputs = name + "s", input_mask = name + "_mask";
+    graph_.Input(inputs, {scenes_, size, numbers});
+    graph_.Input(input_mask, {scenes_, size});
     const float huge[] = {kHidden}, minus_huge[] = {-kHidden};
-    mask_ = Reshape("lane_path_mask.each", "lane_path_mask", {scenes_, 1, paths, 1});
-    gate_ = AddScaled("lane_path_gate", mask_, huge, minus_huge);
-    const std::string rows =
-        Reshape("lane_paths.rows", "lane_paths", {Rows(paths), scene::kLanePathInputs});
-    const std::string alone = AddDense("lane_path.1", AddRelu(AddDense("lane_path.0", rows)));
+    Set set;
+    set.size = size;
+    set.mask = Reshape(input_mask + ".each", input_mask, {scenes_, 1, size, 1});
+    set.gate = AddScaled(name + "_gate", set.mask, huge, minus_huge);
+    const std::string rows = Reshape(inputs + ".rows", inputs, {Rows(size), numbers});
+    const std::string alone = AddDense(name + ".1", AddRelu(AddDense(name + ".0", rows)));
     const std::string sum =
-        graph_.Add("Add", "lane_path.sum",
-                   {Reshape("lane_path.alone", alone, {scenes_, paths, P}),
-                    Reshape("lane_path.own", AddDense("lane_path.history", own), {scenes_, 1, P})});
-    paths_ = AddRelu(
-        AddDense("lane_path.output", Reshape("lane_path.rows", AddRelu(sum), {Rows(paths), P})));
+        graph_.Add("Add", name + ".sum",
+                   {Reshape(name + ".alone", alone, {scenes_, size, width}),
+                    Reshape(name + ".own", AddDense(name + ".history", own), {scenes_, 1, width})});
+    set.elements = AddRelu(
+        AddDense(name + ".output", Reshape(name + ".rows", AddRelu(sum), {Rows(size), width})));
+    return set;
   }
 
   struct Pooled {
     std::string attended;  // [N S, width]
     std::string maximum;   // [N S, width]
   };
-  // Over the paths that there are, of S sets for each scene.
-  //   elements: [N S 6, width], none below 0
-  Pooled AddPooling(const std::string& name, const std::string& elements, int64_t sets,
-                    int64_t width, int64_t heads) {
-    const int64_t paths = scene::kMostLanePaths;
+  // Over the elements of `set` that there are. `elements` has those of S such sets for each scene.
+  //   elements: [N S size, width], none below 0
+  Pooled AddPooling(const std::string& name, const Set& set, const std::string& elements,
+                    int64_t sets, int64_t width, int64_t heads) {
+    const int64_t size = set.size;
     const int64_t channels = width / heads;
-    const int64_t path_axis[] = {2};
+    const int64_t element_axis[] = {2};
     const std::string scores = Reshape(name + ".scores", AddDense(name + ".attention", elements),
-                                       {scenes_, sets, paths, heads});
-    // A path that is not there weighs nothing, and where there is none all weights are 0.
-    const std::string shown = graph_.Add("Add", name + ".gated", {scores, gate_});
+                                       {scenes_, sets, size, heads});
+    // An element that is not there weighs nothing, and where there is none all weights are 0.
+    const std::string shown = graph_.Add("Add", name + ".gated", {scores, set.gate});
     const std::string softmax =
         graph_.Add("Softmax", name + ".softmax", {shown}, {Setting::One("axis", 2)});
-    const std::string weights = graph_.Add("Mul", name + ".weights", {softmax, mask_});
-    const std::string weighted = graph_.Add(
-        "Mul", name + ".weighted",
-        {Reshape(name + ".weights.each", weights, {scenes_, sets, paths, heads, 1}),
-         Reshape(name + ".channels", elements, {scenes_, sets, paths, heads, channels})});
+    const std::string weights = graph_.Add("Mul", name + ".weights", {softmax, set.mask});
+    const std::string weighted =
+        graph_.Add("Mul", name + ".weighted",
+                   {Reshape(name + ".weights.each", weights, {scenes_, sets, size, heads, 1}),
+                    Reshape(name + ".channels", elements, {scenes_, sets, size, heads, channels})});
     const std::string attended =
         graph_.Add("ReduceSum", name + ".attended",
-                   {weighted, graph_.Integers(name + ".attended.axes", path_axis)},
+                   {weighted, graph_.Integers(name + ".attended.axes", element_axis)},
                    {Setting::One("keepdims", 0)});
     const std::string there =
         graph_.Add("Mul", name + ".there",
-                   {Reshape(name + ".elements", elements, {scenes_, sets, paths, width}), mask_});
+                   {Reshape(name + ".elements", elements, {scenes_, sets, size, width}), set.mask});
     const std::string maximum =
         graph_.Add("ReduceMax", name + ".maximum", {there},
                    {Setting::List("axes", {2}), Setting::One("keepdims", 0)});
@@ -279,7 +299,7 @@ class Exporter {
     const std::string of_pair =
         Reshape("action_geometry.of_pair", dense("pair", pairs), {scenes_, K, paths, G});
     const std::string of_path =
-        Reshape("action_geometry.of_path", dense("path", paths_), {scenes_, 1, paths, G});
+        Reshape("action_geometry.of_path", dense("path", paths_.elements), {scenes_, 1, paths, G});
     const std::string of_scene =
         Reshape("action_geometry.of_scene", dense("scene", features), {scenes_, 1, 1, G});
     const std::string of_action = AddConstant("action_geometry.action.bias", {1, K, 1, G},
@@ -288,8 +308,8 @@ class Exporter {
                                           add("scene_and_action", of_scene, of_action)));
     const std::string second = AddRelu(
         dense("hidden", Reshape("action_geometry.first.rows", first, {Rows(K * paths), G})));
-    const Pooled pooled =
-        AddPooling("action_geometry", second, K, G, spec_.action_geometry().attention_heads());
+    const Pooled pooled = AddPooling("action_geometry", paths_, second, K, G,
+                                     spec_.action_geometry().attention_heads());
     const std::string numbers =
         Reshape("action_numbers.rows", "action_numbers", {Rows(K), scene::kActionNumbers});
     const std::string joined =
@@ -475,8 +495,7 @@ class Exporter {
   const int64_t scenes_;
   GraphBuilder graph_;
   std::set<std::string> constants_;
-  // Of lane paths: l_i, [N 6, P]; 1 or 0, and 0 or -kHidden, where one is or is not, [N, 1, 6, 1].
-  std::string paths_, mask_, gate_;
+  Set paths_;             // lane paths; elements: l_i
   std::string geometry_;  // h_y of all actions, [N K, A]
 };
 

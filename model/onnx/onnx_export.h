@@ -7,6 +7,8 @@
 //   history         [N, 42]       scene::HistoryInputs
 //   lane_paths      [N, 6, 84]    scene::LanePathInputs::values; 0 where there is no path
 //   lane_path_mask  [N, 6]        1 where there is a path, else 0
+//   agents          [N, 12, 24]   scene::AgentInputs::values; 0 where there is no agent
+//   agent_mask      [N, 12]       1 where there is an agent, else 0
 //   action_paths    [N, K, 6, 18] how each action lies to each path; 0 where there is no path
 //   action_numbers  [N, K, 13]    of each action's own trajectory
 //   reference       [N, T, 2]     r(m), target frame, metres (scene/motion_reference.h); with

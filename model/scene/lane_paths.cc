@@ -292,7 +292,7 @@ class Starts {
 // From the recorded world to the target's frame in the view's.
 class Projection {
  public:
-  Projection(const Pose2& X_WT, const LanePathView& view)
+  Projection(const Pose2& X_WT, const WorldView& view)
       : X_WT_(X_WT), scale_(view.scale), left_(view.mirror ? -1.0 : 1.0) {}
 
   Point2 operator()(const Point2& p_WP) const {
@@ -349,7 +349,7 @@ class Row {
 class LanePathFinder::Search {
  public:
   void Find(const v1::Scenario& scenario, const LaneGraph& lanes, double time, int64_t target_id,
-            const Pose2& X_WT, double speed, const LanePathView& view, LanePathInputs* inputs) {
+            const Pose2& X_WT, double speed, const WorldView& view, LanePathInputs* inputs) {
     assert(view.scale > 0.0);
     inputs->count = 0;
     inputs->values.fill(0.0F);
@@ -710,8 +710,8 @@ LanePathFinder::LanePathFinder(LanePathFinder&&) noexcept = default;
 LanePathFinder& LanePathFinder::operator=(LanePathFinder&&) noexcept = default;
 
 void LanePathFinder::Find(const v1::Scenario& scenario, const LaneGraph& lanes, double time,
-                          int64_t target_id, const Pose2& X_WT, double speed,
-                          const LanePathView& view, LanePathInputs* inputs) {
+                          int64_t target_id, const Pose2& X_WT, double speed, const WorldView& view,
+                          LanePathInputs* inputs) {
   search_->Find(scenario, lanes, time, target_id, X_WT, speed, view, inputs);
 }
 

@@ -70,7 +70,7 @@
 // Nobody is looked for in the gaps between lanes. Speeds and speed limits beyond 100 m/s count as
 // 100 m/s.
 //
-// A LanePathView with scale k gives the inputs of a world in which the map, the agents, their
+// A WorldView with scale k gives the inputs of a world in which the map, the agents, their
 // speeds and the speed limits are k times as large: a point at D is the recorded world's at D / k,
 // times k. The successors of lanes stay those of the recorded map. A mirrored view gives those of a
 // world in which left and right are swapped about the target's x axis: y, sines and the offset
@@ -93,6 +93,7 @@
 #include "model/scene/lane_graph.h"
 #include "model/scene/lane_path_inputs.h"
 #include "model/scene/pose2.h"
+#include "model/scene/world_view.h"
 
 namespace maneuver::scene {
 
@@ -101,12 +102,6 @@ inline constexpr std::array<double, 13> kLanePathDistances = {
     2.5, 5.0, 7.5, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 65.0, 80.0, 100.0};
 // How old an agent's state may be, seconds.
 inline constexpr double kLanePathTolerance = 0.05;
-
-// How the world departs from the recorded one, for augmentation. The default departs in nothing.
-struct LanePathView {
-  double scale = 1.0;   // greater than 0
-  bool mirror = false;  // left and right swap
-};
 
 // A lane path for drawing.
 struct LanePath {
@@ -135,9 +130,9 @@ class LanePathFinder {
   //   speed: the target's, along its heading, m/s; negative: backwards. In the recorded world,
   //     whatever the view's scale.
   void Find(const v1::Scenario& scenario, const LaneGraph& lanes, double time, int64_t target_id,
-            const Pose2& X_WT, double speed, const LanePathView& view, LanePathInputs* inputs);
+            const Pose2& X_WT, double speed, const WorldView& view, LanePathInputs* inputs);
 
-  // Returns the paths that Find() describes with LanePathView{}, in the same order.
+  // Returns the paths that Find() describes with WorldView{}, in the same order.
   std::vector<LanePath> Describe(const v1::Scenario& scenario, const LaneGraph& lanes, double time,
                                  int64_t target_id, const Pose2& X_WT);
 

@@ -57,6 +57,9 @@ void SceneReader::ReadVectors(const v1::Scenario& scenario, const RoadMap& map, 
     lane_paths_->Find(scenario, map.lanes(), present, target_id, X_WT, vectors.motion.speed, {},
                       &vectors.paths);
   }
+  if (spec_.scene_vectors().agent_width() > 0) {
+    DescribeAgents(scenario, present, target_id, X_WT, vectors.motion.speed, {}, &vectors.agents);
+  }
 }
 
 }  // namespace maneuver::scene

@@ -26,7 +26,7 @@ struct SceneInputs {
 };
 
 // Reads the parts that a model's spec names: a raster, the target's motion, its history, lane
-// paths. Holds scratch memory: one for each thread.
+// paths, agents nearby. Holds scratch memory: one for each thread.
 class SceneReader {
  public:
   // `spec` must be valid, as artifact::ValidateModelSpec says.

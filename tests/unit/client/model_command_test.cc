@@ -88,6 +88,7 @@ class ModelCommandTest : public testing::Test {
 TEST_F(ModelCommandTest, ShowsWhatAModelReadsAndPredicts) {
   v1::ModelSpec& spec = *models_.version.mutable_manifest()->mutable_spec();
   spec.mutable_scene_vectors()->set_path_width(96);
+  spec.mutable_scene_vectors()->set_agent_width(64);
   spec.set_reference(v1::TRAJECTORY_REFERENCE_FADING_MOTION);
   spec.mutable_action_geometry()->set_pair_width(32);
   spec.set_mean_residual(true);
@@ -95,7 +96,7 @@ TEST_F(ModelCommandTest, ShowsWhatAModelReadsAndPredicts) {
   std::string shown = Run({"model", "show", "town/2"});
   EXPECT_THAT(shown, ContainsRegex("predicts +vehicles"));
   EXPECT_THAT(shown, ContainsRegex("trajectories +relative to the present motion"));
-  EXPECT_THAT(shown, ContainsRegex("vectors +the target's past second, lane paths"));
+  EXPECT_THAT(shown, ContainsRegex("vectors +the target's past second, lane paths, agents nearby"));
   EXPECT_THAT(shown, ContainsRegex("actions look at +the lane paths"));
   EXPECT_THAT(shown, ContainsRegex("means +depend on the scene"));
   EXPECT_THAT(shown, ContainsRegex("covariance +predicted from the scene"));

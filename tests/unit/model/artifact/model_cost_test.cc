@@ -82,13 +82,15 @@ int64_t Weights(const v1::ModelSpec& spec, const std::string& begin) {
   return sum;
 }
 
-// Every weight multiplies once for each scene, path, action or pair that its layer is applied to.
+// Every weight multiplies once for each scene, path, agent, action or pair that its layer is
+// applied to.
 TEST(ModelCostTest, CountsWhatReadsVectorsAndLooksAtTheLanes) {
   v1::TrainingSettings settings;
   settings.set_preset("lanes");
   const v1::ModelSpec spec = ResolveTrainingSettings(settings).model();
   const int64_t K = spec.actions();
   const int64_t P = spec.scene_vectors().path_width();
+  const int64_t Q = spec.scene_vectors().agent_width();
   const int64_t G = spec.action_geometry().pair_width();
   const v1::ModelCost cost = CountCost(spec);
   EXPECT_EQ(cost.backbone_multiply_adds(), 0);
@@ -97,6 +99,9 @@ TEST(ModelCostTest, CountsWhatReadsVectorsAndLooksAtTheLanes) {
             Weights(spec, "history.") + Weights(spec, "lane_path.history") +
                 6 * (Weights(spec, "lane_path.0") + Weights(spec, "lane_path.1") +
                      Weights(spec, "lane_path.output") + Weights(spec, "lane_path.attention") + P) +
+                Weights(spec, "agent.history") +
+                12 * (Weights(spec, "agent.0") + Weights(spec, "agent.1") +
+                      Weights(spec, "agent.output") + Weights(spec, "agent.attention") + Q) +
                 Weights(spec, "join."));
   const auto geometry = [&](const std::string& layer) {
     return Weights(spec, "action_geometry." + layer + ".");

@@ -75,6 +75,22 @@ INSTANTIATE_TEST_SUITE_P(
               "backbone.convolutions"},
         Fault{"TwoBackbones", "backbone { residual { block: RESIDUAL_BLOCK_BASIC } }",
               "backbone.residual"},
+        Fault{"AgentWidth",
+              "scene_vectors { history_width: 3 features: 4 agent_width: -1 agent_heads: 1 }",
+              "scene_vectors.agent_width"},
+        Fault{"AgentHeads",
+              "scene_vectors { history_width: 3 features: 4 agent_width: 6 agent_heads: 4 }",
+              "scene_vectors.agent_heads"},
+        Fault{"PathHeads", "scene_vectors { history_width: 3 features: 4 path_width: 6 }",
+              "scene_vectors.attention_heads"},
+        Fault{"GeometryWithoutPaths",
+              "scene_vectors { history_width: 3 features: 4 path_width: 0 } "
+              "action_geometry { pair_width: 4 attention_heads: 2 features: 3 }",
+              "action_geometry"},
+        Fault{"GeometryOfNoWidth",
+              "scene_vectors { history_width: 3 features: 4 path_width: 6 attention_heads: 2 } "
+              "action_geometry { pair_width: 0 attention_heads: 2 features: 3 }",
+              "action_geometry.pair_width"},
         Fault{"TypeTwice", "target_types: [ AGENT_TYPE_VEHICLE, AGENT_TYPE_VEHICLE ]",
               "target_types[1]"},
         Fault{"TypeNotStated", "target_types: AGENT_TYPE_UNSPECIFIED", "target_types[0]"}),
@@ -191,6 +207,29 @@ TEST(ModelSpecTest, ShapesAreThoseOfTheListInTensorH) {
   EXPECT_EQ(shapes["decoder.covariance"], Shape({3, 3, 3}));
   // 2 convolutions, a projection, 4 MLPs of 2, 3, 2 and 2 layers, and 6 tables.
   EXPECT_EQ(shapes.size(), 2u * 5 + 2 + 2 * (2 + 3 + 2 + 2) + 6);
+}
+
+TEST(ModelSpecTest, AModelThatReadsAgentsHasTheirLayersAndAWiderJoin) {
+  using Shape = std::vector<int64_t>;
+  v1::ModelSpec spec = TinySpec();
+  spec.mutable_scene_vectors()->set_history_width(7);
+  spec.mutable_scene_vectors()->set_features(9);
+  auto without = TensorShapes(spec);
+  EXPECT_FALSE(ReadsAgents(spec));
+  EXPECT_EQ(without["join.weight"], Shape({9, 7 + 5}));
+  spec.mutable_scene_vectors()->set_agent_width(0);
+  EXPECT_EQ(TensorShapes(spec), without);
+  spec.mutable_scene_vectors()->set_agent_width(6);
+  spec.mutable_scene_vectors()->set_agent_heads(3);
+  EXPECT_TRUE(ReadsAgents(spec));
+  auto shapes = TensorShapes(spec);
+  EXPECT_EQ(shapes["agent.0.weight"], Shape({6, 24}));
+  EXPECT_EQ(shapes["agent.1.weight"], Shape({6, 6}));
+  EXPECT_EQ(shapes["agent.history.weight"], Shape({6, 7}));
+  EXPECT_EQ(shapes["agent.output.bias"], Shape({6}));
+  EXPECT_EQ(shapes["agent.attention.weight"], Shape({3, 6}));
+  EXPECT_EQ(shapes["join.weight"], Shape({9, 7 + 2 * 6 + 5}));
+  EXPECT_EQ(shapes.size(), without.size() + 10);
 }
 
 TEST(ModelSpecTest, PredictsVehiclesUnlessItStatesOtherTypes) {

@@ -6,6 +6,8 @@
 
 #include <string>
 
+#include "model/artifact/model_spec.h"
+
 namespace maneuver::artifact {
 namespace {
 
@@ -186,6 +188,33 @@ TEST(TrainingPresetsTest, WhatIsOnInThePresetCanBeTurnedOff) {
   EXPECT_THAT(WrongFields(off), ElementsAre());
 }
 
+TEST(TrainingPresetsTest, PartsOfLanesAreTurnedOffByZero) {
+  EXPECT_EQ(Resolved("").model().scene_vectors().agent_width(), 64);
+  const v1::TrainingSettings no_agents = Resolved("model { scene_vectors { agent_width: 0 } }");
+  EXPECT_FALSE(ReadsAgents(no_agents.model()));
+  EXPECT_TRUE(ReadsLanePaths(no_agents.model()));
+  EXPECT_TRUE(no_agents.model().has_action_geometry());
+  EXPECT_THAT(WrongFields(no_agents), ElementsAre());
+  const v1::TrainingSettings no_geometry = Resolved("model { action_geometry { pair_width: 0 } }");
+  EXPECT_FALSE(no_geometry.model().has_action_geometry());
+  EXPECT_TRUE(ReadsLanePaths(no_geometry.model()));
+  EXPECT_THAT(WrongFields(no_geometry), ElementsAre());
+  const v1::TrainingSettings history = Resolved(
+      "model { scene_vectors { path_width: 0 agent_width: 0 } action_geometry { pair_width: 0 } }");
+  EXPECT_FALSE(ReadsLanePaths(history.model()));
+  EXPECT_FALSE(ReadsAgents(history.model()));
+  EXPECT_GT(history.model().scene_vectors().history_width(), 0);
+  EXPECT_THAT(WrongFields(history), ElementsAre());
+}
+
+TEST(TrainingPresetsTest, ActionsThatLookAtPathsNeedThem) {
+  const v1::TrainingSettings settings = Resolved("model { scene_vectors { path_width: 0 } }");
+  const auto violations = ValidateTrainingSettings(settings);
+  ASSERT_EQ(violations.size(), 1u);
+  EXPECT_EQ(violations[0].field, "model.action_geometry");
+  EXPECT_THAT(violations[0].description, testing::HasSubstr("set action_geometry.pair_width to 0"));
+}
+
 struct Fault {
   const char* name;
   const char* change;
@@ -203,6 +232,8 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Values(
         Fault{"Model", "model { actions: 1000 }", "model.actions"},
         Fault{"ModelLayer", "model { decoder { hidden: [ 3, -1 ] } }", "model.decoder.hidden[1]"},
+        Fault{"AgentHeads", "model { scene_vectors { agent_heads: 3 } }",
+              "model.scene_vectors.agent_heads"},
         Fault{"Stride", "examples { stride { seconds: -1 } }", "examples.stride"},
         Fault{"KeepStanding", "examples { keep_standing: 1.5 }", "examples.keep_standing"},
         Fault{"Standing", "examples { standing_distance: -1 }", "examples.standing_distance"},
@@ -273,6 +304,21 @@ TEST(StartTest, AgreementIsFineAndWhatDoesNotAgreeIsNamed) {
               ElementsAre("optimization.decoder_covariance"));
   const auto message = ValidateStart(Settings("model { actions: 8 }"), StartSpec())[0].description;
   EXPECT_NE(message.find("actions: 7 -> 8"), std::string::npos) << message;
+}
+
+// As folders of before models read agents have it.
+TEST(StartTest, AWidthThatIsNotSetIsAWidthOf0) {
+  v1::ModelSpec start = Resolved("").model();
+  start.mutable_scene_vectors()->clear_agent_width();
+  start.mutable_scene_vectors()->clear_agent_heads();
+  EXPECT_FALSE(ReadsAgents(ResolveTrainingSettings(Settings(""), start).model()));
+  const auto wrong = [&start](const std::string& text) {
+    return ValidateStart(Settings("model { " + text + " }"), start).size();
+  };
+  EXPECT_EQ(wrong("scene_vectors { agent_width: 0 }"), 0u);
+  EXPECT_EQ(wrong("scene_vectors { agent_width: 64 }"), 1u);
+  EXPECT_EQ(wrong("scene_vectors { path_width: 0 }"), 1u);
+  EXPECT_EQ(wrong("action_geometry { pair_width: 0 }"), 1u);
 }
 
 TEST(StartTest, ACovarianceNetworkOfTheStartIsKept) {

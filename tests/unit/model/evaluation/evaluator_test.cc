@@ -7,9 +7,12 @@
 #include <cmath>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "model/artifact/model_spec.h"
+#include "model/inference/anchor_model.h"
+#include "tests/unit/model/inference/reference_model.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -104,6 +107,16 @@ class FakeModel final : public inference::ActionModel {
     auto model = std::make_shared<FakeModel>();
     model->manifest_.mutable_spec()->mutable_scene_vectors()->set_history_width(1);
     model->manifest_.mutable_spec()->set_reference(v1::TRAJECTORY_REFERENCE_CONSTANT_VELOCITY);
+    return model;
+  }
+
+  // The relative one, which reads the agents nearby as well if `agent_width` is not 0.
+  static std::shared_ptr<const FakeModel> AmongAgents(int agent_width) {
+    auto model = std::make_shared<FakeModel>();
+    *model->manifest_.mutable_spec() = Relative()->spec();
+    v1::SceneVectorsSpec& vectors = *model->manifest_.mutable_spec()->mutable_scene_vectors();
+    vectors.set_agent_width(agent_width);
+    vectors.set_agent_heads(1);
     return model;
   }
 
@@ -338,6 +351,47 @@ TEST_F(EvaluatorTest, AnyNumberOfThreadsMeasuresTheSameBits) {
   ASSERT_TRUE(one.ok() && three.ok());
   for (const auto& [name, value] : one->metrics()) {
     EXPECT_EQ(value, three->metrics().at(name)) << name;
+  }
+}
+
+// A baseline that reads what a model of `spec` does, with smaller networks of random weights.
+std::shared_ptr<const inference::AnchorModel> BaselineOf(v1::ModelSpec spec) {
+  spec.mutable_backbone()->set_features(2);
+  spec.mutable_backbone()->add_convolutions()->set_channels(1);
+  spec.mutable_backbone()->mutable_convolutions(0)->set_stride(2);
+  spec.mutable_scene_vectors()->set_features(2);
+  if (artifact::ReadsAgents(spec)) spec.mutable_scene_vectors()->set_agent_width(2);
+  for (v1::MlpSpec* mlp : {spec.mutable_action_predictor(), spec.mutable_trajectory_encoder(),
+                           spec.mutable_decoder(), spec.mutable_scenario_encoder()}) {
+    mlp->add_hidden(1);
+  }
+  spec.set_decoder_stddev(1.0);
+  artifact::TensorMap weights = inference::RandomModel(spec, 1).weights;
+  weights["anchors.mean"] = {{3, kWaypoints, 2}, std::vector<float>(6 * kWaypoints, 0.0F)};
+  weights["anchors.covariance"].shape = {3, kWaypoints, 3};
+  for (int i = 0; i < 3 * kWaypoints; ++i) {
+    std::vector<float>& values = weights["anchors.covariance"].values;
+    values.insert(values.end(), {1.0F, 0.0F, 1.0F});
+  }
+  auto baseline = inference::AnchorModel::Make(spec, std::move(weights), {});
+  EXPECT_TRUE(baseline.ok()) << baseline.status();
+  return *baseline;
+}
+
+TEST_F(EvaluatorTest, MeasuresBaselinesThatReadAgentsIfTheModelDoes) {
+  for (const int of_model : {0, 3}) {
+    for (const int of_baselines : {0, 3}) {
+      const auto baseline = BaselineOf(FakeModel::AmongAgents(of_baselines)->spec());
+      const inference::AnchorBaselines baselines{baseline, baseline};
+      input_.baselines = &baselines;
+      const auto report = Evaluate(*FakeModel::AmongAgents(of_model), input_);
+      EXPECT_EQ(report.status().code(), of_model == of_baselines
+                                            ? absl::StatusCode::kOk
+                                            : absl::StatusCode::kFailedPrecondition)
+          << of_model << " " << of_baselines << " " << report.status();
+      if (!report.ok()) continue;
+      EXPECT_TRUE(report->metrics().contains("covernet_ade_1"));
+    }
   }
 }
 

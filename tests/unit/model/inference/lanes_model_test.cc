@@ -25,7 +25,7 @@ namespace maneuver::inference {
 namespace {
 
 constexpr double kTolerance = 1e-4;
-constexpr int kScenes = 7;  // of 0 .. 6 lane paths
+constexpr int kScenes = 7;  // of 0 .. 6 lane paths and 0 .. 12 agents
 
 v1::ModelSpec SpecOfPreset(const std::string& preset) {
   v1::TrainingSettings settings;
@@ -82,7 +82,14 @@ std::vector<Case> Cases() {
       {"LanesMetres", SpecOfPreset("lanes-metres")},
       {"RasterBesideEverything", SmallSpec(std::string(kRaster) + R"pb(
          reference: TRAJECTORY_REFERENCE_FADING_MOTION
-         scene_vectors { history_width: 7 path_width: 15 attention_heads: 3 features: 23 }
+         scene_vectors {
+           history_width: 7
+           path_width: 15
+           attention_heads: 3
+           features: 23
+           agent_width: 14
+           agent_heads: 2
+         }
          action_geometry { pair_width: 10 attention_heads: 5 features: 11 }
          mean_residual: true
          scene_covariance { hidden: [ 6, 7 ] }
@@ -90,6 +97,11 @@ std::vector<Case> Cases() {
       {"HistoryAlone", SmallSpec(R"pb(
          reference: TRAJECTORY_REFERENCE_CONSTANT_VELOCITY
          scene_vectors { history_width: 9 features: 12 }
+         mean_residual: true
+       )pb")},
+      {"AgentsWithoutPaths", SmallSpec(R"pb(
+         reference: TRAJECTORY_REFERENCE_FADING_MOTION
+         scene_vectors { history_width: 9 features: 12 agent_width: 10 agent_heads: 5 }
          mean_residual: true
        )pb")},
       {"PathsWithoutGeometry", SmallSpec(std::string(kRaster) + R"pb(
@@ -109,7 +121,8 @@ class LanesModelTest : public testing::TestWithParam<Case> {
     session_ = model_->NewSession();
     for (int s = 0; s < kScenes; ++s) {
       const auto seed = static_cast<uint32_t>(s + 1);
-      vectors_.push_back(RandomVectors(seed, artifact::ReadsLanePaths(spec()) ? s : 0));
+      vectors_.push_back(RandomVectors(seed, artifact::ReadsLanePaths(spec()) ? s : 0,
+                                       artifact::ReadsAgents(spec()) ? 2 * s : 0));
       SceneInput& input = inputs_.emplace_back();
       input.vectors = &vectors_.back();
       std::vector<double> raster_features;
@@ -321,11 +334,12 @@ TEST_P(LanesModelTest, AnswersHaveTheSameBitsAloneAndInAnyBatch) {
   }
 }
 
-TEST_P(LanesModelTest, TheOrderOfLanePathsDoesNotMatter) {
-  if (!artifact::ReadsLanePaths(spec())) return;
+TEST_P(LanesModelTest, TheOrderOfLanePathsAndOfAgentsDoesNotMatter) {
   scene::SceneVectors swapped = vectors_[6];
-  const auto begin = swapped.paths.values.begin();
-  std::rotate(begin, begin + 2 * scene::kLanePathInputs, swapped.paths.values.end());
+  const auto paths = swapped.paths.values.begin();
+  std::rotate(paths, paths + 2 * scene::kLanePathInputs, swapped.paths.values.end());
+  const auto agents = swapped.agents.values.begin();
+  std::rotate(agents, agents + 5 * scene::kAgentInputs, swapped.agents.values.end());
   SceneInput input = inputs_[6];
   input.vectors = &swapped;
   std::vector<SceneEncoding> encoding(1);

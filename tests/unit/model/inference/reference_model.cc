@@ -65,7 +65,7 @@ std::vector<uint8_t> RandomRaster(const v1::ModelSpec& spec, uint32_t seed) {
   return raster;
 }
 
-scene::SceneVectors RandomVectors(uint32_t seed, int paths) {
+scene::SceneVectors RandomVectors(uint32_t seed, int paths, int agents) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   scene::SceneVectors vectors;
@@ -91,6 +91,10 @@ scene::SceneVectors RandomVectors(uint32_t seed, int paths) {
     path[63] = static_cast<float>(-std::sin(heading));
     path[69] = uniform(random) > 0 ? 1.0f : 0.0f;
     path[81] = uniform(random) > 0 ? 1.0f : 0.0f;
+  }
+  vectors.agents.count = agents;
+  for (int i = 0; i < agents * scene::kAgentInputs; ++i) {
+    vectors.agents.values[static_cast<size_t>(i)] = static_cast<float>(uniform(random));
   }
   return vectors;
 }
@@ -404,18 +408,19 @@ ReferenceModel::Values ReferenceModel::Pool(const std::string& name, const Rows&
   return pooled;
 }
 
-ReferenceModel::Rows ReferenceModel::LanePaths(const scene::SceneVectors& vectors,
-                                               const Values& own) const {
-  Rows paths;
-  for (int i = 0; i < vectors.paths.count; ++i) {
-    const Values numbers =
-        Doubles(vectors.paths.values, static_cast<size_t>(i) * scene::kLanePathInputs,
-                scene::kLanePathInputs);
-    const Values alone = Linear("lane_path.1", Relu(Linear("lane_path.0", numbers)));
-    const Values both = Relu(Sum(alone, Linear("lane_path.history", own)));
-    paths.push_back(Relu(Linear("lane_path.output", both)));
+ReferenceModel::Rows ReferenceModel::Elements(const std::string& name,
+                                              std::span<const float> inputs, int count,
+                                              const Values& own) const {
+  const auto numbers = static_cast<size_t>(Shape(name + ".0.weight")[1]);
+  Rows elements;
+  for (size_t i = 0; i < static_cast<size_t>(count); ++i) {
+    const auto row = inputs.subspan(i * numbers, numbers);
+    const Values alone =
+        Linear(name + ".1", Relu(Linear(name + ".0", Values(row.begin(), row.end()))));
+    const Values both = Relu(Sum(alone, Linear(name + ".history", own)));
+    elements.push_back(Relu(Linear(name + ".output", both)));
   }
-  return paths;
+  return elements;
 }
 
 ReferenceModel::Scene ReferenceModel::Encode(const scene::SceneVectors& vectors,
@@ -432,9 +437,14 @@ ReferenceModel::Scene ReferenceModel::Encode(const scene::SceneVectors& vectors,
   Rows paths;
   const v1::SceneVectorsSpec& sizes = spec().scene_vectors();
   if (sizes.path_width() > 0) {
-    paths = LanePaths(vectors, own);
+    paths = Elements("lane_path", vectors.paths.values, vectors.paths.count, own);
     joined = Joined(joined, Pool("lane_path", paths, sizes.attention_heads(),
                                  static_cast<size_t>(sizes.path_width())));
+  }
+  if (sizes.agent_width() > 0) {
+    const Rows agents = Elements("agent", vectors.agents.values, vectors.agents.count, own);
+    joined = Joined(joined, Pool("agent", agents, sizes.agent_heads(),
+                                 static_cast<size_t>(sizes.agent_width())));
   }
   scene.features = Relu(Linear("join", Joined(joined, raster_features)));
   if (spec().has_action_geometry()) scene.geometry = Geometry(vectors, scene, paths);

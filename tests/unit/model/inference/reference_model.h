@@ -5,6 +5,7 @@
 #define MANEUVER_TESTS_UNIT_MODEL_INFERENCE_REFERENCE_MODEL_H_
 
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -22,8 +23,9 @@ artifact::StoredModel RandomModel(const v1::ModelSpec& spec, uint32_t seed);
 std::vector<uint8_t> RandomRaster(const v1::ModelSpec& spec, uint32_t seed);
 
 // A target that moves at up to 20 m/s among `paths` straight lane paths, some with a leader or a
-// stop line; whatever else the networks read of it is random.
-scene::SceneVectors RandomVectors(uint32_t seed, int paths);
+// stop line; whatever else the networks read of it is random, as are the numbers of `agents`
+// agents.
+scene::SceneVectors RandomVectors(uint32_t seed, int paths, int agents);
 
 class ReferenceModel {
  public:
@@ -71,7 +73,10 @@ class ReferenceModel {
   Values Linear(const std::string& name, const Values& x, int network = 0) const;
   // Attended, then maximum, over elements whose scores are `name`.attention. [2 width]
   Values Pool(const std::string& name, const Rows& elements, int heads, size_t width) const;
-  Rows LanePaths(const scene::SceneVectors& vectors, const Values& own) const;
+  // What is known of each element of a set, l_i of lane paths.
+  //   inputs: [count, numbers]
+  Rows Elements(const std::string& name, std::span<const float> inputs, int count,
+                const Values& own) const;
   Rows Geometry(const scene::SceneVectors& vectors, const Scene& scene, const Rows& paths) const;
 
   const artifact::StoredModel& model_;

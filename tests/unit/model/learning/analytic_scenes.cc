@@ -166,6 +166,8 @@ v1::TrainingSettings TinyLanesSettings(const std::string& preset) {
   vectors.set_path_width(24);
   vectors.set_attention_heads(2);
   vectors.set_features(32);
+  vectors.set_agent_width(12);
+  vectors.set_agent_heads(3);
   v1::ActionGeometrySpec& geometry = *model.mutable_action_geometry();
   geometry.set_pair_width(12);
   geometry.set_attention_heads(2);

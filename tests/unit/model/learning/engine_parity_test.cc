@@ -4,6 +4,9 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <utility>
+#include <vector>
 
 #include "model/artifact/model_folder.h"
 #include "model/artifact/model_spec.h"
@@ -72,6 +75,43 @@ v1::TrainingSettings LongHorizonSettings() {
   return settings;
 }
 
+// Actions that look at no lanes, and neither paths nor agents are read.
+v1::TrainingSettings HistorySettings() {
+  v1::TrainingSettings settings = TinyLanesSettings();
+  settings.mutable_model()->mutable_scene_vectors()->set_path_width(0);
+  settings.mutable_model()->mutable_scene_vectors()->set_agent_width(0);
+  settings.mutable_model()->mutable_action_geometry()->set_pair_width(0);
+  return artifact::ResolveTrainingSettings(settings);
+}
+
+// `recordings`, in which up to 15 pedestrians walk about beside the vehicle: more than are read.
+std::vector<v1::Scenario> AmongPedestrians(std::vector<v1::Scenario> recordings) {
+  int place = 0;
+  for (v1::Scenario& recording : recordings) {
+    for (int i = 0; i < place % 16; ++i) {
+      v1::Agent& walker = *recording.add_agents();
+      walker.set_id(10 + i);
+      walker.set_type(v1::AGENT_TYPE_PEDESTRIAN);
+      walker.set_length(0.6 + 0.02 * i);
+      walker.set_width(0.7);
+      const double direction = 0.7 * (place + i);
+      const auto velocity_x = static_cast<float>(1.3 * std::cos(direction));
+      const auto velocity_y = static_cast<float>(1.3 * std::sin(direction));
+      for (const v1::AgentState& seen : recording.agents(0).states()) {
+        v1::AgentState& state = *walker.add_states();
+        state.set_time(seen.time());
+        state.set_x(3.0 * i - 5.0 + velocity_x * seen.time());
+        state.set_y((i % 2 == 0 ? 4.0 : -6.0) + velocity_y * seen.time());
+        state.set_heading(static_cast<float>(direction));
+        state.set_velocity_x(velocity_x);
+        state.set_velocity_y(velocity_y);
+      }
+    }
+    ++place;
+  }
+  return recordings;
+}
+
 // Every network of the engine, f32, against LibTorch's.
 class EngineParityTest : public testing::TestWithParam<ParityCase> {};
 
@@ -82,7 +122,7 @@ TEST_P(EngineParityTest, TheEngineSaysWhatLibTorchSays) {
   settings.mutable_optimization()->set_joint_epochs(2);
   const double horizon = artifact::WaypointTimes(settings.model().trajectory()).back();
   const TrainingData data =
-      *SplitRecordings(ArcRecordings(72, std::max(8.0, horizon + 2.0)), settings);
+      *SplitRecordings(AmongPedestrians(ArcRecordings(72, std::max(8.0, horizon + 2.0))), settings);
   RunProgress progress(Learner::Plan(settings, static_cast<int64_t>(data.training.examples.size())),
                        {}, [] { return std::chrono::system_clock::time_point(); });
   Learner learner(
@@ -181,6 +221,7 @@ INSTANTIATE_TEST_SUITE_P(
         ParityCase{"Learned", [] { return RasterSettings(v1::DECODER_COVARIANCE_LEARNED); }},
         ParityCase{"Predicted", [] { return RasterSettings(v1::DECODER_COVARIANCE_PREDICTED); }},
         ParityCase{"Lanes", [] { return TinyLanesSettings(); }},
+        ParityCase{"History", &HistorySettings},
         ParityCase{"LanesOver8Seconds", &LongHorizonSettings},
         ParityCase{"LanesMetres", [] { return TinyLanesSettings("lanes-metres"); }},
         ParityCase{"RasterAndVectors", &RasterAndVectorsSettings}),

@@ -20,6 +20,27 @@ ExampleSet Recorded(v1::Scenario recording, const v1::TrainingSettings& settings
   return set;
 }
 
+// Adds a cyclist who comes towards the vehicle and rides across its way, from the left (side 1) or
+// from the right (side -1).
+v1::Scenario WithCyclist(v1::Scenario recording, double side) {
+  v1::Agent& cyclist = *recording.add_agents();
+  cyclist.set_id(2);
+  cyclist.set_type(v1::AGENT_TYPE_CYCLIST);
+  cyclist.set_length(1.8);
+  cyclist.set_width(0.7);
+  for (int i = 0; i <= 80; ++i) {
+    const double time = 0.1 * i;
+    v1::AgentState& state = *cyclist.add_states();
+    state.set_time(time);
+    state.set_x(30.0 - 2.0 * time);
+    state.set_y(side * (6.0 - time));
+    state.set_heading(static_cast<float>(side * (0.1 * time - 2.7)));
+    state.set_velocity_x(-2.0F);
+    state.set_velocity_y(static_cast<float>(-side));
+  }
+  return recording;
+}
+
 SceneLoader::Batch First(const ExampleSet& set, const Variation& variation,
                          const v1::TrainingSettings& settings) {
   return *SceneLoader(settings.model(), set, {{0, variation}}, 1, 1).Next();
@@ -33,14 +54,17 @@ void ExpectSame(const SceneLoader::Batch& a, const SceneLoader::Batch& b) {
   ExpectNear(a.scenes.histories, b.scenes.histories, 1e-4, "history");
   ExpectNear(a.scenes.lane_paths, b.scenes.lane_paths, 2e-3, "lane paths");
   ExpectNear(a.scenes.path_mask, b.scenes.path_mask, 0.0, "mask");
+  ExpectNear(a.scenes.agents, b.scenes.agents, 1e-4, "agents");
+  ExpectNear(a.scenes.agent_mask, b.scenes.agent_mask, 0.0, "mask of agents");
+  EXPECT_EQ(a.scenes.agent_mask.sum().item<double>(), 1.0);
   ExpectNear(a.scenes.references, b.scenes.references, 2e-3, "reference");
   ExpectNear(a.trajectories, b.trajectories, 2e-3, "trajectory");
 }
 
 TEST(SceneVectorsTest, AMirroredExampleIsThatOfTheMirroredWorld) {
   const v1::TrainingSettings settings = TinyLanesSettings();
-  const ExampleSet left = Recorded(ArcRecording("arc", 0.04, 9.0), settings);
-  const ExampleSet right = Recorded(ArcRecording("arc", -0.04, 9.0), settings);
+  const ExampleSet left = Recorded(WithCyclist(ArcRecording("arc", 0.04, 9.0), 1.0), settings);
+  const ExampleSet right = Recorded(WithCyclist(ArcRecording("arc", -0.04, 9.0), -1.0), settings);
   Variation mirror;
   mirror.mirror = true;
   ExpectSame(First(left, mirror, settings), First(right, {}, settings));
@@ -49,16 +73,18 @@ TEST(SceneVectorsTest, AMirroredExampleIsThatOfTheMirroredWorld) {
 TEST(SceneVectorsTest, AScaledExampleIsThatOfTheScaledWorld) {
   constexpr double kScale = 1.1;
   const v1::TrainingSettings settings = TinyLanesSettings();
-  v1::Scenario recording = ArcRecording("arc", 0.03, 8.0);
+  v1::Scenario recording = WithCyclist(ArcRecording("arc", 0.03, 8.0), 1.0);
   const ExampleSet plain = Recorded(recording, settings);
-  for (v1::AgentState& state : *recording.mutable_agents(0)->mutable_states()) {
-    state.set_x(kScale * state.x());
-    state.set_y(kScale * state.y());
-    state.set_velocity_x(static_cast<float>(kScale * state.velocity_x()));
-    state.set_velocity_y(static_cast<float>(kScale * state.velocity_y()));
+  for (v1::Agent& agent : *recording.mutable_agents()) {
+    for (v1::AgentState& state : *agent.mutable_states()) {
+      state.set_x(kScale * state.x());
+      state.set_y(kScale * state.y());
+      state.set_velocity_x(static_cast<float>(kScale * state.velocity_x()));
+      state.set_velocity_y(static_cast<float>(kScale * state.velocity_y()));
+    }
+    agent.set_length(kScale * agent.length());
+    agent.set_width(kScale * agent.width());
   }
-  recording.mutable_agents(0)->set_length(kScale * recording.agents(0).length());
-  recording.mutable_agents(0)->set_width(kScale * recording.agents(0).width());
   for (v1::MapFeature& feature : *recording.mutable_map_features()) {
     for (int i = 0; i < feature.x_size(); ++i) {
       feature.set_x(i, kScale * feature.x(i));
@@ -73,7 +99,7 @@ TEST(SceneVectorsTest, AScaledExampleIsThatOfTheScaledWorld) {
 
 TEST(SceneVectorsTest, NoiseTurnsTheFutureWithTheFrame) {
   const v1::TrainingSettings settings = TinyLanesSettings();
-  const ExampleSet set = Recorded(ArcRecording("arc", 0.0, 10.0), settings);
+  const ExampleSet set = Recorded(WithCyclist(ArcRecording("arc", 0.0, 10.0), 1.0), settings);
   Variation noisy;
   noisy.noise = {.speed_stddev = 0.0, .heading_stddev = 0.02, .seed = 4};
   const SceneLoader::Batch plain = First(set, {}, settings);
@@ -82,10 +108,15 @@ TEST(SceneVectorsTest, NoiseTurnsTheFutureWithTheFrame) {
   const at::Tensor y = (turned.trajectories + turned.scenes.references).view({-1, 2});
   ExpectNear(x.norm(2, 1), y.norm(2, 1), 1e-3, "distances");
   EXPECT_GT((x - y).abs().max().item<double>(), 0.05);
+  // The agents turn with it.
+  const auto bearing = [](const at::Tensor& point) {
+    return std::atan2(point[1].item<double>(), point[0].item<double>());
+  };
+  EXPECT_NEAR(bearing(turned.scenes.agents[0][0]) - bearing(plain.scenes.agents[0][0]),
+              bearing(y[9]) - bearing(x[9]), 1e-3);
   // The lane turns with it: straight ahead is along the lane still.
   const at::Tensor lane = turned.scenes.lane_paths[0][0].slice(0, 0, 26).view({13, 2});
-  EXPECT_NEAR(std::atan2(lane[5][1].item<double>(), lane[5][0].item<double>()),
-              std::atan2(y[9][1].item<double>(), y[9][0].item<double>()), 1e-3);
+  EXPECT_NEAR(bearing(lane[5]), bearing(y[9]), 1e-3);
 }
 
 TEST(SceneVectorsTest, RelativeTrajectoriesAreThePositionsLessTheReference) {
@@ -99,21 +130,25 @@ TEST(SceneVectorsTest, RelativeTrajectoriesAreThePositionsLessTheReference) {
   EXPECT_GT(batch.scenes.references.abs().max().item<double>(), 10.0);
 }
 
-TEST(SceneVectorsTest, PathsThatAreNotThereChangeNothing) {
+TEST(SceneVectorsTest, PathsAndAgentsThatAreNotThereChangeNothing) {
   const v1::TrainingSettings settings = TinyLanesSettings();
   at::Generator generator = MakeGenerator(2);
   Networks networks(settings.model(), at::Device(at::kCPU), generator);
-  const ExampleSet set = Recorded(ArcRecording("arc", 0.02, 12.0), settings);
+  const ExampleSet set = Recorded(WithCyclist(ArcRecording("arc", 0.02, 12.0), 1.0), settings);
   SceneLoader::Batch batch = First(set, {}, settings);
   at::NoGradGuard no_grad;
   const SceneFeatures before = networks.EncodeScenes(batch.scenes, {});
   const int64_t count = batch.scenes.path_mask.sum().item<int64_t>();
   ASSERT_GT(count, 0);
   ASSERT_LT(count, 6);
+  ASSERT_EQ(batch.scenes.agent_mask.sum().item<int64_t>(), 1);
   batch.scenes.lane_paths.select(1, count).fill_(3.0);
+  batch.scenes.agents.select(1, 1).fill_(3.0);
   const SceneFeatures after = networks.EncodeScenes(batch.scenes, {});
   EXPECT_TRUE(before.features.equal(after.features));
   EXPECT_TRUE(before.geometry.equal(after.geometry));
+  batch.scenes.agents.select(1, 0).mul_(-1.0);
+  EXPECT_FALSE(before.features.equal(networks.EncodeScenes(batch.scenes, {}).features));
 }
 
 TEST(RobustReconstructionTest, IsASquareNearbyAndADistanceFarOff) {

@@ -28,6 +28,7 @@ namespace {
 
 constexpr int kScenes = 3;
 constexpr int kPathsOfScene[kScenes] = {2, 0, 6};
+constexpr int kAgentsOfScene[kScenes] = {0, 12, 5};
 
 v1::ModelSpec Changed(v1::ModelSpec spec, const char* changes) {
   EXPECT_TRUE(google::protobuf::TextFormat::MergeFromString(changes, &spec));
@@ -60,8 +61,13 @@ v1::ModelSpec PathSpec() {
   )pb");
 }
 
+v1::ModelSpec AgentSpec() {
+  return Changed(HistorySpec(), R"pb(scene_vectors { agent_width: 12 agent_heads: 4 })pb");
+}
+
 v1::ModelSpec LanesSpec() {
   return Changed(PathSpec(), R"pb(
+    scene_vectors { agent_width: 10 agent_heads: 2 }
     reference: TRAJECTORY_REFERENCE_FADING_MOTION
     action_geometry { pair_width: 6 attention_heads: 2 features: 11 }
     mean_residual: true
@@ -144,6 +150,8 @@ Scenes MakeScenes(const v1::ModelSpec& spec) {
   Array history = NewArray({kScenes, scene::kHistoryInputs});
   Array paths = NewArray({kScenes, scene::kMostLanePaths, scene::kLanePathInputs});
   Array mask = NewArray({kScenes, scene::kMostLanePaths});
+  Array agents = NewArray({kScenes, scene::kMostNearAgents, scene::kAgentInputs});
+  Array agent_mask = NewArray({kScenes, scene::kMostNearAgents});
   Array reference = NewArray({kScenes, spec.trajectory().waypoints(), 2});
   for (int n = 0; n < kScenes; ++n) {
     scene::SceneVectors& vectors = scenes.vectors.emplace_back();
@@ -161,6 +169,16 @@ Scenes MakeScenes(const v1::ModelSpec& spec) {
               history.values.begin() + n * scene::kHistoryInputs);
     std::copy(vectors.paths.values.begin(), vectors.paths.values.end(),
               paths.values.begin() + n * scene::kMostLanePaths * scene::kLanePathInputs);
+    vectors.agents.count = artifact::ReadsAgents(spec) ? kAgentsOfScene[n] : 0;
+    for (int i = 0; i < vectors.agents.count; ++i) {
+      for (int j = 0; j < scene::kAgentInputs; ++j) {
+        vectors.agents.values[static_cast<size_t>(i * scene::kAgentInputs + j)] =
+            uniform(generator);
+      }
+      agent_mask.values[static_cast<size_t>(n * scene::kMostNearAgents + i)] = 1.0;
+    }
+    std::copy(vectors.agents.values.begin(), vectors.agents.values.end(),
+              agents.values.begin() + n * scene::kMostNearAgents * scene::kAgentInputs);
     const size_t size = 2 * times.size();
     scene::RollOut(spec.reference(), vectors.motion, times,
                    std::span(reference.values).subspan(static_cast<size_t>(n) * size, size));
@@ -171,6 +189,8 @@ Scenes MakeScenes(const v1::ModelSpec& spec) {
   scenes.arrays.insert({{"history", history},
                         {"lane_paths", paths},
                         {"lane_path_mask", mask},
+                        {"agents", agents},
+                        {"agent_mask", agent_mask},
                         {"reference", reference}});
   return scenes;
 }
@@ -269,6 +289,7 @@ TEST_P(OnnxVectorsTest, EveryWeightThatIsExportedDecidesAnswers) {
 INSTANTIATE_TEST_SUITE_P(Networks, OnnxVectorsTest,
                          testing::Values(std::pair("History", HistorySpec()),
                                          std::pair("Paths", PathSpec()),
+                                         std::pair("Agents", AgentSpec()),
                                          std::pair("Lanes", LanesSpec()),
                                          std::pair("Everything", EverythingSpec())),
                          [](const auto& network) { return network.param.first; });

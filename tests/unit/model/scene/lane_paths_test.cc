@@ -76,7 +76,7 @@ struct World {
   }
 };
 
-LanePathInputs Find(const World& world, const LanePathView& view = {}) {
+LanePathInputs Find(const World& world, const WorldView& view = {}) {
   LanePathInputs inputs;
   inputs.values.fill(7.0F);
   LanePathFinder().Find(world.scenario, LaneGraph(world.scenario.map_features()), kTime, kTarget,

@@ -27,6 +27,12 @@ v1::ModelSpec VectorModel() {
   return spec;
 }
 
+v1::ModelSpec AgentModel() {
+  v1::ModelSpec spec = VectorModel();
+  spec.mutable_scene_vectors()->set_agent_width(8);
+  return spec;
+}
+
 v1::ModelSpec LaneModel() {
   v1::ModelSpec spec = VectorModel();
   spec.mutable_scene_vectors()->set_path_width(8);
@@ -70,6 +76,8 @@ void ExpectSameVectors(const SceneVectors& a, const SceneVectors& b) {
   EXPECT_EQ(a.history, b.history);
   EXPECT_EQ(a.paths.count, b.paths.count);
   EXPECT_EQ(a.paths.values, b.paths.values);
+  EXPECT_EQ(a.agents.count, b.agents.count);
+  EXPECT_EQ(a.agents.values, b.agents.values);
   EXPECT_EQ(a.motion.speed, b.motion.speed);
   EXPECT_EQ(a.motion.acceleration, b.motion.acceleration);
   EXPECT_EQ(a.motion.turn_rate, b.motion.turn_rate);
@@ -113,8 +121,10 @@ TEST(SceneReaderTest, LooksAtNothingLater) {
 
 // Planners ask between two states: the present is then the latest state, as the target's frame is.
 TEST(SceneReaderTest, ReadsVectorsAsOfTheLatestState) {
-  ExpectSameVectors(Read(LaneModel(), Braking(1.0), 1.08).vectors,
-                    Read(LaneModel(), Braking(1.0), 1.0).vectors);
+  for (const v1::ModelSpec& spec : {LaneModel(), AgentModel()}) {
+    ExpectSameVectors(Read(spec, Braking(1.0), 1.08).vectors,
+                      Read(spec, Braking(1.0), 1.0).vectors);
+  }
 }
 
 // The lane runs north, 0.5 m to the left of the target; the other vehicle stands on it.
@@ -131,6 +141,17 @@ TEST(SceneReaderTest, ReadsTheLanePathsOfAModelThatAsksForThem) {
   EXPECT_EQ(Read(VectorModel(), Braking(), 1.0).vectors.paths.count, 0);
 }
 
+// The other vehicle stands 4 m ahead of the target, which drives 10 m/s.
+TEST(SceneReaderTest, ReadsTheAgentsOfAModelThatAsksForThem) {
+  const AgentInputs agents = Read(AgentModel(), Braking(), 1.0).vectors.agents;
+  ASSERT_EQ(agents.count, 1);
+  EXPECT_NEAR(agents.values[0], 0.2, 1e-6);         // 4 m ahead, divided by 20 m
+  EXPECT_NEAR(agents.values[8], -1.0, 1e-6);        // 10 m/s less than the target
+  EXPECT_NEAR(agents.values[19], 0.4 / 4.0, 1e-6);  // reached after 0.4 s
+  EXPECT_EQ(Read(AgentModel(), Braking(), 1.0).vectors.paths.count, 0);
+  EXPECT_EQ(Read(LaneModel(), Braking(), 1.0).vectors.agents.count, 0);
+}
+
 TEST(SceneReaderTest, ReadsAnEmptySceneAsAStandingTarget) {
   const SceneInputs inputs = Read(VectorModel(), v1::Scenario(), 0.0);
   EXPECT_EQ(inputs.vectors.motion.speed, 0.0);
@@ -140,6 +161,7 @@ TEST(SceneReaderTest, ReadsAnEmptySceneAsAStandingTarget) {
 
 TEST(SceneReaderTest, ReadsOverWhatAnotherSceneHasLeft) {
   v1::ModelSpec spec = LaneModel();
+  spec.mutable_scene_vectors()->set_agent_width(8);
   *spec.mutable_raster() = SmallSpec();
   spec.set_target_motion(true);
   SceneReader reader(spec);
