@@ -42,6 +42,8 @@ scene::SceneVectors RandomVectors(uint32_t seed) {
   for (float& value : vectors.history) value = normal(generator);
   vectors.paths.count = scene::kMostLanePaths;
   for (float& value : vectors.paths.values) value = normal(generator);
+  vectors.agents.count = scene::kMostNearAgents;
+  for (float& value : vectors.agents.values) value = normal(generator);
   return vectors;
 }
 

@@ -55,7 +55,7 @@ PeerEncode LibTorchEncode(const artifact::StoredModel& model,
                           std::span<const inference::SceneInput> scenes);
 
 // kLargestBatch scenes for the preset: rasters as sparse as real ones, without motion; or random
-// vectors with as many lane paths as there can be.
+// vectors with as many lane paths and agents as there can be.
 std::span<const inference::SceneInput> Scenes(const std::string& preset);
 
 // Notes the time of one target when each iteration was of `batch` targets.

@@ -329,7 +329,8 @@ absl::Status WriteReport(const ReportOptions& options) {
 
   text +=
       "## Models\n\nMicroseconds a target, 8 targets of one scene at once. What is read of a scene "
-      "is a raster, or the target's history and lane paths; the scene network is the backbone, or "
+      "is a raster, or the target's history, lane paths and agents nearby; the scene network is "
+      "the backbone, or "
       "what joins these.\n\n";
   std::vector<std::string> head = {"model",
                                    "raster",

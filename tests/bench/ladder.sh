@@ -22,6 +22,8 @@ mkdir -p "$results"
 declare -A settings=(
   [compact]='{"preset": "compact"}'
   [lanes-metres]='{"preset": "lanes-metres"}'
+  [history]='{"preset": "lanes", "model": {"scene_vectors": {"path_width": 0, "agent_width": 0}, "action_geometry": {"pair_width": 0}}}'
+  [no-agents]='{"preset": "lanes", "model": {"scene_vectors": {"agent_width": 0}}}'
   [relative]='{"preset": "lanes", "model": {"mean_residual": false}}'
   [gaussian]='{"preset": "lanes", "optimization": {"posterior_huber": 0, "posterior_reconstruction_weight": 0.05}}'
   [no-noise]='{"preset": "lanes", "augmentation": {"sensor_noise": 0}}'
@@ -30,7 +32,7 @@ declare -A settings=(
   [fifty-actions]='{"preset": "lanes", "model": {"actions": 50}}'
   [lanes]='{"preset": "lanes"}'
 )
-rows=${ROWS:-compact lanes-metres relative gaussian no-noise sparse lanes}
+rows=${ROWS:-compact lanes-metres history no-agents relative gaussian no-noise sparse lanes}
 
 run_row() { # row
   local row=$1 running=0

@@ -21,7 +21,7 @@ namespace maneuver::bench {
 enum class Stage {
   kParse,
   kValidate,       // and the targets' frames and motion
-  kReadScene,      // raster, history and lane paths, whichever the model reads
+  kReadScene,      // raster, history, lane paths and agents, whichever the model reads
   kSceneNetwork,   // the backbone's last grid; of a model with scene vectors, its features
   kHeads,          // what is left to p(y|s)
   kDistributions,  // of the most probable actions

@@ -56,25 +56,41 @@ void AddRasterInputs(const v1::ModelSpec& spec, std::span<const inference::Scene
   }
 }
 
+// Adds `name`, [N, size, numbers], and `mask`, [N, size].
+//   set: scene::SceneVectors's member, scene::LanePathInputs or scene::AgentInputs
+template <typename Set>
+void AddSetInputs(const std::string& name, const std::string& mask_name, int64_t size,
+                  std::span<const inference::SceneInput> scenes, Set scene::SceneVectors::*set,
+                  std::vector<Input>* inputs) {
+  const auto N = static_cast<int64_t>(scenes.size());
+  const auto numbers = static_cast<int64_t>(Set{}.values.size()) / size;
+  Input elements{name, {N, size, numbers}, {}};
+  Input mask{mask_name, {N, size}, {}};
+  for (const auto& scene : scenes) {
+    const Set& read = scene.vectors->*set;
+    elements.values.insert(elements.values.end(), read.values.begin(), read.values.end());
+    for (int64_t i = 0; i < size; ++i) mask.values.push_back(i < read.count ? 1.0f : 0.0f);
+  }
+  inputs->push_back(std::move(elements));
+  inputs->push_back(std::move(mask));
+}
+
 void AddVectorInputs(const v1::ModelSpec& spec, std::span<const inference::SceneInput> scenes,
                      std::vector<Input>* inputs) {
-  const auto N = static_cast<int64_t>(scenes.size());
-  Input history{"history", {N, scene::kHistoryInputs}, {}};
-  Input paths{"lane_paths", {N, scene::kMostLanePaths, scene::kLanePathInputs}, {}};
-  Input mask{"lane_path_mask", {N, scene::kMostLanePaths}, {}};
+  Input history{"history", {static_cast<int64_t>(scenes.size()), scene::kHistoryInputs}, {}};
   for (const auto& scene : scenes) {
-    const scene::SceneVectors& vectors = *scene.vectors;
-    history.values.insert(history.values.end(), vectors.history.begin(), vectors.history.end());
-    paths.values.insert(paths.values.end(), vectors.paths.values.begin(),
-                        vectors.paths.values.end());
-    for (int i = 0; i < scene::kMostLanePaths; ++i) {
-      mask.values.push_back(i < vectors.paths.count ? 1.0f : 0.0f);
-    }
+    const scene::HistoryInputs& read = scene.vectors->history;
+    history.values.insert(history.values.end(), read.begin(), read.end());
   }
   inputs->push_back(std::move(history));
-  if (!artifact::ReadsLanePaths(spec)) return;
-  inputs->push_back(std::move(paths));
-  inputs->push_back(std::move(mask));
+  if (artifact::ReadsLanePaths(spec)) {
+    AddSetInputs("lane_paths", "lane_path_mask", scene::kMostLanePaths, scenes,
+                 &scene::SceneVectors::paths, inputs);
+  }
+  if (artifact::ReadsAgents(spec)) {
+    AddSetInputs("agents", "agent_mask", scene::kMostNearAgents, scenes,
+                 &scene::SceneVectors::agents, inputs);
+  }
 }
 
 // Mean trajectories of p(z|y), without a reference: at rest it is 0.
