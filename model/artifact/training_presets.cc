@@ -230,7 +230,7 @@ constexpr char kLanes[] = R"pb(
     scene_covariance { hidden: [ 32 ] }
   }
   examples {
-    validation_share: 0.1
+    validation_share: 0.05
     max_examples: 12000
     training_stride { nanos: 200000000 }
   }
@@ -248,6 +248,7 @@ constexpr char kLanes[] = R"pb(
     clustered_share: 0.85
     decoder_covariance: DECODER_COVARIANCE_SCENE
     geometry_dropout: 0.1
+    covered_share: 0.88
     calibrate_latent: false
   }
   augmentation { shift_pixels: 0 sensor_noise: 0.5 }

@@ -117,11 +117,14 @@ at::Tensor WidenToCoverBySpeed(const Predictions& held_out, const at::Tensor& fa
   at::NoGradGuard no_grad;
   const at::Tensor bins = SpeedBins(held_out.speeds);
   const at::Tensor covariance = WithSpeedFactors(held_out, factors);
+  const double of_all = WidenToCover(held_out, covariance, share);
   at::Tensor widened = factors.clone();
   for (int64_t bin = 0; bin < artifact::kSpeedBinCount; ++bin) {
     const at::Tensor rows = (bins == bin).nonzero().flatten();
-    if (rows.size(0) < kFewestInBin) continue;
-    widened[bin].mul_(WidenToCover(held_out.Rows(rows), covariance.index_select(0, rows), share));
+    widened[bin].mul_(rows.size(0) < kFewestInBin
+                          ? of_all
+                          : WidenToCover(held_out.Rows(rows), covariance.index_select(0, rows),
+                                         share));
   }
   return widened;
 }

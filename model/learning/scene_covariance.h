@@ -41,9 +41,9 @@ at::Tensor SpeedBins(const at::Tensor& speeds);
 // likely (mixture over p(y|s)). Those of bins with few examples are drawn to the mean of all.
 at::Tensor FitSpeedFactors(const Predictions& held_out);
 
-// `factors`, of each bin with at least a hundred examples multiplied by the least number from 1 to
-// 16 for which the share of waypoints within 2 sigma of the action that they are is at least
-// `share`.
+// `factors`, those of each bin multiplied by the least number from 1 to 16 for which the share of
+// waypoints within 2 sigma of the action that they are is at least `share`: the share of the bin's
+// examples, or of all examples for a bin that has fewer than a hundred.
 at::Tensor WidenToCoverBySpeed(const Predictions& held_out, const at::Tensor& factors,
                                double share);
 
