@@ -248,7 +248,7 @@ constexpr char kLanes[] = R"pb(
     clustered_share: 0.85
     decoder_covariance: DECODER_COVARIANCE_SCENE
     geometry_dropout: 0.1
-    covered_share: 0.88
+    covered_share: 0.865
     calibrate_latent: false
   }
   augmentation { shift_pixels: 0 sensor_noise: 0.5 }
