@@ -17,8 +17,10 @@ constexpr double kWindow = 0.2;      // seconds to either side
 constexpr double kLeastSpeed = 0.5;  // m/s
 constexpr int kFactorSteps = 60;
 constexpr double kFactorRate = 0.1;
-constexpr double kPriorExamples = 30.0;  // how many a bin's factors are drawn to the others' by
-constexpr int64_t kFewestInBin = 100;
+// How many examples a bin's factors are drawn to the others' by, and how many it takes to widen a
+// bin by itself. Examples of one recording are alike: 300 are worth about a dozen recordings.
+constexpr double kPriorExamples = 300.0;
+constexpr int64_t kFewestInBin = 300;
 
 double Interval(const v1::ModelSpec& spec) {
   return artifact::WaypointTimes(spec.trajectory()).front();

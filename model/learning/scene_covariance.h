@@ -43,7 +43,7 @@ at::Tensor FitSpeedFactors(const Predictions& held_out);
 
 // `factors`, those of each bin multiplied by the least number from 1 to 16 for which the share of
 // waypoints within 2 sigma of the action that they are is at least `share`: the share of the bin's
-// examples, or of all examples for a bin that has fewer than a hundred.
+// examples, or of all examples for a bin that has fewer than three hundred.
 at::Tensor WidenToCoverBySpeed(const Predictions& held_out, const at::Tensor& factors,
                                double share);
 

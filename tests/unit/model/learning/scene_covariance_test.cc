@@ -94,7 +94,7 @@ TEST_F(SceneCovarianceTest, ItsGradientIsThatOfFiniteDifferences) {
 // the widths over those that were predicted.
 TEST(SpeedFactorsTest, AreFoundForEachBinAndWidenedToCover) {
   at::Generator generator = MakeGenerator(9);
-  constexpr int64_t kExamples = 1200, kWaypoints = 5;
+  constexpr int64_t kExamples = 12'000, kWaypoints = 5;
   Predictions predictions;
   predictions.speeds = at::cat({at::full({kExamples / 2}, 3.0), at::full({kExamples / 2}, 20.0)});
   const at::Tensor wide = (predictions.speeds > 10.0).view({-1, 1});
