@@ -1,9 +1,9 @@
 // The safetensors format, as far as a model's weights need it: 32-bit floats.
 //
 //   u64 little-endian   length of the header, bytes
-//   header              JSON object: name -> {"dtype": "F32", "shape": [..], "data_offsets": [b,
-//   e]}
-//                       and an optional "__metadata__" object, which is ignored
+//   header              JSON object, name -> {"dtype": "F32", "shape": [..],
+//                       "data_offsets": [b, e]}, and an optional "__metadata__" object, which is
+//                       ignored
 //   data                little-endian values, row-major; offsets count from its first byte
 //
 // For example one tensor {"a": [1.0]} is 38 00 00 00 00 00 00 00, then the 56 bytes

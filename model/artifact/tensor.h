@@ -27,8 +27,7 @@ struct Tensor {
 //       features, then the target's motion if the spec has it (scene/target_motion.h)
 //   trajectory_encoder.{i}.{weight,bias}   2T -> hidden ... -> 2D: mean, then log-variance
 //   decoder.{i}.{weight,bias}   D -> hidden ... -> 2T
-//   scenario_encoder.{i}.{weight,bias}   [K, out, in], [K, out]   F' -> hidden ... -> 2D: a, then
-//   b;
+//   scenario_encoder.{i}.{weight,bias}   [K, out, in], [K, out]   F' -> hidden ... -> 2D: a, b;
 //       q(z|y=k,s) has mean mu_k + sigma_k * a and log-variance logvar_k + b (relative to the
 //       component k of the mixture, so that an untrained encoder answers the generic action)
 //   mixture.mean, mixture.log_variance   [K, D]

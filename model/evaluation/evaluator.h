@@ -62,9 +62,10 @@ struct EvaluationInput {
 //                                          decoder's covariance
 //   coverage_1sigma_latent, coverage_2sigma_latent
 //                                          with the latent's covariance alone
-//   mean_sigma_posterior, mean_sigma_prior width of that action's latent envelope from q(z|y,s) and
-//                                          p(z|y), metres; mean_sigma_ratio: the first by the
-//                                          second
+//   mean_sigma_posterior, mean_sigma_prior
+//                                          width of that action's latent envelope from q(z|y,s)
+//                                          and from p(z|y), metres
+//   mean_sigma_ratio                       the first of these divided by the second
 //   ade_1_prior, min_ade_k_prior, ..., miss_rate_k_prior, nll..._prior, coverage..._prior
 //                                          the same of the generic distributions p(z|y) instead of
 //                                          q(z|y,s)

@@ -60,11 +60,10 @@ struct CrossValidation {
 // recordings of a test dataset are left out; CANCELLED.
 absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidation& run);
 
-// Trains and measures the models of all seeds and folds that are not finished, one after the other:
-// learns from the other
-// folds (of which `validation_share` is held out for calibration, as in any training), loads what
-// was written by the engine in f32, and measures it on the recordings of its fold and on the test
-// datasets.
+// Trains and measures the models of all seeds and folds that are not finished, one after the other.
+// Each learns from the other folds, of which `validation_share` is held out for calibration, as in
+// any training. The engine then loads the written model in f32 and measures it on the recordings of
+// its fold and on the test datasets.
 //   plan: of this run
 // Errors: those of Train and of evaluation::MeasureExamples, with the seed and the fold; CANCELLED.
 absl::StatusOr<v1::CrossValidationPart> CrossValidate(const CrossValidation& run,

@@ -51,15 +51,16 @@ struct TrainingRun {
 // Reads the folders and learns. The same settings, data and number of threads give the same weights
 // on the CPU. Nothing is left at `output` unless it succeeds.
 // Errors, with a FailureOf (training_failure.h) where several share a code:
-//   INVALID_ARGUMENT     a device that LibTorch does not have here
-//   FAILED_PRECONDITION  not enough examples; the message says how many and what to do
-//   FAILED_PRECONDITION  collapsed to fewer than least_effective_actions
-//   DATA_LOSS, NOT_FOUND a dataset folder, or the model to start from, is damaged or missing
-//   FAILED_PRECONDITION  labels are asked for that the actions of the model to start from do not
-//   have FAILED_PRECONDITION  the checkpoints are of another run ABORTED              the loss is
-//   no longer finite RESOURCE_EXHAUSTED   out of memory, or the disk is full CANCELLED stopped; if
-//   checkpoints are kept, one of this moment was written others               those of
-//   artifact::WriteModelFolder
+//   INVALID_ARGUMENT      LibTorch does not have the device here
+//   FAILED_PRECONDITION   there are too few examples; the message says how many and what to do
+//   FAILED_PRECONDITION   the actions collapsed to fewer than least_effective_actions
+//   FAILED_PRECONDITION   the settings ask for labels that the model to start from does not have
+//   FAILED_PRECONDITION   the checkpoints belong to another run
+//   DATA_LOSS, NOT_FOUND  a dataset folder, or the model to start from, is damaged or missing
+//   ABORTED               the loss is no longer finite
+//   RESOURCE_EXHAUSTED    memory ran out, or the disk is full
+//   CANCELLED             `stopped` said so; if checkpoints are kept, one of this moment was written
+//   others                those of artifact::WriteModelFolder
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
                                         const std::vector<std::filesystem::path>& datasets);
 

@@ -40,8 +40,7 @@
 // Channels, with h = history_frames and frame i at the time t - i * frame_interval:
 //
 //      0              lanes: centrelines, dimmer where the lane's signal shows red or yellow;
-//      bicycle
-//                     lanes, much dimmer
+//                     bicycle lanes, much dimmer
 //      1              lines: road edges, painted lines
 //      2              places: stop signs, stop lines, crosswalks, speed bumps, driveways
 //      3 + i          the target's box in frame i,        i = 0 .. h-1 (0 is now)
@@ -131,11 +130,11 @@ class Rasterizer {
 
   // Draws `scenario`, which ValidateScenario found good, as it was at `time` (which stands in for
   // its prediction_time; nothing later is looked at) from the target's frame X_WT.
-  //   target_id: the agent that is drawn in the target's channels; the others' if there is none
-  //   such.
-  //   map: the scenario's own features (RoadMap::Over), which need not be looked through for each
-  //   target, or others in place of them.
-  //   raster: a NewRaster of the spec, whatever is drawn there.
+  //   target_id: the agent that is drawn in the target's channels. If the scenario lacks it, these
+  //     channels stay black.
+  //   map: the scenario's own features (RoadMap::Over), indexed once for all targets, or others in
+  //     place of them.
+  //   raster: a NewRaster of the spec; what is drawn there is replaced.
   void Rasterize(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
                  const Pose2& X_WT, const RasterView& view, Raster* raster);
   // The same as [H, W, C] bytes, row-major, channels innermost; all of it is written.

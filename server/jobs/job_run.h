@@ -24,14 +24,13 @@ void EndAttempt(v1::Job& job, const std::filesystem::path& folder, absl::Time en
 // evaluates or cross-validates, and those that measure what is to be promoted, each only if it is
 // yet to be done. Returns the job with all that goes with its new state but its end_time: in one of
 // the states that end it, or PENDING if another process is to go on. Writes in `folder`:
-//   settings.json   what the trainer was told
-//   trainer.log     its standard error
-//   checkpoints     where the next process goes on from; removed once the job has SUCCEEDED
-//   output          its result, until it is published or read; of a cross-validation, the report
-//                   and the models
-//   promotion       the same of the evaluations that decide about promotion; decision.json once
-//   that
-//                   is to be carried out
+//   settings.json   what the trainer is told
+//   trainer.log     the trainer's standard error
+//   checkpoints     where the next process resumes; removed once the job has SUCCEEDED
+//   output          the trainer's result, until it is published or read; of a cross-validation,
+//                   the report and the models
+//   promotion       the same files of the evaluations that decide about promotion, and
+//                   decision.json once the decision is to be carried out
 v1::Job RunJob(v1::Job job, const std::filesystem::path& folder,
                const JobRunEnvironment& environment, StopRequest& stop, ProgressRecorder& progress,
                const std::function<absl::Time()>& now);

@@ -38,7 +38,7 @@ class CallLog {
 
   //   request_id: header x-request-id: up to 64 letters, digits, '-', '_' and '.'.
   //   traceparent: header of that name, as W3C Trace Context defines it
-  //   (www.w3.org/TR/trace-context).
+  //     (www.w3.org/TR/trace-context).
   // Empty for none. What has another form is left out.
   CallOrigin OriginOf(std::string_view request_id, std::string_view traceparent);
 
