@@ -123,10 +123,10 @@ at::Tensor WidenToCoverBySpeed(const Predictions& held_out, const at::Tensor& fa
   at::Tensor widened = factors.clone();
   for (int64_t bin = 0; bin < artifact::kSpeedBinCount; ++bin) {
     const at::Tensor rows = (bins == bin).nonzero().flatten();
-    widened[bin].mul_(rows.size(0) < kFewestInBin
-                          ? of_all
-                          : WidenToCover(held_out.Rows(rows), covariance.index_select(0, rows),
-                                         share));
+    widened[bin].mul_(
+        rows.size(0) < kFewestInBin
+            ? of_all
+            : WidenToCover(held_out.Rows(rows), covariance.index_select(0, rows), share));
   }
   return widened;
 }
