@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <filesystem>
 #include <ostream>
 
 namespace maneuver::cli {
@@ -24,6 +25,59 @@ CLI::Option* AddOptionalNumber(CLI::App* app, const std::string& flags,
           flags, [value](const Number& given) { *value = given; }, help)
       ->check(CLI::Range(least, most).description(""))
       ->type_name("NUMBER");
+}
+
+std::vector<CLI::App*> CommandsOf(CLI::App* group) {
+  return group->get_subcommands([](const CLI::App*) { return true; });
+}
+
+// Insertions, deletions and exchanges of letters that turn one word into the other (Levenshtein);
+// exchanging two neighbours is one.
+size_t EditDistance(const std::string& a, const std::string& b) {
+  std::vector<std::vector<size_t>> distance(a.size() + 1, std::vector<size_t>(b.size() + 1));
+  for (size_t i = 0; i <= a.size(); ++i) distance[i][0] = i;
+  for (size_t j = 0; j <= b.size(); ++j) distance[0][j] = j;
+  for (size_t i = 1; i <= a.size(); ++i) {
+    for (size_t j = 1; j <= b.size(); ++j) {
+      distance[i][j] =
+          std::min({distance[i - 1][j] + 1, distance[i][j - 1] + 1,
+                    distance[i - 1][j - 1] + (a[i - 1] == b[j - 1] ? size_t{0} : size_t{1})});
+      if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1]) {
+        distance[i][j] = std::min(distance[i][j], distance[i - 2][j - 2] + 1);
+      }
+    }
+  }
+  return distance[a.size()][b.size()];
+}
+
+// "; did you mean train?", empty if no command is within a third of the word's letters.
+std::string DidYouMean(const std::string& word, CLI::App* group) {
+  std::string nearest;
+  size_t least = std::max<size_t>(word.size() / 3, 1) + 1;
+  for (const CLI::App* command : CommandsOf(group)) {
+    const size_t distance = EditDistance(word, command->get_name());
+    if (distance >= least) continue;
+    least = distance;
+    nearest = command->get_name();
+  }
+  return nearest.empty() ? "" : "; did you mean " + nearest + "?";
+}
+
+// Names the word that is no command, where the arguments have one; empty where they do not.
+//   root: has parsed the arguments
+std::string UnknownCommand(CLI::App* root) {
+  CLI::App* group = root;
+  std::string path = root->get_name();
+  while (!group->get_subcommands().empty()) {
+    group = group->get_subcommands().front();
+    path += " " + group->get_name();
+  }
+  if (CommandsOf(group).empty()) return "";
+  for (const std::string& word : root->remaining(/*recurse=*/true)) {
+    if (word.starts_with("-")) continue;
+    return path + " has no command " + word + DidYouMean(word, group);
+  }
+  return "";
 }
 
 }  // namespace
@@ -104,6 +158,23 @@ void Command::Choice(const std::string& flags, std::string* value,
       ->capture_default_str();
 }
 
+void Command::Picture(const std::string& flags, std::optional<std::string>* value,
+                      const std::string& help) {
+  app_->add_option_function<std::string>(
+          flags, [value](const std::string& given) { *value = given; }, help)
+      ->check(CLI::Validator(
+          [](const std::string& file) {
+            const std::filesystem::path path(file);
+            const std::string kind = CLI::detail::to_lower(path.extension().string());
+            return kind.empty() || kind == ".png"
+                       ? std::string()
+                       : file + " is no PNG file by its name; pictures are, such as " +
+                             std::filesystem::path(path).replace_extension(".png").string();
+          },
+          ""))
+      ->type_name("FILE");
+}
+
 void Command::Flag(const std::string& flags, bool* value, const std::string& help) {
   app_->add_flag(flags, *value, help);
 }
@@ -128,13 +199,14 @@ CommandLine::CommandLine(const std::string& summary, const std::string& name,
   app_->set_help_flag("-h,--help", "What this command does and takes");
   app_->set_version_flag("--version", name + " " + version, "Print the version");
   app_->get_formatter()->column_width(36);
-  app_->failure_message([](const CLI::App* app, const CLI::Error& error) {
+  app_->failure_message([root = app_.get()](const CLI::App* app, const CLI::Error& error) {
     const auto commands = app->get_subcommands();
     std::string path = app->get_name();
     for (auto used = commands; !used.empty(); used = used.front()->get_subcommands()) {
       path += " " + used.front()->get_name();
     }
-    return std::string(error.what()) + "\nTry: " + path + " --help\n";
+    const std::string unknown = UnknownCommand(root);
+    return (unknown.empty() ? error.what() : unknown) + "\nTry: " + path + " --help\n";
   });
 }
 
@@ -143,6 +215,10 @@ CommandLine::~CommandLine() = default;
 Command CommandLine::root() { return Command(app_.get(), &chosen_); }
 
 int CommandLine::Run(std::vector<std::string> arguments, std::ostream& out, std::ostream& err) {
+  if (!arguments.empty() && arguments.front() == "help") {
+    arguments.erase(arguments.begin());
+    arguments.emplace_back("--help");
+  }
   std::reverse(arguments.begin(), arguments.end());  // as CLI11 takes them
   try {
     app_->parse(std::move(arguments));

@@ -62,6 +62,9 @@ class Command {
   void Option(const std::string& flags, std::vector<int64_t>* values, const std::string& help);
   void Choice(const std::string& flags, std::string* value, const std::vector<std::string>& choices,
               const std::string& help);
+  // A PNG file to write; names that end as those of other kinds of files are usage errors.
+  void Picture(const std::string& flags, std::optional<std::string>* value,
+               const std::string& help);
   void Flag(const std::string& flags, bool* value, const std::string& help);
   // These two options cannot be given together.
   void Exclude(const std::string& flag, const std::string& other);
@@ -84,7 +87,7 @@ class CommandLine {
 
   Command root();
   // Parses the arguments (without the program's name) and runs the command that they name. Help and
-  // version go to `out`, usage errors to `err`.
+  // version go to `out`, usage errors to `err`. `help COMMAND` does what `COMMAND --help` does.
   int Run(std::vector<std::string> arguments, std::ostream& out, std::ostream& err);
 
  private:
