@@ -71,9 +71,10 @@ struct TlsOptions {
 };
 
 struct ClientOptions {
-  // HOST:PORT, or unix:PATH. Several servers that answer alike: IP:PORT,IP:PORT, or
-  // dns:///NAME:PORT for all addresses of a name. Calls then go to them in turn, predictions to
-  // those whose health says that a model is ready; what changes something should name one server.
+  // HOST:PORT, or unix:PATH; HOST alone is at port 8470. Several servers that answer alike:
+  // IP:PORT,IP:PORT, or dns:///NAME:PORT for all addresses of a name. Calls then go to them in
+  // turn, predictions to those whose health says that a model is ready; what changes something
+  // should name one server.
   std::string address = "127.0.0.1:8470";
   std::optional<TlsOptions> tls = {};  // nothing: plain text
   // Says who calls, where the server asks for that. Sent over TLS, or within this machine, alone.

@@ -33,25 +33,37 @@ absl::StatusOr<std::string> ReadAll(const std::string& file) {
   return text.str();
 }
 
+constexpr std::string_view kCertificate = "CERTIFICATE-----";
+constexpr std::string_view kPrivateKey = "PRIVATE KEY-----";
+
 // Empty for no file.
-absl::StatusOr<std::string> ReadPem(const std::string& file) {
+//   kind: what it has to hold, kCertificate or kPrivateKey
+absl::StatusOr<std::string> ReadPem(const std::string& file, std::string_view kind) {
   if (file.empty()) return std::string();
   auto pem = ReadAll(file);
-  if (pem.ok() && pem->find("-----BEGIN") == std::string::npos) {
+  if (!pem.ok()) return pem;
+  if (pem->find("-----BEGIN") == std::string::npos) {
     return absl::InvalidArgumentError(absl::StrCat(file, " is not in PEM format"));
   }
-  return pem;
+  if (pem->find(kind) != std::string::npos) return pem;
+  const bool wants_key = kind == kPrivateKey;
+  const bool holds_other = pem->find(wants_key ? kCertificate : kPrivateKey) != std::string::npos;
+  return absl::InvalidArgumentError(
+      absl::StrCat(file,
+                   holds_other ? wants_key ? " holds a certificate, " : " holds a private key, "
+                               : " holds something else, ",
+                   wants_key ? "not a private key" : "not a certificate"));
 }
 
 absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> SecureChannel(const TlsOptions& tls) {
   if (tls.certificate.empty() != tls.key.empty()) {
     return absl::InvalidArgumentError("a client certificate and its key need one another");
   }
-  auto roots = ReadPem(tls.root_certificates);
+  auto roots = ReadPem(tls.root_certificates, kCertificate);
   if (!roots.ok()) return roots.status();
-  auto certificate = ReadPem(tls.certificate);
+  auto certificate = ReadPem(tls.certificate, kCertificate);
   if (!certificate.ok()) return certificate.status();
-  auto key = ReadPem(tls.key);
+  auto key = ReadPem(tls.key, kPrivateKey);
   if (!key.ok()) return key.status();
   return grpc::SslCredentials({*std::move(roots), *std::move(key), *std::move(certificate)});
 }

@@ -26,6 +26,18 @@ int FamilyOf(const std::string& address) {
   return inet_pton(AF_INET6, host.c_str(), &v6) == 1 ? AF_INET6 : 0;
 }
 
+// "localhost", "10.0.0.1", "[::1]" and "::1" with kDefaultPort; anything else as it is, a path of a
+// Unix socket among it.
+std::string WithPort(const std::string& address) {
+  in6_addr v6{};
+  if (inet_pton(AF_INET6, address.c_str(), &v6) == 1) {
+    return absl::StrCat("[", address, "]:", kDefaultPort);
+  }
+  const bool bracketed = address.starts_with('[') && address.ends_with(']');
+  if (!bracketed && address.find(':') != std::string::npos) return address;
+  return absl::StrCat(address, ":", kDefaultPort);
+}
+
 }  // namespace
 
 absl::StatusOr<ServerAddress> ParseServerAddress(std::string_view address) {
@@ -33,10 +45,14 @@ absl::StatusOr<ServerAddress> ParseServerAddress(std::string_view address) {
     return absl::InvalidArgumentError("address is empty; name the server as HOST:PORT");
   }
   if (address.starts_with(kDns)) {
-    return ServerAddress{std::string(address), true, {std::string(address.substr(kDns.size()))}};
+    const std::string name = WithPort(std::string(address.substr(kDns.size())));
+    return ServerAddress{absl::StrCat(std::string(kDns), name), true, {name}};
   }
   const std::vector<std::string> all = absl::StrSplit(std::string(address), ',');
-  if (all.size() == 1) return ServerAddress{std::string(address), false, all};
+  if (all.size() == 1) {
+    const std::string one = WithPort(all.front());
+    return ServerAddress{one, false, {one}};
+  }
   const int family = FamilyOf(all.front());
   const bool alike = std::ranges::all_of(
       all, [family](const std::string& one) { return FamilyOf(one) == family; });

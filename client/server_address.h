@@ -11,13 +11,17 @@
 
 namespace maneuver::client {
 
+// Where a server listens unless it is told otherwise.
+inline constexpr char kDefaultPort[] = "8470";
+
 struct ServerAddress {
   std::string target;            // as gRPC takes it
   bool several = false;          // calls go to those in turn that are ready
   std::vector<std::string> all;  // each as it was given, without a scheme
 };
 
-// ClientOptions::address. INVALID_ARGUMENT says what is wrong with it.
+// ClientOptions::address. A single server or name without a port gets kDefaultPort.
+// INVALID_ARGUMENT says what is wrong with it.
 absl::StatusOr<ServerAddress> ParseServerAddress(std::string_view address);
 
 }  // namespace maneuver::client

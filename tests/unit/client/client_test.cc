@@ -479,6 +479,12 @@ TEST(ClientTest, FilesThatMakeNoSenseAreNamed) {
       Client::Connect({.tls = TlsOptions{.root_certificates = empty}}).status()));
   EXPECT_TRUE(
       absl::IsInvalidArgument(Client::Connect({.tls = TlsOptions{.certificate = empty}}).status()));
+  const std::string key = folder / "ca.key";
+  WriteBytes(key, "-----BEGIN PRIVATE KEY-----\nMC4=\n-----END PRIVATE KEY-----\n");
+  const absl::Status key_as_authority =
+      Client::Connect({.tls = TlsOptions{.root_certificates = key}}).status();
+  EXPECT_TRUE(absl::IsInvalidArgument(key_as_authority));
+  EXPECT_EQ(key_as_authority.message(), key + " holds a private key, not a certificate");
 }
 
 }  // namespace

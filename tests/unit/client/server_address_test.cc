@@ -18,6 +18,21 @@ TEST(ServerAddressTest, OneServerIsTakenAsItIs) {
   }
 }
 
+TEST(ServerAddressTest, WithoutAPortItIsTheServersOwn) {
+  for (const auto& [address, target] : std::vector<std::pair<std::string, std::string>>{
+           {"localhost", "localhost:8470"},
+           {"10.0.0.1", "10.0.0.1:8470"},
+           {"[::1]", "[::1]:8470"},
+           {"::1", "[::1]:8470"},
+           {"[::1]:9", "[::1]:9"},
+           {"dns:///maneuverd", "dns:///maneuverd:8470"}}) {
+    EXPECT_EQ(ParseServerAddress(address)->target, target);
+  }
+  EXPECT_TRUE(IsLocal("localhost"));
+  EXPECT_TRUE(IsLocal("::1"));
+  EXPECT_FALSE(IsLocal("planner.example"));
+}
+
 TEST(ServerAddressTest, SeveralAreAListOfAddressesOrANameForAllOfThem) {
   const auto list = ParseServerAddress("10.0.0.1:8470,10.0.0.2:8471");
   ASSERT_TRUE(list.ok());
