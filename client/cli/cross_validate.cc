@@ -40,7 +40,7 @@ absl::Status ReadSettings(const CrossValidateArguments& arguments, Environment& 
     absl::Status status = SetField(assignment, settings);
     if (!status.ok()) return status;
   }
-  return absl::OkStatus();
+  return RefuseUnheardZeros(arguments.assignments, *settings);
 }
 
 int CrossValidate(const CrossValidateArguments& arguments, Environment& environment) {

@@ -1,6 +1,7 @@
 #include "client/cli/settings_argument.h"
 
 #include <google/protobuf/descriptor.h>
+#include <google/protobuf/text_format.h>
 #include <google/protobuf/util/json_util.h>
 
 #include <cmath>
@@ -102,6 +103,12 @@ std::string JsonValue(const FieldDescriptor& field, const std::string& value) {
   return value;
 }
 
+// By its name in the contract or in JSON; null if there is none.
+const FieldDescriptor* FindField(const Descriptor& descriptor, const std::string& name) {
+  const FieldDescriptor* field = descriptor.FindFieldByName(name);
+  return field != nullptr ? field : descriptor.FindFieldByCamelcaseName(name);
+}
+
 }  // namespace
 
 absl::Status SetField(const std::string& assignment, Message* message) {
@@ -115,8 +122,7 @@ absl::Status SetField(const std::string& assignment, Message* message) {
   const std::vector<std::string> names = absl::StrSplit(path, '.');
   for (size_t i = 0; i < names.size(); ++i) {
     const Descriptor& descriptor = *message->GetDescriptor();
-    const FieldDescriptor* field = descriptor.FindFieldByName(names[i]);
-    if (field == nullptr) field = descriptor.FindFieldByCamelcaseName(names[i]);
+    const FieldDescriptor* field = FindField(descriptor, names[i]);
     if (field == nullptr) {
       return absl::InvalidArgumentError(absl::StrCat(
           "there is no field ", path, "; ", descriptor.name(), " has ", FieldNames(descriptor)));
@@ -138,6 +144,37 @@ absl::Status SetField(const std::string& assignment, Message* message) {
           absl::StrCat(path, " cannot be ", value, "; it takes ", Kind(*field)));
     }
     message->GetReflection()->SwapFields(message, parsed.get(), {field});
+  }
+  return absl::OkStatus();
+}
+
+absl::Status RefuseUnheardZeros(const std::vector<std::string>& assignments,
+                                const v1::TrainingSettings& settings) {
+  const v1::TrainingSettings resolved = artifact::ResolveTrainingSettings(settings);
+  for (const std::string& assignment : assignments) {
+    const std::string path = assignment.substr(0, assignment.find('='));
+    const Message* given = &settings;
+    const Message* used = &resolved;
+    const std::vector<std::string> names = absl::StrSplit(path, '.');
+    for (size_t i = 0; i < names.size(); ++i) {
+      const FieldDescriptor* field = FindField(*given->GetDescriptor(), names[i]);
+      if (i + 1 < names.size()) {
+        given = &given->GetReflection()->GetMessage(*given, field);
+        used = &used->GetReflection()->GetMessage(*used, field);
+        continue;
+      }
+      // Of a field without presence HasField says whether the value is another than 0.
+      if (field->is_repeated() || field->has_presence() ||
+          given->GetReflection()->HasField(*given, field) ||
+          !used->GetReflection()->HasField(*used, field)) {
+        continue;
+      }
+      std::string value;
+      google::protobuf::TextFormat::PrintFieldValueToString(*used, field, -1, &value);
+      return absl::InvalidArgumentError(
+          absl::StrCat(path, " cannot be ", assignment.substr(path.size() + 1),
+                       ", which stands for what the preset says, ", value));
+    }
   }
   return absl::OkStatus();
 }

@@ -6,6 +6,7 @@
 #include <google/protobuf/message.h>
 
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "maneuver/v1/training_settings.pb.h"
@@ -18,6 +19,13 @@ namespace maneuver::cli {
 // prefix; messages are proto3 JSON. INVALID_ARGUMENT says which fields there are, or
 // what the field takes.
 absl::Status SetField(const std::string& assignment, google::protobuf::Message* message);
+
+// Refuses zeros that the server would not hear: in a field that cannot say whether it was given, 0
+// stands for the preset's value. INVALID_ARGUMENT names the field and that value.
+//   assignments: FIELD=VALUE, all of which SetField has taken.
+//   settings: what they made.
+absl::Status RefuseUnheardZeros(const std::vector<std::string>& assignments,
+                                const v1::TrainingSettings& settings);
 
 // The waypoints of a horizon, at the interval that settings or their preset state.
 // INVALID_ARGUMENT if the horizon is no whole number of intervals.

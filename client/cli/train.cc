@@ -40,6 +40,24 @@ struct TrainArguments {
   bool validate_only = false;
 };
 
+// The named options as FIELD=VALUE, then those of --set.
+std::vector<std::string> Assignments(const TrainArguments& arguments) {
+  std::vector<std::string> assignments;
+  const auto add = [&](const char* field, const auto& value) {
+    if (value) assignments.push_back(absl::StrCat(field, "=", *value));
+  };
+  add("preset", arguments.preset);
+  add("model.objective", arguments.objective);
+  add("model.target_types", arguments.targets);
+  add("seed", arguments.seed);
+  add("model.actions", arguments.actions);
+  add("optimization.pretraining_epochs", arguments.pretraining_epochs);
+  add("optimization.mixture_epochs", arguments.mixture_epochs);
+  add("optimization.joint_epochs", arguments.epochs);
+  assignments.insert(assignments.end(), arguments.assignments.begin(), arguments.assignments.end());
+  return assignments;
+}
+
 // File first, then the named options, then --set; the horizon last, since it needs the interval.
 absl::StatusOr<v1::TrainingSettings> Settings(const TrainArguments& arguments,
                                               Environment& environment) {
@@ -48,31 +66,13 @@ absl::StatusOr<v1::TrainingSettings> Settings(const TrainArguments& arguments,
     absl::Status status = ReadJson(*arguments.settings_file, environment, &settings);
     if (!status.ok()) return status;
   }
-  if (arguments.preset) settings.set_preset(*arguments.preset);
-  if (arguments.objective) {
-    absl::Status status = SetField("model.objective=" + *arguments.objective, &settings);
-    if (!status.ok()) return status;
-  }
-  if (arguments.targets) {
-    absl::Status status = SetField("model.target_types=" + *arguments.targets, &settings);
-    if (!status.ok()) return status;
-  }
-  if (arguments.seed) settings.set_seed(*arguments.seed);
-  if (arguments.actions) {
-    settings.mutable_model()->set_actions(static_cast<int32_t>(*arguments.actions));
-  }
-  v1::OptimizationSettings& optimization = *settings.mutable_optimization();
-  if (arguments.pretraining_epochs) {
-    optimization.set_pretraining_epochs(static_cast<int32_t>(*arguments.pretraining_epochs));
-  }
-  if (arguments.mixture_epochs) {
-    optimization.set_mixture_epochs(static_cast<int32_t>(*arguments.mixture_epochs));
-  }
-  if (arguments.epochs) optimization.set_joint_epochs(static_cast<int32_t>(*arguments.epochs));
-  for (const std::string& assignment : arguments.assignments) {
+  const std::vector<std::string> assignments = Assignments(arguments);
+  for (const std::string& assignment : assignments) {
     absl::Status status = SetField(assignment, &settings);
     if (!status.ok()) return status;
   }
+  absl::Status heard = RefuseUnheardZeros(assignments, settings);
+  if (!heard.ok()) return heard;
   if (arguments.horizon) {
     absl::Status status = SetHorizon(*arguments.horizon, &settings);
     if (!status.ok()) return status;
