@@ -134,10 +134,11 @@ void AddDataset(Command& root, Environment& environment) {
   Command show = group.Add("show", "What is in a dataset, counted and drawn",
                            "Example: maneuver dataset show town --plot town.png\n"
                            "Example: maneuver dataset show town --set examples.stride=1s");
-  show.Argument("NAME", &shown->source, "Its name, or a folder with dataset.json");
+  show.Argument("NAME", &shown->source,
+                "Its name, or the path of a folder with dataset.json, such as ./town");
   show.Option("--set", &shown->changes,
               "Which examples are counted: examples.stride=1s, examples.standing_distance=2, ...");
-  show.Option("--plot", &shown->plot, "PNG file to draw some of its scenes into");
+  show.Picture("--plot", &shown->plot, "PNG file to draw some of its scenes into");
   show.Option("--scenes", &shown->scenes, 1, 36, "So many of them");
   show.Run([=, &environment] { return ShowDataset(*shown, environment); });
 

@@ -27,9 +27,16 @@ using Counts = google::protobuf::Map<std::string, int64_t>;
 
 constexpr int kBarWidth = 40;
 
+// A folder is a path with a slash; a bare name, or datasets/NAME, is a dataset of the server, also
+// where a folder of that name is here.
 bool IsFolder(const std::string& source) {
+  return source == "." || source == ".." ||
+         DatasetResource(source).find('/', sizeof("datasets/") - 1) != std::string::npos;
+}
+
+bool HoldsDataset(const std::string& folder) {
   std::error_code error;
-  return std::filesystem::exists(std::filesystem::path(source) / "dataset.json", error);
+  return std::filesystem::exists(std::filesystem::path(folder) / "dataset.json", error);
 }
 
 absl::StatusOr<v1::DatasetSummary> Describe(const std::string& source,
@@ -206,7 +213,14 @@ int ShowDataset(const ShowDatasetArguments& arguments, Environment& environment)
     if (!status.ok()) return environment.Refuse(std::string(status.message()));
   }
   const auto summary = Describe(arguments.source, request, environment);
-  if (!summary.ok()) return environment.Fail(summary.status());
+  if (!summary.ok()) {
+    const int failed = environment.Fail(summary.status());
+    if (!IsFolder(arguments.source) && HoldsDataset(arguments.source)) {
+      environment.err << "The folder of that name is here: maneuver dataset show ./"
+                      << arguments.source << "\n";
+    }
+    return failed;
+  }
   if (environment.json()) {
     environment.PrintJson(*summary);
   } else {

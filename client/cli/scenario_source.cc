@@ -10,8 +10,10 @@
 namespace maneuver::cli {
 namespace {
 
+// "datasets/NAME" is always the server's: a folder of that path here is ./datasets/NAME.
 bool IsOnServer(const std::string& source) {
-  return source.rfind("datasets/", 0) == 0 && !std::filesystem::is_directory(source);
+  return source.starts_with("datasets/") &&
+         source.find('/', sizeof("datasets/") - 1) == std::string::npos;
 }
 
 absl::Status CheckFolder(const std::string& source) {

@@ -68,6 +68,26 @@ TEST_F(DatasetCommandTest, AFolderIsShownAsADatasetOfTheServerIs) {
   EXPECT_GT(std::filesystem::file_size(picture), 10'000u);
 }
 
+TEST_F(DatasetCommandTest, AFolderDoesNotStandBeforeADatasetOfTheServerOfThatName) {
+  const std::filesystem::path before = std::filesystem::current_path();
+  std::filesystem::create_directory(folder_ / "datasets");
+  std::filesystem::copy(town(), folder_ / "datasets/town",
+                        std::filesystem::copy_options::recursive);
+  std::filesystem::current_path(folder_ / ".");
+  // Nobody listens there: what succeeds has read the folder.
+  const std::vector<std::string> nobody = {"--server", "127.0.0.1:1"};
+  const auto ask = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), nobody.begin(), nobody.end());
+    return Maneuver(arguments);
+  };
+  EXPECT_EQ(ask({"dataset", "show", "town"}), kFailed);
+  EXPECT_THAT(err_.str(), HasSubstr("maneuver dataset show ./town"));
+  EXPECT_EQ(ask({"scenario", "list", "datasets/town"}), kFailed);
+  EXPECT_EQ(ask({"dataset", "show", "./town"}), kOk);
+  EXPECT_EQ(ask({"scenario", "list", "./datasets/town"}), kOk);
+  std::filesystem::current_path(before);
+}
+
 TEST_F(DatasetCommandTest, WhatCannotBeCountedIsRefused) {
   EXPECT_EQ(Maneuver({"dataset", "show", town(), "--set", "examples.strid=1s"}), kUsage);
   EXPECT_NE(Maneuver({"dataset", "show", town(), "--set", "examples.stride=-1s"}), kOk);
