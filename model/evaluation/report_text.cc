@@ -290,10 +290,11 @@ std::string ReportText(const v1::EvaluationReport& report, bool color) {
   // A manifest's metrics have no count of examples: that is an evaluation's.
   if (report.examples() > 0 && report.metrics().contains("ade_cv") &&
       !report.metrics().contains("covernet_nll")) {
-    absl::StrAppend(&text,
-                    "\nThis model carries no trained baselines: maneuver-trainer train --baselines "
-                    "adds a CoverNet-like\nand a MultiPath-like one, and every evaluation then has "
-                    "their rows.\n");
+    absl::StrAppend(
+        &text,
+        "\nThis model carries no trained baselines. maneuver train --set baselines=true "
+        "adds a CoverNet-like\nand a MultiPath-like one, and every evaluation then has "
+        "their rows.\n");
   }
   return text;
 }

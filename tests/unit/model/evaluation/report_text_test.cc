@@ -76,7 +76,7 @@ TEST(ReportTextTest, AnEvaluationWithoutTrainedBaselinesSaysHowToGetThem) {
   (*report.mutable_metrics())["ade_cv"] = 2.0;
   EXPECT_THAT(ReportText(report, false), Not(HasSubstr("baselines")));  // a manifest's metrics
   report.set_examples(3);
-  EXPECT_THAT(ReportText(report, false), HasSubstr("maneuver-trainer train --baselines"));
+  EXPECT_THAT(ReportText(report, false), HasSubstr("maneuver train --set baselines=true"));
 }
 
 TEST(ReportTextTest, CoverageStandsBesideWhatAGaussianHolds) {
