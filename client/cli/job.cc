@@ -99,7 +99,8 @@ int ShowJob(const std::string& name, const std::optional<std::string>& figures,
   environment.out << table.Text(environment.color);
   if (job->has_error() && job->last_lines_size() > 0) {
     environment.out << "\nThe last lines of its process:\n";
-    for (const std::string& line : job->last_lines()) environment.out << "  " << line << "\n";
+    for (const std::string& line : job->last_lines())
+      environment.out << "  " << Printable(line) << "\n";
   }
   if (job->has_promotion_decision()) {
     environment.out << "\n" << PromotionText(*job, environment.color);

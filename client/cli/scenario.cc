@@ -177,8 +177,8 @@ int Extract(const ScenarioArguments& arguments, Environment& environment) {
   }
   const absl::Status status = WriteFile(*arguments.file, text);
   if (!status.ok()) return environment.Fail(status);
-  environment.err << *arguments.file << ": " << scenario->scenario_id() << " at " << Fixed(time, 1)
-                  << " s, targets " << absl::StrJoin(targets, " ") << "\n";
+  environment.err << *arguments.file << ": " << Printable(scenario->scenario_id()) << " at "
+                  << Fixed(time, 1) << " s, targets " << absl::StrJoin(targets, " ") << "\n";
   return kOk;
 }
 
@@ -202,8 +202,8 @@ void AddScenario(Command& root, Environment& environment) {
                 "         maneuver scenario show town town-1-0 --plot scene.png --paths");
   show.Argument("SOURCE", &arguments->source, source_help);
   show.Argument("SCENARIO_ID", &arguments->scenario_id, "Which recording");
-  show.Option("--plot", &arguments->plot,
-              "PNG file to draw its targets into, at its prediction time");
+  show.Picture("--plot", &arguments->plot,
+               "PNG file to draw its targets into, at its prediction time");
   show.Flag("--paths", &arguments->paths, "Draw where each target can go along the lanes, too");
   show.Need("--paths", "--plot");
   show.Run([=, &environment] { return ShowScenario(*arguments, environment); });

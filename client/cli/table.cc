@@ -1,6 +1,9 @@
 #include "client/cli/table.h"
 
 #include <algorithm>
+#include <utility>
+
+#include "client/cli/text_format.h"
 
 namespace maneuver::cli {
 
@@ -8,6 +11,15 @@ size_t DisplayWidth(std::string_view text) {
   return static_cast<size_t>(std::count_if(text.begin(), text.end(), [](char c) {
     return (static_cast<unsigned char>(c) & 0xC0) != 0x80;
   }));
+}
+
+Table::Table(std::vector<Column> columns) : columns_(std::move(columns)) {
+  for (Column& column : columns_) column.title = Printable(column.title);
+}
+
+void Table::Add(std::vector<std::string> cells) {
+  for (std::string& cell : cells) cell = Printable(cell);
+  rows_.push_back(std::move(cells));
 }
 
 std::string Table::Text(bool color) const {

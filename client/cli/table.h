@@ -17,12 +17,13 @@ struct Column {
 };
 
 // Aligned columns, two spaces apart, under a line of titles. Without colour it is plain text.
+// Control characters in titles and cells are escaped: see Printable.
 class Table {
  public:
-  explicit Table(std::vector<Column> columns) : columns_(std::move(columns)) {}
+  explicit Table(std::vector<Column> columns);
 
   // As many cells as columns.
-  void Add(std::vector<std::string> cells) { rows_.push_back(std::move(cells)); }
+  void Add(std::vector<std::string> cells);
   bool empty() const { return rows_.empty(); }
 
   // Lines end in '\n' and have no spaces before it.

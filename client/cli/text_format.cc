@@ -8,6 +8,26 @@
 #include "absl/strings/str_format.h"
 
 namespace maneuver::cli {
+namespace {
+
+std::string Escaped(std::string_view text, bool keep_lines) {
+  std::string escaped;
+  for (size_t i = 0; i < text.size(); ++i) {
+    const auto byte = static_cast<unsigned char>(text[i]);
+    const auto next = i + 1 < text.size() ? static_cast<unsigned char>(text[i + 1]) : 0U;
+    if ((byte < 0x20 && !(keep_lines && byte == '\n')) || byte == 0x7f) {
+      escaped += absl::StrFormat("\\x%02x", byte);
+    } else if (byte == 0xc2 && next >= 0x80 && next < 0xa0) {  // U+0080 .. U+009F in UTF-8
+      escaped += absl::StrFormat("\\u%04x", next);
+      ++i;
+    } else {
+      escaped += text[i];
+    }
+  }
+  return escaped;
+}
+
+}  // namespace
 
 std::string Fixed(double value, int digits) {
   return std::isfinite(value) ? absl::StrFormat("%.*f", digits, value) : "-";
@@ -61,5 +81,9 @@ google::protobuf::Duration ToDuration(double seconds) {
   duration.set_nanos(static_cast<int32_t>(std::llround((seconds - whole) * 1e9)));
   return duration;
 }
+
+std::string Printable(std::string_view text) { return Escaped(text, /*keep_lines=*/false); }
+
+std::string PrintableLines(std::string_view text) { return Escaped(text, /*keep_lines=*/true); }
 
 }  // namespace maneuver::cli

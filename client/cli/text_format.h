@@ -8,6 +8,7 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 
 namespace maneuver::cli {
 
@@ -20,6 +21,12 @@ std::string Moment(
 double ToSeconds(const google::protobuf::Duration& duration);
 double ToSeconds(const google::protobuf::Timestamp& time);  // since 1970
 google::protobuf::Duration ToDuration(double seconds);
+
+// The text with control characters escaped, such as \x1b or \u009b: an id or a label from elsewhere
+// cannot steer the terminal. Everything else stays as it is.
+std::string Printable(std::string_view text);
+// The same, but lines stay lines.
+std::string PrintableLines(std::string_view text);
 
 }  // namespace maneuver::cli
 
