@@ -30,7 +30,7 @@ int RefuseLabels(const std::string& file, const data::CheckedLabels& labels,
 
 int AnnotateDataset(const AnnotateArguments& arguments, Environment& environment) {
   const auto text = files::ReadFile(arguments.labels);
-  if (!text.ok()) return environment.Fail(text.status());
+  if (!text.ok()) return environment.FailAt(arguments.labels, text.status());
   const std::set<std::string> actions(arguments.actions.begin(), arguments.actions.end());
   const auto labels = data::CheckLabels(*text, arguments.folder, actions);
   if (!labels.ok()) return environment.Fail(labels.status());

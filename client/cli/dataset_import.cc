@@ -239,7 +239,7 @@ int RunImport(const ImportArguments& arguments, const ImportFormat& format,
       InputFiles(arguments.inputs, format.extension);
   if (!files.ok()) return environment.Refuse(std::string(files.status().message()));
   auto writer = data::DatasetWriter::Create(arguments.folder, arguments.origin);
-  if (!writer.ok()) return environment.Fail(writer.status());
+  if (!writer.ok()) return environment.FailAt(arguments.folder, writer.status());
   Import import(arguments, format, environment);
   const absl::StatusOr<v1::Dataset> dataset = import.Run(**writer, *files);
   environment.err << import.Report();

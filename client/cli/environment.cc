@@ -1,16 +1,34 @@
 #include "client/cli/environment.h"
 
+#include <google/protobuf/struct.pb.h>
 #include <google/protobuf/util/json_util.h>
+#include <grpc/support/log.h>
 
+#include <cerrno>
 #include <cstdlib>
 #include <ostream>
+#include <system_error>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "client/cli/command.h"
+#include "client/cli/text_format.h"
+#include "client/cli/tls_failure.h"
 #include "client/error_details.h"
 
 namespace maneuver::cli {
+namespace {
+
+void DropLogLine(gpr_log_func_args*) {}
+
+// Messages of the server name its methods; people at a command line know its commands.
+std::string WithCommands(absl::string_view message) {
+  return absl::StrReplaceAll(message, {{"ListModelVersions names", "maneuver model list shows"},
+                                       {"with SetModelAlias", "with maneuver model promote"}});
+}
+
+}  // namespace
 
 Environment::Environment(std::istream& input, std::ostream& answers, std::ostream& messages)
     : in(input), out(answers), err(messages) {}
@@ -35,6 +53,8 @@ client::ClientOptions Environment::client_options() {
 
 client::Client& Environment::server_client() {
   if (client_ == nullptr) {
+    // What gRPC logs by itself is for those who debug; the error says what has to be known.
+    gpr_set_log_function(verbose ? nullptr : DropLogLine);
     auto connected = client::Client::Connect(client_options());
     if (!connected.ok()) std::exit(Refuse(std::string(connected.status().message())));
     client_ = *std::move(connected);
@@ -59,27 +79,67 @@ void Environment::PrintJson(const google::protobuf::Message& message) {
 }
 
 int Environment::Fail(const absl::Status& status) {
-  err << "maneuver: " << Explain(status, server) << "\n";
+  PrintError(absl::StatusCodeToString(status.code()), client::ErrorDetailsOf(status).reason,
+             Explain(status));
+  return kFailed;
+}
+
+int Environment::FailAt(const std::string& path, const absl::Status& status) {
+  PrintError(absl::StatusCodeToString(status.code()), "",
+             absl::StrCat(path, ": ", status.message()));
   return kFailed;
 }
 
 int Environment::Refuse(const std::string& message) {
-  err << "maneuver: " << message << "\n";
+  PrintError(absl::StatusCodeToString(absl::StatusCode::kInvalidArgument), "", message);
   return kUsage;
 }
 
-std::string Explain(const absl::Status& status, const std::string& server) {
+void Environment::PrintError(const std::string& code, const std::string& reason,
+                             const std::string& message) {
+  if (!json()) {
+    err << "maneuver: " << PrintableLines(message) << "\n";
+    return;
+  }
+  google::protobuf::Struct line;
+  auto& error = *(*line.mutable_fields())["error"].mutable_struct_value()->mutable_fields();
+  error["code"].set_string_value(code);
+  error["message"].set_string_value(message);
+  if (!reason.empty()) error["reason"].set_string_value(reason);
+  std::string text;
+  // Fails only for numbers that JSON has not.
+  (void)google::protobuf::util::MessageToJsonString(line, &text);
+  err << text << "\n";
+}
+
+bool Environment::Flush() {
+  const bool has_failed = !out;
+  out.clear();  // what is still buffered is tried once more, and errno says why it fails
+  errno = 0;
+  if (out.flush() && !has_failed) return true;
+  const int error = errno;
+  if (error == EPIPE) return true;
+  err << "maneuver: cannot write to standard output"
+      << (error != 0 ? ": " + std::generic_category().message(error) : "") << "\n";
+  return false;
+}
+
+std::string Environment::Explain(const absl::Status& status) const {
   const client::ErrorDetails details = client::ErrorDetailsOf(status);
-  std::string text(status.message());
+  std::string text = WithCommands(status.message());
   if (text.empty()) text = absl::StatusCodeToString(status.code());
-  if (absl::IsUnavailable(status) && details.reason.empty()) {
+  const std::string tls_failure =
+      absl::IsUnavailable(status) ? ExplainTlsFailure(text, server, tls_ca) : "";
+  if (!tls_failure.empty()) {
+    text = tls_failure;
+  } else if (absl::IsUnavailable(status) && details.reason.empty()) {
     text = absl::StrCat("no server answers at ", server,
                         "; start one with maneuverd --data-dir DIR or name it with --server; one "
                         "that serves over TLS needs --tls or --tls-ca (",
                         text, ")");
   } else if (absl::IsDeadlineExceeded(status)) {
-    text = absl::StrCat("the server at ", server,
-                        " did not answer in time; allow more with --timeout SECONDS (", text, ")");
+    text = absl::StrCat("the server at ", server, " did not answer in time; allow more with ",
+                        time_limit, " (", text, ")");
   } else if (absl::IsUnimplemented(status)) {
     text = absl::StrCat("the server at ", server,
                         " does not know this call; it may be older than this command (", text, ")");

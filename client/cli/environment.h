@@ -38,6 +38,8 @@ class Environment {
   std::string token;  // from the environment: what is on a command line, others can read
   std::string output = "text";
   std::optional<double> timeout;  // seconds
+  // The option that limits the time of the calls that follow: what a late answer advises to raise.
+  std::string time_limit = "--timeout SECONDS";
   bool verbose = false;
 
   bool json() const { return output == "json"; }
@@ -53,17 +55,24 @@ class Environment {
   // Prints `message` as proto3 JSON, all fields of an answer included.
   void PrintJson(const google::protobuf::Message& message);
 
-  // Says on err why a command failed, in a sentence that says what to do; returns kFailed.
+  // Says on err why a command failed, in a sentence that says what to do; returns kFailed. With
+  // --output json err gets one line of JSON: {"error": {"code", "reason", "message"}}.
   int Fail(const absl::Status& status);
+  // The same for a file or folder of this machine, which is named first.
+  int FailAt(const std::string& path, const absl::Status& status);
   // The same for a command line that makes no sense; returns kUsage.
   int Refuse(const std::string& message);
+  // What Fail says: the message, what to do about it, then each wrong field on a line of its own.
+  std::string Explain(const absl::Status& status) const;
+  // Whether all answers could be written to out. If not, says so on err; a reader who has gone,
+  // such as head, is none to be told.
+  bool Flush();
 
  private:
+  void PrintError(const std::string& code, const std::string& reason, const std::string& message);
+
   std::unique_ptr<client::Client> client_;
 };
-
-// What Fail prints: the message, what to do about it, then each wrong field on a line of its own.
-std::string Explain(const absl::Status& status, const std::string& server);
 
 }  // namespace maneuver::cli
 

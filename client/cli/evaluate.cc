@@ -28,7 +28,13 @@ int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
     const absl::Status status = SetField(assignment, request.mutable_examples());
     if (!status.ok()) return environment.Refuse(std::string(status.message()));
   }
-  if (arguments.figures) request.set_sampled_examples(kSampledExamples);
+  if (arguments.figures) {
+    request.set_sampled_examples(kSampledExamples);
+    // Before anything is computed. A detached job is drawn later, wherever `job show` is told to.
+    const absl::Status prepared =
+        arguments.detach ? absl::OkStatus() : PrepareFigureFolder(*arguments.figures);
+    if (!prepared.ok()) return environment.Refuse(std::string(prepared.message()));
+  }
   const auto job = environment.server_client().Evaluate(request, environment.call_options());
   if (!job.ok()) return environment.Fail(job.status());
   if (arguments.detach) {

@@ -1,6 +1,9 @@
 #include "client/cli/figures.h"
 
+#include <unistd.h>
+
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -65,12 +68,8 @@ class Figures {
       : report_(report), folder_(folder), environment_(environment) {}
 
   int Draw() {
-    std::error_code error;
-    std::filesystem::create_directories(folder_, error);
-    if (error) {
-      return environment_.Refuse(
-          absl::StrCat("cannot make the folder ", folder_, ": ", error.message()));
-    }
+    const absl::Status prepared = PrepareFigureFolder(folder_);
+    if (!prepared.ok()) return environment_.Refuse(std::string(prepared.message()));
     v1::GetActionSetRequest request;
     request.set_name(report_.model_version());
     auto actions = environment_.server_client().GetActionSet(request, environment_.call_options());
@@ -157,6 +156,17 @@ class Figures {
 };
 
 }  // namespace
+
+absl::Status PrepareFigureFolder(const std::string& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (!error && access(folder.c_str(), W_OK | X_OK) != 0) {
+    error = std::error_code(errno, std::generic_category());
+  }
+  if (!error) return absl::OkStatus();
+  return absl::FailedPreconditionError(
+      absl::StrCat("cannot write into the folder ", folder, ": ", error.message()));
+}
 
 int DrawFigures(const v1::EvaluationReport& report, const std::string& folder,
                 Environment& environment) {

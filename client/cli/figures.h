@@ -5,6 +5,7 @@
 
 #include <string>
 
+#include "absl/status/status.h"
 #include "client/cli/environment.h"
 #include "maneuver/v1/training_service.pb.h"
 
@@ -12,6 +13,10 @@ namespace maneuver::cli {
 
 // What EvaluateRequest.sampled_examples has to be for figures.
 inline constexpr int kSampledExamples = 500;
+
+// Makes the folder for figures if it is not there, and sees whether files can be made in it.
+// FAILED_PRECONDITION names the folder and the reason.
+absl::Status PrepareFigureFolder(const std::string& folder);
 
 // Draws into `folder`, which is made if it is not there:
 //   actions.png       each effective action's mean with its sigma trajectories

@@ -1,5 +1,6 @@
 // maneuver import waymo: Waymo Open Motion TFRecords as a dataset folder.
 
+#include <fstream>
 #include <memory>
 
 #include "absl/strings/str_cat.h"
@@ -9,6 +10,17 @@
 
 namespace maneuver::cli {
 namespace {
+
+// What else a file may be that has no TFRecord at its start.
+absl::Status NoRecords(const std::filesystem::path& file, const absl::Status& damage) {
+  char first = '\0';
+  std::ifstream(file, std::ios::binary) >> first;
+  if (first != '<') return damage;
+  return absl::InvalidArgumentError(
+      absl::StrCat(file.string(),
+                   " is XML, not a file of TFRecords; scenarios of CommonRoad are "
+                   "read by maneuver import commonroad"));
+}
 
 absl::Status ReadRecords(const std::filesystem::path& file,
                          const std::function<absl::Status(RawRecording&&)>& take,
@@ -20,6 +32,8 @@ absl::Status ReadRecords(const std::filesystem::path& file,
     absl::Status status = (*reader)->Next(&recording.bytes);
     if (absl::IsOutOfRange(status)) return absl::OkStatus();
     if (!status.ok()) {
+      const bool at_start = (*reader)->offset() == 0 && !(*reader)->can_continue();
+      if (absl::IsDataLoss(status) && at_start) status = NoRecords(file, status);
       if (!absl::IsDataLoss(status) || !damaged(status)) return status;
       if (!(*reader)->can_continue()) return absl::OkStatus();
       continue;

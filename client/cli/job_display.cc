@@ -150,9 +150,8 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
     return succeeded ? kOk : kFailed;
   }
   if (job.state() == v1::JOB_STATE_FAILED) {
-    environment.err << "maneuver: " << job.name()
-                    << " failed: " << Explain(client::ToStatus(job.error()), environment.server)
-                    << "\n";
+    environment.err << "maneuver: " << job.name() << " failed: "
+                    << PrintableLines(environment.Explain(client::ToStatus(job.error()))) << "\n";
     return kFailed;
   }
   if (!succeeded) {

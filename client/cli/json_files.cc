@@ -1,14 +1,28 @@
 #include "client/cli/json_files.h"
 
+#include <fcntl.h>
 #include <google/protobuf/util/json_util.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <fstream>
 #include <istream>
 #include <sstream>
+#include <string_view>
+#include <system_error>
 
 #include "absl/strings/str_cat.h"
 
 namespace maneuver::cli {
+namespace {
+
+// FAILED_PRECONDITION whatever the reason is: UNAVAILABLE and its like would blame the server.
+absl::Status CannotWrite(const std::string& path, int error) {
+  return absl::FailedPreconditionError(
+      absl::StrCat("cannot write ", path, ": ", std::generic_category().message(error)));
+}
+
+}  // namespace
 
 absl::Status ReadJson(const std::string& path, Environment& environment,
                       google::protobuf::Message* message) {
@@ -36,11 +50,20 @@ std::string ToCompactJson(const google::protobuf::Message& message) {
 }
 
 absl::Status WriteFile(const std::string& path, const std::string& content) {
-  std::ofstream file(path, std::ios::binary | std::ios::trunc);
-  file.write(content.data(), static_cast<std::streamsize>(content.size()));
-  file.close();
-  if (!file) return absl::UnavailableError(absl::StrCat("cannot write ", path));
-  return absl::OkStatus();
+  const int file = open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  if (file < 0) return CannotWrite(path, errno);
+  std::string_view left = content;
+  while (!left.empty()) {
+    const ssize_t count = write(file, left.data(), left.size());
+    if (count < 0 && errno == EINTR) continue;
+    if (count < 0) {
+      const int error = errno;
+      close(file);
+      return CannotWrite(path, error);
+    }
+    left.remove_prefix(static_cast<size_t>(count));
+  }
+  return close(file) == 0 ? absl::OkStatus() : CannotWrite(path, errno);
 }
 
 }  // namespace maneuver::cli

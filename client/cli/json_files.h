@@ -21,7 +21,7 @@ absl::Status ReadJson(const std::string& path, Environment& environment,
 // Fields at their defaults left out.
 std::string ToCompactJson(const google::protobuf::Message& message);
 
-// Writes bytes to a file, replacing it.
+// Writes bytes to a file, replacing it. FAILED_PRECONDITION names the path and the reason.
 absl::Status WriteFile(const std::string& path, const std::string& content);
 
 }  // namespace maneuver::cli

@@ -286,7 +286,7 @@ class LoadCommand {
     for (const LoadStep& step : report_.steps) {
       if (step.tally.failure.ok()) continue;
       environment_.err << "maneuver: " << step.name << ": "
-                       << Explain(step.tally.failure, environment_.server) << "\n";
+                       << environment_.Explain(step.tally.failure) << "\n";
       exit_code = kFailed;
     }
     if (report_.interrupted) {

@@ -1,15 +1,46 @@
 #include "client/cli/maneuver.h"
 
+#include <algorithm>
+#include <sstream>
+
 #include "client/cli/commands.h"
 
 namespace maneuver::cli {
+namespace {
+
+// Whether errors of the command line itself are to be JSON: they come before options are read.
+bool AsksForJson(const std::vector<std::string>& arguments) {
+  for (size_t i = 0; i < arguments.size(); ++i) {
+    if (arguments[i] == "--output=json") return true;
+    if (arguments[i] == "--output" && i + 1 < arguments.size() && arguments[i + 1] == "json") {
+      return true;
+    }
+  }
+  return false;
+}
+
+int Run(CommandLine& line, const std::vector<std::string>& arguments, Environment& environment) {
+  if (!AsksForJson(arguments)) return line.Run(arguments, environment.out, environment.err);
+  std::ostringstream usage;
+  const int status = line.Run(arguments, environment.out, usage);
+  std::string message = usage.str();
+  if (message.empty()) return status;
+  message.erase(message.find_last_not_of('\n') + 1);
+  std::ranges::replace(message, '\n', ' ');
+  environment.output = "json";
+  environment.Refuse(message);
+  return status;
+}
+
+}  // namespace
 
 int RunManeuver(const std::vector<std::string>& arguments, Environment& environment) {
   CommandLine line(
       "Talks to a Maneuver server: makes datasets, trains models, asks what vehicles will do.\n"
       "Answers go to standard output, messages to standard error. Exit status: 0 done, 1 a call "
       "or\n"
-      "part of what was asked for failed, 2 the command line makes no sense.",
+      "part of what was asked for failed, 2 the command line makes no sense.\n"
+      "maneuver help COMMAND says what a command does and takes.",
       "maneuver", MANEUVER_VERSION);
   Command root = line.root();
   root.Option(
@@ -50,7 +81,8 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
   AddLoad(root, environment);
   AddHealth(root, environment);
   AddLogLevel(root, environment);
-  return line.Run(arguments, environment.out, environment.err);
+  const int status = Run(line, arguments, environment);
+  return environment.Flush() ? status : std::max<int>(status, kFailed);
 }
 
 }  // namespace maneuver::cli

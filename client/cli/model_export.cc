@@ -1,10 +1,11 @@
 #include "client/cli/model_export.h"
 
+#include <google/protobuf/struct.pb.h>
+
 #include <memory>
 #include <ostream>
 #include <string>
 
-#include "absl/strings/str_cat.h"
 #include "client/cli/json_files.h"
 #include "client/cli/text_format.h"
 #include "model/artifact/model_folder.h"
@@ -22,15 +23,19 @@ struct ExportArguments {
 
 int Export(const ExportArguments& arguments, Environment& environment) {
   const absl::StatusOr<artifact::StoredModel> model = artifact::ReadModelFolder(arguments.folder);
-  if (!model.ok()) {
-    return environment.Fail(absl::Status(
-        model.status().code(), absl::StrCat(arguments.folder, ": ", model.status().message())));
-  }
+  if (!model.ok()) return environment.FailAt(arguments.folder, model.status());
   const std::string file = onnx::ExportOnnx(*model, {.distributions = !arguments.probabilities_only,
                                                      .scenes = static_cast<int>(arguments.scenes)});
   const absl::Status status = WriteFile(arguments.onnx, file);
   if (!status.ok()) return environment.Fail(status);
-  environment.err << arguments.onnx << ": " << Bytes(static_cast<int64_t>(file.size())) << "\n";
+  if (environment.json()) {
+    google::protobuf::Struct written;
+    (*written.mutable_fields())["file"].set_string_value(arguments.onnx);
+    (*written.mutable_fields())["sizeBytes"].set_number_value(static_cast<double>(file.size()));
+    environment.PrintJson(written);
+  } else {
+    environment.err << arguments.onnx << ": " << Bytes(static_cast<int64_t>(file.size())) << "\n";
+  }
   return kOk;
 }
 

@@ -57,7 +57,10 @@ v1::DistributionQuery Query(const PredictArguments& arguments) {
 
 client::CallOptions Options(const PredictArguments& arguments, Environment& environment) {
   client::CallOptions call = environment.call_options();
-  if (arguments.deadline) call.timeout = absl::Milliseconds(*arguments.deadline);
+  if (arguments.deadline) {
+    call.timeout = absl::Milliseconds(*arguments.deadline);
+    environment.time_limit = "--deadline MILLISECONDS";
+  }
   return call;
 }
 
@@ -346,8 +349,8 @@ void AddQueryOptions(Command& command, PredictArguments* arguments) {
   command.Flag("--prior", &arguments->prior,
                "The actions in general, p(z|y), in place of what they would be here");
   command.Choice("--frame", &arguments->frame, {"world", "target"}, "Frame of the trajectories");
-  command.Option("--plot", &arguments->plot,
-                 "PNG file to draw the scene into; FILE-1.png, ... for several scenes");
+  command.Picture("--plot", &arguments->plot,
+                  "PNG file to draw the scene into; FILE-1.png, ... for several scenes");
   command.Flag("--paths", &arguments->paths, "Draw where each target can go along the lanes, too");
   command.Need("--paths", "--plot");
 }

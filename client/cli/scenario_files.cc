@@ -4,6 +4,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/json_files.h"
+#include "client/cli/text_format.h"
 #include "client/error_details.h"
 
 namespace maneuver::cli {
@@ -29,8 +30,8 @@ std::string TargetName(const std::string& scenario_id, int64_t target_id) {
 }
 
 void ReportItemError(const std::string& item, const v1::Status& error, Environment& environment) {
-  environment.err << "maneuver: " << item << ": "
-                  << Explain(client::ToStatus(error), environment.server) << "\n";
+  environment.err << "maneuver: " << Printable(item) << ": "
+                  << PrintableLines(environment.Explain(client::ToStatus(error))) << "\n";
 }
 
 }  // namespace maneuver::cli

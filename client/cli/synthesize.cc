@@ -90,7 +90,7 @@ struct SynthesizeArguments {
 int Synthesize(const SynthesizeArguments& arguments, Environment& environment) {
   auto writer = data::DatasetWriter::Create(arguments.folder,
                                             absl::StrCat("synthetic town, seed ", arguments.seed));
-  if (!writer.ok()) return environment.Fail(writer.status());
+  if (!writer.ok()) return environment.FailAt(arguments.folder, writer.status());
   TownOptions options;
   options.seed = static_cast<uint64_t>(arguments.seed);
   options.duration = arguments.duration;
@@ -105,12 +105,12 @@ int Synthesize(const SynthesizeArguments& arguments, Environment& environment) {
     for (const v1::ManeuverAnnotation& maneuver : recording.maneuvers) {
       if (status.ok()) status = (*writer)->Add(maneuver);
     }
-    if (!status.ok()) return environment.Fail(status);
+    if (!status.ok()) return environment.FailAt(arguments.folder, status);
     progress.Show((i + 1.0) / count, absl::StrCat(i + 1, " of ", count, " recordings"));
   }
   const absl::StatusOr<v1::Dataset> dataset = (*writer)->Commit();
   progress.Clear();
-  if (!dataset.ok()) return environment.Fail(dataset.status());
+  if (!dataset.ok()) return environment.FailAt(arguments.folder, dataset.status());
   if (environment.json()) {
     environment.PrintJson(*dataset);
   } else {

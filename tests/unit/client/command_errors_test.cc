@@ -1,0 +1,342 @@
+// What the command says when something goes wrong, here or at the server.
+
+#include <gmock/gmock.h>
+#include <google/protobuf/struct.pb.h>
+#include <google/protobuf/util/json_util.h>
+#include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "client/cli/command.h"
+#include "client/cli/json_files.h"
+#include "client/cli/maneuver.h"
+#include "client/cli/settings_argument.h"
+#include "client/cli/table.h"
+#include "client/cli/text_format.h"
+#include "model/artifact/model_folder.h"
+#include "model/artifact/training_presets.h"
+#include "model/data/dataset_folder.h"
+#include "tests/integration/test_certificates.h"
+#include "tests/unit/client/test_server.h"
+#include "tests/unit/model/data/recordings_for_tests.h"
+#include "tests/unit/model/inference/reference_model.h"
+#include "tests/unit/temporary_folder.h"
+
+namespace maneuver::cli {
+namespace {
+
+using maneuver::testing::TestAuthority;
+using maneuver::testing::TestCertificate;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+
+// Port 1 of this machine: nobody listens.
+constexpr char kNobody[] = "127.0.0.1:1";
+constexpr char kScene[] = R"({"agents": [{"id": 7, "states": [{}]}], "targetIds": [7]})";
+
+struct Result {
+  int status;
+  std::string out;
+  std::string err;
+};
+
+Result Maneuver(const std::vector<std::string>& arguments, const std::string& input = "") {
+  std::istringstream in(input);
+  std::ostringstream out;
+  std::ostringstream err;
+  Environment environment(in, out, err);
+  const int status = RunManeuver(arguments, environment);
+  return {status, out.str(), err.str()};
+}
+
+void WriteText(const std::string& file, const std::string& text) {
+  std::ofstream(file, std::ios::binary) << text;
+}
+
+class LocalErrorsTest : public ::testing::Test {
+ protected:
+  LocalErrorsTest() {
+    auto writer = data::DatasetWriter::Create(town_, "a test");
+    EXPECT_TRUE((*writer)->Add(data::SmallRecording("r0")).ok());
+    EXPECT_TRUE((*writer)->Commit().ok());
+  }
+
+  const TemporaryFolder folder_;
+  const std::string town_ = folder_ / "town";
+  const std::string nowhere_ = folder_ / "none/x.png";
+};
+
+TEST_F(LocalErrorsTest, AFileThatCannotBeWrittenIsNamedWithTheReasonAndTheServerIsNot) {
+  v1::TrainingSettings settings;
+  const v1::ModelSpec spec = artifact::ResolveTrainingSettings(settings).model();
+  const std::string model = folder_ / "model";
+  ASSERT_TRUE(artifact::WriteModelFolder(model, inference::RandomModel(spec, 1)).ok());
+  for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
+           {"scenario", "extract", town_, "r0", "--time", "2", "--target", "1", "-o", nowhere_},
+           {"dataset", "show", town_, "--plot", nowhere_},
+           {"model", "export", model, "--onnx", nowhere_}}) {
+    const Result result = Maneuver(arguments);
+    EXPECT_EQ(result.status, kFailed);
+    EXPECT_EQ(result.err, "maneuver: cannot write " + nowhere_ + ": No such file or directory\n");
+  }
+  const absl::Status full = WriteFile("/dev/full", "something");
+  EXPECT_EQ(full.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(full.message(), "cannot write /dev/full: No space left on device");
+}
+
+TEST_F(LocalErrorsTest, AnAnswerThatCannotBeWrittenIsAFailure) {
+  std::istringstream in;
+  std::ofstream out("/dev/full");
+  std::ostringstream err;
+  Environment environment(in, out, err);
+  EXPECT_EQ(RunManeuver({"scenario", "list", town_}, environment), kFailed);
+  EXPECT_EQ(err.str(), "maneuver: cannot write to standard output: No space left on device\n");
+}
+
+TEST_F(LocalErrorsTest, AFolderThatCannotBeMadeIsNamedWhole) {
+  EXPECT_THAT(Maneuver({"synthesize", nowhere_, "--recordings", "1"}).err,
+              HasSubstr(nowhere_ + ": cannot create"));
+  const std::string xml = folder_ / "a.xml";
+  WriteText(xml, "<?xml version=\"1.0\"?>\n<commonRoad/>\n");
+  EXPECT_THAT(Maneuver({"import", "waymo", nowhere_, xml}).err, HasSubstr(nowhere_ + ": cannot"));
+}
+
+TEST_F(LocalErrorsTest, XmlIsNotCalledADamagedRecord) {
+  const std::string xml = folder_ / "a.xml";
+  WriteText(xml, "<?xml version=\"1.0\"?>\n<commonRoad/>\n");
+  const Result result = Maneuver({"import", "waymo", folder_ / "out", xml});
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_THAT(result.err, AllOf(HasSubstr(xml + " is XML, not a file of TFRecords"),
+                                HasSubstr("maneuver import commonroad"), Not(HasSubstr("CRC"))));
+}
+
+TEST_F(LocalErrorsTest, TheFolderForFiguresIsTriedBeforeTheServerIsAsked) {
+  WriteText(folder_ / "file", "");
+  const std::string figures = folder_ / "file/figures";
+  const Result result = Maneuver(
+      {"--server", kNobody, "evaluate", "town", "--dataset", "town", "--figures", figures});
+  EXPECT_EQ(result.status, kUsage);
+  EXPECT_THAT(result.err, HasSubstr("cannot write into the folder " + figures));
+}
+
+TEST(CommandErrorsTest, APictureOfAnotherKindIsRefused) {
+  const Result result = Maneuver({"predict", "-", "--plot", "out/x.jpg"}, kScene);
+  EXPECT_EQ(result.status, kUsage);
+  EXPECT_THAT(result.err, HasSubstr("out/x.jpg is no PNG file by its name; pictures are, such as "
+                                    "out/x.png"));
+}
+
+TEST(CommandErrorsTest, AZeroThatStandsForThePresetsValueIsRefused) {
+  for (const std::vector<std::string>& zero : std::vector<std::vector<std::string>>{
+           {"--epochs", "0"},
+           {"--set", "optimization.joint_epochs=0"},
+           {"--set", "optimization.jointEpochs=0", "--preset", "paper"}}) {
+    std::vector<std::string> arguments = {"--server", kNobody,     "train",
+                                          "town",     "--dataset", "town"};
+    arguments.insert(arguments.end(), zero.begin(), zero.end());
+    const Result result = Maneuver(arguments);
+    EXPECT_EQ(result.status, kUsage) << zero[1];
+    EXPECT_THAT(result.err, HasSubstr("cannot be 0, which stands for what the preset says, "));
+  }
+  EXPECT_EQ(Maneuver({"--server", kNobody, "cross-validate", "town", "--set",
+                      "optimization.joint_epochs=0"})
+                .status,
+            kUsage);
+}
+
+TEST(CommandErrorsTest, AZeroThatTheServerHearsIsTaken) {
+  client::TestServer server;
+  v1::OptimizationSettings heard;
+  server.on_train = [&](const v1::TrainRequest& request, v1::Job*) {
+    heard = request.settings().optimization();
+    return grpc::Status::OK;
+  };
+  EXPECT_EQ(Maneuver({"--server", server.address(), "train", "town", "--dataset", "town",
+                      "--mixture-epochs", "0", "--epochs", "3", "--detach"})
+                .status,
+            kOk);
+  EXPECT_TRUE(heard.has_mixture_epochs());
+  EXPECT_EQ(heard.mixture_epochs(), 0);
+  EXPECT_EQ(heard.joint_epochs(), 3);
+}
+
+TEST(CommandErrorsTest, ALateAnswerAdvisesTheOptionThatLimitedIt) {
+  client::TestServer server;
+  server.on_predict = [](auto*, const auto&, auto*) {
+    return grpc::Status(grpc::StatusCode::DEADLINE_EXCEEDED, "too late");
+  };
+  std::vector<std::string> arguments = {"--server", server.address(), "predict", "-"};
+  EXPECT_THAT(Maneuver(arguments, kScene).err, HasSubstr("allow more with --timeout SECONDS"));
+  arguments.insert(arguments.end(), {"--deadline", "5000"});
+  EXPECT_THAT(Maneuver(arguments, kScene).err,
+              HasSubstr("allow more with --deadline MILLISECONDS"));
+}
+
+TEST(CommandErrorsTest, MessagesOfTheServerNameCommandsInPlaceOfItsMethods) {
+  client::TestServer server;
+  server.on_predict = [](auto*, const auto&, auto*) {
+    return grpc::Status(grpc::StatusCode::NOT_FOUND,
+                        "there is no models/town; ListModelVersions names those that exist");
+  };
+  EXPECT_EQ(Maneuver({"--server", server.address(), "predict", "-"}, kScene).err,
+            "maneuver: there is no models/town; maneuver model list shows those that exist\n");
+}
+
+TEST(CommandErrorsTest, AWordThatIsNoCommandIsNamedWithTheNearestOne) {
+  const Result trian = Maneuver({"trian", "town", "--dataset", "town"});
+  EXPECT_EQ(trian.status, kUsage);
+  EXPECT_EQ(trian.err,
+            "maneuver has no command trian; did you mean train?\nTry: maneuver --help\n");
+  EXPECT_EQ(Maneuver({"model", "lits"}).err,
+            "maneuver model has no command lits; did you mean list?\nTry: maneuver model --help\n");
+  EXPECT_EQ(Maneuver({"fly"}).err, "maneuver has no command fly\nTry: maneuver --help\n");
+}
+
+TEST(CommandErrorsTest, HelpIsACommandToo) {
+  const Result whole = Maneuver({"help"});
+  EXPECT_EQ(whole.status, kOk);
+  EXPECT_EQ(whole.out, Maneuver({"--help"}).out);
+  const Result one = Maneuver({"help", "model", "list"});
+  EXPECT_EQ(one.status, kOk);
+  EXPECT_EQ(one.out, Maneuver({"model", "list", "--help"}).out);
+}
+
+// {"error": {...}} of one line.
+google::protobuf::Struct ErrorOf(const std::string& line) {
+  google::protobuf::Struct parsed;
+  EXPECT_TRUE(google::protobuf::util::JsonStringToMessage(line, &parsed).ok()) << line;
+  EXPECT_EQ(line.find('\n'), line.size() - 1) << line;
+  return parsed.fields().at("error").struct_value();
+}
+
+TEST(CommandErrorsTest, WithJsonErrorsAreJsonToo) {
+  const Result failed = Maneuver({"--output", "json", "--server", kNobody, "health"});
+  EXPECT_EQ(failed.status, kFailed);
+  google::protobuf::Struct error = ErrorOf(failed.err);
+  EXPECT_EQ(error.fields().at("code").string_value(), "UNAVAILABLE");
+  EXPECT_THAT(error.fields().at("message").string_value(), HasSubstr("no server answers"));
+
+  const Result misspelt = Maneuver({"trian", "--output=json"});
+  EXPECT_EQ(misspelt.status, kUsage);
+  error = ErrorOf(misspelt.err);
+  EXPECT_EQ(error.fields().at("code").string_value(), "INVALID_ARGUMENT");
+  EXPECT_THAT(error.fields().at("message").string_value(), HasSubstr("no command trian"));
+
+  EXPECT_THAT(ErrorOf(Maneuver({"--output", "json", "predict", "/nowhere/scene.json"}).err)
+                  .fields()
+                  .at("message")
+                  .string_value(),
+              HasSubstr("/nowhere/scene.json"));
+}
+
+TEST(CommandErrorsTest, AnExportIsReportedAsJson) {
+  const TemporaryFolder folder;
+  v1::TrainingSettings settings;
+  const v1::ModelSpec spec = artifact::ResolveTrainingSettings(settings).model();
+  ASSERT_TRUE(artifact::WriteModelFolder(folder / "model", inference::RandomModel(spec, 1)).ok());
+  const std::string file = folder / "networks.onnx";
+  const Result result =
+      Maneuver({"model", "export", folder / "model", "--onnx", file, "--output", "json"});
+  EXPECT_EQ(result.status, kOk);
+  google::protobuf::Struct written;
+  ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(result.out, &written).ok()) << result.out;
+  EXPECT_EQ(written.fields().at("file").string_value(), file);
+  EXPECT_EQ(written.fields().at("sizeBytes").number_value(),
+            static_cast<double>(std::filesystem::file_size(file)));
+}
+
+TEST(PrintableTest, ControlCharactersAreEscapedAndTheRestIsKept) {
+  EXPECT_EQ(Printable("a\x1b[31mred\x07\n\x7f"), "a\\x1b[31mred\\x07\\x0a\\x7f");
+  EXPECT_EQ(Printable("\xc2\x9b"
+                      "2J"),
+            "\\u009b2J");  // CSI in one character
+  EXPECT_EQ(Printable("Straße, 20 °C"), "Straße, 20 °C");
+  EXPECT_EQ(PrintableLines("one\ntwo\r"), "one\ntwo\\x0d");
+}
+
+TEST(PrintableTest, TablesAndErrorsCarryNoControlCharacters) {
+  Table table({{"A\x1b[2J"}});
+  table.Add({"b\nc"});
+  EXPECT_EQ(table.Text(false), "A\\x1b[2J\nb\\x0ac\n");
+
+  client::TestServer server;
+  server.on_predict = [](auto*, const auto&, auto*) {
+    return grpc::Status(grpc::StatusCode::INVALID_ARGUMENT, "scene \x1b]0;owned\x07");
+  };
+  EXPECT_EQ(Maneuver({"--server", server.address(), "predict", "-"}, kScene).err,
+            "maneuver: scene \\x1b]0;owned\\x07\n");
+}
+
+// A server that shows this certificate, on a free port.
+class TlsServer {
+ public:
+  explicit TlsServer(const TestCertificate& certificate) {
+    grpc::SslServerCredentialsOptions options;
+    options.pem_key_cert_pairs.push_back({certificate.key, certificate.certificate});
+    grpc::ServerBuilder builder;
+    builder.AddListeningPort("127.0.0.1:0", grpc::SslServerCredentials(options), &port_);
+    builder.RegisterService(&service_);
+    server_ = builder.BuildAndStart();
+  }
+  ~TlsServer() { server_->Shutdown(std::chrono::system_clock::now()); }
+  std::string address() const { return "127.0.0.1:" + std::to_string(port_); }
+
+ private:
+  v1::PredictionService::Service service_;
+  int port_ = 0;
+  std::unique_ptr<grpc::Server> server_;
+};
+
+class TlsErrorsTest : public ::testing::Test {
+ protected:
+  TlsErrorsTest() { WriteText(ca_, authority_.certificate()); }
+
+  // What `maneuver health` says, and what this process writes on its standard error meanwhile.
+  std::string Health(const std::string& address, const std::string& ca) {
+    ::testing::internal::CaptureStderr();
+    const Result result = Maneuver({"--server", address, "--tls-ca", ca, "health"});
+    EXPECT_THAT(::testing::internal::GetCapturedStderr(), IsEmpty());
+    EXPECT_EQ(result.status, kFailed);
+    EXPECT_THAT(result.err, Not(HasSubstr("no server answers")));
+    return result.err;
+  }
+
+  const TemporaryFolder folder_;
+  TestAuthority authority_{"Test authority"};
+  const std::string ca_ = folder_ / "ca.crt";
+};
+
+TEST_F(TlsErrorsTest, ACertificateOfAnotherAuthorityIsSaidToBeSo) {
+  const TlsServer server(authority_.Issue("server", "IP:127.0.0.1"));
+  const std::string other = folder_ / "other.crt";
+  WriteText(other, TestAuthority("Other authority").certificate());
+  EXPECT_THAT(Health(server.address(), other),
+              AllOf(HasSubstr("is not trusted: it is of another authority"), HasSubstr(other)));
+}
+
+TEST_F(TlsErrorsTest, AnExpiredCertificateIsSaidToBeSo) {
+  const TlsServer server(authority_.Issue("server", "IP:127.0.0.1", -3));
+  EXPECT_THAT(Health(server.address(), ca_), HasSubstr("is not trusted: it has expired"));
+}
+
+TEST_F(TlsErrorsTest, ACertificateForAnotherNameIsSaidToBeSo) {
+  const TlsServer server(authority_.Issue("server", "DNS:planner.example"));
+  EXPECT_THAT(Health(server.address(), ca_),
+              AllOf(HasSubstr("is for another name"), HasSubstr("--tls-server-name")));
+}
+
+TEST_F(TlsErrorsTest, AServerInPlainTextIsSaidToBeSo) {
+  const client::TestServer server;
+  EXPECT_THAT(Health(server.address(), ca_), HasSubstr("does not serve over TLS"));
+}
+
+}  // namespace
+}  // namespace maneuver::cli
