@@ -202,9 +202,21 @@ int Actions(const ModelArguments& arguments, Environment& environment) {
   return kOk;
 }
 
+// Whether a name is that of one version, such as models/town/versions/2.
+bool IsVersion(const std::string& resource) {
+  return resource.find("/versions/") != std::string::npos;
+}
+
+int RefuseModel(const std::string& purpose, const std::string& name, Environment& environment) {
+  return environment.Refuse(absl::StrCat("name the version to ", purpose, ", such as ",
+                                         name.substr(0, name.find('@')),
+                                         "/2; see maneuver model list"));
+}
+
 int DeleteModel(const std::string& name, Environment& environment) {
   v1::DeleteModelVersionRequest request;
   request.set_name(ModelResource(name));
+  if (!IsVersion(request.name())) return RefuseModel("delete", name, environment);
   const absl::Status status =
       environment.server_client().DeleteModelVersion(request, environment.call_options());
   if (!status.ok()) return environment.Fail(status);
@@ -214,13 +226,10 @@ int DeleteModel(const std::string& name, Environment& environment) {
 
 int Promote(const ModelArguments& arguments, Environment& environment) {
   const std::string version = ModelResource(arguments.model);
-  const size_t versions = version.find("/versions/");
-  if (versions == std::string::npos) {
-    return environment.Refuse(absl::StrCat("name the version to promote, such as ", arguments.model,
-                                           "/2; see maneuver model list"));
-  }
+  if (!IsVersion(version)) return RefuseModel("promote", arguments.model, environment);
   v1::SetModelAliasRequest request;
-  request.set_name(absl::StrCat(version.substr(0, versions), "/aliases/", arguments.alias));
+  request.set_name(
+      absl::StrCat(version.substr(0, version.find("/versions/")), "/aliases/", arguments.alias));
   request.set_model_version(version);
   absl::Status required = ParseRequirements(arguments.ahead_of, v1::RIVAL_STANDARD_AHEAD,
                                             "--ahead-of", request.mutable_requirements());
@@ -245,6 +254,14 @@ int Promote(const ModelArguments& arguments, Environment& environment) {
 int Label(const ModelArguments& arguments, Environment& environment) {
   v1::LabelActionRequest request;
   request.set_name(ModelResource(arguments.model));
+  if (!IsVersion(request.name())) {  // labels are kept with a version: the one that this is now
+    v1::GetModelVersionRequest named;
+    named.set_name(request.name());
+    const auto version =
+        environment.server_client().GetModelVersion(named, environment.call_options());
+    if (!version.ok()) return environment.Fail(version.status());
+    request.set_name(version->name());
+  }
   request.set_action_id(static_cast<int32_t>(arguments.action));
   request.set_label(arguments.label);
   const auto action = environment.server_client().LabelAction(request, environment.call_options());
@@ -254,7 +271,7 @@ int Label(const ModelArguments& arguments, Environment& environment) {
   } else {
     environment.out << "action " << action->action_id() << " of " << ShortName(request.name())
                     << (action->label().empty() ? " has no label now"
-                                                : " is now \"" + action->label() + "\"")
+                                                : " is now \"" + Printable(action->label()) + "\"")
                     << "\n";
   }
   return kOk;
@@ -287,7 +304,7 @@ void AddModel(Command& root, Environment& environment) {
   actions.Flag("--all", &arguments->all, "Also actions that are not effective");
   actions.Option("--speed", &arguments->speed, 0.0, 100.0,
                  "Speed of the target that they are drawn for, m/s [10]");
-  actions.Option("--plot", &arguments->plot, "PNG file to draw them into");
+  actions.Picture("--plot", &arguments->plot, "PNG file to draw them into");
   actions.Run([=, &environment] { return Actions(*arguments, environment); });
 
   Command remove = group.Add("delete", "Remove a version",
@@ -322,7 +339,7 @@ void AddModel(Command& root, Environment& environment) {
 
   Command label = group.Add("label", "Give an action a name for people",
                             "Example: maneuver model label town/2 7 \"left turn\"");
-  label.Argument("MODEL", &arguments->model, "The version, such as town/2");
+  label.Argument("MODEL", &arguments->model, any);
   label.Argument("ACTION", &arguments->action, 0, 1'000'000, "The action's id");
   label.Argument("LABEL", &arguments->label, "Its name; \"\" removes it");
   label.Run([=, &environment] { return Label(*arguments, environment); });

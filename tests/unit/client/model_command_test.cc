@@ -31,6 +31,7 @@ class Models final : public v1::ModelService::Service {
   bool relative = true;
   v1::ModelVersion version;
   std::vector<std::optional<double>> speeds;  // that were asked for
+  std::string labelled;                       // the version of the last label
 
  private:
   grpc::Status GetActionSet(grpc::ServerContext*, const v1::GetActionSetRequest* request,
@@ -52,6 +53,13 @@ class Models final : public v1::ModelService::Service {
     *response = version;
     return grpc::Status::OK;
   }
+  grpc::Status LabelAction(grpc::ServerContext*, const v1::LabelActionRequest* request,
+                           v1::Action* response) override {
+    labelled = request->name();
+    response->set_action_id(request->action_id());
+    response->set_label(request->label());
+    return grpc::Status::OK;
+  }
   grpc::Status ListEvaluationReports(grpc::ServerContext*, const v1::ListEvaluationReportsRequest*,
                                      v1::ListEvaluationReportsResponse*) override {
     return grpc::Status::OK;
@@ -71,12 +79,12 @@ class ModelCommandTest : public testing::Test {
   ~ModelCommandTest() override { server_->Shutdown(std::chrono::system_clock::now()); }
 
   // What the command printed.
-  std::string Run(std::vector<std::string> arguments) {
+  std::string Run(std::vector<std::string> arguments, int status = kOk) {
     arguments.insert(arguments.begin(), {"--server", address_});
     std::istringstream in;
     std::ostringstream out;
     Environment environment(in, out, out);
-    EXPECT_EQ(RunManeuver(arguments, environment), kOk) << out.str();
+    EXPECT_EQ(RunManeuver(arguments, environment), status) << out.str();
     return out.str();
   }
 
@@ -114,6 +122,21 @@ TEST_F(ModelCommandTest, ShowsWhatAModelReadsAndPredicts) {
   EXPECT_THAT(shown, ContainsRegex("raster +96 x 64 at 0.5 m a pixel"));
   EXPECT_THAT(shown, HasSubstr("backbone"));
   EXPECT_THAT(shown, Not(HasSubstr("vectors")));
+}
+
+TEST_F(ModelCommandTest, LabelsTheVersionThatAModelServes) {
+  models_.version.set_name("models/town/versions/2");
+  for (const char* model : {"town", "town@candidate", "town/2"}) {
+    models_.labelled.clear();
+    EXPECT_THAT(Run({"model", "label", model, "7", "left\x1b[31m"}),
+                HasSubstr("action 7 of town/2 is now \"left\\x1b[31m\""));
+    EXPECT_EQ(models_.labelled, "models/town/versions/2");
+  }
+}
+
+TEST_F(ModelCommandTest, AsksForTheVersionThatIsToBeDeleted) {
+  EXPECT_THAT(Run({"model", "delete", "town@candidate"}, kUsage),
+              HasSubstr("name the version to delete, such as town/2; see maneuver model list"));
 }
 
 TEST_F(ModelCommandTest, DrawsActionsAtTheSpeedAskedFor) {
