@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <exception>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -13,8 +15,13 @@
 namespace maneuver::plot {
 namespace {
 
-constexpr double kSetHeader = 80.0;  // pixels over the whole
-constexpr double kLeastSide = 4.0;   // metres that a panel shows at least, along each axis
+constexpr double kSetHeader = 80.0;  // pixels over the whole, with one row of the key
+constexpr double kKeyRow = 22.0;
+constexpr double kKeyBaseline = 62.0;  // of the first row
+constexpr double kKeyLetters = 10.0;
+constexpr double kNoteLetters = 9.0;
+constexpr char kNote[] = "axes in metres, ahead and left; share: mean p(y|s) in validation";
+constexpr double kLeastSide = 4.0;  // metres that a panel shows at least, along each axis
 
 using Points = std::vector<std::pair<double, double>>;  // metres, from the origin on
 
@@ -87,17 +94,54 @@ absl::Status DrawAction(const v1::Action& action, const std::string& name, const
   return absl::OkStatus();
 }
 
-// What the colours mean: "mean", then "z1 +/-1 sigma" and so on.
-void DrawKey(int dimensions, double left, double baseline, Canvas* canvas) {
-  constexpr double kLetters = 10.0;
-  for (int i = -1; i < dimensions; ++i) {
-    const std::string text = i < 0 ? "mean" : absl::StrCat("z", i + 1, " +/-1 sigma");
-    const double y = baseline - kLetters / 2.0;
-    canvas->Stroke({{left, y}, {left + 22.0, y}}, i < 0 ? kInk : LatentColor(i), 2.6);
-    canvas->Text(text, {left + 30.0, baseline}, kLetters, kInk);
-    left += 30.0 + Canvas::TextWidth(text, kLetters) + 22.0;
+// What the colours mean: "mean", then "z1 +/-1 sigma" and so on, in as many rows as it takes; and
+// the note, at the right of the last row.
+class Key {
+ public:
+  Key(int dimensions, double width) : right_(width - 14.0) {
+    double left = kLeft;
+    for (int i = -1; i < dimensions; ++i) {
+      Entry entry{i < 0 ? "mean" : absl::StrCat("z", i + 1, " +/-1 sigma"),
+                  i < 0 ? kInk : LatentColor(i)};
+      const double end = 30.0 + Canvas::TextWidth(entry.text, kKeyLetters);
+      if (left + end > right_) {
+        left = kLeft;
+        ++rows_;
+      }
+      entry.left = left;
+      entry.row = rows_ - 1;
+      left += end + 22.0;
+      entries_.push_back(std::move(entry));
+    }
+    if (left + Canvas::TextWidth(kNote, kNoteLetters) > right_) ++rows_;
   }
-}
+
+  // What it takes beyond one row, pixels.
+  double ExtraHeight() const { return (rows_ - 1) * kKeyRow; }
+
+  void Draw(Canvas* canvas) const {
+    for (const Entry& entry : entries_) {
+      const double baseline = kKeyBaseline + entry.row * kKeyRow;
+      const double y = baseline - kKeyLetters / 2.0;
+      canvas->Stroke({{entry.left, y}, {entry.left + 22.0, y}}, entry.color, 2.6);
+      canvas->Text(entry.text, {entry.left + 30.0, baseline}, kKeyLetters, kInk);
+    }
+    canvas->Text(kNote, {right_, kKeyBaseline + ExtraHeight()}, kNoteLetters, kFaintInk,
+                 Anchor::kRight);
+  }
+
+ private:
+  static constexpr double kLeft = 20.0;
+  struct Entry {
+    std::string text;
+    Color color;
+    double left = 0.0;
+    int row = 0;
+  };
+  double right_;
+  std::vector<Entry> entries_;
+  int rows_ = 1;
+};
 
 absl::StatusOr<std::string> PaintActionSet(const v1::ActionSet& actions,
                                            const ActionSetPlotOptions& options) {
@@ -114,8 +158,11 @@ absl::StatusOr<std::string> PaintActionSet(const v1::ActionSet& actions,
   }
   const GridShape grid = ShapeOf(static_cast<int>(shown.size()));
   const int width = options.width > 0 ? options.width : std::max(900, 330 * grid.columns);
+  const int dimensions = (shown.front()->distribution().sigma_trajectories_size() - 1) / 2;
+  const Key key(dimensions, width);
+  const double header = kSetHeader + key.ExtraHeight();
   const int height =
-      options.height > 0 ? options.height : static_cast<int>(kSetHeader) + 270 * grid.rows + 10;
+      options.height > 0 ? options.height : static_cast<int>(header) + 270 * grid.rows + 10;
   absl::Status status = CheckSize(width, height);
   if (!status.ok()) return status;
 
@@ -127,11 +174,8 @@ absl::StatusOr<std::string> PaintActionSet(const v1::ActionSet& actions,
       options.all || none_effective ? "actions" : "effective actions", actions.actions_size(),
       horizon);
   canvas.Text(title, {20.0, 34.0}, 13.0, kInk, Anchor::kLeft, true);
-  const int dimensions = (shown.front()->distribution().sigma_trajectories_size() - 1) / 2;
-  DrawKey(dimensions, 20.0, 62.0, &canvas);
-  canvas.Text("axes in metres, ahead and left; share: mean p(y|s) in validation",
-              {width - 14.0, 62.0}, 9.0, kFaintInk, Anchor::kRight);
-  const Box whole{0.0, kSetHeader, double(width), height - kSetHeader - 6.0};
+  key.Draw(&canvas);
+  const Box whole{0.0, header, double(width), height - header - 6.0};
   for (size_t i = 0; i < shown.size(); ++i) {
     const auto name = options.names.find(shown[i]->action_id());
     const bool named = shown[i]->label().empty() && name != options.names.end();

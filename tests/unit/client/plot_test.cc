@@ -289,6 +289,41 @@ TEST(ActionSetPlotTest, IsAPngOfTheSizeAskedFor) {
   EXPECT_EQ(picture.rows, 640);
 }
 
+// The action set of a model with so many latent dimensions; each action has 1 + 2 dimensions sigma
+// trajectories.
+v1::ActionSet SixActions(int dimensions) {
+  v1::ActionSet set;
+  for (int id = 0; id < 6; ++id) {
+    v1::Action* action = set.add_actions();
+    action->set_action_id(id);
+    action->set_effective(true);
+    v1::Trajectory mean;
+    mean.add_x(10.0);
+    mean.add_y(id);
+    for (int i = 0; i < 1 + 2 * dimensions; ++i) {
+      *action->mutable_distribution()->add_sigma_trajectories() = mean;
+    }
+    *action->mutable_distribution()->mutable_mean_trajectory() = mean;
+  }
+  return set;
+}
+
+TEST(ActionSetPlotTest, KeepsTheKeyOfManyDimensionsApartFromTheNote) {
+  // With one dimension the key is short: the note stands alone at the right.
+  const cv::Mat few = Decode(*DrawActionSet(SixActions(1), {}));
+  const cv::Mat many = Decode(*DrawActionSet(SixActions(8), {}));
+  ASSERT_EQ(few.cols, many.cols);
+  const cv::Rect note(500, 48, few.cols - 500, 20);
+  const cv::Mat blank(note.height, note.width, few.type(), cv::Scalar::all(255));
+  ASSERT_GT(cv::norm(few(note), blank, cv::NORM_INF), 100.0);
+  bool is_there = false;
+  for (int down = 0; down < 100; ++down) {
+    const cv::Rect moved(note.x, note.y + down, note.width, note.height);
+    is_there |= cv::norm(few(note), many(moved), cv::NORM_INF) == 0.0;
+  }
+  EXPECT_TRUE(is_there);
+}
+
 TEST(ActionSetPlotTest, AnEmptySetIsRefused) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionSet({}, {}).status()));
 }
