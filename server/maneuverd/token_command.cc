@@ -28,7 +28,8 @@ int Create(const std::string& name, const std::string& roles_text,
   const auto line = security::TokenLine(name, *roles, token);
   if (!line.ok()) return Fail(kWrongUsage, line.status());
   if (const auto status = security::AppendLine(file, *line); !status.ok()) {
-    return Fail(kFailed, status);
+    return Fail(kFailed,
+                absl::Status(status.code(), file.string() + ": " + std::string(status.message())));
   }
   std::cerr << "The token of " << name << ", shown this once; " << file.string()
             << " keeps its SHA-256 alone:\n";
