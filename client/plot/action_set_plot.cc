@@ -175,7 +175,7 @@ absl::StatusOr<std::string> PaintActionSet(const v1::ActionSet& actions,
       horizon);
   canvas.Text(title, {20.0, 34.0}, 13.0, kInk, Anchor::kLeft, true);
   key.Draw(&canvas);
-  const Box whole{0.0, header, double(width), height - header - 6.0};
+  const Box whole{0.0, header, static_cast<double>(width), height - header - 6.0};
   for (size_t i = 0; i < shown.size(); ++i) {
     const auto name = options.names.find(shown[i]->action_id());
     const bool named = shown[i]->label().empty() && name != options.names.end();
