@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Trains the base, the dual and the unified model from several seeds on one dataset folder and
-# measures each on another, as docs/explanation/learning.md has it. Hours for many seeds: one model takes about
-# six minutes on one core. What is there already is kept, so that it can be stopped and called
+# measures each on another, as docs/reports/learning.md has it. Hours for many seeds: one model takes
+# about six minutes on one core. What is there already is kept, so that it can be stopped and called
 # again.
 #
 #   tests/bench/objectives.sh TRAINING_FOLDER TEST_FOLDER OUTPUT_FOLDER [SEED...]
