@@ -23,6 +23,7 @@
 #include "model/artifact/training_presets.h"
 #include "model/data/dataset_folder.h"
 #include "tests/integration/test_certificates.h"
+#include "tests/unit/client/run_maneuver.h"
 #include "tests/unit/client/test_server.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
 #include "tests/unit/model/inference/reference_model.h"
@@ -41,21 +42,6 @@ using ::testing::Not;
 // Port 1 of this machine: nobody listens.
 constexpr char kNobody[] = "127.0.0.1:1";
 constexpr char kScene[] = R"({"agents": [{"id": 7, "states": [{}]}], "targetIds": [7]})";
-
-struct Result {
-  int status;
-  std::string out;
-  std::string err;
-};
-
-Result Maneuver(const std::vector<std::string>& arguments, const std::string& input = "") {
-  std::istringstream in(input);
-  std::ostringstream out;
-  std::ostringstream err;
-  Environment environment(in, out, err);
-  const int status = RunManeuver(arguments, environment);
-  return {status, out.str(), err.str()};
-}
 
 void WriteText(const std::string& file, const std::string& text) {
   std::ofstream(file, std::ios::binary) << text;

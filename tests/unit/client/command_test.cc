@@ -18,6 +18,7 @@
 #include "model/artifact/model_folder.h"
 #include "model/artifact/training_presets.h"
 #include "model/onnx/onnx_export.h"
+#include "tests/unit/client/run_maneuver.h"
 #include "tests/unit/client/test_server.h"
 #include "tests/unit/model/inference/reference_model.h"
 #include "tests/unit/temporary_folder.h"
@@ -29,21 +30,6 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::Not;
-
-struct Result {
-  int status;
-  std::string out;
-  std::string err;
-};
-
-Result Maneuver(const std::vector<std::string>& arguments, const std::string& input = "") {
-  std::istringstream in(input);
-  std::ostringstream out;
-  std::ostringstream err;
-  Environment environment(in, out, err);
-  const int status = RunManeuver(arguments, environment);
-  return {status, out.str(), err.str()};
-}
 
 TEST(ModelExportTest, WritesTheNetworksOfAFolder) {
   const TemporaryFolder work;

@@ -3,10 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <functional>
 #include <numbers>
 #include <string>
 #include <vector>
+
+#include "tests/unit/model/evaluation/driven_trajectory.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -14,19 +15,6 @@ namespace {
 using inference::Trajectory;
 
 constexpr double kDegree = std::numbers::pi / 180.0;
-
-std::vector<double> Times() {
-  std::vector<double> times;
-  for (int i = 1; i <= 50; ++i) times.push_back(0.1 * i);
-  return times;
-}
-
-// Five seconds of a place that is a function of time.
-Trajectory Driven(const std::function<Eigen::RowVector2d(double)>& place) {
-  Trajectory trajectory(50, 2);
-  for (int i = 0; i < 50; ++i) trajectory.row(i) = place(0.1 * (i + 1));
-  return trajectory;
-}
 
 // An arc of `length` metres that turns by `turn` radians.
 Trajectory Arc(double length, double turn) {
