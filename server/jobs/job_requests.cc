@@ -217,6 +217,13 @@ absl::Status CheckStart(const v1::TrainRequest& request, const v1::ModelSpec& st
   return Checked(violations);
 }
 
+absl::StatusOr<serving::ModelVersions::ResolvedVersion> ResolveReference(
+    const serving::ModelVersions& versions, const std::string& reference) {
+  const auto parsed = security::ParseOptionalModelReference(reference, "model");
+  if (!parsed.ok()) return parsed.status();
+  return versions.Resolve(*parsed);
+}
+
 absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request) {
   Violations violations;
   if (!request.model().empty() && !security::ParseModelReference(request.model(), "model").ok()) {

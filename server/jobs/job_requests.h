@@ -8,9 +8,11 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "model/evaluation/rival_requirements.h"
 #include "model/scene/field_violation.h"
+#include "server/serving/model_versions.h"
 
 namespace maneuver::jobs {
 
@@ -28,6 +30,11 @@ absl::Status CheckStart(const v1::TrainRequest& request, const v1::ModelSpec& st
 // "requirements".
 void CheckRequirements(const evaluation::RivalRequirements& requirements, const std::string& field,
                        std::vector<scene::FieldViolation>& violations);
+
+// Returns the version that a reference in a request means, such as start_from; an empty one means
+// the only model that serves. Errors: those of ModelVersions::Resolve.
+absl::StatusOr<serving::ModelVersions::ResolvedVersion> ResolveReference(
+    const serving::ModelVersions& versions, const std::string& reference);
 
 // Example settings with every unset field taken from the default preset.
 v1::ExampleSettings ResolveExamples(const v1::ExampleSettings& examples);

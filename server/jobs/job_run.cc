@@ -65,12 +65,12 @@ Outcome Train(v1::Job& job, const fs::path& folder, const JobAttempt& attempt) {
   if (request.start_from().empty()) {
     settings = artifact::ResolveTrainingSettings(request.settings());
   } else {
-    const auto version = environment.resolve(request.start_from());
+    const auto version = ResolveReference(*environment.versions, request.start_from());
     if (!version.ok()) return {WithDefaultReason(version.status(), "MODEL_UNAVAILABLE")};
     const auto manifest = artifact::ReadModelManifest(version->folder);
     if (!manifest.ok()) return {WithDefaultReason(manifest.status(), "MODEL_UNAVAILABLE")};
     settings = artifact::ResolveTrainingSettings(request.settings(), manifest->spec());
-    start = {"--start-from", version->folder, "--start-from-name", version->version};
+    start = {"--start-from", version->folder, "--start-from-name", version->name.ToString()};
   }
   if (absl::Status status = PrepareFolder(folder, settings); !status.ok()) {
     return {WithDefaultReason(status, "CANNOT_WRITE")};
@@ -83,10 +83,10 @@ Outcome Train(v1::Job& job, const fs::path& folder, const JobAttempt& attempt) {
   Outcome outcome = RunTrainer(job, std::move(arguments), folder, attempt);
   if (!outcome.status.ok() || attempt.stop.reason() != StopRequest::Reason::kNone) return outcome;
   const auto version =
-      environment.publish(std::string(absl::StripPrefix(request.model(), "models/")),
-                          folder / kOutput, request.promotion(), job.name());
+      environment.versions->Publish(std::string(absl::StripPrefix(request.model(), "models/")),
+                                    folder / kOutput, request.promotion(), job.name());
   if (!version.ok()) return {WithDefaultReason(version.status(), "MODEL_REFUSED")};
-  job.set_model_version(*version);
+  job.set_model_version(version->ToString());
   return outcome;
 }
 
@@ -157,11 +157,11 @@ Outcome CrossValidate(v1::Job& job, const fs::path& folder, const JobAttempt& at
 // said so.
 Outcome FindPublishedVersion(v1::Job& job, const JobRunEnvironment& environment) {
   if (!job.has_train() || job.attempts().started() <= 1) return {};
-  const auto published =
-      environment.find_published(std::string(absl::StripPrefix(job.train().model(), "models/")),
-                                 job.train().promotion(), job.name());
+  const auto published = environment.versions->FindMadeBy(
+      std::string(absl::StripPrefix(job.train().model(), "models/")), job.train().promotion(),
+      job.name());
   if (!published.ok()) return {WithDefaultReason(published.status(), "MODEL_REFUSED")};
-  if (*published) job.set_model_version(**published);
+  if (*published) job.set_model_version((*published)->ToString());
   return {};
 }
 

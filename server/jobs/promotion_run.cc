@@ -20,17 +20,25 @@ namespace fs = std::filesystem;
 
 constexpr char kDecisionFile[] = "decision.json";
 
+// Returns the name of the version that serves models/{model}; empty: none does.
+std::string ServingName(const serving::ModelVersions& versions, const std::string& model) {
+  const auto serving = versions.Serving(std::string(absl::StripPrefix(model, "models/")));
+  return serving ? serving->ToString() : std::string();
+}
+
 class JobPromotion final : public PromotionSteps {
  public:
   JobPromotion(v1::Job& job, const PromotionTask& task, fs::path folder, const JobAttempt& attempt)
       : job_(job), task_(task), folder_(std::move(folder)), attempt_(attempt) {}
 
-  std::string Serving() override {
-    return versions().serving(std::string(absl::StripPrefix(task_.model, "models/")));
-  }
+  std::string Serving() override { return ServingName(versions(), task_.model); }
 
   absl::StatusOr<v1::EvaluationReport> FindReport(const std::string& version) override {
-    return versions().find_report(version, task_.criteria.dataset());
+    const auto name = security::ParseModelVersionName(version, "model_version");
+    if (!name.ok()) return name.status();
+    const auto dataset = security::ParseDatasetName(task_.criteria.dataset(), "dataset");
+    if (!dataset.ok()) return dataset.status();
+    return versions().GetReport({*name, *dataset});
   }
 
   MeasuredVersion Measure(const std::string& version) override {
@@ -48,7 +56,12 @@ class JobPromotion final : public PromotionSteps {
   }
 
   absl::StatusOr<bool> Promote(const std::string& version, const std::string& before) override {
-    return versions().promote_over(version, before);
+    const auto name = security::ParseModelVersionName(version, "model_version");
+    if (!name.ok()) return name.status();
+    if (before.empty()) return versions().PromoteOver(*name, std::nullopt);
+    const auto serving = security::ParseModelVersionName(before, "model_version");
+    if (!serving.ok()) return serving.status();
+    return versions().PromoteOver(*name, *serving);
   }
 
   absl::Status Remember(const v1::PromotionDecision& decision) override {
@@ -71,7 +84,7 @@ class JobPromotion final : public PromotionSteps {
   bool last_died() const { return last_died_; }
 
  private:
-  const VersionAccess& versions() const { return attempt_.environment.versions; }
+  serving::ModelVersions& versions() const { return *attempt_.environment.versions; }
 
   v1::Job& job_;
   const PromotionTask& task_;
@@ -91,7 +104,7 @@ void Record(v1::Job& job, v1::PromotionDecision decision, absl::Time now) {
 }
 
 // What publishing did.
-v1::PromotionDecision AsPublished(const v1::Job& job, const VersionAccess& versions) {
+v1::PromotionDecision AsPublished(const v1::Job& job, const serving::ModelVersions& versions) {
   v1::PromotionDecision decision;
   const v1::TrainRequest& request = job.train();
   if (request.promotion() == v1::PROMOTION_NEVER) {
@@ -103,8 +116,7 @@ v1::PromotionDecision AsPublished(const v1::Job& job, const VersionAccess& versi
     decision.set_reason("it was to be in any case");
     return decision;
   }
-  const std::string serving =
-      versions.serving(std::string(absl::StripPrefix(request.model(), "models/")));
+  const std::string serving = ServingName(versions, request.model());
   decision.set_promoted(serving == job.model_version());
   if (decision.promoted()) {
     decision.set_reason(absl::StrCat("no version of ", request.model(), " served"));
@@ -120,7 +132,7 @@ v1::PromotionDecision AsPublished(const v1::Job& job, const VersionAccess& versi
 Outcome RunPromotion(v1::Job& job, const fs::path& folder, const JobAttempt& attempt) {
   const v1::TrainRequest& request = job.train();
   if (request.promotion() != v1::PROMOTION_IF_NO_WORSE) {
-    Record(job, AsPublished(job, attempt.environment.versions), attempt.now());
+    Record(job, AsPublished(job, *attempt.environment.versions), attempt.now());
     return {};
   }
   PromotionTask task{request.model(), job.model_version(),

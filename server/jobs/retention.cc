@@ -1,6 +1,5 @@
 #include "server/jobs/retention.h"
 
-#include <algorithm>
 #include <map>
 #include <optional>
 #include <utility>
@@ -18,22 +17,23 @@ using monitoring::LogLevel;
 
 }  // namespace
 
-std::vector<std::string> VersionsToDelete(const RetentionPolicy& policy,
-                                          const std::vector<KeptVersion>& versions,
-                                          const std::vector<std::string>& needed) {
-  std::vector<std::string> given_up;
+std::vector<security::ModelVersionName> VersionsToDelete(
+    const RetentionPolicy& policy,
+    const std::vector<serving::ModelVersions::ListedVersion>& versions,
+    const std::set<std::string>& needed) {
+  std::vector<security::ModelVersionName> given_up;
   if (policy.versions <= 0) return given_up;
   std::map<std::string, int> seen;
-  for (const KeptVersion& version : versions) {
-    if (++seen[version.model] <= policy.versions || version.has_alias) continue;
-    if (std::ranges::find(needed, version.name) != needed.end()) continue;
-    given_up.push_back(version.name);
+  for (const auto& [name, has_alias] : versions) {
+    if (++seen[name.model] <= policy.versions || has_alias) continue;
+    if (!needed.contains(name.ToString())) given_up.push_back(name);
   }
   return given_up;
 }
 
-Retention::Retention(const RetentionPolicy& policy, Supervisor& jobs, RetainedModels models)
-    : policy_(policy), jobs_(jobs), models_(std::move(models)) {}
+Retention::Retention(const RetentionPolicy& policy, Supervisor& jobs,
+                     serving::ModelVersions& versions)
+    : policy_(policy), jobs_(jobs), versions_(versions) {}
 
 Retention::~Retention() {
   {
@@ -80,22 +80,22 @@ absl::Status Retention::SweepJobs(absl::Time now) {
 
 absl::Status Retention::SweepVersions() {
   if (policy_.versions <= 0) return absl::OkStatus();
-  std::vector<std::string> needed;
+  std::set<std::string> needed;
   for (const v1::JobState state : {v1::JOB_STATE_PENDING, v1::JOB_STATE_RUNNING}) {
     const auto jobs = jobs_.store().ListInState(state, std::nullopt);
     if (!jobs.ok()) return jobs.status();
     for (const v1::Job& job : *jobs) {
-      if (job.has_train()) needed.push_back(job.train().start_from());
-      if (job.has_evaluate()) needed.push_back(job.evaluate().model());
+      if (job.has_train()) needed.insert(job.train().start_from());
+      if (job.has_evaluate()) needed.insert(job.evaluate().model());
     }
   }
   absl::Status result;
-  for (const std::string& version : VersionsToDelete(policy_, models_.list(), needed)) {
-    const absl::Status status = models_.remove(version);
+  for (const auto& version : VersionsToDelete(policy_, versions_.List(), needed)) {
+    const absl::Status status = versions_.Delete(version);
     if (absl::IsFailedPrecondition(status) || absl::IsNotFound(status)) continue;
     result.Update(status);
     if (status.ok()) {
-      Log(LogLevel::kInfo, "old model version deleted", {{"model_version", version}});
+      Log(LogLevel::kInfo, "old model version deleted", {{"model_version", version.ToString()}});
     }
   }
   return result;

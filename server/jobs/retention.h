@@ -6,6 +6,7 @@
 #include <condition_variable>
 #include <functional>
 #include <mutex>
+#include <set>
 #include <string>
 #include <thread>
 #include <utility>
@@ -14,6 +15,7 @@
 #include "absl/status/status.h"
 #include "absl/time/time.h"
 #include "server/jobs/supervisor.h"
+#include "server/serving/model_versions.h"
 
 namespace maneuver::jobs {
 
@@ -26,32 +28,19 @@ struct RetentionPolicy {
   int versions = 0;
 };
 
-// A version of a model, as the policy sees it.
-struct KeptVersion {
-  std::string model;  // models/{model}
-  std::string name;   // models/{model}/versions/{version}
-  bool has_alias = false;
-};
-
-// The versions that the policy gives up.
+// Returns the versions that the policy gives up.
 //   versions: newest first.
-//   needed: names of those that a job which has not ended reads.
-std::vector<std::string> VersionsToDelete(const RetentionPolicy& policy,
-                                          const std::vector<KeptVersion>& versions,
-                                          const std::vector<std::string>& needed);
-
-// The models that the policy is applied to.
-struct RetainedModels {
-  std::function<std::vector<KeptVersion>()> list;  // newest first
-  // Refuses a version that an alias has come to name in between.
-  std::function<absl::Status(const std::string& version)> remove;
-};
+//   needed: names of the versions that pending and running jobs read.
+std::vector<security::ModelVersionName> VersionsToDelete(
+    const RetentionPolicy& policy,
+    const std::vector<serving::ModelVersions::ListedVersion>& versions,
+    const std::set<std::string>& needed);
 
 // Applies a policy. Never removes a job that has not ended, nor its checkpoints.
 class Retention {
  public:
-  // What is referred to must outlive this.
-  Retention(const RetentionPolicy& policy, Supervisor& jobs, RetainedModels models);
+  // `jobs` and `versions` outlive this.
+  Retention(const RetentionPolicy& policy, Supervisor& jobs, serving::ModelVersions& versions);
   ~Retention();
   Retention(const Retention&) = delete;
   Retention& operator=(const Retention&) = delete;
@@ -71,7 +60,7 @@ class Retention {
 
   const RetentionPolicy policy_;
   Supervisor& jobs_;
-  const RetainedModels models_;
+  serving::ModelVersions& versions_;
   std::vector<std::function<absl::Status()>> others_;
 
   std::mutex mutex_;

@@ -33,9 +33,10 @@ void LogFailure(const char* what, const std::string& job, const absl::Status& st
 absl::StatusOr<std::unique_ptr<Supervisor>> Supervisor::Start(SupervisorOptions options,
                                                               JobStore& store,
                                                               data::DatasetStore& datasets,
+                                                              serving::ModelVersions& versions,
                                                               monitoring::MetricRegistry& metrics) {
   std::unique_ptr<Supervisor> supervisor(
-      new Supervisor(std::move(options), store, datasets, metrics));
+      new Supervisor(std::move(options), store, datasets, versions, metrics));
   if (absl::Status status = supervisor->Recover(); !status.ok()) return status;
   for (int i = 0; i < supervisor->options_.max_running_jobs; ++i) {
     supervisor->threads_.emplace_back([s = supervisor.get(), i] { s->RunJobs(i); });
@@ -44,10 +45,11 @@ absl::StatusOr<std::unique_ptr<Supervisor>> Supervisor::Start(SupervisorOptions 
 }
 
 Supervisor::Supervisor(SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
-                       monitoring::MetricRegistry& metrics)
+                       serving::ModelVersions& versions, monitoring::MetricRegistry& metrics)
     : options_(std::move(options)),
       store_(store),
       datasets_(datasets),
+      versions_(versions),
       interruptions_(metrics.AddCounter("maneuver_job_interruptions_total",
                                         "Processes of jobs that died or were cut off.")),
       curves_(metrics, options_.max_running_jobs) {
@@ -160,10 +162,7 @@ void Supervisor::RunOne(const v1::Job& job, int slot, StopRequest& stop) {
       .checkpoints = options_.checkpoints,
       .least_effective_actions = options_.least_effective_actions,
       .datasets = &datasets_,
-      .publish = options_.publish,
-      .find_published = options_.find_published,
-      .resolve = options_.resolve,
-      .versions = options_.versions,
+      .versions = &versions_,
       .patience = options_.patience};
   ProgressRecorder progress(
       store_, news_, job, options_.now,

@@ -29,6 +29,7 @@
 #include "server/jobs/job_store.h"
 #include "server/jobs/job_watch.h"
 #include "server/monitoring/metrics.h"
+#include "server/serving/model_versions.h"
 
 namespace maneuver::jobs {
 
@@ -41,10 +42,6 @@ struct SupervisorOptions {
   JobLimits limits;
   CheckpointOptions checkpoints;
   int least_effective_actions = 0;
-  PublishModel publish;
-  FindPublished find_published;
-  ResolveModel resolve;
-  VersionAccess versions;
   int max_running_jobs = 1;
   int max_pending_jobs = 1'000;
   // From SIGTERM to SIGKILL, for a job that is cancelled or cut off by Stop.
@@ -64,6 +61,7 @@ class Supervisor {
   // What is referred to must outlive this.
   static absl::StatusOr<std::unique_ptr<Supervisor>> Start(
       SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
+      serving::ModelVersions& versions,
       monitoring::MetricRegistry& metrics = monitoring::MetricRegistry::Null());
   // Stops, if Stop was not called.
   ~Supervisor();
@@ -113,7 +111,7 @@ class Supervisor {
 
  private:
   Supervisor(SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
-             monitoring::MetricRegistry& metrics);
+             serving::ModelVersions& versions, monitoring::MetricRegistry& metrics);
 
   absl::Status Recover();
   absl::StatusOr<v1::Job> Admit(v1::Job job, const std::string& request_id,
@@ -138,6 +136,7 @@ class Supervisor {
   const SupervisorOptions options_;
   JobStore& store_;
   data::DatasetStore& datasets_;
+  serving::ModelVersions& versions_;
   std::map<v1::JobState, monitoring::Gauge*> gauges_;
   std::map<v1::JobState, monitoring::Counter*> ends_;  // of the states that end a job
   monitoring::Counter& interruptions_;

@@ -57,13 +57,13 @@ absl::StatusOr<v1::Job> Supervisor::Train(const v1::TrainRequest& request) {
     bool found = false;
     auto earlier = EarlierJob(request.request_id(), digest, &found);
     if (found || !earlier.ok()) return earlier;
-    const auto start = options_.resolve(request.start_from());
+    const auto start = ResolveReference(versions_, request.start_from());
     if (!start.ok()) return start.status();
     const auto manifest = artifact::ReadModelManifest(start->folder);
     if (!manifest.ok()) return WithDefaultReason(manifest.status(), "MODEL_UNAVAILABLE");
     absl::Status status = CheckStart(request, manifest->spec());
     if (!status.ok()) return status;
-    job.mutable_train()->set_start_from(start->version);
+    job.mutable_train()->set_start_from(start->name.ToString());
   }
   return Admit(std::move(job), request.request_id(), digest, request.validate_only());
 }
@@ -75,11 +75,11 @@ absl::StatusOr<v1::Job> Supervisor::Evaluate(const v1::EvaluateRequest& request)
   bool found = false;
   auto earlier = EarlierJob(request.request_id(), digest, &found);
   if (found || !earlier.ok()) return earlier;
-  const auto model = options_.resolve(request.model());
+  const auto model = ResolveReference(versions_, request.model());
   if (!model.ok()) return model.status();
   v1::Job job;
   *job.mutable_evaluate() = request;
-  job.mutable_evaluate()->set_model(model->version);
+  job.mutable_evaluate()->set_model(model->name.ToString());
   return Admit(std::move(job), request.request_id(), digest, request.validate_only());
 }
 

@@ -43,7 +43,8 @@ std::optional<std::chrono::milliseconds> TimeLeft(const v1::Job& job, const JobL
 }
 
 // What the trainer found, as it is kept: complete.
-absl::StatusOr<v1::EvaluationReport> ReadReport(const fs::path& output, const ResolvedModel& model,
+absl::StatusOr<v1::EvaluationReport> ReadReport(const fs::path& output,
+                                                const security::ModelVersionName& version,
                                                 const v1::Dataset& dataset,
                                                 const MeasuringTask& task, absl::Time now) {
   const auto text = files::ReadFile(output);
@@ -52,7 +53,7 @@ absl::StatusOr<v1::EvaluationReport> ReadReport(const fs::path& output, const Re
     return errors::WithReason(absl::InternalError("the trainer ended well but left no report"),
                               "TRAINER_INTERNAL");
   }
-  report.set_model_version(model.version);
+  report.set_model_version(version.ToString());
   report.set_dataset(task.dataset);
   report.set_dataset_sha256(data::ContentSha256(dataset));
   *report.mutable_create_time() = ToTimestamp(now);
@@ -114,7 +115,7 @@ Measured Measure(v1::Job& job, const MeasuringTask& task, const fs::path& folder
   const auto failed = [](absl::Status status, errors::Reason reason) {
     return Measured{{WithDefaultReason(std::move(status), reason)}, std::nullopt};
   };
-  const auto model = environment.resolve(task.model);
+  const auto model = ResolveReference(*environment.versions, task.model);
   if (!model.ok()) return failed(model.status(), "MODEL_UNAVAILABLE");
   const std::string id(absl::StripPrefix(task.dataset, "datasets/"));
   const auto dataset = environment.datasets->Get(id);
@@ -132,13 +133,13 @@ Measured Measure(v1::Job& job, const MeasuringTask& task, const fs::path& folder
   if (!measured.outcome.status.ok() || attempt.stop.reason() != StopRequest::Reason::kNone) {
     return measured;
   }
-  auto report = ReadReport(folder / kOutput, *model, *dataset, task, attempt.now());
+  auto report = ReadReport(folder / kOutput, model->name, *dataset, task, attempt.now());
   if (!report.ok()) return {{report.status()}, std::nullopt};
-  const absl::Status kept = environment.versions.keep_report(*report);
+  const absl::Status kept = environment.versions->KeepReport(*report);
   if (absl::IsNotFound(kept)) {
     // Somebody deleted the version; whoever asked gets the report all the same.
     monitoring::Log(monitoring::LogLevel::kWarning, "report not kept: the version is gone",
-                    {{"job", job.name()}, {"model_version", model->version}});
+                    {{"job", job.name()}, {"model_version", model->name.ToString()}});
   } else if (!kept.ok()) {
     return failed(kept, "CANNOT_WRITE");
   }

@@ -39,10 +39,12 @@
 #include "server/rpc/server.h"
 #include "server/rpc/training_service.h"
 #include "server/serving/batch_scheduler.h"
+#include "server/serving/local_model_versions.h"
 #include "server/serving/map_cache.h"
-#include "server/serving/model_registry.h"
 #include "server/serving/send_memory.h"
+#include "server/serving/serving_table.h"
 #include "server/serving/shadow.h"
+#include "server/serving/version_store.h"
 
 namespace maneuver {
 namespace {
@@ -85,41 +87,7 @@ class TerminationSignals {
   sigset_t signals_;
 };
 
-jobs::VersionAccess VersionAccessOf(serving::ModelRegistry& models) {
-  jobs::VersionAccess access;
-  access.keep_report = [&models](const v1::EvaluationReport& report) {
-    return models.KeepReport(report);
-  };
-  access.find_report = [&models](
-                           const std::string& version,
-                           const std::string& dataset) -> absl::StatusOr<v1::EvaluationReport> {
-    const auto name = security::ParseModelVersionName(version, "model_version");
-    if (!name.ok()) return name.status();
-    const auto id = security::ParseDatasetName(dataset, "dataset");
-    if (!id.ok()) return id.status();
-    return models.GetReport({*name, *id});
-  };
-  access.serving = [&models](const std::string& model) {
-    const auto serving = models.Serving(model);
-    return serving ? serving->ToString() : std::string();
-  };
-  access.promote_over = [&models](const std::string& version,
-                                  const std::string& before) -> absl::StatusOr<bool> {
-    const auto name = security::ParseModelVersionName(version, "model_version");
-    if (!name.ok()) return name.status();
-    std::optional<security::ModelVersionName> serving;
-    if (!before.empty()) {
-      const auto parsed = security::ParseModelVersionName(before, "model_version");
-      if (!parsed.ok()) return parsed.status();
-      serving = *parsed;
-    }
-    return models.PromoteOver(*name, serving);
-  };
-  return access;
-}
-
-jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options,
-                                             serving::ModelRegistry& models) {
+jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options) {
   jobs::SupervisorOptions supervisor;
   supervisor.folder = options.data_dir / "jobs";
   supervisor.trainer = options.jobs.trainer;
@@ -130,54 +98,11 @@ jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options,
   supervisor.max_pending_jobs = options.jobs.max_pending;
   // A trainer that ignores SIGTERM must not hold up the server's own end.
   supervisor.patience = std::min(supervisor.patience, options.shutdown_timeout);
-  supervisor.publish = [&models](const std::string& model, const std::filesystem::path& finished,
-                                 v1::Promotion promotion,
-                                 const std::string& maker) -> absl::StatusOr<std::string> {
-    const auto name = models.Publish(model, finished, promotion, maker);
-    if (!name.ok()) return name.status();
-    return name->ToString();
-  };
-  supervisor.find_published =
-      [&models](const std::string& model, v1::Promotion promotion,
-                const std::string& maker) -> absl::StatusOr<std::optional<std::string>> {
-    const auto name = models.FindMadeBy(model, promotion, maker);
-    if (!name.ok()) return name.status();
-    if (!*name) return std::optional<std::string>();
-    return std::optional<std::string>((*name)->ToString());
-  };
-  supervisor.resolve =
-      [&models](const std::string& reference) -> absl::StatusOr<jobs::ResolvedModel> {
-    const auto parsed = rpc::ParseReference(reference, "model");
-    if (!parsed.ok()) return parsed.status();
-    auto resolved = models.Resolve(*parsed);
-    if (!resolved.ok()) return resolved.status();
-    return jobs::ResolvedModel{resolved->name.ToString(), std::move(resolved->folder)};
-  };
-  supervisor.versions = VersionAccessOf(models);
   return supervisor;
 }
 
-jobs::RetainedModels Retained(serving::ModelRegistry& models) {
-  jobs::RetainedModels retained;
-  retained.list = [&models] {
-    std::vector<jobs::KeptVersion> versions;
-    for (const auto& info : models.List("")) {
-      versions.push_back({.model = "models/" + info.name.model,
-                          .name = info.name.ToString(),
-                          .has_alias = !info.aliases.empty()});
-    }
-    return versions;
-  };
-  retained.remove = [&models](const std::string& version) {
-    const auto name = security::ParseModelVersionName(version, "model_version");
-    return name.ok() ? models.Delete(*name) : name.status();
-  };
-  return retained;
-}
-
 // What cannot be served is logged; what served before then goes on.
-void Serve(const std::vector<security::ModelVersionName>& versions,
-           serving::ModelRegistry& models) {
+void Serve(const std::vector<security::ModelVersionName>& versions, serving::ServingTable& models) {
   for (const security::ModelVersionName& version : versions) {
     const security::ModelAliasName alias{version.model, std::string(security::kServingAlias)};
     if (models.Serving(version.model) == version) continue;
@@ -211,8 +136,10 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   if (!store.ok()) return store.status();
   const auto datasets = data::DatasetStore::Open(options.data_dir / "datasets", options.datasets);
   if (!datasets.ok()) return datasets.status();
-  const auto models = serving::ModelRegistry::Open(
-      options.data_dir / "models", **store,
+  const auto versions = serving::VersionStore::Open(options.data_dir / "models");
+  if (!versions.ok()) return versions.status();
+  const auto models = serving::ServingTable::Open(
+      **versions, **store,
       [engine = options.engine](const std::filesystem::path& folder) {
         return inference::ActionModel::Load(folder, engine);
       },
@@ -222,10 +149,11 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   // Outlives the calls, which hold shares of it.
   serving::SendMemory send_memory(options.sends, *metrics);
   serving::BatchScheduler scheduler(options.scheduler, *metrics);
-  const auto supervisor = jobs::Supervisor::Start(SupervisorOptionsFor(options, **models), **store,
-                                                  **datasets, *metrics);
+  serving::LocalModelVersions job_versions(**versions, **models);
+  const auto supervisor = jobs::Supervisor::Start(SupervisorOptionsFor(options), **store,
+                                                  **datasets, job_versions, *metrics);
   if (!supervisor.ok()) return supervisor.status();
-  jobs::Retention retention(options.jobs.retention, **supervisor, Retained(**models));
+  jobs::Retention retention(options.jobs.retention, **supervisor, job_versions);
   retention.AlsoSweep([&datasets] {
     return (*datasets)->RemoveAbandonedUploads(std::filesystem::file_time_type::clock::now());
   });
@@ -248,7 +176,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
                                  .access = (*protection)->access(),
                                  .shadow = std::move(shadow)};
   rpc::PredictionService predictions(context);
-  rpc::ModelService model_service(**models, disk);
+  rpc::ModelService model_service(**versions, **models, disk);
   security::AccessControl& access = (*protection)->access();
   rpc::DatasetService dataset_service(**datasets, **supervisor, disk, access);
   rpc::TrainingService training_service(**supervisor, disk, access);

@@ -19,7 +19,7 @@
 namespace maneuver::rpc {
 namespace {
 
-using VersionInfo = serving::ModelRegistry::VersionInfo;
+using StoredVersion = serving::VersionStore::StoredVersion;
 
 constexpr int kDefaultPageSize = 50;
 constexpr int kMaxPageSize = 1000;
@@ -32,12 +32,13 @@ struct PageStart {
   security::ModelVersionName name;
 };
 
-int64_t Nanoseconds(const VersionInfo& info) {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(info.create_time.time_since_epoch())
+int64_t Nanoseconds(const StoredVersion& version) {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             version.create_time.time_since_epoch())
       .count();
 }
 
-std::string MakePageToken(const VersionInfo& last) {
+std::string MakePageToken(const StoredVersion& last) {
   return absl::StrCat(Nanoseconds(last), "/", last.name.ToString());
 }
 
@@ -55,12 +56,12 @@ absl::StatusOr<PageStart> ParsePageToken(std::string_view token) {
   return errors::InvalidField("page_token", "expected the next_page_token of a former answer");
 }
 
-// Whether `info` comes after the start of a page, in the order of ModelRegistry::List.
-bool ComesAfter(const VersionInfo& info, const PageStart& start) {
-  const int64_t nanoseconds = Nanoseconds(info);
+// Whether `version` comes after the start of a page, in the order of VersionStore::List.
+bool ComesAfter(const StoredVersion& version, const PageStart& start) {
+  const int64_t nanoseconds = Nanoseconds(version);
   if (nanoseconds != start.nanoseconds) return nanoseconds < start.nanoseconds;
-  if (info.name.model != start.name.model) return info.name.model > start.name.model;
-  return info.name.version < start.name.version;
+  if (version.name.model != start.name.model) return version.name.model > start.name.model;
+  return version.name.version < start.name.version;
 }
 
 absl::StatusOr<int> PageSize(int requested) {
@@ -68,7 +69,17 @@ absl::StatusOr<int> PageSize(int requested) {
   return requested == 0 ? kDefaultPageSize : std::min(requested, kMaxPageSize);
 }
 
-absl::Status ListPage(const serving::ModelRegistry& models,
+// Returns what is stored of a version, with its aliases.
+absl::StatusOr<v1::ModelVersion> Describe(const serving::VersionStore& store,
+                                          const serving::ServingTable& table,
+                                          const security::ModelVersionName& name) {
+  absl::StatusOr<v1::ModelVersion> version = store.Describe(name);
+  if (!version.ok()) return version;
+  for (std::string& alias : table.AliasesOf(name)) version->add_aliases(std::move(alias));
+  return version;
+}
+
+absl::Status ListPage(const serving::VersionStore& store, const serving::ServingTable& table,
                       const v1::ListModelVersionsRequest& request,
                       v1::ListModelVersionsResponse* response) {
   std::string model;
@@ -79,15 +90,16 @@ absl::Status ListPage(const serving::ModelRegistry& models,
   }
   const auto page_size = PageSize(request.page_size());
   if (!page_size.ok()) return page_size.status();
-  std::vector<VersionInfo> versions = models.List(model);
+  std::vector<StoredVersion> versions = store.List(model);
   if (!request.page_token().empty()) {
     const auto start = ParsePageToken(request.page_token());
     if (!start.ok()) return start.status();
-    std::erase_if(versions, [&](const VersionInfo& info) { return !ComesAfter(info, *start); });
+    std::erase_if(versions,
+                  [&](const StoredVersion& version) { return !ComesAfter(version, *start); });
   }
   const size_t count = std::min(versions.size(), static_cast<size_t>(*page_size));
   for (size_t i = 0; i < count; ++i) {
-    auto version = models.Describe(versions[i].name);
+    auto version = Describe(store, table, versions[i].name);
     if (absl::IsNotFound(version.status())) continue;  // deleted meanwhile
     v1::ModelVersion* proto = response->add_model_versions();
     if (version.ok()) {
@@ -97,7 +109,9 @@ absl::Status ListPage(const serving::ModelRegistry& models,
     } else {
       // A damaged one is listed, so that it can be seen and deleted, with no manifest.
       proto->set_name(versions[i].name.ToString());
-      for (const std::string& alias : versions[i].aliases) proto->add_aliases(alias);
+      for (std::string& alias : table.AliasesOf(versions[i].name)) {
+        proto->add_aliases(std::move(alias));
+      }
     }
   }
   if (count < versions.size()) response->set_next_page_token(MakePageToken(versions[count - 1]));
@@ -106,16 +120,16 @@ absl::Status ListPage(const serving::ModelRegistry& models,
 
 // The version that `name` means, described.
 absl::StatusOr<v1::ModelVersion> DescribeReference(
-    const serving::ModelRegistry& models,
+    const serving::VersionStore& store, const serving::ServingTable& table,
     const std::optional<security::ModelReference>& reference) {
-  const auto resolved = models.Resolve(reference);
-  if (!resolved.ok()) return resolved.status();
-  return models.Describe(resolved->name);
+  const auto name = table.Resolve(reference);
+  if (!name.ok()) return name.status();
+  return Describe(store, table, *name);
 }
 
 // Decodes the actions of `version` at the speed that the request asks for, if that makes a
 // difference. May load the version.
-absl::Status DrawAtSpeed(serving::ModelRegistry& models, const v1::GetActionSetRequest& request,
+absl::Status DrawAtSpeed(serving::ServingTable& table, const v1::GetActionSetRequest& request,
                          v1::ModelVersion* version) {
   if (!request.has_speed()) return absl::OkStatus();
   if (!(request.speed() >= 0.0 && request.speed() <= kMostSpeed)) {
@@ -127,8 +141,8 @@ absl::Status DrawAtSpeed(serving::ModelRegistry& models, const v1::GetActionSetR
   }
   const auto name = security::ParseModelReference(version->name(), "name");
   if (!name.ok()) return name.status();
-  auto handle = models.Find(*name);
-  if (handle.ok() && *handle == nullptr) handle = models.Load(*name);
+  auto handle = table.Find(*name);
+  if (handle.ok() && *handle == nullptr) handle = table.Load(*name);
   if (!handle.ok()) return handle.status();
 
   auto& actions = *version->mutable_manifest()->mutable_actions();
@@ -148,7 +162,7 @@ absl::Status DrawAtSpeed(serving::ModelRegistry& models, const v1::GetActionSetR
 
 // The name of the last report of the page before is the token. One that was measured anew in
 // between has moved to the front: the page then begins with it, and some are seen twice.
-absl::Status ListReportsPage(const serving::ModelRegistry& models,
+absl::Status ListReportsPage(const serving::VersionStore& store, const serving::ServingTable& table,
                              const v1::ListEvaluationReportsRequest& request,
                              v1::ListEvaluationReportsResponse* response) {
   const auto reference = security::ParseModelReference(request.parent(), "parent");
@@ -159,9 +173,9 @@ absl::Status ListReportsPage(const serving::ModelRegistry& models,
       !security::ParseEvaluationName(request.page_token(), "page_token").ok()) {
     return WrongPageToken();
   }
-  const auto version = models.Resolve(*reference);
+  const auto version = table.Resolve(*reference);
   if (!version.ok()) return version.status();
-  auto reports = models.ListReports(version->name);
+  auto reports = store.ListReports(*version);
   if (!reports.ok()) return reports.status();
   auto next = reports->begin();
   if (!request.page_token().empty()) {
@@ -179,7 +193,7 @@ absl::Status ListReportsPage(const serving::ModelRegistry& models,
 }
 
 // OK if the newest report of the version on the request's dataset shows what is required.
-absl::Status CheckRequirements(const serving::ModelRegistry& models,
+absl::Status CheckRequirements(const serving::VersionStore& store,
                                const v1::SetModelAliasRequest& request,
                                const security::ModelVersionName& version) {
   if (request.requirements().empty()) {
@@ -191,7 +205,7 @@ absl::Status CheckRequirements(const serving::ModelRegistry& models,
   if (!violations.empty()) return errors::InvalidFields(violations);
   const auto dataset = security::ParseDatasetName(request.dataset(), "dataset");
   if (!dataset.ok()) return dataset.status();
-  const auto report = models.GetReport({version, *dataset});
+  const auto report = store.GetReport({version, *dataset});
   if (!report.ok()) return report.status();
   if (!report->has_rivals()) {
     return errors::WithReason(
@@ -218,16 +232,18 @@ int Characters(std::string_view text) {
 
 }  // namespace
 
-ModelService::ModelService(serving::ModelRegistry& models, jobs::WorkerPool& pool)
-    : models_(models), pool_(pool) {}
+ModelService::ModelService(serving::VersionStore& store, serving::ServingTable& table,
+                           jobs::WorkerPool& pool)
+    : store_(store), table_(table), pool_(pool) {}
 
 ModelService::~ModelService() = default;
 
 grpc::ServerUnaryReactor* ModelService::ListModelVersions(
     grpc::CallbackServerContext* rpc, const v1::ListModelVersionsRequest* request,
     v1::ListModelVersionsResponse* response) {
-  return AnswerFrom(pool_, rpc,
-                    [this, request, response] { return ListPage(models_, *request, response); });
+  return AnswerFrom(pool_, rpc, [this, request, response] {
+    return ListPage(store_, table_, *request, response);
+  });
 }
 
 grpc::ServerUnaryReactor* ModelService::GetModelVersion(grpc::CallbackServerContext* rpc,
@@ -236,7 +252,7 @@ grpc::ServerUnaryReactor* ModelService::GetModelVersion(grpc::CallbackServerCont
   return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
     const auto reference = security::ParseModelReference(request->name(), "name");
     if (!reference.ok()) return reference.status();
-    auto version = DescribeReference(models_, *reference);
+    auto version = DescribeReference(store_, table_, *reference);
     if (version.ok()) *response = *std::move(version);
     return version.status();
   });
@@ -247,7 +263,7 @@ grpc::ServerUnaryReactor* ModelService::DeleteModelVersion(
     google::protobuf::Empty*) {
   return AnswerFrom(pool_, rpc, [this, request]() -> absl::Status {
     const auto name = security::ParseModelVersionName(request->name(), "name");
-    return name.ok() ? models_.Delete(*name) : name.status();
+    return name.ok() ? table_.Delete(*name) : name.status();
   });
 }
 
@@ -262,8 +278,8 @@ grpc::ServerUnaryReactor* ModelService::SetModelAlias(grpc::CallbackServerContex
     if (version->model != name->model) {
       return errors::InvalidField("model_version", "an alias points to a version of its own model");
     }
-    if (auto status = CheckRequirements(models_, *request, *version); !status.ok()) return status;
-    if (auto status = models_.SetAlias(*name, version->version); !status.ok()) return status;
+    if (auto status = CheckRequirements(store_, *request, *version); !status.ok()) return status;
+    if (auto status = table_.SetAlias(*name, version->version); !status.ok()) return status;
     response->set_name(name->ToString());
     response->set_model_version(version->ToString());
     return absl::OkStatus();
@@ -275,7 +291,7 @@ grpc::ServerUnaryReactor* ModelService::DeleteModelAlias(grpc::CallbackServerCon
                                                          google::protobuf::Empty*) {
   return AnswerFrom(pool_, rpc, [this, request]() -> absl::Status {
     const auto name = security::ParseModelAliasName(request->name(), "name");
-    return name.ok() ? models_.DeleteAlias(*name) : name.status();
+    return name.ok() ? table_.DeleteAlias(*name) : name.status();
   });
 }
 
@@ -283,12 +299,12 @@ grpc::ServerUnaryReactor* ModelService::GetActionSet(grpc::CallbackServerContext
                                                      const v1::GetActionSetRequest* request,
                                                      v1::ActionSet* response) {
   return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
-    const auto reference = ParseReference(request->name(), "name");
+    const auto reference = security::ParseOptionalModelReference(request->name(), "name");
     if (!reference.ok()) return reference.status();
-    auto version = DescribeReference(models_, *reference);
+    auto version = DescribeReference(store_, table_, *reference);
     if (!version.ok()) return version.status();
     const v1::ModelSpec& spec = version->manifest().spec();
-    if (const absl::Status status = DrawAtSpeed(models_, *request, &*version); !status.ok()) {
+    if (const absl::Status status = DrawAtSpeed(table_, *request, &*version); !status.ok()) {
       return status;
     }
     response->set_model_version(version->name());
@@ -311,7 +327,7 @@ grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext*
     if (Characters(request->label()) > kMaxLabelLength) {
       return errors::InvalidField("label", "longer than 64 characters");
     }
-    auto action = models_.LabelAction(*name, request->action_id(), request->label());
+    auto action = store_.LabelAction(*name, request->action_id(), request->label());
     if (absl::IsOutOfRange(action.status())) {
       return errors::InvalidField("action_id", std::string(action.status().message()));
     }
@@ -324,7 +340,7 @@ grpc::ServerUnaryReactor* ModelService::ListEvaluationReports(
     grpc::CallbackServerContext* rpc, const v1::ListEvaluationReportsRequest* request,
     v1::ListEvaluationReportsResponse* response) {
   return AnswerFrom(pool_, rpc, [this, request, response] {
-    return ListReportsPage(models_, *request, response);
+    return ListReportsPage(store_, table_, *request, response);
   });
 }
 
@@ -334,7 +350,7 @@ grpc::ServerUnaryReactor* ModelService::GetEvaluationReport(
   return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
     const auto name = security::ParseEvaluationName(request->name(), "name");
     if (!name.ok()) return name.status();
-    auto report = models_.GetReport(*name);
+    auto report = store_.GetReport(*name);
     if (report.ok()) *response = *std::move(report);
     return report.status();
   });

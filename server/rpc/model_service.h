@@ -3,14 +3,16 @@
 
 #include "maneuver/v1/model_service.grpc.pb.h"
 #include "server/jobs/worker_pool.h"
-#include "server/serving/model_registry.h"
+#include "server/serving/serving_table.h"
+#include "server/serving/version_store.h"
 
 namespace maneuver::rpc {
 
 class ModelService final : public v1::ModelService::CallbackService {
  public:
-  // Both outlive the service. Out of line, with the destructor: see AdminService.
-  ModelService(serving::ModelRegistry& models, jobs::WorkerPool& pool);
+  // All outlive the service; `table` is over `store`. Out of line, with the destructor: see
+  // AdminService.
+  ModelService(serving::VersionStore& store, serving::ServingTable& table, jobs::WorkerPool& pool);
   ~ModelService() override;
 
   grpc::ServerUnaryReactor* ListModelVersions(grpc::CallbackServerContext* rpc,
@@ -42,7 +44,8 @@ class ModelService final : public v1::ModelService::CallbackService {
                                                 v1::EvaluationReport* response) override;
 
  private:
-  serving::ModelRegistry& models_;
+  serving::VersionStore& store_;
+  serving::ServingTable& table_;
   jobs::WorkerPool& pool_;
 };
 

@@ -47,14 +47,6 @@ absl::Status TypeNotLearned(const std::string& field, const v1::Agent& agent,
 
 }  // namespace
 
-absl::StatusOr<std::optional<security::ModelReference>> ParseReference(const std::string& model,
-                                                                       std::string_view field) {
-  if (model.empty()) return std::optional<security::ModelReference>();
-  auto reference = security::ParseModelReference(model, field);
-  if (!reference.ok()) return reference.status();
-  return std::optional<security::ModelReference>(*std::move(reference));
-}
-
 absl::StatusOr<serving::DescribeActions> ParseQuery(const v1::DistributionQuery& query,
                                                     int actions) {
   serving::DescribeActions describe;

@@ -47,7 +47,7 @@ void PredictionRun::Finish(absl::Status status) {
 }
 
 void PredictionRun::FindModel() {
-  const auto reference = ParseReference(*io_.model, "model");
+  const auto reference = security::ParseOptionalModelReference(*io_.model, "model");
   if (!reference.ok()) return Finish(reference.status());
   if (io_.scenarios->empty()) {
     return Finish(errors::InvalidField("scenarios", "name at least one scenario"));

@@ -19,15 +19,15 @@
 #include "server/security/access_control.h"
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/map_cache.h"
-#include "server/serving/model_registry.h"
 #include "server/serving/send_memory.h"
+#include "server/serving/serving_table.h"
 #include "server/serving/shadow.h"
 
 namespace maneuver::rpc {
 
 // What predictions need; outlives all of them.
 struct PredictionContext {
-  serving::ModelRegistry& models;
+  serving::ServingTable& models;
   serving::BatchScheduler& scheduler;
   serving::MapCache& maps;
   serving::SendMemory& send_memory;

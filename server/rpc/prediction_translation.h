@@ -21,10 +21,6 @@ namespace maneuver::rpc {
 
 using Scenarios = google::protobuf::RepeatedPtrField<v1::Scenario>;
 
-// The version that `model` means; nothing if it is empty.
-absl::StatusOr<std::optional<security::ModelReference>> ParseReference(const std::string& model,
-                                                                       std::string_view field);
-
 // The actions that a query asks for, of a model with `actions` of them. Violations are named from
 // the query: action_ids.ids[0], top_k, ...
 absl::StatusOr<serving::DescribeActions> ParseQuery(const v1::DistributionQuery& query,

@@ -105,6 +105,14 @@ absl::StatusOr<ModelReference> ParseModelReference(std::string_view name, std::s
                                        kIdRule));
 }
 
+absl::StatusOr<std::optional<ModelReference>> ParseOptionalModelReference(std::string_view name,
+                                                                          std::string_view field) {
+  if (name.empty()) return std::nullopt;
+  auto reference = ParseModelReference(name, field);
+  if (!reference.ok()) return reference.status();
+  return *std::move(reference);
+}
+
 absl::StatusOr<ModelVersionName> ParseModelVersionName(std::string_view name,
                                                        std::string_view field) {
   if (auto version = VersionIn(name)) return *std::move(version);

@@ -10,6 +10,7 @@
 #ifndef MANEUVER_SERVER_SECURITY_RESOURCE_NAME_H_
 #define MANEUVER_SERVER_SECURITY_RESOURCE_NAME_H_
 
+#include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -59,6 +60,9 @@ bool IsResourceId(std::string_view id);
 absl::StatusOr<std::string> ParseModelName(std::string_view name, std::string_view field);
 // models/{model}, which stands for its @serving alias, models/{model}@{alias}, or a version's name.
 absl::StatusOr<ModelReference> ParseModelReference(std::string_view name, std::string_view field);
+// As ParseModelReference; nothing if `name` is empty.
+absl::StatusOr<std::optional<ModelReference>> ParseOptionalModelReference(std::string_view name,
+                                                                          std::string_view field);
 absl::StatusOr<ModelVersionName> ParseModelVersionName(std::string_view name,
                                                        std::string_view field);
 absl::StatusOr<ModelAliasName> ParseModelAliasName(std::string_view name, std::string_view field);

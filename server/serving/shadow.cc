@@ -107,7 +107,7 @@ void Shadow::Differences::Observe(const evaluation::AnswerDifference& difference
   candidate_entropy.Observe(difference.second_entropy);
 }
 
-Shadow::Shadow(const ShadowOptions& options, ModelRegistry& models, std::function<bool()> busy,
+Shadow::Shadow(const ShadowOptions& options, ServingTable& models, std::function<bool()> busy,
                monitoring::MetricRegistry& metrics)
     : options_(options),
       models_(models),

@@ -22,8 +22,8 @@
 #include <vector>
 
 #include "server/monitoring/metrics.h"
-#include "server/serving/model_registry.h"
 #include "server/serving/prediction_call.h"
+#include "server/serving/serving_table.h"
 #include "server/serving/shadow_comparison.h"
 
 namespace maneuver::serving {
@@ -47,7 +47,7 @@ class Shadow {
  public:
   //   models, metrics: outlive the shadow.
   //   busy: whether there is better to do; asked all the time, so it should take no lock.
-  Shadow(const ShadowOptions& options, ModelRegistry& models, std::function<bool()> busy,
+  Shadow(const ShadowOptions& options, ServingTable& models, std::function<bool()> busy,
          monitoring::MetricRegistry& metrics);
   // Ends after the step at work.
   ~Shadow();
@@ -111,7 +111,7 @@ class Shadow {
   Differences& DifferencesOf(const std::string& model);
 
   const ShadowOptions options_;
-  ModelRegistry& models_;
+  ServingTable& models_;
   const std::function<bool()> busy_;
   monitoring::MetricRegistry& metrics_;
   monitoring::Counter& compared_;

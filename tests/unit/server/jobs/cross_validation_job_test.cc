@@ -49,7 +49,7 @@ TEST_F(CrossValidationJobTest, ItsReportIsOnTheJobAndNothingIsPublished) {
   EXPECT_EQ(job.cross_validation().folds(), 4);
   EXPECT_EQ(job.model_version(), "");
   EXPECT_FALSE(job.has_promotion_decision());
-  EXPECT_THAT(promotions_, IsEmpty());
+  EXPECT_THAT(versions_.promotions, IsEmpty());
   const std::string arguments = Text("arguments");
   EXPECT_THAT(arguments, HasSubstr("cross-validate --settings"));
   EXPECT_THAT(arguments, HasSubstr("--folds 4 --fold-seed 1 --seeds 3,7 --dataset "));

@@ -275,7 +275,7 @@ TEST_F(JobConcurrencyTest, TwoHundredClientsAtATimeKeepToTheStateMachine) {
   RecordingStore store(*store_);
   SupervisorOptions options = Options();
   options.max_running_jobs = kMaxRunning;
-  auto supervisor = Supervisor::Start(std::move(options), store, *datasets_);
+  auto supervisor = Supervisor::Start(std::move(options), store, *datasets_, versions_);
   ASSERT_TRUE(supervisor.ok()) << supervisor.status();
   supervisor_ = *std::move(supervisor);
   std::vector<std::thread> clients;
@@ -297,9 +297,9 @@ TEST_F(JobConcurrencyTest, TwoHundredClientsAtATimeKeepToTheStateMachine) {
   EXPECT_EQ(stored, model.States());
   // A version for each that has SUCCEEDED, and for no other.
   std::set<std::string> published;
-  for (const auto& [maker, version] : published_) published.insert(maker);
+  for (const auto& [maker, version] : versions_.published) published.insert(maker);
   EXPECT_EQ(published, model.succeeded());
-  EXPECT_EQ(promotions_.size(), published.size());
+  EXPECT_EQ(versions_.promotions.size(), published.size());
   // Folders for those that are left, and for no other.
   for (const auto& entry : std::filesystem::directory_iterator(folder_ / "jobs")) {
     EXPECT_TRUE(stored.contains("jobs/" + entry.path().filename().string())) << entry;

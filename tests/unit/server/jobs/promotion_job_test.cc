@@ -26,7 +26,7 @@ std::string Measures(const std::string& first) {
 
 class PromotionJobTest : public SupervisorTest {
  protected:
-  PromotionJobTest() { serving_ = kServing; }
+  PromotionJobTest() { versions_.serving = security::ModelVersionName{"town", 9}; }
 
   static v1::TrainRequest IfNoWorse() {
     v1::TrainRequest request = TrainTown();
@@ -44,12 +44,12 @@ class PromotionJobTest : public SupervisorTest {
     BeginAttempt(job, FolderOf(job), absl::Now());
     job.set_state(v1::JOB_STATE_RUNNING);
     ASSERT_TRUE(store_->Move(v1::JOB_STATE_PENDING, job).ok());
-    published_["jobs/left"] = "models/town/versions/1";
+    versions_.published["jobs/left"] = {"town", 1};
   }
   std::string MeasuredVersions() { return files::ReadFile(folder_ / "measured").value_or(""); }
   std::string Serves() {
-    const std::lock_guard lock(mutex_);
-    return serving_;
+    const auto serving = versions_.Serving("town");
+    return serving ? serving->ToString() : "";
   }
 };
 
@@ -67,7 +67,7 @@ TEST_F(PromotionJobTest, ABetterVersionServesAndTheJobSaysWhy) {
   EXPECT_EQ(Serves(), "models/town/versions/1");
   EXPECT_EQ(MeasuredVersions(), "1\n9\n");
   // Published without being promoted.
-  EXPECT_EQ(promotions_, std::vector{v1::PROMOTION_IF_NO_WORSE});
+  EXPECT_EQ(versions_.promotions, std::vector{v1::PROMOTION_IF_NO_WORSE});
   // Half of the last twentieth.
   EXPECT_DOUBLE_EQ(job.progress().fraction(), 0.975);
 }
@@ -107,7 +107,7 @@ TEST_F(PromotionJobTest, AMeasurementThatDiesAgainAndAgainEndsTheJobUnpromoted) 
   EXPECT_THAT(job.promotion_decision().reason(), HasSubstr("3 processes"));
   EXPECT_EQ(*files::ReadFile(folder_ / "deaths"), "x\nx\nx\n");
   // Trained and published once.
-  EXPECT_EQ(promotions_.size(), 1u);
+  EXPECT_EQ(versions_.promotions.size(), 1u);
 }
 
 TEST_F(PromotionJobTest, AMeasurementThatDiesOnceIsTriedAgain) {
@@ -119,7 +119,7 @@ TEST_F(PromotionJobTest, AMeasurementThatDiesOnceIsTriedAgain) {
   EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.DebugString();
   EXPECT_TRUE(job.promotion_decision().promoted()) << job.DebugString();
   EXPECT_EQ(job.attempts().started(), 2);
-  EXPECT_EQ(promotions_.size(), 1u);
+  EXPECT_EQ(versions_.promotions.size(), 1u);
 }
 
 TEST_F(PromotionJobTest, AServerThatWasKilledGoesOnWhereItWas) {
@@ -130,7 +130,7 @@ TEST_F(PromotionJobTest, AServerThatWasKilledGoesOnWhereItWas) {
   EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.DebugString();
   EXPECT_TRUE(job.promotion_decision().promoted()) << job.DebugString();
   EXPECT_EQ(MeasuredVersions(), "1\n9\n");
-  EXPECT_EQ(promotions_.size(), 0u);
+  EXPECT_EQ(versions_.promotions.size(), 0u);
   EXPECT_EQ(Serves(), "models/town/versions/1");
 }
 

@@ -56,7 +56,7 @@ TEST_F(ResumptionTest, AJobWhoseProcessDiesGoesOnFromItsCheckpoint) {
   EXPECT_EQ(job.attempts().without_progress(), 0);
   EXPECT_FALSE(job.has_error());
   EXPECT_THAT(job.last_lines(), SizeIs(0));
-  EXPECT_THAT(promotions_, SizeIs(1));
+  EXPECT_THAT(versions_.promotions, SizeIs(1));
   // One process after another in one list of events; and what is done needs no checkpoints.
   const auto events = *store_->ListProgress(name, 0, 100);
   ASSERT_THAT(events, SizeIs(8));
@@ -137,13 +137,13 @@ TEST_F(ResumptionTest, AVersionThatWasPublishedBeforeTheServerDiedIsNotPublished
   LeaveRunning("published", [](v1::Job& job) {
     job.mutable_attempts()->set_without_progress(100);  // even if it had come to its last attempt
   });
-  published_["jobs/published"] = "models/town/versions/9";
+  versions_.published["jobs/published"] = {"town", 9};
   Trainer("exit 70");
   Start();
   const v1::Job job = WaitForEnd("jobs/published");
   EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.DebugString();
   EXPECT_EQ(job.model_version(), "models/town/versions/9");
-  EXPECT_THAT(promotions_, SizeIs(0));
+  EXPECT_THAT(versions_.promotions, SizeIs(0));
 }
 
 TEST_F(ResumptionTest, DeathsOfTheServerCountAsThoseOfTheProcessUnlessThereIsANewCheckpoint) {

@@ -15,35 +15,43 @@ namespace fs = std::filesystem;
 using testing::ElementsAre;
 using testing::IsEmpty;
 
-std::vector<KeptVersion> TownAndCity() {  // newest first
-  return {{"models/town", "models/town/versions/4", false},
-          {"models/city", "models/city/versions/1", false},
-          {"models/town", "models/town/versions/3", false},
-          {"models/town", "models/town/versions/2", true},
-          {"models/town", "models/town/versions/1", false}};
+std::vector<serving::ModelVersions::ListedVersion> TownAndCity() {  // newest first
+  return {{{"town", 4}, false},
+          {{"city", 1}, false},
+          {{"town", 3}, false},
+          {{"town", 2}, true},
+          {{"town", 1}, false}};
+}
+
+std::vector<std::string> Deleted(const RetentionPolicy& policy,
+                                 const std::set<std::string>& needed = {}) {
+  std::vector<std::string> names;
+  for (const auto& name : VersionsToDelete(policy, TownAndCity(), needed)) {
+    names.push_back(name.ToString());
+  }
+  return names;
 }
 
 TEST(VersionsToDeleteTest, TheNewestOfEachModelStay) {
-  EXPECT_THAT(VersionsToDelete({.versions = 2}, TownAndCity(), {}),
-              ElementsAre("models/town/versions/1"));
+  EXPECT_THAT(Deleted({.versions = 2}), ElementsAre("models/town/versions/1"));
 }
 
 TEST(VersionsToDeleteTest, WhatAnAliasNamesStaysHoweverOld) {
-  EXPECT_THAT(VersionsToDelete({.versions = 1}, TownAndCity(), {}),
+  EXPECT_THAT(Deleted({.versions = 1}),
               ElementsAre("models/town/versions/3", "models/town/versions/1"));
 }
 
 TEST(VersionsToDeleteTest, WhatAJobReadsStays) {
-  EXPECT_THAT(VersionsToDelete({.versions = 1}, TownAndCity(), {"models/town/versions/3"}),
+  EXPECT_THAT(Deleted({.versions = 1}, {"models/town/versions/3"}),
               ElementsAre("models/town/versions/1"));
 }
 
-TEST(VersionsToDeleteTest, WithoutANumberAllStay) {
-  EXPECT_THAT(VersionsToDelete({}, TownAndCity(), {}), IsEmpty());
-}
+TEST(VersionsToDeleteTest, WithoutANumberAllStay) { EXPECT_THAT(Deleted({}), IsEmpty()); }
 
 class RetentionTest : public SupervisorTest {
  protected:
+  RetentionTest() { versions_.listed = TownAndCity(); }
+
   // A job that ended so long ago, with a checkpoint.
   void AddEnded(const std::string& id, v1::JobState state, absl::Duration age) {
     v1::Job job;
@@ -62,16 +70,7 @@ class RetentionTest : public SupervisorTest {
   bool HasJob(const std::string& id) { return store_->Get("jobs/" + id).ok(); }
   bool HasCheckpoints(const std::string& id) { return LastCheckpoint(folder_ / "jobs" / id) > 0; }
 
-  RetainedModels Models() {
-    return {[this] { return versions_; },
-            [this](const std::string& version) {
-              std::erase_if(versions_, [&](const KeptVersion& v) { return v.name == version; });
-              return absl::OkStatus();
-            }};
-  }
-
   const absl::Time now_ = absl::Now();
-  std::vector<KeptVersion> versions_ = TownAndCity();
 };
 
 TEST_F(RetentionTest, OldJobsAreForgottenAndOldCheckpointsRemoved) {
@@ -80,14 +79,14 @@ TEST_F(RetentionTest, OldJobsAreForgottenAndOldCheckpointsRemoved) {
   AddEnded("old-cancelled", v1::JOB_STATE_CANCELLED, absl::Hours(24 * 15));
   AddEnded("recent", v1::JOB_STATE_CANCELLED, absl::Hours(24 * 13));
   Start();
-  Retention retention({.versions = 1}, *supervisor_, Models());
+  Retention retention({.versions = 1}, *supervisor_, versions_);
   ASSERT_TRUE(retention.Sweep(now_).ok());
   EXPECT_FALSE(HasJob("ancient"));
   EXPECT_FALSE(fs::exists(folder_ / "jobs" / "ancient"));
   EXPECT_TRUE(HasJob("old") && HasJob("old-cancelled") && HasJob("recent"));
   EXPECT_FALSE(HasCheckpoints("old") || HasCheckpoints("old-cancelled"));
   EXPECT_TRUE(HasCheckpoints("recent"));
-  EXPECT_EQ(versions_.size(), 3u);
+  EXPECT_EQ(versions_.List().size(), 3u);
 }
 
 TEST_F(RetentionTest, WhatHasNotEndedIsLeftAlone) {
@@ -100,7 +99,7 @@ TEST_F(RetentionTest, WhatHasNotEndedIsLeftAlone) {
   fs::create_directories(folder_ / pending / "checkpoints");
   std::ofstream(folder_ / pending / "checkpoints" / "checkpoint-000001") << "x";
   Retention retention({.jobs = absl::ZeroDuration(), .checkpoints = absl::ZeroDuration()},
-                      *supervisor_, Models());
+                      *supervisor_, versions_);
   ASSERT_TRUE(retention.Sweep(now_ + absl::Hours(1'000)).ok());
   for (const std::string& job : {running, pending}) {
     EXPECT_TRUE(store_->Get(job).ok());
@@ -113,7 +112,7 @@ TEST_F(RetentionTest, AnInfiniteAgeKeepsAll) {
   AddEnded("ancient", v1::JOB_STATE_FAILED, absl::Hours(24 * 10'000));
   Start();
   Retention retention({.jobs = absl::InfiniteDuration(), .checkpoints = absl::InfiniteDuration()},
-                      *supervisor_, Models());
+                      *supervisor_, versions_);
   ASSERT_TRUE(retention.Sweep(now_).ok());
   EXPECT_TRUE(HasJob("ancient") && HasCheckpoints("ancient"));
 }
@@ -121,7 +120,7 @@ TEST_F(RetentionTest, AnInfiniteAgeKeepsAll) {
 TEST_F(RetentionTest, TheFirstSweepIsAtTheStart) {
   AddEnded("ancient", v1::JOB_STATE_SUCCEEDED, absl::Hours(24 * 91));
   Start();
-  Retention retention({}, *supervisor_, Models());
+  Retention retention({}, *supervisor_, versions_);
   const bool gone = WaitForNews(supervisor_->news(), "jobs/ancient", [&] {
     static bool started = false;
     if (!std::exchange(started, true)) retention.SweepRegularly(absl::Hours(1));

@@ -103,11 +103,8 @@ TEST_F(StartFromTest, TheSameRequestIsTheSameJobThoughTheAliasWentOn) {
   request.set_request_id("once");
   const v1::Job first = Train(request);
   supervisor_.reset();
-  SupervisorOptions options = Options();
-  options.resolve = [](const std::string&) -> absl::StatusOr<ResolvedModel> {
-    return absl::NotFoundError("deleted");
-  };
-  StartWith(std::move(options));
+  versions_.resolve_error = absl::NotFoundError("deleted");
+  Start();
   EXPECT_EQ(Train(request).name(), first.name());
 }
 
@@ -118,18 +115,10 @@ TEST_F(StartFromTest, AVersionThatWentInBetweenFailsTheJobWithAReason) {
   WaitForProgress(running.name());
   const v1::Job waiting = Train(Request());
   // The policy keeps it ...
-  std::vector<KeptVersion> versions = {{"models/town", "models/town/versions/9", false},
-                                       {"models/town", "models/town/versions/8", false},
-                                       {"models/town", "models/town/versions/7", false}};
-  std::vector<std::string> removed;
-  Retention retention({.versions = 1}, *supervisor_,
-                      {[&] { return versions; },
-                       [&](const std::string& version) {
-                         removed.push_back(version);
-                         return absl::OkStatus();
-                       }});
+  versions_.listed = {{{"town", 9}, false}, {{"town", 8}, false}, {{"town", 7}, false}};
+  Retention retention({.versions = 1}, *supervisor_, versions_);
   ASSERT_TRUE(retention.Sweep(absl::Now()).ok());
-  EXPECT_THAT(removed, ElementsAre("models/town/versions/8"));
+  EXPECT_THAT(versions_.deleted, ElementsAre("models/town/versions/8"));
   // ... and a person does not.
   fs::remove_all(folder_ / "model" / "7");
   ASSERT_TRUE(supervisor_->Cancel(running.name()).ok());

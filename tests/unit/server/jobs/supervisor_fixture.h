@@ -14,7 +14,6 @@
 #include <map>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,6 +23,7 @@
 #include "server/jobs/sqlite_store.h"
 #include "server/jobs/supervisor.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
+#include "tests/unit/server/jobs/fake_model_versions.h"
 #include "tests/unit/temporary_folder.h"
 
 namespace maneuver::jobs {
@@ -104,68 +104,13 @@ done
     SupervisorOptions options;
     options.folder = folder_ / "jobs";
     options.trainer = folder_ / "trainer";
-    options.publish = [this](const std::string& model, const std::filesystem::path& finished,
-                             v1::Promotion promotion,
-                             const std::string& maker) -> absl::StatusOr<std::string> {
-      const std::lock_guard lock(mutex_);
-      if (!publish_error_.ok()) return publish_error_;
-      promotions_.push_back(promotion);
-      const std::string version = model + std::to_string(promotions_.size());
-      std::filesystem::rename(finished, folder_ / version);
-      published_[maker] = "models/" + model + "/versions/" + std::to_string(promotions_.size());
-      return published_[maker];
-    };
-    options.find_published =
-        [this](const std::string&, v1::Promotion,
-               const std::string& maker) -> absl::StatusOr<std::optional<std::string>> {
-      const std::lock_guard lock(mutex_);
-      const auto found = published_.find(maker);
-      if (found == published_.end()) return std::optional<std::string>();
-      return std::optional<std::string>(found->second);
-    };
-    options.resolve = [this](const std::string& reference) -> absl::StatusOr<ResolvedModel> {
-      if (reference.starts_with("models/none"))
-        return absl::NotFoundError("there is no such model");
-      if (reference.starts_with("models/town/versions/")) {
-        return ResolvedModel{reference, folder_ / "model" / reference.substr(21)};
-      }
-      return ResolvedModel{"models/town/versions/7", folder_ / "model" / "7"};
-    };
-    options.versions = Versions();
     return options;
-  }
-
-  VersionAccess Versions() {
-    VersionAccess access;
-    access.keep_report = [this](const v1::EvaluationReport& report) {
-      const std::lock_guard lock(mutex_);
-      if (keep_error_.ok()) reports_[report.model_version()] = report;
-      return keep_error_;
-    };
-    access.find_report = [this](const std::string& version,
-                                const std::string&) -> absl::StatusOr<v1::EvaluationReport> {
-      const std::lock_guard lock(mutex_);
-      const auto found = reports_.find(version);
-      if (found == reports_.end()) return absl::NotFoundError("it was not evaluated");
-      return found->second;
-    };
-    access.serving = [this](const std::string&) {
-      const std::lock_guard lock(mutex_);
-      return serving_;
-    };
-    access.promote_over = [this](const std::string& version,
-                                 const std::string& before) -> absl::StatusOr<bool> {
-      const std::lock_guard lock(mutex_);
-      if (serving_ != before) return false;
-      serving_ = version;
-      return true;
-    };
-    return access;
   }
 
   void Start() { StartWith(Options()); }
   void StartWith(SupervisorOptions options) {
-    auto supervisor = Supervisor::Start(std::move(options), *store_, *datasets_, *job_metrics_);
+    auto supervisor =
+        Supervisor::Start(std::move(options), *store_, *datasets_, versions_, *job_metrics_);
     ASSERT_TRUE(supervisor.ok()) << supervisor.status();
     supervisor_ = *std::move(supervisor);
   }
@@ -217,13 +162,7 @@ done
   std::unique_ptr<data::DatasetStore> datasets_;
   std::unique_ptr<SqliteStore> store_;
   monitoring::MetricRegistry* job_metrics_ = &monitoring::MetricRegistry::Null();
-  std::mutex mutex_;
-  absl::Status publish_error_;                           // guarded by mutex_
-  std::vector<v1::Promotion> promotions_;                // guarded by mutex_
-  std::map<std::string, std::string> published_;         // by maker; guarded by mutex_
-  absl::Status keep_error_;                              // guarded by mutex_
-  std::map<std::string, v1::EvaluationReport> reports_;  // by version; guarded by mutex_
-  std::string serving_;                                  // version; guarded by mutex_
+  FakeModelVersions versions_{folder_};
   std::unique_ptr<Supervisor> supervisor_;
 };
 

@@ -34,7 +34,7 @@ TEST_F(SupervisorTest, ATrainedModelIsPublishedAndItsJobSucceeds) {
   EXPECT_EQ(job.model_version(), "models/town/versions/1");
   EXPECT_EQ(job.progress().fraction(), 0.1);
   EXPECT_TRUE(job.has_start_time() && job.has_end_time() && !job.has_error());
-  EXPECT_EQ(promotions_, std::vector{v1::PROMOTION_ALWAYS});
+  EXPECT_EQ(versions_.promotions, std::vector{v1::PROMOTION_ALWAYS});
   // What it was told: complete settings, the dataset's folder and name.
   const std::string settings = *files::ReadFile(folder_ / "town1" / "settings");
   EXPECT_THAT(settings, AllOf(HasSubstr("\"42\""), HasSubstr("jointEpochs")));
@@ -73,8 +73,8 @@ TEST_F(SupervisorTest, TheReportOfAnEvaluationIsKeptWithTheVersionAndWhatItWasMe
   request.set_model("models/town");
   request.set_dataset("datasets/village");
   const v1::Job job = WaitForEnd(supervisor_->Evaluate(request)->name());
-  const std::lock_guard lock(mutex_);
-  const v1::EvaluationReport& kept = reports_.at("models/town/versions/7");
+  const std::lock_guard lock(versions_.mutex);
+  const v1::EvaluationReport& kept = versions_.reports.at("models/town/versions/7");
   EXPECT_EQ(kept.SerializeAsString(), job.evaluation().SerializeAsString());
   EXPECT_EQ(kept.dataset(), "datasets/village");
   EXPECT_EQ(kept.dataset_sha256(), data::ContentSha256(*datasets_->Get("village")));
@@ -87,11 +87,11 @@ TEST_F(SupervisorTest, AnEvaluationWhoseReportFindsNoRoomFailsButNotForAVersionT
   v1::EvaluateRequest request;
   request.set_model("models/town");
   request.set_dataset("datasets/village");
-  keep_error_ = absl::ResourceExhaustedError("no space left");
+  versions_.keep_error = absl::ResourceExhaustedError("no space left");
   EXPECT_EQ(ReasonOf(WaitForEnd(supervisor_->Evaluate(request)->name())), "DISK_FULL");
   {
-    const std::lock_guard lock(mutex_);
-    keep_error_ = absl::NotFoundError("deleted");
+    const std::lock_guard lock(versions_.mutex);
+    versions_.keep_error = absl::NotFoundError("deleted");
   }
   const v1::Job job = WaitForEnd(supervisor_->Evaluate(request)->name());
   EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED);
@@ -119,7 +119,7 @@ TEST_F(SupervisorTest, ATrainerThatCannotBeStartedFailsTheJob) {
 }
 
 TEST_F(SupervisorTest, AModelThatCannotBePublishedFailsTheJobAndLeavesNothing) {
-  publish_error_ = absl::DataLossError("tensor decoder.0.weight is missing in /data/x");
+  versions_.publish_error = absl::DataLossError("tensor decoder.0.weight is missing in /data/x");
   Start();
   const v1::Job job = WaitForEnd(Train().name());
   EXPECT_EQ(job.state(), v1::JOB_STATE_FAILED);
@@ -235,7 +235,7 @@ TEST_F(SupervisorTest, ARunningJobIsCancelled) {
   const v1::Job job = WaitForEnd(name);
   EXPECT_EQ(job.state(), v1::JOB_STATE_CANCELLED);
   EXPECT_TRUE(job.has_end_time() && !job.has_error());
-  EXPECT_THAT(promotions_, IsEmpty());
+  EXPECT_THAT(versions_.promotions, IsEmpty());
 }
 
 TEST_F(SupervisorTest, ATrainerThatIgnoresSigtermIsKilled) {

@@ -142,7 +142,7 @@ class RequirementsTest : public ModelServiceTest {
       comparison.mutable_difference()->set_upper(ahead ? -0.125 : upper);
       comparison.set_verdict(ahead ? v1::RIVAL_VERDICT_AHEAD : v1::RIVAL_VERDICT_UNDECIDED);
     }
-    ASSERT_TRUE(models_->KeepReport(report).ok());
+    ASSERT_TRUE(versions_->KeepReport(report).ok());
   }
   grpc::Status SetAlias() {
     grpc::ClientContext context;
@@ -193,7 +193,7 @@ TEST_F(RequirementsTest, AReportThatSaysNothingOfRivalsIsOutdated) {
   v1::EvaluationReport report;
   report.set_model_version("models/town/versions/1");
   report.set_dataset("datasets/unseen");
-  ASSERT_TRUE(models_->KeepReport(report).ok());
+  ASSERT_TRUE(versions_->KeepReport(report).ok());
   request_.add_requirements()->set_rival("cv");
   request_.set_dataset("datasets/unseen");
   const grpc::Status refused = SetAlias();
@@ -211,7 +211,7 @@ TEST_F(ModelServiceTest, ReportsOfAVersionArePagedNewestFirstAndReadWhole) {
     report.mutable_create_time()->set_seconds(++seconds);
     report.add_strata()->set_name("left");
     report.mutable_rivals()->set_groups(7);
-    ASSERT_TRUE(models_->KeepReport(report).ok());
+    ASSERT_TRUE(versions_->KeepReport(report).ok());
   }
   v1::ListEvaluationReportsRequest request;
   request.set_parent("models/town");  // what serves

@@ -79,8 +79,11 @@ inline v1::PredictRequest OneScene() {
 class ServerTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    auto models = serving::ModelRegistry::Open(
-        folder_ / "models", aliases_,
+    auto versions = serving::VersionStore::Open(folder_ / "models");
+    ASSERT_TRUE(versions.ok()) << versions.status();
+    versions_ = *std::move(versions);
+    auto models = serving::ServingTable::Open(
+        *versions_, aliases_,
         [this](const std::filesystem::path&)
             -> absl::StatusOr<std::shared_ptr<const inference::ActionModel>> {
           return std::make_shared<serving::FakeActionModel>(networks_);
@@ -94,7 +97,7 @@ class ServerTest : public ::testing::Test {
     context_ = std::make_unique<PredictionContext>(PredictionContext{
         *models_, *scheduler_, maps_, send_memory_, *disk_, {.map_by_id = true}, *access_});
     predictions_ = std::make_unique<PredictionService>(*context_);
-    model_service_ = std::make_unique<ModelService>(*models_, *disk_);
+    model_service_ = std::make_unique<ModelService>(*versions_, *models_, *disk_);
     auto server = Server::Start({"127.0.0.1", 0},
                                 {{v1::PredictionService::service_full_name(), predictions_.get()},
                                  {v1::ModelService::service_full_name(), model_service_.get()}},
@@ -174,7 +177,8 @@ class ServerTest : public ::testing::Test {
       *security::AccessControl::Create({}, *metrics_);
   MemoryAliasStore aliases_;
   serving::FakeNetworks networks_;
-  std::unique_ptr<serving::ModelRegistry> models_;
+  std::unique_ptr<serving::VersionStore> versions_;
+  std::unique_ptr<serving::ServingTable> models_;
   serving::SendMemory send_memory_{{.max_response_bytes = 1 << 20, .max_send_memory = 8 << 20},
                                    *metrics_};
   std::unique_ptr<serving::BatchScheduler> scheduler_;

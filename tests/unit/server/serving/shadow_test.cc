@@ -42,21 +42,24 @@ class ShadowTest : public ::testing::Test {
       fs::create_directories(finished);
       std::ofstream(finished / "weights.safetensors") << weights;
       std::ofstream(finished / "model.json") << "{}";
-      ASSERT_TRUE(registry_->Publish("town", finished, v1::PROMOTION_UNSPECIFIED).ok());
+      ASSERT_TRUE(table_->Publish("town", finished, v1::PROMOTION_UNSPECIFIED).ok());
     }
-    ASSERT_TRUE(registry_->SetAlias({"town", "candidate"}, 2).ok());
+    ASSERT_TRUE(table_->SetAlias({"town", "candidate"}, 2).ok());
     warm_ups_ = candidate_.batches().size();
   }
   void TearDown() override {
     candidate_.OpenGate();
     shadow_ = nullptr;
-    registry_ = nullptr;
+    table_ = nullptr;
   }
 
   void Open() {
-    registry_ = nullptr;
-    auto opened = ModelRegistry::Open(
-        folder_ / "models", aliases_,
+    table_ = nullptr;
+    auto store = VersionStore::Open(folder_ / "models");
+    ASSERT_TRUE(store.ok()) << store.status();
+    store_ = *std::move(store);
+    auto opened = ServingTable::Open(
+        *store_, aliases_,
         [this](const fs::path& folder)
             -> absl::StatusOr<std::shared_ptr<const inference::ActionModel>> {
           const auto weights = files::ReadFile(folder / "weights.safetensors");
@@ -65,13 +68,13 @@ class ShadowTest : public ::testing::Test {
         },
         {}, monitoring::MetricRegistry::Null());
     ASSERT_TRUE(opened.ok()) << opened.status();
-    registry_ = *std::move(opened);
-    registry_->LoadAliased();
+    table_ = *std::move(opened);
+    table_->LoadAliased();
   }
 
   void Start(ShadowOptions options = {.fraction = 1.0, .max_share = 1.0}) {
     shadow_ = std::make_unique<Shadow>(
-        options, *registry_,
+        options, *table_,
         [this] {
           ++looks_;
           return busy_.load();
@@ -79,7 +82,7 @@ class ShadowTest : public ::testing::Test {
         *metrics_);
   }
 
-  ModelHandle Serving() { return *registry_->Find(security::ModelAliasName{"town", "serving"}); }
+  ModelHandle Serving() { return *table_->Find(security::ModelAliasName{"town", "serving"}); }
 
   // What `first_` has answered for so many targets; ready once the shadow has let go of it.
   std::future<void> Offer(const ModelHandle& answered, size_t targets = 1, int64_t bytes = 0) {
@@ -127,7 +130,8 @@ class ShadowTest : public ::testing::Test {
   const std::unique_ptr<monitoring::PrometheusMetrics> metrics_ =
       monitoring::PrometheusMetrics::Create();
   const v1::Scenario scene_ = Scene();
-  std::unique_ptr<ModelRegistry> registry_;
+  std::unique_ptr<VersionStore> store_;
+  std::unique_ptr<ServingTable> table_;
   std::atomic<bool> busy_ = false;
   std::atomic<int> looks_ = 0;
   std::unique_ptr<Shadow> shadow_;
@@ -274,8 +278,8 @@ TEST_F(ShadowTest, TargetsThatFailedAreNotCompared) {
 
 TEST_F(ShadowTest, WithoutAnotherVersionToAskNothingIsDone) {
   Start();
-  EXPECT_TRUE(Released(Offer(*registry_->Find(security::ModelAliasName{"town", "candidate"}))));
-  ASSERT_TRUE(registry_->DeleteAlias({"town", "candidate"}).ok());
+  EXPECT_TRUE(Released(Offer(*table_->Find(security::ModelAliasName{"town", "candidate"}))));
+  ASSERT_TRUE(table_->DeleteAlias({"town", "candidate"}).ok());
   EXPECT_TRUE(Released(Offer()));
   for (const char* outcome : {"compared", "dropped", "failed"}) EXPECT_EQ(Targets(outcome), 0);
 }

@@ -1,7 +1,8 @@
-// A registry over a folder of its own, whose models are as good as their weights file says.
+// A version store and a serving table over a folder of their own. A model loads unless its weights
+// file says "altered".
 
-#ifndef MANEUVER_TESTS_UNIT_SERVER_SERVING_MODEL_REGISTRY_FIXTURE_H_
-#define MANEUVER_TESTS_UNIT_SERVER_SERVING_MODEL_REGISTRY_FIXTURE_H_
+#ifndef MANEUVER_TESTS_UNIT_SERVER_SERVING_SERVING_TABLE_FIXTURE_H_
+#define MANEUVER_TESTS_UNIT_SERVER_SERVING_SERVING_TABLE_FIXTURE_H_
 
 #include <gtest/gtest.h>
 
@@ -12,24 +13,27 @@
 #include <string>
 
 #include "model/files/durable_file.h"
-#include "server/serving/model_registry.h"
+#include "server/serving/serving_table.h"
 #include "tests/unit/server/serving/fake_action_model.h"
 #include "tests/unit/server/serving/memory_alias_store.h"
 #include "tests/unit/temporary_folder.h"
 
 namespace maneuver::serving {
 
-class ModelRegistryTest : public ::testing::Test {
+class ServingTableTest : public ::testing::Test {
  protected:
   void SetUp() override { Restart(); }
   // Before the metrics that a fixture derived from this one has lent it.
-  void TearDown() override { registry_ = nullptr; }
+  void TearDown() override { table_ = nullptr; }
 
   // A server that starts over the same data.
   void Restart() {
-    registry_ = nullptr;
-    auto opened = ModelRegistry::Open(
-        folder_ / "models", aliases_,
+    table_ = nullptr;
+    auto store = VersionStore::Open(folder_ / "models");
+    ASSERT_TRUE(store.ok()) << store.status();
+    store_ = *std::move(store);
+    auto opened = ServingTable::Open(
+        *store_, aliases_,
         [this](const std::filesystem::path& folder)
             -> absl::StatusOr<std::shared_ptr<const inference::ActionModel>> {
           ++loads_;
@@ -39,14 +43,14 @@ class ModelRegistryTest : public ::testing::Test {
           }
           return std::make_shared<FakeActionModel>(networks_);
         },
-        {.max_unaliased_in_memory = 1}, *registry_metrics_);
+        {.max_unaliased_in_memory = 1}, *table_metrics_);
     ASSERT_TRUE(opened.ok()) << opened.status();
-    registry_ = *std::move(opened);
-    registry_->LoadAliased();
+    table_ = *std::move(opened);
+    table_->LoadAliased();
   }
 
   // From the next start on. They outlive it.
-  void UseMetrics(monitoring::MetricRegistry& metrics) { registry_metrics_ = &metrics; }
+  void UseMetrics(monitoring::MetricRegistry& metrics) { table_metrics_ = &metrics; }
 
   // What a trainer leaves behind.
   std::filesystem::path FinishedModel(const std::string& weights = "good") {
@@ -60,7 +64,7 @@ class ModelRegistryTest : public ::testing::Test {
   absl::StatusOr<security::ModelVersionName> Publish(
       const std::string& model, v1::Promotion promotion = v1::PROMOTION_UNSPECIFIED,
       const std::string& weights = "good") {
-    return registry_->Publish(model, FinishedModel(weights), promotion);
+    return table_->Publish(model, FinishedModel(weights), promotion);
   }
 
   static std::optional<security::ModelReference> Alias(const std::string& model,
@@ -72,20 +76,21 @@ class ModelRegistryTest : public ::testing::Test {
   }
   // The version that answers, or 0 if it is not in memory, or -1 if there is none.
   int Answers(const std::optional<security::ModelReference>& reference) {
-    const auto handle = registry_->Find(reference);
+    const auto handle = table_->Find(reference);
     if (!handle.ok()) return -1;
     return *handle == nullptr ? 0 : (*handle)->name().version;
   }
 
-  monitoring::MetricRegistry* registry_metrics_ = &monitoring::MetricRegistry::Null();
+  monitoring::MetricRegistry* table_metrics_ = &monitoring::MetricRegistry::Null();
   const TemporaryFolder folder_;
   MemoryAliasStore aliases_;
   FakeNetworks networks_;
   int loads_ = 0;
   int finished_ = 0;
-  std::unique_ptr<ModelRegistry> registry_;
+  std::unique_ptr<VersionStore> store_;
+  std::unique_ptr<ServingTable> table_;
 };
 
 }  // namespace maneuver::serving
 
-#endif  // MANEUVER_TESTS_UNIT_SERVER_SERVING_MODEL_REGISTRY_FIXTURE_H_
+#endif  // MANEUVER_TESTS_UNIT_SERVER_SERVING_SERVING_TABLE_FIXTURE_H_

@@ -1,7 +1,7 @@
-// What the model registry tells of itself.
+// Metrics of the serving table.
 
-#ifndef MANEUVER_SERVER_SERVING_REGISTRY_METRICS_H_
-#define MANEUVER_SERVER_SERVING_REGISTRY_METRICS_H_
+#ifndef MANEUVER_SERVER_SERVING_SERVING_TABLE_METRICS_H_
+#define MANEUVER_SERVER_SERVING_SERVING_TABLE_METRICS_H_
 
 #include <map>
 #include <set>
@@ -13,9 +13,9 @@
 namespace maneuver::serving {
 
 // One caller at a time for Show and CountSwap; the rest is safe to use from any thread.
-class RegistryMetrics {
+class ServingTableMetrics {
  public:
-  explicit RegistryMetrics(monitoring::MetricRegistry& registry);
+  explicit ServingTableMetrics(monitoring::MetricRegistry& registry);
 
   // How many versions are in memory.
   void SetLoaded(size_t versions) { loaded_.Set(static_cast<double>(versions)); }
@@ -40,4 +40,4 @@ class RegistryMetrics {
 
 }  // namespace maneuver::serving
 
-#endif  // MANEUVER_SERVER_SERVING_REGISTRY_METRICS_H_
+#endif  // MANEUVER_SERVER_SERVING_SERVING_TABLE_METRICS_H_

@@ -1,4 +1,4 @@
-#include "server/serving/registry_metrics.h"
+#include "server/serving/serving_table_metrics.h"
 
 #include <array>
 #include <string_view>
@@ -22,7 +22,7 @@ monitoring::Counter& SwapCounter(monitoring::MetricRegistry& registry, std::stri
 
 }  // namespace
 
-RegistryMetrics::RegistryMetrics(monitoring::MetricRegistry& registry)
+ServingTableMetrics::ServingTableMetrics(monitoring::MetricRegistry& registry)
     : registry_(registry),
       loaded_(registry.AddGauge("maneuver_models_loaded", "Model versions that are in memory.")),
       load_time_(registry.AddHistogram("maneuver_model_load_seconds",
@@ -41,12 +41,12 @@ RegistryMetrics::RegistryMetrics(monitoring::MetricRegistry& registry)
   swaps_[""] = &SwapCounter(registry, "other");
 }
 
-void RegistryMetrics::CountSwap(const std::string& alias) {
+void ServingTableMetrics::CountSwap(const std::string& alias) {
   const auto found = swaps_.find(alias);
   (found == swaps_.end() ? swaps_.at("") : found->second)->Increment();
 }
 
-void RegistryMetrics::Show(const std::map<ModelAliasName, int>& aliases) {
+void ServingTableMetrics::Show(const std::map<ModelAliasName, int>& aliases) {
   int serving = 0;
   for (const auto& [name, version] : aliases) {
     if (name.alias == kServingAlias) ++serving;

@@ -1,7 +1,8 @@
-#include "server/serving/model_registry.h"
+#include "server/serving/serving_table.h"
 
 #include <algorithm>
 #include <chrono>
+#include <set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -19,13 +20,6 @@ using security::kServingAlias;
 using security::ModelAliasName;
 using security::ModelVersionName;
 
-absl::Status NoSuchVersion(const ModelVersionName& name) {
-  return errors::WithReason(
-      absl::NotFoundError(absl::StrCat("there is no ", name.ToString(),
-                                       "; ListModelVersions names those that exist")),
-      "MODEL_VERSION_NOT_FOUND", {{"model_version", name.ToString()}});
-}
-
 absl::Status Unusable(const ModelVersionName& name, const absl::Status& why) {
   return errors::WithReason(absl::FailedPreconditionError(absl::StrCat(
                                 name.ToString(), " cannot be served: ", why.message(),
@@ -39,48 +33,40 @@ double SecondsSince(std::chrono::steady_clock::time_point start) {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<ModelRegistry>> ModelRegistry::Open(
-    std::filesystem::path folder, AliasStore& aliases, ModelLoader loader,
-    const ModelRegistryOptions& options, monitoring::MetricRegistry& metrics) {
-  std::unique_ptr<ModelRegistry> registry(
-      new ModelRegistry(std::move(folder), aliases, std::move(loader), options, metrics));
-  auto versions = registry->folders_.Scan();
-  if (!versions.ok()) return versions.status();
+absl::StatusOr<std::unique_ptr<ServingTable>> ServingTable::Open(
+    VersionStore& versions, AliasStore& aliases, ModelLoader loader,
+    const ServingTableOptions& options, monitoring::MetricRegistry& metrics) {
+  std::unique_ptr<ServingTable> table(
+      new ServingTable(versions, aliases, std::move(loader), options, metrics));
   auto stored = aliases.ListAliases();
   if (!stored.ok()) return stored.status();
-  registry->versions_ = *std::move(versions);
-  for (const ModelAlias& alias : *stored) registry->aliases_[alias.name] = alias.version;
-  return registry;
+  for (const ModelAlias& alias : *stored) table->aliases_[alias.name] = alias.version;
+  return table;
 }
 
-ModelRegistry::ModelRegistry(std::filesystem::path folder, AliasStore& aliases, ModelLoader loader,
-                             const ModelRegistryOptions& options,
-                             monitoring::MetricRegistry& metrics)
-    : folders_(std::move(folder)),
+ServingTable::ServingTable(VersionStore& versions, AliasStore& aliases, ModelLoader loader,
+                           const ServingTableOptions& options, monitoring::MetricRegistry& metrics)
+    : versions_(versions),
       alias_store_(aliases),
       loader_(std::move(loader)),
       options_(options),
       metrics_(metrics) {}
 
-void ModelRegistry::OnReadyChange(std::function<void(bool)> listener) {
+void ServingTable::OnReadyChange(std::function<void(bool)> listener) {
   const std::lock_guard change(change_mutex_);
   listener_ = std::move(listener);
   NotifyReady();
 }
 
-bool ModelRegistry::Ready() const {
+bool ServingTable::Ready() const {
   const std::lock_guard lock(mutex_);
-  return ReadyLocked();
-}
-
-bool ModelRegistry::ReadyLocked() const {
   return std::ranges::any_of(aliases_, [this](const auto& entry) {
     return entry.first.alias == kServingAlias &&
            resident_.contains({entry.first.model, entry.second});
   });
 }
 
-void ModelRegistry::NotifyReady() {
+void ServingTable::NotifyReady() {
   std::map<ModelAliasName, int> loaded;
   {
     const std::lock_guard lock(mutex_);
@@ -92,7 +78,7 @@ void ModelRegistry::NotifyReady() {
   if (listener_) listener_(Ready());
 }
 
-void ModelRegistry::LoadAliased() {
+void ServingTable::LoadAliased() {
   std::set<ModelVersionName> wanted;
   {
     const std::lock_guard lock(mutex_);
@@ -106,7 +92,7 @@ void ModelRegistry::LoadAliased() {
   }
 }
 
-absl::StatusOr<ModelVersionName> ModelRegistry::ResolveLocked(
+absl::StatusOr<ModelVersionName> ServingTable::ResolveLocked(
     const std::optional<security::ModelReference>& reference) const {
   ModelVersionName name;
   if (!reference) {
@@ -128,7 +114,7 @@ absl::StatusOr<ModelVersionName> ModelRegistry::ResolveLocked(
   } else if (const auto* alias = std::get_if<ModelAliasName>(&*reference)) {
     const auto found = aliases_.find(*alias);
     if (found == aliases_.end()) {
-      if (versions_.contains(alias->model)) {
+      if (versions_.ContainsModel(alias->model)) {
         return errors::WithReason(
             absl::NotFoundError(absl::StrCat("there is no ", alias->ToString(),
                                              "; point it to a version with SetModelAlias")),
@@ -143,14 +129,11 @@ absl::StatusOr<ModelVersionName> ModelRegistry::ResolveLocked(
   } else {
     name = std::get<ModelVersionName>(*reference);
   }
-  const auto model = versions_.find(name.model);
-  if (model == versions_.end() || !model->second.contains(name.version)) {
-    return NoSuchVersion(name);
-  }
+  if (absl::Status status = versions_.CheckExists(name); !status.ok()) return status;
   return name;
 }
 
-absl::StatusOr<ModelHandle> ModelRegistry::Find(
+absl::StatusOr<ModelHandle> ServingTable::Find(
     const std::optional<security::ModelReference>& reference) {
   const std::lock_guard lock(mutex_);
   const auto name = ResolveLocked(reference);
@@ -165,33 +148,27 @@ absl::StatusOr<ModelHandle> ModelRegistry::Find(
   return ModelHandle();
 }
 
-absl::StatusOr<ModelHandle> ModelRegistry::Load(
+absl::StatusOr<ModelHandle> ServingTable::Load(
     const std::optional<security::ModelReference>& reference) {
   const std::lock_guard change(change_mutex_);
   // Whoever held the lock before may have loaded it.
   auto found = Find(reference);
   if (!found.ok() || *found != nullptr) return found;
-  absl::StatusOr<ModelVersionName> name;
-  {
-    const std::lock_guard lock(mutex_);
-    name = ResolveLocked(reference);
-  }
+  const absl::StatusOr<ModelVersionName> name = Resolve(reference);
   if (!name.ok()) return name.status();
   auto handle = LoadVersion(*name);
   NotifyReady();
   return handle;
 }
 
-absl::StatusOr<ModelRegistry::ResolvedVersion> ModelRegistry::Resolve(
+absl::StatusOr<ModelVersionName> ServingTable::Resolve(
     const std::optional<security::ModelReference>& reference) const {
   const std::lock_guard lock(mutex_);
-  auto name = ResolveLocked(reference);
-  if (!name.ok()) return name.status();
-  return ResolvedVersion{*name, folders_.FolderOf(*name)};
+  return ResolveLocked(reference);
 }
 
-absl::StatusOr<ModelHandle> ModelRegistry::LoadFolder(const ModelVersionName& name,
-                                                      const std::filesystem::path& folder) {
+absl::StatusOr<ModelHandle> ServingTable::LoadFolder(const ModelVersionName& name,
+                                                     const std::filesystem::path& folder) {
   const auto start = std::chrono::steady_clock::now();
   auto model = loader_(folder);
   absl::Status status = model.status();
@@ -222,18 +199,15 @@ absl::StatusOr<ModelHandle> ModelRegistry::LoadFolder(const ModelVersionName& na
   return handle;
 }
 
-absl::StatusOr<ModelHandle> ModelRegistry::LoadVersion(const ModelVersionName& name) {
+absl::StatusOr<ModelHandle> ServingTable::LoadVersion(const ModelVersionName& name) {
   {
     const std::lock_guard lock(mutex_);
     if (const auto found = resident_.find(name); found != resident_.end()) {
       return found->second.handle;
     }
-    const auto model = versions_.find(name.model);
-    if (model == versions_.end() || !model->second.contains(name.version)) {
-      return NoSuchVersion(name);
-    }
   }
-  auto handle = LoadFolder(name, folders_.FolderOf(name));
+  if (absl::Status status = versions_.CheckExists(name); !status.ok()) return status;
+  auto handle = LoadFolder(name, versions_.FolderOf(name));
   std::vector<ModelHandle> dropped;  // freed after the lock
   const std::lock_guard lock(mutex_);
   if (!handle.ok()) {
@@ -244,8 +218,8 @@ absl::StatusOr<ModelHandle> ModelRegistry::LoadVersion(const ModelVersionName& n
   return handle;
 }
 
-void ModelRegistry::MakeResidentLocked(const ModelHandle& handle,
-                                       std::vector<ModelHandle>& dropped) {
+void ServingTable::MakeResidentLocked(const ModelHandle& handle,
+                                      std::vector<ModelHandle>& dropped) {
   resident_[handle->name()] = {handle, ++uses_};
   load_errors_.erase(handle->name());
 
@@ -263,7 +237,12 @@ void ModelRegistry::MakeResidentLocked(const ModelHandle& handle,
   metrics_.SetLoaded(resident_.size());
 }
 
-std::vector<std::string> ModelRegistry::AliasesOfLocked(const ModelVersionName& name) const {
+std::vector<std::string> ServingTable::AliasesOf(const ModelVersionName& name) const {
+  const std::lock_guard lock(mutex_);
+  return AliasesOfLocked(name);
+}
+
+std::vector<std::string> ServingTable::AliasesOfLocked(const ModelVersionName& name) const {
   std::vector<std::string> found;  // sorted, as the map is
   for (const auto& [alias, version] : aliases_) {
     if (alias.model == name.model && version == name.version) found.push_back(alias.alias);
@@ -271,7 +250,7 @@ std::vector<std::string> ModelRegistry::AliasesOfLocked(const ModelVersionName& 
   return found;
 }
 
-absl::Status ModelRegistry::PointAlias(const ModelAliasName& name, const ModelHandle& handle) {
+absl::Status ServingTable::PointAlias(const ModelAliasName& name, const ModelHandle& handle) {
   if (auto status = alias_store_.SetAlias(name, handle->name().version); !status.ok()) {
     return status;
   }
@@ -280,7 +259,6 @@ absl::Status ModelRegistry::PointAlias(const ModelAliasName& name, const ModelHa
     const std::lock_guard lock(mutex_);
     const int before = std::exchange(aliases_[name], handle->name().version);
     if (before != handle->name().version) metrics_.CountSwap(name.alias);
-    versions_[name.model].insert(handle->name().version);
     MakeResidentLocked(handle, dropped);
   }
   Log(LogLevel::kInfo, "alias set",
@@ -289,14 +267,14 @@ absl::Status ModelRegistry::PointAlias(const ModelAliasName& name, const ModelHa
   return absl::OkStatus();
 }
 
-absl::Status ModelRegistry::SetAlias(const ModelAliasName& name, int version) {
+absl::Status ServingTable::SetAlias(const ModelAliasName& name, int version) {
   const std::lock_guard change(change_mutex_);
   const auto handle = LoadVersion({name.model, version});
   if (!handle.ok()) return handle.status();
   return PointAlias(name, *handle);
 }
 
-absl::Status ModelRegistry::DeleteAlias(const ModelAliasName& name) {
+absl::Status ServingTable::DeleteAlias(const ModelAliasName& name) {
   const std::lock_guard change(change_mutex_);
   if (auto status = alias_store_.DeleteAlias(name); !status.ok()) {
     if (!absl::IsNotFound(status)) return status;
@@ -312,31 +290,84 @@ absl::Status ModelRegistry::DeleteAlias(const ModelAliasName& name) {
   return absl::OkStatus();
 }
 
-absl::Status ModelRegistry::Delete(const ModelVersionName& name) {
+std::optional<ModelVersionName> ServingTable::Serving(const std::string& model) const {
+  const std::lock_guard lock(mutex_);
+  const auto alias = aliases_.find({model, std::string(kServingAlias)});
+  if (alias == aliases_.end()) return std::nullopt;
+  return ModelVersionName{model, alias->second};
+}
+
+absl::StatusOr<bool> ServingTable::PromoteOver(const ModelVersionName& name,
+                                               const std::optional<ModelVersionName>& before) {
   const std::lock_guard change(change_mutex_);
-  bool newest = false;
+  if (Serving(name.model) != before) return false;
+  const auto handle = LoadVersion(name);
+  if (!handle.ok()) return handle.status();
+  const absl::Status status = PointAlias({name.model, std::string(kServingAlias)}, *handle);
+  if (!status.ok()) return status;
+  return true;
+}
+
+bool ServingTable::WantsPromotion(const std::string& model, v1::Promotion promotion) const {
+  if (promotion == v1::PROMOTION_ALWAYS) return true;
+  return promotion == v1::PROMOTION_UNSPECIFIED && !Serving(model);
+}
+
+absl::StatusOr<ModelVersionName> ServingTable::Publish(const std::string& model,
+                                                       const std::filesystem::path& finished,
+                                                       v1::Promotion promotion,
+                                                       const std::string& maker) {
+  const std::lock_guard change(change_mutex_);
+  ModelHandle handle;
+  const auto name =
+      versions_.Publish(model, finished, maker, [&](const ModelVersionName& next) -> absl::Status {
+        auto loaded = LoadFolder(next, finished);
+        if (loaded.ok()) handle = *std::move(loaded);
+        return loaded.status();
+      });
+  if (!name.ok()) return name.status();
+  if (WantsPromotion(model, promotion)) {
+    const absl::Status status = PointAlias({model, std::string(kServingAlias)}, handle);
+    if (!status.ok()) {
+      const absl::Status undone = versions_.TakeBack(*name, finished);
+      if (!undone.ok()) {
+        Log(LogLevel::kError, "half-registered model", {{"model_version", name->ToString()}});
+      }
+      return status;
+    }
+  }
+  Log(LogLevel::kInfo, "model registered", {{"model_version", name->ToString()}});
+  return name;
+}
+
+absl::StatusOr<std::optional<ModelVersionName>> ServingTable::FindMadeBy(const std::string& model,
+                                                                         v1::Promotion promotion,
+                                                                         const std::string& maker) {
+  const std::lock_guard change(change_mutex_);
+  const std::optional<ModelVersionName> found = versions_.FindMadeBy(model, maker);
+  if (found && Serving(model) != found && WantsPromotion(model, promotion)) {
+    const auto handle = LoadVersion(*found);
+    if (!handle.ok()) return handle.status();
+    const absl::Status status = PointAlias({model, std::string(kServingAlias)}, *handle);
+    if (!status.ok()) return status;
+  }
+  return found;
+}
+
+absl::Status ServingTable::Delete(const ModelVersionName& name) {
+  const std::lock_guard change(change_mutex_);
+  if (absl::Status status = versions_.CheckExists(name); !status.ok()) return status;
+  if (const auto aliases = AliasesOf(name); !aliases.empty()) {
+    return errors::WithReason(
+        absl::FailedPreconditionError(absl::StrCat(name.ToString(), " is pointed to by ",
+                                                   absl::StrJoin(aliases, ", "),
+                                                   "; point that elsewhere or delete it first")),
+        "MODEL_VERSION_IN_USE", {{"model_version", name.ToString()}});
+  }
+  if (absl::Status status = versions_.Delete(name); !status.ok()) return status;
   ModelHandle dropped;  // freed after the lock
   {
     const std::lock_guard lock(mutex_);
-    const auto model = versions_.find(name.model);
-    if (model == versions_.end() || !model->second.contains(name.version)) {
-      return NoSuchVersion(name);
-    }
-    if (const auto aliases = AliasesOfLocked(name); !aliases.empty()) {
-      return errors::WithReason(
-          absl::FailedPreconditionError(absl::StrCat(name.ToString(), " is pointed to by ",
-                                                     absl::StrJoin(aliases, ", "),
-                                                     "; point that elsewhere or delete it first")),
-          "MODEL_VERSION_IN_USE", {{"model_version", name.ToString()}});
-    }
-    newest = *model->second.rbegin() == name.version;
-  }
-  if (auto status = folders_.Remove(name, newest); !status.ok()) return status;
-  {
-    const std::lock_guard lock(mutex_);
-    const auto model = versions_.find(name.model);
-    model->second.erase(name.version);
-    if (model->second.empty()) versions_.erase(model);
     load_errors_.erase(name);
     if (const auto found = resident_.find(name); found != resident_.end()) {
       dropped = std::move(found->second.handle);

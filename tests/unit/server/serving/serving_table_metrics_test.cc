@@ -1,6 +1,6 @@
-// What the page of metrics says of the registry.
+// What the page of metrics says of the serving table.
 
-#include "server/serving/registry_metrics.h"
+#include "server/serving/serving_table_metrics.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 #include <fstream>
 
 #include "server/monitoring/prometheus_metrics.h"
-#include "tests/unit/server/serving/model_registry_fixture.h"
+#include "tests/unit/server/serving/serving_table_fixture.h"
 
 namespace maneuver::serving {
 namespace {
@@ -16,9 +16,9 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-class RegistryMetricsTest : public ModelRegistryTest {
+class ServingTableMetricsTest : public ServingTableTest {
  protected:
-  RegistryMetricsTest() { UseMetrics(*metrics_); }
+  ServingTableMetricsTest() { UseMetrics(*metrics_); }
 
   std::string Page() const { return metrics_->Page(); }
   static std::string Of(const std::string& alias, int version) {
@@ -33,37 +33,37 @@ class RegistryMetricsTest : public ModelRegistryTest {
       monitoring::PrometheusMetrics::Create();
 };
 
-TEST_F(RegistryMetricsTest, TheVersionsOfServingAndCandidateAreShownUntilTheAliasGoes) {
+TEST_F(ServingTableMetricsTest, TheVersionsOfServingAndCandidateAreShownUntilTheAliasGoes) {
   EXPECT_THAT(Page(), HasSubstr("\nmaneuver_serving_models 0\n"));
   ASSERT_TRUE(Publish("town").ok());
   EXPECT_THAT(Page(), HasSubstr("\nmaneuver_serving_models 1\n"));
   EXPECT_THAT(Page(), HasSubstr(Of("serving", 1)));
   EXPECT_THAT(Page(), HasSubstr(Of("candidate", 0)));
   ASSERT_TRUE(Publish("town").ok());
-  ASSERT_TRUE(registry_->SetAlias({"town", "candidate"}, 2).ok());
+  ASSERT_TRUE(table_->SetAlias({"town", "candidate"}, 2).ok());
   EXPECT_THAT(Page(), HasSubstr(Of("candidate", 2)));
-  ASSERT_TRUE(registry_->DeleteAlias({"town", "candidate"}).ok());
+  ASSERT_TRUE(table_->DeleteAlias({"town", "candidate"}).ok());
   EXPECT_THAT(Page(), HasSubstr(Of("candidate", 0)));
-  ASSERT_TRUE(registry_->DeleteAlias({"town", "serving"}).ok());
+  ASSERT_TRUE(table_->DeleteAlias({"town", "serving"}).ok());
   EXPECT_THAT(Page(), HasSubstr(Of("serving", 0)));
   EXPECT_THAT(Page(), HasSubstr("\nmaneuver_serving_models 0\n"));
 }
 
-TEST_F(RegistryMetricsTest, ASwapIsAnAliasThatStandsForAnotherVersion) {
+TEST_F(ServingTableMetricsTest, ASwapIsAnAliasThatStandsForAnotherVersion) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(Publish("town").ok());
   EXPECT_THAT(Page(), HasSubstr(Swaps("serving", 1)));
-  ASSERT_TRUE(registry_->SetAlias({"town", "serving"}, 2).ok());
-  ASSERT_TRUE(registry_->SetAlias({"town", "serving"}, 2).ok());  // it does already
+  ASSERT_TRUE(table_->SetAlias({"town", "serving"}, 2).ok());
+  ASSERT_TRUE(table_->SetAlias({"town", "serving"}, 2).ok());  // it does already
   EXPECT_THAT(Page(), HasSubstr(Swaps("serving", 2)));
   EXPECT_THAT(Page(), HasSubstr(Swaps("candidate", 0)));
   // Names of aliases are callers': they are no labels.
-  ASSERT_TRUE(registry_->SetAlias({"town", "friday"}, 1).ok());
+  ASSERT_TRUE(table_->SetAlias({"town", "friday"}, 1).ok());
   EXPECT_THAT(Page(), HasSubstr(Swaps("other", 1)));
   EXPECT_THAT(Page(), Not(HasSubstr("friday")));
 }
 
-TEST_F(RegistryMetricsTest, AVersionThatDoesNotLoadIsCountedAndDoesNotServe) {
+TEST_F(ServingTableMetricsTest, AVersionThatDoesNotLoadIsCountedAndDoesNotServe) {
   ASSERT_TRUE(Publish("town").ok());
   std::ofstream(folder_ / "models/town/1/weights.safetensors") << "altered";
   Restart();
@@ -71,9 +71,9 @@ TEST_F(RegistryMetricsTest, AVersionThatDoesNotLoadIsCountedAndDoesNotServe) {
   EXPECT_THAT(Page(), HasSubstr("\nmaneuver_serving_models 0\n"));
 }
 
-TEST(RegistryMetricsLimitTest, NoMoreThan32ModelsAreLabels) {
+TEST(ServingTableMetricsLimitTest, NoMoreThan32ModelsAreLabels) {
   const auto page = monitoring::PrometheusMetrics::Create();
-  RegistryMetrics metrics(*page);
+  ServingTableMetrics metrics(*page);
   std::map<security::ModelAliasName, int> aliases;
   for (int i = 0; i < 40; ++i) aliases[{"model" + std::to_string(i), "serving"}] = 1;
   metrics.Show(aliases);

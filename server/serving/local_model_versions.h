@@ -1,0 +1,47 @@
+// The versions that this server stores and serves, as jobs see them.
+
+#ifndef MANEUVER_SERVER_SERVING_LOCAL_MODEL_VERSIONS_H_
+#define MANEUVER_SERVER_SERVING_LOCAL_MODEL_VERSIONS_H_
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "server/serving/model_versions.h"
+#include "server/serving/serving_table.h"
+#include "server/serving/version_store.h"
+
+namespace maneuver::serving {
+
+class LocalModelVersions final : public ModelVersions {
+ public:
+  // Both outlive it; `table` is over `store`.
+  LocalModelVersions(VersionStore& store, ServingTable& table) : store_(store), table_(table) {}
+
+  absl::StatusOr<ResolvedVersion> Resolve(
+      const std::optional<security::ModelReference>& reference) const override;
+  std::vector<ListedVersion> List() const override;
+  std::optional<security::ModelVersionName> Serving(const std::string& model) const override;
+  absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
+                                                     const std::filesystem::path& finished,
+                                                     v1::Promotion promotion,
+                                                     const std::string& maker) override;
+  absl::StatusOr<std::optional<security::ModelVersionName>> FindMadeBy(
+      const std::string& model, v1::Promotion promotion, const std::string& maker) override;
+  absl::StatusOr<bool> PromoteOver(
+      const security::ModelVersionName& name,
+      const std::optional<security::ModelVersionName>& before) override;
+  absl::Status KeepReport(const v1::EvaluationReport& report) override;
+  absl::StatusOr<v1::EvaluationReport> GetReport(
+      const security::EvaluationName& name) const override;
+  absl::Status Delete(const security::ModelVersionName& name) override;
+
+ private:
+  VersionStore& store_;
+  ServingTable& table_;
+};
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_SERVER_SERVING_LOCAL_MODEL_VERSIONS_H_

@@ -1,0 +1,75 @@
+// What jobs read and change of the versions of models.
+
+#ifndef MANEUVER_SERVER_SERVING_MODEL_VERSIONS_H_
+#define MANEUVER_SERVER_SERVING_MODEL_VERSIONS_H_
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "maneuver/v1/evaluation.pb.h"
+#include "maneuver/v1/training_service.pb.h"
+#include "server/security/resource_name.h"
+
+namespace maneuver::serving {
+
+// Safe to use from any thread. Functions may wait for the disk; those marked "may take long" load
+// weights.
+class ModelVersions {
+ public:
+  struct ResolvedVersion {
+    security::ModelVersionName name;
+    std::filesystem::path folder;
+  };
+  struct ListedVersion {
+    security::ModelVersionName name;
+    bool has_alias = false;
+  };
+
+  virtual ~ModelVersions() = default;
+
+  // Returns the version that a request means; without a reference, that of the only model that
+  // serves. Errors: NOT_FOUND; FAILED_PRECONDITION if no reference is given and either no model
+  // serves or several do.
+  virtual absl::StatusOr<ResolvedVersion> Resolve(
+      const std::optional<security::ModelReference>& reference) const = 0;
+  // Lists all versions of all models, newest first.
+  virtual std::vector<ListedVersion> List() const = 0;
+  // Returns the version that serves a model, if one does.
+  virtual std::optional<security::ModelVersionName> Serving(const std::string& model) const = 0;
+
+  // Makes the finished model folder `finished` the next version of `model`, stamped with the name
+  // of the job that made it. Takes the folder away, or leaves it and everything else as it was. May
+  // take long.
+  //   promotion: decides whether the version serves at once; with PROMOTION_IF_NO_WORSE it does not.
+  virtual absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
+                                                             const std::filesystem::path& finished,
+                                                             v1::Promotion promotion,
+                                                             const std::string& maker) = 0;
+  // Returns the version of `model` that the job `maker` published, if there is one, and promotes it
+  // as Publish would have: the server may have died in between. May take long.
+  virtual absl::StatusOr<std::optional<security::ModelVersionName>> FindMadeBy(
+      const std::string& model, v1::Promotion promotion, const std::string& maker) = 0;
+  // Makes a version serve if `before` does (nothing: if no version does). Returns false, and
+  // changes nothing, if another version serves. May take long.
+  virtual absl::StatusOr<bool> PromoteOver(
+      const security::ModelVersionName& name,
+      const std::optional<security::ModelVersionName>& before) = 0;
+
+  // Stores a report beside the version that it names, in place of an earlier one on the same
+  // dataset. NOT_FOUND if the version is gone.
+  virtual absl::Status KeepReport(const v1::EvaluationReport& report) = 0;
+  // Returns the report of a version on a dataset. NOT_FOUND if there is none.
+  virtual absl::StatusOr<v1::EvaluationReport> GetReport(
+      const security::EvaluationName& name) const = 0;
+
+  // Removes a version. FAILED_PRECONDITION while an alias points to it.
+  virtual absl::Status Delete(const security::ModelVersionName& name) = 0;
+};
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_SERVER_SERVING_MODEL_VERSIONS_H_

@@ -1,0 +1,150 @@
+// Which versions serve: the aliases that point to versions, and the versions that are in memory.
+//
+// A version is loaded and warmed up while the one before serves, then swapped by handle: requests
+// in flight keep the version that they began with. A version that does not load changes nothing.
+
+#ifndef MANEUVER_SERVER_SERVING_SERVING_TABLE_H_
+#define MANEUVER_SERVER_SERVING_SERVING_TABLE_H_
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "maneuver/v1/training_service.pb.h"
+#include "server/monitoring/metrics.h"
+#include "server/security/resource_name.h"
+#include "server/serving/alias_store.h"
+#include "server/serving/served_model.h"
+#include "server/serving/serving_table_metrics.h"
+#include "server/serving/version_store.h"
+
+namespace maneuver::serving {
+
+using ModelLoader = std::function<absl::StatusOr<std::shared_ptr<const inference::ActionModel>>(
+    const std::filesystem::path& folder)>;
+
+struct ServingTableOptions {
+  // How many versions stay in memory that no alias points to, because a request named them by
+  // number or an alias has just moved on. Beyond that the least recently used is dropped.
+  int max_unaliased_in_memory = 2;
+};
+
+// Safe to use from any thread. Functions marked "may take long" read weights from disk; do not call
+// them on threads that serve.
+class ServingTable {
+ public:
+  // Reads the stored aliases. Loads nothing yet. `versions`, `aliases` and `metrics` outlive the
+  // table.
+  static absl::StatusOr<std::unique_ptr<ServingTable>> Open(VersionStore& versions,
+                                                            AliasStore& aliases, ModelLoader loader,
+                                                            const ServingTableOptions& options,
+                                                            monitoring::MetricRegistry& metrics);
+
+  // Calls `listener` at once, and then from any thread whenever the answer of Ready() may have
+  // changed, one call at a time. nullptr: nobody is called any more once this returns.
+  void OnReadyChange(std::function<void(bool ready)> listener);
+  // Whether the @serving version of some model is in memory.
+  bool Ready() const;
+
+  // Loads every version that an alias points to. Logs each one that does not load; Find returns its
+  // error from then on. May take long.
+  void LoadAliased();
+
+  // Returns the version that a request means; without a reference, that of the only model that
+  // serves. Never touches the disk: the handle is nullptr if the version exists but is not in
+  // memory; then call Load.
+  // Errors: NOT_FOUND; FAILED_PRECONDITION if it did not load, or if no reference is given and
+  // either no model serves or several do.
+  absl::StatusOr<ModelHandle> Find(const std::optional<security::ModelReference>& reference);
+  // As Find, but loads the version if it is not in memory. May take long.
+  absl::StatusOr<ModelHandle> Load(const std::optional<security::ModelReference>& reference);
+  // Returns the name of the version that a request means. Loads nothing. Errors: as Find, but a
+  // version that did not load is no error.
+  absl::StatusOr<security::ModelVersionName> Resolve(
+      const std::optional<security::ModelReference>& reference) const;
+
+  // Returns the ids of the aliases that point to a version, sorted.
+  std::vector<std::string> AliasesOf(const security::ModelVersionName& name) const;
+  // Returns the version that serves a model, if one does.
+  std::optional<security::ModelVersionName> Serving(const std::string& model) const;
+
+  // Points an alias to a version, which is loaded and checked first. After an error everything is
+  // as it was. May take long.
+  absl::Status SetAlias(const security::ModelAliasName& name, int version);
+  absl::Status DeleteAlias(const security::ModelAliasName& name);
+  // Points `serving` to a version as SetAlias does, if `before` serves its model (nothing: if no
+  // version does). Returns false, and changes nothing, if another version serves. May take long.
+  absl::StatusOr<bool> PromoteOver(const security::ModelVersionName& name,
+                                   const std::optional<security::ModelVersionName>& before);
+
+  // Loads and checks the finished model folder `finished`, then publishes it in the store as the
+  // next version of `model` and promotes it. After an error everything is as it was. May take long.
+  //   promotion: with PROMOTION_IF_NO_WORSE the version does not serve yet: see PromoteOver.
+  //   maker: as VersionStore::Publish.
+  absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
+                                                     const std::filesystem::path& finished,
+                                                     v1::Promotion promotion,
+                                                     const std::string& maker = {});
+  // Returns the version of `model` that Publish made for `maker`, if there is one, and promotes it
+  // as Publish would have: a server may have died in between. May take long.
+  absl::StatusOr<std::optional<security::ModelVersionName>> FindMadeBy(const std::string& model,
+                                                                       v1::Promotion promotion,
+                                                                       const std::string& maker);
+
+  // Removes a version from memory and from the store. FAILED_PRECONDITION while an alias points to
+  // it. Errors: also those of VersionStore::Delete.
+  absl::Status Delete(const security::ModelVersionName& name);
+
+ private:
+  struct Resident {
+    ModelHandle handle;
+    uint64_t last_used = 0;  // of uses_
+  };
+
+  ServingTable(VersionStore& versions, AliasStore& aliases, ModelLoader loader,
+               const ServingTableOptions& options, monitoring::MetricRegistry& metrics);
+
+  // These want mutex_ held.
+  absl::StatusOr<security::ModelVersionName> ResolveLocked(
+      const std::optional<security::ModelReference>& reference) const;
+  std::vector<std::string> AliasesOfLocked(const security::ModelVersionName& name) const;
+  void MakeResidentLocked(const ModelHandle& handle, std::vector<ModelHandle>& dropped);
+
+  // These want change_mutex_ held.
+  absl::StatusOr<ModelHandle> LoadVersion(const security::ModelVersionName& name);
+  absl::StatusOr<ModelHandle> LoadFolder(const security::ModelVersionName& name,
+                                         const std::filesystem::path& folder);
+  absl::Status PointAlias(const security::ModelAliasName& name, const ModelHandle& handle);
+  // Whether publishing a version of `model` makes it serve.
+  bool WantsPromotion(const std::string& model, v1::Promotion promotion) const;
+  void NotifyReady();
+
+  VersionStore& versions_;
+  AliasStore& alias_store_;
+  const ModelLoader loader_;
+  const ServingTableOptions options_;
+
+  // Held while something changes or loads, one at a time; taken before mutex_ and before the
+  // store's own.
+  std::mutex change_mutex_;
+  std::function<void(bool)> listener_;  // guarded by change_mutex_
+  ServingTableMetrics metrics_;         // guarded by change_mutex_, but for what is safe anyway
+  // Guards what follows; held for look-ups alone, never while the disk is read.
+  mutable std::mutex mutex_;
+  std::map<security::ModelAliasName, int> aliases_;
+  std::map<security::ModelVersionName, Resident> resident_;
+  std::map<security::ModelVersionName, absl::Status> load_errors_;
+  uint64_t uses_ = 0;
+};
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_SERVER_SERVING_SERVING_TABLE_H_

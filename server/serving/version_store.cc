@@ -1,0 +1,337 @@
+#include "server/serving/version_store.h"
+
+#include <google/protobuf/util/time_util.h>
+
+#include <algorithm>
+#include <system_error>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "model/artifact/model_cost.h"
+#include "model/artifact/model_folder.h"
+#include "model/files/durable_file.h"
+#include "server/errors/error_details.h"
+#include "server/monitoring/logging.h"
+#include "server/serving/evaluation_files.h"
+
+namespace maneuver::serving {
+namespace {
+
+namespace fs = std::filesystem;
+using security::EvaluationName;
+using security::ModelVersionName;
+
+constexpr char kMaker[] = "made_by";
+constexpr char kLastVersion[] = ".last_version";
+// Written once when a model is exported and never again, unlike model.json. Its modification time
+// is free to say when the version was published.
+constexpr char kWeights[] = "weights.safetensors";
+
+absl::Status FileError(std::string_view what, const std::error_code& error) {
+  return absl::InternalError(absl::StrCat("cannot ", std::string(what), ": ", error.message()));
+}
+
+// Sets the report's names by where it is stored: a version's folder may have come from another
+// server.
+v1::EvaluationReport Named(v1::EvaluationReport report, const EvaluationName& name) {
+  report.set_name(name.ToString());
+  report.set_model_version(name.version.ToString());
+  return report;
+}
+
+google::protobuf::Timestamp ToTimestamp(std::chrono::system_clock::time_point time) {
+  return google::protobuf::util::TimeUtil::NanosecondsToTimestamp(
+      std::chrono::duration_cast<std::chrono::nanoseconds>(time.time_since_epoch()).count());
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<VersionStore>> VersionStore::Open(fs::path folder) {
+  std::unique_ptr<VersionStore> store(new VersionStore(std::move(folder)));
+  if (absl::Status status = store->Scan(); !status.ok()) return status;
+  return store;
+}
+
+absl::Status VersionStore::Scan() {
+  std::error_code error;
+  fs::create_directories(folder_, error);
+  if (error) return FileError("create the folder of models", error);
+  if (auto status = files::RemoveTemporaries(folder_); !status.ok()) return status;
+
+  std::map<std::string, std::set<int>> found;
+  for (const auto& model : fs::directory_iterator(folder_, error)) {
+    const std::string id = model.path().filename();
+    if (!security::IsResourceId(id) || !model.is_directory(error)) continue;
+    if (auto status = files::RemoveTemporaries(model.path()); !status.ok()) return status;
+    for (const auto& version : fs::directory_iterator(model.path(), error)) {
+      const int number = security::ParseVersion(version.path().filename().string());
+      if (number == 0 || !version.is_directory(error)) continue;
+      found[id].insert(number);
+      // Left by a label that was being written, and by a report.
+      if (auto status = files::RemoveTemporaries(version.path()); !status.ok()) return status;
+      if (auto status = RemoveUnfinishedEvaluations(version.path()); !status.ok()) return status;
+    }
+  }
+  if (error) return FileError("list the folder of models", error);
+  const std::lock_guard lock(mutex_);
+  versions_ = std::move(found);
+  return absl::OkStatus();
+}
+
+bool VersionStore::Contains(const ModelVersionName& name) const {
+  const std::lock_guard lock(mutex_);
+  const auto model = versions_.find(name.model);
+  return model != versions_.end() && model->second.contains(name.version);
+}
+
+bool VersionStore::ContainsModel(const std::string& model) const {
+  const std::lock_guard lock(mutex_);
+  return versions_.contains(model);
+}
+
+absl::Status VersionStore::CheckExists(const ModelVersionName& name) const {
+  if (Contains(name)) return absl::OkStatus();
+  return errors::WithReason(
+      absl::NotFoundError(absl::StrCat("there is no ", name.ToString(),
+                                       "; ListModelVersions names those that exist")),
+      "MODEL_VERSION_NOT_FOUND", {{"model_version", name.ToString()}});
+}
+
+fs::path VersionStore::FolderOf(const ModelVersionName& name) const {
+  return folder_ / name.model / std::to_string(name.version);
+}
+
+fs::path VersionStore::LastVersionFile(const std::string& model) const {
+  return folder_ / model / kLastVersion;
+}
+
+std::chrono::system_clock::time_point VersionStore::CreateTime(const ModelVersionName& name) const {
+  std::error_code error;
+  const auto time = fs::last_write_time(FolderOf(name) / kWeights, error);
+  return error ? std::chrono::system_clock::time_point() : std::chrono::file_clock::to_sys(time);
+}
+
+std::vector<VersionStore::StoredVersion> VersionStore::List(const std::string& model) const {
+  std::vector<StoredVersion> found;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [id, versions] : versions_) {
+      if (!model.empty() && id != model) continue;
+      for (const int version : versions) found.push_back({{id, version}, {}});
+    }
+  }
+  for (StoredVersion& version : found) version.create_time = CreateTime(version.name);
+  std::ranges::sort(found, [](const StoredVersion& a, const StoredVersion& b) {
+    if (a.create_time != b.create_time) return a.create_time > b.create_time;
+    if (a.name.model != b.name.model) return a.name.model < b.name.model;
+    return a.name.version > b.name.version;
+  });
+  return found;
+}
+
+std::optional<ModelVersionName> VersionStore::FindMadeBy(const std::string& model,
+                                                         const std::string& maker) const {
+  std::set<int> versions;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = versions_.find(model);
+    if (found == versions_.end()) return std::nullopt;
+    versions = found->second;
+  }
+  std::optional<ModelVersionName> latest;
+  for (const int version : versions) {
+    const ModelVersionName name{model, version};
+    if (files::ReadFile(FolderOf(name) / kMaker).value_or("") == maker) latest = name;
+  }
+  return latest;
+}
+
+absl::StatusOr<v1::ModelVersion> VersionStore::Describe(const ModelVersionName& name) const {
+  if (absl::Status status = CheckExists(name); !status.ok()) return status;
+  auto manifest = artifact::ReadModelManifest(FolderOf(name));
+  if (!manifest.ok()) {
+    return errors::WithReason(absl::FailedPreconditionError(absl::StrCat(
+                                  name.ToString(), " is damaged: ", manifest.status().message())),
+                              "MODEL_DAMAGED", {{"model_version", name.ToString()}});
+  }
+  v1::ModelVersion version;
+  version.set_name(name.ToString());
+  *version.mutable_cost() = artifact::CountCost(manifest->spec());
+  *version.mutable_manifest() = *std::move(manifest);
+  *version.mutable_create_time() = ToTimestamp(CreateTime(name));
+  return version;
+}
+
+absl::StatusOr<int> VersionStore::NextVersion(const std::string& model) const {
+  int last = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = versions_.find(model);
+    if (found != versions_.end()) last = *found->second.rbegin();
+  }
+  const auto recorded = files::ReadFile(LastVersionFile(model));
+  if (recorded.ok()) {
+    last = std::max(last, security::ParseVersion(*recorded));
+  } else if (!absl::IsNotFound(recorded.status())) {
+    return recorded.status();
+  }
+  return last + 1;
+}
+
+absl::StatusOr<ModelVersionName> VersionStore::Publish(const std::string& model,
+                                                       const fs::path& finished,
+                                                       const std::string& maker,
+                                                       const Check& check) {
+  if (!security::IsResourceId(model)) {
+    return absl::InvalidArgumentError("a model's name is [a-z][a-z0-9-]*, at most 63 characters");
+  }
+  const std::lock_guard change(change_mutex_);
+  const auto number = NextVersion(model);
+  if (!number.ok()) return number.status();
+  const ModelVersionName name{model, *number};
+  if (absl::Status status = check(name); !status.ok()) return status;
+  if (absl::Status status = MoveIn(name, finished, maker); !status.ok()) return status;
+  const std::lock_guard lock(mutex_);
+  versions_[model].insert(name.version);
+  return name;
+}
+
+absl::Status VersionStore::MoveIn(const ModelVersionName& name, const fs::path& finished,
+                                  const std::string& maker) const {
+  std::error_code error;
+  if (!maker.empty()) {
+    if (auto status = files::WriteFileAtomically(finished / kMaker, maker); !status.ok()) {
+      return status;
+    }
+  }
+  fs::create_directories(folder_ / name.model, error);
+  if (error) return FileError("create the folder of a model", error);
+  const auto now = std::chrono::file_clock::from_sys(std::chrono::system_clock::now());
+  fs::last_write_time(finished / kWeights, now, error);
+  if (error) return FileError("stamp a model", error);
+  if (auto status = files::PublishFolder(finished, FolderOf(name)); !status.ok()) return status;
+  return files::SyncPath(folder_);
+}
+
+absl::Status VersionStore::TakeBack(const ModelVersionName& name, const fs::path& finished) {
+  const std::lock_guard change(change_mutex_);
+  Forget(name);
+  std::error_code error;
+  fs::rename(FolderOf(name), finished, error);
+  return error ? FileError("take back a model version", error) : absl::OkStatus();
+}
+
+absl::Status VersionStore::Delete(const ModelVersionName& name) {
+  const std::lock_guard change(change_mutex_);
+  if (absl::Status status = CheckExists(name); !status.ok()) return status;
+  if (absl::Status status = MoveOut(name); !status.ok()) return status;
+  Forget(name);
+  return absl::OkStatus();
+}
+
+absl::Status VersionStore::MoveOut(const ModelVersionName& name) const {
+  const auto next = NextVersion(name.model);
+  if (!next.ok()) return next.status();
+  if (*next == name.version + 1) {
+    const auto status =
+        files::WriteFileAtomically(LastVersionFile(name.model), std::to_string(name.version));
+    if (!status.ok()) return status;
+  }
+  // Out of sight in one step, then file by file: a crash in between leaves a temporary.
+  const auto temporary = files::MakeTemporaryFolderFor(FolderOf(name));
+  if (!temporary.ok()) return temporary.status();
+  std::error_code error;
+  fs::rename(FolderOf(name), *temporary, error);
+  if (error) return FileError("remove a model version", error);
+  if (auto status = files::SyncPath(folder_ / name.model); !status.ok()) return status;
+  fs::remove_all(*temporary, error);
+  return absl::OkStatus();
+}
+
+void VersionStore::Forget(const ModelVersionName& name) {
+  const std::lock_guard lock(mutex_);
+  const auto model = versions_.find(name.model);
+  if (model == versions_.end()) return;
+  model->second.erase(name.version);
+  if (model->second.empty()) versions_.erase(model);
+}
+
+absl::Status VersionStore::KeepReport(const v1::EvaluationReport& report) {
+  const auto version = security::ParseModelVersionName(report.model_version(), "model_version");
+  if (!version.ok()) return version.status();
+  const auto dataset = security::ParseDatasetName(report.dataset(), "dataset");
+  if (!dataset.ok()) return dataset.status();
+  v1::EvaluationReport kept = Named(report, {*version, *dataset});
+  kept.clear_sampled_examples();
+  // Nobody deletes the version meanwhile.
+  const std::lock_guard change(change_mutex_);
+  if (absl::Status status = CheckExists(*version); !status.ok()) return status;
+  return WriteEvaluation(FolderOf(*version), *dataset, kept);
+}
+
+absl::StatusOr<std::vector<v1::EvaluationReport>> VersionStore::ListReports(
+    const ModelVersionName& name) const {
+  if (absl::Status status = CheckExists(name); !status.ok()) return status;
+  std::vector<v1::EvaluationReport> reports;
+  for (const std::string& dataset : ListEvaluations(FolderOf(name))) {
+    absl::StatusOr<v1::EvaluationReport> report = GetReport({name, dataset});
+    if (!report.ok()) {
+      monitoring::Log(monitoring::LogLevel::kWarning, "report left out",
+                      {{"evaluation", EvaluationName{name, dataset}.ToString()},
+                       {"reason", std::string(report.status().message())}});
+      continue;
+    }
+    report->clear_action_usage();
+    report->clear_reliability();
+    report->clear_strata();
+    report->clear_action_uses();
+    report->clear_rivals();
+    reports.push_back(*std::move(report));
+  }
+  const auto nanoseconds = [](const v1::EvaluationReport& report) {
+    return google::protobuf::util::TimeUtil::TimestampToNanoseconds(report.create_time());
+  };
+  std::ranges::stable_sort(
+      reports, [&](const auto& a, const auto& b) { return nanoseconds(a) > nanoseconds(b); });
+  return reports;
+}
+
+absl::StatusOr<v1::EvaluationReport> VersionStore::GetReport(const EvaluationName& name) const {
+  if (absl::Status status = CheckExists(name.version); !status.ok()) return status;
+  absl::StatusOr<v1::EvaluationReport> report =
+      ReadEvaluation(FolderOf(name.version), name.evaluation);
+  if (absl::IsNotFound(report.status())) {
+    return errors::WithReason(
+        absl::NotFoundError(absl::StrCat(name.version.ToString(), " was not evaluated on datasets/",
+                                         name.evaluation, "; evaluate it first")),
+        "EVALUATION_NOT_FOUND", {{"evaluation", name.ToString()}});
+  }
+  if (!report.ok()) {
+    return errors::WithReason(absl::FailedPreconditionError(absl::StrCat(
+                                  name.ToString(), " is damaged; evaluate the version again")),
+                              "EVALUATION_DAMAGED", {{"evaluation", name.ToString()}});
+  }
+  return Named(*std::move(report), name);
+}
+
+absl::StatusOr<v1::Action> VersionStore::LabelAction(const ModelVersionName& name, int action_id,
+                                                     const std::string& label) {
+  const std::lock_guard change(change_mutex_);
+  auto version = Describe(name);
+  if (!version.ok()) return version.status();
+  v1::ModelManifest& manifest = *version->mutable_manifest();
+  const auto action = std::ranges::find(*manifest.mutable_actions(), action_id,
+                                        [](const v1::Action& a) { return a.action_id(); });
+  if (action == manifest.mutable_actions()->end()) {
+    return absl::OutOfRangeError(
+        absl::StrCat(name.ToString(), " has the actions 0 to ", manifest.actions_size() - 1));
+  }
+  action->set_label(label);
+  v1::Action labelled = *action;
+  if (auto status = artifact::RewriteModelManifest(FolderOf(name), manifest); !status.ok()) {
+    return status;
+  }
+  return labelled;
+}
+
+}  // namespace maneuver::serving

@@ -1,0 +1,119 @@
+// The versions of models on disk:
+//
+//   {folder}/{model}/{version}/       one version: model.json, weights.safetensors; made_by, the
+//                                     name of the job that made it; evaluations, its reports
+//                                     (evaluation_files.h)
+//   {folder}/{model}/.last_version    the highest number ever given, written when that version is
+//                                     deleted: a number never comes to mean another version
+//
+// Knows nothing of aliases or of versions in memory: ServingTable does.
+
+#ifndef MANEUVER_SERVER_SERVING_VERSION_STORE_H_
+#define MANEUVER_SERVER_SERVING_VERSION_STORE_H_
+
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "maneuver/v1/evaluation.pb.h"
+#include "maneuver/v1/model.pb.h"
+#include "server/security/resource_name.h"
+
+namespace maneuver::serving {
+
+// Safe to use from any thread. Changes run one at a time. Contains and ContainsModel never touch
+// the disk.
+class VersionStore {
+ public:
+  // Opens `folder` (DATA/models) and lists its versions. Creates the folder if it is missing, and
+  // removes what interrupted writers left. Leaves entries with other names alone.
+  static absl::StatusOr<std::unique_ptr<VersionStore>> Open(std::filesystem::path folder);
+
+  bool Contains(const security::ModelVersionName& name) const;
+  // Whether there is any version of the model.
+  bool ContainsModel(const std::string& model) const;
+  // Returns OK if the version exists; else NOT_FOUND with the reason MODEL_VERSION_NOT_FOUND.
+  absl::Status CheckExists(const security::ModelVersionName& name) const;
+  // Returns where the version is, or would be.
+  std::filesystem::path FolderOf(const security::ModelVersionName& name) const;
+
+  struct StoredVersion {
+    security::ModelVersionName name;
+    std::chrono::system_clock::time_point create_time;  // when it was published
+  };
+  // Lists the versions of one model, or of all models if `model` is empty; newest first.
+  std::vector<StoredVersion> List(const std::string& model) const;
+  // Returns the latest version of `model` that Publish stamped with `maker`, if there is one.
+  std::optional<security::ModelVersionName> FindMadeBy(const std::string& model,
+                                                       const std::string& maker) const;
+  // Returns what is stored of a version, without its aliases. Reads model.json. Errors: NOT_FOUND;
+  // FAILED_PRECONDITION with the reason MODEL_DAMAGED.
+  absl::StatusOr<v1::ModelVersion> Describe(const security::ModelVersionName& name) const;
+
+  // Called with the name that a version is about to get. An error keeps it from being published.
+  using Check = std::function<absl::Status(const security::ModelVersionName& name)>;
+  // Moves `finished`, a complete model folder on the same file system, to its place as the next
+  // version of `model`. After an error or a crash it is there whole or not at all.
+  //   maker: the name of the job that made it, for FindMadeBy; empty: none.
+  //   check: looks at `finished` before anything changes; must not call functions of this store
+  //     that change it.
+  // Errors: INVALID_ARGUMENT if `model` is no resource id; those of `check`; those of files.
+  absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
+                                                     const std::filesystem::path& finished,
+                                                     const std::string& maker, const Check& check);
+  // Undoes Publish: moves the folder back to `finished` and forgets the version.
+  absl::Status TakeBack(const security::ModelVersionName& name,
+                        const std::filesystem::path& finished);
+  // Removes a version. Its number is never given again. Errors: NOT_FOUND; those of files.
+  absl::Status Delete(const security::ModelVersionName& name);
+
+  // Stores a report beside the version that it names, in place of an earlier one on the same
+  // dataset. Errors: NOT_FOUND if there is no such version; RESOURCE_EXHAUSTED if the disk is full,
+  // or another error of files: the earlier report is then still there.
+  absl::Status KeepReport(const v1::EvaluationReport& report);
+  // Lists the reports of a version, newest first, without strata, reliability, rivals and the use
+  // of actions. Logs and leaves out those that are damaged. Errors: NOT_FOUND.
+  absl::StatusOr<std::vector<v1::EvaluationReport>> ListReports(
+      const security::ModelVersionName& name) const;
+  // Errors: NOT_FOUND, also if the version was not evaluated on that dataset; FAILED_PRECONDITION
+  // with the reason EVALUATION_DAMAGED.
+  absl::StatusOr<v1::EvaluationReport> GetReport(const security::EvaluationName& name) const;
+
+  // Names an action; an empty label removes its name. Errors: as Describe; OUT_OF_RANGE if the
+  // version has no such action; those of files.
+  absl::StatusOr<v1::Action> LabelAction(const security::ModelVersionName& name, int action_id,
+                                         const std::string& label);
+
+ private:
+  explicit VersionStore(std::filesystem::path folder) : folder_(std::move(folder)) {}
+
+  absl::Status Scan();
+  std::filesystem::path LastVersionFile(const std::string& model) const;
+  std::chrono::system_clock::time_point CreateTime(const security::ModelVersionName& name) const;
+  // Returns the number after the highest that `model` ever had.
+  absl::StatusOr<int> NextVersion(const std::string& model) const;
+  absl::Status MoveIn(const security::ModelVersionName& name, const std::filesystem::path& finished,
+                      const std::string& maker) const;
+  absl::Status MoveOut(const security::ModelVersionName& name) const;
+  void Forget(const security::ModelVersionName& name);
+
+  const std::filesystem::path folder_;
+  // Held during a change; taken before mutex_.
+  std::mutex change_mutex_;
+  // Held for look-ups alone, never while the disk is read.
+  mutable std::mutex mutex_;
+  std::map<std::string, std::set<int>> versions_;  // by model; guarded by mutex_
+};
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_SERVER_SERVING_VERSION_STORE_H_

@@ -1,0 +1,223 @@
+#include "server/serving/serving_table.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "model/artifact/model_folder.h"
+#include "model/files/durable_file.h"
+#include "tests/unit/model/artifact/tiny_model.h"
+#include "tests/unit/server/serving/serving_table_fixture.h"
+
+namespace maneuver::serving {
+namespace {
+
+namespace fs = std::filesystem;
+using security::ModelAliasName;
+using security::ModelReference;
+using security::ModelVersionName;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+TEST_F(ServingTableTest, WithoutModelsARequestIsToldToTrainOne) {
+  const auto found = table_->Find(std::nullopt);
+  EXPECT_TRUE(absl::IsFailedPrecondition(found.status()));
+  EXPECT_THAT(std::string(found.status().message()), HasSubstr("train one"));
+  EXPECT_TRUE(absl::IsNotFound(table_->Find(Alias("town", "serving")).status()));
+  EXPECT_FALSE(table_->Ready());
+}
+
+TEST_F(ServingTableTest, TheFirstVersionServesAndLaterOnesWaitForPromotion) {
+  EXPECT_EQ(Publish("town")->ToString(), "models/town/versions/1");
+  EXPECT_EQ(Answers(std::nullopt), 1);
+  EXPECT_TRUE(table_->Ready());
+  EXPECT_EQ(Publish("town")->version, 2);
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+  EXPECT_EQ(Publish("town", v1::PROMOTION_ALWAYS)->version, 3);
+  EXPECT_EQ(Answers(Alias("town", "serving")), 3);
+  EXPECT_EQ(Publish("city", v1::PROMOTION_NEVER)->version, 1);
+  EXPECT_TRUE(absl::IsNotFound(table_->Find(Alias("city", "serving")).status()));
+}
+
+TEST_F(ServingTableTest, TheVersionThatAJobMadeIsFoundAfterARestart) {
+  const auto find = [this](const std::string& maker, v1::Promotion promotion) {
+    const auto found = table_->FindMadeBy("town", promotion, maker);
+    EXPECT_TRUE(found.ok()) << found.status();
+    return found.ok() && *found ? (*found)->version : 0;
+  };
+  EXPECT_EQ(find("jobs/a", v1::PROMOTION_UNSPECIFIED), 0);
+  ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/a").ok());
+  ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/b").ok());
+  ASSERT_TRUE(Publish("town", v1::PROMOTION_NEVER).ok());
+  Restart();
+  EXPECT_EQ(find("jobs/a", v1::PROMOTION_NEVER), 1);
+  EXPECT_EQ(find("jobs/b", v1::PROMOTION_NEVER), 2);
+  EXPECT_EQ(find("jobs/c", v1::PROMOTION_NEVER), 0);
+  EXPECT_EQ(store_->List("town").size(), 3u);
+}
+
+// As a server leaves it that died between the folder's last rename and the alias.
+TEST_F(ServingTableTest, AVersionThatWasPublishedHalfIsPromotedWhenItIsFound) {
+  ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/a").ok());
+  ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/b").ok());
+  Restart();
+  ASSERT_TRUE(table_->FindMadeBy("town", v1::PROMOTION_UNSPECIFIED, "jobs/b").ok());
+  EXPECT_EQ(Answers(Alias("town", "serving")), 2);
+  EXPECT_EQ(aliases_.GetAlias({"town", "serving"}).value(), 2);
+  // Something serves by now.
+  ASSERT_TRUE(table_->FindMadeBy("town", v1::PROMOTION_UNSPECIFIED, "jobs/a").ok());
+  EXPECT_EQ(Answers(Alias("town", "serving")), 2);
+  ASSERT_TRUE(table_->FindMadeBy("town", v1::PROMOTION_ALWAYS, "jobs/a").ok());
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+}
+
+TEST_F(ServingTableTest, ModelsMustBeNamedWhenSeveralServe) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("city").ok());
+  const auto found = table_->Find(std::nullopt);
+  EXPECT_TRUE(absl::IsFailedPrecondition(found.status()));
+  EXPECT_THAT(std::string(found.status().message()), HasSubstr("name one"));
+}
+
+TEST_F(ServingTableTest, ADamagedModelIsNotPublishedAndNothingChanges) {
+  ASSERT_TRUE(Publish("town").ok());
+  const fs::path damaged = FinishedModel("altered");
+  const auto published = table_->Publish("town", damaged, v1::PROMOTION_ALWAYS);
+  EXPECT_TRUE(absl::IsFailedPrecondition(published.status()));
+  EXPECT_THAT(std::string(published.status().message()), HasSubstr("was altered"));
+  EXPECT_TRUE(fs::exists(damaged));
+  EXPECT_EQ(Answers(std::nullopt), 1);
+  EXPECT_EQ(store_->List("town").size(), 1u);
+}
+
+TEST_F(ServingTableTest, PromotingADamagedVersionLeavesTheOldOneServing) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  std::ofstream(folder_ / "models/town/2/weights.safetensors") << "altered";
+  const absl::Status status = table_->SetAlias({"town", "serving"}, 2);
+  EXPECT_TRUE(absl::IsFailedPrecondition(status));
+  EXPECT_THAT(std::string(status.message()), HasSubstr("was altered"));
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+  EXPECT_EQ(aliases_.GetAlias({"town", "serving"}).value(), 1);
+}
+
+TEST_F(ServingTableTest, AnAliasThatCannotBeStoredChangesNothing) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  aliases_.broken = true;
+  EXPECT_TRUE(absl::IsUnavailable(table_->SetAlias({"town", "serving"}, 2)));
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+
+  const fs::path finished = FinishedModel();
+  EXPECT_FALSE(table_->Publish("town", finished, v1::PROMOTION_ALWAYS).ok());
+  EXPECT_TRUE(fs::exists(finished / "model.json"));
+  EXPECT_EQ(store_->List("town").size(), 2u);
+}
+
+TEST_F(ServingTableTest, ARequestInFlightKeepsTheVersionThatItFound) {
+  ASSERT_TRUE(Publish("town").ok());
+  const ModelHandle in_flight = *table_->Find(std::nullopt);
+  ASSERT_TRUE(Publish("town", v1::PROMOTION_ALWAYS).ok());
+  EXPECT_EQ(in_flight->name().version, 1);
+  EXPECT_TRUE(in_flight->WarmUp().ok());
+  EXPECT_EQ(Answers(std::nullopt), 2);
+}
+
+TEST_F(ServingTableTest, EverythingOnDiskIsThereAfterARestart) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(table_->SetAlias({"town", "candidate"}, 2).ok());
+  Restart();
+  EXPECT_TRUE(table_->Ready());
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+  EXPECT_EQ(Answers(Alias("town", "candidate")), 2);
+  EXPECT_EQ(store_->List("").size(), 2u);
+}
+
+TEST_F(ServingTableTest, AVersionDamagedWhileTheServerWasDownSaysSoAndOthersServe) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("city").ok());
+  std::ofstream(folder_ / "models/town/1/weights.safetensors") << "altered";
+  Restart();
+  EXPECT_EQ(Answers(Alias("city", "serving")), 1);
+  const auto found = table_->Find(Alias("town", "serving"));
+  EXPECT_TRUE(absl::IsFailedPrecondition(found.status()));
+  EXPECT_THAT(std::string(found.status().message()), HasSubstr("was altered"));
+  EXPECT_TRUE(table_->Ready());
+}
+
+TEST_F(ServingTableTest, LeftoversOfInterruptedWritersAreRemoved) {
+  ASSERT_TRUE(Publish("town").ok());
+  const auto leftover = files::MakeTemporaryFolderFor(folder_ / "models/town/2");
+  ASSERT_TRUE(leftover.ok());
+  const fs::path half_a_label = folder_ / "models/town/1/.model.json.tmp-0123456789abcdef";
+  std::ofstream(half_a_label) << "{";
+  Restart();
+  EXPECT_FALSE(fs::exists(*leftover));
+  EXPECT_FALSE(fs::exists(half_a_label));
+  EXPECT_EQ(Publish("town")->version, 2);
+}
+
+TEST_F(ServingTableTest, AVersionAskedForByNumberIsLoadedOnceAndDroppedForTheNext) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  EXPECT_EQ(Answers(Version("town", 2)), 0);
+  const int before = loads_;
+  EXPECT_EQ((*table_->Load(Version("town", 2)))->name().version, 2);
+  EXPECT_EQ((*table_->Load(Version("town", 2)))->name().version, 2);
+  EXPECT_EQ(loads_, before + 1);
+  EXPECT_TRUE(table_->Load(Version("town", 3)).ok());
+  EXPECT_EQ(Answers(Version("town", 2)), 0);
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+  EXPECT_TRUE(absl::IsNotFound(table_->Load(Version("town", 4)).status()));
+}
+
+TEST_F(ServingTableTest, AVersionWithAnAliasCannotBeDeleted) {
+  ASSERT_TRUE(Publish("town").ok());
+  const absl::Status refused = table_->Delete({"town", 1});
+  EXPECT_TRUE(absl::IsFailedPrecondition(refused));
+  EXPECT_THAT(std::string(refused.message()), HasSubstr("serving"));
+  ASSERT_TRUE(table_->DeleteAlias({"town", "serving"}).ok());
+  EXPECT_FALSE(table_->Ready());
+  EXPECT_TRUE(table_->Delete({"town", 1}).ok());
+  EXPECT_THAT(store_->List(""), IsEmpty());
+  EXPECT_TRUE(absl::IsNotFound(table_->Delete({"town", 1})));
+}
+
+TEST_F(ServingTableTest, ListsAliasesByTheVersionThatTheyPointTo) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town", v1::PROMOTION_ALWAYS).ok());
+  ASSERT_TRUE(table_->SetAlias({"town", "previous"}, 1).ok());
+  ASSERT_TRUE(table_->SetAlias({"town", "best"}, 1).ok());
+  EXPECT_THAT(table_->AliasesOf({"town", 1}), ElementsAre("best", "previous"));
+  EXPECT_THAT(table_->AliasesOf({"town", 2}), ElementsAre("serving"));
+}
+
+TEST_F(ServingTableTest, ReadinessIsTold) {
+  std::vector<bool> told;
+  table_->OnReadyChange([&](bool ready) { told.push_back(ready); });
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(table_->DeleteAlias({"town", "serving"}).ok());
+  EXPECT_THAT(told, ElementsAre(false, true, false));
+}
+
+TEST_F(ServingTableTest, AVersionIsPromotedOverTheOneThatItWasComparedWithAndNoOther) {
+  EXPECT_EQ(table_->Serving("town"), std::nullopt);
+  ASSERT_TRUE(Publish("town", v1::PROMOTION_IF_NO_WORSE).ok());
+  EXPECT_EQ(table_->Serving("town"), std::nullopt);  // not by publishing
+  EXPECT_TRUE(*table_->PromoteOver({"town", 1}, std::nullopt));
+  EXPECT_EQ(table_->Serving("town"), (ModelVersionName{"town", 1}));
+  ASSERT_TRUE(Publish("town", v1::PROMOTION_IF_NO_WORSE).ok());
+  ASSERT_TRUE(Publish("town", v1::PROMOTION_IF_NO_WORSE).ok());
+  EXPECT_FALSE(*table_->PromoteOver({"town", 2}, ModelVersionName{"town", 3}));
+  EXPECT_FALSE(*table_->PromoteOver({"town", 2}, std::nullopt));
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+  EXPECT_TRUE(*table_->PromoteOver({"town", 2}, ModelVersionName{"town", 1}));
+  EXPECT_EQ(Answers(Alias("town", "serving")), 2);
+}
+
+}  // namespace
+}  // namespace maneuver::serving
