@@ -16,6 +16,7 @@
 #include "client/cli/progress_line.h"
 #include "client/cli/text_format.h"
 #include "model/data/dataset_folder.h"
+#include "model/data/recording_split.h"
 #include "model/machine/usable_cores.h"
 #include "model/scene/scenario_validation.h"
 
@@ -172,10 +173,10 @@ class Import {
     if (scenario->scenario_id().empty()) {
       scenario->set_scenario_id(absl::StrCat("unnamed-", recordings_ + refused_));
     }
-    // Parts of one place share the id up to '#', which keeps them on one side of the split.
+    // As a part, which keeps it on the same side of the validation split.
     const int part = ++times_seen_[scenario->scenario_id()];
     if (part > 1) {
-      scenario->set_scenario_id(absl::StrCat(scenario->scenario_id(), "#", part));
+      scenario->set_scenario_id(data::PartId(scenario->scenario_id(), part));
       ++renamed_;
     }
     ++recordings_;

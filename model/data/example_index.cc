@@ -108,14 +108,15 @@ bool KeepsStanding(uint64_t scenario_hash, int64_t target_id, double time, doubl
   return UnitInterval(hash) < keep_standing;
 }
 
-// Empty without a reference.
-// Of recordings that were stored before validation had these bounds.
+// Returns whether all states are physically possible. Recordings that were stored before validation
+// had these bounds may hold others.
 bool IsPossible(const v1::Agent& agent) {
   return std::ranges::all_of(agent.states(), [](const v1::AgentState& state) {
     return scene::IsPhysicallyPossible(state);
   });
 }
 
+// Returns r(m) at the waypoints, [T, 2] target frame, metres; empty without a reference.
 std::vector<float> ReferenceOf(const v1::Agent& agent, double time, const scene::Pose2& X_WT,
                                const Window& window) {
   if (window.reference == v1::TRAJECTORY_REFERENCE_UNSPECIFIED ||
@@ -181,12 +182,6 @@ double MostSpeed(v1::AgentType type) {
     default:
       return HUGE_VAL;
   }
-}
-
-bool HeldOut(const std::string& scenario_id, double validation_share) {
-  const std::string_view place = std::string_view(scenario_id).substr(0, scenario_id.find('#'));
-  // Mixed once more: FNV-1a alone leaves short similar ids close together.
-  return UnitInterval(MixHash(StableHash(place), 0)) < validation_share;
 }
 
 }  // namespace maneuver::data

@@ -5,7 +5,6 @@
 
 #include <cstdint>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "maneuver/v1/model_spec.pb.h"
@@ -60,11 +59,6 @@ std::vector<Example> EnumerateExamples(const v1::Scenario& recording, int record
 // Returns what no agent of a type is faster than, metres per second: 10 for pedestrians, 25 for
 // cyclists, infinite for others.
 double MostSpeed(v1::AgentType type);
-
-// Whether a recording is held out for validation: by a hash of its id, so that it is on the same
-// side in every run and in every dataset. Recordings of one place in parts ("id#1", "id#2") go
-// together: the hash stops at '#'.
-bool HeldOut(const std::string& scenario_id, double validation_share);
 
 }  // namespace maneuver::data
 

@@ -9,6 +9,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "model/data/recording_split.h"
 #include "model/data/stable_hash.h"
 
 namespace maneuver::data {
@@ -132,8 +133,7 @@ int RecordingGroups::LargestGroup() const {
 void RecordingGrouper::Add(const v1::Scenario& recording) {
   parents_.push_back(static_cast<int>(parents_.size()));
   ids_.push_back(recording.scenario_id());
-  const std::string_view id = recording.scenario_id();
-  Link(MixHash(StableHash(id.substr(0, id.find('#'))), kIdSeed));
+  Link(MixHash(StableHash(WithoutPart(recording.scenario_id())), kIdSeed));
   for (const uint64_t hash : HashPlaces(recording)) Link(hash);
   for (const uint64_t hash : HashSteps(recording)) Link(hash);
 }

@@ -4,7 +4,7 @@
 // same place or drive, because it has already seen the answer. Cross-validation therefore keeps
 // groups of recordings together. Two recordings are in one group if a chain of these links joins
 // them:
-//   - their ids are the same up to the first '#' (parts of one recording, as HeldOut has it);
+//   - they are parts of one recording: their ids without the part are the same (recording_split.h);
 //   - they share a place: a lane centreline, road line or road edge of at least kLeastSharedLength
 //     is in both maps, that is, it has the same type and the same number of points, and each of its
 //     two ends lies within 1 m along x and y. Recordings of one drive can differ by decimetres:

@@ -14,6 +14,7 @@
 #include "absl/strings/str_format.h"
 #include "model/artifact/model_spec.h"
 #include "model/data/dataset_folder.h"
+#include "model/data/recording_split.h"
 #include "model/data/stable_hash.h"
 #include "model/evaluation/maneuver_labels.h"
 #include "model/learning/training_failure.h"
