@@ -65,17 +65,33 @@ v1::PromotionDecision Compare(const PromotionTask& task, const v1::EvaluationRep
   return decision;
 }
 
-// The report of a version by the task's criteria: the one that is kept, or a new one.
-//   with_rivals: it must say how the version stands beside its rivals
-PromotionSteps::MeasuredVersion ReportOf(const std::string& version, bool with_rivals,
-                                         const PromotionTask& task, PromotionSteps& steps) {
-  auto kept = steps.FindReport(version);
+// Returns the report of a version that is kept, if it is by the task's criteria.
+std::optional<v1::EvaluationReport> KeptReport(const std::string& version,
+                                               const PromotionTask& task,
+                                               PromotionVersions& versions) {
+  auto kept = versions.FindReport(version);
+  // It must say how the new version stands beside its rivals, if something is required of that.
+  const bool needs_rivals = version == task.version && !task.criteria.rivals().empty();
   if (kept.ok() && kept->dataset_sha256() == task.dataset_sha256 &&
       evaluation::ChooseTheSameExamples(kept->example_settings(), task.criteria.examples()) &&
-      (kept->has_rivals() || !with_rivals)) {
-    return {absl::OkStatus(), false, *std::move(kept)};
+      (kept->has_rivals() || !needs_rivals)) {
+    return *std::move(kept);
   }
-  return steps.Measure(version);
+  return std::nullopt;
+}
+
+// Returns the versions whose reports decide while `serving` serves (empty: none does), the new one
+// first.
+std::vector<std::string> ComparedVersions(const std::string& serving, const PromotionTask& task) {
+  if (!serving.empty()) return {task.version, serving};
+  if (!task.criteria.rivals().empty()) return {task.version};
+  return {};
+}
+
+// Returns the decision against the new version because `version` could not be measured.
+v1::PromotionDecision AgainstUnmeasured(const std::string& version, const PromotionTask& task,
+                                        const absl::Status& why) {
+  return Against(absl::StrCat(version, " was not measured on ", task.criteria.dataset()), why);
 }
 
 v1::PromotionDecision AsNoneServes(const PromotionTask& task) {
@@ -105,24 +121,21 @@ void HoldAgainstRivals(const PromotionTask& task, const v1::RivalStandings& riva
   decision.set_promoted(false);
 }
 
-// Against the requirements and the version that serves; nothing changes yet.
+// Decides by the requirements and the version that serves, and changes nothing yet.
 PromotionOutcome Judge(const std::string& serving, const PromotionTask& task,
-                       PromotionSteps& steps) {
-  const bool with_rivals = !task.criteria.rivals().empty();
-  if (serving.empty() && !with_rivals) return {AsNoneServes(task), {}};
+                       PromotionVersions& versions) {
   std::vector<v1::EvaluationReport> reports;
-  for (const std::string& version : {task.version, serving}) {
-    if (version.empty()) continue;
-    PromotionSteps::MeasuredVersion measured =
-        ReportOf(version, with_rivals && version == task.version, task, steps);
-    if (measured.interrupted) return {std::nullopt, std::move(measured.status)};
-    if (!measured.status.ok()) {
-      return {Against(absl::StrCat(version, " was not measured on ", task.criteria.dataset()),
-                      measured.status),
-              {}};
+  for (const std::string& version : ComparedVersions(serving, task)) {
+    if (auto kept = KeptReport(version, task, versions)) {
+      reports.push_back(*std::move(kept));
+      continue;
     }
+    PromotionVersions::MeasuredVersion measured = versions.Measure(version);
+    if (measured.interrupted) return {std::nullopt, std::move(measured.status)};
+    if (!measured.status.ok()) return {AgainstUnmeasured(version, task, measured.status), {}};
     reports.push_back(std::move(measured.report));
   }
+  if (reports.empty()) return {AsNoneServes(task), {}};
   v1::PromotionDecision decision =
       serving.empty() ? AsNoneServes(task) : Compare(task, reports[1], reports[0]);
   HoldAgainstRivals(task, reports[0].rivals(), decision);
@@ -139,10 +152,31 @@ v1::PromotionCriteria ResolveCriteria(v1::PromotionCriteria criteria) {
   return criteria;
 }
 
-PromotionOutcome DecidePromotion(const PromotionTask& task, PromotionSteps& steps) {
-  std::optional<v1::PromotionDecision> remembered = steps.Remembered();
+std::vector<std::string> VersionsToMeasure(const PromotionTask& task, PromotionVersions& versions) {
+  const std::string serving = versions.Serving();
+  if (serving == task.version) return {};
+  const std::optional<v1::PromotionDecision> remembered = versions.Remembered();
+  if (remembered && remembered->comparison().baseline() == serving) return {};
+  std::vector<std::string> unmeasured = ComparedVersions(serving, task);
+  std::erase_if(unmeasured, [&](const std::string& version) {
+    return KeptReport(version, task, versions).has_value();
+  });
+  return unmeasured;
+}
+
+PromotionOutcome MeasureVersions(const PromotionTask& task, PromotionVersions& versions) {
+  for (const std::string& version : VersionsToMeasure(task, versions)) {
+    const PromotionVersions::MeasuredVersion measured = versions.Measure(version);
+    if (measured.interrupted) return {std::nullopt, measured.status};
+    if (!measured.status.ok()) return {AgainstUnmeasured(version, task, measured.status), {}};
+  }
+  return {};
+}
+
+PromotionOutcome DecidePromotion(const PromotionTask& task, PromotionVersions& versions) {
+  std::optional<v1::PromotionDecision> remembered = versions.Remembered();
   for (int changes = 0; changes < kMostChanges; ++changes) {
-    const std::string serving = steps.Serving();
+    const std::string serving = versions.Serving();
     PromotionOutcome outcome;
     if (serving == task.version) {
       // The server died after it had promoted, or somebody was quicker.
@@ -156,14 +190,14 @@ PromotionOutcome DecidePromotion(const PromotionTask& task, PromotionSteps& step
     if (remembered && remembered->comparison().baseline() == serving) {
       outcome.decision = *remembered;
     } else {
-      outcome = Judge(serving, task, steps);
+      outcome = Judge(serving, task, versions);
     }
     remembered.reset();
     if (!outcome.decision || !outcome.decision->promoted()) return outcome;
-    if (absl::Status status = steps.Remember(*outcome.decision); !status.ok()) {
+    if (absl::Status status = versions.Remember(*outcome.decision); !status.ok()) {
       return {Against("the decision to promote it could not be written down", status), {}};
     }
-    const absl::StatusOr<bool> promoted = steps.Promote(task.version, serving);
+    const absl::StatusOr<bool> promoted = versions.Promote(task.version, serving);
     if (!promoted.ok()) return {Against("it could not be promoted", promoted.status()), {}};
     if (*promoted) return outcome;
   }

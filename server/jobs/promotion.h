@@ -5,6 +5,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -23,48 +24,57 @@ struct PromotionTask {
   std::string dataset_sha256;      // as EvaluationReport.dataset_sha256
 };
 
-// What a decision reads and changes.
-class PromotionSteps {
+// The versions that a decision reads and changes, and its notes.
+class PromotionVersions {
  public:
   struct MeasuredVersion {
     absl::Status status;
-    // Not `status`, but for no reason of its own: it is to be tried again, by another process.
+    // The measurement ended for no reason of its own: another process is to try again.
     bool interrupted = false;
     v1::EvaluationReport report;  // if the status is OK, and nothing interrupted
   };
 
-  virtual ~PromotionSteps() = default;
-  // The version that serves the model; empty: none does.
+  virtual ~PromotionVersions() = default;
+  // Returns the version that serves the model; empty: none does.
   virtual std::string Serving() = 0;
-  // What is kept of a version on the criteria's dataset; an error if there is nothing.
+  // Returns the report that is kept of a version on the criteria's dataset; an error if there is
+  // none.
   virtual absl::StatusOr<v1::EvaluationReport> FindReport(const std::string& version) = 0;
   // Measures a version by the criteria, and keeps the report.
   virtual MeasuredVersion Measure(const std::string& version) = 0;
-  // Makes a version serve as long as `before` does (empty: none); false if another one does.
+  // Makes a version serve if `before` does (empty: if none does). Returns false if another one does.
   virtual absl::StatusOr<bool> Promote(const std::string& version, const std::string& before) = 0;
-  // Keeps a decision over a death of the server, before it is carried out.
+  // Writes a decision down before it is carried out, so that it survives a death of the server.
   virtual absl::Status Remember(const v1::PromotionDecision& decision) = 0;
-  // The one that was kept last; nothing: none was.
+  // Returns the decision that was written down last, if there is one.
   virtual std::optional<v1::PromotionDecision> Remembered() = 0;
 };
 
-// No decision: `interruption` says what came in between. Asked once more, all that was finished is
-// not done again.
+// Without a decision, `interruption` says what came in between; OK: nothing did, and nothing is
+// decided yet. Asked again, nothing that was finished is done again.
 struct PromotionOutcome {
   std::optional<v1::PromotionDecision> decision;  // without its time
   absl::Status interruption;
 };
 
+// Returns the versions that have no report by the task's criteria, of those that DecidePromotion
+// would compare now.
+std::vector<std::string> VersionsToMeasure(const PromotionTask& task, PromotionVersions& versions);
+
+// Measures VersionsToMeasure. A measurement that fails is a decision against the new version, which
+// says why.
+PromotionOutcome MeasureVersions(const PromotionTask& task, PromotionVersions& versions);
+
 // Decides and, if so, promotes:
 //   - no version of the model serves, and the criteria require nothing beside rivals: promotes
-//     without measuring anything;
+//     without a measurement;
 //   - no version serves: promotes if the report of the new version meets the requirements;
 //   - else compares the report of the new version with that of the one that serves; promotes if no
 //     metric is worse by more than its tolerance, and the requirements are met;
 //   - if another version has come to serve meanwhile, compares with that one.
-// Measures what has no report by these criteria. Whatever fails on the way is a decision against
-// it, which says why.
-PromotionOutcome DecidePromotion(const PromotionTask& task, PromotionSteps& steps);
+// Measures versions that have no report by the criteria, as after MeasureVersions only one that has
+// come to serve since. Whatever fails on the way is a decision against the version, which says why.
+PromotionOutcome DecidePromotion(const PromotionTask& task, PromotionVersions& versions);
 
 }  // namespace maneuver::jobs
 

@@ -8,6 +8,9 @@
 #include "absl/strings/strip.h"
 #include "model/files/errno_status.h"
 #include "server/errors/error_details.h"
+#include "server/jobs/job_attempt.h"
+#include "server/jobs/job_folder.h"
+#include "server/jobs/job_run.h"
 #include "server/jobs/job_state.h"
 #include "server/jobs/job_time.h"
 #include "server/jobs/progress_recorder.h"
@@ -167,7 +170,7 @@ void Supervisor::RunOne(const v1::Job& job, int slot, StopRequest& stop) {
   ProgressRecorder progress(
       store_, news_, job, options_.now,
       [this, slot](const v1::JobProgress& event) { curves_.Show(slot, event); });
-  v1::Job ended = RunJob(job, FolderOf(job.name()), environment, stop, progress, options_.now);
+  v1::Job ended = RunJob(job, FolderOf(job.name()), {environment, stop, progress, options_.now});
   curves_.Clear(slot);
   EndRun(std::move(ended), stop);
 }

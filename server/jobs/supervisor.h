@@ -25,7 +25,7 @@
 #include "server/jobs/checkpoints.h"
 #include "server/jobs/child_process.h"
 #include "server/jobs/job_curves.h"
-#include "server/jobs/job_run.h"
+#include "server/jobs/job_environment.h"
 #include "server/jobs/job_store.h"
 #include "server/jobs/job_watch.h"
 #include "server/monitoring/metrics.h"

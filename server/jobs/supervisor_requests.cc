@@ -15,7 +15,7 @@
 #include "server/jobs/job_state.h"
 #include "server/jobs/job_time.h"
 #include "server/jobs/supervisor.h"
-#include "server/jobs/trainer_run.h"
+#include "server/jobs/trainer_outcome.h"
 #include "server/monitoring/logging.h"
 
 namespace maneuver::jobs {

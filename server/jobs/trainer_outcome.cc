@@ -147,6 +147,12 @@ absl::Status TrainerStatus(const ChildResult& result, const std::string& last_wo
       "TRAINER_INTERNAL");
 }
 
+absl::Status WithDefaultReason(absl::Status status, errors::Reason reason) {
+  absl::Status clean(status.code(), WithoutPaths(std::string(status.message())));
+  return errors::WithReason(
+      std::move(clean), absl::IsResourceExhausted(status) ? errors::Reason("DISK_FULL") : reason);
+}
+
 absl::Status CannotStartTrainer(const absl::Status& reason) {
   return errors::WithReason(
       absl::InternalError(absl::StrCat(

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "server/errors/error_details.h"
 #include "server/jobs/child_process.h"
 
 namespace maneuver::jobs {
@@ -23,6 +24,10 @@ namespace maneuver::jobs {
 //   TRAINER_DIED         by a signal; metadata signal = its number
 //   last_words: its last line; becomes part of the message.
 absl::Status TrainerStatus(const ChildResult& result, const std::string& last_words);
+
+// Returns `status` without paths, and with a reason: DISK_FULL if it is RESOURCE_EXHAUSTED, else
+// `reason`.
+absl::Status WithDefaultReason(absl::Status status, errors::Reason reason);
 
 // The trainer could not even be started: TRAINER_INTERNAL.
 absl::Status CannotStartTrainer(const absl::Status& reason);

@@ -7,7 +7,7 @@
 #include <filesystem>
 
 #include "server/jobs/checkpoints.h"
-#include "server/jobs/job_run.h"
+#include "server/jobs/job_environment.h"
 #include "server/jobs/retention.h"
 
 namespace maneuver {

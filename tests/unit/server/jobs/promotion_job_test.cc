@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "model/files/durable_file.h"
+#include "server/jobs/job_attempt.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
 namespace maneuver::jobs {

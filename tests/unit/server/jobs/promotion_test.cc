@@ -22,7 +22,7 @@ constexpr char kNew[] = "models/town/versions/2";
 constexpr char kOther[] = "models/town/versions/3";
 
 // Versions of which everything is known.
-class FakeSteps final : public PromotionSteps {
+class FakeSteps final : public PromotionVersions {
  public:
   std::string Serving() override { return serving; }
   absl::StatusOr<v1::EvaluationReport> FindReport(const std::string& version) override {

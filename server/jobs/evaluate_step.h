@@ -1,0 +1,32 @@
+// The step of an evaluation job: it measures the version that the request names.
+
+#ifndef MANEUVER_SERVER_JOBS_EVALUATE_STEP_H_
+#define MANEUVER_SERVER_JOBS_EVALUATE_STEP_H_
+
+#include <filesystem>
+#include <utility>
+
+#include "maneuver/v1/training_service.pb.h"
+#include "server/jobs/job_step.h"
+
+namespace maneuver::jobs {
+
+// Sets job.evaluation.
+class EvaluateStep final : public JobStep {
+ public:
+  // `job` and `attempt` outlive the step.
+  EvaluateStep(v1::Job& job, std::filesystem::path folder, const JobAttempt& attempt)
+      : job_(job), folder_(std::move(folder)), attempt_(attempt) {}
+
+  bool IsDone() const override { return job_.has_evaluation(); }
+  Outcome Run() override;
+
+ private:
+  v1::Job& job_;
+  const std::filesystem::path folder_;
+  const JobAttempt& attempt_;
+};
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_EVALUATE_STEP_H_

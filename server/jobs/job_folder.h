@@ -1,0 +1,40 @@
+// What the folder of a job holds:
+//
+//   settings.json   what the trainer is told
+//   trainer.log     the trainer's standard error
+//   checkpoints     where the next process resumes (checkpoints.h); removed once the job has
+//                   SUCCEEDED
+//   output          the trainer's result, until it is published or read; of a cross-validation, its
+//                   report and its models
+//   promotion       the same files of the evaluations that decide about promotion, and
+//                   decision.json, the last decision that was to be carried out
+
+#ifndef MANEUVER_SERVER_JOBS_JOB_FOLDER_H_
+#define MANEUVER_SERVER_JOBS_JOB_FOLDER_H_
+
+#include <google/protobuf/message.h>
+
+#include <filesystem>
+
+#include "absl/status/status.h"
+
+namespace maneuver::jobs {
+
+// In a job's folder and in its promotion folder.
+inline constexpr char kSettingsFile[] = "settings.json";
+inline constexpr char kLogFile[] = "trainer.log";
+inline constexpr char kOutput[] = "output";
+// In a job's folder.
+inline constexpr char kPromotionFolder[] = "promotion";
+
+// Prepares `folder` for a process: creates it, removes the output of an earlier process, and writes
+// the settings.
+absl::Status PrepareFolder(const std::filesystem::path& folder,
+                           const google::protobuf::Message& settings);
+
+// Removes from a job's folder what its trainer made but nobody wants any more.
+void RemoveJobOutput(const std::filesystem::path& folder);
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_JOB_FOLDER_H_

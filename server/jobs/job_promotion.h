@@ -1,0 +1,61 @@
+// The promotion of the version that a job has made: what the decision reads and changes, and its
+// notes in the job's folder.
+
+#ifndef MANEUVER_SERVER_JOBS_JOB_PROMOTION_H_
+#define MANEUVER_SERVER_JOBS_JOB_PROMOTION_H_
+
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "maneuver/v1/training_service.pb.h"
+#include "server/jobs/job_attempt.h"
+#include "server/jobs/promotion.h"
+
+namespace maneuver::jobs {
+
+// Sets job.promotion_decision to a decision against the version because of `why`, made at `now`.
+void DecideAgainstPromotion(v1::Job& job, const absl::Status& why, absl::Time now);
+
+class JobPromotion final : public PromotionVersions {
+ public:
+  // `job`, a training job, and `attempt` outlive this. Measures in `folder`, which need not exist.
+  JobPromotion(v1::Job& job, std::filesystem::path folder, const JobAttempt& attempt);
+
+  bool HasVersion() const { return !job_.model_version().empty(); }
+  bool IsDecided() const { return job_.has_promotion_decision(); }
+  // Whether measurements decide: PROMOTION_IF_NO_WORSE.
+  bool IsByMeasurement() const { return job_.train().promotion() == v1::PROMOTION_IF_NO_WORSE; }
+  // Returns what is to be decided. UNUSABLE_DATA if the dataset that decides is gone.
+  absl::StatusOr<PromotionTask> Task() const;
+
+  // Set job.promotion_decision: to what publishing did; not promoted, because of `why`; or to the
+  // decision of `outcome`, if it has one. Conclude returns what interrupted the decision.
+  void DecideAsPublished();
+  void DecideAgainst(const absl::Status& why);
+  Outcome Conclude(PromotionOutcome outcome);
+
+  std::string Serving() override;
+  absl::StatusOr<v1::EvaluationReport> FindReport(const std::string& version) override;
+  MeasuredVersion Measure(const std::string& version) override;
+  absl::StatusOr<bool> Promote(const std::string& version, const std::string& before) override;
+  absl::Status Remember(const v1::PromotionDecision& decision) override;
+  std::optional<v1::PromotionDecision> Remembered() override;
+
+ private:
+  v1::Job& job_;
+  const std::filesystem::path folder_;
+  const JobAttempt& attempt_;
+  const v1::PromotionCriteria criteria_;  // complete
+  // Reports that this attempt made, by version. A deleted version has none beside it.
+  std::map<std::string, v1::EvaluationReport> measured_;
+  bool last_died_ = false;  // the process that measured last
+};
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_JOB_PROMOTION_H_

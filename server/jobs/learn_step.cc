@@ -1,0 +1,86 @@
+#include "server/jobs/learn_step.h"
+
+#include <chrono>
+#include <string>
+#include <system_error>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
+#include "model/artifact/model_folder.h"
+#include "model/artifact/training_presets.h"
+#include "server/jobs/checkpoints.h"
+#include "server/jobs/job_folder.h"
+#include "server/jobs/job_progress_parts.h"
+#include "server/jobs/job_requests.h"
+#include "server/jobs/trainer_outcome.h"
+#include "server/jobs/trainer_run.h"
+
+namespace maneuver::jobs {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::vector<std::string> TrainArguments(const v1::Job& job, const fs::path& folder,
+                                        const JobRunEnvironment& environment) {
+  const CheckpointOptions& checkpoints = environment.checkpoints;
+  const double interval = std::chrono::duration<double>(checkpoints.interval).count();
+  std::vector<std::string> arguments = {"train",
+                                        "--settings",
+                                        folder / kSettingsFile,
+                                        "--output",
+                                        folder / kOutput,
+                                        "--progress",
+                                        "json",
+                                        "--checkpoints",
+                                        CheckpointFolder(folder),
+                                        "--checkpoint-interval",
+                                        absl::StrCat(interval),
+                                        "--checkpoint-steps",
+                                        absl::StrCat(checkpoints.steps),
+                                        "--checkpoints-kept",
+                                        absl::StrCat(checkpoints.kept),
+                                        "--least-actions",
+                                        absl::StrCat(environment.least_effective_actions)};
+  for (const std::string& dataset : job.train().datasets()) {
+    const std::string id(absl::StripPrefix(dataset, "datasets/"));
+    arguments.insert(arguments.end(),
+                     {"--dataset", environment.datasets->FolderOf(id), "--dataset-name", dataset});
+  }
+  return arguments;
+}
+
+}  // namespace
+
+bool LearnStep::IsDone() const {
+  std::error_code ignored;
+  return !job_.model_version().empty() || fs::exists(folder_ / kOutput, ignored);
+}
+
+Outcome LearnStep::Run() {
+  const JobRunEnvironment& environment = attempt_.environment;
+  const v1::TrainRequest& request = job_.train();
+  v1::TrainingSettings settings;
+  std::vector<std::string> start;
+  if (request.start_from().empty()) {
+    settings = artifact::ResolveTrainingSettings(request.settings());
+  } else {
+    const auto version = ResolveReference(*environment.versions, request.start_from());
+    if (!version.ok()) return {WithDefaultReason(version.status(), "MODEL_UNAVAILABLE")};
+    const auto manifest = artifact::ReadModelManifest(version->folder);
+    if (!manifest.ok()) return {WithDefaultReason(manifest.status(), "MODEL_UNAVAILABLE")};
+    settings = artifact::ResolveTrainingSettings(request.settings(), manifest->spec());
+    start = {"--start-from", version->folder, "--start-from-name", version->name.ToString()};
+  }
+  if (absl::Status status = PrepareFolder(folder_, settings); !status.ok()) {
+    return {WithDefaultReason(status, "CANNOT_WRITE")};
+  }
+  if (request.promotion() == v1::PROMOTION_IF_NO_WORSE) {
+    attempt_.progress.SetPart(0.0, kTrainedAt);
+  }
+  std::vector<std::string> arguments = TrainArguments(job_, folder_, environment);
+  arguments.insert(arguments.end(), start.begin(), start.end());
+  return RunTrainer(job_, arguments, folder_, attempt_);
+}
+
+}  // namespace maneuver::jobs

@@ -1,0 +1,30 @@
+// The step of a training job that measures what decides about its promotion.
+
+#ifndef MANEUVER_SERVER_JOBS_MEASURE_STEP_H_
+#define MANEUVER_SERVER_JOBS_MEASURE_STEP_H_
+
+#include <memory>
+#include <utility>
+
+#include "server/jobs/job_promotion.h"
+#include "server/jobs/job_step.h"
+
+namespace maneuver::jobs {
+
+// Measures the new version and the one that serves, if PROMOTION_IF_NO_WORSE is to compare them and
+// they have no report yet. A measurement that fails is a decision against the new version.
+class MeasureStep final : public JobStep {
+ public:
+  explicit MeasureStep(std::shared_ptr<JobPromotion> promotion)
+      : promotion_(std::move(promotion)) {}
+
+  bool IsDone() const override;
+  Outcome Run() override;
+
+ private:
+  const std::shared_ptr<JobPromotion> promotion_;
+};
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_MEASURE_STEP_H_

@@ -1,0 +1,34 @@
+// Measures a version on a dataset, in a process of a job.
+
+#ifndef MANEUVER_SERVER_JOBS_MEASUREMENT_H_
+#define MANEUVER_SERVER_JOBS_MEASUREMENT_H_
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "maneuver/v1/training_service.pb.h"
+#include "server/jobs/job_attempt.h"
+
+namespace maneuver::jobs {
+
+struct MeasuringTask {
+  std::string model;             // as EvaluateRequest.model
+  std::string dataset;           // datasets/{dataset}
+  v1::ExampleSettings examples;  // complete
+  int sampled_examples = 0;
+};
+
+struct Measured {
+  Outcome outcome;
+  // Without a report, the outcome says why, or somebody has asked the job to stop.
+  std::optional<v1::EvaluationReport> report;
+};
+
+// Measures a version in `folder`, and keeps the report beside the version.
+Measured Measure(v1::Job& job, const MeasuringTask& task, const std::filesystem::path& folder,
+                 const JobAttempt& attempt);
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_MEASUREMENT_H_
