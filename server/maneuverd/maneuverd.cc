@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "absl/synchronization/mutex.h"
+#include "absl/time/clock.h"
 #include "model/data/dataset_store.h"
 #include "model/files/durable_file.h"
 #include "server/jobs/retention.h"
@@ -310,7 +311,9 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
 int Main(int argc, char** argv) {
   // Recordings, models and jobs are nobody else's.
   umask(077);
-  if (argc > 1 && std::string_view(argv[1]) == "token") return RunTokenCommand(argc - 1, argv + 1);
+  if (argc > 1 && std::string_view(argv[1]) == "token") {
+    return RunTokenCommand(argc - 1, argv + 1, absl::Now());
+  }
   if (argc > 1 && std::string_view(argv[1]) == "health") {
     return RunHealthCommand(argc - 1, argv + 1, environ);
   }

@@ -188,7 +188,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       "\nEvery option can be given as a variable of the environment too (--max-batch is "
       "MANEUVERD_MAX_BATCH),\nor in the file that --config names (max-batch = 32); the command "
       "line "
-      "comes first, the file last.\n\nmaneuverd token create makes a token for "
+      "comes first, the file last.\n\nmaneuverd token create, list and revoke manage the file of "
       "--tokens;\nmaneuverd health [SERVICE] [OPTIONS] asks the server with these options "
       "whether it is ready.");
   app.get_help_ptr()->configurable(false);
