@@ -27,9 +27,11 @@
 #include "server/jobs/worker_pool.h"
 #include "server/maneuverd/data_lock.h"
 #include "server/maneuverd/health_command.h"
+#include "server/maneuverd/health_pages.h"
 #include "server/maneuverd/idle_memory.h"
 #include "server/maneuverd/options.h"
 #include "server/maneuverd/protection.h"
+#include "server/maneuverd/service_manager.h"
 #include "server/maneuverd/token_command.h"
 #include "server/monitoring/logging.h"
 #include "server/monitoring/prometheus_metrics.h"
@@ -195,7 +197,19 @@ absl::Status WritePortFile(const std::filesystem::path& file, const std::string&
   return files::WriteFileAtomically(file, addresses.dump() + "\n");
 }
 
-absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
+// Serves metrics and health where `options` say; nullptr if they say nowhere.
+absl::StatusOr<std::unique_ptr<monitoring::HttpPages>> ServePages(
+    const ServerOptions& options, const monitoring::PrometheusMetrics& metrics,
+    const rpc::Server& server) {
+  if (!options.metrics_listen) return nullptr;
+  return monitoring::HttpPages::Serve(
+      options.metrics_listen->ToString(),
+      {monitoring::MetricsPage(metrics), LivenessPage([&server] { return server.IsAlive(); }),
+       ReadinessPage([&server](std::string_view service) { return server.IsServing(service); })});
+}
+
+absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
+                 ServiceManager& manager) {
   const auto metrics = monitoring::PrometheusMetrics::Create();
   metrics
       ->AddGauge("maneuver_build_info", "1, with the version as a label.",
@@ -267,11 +281,12 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
                                    (*protection)->access(), *metrics, (*protection)->credentials(),
                                    options.limits);
   if (!server.ok()) return server.status();
+  const auto pages = ServePages(options, *metrics, **server);
+  if (!pages.ok()) return pages.status();
   std::string metrics_address;
-  if (options.metrics_listen) {
-    const auto port = metrics->Listen(options.metrics_listen->ToString());
-    if (!port.ok()) return port.status();
-    metrics_address = security::ListenAddress{options.metrics_listen->host, *port}.ToString();
+  if (*pages != nullptr) {
+    metrics_address =
+        security::ListenAddress{options.metrics_listen->host, (*pages)->port()}.ToString();
   }
   const std::string address = (*server)->address().ToString();
   if (!options.port_file.empty()) {
@@ -281,6 +296,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   std::cout << "listening grpc=" << address
             << " metrics=" << (metrics_address.empty() ? "none" : metrics_address) << std::endl;
   Log(LogLevel::kInfo, "listening", {{"grpc", address}, {"metrics", metrics_address}});
+  manager.TellReady([&server] { return (*server)->IsAlive(); });
 
   // Health turns to SERVING with the first model; until then calls say what is missing.
   (*models)->OnReadyChange([&](bool ready) { (*server)->SetPredictionsReady(ready); });
@@ -291,6 +307,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
 
   const int signal = signals.Wait();
   signals.ExitOnNext();
+  manager.TellStopping();
   Log(LogLevel::kInfo, "shutting down",
       {{"signal", signal == SIGTERM ? "SIGTERM" : "SIGINT"},
        {"delay_seconds", std::chrono::duration<double>(options.shutdown_delay).count()},
@@ -304,6 +321,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   (*server)->Shutdown(refusing + options.shutdown_timeout);
   (*models)->OnReadyChange(nullptr);
   loader.join();
+  manager.EndWatch();
   Log(LogLevel::kInfo, "stopped");
   return absl::OkStatus();
 }
@@ -324,8 +342,9 @@ int Main(int argc, char** argv) {
   // cycles of locks at each.
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   monitoring::ConfigureLogging(options.log_format, options.log_level);
+  ServiceManager manager = ServiceManager::FromEnvironment();
   TerminationSignals signals;
-  if (const absl::Status status = Run(options, signals); !status.ok()) {
+  if (const absl::Status status = Run(options, signals, manager); !status.ok()) {
     Log(LogLevel::kError, "cannot serve", {{"reason", std::string(status.message())}});
     return 1;
   }

@@ -205,8 +205,8 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->capture_default_str();
   app.add_option(
          "--metrics-listen", metrics_listen,
-         "HOST:PORT for Prometheus, under /metrics; port 0 picks a free one; \"none\" for no "
-         "metrics")
+         "HOST:PORT for HTTP: /metrics for Prometheus, /healthz and /readyz for probes; port 0 "
+         "picks a free one; \"none\" for none of them")
       ->capture_default_str();
   AddSecurityFlags(app, &security_flags, &options);
   app.add_option("--port-file", options.port_file,
