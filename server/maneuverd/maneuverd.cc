@@ -46,6 +46,7 @@
 #include "server/serving/model_registry.h"
 #include "server/serving/send_memory.h"
 #include "server/serving/shadow.h"
+#include "server/serving/version_uploads.h"
 
 namespace maneuver {
 namespace {
@@ -240,9 +241,14 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   const auto supervisor = jobs::Supervisor::Start(SupervisorOptionsFor(options, **models), **store,
                                                   **datasets, *metrics);
   if (!supervisor.ok()) return supervisor.status();
+  serving::VersionUploads version_uploads(options.data_dir / "models", **models,
+                                          options.datasets.keep_uploads);
   jobs::Retention retention(options.jobs.retention, **supervisor, Retained(**models));
   retention.AlsoSweep([&datasets] {
     return (*datasets)->RemoveAbandonedUploads(std::filesystem::file_time_type::clock::now());
+  });
+  retention.AlsoSweep([&version_uploads] {
+    return version_uploads.RemoveAbandoned(std::filesystem::file_time_type::clock::now());
   });
   retention.SweepRegularly(kBetweenSweeps);
   // After what its work uses, before the services that give it work.
@@ -263,8 +269,8 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
                                  .access = (*protection)->access(),
                                  .shadow = std::move(shadow)};
   rpc::PredictionService predictions(context);
-  rpc::ModelService model_service(**models, disk);
   security::AccessControl& access = (*protection)->access();
+  rpc::ModelService model_service(**models, version_uploads, disk, access);
   rpc::DatasetService dataset_service(**datasets, **supervisor, disk, access);
   rpc::TrainingService training_service(**supervisor, disk, access);
   rpc::AdminService admin_service;
