@@ -33,6 +33,8 @@ esac
   python3-grpcio python3-protobuf nghttp2-client libopencv-dnn-dev
   # the Python package: arrays, type checking, its wheel
   python3-numpy mypy python3-build python3-setuptools python3-wheel
+  # shells that complete the command
+  zsh fish
   # tests/checks
   clang-format clang-tidy
   # deploy/backup.sh, deploy/balancing, deploy/kubernetes

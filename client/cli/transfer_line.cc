@@ -28,7 +28,7 @@ std::string HowFar(const client::UploadProgress& progress, double seconds) {
 }  // namespace
 
 TransferLine::TransferLine(Environment& environment)
-    : environment_(environment), line_(environment.err, environment.interactive) {}
+    : environment_(environment), line_(environment.errors, environment.progress_form()) {}
 
 client::Client::OnUploaded TransferLine::callback() {
   return [this](const client::UploadProgress& progress) { Show(progress); };
