@@ -124,10 +124,15 @@ std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport&
   if (loss != last_report.training().end()) {
     absl::StrAppend(&text, "  loss ", Fixed(loss->second, 3));
   }
+  const auto held_out = last_report.validation().find("loss");
+  if (held_out != last_report.validation().end()) {
+    absl::StrAppend(&text, loss != last_report.training().end() ? ", held out " : "  held-out loss ",
+                    Fixed(held_out->second, 3));
+  }
   if (last_report.action_usage_size() > 0) {
     absl::StrAppend(&text, "  ", last_report.effective_actions(), " effective actions");
   }
-  if (progress.has_time_left() && progress.fraction() < 1.0) {
+  if (progress.has_time_left()) {
     absl::StrAppend(&text, "  ", Spell(ToSeconds(progress.time_left())), " left");
   }
   return text;

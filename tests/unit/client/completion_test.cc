@@ -64,13 +64,13 @@ class CompletionTest : public ::testing::TestWithParam<std::string> {
       // The script calls these of zsh's own, which offer to a person at a terminal.
       asked = absl::StrCat("words=(", quoted, "); CURRENT=", words.size(), "; PREFIX='",
                            words.back(), "'; _maneuver");
-      return LinesOf(absl::StrCat(
-          "zsh -f <<'END'\n"
-          "compdef() { : }\n_files() { print FILES }\n"
-          "compadd() { shift; print -l -- \"$@\" }\n"
-          "compset() { PREFIX=${PREFIX#*=} }\n"
-          "_describe() { local entries=${@[-1]}; print -l -- ${(P)entries%%:*} }\n",
-          source, asked, "\nEND\n"));
+      return LinesOf(
+          absl::StrCat("zsh -f <<'END'\n"
+                       "compdef() { : }\n_files() { print FILES }\n"
+                       "compadd() { shift; print -l -- \"$@\" }\n"
+                       "compset() { PREFIX=${PREFIX#*=} }\n"
+                       "_describe() { local entries=${@[-1]}; print -l -- ${(P)entries%%:*} }\n",
+                       source, asked, "\nEND\n"));
     } else {
       asked = "complete -C '" + absl::StrJoin(words, " ") + "'";
     }
