@@ -16,7 +16,7 @@ packages=(
   # rasters and drawings
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev
   # metrics, jobs, command line, logs, data
-  prometheus-cpp-dev libsqlite3-dev libcli11-dev libspdlog-dev nlohmann-json3-dev libpugixml-dev zlib1g-dev
+  prometheus-cpp-dev libcivetweb-dev libsqlite3-dev libcli11-dev libspdlog-dev nlohmann-json3-dev libpugixml-dev zlib1g-dev
   # tests
   libgtest-dev libgmock-dev libbenchmark-dev
   # what the scripts use
@@ -33,6 +33,8 @@ esac
   python3-grpcio python3-protobuf nghttp2-client libopencv-dnn-dev
   # the Python package: arrays, type checking, its wheel
   python3-numpy mypy python3-build python3-setuptools python3-wheel
+  # shells that complete the command
+  zsh fish
   # tests/checks
   clang-format clang-tidy
   # deploy/backup.sh, deploy/balancing, deploy/kubernetes

@@ -80,6 +80,29 @@ std::string UnknownCommand(CLI::App* root) {
   return "";
 }
 
+OptionEntry EntryOf(const CLI::Option& option) {
+  OptionEntry entry;
+  for (const std::string& flag : option.get_snames()) entry.flags.push_back("-" + flag);
+  for (const std::string& flag : option.get_lnames()) entry.flags.push_back("--" + flag);
+  entry.takes_value = option.get_expected_max() > 0 && option.get_type_size_max() > 0;
+  entry.help = option.get_description();
+  const std::string type = option.get_type_name();
+  if (type.find('|') != std::string::npos) entry.choices = CLI::detail::split(type, '|');
+  return entry;
+}
+
+CommandEntry EntryOf(CLI::App* app, const std::string& path) {
+  CommandEntry entry{.path = path, .summary = app->get_description()};
+  for (const CLI::Option* option : app->get_options()) {
+    OptionEntry described = EntryOf(*option);
+    if (!described.flags.empty()) entry.options.push_back(std::move(described));
+  }
+  for (CLI::App* below : CommandsOf(app)) {
+    entry.commands.push_back(EntryOf(below, path + " " + below->get_name()));
+  }
+  return entry;
+}
+
 }  // namespace
 
 Command Command::Add(const std::string& name, const std::string& summary, const std::string& help) {
@@ -158,6 +181,13 @@ void Command::Choice(const std::string& flags, std::string* value,
       ->capture_default_str();
 }
 
+void Command::Choices(const std::string& flags, std::vector<std::string>* values,
+                      const std::vector<std::string>& choices, const std::string& help) {
+  app_->add_option(flags, *values, help)
+      ->check(CLI::IsMember(choices).description(""))
+      ->type_name(CLI::detail::join(choices, "|"));
+}
+
 void Command::Picture(const std::string& flags, std::optional<std::string>* value,
                       const std::string& help) {
   app_->add_option_function<std::string>(
@@ -212,6 +242,8 @@ CommandLine::CommandLine(const std::string& summary, const std::string& name,
 
 CommandLine::~CommandLine() = default;
 
+CommandEntry CommandLine::Describe() const { return EntryOf(app_.get(), app_->get_name()); }
+
 Command CommandLine::root() { return Command(app_.get(), &chosen_); }
 
 int CommandLine::Run(std::vector<std::string> arguments, std::ostream& out, std::ostream& err) {
@@ -225,6 +257,7 @@ int CommandLine::Run(std::vector<std::string> arguments, std::ostream& out, std:
   } catch (const CLI::ParseError& error) {
     return app_->exit(error, out, err) == 0 ? kOk : kUsage;
   }
+  if (prepare_) prepare_();
   return chosen_ ? chosen_() : kUsage;
 }
 

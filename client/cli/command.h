@@ -10,7 +10,10 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
+
+#include "client/cli/command_entry.h"
 
 namespace CLI {
 class App;
@@ -62,6 +65,9 @@ class Command {
   void Option(const std::string& flags, std::vector<int64_t>* values, const std::string& help);
   void Choice(const std::string& flags, std::string* value, const std::vector<std::string>& choices,
               const std::string& help);
+  // May be given many times.
+  void Choices(const std::string& flags, std::vector<std::string>* values,
+               const std::vector<std::string>& choices, const std::string& help);
   // A PNG file to write; names that end as those of other kinds of files are usage errors.
   void Picture(const std::string& flags, std::optional<std::string>* value,
                const std::string& help);
@@ -86,6 +92,10 @@ class CommandLine {
   ~CommandLine();
 
   Command root();
+  // Called once the options are read, before the command that they are for.
+  void BeforeCommand(std::function<void()> prepare) { prepare_ = std::move(prepare); }
+  // All commands and their options.
+  CommandEntry Describe() const;
   // Parses the arguments (without the program's name) and runs the command that they name. Help and
   // version go to `out`, usage errors to `err`. `help COMMAND` does what `COMMAND --help` does.
   int Run(std::vector<std::string> arguments, std::ostream& out, std::ostream& err);
@@ -93,6 +103,7 @@ class CommandLine {
  private:
   std::unique_ptr<CLI::App> app_;
   std::function<int()> chosen_;
+  std::function<void()> prepare_;
 };
 
 }  // namespace maneuver::cli

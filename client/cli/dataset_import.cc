@@ -65,7 +65,7 @@ class Import {
       : arguments_(arguments),
         format_(format),
         environment_(environment),
-        progress_(environment.err, environment.interactive),
+        progress_(environment.errors, environment.progress_form()),
         ahead_(2 * static_cast<size_t>(arguments.threads.value_or(machine::UsableCores()))) {}
 
   absl::StatusOr<v1::Dataset> Run(data::DatasetWriter& writer, const std::vector<fs::path>& files) {

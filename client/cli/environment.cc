@@ -31,7 +31,18 @@ std::string WithCommands(absl::string_view message) {
 }  // namespace
 
 Environment::Environment(std::istream& input, std::ostream& answers, std::ostream& messages)
-    : in(input), out(answers), err(messages) {}
+    : in(input), out(answers), err(messages_), errors(messages), messages_(messages.rdbuf()) {
+  messages_.copyfmt(messages);  // when it is flushed, above all
+}
+
+void Environment::TakeOptions() {
+  if (quiet) messages_.rdbuf(nullptr);
+}
+
+ProgressForm Environment::progress_form() const {
+  if (progress == "json") return ProgressForm::kJson;
+  return progress == "auto" && interactive && !quiet ? ProgressForm::kLine : ProgressForm::kNone;
+}
 
 client::ClientOptions Environment::client_options() {
   client::ClientOptions options;
@@ -98,7 +109,7 @@ int Environment::Refuse(const std::string& message) {
 void Environment::PrintError(const std::string& code, const std::string& reason,
                              const std::string& message) {
   if (!json()) {
-    err << "maneuver: " << PrintableLines(message) << "\n";
+    errors << "maneuver: " << PrintableLines(message) << "\n";
     return;
   }
   google::protobuf::Struct line;
@@ -109,7 +120,7 @@ void Environment::PrintError(const std::string& code, const std::string& reason,
   std::string text;
   // Fails only for numbers that JSON has not.
   (void)google::protobuf::util::MessageToJsonString(line, &text);
-  err << text << "\n";
+  errors << text << "\n";
 }
 
 bool Environment::Flush() {
@@ -119,8 +130,8 @@ bool Environment::Flush() {
   if (out.flush() && !has_failed) return true;
   const int error = errno;
   if (error == EPIPE) return true;
-  err << "maneuver: cannot write to standard output"
-      << (error != 0 ? ": " + std::generic_category().message(error) : "") << "\n";
+  errors << "maneuver: cannot write to standard output"
+         << (error != 0 ? ": " + std::generic_category().message(error) : "") << "\n";
   return false;
 }
 

@@ -5,12 +5,13 @@
 
 #include <google/protobuf/message.h>
 
-#include <iosfwd>
 #include <memory>
 #include <optional>
+#include <ostream>
 #include <string>
 
 #include "absl/status/status.h"
+#include "client/cli/progress_line.h"
 #include "client/client.h"
 
 namespace maneuver::cli {
@@ -20,10 +21,12 @@ class Environment {
  public:
   Environment(std::istream& input, std::ostream& answers, std::ostream& messages);
 
-  // Answers go to out and to nothing else; progress and errors to err.
+  // Answers go to out and to nothing else, messages to err, and what went wrong to errors, which
+  // --quiet does not silence.
   std::istream& in;
   std::ostream& out;
   std::ostream& err;
+  std::ostream& errors;
   bool color = false;        // out is a terminal that wants colour
   bool interactive = false;  // err is a terminal: progress may be drawn in place
 
@@ -41,6 +44,12 @@ class Environment {
   // The option that limits the time of the calls that follow: what a late answer advises to raise.
   std::string time_limit = "--timeout SECONDS";
   bool verbose = false;
+  bool quiet = false;
+  std::string progress = "auto";
+
+  // Call once the options are set: silences err, if they say so.
+  void TakeOptions();
+  ProgressForm progress_form() const;
 
   bool json() const { return output == "json"; }
 
@@ -69,6 +78,8 @@ class Environment {
   bool Flush();
 
  private:
+  std::ostream messages_;  // err: as the stream that it was made from, or silent
+
   void PrintError(const std::string& code, const std::string& reason, const std::string& message);
 
   std::unique_ptr<client::Client> client_;

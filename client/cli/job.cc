@@ -1,9 +1,13 @@
 // maneuver job: list, show, watch, cancel, resume, delete.
 
+#include <algorithm>
 #include <memory>
 #include <ostream>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include "client/cli/commands.h"
 #include "client/cli/figures.h"
 #include "client/cli/job_display.h"
@@ -25,17 +29,58 @@ double Done(const v1::Job& job) {
   return job.state() == v1::JOB_STATE_SUCCEEDED ? 1.0 : job.progress().fraction();
 }
 
-int ListJobs(Environment& environment) {
+struct ListArguments {
+  std::vector<std::string> states;  // empty: all
+  std::optional<std::string> since;
+};
+
+// "2d", "3h" or "30m" before now, or a time such as "2027-01-31", which begins in this machine's
+// time zone, or "2027-01-31T12:00:00Z".
+absl::StatusOr<absl::Time> ParseSince(const std::string& text) {
+  int64_t count = 0;
+  const char unit = text.empty() ? '\0' : text.back();
+  if ((unit == 'd' || unit == 'h' || unit == 'm') && text.front() != '-' &&
+      absl::SimpleAtoi(text.substr(0, text.size() - 1), &count)) {
+    const absl::Duration one = unit == 'd'   ? absl::Hours(24)
+                               : unit == 'h' ? absl::Hours(1)
+                                             : absl::Minutes(1);
+    return absl::Now() - count * one;
+  }
+  absl::Time time;
+  std::string error;
+  if (absl::ParseTime(absl::RFC3339_full, text, &time, &error) ||
+      absl::ParseTime("%Y-%m-%d", text, absl::LocalTimeZone(), &time, &error)) {
+    return time;
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("--since takes a span such as 2d, 3h or 30m, or a time such as 2027-01-31 or "
+                   "2027-01-31T12:00:00Z; not ",
+                   text));
+}
+
+int ListJobs(const ListArguments& arguments, Environment& environment) {
+  absl::StatusOr<absl::Time> since = absl::InfinitePast();
+  if (arguments.since) since = ParseSince(*arguments.since);
+  if (!since.ok()) return environment.Refuse(std::string(since.status().message()));
+  const auto is_wanted = [&](const v1::Job& job) {
+    return arguments.states.empty() ||
+           std::ranges::find(arguments.states, StateName(job.state())) != arguments.states.end();
+  };
   v1::ListJobsRequest request;
   request.set_page_size(1'000);
   v1::ListJobsResponse all;
+  bool is_older = false;  // newest come first
   do {
     auto page = environment.server_client().ListJobs(request, environment.call_options());
     if (!page.ok()) return environment.Fail(page.status());
     request.set_page_token(page->next_page_token());
-    page->clear_next_page_token();
-    all.MergeFrom(*page);
-  } while (!request.page_token().empty());
+    for (v1::Job& job : *page->mutable_jobs()) {
+      is_older =
+          absl::FromUnixMicros(static_cast<int64_t>(1e6 * ToSeconds(job.create_time()))) < *since;
+      if (is_older) break;
+      if (is_wanted(job)) *all.add_jobs() = std::move(job);
+    }
+  } while (!is_older && !request.page_token().empty());
   if (environment.json()) {
     environment.PrintJson(all);
     return kOk;
@@ -52,7 +97,9 @@ int ListJobs(Environment& environment) {
                Fixed(100.0 * Done(job), 0) + " %", Moment(job.create_time()), Took(job)});
   }
   if (table.empty()) {
-    environment.err << "no jobs yet; start one with maneuver train MODEL --dataset NAME\n";
+    environment.err << (arguments.states.empty() && !arguments.since
+                            ? "no jobs yet; start one with maneuver train MODEL --dataset NAME\n"
+                            : "no such jobs\n");
   } else {
     environment.out << table.Text(environment.color);
   }
@@ -159,8 +206,18 @@ void AddJob(Command& root, Environment& environment) {
   Command group = root.Add("job", "Training, evaluation and cross-validation jobs");
   const auto name = std::make_shared<std::string>();
 
-  Command list = group.Add("list", "All jobs, newest first", "Example: maneuver job list");
-  list.Run([&environment] { return ListJobs(environment); });
+  Command list = group.Add("list", "Jobs, newest first",
+                           "Example: maneuver job list\n"
+                           "         maneuver job list --state running --state pending\n"
+                           "         maneuver job list --state failed --since 2d");
+  const auto listed = std::make_shared<ListArguments>();
+  list.Choices("--state", &listed->states,
+               {"pending", "running", "succeeded", "failed", "cancelled"},
+               "Only jobs in this state; may be repeated");
+  list.Option("--since", &listed->since,
+              "Only jobs that were created in the last 2d, 3h or 30m, or since 2027-01-31 or "
+              "2027-01-31T12:00:00Z");
+  list.Run([=, &environment] { return ListJobs(*listed, environment); });
 
   Command show = group.Add("show", "One job",
                            "Example: maneuver job show 3f2a\n"

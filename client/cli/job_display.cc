@@ -20,13 +20,20 @@ namespace {
 class JobDisplay {
  public:
   explicit JobDisplay(Environment& environment)
-      : environment_(environment), line_(environment.err, environment.interactive) {}
+      : environment_(environment),
+        form_(environment.progress_form()),
+        line_(environment.errors, form_) {}
 
   void Show(const v1::Job& job) {
     const v1::JobProgress& progress = job.progress();
+    if (form_ == ProgressForm::kJson) {
+      line_.ShowJson(progress);
+      return;
+    }
+    if (environment_.progress == "none") return;
     if (job.state() == v1::JOB_STATE_PENDING) {
       line_.Show(0.0, "waiting for its turn");
-      if (!environment_.interactive && !waiting_said_) {
+      if (form_ == ProgressForm::kNone && !waiting_said_) {
         environment_.err << job.name() << " waits for its turn\n";
       }
       waiting_said_ = true;
@@ -34,7 +41,7 @@ class JobDisplay {
     }
     if (progress.phase() != phase_) {
       // On a terminal each phase leaves its last line behind.
-      if (environment_.interactive && !phase_.empty() && last_report_.training_size() > 0) {
+      if (form_ == ProgressForm::kLine && !phase_.empty() && last_report_.training_size() > 0) {
         line_.Clear();
         environment_.err << last_text_ << "\n";
       }
@@ -46,8 +53,9 @@ class JobDisplay {
       v1::JobProgress ended = progress;
       ended.clear_time_left();
       last_text_ = ProgressText(ended, last_report_);
-      if (!environment_.interactive)
+      if (form_ == ProgressForm::kNone) {
         environment_.err << ProgressText(progress, last_report_) << "\n";
+      }
     }
     line_.Show(progress.fraction(), absl::StrCat(Fixed(100.0 * progress.fraction(), 0), " %  ",
                                                  ProgressText(progress, last_report_)));
@@ -57,6 +65,7 @@ class JobDisplay {
 
  private:
   Environment& environment_;
+  const ProgressForm form_;
   ProgressLine line_;
   std::string phase_;
   v1::EpochReport last_report_;
@@ -115,10 +124,15 @@ std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport&
   if (loss != last_report.training().end()) {
     absl::StrAppend(&text, "  loss ", Fixed(loss->second, 3));
   }
+  const auto held_out = last_report.validation().find("loss");
+  if (held_out != last_report.validation().end()) {
+    absl::StrAppend(&text, loss != last_report.training().end() ? ", held out " : "  held-out loss ",
+                    Fixed(held_out->second, 3));
+  }
   if (last_report.action_usage_size() > 0) {
     absl::StrAppend(&text, "  ", last_report.effective_actions(), " effective actions");
   }
-  if (progress.has_time_left() && progress.fraction() < 1.0) {
+  if (progress.has_time_left()) {
     absl::StrAppend(&text, "  ", Spell(ToSeconds(progress.time_left())), " left");
   }
   return text;
@@ -150,13 +164,14 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
     return succeeded ? kOk : kFailed;
   }
   if (job.state() == v1::JOB_STATE_FAILED) {
-    environment.err << "maneuver: " << job.name() << " failed: "
-                    << PrintableLines(environment.Explain(client::ToStatus(job.error()))) << "\n";
+    environment.errors << "maneuver: " << job.name() << " failed: "
+                       << PrintableLines(environment.Explain(client::ToStatus(job.error())))
+                       << "\n";
     return kFailed;
   }
   if (!succeeded) {
-    environment.err << "maneuver: " << job.name() << " was cancelled; maneuver job resume "
-                    << ShortName(job.name()) << " goes on with it\n";
+    environment.errors << "maneuver: " << job.name() << " was cancelled; maneuver job resume "
+                       << ShortName(job.name()) << " goes on with it\n";
     return kFailed;
   }
   const double took = ToSeconds(job.end_time()) - ToSeconds(job.start_time());

@@ -254,7 +254,7 @@ class LoadCommand {
       if (!started.ok()) return started.status();
       watch = *std::move(started);
     }
-    ProgressLine progress(environment_.err, environment_.interactive);
+    ProgressLine progress(environment_.errors, environment_.progress_form());
     load::ServerCallee callee(connections_, requests_);
     LoadStep step{
         name, plan, load::RunLoad(plan, callee, timeline_, stop_, [&](const load::Progress& now) {
@@ -285,12 +285,12 @@ class LoadCommand {
     if (!status.ok()) exit_code = environment_.Fail(status);
     for (const LoadStep& step : report_.steps) {
       if (step.tally.failure.ok()) continue;
-      environment_.err << "maneuver: " << step.name << ": "
-                       << environment_.Explain(step.tally.failure) << "\n";
+      environment_.errors << "maneuver: " << step.name << ": "
+                          << environment_.Explain(step.tally.failure) << "\n";
       exit_code = kFailed;
     }
     if (report_.interrupted) {
-      environment_.err << "maneuver: interrupted; this is what was measured until then\n";
+      environment_.errors << "maneuver: interrupted; this is what was measured until then\n";
       exit_code = kFailed;
     }
     if (!arguments_.json.empty()) {

@@ -4,6 +4,7 @@
 #include <sstream>
 
 #include "client/cli/commands.h"
+#include "client/cli/completion.h"
 
 namespace maneuver::cli {
 namespace {
@@ -67,6 +68,11 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
   root.Option("--timeout", &environment.timeout, 0.001, 1e6,
               "Seconds that each call may take [by kind of call]");
   root.Flag("-v,--verbose", &environment.verbose, "Say more about what goes on");
+  root.Flag("-q,--quiet", &environment.quiet, "Say nothing but answers and errors");
+  root.Exclude("--quiet", "--verbose");
+  root.Choice("--progress", &environment.progress, {"auto", "json", "none"},
+              "auto: drawn on a terminal; json: a line of JSON on standard error for each step");
+  line.BeforeCommand([&environment] { environment.TakeOptions(); });
   AddSynthesize(root, environment);
   AddImport(root, environment);
   AddDataset(root, environment);
@@ -81,6 +87,7 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
   AddLoad(root, environment);
   AddHealth(root, environment);
   AddLogLevel(root, environment);
+  AddCompletion(line, root, environment);
   const int status = Run(line, arguments, environment);
   return environment.Flush() ? status : std::max<int>(status, kFailed);
 }

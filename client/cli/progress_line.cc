@@ -1,5 +1,8 @@
 #include "client/cli/progress_line.h"
 
+#include <google/protobuf/struct.pb.h>
+#include <google/protobuf/util/json_util.h>
+
 #include <algorithm>
 #include <cmath>
 #include <ostream>
@@ -13,16 +16,33 @@ std::string Bar(double fraction, int width) {
 }
 
 void ProgressLine::Show(double fraction, const std::string& text) {
-  if (!interactive_) return;
+  if (form_ == ProgressForm::kNone) return;
   const auto now = std::chrono::steady_clock::now();
-  if (drawn_ && now - last_ < std::chrono::milliseconds(100)) return;
+  const bool is_last = form_ == ProgressForm::kJson && fraction >= 1.0;
+  if (drawn_ && !is_last && now - last_ < std::chrono::milliseconds(100)) return;
   last_ = now;
   drawn_ = true;
+  if (form_ == ProgressForm::kJson) {
+    google::protobuf::Struct progress;
+    (*progress.mutable_fields())["fraction"].set_number_value(fraction);
+    (*progress.mutable_fields())["text"].set_string_value(text);
+    ShowJson(progress);
+    return;
+  }
   err_ << "\r\x1b[K" << Bar(fraction, 24) << " " << text << std::flush;
 }
 
+void ProgressLine::ShowJson(const google::protobuf::Message& progress) {
+  google::protobuf::util::JsonPrintOptions options;
+  options.always_print_primitive_fields = true;
+  std::string text;
+  // Fails only for numbers that JSON has not.
+  if (!google::protobuf::util::MessageToJsonString(progress, &text, options).ok()) return;
+  err_ << "{\"progress\":" << text << "}" << std::endl;
+}
+
 void ProgressLine::Clear() {
-  if (drawn_) err_ << "\r\x1b[K" << std::flush;
+  if (drawn_ && form_ == ProgressForm::kLine) err_ << "\r\x1b[K" << std::flush;
   drawn_ = false;
 }
 

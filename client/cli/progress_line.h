@@ -3,6 +3,8 @@
 #ifndef MANEUVER_CLIENT_CLI_PROGRESS_LINE_H_
 #define MANEUVER_CLIENT_CLI_PROGRESS_LINE_H_
 
+#include <google/protobuf/message.h>
+
 #include <chrono>
 #include <iosfwd>
 #include <string>
@@ -12,19 +14,27 @@ namespace maneuver::cli {
 // "[######----]", `width` characters inside the brackets.
 std::string Bar(double fraction, int width);
 
-// On a terminal, redraws its line in place at most ten times a second; elsewhere it is silent.
+enum class ProgressForm {
+  kNone,  // nothing
+  kLine,  // redrawn in place, for a terminal
+  kJson,  // {"progress": {"fraction": 0.5, ...}}, one line each time
+};
+
+// Shows at most ten states a second; as JSON also the last one.
 class ProgressLine {
  public:
-  ProgressLine(std::ostream& err, bool interactive) : err_(err), interactive_(interactive) {}
+  ProgressLine(std::ostream& err, ProgressForm form) : err_(err), form_(form) {}
   ~ProgressLine() { Clear(); }
 
   void Show(double fraction, const std::string& text);
+  // Shows a message that says more, for programs: each one. For kJson.
+  void ShowJson(const google::protobuf::Message& progress);
   // Removes the line, before something else is printed.
   void Clear();
 
  private:
   std::ostream& err_;
-  const bool interactive_;
+  const ProgressForm form_;
   bool drawn_ = false;
   std::chrono::steady_clock::time_point last_{};
 };

@@ -30,8 +30,8 @@ std::string TargetName(const std::string& scenario_id, int64_t target_id) {
 }
 
 void ReportItemError(const std::string& item, const v1::Status& error, Environment& environment) {
-  environment.err << "maneuver: " << Printable(item) << ": "
-                  << PrintableLines(environment.Explain(client::ToStatus(error))) << "\n";
+  environment.errors << "maneuver: " << Printable(item) << ": "
+                     << PrintableLines(environment.Explain(client::ToStatus(error))) << "\n";
 }
 
 }  // namespace maneuver::cli

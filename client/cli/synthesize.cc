@@ -98,7 +98,7 @@ int Synthesize(const SynthesizeArguments& arguments, Environment& environment) {
   const int cores = machine::UsableCores();
   TownProduction production(options, count,
                             arguments.threads > 0 ? static_cast<int>(arguments.threads) : cores);
-  ProgressLine progress(environment.err, environment.interactive);
+  ProgressLine progress(environment.errors, environment.progress_form());
   for (int i = 0; i < count; ++i) {
     const TownRecording recording = production.Next();
     absl::Status status = (*writer)->Add(recording.scenario);

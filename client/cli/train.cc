@@ -250,7 +250,9 @@ void AddTrain(Command& root, Environment& environment) {
   command.Option("--priority", &arguments->priority, -100, 100,
                  "Jobs of a higher one run first [0]");
   command.Flag("--detach", &arguments->detach, "Start the job and return");
-  command.Flag("--validate-only", &arguments->validate_only, "Check the request, start nothing");
+  command.Flag("--validate-only", &arguments->validate_only,
+               "Check the request, start nothing; --output json shows every setting that a job "
+               "would learn with");
   command.Run([arguments, &environment] { return Train(*arguments, environment); });
 }
 

@@ -10,6 +10,8 @@ namespace {
 
 constexpr std::chrono::milliseconds kBetween{500};
 constexpr double kEstimateFrom = 0.02;  // of the whole: before it the time left is a guess
+// A phase with fewer steps says little of what a step costs; loading has one.
+constexpr int64_t kTellingSteps = 5;
 
 double Seconds(std::chrono::system_clock::duration duration) {
   return std::chrono::duration<double>(duration).count();
@@ -27,6 +29,7 @@ RunProgress::RunProgress(std::vector<Phase> phases, Sink sink, Clock clock)
       step_begun_(begun_) {}
 
 void RunProgress::BeginPhase(const std::string& name) {
+  if (current_ >= 0) measured_[phases_[static_cast<size_t>(current_)].name] = MeasuredNow();
   do {
     ++current_;
     // The plan and the run are of the same program.
@@ -34,6 +37,7 @@ void RunProgress::BeginPhase(const std::string& name) {
   } while (phases_[static_cast<size_t>(current_)].name != name);
   epoch_ = 0;
   phase_step_ = 0;
+  phase_resumed_ = 0;
   phase_examples_ = 0;
   phase_begun_ = step_begun_ = clock_();
   phase_stepping_ = {};
@@ -52,6 +56,7 @@ void RunProgress::Resume(int64_t phase_steps) {
   step_ = phase_steps;
   for (int i = 0; i < current_; ++i) step_ += phases_[static_cast<size_t>(i)].steps;
   phase_step_ = phase_steps;
+  phase_resumed_ = phase_steps;
   resumed_at_ = std::clamp(DoneCost() / TotalCost(), 0.0, 1.0);
 }
 
@@ -69,6 +74,41 @@ void RunProgress::EndEpoch(const v1::EpochReport& report) {
   v1::JobProgress progress = Snapshot();
   *progress.mutable_epoch_report() = report;
   Emit(std::move(progress));
+}
+
+RunProgress::Measured RunProgress::MeasuredNow() const {
+  return {Seconds(clock_() - phase_begun_), phase_step_ - phase_resumed_};
+}
+
+double RunProgress::SecondsPerCost() const {
+  const Phase& phase = phases_[static_cast<size_t>(current_)];
+  if (const Measured now = MeasuredNow(); now.steps >= kTellingSteps && phase.cost > 0.0) {
+    return now.seconds / (phase.cost * static_cast<double>(now.steps));
+  }
+  double seconds = 0.0;
+  double cost = 0.0;
+  for (int i = 0; i < current_; ++i) {
+    const Phase& before = phases_[static_cast<size_t>(i)];
+    const auto found = measured_.find(before.name);
+    if (found == measured_.end() || found->second.steps < kTellingSteps) continue;
+    seconds += found->second.seconds;
+    cost += before.cost * static_cast<double>(found->second.steps);
+  }
+  if (cost > 0.0) return seconds / cost;
+  // Nothing has been measured but the whole.
+  const double done = DoneCost() - resumed_at_ * TotalCost();
+  return done > 0.0 ? Seconds(clock_() - begun_) / done : 0.0;
+}
+
+double RunProgress::SecondsLeft() const {
+  const double per_cost = SecondsPerCost();
+  double left = 0.0;
+  for (size_t i = static_cast<size_t>(current_); i < phases_.size(); ++i) {
+    const bool is_current = i == static_cast<size_t>(current_);
+    const int64_t steps = phases_[i].steps - (is_current ? phase_step_ : 0);
+    left += static_cast<double>(std::max<int64_t>(steps, 0)) * phases_[i].cost * per_cost;
+  }
+  return left;
 }
 
 double RunProgress::DoneCost() const {
@@ -103,8 +143,7 @@ v1::JobProgress RunProgress::Snapshot() const {
   progress.set_steps(std::max(steps, step_));
   progress.set_fraction(fraction);
   if (fraction >= resumed_at_ + kEstimateFrom) {
-    const double left = Seconds(clock_() - begun_) * (1.0 - fraction) / (fraction - resumed_at_);
-    progress.mutable_time_left()->set_seconds(static_cast<int64_t>(std::ceil(left)));
+    progress.mutable_time_left()->set_seconds(static_cast<int64_t>(std::ceil(SecondsLeft())));
   }
   const double phase_seconds = Seconds(clock_() - phase_begun_);
   if (phase_seconds > 0.0) {

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -21,7 +22,8 @@ class RunProgress {
   using Sink = std::function<void(const v1::JobProgress&)>;
 
   // A phase that is to come. `cost` is about how long a step takes, in any unit, the same for all:
-  // it makes `fraction` run evenly.
+  // it makes `fraction` run evenly, and says how long phases take that have not begun. The time
+  // left of a phase that has begun is counted by its own steps.
   struct Phase {
     std::string name;
     int epochs = 1;
@@ -44,12 +46,22 @@ class RunProgress {
   void EndEpoch(const v1::EpochReport& report);
 
  private:
+  // What the steps of a phase took, with all that comes between them, such as validation.
+  struct Measured {
+    double seconds = 0.0;
+    int64_t steps = 0;
+  };
+  Measured MeasuredNow() const;
+  // Seconds that a unit of cost takes, by the phase that is under way or else by those before it.
+  double SecondsPerCost() const;
+  double SecondsLeft() const;
   double DoneCost() const;
   double TotalCost() const;
   v1::JobProgress Snapshot() const;
   void Emit(v1::JobProgress progress);
 
   std::vector<Phase> phases_;
+  std::map<std::string, Measured> measured_;  // by name, of phases that are over
   Sink sink_;
   Clock clock_;
   std::chrono::system_clock::time_point begun_;
@@ -62,6 +74,7 @@ class RunProgress {
   int current_ = -1;
   int epoch_ = 0;
   int64_t phase_step_ = 0;
+  int64_t phase_resumed_ = 0;  // of phase_step_: done by another run
   int64_t phase_examples_ = 0;
   int64_t step_ = 0;
   int64_t sequence_ = 0;

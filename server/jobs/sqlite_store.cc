@@ -33,6 +33,11 @@ absl::StatusOr<v1::Job> JobFrom(const Statement& row) {
       (!row.IsNull(2) && !job.mutable_progress()->ParseFromString(row.Bytes(2)))) {
     return absl::DataLossError("the job store holds a job that does not parse");
   }
+  if (job.has_progress() && HasEnded(job.state())) {
+    // The latest event is of before the end.
+    job.mutable_progress()->clear_time_left();
+    if (job.state() == v1::JOB_STATE_SUCCEEDED) job.mutable_progress()->set_fraction(1.0);
+  }
   return job;
 }
 

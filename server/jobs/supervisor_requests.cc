@@ -5,11 +5,13 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <optional>
 #include <system_error>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_folder.h"
+#include "model/artifact/training_presets.h"
 #include "server/errors/error_details.h"
 #include "server/jobs/job_requests.h"
 #include "server/jobs/job_state.h"
@@ -32,6 +34,13 @@ absl::Status Stopping() {
   return errors::WithReason(absl::UnavailableError("the server is stopping"), "SERVER_STOPS");
 }
 
+// Fills in what the request leaves to the preset, or to the version to start from, so that who only
+// asks sees what a job would learn with.
+void ShowEffective(const std::optional<v1::ModelSpec>& start, v1::TrainingSettings& settings) {
+  settings = start ? artifact::ResolveTrainingSettings(settings, *start)
+                   : artifact::ResolveTrainingSettings(settings);
+}
+
 }  // namespace
 
 std::string NewJobId() {
@@ -52,6 +61,7 @@ absl::StatusOr<v1::Job> Supervisor::Train(const v1::TrainRequest& request) {
   const std::string digest = RequestDigest(request);
   v1::Job job;
   *job.mutable_train() = request;
+  std::optional<v1::ModelSpec> spec;  // of the version to start from
   if (!request.start_from().empty()) {
     // An alias may have gone on since the job was first asked for.
     bool found = false;
@@ -64,7 +74,9 @@ absl::StatusOr<v1::Job> Supervisor::Train(const v1::TrainRequest& request) {
     absl::Status status = CheckStart(request, manifest->spec());
     if (!status.ok()) return status;
     job.mutable_train()->set_start_from(start->name.ToString());
+    spec = manifest->spec();
   }
+  if (request.validate_only()) ShowEffective(spec, *job.mutable_train()->mutable_settings());
   return Admit(std::move(job), request.request_id(), digest, request.validate_only());
 }
 
@@ -87,6 +99,9 @@ absl::StatusOr<v1::Job> Supervisor::CrossValidate(const v1::CrossValidateRequest
   if (absl::Status status = CheckCrossValidateRequest(request); !status.ok()) return status;
   v1::Job job;
   *job.mutable_cross_validate() = request;
+  if (request.validate_only()) {
+    ShowEffective(std::nullopt, *job.mutable_cross_validate()->mutable_settings());
+  }
   return Admit(std::move(job), request.request_id(), RequestDigest(request),
                request.validate_only());
 }

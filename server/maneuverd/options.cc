@@ -188,7 +188,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       "\nEvery option can be given as a variable of the environment too (--max-batch is "
       "MANEUVERD_MAX_BATCH),\nor in the file that --config names (max-batch = 32); the command "
       "line "
-      "comes first, the file last.\n\nmaneuverd token create makes a token for "
+      "comes first, the file last.\n\nmaneuverd token create, list and revoke manage the file of "
       "--tokens;\nmaneuverd health [SERVICE] [OPTIONS] asks the server with these options "
       "whether it is ready.");
   app.get_help_ptr()->configurable(false);
@@ -205,8 +205,8 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->capture_default_str();
   app.add_option(
          "--metrics-listen", metrics_listen,
-         "HOST:PORT for Prometheus, under /metrics; port 0 picks a free one; \"none\" for no "
-         "metrics")
+         "HOST:PORT for HTTP: /metrics for Prometheus, /healthz and /readyz for probes; port 0 "
+         "picks a free one; \"none\" for none of them")
       ->capture_default_str();
   AddSecurityFlags(app, &security_flags, &options);
   app.add_option("--port-file", options.port_file,

@@ -13,6 +13,8 @@
 #include "model/inference/action_model.h"
 #include "server/jobs/job_requests.h"
 #include "server/rpc/blocking_call.h"
+#include "server/rpc/guarded_service.h"
+#include "server/rpc/model_transfer.h"
 #include "server/rpc/paging.h"
 #include "server/rpc/prediction_translation.h"
 
@@ -233,8 +235,9 @@ int Characters(std::string_view text) {
 }  // namespace
 
 ModelService::ModelService(serving::VersionStore& store, serving::ServingTable& table,
-                           jobs::WorkerPool& pool)
-    : store_(store), table_(table), pool_(pool) {}
+                           serving::VersionUploads& uploads, jobs::WorkerPool& pool,
+                           security::AccessControl& access)
+    : store_(store), table_(table), uploads_(uploads), pool_(pool), access_(access) {}
 
 ModelService::~ModelService() = default;
 
@@ -354,6 +357,25 @@ grpc::ServerUnaryReactor* ModelService::GetEvaluationReport(
     if (report.ok()) *response = *std::move(report);
     return report.status();
   });
+}
+
+grpc::ServerWriteReactor<v1::DownloadModelVersionResponse>* ModelService::DownloadModelVersion(
+    grpc::CallbackServerContext* rpc, const v1::DownloadModelVersionRequest* request) {
+  return new ModelDownloadCall(store_, table_, pool_, access_, rpc, *request);
+}
+
+grpc::ServerReadReactor<v1::UploadModelVersionRequest>* ModelService::UploadModelVersion(
+    grpc::CallbackServerContext* rpc, v1::ModelVersion* response) {
+  return new ModelUploadCall(uploads_, pool_, access_, rpc, response);
+}
+
+grpc::ServerUnaryReactor* ModelService::QueryModelUpload(grpc::CallbackServerContext* rpc,
+                                                         const v1::QueryModelUploadRequest* request,
+                                                         v1::QueryModelUploadResponse* response) {
+  return AnswerFrom(pool_, rpc,
+                    [this, caller = access_.NameOf(CredentialsOf(*rpc)), request, response] {
+                      return AnswerQueryModelUpload(uploads_, caller, *request, response);
+                    });
 }
 
 }  // namespace maneuver::rpc

@@ -3,8 +3,10 @@
 
 #include "maneuver/v1/model_service.grpc.pb.h"
 #include "server/jobs/worker_pool.h"
+#include "server/security/access_control.h"
 #include "server/serving/serving_table.h"
 #include "server/serving/version_store.h"
+#include "server/serving/version_uploads.h"
 
 namespace maneuver::rpc {
 
@@ -12,7 +14,9 @@ class ModelService final : public v1::ModelService::CallbackService {
  public:
   // All outlive the service; `table` is over `store`. Out of line, with the destructor: see
   // AdminService.
-  ModelService(serving::VersionStore& store, serving::ServingTable& table, jobs::WorkerPool& pool);
+  ModelService(serving::VersionStore& store, serving::ServingTable& table,
+               serving::VersionUploads& uploads, jobs::WorkerPool& pool,
+               security::AccessControl& access);
   ~ModelService() override;
 
   grpc::ServerUnaryReactor* ListModelVersions(grpc::CallbackServerContext* rpc,
@@ -42,11 +46,20 @@ class ModelService final : public v1::ModelService::CallbackService {
   grpc::ServerUnaryReactor* GetEvaluationReport(grpc::CallbackServerContext* rpc,
                                                 const v1::GetEvaluationReportRequest* request,
                                                 v1::EvaluationReport* response) override;
+  grpc::ServerWriteReactor<v1::DownloadModelVersionResponse>* DownloadModelVersion(
+      grpc::CallbackServerContext* rpc, const v1::DownloadModelVersionRequest* request) override;
+  grpc::ServerReadReactor<v1::UploadModelVersionRequest>* UploadModelVersion(
+      grpc::CallbackServerContext* rpc, v1::ModelVersion* response) override;
+  grpc::ServerUnaryReactor* QueryModelUpload(grpc::CallbackServerContext* rpc,
+                                             const v1::QueryModelUploadRequest* request,
+                                             v1::QueryModelUploadResponse* response) override;
 
  private:
   serving::VersionStore& store_;
   serving::ServingTable& table_;
+  serving::VersionUploads& uploads_;
   jobs::WorkerPool& pool_;
+  security::AccessControl& access_;
 };
 
 }  // namespace maneuver::rpc

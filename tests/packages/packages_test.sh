@@ -72,6 +72,21 @@ for script in postinst prerm postrm; do
 done
 [ "$(cat control/maneuverd/conffiles)" = /etc/maneuver/maneuverd.conf ] || wrong "conffiles"
 
+echo "== Pages of the manual and completion"
+for page in man1/maneuver.1 man8/maneuverd.8 man1/maneuver-trainer.1; do
+  zcat "stage/usr/share/man/$page.gz" >page || wrong "$page is not packed"
+  grep -q '^\.SH SYNOPSIS' page || wrong "$page has no synopsis"
+  if grep -e "$build" -e "$source" page; then wrong "$page names the folder that it was built in"; fi
+  if command -v groff >/dev/null; then
+    said=$(groff -man -ww -z -Tutf8 page 2>&1)
+    [ -z "$said" ] || wrong "$page: $said"
+  fi
+done
+bash -n stage/usr/share/bash-completion/completions/maneuver || wrong "the completion for bash"
+offered=$(bash --norc -c 'source stage/usr/share/bash-completion/completions/maneuver
+  COMP_WORDS=(maneuver model pu); COMP_CWORD=2; _maneuver; echo "${COMPREPLY[@]}"')
+[ "$offered" = "pull push" ] || wrong "bash offers $offered"
+
 echo "== Configuration and unit"
 settings() { stage/usr/bin/maneuverd --config "$1" --print-config; }
 settings stage/etc/maneuver/maneuverd.conf >settings || wrong "the configuration is not taken"

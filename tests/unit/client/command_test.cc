@@ -345,6 +345,10 @@ TEST(JobDisplayTest, ProgressSaysWhatIsKnown) {
   report.set_effective_actions(19);
   EXPECT_EQ(ProgressText(progress, report),
             "joint 7/10  loss 2.311  19 effective actions  1 min 05 s left");
+  (*report.mutable_validation())["loss"] = 2.5;
+  progress.clear_time_left();
+  EXPECT_EQ(ProgressText(progress, report),
+            "joint 7/10  loss 2.311, held out 2.500  19 effective actions");
 }
 
 TEST(JobDisplayTest, MetricsStandBesideThoseOfConstantVelocity) {

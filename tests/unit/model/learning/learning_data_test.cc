@@ -311,7 +311,40 @@ TEST_F(RunProgressTest, FractionWeighsStepsByTheirCostAndTimeLeftFollows) {
   now_ += std::chrono::seconds(10);
   progress_.BeginPhase("joint");
   EXPECT_NEAR(seen_.back().fraction(), 11.0 / 101.0, 1e-9);
+  // Ten steps took 11 s; ten that cost nine times as much are to come.
+  EXPECT_EQ(seen_.back().time_left().seconds(), 99);
+}
+
+TEST_F(RunProgressTest, TimeLeftOfAPhaseIsCountedByItsOwnSteps) {
+  progress_.BeginPhase("load");
+  now_ += std::chrono::seconds(50);  // says nothing of steps
+  progress_.Step(0);
+  progress_.BeginPhase("pretrain");
+  for (int i = 0; i < 10; ++i) {
+    now_ += std::chrono::seconds(1);
+    progress_.Step(4);
+  }
+  progress_.BeginPhase("joint");
   EXPECT_EQ(seen_.back().time_left().seconds(), 90);
+  // A step takes twice what the plan says.
+  for (int i = 0; i < 5; ++i) {
+    now_ += std::chrono::seconds(18);
+    progress_.Step(4);
+  }
+  EXPECT_EQ(seen_.back().time_left().seconds(), 90);
+  now_ += std::chrono::seconds(18);
+  progress_.Step(4);
+  EXPECT_EQ(seen_.back().time_left().seconds(), 72);
+}
+
+TEST_F(RunProgressTest, StepsOfAnotherRunAreNotTimed) {
+  progress_.BeginPhase("joint");
+  progress_.Resume(4);
+  for (int i = 0; i < 5; ++i) {
+    now_ += std::chrono::seconds(10);
+    progress_.Step(4);
+  }
+  EXPECT_EQ(seen_.back().time_left().seconds(), 10);
 }
 
 TEST_F(RunProgressTest, SharesTheTimeOfStepsBetweenWaitingAndLearning) {

@@ -220,6 +220,26 @@ TEST_F(SqliteStoreTest, ProgressIsReadFromACursorOn) {
   EXPECT_TRUE(absl::IsNotFound(store_->AddProgress("jobs/b", Event(1))));
 }
 
+TEST_F(SqliteStoreTest, AJobThatHasEndedHasNoTimeLeft) {
+  v1::JobProgress event = Event(1);
+  event.set_fraction(0.7);
+  event.mutable_time_left()->set_seconds(9);
+  for (const auto& [end, fraction] :
+       {std::pair(v1::JOB_STATE_SUCCEEDED, 1.0), std::pair(v1::JOB_STATE_CANCELLED, 0.7)}) {
+    const std::string id = fraction == 1.0 ? "a" : "b";
+    const v1::Job job = PendingJob(id);
+    ASSERT_TRUE(store_->Add(job, "", "").ok());
+    ASSERT_TRUE(store_->Move(v1::JOB_STATE_PENDING, InState(job, v1::JOB_STATE_RUNNING)).ok());
+    ASSERT_TRUE(store_->AddProgress(job.name(), event).ok());
+    EXPECT_EQ(store_->Get(job.name())->progress().time_left().seconds(), 9);
+    ASSERT_TRUE(store_->Move(v1::JOB_STATE_RUNNING, InState(job, end)).ok());
+    const auto ended = store_->Get(job.name());
+    ASSERT_TRUE(ended.ok()) << ended.status();
+    EXPECT_FALSE(ended->progress().has_time_left());
+    EXPECT_EQ(ended->progress().fraction(), fraction);
+  }
+}
+
 TEST_F(SqliteStoreTest, AnEndedJobIsForgottenWithItsProgressAndAnotherIsNot) {
   const v1::Job job = PendingJob("a");
   ASSERT_TRUE(store_->Add(job, "request", "").ok());

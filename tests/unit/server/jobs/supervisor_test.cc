@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "model/artifact/training_presets.h"
 #include "model/files/durable_file.h"
 #include "server/errors/error_details.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
@@ -158,7 +159,13 @@ TEST_F(SupervisorTest, ValidateOnlyStartsNothing) {
   Start();
   v1::TrainRequest request = TrainTown();
   request.set_validate_only(true);
-  EXPECT_EQ(Train(request).name(), "");
+  const v1::Job checked = Train(request);
+  EXPECT_EQ(checked.name(), "");
+  // It shows what a job would learn with.
+  EXPECT_EQ(checked.train().settings().DebugString(),
+            artifact::ResolveTrainingSettings(request.settings()).DebugString());
+  EXPECT_GT(checked.train().settings().optimization().joint_epochs(), 0);
+  EXPECT_GT(checked.train().settings().model().actions(), 0);
   EXPECT_THAT(store_->List(10, "")->jobs, IsEmpty());
   request.set_datasets(0, "datasets/none");
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Train(request).status()));

@@ -7,6 +7,7 @@
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -97,7 +98,10 @@ class ServerTest : public ::testing::Test {
     context_ = std::make_unique<PredictionContext>(PredictionContext{
         *models_, *scheduler_, maps_, send_memory_, *disk_, {.map_by_id = true}, *access_});
     predictions_ = std::make_unique<PredictionService>(*context_);
-    model_service_ = std::make_unique<ModelService>(*versions_, *models_, *disk_);
+    version_uploads_ = std::make_unique<serving::VersionUploads>(folder_ / "models", *versions_,
+                                                                 *models_, std::chrono::hours(1));
+    model_service_ =
+        std::make_unique<ModelService>(*versions_, *models_, *version_uploads_, *disk_, *access_);
     auto server = Server::Start({"127.0.0.1", 0},
                                 {{v1::PredictionService::service_full_name(), predictions_.get()},
                                  {v1::ModelService::service_full_name(), model_service_.get()}},
@@ -179,6 +183,7 @@ class ServerTest : public ::testing::Test {
   serving::FakeNetworks networks_;
   std::unique_ptr<serving::VersionStore> versions_;
   std::unique_ptr<serving::ServingTable> models_;
+  std::unique_ptr<serving::VersionUploads> version_uploads_;
   serving::SendMemory send_memory_{{.max_response_bytes = 1 << 20, .max_send_memory = 8 << 20},
                                    *metrics_};
   std::unique_ptr<serving::BatchScheduler> scheduler_;
