@@ -107,11 +107,11 @@ struct CallOptions {
   Cancellation* cancellation = nullptr;        // not owned; outlives the call
 };
 
-// How far an upload is, bytes of shards.
+// How far an upload or a download is, bytes of files.
 struct UploadProgress {
-  int64_t there = 0;    // on the server, or on the way to it
-  int64_t total = 0;    // of the whole dataset
-  int64_t resumed = 0;  // of `there`: on the server before this call
+  int64_t there = 0;    // at the other end, or on the way to it
+  int64_t total = 0;    // of all files
+  int64_t resumed = 0;  // of `there`: before this call
 };
 
 // A connection to one server, or to each of several. Thread-safe; calls run in the calling thread.
@@ -169,8 +169,27 @@ class Client {
   absl::StatusOr<v1::EvaluationReport> GetEvaluationReport(
       const v1::GetEvaluationReportRequest& request, const CallOptions& call = {});
 
-  // Datasets.
   using OnUploaded = std::function<void(const UploadProgress&)>;
+  // Registers the folder's model.json, weights.safetensors and, where it has them, baselines as the
+  // next version of `parent`, models/{model}; no alias points to it. Goes on where it broke off, as UploadDataset does. A
+  // version of the model that has just these files is returned, and not made again.
+  // NOT_FOUND, before anything is sent, if a file is missing; INVALID_ARGUMENT if the server cannot
+  // serve the model.
+  absl::StatusOr<v1::ModelVersion> UploadModelVersion(const std::string& folder,
+                                                      const std::string& parent,
+                                                      const OnUploaded& on_progress,
+                                                      const CallOptions& call = {});
+  // Writes the files of a version, as GetModelVersionRequest.name names it, into a new folder, and
+  // checks their SHA-256. Returns the version's name. The folder appears once it is whole; until
+  // then what has arrived lies beside it in .NAME.part, where the same call goes on after an error.
+  // ALREADY_EXISTS if the folder exists and holds anything but this version; DATA_LOSS if a file
+  // arrives altered.
+  absl::StatusOr<std::string> DownloadModelVersion(const std::string& name,
+                                                   const std::string& folder,
+                                                   const OnUploaded& on_progress,
+                                                   const CallOptions& call = {});
+
+  // Datasets.
   // Uploads a folder with dataset.json and its shards as datasets/{dataset} `name`. Returns once it
   // is committed. What has arrived, by this call or an earlier one, is not sent again: a connection
   // that breaks is made anew and the upload goes on, and after an error the same call does.

@@ -1,21 +1,18 @@
 #include <google/protobuf/util/json_util.h>
 
-#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include "client/connection.h"
+#include "client/file_upload.h"
 
 namespace maneuver::client {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr int64_t kChunkBytes = 512 * 1024;
 
 // dataset.json of a folder whose shards are all there with the sizes that it states.
 absl::StatusOr<v1::Dataset> ReadWholeFolder(const fs::path& folder) {
@@ -43,179 +40,51 @@ absl::StatusOr<v1::Dataset> ReadWholeFolder(const fs::path& folder) {
   return dataset;
 }
 
-// The dataset of one call of UploadDataset, and how far it is.
-class Upload {
- public:
-  Upload(fs::path folder, std::string name, v1::Dataset dataset,
-         const Client::OnUploaded& on_progress)
-      : folder_(std::move(folder)),
-        name_(std::move(name)),
-        dataset_(std::move(dataset)),
-        on_progress_(on_progress) {
-    for (const v1::Shard& shard : dataset_.shards()) progress_.total += shard.size_bytes();
-  }
-
-  v1::QueryUploadRequest Question() const {
-    v1::QueryUploadRequest request;
-    request.set_name(name_);
-    *request.mutable_dataset() = dataset_;
-    return request;
-  }
-
-  // INTERNAL for an answer that does not fit the question.
-  absl::Status TakeAnswer(const v1::QueryUploadResponse& answer) {
-    if (answer.arrived_bytes_size() != dataset_.shards_size()) {
-      return absl::InternalError("the server answered for another number of shards");
-    }
-    int64_t there = 0;
-    for (int i = 0; i < dataset_.shards_size(); ++i) {
-      const int64_t bytes = answer.arrived_bytes(i);
-      if (bytes < 0 || bytes > dataset_.shards(i).size_bytes()) {
-        return absl::InternalError("the server has more of a shard than there is");
-      }
-      there += bytes;
-    }
-    arrived_ = answer.arrived_bytes();
-    if (!std::exchange(has_asked_, true)) progress_.resumed = there;
-    skipped_ = there;
-    ShowProgress(there);
-    return absl::OkStatus();
-  }
-
-  // Bytes that are not sent, by the last answer.
-  int64_t skipped() const { return skipped_; }
-
-  // Sends what has not arrived. Stops where the stream takes no more, for which Finish has the
-  // reason; an error is of the folder.
-  absl::Status Send(grpc::ClientWriter<v1::UploadDatasetRequest>* writer) {
-    v1::UploadDatasetRequest first;
-    first.mutable_header()->set_name(name_);
-    *first.mutable_header()->mutable_dataset() = dataset_;
-    *first.mutable_header()->mutable_arrived_bytes() = arrived_;
-    if (!writer->Write(first)) return absl::OkStatus();
-    for (int i = 0; i < dataset_.shards_size(); ++i) {
-      const absl::StatusOr<bool> more = SendShard(dataset_.shards(i), arrived_.Get(i), writer);
-      if (!more.ok()) return more.status();
-      if (!*more) return absl::OkStatus();
-    }
-    writer->WritesDone();
-    return absl::OkStatus();
-  }
-
- private:
-  // False once the stream takes no more.
-  absl::StatusOr<bool> SendShard(const v1::Shard& shard, int64_t offset,
-                                 grpc::ClientWriter<v1::UploadDatasetRequest>* writer) {
-    const fs::path file = folder_ / shard.file();
-    if (offset == shard.size_bytes()) return true;
-    std::ifstream bytes(file, std::ios::binary);
-    bytes.seekg(offset);
-    for (int64_t left = shard.size_bytes() - offset; left > 0;) {
-      const int64_t count = std::min(left, kChunkBytes);
-      v1::UploadDatasetRequest message;
-      std::string* chunk = message.mutable_chunk();
-      chunk->resize(static_cast<size_t>(count));
-      if (!bytes.read(chunk->data(), count)) {
-        return absl::DataLossError(absl::StrCat(file.string(), " cannot be read to its end"));
-      }
-      if (!writer->Write(message)) return false;
-      left -= count;
-      ShowProgress(progress_.there + count);
-    }
-    return true;
-  }
-
-  void ShowProgress(int64_t there) {
-    progress_.there = there;
-    if (on_progress_) on_progress_(progress_);
-  }
-
-  const fs::path folder_;
-  const std::string name_;
-  const v1::Dataset dataset_;
-  const Client::OnUploaded& on_progress_;
-  UploadProgress progress_;
-  google::protobuf::RepeatedField<int64_t> arrived_;  // [shards] bytes
-  int64_t skipped_ = 0;
-  bool has_asked_ = false;
-};
-
 }  // namespace
 
 absl::StatusOr<v1::Dataset> Client::UploadDataset(const std::string& folder,
                                                   const std::string& name,
                                                   const OnUploaded& on_progress,
                                                   const CallOptions& call) {
-  absl::StatusOr<v1::Dataset> dataset = ReadWholeFolder(folder);
+  const absl::StatusOr<v1::Dataset> dataset = ReadWholeFolder(folder);
   if (!dataset.ok()) return dataset.status();
-  const ClientOptions& options = connection_->options;
-  const absl::Time deadline = absl::Now() + call.timeout.value_or(options.deadlines.upload);
-  Upload upload(folder, name, *std::move(dataset), on_progress);
+  std::vector<LocalFile> files;
+  for (const v1::Shard& shard : dataset->shards()) {
+    files.push_back({(fs::path(folder) / shard.file()).string(), shard.size_bytes()});
+  }
   v1::Dataset committed;
-  bool is_done = false;
-  bool has_sent = false;
-  absl::Status folder_error;
-
-  // Calls `method` with a context of its own.
-  const auto with_context = [&](const auto& method) {
-    grpc::ClientContext context;
-    connection_->Introduce(context);
-    context.set_deadline(absl::ToChronoTime(deadline));
-    const Cancellation::Registration registration(call.cancellation,
-                                                  [&context] { context.TryCancel(); });
-    return method(context);
-  };
-  const auto ask = [&](grpc::ClientContext& context) {
+  UploadCalls calls;
+  calls.ask = [&](grpc::ClientContext& context, ArrivedBytes* arrived, bool* is_committed) {
+    v1::QueryUploadRequest request;
+    request.set_name(name);
+    *request.mutable_dataset() = *dataset;
     v1::QueryUploadResponse answer;
-    absl::Status status =
-        ToRetriable(connection_->datasets->QueryUpload(&context, upload.Question(), &answer),
-                    call.cancellation);
-    // A server of before there was such a question keeps nothing.
-    if (absl::IsUnimplemented(status)) {
-      const int shards = upload.Question().dataset().shards_size();
-      answer.mutable_arrived_bytes()->Resize(shards, 0);
-      status = absl::OkStatus();
-    }
-    // What this call has sent was committed, and the answer lost.
-    is_done = status.ok() && has_sent && answer.has_committed();
-    if (is_done) committed = answer.committed();
-    return status.ok() ? upload.TakeAnswer(answer) : status;
-  };
-  const auto send = [&](grpc::ClientContext& context) {
-    const auto writer = connection_->datasets->UploadDataset(&context, &committed);
-    has_sent = true;
-    folder_error = upload.Send(writer.get());
-    if (!folder_error.ok()) context.TryCancel();
-    const grpc::Status end = writer->Finish();  // also says why it took no more
-    const absl::Status status =
-        folder_error.ok() ? ToRetriable(end, call.cancellation) : ToStatus(end);
-    is_done = status.ok();
+    const grpc::Status status = connection_->datasets->QueryUpload(&context, request, &answer);
+    arrived->Swap(answer.mutable_arrived_bytes());
+    *is_committed = answer.has_committed();
+    if (answer.has_committed()) committed = std::move(*answer.mutable_committed());
     return status;
   };
-
-  int64_t most_arrived = 0;
-  bool may_start_clean = true;
-  for (;;) {
-    // At first the upload is given the patience of any call. Each byte that arrives earns it more.
-    RetryPolicy policy = options.retry;
-    if (has_sent) policy.max_attempts = 1'000'000;
-    const bool had_sent = has_sent;
-    const absl::Time give_up = std::min(deadline, absl::Now() + options.upload_patience);
-    const absl::Status status =
-        RetryUnavailable(policy, give_up, call.cancellation, options.on_retry, [&] {
-          absl::Status result = with_context(ask);
-          if (result.ok() && !is_done) result = with_context(send);
-          const bool earned = upload.skipped() > most_arrived || has_sent != had_sent;
-          return earned && absl::IsUnavailable(result) ? absl::OkStatus() : result;
-        });
-    if (!folder_error.ok()) return folder_error;
-    if (is_done) return committed;
-    most_arrived = std::max(most_arrived, upload.skipped());
-    // What lay there from before was wrong, and is gone now.
-    const bool starts_clean =
-        absl::IsDataLoss(status) && upload.skipped() > 0 && std::exchange(may_start_clean, false);
-    if (!status.ok() && !starts_clean) return status;
-  }
+  calls.send = [&](grpc::ClientContext& context, const ArrivedBytes& arrived,
+                   const UploadCalls::SendChunks& send_chunks) {
+    const auto writer = connection_->datasets->UploadDataset(&context, &committed);
+    v1::UploadDatasetRequest first;
+    first.mutable_header()->set_name(name);
+    *first.mutable_header()->mutable_dataset() = *dataset;
+    *first.mutable_header()->mutable_arrived_bytes() = arrived;
+    const auto write = [&](std::string chunk) {
+      v1::UploadDatasetRequest message;
+      message.set_chunk(std::move(chunk));
+      return writer->Write(message);
+    };
+    if (writer->Write(first) && send_chunks(write)) writer->WritesDone();
+    return writer->Finish();  // also says why it took no more
+  };
+  const absl::Status status = UploadFiles(
+      connection_->options, files, calls,
+      [this](grpc::ClientContext& context) { connection_->Introduce(context); }, on_progress, call);
+  if (!status.ok()) return status;
+  return committed;
 }
 
 }  // namespace maneuver::client

@@ -16,6 +16,14 @@ if(BUILD_TESTING)
   find_package(GTest REQUIRED)
 endif()
 
+# Civetweb's CMake config asks for modules that Debian leaves out.
+find_path(CIVETWEB_INCLUDE_DIR civetweb.h REQUIRED)
+find_library(CIVETWEB_LIBRARY civetweb REQUIRED)
+add_library(civetweb UNKNOWN IMPORTED GLOBAL)
+set_target_properties(civetweb PROPERTIES
+  IMPORTED_LOCATION "${CIVETWEB_LIBRARY}"
+  INTERFACE_INCLUDE_DIRECTORIES "${CIVETWEB_INCLUDE_DIR}")
+
 # OpenCV's CMake config comes with libopencv-dev alone, which pulls in VTK and Qt;
 # these three modules have packages of their own.
 find_path(OPENCV_INCLUDE_DIR opencv2/core.hpp PATH_SUFFIXES opencv4 REQUIRED)

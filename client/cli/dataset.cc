@@ -1,58 +1,28 @@
 // maneuver dataset: upload, list, show, annotate, delete.
 
-#include <algorithm>
-#include <chrono>
 #include <memory>
 #include <ostream>
-#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands.h"
 #include "client/cli/dataset_annotate.h"
 #include "client/cli/dataset_show.h"
-#include "client/cli/progress_line.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
+#include "client/cli/transfer_line.h"
 
 namespace maneuver::cli {
 namespace {
 
-// "12.0 MB of 40 MB, 3.1 MB a second, 9 s left".
-std::string HowFar(const client::UploadProgress& progress, double seconds) {
-  if (progress.there == progress.total) return "the server is checking it";
-  const double rate =
-      static_cast<double>(progress.there - progress.resumed) / std::max(seconds, 1e-3);
-  std::string text = absl::StrCat(Bytes(progress.there), " of ", Bytes(progress.total));
-  if (rate > 0.0) {
-    const double left = static_cast<double>(progress.total - progress.there) / rate;
-    absl::StrAppend(&text, ", ", Bytes(static_cast<int64_t>(rate)), " a second, ", Spell(left),
-                    " left");
-  }
-  return text;
-}
-
 int Upload(const std::string& folder, const std::string& name, Environment& environment) {
-  ProgressLine line(environment.err, environment.interactive);
-  const auto start = std::chrono::steady_clock::now();
-  bool has_begun = false;
+  TransferLine line(environment);
   const absl::StatusOr<v1::Dataset> dataset = environment.server_client().UploadDataset(
-      folder, DatasetResource(name),
-      [&](const client::UploadProgress& progress) {
-        if (!std::exchange(has_begun, true) && progress.resumed > 0) {
-          environment.err << "resumed: " << Bytes(progress.resumed) << " of "
-                          << Bytes(progress.total) << " were there" << std::endl;
-        }
-        const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - start;
-        line.Show(static_cast<double>(progress.there) /
-                      static_cast<double>(std::max<int64_t>(progress.total, 1)),
-                  HowFar(progress, passed.count()));
-      },
-      environment.call_options());
+      folder, DatasetResource(name), line.callback(), environment.call_options());
   line.Clear();
   if (!dataset.ok()) {
     const int status = environment.Fail(dataset.status());
-    if (has_begun &&
+    if (line.has_begun() &&
         (absl::IsUnavailable(dataset.status()) || absl::IsDeadlineExceeded(dataset.status()))) {
       environment.err << "the server keeps what has arrived for a while; to continue, run the same "
                          "command again\n";

@@ -1,5 +1,5 @@
 // maneuver model: list, show, actions, delete, promote, label; compare and export are in
-// model_compare.cc and model_export.cc.
+// model_compare.cc, model_export.cc and model_transfer.cc.
 
 #include <cmath>
 #include <memory>
@@ -13,6 +13,7 @@
 #include "client/cli/json_files.h"
 #include "client/cli/model_compare.h"
 #include "client/cli/model_export.h"
+#include "client/cli/model_transfer.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/rival_option.h"
 #include "client/cli/spec_rows.h"
@@ -335,6 +336,7 @@ void AddModel(Command& root, Environment& environment) {
   promote.Run([=, &environment] { return Promote(*arguments, environment); });
 
   AddModelCompare(group, environment);
+  AddModelTransfer(group, environment);
   AddModelExport(group, environment);
 
   Command label =

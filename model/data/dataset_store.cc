@@ -11,10 +11,10 @@
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_layout.h"
 #include "model/data/staged_upload.h"
-#include "model/data/upload_staging.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
+#include "model/files/file_receiver.h"
 #include "model/machine/usable_cores.h"
 
 namespace maneuver::data {
@@ -96,7 +96,7 @@ void KeepDescription(const fs::path& file, const v1::DatasetSummary& summary) {
 DatasetStore::DatasetStore(fs::path folder, const DatasetStoreOptions& options)
     : folder_(std::move(folder)),
       options_(options),
-      staging_(std::make_shared<UploadStaging>(folder_)) {}
+      staging_(std::make_shared<files::UploadStaging>(folder_)) {}
 
 absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(
     fs::path folder, const DatasetStoreOptions& options) {
@@ -175,45 +175,20 @@ absl::StatusOr<std::unique_ptr<DatasetUpload>> DatasetStore::BeginUpload(
     std::vector<int64_t> arrived) const {
   std::error_code error;
   if (fs::exists(FolderOf(id), error)) return DatasetExists(id);
-  arrived.resize(static_cast<size_t>(manifest.shards_size()));
-  const std::shared_ptr<UploadStaging::Slot> slot = staging_->Enter(id, caller);
-  const std::lock_guard lock(slot->mutex);
-  if (slot->committing) {
-    return absl::UnavailableError(
-        absl::StrCat("an earlier upload of datasets/", id, " is being checked; try again shortly"));
-  }
-  const std::vector<int64_t> there = ArrivedBytes(slot->folder, manifest);
-  uint64_t skipped = 0;
-  for (size_t i = 0; i < arrived.size(); ++i) {
-    if (arrived[i] > there[i]) {
-      return absl::UnavailableError(absl::StrCat(
-          "of shard ", manifest.shards(static_cast<int>(i)).file(), " ", there[i],
-          " bytes have arrived, not ", arrived[i], "; ask with QueryUpload and go on from there"));
-    }
-    skipped += static_cast<uint64_t>(arrived[i]);
-  }
-  const uint64_t wanted = BytesOf(manifest);
-  absl::Status status =
-      staging_->Announce(*slot, {.announced = wanted, .missing = wanted - skipped},
-                         [&](const UploadStaging::Others& others) {
-                           return CheckRoom(wanted, skipped, others.under_way.announced,
-                                            others.under_way.missing, others.broken_off);
-                         });
-  if (!status.ok()) return status;
-  const int64_t turn = ++slot->turn;
-  RemoveOtherShards(slot->folder, manifest);
-  status = staging_->MakeFolder(*slot);
-  if (!status.ok()) {
-    staging_->End(*slot);
-    return status;
-  }
-  return ContinueUpload({.id = id,
-                         .folder = FolderOf(id),
-                         .manifest = manifest,
-                         .arrived = std::move(arrived),
-                         .slot = slot,
-                         .turn = turn},
-                        staging_);
+  auto shards = files::FileReceiver::Begin(
+      staging_,
+      {.id = id,
+       .resource = absl::StrCat("datasets/", id),
+       .noun = "shard",
+       .caller = caller,
+       .files = ShardFiles(manifest),
+       .arrived = std::move(arrived)},
+      [this](uint64_t wanted, uint64_t there, const files::UploadStaging::Others& others) {
+        return CheckRoom(wanted, there, others.under_way.announced, others.under_way.missing,
+                         others.broken_off);
+      });
+  if (!shards.ok()) return shards.status();
+  return StageDataset(id, FolderOf(id), manifest, *std::move(shards));
 }
 
 absl::StatusOr<v1::QueryUploadResponse> DatasetStore::QueryUpload(const std::string& id,
@@ -224,7 +199,8 @@ absl::StatusOr<v1::QueryUploadResponse> DatasetStore::QueryUpload(const std::str
   if (committed.ok() && SameShards(*committed, manifest)) {
     *response.mutable_committed() = *std::move(committed);
   }
-  for (const int64_t bytes : ArrivedBytes(staging_->Enter(id, caller)->folder, manifest)) {
+  for (const int64_t bytes :
+       files::ArrivedBytes(staging_->Enter(id, caller)->folder, ShardFiles(manifest))) {
     response.add_arrived_bytes(bytes);
   }
   return response;
@@ -244,7 +220,7 @@ absl::StatusOr<int64_t> DatasetStore::TotalBytes() const {
   for (const std::string& id : *ids) {
     // One that was deleted meanwhile, or cannot be read, takes no part.
     if (const auto dataset = Get(id); dataset.ok()) {
-      bytes += static_cast<int64_t>(BytesOf(*dataset));
+      bytes += static_cast<int64_t>(files::BytesOf(ShardFiles(*dataset)));
     }
   }
   return bytes;

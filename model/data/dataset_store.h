@@ -21,6 +21,10 @@
 #include "maneuver/v1/scenario.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 
+namespace maneuver::files {
+class UploadStaging;
+}
+
 namespace maneuver::data {
 
 // One dataset on its way in: its shards' bytes, one after the other. Not thread-safe.
@@ -41,9 +45,6 @@ class DatasetUpload {
   // Nothing of it is to be kept.
   virtual void Discard() = 0;
 };
-
-// Where uploads lie until they are datasets.
-class UploadStaging;
 
 struct DatasetStoreOptions {
   // Most that all datasets together may have, what has arrived of others included; 0: as much as
@@ -113,7 +114,7 @@ class DatasetStore {
 
   const std::filesystem::path folder_;
   const DatasetStoreOptions options_;
-  const std::shared_ptr<UploadStaging> staging_;
+  const std::shared_ptr<files::UploadStaging> staging_;
   std::mutex mutex_;
   // What ListScenarios read, by id and time of creation. Guarded by mutex_.
   std::map<std::pair<std::string, int64_t>, Summaries> summaries_;

@@ -1,9 +1,8 @@
-// An upload as it comes, into its slot; for the .cc files of this folder alone.
+// An upload that becomes a dataset; for the .cc files of this folder alone.
 
 #ifndef MANEUVER_MODEL_DATA_STAGED_UPLOAD_H_
 #define MANEUVER_MODEL_DATA_STAGED_UPLOAD_H_
 
-#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -11,25 +10,21 @@
 
 #include "maneuver/v1/dataset.pb.h"
 #include "model/data/dataset_store.h"
-#include "model/data/upload_staging.h"
+#include "model/files/file_receiver.h"
 
 namespace maneuver::data {
 
 // datasets/{id} exists.
 absl::Status DatasetExists(const std::string& id);
 
-struct StagedUploadStart {
-  std::string id;
-  std::filesystem::path folder;  // that it becomes
-  v1::Dataset manifest;
-  std::vector<int64_t> arrived;  // [shards] bytes that are there and are not sent
-  std::shared_ptr<UploadStaging::Slot> slot;
-  int64_t turn = 0;  // with which what is sent was announced
-};
+// The shards of a manifest.
+std::vector<files::AnnouncedFile> ShardFiles(const v1::Dataset& manifest);
 
-// From there on.
-std::unique_ptr<DatasetUpload> ContinueUpload(StagedUploadStart start,
-                                              std::shared_ptr<UploadStaging> staging);
+//   id: of the dataset; folder: that it becomes.
+//   shards: receives the shards of `manifest`.
+std::unique_ptr<DatasetUpload> StageDataset(std::string id, std::filesystem::path folder,
+                                            v1::Dataset manifest,
+                                            std::unique_ptr<files::FileReceiver> shards);
 
 }  // namespace maneuver::data
 

@@ -23,7 +23,7 @@ inline constexpr ReasonEntry kReasons[] = {
      "the server requires authentication, and the call has none",
      "send a token, or connect with a client certificate"},
     {"TOKEN_UNKNOWN", "UNAUTHENTICATED",
-     "the token, or the header around it, is wrong, or was taken back",
+     "the token, or the header around it, is wrong, was taken back or has expired",
      "ask the operator for a token"},
     {"CERTIFICATE_NOT_LISTED", "PERMISSION_DENIED",
      "no line of the tokens file has a name of the client's certificate",
@@ -97,6 +97,9 @@ inline constexpr ReasonEntry kReasons[] = {
      "point it to a version with SetModelAlias"},
     {"MODEL_DAMAGED", "FAILED_PRECONDITION", "the files of the version are damaged",
      "point the alias to another version; delete this one and train again"},
+    {"MODEL_INVALID", "INVALID_ARGUMENT, DATA_LOSS",
+     "the upload is not a model that can be served, was altered on its way, or is incomplete",
+     "correct what the message says and upload again"},
     {"MODEL_VERSION_IN_USE", "FAILED_PRECONDITION",
      "an alias points to the version that is to be deleted",
      "point the alias elsewhere, or delete it first"},
@@ -121,12 +124,14 @@ inline constexpr ReasonEntry kReasons[] = {
     {"DATASET_DAMAGED", "DATA_LOSS", "the dataset's files have changed since they were stored",
      "delete it and upload it again"},
     {"UPLOAD_CHANGED", "UNAVAILABLE",
-     "less of the dataset has arrived than the header skips, or an earlier upload of it is just "
-     "being checked",
-     "ask QueryUpload a little later and go on from there, as the client library does"},
+     "less has arrived than the header skips, or an earlier upload of the same is just being "
+     "checked",
+     "ask QueryUpload, or QueryModelUpload, a little later and go on from there, as the client "
+     "library does"},
     {"UPLOAD_TAKEN_OVER", "ABORTED",
-     "the same caller has begun another upload of this dataset, which goes on in place of this one",
-     "let that one end; upload the same dataset from one place"},
+     "the same caller has begun another upload of this dataset, or to this model, which goes on in "
+     "place of this one",
+     "let that one end; upload the same from one place"},
     {"DATASET_IN_USE", "FAILED_PRECONDITION",
      "the job in the metadata needs the dataset that is to be deleted",
      "wait for the job, or cancel it"},

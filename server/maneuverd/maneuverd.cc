@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "absl/synchronization/mutex.h"
+#include "absl/time/clock.h"
 #include "model/data/dataset_store.h"
 #include "model/files/durable_file.h"
 #include "server/jobs/retention.h"
@@ -26,9 +27,11 @@
 #include "server/jobs/worker_pool.h"
 #include "server/maneuverd/data_lock.h"
 #include "server/maneuverd/health_command.h"
+#include "server/maneuverd/health_pages.h"
 #include "server/maneuverd/idle_memory.h"
 #include "server/maneuverd/options.h"
 #include "server/maneuverd/protection.h"
+#include "server/maneuverd/service_manager.h"
 #include "server/maneuverd/token_command.h"
 #include "server/monitoring/logging.h"
 #include "server/monitoring/prometheus_metrics.h"
@@ -43,6 +46,7 @@
 #include "server/serving/model_registry.h"
 #include "server/serving/send_memory.h"
 #include "server/serving/shadow.h"
+#include "server/serving/version_uploads.h"
 
 namespace maneuver {
 namespace {
@@ -194,7 +198,19 @@ absl::Status WritePortFile(const std::filesystem::path& file, const std::string&
   return files::WriteFileAtomically(file, addresses.dump() + "\n");
 }
 
-absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
+// Serves metrics and health where `options` say; nullptr if they say nowhere.
+absl::StatusOr<std::unique_ptr<monitoring::HttpPages>> ServePages(
+    const ServerOptions& options, const monitoring::PrometheusMetrics& metrics,
+    const rpc::Server& server) {
+  if (!options.metrics_listen) return nullptr;
+  return monitoring::HttpPages::Serve(
+      options.metrics_listen->ToString(),
+      {monitoring::MetricsPage(metrics), LivenessPage([&server] { return server.IsAlive(); }),
+       ReadinessPage([&server](std::string_view service) { return server.IsServing(service); })});
+}
+
+absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
+                 ServiceManager& manager) {
   const auto metrics = monitoring::PrometheusMetrics::Create();
   metrics
       ->AddGauge("maneuver_build_info", "1, with the version as a label.",
@@ -225,9 +241,14 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   const auto supervisor = jobs::Supervisor::Start(SupervisorOptionsFor(options, **models), **store,
                                                   **datasets, *metrics);
   if (!supervisor.ok()) return supervisor.status();
+  serving::VersionUploads version_uploads(options.data_dir / "models", **models,
+                                          options.datasets.keep_uploads);
   jobs::Retention retention(options.jobs.retention, **supervisor, Retained(**models));
   retention.AlsoSweep([&datasets] {
     return (*datasets)->RemoveAbandonedUploads(std::filesystem::file_time_type::clock::now());
+  });
+  retention.AlsoSweep([&version_uploads] {
+    return version_uploads.RemoveAbandoned(std::filesystem::file_time_type::clock::now());
   });
   retention.SweepRegularly(kBetweenSweeps);
   // After what its work uses, before the services that give it work.
@@ -248,8 +269,8 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
                                  .access = (*protection)->access(),
                                  .shadow = std::move(shadow)};
   rpc::PredictionService predictions(context);
-  rpc::ModelService model_service(**models, disk);
   security::AccessControl& access = (*protection)->access();
+  rpc::ModelService model_service(**models, version_uploads, disk, access);
   rpc::DatasetService dataset_service(**datasets, **supervisor, disk, access);
   rpc::TrainingService training_service(**supervisor, disk, access);
   rpc::AdminService admin_service;
@@ -266,11 +287,12 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
                                    (*protection)->access(), *metrics, (*protection)->credentials(),
                                    options.limits);
   if (!server.ok()) return server.status();
+  const auto pages = ServePages(options, *metrics, **server);
+  if (!pages.ok()) return pages.status();
   std::string metrics_address;
-  if (options.metrics_listen) {
-    const auto port = metrics->Listen(options.metrics_listen->ToString());
-    if (!port.ok()) return port.status();
-    metrics_address = security::ListenAddress{options.metrics_listen->host, *port}.ToString();
+  if (*pages != nullptr) {
+    metrics_address =
+        security::ListenAddress{options.metrics_listen->host, (*pages)->port()}.ToString();
   }
   const std::string address = (*server)->address().ToString();
   if (!options.port_file.empty()) {
@@ -280,6 +302,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   std::cout << "listening grpc=" << address
             << " metrics=" << (metrics_address.empty() ? "none" : metrics_address) << std::endl;
   Log(LogLevel::kInfo, "listening", {{"grpc", address}, {"metrics", metrics_address}});
+  manager.TellReady([&server] { return (*server)->IsAlive(); });
 
   // Health turns to SERVING with the first model; until then calls say what is missing.
   (*models)->OnReadyChange([&](bool ready) { (*server)->SetPredictionsReady(ready); });
@@ -290,6 +313,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
 
   const int signal = signals.Wait();
   signals.ExitOnNext();
+  manager.TellStopping();
   Log(LogLevel::kInfo, "shutting down",
       {{"signal", signal == SIGTERM ? "SIGTERM" : "SIGINT"},
        {"delay_seconds", std::chrono::duration<double>(options.shutdown_delay).count()},
@@ -303,6 +327,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
   (*server)->Shutdown(refusing + options.shutdown_timeout);
   (*models)->OnReadyChange(nullptr);
   loader.join();
+  manager.EndWatch();
   Log(LogLevel::kInfo, "stopped");
   return absl::OkStatus();
 }
@@ -310,7 +335,9 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals) {
 int Main(int argc, char** argv) {
   // Recordings, models and jobs are nobody else's.
   umask(077);
-  if (argc > 1 && std::string_view(argv[1]) == "token") return RunTokenCommand(argc - 1, argv + 1);
+  if (argc > 1 && std::string_view(argv[1]) == "token") {
+    return RunTokenCommand(argc - 1, argv + 1, absl::Now());
+  }
   if (argc > 1 && std::string_view(argv[1]) == "health") {
     return RunHealthCommand(argc - 1, argv + 1, environ);
   }
@@ -321,8 +348,9 @@ int Main(int argc, char** argv) {
   // cycles of locks at each.
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   monitoring::ConfigureLogging(options.log_format, options.log_level);
+  ServiceManager manager = ServiceManager::FromEnvironment();
   TerminationSignals signals;
-  if (const absl::Status status = Run(options, signals); !status.ok()) {
+  if (const absl::Status status = Run(options, signals, manager); !status.ok()) {
     Log(LogLevel::kError, "cannot serve", {{"reason", std::string(status.message())}});
     return 1;
   }

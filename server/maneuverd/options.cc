@@ -192,8 +192,8 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       "of the file that --config names (max-batch = 32). The command line overrides the "
       "environment,\n"
       "which overrides the file.\n\n"
-      "maneuverd token create makes a token for --tokens;\nmaneuverd health [SERVICE] [OPTIONS] "
-      "asks the server with these options "
+      "maneuverd token create, list and revoke manage the file of --tokens;\n"
+      "maneuverd health [SERVICE] [OPTIONS] asks the server with these options "
       "whether it is ready.");
   app.get_help_ptr()->configurable(false);
   app.set_version_flag("--version", MANEUVER_VERSION)->configurable(false);
@@ -209,8 +209,8 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->capture_default_str();
   app.add_option(
          "--metrics-listen", metrics_listen,
-         "HOST:PORT for Prometheus, under /metrics; port 0 picks a free one; \"none\" for no "
-         "metrics")
+         "HOST:PORT for HTTP: /metrics for Prometheus, /healthz and /readyz for probes; port 0 "
+         "picks a free one; \"none\" for none of them")
       ->capture_default_str();
   AddSecurityFlags(app, &security_flags, &options);
   app.add_option("--port-file", options.port_file,

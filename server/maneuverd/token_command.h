@@ -1,13 +1,18 @@
-// maneuverd token create: makes a token that lets its holder call the server.
+// maneuverd token create, list and revoke: who may call the server.
 
 #ifndef MANEUVER_SERVER_MANEUVERD_TOKEN_COMMAND_H_
 #define MANEUVER_SERVER_MANEUVERD_TOKEN_COMMAND_H_
 
+#include "absl/time/time.h"
+
 namespace maneuver {
 
+// Runs the command on the tokens file that it names. What happened is printed; tokens go to
+// standard output.
 //   argv: from "token" on.
-// The exit status; what happened was printed.
-int RunTokenCommand(int argc, char** argv);
+//   now: expiry is counted from here.
+// Returns the exit status: 0, 1 if it failed, 2 if the command line is wrong.
+int RunTokenCommand(int argc, const char* const* argv, absl::Time now);
 
 }  // namespace maneuver
 

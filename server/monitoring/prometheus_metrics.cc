@@ -8,7 +8,6 @@
 #include <prometheus/text_serializer.h>
 
 #include <algorithm>
-#include <exception>
 #include <iterator>
 #include <map>
 #include <mutex>
@@ -16,8 +15,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/str_cat.h"
-#include "server/monitoring/metrics_page_server.h"
 #include "server/monitoring/process_metrics.h"
 
 namespace maneuver::monitoring {
@@ -138,18 +135,6 @@ class PrometheusRegistry final : public PrometheusMetrics {
     return prometheus::TextSerializer().Serialize(families);
   }
 
-  absl::StatusOr<int> Listen(const std::string& address) override {
-    try {
-      page_ = std::make_unique<MetricsPageServer>(address);
-      page_->Show(registry_);
-      for (const auto& each : looked_at_) page_->Show(each);
-      return page_->port();
-    } catch (const std::exception& error) {
-      return absl::UnavailableError(absl::StrCat("cannot serve metrics on ", address, " (",
-                                                 error.what(), "): is the port taken?"));
-    }
-  }
-
  private:
   // One wrapper for each of Prometheus' metrics, which have stable addresses.
   template <typename Wrapper, typename Metric>
@@ -166,13 +151,20 @@ class PrometheusRegistry final : public PrometheusMetrics {
   std::map<prometheus::Counter*, PrometheusCounter> counters_;
   std::map<prometheus::Gauge*, PrometheusGauge> gauges_;
   std::map<prometheus::Histogram*, PrometheusHistogram> histograms_;
-  std::unique_ptr<MetricsPageServer> page_;  // last: stops before what it shows
 };
 
 }  // namespace
 
 std::unique_ptr<PrometheusMetrics> PrometheusMetrics::Create() {
   return std::make_unique<PrometheusRegistry>();
+}
+
+HttpPage MetricsPage(const PrometheusMetrics& metrics) {
+  return {.path = "/metrics",
+          .content_type = "text/plain; version=0.0.4; charset=utf-8",
+          .make = [&metrics](std::string_view) {
+            return HttpAnswer{200, metrics.Page()};
+          }};
 }
 
 }  // namespace maneuver::monitoring

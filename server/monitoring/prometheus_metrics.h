@@ -7,7 +7,7 @@
 #include <memory>
 #include <string>
 
-#include "absl/status/statusor.h"
+#include "server/monitoring/http_pages.h"
 #include "server/monitoring/metrics.h"
 
 namespace maneuver::monitoring {
@@ -17,17 +17,15 @@ class PrometheusMetrics : public MetricRegistry {
   static std::unique_ptr<PrometheusMetrics> Create();
 
   // From now on the page says how large the disk is that holds `folder`, and how much of it is
-  // free. Call before Listen, once.
+  // free. Call before the first Page, once.
   virtual void WatchDisk(const std::filesystem::path& folder) = 0;
 
   // The page, in Prometheus' text format; with the metrics of the process (process_metrics.h).
   virtual std::string Page() const = 0;
-
-  // Serves the page under http://ADDRESS/metrics until this object is destroyed.
-  //   address: HOST:PORT; port 0 takes a free one.
-  // The port that it listens on, or UNAVAILABLE if it cannot listen there. Call once.
-  virtual absl::StatusOr<int> Listen(const std::string& address) = 0;
 };
+
+// /metrics, which shows the page of `metrics`; these outlive it.
+HttpPage MetricsPage(const PrometheusMetrics& metrics);
 
 }  // namespace maneuver::monitoring
 

@@ -13,6 +13,8 @@
 #include "model/inference/action_model.h"
 #include "server/jobs/job_requests.h"
 #include "server/rpc/blocking_call.h"
+#include "server/rpc/guarded_service.h"
+#include "server/rpc/model_transfer.h"
 #include "server/rpc/paging.h"
 #include "server/rpc/prediction_translation.h"
 
@@ -218,8 +220,9 @@ int Characters(std::string_view text) {
 
 }  // namespace
 
-ModelService::ModelService(serving::ModelRegistry& models, jobs::WorkerPool& pool)
-    : models_(models), pool_(pool) {}
+ModelService::ModelService(serving::ModelRegistry& models, serving::VersionUploads& uploads,
+                           jobs::WorkerPool& pool, security::AccessControl& access)
+    : models_(models), uploads_(uploads), pool_(pool), access_(access) {}
 
 ModelService::~ModelService() = default;
 
@@ -338,6 +341,25 @@ grpc::ServerUnaryReactor* ModelService::GetEvaluationReport(
     if (report.ok()) *response = *std::move(report);
     return report.status();
   });
+}
+
+grpc::ServerWriteReactor<v1::DownloadModelVersionResponse>* ModelService::DownloadModelVersion(
+    grpc::CallbackServerContext* rpc, const v1::DownloadModelVersionRequest* request) {
+  return new ModelDownloadCall(models_, pool_, access_, rpc, *request);
+}
+
+grpc::ServerReadReactor<v1::UploadModelVersionRequest>* ModelService::UploadModelVersion(
+    grpc::CallbackServerContext* rpc, v1::ModelVersion* response) {
+  return new ModelUploadCall(uploads_, pool_, access_, rpc, response);
+}
+
+grpc::ServerUnaryReactor* ModelService::QueryModelUpload(grpc::CallbackServerContext* rpc,
+                                                         const v1::QueryModelUploadRequest* request,
+                                                         v1::QueryModelUploadResponse* response) {
+  return AnswerFrom(pool_, rpc,
+                    [this, caller = access_.NameOf(CredentialsOf(*rpc)), request, response] {
+                      return AnswerQueryModelUpload(uploads_, caller, *request, response);
+                    });
 }
 
 }  // namespace maneuver::rpc

@@ -3,14 +3,17 @@
 
 #include "maneuver/v1/model_service.grpc.pb.h"
 #include "server/jobs/worker_pool.h"
+#include "server/security/access_control.h"
 #include "server/serving/model_registry.h"
+#include "server/serving/version_uploads.h"
 
 namespace maneuver::rpc {
 
 class ModelService final : public v1::ModelService::CallbackService {
  public:
-  // Both outlive the service. Out of line, with the destructor: see AdminService.
-  ModelService(serving::ModelRegistry& models, jobs::WorkerPool& pool);
+  // All outlive the service. Out of line, with the destructor: see AdminService.
+  ModelService(serving::ModelRegistry& models, serving::VersionUploads& uploads,
+               jobs::WorkerPool& pool, security::AccessControl& access);
   ~ModelService() override;
 
   grpc::ServerUnaryReactor* ListModelVersions(grpc::CallbackServerContext* rpc,
@@ -40,10 +43,19 @@ class ModelService final : public v1::ModelService::CallbackService {
   grpc::ServerUnaryReactor* GetEvaluationReport(grpc::CallbackServerContext* rpc,
                                                 const v1::GetEvaluationReportRequest* request,
                                                 v1::EvaluationReport* response) override;
+  grpc::ServerWriteReactor<v1::DownloadModelVersionResponse>* DownloadModelVersion(
+      grpc::CallbackServerContext* rpc, const v1::DownloadModelVersionRequest* request) override;
+  grpc::ServerReadReactor<v1::UploadModelVersionRequest>* UploadModelVersion(
+      grpc::CallbackServerContext* rpc, v1::ModelVersion* response) override;
+  grpc::ServerUnaryReactor* QueryModelUpload(grpc::CallbackServerContext* rpc,
+                                             const v1::QueryModelUploadRequest* request,
+                                             v1::QueryModelUploadResponse* response) override;
 
  private:
   serving::ModelRegistry& models_;
+  serving::VersionUploads& uploads_;
   jobs::WorkerPool& pool_;
+  security::AccessControl& access_;
 };
 
 }  // namespace maneuver::rpc

@@ -36,6 +36,11 @@ void PollHeartbeat::AwaitBeats(int count) {
   changed_.wait(lock, [&] { return beats_ >= count; });
 }
 
+std::chrono::steady_clock::time_point PollHeartbeat::last_beat() const {
+  const std::lock_guard lock(mutex_);
+  return last_beat_;
+}
+
 void PollHeartbeat::Run() {
   std::unique_lock lock(mutex_);
   while (!stopping_) {
@@ -51,6 +56,7 @@ void PollHeartbeat::Run() {
                          call = nullptr;
                          const std::lock_guard beat(mutex_);
                          ++beats_;
+                         last_beat_ = std::chrono::steady_clock::now();
                          under_way_ = false;
                          changed_.notify_all();
                        });

@@ -28,17 +28,21 @@ class PollHeartbeat {
 
   // Waits until so many beats have been seen by gRPC's threads.
   void AwaitBeats(int count);
+  // When gRPC's threads saw the last beat; at first, when this was made. They are stuck if that is
+  // many intervals ago.
+  std::chrono::steady_clock::time_point last_beat() const;
 
  private:
   void Run();
 
   const std::chrono::milliseconds interval_;
   grpc::GenericStub nowhere_;
-  std::mutex mutex_;  // guards what follows
+  mutable std::mutex mutex_;  // guards what follows
   std::condition_variable changed_;
   bool stopping_ = false;
   bool under_way_ = false;
   int beats_ = 0;
+  std::chrono::steady_clock::time_point last_beat_ = std::chrono::steady_clock::now();
   std::thread thread_;
 };
 

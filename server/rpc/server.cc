@@ -21,6 +21,9 @@ namespace {
 
 constexpr std::chrono::milliseconds kPatience{500};  // with callers who do not read
 
+// Beats come three times a second; under full load some are late.
+constexpr std::chrono::seconds kLongestSilence{10};
+
 constexpr char kPredictionService[] = "maneuver.v1.PredictionService";
 
 int Milliseconds(std::chrono::milliseconds time) {
@@ -100,17 +103,24 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
         absl::StrCat("cannot listen on ", address.ToString(), ": is the port taken?"));
   }
   auto* health = server->GetHealthCheckService();
-  for (const NamedService& service : services) health->SetServingStatus(service.name, true);
+  std::vector<std::string> names;
+  for (const NamedService& service : services) {
+    health->SetServingStatus(service.name, true);
+    names.emplace_back(service.name);
+  }
   health->SetServingStatus("", true);
   health->SetServingStatus(kPredictionService, false);
   return std::unique_ptr<Server>(new Server(std::move(server), {address.host, port},
-                                            std::move(guarded), std::move(credentials)));
+                                            std::move(names), std::move(guarded),
+                                            std::move(credentials)));
 }
 
 Server::Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
+               std::vector<std::string> names,
                std::vector<std::unique_ptr<GuardedService>> services,
                std::shared_ptr<grpc::ServerCredentials> credentials)
     : address_(std::move(address)),
+      names_(std::move(names)),
       services_(std::move(services)),
       credentials_(std::move(credentials)),
       server_(std::move(server)) {}
@@ -118,10 +128,23 @@ Server::Server(std::unique_ptr<grpc::Server> server, security::ListenAddress add
 Server::~Server() { server_->Shutdown(std::chrono::system_clock::now()); }
 
 void Server::SetPredictionsReady(bool ready) {
+  predictions_ready_ = ready;
   server_->GetHealthCheckService()->SetServingStatus(kPredictionService, ready);
 }
 
-void Server::TurnHealth() { server_->GetHealthCheckService()->Shutdown(); }
+void Server::TurnHealth() {
+  health_turned_ = true;
+  server_->GetHealthCheckService()->Shutdown();
+}
+
+std::optional<bool> Server::IsServing(std::string_view service) const {
+  if (!service.empty() && std::ranges::find(names_, service) == names_.end()) return std::nullopt;
+  return !health_turned_ && (service != kPredictionService || predictions_ready_);
+}
+
+bool Server::IsAlive() const {
+  return std::chrono::steady_clock::now() - heartbeat_.last_beat() < kLongestSilence;
+}
 
 void Server::Shutdown(std::chrono::system_clock::time_point deadline) {
   // gRPC waits for what it has begun to write, until the keepalive gives a caller up who does not

@@ -3,10 +3,13 @@
 #ifndef MANEUVER_SERVER_RPC_SERVER_H_
 #define MANEUVER_SERVER_RPC_SERVER_H_
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -64,6 +67,14 @@ class Server {
 
   // Everything turns NOT_SERVING, for good. Calls are still answered.
   void TurnHealth();
+
+  // Whether a service, or the server as a whole (""), is SERVING; nothing for another name. Says
+  // what grpc.health.v1 says. Safe from any thread.
+  std::optional<bool> IsServing(std::string_view service) const;
+  // Whether gRPC's threads have done anything of late; if not, no call is answered. Safe from any
+  // thread.
+  bool IsAlive() const;
+
   // Refuses new calls, lets those in flight end until `deadline`, then cancels them. Connections
   // whose callers do not read what was written are cut off half a second later, so that nobody can
   // hold up the end.
@@ -71,10 +82,14 @@ class Server {
 
  private:
   Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
-         std::vector<std::unique_ptr<GuardedService>> services,
+         std::vector<std::string> names, std::vector<std::unique_ptr<GuardedService>> services,
          std::shared_ptr<grpc::ServerCredentials> credentials);
 
   const security::ListenAddress address_;
+  const std::vector<std::string> names_;  // of the services
+  // What grpc.health.v1 was told: gRPC does not give it back.
+  std::atomic<bool> predictions_ready_ = false;
+  std::atomic<bool> health_turned_ = false;
   // gRPC's server uses them to its end.
   const std::vector<std::unique_ptr<GuardedService>> services_;
   const std::shared_ptr<grpc::ServerCredentials> credentials_;

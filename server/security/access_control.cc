@@ -50,11 +50,14 @@ absl::Status TooFast(const char* what, std::chrono::nanoseconds delay) {
 
 }  // namespace
 
-AccessControl::AccessControl(const AccessOptions& options, monitoring::MetricRegistry& metrics)
+AccessControl::AccessControl(const AccessOptions& options, monitoring::MetricRegistry& metrics,
+                             std::function<absl::Time()> clock)
     : options_(options),
+      clock_(std::move(clock)),
       calls_(options.calls_per_second),
       targets_(options.targets_per_second),
-      log_lines_(kLogLinesPerSecond) {
+      log_lines_(kLogLinesPerSecond),
+      looked_at_(clock_()) {
   for (const std::string_view reason : kReasons) {
     refused_[std::string(reason)] =
         &metrics.AddCounter("maneuver_refused_calls_total", "Calls that were not let in.",
@@ -63,8 +66,9 @@ AccessControl::AccessControl(const AccessOptions& options, monitoring::MetricReg
 }
 
 absl::StatusOr<std::unique_ptr<AccessControl>> AccessControl::Create(
-    const AccessOptions& options, monitoring::MetricRegistry& metrics) {
-  std::unique_ptr<AccessControl> access(new AccessControl(options, metrics));
+    const AccessOptions& options, monitoring::MetricRegistry& metrics,
+    std::function<absl::Time()> clock) {
+  std::unique_ptr<AccessControl> access(new AccessControl(options, metrics, std::move(clock)));
   if (const auto loaded = access->Reload(); !loaded.ok()) return loaded.status();
   return access;
 }
@@ -116,7 +120,11 @@ std::unique_ptr<AccessControl::LongCall> AccessControl::Watch(
 
 void AccessControl::LookAtLongCalls(bool identities_changed) {
   const std::lock_guard lock(long_calls_mutex_);
-  if (!identities_changed && !look_again_) return;
+  const absl::Time now = clock_();
+  const auto identities = Current();
+  const bool expired = identities != nullptr && identities->AnyExpired(looked_at_, now);
+  looked_at_ = now;
+  if (!identities_changed && !expired && !look_again_) return;
   look_again_ = false;
   for (ListedCall* call : long_calls_) {
     if (!call->Look()) look_again_ = true;
@@ -160,9 +168,13 @@ absl::StatusOr<RoleSet> AccessControl::Identify(const Credentials& credentials,
                            ? BearerToken(credentials.authorization.front())
                            : std::nullopt;
     if (token) identity = identities->FindToken(*token);
+    if (identity != nullptr && identity->HasExpired(clock_())) {
+      caller.expired = identity->name;
+      identity = nullptr;
+    }
     if (identity == nullptr) {
       return WithReason(absl::UnauthenticatedError(
-                            "this token is not known here; ask the server's operator for one"),
+                            "this token is not accepted here; ask the server's operator for one"),
                         kTokenUnknown);
     }
   } else if (!credentials.alternative_names.empty() || !credentials.common_name.empty()) {
@@ -246,8 +258,11 @@ absl::Status AccessControl::Refuse(absl::Status refusal, std::string_view method
   }
   // The method is one that exists; a caller's own words never get into the log.
   if (!log_lines_.Take("", 1.0)) {
+    const bool expired = !caller.expired.empty();
+    const std::string logged_reason = expired ? "TOKEN_EXPIRED" : reason;
+    const std::string client = expired ? absl::StrCat("name:", caller.expired) : caller.client;
     monitoring::Log(monitoring::LogLevel::kWarning, "call refused",
-                    {{"method", method}, {"reason", reason}, {"client", caller.client}});
+                    {{"method", method}, {"reason", logged_reason}, {"client", client}});
   }
   return refusal;
 }

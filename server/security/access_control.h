@@ -16,6 +16,8 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include "server/monitoring/metrics.h"
 #include "server/security/identities.h"
 #include "server/security/rate_limiter.h"
@@ -41,14 +43,17 @@ struct Credentials {
 class AccessControl {
  public:
   // Reads the identities. Errors say what is wrong with the file.
-  static absl::StatusOr<std::unique_ptr<AccessControl>> Create(const AccessOptions& options,
-                                                               monitoring::MetricRegistry& metrics);
+  //   clock: tells when tokens expire.
+  static absl::StatusOr<std::unique_ptr<AccessControl>> Create(
+      const AccessOptions& options, monitoring::MetricRegistry& metrics,
+      std::function<absl::Time()> clock = absl::Now);
 
   // Name of the identity that calls; empty where nobody is asked, or if it is not known.
   std::string NameOf(const Credentials& credentials) const;
 
   // Lets a call in or not:
-  //   UNAUTHENTICATED    CREDENTIALS_MISSING, TOKEN_UNKNOWN
+  //   UNAUTHENTICATED    CREDENTIALS_MISSING, TOKEN_UNKNOWN (also of a token that has expired; the
+  //                      log alone tells the two apart)
   //   PERMISSION_DENIED  CERTIFICATE_NOT_LISTED, ROLE_MISSING, METHOD_NOT_DECLARED (roles.h)
   //   RESOURCE_EXHAUSTED RATE_LIMITED, with the delay
   //   method: "/maneuver.v1.PredictionService/Predict".
@@ -72,7 +77,7 @@ class AccessControl {
       std::function<void(const absl::Status&)> on_refused);
 
   // Reads the identities again; calls from now on are held against them. False if they are as they
-  // were. After an error those before stay.
+  // were. After an error those before stay. Long calls whose token has expired are refused.
   absl::StatusOr<bool> Reload();
 
   bool asks_for_identity() const { return !options_.identities.empty(); }
@@ -81,10 +86,12 @@ class AccessControl {
   // Who calls, and what to count the calls under.
   struct Caller {
     std::string client;
-    std::string name;  // empty: unknown
+    std::string name;     // empty: unknown
+    std::string expired;  // whose token, if it has expired; for the log alone
   };
 
-  AccessControl(const AccessOptions& options, monitoring::MetricRegistry& metrics);
+  AccessControl(const AccessOptions& options, monitoring::MetricRegistry& metrics,
+                std::function<absl::Time()> clock);
   absl::Status Decide(std::string_view method, const Credentials& credentials, Caller& caller);
   absl::StatusOr<RoleSet> Identify(const Credentials& credentials, Caller& caller) const;
   // Counts and logs a refusal, and returns it.
@@ -94,6 +101,7 @@ class AccessControl {
   void LookAtLongCalls(bool identities_changed);
 
   const AccessOptions options_;
+  const std::function<absl::Time()> clock_;
   RateLimiter calls_;
   RateLimiter targets_;
   RateLimiter log_lines_;
@@ -103,6 +111,7 @@ class AccessControl {
   std::mutex long_calls_mutex_;  // guards what follows
   std::list<ListedCall*> long_calls_;
   bool look_again_ = false;  // some are new, or were refused and are still there
+  absl::Time looked_at_;     // when expiry was last looked at
 
   mutable std::mutex mutex_;  // guards what follows
   std::string text_;          // of identities_

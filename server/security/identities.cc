@@ -8,6 +8,7 @@
 #include <cstdlib>
 
 #include "absl/strings/str_cat.h"
+#include "absl/time/time.h"
 #include "model/files/digest.h"
 
 namespace maneuver::security {
@@ -16,6 +17,7 @@ namespace {
 constexpr std::string_view kTokenMark = "sha256:";
 constexpr std::string_view kAlternativeNameMark = "san:";
 constexpr std::string_view kCommonNameMark = "cn:";
+constexpr std::string_view kExpiresMark = "expires=";
 constexpr std::string_view kSpace = " \t\r";
 constexpr size_t kDigestDigits = 64;
 constexpr size_t kMaxNameLength = 63;
@@ -48,47 +50,73 @@ std::string_view TakeWord(std::string_view& text) {
 
 constexpr char kNameRule[] = "a name has letters, digits, '.', '_' and '-', at most 63 of them";
 
-}  // namespace
+// Reads "<64 digits>" or "<64 digits> expires=TIME". False if it is neither.
+bool ParseToken(std::string_view text, IdentityLine& line) {
+  const std::string_view digest = TakeWord(text);
+  if (!IsDigest(digest)) return false;
+  line.kind = IdentityLine::Kind::kToken;
+  line.credential = std::string(digest);
+  if (text.empty()) return true;
+  if (!text.starts_with(kExpiresMark)) return false;
+  absl::Time expires;
+  std::string error;
+  if (!absl::ParseTime(absl::RFC3339_full, std::string(text.substr(kExpiresMark.size())), &expires,
+                       &error)) {
+    return false;
+  }
+  line.identity.expires = expires;
+  return true;
+}
 
-absl::StatusOr<Identities::Entry> Identities::ParseLine(std::string_view line) {
-  Entry entry;
+absl::StatusOr<IdentityLine> ParseWords(std::string_view line) {
+  IdentityLine entry;
   const std::string_view name = TakeWord(line);
   if (!IsName(name)) return absl::InvalidArgumentError(kNameRule);
   entry.identity.name = std::string(name);
   const auto roles = RoleSet::Parse(TakeWord(line));
   if (!roles.ok()) return roles.status();
   entry.identity.roles = *roles;
-  if (line.starts_with(kTokenMark) && IsDigest(line.substr(kTokenMark.size()))) {
-    entry.kind = Kind::kToken;
-    entry.credential = std::string(line.substr(kTokenMark.size()));
+  bool known = false;
+  if (line.starts_with(kTokenMark)) {
+    known = ParseToken(line.substr(kTokenMark.size()), entry);
   } else if (line.starts_with(kAlternativeNameMark)) {
-    entry.kind = Kind::kAlternativeName;
+    entry.kind = IdentityLine::Kind::kAlternativeName;
     entry.credential = std::string(line.substr(kAlternativeNameMark.size()));
+    known = !entry.credential.empty();
   } else if (line.starts_with(kCommonNameMark)) {
-    entry.kind = Kind::kCommonName;
+    entry.kind = IdentityLine::Kind::kCommonName;
     entry.credential = std::string(line.substr(kCommonNameMark.size()));
+    known = !entry.credential.empty();
   }
-  if (entry.credential.empty()) {
+  if (!known) {
     return absl::InvalidArgumentError(
-        "expected NAME ROLES CREDENTIAL, the credential as sha256:<64 hexadecimal digits>, "
-        "san:<name in a certificate> or cn:<common name>");
+        "expected NAME ROLES CREDENTIAL, the credential as sha256:<64 hexadecimal digits>, which "
+        "expires=2027-01-31T00:00:00Z may follow, san:<name in a certificate> or cn:<common name>");
   }
   return entry;
+}
+
+}  // namespace
+
+absl::StatusOr<std::optional<IdentityLine>> ParseIdentityLine(std::string_view line) {
+  const std::string_view text = Trim(line);
+  if (text.empty() || text.front() == '#') return std::optional<IdentityLine>();
+  auto entry = ParseWords(text);
+  if (!entry.ok()) return entry.status();
+  return std::optional<IdentityLine>(*std::move(entry));
 }
 
 absl::StatusOr<Identities> Identities::Parse(std::string_view text) {
   Identities identities;
   for (int number = 1; !text.empty(); ++number) {
     const size_t end = text.find('\n');
-    const std::string_view line = Trim(text.substr(0, end));
+    auto entry = ParseIdentityLine(text.substr(0, end));
     text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
-    if (line.empty() || line.front() == '#') continue;
-    auto entry = ParseLine(line);
     if (!entry.ok()) {
       return absl::InvalidArgumentError(
           absl::StrCat("line ", number, ": ", entry.status().message()));
     }
-    identities.entries_.push_back(*std::move(entry));
+    if (*entry) identities.lines_.push_back(**std::move(entry));
   }
   return identities;
 }
@@ -97,8 +125,8 @@ const Identity* Identities::FindToken(std::string_view token) const {
   const std::string digest = files::Sha256Hex(token);
   const Identity* found = nullptr;
   // Every entry is looked at, to its last byte, so that time tells nothing.
-  for (const Entry& entry : entries_) {
-    if (entry.kind != Kind::kToken) continue;
+  for (const IdentityLine& entry : lines_) {
+    if (entry.kind != IdentityLine::Kind::kToken) continue;
     const bool equal = CRYPTO_memcmp(digest.data(), entry.credential.data(), kDigestDigits) == 0;
     if (equal && found == nullptr) found = &entry.identity;
   }
@@ -107,14 +135,20 @@ const Identity* Identities::FindToken(std::string_view token) const {
 
 const Identity* Identities::FindCertificate(const std::vector<std::string>& alternative_names,
                                             std::string_view common_name) const {
-  for (const Entry& entry : entries_) {
+  for (const IdentityLine& entry : lines_) {
     const bool found =
-        (entry.kind == Kind::kAlternativeName &&
+        (entry.kind == IdentityLine::Kind::kAlternativeName &&
          std::ranges::find(alternative_names, entry.credential) != alternative_names.end()) ||
-        (entry.kind == Kind::kCommonName && entry.credential == common_name);
+        (entry.kind == IdentityLine::Kind::kCommonName && entry.credential == common_name);
     if (found) return &entry.identity;
   }
   return nullptr;
+}
+
+bool Identities::AnyExpired(absl::Time after, absl::Time now) const {
+  return std::ranges::any_of(lines_, [&](const IdentityLine& line) {
+    return line.identity.HasExpired(now) && !line.identity.HasExpired(after);
+  });
 }
 
 std::string NewToken() {
@@ -129,10 +163,16 @@ std::string NewToken() {
 }
 
 absl::StatusOr<std::string> TokenLine(std::string_view name, const RoleSet& roles,
-                                      std::string_view token) {
+                                      std::string_view token, std::optional<absl::Time> expires) {
   if (!IsName(name)) return absl::InvalidArgumentError(kNameRule);
-  return absl::StrCat(std::string(name), " ", roles.ToString(), " ", std::string(kTokenMark),
-                      files::Sha256Hex(token), "\n");
+  std::string line = absl::StrCat(std::string(name), " ", roles.ToString(), " ",
+                                  std::string(kTokenMark), files::Sha256Hex(token));
+  if (expires) absl::StrAppend(&line, " ", std::string(kExpiresMark), FormatExpiry(*expires));
+  return line + "\n";
+}
+
+std::string FormatExpiry(absl::Time expires) {
+  return absl::FormatTime("%Y-%m-%dT%H:%M:%SZ", expires, absl::UTCTimeZone());
 }
 
 }  // namespace maneuver::security

@@ -3,6 +3,7 @@
 //   NAME  ROLE[,ROLE]  CREDENTIAL        # a line that starts with '#' is a comment
 //
 //   planner   predict        sha256:9f86d081884c7d65...   a bearer token, by its SHA-256
+//   guest     predict        sha256:60303ae22b998861... expires=2027-01-31T00:00:00Z
 //   fleet     predict,train  san:fleet.example.com        a client certificate, by a name in it
 //   operator  admin          cn:Ada Lovelace              a client certificate, by its common name
 //
@@ -15,11 +16,13 @@
 #ifndef MANEUVER_SERVER_SECURITY_IDENTITIES_H_
 #define MANEUVER_SERVER_SECURITY_IDENTITIES_H_
 
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 #include "server/security/roles.h"
 
 namespace maneuver::security {
@@ -27,7 +30,23 @@ namespace maneuver::security {
 struct Identity {
   std::string name;  // [A-Za-z0-9._-], at most 63 characters
   RoleSet roles;
+  std::optional<absl::Time> expires = std::nullopt;  // of a token; nothing: never
+
+  bool HasExpired(absl::Time now) const { return expires && now >= *expires; }
 };
+
+// What one line of the file says.
+struct IdentityLine {
+  enum class Kind { kToken, kAlternativeName, kCommonName };
+
+  Identity identity;
+  Kind kind = Kind::kToken;
+  std::string credential;  // of a token: SHA-256 in lower-case hexadecimal
+};
+
+// Reads one line. Nothing for a comment or an empty line. INVALID_ARGUMENT says what is wrong,
+// without the line's content.
+absl::StatusOr<std::optional<IdentityLine>> ParseIdentityLine(std::string_view line);
 
 // Immutable, hence thread-safe.
 class Identities {
@@ -35,7 +54,8 @@ class Identities {
   // INVALID_ARGUMENT names the line that is wrong, without its content.
   static absl::StatusOr<Identities> Parse(std::string_view text);
 
-  // Whose token it is, or nullptr. Takes the same time whichever it is, and if it is none.
+  // Whose token it is, or nullptr. The caller looks whether it has expired. Takes the same time
+  // whichever token it is, and if it is none.
   const Identity* FindToken(std::string_view token) const;
   // Whose certificate it is, or nullptr: the first line that has one of its names.
   //   alternative_names: DNS names, URIs, addresses of the certificate, as text.
@@ -43,26 +63,27 @@ class Identities {
   const Identity* FindCertificate(const std::vector<std::string>& alternative_names,
                                   std::string_view common_name) const;
 
-  size_t size() const { return entries_.size(); }
+  // Whether a token expired after `after` and no later than `now`.
+  bool AnyExpired(absl::Time after, absl::Time now) const;
+
+  // In the file's order.
+  const std::vector<IdentityLine>& lines() const { return lines_; }
 
  private:
-  enum class Kind { kToken, kAlternativeName, kCommonName };
-  struct Entry {
-    Identity identity;
-    Kind kind = Kind::kToken;
-    std::string credential;  // of a token: SHA-256 in lower-case hexadecimal
-  };
-  static absl::StatusOr<Entry> ParseLine(std::string_view line);
-
-  std::vector<Entry> entries_;
+  std::vector<IdentityLine> lines_;
 };
 
 // "mvr_" and 64 hexadecimal digits: 256 bits from the operating system.
 std::string NewToken();
 
 // The line of a token. INVALID_ARGUMENT if the name is none.
+//   expires: to the second; nothing: never.
 absl::StatusOr<std::string> TokenLine(std::string_view name, const RoleSet& roles,
-                                      std::string_view token);
+                                      std::string_view token,
+                                      std::optional<absl::Time> expires = std::nullopt);
+
+// "2027-01-31T00:00:00Z".
+std::string FormatExpiry(absl::Time expires);
 
 }  // namespace maneuver::security
 

@@ -16,8 +16,8 @@ namespace maneuver::security {
 enum class Role {
   kAnyone = 0,   // in the table alone: no identity is asked for
   kPredict = 1,  // ask, and see which models there are
-  kTrain = 2,    // bring data, learn, measure, name actions
-  kAdmin = 4,    // delete, and say which version serves
+  kTrain = 2,    // bring data, learn, measure, name actions, take models away
+  kAdmin = 4,    // delete, bring models, and say which version serves
 };
 
 std::string_view ToString(Role role);

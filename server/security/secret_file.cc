@@ -76,7 +76,8 @@ absl::StatusOr<std::string> ReadSecretFile(const fs::path& file) {
   return files::ReadFile(file);
 }
 
-absl::Status AppendLine(const fs::path& file, std::string_view line) {
+absl::Status EditSecretFile(const fs::path& file,
+                            const std::function<absl::StatusOr<std::string>(std::string)>& edit) {
   // What a link points at is changed, not the link.
   std::error_code error;
   const fs::path target = fs::weakly_canonical(fs::absolute(file), error);
@@ -88,10 +89,15 @@ absl::Status AppendLine(const fs::path& file, std::string_view line) {
   }
   auto content = files::ReadFile(target);
   if (!content.ok() && !absl::IsNotFound(content.status())) return content.status();
-  std::string text = content.ok() ? *std::move(content) : std::string();
-  if (!text.empty() && text.back() != '\n') text += '\n';
-  text += line;
-  return ReplaceSecret(target, text);
+  const auto edited = edit(content.ok() ? *std::move(content) : std::string());
+  return edited.ok() ? ReplaceSecret(target, *edited) : edited.status();
+}
+
+absl::Status AppendLine(const fs::path& file, std::string_view line) {
+  return EditSecretFile(file, [line](std::string text) -> absl::StatusOr<std::string> {
+    if (!text.empty() && text.back() != '\n') text += '\n';
+    return absl::StrCat(text, absl::string_view(line.data(), line.size()));
+  });
 }
 
 }  // namespace maneuver::security

@@ -4,6 +4,7 @@
 #define MANEUVER_SERVER_SECURITY_SECRET_FILE_H_
 
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <string_view>
 
@@ -16,8 +17,14 @@ namespace maneuver::security {
 // the file or its group may write it; NOT_FOUND if there is none.
 absl::StatusOr<std::string> ReadSecretFile(const std::filesystem::path& file);
 
-// Adds a line to the end, in one step: readers see all of the line or none of it. Waits for others
-// who do the same. Makes the file, for its owner alone, if there is none.
+// Replaces the content by what `edit` makes of it, in one step: readers see what was before or what
+// is after. Waits for others who do the same. Errors of `edit` leave the file as it is. Makes the
+// file, for its owner alone, if there is none; `edit` then gets an empty text.
+absl::Status EditSecretFile(
+    const std::filesystem::path& file,
+    const std::function<absl::StatusOr<std::string>(std::string content)>& edit);
+
+// Adds a line to the end by EditSecretFile.
 //   line: ends in a newline.
 absl::Status AppendLine(const std::filesystem::path& file, std::string_view line);
 

@@ -38,6 +38,9 @@ const std::map<std::string, std::string> kExpectedRoles = {
     {"/maneuver.v1.ModelService/ListEvaluationReports", "predict"},
     {"/maneuver.v1.ModelService/GetEvaluationReport", "predict"},
     {"/maneuver.v1.ModelService/LabelAction", "train"},
+    {"/maneuver.v1.ModelService/DownloadModelVersion", "train"},
+    {"/maneuver.v1.ModelService/UploadModelVersion", "admin"},
+    {"/maneuver.v1.ModelService/QueryModelUpload", "admin"},
     {"/maneuver.v1.ModelService/SetModelAlias", "admin"},
     {"/maneuver.v1.ModelService/DeleteModelAlias", "admin"},
     {"/maneuver.v1.ModelService/DeleteModelVersion", "admin"},
@@ -247,6 +250,25 @@ TEST_F(AccessTest, TokensComeAndGoWhileTheServerServes) {
   const grpc::Status end = stream->Finish();
   EXPECT_EQ(end.error_code(), grpc::StatusCode::UNAUTHENTICATED);
   EXPECT_EQ(Reason(end), "TOKEN_UNKNOWN");
+}
+
+TEST_F(AccessTest, AnExpiredTokenIsRefusedAndTheLogAloneSaysThatItHasExpired) {
+  const std::string token = folder_.CreateToken("guest", "predict");
+  const std::string line = folder_.Read("tokens");
+  folder_.Write("tokens", line.substr(0, line.size() - 1) + " expires=2020-01-01T00:00:00Z\n");
+  const auto server = folder_.Start({"--tokens", folder_.file("tokens").string()});
+  const auto answer = [&](const std::string& shown) {
+    return CallEmpty(Connect(*server, ""), "/maneuver.v1.PredictionService/Predict", Bearer(shown))
+        .status;
+  };
+  const grpc::Status expired = answer(token);
+  const grpc::Status unknown = answer("mvr_0");
+  EXPECT_EQ(expired.error_code(), grpc::StatusCode::UNAUTHENTICATED);
+  EXPECT_EQ(expired.error_message(), unknown.error_message());
+  EXPECT_EQ(expired.error_details(), unknown.error_details());
+  EXPECT_TRUE(WaitFor([&] { return folder_.log_text().find("TOKEN_EXPIRED") != std::string::npos; },
+                      std::chrono::seconds(10)));
+  EXPECT_THAT(folder_.log_text(), HasSubstr("name:guest"));
 }
 
 std::chrono::milliseconds RetryDelay(const grpc::Status& status) {

@@ -1,12 +1,16 @@
-// maneuverd health, the probe of machines and containers that have the server alone.
+// How probes learn of a server's health: maneuverd health, for machines and containers that have
+// the server alone, and its pages over HTTP.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <signal.h>
 
+#include <chrono>
 #include <cstdlib>
 #include <string>
 #include <vector>
 
+#include "tests/integration/metrics_page.h"
 #include "tests/integration/secured_server.h"
 
 namespace maneuver::testing {
@@ -48,6 +52,24 @@ TEST_F(HealthCommandTest, SaysWhetherTheServerAndEachServiceServe) {
   EXPECT_EQ(Probe(server->address(), {"maneuver.v1.PredictionService"}), kNotServing);
   EXPECT_THAT(output_, HasSubstr("PredictionService is not ready to serve"));
   EXPECT_EQ(Probe(server->address(), {"no.such.Service"}), kNotServing);
+}
+
+TEST_F(HealthCommandTest, PagesOverHttpSayTheSame) {
+  const auto server = folder_.Start({"--shutdown-delay", "60"});
+  EXPECT_THAT(HttpGet(*server, "/healthz"), HasSubstr(" 200 OK\r\n"));
+  EXPECT_THAT(HttpGet(*server, "/readyz?service="), HasSubstr(" 200 OK\r\n"));
+  EXPECT_THAT(HttpGet(*server, "/readyz?service=maneuver.v1.TrainingService"),
+              HasSubstr(" 200 OK\r\n"));
+  EXPECT_THAT(HttpGet(*server, "/readyz?service=no.such.Service"), HasSubstr(" 404 "));
+  // It has no model.
+  EXPECT_THAT(HttpGet(*server, "/readyz"), HasSubstr(" 503 "));
+  // One that drains is alive, and not ready.
+  ASSERT_EQ(kill(server->pid(), SIGTERM), 0);
+  EXPECT_TRUE(WaitFor(
+      [&] { return HttpGet(*server, "/readyz?service=").find(" 503 ") != std::string::npos; },
+      std::chrono::seconds(10)));
+  EXPECT_THAT(HttpGet(*server, "/healthz"), HasSubstr(" 200 OK\r\n"));
+  server->Kill();
 }
 
 TEST_F(HealthCommandTest, WhoListensEverywhereIsAskedOnThisMachine) {

@@ -26,7 +26,7 @@ std::string ReadText(const std::filesystem::path& file) {
 
 }  // namespace
 
-std::string MetricsPage(const ServerProcess& server) {
+std::string HttpGet(const ServerProcess& server, const std::string& path) {
   const std::string& address = server.metrics_address();
   const int descriptor = socket(AF_INET, SOCK_STREAM, 0);
   sockaddr_in peer{};
@@ -34,7 +34,7 @@ std::string MetricsPage(const ServerProcess& server) {
   peer.sin_port = htons(static_cast<uint16_t>(std::stoi(address.substr(address.rfind(':') + 1))));
   peer.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
   EXPECT_EQ(connect(descriptor, reinterpret_cast<const sockaddr*>(&peer), sizeof peer), 0);
-  const std::string request = "GET /metrics HTTP/1.0\r\n\r\n";
+  const std::string request = "GET " + path + " HTTP/1.0\r\n\r\n";
   EXPECT_EQ(write(descriptor, request.data(), request.size()),
             static_cast<ssize_t>(request.size()));
   std::string answer;
@@ -43,6 +43,11 @@ std::string MetricsPage(const ServerProcess& server) {
     answer.append(buffer, static_cast<size_t>(count));
   }
   close(descriptor);
+  return answer;
+}
+
+std::string MetricsPage(const ServerProcess& server) {
+  const std::string answer = HttpGet(server, "/metrics");
   return answer.substr(answer.find("\r\n\r\n") + 4);
 }
 

@@ -8,6 +8,9 @@
 
 namespace maneuver::testing {
 
+// What GET http://ADDRESS/PATH of a server is answered, with its head.
+std::string HttpGet(const ServerProcess& server, const std::string& path);
+
 // What http://ADDRESS/metrics of a server shows.
 std::string MetricsPage(const ServerProcess& server);
 

@@ -120,13 +120,11 @@ class ManifestsTest(unittest.TestCase):
                 self.assertEqual((rolling["maxUnavailable"], rolling["maxSurge"]), (0, 1))
 
     def test_replicas_are_ready_with_a_model_and_who_learns_without(self):
-        wanted = {"fleet": "maneuver.v1.PredictionService", "one-node": ""}
         for overlay in self.for_each():
-            if overlay.name in wanted:
-                probe = overlay.server["readinessProbe"]["grpc"]
-                self.assertEqual(probe, {"port": GRPC_PORT, "service": wanted[overlay.name]})
-            else:
-                self.assertEqual(overlay.server["readinessProbe"]["exec"]["command"][-1], wanted["fleet"])
+            path = "/readyz?service=" if overlay.name == "one-node" else "/readyz"
+            self.assertEqual(overlay.server["readinessProbe"]["httpGet"], {"path": path, "port": "metrics"})
+            for probe in ("livenessProbe", "startupProbe"):
+                self.assertEqual(overlay.server[probe]["httpGet"], {"path": "/healthz", "port": "metrics"})
 
     def test_a_data_folder_is_of_one_server(self):
         for overlay in self.for_each():
@@ -150,11 +148,8 @@ class ManifestsTest(unittest.TestCase):
             self.assertTrue(all(m.get("readOnly") for m in overlay.server["volumeMounts"]
                                 if m["name"] not in ("data", "temporary")))
 
-    def test_over_tls_nothing_is_asked_in_plain_text(self):
+    def test_over_tls_files_of_secrets_are_mounted(self):
         overlay = next(o for o in self.overlays if o.name == "fleet-tls")
-        for probe in ("readinessProbe", "startupProbe"):
-            self.assertNotIn("grpc", {name for name, value in overlay.server[probe].items() if value is not None})
-            self.assertEqual(overlay.server[probe]["exec"]["command"][:2], ["maneuverd", "health"])
         for variable in overlay.server["env"]:
             folder = str(pathlib.Path(variable["value"]).parent)
             self.assertIn(folder, [mount["mountPath"] for mount in overlay.server["volumeMounts"]])

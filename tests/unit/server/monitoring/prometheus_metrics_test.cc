@@ -2,16 +2,10 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
 #include <sys/statvfs.h>
-#include <unistd.h>
 
-#include <chrono>
 #include <filesystem>
 #include <string>
-#include <string_view>
-#include <vector>
 
 #include "tests/unit/temporary_folder.h"
 
@@ -66,62 +60,6 @@ TEST(PrometheusMetricsTest, TheDiskOfAFolderIsLookedAtForEachPage) {
               0.05 * size);
   std::filesystem::remove(folder);
   EXPECT_EQ(value("maneuver_data_disk_free_bytes"), -1.0);
-}
-
-TEST(PrometheusMetricsTest, ATakenPortIsAnError) {
-  const auto first = PrometheusMetrics::Create();
-  const auto port = first->Listen("127.0.0.1:0");
-  ASSERT_TRUE(port.ok()) << port.status();
-  EXPECT_GT(*port, 0);
-  const auto second = PrometheusMetrics::Create();
-  EXPECT_TRUE(absl::IsUnavailable(second->Listen("127.0.0.1:" + std::to_string(*port)).status()));
-}
-
-int ConnectTo(int port) {
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(static_cast<uint16_t>(port));
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  const int descriptor = socket(AF_INET, SOCK_STREAM, 0);
-  EXPECT_EQ(connect(descriptor, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
-  return descriptor;
-}
-
-// What the page of 127.0.0.1:`port` says over HTTP.
-std::string Fetch(int port) {
-  const int descriptor = ConnectTo(port);
-  constexpr std::string_view kRequest = "GET /metrics HTTP/1.0\r\n\r\n";
-  EXPECT_EQ(write(descriptor, kRequest.data(), kRequest.size()), ssize_t{kRequest.size()});
-  std::string page;
-  char bytes[4096];
-  for (ssize_t n; (n = read(descriptor, bytes, sizeof bytes)) > 0;) page.append(bytes, n);
-  close(descriptor);
-  return page;
-}
-
-TEST(PrometheusMetricsTest, ConnectionsThatSayNothingDoNotHoldUpAScrape) {
-  const auto metrics = PrometheusMetrics::Create();
-  const auto port = metrics->Listen("127.0.0.1:0");
-  ASSERT_TRUE(port.ok()) << port.status();
-  std::vector<int> silent;
-  for (int i = 0; i < 3; ++i) silent.push_back(ConnectTo(*port));
-  const auto start = std::chrono::steady_clock::now();
-  EXPECT_THAT(Fetch(*port), HasSubstr("200 OK"));
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(1));
-  for (const int descriptor : silent) close(descriptor);
-}
-
-// A server that is upgraded is away for as long as its end takes. Whoever waits for civetweb waits
-// some two seconds for each.
-TEST(PrometheusMetricsTest, ThePageIsTakenDownAtOnce) {
-  const auto start = std::chrono::steady_clock::now();
-  for (const char* address : {"127.0.0.1:0", "127.0.0.1:0", "0.0.0.0:0", "localhost:0"}) {
-    const auto metrics = PrometheusMetrics::Create();
-    const auto port = metrics->Listen(address);
-    ASSERT_TRUE(port.ok()) << port.status();
-    EXPECT_THAT(Fetch(*port), HasSubstr("200 OK"));
-  }
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(3));
 }
 
 }  // namespace

@@ -123,6 +123,64 @@ TEST_F(AccessControlTest, ChangesAreSeenAndMistakesChangeNothing) {
   EXPECT_FALSE(access->Admit(kPredict, Bearer("second")).ok());
 }
 
+class ExpiryTest : public AccessControlTest {
+ protected:
+  void SetUp() override {
+    AccessControlTest::SetUp();
+    Write(*TokenLine("guest", Predict(), "first", now_ + absl::Minutes(1)));
+    auto access = AccessControl::Create(options_, *metrics_, [this] { return now_; });
+    ASSERT_TRUE(access.ok()) << access.status();
+    access_ = *std::move(access);
+  }
+
+  // What the log says of a refused call.
+  std::string Refuse(const std::string& token, absl::Status* status) {
+    ::testing::internal::CaptureStderr();
+    *status = access_->Admit(kPredict, Bearer(token));
+    return ::testing::internal::GetCapturedStderr();
+  }
+
+  absl::Time now_ = absl::FromUnixSeconds(1'800'000'000);
+  std::unique_ptr<AccessControl> access_;
+};
+
+TEST_F(ExpiryTest, RefusesATokenThatHasExpired) {
+  now_ += absl::Seconds(59);
+  EXPECT_TRUE(access_->Admit(kPredict, Bearer("first")).ok());
+  EXPECT_EQ(access_->NameOf(Bearer("first")), "guest");
+  now_ += absl::Seconds(1);
+  EXPECT_FALSE(access_->Admit(kPredict, Bearer("first")).ok());
+  EXPECT_FALSE(access_->AdmitTargets(Bearer("first"), 1).ok() && access_->limits_targets());
+  EXPECT_EQ(access_->NameOf(Bearer("first")), "");
+}
+
+TEST_F(ExpiryTest, TellsExpiredFromUnknownInTheLogAlone) {
+  now_ += absl::Minutes(2);
+  absl::Status expired;
+  absl::Status unknown;
+  const std::string of_expired = Refuse("first", &expired);
+  const std::string of_unknown = Refuse("second", &unknown);
+  EXPECT_EQ(expired, unknown);
+  EXPECT_EQ(errors::ReasonOf(expired), "TOKEN_UNKNOWN");
+  EXPECT_THAT(of_expired, HasSubstr("TOKEN_EXPIRED"));
+  EXPECT_THAT(of_expired, HasSubstr("name:guest"));
+  EXPECT_THAT(of_unknown, HasSubstr("TOKEN_UNKNOWN"));
+  EXPECT_THAT(metrics_->Page(),
+              HasSubstr("maneuver_refused_calls_total{reason=\"TOKEN_UNKNOWN\"} 2"));
+}
+
+TEST_F(ExpiryTest, EndsALongCallWhoseTokenExpires) {
+  int refused = 0;
+  const auto call =
+      access_->Watch(kPredict, Bearer("first"), [&](const absl::Status&) { ++refused; });
+  ASSERT_TRUE(access_->Reload().ok());
+  ASSERT_TRUE(access_->Reload().ok());
+  EXPECT_EQ(refused, 0);
+  now_ += absl::Minutes(1);
+  ASSERT_TRUE(access_->Reload().ok());
+  EXPECT_EQ(refused, 1);
+}
+
 TEST_F(AccessControlTest, CallsAndReloadsGoOnAtTheSameTime) {
   const auto access = Create();
   std::atomic<bool> stop = false;

@@ -57,6 +57,11 @@ TEST(IdentitiesTest, AWrongLineIsNamedWithoutItsContent) {
            "secret predict SHA256:" + std::string(kAbc),
            "secret predict sha256:" + std::string(64, 'G'),
            "secret predict " + digest + "0",
+           "secret predict " + digest + " expires=",
+           "secret predict " + digest + " expires=secret",
+           "secret predict " + digest + " expires=2027-01-31",
+           "secret predict " + digest + " until=2027-01-31T00:00:00Z",
+           "secret predict " + digest + " expires=2027-01-31T00:00:00Z secret",
            "secret predict san:",
            "secret predict cn:",
            "secret/x predict " + digest,
@@ -84,6 +89,32 @@ TEST(IdentitiesTest, AFreshTokenAndItsLineBelongTogether) {
   ASSERT_TRUE(identities.ok()) << identities.status();
   EXPECT_EQ(identities->FindToken(token)->name, "fleet-2");
   EXPECT_FALSE(TokenLine("a b", roles, token).ok());
+}
+
+TEST(IdentitiesTest, ATokenExpiresAtTheTimeThatItsLineNames) {
+  // 1 800 000 000 s after the epoch is 2027-01-15 08:00:00 UTC, by date(1).
+  const absl::Time noon = absl::FromUnixSeconds(1'800'000'000);
+  RoleSet roles;
+  roles.Add(Role::kPredict);
+  const auto line = TokenLine("guest", roles, "abc", noon);
+  ASSERT_TRUE(line.ok());
+  EXPECT_EQ(*line, std::string("guest predict sha256:") + kAbc + " expires=2027-01-15T08:00:00Z\n");
+  const auto identities = Identities::Parse(*line);
+  ASSERT_TRUE(identities.ok()) << identities.status();
+  const Identity* guest = identities->FindToken("abc");
+  ASSERT_NE(guest, nullptr);
+  EXPECT_FALSE(guest->HasExpired(noon - absl::Seconds(1)));
+  EXPECT_TRUE(guest->HasExpired(noon));
+  EXPECT_FALSE(identities->AnyExpired(noon - absl::Seconds(2), noon - absl::Seconds(1)));
+  EXPECT_TRUE(identities->AnyExpired(noon - absl::Seconds(1), noon));
+  EXPECT_FALSE(identities->AnyExpired(noon, noon + absl::Seconds(1)));
+}
+
+TEST(IdentitiesTest, AnExpiryMayHaveAnotherTimeZone) {
+  const auto identities = Identities::Parse(std::string("guest predict sha256:") + kAbc +
+                                            " expires=2027-01-15T10:00:00+02:00\n");
+  ASSERT_TRUE(identities.ok()) << identities.status();
+  EXPECT_EQ(identities->FindToken("abc")->expires, absl::FromUnixSeconds(1'800'000'000));
 }
 
 }  // namespace

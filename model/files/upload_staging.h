@@ -1,16 +1,15 @@
-// Where uploads lie until they are datasets; for the .cc files of this folder alone. What has
-// arrived outlives the call that brought it.
+// Where uploaded files lie until they are a dataset, or a version of a model. What has arrived
+// outlives the call that brought it.
 //
-//   <datasets>/.uploads/<dataset>.<caller>/<SHA-256>       a shard that is whole, and is what its
-//                                                          name says
-//                                         /<SHA-256>.part  the beginning of one
+//   <folder>/.uploads/<id>.<caller>/<SHA-256>       a file that is whole, and is what its name says
+//                                  /<SHA-256>.part  the beginning of one
 //
-// <caller> is a digest of who calls. Shards are looked for among those of the same caller and
-// dataset name alone: whoever knows the digest of somebody else's shard learns nothing by it, and
-// does not get its bytes.
+// <id> is what the files become, <caller> a digest of who calls. Files are looked for among those
+// of the same caller and id alone: whoever knows the digest of somebody else's file learns nothing
+// by it, and does not get its bytes.
 
-#ifndef MANEUVER_MODEL_DATA_UPLOAD_STAGING_H_
-#define MANEUVER_MODEL_DATA_UPLOAD_STAGING_H_
+#ifndef MANEUVER_MODEL_FILES_UPLOAD_STAGING_H_
+#define MANEUVER_MODEL_FILES_UPLOAD_STAGING_H_
 
 #include <chrono>
 #include <cstdint>
@@ -23,21 +22,28 @@
 #include <vector>
 
 #include "absl/status/status.h"
-#include "maneuver/v1/dataset.pb.h"
 
-namespace maneuver::data {
+namespace maneuver::files {
 
-// Sum of the shards' sizes; the largest number there is for absurd ones.
-uint64_t BytesOf(const v1::Dataset& manifest);
+// A file as its sender announces it.
+struct AnnouncedFile {
+  std::string name;  // within the folder that it becomes part of; a safe one
+  int64_t size_bytes = 0;
+  std::string sha256;  // lower-case hexadecimal
+};
 
-// Files of a shard in its slot's folder.
-std::filesystem::path WholeShard(const std::filesystem::path& slot, const v1::Shard& shard);
-std::filesystem::path PartOfShard(const std::filesystem::path& slot, const v1::Shard& shard);
+// Sum of the sizes; the largest number there is for absurd ones.
+uint64_t BytesOf(const std::vector<AnnouncedFile>& files);
 
-// For each shard of the manifest: how many of its first bytes are there.
-std::vector<int64_t> ArrivedBytes(const std::filesystem::path& slot, const v1::Dataset& manifest);
-// Removes the files that are of no shard of the manifest.
-void RemoveOtherShards(const std::filesystem::path& slot, const v1::Dataset& manifest);
+// Where a file lies in its slot's folder.
+std::filesystem::path WholeFile(const std::filesystem::path& slot, const AnnouncedFile& file);
+std::filesystem::path PartOfFile(const std::filesystem::path& slot, const AnnouncedFile& file);
+
+// For each file: how many of its first bytes are there.
+std::vector<int64_t> ArrivedBytes(const std::filesystem::path& slot,
+                                  const std::vector<AnnouncedFile>& files);
+// Removes what is of none of the files.
+void RemoveOtherFiles(const std::filesystem::path& slot, const std::vector<AnnouncedFile>& files);
 
 // Thread-safe.
 class UploadStaging {
@@ -51,7 +57,7 @@ class UploadStaging {
     Bytes under_way;
     uint64_t broken_off = 0;  // on the disk, of uploads that no call brings now
   };
-  // One caller's upload of one dataset. Of the calls that bring it the latest has the turn.
+  // One caller's upload under one id. Of the calls that bring it the latest has the turn.
   struct Slot {
     std::string name;
     std::filesystem::path folder;
@@ -61,7 +67,7 @@ class UploadStaging {
     Bytes bytes;              // of who has the turn; guarded by UploadStaging
   };
 
-  explicit UploadStaging(std::filesystem::path datasets);
+  explicit UploadStaging(const std::filesystem::path& folder);
 
   // The slot, without a folder until somebody makes one; held, it is not abandoned.
   std::shared_ptr<Slot> Enter(const std::string& id, const std::string& caller);
@@ -79,7 +85,7 @@ class UploadStaging {
   void RemoveFolder(const Slot& slot);
   void RemoveEmptyFolder(const Slot& slot);
 
-  // Removes slots that no call brings and that `is_over` (dataset, time of the last byte).
+  // Removes slots that no call brings and that `is_over` (id, time of the last byte).
   absl::Status RemoveIf(const std::function<bool(const std::string& id,
                                                  std::filesystem::file_time_type last)>& is_over);
 
@@ -95,6 +101,6 @@ class UploadStaging {
   std::map<std::string, std::weak_ptr<Slot>> slots_;
 };
 
-}  // namespace maneuver::data
+}  // namespace maneuver::files
 
-#endif  // MANEUVER_MODEL_DATA_UPLOAD_STAGING_H_
+#endif  // MANEUVER_MODEL_FILES_UPLOAD_STAGING_H_

@@ -1,4 +1,4 @@
-#include "model/data/upload_staging.h"
+#include "model/files/upload_staging.h"
 
 #include <algorithm>
 #include <limits>
@@ -11,7 +11,7 @@
 #include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
 
-namespace maneuver::data {
+namespace maneuver::files {
 namespace {
 
 namespace fs = std::filesystem;
@@ -28,42 +28,42 @@ int64_t SizeOf(const fs::path& file) {
 
 }  // namespace
 
-uint64_t BytesOf(const v1::Dataset& manifest) {
+uint64_t BytesOf(const std::vector<AnnouncedFile>& files) {
   uint64_t bytes = 0;
-  for (const v1::Shard& shard : manifest.shards()) {
-    const auto size = static_cast<uint64_t>(std::max<int64_t>(0, shard.size_bytes()));
+  for (const AnnouncedFile& file : files) {
+    const auto size = static_cast<uint64_t>(std::max<int64_t>(0, file.size_bytes));
     bytes += std::min(size, std::numeric_limits<uint64_t>::max() - bytes);
   }
   return bytes;
 }
 
-fs::path WholeShard(const fs::path& slot, const v1::Shard& shard) { return slot / shard.sha256(); }
+fs::path WholeFile(const fs::path& slot, const AnnouncedFile& file) { return slot / file.sha256; }
 
-fs::path PartOfShard(const fs::path& slot, const v1::Shard& shard) {
-  return slot / (shard.sha256() + ".part");
+fs::path PartOfFile(const fs::path& slot, const AnnouncedFile& file) {
+  return slot / (file.sha256 + ".part");
 }
 
-std::vector<int64_t> ArrivedBytes(const fs::path& slot, const v1::Dataset& manifest) {
+std::vector<int64_t> ArrivedBytes(const fs::path& slot, const std::vector<AnnouncedFile>& files) {
   std::vector<int64_t> arrived;
-  std::set<std::string> parts;  // the beginning of a shard serves one of several that are alike
-  for (const v1::Shard& shard : manifest.shards()) {
+  std::set<std::string> parts;  // the beginning of a file serves one of several that are alike
+  for (const AnnouncedFile& file : files) {
     int64_t bytes = 0;
-    if (SizeOf(WholeShard(slot, shard)) == shard.size_bytes()) {
-      bytes = shard.size_bytes();
-    } else if (parts.insert(shard.sha256()).second) {
-      bytes = std::max<int64_t>(0, SizeOf(PartOfShard(slot, shard)));
-      if (bytes > shard.size_bytes()) bytes = 0;
+    if (SizeOf(WholeFile(slot, file)) == file.size_bytes) {
+      bytes = file.size_bytes;
+    } else if (parts.insert(file.sha256).second) {
+      bytes = std::max<int64_t>(0, SizeOf(PartOfFile(slot, file)));
+      if (bytes > file.size_bytes) bytes = 0;
     }
     arrived.push_back(bytes);
   }
   return arrived;
 }
 
-void RemoveOtherShards(const fs::path& slot, const v1::Dataset& manifest) {
+void RemoveOtherFiles(const fs::path& slot, const std::vector<AnnouncedFile>& files) {
   std::set<std::string> wanted;
-  for (const v1::Shard& shard : manifest.shards()) {
-    wanted.insert(shard.sha256());
-    wanted.insert(shard.sha256() + ".part");
+  for (const AnnouncedFile& file : files) {
+    wanted.insert(file.sha256);
+    wanted.insert(file.sha256 + ".part");
   }
   std::error_code error;
   std::vector<fs::path> others;
@@ -74,11 +74,11 @@ void RemoveOtherShards(const fs::path& slot, const v1::Dataset& manifest) {
   for (const fs::path& file : others) fs::remove(file, error);
 }
 
-UploadStaging::UploadStaging(fs::path datasets) : folder_(std::move(datasets) / ".uploads") {}
+UploadStaging::UploadStaging(const fs::path& folder) : folder_(folder / ".uploads") {}
 
 std::shared_ptr<UploadStaging::Slot> UploadStaging::Enter(const std::string& id,
                                                           const std::string& caller) {
-  const std::string name = absl::StrCat(id, ".", files::Sha256Hex(caller).substr(0, kCallerDigits));
+  const std::string name = absl::StrCat(id, ".", Sha256Hex(caller).substr(0, kCallerDigits));
   const std::lock_guard lock(mutex_);
   std::erase_if(slots_, [](const auto& entry) { return entry.second.expired(); });
   std::weak_ptr<Slot>& known = slots_[name];
@@ -122,10 +122,10 @@ absl::Status UploadStaging::MakeFolder(const Slot& slot) {
   const std::lock_guard lock(mutex_);
   std::error_code error;
   if (!fs::create_directories(slot.folder, error)) {
-    return error ? files::ErrnoStatus(error.value(), "create", slot.folder) : absl::OkStatus();
+    return error ? ErrnoStatus(error.value(), "create", slot.folder) : absl::OkStatus();
   }
-  absl::Status status = files::SyncPath(folder_);
-  status.Update(files::SyncPath(folder_.parent_path()));
+  absl::Status status = SyncPath(folder_);
+  status.Update(SyncPath(folder_.parent_path()));
   return status;
 }
 
@@ -161,10 +161,10 @@ absl::Status UploadStaging::RemoveIf(
     if (error) break;
     if (is_over(name.substr(0, name.find('.')), last)) over.push_back(slot->path());
   }
-  if (error) return files::ErrnoStatus(error.value(), "read", folder_);
+  if (error) return ErrnoStatus(error.value(), "read", folder_);
   for (const fs::path& folder : over) {
     fs::remove_all(folder, error);
-    if (error) return files::ErrnoStatus(error.value(), "remove", folder);
+    if (error) return ErrnoStatus(error.value(), "remove", folder);
   }
   fs::remove(folder_, error);  // if that was all
   return absl::OkStatus();
@@ -189,4 +189,4 @@ uint64_t UploadStaging::BrokenOffBytes() const {
   return bytes;
 }
 
-}  // namespace maneuver::data
+}  // namespace maneuver::files

@@ -1,0 +1,35 @@
+// How far an upload or a download is, on one line of a terminal.
+
+#ifndef MANEUVER_CLIENT_CLI_TRANSFER_LINE_H_
+#define MANEUVER_CLIENT_CLI_TRANSFER_LINE_H_
+
+#include <chrono>
+
+#include "client/cli/environment.h"
+#include "client/cli/progress_line.h"
+#include "client/client.h"
+
+namespace maneuver::cli {
+
+class TransferLine {
+ public:
+  explicit TransferLine(Environment& environment);
+
+  // For Client::UploadDataset and the like. Says once what was there before.
+  client::Client::OnUploaded callback();
+  // Whether it is known what is there.
+  bool has_begun() const { return has_begun_; }
+  void Clear() { line_.Clear(); }
+
+ private:
+  void Show(const client::UploadProgress& progress);
+
+  Environment& environment_;
+  ProgressLine line_;
+  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  bool has_begun_ = false;
+};
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_TRANSFER_LINE_H_

@@ -1,0 +1,97 @@
+// Files as they come, one after the other, into the slot of their upload.
+
+#ifndef MANEUVER_MODEL_FILES_FILE_RECEIVER_H_
+#define MANEUVER_MODEL_FILES_FILE_RECEIVER_H_
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "model/files/digest.h"
+#include "model/files/output_file.h"
+#include "model/files/upload_staging.h"
+
+namespace maneuver::files {
+
+// What an upload announces.
+struct FileUpload {
+  std::string id;        // of what the files become; names the slot
+  std::string resource;  // "datasets/town", for messages
+  std::string noun;      // "shard": what messages call a file
+  std::string caller;    // who uploads; empty where nobody is asked
+  std::vector<AnnouncedFile> files;
+  std::vector<int64_t> arrived = {};  // [files] bytes that are not sent; empty: everything is sent
+};
+
+// Not thread-safe.
+class FileReceiver {
+ public:
+  // Whether there is room for `wanted` bytes, `arrived` of which are there, beside `others`.
+  using CheckRoom = std::function<absl::Status(uint64_t wanted, uint64_t arrived,
+                                               const UploadStaging::Others& others)>;
+
+  // Begins an upload, or goes on with one. Errors: those of `check_room`; UNAVAILABLE if less has
+  // arrived than is said, or while an earlier upload of this id by this caller is being committed.
+  static absl::StatusOr<std::unique_ptr<FileReceiver>> Begin(std::shared_ptr<UploadStaging> staging,
+                                                             FileUpload upload,
+                                                             const CheckRoom& check_room);
+  // Without a Commit what has arrived is kept for the next upload of this id by this caller.
+  ~FileReceiver();
+  FileReceiver(const FileReceiver&) = delete;
+  FileReceiver& operator=(const FileReceiver&) = delete;
+
+  // The next bytes. Errors, each naming the file: INVALID_ARGUMENT for more bytes than announced,
+  // DATA_LOSS for a file with another SHA-256 (what came of it, now or before, is thrown away),
+  // RESOURCE_EXHAUSTED for a full disk; ABORTED once another upload of this id by this caller has
+  // begun.
+  absl::Status Append(std::string_view bytes);
+
+  // Puts the files, whole and with their SHA-256, into a new temporary folder beside `beside`, and
+  // has `publish` move it to its place; removes it if it is still there then. INVALID_ARGUMENT if bytes are
+  // missing; errors of `publish`; otherwise as Append. After OK, INVALID_ARGUMENT or ALREADY_EXISTS
+  // nothing of the upload is kept.
+  absl::Status Commit(
+      const std::filesystem::path& beside,
+      const std::function<absl::Status(const std::filesystem::path& temporary)>& publish);
+  // Nothing of it is to be kept.
+  void Discard() { discarded_ = true; }
+
+ private:
+  FileReceiver(std::shared_ptr<UploadStaging> staging, FileUpload upload,
+               std::shared_ptr<UploadStaging::Slot> slot, int64_t turn);
+  const AnnouncedFile& file() const { return upload_.files[next_]; }
+  bool IsWhole(const AnnouncedFile& file) const;
+  // These want the slot's mutex held.
+  absl::Status CheckTurn() const;
+  absl::Status Take(std::string_view bytes);
+  absl::Status OpenPart();
+  absl::Status FinishFullFiles();
+  absl::Status ClosePart();
+  absl::Status CheckComplete();
+  void RemovePartWithoutAByte();
+
+  absl::Status WrongDigest(const AnnouncedFile& file) const;
+  absl::Status CheckEarlierFiles() const;
+  absl::Status Fill(const std::filesystem::path& temporary) const;
+
+  const std::shared_ptr<UploadStaging> staging_;
+  const FileUpload upload_;
+  const std::shared_ptr<UploadStaging::Slot> slot_;
+  const int64_t turn_;
+  std::vector<bool> was_whole_;  // [files] before this call
+  size_t next_ = 0;              // file that is arriving
+  std::unique_ptr<OutputFile> part_;
+  std::unique_ptr<Sha256> digest_;
+  absl::Status status_;
+  bool discarded_ = false;
+};
+
+}  // namespace maneuver::files
+
+#endif  // MANEUVER_MODEL_FILES_FILE_RECEIVER_H_

@@ -1,0 +1,140 @@
+#include "server/rpc/model_transfer.h"
+
+#include <utility>
+
+#include "server/errors/error_details.h"
+#include "server/security/resource_name.h"
+
+namespace maneuver::rpc {
+namespace {
+
+constexpr char kDownloadMethod[] = "/maneuver.v1.ModelService/DownloadModelVersion";
+
+// With the ErrorInfo that fits an error of an upload. One that has a reason keeps it.
+absl::Status WithUploadReason(absl::Status status) {
+  if (!errors::ReasonOf(status).empty()) return status;
+  switch (status.code()) {
+    case absl::StatusCode::kDataLoss:
+    case absl::StatusCode::kInvalidArgument:
+      return errors::WithReason(std::move(status), "MODEL_INVALID");
+    case absl::StatusCode::kResourceExhausted:
+      return errors::WithReason(std::move(status), "DISK_FULL");
+    case absl::StatusCode::kAborted:
+      return errors::WithReason(std::move(status), "UPLOAD_TAKEN_OVER");
+    case absl::StatusCode::kUnavailable:
+      return errors::WithReason(std::move(status), "UPLOAD_CHANGED");
+    default:
+      return errors::WithStorageReason(std::move(status));
+  }
+}
+
+}  // namespace
+
+ModelDownloadCall::ModelDownloadCall(const serving::ModelRegistry& models, jobs::WorkerPool& pool,
+                                     security::AccessControl& access,
+                                     grpc::CallbackServerContext* rpc,
+                                     const v1::DownloadModelVersionRequest& request)
+    : models_(models), pool_(pool), rpc_(rpc), request_(request) {
+  admission_ = access.Watch(kDownloadMethod, CredentialsOf(*rpc),
+                            [this](const absl::Status& refusal) { OnRefused(refusal); });
+  if (!pool_.Post([this] { TakeStep(); })) End(Busy());
+}
+
+void ModelDownloadCall::OnRefused(const absl::Status& refusal) {
+  const std::lock_guard lock(mutex_);
+  const bool again = !std::exchange(refusal_, refusal).ok();
+  if (again && !has_ended_) rpc_->TryCancel();
+}
+
+void ModelDownloadCall::TakeStep() {
+  absl::Status refusal;
+  {
+    const std::lock_guard lock(mutex_);
+    refusal = refusal_;
+  }
+  if (!refusal.ok()) return End(refusal);
+  const absl::StatusOr<bool> more = ReadNext();
+  if (!more.ok()) return End(errors::WithStorageReason(more.status()));
+  if (!*more) return End(absl::OkStatus());
+  StartWrite(&message_);
+}
+
+absl::StatusOr<bool> ModelDownloadCall::ReadNext() {
+  if (reader_ == nullptr) {
+    if (absl::Status status = Open(); !status.ok()) return status;
+    *message_.mutable_header() = reader_->header();
+    return true;
+  }
+  auto bytes = reader_->Next();
+  if (!bytes.ok()) return bytes.status();
+  const bool more = !bytes->empty();
+  message_.set_chunk(*std::move(bytes));
+  return more;
+}
+
+absl::Status ModelDownloadCall::Open() {
+  const auto reference = security::ParseModelReference(request_.name(), "name");
+  if (!reference.ok()) return reference.status();
+  const auto version = models_.Resolve(*reference);
+  if (!version.ok()) return version.status();
+  auto reader = serving::VersionReader::Open(*version);
+  if (!reader.ok()) return reader.status();
+  if (absl::Status status = (*reader)->Skip(request_.arrived_bytes()); !status.ok()) return status;
+  reader_ = *std::move(reader);
+  return absl::OkStatus();
+}
+
+void ModelDownloadCall::OnWriteDone(bool ok) {
+  if (!ok) return End(absl::CancelledError("the download was cancelled"));
+  pool_.Continue([this] { TakeStep(); });
+}
+
+void ModelDownloadCall::End(const absl::Status& status) {
+  {
+    const std::lock_guard lock(mutex_);
+    has_ended_ = true;
+  }
+  Finish(ToGrpcStatus(status));
+}
+
+ModelUploadCall::ModelUploadCall(serving::VersionUploads& uploads, jobs::WorkerPool& pool,
+                                 security::AccessControl& access, grpc::CallbackServerContext* rpc,
+                                 v1::ModelVersion* response)
+    : UploadCall(pool, rpc, response),
+      uploads_(uploads),
+      caller_(access.NameOf(CredentialsOf(*rpc))) {
+  Start(access, "/maneuver.v1.ModelService/UploadModelVersion");
+}
+
+absl::StatusOr<std::unique_ptr<serving::VersionUpload>> ModelUploadCall::Begin(
+    const v1::UploadModelVersionRequest& first) {
+  const v1::UploadModelHeader& header = first.header();
+  const auto model = security::ParseModelName(header.parent(), "header.parent");
+  if (!model.ok()) return model.status();
+  const auto violations = serving::ValidateVersionFiles(header.files());
+  if (!violations.empty()) return errors::InvalidFields(violations, "header");
+  if (absl::Status status = CheckArrived(header.files(), header.arrived_bytes(), "file");
+      !status.ok()) {
+    return status;
+  }
+  return uploads_.Begin(*model, header, caller_);
+}
+
+absl::Status ModelUploadCall::WithReason(absl::Status status) const {
+  return WithUploadReason(std::move(status));
+}
+
+absl::Status AnswerQueryModelUpload(serving::VersionUploads& uploads, const std::string& caller,
+                                    const v1::QueryModelUploadRequest& request,
+                                    v1::QueryModelUploadResponse* response) {
+  const auto model = security::ParseModelName(request.parent(), "parent");
+  if (!model.ok()) return model.status();
+  const auto violations = serving::ValidateVersionFiles(request.files());
+  if (!violations.empty()) return errors::InvalidFields(violations);
+  auto found = uploads.Query(*model, request.files(), caller);
+  if (!found.ok()) return found.status();
+  *response = *std::move(found);
+  return absl::OkStatus();
+}
+
+}  // namespace maneuver::rpc

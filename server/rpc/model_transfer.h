@@ -1,0 +1,83 @@
+#ifndef MANEUVER_SERVER_RPC_MODEL_TRANSFER_H_
+#define MANEUVER_SERVER_RPC_MODEL_TRANSFER_H_
+
+#include <grpcpp/server_context.h>
+#include <grpcpp/support/server_callback.h>
+
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "absl/status/status.h"
+#include "maneuver/v1/model_service.pb.h"
+#include "server/rpc/upload_call.h"
+#include "server/serving/model_registry.h"
+#include "server/serving/version_files.h"
+#include "server/serving/version_uploads.h"
+
+namespace maneuver::rpc {
+
+// One DownloadModelVersion call. The disk is read once the client took what was read before: a slow
+// client costs one chunk, and holds up nobody. Deletes itself.
+class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadModelVersionResponse> {
+ public:
+  ModelDownloadCall(const serving::ModelRegistry& models, jobs::WorkerPool& pool,
+                    security::AccessControl& access, grpc::CallbackServerContext* rpc,
+                    const v1::DownloadModelVersionRequest& request);
+
+  void OnWriteDone(bool ok) override;
+  void OnDone() override { delete this; }
+
+ private:
+  // The caller's token was taken back. The call ends before its next chunk; who does not even read
+  // what is written is cut off the next time.
+  void OnRefused(const absl::Status& refusal);
+  // One of them at a time, on a thread of the pool.
+  void TakeStep();
+  // Fills message_. False at the end.
+  absl::StatusOr<bool> ReadNext();
+  absl::Status Open();
+  void End(const absl::Status& status);
+
+  const serving::ModelRegistry& models_;
+  jobs::WorkerPool& pool_;
+  grpc::CallbackServerContext* const rpc_;
+  const v1::DownloadModelVersionRequest request_;
+
+  // Of who works on the call.
+  std::unique_ptr<serving::VersionReader> reader_;
+  v1::DownloadModelVersionResponse message_;
+
+  std::mutex mutex_;
+  absl::Status refusal_;    // guarded by mutex_
+  bool has_ended_ = false;  // guarded by mutex_
+
+  // Last, so that it ends first: nobody refuses what is gone.
+  std::unique_ptr<security::AccessControl::LongCall> admission_;
+};
+
+// One UploadModelVersion call.
+class ModelUploadCall final
+    : public UploadCall<v1::UploadModelVersionRequest, v1::ModelVersion, serving::VersionUpload> {
+ public:
+  ModelUploadCall(serving::VersionUploads& uploads, jobs::WorkerPool& pool,
+                  security::AccessControl& access, grpc::CallbackServerContext* rpc,
+                  v1::ModelVersion* response);
+
+ private:
+  absl::StatusOr<std::unique_ptr<serving::VersionUpload>> Begin(
+      const v1::UploadModelVersionRequest& first) override;
+  absl::Status WithReason(absl::Status status) const override;
+
+  serving::VersionUploads& uploads_;
+  const std::string caller_;
+};
+
+// What of the request's version has arrived from `caller`.
+absl::Status AnswerQueryModelUpload(serving::VersionUploads& uploads, const std::string& caller,
+                                    const v1::QueryModelUploadRequest& request,
+                                    v1::QueryModelUploadResponse* response);
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_MODEL_TRANSFER_H_

@@ -1,0 +1,180 @@
+// One call that uploads files: a header, then chunks. Private to rpc/.
+
+#ifndef MANEUVER_SERVER_RPC_UPLOAD_CALL_H_
+#define MANEUVER_SERVER_RPC_UPLOAD_CALL_H_
+
+#include <grpcpp/server_context.h>
+#include <grpcpp/support/server_callback.h>
+
+#include <atomic>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
+#include "server/jobs/worker_pool.h"
+#include "server/rpc/blocking_call.h"
+#include "server/rpc/guarded_service.h"
+#include "server/security/access_control.h"
+
+namespace maneuver::rpc {
+
+inline constexpr size_t kMaxUploadChunk = size_t{1} << 20;
+
+// OK for nothing, or a number for each file that fits its size. INVALID_ARGUMENT names
+// header.arrived_bytes.
+//   noun: what a file is called, "shard". File has size_bytes().
+template <typename Files, typename Numbers>
+absl::Status CheckArrived(const Files& files, const Numbers& arrived, absl::string_view noun) {
+  if (arrived.empty()) return absl::OkStatus();
+  if (arrived.size() != files.size()) {
+    return errors::InvalidField("header.arrived_bytes",
+                                absl::StrCat("must be empty or have a number for each of the ",
+                                             files.size(), " ", noun, "s"));
+  }
+  for (int i = 0; i < arrived.size(); ++i) {
+    const int64_t size = files.Get(i).size_bytes();
+    if (arrived.Get(i) >= 0 && arrived.Get(i) <= size) continue;
+    return errors::InvalidField(absl::StrCat("header.arrived_bytes[", i, "]"),
+                                absl::StrCat("must be from 0 to the ", noun, "'s size, ", size));
+  }
+  return absl::OkStatus();
+}
+
+// The next message is read once the last is on its way to the disk: a fast client waits for a slow
+// disk. Deletes itself.
+//   Request: has header() or chunk(). Upload: has Append, Commit (a StatusOr<Response>), Discard.
+template <typename Request, typename Response, typename Upload>
+class UploadCall : public grpc::ServerReadReactor<Request> {
+ public:
+  void OnReadDone(bool ok) final {
+    if (!reading_.exchange(false)) return;  // the call was refused
+    const auto step = [this, ok] { TakeStep(ok); };
+    if (upload_ != nullptr) {
+      pool_.Continue(step);
+    } else if (!pool_.Post(step)) {
+      End(Busy());
+    }
+  }
+  void OnDone() final { delete this; }
+
+ protected:
+  UploadCall(jobs::WorkerPool& pool, grpc::CallbackServerContext* rpc, Response* response)
+      : pool_(pool), rpc_(rpc), response_(response) {}
+
+  // Begins the call; the last thing that a constructor does.
+  //   method: "/maneuver.v1.DatasetService/UploadDataset".
+  void Start(security::AccessControl& access, std::string_view method) {
+    admission_ = access.Watch(method, CredentialsOf(*rpc_),
+                              [this](const absl::Status& refusal) { OnRefused(refusal); });
+    ReadOn();
+  }
+
+  // The upload of a header.
+  virtual absl::StatusOr<std::unique_ptr<Upload>> Begin(const Request& first) = 0;
+  // With the ErrorInfo that fits an error of the upload.
+  virtual absl::Status WithReason(absl::Status status) const = 0;
+
+ private:
+  // The caller's token was taken back: the call ends as soon as nobody works on it.
+  void OnRefused(const absl::Status& refusal) {
+    {
+      const std::lock_guard lock(mutex_);
+      refusal_ = refusal;
+      if (!reading_.exchange(false)) return;  // who works on the call will see it
+    }
+    // The read that is left pending ends with the call.
+    pool_.Continue([this, refusal] { EndRefused(refusal); });
+  }
+
+  // One of them at a time, on a thread of the pool.
+  void TakeStep(bool has_message) {
+    const absl::Status status = has_message ? TakeMessage() : Commit();
+    if (status.ok() && has_message) {
+      ReadOn();
+    } else {
+      End(status);
+    }
+  }
+
+  void ReadOn() {
+    absl::Status refusal;
+    {
+      // No refusal comes between; OnReadDone, which may come at once, takes no lock.
+      const std::lock_guard lock(mutex_);
+      refusal = refusal_;
+      if (refusal.ok()) {
+        reading_ = true;
+        this->StartRead(&message_);
+      }
+    }
+    if (!refusal.ok()) EndRefused(refusal);
+  }
+
+  void EndRefused(const absl::Status& refusal) {
+    // Whoever may not upload may leave nothing here either.
+    if (upload_ != nullptr) upload_->Discard();
+    End(refusal);
+  }
+
+  void End(const absl::Status& status) {
+    // Before the client hears of it, and asks what has arrived.
+    upload_.reset();
+    {
+      const std::lock_guard lock(mutex_);  // ReadOn, on another thread, has let go of it
+    }
+    this->Finish(ToGrpcStatus(status));
+  }
+
+  absl::Status TakeMessage() {
+    if (upload_ == nullptr) {
+      if (!message_.has_header()) return HeaderMissing();
+      auto upload = Begin(message_);
+      if (!upload.ok()) return WithReason(upload.status());
+      upload_ = *std::move(upload);
+      return absl::OkStatus();
+    }
+    if (message_.has_header()) {
+      return errors::InvalidField("header", "must be the first message alone");
+    }
+    if (message_.chunk().size() > kMaxUploadChunk) {
+      return errors::InvalidField("chunk", "must have at most 1 MiB");
+    }
+    return WithReason(upload_->Append(message_.chunk()));
+  }
+
+  absl::Status Commit() {
+    // A broken stream ends like one that the client closed.
+    if (rpc_->IsCancelled()) return absl::CancelledError("the upload was broken off");
+    if (upload_ == nullptr) return HeaderMissing();
+    auto committed = upload_->Commit();
+    if (!committed.ok()) return WithReason(committed.status());
+    *response_ = *std::move(committed);
+    return absl::OkStatus();
+  }
+
+  static absl::Status HeaderMissing() {
+    return errors::InvalidField("header", "must be the first message of an upload");
+  }
+
+  jobs::WorkerPool& pool_;
+  grpc::CallbackServerContext* const rpc_;
+  Response* const response_;
+  Request message_;
+  std::unique_ptr<Upload> upload_;  // once the header came; of who works on the call
+
+  // A read is under way. Who turns it to false goes on with the call: OnReadDone, or a refusal.
+  std::atomic<bool> reading_ = false;
+  std::mutex mutex_;
+  absl::Status refusal_;  // guarded by mutex_
+
+  // Last, so that it ends first: nobody refuses what is gone.
+  std::unique_ptr<security::AccessControl::LongCall> admission_;
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_UPLOAD_CALL_H_
