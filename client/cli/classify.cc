@@ -80,17 +80,17 @@ int Classify(const ClassifyArguments& arguments, Environment& environment) {
 
 void AddClassify(Command& root, Environment& environment) {
   const auto arguments = std::make_shared<ClassifyArguments>();
-  Command command = root.Add("classify", "Which action was what a target really did?",
-                             "q(y|x,s), from the states after the prediction time; the scene has "
-                             "to know them as far as the\n"
-                             "model predicts.\n"
+  Command command = root.Add("classify", "Which action did a target take?",
+                             "Computes q(y|x,s) from the states after the prediction time. The "
+                             "scene must contain them up to\n"
+                             "the model's horizon.\n"
                              "Example: maneuver scenario extract town town-1-0 -o scene.json\n"
                              "         maneuver classify scene.json --model town");
   command.Arguments("FILE", &arguments->files, "Scenario as proto3 JSON; - for standard input");
-  command.Option("--model", &arguments->model,
-                 "town (what serves), town/2 or town@candidate [the only one that serves]");
-  command.Option("--deadline", &arguments->deadline, 1.0, 1e7,
-                 "Milliseconds that the answer may take");
+  command.Option(
+      "--model", &arguments->model,
+      "town (the version that serves), town/2 or town@candidate [the only one that serves]");
+  command.Option("--deadline", &arguments->deadline, 1.0, 1e7, "Most milliseconds for the answer");
   AddPriorityOption(command, &arguments->priority);
   command.Run([arguments, &environment] { return Classify(*arguments, environment); });
 }

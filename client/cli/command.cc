@@ -198,7 +198,7 @@ void Command::Picture(const std::string& flags, std::optional<std::string>* valu
             const std::string kind = CLI::detail::to_lower(path.extension().string());
             return kind.empty() || kind == ".png"
                        ? std::string()
-                       : file + " is no PNG file by its name; pictures are, such as " +
+                       : file + " is not the name of a PNG file; name it such as " +
                              std::filesystem::path(path).replace_extension(".png").string();
           },
           ""))
@@ -226,7 +226,7 @@ CommandLine::CommandLine(const std::string& summary, const std::string& name,
     : app_(std::make_unique<CLI::App>(summary, name)) {
   // Global options may also follow the command that they go with.
   app_->fallthrough();
-  app_->set_help_flag("-h,--help", "What this command does and takes");
+  app_->set_help_flag("-h,--help", "Print this help");
   app_->set_version_flag("--version", name + " " + version, "Print the version");
   app_->get_formatter()->column_width(36);
   app_->failure_message([root = app_.get()](const CLI::App* app, const CLI::Error& error) {

@@ -62,7 +62,7 @@ int CrossValidate(const CrossValidateArguments& arguments, Environment& environm
     if (environment.json()) {
       environment.PrintJson(*job);
     } else if (arguments.validate_only) {
-      environment.out << "The request is good; nothing was started.\n";
+      environment.out << "The request is valid; nothing was started.\n";
     } else {
       environment.out << job->name() << "\n";
       environment.err << "Watch it with: maneuver job watch " << ShortName(job->name()) << "\n";
@@ -79,10 +79,11 @@ void AddCrossValidate(Command& root, Environment& environment) {
   const auto arguments = std::make_shared<CrossValidateArguments>();
   Command command = root.Add(
       "cross-validate", "Measure training settings on whole datasets",
-      "Starts a job on the server that trains folds x seeds models. Each recording is measured by "
-      "models that learned from no recording of its place or its drive. The tables have means with "
-      "95 % intervals, and say where the model is ahead of other predictors. It makes no version.\n"
-      "A job that was interrupted goes on with the models that are missing: maneuver job resume.\n"
+      "Starts a job on the server that trains folds x seeds models. Each recording is measured "
+      "with models that did not learn from a recording of the same place or drive. The tables have "
+      "means with 95 % intervals, and say where the model is ahead of other predictors. No version "
+      "is made.\n"
+      "maneuver job resume continues an interrupted job with the missing models.\n"
       "Example: maneuver cross-validate city --seeds 1,2,3 --baselines\n"
       "         maneuver cross-validate city --settings settings.json --test-dataset ngsim \\\n"
       "             --detach\n"
@@ -90,23 +91,23 @@ void AddCrossValidate(Command& root, Environment& environment) {
   command.Arguments("DATASET", &arguments->datasets, "Datasets to learn from and to measure");
   command.Option("--settings", &arguments->settings_file,
                  "File with TrainingSettings as proto3 JSON");
-  command.Option("--preset", &arguments->preset, "As of maneuver train [lanes]");
+  command.Option("--preset", &arguments->preset, "Preset, as for maneuver train [lanes]");
   command.Option("--set", &arguments->assignments,
                  "FIELD=VALUE of TrainingSettings, such as optimization.joint_epochs=20");
   command.Option("--folds", &arguments->folds, 2, 100,
-                 "Parts that the recordings are dealt out to");
-  command.Option("--seeds", &arguments->seeds,
-                 "Training seeds, such as 1,2,3: every fold is trained with each [that of the "
-                 "settings]");
+                 "Number of parts to divide the recordings into");
+  command.Option(
+      "--seeds", &arguments->seeds,
+      "Training seeds, such as 1,2,3; every fold is trained with each [the seed of the settings]");
   command.Option("--fold-seed", &arguments->fold_seed, 0, INT64_MAX,
-                 "Another one deals the recordings out anew [1]");
+                 "Seed of the division into folds [1]");
   command.Flag("--baselines", &arguments->baselines,
-               "Train a CoverNet-like and a MultiPath-like baseline in each fold too; takes about "
-               "as long again");
+               "Also train a CoverNet-like and a MultiPath-like baseline in each fold; takes about "
+               "twice as long");
   command.Option("--test-dataset", &arguments->test_datasets,
-                 "Dataset that every model is measured on and none learns from; may be repeated");
+                 "Dataset to measure every model on, without learning from it; may be repeated");
   command.Option("--priority", &arguments->priority, -100, 100,
-                 "Jobs of a higher one run first [0]");
+                 "Jobs with a higher priority run first [0]");
   command.Flag("--detach", &arguments->detach, "Start the job and return");
   command.Flag("--validate-only", &arguments->validate_only, "Check the request, start nothing");
   command.Run([arguments, &environment] { return CrossValidate(*arguments, environment); });

@@ -24,8 +24,8 @@ int Upload(const std::string& folder, const std::string& name, Environment& envi
     const int status = environment.Fail(dataset.status());
     if (line.has_begun() &&
         (absl::IsUnavailable(dataset.status()) || absl::IsDeadlineExceeded(dataset.status()))) {
-      environment.err << "what has arrived is kept for a while: the same command goes on from "
-                         "there\n";
+      environment.err << "the server keeps what has arrived for a while; to continue, run the same "
+                         "command again\n";
     }
     return status;
   }
@@ -90,8 +90,8 @@ void AddDataset(Command& root, Environment& environment) {
   const auto folder = std::make_shared<std::string>();
 
   Command upload = group.Add("upload", "Send a dataset folder to the server",
-                             "The dataset appears whole or not at all, and never changes. Where\n"
-                             "an upload was interrupted, the same command goes on.\n"
+                             "The dataset appears whole or not at all, and never changes. To\n"
+                             "continue an interrupted upload, run the same command again.\n"
                              "Example: maneuver dataset upload town town");
   upload.Argument("FOLDER", folder.get(), "Folder with dataset.json");
   upload.Argument("NAME", name.get(), "Its name on the server: a-z, 0-9 and -");
@@ -101,27 +101,29 @@ void AddDataset(Command& root, Environment& environment) {
   list.Run([&environment] { return ListDatasets(environment); });
 
   const auto shown = std::make_shared<ShowDatasetArguments>();
-  Command show = group.Add("show", "What is in a dataset, counted and drawn",
+  Command show = group.Add("show", "Summarise a dataset and draw its scenes",
                            "Example: maneuver dataset show town --plot town.png\n"
                            "Example: maneuver dataset show town --set examples.stride=1s");
   show.Argument("NAME", &shown->source,
                 "Its name, or the path of a folder with dataset.json, such as ./town");
   show.Option("--set", &shown->changes,
-              "Which examples are counted: examples.stride=1s, examples.standing_distance=2, ...");
+              "FIELD=VALUE of the examples to count: examples.stride=1s, "
+              "examples.standing_distance=2, ...");
   show.Picture("--plot", &shown->plot, "PNG file to draw some of its scenes into");
-  show.Option("--scenes", &shown->scenes, 1, 36, "So many of them");
+  show.Option("--scenes", &shown->scenes, 1, 36, "Number of scenes to draw");
   show.Run([=, &environment] { return ShowDataset(*shown, environment); });
 
   const auto labelled = std::make_shared<AnnotateArguments>();
-  Command annotate = group.Add("annotate", "Add labels of actions to a dataset folder",
-                               "Makes a new folder of the same shards and one with the labels.\n"
-                               "LABELS is a CSV file: recording,target,time,action\n"
-                               "Example: maneuver dataset annotate town labels.csv town-labelled");
+  Command annotate =
+      group.Add("annotate", "Add labels of actions to a dataset folder",
+                "Writes a new folder with the same shards and one more with the labels.\n"
+                "LABELS is a CSV file: recording,target,time,action\n"
+                "Example: maneuver dataset annotate town labels.csv town-labelled");
   annotate.Argument("FOLDER", &labelled->folder, "Folder with dataset.json");
   annotate.Argument("LABELS", &labelled->labels, "CSV file");
   annotate.Argument("OUTPUT", &labelled->output, "The new folder");
   annotate.Option("--action", &labelled->actions,
-                  "An action that labels may name; without any, all names will do");
+                  "An action that labels may name; may be repeated [any name]");
   annotate.Run([=, &environment] { return AnnotateDataset(*labelled, environment); });
 
   Command remove = group.Add("delete", "Remove a dataset",

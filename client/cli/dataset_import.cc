@@ -126,7 +126,7 @@ class Import {
     getrusage(RUSAGE_SELF, &usage);
     return absl::StrCat("read in ", Fixed(Passed(), 1), " s, ", Rate(),
                         " recordings a second, with ", usage.ru_maxrss / 1024,
-                        " MB of memory at most");
+                        " MB of memory at peak");
   }
 
  private:
@@ -227,11 +227,11 @@ void AddImportOptions(Command& command, ImportArguments& arguments, const std::s
   command.Argument("OUT_DIR", &arguments.folder, "Folder to write; must not exist");
   command.Arguments("FILE", &arguments.inputs, what);
   command.Choice("--on-damage", &arguments.on_damage, {"stop", "skip"},
-                 "What to do at a damaged record");
+                 "What to do with a damaged record");
   command.Flag("--strict", &arguments.strict, "Stop at a recording that cannot be used");
-  command.Option("--origin", &arguments.origin, "What to write down as the dataset's origin");
+  command.Option("--origin", &arguments.origin, "Text to store as the dataset's origin");
   command.Option("--threads", &arguments.threads, 1, 1024,
-                 "How many recordings are parsed at once [one for each core]");
+                 "Number of recordings to parse at once [one for each core]");
 }
 
 int RunImport(const ImportArguments& arguments, const ImportFormat& format,

@@ -216,8 +216,8 @@ int ShowDataset(const ShowDatasetArguments& arguments, Environment& environment)
   if (!summary.ok()) {
     const int failed = environment.Fail(summary.status());
     if (!IsFolder(arguments.source) && HoldsDataset(arguments.source)) {
-      environment.err << "The folder of that name is here: maneuver dataset show ./"
-                      << arguments.source << "\n";
+      environment.err << "For the folder of that name: maneuver dataset show ./" << arguments.source
+                      << "\n";
     }
     return failed;
   }

@@ -145,8 +145,8 @@ std::string Environment::Explain(const absl::Status& status) const {
     text = tls_failure;
   } else if (absl::IsUnavailable(status) && details.reason.empty()) {
     text = absl::StrCat("no server answers at ", server,
-                        "; start one with maneuverd --data-dir DIR or name it with --server; one "
-                        "that serves over TLS needs --tls or --tls-ca (",
+                        "; start one with maneuverd --data-dir DIR, name it with --server, or add "
+                        "--tls or --tls-ca if it serves over TLS (",
                         text, ")");
   } else if (absl::IsDeadlineExceeded(status)) {
     text = absl::StrCat("the server at ", server, " did not answer in time; allow more with ",

@@ -54,8 +54,8 @@ int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
   const auto evaluated = environment.server_client().GetJob(ended, environment.call_options());
   if (!evaluated.ok()) return environment.Fail(evaluated.status());
   if (!evaluated->has_evaluation()) {  // left before its end
-    environment.err << "and once it has ended: maneuver job show " << ShortName(job->name())
-                    << " --figures " << *arguments.figures << "\n";
+    environment.err << "when it has ended, draw them with: maneuver job show "
+                    << ShortName(job->name()) << " --figures " << *arguments.figures << "\n";
     return kOk;
   }
   return DrawFigures(evaluated->evaluation(), *arguments.figures, environment);
@@ -69,7 +69,8 @@ void AddEvaluate(Command& root, Environment& environment) {
                              "Example: maneuver evaluate town --dataset unseen\n"
                              "         maneuver evaluate town/2 --dataset unseen --set stride=1s\n"
                              "         maneuver evaluate town --dataset unseen --figures figures");
-  command.Argument("MODEL", &arguments->model, "town (what serves), town/2 or town@candidate");
+  command.Argument("MODEL", &arguments->model,
+                   "town (the version that serves), town/2 or town@candidate");
   command.Argument("--dataset", &arguments->dataset, "Dataset to measure it on");
   command.Option("--set", &arguments->assignments, "FIELD=VALUE of ExampleSettings");
   command.Option(

@@ -120,7 +120,7 @@ class Figures {
     const auto posterior = Predict(observed, v1::LATENT_SOURCE_POSTERIOR);
     if (!posterior.ok()) return posterior.status();
     if (generic->predictions_size() != 1 || posterior->predictions_size() != 1) {
-      return absl::InternalError("the server did not answer for the one scene that it was asked");
+      return absl::InternalError("the server's answer lacks the scene that was asked about");
     }
     plot::ScenePlotOptions options;
     options.frame = v1::FRAME_TARGET;

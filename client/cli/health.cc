@@ -25,11 +25,13 @@ int Health(const std::string& service, Environment& environment) {
 
 void AddHealth(Command& root, Environment& environment) {
   const auto service = std::make_shared<std::string>();
-  Command command = root.Add("health", "Whether the server answers and is ready",
-                             "Exit status 0 if it is, 1 if not: for scripts that wait.\n"
-                             "Example: until maneuver health; do sleep 1; done\n"
-                             "         maneuver health maneuver.v1.PredictionService");
-  command.OptionalArgument("SERVICE", service.get(), "One service, in place of the whole server");
+  Command command =
+      root.Add("health", "Check whether the server is ready",
+               "The exit status is 0 if it is ready and 1 if not, so scripts can wait for it.\n"
+               "Example: until maneuver health; do sleep 1; done\n"
+               "         maneuver health maneuver.v1.PredictionService");
+  command.OptionalArgument("SERVICE", service.get(),
+                           "Check this service instead of the whole server");
   command.Run([service, &environment] { return Health(*service, environment); });
 }
 

@@ -25,10 +25,9 @@ void AddImportCommonRoad(Command& import, Environment& environment) {
   arguments->origin = "CommonRoad";
   Command command = import.Add(
       "commonroad", "CommonRoad scenarios (XML of versions 2018b and 2020a)",
-      "One file is one recording. Of folders, files that end in .xml are read. Files that cannot "
-      "be\n"
-      "used are reported and left out; the exit status is then 1, and the dataset is written all\n"
-      "the same.\n"
+      "One file is one recording. In folders, files ending in .xml are read. Unusable files are "
+      "reported\n"
+      "and left out; the dataset is still written, and the exit status is 1.\n"
       "Example: maneuver import commonroad ngsim scenarios/ --origin \"NGSIM, CommonRoad\"\n"
       "Then:    maneuver dataset upload ngsim ngsim");
   AddImportOptions(command, *arguments, "XML files, or folders of them");

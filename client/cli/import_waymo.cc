@@ -18,8 +18,8 @@ absl::Status NoRecords(const std::filesystem::path& file, const absl::Status& da
   if (first != '<') return damage;
   return absl::InvalidArgumentError(
       absl::StrCat(file.string(),
-                   " is XML, not a file of TFRecords; scenarios of CommonRoad are "
-                   "read by maneuver import commonroad"));
+                   " is XML, not a file of TFRecords; import CommonRoad scenarios with maneuver "
+                   "import commonroad"));
 }
 
 absl::Status ReadRecords(const std::filesystem::path& file,
@@ -50,12 +50,13 @@ absl::Status ReadRecords(const std::filesystem::path& file,
 void AddImportWaymo(Command& import, Environment& environment) {
   const auto arguments = std::make_shared<ImportArguments>();
   arguments->origin = "Waymo Open Motion";
-  Command command = import.Add(
-      "waymo", "Waymo Open Motion scenarios (TFRecord, also gzipped)",
-      "Recordings that fail validation are reported and left out; the exit status is then 1, and\n"
-      "the dataset is written all the same.\n"
-      "Example: maneuver import waymo waymo-training training/ --on-damage skip\n"
-      "Then:    maneuver dataset upload waymo-training waymo-training");
+  Command command =
+      import.Add("waymo", "Waymo Open Motion scenarios (TFRecord, also gzipped)",
+                 "Recordings that fail validation are reported and left out; the dataset is still "
+                 "written, and\n"
+                 "the exit status is 1.\n"
+                 "Example: maneuver import waymo waymo-training training/ --on-damage skip\n"
+                 "Then:    maneuver dataset upload waymo-training waymo-training");
   AddImportOptions(command, *arguments, "TFRecord files, or folders of them");
   command.Run([arguments, &environment] {
     return RunImport(*arguments,

@@ -114,8 +114,8 @@ int ShowJob(const std::string& name, const std::optional<std::string>& figures,
   if (!job.ok()) return environment.Fail(job.status());
   if (figures && job->evaluation().sampled_examples().empty()) {
     return environment.Refuse(
-        "this job has nothing to draw: figures are of an evaluation that was started with "
-        "maneuver evaluate ... --figures and has ended");
+        "this job has no figures: only an evaluation that was started with maneuver evaluate ... "
+        "--figures and has ended does");
   }
   const int drawn = figures ? DrawFigures(job->evaluation(), *figures, environment) : kOk;
   if (environment.json()) {
@@ -196,7 +196,7 @@ int DeleteJob(const std::string& name, Environment& environment) {
   const absl::Status status =
       environment.server_client().DeleteJob(request, environment.call_options());
   if (!status.ok()) return environment.Fail(status);
-  environment.err << request.name() << " is forgotten; what it made stays\n";
+  environment.err << request.name() << " is deleted; its results stay\n";
   return kOk;
 }
 
@@ -241,15 +241,15 @@ void AddJob(Command& root, Environment& environment) {
   cancel.Run([=, &environment] { return Cancel(*name, environment); });
 
   Command resume =
-      group.Add("resume", "Go on with a job that failed or was cancelled",
-                "It goes on from its last checkpoint; watches it, unless --detach is given.\n"
+      group.Add("resume", "Continue a job that failed or was cancelled",
+                "Continues from its last checkpoint, and watches it unless --detach is given.\n"
                 "Example: maneuver job resume 3f2a");
   resume.Argument("JOB", name.get(), "Its name");
   const auto detach = std::make_shared<bool>(false);
   resume.Flag("--detach", detach.get(), "Resume the job and return");
   resume.Run([=, &environment] { return Resume(*name, *detach, environment); });
 
-  Command remove = group.Add("delete", "Forget a job that ended; what it made stays",
+  Command remove = group.Add("delete", "Delete a job that has ended; its results stay",
                              "Example: maneuver job delete 3f2a");
   remove.Argument("JOB", name.get(), "Its name");
   remove.Run([=, &environment] { return DeleteJob(*name, environment); });

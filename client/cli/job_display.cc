@@ -75,7 +75,7 @@ class JobDisplay {
 
 void PrintHowToGoOn(const std::string& job, Environment& environment) {
   const std::string name = ShortName(job);
-  environment.err << "No longer watching; " << job << " goes on.\n  maneuver job watch " << name
+  environment.err << "Stopped watching; " << job << " continues.\n  maneuver job watch " << name
                   << "\n  maneuver job cancel " << name << "\n";
 }
 
@@ -171,7 +171,7 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
   }
   if (!succeeded) {
     environment.errors << "maneuver: " << job.name() << " was cancelled; maneuver job resume "
-                       << ShortName(job.name()) << " goes on with it\n";
+                       << ShortName(job.name()) << " continues it\n";
     return kFailed;
   }
   const double took = ToSeconds(job.end_time()) - ToSeconds(job.start_time());
@@ -187,7 +187,7 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
                     << evaluation::CrossValidationText(job.cross_validation(), environment.color);
     return kOk;
   }
-  environment.out << job.model_version() << " is trained, in " << Spell(took) << "\n"
+  environment.out << job.model_version() << " was trained in " << Spell(took) << "\n"
                   << PromotionText(job, environment.color);
   v1::GetModelVersionRequest request;
   request.set_name(job.model_version());

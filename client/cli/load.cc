@@ -197,7 +197,7 @@ class LoadCommand {
     const load::Outcome outcome = load::OutcomeOf(answer);
     if (outcome.targets > 0) return absl::OkStatus();
     return absl::InvalidArgumentError(
-        absl::StrCat("the server refuses what it is asked: ", outcome.refusal));
+        absl::StrCat("the server refuses the request: ", outcome.refusal));
   }
 
   absl::Status Connect() {
@@ -233,8 +233,7 @@ class LoadCommand {
       report_.capacity = report_.steps.back().tally.AnsweredRate();
       if (!(*report_.capacity > 0.0)) {
         return absl::DeadlineExceededError(
-            "not one call was answered in time, so there is no capacity to take shares of; allow "
-            "more with --duration");
+            "no call was answered in time, so the capacity is unknown; set a longer --duration");
       }
       plan.deadline = common.deadline;
     }
@@ -290,7 +289,7 @@ class LoadCommand {
       exit_code = kFailed;
     }
     if (report_.interrupted) {
-      environment_.errors << "maneuver: interrupted; this is what was measured until then\n";
+      environment_.errors << "maneuver: interrupted; the figures cover the time until then\n";
       exit_code = kFailed;
     }
     if (!arguments_.json.empty()) {
@@ -311,23 +310,24 @@ class LoadCommand {
 };
 
 constexpr char kHelp[] =
-    "Asks for predictions at a rate (--rate, or --rates for several), whether or not the server "
+    "Sends prediction calls at a rate (--rate, or --rates for several), whether or not the server "
     "keeps\n"
-    "up; or, without either, with so many callers who each ask again as soon as they are answered\n"
-    "(--concurrency), which finds out what the server can do.\n"
+    "up. Without a rate, --concurrency callers each ask again as soon as they are answered, which\n"
+    "measures the server's capacity.\n"
     "\n"
-    "Latency counts from the moment when a call was due, so that a server that stands still for a\n"
-    "second has made all those wait who would have called then. OFFERED/s are the calls that were "
-    "due,\n"
-    "ANSWERED/s those answered in that time; REFUSED ones were told to come later, EXPIRED ones "
-    "were not\n"
-    "answered within their deadline. A call that was refused is not made again.\n"
+    "Latency counts from the moment when a call is due. So if the server stalls for a second, all "
+    "calls\n"
+    "due in that second count as waiting. OFFERED/s counts calls that were due, ANSWERED/s those "
+    "answered\n"
+    "in the measured time. REFUSED calls were told to come later; EXPIRED calls were not answered "
+    "within\n"
+    "their deadline. Refused calls are not repeated.\n"
     "\n"
-    "Run it on another machine than the server's, or on other cores: what it takes, the server "
-    "does not\n"
-    "have. Exit status 1 if calls failed for other reasons than too much load, or on Ctrl-C, "
-    "which\n"
-    "prints what was measured so far.\n"
+    "Run it on another machine than the server's, or on other cores, because it takes processor "
+    "time from\n"
+    "the server. The exit status is 1 if calls failed for other reasons than overload, and on "
+    "Ctrl-C,\n"
+    "which prints the figures so far.\n"
     "\n"
     "Example: maneuver load --metrics 127.0.0.1:9470\n"
     "         maneuver load --rates 25%,50%,80%,100%,300% --deadline 500 --json load.json\n"
@@ -340,18 +340,20 @@ void AddLoad(Command& root, Environment& environment) {
   const auto arguments = std::make_shared<LoadArguments>();
   Command command = root.Add("load", "How much can the server take?", kHelp);
   command.Option("FILE", &arguments->files,
-                 "Scenarios to ask about, as predict takes them [scenes of the synthetic town]");
+                 "Scenarios to ask about, as for maneuver predict [scenes of the synthetic town]");
   command.Option("--dataset", &arguments->dataset,
                  "Ask about scenes of this folder, or of datasets/NAME on the server");
-  command.Option("--scenes", &arguments->scenes, 1, 100'000, "Scenes of it, or of the town");
-  command.Option("--model", &arguments->model,
-                 "town (what serves), town/2 or town@candidate [the only one that serves]");
+  command.Option("--scenes", &arguments->scenes, 1, 100'000,
+                 "Number of scenes of the dataset or the town");
+  command.Option(
+      "--model", &arguments->model,
+      "town (the version that serves), town/2 or town@candidate [the only one that serves]");
   command.Choice("--method", &arguments->method, {"predict", "probability", "distribution"},
-                 "What is asked");
-  command.Option("--targets", &arguments->targets, "Targets of a request, N or from A-B");
+                 "Method to call");
+  command.Option("--targets", &arguments->targets, "Targets of a request: N, or random from A-B");
   AddPriorityOption(command, &arguments->priority);
   command.Flag("--register-maps", &arguments->register_maps,
-               "Register the scenes' maps first; requests then name them, as a planner's do");
+               "Register the scenes' maps first, and send only their ids, as a planner does");
   command.Option("--actions", &arguments->actions, "Describe these actions, such as 1,2");
   command.Option("--min-probability", &arguments->min_probability, 0.0, 1.0,
                  "Describe actions at least this probable [0.05]");
@@ -363,34 +365,36 @@ void AddLoad(Command& root, Environment& environment) {
 
   command.Option("--rate", &arguments->rate, 1e-3, 1e6, "Calls a second");
   command.Choice("--arrival", &arguments->arrival, {"poisson", "constant"},
-                 "At random, as from many callers, or evenly");
+                 "Random times, as of many callers, or evenly spaced");
   command.Option("--concurrency", &arguments->concurrency, 1, 100'000,
                  "Callers who each wait for an answer before they ask again");
   command.Option("--rates", &arguments->rates,
-                 "Several runs: calls a second, or shares of what --concurrency callers get");
+                 "Several runs, each at a rate in calls a second, or a share of what --concurrency "
+                 "callers get");
   command.Exclude("--rate", "--rates");
   command.Exclude("--rate", "--concurrency");
-  command.Option("--deadline", &arguments->deadline,
-                 "Milliseconds from when a call is due, N or from A-B [--timeout, or 30 s]");
-  command.Option("--warm-up", &arguments->warm_up, 0.0, 1e5, "Seconds that are not measured");
-  command.Option("--duration", &arguments->duration, 0.1, 1e6, "Seconds that are");
+  command.Option(
+      "--deadline", &arguments->deadline,
+      "Milliseconds from when a call is due: N, or random from A-B [--timeout, or 30 s]");
+  command.Option("--warm-up", &arguments->warm_up, 0.0, 1e5, "Seconds before the measurement");
+  command.Option("--duration", &arguments->duration, 0.1, 1e6, "Seconds to measure");
   command.Option("--calls", &arguments->calls, 1, 1'000'000'000'000,
-                 "End after so many calls, the warm-up's included");
+                 "End after this many calls, including the warm-up");
   command.Option("--seed", &arguments->seed, 0, INT64_MAX,
-                 "Of the town, the choice of requests and the times");
+                 "Seed of the town, the choice of requests and the times");
 
   command.Option("--connections", &arguments->connections, 1, 1'000,
-                 "A server takes a limited number of calls at once on each");
+                 "Connections to use; a server limits the calls at once on each");
   command.Flag("--retry", &arguments->retry,
-               "Make calls again that fail with UNAVAILABLE, as the other commands do");
+               "Retry calls that fail with UNAVAILABLE, as the other commands do");
   command.Flag(
       "--send-all", &arguments->send_all,
-      "Also send what the client library holds back from a server that refuses too many calls");
+      "Also send calls that the client library holds back from a server that refuses too many");
   command.Option("--max-in-flight", &arguments->max_in_flight, 1, 1'000'000,
-                 "Calls at once; those beyond wait, and are late");
+                 "Most calls at once; further calls wait and are late");
   command.Option("--metrics", &arguments->metrics,
-                 "Metrics page of the server: shows what it says of itself");
-  command.Option("--json", &arguments->json, "Write all figures to this file as well");
+                 "Address of the server's metrics page; adds a table of its metrics");
+  command.Option("--json", &arguments->json, "Also write all figures to this file");
   command.Flag("--markdown", &arguments->markdown, "Tables as Markdown");
   command.Run([arguments, &environment] { return LoadCommand(*arguments, environment).Run(); });
 }

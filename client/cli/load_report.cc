@@ -136,8 +136,8 @@ std::string Remarks(const LoadStep& step) {
   }
   if (tally.held_back > 0) {
     remark(tally.held_back,
-           " of them the client library did not send, since the server refused too many of those "
-           "that it did; --send-all sends them too");
+           " of them were held back by the client library, because the server refused too many "
+           "calls; --send-all sends them too");
   }
   if (tally.refused_targets > 0) {
     remark(tally.refused_targets, " targets were refused in answers: ", tally.failure.message());
@@ -150,8 +150,7 @@ std::string Remarks(const LoadStep& step) {
   const double lateness = Milliseconds(tally.lateness.Quantile(0.99));
   if (lateness > 2.0) {
     remark("calls were sent up to ", Short(lateness),
-           " ms late (p99), which is in their latency: this machine has too little time for the "
-           "generator");
+           " ms late (p99), which counts as latency: the load generator lacks processor time");
   }
   return text;
 }

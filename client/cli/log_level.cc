@@ -57,7 +57,7 @@ int Change(const std::string& level, Environment& environment) {
 void AddLogLevel(Command& root, Environment& environment) {
   const auto level = std::make_shared<std::string>();
   Command command = root.Add(
-      "log-level", "How much the server logs, and changes it",
+      "log-level", "Show or change how much the server logs",
       "debug has a line for each call. Needs the role admin. Lasts until the server ends.\n"
       "Example: maneuver log-level debug");
   command.OptionalArgument("LEVEL", level.get(), "debug, info, warning or error; none: show it");

@@ -37,38 +37,39 @@ int Run(CommandLine& line, const std::vector<std::string>& arguments, Environmen
 
 int RunManeuver(const std::vector<std::string>& arguments, Environment& environment) {
   CommandLine line(
-      "Talks to a Maneuver server: makes datasets, trains models, asks what vehicles will do.\n"
-      "Answers go to standard output, messages to standard error. Exit status: 0 done, 1 a call "
+      "Client of a Maneuver server: makes datasets, trains models, predicts what vehicles will "
+      "do.\n"
+      "Answers go to standard output, messages to standard error. Exit status: 0 success, 1 a call "
       "or\n"
-      "part of what was asked for failed, 2 the command line makes no sense.\n"
-      "maneuver help COMMAND says what a command does and takes.",
+      "a part of it failed, 2 invalid command line.\n"
+      "maneuver help COMMAND describes a command and its options.",
       "maneuver", MANEUVER_VERSION);
   Command root = line.root();
-  root.Option(
-      "--server", &environment.server,
-      "HOST:PORT of the server; IP:PORT,IP:PORT or dns:///NAME:PORT: predictions go to each "
-      "of them in turn",
-      "MANEUVER_SERVER");
-  root.Flag("--tls", &environment.tls, "Over TLS, to a server whom the system's authorities know");
-  root.Option("--tls-ca", &environment.tls_ca,
-              "Over TLS, to a server whom this authority knows, PEM", "MANEUVER_TLS_CA");
+  root.Option("--server", &environment.server,
+              "HOST:PORT of the server. With IP:PORT,IP:PORT or dns:///NAME:PORT predictions "
+              "rotate over several servers",
+              "MANEUVER_SERVER");
+  root.Flag("--tls", &environment.tls, "Use TLS and trust the system's certificate authorities");
+  root.Option("--tls-ca", &environment.tls_ca, "Use TLS and trust this certificate authority, PEM",
+              "MANEUVER_TLS_CA");
   root.Option("--tls-certificate", &environment.tls_certificate,
-              "Certificate of this client, PEM, where the server asks for one",
+              "Certificate of this client, PEM, if the server requires one",
               "MANEUVER_TLS_CERTIFICATE");
   root.Option("--tls-key", &environment.tls_key, "The certificate's private key, PEM",
               "MANEUVER_TLS_KEY");
   root.Option("--tls-server-name", &environment.tls_server_name,
-              "Name in the server's certificate, if it is not that of --server",
+              "Name in the server's certificate, if it differs from --server",
               "MANEUVER_TLS_SERVER_NAME");
   root.Option("--token-file", &environment.token_file,
-              "File with the token that says who calls; or the token itself in MANEUVER_TOKEN",
+              "File with the token that authenticates the caller; or set MANEUVER_TOKEN to the "
+              "token itself",
               "MANEUVER_TOKEN_FILE");
   root.Choice("--output", &environment.output, {"text", "json"},
               "Tables for people, or proto3 JSON for scripts");
   root.Option("--timeout", &environment.timeout, 0.001, 1e6,
-              "Seconds that each call may take [by kind of call]");
-  root.Flag("-v,--verbose", &environment.verbose, "Say more about what goes on");
-  root.Flag("-q,--quiet", &environment.quiet, "Say nothing but answers and errors");
+              "Most seconds for each call [depends on the call]");
+  root.Flag("-v,--verbose", &environment.verbose, "Print more messages");
+  root.Flag("-q,--quiet", &environment.quiet, "Print only answers and errors");
   root.Exclude("--quiet", "--verbose");
   root.Choice("--progress", &environment.progress, {"auto", "json", "none"},
               "auto: drawn on a terminal; json: a line of JSON on standard error for each step");

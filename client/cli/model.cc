@@ -192,8 +192,8 @@ int Actions(const ModelArguments& arguments, Environment& environment) {
   }
   environment.out << table.Text(environment.color);
   if (set->has_speed()) {
-    environment.err << "means are those of a target that drives straight on at " << set->speed()
-                    << " m/s; --speed asks for another speed\n";
+    environment.err << "means are for a target that drives straight on at " << set->speed()
+                    << " m/s; --speed sets another speed\n";
   } else if (arguments.speed) {
     environment.err << "the actions of this model are the same at every speed\n";
   }
@@ -239,7 +239,7 @@ int Promote(const ModelArguments& arguments, Environment& environment) {
   if (!required.ok()) return environment.Refuse(std::string(required.message()));
   if (request.requirements().empty() == arguments.dataset.has_value()) {
     return environment.Refuse(
-        "--ahead-of and --not-behind go with --dataset: which evaluation of the version decides");
+        "--ahead-of and --not-behind need --dataset, which names the evaluation to check");
   }
   if (arguments.dataset) request.set_dataset(DatasetResource(*arguments.dataset));
   const auto alias = environment.server_client().SetModelAlias(request, environment.call_options());
@@ -283,26 +283,26 @@ int Label(const ModelArguments& arguments, Environment& environment) {
 void AddModel(Command& root, Environment& environment) {
   Command group = root.Add("model", "Trained models and their actions");
   const auto arguments = std::make_shared<ModelArguments>();
-  const std::string any = "town (what serves), town/2 or town@candidate";
+  const std::string any = "town (the version that serves), town/2 or town@candidate";
 
   Command list = group.Add("list", "All versions, newest first",
                            "Example: maneuver model list\n"
                            "         maneuver model list town");
-  list.OptionalArgument("MODEL", &arguments->model, "Of this model alone");
+  list.OptionalArgument("MODEL", &arguments->model, "Show only versions of this model");
   list.Run([=, &environment] { return ListModels(arguments->model, environment); });
 
   Command show = group.Add("show", "One version", "Example: maneuver model show town/2");
   show.Argument("MODEL", &arguments->model, any);
   show.Run([=, &environment] { return ShowModel(arguments->model, environment); });
 
-  Command actions = group.Add("actions", "What actions a version has learned",
+  Command actions = group.Add("actions", "Show the actions of a version",
                               "Actions of a model that predicts relative to the present motion "
                               "depend on the speed: --plot draws them at 0, 5, 10 and 20 m/s, or "
                               "at --speed.\n"
                               "Example: maneuver model actions town --plot actions.png\n"
                               "         maneuver model actions town --speed 10");
   actions.OptionalArgument("MODEL", &arguments->model, any + " [the only one that serves]");
-  actions.Flag("--all", &arguments->all, "Also actions that are not effective");
+  actions.Flag("--all", &arguments->all, "Include actions that are not effective");
   actions.Option("--speed", &arguments->speed, 0.0, 100.0,
                  "Speed of the target that they are drawn for, m/s [10]");
   actions.Picture("--plot", &arguments->plot, "PNG file to draw them into");
@@ -315,32 +315,32 @@ void AddModel(Command& root, Environment& environment) {
   remove.Run([=, &environment] { return DeleteModel(arguments->model, environment); });
 
   Command promote = group.Add("promote", "Make a version the one that serves",
-                              "It is loaded and checked first; a bad one leaves all as it was. So "
-                              "does one whose last evaluation on --dataset does not show what "
-                              "--ahead-of and --not-behind require; the answer names the strata.\n"
+                              "The version is loaded and checked first. Nothing changes if that "
+                              "fails, or if its last evaluation on --dataset does not meet "
+                              "--ahead-of and --not-behind; the answer names the strata.\n"
                               "Example: maneuver model promote town/2\n"
                               "         maneuver model promote town/3 --alias candidate\n"
                               "         maneuver model promote town/3 --dataset unseen \\\n"
                               "             --ahead-of cv --not-behind ctra@strata");
   promote.Argument("MODEL", &arguments->model, "The version, such as town/2");
-  promote.Option("--alias", &arguments->alias, "Which alias to point to it");
+  promote.Option("--alias", &arguments->alias, "Alias to point to the version");
   promote.Option("--dataset", &arguments->dataset,
                  "Dataset that the version was evaluated on, for --ahead-of and --not-behind");
   promote.Option("--ahead-of", &arguments->ahead_of,
-                 absl::StrCat("Only if it is ahead of this, by the whole 95 % interval of the "
-                              "difference; may be repeated. ",
+                 absl::StrCat("Require that the version is ahead of this by the whole 95 % "
+                              "interval of the difference; may be repeated. ",
                               kRivalHelp));
-  promote.Option("--not-behind", &arguments->not_behind,
-                 "The same, but only what is behind by the whole interval is refused: undecided "
-                 "will do");
+  promote.Option(
+      "--not-behind", &arguments->not_behind,
+      "Require that the version is not behind this by the whole interval; undecided is enough");
   promote.Run([=, &environment] { return Promote(*arguments, environment); });
 
   AddModelCompare(group, environment);
   AddModelTransfer(group, environment);
   AddModelExport(group, environment);
 
-  Command label = group.Add("label", "Give an action a name for people",
-                            "Example: maneuver model label town/2 7 \"left turn\"");
+  Command label =
+      group.Add("label", "Name an action", "Example: maneuver model label town/2 7 \"left turn\"");
   label.Argument("MODEL", &arguments->model, any);
   label.Argument("ACTION", &arguments->action, 0, 1'000'000, "The action's id");
   label.Argument("LABEL", &arguments->label, "Its name; \"\" removes it");

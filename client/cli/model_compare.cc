@@ -50,8 +50,8 @@ absl::StatusOr<std::string> ChooseDataset(const CompareArguments& arguments,
     if (!IsOn(baseline, dataset)) missing += HowToEvaluate(arguments.baseline, dataset);
     if (!IsOn(candidate, dataset)) missing += HowToEvaluate(arguments.candidate, dataset);
     if (missing.empty()) return dataset;
-    return absl::NotFoundError(
-        absl::StrCat("not both were evaluated on ", ShortName(dataset), "; run", missing));
+    return absl::NotFoundError(absl::StrCat("the versions were not both evaluated on ",
+                                            ShortName(dataset), "; run", missing));
   }
   std::vector<std::string> common;
   for (const v1::EvaluationReport& report : baseline) {
@@ -147,17 +147,17 @@ absl::StatusOr<Reports> ListReports(const std::string& model, Environment& envir
 void AddModelCompare(Command& group, Environment& environment) {
   const auto arguments = std::make_shared<CompareArguments>();
   Command compare =
-      group.Add("compare", "Two versions side by side, by their evaluations",
+      group.Add("compare", "Compare the evaluations of two versions",
                 "Both must have been measured on the same examples: see maneuver evaluate.\n"
-                "The difference is that of the second to the first.\n"
+                "The difference is B minus A.\n"
                 "Example: maneuver model compare town/1 town/2 --dataset unseen\n"
                 "         maneuver model compare town town@candidate --strata");
-  compare.Argument("A", &arguments->baseline, "town (what serves), town/2 or town@candidate");
-  compare.Argument("B", &arguments->candidate, "Likewise");
+  compare.Argument("A", &arguments->baseline,
+                   "town (the version that serves), town/2 or town@candidate");
+  compare.Argument("B", &arguments->candidate, "Version to compare with A");
   compare.Option("--dataset", &arguments->dataset,
-                 "What they were evaluated on [the only one that both were]");
-  compare.Flag("--strata", &arguments->strata,
-               "Also for the parts of the examples, by speed, turn and so on");
+                 "Dataset of both evaluations [the only one that they share]");
+  compare.Flag("--strata", &arguments->strata, "Also compare by speed, turn and other strata");
   compare.Run([arguments, &environment] { return Compare(*arguments, environment); });
 }
 

@@ -44,17 +44,17 @@ int Export(const ExportArguments& arguments, Environment& environment) {
 void AddModelExport(Command& group, Environment& environment) {
   const auto arguments = std::make_shared<ExportArguments>();
   Command command =
-      group.Add("export", "A model folder's networks as an ONNX file",
-                "From what is read of a scene to p(y|s), and on to the sigma trajectories of every "
-                "action.\n"
+      group.Add("export", "Export a model folder's networks as an ONNX file",
+                "The networks compute p(y|s) and the sigma trajectories of every action from a "
+                "scene's inputs.\n"
                 "Example: maneuver model export /var/lib/maneuver/models/town/2 --onnx town.onnx");
   command.Argument("MODEL_FOLDER", &arguments->folder,
                    "Folder with model.json and weights.safetensors");
   command.Argument("--onnx", &arguments->onnx, "File to write");
   command.Flag("--probabilities-only", &arguments->probabilities_only,
-               "Without the distributions of actions");
+               "Leave out the distributions of actions");
   command.Option("--scenes", &arguments->scenes, 0, 10'000,
-                 "For exactly so many scenes, which some engines want to know [0: any number]");
+                 "Fix the number of scenes, which some engines need [0: any number]");
   command.Run([arguments, &environment] { return Export(*arguments, environment); });
 }
 

@@ -327,10 +327,10 @@ int Predict(const PredictArguments& arguments, Environment& environment) {
 
 void AddCommonOptions(Command& command, PredictArguments* arguments) {
   command.Arguments("FILE", &arguments->files, "Scenario as proto3 JSON; - for standard input");
-  command.Option("--model", &arguments->model,
-                 "town (what serves), town/2 or town@candidate [the only one that serves]");
-  command.Option("--deadline", &arguments->deadline, 1.0, 1e7,
-                 "Milliseconds that the answer may take");
+  command.Option(
+      "--model", &arguments->model,
+      "town (the version that serves), town/2 or town@candidate [the only one that serves]");
+  command.Option("--deadline", &arguments->deadline, 1.0, 1e7, "Most milliseconds for the answer");
   AddPriorityOption(command, &arguments->priority);
 }
 
@@ -344,14 +344,14 @@ void AddQueryOptions(Command& command, PredictArguments* arguments) {
   command.Exclude("--actions", "--top-k");
   command.Exclude("--top-k", "--min-probability");
   command.Option("--representatives", &arguments->representatives, 1, 1'000'000,
-                 "Choose and describe so many actions that cover the mixture; the first one is the "
+                 "Choose and describe this many actions that cover the mixture; the first is the "
                  "medoid, the best single answer");
   command.Flag("--prior", &arguments->prior,
-               "The actions in general, p(z|y), in place of what they would be here");
+               "Describe generic actions, p(z|y), instead of actions in this scene");
   command.Choice("--frame", &arguments->frame, {"world", "target"}, "Frame of the trajectories");
   command.Picture("--plot", &arguments->plot,
                   "PNG file to draw the scene into; FILE-1.png, ... for several scenes");
-  command.Flag("--paths", &arguments->paths, "Draw where each target can go along the lanes, too");
+  command.Flag("--paths", &arguments->paths, "Also draw the lane paths of each target");
   command.Need("--paths", "--plot");
 }
 
@@ -382,7 +382,7 @@ void AddPredict(Command& root, Environment& environment) {
   distribution.Run([=, &environment] { return Distribution(*arguments, environment); });
 
   Command predict =
-      root.Add("predict", "Both answers at once",
+      root.Add("predict", "Probabilities and distributions of actions",
                "Example: maneuver predict scene.json --plot scene.png\n"
                "         maneuver predict scene.json --representatives 6 --plot scene.png\n"
                "         maneuver predict *.json --model town@candidate --output json");

@@ -12,7 +12,7 @@ namespace maneuver::cli {
 
 inline void AddPriorityOption(Command& command, std::string* priority) {
   command.Choice("--priority", priority, {"interactive", "bulk"},
-                 "bulk: let requests that someone waits for go first");
+                 "bulk: let interactive requests go first");
 }
 
 inline v1::Priority PriorityNamed(const std::string& name) {

@@ -14,8 +14,8 @@ namespace maneuver::cli {
 // Explains what ParseRequirements reads, for --help.
 inline constexpr char kRivalHelp[] =
     "RIVAL[:METRIC][@strata]. RIVAL is cv (constant velocity), ctra, faded (the faded roll-out), "
-    "covernet, multipath, or baselines for those two; METRIC is ade_1 unless given; @strata: in "
-    "every stratum by speed and class with 50 examples, not only over all";
+    "covernet, multipath, or baselines for those two; METRIC is ade_1 unless given; @strata: also "
+    "in every stratum by speed and class with at least 50 examples";
 
 // Appends the requirements that `texts` ask for, such as "cv", "ctra@strata" and
 // "baselines:min_fde_6@strata". INVALID_ARGUMENT, with what is wrong, for others.

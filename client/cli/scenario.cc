@@ -156,7 +156,7 @@ int Extract(const ScenarioArguments& arguments, Environment& environment) {
                                     [id](const v1::Agent& any) { return any.id() == id; });
     if (agent == agents.end() || CurrentState(*agent, time) < 0) {
       return environment.Refuse(absl::StrCat(
-          "target ", id, agent == agents.end() ? " is no agent of " : " is not in sight in ",
+          "target ", id, agent == agents.end() ? " is not an agent of " : " is not visible in ",
           scenario->scenario_id(), agent == agents.end() ? "" : absl::StrCat(" at ", time, " s"),
           "; see maneuver scenario show"));
     }
@@ -193,28 +193,28 @@ void AddScenario(Command& root, Environment& environment) {
                            "Example: maneuver scenario list town\n"
                            "         maneuver scenario list datasets/town --most 10");
   list.Argument("SOURCE", &arguments->source, source_help);
-  list.Option("--most", &arguments->most, 0, INT64_MAX, "Print at most so many; 0: all");
+  list.Option("--most", &arguments->most, 0, INT64_MAX, "Most recordings to print; 0: all");
   list.Run([=, &environment] { return PrintScenarios(*arguments, environment); });
 
   Command show =
-      group.Add("show", "What is in one recording",
+      group.Add("show", "Summarise one recording",
                 "Example: maneuver scenario show town town-1-0\n"
                 "         maneuver scenario show town town-1-0 --plot scene.png --paths");
   show.Argument("SOURCE", &arguments->source, source_help);
   show.Argument("SCENARIO_ID", &arguments->scenario_id, "Which recording");
   show.Picture("--plot", &arguments->plot,
                "PNG file to draw its targets into, at its prediction time");
-  show.Flag("--paths", &arguments->paths, "Draw where each target can go along the lanes, too");
+  show.Flag("--paths", &arguments->paths, "Also draw the lane paths of each target");
   show.Need("--paths", "--plot");
   show.Run([=, &environment] { return ShowScenario(*arguments, environment); });
 
   Command extract =
-      group.Add("extract", "Take one scene out of a dataset, as JSON",
-                "Writes a Scenario as proto3 JSON that maneuver predict takes. Without --target it "
-                "asks about\n"
-                "the agents of --type that the recording names, else those that move (at most 8). "
-                "The future\n"
-                "is kept, for classify and for plots: predictions never see it.\n"
+      group.Add("extract", "Extract one scene of a dataset as JSON",
+                "Writes a Scenario as proto3 JSON for maneuver predict. Without --target its "
+                "targets are the agents\n"
+                "of --type that the recording names, or else those that move (at most 8). The "
+                "future is kept for\n"
+                "classify and for plots; predictions never see it.\n"
                 "Example: maneuver scenario extract town town-1-0 --time 4 -o scene.json\n"
                 "Then:    maneuver predict scene.json --plot scene.png");
   extract.Argument("SOURCE", &arguments->source, source_help);
@@ -226,7 +226,7 @@ void AddScenario(Command& root, Environment& environment) {
                  "Type of the agents to ask about");
   extract.Exclude("--type", "--target");
   extract.Flag("--no-future,!--with-future", &arguments->no_future,
-               "Leave out what lies after the prediction time");
+               "Leave out states after the prediction time");
   extract.Option("-o,--out", &arguments->file, "File to write [standard output]");
   extract.Run([=, &environment] { return Extract(*arguments, environment); });
 }

@@ -18,8 +18,8 @@ absl::StatusOr<std::vector<v1::Scenario>> ReadScenarios(const std::vector<std::s
     if (scenarios[i].target_ids().empty()) {
       return absl::InvalidArgumentError(
           absl::StrCat(files[i],
-                       " names no target; list agents in \"targetIds\", or take the scene "
-                       "with maneuver scenario extract --target ID"));
+                       " names no target; list agents in \"targetIds\", or extract the scene with "
+                       "maneuver scenario extract --target ID"));
     }
   }
   return scenarios;

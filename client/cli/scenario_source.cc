@@ -21,7 +21,7 @@ absl::Status CheckFolder(const std::string& source) {
     return absl::OkStatus();
   }
   return absl::NotFoundError(
-      absl::StrCat(source, " is not a dataset folder; for a dataset on the server say ",
+      absl::StrCat(source, " is not a dataset folder; for a dataset on the server use ",
                    DatasetResource(source)));
 }
 

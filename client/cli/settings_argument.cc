@@ -173,7 +173,7 @@ absl::Status RefuseUnheardZeros(const std::vector<std::string>& assignments,
       google::protobuf::TextFormat::PrintFieldValueToString(*used, field, -1, &value);
       return absl::InvalidArgumentError(
           absl::StrCat(path, " cannot be ", assignment.substr(path.size() + 1),
-                       ", which stands for what the preset says, ", value));
+                       ": that value means the preset's own, ", value));
     }
   }
   return absl::OkStatus();
@@ -191,9 +191,9 @@ absl::Status SetHorizon(const std::string& horizon, v1::TrainingSettings* settin
   if (!(interval > 0.0)) interval = 0.1;  // of a preset that the server will refuse
   const double waypoints = std::round(seconds / interval);
   if (waypoints < 1.0 || std::abs(waypoints * interval - seconds) > 1e-6) {
-    return absl::InvalidArgumentError(absl::StrCat("--horizon ", horizon,
-                                                   " is no whole number of waypoints, which are ",
-                                                   interval, " s apart"));
+    return absl::InvalidArgumentError(
+        absl::StrCat("--horizon ", horizon, " is not a whole number of waypoints, which are ",
+                     interval, " s apart"));
   }
   settings->mutable_model()->mutable_trajectory()->set_waypoints(static_cast<int32_t>(waypoints));
   return absl::OkStatus();

@@ -41,7 +41,7 @@ void AddSpecRows(const v1::ModelSpec& spec, const v1::ModelCost& cost, Table* ta
   if (spec.has_action_geometry()) {
     table->Add({"actions look at", "the lane paths, each along its own trajectory"});
   }
-  if (spec.mean_residual()) table->Add({"means", "depend on the scene directly, too"});
+  if (spec.mean_residual()) table->Add({"means", "also depend on the scene directly"});
   if (spec.has_scene_covariance()) {
     table->Add({"covariance", "predicted from the scene"});
   } else if (spec.has_decoder_covariance()) {

@@ -126,16 +126,16 @@ int Synthesize(const SynthesizeArguments& arguments, Environment& environment) {
 void AddSynthesize(Command& root, Environment& environment) {
   const auto arguments = std::make_shared<SynthesizeArguments>();
   Command command = root.Add("synthesize", "Make a dataset of the synthetic town",
-                             "Writes a new dataset folder: traffic in a made-up town, and beside "
-                             "it what each vehicle was\n"
-                             "doing, for evaluation. The same seed gives the same recordings.\n"
+                             "Writes a new dataset folder with traffic in a made-up town, and with "
+                             "labels of what each vehicle\n"
+                             "was doing, for evaluation. The same seed gives the same recordings.\n"
                              "Example: maneuver synthesize town --recordings 200 --seed 1\n"
                              "Then:    maneuver dataset upload town town");
   command.Argument("OUT_DIR", &arguments->folder, "Folder to write; must not exist");
-  command.Option("--recordings", &arguments->recordings, 1, 1'000'000, "How many");
-  command.Option("--seed", &arguments->seed, 0, INT64_MAX, "Which town");
+  command.Option("--recordings", &arguments->recordings, 1, 1'000'000, "Number of recordings");
+  command.Option("--seed", &arguments->seed, 0, INT64_MAX, "Seed of the town and its traffic");
   command.Option("--duration", &arguments->duration, 2.0, 600.0, "Seconds of each recording");
-  command.Option("--threads", &arguments->threads, 0, 1'024, "0: one for each core");
+  command.Option("--threads", &arguments->threads, 0, 1'024, "Threads; 0: one for each core");
   command.Run([arguments, &environment] { return Synthesize(*arguments, environment); });
 }
 

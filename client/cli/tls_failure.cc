@@ -29,7 +29,7 @@ std::string Problem(long verify_result) {
     case X509_V_ERR_DEPTH_ZERO_SELF_SIGNED_CERT:
     case X509_V_ERR_SELF_SIGNED_CERT_IN_CHAIN:
     case X509_V_ERR_CERT_SIGNATURE_FAILURE:
-      return "it is of another authority";
+      return "it is from another authority";
     default:
       return X509_verify_cert_error_string(verify_result);
   }
@@ -72,15 +72,16 @@ std::string ExplainTlsFailure(const std::string& message, const std::string& ser
     const std::string problem = CertificateProblem(server, authority);
     return absl::StrCat(
         "the certificate of the server at ", server, " is not trusted: ",
-        problem.empty() ? "it is of another authority, or not valid now" : problem,
+        problem.empty() ? "it is from another authority, or not valid now" : problem,
         authority.empty()
-            ? "; --tls-ca FILE names the authority that it has to be of"
-            : absl::StrCat("; it has to be valid, and of an authority in ", authority));
+            ? "; --tls-ca FILE names an authority to trust"
+            : absl::StrCat("; it must be valid and from an authority in ", authority));
   }
   if (absl::StrContains(message, "wrong version number")) {
-    return absl::StrCat("the server at ", server,
-                        " does not serve over TLS; leave out --tls and all that begins with it (",
-                        message, ")");
+    return absl::StrCat(
+        "the server at ", server,
+        " does not serve over TLS; leave out --tls and all options that begin with it (", message,
+        ")");
   }
   return "";
 }

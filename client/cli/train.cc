@@ -93,11 +93,11 @@ std::string SetPromotion(const TrainArguments& arguments, v1::TrainRequest& requ
     const bool given = arguments.promote_dataset || !arguments.promote_metrics.empty() ||
                        !arguments.promote_ahead.empty() || !arguments.promote_not_behind.empty();
     return given ? "--promote-dataset, --promote-metric, --promote-ahead and --promote-not-behind "
-                   "go with --promote if-no-worse"
+                   "need --promote if-no-worse"
                  : "";
   }
   if (!arguments.promote_dataset) {
-    return "--promote if-no-worse wants --promote-dataset: what both versions are measured on";
+    return "--promote if-no-worse needs --promote-dataset, the dataset to measure both versions on";
   }
   v1::PromotionCriteria& criteria = *request.mutable_promotion_criteria();
   criteria.set_dataset(DatasetResource(*arguments.promote_dataset));
@@ -167,7 +167,7 @@ int Train(const TrainArguments& arguments, Environment& environment) {
     if (environment.json()) {
       environment.PrintJson(*job);
     } else {
-      environment.out << "The request is good; nothing was started.\n";
+      environment.out << "The request is valid; nothing was started.\n";
     }
     return kOk;
   }
@@ -180,7 +180,7 @@ int Train(const TrainArguments& arguments, Environment& environment) {
     }
     return kOk;
   }
-  environment.err << job->name() << " learns " << request.model() << "; Ctrl-C stops watching\n";
+  environment.err << job->name() << " trains " << request.model() << "; Ctrl-C stops watching\n";
   return WatchToEnd(job->name(), environment);
 }
 
@@ -189,7 +189,7 @@ int Train(const TrainArguments& arguments, Environment& environment) {
 void AddTrain(Command& root, Environment& environment) {
   const auto arguments = std::make_shared<TrainArguments>();
   Command command = root.Add(
-      "train", "Learn a new version of a model",
+      "train", "Train a new version of a model",
       "Starts a job on the server and shows its progress; Ctrl-C stops watching, not the job.\n"
       "Settings come from the preset, then --settings, then the options, then --set.\n"
       "Example: maneuver train town --dataset town\n"
@@ -202,20 +202,19 @@ void AddTrain(Command& root, Environment& environment) {
       "         maneuver train town --start-from town --dataset town --dataset new=3 --epochs 3");
   command.Argument("MODEL", &arguments->model, "The model: a-z, 0-9 and -; need not exist");
   command.Option("--dataset", &arguments->datasets,
-                 "Dataset to learn from; may be repeated, then also as NAME=WEIGHT: city=3 and "
-                 "highway=1 take three examples from city for one from highway",
+                 "Dataset to learn from; may be repeated and weighted as NAME=WEIGHT: city=3 and "
+                 "highway=1 take three examples from city for each one from highway",
                  true);
   command.Option("--start-from", &arguments->start_from,
-                 "Version to start from, such as town, town/2 or town@candidate: its sizes and "
-                 "actions stay, only the joint and the posterior epochs are run [random weights]");
-  command.Option(
-      "--objective", &arguments->objective,
-      "base (actions alone), dual (then how they fit the scene) or unified (all at once) "
-      "[unified]");
+                 "Version to start from, such as town, town/2 or town@candidate: keeps its sizes "
+                 "and actions, and runs only the joint and posterior epochs [random weights]");
+  command.Option("--objective", &arguments->objective,
+                 "base (actions alone), dual (then their fit to the scene) or unified (both "
+                 "together) [unified]");
   command.Option(
       "--preset", &arguments->preset,
       "lanes (relative to the motion), lanes-metres, or the paper's: compact (small), paper (its "
-      "sizes), resnet50 (and its backbone), literal (by its letter) [lanes]");
+      "sizes), resnet50 (and its backbone), literal (exactly as printed) [lanes]");
   command.Option("--settings", &arguments->settings_file,
                  "File with TrainingSettings as proto3 JSON");
   command.Option("--set", &arguments->assignments,
@@ -223,8 +222,9 @@ void AddTrain(Command& root, Environment& environment) {
   command.Option("--horizon", &arguments->horizon, "How far to predict, such as 5s");
   command.Option("--targets", &arguments->targets,
                  "Types of agents to learn from and to predict: vehicle, pedestrian, cyclist or "
-                 "other, or several with commas between them [vehicle]");
-  command.Option("--epochs", &arguments->epochs, 0, 100'000, "Epochs of everything together");
+                 "other, or several, separated by commas [vehicle]");
+  command.Option("--epochs", &arguments->epochs, 0, 100'000,
+                 "Epochs of the joint phase, which trains everything");
   command.Option("--pretraining-epochs", &arguments->pretraining_epochs, 0, 100'000,
                  "Epochs of the plain VAE");
   command.Option("--mixture-epochs", &arguments->mixture_epochs, 0, 100'000,
@@ -232,23 +232,23 @@ void AddTrain(Command& root, Environment& environment) {
   command.Option("--actions", &arguments->actions, 1, 10'000, "K, the number of actions");
   command.Option("--seed", &arguments->seed, 0, INT64_MAX, "Seed of everything random");
   command.Choice("--promote", &arguments->promote, {"auto", "never", "always", "if-no-worse"},
-                 "When the new version becomes the one that serves; auto: if none does yet; "
-                 "if-no-worse: if none does yet, or measured on --promote-dataset it is no worse, "
-                 "and meets --promote-ahead and --promote-not-behind");
+                 "Whether the new version serves; auto: if none serves yet; if-no-worse: if none "
+                 "serves yet or it is no worse on --promote-dataset, and it meets --promote-ahead "
+                 "and --promote-not-behind");
   command.Option("--promote-dataset", &arguments->promote_dataset,
                  "Dataset to measure both versions on, for if-no-worse");
   command.Option("--promote-metric", &arguments->promote_metrics,
                  "NAME or NAME=TOLERANCE, such as nll=0.01, that may not be worse; may be repeated "
                  "[min_ade_6 nll]");
   command.Option("--promote-ahead", &arguments->promote_ahead,
-                 absl::StrCat("Promote only what is ahead of this on --promote-dataset, by the "
-                              "whole 95 % interval of the difference; may be repeated. ",
+                 absl::StrCat("Require that the new version is ahead of this on --promote-dataset "
+                              "by the whole 95 % interval of the difference; may be repeated. ",
                               kRivalHelp));
-  command.Option("--promote-not-behind", &arguments->promote_not_behind,
-                 "The same, but only what is behind by the whole interval is refused: undecided "
-                 "will do");
+  command.Option(
+      "--promote-not-behind", &arguments->promote_not_behind,
+      "Require that the new version is not behind this by the whole interval; undecided is enough");
   command.Option("--priority", &arguments->priority, -100, 100,
-                 "Jobs of a higher one run first [0]");
+                 "Jobs with a higher priority run first [0]");
   command.Flag("--detach", &arguments->detach, "Start the job and return");
   command.Flag("--validate-only", &arguments->validate_only,
                "Check the request, start nothing; --output json shows every setting that a job "

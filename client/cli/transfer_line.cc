@@ -13,7 +13,7 @@ namespace {
 
 // "12.0 MB of 40 MB, 3.1 MB a second, 9 s left".
 std::string HowFar(const client::UploadProgress& progress, double seconds) {
-  if (progress.there == progress.total) return "it is checked";
+  if (progress.there == progress.total) return "it is being checked";
   const double rate =
       static_cast<double>(progress.there - progress.resumed) / std::max(seconds, 1e-3);
   std::string text = absl::StrCat(Bytes(progress.there), " of ", Bytes(progress.total));

@@ -198,7 +198,7 @@ Block Meaning(Reader& read) {
   read.Row(block, "NMI of action and class", Thousandths, {"nmi_kinematic", "nmi_relative", "nmi"});
   read.Row(block, "purity of the actions", Thousandths,
            {"purity_kinematic", "purity_relative", "purity"});
-  read.Row(block, "told of the class, given the speed", Share,
+  read.Row(block, "class information, given the speed", Share,
            {"class_information_kinematic", "class_information_relative"});
   read.Row(block, "examples in actions of purity 0.7", Share, {"", "named_share_relative"});
   read.Row(block, "examples with a manoeuvre", Count, {"", "", "labelled_examples"});

@@ -144,7 +144,7 @@ absl::StatusOr<std::vector<Setting>> FromEnvironment(const char* const* environm
       settings.push_back({found->second, value, variable});
     } else {
       return absl::InvalidArgumentError(absl::StrCat(
-          variable, ": this environment variable stands for no option; see maneuverd --help"));
+          variable, ": there is no option for this environment variable; see maneuverd --help"));
     }
   }
   return settings;

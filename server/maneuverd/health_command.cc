@@ -123,7 +123,8 @@ int RunHealthCommand(int argc, const char* const* argv, const char* const* envir
   if (const int* status = std::get_if<int>(&parsed)) return *status;
   const auto& options = std::get<ServerOptions>(parsed);
   if (options.listen.port == 0) {
-    return Report(kCannotAsk, "--listen: port 0 may be any port; name the one that it listens on");
+    return Report(kCannotAsk,
+                  "--listen: port 0 stands for any port; name the port that the server listens on");
   }
   const auto credentials = Credentials(options);
   if (!credentials.ok()) return Report(kCannotAsk, std::string(credentials.status().message()));

@@ -30,55 +30,54 @@ absl::Duration DaysOrForever(double days) {
 }  // namespace
 
 void AddJobOptions(CLI::App& app, JobOptions& options) {
-  app.add_option("--trainer", options.trainer, "The program that learns")->capture_default_str();
-  app.add_option("--max-running-jobs", options.max_running, "Jobs that run at the same time")
+  app.add_option("--trainer", options.trainer, "The program that trains")->capture_default_str();
+  app.add_option("--max-running-jobs", options.max_running, "Most jobs that run at the same time")
       ->check(CLI::Range(1, 64))
       ->capture_default_str();
   app.add_option("--max-pending-jobs", options.max_pending,
-                 "Jobs that wait; beyond them new ones are refused")
+                 "Most waiting jobs; above it new jobs are refused")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
-  app.add_option(
-         "--trainer-threads", options.limits.threads,
-         "Threads of each job, whatever its settings say; 0: as they say, or one for each core")
+  app.add_option("--trainer-threads", options.limits.threads,
+                 "Threads of each job, overriding its settings; 0: as in its settings, or one for "
+                 "each core")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   AddScaled(app, "--job-memory-limit", "0", 1e9,
-            "Memory of a job's process, MiB, without what it only reads from files; 0: no limit",
+            "Most memory of a job's process, MiB, without memory-mapped files; 0: no limit",
             [&options](double mebibytes) {
               options.limits.memory_bytes =
                   std::llround(mebibytes * static_cast<double>(kBytesPerMebibyte));
             });
-  AddScaled(app, "--job-time-limit", "0", 1e9, "How long a job may run, seconds; 0: no limit",
+  AddScaled(app, "--job-time-limit", "0", 1e9, "Most seconds that a job runs; 0: no limit",
             [&options](double seconds) { options.limits.run_time = Seconds(seconds); });
-  app.add_option("--job-attempts", options.limits.attempts_without_progress,
-                 "A job fails once so many of its processes in a row died without a new checkpoint")
+  app.add_option(
+         "--job-attempts", options.limits.attempts_without_progress,
+         "Fail a job after this many of its processes in a row died without a new checkpoint")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   app.add_option("--job-least-actions", options.least_effective_actions,
-                 "A training job fails if its model uses fewer actions on held-out examples")
+                 "Fail a training job whose model uses fewer actions on held-out examples")
       ->check(CLI::Range(0, 100'000))
       ->capture_default_str();
-  AddScaled(app, "--checkpoint-interval", "60", 86'400, "Time between two checkpoints, seconds",
+  AddScaled(app, "--checkpoint-interval", "60", 86'400, "Seconds between two checkpoints",
             [&options](double seconds) { options.checkpoints.interval = Seconds(seconds); });
   app.add_option("--checkpoint-steps", options.checkpoints.steps,
-                 "A checkpoint after so many steps as well; 0: by time alone")
+                 "Also write a checkpoint after this many steps; 0: by time only")
       ->check(CLI::Range(int64_t{0}, int64_t{1'000'000'000}))
       ->capture_default_str();
   app.add_option("--checkpoints-kept", options.checkpoints.kept,
-                 "How many of its last checkpoints a job keeps")
+                 "Number of latest checkpoints that a job keeps")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  AddScaled(app, "--keep-jobs", "90", kMostDays,
-            "Days after its end that a job is forgotten; 0: never",
+  AddScaled(app, "--keep-jobs", "90", kMostDays, "Days to keep a job after its end; 0: for ever",
             [&options](double days) { options.retention.jobs = DaysOrForever(days); });
   AddScaled(app, "--keep-checkpoints", "14", kMostDays,
-            "Days after the end of a failed or cancelled job that its checkpoints are removed; 0: "
-            "never",
+            "Days to keep the checkpoints of a failed or cancelled job; 0: for ever",
             [&options](double days) { options.retention.checkpoints = DaysOrForever(days); });
-  app.add_option("--keep-versions", options.retention.versions,
-                 "Newest versions of each model that are kept beside those that an alias names; 0: "
-                 "all")
+  app.add_option(
+         "--keep-versions", options.retention.versions,
+         "Number of newest versions of each model to keep, beside those with an alias; 0: all")
       ->check(CLI::Range(0, 1'000'000))
       ->capture_default_str();
 }

@@ -70,23 +70,24 @@ struct SecurityFlags {
 
 void AddSecurityFlags(CLI::App& app, SecurityFlags* flags, ServerOptions* options) {
   app.add_option("--tls-certificate", flags->tls.certificate,
-                 "Serve over TLS with this certificate, PEM; read again when it changes");
+                 "Serve over TLS with this certificate, PEM; reloaded when it changes");
   app.add_option("--tls-key", flags->tls.key, "The certificate's private key, PEM");
   app.add_option("--tls-client-ca", flags->tls.client_ca,
-                 "Clients need a certificate of this authority, PEM (mutual TLS)");
-  app.add_option("--tokens", options->access.identities,
-                 "Who may call, by token or client certificate: lines as \"maneuverd token "
-                 "create\" writes them; read again when it changes. Without it all may do all");
+                 "Require client certificates of this authority, PEM (mutual TLS)");
+  app.add_option(
+      "--tokens", options->access.identities,
+      "File of callers by token or client certificate, with lines as \"maneuverd token create\" "
+      "writes them; reloaded when it changes. Without it every caller may do everything");
   app.add_flag("--insecure", flags->insecure, "Allow listening beyond loopback in plain text");
   app.add_option("--rate-limit", options->access.calls_per_second,
                  "Most calls a second of each client; 0: any number")
       ->check(CLI::Range(0.0, 1e9))
       ->capture_default_str();
   app.add_option("--rate-limit-targets", options->access.targets_per_second,
-                 "Most targets a second that are predicted for each client; 0: any number")
+                 "Most targets a second of each client; 0: any number")
       ->check(CLI::Range(0.0, 1e9))
       ->capture_default_str();
-  app.add_option("--max-message", flags->max_message_mib, "Largest message taken, MiB")
+  app.add_option("--max-message", flags->max_message_mib, "Largest message accepted, MiB")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
   app.add_option("--max-streams", options->limits.max_streams,
@@ -94,25 +95,25 @@ void AddSecurityFlags(CLI::App& app, SecurityFlags* flags, ServerOptions* option
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   app.add_option("--max-connection-idle", flags->max_idle_s,
-                 "A connection without a call for so long is closed, seconds")
+                 "Close a connection after this many seconds without a call")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   app.add_option("--max-connection-age", flags->max_age_s,
-                 "A connection this old takes no new calls, seconds; those in flight go on")
+                 "Stop new calls on a connection after this many seconds; calls in flight continue")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   app.add_option("--handshake-timeout", flags->handshake_s,
-                 "A connection whose handshake takes longer is closed, seconds")
+                 "Close a connection whose handshake takes more seconds than this")
       ->check(CLI::Range(1, 3600))
       ->capture_default_str();
   app.add_option("--keepalive", flags->keepalive_s,
-                 "A connection without a word for so long is asked for one, and closed if none "
-                 "comes in a third of that, seconds")
+                 "Ping a connection after this many seconds of silence, and close it if it does "
+                 "not answer within a third of that")
       ->check(CLI::Range(1, 100'000))
       ->capture_default_str();
   app.add_option("--max-receive-memory", options->limits.max_receive_bytes,
-                 "Most memory of messages that have not come whole, of all connections, such as "
-                 "1GiB; beyond that calls are broken off")
+                 "Most memory for incomplete messages of all connections, such as 1GiB; above it "
+                 "calls are broken off")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
@@ -127,7 +128,7 @@ absl::StatusOr<std::vector<security::ModelVersionName>> ParseVersions(const std:
     const int number = parts.size() == 2 ? security::ParseVersion(parts[1]) : 0;
     if (number == 0 || !security::IsResourceId(parts[0])) {
       return absl::InvalidArgumentError(
-          absl::StrCat(text, " are no versions of models; name them as town/3,highway/2"));
+          absl::StrCat(text, " does not name versions of models, such as town/3,highway/2"));
     }
     versions.push_back({parts[0], number});
   }
@@ -139,7 +140,7 @@ absl::Status TakeSecurityFlags(const SecurityFlags& flags, ServerOptions* option
   const security::CertificateFiles& tls = flags.tls;
   if (tls.certificate.empty() != tls.key.empty()) {
     return absl::FailedPreconditionError(
-        "--tls-certificate and --tls-key need one another: name both files, or neither");
+        "--tls-certificate and --tls-key need each other: name both files or neither");
   }
   if (!tls.client_ca.empty() && tls.certificate.empty()) {
     return absl::FailedPreconditionError(
@@ -158,8 +159,8 @@ absl::Status TakeSecurityFlags(const SecurityFlags& flags, ServerOptions* option
   options->limits.keepalive = std::chrono::seconds(flags.keepalive_s);
   if (options->limits.max_receive_bytes < 2 * int64_t{options->limits.max_message_bytes}) {
     return absl::FailedPreconditionError(
-        "--max-receive-memory has to be at least twice --max-message: less of the one, or more of "
-        "the other");
+        "--max-receive-memory must be at least twice --max-message: raise the former or lower the "
+        "latter");
   }
   return absl::OkStatus();
 }
@@ -182,23 +183,26 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   SecurityFlags security_flags;
   options.jobs.trainer = BesideThisProgram("maneuver-trainer");
 
-  CLI::App app("maneuverd: predicts what drivers do next. Answers over gRPC, learns on request.",
-               "maneuverd");
+  CLI::App app(
+      "maneuverd predicts what drivers do next. It answers over gRPC and trains models on request.",
+      "maneuverd");
   app.footer(
-      "\nEvery option can be given as a variable of the environment too (--max-batch is "
-      "MANEUVERD_MAX_BATCH),\nor in the file that --config names (max-batch = 32); the command "
-      "line "
-      "comes first, the file last.\n\nmaneuverd token create, list and revoke manage the file of "
-      "--tokens;\nmaneuverd health [SERVICE] [OPTIONS] asks the server with these options "
+      "\nEvery option can also be an environment variable (--max-batch is MANEUVERD_MAX_BATCH) or "
+      "a line\n"
+      "of the file that --config names (max-batch = 32). The command line overrides the "
+      "environment,\n"
+      "which overrides the file.\n\n"
+      "maneuverd token create, list and revoke manage the file of --tokens;\n"
+      "maneuverd health [SERVICE] [OPTIONS] asks the server with these options "
       "whether it is ready.");
   app.get_help_ptr()->configurable(false);
   app.set_version_flag("--version", MANEUVER_VERSION)->configurable(false);
   std::string configuration_file;
   bool print_settings = false;
-  app.add_option("--config", configuration_file, "File with values of options, a line each")
+  app.add_option("--config", configuration_file, "File with one option a line")
       ->configurable(false);
   app.add_flag("--print-config", print_settings,
-               "Print the value of every option, as --config reads it, and end")
+               "Print the value of every option, as --config reads it, and exit")
       ->configurable(false);
   app.add_option("--data-dir", options.data_dir, "Folder of models, datasets and jobs")->required();
   app.add_option("--listen", listen, "HOST:PORT for gRPC; port 0 picks a free one")
@@ -210,7 +214,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->capture_default_str();
   AddSecurityFlags(app, &security_flags, &options);
   app.add_option("--port-file", options.port_file,
-                 "Write the addresses that it listens on to this file, as JSON");
+                 "Write the addresses that the server listens on to this file, as JSON");
   app.add_option("--workers", workers, "Threads that evaluate the model")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
@@ -218,33 +222,32 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->check(CLI::Range(1, 256))
       ->capture_default_str();
   app.add_option("--max-queue-delay", max_queue_delay_ms,
-                 "How long a batch that is not full waits for more, milliseconds")
+                 "Milliseconds that a batch below --max-batch waits for more targets")
       ->check(CLI::Range(0.0, 1000.0))
       ->capture_default_str();
   app.add_option("--max-queue", options.scheduler.queue.max_queue,
-                 "Most targets of each priority that wait; beyond them calls are refused")
+                 "Most waiting targets of each priority; above it calls are refused")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   app.add_option("--max-queue-bytes", options.scheduler.queue.max_queue_bytes,
-                 "Most bytes of requests of each priority that wait, such as 256MiB")
+                 "Most bytes of waiting requests of each priority, such as 256MiB")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  app.add_option(
-         "--max-response-bytes", options.sends.max_response_bytes,
-         "Most bytes that the answer of one prediction call may have, such as 256MiB; calls "
-         "whose answer could have more are refused")
+  app.add_option("--max-response-bytes", options.sends.max_response_bytes,
+                 "Most bytes of one answer, such as 256MiB; prediction calls whose answer could be "
+                 "larger are refused")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
   app.add_option("--max-send-memory", options.sends.max_send_memory,
-                 "Most bytes of answers of all prediction calls that their callers have not taken, "
-                 "such as 1GiB; beyond that calls are refused")
+                 "Most bytes of all answers that callers have not read yet, such as 1GiB; above it "
+                 "prediction calls are refused")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
   app.add_option("--max-maps", options.maps.max_maps,
-                 "Most registered maps that are held; the one unused for longest goes first")
+                 "Most registered maps; the least recently used one is dropped first")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   app.add_option("--max-map-bytes", options.maps.max_bytes,
@@ -252,15 +255,13 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  app.add_option(
-         "--shadow-fraction", options.shadow.fraction,
-         "Part of the requests, 0 to 1, for which the alias candidate is asked as well, once "
-         "they are answered; metrics say how far the answers differ")
+  app.add_option("--shadow-fraction", options.shadow.fraction,
+                 "Share of the requests, 0 to 1, that the alias candidate answers too, after the "
+                 "caller has its answer; metrics show how far both answers differ")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   app.add_option("--dataset-quota", options.datasets.quota_bytes,
-                 "Most bytes that all datasets together may have, such as 50GiB; 0: as many as the "
-                 "disk holds")
+                 "Most bytes of all datasets together, such as 50GiB; 0: no limit but the disk")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
@@ -269,31 +270,30 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
          [&options](double hours) {
            options.datasets.keep_uploads = std::chrono::seconds(std::llround(3600.0 * hours));
          },
-         "Hours after its last byte that what has arrived by an upload that broke off is removed; "
-         "0: never")
+         "Hours to keep an interrupted upload after its last byte; 0: for ever")
       ->check(CLI::Range(0.0, 1e5))
       ->default_str("24");
-  app.add_option(
-      "--serve", serve,
-      "Versions of models, such as town/3,highway/2, that get the alias serving when the "
-      "server starts; without it those serve that served before");
-  app.add_option("--precision", precision, "Of the engine; auto: bf16 where the processor has it")
+  app.add_option("--serve", serve,
+                 "Versions of models, such as town/3,highway/2, that get the alias serving when "
+                 "the server starts; without it the alias stays as it was");
+  app.add_option("--precision", precision,
+                 "Precision of the engine; auto: bf16 if the processor has it, else f32")
       ->check(CLI::IsMember(kPrecisions))
       ->capture_default_str();
   AddJobOptions(app, options.jobs);
-  app.add_option("--log-format", log_format, "Of the lines on standard error")
+  app.add_option("--log-format", log_format, "Format of the log on standard error")
       ->check(CLI::IsMember(kLogFormats))
       ->capture_default_str();
-  app.add_option("--log-level", log_level, "Least level that is logged")
+  app.add_option("--log-level", log_level, "Lowest level that is logged")
       ->check(CLI::IsMember(kLogLevels))
       ->capture_default_str();
   app.add_option("--shutdown-delay", shutdown_delay_s,
-                 "After SIGTERM, how long new calls are still taken while health says NOT_SERVING, "
-                 "seconds; behind a balancer as long as it takes to notice")
+                 "Seconds after SIGTERM in which new calls are still accepted while health says "
+                 "NOT_SERVING; set it to the time that a balancer takes to notice")
       ->check(CLI::Range(0.0, 3600.0))
       ->capture_default_str();
   app.add_option("--shutdown-timeout", shutdown_timeout_s,
-                 "After that, how long calls in flight may take, seconds")
+                 "Seconds after that for calls in flight to finish")
       ->check(CLI::Range(0.0, 3600.0))
       ->capture_default_str();
   const std::vector<std::string> arguments(argv + 1, argv + argc);
@@ -347,8 +347,8 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   }
   if (options.sends.max_send_memory < options.sends.max_response_bytes) {
     return refuse("", absl::FailedPreconditionError(
-                          "--max-send-memory has to be at least --max-response-bytes: less of the "
-                          "one, or more of the other"));
+                          "--max-send-memory must be at least --max-response-bytes: raise the "
+                          "former or lower the latter"));
   }
   auto versions = ParseVersions(serve);
   if (!versions.ok()) return refuse("--serve: ", versions.status());

@@ -25,7 +25,8 @@ absl::Status WithFlag(const char* flag, const absl::Status& status) {
 void WarnOfExposure(const ServerOptions& options) {
   if (security::IsLoopback(options.listen)) return;
   if (options.access.identities.empty()) {
-    Log(LogLevel::kWarning, "no --tokens: anyone who reaches the port may ask, train and delete");
+    Log(LogLevel::kWarning,
+        "no --tokens: anyone who reaches the port may predict, train and delete");
   } else if (!options.tls) {
     Log(LogLevel::kWarning, "no --tls-certificate: tokens cross the network in plain text");
   }

@@ -123,7 +123,7 @@ std::string StageTable(const v1::ModelSpec& spec, const std::vector<Workload>& w
     row("... decoder", [](const StageTimes& times) { return times.decoder; });
   }
   row("sum of the stages", [](const StageTimes& times) { return times.AllStages(); });
-  row("all together", [](const StageTimes& times) { return times.together; });
+  row("whole answer", [](const StageTimes& times) { return times.together; });
   return table;
 }
 
@@ -158,10 +158,10 @@ std::string RatioTable(const v1::ModelSpec& spec, const std::vector<Workload>& w
         raster ? "at most 0.25" : "-");
     row("distributions of 4 actions / " + network, times.Of(Stage::kDistributions),
         times.Of(Stage::kSceneNetwork), raster ? "at most 0.15" : "-");
-    row(raster ? "neither raster nor networks / all, in process"
-               : "neither reading nor networks / all, in process",
+    row(raster ? "other than raster and networks / sum of the stages"
+               : "other than reading and networks / sum of the stages",
         times.Rest(), times.AllStages(), raster ? "at most 0.15" : "-");
-    row("all together / sum of the stages", times.together, times.AllStages(), "about 1");
+    row("whole answer / sum of the stages", times.together, times.AllStages(), "about 1");
   }
   return table;
 }
@@ -230,8 +230,8 @@ std::string GrowthText(const GrowthCurve& growth, const std::string& folder) {
   if (chart.logarithmic_x) return text;
   for (const Curve& curve : chart.curves) {
     const StraightLine line = FitLine(chart.x, curve.y);
-    absl::StrAppendFormat(&text, "- %s: %.1f + %.3g x; no point is further from it than %s\n",
-                          curve.name, line.constant, line.slope, Percent(line.furthest));
+    absl::StrAppendFormat(&text, "- %s: %.1f + %.3g x, within %s at every point\n", curve.name,
+                          line.constant, line.slope, Percent(line.furthest));
   }
   return text + "\n";
 }
@@ -246,10 +246,10 @@ absl::Status WriteText(const std::filesystem::path& path, const std::string& tex
 
 std::string Introduction(const ReportOptions& options) {
   std::string text = absl::StrFormat(
-      "%s, %d cores. Maneuver %s, %s, %s%s. Every time is processor time of one core, in process, "
-      "without gRPC and without waiting: medians of the rounds in which what a table compares was "
-      "measured in turn, each stage and each request after a whole answer, whose caches are a busy "
-      "worker's.\n\n",
+      "%s, %d cores. Maneuver %s, %s, %s%s. Times are processor time of one core in process, "
+      "without gRPC and without waiting. Each is a median over rounds in which everything that one "
+      "table compares takes turns. Each stage and each request runs right after a whole answer, so "
+      "the caches hold what a busy worker's hold.\n\n",
       ProcessorName(), machine::UsableCores(), kGitRevision, kBuildType, kCompiler,
       inference::ProcessorHasBf16() ? "" : "; bf16: not on this processor");
   for (const SceneSet& set : options.scenes) {
@@ -259,7 +259,7 @@ std::string Introduction(const ReportOptions& options) {
       points += static_cast<double>(MapPoints(scene));
     }
     const double count = static_cast<double>(set.scenes.size());
-    absl::StrAppendFormat(&text, "- %s: %d, with %.0f agents and %.0f map points each\n", set.name,
+    absl::StrAppendFormat(&text, "- %s: %d, on average %.0f agents and %.0f map points\n", set.name,
                           set.scenes.size(), agents / count, points / count);
   }
   return text;
@@ -270,9 +270,9 @@ std::string PrecisionText(const BenchModel& model, const std::vector<SceneSet>& 
   const std::string precision(model.model->precision());
   if (precision == "f32") return "";
   std::string text = absl::StrCat(
-      "\n## ", precision, " beside f32\n\nDifferences of ", model.name,
-      "'s answers. Waypoints are those of the mean trajectories of actions with p(y|s) of at "
-      "least ",
+      "\n## ", precision, " beside f32\n\nHow much the answers of ", model.name, " differ between ",
+      precision,
+      " and f32. Waypoints are those of the mean trajectories of actions with p(y|s) of at least ",
       kLikely, ".\n\n",
       Header({"scenes", "targets", "p(y\\|s): mean", "largest", "waypoint, m: mean", "largest"}));
   for (const SceneSet& set : sets) {
@@ -287,12 +287,11 @@ std::string PrecisionText(const BenchModel& model, const std::vector<SceneSet>& 
 std::string WorkerText(const BenchModel& model, const SceneSet& set, const ReportOptions& options) {
   const std::vector<WorkerSpeed> speeds =
       MeasureWorkers(model, set.scenes, options.seconds, options.rounds);
-  std::string text =
-      absl::StrCat("\n## Workers\n\nTargets a second by the clock, ", model.name, ", ", set.name,
-                   ": the scheduler and its workers in process, without gRPC and without callers, "
-                   "who would need "
-                   "the same cores; in turn.\n\n",
-                   Header({"workers", "targets a second", "/ 1 worker"}));
+  std::string text = absl::StrCat(
+      "\n## Workers\n\nTargets a second by wall clock for ", model.name, ", ", set.name,
+      ". The scheduler and its workers run in process, without gRPC and without "
+      "callers, which would need the same cores. The rows take turns.\n\n",
+      Header({"workers", "targets a second", "/ 1 worker"}));
   for (const WorkerSpeed& speed : speeds) {
     text +=
         Row({absl::StrCat(speed.workers), absl::StrFormat("%.0f", Median(speed.targets_per_second)),
@@ -328,10 +327,10 @@ absl::Status WriteReport(const ReportOptions& options) {
   if (!status.ok()) return status;
 
   text +=
-      "## Models\n\nMicroseconds a target, 8 targets of one scene at once. What is read of a scene "
-      "is a raster, or the target's history, lane paths and agents nearby; the scene network is "
-      "the backbone, or "
-      "what joins these.\n\n";
+      "## Models\n\nMicroseconds a target, for a request of 8 targets of one scene. \"Read scene\" "
+      "draws the raster, or reads the target's history, lane paths and agents nearby as vectors. "
+      "The scene network is the backbone, or the network that joins these vectors. The share of "
+      "the peak counts multiplications that are skipped as done, so it can exceed 100 %.\n\n";
   std::vector<std::string> head = {"model",
                                    "raster",
                                    "precision",

@@ -62,7 +62,7 @@ TEST(BenchTest, ReportHasEveryStageTargetAndPicture) {
   for (const char* part :
        {"matrix product, f32", "matrix product, bf16", "memory, read", "memory, copied",
         "rasterise / backbone", "distributions of 4 actions / backbone",
-        "neither raster nor networks / all", "| compact | 64x64x13 |"}) {
+        "other than raster and networks / sum of the stages", "| compact | 64x64x13 |"}) {
     EXPECT_THAT(report, HasSubstr(part));
   }
   EXPECT_THAT(report, ContainsRegex("\n\\| 1 \\| [0-9]+ \\| 1.000 "));  // workers

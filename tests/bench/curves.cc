@@ -55,7 +55,7 @@ GrowthCurve OverScenes(const BenchModel& model, const std::vector<v1::Scenario>&
   curve.chart.y_title = "microseconds a target";
   curve.chart.x = std::move(x);
   curve.chart.curves = {
-      CurveOf("all", times, kEveryStage),
+      CurveOf("whole answer", times, kEveryStage),
       CurveOf(StageName(Stage::kReadScene, model.model->spec()), times, {Stage::kReadScene}),
       CurveOf("parse, validate", times, {Stage::kParse, Stage::kValidate})};
   return curve;
@@ -71,8 +71,8 @@ GrowthCurve OverAgents(const BenchModel& model, const v1::Scenario& scene,
   }
   GrowthCurve curve = OverScenes(model, scenes, std::move(x), options);
   curve.file = "performance-agents.svg";
-  curve.chart.title = "Cost against agents in the scene";
-  curve.chart.x_title = "agents, 8 of them targets of one request";
+  curve.chart.title = "Cost by number of agents in the scene";
+  curve.chart.x_title = "agents, 8 of them targets of the request";
   return curve;
 }
 
@@ -86,8 +86,8 @@ GrowthCurve OverMapPoints(const BenchModel& model, const v1::Scenario& scene,
   }
   GrowthCurve curve = OverScenes(model, scenes, std::move(x), options);
   curve.file = "performance-map.svg";
-  curve.chart.title = "Cost against points of the map";
-  curve.chart.x_title = "map points, for 8 targets of one request";
+  curve.chart.title = "Cost by number of map points";
+  curve.chart.x_title = "map points, request of 8 targets";
   return curve;
 }
 
@@ -104,11 +104,11 @@ GrowthCurve OverActions(const BenchModel& model, const v1::Scenario& scene,
   const auto times = MeasureStages(model, requests, actions, options);
   GrowthCurve curve;
   curve.file = "performance-actions.svg";
-  curve.chart.title = "Cost against actions asked for";
+  curve.chart.title = "Cost by number of actions described";
   curve.chart.x_title = "actions described for each target";
   curve.chart.y_title = "microseconds a target";
   curve.chart.x.assign(actions.begin(), actions.end());
-  curve.chart.curves = {CurveOf("all", times, kEveryStage),
+  curve.chart.curves = {CurveOf("whole answer", times, kEveryStage),
                         CurveOf("distributions", times, {Stage::kDistributions}),
                         CurveOf("answer, serialise", times, {Stage::kAnswer, Stage::kSerialize})};
   return curve;
@@ -119,8 +119,8 @@ GrowthCurve OverTargets(const BenchModel& model, const std::vector<v1::Scenario>
                         const GrowthOptions& options) {
   GrowthCurve curve;
   curve.file = "performance-targets.svg";
-  curve.chart.title = "Cost of a target against targets of a request";
-  curve.chart.x_title = "targets of the request, 8 of a scene";
+  curve.chart.title = "Cost of a target by number of targets in a request";
+  curve.chart.x_title = "targets in the request, 8 a scene";
   curve.chart.y_title = "microseconds a target";
   curve.chart.logarithmic_x = true;
   std::vector<std::unique_ptr<Pipeline>> pipelines;
@@ -140,7 +140,7 @@ GrowthCurve OverTargets(const BenchModel& model, const std::vector<v1::Scenario>
     curve.chart.x.push_back(targets);
   }
   const std::vector<Series> series = MeasureInTurn(things, options.seconds, options.rounds);
-  curve.chart.curves = {{"all", {}}};
+  curve.chart.curves = {{"whole answer", {}}};
   for (size_t i = 0; i < curve.chart.x.size(); ++i) {
     curve.chart.curves[0].y.push_back(kMicroseconds * Median(series[2 * i + 1]) / curve.chart.x[i]);
   }

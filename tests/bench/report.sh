@@ -1,16 +1,16 @@
 #!/usr/bin/env bash
 # Measures this machine's answers and writes docs/reports/performance.md with its pictures:
 #
-#   1. maneuver-bench --report: every stage in process, beside the machine's yardsticks
-#   2. the server over loopback: saturated, at half its capacity, idle, with one worker and with two,
-#      its start and its memory; a call that does nothing, if h2load (nghttp2-client) is there
-#   3. tests/bench/peers, those of them whose needs are installed (see the README there)
+#   1. maneuver-bench --report: every stage in process, and the machine's yardsticks
+#   2. the server over loopback: saturated, at half of its capacity, idle, with one worker and with two,
+#      its start and its memory; health checks, if h2load (nghttp2-client) is installed
+#   3. the peers in tests/bench/peers whose requirements are installed (see the README there)
 #
 #   tests/bench/report.sh MODEL_FOLDER [DATASET_FOLDER]
 #
-# The dataset's recordings are asked about in place of the synthetic town's. SECONDS_EACH (10) is the
-# length of a measurement; OUT (docs/reports/performance.md) the file; BIN (build/release/bin) where the
-# programs are, maneuver-bench among them. Nothing else should run meanwhile.
+# With a dataset, requests ask about its recordings instead of the synthetic town. SECONDS_EACH (10) is
+# the length of a measurement; OUT (docs/reports/performance.md) the file; BIN (build/release/bin) the
+# folder of the programs, maneuver-bench among them. Nothing else should run meanwhile.
 set -euo pipefail
 
 case "${1:---help}" in
@@ -137,7 +137,7 @@ middle() { sort -n "$work/$1" | sed -n 3p; }
 idle=$(middle idle)
 now_and_then=$(latency now_and_then p50)
 # The first row of the curve over targets: one target in process, microseconds.
-alone=$(awk -F'|' '/^\| targets of the request/ { getline; getline; print $3 + 0; exit }' "$work/bench.md")
+alone=$(awk -F'|' '/^\| targets in the request/ { getline; getline; print $3 + 0; exit }' "$work/bench.md")
 # Raster and networks of 8 targets of one scene in process, microseconds a target.
 computed=$(awk -F'|' '/^\| (rasterise|read scene|backbone|scene network|heads|distributions) \|/ { sum += $3 } /^\| sum of the stages/ { print sum; exit }' "$work/bench.md")
 # rest TIME: which share of it they are not; kilobytes NAME: of a request.
@@ -161,34 +161,35 @@ wrap() {
 {
   echo "# Performance"
   echo
-  echo "Written on $(date -u +%F) by \`tests/bench/report.sh MODEL_FOLDER [DATASET_FOLDER]\`: see there for what is measured."
-  echo "Load of the machine before: $load_before."
+  echo "Written on $(date -u +%F) by \`tests/bench/report.sh MODEL_FOLDER [DATASET_FOLDER]\`, whose head says what it measures."
+  echo "Load of the machine before: $load_before. Not covered: a network between callers and server, and more than $cores cores."
   echo
   cat "$work/bench.md"
   echo "## The server over loopback"
   echo
-  echo "Predict, with every action of at least 0.05. For what is saturated and for the start the server has all $cores cores, of"
-  echo "which its callers (\`maneuver load\`) share the last; for the latencies each has its own: the server $own_cores."
+  echo "Calls of Predict by \`maneuver load\`. For the saturated rows and the start, the server has all $cores cores and its callers"
+  echo "share the last one. For the latencies each has cores of its own: the server has $own_cores. Half load is half of the"
+  echo "calls a second that it can answer on its own cores."
   echo
-  echo "| what | measured | ratio | target |"
+  echo "| quantity | measured | ratio | target |"
   echo "|---|---:|---:|---:|"
   echo "| saturated, 1 target a call, calls a second | $capacity | | |"
-  echo "| one caller who asks again and again, p50, ms; / one target in process | $idle | $(ratio "$idle" "$alone / 1000") | at most 1.3 |"
-  echo "| ... a call that does nothing, one after the other, p50, ms | $(middle nothing) | | |"
-  echo "| ... 20 times a second: cores have slept, caches are cold | $now_and_then | $(ratio "$now_and_then" "$alone / 1000") | |"
-  echo "| half of its capacity, evenly, p99, ms; / p50 of one caller just before (the third of five) | $(middle half_even) | $(middle half_even.times) | at most 3 |"
-  echo "| ... calls that do nothing, as often, evenly, p99, ms; / p50 one after the other | $(middle nothing_half) | $(ratio "$(middle nothing_half)" "$(middle nothing)") | |"
-  echo "| ... at random | $(middle half_random) | $(middle half_random.times) | |"
+  echo "| one caller who asks again at once, p50, ms; / one target in process | $idle | $(ratio "$idle" "$alone / 1000") | at most 1.3 |"
+  echo "| ... health checks instead, which compute nothing, p50, ms | $(middle nothing) | | |"
+  echo "| ... at 20 calls a second, p50, ms: cores have slept, caches are cold | $now_and_then | $(ratio "$now_and_then" "$alone / 1000") | |"
+  echo "| half load, evenly spaced, p99, ms; / p50 of one caller just before (medians of five) | $(middle half_even) | $(middle half_even.times) | at most 3 |"
+  echo "| ... health checks at the same rate, p99, ms; / their p50 one after the other | $(middle nothing_half) | $(ratio "$(middle nothing_half)" "$(middle nothing)") | |"
+  echo "| ... half load, random arrivals, p99, ms; / p50 of one caller | $(middle half_random) | $(middle half_random.times) | |"
   echo "| saturated, 8 targets a call, 1 worker, targets a second | $(median <"$work/workers.1") | | |"
   echo "| ... 2 workers; / 1 worker | $(median <"$work/workers.2") | $(ratio "$(median <"$work/workers.2")" "$(median <"$work/workers.1")") | at least 1.8 |"
-  echo "| processor time of the server a target, 1 worker, us | $(median <"$work/server_time.1") | | |"
+  echo "| processor time of the server a target, 1 worker, µs | $(median <"$work/server_time.1") | | |"
   echo "| ... 2 workers; / 1 worker | $(median <"$work/server_time.2") | $(ratio "$(median <"$work/server_time.2")" "$(median <"$work/server_time.1")") | |"
-  echo "| ... neither raster nor networks, which take $computed in process; requests of $(kilobytes 1) kB | $(rest "$(median <"$work/server_time.1")") | | at most 0.15 |"
-  echo "| ... maps registered, requests of $(kilobytes registered) kB: the time; the share | $(median <"$work/server_time.registered") | $(rest "$(median <"$work/server_time.registered")") | at most 0.15 |"
-  echo "| ... of the callers, 2 workers | $(median <"$work/callers_time.2") | | |"
-  echo "| start until it says that it serves, the question included, ms | $(median <"$work/starts") | | under 300 |"
-  echo "| resident after the start, MB | $resident | | under 300 |"
-  echo "| ... at most, under load, MB; weights have $weights MB | $most | | under 300, 150 without the weights |"
+  echo "| ... share other than raster and networks ($computed µs in process); requests of $(kilobytes 1) kB | $(rest "$(median <"$work/server_time.1")") | | at most 0.15 |"
+  echo "| ... with registered maps, requests of $(kilobytes registered) kB: time, µs; the same share | $(median <"$work/server_time.registered") | $(rest "$(median <"$work/server_time.registered")") | at most 0.15 |"
+  echo "| ... of the callers, 2 workers, µs | $(median <"$work/callers_time.2") | | |"
+  echo "| start until a health check succeeds, ms | $(median <"$work/starts") | | under 300 |"
+  echo "| resident memory after the start, MB | $resident | | under 300 |"
+  echo "| ... peak under load, MB; $weights MB of it are weights | $most | | under 300, 150 without the weights |"
   echo
   echo "## Peers"
   echo

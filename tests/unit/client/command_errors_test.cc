@@ -116,7 +116,7 @@ TEST_F(LocalErrorsTest, TheFolderForFiguresIsTriedBeforeTheServerIsAsked) {
 TEST(CommandErrorsTest, APictureOfAnotherKindIsRefused) {
   const Result result = Maneuver({"predict", "-", "--plot", "out/x.jpg"}, kScene);
   EXPECT_EQ(result.status, kUsage);
-  EXPECT_THAT(result.err, HasSubstr("out/x.jpg is no PNG file by its name; pictures are, such as "
+  EXPECT_THAT(result.err, HasSubstr("out/x.jpg is not the name of a PNG file; name it such as "
                                     "out/x.png"));
 }
 
@@ -130,7 +130,7 @@ TEST(CommandErrorsTest, AZeroThatStandsForThePresetsValueIsRefused) {
     arguments.insert(arguments.end(), zero.begin(), zero.end());
     const Result result = Maneuver(arguments);
     EXPECT_EQ(result.status, kUsage) << zero[1];
-    EXPECT_THAT(result.err, HasSubstr("cannot be 0, which stands for what the preset says, "));
+    EXPECT_THAT(result.err, HasSubstr("cannot be 0: that value means the preset's own, "));
   }
   EXPECT_EQ(Maneuver({"--server", kNobody, "cross-validate", "town", "--set",
                       "optimization.joint_epochs=0"})
@@ -305,7 +305,7 @@ TEST_F(TlsErrorsTest, ACertificateOfAnotherAuthorityIsSaidToBeSo) {
   const std::string other = folder_ / "other.crt";
   WriteText(other, TestAuthority("Other authority").certificate());
   EXPECT_THAT(Health(server.address(), other),
-              AllOf(HasSubstr("is not trusted: it is of another authority"), HasSubstr(other)));
+              AllOf(HasSubstr("is not trusted: it is from another authority"), HasSubstr(other)));
 }
 
 TEST_F(TlsErrorsTest, AnExpiredCertificateIsSaidToBeSo) {

@@ -61,12 +61,12 @@ TEST(ModelExportTest, WithoutAModelFolderItFailsAndSaysSo) {
 
 TEST(CommandLineTest, OptionsOfPromotionThatDoNotGoTogetherAreRefused) {
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
-      {{"--promote", "if-no-worse"}, "wants --promote-dataset"},
-      {{"--promote-dataset", "unseen"}, "go with --promote if-no-worse"},
-      {{"--promote-ahead", "cv"}, "go with --promote if-no-worse"},
+      {{"--promote", "if-no-worse"}, "needs --promote-dataset"},
+      {{"--promote-dataset", "unseen"}, "need --promote if-no-worse"},
+      {{"--promote-ahead", "cv"}, "need --promote if-no-worse"},
       {{"--promote", "if-no-worse", "--promote-dataset", "unseen", "--promote-ahead", "nobody"},
        "--promote-ahead nobody: nobody is none of cv"},
-      {{"--promote", "always", "--promote-metric", "nll"}, "go with --promote if-no-worse"},
+      {{"--promote", "always", "--promote-metric", "nll"}, "need --promote if-no-worse"},
       {{"--promote", "if-no-worse", "--promote-dataset", "unseen", "--promote-metric",
         "nll=little"},
        "not nll=little"}};

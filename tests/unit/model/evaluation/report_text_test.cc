@@ -107,7 +107,7 @@ TEST(ReportTextTest, MeaningHasAColumnForEachKindOfClasses) {
             "MEANING                             KINEMATIC  RELATIVE\n"
             "NMI of action and class                 0.250     0.500\n"
             "purity of the actions                   0.625     0.750\n"
-            "told of the class, given the speed     60.0 %    50.0 %\n"
+            "class information, given the speed     60.0 %    50.0 %\n"
             "examples in actions of purity 0.7                30.0 %\n");
   metrics["nmi"] = 0.375;
   metrics["labelled_examples"] = 7;
