@@ -126,7 +126,8 @@ std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport&
   }
   const auto held_out = last_report.validation().find("loss");
   if (held_out != last_report.validation().end()) {
-    absl::StrAppend(&text, loss != last_report.training().end() ? ", held out " : "  held-out loss ",
+    absl::StrAppend(&text,
+                    loss != last_report.training().end() ? ", held out " : "  held-out loss ",
                     Fixed(held_out->second, 3));
   }
   if (last_report.action_usage_size() > 0) {
