@@ -3,18 +3,18 @@
 #include <google/protobuf/util/json_util.h>
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
-#include "model/artifact/training_presets.h"
 #include "model/files/durable_file.h"
 #include "server/errors/error_details.h"
 #include "server/jobs/checkpoints.h"
 #include "server/jobs/job_folder.h"
 #include "server/jobs/job_requests.h"
-#include "server/jobs/trainer_outcome.h"
+#include "server/jobs/job_settings.h"
 #include "server/jobs/trainer_run.h"
 
 namespace maneuver::jobs {
@@ -63,10 +63,9 @@ std::vector<std::string> CrossValidateArguments(const v1::CrossValidateRequest& 
 
 Outcome CrossValidateStep::Run() {
   const v1::CrossValidateRequest& request = job_.cross_validate();
-  const v1::TrainingSettings settings = artifact::ResolveTrainingSettings(request.settings());
-  if (absl::Status status = PrepareFolder(folder_, settings); !status.ok()) {
-    return {WithDefaultReason(status, "CANNOT_WRITE")};
-  }
+  absl::Status status = EnsureSettings(job_, *attempt_.environment.versions, folder_);
+  if (!status.ok()) return {std::move(status)};
+  RemoveJobOutput(folder_);
   Outcome outcome =
       RunTrainer(job_, CrossValidateArguments(request, folder_, *attempt_.environment.datasets),
                  folder_, attempt_);

@@ -1,6 +1,6 @@
 // What the folder of a job holds:
 //
-//   settings.json   what the trainer is told
+//   settings.json   what the trainer is told (job_settings.h)
 //   trainer.log     the trainer's standard error
 //   checkpoints     where the next process resumes (checkpoints.h); removed once the job has
 //                   SUCCEEDED
@@ -12,11 +12,7 @@
 #ifndef MANEUVER_SERVER_JOBS_JOB_FOLDER_H_
 #define MANEUVER_SERVER_JOBS_JOB_FOLDER_H_
 
-#include <google/protobuf/message.h>
-
 #include <filesystem>
-
-#include "absl/status/status.h"
 
 namespace maneuver::jobs {
 
@@ -26,11 +22,6 @@ inline constexpr char kLogFile[] = "trainer.log";
 inline constexpr char kOutput[] = "output";
 // In a job's folder.
 inline constexpr char kPromotionFolder[] = "promotion";
-
-// Prepares `folder` for a process: creates it, removes the output of an earlier process, and writes
-// the settings.
-absl::Status PrepareFolder(const std::filesystem::path& folder,
-                           const google::protobuf::Message& settings);
 
 // Removes from a job's folder what its trainer made but nobody wants any more.
 void RemoveJobOutput(const std::filesystem::path& folder);

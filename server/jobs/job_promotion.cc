@@ -11,6 +11,7 @@
 #include "model/files/durable_file.h"
 #include "server/errors/error_details.h"
 #include "server/jobs/job_progress_parts.h"
+#include "server/jobs/job_settings.h"
 #include "server/jobs/job_time.h"
 #include "server/jobs/measurement.h"
 #include "server/jobs/trainer_outcome.h"
@@ -121,8 +122,10 @@ PromotionVersions::MeasuredVersion JobPromotion::Measure(const std::string& vers
   } else {
     attempt_.progress.SetPart(kMeasuredAt, 1.0);
   }
-  Measured measured = jobs::Measure(job_, {version, criteria_.dataset(), criteria_.examples(), 0},
-                                    folder_, attempt_);
+  if (absl::Status status = WriteSettings(criteria_.examples(), folder_); !status.ok()) {
+    return {std::move(status), false, {}};
+  }
+  Measured measured = jobs::Measure(job_, {version, criteria_.dataset(), 0}, folder_, attempt_);
   last_died_ = measured.outcome.died;
   if (measured.report) measured_[version] = *measured.report;
   return {std::move(measured.outcome.status), measured.outcome.died || attempt_.IsStopped(),

@@ -3,16 +3,17 @@
 #include <chrono>
 #include <string>
 #include <system_error>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
 #include "model/artifact/model_folder.h"
-#include "model/artifact/training_presets.h"
 #include "server/jobs/checkpoints.h"
 #include "server/jobs/job_folder.h"
 #include "server/jobs/job_progress_parts.h"
 #include "server/jobs/job_requests.h"
+#include "server/jobs/job_settings.h"
 #include "server/jobs/trainer_outcome.h"
 #include "server/jobs/trainer_run.h"
 
@@ -60,21 +61,18 @@ bool LearnStep::IsDone() const {
 Outcome LearnStep::Run() {
   const JobRunEnvironment& environment = attempt_.environment;
   const v1::TrainRequest& request = job_.train();
-  v1::TrainingSettings settings;
   std::vector<std::string> start;
-  if (request.start_from().empty()) {
-    settings = artifact::ResolveTrainingSettings(request.settings());
-  } else {
+  if (!request.start_from().empty()) {
     const auto version = ResolveReference(*environment.versions, request.start_from());
     if (!version.ok()) return {WithDefaultReason(version.status(), "MODEL_UNAVAILABLE")};
+    // It may have been deleted since the job was admitted.
     const auto manifest = artifact::ReadModelManifest(version->folder);
     if (!manifest.ok()) return {WithDefaultReason(manifest.status(), "MODEL_UNAVAILABLE")};
-    settings = artifact::ResolveTrainingSettings(request.settings(), manifest->spec());
     start = {"--start-from", version->folder, "--start-from-name", version->name.ToString()};
   }
-  if (absl::Status status = PrepareFolder(folder_, settings); !status.ok()) {
-    return {WithDefaultReason(status, "CANNOT_WRITE")};
-  }
+  absl::Status status = EnsureSettings(job_, *environment.versions, folder_);
+  if (!status.ok()) return {std::move(status)};
+  RemoveJobOutput(folder_);
   if (request.promotion() == v1::PROMOTION_IF_NO_WORSE) {
     attempt_.progress.SetPart(0.0, kTrainedAt);
   }

@@ -49,9 +49,7 @@ Measured Measure(v1::Job& job, const MeasuringTask& task, const std::filesystem:
   const std::string id(absl::StripPrefix(task.dataset, "datasets/"));
   const auto dataset = environment.datasets->Get(id);
   if (!dataset.ok()) return failed(dataset.status(), "UNUSABLE_DATA");
-  if (absl::Status status = PrepareFolder(folder, task.examples); !status.ok()) {
-    return failed(status, "CANNOT_WRITE");
-  }
+  RemoveJobOutput(folder);
   Measured measured;
   measured.outcome = RunTrainer(
       job,

@@ -13,9 +13,8 @@
 namespace maneuver::jobs {
 
 struct MeasuringTask {
-  std::string model;             // as EvaluateRequest.model
-  std::string dataset;           // datasets/{dataset}
-  v1::ExampleSettings examples;  // complete
+  std::string model;    // as EvaluateRequest.model
+  std::string dataset;  // datasets/{dataset}
   int sampled_examples = 0;
 };
 
@@ -25,7 +24,8 @@ struct Measured {
   std::optional<v1::EvaluationReport> report;
 };
 
-// Measures a version in `folder`, and keeps the report beside the version.
+// Measures a version in `folder`, whose settings say on which examples, and keeps the report beside
+// the version.
 Measured Measure(v1::Job& job, const MeasuringTask& task, const std::filesystem::path& folder,
                  const JobAttempt& attempt);
 

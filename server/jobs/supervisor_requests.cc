@@ -14,6 +14,7 @@
 #include "model/artifact/training_presets.h"
 #include "server/errors/error_details.h"
 #include "server/jobs/job_requests.h"
+#include "server/jobs/job_settings.h"
 #include "server/jobs/job_state.h"
 #include "server/jobs/job_time.h"
 #include "server/jobs/supervisor.h"
@@ -160,7 +161,13 @@ absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& reques
     if (validate_only) return job;
     job.set_name(absl::StrCat("jobs/", options_.new_id()));
     *job.mutable_create_time() = ToTimestamp(options_.now());
-    if (absl::Status status = store_.Add(job, request_id, digest); !status.ok()) return status;
+    absl::Status status = EnsureSettings(job, versions_, FolderOf(job.name()));
+    if (status.ok()) status = store_.Add(job, request_id, digest);
+    if (!status.ok()) {
+      std::error_code ignored;  // the next start removes what is left
+      fs::remove_all(FolderOf(job.name()), ignored);
+      return status;
+    }
   }
   changed_.notify_one();
   CountJobs();

@@ -268,7 +268,7 @@ TEST_F(SupervisorTest, APendingJobIsCancelledAtOnceAndNeverRuns) {
   EXPECT_FALSE(cancelled->has_start_time());
   ASSERT_TRUE(supervisor_->Cancel(first).ok());
   WaitForEnd(first);
-  EXPECT_FALSE(fs::exists(folder_ / second));
+  EXPECT_FALSE(fs::exists(folder_ / second / "trainer.log"));
 }
 
 TEST_F(SupervisorTest, CancellingAnEndedJobChangesNothing) {
