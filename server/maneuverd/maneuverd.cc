@@ -38,6 +38,7 @@
 #include "server/rpc/admin_service.h"
 #include "server/rpc/dataset_service.h"
 #include "server/rpc/model_service.h"
+#include "server/rpc/prediction_admission.h"
 #include "server/rpc/prediction_service.h"
 #include "server/rpc/server.h"
 #include "server/rpc/training_service.h"

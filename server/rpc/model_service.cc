@@ -16,7 +16,6 @@
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/model_transfer.h"
 #include "server/rpc/paging.h"
-#include "server/rpc/prediction_translation.h"
 
 namespace maneuver::rpc {
 namespace {

@@ -7,6 +7,7 @@
 
 #include "server/errors/error_details.h"
 #include "server/rpc/guarded_service.h"
+#include "server/rpc/prediction_admission.h"
 #include "server/rpc/request_outline.h"
 #include "server/rpc/status_details.h"
 

@@ -1,4 +1,4 @@
-// The way out: from the workers' answers to messages, in the caller's frame.
+#include "server/rpc/prediction_answers.h"
 
 #include <cstring>
 
@@ -6,7 +6,6 @@
 #include "maneuver/v1/status.pb.h"
 #include "model/scene/lanes.h"
 #include "server/errors/error_details.h"
-#include "server/rpc/prediction_translation.h"
 
 namespace maneuver::rpc {
 namespace {

@@ -1,21 +1,15 @@
 #include "server/rpc/prediction_run.h"
 
-#include <algorithm>
 #include <utility>
 
 #include "model/artifact/model_spec.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/blocking_call.h"
-#include "server/serving/answer_size.h"
+#include "server/rpc/prediction_admission.h"
+#include "server/rpc/prediction_answers.h"
+#include "server/rpc/prediction_query.h"
 
 namespace maneuver::rpc {
-
-absl::Status AdmitTargets(security::AccessControl& access, const security::Credentials& caller,
-                          const Scenarios& scenarios) {
-  int targets = 0;
-  for (const v1::Scenario& scenario : scenarios) targets += scenario.target_ids_size();
-  return access.AdmitTargets(caller, targets);
-}
 
 std::shared_ptr<PredictionRun> PredictionRun::Start(PredictionContext& context,
                                                     const PredictionIo& io,
@@ -67,16 +61,20 @@ void PredictionRun::FindModel() {
   if (!status.ok()) Finish(status);
 }
 
-absl::Status PredictionRun::Submit(serving::ModelHandle model) {
-  const v1::ModelSpec& spec = model->model().spec();
-  const bool classify = io_.classifications != nullptr;
-  if (classify) {
+absl::Status PredictionRun::ParseQuestion(int actions) {
+  if (io_.classifications != nullptr) {
     call_->question = serving::ClassifyTrajectory();
   } else if (io_.query != nullptr) {
-    auto describe = ParseQuery(*io_.query, spec.actions());
+    auto describe = ParseQuery(*io_.query, actions);
     if (!describe.ok()) return describe.status();
     call_->question = *std::move(describe);
   }
+  return absl::OkStatus();
+}
+
+absl::Status PredictionRun::Submit(serving::ModelHandle model) {
+  const v1::ModelSpec& spec = model->model().spec();
+  if (auto status = ParseQuestion(spec.actions()); !status.ok()) return status;
   if (auto status = ReserveMemory(spec); !status.ok()) return status;
   const auto priority = ParsePriority(io_.priority);
   if (!priority.ok()) return priority.status();
@@ -84,7 +82,8 @@ absl::Status PredictionRun::Submit(serving::ModelHandle model) {
   call_->bytes = io_.bytes;
   auto maps = FindMaps(*io_.scenarios, context_.maps);
   if (!maps.ok()) return maps.status();
-  plan_ = PlanPrediction(*io_.scenarios, spec, context_.limits, classify, *std::move(maps));
+  plan_ = PlanPrediction(*io_.scenarios, spec, context_.limits,
+                         /*classify=*/io_.classifications != nullptr, *std::move(maps));
   *io_.model_version = model->name().ToString();
   if (io_.waypoint_times != nullptr) {
     const auto times = artifact::WaypointTimes(spec.trajectory());
@@ -106,17 +105,10 @@ absl::Status PredictionRun::Submit(serving::ModelHandle model) {
 
 absl::Status PredictionRun::ReserveMemory(const v1::ModelSpec& spec) {
   const bool sigma = io_.query == nullptr || !io_.query->omit_sigma_trajectories();
-  const int64_t of_target = serving::MostBytesOfTarget(spec, call_->question, sigma);
-  int64_t bytes = 0;
-  int64_t targets = 0;
-  for (const v1::Scenario& scenario : *io_.scenarios) {
-    bytes += serving::kScenarioBytes + scenario.target_ids_size() * of_target;
-    targets += scenario.target_ids_size();
-  }
-  auto share = context_.send_memory.Reserve(bytes, std::max<int64_t>(1, targets));
+  auto share = ReserveAnswer(context_.send_memory, *io_.scenarios, spec, call_->question, sigma);
   if (!share.ok()) return share.status();
   memory_ = *std::move(share);
-  answer_bytes_.store(bytes, std::memory_order_relaxed);
+  answer_bytes_.store(memory_.bytes(), std::memory_order_relaxed);
   return absl::OkStatus();
 }
 

@@ -1,5 +1,11 @@
-// One request of PredictionService on its way: find the model, validate, wait for the workers,
-// write the answer. The unary methods and the stream share it.
+// One request of PredictionService, once it is admitted, on its way to the answer. The unary methods
+// and the stream share it. The way of a request:
+//
+//   guard        guarded_service       who calls, and may they?
+//   admission    prediction_admission  is there time, and memory for the answer?
+//   plan         prediction_plan       which targets can be answered?
+//   queue        serving/batch_scheduler
+//   answer       prediction_answers    in the frame that the caller asked for
 
 #ifndef MANEUVER_SERVER_RPC_PREDICTION_RUN_H_
 #define MANEUVER_SERVER_RPC_PREDICTION_RUN_H_
@@ -15,7 +21,7 @@
 
 #include "absl/status/status.h"
 #include "server/jobs/worker_pool.h"
-#include "server/rpc/prediction_translation.h"
+#include "server/rpc/prediction_plan.h"
 #include "server/security/access_control.h"
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/map_cache.h"
@@ -36,10 +42,6 @@ struct PredictionContext {
   security::AccessControl& access;
   std::shared_ptr<serving::Shadow> shadow = nullptr;  // nullptr: none
 };
-
-// Whether the caller may ask for that many targets now.
-absl::Status AdmitTargets(security::AccessControl& access, const security::Credentials& caller,
-                          const Scenarios& scenarios);
 
 // The request, and where its answer goes; both outlive the run.
 struct PredictionIo {
@@ -83,6 +85,7 @@ class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
 
   void FindModel();
   absl::Status Submit(serving::ModelHandle model);
+  absl::Status ParseQuestion(int actions);
   absl::Status ReserveMemory(const v1::ModelSpec& spec);
   int64_t MessageBytes() const;  // of the answer that was written
   void Answer(std::vector<serving::TargetAnswer> answers);

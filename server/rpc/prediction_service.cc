@@ -3,17 +3,11 @@
 #include "server/rpc/blocking_call.h"
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/predict_stream.h"
-#include "server/rpc/request_outline.h"
+#include "server/rpc/prediction_admission.h"
 #include "server/rpc/status_details.h"
 
 namespace maneuver::rpc {
 namespace {
-
-// A caller's deadline on the clock of the scheduler.
-serving::TimePoint OnSteadyClock(std::chrono::system_clock::time_point deadline) {
-  if (deadline == std::chrono::system_clock::time_point::max()) return serving::TimePoint::max();
-  return std::chrono::steady_clock::now() + (deadline - std::chrono::system_clock::now());
-}
 
 // As they came over the wire; in memory it is about twice as much.
 int64_t Bytes(const google::protobuf::Message& request) {
@@ -57,14 +51,6 @@ class PredictionReactor final : public grpc::ServerUnaryReactor {
 };
 
 }  // namespace
-
-absl::Status CheckWait(serving::BatchScheduler& scheduler, std::string_view method,
-                       std::chrono::system_clock::time_point deadline,
-                       const grpc::ByteBuffer& request) {
-  if (method.ends_with("/RegisterMap")) return absl::OkStatus();
-  return scheduler.CheckWait(serving::Priority::kInteractive, CountTargets(request),
-                             OnSteadyClock(deadline));
-}
 
 PredictionService::PredictionService(PredictionContext& context) : context_(context) {
   SetMessageAllocatorFor_PredictActionProbabilities(&probabilities_messages_);

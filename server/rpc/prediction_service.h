@@ -8,12 +8,6 @@
 
 namespace maneuver::rpc {
 
-// NamedService::worth of the prediction service: whether the scheduler expects to answer a call in
-// time. A map is registered whatever waits.
-absl::Status CheckWait(serving::BatchScheduler& scheduler, std::string_view method,
-                       std::chrono::system_clock::time_point deadline,
-                       const grpc::ByteBuffer& request);
-
 // StreamPredict takes and gives bytes: it looks at a request before it parses it.
 using PredictionMethods = v1::PredictionService::WithCallbackMethod_PredictActionProbabilities<
     v1::PredictionService::WithCallbackMethod_PredictActionDistributions<

@@ -45,4 +45,10 @@ int64_t MostBytesOfTarget(const v1::ModelSpec& spec, const Question& question,
                                          MostActions(*describe, spec.actions()) * distribution);
 }
 
+int64_t MostBytesOfAnswer(const v1::ModelSpec& spec, const Question& question,
+                          bool sigma_trajectories, int scenarios, int targets) {
+  return scenarios * kScenarioBytes +
+         targets * MostBytesOfTarget(spec, question, sigma_trajectories);
+}
+
 }  // namespace maneuver::serving

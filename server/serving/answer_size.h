@@ -22,6 +22,10 @@ inline constexpr int64_t kTargetErrorBytes = 768;
 int64_t MostBytesOfTarget(const v1::ModelSpec& spec, const Question& question,
                           bool sigma_trajectories);
 
+// Returns the most bytes that the answer for `targets` targets of `scenarios` scenarios can have.
+int64_t MostBytesOfAnswer(const v1::ModelSpec& spec, const Question& question,
+                          bool sigma_trajectories, int scenarios, int targets);
+
 }  // namespace maneuver::serving
 
 #endif  // MANEUVER_SERVER_SERVING_ANSWER_SIZE_H_

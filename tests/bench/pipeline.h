@@ -12,7 +12,7 @@
 
 #include "maneuver/v1/prediction_service.pb.h"
 #include "model/inference/networks.h"
-#include "server/rpc/prediction_translation.h"
+#include "server/rpc/prediction_answers.h"
 #include "server/serving/served_model.h"
 #include "tests/bench/bench_model.h"
 

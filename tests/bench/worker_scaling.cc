@@ -8,7 +8,7 @@
 
 #include "model/machine/usable_cores.h"
 #include "server/monitoring/prometheus_metrics.h"
-#include "server/rpc/prediction_translation.h"
+#include "server/rpc/prediction_plan.h"
 #include "server/serving/batch_scheduler.h"
 #include "tests/bench/bench_scenes.h"
 

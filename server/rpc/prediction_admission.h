@@ -1,0 +1,48 @@
+// Whether a prediction is let in: it must leave enough time, and its caller must not ask for too
+// many targets at a time. Unary calls and each request of a stream are admitted alike:
+//
+//   CheckWait       before the request is parsed: is it worth that work?
+//   AdmitTargets    once it is parsed
+//   ReserveAnswer   once its model is known: is there memory for the answer?
+
+#ifndef MANEUVER_SERVER_RPC_PREDICTION_ADMISSION_H_
+#define MANEUVER_SERVER_RPC_PREDICTION_ADMISSION_H_
+
+#include <grpcpp/support/byte_buffer.h>
+
+#include <chrono>
+#include <string_view>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "server/rpc/prediction_plan.h"
+#include "server/security/access_control.h"
+#include "server/serving/batch_scheduler.h"
+#include "server/serving/prediction_call.h"
+#include "server/serving/send_memory.h"
+
+namespace maneuver::rpc {
+
+// Returns a caller's deadline on the clock of the scheduler.
+serving::TimePoint OnSteadyClock(std::chrono::system_clock::time_point deadline);
+
+// Returns whether the scheduler expects to answer a unary call in time: NamedService::worth of the
+// prediction service. RegisterMap is worth its work whatever waits.
+absl::Status CheckWait(serving::BatchScheduler& scheduler, std::string_view method,
+                       std::chrono::system_clock::time_point deadline,
+                       const grpc::ByteBuffer& request);
+
+// Returns whether the caller may ask for that many targets now.
+absl::Status AdmitTargets(security::AccessControl& access, const security::Credentials& caller,
+                          const Scenarios& scenarios);
+
+// Reserves memory for the largest answer that the request can have.
+absl::StatusOr<serving::SendMemory::Share> ReserveAnswer(serving::SendMemory& memory,
+                                                         const Scenarios& scenarios,
+                                                         const v1::ModelSpec& spec,
+                                                         const serving::Question& question,
+                                                         bool sigma_trajectories);
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_PREDICTION_ADMISSION_H_

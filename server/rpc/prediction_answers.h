@@ -1,0 +1,34 @@
+// The answer to a prediction request: from what the workers computed to messages, in the frame that
+// the caller asked for.
+
+#ifndef MANEUVER_SERVER_RPC_PREDICTION_ANSWERS_H_
+#define MANEUVER_SERVER_RPC_PREDICTION_ANSWERS_H_
+
+#include <vector>
+
+#include "maneuver/v1/prediction_service.pb.h"
+#include "server/rpc/prediction_plan.h"
+#include "server/serving/prediction_call.h"
+
+namespace maneuver::rpc {
+
+// What an answer leaves out, and its frame.
+struct AnswerStyle {
+  bool probabilities = true;
+  bool sigma_trajectories = true;
+  v1::Frame frame = v1::FRAME_WORLD;
+};
+
+// Append an item for each scenario, with the errors of what could not be answered.
+//   answers: of plan.targets, in their order.
+void WritePredictions(const Scenarios& scenarios, const PredictionPlan& plan,
+                      const std::vector<serving::TargetAnswer>& answers, const AnswerStyle& style,
+                      google::protobuf::RepeatedPtrField<v1::ScenarioPrediction>* predictions);
+void WriteClassifications(
+    const Scenarios& scenarios, const PredictionPlan& plan,
+    const std::vector<serving::TargetAnswer>& answers,
+    google::protobuf::RepeatedPtrField<v1::ScenarioClassification>* classifications);
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_PREDICTION_ANSWERS_H_

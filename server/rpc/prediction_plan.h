@@ -1,0 +1,59 @@
+// The plan of a prediction request: which of its targets can be answered, and what each needs.
+
+#ifndef MANEUVER_SERVER_RPC_PREDICTION_PLAN_H_
+#define MANEUVER_SERVER_RPC_PREDICTION_PLAN_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "maneuver/v1/prediction_service.pb.h"
+#include "model/scene/road_map.h"
+#include "model/scene/scenario_validation.h"
+#include "server/serving/map_cache.h"
+#include "server/serving/prediction_call.h"
+
+namespace maneuver::rpc {
+
+using Scenarios = google::protobuf::RepeatedPtrField<v1::Scenario>;
+
+// Returns how many targets the scenarios name.
+int CountTargets(const Scenarios& scenarios);
+
+// One target id of the request: an error, or its place in PredictionPlan::targets.
+struct PlannedTarget {
+  int64_t id = 0;
+  absl::Status status;
+  size_t index = 0;  // if the status is OK
+};
+struct PlannedScenario {
+  absl::Status status;  // if not OK there are no targets
+  std::vector<PlannedTarget> targets;
+};
+// The map of each scenario. As FindMaps returns it: the map that the scenario names, or nullptr;
+// empty if no scenario names one. In a plan: the map that the scenario names, or its own.
+using ScenarioMaps = std::vector<std::shared_ptr<const scene::RoadMap>>;
+
+struct PredictionPlan {
+  std::vector<PlannedScenario> scenarios;
+  std::vector<serving::Target> targets;
+  ScenarioMaps maps;  // which the targets point to
+};
+
+// Looks up the maps that scenarios name. FAILED_PRECONDITION with the reason MAP_NOT_REGISTERED if
+// the server does not hold one. Leaves ids that cannot be ids of maps to PlanPrediction.
+absl::StatusOr<ScenarioMaps> FindMaps(const Scenarios& scenarios, serving::MapCache& maps);
+
+// Validates each scenario and target for a model. Those that are wrong fail alone.
+//   classify: each target needs its future too, resampled to the model's waypoints.
+//   maps: from FindMaps.
+PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
+                              const scene::ScenarioLimits& limits, bool classify,
+                              ScenarioMaps maps = {});
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_PREDICTION_PLAN_H_
