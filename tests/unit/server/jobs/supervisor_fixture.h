@@ -162,7 +162,7 @@ done
   std::unique_ptr<data::DatasetStore> datasets_;
   std::unique_ptr<SqliteStore> store_;
   monitoring::MetricRegistry* job_metrics_ = &monitoring::MetricRegistry::Null();
-  FakeModelVersions versions_{folder_};
+  FakeModelVersions versions_{folder_.path()};
   std::unique_ptr<Supervisor> supervisor_;
 };
 
