@@ -35,6 +35,8 @@ esac
   python3-numpy mypy python3-build python3-setuptools python3-wheel
   # tests/checks
   clang-format clang-tidy
+  # tests/report, with npm
+  chromium
   # deploy/backup.sh, deploy/balancing, deploy/kubernetes
   haproxy openssl rsync sqlite3 python3-yaml
   # deploy/packages: systemd says how far the unit is closed

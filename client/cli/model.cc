@@ -1,5 +1,5 @@
-// maneuver model: list, show, actions, delete, promote, label; compare and export are in
-// model_compare.cc and model_export.cc.
+// maneuver model: list, show, actions, delete, promote, label; compare, export and
+// report are in model_compare.cc, model_export.cc and report.cc.
 
 #include <cmath>
 #include <memory>
@@ -13,6 +13,7 @@
 #include "client/cli/json_files.h"
 #include "client/cli/model_compare.h"
 #include "client/cli/model_export.h"
+#include "client/cli/report.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/rival_option.h"
 #include "client/cli/spec_rows.h"
@@ -336,6 +337,7 @@ void AddModel(Command& root, Environment& environment) {
 
   AddModelCompare(group, environment);
   AddModelExport(group, environment);
+  AddModelReport(group, environment);
 
   Command label = group.Add("label", "Give an action a name for people",
                             "Example: maneuver model label town/2 7 \"left turn\"");
