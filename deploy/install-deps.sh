@@ -37,6 +37,8 @@ esac
   zsh fish
   # tests/checks
   clang-format clang-tidy
+  # tests/report, with npm
+  chromium
   # deploy/backup.sh, deploy/balancing, deploy/kubernetes
   haproxy openssl rsync sqlite3 python3-yaml
   # deploy/packages: systemd says how far the unit is closed

@@ -6,6 +6,7 @@
 #include "client/cli/commands.h"
 #include "client/cli/figures.h"
 #include "client/cli/job_display.h"
+#include "client/cli/report.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/settings_argument.h"
 
@@ -17,6 +18,7 @@ struct EvaluateArguments {
   std::string dataset;
   std::vector<std::string> assignments;
   std::optional<std::string> figures;
+  ReportFiles report;
   bool detach = false;
 };
 
@@ -35,6 +37,8 @@ int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
         arguments.detach ? absl::OkStatus() : PrepareFigureFolder(*arguments.figures);
     if (!prepared.ok()) return environment.Refuse(std::string(prepared.message()));
   }
+  const absl::Status prepared = PrepareReport(arguments.report);
+  if (!prepared.ok()) return environment.Refuse(std::string(prepared.message()));
   const auto job = environment.server_client().Evaluate(request, environment.call_options());
   if (!job.ok()) return environment.Fail(job.status());
   if (arguments.detach) {
@@ -48,7 +52,11 @@ int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
   environment.err << job->name() << " measures " << request.model() << " on " << request.dataset()
                   << "; Ctrl-C stops watching\n";
   const int watched = WatchToEnd(job->name(), environment);
-  if (watched != kOk || !arguments.figures) return watched;
+  if (watched != kOk) return watched;
+  const int reported = arguments.report.any()
+                           ? WriteReportOfWatched(job->name(), arguments.report, environment)
+                           : kOk;
+  if (reported != kOk || !arguments.figures) return reported;
   v1::GetJobRequest ended;
   ended.set_name(job->name());
   const auto evaluated = environment.server_client().GetJob(ended, environment.call_options());
@@ -65,18 +73,24 @@ int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
 
 void AddEvaluate(Command& root, Environment& environment) {
   const auto arguments = std::make_shared<EvaluateArguments>();
-  Command command = root.Add("evaluate", "Measure a model on a dataset",
-                             "Example: maneuver evaluate town --dataset unseen\n"
-                             "         maneuver evaluate town/2 --dataset unseen --set stride=1s\n"
-                             "         maneuver evaluate town --dataset unseen --figures figures");
+  Command command =
+      root.Add("evaluate", "Measure a model on a dataset",
+               "Example: maneuver evaluate town --dataset unseen\n"
+               "         maneuver evaluate town/2 --dataset unseen --set stride=1s\n"
+               "         maneuver evaluate town --dataset unseen --report report.html\n"
+               "         maneuver evaluate town --dataset unseen --figures figures");
   command.Argument("MODEL", &arguments->model,
                    "town (the version that serves), town/2 or town@candidate");
   command.Argument("--dataset", &arguments->dataset, "Dataset to measure it on");
   command.Option("--set", &arguments->assignments, "FIELD=VALUE of ExampleSettings");
+  command.Option("--report", &arguments->report.page,
+                 "HTML file to write: what was found, beside what is known of the version, as a "
+                 "page for a browser");
   command.Option(
       "--figures", &arguments->figures,
       "Folder to draw into: actions, their means over trajectories, scenes, reliability");
   command.Flag("--detach", &arguments->detach, "Start the job and return");
+  command.Exclude("--report", "--detach");  // maneuver job report writes it later
   command.Run([arguments, &environment] { return Evaluate(*arguments, environment); });
 }
 

@@ -1,4 +1,4 @@
-// maneuver job: list, show, watch, cancel, resume, delete.
+// maneuver job: list, show, watch, cancel, resume, delete; report is in report.cc.
 
 #include <algorithm>
 #include <memory>
@@ -11,6 +11,7 @@
 #include "client/cli/commands.h"
 #include "client/cli/figures.h"
 #include "client/cli/job_display.h"
+#include "client/cli/report.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
@@ -226,6 +227,8 @@ void AddJob(Command& root, Environment& environment) {
   const auto figures = std::make_shared<std::optional<std::string>>();
   show.Option("--figures", figures.get(), "Folder to draw an evaluation's figures into");
   show.Run([=, &environment] { return ShowJob(*name, *figures, environment); });
+
+  AddJobReport(group, environment);
 
   Command watch =
       group.Add("watch", "Follow a job until it ends",

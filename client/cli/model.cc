@@ -1,5 +1,5 @@
-// maneuver model: list, show, actions, delete, promote, label; compare and export are in
-// model_compare.cc, model_export.cc and model_transfer.cc.
+// maneuver model: list, show, actions, delete, promote, label; compare, export, transfer and
+// report are in model_compare.cc, model_export.cc, model_transfer.cc and report.cc.
 
 #include <cmath>
 #include <memory>
@@ -14,6 +14,7 @@
 #include "client/cli/model_compare.h"
 #include "client/cli/model_export.h"
 #include "client/cli/model_transfer.h"
+#include "client/cli/report.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/rival_option.h"
 #include "client/cli/spec_rows.h"
@@ -338,6 +339,7 @@ void AddModel(Command& root, Environment& environment) {
   AddModelCompare(group, environment);
   AddModelTransfer(group, environment);
   AddModelExport(group, environment);
+  AddModelReport(group, environment);
 
   Command label =
       group.Add("label", "Name an action", "Example: maneuver model label town/2 7 \"left turn\"");

@@ -8,6 +8,7 @@
 #include "client/cli/commands.h"
 #include "client/cli/job_display.h"
 #include "client/cli/json_files.h"
+#include "client/cli/report.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/rival_option.h"
 #include "client/cli/settings_argument.h"
@@ -36,6 +37,7 @@ struct TrainArguments {
   std::vector<std::string> promote_metrics;
   std::vector<std::string> promote_ahead;
   std::vector<std::string> promote_not_behind;
+  ReportFiles report;
   bool detach = false;
   bool validate_only = false;
 };
@@ -161,6 +163,8 @@ int Train(const TrainArguments& arguments, Environment& environment) {
   }
   request.set_priority(static_cast<int32_t>(arguments.priority.value_or(0)));
   request.set_validate_only(arguments.validate_only);
+  const absl::Status prepared = PrepareReport(arguments.report);
+  if (!prepared.ok()) return environment.Refuse(std::string(prepared.message()));
   const auto job = environment.server_client().Train(request, environment.call_options());
   if (!job.ok()) return environment.Fail(job.status());
   if (arguments.validate_only) {
@@ -181,7 +185,9 @@ int Train(const TrainArguments& arguments, Environment& environment) {
     return kOk;
   }
   environment.err << job->name() << " trains " << request.model() << "; Ctrl-C stops watching\n";
-  return WatchToEnd(job->name(), environment);
+  const int watched = WatchToEnd(job->name(), environment);
+  if (watched != kOk || !arguments.report.any()) return watched;
+  return WriteReportOfWatched(job->name(), arguments.report, environment);
 }
 
 }  // namespace
@@ -199,7 +205,8 @@ void AddTrain(Command& root, Environment& environment) {
       "         maneuver train town --dataset town --promote if-no-worse --promote-dataset unseen "
       "\\\n"
       "             --promote-ahead cv --promote-not-behind ctra@strata\n"
-      "         maneuver train town --start-from town --dataset town --dataset new=3 --epochs 3");
+      "         maneuver train town --start-from town --dataset town --dataset new=3 --epochs 3\n"
+      "         maneuver train town --dataset town --report report.html --curves curves.csv");
   command.Argument("MODEL", &arguments->model, "The model: a-z, 0-9 and -; need not exist");
   command.Option("--dataset", &arguments->datasets,
                  "Dataset to learn from; may be repeated and weighted as NAME=WEIGHT: city=3 and "
@@ -249,7 +256,13 @@ void AddTrain(Command& root, Environment& environment) {
       "Require that the new version is not behind this by the whole interval; undecided is enough");
   command.Option("--priority", &arguments->priority, -100, 100,
                  "Jobs with a higher priority run first [0]");
+  command.Option("--report", &arguments->report.page,
+                 "HTML file to write once it has ended: a page for a browser");
+  AddCurveOptions(command, &arguments->report);
   command.Flag("--detach", &arguments->detach, "Start the job and return");
+  for (const char* file : {"--report", "--curves", "--tensorboard"}) {
+    command.Exclude(file, "--detach");  // maneuver job report writes it later
+  }
   command.Flag("--validate-only", &arguments->validate_only,
                "Check the request, start nothing; --output json shows every setting that a job "
                "would learn with");

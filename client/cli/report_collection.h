@@ -1,0 +1,42 @@
+// What a report shows, read from the server.
+
+#ifndef MANEUVER_CLIENT_CLI_REPORT_COLLECTION_H_
+#define MANEUVER_CLIENT_CLI_REPORT_COLLECTION_H_
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "client/cli/environment.h"
+#include "client/report/report_data.h"
+
+namespace maneuver::cli {
+
+// Returns what a training job has reported so far; nothing of other jobs. Does not wait for its
+// end.
+absl::StatusOr<std::vector<report::LearningPhase>> LearningOf(const v1::Job& job,
+                                                              Environment& environment);
+
+// Returns the job that trained a version; nothing if the server does not know it any more.
+//   version: models/{model}/versions/{version}
+absl::StatusOr<std::optional<v1::Job>> TrainingJobOf(const std::string& version,
+                                                     Environment& environment);
+
+// Gathers what is known of a version: its actions, its evaluation on `dataset` (or its newest one),
+// other versions' on the same examples, how it was learned, and scenes. What the server does not
+// have is named in ReportData::missing. An error only if there is no such version, or no evaluation
+// on `dataset`.
+//   model: as in GetModelVersionRequest.name
+//   dataset: datasets/{dataset}
+absl::StatusOr<report::ReportData> CollectVersion(const std::string& model,
+                                                  const std::optional<std::string>& dataset,
+                                                  Environment& environment);
+
+// The same of what a job made or measured. Of a training that has no version (yet): its curves.
+// INVALID_ARGUMENT for a cross-validation.
+absl::StatusOr<report::ReportData> CollectJob(const v1::Job& job, Environment& environment);
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_REPORT_COLLECTION_H_

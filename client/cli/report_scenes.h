@@ -1,0 +1,32 @@
+// The scenes of a report, from the server.
+
+#ifndef MANEUVER_CLIENT_CLI_REPORT_SCENES_H_
+#define MANEUVER_CLIENT_CLI_REPORT_SCENES_H_
+
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "client/cli/environment.h"
+#include "client/report/report_data.h"
+
+namespace maneuver::cli {
+
+// Where a report's scenes come from.
+struct SceneSource {
+  std::string dataset;           // datasets/NAME
+  v1::ExampleSettings examples;  // complete
+  bool held_out = false;         // only recordings that a training with `examples` held out
+};
+
+// Asks a version about up to twelve examples of each of up to 24 recordings, spread evenly over the
+// dataset (its first 2,000 recordings), and returns the 24 that report::ChooseScenes picks.
+// Recordings that cannot be read or answered for are passed over; the error of the last one if none
+// can. NOT_FOUND if the recordings have no examples.
+absl::StatusOr<std::vector<report::Scene>> CollectScenes(const v1::ModelVersion& version,
+                                                         const SceneSource& source,
+                                                         Environment& environment);
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_REPORT_SCENES_H_

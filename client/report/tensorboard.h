@@ -1,0 +1,24 @@
+// Learning curves as event files, which TensorBoard shows.
+
+#ifndef MANEUVER_CLIENT_REPORT_TENSORBOARD_H_
+#define MANEUVER_CLIENT_REPORT_TENSORBOARD_H_
+
+#include <filesystem>
+#include <span>
+
+#include "absl/status/status.h"
+#include "client/report/learning_curves.h"
+
+namespace maneuver::report {
+
+// Writes one run into each of the folders `training`, `held-out` and `mixture` of `folder`, so that
+// TensorBoard draws training and held-out examples into the same chart. Tags are PHASE/TERM, steps
+// those of the whole job. Makes the folders, and replaces the files of an earlier call. Runs without
+// a figure are left out.
+// FAILED_PRECONDITION names the path that cannot be written.
+absl::Status WriteTensorBoard(std::span<const LearningPhase> phases,
+                              const std::filesystem::path& folder);
+
+}  // namespace maneuver::report
+
+#endif  // MANEUVER_CLIENT_REPORT_TENSORBOARD_H_
