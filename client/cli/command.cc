@@ -92,7 +92,9 @@ OptionEntry EntryOf(const CLI::Option& option) {
 }
 
 CommandEntry EntryOf(CLI::App* app, const std::string& path) {
-  CommandEntry entry{.path = path, .summary = app->get_description()};
+  CommandEntry entry;
+  entry.path = path;
+  entry.summary = app->get_description();
   for (const CLI::Option* option : app->get_options()) {
     OptionEntry described = EntryOf(*option);
     if (!described.flags.empty()) entry.options.push_back(std::move(described));

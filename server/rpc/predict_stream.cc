@@ -32,7 +32,7 @@ absl::Status NoMessage() {
   return errors::InvalidField("request", "these bytes are no StreamPredictRequest");
 }
 
-serving::TimePoint DeadlineOf(const StreamOutline& outline) {
+serving::TimePoint StreamDeadline(const StreamOutline& outline) {
   // Longer than a day is as good as never.
   constexpr int64_t kNever = 24 * 3600;
   if (!outline.timeout || outline.timeout->seconds() >= kNever) return serving::TimePoint::max();
@@ -158,7 +158,7 @@ absl::Status PredictStream::Start(const std::shared_ptr<Entry>& entry) {
   auto& [request, response] = *entry->messages;
   response.set_request_id(outline->request_id);
   if (absl::Status status = context_.access.Admit(kMethod, caller_); !status.ok()) return status;
-  const serving::TimePoint deadline = DeadlineOf(*outline);
+  const serving::TimePoint deadline = StreamDeadline(*outline);
   // As for other calls, before the request is parsed.
   absl::Status status =
       context_.scheduler.CheckWait(serving::Priority::kInteractive, outline->targets, deadline);

@@ -91,36 +91,37 @@ class ReceivedVersion final : public VersionUpload {
   absl::Status Append(std::string_view bytes) override { return receiver_->Append(bytes); }
 
   absl::StatusOr<v1::ModelVersion> Commit() override {
-    std::optional<security::ModelVersionName> name;
-    const absl::Status status =
-        receiver_->Commit(beside_, [&](const fs::path& temporary) -> absl::Status {
-          name = versions_.FindMadeBy(model_, MakerOf(files_));
-          if (name) return absl::OkStatus();
-          // The digests agreed: it is not damaged, it never was what it should be.
-          if (absl::Status status = CheckModel(temporary); !status.ok()) {
-            return absl::InvalidArgumentError(
-                absl::StrCat("the files are no model: ", status.message()));
-          }
-          auto made = table_.Publish(model_, temporary, v1::PROMOTION_NEVER, MakerOf(files_));
-          if (made.ok()) name = *made;
-          if (absl::IsFailedPrecondition(made.status())) {
-            return absl::InvalidArgumentError(made.status().message());
-          }
-          return made.status();
-        });
+    const absl::Status status = receiver_->Commit(
+        beside_, [this](const fs::path& temporary) { return Publish(temporary); });
     if (!status.ok()) return status;
-    return versions_.Describe(*name);
+    return versions_.Describe(*name_);
   }
 
   void Discard() override { receiver_->Discard(); }
 
  private:
+  absl::Status Publish(const fs::path& folder) {
+    name_ = versions_.FindMadeBy(model_, MakerOf(files_));
+    if (name_) return absl::OkStatus();
+    // The digests agreed: it is not damaged, it never was what it should be.
+    if (const absl::Status status = CheckModel(folder); !status.ok()) {
+      return absl::InvalidArgumentError(absl::StrCat("the files are no model: ", status.message()));
+    }
+    auto made = table_.Publish(model_, folder, v1::PROMOTION_NEVER, MakerOf(files_));
+    if (made.ok()) name_ = *made;
+    if (absl::IsFailedPrecondition(made.status())) {
+      return absl::InvalidArgumentError(made.status().message());
+    }
+    return made.status();
+  }
+
   const std::string model_;
   const FileList files_;
   const fs::path beside_;
   VersionStore& versions_;
   ServingTable& table_;
   const std::unique_ptr<files::FileReceiver> receiver_;
+  std::optional<security::ModelVersionName> name_;  // once it is registered
 };
 
 }  // namespace
