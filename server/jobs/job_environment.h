@@ -14,22 +14,22 @@
 
 namespace maneuver::jobs {
 
-// What a job may use.
+// Limits on what a job may use.
 struct JobLimits {
-  int threads = 0;           // of each process, whatever its settings say; 0: as they say
+  int threads = 0;           // of each process, in place of its settings; 0: as its settings say
   int64_t memory_bytes = 0;  // of each process, as ChildCommand has it; 0: no limit
-  // All processes of a job together, since it was made or resumed by request; 0: no limit.
+  // Of all processes of a job together, since it was created or resumed by request; 0: no limit.
   std::chrono::milliseconds run_time{0};
-  // So many processes in a row may die without a new checkpoint.
+  // A job ends once so many processes in a row have died without a new checkpoint.
   int attempts_without_progress = 5;
 };
 
-// Where a job finds what it needs. What it points to must live as long as the run.
+// Where a job finds what it needs. What it points to outlives the run.
 struct JobRunEnvironment {
-  std::string trainer;  // program
+  std::string trainer;  // the program
   JobLimits limits;
   CheckpointOptions checkpoints;
-  // A model of fewer effective actions fails its job.
+  // A job whose model has fewer effective actions fails.
   int least_effective_actions = 0;
   const data::DatasetStore* datasets = nullptr;
   serving::ModelVersions* versions = nullptr;

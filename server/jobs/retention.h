@@ -1,4 +1,4 @@
-// What is kept of jobs and models, and for how long.
+// Which jobs, checkpoints and versions are kept, and for how long.
 
 #ifndef MANEUVER_SERVER_JOBS_RETENTION_H_
 #define MANEUVER_SERVER_JOBS_RETENTION_H_
@@ -20,11 +20,12 @@
 namespace maneuver::jobs {
 
 struct RetentionPolicy {
-  // Jobs are forgotten so long after their end; infinite: never. What they made stays.
+  // How long after its end a job is forgotten; infinite: never. The versions that it made stay.
   absl::Duration jobs = absl::Hours(24 * 90);
-  // Checkpoints of jobs that failed or were cancelled are removed so long after their end.
+  // How long after their end the checkpoints of jobs that failed or were cancelled are removed.
   absl::Duration checkpoints = absl::Hours(24 * 14);
-  // Of each model the newest so many versions stay, and all that an alias names; 0: all of them.
+  // How many of the newest versions of each model stay, beside those that an alias points to; 0:
+  // all of them.
   int versions = 0;
 };
 
@@ -45,13 +46,14 @@ class Retention {
   Retention(const Retention&) = delete;
   Retention& operator=(const Retention&) = delete;
 
-  // Removes what is too old. The first error, after all was tried.
+  // Removes everything that is too old. Goes on after an error, and returns the first one.
   absl::Status Sweep(absl::Time now);
 
-  // Something else that is to be done at each sweep. Before SweepRegularly.
+  // Adds `sweep` to what each sweep does. Call it before SweepRegularly.
   void AlsoSweep(std::function<absl::Status()> sweep) { others_.push_back(std::move(sweep)); }
 
-  // Sweeps now and then once in every `interval`, on a thread of its own, until this is destroyed.
+  // Sweeps at once and then once in every `interval`, on a thread of its own, until this is
+  // destroyed.
   void SweepRegularly(absl::Duration interval);
 
  private:

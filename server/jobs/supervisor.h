@@ -56,9 +56,9 @@ struct SupervisorOptions {
 // ErrorInfo or BadRequest.
 class Supervisor {
  public:
-  // Makes jobs that a former server left running PENDING again (those that were to be cancelled,
-  // CANCELLED), removes what they left half-written, and starts to work on those that are pending.
-  // What is referred to must outlive this.
+  // Recovers from an earlier server: makes its RUNNING jobs PENDING again, or CANCELLED if they were
+  // being cancelled, and removes what they left half-written. Then starts to run pending jobs.
+  // Everything that is referred to outlives the supervisor.
   static absl::StatusOr<std::unique_ptr<Supervisor>> Start(
       SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
       serving::ModelVersions& versions,
@@ -74,11 +74,12 @@ class Supervisor {
   // Whether Stop is done: no job goes on before the next start.
   bool IsStopped() const { return is_stopped_; }
 
-  // A new job, PENDING; the same job for the same request_id. Its train.start_from is the version
-  // that the reference means now. INVALID_ARGUMENT; NOT_FOUND for an
-  // unknown dataset or model; ALREADY_EXISTS if request_id was used for a different request;
-  // RESOURCE_EXHAUSTED while max_pending_jobs wait.
-  // With validate_only: a job without a name, and nothing is started.
+  // Creates a job, PENDING; returns the same job for the same request_id. Its settings are resolved
+  // now (job_settings.h), and its train.start_from is the version that the reference means now.
+  // Errors: INVALID_ARGUMENT; NOT_FOUND for an unknown dataset or model; ALREADY_EXISTS if
+  // request_id was used for a different request; RESOURCE_EXHAUSTED while max_pending_jobs wait, or
+  // if the disk is full.
+  // With validate_only it returns a job without a name, and starts nothing.
   absl::StatusOr<v1::Job> Train(const v1::TrainRequest& request);
   // The job's evaluate.model is the version that the reference means now.
   absl::StatusOr<v1::Job> Evaluate(const v1::EvaluateRequest& request);

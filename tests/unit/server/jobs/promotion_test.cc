@@ -22,7 +22,7 @@ constexpr char kNew[] = "models/town/versions/2";
 constexpr char kOther[] = "models/town/versions/3";
 
 // Versions of which everything is known.
-class FakeSteps final : public PromotionVersions {
+class FakeVersions final : public PromotionVersions {
  public:
   std::string Serving() override { return serving; }
   absl::StatusOr<v1::EvaluationReport> FindReport(const std::string& version) override {
@@ -67,9 +67,9 @@ class PromotionTest : public testing::Test {
     v1::PromotionCriteria criteria;
     criteria.set_dataset("datasets/unseen");
     task_ = {"models/town", kNew, ResolveCriteria(criteria), "abc"};
-    steps_.truth[kOld] = Report(kOld, 1.0, 2.0);
-    steps_.truth[kNew] = Report(kNew, 0.5, 1.5);
-    steps_.truth[kOther] = Report(kOther, 0.25, 1.0);
+    versions_.truth[kOld] = Report(kOld, 1.0, 2.0);
+    versions_.truth[kNew] = Report(kNew, 0.5, 1.5);
+    versions_.truth[kOther] = Report(kOther, 0.25, 1.0);
   }
 
   v1::EvaluationReport Report(const std::string& version, double min_ade, double nll) const {
@@ -85,13 +85,13 @@ class PromotionTest : public testing::Test {
     return report;
   }
   v1::PromotionDecision Decide() {
-    const PromotionOutcome outcome = DecidePromotion(task_, steps_);
+    const PromotionOutcome outcome = DecidePromotion(task_, versions_);
     EXPECT_TRUE(outcome.decision) << outcome.interruption;
     return outcome.decision.value_or(v1::PromotionDecision());
   }
 
   PromotionTask task_;
-  FakeSteps steps_;
+  FakeVersions versions_;
 };
 
 TEST_F(PromotionTest, ByDefaultNeitherMinAdeOfSixNorLikelihoodMayBeWorse) {
@@ -103,8 +103,8 @@ TEST_F(PromotionTest, ByDefaultNeitherMinAdeOfSixNorLikelihoodMayBeWorse) {
 TEST_F(PromotionTest, ABetterVersionIsPromotedWithTheFiguresOfBoth) {
   const v1::PromotionDecision decision = Decide();
   EXPECT_TRUE(decision.promoted()) << decision.reason();
-  EXPECT_EQ(steps_.serving, kNew);
-  EXPECT_THAT(steps_.measured, ElementsAre(kNew, kOld));
+  EXPECT_EQ(versions_.serving, kNew);
+  EXPECT_THAT(versions_.measured, ElementsAre(kNew, kOld));
   const v1::EvaluationComparison& figures = decision.comparison();
   EXPECT_EQ(figures.baseline(), kOld);
   EXPECT_EQ(figures.candidate(), kNew);
@@ -118,15 +118,15 @@ TEST_F(PromotionTest, ABetterVersionIsPromotedWithTheFiguresOfBoth) {
 }
 
 TEST_F(PromotionTest, AnEqualVersionIsPromoted) {
-  steps_.truth[kNew] = Report(kNew, 1.0, 2.0);
+  versions_.truth[kNew] = Report(kNew, 1.0, 2.0);
   EXPECT_TRUE(Decide().promoted());
 }
 
 TEST_F(PromotionTest, OneWorseMetricIsEnoughToKeepWhatServes) {
-  steps_.truth[kNew] = Report(kNew, 0.5, 2.125);
+  versions_.truth[kNew] = Report(kNew, 0.5, 2.125);
   const v1::PromotionDecision decision = Decide();
   EXPECT_FALSE(decision.promoted());
-  EXPECT_EQ(steps_.serving, kOld);
+  EXPECT_EQ(versions_.serving, kOld);
   EXPECT_EQ(decision.reason(),
             "worse than models/town/versions/1 on datasets/unseen: nll 2.1250 against 2.0000 nats");
   EXPECT_EQ(decision.comparison().metrics(0).verdict(), v1::METRIC_VERDICT_BETTER);
@@ -138,19 +138,19 @@ TEST_F(PromotionTest, OneWorseMetricIsEnoughToKeepWhatServes) {
 }
 
 TEST_F(PromotionTest, OnlyTheNamedMetricsDecide) {
-  steps_.truth[kNew] = Report(kNew, 9.0, 9.0);
+  versions_.truth[kNew] = Report(kNew, 9.0, 9.0);
   task_.criteria.clear_metrics();
   task_.criteria.add_metrics()->set_metric("fde_1");
   EXPECT_TRUE(Decide().promoted());
 }
 
 TEST_F(PromotionTest, TheFirstVersionIsPromotedUnmeasured) {
-  steps_.serving = "";
+  versions_.serving = "";
   const v1::PromotionDecision decision = Decide();
   EXPECT_TRUE(decision.promoted());
   EXPECT_EQ(decision.reason(), "no version of models/town served");
-  EXPECT_THAT(steps_.measured, IsEmpty());
-  EXPECT_EQ(steps_.serving, kNew);
+  EXPECT_THAT(versions_.measured, IsEmpty());
+  EXPECT_EQ(versions_.serving, kNew);
 }
 
 // Constant velocity over all examples: ahead of it by 0.5 m, unless told otherwise.
@@ -170,10 +170,10 @@ void StandBesideConstantVelocity(v1::EvaluationReport& report,
 
 TEST_F(PromotionTest, AVersionThatDoesNotStandAsRequiredIsRefusedWithTheFigures) {
   task_.criteria.add_rivals()->set_rival("cv");
-  StandBesideConstantVelocity(steps_.truth[kNew], v1::RIVAL_VERDICT_UNDECIDED);
+  StandBesideConstantVelocity(versions_.truth[kNew], v1::RIVAL_VERDICT_UNDECIDED);
   const v1::PromotionDecision decision = Decide();
   EXPECT_FALSE(decision.promoted());
-  EXPECT_EQ(steps_.serving, kOld);
+  EXPECT_EQ(versions_.serving, kOld);
   EXPECT_EQ(decision.reason(),
             "what is required on datasets/unseen is not met: not ahead of constant velocity by "
             "ade_1 over all examples (-0.500 m, 95 % -0.750 .. +0.250)");
@@ -187,25 +187,25 @@ TEST_F(PromotionTest, AVersionThatDoesNotStandAsRequiredIsRefusedWithTheFigures)
 
 TEST_F(PromotionTest, AVersionThatIsWorseAndDoesNotStandAsRequiredHasBothReasons) {
   task_.criteria.add_rivals()->set_rival("cv");
-  steps_.truth[kNew] = Report(kNew, 0.5, 2.125);
-  StandBesideConstantVelocity(steps_.truth[kNew], v1::RIVAL_VERDICT_UNDECIDED);
+  versions_.truth[kNew] = Report(kNew, 0.5, 2.125);
+  StandBesideConstantVelocity(versions_.truth[kNew], v1::RIVAL_VERDICT_UNDECIDED);
   const v1::PromotionDecision decision = Decide();
   EXPECT_THAT(decision.reason(), HasSubstr("nll 2.1250 against 2.0000 nats; what is required"));
 }
 
 TEST_F(PromotionTest, AVersionThatStandsAsRequiredIsPromotedIfItIsNoWorseToo) {
   task_.criteria.add_rivals()->set_rival("cv");
-  StandBesideConstantVelocity(steps_.truth[kNew]);
+  StandBesideConstantVelocity(versions_.truth[kNew]);
   v1::PromotionDecision decision = Decide();
   EXPECT_TRUE(decision.promoted()) << decision.reason();
   EXPECT_THAT(decision.reason(),
               HasSubstr("; ahead of constant velocity by ade_1 over all examples"));
 
-  steps_.serving = kOld;
-  steps_.remembered.reset();
-  steps_.kept.clear();
-  steps_.truth[kNew] = Report(kNew, 0.5, 2.125);
-  StandBesideConstantVelocity(steps_.truth[kNew]);
+  versions_.serving = kOld;
+  versions_.remembered.reset();
+  versions_.kept.clear();
+  versions_.truth[kNew] = Report(kNew, 0.5, 2.125);
+  StandBesideConstantVelocity(versions_.truth[kNew]);
   decision = Decide();
   EXPECT_FALSE(decision.promoted());
   EXPECT_EQ(decision.shortfalls_size(), 0);
@@ -213,29 +213,29 @@ TEST_F(PromotionTest, AVersionThatStandsAsRequiredIsPromotedIfItIsNoWorseToo) {
 
 TEST_F(PromotionTest, TheFirstVersionIsMeasuredIfSomethingIsRequiredOfIt) {
   task_.criteria.add_rivals()->set_rival("cv");
-  steps_.serving = "";
-  StandBesideConstantVelocity(steps_.truth[kNew], v1::RIVAL_VERDICT_BEHIND);
+  versions_.serving = "";
+  StandBesideConstantVelocity(versions_.truth[kNew], v1::RIVAL_VERDICT_BEHIND);
   v1::PromotionDecision decision = Decide();
   EXPECT_FALSE(decision.promoted());
-  EXPECT_THAT(steps_.measured, ElementsAre(kNew));
-  EXPECT_EQ(steps_.serving, "");
+  EXPECT_THAT(versions_.measured, ElementsAre(kNew));
+  EXPECT_EQ(versions_.serving, "");
 
-  steps_.kept[kNew] = Report(kNew, 0.5, 1.5);
-  StandBesideConstantVelocity(steps_.kept[kNew]);
+  versions_.kept[kNew] = Report(kNew, 0.5, 1.5);
+  StandBesideConstantVelocity(versions_.kept[kNew]);
   decision = Decide();
   EXPECT_TRUE(decision.promoted()) << decision.reason();
   EXPECT_THAT(decision.reason(), HasSubstr("no version of models/town served; ahead of"));
-  EXPECT_EQ(steps_.serving, kNew);
+  EXPECT_EQ(versions_.serving, kNew);
 }
 
 // As an earlier release kept it.
 TEST_F(PromotionTest, AReportWithoutRivalsIsMadeAgainIfSomethingIsRequired) {
-  steps_.kept[kNew] = steps_.truth[kNew];
-  steps_.kept[kOld] = steps_.truth[kOld];
+  versions_.kept[kNew] = versions_.truth[kNew];
+  versions_.kept[kOld] = versions_.truth[kOld];
   task_.criteria.add_rivals()->set_rival("cv");
-  StandBesideConstantVelocity(steps_.truth[kNew]);
+  StandBesideConstantVelocity(versions_.truth[kNew]);
   EXPECT_TRUE(Decide().promoted());
-  EXPECT_THAT(steps_.measured, ElementsAre(kNew));
+  EXPECT_THAT(versions_.measured, ElementsAre(kNew));
 }
 
 TEST_F(PromotionTest, RefusesRequirementsThatNobodyCanMeet) {
@@ -257,21 +257,48 @@ TEST_F(PromotionTest, RefusesRequirementsThatNobodyCanMeet) {
 }
 
 TEST_F(PromotionTest, AReportOfTheSameExamplesIsNotMadeAgainAndOneOfOthersIs) {
-  steps_.kept[kOld] = steps_.truth[kOld];
+  versions_.kept[kOld] = versions_.truth[kOld];
   Decide();
-  EXPECT_THAT(steps_.measured, ElementsAre(kNew));
+  EXPECT_THAT(versions_.measured, ElementsAre(kNew));
 
-  steps_.serving = kOld;
-  steps_.remembered.reset();
-  steps_.measured.clear();
-  steps_.kept[kOld].mutable_example_settings()->mutable_stride()->set_seconds(77);
-  steps_.kept[kNew].set_dataset_sha256("of the dataset that had the name before");
+  versions_.serving = kOld;
+  versions_.remembered.reset();
+  versions_.measured.clear();
+  versions_.kept[kOld].mutable_example_settings()->mutable_stride()->set_seconds(77);
+  versions_.kept[kNew].set_dataset_sha256("of the dataset that had the name before");
   Decide();
-  EXPECT_THAT(steps_.measured, ElementsAre(kNew, kOld));
+  EXPECT_THAT(versions_.measured, ElementsAre(kNew, kOld));
+}
+
+TEST_F(PromotionTest, MeasuresEverythingThatTheDecisionNeedsBeforehand) {
+  versions_.kept[kOld] = versions_.truth[kOld];
+  EXPECT_THAT(VersionsToMeasure(task_, versions_), ElementsAre(kNew));
+  const PromotionOutcome measured = MeasureVersions(task_, versions_);
+  EXPECT_FALSE(measured.decision);
+  EXPECT_TRUE(measured.interruption.ok()) << measured.interruption;
+  EXPECT_THAT(VersionsToMeasure(task_, versions_), IsEmpty());
+  EXPECT_TRUE(Decide().promoted());
+  EXPECT_THAT(versions_.measured, ElementsAre(kNew));
+}
+
+TEST_F(PromotionTest, MeasuresNothingForADecisionThatIsWrittenDown) {
+  Decide();
+  versions_.serving = kOld;  // the server died before it promoted
+  versions_.kept.clear();
+  EXPECT_THAT(VersionsToMeasure(task_, versions_), IsEmpty());
+}
+
+TEST_F(PromotionTest, DecidesAgainstAVersionThatCannotBeMeasured) {
+  versions_.failure = absl::FailedPreconditionError("the recordings hold no example");
+  const PromotionOutcome outcome = MeasureVersions(task_, versions_);
+  ASSERT_TRUE(outcome.decision);
+  EXPECT_FALSE(outcome.decision->promoted());
+  EXPECT_THAT(outcome.decision->reason(), HasSubstr("the recordings hold no example"));
+  EXPECT_THAT(versions_.measured, ElementsAre(kNew));
 }
 
 TEST_F(PromotionTest, VersionsOfOtherHorizonsAreNotCompared) {
-  steps_.truth[kNew].mutable_trajectory()->set_waypoints(20);
+  versions_.truth[kNew].mutable_trajectory()->set_waypoints(20);
   const v1::PromotionDecision decision = Decide();
   EXPECT_FALSE(decision.promoted());
   EXPECT_THAT(decision.reason(), HasSubstr("20 waypoints"));
@@ -279,77 +306,77 @@ TEST_F(PromotionTest, VersionsOfOtherHorizonsAreNotCompared) {
 }
 
 TEST_F(PromotionTest, AFailedMeasurementIsADecisionAgainst) {
-  steps_.failure = absl::FailedPreconditionError("the recordings hold no example");
+  versions_.failure = absl::FailedPreconditionError("the recordings hold no example");
   const v1::PromotionDecision decision = Decide();
   EXPECT_FALSE(decision.promoted());
   EXPECT_THAT(decision.reason(), HasSubstr("the recordings hold no example"));
   EXPECT_EQ(decision.error().code(), static_cast<int>(absl::StatusCode::kFailedPrecondition));
-  EXPECT_EQ(steps_.serving, kOld);
+  EXPECT_EQ(versions_.serving, kOld);
 }
 
 TEST_F(PromotionTest, AnInterruptedMeasurementIsNoDecisionAndWhatWasMeasuredIsKept) {
-  steps_.on_measure = [this](const std::string& version) {
+  versions_.on_measure = [this](const std::string& version) {
     if (version == kOld) {
-      steps_.failure = absl::UnavailableError("the server stops");
-      steps_.interrupted = true;
+      versions_.failure = absl::UnavailableError("the server stops");
+      versions_.interrupted = true;
     }
   };
-  const PromotionOutcome outcome = DecidePromotion(task_, steps_);
+  const PromotionOutcome outcome = DecidePromotion(task_, versions_);
   EXPECT_FALSE(outcome.decision);
   EXPECT_TRUE(absl::IsUnavailable(outcome.interruption));
 
-  steps_.on_measure = nullptr;
-  steps_.failure = absl::OkStatus();
-  steps_.measured.clear();
+  versions_.on_measure = nullptr;
+  versions_.failure = absl::OkStatus();
+  versions_.measured.clear();
   EXPECT_TRUE(Decide().promoted());
-  EXPECT_THAT(steps_.measured, ElementsAre(kOld));
+  EXPECT_THAT(versions_.measured, ElementsAre(kOld));
 }
 
 TEST_F(PromotionTest, AServerThatDiedOnceItHadPromotedStillKnowsTheFigures) {
   const v1::PromotionDecision first = Decide();
-  steps_.measured.clear();
+  versions_.measured.clear();
   const v1::PromotionDecision again = Decide();  // as a new server would
   EXPECT_EQ(again.SerializeAsString(), first.SerializeAsString());
-  EXPECT_THAT(steps_.measured, IsEmpty());
+  EXPECT_THAT(versions_.measured, IsEmpty());
 }
 
 TEST_F(PromotionTest, AServerThatDiedBeforeItPromotedDoesWhatWasDecided) {
   const v1::PromotionDecision first = Decide();
-  steps_.serving = kOld;
-  steps_.measured.clear();
+  versions_.serving = kOld;
+  versions_.measured.clear();
   const v1::PromotionDecision again = Decide();
   EXPECT_EQ(again.SerializeAsString(), first.SerializeAsString());
-  EXPECT_EQ(steps_.serving, kNew);
+  EXPECT_EQ(versions_.serving, kNew);
 }
 
 TEST_F(PromotionTest, AVersionThatCameToServeMeanwhileIsTheOneToBeat) {
-  steps_.on_measure = [this](const std::string& version) {
-    if (version == kOld) steps_.serving = kOther;  // better than the new one
+  versions_.on_measure = [this](const std::string& version) {
+    if (version == kOld) versions_.serving = kOther;  // better than the new one
   };
   const v1::PromotionDecision decision = Decide();
   EXPECT_FALSE(decision.promoted());
   EXPECT_EQ(decision.comparison().baseline(), kOther);
-  EXPECT_EQ(steps_.serving, kOther);
-  EXPECT_THAT(steps_.measured, ElementsAre(kNew, kOld, kOther));
+  EXPECT_EQ(versions_.serving, kOther);
+  EXPECT_THAT(versions_.measured, ElementsAre(kNew, kOld, kOther));
 }
 
 TEST_F(PromotionTest, ADecisionThatWasMadeAgainstAnotherVersionIsMadeAnew) {
   Decide();
-  steps_.serving = kOther;
+  versions_.serving = kOther;
   EXPECT_FALSE(Decide().promoted());
-  EXPECT_EQ(steps_.serving, kOther);
+  EXPECT_EQ(versions_.serving, kOther);
 }
 
 TEST_F(PromotionTest, AVersionThatSomebodyPromotedMeanwhileServesAndThatIsAll) {
-  steps_.serving = kNew;
+  versions_.serving = kNew;
   const v1::PromotionDecision decision = Decide();
   EXPECT_TRUE(decision.promoted());
   EXPECT_THAT(decision.reason(), HasSubstr("already"));
-  EXPECT_THAT(steps_.measured, IsEmpty());
+  EXPECT_THAT(versions_.measured, IsEmpty());
 }
 
 TEST_F(PromotionTest, AVersionThatDoesNotLoadIsNotPromoted) {
-  steps_.promotion_failure = absl::FailedPreconditionError("it cannot be served");
+  versions_.promotion_failure = absl::FailedPreconditionError("it cannot be served");
   const v1::PromotionDecision decision = Decide();
   EXPECT_FALSE(decision.promoted());
   EXPECT_THAT(decision.reason(), HasSubstr("it cannot be served"));

@@ -279,5 +279,21 @@ TEST_F(ResumptionTest, TheTrainerIsToldOfCheckpointsThreadsAndActions) {
                              HasSubstr("--threads 3")));
 }
 
+TEST_F(ResumptionTest, HandsTheTrainerTheSettingsOfItsAdmission) {
+  Trainer(kRunsOn);
+  Start();
+  const std::string running = Train().name();
+  WaitForProgress(running);
+  const std::string waiting = Train().name();
+  const fs::path settings = folder_ / waiting / "settings.json";
+  EXPECT_NE(files::ReadFile(settings).value_or("").find("jointEpochs"), std::string::npos);
+  // As an earlier release admitted it, with another preset.
+  ASSERT_TRUE(files::WriteFileAtomically(settings, "{\"seed\": \"77\"}").ok());
+  Trainer("mkdir \"$output\"; cp \"$settings\" \"$output/settings\"");
+  ASSERT_TRUE(supervisor_->Cancel(running).ok());
+  EXPECT_EQ(WaitForEnd(waiting).state(), v1::JOB_STATE_SUCCEEDED);
+  EXPECT_EQ(files::ReadFile(folder_ / "town1" / "settings").value_or(""), "{\"seed\": \"77\"}");
+}
+
 }  // namespace
 }  // namespace maneuver::jobs
