@@ -41,7 +41,8 @@ std::string FindManifestFault(const v1::ModelManifest& manifest) {
   return "";
 }
 
-absl::StatusOr<std::string> ManifestToJson(const v1::ModelManifest& manifest) {
+absl::StatusOr<std::string> ManifestToJson(v1::ModelManifest manifest) {
+  for (v1::Action& action : *manifest.mutable_actions()) action.clear_display_name();
   google::protobuf::util::JsonPrintOptions options;
   options.add_whitespace = true;
   options.preserve_proto_field_names = true;

@@ -2,19 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <set>
 #include <string>
-#include <tuple>
 #include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_spec.h"
 #include "model/evaluation/assignment.h"
-#include "model/evaluation/calibration.h"
-#include "model/evaluation/clustering.h"
 #include "model/evaluation/kinematic_classes.h"
+#include "model/inference/trajectory_set.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -140,10 +137,12 @@ void AddAgreement(v1::ActionMatching& matching) {
   matching.set_agreeing_share_second(second);
 }
 
-absl::StatusOr<v1::ActionMatching> Match(const v1::ModelManifest& first,
-                                         const Eigen::VectorXd& first_shares,
-                                         const v1::ModelManifest& second,
-                                         const Eigen::VectorXd& second_shares) {
+}  // namespace
+
+absl::StatusOr<v1::ActionMatching> MatchActions(const v1::ModelManifest& first,
+                                                const Eigen::VectorXd& first_shares,
+                                                const v1::ModelManifest& second,
+                                                const Eigen::VectorXd& second_shares) {
   const std::vector<double> times = artifact::WaypointTimes(first.spec().trajectory());
   const std::vector<double> others = artifact::WaypointTimes(second.spec().trajectory());
   const bool alike = std::equal(times.begin(), times.end(), others.begin(), others.end(),
@@ -169,70 +168,9 @@ absl::StatusOr<v1::ActionMatching> Match(const v1::ModelManifest& first,
   return matching;
 }
 
-Eigen::VectorXd SharesOf(std::span<const Measurement> measured) {
-  ActionStatistics statistics(static_cast<int>(measured.front().probabilities.size()));
-  for (const Measurement& each : measured)
-    statistics.Add(each.probabilities, each.responsibilities);
-  return statistics.MeanProbability();
-}
-
-}  // namespace
-
 absl::StatusOr<v1::ActionMatching> MatchActions(const v1::ModelManifest& first,
                                                 const v1::ModelManifest& second) {
-  return Match(first, {}, second, {});
-}
-
-absl::StatusOr<v1::ActionMatching> MatchActions(const inference::ActionModel& first,
-                                                const inference::ActionModel& second,
-                                                const EvaluationInput& input) {
-  const absl::StatusOr<MeasuredExamples> ours = MeasureExamples(first, input);
-  if (!ours.ok()) return ours.status();
-  const absl::StatusOr<MeasuredExamples> theirs = MeasureExamples(second, input);
-  if (!theirs.ok()) return theirs.status();
-  absl::StatusOr<v1::ActionMatching> matching = Match(
-      first.manifest(), SharesOf(ours->measured), second.manifest(), SharesOf(theirs->measured));
-  if (!matching.ok()) return matching;
-
-  // Models that look back differently far do not have the same examples.
-  const auto key = [](const data::Example& example) {
-    return std::tuple(example.recording, example.target_id, example.time);
-  };
-  std::map<std::tuple<int, int64_t, double>, int> action_of;
-  for (size_t i = 0; i < ours->examples.size(); ++i) {
-    action_of[key(ours->examples[i])] = ours->measured[i].action;
-  }
-  std::vector<int> first_actions;
-  std::vector<int> second_actions;
-  for (size_t i = 0; i < theirs->examples.size(); ++i) {
-    const auto found = action_of.find(key(theirs->examples[i]));
-    if (found == action_of.end()) continue;
-    first_actions.push_back(found->second);
-    second_actions.push_back(theirs->measured[i].action);
-  }
-  *matching->mutable_coincidence() = CoincidenceOf(first_actions, second_actions, *matching);
-  return matching;
-}
-
-v1::ActionCoincidence CoincidenceOf(std::span<const int> first, std::span<const int> second,
-                                    const v1::ActionMatching& matching) {
-  std::set<std::pair<int, int>> pairs;
-  for (const v1::ActionPair& pair : matching.pairs()) {
-    pairs.emplace(pair.first().action_id(), pair.second().action_id());
-  }
-  ContingencyTable table;
-  int64_t paired = 0;
-  for (size_t i = 0; i < first.size(); ++i) {
-    table.Add(first[i], second[i]);
-    if (pairs.contains({first[i], second[i]})) ++paired;
-  }
-  v1::ActionCoincidence coincidence;
-  coincidence.set_examples(table.total());
-  coincidence.set_normalized_mutual_information(table.NormalizedMutualInformation());
-  if (table.total() > 0) {
-    coincidence.set_paired_share(static_cast<double>(paired) / static_cast<double>(table.total()));
-  }
-  return coincidence;
+  return MatchActions(first, {}, second, {});
 }
 
 }  // namespace maneuver::evaluation

@@ -3,13 +3,11 @@
 #ifndef MANEUVER_MODEL_EVALUATION_ACTION_MATCHING_H_
 #define MANEUVER_MODEL_EVALUATION_ACTION_MATCHING_H_
 
-#include <span>
+#include <Eigen/Core>
 
 #include "absl/status/statusor.h"
 #include "maneuver/v1/action_matching.pb.h"
 #include "maneuver/v1/model.pb.h"
-#include "model/evaluation/evaluator.h"
-#include "model/inference/action_model.h"
 
 namespace maneuver::evaluation {
 
@@ -39,16 +37,11 @@ namespace maneuver::evaluation {
 absl::StatusOr<v1::ActionMatching> MatchActions(const v1::ModelManifest& first,
                                                 const v1::ModelManifest& second);
 
-// The same with shares over the examples of the recordings, and how far the models agree there on
-// which action each example was, argmax q(y|x,s). Errors: also those of MeasureExamples.
-absl::StatusOr<v1::ActionMatching> MatchActions(const inference::ActionModel& first,
-                                                const inference::ActionModel& second,
-                                                const EvaluationInput& input);
-
-// Over examples whose actions are `first` and `second`, [N] each: normalised mutual information,
-// and the share whose actions are one of the pairs.
-v1::ActionCoincidence CoincidenceOf(std::span<const int> first, std::span<const int> second,
-                                    const v1::ActionMatching& matching);
+// The same with other shares than those of the manifests, [K] each.
+absl::StatusOr<v1::ActionMatching> MatchActions(const v1::ModelManifest& first,
+                                                const Eigen::VectorXd& first_shares,
+                                                const v1::ModelManifest& second,
+                                                const Eigen::VectorXd& second_shares);
 
 inline constexpr double kToleranceSpeed = 0.4;  // m/s
 

@@ -3,15 +3,18 @@
 #ifndef MANEUVER_MODEL_EVALUATION_ACTION_MATCHING_TEXT_H_
 #define MANEUVER_MODEL_EVALUATION_ACTION_MATCHING_TEXT_H_
 
+#include <span>
 #include <string>
 
 #include "maneuver/v1/action_matching.pb.h"
 
 namespace maneuver::evaluation {
 
-// A table of the pairs, closest first, with what is left over; then the figures. Names of actions
-// are their labels, or their kinematic class where they have none. Lines end in '\n'.
-std::string ActionMatchingText(const v1::ActionMatching& matching);
+// A table of the pairs, closest first, with what is left over; then the figures. Lines end in '\n'.
+//   first_names, second_names: what to call the actions of either model, by id. [K]
+std::string ActionMatchingText(const v1::ActionMatching& matching,
+                               std::span<const std::string> first_names,
+                               std::span<const std::string> second_names);
 
 }  // namespace maneuver::evaluation
 

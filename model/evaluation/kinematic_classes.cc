@@ -29,14 +29,6 @@ double Course(const Position& from, const Position& to) {
   return std::atan2(to.y() - from.y(), to.x() - from.x());
 }
 
-// Whether the first metre of travel goes to the rear.
-bool SetsOffBackwards(const Trajectory& trajectory) {
-  for (Eigen::Index t = 0; t < trajectory.rows(); ++t) {
-    if (trajectory.row(t).norm() >= kCourseDistance) return trajectory(t, 0) < 0.0;
-  }
-  return false;
-}
-
 double PathLength(const Trajectory& trajectory) {
   const Eigen::Index steps = trajectory.rows() - 1;
   return trajectory.row(0).norm() +
@@ -61,6 +53,13 @@ double FinalHeadingChange(const Trajectory& trajectory) {
   if (!moves) return 0.0;
   if (SetsOffBackwards(trajectory)) course += std::numbers::pi;
   return std::remainder(course, 2.0 * std::numbers::pi);
+}
+
+bool SetsOffBackwards(const Trajectory& trajectory) {
+  for (Eigen::Index t = 0; t < trajectory.rows(); ++t) {
+    if (trajectory.row(t).norm() >= kCourseDistance) return trajectory(t, 0) < 0.0;
+  }
+  return false;
 }
 
 double SidewaysShift(const Trajectory& trajectory, double heading_change) {

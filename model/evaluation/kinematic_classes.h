@@ -13,7 +13,7 @@
 #include <string_view>
 
 #include "maneuver/v1/scenario.pb.h"
-#include "model/inference/action_model.h"
+#include "model/inference/trajectory_set.h"
 
 namespace maneuver::evaluation {
 
@@ -41,6 +41,10 @@ std::string_view Name(KinematicClass kinematic_class);
 // For one that sets off backwards it is that of its rear.
 //   trajectory: target frame, from the origin along +x
 double FinalHeadingChange(const inference::Trajectory& trajectory);
+
+// Whether the first metre of travel goes to the rear.
+//   trajectory: target frame
+bool SetsOffBackwards(const inference::Trajectory& trajectory);
 
 // How far the end is to the left (positive) of where turning alone leads, metres. With (dx, dy) the
 // last waypoint and h = `heading_change`, dy - dx tan(h / 2): an arc's chord points along h / 2.

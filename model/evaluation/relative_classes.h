@@ -13,7 +13,7 @@
 #include <string_view>
 
 #include "maneuver/v1/scenario.pb.h"
-#include "model/inference/action_model.h"
+#include "model/inference/trajectory_set.h"
 
 namespace maneuver::evaluation {
 

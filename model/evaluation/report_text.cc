@@ -216,7 +216,7 @@ Block Reliability(const v1::EvaluationReport& report) {
   return block;
 }
 
-Block ActionUses(const v1::EvaluationReport& report) {
+Block ActionUses(const v1::EvaluationReport& report, std::span<const std::string> names) {
   Block block("WHAT EACH ACTION DOES",
               {"MEAN p(y|s)", "EXAMPLES", "RELATIVE", "PURITY", "KINEMATIC", "PURITY"});
   std::vector<int> order;
@@ -229,7 +229,8 @@ Block ActionUses(const v1::EvaluationReport& report) {
     const bool used = use.examples() > 0;
     // Reports of older releases have no relative classes.
     const bool has_relative = !use.relative_class().empty();
-    block.Add(absl::StrCat(action),
+    const auto id = static_cast<size_t>(action);
+    block.Add(absl::StrCat(action, id < names.size() ? absl::StrCat("  ", names[id]) : ""),
               {Share(use.probability()), absl::StrCat(use.examples()), use.relative_class(),
                has_relative ? Share(use.relative_class_share()) : "", use.kinematic_class(),
                used ? Share(use.class_share()) : ""});
@@ -271,12 +272,13 @@ Block Strata(const v1::EvaluationReport& report) {
 
 }  // namespace
 
-std::string ReportText(const v1::EvaluationReport& report, bool color) {
+std::string ReportText(const v1::EvaluationReport& report, bool color,
+                       std::span<const std::string> action_names) {
   Reader read(report.metrics());
   std::vector<Block> blocks = {Accuracy(read),      Baselines(read, report.metrics()),
                                Likelihood(read),    Envelope(read),
                                Reliability(report), Actions(read),
-                               Meaning(read),       ActionUses(report),
+                               Meaning(read),       ActionUses(report, action_names),
                                Strata(report)};
   Block other("OTHER", {"VALUE"});
   for (const auto& [name, value] : read.Left()) other.Add(name, {Thousandths(value)});

@@ -3,6 +3,7 @@
 #ifndef MANEUVER_MODEL_EVALUATION_REPORT_TEXT_H_
 #define MANEUVER_MODEL_EVALUATION_REPORT_TEXT_H_
 
+#include <span>
 #include <string>
 
 #include "maneuver/v1/training_service.pb.h"
@@ -14,7 +15,9 @@ namespace maneuver::evaluation {
 // its rivals (rival_text.h). What it does not hold is left out (a model's manifest has metrics and
 // rivals alone); metrics that no table knows follow by name. Lines end in '\n'; without colour it
 // is plain ASCII.
-std::string ReportText(const v1::EvaluationReport& report, bool color);
+//   action_names: what to call the actions beside their ids, by id; may be empty
+std::string ReportText(const v1::EvaluationReport& report, bool color,
+                       std::span<const std::string> action_names = {});
 
 }  // namespace maneuver::evaluation
 

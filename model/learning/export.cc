@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "model/evaluation/action_names.h"
 #include "model/evaluation/calibration.h"
 #include "model/evaluation/evaluator.h"
 #include "model/files/durable_file.h"
@@ -135,6 +136,11 @@ absl::StatusOr<v1::ModelManifest> ExportModel(artifact::StoredModel model, const
     const size_t k = static_cast<size_t>(action.action_id());
     if (k < options.labels.size()) action.set_label(options.labels[k]);
     *manifest.add_actions() = std::move(action);
+  }
+  const std::vector<std::string> names =
+      options.names.empty() ? evaluation::NameActions(manifest, uses) : options.names;
+  for (size_t k = 0; k < names.size(); ++k) {
+    manifest.mutable_actions(static_cast<int>(k))->set_derived_name(names[k]);
   }
   status = artifact::RewriteModelManifest(draft, manifest);
   if (status.ok()) status = files::PublishFolder(draft, options.output);

@@ -21,6 +21,8 @@ struct ExportOptions {
   std::filesystem::path output;
   int threads = 1;
   std::vector<std::string> labels;  // of the first actions
+  // Derived names of the actions, which then are not made anew; empty: they are. [K]
+  std::vector<std::string> names;
   // Goes into the folder with the model and is measured with it.
   std::optional<artifact::StoredBaselines> baselines;
   int least_effective_actions = 0;  // see TrainingRun
@@ -31,6 +33,7 @@ struct ExportOptions {
 // Writes a model whose manifest has no actions yet to `output`, whole or not at all. Before it
 // appears there it is loaded by the engine that will serve it, which decodes the generic action set
 // and measures it on the held-out examples: actions and metrics are what the server would answer.
+// Actions are named by evaluation::NameActions.
 absl::StatusOr<v1::ModelManifest> ExportModel(artifact::StoredModel model, const TrainingData& data,
                                               const v1::ExampleSettings& examples,
                                               const ExportOptions& options);

@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_folder.h"
+#include "model/evaluation/action_names.h"
 #include "model/learning/anchors/anchor_learner.h"
 #include "model/learning/export.h"
 #include "model/learning/learner.h"
@@ -52,11 +53,11 @@ class Run {
     progress_.Replan(Plan(run_, static_cast<int64_t>(data.training.examples.size())));
     const int threads = Threads(run_.settings);
     Learner learner(run_.settings, data, device_, threads, stopped_, progress_);
-    std::vector<std::string> labels = data.label_names;
+    GivenNames given{.labels = data.label_names};
     if (!run_.start_from.empty()) {
-      absl::StatusOr<std::vector<std::string>> named = Start(data, learner);
-      if (!named.ok()) return named.status();
-      labels = *std::move(named);
+      absl::StatusOr<GivenNames> started = Start(data, learner);
+      if (!started.ok()) return started.status();
+      given = *std::move(started);
     }
     std::optional<CheckpointFolder> checkpoints;
     if (!run_.checkpoints.empty()) {
@@ -85,7 +86,8 @@ class Run {
     progress_.BeginPhase("evaluate");
     options.output = run_.output;
     options.threads = threads;
-    options.labels = std::move(labels);
+    options.labels = std::move(given.labels);
+    options.names = std::move(given.derived);
     options.least_effective_actions = run_.least_effective_actions;
     int64_t reported = 0;  // hundredths, as the plan has it
     options.progress = [this, &reported](int64_t done, int64_t total) {
@@ -106,8 +108,15 @@ class Run {
     return plan;
   }
 
-  // Gives the learner the model to start from. Its actions' labels.
-  absl::StatusOr<std::vector<std::string>> Start(const TrainingData& data, Learner& learner) const {
+  // Names that the actions have before anything is learned.
+  struct GivenNames {
+    std::vector<std::string> labels = {};   // of the first actions
+    std::vector<std::string> derived = {};  // [K], or empty: they are still to be made
+  };
+
+  // Gives the learner the model to start from. Returns the names of its actions, which stay what
+  // they are.
+  absl::StatusOr<GivenNames> Start(const TrainingData& data, Learner& learner) const {
     const absl::StatusOr<artifact::StoredModel> start = artifact::ReadModelFolder(run_.start_from);
     if (!start.ok()) return start.status();
     v1::ModelSpec spec = start->manifest.spec();
@@ -115,8 +124,14 @@ class Run {
     if (!google::protobuf::util::MessageDifferencer::Equals(spec, run_.settings.model())) {
       return absl::InvalidArgumentError("model: must be that of the version to start from");
     }
-    std::vector<std::string> labels;
-    for (const v1::Action& action : start->manifest.actions()) labels.push_back(action.label());
+    v1::ModelManifest manifest = start->manifest;
+    evaluation::CompleteActionNames(manifest);
+    GivenNames given;
+    for (const v1::Action& action : manifest.actions()) {
+      given.labels.push_back(action.label());
+      given.derived.push_back(action.derived_name());
+    }
+    const std::vector<std::string>& labels = given.labels;
     for (size_t i = 0; i < data.label_names.size(); ++i) {
       if (i < labels.size() && labels[i] == data.label_names[i]) continue;
       return absl::FailedPreconditionError(absl::StrCat(
@@ -125,7 +140,7 @@ class Run {
           "beginning"));
     }
     learner.StartFrom(start->weights, start->manifest.weights_sha256());
-    return labels;
+    return given;
   }
 
   v1::ModelManifest Describe(const TrainingData& data) const {

@@ -1,5 +1,8 @@
 #include "model/onnx/onnx_export.h"
 
+#include <google/protobuf/struct.pb.h>
+#include <google/protobuf/util/json_util.h>
+
 #include <cmath>
 #include <cstdint>
 #include <set>
@@ -11,6 +14,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/artifact/backbone_layers.h"
 #include "model/artifact/model_spec.h"
+#include "model/evaluation/action_names.h"
 #include "model/onnx/graph_builder.h"
 #include "model/scene/action_geometry.h"
 #include "model/scene/agent_inputs.h"
@@ -499,6 +503,18 @@ class Exporter {
   std::string geometry_;  // h_y of all actions, [N K, A]
 };
 
+// Display names of the actions, in the order of their ids: a JSON array of strings.
+std::string ActionNames(const v1::ModelManifest& manifest) {
+  google::protobuf::ListValue names;
+  for (const std::string& name : evaluation::DisplayNames(manifest)) {
+    names.add_values()->set_string_value(name);
+  }
+  std::string json;
+  // A list of strings has nothing that cannot be stated.
+  (void)google::protobuf::util::MessageToJsonString(names, &json);
+  return json;
+}
+
 }  // namespace
 
 std::string ExportOnnx(const artifact::StoredModel& model, const ExportOptions& options) {
@@ -509,6 +525,9 @@ std::string ExportOnnx(const artifact::StoredModel& model, const ExportOptions& 
   StringStringEntryProto* weights = file.add_metadata_props();
   weights->set_key("weights_sha256");
   weights->set_value(model.manifest.weights_sha256());
+  StringStringEntryProto* names = file.add_metadata_props();
+  names->set_key("action_names");
+  names->set_value(ActionNames(model.manifest));
   file.mutable_graph()->set_name("maneuver");
   Exporter(model, options.scenes, file.mutable_graph()).AddEverything(options.distributions);
   return file.SerializeAsString();

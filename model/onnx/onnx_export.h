@@ -31,6 +31,10 @@
 //   3. Give them to scene::DescribeActions, with lane_paths and the target's speed along its
 //      heading, scene::MotionEstimate::speed. Its formulas are in scene/action_geometry.h.
 //
+// Metadata:
+//   weights_sha256  of the model's weights, hexadecimal
+//   action_names    display name of action 0 .. K-1, a JSON array of strings
+//
 // Batch normalisation stays a node of its own, as it was learned. Not in the file: how a scene is
 // read, moments and their covariances (closed forms of the sigma trajectories and of small tables
 // or networks), the prior p(z|y), and q(z|x), which classifies trajectories.

@@ -11,7 +11,9 @@
 #include "absl/status/statusor.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "model/artifact/model_folder.h"
 #include "model/artifact/training_presets.h"
+#include "model/evaluation/action_names.h"
 #include "model/evaluation/evaluator.h"
 #include "model/evaluation/report_text.h"
 #include "model/inference/action_model.h"
@@ -70,8 +72,11 @@ absl::Status EvaluateCommand::Evaluate() const {
       Measure(artifact::ResolveTrainingSettings(settings).examples(), style);
   if (!report.ok()) return report.status();
   if (style != ProgressDisplay::Style::kJson) {
+    const absl::StatusOr<v1::ModelManifest> manifest = artifact::ReadModelManifest(model_);
+    if (!manifest.ok()) return manifest.status();
     std::cout << report->examples() << " examples\n\n"
-              << evaluation::ReportText(*report, isatty(STDOUT_FILENO) != 0);
+              << evaluation::ReportText(*report, isatty(STDOUT_FILENO) != 0,
+                                        evaluation::DisplayNames(*manifest));
   }
   return output_.empty() ? absl::OkStatus() : WriteJson(output_, *report);
 }

@@ -4,8 +4,10 @@
 #include <iostream>
 
 #include "model/artifact/training_presets.h"
+#include "model/evaluation/action_coincidence.h"
 #include "model/evaluation/action_matching.h"
 #include "model/evaluation/action_matching_text.h"
+#include "model/evaluation/action_names.h"
 #include "model/inference/action_model.h"
 #include "model/machine/usable_cores.h"
 #include "server/jobs/trainer/recordings.h"
@@ -34,20 +36,21 @@ MatchActionsCommand::MatchActionsCommand(CLI::App& app)
 int MatchActionsCommand::Run() const { return ExitStatus(Print()); }
 
 absl::Status MatchActionsCommand::Print() const {
-  const absl::StatusOr<v1::ActionMatching> matching = Match();
-  if (!matching.ok()) return matching.status();
-  std::cout << evaluation::ActionMatchingText(*matching);
-  return output_.empty() ? absl::OkStatus() : WriteJson(output_, *matching);
-}
-
-absl::StatusOr<v1::ActionMatching> MatchActionsCommand::Match() const {
   const auto first = inference::ActionModel::Load(first_, {});
   if (!first.ok()) return first.status();
   const auto second = inference::ActionModel::Load(second_, {});
   if (!second.ok()) return second.status();
-  if (dataset_.empty()) {
-    return evaluation::MatchActions((*first)->manifest(), (*second)->manifest());
-  }
+  const absl::StatusOr<v1::ActionMatching> matching = Match(**first, **second);
+  if (!matching.ok()) return matching.status();
+  std::cout << evaluation::ActionMatchingText(*matching,
+                                              evaluation::DisplayNames((*first)->manifest()),
+                                              evaluation::DisplayNames((*second)->manifest()));
+  return output_.empty() ? absl::OkStatus() : WriteJson(output_, *matching);
+}
+
+absl::StatusOr<v1::ActionMatching> MatchActionsCommand::Match(
+    const inference::ActionModel& first, const inference::ActionModel& second) const {
+  if (dataset_.empty()) return evaluation::MatchActions(first.manifest(), second.manifest());
   const absl::StatusOr<Recordings> recordings = ReadRecordings(dataset_);
   if (!recordings.ok()) return recordings.status();
   evaluation::EvaluationInput input;
@@ -55,7 +58,7 @@ absl::StatusOr<v1::ActionMatching> MatchActionsCommand::Match() const {
   input.examples = artifact::ResolveTrainingSettings({}).examples();
   input.threads = threads_ > 0 ? threads_ : machine::UsableCores();
   input.progress = [](int64_t, int64_t) { return !StopRequested(); };
-  return evaluation::MatchActions(**first, **second, input);
+  return evaluation::MatchActions(first, second, input);
 }
 
 }  // namespace maneuver::trainer

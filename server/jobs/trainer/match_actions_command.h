@@ -7,6 +7,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "maneuver/v1/action_matching.pb.h"
+#include "model/inference/action_model.h"
 
 namespace maneuver::trainer {
 
@@ -21,7 +22,8 @@ class MatchActionsCommand {
 
  private:
   absl::Status Print() const;
-  absl::StatusOr<v1::ActionMatching> Match() const;
+  absl::StatusOr<v1::ActionMatching> Match(const inference::ActionModel& first,
+                                           const inference::ActionModel& second) const;
 
   CLI::App* command_;
   std::filesystem::path first_;

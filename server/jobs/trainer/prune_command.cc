@@ -6,6 +6,7 @@
 #include "model/artifact/anchor_baselines.h"
 #include "model/artifact/model_folder.h"
 #include "model/artifact/pruning.h"
+#include "model/evaluation/action_names.h"
 #include "model/inference/action_model.h"
 #include "server/jobs/trainer/stop_signal.h"
 
@@ -25,13 +26,13 @@ int PruneCommand::Run() const { return ExitStatus(Prune()); }
 absl::Status PruneCommand::Prune() const {
   const absl::StatusOr<artifact::StoredModel> whole = artifact::ReadModelFolder(model_);
   if (!whole.ok()) return whole.status();
+  v1::ModelManifest named = whole->manifest;
+  evaluation::CompleteActionNames(named);
   std::vector<int> kept;
-  std::vector<std::string> labels;
   std::vector<double> usage;
-  for (const v1::Action& action : whole->manifest.actions()) {
+  for (const v1::Action& action : named.actions()) {
     if (!action.effective()) continue;
     kept.push_back(action.action_id());
-    labels.push_back(action.label());
     usage.push_back(action.usage());
   }
   absl::StatusOr<artifact::StoredModel> pruned = artifact::PruneActions(*whole, kept);
@@ -47,7 +48,9 @@ absl::Status PruneCommand::Prune() const {
   for (size_t k = 0; k < actions.size(); ++k) {
     v1::Action& action = *manifest.add_actions();
     action = actions[k];
-    action.set_label(labels[k]);
+    const v1::Action& before = named.actions(kept[k]);
+    action.set_label(before.label());
+    action.set_derived_name(before.derived_name());
   }
   status = artifact::RewriteModelManifest(output_, manifest);
   if (status.ok()) status = artifact::CopyBaselines(model_, output_);

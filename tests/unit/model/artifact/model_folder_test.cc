@@ -93,10 +93,14 @@ TEST_F(ModelFolderTest, RewritesTheManifestAlone) {
   v1::ModelManifest manifest = ReadModelManifest(folder_).value();
   for (int k = 0; k < 3; ++k) manifest.add_actions()->set_action_id(k);
   manifest.mutable_actions(1)->set_label("turn left");
+  manifest.mutable_actions(1)->set_derived_name("left turn, tight");
+  manifest.mutable_actions(1)->set_display_name("turn left");
   ASSERT_TRUE(RewriteModelManifest(folder_, manifest).ok());
   const auto read = ReadModelFolder(folder_);
   ASSERT_TRUE(read.ok()) << read.status();
   EXPECT_EQ(read->manifest.actions(1).label(), "turn left");
+  EXPECT_EQ(read->manifest.actions(1).derived_name(), "left turn, tight");
+  EXPECT_EQ(read->manifest.actions(1).display_name(), "");  // it follows from the others
 }
 
 TEST_F(ModelFolderTest, RewritingRefusesTheManifestOfOtherWeights) {

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "model/evaluation/action_coincidence.h"
 #include "model/evaluation/action_matching_text.h"
 
 namespace maneuver::evaluation {
@@ -91,9 +92,10 @@ TEST(ActionMatchingTest, FiguresAreThoseOfAHandMadeCase) {
   EXPECT_EQ(matching->unpaired_second(0).kinematic_class(), "stationary");
   EXPECT_EQ(matching->pairs(0).first().kinematic_class(), "straight_slow");
 
-  const std::string text = ActionMatchingText(*matching);
-  EXPECT_THAT(text, HasSubstr("     0   70.0 %  straight_slow      1.10 m       1   50.0 %"));
-  EXPECT_THAT(text, HasSubstr("waiting"));
+  const std::string text = ActionMatchingText(*matching, std::vector<std::string>{"slow", "fast"},
+                                              std::vector<std::string>{"hurry", "stroll", "wait"});
+  EXPECT_THAT(text, HasSubstr("     0   70.0 %  slow  1.10 m       1   50.0 %  stroll\n"));
+  EXPECT_THAT(text, HasSubstr("       -       2   10.0 %  wait\n"));
   EXPECT_THAT(text, HasSubstr("partner in 2.0 m  70.0 % and 50.0 %"));
 }
 

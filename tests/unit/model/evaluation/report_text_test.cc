@@ -116,6 +116,18 @@ TEST(ReportTextTest, MeaningHasAColumnForEachKindOfClasses) {
                         "NMI of action and class                 0.250     0.500     0.375\n"));
 }
 
+TEST(ReportTextTest, NamesOfActionsStandBesideTheirIds) {
+  v1::EvaluationReport report;
+  for (const double probability : {0.25, 0.75}) {
+    report.add_action_uses()->set_probability(probability);
+  }
+  const std::vector<std::string> names = {"keep speed", "left turn, tight"};
+  EXPECT_EQ(ReportText(report, false, names),
+            "WHAT EACH ACTION DOES  MEAN p(y|s)  EXAMPLES\n"
+            "1  left turn, tight         75.0 %         0\n"
+            "0  keep speed               25.0 %         0\n");
+}
+
 TEST(ReportTextTest, ReportsOfOlderReleasesHaveNoRelativeClasses) {
   v1::EvaluationReport report;
   v1::ActionUse& use = *report.add_action_uses();

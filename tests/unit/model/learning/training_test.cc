@@ -61,10 +61,23 @@ TEST_F(TrainingTest, LearnsActionsThatPredictHeldOutArcs) {
   EXPECT_EQ(manifest->provenance().datasets(0), "datasets/arcs");
   EXPECT_EQ(manifest->provenance().training_examples(),
             static_cast<int64_t>(data.training.examples.size()));
+  // The recordings drive on, or along arcs of 90 degrees to either side.
+  std::set<std::string> names;
+  for (const v1::Action& action : manifest->actions()) {
+    const std::string& name = action.derived_name();
+    names.insert(name);
+    const v1::Trajectory& mean = action.distribution().mean_trajectory();
+    const double left = *mean.y().rbegin();
+    if (!action.effective() || std::abs(left) < 4.0) continue;
+    EXPECT_THAT(name, HasSubstr(left > 0.0 ? "left" : "right")) << left;
+  }
+  EXPECT_EQ(names.size(), 6U);
+  EXPECT_FALSE(names.contains(""));
   // What was returned is what is on disk.
   const auto stored = artifact::ReadModelManifest(folder_ / "model");
   ASSERT_TRUE(stored.ok()) << stored.status();
   EXPECT_EQ(stored->actions_size(), 6);
+  EXPECT_EQ(stored->actions(0).derived_name(), manifest->actions(0).derived_name());
   EXPECT_THAT(folder_.Names(), testing::ElementsAre("model"));
 }
 

@@ -131,6 +131,7 @@ TEST_F(WarmStartTest, GoesOnFromAModelWithItsActionsAndWithoutTheFirstPhases) {
   EXPECT_TRUE(phases_.contains("mixture"));
   auto manifest = *artifact::ReadModelManifest(folder_ / "first");
   manifest.mutable_actions(2)->set_label("left");
+  manifest.mutable_actions(1)->set_derived_name("as it was called");
   ASSERT_TRUE(artifact::RewriteModelManifest(folder_ / "first", manifest).ok());
 
   TrainingRun run = From("first", "second");
@@ -142,6 +143,7 @@ TEST_F(WarmStartTest, GoesOnFromAModelWithItsActionsAndWithoutTheFirstPhases) {
   EXPECT_FALSE(phases_.contains("mixture"));
   EXPECT_EQ(second->provenance().start_from(), "models/arcs/versions/1");
   EXPECT_EQ(second->actions(2).label(), "left");
+  EXPECT_EQ(second->actions(1).derived_name(), "as it was called");
   // So small a rate changes next to nothing: action k is still action k.
   for (int k = 0; k < manifest.actions_size(); ++k) {
     const v1::Trajectory& before = manifest.actions(k).distribution().mean_trajectory();

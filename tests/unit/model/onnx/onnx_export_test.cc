@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <map>
 #include <numeric>
 #include <opencv2/dnn.hpp>
 #include <string>
@@ -19,6 +20,7 @@
 #include "model/artifact/model_spec.h"
 #include "model/artifact/training_presets.h"
 #include "model/inference/action_model.h"
+#include "onnx_file.pb.h"
 #include "tests/unit/model/inference/reference_model.h"
 #include "tests/unit/model/onnx/engine_answers.h"
 #include "tests/unit/model/scene/raster_of.h"
@@ -189,6 +191,24 @@ TEST(OnnxExportTest, DistributionsCanBeLeftOut) {
   for (size_t i = 0; i < whole.size(); ++i) {
     EXPECT_EQ(static_cast<double>(probabilities.ptr<float>()[i]), whole[i]);
   }
+}
+
+TEST(OnnxExportTest, MetadataHasTheNamesOfTheActions) {
+  artifact::StoredModel model = inference::RandomModel(PlainSpec(), 5);
+  model.manifest.clear_actions();
+  for (const char* name :
+       {"keep straight", "left turn, tight", "reverse", "brake", "stop", "wait"}) {
+    model.manifest.add_actions()->set_derived_name(name);
+  }
+  model.manifest.mutable_actions(1)->set_label("into \"Elm\" street");
+  ModelProto file;
+  ASSERT_TRUE(file.ParseFromString(ExportOnnx(model, {})));
+  std::map<std::string, std::string> metadata;
+  for (const StringStringEntryProto& entry : file.metadata_props()) {
+    metadata[entry.key()] = entry.value();
+  }
+  EXPECT_EQ(metadata["action_names"],
+            R"(["keep straight","into \"Elm\" street","reverse","brake","stop","wait"])");
 }
 
 }  // namespace
