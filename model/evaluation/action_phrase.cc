@@ -308,7 +308,7 @@ ActionPhrase RelativePhrase(const ActionEvidence& evidence) {
   return {.words = RelativeAhead(deviation.scaled_gain, IsOfPedestrians(evidence)),
           .before = ", ",
           .number = deviation.speed_gain,
-          .after = absl::StrFormat(" m/s in %g s", Horizon(evidence)),
+          .after = " m/s",
           .with_sign = true};
 }
 

@@ -409,6 +409,21 @@ class CallsTest(unittest.TestCase):
         maps.name_maps([maneuver.scenes.to_proto(SCENE)])
         self.assertEqual(len(self.predictions.registered), 2)
 
+    def test_names_that_are_gone_are_on_the_error(self):
+        gone = v1.ErrorInfo(reason="ACTION_NAME_GONE", metadata={
+            "action_name_1": "brake", "action_name_0": "left, a b",
+            "model_version": "models/m/versions/2"})
+        self.predictions.script = [refusal(grpc.StatusCode.FAILED_PRECONDITION, "",
+                                           ("ErrorInfo", gone))]
+        with self.assertRaises(maneuver.FailedPreconditionError) as caught:
+            self.client().predict(SCENE, required_action_names=["left, a b", "brake", "stop"],
+                                  include_action_names=True)
+        self.assertEqual(caught.exception.reason, "ACTION_NAME_GONE")
+        self.assertEqual(caught.exception.missing_action_names, ("left, a b", "brake"))
+        request = self.predictions.requests[-1]
+        self.assertEqual(list(request.required_action_names), ["left, a b", "brake", "stop"])
+        self.assertTrue(request.include_action_names)
+
     def test_refuses_two_selections_of_actions(self):
         with self.assertRaisesRegex(ValueError, "exclude"):
             self.client().predict(SCENE, top_k=3, min_probability=0.1)

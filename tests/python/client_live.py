@@ -71,6 +71,19 @@ class PredictionTest(LiveTest):
         self.assertEqual(answer.waypoint_covariances[1, :, 0, 1].tolist(),
                          list(second.moments.covariance_xy))
 
+    def test_answers_have_action_names_on_request(self):
+        names = self.client.get_action_set("models/tiny").action_names
+        self.assertEqual(len(set(names)), 12)
+        asks = (self.client.predict, self.client.predict_action_probabilities,
+                self.client.predict_action_distributions)
+        for ask in asks:
+            self.assertEqual(ask(PLANNER).action_names, [])
+            self.assertEqual(ask(PLANNER, include_action_names=True,
+                                 required_action_names=names[:2]).action_names, names)
+            with self.assertRaises(maneuver.FailedPreconditionError) as caught:
+                ask(PLANNER, required_action_names=["fly"])
+            self.assertEqual(caught.exception.missing_action_names, ("fly",))
+
     def test_answers_are_distributions_of_the_stated_shapes(self):
         answer = self.client.predict(PLANNER, min_probability=0.0).target()
         self.assertAlmostEqual(answer.probabilities.sum(), 1.0)

@@ -59,6 +59,7 @@ class Predictions:
     model_version: str  # that answered: models/{model}/versions/{version}
     waypoint_times: FloatArray  # [T] seconds after the prediction time; empty for probabilities
     predictions: List[ScenarioPrediction]
+    action_names: List[str]  # [K] of action 0 .. K-1; empty unless asked for
 
     def target(self) -> TargetPrediction:
         """Returns the answer for the only target of the only scene; raises its error."""
@@ -98,6 +99,7 @@ class Classifications:
 
     model_version: str  # that answered: models/{model}/versions/{version}
     classifications: List[ScenarioClassification]
+    action_names: List[str]  # [K] of action 0 .. K-1; empty unless asked for
 
     def target(self) -> TargetClassification:
         """Returns the answer for the only target of the only scene; raises its error."""
@@ -115,7 +117,8 @@ class ActionSet:
     """The actions of a version, whatever the scene. Target frame, metres."""
 
     model_version: str
-    actions: List[v1.Action]  # [K] with labels, usage and the whole distribution
+    actions: List[v1.Action]  # [K] with names, labels, usage and the whole distribution
+    action_names: List[str]  # [K] what to show to people: Action.display_name
     waypoint_times: FloatArray  # [T] seconds after the prediction time
     mean_trajectories: FloatArray  # [K, T, 2]
     # Speed at which the actions are drawn, m/s; None: they are the same at every speed.
@@ -137,7 +140,8 @@ def predictions_of(response: _Answers) -> Predictions:
         [ScenarioPrediction(prediction.scenario_index, prediction.scenario_id,
                             _error_of(prediction),
                             [_target_of(target, len(times)) for target in prediction.targets])
-         for prediction in response.predictions])
+         for prediction in response.predictions],
+        list(response.action_names))
 
 
 def classifications_of(response: v1.ClassifyTrajectoriesResponse) -> Classifications:
@@ -149,14 +153,16 @@ def classifications_of(response: v1.ClassifyTrajectoriesResponse) -> Classificat
             [TargetClassification(target.target_id, _error_of(target),
                                   array(target.responsibilities), array(target.probabilities),
                                   target.log_likelihood_bound) for target in scene.targets])
-         for scene in response.classifications])
+         for scene in response.classifications],
+        list(response.action_names))
 
 
 def action_set_of(response: v1.ActionSet) -> ActionSet:
     """Returns a response as arrays."""
     times = response.waypoint_times
     return ActionSet(
-        response.model_version, list(response.actions), array(times),
+        response.model_version, list(response.actions),
+        [action.display_name for action in response.actions], array(times),
         array([_points(action.distribution.mean_trajectory) for action in response.actions],
               0, len(times), 2),
         response.speed if response.HasField("speed") else None)

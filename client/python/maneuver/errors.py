@@ -11,7 +11,7 @@ reasons.
 
 from __future__ import annotations
 
-from typing import Dict, NamedTuple, Optional, Sequence, Type, Union
+from typing import Dict, List, NamedTuple, Optional, Sequence, Type, Union
 
 import grpc
 from google.protobuf.message import DecodeError
@@ -35,6 +35,8 @@ class ManeuverError(Exception):
     metadata: Dict[str, str]  # more about the reason
     violations: Sequence[FieldViolation]
     retry_delay: Optional[float]  # seconds to wait at least before trying again
+    # Of the reason ACTION_NAME_GONE: required names that no action bears (the first 16).
+    missing_action_names: Sequence[str]
 
     def __init__(self, code: grpc.StatusCode, message: str, reason: str = "",
                  violations: Sequence[FieldViolation] = (), retry_delay: Optional[float] = None,
@@ -46,6 +48,10 @@ class ManeuverError(Exception):
         self.metadata = dict(metadata or {})
         self.violations = tuple(violations)
         self.retry_delay = retry_delay
+        missing: List[str] = []
+        while f"action_name_{len(missing)}" in self.metadata:
+            missing.append(self.metadata[f"action_name_{len(missing)}"])
+        self.missing_action_names = tuple(missing)
 
     def __str__(self) -> str:
         reason = f" ({self.reason})" if self.reason else ""

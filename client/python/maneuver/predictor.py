@@ -47,6 +47,10 @@ class Predictor(abc.ABC):
     model: models/{model}, models/{model}@{alias} or models/{model}/versions/{version}; empty where
         the server serves exactly one model.
     priority: "interactive", or "bulk" for logs and evaluations, which goes after the others.
+    include_action_names: whether to answer `action_names` too.
+    required_action_names: names that the caller counts on. A version in which no action bears one
+        of them refuses the call: FailedPreconditionError, reason ACTION_NAME_GONE, with
+        `missing_action_names`.
     timeout: seconds for the call with all its attempts, in place of Deadlines.prediction.
 
     They raise ManeuverError if the call fails, and ValueError for what is no scene. A scene or a
@@ -60,6 +64,7 @@ class Predictor(abc.ABC):
                 min_probability: Optional[float] = None, top_k: Optional[int] = None,
                 source: str = "posterior", frame: str = "world", sigma_trajectories: bool = True,
                 representatives: int = 0, priority: str = "interactive",
+                include_action_names: bool = False, required_action_names: Sequence[str] = (),
                 timeout: Optional[float] = None) -> Predictions:
         """Returns how probable each action is, and what chosen actions would look like.
 
@@ -77,16 +82,22 @@ class Predictor(abc.ABC):
             query=query(action_ids=action_ids, min_probability=min_probability, top_k=top_k,
                         source=source, frame=frame, sigma_trajectories=sigma_trajectories,
                         representatives=representatives),
-            priority=_named(_PRIORITIES, priority, "priority"))
+            priority=_named(_PRIORITIES, priority, "priority"),
+            include_action_names=include_action_names,
+            required_action_names=required_action_names)
         return predictions_of(self._ask("Predict", request, timeout, v1.PredictResponse))
 
     def predict_action_probabilities(self, scenes: Scenes, *, model: str = "",
                                      priority: str = "interactive",
+                                     include_action_names: bool = False,
+                                     required_action_names: Sequence[str] = (),
                                      timeout: Optional[float] = None) -> Predictions:
         """Returns p(y|s): how probable each action is. Trajectories are empty."""
         request = v1.PredictActionProbabilitiesRequest(
             model=model, scenarios=to_protos(scenes),
-            priority=_named(_PRIORITIES, priority, "priority"))
+            priority=_named(_PRIORITIES, priority, "priority"),
+            include_action_names=include_action_names,
+            required_action_names=required_action_names)
         return predictions_of(self._ask("PredictActionProbabilities", request, timeout,
                                         v1.PredictActionProbabilitiesResponse))
 
@@ -96,6 +107,8 @@ class Predictor(abc.ABC):
                                      top_k: Optional[int] = None, source: str = "posterior",
                                      frame: str = "world", sigma_trajectories: bool = True,
                                      representatives: int = 0, priority: str = "interactive",
+                                     include_action_names: bool = False,
+                                     required_action_names: Sequence[str] = (),
                                      timeout: Optional[float] = None) -> Predictions:
         """Returns what chosen actions would look like; see predict. `probabilities` are empty."""
         request = v1.PredictActionDistributionsRequest(
@@ -103,12 +116,15 @@ class Predictor(abc.ABC):
             query=query(action_ids=action_ids, min_probability=min_probability, top_k=top_k,
                         source=source, frame=frame, sigma_trajectories=sigma_trajectories,
                         representatives=representatives),
-            priority=_named(_PRIORITIES, priority, "priority"))
+            priority=_named(_PRIORITIES, priority, "priority"),
+            include_action_names=include_action_names,
+            required_action_names=required_action_names)
         return predictions_of(self._ask("PredictActionDistributions", request, timeout,
                                         v1.PredictActionDistributionsResponse))
 
     def classify_trajectories(self, scenes: Scenes, *, model: str = "",
-                              priority: str = "interactive",
+                              priority: str = "interactive", include_action_names: bool = False,
+                              required_action_names: Sequence[str] = (),
                               timeout: Optional[float] = None) -> Classifications:
         """Returns q(y|x,s): which action was the trajectory that each target really took.
 
@@ -116,7 +132,9 @@ class Predictor(abc.ABC):
         """
         request = v1.ClassifyTrajectoriesRequest(
             model=model, scenarios=to_protos(scenes),
-            priority=_named(_PRIORITIES, priority, "priority"))
+            priority=_named(_PRIORITIES, priority, "priority"),
+            include_action_names=include_action_names,
+            required_action_names=required_action_names)
         return classifications_of(self._ask("ClassifyTrajectories", request, timeout,
                                             v1.ClassifyTrajectoriesResponse))
 

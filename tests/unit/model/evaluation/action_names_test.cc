@@ -252,7 +252,7 @@ TEST(ActionNamesTest, DecimalsAreAsFewAsTellActionsApart) {
     AddAction(relative, [=](double t) { return Place{10.0 * t + gain * t * t / 2.0, 0.0}; });
   }
   EXPECT_THAT(NameActions(relative),
-              ElementsAre("speed up gently, +0.5 m/s in 5 s", "speed up gently, +0.9 m/s in 5 s"));
+              ElementsAre("speed up gently, +0.5 m/s", "speed up gently, +0.9 m/s"));
 }
 
 TEST(ActionNamesTest, TheOnlyEffectiveActionOfItsWordsBearsThemAlone) {
