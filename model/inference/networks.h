@@ -12,7 +12,7 @@
 #include "model/artifact/tensor.h"
 #include "model/inference/action_network.h"
 #include "model/inference/backbone.h"
-#include "model/inference/dense_layer.h"
+#include "model/inference/mlp.h"
 #include "model/inference/mean_residual.h"
 #include "model/inference/scene_covariance.h"
 #include "model/inference/scene_network.h"
