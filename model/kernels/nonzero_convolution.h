@@ -1,13 +1,17 @@
-// The values of rasters that are not black, and what a convolution makes of them.
+// The values of a raster that are not 0, and a convolution over them: for training, where weights
+// change in every step and get gradients.
 
-#ifndef MANEUVER_MODEL_LEARNING_KERNELS_LIT_VALUES_H_
-#define MANEUVER_MODEL_LEARNING_KERNELS_LIT_VALUES_H_
+#ifndef MANEUVER_MODEL_KERNELS_NONZERO_CONVOLUTION_H_
+#define MANEUVER_MODEL_KERNELS_NONZERO_CONVOLUTION_H_
 
 #include <cstddef>
 #include <cstdint>
 #include <vector>
 
-namespace maneuver::learning {
+namespace maneuver::kernels {
+
+// Outputs are padded to a multiple of so many.
+inline constexpr int64_t kNonzeroPadding = 8;
 
 // A square kernel of odd size, padded by half of it, over [height, width, channels].
 struct ConvolutionShape {
@@ -22,26 +26,30 @@ struct ConvolutionShape {
   int64_t output_width() const { return (width - 1) / stride + 1; }
 };
 
-// A raster's values that are not black. Of scenes a twelfth of them: few lines are near, and few
-// agents.
-class LitValues {
+// Sets bit i of `words` where byte i is not 0.
+//   words: [ceil(count / 64)], all of which is written
+void FindNonzeroBytes(const uint8_t* bytes, size_t count, uint64_t* words);
+
+// A raster's values that are not 0: a twelfth of a scene's, for few lines are near, and few agents.
+// Every target gives the same bits.
+class NonzeroValues {
  public:
   //   raster: [height, width, channels]
-  LitValues(const ConvolutionShape& shape, const uint8_t* raster);
+  NonzeroValues(const ConvolutionShape& shape, const uint8_t* raster);
 
   size_t size() const { return values_.size(); }
 
-  // The convolution's output.
+  // Writes the convolution's output.
   //   weight: [kernel, kernel, channels, VectorMultiple(outputs)], divided by full intensity
   //   output: [output_height, output_width, outputs]
   void Convolve(const ConvolutionShape& shape, const float* weight, float* output) const;
 
-  // Adds to the gradient of `weight`, laid out likewise, what that of the output makes of it.
-  //   gradient: of the output, laid out as it
+  // Accumulates dL/dweight from dL/doutput. `weight_gradient` is laid out as the weight.
+  //   gradient: of the output, laid out as the output
   void AddWeightGradient(const ConvolutionShape& shape, const float* gradient,
                          float* weight_gradient) const;
 
-  // Rounded up to whole vectors.
+  // Returns `outputs` rounded up to whole vectors.
   static int64_t VectorMultiple(int64_t outputs);
 
  private:
@@ -51,6 +59,6 @@ class LitValues {
   std::vector<uint32_t> begins_;
 };
 
-}  // namespace maneuver::learning
+}  // namespace maneuver::kernels
 
-#endif  // MANEUVER_MODEL_LEARNING_KERNELS_LIT_VALUES_H_
+#endif  // MANEUVER_MODEL_KERNELS_NONZERO_CONVOLUTION_H_

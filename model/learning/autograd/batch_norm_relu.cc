@@ -1,16 +1,22 @@
-#include "model/learning/kernels/batch_norm_relu.h"
+#include "model/learning/autograd/batch_norm_relu.h"
 
 #include <torch/csrc/autograd/custom_function.h>
 
 #include <algorithm>
 #include <functional>
 
-#include "model/learning/kernels/batch_norm_passes.h"
-#include "model/learning/kernels/parallel.h"
+#include "model/kernels/batch_norm_passes.h"
+#include "model/learning/autograd/parallel.h"
 
 namespace maneuver::learning {
 namespace {
 
+using kernels::AddGradientSums;
+using kernels::AddMoments;
+using kernels::ChannelMap;
+using kernels::ChannelSums;
+using kernels::NormalizeRelu;
+using kernels::PassGradientBack;
 using torch::autograd::AutogradContext;
 using torch::autograd::Variable;
 using torch::autograd::variable_list;

@@ -1,7 +1,7 @@
 // Batch normalisation while training, with a ReLU after it.
 
-#ifndef MANEUVER_MODEL_LEARNING_KERNELS_BATCH_NORM_RELU_H_
-#define MANEUVER_MODEL_LEARNING_KERNELS_BATCH_NORM_RELU_H_
+#ifndef MANEUVER_MODEL_LEARNING_AUTOGRAD_BATCH_NORM_RELU_H_
+#define MANEUVER_MODEL_LEARNING_AUTOGRAD_BATCH_NORM_RELU_H_
 
 #include "model/learning/tensors.h"
 
@@ -23,4 +23,4 @@ at::Tensor BatchNormRelu(const at::Tensor& x, const BatchNorm& norm);
 
 }  // namespace maneuver::learning
 
-#endif  // MANEUVER_MODEL_LEARNING_KERNELS_BATCH_NORM_RELU_H_
+#endif  // MANEUVER_MODEL_LEARNING_AUTOGRAD_BATCH_NORM_RELU_H_

@@ -1,8 +1,8 @@
 // Private to learning/: at::parallel_for. In sources that are compiled without OpenMP it is a loop
 // of one thread, and says nothing of it.
 
-#ifndef MANEUVER_MODEL_LEARNING_KERNELS_PARALLEL_H_
-#define MANEUVER_MODEL_LEARNING_KERNELS_PARALLEL_H_
+#ifndef MANEUVER_MODEL_LEARNING_AUTOGRAD_PARALLEL_H_
+#define MANEUVER_MODEL_LEARNING_AUTOGRAD_PARALLEL_H_
 
 #include <ATen/Parallel.h>
 
@@ -10,4 +10,4 @@
 #error "compile this with OpenMP: at::parallel_for would use one thread"
 #endif
 
-#endif  // MANEUVER_MODEL_LEARNING_KERNELS_PARALLEL_H_
+#endif  // MANEUVER_MODEL_LEARNING_AUTOGRAD_PARALLEL_H_

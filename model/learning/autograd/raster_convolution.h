@@ -1,7 +1,7 @@
 // The first convolution of a backbone, from the raster's bytes.
 
-#ifndef MANEUVER_MODEL_LEARNING_KERNELS_RASTER_CONVOLUTION_H_
-#define MANEUVER_MODEL_LEARNING_KERNELS_RASTER_CONVOLUTION_H_
+#ifndef MANEUVER_MODEL_LEARNING_AUTOGRAD_RASTER_CONVOLUTION_H_
+#define MANEUVER_MODEL_LEARNING_AUTOGRAD_RASTER_CONVOLUTION_H_
 
 #include <cstdint>
 
@@ -19,4 +19,4 @@ at::Tensor ConvolveRasters(const at::Tensor& rasters, const at::Tensor& weight, 
 
 }  // namespace maneuver::learning
 
-#endif  // MANEUVER_MODEL_LEARNING_KERNELS_RASTER_CONVOLUTION_H_
+#endif  // MANEUVER_MODEL_LEARNING_AUTOGRAD_RASTER_CONVOLUTION_H_

@@ -1,4 +1,4 @@
-#include "model/learning/kernels/raster_convolution.h"
+#include "model/learning/autograd/raster_convolution.h"
 
 #include <torch/csrc/autograd/custom_function.h>
 
@@ -6,30 +6,32 @@
 #include <utility>
 #include <vector>
 
-#include "model/learning/kernels/lit_values.h"
-#include "model/learning/kernels/parallel.h"
+#include "model/kernels/nonzero_convolution.h"
+#include "model/learning/autograd/parallel.h"
 
 namespace maneuver::learning {
 namespace {
 
+using kernels::ConvolutionShape;
+using kernels::NonzeroValues;
 using torch::autograd::AutogradContext;
 using torch::autograd::Variable;
 using torch::autograd::variable_list;
 
 constexpr double kFullIntensity = 255.0;
 
-// Where more is lit, oneDNN is faster, which does not look.
-constexpr double kMostLit = 0.25;
+// Where a larger share of the values is nonzero, oneDNN is faster, which multiplies all.
+constexpr double kMostNonzero = 0.25;
 
 // A batch's, for the way back.
-struct LitBatch : torch::CustomClassHolder {
+struct NonzeroBatch : torch::CustomClassHolder {
   ConvolutionShape shape;
-  std::vector<std::optional<LitValues>> rasters;
+  std::vector<std::optional<NonzeroValues>> rasters;
 };
 
-c10::intrusive_ptr<LitBatch> FindLit(const at::Tensor& rasters, const at::Tensor& weight,
-                                     int64_t stride) {
-  auto batch = c10::make_intrusive<LitBatch>();
+c10::intrusive_ptr<NonzeroBatch> FindNonzero(const at::Tensor& rasters, const at::Tensor& weight,
+                                             int64_t stride) {
+  auto batch = c10::make_intrusive<NonzeroBatch>();
   batch->shape = {rasters.size(1), rasters.size(2), rasters.size(3),
                   weight.size(0),  weight.size(2),  stride};
   batch->rasters.resize(static_cast<size_t>(rasters.size(0)));
@@ -45,17 +47,17 @@ c10::intrusive_ptr<LitBatch> FindLit(const at::Tensor& rasters, const at::Tensor
 
 // [C', C, k, k] as [k, k, C, C'], the last rounded up to whole vectors.
 at::Tensor Packed(const ConvolutionShape& shape, const at::Tensor& weight) {
-  const int64_t outputs = LitValues::VectorMultiple(shape.outputs);
+  const int64_t outputs = NonzeroValues::VectorMultiple(shape.outputs);
   at::Tensor packed =
       at::zeros({shape.kernel, shape.kernel, shape.channels, outputs}, weight.options());
   packed.narrow(3, 0, shape.outputs).copy_(weight.permute({2, 3, 1, 0}));
   return packed;
 }
 
-class LitConvolution : public torch::autograd::Function<LitConvolution> {
+class NonzeroConvolution : public torch::autograd::Function<NonzeroConvolution> {
  public:
   static Variable forward(AutogradContext* context, const Variable& weight,
-                          const c10::intrusive_ptr<LitBatch>& batch) {
+                          const c10::intrusive_ptr<NonzeroBatch>& batch) {
     const ConvolutionShape& shape = batch->shape;
     const at::Tensor packed = Packed(shape, weight.detach()).div_(kFullIntensity);
     const auto count = static_cast<int64_t>(batch->rasters.size());
@@ -74,12 +76,12 @@ class LitConvolution : public torch::autograd::Function<LitConvolution> {
   static variable_list backward(AutogradContext* context, variable_list gradients) {
     TORCH_CHECK(!at::GradMode::is_enabled(), "the convolution has no second derivative here");
     const auto batch =
-        c10::static_intrusive_pointer_cast<LitBatch>(context->saved_data["batch"].toCapsule());
+        c10::static_intrusive_pointer_cast<NonzeroBatch>(context->saved_data["batch"].toCapsule());
     const ConvolutionShape& shape = batch->shape;
     const at::Tensor gradient = gradients[0].permute({0, 2, 3, 1}).contiguous();
     // Each thread has its own sum, over examples that are the same in each run.
     std::vector<at::Tensor> sums(static_cast<size_t>(at::get_num_threads()));
-    const int64_t outputs = LitValues::VectorMultiple(shape.outputs);
+    const int64_t outputs = NonzeroValues::VectorMultiple(shape.outputs);
     for (at::Tensor& sum : sums) {
       sum = at::zeros({shape.kernel, shape.kernel, shape.channels, outputs}, gradient.options());
     }
@@ -100,11 +102,13 @@ class LitConvolution : public torch::autograd::Function<LitConvolution> {
 
 at::Tensor ConvolveRasters(const at::Tensor& rasters, const at::Tensor& weight, int64_t stride) {
   if (weight.is_cpu() && rasters.is_cpu()) {
-    const auto batch = FindLit(rasters.contiguous(), weight, stride);
-    size_t lit = 0;
-    for (const std::optional<LitValues>& raster : batch->rasters) lit += raster->size();
-    if (static_cast<double>(lit) <= kMostLit * static_cast<double>(rasters.numel())) {
-      return LitConvolution::apply(weight, batch);
+    const auto batch = FindNonzero(rasters.contiguous(), weight, stride);
+    size_t nonzero = 0;
+    for (const std::optional<NonzeroValues>& raster : batch->rasters) {
+      nonzero += raster->size();
+    }
+    if (static_cast<double>(nonzero) <= kMostNonzero * static_cast<double>(rasters.numel())) {
+      return NonzeroConvolution::apply(weight, batch);
     }
   }
   // [B, H, W, C] seen as [B, C, H, W] is channels-last, which convolutions want.
