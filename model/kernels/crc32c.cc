@@ -1,14 +1,18 @@
-#include "model/data/crc32c.h"
+#include "model/kernels/crc32c.h"
 
 #include <array>
 #include <cstddef>
 #include <cstring>
 
+#include "model/kernels/kernel_choice.h"
+
+// Highway 1.0.3 has no CRC. SSE 4.2 has, which is part of x86-64-v3: no processor that runs this
+// program lacks it.
 #ifdef __SSE4_2__
 #include <nmmintrin.h>
 #endif
 
-namespace maneuver::data {
+namespace maneuver::kernels {
 namespace {
 
 constexpr std::array<uint32_t, 256> MakeTable() {
@@ -23,9 +27,7 @@ constexpr std::array<uint32_t, 256> MakeTable() {
 
 constexpr std::array<uint32_t, 256> kTable = MakeTable();
 
-}  // namespace
-
-uint32_t ExtendCrc32cByTable(uint32_t crc, std::string_view bytes) {
+uint32_t ExtendByTable(uint32_t crc, std::string_view bytes) {
   crc = ~crc;
   for (const char byte : bytes) {
     crc = kTable[(crc ^ static_cast<unsigned char>(byte)) & 0xFF] ^ (crc >> 8);
@@ -34,8 +36,7 @@ uint32_t ExtendCrc32cByTable(uint32_t crc, std::string_view bytes) {
 }
 
 #ifdef __SSE4_2__
-
-uint32_t ExtendCrc32c(uint32_t crc, std::string_view bytes) {
+uint32_t ExtendByInstruction(uint32_t crc, std::string_view bytes) {
   uint64_t state = ~crc;
   const char* data = bytes.data();
   size_t left = bytes.size();
@@ -50,13 +51,15 @@ uint32_t ExtendCrc32c(uint32_t crc, std::string_view bytes) {
   }
   return ~narrow;
 }
-
-#else
-
-uint32_t ExtendCrc32c(uint32_t crc, std::string_view bytes) {
-  return ExtendCrc32cByTable(crc, bytes);
-}
-
 #endif
 
-}  // namespace maneuver::data
+}  // namespace
+
+uint32_t ExtendCrc32c(uint32_t crc, std::string_view bytes) {
+#ifdef __SSE4_2__
+  if (!UsesPlainKernels()) return ExtendByInstruction(crc, bytes);
+#endif
+  return ExtendByTable(crc, bytes);
+}
+
+}  // namespace maneuver::kernels
