@@ -16,8 +16,8 @@ inline constexpr size_t kPointLanes = 4;
 // Returns whether each value lies within -limit and limit; NaN does not.
 bool AllWithin(std::span<const double> values, double limit);
 
-// A view of the world: u = origin_u + scale (c dx + s dy), v = origin_v - scale (-s dx + c dy), with
-// (dx, dy) the point less (x, y).
+// A view of the world: u = origin_u + scale (c dx + s dy), v = origin_v - scale (-s dx + c dy),
+// with (dx, dy) the point less (x, y).
 struct PointView {
   double x, y;
   double cosine, sine;  // c, s
@@ -47,9 +47,9 @@ void MovePoints(const PointMotion& motion, const double* points, size_t count, d
 void FindSides(const double* u, const double* v, size_t count, int height, int width, double reach,
                int64_t* sides);
 
-// Returns the end of a chord that starts at point `start` and passes all points before its end: they
-// lie within `tolerance` of it, and beside it rather than before or beyond it. The chord is a long
-// one, if not always the longest: at least start + 1, at most `last`.
+// Returns the end of a chord that starts at point `start` and passes all points before its end:
+// they lie within `tolerance` of it, and beside it rather than before or beyond it. The chord is a
+// long one, if not always the longest: at least start + 1, at most `last`.
 //   u, v: room for kPointLanes numbers behind point `last`, which may be read
 size_t FindChordEnd(const double* u, const double* v, size_t start, size_t last, double tolerance);
 

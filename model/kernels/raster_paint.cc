@@ -31,7 +31,8 @@ struct BoxFigures {
         most_y(std::min(1.0F, static_cast<float>(2.0 * box.half_width))) {}
 
   float cosine, sine;
-  // Along each axis of the box: where its overlap with a unit interval ends, and how much it can be.
+  // Along each axis of the box: where its overlap with a unit interval ends, and how much it can
+  // be.
   float end_x, end_y;
   float most_x, most_y;
 };
