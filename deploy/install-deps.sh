@@ -10,7 +10,7 @@ packages=(
   # RPC and messages
   libgrpc++-dev protobuf-compiler-grpc libprotobuf-dev protobuf-compiler libabsl-dev libssl-dev
   # mathematics, networks, learning
-  libeigen3-dev libdnnl-dev ocl-icd-opencl-dev opencl-headers libtorch-dev
+  libeigen3-dev libdnnl-dev libhwy-dev ocl-icd-opencl-dev opencl-headers libtorch-dev
   # without it LibTorch's matrix products are some 25 times slower
   libopenblas0-openmp
   # rasters and drawings

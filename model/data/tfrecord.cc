@@ -7,10 +7,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/data/byte_source.h"
-#include "model/data/crc32c.h"
 #include "model/files/digest.h"
 #include "model/files/errno_status.h"
 #include "model/files/output_file.h"
+#include "model/kernels/crc32c.h"
 
 namespace maneuver::data {
 namespace {
@@ -157,7 +157,9 @@ absl::StatusOr<bool> LooksLikeGzip(const std::filesystem::path& file) {
 
 }  // namespace
 
-uint32_t MaskedCrc32c(std::string_view bytes) { return std::rotr(Crc32c(bytes), 15) + 0xA282EAD8u; }
+uint32_t MaskedCrc32c(std::string_view bytes) {
+  return std::rotr(kernels::Crc32c(bytes), 15) + 0xA282EAD8u;
+}
 
 absl::StatusOr<std::unique_ptr<TfRecordReader>> TfRecordReader::Open(
     const std::filesystem::path& file, const TfRecordReaderOptions& options) {

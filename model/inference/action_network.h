@@ -11,7 +11,7 @@
 
 #include "maneuver/v1/model_spec.pb.h"
 #include "model/artifact/tensor.h"
-#include "model/inference/dense_layer.h"
+#include "model/inference/mlp.h"
 #include "model/inference/scene_network.h"
 #include "model/inference/set_pooling.h"
 #include "model/inference/trajectory_set.h"

@@ -13,7 +13,7 @@
 #include "maneuver/v1/model_spec.pb.h"
 #include "model/artifact/tensor.h"
 #include "model/inference/action_model.h"
-#include "model/inference/dense_layer.h"
+#include "model/inference/mlp.h"
 
 namespace maneuver::inference {
 

@@ -1,40 +1,12 @@
 #include "model/inference/first_layer.h"
 
-#include <Eigen/Core>
-#include <algorithm>
-#include <limits>
-
-#include "model/inference/packet.h"
-
 namespace maneuver::inference {
 namespace {
-
-namespace simd = Eigen::internal;
 
 // Where a larger share of the agents' channels is filled, multiplying all of them takes less time.
 // Of recorded scenes 1 to 4 % is.
 constexpr double kMostFilledF32 = 0.1;
 constexpr double kMostFilledBf16 = 0.05;
-
-// A row of sums as bf16 or as floats, whole packets and what is left.
-void Store(const float* sums, Eigen::Index count, bool relu, Eigen::bfloat16* row) {
-  const float least = relu ? 0.0F : std::numeric_limits<float>::lowest();
-  Eigen::Index i = 0;
-  for (; i + kPacket <= count; i += kPacket) {
-    const Packet values = simd::pmax(simd::ploadu<Packet>(sums + i), simd::pset1<Packet>(least));
-    simd::pstoreu(row + i, simd::F32ToBf16(values));
-  }
-  for (; i < count; ++i) row[i] = Eigen::bfloat16(std::max(sums[i], least));
-}
-void Store(const float* sums, Eigen::Index count, bool relu, float* row) {
-  Eigen::Map<const Eigen::ArrayXf> values(sums, count);
-  Eigen::Map<Eigen::ArrayXf> stored(row, count);
-  if (relu) {
-    stored = values.max(0.0F);
-  } else {
-    stored = values;
-  }
-}
 
 }  // namespace
 
@@ -44,7 +16,8 @@ bool FirstLayer::Takes(const artifact::BackboneLayer& layer) {
 
 FirstLayer::FirstLayer(const artifact::BackboneLayer& layer, const FoldedConvolution& folded,
                        bool bf16)
-    : layer_(layer),
+    : kernel_(kernels::FirstLayerKernelInForce()),
+      layer_(layer),
       bf16_(bf16),
       map_(layer, folded),
       agents_(layer, folded, MapConvolution::kChannels, bf16 ? kMostFilledBf16 : kMostFilledF32) {}
@@ -57,7 +30,7 @@ bool FirstLayer::Look(const scene::Raster& raster, Scratch* scratch) const {
 
 void FirstLayer::Evaluate(const scene::Raster& raster, const CellMask& cells, Scratch* scratch,
                           void* grid, ptrdiff_t row_values) const {
-  const Eigen::Index channels = layer_.output.channels;
+  const ptrdiff_t channels = layer_.output.channels;
   const int width = layer_.output.width;
   scratch->sums_.resize(static_cast<size_t>(width * channels));
   float* const sums = scratch->sums_.data();
@@ -75,11 +48,11 @@ void FirstLayer::Evaluate(const scene::Raster& raster, const CellMask& cells, Sc
       if (!summed) continue;
       const ptrdiff_t place = row * row_values + column * channels;
       const float* const from = sums + column * channels;
-      const Eigen::Index count = (end - column) * channels;
+      const ptrdiff_t count = (end - column) * channels;
       if (bf16_) {
-        Store(from, count, layer_.relu, static_cast<Eigen::bfloat16*>(grid) + place);
+        kernel_.store_bf16(from, count, layer_.relu, static_cast<uint16_t*>(grid) + place);
       } else {
-        Store(from, count, layer_.relu, static_cast<float*>(grid) + place);
+        kernel_.store(from, count, layer_.relu, static_cast<float*>(grid) + place);
       }
     }
   }

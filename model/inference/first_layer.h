@@ -14,6 +14,7 @@
 #include "model/inference/folded_convolution.h"
 #include "model/inference/map_convolution.h"
 #include "model/inference/sparse_convolution.h"
+#include "model/kernels/first_layer.h"
 #include "model/scene/raster.h"
 
 namespace maneuver::inference {
@@ -59,6 +60,7 @@ class FirstLayer {
                 ptrdiff_t row_values) const;
 
  private:
+  const kernels::FirstLayerKernel& kernel_;
   const artifact::BackboneLayer layer_;
   const bool bf16_;
   MapConvolution map_;

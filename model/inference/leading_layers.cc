@@ -7,6 +7,16 @@
 namespace maneuver::inference {
 
 using artifact::BackboneLayer;
+using kernels::CellConvolution;
+
+namespace {
+
+bool CanComputeCells(const BackboneLayer& layer, bool bf16) {
+  return layer.kind == BackboneLayer::Kind::kConvolution && !layer.adds &&
+         CellConvolution::Supports(layer.input.channels, layer.output.channels, bf16);
+}
+
+}  // namespace
 
 size_t LeadingLayers::Count(std::span<const BackboneLayer> layers, bool bf16) {
   if (layers.empty() || !FirstLayer::Takes(layers[0])) return 0;
@@ -14,7 +24,7 @@ size_t LeadingLayers::Count(std::span<const BackboneLayer> layers, bool bf16) {
   const bool plain =
       std::ranges::none_of(layers, [](const BackboneLayer& layer) { return layer.adds; });
   size_t count = 1;
-  while (plain && count < layers.size() && CellConvolution::Takes(layers[count], bf16) &&
+  while (plain && count < layers.size() && CanComputeCells(layers[count], bf16) &&
          layers[count].source == layers[count - 1].destination) {
     ++count;
   }
@@ -29,13 +39,19 @@ LeadingLayers::LeadingLayers(std::span<const BackboneLayer> layers,
   for (size_t i = 0; i < layers_.size(); ++i) {
     const bool last = i + 1 == layers_.size();
     const bool narrow_output = last ? narrow : bf16;
-    if (i > 0) others_.emplace_back(layers_[i], folded[i], bf16, narrow_output);
+    if (i > 0) {
+      others_.emplace_back(kernels::CellShape{.kernel = layers_[i].kernel,
+                                              .inputs = layers_[i].input.channels,
+                                              .outputs = layers_[i].output.channels,
+                                              .relu = layers_[i].relu},
+                           folded[i].weight, folded[i].bias, bf16, narrow_output);
+    }
     const artifact::GridSize& output = layers_[i].output;
     Grid& grid = grids_[i];
     grid.channels = output.channels;
     grid.padding = last ? 0 : layers_[i + 1].kernel / 2;
     grid.row_values = ptrdiff_t{output.width + 2 * grid.padding} * output.channels;
-    grid.value_bytes = narrow_output ? sizeof(Eigen::bfloat16) : sizeof(float);
+    grid.value_bytes = narrow_output ? sizeof(uint16_t) : sizeof(float);
     grid.black.assign(static_cast<size_t>((output.height + 2 * grid.padding) * grid.row_values) *
                           grid.value_bytes,
                       std::byte{0});

@@ -14,10 +14,10 @@
 #include <vector>
 
 #include "model/artifact/backbone_layers.h"
-#include "model/inference/cell_convolution.h"
 #include "model/inference/cell_mask.h"
 #include "model/inference/first_layer.h"
 #include "model/inference/folded_convolution.h"
+#include "model/kernels/cell_convolution.h"
 #include "model/scene/raster.h"
 
 namespace maneuver::inference {
@@ -65,7 +65,7 @@ class LeadingLayers {
 
   const std::vector<artifact::BackboneLayer> layers_;
   const FirstLayer first_;
-  std::vector<CellConvolution> others_;
+  std::vector<kernels::CellConvolution> others_;
   std::vector<Grid> grids_;  // of each layer
 };
 
@@ -81,7 +81,7 @@ class LeadingLayers::Scratch {
   std::vector<std::byte*> places_;  // where each layer's grid is; the last one's is the caller's
   std::vector<CellMask> masks_;     // of each layer: what is to be computed
   std::vector<CellMask> computed_;  // and what was last
-  std::vector<CellConvolution::Cell> cells_;
+  std::vector<kernels::Cell> cells_;
   FirstLayer::Scratch first_;
 };
 

@@ -6,7 +6,6 @@
 #ifndef MANEUVER_MODEL_INFERENCE_MAP_CONVOLUTION_H_
 #define MANEUVER_MODEL_INFERENCE_MAP_CONVOLUTION_H_
 
-#include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -14,6 +13,8 @@
 #include "model/artifact/backbone_layers.h"
 #include "model/inference/cell_mask.h"
 #include "model/inference/folded_convolution.h"
+#include "model/kernels/aligned_vector.h"
+#include "model/kernels/first_layer.h"
 #include "model/scene/raster.h"
 #include "model/scene/rasterizer.h"
 
@@ -49,9 +50,7 @@ class MapConvolution {
   // Of a layer that reads the raster's bytes as they are: kChannels of its channels.
   MapConvolution(const artifact::BackboneLayer& layer, const FoldedConvolution& folded);
 
-  size_t bytes() const {
-    return static_cast<size_t>(weights_.size() + bias_.size()) * sizeof(float);
-  }
+  size_t bytes() const { return (weights_.size() + bias_.size()) * sizeof(float); }
 
   // Before the first row of each raster.
   void Begin(Rows* rows) const;
@@ -63,16 +62,17 @@ class MapConvolution {
            Rows* rows, float* sums) const;
 
  private:
-  static constexpr int kGroup = 4;
+  static constexpr int kGroup = kernels::kMapGroup;
 
   // Puts an input row into its place, if it is not there.
   void Widen(const scene::Raster& raster, int row, Rows* rows) const;
 
+  const kernels::FirstLayerKernel& kernel_;
   const artifact::BackboneLayer layer_;
   const size_t row_pixels_;  // W': of an input row, with its padding
   std::vector<int> places_;  // [k, 3] where a pixel reads each value of a row, from the first
-  Eigen::ArrayXf weights_;   // [k, k, 3, C']
-  Eigen::ArrayXf bias_;      // [C']
+  kernels::AlignedVector<float> weights_;  // [k, k, 3, C']
+  kernels::AlignedVector<float> bias_;     // [C']
 };
 
 }  // namespace maneuver::inference

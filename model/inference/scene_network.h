@@ -12,7 +12,7 @@
 
 #include "maneuver/v1/model_spec.pb.h"
 #include "model/artifact/tensor.h"
-#include "model/inference/dense_layer.h"
+#include "model/inference/mlp.h"
 #include "model/inference/set_pooling.h"
 #include "model/scene/scene_vectors.h"
 

@@ -4,75 +4,28 @@
 #include <bit>
 #include <cstring>
 
-#include "model/inference/packet.h"
-
 namespace maneuver::inference {
-namespace {
-
-namespace simd = Eigen::internal;
-using Values = SparseConvolution::Values;
-constexpr int kMostPackets = 8;  // that are summed at a time
-
-// outputs += sum over `values` of value * weights[channel], `kPackets` packets of outputs at once.
-//   weights: [C, C'];  outputs: [C']
-template <typename Vectors, int kPackets>
-void AddPixel(const Values::Value* values, int count, const float* weights, int channels,
-              float* outputs) {
-  using Vector = typename Vectors::Type;
-  constexpr int kWidth = Vectors::kWidth;
-  Vector sums[kPackets];
-#pragma GCC unroll 8
-  for (int p = 0; p < kPackets; ++p) sums[p] = simd::ploadu<Vector>(outputs + p * kWidth);
-  for (int i = 0; i < count; ++i) {
-    const Vector value = simd::pset1<Vector>(values[i].value);
-    const float* weight = weights + values[i].channel * channels;
-#pragma GCC unroll 8
-    for (int p = 0; p < kPackets; ++p) {
-      sums[p] = simd::pmadd(value, simd::ploadu<Vector>(weight + p * kWidth), sums[p]);
-    }
-  }
-#pragma GCC unroll 8
-  for (int p = 0; p < kPackets; ++p) simd::pstoreu(outputs + p * kWidth, sums[p]);
-}
-
-// All outputs of a pixel.
-template <typename Vectors>
-void AddOutputs(const Values::Value* values, int count, const float* weights, int channels,
-                float* outputs) {
-  using Adder = void (*)(const Values::Value*, int, const float*, int, float*);
-  constexpr Adder kAdders[kMostPackets] = {
-      AddPixel<Vectors, 1>, AddPixel<Vectors, 2>, AddPixel<Vectors, 3>, AddPixel<Vectors, 4>,
-      AddPixel<Vectors, 5>, AddPixel<Vectors, 6>, AddPixel<Vectors, 7>, AddPixel<Vectors, 8>};
-  constexpr int kWidth = Vectors::kWidth;
-  for (int done = 0; done < channels;) {
-    const int packets = std::min((channels - done) / kWidth, kMostPackets);
-    kAdders[packets - 1](values, count, weights + done, channels, outputs + done);
-    done += packets * kWidth;
-  }
-}
-
-}  // namespace
-
 bool SparseConvolution::Takes(const artifact::BackboneLayer& layer) {
   return layer.kind == artifact::BackboneLayer::Kind::kConvolution && !layer.adds &&
-         layer.output.channels % HalfPackets::kWidth == 0;
+         layer.output.channels % kernels::FirstLayerKernelInForce().lanes == 0;
 }
 
 SparseConvolution::SparseConvolution(const artifact::BackboneLayer& layer,
                                      const FoldedConvolution& folded, int first_channel,
                                      double most_filled)
-    : layer_(layer),
+    : kernel_(kernels::FirstLayerKernelInForce()),
+      layer_(layer),
       first_channel_(first_channel),
       most_(static_cast<int>(most_filled * layer.input.height * layer.input.width *
                              (layer.input.channels - first_channel))) {
   const int inputs = layer.input.channels;
   const int outputs = layer.output.channels;
   const int taps = layer.kernel * layer.kernel;
-  weights_.resize(Eigen::Index{taps} * inputs * outputs);
+  weights_.resize(static_cast<size_t>(taps) * inputs * outputs);
   for (int o = 0; o < outputs; ++o) {
     for (int i = 0; i < inputs; ++i) {
       for (int tap = 0; tap < taps; ++tap) {
-        weights_[(Eigen::Index{tap} * inputs + i) * outputs + o] =
+        weights_[(static_cast<size_t>(tap) * inputs + i) * outputs + o] =
             folded.weight[(static_cast<size_t>(o) * inputs + i) * taps + tap];
       }
     }
@@ -128,7 +81,7 @@ void SparseConvolution::FindEight(const scene::Raster& raster, int row, int colu
   while (filled != 0) {
     const int shift = std::countr_zero(filled) / 8 * 8;
     const int begin = values->count;
-    Values::Value* value = &values->values[static_cast<size_t>(begin)];
+    kernels::PixelValue* value = &values->values[static_cast<size_t>(begin)];
     for (const Values::Eight& eight : values->in_eight) {
       const auto byte = static_cast<uint8_t>(eight.pixels >> shift);
       *value = {eight.channel, static_cast<float>(byte)};
@@ -144,17 +97,16 @@ void SparseConvolution::AddTap(const Values& values, int row, int tap, float* su
   const int kernel = layer_.kernel;
   const int stride = layer_.stride;
   const int channels = layer_.output.channels;
-  const auto add = channels % kPacket == 0 ? AddOutputs<WholePackets> : AddOutputs<HalfPackets>;
   for (int p = values.rows[row]; p < values.rows[row + 1]; ++p) {
     const Values::Pixel& pixel = values.pixels[p];
     const int from_left = pixel.column + kernel / 2;
     for (int column_tap = from_left % stride; column_tap < kernel; column_tap += stride) {
       const int column = (from_left - column_tap) / stride;
       if (from_left < column_tap || column >= layer_.output.width) continue;
-      const float* weights = weights_.data() + Eigen::Index{tap * kernel + column_tap} *
-                                                   layer_.input.channels * channels;
-      add(&values.values[pixel.begin], pixel.end - pixel.begin, weights, channels,
-          sums + static_cast<size_t>(column) * channels);
+      const float* weights =
+          weights_.data() + ptrdiff_t{tap * kernel + column_tap} * layer_.input.channels * channels;
+      kernel_.add_values({values.values.data() + pixel.begin, values.values.data() + pixel.end},
+                         weights, channels, sums + static_cast<size_t>(column) * channels);
     }
   }
 }

@@ -4,7 +4,6 @@
 #ifndef MANEUVER_MODEL_INFERENCE_SPARSE_CONVOLUTION_H_
 #define MANEUVER_MODEL_INFERENCE_SPARSE_CONVOLUTION_H_
 
-#include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -12,6 +11,8 @@
 #include "model/artifact/backbone_layers.h"
 #include "model/inference/cell_mask.h"
 #include "model/inference/folded_convolution.h"
+#include "model/kernels/aligned_vector.h"
+#include "model/kernels/first_layer.h"
 #include "model/scene/raster.h"
 
 namespace maneuver::inference {
@@ -21,18 +22,14 @@ class SparseConvolution {
  public:
   // What is not black of a raster. One for each thread.
   struct Values {
-    struct Value {
-      int channel;
-      float value;
-    };
     struct Pixel {
       int column;
       int begin, end;  // in values
     };
-    int count = 0;              // of values
-    std::vector<Value> values;  // pixel by pixel, then by channel; room for more
-    std::vector<Pixel> pixels;  // that have any
-    std::vector<int> rows;      // [H + 1], in pixels
+    int count = 0;                            // of values
+    std::vector<kernels::PixelValue> values;  // pixel by pixel, then by channel; room for more
+    std::vector<Pixel> pixels;                // that have any
+    std::vector<int> rows;                    // [H + 1], in pixels
 
    private:
     friend class SparseConvolution;
@@ -58,7 +55,7 @@ class SparseConvolution {
   SparseConvolution(const artifact::BackboneLayer& layer, const FoldedConvolution& folded,
                     int first_channel, double most_filled);
 
-  size_t bytes() const { return static_cast<size_t>(weights_.size()) * sizeof(float); }
+  size_t bytes() const { return weights_.size() * sizeof(float); }
 
   // Finds those channels' values in a raster, and adds their pixels. False if it has too many.
   bool Find(const scene::Raster& raster, Values* values, CellMask* pixels) const;
@@ -74,10 +71,11 @@ class SparseConvolution {
   // Adds what an input row gives to an output row, by row `tap` of the kernel.
   void AddTap(const Values& values, int row, int tap, float* sums) const;
 
+  const kernels::FirstLayerKernel& kernel_;
   const artifact::BackboneLayer layer_;
   const int first_channel_;
-  const int most_;          // values
-  Eigen::ArrayXf weights_;  // [k, k, C, C']
+  const int most_;                         // values
+  kernels::AlignedVector<float> weights_;  // [k, k, C, C']
 };
 
 }  // namespace maneuver::inference

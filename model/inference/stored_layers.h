@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "model/artifact/tensor.h"
-#include "model/inference/dense_layer.h"
+#include "model/inference/mlp.h"
 
 namespace maneuver::inference {
 

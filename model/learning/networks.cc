@@ -7,8 +7,8 @@
 
 #include "model/artifact/backbone_layers.h"
 #include "model/artifact/model_spec.h"
-#include "model/learning/kernels/batch_norm_relu.h"
-#include "model/learning/kernels/raster_convolution.h"
+#include "model/learning/autograd/batch_norm_relu.h"
+#include "model/learning/autograd/raster_convolution.h"
 #include "model/learning/trajectory_basis.h"
 
 namespace maneuver::learning {

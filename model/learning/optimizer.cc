@@ -4,11 +4,15 @@
 #include <cmath>
 #include <numbers>
 
-#include "model/learning/kernels/adamw_step.h"
-#include "model/learning/kernels/parallel.h"
+#include "model/kernels/adamw_step.h"
+#include "model/learning/autograd/parallel.h"
 
 namespace maneuver::learning {
 namespace {
+
+using kernels::AdamWStep;
+using kernels::kBeta1;
+using kernels::kBeta2;
 
 // Numbers that are worth a thread.
 constexpr int64_t kNumbersPerThread = 1 << 15;
@@ -20,11 +24,11 @@ bool IsInStep(const at::Tensor& tensor, const at::Tensor& other) {
 }
 
 // By tensor operations, each of which goes through memory: of any device and layout.
-void TakeStep(const AdamWStep& step, const at::Tensor& gradient, const at::Tensor& parameter,
-              const at::Tensor& first, const at::Tensor& second) {
+void TakeTensorStep(const AdamWStep& step, const at::Tensor& gradient, const at::Tensor& parameter,
+                    const at::Tensor& first, const at::Tensor& second) {
   first.lerp_(gradient, 1.0 - kBeta1);
   second.mul_(kBeta2).addcmul_(gradient, gradient, 1.0 - kBeta2);
-  const at::Tensor scale = second.sqrt().div_(std::sqrt(step.correction2)).add_(kEpsilon);
+  const at::Tensor scale = second.sqrt().div_(std::sqrt(step.correction2)).add_(kernels::kEpsilon);
   if (step.decay != 0.0) parameter.mul_(1.0 - step.rate * step.decay);
   parameter.addcdiv_(first, scale, -step.rate / step.correction1);
 }
@@ -64,10 +68,10 @@ void AdamW::Step(double share) {
       float* const m = slot.first_moment.data_ptr<float>();
       float* const v = slot.second_moment.data_ptr<float>();
       at::parallel_for(0, gradient.numel(), kNumbersPerThread, [&](int64_t begin, int64_t end) {
-        TakeStep(step, end - begin, g + begin, x + begin, m + begin, v + begin);
+        kernels::TakeStep(step, end - begin, g + begin, x + begin, m + begin, v + begin);
       });
     } else {
-      TakeStep(step, gradient, slot.parameter, slot.first_moment, slot.second_moment);
+      TakeTensorStep(step, gradient, slot.parameter, slot.first_moment, slot.second_moment);
     }
     // Gone rather than zero: the next one is then taken as it is, not added.
     slot.parameter.mutable_grad().reset();

@@ -1,9 +1,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/kernels/raster_paint.h"
 #include "model/scene/brush.h"
 #include "model/scene/clipping.h"
-#include "model/scene/lanes.h"
 
 namespace maneuver::scene {
 namespace {
@@ -42,33 +42,23 @@ void Brush::FillBox(Raster* raster, int channel, const PixelPoint& centre,
   const PixelRange rows(centre.v - reach_v, centre.v + reach_v, raster->height());
   const PixelRange columns(centre.u - reach_u, centre.u + reach_u, raster->width());
   if (rows.first >= rows.last || columns.first >= columns.last) return;
-  // Painted eight at a time.
+  constexpr int kLanes = kernels::kPaintLanes;
   const int last =
       columns.first + (columns.last - columns.first + kLanes - 1) / kLanes * kLanes - 1;
-  const auto cosine = static_cast<float>(direction.u);
-  const auto sine = static_cast<float>(direction.v);
-  // Along each axis of the box: where its overlap with a unit interval ends, and how much it can
-  // be.
-  const auto end_x = static_cast<float>(half_length + 0.5);
-  const auto end_y = static_cast<float>(half_width + 0.5);
-  const FloatLanes most_x = Broadcast(std::min(1.0F, static_cast<float>(2.0 * half_length)));
-  const FloatLanes most_y = Broadcast(std::min(1.0F, static_cast<float>(2.0 * half_width)));
-  const auto full = static_cast<float>(intensity);
-  const FloatLanes zero = {};
   const PixelBlocks blocks = raster->BlocksOf(columns.first, last);
-  uint8_t* pixels = raster->Row(channel, rows.first);
-  for (int row = rows.first; row < rows.last; ++row, pixels += raster->stride()) {
-    raster->Touch(channel, row, blocks);
-    const auto dv = static_cast<float>(row + 0.5 - centre.v);
-    for (int column = columns.first; column < columns.last; column += kLanes) {
-      const FloatLanes du = kLaneIndex + static_cast<float>(column + 0.5 - centre.u);
-      const FloatLanes x = Magnitude(cosine * du + sine * dv);
-      const FloatLanes y = Magnitude(cosine * dv - sine * du);
-      const FloatLanes overlap_x = Most(zero, Least(most_x, end_x - x));
-      const FloatLanes overlap_y = Most(zero, Least(most_y, end_y - y));
-      PaintOver(overlap_x * overlap_y * full, pixels + column);
-    }
-  }
+  for (int row = rows.first; row < rows.last; ++row) raster->Touch(channel, row, blocks);
+  kernels::PaintBox({.centre_u = centre.u,
+                     .centre_v = centre.v,
+                     .direction_u = direction.u,
+                     .direction_v = direction.v,
+                     .half_length = half_length,
+                     .half_width = half_width,
+                     .intensity = static_cast<float>(intensity)},
+                    columns.first, columns.last,
+                    {.first_row = rows.first,
+                     .last_row = rows.last,
+                     .pixels = raster->Row(channel, rows.first),
+                     .stride = raster->stride()});
 }
 
 // The signed area between each edge and everything to its right, summed over the edges, is the

@@ -6,11 +6,10 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <cstring>
 #include <span>
 #include <vector>
 
-#include "model/scene/lanes.h"
+#include "model/kernels/points.h"
 
 namespace maneuver::scene {
 
@@ -32,10 +31,11 @@ class PixelLine {
   size_t size() const { return size_; }
   bool empty() const { return size_ == 0; }
   PixelPoint operator[](size_t i) const { return {u_[i], v_[i]}; }
-  // Of points i .. i + kPointLanes-1, i being a point's; behind the last point they are any
-  // numbers.
-  DoubleLanes U(size_t i) const { return Load(&u_[i]); }
-  DoubleLanes V(size_t i) const { return Load(&v_[i]); }
+  // All points' coordinates. Behind the last point there is room for kernels::kPointLanes numbers.
+  const double* u() const { return u_.data(); }
+  const double* v() const { return v_.data(); }
+  double* u() { return u_.data(); }
+  double* v() { return v_.data(); }
 
   // Keeps the memory.
   void Clear() { size_ = 0; }
@@ -43,8 +43,8 @@ class PixelLine {
   size_t Extend(size_t count) {
     const size_t first = size_;
     size_ += count;
-    if (size_ + kPointLanes > u_.size()) {
-      u_.resize(std::max(2 * u_.size(), size_ + kPointLanes));
+    if (size_ + kernels::kPointLanes > u_.size()) {
+      u_.resize(std::max(2 * u_.size(), size_ + kernels::kPointLanes));
       v_.resize(u_.size());
     }
     return first;
@@ -53,18 +53,8 @@ class PixelLine {
     u_[i] = point.u;
     v_[i] = point.v;
   }
-  void Set(size_t i, DoubleLanes u, DoubleLanes v) {
-    std::memcpy(&u_[i], &u, sizeof(u));
-    std::memcpy(&v_[i], &v, sizeof(v));
-  }
 
  private:
-  static DoubleLanes Load(const double* values) {
-    DoubleLanes lanes;
-    std::memcpy(&lanes, values, sizeof(lanes));
-    return lanes;
-  }
-
   size_t size_ = 0;
   std::vector<double> u_, v_;  // with kPointLanes numbers behind the last point's
 };

@@ -3,14 +3,13 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <optional>
 #include <utility>
 #include <vector>
 
+#include "model/kernels/points.h"
 #include "model/scene/brush.h"
-#include "model/scene/lanes.h"
 #include "model/scene/pixel_line.h"
 #include "model/scene/target_frame.h"
 
@@ -40,24 +39,23 @@ class Projection {
  public:
   Projection(const v1::RasterSpec& spec, const Pose2& X_WT, const RasterView& view)
       : X_WT_(X_WT),
-        pixels_per_meter_(view.scale / spec.meters_per_pixel()),
-        origin_u_(spec.target_position() * spec.width() + view.shift_x),
-        origin_v_(0.5 * spec.height() - view.shift_y) {}
+        view_{.x = X_WT.x(),
+              .y = X_WT.y(),
+              .cosine = X_WT.cosine(),
+              .sine = X_WT.sine(),
+              .scale = view.scale / spec.meters_per_pixel(),
+              .origin_u = spec.target_position() * spec.width() + view.shift_x,
+              .origin_v = 0.5 * spec.height() - view.shift_y} {}
 
   PixelPoint operator()(const Point2& p_WP) const {
-    PixelPoint point;
-    Project(p_WP.x, p_WP.y, &point.u, &point.v);
-    return point;
+    const double dx = p_WP.x - view_.x;
+    const double dy = p_WP.y - view_.y;
+    return {view_.origin_u + view_.scale * (view_.cosine * dx + view_.sine * dy),
+            view_.origin_v - view_.scale * (-view_.sine * dx + view_.cosine * dy)};
   }
 
-  // Of one point, or of several: T is double or DoubleLanes.
-  template <typename T>
-  void Project(T x, T y, T* u, T* v) const {
-    const T dx = x - X_WT_.x();
-    const T dy = y - X_WT_.y();
-    *u = origin_u_ + pixels_per_meter_ * (X_WT_.cosine() * dx + X_WT_.sine() * dy);
-    *v = origin_v_ - pixels_per_meter_ * (-X_WT_.sine() * dx + X_WT_.cosine() * dy);
-  }
+  // For many points at once.
+  const kernels::PointView& view() const { return view_; }
 
   // Unit vector along a heading in the world.
   PixelPoint Direction(double heading) const {
@@ -65,7 +63,7 @@ class Projection {
     return {std::cos(heading_T), -std::sin(heading_T)};
   }
 
-  double pixels_per_meter() const { return pixels_per_meter_; }
+  double pixels_per_meter() const { return view_.scale; }
 
   // Around all that is seen in a picture of this size with a margin of `margin` pixels, world.
   Box Seen(double width, double height, double margin) const {
@@ -73,7 +71,7 @@ class Projection {
     Box box{kInfinity, kInfinity, -kInfinity, -kInfinity};
     for (const double u : {-margin, width + margin}) {
       for (const double v : {-margin, height + margin}) {
-        const Point2 p_TP{(u - origin_u_) / pixels_per_meter_, (origin_v_ - v) / pixels_per_meter_};
+        const Point2 p_TP{(u - view_.origin_u) / view_.scale, (view_.origin_v - v) / view_.scale};
         const Point2 p_WP = X_WT_ * p_TP;
         box.low_x = std::min(box.low_x, p_WP.x);
         box.low_y = std::min(box.low_y, p_WP.y);
@@ -86,9 +84,7 @@ class Projection {
 
  private:
   Pose2 X_WT_;
-  double pixels_per_meter_;
-  double origin_u_;
-  double origin_v_;
+  kernels::PointView view_;
 };
 
 }  // namespace
@@ -190,18 +186,14 @@ class Rasterizer::Painter {
 
   // Appends points begin .. end-1 of the feature to line_.
   void Project(const v1::MapFeature& feature, int begin, int end, const Projection& projection) {
-    const double* const x = feature.x().data();
-    const double* const y = feature.y().data();
-    size_t place = line_.Extend(static_cast<size_t>(end - begin));
-    int i = begin;
-    for (; i + kPointLanes <= end; i += kPointLanes, place += kPointLanes) {
-      DoubleLanes four_x, four_y, u, v;
-      std::memcpy(&four_x, x + i, sizeof(four_x));
-      std::memcpy(&four_y, y + i, sizeof(four_y));
-      projection.Project(four_x, four_y, &u, &v);
-      line_.Set(place, u, v);
+    const auto count = static_cast<size_t>(end - begin);
+    const size_t place = line_.Extend(count);
+    if (count == 1) {  // as of a straight stretch: not worth the call
+      line_.Set(place, projection({feature.x(begin), feature.y(begin)}));
+      return;
     }
-    for (; i < end; ++i, ++place) line_.Set(place, projection({x[i], y[i]}));
+    kernels::ProjectPoints(projection.view(), feature.x().data() + begin,
+                           feature.y().data() + begin, count, line_.u() + place, line_.v() + place);
   }
 
   // Those stretches that may be seen; of straight ones the ends alone.

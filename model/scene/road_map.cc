@@ -1,82 +1,30 @@
 #include "model/scene/road_map.h"
 
 #include <algorithm>
-#include <cstring>
 #include <limits>
 #include <mutex>
 #include <optional>
 #include <utility>
+#include <vector>
 
+#include "model/kernels/points.h"
 #include "model/scene/lane_graph.h"
-#include "model/scene/lanes.h"
 
 namespace maneuver::scene {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// Points first .. last of a feature.
-class Points {
- public:
-  Points(const v1::MapFeature& feature, int first, int last)
-      : x_(feature.x().data()), y_(feature.y().data()), first_(first), last_(last) {}
-
-  Stretch Describe() const {
-    const double start_x = x_[first_];
-    const double start_y = y_[first_];
-    const double dx = x_[last_] - start_x;
-    const double dy = y_[last_] - start_y;
-    const double squared = dx * dx + dy * dy;
-    DoubleLanes low_x = x_[last_] + DoubleLanes{};
-    DoubleLanes low_y = y_[last_] + DoubleLanes{};
-    DoubleLanes high_x = low_x;
-    DoubleLanes high_y = low_y;
-    DoubleLanes farthest = {};
-    MaskLanes astray = {};
-    for (int i = first_; i < last_; i += kPointLanes) {
-      const DoubleLanes x = Four(x_, i);
-      const DoubleLanes y = Four(y_, i);
-      low_x = Least(low_x, x);
-      low_y = Least(low_y, y);
-      high_x = Most(high_x, x);
-      high_y = Most(high_y, y);
-      const DoubleLanes off_x = x - start_x;
-      const DoubleLanes off_y = y - start_y;
-      const DoubleLanes across = off_x * dy - off_y * dx;
-      const DoubleLanes along = off_x * dx + off_y * dy;
-      farthest = Most(farthest, across * across);
-      astray |= (along < 0.0) | (along > squared);
-    }
-    double most = 0.0;
-    Stretch stretch{{low_x[0], low_y[0], high_x[0], high_y[0]}, kInfinity};
-    for (int lane = 0; lane < kPointLanes; ++lane) {
-      stretch.box = stretch.box.With({low_x[lane], low_y[lane], high_x[lane], high_y[lane]});
-      most = std::max(most, farthest[lane]);
-    }
-    if (last_ - first_ < 2) {
-      stretch.squared_bend = 0.0;
-    } else if (squared > 0.0 && !AnyOf(astray)) {
-      stretch.squared_bend = most / squared;
-    }
-    return stretch;
+// `intervals`: of the stretch's points.
+Stretch StretchOf(const kernels::PointSpread& spread, int intervals) {
+  Stretch stretch{{spread.low_x, spread.low_y, spread.high_x, spread.high_y}, kInfinity};
+  if (intervals < 2) {
+    stretch.squared_bend = 0.0;
+  } else if (spread.chord_squared > 0.0 && !spread.astray) {
+    stretch.squared_bend = spread.across_squared / spread.chord_squared;
   }
-
- private:
-  DoubleLanes Four(const double* values, int i) const {
-    if (i + kPointLanes <= last_) {
-      DoubleLanes four;
-      std::memcpy(&four, values + i, sizeof(four));
-      return four;
-    }
-    const auto at = [&](int j) { return values[std::min(j, last_)]; };
-    return DoubleLanes{at(i), at(i + 1), at(i + 2), at(i + 3)};
-  }
-
-  const double* const x_;
-  const double* const y_;
-  const int first_;
-  const int last_;
-};
+  return stretch;
+}
 
 }  // namespace
 
@@ -102,14 +50,18 @@ RoadMap::RoadMap(std::unique_ptr<const MapFeatures> owned, const MapFeatures* ot
   stretches_.reserve(stretches);
   boxes_.reserve(static_cast<size_t>(features_->size()));
   first_stretches_.reserve(static_cast<size_t>(features_->size()) + 1);
+  std::vector<kernels::PointSpread> spreads;  // of a feature
   for (const v1::MapFeature& feature : *features_) {
     first_stretches_.push_back(stretches_.size());
     Box box{kInfinity, kInfinity, -kInfinity, -kInfinity};
-    const int last = std::min(feature.x_size(), feature.y_size()) - 1;
-    for (int first = 0; first <= last; first += kIntervals) {
-      if (first == last && first > 0) break;  // the last point of the piece before
-      stretches_.push_back(Points(feature, first, std::min(first + kIntervals, last)).Describe());
+    const int count = std::min(feature.x_size(), feature.y_size());
+    spreads.resize(static_cast<size_t>(kernels::SpreadsOf(count, kIntervals)));
+    kernels::FindSpreads(feature.x().data(), feature.y().data(), count, kIntervals, spreads.data());
+    int left = count - 1;  // intervals
+    for (const kernels::PointSpread& spread : spreads) {
+      stretches_.push_back(StretchOf(spread, std::min(kIntervals, left)));
       box = box.With(stretches_.back().box);
+      left -= kIntervals;
     }
     boxes_.push_back(box);
   }

@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "model/scene/lanes.h"
+#include "model/kernels/points.h"
 #include "model/scene/target_frame.h"
 
 namespace maneuver::scene {
@@ -171,7 +171,7 @@ void CheckAgentIds(const v1::Scenario& scenario, Violations* violations) {
 void CheckCoordinates(int feature_index, const char* field,
                       const google::protobuf::RepeatedField<double>& values, double limit,
                       Violations* violations) {
-  if (AllWithin({values.data(), static_cast<size_t>(values.size())}, limit)) return;
+  if (kernels::AllWithin({values.data(), static_cast<size_t>(values.size())}, limit)) return;
   for (int i = 0; i < values.size() && !violations->full(); ++i) {
     if (Within(values[i], limit)) continue;
     violations->Add(StrCat("map_features[", feature_index, "].", field, "[", i, "]"),

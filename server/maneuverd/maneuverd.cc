@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdlib>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -21,6 +22,7 @@
 #include "absl/time/clock.h"
 #include "model/data/dataset_store.h"
 #include "model/files/durable_file.h"
+#include "model/kernels/kernel_choice.h"
 #include "server/jobs/retention.h"
 #include "server/jobs/sqlite_store.h"
 #include "server/jobs/supervisor.h"
@@ -230,7 +232,8 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   }
   std::cout << "listening grpc=" << address
             << " metrics=" << (metrics_address.empty() ? "none" : metrics_address) << std::endl;
-  Log(LogLevel::kInfo, "listening", {{"grpc", address}, {"metrics", metrics_address}});
+  Log(LogLevel::kInfo, "listening",
+      {{"grpc", address}, {"metrics", metrics_address}, {"kernels", kernels::KernelTarget()}});
   manager.TellReady([&server] { return (*server)->IsAlive(); });
 
   // Health turns to SERVING with the first model; until then calls say what is missing.
@@ -277,6 +280,9 @@ int Main(int argc, char** argv) {
   // cycles of locks at each.
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   monitoring::ConfigureLogging(options.log_format, options.log_level);
+  kernels::ChooseKernels(options.kernels);
+  // Jobs inherit the choice: maneuver-trainer reads this variable.
+  if (kernels::UsesPlainKernels()) setenv("MANEUVER_KERNELS", "plain", /*overwrite=*/1);
   ServiceManager manager = ServiceManager::FromEnvironment();
   TerminationSignals signals;
   if (const absl::Status status = Run(options, signals, manager); !status.ok()) {

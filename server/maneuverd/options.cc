@@ -25,6 +25,8 @@ const std::map<std::string, inference::Precision> kPrecisions = {
     {"auto", inference::Precision::kAuto},
     {"bf16", inference::Precision::kBf16},
     {"f32", inference::Precision::kF32}};
+const std::map<std::string, kernels::KernelChoice> kKernels = {
+    {"auto", kernels::KernelChoice::kAuto}, {"plain", kernels::KernelChoice::kPlain}};
 const std::map<std::string, monitoring::LogFormat> kLogFormats = {
     {"text", monitoring::LogFormat::kText}, {"json", monitoring::LogFormat::kJson}};
 const std::map<std::string, monitoring::LogLevel> kLogLevels = {
@@ -178,6 +180,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   double shutdown_timeout_s = 10.0;
   std::string serve;
   std::string precision = "auto";
+  std::string kernel_choice = "auto";
   std::string log_format = "text";
   std::string log_level = "info";
   SecurityFlags security_flags;
@@ -280,6 +283,12 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
                  "Precision of the engine; auto: bf16 if the processor has it, else f32")
       ->check(CLI::IsMember(kPrecisions))
       ->capture_default_str();
+  app.add_option(
+         "--kernels", kernel_choice,
+         "Vector code of server and jobs; auto: the processor's best; plain: none, slow, to "
+         "rule it out in an incident")
+      ->check(CLI::IsMember(kKernels))
+      ->capture_default_str();
   AddJobOptions(app, options.jobs);
   app.add_option("--log-format", log_format, "Format of the log on standard error")
       ->check(CLI::IsMember(kLogFormats))
@@ -324,6 +333,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   options.shutdown_timeout =
       std::chrono::duration_cast<std::chrono::milliseconds>(Milliseconds(shutdown_timeout_s * 1e3));
   options.engine.precision = kPrecisions.at(precision);
+  options.kernels = kKernels.at(kernel_choice);
   options.log_format = kLogFormats.at(log_format);
   options.log_level = kLogLevels.at(log_level);
 

@@ -11,6 +11,7 @@
 
 #include "model/data/dataset_store.h"
 #include "model/inference/action_model.h"
+#include "model/kernels/kernel_choice.h"
 #include "server/maneuverd/job_options.h"
 #include "server/monitoring/logging.h"
 #include "server/rpc/server.h"
@@ -40,6 +41,7 @@ struct ServerOptions {
   serving::ShadowOptions shadow;
   data::DatasetStoreOptions datasets;
   inference::EngineOptions engine;
+  kernels::KernelChoice kernels = kernels::KernelChoice::kAuto;
   JobOptions jobs;
   monitoring::LogFormat log_format = monitoring::LogFormat::kText;
   monitoring::LogLevel log_level = monitoring::LogLevel::kInfo;

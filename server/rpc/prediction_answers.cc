@@ -1,10 +1,8 @@
 #include "server/rpc/prediction_answers.h"
 
-#include <cstring>
-
 #include "absl/strings/str_cat.h"
 #include "maneuver/v1/status.pb.h"
-#include "model/scene/lanes.h"
+#include "model/kernels/points.h"
 #include "server/errors/error_details.h"
 
 namespace maneuver::rpc {
@@ -39,10 +37,13 @@ class FrameChange {
     const int waypoints = static_cast<int>(trajectory.rows());
     double* const x_A = Append(waypoints, x);
     double* const y_A = Append(waypoints, y);
-    int t = 0;
-    // Four at a time: an answer has some thousands of them.
-    if (trajectory.outerStride() == 2) t = WriteFours(trajectory.data(), waypoints, x_A, y_A);
-    for (; t < waypoints; ++t) {
+    if (trajectory.outerStride() == 2) {
+      kernels::MovePoints(
+          {.x = X_AT_.x(), .y = X_AT_.y(), .cosine = X_AT_.cosine(), .sine = X_AT_.sine()},
+          trajectory.data(), static_cast<size_t>(waypoints), x_A, y_A);
+      return;
+    }
+    for (int t = 0; t < waypoints; ++t) {
       const scene::Point2 p_A = X_AT_ * scene::Point2{trajectory(t, 0), trajectory(t, 1)};
       x_A[t] = p_A.x;
       y_A[t] = p_A.y;
@@ -70,26 +71,6 @@ class FrameChange {
   }
 
  private:
-  // Returns how many of them: all but the last few.
-  int WriteFours(const double* points, int waypoints, double* x_A, double* y_A) const {
-    using scene::DoubleLanes;
-    const double c = X_AT_.cosine();
-    const double s = X_AT_.sine();
-    int t = 0;
-    for (; t + scene::kPointLanes <= waypoints; t += scene::kPointLanes) {
-      DoubleLanes first, second;  // x and y in turn
-      std::memcpy(&first, points + 2 * t, sizeof(first));
-      std::memcpy(&second, points + 2 * t + scene::kPointLanes, sizeof(second));
-      const DoubleLanes x = __builtin_shufflevector(first, second, 0, 2, 4, 6);
-      const DoubleLanes y = __builtin_shufflevector(first, second, 1, 3, 5, 7);
-      const DoubleLanes moved_x = X_AT_.x() + c * x - s * y;
-      const DoubleLanes moved_y = X_AT_.y() + s * x + c * y;
-      std::memcpy(x_A + t, &moved_x, sizeof(moved_x));
-      std::memcpy(y_A + t, &moved_y, sizeof(moved_y));
-    }
-    return t;
-  }
-
   const scene::Pose2 X_AT_;
 };
 

@@ -5,7 +5,7 @@
 #include <span>
 
 #include "absl/strings/str_cat.h"
-#include "model/scene/lanes.h"
+#include "model/kernels/points.h"
 #include "server/errors/error_details.h"
 
 namespace maneuver::serving {
@@ -23,7 +23,8 @@ absl::Status Unsound(absl::string_view what) {
 }
 
 bool AllFinite(const double* values, Eigen::Index count) {
-  return scene::AllWithin({values, static_cast<size_t>(count)}, std::numeric_limits<double>::max());
+  return kernels::AllWithin({values, static_cast<size_t>(count)},
+                            std::numeric_limits<double>::max());
 }
 
 template <typename Matrix>

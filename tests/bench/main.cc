@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "git_revision.h"
+#include "model/kernels/kernel_choice.h"
 #include "tests/bench/bench_model.h"
 #include "tests/bench/bench_report.h"
 #include "tests/bench/bench_scenes.h"
@@ -28,6 +29,7 @@ struct Arguments {
   std::string model = "compact";
   std::string dataset;
   bool f32 = false;
+  std::string kernels = "auto";
   double seconds = 10.0;
 };
 
@@ -133,9 +135,15 @@ int Main(int argc, char** argv) {
       "File for the inputs of another engine; then evaluates when standard input says so "
       "(tests/bench/peers)");
   app.add_flag("--f32", arguments.f32, "Takes its turns in f32, also where the processor has bf16");
+  app.add_option("--kernels", arguments.kernels,
+                 "Vector code; auto: the processor's best; plain: none")
+      ->check(CLI::IsMember({"auto", "plain"}))
+      ->capture_default_str();
   app.add_option("--write-model", arguments.write_model,
                  "Folder to write the model to, for what else is to measure a preset");
   CLI11_PARSE(app, argc, argv);
+  kernels::ChooseKernels(arguments.kernels == "plain" ? kernels::KernelChoice::kPlain
+                                                      : kernels::KernelChoice::kAuto);
   const bool benchmarks =
       arguments.write_model.empty() && arguments.turns.empty() && arguments.report.empty();
   if (benchmarks) return Benchmarks(argv[0], app.remaining());

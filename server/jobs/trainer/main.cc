@@ -8,8 +8,10 @@
 #include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <filesystem>
+#include <string>
 #include <system_error>
 
+#include "model/kernels/kernel_choice.h"
 #include "server/jobs/trainer/cross_validate_command.h"
 #include "server/jobs/trainer/evaluate_command.h"
 #include "server/jobs/trainer/match_actions_command.h"
@@ -83,6 +85,12 @@ int main(int argc, char** argv) {
   app.footer(kFooter);
   app.set_version_flag("--version", MANEUVER_VERSION);
   app.require_subcommand(1);
+  std::string kernel_choice = "auto";
+  app.add_option("--kernels", kernel_choice,
+                 "Vector code, before the command; auto: the processor's best; plain: none, slow")
+      ->check(CLI::IsMember({"auto", "plain"}))
+      ->envname("MANEUVER_KERNELS")
+      ->capture_default_str();
   maneuver::trainer::TrainCommand train(app);
   maneuver::trainer::EvaluateCommand evaluate(app);
   maneuver::trainer::PruneCommand prune(app);
@@ -94,6 +102,9 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? 0
                                 : static_cast<int>(maneuver::jobs::TrainerExit::kInvalidSettings);
   }
+  using maneuver::kernels::KernelChoice;
+  maneuver::kernels::ChooseKernels(kernel_choice == "plain" ? KernelChoice::kPlain
+                                                            : KernelChoice::kAuto);
   maneuver::trainer::InstallStopSignals();
   if (train.chosen()) return train.Run();
   if (match.chosen()) return match.Run();

@@ -1,6 +1,6 @@
 // Batch normalisation and ReLU in one against PyTorch's two, in doubles.
 
-#include "model/learning/kernels/batch_norm_relu.h"
+#include "model/learning/autograd/batch_norm_relu.h"
 
 #include <ATen/ATen.h>
 #include <ATen/Parallel.h>

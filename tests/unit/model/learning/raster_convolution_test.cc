@@ -1,6 +1,6 @@
 // The convolution over lit values against PyTorch's over all of them, in doubles.
 
-#include "model/learning/kernels/raster_convolution.h"
+#include "model/learning/autograd/raster_convolution.h"
 
 #include <ATen/ATen.h>
 #include <ATen/Parallel.h>

@@ -126,6 +126,16 @@ TEST_F(OptionsTest, VersionsThatAreToServeAreNamedByModelAndNumber) {
   }
 }
 
+TEST_F(OptionsTest, PlainKernelsAreChosenByName) {
+  using kernels::KernelChoice;
+  EXPECT_EQ(Parse({"--data-dir", "d"}).options().kernels, KernelChoice::kAuto);
+  EXPECT_EQ(Parse({"--data-dir", "d", "--kernels", "plain"}).options().kernels,
+            KernelChoice::kPlain);
+  const std::string file = Write("kernels.conf", "data-dir = d\nkernels = plain\n");
+  EXPECT_EQ(Parse({"--config", file}).options().kernels, KernelChoice::kPlain);
+  EXPECT_TRUE(Parse({"--data-dir", "d", "--kernels", "AVX2"}).refused());
+}
+
 TEST_F(OptionsTest, WhatIsPrintedCanBeReadAgain) {
   const std::vector<std::string> arguments = {"--data-dir",
                                               "a \"b\" # c\\",

@@ -1,0 +1,63 @@
+// The sums of a raster's first convolution: the map's channels in groups of pixels, the agents' one
+// nonzero value at a time.
+//
+// Each sum is one chain of fused multiply-adds, in the same order whatever the group and the
+// instruction set: a cell has the same bits, whichever others are computed.
+
+#ifndef MANEUVER_MODEL_KERNELS_FIRST_LAYER_H_
+#define MANEUVER_MODEL_KERNELS_FIRST_LAYER_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+namespace maneuver::kernels {
+
+inline constexpr int kMapGroup = 4;      // neighbouring pixels of a row that are summed together
+inline constexpr int kMostMapRows = 16;  // rows of a kernel
+
+// What the sums of some pixels of an output row are made of: the kernel's rows that are not black
+// to all of them.
+struct MapTaps {
+  const float* inputs[kMostMapRows];   // of each row, where the first pixel reads it
+  const float* weights[kMostMapRows];  // [values, C'] of each row
+  int rows;
+  int values;         // that a pixel reads of a kernel row
+  const int* places;  // [values] where each is, from the first
+  int stride;         // input pixels from a pixel to the next one
+  int outputs;        // C', a multiple of FirstLayerKernel::lanes
+};
+
+// A value of a pixel that is not 0.
+struct PixelValue {
+  int channel;
+  float value;
+};
+
+// One implementation.
+struct FirstLayerKernel {
+  int lanes;
+
+  // floats = bytes, `count` of them.
+  void (*widen)(const uint8_t* bytes, int count, float* floats);
+
+  // sums = bias + every product, for 1 or kMapGroup pixels.
+  //   bias: [C'];  sums: [pixels, C']
+  void (*sum_map)(const MapTaps& taps, const float* bias, int pixels, float* sums);
+
+  // sums += value * weights[channel] for each of the values.
+  //   weights: [C, C'];  sums: [C'];  outputs: C', a multiple of lanes
+  void (*add_values)(std::span<const PixelValue> values, const float* weights, int outputs,
+                     float* sums);
+
+  // row = sums, or max(0, sums) with `relu`; NaN stays NaN. `bf16` rounds to the nearest.
+  void (*store)(const float* sums, ptrdiff_t count, bool relu, float* row);
+  void (*store_bf16)(const float* sums, ptrdiff_t count, bool relu, uint16_t* row);
+};
+
+// Returns the implementation in force.
+const FirstLayerKernel& FirstLayerKernelInForce();
+
+}  // namespace maneuver::kernels
+
+#endif  // MANEUVER_MODEL_KERNELS_FIRST_LAYER_H_

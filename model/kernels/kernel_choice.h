@@ -1,0 +1,38 @@
+// Which of its implementations each kernel runs.
+//
+// A kernel is a function with a plain implementation, a loop that anyone can read, and a fast one.
+// The fast one is written once, with Highway, and compiled for several instruction sets, its
+// targets. A process runs the best target that its processor has, or the plain loops.
+
+#ifndef MANEUVER_MODEL_KERNELS_KERNEL_CHOICE_H_
+#define MANEUVER_MODEL_KERNELS_KERNEL_CHOICE_H_
+
+#include <string>
+#include <vector>
+
+namespace maneuver::kernels {
+
+enum class KernelChoice {
+  kAuto,   // the best target of this processor
+  kPlain,  // the plain loops, to rule the fast ones out in an incident
+};
+
+// Chooses for the whole process. Call it before the first model is loaded: weights are packed for
+// the choice in force, and layers that are already packed keep theirs.
+void ChooseKernels(KernelChoice choice);
+
+bool UsesPlainKernels();
+
+// Returns "plain" or the name of the target in use, such as "AVX2".
+std::string KernelTarget();
+
+// Returns all values of KernelTarget that this binary has and this processor can run, "plain" first
+// and the best target next.
+std::vector<std::string> KernelTargets();
+
+// Makes the process run one of KernelTargets(). Tests alone need it.
+void ForceKernelTargetForTest(const std::string& target);
+
+}  // namespace maneuver::kernels
+
+#endif  // MANEUVER_MODEL_KERNELS_KERNEL_CHOICE_H_

@@ -1,0 +1,64 @@
+// The values of a raster that are not 0, and a convolution over them: for training, where weights
+// change in every step and get gradients.
+
+#ifndef MANEUVER_MODEL_KERNELS_NONZERO_CONVOLUTION_H_
+#define MANEUVER_MODEL_KERNELS_NONZERO_CONVOLUTION_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace maneuver::kernels {
+
+// Outputs are padded to a multiple of so many.
+inline constexpr int64_t kNonzeroPadding = 8;
+
+// A square kernel of odd size, padded by half of it, over [height, width, channels].
+struct ConvolutionShape {
+  int64_t height = 0;
+  int64_t width = 0;
+  int64_t channels = 0;
+  int64_t outputs = 0;  // channels of the output
+  int64_t kernel = 0;
+  int64_t stride = 0;
+
+  int64_t output_height() const { return (height - 1) / stride + 1; }
+  int64_t output_width() const { return (width - 1) / stride + 1; }
+};
+
+// Sets bit i of `words` where byte i is not 0.
+//   words: [ceil(count / 64)], all of which is written
+void FindNonzeroBytes(const uint8_t* bytes, size_t count, uint64_t* words);
+
+// A raster's values that are not 0: a twelfth of a scene's, for few lines are near, and few agents.
+// Every target gives the same bits.
+class NonzeroValues {
+ public:
+  //   raster: [height, width, channels]
+  NonzeroValues(const ConvolutionShape& shape, const uint8_t* raster);
+
+  size_t size() const { return values_.size(); }
+
+  // Writes the convolution's output.
+  //   weight: [kernel, kernel, channels, VectorMultiple(outputs)], divided by full intensity
+  //   output: [output_height, output_width, outputs]
+  void Convolve(const ConvolutionShape& shape, const float* weight, float* output) const;
+
+  // Accumulates dL/dweight from dL/doutput. `weight_gradient` is laid out as the weight.
+  //   gradient: of the output, laid out as the output
+  void AddWeightGradient(const ConvolutionShape& shape, const float* gradient,
+                         float* weight_gradient) const;
+
+  // Returns `outputs` rounded up to whole vectors.
+  static int64_t VectorMultiple(int64_t outputs);
+
+ private:
+  // Of each row, in the order of their places: place in the row (pixel and channel) << 8 | value.
+  std::vector<uint32_t> values_;
+  // [height, width + 1] where in values_ a pixel's begin; the row's end.
+  std::vector<uint32_t> begins_;
+};
+
+}  // namespace maneuver::kernels
+
+#endif  // MANEUVER_MODEL_KERNELS_NONZERO_CONVOLUTION_H_

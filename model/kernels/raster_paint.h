@@ -1,0 +1,46 @@
+// Antialiased shapes, painted into a channel of a raster.
+//
+// A pixel becomes the brighter of what it is and coverage * intensity, rounded. Every target paints
+// the same bytes, for no product and sum are fused.
+
+#ifndef MANEUVER_MODEL_KERNELS_RASTER_PAINT_H_
+#define MANEUVER_MODEL_KERNELS_RASTER_PAINT_H_
+
+#include <cstddef>
+#include <cstdint>
+
+namespace maneuver::kernels {
+
+// Pixels are painted by eights: rows have room for so many behind the last pixel of a shape.
+inline constexpr int kPaintLanes = 8;
+
+// Rows first_row .. last_row-1 of a channel.
+struct PaintRows {
+  int first_row;
+  int last_row;
+  uint8_t* pixels;   // of the first of those rows
+  ptrdiff_t stride;  // from a row to its next
+};
+
+// A rectangle of the length 2 half_length along `direction`, as Brush::FillBox draws it.
+struct BoxShape {
+  double centre_u, centre_v;        // pixels
+  double direction_u, direction_v;  // a unit vector
+  double half_length, half_width;   // pixels
+  float intensity;                  // 0 .. 255
+};
+// Paints columns first_column .. last_column-1, and up to kPaintLanes - 1 behind them.
+void PaintBox(const BoxShape& box, int first_column, int last_column, const PaintRows& rows);
+
+// A segment of a line with soft edges: coverage is max(0, 1 - distance).
+struct SegmentShape {
+  float u, v;              // its begin, pixels
+  float along_u, along_v;  // from there to its end
+  float intensity;         // 0 .. 255
+};
+// Paints what of a segment lies in columns 0 .. width-1, and up to kPaintLanes - 1 behind them.
+void PaintSegment(const SegmentShape& segment, int width, const PaintRows& rows);
+
+}  // namespace maneuver::kernels
+
+#endif  // MANEUVER_MODEL_KERNELS_RASTER_PAINT_H_

@@ -1,0 +1,13 @@
+// Private to learning/: at::parallel_for. In sources that are compiled without OpenMP it is a loop
+// of one thread, and says nothing of it.
+
+#ifndef MANEUVER_MODEL_LEARNING_AUTOGRAD_PARALLEL_H_
+#define MANEUVER_MODEL_LEARNING_AUTOGRAD_PARALLEL_H_
+
+#include <ATen/Parallel.h>
+
+#ifndef INTRA_OP_PARALLEL
+#error "compile this with OpenMP: at::parallel_for would use one thread"
+#endif
+
+#endif  // MANEUVER_MODEL_LEARNING_AUTOGRAD_PARALLEL_H_

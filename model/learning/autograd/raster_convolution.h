@@ -1,0 +1,22 @@
+// The first convolution of a backbone, from the raster's bytes.
+
+#ifndef MANEUVER_MODEL_LEARNING_AUTOGRAD_RASTER_CONVOLUTION_H_
+#define MANEUVER_MODEL_LEARNING_AUTOGRAD_RASTER_CONVOLUTION_H_
+
+#include <cstdint>
+
+#include "model/learning/tensors.h"
+
+namespace maneuver::learning {
+
+// As at::conv2d of the rasters as numbers from 0 to 1, padded by half the kernel. On the processor
+// what is black is passed over, in the gradient as well, unless too little is. Rasters get no
+// gradient.
+//   rasters: [B, H, W, C] bytes
+//   weight: [C', C, k, k], on the device that computes
+//   returns: [B, C', h, w], channels last
+at::Tensor ConvolveRasters(const at::Tensor& rasters, const at::Tensor& weight, int64_t stride);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_AUTOGRAD_RASTER_CONVOLUTION_H_
