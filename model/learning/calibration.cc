@@ -90,16 +90,17 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
   return std::exp(0.5 * (low + high));
 }
 
-absl::Status CalibrateModel(Networks& networks, const TrainingData& data,
+absl::Status CalibrateModel(Networks& networks, const SceneSource& training_source,
+                            const SceneSource& held_out_source,
                             const v1::OptimizationSettings& optimization, int threads,
                             at::Generator& generator, const std::function<bool()>& stopped,
                             const std::function<void(int64_t)>& step) {
   const auto stop = [] { return absl::CancelledError("training was stopped"); };
   const ExampleFeatures training_examples =
-      EncodeExamples(networks, data.training, kMostTraining, threads, stopped, step);
+      EncodeExamples(networks, training_source, kMostTraining, threads, stopped, step);
   if (stopped()) return stop();
   const ExampleFeatures held_out_examples =
-      EncodeExamples(networks, data.validation, kMostHeldOut, threads, stopped, step);
+      EncodeExamples(networks, held_out_source, kMostHeldOut, threads, stopped, step);
   if (stopped()) return stop();
   const bool has_held_out =
       held_out_examples.trajectories.defined() && held_out_examples.scenes.size() >= kFewestHeldOut;

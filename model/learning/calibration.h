@@ -8,8 +8,8 @@
 
 #include "absl/status/status.h"
 #include "model/learning/networks.h"
+#include "model/learning/scene_source.h"
 #include "model/learning/tensors.h"
-#include "model/learning/training_data.h"
 
 namespace maneuver::learning {
 
@@ -24,7 +24,8 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
 // factors by speed are fitted to held-out examples (scene_covariance.h). Then mixture.log_weight,
 // the mean of p(y|s).
 //   step: called with the number of examples of each batch that was looked at
-absl::Status CalibrateModel(Networks& networks, const TrainingData& data,
+absl::Status CalibrateModel(Networks& networks, const SceneSource& training_source,
+                            const SceneSource& held_out_source,
                             const v1::OptimizationSettings& optimization, int threads,
                             at::Generator& generator, const std::function<bool()>& stopped,
                             const std::function<void(int64_t)>& step);

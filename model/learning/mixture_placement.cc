@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "model/artifact/model_spec.h"
 #include "model/learning/networks.h"
 #include "model/learning/trajectory_clusters.h"
 
@@ -146,6 +147,11 @@ at::Tensor Centers(const TrajectoryClusters& clusters) {
 }
 
 }  // namespace
+
+TrajectoryScale ScaleOf(const v1::TrainingSettings& settings) {
+  return {artifact::WaypointTimes(settings.model().trajectory()).front(),
+          settings.optimization().slow_speed()};
+}
 
 at::Tensor ClusterSpace(v1::MixturePlacement placement, const at::Tensor& trajectories,
                         const TrajectoryScale& scale) {

@@ -26,6 +26,8 @@ struct TrajectoryScale {
   double slow_speed = 1.0;         // metres per second; below it speeds count by their differences
 };
 
+TrajectoryScale ScaleOf(const v1::TrainingSettings& settings);
+
 // What a mixture is placed by.
 struct EncodedExamples {
   at::Tensor trajectories;  // x, [N, 2T] metres, on the CPU

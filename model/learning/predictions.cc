@@ -17,12 +17,13 @@ constexpr int64_t kPredictedBatch = 32;
 
 }  // namespace
 
-ExampleFeatures EncodeExamples(Networks& networks, const ExampleSet& set, int64_t most, int threads,
-                               const std::function<bool()>& stopped,
+ExampleFeatures EncodeExamples(Networks& networks, const SceneSource& source, int64_t most,
+                               int threads, const std::function<bool()>& stopped,
                                const std::function<void(int64_t)>& step) {
   at::NoGradGuard no_grad;
   std::vector<at::Tensor> trajectories, features, geometry, references, speeds;
-  SceneLoader loader(networks.spec(), set, DrawItems(set, most), kEncodedBatch, threads);
+  SceneLoader loader(networks.spec(), source, DrawItems(source.set(), most), kEncodedBatch,
+                     threads);
   while (std::optional<SceneLoader::Batch> batch = loader.Next()) {
     if (stopped()) break;
     const SceneFeatures scenes = networks.EncodeScenes(batch->scenes, {});

@@ -7,8 +7,8 @@
 #include <functional>
 
 #include "model/learning/networks.h"
+#include "model/learning/scene_source.h"
 #include "model/learning/tensors.h"
-#include "model/learning/training_data.h"
 
 namespace maneuver::learning {
 
@@ -20,10 +20,10 @@ struct ExampleFeatures {
   at::Tensor speeds;      // [N] m/s
 };
 
-// At most `most` examples of the set, drawn evenly, not varied. Fewer if `stopped`.
+// At most `most` examples of the source, drawn evenly, not varied. Fewer if `stopped`.
 //   step: called with the number of examples of each batch
-ExampleFeatures EncodeExamples(Networks& networks, const ExampleSet& set, int64_t most, int threads,
-                               const std::function<bool()>& stopped,
+ExampleFeatures EncodeExamples(Networks& networks, const SceneSource& source, int64_t most,
+                               int threads, const std::function<bool()>& stopped,
                                const std::function<void(int64_t)>& step);
 
 // What a model predicts for N examples, relative to their references and without the decoder's

@@ -33,10 +33,10 @@ int HistoryFrames(const v1::ModelSpec& spec) {
 // What one thread reads scenes with.
 class Reader {
  public:
-  Reader(const v1::ModelSpec& spec, const ExampleSet& set, const std::vector<scene::RoadMap>& maps)
+  Reader(const v1::ModelSpec& spec, const SceneSource& source)
       : spec_(spec),
-        set_(set),
-        maps_(maps),
+        source_(source),
+        set_(source.set()),
         waypoint_times_(artifact::WaypointTimes(spec.trajectory())),
         frame_interval_(scene::WindowOf(spec).frame_interval) {
     if (spec.has_raster()) rasterizer_.emplace(spec.raster());
@@ -125,8 +125,8 @@ class Reader {
     const auto index = static_cast<size_t>(example.recording);
     const v1::Scenario& recording = set_.recordings[index];
     if (artifact::ReadsLanePaths(spec_)) {
-      lane_paths_.Find(recording, maps_[index].lanes(), example.time, example.target_id, X_WT,
-                       speed, view, &paths_);
+      lane_paths_.Find(recording, source_.map(example.recording).lanes(), example.time,
+                       example.target_id, X_WT, speed, view, &paths_);
       std::ranges::copy(paths_.values, Row(scenes.lane_paths, i).begin());
       std::ranges::fill(Row(scenes.path_mask, i).first(static_cast<size_t>(paths_.count)), 1.0F);
     }
@@ -152,14 +152,14 @@ class Reader {
     const scene::Pose2 X_WT(example.X_WT.x(), example.X_WT.y(),
                             example.X_WT.heading() + variation.rotation);
     const auto recording = static_cast<size_t>(example.recording);
-    rasterizer_->Rasterize(set_.recordings[recording], maps_[recording], example.time,
+    rasterizer_->Rasterize(set_.recordings[recording], source_.map(example.recording), example.time,
                            example.target_id, X_WT, view, raster);
     if (variation.mirror) scene::MirrorRaster(spec_.raster(), raster);
   }
 
   const v1::ModelSpec& spec_;
+  const SceneSource& source_;
   const ExampleSet& set_;
-  const std::vector<scene::RoadMap>& maps_;
   const std::vector<double> waypoint_times_;
   const double frame_interval_;  // seconds
   std::optional<scene::Rasterizer> rasterizer_;
@@ -171,11 +171,10 @@ class Reader {
 
 }  // namespace
 
-SceneLoader::SceneLoader(const v1::ModelSpec& spec, const ExampleSet& set, std::vector<Item> items,
-                         int64_t batch_size, int threads)
+SceneLoader::SceneLoader(const v1::ModelSpec& spec, const SceneSource& source,
+                         std::vector<Item> items, int64_t batch_size, int threads)
     : spec_(spec),
-      set_(set),
-      maps_(set.Maps(threads)),
+      source_(source),
       items_(std::move(items)),
       batch_size_(static_cast<size_t>(batch_size)),
       batches_((items_.size() + batch_size_ - 1) / batch_size_),
@@ -195,7 +194,7 @@ SceneLoader::~SceneLoader() {
 
 void SceneLoader::Work() {
   machine::AddNiceness(kNiceness);
-  Reader reader(spec_, set_, maps_);
+  Reader reader(spec_, source_);
   while (true) {
     size_t index = 0;
     {
@@ -252,6 +251,16 @@ std::vector<SceneLoader::Item> VariedItems(const v1::TrainingSettings& settings,
     items.push_back({example, DrawVariation(settings.augmentation(), frames, seed, epoch,
                                             example + (time << kTimeBits))});
   }
+  return items;
+}
+
+std::vector<SceneLoader::Item> EpochItems(const v1::TrainingSettings& settings,
+                                          std::span<const int64_t> order, int64_t first_step,
+                                          int epoch) {
+  const int64_t batch_size = settings.optimization().batch_size();
+  std::vector<SceneLoader::Item> items =
+      VariedItems(settings, order, first_step * batch_size, epoch + 1);
+  if (static_cast<int64_t>(order.size()) % batch_size == 1) items.pop_back();
   return items;
 }
 

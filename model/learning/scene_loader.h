@@ -15,10 +15,9 @@
 
 #include "maneuver/v1/model_spec.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "model/learning/scene_source.h"
 #include "model/learning/scene_tensors.h"
-#include "model/learning/training_data.h"
 #include "model/learning/variation.h"
-#include "model/scene/road_map.h"
 
 namespace maneuver::learning {
 
@@ -41,8 +40,8 @@ class SceneLoader {
   };
 
   // One pass: `items` in batches of `batch_size` (the last one may be smaller), read by `threads`
-  // threads that are at most a few batches ahead. `set` must outlive the loader.
-  SceneLoader(const v1::ModelSpec& spec, const ExampleSet& set, std::vector<Item> items,
+  // threads that are at most a few batches ahead. `source` must outlive the loader.
+  SceneLoader(const v1::ModelSpec& spec, const SceneSource& source, std::vector<Item> items,
               int64_t batch_size, int threads);
   // Stops the threads, whether or not the pass is over.
   ~SceneLoader();
@@ -58,8 +57,7 @@ class SceneLoader {
   void Work();
 
   const v1::ModelSpec spec_;
-  const ExampleSet& set_;
-  const std::vector<scene::RoadMap>& maps_;  // [recordings]
+  const SceneSource& source_;
   const std::vector<Item> items_;
   const size_t batch_size_;
   const size_t batches_;
@@ -82,6 +80,13 @@ class SceneLoader {
 std::vector<SceneLoader::Item> VariedItems(const v1::TrainingSettings& settings,
                                            std::span<const int64_t> order, int64_t first,
                                            int epoch);
+
+// Returns the items of the batches of an epoch from batch `first_step` on, without a last batch of
+// one example (StepsOfEpoch).
+//   epoch: from 0
+std::vector<SceneLoader::Item> EpochItems(const v1::TrainingSettings& settings,
+                                          std::span<const int64_t> order, int64_t first_step,
+                                          int epoch);
 
 }  // namespace maneuver::learning
 

@@ -68,21 +68,16 @@ class Run {
       const absl::Status status = learner.KeepCheckpoints(&*checkpoints);
       if (!status.ok()) return status;
     }
-    for (const auto phase : {&Learner::Learn, &Learner::Calibrate}) {
-      const absl::Status status = (learner.*phase)();
-      if (!status.ok()) return status;
-    }
+    if (absl::Status status = learner.Learn(); !status.ok()) return status;
     ExportOptions options;
     if (run_.baselines) {
-      AnchorLearner anchors(run_.settings, data, device_, threads, stopped_, progress_,
-                            learner.networks());
-      if (checkpoints) anchors.KeepCheckpoints(&*checkpoints);
+      AnchorLearner anchors(learner.state(), learner.loop());
       absl::StatusOr<artifact::StoredBaselines> baselines = anchors.Learn();
       if (!baselines.ok()) return baselines.status();
       options.baselines = *std::move(baselines);
     }
     progress_.BeginPhase("export");
-    artifact::StoredModel model{Describe(data), learner.networks().Export()};
+    artifact::StoredModel model{Describe(data), learner.state().networks.Export()};
     progress_.BeginPhase("evaluate");
     options.output = run_.output;
     options.threads = threads;

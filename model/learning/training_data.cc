@@ -1,12 +1,10 @@
 #include "model/learning/training_data.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <iterator>
 #include <optional>
 #include <string>
-#include <thread>
 #include <unordered_set>
 #include <utility>
 
@@ -159,24 +157,6 @@ class Splitter {
 };
 
 }  // namespace
-
-const std::vector<scene::RoadMap>& ExampleSet::Maps(int threads) const {
-  std::vector<scene::RoadMap>& maps = indexed_.maps;
-  if (!maps.empty() || recordings.empty()) return maps;
-  maps.reserve(recordings.size());
-  for (const v1::Scenario& recording : recordings) {
-    maps.push_back(scene::RoadMap::Over(recording.map_features()));
-  }
-  std::atomic<size_t> next = 0;
-  std::vector<std::jthread> workers;
-  for (int i = 0; i < threads; ++i) {
-    workers.emplace_back([&] {
-      for (size_t map = next++; map < maps.size(); map = next++) maps[map].lanes();
-    });
-  }
-  workers.clear();  // waits for them
-  return maps;
-}
 
 int64_t MinimumExamples(const v1::TrainingSettings& settings) {
   return 2 * std::max(settings.model().actions(), settings.optimization().batch_size());

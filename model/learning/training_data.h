@@ -16,35 +16,13 @@
 #include "maneuver/v1/scenario.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/data/example_index.h"
-#include "model/scene/road_map.h"
 
 namespace maneuver::learning {
-
-// Maps that refer to recordings; a copy of the recordings has to index its own.
-struct IndexedMaps {
-  IndexedMaps() = default;
-  IndexedMaps(const IndexedMaps&) {}
-  IndexedMaps& operator=(const IndexedMaps&) {
-    maps.clear();
-    return *this;
-  }
-  IndexedMaps(IndexedMaps&&) noexcept = default;
-  IndexedMaps& operator=(IndexedMaps&&) noexcept = default;
-
-  std::vector<scene::RoadMap> maps;
-};
 
 // Recordings of one side of the split, and the examples in them.
 struct ExampleSet {
   std::vector<v1::Scenario> recordings;
   std::vector<data::Example> examples;  // Example.recording counts in `recordings`
-
-  // The maps of the recordings, indexed on the first call, by so many threads. Not to be called
-  // from two threads at once; the recordings must not change afterwards.
-  const std::vector<scene::RoadMap>& Maps(int threads) const;
-
- private:
-  mutable IndexedMaps indexed_;  // [recordings] once they are indexed
 };
 
 struct TrainingData {

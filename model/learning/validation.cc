@@ -161,11 +161,11 @@ void ValidateBase(const Networks& networks, const at::Tensor& trajectories, bool
   means.Write(report->mutable_validation());
 }
 
-void ValidateScenes(Networks& networks, const ExampleSet& set, v1::Objective objective,
+void ValidateScenes(Networks& networks, const SceneSource& source, v1::Objective objective,
                     const v1::OptimizationSettings& optimization, int threads,
                     const std::function<bool()>& stopped, v1::EpochReport* report) {
   ReportMixture(networks, report);
-  if (set.examples.empty()) return;
+  if (source.set().examples.empty()) return;
   at::NoGradGuard no_grad;
   const v1::ModelSpec& spec = networks.spec();
   const double stddev = spec.decoder_stddev();
@@ -173,7 +173,7 @@ void ValidateScenes(Networks& networks, const ExampleSet& set, v1::Objective obj
   const NoiseSource means_for_samples = [](at::IntArrayRef shape) { return at::zeros(shape); };
   TermMeans means;
   UsageReport usage(spec.actions());
-  SceneLoader loader(spec, set, DrawItems(set, kMostValidated), kBatch, threads);
+  SceneLoader loader(spec, source, DrawItems(source.set(), kMostValidated), kBatch, threads);
   for (int64_t index = 0; std::optional<SceneLoader::Batch> batch = loader.Next(); ++index) {
     if (stopped()) return;
     const at::Tensor x = batch->trajectories.to(networks.device());

@@ -58,7 +58,7 @@ void ValidateBase(const Networks& networks, const at::Tensor& trajectories, bool
 
 // The bound of `objective` (see SceneBound) on the examples, with means for samples, and how the
 // actions are used. Stops early, and then says nothing of use, when `stopped`.
-void ValidateScenes(Networks& networks, const ExampleSet& set, v1::Objective objective,
+void ValidateScenes(Networks& networks, const SceneSource& source, v1::Objective objective,
                     const v1::OptimizationSettings& optimization, int threads,
                     const std::function<bool()>& stopped, v1::EpochReport* report);
 

@@ -27,13 +27,14 @@ constexpr int64_t kCalibrationBatch = 64;
 absl::Status Stopped() { return absl::CancelledError("training was stopped"); }
 
 // At most `most` examples of a set, not varied; the covariances are the baseline's own.
-Predictions PredictAll(AnchorNetworks& networks, const ExampleSet& set, int64_t most, int threads,
-                       const std::function<bool()>& stopped) {
+Predictions PredictAll(AnchorNetworks& networks, const SceneSource& source, int64_t most,
+                       const LearningState& model) {
   at::NoGradGuard no_grad;
   std::vector<at::Tensor> trajectories, log_p, nearest, means, covariances;
-  SceneLoader loader(networks.spec(), set, DrawItems(set, most), kCalibrationBatch, threads);
+  SceneLoader loader(networks.spec(), source, DrawItems(source.set(), most), kCalibrationBatch,
+                     model.threads);
   while (std::optional<SceneLoader::Batch> batch = loader.Next()) {
-    if (stopped()) return {};
+    if (model.stopped()) return {};
     const at::Tensor x = batch->trajectories.to(networks.device());
     const AnchorPredictions predictions = networks.Predict(batch->scenes, {});
     trajectories.push_back(x);
@@ -47,29 +48,61 @@ Predictions PredictAll(AnchorNetworks& networks, const ExampleSet& set, int64_t 
   return {at::cat(trajectories), at::cat(log_p), log_q, at::cat(means), at::cat(covariances)};
 }
 
+// Steps of a baseline over the examples of the model's joint phase.
+class AnchorSteps final : public EpochSteps {
+ public:
+  AnchorSteps(AnchorNetworks& networks, at::Generator& generator, const LearningState& model)
+      : networks_(networks),
+        model_(model),
+        mode_{&generator, model.settings.optimization().dropout()} {}
+
+  void BeginEpoch(std::span<const int64_t> order, int64_t first_step, int epoch) override {
+    loader_.emplace(networks_.spec(), model_.training,
+                    EpochItems(model_.settings, order, first_step, epoch),
+                    model_.settings.optimization().batch_size(), model_.threads);
+  }
+
+  BatchLoss Next(const Moment&, TermMeans* means) override {
+    const SceneLoader::Batch batch = *loader_->Next();
+    const at::Tensor x = batch.trajectories.to(model_.networks.device());
+    const AnchorPredictions predictions = networks_.Predict(batch.scenes, mode_);
+    const at::Tensor nearest = NearestAnchor(networks_.anchors(), x);
+    const at::Tensor losses = networks_.regresses() ? MultiPathLoss(predictions, nearest, x)
+                                                    : ClassifierLoss(predictions, nearest);
+    means->Add("action_divergence", ClassifierLoss(predictions, nearest), x.size(0));
+    return {losses.mean(), x.size(0), batch.waited};
+  }
+
+  void EndEpoch(v1::EpochReport*) override { loader_.reset(); }
+
+ private:
+  AnchorNetworks& networks_;
+  const LearningState& model_;
+  const Networks::Mode mode_;
+  std::optional<SceneLoader> loader_;  // of the epoch
+};
+
 }  // namespace
 
-AnchorLearner::AnchorLearner(const v1::TrainingSettings& settings, const TrainingData& data,
-                             at::Device device, int threads, std::function<bool()> stopped,
-                             RunProgress& progress, const Networks& model)
-    : settings_(settings),
-      data_(data),
-      device_(device),
-      threads_(threads),
-      stopped_(std::move(stopped)),
-      progress_(progress),
-      model_(model) {
+AnchorLearner::AnchorLearner(LearningState& model, EpochLoop& loop) : model_(model), loop_(loop) {
+  const v1::TrainingSettings& settings = model.settings;
   const Anchors anchors =
-      PlaceAnchors(Trajectories(data.training.examples), settings.model().actions(),
-                   settings.augmentation().mirror(), static_cast<uint64_t>(settings.seed()));
+      PlaceAnchors(model.trajectories, settings.model().actions(), settings.augmentation().mirror(),
+                   static_cast<uint64_t>(settings.seed()));
   for (const bool regresses : {false, true}) baselines_.push_back(MakeBaseline(regresses, anchors));
+  const Checkpoint* resumed = loop.resumed();
+  if (resumed == nullptr) return;
+  for (Baseline& each : baselines_) {
+    each.networks.Restore(StoredNetworks(*resumed, each.phase + "/"));
+  }
 }
 
 AnchorLearner::Baseline AnchorLearner::MakeBaseline(bool regresses, const Anchors& anchors) const {
   // Far from the seeds that people name runs by.
-  at::Generator generator = MakeGenerator(static_cast<uint64_t>(settings_.seed()) ^
+  at::Generator generator = MakeGenerator(static_cast<uint64_t>(model_.settings.seed()) ^
                                           (regresses ? 0x6d756c7469ULL : 0x636f766572ULL));
-  AnchorNetworks networks(settings_.model(), anchors, regresses, device_, generator);
+  AnchorNetworks networks(model_.settings.model(), anchors, regresses, model_.networks.device(),
+                          generator);
   return {kPhases[regresses ? 1 : 0], generator, std::move(networks)};
 }
 
@@ -85,22 +118,9 @@ void AnchorLearner::AddPhases(const v1::TrainingSettings& settings, int64_t trai
                        {kPhases[1], optimization.joint_epochs(), steps, 24.0}});
 }
 
-void AnchorLearner::KeepCheckpoints(CheckpointFolder* folder) {
-  checkpoints_ = folder;
-  resumed_ = folder->ReadLatest();
-  if (resumed_ && resumed_->phase() != kPhases[0] && resumed_->phase() != kPhases[1]) {
-    resumed_.reset();
-  }
-  if (!resumed_) return;
-  for (Baseline& each : baselines_) {
-    each.networks.Restore(StoredNetworks(*resumed_, each.phase + "/"));
-  }
-}
-
 absl::StatusOr<artifact::StoredBaselines> AnchorLearner::Learn() {
   for (Baseline& each : baselines_) {
-    // Until its phase has taken the checkpoint on, those before it are over.
-    if (resumed_ && resumed_->phase() != each.phase) continue;
+    if (loop_.IsOver(each.phase)) continue;
     absl::Status status = Train(each);
     if (status.ok()) status = Calibrate(each);
     if (!status.ok()) return status;
@@ -109,95 +129,35 @@ absl::StatusOr<artifact::StoredBaselines> AnchorLearner::Learn() {
                                    baselines_[1].networks.Export()};
 }
 
-at::Tensor AnchorLearner::DrawEpoch(at::Generator& generator) const {
-  const int64_t examples = static_cast<int64_t>(data_.training.examples.size());
-  return DrawExamples(DatasetSizes(data_), DatasetWeights(settings_),
-                      EpochExamples(settings_, examples), generator);
-}
-
 absl::Status AnchorLearner::Train(Baseline& baseline) {
-  const v1::OptimizationSettings& optimization = settings_.optimization();
-  AnchorNetworks& networks = baseline.networks;
+  const v1::OptimizationSettings& optimization = model_.settings.optimization();
   AdamW optimizer;
-  optimizer.Add(networks.Parameters(), optimization.learning_rate(), optimization.weight_decay());
-  const Networks::Mode training{&baseline.generator, optimization.dropout()};
-  const int64_t examples =
-      EpochExamples(settings_, static_cast<int64_t>(data_.training.examples.size()));
-  const int64_t batch_size = optimization.batch_size();
-  const int64_t epoch_steps = StepsOfEpoch(examples, batch_size);
-  const int64_t all_steps = optimization.joint_epochs() * epoch_steps;
-  TermMeans means;
-  std::string epoch_random;
-  int epochs = 0;
-  int64_t steps = 0;
-  progress_.BeginPhase(baseline.phase);
-  if (resumed_) {
-    RestoreOptimizer(*resumed_, &optimizer);
-    epoch_random = resumed_->epoch_random();
-    means.Restore(*resumed_);
-    epochs = resumed_->epochs();
-    steps = resumed_->steps();
-    // At the start of an epoch its order is drawn as if for the first time.
-    RestoreRandomState(steps == 0 ? epoch_random : resumed_->random(), &baseline.generator);
-    progress_.Resume(epochs * epoch_steps + steps);
-    resumed_.reset();
-  }
-  for (; epochs < optimization.joint_epochs(); ++epochs, steps = 0) {
-    progress_.BeginEpoch(epochs + 1);
-    // In the middle of an epoch its order is drawn once more, and then all is as it was.
-    const std::string now = RandomState(baseline.generator);
-    if (steps == 0) epoch_random = now;
-    RestoreRandomState(epoch_random, &baseline.generator);
-    const at::Tensor order = DrawEpoch(baseline.generator);
-    if (steps > 0) RestoreRandomState(now, &baseline.generator);
-    std::vector<SceneLoader::Item> items =
-        VariedItems(settings_, {order.data_ptr<int64_t>(), static_cast<size_t>(examples)},
-                    steps * batch_size, epochs + 1);
-    if (examples % batch_size == 1) items.pop_back();
-    SceneLoader loader(networks.spec(), data_.training, std::move(items), batch_size, threads_);
-    while (std::optional<SceneLoader::Batch> batch = loader.Next()) {
-      if (stopped_()) return Stopped();
-      const absl::Status kept =
-          KeepCheckpoint(baseline, epochs, steps, epoch_random, optimizer, means);
-      if (!kept.ok()) return kept;
-      const at::Tensor x = batch->trajectories.to(device_);
-      const AnchorPredictions predictions = networks.Predict(batch->scenes, training);
-      const at::Tensor nearest = NearestAnchor(networks.anchors(), x);
-      const at::Tensor losses = networks.regresses() ? MultiPathLoss(predictions, nearest, x)
-                                                     : ClassifierLoss(predictions, nearest);
-      means.Add("loss", losses, x.size(0));
-      means.Add("action_divergence", ClassifierLoss(predictions, nearest), x.size(0));
-      const at::Tensor loss = losses.mean();
-      if (!std::isfinite(loss.item<double>())) {
-        return absl::AbortedError("the loss of the baseline " + baseline.phase +
-                                  " is no longer finite; lower optimization.learning_rate");
-      }
-      loss.backward();
-      optimizer.Step(LearningRateShare(epochs * epoch_steps + steps, kWarmUpSteps, all_steps));
-      ++steps;
-      progress_.Step(x.size(0), batch->waited);
+  optimizer.Add(baseline.networks.Parameters(), optimization.learning_rate(),
+                optimization.weight_decay());
+  const auto store = [this](Checkpoint* checkpoint) {
+    model_.Store(checkpoint);
+    for (const Baseline& each : baselines_) {
+      StoreSnapshot(each.networks.Save(), each.phase + "/", checkpoint);
     }
-    v1::EpochReport report;
-    std::exchange(means, {}).Write(report.mutable_training());
-    progress_.EndEpoch(report);
-  }
-  optimizer.ZeroGradients();
-  return absl::OkStatus();
+  };
+  AnchorSteps steps(baseline.networks, baseline.generator, model_);
+  return loop_.Run({baseline.phase, optimization.joint_epochs(), optimization.batch_size()},
+                   {baseline.generator, optimizer, store}, steps);
 }
 
 absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
-  const v1::OptimizationSettings& optimization = settings_.optimization();
+  const v1::OptimizationSettings& optimization = model_.settings.optimization();
   AnchorNetworks& networks = baseline.networks;
-  Predictions held_out = PredictAll(networks, data_.validation, kMostChecked, threads_, stopped_);
-  if (stopped_()) return Stopped();
+  Predictions held_out = PredictAll(networks, model_.validation, kMostChecked, model_);
+  if (model_.stopped()) return Stopped();
   const bool has_held_out =
       held_out.trajectories.defined() && held_out.trajectories.size(0) >= kFewestChecked;
   if (has_held_out && optimization.calibrate_probabilities()) {
     networks.SetTemperature(
         FitTemperature(held_out.log_probabilities, held_out.log_responsibilities));
     // Once more, with the temperature in it.
-    held_out = PredictAll(networks, data_.validation, kMostChecked, threads_, stopped_);
-    if (stopped_()) return Stopped();
+    held_out = PredictAll(networks, model_.validation, kMostChecked, model_);
+    if (model_.stopped()) return Stopped();
   }
   if (networks.regresses()) {
     if (!has_held_out) return absl::OkStatus();
@@ -206,8 +166,8 @@ absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
     networks.SetScale(FitCovarianceScale(held_out, own, /*fit_latent=*/false).factor);
     return absl::OkStatus();
   }
-  Predictions training = PredictAll(networks, data_.training, kMostCalibrated, threads_, stopped_);
-  if (stopped_()) return Stopped();
+  Predictions training = PredictAll(networks, model_.training, kMostCalibrated, model_);
+  if (model_.stopped()) return Stopped();
   training.covariance = at::zeros_like(training.covariance);
   at::Tensor covariance = FitDecoderCovariance(training, baseline.generator);
   if (has_held_out) {
@@ -217,30 +177,6 @@ absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
   }
   networks.SetCovariance(covariance);
   return absl::OkStatus();
-}
-
-absl::Status AnchorLearner::KeepCheckpoint(const Baseline& baseline, int epochs, int64_t steps,
-                                           const std::string& epoch_random, const AdamW& optimizer,
-                                           const TermMeans& means) {
-  if (checkpoints_ == nullptr) return absl::OkStatus();
-  const bool due = checkpoints_->IsDue();
-  checkpoints_->CountStep();
-  if (!due) return absl::OkStatus();
-  Checkpoint checkpoint;
-  checkpoint.set_settings(RunSettings(settings_));
-  checkpoint.set_training_examples(static_cast<int64_t>(data_.training.examples.size()));
-  checkpoint.set_phase(baseline.phase);
-  checkpoint.set_epochs(epochs);
-  checkpoint.set_steps(steps);
-  checkpoint.set_epoch_random(epoch_random);
-  checkpoint.set_random(RandomState(baseline.generator));
-  StoreNetworks(model_, &checkpoint);
-  for (const Baseline& each : baselines_) {
-    StoreSnapshot(each.networks.Save(), each.phase + "/", &checkpoint);
-  }
-  StoreOptimizer(optimizer, &checkpoint);
-  means.Store(&checkpoint);
-  return checkpoints_->Write(checkpoint);
 }
 
 }  // namespace maneuver::learning

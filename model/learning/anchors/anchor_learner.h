@@ -4,8 +4,6 @@
 #define MANEUVER_MODEL_LEARNING_ANCHORS_ANCHOR_LEARNER_H_
 
 #include <cstdint>
-#include <functional>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,10 +11,10 @@
 #include "absl/status/statusor.h"
 #include "model/artifact/anchor_baselines.h"
 #include "model/learning/anchors/anchor_networks.h"
-#include "model/learning/checkpoint.h"
+#include "model/learning/phases/epoch_loop.h"
+#include "model/learning/phases/learning_state.h"
 #include "model/learning/run_progress.h"
 #include "model/learning/tensors.h"
-#include "model/learning/training_data.h"
 
 namespace maneuver::learning {
 
@@ -26,19 +24,13 @@ namespace maneuver::learning {
 // numbers are their own, so that the model is the same with and without them.
 class AnchorLearner {
  public:
-  // `settings` are complete. `data`, `progress` and `model` must outlive the learner.
-  //   model: learned and calibrated; checkpoints hold it too
-  AnchorLearner(const v1::TrainingSettings& settings, const TrainingData& data, at::Device device,
-                int threads, std::function<bool()> stopped, RunProgress& progress,
-                const Networks& model);
+  // Both must outlive the learner. The model of `model` is learned and calibrated; checkpoints hold
+  // it too, and the baselines are then resumed from them.
+  AnchorLearner(LearningState& model, EpochLoop& loop);
 
   // Puts the phases of the baselines before "export" in the plan of a run.
   static void AddPhases(const v1::TrainingSettings& settings, int64_t training_examples,
                         std::vector<RunProgress::Phase>* plan);
-
-  // Writes checkpoints to `folder`, which must outlive the learner, and goes on from its latest one
-  // if that is of these phases. It is of the same run: Learner has seen to that.
-  void KeepCheckpoints(CheckpointFolder* folder);
 
   // CANCELLED if it was told to stop, ABORTED if the loss is no longer finite.
   absl::StatusOr<artifact::StoredBaselines> Learn();
@@ -54,21 +46,10 @@ class AnchorLearner {
   absl::Status Train(Baseline& baseline);
   // Temperature, and covariance or its scale, as the model's (calibration.h).
   absl::Status Calibrate(Baseline& baseline);
-  absl::Status KeepCheckpoint(const Baseline& baseline, int epochs, int64_t steps,
-                              const std::string& epoch_random, const class AdamW& optimizer,
-                              const class TermMeans& means);
-  at::Tensor DrawEpoch(at::Generator& generator) const;
 
-  const v1::TrainingSettings settings_;
-  const TrainingData& data_;
-  const at::Device device_;
-  const int threads_;
-  const std::function<bool()> stopped_;
-  RunProgress& progress_;
-  const Networks& model_;
-  CheckpointFolder* checkpoints_ = nullptr;
-  std::optional<Checkpoint> resumed_;  // until its phase takes it on
-  std::vector<Baseline> baselines_;    // CoverNet-like, MultiPath-like
+  LearningState& model_;
+  EpochLoop& loop_;
+  std::vector<Baseline> baselines_;  // CoverNet-like, MultiPath-like
 };
 
 }  // namespace maneuver::learning

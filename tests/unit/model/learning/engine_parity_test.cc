@@ -127,13 +127,9 @@ TEST_P(EngineParityTest, TheEngineSaysWhatLibTorchSays) {
                        {}, [] { return std::chrono::system_clock::time_point(); });
   Learner learner(
       settings, data, at::Device(at::kCPU), 1, [] { return false; }, progress);
-  for (const auto phase :
-       {&Learner::Pretrain, &Learner::PlaceMixture, &Learner::TrainMixture, &Learner::TrainJointly,
-        &Learner::TrainCovariance, &Learner::Calibrate}) {
-    const absl::Status status = (learner.*phase)();
-    ASSERT_TRUE(status.ok()) << status;
-  }
-  Networks& networks = learner.networks();
+  const absl::Status learned = learner.Learn();
+  ASSERT_TRUE(learned.ok()) << learned;
+  Networks& networks = learner.state().networks;
   v1::ModelManifest manifest;
   *manifest.mutable_spec() = settings.model();
   const auto model = inference::ActionModel::FromStored({manifest, networks.Export()},
@@ -144,7 +140,7 @@ TEST_P(EngineParityTest, TheEngineSaysWhatLibTorchSays) {
   at::NoGradGuard no_grad;
   constexpr int64_t kExamples = 5;
   const std::vector<SceneLoader::Item> items = DrawItems(data.validation, kExamples);
-  SceneLoader loader(settings.model(), data.validation, items, kExamples, 1);
+  SceneLoader loader(settings.model(), learner.state().validation, items, kExamples, 1);
   const SceneLoader::Batch batch = *loader.Next();
   const at::Tensor x = batch.trajectories;
   const SceneFeatures features = networks.EncodeScenes(batch.scenes, {});

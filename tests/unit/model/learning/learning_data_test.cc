@@ -90,8 +90,8 @@ TEST(VariationTest, RasterAndTrajectoryAreVariedAlike) {
   Variation mirror;
   mirror.mirror = true;
   const v1::ModelSpec& spec = settings.model();
-  const auto mirrored = SceneLoader(spec, left, {{0, mirror}}, 1, 1).Next();
-  const auto plain = SceneLoader(spec, right, {{0, {}}}, 1, 1).Next();
+  const auto mirrored = SceneLoader(spec, SceneSource(spec, left, 1), {{0, mirror}}, 1, 1).Next();
+  const auto plain = SceneLoader(spec, SceneSource(spec, right, 1), {{0, {}}}, 1, 1).Next();
   ASSERT_TRUE(mirrored && plain);
   const at::Tensor difference =
       mirrored->scenes.rasters.to(at::kInt) - plain->scenes.rasters.to(at::kInt);
@@ -119,8 +119,8 @@ TEST(VariationTest, RotationTurnsRasterAndTrajectoryAlike) {
   Variation rotation;
   rotation.rotation = kAngle;
   const v1::ModelSpec& spec = settings.model();
-  const auto varied = SceneLoader(spec, plain, {{0, rotation}}, 1, 1).Next();
-  const auto expected = SceneLoader(spec, turned, {{0, {}}}, 1, 1).Next();
+  const auto varied = SceneLoader(spec, SceneSource(spec, plain, 1), {{0, rotation}}, 1, 1).Next();
+  const auto expected = SceneLoader(spec, SceneSource(spec, turned, 1), {{0, {}}}, 1, 1).Next();
   ASSERT_TRUE(varied && expected);
   EXPECT_TRUE(varied->scenes.rasters.equal(expected->scenes.rasters));
 
@@ -183,8 +183,9 @@ TEST(SceneLoaderTest, AVariationHidesItsShareOfTheOtherAgents) {
   }
   set.examples = data::EnumerateExamples(recording, 0, settings.model(), settings.examples());
   const v1::RasterSpec& spec = settings.model().raster();
+  const SceneSource source(settings.model(), set, 1);
   const auto brightness = [&](const Variation& variation, int channel) {
-    const auto batch = SceneLoader(settings.model(), set, {{0, variation}}, 1, 1).Next();
+    const auto batch = SceneLoader(settings.model(), source, {{0, variation}}, 1, 1).Next();
     return batch->scenes.rasters.select(3, channel).to(at::kLong).sum().item<int64_t>();
   };
   const int others = scene::OtherAgentsChannel(spec);
@@ -207,8 +208,9 @@ TEST(SceneLoaderTest, BatchesComeInOrderWhateverTheNumberOfThreads) {
     items.push_back({(i * 7) % 60, DrawVariation(TinySettings().augmentation(), 2, 1, 1, i)});
   }
   const v1::ModelSpec spec = TinySettings().model();
-  SceneLoader one(spec, data->training, items, 4, 1);
-  SceneLoader three(spec, data->training, items, 4, 3);
+  const SceneSource source(spec, data->training, 3);
+  SceneLoader one(spec, source, items, 4, 1);
+  SceneLoader three(spec, source, items, 4, 3);
   size_t seen = 0;
   while (auto batch = one.Next()) {
     const auto other = three.Next();
@@ -225,16 +227,18 @@ TEST(SceneLoaderTest, BatchesComeInOrderWhateverTheNumberOfThreads) {
 TEST(SceneLoaderTest, CanBeLeftBeforeThePassIsOver) {
   const auto data = SplitRecordings(ArcRecordings(60), TinySettings());
   ASSERT_TRUE(data.ok());
-  SceneLoader loader(TinySettings().model(), data->training, std::vector<SceneLoader::Item>(400), 4,
-                     2);
+  const v1::ModelSpec spec = TinySettings().model();
+  const SceneSource source(spec, data->training, 1);
+  SceneLoader loader(spec, source, std::vector<SceneLoader::Item>(400), 4, 2);
   EXPECT_TRUE(loader.Next());
 }
 
 TEST(SceneLoaderTest, SaysHowLongTheHurriedWaitedForEachBatch) {
   const auto data = SplitRecordings(ArcRecordings(60), TinySettings());
   ASSERT_TRUE(data.ok());
-  SceneLoader loader(TinySettings().model(), data->training, std::vector<SceneLoader::Item>(400), 4,
-                     1);
+  const v1::ModelSpec spec = TinySettings().model();
+  const SceneSource source(spec, data->training, 1);
+  SceneLoader loader(spec, source, std::vector<SceneLoader::Item>(400), 4, 1);
   const auto begin = std::chrono::steady_clock::now();
   std::chrono::nanoseconds waited{0};
   EXPECT_GT(loader.Next()->waited.count(), 0);  // with the making of the loader, never nothing
@@ -246,11 +250,12 @@ TEST(SceneLoaderTest, SaysHowLongTheHurriedWaitedForEachBatch) {
 TEST(SceneLoaderTest, AConsumerSlowerThanTheDrawingWaitsForNothing) {
   const auto data = SplitRecordings(ArcRecordings(60), TinySettings());
   ASSERT_TRUE(data.ok());
+  const v1::ModelSpec spec = TinySettings().model();
+  const SceneSource source(spec, data->training, 1);
   bool waited = true;
   // How slow that is depends on what else runs.
   for (int pause = 20; waited && pause < 10'000; pause *= 2) {
-    SceneLoader loader(TinySettings().model(), data->training, std::vector<SceneLoader::Item>(12),
-                       4, 1);
+    SceneLoader loader(spec, source, std::vector<SceneLoader::Item>(12), 4, 1);
     ASSERT_TRUE(loader.Next());
     std::this_thread::sleep_for(std::chrono::milliseconds(pause));
     waited = loader.Next()->waited.count() > 0 || loader.Next()->waited.count() > 0;

@@ -13,6 +13,7 @@
 #include "model/inference/action_model.h"
 #include "model/learning/learner.h"
 #include "model/learning/networks.h"
+#include "model/learning/phases/joint.h"
 #include "model/scene/target_motion.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 #include "tests/unit/model/scene/raster_of.h"
@@ -86,9 +87,9 @@ TEST_P(ResidualNetworkTest, TrainsAStepIsExportedAndTheEngineSaysWhatLibTorchSay
       [] { return std::chrono::system_clock::time_point(); });
   Learner learner(
       settings_, data, at::Device(at::kCPU), 1, [] { return false; }, progress);
-  Networks& networks = learner.networks();
+  Networks& networks = learner.state().networks;
   const Networks::Snapshot before = networks.Save();
-  ASSERT_TRUE(learner.TrainJointly().ok());
+  ASSERT_TRUE(TrainJointly(learner.state(), learner.loop()).ok());
   // A gamma of 0 lets no gradient into its block, but is itself reached by the first step.
   for (const artifact::BackboneLayer& layer : artifact::BackboneLayers(spec)) {
     if (layer.kind != artifact::BackboneLayer::Kind::kConvolution) continue;

@@ -43,7 +43,8 @@ v1::Scenario WithCyclist(v1::Scenario recording, double side) {
 
 SceneLoader::Batch First(const ExampleSet& set, const Variation& variation,
                          const v1::TrainingSettings& settings) {
-  return *SceneLoader(settings.model(), set, {{0, variation}}, 1, 1).Next();
+  const SceneSource source(settings.model(), set, 1);
+  return *SceneLoader(settings.model(), source, {{0, variation}}, 1, 1).Next();
 }
 
 void ExpectNear(const at::Tensor& a, const at::Tensor& b, double tolerance, const char* what) {
@@ -187,7 +188,8 @@ TEST(SceneBoundTest, TheLikeliestActionsOfAllAreAll) {
   at::Generator generator = MakeGenerator(2);
   Networks networks(settings.model(), at::Device(at::kCPU), generator);
   const TrainingData data = *SplitRecordings(ArcRecordings(40), settings);
-  SceneLoader loader(settings.model(), data.training, DrawItems(data.training, 8), 8, 1);
+  const SceneSource source(settings.model(), data.training, 1);
+  SceneLoader loader(settings.model(), source, DrawItems(data.training, 8), 8, 1);
   const SceneLoader::Batch batch = *loader.Next();
   const NoiseSource means = [](at::IntArrayRef shape) { return at::zeros(shape); };
   at::NoGradGuard no_grad;

@@ -13,6 +13,8 @@
 #include "model/inference/action_model.h"
 #include "model/learning/checkpoint.h"
 #include "model/learning/learner.h"
+#include "model/learning/phases/place.h"
+#include "model/learning/phases/pretrain.h"
 #include "model/learning/trainer.h"
 #include "model/learning/training_failure.h"
 #include "model/scene/rasterizer.h"
@@ -343,10 +345,10 @@ TEST_F(TrainingTest, PlacesComponentsOnTheEncodingsOfClusters) {
                        [] { return std::chrono::system_clock::time_point(); });
   Learner learner(
       settings, data, at::Device(at::kCPU), 1, [] { return false; }, progress);
-  ASSERT_TRUE(learner.Pretrain().ok());
-  ASSERT_TRUE(learner.PlaceMixture().ok());
+  ASSERT_TRUE(Pretrain(learner.state(), learner.loop()).ok());
+  ASSERT_TRUE(PlaceMixture(learner.state(), learner.loop()).ok());
   at::NoGradGuard no_grad;
-  Networks& networks = learner.networks();
+  Networks& networks = learner.state().networks;
   // Two speeds and three curvatures, straight on among them: each is near the mean trajectory of
   // some component, and the components' means are not all alike.
   const at::Tensor means = networks.Decode(networks.Mixture().mean);

@@ -1,0 +1,19 @@
+#ifndef MANEUVER_MODEL_LEARNING_PHASES_PLACE_H_
+#define MANEUVER_MODEL_LEARNING_PHASES_PLACE_H_
+
+#include "absl/status/status.h"
+#include "model/learning/phases/epoch_loop.h"
+#include "model/learning/phases/learning_state.h"
+
+namespace maneuver::learning {
+
+inline constexpr char kPlacePhase[] = "place";
+
+// Places the mixture p(z|y) as the settings say (mixture_placement.h). Of several placements, keeps
+// the one with the best held-out base bound after a few epochs. No checkpoint is written: a run that
+// is stopped here places again. Errors are those of EpochLoop::Run.
+absl::Status PlaceMixture(LearningState& state, EpochLoop& loop);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_PHASES_PLACE_H_

@@ -1,0 +1,38 @@
+// Phases that learn from trajectories alone.
+
+#ifndef MANEUVER_MODEL_LEARNING_PHASES_TRAJECTORY_PHASE_H_
+#define MANEUVER_MODEL_LEARNING_PHASES_TRAJECTORY_PHASE_H_
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "model/learning/phases/epoch_loop.h"
+#include "model/learning/phases/learning_state.h"
+
+namespace maneuver::learning {
+
+struct TrajectoryPhase {
+  std::string name;
+  int epochs = 0;
+  bool resumable = true;  // as in PhasePlan
+  // Parts that learn, all at the settings' learning rate.
+  std::vector<Networks::Part> parts;
+  // Returns the loss of varied trajectories, [B, 2T]; adds its terms to `means`.
+  std::function<at::Tensor(const at::Tensor& trajectories, const Moment& moment, TermMeans* means)>
+      loss;
+  // Whether the model has a mixture by now, which held-out trajectories are then validated with.
+  bool has_mixture = false;
+  // Called with each epoch's report. May be empty.
+  std::function<void(const v1::EpochReport& report)> report;
+};
+
+// Learns on one thread: it has done a batch before a second thread has woken, and on a busy machine
+// threads that wait for each other cost several times the work. Errors are those of EpochLoop::Run.
+absl::Status LearnFromTrajectories(const TrajectoryPhase& phase, LearningState& state,
+                                   EpochLoop& loop);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_PHASES_TRAJECTORY_PHASE_H_
