@@ -85,9 +85,10 @@ int main(int argc, char** argv) {
   app.footer(kFooter);
   app.set_version_flag("--version", MANEUVER_VERSION);
   app.require_subcommand(1);
+  app.fallthrough();  // --kernels may stand behind the command
   std::string kernel_choice = "auto";
   app.add_option("--kernels", kernel_choice,
-                 "Vector code, before the command; auto: the processor's best; plain: none, slow")
+                 "Vector code; auto: the processor's best; plain: none, slow")
       ->check(CLI::IsMember({"auto", "plain"}))
       ->envname("MANEUVER_KERNELS")
       ->capture_default_str();
