@@ -86,6 +86,10 @@ inline constexpr ReasonEntry kReasons[] = {
     {"MAP_NOT_REGISTERED", "FAILED_PRECONDITION",
      "the server does not hold the map in the metadata's `map_id`, or no longer",
      "register it with RegisterMap and repeat the request"},
+    {"ACTION_NAME_GONE", "FAILED_PRECONDITION",
+     "no action of the version bears one of the required_action_names: the metadata's "
+     "`action_name_0`, `action_name_1` and so on",
+     "ask `model_version` for its actions, and count on names that it has; or label one"},
     {"MAP_TOO_LARGE", "RESOURCE_EXHAUSTED", "the map takes more memory than all maps together may",
      "register the surroundings of the road that is driven alone"},
 

@@ -82,8 +82,10 @@ grpc::ServerUnaryReactor* PredictionService::PredictActionProbabilities(
                                {.model = &request->model(),
                                 .scenarios = &request->scenarios(),
                                 .priority = request->priority(),
+                                .required_action_names = &request->required_action_names(),
                                 .bytes = Bytes(*request),
                                 .model_version = response->mutable_model_version(),
+                                .action_names = NamesIfWanted(*request, response),
                                 .predictions = response->mutable_predictions()});
 }
 
@@ -96,9 +98,11 @@ grpc::ServerUnaryReactor* PredictionService::PredictActionDistributions(
                                 .query = &request->query(),
                                 .probabilities = false,
                                 .priority = request->priority(),
+                                .required_action_names = &request->required_action_names(),
                                 .bytes = Bytes(*request),
                                 .model_version = response->mutable_model_version(),
                                 .waypoint_times = response->mutable_waypoint_times(),
+                                .action_names = NamesIfWanted(*request, response),
                                 .predictions = response->mutable_predictions()});
 }
 
@@ -115,8 +119,10 @@ grpc::ServerUnaryReactor* PredictionService::ClassifyTrajectories(
                                {.model = &request->model(),
                                 .scenarios = &request->scenarios(),
                                 .priority = request->priority(),
+                                .required_action_names = &request->required_action_names(),
                                 .bytes = Bytes(*request),
                                 .model_version = response->mutable_model_version(),
+                                .action_names = NamesIfWanted(*request, response),
                                 .classifications = response->mutable_classifications()});
 }
 

@@ -5,6 +5,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_cost.h"
 #include "model/artifact/model_folder.h"
+#include "model/evaluation/action_names.h"
 #include "server/errors/error_details.h"
 #include "server/serving/model_registry.h"
 
@@ -48,6 +49,7 @@ absl::StatusOr<v1::ModelVersion> ModelRegistry::Describe(const ModelVersionName&
                               "MODEL_DAMAGED", {{"model_version", name.ToString()}});
   }
   *version.mutable_cost() = artifact::CountCost(manifest->spec());
+  evaluation::CompleteActionNames(*manifest);
   *version.mutable_manifest() = *std::move(manifest);
   const auto since_epoch = std::chrono::duration_cast<std::chrono::nanoseconds>(
                                folders_.CreateTime(name).time_since_epoch())
@@ -72,10 +74,15 @@ absl::StatusOr<v1::Action> ModelRegistry::LabelAction(const ModelVersionName& na
         absl::StrCat(name.ToString(), " has the actions 0 to ", manifest.actions_size() - 1));
   }
   action->set_label(label);
+  evaluation::CompleteActionNames(manifest);
   v1::Action labelled = *action;
   if (auto status = artifact::RewriteModelManifest(folders_.FolderOf(name), manifest);
       !status.ok()) {
     return status;
+  }
+  const std::lock_guard lock(mutex_);
+  if (const auto resident = resident_.find(name); resident != resident_.end()) {
+    resident->second.handle->SetActionNames(evaluation::DisplayNames(manifest));
   }
   return labelled;
 }
