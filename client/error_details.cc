@@ -1,6 +1,7 @@
 #include "client/error_details.h"
 
 #include "absl/strings/cord.h"
+#include "absl/strings/str_cat.h"
 
 namespace maneuver::client {
 namespace {
@@ -18,6 +19,9 @@ void Read(std::string_view type_url, const std::string& value, ErrorDetails* det
     if (!info.ParseFromString(value)) return;
     details->reason = info.reason();
     details->metadata.insert(info.metadata().begin(), info.metadata().end());
+    for (int i = 0; info.metadata().contains(absl::StrCat("action_name_", i)); ++i) {
+      details->missing_action_names.push_back(details->metadata[absl::StrCat("action_name_", i)]);
+    }
   } else if (type_url == kBadRequest) {
     v1::BadRequest bad;
     if (!bad.ParseFromString(value)) return;

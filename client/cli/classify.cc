@@ -6,6 +6,7 @@
 #include <ostream>
 
 #include "absl/strings/str_cat.h"
+#include "client/cli/action_titles.h"
 #include "client/cli/commands.h"
 #include "client/cli/priority_option.h"
 #include "client/cli/resource_names.h"
@@ -21,6 +22,7 @@ struct ClassifyArguments {
   std::string model;
   std::optional<double> deadline;
   std::string priority = "interactive";
+  std::vector<std::string> required_names;
 };
 
 int Classify(const ClassifyArguments& arguments, Environment& environment) {
@@ -29,6 +31,9 @@ int Classify(const ClassifyArguments& arguments, Environment& environment) {
   v1::ClassifyTrajectoriesRequest request;
   request.set_model(ModelResource(arguments.model));
   request.set_priority(PriorityNamed(arguments.priority));
+  request.set_include_action_names(true);
+  request.mutable_required_action_names()->Add(arguments.required_names.begin(),
+                                               arguments.required_names.end());
   request.mutable_scenarios()->Add(scenarios->begin(), scenarios->end());
   client::CallOptions call = environment.call_options();
   if (arguments.deadline) call.timeout = absl::Milliseconds(*arguments.deadline);
@@ -40,6 +45,7 @@ int Classify(const ClassifyArguments& arguments, Environment& environment) {
   Table table({{"SCENARIO"},
                {"TARGET", Align::kRight},
                {"ACTION", Align::kRight},
+               {"NAME"},
                {"q(y|x,s)", Align::kRight},
                {"p(y|s)", Align::kRight},
                {"BOUND, nats", Align::kRight}});
@@ -66,7 +72,7 @@ int Classify(const ClassifyArguments& arguments, Environment& environment) {
         if (!first && target.responsibilities(id) < kWorthShowing) break;
         table.Add({first ? scenario.scenario_id() : "",
                    first ? absl::StrCat(target.target_id()) : "", absl::StrCat(id),
-                   Share(target.responsibilities(id)),
+                   TitleOf(answer->action_names(), id), Share(target.responsibilities(id)),
                    id < target.probabilities_size() ? Share(target.probabilities(id)) : "-",
                    first ? Fixed(target.log_likelihood_bound(), 2) : ""});
       }
@@ -92,6 +98,7 @@ void AddClassify(Command& root, Environment& environment) {
       "town (the version that serves), town/2 or town@candidate [the only one that serves]");
   command.Option("--deadline", &arguments->deadline, 1.0, 1e7, "Most milliseconds for the answer");
   AddPriorityOption(command, &arguments->priority);
+  AddRequireNameOption(command, &arguments->required_names);
   command.Run([arguments, &environment] { return Classify(*arguments, environment); });
 }
 

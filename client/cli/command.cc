@@ -170,6 +170,11 @@ void Command::Option(const std::string& flags, std::vector<std::string>* values,
   app_->add_option(flags, *values, help)->required(required);
 }
 
+void Command::OptionPerValue(const std::string& flags, std::vector<std::string>* values,
+                             const std::string& help) {
+  app_->add_option(flags, *values, help)->allow_extra_args(false);
+}
+
 void Command::Option(const std::string& flags, std::vector<int64_t>* values,
                      const std::string& help) {
   app_->add_option(flags, *values, help)->delimiter(',')->type_name("NUMBER");

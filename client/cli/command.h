@@ -61,6 +61,9 @@ class Command {
   // May be given many times, and take several values each time.
   void Option(const std::string& flags, std::vector<std::string>* values, const std::string& help,
               bool required = false);
+  // May be given many times, with one value each time.
+  void OptionPerValue(const std::string& flags, std::vector<std::string>* values,
+                      const std::string& help);
   // Several numbers, separated by commas or spaces.
   void Option(const std::string& flags, std::vector<int64_t>* values, const std::string& help);
   void Choice(const std::string& flags, std::string* value, const std::vector<std::string>& choices,

@@ -2,11 +2,9 @@
 
 #include <unistd.h>
 
-#include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <filesystem>
-#include <map>
 #include <ostream>
 #include <set>
 #include <system_error>
@@ -75,9 +73,8 @@ class Figures {
     auto actions = environment_.server_client().GetActionSet(request, environment_.call_options());
     if (!actions.ok()) return environment_.Fail(actions.status());
     actions_ = *std::move(actions);
-    Save("actions", actions_.has_speed()
-                        ? DrawGallery(report_.model_version(), {.names = Names()}, environment_)
-                        : plot::DrawActionSet(actions_, {.names = Names()}));
+    Save("actions", actions_.has_speed() ? DrawGallery(report_.model_version(), {}, environment_)
+                                         : plot::DrawActionSet(actions_, {}));
     Save("action-means", plot::DrawActionMeans(actions_, report_));
     Save("reliability", plot::DrawReliability(report_));
     for (const auto& [name, example] : ChooseScenes(report_)) Save(name, DrawScene(*example));
@@ -125,27 +122,14 @@ class Figures {
     plot::ScenePlotOptions options;
     options.frame = v1::FRAME_TARGET;
     options.model_version = report_.model_version();
-    options.labels = Names();
+    for (const v1::Action& action : actions_.actions()) {
+      options.labels[action.action_id()] = action.display_name();
+    }
     if (!posterior->waypoint_times().empty()) {
       options.horizon = *posterior->waypoint_times().rbegin();
     }
     return plot::DrawGenericAndPosterior(*scenario, generic->predictions(0),
                                          posterior->predictions(0), options);
-  }
-
-  // Labels of the actions, or what they were mostly used for.
-  std::map<int, std::string> Names() const {
-    std::map<int, std::string> names;
-    for (const v1::Action& action : actions_.actions()) {
-      const int id = action.action_id();
-      std::string name = action.label();
-      if (name.empty() && id < report_.action_uses_size()) {
-        name = report_.action_uses(id).kinematic_class();
-        std::replace(name.begin(), name.end(), '_', ' ');
-      }
-      names[id] = name;
-    }
-    return names;
   }
 
   const v1::EvaluationReport& report_;

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "client/cli/action_titles.h"
 #include "client/cli/commands.h"
 #include "client/cli/figures.h"
 #include "client/cli/job_display.h"
@@ -154,7 +155,10 @@ int ShowJob(const std::string& name, const std::optional<std::string>& figures,
     environment.out << "\n" << PromotionText(*job, environment.color);
   }
   if (job->evaluation().metrics_size() > 0) {
-    environment.out << "\n" << evaluation::ReportText(job->evaluation(), environment.color);
+    environment.out << "\n"
+                    << evaluation::ReportText(
+                           job->evaluation(), environment.color,
+                           FetchActionNames(job->evaluation().model_version(), environment));
   }
   if (job->has_cross_validation()) {
     environment.out << "\n"

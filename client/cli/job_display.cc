@@ -4,6 +4,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "client/cli/action_titles.h"
 #include "client/cli/command.h"
 #include "client/cli/comparison_text.h"
 #include "client/cli/interrupt.h"
@@ -180,7 +181,9 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
     environment.out << ShortName(job.evaluation().model_version()) << " on "
                     << ShortName(job.evaluation().dataset()) << ", " << job.evaluation().examples()
                     << " examples, in " << Spell(took) << "\n\n"
-                    << evaluation::ReportText(job.evaluation(), environment.color);
+                    << evaluation::ReportText(
+                           job.evaluation(), environment.color,
+                           FetchActionNames(job.evaluation().model_version(), environment));
     return kOk;
   }
   if (job.has_cross_validate()) {

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "client/cli/action_gallery.h"
+#include "client/cli/action_titles.h"
 #include "client/cli/commands.h"
 #include "client/cli/job_display.h"
 #include "client/cli/json_files.h"
@@ -181,14 +182,14 @@ int Actions(const ModelArguments& arguments, Environment& environment) {
     environment.PrintJson(*set);
     return kOk;
   }
-  Table table({{"ACTION", Align::kRight}, {"LABEL"}, {"USAGE", Align::kRight}, {"MEAN ENDS"}});
+  Table table({{"ACTION", Align::kRight}, {"NAME"}, {"USAGE", Align::kRight}, {"MEAN ENDS"}});
   int left_out = 0;
   for (const v1::Action& action : set->actions()) {
     if (!action.effective() && !arguments.all) {
       ++left_out;
       continue;
     }
-    table.Add({absl::StrCat(action.action_id()), action.label(), Share(action.usage()),
+    table.Add({absl::StrCat(action.action_id()), action.display_name(), Share(action.usage()),
                Ends(action.distribution().mean_trajectory())});
   }
   environment.out << table.Text(environment.color);
@@ -226,6 +227,23 @@ int DeleteModel(const std::string& name, Environment& environment) {
   return kOk;
 }
 
+absl::StatusOr<v1::ModelVersion> Version(const std::string& name, Environment& environment) {
+  v1::GetModelVersionRequest request;
+  request.set_name(name);
+  return environment.server_client().GetModelVersion(request, environment.call_options());
+}
+
+// Says which action of the version before is which of the version after, for callers that go by
+// ids. Says nothing if it is the same version, or cannot be had: the alias has moved all the same.
+void PrintMovedActions(const v1::ModelVersion& before, const std::string& after,
+                       Environment& environment) {
+  if (before.name() == after) return;
+  const auto version = Version(after, environment);
+  if (!version.ok()) return;
+  environment.out << "\nWhat its actions are now:\n\n"
+                  << ActionMappingText(before, *version, environment.color);
+}
+
 int Promote(const ModelArguments& arguments, Environment& environment) {
   const std::string version = ModelResource(arguments.model);
   if (!IsVersion(version)) return RefuseModel("promote", arguments.model, environment);
@@ -243,13 +261,17 @@ int Promote(const ModelArguments& arguments, Environment& environment) {
         "--ahead-of and --not-behind need --dataset, which names the evaluation to check");
   }
   if (arguments.dataset) request.set_dataset(DatasetResource(*arguments.dataset));
+  const auto before =
+      Version(absl::StrCat(version.substr(0, version.find("/versions/")), "@", arguments.alias),
+              environment);
   const auto alias = environment.server_client().SetModelAlias(request, environment.call_options());
   if (!alias.ok()) return environment.Fail(alias.status());
   if (environment.json()) {
     environment.PrintJson(*alias);
-  } else {
-    environment.out << alias->name() << " is now " << alias->model_version() << "\n";
+    return kOk;
   }
+  environment.out << alias->name() << " is now " << alias->model_version() << "\n";
+  if (before.ok()) PrintMovedActions(*before, alias->model_version(), environment);
   return kOk;
 }
 

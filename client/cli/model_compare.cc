@@ -11,6 +11,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "client/cli/action_titles.h"
 #include "client/cli/comparison_text.h"
 #include "client/cli/resource_names.h"
 #include "model/evaluation/report_comparison.h"
@@ -99,6 +100,22 @@ absl::StatusOr<v1::EvaluationComparison> Compared(const CompareArguments& argume
                    HowToEvaluate(arguments.candidate, baseline.dataset())));
 }
 
+int PrintActionMapping(const std::string& baseline, const std::string& candidate,
+                       Environment& environment) {
+  v1::GetModelVersionRequest request;
+  request.set_name(baseline);
+  const auto before =
+      environment.server_client().GetModelVersion(request, environment.call_options());
+  if (!before.ok()) return environment.Fail(before.status());
+  request.set_name(candidate);
+  const auto after =
+      environment.server_client().GetModelVersion(request, environment.call_options());
+  if (!after.ok()) return environment.Fail(after.status());
+  environment.out << "\nWhich action is which:\n\n"
+                  << ActionMappingText(*before, *after, environment.color);
+  return kOk;
+}
+
 int Compare(const CompareArguments& arguments, Environment& environment) {
   const auto baselines = ListReports(ModelResource(arguments.baseline), environment);
   if (!baselines.ok()) return environment.Fail(baselines.status());
@@ -122,7 +139,7 @@ int Compare(const CompareArguments& arguments, Environment& environment) {
                   << " examples\n\n"
                   << ComparisonText(*comparison, environment.color);
   if (arguments.strata) environment.out << "\n" << StrataText(*comparison, environment.color);
-  return kOk;
+  return PrintActionMapping(comparison->baseline(), comparison->candidate(), environment);
 }
 
 }  // namespace

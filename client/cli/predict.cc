@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <memory>
 #include <ostream>
 
 #include "absl/strings/str_cat.h"
+#include "client/cli/action_titles.h"
 #include "client/cli/commands.h"
 #include "client/cli/json_files.h"
 #include "client/cli/priority_option.h"
@@ -31,6 +31,7 @@ struct PredictArguments {
   std::string frame = "world";
   std::optional<double> deadline;
   std::string priority = "interactive";
+  std::vector<std::string> required_names;
   std::optional<std::string> plot;
   bool paths = false;
   double at_least = 0.02;
@@ -64,24 +65,6 @@ client::CallOptions Options(const PredictArguments& arguments, Environment& envi
   return call;
 }
 
-// Labels that people gave to actions; none if they cannot be had.
-std::map<int, std::string> Labels(const std::string& model_version, Environment& environment) {
-  std::map<int, std::string> labels;
-  v1::GetActionSetRequest request;
-  request.set_name(model_version);
-  const auto set = environment.server_client().GetActionSet(request, environment.call_options());
-  if (!set.ok()) return labels;
-  for (const v1::Action& action : set->actions()) {
-    if (!action.label().empty()) labels[action.action_id()] = action.label();
-  }
-  return labels;
-}
-
-std::string LabelOf(const std::map<int, std::string>& labels, int action_id) {
-  const auto label = labels.find(action_id);
-  return label == labels.end() ? "" : label->second;
-}
-
 // Reports refused scenarios and targets. True if there was none.
 bool ReportErrors(const Predictions& predictions, Environment& environment) {
   bool all_answered = true;
@@ -100,12 +83,12 @@ bool ReportErrors(const Predictions& predictions, Environment& environment) {
   return all_answered;
 }
 
-void PrintProbabilities(const Predictions& predictions, double at_least,
-                        const std::map<int, std::string>& labels, Environment& environment) {
+void PrintProbabilities(const Predictions& predictions, double at_least, const ActionTitles& titles,
+                        Environment& environment) {
   Table table({{"SCENARIO"},
                {"TARGET", Align::kRight},
                {"ACTION", Align::kRight},
-               {"LABEL"},
+               {"NAME"},
                {"PROBABILITY", Align::kRight}});
   for (const v1::ScenarioPrediction& prediction : predictions) {
     for (const v1::TargetPrediction& target : prediction.targets()) {
@@ -125,7 +108,7 @@ void PrintProbabilities(const Predictions& predictions, double at_least,
         const bool first = id == order.front();
         table.Add({first ? prediction.scenario_id() : "",
                    first ? absl::StrCat(target.target_id()) : "", absl::StrCat(id),
-                   LabelOf(labels, id), Share(target.probabilities(id))});
+                   TitleOf(titles, id), Share(target.probabilities(id))});
       }
       const auto others = static_cast<size_t>(target.probabilities_size()) - order.size();
       if (others > 0) table.Add({"", "", "others", absl::StrCat(others, " of them"), Share(rest)});
@@ -147,12 +130,12 @@ std::string EndTitle(double horizon, const std::string& frame) {
 
 // Actions that cover the mixture, the medoid first, with the probability that each stands for.
 void PrintRepresentatives(const Predictions& predictions, double horizon, const std::string& frame,
-                          const std::map<int, std::string>& labels, Environment& environment) {
+                          const ActionTitles& titles, Environment& environment) {
   Table table({{"SCENARIO"},
                {"TARGET", Align::kRight},
                {"REPRESENTATIVE", Align::kRight},
                {"ACTION", Align::kRight},
-               {"LABEL"},
+               {"NAME"},
                {"WEIGHT", Align::kRight},
                {EndTitle(horizon, frame), Align::kRight}});
   for (const v1::ScenarioPrediction& prediction : predictions) {
@@ -165,7 +148,7 @@ void PrintRepresentatives(const Predictions& predictions, double horizon, const 
         table.Add({i == 0 ? prediction.scenario_id() : "",
                    i == 0 ? absl::StrCat(target.target_id()) : "",
                    i == 0 ? "1 (medoid)" : absl::StrCat(i + 1), absl::StrCat(action),
-                   LabelOf(labels, action), Share(representative.weight()),
+                   TitleOf(titles, action), Share(representative.weight()),
                    described == target.distributions().end() ? "-" : EndOf(*described)});
       }
     }
@@ -175,11 +158,11 @@ void PrintRepresentatives(const Predictions& predictions, double horizon, const 
 
 // The mean trajectory at the last waypoint and how far one standard deviation reaches there.
 void PrintDistributions(const Predictions& predictions, double horizon, const std::string& frame,
-                        const std::map<int, std::string>& labels, Environment& environment) {
+                        const ActionTitles& titles, Environment& environment) {
   Table table({{"SCENARIO"},
                {"TARGET", Align::kRight},
                {"ACTION", Align::kRight},
-               {"LABEL"},
+               {"NAME"},
                {"PROBABILITY", Align::kRight},
                {EndTitle(horizon, frame), Align::kRight},
                {"STDDEV x, y", Align::kRight}});
@@ -192,7 +175,7 @@ void PrintDistributions(const Predictions& predictions, double horizon, const st
             !moments.covariance_xx().empty() && !moments.covariance_yy().empty();
         table.Add({i == 0 ? prediction.scenario_id() : "",
                    i == 0 ? absl::StrCat(target.target_id()) : "", absl::StrCat(action.action_id()),
-                   LabelOf(labels, action.action_id()), Share(action.probability()), EndOf(action),
+                   TitleOf(titles, action.action_id()), Share(action.probability()), EndOf(action),
                    has_moments
                        ? absl::StrCat(Fixed(std::sqrt(*moments.covariance_xx().rbegin()), 1), ", ",
                                       Fixed(std::sqrt(*moments.covariance_yy().rbegin()), 1), " m")
@@ -216,7 +199,7 @@ std::string PictureFile(const std::string& file, int index, size_t count) {
 // Draws each scenario that was answered. True if all went well.
 bool DrawAll(const std::vector<v1::Scenario>& scenarios, const Predictions& predictions,
              double horizon, const std::string& model_version, const PredictArguments& arguments,
-             const std::map<int, std::string>& labels, Environment& environment) {
+             const ActionTitles& titles, Environment& environment) {
   plot::ScenePlotOptions options;
   options.min_probability = !arguments.actions.empty() || arguments.top_k
                                 ? 0.0
@@ -225,7 +208,7 @@ bool DrawAll(const std::vector<v1::Scenario>& scenarios, const Predictions& pred
   options.horizon = horizon;
   options.lane_paths = arguments.paths;
   options.model_version = model_version;
-  options.labels = labels;
+  for (int id = 0; id < titles.size(); ++id) options.labels[id] = titles[id];
   bool all_drawn = true;
   for (const v1::ScenarioPrediction& prediction : predictions) {
     if (prediction.has_error()) continue;
@@ -251,6 +234,9 @@ Request MakeRequest(const PredictArguments& arguments, const std::vector<v1::Sce
   Request request;
   request.set_model(ModelResource(arguments.model));
   request.set_priority(PriorityNamed(arguments.priority));
+  request.set_include_action_names(true);
+  request.mutable_required_action_names()->Add(arguments.required_names.begin(),
+                                               arguments.required_names.end());
   for (const v1::Scenario& scenario : scenarios) {
     v1::Scenario* observed = request.add_scenarios();
     *observed = scenario;
@@ -269,8 +255,8 @@ int Probability(const PredictArguments& arguments, Environment& environment) {
   if (environment.json()) {
     environment.PrintJson(*answer);
   } else {
-    PrintProbabilities(answer->predictions(), arguments.at_least,
-                       Labels(answer->model_version(), environment), environment);
+    PrintProbabilities(answer->predictions(), arguments.at_least, answer->action_names(),
+                       environment);
   }
   return ReportErrors(answer->predictions(), environment) ? kOk : kFailed;
 }
@@ -280,21 +266,21 @@ template <typename Answer>
 int Finish(const PredictArguments& arguments, const std::vector<v1::Scenario>& scenarios,
            const Answer& answer, Environment& environment) {
   const double horizon = answer.waypoint_times().empty() ? 0.0 : *answer.waypoint_times().rbegin();
-  std::map<int, std::string> labels;
-  if (!environment.json() || arguments.plot) labels = Labels(answer.model_version(), environment);
   if (environment.json()) {
     environment.PrintJson(answer);
   } else {
-    PrintDistributions(answer.predictions(), horizon, arguments.frame, labels, environment);
+    PrintDistributions(answer.predictions(), horizon, arguments.frame, answer.action_names(),
+                       environment);
     if (arguments.representatives) {
       environment.out << "\n";
-      PrintRepresentatives(answer.predictions(), horizon, arguments.frame, labels, environment);
+      PrintRepresentatives(answer.predictions(), horizon, arguments.frame, answer.action_names(),
+                           environment);
     }
   }
   bool all_well = ReportErrors(answer.predictions(), environment);
   if (arguments.plot) {
     all_well &= DrawAll(scenarios, answer.predictions(), horizon, answer.model_version(), arguments,
-                        labels, environment);
+                        answer.action_names(), environment);
   }
   return all_well ? kOk : kFailed;
 }
@@ -318,8 +304,8 @@ int Predict(const PredictArguments& arguments, Environment& environment) {
   const auto answer = environment.server_client().Predict(request, Options(arguments, environment));
   if (!answer.ok()) return environment.Fail(answer.status());
   if (!environment.json()) {
-    PrintProbabilities(answer->predictions(), arguments.at_least,
-                       Labels(answer->model_version(), environment), environment);
+    PrintProbabilities(answer->predictions(), arguments.at_least, answer->action_names(),
+                       environment);
     environment.out << "\n";
   }
   return Finish(arguments, *scenarios, *answer, environment);
@@ -332,6 +318,7 @@ void AddCommonOptions(Command& command, PredictArguments* arguments) {
       "town (the version that serves), town/2 or town@candidate [the only one that serves]");
   command.Option("--deadline", &arguments->deadline, 1.0, 1e7, "Most milliseconds for the answer");
   AddPriorityOption(command, &arguments->priority);
+  AddRequireNameOption(command, &arguments->required_names);
 }
 
 void AddQueryOptions(Command& command, PredictArguments* arguments) {
@@ -359,12 +346,14 @@ void AddQueryOptions(Command& command, PredictArguments* arguments) {
 
 void AddPredict(Command& root, Environment& environment) {
   const auto arguments = std::make_shared<PredictArguments>();
-  Command probability = root.Add("probability", "How probable is each action?",
-                                 "p(y|s) for each target of each scene, most probable first. A "
-                                 "scene or target that is refused\n"
-                                 "is reported; the others are answered, and the exit status is 1.\n"
-                                 "Example: maneuver scenario extract town town-1-0 -o scene.json\n"
-                                 "         maneuver probability scene.json --model town");
+  Command probability =
+      root.Add("probability", "How probable is each action?",
+               "p(y|s) for each target of each scene, most probable first. A "
+               "scene or target that is refused\n"
+               "is reported; the others are answered, and the exit status is 1.\n"
+               "Example: maneuver scenario extract town town-1-0 -o scene.json\n"
+               "         maneuver probability scene.json --model town\n"
+               "         maneuver probability scene.json --require-name \"brake hard\"");
   AddCommonOptions(probability, arguments.get());
   probability.Option("--at-least", &arguments->at_least, 0.0, 1.0,
                      "Sum up less probable actions in one line");

@@ -16,8 +16,9 @@ namespace maneuver::plot {
 namespace {
 
 constexpr double kGalleryHeader = 74.0;   // pixels over the panels
-constexpr double kGalleryLegend = 250.0;  // pixels at the right
-constexpr double kLeastMetres = 4.0;      // that a panel shows along each axis
+constexpr double kGalleryLegend = 250.0;  // pixels at the right, at least
+constexpr double kGalleryLetters = 9.0;
+constexpr double kLeastMetres = 4.0;  // that a panel shows along each axis
 
 // An action in one panel.
 struct GalleryLine {
@@ -125,10 +126,18 @@ void DrawPanel(const std::vector<GalleryLine>& lines, double speed, double horiz
                Anchor::kLeft, true);
 }
 
+// As wide as the longest name asks for, but never more than a third of the picture.
+double GalleryLegendWidth(const std::vector<const v1::Action*>& actions, double picture) {
+  double longest = 0.0;
+  for (const v1::Action* action : actions) {
+    longest = std::max(longest, Canvas::TextWidth(action->display_name(), kGalleryLetters));
+  }
+  return std::clamp(longest + 150.0, kGalleryLegend, std::max(kGalleryLegend, picture / 3.0));
+}
+
 void DrawGalleryLegend(const std::vector<const v1::Action*>& actions,
-                       const std::map<int, Color>& colors, const std::map<int, std::string>& names,
-                       const Box& box, Canvas* canvas) {
-  constexpr double kLetters = 9.0;
+                       const std::map<int, Color>& colors, const Box& box, Canvas* canvas) {
+  constexpr double kLetters = kGalleryLetters;
   const double row = std::min(22.0, box.height / static_cast<double>(actions.size() + 1));
   double y = box.top + row / 2.0;
   canvas->Text("action", {box.left, y + kLetters / 2.0}, 8.5, kFaintInk);
@@ -139,10 +148,7 @@ void DrawGalleryLegend(const std::vector<const v1::Action*>& actions,
     canvas->Stroke({{box.left, y}, {box.left + 20.0, y}}, colors.at(action->action_id()), 3.0);
     canvas->Text(absl::StrCat(action->action_id()), {box.left + 46.0, baseline}, kLetters, kInk,
                  Anchor::kRight, true);
-    const auto name = names.find(action->action_id());
-    const bool named = action->label().empty() && name != names.end();
-    canvas->Text(named ? name->second : action->label(), {box.left + 56.0, baseline}, kLetters,
-                 kInk);
+    canvas->Text(action->display_name(), {box.left + 56.0, baseline}, kLetters, kInk);
     canvas->Text(absl::StrFormat("%.1f %%", 100.0 * action->usage()), {box.right(), baseline},
                  kLetters, kFaintInk, Anchor::kRight);
   }
@@ -176,18 +182,17 @@ absl::StatusOr<std::string> PaintActionGallery(std::span<const v1::ActionSet> se
       "generic mean of each action for a target that drives straight on at the speed of the "
       "panel; dashed: it keeps its speed",
       {20.0, 56.0}, 10.0, kFaintInk);
-  const Box panels{0.0, kGalleryHeader, options.width - kGalleryLegend,
-                   options.height - kGalleryHeader};
+  const double legend = GalleryLegendWidth(shown, options.width);
+  const Box panels{0.0, kGalleryHeader, options.width - legend, options.height - kGalleryHeader};
   const GridShape grid = ShapeOf(static_cast<int>(sets.size()));
   for (size_t i = 0; i < sets.size(); ++i) {
     const auto lines = LinesOf(sets[i], colors);
     if (!lines.ok()) return lines.status();
     DrawPanel(*lines, sets[i].speed(), horizon, CellOf(grid, static_cast<int>(i), panels), &canvas);
   }
-  DrawGalleryLegend(
-      shown, colors, options.names,
-      {panels.right() + 10.0, panels.top + 30.0, kGalleryLegend - 30.0, panels.height - 60.0},
-      &canvas);
+  DrawGalleryLegend(shown, colors,
+                    {panels.right() + 10.0, panels.top + 30.0, legend - 30.0, panels.height - 60.0},
+                    &canvas);
   return canvas.EncodePng();
 }
 

@@ -3,7 +3,6 @@
 #ifndef MANEUVER_CLIENT_PLOT_ACTION_GALLERY_PLOT_H_
 #define MANEUVER_CLIENT_PLOT_ACTION_GALLERY_PLOT_H_
 
-#include <map>
 #include <span>
 #include <string>
 
@@ -17,7 +16,6 @@ struct ActionGalleryOptions {
   int height = 1000;  // pixels
   // Actions that are not effective as well.
   bool all = false;
-  std::map<int, std::string> names = {};  // of actions that have no label, by id
 };
 
 // Draws one panel for each set: the mean trajectories of its actions, each in one colour and with

@@ -16,16 +16,16 @@
 namespace maneuver::plot {
 namespace {
 
-constexpr int kMeansWidth = 1500;
-constexpr double kLegend = 300.0;  // pixels at the right
+constexpr int kMeansWidth = 1630;
+constexpr double kLegend = 430.0;  // pixels at the right
 constexpr double kMeansHeader = 74.0;
 
 using MeansPoints = std::vector<Pixel>;  // metres, from the origin on
 
 struct DrawnAction {
   const v1::Action* action;
-  double share;      // mean p(y|s)
-  std::string name;  // label or class
+  double share;  // mean p(y|s)
+  std::string name;
   int examples = 0;  // among the sampled
   MeansPoints mean;
   Color color;
@@ -89,12 +89,10 @@ absl::StatusOr<std::vector<DrawnAction>> ActionsOf(const v1::ActionSet& set,
     const bool used = id < report.action_uses_size();
     DrawnAction drawn{&action,
                       used ? report.action_uses(id).probability() : action.usage(),
-                      action.label(),
+                      action.display_name(),
                       examples[id],
                       {},
                       {}};
-    if (drawn.name.empty() && used) drawn.name = report.action_uses(id).kinematic_class();
-    std::replace(drawn.name.begin(), drawn.name.end(), '_', ' ');
     absl::Status status = Read(action.distribution().mean_trajectory(), &drawn.mean);
     if (!status.ok()) return status;
     actions.push_back(std::move(drawn));
@@ -154,8 +152,7 @@ void DrawLegend(const std::vector<DrawnAction>& actions, const Box& box, Canvas*
     canvas->Stroke({{box.left, y}, {box.left + 20.0, y}}, action.color, 3.4);
     canvas->Text(absl::StrCat(action.action->action_id()), {box.left + 48.0, baseline}, kLetters,
                  kInk, Anchor::kRight, true);
-    canvas->Text(action.name.empty() ? "no example" : action.name, {box.left + 60.0, baseline},
-                 kLetters, action.name.empty() ? kFaintInk : kInk);
+    canvas->Text(action.name, {box.left + 60.0, baseline}, kLetters, kInk);
     canvas->Text(absl::StrFormat("%.1f %%", 100.0 * action.share), {box.right(), baseline},
                  kLetters, kFaintInk, Anchor::kRight);
   }

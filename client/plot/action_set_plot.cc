@@ -43,8 +43,7 @@ Line ToPixels(const Axes& axes, const Points& points) {
   return line;
 }
 
-absl::Status DrawAction(const v1::Action& action, const std::string& name, const Box& cell,
-                        Canvas* canvas) {
+absl::Status DrawAction(const v1::Action& action, const Box& cell, Canvas* canvas) {
   Points mean;
   absl::Status status = Read(action.distribution().mean_trajectory(), action.action_id(), &mean);
   if (!status.ok()) return status;
@@ -88,9 +87,14 @@ absl::Status DrawAction(const v1::Action& action, const std::string& name, const
   const double baseline = cell.top + 24.0;
   canvas->Text(id, {box.left, baseline}, 12.0, action.effective() ? kInk : kFaintInk, Anchor::kLeft,
                true);
-  canvas->Text(name, {box.left + Canvas::TextWidth(id, 12.0, true) + 10.0, baseline}, 10.0, kInk);
-  canvas->Text(absl::StrFormat("%.1f %%", 100.0 * action.usage()), {box.right(), baseline}, 10.0,
-               kFaintInk, Anchor::kRight);
+  const std::string usage = absl::StrFormat("%.1f %%", 100.0 * action.usage());
+  canvas->Text(usage, {box.right(), baseline}, 10.0, kFaintInk, Anchor::kRight);
+  // A long name has smaller letters, so that it ends before the usage.
+  const double left = box.left + Canvas::TextWidth(id, 12.0, true) + 10.0;
+  const double room = box.right() - Canvas::TextWidth(usage, 10.0) - 12.0 - left;
+  const double width = Canvas::TextWidth(action.display_name(), 10.0);
+  canvas->Text(action.display_name(), {left, baseline}, 10.0 * std::clamp(room / width, 0.5, 1.0),
+               kInk);
   return absl::OkStatus();
 }
 
@@ -177,10 +181,7 @@ absl::StatusOr<std::string> PaintActionSet(const v1::ActionSet& actions,
   key.Draw(&canvas);
   const Box whole{0.0, header, static_cast<double>(width), height - header - 6.0};
   for (size_t i = 0; i < shown.size(); ++i) {
-    const auto name = options.names.find(shown[i]->action_id());
-    const bool named = shown[i]->label().empty() && name != options.names.end();
-    status = DrawAction(*shown[i], named ? name->second : shown[i]->label(),
-                        CellOf(grid, static_cast<int>(i), whole), &canvas);
+    status = DrawAction(*shown[i], CellOf(grid, static_cast<int>(i), whole), &canvas);
     if (!status.ok()) return status;
   }
   return canvas.EncodePng();

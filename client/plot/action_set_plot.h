@@ -3,7 +3,6 @@
 #ifndef MANEUVER_CLIENT_PLOT_ACTION_SET_PLOT_H_
 #define MANEUVER_CLIENT_PLOT_ACTION_SET_PLOT_H_
 
-#include <map>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -17,7 +16,6 @@ struct ActionSetPlotOptions {
   int height = 0;
   // Actions that are not effective as well.
   bool all = false;
-  std::map<int, std::string> names = {};  // of actions that have no label, by id
 };
 
 // Draws one panel for each effective action (for all of them, if none is): its mean black, its

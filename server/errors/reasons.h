@@ -86,6 +86,10 @@ inline constexpr ReasonEntry kReasons[] = {
     {"MAP_NOT_REGISTERED", "FAILED_PRECONDITION",
      "the server does not have the map in the metadata's `map_id`, or has dropped it",
      "register it with RegisterMap and repeat the request"},
+    {"ACTION_NAME_GONE", "FAILED_PRECONDITION",
+     "no action of the version bears one of the required_action_names: the metadata's "
+     "`action_name_0`, `action_name_1` and so on",
+     "ask `model_version` for its actions and require names that it has, or label an action"},
     {"MAP_TOO_LARGE", "RESOURCE_EXHAUSTED", "the map needs more memory than the limit for all maps",
      "register only the surroundings of the road that is driven"},
 

@@ -329,7 +329,7 @@ grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext*
     if (Characters(request->label()) > kMaxLabelLength) {
       return errors::InvalidField("label", "longer than 64 characters");
     }
-    auto action = store_.LabelAction(*name, request->action_id(), request->label());
+    auto action = table_.LabelAction(*name, request->action_id(), request->label());
     if (absl::IsOutOfRange(action.status())) {
       return errors::InvalidField("action_id", std::string(action.status().message()));
     }

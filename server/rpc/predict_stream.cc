@@ -69,9 +69,11 @@ PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* r
           .scenarios = &request.scenarios(),
           .query = &request.query(),
           .priority = request.priority(),
+          .required_action_names = &request.required_action_names(),
           .bytes = static_cast<int64_t>(request.ByteSizeLong()),
           .model_version = response->mutable_model_version(),
           .waypoint_times = response->mutable_waypoint_times(),
+          .action_names = NamesIfWanted(request, response),
           .predictions = response->mutable_predictions()};
 }
 

@@ -74,6 +74,7 @@ absl::Status PredictionRun::ParseQuestion(int actions) {
 
 absl::Status PredictionRun::Submit(serving::ModelHandle model) {
   const v1::ModelSpec& spec = model->model().spec();
+  if (auto status = AnswerNames(*model); !status.ok()) return status;
   if (auto status = ParseQuestion(spec.actions()); !status.ok()) return status;
   if (auto status = ReserveMemory(spec); !status.ok()) return status;
   const auto priority = ParsePriority(io_.priority);
@@ -101,6 +102,16 @@ absl::Status PredictionRun::Submit(serving::ModelHandle model) {
   const auto status = context_.scheduler.Submit(call_);
   if (!status.ok()) call_->done = nullptr;
   return status;
+}
+
+absl::Status PredictionRun::AnswerNames(const serving::ServedModel& model) {
+  const serving::ServedModel::ActionNames names = model.action_names();
+  if (io_.required_action_names != nullptr) {
+    auto status = CheckRequiredNames(*io_.required_action_names, *names, model.name());
+    if (!status.ok()) return status;
+  }
+  if (io_.action_names != nullptr) io_.action_names->Assign(names->begin(), names->end());
+  return absl::OkStatus();
 }
 
 absl::Status PredictionRun::ReserveMemory(const v1::ModelSpec& spec) {

@@ -22,6 +22,7 @@
 #include "absl/status/status.h"
 #include "server/jobs/worker_pool.h"
 #include "server/rpc/prediction_plan.h"
+#include "server/rpc/required_names.h"
 #include "server/security/access_control.h"
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/map_cache.h"
@@ -50,10 +51,12 @@ struct PredictionIo {
   const v1::DistributionQuery* query = nullptr;  // nullptr: no distributions
   bool probabilities = true;
   v1::Priority priority = v1::PRIORITY_UNSPECIFIED;
-  int64_t bytes = 0;  // of the request
+  const ActionNameList* required_action_names = nullptr;  // nullptr: none
+  int64_t bytes = 0;                                      // of the request
 
   std::string* model_version = nullptr;
   google::protobuf::RepeatedField<double>* waypoint_times = nullptr;  // nullptr: not wanted
+  ActionNameList* action_names = nullptr;                             // nullptr: not wanted
   // One of the two: predict, or classify.
   google::protobuf::RepeatedPtrField<v1::ScenarioPrediction>* predictions = nullptr;
   google::protobuf::RepeatedPtrField<v1::ScenarioClassification>* classifications = nullptr;
@@ -86,6 +89,8 @@ class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
   void FindModel();
   absl::Status Submit(serving::ModelHandle model);
   absl::Status ParseQuestion(int actions);
+  // Answers the names that are asked for, if the model has those that are required.
+  absl::Status AnswerNames(const serving::ServedModel& model);
   absl::Status ReserveMemory(const v1::ModelSpec& spec);
   int64_t MessageBytes() const;  // of the answer that was written
   void Answer(std::vector<serving::TargetAnswer> answers);

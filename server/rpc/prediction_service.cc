@@ -68,8 +68,10 @@ grpc::ServerUnaryReactor* PredictionService::PredictActionProbabilities(
                                {.model = &request->model(),
                                 .scenarios = &request->scenarios(),
                                 .priority = request->priority(),
+                                .required_action_names = &request->required_action_names(),
                                 .bytes = Bytes(*request),
                                 .model_version = response->mutable_model_version(),
+                                .action_names = NamesIfWanted(*request, response),
                                 .predictions = response->mutable_predictions()});
 }
 
@@ -82,9 +84,11 @@ grpc::ServerUnaryReactor* PredictionService::PredictActionDistributions(
                                 .query = &request->query(),
                                 .probabilities = false,
                                 .priority = request->priority(),
+                                .required_action_names = &request->required_action_names(),
                                 .bytes = Bytes(*request),
                                 .model_version = response->mutable_model_version(),
                                 .waypoint_times = response->mutable_waypoint_times(),
+                                .action_names = NamesIfWanted(*request, response),
                                 .predictions = response->mutable_predictions()});
 }
 
@@ -101,8 +105,10 @@ grpc::ServerUnaryReactor* PredictionService::ClassifyTrajectories(
                                {.model = &request->model(),
                                 .scenarios = &request->scenarios(),
                                 .priority = request->priority(),
+                                .required_action_names = &request->required_action_names(),
                                 .bytes = Bytes(*request),
                                 .model_version = response->mutable_model_version(),
+                                .action_names = NamesIfWanted(*request, response),
                                 .classifications = response->mutable_classifications()});
 }
 

@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "absl/strings/str_cat.h"
+#include "model/evaluation/action_names.h"
 
 namespace maneuver::serving {
 
@@ -19,7 +20,21 @@ scene::SceneInputs& Engine::Inputs(size_t i) {
 
 ServedModel::ServedModel(security::ModelVersionName name,
                          std::shared_ptr<const inference::ActionModel> model)
-    : name_(std::move(name)), model_(std::move(model)) {}
+    : name_(std::move(name)),
+      model_(std::move(model)),
+      action_names_(std::make_shared<const std::vector<std::string>>(
+          evaluation::DisplayNames(model_->manifest()))) {}
+
+ServedModel::ActionNames ServedModel::action_names() const {
+  const std::lock_guard lock(mutex_);
+  return action_names_;
+}
+
+void ServedModel::SetActionNames(std::vector<std::string> names) {
+  auto replaced = std::make_shared<const std::vector<std::string>>(std::move(names));
+  const std::lock_guard lock(mutex_);
+  action_names_ = std::move(replaced);
+}
 
 absl::Status ServedModel::WarmUp() {
   Lease engine(*this);

@@ -8,6 +8,7 @@
 #include <deque>
 #include <memory>
 #include <mutex>
+#include <string>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -43,6 +44,12 @@ class ServedModel {
   const security::ModelVersionName& name() const { return name_; }
   const inference::ActionModel& model() const { return *model_; }
 
+  // Display names of the actions, by id. [K]
+  using ActionNames = std::shared_ptr<const std::vector<std::string>>;
+  ActionNames action_names() const;
+  // Replaces them, as when an action has been labelled. Calls in flight keep those that they have.
+  void SetActionNames(std::vector<std::string> names);
+
   // Evaluates an empty scene, so that a model which cannot answer is found before anyone asks it,
   // and so that the first request is as fast as the next. INTERNAL with what is wrong.
   absl::Status WarmUp();
@@ -68,8 +75,9 @@ class ServedModel {
 
   const security::ModelVersionName name_;
   const std::shared_ptr<const inference::ActionModel> model_;
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::vector<std::unique_ptr<Engine>> idle_;  // guarded by mutex_
+  ActionNames action_names_;                   // guarded by mutex_
 };
 
 using ModelHandle = std::shared_ptr<ServedModel>;

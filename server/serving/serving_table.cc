@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "model/artifact/model_folder.h"
+#include "model/evaluation/action_names.h"
 #include "server/errors/error_details.h"
 #include "server/monitoring/logging.h"
 
@@ -352,6 +353,20 @@ absl::StatusOr<std::optional<ModelVersionName>> ServingTable::FindMadeBy(const s
     if (!status.ok()) return status;
   }
   return found;
+}
+
+absl::StatusOr<v1::Action> ServingTable::LabelAction(const ModelVersionName& name, int action_id,
+                                                     const std::string& label) {
+  const std::lock_guard change(change_mutex_);
+  auto labelled = versions_.LabelAction(name, action_id, label);
+  if (!labelled.ok()) return labelled;
+  const auto version = versions_.Describe(name);
+  if (!version.ok()) return version.status();
+  const std::lock_guard lock(mutex_);
+  if (const auto resident = resident_.find(name); resident != resident_.end()) {
+    resident->second.handle->SetActionNames(evaluation::DisplayNames(version->manifest()));
+  }
+  return labelled;
 }
 
 absl::Status ServingTable::Delete(const ModelVersionName& name) {

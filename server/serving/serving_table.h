@@ -18,6 +18,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "maneuver/v1/model.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "server/monitoring/metrics.h"
 #include "server/security/resource_name.h"
@@ -98,6 +99,10 @@ class ServingTable {
   absl::StatusOr<std::optional<security::ModelVersionName>> FindMadeBy(const std::string& model,
                                                                        v1::Promotion promotion,
                                                                        const std::string& maker);
+
+  // As VersionStore::LabelAction; answers of the version carry the name from then on.
+  absl::StatusOr<v1::Action> LabelAction(const security::ModelVersionName& name, int action_id,
+                                         const std::string& label);
 
   // Removes a version from memory and from the store. FAILED_PRECONDITION while an alias points to
   // it. Errors: also those of VersionStore::Delete.

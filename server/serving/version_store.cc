@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_cost.h"
 #include "model/artifact/model_folder.h"
+#include "model/evaluation/action_names.h"
 #include "model/files/durable_file.h"
 #include "server/errors/error_details.h"
 #include "server/monitoring/logging.h"
@@ -157,6 +158,7 @@ absl::StatusOr<v1::ModelVersion> VersionStore::Describe(const ModelVersionName& 
   v1::ModelVersion version;
   version.set_name(name.ToString());
   *version.mutable_cost() = artifact::CountCost(manifest->spec());
+  evaluation::CompleteActionNames(*manifest);
   *version.mutable_manifest() = *std::move(manifest);
   *version.mutable_create_time() = ToTimestamp(CreateTime(name));
   return version;
@@ -327,6 +329,7 @@ absl::StatusOr<v1::Action> VersionStore::LabelAction(const ModelVersionName& nam
         absl::StrCat(name.ToString(), " has the actions 0 to ", manifest.actions_size() - 1));
   }
   action->set_label(label);
+  evaluation::CompleteActionNames(manifest);
   v1::Action labelled = *action;
   if (auto status = artifact::RewriteModelManifest(FolderOf(name), manifest); !status.ok()) {
     return status;

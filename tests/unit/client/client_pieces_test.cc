@@ -102,6 +102,17 @@ TEST(ErrorDetailsTest, ReadsTheStandardMessages) {
   EXPECT_EQ(details.retry_delay, absl::Milliseconds(1500));
 }
 
+TEST(ErrorDetailsTest, ListsTheActionNamesThatAreGone) {
+  const absl::Status status = WithDetails(absl::FailedPreconditionError("gone"),
+                                          {.reason = "ACTION_NAME_GONE",
+                                           .metadata = {{"model_version", "models/town/versions/2"},
+                                                        {"action_name_1", "brake hard"},
+                                                        {"action_name_0", "left turn, tight"}}});
+  EXPECT_EQ(ErrorDetailsOf(status).missing_action_names,
+            (std::vector<std::string>{"left turn, tight", "brake hard"}));
+  EXPECT_TRUE(ErrorDetailsOf(absl::NotFoundError("no such model")).missing_action_names.empty());
+}
+
 TEST(ErrorDetailsTest, AnItemsErrorHasTheSameDetails) {
   v1::Status item;
   ASSERT_TRUE(item.ParseFromString(StandardDetails()));

@@ -193,6 +193,9 @@ TEST(CommandLineTest, PredictShowsTheRepresentativesThatItAsksFor) {
   server.on_predict = [&](grpc::ServerContext*, const v1::PredictRequest& request,
                           v1::PredictResponse* response) {
     asked = request.query().representatives();
+    for (const char* name : {"keep speed", "brake", "drift left"}) {
+      if (request.include_action_names()) response->add_action_names(name);
+    }
     response->add_waypoint_times(5.0);
     v1::ScenarioPrediction* prediction = response->add_predictions();
     prediction->set_scenario_id("scene");
@@ -218,12 +221,33 @@ TEST(CommandLineTest, PredictShowsTheRepresentativesThatItAsksFor) {
   arguments.insert(arguments.end(), {"--representatives", "2"});
   EXPECT_THAT(
       Maneuver(arguments, scene).out,
-      HasSubstr("SCENARIO  TARGET  REPRESENTATIVE  ACTION  LABEL  WEIGHT  AFTER 5.0 s (world)\n"
-                "scene          7      1 (medoid)       1         75.0 %         10.0, -2.0 m\n"
+      HasSubstr("SCENARIO  TARGET  REPRESENTATIVE  ACTION  NAME   WEIGHT  AFTER 5.0 s (world)\n"
+                "scene          7      1 (medoid)       1  brake  75.0 %         10.0, -2.0 m\n"
                 "                               2       3         25.0 %         30.0, -2.0 m\n"));
   EXPECT_EQ(asked, 2);
   arguments.insert(arguments.end(), {"--output", "json"});
-  EXPECT_THAT(Maneuver(arguments, scene).out, HasSubstr("\"representatives\""));
+  EXPECT_THAT(Maneuver(arguments, scene).out,
+              AllOf(HasSubstr("\"representatives\""), HasSubstr("\"drift left\"")));
+}
+
+TEST(CommandLineTest, PredictRequiresNamesAndSaysWhichAreGone) {
+  client::TestServer server;
+  std::vector<std::string> required;
+  server.on_predict = [&](grpc::ServerContext*, const v1::PredictRequest& request,
+                          v1::PredictResponse*) -> grpc::Status {
+    required.assign(request.required_action_names().begin(), request.required_action_names().end());
+    return {
+        grpc::StatusCode::FAILED_PRECONDITION,
+        "required_action_names: models/town/versions/2 has no action named \"left turn, tight\""};
+  };
+  const std::string scene = R"({"agents": [{"id": 7, "states": [{}]}], "targetIds": [7]})";
+  // Each option has one value: the file behind it is still the scene.
+  const Result result = Maneuver({"--server", server.address(), "predict", "--require-name",
+                                  "left turn, tight", "--require-name", "brake", "-"},
+                                 scene);
+  EXPECT_THAT(required, ElementsAre("left turn, tight", "brake"));
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_THAT(result.err, HasSubstr("no action named \"left turn, tight\""));
 }
 
 TEST(CommandLineTest, GlobalOptionsMayFollowTheCommand) {

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <map>
 #include <mutex>
 #include <optional>
 #include <sstream>
@@ -30,8 +31,9 @@ class Models final : public v1::ModelService::Service {
  public:
   bool relative = true;
   v1::ModelVersion version;
-  std::vector<std::optional<double>> speeds;  // that were asked for
-  std::string labelled;                       // the version of the last label
+  std::map<std::string, v1::ModelVersion> named;  // in place of `version`, by what is asked for
+  std::vector<std::optional<double>> speeds;      // that were asked for
+  std::string labelled;                           // the version of the last label
 
  private:
   grpc::Status GetActionSet(grpc::ServerContext*, const v1::GetActionSetRequest* request,
@@ -41,6 +43,7 @@ class Models final : public v1::ModelService::Service {
     response->add_waypoint_times(2.0);
     v1::Action& action = *response->add_actions();
     action.set_effective(true);
+    action.set_display_name("brake");
     const double speed = request->has_speed() ? request->speed() : 10.0;
     if (relative) response->set_speed(speed);
     v1::Trajectory& mean = *action.mutable_distribution()->mutable_mean_trajectory();
@@ -48,9 +51,16 @@ class Models final : public v1::ModelService::Service {
     mean.add_y(0.0);
     return grpc::Status::OK;
   }
-  grpc::Status GetModelVersion(grpc::ServerContext*, const v1::GetModelVersionRequest*,
+  grpc::Status GetModelVersion(grpc::ServerContext*, const v1::GetModelVersionRequest* request,
                                v1::ModelVersion* response) override {
-    *response = version;
+    const auto found = named.find(request->name());
+    *response = found == named.end() ? version : found->second;
+    return grpc::Status::OK;
+  }
+  grpc::Status SetModelAlias(grpc::ServerContext*, const v1::SetModelAliasRequest* request,
+                             v1::ModelAlias* response) override {
+    response->set_name(request->name());
+    response->set_model_version(request->model_version());
     return grpc::Status::OK;
   }
   grpc::Status LabelAction(grpc::ServerContext*, const v1::LabelActionRequest* request,
@@ -132,6 +142,68 @@ TEST_F(ModelCommandTest, LabelsTheVersionThatAModelServes) {
                 HasSubstr("action 7 of town/2 is now \"left\\x1b[31m\""));
     EXPECT_EQ(models_.labelled, "models/town/versions/2");
   }
+}
+
+// A version whose effective actions end so many metres ahead after 5 s.
+v1::ModelVersion VersionOf(const std::string& name,
+                           const std::vector<std::pair<std::string, double>>& actions) {
+  v1::ModelVersion version;
+  version.set_name(name);
+  v1::ModelManifest& manifest = *version.mutable_manifest();
+  manifest.mutable_spec()->mutable_trajectory()->set_waypoints(1);
+  manifest.mutable_spec()->mutable_trajectory()->mutable_waypoint_interval()->set_seconds(5);
+  for (const auto& [title, ahead] : actions) {
+    v1::Action& action = *manifest.add_actions();
+    action.set_action_id(manifest.actions_size() - 1);
+    action.set_effective(true);
+    action.set_usage(0.5);
+    action.set_display_name(title);
+    action.mutable_distribution()->mutable_mean_trajectory()->add_x(ahead);
+    action.mutable_distribution()->mutable_mean_trajectory()->add_y(0.0);
+  }
+  return version;
+}
+
+TEST_F(ModelCommandTest, PromotionSaysWhichActionIsWhichNow) {
+  models_.named["models/town@serving"] =
+      VersionOf("models/town/versions/1", {{"stop", 12.0}, {"cruise", 50.0}});
+  models_.named["models/town/versions/2"] = VersionOf(
+      "models/town/versions/2", {{"keep straight", 49.0}, {"reverse", -9.0}, {"wait", 11.5}});
+  EXPECT_THAT(Run({"model", "promote", "town/2"}),
+              HasSubstr("models/town/aliases/serving is now models/town/versions/2\n"
+                        "\n"
+                        "What its actions are now:\n"
+                        "\n"
+                        "town/1  NAME              town/2  NAME           APART\n"
+                        "     0  stop                   2  wait           0.5 m\n"
+                        "     1  cruise                 0  keep straight  1.0 m\n"
+                        "     -  (no such action)       1  reverse            -\n"));
+}
+
+TEST_F(ModelCommandTest, PromotionOfTheVersionThatServesSaysNothingOfActions) {
+  models_.named["models/town@serving"] = VersionOf("models/town/versions/2", {{"stop", 12.0}});
+  models_.named["models/town/versions/2"] = models_.named["models/town@serving"];
+  EXPECT_EQ(Run({"model", "promote", "town/2"}),
+            "models/town/aliases/serving is now models/town/versions/2\n");
+}
+
+TEST_F(ModelCommandTest, PromotionSaysWhyActionsCannotBeMatched) {
+  models_.named["models/town@serving"] = VersionOf("models/town/versions/1", {{"stop", 12.0}});
+  v1::ModelVersion longer = VersionOf("models/town/versions/2", {{"stop", 12.0}});
+  longer.mutable_manifest()
+      ->mutable_spec()
+      ->mutable_trajectory()
+      ->mutable_waypoint_interval()
+      ->set_seconds(8);
+  models_.named["models/town/versions/2"] = longer;
+  EXPECT_THAT(Run({"model", "promote", "town/2"}),
+              HasSubstr("The actions of town/1 and town/2 cannot be matched: the models' waypoints "
+                        "are not at the same times"));
+}
+
+TEST_F(ModelCommandTest, ListsActionsByTheirDisplayNames) {
+  EXPECT_THAT(Run({"model", "actions", "town"}),
+              ContainsRegex("ACTION +NAME +USAGE.*\n +0 +brake "));
 }
 
 TEST_F(ModelCommandTest, AsksForTheVersionThatIsToBeDeleted) {

@@ -328,13 +328,13 @@ TEST(ActionSetPlotTest, AnEmptySetIsRefused) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionSet({}, {}).status()));
 }
 
-TEST(ActionSetPlotTest, ANameIsDrawnWhereThereIsNoLabel) {
-  v1::ActionSet labelled = TwoActions();
-  labelled.mutable_actions(0)->set_label("left turn");
-  const std::string picture = *DrawActionSet(labelled, {});
+TEST(ActionSetPlotTest, DrawsTheDisplayNameOfAnAction) {
+  v1::ActionSet named = TwoActions();
+  named.mutable_actions(0)->set_display_name("left turn");
+  const std::string picture = *DrawActionSet(named, {});
   EXPECT_NE(picture, *DrawActionSet(TwoActions(), {}));
-  EXPECT_EQ(picture, *DrawActionSet(TwoActions(), {.names = {{0, "left turn"}}}));
-  EXPECT_EQ(picture, *DrawActionSet(labelled, {.names = {{0, "right turn"}}}));
+  named.mutable_actions(0)->set_derived_name("bear left");  // what is shown is the display name
+  EXPECT_EQ(picture, *DrawActionSet(named, {}));
 }
 
 v1::ActionSet TwoActionsAt(double speed) {

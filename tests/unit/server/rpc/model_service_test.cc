@@ -33,7 +33,8 @@ class ModelServiceTest : public ServerTest {
       action.set_action_id(id);
       action.set_usage(0.25);
       action.set_effective(id != 2);
-      action.mutable_distribution()->mutable_mean_trajectory()->add_x(0.0);
+      action.mutable_distribution()->mutable_mean_trajectory()->add_x(id == 2 ? -3.0 : 0.0);
+      action.mutable_distribution()->mutable_mean_trajectory()->add_y(0.0);
     }
     manifest.mutable_actions(1)->set_label("keeps going");
     std::string json;
@@ -77,6 +78,55 @@ TEST_F(ModelServiceTest, ActionsInMetresAreTheSameAtEverySpeed) {
   ASSERT_TRUE(GetActionSet(7.0, &set).ok());
   EXPECT_FALSE(set.has_speed());
   EXPECT_EQ(set.actions(1).distribution().mean_trajectory().x(0), 0.0);
+}
+
+TEST_F(ModelServiceTest, ActionsHaveNamesAndLabelsOverrideThem) {
+  Publish();
+  WriteManifest(v1::TRAJECTORY_REFERENCE_NONE);
+  v1::ActionSet set;
+  ASSERT_TRUE(GetActionSet(std::nullopt, &set).ok());
+  EXPECT_EQ(set.actions(0).display_name(), "stand still (1)");
+  EXPECT_EQ(set.actions(1).display_name(), "keeps going");
+  EXPECT_EQ(set.actions(2).display_name(), "reverse");
+
+  v1::LabelActionRequest request;
+  request.set_name("models/town/versions/1");
+  request.set_action_id(2);
+  request.set_label("parks");
+  v1::Action labelled;
+  {
+    grpc::ClientContext context;
+    ASSERT_TRUE(model_stub_->LabelAction(&context, request, &labelled).ok());
+  }
+  EXPECT_EQ(labelled.display_name(), "parks");
+  EXPECT_EQ(labelled.derived_name(), "reverse");
+  request.clear_label();
+  grpc::ClientContext context;
+  ASSERT_TRUE(model_stub_->LabelAction(&context, request, &labelled).ok());
+  EXPECT_EQ(labelled.display_name(), "reverse");
+}
+
+// The fake model in memory has no action set: its actions have numbers for names, until a label is
+// given.
+TEST_F(ModelServiceTest, ANewLabelIsInThePredictionsOfAVersionInMemory) {
+  Publish();
+  WriteManifest(v1::TRAJECTORY_REFERENCE_NONE);
+  v1::PredictRequest scene = OneScene();
+  scene.set_include_action_names(true);
+  v1::PredictResponse response;
+  ASSERT_TRUE(Predict(scene, &response).ok());
+  EXPECT_THAT(response.action_names(), ElementsAre("action 0", "action 1", "action 2"));
+
+  v1::LabelActionRequest request;
+  request.set_name("models/town/versions/1");
+  request.set_action_id(2);
+  request.set_label("parks");
+  v1::Action labelled;
+  grpc::ClientContext context;
+  ASSERT_TRUE(model_stub_->LabelAction(&context, request, &labelled).ok());
+  scene.add_required_action_names("parks");
+  ASSERT_TRUE(Predict(scene, &response).ok());
+  EXPECT_THAT(response.action_names(), ElementsAre("stand still (1)", "keeps going", "parks"));
 }
 
 TEST_F(ModelServiceTest, RefusesASpeedThatNobodyDrives) {

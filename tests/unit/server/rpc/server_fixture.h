@@ -46,18 +46,19 @@ class MemoryAliasStore final : public serving::AliasStore {
   std::map<security::ModelAliasName, int> aliases_;
 };
 
-// ErrorInfo.reason of a failed call.
-inline std::string Reason(const grpc::Status& status) {
+// ErrorInfo of a failed call.
+inline v1::ErrorInfo InfoOf(const grpc::Status& status) {
   v1::Status details;
   v1::ErrorInfo info;
-  if (!details.ParseFromString(status.error_details())) return "no details";
+  if (!details.ParseFromString(status.error_details())) info.set_reason("no details");
   for (const auto& any : details.details()) {
     if (any.type_url() == "type.googleapis.com/google.rpc.ErrorInfo") {
       info.ParseFromString(any.value());
     }
   }
-  return info.reason();
+  return info;
 }
+inline std::string Reason(const grpc::Status& status) { return InfoOf(status).reason(); }
 
 inline v1::Scenario Scene() {
   v1::Scenario scenario;

@@ -7,6 +7,7 @@
 #include <limits>
 #include <thread>
 
+#include "absl/strings/str_cat.h"
 #include "server/rpc/predict_stream.h"
 #include "server/security/secret_file.h"
 #include "tests/integration/raw_http2.h"
@@ -18,6 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 
 TEST_F(ServerTest, WithoutAModelTheAnswerSaysWhatToDo) {
   v1::PredictResponse response;
@@ -100,6 +102,65 @@ TEST_F(ServerTest, EachMethodAnswersWhatItIsFor) {
     EXPECT_THAT(target.responsibilities(), ElementsAre(1.0, 0.0, 0.0));
     EXPECT_NEAR(target.log_likelihood_bound(), 5.0, 1e-9);  // x after 1 s
   }
+}
+
+TEST_F(ServerTest, EachMethodAnswersActionNamesWhereTheyAreAskedFor) {
+  Publish();
+  const auto names_of = [](auto request, const auto& ask) {
+    *request.add_scenarios() = Scene();
+    EXPECT_THAT(ask(request).action_names(), IsEmpty());
+    request.set_include_action_names(true);
+    const auto names = ask(request).action_names();
+    return std::vector<std::string>(names.begin(), names.end());
+  };
+  const auto asking = [this](auto method, auto response) {
+    return [this, method, response](const auto& request) {
+      auto answer = response;
+      grpc::ClientContext context;
+      EXPECT_TRUE((stub_.get()->*method)(&context, request, &answer).ok());
+      return answer;
+    };
+  };
+  using Stub = v1::PredictionService::Stub;
+  const auto all = ElementsAre("action 0", "action 1", "action 2");
+  EXPECT_THAT(names_of(v1::PredictRequest(), asking(&Stub::Predict, v1::PredictResponse())), all);
+  EXPECT_THAT(
+      names_of(v1::PredictActionProbabilitiesRequest(),
+               asking(&Stub::PredictActionProbabilities, v1::PredictActionProbabilitiesResponse())),
+      all);
+  EXPECT_THAT(
+      names_of(v1::PredictActionDistributionsRequest(),
+               asking(&Stub::PredictActionDistributions, v1::PredictActionDistributionsResponse())),
+      all);
+  EXPECT_THAT(names_of(v1::ClassifyTrajectoriesRequest(),
+                       asking(&Stub::ClassifyTrajectories, v1::ClassifyTrajectoriesResponse())),
+              all);
+}
+
+TEST_F(ServerTest, RefusesACallThatCountsOnNamesThatAreGone) {
+  Publish();
+  v1::PredictRequest request = OneScene();
+  request.add_required_action_names("action 1");
+  v1::PredictResponse response;
+  EXPECT_TRUE(Predict(request, &response).ok());
+  request.add_required_action_names("left turn, tight");
+  request.add_required_action_names("brake");
+  request.add_required_action_names("brake");
+  const grpc::Status gone = Predict(request, &response);
+  EXPECT_EQ(gone.error_code(), grpc::StatusCode::FAILED_PRECONDITION);
+  EXPECT_EQ(Reason(gone), "ACTION_NAME_GONE");
+  EXPECT_THAT(gone.error_message(), HasSubstr("models/town/versions/1"));
+  const v1::ErrorInfo info = InfoOf(gone);
+  EXPECT_EQ(info.metadata().at("model_version"), "models/town/versions/1");
+  EXPECT_EQ(info.metadata().at("action_name_0"), "brake");
+  EXPECT_EQ(info.metadata().at("action_name_1"), "left turn, tight");
+  EXPECT_EQ(info.metadata_size(), 3);
+  // Errors travel in headers, which clients bound.
+  request.add_required_action_names(std::string(257, 'x'));
+  EXPECT_EQ(Predict(request, &response).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  request.mutable_required_action_names()->RemoveLast();
+  for (int i = 0; i < 100; ++i) request.add_required_action_names(absl::StrCat("name ", i));
+  EXPECT_EQ(InfoOf(Predict(request, &response)).metadata_size(), 17);
 }
 
 TEST_F(ServerTest, RepresentativesComeWithTheirDistributionsFromEachMethod) {

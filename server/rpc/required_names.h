@@ -1,0 +1,33 @@
+// Names of actions that a caller counts on.
+
+#ifndef MANEUVER_SERVER_RPC_REQUIRED_NAMES_H_
+#define MANEUVER_SERVER_RPC_REQUIRED_NAMES_H_
+
+#include <google/protobuf/repeated_field.h>
+
+#include <span>
+#include <string>
+
+#include "absl/status/status.h"
+#include "server/security/resource_name.h"
+
+namespace maneuver::rpc {
+
+using ActionNameList = google::protobuf::RepeatedPtrField<std::string>;
+
+// Returns OK if `names`, those of the version that is to answer, hold all that are required; else
+// FAILED_PRECONDITION with the reason ACTION_NAME_GONE, whose metadata has the version as
+// `model_version` and the first errors::kMaxListedViolations missing names as `action_name_0`,
+// `action_name_1` and so on. INVALID_ARGUMENT for names that are too long for an action.
+absl::Status CheckRequiredNames(const ActionNameList& required, std::span<const std::string> names,
+                                const security::ModelVersionName& version);
+
+// Returns where the names of the actions go; nullptr unless the request asks for them.
+template <typename Request, typename Response>
+ActionNameList* NamesIfWanted(const Request& request, Response* response) {
+  return request.include_action_names() ? response->mutable_action_names() : nullptr;
+}
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_REQUIRED_NAMES_H_
