@@ -232,9 +232,12 @@ absl::StatusOr<report::ReportData> CollectJob(const v1::Job& job, Environment& e
   if (!learning.ok()) return learning.status();
   data.learning = *std::move(learning);
   data.job = job;
-  const std::string reason = absl::StrCat("The job is ", StateName(job.state()),
-                                          " and has made no version yet. Once it has:");
-  const std::string command = absl::StrCat("maneuver job report ", ShortName(job.name()));
+  const bool ended = client::HasEnded(job);
+  const std::string reason =
+      absl::StrCat("The job is ", StateName(job.state()), " and has made no version",
+                   ended ? ". It can go on:" : " yet. Once it has:");
+  const std::string command =
+      absl::StrCat("maneuver job ", ended ? "resume " : "report ", ShortName(job.name()));
   for (const char* part : {"actions", "evaluation", "scenes", "settings"}) {
     data.missing[part] = {reason, command};
   }

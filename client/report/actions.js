@@ -34,7 +34,6 @@ function drawActions(data) {
   const visible = () => all.filter((action) => action.effective || withUnused)
     .sort((a, b) => b.usage - a.usage);
   if (!all.some((action) => action.effective)) withUnused = true;
-  selection.action = visible()[0].id;
 
   const detail = el('div', { class: 'action-detail' });
   const cards = el('ul', { class: 'cards', 'aria-label': 'Actions' });
@@ -59,27 +58,30 @@ function drawActions(data) {
   }
 
   function drawDetail() {
-    const action = all.find((a) => a.id === selection.shown) || null;
+    const action = all.find((a) => a.id === selection.shown) || visible()[0];
     const reach = visible().flatMap((a) => pairs(shapeOf(a).mean));
-    const own = action ? [...pairs(shapeOf(action).mean), ...shapeOf(action).sigma.flatMap(pairs)] : [];
+    const own = [...pairs(shapeOf(action).mean), ...shapeOf(action).sigma.flatMap(pairs)];
     const box = boxAround([...reach, ...own], 5, 0.95);
     const drawing = svg('g', { transform: UPWARDS });
+    const distances = ticks(0, -box[1], 5).list.filter((metres) => metres > 0).map((metres) => {
+      const text = svg('text', { x: box[0] + box[2] * 0.98, y: -metres - box[3] * 0.012, 'text-anchor': 'end' }, `${metres} m`);
+      text.style.fontSize = `${box[3] * 0.036}px`;
+      return [svg('line', { class: 'grid-line', x1: box[0], x2: box[0] + box[2], y1: -metres, y2: -metres }), text];
+    });
     for (const other of visible()) {
       drawing.append(svg('path', { class: 'other', d: pathOf(withOrigin(shapeOf(other).mean)) }));
     }
-    if (action) {
-      drawing.append(tube(shapeOf(action)));
-      for (const sigma of shapeOf(action).sigma) {
-        drawing.append(svg('path', { class: 'sigma', d: pathOf(withOrigin(sigma)) }));
-      }
-      drawing.append(svg('path', { class: 'mean', d: pathOf(withOrigin(shapeOf(action).mean)) }));
+    drawing.append(tube(shapeOf(action)));
+    for (const sigma of shapeOf(action).sigma) {
+      drawing.append(svg('path', { class: 'sigma', d: pathOf(withOrigin(sigma)) }));
     }
+    drawing.append(svg('path', { class: 'mean', d: pathOf(withOrigin(shapeOf(action).mean)) }));
     drawing.append(svg('circle', { class: 'origin', r: box[3] / 110 }));
     detail.replaceChildren(el('div', { class: 'split' },
       svg('svg', { class: 'chart', viewBox: box.join(' '), role: 'img',
-        'aria-label': action ? `${action.name} among the other actions` : 'All actions' }, drawing),
-      el('div', {}, el('h3', {}, action ? action.name : 'All actions'),
-        action ? el('dl', { class: 'pairs' }, detailRows(action, shapeOf(action), data)) : null)));
+        'aria-label': `${action.name} among the other actions` },
+      distances.flat(), drawing),
+      el('div', {}, el('h3', {}, action.name), el('dl', { class: 'pairs' }, detailRows(action, shapeOf(action), data)))));
   }
 
   function drawCards() {

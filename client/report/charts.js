@@ -15,19 +15,38 @@ function ticks(low, high, wanted) {
 // The digits that tell the ticks apart.
 const tickText = (value, step) => fixed(value, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
 
+// The range of a chart. First epochs that are far from all others would press the rest of a curve
+// onto the frame: they leave the range.
+function usualRange(series, values) {
+  const range = (list) => [Math.min(...list), Math.max(...list)];
+  // Noise in the last digits is not made to look like news.
+  const wide = ([a, b]) => {
+    const least = 0.005 * Math.max(Math.abs(a), Math.abs(b));
+    return b > a && b - a < least ? [(a + b - least) / 2, (a + b + least) / 2] : [a, b];
+  };
+  const later = series.flatMap((s) => s.values.slice(Math.ceil(0.15 * s.values.length))).filter(isNumber);
+  const [low, high] = range(values);
+  if (later.length < 8) return wide([low, high]);
+  const [later_low, later_high] = range(later);
+  return wide(high - low > 4 * (later_high - later_low) ? [later_low, later_high] : [low, high]);
+}
+
+const PHASES = { pretrain: 'Pretraining', covernet: 'CoverNet-like baseline', multipath: 'MultiPath-like baseline' };
+const phaseTitle = (name) => PHASES[name] || words(name).replace(/^./, (letter) => letter.toUpperCase());
+
 // One term over the epochs of a phase. The pointer reads values off.
 //   series: [{kind: 'training' or 'held-out' or 'mixture', title, values}]
 function curveChart(title, epochs, series) {
   const [width, height, left, right, top, bottom] = [240, 118, 44, 8, 8, 20];
   const values = series.flatMap((s) => s.values).filter(isNumber);
   const value = el('span', { class: 'value' });
-  const last = () => {
-    value.textContent = series.map((s) => significant(s.values.findLast(isNumber))).join(' · ');
-  };
+  const tell = (prefix, valueOf) => value.replaceChildren(prefix,
+    ...series.flatMap((s, i) => [i ? ' ' : '', el('span', { class: s.kind }, significant(valueOf(s)))]));
+  const last = () => tell('', (s) => s.values.findLast(isNumber));
   last();
   const chart = svg('svg', { class: 'chart', viewBox: `0 0 ${width} ${height}`, role: 'img',
     'aria-label': `${title}: ${series.map((s) => `${s.title} from ${significant(s.values.find(isNumber))} to ${significant(s.values.findLast(isNumber))}`).join(', ')}` });
-  let [low, high] = [Math.min(...values), Math.max(...values)];
+  let [low, high] = usualRange(series, values);
   if (!(high > low)) [low, high] = [low - (Math.abs(low) || 1) / 2, high + (Math.abs(high) || 1) / 2];
   const x = (epoch) => left + ((epoch - epochs[0]) / Math.max(1, epochs.at(-1) - epochs[0])) * (width - left - right);
   const y = (v) => top + ((high - v) / (high - low)) * (height - top - bottom);
@@ -39,9 +58,13 @@ function curveChart(title, epochs, series) {
   const named = epochs.length > 1 ? [epochs[0], epochs.at(-1)] : epochs;
   named.forEach((epoch, i) => chart.append(svg('text', { x: x(epoch), y: height - 5,
     'text-anchor': i ? 'end' : 'start' }, i || named.length === 1 ? `epoch ${epoch}` : epoch)));
+  // An inner drawing cuts off what leaves the range.
+  const area = svg('svg', { x: left - 2, y: top - 3, width: width - left - right + 4, height: height - top - bottom + 6,
+    viewBox: `${left - 2} ${top - 3} ${width - left - right + 4} ${height - top - bottom + 6}` });
+  chart.append(area);
   for (const s of series) {
     const points = s.values.map((v, i) => [x(epochs[i]), v === null ? NaN : y(v)]).filter((p) => isNumber(p[1]));
-    chart.append(points.length > 1
+    area.append(points.length > 1
       ? svg('path', { class: `curve ${s.kind}`, d: pathOf(points) })
       : svg('circle', { class: `curve-dot ${s.kind}`, cx: points[0][0], cy: points[0][1], r: 3 }));
   }
@@ -55,7 +78,7 @@ function curveChart(title, epochs, series) {
     cursor.setAttribute('x1', x(epochs[nearest]));
     cursor.setAttribute('x2', x(epochs[nearest]));
     cursor.setAttribute('visibility', 'visible');
-    value.textContent = `epoch ${epochs[nearest]}: ${series.map((s) => significant(s.values[nearest])).join(' · ')}`;
+    tell(`epoch ${epochs[nearest]}: `, (s) => s.values[nearest]);
   });
   chart.addEventListener('pointerleave', () => {
     cursor.setAttribute('visibility', 'hidden');
@@ -73,7 +96,7 @@ function drawLearning(data) {
       { kind: 'training', title: 'training', values: term.training || [] },
       { kind: 'held-out', title: 'held-out', values: term.heldOut || [] },
       { kind: 'mixture', title: 'actions', values: term.mixture || [] },
-    ].filter((s) => s.values.some(isNumber));
+    ].filter((s) => s.values.some((v) => isNumber(v) && v !== 0));
     // The loss first, then the other terms, then what describes the actions.
     const order = (term) => (term.name === 'loss' ? 0 : term.mixture ? 2 : 1);
     const terms = phase.terms.filter((term) => seriesOf(term).length)
@@ -87,10 +110,10 @@ function drawLearning(data) {
     }
     const rows = phase.epochs.map((epoch, index) => ({ epoch, index }));
     return [
-      el('h3', {}, `${words(phase.name)}, ${phase.epochs.length} ${phase.epochs.length === 1 ? 'epoch' : 'epochs'}`),
+      el('h3', {}, `${phaseTitle(phase.name)}, ${phase.epochs.length} ${phase.epochs.length === 1 ? 'epoch' : 'epochs'}`),
       el('div', { class: 'charts' }, terms.map((term) => curveChart(words(term.name), phase.epochs, seriesOf(term)))),
-      el('details', {}, el('summary', {}, `Figures of ${words(phase.name)}`),
-        table(`Epochs of ${words(phase.name)}`, columns, rows)),
+      el('details', {}, el('summary', {}, 'As a table'),
+        table(`Epochs of ${phaseTitle(phase.name)}`, columns, rows)),
     ];
   }));
 }
@@ -130,7 +153,7 @@ function drawCalibration(data) {
     { title: 'Examples', number: true, cell: (bin) => count(bin.examples) },
     { title: 'Called', number: true, cell: (bin) => percent(bin.confidence) },
     { title: 'Was', number: true, cell: (bin) => percent(bin.responsibility) },
-    { title: 'Off by', number: true, cell: (bin) => signed(100 * (bin.responsibility - bin.confidence), 1) },
+    { title: 'Off by, points', number: true, cell: (bin) => signed(100 * (bin.responsibility - bin.confidence), 1) },
   ];
   bodyOf('calibration').replaceChildren(el('div', { class: 'calibration' },
     el('figure', {}, chart), table('Reliability by bin', columns, bins)));

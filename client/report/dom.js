@@ -27,7 +27,8 @@ const bodyOf = (section) => document.querySelector(`#${section} .body`);
 
 // Numbers; a missing one is a dash.
 const isNumber = (value) => typeof value === 'number' && Number.isFinite(value);
-const fixed = (value, digits) => (isNumber(value) ? value.toFixed(digits).replace('-', '\u2212') : '\u2013');
+const fixed = (value, digits) =>
+  (isNumber(value) ? value.toFixed(digits).replace(/^-(?=[0.]*$)/, '').replace('-', '\u2212') : '\u2013');
 const percent = (value, digits = 1) => (isNumber(value) ? `${fixed(100 * value, digits)} %` : '\u2013');
 const signed = (value, digits) => (value > 0 ? '+' : '') + fixed(value, digits);
 const count = (value) => (isNumber(Number(value)) ? Number(value).toLocaleString('en') : '\u2013');
@@ -36,10 +37,15 @@ const significant = (value) => {
   const size = Math.abs(value);
   return fixed(value, size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3);
 };
-const inUnit = (value, unit) => (unit === 'share' ? percent(value) : unit === 'm' ? fixed(value, 2) : significant(value));
+const inUnit = (value, unit) => {
+  if (unit === 'share') return percent(value);
+  if (unit === 'm') return fixed(value, 2);
+  return Number.isInteger(value) ? fixed(value, 0) : significant(value);
+};
 
-// "left_turn" -> "left turn"; "models/town/versions/3" -> "town/3".
-const words = (name) => String(name).replaceAll('_', ' ');
+// "left_turn" -> "left turn", "<=10" -> "\u2264 10"; "models/town/versions/3" -> "town/3".
+const words = (name) =>
+  String(name).replaceAll('_', ' ').replace('<=', '\u2264 ').replace('>=', '\u2265 ').replace(/^u turn$/, 'U-turn');
 const shortName = (name) =>
   String(name).replace(/^(models|datasets|jobs)\//, '').replace('/versions/', '/');
 

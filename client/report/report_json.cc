@@ -34,9 +34,11 @@ std::string SafeInScript(const json& value) {
 }
 
 json MessageJson(const google::protobuf::Message& message) {
+  google::protobuf::util::JsonPrintOptions options;
+  options.preserve_proto_field_names = true;  // as --set takes them
   std::string text;
   // Fails only for an Any of a type that is not linked in; the contract has none.
-  (void)google::protobuf::util::MessageToJsonString(message, &text);
+  (void)google::protobuf::util::MessageToJsonString(message, &text, options);
   json parsed = json::parse(text, nullptr, /*allow_exceptions=*/false);
   return parsed.is_discarded() ? json::object() : parsed;
 }

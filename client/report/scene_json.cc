@@ -20,6 +20,7 @@ constexpr double kPast = 1.0;            // seconds before the prediction time
 constexpr double kSlack = 1e-6;          // seconds, for rounding
 constexpr double kStateInterval = 0.19;  // seconds: of recordings at 10 Hz, every other state
 constexpr double kMargin = 35.0;         // metres around what target and actions reach
+constexpr double kViewShape = 1.5;       // width by height
 constexpr double kTolerance = 0.12;      // metres that a simplified line may be off
 constexpr double kStill = 0.3;           // metres; an agent that moves less has one state
 constexpr size_t kMostAgents = 80;
@@ -56,8 +57,15 @@ Window WindowOf(const Scene& scene) {
   for (const v1::ActionDistribution& action : scene.prediction.distributions()) {
     Include(action.mean_trajectory(), &window);
   }
-  return {window.left - kMargin, window.right + kMargin, window.bottom - kMargin,
-          window.top + kMargin};
+  window = {window.left - kMargin, window.right + kMargin, window.bottom - kMargin,
+            window.top + kMargin};
+  // The view is wider than it is high, and x is upwards there.
+  const double narrow = kViewShape * (window.right - window.left) - (window.top - window.bottom);
+  if (narrow > 0.0) {
+    window.bottom -= narrow / 2.0;
+    window.top += narrow / 2.0;
+  }
+  return window;
 }
 
 double DistanceToSegment(const Point2& p, const Point2& a, const Point2& b) {

@@ -3,9 +3,11 @@
 // Scenes: one large view with pan, zoom and time, its answers beside it, and small drawings of all
 // scenes to choose from.
 
+// Why a scene was chosen: as a heading, and as a word on its drawing.
 const GROUPS = {
   worst: 'Worst', best: 'Best', surprising: 'Most surprising', typical: 'Typical of a class',
 };
+const BADGES = { worst: 'Worst', best: 'Best', surprising: 'Surprising', typical: 'Typical' };
 
 function drawMap(scene) {
   const layer = svg('g');
@@ -73,7 +75,7 @@ class SceneView {
         el('div', { class: 'timeline' }, this.play, this.slider, this.clock),
         el('p', { class: 'lead', id: 'scene-keys' },
           el('span', { class: 'key did' }, 'what it did'), ' ', el('span', { class: 'key predicted' }, 'predicted, with two sigma'),
-          '. Drag or arrow keys move the view, + and \u2212 zoom, 0 shows all, comma and full stop step through time, space plays.')),
+          el('span', { class: 'keys' }, ' Drag or arrow keys move the view, + and \u2212 zoom, 0 shows all, comma and full stop step through time, space plays.'))),
       el('div', {}, this.facts, this.answers));
     this.listen();
   }
@@ -137,7 +139,7 @@ class SceneView {
   drawFacts() {
     const s = this.scene;
     const rows = [['recording', s.id], ['target', s.target], ['at', `${fixed(s.time, 2)} s`], ['speed', `${fixed(s.speed, 1)} m/s`],
-      ['it does', words(s.class)], ['ADE, most probable', `${fixed(s.ade1, 2)} m`], ['least ADE of six', `${fixed(s.minAde6, 2)} m`],
+      ['it does', words(s.class)], ['ADE, k = 1', `${fixed(s.ade1, 2)} m`], ['minADE, k = 6', `${fixed(s.minAde6, 2)} m`],
       ['surprise', `${fixed(s.surprise, 2)} nats`], ['shown as', s.groups.map((g) => GROUPS[g] || g).join(', ').toLowerCase()]];
     this.facts.replaceChildren(el('dl', { class: 'pairs' }, rows.flatMap(([name, value]) => [el('dt', {}, name), el('dd', {}, value)])));
   }
@@ -161,6 +163,9 @@ class SceneView {
     const ahead = Math.max(0, this.time);
     const place = (dot, [x, y]) => { dot.setAttribute('cx', x); dot.setAttribute('cy', y); };
     place(this.truthDot, waypointAt(this.scene.truth, this.data.times, ahead));
+    for (const dot of [this.truthDot, ...(this.dots || []).map((d) => d.dot)]) {
+      dot.setAttribute('visibility', this.time > 0 ? 'visible' : 'hidden');
+    }
     for (const { dot, action } of this.dots || []) place(dot, waypointAt(action.mean, this.data.times, ahead));
   }
 
@@ -268,8 +273,8 @@ function drawScenes(data) {
   }
   const list = data.actions ? data.actions.list : [];
   const names = (id) => (list.find((action) => action.id === id) || { name: `action ${id}` }).name;
-  byId('scenes-lead').textContent = `${data.scenes.length} examples of ${shortName(data.scenesFrom)}, chosen among up to twelve of each of 24 recordings: `
-    + 'the worst by the least error of six actions, the best by the error of the most probable one, those where the target did what the model thought least probable, and typical ones of each class.'
+  byId('scenes-lead').textContent = `${data.scenes.length} examples of ${shortName(data.scenesFrom)}, chosen among up to twelve of each of at most 24 recordings: `
+    + 'the worst by minADE of six actions, the best by ADE of the most probable one, those where the target did what the model thought least probable, and typical ones of each class.'
     + (data.scenesLeftOut ? ` ${data.scenesLeftOut} more did not fit into the page.` : '');
   const view = new SceneView(data, names);
   const thumbs = el('ul', { class: 'thumbs', 'aria-label': 'Scenes' });
@@ -297,7 +302,7 @@ function drawScenes(data) {
       const scene = data.scenes[index];
       return el('li', {}, el('button', { class: 'card', type: 'button', 'data-scene': index, 'aria-pressed': 'false', onclick: () => show(index) },
         thumbnail(scene), el('span', { class: 'name' }, words(scene.class)),
-        el('span', { class: 'numbers' }, el('span', {}, (GROUPS[scene.groups[0]] || '').split(' ')[0] === 'Most' ? 'Surprising' : (GROUPS[scene.groups[0]] || '').split(' ')[0]),
+        el('span', { class: 'numbers' }, el('span', {}, BADGES[scene.groups[0]] || ''),
           el('span', {}, `${fixed(scene.ade1, 1)} m`))));
     }));
     if (indices.length) show(indices[0]);

@@ -5,9 +5,9 @@
 
 // [metric, title, unit] in the order in which they are listed.
 const MAIN = [
-  ['ade_1', 'ADE, most probable, m', 'm'], ['fde_1', 'FDE, most probable, m', 'm'], ['miss_rate_1', 'missed, most probable', 'share'],
-  ['ade_medoid', 'ADE of the medoid, m', 'm'], ['min_ade_6', 'least ADE of six, m', 'm'], ['min_fde_6', 'least FDE of six, m', 'm'],
-  ['miss_rate_6', 'missed by six', 'share'], ['brier_fde_6', 'Brier FDE of six, m', 'm'], ['nll', 'NLL a waypoint, nats', 'nats'],
+  ['ade_1', 'ADE, k = 1, m', 'm'], ['fde_1', 'FDE, k = 1, m', 'm'], ['miss_rate_1', 'missed, k = 1', 'share'],
+  ['ade_medoid', 'ADE of the medoid, m', 'm'], ['min_ade_6', 'minADE, k = 6, m', 'm'], ['min_fde_6', 'minFDE, k = 6, m', 'm'],
+  ['miss_rate_6', 'missed, k = 6', 'share'], ['brier_fde_6', 'brier-minFDE, k = 6, m', 'm'], ['nll', 'NLL a waypoint, nats', 'nats'],
   ['nll_joint', 'NLL a trajectory, nats', 'nats'], ['coverage_1sigma', 'truth within 1 sigma', 'share'], ['coverage_2sigma', 'truth within 2 sigma', 'share'],
   ['calibration_error', 'calibration error', 'share'], ['effective_actions', 'effective actions', ''], ['mutual_information', 'I(y;s), nats', 'nats'],
   ['purity_relative', 'purity, relative classes', 'share'],
@@ -71,8 +71,8 @@ function drawRivals(data) {
       { title: 'Examples', number: true, cell: (part) => count(part.examples) },
       ...names.map((name) => ({ title: rivals.titles[name] || name, cell: (part) => {
         const c = of(part, name);
-        return c ? el('span', { class: 'rival' }, interval(c, limit), el('span', { class: c.verdict === 'behind' ? 'worse' : null },
-          `${text(c)} ${c.verdict === 'undecided' ? '?' : c.verdict}`)) : '';
+        return c ? el('span', { class: 'rival' }, interval(c, limit), el('span', { class: { ahead: 'better', behind: 'worse' }[c.verdict] },
+          text(c), c.verdict === 'ahead' ? el('span', { class: 'hidden-text' }, ' ahead') : c.verdict === 'behind' ? ' behind' : ' ?')) : '';
       } }))], parts, (part) => part.dimension ? `by ${part.dimension}` : undefined));
   };
   const select = el('select', { onchange: (event) => draw(event.target.value) }, metrics.map((metric) => el('option', { value: metric }, titleOf(metric))));
@@ -92,8 +92,8 @@ function drawStrata(data) {
     const best = errors.includes(name) && value === Math.min(...errors.map((n) => row.metrics[n]).filter(isNumber));
     return best ? el('strong', {}, inUnit(value, unit)) : inUnit(value, unit);
   };
-  const columns = [['ADE, m', 'ade_1', 'm'], ['constant velocity', 'ade_cv', 'm'], ['CTRA', 'ade_ctra', 'm'], ['faded', 'ade_faded', 'm'], ['least ADE of six', 'min_ade_6', 'm'],
-    ['missed by six', 'miss_rate_6', 'share'], ['NLL', 'nll', 'nats'], ['within 2 sigma', 'coverage_2sigma', 'share'], ['calibration error', 'calibration_error', 'share']]
+  const columns = [['ADE, m', 'ade_1', 'm'], ['of CV', 'ade_cv', 'm'], ['of CTRA', 'ade_ctra', 'm'], ['of faded', 'ade_faded', 'm'], ['minADE, k = 6', 'min_ade_6', 'm'],
+    ['missed, k = 6', 'miss_rate_6', 'share'], ['NLL', 'nll', 'nats'], ['within 2 sigma', 'coverage_2sigma', 'share'], ['calibration error', 'calibration_error', 'share']]
     .filter(([, name]) => strata.some((row) => name in row.metrics))
     .map(([title, name, unit]) => ({ title, number: true, cell: cell(name, unit) }));
   bodyOf('strata').replaceChildren(table('Figures of each stratum', [{ title: 'Examples by', cell: (row) => words(row.name) },
@@ -139,9 +139,9 @@ function drawSettings(data) {
   if (!data.model) return showMissing('settings', data.missing.settings, { reason: 'There is no version yet.' });
   const columns = [{ title: 'Setting', cell: ([name]) => el('code', {}, name) }, { title: 'Value', cell: ([, value]) => value }];
   const settings = flat(data.model.settings);
-  const groups = [...new Set(settings.map(([name]) => (name.includes('.') ? name.split('.')[0] : '')))];
-  bodyOf('settings').replaceChildren(...groups.map((group) => {
-    const rows = settings.filter(([name]) => (name.includes('.') ? name.split('.')[0] : '') === group);
+  const groupOf = ([name]) => (name.includes('.') ? name.split('.')[0] : '');
+  bodyOf('settings').replaceChildren(...[...new Set(settings.map(groupOf))].sort().map((group) => {
+    const rows = settings.filter((setting) => groupOf(setting) === group);
     return el('details', { open: group === '' || group === 'optimization' }, el('summary', {}, group ? words(group) : 'the run'), table(`Settings: ${group || 'the run'}`, columns, rows));
   }));
 }
@@ -176,7 +176,7 @@ function drawProvenance(data) {
     add('evaluated', evaluation.time);
     add('evaluated examples', count(evaluation.examples));
     add('dataset, SHA-256', evaluation.datasetSha256);
-    for (const [name, value] of flat(evaluation.settings || {})) add(`evaluated with ${name}`, value);
+    for (const name of ['stride', 'keep_standing', 'standing_distance', 'max_speed']) add(`examples.${name}`, evaluation.settings[name]);
   }
   bodyOf('provenance').replaceChildren(table('Origins of the version and of its figures', [{ title: 'What', cell: ([name]) => name }, { title: 'Value', cell: ([, value]) => value }], rows));
 }

@@ -103,7 +103,7 @@ check('every part is there and drawn', async (browser) => {
   assert.equal(await text(page, 'h1'), 'town/3');
   assert.equal((await page.$$('#actions .card')).length, 6);  // the effective ones
   assert.equal((await page.$$('#scenes .thumbs .card')).length, 3);
-  assert.equal((await page.$$('#learning figure')).length, 2 + 7);
+  assert.equal((await page.$$('#learning figure')).length, 2 + 3);
 });
 
 for (const scheme of ['light', 'dark']) {

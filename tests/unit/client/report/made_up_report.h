@@ -98,6 +98,7 @@ inline std::shared_ptr<const v1::Scenario> MadeUpRecording(const std::string& id
       v1::AgentState* state = agent->add_states();
       state->set_time(0.1 * i);
       state->set_x(agent_id == 7 ? i - 20.0 : 25.0);
+      state->set_velocity_x(agent_id == 7 ? 10.0F : 0.0F);
       state->set_y(agent_id == 7 ? 0.0 : -4.0);
     }
   }

@@ -105,9 +105,8 @@ TEST(ReportJsonTest, NamesActionsByTheirDisplayNameThenLabelThenDerivedNameThenI
   set.add_actions()->set_derived_name("derived");
   set.add_actions()->set_action_id(3);
   std::vector<std::string> names;
-  for (const json& action : json::parse(ReportJson(data))["actions"]["list"]) {
-    names.push_back(action["name"]);
-  }
+  const json page = json::parse(ReportJson(data));
+  for (const json& action : page["actions"]["list"]) names.push_back(action["name"]);
   EXPECT_THAT(names, ElementsAre("shown", "label", "derived", "action 3"));
 }
 
@@ -155,12 +154,16 @@ TEST(ReportJsonTest, ALearningCurveHasNullsWhereAnEpochLacksATerm) {
   const json learning = json::parse(ReportJson(data))["learning"];
   ASSERT_EQ(learning.size(), 1);
   for (const json& term : learning[0]["terms"]) {
-    if (term["name"] == "new_term") EXPECT_EQ(term["training"], json({nullptr, 5.0}));
+    if (term["name"] == "new_term") {
+      EXPECT_EQ(term["training"], json({nullptr, 5.0}));
+    }
     if (term["name"] == "loss") {
       EXPECT_EQ(term["training"], json({4.0, 2.0}));
       EXPECT_EQ(term["heldOut"], json({4.5, 2.25}));
     }
-    if (term["name"] == "effective_actions") EXPECT_EQ(term["mixture"], json({4.0, 5.0}));
+    if (term["name"] == "effective_actions") {
+      EXPECT_EQ(term["mixture"], json({4.0, 5.0}));
+    }
   }
 }
 
