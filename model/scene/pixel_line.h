@@ -1,5 +1,5 @@
-// The points of a line in the picture: each coordinate by itself, so that several points are looked
-// at together.
+// The points of a line in the picture. Stores u and v separately, so that several points can be
+// read as one vector.
 
 #ifndef MANEUVER_MODEL_SCENE_PIXEL_LINE_H_
 #define MANEUVER_MODEL_SCENE_PIXEL_LINE_H_
@@ -14,8 +14,8 @@
 
 namespace maneuver::scene {
 
-// A place in the picture, pixels: u along a row, v along a column. Pixel (row r, column c) covers
-// [c, c+1) x [r, r+1).
+// A point of the picture, in pixels: u along a row, v along a column. Pixel (row r, column c)
+// covers [c, c+1) x [r, r+1).
 struct PixelPoint {
   double u = 0.0;
   double v = 0.0;
@@ -32,14 +32,14 @@ class PixelLine {
   size_t size() const { return size_; }
   bool empty() const { return size_ == 0; }
   PixelPoint operator[](size_t i) const { return {u_[i], v_[i]}; }
-  // Of points i .. i + kPointLanes-1, i being a point's; behind the last point they are any
-  // numbers.
+  // Return the coordinates of points i .. i + kPointLanes - 1, where i < size(). Values beyond the
+  // last point are arbitrary.
   DoubleLanes U(size_t i) const { return Load(&u_[i]); }
   DoubleLanes V(size_t i) const { return Load(&v_[i]); }
 
-  // Keeps the memory.
+  // Removes all points and keeps the memory.
   void Clear() { size_ = 0; }
-  // Appends so many points, all of which are to be set. Returns the first one's place.
+  // Appends `count` points, which the caller must set. Returns the index of the first.
   size_t Extend(size_t count) {
     const size_t first = size_;
     size_ += count;
@@ -66,7 +66,7 @@ class PixelLine {
   }
 
   size_t size_ = 0;
-  std::vector<double> u_, v_;  // with kPointLanes numbers behind the last point's
+  std::vector<double> u_, v_;  // at least kPointLanes numbers beyond the last point
 };
 
 }  // namespace maneuver::scene
