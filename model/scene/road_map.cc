@@ -107,7 +107,7 @@ RoadMap::RoadMap(std::unique_ptr<const MapFeatures> owned, const MapFeatures* ot
     Box box{kInfinity, kInfinity, -kInfinity, -kInfinity};
     const int last = std::min(feature.x_size(), feature.y_size()) - 1;
     for (int first = 0; first <= last; first += kIntervals) {
-      if (first == last && first > 0) break;  // the last point of the piece before
+      if (first == last && first > 0) break;  // the last point of the stretch before
       stretches_.push_back(Points(feature, first, std::min(first + kIntervals, last)).Describe());
       box = box.With(stretches_.back().box);
     }
