@@ -1,17 +1,16 @@
-// Which recordings belong together, and which fold each of them is in.
+// Finds which recordings belong together, and deals them out to folds.
 //
-// A model that learned from a place or a drive must not be measured on another recording of the
-// same place or drive, because it has already seen the answer. Cross-validation therefore keeps
-// groups of recordings together. Two recordings are in one group if a chain of these links joins
-// them:
-//   - their ids are the same up to the first '#' (parts of one recording, as HeldOut has it);
-//   - they share a place: a lane centreline, road line or road edge of at least kLeastSharedLength
-//     is in both maps, that is, it has the same type and the same number of points, and each of its
-//     two ends lies within 1 m along x and y. Recordings of one drive can differ by decimetres:
-//     each localises its map anew. Ends up to 2 m apart may match as well;
-//   - they share an agent: the same agent id makes the same step, from one position to the next,
-//     each rounded to 0.01 m. Steps shorter than 0.1 m do not count, and neither does the time:
-//     recordings of one drive may have clocks of their own.
+// A model must not be evaluated on another recording of a place or a drive that it learned from: it
+// has already seen the answer. Cross-validation therefore keeps groups of recordings together. Two
+// recordings are in one group if a chain of these links joins them:
+//   - their ids are equal up to the first '#' (parts of one recording, as in HeldOut);
+//   - they share a place: both maps contain the same lane centreline, road line or road edge of at
+//     least kLeastSharedLength. Features are the same if they have the same type, the same number
+//     of points, and both ends within 1 m along x and y. The tolerance is needed because each
+//     recording of a drive localises its map anew. Ends up to 2 m apart may match as well;
+//   - they share an agent: the same agent id makes the same step from one position to the next,
+//     each rounded to 0.01 m. Steps shorter than 0.1 m do not count. The time does not matter,
+//     because recordings of one drive may have different clocks.
 
 #ifndef MANEUVER_MODEL_DATA_RECORDING_GROUPS_H_
 #define MANEUVER_MODEL_DATA_RECORDING_GROUPS_H_
@@ -27,7 +26,7 @@
 
 namespace maneuver::data {
 
-// Shorter map features may be alike by chance.
+// Shorter map features may match by chance.
 inline constexpr double kLeastSharedLength = 20.0;  // metres
 
 // Recordings are numbered in the order in which they were added.
@@ -40,7 +39,7 @@ struct RecordingGroups {
   int LargestGroup() const;
 };
 
-// Finds the groups of recordings that are added one by one. Keeps at most 3,073 hashes of a
+// Finds the groups of recordings that are added one by one. Keeps at most 3,073 hashes per
 // recording. Not thread-safe.
 class RecordingGrouper {
  public:
@@ -50,7 +49,7 @@ class RecordingGrouper {
 
  private:
   int Root(int recording) const;
-  // Joins the recording that was added last with the first one that has this hash.
+  // Joins the latest recording with the first one that has this hash.
   void Link(uint64_t hash);
 
   std::vector<std::string> ids_;
@@ -58,12 +57,11 @@ class RecordingGrouper {
   std::unordered_map<uint64_t, int> first_;  // the first recording that has a hash
 };
 
-// Returns the fold of each recording, 0 .. folds - 1: whole groups, the largest first, each to the
-// fold with the fewest recordings so far. Groups of one size take their turns in the order of a
-// hash of the seed and of their recordings' ids, so that the order of the recordings does not
-// matter.
-// INVALID_ARGUMENT if there are fewer than two folds; FAILED_PRECONDITION if there are fewer groups
-// than folds.
+// Returns the fold of each recording, 0 .. folds - 1. Groups stay whole. The largest group is
+// assigned first, each to the fold with the fewest recordings so far. Groups of equal size are
+// ordered by a hash of the seed and of their recordings' ids, so the order of the recordings does
+// not matter. INVALID_ARGUMENT for fewer than two folds; FAILED_PRECONDITION for fewer groups than
+// folds.
 absl::StatusOr<std::vector<int>> AssignFolds(const RecordingGroups& groups, int folds,
                                              uint64_t seed);
 

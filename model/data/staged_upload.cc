@@ -22,8 +22,8 @@ namespace {
 namespace fs = std::filesystem;
 using google::protobuf::util::TimeUtil;
 
-// A second name for a file, or its only one where the file system knows no second names.
-//   needed_again: under its old name.
+// Links a file under a second name. Moves it instead if the file system has no hard links.
+//   needed_again: the old name is still needed; the file is then copied instead of moved.
 absl::Status NameAgain(const fs::path& file, const fs::path& name, bool needed_again) {
   if (link(file.c_str(), name.c_str()) == 0) return absl::OkStatus();
   const int reason = errno;
@@ -61,8 +61,8 @@ class StagedUpload final : public DatasetUpload {
 
   ~StagedUpload() override {
     const std::lock_guard lock(slot_->mutex);
-    if (slot_->turn != turn_) return;  // the files are somebody else's
-    // What fails here was not acknowledged.
+    if (slot_->turn != turn_) return;  // the files belong to another upload
+    // Bytes that cannot be written here were never acknowledged.
     if (file_ != nullptr) (void)file_->Close();
     file_.reset();
     if (discarded_) {
@@ -94,7 +94,7 @@ class StagedUpload final : public DatasetUpload {
       std::error_code ignored;
       fs::remove_all(temporary_, ignored);
     }
-    // Nothing is left to be gone on with, or nothing that could come to a good end.
+    // Discards the upload if it is published, or if continuing it can never succeed.
     discarded_ = status_.ok() || absl::IsInvalidArgument(status_) || absl::IsAlreadyExists(status_);
     const std::lock_guard lock(slot_->mutex);
     if (discarded_) staging_->RemoveFolder(*slot_);
@@ -141,7 +141,7 @@ class StagedUpload final : public DatasetUpload {
     }
   }
 
-  // Opens the part of the shard where what has arrived ends.
+  // Opens the current shard's file where the bytes that have arrived end.
   absl::Status OpenShard() {
     const fs::path part = PartOfShard(slot_->folder, shard());
     const int64_t offset = arrived_[static_cast<size_t>(shard_)];
@@ -164,7 +164,7 @@ class StagedUpload final : public DatasetUpload {
   // Moves past the shards that have all their bytes.
   absl::Status FinishFullShards() {
     for (; shard_ < manifest_.shards_size(); ++shard_) {
-      if (shard().size_bytes() == 0) continue;  // made by the commit
+      if (shard().size_bytes() == 0) continue;  // the commit creates it
       if (file_ == nullptr) {
         const int64_t arrived = arrived_[static_cast<size_t>(shard_)];
         if (arrived < shard().size_bytes()) return absl::OkStatus();
@@ -177,8 +177,8 @@ class StagedUpload final : public DatasetUpload {
     return absl::OkStatus();
   }
 
-  // Its name says that it is whole and right: not before its bytes are on the disk, and never if
-  // they are others.
+  // Renames the shard to its digest, which says that it is complete and correct. Does so only after
+  // its bytes are on the disk, and never if the digest differs.
   absl::Status CloseShard() {
     const fs::path part = PartOfShard(slot_->folder, shard());
     std::error_code error;
@@ -210,7 +210,7 @@ class StagedUpload final : public DatasetUpload {
                      " of ", shard().size_bytes(), " bytes"));
   }
 
-  // Those that came by an earlier call were found right then; who knows what the disk did since.
+  // Checks shards of earlier uploads again: the disk may have damaged them since.
   absl::Status CheckEarlierShards() {
     for (int i = 0; i < manifest_.shards_size(); ++i) {
       const v1::Shard& shard = manifest_.shards(i);
@@ -254,7 +254,7 @@ class StagedUpload final : public DatasetUpload {
     if (absl::Status status = CheckEarlierShards(); !status.ok()) return status;
     if (absl::Status status = FillTemporary(); !status.ok()) return status;
     absl::Status status = VerifyDatasetFolder(temporary_);
-    // The digests agreed: it is not damaged, it never was what it should be.
+    // The digests match, so nothing was damaged: the data was never valid.
     if (absl::IsDataLoss(status)) return absl::InvalidArgumentError(status.message());
     if (!status.ok()) return status;
     status = files::PublishFolder(temporary_, folder_);
@@ -269,8 +269,8 @@ class StagedUpload final : public DatasetUpload {
   const int64_t turn_;
   const std::shared_ptr<UploadStaging> staging_;
   std::vector<bool> was_whole_;  // [shards] before this call
-  fs::path temporary_;           // that is being committed
-  int shard_ = 0;                // that is arriving
+  fs::path temporary_;           // the folder being committed
+  int shard_ = 0;                // the shard that is arriving
   std::unique_ptr<files::OutputFile> file_;
   std::unique_ptr<files::Sha256> digest_;
   absl::Status status_;

@@ -1,4 +1,4 @@
-// An upload as it comes, into its slot; for the .cc files of this folder alone.
+// Receives an upload into its slot. Private to this folder's .cc files.
 
 #ifndef MANEUVER_MODEL_DATA_STAGED_UPLOAD_H_
 #define MANEUVER_MODEL_DATA_STAGED_UPLOAD_H_
@@ -15,19 +15,19 @@
 
 namespace maneuver::data {
 
-// datasets/{id} exists.
+// Returns ALREADY_EXISTS: datasets/{id} exists.
 absl::Status DatasetExists(const std::string& id);
 
 struct StagedUploadStart {
   std::string id;
-  std::filesystem::path folder;  // that it becomes
+  std::filesystem::path folder;  // of the future dataset
   v1::Dataset manifest;
-  std::vector<int64_t> arrived;  // [shards] bytes that are there and are not sent
+  std::vector<int64_t> arrived;  // [shards] bytes that are not sent, because they have arrived
   std::shared_ptr<UploadStaging::Slot> slot;
-  int64_t turn = 0;  // with which what is sent was announced
+  int64_t turn = 0;  // of the slot; this upload's bytes were announced with it
 };
 
-// From there on.
+// Returns an upload that continues from there.
 std::unique_ptr<DatasetUpload> ContinueUpload(StagedUploadStart start,
                                               std::shared_ptr<UploadStaging> staging);
 
