@@ -6,7 +6,7 @@
 namespace maneuver::evaluation {
 namespace {
 
-// "  7   4.1 %  left_turn        "
+// Returns "  7   4.1 %  left_turn        ", for example.
 std::string Side(const v1::MatchedAction& action) {
   const std::string& name = action.label().empty() ? action.kinematic_class() : action.label();
   return absl::StrFormat("%6d  %5.1f %%  %-17s", action.action_id(), 100.0 * action.share(), name);

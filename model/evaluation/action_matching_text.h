@@ -1,4 +1,4 @@
-// A matching as people read it.
+// Prints a matching for people.
 
 #ifndef MANEUVER_MODEL_EVALUATION_ACTION_MATCHING_TEXT_H_
 #define MANEUVER_MODEL_EVALUATION_ACTION_MATCHING_TEXT_H_
@@ -9,8 +9,9 @@
 
 namespace maneuver::evaluation {
 
-// A table of the pairs, closest first, with what is left over; then the figures. Names of actions
-// are their labels, or their kinematic class where they have none. Lines end in '\n'.
+// Returns a table of the pairs, closest first, and of the actions without a partner, followed by
+// the figures. An action is named by its label, or by its kinematic class if it has none. Lines end
+// in '\n'.
 std::string ActionMatchingText(const v1::ActionMatching& matching);
 
 }  // namespace maneuver::evaluation

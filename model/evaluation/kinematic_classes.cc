@@ -14,7 +14,7 @@ using Position = Eigen::RowVector2d;  // metres
 constexpr double kUTurnHeadingChange = 2.0943951;  // radians: 120 degrees
 constexpr double kCourseDistance = 1.0;            // metres
 
-// What depends on who moves.
+// Thresholds that depend on the agent's type.
 struct Thresholds {
   double stationary_distance;          // metres
   double stationary_speed;             // m/s
@@ -29,7 +29,7 @@ double Course(const Position& from, const Position& to) {
   return std::atan2(to.y() - from.y(), to.x() - from.x());
 }
 
-// Whether the first metre of travel goes to the rear.
+// Returns whether the first metre of travel goes backwards.
 bool SetsOffBackwards(const Trajectory& trajectory) {
   for (Eigen::Index t = 0; t < trajectory.rows(); ++t) {
     if (trajectory.row(t).norm() >= kCourseDistance) return trajectory(t, 0) < 0.0;
