@@ -39,7 +39,7 @@ std::string_view Trim(std::string_view text) {
   return text.substr(begin, text.find_last_not_of(kSpace) - begin + 1);
 }
 
-// Cuts the first word off `text`, which is trimmed.
+// Removes the first word from `text`, trims the rest and returns the word.
 std::string_view TakeWord(std::string_view& text) {
   const std::string_view word = text.substr(0, text.find_first_of(kSpace));
   text = Trim(text.substr(word.size()));
@@ -96,7 +96,7 @@ absl::StatusOr<Identities> Identities::Parse(std::string_view text) {
 const Identity* Identities::FindToken(std::string_view token) const {
   const std::string digest = files::Sha256Hex(token);
   const Identity* found = nullptr;
-  // Every entry is looked at, to its last byte, so that time tells nothing.
+  // Compares every entry to its last byte, so that the time reveals nothing.
   for (const Entry& entry : entries_) {
     if (entry.kind != Kind::kToken) continue;
     const bool equal = CRYPTO_memcmp(digest.data(), entry.credential.data(), kDigestDigits) == 0;
@@ -119,7 +119,7 @@ const Identity* Identities::FindCertificate(const std::vector<std::string>& alte
 
 std::string NewToken() {
   std::array<unsigned char, 32> bits{};
-  // Up to 256 bytes come whole, or not at all.
+  // getrandom returns up to 256 bytes in one piece, or fails.
   if (getrandom(bits.data(), bits.size(), 0) != static_cast<ssize_t>(bits.size())) std::abort();
   std::string token = "mvr_";
   for (const unsigned char byte : bits) {

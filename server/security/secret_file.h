@@ -1,4 +1,4 @@
-// Files whose content is nobody else's business.
+// Files that only their owner may read.
 
 #ifndef MANEUVER_SERVER_SECURITY_SECRET_FILE_H_
 #define MANEUVER_SERVER_SECURITY_SECRET_FILE_H_
@@ -12,12 +12,12 @@
 
 namespace maneuver::security {
 
-// The content. PERMISSION_DENIED, with the command that puts it right, if others may read or write
-// the file or its group may write it; NOT_FOUND if there is none.
+// Returns the content. NOT_FOUND if there is no such file. PERMISSION_DENIED, with the command that
+// repairs it, if others may read or write the file or its group may write it.
 absl::StatusOr<std::string> ReadSecretFile(const std::filesystem::path& file);
 
-// Adds a line to the end, in one step: readers see all of the line or none of it. Waits for others
-// who do the same. Makes the file, for its owner alone, if there is none.
+// Appends a line in one step: readers see the whole line or nothing. Waits for other writers.
+// Creates the file, for its owner alone, if there is none.
 //   line: ends in a newline.
 absl::Status AppendLine(const std::filesystem::path& file, std::string_view line);
 
