@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 
 constexpr int64_t kChunkBytes = 512 * 1024;
 
-// dataset.json of a folder whose shards are all there with the sizes that it states.
+// Reads dataset.json and checks that all shards of the folder have the sizes it states.
 absl::StatusOr<v1::Dataset> ReadWholeFolder(const fs::path& folder) {
   std::ifstream file(folder / "dataset.json", std::ios::binary);
   if (!file) {
@@ -43,7 +43,7 @@ absl::StatusOr<v1::Dataset> ReadWholeFolder(const fs::path& folder) {
   return dataset;
 }
 
-// The dataset of one call of UploadDataset, and how far it is.
+// The dataset of one call of UploadDataset, and its progress.
 class Upload {
  public:
   Upload(fs::path folder, std::string name, v1::Dataset dataset,
@@ -62,7 +62,7 @@ class Upload {
     return request;
   }
 
-  // INTERNAL for an answer that does not fit the question.
+  // Returns INTERNAL for an answer that does not match the question.
   absl::Status TakeAnswer(const v1::QueryUploadResponse& answer) {
     if (answer.arrived_bytes_size() != dataset_.shards_size()) {
       return absl::InternalError("the server answered for another number of shards");
@@ -82,11 +82,11 @@ class Upload {
     return absl::OkStatus();
   }
 
-  // Bytes that are not sent, by the last answer.
+  // Returns the bytes that need not be sent, by the latest answer.
   int64_t skipped() const { return skipped_; }
 
-  // Sends what has not arrived. Stops where the stream takes no more, for which Finish has the
-  // reason; an error is of the folder.
+  // Sends what has not arrived. Stops when the stream accepts no more; Finish has the reason.
+  // Returns an error only for the folder.
   absl::Status Send(grpc::ClientWriter<v1::UploadDatasetRequest>* writer) {
     v1::UploadDatasetRequest first;
     first.mutable_header()->set_name(name_);
@@ -103,7 +103,7 @@ class Upload {
   }
 
  private:
-  // False once the stream takes no more.
+  // Returns false once the stream accepts no more.
   absl::StatusOr<bool> SendShard(const v1::Shard& shard, int64_t offset,
                                  grpc::ClientWriter<v1::UploadDatasetRequest>* writer) {
     const fs::path file = folder_ / shard.file();
@@ -170,13 +170,13 @@ absl::StatusOr<v1::Dataset> Client::UploadDataset(const std::string& folder,
     absl::Status status =
         ToRetriable(connection_->datasets->QueryUpload(&context, upload.Question(), &answer),
                     call.cancellation);
-    // A server of before there was such a question keeps nothing.
+    // A server without QueryUpload keeps nothing.
     if (absl::IsUnimplemented(status)) {
       const int shards = upload.Question().dataset().shards_size();
       answer.mutable_arrived_bytes()->Resize(shards, 0);
       status = absl::OkStatus();
     }
-    // What this call has sent was committed, and the answer lost.
+    // This call's data was committed and the answer was lost.
     is_done = status.ok() && has_sent && answer.has_committed();
     if (is_done) committed = answer.committed();
     return status.ok() ? upload.TakeAnswer(answer) : status;
@@ -186,7 +186,7 @@ absl::StatusOr<v1::Dataset> Client::UploadDataset(const std::string& folder,
     has_sent = true;
     folder_error = upload.Send(writer.get());
     if (!folder_error.ok()) context.TryCancel();
-    const grpc::Status end = writer->Finish();  // also says why it took no more
+    const grpc::Status end = writer->Finish();  // also says why it accepted no more
     const absl::Status status =
         folder_error.ok() ? ToRetriable(end, call.cancellation) : ToStatus(end);
     is_done = status.ok();
@@ -196,7 +196,7 @@ absl::StatusOr<v1::Dataset> Client::UploadDataset(const std::string& folder,
   int64_t most_arrived = 0;
   bool may_start_clean = true;
   for (;;) {
-    // At first the upload is given the patience of any call. Each byte that arrives earns it more.
+    // At first the upload has the retries of any call. Each byte that arrives extends them.
     RetryPolicy policy = options.retry;
     if (has_sent) policy.max_attempts = 1'000'000;
     const bool had_sent = has_sent;
@@ -211,7 +211,7 @@ absl::StatusOr<v1::Dataset> Client::UploadDataset(const std::string& folder,
     if (!folder_error.ok()) return folder_error;
     if (is_done) return committed;
     most_arrived = std::max(most_arrived, upload.skipped());
-    // What lay there from before was wrong, and is gone now.
+    // An earlier part was wrong and has been discarded.
     const bool starts_clean =
         absl::IsDataLoss(status) && upload.skipped() > 0 && std::exchange(may_start_clean, false);
     if (!status.ok() && !starts_clean) return status;
