@@ -215,14 +215,14 @@ TEST(GeometryWaypointsTest, TakesTheNearestOfWaypointsThatAreFarApart) {
   for (const double step : found.steps) EXPECT_NEAR(step, 1.0, 1e-9);
 }
 
-TEST(GeometryWaypointsTest, LooksAtTheOnlyWaypoint) {
+TEST(GeometryWaypointsTest, UsesTheOnlyWaypoint) {
   const GeometryWaypoints found = FindGeometryWaypoints(Waypoints(1, 0.3));
   EXPECT_EQ(found.at, (std::array<int, 3>{0, 0, 0}));
   EXPECT_EQ(found.before, (std::array<int, 3>{-1, -1, -1}));
   EXPECT_NEAR(found.steps[2], 0.3, 1e-9);
 }
 
-TEST(ActionGeometryTest, AnActionOnAPathHasNoOffsetAndTheArcLengthThatItDrove) {
+TEST(ActionGeometryTest, AnActionOnAPathHasNoOffsetAndItsDistanceAsArcLength) {
   LanePathInputs paths;
   AddStraightPath(paths, 0.0, 0.0, 90.0);
   const ActionPoints action = Straight(10.0, 0.0);
@@ -264,7 +264,7 @@ TEST(ActionGeometryTest, ADirectionToTheLeftOfThePathHasAPositiveSine) {
   EXPECT_NEAR(numbers.pair(0, 0)[9], std::cos(0.2), 1e-5);
 }
 
-TEST(ActionGeometryTest, APathGoesStraightOnBeyondBothEnds) {
+TEST(ActionGeometryTest, APathContinuesStraightBeyondBothEnds) {
   LanePathInputs paths;
   AddStraightPath(paths, 0.0, 0.0, 100.0);
   const std::vector<ActionPoints> actions = {Straight(30.0, 0.0), Straight(-4.0, 0.0)};
@@ -277,7 +277,7 @@ TEST(ActionGeometryTest, APathGoesStraightOnBeyondBothEnds) {
   EXPECT_NEAR(numbers.pair(1, 0)[9], -1.0, 1e-4);
 }
 
-TEST(ActionGeometryTest, LeaderAndStopLineAreMeasuredFromWhereTheActionIs) {
+TEST(ActionGeometryTest, MeasuresLeaderAndStopLineFromTheActionsPosition) {
   LanePathInputs paths;
   float* path = AddStraightPath(paths, 0.0, 0.0);
   path[69] = 1.0f;
@@ -296,7 +296,7 @@ TEST(ActionGeometryTest, LeaderAndStopLineAreMeasuredFromWhereTheActionIs) {
   EXPECT_NEAR(pair[17], -2.0, 1e-5);  // 30 - 50
 }
 
-TEST(ActionGeometryTest, AStandingActionLooksStraightOn) {
+TEST(ActionGeometryTest, AStandingActionHeadsStraightAhead) {
   LanePathInputs paths;
   AddStraightPath(paths, 0.0, 0.2);
   const ActionPoints action = Straight(0.4, 2.0);
@@ -324,7 +324,7 @@ TEST(ActionGeometryTest, RoundingDoesNotChooseTheSegmentBesideABend) {
   }
 }
 
-TEST(ActionGeometryTest, PathsThatAreNotThereAreZero) {
+TEST(ActionGeometryTest, AbsentPathsAreZero) {
   const Problem problem = RandomProblem(3, 2, 5);
   const Numbers numbers = Describe(problem.actions, problem.paths);
   for (int a = 0; a < 3; ++a) {
@@ -349,7 +349,7 @@ TEST(ActionGeometryTest, EqualsAPlainEvaluation) {
   }
 }
 
-TEST(ActionGeometryTest, AnActionHasTheSameBitsWhateverElseThereIs) {
+TEST(ActionGeometryTest, AnActionHasTheSameBitsWhateverTheOthersAre) {
   const Problem problem = RandomProblem(70, 6, 3);
   const Numbers all = Describe(problem.actions, problem.paths, 4.0);
   for (int a = 0; a < 70; ++a) {
@@ -388,7 +388,7 @@ TEST(ActionGeometryTest, AMirrorSwapsLeftAndRight) {
   }
 }
 
-TEST(ActionGeometryTest, StaysFiniteWhereAllPointsOfAPathCoincide) {
+TEST(ActionGeometryTest, StaysFiniteIfAllPointsOfAPathCoincide) {
   LanePathInputs paths;
   paths.count = 1;
   paths.values[62] = 0.0f;

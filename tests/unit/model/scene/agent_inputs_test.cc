@@ -98,7 +98,7 @@ World RandomWorld(uint32_t seed, int agents, const Pose2& X_WT) {
 }
 
 // 13 m away, 4 m/s ahead and 3 m/s to the left; it drove 2 m/s half a second ago.
-TEST(AgentInputsTest, DescribesAnAgentBy24Numbers) {
+TEST(AgentInputsTest, DescribesAnAgentWith24Numbers) {
   World world{.X_WT = {30.0, -20.0, 0.4}, .speed = 10.0};
   v1::Agent* const agent = world.Add(1, {{10.0, -6.0}, {0.0, 2.0}, 0.2}, kTime - 0.5);
   world.AddMoment(agent, kTime, {{12.0, -5.0}, {4.0, 3.0}, 0.3});
@@ -139,7 +139,7 @@ TEST(AgentInputsTest, DescribesAnAgentBy24Numbers) {
   }
 }
 
-TEST(AgentInputsTest, AStandingAgentBesideAStandingTargetMeetsItNow) {
+TEST(AgentInputsTest, AStandingAgentBesideAStandingTargetIsClosestNow) {
   World world{.speed = 0.0};
   world.Add(1, {{3.0, 4.0}, {}, std::numbers::pi / 2.0});
   const AgentInputs inputs = Describe(world);
@@ -152,7 +152,7 @@ TEST(AgentInputsTest, AStandingAgentBesideAStandingTargetMeetsItNow) {
   EXPECT_NEAR(At(inputs, 0, kSine), 1.0, 1e-6);
 }
 
-TEST(AgentInputsTest, AnAgentThatDrivesAwayWasNearestNow) {
+TEST(AgentInputsTest, AnAgentThatDrivesAwayIsClosestNow) {
   World world{.speed = 5.0};
   world.Add(1, {{20.0, 0.0}, {9.0, 0.0}});
   const AgentInputs inputs = Describe(world);
@@ -160,7 +160,7 @@ TEST(AgentInputsTest, AnAgentThatDrivesAwayWasNearestNow) {
   EXPECT_NEAR(At(inputs, 0, kMeetingX), 1.0, 1e-6);
 }
 
-TEST(AgentInputsTest, LooksForMeetingsUpTo8SecondsAhead) {
+TEST(AgentInputsTest, SearchesTheClosestApproachUpTo8SecondsAhead) {
   World world{.speed = 3.0};
   world.Add(1, {{40.0, 0.0}, {2.0, 0.0}});
   const AgentInputs inputs = Describe(world);
@@ -169,7 +169,7 @@ TEST(AgentInputsTest, LooksForMeetingsUpTo8SecondsAhead) {
   EXPECT_NEAR(At(inputs, 0, kMeetingX), (40.0 + 8.0 * 2.0) / 20.0, 1e-6);
 }
 
-TEST(AgentInputsTest, SaysWhichTypeAnAgentIs) {
+TEST(AgentInputsTest, MarksTheTypeOfAnAgent) {
   World world;
   const v1::AgentType types[] = {v1::AGENT_TYPE_VEHICLE, v1::AGENT_TYPE_PEDESTRIAN,
                                  v1::AGENT_TYPE_CYCLIST, v1::AGENT_TYPE_OTHER,
@@ -184,7 +184,7 @@ TEST(AgentInputsTest, SaysWhichTypeAnAgentIs) {
   }
 }
 
-TEST(AgentInputsTest, ChangesAreFromTheStateNearestToHalfASecondBefore) {
+TEST(AgentInputsTest, ChangesAreRelativeToTheStateNearestToHalfASecondBefore) {
   World world;
   v1::Agent* const agent = world.Add(1, {{10.0, 0.0}, {9.0, 0.0}}, kTime - 0.54);
   world.AddMoment(agent, kTime - 0.47, {{10.0, 0.0}, {6.0, 0.0}});
@@ -195,7 +195,7 @@ TEST(AgentInputsTest, ChangesAreFromTheStateNearestToHalfASecondBefore) {
   EXPECT_EQ(At(inputs, 0, kHasEarlier), 1.0F);
 }
 
-TEST(AgentInputsTest, WithoutAStateHalfASecondBeforeThereAreNoChanges) {
+TEST(AgentInputsTest, ChangesAreZeroWithoutAStateHalfASecondBefore) {
   World world;
   v1::Agent* const agent = world.Add(1, {{10.0, 0.0}, {9.0, 0.0}, 1.0}, kTime - 0.56);
   world.AddMoment(agent, kTime - 0.44, {{10.0, 0.0}, {9.0, 0.0}, 1.0});
@@ -206,14 +206,14 @@ TEST(AgentInputsTest, WithoutAStateHalfASecondBeforeThereAreNoChanges) {
   }
 }
 
-TEST(AgentInputsTest, AHeadingThatPassesHalfATurnHasTurnedALittle) {
+TEST(AgentInputsTest, AChangeOfHeadingAcrossPiIsSmall) {
   World world;
   v1::Agent* const agent = world.Add(1, {{10.0, 0.0}, {}, 3.1}, kTime - 0.5);
   world.AddMoment(agent, kTime, {{10.0, 0.0}, {}, -3.1});
   EXPECT_NEAR(At(Describe(world), 0, kTurn), (2.0 * std::numbers::pi - 6.2) / 0.25, 1e-5);
 }
 
-TEST(AgentInputsTest, HoldsNumbersWithinTheirBounds) {
+TEST(AgentInputsTest, ClampsNumbersToTheirBounds) {
   constexpr float kLargestFloat = std::numeric_limits<float>::max();
   World world{.speed = -500.0};
   v1::Agent* const agent = world.Add(1, {{10.0, 0.0}, {}, -3.0}, kTime - 0.5);
@@ -263,7 +263,7 @@ TEST(AgentInputsTest, DescribesAgentsOfTheLast50Milliseconds) {
   EXPECT_NEAR(At(inputs, 0, kX), 0.25, 1e-6);
 }
 
-TEST(AgentInputsTest, LooksAtNothingLater) {
+TEST(AgentInputsTest, ReadsNothingLater) {
   const World world = RandomWorld(4, 40, {5.0, 6.0, 0.7});
   World longer = world;
   for (v1::Agent& agent : *longer.scenario.mutable_agents()) {
@@ -288,7 +288,7 @@ TEST(AgentInputsTest, DescribesTheNearestTwelveNearestFirst) {
   }
 }
 
-TEST(AgentInputsTest, OfEquallyNearAgentsTheFirstOfTheScenarioComesFirst) {
+TEST(AgentInputsTest, EquallyNearAgentsKeepTheScenariosOrder) {
   World world;
   for (int i = 0; i < 15; ++i) {
     const Point2 places[] = {{3.0, 4.0}, {-4.0, 3.0}, {0.0, -5.0}};
@@ -318,7 +318,7 @@ World Changed(World world, const std::function<void(v1::AgentState&)>& change, d
   return world;
 }
 
-TEST(AgentInputsTest, AMirroredViewIsOfTheMirroredWorld) {
+TEST(AgentInputsTest, AMirroredViewDescribesTheMirroredWorld) {
   const World world = RandomWorld(2, 30, {});
   const auto mirror = [](v1::AgentState& state) {
     state.set_y(-state.y());
@@ -336,7 +336,7 @@ TEST(AgentInputsTest, AMirroredViewIsOfTheMirroredWorld) {
   }
 }
 
-TEST(AgentInputsTest, AScaledViewIsOfTheScaledWorld) {
+TEST(AgentInputsTest, AScaledViewDescribesTheScaledWorld) {
   const World world = RandomWorld(3, 8, {});
   for (const double scale : {0.8, 1.25}) {
     const auto change = [scale](v1::AgentState& state) {

@@ -125,7 +125,7 @@ TEST(LaneGraphTest, LongLanesHaveTheSamePointsWithAndWithoutARepeatedOne) {
   }
 }
 
-TEST(LaneGraphTest, ALaneFollowsWhereItBeginsAtTheEndInTheSameDirection) {
+TEST(LaneGraphTest, ALaneFollowsIfItBeginsAtTheEndInTheSameDirection) {
   const auto follows = [](double x, double y, double heading) {
     v1::Scenario scenario;
     AddLane(&scenario, 1, {{0, 0}, {10, 0}});
@@ -146,7 +146,7 @@ TEST(LaneGraphTest, ALaneFollowsWhereItBeginsAtTheEndInTheSameDirection) {
 }
 
 // Anywhere in the world, so that starts and ends fall into neighbouring cells of the search.
-TEST(LaneGraphTest, SuccessorsByGeometryAreThoseThatAFullSearchFinds) {
+TEST(LaneGraphTest, SuccessorsByGeometryMatchAFullSearch) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   size_t found = 0;
@@ -175,7 +175,7 @@ TEST(LaneGraphTest, SuccessorsByGeometryAreThoseThatAFullSearchFinds) {
   EXPECT_GT(found, 1000u);
 }
 
-TEST(LaneGraphTest, DeclaredSuccessorsCountInPlaceOfThoseByGeometry) {
+TEST(LaneGraphTest, DeclaredSuccessorsReplaceThoseByGeometry) {
   v1::Scenario scenario;
   v1::MapFeature* lane = AddLane(&scenario, 1, {{0, 0}, {10, 0}});
   AddLane(&scenario, 2, {{10, 0}, {20, 0}});
@@ -197,7 +197,7 @@ TEST(LaneGraphTest, DeclaredSuccessorsCountInPlaceOfThoseByGeometry) {
   EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(3, 2));
 }
 
-TEST(LaneGraphTest, AnIdThatSeveralLanesHaveNamesTheFirst) {
+TEST(LaneGraphTest, AnIdSharedByLanesNamesTheFirst) {
   v1::Scenario scenario;
   AddLane(&scenario, 1, {{0, 0}, {10, 0}})->add_successor_ids(2);
   AddLane(&scenario, 2, {{10, 1}, {20, 1}});

@@ -124,7 +124,7 @@ std::vector<Point2> Line(Point2 from, Point2 to, double step = 1.0) {
   return points;
 }
 
-TEST(LanePathsTest, AStraightLaneIsStraight) {
+TEST(LanePathsTest, DescribesAStraightLane) {
   World world{.X_WT = {30.0, -20.0, 0.4}, .speed = 12.0};
   world.AddLane(1, Line({-40.0, 1.25}, {70.0, 1.25}))->set_speed_limit(15.0);
   const LanePathInputs inputs = Find(world);
@@ -165,7 +165,7 @@ TEST(LanePathsTest, AStraightLaneIsStraight) {
 }
 
 // The target stands on a circle of radius R to the left, turned 10 degrees to the right of it.
-TEST(LanePathsTest, AnArcBends) {
+TEST(LanePathsTest, DescribesAnArc) {
   constexpr double kRadius = 40.0;
   World world{.X_WT = {0.0, 0.0, -10.0 * kDegree}, .speed = 6.0};
   v1::MapFeature* lane = world.AddLane(1, {});
@@ -231,7 +231,7 @@ TEST(LanePathsTest, StartsAreWithinFiveMetresAndSixtyDegrees) {
   EXPECT_NEAR(3.0 * At(Find(world), 0, kCost), 4.0, 1e-5);
 }
 
-TEST(LanePathsTest, StartsComeInTheOrderOfTheirCost) {
+TEST(LanePathsTest, OrdersStartsByCost) {
   World world;
   world.AddLane(1, Line({-20.0, 3.0}, {150.0, 3.0}));
   world.AddLane(2, Line({-20.0, -0.5}, {150.0, -0.5}));
@@ -246,7 +246,7 @@ TEST(LanePathsTest, StartsComeInTheOrderOfTheirCost) {
   EXPECT_NEAR(At(inputs, 0, kLength), 110.0 / 50.0, 1e-6);
 }
 
-TEST(LanePathsTest, AForkGivesAPathForEachWay) {
+TEST(LanePathsTest, AForkGivesAPathForEachBranch) {
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {20.0, 0.0}));
   world.AddLane(2, Line({20.0, 0.0}, {60.0, 20.0}));
@@ -264,7 +264,7 @@ TEST(LanePathsTest, AForkGivesAPathForEachWay) {
   }
 }
 
-TEST(LanePathsTest, PathsThatStayCloseToAnEarlierOneAreDropped) {
+TEST(LanePathsTest, DropsPathsThatStayCloseToAnEarlierOne) {
   const auto count = [](double apart) {
     World world;
     world.AddLane(1, Line({-20.0, 0.0}, {150.0, 0.0}));
@@ -284,7 +284,7 @@ TEST(LanePathsTest, PathsThatStayCloseToAnEarlierOneAreDropped) {
   EXPECT_NEAR(PointAt(inputs, 1, 11).y, 0.0, 1e-4);
 }
 
-TEST(LanePathsTest, AtMostFiveBranchesOfAStartAndSixPathsInAll) {
+TEST(LanePathsTest, KeepsAtMostFivePathsPerStartAndSixInTotal) {
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {15.0, 0.0}));
   // Four ways on, each of which forks twice.
@@ -304,7 +304,7 @@ TEST(LanePathsTest, AtMostFiveBranchesOfAStartAndSixPathsInAll) {
   EXPECT_EQ(Find(world).count, 6);
 }
 
-TEST(LanePathsTest, FourWaysOnAreFollowedFromALane) {
+TEST(LanePathsTest, FollowsAtMostFourSuccessorsPerLane) {
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {10.0, 0.0}));
   for (int way = 0; way < 5; ++way) {
@@ -319,7 +319,7 @@ TEST(LanePathsTest, FourWaysOnAreFollowedFromALane) {
   }
 }
 
-TEST(LanePathsTest, DeclaredSuccessorsDecideWhereAPathGoesOn) {
+TEST(LanePathsTest, DeclaredSuccessorsDecideHowAPathContinues) {
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {20.0, 0.0}));
   world.AddLane(2, Line({20.0, 0.0}, {60.0, 20.0}));
@@ -333,7 +333,7 @@ TEST(LanePathsTest, DeclaredSuccessorsDecideWhereAPathGoesOn) {
   EXPECT_NEAR(At(inputs, 0, kLength), 110.0 / 50.0, 1e-5);
 }
 
-TEST(LanePathsTest, AGapBetweenLanesIsCrossedStraight) {
+TEST(LanePathsTest, CrossesAGapBetweenLanesStraight) {
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {13.0, 0.0}));
   world.AddLane(2, Line({13.0, 4.0}, {120.0, 4.0}));
@@ -368,7 +368,7 @@ TEST(LanePathsTest, TheLeaderIsTheFirstAgentOnThePath) {
   EXPECT_NEAR(At(inputs, 0, kCloseness), std::exp(-gap / 15.0), 1e-5);
 }
 
-TEST(LanePathsTest, ALeaderThatTouchesTheTargetIsAsCloseAsCanBe) {
+TEST(LanePathsTest, ALeaderThatTouchesTheTargetHasTheLargestCloseness) {
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {150.0, 0.0}));
   AddState(AddAgent(&world.scenario, kTarget, v1::AGENT_TYPE_VEHICLE, 5.0, 2.0), kTime, 0, 0, 0);
@@ -378,7 +378,7 @@ TEST(LanePathsTest, ALeaderThatTouchesTheTargetIsAsCloseAsCanBe) {
   EXPECT_EQ(At(inputs, 0, kCloseness), 1.0F);
 }
 
-TEST(LanePathsTest, LeadersAreLookedForUpToEightyMetresAlongThePath) {
+TEST(LanePathsTest, SearchesLeadersUpToEightyMetresAlongThePath) {
   const auto leads = [](double x) {
     World world;
     world.AddLane(1, Line({-20.0, 0.0}, {150.0, 0.0}));
@@ -517,7 +517,7 @@ World RandomWorld(std::mt19937& random, bool all_declared) {
   return world;
 }
 
-TEST(LanePathsTest, InputsAreThoseOfAPlainImplementation) {
+TEST(LanePathsTest, InputsMatchAPlainImplementation) {
   std::mt19937 random(11);
   LanePathFinder finder;
   int paths = 0, several = 0, leaders = 0, signals = 0, stop_signs = 0;
@@ -630,7 +630,7 @@ TEST(LanePathsTest, MovingTheWholeWorldChangesNothing) {
   }
 }
 
-TEST(LanePathsTest, NothingLaterThanTheTimeMatters) {
+TEST(LanePathsTest, ReadsNothingLater) {
   std::mt19937 random(15);
   for (int trial = 0; trial < 50; ++trial) {
     const World world = RandomWorld(random, false);
@@ -649,7 +649,7 @@ TEST(LanePathsTest, NothingLaterThanTheTimeMatters) {
   }
 }
 
-TEST(LanePathsTest, TheTargetsFrameCountsNotItsState) {
+TEST(LanePathsTest, UsesTheGivenFrameAndNotTheTargetsState) {
   std::mt19937 random(16);
   World world = RandomWorld(random, true);
   const LanePathInputs inputs = Find(world);
@@ -662,7 +662,7 @@ TEST(LanePathsTest, TheTargetsFrameCountsNotItsState) {
   EXPECT_EQ(Find(world).values, inputs.values);
 }
 
-TEST(LanePathsTest, AFinderThatWasUsedBeforeGivesTheSameBits) {
+TEST(LanePathsTest, AReusedFinderGivesTheSameBits) {
   std::mt19937 random(17);
   LanePathFinder finder;
   for (int trial = 0; trial < 100; ++trial) {
@@ -733,7 +733,7 @@ LanePathInputs FindInTime(const World& world) {
   return inputs;
 }
 
-TEST(LanePathsTest, ALoopIsFollowedOnce) {
+TEST(LanePathsTest, FollowsALoopOnce) {
   World world;
   // A ring of 40 m in two lanes, and a lane that is its own successor.
   world.AddLane(1, {{0, 0}, {5, 3}, {10, 3}})->add_successor_ids(2);

@@ -34,7 +34,7 @@ double Distance(const Point2& p, const Point2& a, const Point2& b) {
 class LineOfManyPointsTest : public testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(EverySeed, LineOfManyPointsTest, testing::Range(0, 12));
 
-TEST_P(LineOfManyPointsTest, IsSeenWhereItIs) {
+TEST_P(LineOfManyPointsTest, IsDrawnInTheRightPlace) {
   // Points may be passed over that lie within 0.05 pixels; rounding adds half a level.
   constexpr double kTolerance = 0.05 * 255.0 + 1.0;
   std::mt19937_64 random(GetParam());

@@ -129,7 +129,7 @@ int LargestDifference(const Picture& a, const Picture& b) {
   return largest;
 }
 
-TEST(RasterSymmetryTest, MovingTheWholeWorldLeavesThePictureAsItWas) {
+TEST(RasterSymmetryTest, MovingTheWholeWorldLeavesThePictureUnchanged) {
   std::mt19937_64 random(11);
   std::uniform_real_distribution<double> place(-1e4, 1e4);
   std::uniform_real_distribution<double> angle(-M_PI, M_PI);
@@ -145,7 +145,7 @@ TEST(RasterSymmetryTest, MovingTheWholeWorldLeavesThePictureAsItWas) {
   }
 }
 
-TEST(RasterSymmetryTest, TurningTheWorldButNotTheTargetIsSeen) {
+TEST(RasterSymmetryTest, TurningTheWorldButNotTheTargetChangesThePicture) {
   std::mt19937_64 random(12);
   const v1::RasterSpec spec = Spec(64);
   const v1::Scenario scenario = CrowdedScene(&random);
@@ -174,7 +174,7 @@ TEST(RasterSymmetryTest, MirroredRasterIsTheRasterOfTheMirroredWorld) {
   }
 }
 
-TEST(RasterSymmetryTest, AViewIsTheRasterOfAScaledAndShiftedWorld) {
+TEST(RasterSymmetryTest, AViewMatchesTheRasterOfAScaledAndShiftedWorld) {
   // Scaling by k and shifting by whole pixels: the same as finer pixels and a picture moved over.
   std::mt19937_64 random(14);
   const v1::Scenario scenario = CrowdedScene(&random);

@@ -44,7 +44,7 @@ TEST(RasterizerTest, TargetBoxFillsExactlyItsPixels) {
   }
 }
 
-TEST(RasterizerTest, AheadIsRightAndLeftIsUp) {
+TEST(RasterizerTest, DrawsAheadToTheRightAndLeftUpwards) {
   // The target drives along +y of the world; another car 4 m ahead of it and 2 m to its left.
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, kTarget, v1::AGENT_TYPE_VEHICLE, 4.0, 2.0), 0.0, 50, 30, M_PI / 2);
@@ -93,7 +93,7 @@ TEST(RasterizerTest, MetersPerPixelSetsTheScale) {
   EXPECT_EQ(raster.at(7, 11, kNowTarget), 255);
 }
 
-TEST(RasterizerTest, CenterlineAlongARowLightsThatRowAlone) {
+TEST(RasterizerTest, ACenterlineAlongARowDrawsOnlyThatRow) {
   v1::Scenario scenario;
   // y = 1.5 is v = 4.5, the middle of row 4.
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{-100, 1.5}, {0, 1.5}, {100, 1.5}});
@@ -106,7 +106,7 @@ TEST(RasterizerTest, CenterlineAlongARowLightsThatRowAlone) {
   for (int channel = 1; channel < 9; ++channel) EXPECT_EQ(raster.Sum(channel), 0) << channel;
 }
 
-TEST(RasterizerTest, CenterlineThroughTheTargetLightsTheTwoMiddleRowsHalf) {
+TEST(RasterizerTest, ACenterlineThroughTheTargetDrawsBothMiddleRowsHalf) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{-100, 0}, {100, 0}});
   const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
@@ -161,7 +161,7 @@ INSTANTIATE_TEST_SUITE_P(
       return v1::MapFeatureType_Name(test.param.type).substr(sizeof("MAP_FEATURE_TYPE_") - 1);
     });
 
-TEST(RasterizerTest, CrosswalkIsFilledAndCloses) {
+TEST(RasterizerTest, FillsACrosswalkAndClosesIt) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_CROSSWALK, {{1, -2}, {3, -2}, {3, 2}, {1, 2}});
   const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
@@ -173,7 +173,7 @@ TEST(RasterizerTest, CrosswalkIsFilledAndCloses) {
   }
 }
 
-TEST(RasterizerTest, StopLineOfOnePointIsADisc) {
+TEST(RasterizerTest, DrawsAStopLineOfOnePointAsADisc) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_STOP_LINE, {{0.5, 1.5}});
   const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
@@ -197,7 +197,7 @@ TEST(RasterizerTest, AgentsOfEachTypeHaveTheirIntensity) {
   }
 }
 
-TEST(RasterizerTest, WhatIsFarAwayIsNotSeen) {
+TEST(RasterizerTest, DoesNotDrawWhatIsFarAway) {
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, 4, 2), 0.0, 1e8, -1e8, 0);
   AddState(AddAgent(&scenario, 3, v1::AGENT_TYPE_VEHICLE, 4, 2), 0.0, 11, 0, 0);
@@ -208,7 +208,7 @@ TEST(RasterizerTest, WhatIsFarAwayIsNotSeen) {
   for (const uint8_t value : raster.bytes()) ASSERT_EQ(value, 0);
 }
 
-TEST(RasterizerTest, WhatIsHalfOutsideIsCutAtTheEdge) {
+TEST(RasterizerTest, CutsWhatIsHalfOutsideAtTheEdge) {
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, 4, 2), 0.0, 8, 0, 0);
   const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
@@ -218,7 +218,7 @@ TEST(RasterizerTest, WhatIsHalfOutsideIsCutAtTheEdge) {
 }
 
 // Validation keeps such scenes out; a sanitizer would see a write outside the raster.
-TEST(RasterizerTest, NumbersThatAreNoneLeadNowhereOutsideTheRaster) {
+TEST(RasterizerTest, NanNeverWritesOutsideTheRaster) {
   for (const double number : {std::nan(""), HUGE_VAL, -HUGE_VAL, 1e300}) {
     v1::Scenario scenario;
     for (int type = 0; type <= 9; ++type) {
@@ -236,7 +236,7 @@ TEST(RasterizerTest, NumbersThatAreNoneLeadNowhereOutsideTheRaster) {
   }
 }
 
-TEST(RasterizerTest, DrawsTheSameWhateverItDrewBefore) {
+TEST(RasterizerTest, AReusedRasterizerDrawsTheSame) {
   v1::Scenario first;
   AddFeature(&first, v1::MAP_FEATURE_TYPE_DRIVEWAY, {{-20, -20}, {20, -10}, {10, 20}});
   AddFeature(&first, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{-5, -5}, {5, 5}})->set_id(4);

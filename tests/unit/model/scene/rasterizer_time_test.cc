@@ -33,7 +33,7 @@ void AddSpotState(v1::Agent* agent, double time, int column) {
   AddState(agent, time, column - 8 + 0.5, 0.5, 0);
 }
 
-TEST(HistoryTest, FramesGoFromNowBackwards) {
+TEST(HistoryTest, FramesRunBackwardsFromNow) {
   v1::Scenario scenario;
   v1::Agent* target = AddSpot(&scenario, kTarget);
   v1::Agent* other = AddSpot(&scenario, 2);
@@ -74,7 +74,7 @@ TEST(HistoryTest, GapsStayEmpty) {
   EXPECT_EQ(LitColumn(raster, kOtherFrames + 2), 3);
 }
 
-TEST(HistoryTest, AnAgentThatIsGoneOrNotYetThereIsAbsentNow) {
+TEST(HistoryTest, AnAgentThatHasLeftOrNotYetAppearedIsAbsentNow) {
   v1::Scenario scenario;
   AddSpotState(AddSpot(&scenario, 2), 0.9, 3);  // gone since
   AddSpotState(AddSpot(&scenario, 3), 1.1, 6);  // comes later
@@ -84,7 +84,7 @@ TEST(HistoryTest, AnAgentThatIsGoneOrNotYetThereIsAbsentNow) {
   EXPECT_EQ(LitColumn(raster, kOtherFrames + 1), 3);
 }
 
-TEST(FutureTest, NothingLaterThanNowIsLookedAt) {
+TEST(FutureTest, ReadsNothingLaterThanNow) {
   v1::Scenario scenario;
   for (int id = 1; id <= 4; ++id) {
     v1::Agent* agent = AddAgent(&scenario, id, v1::AGENT_TYPE_VEHICLE, 4, 2);
@@ -129,7 +129,7 @@ TEST(FutureTest, NothingLaterThanNowIsLookedAt) {
   EXPECT_NE(Draw(SmallSpec(), altered, 1.0, kTarget, kOrigin).bytes(), whole.bytes());
 }
 
-TEST(FutureTest, TimeStandsInForThePredictionTime) {
+TEST(FutureTest, TheGivenTimeReplacesThePredictionTime) {
   v1::Scenario scenario;
   scenario.set_prediction_time(0.0);
   v1::Agent* agent = AddSpot(&scenario, 2);
@@ -174,7 +174,7 @@ TEST_F(SignalTest, LaneShowsTheLatestReading) {
   EXPECT_EQ(LaneAt(9.1), 255);
 }
 
-TEST_F(SignalTest, OtherLanesKeepTheirs) {
+TEST_F(SignalTest, OtherLanesAreUnaffected) {
   AddReading(6, 0.0, v1::TRAFFIC_SIGNAL_STATE_STOP);
   AddReading(4, 0.0, v1::TRAFFIC_SIGNAL_STATE_STOP);
   EXPECT_EQ(LaneAt(1.0), 255);

@@ -11,7 +11,7 @@
 namespace maneuver::scene {
 namespace {
 
-TEST(RoadMapTest, EachFeatureHasTheBoxAroundItsPoints) {
+TEST(RoadMapTest, BoxesEncloseTheirFeatures) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_LINE, {{3.0, -1.0}, {-2.0, 5.0}, {0.0, 0.0}});
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_STOP_SIGN, {{7.0, 8.0}});
@@ -27,7 +27,7 @@ TEST(RoadMapTest, EachFeatureHasTheBoxAroundItsPoints) {
 }
 
 // A circle's points lie R (1 - cos) from the chord between two of them, as far as half way.
-TEST(RoadMapTest, StretchesSayHowFarTheyBend) {
+TEST(RoadMapTest, StretchesStateHowFarTheyBend) {
   constexpr double kRadius = 50.0;
   constexpr double kStep = 0.01;  // radians
   constexpr int kPoints = 40;
@@ -69,7 +69,7 @@ TEST(RoadMapTest, AStretchThatTurnsBackIsNotStraight) {
   EXPECT_TRUE(map.stretches(3).empty());
 }
 
-TEST(RoadMapTest, AMapOverFeaturesIsTheirsAndHasNone) {
+TEST(RoadMapTest, AMapOverFeaturesDoesNotCopyThem) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_LINE, {{3.0, -1.0}, {-2.0, 5.0}, {0.0, 0.0}});
   const RoadMap map = RoadMap::Over(scenario.map_features());

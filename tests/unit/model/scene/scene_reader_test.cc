@@ -114,7 +114,7 @@ TEST(SceneReaderTest, ReadsBothForAModelWithBoth) {
   ExpectSameVectors(inputs.vectors, Read(VectorModel(), Braking(), 1.0).vectors);
 }
 
-TEST(SceneReaderTest, LooksAtNothingLater) {
+TEST(SceneReaderTest, ReadsNothingLater) {
   ExpectSameVectors(Read(VectorModel(), Braking(3.0), 1.0).vectors,
                     Read(VectorModel(), Braking(1.0), 1.0).vectors);
 }
@@ -159,7 +159,7 @@ TEST(SceneReaderTest, ReadsAnEmptySceneAsAStandingTarget) {
   EXPECT_EQ(inputs.vectors.history[39], 1.0F);  // e^(-|v| / 0.5)
 }
 
-TEST(SceneReaderTest, ReadsOverWhatAnotherSceneHasLeft) {
+TEST(SceneReaderTest, OverwritesTheInputsOfAnotherScene) {
   v1::ModelSpec spec = LaneModel();
   spec.mutable_scene_vectors()->set_agent_width(8);
   *spec.mutable_raster() = SmallSpec();

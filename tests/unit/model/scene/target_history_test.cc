@@ -80,7 +80,7 @@ TEST(TargetHistoryTest, ShrinksSlopesByTheNoiseOfTheirFits) {
               1e-9);
 }
 
-TEST(TargetHistoryTest, LooksAtNothingLaterThanThePredictionTime) {
+TEST(TargetHistoryTest, ReadsNothingLaterThanThePredictionTime) {
   v1::Agent agent = Drive(
       0.0, [](double t) { return 5.0 + t; }, [](double) { return 1.0; });
   const Pose2 pose = PoseNow(agent);
@@ -91,7 +91,7 @@ TEST(TargetHistoryTest, LooksAtNothingLaterThanThePredictionTime) {
   EXPECT_EQ(DescribeHistory(after, EstimateMotion(after)), before);
 }
 
-TEST(TargetHistoryTest, InterpolatesBetweenStatesAndGoesOnBeforeTheFirst) {
+TEST(TargetHistoryTest, InterpolatesBetweenStatesAndExtrapolatesBeforeTheFirst) {
   v1::Agent agent;
   for (const auto& [time, x, speed] :
        std::vector<std::array<double, 3>>{{-0.4, 1.0, 2.0}, {0.0, 3.0, 6.0}}) {
@@ -112,7 +112,7 @@ TEST(TargetHistoryTest, InterpolatesBetweenStatesAndGoesOnBeforeTheFirst) {
   EXPECT_NEAR(shorter.states[0].x, -6.0, 1e-6);
 }
 
-TEST(TargetHistoryTest, IsTheSameWhereverTheWorldIs) {
+TEST(TargetHistoryTest, DoesNotDependOnWhereTheWorldIs) {
   const v1::Agent agent = Drive(
       2.0, [](double t) { return 9.0 - 2.0 * t; }, [](double t) { return 3.1 + 0.5 * t; });
   v1::Agent moved = agent;
@@ -134,7 +134,7 @@ TEST(TargetHistoryTest, IsTheSameWhereverTheWorldIs) {
   for (size_t i = 0; i < a.size(); ++i) EXPECT_NEAR(a[i], b[i], 1e-4) << i;
 }
 
-TEST(TargetHistoryTest, AMirrorChangesTheSignOfWhatIsToTheSide) {
+TEST(TargetHistoryTest, AMirrorChangesTheSignOfLateralNumbers) {
   const v1::Agent agent = Drive(
       0.0, [](double t) { return 6.0 + t; }, [](double t) { return 0.4 * t; });
   const TargetHistory history = ResampleHistory(agent, 0.0, PoseNow(agent));
@@ -146,7 +146,7 @@ TEST(TargetHistoryTest, AMirrorChangesTheSignOfWhatIsToTheSide) {
   EXPECT_GT(std::abs(a[3]), 0.5F);
 }
 
-TEST(TargetHistoryTest, NoiseTurnsTheFrameAndSparesVehiclesThatStand) {
+TEST(TargetHistoryTest, NoiseTurnsTheFrameAndLeavesStandingVehiclesStill) {
   const v1::Agent agent = Drive(
       0.0, [](double) { return 7.0; }, [](double) { return 0.5; });
   const TargetHistory history = ResampleHistory(agent, 0.0, PoseNow(agent));
@@ -171,7 +171,7 @@ TEST(TargetHistoryTest, NoiseTurnsTheFrameAndSparesVehiclesThatStand) {
   for (const PastState& state : still.history.states) EXPECT_EQ(state.velocity_x, 0.0);
 }
 
-TEST(TargetHistoryTest, NoiseHasTheStrengthAndTheCorrelationThatAreStated) {
+TEST(TargetHistoryTest, NoiseHasTheStatedStrengthAndCorrelation) {
   TargetHistory history;
   for (PastState& state : history.states) state.velocity_x = 10.0;
   double squares = 0.0, products = 0.0;
