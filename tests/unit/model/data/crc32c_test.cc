@@ -31,7 +31,7 @@ TEST(Crc32cTest, InstructionAndTableAgreeAtEveryLengthAndAlignment) {
   }
 }
 
-TEST(Crc32cTest, PiecesGiveTheChecksumOfTheWhole) {
+TEST(Crc32cTest, ExtendingByPiecesGivesTheChecksumOfTheWhole) {
   const std::string_view bytes = "123456789";
   for (size_t cut = 0; cut <= bytes.size(); ++cut) {
     EXPECT_EQ(ExtendCrc32c(Crc32c(bytes.substr(0, cut)), bytes.substr(cut)), 0xE3069283u);

@@ -85,7 +85,7 @@ class DatasetDescriptionTest : public testing::Test {
   const TemporaryFolder folder_;
 };
 
-TEST_F(DatasetDescriptionTest, CountsExamplesAndThoseWhoStand) {
+TEST_F(DatasetDescriptionTest, CountsExamplesAndStandingOnes) {
   const v1::DatasetSummary summary = Describe();
   EXPECT_EQ(summary.dataset().recordings(), 4);
   EXPECT_DOUBLE_EQ(summary.dataset().duration_seconds(), 20.0);
@@ -100,7 +100,7 @@ TEST_F(DatasetDescriptionTest, CountsExamplesAndThoseWhoStand) {
   EXPECT_EQ(summary.example_settings().SerializeAsString(), Settings().SerializeAsString());
 }
 
-TEST_F(DatasetDescriptionTest, CountsExamplesOfEveryTypeButDescribesThoseOfVehicles) {
+TEST_F(DatasetDescriptionTest, CountsExamplesOfEveryTypeAndDescribesVehicles) {
   const v1::DatasetSummary summary = Describe();
   EXPECT_EQ(summary.examples_by_type().at("VEHICLE"), summary.examples());
   // As many pedestrians as vehicles, seen as long; they stand.
@@ -116,7 +116,7 @@ TEST_F(DatasetDescriptionTest, CountsSpeedsOfAllExamples) {
   EXPECT_EQ(SumOf(speeds), 12);
 }
 
-TEST_F(DatasetDescriptionTest, CountsTurnsOfThoseThatMoveTheShortWayRound) {
+TEST_F(DatasetDescriptionTest, CountsTurnsOfMovingTargetsByTheirWrappedAngle) {
   const v1::Histogram turns = Describe().turns();
   EXPECT_EQ(CountAt(turns, 0.0), 6);
   // Two seconds of 0.2 rad.
@@ -124,7 +124,7 @@ TEST_F(DatasetDescriptionTest, CountsTurnsOfThoseThatMoveTheShortWayRound) {
   EXPECT_EQ(SumOf(turns), 9);
 }
 
-TEST_F(DatasetDescriptionTest, SaysHowMuchHasAMap) {
+TEST_F(DatasetDescriptionTest, MeasuresTheMapCoverage) {
   const v1::MapCoverage coverage = Describe().map_coverage();
   EXPECT_EQ(coverage.recordings_with_lanes(), 3);
   EXPECT_DOUBLE_EQ(coverage.lane_length(), 300.0);
@@ -140,7 +140,7 @@ TEST_F(DatasetDescriptionTest, CountsTheSameOnAnyNumberOfThreads) {
   }
 }
 
-TEST_F(DatasetDescriptionTest, ADamagedRecordIsAnErrorOnAnyNumberOfThreads) {
+TEST_F(DatasetDescriptionTest, ReportsADamagedRecordOnAnyNumberOfThreads) {
   const auto manifest = ReadDatasetManifest(folder_ / "town");
   std::filesystem::resize_file(folder_ / "town" / manifest->shards(0).file(), 100);
   for (const int threads : {1, 3}) {

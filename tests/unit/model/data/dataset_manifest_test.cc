@@ -30,7 +30,7 @@ v1::Dataset Manifest() {
   return manifest;
 }
 
-TEST(DatasetManifestTest, AGoodOneHasNoViolations) {
+TEST(DatasetManifestTest, AValidManifestHasNoViolations) {
   EXPECT_THAT(ValidateDatasetManifest(Manifest()), IsEmpty());
 }
 
@@ -41,7 +41,7 @@ TEST(DatasetManifestTest, TextRoundTripKeepsEveryField) {
   EXPECT_THAT(PrintDatasetManifest(Manifest()), HasSubstr("\"size_bytes\": \"100\""));
 }
 
-TEST(DatasetManifestTest, OneDigestStandsForTheContentsOfAllShardsInOrder) {
+TEST(DatasetManifestTest, TheContentDigestCoversAllShardsInOrder) {
   v1::Dataset two = Manifest();
   *two.add_shards() = two.shards(0);
   two.mutable_shards(1)->set_sha256(std::string(64, 'b'));
@@ -57,7 +57,7 @@ TEST(DatasetManifestTest, OneDigestStandsForTheContentsOfAllShardsInOrder) {
   EXPECT_EQ(ContentSha256(two), ContentSha256(renamed));
 }
 
-TEST(DatasetManifestTest, TextThatIsNoJsonIsDataLoss) {
+TEST(DatasetManifestTest, TextThatIsNotJsonIsDataLoss) {
   EXPECT_EQ(ParseDatasetManifest("{\"recordings\": ").status().code(), absl::StatusCode::kDataLoss);
 }
 
@@ -112,7 +112,7 @@ TEST(DatasetManifestTest, NamesTheFieldThatIsWrong) {
   }
 }
 
-TEST(DatasetManifestTest, RefusesOneFileNamedTwice) {
+TEST(DatasetManifestTest, RefusesAFileNamedTwice) {
   v1::Dataset manifest = Manifest();
   *manifest.add_shards() = manifest.shards(0);
   manifest.set_recordings(6);
@@ -120,7 +120,7 @@ TEST(DatasetManifestTest, RefusesOneFileNamedTwice) {
               ElementsAre(Field(&scene::FieldViolation::field, "shards[1].file")));
 }
 
-TEST(DatasetManifestTest, CountsThatOverflowAreRefused) {
+TEST(DatasetManifestTest, RefusesCountsThatOverflow) {
   v1::Dataset manifest = Manifest();
   manifest.mutable_shards(0)->set_records(INT64_MAX);
   *manifest.add_shards() = manifest.shards(0);
@@ -128,7 +128,7 @@ TEST(DatasetManifestTest, CountsThatOverflowAreRefused) {
   EXPECT_FALSE(ValidateDatasetManifest(manifest).empty());
 }
 
-TEST(DatasetManifestTest, AFolderWithoutOneIsNotFoundAndADamagedOneIsDataLoss) {
+TEST(DatasetManifestTest, AMissingManifestIsNotFoundAndADamagedOneIsDataLoss) {
   TemporaryFolder folder;
   EXPECT_EQ(ReadDatasetManifest(folder / "absent").status().code(), absl::StatusCode::kNotFound);
   WriteBytes(folder / "dataset.json", "{}");

@@ -116,7 +116,7 @@ class DatasetStoreTest : public testing::Test {
   std::string bytes_;
 };
 
-TEST_F(DatasetStoreTest, AnUploadBecomesADatasetThatIsThereAfterARestart) {
+TEST_F(DatasetStoreTest, ACommittedUploadIsADatasetAfterARestart) {
   const auto uploaded = Upload("town", bytes_);
   ASSERT_TRUE(uploaded.ok()) << uploaded.status();
   EXPECT_EQ(uploaded->name(), "datasets/town");
@@ -139,7 +139,7 @@ TEST_F(DatasetStoreTest, NothingIsADatasetBeforeTheCommit) {
   EXPECT_THAT(*store_->List("", 10), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, AnUploadOfWhichNothingCameLeavesNothing) {
+TEST_F(DatasetStoreTest, AnUploadWithoutBytesLeavesNothing) {
   ASSERT_TRUE(store_->BeginUpload("town", manifest_).ok());
   EXPECT_THAT(Names(), IsEmpty());
 }
@@ -152,7 +152,7 @@ TEST_F(DatasetStoreTest, ADiscardedUploadLeavesNothing) {
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, WhatArrivedIsThereAfterARestartAndIsNotSentAgain) {
+TEST_F(DatasetStoreTest, ArrivedBytesSurviveARestartAndAreNotSentAgain) {
   BreakOffAfter(FirstShardBytes() + 500);
   Reopen();
   EXPECT_FALSE(store_->Contains("town"));
@@ -165,7 +165,7 @@ TEST_F(DatasetStoreTest, WhatArrivedIsThereAfterARestartAndIsNotSentAgain) {
   EXPECT_THAT(Names(), ElementsAre("town"));
 }
 
-TEST_F(DatasetStoreTest, LessThanHasArrivedMayBeGoneOnFromAndMoreMayNot) {
+TEST_F(DatasetStoreTest, ContinuesFromFewerBytesThanArrivedButNotFromMore) {
   BreakOffAfter(1'000);
   std::vector<int64_t> claimed = Arrived();
   ASSERT_EQ(claimed[0], 1'000);
@@ -178,7 +178,7 @@ TEST_F(DatasetStoreTest, LessThanHasArrivedMayBeGoneOnFromAndMoreMayNot) {
   EXPECT_TRUE((*upload)->Commit().ok());
 }
 
-TEST_F(DatasetStoreTest, WhatOneCallerSentIsNotThereForAnother) {
+TEST_F(DatasetStoreTest, CallersDoNotShareArrivedBytes) {
   BreakOffAfter(bytes_.size(), "ada");
   EXPECT_THAT(Arrived("ada"), testing::Contains(testing::Gt(0)));
   EXPECT_THAT(Arrived("bob"), testing::Each(0));
@@ -190,7 +190,7 @@ TEST_F(DatasetStoreTest, WhatOneCallerSentIsNotThereForAnother) {
   EXPECT_THAT(other->arrived_bytes(), testing::Each(0));
 }
 
-TEST_F(DatasetStoreTest, ABeginningThatTurnsOutWrongIsThrownAwayAndTheNextAttemptStartsClean) {
+TEST_F(DatasetStoreTest, DiscardsAPartialShardThatTurnsOutWrong) {
   BreakOffAfter(1'000);
   AlterAByte(StagedFile(0, ".part"));
   const absl::Status wrong = GoOn().status();
@@ -200,7 +200,7 @@ TEST_F(DatasetStoreTest, ABeginningThatTurnsOutWrongIsThrownAwayAndTheNextAttemp
   EXPECT_TRUE(dataset.ok()) << dataset.status();
 }
 
-TEST_F(DatasetStoreTest, AWholeShardThatTheDiskAlteredIsThrownAwayAndTheOthersAreKept) {
+TEST_F(DatasetStoreTest, DiscardsAShardThatTheDiskAlteredAndKeepsTheOthers) {
   BreakOffAfter(bytes_.size());
   AlterAByte(StagedFile(0, ""));
   const absl::Status wrong = GoOn().status();
@@ -212,7 +212,7 @@ TEST_F(DatasetStoreTest, AWholeShardThatTheDiskAlteredIsThrownAwayAndTheOthersAr
   EXPECT_TRUE(dataset.ok()) << dataset.status();
 }
 
-TEST_F(DatasetStoreTest, OfTwoUploadsByOneCallerTheLaterGoesOn) {
+TEST_F(DatasetStoreTest, ALaterUploadByTheSameCallerTakesOver) {
   auto first = store_->BeginUpload("town", manifest_);
   ASSERT_TRUE(first.ok());
   ASSERT_TRUE((*first)->Append(std::string_view(bytes_).substr(0, FirstShardBytes() + 100)).ok());
@@ -232,7 +232,7 @@ TEST_F(DatasetStoreTest, OfTwoUploadsByOneCallerTheLaterGoesOn) {
   EXPECT_TRUE(dataset.ok()) << dataset.status();
 }
 
-TEST_F(DatasetStoreTest, OfWhatLaysThereAnotherUploadKeepsTheShardsThatItHasToo) {
+TEST_F(DatasetStoreTest, ASecondUploadReusesShardsThatAlreadyArrived) {
   BreakOffAfter(bytes_.size());
   const std::filesystem::path given_up = StagedFile(1, "");
   ASSERT_TRUE(std::filesystem::exists(given_up));
@@ -245,7 +245,7 @@ TEST_F(DatasetStoreTest, OfWhatLaysThereAnotherUploadKeepsTheShardsThatItHasToo)
   EXPECT_TRUE((*upload)->Commit().ok());
 }
 
-TEST_F(DatasetStoreTest, WhoAsksAfterTheCommitIsToldOfTheDataset) {
+TEST_F(DatasetStoreTest, QueryUploadReturnsACommittedDataset) {
   EXPECT_FALSE(store_->QueryUpload("town", manifest_)->has_committed());
   ASSERT_TRUE(Upload("town", bytes_).ok());
   EXPECT_EQ(store_->QueryUpload("town", manifest_)->committed().name(), "datasets/town");
@@ -253,7 +253,7 @@ TEST_F(DatasetStoreTest, WhoAsksAfterTheCommitIsToldOfTheDataset) {
   EXPECT_FALSE(store_->QueryUpload("town", manifest_)->has_committed());
 }
 
-TEST_F(DatasetStoreTest, UploadsThatNobodyGoesOnWithAreRemovedAfterTheirTime) {
+TEST_F(DatasetStoreTest, RemovesAbandonedUploadsAfterTheirTime) {
   const auto now = std::filesystem::file_time_type::clock::now();
   BreakOffAfter(1'000);
   ASSERT_TRUE(store_->RemoveAbandonedUploads(now + std::chrono::hours(23)).ok());
@@ -267,7 +267,7 @@ TEST_F(DatasetStoreTest, UploadsThatNobodyGoesOnWithAreRemovedAfterTheirTime) {
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, AStartRemovesUploadsThatAreTooOld) {
+TEST_F(DatasetStoreTest, OpeningRemovesUploadsThatAreTooOld) {
   BreakOffAfter(1'000);
   const auto old = std::filesystem::file_time_type::clock::now() - std::chrono::hours(25);
   const std::filesystem::path part = StagedFile(0, ".part");
@@ -277,14 +277,14 @@ TEST_F(DatasetStoreTest, AStartRemovesUploadsThatAreTooOld) {
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, WhatASuddenDeathLeftOfACommitIsRemovedByTheNextStart) {
+TEST_F(DatasetStoreTest, OpeningRemovesWhatACrashedCommitLeft) {
   auto temporary = files::MakeTemporaryFolderFor(folder_ / "datasets" / "town");
   ASSERT_TRUE(temporary.ok());
   Reopen();
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, TheQuotaIsForAllDatasetsAndForWhatIsOnItsWay) {
+TEST_F(DatasetStoreTest, TheQuotaCoversDatasetsAndUploadsInProgress) {
   const auto size = static_cast<int64_t>(bytes_.size());
   Reopen(2 * size + 100);
   ASSERT_TRUE(Upload("first", bytes_).ok());
@@ -307,7 +307,7 @@ TEST_F(DatasetStoreTest, TheQuotaIsForAllDatasetsAndForWhatIsOnItsWay) {
   EXPECT_TRUE(store_->BeginUpload("fourth", manifest_).ok());
 }
 
-TEST_F(DatasetStoreTest, ATruncatedUploadIsRefusedByItsShard) {
+TEST_F(DatasetStoreTest, RefusesATruncatedUploadAndNamesTheShard) {
   const auto result = Upload("town", bytes_.substr(0, bytes_.size() - 1));
   EXPECT_TRUE(absl::IsInvalidArgument(result.status())) << result.status();
   EXPECT_THAT(std::string(result.status().message()),
@@ -316,14 +316,14 @@ TEST_F(DatasetStoreTest, ATruncatedUploadIsRefusedByItsShard) {
   EXPECT_FALSE(store_->Contains("town"));
 }
 
-TEST_F(DatasetStoreTest, BytesBeyondTheLastShardAreRefused) {
+TEST_F(DatasetStoreTest, RefusesBytesBeyondTheLastShard) {
   const auto result = Upload("town", bytes_ + "x");
   EXPECT_TRUE(absl::IsInvalidArgument(result.status())) << result.status();
   EXPECT_THAT(std::string(result.status().message()), HasSubstr("more bytes"));
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, AnAlteredByteIsRefusedByItsShard) {
+TEST_F(DatasetStoreTest, RefusesAnAlteredByteAndNamesTheShard) {
   bytes_[static_cast<size_t>(manifest_.shards(0).size_bytes()) + 100] ^= 1;
   const auto result = Upload("town", bytes_);
   EXPECT_TRUE(absl::IsDataLoss(result.status())) << result.status();
@@ -333,7 +333,7 @@ TEST_F(DatasetStoreTest, AnAlteredByteIsRefusedByItsShard) {
   EXPECT_EQ(Arrived()[1], 0);
 }
 
-TEST_F(DatasetStoreTest, ARecordingThatIsNoneIsRefusedByRecordAndField) {
+TEST_F(DatasetStoreTest, RefusesAnInvalidRecordingAndNamesRecordAndField) {
   // The digests agree: it was made like this.
   v1::Scenario bad = SmallRecording("bad");
   bad.mutable_agents(0)->set_length(-1.0);
@@ -354,7 +354,7 @@ TEST_F(DatasetStoreTest, ARecordingThatIsNoneIsRefusedByRecordAndField) {
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, ShardsWithoutAByteAreThereToo) {
+TEST_F(DatasetStoreTest, CommitCreatesEmptyShards) {
   v1::Shard empty;
   empty.set_file("annotations-00000.tfrecord");
   empty.set_content(v1::SHARD_CONTENT_ANNOTATIONS);
@@ -365,12 +365,12 @@ TEST_F(DatasetStoreTest, ShardsWithoutAByteAreThereToo) {
   EXPECT_TRUE(std::filesystem::exists(store_->FolderOf("town") / empty.file()));
 }
 
-TEST_F(DatasetStoreTest, ANameIsTakenOnce) {
+TEST_F(DatasetStoreTest, RefusesANameThatExists) {
   ASSERT_TRUE(Upload("town", bytes_).ok());
   EXPECT_TRUE(absl::IsAlreadyExists(store_->BeginUpload("town", manifest_).status()));
 }
 
-TEST_F(DatasetStoreTest, OfTwoCallersThatUploadANameTheFirstToCommitWins) {
+TEST_F(DatasetStoreTest, TheFirstOfTwoCallersToCommitANameWins) {
   auto first = store_->BeginUpload("town", manifest_, "ada");
   auto second = store_->BeginUpload("town", manifest_, "bob");
   ASSERT_TRUE(first.ok() && second.ok());
@@ -383,7 +383,7 @@ TEST_F(DatasetStoreTest, OfTwoCallersThatUploadANameTheFirstToCommitWins) {
   EXPECT_THAT(Names(), ElementsAre("town"));
 }
 
-TEST_F(DatasetStoreTest, ADatasetThatCannotFitIsRefusedBeforeAByteIsSent) {
+TEST_F(DatasetStoreTest, RefusesADatasetThatCannotFitBeforeAnyByteIsSent) {
   manifest_.mutable_shards(0)->set_size_bytes(std::numeric_limits<int64_t>::max());
   manifest_.mutable_shards(1)->set_size_bytes(std::numeric_limits<int64_t>::max());
   const auto upload = store_->BeginUpload("town", manifest_);
@@ -391,7 +391,7 @@ TEST_F(DatasetStoreTest, ADatasetThatCannotFitIsRefusedBeforeAByteIsSent) {
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, ADetachedDatasetIsGoneAtOnceAndItsNameFree) {
+TEST_F(DatasetStoreTest, DetachingFreesTheNameAtOnce) {
   ASSERT_TRUE(Upload("town", bytes_).ok());
   ASSERT_EQ(store_->ListScenarios("town", 0, 10)->size(), 3u);
   const auto detached = store_->Detach("town");
@@ -407,14 +407,14 @@ TEST_F(DatasetStoreTest, ADetachedDatasetIsGoneAtOnceAndItsNameFree) {
   EXPECT_THAT(Names(), ElementsAre("town"));
 }
 
-TEST_F(DatasetStoreTest, DatasetsAreListedByNameInPages) {
+TEST_F(DatasetStoreTest, ListsDatasetsByNameInPages) {
   for (const char* id : {"b", "c", "a"}) ASSERT_TRUE(Upload(id, bytes_).ok());
   EXPECT_THAT(*store_->List("", 2), ElementsAre("a", "b"));
   EXPECT_THAT(*store_->List("b", 2), ElementsAre("c"));
   EXPECT_THAT(*store_->List("c", 2), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, ADescriptionIsKeptBesideTheDatasetForItsSettings) {
+TEST_F(DatasetStoreTest, KeepsADescriptionForTheSameSettings) {
   ASSERT_TRUE(Upload("town", bytes_).ok());
   v1::ModelSpec spec;
   spec.mutable_raster()->set_history_frames(11);
@@ -438,7 +438,7 @@ TEST_F(DatasetStoreTest, ADescriptionIsKeptBesideTheDatasetForItsSettings) {
   EXPECT_TRUE(absl::IsDataLoss(store_->Describe("town", spec, settings).status()));
 }
 
-TEST_F(DatasetStoreTest, RecordingsAreListedInOrderAtAGlance) {
+TEST_F(DatasetStoreTest, ListsSummariesOfRecordingsInOrder) {
   ASSERT_TRUE(Upload("town", bytes_).ok());
   for (int read = 0; read < 2; ++read) {  // from the disk, then from memory
     const auto scenarios = store_->ListScenarios("town", 1, 5);

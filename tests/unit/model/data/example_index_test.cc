@@ -108,7 +108,7 @@ TEST(EnumerateExamplesTest, TheTrajectoryIsInTheTargetsFrameAtItsTime) {
   }
 }
 
-TEST(EnumerateExamplesTest, TimesAreOfTheScenariosClockWhereverATrackBegins) {
+TEST(EnumerateExamplesTest, TimesFollowTheScenariosClockWhereverATrackBegins) {
   // States from 0.3 to 5.3: a past from 1.3 on.
   EXPECT_THAT(Enumerate(Recording(Vehicle(7, 0.3, 51, 10.0))),
               TimesAre(Expected{1.5, 2.0, 2.5, 3.0}));
@@ -120,7 +120,7 @@ TEST(EnumerateExamplesTest, TimesAreThoseOfTheNearestState) {
               TimesAre(Expected{1.03, 1.53, 2.03, 2.53, 3.03}));
 }
 
-TEST(EnumerateExamplesTest, AStrideShorterThanTheTracksStepMeetsEachStateOnce) {
+TEST(EnumerateExamplesTest, AStrideShorterThanTheTracksStepUsesEachStateOnce) {
   v1::ExampleSettings settings = Settings();
   settings.mutable_stride()->set_nanos(20'000'000);
   const auto examples =
@@ -134,7 +134,7 @@ TEST(EnumerateExamplesTest, LargeClocksWork) {
               TimesAre(Expected{epoch + 1.0, epoch + 1.5, epoch + 2.0, epoch + 2.5, epoch + 3.0}));
 }
 
-TEST(EnumerateExamplesTest, WithoutAStrideThereAreNone) {
+TEST(EnumerateExamplesTest, WithoutAStrideThereAreNoExamples) {
   v1::ExampleSettings settings = Settings();
   settings.clear_stride();
   EXPECT_THAT(EnumerateExamples(Recording(Vehicle(7, 0.0, 51, 10.0)), 0, Spec(), settings),
@@ -160,7 +160,7 @@ std::vector<int64_t> TargetsOf(const v1::ModelSpec& spec, v1::ExampleSettings se
   return targets;
 }
 
-TEST(EnumerateExamplesTest, TargetsAreOfTheTypesThatTheModelLearnsFrom) {
+TEST(EnumerateExamplesTest, OnlyTypesThatTheModelLearnsFromAreTargets) {
   v1::ModelSpec spec = Spec();
   EXPECT_THAT(TargetsOf(spec, Settings(), 5.0), ElementsAre(v1::AGENT_TYPE_VEHICLE));
   spec.add_target_types(v1::AGENT_TYPE_CYCLIST);
@@ -179,7 +179,7 @@ v1::ModelSpec EveryType() {
   return spec;
 }
 
-TEST(EnumerateExamplesTest, ATargetFasterThanItsTypeEverIsIsMistracked) {
+TEST(EnumerateExamplesTest, LeavesOutATargetFasterThanItsTypeCanBe) {
   EXPECT_THAT(TargetsOf(EveryType(), Settings(), 11.0),
               ElementsAre(v1::AGENT_TYPE_VEHICLE, v1::AGENT_TYPE_CYCLIST, v1::AGENT_TYPE_OTHER));
   EXPECT_THAT(TargetsOf(EveryType(), Settings(), 26.0),
@@ -189,31 +189,31 @@ TEST(EnumerateExamplesTest, ATargetFasterThanItsTypeEverIsIsMistracked) {
   EXPECT_THAT(TargetsOf(EveryType(), slow, 5.0), IsEmpty());
 }
 
-TEST(EnumerateExamplesTest, TheOldestFrameMustBeThere) {
+TEST(EnumerateExamplesTest, RequiresAStateAtTheOldestFrame) {
   v1::Agent agent = Vehicle(7, 0.0, 51, 10.0);
   RemoveStates(&agent, 0, 1);
   EXPECT_THAT(Enumerate(Recording(agent)), TimesAre(Expected{1.5, 2.0, 2.5, 3.0}));
 }
 
-TEST(EnumerateExamplesTest, OneMissingFrameIsNoGapInPastOrFuture) {
+TEST(EnumerateExamplesTest, AcceptsOneMissingFrameInPastOrFuture) {
   v1::Agent agent = Vehicle(7, 0.0, 51, 10.0);
   RemoveStates(&agent, 22, 1);
   EXPECT_THAT(Enumerate(Recording(agent)), TimesAre(Expected{1.0, 1.5, 2.0, 2.5, 3.0}));
 }
 
-TEST(EnumerateExamplesTest, AGapInThePastLeavesTheExampleOut) {
+TEST(EnumerateExamplesTest, LeavesOutAnExampleWithAGapInItsPast) {
   v1::Agent agent = Vehicle(7, 0.0, 51, 10.0);
   RemoveStates(&agent, 3, 2);  // 0.2 to 0.5: within the past of 1.0 alone
   EXPECT_THAT(Enumerate(Recording(agent)), TimesAre(Expected{1.5, 2.0, 2.5, 3.0}));
 }
 
-TEST(EnumerateExamplesTest, AGapOverAWaypointLeavesTheExampleOut) {
+TEST(EnumerateExamplesTest, LeavesOutAnExampleWithAGapAtAWaypoint) {
   v1::Agent agent = Vehicle(7, 0.0, 51, 10.0);
   RemoveStates(&agent, 44, 3);  // none at 4.5: the waypoint of 2.5 and 3.0
   EXPECT_THAT(Enumerate(Recording(agent)), TimesAre(Expected{1.0, 1.5, 2.0}));
 }
 
-TEST(EnumerateExamplesTest, AJumpFasterThanMaxSpeedLeavesItsWindowsOut) {
+TEST(EnumerateExamplesTest, LeavesOutWindowsWithAJumpFasterThanMaxSpeed) {
   v1::Agent agent = Vehicle(7, 0.0, 91, 10.0);
   // From 4.0 on, 6 m to the side: 60 m/s and more over one step.
   for (int i = 40; i < agent.states_size(); ++i) agent.mutable_states(i)->set_y(56.0);
@@ -262,7 +262,7 @@ std::set<std::pair<int64_t, double>> Kept(const v1::Scenario& scenario, double s
   return kept;
 }
 
-TEST(KeepStandingTest, KeepsTheShareAskedForAndCountsAll) {
+TEST(KeepStandingTest, KeepsTheGivenShareAndCountsAll) {
   int64_t standing_seen = 0;
   const auto kept = Kept(CarPark("park", 400), 0.12, &standing_seen);
   EXPECT_EQ(standing_seen, 2000);
@@ -271,21 +271,21 @@ TEST(KeepStandingTest, KeepsTheShareAskedForAndCountsAll) {
   EXPECT_EQ(Kept(CarPark("park", 400), 1.0).size(), 2000u);
 }
 
-TEST(KeepStandingTest, KeepsAllPedestriansAndCyclistsForTheyDoNotPark) {
+TEST(KeepStandingTest, KeepsAllPedestriansAndCyclists) {
   v1::ExampleSettings few = Settings();
   few.set_keep_standing(1e-9);
   EXPECT_THAT(TargetsOf(EveryType(), few, 0.0),
               ElementsAre(v1::AGENT_TYPE_PEDESTRIAN, v1::AGENT_TYPE_CYCLIST));
 }
 
-TEST(KeepStandingTest, ALargerShareKeepsWhatASmallerOneDid) {
+TEST(KeepStandingTest, ALargerShareKeepsWhatASmallerOneKeeps) {
   const auto few = Kept(CarPark("park", 100), 0.1);
   const auto many = Kept(CarPark("park", 100), 0.5);
   EXPECT_LT(few.size(), many.size());
   for (const auto& window : few) EXPECT_TRUE(many.contains(window));
 }
 
-TEST(KeepStandingTest, DoesNotDependOnWhoElseIsThere) {
+TEST(KeepStandingTest, DoesNotDependOnOtherAgents) {
   const auto alone = Kept(CarPark("park", 50), 0.3);
   const auto in_company = Kept(CarPark("park", 100), 0.3);
   for (const auto& window : alone) EXPECT_TRUE(in_company.contains(window));
@@ -302,7 +302,7 @@ TEST(KeepStandingTest, NeverLeavesOutAMovingTarget) {
             5u);
 }
 
-TEST(HeldOutTest, HoldsOutTheShareAskedFor) {
+TEST(HeldOutTest, HoldsOutTheGivenShare) {
   int held_out = 0;
   for (int i = 0; i < 4000; ++i) held_out += HeldOut("town-1-" + std::to_string(i), 0.2);
   // Binomial with mean 800 and deviation 25.3: five deviations.
@@ -318,7 +318,7 @@ TEST(HeldOutTest, PartsOfOnePlaceStayTogether) {
   }
 }
 
-TEST(HeldOutTest, ALargerShareHoldsOutWhatASmallerOneDid) {
+TEST(HeldOutTest, ALargerShareHoldsOutWhatASmallerOneHoldsOut) {
   for (int i = 0; i < 200; ++i) {
     const std::string id = std::to_string(i);
     if (HeldOut(id, 0.1)) {

@@ -98,7 +98,7 @@ TEST_F(TfRecordTest, ReadsTheBytesOfTheFormat) {
   EXPECT_TRUE(reading.reached_end);
 }
 
-TEST_F(TfRecordTest, ReturnsPayloadsOfEverySizeAsTheyWereWritten) {
+TEST_F(TfRecordTest, ReadsBackPayloadsOfEverySize) {
   const std::vector<std::string> payloads = {"", "x", std::string(300'000, 'y'),
                                              std::string(9'000'000, 'z'), std::string(1, '\0')};
   const Reading reading = ReadBytes(Written(payloads));
@@ -123,7 +123,7 @@ TEST_F(TfRecordTest, WriterCountsRecordsBytesAndDigest) {
 }
 
 // Every single bit of the middle record: it is reported where it lies, and never read as it is.
-TEST_F(TfRecordTest, EachFlippedBitIsReportedWithFileAndOffset) {
+TEST_F(TfRecordTest, ReportsEachFlippedBitWithFileAndOffset) {
   for (size_t byte = 0; byte < kAbcRecord.size(); ++byte) {
     for (int bit = 0; bit < 8; ++bit) {
       std::string damaged = kAbcRecord;
@@ -142,7 +142,7 @@ TEST_F(TfRecordTest, EachFlippedBitIsReportedWithFileAndOffset) {
   }
 }
 
-TEST_F(TfRecordTest, TruncationAnywhereIsReportedAndEndsTheReading) {
+TEST_F(TfRecordTest, ReportsTruncationAnywhereAndStops) {
   for (size_t size = 1; size < kAbcRecord.size(); ++size) {
     const Reading reading = ReadBytes(kAbcRecord + kAbcRecord.substr(0, size));
     EXPECT_EQ(reading.payloads.size(), 1u);
@@ -153,7 +153,7 @@ TEST_F(TfRecordTest, TruncationAnywhereIsReportedAndEndsTheReading) {
   }
 }
 
-TEST_F(TfRecordTest, AReaderThatLostTheFramingKeepsSayingSo) {
+TEST_F(TfRecordTest, KeepsReportingThatTheFramingIsLost) {
   WriteBytes(folder_ / "a", kAbcRecord.substr(0, 15));
   auto reader = TfRecordReader::Open(folder_ / "a");
   std::string payload;
@@ -162,20 +162,20 @@ TEST_F(TfRecordTest, AReaderThatLostTheFramingKeepsSayingSo) {
   EXPECT_EQ((*reader)->Next(&payload), first);
 }
 
-TEST_F(TfRecordTest, AnAbsurdLengthIsRefusedThoughItsChecksumIsRight) {
+TEST_F(TfRecordTest, RefusesAnAbsurdLengthWithAMatchingChecksum) {
   const std::string two_gibibytes("\x00\x00\x00\x80\x00\x00\x00\x00\xec\xaf\x30\x72", 12);
   const Reading reading = ReadBytes(two_gibibytes + "abc");
   ASSERT_EQ(reading.damages.size(), 1u);
   EXPECT_THAT(std::string(reading.damages[0].message()), HasSubstr("2147483648 bytes"));
 }
 
-TEST_F(TfRecordTest, TheLongestRecordAcceptedCanBeSet) {
+TEST_F(TfRecordTest, RefusesRecordsLongerThanTheOptionAllows) {
   const std::string bytes = Written({"1234567890"});
   EXPECT_EQ(ReadBytes(bytes, {.max_record_bytes = 10}).payloads.size(), 1u);
   EXPECT_EQ(ReadBytes(bytes, {.max_record_bytes = 9}).damages.size(), 1u);
 }
 
-TEST_F(TfRecordTest, ReadsGzipAsIfItWereNotThere) {
+TEST_F(TfRecordTest, ReadsGzipLikePlainFiles) {
   const std::vector<std::string> payloads = {"a", std::string(2'000'000, 'b'), "c"};
   const Reading reading = ReadBytes(Gzip(Written(payloads)));
   EXPECT_EQ(reading.payloads, payloads);
@@ -188,7 +188,7 @@ TEST_F(TfRecordTest, ReadsGzipOfSeveralMembers) {
   EXPECT_TRUE(reading.reached_end);
 }
 
-TEST_F(TfRecordTest, ATruncatedOrDamagedGzipStreamIsReported) {
+TEST_F(TfRecordTest, ReportsATruncatedOrDamagedGzipStream) {
   std::string varied;  // hardly compressible, so that the records spread over the stream
   uint32_t state = 1;
   for (int i = 0; i < 100'000; ++i) {
@@ -209,20 +209,20 @@ TEST_F(TfRecordTest, ATruncatedOrDamagedGzipStreamIsReported) {
   EXPECT_GE(ReadBytes(damaged).damages.size(), 1u);
 }
 
-TEST_F(TfRecordTest, ARecordWhoseLengthLooksLikeGzipIsARecord) {
+TEST_F(TfRecordTest, ReadsARecordWhoseLengthLooksLikeGzip) {
   const std::string payload(0x088B1F, 'p');  // little-endian: 1f 8b 08
   const std::string bytes = Written({payload});
   ASSERT_EQ(bytes.substr(0, 3), "\x1f\x8b\x08");
   EXPECT_THAT(ReadBytes(bytes).payloads, ElementsAre(payload));
 }
 
-TEST_F(TfRecordTest, GzipCanBeRefused) {
+TEST_F(TfRecordTest, RefusesGzipIfTheOptionSaysSo) {
   const Reading reading = ReadBytes(Gzip(kAbcRecord), {.allow_gzip = false});
   EXPECT_TRUE(reading.payloads.empty());
   EXPECT_EQ(reading.damages.size(), 1u);
 }
 
-TEST_F(TfRecordTest, AMissingFileIsNotFoundAndAnExistingOneIsNotOverwritten) {
+TEST_F(TfRecordTest, ReportsAMissingFileAndNeverOverwritesAnExistingOne) {
   EXPECT_EQ(TfRecordReader::Open(folder_ / "absent").status().code(), absl::StatusCode::kNotFound);
   WriteBytes(folder_ / "a", "kept");
   EXPECT_EQ(TfRecordWriter::Create(folder_ / "a").status().code(),

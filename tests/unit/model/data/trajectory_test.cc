@@ -103,7 +103,7 @@ TEST(ResampleFutureTest, RefusesAnAgentWithoutStates) {
       ResampleFuture(v1::Agent(), 0.0, scene::Pose2(), waypoint_times, kMaxGap, trajectory));
 }
 
-TEST(ResampleFutureTest, AClockThatJittersIsNoGap) {
+TEST(ResampleFutureTest, AcceptsAClockThatJitters) {
   const v1::Agent agent = CircleAgent(11, 0.1);  // to t = 1
   const std::vector<double> waypoint_times = {1.001};
   std::vector<double> trajectory(2);
@@ -136,7 +136,7 @@ TEST(ResampleFutureTest, StatesOnTheEdgesOfAGapStillCount) {
   EXPECT_NEAR(trajectory[2], 0.5, 1e-12);
 }
 
-TEST(ResampleFutureTest, AGapAsLongAsAllowedIsBridged) {
+TEST(ResampleFutureTest, BridgesAGapAsLongAsAllowed) {
   const std::vector<double> waypoint_times = {0.3};
   std::vector<double> trajectory(2);
   ASSERT_TRUE(ResampleFuture(GappedAgent(), 0.0, scene::Pose2(), waypoint_times, 0.3, trajectory));

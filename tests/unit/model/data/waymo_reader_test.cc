@@ -92,7 +92,7 @@ TEST(WaymoReaderTest, MapsEveryObjectType) {
                           v1::AGENT_TYPE_PEDESTRIAN, v1::AGENT_TYPE_CYCLIST, v1::AGENT_TYPE_OTHER));
 }
 
-TEST(WaymoReaderTest, KeepsValidStatesOfAnyAgentThatHasSome) {
+TEST(WaymoReaderTest, KeepsTheValidStatesOfEachAgent) {
   const v1::Scenario scenario =
       Parse(Recording({Track(1, 1, {State(1, 1), NoState(), State(2, 2)}),
                        Track(2, 1, {NoState(), NoState(), NoState()}),
@@ -112,7 +112,7 @@ TEST(WaymoReaderTest, TakesTheSizeNearestToThePresent) {
   EXPECT_DOUBLE_EQ(scenario.agents(1).length(), 6.0);
 }
 
-TEST(WaymoReaderTest, WithoutAnySizeAgentsHaveOneTypicalOfTheirType) {
+TEST(WaymoReaderTest, AgentsWithoutASizeGetOneTypicalOfTheirType) {
   const auto sizeless = [](int id, int type) {
     return Track(id, type, std::vector<Wire>(3, State(1, 1, 0, 0)));
   };
@@ -126,7 +126,7 @@ TEST(WaymoReaderTest, WithoutAnySizeAgentsHaveOneTypicalOfTheirType) {
   EXPECT_THAT(scene::ValidateScenario(scenario, {}), IsEmpty());
 }
 
-TEST(WaymoReaderTest, TargetsAreTracksToPredictThatAreThere) {
+TEST(WaymoReaderTest, TargetsAreTracksToPredictWithAStateNow) {
   Wire recording = Recording(
       {MovingTrack(10), MovingTrack(20), Track(30, 1, {State(1, 1), NoState(), State(1, 1)})});
   for (const int index : {1, 1, 2, 7}) recording.Message(11, Wire().Varint(1, index).Varint(2, 2));
@@ -261,13 +261,13 @@ TEST(WaymoReaderTest, MapsEverySignalState) {
   }
 }
 
-TEST(WaymoReaderTest, SkipsSensorMessagesItDoesNotKnow) {
+TEST(WaymoReaderTest, SkipsUnknownSensorMessages) {
   Wire recording = Recording({MovingTrack(1)});
   recording.Bytes(12, std::string(1000, '\xff')).Bytes(13, "x").Varint(6, 0).Varint(4, 3);
   EXPECT_EQ(Parse(recording).agents_size(), 1);
 }
 
-TEST(WaymoReaderTest, ARecordingWithoutAnIdGetsOneOfItsContent) {
+TEST(WaymoReaderTest, ARecordingWithoutAnIdGetsOneFromItsContent) {
   const auto anonymous = [](double x) {
     return Wire().Double(1, 0.0).Message(2, Track(1, 1, {State(x, 0)})).Varint(10, 0);
   };
@@ -278,7 +278,7 @@ TEST(WaymoReaderTest, ARecordingWithoutAnIdGetsOneOfItsContent) {
   EXPECT_NE(Parse(anonymous(2.0)).scenario_id(), id);
 }
 
-TEST(WaymoReaderTest, RefusesWhatIsNoRecording) {
+TEST(WaymoReaderTest, RefusesBytesThatAreNotARecording) {
   const auto code = [](const std::string& bytes) {
     return ParseWaymoScenario(bytes).status().code();
   };

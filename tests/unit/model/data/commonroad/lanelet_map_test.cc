@@ -48,7 +48,7 @@ TEST(CenterlineTest, IsHalfwayBetweenTheBounds) {
   EXPECT_DOUBLE_EQ(center[2].x, 9.5);
 }
 
-TEST(MapOfTest, TwoLanesHaveOneLineBetweenThemAndEdgesOutside) {
+TEST(MapOfTest, TwoNeighboringLanesShareALineAndHaveEdgesOutside) {
   Lanelet right = Along(1, 0.0, 40.0, 0.0, 4.0);
   Lanelet left = Along(2, 0.0, 40.0, 4.0, 8.0);
   right.beside_left = 2;
@@ -64,7 +64,7 @@ TEST(MapOfTest, TwoLanesHaveOneLineBetweenThemAndEdgesOutside) {
   EXPECT_DOUBLE_EQ(Length(edges), 80.0);
 }
 
-TEST(MapOfTest, CenterlinesDeclareWhatFollowsAndWhatLiesBesideInTheSameDirection) {
+TEST(MapOfTest, CenterlinesDeclareSuccessorsAndNeighborsInTheSameDirection) {
   Lanelet first = Along(1, 0.0, 40.0, 0.0, 4.0);
   Lanelet second = Along(2, 40.0, 80.0, 0.0, 4.0);
   Lanelet third = Along(3, 40.0, 80.0, 0.0, 4.0);
@@ -85,7 +85,7 @@ TEST(MapOfTest, CenterlinesDeclareWhatFollowsAndWhatLiesBesideInTheSameDirection
 }
 
 // As in files that do not say which lanelets lie beside each other.
-TEST(MapOfTest, WhereTwoLanesTouchUnsaidThereIsNoEdge) {
+TEST(MapOfTest, NoEdgeRunsBetweenLanesThatTouchWithoutDeclaringIt) {
   const auto edges = OfType(MapOf({Along(1, 0.0, 40.0, 0.0, 4.0), Along(2, 0.0, 40.0, 4.0, 8.0)}),
                             v1::MAP_FEATURE_TYPE_ROAD_EDGE);
   ASSERT_EQ(edges.size(), 2u);
@@ -110,7 +110,7 @@ TEST(MapOfTest, NoEdgeRunsAcrossAJunction) {
   }
 }
 
-TEST(MapOfTest, ACrosswalkIsAnAreaAndABicycleLaneIsOne) {
+TEST(MapOfTest, ACrosswalkBecomesAnAreaAndABicycleLaneACenterline) {
   Lanelet crosswalk = Along(1, 0.0, 3.0, 0.0, 10.0);
   crosswalk.kind = Lanelet::Kind::kCrosswalk;
   Lanelet cycles = Along(2, 10.0, 30.0, 0.0, 2.0);

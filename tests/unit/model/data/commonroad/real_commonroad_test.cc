@@ -21,7 +21,7 @@ int64_t Count(const std::string& text, const std::string& what) {
   return count;
 }
 
-TEST(RealCommonRoadTest, EveryFileIsAValidScenarioWithAllOfItsObstaclesAndLanelets) {
+TEST(RealCommonRoadTest, EveryFileGivesAValidScenarioWithAllObstaclesAndLanelets) {
   const char* data = std::getenv("MANEUVER_REAL_DATA");
   const std::filesystem::path folder = std::filesystem::path(data ? data : "") / "ngsim_commonroad";
   if (data == nullptr || !std::filesystem::is_directory(folder)) {

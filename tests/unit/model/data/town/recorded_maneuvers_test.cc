@@ -40,7 +40,7 @@ double Turned(const Track& track, const ManeuverInterval& interval) {
   return PointAt(track, interval.end).heading - PointAt(track, interval.start).heading;
 }
 
-TEST(RecordedManeuversTest, EveryNameOccurs) {
+TEST(RecordedManeuversTest, EveryManeuverOccurs) {
   std::set<Maneuver> seen;
   for (const SimulatedPlace& simulated : SimulatedPlaces()) {
     for (const Track& track : simulated.tracks) {
@@ -54,7 +54,7 @@ TEST(RecordedManeuversTest, EveryNameOccurs) {
   }
 }
 
-TEST(RecordedManeuversTest, TurnsTurnTheWayTheySay) {
+TEST(RecordedManeuversTest, TurnsTurnInTheNamedDirection) {
   std::map<Maneuver, int> count;
   ForEachWholeInterval([&count](const Track& track, const ManeuverInterval& before,
                                 const ManeuverInterval& interval, const ManeuverInterval& after) {
@@ -84,7 +84,7 @@ TEST(RecordedManeuversTest, TurnsTurnTheWayTheySay) {
   EXPECT_GE(count[Maneuver::kUTurn], 3);
 }
 
-TEST(RecordedManeuversTest, LaneChangesMoveSidewaysTheWayTheySay) {
+TEST(RecordedManeuversTest, LaneChangesMoveInTheNamedDirection) {
   int count = 0;
   ForEachWholeInterval([&count](const Track& track, const ManeuverInterval& before,
                                 const ManeuverInterval& interval, const ManeuverInterval& after) {
@@ -125,7 +125,7 @@ TEST(RecordedManeuversTest, StopsEndAndStartsBeginAtAStandstill) {
   EXPECT_GE(starts, 30);
 }
 
-TEST(RecordedManeuversTest, StandingStands) {
+TEST(RecordedManeuversTest, StandingVehiclesStandStill) {
   ForEachWholeInterval([](const Track& track, const ManeuverInterval&,
                           const ManeuverInterval& interval, const ManeuverInterval&) {
     if (interval.maneuver != Maneuver::kStanding) return;
@@ -134,7 +134,7 @@ TEST(RecordedManeuversTest, StandingStands) {
   });
 }
 
-TEST(RecordedManeuversTest, NoManeuverIsMostOfTheMovingTime) {
+TEST(RecordedManeuversTest, NoManeuverTakesMostOfTheMovingTime) {
   std::map<Maneuver, double> seconds;
   double all = 0.0;
   double moving = 0.0;

@@ -37,7 +37,7 @@ Track Box(int id, double x, double heading) {
   return track;
 }
 
-TEST(TrafficTest, OverlapOfBoxesIsMeasured) {
+TEST(TrafficTest, MeasuresTheOverlapOfBoxes) {
   // 4 m long boxes end to end: 3.7 m between the centres is 0.3 m too little.
   const BoxOverlap overlap = LargestOverlap({Box(1, 0.0, 0.0), Box(2, 3.7, 0.0)});
   EXPECT_NEAR(overlap.depth, 0.3, 1e-9);
@@ -49,7 +49,7 @@ TEST(TrafficTest, OverlapOfBoxesIsMeasured) {
               1e-9);
 }
 
-TEST(TrafficTest, NobodyDrivesIntoAnybody) {
+TEST(TrafficTest, VehiclesDoNotCollide) {
   for (int index = 0; index < kPlaces; ++index) {
     const BoxOverlap overlap = LargestOverlap(SimulatedPlaces()[index].tracks);
     EXPECT_LE(overlap.depth, kOverlapTolerance)
@@ -68,7 +68,7 @@ TEST(TrafficTest, GivingWayKeepsVehiclesApartWithoutDrawingPlacesAgain) {
   EXPECT_LE(overlapping, 1);
 }
 
-TEST(TrafficTest, NobodyRunsARedLight) {
+TEST(TrafficTest, VehiclesDoNotRunRedLights) {
   int passed = 0;
   ForEachVehicle([&passed](const Place& place, const Track& track, int index) {
     for (size_t i = 1; i < track.points.size(); ++i) {
@@ -90,7 +90,7 @@ TEST(TrafficTest, NobodyRunsARedLight) {
   EXPECT_GE(passed, 50);
 }
 
-TEST(TrafficTest, KeepingTheLaneIsNearItsCentre) {
+TEST(TrafficTest, VehiclesThatKeepTheLaneStayNearItsCentre) {
   ForEachVehicle([](const Place&, const Track& track, int index) {
     for (const ManeuverInterval& interval : RecordManeuvers(track)) {
       if (interval.maneuver != Maneuver::kKeepLane && interval.maneuver != Maneuver::kCruise) {
@@ -106,7 +106,7 @@ TEST(TrafficTest, KeepingTheLaneIsNearItsCentre) {
   });
 }
 
-TEST(TrafficTest, AccelerationsAndYawRatesAreThoseOfVehicles) {
+TEST(TrafficTest, AccelerationsAndYawRatesArePlausible) {
   std::vector<double> accelerations;
   ForEachVehicle([&](const Place&, const Track& track, int index) {
     for (size_t i = 1; i < track.points.size(); ++i) {
@@ -150,7 +150,7 @@ TEST(TrafficTest, HeadingsFollowTheMotion) {
   EXPECT_GT(backwards, 20);  // out of bays
 }
 
-TEST(TrafficTest, SpeedsAreThoseOfThePlace) {
+TEST(TrafficTest, SpeedsSuitThePlace) {
   double fastest_car_park = 0.0;
   double motorway = 0.0;
   int motorway_points = 0;
