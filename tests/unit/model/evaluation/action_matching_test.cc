@@ -44,7 +44,7 @@ std::vector<int> PartnersOf(const v1::ActionMatching& matching, int actions) {
   return partners;
 }
 
-TEST(ActionMatchingTest, APermutedSetIsMatchedBackAtDistanceZero) {
+TEST(ActionMatchingTest, MatchesAPermutedSetAtDistanceZero) {
   const std::vector<int> permutation = {3, 0, 4, 1, 2};  // of the second by the first
   v1::ModelManifest first = EmptyManifest();
   v1::ModelManifest second = EmptyManifest();
@@ -66,7 +66,7 @@ TEST(ActionMatchingTest, APermutedSetIsMatchedBackAtDistanceZero) {
 
 // Straight on by 20 m against 22 m, and by 40 m against 50 m: a straight line whose end is d away
 // is on average d (1 + ... + T) / T^2 = 0.55 d away, 1.1 m and 5.5 m.
-TEST(ActionMatchingTest, FiguresAreThoseOfAHandMadeCase) {
+TEST(ActionMatchingTest, FiguresMatchAHandComputedCase) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 0.7);
   AddAction(first, 40.0, 0.0, 0.3);
@@ -98,7 +98,7 @@ TEST(ActionMatchingTest, FiguresAreThoseOfAHandMadeCase) {
 }
 
 // "Slows down a little" and "arrives 20 m ahead" are near to each other at one speed alone.
-TEST(ActionMatchingTest, RefusesModelsOfWhichOneAloneIsRelativeToTheMotion) {
+TEST(ActionMatchingTest, RefusesModelsOfWhichOnlyOneIsRelativeToTheMotion) {
   v1::ModelManifest metres = EmptyManifest();
   AddAction(metres, 20.0, 0.0, 1.0);
   v1::ModelManifest relative = metres;
@@ -110,7 +110,7 @@ TEST(ActionMatchingTest, RefusesModelsOfWhichOneAloneIsRelativeToTheMotion) {
   EXPECT_TRUE(MatchActions(metres, metres).ok());
 }
 
-TEST(ActionMatchingTest, IdleActionsTakeNobodysPlace) {
+TEST(ActionMatchingTest, IneffectiveActionsAreNotPaired) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 1.0);
   v1::ModelManifest second = EmptyManifest();
@@ -124,7 +124,7 @@ TEST(ActionMatchingTest, IdleActionsTakeNobodysPlace) {
 }
 
 // By distance alone, 20 m would go with 10 m and 23 m with 22 m: 11 < 2 + 13.
-TEST(ActionMatchingTest, RareActionsDoNotPartFrequentOnes) {
+TEST(ActionMatchingTest, RareActionsDoNotSeparateFrequentOnes) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 0.95);
   AddAction(first, 23.0, 0.0, 0.05);
@@ -137,7 +137,7 @@ TEST(ActionMatchingTest, RareActionsDoNotPartFrequentOnes) {
 }
 
 // 20 m is nearer to the rare 19 m than to 22 m, which would then be left over.
-TEST(ActionMatchingTest, AFrequentActionIsNotTheOneLeftOver) {
+TEST(ActionMatchingTest, AFrequentActionIsNotLeftUnpaired) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 0.9);
   AddAction(first, 60.0, 0.0, 0.1);
@@ -158,7 +158,7 @@ TEST(ActionMatchingTest, AFrequentActionIsNotTheOneLeftOver) {
   EXPECT_EQ(turned->unpaired_second_size(), 0);
 }
 
-TEST(ActionMatchingTest, ModelsThatCannotBeComparedAreRefused) {
+TEST(ActionMatchingTest, RefusesModelsThatCannotBeCompared) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 1.0);
   v1::ModelManifest slower = first;
@@ -176,7 +176,7 @@ TEST(ActionMatchingTest, ModelsThatCannotBeComparedAreRefused) {
 }
 
 // Two equally frequent actions each; the second splits one of the first's in two.
-TEST(ActionMatchingTest, CoincidenceKnowsPairsAndInformation) {
+TEST(ActionMatchingTest, CoincidenceMeasuresPairsAndMutualInformation) {
   v1::ActionMatching matching;
   for (int i = 0; i < 2; ++i) {
     v1::ActionPair& pair = *matching.add_pairs();

@@ -66,7 +66,7 @@ AnswerComparison Comparison(const v1::ModelManifest& first, const v1::ModelManif
   return *std::move(comparison);
 }
 
-TEST(AnswerDifferenceTest, TheSameAnswersDifferInNothing) {
+TEST(AnswerDifferenceTest, EqualAnswersHaveNoDifference) {
   const auto manifest = Manifest(5, 0.5, {3.0, 8.0, 13.0});
   const auto answer = Answer({0.2, 0.5, 0.3}, {Straight(5, 0.5, 3.1), Straight(5, 0.5, 7.9, 0.4),
                                                Straight(5, 0.5, 12.0, -3.3)});
@@ -81,7 +81,7 @@ TEST(AnswerDifferenceTest, TheSameAnswersDifferInNothing) {
 }
 
 // One version is sure of y = 0; the other says y = 2 or y = -2, equally: the same expectation.
-TEST(AnswerDifferenceTest, DistancesAreThoseOfAHandMadeExample) {
+TEST(AnswerDifferenceTest, DistancesMatchAHandComputedExample) {
   const auto first = Manifest(2, 1.0, {5.0});
   const auto second = Manifest(2, 1.0, {5.0, 30.0});
   const AnswerDifference difference =
@@ -101,7 +101,7 @@ TEST(AnswerDifferenceTest, DistancesAreThoseOfAHandMadeExample) {
               kTolerance);
 }
 
-TEST(AnswerDifferenceTest, CertainAnswersHaveTwiceTheirDistanceAsEnergyDistance) {
+TEST(AnswerDifferenceTest, TheEnergyDistanceOfCertainAnswersIsTwiceTheirDistance) {
   const auto manifest = Manifest(4, 0.5, {1.0, 20.0});
   // At 0.5 .. 2 s: 3 m/s apart, on average 3 * 1.25 m.
   const AnswerDifference difference = Comparison(manifest, manifest)
@@ -113,7 +113,7 @@ TEST(AnswerDifferenceTest, CertainAnswersHaveTwiceTheirDistanceAsEnergyDistance)
   EXPECT_THAT(difference.divergence, Optional(DoubleEq(0.0)));
 }
 
-TEST(AnswerDifferenceTest, ActionsAreTheSameByWhatTheyDoAndNotByTheirNumbers) {
+TEST(AnswerDifferenceTest, ActionsMatchByTrajectoryAndNotByNumber) {
   const auto first = Manifest(5, 1.0, {3.0, 8.0, 13.0});
   const auto second = Manifest(5, 1.0, {13.0, 3.0, 8.0});
   const std::vector<Trajectory> any(3, Straight(5, 1.0, 5.0));
@@ -125,7 +125,7 @@ TEST(AnswerDifferenceTest, ActionsAreTheSameByWhatTheyDoAndNotByTheirNumbers) {
   EXPECT_GT(*comparison.Compare(answer, answer).divergence, 0.1);
 }
 
-TEST(AnswerDifferenceTest, ActionsThatTheOtherVersionDoesNotHaveDivergeEntirely) {
+TEST(AnswerDifferenceTest, ActionsThatTheOtherVersionLacksDivergeEntirely) {
   const auto first = Manifest(5, 1.0, {3.0, 8.0});
   const auto second = Manifest(5, 1.0, {23.0, 28.0, 33.0});
   const AnswerComparison comparison = Comparison(first, second);
@@ -136,7 +136,7 @@ TEST(AnswerDifferenceTest, ActionsThatTheOtherVersionDoesNotHaveDivergeEntirely)
   EXPECT_NEAR(*comparison.Compare(ours, theirs).divergence, std::log(2.0), kTolerance);
 }
 
-TEST(AnswerDifferenceTest, ActionsThatAreNotEffectiveCountAsOneInBothVersions) {
+TEST(AnswerDifferenceTest, IneffectiveActionsCountAsOneOutcome) {
   auto first = Manifest(5, 1.0, {3.0, 8.0, 60.0});
   auto second = Manifest(5, 1.0, {3.0, 8.0, 80.0, 90.0});
   first.mutable_actions(2)->set_effective(false);
@@ -151,7 +151,7 @@ TEST(AnswerDifferenceTest, ActionsThatAreNotEffectiveCountAsOneInBothVersions) {
 
 // The second looks further ahead, in other steps: straight between its waypoints, and from the
 // origin to the first.
-TEST(AnswerDifferenceTest, VersionsOfOtherWaypointsAreComparedOverTheCommonPart) {
+TEST(AnswerDifferenceTest, ComparesVersionsWithOtherWaypointsOverTheirCommonHorizon) {
   const auto first = Manifest(6, 0.5, {4.0});   // 0.5 .. 3 s
   const auto second = Manifest(3, 0.8, {4.0});  // 0.8, 1.6, 2.4 s
   const AnswerComparison comparison = Comparison(first, second);
@@ -165,13 +165,13 @@ TEST(AnswerDifferenceTest, VersionsOfOtherWaypointsAreComparedOverTheCommonPart)
   EXPECT_NEAR(slower.likeliest, 2.0 * (0.5 + 1.0 + 1.5 + 2.0) / 4.0, kTolerance);
 }
 
-TEST(AnswerDifferenceTest, VersionsWithNoCommonWaypointAreRefused) {
+TEST(AnswerDifferenceTest, RefusesVersionsWithoutACommonWaypoint) {
   EXPECT_EQ(
       AnswerComparison::Make(Manifest(2, 2.0, {4.0}), Manifest(3, 0.5, {4.0})).status().code(),
       absl::StatusCode::kInvalidArgument);
 }
 
-TEST(AnswerDifferenceTest, TheMixtureIsOfTheActionsThatAreGiven) {
+TEST(AnswerDifferenceTest, TheMixtureConsistsOfTheGivenActions) {
   const auto manifest = Manifest(2, 1.0, {5.0, 30.0});
   const VersionAnswer whole = Answer({1.0, 0.0}, {Straight(2, 1.0, 5.0)});
   // 0.999 of the probability is given: it stands for all.
@@ -179,7 +179,7 @@ TEST(AnswerDifferenceTest, TheMixtureIsOfTheActionsThatAreGiven) {
   EXPECT_NEAR(Comparison(manifest, manifest).Compare(whole, part).expected, 0.0, kTolerance);
 }
 
-TEST(AnswerDifferenceTest, OfEquallyProbableActionsTheSmallerIdIsTheLikeliest) {
+TEST(AnswerDifferenceTest, TheSmallerOfTwoEquallyProbableIdsIsTheLikeliest) {
   const auto manifest = Manifest(2, 1.0, {5.0, 30.0});
   VersionAnswer turned = Answer({0.5, 0.5}, {Straight(2, 1.0, 5.0), Straight(2, 1.0, 30.0)});
   const VersionAnswer answer = turned;

@@ -61,14 +61,14 @@ TEST(AssignmentTest, IsAsCheapAsTheBestOfAllPermutations) {
   }
 }
 
-TEST(AssignmentTest, TheNearestIsGivenUpWhereThatHelpsTheWhole) {
+TEST(AssignmentTest, GivesUpANearestPairIfThatLowersTheTotal) {
   Eigen::Matrix2d costs;
   costs << 1.0, 2.0,  //
       1.0, 9.0;
   EXPECT_EQ(LeastCostAssignment(costs), (std::vector<int>{1, 0}));
 }
 
-TEST(AssignmentTest, NobodyIsAssignedToNothing) {
+TEST(AssignmentTest, AssignsNothingWithoutColumns) {
   EXPECT_TRUE(LeastCostAssignment(Eigen::MatrixXd(0, 3)).empty());
   EXPECT_EQ(LeastCostAssignment(Eigen::MatrixXd(2, 0)), (std::vector<int>{-1, -1}));
 }

@@ -49,7 +49,7 @@ TEST(ConstantTurnRateAndAccelerationTest, SolvesItsEquationOfMotion) {
   }
 }
 
-TEST(ConstantTurnRateAndAccelerationTest, OneThatBrakesStopsAndStays) {
+TEST(ConstantTurnRateAndAccelerationTest, ABrakingVehicleStopsAndStays) {
   const std::array<double, 3> times = {2.0, 3.0, 5.0};
   const Trajectory trajectory =
       ConstantTurnRateAndAcceleration({.velocity_x = 4.0, .acceleration = -2.0}, times);
@@ -119,7 +119,7 @@ TEST(EstimateMotionTest, LooksNeitherAheadNorFurtherBackThanASecond) {
   EXPECT_NEAR(motion.turn_rate, 0.3, 1e-5);
 }
 
-TEST(EstimateMotionTest, OneStateMovesOnAsItIs) {
+TEST(EstimateMotionTest, ASingleStateHasNoAccelerationOrTurnRate) {
   const Motion motion = EstimateMotion(Turning(10.0, 15.0), 10.0);
   EXPECT_NEAR(motion.velocity_x, 5.0, 1e-5);
   EXPECT_EQ(motion.acceleration, 0.0);

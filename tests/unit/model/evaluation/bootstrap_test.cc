@@ -19,12 +19,12 @@ TEST(BootstrapTest, EachDrawHasAsManyGroupsAsThereAre) {
   EXPECT_NEAR((draws.array() - 1.0).square().mean(), 0.975, 0.03);
 }
 
-TEST(BootstrapTest, TheSameSeedDrawsTheSameGroupsAndAnotherOneOthers) {
+TEST(BootstrapTest, OnlyTheSameSeedDrawsTheSameGroups) {
   EXPECT_EQ(DrawGroups(10, 20, 3), DrawGroups(10, 20, 3));
   EXPECT_NE(DrawGroups(10, 20, 3), DrawGroups(10, 20, 4));
 }
 
-TEST(BootstrapTest, PercentilesAreInterpolatedAndPassOverWhatIsNotFinite) {
+TEST(BootstrapTest, PercentilesAreInterpolatedAndIgnoreValuesThatAreNotFinite) {
   std::vector<double> values = {NAN, HUGE_VAL};
   for (int i = 40; i >= 0; --i) values.push_back(i);
   const Interval interval = PercentileInterval(values);
@@ -35,7 +35,7 @@ TEST(BootstrapTest, PercentilesAreInterpolatedAndPassOverWhatIsNotFinite) {
 
 // By the central limit theorem the mean of n independent groups with standard deviation s lies
 // within 1.96 s / sqrt(n) of the truth in 95 % of the cases.
-TEST(BootstrapTest, TheIntervalOfAMeanIsThatOfNormalTheory) {
+TEST(BootstrapTest, TheIntervalOfAMeanMatchesNormalTheory) {
   constexpr int kGroups = 400;
   std::mt19937_64 random(5);
   std::exponential_distribution<double> exponential(0.5);

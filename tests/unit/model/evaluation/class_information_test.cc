@@ -12,7 +12,7 @@ void Add(ClassInformation& information, int condition, int cluster, int label, i
   for (int i = 0; i < times; ++i) information.Add(condition, cluster, label);
 }
 
-TEST(ClassInformationTest, ClustersThatTellTheClassTellAll) {
+TEST(ClassInformationTest, ClustersThatDetermineTheClassExplainAllOfIt) {
   ClassInformation information;
   Add(information, 0, 0, 3, 10);
   Add(information, 0, 1, 4, 20);
@@ -22,7 +22,7 @@ TEST(ClassInformationTest, ClustersThatTellTheClassTellAll) {
   EXPECT_NEAR(information.ExplainedShare(), 1.0, 1e-12);
 }
 
-TEST(ClassInformationTest, WhatTheConditionTellsIsNotTheClusters) {
+TEST(ClassInformationTest, DoesNotCreditClustersWithWhatTheConditionTells) {
   ClassInformation information;
   for (int speed = 0; speed < 5; ++speed) Add(information, speed, speed, speed, 20);
   EXPECT_DOUBLE_EQ(information.ExplainedShare(), 0.0);
@@ -31,7 +31,7 @@ TEST(ClassInformationTest, WhatTheConditionTellsIsNotTheClusters) {
 // Rows 3 1 and 1 3. I = ln 2 - H(1/4). Dealt out by chance, k of the four pairs of a class are in
 // the first cluster with probability C(4,k)^2 / 70: all or none twice in 70 times (I = ln 2), three
 // or one 32 times (this very I), two the rest (0).
-TEST(ClassInformationTest, SubtractsWhatChanceMakes) {
+TEST(ClassInformationTest, SubtractsWhatChanceGives) {
   ClassInformation information;
   Add(information, 0, 0, 0, 3);
   Add(information, 0, 0, 1, 1);
@@ -45,7 +45,7 @@ TEST(ClassInformationTest, SubtractsWhatChanceMakes) {
 
 // One condition in which the cluster tells the class, and one of half as many examples in which it
 // tells nothing. E of the one is (2 ln 2 + 32 I(3 of 4)) / 70 as above, of the other (ln 2) / 3.
-TEST(ClassInformationTest, ConditionsCountByTheirExamples) {
+TEST(ClassInformationTest, WeightsConditionsByTheirExamples) {
   ClassInformation information;
   Add(information, 0, 0, 0, 4);
   Add(information, 0, 1, 1, 4);
@@ -77,7 +77,7 @@ TEST(ClassInformationTest, IndependentClustersOfFewExamplesTellNothing) {
   EXPECT_NEAR(sum / 50.0, 0.0, 0.02);
 }
 
-TEST(ClassInformationTest, IsZeroWhereNothingIsLeftToTell) {
+TEST(ClassInformationTest, IsZeroIfNothingIsLeftToTell) {
   EXPECT_DOUBLE_EQ(ClassInformation().ExplainedShare(), 0.0);
   ClassInformation one_class;
   Add(one_class, 0, 0, 2, 3);

@@ -13,7 +13,7 @@ void Add(ContingencyTable& table, int cluster, int label, int times) {
   for (int i = 0; i < times; ++i) table.Add(cluster, label);
 }
 
-TEST(ClusteringTest, RenamedClassesAgreeWholly) {
+TEST(ClusteringTest, RenamedClassesAgreeFully) {
   ContingencyTable table;
   Add(table, 7, 0, 3);
   Add(table, 2, 1, 5);
@@ -21,7 +21,7 @@ TEST(ClusteringTest, RenamedClassesAgreeWholly) {
   EXPECT_DOUBLE_EQ(table.Purity(), 1.0);
 }
 
-TEST(ClusteringTest, IndependentClustersShareNothing) {
+TEST(ClusteringTest, IndependentClustersShareNoInformation) {
   ContingencyTable table;
   for (int cluster = 0; cluster < 3; ++cluster) {
     Add(table, cluster, 0, 2);
@@ -42,7 +42,7 @@ TEST(ClusteringTest, SplittingAClassCostsEntropyButNotPurity) {
   EXPECT_DOUBLE_EQ(table.Purity(), 1.0);
 }
 
-TEST(ClusteringTest, OneClusterTellsNothing) {
+TEST(ClusteringTest, ASingleClusterTellsNothing) {
   ContingencyTable table;
   Add(table, 0, 0, 1);
   Add(table, 0, 1, 3);
@@ -64,7 +64,7 @@ TEST(ClusteringTest, InformationIsTheEntropyThatTheClusterRemoves) {
 
 // Two pairs in each cluster and of each class: two of the six ways to deal them out agree wholly,
 // and four share nothing.
-TEST(ClusteringTest, ChanceAloneMakesInformation) {
+TEST(ClusteringTest, ExpectedInformationIsPositiveByChance) {
   ContingencyTable table;
   Add(table, 0, 0, 2);
   Add(table, 1, 1, 2);
@@ -95,7 +95,7 @@ TEST(ClusteringTest, ExpectedInformationIsTheMeanOverAllPermutations) {
   EXPECT_NEAR(table.ExpectedMutualInformation(), sum / permutations, 1e-12);
 }
 
-TEST(ClusteringTest, MajoritiesAreOfEachClusterAndTheSmallestClassOfSeveral) {
+TEST(ClusteringTest, EachClusterHasAMajorityTheSmallestClassOnTies) {
   ContingencyTable table;
   Add(table, 4, 2, 3);
   Add(table, 4, 1, 3);
@@ -110,7 +110,7 @@ TEST(ClusteringTest, MajoritiesAreOfEachClusterAndTheSmallestClassOfSeveral) {
   EXPECT_EQ(majorities.at(9).total, 2);
 }
 
-TEST(ClusteringTest, ClustersOfExactlyThePurityAreShared) {
+TEST(ClusteringTest, CountsClustersOfExactlyTheGivenPurity) {
   ContingencyTable table;
   Add(table, 0, 0, 7);
   Add(table, 0, 1, 3);

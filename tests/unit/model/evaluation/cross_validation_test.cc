@@ -103,7 +103,7 @@ std::string MergeError(std::vector<v1::CrossValidationPart> parts, absl::StatusC
   return std::string(status.message());
 }
 
-TEST(CrossValidationPartsTest, PartsInAnyOrderMakeTheSameWhole) {
+TEST(CrossValidationPartsTest, PartsInAnyOrderGiveTheSameWhole) {
   const auto all = MergeParts({Part({{1, 0}, {1, 1}, {2, 0}, {2, 1}})});
   ASSERT_TRUE(all.ok()) << all.status();
   const auto merged = MergeParts({Part({{2, 1}}), Part({{1, 1}, {2, 0}}), Part({{1, 0}})});
@@ -112,7 +112,7 @@ TEST(CrossValidationPartsTest, PartsInAnyOrderMakeTheSameWhole) {
   EXPECT_TRUE(google::protobuf::util::MessageDifferencer::Equals(*all, *merged));
 }
 
-TEST(CrossValidationPartsTest, RefusesWhatIsMissingTwiceThereOrOfAnotherPlan) {
+TEST(CrossValidationPartsTest, RefusesMissingRepeatedAndForeignRuns) {
   using enum absl::StatusCode;
   EXPECT_THAT(MergeError({Part({{1, 0}})}, kFailedPrecondition),
               HasSubstr("seed 1 lacks fold 2 of 2; run it with --only-fold 2 --seeds 1"));
@@ -184,7 +184,7 @@ TEST_F(CrossValidationReportTest, MeansAreOverTheExamplesOfAllFolds) {
 
 // The mean is a ratio of sums over independent groups; its variance, by the delta method, is
 // sum_g m_g^2 (x_g - mean)^2 / (sum_g m_g)^2 with m_g examples of value x_g in group g.
-TEST_F(CrossValidationReportTest, IntervalsAreThoseOfTheDeltaMethodOverGroups) {
+TEST_F(CrossValidationReportTest, IntervalsMatchTheDeltaMethodOverGroups) {
   const v1::Estimate& ade = set().overall().metrics().at("ade_1");
   double squares = 0.0;
   double examples = 0.0;
@@ -209,7 +209,7 @@ TEST_F(CrossValidationReportTest, RatiosAreOfMeans) {
 }
 
 // p is 0.75 everywhere; the even recordings, which hold half of the examples, have q = 1.
-TEST_F(CrossValidationReportTest, TheCalibrationErrorIsOfAllFoldsTogether) {
+TEST_F(CrossValidationReportTest, TheCalibrationErrorCoversAllFolds) {
   double right = 0.0;
   double examples = 0.0;
   for (int i = 0; i < kRecordings; ++i) {
@@ -220,7 +220,7 @@ TEST_F(CrossValidationReportTest, TheCalibrationErrorIsOfAllFoldsTogether) {
               std::abs(0.75 - right / examples), 1e-12);
 }
 
-TEST_F(CrossValidationReportTest, TheModelIsAheadWhereTheIntervalOfThePairsSaysSo) {
+TEST_F(CrossValidationReportTest, PairedIntervalsDecideWhereTheModelIsAhead) {
   ASSERT_EQ(set().overall().comparisons_size(), 2);
   const v1::RivalComparison& cv = set().overall().comparisons(0);
   EXPECT_EQ(cv.rival(), "cv");
@@ -232,7 +232,7 @@ TEST_F(CrossValidationReportTest, TheModelIsAheadWhereTheIntervalOfThePairsSaysS
   EXPECT_EQ(set().overall().comparisons(1).verdict(), v1::RIVAL_VERDICT_UNDECIDED);
 }
 
-TEST_F(CrossValidationReportTest, StrataPartTheExamples) {
+TEST_F(CrossValidationReportTest, StrataPartitionTheExamples) {
   ASSERT_EQ(set().strata_size(), 2);
   EXPECT_EQ(set().strata(0).name(), "slow");
   EXPECT_EQ(set().strata(1).name(), "fast");
@@ -242,7 +242,7 @@ TEST_F(CrossValidationReportTest, StrataPartTheExamples) {
   EXPECT_EQ(set().strata(0).groups(), 133);
 }
 
-TEST_F(CrossValidationReportTest, MetricsOfWholeSetsHaveTheRangeOfTheModels) {
+TEST_F(CrossValidationReportTest, MetricsOfWholeSetsHaveTheRangeOverModels) {
   const v1::ModelRange& range = set().set_metrics().at("mutual_information");
   EXPECT_DOUBLE_EQ(range.smallest(), 1.1);
   EXPECT_DOUBLE_EQ(range.largest(), 2.3);
@@ -251,7 +251,7 @@ TEST_F(CrossValidationReportTest, MetricsOfWholeSetsHaveTheRangeOfTheModels) {
   EXPECT_NEAR(range.seed_values(0), (first * 1.1 + second * 2.1) / (first + second), 1e-12);
 }
 
-TEST(CrossValidationSmallPartsTest, FewExamplesAreNotCompared) {
+TEST(CrossValidationSmallPartsTest, DoesNotComparePartsWithFewExamples) {
   v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
   for (v1::FoldRun& run : *part.mutable_runs()) {
     auto& examples = *run.mutable_held_out()->mutable_examples();
@@ -293,7 +293,7 @@ TEST(CrossValidationTestDatasetTest, AllModelsMeasureEveryExample) {
   EXPECT_THAT(text, HasSubstr("too narrow"));
 }
 
-TEST_F(CrossValidationReportTest, TheTextHasTypesOfTargetsIfThereAreSeveral) {
+TEST_F(CrossValidationReportTest, TheTextNamesTargetTypesIfThereAreSeveral) {
   v1::CrossValidationReport report = report_;
   for (const char* type : {"vehicle", "pedestrian"}) {
     EXPECT_EQ(CrossValidationText(report, false).find("BY TYPE"), std::string::npos);
@@ -307,7 +307,7 @@ TEST_F(CrossValidationReportTest, TheTextHasTypesOfTargetsIfThereAreSeveral) {
   EXPECT_THAT(text, HasSubstr("\npedestrian "));
 }
 
-TEST_F(CrossValidationReportTest, TheTextTellsTheModelsMeaningFromTheBaselines) {
+TEST_F(CrossValidationReportTest, TheTextSeparatesTheModelsMeaningFromTheBaselines) {
   v1::CrossValidationReport report = report_;
   auto& set_metrics = *report.mutable_sets(0)->mutable_set_metrics();
   for (const char* name : {"class_information_relative", "covernet_mutual_information"}) {

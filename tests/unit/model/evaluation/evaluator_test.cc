@@ -245,7 +245,7 @@ TEST_F(EvaluatorTest, MeasuresTheMedoidAndTheRepresentatives) {
 }
 
 // 4.5 m along the heading is more than 2.0 m x 0.948 at 3 s; 1 m to the side is above 0.948 m.
-TEST_F(EvaluatorTest, WaymosMissesAreJudgedInTheRecordedHeading) {
+TEST_F(EvaluatorTest, WaymoMissesAreMeasuredAlongTheRecordedHeading) {
   const auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   EXPECT_NEAR(report->metrics().at("miss_rate_waymo_1"), 1.0, 1e-12);
@@ -255,7 +255,7 @@ TEST_F(EvaluatorTest, WaymosMissesAreJudgedInTheRecordedHeading) {
 }
 
 // The example's action is 1 by q(y|x,s), though p(y|s) says 0.
-TEST_F(EvaluatorTest, EnvelopesAreThoseOfTheActionThatItWas) {
+TEST_F(EvaluatorTest, EnvelopesBelongToTheExamplesAction) {
   const auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   const auto& metrics = report->metrics();
@@ -266,7 +266,7 @@ TEST_F(EvaluatorTest, EnvelopesAreThoseOfTheActionThatItWas) {
   EXPECT_NEAR(metrics.at("nll_action_prior") - metrics.at("nll_action"), 8.0, 1e-3);
 }
 
-TEST_F(EvaluatorTest, StrataCountWhoIsInSight) {
+TEST_F(EvaluatorTest, StrataCountAgentsAtThePredictionTime) {
   const auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   // 0 to 19 others and the vehicle itself.
@@ -275,7 +275,7 @@ TEST_F(EvaluatorTest, StrataCountWhoIsInSight) {
 }
 
 // The same vehicle drives the same way in all recordings.
-TEST_F(EvaluatorTest, RecordingsOfOneDriveAreOneGroupOfTheStandings) {
+TEST_F(EvaluatorTest, RecordingsOfOneDriveFormOneGroup) {
   auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   EXPECT_EQ(report->rivals().recordings(), 20);
@@ -292,7 +292,7 @@ TEST_F(EvaluatorTest, RecordingsOfOneDriveAreOneGroupOfTheStandings) {
   EXPECT_EQ(report->rivals().parts(0).groups(), 10);
 }
 
-TEST_F(EvaluatorTest, AgreesWithRecordedManoeuvresIfThereAreAny) {
+TEST_F(EvaluatorTest, MeasuresAgreementWithRecordedManoeuvresIfThereAreAny) {
   auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   EXPECT_FALSE(report->metrics().contains("nmi"));
@@ -308,7 +308,7 @@ TEST_F(EvaluatorTest, AgreesWithRecordedManoeuvresIfThereAreAny) {
   EXPECT_EQ(report->metrics().at("labelled_examples"), 1.0);
 }
 
-TEST_F(EvaluatorTest, CarriesAsManyExamplesAsAskedForTheSameInAnyOrder) {
+TEST_F(EvaluatorTest, SamplesTheSameExamplesInAnyOrderOfRecordings) {
   auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   EXPECT_EQ(report->sampled_examples_size(), 0);
@@ -344,7 +344,7 @@ TEST_F(EvaluatorTest, CarriesAsManyExamplesAsAskedForTheSameInAnyOrder) {
   EXPECT_EQ(report->sampled_examples_size(), 20);
 }
 
-TEST_F(EvaluatorTest, AnyNumberOfThreadsMeasuresTheSameBits) {
+TEST_F(EvaluatorTest, GivesTheSameBitsOnAnyNumberOfThreads) {
   const auto one = Evaluate(*model_, input_);
   input_.threads = 3;
   const auto three = Evaluate(*model_, input_);
@@ -395,7 +395,7 @@ TEST_F(EvaluatorTest, MeasuresBaselinesThatReadAgentsIfTheModelDoes) {
   }
 }
 
-TEST_F(EvaluatorTest, RefusesRecordingsWithoutAnExampleAndStopsWhenTold) {
+TEST_F(EvaluatorTest, RefusesRecordingsWithoutAnExampleAndStopsWhenAsked) {
   input_.progress = [](int64_t, int64_t) { return false; };
   while (recordings_.size() < 100) recordings_.push_back(recordings_.front());
   input_.recordings = recordings_;

@@ -25,7 +25,7 @@ inference::Trajectory Point(double x, double y) {
   return trajectory;
 }
 
-TEST(LikelihoodTest, OneUnitGaussianAtItsMean) {
+TEST(LikelihoodTest, HasTheDensityOfAUnitGaussianAtItsMean) {
   const std::vector distributions = {Gaussian(1.0, 2.0, 1.0, 0.0, 1.0)};
   const std::array weights = {1.0};
   EXPECT_NEAR(MixtureNllOf(distributions, weights, Point(1.0, 2.0)).marginal,
@@ -33,7 +33,7 @@ TEST(LikelihoodTest, OneUnitGaussianAtItsMean) {
 }
 
 // A density integrates to one: a Riemann sum over a grid that holds all of its mass.
-TEST(LikelihoodTest, IsADensity) {
+TEST(LikelihoodTest, IntegratesToOne) {
   const std::vector distributions = {Gaussian(0.0, 0.0, 1.0, 0.6, 2.0),
                                      Gaussian(2.0, -1.0, 0.5, -0.2, 0.3)};
   const std::array weights = {0.2, 0.6};  // renormalised to 1/4 and 3/4
@@ -56,7 +56,7 @@ TEST(LikelihoodTest, StaysFiniteFarFromEveryAction) {
 }
 
 // Two waypoints, two actions a metre to either side, unit covariance: by hand from the density.
-TEST(LikelihoodTest, JointKeepsOneActionOverTheTrajectoryAndMarginalDoesNot) {
+TEST(LikelihoodTest, JointUsesOneActionPerTrajectoryAndMarginalOnePerWaypoint) {
   const auto row = [](double first, double second) {
     inference::ActionDistribution distribution;
     distribution.moment_mean.resize(2, 2);
@@ -77,7 +77,7 @@ TEST(LikelihoodTest, JointKeepsOneActionOverTheTrajectoryAndMarginalDoesNot) {
               -0.5 * (std::log(0.25 * at + 0.75 * off) + std::log(0.25 * off + 0.75 * at)), 1e-12);
 }
 
-TEST(LikelihoodTest, AnImpossibleActionAddsNothing) {
+TEST(LikelihoodTest, AnActionOfProbabilityZeroAddsNothing) {
   const std::vector distributions = {Gaussian(0.0, 0.0, 1.0, 0.0, 1.0),
                                      Gaussian(5.0, 0.0, 1.0, 0.0, 1.0)};
   const std::array weights = {1.0, 0.0};
@@ -88,7 +88,7 @@ TEST(LikelihoodTest, AnImpossibleActionAddsNothing) {
 }
 
 // ln det [2 1; 1 1] = 0, and (1, 1) [1 -1; -1 2] (1, 1)^T = 1.
-TEST(LikelihoodTest, OneActionAloneHasItsGaussian) {
+TEST(LikelihoodTest, ASingleActionHasItsGaussiansLikelihood) {
   EXPECT_NEAR(GaussianNll(Gaussian(0.0, 0.0, 2.0, 1.0, 1.0), Point(1.0, 1.0)),
               0.5 + std::log(2.0 * std::numbers::pi), 1e-12);
 }

@@ -53,21 +53,21 @@ std::string ClassOfChange(double start, double end) {
   return ClassOf(SpeedChange(start, end), start);
 }
 
-TEST(RelativeClassesTest, StandsWhoStaysWithinTwoMetres) {
+TEST(RelativeClassesTest, StandsIfItStaysWithinTwoMetres) {
   EXPECT_EQ(ClassOfChange(0.0, 0.0), "stands");
   EXPECT_EQ(ClassOfChange(0.39, 0.39), "stands");       // 1.95 m
   EXPECT_EQ(ClassOfChange(0.41, 0.41), "keeps_speed");  // 2.05 m
 }
 
 // 10 cm from each waypoint to the next: a path of 5 m that leads nowhere.
-TEST(RelativeClassesTest, NoiseIsNoMotion) {
+TEST(RelativeClassesTest, NoiseIsNotMotion) {
   int i = 0;
   const Trajectory jitter =
       Driven([&](double) { return Eigen::RowVector2d(++i % 2 == 0 ? 0.05 : -0.05, 0.0); });
   EXPECT_EQ(ClassOf(jitter, 0.0), "stands");
 }
 
-TEST(RelativeClassesTest, StopsWhoMovedAndEndsBelowHalfAMetreASecond) {
+TEST(RelativeClassesTest, StopsIfItMovedAndEndsBelowHalfAMetreASecond) {
   EXPECT_EQ(ClassOfChange(8.0, 0.0), "stops");
   EXPECT_EQ(ClassOfChange(8.0, 0.45), "stops");
   EXPECT_EQ(ClassOfChange(8.0, 0.55), "brakes");
@@ -76,7 +76,7 @@ TEST(RelativeClassesTest, StopsWhoMovedAndEndsBelowHalfAMetreASecond) {
       "stops");
 }
 
-TEST(RelativeClassesTest, StartsWhoStoodAndEndsAboveAMetreASecond) {
+TEST(RelativeClassesTest, StartsIfItStoodAndEndsAboveAMetreASecond) {
   EXPECT_EQ(ClassOfChange(0.0, 6.0), "starts");
   EXPECT_EQ(ClassOfChange(0.9, 1.1), "starts");
   EXPECT_EQ(ClassOfChange(0.9, 0.95), "keeps_speed");
@@ -108,7 +108,7 @@ TEST(RelativeClassesTest, UTurnsBeginAt135Degrees) {
 }
 
 // Half a metre to the side and back has a course; it is no turn.
-TEST(RelativeClassesTest, WhoHardlyMovesDoesNotTurn) {
+TEST(RelativeClassesTest, DoesNotTurnIfItHardlyMoves) {
   const Trajectory aside = Driven([](double t) { return Eigen::RowVector2d(0.3, 0.38 * t); });
   EXPECT_EQ(ClassOf(aside, 0.2), "stands");
 }
@@ -121,7 +121,7 @@ TEST(RelativeClassesTest, LaneChangesAreTwoMetresAcross) {
 }
 
 // A bend by 14 degrees leads 12 m to the left over 100 m.
-TEST(RelativeClassesTest, FollowingABendIsNoLaneChange) {
+TEST(RelativeClassesTest, FollowingABendIsNotALaneChange) {
   const Trajectory bend = Arc(100.0, 14.0 * kDegree);
   EXPECT_GT(bend(49, 1), 12.0);
   EXPECT_EQ(ClassOf(bend, 20.0), "keeps_speed");
@@ -155,7 +155,7 @@ TEST(RelativeClassesTest, PedestriansHaveHalfOfEachThreshold) {
   EXPECT_EQ(ClassOf(SpeedChange(1.4, 1.95), 1.4, v1::AGENT_TYPE_CYCLIST), "keeps_speed");
 }
 
-TEST(RelativeClassesTest, TheSpeedAtTheEndIsOverHalfASecondOrAWholeInterval) {
+TEST(RelativeClassesTest, TheEndSpeedCoversHalfASecondOrAWholeInterval) {
   // 4 m/s but for a last waypoint that noise moved by 20 cm: 2 m/s more over the last interval.
   Trajectory noisy = SpeedChange(4.0, 4.0);
   noisy(49, 0) += 0.2;

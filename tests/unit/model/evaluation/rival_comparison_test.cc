@@ -107,7 +107,7 @@ TEST(RivalComparisonTest, SaysWhereTheModelIsAheadBehindAndUndecided) {
 // A ratio of sums over independent groups has, by the delta method, the variance
 // sum_g m_g^2 (x_g - mean)^2 / (sum_g m_g)^2 with m_g examples of mean value x_g in group g. Two
 // recordings of a group are drawn together.
-TEST(RivalComparisonTest, IntervalsAreThoseOfTheDeltaMethodOverGroups) {
+TEST(RivalComparisonTest, IntervalsMatchTheDeltaMethodOverGroups) {
   for (const int size : {1, 2}) {
     SCOPED_TRACE(size);
     const v1::RivalStandings standings =
@@ -175,7 +175,7 @@ TEST(RivalComparisonTest, FewGroupsDecideNothing) {
   EXPECT_EQ(Of(six.parts(0), "cv").verdict(), v1::RIVAL_VERDICT_AHEAD);
 }
 
-TEST(RivalComparisonTest, FewExamplesAreNotCompared) {
+TEST(RivalComparisonTest, DoesNotComparePartsWithFewExamples) {
   MeasuredExamples all = Measure();
   all.measured[0].keys.speed = 20.0;
   const v1::RivalStandings standings = MakeRivalStandings(all, GroupsOf(kRecordings, 1));
@@ -185,7 +185,7 @@ TEST(RivalComparisonTest, FewExamplesAreNotCompared) {
   EXPECT_EQ(fastest.comparisons_size(), 0);
 }
 
-TEST(RivalComparisonTest, TrainedBaselinesAreRivalsByTheirBestSixToo) {
+TEST(RivalComparisonTest, ComparesTrainedBaselinesByTheirBestSixToo) {
   MeasuredExamples all = Measure();
   for (Measurement& each : all.measured) {
     each.posterior.displacement[2].min_fde = 1.0;

@@ -74,7 +74,7 @@ std::vector<std::string> Short(const v1::RivalRequirement& requirement,
   return names;
 }
 
-TEST(RivalRequirementsTest, AheadOverAllExamplesLooksAtNoStratum) {
+TEST(RivalRequirementsTest, ARequirementOverAllExamplesIgnoresStrata) {
   const auto all = v1::RIVAL_SCOPE_ALL_EXAMPLES;
   EXPECT_THAT(Short(Require("cv", v1::RIVAL_STANDARD_AHEAD, all)), IsEmpty());
   EXPECT_THAT(Short(Require("ctra", v1::RIVAL_STANDARD_AHEAD, all)), ElementsAre("all"));
@@ -91,7 +91,7 @@ TEST(RivalRequirementsTest, EveryStratumWithEnoughExamplesCounts) {
   EXPECT_THAT(Short(Require("ctra", v1::RIVAL_STANDARD_NOT_BEHIND, every)), IsEmpty());
 }
 
-TEST(RivalRequirementsTest, UnsetMeansAheadOverAllByAde) {
+TEST(RivalRequirementsTest, AnUnsetRequirementMeansAheadOverAllByAde) {
   v1::RivalRequirement requirement;
   requirement.set_rival("ctra");
   EXPECT_THAT(Short(requirement), ElementsAre("all"));
@@ -99,7 +99,7 @@ TEST(RivalRequirementsTest, UnsetMeansAheadOverAllByAde) {
   EXPECT_THAT(Short(requirement), IsEmpty());
 }
 
-TEST(RivalRequirementsTest, WhatWasNotMeasuredFallsShortOnce) {
+TEST(RivalRequirementsTest, AMissingComparisonIsOneShortfall) {
   const auto every = v1::RIVAL_SCOPE_EVERY_STRATUM;
   const auto not_behind = v1::RIVAL_STANDARD_NOT_BEHIND;
   EXPECT_THAT(Short(Require("covernet", not_behind, every)), ElementsAre("all"));

@@ -51,7 +51,7 @@ TEST(WaymoDisplacementTest, MeasuresTheTimesThatTheHorizonReaches) {
 }
 
 // At 3 s and full speed 2 m along the heading and 1 m across it are allowed.
-TEST(WaymoDisplacementTest, MissesAreJudgedAlongAndAcrossTheTruthsHeading) {
+TEST(WaymoDisplacementTest, MeasuresMissesAlongAndAcrossTheTruthsHeading) {
   const WaymoMeasure measure(Times(0.5, 6));
   EXPECT_EQ(Misses(measure, Off(6, 0.0, 1.9, 0.9), 0.0, 20.0), 0.0);
   EXPECT_EQ(Misses(measure, Off(6, 0.0, 2.1, 0.0), 0.0, 20.0), 1.0);
@@ -80,7 +80,7 @@ TEST(WaymoDisplacementTest, SlowTargetsAllowHalfAsMuch) {
 
 // 2.5 m ahead is a miss at 3 s and a hit at 5 s; the wrong middle of the way is looked at by no
 // one.
-TEST(WaymoDisplacementTest, MissesAreThoseAtTheMeasuredTimesAveraged) {
+TEST(WaymoDisplacementTest, AveragesMissesOverTheMeasuredTimes) {
   const WaymoMeasure measure(Times(0.5, 10));
   EXPECT_EQ(Misses(measure, Off(10, 0.0, 2.5, 0.0), 0.0, 20.0), 0.5);
   Trajectory wild = Trajectory::Zero(10, 2);
@@ -89,7 +89,7 @@ TEST(WaymoDisplacementTest, MissesAreThoseAtTheMeasuredTimesAveraged) {
 }
 
 // Different predictions may hit at different times; each time asks whether any of them does.
-TEST(WaymoDisplacementTest, AnyOfTheFirstKHits) {
+TEST(WaymoDisplacementTest, OneHitAmongTheFirstKIsEnough) {
   const WaymoMeasure measure(Times(0.5, 10));
   const Trajectory truth = Trajectory::Zero(10, 2);
   const std::vector<double> headings = {0.0, 0.0};
@@ -101,7 +101,7 @@ TEST(WaymoDisplacementTest, AnyOfTheFirstKHits) {
 }
 
 // 1 m off from 4 s on: nothing up to 3 s, three of ten steps up to 5 s.
-TEST(WaymoDisplacementTest, DisplacementIsAveragedUpToEachMeasuredTime) {
+TEST(WaymoDisplacementTest, AveragesDisplacementUpToEachMeasuredTime) {
   const WaymoMeasure measure(Times(0.5, 10));
   const Trajectory truth = Trajectory::Zero(10, 2);
   const Trajectory predicted = Off(10, 4.0, 0.0, 1.0);
@@ -112,7 +112,7 @@ TEST(WaymoDisplacementTest, DisplacementIsAveragedUpToEachMeasuredTime) {
 }
 
 // An error that grows by 1 m a second, at 2 Hz: 0.5, 1, ... 3 m, mean 1.75, whatever the waypoints.
-TEST(WaymoDisplacementTest, LooksAtTwoHertzBetweenWaypointsToo) {
+TEST(WaymoDisplacementTest, SamplesAtTwoHertzBetweenWaypointsToo) {
   for (const double interval : {0.1, 0.2, 0.75, 1.0}) {
     const WaymoMeasure measure(Times(interval, static_cast<int>(3.01 / interval)));
     const int count = static_cast<int>(3.01 / interval);
