@@ -19,7 +19,7 @@ TEST(BackoffTest, DoublesUpToItsLimit) {
   EXPECT_EQ(BackoffAfter(policy, 60, 0.7), absl::Milliseconds(300));
 }
 
-TEST(BackoffTest, JitterSpreadsItEvenlyBothWays) {
+TEST(BackoffTest, JitterShortensAndLengthensEqually) {
   RetryPolicy policy;
   policy.initial_backoff = absl::Milliseconds(100);
   policy.jitter = 0.2;
@@ -28,7 +28,7 @@ TEST(BackoffTest, JitterSpreadsItEvenlyBothWays) {
   EXPECT_LT(BackoffAfter(policy, 1, 0.999), absl::Milliseconds(120));
 }
 
-TEST(RetryTest, AWaitThatWouldPassTheDeadlineIsNotBegun) {
+TEST(RetryTest, DoesNotWaitPastTheDeadline) {
   RetryPolicy policy;
   policy.initial_backoff = absl::Hours(1);
   policy.max_backoff = absl::Hours(1);
@@ -102,7 +102,7 @@ TEST(ErrorDetailsTest, ReadsTheStandardMessages) {
   EXPECT_EQ(details.retry_delay, absl::Milliseconds(1500));
 }
 
-TEST(ErrorDetailsTest, AnItemsErrorHasTheSameDetails) {
+TEST(ErrorDetailsTest, ReadsTheDetailsOfAnItemsError) {
   v1::Status item;
   ASSERT_TRUE(item.ParseFromString(StandardDetails()));
   EXPECT_EQ(ErrorDetailsOf(item).reason, "BAD_SCENE");
@@ -135,7 +135,7 @@ v1::Scenario RecordedScenario() {
   return scenario;
 }
 
-TEST(StripFutureTest, KeepsWhatIsKnownAtThePredictionTime) {
+TEST(StripFutureTest, KeepsStatesUpToThePredictionTime) {
   v1::Scenario scenario = RecordedScenario();
   StripFuture(&scenario);
   ASSERT_EQ(scenario.agents_size(), 2);  // 2 is not there yet; 3 is asked about

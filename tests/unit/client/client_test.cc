@@ -28,7 +28,7 @@ std::unique_ptr<Client> ConnectTo(const std::string& address, int max_attempts =
 
 grpc::Status Unavailable() { return {grpc::StatusCode::UNAVAILABLE, "busy"}; }
 
-TEST(ClientTest, UnavailableIsTriedAgainUntilItAnswers) {
+TEST(ClientTest, RetriesUnavailableUntilItIsAnswered) {
   TestServer server;
   std::atomic<int> calls = 0;
   server.on_predict = [&](auto*, const auto&, v1::PredictResponse* response) {
@@ -43,7 +43,7 @@ TEST(ClientTest, UnavailableIsTriedAgainUntilItAnswers) {
 }
 
 // So gRPC ends calls that come while the server stops, and HAProxy those whose server died.
-TEST(ClientTest, ACallThatIsBrokenOffIsTriedAgain) {
+TEST(ClientTest, RetriesACallThatWasBrokenOff) {
   TestServer server;
   std::atomic<int> calls = 0;
   server.on_predict = [&](auto*, const auto&, auto*) {
@@ -53,7 +53,7 @@ TEST(ClientTest, ACallThatIsBrokenOffIsTriedAgain) {
   EXPECT_EQ(calls, 3);
 }
 
-TEST(ClientTest, AttemptsAreBounded) {
+TEST(ClientTest, LimitsTheAttempts) {
   TestServer server;
   std::atomic<int> calls = 0;
   server.on_predict = [&](auto*, const auto&, auto*) {
@@ -64,7 +64,7 @@ TEST(ClientTest, AttemptsAreBounded) {
   EXPECT_EQ(calls, 3);
 }
 
-TEST(ClientTest, OtherErrorsAreNotTriedAgain) {
+TEST(ClientTest, DoesNotRetryOtherErrors) {
   TestServer server;
   std::atomic<int> calls = 0;
   server.on_predict = [&](auto*, const auto&, auto*) {
@@ -75,7 +75,7 @@ TEST(ClientTest, OtherErrorsAreNotTriedAgain) {
   EXPECT_EQ(calls, 1);
 }
 
-TEST(ClientTest, DeletionsAreNotTriedAgain) {
+TEST(ClientTest, DoesNotRetryDeletions) {
   TestServer server;
   std::atomic<int> calls = 0;
   server.on_delete_job = [&](const auto&) {
@@ -157,7 +157,7 @@ TEST(ClientTest, DetailsOfAnErrorArriveWithIt) {
   EXPECT_EQ(ErrorDetailsOf(answer.status()).reason, "UNKNOWN_TARGET");
 }
 
-TEST(ClientTest, WatchGoesOnAfterABrokenStreamWithoutRepeatingEvents) {
+TEST(ClientTest, WatchContinuesAfterABrokenStreamWithoutRepeatingEvents) {
   TestServer server;
   std::atomic<int> streams = 0;
   server.on_watch = [&](const v1::WatchJobRequest& request, auto* writer) {
@@ -198,7 +198,7 @@ TEST(ClientTest, WatchStopsWhenTheCallerHasSeenEnough) {
   EXPECT_EQ(events, 3);
 }
 
-TEST(ClientTest, WatchSaysThatAJobIsUnknown) {
+TEST(ClientTest, WatchReportsAnUnknownJob) {
   TestServer server;
   server.on_watch = [&](const auto&, auto*) {
     return grpc::Status(grpc::StatusCode::NOT_FOUND, "no job");
@@ -285,7 +285,7 @@ class ServerThatBreaksOff {
   const std::vector<int> messages_;
 };
 
-TEST_F(UploadTest, GoesOnWhereItBrokeOffAndSendsNothingTwice) {
+TEST_F(UploadTest, ContinuesWhereItBrokeOffAndSendsNothingTwice) {
   TestServer server;
   ServerThatBreaksOff keeper(server, {1, 2, 2});
   std::vector<int64_t> resumed;
@@ -301,7 +301,7 @@ TEST_F(UploadTest, GoesOnWhereItBrokeOffAndSendsNothingTwice) {
   for (const int64_t bytes : resumed) EXPECT_EQ(bytes, 0);
 }
 
-TEST_F(UploadTest, SaysWhatWasThereBeforeItBegan) {
+TEST_F(UploadTest, ReportsWhatHadArrivedBefore) {
   TestServer server;
   ServerThatBreaksOff keeper(server, {});
   keeper.kept = shard_.substr(0, 1'000'000);
@@ -316,7 +316,7 @@ TEST_F(UploadTest, SaysWhatWasThereBeforeItBegan) {
   EXPECT_EQ(last.there, last.total);
 }
 
-TEST_F(UploadTest, ACommitWhoseAnswerWasLostIsASuccess) {
+TEST_F(UploadTest, SucceedsIfOnlyTheAnswerToTheCommitWasLost) {
   TestServer server;
   bool is_committed = false;
   server.on_query_upload = [&](const auto& request, v1::QueryUploadResponse* response) {
@@ -337,7 +337,7 @@ TEST_F(UploadTest, ACommitWhoseAnswerWasLostIsASuccess) {
   EXPECT_EQ(dataset->name(), "datasets/x");
 }
 
-TEST_F(UploadTest, WhatLayThereWrongIsSentAgainOnce) {
+TEST_F(UploadTest, SendsADamagedPartAgainOnce) {
   TestServer server;
   ServerThatBreaksOff keeper(server, {});
   const auto upload = server.on_upload;
@@ -363,7 +363,7 @@ TEST_F(UploadTest, WhatLayThereWrongIsSentAgainOnce) {
   EXPECT_EQ(losses, 2);
 }
 
-TEST_F(UploadTest, AnErrorOfTheServerIsTheErrorOfTheCall) {
+TEST_F(UploadTest, ReturnsTheServersError) {
   TestServer server;
   server.on_upload = [&](auto*, auto*) {
     return grpc::Status(grpc::StatusCode::ALREADY_EXISTS, "datasets/x exists");
@@ -373,7 +373,7 @@ TEST_F(UploadTest, AnErrorOfTheServerIsTheErrorOfTheCall) {
   EXPECT_TRUE(absl::IsAlreadyExists(dataset.status())) << dataset.status();
 }
 
-TEST_F(UploadTest, AFolderThatIsNotWholeIsNotSent) {
+TEST_F(UploadTest, DoesNotSendAnIncompleteFolder) {
   const auto client = ConnectTo("127.0.0.1:1");  // nobody is asked
   WriteBytes(folder_ / "scenarios-00000.tfrecord", "short");
   EXPECT_TRUE(
@@ -383,7 +383,7 @@ TEST_F(UploadTest, AFolderThatIsNotWholeIsNotSent) {
       absl::IsNotFound(client->UploadDataset(folder_.path(), "datasets/x", nullptr).status()));
 }
 
-TEST(PredictStreamTest, EveryRequestIsAnsweredByItsName) {
+TEST(PredictStreamTest, AnswersEveryRequestUnderItsId) {
   TestServer server;
   server.on_stream = [](auto* stream) {
     v1::StreamPredictRequest request;
@@ -412,7 +412,7 @@ TEST(PredictStreamTest, EveryRequestIsAnsweredByItsName) {
   EXPECT_TRUE(absl::IsFailedPrecondition(stream->Send("d", request)));
 }
 
-TEST(PredictStreamTest, FinishSaysWhyTheStreamBroke) {
+TEST(PredictStreamTest, FinishReturnsWhyTheStreamBroke) {
   TestServer server;
   server.on_stream = [](auto*) {
     return grpc::Status(grpc::StatusCode::RESOURCE_EXHAUSTED, "too many streams");
@@ -421,12 +421,12 @@ TEST(PredictStreamTest, FinishSaysWhyTheStreamBroke) {
   EXPECT_TRUE(absl::IsResourceExhausted(stream->Finish()));
 }
 
-TEST(ConnectTest, OptionsThatMakeNoSenseAreRefused) {
+TEST(ConnectTest, RefusesInvalidOptions) {
   EXPECT_TRUE(absl::IsInvalidArgument(Client::Connect({.address = ""}).status()));
   EXPECT_TRUE(absl::IsInvalidArgument(Client::Connect({.retry = {.max_attempts = 0}}).status()));
 }
 
-TEST(ClientTest, EveryKindOfCallSaysWhoCalls) {
+TEST(ClientTest, EveryKindOfCallSendsTheCallersIdentity) {
   TestServer server;
   std::mutex mutex;
   std::vector<std::string> seen;
@@ -455,7 +455,7 @@ TEST(ClientTest, EveryKindOfCallSaysWhoCalls) {
   EXPECT_EQ(seen, std::vector<std::string>(4, "Bearer abc"));
 }
 
-TEST(ClientTest, ATokenIsNotSentWhereOthersCouldReadIt) {
+TEST(ClientTest, RefusesATokenOverAnUnencryptedNetwork) {
   for (const char* address : {"192.0.2.1:8470", "example.com:8470", "[2001:db8::1]:8470",
                               "127.0.0.1.example.com:8470", "dns:///localhost.example.com:1"}) {
     const auto refused = Client::Connect({.address = address, .token = "abc"});
@@ -468,7 +468,7 @@ TEST(ClientTest, ATokenIsNotSentWhereOthersCouldReadIt) {
   }
 }
 
-TEST(ClientTest, FilesThatMakeNoSenseAreNamed) {
+TEST(ClientTest, NamesInvalidCredentialFiles) {
   const TemporaryFolder folder;
   const std::string empty = folder / "empty";
   WriteBytes(empty, "\n");

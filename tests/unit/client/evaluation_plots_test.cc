@@ -29,7 +29,7 @@ v1::ScenarioPrediction Spread(double spread) {
   return prediction;
 }
 
-TEST(PosteriorPlotTest, WideIsLeftAndNarrowRightAtTheSameScale) {
+TEST(PosteriorPlotTest, DrawsGenericLeftAndPosteriorRightAtTheSameScale) {
   ScenePlotOptions options = Options();
   options.width = 1400;
   options.height = 800;
@@ -52,7 +52,7 @@ TEST(PosteriorPlotTest, WideIsLeftAndNarrowRightAtTheSameScale) {
   }
 }
 
-TEST(PosteriorPlotTest, WhatWasNotAnsweredTwiceIsRefused) {
+TEST(PosteriorPlotTest, RefusesTargetsWithoutTwoValidAnswers) {
   v1::ScenarioPrediction other = Answer(0.9);
   other.mutable_targets(0)->set_target_id(8);
   EXPECT_TRUE(absl::IsInvalidArgument(
@@ -117,7 +117,7 @@ int Count(const cv::Mat& picture, Color color, int nearness) {
   return count;
 }
 
-TEST(ActionMeansPlotTest, TrajectoriesHaveTheColourOfTheirMostResponsibleAction) {
+TEST(ActionMeansPlotTest, DrawsTrajectoriesInTheColourOfTheirAction) {
   // The first colour goes to the most frequent action, the next to the other one.
   const Color first = LatentColor(0);
   const Color second = LatentColor(1);
@@ -136,14 +136,14 @@ TEST(ActionMeansPlotTest, TrajectoriesHaveTheColourOfTheirMostResponsibleAction)
   EXPECT_GT(Count(one_each, blend(second), 12), 200);
 }
 
-TEST(ActionMeansPlotTest, IdleActionsAreLeftOut) {
+TEST(ActionMeansPlotTest, LeavesOutUnusedActions) {
   v1::ActionSet set = TwoMeans();
   set.mutable_actions(1)->set_effective(false);
   const cv::Mat picture = Decode(*DrawActionMeans(set, Report()));
   EXPECT_LT(Count(picture, LatentColor(1), 10), 50);
 }
 
-TEST(ActionMeansPlotTest, WhatCannotBeDrawnIsRefused) {
+TEST(ActionMeansPlotTest, RefusesWhatItCannotDraw) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionMeans({}, Report()).status()));
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionMeans(TwoMeans(), {}).status()));
   v1::EvaluationReport uneven = Report();
@@ -151,7 +151,7 @@ TEST(ActionMeansPlotTest, WhatCannotBeDrawnIsRefused) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionMeans(TwoMeans(), uneven).status()));
 }
 
-TEST(ReliabilityPlotTest, PointsLieWhereTheTableSays) {
+TEST(ReliabilityPlotTest, DrawsPointsWhereTheTableSays) {
   const cv::Mat picture = Decode(*DrawReliability(Report()));
   // The curve's square is 590 pixels wide and begins at (96, 92).
   const auto at = [&](double x, double y) {
@@ -165,7 +165,7 @@ TEST(ReliabilityPlotTest, PointsLieWhereTheTableSays) {
   EXPECT_GT(Distance(at(0.35, 0.30), LatentColor(3)), 60);
 }
 
-TEST(ReliabilityPlotTest, NoTableIsRefused) {
+TEST(ReliabilityPlotTest, RefusesAReportWithoutATable) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawReliability({}).status()));
 }
 

@@ -33,7 +33,7 @@ int NearestInRecording(const cv::Mat& picture, double x, double y, Color color) 
   return nearest;
 }
 
-TEST(RecordingsPlotTest, ShowsTargetsAndWhereTheyGoNorthUp) {
+TEST(RecordingsPlotTest, DrawsTargetsAndTheirPathsNorthUp) {
   v1::Scenario recording = Scene();
   recording.mutable_agents(0)->set_type(v1::AGENT_TYPE_VEHICLE);
   const auto png = DrawRecordings({&recording, 1}, {.width = 800, .height = 800});
@@ -49,7 +49,7 @@ TEST(RecordingsPlotTest, ShowsTargetsAndWhereTheyGoNorthUp) {
   EXPECT_GT(NearestInRecording(picture, later.x(), 100.0 - later.y(), kPath), 100);
 }
 
-TEST(RecordingsPlotTest, WhereNobodyIsInSightItLooksAtTheMiddleOfTheTime) {
+TEST(RecordingsPlotTest, DrawsTheMiddleTimeIfNobodyIsVisibleAtThePredictionTime) {
   v1::Scenario recording = Scene();
   recording.set_prediction_time(100.0);
   EXPECT_TRUE(DrawRecordings({&recording, 1}, {}).ok());
@@ -72,7 +72,7 @@ TEST(ScenePlotTest, TheSameInputGivesTheSameBytes) {
             *DrawScene(Scene(), Answer(0.9), Options()));
 }
 
-TEST(ScenePlotTest, TruthIsWhiteAndTheActionItsColourWhereTheyLie) {
+TEST(ScenePlotTest, DrawsTheTruthWhiteAndTheActionInItsColour) {
   const cv::Mat picture = Decode(*DrawScene(Scene(), Answer(0.9), Options()));
   const PictureFrame frame(picture);
   for (const double ahead : {15.0, 25.0, 35.0}) {
@@ -83,7 +83,7 @@ TEST(ScenePlotTest, TruthIsWhiteAndTheActionItsColourWhereTheyLie) {
   }
 }
 
-TEST(ScenePlotTest, WithoutAFutureNothingIsWhite) {
+TEST(ScenePlotTest, DrawsNothingWhiteWithoutAFuture) {
   v1::Scenario scenario = Scene();
   auto* states = scenario.mutable_agents(0)->mutable_states();
   states->erase(states->begin() + 1, states->end());
@@ -119,7 +119,7 @@ v1::Scenario SceneWithLanes() {
   return scenario;
 }
 
-TEST(ScenePlotTest, LanePathsAreDrawnWhereTheyLieIfAskedFor) {
+TEST(ScenePlotTest, DrawsLanePathsIfAskedFor) {
   constexpr Color kTurquoise = {64, 196, 188};
   ScenePlotOptions options = Options();
   for (const bool asked : {true, false}) {
@@ -139,7 +139,7 @@ TEST(ScenePlotTest, LanePathsAreDrawnWhereTheyLieIfAskedFor) {
   }
 }
 
-TEST(ScenePlotTest, WithoutActionsThePathsAreSeenToTheirEnds) {
+TEST(ScenePlotTest, ShowsWholePathsWithoutActions) {
   ScenePlotOptions options = Options();
   options.lane_paths = true;
   v1::ScenarioPrediction nothing;
@@ -178,7 +178,7 @@ TEST(ScenePlotTest, WorldAndTargetFramesGiveTheSamePicture) {
   EXPECT_LT(cv::norm(a, b, cv::NORM_INF), 40.0);  // the float heading moves points by a hair
 }
 
-TEST(ScenePlotTest, ImprobableActionsAreNotDrawn) {
+TEST(ScenePlotTest, DoesNotDrawImprobableActions) {
   const cv::Mat picture = Decode(*DrawScene(Scene(), Answer(0.04), Options()));
   const PictureFrame frame(picture);
   EXPECT_GT(frame.NearestDistance(picture, 25.0, -5.0, ActionColor(2)), 60);
@@ -201,7 +201,7 @@ void AddRepresentative(int id, double weight, v1::ScenarioPrediction* prediction
   representative->set_weight(weight);
 }
 
-TEST(ScenePlotTest, RepresentativesAreDrawnHoweverImprobableAndTheMedoidHasAWhiteRing) {
+TEST(ScenePlotTest, DrawsImprobableRepresentativesAndAWhiteRingOnTheMedoid) {
   v1::ScenarioPrediction answer = Answer(0.9);
   AddImprobableAction(4, -16.0, &answer);
   AddImprobableAction(6, 16.0, &answer);
@@ -225,7 +225,7 @@ TEST(ScenePlotTest, RepresentativesAreDrawnHoweverImprobableAndTheMedoidHasAWhit
   EXPECT_GT(ring(0.4), 60);
 }
 
-TEST(ScenePlotTest, ActionsBesideTheRepresentativesAreFaint) {
+TEST(ScenePlotTest, DrawsActionsBesideTheRepresentativesFaintly) {
   v1::ScenarioPrediction answer = Answer(0.9);
   AddImprobableAction(4, 16.0, &answer);
   const cv::Mat before = Decode(*DrawScene(Scene(), answer, Options()));
@@ -237,7 +237,7 @@ TEST(ScenePlotTest, ActionsBesideTheRepresentativesAreFaint) {
   EXPECT_LT(faint, 160);  // and still there
 }
 
-TEST(ScenePlotTest, WhatCannotBeDrawnIsRefused) {
+TEST(ScenePlotTest, RefusesWhatItCannotDraw) {
   v1::ScenarioPrediction uneven = Answer(0.9);
   uneven.mutable_targets(0)->mutable_distributions(0)->mutable_mean_trajectory()->add_x(1.0);
   EXPECT_TRUE(absl::IsInvalidArgument(DrawScene(Scene(), uneven, Options()).status()));
@@ -249,7 +249,7 @@ TEST(ScenePlotTest, WhatCannotBeDrawnIsRefused) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawScene(Scene(), Answer(0.9), tiny).status()));
 }
 
-TEST(ScenePlotTest, ASceneAMillionMetresAwayIsDrawnAlike) {
+TEST(ScenePlotTest, DrawsASceneAMillionMetresAwayTheSame) {
   v1::Scenario far = Scene();
   for (v1::AgentState& state : *far.mutable_agents(0)->mutable_states()) {
     state.set_x(state.x() + 1e6);
@@ -324,11 +324,11 @@ TEST(ActionSetPlotTest, KeepsTheKeyOfManyDimensionsApartFromTheNote) {
   EXPECT_TRUE(is_there);
 }
 
-TEST(ActionSetPlotTest, AnEmptySetIsRefused) {
+TEST(ActionSetPlotTest, RefusesAnEmptySet) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionSet({}, {}).status()));
 }
 
-TEST(ActionSetPlotTest, ANameIsDrawnWhereThereIsNoLabel) {
+TEST(ActionSetPlotTest, DrawsANameIfThereIsNoLabel) {
   v1::ActionSet labelled = TwoActions();
   labelled.mutable_actions(0)->set_label("left turn");
   const std::string picture = *DrawActionSet(labelled, {});
@@ -377,7 +377,7 @@ TEST(ActionGalleryPlotTest, RefusesSetsThatItCannotDraw) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionGallery(sets, {}).status()));
 }
 
-TEST(LabelPlacerTest, LabelsLieWithinAndApart) {
+TEST(LabelPlacerTest, PlacesLabelsInsideWithoutOverlap) {
   const Box whole{100.0, 100.0, 200.0, 120.0};
   LabelPlacer placer(whole);
   placer.Occupy(Box{150.0, 100.0, 60.0, 120.0});
@@ -402,7 +402,7 @@ TEST(LabelPlacerTest, LabelsLieWithinAndApart) {
   }
 }
 
-TEST(LabelPlacerTest, NothingIsPlacedOverALine) {
+TEST(LabelPlacerTest, PlacesNothingOverALine) {
   LabelPlacer placer({0.0, 0.0, 400.0, 400.0});
   placer.Occupy(Line{{0.0, 200.0}, {400.0, 200.0}}, 10.0);
   for (int i = 0; i < 10; ++i) {
@@ -412,7 +412,7 @@ TEST(LabelPlacerTest, NothingIsPlacedOverALine) {
   }
 }
 
-TEST(AxesTest, BothAxesHaveTheSameScaleAndHoldTheExtent) {
+TEST(AxesTest, BothAxesShareAScaleAndContainTheExtent) {
   const Axes axes({100.0, 50.0, 400.0, 200.0}, {0.0, 20.0, -30.0, 10.0});
   EXPECT_NEAR(axes.pixels_per_meter(), 5.0, 1e-9);  // 40 m on 200 pixels
   EXPECT_NEAR(axes.ToPixel(10.0, -10.0).x, 300.0, 1e-9);
@@ -420,7 +420,7 @@ TEST(AxesTest, BothAxesHaveTheSameScaleAndHoldTheExtent) {
   EXPECT_NEAR(axes.ToPixel(0.0, 10.0).y, 50.0, 1e-9);  // left is up
 }
 
-TEST(AxesTest, TicksAreRound) {
+TEST(AxesTest, TicksAreRoundNumbers) {
   EXPECT_EQ(Ticks(-3.0, 12.0, 4), (std::vector<double>{0.0, 5.0, 10.0}));
   EXPECT_EQ(Ticks(0.0, 1.0, 5), (std::vector<double>{0.0, 0.2, 0.4, 0.6000000000000001, 0.8, 1.0}));
   EXPECT_EQ(TickText(0.2, 0.2), "0.2");

@@ -86,7 +86,7 @@ int PortOf(const std::string& address) { return std::stoi(address.substr(address
 
 // gRPC gives an attempt to connect as long as GRPC_ARG_MIN_RECONNECT_BACKOFF_MS: one set for quick
 // retries would shut out every server that is further away, or only busy.
-TEST(SlowConnectionTest, AServerThatIsSlowToTakeAConnectionIsReached) {
+TEST(SlowConnectionTest, ReachesAServerThatIsSlowToAccept) {
   TestServer server;
   server.on_predict = [](auto*, const auto&, v1::PredictResponse* response) {
     response->set_model_version("models/town/versions/1");

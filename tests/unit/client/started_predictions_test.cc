@@ -45,7 +45,7 @@ class Answers {
   std::vector<absl::StatusOr<v1::PredictResponse>> answers_;
 };
 
-TEST(StartPredictionTest, ManyAreUnderWayAtOnceAndEachIsAnswered) {
+TEST(StartPredictionTest, AnswersManyConcurrentPredictions) {
   constexpr int kCalls = 40;
   TestServer server;
   std::mutex mutex;
@@ -77,7 +77,7 @@ TEST(StartPredictionTest, ManyAreUnderWayAtOnceAndEachIsAnswered) {
   for (int i = 0; i < kCalls / 2; ++i) EXPECT_EQ(versions.count(std::to_string(i)), 2U);
 }
 
-TEST(StartPredictionTest, TheServersErrorIsTheAnswerAndItIsNotTriedAgain) {
+TEST(StartPredictionTest, ReturnsTheServersErrorWithoutRetrying) {
   TestServer server;
   std::atomic<int> calls = 0;
   server.on_predict = [&](auto*, const auto&, auto*) {
@@ -91,7 +91,7 @@ TEST(StartPredictionTest, TheServersErrorIsTheAnswerAndItIsNotTriedAgain) {
   EXPECT_EQ(calls, 1);
 }
 
-TEST(StartPredictionTest, IsTriedAgainWhereTheClientWantsThat) {
+TEST(StartPredictionTest, RetriesIfTheClientAsksForIt) {
   TestServer server;
   std::atomic<int> calls = 0;
   std::atomic<size_t> least = SIZE_MAX;
@@ -116,7 +116,7 @@ TEST(StartPredictionTest, IsTriedAgainWhereTheClientWantsThat) {
   EXPECT_GT(least, kLarge);
 }
 
-TEST(StartPredictionTest, AServerThatStaysAwayIsNotAskedOverAndOver) {
+TEST(StartPredictionTest, DoesNotKeepRetryingAServerThatStaysAway) {
   constexpr int kCalls = 400;
   TestServer server;
   std::atomic<int> calls = 0;
@@ -137,7 +137,7 @@ TEST(StartPredictionTest, AServerThatStaysAwayIsNotAskedOverAndOver) {
   EXPECT_GT(calls, kCalls + 50);
 }
 
-TEST(StartPredictionTest, EachMethodIsTheOneThatIsCalled) {
+TEST(StartPredictionTest, CallsTheChosenMethod) {
   TestServer server;  // knows Predict alone
   server.on_predict = [](auto*, const auto&, auto*) { return grpc::Status::OK; };
   Answers answers;
@@ -158,7 +158,7 @@ void Hold(TestServer* server) {
   };
 }
 
-TEST(StartPredictionTest, DeadlinesAndCancellationEndIt) {
+TEST(StartPredictionTest, EndsAtItsDeadlineAndWhenCancelled) {
   TestServer server;
   Hold(&server);
   Answers answers;
@@ -175,7 +175,7 @@ TEST(StartPredictionTest, DeadlinesAndCancellationEndIt) {
   EXPECT_TRUE(absl::IsCancelled(answers.WaitFor(3).back().status()));
 }
 
-TEST(StartPredictionTest, AClientThatGoesTakesItsCallsWithIt) {
+TEST(StartPredictionTest, DestroyingTheClientCancelsItsCalls) {
   TestServer server;
   Hold(&server);
   Answers answers;
@@ -189,7 +189,7 @@ TEST(StartPredictionTest, AClientThatGoesTakesItsCallsWithIt) {
   for (const auto& answer : ended) EXPECT_TRUE(absl::IsCancelled(answer.status()));
 }
 
-TEST(ClientTest, ClientsShareAConnectionUnlessTheyWantTheirOwn) {
+TEST(ClientTest, ClientsShareAConnectionUnlessToldOtherwise) {
   TestServer server;
   std::mutex mutex;
   std::set<std::string> peers;

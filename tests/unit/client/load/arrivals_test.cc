@@ -10,7 +10,7 @@ namespace {
 
 using std::chrono::nanoseconds;
 
-TEST(ArrivalsTest, ConstantOnesDoNotDrift) {
+TEST(ArrivalsTest, ConstantArrivalsDoNotDrift) {
   Arrivals arrivals(ArrivalProcess::kConstant, 3.0, 1);
   EXPECT_EQ(arrivals.Next(), nanoseconds(0));
   EXPECT_EQ(arrivals.Next(), nanoseconds(333'333'333));
@@ -45,7 +45,7 @@ TEST(ArrivalsTest, GapsOfPoissonArrivalsAreExponential) {
   }
 }
 
-TEST(ArrivalsTest, TheSeedDecides) {
+TEST(ArrivalsTest, TheSeedDecidesTheTimes) {
   Arrivals one(ArrivalProcess::kPoisson, 10.0, 5);
   Arrivals same(ArrivalProcess::kPoisson, 10.0, 5);
   Arrivals other(ArrivalProcess::kPoisson, 10.0, 6);

@@ -24,7 +24,7 @@ v1::ModelSpec ResNet50() {
 // ResNet-18 and -34, of basic blocks, and -50, as torchvision publishes them with their weights:
 // parameters and 1e9 multiply-adds for 224 x 224 pixels of 3 channels and 1000 classes. With the
 // stride in the first 1x1 convolution of a bottleneck, the last would be 3.86.
-TEST(ModelCostTest, ResNetsCostWhatIsPublished) {
+TEST(ModelCostTest, ResNetsHaveTheirPublishedCosts) {
   struct Published {
     std::vector<int> blocks;
     v1::ResidualBlock block;
@@ -84,7 +84,7 @@ int64_t Weights(const v1::ModelSpec& spec, const std::string& begin) {
 
 // Every weight multiplies once for each scene, path, agent, action or pair that its layer is
 // applied to.
-TEST(ModelCostTest, CountsWhatReadsVectorsAndLooksAtTheLanes) {
+TEST(ModelCostTest, CountsTheLayersThatReadVectorsAndLanes) {
   v1::TrainingSettings settings;
   settings.set_preset("lanes");
   const v1::ModelSpec spec = ResolveTrainingSettings(settings).model();

@@ -22,7 +22,7 @@ std::vector<std::string> WrongFields(const v1::ModelSpec& spec) {
   return fields;
 }
 
-TEST(ModelSpecTest, AcceptsAGoodSpec) { EXPECT_THAT(WrongFields(TinySpec()), ElementsAre()); }
+TEST(ModelSpecTest, AcceptsAValidSpec) { EXPECT_THAT(WrongFields(TinySpec()), ElementsAre()); }
 
 // A change of a good spec, as text to merge, and the field that is then wrong.
 struct Fault {
@@ -96,7 +96,7 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"TypeNotStated", "target_types: AGENT_TYPE_UNSPECIFIED", "target_types[0]"}),
     [](const testing::TestParamInfo<Fault>& fault) { return fault.param.name; });
 
-TEST(ModelSpecTest, AnEmptySpecIsWrongInEveryPart) {
+TEST(ModelSpecTest, RefusesEveryPartOfAnEmptySpec) {
   const auto fields = WrongFields(v1::ModelSpec());
   for (const char* field : {"raster", "trajectory.waypoints", "actions", "latent_dimensions",
                             "decoder.hidden", "decoder_stddev"}) {
@@ -129,7 +129,7 @@ v1::ModelSpec ResidualSpec(const char* change) {
   return spec;
 }
 
-TEST(ModelSpecTest, AResidualBackboneIsCheckedFieldByField) {
+TEST(ModelSpecTest, ChecksEachFieldOfAResidualBackbone) {
   EXPECT_THAT(WrongFields(ResidualSpec("")), ElementsAre());
   for (const auto& [change, field] : std::vector<std::pair<const char*, const char*>>{
            {"stem { channels: 2000 }", "stem.channels"},
@@ -185,7 +185,7 @@ TEST(ModelSpecTest, GridsFollowThePaddedStridedConvolutions) {
   EXPECT_EQ(input.width, 20);
 }
 
-TEST(ModelSpecTest, ShapesAreThoseOfTheListInTensorH) {
+TEST(ModelSpecTest, ShapesMatchTheListInTensorH) {
   using Shape = std::vector<int64_t>;
   auto shapes = TensorShapes(TinySpec());
   EXPECT_EQ(shapes["backbone.convolution.0.weight"], Shape({4, 7, 3, 3}));

@@ -55,7 +55,7 @@ TEST(PruningTest, WeightsOfTheMixtureAreRenormalised) {
               ElementsAre(FloatEq(std::log(0.625f)), FloatEq(std::log(0.375f))));
 }
 
-TEST(PruningTest, ActionsThatAreNotThereTwiceOrTooFewAreRefused) {
+TEST(PruningTest, RefusesUnknownRepeatedOrTooFewActions) {
   for (const std::vector<int>& kept :
        {std::vector<int>{0, 3}, {-1, 0}, {1, 1}, {2}, std::vector<int>{}}) {
     EXPECT_EQ(PruneActions(TinyModel(), kept).status().code(), absl::StatusCode::kInvalidArgument);

@@ -40,7 +40,7 @@ TEST(SafetensorsTest, ReadsBackWhatItWrote) {
   }
 }
 
-TEST(SafetensorsTest, ReadsWhatOtherLibrariesWrite) {
+TEST(SafetensorsTest, ReadsFilesOfOtherLibraries) {
   // Metadata, other order of keys, tensors not in the order of their names.
   const auto read = ParseSafetensors(File(
       R"({"__metadata__":{"format":"pt"},"z":{"dtype":"F32","shape":[1],"data_offsets":[0,4]},)"

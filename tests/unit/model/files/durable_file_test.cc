@@ -41,13 +41,13 @@ TEST_F(DurableFileTest, ReadsAFileLargerThanTheBuffer) {
   EXPECT_EQ(*ReadFile(folder_ / "large"), content);
 }
 
-TEST_F(DurableFileTest, ReadingNothingIsNotFoundAndNamesTheFileWithoutItsFolder) {
+TEST_F(DurableFileTest, AMissingFileIsNotFoundAndNamedWithoutItsFolder) {
   const auto content = ReadFile(folder_ / "absent");
   EXPECT_EQ(content.status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(content.status().message(), "cannot open absent: no such file or folder");
 }
 
-TEST_F(DurableFileTest, AWriteThatFailsLeavesTheOldContentAndNoTemporary) {
+TEST_F(DurableFileTest, AFailedWriteLeavesTheOldContentAndNoTemporary) {
   ASSERT_TRUE(WriteFileAtomically(folder_ / "a", "old").ok());
   // A limit on the size of files stands in for a full disk.
   struct rlimit before {};
@@ -117,7 +117,7 @@ TEST_F(DurableFileTest, RemovingTemporariesOfAMissingFolderIsNotFound) {
   EXPECT_EQ(RemoveTemporaries(folder_ / "absent").code(), absl::StatusCode::kNotFound);
 }
 
-TEST(ErrnoStatusTest, SaysWhatAnOperatorCanActOn) {
+TEST(ErrnoStatusTest, MapsErrorsToActionableStatuses) {
   const fs::path file = "/var/secret/place/weights.safetensors";
   EXPECT_EQ(ErrnoStatus(ENOSPC, "write", file),
             absl::ResourceExhaustedError("cannot write weights.safetensors: the disk is full"));

@@ -156,7 +156,7 @@ INSTANTIATE_TEST_SUITE_P(
     [](const auto& network) { return network.param.first; });
 
 // Else the comparison above would not see a wrong weight.
-TEST(OnnxExportTest, EveryWeightThatIsExportedDecidesAnswers) {
+TEST(OnnxExportTest, EveryExportedWeightAffectsTheAnswers) {
   const artifact::StoredModel model = inference::RandomModel(PlainSpec(), 5);
   const Scenes scenes = MakeScenes(PlainSpec());
   const Answers right = ExportedAnswers(model, scenes);

@@ -265,7 +265,7 @@ TEST_P(OnnxVectorsTest, AnotherEngineGivesTheSameAnswers) {
 }
 
 // Else the comparison above would not see a wrong weight.
-TEST_P(OnnxVectorsTest, EveryWeightThatIsExportedDecidesAnswers) {
+TEST_P(OnnxVectorsTest, EveryExportedWeightAffectsTheAnswers) {
   const artifact::StoredModel model = inference::RandomModel(GetParam().second, 5);
   const Scenes scenes = CompleteScenes(model);
   const Answers right = ExportedAnswers(model, scenes, kScenes);

@@ -83,7 +83,7 @@ TEST(SigmaPointsTest, CovarianceIsPositiveSemidefiniteForAnyImages) {
   }
 }
 
-TEST(SigmaPointsTest, MomentsOfAnArcAreNearThoseOfQuadrature) {
+TEST(SigmaPointsTest, MomentsOfAnArcAreCloseToQuadrature) {
   // 20 m driven along an arc whose heading changes by 0.6 rad times z.
   const auto arc = [](double z) {
     const double turn = std::abs(z) < 1e-9 ? 1e-9 : 0.6 * z;
@@ -104,7 +104,7 @@ TEST(SigmaPointsTest, MomentsOfAnArcAreNearThoseOfQuadrature) {
               0.1 * std::sqrt(variance_y));
 }
 
-TEST(SigmaPointsTest, ExpectedLogDensityIsThatOfQuadrature) {
+TEST(SigmaPointsTest, ExpectedLogDensityMatchesQuadrature) {
   const double slope = 1.7, offset = 0.3, mean = 0.5, deviation = 0.4, stddev = 0.8, x = 2.0;
   const Eigen::MatrixXd points =
       SigmaPoints(Eigen::VectorXd::Constant(1, mean), Eigen::VectorXd::Constant(1, deviation));

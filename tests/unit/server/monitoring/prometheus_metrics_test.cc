@@ -45,7 +45,7 @@ TEST(PrometheusMetricsTest, TheSameNameAndLabelsAreTheSameMetric) {
             &metrics->AddCounter("a_total", "A.", {{"x", "2"}}));
 }
 
-TEST(PrometheusMetricsTest, TheDiskOfAFolderIsLookedAtForEachPage) {
+TEST(PrometheusMetricsTest, ReadsTheDiskOfAFolderForEachPage) {
   const auto metrics = PrometheusMetrics::Create();
   const TemporaryFolder parent;
   const std::filesystem::path folder = parent / "watched";
@@ -68,7 +68,7 @@ TEST(PrometheusMetricsTest, TheDiskOfAFolderIsLookedAtForEachPage) {
   EXPECT_EQ(value("maneuver_data_disk_free_bytes"), -1.0);
 }
 
-TEST(PrometheusMetricsTest, ATakenPortIsAnError) {
+TEST(PrometheusMetricsTest, RefusesAPortInUse) {
   const auto first = PrometheusMetrics::Create();
   const auto port = first->Listen("127.0.0.1:0");
   ASSERT_TRUE(port.ok()) << port.status();
@@ -99,7 +99,7 @@ std::string Fetch(int port) {
   return page;
 }
 
-TEST(PrometheusMetricsTest, ConnectionsThatSayNothingDoNotHoldUpAScrape) {
+TEST(PrometheusMetricsTest, SilentConnectionsDoNotBlockAScrape) {
   const auto metrics = PrometheusMetrics::Create();
   const auto port = metrics->Listen("127.0.0.1:0");
   ASSERT_TRUE(port.ok()) << port.status();
@@ -113,7 +113,7 @@ TEST(PrometheusMetricsTest, ConnectionsThatSayNothingDoNotHoldUpAScrape) {
 
 // A server that is upgraded is away for as long as its end takes. Whoever waits for civetweb waits
 // some two seconds for each.
-TEST(PrometheusMetricsTest, ThePageIsTakenDownAtOnce) {
+TEST(PrometheusMetricsTest, StopsServingThePageAtOnce) {
   const auto start = std::chrono::steady_clock::now();
   for (const char* address : {"127.0.0.1:0", "127.0.0.1:0", "0.0.0.0:0", "localhost:0"}) {
     const auto metrics = PrometheusMetrics::Create();

@@ -53,7 +53,7 @@ class AccessControlTest : public ::testing::Test {
       monitoring::PrometheusMetrics::Create();
 };
 
-TEST_F(AccessControlTest, IdentityThenRole) {
+TEST_F(AccessControlTest, ChecksTheIdentityBeforeTheRole) {
   const auto access = Create();
   EXPECT_TRUE(access->Admit(kPredict, Bearer("first")).ok());
   EXPECT_EQ(errors::ReasonOf(access->Admit(kTrain, Bearer("first"))), "ROLE_MISSING");
@@ -71,7 +71,7 @@ TEST_F(AccessControlTest, IdentityThenRole) {
   EXPECT_THAT(page, HasSubstr("maneuver_refused_calls_total{reason=\"RATE_LIMITED\"} 0"));
 }
 
-TEST_F(AccessControlTest, WithoutIdentitiesAllMayDoWhatIsDeclared) {
+TEST_F(AccessControlTest, WithoutIdentitiesAnyoneMayCallDeclaredMethods) {
   options_.identities.clear();
   const auto access = Create();
   EXPECT_TRUE(access->Admit(kPredict, {}).ok());
@@ -79,7 +79,7 @@ TEST_F(AccessControlTest, WithoutIdentitiesAllMayDoWhatIsDeclared) {
   EXPECT_EQ(errors::ReasonOf(access->Admit("/x/Y", {})), "METHOD_NOT_DECLARED");
 }
 
-TEST_F(AccessControlTest, RatesAreOfTheIdentityOrElseOfTheAddress) {
+TEST_F(AccessControlTest, LimitsRatesByIdentityOrElseByAddress) {
   options_.calls_per_second = 1.0;
   Write(*TokenLine("planner", Predict(), "first") + *TokenLine("planner", Predict(), "second") +
         *TokenLine("other", Predict(), "third"));
@@ -97,14 +97,14 @@ TEST_F(AccessControlTest, RatesAreOfTheIdentityOrElseOfTheAddress) {
   EXPECT_TRUE(open->Admit(kPredict, {.peer = "ipv4:10.0.0.2"}).ok());
 }
 
-TEST_F(AccessControlTest, WhoIsRefusedDoesNotUseUpTheRateOfOthers) {
+TEST_F(AccessControlTest, RefusedCallsDoNotUseUpTheRateOfOthers) {
   options_.calls_per_second = 1.0;
   const auto access = Create();
   for (int i = 0; i < 10; ++i) EXPECT_FALSE(access->Admit(kTrain, Bearer("first")).ok());
   EXPECT_TRUE(access->Admit(kPredict, Bearer("first")).ok());
 }
 
-TEST_F(AccessControlTest, ChangesAreSeenAndMistakesChangeNothing) {
+TEST_F(AccessControlTest, ReloadsChangesAndIgnoresInvalidFiles) {
   const auto access = Create();
   EXPECT_FALSE(*access->Reload());
   Write(*TokenLine("planner", Predict(), "second"));
@@ -123,7 +123,7 @@ TEST_F(AccessControlTest, ChangesAreSeenAndMistakesChangeNothing) {
   EXPECT_FALSE(access->Admit(kPredict, Bearer("second")).ok());
 }
 
-TEST_F(AccessControlTest, CallsAndReloadsGoOnAtTheSameTime) {
+TEST_F(AccessControlTest, AdmitsCallsDuringReloads) {
   const auto access = Create();
   std::atomic<bool> stop = false;
   std::vector<std::thread> callers;
@@ -145,7 +145,7 @@ TEST_F(AccessControlTest, CallsAndReloadsGoOnAtTheSameTime) {
   for (std::thread& caller : callers) caller.join();
 }
 
-TEST(SecretFileTest, WhatOthersMayReadIsRefusedWithTheCommandThatHelps) {
+TEST(SecretFileTest, RefusesAFileThatOthersMayReadAndNamesTheRemedy) {
   const TemporaryFolder folder;
   const fs::path file = folder / "secret";
   ASSERT_TRUE(AppendLine(file, "a\n").ok());
@@ -167,7 +167,7 @@ TEST(SecretFileTest, WhatOthersMayReadIsRefusedWithTheCommandThatHelps) {
   EXPECT_NE(fs::status(file).permissions() & fs::perms::group_read, fs::perms::none);
 }
 
-TEST(SecretFileTest, LinesThatAreAddedAtTheSameTimeAreAllThere) {
+TEST(SecretFileTest, KeepsAllLinesThatAreAppendedConcurrently) {
   const TemporaryFolder folder;
   std::vector<std::thread> writers;
   for (int i = 0; i < 8; ++i) {

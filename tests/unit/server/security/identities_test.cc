@@ -16,7 +16,7 @@ using ::testing::Not;
 // SHA-256 of "abc" (FIPS 180-2, B.1).
 constexpr char kAbc[] = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
 
-TEST(IdentitiesTest, ATokenIsKnownByItsHash) {
+TEST(IdentitiesTest, FindsATokenByItsHash) {
   const auto identities = Identities::Parse(std::string("# people\n\n  planner\tpredict,admin   "
                                                         "sha256:") +
                                             kAbc + "  \r\n");
@@ -30,7 +30,7 @@ TEST(IdentitiesTest, ATokenIsKnownByItsHash) {
   }
 }
 
-TEST(IdentitiesTest, ACertificateIsKnownByOneOfItsNames) {
+TEST(IdentitiesTest, FindsACertificateByOneOfItsNames) {
   const auto identities = Identities::Parse(
       "a predict san:a.example\nb train san:spiffe://x/b\nc admin cn:Ada Lovelace\n");
   ASSERT_TRUE(identities.ok()) << identities.status();
@@ -43,7 +43,7 @@ TEST(IdentitiesTest, ACertificateIsKnownByOneOfItsNames) {
   EXPECT_EQ(identities->FindToken("a.example"), nullptr);
 }
 
-TEST(IdentitiesTest, AWrongLineIsNamedWithoutItsContent) {
+TEST(IdentitiesTest, NamesAnInvalidLineWithoutItsContent) {
   const std::string digest = std::string("sha256:") + kAbc;
   for (const std::string& line : std::vector<std::string>{
            "secret",
@@ -69,7 +69,7 @@ TEST(IdentitiesTest, AWrongLineIsNamedWithoutItsContent) {
   }
 }
 
-TEST(IdentitiesTest, AFreshTokenAndItsLineBelongTogether) {
+TEST(IdentitiesTest, ANewTokenMatchesItsLine) {
   RoleSet roles;
   roles.Add(Role::kTrain);
   std::set<std::string> tokens;

@@ -46,7 +46,7 @@ TEST(RolesTest, EveryMethodOfTheContractHasARowAndEveryRowAMethod) {
                           "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo"}));
 }
 
-TEST(RolesTest, WhatHasNoRowHasNoRole) {
+TEST(RolesTest, AMethodWithoutARowHasNoRole) {
   EXPECT_EQ(RequiredRole("/maneuver.v1.PredictionService/Predict"), Role::kPredict);
   for (const char* method :
        {"", "/", "/maneuver.v1.PredictionService/Predict2", "maneuver.v1.PredictionService/Predict",
@@ -55,7 +55,7 @@ TEST(RolesTest, WhatHasNoRowHasNoRole) {
   }
 }
 
-TEST(RolesTest, RolesDoNotContainOneAnother) {
+TEST(RolesTest, RolesDoNotIncludeOneAnother) {
   const auto admin = RoleSet::Parse("admin");
   ASSERT_TRUE(admin.ok());
   EXPECT_TRUE(admin->Contains(Role::kAdmin));
