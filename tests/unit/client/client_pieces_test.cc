@@ -70,8 +70,8 @@ TEST(RetryTest, CancellationEndsAWait) {
                                          [] { return absl::UnavailableError("busy"); })));
 }
 
-// google.rpc.Status {code 3, message "bad", details: BadRequest, RetryInfo 1.5 s}, byte by byte as
-// the standard messages are laid out.
+// google.rpc.Status {code 3, message "bad", details: BadRequest, RetryInfo 1.5 s}, in bytes, as the
+// standard messages define them.
 std::string StandardDetails() {
   const auto field = [](char tag, const std::string& value) {
     return std::string{tag, static_cast<char>(value.size())} + value;
@@ -123,7 +123,7 @@ v1::Scenario RecordedScenario() {
     v1::Agent* agent = scenario.add_agents();
     agent->set_id(id);
     for (const double time : {0.9, 1.0, 1.1}) {
-      if (id > 1 && time < 1.05) continue;  // 2 and 3 are seen later alone
+      if (id > 1 && time < 1.05) continue;  // 2 and 3 appear later
       agent->add_states()->set_time(time);
     }
   }
@@ -138,7 +138,7 @@ v1::Scenario RecordedScenario() {
 TEST(StripFutureTest, KeepsStatesUpToThePredictionTime) {
   v1::Scenario scenario = RecordedScenario();
   StripFuture(&scenario);
-  ASSERT_EQ(scenario.agents_size(), 2);  // 2 is not there yet; 3 is asked about
+  ASSERT_EQ(scenario.agents_size(), 2);  // 2 has not appeared yet; 3 is a target
   EXPECT_EQ(scenario.agents(0).id(), 1);
   ASSERT_EQ(scenario.agents(0).states_size(), 2);
   EXPECT_EQ(scenario.agents(0).states(1).time(), 1.0);

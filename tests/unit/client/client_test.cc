@@ -42,7 +42,8 @@ TEST(ClientTest, RetriesUnavailableUntilItIsAnswered) {
   EXPECT_EQ(calls, 3);
 }
 
-// So gRPC ends calls that come while the server stops, and HAProxy those whose server died.
+// gRPC ends calls like this that arrive while the server stops, and HAProxy those whose server
+// died.
 TEST(ClientTest, RetriesACallThatWasBrokenOff) {
   TestServer server;
   std::atomic<int> calls = 0;
@@ -136,7 +137,8 @@ TEST(ClientTest, CancellationEndsARunningCall) {
   const auto client = ConnectTo(server.address());
   const CallOptions call{.cancellation = &cancellation};
   EXPECT_TRUE(absl::IsCancelled(client->Predict({}, call).status()));
-  EXPECT_TRUE(absl::IsCancelled(client->Predict({}, call).status()));  // and those that start later
+  EXPECT_TRUE(
+      absl::IsCancelled(client->Predict({}, call).status()));  // so do calls that start later
 }
 
 TEST(ClientTest, DetailsOfAnErrorArriveWithIt) {
@@ -162,7 +164,7 @@ TEST(ClientTest, WatchContinuesAfterABrokenStreamWithoutRepeatingEvents) {
   std::atomic<int> streams = 0;
   server.on_watch = [&](const v1::WatchJobRequest& request, auto* writer) {
     ++streams;
-    // Two events a stream, then it breaks; event 5 ends the job.
+    // Two events per stream, then it breaks; event 5 ends the job.
     for (int64_t i = request.after_sequence() + 1; i <= request.after_sequence() + 2; ++i) {
       v1::WatchJobResponse event;
       event.mutable_job()->mutable_progress()->set_sequence(i);
@@ -252,8 +254,8 @@ TEST_F(UploadTest, SendsTheHeaderAndThenEveryByte) {
   EXPECT_EQ(last_sent, 1'300'000);
 }
 
-// A server that keeps what arrives, and whose `breaks`-th upload and those before break off after
-// the message number that they state.
+// A server that keeps what arrives. Upload i breaks off at its message `messages`[i]; uploads
+// beyond those succeed.
 class ServerThatBreaksOff {
  public:
   ServerThatBreaksOff(TestServer& server, std::vector<int> messages)
@@ -297,7 +299,7 @@ TEST_F(UploadTest, ContinuesWhereItBrokeOffAndSendsNothingTwice) {
   EXPECT_EQ(keeper.uploads, 4u);
   EXPECT_EQ(keeper.kept, shard_);
   EXPECT_EQ(keeper.received, 1'300'000);
-  // What this very call has sent was not there before it.
+  // Bytes that this call sent itself do not count as resumed.
   for (const int64_t bytes : resumed) EXPECT_EQ(bytes, 0);
 }
 
@@ -354,7 +356,7 @@ TEST_F(UploadTest, SendsADamagedPartAgainOnce) {
   const auto client = ConnectTo(server.address());
   EXPECT_TRUE(client->UploadDataset(folder_.path(), "datasets/x", nullptr).ok());
   EXPECT_EQ(keeper.kept, shard_);
-  // Not for ever, though.
+  // But not forever.
   losses = 0;
   most_losses = 100;
   keeper.kept = "wrong";
@@ -374,7 +376,7 @@ TEST_F(UploadTest, ReturnsTheServersError) {
 }
 
 TEST_F(UploadTest, DoesNotSendAnIncompleteFolder) {
-  const auto client = ConnectTo("127.0.0.1:1");  // nobody is asked
+  const auto client = ConnectTo("127.0.0.1:1");  // no server is needed
   WriteBytes(folder_ / "scenarios-00000.tfrecord", "short");
   EXPECT_TRUE(
       absl::IsDataLoss(client->UploadDataset(folder_.path(), "datasets/x", nullptr).status()));

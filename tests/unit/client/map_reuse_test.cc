@@ -15,8 +15,8 @@ namespace {
 
 using ::testing::ElementsAre;
 
-// A server that holds the last few maps that were registered, and answers each scenario with the
-// first x of its map in place of an id.
+// A server that keeps the latest few registered maps. It answers each scenario with the first x of
+// its map in place of an id.
 class MapReuseTest : public ::testing::Test {
  protected:
   MapReuseTest() {
@@ -64,7 +64,7 @@ class MapReuseTest : public ::testing::Test {
     return {grpc::StatusCode::FAILED_PRECONDITION, "no", status.SerializeAsString()};
   }
 
-  // A scene for each x, on a map of one lane that begins there; 0: without a map.
+  // Returns a scene for each x, on a map of one lane that begins there; 0: without a map.
   static v1::PredictRequest Request(const std::vector<double>& xs) {
     v1::PredictRequest request;
     for (const double x : xs) {
@@ -130,7 +130,7 @@ TEST_F(MapReuseTest, DistinguishesMapsWhoseLanesDeclareDifferentLinks) {
 TEST_F(MapReuseTest, RegistersAMapAgainThatTheServerLost) {
   MapReuse maps(*client_);
   maps.Predict(Request({5.0, 6.0})).IgnoreError();
-  held_.clear();  // as after a restart
+  held_.clear();  // as a restart would
   EXPECT_THAT(Answered(maps.Predict(Request({5.0, 6.0}))), ElementsAre("5", "6"));
   EXPECT_EQ(registrations_, 4);
   EXPECT_EQ(sent_whole_, 0);

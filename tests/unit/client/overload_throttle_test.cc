@@ -20,8 +20,8 @@ absl::Status Refusal() {
                      {.reason = "QUEUE_FULL", .retry_delay = absl::Milliseconds(70)});
 }
 
-// A server that accepts so many calls a second and refuses the others, and a client that makes
-// `rate` of them, evenly.
+// A server that accepts a number of calls per second and refuses the others, and a client that
+// makes `rate` calls per second, evenly.
 struct Simulation {
   OverloadThrottle throttle{7};
   absl::Time now = absl::UnixEpoch();
@@ -51,7 +51,7 @@ TEST(OverloadThrottleTest, HoldsNothingBackFromAServerThatAcceptsFiveSixths) {
 
 TEST(OverloadThrottleTest, SendsAnOverloadedServerLittleMoreThanItAccepts) {
   Simulation simulation;
-  simulation.Run(absl::Seconds(20), 3000, 1000);  // until it has settled
+  simulation.Run(absl::Seconds(20), 3000, 1000);  // until it settles
   simulation.Run(absl::Seconds(20), 3000, 1000);
   EXPECT_NEAR(simulation.accepted, 20000, 200);
   EXPECT_NEAR(simulation.sent, OverloadThrottle::kSentOfAccepted * 20000, 600);
@@ -128,7 +128,7 @@ TEST(OverloadThrottleTest, HeldBackCallsGetTheServersLatestRetryDelay) {
   EXPECT_EQ(ErrorDetailsOf(status).retry_delay, absl::Milliseconds(70));
 }
 
-// Calls that reach a server which refuses all of them, of 200 that are made.
+// Returns how many of 200 calls reach a server that refuses all.
 int CallsThatReach(bool hold_back, bool started) {
   TestServer server;
   std::atomic<int> reached = 0;

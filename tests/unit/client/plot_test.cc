@@ -18,7 +18,7 @@
 namespace maneuver::plot {
 namespace {
 
-// One panel, seen 140 m wide: how far a pixel near a point of the world is from a colour.
+// Returns how far a pixel near a world point is from a colour, in one panel 140 m wide.
 int NearestInRecording(const cv::Mat& picture, double x, double y, Color color) {
   const cv::Point2d middle(42.0 + (800.0 - 42.0 - 16.0) / 2.0, 44.0 + (760.0 - 44.0 - 42.0) / 2.0);
   const double scale = (800.0 - 42.0 - 16.0) / 140.0;
@@ -45,7 +45,7 @@ TEST(RecordingsPlotTest, DrawsTargetsAndTheirPathsNorthUp) {
   EXPECT_LT(NearestInRecording(picture, 100.0, 50.0, kYellow), 60);
   const v1::AgentState& later = recording.agents(0).states(6);
   EXPECT_LT(NearestInRecording(picture, later.x(), later.y(), kPath), 40);
-  // Its mirror image, which a picture upside down would show.
+  // Its mirror image, which an upside-down picture would show.
   EXPECT_GT(NearestInRecording(picture, later.x(), 100.0 - later.y(), kPath), 100);
 }
 
@@ -92,8 +92,8 @@ TEST(ScenePlotTest, DrawsNothingWhiteWithoutAFuture) {
   EXPECT_GT(frame.NearestDistance(picture, 25.0, 5.0, kWhite), 60);
 }
 
-// A lane through the target along its heading, another one beside it that it cannot reach, and a
-// leader 30 m ahead.
+// Returns a scene with a lane through the target along its heading, a lane beside it that it cannot
+// reach, and a leader 30 m ahead.
 v1::Scenario SceneWithLanes() {
   v1::Scenario scenario = Scene();
   const scene::Pose2 X_WT(100.0, 50.0, kHeading);
@@ -184,7 +184,7 @@ TEST(ScenePlotTest, DoesNotDrawImprobableActions) {
   EXPECT_GT(frame.NearestDistance(picture, 25.0, -5.0, ActionColor(2)), 60);
 }
 
-// Adds an action straight to (40, left) of the target's frame, 4 % probable.
+// Adds an action straight to (40, left) in the target's frame with probability 4 %.
 void AddImprobableAction(int id, double left, v1::ScenarioPrediction* prediction) {
   v1::ActionDistribution* action = prediction->mutable_targets(0)->add_distributions();
   action->set_action_id(id);
@@ -213,7 +213,7 @@ TEST(ScenePlotTest, DrawsImprobableRepresentativesAndAWhiteRingOnTheMedoid) {
   EXPECT_LT(frame.NearestDistance(picture, 25.0, -10.0, ActionColor(4)), 12);
   EXPECT_LT(frame.NearestDistance(picture, 25.0, 10.0, ActionColor(6)), 12);
   EXPECT_GT(frame.NearestDistance(picture, 25.0, -15.0, ActionColor(8)), 60);  // 4 %, and not one
-  // White about the disc where the mean ends.
+  // White around the disc at the end of the mean.
   const auto ring = [&](double slope) {
     int nearest = 255;
     for (double ahead = 36.0; ahead < 46.0; ahead += 0.25) {
@@ -277,7 +277,7 @@ TEST(ActionSetPlotTest, DrawsTheEffectiveActions) {
   const auto both = DrawActionSet(TwoActions(), {.all = true});
   ASSERT_TRUE(one.ok() && both.ok());
   v1::ActionSet effective_alone = TwoActions();
-  effective_alone.mutable_actions(1)->set_action_id(9);  // not drawn: nothing changes
+  effective_alone.mutable_actions(1)->set_action_id(9);  // not drawn, so nothing changes
   EXPECT_EQ(*DrawActionSet(effective_alone, {}), *one);
   EXPECT_NE(*both, *one);
   EXPECT_EQ(*DrawActionSet(TwoActions(), {}), *one);
@@ -289,7 +289,7 @@ TEST(ActionSetPlotTest, IsAPngOfTheSizeAskedFor) {
   EXPECT_EQ(picture.rows, 640);
 }
 
-// The action set of a model with so many latent dimensions; each action has 1 + 2 dimensions sigma
+// Returns an action set with this many latent dimensions; each action has 1 + 2 * dimensions sigma
 // trajectories.
 v1::ActionSet SixActions(int dimensions) {
   v1::ActionSet set;
@@ -309,7 +309,7 @@ v1::ActionSet SixActions(int dimensions) {
 }
 
 TEST(ActionSetPlotTest, KeepsTheKeyOfManyDimensionsApartFromTheNote) {
-  // With one dimension the key is short: the note stands alone at the right.
+  // With one dimension the key is short and the note stands alone on the right.
   const cv::Mat few = Decode(*DrawActionSet(SixActions(1), {}));
   const cv::Mat many = Decode(*DrawActionSet(SixActions(8), {}));
   ASSERT_EQ(few.cols, many.cols);
@@ -352,7 +352,7 @@ TEST(ActionGalleryPlotTest, DrawsAPanelForEachSpeed) {
   EXPECT_EQ(picture.cols, 1500);
   EXPECT_EQ(picture.rows, 1000);
   EXPECT_EQ(*DrawActionGallery(sets, {}), *all_four);
-  // The second set has its panel in the upper right quarter, left of the legend, and nowhere else.
+  // The second set's panel is in the upper right quarter, left of the legend, and nowhere else.
   std::vector<v1::ActionSet> others = sets;
   others[1].mutable_actions(0)->mutable_distribution()->mutable_mean_trajectory()->set_y(0, 9.0);
   const cv::Mat other = Decode(*DrawActionGallery(others, {}));
@@ -393,7 +393,7 @@ TEST(LabelPlacerTest, PlacesLabelsInsideWithoutOverlap) {
   }
   placed.push_back({150.0, 100.0, 60.0, 120.0});
   EXPECT_GT(placed.size(), 3u);
-  EXPECT_LT(placed.size(), 40u);  // there is no room for all
+  EXPECT_LT(placed.size(), 40u);  // not all of them fit
   for (size_t i = 0; i < placed.size(); ++i) {
     for (size_t j = 0; j < i; ++j) {
       EXPECT_TRUE(placed[i].left >= placed[j].right() || placed[j].left >= placed[i].right() ||

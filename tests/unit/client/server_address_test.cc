@@ -63,7 +63,7 @@ TEST(ServerAddressTest, IsLocalOnlyIfAllServersAreLocal) {
       Client::Connect({.address = "127.0.0.1:1,10.0.0.1:1", .token = "secret"}).status()));
 }
 
-// A server in whose place predictions are answered under its name, once it is said to be ready.
+// A server that answers predictions with its name, once it is marked ready.
 class NamedServer {
  public:
   explicit NamedServer(const std::string& name) {
@@ -84,7 +84,7 @@ TEST(SeveralServersTest, SendsPredictionsInTurnToReadyServers) {
   const auto client = *Client::Connect(
       {.address = a.server.address() + "," + b.server.address() + "," + c.server.address()});
   const auto ask = [&client] { return client->Predict({})->model_version(); };
-  // Until both are connected to, the first that is has all calls.
+  // Until both are connected, the first one gets all calls.
   const absl::Time give_up = absl::Now() + absl::Seconds(20);
   std::string before = ask();
   while (ask() == before && absl::Now() < give_up) {
@@ -96,7 +96,7 @@ TEST(SeveralServersTest, SendsPredictionsInTurnToReadyServers) {
     EXPECT_NE(now, "c");
     before = now;
   }
-  // One that is drained is left alone, at the latest once its health has come here.
+  // A draining server gets no calls, at the latest when its health has arrived here.
   b.server.SetReady(false);
   int in_a_row = 0;
   while (in_a_row < 10 && absl::Now() < give_up) in_a_row = ask() == "a" ? in_a_row + 1 : 0;

@@ -23,7 +23,7 @@ v1::PredictRequest RequestFor(const std::string& model) {
   return request;
 }
 
-// Answers, and waiting for them.
+// Collects answers and waits for them.
 class Answers {
  public:
   OnPrediction Take() {
@@ -52,7 +52,7 @@ TEST(StartPredictionTest, AnswersManyConcurrentPredictions) {
   std::condition_variable changed;
   int arrived = 0;
   server.on_predict = [&](auto*, const v1::PredictRequest& request, v1::PredictResponse* response) {
-    // Nobody is answered before all are here.
+    // Answers nothing before all calls have arrived.
     std::unique_lock lock(mutex);
     ++arrived;
     changed.notify_all();
@@ -63,7 +63,7 @@ TEST(StartPredictionTest, AnswersManyConcurrentPredictions) {
   Answers answers;
   const auto client = ConnectTo(server);
   for (int i = 0; i < kCalls / 2; ++i) {
-    // What was prepared need not outlive the call.
+    // The prepared prediction need not outlive the call.
     const PreparedPrediction prediction(RequestFor(std::to_string(i)));
     client->StartPrediction(prediction, answers.Take());
     client->StartPrediction(prediction, answers.Take());
@@ -105,7 +105,7 @@ TEST(StartPredictionTest, RetriesIfTheClientAsksForIt) {
   const auto client = *Client::Connect({.address = server.address(),
                                         .retry = {.initial_backoff = absl::Milliseconds(1)},
                                         .retry_started = true});
-  // More than gRPC keeps for another attempt unless it is told to.
+  // More than gRPC keeps for a retry by default.
   v1::PredictRequest large = RequestFor("a");
   constexpr size_t kLarge = 1 << 20;
   large.add_scenarios()->set_scenario_id(std::string(kLarge, 'x'));
@@ -132,13 +132,13 @@ TEST(StartPredictionTest, DoesNotKeepRetryingAServerThatStaysAway) {
     client->StartPrediction(PreparedPrediction(RequestFor("a")), answers.Take());
     EXPECT_TRUE(absl::IsUnavailable(answers.WaitFor(static_cast<size_t>(i)).back().status()));
   }
-  // A hundred failures are tried again, of which 75 are of attempts that were second or later ones.
+  // A hundred failures are retried; 75 of these are second or later attempts.
   EXPECT_LE(calls, kCalls + 100);
   EXPECT_GT(calls, kCalls + 50);
 }
 
 TEST(StartPredictionTest, CallsTheChosenMethod) {
-  TestServer server;  // knows Predict alone
+  TestServer server;  // knows only Predict
   server.on_predict = [](auto*, const auto&, auto*) { return grpc::Status::OK; };
   Answers answers;
   const auto client = ConnectTo(server);

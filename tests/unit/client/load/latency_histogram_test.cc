@@ -12,7 +12,7 @@ namespace {
 using std::chrono::nanoseconds;
 
 TEST(LatencyHistogramTest, QuantilesMatchSortedValuesToAThousandth) {
-  // From nanoseconds to half an hour, as many in each power of two.
+  // From nanoseconds to half an hour, equally many in each power of two.
   std::mt19937_64 random(3);
   std::vector<int64_t> values;
   LatencyHistogram histogram;
@@ -34,12 +34,12 @@ TEST(LatencyHistogramTest, QuantilesMatchSortedValuesToAThousandth) {
 }
 
 TEST(LatencyHistogramTest, EveryValueFallsIntoABucketThatContainsIt) {
-  // Around each edge between buckets of different width.
+  // Values around each boundary between buckets of different width.
   for (int bit = 0; bit <= 42; ++bit) {
     for (int64_t value = (int64_t{1} << bit) - 2; value <= (int64_t{1} << bit) + 2; ++value) {
       LatencyHistogram histogram;
       histogram.Record(nanoseconds(value));
-      // Larger than all: so that the bucket's upper end shows, and not the largest value.
+      // Larger than all others, so that Quantile returns the bucket's upper end and not max().
       histogram.Record(nanoseconds(int64_t{1} << 43));
       const int64_t found = histogram.Quantile(0.5).count();
       EXPECT_GE(found, std::max<int64_t>(value, 0));

@@ -43,7 +43,7 @@ TEST_F(LoadRunTest, AnOpenLoopKeepsItsRateWhenTheServerIsSlow) {
   const Tally tally = Run();
   EXPECT_EQ(tally.due, 3'000);
   EXPECT_DOUBLE_EQ(tally.OfferedRate(), 300.0);
-  // What it did in the window, not what it had to finish after it.
+  // Answers within the window only, not those that followed it.
   EXPECT_NEAR(tally.AnsweredRate(), 100.0, 0.2);
   EXPECT_EQ(tally.Ended(absl::StatusCode::kOk), 3'000);
   for (size_t i = 0; i < server_.seen.size(); ++i) {
@@ -51,9 +51,9 @@ TEST_F(LoadRunTest, AnOpenLoopKeepsItsRateWhenTheServerIsSlow) {
   }
 }
 
-// A server that answers in 1 ms stands still from second 5 to second 6. Of the evenly spaced calls,
-// number k of that second ends at 6 s + (k + 1) ms: it took 1001 - 9 k ms. 990 of all 1000 took no
-// longer than number 10, 900 no longer than number 100.
+// A server that answers in 1 ms stalls from second 5 to second 6. Of the evenly spaced calls,
+// number k of that second ends at 6 s + (k + 1) ms and takes 1001 - 9 k ms. Of all 1000 calls, 990
+// take no longer than number 10, and 900 no longer than number 100.
 TEST_F(LoadRunTest, AStallDelaysAllCallsDueDuringIt) {
   CallEvenly(100.0);
   server_.stalls = TimePoint() + seconds(5);
@@ -66,8 +66,8 @@ TEST_F(LoadRunTest, AStallDelaysAllCallsDueDuringIt) {
   EXPECT_NEAR(Milliseconds(tally.answer_latency.Quantile(0.5)), 1.0, 0.01);
 }
 
-// The same with a generator that cannot have more than one call under way: it is silent during the
-// stall, and must not hide it.
+// The same, but the generator may have only one call in flight. It is silent during the stall and
+// must not hide it.
 TEST_F(LoadRunTest, LateCallsAreTimedFromWhenTheyWereDue) {
   CallEvenly(100.0);
   plan_.max_in_flight = 1;
@@ -170,7 +170,7 @@ TEST_F(LoadRunTest, ALateCallHasLessTimeLeft) {
   server_.goes_on = TimePoint() + seconds(6);
   const Tally tally = Run();
   EXPECT_GT(tally.Ended(absl::StatusCode::kDeadlineExceeded), 0);
-  // Nobody who was due in the stall's first half was answered after its end.
+  // No call that was due in the first half of the stall was answered after its end.
   EXPECT_LE(tally.answer_latency.max(), milliseconds(500));
   EXPECT_TRUE(tally.failure.ok());
 }

@@ -62,7 +62,7 @@ wait_seconds_count{stage="other"} 1000
   EXPECT_DOUBLE_EQ(change.Mean(), 0.4);
   EXPECT_DOUBLE_EQ(change.Quantile(0.1), 0.05);  // the first of two that share [0, 0.1]
   EXPECT_DOUBLE_EQ(change.Quantile(0.5), 0.1 + 0.4 * 3.0 / 6.0);
-  EXPECT_DOUBLE_EQ(change.Quantile(0.99), 0.5);  // nobody knows how far beyond
+  EXPECT_DOUBLE_EQ(change.Quantile(0.99), 0.5);  // how far beyond is unknown
 }
 
 TEST(MetricsPageTest, AnEmptyChangeHasNoMean) {
@@ -77,7 +77,7 @@ TEST(FetchMetricsTest, DistinguishesInvalidAddressesFromUnreachableOnes) {
        {"", "https://localhost:1/metrics", "localhost", "http://", "http://:80/"}) {
     EXPECT_TRUE(absl::IsInvalidArgument(FetchMetrics(url).status())) << url;
   }
-  // Port 1 of this machine: nobody listens.
+  // Nobody listens on port 1 of this machine.
   EXPECT_TRUE(absl::IsUnavailable(FetchMetrics("http://127.0.0.1:1/metrics").status()));
   EXPECT_TRUE(absl::IsUnavailable(FetchMetrics("[::1]:1").status()));
 }

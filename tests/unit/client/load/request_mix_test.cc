@@ -8,8 +8,8 @@
 namespace maneuver::load {
 namespace {
 
-// Agents 10 * id, 10 * id + 1, ...: each a target, with a state before and one after the prediction
-// time.
+// Agents 10 * id, 10 * id + 1, ...: each is a target with one state before and one after the
+// prediction time.
 v1::Scenario Scene(int id, int targets) {
   v1::Scenario scene;
   scene.set_scenario_id(std::to_string(id));

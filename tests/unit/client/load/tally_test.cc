@@ -13,7 +13,7 @@ using std::chrono::seconds;
 constexpr TimePoint kStart{seconds(100)};
 constexpr Window kWindow{kStart, kStart + seconds(10)};
 
-// As the server refuses a call.
+// Returns a refusal as the server sends it.
 absl::Status Refused(int64_t delay_milliseconds) {
   v1::RetryInfo info;
   info.mutable_retry_delay()->set_nanos(static_cast<int32_t>(delay_milliseconds * 1'000'000));

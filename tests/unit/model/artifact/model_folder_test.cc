@@ -150,7 +150,7 @@ TEST_P(DamagedModelFolderTest, IsRefusedWithTheReason) {
   EXPECT_THAT(std::string(read.status().message()), HasSubstr(GetParam().reason));
 }
 
-// Damage of the text of a manifest that carries no digest, as those of former releases.
+// Damages the text of a manifest without a digest, as older releases wrote it.
 std::function<void(const fs::path&)> InManifest(std::string from, std::string to) {
   return [from, to](const fs::path& folder) {
     std::string json = Unseal(ReadBytes(folder / "model.json")).value();
@@ -159,7 +159,7 @@ std::function<void(const fs::path&)> InManifest(std::string from, std::string to
   };
 }
 
-// Damage of the weights under a digest that fits.
+// Damages the weights and stores a matching digest.
 std::function<void(const fs::path&)> InWeights(std::function<void(TensorMap*)> change) {
   return [change](const fs::path& folder) {
     TensorMap weights = ParseSafetensors(ReadBytes(folder / "weights.safetensors")).value();

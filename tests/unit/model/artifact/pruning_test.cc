@@ -39,7 +39,7 @@ TEST(PruningTest, EveryTensorHasTheShapeOfTheSmallerModel) {
     for (const int64_t size : shape) count *= size;
     EXPECT_EQ(static_cast<int64_t>(pruned->weights.at(name).values.size()), count) << name;
   }
-  // What does not count actions stays as it was.
+  // Tensors that do not count actions are unchanged.
   EXPECT_EQ(pruned->weights.at("decoder.0.weight").values,
             TinyModel().weights.at("decoder.0.weight").values);
   EXPECT_EQ(pruned->weights.at("action_predictor.0.weight").values,

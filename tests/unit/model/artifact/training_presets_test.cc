@@ -42,7 +42,7 @@ TEST(TrainingPresetsTest, LanesIsTheDefault) {
   EXPECT_EQ(Resolved("preset: 'lanes-metres'").model().reference(), v1::TRAJECTORY_REFERENCE_NONE);
 }
 
-// Callers who set sizes of a raster before there was another default.
+// For callers that set sizes of a raster when that was the only default.
 TEST(TrainingPresetsTest, SettingsWithARasterGetTheRastersPreset) {
   for (const char* settings : {"model { raster { height: 96 } }", "model { target_motion: false }",
                                "model { backbone { features: 64 } }"}) {
@@ -99,7 +99,7 @@ TEST(TrainingPresetsTest, OneBackboneReplacesTheOther) {
       "block: RESIDUAL_BLOCK_BASIC stages { blocks: 1 width: 8 stride: 2 } } } }");
   EXPECT_TRUE(residual.model().backbone().convolutions().empty());
   EXPECT_THAT(WrongFields(residual), ElementsAre());
-  // A field of the preset's own residual network is replaced by itself.
+  // A field of the preset's own residual network only replaces itself.
   const v1::TrainingSettings basic =
       Resolved("preset: 'resnet50' model { backbone { residual { stem { max_pool: false } } } }");
   EXPECT_FALSE(basic.model().backbone().residual().stem().max_pool());
@@ -306,7 +306,7 @@ TEST(StartTest, NamesSettingsThatContradictTheStart) {
   EXPECT_NE(message.find("actions: 7 -> 8"), std::string::npos) << message;
 }
 
-// As folders of before models read agents have it.
+// Folders from before models read agents have no such field.
 TEST(StartTest, AnUnsetWidthEqualsZero) {
   v1::ModelSpec start = Resolved("").model();
   start.mutable_scene_vectors()->clear_agent_width();

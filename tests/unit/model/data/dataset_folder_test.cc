@@ -32,7 +32,7 @@ v1::ManeuverAnnotation Annotation(const std::string& scenario_id, const std::str
 
 class DatasetFolderTest : public testing::Test {
  protected:
-  // Writes recordings r0, r1, ...; annotations of the first if asked for.
+  // Writes recordings r0, r1, ...; with annotations of the first if `annotated`.
   v1::Dataset Write(int recordings, int64_t shard_bytes = 1 << 20, bool annotated = false) {
     auto writer = DatasetWriter::Create(folder_, "a test", {.shard_bytes = shard_bytes});
     EXPECT_TRUE(writer.ok()) << writer.status();
@@ -68,7 +68,7 @@ class DatasetFolderTest : public testing::Test {
     WriteBytes(folder_ / file, bytes);
   }
 
-  // Puts a shard of these payloads in place of the first, and a manifest that agrees with it.
+  // Replaces the first shard by one with these payloads, and adapts the manifest.
   void ReplaceShard(const std::vector<std::string>& payloads) {
     v1::Dataset manifest = *ReadDatasetManifest(folder_);
     v1::Shard* shard = manifest.mutable_shards(0);
@@ -193,7 +193,7 @@ TEST_F(DatasetFolderTest, FindsOneRecordingById) {
 TEST_F(DatasetFolderTest, StopsAtOrSkipsADamagedRecordAsAsked) {
   const v1::Dataset dataset = Write(3);
   const std::string file = dataset.shards(0).file();
-  // All records are of one size; the middle of the file is the payload of the second.
+  // All records have the same size, so the middle of the file is the payload of the second one.
   Alter(file, [](std::string* bytes) { (*bytes)[bytes->size() / 2] ^= 1; });
 
   absl::Status status;
@@ -227,7 +227,7 @@ TEST_F(DatasetFolderTest, NamesAMissingShard) {
   EXPECT_EQ(manifest.status(), absl::DataLossError("shard scenarios-00001.tfrecord is missing"));
 }
 
-// A record of the same length put in place of another, CRCs and all: only the digest tells.
+// One record replaces another of the same length, with valid CRCs: only the digest differs.
 TEST_F(DatasetFolderTest, VerifyDetectsATamperedShard) {
   const v1::Dataset dataset = Write(2, 1);
   Alter(dataset.shards(0).file(), [&](std::string* bytes) {
@@ -304,7 +304,7 @@ TEST_F(DatasetFolderTest, DescribeCountsTheContent) {
   spec.mutable_trajectory()->mutable_waypoint_interval()->set_nanos(100'000'000);
   v1::ExampleSettings settings;
   settings.mutable_stride()->set_nanos(500'000'000);
-  settings.set_keep_standing(0.0001);  // counted all the same
+  settings.set_keep_standing(0.0001);  // counted nevertheless
   settings.set_standing_distance(1.0);
   const auto summary = DescribeDataset(folder_, spec, settings);
   ASSERT_TRUE(summary.ok()) << summary.status();

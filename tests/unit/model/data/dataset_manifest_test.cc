@@ -50,7 +50,7 @@ TEST(DatasetManifestTest, TheContentDigestCoversAllShardsInOrder) {
   EXPECT_EQ(ContentSha256(Manifest()), files::Sha256Hex(std::string(64, 'a') + "\n"));
   EXPECT_NE(ContentSha256(Manifest()), ContentSha256(two));
   EXPECT_NE(ContentSha256(two), ContentSha256(turned));
-  // Names and times are not contents.
+  // Names and times do not count as content.
   v1::Dataset renamed = two;
   renamed.set_name("datasets/x");
   renamed.mutable_shards(0)->set_file("other.tfrecord");
@@ -61,7 +61,7 @@ TEST(DatasetManifestTest, TextThatIsNotJsonIsDataLoss) {
   EXPECT_EQ(ParseDatasetManifest("{\"recordings\": ").status().code(), absl::StatusCode::kDataLoss);
 }
 
-// Names that would leave the folder, hide in it, or overwrite what belongs to it.
+// Names that would leave the folder, be hidden in it, or overwrite its other files.
 TEST(DatasetManifestTest, RefusesUnsafeFileNames) {
   for (const std::string& file :
        {std::string(""), std::string("../secret"), std::string("/etc/passwd"), std::string("a/b"),

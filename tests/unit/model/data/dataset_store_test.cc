@@ -41,7 +41,7 @@ class DatasetStoreTest : public testing::Test {
     store_ = *DatasetStore::Open(folder_ / "datasets", {.quota_bytes = quota_bytes});
   }
 
-  // Uploads bytes in pieces that end where no shard does.
+  // Uploads bytes in pieces whose boundaries differ from those of the shards.
   absl::StatusOr<v1::Dataset> Upload(const std::string& id, const std::string& bytes) {
     auto upload = store_->BeginUpload(id, manifest_);
     if (!upload.ok()) return upload.status();
@@ -53,21 +53,21 @@ class DatasetStoreTest : public testing::Test {
     return (*upload)->Commit();
   }
 
-  // Brings the first bytes and breaks off.
+  // Uploads the first bytes and breaks off.
   void BreakOffAfter(size_t bytes, const std::string& caller = "") {
     auto upload = store_->BeginUpload("town", manifest_, caller, Arrived(caller));
     ASSERT_TRUE(upload.ok()) << upload.status();
     ASSERT_TRUE((*upload)->Append(std::string_view(bytes_).substr(0, bytes)).ok());
   }
 
-  // For each shard of "town".
+  // Returns the arrived bytes of each shard of "town".
   std::vector<int64_t> Arrived(const std::string& caller = "") const {
     const auto answer = store_->QueryUpload("town", manifest_, caller);
     EXPECT_TRUE(answer.ok()) << answer.status();
     return {answer->arrived_bytes().begin(), answer->arrived_bytes().end()};
   }
 
-  // Brings what has not arrived of "town".
+  // Uploads the bytes of "town" that have not arrived.
   absl::StatusOr<v1::Dataset> GoOn(const std::string& caller = "") {
     const std::vector<int64_t> arrived = Arrived(caller);
     auto upload = store_->BeginUpload("town", manifest_, caller, arrived);
@@ -86,7 +86,7 @@ class DatasetStoreTest : public testing::Test {
 
   size_t FirstShardBytes() const { return static_cast<size_t>(manifest_.shards(0).size_bytes()); }
 
-  // The file of the shard that an upload that broke off has left.
+  // Returns the file of a shard that an interrupted upload left.
   std::filesystem::path StagedFile(int shard, const std::string& suffix) const {
     for (const auto& slot :
          std::filesystem::directory_iterator(folder_ / "datasets" / ".uploads")) {
@@ -101,7 +101,7 @@ class DatasetStoreTest : public testing::Test {
     ASSERT_TRUE(files::WriteFileAtomically(file, content).ok());
   }
 
-  // Names in the store's folder, hidden ones too.
+  // Returns the names in the store's folder, including hidden ones.
   std::vector<std::string> Names() const {
     std::vector<std::string> names;
     for (const auto& entry : std::filesystem::directory_iterator(folder_ / "datasets")) {
@@ -185,7 +185,7 @@ TEST_F(DatasetStoreTest, CallersDoNotShareArrivedBytes) {
   EXPECT_THAT(Arrived(""), testing::Each(0));
   EXPECT_TRUE(
       absl::IsUnavailable(store_->BeginUpload("town", manifest_, "bob", Arrived("ada")).status()));
-  // Nor under another name, for her own.
+  // Nor can the same caller use it under another name.
   const auto other = store_->QueryUpload("other", manifest_, "ada");
   EXPECT_THAT(other->arrived_bytes(), testing::Each(0));
 }
@@ -216,7 +216,7 @@ TEST_F(DatasetStoreTest, ALaterUploadByTheSameCallerTakesOver) {
   auto first = store_->BeginUpload("town", manifest_);
   ASSERT_TRUE(first.ok());
   ASSERT_TRUE((*first)->Append(std::string_view(bytes_).substr(0, FirstShardBytes() + 100)).ok());
-  // Its connection is broken, which the server does not know yet.
+  // Its connection is broken, but the server has not noticed.
   const std::vector<int64_t> arrived = Arrived();
   ASSERT_EQ(arrived[0], manifest_.shards(0).size_bytes());
   auto second = store_->BeginUpload("town", manifest_, "", arrived);
@@ -226,7 +226,7 @@ TEST_F(DatasetStoreTest, ALaterUploadByTheSameCallerTakesOver) {
   EXPECT_TRUE(absl::IsAborted((*first)->Commit().status()));
   const size_t there = FirstShardBytes() + static_cast<size_t>(arrived[1]);
   ASSERT_TRUE((*second)->Append(std::string_view(bytes_).substr(there, 50)).ok());
-  first->reset();  // takes nothing with it
+  first->reset();  // removes nothing
   ASSERT_TRUE((*second)->Append(std::string_view(bytes_).substr(there + 50)).ok());
   const auto dataset = (*second)->Commit();
   EXPECT_TRUE(dataset.ok()) << dataset.status();
@@ -295,13 +295,13 @@ TEST_F(DatasetStoreTest, TheQuotaCoversDatasetsAndUploadsInProgress) {
   EXPECT_TRUE(absl::IsFailedPrecondition(third)) << third;
   EXPECT_THAT(std::string(third.message()),
               AllOf(HasSubstr(std::to_string(size) + " bytes"), HasSubstr(" 100 are left")));
-  // What has arrived counts while it lies there, but not against its own upload.
+  // Arrived bytes count against other uploads, but not against their own.
   second->reset();
   const absl::Status fourth = store_->BeginUpload("fourth", manifest_).status();
   EXPECT_TRUE(absl::IsFailedPrecondition(fourth)) << fourth;
   EXPECT_THAT(std::string(fourth.message()), HasSubstr("broke off hold 1000"));
   ASSERT_TRUE(GoOn().ok());
-  // What is deleted makes room again.
+  // Deleting makes room.
   EXPECT_FALSE(store_->BeginUpload("fourth", manifest_).ok());
   ASSERT_TRUE(store_->Detach("first").ok());
   EXPECT_TRUE(store_->BeginUpload("fourth", manifest_).ok());
@@ -334,7 +334,7 @@ TEST_F(DatasetStoreTest, RefusesAnAlteredByteAndNamesTheShard) {
 }
 
 TEST_F(DatasetStoreTest, RefusesAnInvalidRecordingAndNamesRecordAndField) {
-  // The digests agree: it was made like this.
+  // The digests match: the recording was invalid from the start.
   v1::Scenario bad = SmallRecording("bad");
   bad.mutable_agents(0)->set_length(-1.0);
   auto writer = TfRecordWriter::Create(folder_ / "bad.tfrecord");
@@ -427,7 +427,7 @@ TEST_F(DatasetStoreTest, KeepsADescriptionForTheSameSettings) {
   ASSERT_TRUE(counted.ok()) << counted.status();
   EXPECT_EQ(counted->examples(), 9);
   EXPECT_EQ(counted->dataset().name(), "datasets/town");
-  // Nobody reads these any more.
+  // The second description must not read the shards.
   const std::filesystem::path shard = store_->FolderOf("town") / manifest_.shards(0).file();
   std::filesystem::resize_file(shard, 0);
   std::filesystem::resize_file(shard, FirstShardBytes());

@@ -18,7 +18,7 @@ using testing::ElementsAre;
 using testing::IsEmpty;
 using testing::Pointwise;
 
-// Frames 0.1 s apart over the past second; waypoints 0.5 s apart over two seconds.
+// Frames every 0.1 s over the past second; waypoints every 0.5 s over two seconds.
 v1::ModelSpec Spec() {
   v1::ModelSpec spec;
   spec.mutable_raster()->set_history_frames(11);
@@ -37,7 +37,7 @@ v1::ExampleSettings Settings() {
   return settings;
 }
 
-// A vehicle from `start` on, straight ahead along +x at `speed`, a state every 0.1 s.
+// Returns a vehicle that drives along +x at `speed`, with a state every 0.1 s from `start` on.
 v1::Agent Vehicle(int64_t id, double start, int states, double speed) {
   v1::Agent agent;
   agent.set_id(id);
@@ -92,7 +92,7 @@ TEST(EnumerateExamplesTest, FindsEveryStrideWithItsPastAndItsFuture) {
 
 TEST(EnumerateExamplesTest, TheTrajectoryIsInTheTargetsFrameAtItsTime) {
   v1::Agent agent = Vehicle(7, 0.0, 51, 0.0);
-  // Straight up the map at 4 m/s, heading so.
+  // It drives along +y at 4 m/s and heads that way.
   for (int i = 0; i < agent.states_size(); ++i) {
     agent.mutable_states(i)->set_y(50.0 + 0.4 * i);
     agent.mutable_states(i)->set_heading(std::numbers::pi_v<float> / 2.0f);
@@ -109,7 +109,7 @@ TEST(EnumerateExamplesTest, TheTrajectoryIsInTheTargetsFrameAtItsTime) {
 }
 
 TEST(EnumerateExamplesTest, TimesFollowTheScenariosClockWhereverATrackBegins) {
-  // States from 0.3 to 5.3: a past from 1.3 on.
+  // States from 0.3 to 5.3 s: the past is complete from 1.3 s on.
   EXPECT_THAT(Enumerate(Recording(Vehicle(7, 0.3, 51, 10.0))),
               TimesAre(Expected{1.5, 2.0, 2.5, 3.0}));
 }
@@ -141,10 +141,10 @@ TEST(EnumerateExamplesTest, WithoutAStrideThereAreNoExamples) {
               IsEmpty());
 }
 
-// The targets that examples are found of, among one agent of each type.
+// Returns the targets with examples, among one agent of each type.
 std::vector<int64_t> TargetsOf(const v1::ModelSpec& spec, v1::ExampleSettings settings,
                                double speed) {
-  settings.mutable_stride()->set_seconds(10);  // and a half: one example a track
+  settings.mutable_stride()->set_seconds(10);  // and a half: one example per track
   v1::Scenario recording = Recording(Vehicle(v1::AGENT_TYPE_UNSPECIFIED, 8.0, 51, speed));
   for (const auto type : {v1::AGENT_TYPE_VEHICLE, v1::AGENT_TYPE_PEDESTRIAN, v1::AGENT_TYPE_CYCLIST,
                           v1::AGENT_TYPE_OTHER}) {
@@ -203,7 +203,7 @@ TEST(EnumerateExamplesTest, AcceptsOneMissingFrameInPastOrFuture) {
 
 TEST(EnumerateExamplesTest, LeavesOutAnExampleWithAGapInItsPast) {
   v1::Agent agent = Vehicle(7, 0.0, 51, 10.0);
-  RemoveStates(&agent, 3, 2);  // 0.2 to 0.5: within the past of 1.0 alone
+  RemoveStates(&agent, 3, 2);  // 0.2 to 0.5: only within the past of 1.0
   EXPECT_THAT(Enumerate(Recording(agent)), TimesAre(Expected{1.5, 2.0, 2.5, 3.0}));
 }
 
@@ -243,7 +243,7 @@ TEST(EnumerateExamplesTest, SensorNoiseDoesNotMakeAStandingTargetMove) {
   EXPECT_TRUE(examples[0].standing);
 }
 
-// Many standing vehicles; five windows each.
+// A recording of many standing vehicles, with five windows each.
 v1::Scenario CarPark(const std::string& id, int vehicles) {
   v1::Scenario scenario;
   scenario.set_scenario_id(id);
@@ -266,7 +266,7 @@ TEST(KeepStandingTest, KeepsTheGivenShareAndCountsAll) {
   int64_t standing_seen = 0;
   const auto kept = Kept(CarPark("park", 400), 0.12, &standing_seen);
   EXPECT_EQ(standing_seen, 2000);
-  // Binomial with mean 240 and deviation 14.5: five deviations.
+  // Binomial with mean 240 and standard deviation 14.5: five deviations.
   EXPECT_NEAR(static_cast<double>(kept.size()), 240.0, 73.0);
   EXPECT_EQ(Kept(CarPark("park", 400), 1.0).size(), 2000u);
 }
@@ -305,7 +305,7 @@ TEST(KeepStandingTest, NeverLeavesOutAMovingTarget) {
 TEST(HeldOutTest, HoldsOutTheGivenShare) {
   int held_out = 0;
   for (int i = 0; i < 4000; ++i) held_out += HeldOut("town-1-" + std::to_string(i), 0.2);
-  // Binomial with mean 800 and deviation 25.3: five deviations.
+  // Binomial with mean 800 and standard deviation 25.3: five deviations.
   EXPECT_NEAR(held_out, 800, 127);
   EXPECT_FALSE(HeldOut("town-1-0", 0.0));
 }
@@ -327,7 +327,7 @@ TEST(HeldOutTest, ALargerShareHoldsOutWhatASmallerOneHoldsOut) {
   }
 }
 
-// Published vectors: what is held out must never change between versions or machines.
+// Published vectors: what is held out must not change between versions or machines.
 TEST(StableHashTest, IsFnv1aAndSplitMix64) {
   EXPECT_EQ(StableHash(""), 0xCBF29CE484222325u);
   EXPECT_EQ(StableHash("a"), 0xAF63DC4C8601EC8Cu);

@@ -40,7 +40,7 @@ class LabelFileTest : public testing::Test {
     return *labels;
   }
 
-  // Each problem as "LINE: what".
+  // Returns each problem as "LINE: what".
   std::vector<std::string> Problems(const std::string& lines,
                                     const std::set<std::string>& actions = {}) const {
     std::vector<std::string> problems;

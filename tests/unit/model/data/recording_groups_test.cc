@@ -14,7 +14,8 @@ namespace {
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-// A recording with a straight lane of `length` metres along +x from (x, y), in `points` points.
+// Returns a recording with a straight lane of `points` points, `length` metres along +x from (x,
+// y).
 v1::Scenario WithLane(const std::string& id, double x, double y = 0.0, double length = 50.0,
                       int points = 26) {
   v1::Scenario recording;
@@ -28,7 +29,7 @@ v1::Scenario WithLane(const std::string& id, double x, double y = 0.0, double le
   return recording;
 }
 
-// A recording of one agent that moves along +x, one position every 0.1 s from `time` on.
+// Returns a recording of one agent that moves along +x, one position every 0.1 s from `time` on.
 v1::Scenario WithAgent(const std::string& id, int64_t agent_id, double x, double speed,
                        double time = 0.0) {
   v1::Scenario recording;
@@ -75,10 +76,10 @@ TEST(RecordingGroupsTest, ShortOrMerelyTouchingLanesDoNotGroupRecordings) {
 }
 
 TEST(RecordingGroupsTest, GroupsWindowsOfOneDriveWhateverTheirClocks) {
-  // The second begins 1 s later on its own clock, on the same positions.
+  // The second recording begins 1 s later, on a different clock, with the same positions.
   EXPECT_THAT(GroupsOf({WithAgent("a", 7, 0.0, 10.0), WithAgent("b", 7, 10.0, 10.0, 100.0)}),
               ElementsAre(0, 0));
-  // Another agent, other positions, and one that stands.
+  // Another agent, other positions, and an agent that stands.
   EXPECT_THAT(GroupsOf({WithAgent("a", 7, 0.0, 10.0), WithAgent("b", 8, 0.0, 10.0)}),
               ElementsAre(0, 1));
   EXPECT_THAT(GroupsOf({WithAgent("a", 7, 0.0, 10.0), WithAgent("b", 7, 0.5, 10.0)}),

@@ -39,7 +39,7 @@ std::string Gzip(const std::string& bytes) {
   return packed;
 }
 
-// What a reader says of a file, to its end or to where it cannot continue.
+// What a reader returns for a file, until its end or until it cannot continue.
 struct Reading {
   std::vector<std::string> payloads;
   std::vector<absl::Status> damages;
@@ -122,7 +122,7 @@ TEST_F(TfRecordTest, WriterCountsRecordsBytesAndDigest) {
   EXPECT_EQ((*writer)->sha256(), files::Sha256Hex(kAbcRecord + kAbcRecord));
 }
 
-// Every single bit of the middle record: it is reported where it lies, and never read as it is.
+// Flips every single bit of the middle record: it is reported in its place and never returned.
 TEST_F(TfRecordTest, ReportsEachFlippedBitWithFileAndOffset) {
   for (size_t byte = 0; byte < kAbcRecord.size(); ++byte) {
     for (int bit = 0; bit < 8; ++bit) {
@@ -135,7 +135,7 @@ TEST_F(TfRecordTest, ReportsEachFlippedBitWithFileAndOffset) {
                   HasSubstr("shard.tfrecord, record at byte 19"));
       EXPECT_EQ(reading.damage_offsets[0], 19u);
       const bool in_header = byte < 12;
-      // Behind a damaged payload the reader goes on; behind a damaged length it cannot.
+      // After a damaged payload the reader continues; after a damaged length it cannot.
       EXPECT_EQ(reading.payloads.size(), in_header ? 1u : 2u) << byte << "." << bit;
       EXPECT_EQ(reading.reached_end, !in_header);
     }

@@ -24,7 +24,7 @@ v1::ModelManifest EmptyManifest() {
   return manifest;
 }
 
-// An effective action that ends at (x, y), at an even pace along a straight line.
+// Adds an effective action that moves evenly along a straight line to (x, y).
 void AddAction(v1::ModelManifest& manifest, double x, double y, double usage) {
   v1::Action& action = *manifest.add_actions();
   action.set_action_id(manifest.actions_size() - 1);
@@ -45,7 +45,7 @@ std::vector<int> PartnersOf(const v1::ActionMatching& matching, int actions) {
 }
 
 TEST(ActionMatchingTest, MatchesAPermutedSetAtDistanceZero) {
-  const std::vector<int> permutation = {3, 0, 4, 1, 2};  // of the second by the first
+  const std::vector<int> permutation = {3, 0, 4, 1, 2};  // second action of each first one
   v1::ModelManifest first = EmptyManifest();
   v1::ModelManifest second = EmptyManifest();
   second.mutable_spec()->set_actions(5);
@@ -64,8 +64,8 @@ TEST(ActionMatchingTest, MatchesAPermutedSetAtDistanceZero) {
   EXPECT_NEAR(matching->agreeing_share_second(), 1.0, 1e-12);
 }
 
-// Straight on by 20 m against 22 m, and by 40 m against 50 m: a straight line whose end is d away
-// is on average d (1 + ... + T) / T^2 = 0.55 d away, 1.1 m and 5.5 m.
+// Straight ahead by 20 m against 22 m, and by 40 m against 50 m. A straight line whose end is d
+// away is on average d (1 + ... + T) / T^2 = 0.55 d away: 1.1 m and 5.5 m.
 TEST(ActionMatchingTest, FiguresMatchAHandComputedCase) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 0.7);
@@ -97,7 +97,7 @@ TEST(ActionMatchingTest, FiguresMatchAHandComputedCase) {
   EXPECT_THAT(text, HasSubstr("partner in 2.0 m  70.0 % and 50.0 %"));
 }
 
-// "Slows down a little" and "arrives 20 m ahead" are near to each other at one speed alone.
+// "Slows down a little" and "arrives 20 m ahead" are close only at one speed.
 TEST(ActionMatchingTest, RefusesModelsOfWhichOnlyOneIsRelativeToTheMotion) {
   v1::ModelManifest metres = EmptyManifest();
   AddAction(metres, 20.0, 0.0, 1.0);
@@ -123,7 +123,7 @@ TEST(ActionMatchingTest, IneffectiveActionsAreNotPaired) {
   EXPECT_EQ(matching->unpaired_second_size(), 0);
 }
 
-// By distance alone, 20 m would go with 10 m and 23 m with 22 m: 11 < 2 + 13.
+// By distance alone, 20 m would be paired with 10 m and 23 m with 22 m: 11 < 2 + 13.
 TEST(ActionMatchingTest, RareActionsDoNotSeparateFrequentOnes) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 0.95);
@@ -136,7 +136,7 @@ TEST(ActionMatchingTest, RareActionsDoNotSeparateFrequentOnes) {
   EXPECT_EQ(PartnersOf(*matching, 2), (std::vector<int>{0, 1}));
 }
 
-// 20 m is nearer to the rare 19 m than to 22 m, which would then be left over.
+// 20 m is nearer to the rare 19 m than to 22 m, which would then have no partner.
 TEST(ActionMatchingTest, AFrequentActionIsNotLeftUnpaired) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 0.9);
@@ -150,7 +150,7 @@ TEST(ActionMatchingTest, AFrequentActionIsNotLeftUnpaired) {
   EXPECT_EQ(PartnersOf(*matching, 2), (std::vector<int>{2, 0}));
   ASSERT_EQ(matching->unpaired_second_size(), 1);
   EXPECT_EQ(matching->unpaired_second(0).action_id(), 1);
-  // And from the other side.
+  // The same from the other side.
   const auto turned = MatchActions(second, first);
   ASSERT_TRUE(turned.ok());
   EXPECT_EQ(PartnersOf(*turned, 3), (std::vector<int>{1, -1, 0}));
@@ -175,7 +175,7 @@ TEST(ActionMatchingTest, RefusesModelsThatCannotBeCompared) {
   EXPECT_EQ(MatchActions(first, damaged).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-// Two equally frequent actions each; the second splits one of the first's in two.
+// Two equally frequent actions; the second model splits one of them in two.
 TEST(ActionMatchingTest, CoincidenceMeasuresPairsAndMutualInformation) {
   v1::ActionMatching matching;
   for (int i = 0; i < 2; ++i) {

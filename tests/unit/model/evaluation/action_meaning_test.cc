@@ -33,7 +33,7 @@ class ActionMeaningTest : public testing::Test {
   std::vector<Measurement> measured_;
 };
 
-// The actions say how fast a vehicle is, and nothing of what it does.
+// The actions encode how fast a vehicle is, and nothing about what it does.
 TEST_F(ActionMeaningTest, ActionsThatEncodeSpeedTellNothingGivenTheSpeed) {
   using enum RelativeClass;
   for (const auto relative : {kKeepsSpeed, kBrakes}) {
@@ -50,7 +50,7 @@ TEST_F(ActionMeaningTest, ActionsThatEncodeSpeedTellNothingGivenTheSpeed) {
   EXPECT_DOUBLE_EQ(metrics.at("named_share_relative"), 0.0);
 }
 
-// The actions say what a driver does, at any speed. I(action; kinematic class) is 0.
+// The actions encode what a driver does, at any speed. I(action; kinematic class) is 0.
 TEST_F(ActionMeaningTest, ActionsThatEncodeBehaviourTellItAtEverySpeed) {
   for (const double speed : {3.0, 12.0}) {
     const auto kinematic =

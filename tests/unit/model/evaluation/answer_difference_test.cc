@@ -16,8 +16,8 @@ using ::testing::Optional;
 
 constexpr double kTolerance = 1e-12;
 
-// A manifest of `waypoints` that are `interval` seconds apart, and of effective actions that drive
-// straight on with these speeds, m/s.
+// Returns a manifest with `waypoints` every `interval` seconds and effective actions that drive
+// straight ahead at these speeds, m/s.
 v1::ModelManifest Manifest(int waypoints, double interval, const std::vector<double>& speeds) {
   v1::ModelManifest manifest;
   v1::TrajectorySpec& trajectory = *manifest.mutable_spec()->mutable_trajectory();
@@ -40,7 +40,7 @@ v1::ModelManifest Manifest(int waypoints, double interval, const std::vector<dou
   return manifest;
 }
 
-// Straight on at `speed`, `side` metres to the left.
+// Returns a straight trajectory at `speed`, `side` metres to the left.
 Trajectory Straight(int waypoints, double interval, double speed, double side = 0.0) {
   Trajectory trajectory(waypoints, 2);
   for (int t = 0; t < waypoints; ++t) trajectory.row(t) << speed * interval * (t + 1), side;
@@ -80,7 +80,8 @@ TEST(AnswerDifferenceTest, EqualAnswersHaveNoDifference) {
   EXPECT_NEAR(difference.second_entropy, entropy, kTolerance);
 }
 
-// One version is sure of y = 0; the other says y = 2 or y = -2, equally: the same expectation.
+// One version is certain of y = 0; the other says y = 2 or y = -2 with equal probability. Both have
+// the same expectation.
 TEST(AnswerDifferenceTest, DistancesMatchAHandComputedExample) {
   const auto first = Manifest(2, 1.0, {5.0});
   const auto second = Manifest(2, 1.0, {5.0, 30.0});
@@ -103,7 +104,7 @@ TEST(AnswerDifferenceTest, DistancesMatchAHandComputedExample) {
 
 TEST(AnswerDifferenceTest, TheEnergyDistanceOfCertainAnswersIsTwiceTheirDistance) {
   const auto manifest = Manifest(4, 0.5, {1.0, 20.0});
-  // At 0.5 .. 2 s: 3 m/s apart, on average 3 * 1.25 m.
+  // At 0.5 .. 2 s, 3 m/s apart: 3 * 1.25 m on average.
   const AnswerDifference difference = Comparison(manifest, manifest)
                                           .Compare(Answer({1.0, 0.0}, {Straight(4, 0.5, 5.0)}),
                                                    Answer({1.0, 0.0}, {Straight(4, 0.5, 8.0)}));
@@ -149,8 +150,8 @@ TEST(AnswerDifferenceTest, IneffectiveActionsCountAsOneOutcome) {
   EXPECT_NEAR(*Comparison(first, second).Compare(ours, theirs).divergence, 0.0, kTolerance);
 }
 
-// The second looks further ahead, in other steps: straight between its waypoints, and from the
-// origin to the first.
+// The second version looks further ahead, with other steps: it is interpolated linearly between its
+// waypoints, and from the origin to the first.
 TEST(AnswerDifferenceTest, ComparesVersionsWithOtherWaypointsOverTheirCommonHorizon) {
   const auto first = Manifest(6, 0.5, {4.0});   // 0.5 .. 3 s
   const auto second = Manifest(3, 0.8, {4.0});  // 0.8, 1.6, 2.4 s
@@ -160,7 +161,7 @@ TEST(AnswerDifferenceTest, ComparesVersionsWithOtherWaypointsOverTheirCommonHori
   EXPECT_NEAR(same.expected, 0.0, kTolerance);
   EXPECT_NEAR(same.energy, 0.0, kTolerance);
   EXPECT_FALSE(same.divergence.has_value());
-  // 0.5, 1, 1.5 and 2 s are common; 2 m/s slower.
+  // 0.5, 1, 1.5 and 2 s are common; the second is 2 m/s slower.
   const AnswerDifference slower = comparison.Compare(ours, Answer({1.0}, {Straight(3, 0.8, 2.0)}));
   EXPECT_NEAR(slower.likeliest, 2.0 * (0.5 + 1.0 + 1.5 + 2.0) / 4.0, kTolerance);
 }
@@ -174,7 +175,7 @@ TEST(AnswerDifferenceTest, RefusesVersionsWithoutACommonWaypoint) {
 TEST(AnswerDifferenceTest, TheMixtureConsistsOfTheGivenActions) {
   const auto manifest = Manifest(2, 1.0, {5.0, 30.0});
   const VersionAnswer whole = Answer({1.0, 0.0}, {Straight(2, 1.0, 5.0)});
-  // 0.999 of the probability is given: it stands for all.
+  // Only 0.999 of the probability is given; it counts as the whole.
   const VersionAnswer part = Answer({0.999, 0.001}, {Straight(2, 1.0, 5.0)});
   EXPECT_NEAR(Comparison(manifest, manifest).Compare(whole, part).expected, 0.0, kTolerance);
 }

@@ -14,7 +14,7 @@ TEST(BootstrapTest, EachDrawHasAsManyGroupsAsThereAre) {
   ASSERT_EQ(draws.rows(), 500);
   ASSERT_EQ(draws.cols(), 40);
   EXPECT_TRUE((draws.rowwise().sum().array() == 40.0).all());
-  // Each count is binomial of 40 and 1/40: mean 1, variance 39/40.
+  // Each count is binomial with 40 trials of 1/40: mean 1, variance 39/40.
   EXPECT_NEAR(draws.mean(), 1.0, 1e-12);
   EXPECT_NEAR((draws.array() - 1.0).square().mean(), 0.975, 0.03);
 }
@@ -33,8 +33,8 @@ TEST(BootstrapTest, PercentilesAreInterpolatedAndIgnoreValuesThatAreNotFinite) {
   EXPECT_TRUE(std::isnan(PercentileInterval({NAN}).lower));
 }
 
-// By the central limit theorem the mean of n independent groups with standard deviation s lies
-// within 1.96 s / sqrt(n) of the truth in 95 % of the cases.
+// By the central limit theorem, the mean of n independent groups with standard deviation s lies
+// within 1.96 s / sqrt(n) of the truth in 95 % of cases.
 TEST(BootstrapTest, TheIntervalOfAMeanMatchesNormalTheory) {
   constexpr int kGroups = 400;
   std::mt19937_64 random(5);

@@ -29,7 +29,7 @@ TEST(ActionStatisticsTest, PredictionsThatIgnoreTheSceneHaveNoInformation) {
   for (int i = 0; i < 4; ++i) statistics.Add(Vector({0.25, 0.75}), Vector({0.0, 1.0}));
   EXPECT_NEAR(statistics.MutualInformation(), 0.0, 1e-12);
   EXPECT_NEAR(statistics.MeanProbability()[1], 0.75, 1e-12);
-  // Said 0.75, was right every time.
+  // Predicted 0.75, right every time.
   EXPECT_NEAR(statistics.ExpectedCalibrationError(), 0.25, 1e-12);
 }
 
@@ -40,7 +40,7 @@ TEST(ActionStatisticsTest, AnActionIsEffectiveFromFivePercentOnce) {
   EXPECT_EQ(statistics.EffectiveActions(), 2);
 }
 
-// Errors of opposite sign cancel within a bin and not between bins.
+// Errors of opposite sign cancel within a bin but not between bins.
 TEST(ActionStatisticsTest, CalibrationIsMeasuredBinByBin) {
   ActionStatistics statistics(2);
   statistics.Add(Vector({0.62, 0.38}), Vector({1.0, 0.0}));

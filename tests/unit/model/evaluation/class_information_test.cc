@@ -28,9 +28,9 @@ TEST(ClassInformationTest, DoesNotCreditClustersWithWhatTheConditionTells) {
   EXPECT_DOUBLE_EQ(information.ExplainedShare(), 0.0);
 }
 
-// Rows 3 1 and 1 3. I = ln 2 - H(1/4). Dealt out by chance, k of the four pairs of a class are in
-// the first cluster with probability C(4,k)^2 / 70: all or none twice in 70 times (I = ln 2), three
-// or one 32 times (this very I), two the rest (0).
+// Rows 3 1 and 1 3. I = ln 2 - H(1/4). By chance, k of the four pairs of a class are in the first
+// cluster with probability C(4,k)^2 / 70: all or none in 2 of 70 cases (I = ln 2), three or one in
+// 32 (the same I), two in the rest (0).
 TEST(ClassInformationTest, SubtractsWhatChanceGives) {
   ClassInformation information;
   Add(information, 0, 0, 0, 3);
@@ -43,8 +43,9 @@ TEST(ClassInformationTest, SubtractsWhatChanceGives) {
   EXPECT_NEAR(information.ExplainedShare(), (told - by_chance) / (whole - by_chance), 1e-12);
 }
 
-// One condition in which the cluster tells the class, and one of half as many examples in which it
-// tells nothing. E of the one is (2 ln 2 + 32 I(3 of 4)) / 70 as above, of the other (ln 2) / 3.
+// In one condition the cluster determines the class; in another, with half as many examples, it
+// tells nothing. E is (2 ln 2 + 32 I(3 of 4)) / 70 in the first, as above, and (ln 2) / 3 in the
+// second.
 TEST(ClassInformationTest, WeightsConditionsByTheirExamples) {
   ClassInformation information;
   Add(information, 0, 0, 0, 4);
@@ -63,7 +64,7 @@ TEST(ClassInformationTest, WeightsConditionsByTheirExamples) {
               1e-12);
 }
 
-// 25 clusters and 11 classes drawn alone, with 60 examples a condition: I / H would be above 0.5.
+// 25 clusters and 11 classes drawn independently, 60 examples per condition: I / H is above 0.5.
 TEST(ClassInformationTest, IndependentClustersOfFewExamplesTellNothing) {
   std::mt19937 random(1);
   double sum = 0.0;
@@ -83,7 +84,7 @@ TEST(ClassInformationTest, IsZeroIfNothingIsLeftToTell) {
   Add(one_class, 0, 0, 2, 3);
   Add(one_class, 0, 1, 2, 3);
   EXPECT_DOUBLE_EQ(one_class.ExplainedShare(), 0.0);
-  // As many clusters as examples: they would tell any classes.
+  // As many clusters as examples: they would determine any classes.
   ClassInformation alone;
   for (int i = 0; i < 6; ++i) alone.Add(0, i, i % 2);
   EXPECT_DOUBLE_EQ(alone.ExplainedShare(), 0.0);

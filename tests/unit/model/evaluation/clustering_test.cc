@@ -31,8 +31,8 @@ TEST(ClusteringTest, IndependentClustersShareNoInformation) {
   EXPECT_NEAR(table.Purity(), 4.0 / 6.0, 1e-12);
 }
 
-// Clusters {0, 1} split class A in halves, cluster 2 is class B, four examples each half, eight of
-// B: I = H(class) = ln 2, H(cluster) = 1.5 ln 2, so NMI = 2 / 2.5.
+// Clusters 0 and 1 split class A in halves of four examples each; cluster 2 is class B with eight.
+// I = H(class) = ln 2, H(cluster) = 1.5 ln 2, so NMI = 2 / 2.5.
 TEST(ClusteringTest, SplittingAClassCostsEntropyButNotPurity) {
   ContingencyTable table;
   Add(table, 0, 0, 4);
@@ -62,8 +62,8 @@ TEST(ClusteringTest, InformationIsTheEntropyThatTheClusterRemoves) {
   EXPECT_NEAR(table.MutualInformation(), std::log(2.0) - left, 1e-12);
 }
 
-// Two pairs in each cluster and of each class: two of the six ways to deal them out agree wholly,
-// and four share nothing.
+// Two pairs in each cluster and of each class: of the six distributions, two agree fully and four
+// share nothing.
 TEST(ClusteringTest, ExpectedInformationIsPositiveByChance) {
   ContingencyTable table;
   Add(table, 0, 0, 2);
@@ -73,7 +73,7 @@ TEST(ClusteringTest, ExpectedInformationIsPositiveByChance) {
   Add(one_class, 0, 0, 2);
   Add(one_class, 1, 0, 5);
   EXPECT_NEAR(one_class.ExpectedMutualInformation(), 0.0, 1e-12);
-  // Each pair a cluster of its own: dealt out anyhow, it tells the class.
+  // With each pair in its own cluster, any distribution determines the class.
   ContingencyTable alone;
   for (int i = 0; i < 4; ++i) alone.Add(i, i % 2);
   EXPECT_NEAR(alone.ExpectedMutualInformation(), std::log(2.0), 1e-12);

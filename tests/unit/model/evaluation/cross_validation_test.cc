@@ -1,4 +1,4 @@
-// Parts, the report and its text, on measurements that are given by formulas.
+// Parts, report and text of cross-validations, on measurements given by formulas.
 
 #include <gmock/gmock.h>
 #include <google/protobuf/util/message_differencer.h>
@@ -22,7 +22,7 @@ using testing::HasSubstr;
 constexpr int kRecordings = 200;
 constexpr int kFolds = 2;
 
-// Recordings i with one group each, in fold i % 2.
+// Recordings i, each a group of its own, in fold i % 2.
 v1::CrossValidationPlan Plan() {
   v1::CrossValidationPlan plan;
   plan.set_folds(kFolds);
@@ -56,16 +56,17 @@ void AddExample(v1::MeasuredSet& set, int recording, double ade, double cv, doub
   example.set_responsibility(recording % 2 == 0 ? 1.0 : 0.0);
 }
 
-// Standard normal, the same for the same recording.
+// Returns a standard normal number, always the same for a recording.
 double NormalOf(int recording) {
   std::mt19937_64 random(static_cast<uint64_t>(recording));
   random.discard(10);
   return std::normal_distribution<double>()(random);
 }
 
-// Recording i has i % 3 + 1 equal examples, the last of them fast: ADE 2 + 0.5 n, where n is
-// normal and every recording's own, plus the seed's offset. Constant velocity's is 3 above, up to a
-// tenth of a normal number. CTRA's is 0.5 above and below in turns of six recordings.
+// Recording i has i % 3 + 1 equal examples, the last of them fast. ADE is 2 + 0.5 n, where n is
+// normal and specific to the recording, plus the seed's offset. Constant velocity is 3 worse, give
+// or take a tenth of a normal number. CTRA is 0.5 worse or better, alternating every six
+// recordings.
 v1::FoldRun MakeRun(int64_t seed, int fold) {
   v1::FoldRun run;
   run.set_seed(seed);
@@ -182,8 +183,8 @@ TEST_F(CrossValidationReportTest, MeansAreOverTheExamplesOfAllFolds) {
   EXPECT_NEAR(ade.seed_values(1), sum / examples + 0.03, 1e-12);
 }
 
-// The mean is a ratio of sums over independent groups; its variance, by the delta method, is
-// sum_g m_g^2 (x_g - mean)^2 / (sum_g m_g)^2 with m_g examples of value x_g in group g.
+// The mean is a ratio of sums over independent groups. By the delta method its variance is sum_g
+// m_g^2 (x_g - mean)^2 / (sum_g m_g)^2, with m_g examples of value x_g in group g.
 TEST_F(CrossValidationReportTest, IntervalsMatchTheDeltaMethodOverGroups) {
   const v1::Estimate& ade = set().overall().metrics().at("ade_1");
   double squares = 0.0;
@@ -208,7 +209,7 @@ TEST_F(CrossValidationReportTest, RatiosAreOfMeans) {
   EXPECT_FALSE(metrics.contains("fde_ratio"));
 }
 
-// p is 0.75 everywhere; the even recordings, which hold half of the examples, have q = 1.
+// p is 0.75 everywhere; the even recordings, with half of the examples, have q = 1.
 TEST_F(CrossValidationReportTest, TheCalibrationErrorCoversAllFolds) {
   double right = 0.0;
   double examples = 0.0;
@@ -226,7 +227,7 @@ TEST_F(CrossValidationReportTest, PairedIntervalsDecideWhereTheModelIsAhead) {
   EXPECT_EQ(cv.rival(), "cv");
   EXPECT_EQ(cv.rival_metric(), "ade_cv");
   EXPECT_EQ(cv.verdict(), v1::RIVAL_VERDICT_AHEAD);
-  // Paired: what both share is not in it.
+  // Paired: what both share cancels.
   EXPECT_NEAR(cv.difference().value(), -3.0, 0.03);
   EXPECT_LT(cv.difference().upper() - cv.difference().lower(), 0.05);
   EXPECT_EQ(set().overall().comparisons(1).verdict(), v1::RIVAL_VERDICT_UNDECIDED);
@@ -264,7 +265,7 @@ TEST(CrossValidationSmallPartsTest, DoesNotComparePartsWithFewExamples) {
   EXPECT_EQ(report.sets(0).overall().comparisons_size(), 0);
 }
 
-// A test dataset is measured by the model of every fold; its recordings count once.
+// The models of all folds measure a test dataset; its recordings count once.
 TEST(CrossValidationTestDatasetTest, AllModelsMeasureEveryExample) {
   v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
   v1::TestDataset& test = *part.mutable_plan()->add_test_datasets();

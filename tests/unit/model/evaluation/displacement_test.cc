@@ -54,7 +54,7 @@ TEST(DisplacementTest, NuScenesMissesAtAnyWaypointFromTwoMetres) {
   EXPECT_TRUE(ErrorsOf(Line(0.0, {3.0, 0.0}), truth).missed_nuscenes);
 }
 
-// One prediction must stay near all along; two that do so in turn are both misses.
+// One prediction must stay near throughout. Two that do so in turn are both misses.
 TEST(DisplacementTest, ANuScenesHitNeedsOnePredictionThatStaysNear) {
   const Trajectory truth = Line(0.0, {0.0, 0.0});
   const std::vector<Trajectory> ranked = {Line(0.0, {0.0, 3.0}), Line(0.0, {3.0, 0.0}),
@@ -64,7 +64,7 @@ TEST(DisplacementTest, ANuScenesHitNeedsOnePredictionThatStaysNear) {
   EXPECT_FALSE(BestOf(ranked, probabilities, 3, truth).missed_nuscenes);
 }
 
-// Argoverse 2: the best by FDE has 0.3 of the 0.8 that the first two have together.
+// Argoverse 2: the best by FDE has 0.3 of the 0.8 that the first two share.
 TEST(DisplacementTest, BrierFdePenalisesALowProbabilityOfTheBest) {
   const Trajectory truth = Line(0.0, {0.0});
   const std::vector<Trajectory> ranked = {Line(0.0, {4.0}), Line(0.0, {1.0}), Line(0.0, {6.0})};

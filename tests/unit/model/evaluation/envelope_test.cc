@@ -24,7 +24,7 @@ WaypointCovariances Covariances(std::initializer_list<std::array<double, 3>> row
   return covariance;
 }
 
-// Deviations 3 m along x and 1 m along y: 3 m ahead is one sigma, 2 m aside is two.
+// Deviations of 3 m along x and 1 m along y: 3 m ahead is one sigma, 2 m to the side is two.
 TEST(EnvelopeTest, MeasuresEllipsesAlongTheirAxes) {
   const Trajectory mean = Points({{0, 0}, {0, 0}, {0, 0}, {0, 0}});
   const WaypointCovariances covariance = Covariances({{9, 0, 1}, {9, 0, 1}, {9, 0, 1}, {9, 0, 1}});
@@ -34,7 +34,8 @@ TEST(EnvelopeTest, MeasuresEllipsesAlongTheirAxes) {
   EXPECT_DOUBLE_EQ(coverage.two_sigma, 0.75);
 }
 
-// The ellipse of [2 1; 1 2] is long along (1, 1), where its deviation is sqrt 3, and short across.
+// The ellipse of [2 1; 1 2] is long along (1, 1), where its deviation is sqrt 3, and short across
+// it.
 TEST(EnvelopeTest, EllipsesTurnWithTheirCovariance) {
   const Trajectory mean = Points({{5, 5}, {5, 5}});
   const WaypointCovariances covariance = Covariances({{2, 1, 2}, {2, 1, 2}});

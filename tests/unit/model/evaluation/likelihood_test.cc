@@ -32,7 +32,7 @@ TEST(LikelihoodTest, HasTheDensityOfAUnitGaussianAtItsMean) {
               std::log(2.0 * std::numbers::pi), 1e-12);
 }
 
-// A density integrates to one: a Riemann sum over a grid that holds all of its mass.
+// A density integrates to one: Riemann sum over a grid that covers all of its mass.
 TEST(LikelihoodTest, IntegratesToOne) {
   const std::vector distributions = {Gaussian(0.0, 0.0, 1.0, 0.6, 2.0),
                                      Gaussian(2.0, -1.0, 0.5, -0.2, 0.3)};
@@ -55,7 +55,7 @@ TEST(LikelihoodTest, StaysFiniteFarFromEveryAction) {
               0.5 * 1e6 + std::log(2.0 * std::numbers::pi * 0.01), 1e-6);
 }
 
-// Two waypoints, two actions a metre to either side, unit covariance: by hand from the density.
+// Two waypoints, two actions a metre to either side, unit covariance: computed by hand.
 TEST(LikelihoodTest, JointUsesOneActionPerTrajectoryAndMarginalOnePerWaypoint) {
   const auto row = [](double first, double second) {
     inference::ActionDistribution distribution;
@@ -68,7 +68,7 @@ TEST(LikelihoodTest, JointUsesOneActionPerTrajectoryAndMarginalOnePerWaypoint) {
   const std::vector distributions = {row(-1.0, -1.0), row(1.0, 1.0)};
   const std::array weights = {0.5, 1.5};  // renormalised to 1/4 and 3/4
   inference::Trajectory truth(2, 2);
-  truth << -1.0, 0.0, 1.0, 0.0;  // begins as the one and ends as the other
+  truth << -1.0, 0.0, 1.0, 0.0;  // begins like one action and ends like the other
   const double at = 1.0 / (2.0 * std::numbers::pi);
   const double off = at * std::exp(-2.0);
   const MixtureNll nll = MixtureNllOf(distributions, weights, truth);

@@ -40,7 +40,7 @@ TEST(ManeuverLabelsTest, AMomentCountsOnlyForWindowsThatStartNearIt) {
   EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 2.05, 7.0)], "turn_left");
   EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 2.2, 7.0)], "stop");
   EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 1.75, 7.0)], "turn_left");
-  // It lies within this window, but says nothing of its beginning.
+  // It lies within this window but not near its start.
   EXPECT_FALSE(labels.Over("scene", 1, 1.5, 7.0).has_value());
   EXPECT_FALSE(labels.Over("scene", 1, 2.5, 7.0).has_value());
 }

@@ -11,7 +11,7 @@ namespace maneuver::evaluation {
 namespace {
 
 TEST(MetricTableTest, KnowsEachMetricOfAReport) {
-  // Two actions of two, over one waypoint.
+  // Two actions, one waypoint.
   Measurement measured;
   measured.probabilities = Eigen::Vector2d(0.75, 0.25);
   measured.responsibilities = Eigen::Vector2d(0.5, 0.5);

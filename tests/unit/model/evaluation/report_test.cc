@@ -8,7 +8,7 @@
 namespace maneuver::evaluation {
 namespace {
 
-// An example that was action `action` of two, with ADE 1 for every rank and density.
+// Returns an example of action `action` of two, with ADE 1 for every rank and density.
 Measurement Example(int action, double confidence) {
   Measurement measured;
   measured.action = action;
@@ -127,7 +127,7 @@ TEST(ReportTest, StrataPartitionTheExamplesAndAreMeasuredSeparately) {
       EXPECT_DOUBLE_EQ(stratum.metrics().at("ade_1"), 5.0);
     }
     if (stratum.name() == "straight") {
-      // One of two was the action that had 0.9.
+      // One of two examples was the action that had 0.9.
       EXPECT_DOUBLE_EQ(stratum.metrics().at("calibration_error"), 0.4);
     }
   }

@@ -36,8 +36,8 @@ void AddComparison(v1::RivalStanding& part, const std::string& rival, double low
                                        : v1::RIVAL_VERDICT_UNDECIDED);
 }
 
-// Ahead of constant velocity over all and at 5-10 m/s, behind where stationary; at turns there are
-// too few. CTRA cannot be told over all.
+// Ahead of constant velocity overall and at 5-10 m/s, behind when stationary; turns have too few
+// examples. Against CTRA the overall result is undecided.
 v1::RivalStandings Standings() {
   v1::RivalStandings standings;
   v1::RivalStanding& all = AddPart(standings, "", "", 400);
@@ -62,7 +62,7 @@ v1::RivalRequirement Require(const std::string& rival, v1::RivalStandard standar
   return requirement;
 }
 
-// The names of the parts that fall short, "all" for all examples.
+// Returns the names of the parts that fall short, "all" for all examples.
 std::vector<std::string> Short(const v1::RivalRequirement& requirement,
                                const v1::RivalStandings& standings = Standings()) {
   RivalRequirements requirements;

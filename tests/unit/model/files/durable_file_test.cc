@@ -49,7 +49,7 @@ TEST_F(DurableFileTest, AMissingFileIsNotFoundAndNamedWithoutItsFolder) {
 
 TEST_F(DurableFileTest, AFailedWriteLeavesTheOldContentAndNoTemporary) {
   ASSERT_TRUE(WriteFileAtomically(folder_ / "a", "old").ok());
-  // A limit on the size of files stands in for a full disk.
+  // A limit on file size simulates a full disk.
   struct rlimit before {};
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
   const auto handler = signal(SIGXFSZ, SIG_IGN);
@@ -126,7 +126,7 @@ TEST(ErrnoStatusTest, MapsErrorsToActionableStatuses) {
   EXPECT_EQ(ErrnoStatus(EROFS, "create", file).code(), absl::StatusCode::kPermissionDenied);
   EXPECT_EQ(ErrnoStatus(EDQUOT, "write", file).code(), absl::StatusCode::kResourceExhausted);
   EXPECT_EQ(ErrnoStatus(EEXIST, "create", file).code(), absl::StatusCode::kAlreadyExists);
-  // One that has no sentence of its own.
+  // An error without a message of its own.
   const absl::Status other = ErrnoStatus(EISDIR, "open", file);
   EXPECT_FALSE(other.ok());
   EXPECT_THAT(std::string(other.message()), Not(HasSubstr("secret")));

@@ -21,7 +21,7 @@ using ::testing::ElementsAre;
 
 pid_t ThisThread() { return static_cast<pid_t>(syscall(SYS_gettid)); }
 
-// A thread that joins groups when it is told to, and waits for its end.
+// A thread that joins groups when told to, and waits until it is ended.
 class Member {
  public:
   explicit Member(std::vector<PassingThreads*> groups) {

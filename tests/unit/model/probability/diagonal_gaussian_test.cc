@@ -17,7 +17,7 @@ DiagonalGaussian OneDimensional(double mean, double variance) {
   return {Eigen::VectorXd::Constant(1, mean), Eigen::VectorXd::Constant(1, std::log(variance))};
 }
 
-// Pairs that are near, far, narrow in wide and wide in narrow.
+// Pairs that are near, far, narrow within wide, and wide around narrow.
 struct Pair {
   double q_mean, q_variance, p_mean, p_variance;
 };
@@ -98,7 +98,7 @@ TEST(DiagonalGaussianTest, KlDivergenceIsCrossEntropyMinusEntropyAndNeverNegativ
     EXPECT_NEAR(KlDivergence(q, p), CrossEntropy(q, p) - Entropy(q), 1e-12);
     EXPECT_EQ(KlDivergence(q, q), 0.0);
   }
-  // Nearly equal variances: half the square of the difference of their logarithms, over 2.
+  // Nearly equal variances: half the squared difference of their logarithms, over 2.
   const double difference = 1e-7;
   const DiagonalGaussian p = OneDimensional(0, 1);
   const DiagonalGaussian q{p.mean, p.log_variance.array() + difference};

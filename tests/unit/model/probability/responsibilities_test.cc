@@ -28,7 +28,7 @@ class ResponsibilitiesTest : public testing::Test {
                    {Eigen::Vector2d(1.0, -1.0), Eigen::Vector2d(0.2, -0.5)}};
   }
 
-  // E_q ln p of Gaussians over the plane, summed over a grid.
+  // Returns E_q ln p of Gaussians over the plane, summed over a grid.
   static double ExpectedLogOnGrid(const DiagonalGaussian& q, const DiagonalGaussian& p) {
     const auto q_at = [&](double z, int d) {
       return NormalDensity(z, q.mean[d], std::exp(q.log_variance[d]));
@@ -106,7 +106,7 @@ TEST_F(ResponsibilitiesTest, AnImpossibleActionHasNoResponsibility) {
   EXPECT_NEAR(responsibilities.sum(), 1.0, 1e-12);
 }
 
-// Eq. (elbo) at any q_y, term by term.
+// Returns eq. (elbo) at any q_y, term by term.
 double Bound(double reconstruction, const Eigen::VectorXd& q_y, const Eigen::VectorXd& log_prior,
              const DiagonalGaussian& encoding, const LatentMixture& mixture) {
   double bound = reconstruction;
@@ -130,8 +130,8 @@ TEST_F(ResponsibilitiesTest, TheBoundIsTheElboAndTheBaseFormMaximisesIt) {
   }
 }
 
-// With a linear decoder everything about the bound is known: a Monte-Carlo estimate of
-// E_q ln p(x,y,z|s) / q(y,z|x,s), and ln p(x|s) itself, which it may not exceed.
+// With a linear decoder the bound is known exactly: a Monte Carlo estimate of E_q ln p(x,y,z|s) /
+// q(y,z|x,s). It must not exceed ln p(x|s).
 TEST_F(ResponsibilitiesTest, TheBoundMatchesMonteCarloAndStaysBelowTheLikelihood) {
   Eigen::Matrix<double, 4, 2> A;
   A << 1, 0.5, -0.3, 2, 0.7, 0.1, 0, -1;

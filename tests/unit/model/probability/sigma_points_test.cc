@@ -40,7 +40,7 @@ TEST(SigmaPointsTest, MomentsOfALinearDecoderAreExact) {
   EXPECT_LT((moments.mean - (A * mean + b)).norm(), 1e-12);
   EXPECT_LT((moments.Covariance() - A * variance.asDiagonal() * A.transpose()).norm(), 1e-12);
 
-  // And by sampling.
+  // The same by sampling.
   const int samples = 50'000;
   std::normal_distribution<double> normal;
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(8);
@@ -75,7 +75,7 @@ TEST(SigmaPointsTest, MeanOfAQuadraticDecoderIsExact) {
 TEST(SigmaPointsTest, CovarianceIsPositiveSemidefiniteForAnyImages) {
   std::mt19937 random(3);
   for (int i = 0; i < 20; ++i) {
-    // No decoder at all: the images of strongly curved ones may lie anywhere.
+    // Without a decoder: the images under a strongly curved one may lie anywhere.
     const SigmaMoments moments =
         MomentsOfSigmaPoints(RandomMatrix(2 * kDimensions + 1, 6, &random));
     const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(moments.Covariance());

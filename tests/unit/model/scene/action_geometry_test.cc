@@ -24,7 +24,7 @@ struct Point {
   double x, y;
 };
 
-// An action that moves straight on from the target at `speed` in `direction`.
+// Returns an action that moves straight from the target at `speed` in `direction`.
 ActionPoints Straight(double speed, double direction, Point start = {0, 0}) {
   ActionPoints action;
   for (int t = 0; t < kGeometryTimes; ++t) {
@@ -38,8 +38,8 @@ ActionPoints Straight(double speed, double direction, Point start = {0, 0}) {
   return action;
 }
 
-// Adds a straight lane path. The target is `offset` metres to the left of it; the path heads by
-// `heading` to the left of the target's heading. Returns its numbers.
+// Adds a straight lane path. The target is `offset` metres to its left; its heading is `heading` to
+// the left of the target's. Returns its numbers.
 float* AddStraightPath(LanePathInputs& paths, double offset, double heading, double length = 100) {
   float* path = &paths.values[paths.count++ * kLanePathInputs];
   const Point foot = {offset * std::sin(heading), -offset * std::cos(heading)};
@@ -67,15 +67,15 @@ struct Numbers {
 
 Numbers Describe(std::span<const ActionPoints> trajectories, const LanePathInputs& paths,
                  double speed = 0.0, const GeometryWaypoints& waypoints = kUsual) {
-  // Not zero at first: every number has to be written.
+  // Initially nonzero, so that every number must be written.
   Numbers numbers{std::vector<float>(trajectories.size() * kMostLanePaths * kPairNumbers, 7.0f),
                   std::vector<float>(trajectories.size() * kActionNumbers, 7.0f)};
   DescribeActions(trajectories, waypoints, paths, speed, numbers.pairs, numbers.actions);
   return numbers;
 }
 
-// The same numbers in double precision, one point and one segment at a time, with the foot found by
-// turning the axes rather than by its formula.
+// Computes the same numbers in double precision, one point and one segment at a time. Finds the
+// foot by turning the axes rather than by its formula.
 Numbers DescribePlainly(std::span<const ActionPoints> trajectories, const LanePathInputs& paths,
                         double speed, const GeometryWaypoints& waypoints) {
   Numbers numbers;
@@ -93,8 +93,8 @@ Numbers DescribePlainly(std::span<const ActionPoints> trajectories, const LanePa
       std::vector<double> pair(kPairNumbers, 0.0);
       if (p < paths.count) {
         const float* path = &paths.values[p * kLanePathInputs];
-        // One metre to the left of the path is its direction turned by a quarter; the target, at
-        // (0, 0), is path[62] of those from the foot.
+        // One metre to the left of the path is its direction turned by a quarter turn. The target,
+        // at (0, 0), is path[62] of these from the foot.
         const double turned = std::asin(static_cast<double>(path[63]));
         const Point direction = {std::cos(turned), -std::sin(turned)};
         std::vector<Point> line = {{path[62] * direction.y, -path[62] * direction.x}};
@@ -306,7 +306,7 @@ TEST(ActionGeometryTest, AStandingActionHeadsStraightAhead) {
   EXPECT_EQ(numbers.action(0)[10], 0.0f);
 }
 
-// All of a wedge outside a bend is as near to one segment as to the other.
+// Every point of a wedge outside a bend is equally near to both segments.
 TEST(ActionGeometryTest, RoundingDoesNotChooseTheSegmentBesideABend) {
   LanePathInputs paths;
   float* path = AddStraightPath(paths, 0.0, 0.0);
@@ -395,7 +395,7 @@ TEST(ActionGeometryTest, StaysFiniteIfAllPointsOfAPathCoincide) {
   const ActionPoints action = Straight(10.0, 0.5);
   const Numbers numbers = Describe({&action, 1}, paths);
   for (const float number : numbers.pairs) EXPECT_TRUE(std::isfinite(number));
-  // The last segment goes on along the target's heading.
+  // The last segment continues along the target's heading.
   EXPECT_NEAR(numbers.pair(0, 0)[0], std::min(2.0, 20.0 * std::sin(0.5) / 3), 1e-5);
 }
 

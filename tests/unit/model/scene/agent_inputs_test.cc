@@ -17,21 +17,21 @@ namespace {
 
 constexpr double kTime = 3.0;
 constexpr int64_t kTarget = 100;
-// Numbers of an agent, written out again on purpose.
+// The numbers of an agent, repeated here on purpose.
 constexpr int kX = 0, kY = 1, kNear = 2, kWithin20 = 3, kCosine = 4, kSine = 5, kVelocityX = 6,
               kVelocityY = 7, kRelativeX = 8, kSpeed = 9, kStands = 10, kSpeedChange = 11,
               kTurn = 12, kHasEarlier = 13, kLength = 14, kWidth = 15, kVehicle = 16,
               kPedestrian = 17, kCyclist = 18, kMeetingTime = 19, kMeetingNear = 20,
               kMeetingWithin8 = 21, kMeetingX = 22, kMeetingY = 23;
 
-// How an agent moves at one time, in the target's frame.
+// An agent's motion at one time, in the target's frame.
 struct Moment {
   Point2 place = {};
   Point2 velocity = {};
   double heading = 0.0;
 };
 
-// A scene and what is asked about it. Nothing but the agents and the target matters.
+// A scene and the parameters of a call. Only the agents and the target matter.
 struct World {
   v1::Scenario scenario = {};
   Pose2 X_WT = {};
@@ -43,7 +43,7 @@ struct World {
     AddMoment(agent, time, present);
     return agent;
   }
-  // Moments of an agent are added in the order of time.
+  // Call it in the order of time for each agent.
   void AddMoment(v1::Agent* agent, double time, const Moment& moment) {
     const Point2 place = X_WT * moment.place;
     const Point2 velocity = Pose2(0.0, 0.0, X_WT.heading()) * moment.velocity;
@@ -76,7 +76,7 @@ void ExpectSame(const AgentInputs& inputs, const AgentInputs& expected, double t
   }
 }
 
-// Agents that move at random, within 70 m, some with no state in time and some with no earlier one.
+// Agents that move at random within 70 m. Some have no current state, some no earlier one.
 World RandomWorld(uint32_t seed, int agents, const Pose2& X_WT) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
@@ -104,8 +104,8 @@ TEST(AgentInputsTest, DescribesAnAgentWith24Numbers) {
   world.AddMoment(agent, kTime, {{12.0, -5.0}, {4.0, 3.0}, 0.3});
   const AgentInputs inputs = Describe(world);
   ASSERT_EQ(inputs.count, 1);
-  // Seen from the target it moves at (-6, 3) m/s: from (12, -5) m, (6 * 12 + 3 * 5) / 45 s take it
-  // to (0.4, 0.8) m, which is at a right angle to (-6, 3).
+  // Relative to the target it moves at (-6, 3) m/s. From (12, -5) m it reaches (0.4, 0.8) m after
+  // (6 * 12 + 3 * 5) / 45 s, at a right angle to (-6, 3).
   const double meeting = 87.0 / 45.0;
   const double distance = std::sqrt(0.8);
   const double expected[kAgentInputs] = {
@@ -276,7 +276,7 @@ TEST(AgentInputsTest, ReadsNothingLater) {
 
 TEST(AgentInputsTest, DescribesTheNearestTwelveNearestFirst) {
   World world{.X_WT = {-3.0, 8.0, 2.0}};
-  // 7 and 30 share no divisor: the distances 1 .. 30 m come in no order.
+  // 7 and 30 are coprime, so the distances 1 .. 30 m are not sorted.
   for (int i = 0; i < 30; ++i) {
     const double distance = 1.0 + 7 * i % 30;
     world.Add(i, {{distance * std::cos(i), distance * std::sin(i)}});
@@ -307,7 +307,7 @@ TEST(AgentInputsTest, MovingTheWholeWorldChangesNothing) {
   }
 }
 
-// Changes agents of a world whose target is at the origin and heads along x.
+// Changes the agents of a world whose target is at the origin and heads along x.
 World Changed(World world, const std::function<void(v1::AgentState&)>& change, double size) {
   for (v1::Agent& agent : *world.scenario.mutable_agents()) {
     agent.set_length(size * agent.length());
@@ -358,7 +358,7 @@ TEST(AgentInputsTest, AScaledViewReachesFiftyOfItsOwnMetres) {
   EXPECT_EQ(Describe(world, {.scale = 0.8, .mirror = false}).count, 2);
 }
 
-// Against a sort of all distances.
+// Compared with a sort of all distances.
 TEST(AgentInputsTest, FindsTheNearestOf400Agents) {
   const World world = RandomWorld(6, 400, {100.0, 200.0, -0.8});
   std::vector<double> distances;

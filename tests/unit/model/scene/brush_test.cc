@@ -16,7 +16,7 @@ constexpr int kWidth = 32;
 
 class BrushTest : public testing::Test {
  protected:
-  // What was painted since the last time, and starts anew.
+  // Reads what was painted since the last call, and clears it.
   void Finish() {
     raster_.WriteInterleaved(picture_);
     raster_.Clear();
@@ -69,7 +69,7 @@ TEST_F(BrushTest, APolygonCoversEachPixelByItsShare) {
   // An edge through a pixel misjudges at most about one row of samples.
   constexpr double kTolerance = 255.0 * 2.0 / kSamples;
   for (int trial = 0; trial < 20; ++trial) {
-    // A star around a centre that may lie outside: simple, mostly not convex, often cut off.
+    // A star around a centre that may lie outside: simple, mostly not convex, often clipped.
     const PixelPoint centre{Uniform(-6, kWidth + 6), Uniform(-6, kHeight + 6)};
     std::vector<PixelPoint> polygon;
     const int corners = 3 + trial % 6;
@@ -209,7 +209,7 @@ TEST_F(BrushTest, CoverageOfAPolylineFallsWithDistance) {
   }
 }
 
-// Both ends lie outside, each beyond another side: what lies between them is seen.
+// Both ends lie outside, on different sides; the part between them shows.
 TEST_F(BrushTest, PolylineAroundThePictureCutsItsCorners) {
   constexpr double kBeyond = 5.0;
   const std::vector<PixelPoint> beside = {{0.5 * kWidth, -kBeyond},
@@ -301,7 +301,7 @@ TEST(InterleavedRasterTest, PaintsOnlyOneChannel) {
   for (int i = 0; i < 4 * 4 * 3; ++i) EXPECT_EQ(picture[i], i == (2 * 4 + 1) * 3 + 1 ? 99 : 0);
 }
 
-// What lies beyond the right edge is not seen, nor where the next row begins.
+// What lies beyond the right edge does not show, nor at the start of the next row.
 TEST(InterleavedRasterTest, ANarrowPictureIsTheLeftPartOfAWideOne) {
   constexpr int kRows = 20;
   constexpr int kWide = 40;
@@ -323,7 +323,7 @@ TEST(InterleavedRasterTest, ANarrowPictureIsTheLeftPartOfAWideOne) {
     const std::vector<uint8_t> narrow = paint(columns);
     for (int row = 0; row < kRows; ++row) {
       for (int i = 0; i < columns * 2; ++i) {
-        // Lines are cut off elsewhere, and rounded.
+        // Lines are clipped elsewhere, and rounded.
         ASSERT_NEAR(narrow[row * columns * 2 + i], wide[row * kWide * 2 + i], 1)
             << columns << " columns, row " << row << ", byte " << i;
       }
@@ -331,7 +331,7 @@ TEST(InterleavedRasterTest, ANarrowPictureIsTheLeftPartOfAWideOne) {
   }
 }
 
-// However wide it is, nothing that is painted is forgotten, and nothing left for the next picture.
+// At any width, everything painted is kept, and nothing is left for the next picture.
 TEST(InterleavedRasterTest, TheRightEndOfAWidePictureIsLikeANarrowOne) {
   constexpr int kRows = 20;
   constexpr int kSeen = 30;

@@ -14,7 +14,7 @@ namespace {
 constexpr int kHeight = 30;
 constexpr int kChannels = 3;
 
-// Paints shapes of every kind here and there, some of them cut off.
+// Paints random shapes of every kind, some of them clipped.
 void PaintAtRandom(Raster* raster, std::mt19937_64* random) {
   const auto uniform = [&](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(*random);
@@ -30,7 +30,7 @@ void PaintAtRandom(Raster* raster, std::mt19937_64* random) {
   Brush::FillBox(raster, 2, place(), {std::cos(angle), std::sin(angle)}, uniform(1, 9), 3, 200);
 }
 
-// Narrower than what is painted at a time, with and without a rest, and with larger blocks.
+// Widths below a vector's, with and without a remainder, and with larger blocks.
 class RasterTest : public testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(Widths, RasterTest, testing::Values(1, 7, 8, 22, 224, 505, 600, 2000));
 

@@ -1,4 +1,4 @@
-// What is drawn where, in which channel and how bright.
+// What is drawn in which place and channel, and how bright.
 #include "model/scene/rasterizer.h"
 
 #include <gtest/gtest.h>
@@ -45,7 +45,7 @@ TEST(RasterizerTest, TargetBoxFillsExactlyItsPixels) {
 }
 
 TEST(RasterizerTest, DrawsAheadToTheRightAndLeftUpwards) {
-  // The target drives along +y of the world; another car 4 m ahead of it and 2 m to its left.
+  // The target drives along +y of the world. Another car is 4 m ahead of it and 2 m to its left.
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, kTarget, v1::AGENT_TYPE_VEHICLE, 4.0, 2.0), 0.0, 50, 30, M_PI / 2);
   AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, 2.0, 2.0), 0.0, 48, 34, M_PI / 2);
@@ -64,7 +64,7 @@ TEST(RasterizerTest, ABoxThatTurnsLeftPointsUp) {
   AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, 8.0, 1.0), 0.0, 0, 0, M_PI / 4);
   const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
   for (int i = -2; i < 2; ++i) {
-    // The centres of these pixels lie on the box's middle line, or on its mirror image.
+    // The centres of these pixels lie on the box's centreline, or on its mirror image.
     EXPECT_EQ(raster.at(5 - i, 8 + i, kNowOthers), 255) << i;
     EXPECT_LT(raster.at(6 + i, 8 + i, kNowOthers), i == 0 || i == -1 ? 256 : 1) << i;
   }
@@ -129,8 +129,8 @@ class FeatureTest : public testing::TestWithParam<FeatureCase> {};
 TEST_P(FeatureTest, IsDrawnInItsChannelAndIntensity) {
   const FeatureCase& param = GetParam();
   v1::Scenario scenario;
-  // As a line, its first segment runs along row 4; as an area, rows 4 and below are inside; as a
-  // point, it is in row 4.
+  // As a line, its first segment is along row 4; as an area, it covers row 4 and below; as a point,
+  // it is in row 4.
   AddFeature(&scenario, param.type, {{0.5, 1.5}, {6.5, 1.5}, {6.5, -4.5}, {0.5, -4.5}});
   if (param.type == v1::MAP_FEATURE_TYPE_CROSSWALK ||
       param.type == v1::MAP_FEATURE_TYPE_SPEED_BUMP ||
@@ -217,7 +217,7 @@ TEST(RasterizerTest, CutsWhatIsHalfOutsideAtTheEdge) {
   EXPECT_EQ(raster.at(5, 14, kNowOthers), 255);
 }
 
-// Validation keeps such scenes out; a sanitizer would see a write outside the raster.
+// Validation refuses such scenes; a sanitizer would detect a write outside the raster.
 TEST(RasterizerTest, NanNeverWritesOutsideTheRaster) {
   for (const double number : {std::nan(""), HUGE_VAL, -HUGE_VAL, 1e300}) {
     v1::Scenario scenario;

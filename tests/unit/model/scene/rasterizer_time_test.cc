@@ -1,4 +1,4 @@
-// Frames of the past, gaps, signals, and nothing of the future.
+// Frames of the past, gaps and signals, and nothing from the future.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -14,7 +14,7 @@ constexpr int kTargetFrames = 3;  // channels of SmallSpec
 constexpr int kOtherFrames = 6;
 const Pose2 kOrigin;
 
-// Column of the only lit pixel of row 5 in a channel, or -1 for none.
+// Returns the column of the only nonzero pixel of row 5 in a channel, or -1.
 int LitColumn(const Picture& raster, int channel) {
   int lit = -1;
   for (int column = 0; column < 16; ++column) {
@@ -25,7 +25,7 @@ int LitColumn(const Picture& raster, int channel) {
   return lit;
 }
 
-// An agent of 1 m x 1 m that covers one pixel of row 5 in each state.
+// Adds an agent of 1 m x 1 m, which covers one pixel of row 5 in each state.
 v1::Agent* AddSpot(v1::Scenario* scenario, int64_t id) {
   return AddAgent(scenario, id, v1::AGENT_TYPE_VEHICLE, 1, 1);
 }
@@ -88,7 +88,7 @@ TEST(FutureTest, ReadsNothingLaterThanNow) {
   v1::Scenario scenario;
   for (int id = 1; id <= 4; ++id) {
     v1::Agent* agent = AddAgent(&scenario, id, v1::AGENT_TYPE_VEHICLE, 4, 2);
-    // Agent 3 has its states a little off the frames, with one soon after now.
+    // Agent 3 has its states slightly off the frames, one of them soon after now.
     const double offset = id == 3 ? 0.03 : 0.0;
     for (int i = 0; i < 30; ++i) {
       AddState(agent, 0.1 * i + offset, 0.3 * i - 4 + id, id - 2, 0.1 * i);
@@ -124,7 +124,7 @@ TEST(FutureTest, ReadsNothingLaterThanNow) {
   EXPECT_GT(whole.Sum(kTargetFrames), 0);
   EXPECT_EQ(Draw(SmallSpec(), altered, 1.0, kTarget, kOrigin).bytes(), whole.bytes());
   EXPECT_EQ(Draw(SmallSpec(), removed, 1.0, kTarget, kOrigin).bytes(), whole.bytes());
-  // The same change in the past is seen.
+  // The same change in the past shows.
   altered.mutable_agents(1)->mutable_states(10)->set_y(2.5);
   EXPECT_NE(Draw(SmallSpec(), altered, 1.0, kTarget, kOrigin).bytes(), whole.bytes());
 }

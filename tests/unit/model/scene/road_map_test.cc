@@ -22,11 +22,11 @@ TEST(RoadMapTest, BoxesEncloseTheirFeatures) {
   EXPECT_EQ(map.boxes()[0].high_x, 3.0);
   EXPECT_EQ(map.boxes()[0].high_y, 5.0);
   EXPECT_EQ(map.boxes()[1].low_x, map.boxes()[1].high_x);
-  // 4 points of 16 bytes, at the least.
+  // At least 4 points of 16 bytes.
   EXPECT_GT(map.bytes(), 4 * 16);
 }
 
-// A circle's points lie R (1 - cos) from the chord between two of them, as far as half way.
+// The points of a circle are R (1 - cos) from a chord, up to half way.
 TEST(RoadMapTest, StretchesStateHowFarTheyBend) {
   constexpr double kRadius = 50.0;
   constexpr double kStep = 0.01;  // radians
@@ -45,7 +45,7 @@ TEST(RoadMapTest, StretchesStateHowFarTheyBend) {
     const int first = static_cast<int>(s) * kIntervals;
     const int last = std::min(first + kIntervals, kPoints - 1);
     const double half = 0.5 * kStep * (last - first);
-    // Of an odd number of intervals no point is half way.
+    // With an odd number of intervals, no point is half way.
     const double least = kRadius * (std::cos(kStep / 2) - std::cos(half));
     EXPECT_LE(std::sqrt(stretches[s].squared_bend), kRadius * (1.0 - std::cos(half)) + 1e-9);
     EXPECT_GE(std::sqrt(stretches[s].squared_bend), least - 1e-9);

@@ -86,7 +86,7 @@ TEST(ScenarioValidationTest, AMapIdReplacesAMapIfAllowed) {
   EXPECT_THAT(Fields(ValidateScenario(scenario, by_id)), ElementsAre("map_id"));
   scenario.clear_map_features();
   EXPECT_THAT(Fields(ValidateScenario(scenario, by_id)), IsEmpty());
-  // In a dataset nobody could look it up.
+  // In a dataset, the id cannot be looked up.
   EXPECT_THAT(Fields(ValidateScenario(scenario, {})), ElementsAre("map_id"));
 }
 
@@ -235,7 +235,7 @@ TEST(ScenarioValidationTest, CountsTheScenarioIdInCharacters) {
 
 TEST(ScenarioValidationTest, RefusesOneMoreThanEachLimit) {
   const v1::Scenario good = GoodScenario();
-  // Just what GoodScenario has.
+  // Exactly what GoodScenario has.
   ScenarioLimits limits;
   limits.max_agents = 5;
   limits.max_states_per_agent = 10;

@@ -16,7 +16,7 @@ void AddState(v1::Agent* agent, double time, double heading, double speed) {
   state.set_velocity_y(static_cast<float>(speed * std::sin(heading)));
 }
 
-// Brakes from 12 m/s over 11 to 9 m/s while it turns by 0.1 rad in the last half second.
+// Brakes from 12 m/s over 11 to 9 m/s and turns by 0.1 rad in the last half second.
 v1::Agent Braking() {
   v1::Agent agent;
   AddState(&agent, 1.0, 0.8, 12.0);

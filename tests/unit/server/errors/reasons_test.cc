@@ -64,7 +64,7 @@ TEST(ReasonsTest, CodesAreCanonical) {
   }
 }
 
-// The other way round the compiler sees to it.
+// The compiler checks the converse.
 TEST(ReasonsTest, EveryReasonIsUsedInTheCode) {
   std::string sources;
   for (const auto& file : fs::recursive_directory_iterator(kSources / "server")) {

@@ -42,7 +42,7 @@ TEST(ProcessMetricsTest, CountsEachOpenDescriptor) {
   EXPECT_EQ(before->max_descriptors, static_cast<double>(sysconf(_SC_OPEN_MAX)));
 }
 
-// getrusage counts the same time more finely.
+// getrusage counts the same time at a finer resolution.
 TEST(ProcessMetricsTest, ProcessorTimeIncludesUserAndSystemTime) {
   const auto spent = [] {
     rusage usage{};

@@ -61,7 +61,7 @@ TEST(PrometheusMetricsTest, ReadsTheDiskOfAFolderForEachPage) {
   const double block = static_cast<double>(disk.f_frsize);
   const double size = block * static_cast<double>(disk.f_blocks);
   EXPECT_EQ(value("maneuver_data_disk_bytes"), size);
-  // Others write to it meanwhile.
+  // Others write to the disk meanwhile.
   EXPECT_NEAR(value("maneuver_data_disk_free_bytes"), block * static_cast<double>(disk.f_bavail),
               0.05 * size);
   std::filesystem::remove(folder);
@@ -87,7 +87,7 @@ int ConnectTo(int port) {
   return descriptor;
 }
 
-// What the page of 127.0.0.1:`port` says over HTTP.
+// Returns the page of 127.0.0.1:`port` over HTTP.
 std::string Fetch(int port) {
   const int descriptor = ConnectTo(port);
   constexpr std::string_view kRequest = "GET /metrics HTTP/1.0\r\n\r\n";
@@ -111,8 +111,8 @@ TEST(PrometheusMetricsTest, SilentConnectionsDoNotBlockAScrape) {
   for (const int descriptor : silent) close(descriptor);
 }
 
-// A server that is upgraded is away for as long as its end takes. Whoever waits for civetweb waits
-// some two seconds for each.
+// During an upgrade a server is down for as long as it takes to stop. Waiting for civetweb alone
+// would take about two seconds.
 TEST(PrometheusMetricsTest, StopsServingThePageAtOnce) {
   const auto start = std::chrono::steady_clock::now();
   for (const char* address : {"127.0.0.1:0", "127.0.0.1:0", "0.0.0.0:0", "localhost:0"}) {

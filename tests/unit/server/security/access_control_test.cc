@@ -59,11 +59,11 @@ TEST_F(AccessControlTest, ChecksTheIdentityBeforeTheRole) {
   EXPECT_EQ(errors::ReasonOf(access->Admit(kTrain, Bearer("first"))), "ROLE_MISSING");
   EXPECT_EQ(errors::ReasonOf(access->Admit(kPredict, Bearer("second"))), "TOKEN_UNKNOWN");
   EXPECT_EQ(errors::ReasonOf(access->Admit(kPredict, {})), "CREDENTIALS_MISSING");
-  // Who calls comes before what: a stranger does not hear which methods are declared.
+  // The identity is checked first: a stranger does not learn which methods exist.
   EXPECT_EQ(errors::ReasonOf(access->Admit("/x/Y", {})), "CREDENTIALS_MISSING");
   EXPECT_EQ(errors::ReasonOf(access->Admit("/x/Y", Bearer("first"))), "METHOD_NOT_DECLARED");
   EXPECT_TRUE(access->Admit(kHealth, {}).ok());
-  // All of it is counted, under names that no caller chooses.
+  // Everything is counted, under names that no caller chooses.
   const std::string page = metrics_->Page();
   EXPECT_THAT(page, HasSubstr("maneuver_refused_calls_total{reason=\"CREDENTIALS_MISSING\"} 2"));
   EXPECT_THAT(page, HasSubstr("maneuver_refused_calls_total{reason=\"ROLE_MISSING\"} 1"));
@@ -117,7 +117,7 @@ TEST_F(AccessControlTest, ReloadsChangesAndIgnoresInvalidFiles) {
   fs::remove(options_.identities);
   EXPECT_TRUE(absl::IsNotFound(access->Reload().status()));
   EXPECT_TRUE(access->Admit(kPredict, Bearer("second")).ok());
-  // An empty file is no mistake: it takes everything back.
+  // An empty file is valid: it removes all identities.
   Write("\n");
   EXPECT_TRUE(*access->Reload());
   EXPECT_FALSE(access->Admit(kPredict, Bearer("second")).ok());
@@ -129,7 +129,7 @@ TEST_F(AccessControlTest, AdmitsCallsDuringReloads) {
   std::vector<std::thread> callers;
   for (int i = 0; i < 3; ++i) {
     callers.emplace_back([&] {
-      // The planner is in every file.
+      // Every version of the file contains the planner.
       while (!stop) EXPECT_TRUE(access->Admit(kPredict, Bearer("first")).ok());
     });
   }
@@ -160,7 +160,7 @@ TEST(SecretFileTest, RefusesAFileThatOthersMayReadAndNamesTheRemedy) {
   }
   fs::permissions(file, fs::perms::group_read, fs::perm_options::add);
   EXPECT_TRUE(ReadSecretFile(file).ok());
-  // Who may read it stays as it was, and the last line is ended first.
+  // Permissions stay as they were, and the last line is completed first.
   std::ofstream(file) << "a";
   ASSERT_TRUE(AppendLine(file, "b\n").ok());
   EXPECT_EQ(*ReadSecretFile(file), "a\nb\n");

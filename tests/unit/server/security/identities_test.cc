@@ -37,7 +37,7 @@ TEST(IdentitiesTest, FindsACertificateByOneOfItsNames) {
   EXPECT_EQ(identities->FindCertificate({"x", "a.example"}, "")->name, "a");
   EXPECT_EQ(identities->FindCertificate({"spiffe://x/b"}, "y")->name, "b");
   EXPECT_EQ(identities->FindCertificate({}, "Ada Lovelace")->name, "c");
-  // A name of one kind is none of the other, and no credential is a token.
+  // A name of one kind does not match another kind, and no token is a name.
   EXPECT_EQ(identities->FindCertificate({"Ada Lovelace"}, "a.example"), nullptr);
   EXPECT_EQ(identities->FindCertificate({}, ""), nullptr);
   EXPECT_EQ(identities->FindToken("a.example"), nullptr);

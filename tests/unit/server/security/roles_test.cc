@@ -40,7 +40,7 @@ TEST(RolesTest, EveryMethodOfTheContractHasARowAndEveryRowAMethod) {
     EXPECT_EQ(declared.erase(method), 1u) << "nobody may call " << method;
     EXPECT_NE(RequiredRole(method), Role::kAnyone) << method;
   }
-  // What is left is gRPC's own, and open on purpose.
+  // The rest are gRPC's own methods, deliberately open.
   EXPECT_EQ(declared, (std::set<std::string>{
                           "/grpc.health.v1.Health/Check", "/grpc.health.v1.Health/Watch",
                           "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo"}));

@@ -91,7 +91,7 @@ TEST(CommonRoadTest, AStaticObstacleHasAStateAtEveryStep) {
   ASSERT_EQ(stands.states_size(), 21);
   EXPECT_DOUBLE_EQ(stands.states(20).time(), 2.0);
   EXPECT_DOUBLE_EQ(stands.states(20).x(), 5.0);
-  // By its role, in the older version.
+  // In the older version, the role says that it is static.
   const v1::Scenario older =
       Parse(File("2018b", DrivenCar("obstacle", "<role>dynamic</role>") +
                               "<obstacle id=\"9\"><role>static</role><type>car</type>" + kCarShape +
@@ -188,7 +188,8 @@ TEST(CommonRoadTest, ALaneHasItsSuccessorsAndNeighborsInTheSameDirection) {
   }
 }
 
-// Green for 5 steps, yellow for 3, red for 10; it began at step 2, so step 0 is in the red before.
+// Green for 5 steps, yellow for 3, red for 10. The cycle starts at step 2, so step 0 is in the red
+// before it.
 TEST(CommonRoadTest, ALightShowsItsCycleToTheLanesThatReferToIt) {
   const auto light = [](const std::string& id, const std::string& direction,
                         const std::string& more) {

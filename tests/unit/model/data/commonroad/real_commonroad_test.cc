@@ -1,5 +1,5 @@
-// NGSIM's recordings as CommonRoad has them, where they are at hand: MANEUVER_REAL_DATA names a
-// folder that holds ngsim_commonroad/.
+// Reads NGSIM's recordings in CommonRoad format, if they are available: MANEUVER_REAL_DATA names a
+// folder that contains ngsim_commonroad/.
 
 #include <gtest/gtest.h>
 

@@ -18,7 +18,7 @@ TEST(DriverTest, AcceleratesTowardsTheDesiredSpeedOnAFreeRoad) {
 }
 
 TEST(DriverTest, KeepsTheEquilibriumGapOfTheModel) {
-  // With equal speeds the model is at rest at (s0 + v T) / sqrt(1 - (v / v0)^4).
+  // At equal speeds, the model is in equilibrium at (s0 + v T) / sqrt(1 - (v / v0)^4).
   const Driver driver;
   const double v = 10.0;
   const double gap =

@@ -1,4 +1,4 @@
-// Recorded manoeuvres of tracks made by hand.
+// The recorded manoeuvres of hand-made tracks.
 
 #include "model/data/town/maneuvers.h"
 
@@ -10,7 +10,7 @@
 namespace maneuver::data::town {
 namespace {
 
-// Along x at a speed given over time, for `seconds`, turning at a rate given over time.
+// Returns a track along x for `seconds`, with speed and turn rate given as functions of time.
 Track Drive(
     double seconds, const std::function<double(double)>& speed,
     const std::function<double(double)>& yaw_rate = [](double) { return 0.0; }) {

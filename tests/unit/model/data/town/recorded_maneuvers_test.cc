@@ -1,4 +1,4 @@
-// What the town records its vehicles as doing, held against what they did.
+// Compares the manoeuvres that the town records with what its vehicles do.
 
 #include <cmath>
 #include <map>
@@ -58,7 +58,7 @@ TEST(RecordedManeuversTest, TurnsTurnInTheNamedDirection) {
   std::map<Maneuver, int> count;
   ForEachWholeInterval([&count](const Track& track, const ManeuverInterval& before,
                                 const ManeuverInterval& interval, const ManeuverInterval& after) {
-    // A turn that is interrupted is recorded in pieces.
+    // An interrupted turn is recorded in pieces.
     if (before.maneuver == Maneuver::kStanding && before.end > 0.0) return;
     if (after.maneuver == Maneuver::kStanding || after.maneuver == Maneuver::kStop) return;
     const double degrees = Turned(track, interval) / kDegree;
@@ -91,11 +91,11 @@ TEST(RecordedManeuversTest, LaneChangesMoveInTheNamedDirection) {
     const bool left =
         interval.maneuver == Maneuver::kLaneChangeLeft || interval.maneuver == Maneuver::kMerge;
     if (!left && interval.maneuver != Maneuver::kLaneChangeRight) return;
-    // Those that a queue interrupts are recorded in pieces.
+    // A lane change that a queue interrupts is recorded in pieces.
     for (const ManeuverInterval& beside : {before, after}) {
       if (beside.maneuver == Maneuver::kStanding || beside.maneuver == Maneuver::kStop) return;
     }
-    // The frame in which it was decided still measures from the old lane.
+    // In its first frame, the offset is still measured from the old lane.
     const double moved =
         PointAt(track, interval.end).lateral - PointAt(track, interval.start + 0.1).lateral;
     EXPECT_GT(left ? moved : -moved, 1.5) << track.id << " at " << interval.start;

@@ -7,7 +7,7 @@
 namespace maneuver::data::town {
 namespace {
 
-// Straight through the middle at 10 m/s, for twenty seconds.
+// Returns a track straight through the middle at 10 m/s, for twenty seconds.
 Track Through() {
   Track track;
   track.id = 3;

@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kRecordings = 20;
 
-// What several tests look at, generated once.
+// The recordings that several tests share, generated once.
 const std::vector<TownRecording>& Recordings() {
   static const auto* const kGenerated = [] {
     auto* recordings = new std::vector<TownRecording>;
@@ -137,7 +137,7 @@ TEST(SyntheticTownTest, LanesDeclareSuccessorsThatBeginAtTheirEndsAndNeighborsBe
         EXPECT_NEAR(lanes[next]->y(0), lane->y(last), 0.05);
         ++successors;
       }
-      // A lane that lies to the left has this one on its right, unless nobody changes back.
+      // A lane to the left has this one on its right, unless changing back is not allowed.
       for (const int64_t left : lane->left_neighbor_ids()) {
         ASSERT_TRUE(lanes.contains(left));
         const double dx = lane->x(1) - lane->x(0);
