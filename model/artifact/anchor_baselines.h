@@ -17,8 +17,8 @@
 //   covernet:   anchors.covariance     [K, T, 3] xx, xy, yy, square metres
 //   multipath:  anchors.scale          [T] factor of the predicted covariances, positive
 //               anchor_regression.{i}.{weight,bias}   F' -> the hidden layers of the action
-//                   predictor -> K * T * 5: for each anchor and waypoint offset x, offset y (metres),
-//                   ln sigma_x, ln sigma_y, correlation; see AnchorGaussian
+//                   predictor -> K * T * 5: for each anchor and waypoint offset x, offset y
+//                   (metres), ln sigma_x, ln sigma_y, correlation; see AnchorGaussian
 //
 // and the latent tensors of AnchorSpec, which have no meaning.
 
