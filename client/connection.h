@@ -49,7 +49,7 @@ struct Client::Connection {
   std::unique_ptr<v1::TrainingService::Stub> training;
   std::unique_ptr<v1::AdminService::Stub> admin;
   OverloadThrottle throttle;
-  std::unique_ptr<PendingPredictions> pending;  // goes before what it uses
+  std::unique_ptr<PendingPredictions> pending;  // last: destroyed before what it uses
 
   // Adds the caller's identity. Every call needs it before it starts.
   void Introduce(grpc::ClientContext& context) const {

@@ -23,9 +23,9 @@ struct OpenLoop {
   ArrivalProcess arrivals = ArrivalProcess::kPoisson;
 };
 
-// `callers` callers, each of which calls again as soon as it is answered: measures the server's
-// capacity. A caller that was refused or failed first rests for as long as the server said, or 10
-// ms.
+// `callers` callers, each of which calls again as soon as its call was answered or timed out:
+// measures the server's capacity. After any other end a caller first rests for as long as the
+// server said, and for 10 ms at least.
 struct ClosedLoop {
   int callers = 1;
 };

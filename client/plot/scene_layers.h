@@ -54,7 +54,8 @@ void DrawLeaders(const ScenePanel& panel, const std::vector<scene::LanePath>& pa
 void DrawOtherAgents(const ScenePanel& panel, int64_t target_id, Canvas* canvas);
 void DrawTarget(const ScenePanel& panel, const v1::Agent& target, Canvas* canvas);
 
-// Returns an agent's states from the prediction time until `horizon` seconds after it (0: all).
+// Returns a line from an agent's present state through the states of the next `horizon` seconds
+// (0: of all seconds). Empty if the agent is absent now or has no later state.
 Line TruthLine(const ScenePanel& panel, const v1::Agent& agent, double horizon);
 
 }  // namespace maneuver::plot

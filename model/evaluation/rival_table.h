@@ -17,7 +17,8 @@ inline constexpr int kLeastComparedExamples = 50;
 // chance once in 32 times, which a 95 % interval allows.
 inline constexpr int kLeastDecidingGroups = 6;
 
-// With fewer groups the intervals are too narrow: the bootstrap knows only the places it has seen.
+// With fewer groups the intervals are too narrow, because the bootstrap knows only the places it
+// has seen. Texts then say so.
 inline constexpr int kFewGroups = 10;
 
 // A rival: its name in RivalComparison.rival, and its names for people.

@@ -12,11 +12,12 @@ namespace maneuver::files {
 
 // Returns "cannot <action> <name>: <reason>". The name is the last part of the path only: messages
 // leave the machine and must not show its folders. Codes:
-//   RESOURCE_EXHAUSTED: the disk or the quota is full.
+//   RESOURCE_EXHAUSTED: the disk or the quota is full, the file too large, too many files open.
 //   PERMISSION_DENIED: a permission is missing, or the file system is read-only.
 //   NOT_FOUND: the file is missing.
-//   ALREADY_EXISTS: a file is in the way.
-//   DATA_LOSS: there is a folder in place of a file, or the reverse.
+//   ALREADY_EXISTS: a file or a folder with content is in the way.
+//   DATA_LOSS: the device failed, or there is a folder in place of a file or the reverse.
+//   Others: as absl::ErrnoToStatusCode.
 // Parameters:
 //   error: a value of errno, not 0.
 //   action: a verb: "write", "open", ...

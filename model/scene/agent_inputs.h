@@ -52,12 +52,12 @@
 namespace maneuver::scene {
 
 inline constexpr int kMostNearAgents = 12;
-inline constexpr int kAgentInputs = 24;  // numbers an agent
+inline constexpr int kAgentInputs = 24;  // numbers per agent
 // How old an agent's state may be, seconds.
 inline constexpr double kAgentTolerance = 0.05;
 
 struct AgentInputs {
-  int count = 0;  // agents that there are, 0 .. kMostNearAgents
+  int count = 0;  // number of agents, 0 .. kMostNearAgents
   // [kMostNearAgents, kAgentInputs]; rows from `count` on are 0
   std::array<float, kMostNearAgents * kAgentInputs> values{};
 };

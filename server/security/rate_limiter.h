@@ -31,8 +31,8 @@ class RateLimiter {
 
   bool is_limited() const { return per_second_ > 0.0; }
 
-  // Takes `amount` from the client's bucket and returns nothing. If it holds less than one
-  // token, takes nothing and returns the time until it holds one.
+  // Takes `amount` from the client's bucket and returns nothing. If the bucket holds less than one
+  // token, leaves it alone and returns the time until it holds one.
   std::optional<std::chrono::nanoseconds> Take(const std::string& client, double amount);
 
   size_t clients() const;

@@ -30,7 +30,7 @@ void PaintAtRandom(Raster* raster, std::mt19937_64* random) {
   Brush::FillBox(raster, 2, place(), {std::cos(angle), std::sin(angle)}, uniform(1, 9), 3, 200);
 }
 
-// Widths below a vector's, with and without a remainder, and with larger blocks.
+// Widths smaller than a vector, with and without a remainder, and wide enough for larger blocks.
 class RasterTest : public testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(Widths, RasterTest, testing::Values(1, 7, 8, 22, 224, 505, 600, 2000));
 
