@@ -39,8 +39,8 @@ class MapReuse {
       v1::ClassifyTrajectoriesRequest request, const CallOptions& call = {});
 
   // For a stream: replaces maps by map ids and registers those that are new. When an answer's error
-  // has the reason MAP_NOT_REGISTERED, call Forget and send the scenarios again. Returns an error
-  // only if the server cannot be reached.
+  // has the reason MAP_NOT_REGISTERED, call Forget and send the scenarios again. A map that the
+  // server cannot hold stays in its scenario; other errors of registering are returned.
   using Scenarios = google::protobuf::RepeatedPtrField<v1::Scenario>;
   absl::Status NameMaps(Scenarios* scenarios, const CallOptions& call = {});
   // Registers every map again before it is named the next time.

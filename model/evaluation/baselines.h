@@ -29,20 +29,20 @@ struct Motion {
 // Ignores states after `time`.
 Motion EstimateMotion(const v1::Agent& agent, double time);
 
-// Constant velocity: p(t) = v t.
+// Returns the trajectory at constant velocity, p(t) = v t.
 //   waypoint_times: [T] seconds
 Trajectory ConstantVelocity(const Motion& motion, std::span<const double> waypoint_times);
 
-// Constant turn rate and acceleration (CTRA): the position p(t) with
+// Returns the trajectory at constant turn rate and acceleration (CTRA): the position p(t) with
 //   dp/dt = (v + a t) (cos w t, sin w t), where v is the velocity along the heading,
 // until the speed reaches 0: a braking vehicle stops and does not reverse.
 //   waypoint_times: [T] seconds
 Trajectory ConstantTurnRateAndAcceleration(const Motion& motion,
                                            std::span<const double> waypoint_times);
 
-// The faded roll-out (scene::RollOut, FADING_MOTION; scene::EstimateMotion): acceleration and turn
-// rate, shrunk by the noise of their estimates, fade within about a second. Models with this
-// reference predict relative to it.
+// Returns the faded roll-out (scene::RollOut, FADING_MOTION; scene::EstimateMotion): acceleration
+// and turn rate, shrunk by the noise of their estimates, fade within about a second. Models with
+// this reference predict relative to it.
 //   agent: must have a state at `time`; later states are ignored.
 //   X_WT: pose of the agent at `time` in the world.
 //   waypoint_times: [T] seconds.

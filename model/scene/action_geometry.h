@@ -60,8 +60,8 @@ struct ActionPoints {
 //     9      its cosine at the last time
 //     10     s / 50 m at the last time
 //     11     the length of path that remains beyond that point, / 50 m
-//     12-14  (leader's arc length, predicted at its present speed, minus s) / 10 m at the three
-//            times, clamped to -2 .. 3; 0 without a leader
+//     12-14  (the gap to the leader, plus what it drives until each of the three times at its
+//            present speed, minus s) / 10 m, clamped to -2 .. 3; 0 without a leader
 //     15     1 with a leader, else 0
 //     16-17  (arc length of the stop line minus s) / 10 m at the first and last time, clamped to
 //            -2 .. 2; 0 without a stop line

@@ -7,7 +7,7 @@
 
 namespace maneuver::monitoring {
 
-// The comments give the names of Prometheus' client libraries.
+// Each comment names the metric on the page, as Prometheus' client libraries do.
 struct ProcessMetrics {
   double cpu_seconds = 0.0;         // process_cpu_seconds_total, user and system
   double start_time_seconds = 0.0;  // process_start_time_seconds, Unix time

@@ -35,8 +35,8 @@ Place CarPark(Random& random);
 Place DrawPlace(Random& random);
 inline constexpr int kLayoutCount = 10;
 
-// Parks vehicles along the right or left kerb of a road with room for parking. `share` is the share
-// of the room that is taken.
+// Parks vehicles along the right or left kerb of a road with room for parking. Each place is taken
+// with probability `share`.
 void ParkAlong(Place& place, const Road& road, bool right, double share, Random& random);
 
 }  // namespace maneuver::data::town

@@ -33,7 +33,7 @@ TEST(ActionStatisticsTest, PredictionsThatIgnoreTheSceneHaveNoInformation) {
   EXPECT_NEAR(statistics.ExpectedCalibrationError(), 0.25, 1e-12);
 }
 
-TEST(ActionStatisticsTest, AnActionIsEffectiveFromFivePercentOnce) {
+TEST(ActionStatisticsTest, OneExampleAtFivePercentMakesAnActionEffective) {
   ActionStatistics statistics(3);
   statistics.Add(Vector({0.95, 0.05, 0.0}), Vector({1.0, 0.0, 0.0}));
   statistics.Add(Vector({0.951, 0.0, 0.049}), Vector({1.0, 0.0, 0.0}));

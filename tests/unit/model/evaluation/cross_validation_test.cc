@@ -183,8 +183,9 @@ TEST_F(CrossValidationReportTest, MeansAreOverTheExamplesOfAllFolds) {
   EXPECT_NEAR(ade.seed_values(1), sum / examples + 0.03, 1e-12);
 }
 
-// The mean is a ratio of sums over independent groups. By the delta method its variance is sum_g
-// m_g^2 (x_g - mean)^2 / (sum_g m_g)^2, with m_g examples of value x_g in group g.
+// The mean is a ratio of sums over independent groups. By the delta method its variance is
+//   sum_g m_g^2 (x_g - mean)^2 / (sum_g m_g)^2
+// with m_g examples of value x_g in group g.
 TEST_F(CrossValidationReportTest, IntervalsMatchTheDeltaMethodOverGroups) {
   const v1::Estimate& ade = set().overall().metrics().at("ade_1");
   double squares = 0.0;

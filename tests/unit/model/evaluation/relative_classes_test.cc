@@ -17,7 +17,8 @@ using inference::Trajectory;
 
 constexpr double kDegree = std::numbers::pi / 180.0;
 
-// Returns a straight path whose speed changes evenly from `start` to `end` over four seconds.
+// Returns a straight path. Its speed changes evenly from `start` to `end` over four seconds, then
+// stays.
 Trajectory SpeedChange(double start, double end) {
   return Driven([=](double t) {
     const double changing = std::min(t, 4.0);

@@ -48,9 +48,9 @@ Measurement MeasuredAs(double speed, double cv_more, double ctra_more) {
   return measured;
 }
 
-// Recording i has i % 3 + 1 examples. Constant velocity is worse by 1 + n / 2, where n is normal
-// and specific to the recording. CTRA is 1 better up to 10 m/s and 2 worse above, where only the
-// last example of each recording is. The faded roll-out equals the model.
+// Recording i has i % 3 + 1 examples, the last one at 7 m/s and the others at 12 m/s. Constant
+// velocity is worse by 1 + n / 2, where n is normal and specific to the recording. CTRA is 1 better
+// at 7 m/s and 2 worse at 12 m/s. The faded roll-out equals the model.
 MeasuredExamples Measure() {
   MeasuredExamples all;
   for (int i = 0; i < kRecordings; ++i) {
@@ -104,9 +104,9 @@ TEST(RivalComparisonTest, SaysWhereTheModelIsAheadBehindAndUndecided) {
   EXPECT_EQ(standings.parts(3).name(), "straight_fast");
 }
 
-// By the delta method, a ratio of sums over independent groups has the variance sum_g m_g^2 (x_g -
-// mean)^2 / (sum_g m_g)^2, with m_g examples of mean value x_g in group g. Two recordings of a
-// group are drawn together.
+// By the delta method, a ratio of sums over independent groups has the variance
+//   sum_g m_g^2 (x_g - mean)^2 / (sum_g m_g)^2
+// with m_g examples of mean value x_g in group g. Two recordings of a group are drawn together.
 TEST(RivalComparisonTest, IntervalsMatchTheDeltaMethodOverGroups) {
   for (const int size : {1, 2}) {
     SCOPED_TRACE(size);
