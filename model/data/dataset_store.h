@@ -59,8 +59,8 @@ struct DatasetStoreOptions {
 };
 
 // Ids must be valid (security::ParseDatasetName). Datasets are immutable: what a caller has read
-// stays true for as long as the dataset exists. Thread-safe. All calls return NOT_FOUND for an
-// unknown id.
+// stays true for as long as the dataset exists. Reading, describing or detaching an unknown dataset
+// returns NOT_FOUND. Thread-safe.
 class DatasetStore {
  public:
   // Opens the store and creates its folder if needed. Removes what interrupted commits and

@@ -23,7 +23,6 @@ inline constexpr double kClockTolerance = 0.002;
 // Returns false if a waypoint lies outside the states or in a gap longer than `max_gap` seconds.
 // Then sets *missing, if given, to the index of the first such waypoint, and does not write the
 // rest of `trajectory`.
-// written.
 bool ResampleFuture(const v1::Agent& agent, double time, const scene::Pose2& X_WT,
                     std::span<const double> waypoint_times, double max_gap,
                     std::span<double> trajectory, int* missing = nullptr);

@@ -23,13 +23,13 @@ inline constexpr double kMostTurnRate = 1.0;      // rad/s, either sign
 //   CONSTANT_VELOCITY  r = (v0 t, 0), v0 the speed along the heading
 //   FADING_MOTION      acceleration a0 and turn rate w0 decay as e^(-t / tau), tau = kMotionFades:
 //
+//     f(t) = tau (1 - e^(-t / tau))
 //     v(t) = v0 + a0 f(t), not below 0 where v0 > 0       a0 clamped to +- kMostAcceleration
 //     h(t) = w0 f(t)                                      w0 clamped to +- kMostTurnRate
-//     h(t) = w0 f(t)                                      w0 held within +- kMostTurnRate
 //     r(t) = integral of v (cos h, sin h) from 0 to t
+//
 //   by the midpoint rule. Each interval between waypoints is divided into equal steps of at most
-//     0.1 s; v and h of a step are the means of their values at its two ends.
-//   of a step are the means of their values at its two ends.
+//   0.1 s; v and h of a step are the means of their values at its two ends.
 //
 //   waypoint_times: [T] seconds, increasing, above 0
 //   reference: [T, 2]

@@ -12,8 +12,8 @@ namespace maneuver::scene {
 
 // In units that make each number about 1:
 //   0  speed along the heading now, 10 m/s (negative: backwards)
-//  1  change of that speed over the last half second, m/s
-//  2  change of that speed over the half second before that, m/s
+//   1  change of that speed over the last half second, m/s
+//   2  change of that speed over the half second before that, m/s
 //   3  change of the heading over the last half second, half radians, counter-clockwise
 // Each is clamped to -4 .. 4. A change is 0 if no state lies within kMotionTolerance of one of its
 // ends.

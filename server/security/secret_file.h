@@ -1,4 +1,4 @@
-// Files that only their owner may read.
+// Files with secrets, which other users must not read.
 
 #ifndef MANEUVER_SERVER_SECURITY_SECRET_FILE_H_
 #define MANEUVER_SERVER_SECURITY_SECRET_FILE_H_

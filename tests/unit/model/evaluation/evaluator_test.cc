@@ -29,7 +29,6 @@ constexpr double kAcceleration = 1.0;
 //
 // For a relative model, the generic distributions are 4 m to the left only if the encoding knows
 // the speed, and 100 m off otherwise.
-// and elsewhere 100 m off.
 class FakeSession final : public inference::InferenceSession {
  public:
   FakeSession(bool relative, const Eigen::Vector3d& probabilities)
