@@ -6,9 +6,9 @@
 // scenario's order.
 //
 // Row i of AgentInputs describes agent i by kAgentInputs = 24 numbers, in the target's frame. d is
-// its distance. v is the target's speed along its heading: the target's velocity is taken to be (v,
-// 0). t* is the time from 0 to 8 s at which agent and target are closest if both keep their
-// velocity, and d* is their distance then. t* is 0 if their velocities differ by 1 mm/s or less.
+// its distance. v is the target's speed along its heading; (v, 0) is taken for its velocity. t* is
+// the time from 0 to 8 s at which agent and target are closest if both keep their velocity, and d*
+// is their distance then. t* is 0 if their velocities differ by 1 mm/s or less.
 // "By 20 m" means divided by 20 m.
 //
 //    0,  1  x and y, by 20 m
