@@ -57,11 +57,11 @@ class RecordingGrouper {
   std::unordered_map<uint64_t, int> first_;  // the first recording that has a hash
 };
 
-// Returns the fold of each recording, 0 .. folds - 1. Groups stay whole. The largest group is
-// assigned first, each to the fold with the fewest recordings so far. Groups of equal size are
-// ordered by a hash of the seed and of their recordings' ids, so the order of the recordings does
-// not matter. INVALID_ARGUMENT for fewer than two folds; FAILED_PRECONDITION for fewer groups than
-// folds.
+// Returns the fold of each recording, 0 .. folds - 1. Groups stay whole. They are assigned from the
+// largest to the smallest, each to the fold with the fewest recordings so far. Groups of equal size
+// are ordered by a hash of the seed and of their recordings' ids, so the order of the recordings
+// does not matter. INVALID_ARGUMENT for fewer than two folds; FAILED_PRECONDITION for fewer groups
+// than folds.
 absl::StatusOr<std::vector<int>> AssignFolds(const RecordingGroups& groups, int folds,
                                              uint64_t seed);
 

@@ -12,20 +12,20 @@
 namespace maneuver::monitoring {
 namespace {
 
-// A client that connects and sends nothing occupies a thread until the timeout. Meanwhile the other
-// threads answer, and after a second all of them do.
+// Whoever connects and says nothing holds a thread until its time is up: what is left of them
+// answers others meanwhile, and after a second all do.
 constexpr char kThreads[] = "8";
 constexpr char kRequestTimeout[] = "1000";  // milliseconds
 constexpr std::chrono::milliseconds kBetweenKnocks{5};
 
-// Returns HOST of HOST:PORT, without brackets.
+// HOST of HOST:PORT, without brackets.
 std::string HostOf(const std::string& address) {
   std::string host = address.substr(0, address.rfind(':'));
   if (host.size() > 1 && host.front() == '[') host = host.substr(1, host.size() - 2);
   return host;
 }
 
-// Connects and hangs up. This also reaches a server that listens on all addresses (0.0.0.0, ::).
+// Connects and hangs up. Whoever listens everywhere (0.0.0.0, ::) is reached here.
 void Knock(const std::string& host, const std::string& port) {
   addrinfo hints{};
   hints.ai_socktype = SOCK_STREAM;
@@ -34,7 +34,7 @@ void Knock(const std::string& host, const std::string& port) {
   if (getaddrinfo(host.c_str(), port.c_str(), &hints, &found) != 0) return;
   const int descriptor = socket(found->ai_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
   if (descriptor >= 0) {
-    // Connecting fails once nobody listens; then the work is done.
+    // Refused once nobody listens: nothing is left to be done then.
     [[maybe_unused]] const int ignored = connect(descriptor, found->ai_addr, found->ai_addrlen);
     close(descriptor);
   }
@@ -52,8 +52,8 @@ MetricsPageServer::MetricsPageServer(const std::string& address)
 
 MetricsPageServer::~MetricsPageServer() {
   std::atomic<bool> ended = false;
-  // civetweb wakes up only for a connection. Connections before it is told to end have no effect,
-  // so more follow until it has ended.
+  // A connection is what civetweb wakes up by; those that come before it is asked to end are in
+  // vain.
   std::thread knocking([this, &ended] {
     while (!ended) {
       Knock(host_, std::to_string(port_));

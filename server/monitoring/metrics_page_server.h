@@ -1,4 +1,4 @@
-// Private to monitoring/: serves the page of metrics over HTTP.
+// Private to monitoring/: the page of metrics over HTTP.
 
 #ifndef MANEUVER_SERVER_MONITORING_METRICS_PAGE_SERVER_H_
 #define MANEUVER_SERVER_MONITORING_METRICS_PAGE_SERVER_H_
@@ -14,9 +14,9 @@ namespace maneuver::monitoring {
 class MetricsPageServer {
  public:
   //   address: HOST:PORT; port 0 picks a free one.
-  // Throws what prometheus::Exposer throws if it cannot listen there.
+  // Throws what prometheus::Exposer throws when it cannot listen there.
   explicit MetricsPageServer(const std::string& address);
-  // Ends at once, although the listener itself checks only every two seconds whether to end.
+  // Ends at once, though what listens looks only every two seconds for whether it is to end.
   ~MetricsPageServer();
 
   void Show(const std::weak_ptr<prometheus::Collectable>& collectable);
