@@ -21,7 +21,7 @@ struct RecordingsPlotOptions {
   double horizon = 8.0;
 };
 
-// Draws one panel for each recording, north up, axes in metres from the middle of what moves: its
+// Draws one panel for each recording, north up, axes in metres from the middle of its targets: its
 // map, the agents at the prediction time with their past second (target vehicles yellow, others
 // red), and their future paths by type. A recording without any agent at its prediction time is
 // drawn at its middle time. Returns a PNG file; the same input gives the same file.

@@ -29,7 +29,7 @@ struct DatasetWriterOptions {
 // which Commit syncs and renames. Not thread-safe.
 class DatasetWriter {
  public:
-  // ALREADY_EXISTS if `folder` exists. `origin` becomes Dataset.origin.
+  // Begins a dataset folder. ALREADY_EXISTS if `folder` exists. `origin` becomes Dataset.origin.
   static absl::StatusOr<std::unique_ptr<DatasetWriter>> Create(
       const std::filesystem::path& folder, std::string origin,
       const DatasetWriterOptions& options = {});

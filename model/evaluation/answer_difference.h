@@ -57,16 +57,17 @@ struct AnswerDifference {
 // Immutable; thread-safe.
 class AnswerComparison {
  public:
-  // INVALID_ARGUMENT if the first version's waypoints all lie beyond the second's horizon. The
-  // divergence is unknown for versions that MatchActions refuses: their waypoints are at different
-  // times, one has no effective action, or only one has a reference.
+  // Prepares the comparison of two versions. INVALID_ARGUMENT if the first version's waypoints all
+  // lie beyond the second's horizon. The divergence is unknown for versions that MatchActions
+  // refuses: their waypoints are at different times, one has no effective action, or only one has a
+  // reference.
   static absl::StatusOr<AnswerComparison> Make(const v1::ModelManifest& first,
                                                const v1::ModelManifest& second);
 
   // Compares answers of the two manifests' models.
   AnswerDifference Compare(const VersionAnswer& first, const VersionAnswer& second) const;
 
-  // The number of effective actions of each version that are in agreeing pairs; 0 if the divergence
+  // Returns how many effective actions of each version are in agreeing pairs; 0 if the divergence
   // is unknown.
   int agreeing_pairs() const { return agreeing_pairs_; }
 

@@ -14,6 +14,7 @@ class ActionStatistics {
  public:
   explicit ActionStatistics(int actions);
 
+  // Adds an example.
   //   predicted: p(y|s), [K];  responsibilities: q(y|x,s), [K]
   void Add(const Eigen::VectorXd& predicted, const Eigen::VectorXd& responsibilities);
 

@@ -34,8 +34,9 @@ struct EvaluationInput {
   std::function<bool(int64_t done, int64_t total)> progress;
 };
 
-// The report's metrics. k is 1, 5, 6 and 10. The predictions are the mean trajectories of the k
-// actions with the largest p(y|s). Distances are in metres, densities in nats.
+// Measures the model and returns a report. The metrics of the report follow. k is 1, 5, 6 and 10.
+// The predictions are the mean trajectories of the k actions with the largest p(y|s). Distances are
+// in metres, densities in nats.
 //
 //   ade_1, min_ade_k, fde_1, min_fde_k     errors of the best (displacement.h)
 //   brier_fde_k, miss_rate_k               as in Argoverse 2
@@ -110,7 +111,7 @@ struct MeasuredExamples {
   bool measured_by_waymo = false;
 };
 
-// Errors: those of Evaluate.
+// Measures the examples without averaging them. Errors: those of Evaluate.
 absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& model,
                                                  const EvaluationInput& input);
 

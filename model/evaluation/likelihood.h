@@ -25,6 +25,7 @@ struct MixtureNll {
   double joint = 0.0;
 };
 
+// Returns the likelihood of the truth under the mixture of all actions.
 //   probabilities: p(y|s) of each distribution; renormalised to sum to 1
 MixtureNll MixtureNllOf(std::span<const inference::ActionDistribution> distributions,
                         std::span<const double> probabilities, const inference::Trajectory& truth);

@@ -101,6 +101,7 @@ class Measurer {
 
   explicit Measurer(const MeasuringContext& context);
 
+  // Measures a batch.
   //   examples: at most kBatch;  measured: one per example
   void Measure(std::span<const data::Example> examples, std::span<Measurement> measured);
 

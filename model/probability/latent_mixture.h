@@ -26,7 +26,7 @@ struct LatentMixture {
   int components() const { return static_cast<int>(mean.rows()); }
   int dimensions() const { return static_cast<int>(mean.cols()); }
 
-  // p(z|y=k).
+  // Returns p(z|y=k).
   DiagonalGaussian Component(int k) const { return {mean.row(k), log_variance.row(k)}; }
 };
 

@@ -72,9 +72,9 @@ class LaneGraph {
   static int64_t MostBytes(const MapFeatures& features);
 
   const std::vector<Lane>& lanes() const { return lanes_; }
-  // The points of all lanes, lane by lane.
+  // Returns the points of all lanes, lane by lane.
   const std::vector<LanePoint>& points() const { return points_; }
-  // The pieces of all lanes, lane by lane. Each has at most kPieceSegments segments.
+  // Returns the pieces of all lanes, lane by lane. Each has at most kPieceSegments segments.
   const std::vector<LanePiece>& pieces() const { return pieces_; }
   // Returns the indices of the lanes that follow this one: in the order declared, or in ascending
   // order if none are declared.
@@ -88,7 +88,7 @@ class LaneGraph {
   double Length(const Lane& lane) const { return End(lane).distance; }
   // Returns the distance between a lane's end and the start of `next`, metres; 0 within kSamePoint.
   double Gap(const Lane& lane, const Lane& next) const;
-  // The positions of the map's stop signs, world, metres.
+  // Returns the positions of the map's stop signs, world, metres.
   const std::vector<Point2>& stop_signs() const { return stop_signs_; }
 
   // Calls call(const LanePiece&) for every piece whose box comes within `distance` metres of p_WP

@@ -27,14 +27,14 @@ class Raster {
   int height() const { return height_; }
   int width() const { return width_; }
   int channels() const { return channels_; }
-  // H * W * C.
+  // Returns H * W * C.
   size_t values() const { return static_cast<size_t>(height_) * width_ * channels_; }
 
   // Returns the pixels of one row of one channel.
   const uint8_t* Row(int channel, int row) const { return &planes_[RowPlace(channel, row)]; }
   // Returns them for writing. Whoever writes must call Touch for the blocks written.
   uint8_t* Row(int channel, int row) { return &planes_[RowPlace(channel, row)]; }
-  // The distance in bytes from one row of a channel to the next.
+  // Returns the distance in bytes from one row of a channel to the next.
   ptrdiff_t stride() const { return stride_; }
 
   // Returns the blocks of a row of a channel that may hold nonzero pixels. A block has

@@ -57,7 +57,7 @@ class RoadMap {
   RoadMap& operator=(RoadMap&&) noexcept;
 
   const MapFeatures& features() const { return *features_; }
-  // The box around the points of each feature.
+  // Returns the box around the points of each feature.
   const std::vector<Box>& boxes() const { return boxes_; }
   // Returns the stretches of feature i. Each has kStretchPoints - 1 intervals, the last one
   // possibly fewer. Stretch j begins at the feature's point j * (kStretchPoints - 1).

@@ -44,7 +44,7 @@ class SceneReader {
   //   inputs: from NewInputs().
   void Read(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
             const Pose2& X_WT, SceneInputs* inputs);
-  // The two parts of Read(): raster and motion, then scene vectors.
+  // Read the two parts of Read(): raster and motion; scene vectors.
   void ReadRaster(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
                   const Pose2& X_WT, SceneInputs* inputs);
   void ReadVectors(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,

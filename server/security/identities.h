@@ -32,7 +32,8 @@ struct Identity {
 // Immutable, therefore thread-safe.
 class Identities {
  public:
-  // INVALID_ARGUMENT names the invalid line by its number, without its content.
+  // Parses the text of a file. INVALID_ARGUMENT names the invalid line by its number, without its
+  // content.
   static absl::StatusOr<Identities> Parse(std::string_view text);
 
   // Returns the identity of a token, or nullptr. Takes the same time in all cases.

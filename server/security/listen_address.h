@@ -24,8 +24,8 @@ absl::StatusOr<ListenAddress> ParseListenAddress(std::string_view text);
 // Returns whether only this machine can reach the address: 127.0.0.0/8, ::1 or localhost.
 bool IsLoopback(const ListenAddress& address);
 
-// FAILED_PRECONDITION unless the address is loopback, the traffic is encrypted, or `insecure` was
-// given.
+// Checks that plain text stays on this machine. FAILED_PRECONDITION unless the address is loopback,
+// the traffic is encrypted, or `insecure` was given.
 absl::Status CheckExposure(const ListenAddress& address, bool encrypted, bool insecure);
 
 }  // namespace maneuver::security

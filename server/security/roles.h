@@ -42,7 +42,7 @@ struct MethodRole {
   Role role;
 };
 
-// The table of all methods.
+// Returns the table of all methods.
 std::span<const MethodRole> MethodRoles();
 
 // Returns the role that a method needs. A method without a row has none, and nobody may call it.

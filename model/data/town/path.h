@@ -20,7 +20,7 @@ inline double Dot(Vec2 a, Vec2 b) { return a.x * b.x + a.y * b.y; }
 inline double Cross(Vec2 a, Vec2 b) { return a.x * b.y - a.y * b.x; }
 inline double Norm(Vec2 a) { return std::sqrt(Dot(a, a)); }
 inline Vec2 Direction(double heading) { return {std::cos(heading), std::sin(heading)}; }
-// The direction 90 degrees to the left.
+// Returns the direction 90 degrees to the left.
 inline Vec2 Left(Vec2 a) { return {-a.y, a.x}; }
 // Returns the equal angle in (-pi, pi].
 double WrapAngle(double angle);
