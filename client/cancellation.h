@@ -1,4 +1,4 @@
-// Giving up on calls from another thread.
+// Cancels calls from another thread.
 
 #ifndef MANEUVER_CLIENT_CANCELLATION_H_
 #define MANEUVER_CLIENT_CANCELLATION_H_
@@ -12,8 +12,8 @@
 
 namespace maneuver::client {
 
-// Hand one to calls by CallOptions::cancellation; Cancel() ends all that run and all that start
-// later with CANCELLED. Thread-safe. It has to outlive those calls. Not for use in a signal
+// Pass one to calls by CallOptions::cancellation. Cancel() ends all calls that are running or start
+// later, with CANCELLED. Thread-safe. Must outlive those calls. Must not be used in a signal
 // handler.
 class Cancellation {
  public:
@@ -29,14 +29,14 @@ class Cancellation {
     return cancelled_;
   }
 
-  // Waits for so long, or until cancelled. False if cancelled.
+  // Waits for `duration` or until cancelled. Returns false if cancelled.
   bool Sleep(absl::Duration duration) const {
     std::unique_lock lock(mutex_);
     return !changed_.wait_for(lock, absl::ToChronoNanoseconds(duration),
                               [this] { return cancelled_; });
   }
 
-  // While it lives, Cancel() calls `cancel`; at once if already cancelled.
+  // For as long as it lives, Cancel() calls `cancel`. Calls it at once if already cancelled.
   class Registration {
    public:
     Registration(Cancellation* cancellation, std::function<void()> cancel)
@@ -61,7 +61,7 @@ class Cancellation {
   };
 
  private:
-  mutable std::mutex mutex_;  // protects all below
+  mutable std::mutex mutex_;  // guards what follows
   mutable std::condition_variable changed_;
   bool cancelled_ = false;
   int next_id_ = 0;

@@ -20,7 +20,7 @@ namespace {
 
 constexpr int kMostKeptForRetry = 64 << 20;  // bytes of one request
 
-// 128 random bits, hexadecimal.
+// Returns 128 random bits, hexadecimal.
 std::string NewRequestId() {
   std::random_device device;
   std::string id;
@@ -56,12 +56,12 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const ClientOptions& opt
         "in [0, 1]");
   }
   grpc::ChannelArguments arguments;
-  // Scenes and answers may be large; how large is for the server to say.
+  // Scenes and answers may be large; the server decides how large.
   arguments.SetMaxReceiveMessageSize(-1);
   arguments.SetMaxSendMessageSize(-1);
-  // A new connection is tried as soon as a retry asks for it.
+  // Connects again as soon as a retry needs a connection.
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
-  // This is also how long an attempt to connect may take.
+  // This is also the timeout of an attempt to connect.
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 5'000);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2'000);
   if (options.own_connection) arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
@@ -75,10 +75,10 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const ClientOptions& opt
   if (!credentials.ok()) return credentials.status();
   const auto channel = [&](const ServiceConfig& config, bool retries) {
     grpc::ChannelArguments own = arguments;
-    // Of the other calls retries are ours.
+    // This library retries the other calls itself.
     own.SetInt(GRPC_ARG_ENABLE_RETRIES, retries ? 1 : 0);
     if (retries) {
-      // What may be sent again is kept, and requests beyond gRPC's 256 KiB are not rare.
+      // gRPC keeps what it may send again; requests often exceed its default of 256 KiB.
       own.SetInt(GRPC_ARG_PER_RPC_RETRY_BUFFER_SIZE, kMostKeptForRetry);
     }
     const std::string json = ToJson(config);
@@ -115,11 +115,11 @@ Client::~Client() = default;
 
 const ClientOptions& Client::options() const { return connection_->options; }
 
-// One line a call: stub, method, whether it may be repeated, and which deadline it has by default.
+// One line per call: stub, method, whether it may be repeated, and its default deadline.
 #define MANEUVER_CALL(stub, Service, Method, repeatable, deadline)                       \
   connection_->Call(*connection_->stub, &v1::Service::Stub::Method, request, repeatable, \
                     connection_->options.deadlines.deadline, call)
-// A prediction, of which a server may be asked for more than it can do.
+// A prediction. The server may be asked for more of these than it can answer.
 #define MANEUVER_PREDICTION(Method) \
   connection_->Predict(&v1::PredictionService::Stub::Method, request, call)
 
@@ -299,8 +299,8 @@ absl::StatusOr<v1::SetLogLevelResponse> Client::SetLogLevel(const v1::SetLogLeve
 #undef MANEUVER_CALL
 
 absl::Status Client::CheckHealth(const std::string& service, const CallOptions& call) {
-  // grpc.health.v1.HealthCheckRequest {string service = 1} and HealthCheckResponse {enum status =
-  // 1} have the same bytes as these two wrappers; distributions do not ship health.proto.
+  // Has the same bytes as grpc.health.v1.HealthCheckRequest {string service = 1} and
+  // HealthCheckResponse {enum status = 1}; distributions do not ship health.proto.
   grpc::TemplatedGenericStub<google::protobuf::StringValue, google::protobuf::Int32Value> stub(
       connection_->channel);
   grpc::ClientContext context;

@@ -19,17 +19,17 @@
 //
 // In CMake: find_package(maneuver-client) and link maneuver::client.
 //
-// Every call takes a request as the contract (maneuver/v1/*.proto) states it and returns its
-// response, or a status with the server's code and message and, by ErrorDetailsOf
-// (error_details.h), the reason and the fields that are wrong. In a batch an item fails alone: look
-// at `error` of each prediction.
+// Every call takes a request of the contract (maneuver/v1/*.proto) and returns its response, or a
+// status with the server's code and message. ErrorDetailsOf (error_details.h) reads the reason and
+// the invalid fields from it. In a batch, items fail individually: check `error` of each
+// prediction.
 //
-// A server that asks who calls: set tls and token_file of ClientOptions.
+// If the server requires identities, set tls and token_file of ClientOptions.
 //
-// Each call has a deadline, over all its attempts. Calls that are safe to repeat are tried again
-// when the server is UNAVAILABLE (retry.h): all but deletions; uploads go on where they were.
-// Train, Evaluate and CrossValidate are safe because they carry a request_id; one is made up where
-// the request has none.
+// Each call has one deadline for all its attempts. Calls that are safe to repeat are retried when
+// the server is UNAVAILABLE (retry.h): all except deletions. Uploads continue where they stopped.
+// Train, Evaluate and CrossValidate are safe because they carry a request_id; the client makes one
+// if the request has none.
 
 #ifndef MANEUVER_CLIENT_CLIENT_H_
 #define MANEUVER_CLIENT_CLIENT_H_
@@ -55,56 +55,57 @@
 
 namespace maneuver::client {
 
-// How long a call may take when CallOptions do not say.
+// How long a call may take if CallOptions do not say.
 struct CallDeadlines {
   absl::Duration prediction = absl::Seconds(30);
-  absl::Duration management = absl::Seconds(60);  // all else but these:
+  absl::Duration management = absl::Seconds(60);  // all other calls except uploads
   absl::Duration upload = absl::Hours(1);
 };
 
-// Encryption, and who is at the other end. Paths of PEM files.
+// Encryption and identities. Paths name PEM files.
 struct TlsOptions {
-  std::string root_certificates = "";  // whose servers are trusted; empty: the system's authorities
-  std::string certificate = "";        // of this client, where the server asks for one
+  std::string root_certificates = "";  // trusted authorities; empty: the system's
+  std::string certificate = "";        // of this client, if the server requires one
   std::string key = "";                // of that certificate
-  std::string server_name = "";        // in the server's certificate; empty: the address's
+  std::string server_name = "";        // expected in the server's certificate; empty: the address's
 };
 
 struct ClientOptions {
-  // HOST:PORT, or unix:PATH; HOST alone is at port 8470. Several servers that answer alike:
+  // HOST:PORT, or unix:PATH; HOST alone means port 8470. Several equivalent servers:
   // IP:PORT,IP:PORT, or dns:///NAME:PORT for all addresses of a name. Calls then go to them in
-  // turn, predictions to those whose health says that a model is ready; what changes something
-  // should name one server.
+  // turn, predictions only to those whose health says that a model is ready. Calls that change
+  // something should name one server.
   std::string address = "127.0.0.1:8470";
   std::optional<TlsOptions> tls = {};  // nothing: plain text
-  // Says who calls, where the server asks for that. Sent over TLS, or within this machine, alone.
+  // Identifies the caller to servers that require it. Sent only over TLS or within this machine.
   std::string token = "";
   std::string token_file = "";  // in place of `token`; read by Connect
   CallDeadlines deadlines = {};
   RetryPolicy retry = {};
-  // StartPrediction is tried again as well, and by gRPC itself: as `retry` says, but five times at
-  // most, and not while more than a few calls of late have failed.
+  // Retries StartPrediction too. gRPC itself does so: as `retry` says, but at most five times, and
+  // not after many recent failures.
   bool retry_started = false;
-  // While the server refuses more than a sixth of the predictions for having too much to do, or has
-  // no time for them before their deadlines, about a fifth more than it accepts are sent, so that
-  // it is known when it has time again. The others fail at once with RESOURCE_EXHAUSTED, reason
-  // kHeldBack. The server's time goes to those it can answer.
+  // When the server rejects more than a sixth of the predictions as too many, or runs out of time
+  // for them, the client sends only about a fifth more than the server accepts. That is enough to
+  // notice when the server recovers. The client fails the other calls at once with
+  // RESOURCE_EXHAUSTED, reason kHeldBack, so that the server's time goes to calls that it can
+  // answer.
   bool hold_back = true;
-  // An upload that broke off is gone on with for so long after the last sign of life.
+  // An interrupted upload is retried for this long after the last progress.
   absl::Duration upload_patience = absl::Minutes(2);
-  // A watched job whose stream broke is picked up again for so long after the last sign of life.
+  // A watched job whose stream broke is watched again for this long after the last event.
   absl::Duration watch_patience = absl::Minutes(1);
-  OnRetry on_retry = {};        // told before each wait; may be empty
+  OnRetry on_retry = {};        // called before each wait; may be empty
   std::string user_agent = "";  // goes before gRPC's own
-  // Clients of the same address share one connection, where a server takes a limited number of
-  // calls at once; the others wait. True: this one has its own.
+  // By default, clients of the same address share one connection, on which a server takes a limited
+  // number of calls at once; further calls wait. True: this client has its own connection.
   bool own_connection = false;
 };
 
-// Of one call.
+// Options of one call.
 struct CallOptions {
-  std::optional<absl::Duration> timeout = {};  // in place of the kind's deadline
-  Cancellation* cancellation = nullptr;        // not owned; outlives the call
+  std::optional<absl::Duration> timeout = {};  // replaces the deadline of CallDeadlines
+  Cancellation* cancellation = nullptr;        // not owned; must outlive the call
 };
 
 // How far an upload or a download is, bytes of files.
@@ -114,19 +115,19 @@ struct UploadProgress {
   int64_t resumed = 0;  // of `there`: before this call
 };
 
-// A connection to one server, or to each of several. Thread-safe; calls run in the calling thread.
+// A connection to one server, or to several. Thread-safe; calls block the calling thread.
 class Client {
  public:
-  // INVALID_ARGUMENT for options that make no sense, NOT_FOUND for files that cannot be read,
-  // FAILED_PRECONDITION for a token that would cross the network in plain text. Does not wait for
-  // the server: the first call connects, and finds out whether it answers.
+  // Creates a client. INVALID_ARGUMENT for invalid options, NOT_FOUND for files that cannot be
+  // read, FAILED_PRECONDITION for a token that would cross the network unencrypted. Does not wait
+  // for the server: the first call connects and finds out whether it answers.
   static absl::StatusOr<std::unique_ptr<Client>> Connect(const ClientOptions& options);
   ~Client();
   Client(const Client&) = delete;
   Client& operator=(const Client&) = delete;
 
-  // Predictions. States after the prediction time are ignored by the server; StripFuture
-  // (observed_scenario.h) saves sending them. ClassifyTrajectories needs them.
+  // Predictions. The server ignores states after the prediction time; StripFuture
+  // (observed_scenario.h) avoids sending them. ClassifyTrajectories needs them.
   absl::StatusOr<v1::PredictActionProbabilitiesResponse> PredictActionProbabilities(
       const v1::PredictActionProbabilitiesRequest& request, const CallOptions& call = {});
   absl::StatusOr<v1::PredictActionDistributionsResponse> PredictActionDistributions(
@@ -135,17 +136,17 @@ class Client {
                                               const CallOptions& call = {});
   absl::StatusOr<v1::ClassifyTrajectoriesResponse> ClassifyTrajectories(
       const v1::ClassifyTrajectoriesRequest& request, const CallOptions& call = {});
-  // Starts a prediction and returns; of thousands under way none needs a thread of its own. Not
-  // retried, unless ClientOptions::retry_started.
-  //   on_answer: called once, on a thread of the client's own that all answers share: must not
-  //     block, and may start predictions, but after CANCELLED. The client has to outlive it; its
-  //     destructor cancels what is under way.
+  // Starts a prediction and returns. Thousands may be in progress without a thread for each.
+  // Retried only with ClientOptions::retry_started.
+  //   on_answer: called once, on a thread that all answers of this client share. It must not block.
+  //     It may start predictions, except after CANCELLED. The client must outlive the call; its
+  //     destructor cancels calls in progress.
   void StartPrediction(const PreparedPrediction& request, OnPrediction on_answer,
                        const CallOptions& call = {});
-  // Gives the server a map for scenarios that name it; MapReuse (map_reuse.h) does it by itself.
+  // Registers a map for scenarios that name it. MapReuse (map_reuse.h) does so automatically.
   absl::StatusOr<v1::RegisterMapResponse> RegisterMap(const v1::RegisterMapRequest& request,
                                                       const CallOptions& call = {});
-  // For a loop: see predict_stream.h. The client has to outlive the stream.
+  // Opens a stream for a control loop: see predict_stream.h. The client must outlive it.
   std::unique_ptr<PredictStream> StreamPredict(PredictStream::OnResponse on_response,
                                                const CallOptions& call = {});
 
@@ -191,11 +192,12 @@ class Client {
 
   // Datasets.
   // Uploads a folder with dataset.json and its shards as datasets/{dataset} `name`. Returns once it
-  // is committed. What has arrived, by this call or an earlier one, is not sent again: a connection
-  // that breaks is made anew and the upload goes on, and after an error the same call does.
-  //   on_progress: once it is known what is there, and after each chunk; may be empty.
-  // NOT_FOUND or DATA_LOSS, before anything is sent, if the folder is not whole; ABORTED if another
-  // upload of the name by the same caller has begun meanwhile.
+  // is committed. Bytes that arrived earlier, by this call or a previous one, are not sent again.
+  // After a broken connection the upload continues by itself; after an error, the same call
+  // continues it.
+  //   on_progress: called once it is known what has arrived, and after each chunk; may be empty.
+  // NOT_FOUND or DATA_LOSS, before anything is sent, if the folder is incomplete; ABORTED if the
+  // same caller has begun another upload of this name meanwhile.
   absl::StatusOr<v1::Dataset> UploadDataset(const std::string& folder, const std::string& name,
                                             const OnUploaded& on_progress,
                                             const CallOptions& call = {});
@@ -226,8 +228,8 @@ class Client {
                                     const CallOptions& call = {});
   absl::Status DeleteJob(const v1::DeleteJobRequest& request, const CallOptions& call = {});
   // Calls `on_event` with each event of a job after request.after_sequence, until the job ends or
-  // `on_event` returns false; returns the job as it was last seen. Each event comes once: a broken
-  // stream is picked up after the last one. Without CallOptions::timeout there is no deadline.
+  // `on_event` returns false. Returns the job's latest state. Each event arrives once: a broken
+  // stream continues after the last event. Without CallOptions::timeout there is no deadline.
   absl::StatusOr<v1::Job> WatchJob(const v1::WatchJobRequest& request,
                                    const std::function<bool(const v1::Job&)>& on_event,
                                    const CallOptions& call = {});
@@ -238,9 +240,9 @@ class Client {
   absl::StatusOr<v1::SetLogLevelResponse> SetLogLevel(const v1::SetLogLevelRequest& request,
                                                       const CallOptions& call = {});
 
-  // grpc.health.v1: OK if the service ("" is the whole server) is SERVING; UNAVAILABLE, with the
-  // reason "NOT_SERVING" (ErrorDetailsOf), if it is not; NOT_FOUND if the server does not know it.
-  // Not retried.
+  // Asks grpc.health.v1. OK if the service ("" is the whole server) is SERVING; UNAVAILABLE with
+  // the reason "NOT_SERVING" (ErrorDetailsOf) if it is not; NOT_FOUND if the server does not know
+  // it. Not retried.
   absl::Status CheckHealth(const std::string& service = "", const CallOptions& call = {});
 
   const ClientOptions& options() const;
@@ -252,7 +254,7 @@ class Client {
   const std::unique_ptr<Connection> connection_;
 };
 
-// Whether a job has ended: SUCCEEDED, FAILED or CANCELLED.
+// Returns whether a job has ended: SUCCEEDED, FAILED or CANCELLED.
 bool HasEnded(const v1::Job& job);
 
 }  // namespace maneuver::client

@@ -1,4 +1,4 @@
-// Private to the library: the channel, the stubs, and how a call is made.
+// Private to the library: the channel, the stubs, and the code that makes calls.
 
 #ifndef MANEUVER_CLIENT_CONNECTION_H_
 #define MANEUVER_CLIENT_CONNECTION_H_
@@ -26,8 +26,9 @@ inline absl::Status ToStatus(const grpc::Status& status) {
   return StatusFromWire(status.error_code(), status.error_message(), status.error_details());
 }
 
-// What a call ended with that may be made again. CANCELLED, and the caller did not: the server was
-// just stopping when the call came (gRPC ends it so), or a proxy lost its server meanwhile.
+// Converts the end of a call that may be repeated. CANCELLED without the caller's doing becomes
+// UNAVAILABLE: the server was stopping when the call came (gRPC reports it so), or a proxy lost its
+// server.
 inline absl::Status ToRetriable(const grpc::Status& status, const Cancellation* callers) {
   if (status.error_code() != grpc::StatusCode::CANCELLED ||
       (callers != nullptr && callers->cancelled())) {
@@ -48,14 +49,14 @@ struct Client::Connection {
   std::unique_ptr<v1::TrainingService::Stub> training;
   std::unique_ptr<v1::AdminService::Stub> admin;
   OverloadThrottle throttle;
-  std::unique_ptr<PendingPredictions> pending;  // goes before what it uses
+  std::unique_ptr<PendingPredictions> pending;  // last: destroyed before what it uses
 
-  // Says who calls. For every call, before it starts.
+  // Adds the caller's identity. Every call needs it before it starts.
   void Introduce(grpc::ClientContext& context) const {
     if (!authorization.empty()) context.AddMetadata("authorization", authorization);
   }
 
-  // Whether a prediction is sent at all, and how it ended. See OverloadThrottle.
+  // Decides whether a prediction is sent, and records how it ended. See OverloadThrottle.
   absl::Status Admit(absl::Duration timeout) {
     return options.hold_back ? throttle.Admit(timeout, absl::Now()) : absl::OkStatus();
   }
@@ -75,7 +76,7 @@ struct Client::Connection {
     return response;
   }
 
-  // Makes a unary call until it succeeds or may not be tried again.
+  // Makes a unary call until it succeeds or may not be repeated.
   template <typename Stub, typename Request, typename Response>
   absl::StatusOr<Response> Call(Stub& stub,
                                 grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&,

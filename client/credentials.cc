@@ -36,8 +36,8 @@ absl::StatusOr<std::string> ReadAll(const std::string& file) {
 constexpr std::string_view kCertificate = "CERTIFICATE-----";
 constexpr std::string_view kPrivateKey = "PRIVATE KEY-----";
 
-// Empty for no file.
-//   kind: what it has to hold, kCertificate or kPrivateKey
+// Reads a PEM file; empty for no file.
+//   kind: what it must contain, kCertificate or kPrivateKey.
 absl::StatusOr<std::string> ReadPem(const std::string& file, std::string_view kind) {
   if (file.empty()) return std::string();
   auto pem = ReadAll(file);
@@ -68,7 +68,7 @@ absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> SecureChannel(const Tl
   return grpc::SslCredentials({*std::move(roots), *std::move(key), *std::move(certificate)});
 }
 
-// Without what editors leave at the end of a file.
+// Reads the token, without the white space that editors leave at the end of a file.
 absl::StatusOr<std::string> ReadToken(const ClientOptions& options) {
   std::string token = options.token;
   if (!options.token_file.empty()) {

@@ -1,4 +1,4 @@
-// Private to the library: how a channel is secured, and what each call shows of its caller.
+// Private to the library: how a channel is secured, and the credentials of each call.
 
 #ifndef MANEUVER_CLIENT_CREDENTIALS_H_
 #define MANEUVER_CLIENT_CREDENTIALS_H_
@@ -23,8 +23,8 @@ struct ClientCredentials {
 // what is wrong with them.
 absl::StatusOr<ClientCredentials> LoadCredentials(const ClientOptions& options);
 
-// Whether nobody but this machine sees what goes there: unix:..., localhost, 127.0.0.0/8 or [::1],
-// and of several servers all.
+// Returns whether the traffic stays on this machine: unix:..., localhost, 127.0.0.0/8 or [::1];
+// with several servers, all of them.
 bool IsLocal(std::string_view address);
 
 }  // namespace maneuver::client

@@ -12,7 +12,7 @@ constexpr char kRetryInfo[] = "type.googleapis.com/google.rpc.RetryInfo";
 
 constexpr char kDomain[] = "maneuver";
 
-// Adds what one detail says; one of another type, or one that does not parse, says nothing.
+// Adds what one detail says. Ignores other types and details that do not parse.
 void Read(std::string_view type_url, const std::string& value, ErrorDetails* details) {
   if (type_url == kErrorInfo) {
     v1::ErrorInfo info;
@@ -98,7 +98,7 @@ absl::Status StatusFromWire(int code, std::string_view message, std::string_view
   if (!status.ParseFromArray(details_bin.data(), static_cast<int>(details_bin.size()))) {
     status.Clear();
   }
-  // The call's own code and message are the ones that count.
+  // The call's own code and message take precedence.
   status.set_code(code);
   status.set_message(std::string(message));
   return ToStatus(status);

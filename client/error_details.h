@@ -1,7 +1,7 @@
-// What a failed call says beyond its code and message.
+// Reads what a failed call says beyond its code and message.
 //
-// Calls of this library fail with an absl::Status; the machine-readable details that the server
-// sent (grpc-status-details-bin) ride along as payloads, and ErrorDetailsOf reads them:
+// Calls of this library fail with an absl::Status. The machine-readable details that the server
+// sent (grpc-status-details-bin) are its payloads. ErrorDetailsOf reads them:
 //
 //   absl::StatusOr<v1::Job> job = client->Train(request);
 //   if (!job.ok()) {
@@ -28,13 +28,14 @@ namespace maneuver::client {
 // The reason of a prediction that the library did not send (ClientOptions::hold_back).
 inline constexpr char kHeldBack[] = "HELD_BACK";
 
-// A field of the request that is wrong.
+// An invalid field of the request.
 struct FieldViolation {
-  std::string field;        // path from the request: scenarios[2].agents[0].states[5].x
+  std::string field;        // path within the request: scenarios[2].agents[0].states[5].x
   std::string description;  // what is wrong with it
 };
 
-// google.rpc.ErrorInfo, BadRequest and RetryInfo of one error; empty where the server said nothing.
+// The google.rpc.ErrorInfo, BadRequest and RetryInfo of one error; empty where the server sent
+// none.
 struct ErrorDetails {
   std::string reason = {};                           // stable, UPPER_SNAKE_CASE
   std::map<std::string, std::string> metadata = {};  // more about the reason
@@ -44,21 +45,21 @@ struct ErrorDetails {
   std::optional<absl::Duration> retry_delay = {};  // wait at least this long before trying again
 };
 
-// Details of a failed call.
+// Returns the details of a failed call.
 ErrorDetails ErrorDetailsOf(const absl::Status& status);
 
-// Details of one failed item of a batch, or of a failed job.
+// Returns the details of one failed item of a batch, or of a failed job.
 ErrorDetails ErrorDetailsOf(const v1::Status& status);
 
-// The status with details as a server would send them; what is empty is left out.
+// Adds details to a status as a server would. Leaves out empty ones.
 absl::Status WithDetails(absl::Status status, const ErrorDetails& details);
 
-// The error of one item or job as a status, with its details as payloads. OK for code 0.
+// Returns the error of an item or a job as a status, with its details as payloads. OK for code 0.
 absl::Status ToStatus(const v1::Status& status);
 
-// The status of a call from its parts on the wire.
+// Builds the status of a call from its parts on the wire.
 //   details_bin: value of grpc-status-details-bin, a serialised google.rpc.Status; may be empty.
-// Details that do not parse are left out: they never hide the error itself.
+// Ignores details that do not parse, so that they never hide the error itself.
 absl::Status StatusFromWire(int code, std::string_view message, std::string_view details_bin);
 
 }  // namespace maneuver::client

@@ -50,8 +50,8 @@ bool IsNotRegistered(const absl::Status& status) {
          ErrorDetailsOf(status).reason == "MAP_NOT_REGISTERED";
 }
 
-// Whether registering failed for what the map, or the server, is: the map then goes with each
-// request.
+// Returns whether registering failed because of the map or the server. The map then travels with
+// each request.
 bool CannotBeHeld(const absl::Status& status) {
   return absl::IsInvalidArgument(status) || absl::IsUnimplemented(status) ||
          ErrorDetailsOf(status).reason == "MAP_TOO_LARGE";
@@ -102,7 +102,7 @@ absl::StatusOr<std::vector<MapReuse::Aside>> MapReuse::SetAside(Scenarios* scena
   std::vector<Aside> aside;
   for (int i = 0; i < scenarios->size(); ++i) {
     v1::Scenario& scenario = (*scenarios)[i];
-    // Both at once is for the server to refuse.
+    // A scenario with both is invalid; the server refuses it.
     if (scenario.map_features().empty() || !scenario.map_id().empty()) continue;
     std::shared_ptr<const Features> features =
         std::make_shared<const Features>(std::move(*scenario.mutable_map_features()));
@@ -137,7 +137,7 @@ absl::StatusOr<Response> MapReuse::Call(
       *scenario->mutable_map_features() = *map.features;
     }
   };
-  // The second time every map is registered anew.
+  // The second attempt registers every map again.
   for (int attempt = 0; attempt < 2; ++attempt) {
     const auto aside = SetAside(request.mutable_scenarios(), deadline, call);
     if (!aside.ok()) return aside.status();
@@ -146,7 +146,7 @@ absl::StatusOr<Response> MapReuse::Call(
     Forget();
     restore(*aside);
   }
-  // The server has no room for all of them at once.
+  // The server has no room for all maps at once, so the request carries them.
   return (client_.*method)(request, Until(deadline, call));
 }
 

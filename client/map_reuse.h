@@ -1,12 +1,12 @@
-// Sends each road once, to planners' servers that see the same one ten times a second.
+// Sends each map only once, for planners that see the same road ten times a second.
 //
 //   maneuver::client::MapReuse maps(*client);
-//   while (driving) auto answer = maps.Predict(request);  // as client->Predict(request)
+//   while (driving) auto answer = maps.Predict(request);  // like client->Predict(request)
 //
-// A scenario's map_features are registered with the server when they are seen for the first time;
-// from then on requests name the map by its id, which is twenty times smaller on real scenes. When
-// the server does not hold a map any more it is registered again, and the request repeated. A map
-// that cannot be registered is sent along as if MapReuse were not there.
+// Registers a scenario's map_features with the server when it first sees them. Later requests name
+// the map by its id, which makes them twenty times smaller on real scenes. When the server no
+// longer has a map, it is registered again and the request is repeated. A map that cannot be
+// registered travels with the request, as without MapReuse.
 
 #ifndef MANEUVER_CLIENT_MAP_REUSE_H_
 #define MANEUVER_CLIENT_MAP_REUSE_H_
@@ -21,13 +21,14 @@
 
 namespace maneuver::client {
 
-// Thread-safe. The client has to outlive it.
+// Thread-safe. The client must outlive it.
 class MapReuse {
  public:
-  // Remembers the `max_maps` maps that were used last, with their features.
+  // Remembers the `max_maps` most recently used maps, with their features.
   explicit MapReuse(Client& client, size_t max_maps = 16);
 
-  // As those of Client. CallOptions::timeout is for all that is sent for the request.
+  // The same as Client's calls. CallOptions::timeout covers everything that is sent for the
+  // request.
   absl::StatusOr<v1::PredictActionProbabilitiesResponse> PredictActionProbabilities(
       v1::PredictActionProbabilitiesRequest request, const CallOptions& call = {});
   absl::StatusOr<v1::PredictActionDistributionsResponse> PredictActionDistributions(
@@ -37,12 +38,12 @@ class MapReuse {
   absl::StatusOr<v1::ClassifyTrajectoriesResponse> ClassifyTrajectories(
       v1::ClassifyTrajectoriesRequest request, const CallOptions& call = {});
 
-  // For a stream: puts map ids in the place of maps, and registers those that are new. When an
-  // answer's error has the reason MAP_NOT_REGISTERED: Forget, and send the scenarios anew.
-  // An error only if the server cannot be asked.
+  // For a stream: replaces maps by map ids and registers those that are new. When an answer's error
+  // has the reason MAP_NOT_REGISTERED, call Forget and send the scenarios again. A map that the
+  // server cannot hold stays in its scenario; other errors of registering are returned.
   using Scenarios = google::protobuf::RepeatedPtrField<v1::Scenario>;
   absl::Status NameMaps(Scenarios* scenarios, const CallOptions& call = {});
-  // Every map is registered again before it is named the next time.
+  // Registers every map again before it is named the next time.
   void Forget();
 
  private:
@@ -53,7 +54,7 @@ class MapReuse {
     std::shared_ptr<const Features> features;
     std::string map_id;
   };
-  // A scenario's map, set aside while its id stands for it.
+  // A scenario's map, set aside while its id replaces it.
   struct Aside {
     int scenario = 0;
     std::shared_ptr<const Features> features;
@@ -61,7 +62,7 @@ class MapReuse {
 
   absl::StatusOr<std::vector<Aside>> SetAside(Scenarios* scenarios, absl::Time deadline,
                                               const CallOptions& call);
-  // The id of a map; empty if it cannot be registered. Where an equal map is known, *features
+  // Returns the id of a map; empty if it cannot be registered. If an equal map is known, *features
   // becomes that one.
   absl::StatusOr<std::string> IdOf(std::shared_ptr<const Features>* features, absl::Time deadline,
                                    const CallOptions& call);
@@ -73,7 +74,7 @@ class MapReuse {
   Client& client_;
   const size_t max_maps_;
   std::mutex mutex_;           // guards what follows
-  std::list<KnownMap> known_;  // the one used last first
+  std::list<KnownMap> known_;  // most recently used first
 };
 
 }  // namespace maneuver::client

@@ -7,7 +7,7 @@ namespace {
 
 constexpr double kRounding = 1e-6;  // seconds
 
-// Removes the elements later than `now`, wherever they stand.
+// Removes the elements later than `now`, wherever they are.
 template <typename Timed>
 void RemoveLater(double now, google::protobuf::RepeatedPtrField<Timed>* elements) {
   const auto first_removed =

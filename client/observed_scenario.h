@@ -1,4 +1,4 @@
-// Scenarios without what lies after their prediction time.
+// Removes what lies after a scenario's prediction time.
 
 #ifndef MANEUVER_CLIENT_OBSERVED_SCENARIO_H_
 #define MANEUVER_CLIENT_OBSERVED_SCENARIO_H_
@@ -7,9 +7,9 @@
 
 namespace maneuver::client {
 
-// Removes the states and signal readings after prediction_time (a microsecond is allowed for
-// rounding). Predictions never look at them, so that a request is smaller without. Agents that are
-// seen only later go as well, unless they are targets: those stay for the server to name.
+// Removes the states and signal readings after prediction_time (plus a microsecond for rounding).
+// Predictions never use them, so requests become smaller. Also removes agents that appear only
+// later, unless they are targets: for those the server reports an error.
 void StripFuture(v1::Scenario* scenario);
 
 }  // namespace maneuver::client

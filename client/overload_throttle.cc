@@ -8,8 +8,7 @@
 namespace maneuver::client {
 namespace {
 
-// Calls differ in the time that they have, if in nothing else by what they lost before they were
-// sent: they are alike within this factor.
+// Timeouts within this factor count as equal: calls may lose some time before they are sent.
 constexpr double kAlike = 1.25;
 
 }  // namespace
@@ -36,7 +35,7 @@ void OverloadThrottle::Record(const absl::Status& status, absl::Duration timeout
   const std::lock_guard lock(mutex_);
   ForgetLocked(now);
   requests_ += 1.0;
-  // One without a delay is for good, such as that of a call that is too large.
+  // An error without a delay is permanent, for example a request that is too large.
   if (!details.retry_delay && !absl::IsDeadlineExceeded(status)) {
     accepted_ += 1.0;
     return;

@@ -1,10 +1,10 @@
-// Private to the library: spares a server that has more to do than it can. What it would refuse is
-// refused here, where that costs it nothing: by the server's time for saying no it answers others.
+// Private to the library: protects a server that has too much to do. Calls that it would refuse are
+// refused here, where that costs the server nothing. It can then answer others in that time.
 //
-// Client-side throttling of Beyer et al., Site Reliability Engineering (2016), chapter 21: of a
-// client's calls of late, `requests` were made, and `accepted` were neither refused nor ran out of
-// time; the next one is held back with probability (requests - K accepted) / (requests + 1). So a
-// client sends about K times as many as are accepted, and finds out by itself when more are.
+// Client-side throttling after Beyer et al., Site Reliability Engineering (2016), chapter 21. Of a
+// client's recent calls, `requests` were made, and `accepted` were neither refused nor timed out.
+// The next call is held back with probability (requests - K accepted) / (requests + 1). The client
+// thus sends about K times as many calls as are accepted, and notices when more are.
 
 #ifndef MANEUVER_CLIENT_OVERLOAD_THROTTLE_H_
 #define MANEUVER_CLIENT_OVERLOAD_THROTTLE_H_
@@ -20,27 +20,26 @@ namespace maneuver::client {
 // Thread-safe.
 class OverloadThrottle {
  public:
-  // Sent for each that is accepted. Twice is usual where a refusal costs next to nothing; here
-  // three or so, of calls with a whole map in them, cost as much as an answer about a single
-  // vehicle.
+  // K: calls sent for each accepted one. 2 is usual where a refusal costs almost nothing. Here
+  // about three refusals of calls with a whole map cost as much as one answer about one vehicle.
   static constexpr double kSentOfAccepted = 1.2;
-  // So many more than that may be refused at no consequence: nobody who asks now and then is held
+  // This many more may be refused without consequence, so that occasional callers are never held
   // back.
   static constexpr double kFree = 3.0;
-  // What who is held back is told until the server has said how long.
+  // The retry delay of a call held back before the server has stated one.
   static constexpr absl::Duration kDelay = absl::Milliseconds(50);
-  // What "of late" is: a call counts for less and less, 1/e of it after this.
+  // What counts as recent: the weight of a call decays to 1/e in this time.
   static constexpr absl::Duration kMemory = absl::Seconds(2);
 
   explicit OverloadThrottle(uint64_t seed = std::random_device{}()) : random_(seed) {}
 
-  // OK to send a call that may take so long; or else what its caller is told: RESOURCE_EXHAUSTED,
-  // HELD_BACK, with the delay that the server asked for last. That a call with little time was
-  // refused says nothing of one that can wait longer, which is sent.
+  // Returns OK if a call with this timeout may be sent. Otherwise returns RESOURCE_EXHAUSTED,
+  // HELD_BACK, with the delay that the server last asked for. A call that can wait longer than the
+  // refused ones is always sent.
   absl::Status Admit(absl::Duration timeout, absl::Time now);
 
-  // How a call ended that was admitted. One that did not reach the server says nothing of it. One
-  // that ran out of time does: a server may have more to read than it can, and refuse nothing.
+  // Records how an admitted call ended. A call that did not reach the server does not count. A call
+  // that timed out does: a server with more to read than it can handle refuses nothing.
   void Record(const absl::Status& status, absl::Duration timeout, absl::Time now);
 
  private:
@@ -51,10 +50,10 @@ class OverloadThrottle {
   double requests_ = 0.0;
   double accepted_ = 0.0;
   absl::Time forgotten_at_ = absl::InfinitePast();
-  // The longest that a call had that was not accepted of late.
+  // The longest timeout among recent calls that were not accepted.
   absl::Duration refused_timeout_ = absl::ZeroDuration();
   absl::Time refused_at_ = absl::InfinitePast();
-  absl::Duration retry_delay_ = kDelay;  // that was asked for last
+  absl::Duration retry_delay_ = kDelay;  // that the server last asked for
 };
 
 }  // namespace maneuver::client

@@ -86,7 +86,7 @@ void PendingPredictions::Start(std::unique_ptr<Call> call, Cancellation* callers
   call->reader = stub_.PrepareUnaryCall(&call->context, call->message->method,
                                         call->message->request, &queue_);
   call->reader->StartCall();
-  // From here on it belongs to the thread that takes its answer.
+  // From here on, the thread that takes the answer owns it.
   Call* const started = call.release();
   started->reader->Finish(&started->response, &started->status, started);
 }
@@ -96,7 +96,7 @@ void PendingPredictions::TakeAnswers() {
   bool ok = false;
   while (queue_.Next(&tag, &ok)) {
     std::unique_ptr<Call> call(static_cast<Call*>(tag));
-    // The caller's goes when the call has ended.
+    // The caller's registration ends with the call.
     call->callers_registration.reset();
     absl::Status status = call->refusal.ok() ? ToStatus(call->status) : std::move(call->refusal);
     if (call->on_end) call->on_end(status);

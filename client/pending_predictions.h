@@ -1,4 +1,4 @@
-// Private to the library: the predictions of one client that are under way.
+// Private to the library: one client's predictions in progress.
 
 #ifndef MANEUVER_CLIENT_PENDING_PREDICTIONS_H_
 #define MANEUVER_CLIENT_PENDING_PREDICTIONS_H_
@@ -25,17 +25,17 @@ struct PreparedPrediction::Message {
   grpc::ByteBuffer request;
 };
 
-// One thread takes all answers, however many calls wait for theirs. Thread-safe.
+// One thread takes all answers, whatever their number. Thread-safe.
 class PendingPredictions {
  public:
   explicit PendingPredictions(std::shared_ptr<grpc::ChannelInterface> channel);
-  // Cancels what is under way and waits for it.
+  // Cancels calls in progress and waits for them.
   ~PendingPredictions();
 
   struct Call;
-  // `call`, with its message, context and on_answer filled in, is on its way when this returns.
+  // Sends `call`, whose message, context and on_answer must be set. Does not wait.
   void Start(std::unique_ptr<Call> call, Cancellation* callers_cancellation);
-  // Is not sent: it is answered with `status`, on the thread of all answers.
+  // Does not send it. Answers it with `status`, on the thread of all answers.
   void Refuse(std::unique_ptr<Call> call, absl::Status status);
 
  private:
@@ -48,19 +48,19 @@ class PendingPredictions {
   std::mutex mutex_;  // guards what follows
   std::condition_variable changed_;
   int under_way_ = 0;
-  std::thread taker_;  // from the first call on
+  std::thread taker_;  // starts with the first call
 };
 
 struct PendingPredictions::Call {
   std::shared_ptr<const PreparedPrediction::Message> message;
   grpc::ClientContext context;
   OnPrediction on_answer;
-  std::function<void(const absl::Status&)> on_end = {};  // told before on_answer; may be empty
+  std::function<void(const absl::Status&)> on_end = {};  // called before on_answer; may be empty
 
   v1::PredictResponse response;
   grpc::Status status;
   absl::Status refusal;                // of a call that is not sent
-  std::unique_ptr<grpc::Alarm> alarm;  // likewise: goes off at once
+  std::unique_ptr<grpc::Alarm> alarm;  // of a call that is not sent: fires at once
   std::unique_ptr<grpc::ClientAsyncResponseReader<v1::PredictResponse>> reader;
   std::unique_ptr<Cancellation::Registration> registration;
   std::unique_ptr<Cancellation::Registration> callers_registration;

@@ -1,8 +1,10 @@
-// Predictions in a planner's loop, over one stream.
+// Predictions for a planner's control loop, over one stream.
 //
 //   auto stream = client->StreamPredict([&](const v1::StreamPredictResponse& answer) { ... });
-//   while (driving) stream->Send(std::to_string(cycle++), request,
-//   absl::Milliseconds(80)).IgnoreError(); absl::Status end = stream->Finish();
+//   while (driving) {
+//     stream->Send(std::to_string(cycle++), request, absl::Milliseconds(80)).IgnoreError();
+//   }
+//   absl::Status end = stream->Finish();
 
 #ifndef MANEUVER_CLIENT_PREDICT_STREAM_H_
 #define MANEUVER_CLIENT_PREDICT_STREAM_H_
@@ -17,26 +19,26 @@
 
 namespace maneuver::client {
 
-// Many requests in flight, answered as they finish, each by its request_id. Thread-safe.
+// Many requests in flight, each answered when ready, under its request_id. Thread-safe.
 class PredictStream {
  public:
-  // Called for each answer, one at a time, on a thread of the stream's own. Must not call Finish.
+  // Called for each answer, one at a time, on a thread of the stream. Must not call Finish.
   using OnResponse = std::function<void(const v1::StreamPredictResponse&)>;
 
-  // Cancels what is in flight, unless finished.
+  // Cancels what is in flight, unless Finish was called.
   virtual ~PredictStream() = default;
 
-  // Hands a request to the stream; returns when it is on its way.
-  //   timeout: the server gives up on this request after so long from its arrival; unset: never.
-  // UNAVAILABLE once the stream has broken: Finish says why; then open another.
+  // Sends a request; returns when it is on its way. UNAVAILABLE once the stream is broken; Finish
+  // then says why, and a new stream is needed.
+  //   timeout: the server gives up on this request this long after it arrives; unset: never.
   virtual absl::Status Send(const std::string& request_id, const v1::PredictRequest& request,
                             std::optional<absl::Duration> timeout = std::nullopt) = 0;
 
-  // Says that no more requests come, waits for the answers in flight, and returns how the stream
-  // ended. A second call returns the same.
+  // Ends the requests, waits for the answers in flight, and returns how the stream ended. A second
+  // call returns the same.
   virtual absl::Status Finish() = 0;
 
-  // Ends the stream at once; Finish then returns CANCELLED.
+  // Ends the stream at once. Finish then returns CANCELLED.
   virtual void Cancel() = 0;
 };
 

@@ -1,4 +1,4 @@
-// Predictions that do not block the caller's thread, and cost little to make.
+// Predictions that do not block the caller's thread and cost little to send.
 
 #ifndef MANEUVER_CLIENT_PREPARED_PREDICTION_H_
 #define MANEUVER_CLIENT_PREPARED_PREDICTION_H_
@@ -18,14 +18,14 @@ enum class PredictionMethod {
   kPredictActionDistributions,
 };
 
-// A request, serialised once, to be sent as often as one likes: see Client::StartPrediction. Cheap
-// to copy; copies may be used from any thread.
+// A request that is serialised once and can be sent any number of times: see
+// Client::StartPrediction. Cheap to copy; each thread may use its own copy.
 class PreparedPrediction {
  public:
   explicit PreparedPrediction(const v1::PredictRequest& request,
                               PredictionMethod method = PredictionMethod::kPredict);
 
-  // Size of the message on the wire.
+  // Returns the size of the message on the wire.
   size_t bytes() const;
 
  private:
@@ -35,8 +35,8 @@ class PreparedPrediction {
   std::shared_ptr<const Message> message_;
 };
 
-// Told how a started prediction ended. The answers of all three methods are PredictResponses on the
-// wire; what a method does not say is not set.
+// Called with the result of a started prediction. On the wire, the answers of all three methods are
+// PredictResponses; fields that a method does not answer are not set.
 using OnPrediction = std::function<void(absl::StatusOr<v1::PredictResponse> answer)>;
 
 }  // namespace maneuver::client

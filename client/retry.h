@@ -1,4 +1,4 @@
-// Trying again when a server cannot be reached for a moment.
+// Retries when a server cannot be reached for a moment.
 
 #ifndef MANEUVER_CLIENT_RETRY_H_
 #define MANEUVER_CLIENT_RETRY_H_
@@ -11,8 +11,8 @@
 
 namespace maneuver::client {
 
-// When and how often a call that failed with UNAVAILABLE, or was broken off, is tried again. No
-// other code is retried.
+// When and how often to retry a call that failed with UNAVAILABLE or was broken off. No other code
+// is retried.
 struct RetryPolicy {
   int max_attempts = 4;  // the first one included; 1: never retry
   absl::Duration initial_backoff = absl::Milliseconds(100);
@@ -21,16 +21,16 @@ struct RetryPolicy {
   double jitter = 0.2;  // each wait is longer or shorter by up to this share, in [0, 1]
 };
 
-// How long to wait after failure number `failures` (from 1).
-//   uniform: in [0, 1), decides the jitter.
+// Returns how long to wait after failure number `failures` (from 1).
+//   uniform: decides the jitter, in [0, 1).
 absl::Duration BackoffAfter(const RetryPolicy& policy, int failures, double uniform);
 
-// Told before each wait: the failure, and how long until the next attempt.
+// Called before each wait, with the failure and the time until the next attempt.
 using OnRetry = std::function<void(const absl::Status& failure, absl::Duration wait)>;
 
-// Calls `attempt` until it returns anything but UNAVAILABLE, attempts run out, or the next wait
-// would pass `deadline`; returns what the last attempt returned. A retry delay in the error's
-// details lengthens the wait. CANCELLED if cancelled meanwhile.
+// Calls `attempt` until it returns anything but UNAVAILABLE, the attempts are used up, or the next
+// wait would pass `deadline`. Returns the result of the last attempt. A retry delay in the error's
+// details extends the wait. CANCELLED if cancelled meanwhile.
 //   cancellation, on_retry: may be null.
 absl::Status RetryUnavailable(const RetryPolicy& policy, absl::Time deadline,
                               const Cancellation* cancellation, const OnRetry& on_retry,

@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::string_view kDns = "dns:///";
 
-// "127.0.0.1:8470": AF_INET, "[::1]:8470": AF_INET6, anything else: 0.
+// Returns AF_INET for "127.0.0.1:8470", AF_INET6 for "[::1]:8470", and 0 for anything else.
 int FamilyOf(const std::string& address) {
   const size_t colon = address.rfind(':');
   if (colon == std::string::npos || colon + 1 == address.size()) return 0;
@@ -26,8 +26,8 @@ int FamilyOf(const std::string& address) {
   return inet_pton(AF_INET6, host.c_str(), &v6) == 1 ? AF_INET6 : 0;
 }
 
-// "localhost", "10.0.0.1", "[::1]" and "::1" with kDefaultPort; anything else as it is, a path of a
-// Unix socket among it.
+// Adds kDefaultPort to "localhost", "10.0.0.1", "[::1]" and "::1". Leaves anything else unchanged,
+// such as the path of a Unix socket.
 std::string WithPort(const std::string& address) {
   in6_addr v6{};
   if (inet_pton(AF_INET6, address.c_str(), &v6) == 1) {

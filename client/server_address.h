@@ -1,4 +1,4 @@
-// Private to the library: one server, or several that answer alike.
+// Private to the library: the address of one server, or of several equivalent ones.
 
 #ifndef MANEUVER_CLIENT_SERVER_ADDRESS_H_
 #define MANEUVER_CLIENT_SERVER_ADDRESS_H_
@@ -11,16 +11,16 @@
 
 namespace maneuver::client {
 
-// Where a server listens unless it is told otherwise.
+// The port that a server listens on by default.
 inline constexpr char kDefaultPort[] = "8470";
 
 struct ServerAddress {
   std::string target;            // as gRPC takes it
-  bool several = false;          // calls go to those in turn that are ready
+  bool several = false;          // calls go in turn to those that are ready
   std::vector<std::string> all;  // each as it was given, without a scheme
 };
 
-// ClientOptions::address. A single server or name without a port gets kDefaultPort.
+// Parses ClientOptions::address. Adds kDefaultPort to a single server or name without a port.
 // INVALID_ARGUMENT says what is wrong with it.
 absl::StatusOr<ServerAddress> ParseServerAddress(std::string_view address);
 

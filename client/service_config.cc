@@ -10,10 +10,10 @@
 namespace maneuver::client {
 namespace {
 
-constexpr int kMostAttempts = 5;  // that gRPC makes
-// Each failure takes one token, each success gives a tenth of one back; with half of them or fewer
-// left nothing is tried again. So a server that dies with a hundred calls in flight costs none of
-// them, and one that stays away is not asked four times as often.
+constexpr int kMostAttempts = 5;  // the most that gRPC makes
+// Each failure takes one token and each success returns a tenth of one. With half of the tokens or
+// fewer, gRPC retries nothing. So a server that dies with a hundred calls in flight costs none of
+// them, and one that stays away does not get four times as many calls.
 constexpr char kThrottling[] = R"("retryThrottling":{"maxTokens":200,"tokenRatio":0.1})";
 
 std::string Seconds(absl::Duration time) {

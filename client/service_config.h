@@ -1,5 +1,5 @@
-// Private to the library: gRPC's service config, which says how calls are spread over servers and
-// tried again (https://github.com/grpc/grpc/blob/master/doc/service_config.md).
+// Private to the library: gRPC's service config, which controls how calls are spread over servers
+// and retried (https://github.com/grpc/grpc/blob/master/doc/service_config.md).
 
 #ifndef MANEUVER_CLIENT_SERVICE_CONFIG_H_
 #define MANEUVER_CLIENT_SERVICE_CONFIG_H_
@@ -12,12 +12,12 @@
 namespace maneuver::client {
 
 struct ServiceConfig {
-  bool several = false;             // calls go to all addresses in turn, to those that are SERVING
-  std::string health_service = "";  // by the health of this service; empty: the server's
-  std::optional<RetryPolicy> retry = {};  // of all methods; nothing: none
+  bool several = false;                   // calls go in turn to all addresses that are SERVING
+  std::string health_service = "";        // whose health counts; empty: the server's
+  std::optional<RetryPolicy> retry = {};  // of all methods; unset: no retries
 };
 
-// As JSON; empty if there is nothing to say.
+// Returns the config as JSON; empty if nothing differs from gRPC's defaults.
 std::string ToJson(const ServiceConfig& config);
 
 }  // namespace maneuver::client

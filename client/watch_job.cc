@@ -12,10 +12,10 @@ absl::StatusOr<v1::Job> Client::WatchJob(const v1::WatchJobRequest& request,
   const absl::Time deadline = call.timeout ? absl::Now() + *call.timeout : absl::InfiniteFuture();
   v1::WatchJobRequest cursor = request;
   v1::Job job;
-  bool seen = false;     // any event at all
+  bool seen = false;     // at least one event
   bool stopped = false;  // by on_event
 
-  // One stream, to its end. UNAVAILABLE if it broke before the job ended.
+  // Follows one stream to its end. UNAVAILABLE if it broke before the job ended.
   const auto follow = [&]() -> absl::Status {
     grpc::ClientContext context;
     connection_->Introduce(context);
@@ -40,7 +40,7 @@ absl::StatusOr<v1::Job> Client::WatchJob(const v1::WatchJobRequest& request,
     return status;
   };
 
-  // Before the first event the job is given the patience of any call, after it that of a watch.
+  // Before the first event, the call has the retries of any call; afterwards, those of a watch.
   absl::Status status =
       RetryUnavailable(options.retry, deadline, call.cancellation, options.on_retry, [&] {
         absl::Status result = follow();

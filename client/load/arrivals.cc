@@ -11,7 +11,7 @@ Arrivals::Arrivals(ArrivalProcess process, double rate, uint64_t seed)
 
 std::chrono::nanoseconds Arrivals::Next() {
   if (process_ == ArrivalProcess::kConstant) {
-    // Not a sum of gaps: it would drift.
+    // Not a sum of gaps, which would drift.
     seconds_ = static_cast<double>(calls_) / rate_;
   } else {
     seconds_ -= std::log1p(-Uniform(random_)) / rate_;

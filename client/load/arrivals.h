@@ -1,4 +1,4 @@
-// When calls are due, whatever becomes of those before them.
+// Determines when calls are due, whatever happens to earlier calls.
 
 #ifndef MANEUVER_CLIENT_LOAD_ARRIVALS_H_
 #define MANEUVER_CLIENT_LOAD_ARRIVALS_H_
@@ -10,20 +10,20 @@
 namespace maneuver::load {
 
 enum class ArrivalProcess {
-  kPoisson,   // gaps of independent exponential length: callers who know nothing of one another
+  kPoisson,   // independent, exponential gaps: callers who do not know of each other
   kConstant,  // equal gaps, the first call at once
 };
 
-// A random number in [0, 1) with 53 bits: the same from the same generator everywhere.
+// Returns a random number in [0, 1) with 53 bits, the same on every platform.
 double Uniform(std::mt19937_64& random);
 
-// The due times of one run. The same seed gives the same times. Not thread-safe.
+// The due times of one load run. The same seed gives the same times. Not thread-safe.
 class Arrivals {
  public:
-  //   rate: calls a second, > 0.
+  //   rate: calls per second, > 0
   Arrivals(ArrivalProcess process, double rate, uint64_t seed);
 
-  // When the next call is due, from the start of the run; does not decrease.
+  // Returns when the next call is due, counted from the start of the load run. Never decreases.
   std::chrono::nanoseconds Next();
 
  private:

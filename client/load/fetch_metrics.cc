@@ -29,7 +29,7 @@ class Socket {
 
   int fd() const { return fd_; }
 
-  // Whether it can be read from, or written to, before `deadline`.
+  // Returns whether it can be read or written before `deadline`.
   bool Ready(int16_t events, steady_clock::time_point deadline) const {
     const auto left = std::chrono::ceil<milliseconds>(deadline - steady_clock::now());
     pollfd waiting = {.fd = fd_, .events = events, .revents = 0};
@@ -71,7 +71,7 @@ absl::Status NotThere(const std::string& url, const char* why) {
   return absl::UnavailableError(absl::StrCat("no metrics at ", url, ": ", why));
 }
 
-// Sends `text`, then reads until the other end closes.
+// Sends `text`, then reads until the other side closes.
 absl::StatusOr<std::string> Exchange(const Socket& socket, const std::string& text,
                                      steady_clock::time_point deadline) {
   // A request is far smaller than any socket's buffer.
@@ -108,7 +108,7 @@ absl::StatusOr<MetricsPage> FetchMetrics(const std::string& url, milliseconds pa
     const Socket socket(::socket(to->ai_family, to->ai_socktype | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
     if (socket.fd() < 0) continue;
     if (connect(socket.fd(), to->ai_addr, to->ai_addrlen) != 0 && errno != EINPROGRESS) continue;
-    // HTTP/1.0: the answer comes in one piece and ends with the connection.
+    // With HTTP/1.0, the answer comes in one piece and ends with the connection.
     const auto answer =
         Exchange(socket,
                  absl::StrCat("GET ", address->path, " HTTP/1.0\r\nHost: ", address->host,

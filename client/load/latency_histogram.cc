@@ -11,7 +11,7 @@ constexpr int kSignificantBits = 11;
 constexpr uint64_t kHalf = uint64_t{1} << (kSignificantBits - 1);
 constexpr int64_t kLargest = int64_t{1} << 43;
 
-// Bits that a value of this size loses.
+// Returns how many low bits a value of this size loses.
 int Shift(uint64_t value) {
   return std::max(0, static_cast<int>(std::bit_width(value)) - kSignificantBits);
 }
@@ -21,7 +21,7 @@ size_t BucketOf(uint64_t value) {
   return static_cast<size_t>(static_cast<uint64_t>(shift) * kHalf + (value >> shift));
 }
 
-// The largest value of a bucket.
+// Returns the largest value of a bucket.
 int64_t UpperEnd(size_t bucket) {
   if (bucket < 2 * kHalf) return static_cast<int64_t>(bucket);
   const uint64_t shift = bucket / kHalf - 1;

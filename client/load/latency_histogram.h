@@ -1,4 +1,4 @@
-// Counts of durations, from nanoseconds to hours, each known to a tenth of a percent.
+// Counts durations from nanoseconds to hours, each precise to a tenth of a percent.
 
 #ifndef MANEUVER_CLIENT_LOAD_LATENCY_HISTOGRAM_H_
 #define MANEUVER_CLIENT_LOAD_LATENCY_HISTOGRAM_H_
@@ -9,25 +9,24 @@
 
 namespace maneuver::load {
 
-// A high dynamic range histogram, as HdrHistogram lays it out: up to 2047 ns each value has a
-// bucket of its own, from there on each power of two has 1024 of equal width. So a recorded value
-// is known within 1/1024 of itself, the extremes are found by counting to them, and nothing is
-// sampled. Not thread-safe.
+// A high dynamic range histogram in HdrHistogram's layout: up to 2047 ns each value has its own
+// bucket; beyond that, each power of two has 1024 buckets of equal width. Every recorded value is
+// known to 1/1024 of itself, extreme values too. Nothing is sampled. Not thread-safe.
 class LatencyHistogram {
  public:
-  // Negative durations count as zero, and those over 2^43 ns (2.4 hours) as that.
+  // Records a duration. Negative ones count as zero, those over 2^43 ns (2.4 hours) as 2^43 ns.
   void Record(std::chrono::nanoseconds latency);
 
   int64_t count() const { return count_; }
-  // Largest recorded, exactly. Zero if nothing was recorded, as what follows.
+  // Returns the largest value, exactly. This and the following return zero if nothing was recorded.
   std::chrono::nanoseconds max() const { return max_; }
   std::chrono::nanoseconds mean() const;
-  // The least latency that at least the share `quantile` in (0, 1] of the recorded ones does not
-  // exceed: the upper end of its bucket, but no more than max().
+  // Returns the smallest latency that a share of at least `quantile`, in (0, 1], of the recorded
+  // ones does not exceed: the upper end of its bucket, but at most max().
   std::chrono::nanoseconds Quantile(double quantile) const;
 
  private:
-  std::vector<int64_t> buckets_;  // as far as they were needed
+  std::vector<int64_t> buckets_;  // up to the largest one needed
   int64_t count_ = 0;
   std::chrono::nanoseconds max_{0};
   double sum_ = 0.0;  // nanoseconds

@@ -15,9 +15,9 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::nanoseconds;
 
-constexpr milliseconds kLook{50};      // between looks at what is to be done and shown
-constexpr milliseconds kRest{10};      // at least, of a caller who was refused
-constexpr milliseconds kGrace{1'000};  // for a call to find out that its time is over
+constexpr milliseconds kLook{50};      // between checks of what to do and show
+constexpr milliseconds kRest{10};      // the least pause of a refused caller
+constexpr milliseconds kGrace{1'000};  // for a call to notice that its time is over
 
 nanoseconds FromMilliseconds(double time) { return nanoseconds(std::llround(time * 1e6)); }
 
@@ -48,7 +48,7 @@ class Run {
 
  private:
   void CallAtTimes(const OpenLoop& open) {
-    // The choice of requests and deadlines does not shift the times.
+    // The seed differs, so that drawing requests and deadlines does not shift the times.
     Arrivals arrivals(open.arrivals, open.rate, plan_.seed ^ 0x9e3779b97f4a7c15);
     while (MayBegin()) {
       const TimePoint due = start_ + arrivals.Next();
@@ -97,7 +97,7 @@ class Run {
 
   bool MayBegin() const { return !stopped_ && (!plan_.calls || begun_ < *plan_.calls); }
 
-  // Showing progress meanwhile. Ends early if the run is stopped.
+  // Waits and shows progress. Ends early if the load run is stopped.
   template <typename Condition>
   void WaitUntil(TimePoint until, const Condition& condition) {
     const auto done = [&] { return stopped_ || condition(); };
@@ -122,7 +122,7 @@ class Run {
     on_progress_(progress);
   }
 
-  // From any thread. Does nothing if enough calls have begun.
+  // Begins a call, from any thread. Does nothing if enough calls have begun.
   void Begin(TimePoint due) {
     if (const int64_t before = begun_++; plan_.calls && before >= *plan_.calls) return;
     ++in_flight_;
@@ -152,7 +152,7 @@ class Run {
     if (std::holds_alternative<ClosedLoop>(plan_.loop) && !ended_ && now < window_.end) {
       CallerIsFree(now, outcome.status);
     }
-    // With the last call, this may be gone as soon as it is counted.
+    // Counting the last call may destroy this object at once.
     Timeline& timeline = timeline_;
     const int64_t limit = plan_.max_in_flight;
     const int64_t before = in_flight_.fetch_sub(1);
@@ -170,7 +170,7 @@ class Run {
     resting_.push_back(now + std::max<nanoseconds>(told, kRest));
   }
 
-  // How many callers have rested enough.
+  // Returns how many callers have rested enough.
   int TakeRested() {
     const TimePoint now = timeline_.Now();
     const std::lock_guard lock(mutex_);
@@ -185,9 +185,9 @@ class Run {
   std::mutex mutex_;  // guards what follows
   std::mt19937_64 random_;
   Tally tally_;
-  int64_t due_under_way_ = 0;  // that were due in the window
+  int64_t due_under_way_ = 0;  // due in the window
   bool counting_ = true;
-  std::vector<TimePoint> resting_;  // when each caller that rests may call again
+  std::vector<TimePoint> resting_;  // when each resting caller may call again
 
   std::atomic<bool> stopped_ = false;
   std::atomic<bool> ended_ = false;  // no call begins any more

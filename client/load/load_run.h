@@ -1,4 +1,4 @@
-// One run of load: calls at their times, and what becomes of them.
+// One load run: makes calls at their times and records how they end.
 
 #ifndef MANEUVER_CLIENT_LOAD_LOAD_RUN_H_
 #define MANEUVER_CLIENT_LOAD_LOAD_RUN_H_
@@ -16,20 +16,21 @@
 
 namespace maneuver::load {
 
-// Callers who do not wait for one another: what users are to a server. If it is slow, they do not
-// come less often.
+// Callers who do not wait for each other, like a server's users. If the server is slow, they do not
+// call less often.
 struct OpenLoop {
-  double rate = 1.0;  // calls a second, > 0
+  double rate = 1.0;  // calls per second, > 0
   ArrivalProcess arrivals = ArrivalProcess::kPoisson;
 };
 
-// So many callers, each of whom asks again as soon as it was answered: finds out what the server
-// can do. One that was refused or failed rests first: as long as it was told, or 10 ms.
+// `callers` callers, each of which calls again as soon as its call was answered or timed out:
+// measures the server's capacity. After any other end a caller first rests for as long as the
+// server said, and for 10 ms at least.
 struct ClosedLoop {
   int callers = 1;
 };
 
-// Milliseconds that calls may take, drawn uniformly for each.
+// The time that a call may take, milliseconds, drawn uniformly for each.
 struct DeadlineRange {
   double least = 0.0;
   double most = 0.0;
@@ -39,12 +40,12 @@ struct LoadPlan {
   std::variant<OpenLoop, ClosedLoop> loop = ClosedLoop{};
   std::chrono::nanoseconds warm_up{0};  // not measured
   std::chrono::nanoseconds duration{std::chrono::seconds(10)};
-  std::optional<int64_t> calls = {};  // end after so many, warm-up included
+  std::optional<int64_t> calls = {};  // ends after this many, warm-up included
   std::optional<DeadlineRange> deadline =
       {};  // counted from when a call was due; nothing: `patience`
-  // Of an open loop; calls beyond wait for their turn, and are late.
+  // For an open loop. Calls beyond this wait for their turn and are late.
   int max_in_flight = 10'000;
-  // How long calls may take without a deadline.
+  // How long a call without a deadline may take.
   std::chrono::nanoseconds patience{std::chrono::seconds(30)};
   uint64_t seed = 1;
 };
@@ -54,28 +55,28 @@ struct PlannedCall {
   std::chrono::nanoseconds timeout{0};  // from now; may be negative
 };
 
-// Who is called.
+// The server that is called.
 class Callee {
  public:
   virtual ~Callee() = default;
 
-  // Starts a call and returns. `on_end` is called once, not from within Start, on any thread.
+  // Starts a call and returns. `on_end` is called once, on any thread, but not during Start.
   virtual void Start(const PlannedCall& call, std::function<void(const Outcome&)> on_end) = 0;
-  // Ends all calls that are under way, and all that are started later, soon.
+  // Ends all calls in progress soon, and all that start later.
   virtual void CancelAll() = 0;
 };
 
 struct Progress {
-  double fraction = 0.0;  // of the run's time
+  double fraction = 0.0;  // of the load run's time
   bool warming_up = false;
   int64_t in_flight = 0;
 };
 
-// Runs to the end, waits for the calls that were due until then (as long as they may take, no
-// longer), and returns what became of them. When it returns, no call is under way.
-//   timeline: outlives the callee's calls.
-//   stop: once cancelled, calls under way are given up, and the window ends there.
-//   on_progress: every 100 ms or so; may be empty.
+// Runs the plan to its end and waits for the calls that were due until then, for as long as those
+// may take. Returns the results. When it returns, no call is in progress.
+//   timeline: must outlive the callee's calls.
+//   stop: once cancelled, calls in progress are abandoned and the window ends.
+//   on_progress: called about every 100 ms; may be empty.
 Tally RunLoad(const LoadPlan& plan, Callee& callee, Timeline& timeline, client::Cancellation& stop,
               const std::function<void(const Progress&)>& on_progress = {});
 

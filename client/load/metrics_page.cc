@@ -10,7 +10,7 @@
 namespace maneuver::load {
 namespace {
 
-// Takes `{a="b",c="d"}` off the front; false if it is not whole.
+// Removes `{a="b",c="d"}` from the front. Returns false if it is incomplete.
 bool TakeLabels(std::string_view* rest, MetricLabels* labels) {
   rest->remove_prefix(1);
   while (!rest->empty() && rest->front() != '}') {
@@ -59,7 +59,7 @@ MetricsPage MetricsPage::Parse(std::string_view text) {
     sample.name = rest.substr(0, name_end);
     rest.remove_prefix(name_end);
     if (rest.front() == '{' && !TakeLabels(&rest, &sample.labels)) continue;
-    // A time may follow the value.
+    // A timestamp may follow the value.
     const std::vector<absl::string_view> words =
         absl::StrSplit(absl::string_view(rest.data(), rest.size()), ' ', absl::SkipWhitespace());
     if (words.empty() || !absl::SimpleAtod(words.front(), &sample.value)) continue;

@@ -1,4 +1,4 @@
-// What a Prometheus metrics page says.
+// Reads Prometheus metrics pages.
 
 #ifndef MANEUVER_CLIENT_LOAD_METRICS_PAGE_H_
 #define MANEUVER_CLIENT_LOAD_METRICS_PAGE_H_
@@ -19,13 +19,14 @@ using MetricLabels = std::map<std::string, std::string, std::less<>>;
 // A page at one moment.
 class MetricsPage {
  public:
-  // Reads the text format (version 0.0.4). Lines that are none of it are passed over.
+  // Parses the text format (version 0.0.4). Ignores lines of any other form.
   static MetricsPage Parse(std::string_view text);
 
-  // The sum of all samples of this name that have at least these labels. Nothing if there is none.
+  // Returns the sum of all samples of this name that have at least these labels; nothing if there
+  // are none.
   std::optional<double> Sum(std::string_view name, const MetricLabels& labels = {}) const;
-  // A histogram's counts of observations of at most each bound, the last one infinite. The bounds
-  // are the keys. Several with these labels are added up.
+  // Returns a histogram's cumulative counts, by upper bound; the last bound is infinite. Adds up
+  // all histograms with these labels.
   std::map<double, double> Buckets(std::string_view name, const MetricLabels& labels = {}) const;
 
  private:
@@ -41,18 +42,19 @@ class MetricsPage {
 struct HistogramChange {
   double count = 0.0;
   double sum = 0.0;
-  std::map<double, double> buckets = {};  // as of MetricsPage::Buckets
+  std::map<double, double> buckets = {};  // as in MetricsPage::Buckets
 
-  // Of nothing observed, both are NaN. The quantile is interpolated in its bucket; beyond the last
-  // finite bound it is that bound.
+  // Both are NaN if nothing was observed. The quantile is interpolated within its bucket; beyond
+  // the last finite bound it is that bound.
   double Mean() const;
   double Quantile(double quantile) const;
 };
 HistogramChange Change(const MetricsPage& before, const MetricsPage& after, std::string_view name,
                        const MetricLabels& labels = {});
 
-// Fetches a page over plain HTTP: http://HOST:PORT/PATH, or HOST:PORT alone for /metrics there.
-// INVALID_ARGUMENT for another address; UNAVAILABLE if it cannot be had within `patience`.
+// Fetches a page over plain HTTP: http://HOST:PORT/PATH, or HOST:PORT alone for its /metrics.
+// INVALID_ARGUMENT for any other address; UNAVAILABLE if the page does not arrive within
+// `patience`.
 absl::StatusOr<MetricsPage> FetchMetrics(
     const std::string& url, std::chrono::milliseconds patience = std::chrono::seconds(2));
 

@@ -9,13 +9,13 @@
 namespace maneuver::load {
 namespace {
 
-// In 0 .. count-1. Not quite uniform, by less than 2^-32: the same everywhere, which
-// std::uniform_int_distribution is not.
+// Draws from 0 .. count-1, the same on every platform, unlike std::uniform_int_distribution. The
+// bias is less than 2^-32.
 int Draw(std::mt19937_64& random, int count) {
   return static_cast<int>((random() >> 32) * static_cast<uint64_t>(count) >> 32);
 }
 
-// `count` of its targets, or all of them if it has fewer.
+// Keeps `count` random targets of a scene, or all if it has fewer.
 void KeepTargets(std::mt19937_64& random, int count, v1::Scenario* scene) {
   auto& targets = *scene->mutable_target_ids();
   const int kept = std::min(count, targets.size());
@@ -32,7 +32,7 @@ std::vector<v1::PredictRequest> MakeRequests(const std::vector<v1::Scenario>& sc
   std::vector<v1::PredictRequest> requests(static_cast<size_t>(mix.requests), pattern);
   for (v1::PredictRequest& request : requests) {
     int wanted = mix.least_targets + Draw(random, mix.most_targets - mix.least_targets + 1);
-    // The same scene may come twice in a large request.
+    // A large request may contain the same scene twice.
     while (wanted > 0) {
       v1::Scenario& scene = *request.add_scenarios();
       scene = scenes[static_cast<size_t>(Draw(random, static_cast<int>(scenes.size())))];

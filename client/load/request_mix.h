@@ -1,4 +1,4 @@
-// What is asked: requests made of scenes, once, before the load begins.
+// The requests of a load run, made from scenes before the load begins.
 
 #ifndef MANEUVER_CLIENT_LOAD_REQUEST_MIX_H_
 #define MANEUVER_CLIENT_LOAD_REQUEST_MIX_H_
@@ -11,17 +11,17 @@
 namespace maneuver::load {
 
 struct RequestMix {
-  // In each request; drawn uniformly.
+  // Targets of each request, drawn uniformly.
   int least_targets = 1;
   int most_targets = 1;
-  int requests = 64;  // different ones
+  int requests = 64;  // number of different requests
   uint64_t seed = 1;
 };
 
-// Requests, each with random targets of random scenes: of as few scenes as have enough. What lies
-// after the prediction time is left out.
-//   scenes: each with at least one target; at least one.
-//   pattern: model and query of each.
+// Makes requests with random targets of random scenes, each from as few scenes as have enough
+// targets. Removes what lies after the prediction time.
+//   scenes: at least one; each with at least one target.
+//   pattern: model and query of every request.
 std::vector<v1::PredictRequest> MakeRequests(const std::vector<v1::Scenario>& scenes,
                                              const v1::PredictRequest& pattern,
                                              const RequestMix& mix);

@@ -1,4 +1,4 @@
-// A server under load, over connections of its own.
+// A server under load, over dedicated connections.
 
 #ifndef MANEUVER_CLIENT_LOAD_SERVER_CALLEE_H_
 #define MANEUVER_CLIENT_LOAD_SERVER_CALLEE_H_
@@ -12,10 +12,10 @@
 
 namespace maneuver::load {
 
-// Calls go over the connections in turn. Thread-safe.
+// Uses the connections in turn. Thread-safe.
 class ServerCallee final : public Callee {
  public:
-  // Both outlive it, and its calls: at least one of each.
+  // Both must outlive this object and its calls, and have at least one element.
   ServerCallee(const std::vector<std::unique_ptr<client::Client>>& connections,
                const std::vector<client::PreparedPrediction>& requests)
       : connections_(connections), requests_(requests) {}
@@ -30,7 +30,7 @@ class ServerCallee final : public Callee {
   std::atomic<size_t> calls_ = 0;
 };
 
-// What an answer says about its targets.
+// Returns what an answer says about its targets.
 Outcome OutcomeOf(const absl::StatusOr<v1::PredictResponse>& answer);
 
 }  // namespace maneuver::load

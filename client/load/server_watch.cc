@@ -29,7 +29,7 @@ ServerWatch::ServerWatch(const std::string& url, MetricsPage before)
     std::unique_lock lock(mutex_);
     while (!changed_.wait_for(lock, kBetween, [this] { return ended_; })) {
       lock.unlock();
-      // A server under load may be late with its page; the next one will do.
+      // A server under load may answer late; the next page will do.
       if (const auto page = FetchMetrics(url_); page.ok()) Look(*page);
       lock.lock();
     }

@@ -1,4 +1,4 @@
-// What a server says of itself while it is under load.
+// Watches a server's own metrics while it is under load.
 
 #ifndef MANEUVER_CLIENT_LOAD_SERVER_WATCH_H_
 #define MANEUVER_CLIENT_LOAD_SERVER_WATCH_H_
@@ -15,7 +15,7 @@
 
 namespace maneuver::load {
 
-// Highest values seen of gauges, which two pages alone would miss.
+// The highest values of gauges, which two pages alone would miss.
 struct Peaks {
   std::optional<double> queued_targets = {};
   std::optional<double> memory_bytes = {};  // resident
@@ -27,16 +27,16 @@ struct ServerChange {
   Peaks peaks;
 };
 
-// Reads the page when it is made, every half second, and at the end.
+// Reads the metrics page at the start, every half second, and at the end.
 class ServerWatch {
  public:
-  // UNAVAILABLE or INVALID_ARGUMENT, see FetchMetrics.
+  // Reads the first page. UNAVAILABLE or INVALID_ARGUMENT as FetchMetrics.
   static absl::StatusOr<std::unique_ptr<ServerWatch>> Start(const std::string& url);
   ~ServerWatch();
   ServerWatch(const ServerWatch&) = delete;
   ServerWatch& operator=(const ServerWatch&) = delete;
 
-  // Call once.
+  // Ends the watch and returns what changed. Call once.
   absl::StatusOr<ServerChange> End();
 
  private:

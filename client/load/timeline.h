@@ -1,4 +1,4 @@
-// The time, and waiting in it: replaced in tests.
+// Time and waiting. Tests replace it.
 
 #ifndef MANEUVER_CLIENT_LOAD_TIMELINE_H_
 #define MANEUVER_CLIENT_LOAD_TIMELINE_H_
@@ -17,14 +17,13 @@ class Timeline {
   virtual ~Timeline() = default;
 
   virtual TimePoint Now() = 0;
-  // Returns at `until`, or earlier when `condition` holds. It is looked at first, and after each
-  // Wake().
+  // Returns at `until`, or earlier once `condition` holds. Checks it first, and after each Wake().
   virtual void Wait(TimePoint until, const std::function<bool()>& condition) = 0;
-  // From any thread: the condition may hold now.
+  // Makes Wait() check its condition again. Safe from any thread.
   virtual void Wake() = 0;
 };
 
-// As time really goes by. Thread-safe.
+// Real time. Thread-safe.
 class RealTimeline final : public Timeline {
  public:
   TimePoint Now() override { return std::chrono::steady_clock::now(); }

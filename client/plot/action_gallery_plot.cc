@@ -27,7 +27,7 @@ struct GalleryLine {
   std::vector<Pixel> points;  // metres, from the origin on
 };
 
-// The actions to draw, the most used first: the same in every panel.
+// Returns the actions to draw, most used first, the same in every panel.
 std::vector<const v1::Action*> Shown(const v1::ActionSet& set, bool all) {
   std::vector<const v1::Action*> shown;
   for (const v1::Action& action : set.actions()) {
@@ -110,7 +110,7 @@ void DrawPanel(const std::vector<GalleryLine>& lines, double speed, double horiz
   };
   canvas->ClipTo(box);
   axes.DrawGrid(style, canvas);
-  // The most used last, over the others.
+  // The most used action comes last, above the others.
   for (auto line = lines.rbegin(); line != lines.rend(); ++line) {
     const Line pixels = to_pixels(line->points);
     canvas->Stroke(pixels, kPaper, 4.4, 0.9);
@@ -202,7 +202,7 @@ absl::StatusOr<std::string> DrawActionGallery(std::span<const v1::ActionSet> set
                                               const ActionGalleryOptions& options) {
   try {
     return PaintActionGallery(sets, options);
-  } catch (const std::exception& error) {  // OpenCV's end here
+  } catch (const std::exception& error) {  // OpenCV's exceptions end here
     return absl::InternalError(absl::StrCat("cannot draw the actions: ", error.what()));
   }
 }

@@ -1,4 +1,4 @@
-// The actions of a model that predicts relative to the present motion, at several speeds.
+// Draws the actions of a model that predicts relative to the present motion, at several speeds.
 
 #ifndef MANEUVER_CLIENT_PLOT_ACTION_GALLERY_PLOT_H_
 #define MANEUVER_CLIENT_PLOT_ACTION_GALLERY_PLOT_H_
@@ -14,15 +14,15 @@ namespace maneuver::plot {
 struct ActionGalleryOptions {
   int width = 1500;   // pixels
   int height = 1000;  // pixels
-  // Actions that are not effective as well.
+  // Also draws actions that are not effective.
   bool all = false;
 };
 
-// Draws one panel for each set: the mean trajectories of its actions, each in one colour and with
-// its id at the end in all panels, and dashed where a target would be that keeps its speed. A
-// legend has ids, names and usage. Axes in metres, at the same scale within a panel. Returns a PNG
-// file; the same for the same input.
-//   sets: of one model version, each with its `speed`
+// Draws one panel for each set: the mean trajectories of its actions, each with the same colour in
+// all panels and its id at the end. A dashed line shows where a target would be that keeps its
+// speed. A legend has ids, names and usage. Axes in metres, with one scale per panel. Returns a PNG
+// file; the same input gives the same file.
+//   sets: of one model version, each with its `speed`.
 // INVALID_ARGUMENT if there is no set, a set has no speed or no actions, a trajectory has unequal
 // numbers of x and y, or the size is out of range.
 absl::StatusOr<std::string> DrawActionGallery(std::span<const v1::ActionSet> sets,

@@ -54,8 +54,8 @@ double Apart(const MeansPoints& a, const MeansPoints& b) {
   return sum / static_cast<double>(std::max<size_t>(1, count));
 }
 
-// Deals out the colours from the most frequent action on: each takes the one whose nearest bearer
-// so far is furthest away.
+// Assigns the colours from the most frequent action on. Each action takes the colour whose nearest
+// user so far is furthest away.
 void DealColors(std::vector<DrawnAction>& actions) {
   for (size_t i = 0; i < actions.size(); ++i) {
     double best = -1.0;
@@ -110,7 +110,7 @@ Line ToPixels(const Axes& axes, const MeansPoints& points) {
 }
 
 void DrawMeans(const Axes& axes, const std::vector<DrawnAction>& actions, Canvas* canvas) {
-  // The most frequent last, over the others.
+  // The most frequent action comes last, above the others.
   for (auto action = actions.rbegin(); action != actions.rend(); ++action) {
     const Line line = ToPixels(axes, action->mean);
     canvas->Stroke(line, kPaper, 6.0, 0.9);
@@ -138,7 +138,7 @@ void DrawMeans(const Axes& axes, const std::vector<DrawnAction>& actions, Canvas
   }
 }
 
-// Swatch, id, name, mean p(y|s) and sampled examples of each action.
+// Draws swatch, id, name, mean p(y|s) and number of sampled examples of each action.
 void DrawLegend(const std::vector<DrawnAction>& actions, const Box& box, Canvas* canvas) {
   constexpr double kLetters = 9.5;
   const double row =
@@ -182,7 +182,7 @@ absl::StatusOr<std::string> PaintActionMeans(const v1::ActionSet& set,
   extent = {extent.min_x - margin, extent.max_x + margin, extent.min_y - margin,
             extent.max_y + margin};
 
-  // As high as the extent asks for, within reason.
+  // As high as the extent needs, within limits.
   const double across = kMeansWidth - kLegend - 100.0;
   const double up = std::clamp(
       across * (extent.max_y - extent.min_y) / (extent.max_x - extent.min_x), 430.0, 1100.0);
@@ -221,7 +221,7 @@ absl::StatusOr<std::string> DrawActionMeans(const v1::ActionSet& actions,
                                             const v1::EvaluationReport& report) {
   try {
     return PaintActionMeans(actions, report);
-  } catch (const std::exception& error) {  // OpenCV's end here
+  } catch (const std::exception& error) {  // OpenCV's exceptions end here
     return absl::InternalError(absl::StrCat("cannot draw the action means: ", error.what()));
   }
 }

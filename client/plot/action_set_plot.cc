@@ -74,7 +74,7 @@ absl::Status DrawAction(const v1::Action& action, const Box& cell, Canvas* canva
   const AxesStyle style{{120, 120, 120}, kFaintInk, {236, 236, 236}, 8.0, 46.0, false};
   canvas->ClipTo(box);
   axes.DrawGrid(style, canvas);
-  // The first sigma point is the mean; then each dimension has two.
+  // The first sigma point is the mean; then each dimension has two points.
   for (size_t i = 1; i < sigma.size(); ++i) {
     canvas->Stroke(ToPixels(axes, sigma[i]), LatentColor(static_cast<int>(i - 1) / 2), 1.5, 0.85);
   }
@@ -98,8 +98,8 @@ absl::Status DrawAction(const v1::Action& action, const Box& cell, Canvas* canva
   return absl::OkStatus();
 }
 
-// What the colours mean: "mean", then "z1 +/-1 sigma" and so on, in as many rows as it takes; and
-// the note, at the right of the last row.
+// Explains the colours: "mean", then "z1 +/-1 sigma" and so on, in as many rows as needed. The note
+// follows at the right of the last row.
 class Key {
  public:
   Key(int dimensions, double width) : right_(width - 14.0) {
@@ -120,7 +120,7 @@ class Key {
     if (left + Canvas::TextWidth(kNote, kNoteLetters) > right_) ++rows_;
   }
 
-  // What it takes beyond one row, pixels.
+  // Returns the height of the rows beyond the first, pixels.
   double ExtraHeight() const { return (rows_ - 1) * kKeyRow; }
 
   void Draw(Canvas* canvas) const {
@@ -193,7 +193,7 @@ absl::StatusOr<std::string> DrawActionSet(const v1::ActionSet& actions,
                                           const ActionSetPlotOptions& options) {
   try {
     return PaintActionSet(actions, options);
-  } catch (const std::exception& error) {  // OpenCV's end here
+  } catch (const std::exception& error) {  // OpenCV's exceptions end here
     return absl::InternalError(absl::StrCat("cannot draw the action set: ", error.what()));
   }
 }

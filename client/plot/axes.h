@@ -1,4 +1,4 @@
-// Private to plot/: a panel whose two axes are metres at the same scale.
+// Private to plot/: a panel whose axes are metres at the same scale.
 
 #ifndef MANEUVER_CLIENT_PLOT_AXES_H_
 #define MANEUVER_CLIENT_PLOT_AXES_H_
@@ -34,7 +34,8 @@ struct AxesStyle {
   bool titles = true;           // "ahead [m]", "left [m]"
 };
 
-// Places an extent in a box of the picture: the whole extent is seen, and more of the narrow side.
+// Fits an extent into a box of the picture. Shows the whole extent, and more along the shorter
+// side.
 class Axes {
  public:
   Axes(const Box& box, const Extent& extent);
@@ -53,9 +54,9 @@ class Axes {
   double lower_;  // metres at its lower edge
 };
 
-// Round numbers (1, 2 or 5 times a power of ten) from `low` to `high`, about `count` of them.
+// Returns about `count` round numbers (1, 2 or 5 times a power of ten) from `low` to `high`.
 std::vector<double> Ticks(double low, double high, int count);
-// Decimals that tell the ticks apart.
+// Prints a tick with enough decimals to distinguish it from its neighbours.
 std::string TickText(double tick, double step);
 
 }  // namespace maneuver::plot

@@ -12,7 +12,7 @@ namespace {
 
 constexpr int kScale = 2;     // supersampling
 constexpr int kShift = 4;     // fractional bits of OpenCV's coordinates
-constexpr double kFar = 1e6;  // pixels; further away is drawn no differently
+constexpr double kFar = 1e6;  // pixels; points further away are drawn here
 constexpr int kFont = cv::FONT_HERSHEY_SIMPLEX;
 constexpr double kCapHeight = 21.0;  // of that font at scale 1, pixels
 
@@ -28,27 +28,27 @@ std::string Ascii(const std::string& text) {
   std::string ascii;
   for (const char c : text) {
     const auto byte = static_cast<unsigned char>(c);
-    if ((byte & 0xC0) == 0x80) continue;  // rest of a character that is a '?' already
+    if ((byte & 0xC0) == 0x80) continue;  // rest of a character already drawn as '?'
     ascii += byte >= 0x20 && byte < 0x7F ? c : '?';
   }
   return ascii;
 }
 
-// Within `clip`'s coordinates, in OpenCV's fixed point.
+// Converts to coordinates within `clip`, in OpenCV's fixed point.
 std::vector<cv::Point> Fixed(const Line& line, const cv::Rect& clip) {
   std::vector<cv::Point> points;
   points.reserve(line.size());
   for (const Pixel& p : line) {
     const double x = std::clamp(p.x * kScale - clip.x, -kFar, kFar);
     const double y = std::clamp(p.y * kScale - clip.y, -kFar, kFar);
-    // OpenCV's pixel (0, 0) has its centre at 0, ours at a half.
+    // The centre of pixel (0, 0) is 0 in OpenCV and 0.5 here.
     points.emplace_back(static_cast<int>(std::lround((x - 0.5) * (1 << kShift))),
                         static_cast<int>(std::lround((y - 0.5) * (1 << kShift))));
   }
   return points;
 }
 
-// The area that the lines cover, grown by `margin`, within the clip's coordinates.
+// Returns the area that the lines cover, grown by `margin`, in the clip's coordinates.
 cv::Rect Area(const std::vector<Line>& lines, double margin, const cv::Rect& clip) {
   double left = kFar;
   double right = -kFar;
@@ -87,8 +87,8 @@ Color FromHsv(double hue, double saturation, double value) {
 }  // namespace
 
 Color ActionColor(int action_id) {
-  // Eight hues, none of them the red of the other agents or the yellow of the target, in an order
-  // that keeps neighbouring ids apart; then the same in another strength.
+  // Eight hues, then the same hues in other strengths. None is the red of other agents or the
+  // yellow of the target. The order keeps neighbouring ids apart.
   constexpr std::array<double, 8> kHues = {0.58, 0.08, 0.36, 0.84, 0.49, 0.24, 0.72, 0.93};
   constexpr std::array<std::pair<double, double>, 3> kStrengths = {
       std::pair{0.72, 1.0}, {0.42, 1.0}, {0.80, 0.82}};  // saturation, value
@@ -98,7 +98,7 @@ Color ActionColor(int action_id) {
 }
 
 Color LatentColor(int dimension) {
-  // The eight that Okabe and Ito chose for the colour-blind, with grey in place of black and a
+  // The eight colours of Okabe and Ito for colour-blind people, with grey instead of black and a
   // darker yellow.
   constexpr std::array<Color, kLatentColors> kColors = {
       Color{0, 114, 178}, {230, 159, 0},  {0, 158, 115}, {213, 94, 0},

@@ -1,5 +1,5 @@
-// Private to plot/: a picture that is drawn at twice its size and scaled down at the end, so that
-// lines and letters are smooth.
+// Private to plot/: a picture that is drawn at twice its size and scaled down at the end, for
+// smooth lines and letters.
 
 #ifndef MANEUVER_CLIENT_PLOT_CANVAS_H_
 #define MANEUVER_CLIENT_PLOT_CANVAS_H_
@@ -16,7 +16,7 @@ struct Color {
   int blue = 0;
 };
 
-// What a light ground is drawn with.
+// Colours for a light ground.
 inline constexpr Color kPaper = {255, 255, 255};
 inline constexpr Color kInk = {20, 20, 20};
 inline constexpr Color kFaintInk = {90, 90, 90};
@@ -39,11 +39,9 @@ struct Box {
   }
 };
 
-// A colour of its own for each action, bright enough for a dark ground and the same in every
-// picture.
+// Returns the colour of an action: the same in every picture, and bright enough for a dark ground.
 Color ActionColor(int action_id);
-// Of a latent dimension, for a light ground: one of kLatentColors that colour-blind people tell
-// apart too.
+// Colours of latent dimensions, for a light ground. Colour-blind people can distinguish them too.
 inline constexpr int kLatentColors = 8;
 Color LatentColor(int dimension);
 
@@ -51,11 +49,11 @@ class Canvas {
  public:
   Canvas(int width, int height, Color background);
 
-  // Whatever is drawn from now on stays within the box.
+  // Limits later drawing to the box.
   void ClipTo(const Box& box);
   void ClipToAll();
 
-  // Lines of one colour, as one layer: where they cross, nothing is drawn twice.
+  // Draws lines of one colour as one layer: where they cross, the colour is applied once.
   //   opacity: in [0, 1].
   void Strokes(const std::vector<Line>& lines, Color color, double width, double opacity = 1.0);
   void Stroke(const Line& line, Color color, double width, double opacity = 1.0);
@@ -64,22 +62,22 @@ class Canvas {
   void Disc(const Pixel& center, double radius, Color color, double opacity = 1.0);
   void Rectangle(const Box& box, Color color, double opacity = 1.0);
 
-  // One line of text. Characters outside ASCII become '?', which is what the font can draw.
-  //   baseline: where the first, middle or last letter stands.
+  // Draws one line of text. Characters outside ASCII become '?', because the font has no others.
+  //   baseline: position of the first, middle or last letter.
   //   height: of a capital letter, pixels.
   void Text(const std::string& text, const Pixel& baseline, double height, Color color,
             Anchor anchor = Anchor::kLeft, bool bold = false);
-  // The same, turned a quarter counter-clockwise about its middle.
+  // Draws text turned a quarter counter-clockwise about its middle.
   void TextUpwards(const std::string& text, const Pixel& middle, double height, Color color);
   static double TextWidth(const std::string& text, double height, bool bold = false);
 
-  // The finished picture.
+  // Returns the finished picture.
   std::string EncodePng() const;
 
  private:
   cv::Mat picture_;  // supersampled, BGR
   cv::Rect clip_;    // supersampled
-  cv::Mat layer_;    // scratch of the same size: coverage of what is being drawn
+  cv::Mat layer_;    // scratch of the same size: coverage of the layer being drawn
 
   void Blend(const cv::Rect& area, Color color, double opacity);
 };

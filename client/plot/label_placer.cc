@@ -35,14 +35,14 @@ std::optional<LabelPlacer::Placement> LabelPlacer::Place(const Pixel& point,
                                                          double farthest) {
   constexpr double kPadding = 3.0;
   constexpr double kStep = 8.0;
-  // Turns from straight to the right, in eighths.
+  // Directions in eighths of a turn, from straight right.
   constexpr std::array<int, 8> kTurns = {0, 1, -1, 2, -2, 3, -3, 4};
   const double width = Canvas::TextWidth(text, height, true) + 2.0 * kPadding;
   const double full = height + 2.0 * kPadding;
   for (double gap = 7.0; gap <= farthest; gap += kStep) {
     for (const int turn : kTurns) {
       const double angle = turn * M_PI / 4.0;
-      // The frame's middle, such that the gap is between point and frame.
+      // The frame's middle, chosen so that the gap is between point and frame.
       const Pixel middle = {point.x + std::cos(angle) * (gap + width / 2.0),
                             point.y - std::sin(angle) * (gap + full / 2.0)};
       const Box frame{middle.x - width / 2.0, middle.y - full / 2.0, width, full};

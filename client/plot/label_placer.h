@@ -1,4 +1,5 @@
-// Private to plot/: labels that cover neither each other nor what else must be seen.
+// Private to plot/: places labels so that they cover neither each other nor anything that must
+// show.
 
 #ifndef MANEUVER_CLIENT_PLOT_LABEL_PLACER_H_
 #define MANEUVER_CLIENT_PLOT_LABEL_PLACER_H_
@@ -22,14 +23,14 @@ class LabelPlacer {
   // Labels stay within `whole`.
   explicit LabelPlacer(const Box& whole) : whole_(whole) {}
 
-  // No label will be placed here.
+  // Keeps labels out of a box.
   void Occupy(const Box& box);
-  // The same along a line of this width.
+  // Keeps labels out of a line of this width.
   void Occupy(const Line& line, double width);
 
-  // The free place for a label that is nearest to a point, at most `farthest` pixels from it, and
-  // occupies it; nothing if there is none. To the right is tried first.
-  //   height: of its capital letters, pixels; bold
+  // Finds the free place for a label that is nearest to a point, at most `farthest` pixels from it,
+  // and occupies it. Returns nothing if there is none. Tries the right side first.
+  //   height: of the bold capital letters, pixels.
   std::optional<Placement> Place(const Pixel& point, const std::string& text, double height,
                                  double farthest);
 

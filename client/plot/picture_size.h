@@ -15,13 +15,13 @@ struct GridShape {
   int rows = 1;
 };
 
-// A grid for so many panels, about as many columns as rows.
+// Returns a grid for this many panels, with about as many columns as rows.
 inline GridShape ShapeOf(int panels) {
   const int columns = static_cast<int>(std::ceil(std::sqrt(panels)));
   return {columns, (panels + columns - 1) / columns};
 }
 
-// The place of panel `index`, row by row.
+// Returns the place of panel `index`; panels fill the grid row by row.
 inline Box CellOf(const GridShape& grid, int index, const Box& whole) {
   const double width = whole.width / grid.columns;
   const double height = whole.height / grid.rows;

@@ -22,7 +22,7 @@ uint32_t Checksum(const std::string& bytes) {
       crc32(0, reinterpret_cast<const Bytef*>(bytes.data()), static_cast<uInt>(bytes.size())));
 }
 
-// Length, then type and content, then the checksum of these two.
+// Appends the length, then type and content, then the checksum of these two.
 void AppendChunk(std::string_view type, const std::string& content, std::string* png) {
   AppendBigEndian(static_cast<uint32_t>(content.size()), png);
   const std::string checked = std::string(type) + content;
@@ -40,7 +40,7 @@ std::string Header(const cv::Mat& picture) {
   return header;
 }
 
-// Red, green, blue, each row after the name of its filter.
+// Returns red, green, blue, each row preceded by its filter.
 std::string FilteredRows(const cv::Mat& picture) {
   std::string rows;
   rows.reserve(static_cast<size_t>(picture.rows) * (1 + kChannels * picture.cols));

@@ -1,4 +1,4 @@
-// Private to plot/: pictures as PNG files.
+// Private to plot/: writes pictures as PNG files.
 
 #ifndef MANEUVER_CLIENT_PLOT_PNG_H_
 #define MANEUVER_CLIENT_PLOT_PNG_H_
@@ -8,9 +8,9 @@
 
 namespace maneuver::plot {
 
-// A PNG file (RFC 2083), 8 bits a channel. OpenCV's own writer comes with GDAL and what that wants:
-// more than a hundred packages on every machine that has the command.
-//   picture: rows of blue, green, red, as OpenCV has them (CV_8UC3).
+// Returns a PNG file (RFC 2083) with 8 bits per channel. OpenCV's own writer depends on GDAL, which
+// needs more than a hundred packages on every machine that has the command.
+//   picture: rows of blue, green, red, as in OpenCV (CV_8UC3).
 std::string EncodePng(const cv::Mat& picture);
 
 }  // namespace maneuver::plot

@@ -31,7 +31,7 @@ absl::StatusOr<std::string> PaintPosteriors(const v1::Scenario& scenario,
   shown.Include(other.min_x, other.min_y);
   shown.Include(other.max_x, other.max_y);
 
-  // Beside each other, or below each other where the target goes straight on.
+  // Side by side, or one above the other if the extent is wide.
   const double aspect = (shown.max_x - shown.min_x) / (shown.max_y - shown.min_y);
   const bool stacked = aspect > kWide;
   const int width = options.width > 0 ? options.width : stacked ? 1500 : 1800;
@@ -69,7 +69,7 @@ absl::StatusOr<std::string> DrawGenericAndPosterior(const v1::Scenario& scenario
       }
       try {
         return PaintPosteriors(scenario, one, other, *agent, options);
-      } catch (const std::exception& error) {  // OpenCV's end here
+      } catch (const std::exception& error) {  // OpenCV's exceptions end here
         return absl::InternalError(absl::StrCat("cannot draw the scene: ", error.what()));
       }
     }

@@ -1,4 +1,4 @@
-// What a scene makes of the generic actions, as a picture.
+// Draws how a scene changes the generic actions.
 
 #ifndef MANEUVER_CLIENT_PLOT_POSTERIOR_PLOT_H_
 #define MANEUVER_CLIENT_PLOT_POSTERIOR_PLOT_H_
@@ -12,13 +12,12 @@
 
 namespace maneuver::plot {
 
-// Draws the same scene twice at the same scale, as DrawScene does: at the left with the generic
-// distributions p(z|y) decoded, at the right with those that the scene makes of them, q(z|y,s). One
-// above the other where what has to be seen is wide. The bands are what the sigma trajectories
-// sweep.
-//   generic, posterior: the answers for LATENT_SOURCE_PRIOR and LATENT_SOURCE_POSTERIOR; the first
+// Draws the same scene twice at the same scale, as DrawScene does: on the left with the generic
+// distributions p(z|y), on the right with the scene's own, q(z|y,s), both decoded. A wide scene is
+// drawn one above the other. The bands are the areas that the sigma trajectories sweep.
+//   generic, posterior: the answers for LATENT_SOURCE_PRIOR and LATENT_SOURCE_POSTERIOR. The first
 //     target that both answer is drawn.
-// Returns a PNG file; the same for the same input. INVALID_ARGUMENT as DrawScene.
+// Returns a PNG file; the same input gives the same file. INVALID_ARGUMENT as in DrawScene.
 absl::StatusOr<std::string> DrawGenericAndPosterior(const v1::Scenario& scenario,
                                                     const v1::ScenarioPrediction& generic,
                                                     const v1::ScenarioPrediction& posterior,

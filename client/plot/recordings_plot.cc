@@ -49,7 +49,7 @@ bool SomebodyIsInSight(const v1::Scenario& recording) {
   });
 }
 
-// The recording at a time when somebody is in sight.
+// Returns the recording at a time with at least one agent.
 v1::Scenario AtATimeToLookAt(const v1::Scenario& recording) {
   v1::Scenario seen = recording;
   if (SomebodyIsInSight(seen)) return seen;
@@ -64,7 +64,8 @@ v1::Scenario AtATimeToLookAt(const v1::Scenario& recording) {
   return seen;
 }
 
-// The middle of the targets in sight, or of the vehicles, or of anybody.
+// Returns the middle of the visible targets; without any, of the vehicles; without any, of all
+// agents.
 std::optional<scene::Point2> MiddleOf(const v1::Scenario& recording) {
   for (const int choice : {0, 1, 2}) {
     scene::Point2 sum{0.0, 0.0};
@@ -115,7 +116,7 @@ void DrawPanel(const v1::Scenario& recording, const scene::Point2& middle, const
   DrawMap(panel, canvas);
   DrawSignals(panel, canvas);
   DrawPaths(panel, options.horizon, canvas);
-  // Agents over their paths; nobody's id is the least of all, so none is left out.
+  // Draws agents over their paths. No agent has the smallest id, so none is left out.
   DrawOtherAgents(panel, INT64_MIN, canvas);
   for (const v1::Agent& agent : recording.agents()) {
     const auto& targets = recording.target_ids();
@@ -186,7 +187,7 @@ absl::StatusOr<std::string> DrawRecordings(std::span<const v1::Scenario> recordi
                                            const RecordingsPlotOptions& options) {
   try {
     return PaintRecordings(recordings, options);
-  } catch (const std::exception& error) {  // OpenCV's end here
+  } catch (const std::exception& error) {  // OpenCV's exceptions end here
     return absl::InternalError(absl::StrCat("cannot draw the recordings: ", error.what()));
   }
 }

@@ -42,7 +42,7 @@ void DrawCurve(const v1::EvaluationReport& report, Canvas* canvas) {
     canvas->Disc(point, 5.0, kCurve);
   }
   axes.DrawFrame(style, canvas);
-  // Direct labels, in the corner that a calibrated curve leaves free.
+  // Labels stand in the corner that a calibrated curve leaves free.
   const double left = kCurveBox.left + 24.0;
   double y = kCurveBox.top + 34.0;
   const auto key = [&](Color color, const std::string& text, bool dashed) {
@@ -122,7 +122,7 @@ absl::StatusOr<std::string> DrawReliability(const v1::EvaluationReport& report) 
   }
   try {
     return PaintReliability(report);
-  } catch (const std::exception& error) {  // OpenCV's end here
+  } catch (const std::exception& error) {  // OpenCV's exceptions end here
     return absl::InternalError(absl::StrCat("cannot draw the reliability: ", error.what()));
   }
 }

@@ -1,4 +1,4 @@
-// What the probabilities of a model are worth, as a picture.
+// Draws how reliable the probabilities of a model are.
 
 #ifndef MANEUVER_CLIENT_PLOT_RELIABILITY_PLOT_H_
 #define MANEUVER_CLIENT_PLOT_RELIABILITY_PLOT_H_
@@ -10,10 +10,10 @@
 
 namespace maneuver::plot {
 
-// Draws the report's reliability table: over each bin's mean p(y|s) of the most probable action the
-// mean q(y|x,s) of that action, with its distance from the diagonal, which is what the expected
-// calibration error in the title is the mean of; below, how many examples each bin has.
-// Returns a PNG file; the same for the same input. INVALID_ARGUMENT if no bin has an example.
+// Draws the report's reliability table. Over each bin's mean p(y|s) of the most probable action
+// stands the mean q(y|x,s) of that action. Its distance from the diagonal, averaged, is the
+// expected calibration error in the title. Below are the numbers of examples in each bin. Returns a
+// PNG file; the same input gives the same file. INVALID_ARGUMENT if no bin has an example.
 absl::StatusOr<std::string> DrawReliability(const v1::EvaluationReport& report);
 
 }  // namespace maneuver::plot

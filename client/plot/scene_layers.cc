@@ -25,7 +25,7 @@ bool InSight(const Line& line, const Box& box) {
   return left < box.right() && right > box.left && top < box.bottom() && bottom > box.top;
 }
 
-// Corners of an agent's box, and the point of the arrow on it, in the panel.
+// The corners of an agent's box and the tip of its arrow, in the panel.
 struct Body {
   Line box;
   Line arrow;
@@ -46,7 +46,7 @@ Line Closed(Line line) {
   return line;
 }
 
-// The past second of an agent, ending at its state `now`.
+// Returns the past second of an agent, ending at its state `now`.
 Line Past(const ScenePanel& panel, const v1::Agent& agent, int now) {
   Line line;
   for (int i = 0; i <= now; ++i) {
@@ -70,7 +70,7 @@ Color LightColor(v1::TrafficSignalState state) {
   }
 }
 
-// A circle around a place, as a line.
+// Returns a circle around a point, as a line.
 Line Ring(const Pixel& center, double radius) {
   constexpr int kCorners = 32;
   Line ring;
@@ -81,8 +81,8 @@ Line Ring(const Pixel& center, double radius) {
   return ring;
 }
 
-// An arrowhead at the end of a line of two points or more, `size` pixels long. Empty if the last
-// two are the same.
+// Returns an arrowhead at the end of a line of at least two points, `size` pixels long. Empty if
+// the last two points are equal.
 Line Arrowhead(const Line& line, double size) {
   const Pixel tip = line.back();
   const Pixel from = line[line.size() - 2];

@@ -1,4 +1,4 @@
-// Private to plot/: the layers of a scene, under and over the predictions.
+// Private to plot/: the layers of a scene below and above the predictions.
 
 #ifndef MANEUVER_CLIENT_PLOT_SCENE_LAYERS_H_
 #define MANEUVER_CLIENT_PLOT_SCENE_LAYERS_H_
@@ -13,7 +13,7 @@
 
 namespace maneuver::plot {
 
-// Where a target's panel is and how the world lies in it.
+// The position of a target's panel, and of the world within it.
 struct ScenePanel {
   const v1::Scenario* scenario;
   scene::Pose2 X_WT;  // the target at the prediction time
@@ -38,23 +38,24 @@ inline constexpr Color kTruth = {255, 255, 255};
 inline constexpr Color kText = {222, 224, 228};
 inline constexpr Color kFaintText = {150, 153, 160};
 
-// Index of the agent's latest state at or before the prediction time, no further back than half a
-// second; -1 if there is none.
+// Returns the index of the agent's latest state at or before the prediction time, at most half a
+// second old; -1 if there is none.
 int StateNow(const v1::Agent& agent, double prediction_time);
 
 void DrawMap(const ScenePanel& panel, Canvas* canvas);
 void DrawSignals(const ScenePanel& panel, Canvas* canvas);
-// Lane paths with arrowheads at their ends, and the signals and stop signs that they meet.
+// Draws lane paths with arrowheads at their ends, and the signals and stop signs along them.
 void DrawLanePaths(const ScenePanel& panel, const std::vector<scene::LanePath>& paths,
                    Canvas* canvas);
-// Rings around the leaders on the paths.
+// Draws rings around the leaders on the paths.
 void DrawLeaders(const ScenePanel& panel, const std::vector<scene::LanePath>& paths,
                  Canvas* canvas);
-// Everyone but `target_id`, with their past second.
+// Draws all agents except `target_id`, with their past second.
 void DrawOtherAgents(const ScenePanel& panel, int64_t target_id, Canvas* canvas);
 void DrawTarget(const ScenePanel& panel, const v1::Agent& target, Canvas* canvas);
 
-// States of an agent from the prediction time on, until `horizon` seconds after it (0: all).
+// Returns a line from an agent's present state through the states of the next `horizon` seconds
+// (0: of all seconds). Empty if the agent is absent now or has no later state.
 Line TruthLine(const ScenePanel& panel, const v1::Agent& agent, double horizon);
 
 }  // namespace maneuver::plot

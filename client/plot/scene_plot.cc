@@ -55,7 +55,7 @@ absl::StatusOr<std::string> DrawScene(const v1::Scenario& scenario,
                                       const ScenePlotOptions& options) {
   try {
     return PaintScene(scenario, prediction, options);
-  } catch (const std::exception& error) {  // OpenCV's end here
+  } catch (const std::exception& error) {  // OpenCV's exceptions end here
     return absl::InternalError(absl::StrCat("cannot draw the scene: ", error.what()));
   }
 }

@@ -15,12 +15,12 @@ namespace maneuver::plot {
 namespace {
 
 constexpr double kHeader = 46.0;      // pixels over each panel
-constexpr double kLeftMargin = 76.0;  // for the axis' numbers
+constexpr double kLeftMargin = 76.0;  // for the numbers of the axis
 constexpr double kRightMargin = 18.0;
 constexpr double kLowerMargin = 54.0;
 constexpr double kLeastWidth = 60.0;  // metres that a panel shows at least
 constexpr double kLeastHeight = 40.0;
-constexpr double kOnFoot = 0.4;      // of both, for pedestrians, who walk some 7 m in 5 s
+constexpr double kOnFoot = 0.4;      // factor of both for pedestrians, who walk about 7 m in 5 s
 constexpr double kRow = 20.0;        // of the legend
 constexpr double kLetters = 10.0;    // height of its capitals
 constexpr double kBar = 70.0;        // pixels of probability 1
@@ -33,7 +33,8 @@ Line ToPixels(const ScenePanel& panel, const std::vector<scene::Point2>& points)
   return line;
 }
 
-// What the sigma trajectories sweep: between each two waypoints, the convex hull of all of them.
+// Returns what the sigma trajectories sweep: for each two waypoints, the convex hull of their
+// points.
 std::vector<Line> SweptBy(const std::vector<Line>& sigma) {
   std::vector<Line> swept;
   size_t waypoints = sigma.empty() ? 0 : sigma.front().size();
@@ -115,7 +116,7 @@ absl::Status TargetPanel::Prepare() {
     if (!status.ok()) return status;
     actions_.push_back(std::move(lines));
   }
-  // The medoid last, after the other representatives; without any, the most probable one.
+  // The medoid comes last, after the other representatives; without any, the most probable action.
   std::stable_sort(actions_.begin(), actions_.end(), [](const auto& a, const auto& b) {
     if (a.rank > 0 && b.rank > 0) return a.rank > b.rank;
     if (a.rank != b.rank) return a.rank == 0;
@@ -130,7 +131,7 @@ absl::Status TargetPanel::Read(const v1::Trajectory& trajectory,
     return absl::InvalidArgumentError(
         absl::StrCat("a trajectory of target ", target_.id(), " has unequal numbers of x and y"));
   }
-  // Every action starts where the target stands.
+  // Every action starts at the target's position.
   points->push_back({0.0, 0.0});
   for (int i = 0; i < trajectory.x_size(); ++i) {
     const scene::Point2 point{trajectory.x(i), trajectory.y(i)};
@@ -235,7 +236,7 @@ void TargetPanel::DrawMean(const ScenePanel& panel, const ActionLines& action,
   canvas->Disc(line.back(), action.rank == 1 ? 5.8 : 4.6, color);
 }
 
-// The number of each action at the end of its mean, where there is room for it.
+// Draws the number of each action at the end of its mean, if there is room.
 void TargetPanel::DrawIds(const ScenePanel& panel, const Box& legend, const Line& truth,
                           Canvas* canvas) const {
   LabelPlacer placer(panel.axes.box());
@@ -286,8 +287,8 @@ size_t TargetPanel::LegendActions() const {
       actions_, [this](const ActionLines& action) { return !IsFaint(action); }));
 }
 
-// In the corner where it covers least of what the target may do and did. The lower left is the
-// scale bar's.
+// Returns the corner where the legend covers least of what the target may do and did. The lower
+// left belongs to the scale bar.
 Box TargetPanel::LegendBox(const ScenePanel& panel, const Line& truth) const {
   double label_width = 0.0;
   for (const ActionLines& action : actions_) {
@@ -320,7 +321,7 @@ Box TargetPanel::LegendBox(const ScenePanel& panel, const Line& truth) const {
                            [&](const Box& a, const Box& b) { return covered(a) < covered(b); });
 }
 
-// Swatch, number, name and share of each action, the most important first; then the other lines.
+// Draws swatch, number, name and share of each action, most important first, then the other lines.
 void TargetPanel::DrawLegend(const Box& frame, bool truth, Canvas* canvas) const {
   canvas->Rectangle(frame, {10, 11, 14}, 0.78);
   double y = frame.top + 7.0 + kRow / 2.0;

@@ -18,10 +18,11 @@
 
 namespace maneuver::plot {
 
-// The agent, if the scenario has it and it is seen at the prediction time; else nothing.
+// Returns the agent if the scenario has it and it is visible at the prediction time; otherwise
+// null.
 const v1::Agent* AgentInSight(const v1::Scenario& scenario, int64_t agent_id);
 
-// Keeps references to all that it is given.
+// Keeps references to everything it is given.
 class TargetPanel {
  public:
   struct Style {
@@ -29,18 +30,18 @@ class TargetPanel {
     bool legend = true;
   };
 
-  //   target: in sight
+  //   target: must be visible at the prediction time
   TargetPanel(const v1::Scenario& scenario, const v1::Agent& target,
               const v1::TargetPrediction& prediction, const ScenePlotOptions& options);
 
-  // Finds the lane paths to draw. Without this call there are none.
+  // Finds the lane paths to draw. Without this call, none are drawn.
   void FindLanePaths(const scene::LaneGraph& lanes);
 
-  // Before the others. INVALID_ARGUMENT if a trajectory has unequal numbers of x and y.
+  // Call it first. INVALID_ARGUMENT if a trajectory has unequal numbers of x and y.
   absl::Status Prepare();
 
-  // What has to be seen: the target, what it may do, what it did, and its lane paths unless actions
-  // are drawn. Target frame.
+  // Returns the extent to show, target frame: the target, what it may do and did, and its lane
+  // paths unless actions are drawn.
   Extent Shown() const;
 
   void Draw(const Box& cell, const Extent& shown, const Style& style, Canvas* canvas) const;
@@ -49,22 +50,22 @@ class TargetPanel {
   // The trajectories of one action, target frame, metres.
   struct ActionLines {
     const v1::ActionDistribution* distribution;
-    int rank = 0;        // among the representatives, 1 is the medoid; 0: it is none of them
+    int rank = 0;        // among the representatives, 1 is the medoid; 0: none
     double share = 0.0;  // probability, or the weight as a representative
     std::vector<std::vector<scene::Point2>> sigma = {};
     std::vector<scene::Point2> mean = {};
   };
 
   absl::Status Read(const v1::Trajectory& trajectory, std::vector<scene::Point2>* points) const;
-  // Whether the answer names representatives. Then these are drawn in full, and other actions
-  // faintly.
+  // Returns whether the answer names representatives. If so, these are drawn in full and other
+  // actions faintly.
   bool HasRepresentatives() const { return !prediction_.representatives().empty(); }
   bool IsFaint(const ActionLines& action) const { return HasRepresentatives() && action.rank == 0; }
-  // What the picture calls an action: its rank as a representative, else its id.
+  // Returns the number of an action in the picture: its rank as a representative, otherwise its id.
   int NumberOf(const ActionLines& action) const;
-  // What the legend says of an action beside its number; may be empty.
+  // Returns what the legend says about an action beside its number; may be empty.
   std::string NameOf(const ActionLines& action) const;
-  // Lines of the legend that explain other than actions.
+  // A line of the legend for anything but an action.
   struct Key {
     Color color;
     double width;
@@ -72,21 +73,20 @@ class TargetPanel {
   };
   std::vector<Key> Keys(bool truth) const;
   size_t LegendActions() const;
-  // The points of a lane path in the target's frame.
+  // Returns the points of a lane path in the target's frame.
   std::vector<scene::Point2> InTarget(const scene::LanePath& path) const;
   void DrawSigma(const ScenePanel& panel, const ActionLines& action, Canvas* canvas) const;
   void DrawMean(const ScenePanel& panel, const ActionLines& action, Canvas* canvas) const;
   void DrawIds(const ScenePanel& panel, const Box& legend, const Line& truth, Canvas* canvas) const;
   Box LegendBox(const ScenePanel& panel, const Line& truth) const;
   void DrawLegend(const Box& frame, bool truth, Canvas* canvas) const;
-  // Lines of the legend that are no actions.
 
   const v1::Scenario& scenario_;
   const v1::Agent& target_;
   const v1::TargetPrediction& prediction_;
   const ScenePlotOptions& options_;
   scene::Pose2 X_WT_;
-  std::vector<ActionLines> actions_;  // the most important last, drawn over the others
+  std::vector<ActionLines> actions_;  // the most important last, above the others
   std::vector<scene::LanePath> lane_paths_;
 };
 

@@ -57,7 +57,7 @@ std::map<std::string, std::vector<int64_t>> AnchorShapes(const v1::ModelSpec& sp
   return shapes;
 }
 
-// The first thing that is wrong with a baseline's tensors, empty if nothing is.
+// Returns the first fault of a baseline's tensors; empty if there is none.
 std::string FindFault(const v1::ModelSpec& spec, const TensorMap& weights, bool regresses) {
   TensorMap scene;
   TensorMap anchors;
@@ -141,7 +141,7 @@ absl::Status WriteBaselines(const fs::path& folder, const StoredBaselines& basel
     return absl::InternalError(
         absl::StrCat("cannot state the baselines as JSON: ", std::string(printed.message())));
   }
-  // The description last: without it the folder has none.
+  // Writes the description last: without it the folder has no baselines.
   if (auto status = files::WriteFileAtomically(folder / kWeights, weights); !status.ok()) {
     return status;
   }

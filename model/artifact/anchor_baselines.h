@@ -1,26 +1,26 @@
-// The baselines that a model folder carries: predictors with fixed anchors, trained with the model
-// from the same examples, by which it is judged. Beside model.json and weights.safetensors:
+// The baselines in a model folder: predictors with fixed anchors that were trained with the model,
+// on the same examples, for comparison. They lie beside model.json and weights.safetensors:
 //
 //   baselines.json          a ModelManifest: AnchorSpec, SHA-256 of the weights
 //   baselines.safetensors   both baselines' tensors, "covernet/NAME" and "multipath/NAME"
 //
-// A folder without them is whole. Only an evaluation reads them.
+// A folder without them is complete. Only evaluations read them.
 //
-// CoverNet-like (Phan-Minh et al., CVPR 2020): p(k|s) over K trajectories that never change.
-// MultiPath-like (Chai et al., CoRL 2019): the same with an offset and a Gaussian for each anchor
-// and waypoint. Both have k-means centres of training trajectories for anchors. Their tensors:
+// CoverNet-like (Phan-Minh et al., CVPR 2020): p(k|s) over K fixed trajectories. MultiPath-like
+// (Chai et al., CoRL 2019): the same, plus an offset and a Gaussian for each anchor and waypoint.
+// The anchors of both are k-means centres of training trajectories. Their tensors:
 //
 //   backbone.*, history.*, lane_path.*, join.*, action_predictor.*
-//                                      as tensor.h has them, K logits
+//                                      as in tensor.h, with K logits
 //   anchors.mean                       [K, T, 2] metres, target frame, relative to the spec's
 //                                      reference
 //   covernet:   anchors.covariance     [K, T, 3] xx, xy, yy, square metres
 //   multipath:  anchors.scale          [T] factor of the predicted covariances, positive
-//               anchor_regression.{i}.{weight,bias}   F' -> the action predictor's hidden layers ->
-//                   K * T * 5: for each anchor and waypoint offset x, offset y (metres), ln
-//                   sigma_x, ln sigma_y, correlation; see AnchorGaussian
+//               anchor_regression.{i}.{weight,bias}   F' -> the hidden layers of the action
+//                   predictor -> K * T * 5: for each anchor and waypoint offset x, offset y
+//                   (metres), ln sigma_x, ln sigma_y, correlation; see AnchorGaussian
 //
-// and the latent tensors of AnchorSpec, which say nothing.
+// and the latent tensors of AnchorSpec, which have no meaning.
 
 #ifndef MANEUVER_MODEL_ARTIFACT_ANCHOR_BASELINES_H_
 #define MANEUVER_MODEL_ARTIFACT_ANCHOR_BASELINES_H_
@@ -35,7 +35,7 @@
 
 namespace maneuver::artifact {
 
-// How the five regressed numbers make a Gaussian:
+// Maps the five regressed numbers to a Gaussian:
 //   sigma = kSmallestSigma + exp(min(ln sigma, kLargestLogSigma)) metres,
 //   correlation = kLargestCorrelation * tanh(correlation).
 struct AnchorGaussian {
@@ -46,25 +46,25 @@ struct AnchorGaussian {
 };
 
 struct StoredBaselines {
-  v1::ModelSpec spec;   // AnchorSpec of the model they were trained with
+  v1::ModelSpec spec;   // AnchorSpec of the model that they were trained with
   TensorMap covernet;   // CoverNet-like
   TensorMap multipath;  // MultiPath-like
 };
 
-// Returns the spec of a model's baselines. They read the same of a scene, and their trajectories
-// have the same waypoints and reference. The latent parts, which the anchors replace, are as small
-// as a spec allows; how the model decodes actions is left out.
+// Returns the spec of a model's baselines. They read the same of a scene as the model, and predict
+// the same waypoints relative to the same reference. The latent parts, which the anchors replace,
+// are as small as a spec allows. How the model decodes actions is left out.
 v1::ModelSpec AnchorSpec(const v1::ModelSpec& model);
 
-// Adds them to a model folder. INVALID_ARGUMENT for what ReadBaselines would refuse.
+// Adds baselines to a model folder. INVALID_ARGUMENT for what ReadBaselines would refuse.
 absl::Status WriteBaselines(const std::filesystem::path& folder, const StoredBaselines& baselines);
 
-// NOT_FOUND if the folder has none; DATA_LOSS with the reason if a file is missing, truncated or
-// altered (SHA-256), or a tensor is missing, of another shape or not finite.
+// Reads the baselines of a folder. NOT_FOUND if it has none; DATA_LOSS with the reason if a file is
+// missing, truncated or altered (SHA-256), or a tensor is missing, of another shape or not finite.
 absl::StatusOr<StoredBaselines> ReadBaselines(const std::filesystem::path& folder);
 
-// Copies those of one model folder to another, if there are any: a pruned model is still judged by
-// what was trained with the whole one.
+// Copies the baselines of one model folder to another, if there are any. A pruned model is still
+// compared with the baselines of the whole one.
 absl::Status CopyBaselines(const std::filesystem::path& from, const std::filesystem::path& to);
 
 }  // namespace maneuver::artifact

@@ -12,7 +12,7 @@ using Kind = BackboneLayer::Kind;
 constexpr int kMapChannels = 3;
 constexpr int kExpansion = 4;  // of a bottleneck's width, He et al., table 1
 
-// Padded by half the kernel: as many as there are multiples of the stride.
+// Returns the size after padding by half the kernel: the number of multiples of the stride.
 int StridedSize(int size, int stride) { return (size - 1) / stride + 1; }
 
 // Adds layers one after another.
@@ -34,7 +34,7 @@ class Builder {
     return layer;
   }
 
-  // `prefix` and `suffix` stand around "convolution" and "normalization" in names.
+  // In names, `prefix` and `suffix` surround "convolution" and "normalization".
   BackboneLayer& AddConvolution(const std::string& prefix, const std::string& suffix, int kernel,
                                 int stride, int channels, int source, int destination) {
     BackboneLayer& layer = Add(Kind::kConvolution, kernel, stride, channels, source, destination);
@@ -44,7 +44,7 @@ class Builder {
     return layer;
   }
 
-  // Global.
+  // Averages over the whole grid.
   void AddAveragePool(int source, int destination) {
     BackboneLayer& layer =
         Add(Kind::kAveragePool, 0, 1, grids_[source].channels, source, destination);
@@ -60,8 +60,8 @@ class Builder {
   std::vector<BackboneLayer> layers_;
 };
 
-// A block whose input is in register `input`; returns the register of its output. The three
-// registers suffice: what the last convolution adds to lies in its destination.
+// Adds a block whose input is in register `input`. Returns the register of its output. Three
+// registers suffice: the last convolution's destination already holds what it adds to.
 int AddBlock(const std::string& name, v1::ResidualBlock kind, int width, int stride, int input,
              Builder* builder) {
   const int first = (input + 1) % kBackboneRegisters;

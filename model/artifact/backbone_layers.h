@@ -1,4 +1,4 @@
-// The backbone as a list of layers, which learning, inference and the shapes of weights follow.
+// The backbone as a list of layers. Learning, inference and the shapes of weights follow it.
 
 #ifndef MANEUVER_MODEL_ARTIFACT_BACKBONE_LAYERS_H_
 #define MANEUVER_MODEL_ARTIFACT_BACKBONE_LAYERS_H_
@@ -19,11 +19,11 @@ struct GridSize {
   int64_t values() const { return int64_t{channels} * height * width; }
 };
 
-// The raster as the backbone reads it.
+// Returns the grid of the raster as the backbone reads it.
 GridSize RasterGrid(const v1::RasterSpec& spec);
 
-// Grids are held in a few registers: a layer reads one and writes another, whose former content is
-// then gone. The raster is in register 0 at first.
+// Grids are kept in a few registers. A layer reads one register and writes another, whose old
+// content is lost. At first, register 0 holds the raster.
 struct BackboneLayer {
   enum class Kind {
     kConvolution,  // with batch normalisation
@@ -31,13 +31,13 @@ struct BackboneLayer {
     kAveragePool,  // mean over the whole grid, which leaves one cell
   };
   Kind kind = Kind::kConvolution;
-  // Of a convolution, what its tensors are called before ".weight" etc. (tensor.h).
+  // Prefixes of a convolution's tensors, before ".weight" etc. (tensor.h).
   std::string convolution;
   std::string normalization;
   // Square kernel, padded by half of it on each side; 0 for the average.
   int kernel = 0;
   int stride = 1;
-  // What is in the destination already is added to the layer's output: the end of a residual block.
+  // Adds what the destination already holds to the layer's output: the end of a residual block.
   bool adds = false;
   // ReLU follows, after the addition.
   bool relu = false;
@@ -47,11 +47,11 @@ struct BackboneLayer {
   GridSize output;
 };
 
-// Registers that layers use.
+// The number of registers that the layers use.
 inline constexpr int kBackboneRegisters = 3;
 
-// In the order of evaluation; the last one's output is flattened for the projection. Of a spec
-// whose single fields are good.
+// Returns the layers in the order of evaluation. The last one's output is flattened for the
+// projection. Each field of the spec must be valid by itself.
 std::vector<BackboneLayer> BackboneLayers(const v1::ModelSpec& spec);
 
 }  // namespace maneuver::artifact

@@ -1,4 +1,4 @@
-// Rules for the fields of a message, gathered into violations.
+// Checks rules for the fields of a message and collects violations.
 
 #ifndef MANEUVER_MODEL_ARTIFACT_FIELD_RULES_H_
 #define MANEUVER_MODEL_ARTIFACT_FIELD_RULES_H_
@@ -23,10 +23,10 @@ inline double Seconds(const google::protobuf::Duration& duration) {
 
 class FieldRules {
  public:
-  // A message may have millions of elements that are wrong.
+  // Limits the list: a message may have millions of invalid elements.
   static constexpr size_t kMaxViolations = 16;
 
-  // Each returns whether the rule holds, and adds a violation if it does not.
+  // Each rule returns whether it holds, and adds a violation if it does not.
 
   bool Require(bool holds, std::string field, std::string description) {
     if (holds) return true;
@@ -38,14 +38,14 @@ class FieldRules {
     return false;
   }
 
-  // low <= value <= high. NaN fails. `quantity` says what is counted or measured.
+  // Requires low <= value <= high; NaN fails. `quantity` names what is counted or measured.
   template <typename Number>
   bool Between(std::string field, const char* quantity, Number value, Number low, Number high) {
     return Require(value >= low && value <= high, std::move(field),
                    absl::StrCat(quantity, " must be ", low, " to ", high, ", not ", value));
   }
 
-  // A well-formed duration of more than nothing and at most an hour.
+  // Requires a well-formed duration greater than zero and at most an hour.
   bool Positive(std::string field, const google::protobuf::Duration& duration) {
     const bool well_formed = duration.seconds() >= 0 && duration.nanos() >= 0 &&
                              duration.nanos() < 1'000'000'000 && duration.seconds() <= 3600;
@@ -53,9 +53,9 @@ class FieldRules {
                    "must be longer than 0 s and at most 3600 s");
   }
 
-  // Whether every rule held.
+  // Returns whether every rule held.
   bool all_hold() const { return violations_.empty(); }
-  // The first kMaxViolations; the last of them says how many more there are.
+  // Returns the first kMaxViolations. The last one says how many more there are.
   std::vector<scene::FieldViolation> violations() && {
     if (others_ > 0) {
       absl::StrAppend(&violations_.back().description, " (and ", others_,
@@ -66,7 +66,7 @@ class FieldRules {
 
  private:
   std::vector<scene::FieldViolation> violations_;
-  int64_t others_ = 0;  // that are not listed
+  int64_t others_ = 0;  // violations that are not listed
 };
 
 }  // namespace maneuver::artifact

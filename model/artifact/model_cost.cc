@@ -15,7 +15,7 @@
 namespace maneuver::artifact {
 namespace {
 
-// Whether gradients change a tensor; the others are measured.
+// Returns whether a tensor is learned by gradients. The others are measured.
 bool IsLearned(const std::string& name) {
   return !absl::EndsWith(name, ".running_mean") && !absl::EndsWith(name, ".running_var") &&
          !absl::StartsWith(name, "trajectory.") && name != "decoder.covariance" &&
@@ -47,12 +47,13 @@ int64_t OfBackbone(const v1::ModelSpec& spec) {
   return sum + flattened * spec.backbone().features();
 }
 
-// Of lane_path.* or agent.* (tensor.h), of so many elements with so many numbers each.
+// Returns the cost of lane_path.* or agent.* (tensor.h) for a set of `elements`, each with
+// `numbers`.
 int64_t OfSet(int64_t elements, int64_t numbers, int64_t width, int64_t heads, int64_t history) {
   return history * width + elements * width * (numbers + width + width + heads + 1);
 }
 
-// Of history.*, lane_path.*, agent.* and join.* (tensor.h).
+// Returns the cost of history.*, lane_path.*, agent.* and join.* (tensor.h).
 int64_t OfSceneVectors(const v1::ModelSpec& spec) {
   if (!spec.has_scene_vectors()) return 0;
   const v1::SceneVectorsSpec& vectors = spec.scene_vectors();
@@ -66,8 +67,8 @@ int64_t OfSceneVectors(const v1::ModelSpec& spec) {
          (H + 2 * P + 2 * Q + raster) * vectors.features();
 }
 
-// Of action_geometry.*, for all actions. What a layer adds of the scene or of a path is the same
-// for all actions.
+// Returns the cost of action_geometry.* for all actions. What a layer adds for the scene or for a
+// path is shared by all actions.
 int64_t OfActionGeometry(const v1::ModelSpec& spec) {
   if (!spec.has_action_geometry()) return 0;
   const v1::ActionGeometrySpec& geometry = spec.action_geometry();
@@ -81,7 +82,7 @@ int64_t OfActionGeometry(const v1::ModelSpec& spec) {
   return shared + spec.actions() * (scene::kMostLanePaths * pair + action);
 }
 
-// Of mean_residual.* and what h_y adds to the latent, for one action.
+// Returns the cost, per action, of mean_residual.* and of what h_y adds to the latent.
 int64_t OfMeanResidual(const v1::ModelSpec& spec) {
   const int64_t A = spec.action_geometry().features();
   const int64_t latent = A * 2 * spec.latent_dimensions();

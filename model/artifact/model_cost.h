@@ -1,4 +1,4 @@
-// What a model costs, counted from its sizes.
+// Counts what a model costs, from its sizes.
 
 #ifndef MANEUVER_MODEL_ARTIFACT_MODEL_COST_H_
 #define MANEUVER_MODEL_ARTIFACT_MODEL_COST_H_
@@ -8,9 +8,9 @@
 
 namespace maneuver::artifact {
 
-// Returns the cost of a model with a valid spec. Counted as is usual for image networks:
-// convolutions, fully connected layers and the weighted sums of attention alone multiply; a batch
-// normalisation has two parameters a channel, its running moments are none.
+// Returns the cost of a model with a valid spec, counted as usual for image networks: only
+// convolutions, fully connected layers and the weighted sums of attention count as multiplications.
+// A batch normalisation has two parameters per channel; its running moments do not count.
 v1::ModelCost CountCost(const v1::ModelSpec& spec);
 
 }  // namespace maneuver::artifact

@@ -23,13 +23,13 @@ constexpr int kFormatVersion = 1;
 constexpr char kManifestFile[] = "model.json";
 constexpr char kWeightsFile[] = "weights.safetensors";
 
-// The first thing that is wrong with a manifest, empty if nothing is.
+// Returns the first fault of a manifest; empty if there is none.
 std::string FindManifestFault(const v1::ModelManifest& manifest) {
   const auto violations = ValidateModelSpec(manifest.spec());
   if (!violations.empty()) {
     return absl::StrCat("spec.", violations[0].field, ": ", violations[0].description);
   }
-  // A model is decoded into its action set once it is on disk: until then it has none.
+  // A model gets its action set when it is decoded from disk; until then it has none.
   if (manifest.actions_size() != 0 && manifest.actions_size() != manifest.spec().actions()) {
     return absl::StrCat("has ", manifest.actions_size(), " actions, its spec says ",
                         manifest.spec().actions());
@@ -55,7 +55,7 @@ absl::StatusOr<std::string> ManifestToJson(v1::ModelManifest manifest) {
   return Seal(json);
 }
 
-// A missing file of a folder that is there is damage, not absence.
+// A missing file in an existing folder is damage, not absence.
 absl::StatusOr<std::string> ReadPart(const fs::path& folder, const char* file) {
   std::error_code ignored;
   if (!fs::is_directory(folder, ignored)) return absl::NotFoundError("there is no such model");

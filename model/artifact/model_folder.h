@@ -23,16 +23,16 @@ struct StoredModel {
 // for a model that ReadModelFolder would refuse. `actions` are all K in order, or none yet.
 absl::Status WriteModelFolder(const std::filesystem::path& folder, StoredModel model);
 
-// The manifest alone, without a look at the weights. DATA_LOSS with the reason if it is damaged:
-// any byte of it, unless it is of a former release and carries no digest.
+// Reads the manifest alone and does not check the weights. DATA_LOSS with the reason if any byte of
+// it is damaged. A manifest of an older release carries no digest, and damage may go unnoticed.
 absl::StatusOr<v1::ModelManifest> ReadModelManifest(const std::filesystem::path& folder);
 
-// Whether model.json carries its digest. One that is rewritten does.
+// Returns whether model.json carries its digest. A rewritten manifest always does.
 bool HasManifestDigest(const std::filesystem::path& folder);
 
-// Manifest and weights. NOT_FOUND if there is no such folder; DATA_LOSS with the reason if a file
-// is truncated or altered (SHA-256), or a tensor is missing, has another shape than the spec says,
-// or holds a value that is not finite.
+// Reads manifest and weights. NOT_FOUND if there is no such folder; DATA_LOSS with the reason if a
+// file is truncated or altered (SHA-256), or a tensor is missing, has another shape than the spec
+// says, or contains a value that is not finite.
 absl::StatusOr<StoredModel> ReadModelFolder(const std::filesystem::path& folder);
 
 // Replaces model.json alone, atomically (actions and their labels, metrics). INVALID_ARGUMENT

@@ -141,7 +141,7 @@ void CheckActionGeometry(const v1::ModelSpec& spec, FieldRules* rules) {
                geometry.pair_width(), rules);
 }
 
-// What reads the scene, and what only some of it can be given to.
+// Checks the inputs, and the parts that only some inputs allow.
 void CheckInputs(const v1::ModelSpec& spec, FieldRules* rules) {
   rules->Require(spec.has_raster() || spec.has_scene_vectors(), "raster",
                  "must be set, or scene_vectors: the networks have to read something");
@@ -198,7 +198,7 @@ TypeNames NamesOf(v1::AgentType type) {
   }
 }
 
-// Of a spec whose single fields are good.
+// Checks the memory of a spec whose fields are valid by themselves.
 void CheckMemory(const v1::ModelSpec& spec, FieldRules* rules) {
   int64_t largest = 0;
   if (spec.has_raster()) {
@@ -222,7 +222,7 @@ void CheckMemory(const v1::ModelSpec& spec, FieldRules* rules) {
 
 using Shapes = std::map<std::string, std::vector<int64_t>>;
 
-// Layers of an MLP; `prefix` is the leading dimension of K networks side by side, or empty.
+// Adds the layers of an MLP. `prefix` is the leading dimension of K parallel networks, or empty.
 void AddMlp(const std::string& name, int64_t inputs, const v1::MlpSpec& mlp, int64_t outputs,
             const std::vector<int64_t>& prefix, Shapes* shapes) {
   for (int i = 0; i <= mlp.hidden_size(); ++i) {
@@ -266,7 +266,7 @@ double WaypointInterval(const v1::TrajectorySpec& spec) {
 }
 
 std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec) {
-  // From whole nanoseconds, so that 3 times 0.1 s is 0.3 s.
+  // Computed from whole nanoseconds, so that 3 times 0.1 s is 0.3 s.
   const int64_t interval =
       google::protobuf::util::TimeUtil::DurationToNanoseconds(spec.waypoint_interval());
   std::vector<double> times(static_cast<size_t>(spec.waypoints()));
@@ -338,7 +338,7 @@ void AddBackbone(const v1::ModelSpec& spec, Shapes* shapes) {
            shapes);
 }
 
-// Of a set of elements that are described by `inputs` numbers each.
+// Adds the tensors of a set whose elements have `inputs` numbers each.
 //   history: H
 void AddSet(const std::string& name, int64_t inputs, int64_t history, int64_t width, int64_t heads,
             Shapes* shapes) {

@@ -13,7 +13,7 @@
 namespace maneuver::artifact {
 namespace {
 
-// Rounding of a covariance to 32-bit floats may leave it indefinite by so much, relatively.
+// Relative tolerance for covariances that rounding to 32-bit floats makes indefinite.
 constexpr double kCovarianceTolerance = 1e-5;
 
 int64_t CountValues(const std::vector<int64_t>& shape) {
@@ -26,7 +26,7 @@ bool AllAre(const Tensor& tensor, bool (*predicate)(float)) {
   return std::all_of(tensor.values.begin(), tensor.values.end(), predicate);
 }
 
-// Of a tensor [.., 3] of xx, xy, yy.
+// Checks a tensor [.., 3] of xx, xy, yy.
 bool ArePositiveSemidefinite(const Tensor& covariance) {
   for (size_t i = 0; i + 2 < covariance.values.size(); i += 3) {
     const double xx = covariance.values[i];

@@ -1,4 +1,4 @@
-// Whether weights are those of a spec.
+// Checks weights against a spec.
 
 #ifndef MANEUVER_MODEL_ARTIFACT_MODEL_WEIGHTS_H_
 #define MANEUVER_MODEL_ARTIFACT_MODEL_WEIGHTS_H_
@@ -10,9 +10,9 @@
 
 namespace maneuver::artifact {
 
-// The first thing that is wrong with the weights of a valid spec, empty if nothing is: a tensor is
-// missing, unknown or of another shape, a value is not finite, a standard deviation not positive, a
-// variance negative, a covariance not positive semi-definite.
+// Returns the first fault of the weights of a valid spec; empty if there is none. Faults are: a
+// tensor is missing, unknown or of another shape; a value is not finite; a standard deviation is
+// not positive; a variance is negative; a covariance is not positive semi-definite.
 std::string FindWeightFault(const v1::ModelSpec& spec, const TensorMap& weights);
 
 }  // namespace maneuver::artifact

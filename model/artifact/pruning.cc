@@ -10,7 +10,7 @@
 namespace maneuver::artifact {
 namespace {
 
-// Whether the leading dimension of a tensor counts actions.
+// Returns whether a tensor's leading dimension counts actions.
 bool CountsActions(const std::string& name, const v1::ModelSpec& spec) {
   const std::string last_predictor_layer =
       absl::StrCat("action_predictor.", spec.action_predictor().hidden_size(), ".");

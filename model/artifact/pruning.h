@@ -1,4 +1,4 @@
-// A model without some of its actions.
+// Removes actions from a model.
 
 #ifndef MANEUVER_MODEL_ARTIFACT_PRUNING_H_
 #define MANEUVER_MODEL_ARTIFACT_PRUNING_H_
@@ -10,11 +10,11 @@
 
 namespace maneuver::artifact {
 
-// The model with the actions `kept` alone, renumbered from 0 in that order. p(y|s) and p(y) are
-// what they were, renormalised over them; all else of a kept action stays as it was. The manifest's
-// actions and metrics, which were measured on the whole, are left out.
-//   kept: at least two different ones of 0 .. K-1
-// INVALID_ARGUMENT if they are not.
+// Returns the model with only the actions `kept`, renumbered from 0 in that order. p(y|s) and p(y)
+// are renormalised over them; everything else about a kept action is unchanged. The manifest's
+// actions and metrics are dropped, because they were measured on the whole model. INVALID_ARGUMENT
+// if `kept` is invalid.
+//   kept: at least two different actions of 0 .. K-1.
 absl::StatusOr<StoredModel> PruneActions(const StoredModel& model, std::span<const int> kept);
 
 }  // namespace maneuver::artifact

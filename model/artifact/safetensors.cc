@@ -30,8 +30,8 @@ absl::Status Damaged(absl::string_view reason) {
   return absl::DataLossError(absl::StrCat("not a valid safetensors file: ", reason));
 }
 
-// Parses a header; nothing if it is not JSON. Sets *duplicate to a key that an object has twice,
-// which the parser by itself would not report.
+// Parses a header. Returns nothing if it is not JSON. Sets *duplicate to a key that an object
+// contains twice, which the parser itself does not report.
 std::optional<Json> ParseHeader(std::string_view text, std::string* duplicate) {
   std::vector<std::set<std::string>> keys;  // of each object that is open
   const auto callback = [&](int, Json::parse_event_t event, Json& value) {
@@ -48,7 +48,7 @@ std::optional<Json> ParseHeader(std::string_view text, std::string* duplicate) {
   return header;
 }
 
-// An array of non-negative integers.
+// Reads an array of non-negative integers.
 std::optional<std::vector<uint64_t>> ReadCounts(const Json& entry, const char* key) {
   const auto found = entry.find(key);
   if (found == entry.end() || !found->is_array()) return std::nullopt;
@@ -60,7 +60,7 @@ std::optional<std::vector<uint64_t>> ReadCounts(const Json& entry, const char* k
   return counts;
 }
 
-// Product of the shape, or nothing if it exceeds `limit`.
+// Returns the product of the shape, or nothing if it exceeds `limit`.
 std::optional<uint64_t> CountValues(const std::vector<uint64_t>& shape, uint64_t limit) {
   if (std::find(shape.begin(), shape.end(), 0u) != shape.end()) return 0;
   uint64_t count = 1;

@@ -20,12 +20,12 @@
 
 namespace maneuver::artifact {
 
-// The file's bytes. The same tensors give the same bytes. Tensor shapes must match their values.
+// Returns the file's bytes. Equal tensors give equal bytes. Tensor shapes must match their values.
 std::string SerializeSafetensors(const TensorMap& tensors);
 
-// The tensors of a file. DATA_LOSS with the reason if the header is longer than the file or 16 MiB,
-// is not JSON, names a tensor twice or has another type than F32, or if the tensors do not cover
-// the data exactly once.
+// Returns the tensors of a file. DATA_LOSS with the reason if the header is longer than the file or
+// 16 MiB, is not JSON, names a tensor twice, names another type than F32, or if the tensors do not
+// cover the data exactly once.
 absl::StatusOr<TensorMap> ParseSafetensors(std::string_view bytes);
 
 }  // namespace maneuver::artifact

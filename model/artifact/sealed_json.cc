@@ -8,7 +8,7 @@ namespace maneuver::artifact {
 namespace {
 
 constexpr std::string_view kBrace = "{";
-// Whatever damages this line leaves a member that no reader knows, which is refused.
+// Damage to this line turns it into an unknown member, which readers refuse.
 constexpr std::string_view kBegin = "{\n \"content_sha256\": \"";
 constexpr std::string_view kEnd = "\",";
 constexpr size_t kDigits = 64;

@@ -1,9 +1,9 @@
-// JSON files that carry their own digest, so that no byte of them changes unnoticed. The first line
-// of the object is
+// JSON files that carry their own digest, so that any changed byte is noticed. The first line of
+// the object is
 //
 //   "content_sha256": "SHA-256 of the file without this line, 64 hexadecimal digits",
 //
-// In one file with what it protects: both are replaced in one step.
+// The digest is in the file that it protects, so that both are replaced in one step.
 
 #ifndef MANEUVER_MODEL_ARTIFACT_SEALED_JSON_H_
 #define MANEUVER_MODEL_ARTIFACT_SEALED_JSON_H_
@@ -15,15 +15,15 @@
 
 namespace maneuver::artifact {
 
-// Returns `json`, an object of at least one member that begins with "{" and a line break, with its
-// digest.
+// Returns `json` with its digest. `json` must be an object with at least one member that begins
+// with "{" and a line break.
 std::string Seal(std::string_view json);
 
-// Whether `text` carries a digest. Files of former releases do not.
+// Returns whether `text` carries a digest. Files of older releases do not.
 bool IsSealed(std::string_view text);
 
-// Returns what was sealed, or `text` itself if it carries no digest. DATA_LOSS if the digest is not
-// that of the text: it is truncated or altered.
+// Returns the JSON that was sealed, or `text` itself if it carries no digest. DATA_LOSS if the
+// digest does not match: the text is truncated or altered.
 absl::StatusOr<std::string> Unseal(std::string_view text);
 
 }  // namespace maneuver::artifact

@@ -34,7 +34,8 @@ const std::set<std::string>& Presets() {
   return presets;
 }
 
-// Where none is named: settings of a raster are of the raster's preset.
+// Returns the preset of settings that name none. Settings with a raster belong to the raster's
+// preset.
 std::string DefaultPreset(const v1::ModelSpec& model) {
   return model.has_raster() || model.has_backbone() || model.has_target_motion() ? "compact"
                                                                                  : "lanes";
@@ -120,7 +121,7 @@ constexpr char kCompact[] = R"pb(
   examples { max_examples: 12000 }
 )pb";
 
-// On top of compact: the paper by its letter (sections III-B to III-E), to compare with.
+// On top of compact: the paper taken literally (sections III-B to III-E), for comparison.
 constexpr char kLiteral[] = R"pb(
   preset: "literal"
   model { target_motion: false }
@@ -142,8 +143,8 @@ constexpr char kLiteral[] = R"pb(
   augmentation { mirror: false scale: 0 shift_pixels: 0 }
 )pb";
 
-// The sizes of the paper: section III-E (224 x 224 pixels, hidden layers of 500 nodes, K = 25,
-// D = 5).
+// The sizes in the paper: section III-E (224 x 224 pixels, hidden layers of 500 nodes, K = 25, D =
+// 5).
 constexpr char kPaper[] = R"pb(
   preset: "paper"
   model {
@@ -180,8 +181,7 @@ constexpr char kPaper[] = R"pb(
 )pb";
 
 // On top of paper: the backbone of its experiments, ResNet-50 (v1.5; the sizes of He et al., table
-// 1). The five convolutions of the preset
-// paper stand for the "much smaller CNN" of section III-E.
+// 1). The preset "paper" has five convolutions for the "much smaller CNN" of section III-E.
 constexpr char kResNet50[] = R"pb(
   preset: "resnet50"
   model {
@@ -198,9 +198,9 @@ constexpr char kResNet50[] = R"pb(
   }
 )pb";
 
-// Reads the target's history, the lane paths and the agents nearby as vectors, predicts what the
-// target does beyond its present motion, and lets actions look at the lanes. Not the paper's model:
-// x is relative to a reference, and its mean depends on the scene (mean_residual).
+// Reads the target's history, the lane paths and nearby agents as vectors, predicts what the target
+// does beyond its present motion, and lets actions look at the lanes. Differs from the paper's
+// model: x is relative to a reference, and its mean depends on the scene (mean_residual).
 constexpr char kLanes[] = R"pb(
   preset: "lanes"
   model {
@@ -254,15 +254,15 @@ constexpr char kLanes[] = R"pb(
   augmentation { shift_pixels: 0 sensor_noise: 0.5 }
 )pb";
 
-// On top of lanes: actions that mean places in the target's frame, as the paper's do.
+// On top of lanes: actions are positions in the target's frame, as in the paper.
 constexpr char kLanesMetres[] = R"pb(
   preset: "lanes-metres"
   model { reference: TRAJECTORY_REFERENCE_NONE }
   optimization { mixture_placement: MIXTURE_PLACEMENT_VELOCITY_CLUSTERS }
 )pb";
 
-// Clears the fields of `preset` that `settings` replaces whole, where merging would append
-// (repeated fields) or mix (seconds of one duration with nanoseconds of another).
+// Clears the fields of `preset` that `settings` replaces as a whole. Merging would append to
+// repeated fields, and mix seconds of one duration with nanoseconds of another.
 void ClearReplaced(const Message& settings, Message* preset) {
   std::vector<const FieldDescriptor*> fields;
   settings.GetReflection()->ListFields(settings, &fields);
@@ -283,7 +283,7 @@ void ClearReplaced(const Message& settings, Message* preset) {
 // Sets the fields of `preset` that are set in `settings`.
 void Replace(const v1::TrainingSettings& settings, v1::TrainingSettings* preset) {
   ClearReplaced(settings, preset);
-  // One backbone is in place of the other.
+  // One backbone replaces the other.
   if (settings.model().backbone().has_residual()) {
     preset->mutable_model()->mutable_backbone()->clear_convolutions();
   }
@@ -301,7 +301,7 @@ v1::TrainingSettings ParsePreset(std::initializer_list<const char*> texts) {
   v1::TrainingSettings preset;
   for (const char* text : texts) {
     v1::TrainingSettings part;
-    // The texts are constants of this file: not parsing is a defect of it.
+    // These texts are constants of this file, so failing to parse is a bug.
     if (!google::protobuf::TextFormat::ParseFromString(text, &part)) std::abort();
     Replace(part, &preset);
   }
@@ -420,7 +420,7 @@ v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& setting
       !resolved.model().has_decoder_covariance()) {
     resolved.mutable_model()->mutable_decoder_covariance()->add_hidden(kCovarianceWidth);
   }
-  // All that a dual model learns of q(z|y,s) it learns then.
+  // A dual model learns q(z|y,s) in the posterior epochs alone, so it needs some.
   if (resolved.model().objective() == v1::OBJECTIVE_DUAL &&
       !settings.optimization().has_posterior_epochs() &&
       resolved.optimization().posterior_epochs() == 0) {
@@ -468,7 +468,7 @@ std::vector<scene::FieldViolation> ValidateStart(const v1::TrainingSettings& set
   Replace(asked, &started);
   std::string difference;
   google::protobuf::util::MessageDifferencer differencer;
-  // A field that is not set is the same as one that is 0.
+  // An unset field equals a field that is 0.
   differencer.set_message_field_comparison(google::protobuf::util::MessageDifferencer::EQUIVALENT);
   differencer.ReportDifferencesToString(&difference);
   const bool agrees = differencer.Compare(start, started.model());
@@ -496,7 +496,7 @@ std::vector<scene::FieldViolation> ValidateStart(const v1::TrainingSettings& set
 
 std::vector<scene::FieldViolation> ValidateTrainingSettings(const v1::TrainingSettings& resolved) {
   FieldRules rules;
-  // Nothing else of it was filled in if its preset is not known.
+  // An unknown preset leaves all other fields unset, so only that is reported.
   if (!rules.Require(Presets().contains(resolved.preset()), "preset",
                      absl::StrCat("must be one of ", absl::StrJoin(Presets(), ", ")))) {
     return std::move(rules).violations();

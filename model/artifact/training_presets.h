@@ -1,5 +1,5 @@
-// The named presets of training settings, and their rules. Here and not in learning/, so that the
-// server can check a Train request without LibTorch.
+// The named presets of training settings, and their rules. They are here and not in learning/, so
+// that the server can check a Train request without LibTorch.
 
 #ifndef MANEUVER_MODEL_ARTIFACT_TRAINING_PRESETS_H_
 #define MANEUVER_MODEL_ARTIFACT_TRAINING_PRESETS_H_
@@ -12,21 +12,22 @@
 
 namespace maneuver::artifact {
 
-// `settings` with every unset field taken from its preset. Where it names none, that is "lanes", or
-// "compact" if it has a raster, a backbone or target_motion. Repeated fields replace the preset's
-// whole. Widths of scene_vectors that are set to 0 turn off what the preset has, as does
-// action_geometry.pair_width 0. An unknown preset is left as it is, for validation to find.
+// Returns `settings` with every unset field filled in from its preset. Without a preset's name,
+// that is "lanes", or "compact" if the settings have a raster, a backbone or target_motion. A
+// repeated field replaces the preset's as a whole. A width of scene_vectors set to 0, or
+// action_geometry.pair_width 0, turns off that part of the preset. An unknown preset is left for
+// validation to report.
 v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& settings);
 
-// The same for a run that starts from a model of this spec, which stands in for the preset's; only
-// the objective may be another one.
+// Does the same for a training that starts from a model of this spec, which replaces the preset's
+// spec. Only the objective may differ.
 v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& settings,
                                              const v1::ModelSpec& start);
 
-// What is wrong with resolved settings (fields named from them: model.actions, ...).
+// Returns what is wrong with resolved settings. Field paths start there: model.actions, ...
 std::vector<scene::FieldViolation> ValidateTrainingSettings(const v1::TrainingSettings& resolved);
 
-// What in settings that are not resolved yet does not go with a start from a model of this spec.
+// Returns what in unresolved settings contradicts a start from a model of this spec.
 std::vector<scene::FieldViolation> ValidateStart(const v1::TrainingSettings& settings,
                                                  const v1::ModelSpec& start);
 

@@ -40,7 +40,7 @@ class PlainSource final : public ByteSource {
   }
 
  private:
-  // end_ is 0 afterwards at the end of the file.
+  // Refills the buffer. Afterwards, end_ is 0 if the file has ended.
   absl::Status Fill() {
     ssize_t count;
     do {
@@ -55,7 +55,7 @@ class PlainSource final : public ByteSource {
   const int descriptor_;
   const std::filesystem::path file_;
   std::vector<char> buffer_;
-  size_t next_ = 0;  // buffer_[next_, end_) is not given yet
+  size_t next_ = 0;  // buffer_[next_, end_) has not been returned yet
   size_t end_ = 0;
 };
 
@@ -63,7 +63,8 @@ class GzipSource final : public ByteSource {
  public:
   GzipSource(std::unique_ptr<ByteSource> packed, std::filesystem::path file)
       : packed_(std::move(packed)), file_(std::move(file)), buffer_(kBufferBytes) {
-    // 15: the largest window; 16: a gzip header and trailer, whose CRC-32 is checked.
+    // 15: the largest window. +16: expect a gzip header and trailer, and check the trailer's
+    // CRC-32.
     ready_ = inflateInit2(&stream_, 15 + 16) == Z_OK;
   }
   ~GzipSource() override { inflateEnd(&stream_); }
@@ -74,11 +75,11 @@ class GzipSource final : public ByteSource {
     size_t given = 0;
     while (given < size && status_.ok() && !at_end_) given += Inflate(bytes + given, size - given);
     if (given == 0 && !status_.ok()) return status_;
-    return given;  // what came before the damage; the next call reports it
+    return given;  // what precedes the damage; the next call reports it
   }
 
  private:
-  // One step; sets status_ or at_end_ if there can be no further one.
+  // Inflates one step. Sets status_ or at_end_ if there is no further step.
   size_t Inflate(char* bytes, size_t size) {
     if (stream_.avail_in == 0) {
       const auto count = packed_->Read(buffer_.data(), buffer_.size());

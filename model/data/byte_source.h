@@ -1,4 +1,4 @@
-// A file's bytes front to back, unpacked if it is packed.
+// Reads a file from front to back and unpacks it if it is compressed.
 
 #ifndef MANEUVER_MODEL_DATA_BYTE_SOURCE_H_
 #define MANEUVER_MODEL_DATA_BYTE_SOURCE_H_
@@ -14,14 +14,15 @@ namespace maneuver::data {
 class ByteSource {
  public:
   virtual ~ByteSource() = default;
-  // Up to `size` bytes into `bytes`; fewer at the end alone, then 0. DATA_LOSS if the packed stream
-  // is damaged, with what came before already given.
+  // Reads up to `size` bytes into `bytes` and returns their number. Returns fewer only at the end,
+  // then 0. DATA_LOSS if the compressed stream is damaged; earlier calls have returned what
+  // precedes the damage.
   virtual absl::StatusOr<size_t> Read(char* bytes, size_t size) = 0;
 };
 
 absl::StatusOr<std::unique_ptr<ByteSource>> OpenPlain(const std::filesystem::path& file);
 
-// Unpacks gzip, also of several members, through a buffer of fixed size.
+// Unpacks gzip, also with several members, through a buffer of fixed size.
 absl::StatusOr<std::unique_ptr<ByteSource>> OpenGzip(const std::filesystem::path& file);
 
 }  // namespace maneuver::data

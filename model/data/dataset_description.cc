@@ -1,4 +1,4 @@
-// What is in a dataset, counted by several threads.
+// Counts what a dataset contains, on several threads.
 
 #include <algorithm>
 #include <cmath>
@@ -23,12 +23,12 @@
 namespace maneuver::data {
 namespace {
 
-// Recordings that wait for each thread.
+// The number of recordings that wait for each thread.
 constexpr size_t kWaitingPerThread = 2;
-// MapCoverage.examples_on_lanes, metres.
+// The distance of MapCoverage.examples_on_lanes, metres.
 constexpr double kOnLane = 3.0;
 
-// Metres per second.
+// The edges of the speed histogram, metres per second.
 constexpr double kSpeedEdges[] = {0.0,  1.0,  2.5,  5.0,  7.5,  10.0,
                                   12.5, 15.0, 20.0, 25.0, 30.0, 40.0};
 constexpr double kTurnEdgesDegrees[] = {-180.0, -120.0, -60.0, -30.0, -15.0, -5.0,
@@ -38,12 +38,12 @@ double SecondsOf(const google::protobuf::Duration& duration) {
   return static_cast<double>(duration.seconds()) + 1e-9 * duration.nanos();
 }
 
-// AGENT_TYPE_VEHICLE -> VEHICLE.
+// Turns AGENT_TYPE_VEHICLE into VEHICLE.
 std::string WithoutPrefix(const std::string& name, absl::string_view prefix) {
   return std::string(absl::StripPrefix(name, prefix));
 }
 
-// "VEHICLE".
+// Returns "VEHICLE", for example.
 std::string TypeName(const v1::Agent& agent) {
   return WithoutPrefix(v1::AgentType_Name(agent.type()), "AGENT_TYPE_");
 }
@@ -97,7 +97,7 @@ class Lanes {
   bool empty() const { return lanes_.empty(); }
   double length() const { return length_; }
 
-  // Whether one is at most `distance` from a point.
+  // Returns whether a lane is at most `distance` from a point, metres.
   bool Near(double x, double y, double distance) const {
     return std::ranges::any_of(lanes_, [&](const Lane& lane) {
       return x >= lane.min_x - distance && x <= lane.max_x + distance &&
@@ -118,7 +118,7 @@ class Lanes {
   static bool IsNear(const v1::MapFeature& lane, double x, double y, double distance) {
     const int points = std::min(lane.x_size(), lane.y_size());
     for (int i = 0; i < points; ++i) {
-      // From this point to the next; the last has none.
+      // The segment from this point to the next; the last point has none.
       const int next = std::min(i + 1, points - 1);
       const double along_x = lane.x(next) - lane.x(i);
       const double along_y = lane.y(next) - lane.y(i);
@@ -137,15 +137,15 @@ class Lanes {
   double length_ = 0.0;
 };
 
-// Whether an agent never goes further than that from its first state.
+// Returns whether an agent stays nearer than `far` to its first state, metres.
 bool NeverGoesAs(double far, const v1::Agent& agent) {
   return std::ranges::all_of(agent.states(), [&](const v1::AgentState& state) {
     return std::hypot(state.x() - agent.states(0).x(), state.y() - agent.states(0).y()) < far;
   });
 }
 
-// From the state before the one at that time to the state after it: not every recording states
-// velocities.
+// Returns the mean speed from the state before `time` to the state after it. Not every recording
+// states velocities.
 double SpeedAt(double time, const v1::Agent& agent) {
   const int now = scene::FindState(agent, time, HUGE_VAL, HUGE_VAL);
   const v1::AgentState& before = agent.states(std::max(0, now - 1));
@@ -154,7 +154,7 @@ double SpeedAt(double time, const v1::Agent& agent) {
   return step > 0.0 ? std::hypot(after.x() - before.x(), after.y() - before.y()) / step : 0.0;
 }
 
-// What one thread has counted.
+// The counts of one thread.
 class Counts {
  public:
   Counts(const v1::ModelSpec& spec, const v1::ExampleSettings& settings)
@@ -164,7 +164,7 @@ class Counts {
                                      v1::AGENT_TYPE_CYCLIST, v1::AGENT_TYPE_OTHER}) {
       spec_.add_target_types(type);
     }
-    // Every standing window counts: see DatasetSummary.
+    // Counts every standing window: see DatasetSummary.
     settings_.set_keep_standing(1.0);
     horizon_ = spec.trajectory().waypoints() * SecondsOf(spec.trajectory().waypoint_interval());
     *summary_.mutable_example_settings() = settings;
@@ -198,7 +198,7 @@ class Counts {
     }
   }
 
-  // The counts of another thread.
+  // Adds the counts of another thread.
   void Add(const v1::DatasetSummary& other) {
     AddTo(other.agents_by_type(), summary_.mutable_agents_by_type());
     AddTo(other.map_features_by_type(), summary_.mutable_map_features_by_type());
@@ -235,24 +235,24 @@ class Counts {
     Count(std::remainder(turn, 2.0 * std::numbers::pi), summary_.mutable_turns());
   }
 
-  v1::ModelSpec spec_;  // with every type of targets
+  v1::ModelSpec spec_;  // with all types of targets
   v1::ExampleSettings settings_;
   double horizon_ = 0.0;
   v1::DatasetSummary summary_;
 };
 
-// Records on their way from the thread that reads to those that count.
+// A bounded queue from the thread that reads records to the threads that count.
 class Records {
  public:
   struct Record {
-    v1::Shard shard;  // that it is in
+    v1::Shard shard;  // that contains it
     uint64_t offset;
     std::string payload;
   };
 
   explicit Records(size_t most) : most_(most) {}
 
-  // Waits for room. False once there is an error.
+  // Waits for room. Returns false after an error.
   bool Put(Record record) {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this] { return records_.size() < most_ || !status_.ok(); });
@@ -266,7 +266,7 @@ class Records {
     ended_ = true;
     changed_.notify_all();
   }
-  // Nothing at the end.
+  // Waits for a record. Returns nothing at the end and after an error.
   std::optional<Record> Take() {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this] { return !records_.empty() || ended_; });

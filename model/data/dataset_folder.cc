@@ -15,7 +15,7 @@
 namespace maneuver::data {
 namespace {
 
-// Datasets come from other people: nothing packed, nothing enormous.
+// Datasets come from other people: refuse compressed files and enormous records.
 constexpr TfRecordReaderOptions kShardOptions = {.max_record_bytes = uint64_t{256} << 20,
                                                  .allow_gzip = false};
 
@@ -67,7 +67,7 @@ absl::Status ForEachMessage(const std::filesystem::path& folder, v1::ShardConten
   return status;
 }
 
-// Checks one shard whole. Scenario ids are gathered in *ids; annotations must name one of them.
+// Checks a whole shard. Collects scenario ids in *ids; annotations must name one of them.
 absl::Status VerifyShard(const std::filesystem::path& folder, const v1::Shard& shard,
                          std::unordered_set<std::string>* ids) {
   const auto sha256 = files::Sha256OfFile(folder / shard.file());
@@ -114,7 +114,7 @@ absl::Status NotAMessage(const v1::Shard& shard, uint64_t offset, std::string_vi
 
 absl::Status ForEachPayload(const std::filesystem::path& folder, v1::ShardContent content,
                             OnDamage on_damage, const VisitPayload& visit, int64_t* skipped) {
-  // Where damage is passed over, a shard of another size is nothing to stop at.
+  // When damage is skipped, a shard of the wrong size is no reason to stop.
   const auto manifest =
       on_damage == OnDamage::kStop ? ReadDatasetManifest(folder) : LoadDatasetManifest(folder);
   if (!manifest.ok()) return manifest.status();
@@ -166,7 +166,7 @@ absl::StatusOr<std::vector<v1::Scenario>> ReadRecordings(const std::filesystem::
       &skipped);
   if (!status.ok()) return status;
 
-  // Reading is bound by the disk and by one core's CRC; parsing is what takes the time.
+  // Reading is limited by the disk and by the CRC on one core; parsing takes most of the time.
   std::vector<v1::Scenario> recordings(payloads.size());
   std::atomic<size_t> next = 0;
   std::atomic<size_t> unparsable = payloads.size();

@@ -1,4 +1,4 @@
-// How a dataset folder is laid out; for the .cc files of this folder alone.
+// The layout of a dataset folder. Private to this folder's .cc files.
 
 #ifndef MANEUVER_MODEL_DATA_DATASET_LAYOUT_H_
 #define MANEUVER_MODEL_DATA_DATASET_LAYOUT_H_
@@ -19,19 +19,20 @@ namespace maneuver::data {
 inline constexpr char kManifestFile[] = "dataset.json";
 inline constexpr int kDatasetFormatVersion = 1;
 
-// dataset.json, valid in itself; the shards are not looked at.
+// Reads dataset.json and checks it by itself, without the shards.
 absl::StatusOr<v1::Dataset> LoadDatasetManifest(const std::filesystem::path& folder);
 
-// Returns an error for a payload that is not what it should be; clears *more to stop.
+// Visits a payload. Returns an error if it is not of the expected type; sets *more to false to
+// stop.
 using VisitPayload = std::function<absl::Status(const v1::Shard& shard, uint64_t offset,
                                                 std::string&& payload, bool* more)>;
 
-// Calls `visit` with each record of the shards of one content, in order. *skipped counts those
-// that kSkip passes over.
+// Calls `visit` with each record of the shards of one content, in order. *skipped counts the
+// records that kSkip leaves out.
 absl::Status ForEachPayload(const std::filesystem::path& folder, v1::ShardContent content,
                             OnDamage on_damage, const VisitPayload& visit, int64_t* skipped);
 
-// DATA_LOSS: "<file>, record at byte <offset>: not <what>".
+// Returns DATA_LOSS: "<file>, record at byte <offset>: not <what>".
 absl::Status NotAMessage(const v1::Shard& shard, uint64_t offset, std::string_view what);
 
 }  // namespace maneuver::data

@@ -1,4 +1,4 @@
-// dataset.json: text, rules, and the shards that it promises.
+// dataset.json: its text, its rules, and the check that its shards exist.
 
 #include <google/protobuf/util/json_util.h>
 
@@ -22,7 +22,7 @@ constexpr size_t kMaxViolations = 16;
 
 bool IsLowerAlnum(char c) { return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9'); }
 
-// [a-z0-9][a-z0-9._-]*, at most 100 characters.
+// Accepts [a-z0-9][a-z0-9._-]*, at most 100 characters.
 bool IsSafeFileName(std::string_view name) {
   return !name.empty() && name.size() <= kMaxFileName && IsLowerAlnum(name.front()) &&
          std::all_of(name.begin(), name.end(),
@@ -88,7 +88,7 @@ std::vector<scene::FieldViolation> ValidateDatasetManifest(const v1::Dataset& ma
     return violations.Take();
   }
   std::set<std::string> names;
-  // Unsigned, so that absurd counts wrap instead of overflowing.
+  // Unsigned, so that absurd counts wrap around instead of overflowing.
   uint64_t scenarios = 0;
   for (int i = 0; i < manifest.shards_size(); ++i) {
     const v1::Shard& shard = manifest.shards(i);
@@ -124,7 +124,7 @@ std::string PrintDatasetManifest(const v1::Dataset& manifest) {
   options.add_whitespace = true;
   options.preserve_proto_field_names = true;
   std::string json;
-  // Fails only for what a Dataset cannot hold (Any, invalid timestamps of our own making).
+  // Fails only for values that a Dataset cannot hold (Any, invalid timestamps).
   (void)google::protobuf::util::MessageToJsonString(manifest, &json, options);
   return json;
 }

@@ -23,9 +23,9 @@ namespace {
 namespace fs = std::filesystem;
 using google::protobuf::util::TimeUtil;
 
-// Left free by every upload, for jobs and their store.
+// Every upload leaves this much free for jobs and their store.
 constexpr uint64_t kReservedBytes = uint64_t{64} << 20;
-// Datasets whose summaries are kept in memory.
+// The number of datasets whose summaries are kept in memory.
 constexpr size_t kMaxSummaries = 16;
 
 absl::Status NoSuchDataset(const std::string& id) {
@@ -66,9 +66,9 @@ v1::ScenarioSummary Summarize(const v1::Scenario& scenario) {
   return summary;
 }
 
-// Beside the shards; by what the dataset was described with.
+// Prefix of the file that keeps a description; a digest of its settings follows.
 constexpr char kDescriptionPrefix[] = ".description-";
-// Changes with what is counted, and how.
+// Increment it when what is counted, or how, changes.
 constexpr int kDescriptionVersion = 2;
 
 std::string DescriptionFile(const v1::ModelSpec& spec, const v1::ExampleSettings& settings) {
@@ -77,7 +77,7 @@ std::string DescriptionFile(const v1::ModelSpec& spec, const v1::ExampleSettings
   return absl::StrCat(kDescriptionPrefix, digest.substr(0, 16));
 }
 
-// In place of any other. If that fails, the next one counts again.
+// Replaces any earlier description. If writing fails, the next call counts again.
 void KeepDescription(const fs::path& file, const v1::DatasetSummary& summary) {
   std::error_code error;
   std::vector<fs::path> others;
@@ -105,7 +105,7 @@ absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(
   if (error) return files::ErrnoStatus(error.value(), "create", folder);
   if (absl::Status status = files::RemoveTemporaries(folder); !status.ok()) return status;
   std::unique_ptr<DatasetStore> store(new DatasetStore(std::move(folder), options));
-  // Of a dataset that was committed right before a sudden death the shards may lie there still.
+  // The process may have died right after a commit, with the upload's shards still there.
   absl::Status status = store->staging_->RemoveIf(
       [&](const std::string& id, fs::file_time_type) { return store->Contains(id); });
   status.Update(store->RemoveAbandonedUploads(fs::file_time_type::clock::now()));
@@ -120,7 +120,7 @@ bool DatasetStore::Contains(const std::string& id) const {
 
 absl::StatusOr<v1::Dataset> DatasetStore::Get(const std::string& id) const {
   auto manifest = ReadDatasetManifest(FolderOf(id));
-  // Also if it was taken away meanwhile.
+  // The dataset may have been removed meanwhile.
   if (!manifest.ok() && !Contains(id)) return NoSuchDataset(id);
   if (!manifest.ok()) return manifest.status();
   manifest->set_name(absl::StrCat("datasets/", id));
@@ -144,7 +144,7 @@ absl::StatusOr<std::vector<std::string>> DatasetStore::List(const std::string& a
 
 absl::Status DatasetStore::CheckRoom(uint64_t wanted, uint64_t arrived, uint64_t announced,
                                      uint64_t missing, uint64_t broken_off) const {
-  // An upload that ends meanwhile counts twice rather than not at all.
+  // An upload that ends meanwhile must count twice rather than not at all.
   const auto total = options_.quota_bytes > 0 ? TotalBytes() : 0;
   if (!total.ok()) return total.status();
   const auto quota = static_cast<uint64_t>(options_.quota_bytes);
@@ -218,7 +218,7 @@ absl::StatusOr<int64_t> DatasetStore::TotalBytes() const {
   if (!ids.ok()) return ids.status();
   int64_t bytes = 0;
   for (const std::string& id : *ids) {
-    // One that was deleted meanwhile, or cannot be read, takes no part.
+    // Ignores a dataset that was deleted meanwhile or cannot be read.
     if (const auto dataset = Get(id); dataset.ok()) {
       bytes += static_cast<int64_t>(files::BytesOf(ShardFiles(*dataset)));
     }
@@ -227,7 +227,7 @@ absl::StatusOr<int64_t> DatasetStore::TotalBytes() const {
 }
 
 absl::StatusOr<fs::path> DatasetStore::Detach(const std::string& id) {
-  // An empty folder of a name that the next Open removes; the dataset takes its place.
+  // Moves the dataset over an empty folder whose name makes the next Open remove it.
   auto temporary = files::MakeTemporaryFolderFor(FolderOf(id));
   if (!temporary.ok()) return temporary.status();
   std::error_code error;

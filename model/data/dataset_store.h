@@ -27,79 +27,87 @@ class UploadStaging;
 
 namespace maneuver::data {
 
-// One dataset on its way in: its shards' bytes, one after the other. Not thread-safe.
+// An upload of one dataset: receives the bytes of its shards, one shard after the other. Not
+// thread-safe.
 class DatasetUpload {
  public:
-  // Without a Commit what has arrived is kept for the next upload of this name by this caller.
+  // Without a Commit, keeps what has arrived for this caller's next upload of this name.
   virtual ~DatasetUpload() = default;
 
-  // The next bytes. Errors, each naming the shard: INVALID_ARGUMENT for more bytes than the
-  // manifest says, DATA_LOSS for a shard with another SHA-256 (what came of it, now or before, is
-  // thrown away), RESOURCE_EXHAUSTED for a full disk; ABORTED once another upload of this name by
-  // this caller has begun.
+  // Receives the next bytes. Each error names the shard:
+  //   INVALID_ARGUMENT: there are more bytes than the manifest states.
+  //   DATA_LOSS: the SHA-256 of a shard differs. All its bytes are discarded, also earlier ones.
+  //   RESOURCE_EXHAUSTED: the disk is full.
+  //   ABORTED: another upload of this name by this caller has begun.
   virtual absl::Status Append(std::string_view bytes) = 0;
-  // Reads back and checks everything (VerifyDatasetFolder), then makes it a dataset in one step.
-  // May take long. INVALID_ARGUMENT if bytes are missing, or with the shard, record and field of
-  // what is no valid recording; ALREADY_EXISTS if another upload was first; DATA_LOSS as above.
+  // Reads everything back, checks it (VerifyDatasetFolder) and publishes the dataset in one step.
+  // May take long.
+  //   INVALID_ARGUMENT: bytes are missing, or a record is not a valid recording; names the shard,
+  //     record and field.
+  //   ALREADY_EXISTS: another upload was first.
+  //   DATA_LOSS: as for Append.
   virtual absl::StatusOr<v1::Dataset> Commit() = 0;
-  // Nothing of it is to be kept.
+  // Drops what has arrived instead of keeping it.
   virtual void Discard() = 0;
 };
 
 struct DatasetStoreOptions {
-  // Most that all datasets together may have, what has arrived of others included; 0: as much as
-  // the disk holds.
+  // The most bytes that all datasets and unfinished uploads may have together; 0: only the disk
+  // limits them.
   int64_t quota_bytes = 0;
-  // What has arrived by an upload that broke off is removed so long after its last byte; 0: never.
+  // How long the bytes of an interrupted upload are kept after the last one arrived; 0: forever.
   std::chrono::seconds keep_uploads = std::chrono::hours(24);
 };
 
-// Ids must be valid ones (security::ParseDatasetName). Datasets are immutable: what was read of one
-// once stays true as long as it is there. Safe to use from any thread. NOT_FOUND for an unknown id.
+// Ids must be valid (security::ParseDatasetName). Datasets are immutable: what a caller has read
+// stays true for as long as the dataset exists. Reading, describing or detaching an unknown dataset
+// returns NOT_FOUND. Thread-safe.
 class DatasetStore {
  public:
-  // Creates the folder if need be and removes what interrupted commits and deletions left in it,
-  // and uploads that are too old.
+  // Opens the store and creates its folder if needed. Removes what interrupted commits and
+  // deletions left, and uploads that are too old.
   static absl::StatusOr<std::unique_ptr<DatasetStore>> Open(
       std::filesystem::path folder, const DatasetStoreOptions& options = {});
 
   std::filesystem::path FolderOf(const std::string& id) const { return folder_ / id; }
   bool Contains(const std::string& id) const;
   absl::StatusOr<v1::Dataset> Get(const std::string& id) const;
-  // Ids after `after`, sorted, at most `limit`.
+  // Returns at most `limit` ids after `after`, sorted.
   absl::StatusOr<std::vector<std::string>> List(const std::string& after, size_t limit) const;
 
-  // Begins an upload, or goes on with one: what has arrived is this caller's alone.
-  //   caller: who it is; empty where nobody is asked.
-  //   arrived: [shards] bytes that are not sent, because QueryUpload said that they are there;
-  //     empty: everything is sent.
-  // Errors: ALREADY_EXISTS; INVALID_ARGUMENT is not checked here: see ValidateDatasetManifest;
-  // RESOURCE_EXHAUSTED if it does not fit on the disk, FAILED_PRECONDITION if not within the quota,
-  // beside what other uploads have announced; UNAVAILABLE if less has arrived than is said, or
-  // while an earlier upload of this name is being committed: ask QueryUpload again.
+  // Begins or continues an upload. Callers never share what has arrived.
+  //   caller: the caller's identity; empty if the server does not authenticate callers.
+  //   arrived: [shards] bytes that are not sent, because QueryUpload reported them; empty:
+  //     everything is sent.
+  // Errors (the caller checks the manifest first, with ValidateDatasetManifest):
+  //   ALREADY_EXISTS: the dataset exists.
+  //   RESOURCE_EXHAUSTED: it does not fit on the disk beside the announced bytes of other uploads.
+  //   FAILED_PRECONDITION: it does not fit within the quota beside them.
+  //   UNAVAILABLE: less has arrived than `arrived` states, or an earlier upload of this name is
+  //     being committed. Call QueryUpload again.
   absl::StatusOr<std::unique_ptr<DatasetUpload>> BeginUpload(
       const std::string& id, const v1::Dataset& manifest, const std::string& caller = "",
       std::vector<int64_t> arrived = {}) const;
-  // What need not be sent. The manifest is valid.
+  // Returns what need not be sent. The manifest must be valid.
   absl::StatusOr<v1::QueryUploadResponse> QueryUpload(const std::string& id,
                                                       const v1::Dataset& manifest,
                                                       const std::string& caller = "") const;
-  // Removes what uploads that broke off too long before `now` have left.
+  // Removes what interrupted uploads left, if their last byte arrived too long before `now`.
   absl::Status RemoveAbandonedUploads(std::filesystem::file_time_type now) const;
 
-  // Takes a dataset away in one step. What is returned is a folder to be removed, which may take
-  // long; if nobody does, the next Open will.
+  // Removes a dataset from the store in one step. The caller should then delete the returned
+  // folder, which may take long; otherwise the next Open does.
   absl::StatusOr<std::filesystem::path> Detach(const std::string& id);
 
-  // The recordings at a glance, in order, from `begin`, at most `limit`. The first call for a
-  // dataset reads all of it.
+  // Returns summaries of at most `limit` recordings, in order, from index `begin`. The first call
+  // for a dataset reads all of it.
   absl::StatusOr<std::vector<v1::ScenarioSummary>> ListScenarios(const std::string& id,
                                                                  size_t begin, size_t limit);
-  // Counts what is in a dataset; see DescribeDataset of dataset_folder.h. Reads all of it, on a
-  // quarter of the cores, and keeps the answer beside the shards for the next time.
+  // Counts what a dataset contains (DescribeDataset, dataset_folder.h). Reads all of it on a
+  // quarter of the cores and keeps the answer beside the shards for the next call.
   absl::StatusOr<v1::DatasetSummary> Describe(const std::string& id, const v1::ModelSpec& spec,
                                               const v1::ExampleSettings& settings) const;
-  // Reads up to the recording.
+  // Returns one recording. Reads the dataset up to it.
   absl::StatusOr<v1::Scenario> GetScenario(const std::string& id,
                                            const std::string& scenario_id) const;
 
@@ -116,7 +124,7 @@ class DatasetStore {
   const DatasetStoreOptions options_;
   const std::shared_ptr<files::UploadStaging> staging_;
   std::mutex mutex_;
-  // What ListScenarios read, by id and time of creation. Guarded by mutex_.
+  // Results of ListScenarios, by id and time of creation. Guarded by mutex_.
   std::map<std::pair<std::string, int64_t>, Summaries> summaries_;
 };
 

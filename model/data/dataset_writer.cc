@@ -17,7 +17,7 @@
 namespace maneuver::data {
 namespace {
 
-// First to last state of anyone, seconds.
+// Returns the time from the first to the last state of any agent, seconds.
 double Duration(const v1::Scenario& scenario) {
   double first = std::numeric_limits<double>::infinity();
   double last = -first;
@@ -142,7 +142,7 @@ class FolderWriter final : public DatasetWriter {
   }
 
  private:
-  // A write that failed leaves half a record: nothing can follow it.
+  // A failed write leaves half a record, so nothing can be appended after it.
   absl::Status Append(const google::protobuf::Message& message, ShardSeries* series) {
     if (!failed_.ok()) return failed_;
     if (!message.SerializeToString(&payload_)) {

@@ -18,14 +18,14 @@ double Seconds(const google::protobuf::Duration& duration) {
   return static_cast<double>(duration.seconds()) + 1e-9 * duration.nanos();
 }
 
-// What the examples of a spec have in common.
+// What all examples of a spec share.
 struct Window {
   double stride;
-  double past;       // time of the oldest frame before the present
+  double past;       // from the oldest frame to the present
   double tolerance;  // half a frame interval
   double max_gap;    // between two states
   std::vector<double> waypoint_times;
-  double max_speed;  // of any target, infinite: no limit
+  double max_speed;  // of any target; infinity: no limit
   double standing_distance;
   double keep_standing;
   v1::TrajectoryReference reference;
@@ -63,7 +63,7 @@ double Distance(const v1::AgentState& a, const v1::AgentState& b) {
   return std::hypot(b.x() - a.x(), b.y() - a.y());
 }
 
-// Indices of the states from which examples start.
+// Returns the indices of the states that examples start from.
 std::vector<int> StartStates(const v1::Agent& agent, const Window& window) {
   std::vector<int> starts;
   if (agent.states().empty() || !(window.stride > 0.0)) return starts;
@@ -72,14 +72,14 @@ std::vector<int> StartStates(const v1::Agent& agent, const Window& window) {
   const double end = std::floor((last + window.tolerance) / window.stride);
   for (double k = std::ceil((first - window.tolerance) / window.stride); k <= end; ++k) {
     const int start = scene::FindState(agent, k * window.stride, window.tolerance, HUGE_VAL);
-    // A stride shorter than the track's own steps meets states twice.
+    // A stride shorter than the track's own interval reaches the same state twice.
     if (start >= 0 && (starts.empty() || start > starts.back())) starts.push_back(start);
   }
   return starts;
 }
 
-// Whether the track from state `first` on, to `end_time` or its own end, is one motion: no gap up
-// to state `now`, no step that is too fast. Gaps after it are for ResampleFuture to judge.
+// Returns whether the track from state `first` to `end_time`, or to its end, is one motion: no gap
+// up to state `now` and no step that is too fast. ResampleFuture checks for later gaps.
 bool IsContinuous(const v1::Agent& agent, int first, int now, double end_time,
                   const Window& window) {
   const double max_speed = std::min(window.max_speed, MostSpeed(agent.type()));

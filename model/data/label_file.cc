@@ -26,9 +26,10 @@ namespace {
 
 constexpr char kLabelHeader[] = "recording,target,time,action";
 constexpr size_t kMostActionCharacters = 63;
-// Of what a message repeats of a line.
+// The number of characters of a line that a message quotes.
 constexpr size_t kMostRepeated = 60;
-// Times are written with few decimals: a target is there so long before its first state too.
+// Times are written with few decimals, so a target may be labelled this long before its first
+// state.
 constexpr double kWrittenTime = 0.0501;  // seconds
 
 struct Label {
@@ -39,7 +40,7 @@ struct Label {
   std::string action;
 };
 
-// "'abc'", and what does not belong into a message as '?'.
+// Returns "'abc'", with '?' for characters that do not belong in a message.
 std::string Repeated(std::string_view text) {
   std::string repeated(text.substr(0, kMostRepeated));
   for (char& c : repeated) {
@@ -48,7 +49,7 @@ std::string Repeated(std::string_view text) {
   return absl::StrCat("'", repeated, text.size() > kMostRepeated ? "...'" : "'");
 }
 
-// The fields of a line; nothing if a quote is not closed, or something follows it.
+// Returns the fields of a line; nothing if a quote is not closed or text follows it.
 std::optional<std::vector<std::string>> SplitFields(std::string_view line) {
   std::vector<std::string> fields;
   size_t at = 0;
@@ -88,7 +89,7 @@ class LabelFile {
   explicit LabelFile(const std::set<std::string>& actions) : actions_(actions) {}
 
   void Read(std::string_view text) {
-    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);  // as some tables begin
+    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);  // a byte order mark
     bool has_header = false;
     int64_t number = 0;
     while (!text.empty()) {
@@ -108,7 +109,7 @@ class LabelFile {
     if (!has_header) Refuse(1, absl::StrCat("the first line must be ", kLabelHeader));
   }
 
-  // Takes the labels of one recording.
+  // Checks the labels of one recording.
   void Check(const v1::Scenario& recording) {
     const auto labels = by_recording_.find(recording.scenario_id());
     if (labels == by_recording_.end()) return;
@@ -202,13 +203,14 @@ class LabelFile {
 
   const std::set<std::string>& actions_;
   CheckedLabels checked_;
-  // Labels whose recording has not come yet; a map, so that problems come in the same order.
+  // Labels whose recording has not been read yet. A map, so that problems come in a fixed order.
   std::map<std::string, std::vector<Label>> by_recording_;
-  std::map<std::tuple<std::string, int64_t, double>, int64_t> moments_;  // and their line
+  std::map<std::tuple<std::string, int64_t, double>, int64_t>
+      moments_;  // and the line that labels each
   std::vector<Label> accepted_;
 };
 
-// The first "annotations-00000.tfrecord", ... that no shard is named.
+// Returns the first of "annotations-00000.tfrecord", ... that is not the name of a shard.
 std::string FreeShardName(const v1::Dataset& manifest) {
   for (int number = 0;; ++number) {
     char name[40];

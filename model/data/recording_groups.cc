@@ -15,7 +15,7 @@
 namespace maneuver::data {
 namespace {
 
-// Hashes of different kinds begin differently, so that they do not meet.
+// Seeds that keep hashes of different kinds apart.
 constexpr uint64_t kIdSeed = 0x6964;
 constexpr uint64_t kPlaceSeed = 0x706C616365;
 constexpr uint64_t kAgentSeed = 0x6167656E74;
@@ -23,8 +23,8 @@ constexpr uint64_t kAgentSeed = 0x6167656E74;
 constexpr double kEndTolerance = 1.0;   // metres
 constexpr double kStepRounding = 0.01;  // metres
 constexpr double kLeastStep = 0.1;      // metres
-// Of the longest features, each 16 hashes, and of the steps with the smallest hashes: two
-// recordings that share a place or a drive choose the same ones.
+// The hashes kept: 16 for each of the longest features, and the smallest hashes of steps. Two
+// recordings that share a place or a drive then keep the same ones.
 constexpr size_t kMostFeatures = 128;
 constexpr size_t kMostSteps = 1024;
 
@@ -46,9 +46,9 @@ double Length(const v1::MapFeature& feature) {
   return length;
 }
 
-// Appends the hashes of a feature by the cells that its ends lie in, on grids that are staggered by
-// half a cell: of two numbers that differ by less than half a cell, one of two such grids has both
-// in one cell. Four numbers make 16 grids.
+// Appends the hashes of a feature. They name the cells that its ends lie in, on two grids per
+// coordinate that are staggered by half a cell. Two numbers that differ by less than half a cell
+// share a cell in one of the two grids. Four coordinates make 16 combinations.
 void AppendHashes(const v1::MapFeature& feature, std::vector<uint64_t>* hashes) {
   const std::array<double, 4> ends = {*feature.x().begin(), *feature.y().begin(),
                                       *feature.x().rbegin(), *feature.y().rbegin()};
@@ -101,7 +101,7 @@ std::vector<uint64_t> HashSteps(const v1::Scenario& recording) {
   return hashes;
 }
 
-// One group as folds are dealt out.
+// One group while it is assigned to a fold.
 struct Deal {
   int size = 0;
   uint64_t hash = ~uint64_t{0};  // the smallest of its recordings', mixed with the seed

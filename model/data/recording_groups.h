@@ -1,4 +1,4 @@
-// Which recordings belong together, and which fold each of them is in.
+// Finds which recordings belong together, and deals them out to folds.
 //
 // A model that learned from a place or a drive must not be measured on another recording of the
 // same place or drive, because it has already seen the answer. Cross-validation therefore keeps
@@ -27,7 +27,7 @@
 
 namespace maneuver::data {
 
-// Shorter map features may be alike by chance.
+// Shorter map features may match by chance.
 inline constexpr double kLeastSharedLength = 20.0;  // metres
 
 // Recordings are numbered in the order in which they were added.
@@ -40,7 +40,7 @@ struct RecordingGroups {
   int LargestGroup() const;
 };
 
-// Finds the groups of recordings that are added one by one. Keeps at most 3,073 hashes of a
+// Finds the groups of recordings that are added one by one. Keeps at most 3,073 hashes per
 // recording. Not thread-safe.
 class RecordingGrouper {
  public:
@@ -50,7 +50,7 @@ class RecordingGrouper {
 
  private:
   int Root(int recording) const;
-  // Joins the recording that was added last with the first one that has this hash.
+  // Joins the latest recording with the first one that has this hash.
   void Link(uint64_t hash);
 
   std::vector<std::string> ids_;
@@ -58,11 +58,10 @@ class RecordingGrouper {
   std::unordered_map<uint64_t, int> first_;  // the first recording that has a hash
 };
 
-// Returns the fold of each recording, 0 .. folds - 1: whole groups, the largest first, each to the
-// fold with the fewest recordings so far. Groups of one size take their turns in the order of a
-// hash of the seed and of their recordings' ids, so that the order of the recordings does not
-// matter.
-// INVALID_ARGUMENT if there are fewer than two folds; FAILED_PRECONDITION if there are fewer groups
+// Returns the fold of each recording, 0 .. folds - 1. Groups stay whole. They are assigned from the
+// largest to the smallest, each to the fold with the fewest recordings so far. Groups of equal size
+// are ordered by a hash of the seed and of their recordings' ids, so the order of the recordings
+// does not matter. INVALID_ARGUMENT for fewer than two folds; FAILED_PRECONDITION for fewer groups
 // than folds.
 absl::StatusOr<std::vector<int>> AssignFolds(const RecordingGroups& groups, int folds,
                                              uint64_t seed);

@@ -1,5 +1,5 @@
-// A hash that is the same on every machine, in every run and in every version: what depends on it
-// (which recordings are held out, which examples stay) must not move. Never change it.
+// A hash that is the same on every machine and in every version. It decides which recordings are
+// held out and which examples are kept. Never change it.
 
 #ifndef MANEUVER_MODEL_DATA_STABLE_HASH_H_
 #define MANEUVER_MODEL_DATA_STABLE_HASH_H_
@@ -18,7 +18,7 @@ constexpr uint64_t StableHash(std::string_view bytes) {
   return hash;
 }
 
-// Mixes a number into a hash (the finalizer of SplitMix64 on their combination).
+// Mixes a number into a hash: the finalizer of SplitMix64 on their combination.
 constexpr uint64_t MixHash(uint64_t hash, uint64_t value) {
   uint64_t z = (hash ^ value) + 0x9E3779B97F4A7C15u;
   z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
@@ -26,7 +26,7 @@ constexpr uint64_t MixHash(uint64_t hash, uint64_t value) {
   return z ^ (z >> 31);
 }
 
-// A hash as a number in [0, 1), from its upper 53 bits.
+// Maps a hash to a number in [0, 1), by its upper 53 bits.
 constexpr double UnitInterval(uint64_t hash) { return static_cast<double>(hash >> 11) * 0x1p-53; }
 
 }  // namespace maneuver::data

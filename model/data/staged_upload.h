@@ -14,7 +14,7 @@
 
 namespace maneuver::data {
 
-// datasets/{id} exists.
+// Returns ALREADY_EXISTS: datasets/{id} exists.
 absl::Status DatasetExists(const std::string& id);
 
 // The shards of a manifest.

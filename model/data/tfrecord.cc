@@ -18,8 +18,8 @@ namespace {
 constexpr size_t kLengthBytes = 8;
 constexpr size_t kCrcBytes = 4;
 constexpr size_t kHeaderBytes = kLengthBytes + kCrcBytes;
-// A payload is read in pieces of this size, so that a length that promises more than the file holds
-// costs no memory.
+// Payloads are read in pieces of this size, so that a record whose length exceeds the file costs no
+// memory.
 constexpr size_t kPieceBytes = 4 << 20;
 
 template <typename Integer>
@@ -143,8 +143,8 @@ class FileWriter final : public TfRecordWriter {
   std::string sha256_;
 };
 
-// Whether the file starts like gzip and not like a record: a record whose length ends in the bytes
-// of gzip's magic is still a record.
+// Returns whether the file starts like gzip and not like a record. A record whose length happens to
+// contain gzip's magic number is still a record.
 absl::StatusOr<bool> LooksLikeGzip(const std::filesystem::path& file) {
   auto source = OpenPlain(file);
   if (!source.ok()) return source.status();

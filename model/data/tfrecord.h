@@ -20,30 +20,30 @@
 
 namespace maneuver::data {
 
-// CRC-32C (Castagnoli) rotated and offset as TFRecord does.
+// Returns the CRC-32C (Castagnoli), rotated and offset as TFRecord requires.
 uint32_t MaskedCrc32c(std::string_view bytes);
 
 struct TfRecordReaderOptions {
-  // A longer record counts as damage to the framing, even if the CRC of its length is right: 1 GiB.
+  // A longer record counts as damage to the framing, even if the CRC of its length matches. 1 GiB.
   uint64_t max_record_bytes = uint64_t{1} << 30;
-  // Off where the file comes from somebody else: a small gzip file can hold very much.
+  // Turn it off for files from other people: a small gzip file can expand enormously.
   bool allow_gzip = true;
 };
 
-// Reads one file, front to back. Gzip is recognised by its magic. Memory is bounded by the longest
-// record that is really there.
+// Reads one file from front to back. Recognises gzip by its magic number. Uses memory for the
+// longest record that really exists.
 class TfRecordReader {
  public:
   static absl::StatusOr<std::unique_ptr<TfRecordReader>> Open(
       const std::filesystem::path& file, const TfRecordReaderOptions& options = {});
   virtual ~TfRecordReader() = default;
 
-  // The next payload. OUT_OF_RANGE at the end of the file. DATA_LOSS, naming file and offset, for a
-  // damaged record; if `can_continue()`, the next call goes on after it.
+  // Reads the next payload. OUT_OF_RANGE at the end of the file. DATA_LOSS, with file and offset,
+  // for a damaged record; if can_continue(), the next call reads the record after it.
   virtual absl::Status Next(std::string* payload) = 0;
-  // False once the framing itself is lost: a wrong length, a truncated file.
+  // Returns false once the framing is lost: a wrong length, a truncated file.
   virtual bool can_continue() const = 0;
-  // Offset of the record that Next last looked at, bytes (of the uncompressed stream).
+  // Returns the offset of the latest record that Next read, in bytes of the uncompressed stream.
   virtual uint64_t offset() const = 0;
 };
 
@@ -54,13 +54,13 @@ class TfRecordWriter {
   virtual ~TfRecordWriter() = default;
 
   virtual absl::Status Append(std::string_view payload) = 0;
-  // Flushes and syncs. Without it the file is not complete. Call once.
+  // Flushes and syncs. The file is not complete without it. Call once, last.
   virtual absl::Status Close() = 0;
 
-  // So far.
+  // Counts and bytes so far.
   virtual int64_t records() const = 0;
   virtual int64_t size_bytes() const = 0;
-  // SHA-256 of the file, lower-case hexadecimal; after Close.
+  // Returns the file's SHA-256, lower-case hexadecimal. Call after Close.
   virtual const std::string& sha256() const = 0;
 };
 

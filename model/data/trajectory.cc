@@ -7,7 +7,7 @@
 namespace maneuver::data {
 namespace {
 
-// p_WP at time `t`, between the states on either side of it.
+// Returns p_WP at time `t`, interpolated between the states on either side.
 std::optional<scene::Point2> PositionAt(const v1::Agent& agent, double t, double max_gap) {
   const auto& states = agent.states();
   const auto after = std::lower_bound(
@@ -21,7 +21,7 @@ std::optional<scene::Point2> PositionAt(const v1::Agent& agent, double t, double
     return scene::Point2{before->x() + share * (after->x() - before->x()),
                          before->y() + share * (after->y() - before->y())};
   }
-  // Beside a gap or an end of the track, only a state at this very moment counts.
+  // Next to a gap or at an end of the track, only a state at this very time counts.
   if (has_after && after->time() - t <= kClockTolerance)
     return scene::Point2{after->x(), after->y()};
   if (has_before && t - before->time() <= kClockTolerance) {

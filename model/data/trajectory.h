@@ -1,4 +1,4 @@
-// The future of an agent as the model sees it: positions at the waypoint times.
+// The future of an agent as a model predicts it: positions at the waypoint times.
 
 #ifndef MANEUVER_MODEL_DATA_TRAJECTORY_H_
 #define MANEUVER_MODEL_DATA_TRAJECTORY_H_
@@ -12,17 +12,17 @@
 
 namespace maneuver::data {
 
-// Clocks jitter: a waypoint that lies less than this after the last state (or before the first) is
-// that state's, seconds. At 30 m/s, 6 cm.
+// Clocks jitter: a waypoint less than this after the last state, or before the first, takes that
+// state's position, seconds. At 30 m/s it is 6 cm.
 inline constexpr double kClockTolerance = 0.002;
 
-// Positions of `agent` in the frame X_WT at `time` + each waypoint time, linearly interpolated
-// between states.
+// Resamples the positions of `agent` in the frame X_WT at `time` + each waypoint time, by linear
+// interpolation between states.
 //   waypoint_times: [T] seconds after `time`.
 //   trajectory: [T, 2] metres, x then y.
-// False if a waypoint lies outside the states or in a gap longer than `max_gap` seconds; the index
-// of the first such waypoint goes to *missing if given, and the rest of `trajectory` is not
-// written.
+// Returns false if a waypoint lies outside the states or in a gap longer than `max_gap` seconds.
+// Then sets *missing, if given, to the index of the first such waypoint, and does not write the
+// rest of `trajectory`.
 bool ResampleFuture(const v1::Agent& agent, double time, const scene::Pose2& X_WT,
                     std::span<const double> waypoint_times, double max_gap,
                     std::span<double> trajectory, int* missing = nullptr);

@@ -56,7 +56,7 @@ v1::TrafficSignalState StateOf(const waymo::TrafficSignalLaneState& lane_state) 
   return v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED;
 }
 
-// Whether a state says where its agent was.
+// Returns whether a state has a usable position.
 bool IsUsable(const waymo::ObjectState& state) {
   return state.valid() && std::isfinite(state.center_x()) && std::isfinite(state.center_y()) &&
          std::isfinite(state.heading()) && std::isfinite(state.velocity_x()) &&
@@ -73,7 +73,7 @@ struct Size {
   float width = 0.0f;
 };
 
-// Of an agent whose recording states no size, metres: medians of recordings that do.
+// Returns the size of an agent whose recording states none, metres: medians of recordings that do.
 Size TypicalSize(v1::AgentType type) {
   switch (type) {
     case v1::AGENT_TYPE_VEHICLE:
@@ -85,7 +85,7 @@ Size TypicalSize(v1::AgentType type) {
   }
 }
 
-// Size of the usable state nearest to step `current` that has one.
+// Returns the size of the usable state nearest to step `current` that has one.
 Size SizeOf(const waymo::Track& track, int current) {
   const waymo::ObjectState* nearest = nullptr;
   int distance = 0;
@@ -127,7 +127,7 @@ void AddTargets(const waymo::Scenario& recording, int current, v1::Scenario* sce
     const int index = required.track_index();
     if (index < 0 || index >= recording.tracks_size()) continue;
     const waymo::Track& track = recording.tracks(index);
-    if (!IsUsable(track.states(current))) continue;  // not there at the prediction time
+    if (!IsUsable(track.states(current))) continue;  // absent at the prediction time
     if (named.insert(track.id()).second) scenario->add_target_ids(track.id());
   }
 }
@@ -148,7 +148,7 @@ void AddFeature(int64_t id, v1::MapFeatureType type, const Points& points, doubl
   *scenario->add_map_features() = std::move(feature);
 }
 
-// Adds an id to a list of ids that may be full, or have it already.
+// Adds an id to a list unless the list is full or has it already.
 void AddId(int64_t id, google::protobuf::RepeatedField<int64_t>* ids) {
   if (ids->size() < scene::ScenarioLimits().max_lane_links &&
       std::find(ids->begin(), ids->end(), id) == ids->end()) {
@@ -156,8 +156,8 @@ void AddId(int64_t id, google::protobuf::RepeatedField<int64_t>* ids) {
   }
 }
 
-// Declares which lanes follow each other and lie side by side. A recording says on either lane that
-// one follows the other.
+// Declares which lanes follow each other and which are neighbours. Either lane may declare that one
+// follows the other.
 void AddLaneLinks(const waymo::Scenario& recording, v1::Scenario* scenario) {
   std::map<int64_t, v1::MapFeature*> lanes;
   for (v1::MapFeature& feature : *scenario->mutable_map_features()) {
@@ -218,7 +218,7 @@ void AddMapFeature(const waymo::MapFeature& feature, v1::Scenario* scenario) {
       AddFeature(id, v1::MAP_FEATURE_TYPE_DRIVEWAY, feature.driveway().polygon(), 0, scenario);
       return;
     case waymo::MapFeature::FEATURE_DATA_NOT_SET:
-      return;  // a kind of feature that came after this schema
+      return;  // a kind of feature that is newer than this schema
   }
 }
 
@@ -247,7 +247,7 @@ void AddSignals(const waymo::Scenario& recording, v1::Scenario* scenario) {
   for (auto& [lane, signal] : signals) *scenario->add_traffic_signals() = std::move(signal);
 }
 
-// What is wrong with the recording as a whole.
+// Checks the recording as a whole.
 absl::Status Check(const waymo::Scenario& recording) {
   if (recording.tracks().empty()) return absl::InvalidArgumentError("the scenario has no tracks");
   const auto& times = recording.timestamps_seconds();

@@ -1,4 +1,4 @@
-// Waymo Open Motion scenarios as ours.
+// Reads scenarios of the Waymo Open Motion Dataset.
 
 #ifndef MANEUVER_MODEL_DATA_WAYMO_READER_H_
 #define MANEUVER_MODEL_DATA_WAYMO_READER_H_
@@ -10,17 +10,18 @@
 
 namespace maneuver::data {
 
-// One serialised waymo.open_dataset.Scenario. prediction_time is that of current_time_index (step
-// 10 where it is not stated), targets are tracks_to_predict with a state then (without those,
-// none). A recording without an id gets one of its content: "nosid-" and eight hexadecimal digits.
+// Parses one serialised waymo.open_dataset.Scenario. prediction_time is the time of
+// current_time_index (step 10 if it is not stated). The targets are those tracks_to_predict that
+// have a state at that time. A recording without an id gets one from its content: "nosid-" and
+// eight hexadecimal digits.
 //
-// Kept: valid states with finite numbers; agents that have any; map features that have any points.
-// An agent's size is that of its state nearest to the prediction time; where no state has one (some
-// copies of these recordings come without), one typical of its type. A signal has a reading where
-// it changes, "unspecified" where the recording stops telling.
+// Keeps valid states with finite numbers, agents that have any state, and map features that have
+// any point. An agent's size is that of its state nearest to the prediction time. If no state has a
+// size, as in some copies of the dataset, it is typical of the agent's type. A signal has one
+// reading per change; it becomes "unspecified" where the recording no longer states it.
 //
-// Lanes declare their successors (exit_lanes, and the entry_lanes of others) and neighbours, as
-// many as ScenarioLimits accepts.
+// Lanes declare their successors (exit_lanes, and the entry_lanes of other lanes) and neighbours,
+// as many as ScenarioLimits accepts.
 //
 // INVALID_ARGUMENT if it does not parse, has no tracks, or its times do not increase or do not
 // match its states.

@@ -72,10 +72,10 @@ Eigen::MatrixXd DistancesOf(std::span<const Candidate> first, std::span<const Ca
   return distances;
 }
 
-// What pairing i and j costs; square, with idle partners for the larger side's leftovers.
+// Returns the cost of pairing i and j. Square: the smaller side is filled up with idle partners.
 Eigen::MatrixXd CostsOf(std::span<const Candidate> first, std::span<const Candidate> second,
                         const Eigen::MatrixXd& distances) {
-  constexpr double kLeastShare = 1e-6;  // actions of no share are still paired by distance
+  constexpr double kLeastShare = 1e-6;  // pairs actions without a share by distance
   const auto weight = [](std::span<const Candidate> side, Eigen::Index i) {
     const bool left_over = i >= static_cast<Eigen::Index>(side.size());
     return left_over ? 0.0 : side[static_cast<size_t>(i)].description.share() + kLeastShare;

@@ -1,4 +1,4 @@
-// Whether two models, of two seeds for instance, have found the same actions.
+// Measures whether two models, of two training seeds for instance, have found the same actions.
 
 #ifndef MANEUVER_MODEL_EVALUATION_ACTION_MATCHING_H_
 #define MANEUVER_MODEL_EVALUATION_ACTION_MATCHING_H_
@@ -16,24 +16,24 @@ namespace maneuver::evaluation {
 //
 //   d(i, j) = 1/T sum_t |mu_i(t) - nu_j(t)|   metres,
 //
-// the ADE of motion forecasting between two predictions. The widths of the generic distributions,
-// which a 2-Wasserstein distance would add, are left out: they are fitted to each model's own
-// errors, and a pair shall be close when the vehicles are.
+// which is the ADE of motion forecasting between two predictions. A 2-Wasserstein distance would
+// also compare the widths of the generic distributions. It is not used: the widths are fitted to
+// each model's own errors, and a pair should be close when the vehicles are.
 //
-// With p_i the share of action i, its mean p(y|s), the pairs are those with the least
+// Let p_i be the share of action i, its mean p(y|s). The pairs minimise
 //
 //   sum over pairs of w d,  w = (p_i + p_j) / 2   (assignment.h),
 //
-// so that actions that hardly occur do not part those that often do; one that is left over (the
-// other model has fewer) counts p / 2 times the largest of all d. Of the pairs:
+// so that rare actions do not separate frequent ones. An action without a partner (the other model
+// has fewer) costs p / 2 times the largest of all d. About the pairs:
 //   mean_distance   sum w d / sum w
 //   tolerance       kToleranceSpeed times the horizon: 2 m at 5 s
-//   agreeing_share  sum of p_i over the pairs with d <= tolerance, of all p_i = 1; likewise p_j
+//   agreeing_share  sum of p_i over the pairs with d <= tolerance, out of all p_i = 1; and for p_j
 //
-// Shares are those of the manifests (validation examples). The generic means of models whose
-// actions are relative to the present motion are those that the manifests store, at 10 m/s.
-// INVALID_ARGUMENT if a manifest has no effective action, the models' waypoints are not at the same
-// times, or one model has a reference and the other has none.
+// Shares come from the manifests (validation examples). For models whose actions are relative to
+// the present motion, the generic means are those that the manifests store, at 10 m/s.
+// INVALID_ARGUMENT if a manifest has no effective action, the models' waypoints are at different
+// times, or only one model has a reference.
 absl::StatusOr<v1::ActionMatching> MatchActions(const v1::ModelManifest& first,
                                                 const v1::ModelManifest& second);
 

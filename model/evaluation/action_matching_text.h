@@ -1,4 +1,4 @@
-// A matching as people read it.
+// Prints a matching for people.
 
 #ifndef MANEUVER_MODEL_EVALUATION_ACTION_MATCHING_TEXT_H_
 #define MANEUVER_MODEL_EVALUATION_ACTION_MATCHING_TEXT_H_

@@ -11,7 +11,7 @@
 namespace maneuver::evaluation {
 namespace {
 
-// Actions against one kind of classes.
+// Agreement of the actions with one set of classes.
 struct Agreement {
   ContingencyTable all;
   ClassInformation given_speed;

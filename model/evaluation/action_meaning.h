@@ -1,4 +1,4 @@
-// What actions mean: how they agree with classes of trajectories that no training saw.
+// What actions mean: how well they agree with classes of trajectories that training never used.
 
 #ifndef MANEUVER_MODEL_EVALUATION_ACTION_MEANING_H_
 #define MANEUVER_MODEL_EVALUATION_ACTION_MEANING_H_
@@ -10,12 +10,12 @@
 
 namespace maneuver::evaluation {
 
-// An action has a name if at least this share of its examples is of one relative class.
+// An action gets a name if at least this share of its examples is of one relative class.
 inline constexpr double kNamedPurity = 0.7;
 
 // Sets the agreement of actions (argmax q(y|x,s)) with recorded manoeuvres, kinematic classes and
-// relative classes, as evaluator.h names it, and the classes in `action_uses`.
-//   report: has one element of action_uses for each action
+// relative classes, under the names of evaluator.h, and the classes in `action_uses`.
+//   report: must have one element of action_uses for each action.
 void AddMeaning(std::span<const Measurement> measured, v1::EvaluationReport& report);
 
 }  // namespace maneuver::evaluation

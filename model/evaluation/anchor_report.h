@@ -1,4 +1,4 @@
-// The rows of the anchor baselines in a report.
+// The metrics of the anchor baselines in a report.
 
 #ifndef MANEUVER_MODEL_EVALUATION_ANCHOR_REPORT_H_
 #define MANEUVER_MODEL_EVALUATION_ANCHOR_REPORT_H_
@@ -10,8 +10,8 @@
 
 namespace maneuver::evaluation {
 
-// Adds those metrics covernet_* and multipath_* (evaluator.h) that are no means over examples, of
-// measurements that have baselines. example_metrics.h has the others.
+// Adds the metrics covernet_* and multipath_* (evaluator.h) that are not means over examples. Every
+// measurement must have baselines. The means are in example_metrics.h.
 void AddAnchorMetrics(std::span<const Measurement> measured, v1::EvaluationReport& report);
 
 }  // namespace maneuver::evaluation

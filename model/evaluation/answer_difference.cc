@@ -158,7 +158,7 @@ AnswerDifference AnswerComparison::Compare(const VersionAnswer& first,
   difference.expected = AverageDisplacement(ours.Expected(), theirs.Expected());
   difference.likeliest =
       AverageDisplacement(ours.means[Likeliest(first)], theirs.means[Likeliest(second)]);
-  // Rounding can leave a little below 0.
+  // Rounding can make it slightly negative.
   difference.energy =
       std::max(0.0, 2.0 * ExpectedDistance(ours, theirs) - ExpectedDistance(ours, ours) -
                         ExpectedDistance(theirs, theirs));

@@ -7,8 +7,8 @@ namespace {
 
 constexpr int kNobody = -1;
 
-// Gives one more row a column, moving earlier rows where that is cheaper. Keeps
-// costs(i, j) - row_price[i] - column_price[j] >= 0 everywhere, and = 0 for assigned pairs.
+// Assigns a column to one more row, and moves earlier rows where that is cheaper. Keeps costs(i, j)
+// - row_price[i] - column_price[j] >= 0 everywhere, and = 0 for assigned pairs.
 class Assignment {
  public:
   explicit Assignment(const Eigen::MatrixXd& costs)
@@ -19,10 +19,11 @@ class Assignment {
 
   void Add(int new_row) {
     const Eigen::Index columns = costs_.cols();
-    // Dijkstra over columns: distance[j] is the cheapest way from the new row to column j.
+    // Dijkstra over columns: distance[j] is the length of the cheapest path from the new row to
+    // column j.
     Eigen::VectorXd distance =
         Eigen::VectorXd::Constant(columns, std::numeric_limits<double>::infinity());
-    std::vector<int> previous(row_of_.size(), kNobody);  // column before j on that way
+    std::vector<int> previous(row_of_.size(), kNobody);  // column before j on that path
     std::vector<bool> settled(row_of_.size(), false);
     int row = new_row;
     int column = kNobody;
@@ -58,7 +59,7 @@ class Assignment {
     }
   }
 
-  // The row of each column, or kNobody.
+  // Returns the row of each column, or kNobody.
   const std::vector<int>& row_of() const { return row_of_; }
 
  private:

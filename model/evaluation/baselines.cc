@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kPast = 1.0;  // seconds
 
-// Least-squares slope of values over times; 0 without a spread of times.
+// Returns the least-squares slope of values over times; 0 if all times are equal.
 double Slope(const std::vector<double>& times, const std::vector<double>& values) {
   const auto count = static_cast<double>(times.size());
   double mean_time = 0.0;

@@ -1,4 +1,4 @@
-// Predictors that learn nothing: what a model must beat.
+// Predictors that learn nothing. A model must do better than they do.
 
 #ifndef MANEUVER_MODEL_EVALUATION_BASELINES_H_
 #define MANEUVER_MODEL_EVALUATION_BASELINES_H_
@@ -13,7 +13,7 @@ namespace maneuver::evaluation {
 
 using inference::Trajectory;
 
-// How a vehicle moves at one time, in its own frame there (+x along its heading, +y to its left).
+// A vehicle's motion at one time, in its own frame then (+x along its heading, +y to its left).
 struct Motion {
   double velocity_x = 0.0;    // m/s
   double velocity_y = 0.0;    // m/s
@@ -23,29 +23,29 @@ struct Motion {
   double speed() const;  // m/s, >= 0
 };
 
-// The motion at `time`, at which `agent` has a state. The velocity is that state's; acceleration
-// and turn rate are the least-squares slopes of the recorded speed along the heading and of the
-// heading (unwrapped) over the states of the past second, 0 if there is but one. States after
-// `time` are not looked at.
+// Estimates the motion at `time`, at which `agent` must have a state. The velocity is that state's.
+// Acceleration and turn rate are the least-squares slopes of the recorded speed along the heading
+// and of the heading (unwrapped) over the states of the past second; 0 if there is only one.
+// Ignores states after `time`.
 Motion EstimateMotion(const v1::Agent& agent, double time);
 
-// Constant velocity: p(t) = v t.
+// Returns the trajectory at constant velocity, p(t) = v t.
 //   waypoint_times: [T] seconds
 Trajectory ConstantVelocity(const Motion& motion, std::span<const double> waypoint_times);
 
-// Constant turn rate and acceleration (CTRA): the position p(t) with
-//   dp/dt = (v + a t) (cos w t, sin w t),  v the velocity along the heading,
-// until the speed reaches 0: one that brakes stops and does not drive back.
+// Returns the trajectory at constant turn rate and acceleration (CTRA): the position p(t) with
+//   dp/dt = (v + a t) (cos w t, sin w t), where v is the velocity along the heading,
+// until the speed reaches 0: a braking vehicle stops and does not reverse.
 //   waypoint_times: [T] seconds
 Trajectory ConstantTurnRateAndAcceleration(const Motion& motion,
                                            std::span<const double> waypoint_times);
 
-// The faded roll-out: acceleration and turn rate, shrunk by the noise of their estimates, fade away
-// within about a second (scene::RollOut, FADING_MOTION; scene::EstimateMotion). What models with
-// that reference start from.
-//   agent: has a state at `time`; later states are not looked at
-//   X_WT: pose of the agent at `time` in the world
-//   waypoint_times: [T] seconds
+// Returns the faded roll-out (scene::RollOut, FADING_MOTION; scene::EstimateMotion): acceleration
+// and turn rate, shrunk by the noise of their estimates, fade within about a second. Models with
+// this reference predict relative to it.
+//   agent: must have a state at `time`; later states are ignored.
+//   X_WT: pose of the agent at `time` in the world.
+//   waypoint_times: [T] seconds.
 Trajectory FadedRollOut(const v1::Agent& agent, double time, const scene::Pose2& X_WT,
                         std::span<const double> waypoint_times);
 

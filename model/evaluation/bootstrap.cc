@@ -9,7 +9,7 @@
 namespace maneuver::evaluation {
 namespace {
 
-constexpr uint64_t kBootstrapSeed = 0x626F6F74;  // apart from the draws of other hashes
+constexpr uint64_t kBootstrapSeed = 0x626F6F74;  // keeps these draws apart from other hashes
 
 //   sorted: at least one;  share: in [0, 1]
 double Quantile(const std::vector<double>& sorted, double share) {
@@ -24,7 +24,7 @@ double Quantile(const std::vector<double>& sorted, double share) {
 Eigen::MatrixXd DrawGroups(int groups, int resamples, uint64_t seed) {
   Eigen::MatrixXd counts = Eigen::MatrixXd::Zero(resamples, groups);
   const uint64_t mixed =
-      data::MixHash(kBootstrapSeed, seed);  // else neighbouring seeds share their draws
+      data::MixHash(kBootstrapSeed, seed);  // otherwise neighbouring seeds share draws
   for (int draw = 0; draw < resamples; ++draw) {
     const uint64_t of_draw = data::MixHash(mixed, static_cast<uint64_t>(draw));
     for (int i = 0; i < groups; ++i) {

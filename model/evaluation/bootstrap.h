@@ -1,9 +1,9 @@
-// The bootstrap: how far a figure moves when other recordings are drawn.
+// The bootstrap: how much a figure varies when other recordings are drawn.
 //
-// Examples of one recording are alike, so what is drawn with replacement is groups of recordings,
-// as many as there are (the cluster bootstrap; Davison and Hinkley, Bootstrap Methods and their
-// Application, 1997, section 3.8). The interval is that between percentiles of the figure over the
-// draws.
+// Examples of one recording resemble each other. Therefore groups of recordings are drawn with
+// replacement, as many as there are (the cluster bootstrap; Davison and Hinkley, Bootstrap Methods
+// and their Application, 1997, section 3.8). An interval reaches from one percentile of the figure
+// over the draws to another.
 
 #ifndef MANEUVER_MODEL_EVALUATION_BOOTSTRAP_H_
 #define MANEUVER_MODEL_EVALUATION_BOOTSTRAP_H_
@@ -19,13 +19,13 @@ struct Interval {
   double upper = 0.0;
 };
 
-// Returns how often each group is in each draw. Each row sums to `groups`. The same seed gives the
-// same draws on every machine. [resamples, groups]
+// Returns how often each draw contains each group, [resamples, groups]. Each row sums to `groups`.
+// The same seed gives the same draws on every machine.
 Eigen::MatrixXd DrawGroups(int groups, int resamples, uint64_t seed);
 
 // Returns the 2.5th and the 97.5th percentile, interpolated linearly between the nearest values.
-// Values that are not finite do not count: of a draw that has no example of a part. Both ends are
-// NaN if no value counts.
+// Ignores values that are not finite, which come from draws without an example of a part. Both ends
+// are NaN if no value remains.
 Interval PercentileInterval(std::vector<double> values);
 
 }  // namespace maneuver::evaluation

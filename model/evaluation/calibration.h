@@ -1,4 +1,4 @@
-// What the probabilities of a predictor are worth.
+// Measures how good the probabilities of a predictor are.
 
 #ifndef MANEUVER_MODEL_EVALUATION_CALIBRATION_H_
 #define MANEUVER_MODEL_EVALUATION_CALIBRATION_H_
@@ -9,27 +9,28 @@
 
 namespace maneuver::evaluation {
 
-// Gathers p(y|s) and q(y|x,s) over examples.
+// Collects p(y|s) and q(y|x,s) over examples.
 class ActionStatistics {
  public:
   explicit ActionStatistics(int actions);
 
+  // Adds an example.
   //   predicted: p(y|s), [K];  responsibilities: q(y|x,s), [K]
   void Add(const Eigen::VectorXd& predicted, const Eigen::VectorXd& responsibilities);
 
-  // Mean p(y|s). [K]
+  // Returns the mean p(y|s), [K].
   Eigen::VectorXd MeanProbability() const;
-  // Largest p(y|s) over the examples. [K]
+  // Returns the largest p(y|s) of each action over the examples, [K].
   const Eigen::VectorXd& LargestProbability() const { return largest_; }
-  // Actions that some example gives at least kEffectiveProbability.
+  // Returns the number of actions that have at least kEffectiveProbability in some example.
   int EffectiveActions() const;
-  // exp H(mean p(y|s)), between 1 and K.
+  // Returns exp H(mean p(y|s)), between 1 and K.
   double Perplexity() const;
-  // I(y;s) = H(mean p(y|s)) - mean H(p(y|s)), nats.
+  // Returns I(y;s) = H(mean p(y|s)) - mean H(p(y|s)), nats.
   double MutualInformation() const;
-  // Mean H(p(y|s)), nats.
+  // Returns the mean H(p(y|s)), nats.
   double MeanEntropy() const;
-  // What the calibration error is summed over. A bin holds its lower end; the last one 1 as well.
+  // A bin of the calibration error. It contains its lower end; the last bin also contains 1.
   struct Bin {
     int64_t examples = 0;
     double confidence = 0.0;      // sum of the largest p(y|s)
@@ -37,9 +38,9 @@ class ActionStatistics {
   };
   static constexpr int kBins = 10;
   const std::array<Bin, kBins>& bins() const { return bins_; }
-  // Expected calibration error of the most probable action against q(y|x,s): over ten equal bins of
-  // its probability, the mean distance between that probability and the share q gives to the
-  // action.
+  // Returns the expected calibration error of the most probable action against q(y|x,s). Over ten
+  // equal bins of the action's probability, it is the mean distance between that probability and
+  // the share that q gives to the action.
   double ExpectedCalibrationError() const;
 
   static constexpr double kEffectiveProbability = 0.05;

@@ -16,7 +16,7 @@ double Entropy(const std::map<int, int64_t>& counts, double total) {
   return entropy;
 }
 
-// ln 0! .. ln n!
+// Returns ln 0! .. ln n!.
 std::vector<double> LogFactorials(int64_t n) {
   std::vector<double> values(static_cast<size_t>(n) + 1, 0.0);
   for (size_t i = 1; i < values.size(); ++i) {
@@ -25,8 +25,8 @@ std::vector<double> LogFactorials(int64_t n) {
   return values;
 }
 
-// Mean of (k / n) ln(n k / (a b)), where k of the b pairs of a class are among the a pairs of a
-// cluster, out of n: k is hypergeometric, with
+// Returns the mean of (k / n) ln(n k / (a b)). k counts the pairs among n that are both among the a
+// pairs of a cluster and among the b pairs of a class. It is hypergeometric, with
 //   p(k) = a! b! (n - a)! (n - b)! / (n! k! (a - k)! (b - k)! (n - a - b + k)!)
 double ExpectedTerm(int64_t a, int64_t b, int64_t n, const std::vector<double>& log_factorials) {
   const auto log_factorial = [&](int64_t i) { return log_factorials[static_cast<size_t>(i)]; };

@@ -1,4 +1,4 @@
-// How well clusters agree with classes that they never saw.
+// Measures how well clusters agree with classes that were not used to form them.
 
 #ifndef MANEUVER_MODEL_EVALUATION_CLUSTERING_H_
 #define MANEUVER_MODEL_EVALUATION_CLUSTERING_H_
@@ -15,7 +15,7 @@ class ContingencyTable {
   void Add(int cluster, int label);
   int64_t total() const { return total_; }
 
-  // The class that most pairs of a cluster have; of several, the smallest.
+  // The most frequent class of a cluster; the smallest one if several are equally frequent.
   struct Majority {
     int label = 0;
     int64_t count = 0;  // pairs of that class
@@ -23,27 +23,28 @@ class ContingencyTable {
 
     double Purity() const { return static_cast<double>(count) / static_cast<double>(total); }
   };
-  // Returns that of each cluster that has a pair.
+  // Returns the majority of each cluster that has a pair.
   std::map<int, Majority> Majorities() const;
 
-  // Share of the pairs whose class is the most frequent one of their cluster, in (0, 1].
+  // Returns the share of the pairs whose class is the majority of their cluster, in (0, 1].
   double Purity() const;
 
-  // Returns the share of the pairs that are in clusters of at least this purity, in [0, 1].
+  // Returns the share of the pairs in clusters of at least this purity, in [0, 1].
   double ShareInClustersOfPurity(double purity) const;
 
-  // H(class)
+  // Returns H(class).
   double LabelEntropy() const;
 
-  // I(cluster; class), at least 0. Chance alone makes it positive in a sample.
+  // Returns I(cluster; class), at least 0. In a sample, chance alone makes it positive.
   double MutualInformation() const;
 
-  // Returns the mean of MutualInformation() over all ways to deal the classes of these pairs out to
-  // their clusters: what chance alone makes of it. Exact, by the hypergeometric distribution of
-  // each count (Vinh, Epps and Bailey 2010, equation 24a).
+  // Returns the mean of MutualInformation() over all ways to distribute the classes of these pairs
+  // over their clusters: the value that chance alone gives. Exact, by the hypergeometric
+  // distribution of each count (Vinh, Epps and Bailey 2010, equation 24a).
   double ExpectedMutualInformation() const;
 
-  // 2 I(cluster; class) / (H(cluster) + H(class)), in [0, 1]; 0 when one of them never varies.
+  // Returns 2 I(cluster; class) / (H(cluster) + H(class)), in [0, 1]; 0 if one of them never
+  // varies.
   double NormalizedMutualInformation() const;
 
  private:

@@ -6,7 +6,7 @@
 namespace maneuver::evaluation {
 namespace {
 
-// Three digits: "850", "24.6 M", "5.08 G".
+// Returns three digits: "850", "24.6 M", "5.08 G".
 std::string InThousands(int64_t count) {
   double value = static_cast<double>(count);
   const char* unit = "";

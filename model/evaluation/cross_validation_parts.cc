@@ -18,7 +18,7 @@ using google::protobuf::util::MessageDifferencer;
 using Recordings = google::protobuf::RepeatedPtrField<v1::GroupedRecording>;
 using RunKey = std::pair<int64_t, int>;  // seed, fold
 
-// "seed 1, fold 2", folds counted from 1 as people do.
+// Returns "seed 1, fold 2", with folds counted from 1.
 std::string Describe(const v1::FoldRun& run) {
   return absl::StrCat("seed ", run.seed(), ", fold ", run.fold() + 1);
 }
@@ -116,7 +116,7 @@ absl::Status CheckComplete(const std::map<RunKey, v1::FoldRun>& runs, int folds)
   return absl::OkStatus();
 }
 
-// Folds partition the examples, so that each seed measures all of them once.
+// Checks that the folds partition the examples, so that each seed measures each example once.
 absl::Status CheckSameExamples(const std::map<RunKey, v1::FoldRun>& runs) {
   std::map<int64_t, int64_t> examples;  // of each seed
   for (const auto& [key, run] : runs) examples[key.first] += run.held_out().examples_size();

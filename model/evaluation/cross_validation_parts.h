@@ -1,4 +1,4 @@
-// Parts of one cross-validation, put together.
+// Merges the parts of one cross-validation.
 
 #ifndef MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_PARTS_H_
 #define MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_PARTS_H_
@@ -10,9 +10,8 @@
 
 namespace maneuver::evaluation {
 
-// Returns one part with all runs: seeds in ascending order, and of each seed the folds in theirs.
-// Also checks what an honest figure rests on: no model was measured on a recording of a group that
-// it learned from.
+// Returns one part with all runs, ordered by seed, then by fold. Also checks that the figures are
+// honest: no model was measured on a recording of a group that it learned from.
 // FAILED_PRECONDITION, with what to do, if the parts have different plans, two of them have the
 // same run, a seed lacks a fold, or only some runs have baselines. DATA_LOSS if a part contradicts
 // itself.

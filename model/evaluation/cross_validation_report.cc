@@ -26,8 +26,8 @@ using Names = google::protobuf::RepeatedPtrField<std::string>;
 
 constexpr int kBins = ActionStatistics::kBins;
 
-// The numbers of each example: 1, its values, and for each bin of the calibration error its
-// confidence and its responsibility.
+// The columns of an example: 1, its values, and its confidence and responsibility for each bin of
+// the calibration error.
 struct Columns {
   explicit Columns(int value_count) : values(value_count) {}
 
@@ -64,7 +64,7 @@ std::optional<int> IndexOf(const Names& names, std::string_view name) {
   return static_cast<int>(found - names.begin());
 }
 
-//   models: how many models of one seed measured each example
+//   models: number of models of one seed that measured each example
 void Fill(const GroupedSums& part, const Eigen::MatrixXd& draws, const Names& names, int models,
           v1::CrossValidatedPart& proto) {
   const Columns columns(names.size());
@@ -132,7 +132,7 @@ std::map<std::string, v1::ModelRange> RangesOf(std::span<const SetRun> runs, siz
   return ranges;
 }
 
-// Numbers the groups of a set from 0, and counts what is in them.
+// Numbers the groups of a set from 0. Writes how many groups and recordings there are to `proto`.
 std::map<int, int> NumberGroups(const Recordings& recordings, v1::CrossValidatedSet& proto) {
   std::map<int, int> sizes;
   for (const v1::GroupedRecording& recording : recordings) ++sizes[recording.group()];
@@ -146,7 +146,7 @@ std::map<int, int> NumberGroups(const Recordings& recordings, v1::CrossValidated
   return numbers;
 }
 
-//   models: how many models of one seed measured each example
+//   models: number of models of one seed that measured each example
 void AddSet(std::span<const SetRun> runs, const Recordings& recordings, int seeds, int models,
             const BootstrapOptions& options, v1::CrossValidatedSet& proto) {
   const std::map<int, int> groups = NumberGroups(recordings, proto);

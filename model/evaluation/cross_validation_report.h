@@ -1,4 +1,5 @@
-// Cross-validation in figures: means over all examples, their intervals, and who is ahead.
+// The figures of a cross-validation: means over all examples, intervals, and which predictor is
+// ahead.
 
 #ifndef MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_REPORT_H_
 #define MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_REPORT_H_
@@ -10,13 +11,13 @@ namespace maneuver::evaluation {
 
 // Returns the figures of a whole cross-validation, as MergeParts returns it. For each training
 // seed, a figure is computed from the examples of all folds together; the estimate is the mean over
-// the seeds. The bootstrap draws groups of recordings, the same ones for all figures of a set:
-//   means        sum of the values / number of examples
-//   ratios       of two means, those of MetricRatios
-//   differences  of two means over the same examples
-//   calibration_error  as ActionStatistics has it, from the examples of all folds together
-// Other metrics of whole sets (mutual_information, nmi, ...) are those of each model on its set;
-// they have a range and no interval.
+// the seeds. The bootstrap draws groups of recordings; all figures of a set share the same draws:
+//   means              sum of the values / number of examples
+//   ratios             of two means (MetricRatios)
+//   differences        of two means over the same examples
+//   calibration_error  as in ActionStatistics, from the examples of all folds together
+// Other metrics of whole sets (mutual_information, nmi, ...) are measured for each model on its
+// set. They have a range instead of an interval.
 v1::CrossValidationReport MakeCrossValidationReport(const v1::CrossValidationPart& whole,
                                                     const BootstrapOptions& options);
 

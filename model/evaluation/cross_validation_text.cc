@@ -23,7 +23,7 @@ std::string IntervalText(const v1::Estimate& estimate) {
   return absl::StrFormat("%.3f .. %.3f", estimate.lower(), estimate.upper());
 }
 
-// Of each training seed; nothing for one seed alone.
+// Returns the value of each training seed; nothing for a single seed.
 std::string SeedText(const google::protobuf::RepeatedField<double>& values) {
   if (values.size() < 2) return "";
   std::string text;
@@ -31,15 +31,15 @@ std::string SeedText(const google::protobuf::RepeatedField<double>& values) {
   return text;
 }
 
-// "ade_1, m".
+// Returns "ade_1, m", for example.
 std::string LabelOf(const std::string& name) {
   const std::optional<MetricInfo> metric = FindMetric(name);
   if (!metric || metric->unit.empty()) return name;
   return absl::StrCat(name, ", ", std::string(metric->unit));
 }
 
-// The table of all examples holds what says most: of the model's own metrics those of the most
-// probable action and of the best six, and the average and final displacement of its rivals.
+// Returns whether the table of all examples shows a metric. It shows the model's metrics of the
+// most probable action and of the best six, and the average and final displacement of its rivals.
 bool IsMain(const std::string& name) {
   const std::optional<MetricInfo> metric = FindMetric(name);
   if (!metric) return true;
@@ -56,7 +56,7 @@ bool IsMain(const std::string& name) {
          !name.ends_with("_latent");
 }
 
-// Names in the order of metric_table.h; those that it does not know last.
+// Returns names in the order of metric_table.h; unknown names come last.
 template <typename Value>
 std::vector<std::string> Sorted(const google::protobuf::Map<std::string, Value>& metrics) {
   std::vector<std::pair<int, std::string>> ranked;
@@ -81,8 +81,8 @@ Block MainMetrics(const v1::CrossValidatedSet& set) {
   return block;
 }
 
-// What belongs to a model and is no mean over examples: of the model itself, or of the baselines
-// that were trained with it.
+// Returns the metrics of each model that are not means over examples: the model's own, or those of
+// the baselines that were trained with it.
 Block ModelRanges(const v1::CrossValidatedSet& set, const std::string& title, bool of_model) {
   Block block(title, {"MEAN", "RANGE OF MODELS", "OF EACH SEED"});
   for (const std::string& name : Sorted(set.set_metrics())) {
@@ -124,7 +124,7 @@ Block Strata(const v1::CrossValidatedSet& set, const std::string& dimension,
   return block;
 }
 
-// The targets' types are worth telling where there are several.
+// Returns whether the set has targets of several types; only then are types shown.
 bool HasSeveralTypes(const v1::CrossValidatedSet& set) {
   return std::ranges::count_if(set.strata(), [](const v1::CrossValidatedPart& part) {
            return part.dimension() == "type";
@@ -137,7 +137,7 @@ std::string VerdictText(const v1::RivalComparison& comparison) {
                          comparison.difference().upper());
 }
 
-// The model beside its rivals by one metric.
+// Returns the model's comparison with its rivals by one metric.
 Block Comparisons(const v1::CrossValidatedSet& set, const std::string& metric) {
   std::vector<std::string> titles;
   for (const Rival& rival : kRivals) titles.emplace_back(rival.column);

@@ -1,4 +1,4 @@
-// A cross-validation as people read it.
+// Prints a cross-validation for people.
 
 #ifndef MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_TEXT_H_
 #define MANEUVER_MODEL_EVALUATION_CROSS_VALIDATION_TEXT_H_
@@ -11,8 +11,8 @@ namespace maneuver::evaluation {
 
 // Returns tables for the held-out folds and for each test dataset: the main metrics with their
 // intervals, what the actions of each model mean, the main metrics by speed and by kinematic class,
-// and who is ahead there. The report itself has all metrics and all strata. Lines end in '\n';
-// without colour it is plain ASCII.
+// and which predictor is ahead in each. The report itself has all metrics and all strata. Lines end
+// in '\n'. Without colour, the text is plain ASCII.
 std::string CrossValidationText(const v1::CrossValidationReport& report, bool color);
 
 }  // namespace maneuver::evaluation

@@ -6,7 +6,7 @@
 namespace maneuver::evaluation {
 namespace {
 
-constexpr double kMissDistance = 2.0;  // metres, of both
+constexpr double kMissDistance = 2.0;  // metres, for both benchmarks
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 }  // namespace
@@ -28,7 +28,7 @@ DisplacementErrors BestOf(std::span<const Trajectory> ranked, std::span<const do
   DisplacementErrors errors{.min_ade = kInfinity, .min_fde = kInfinity};
   double smallest_largest = kInfinity;
   double total = 0.0;
-  double probability = 0.0;  // of the one with the least FDE
+  double probability = 0.0;  // of the trajectory with the least FDE
   const size_t count = std::min<size_t>(k, ranked.size());
   for (size_t i = 0; i < count; ++i) {
     errors.min_ade = std::min(errors.min_ade, AverageDisplacement(ranked[i], truth));

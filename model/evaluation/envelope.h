@@ -1,4 +1,4 @@
-// Whether an action's envelope of trajectories holds the truth, and how wide it is.
+// Measures whether an action's envelope of trajectories contains the truth, and how wide it is.
 
 #ifndef MANEUVER_MODEL_EVALUATION_ENVELOPE_H_
 #define MANEUVER_MODEL_EVALUATION_ENVELOPE_H_
@@ -9,14 +9,14 @@ namespace maneuver::evaluation {
 
 using inference::WaypointCovariances;
 
-// What the latent alone spreads: sum_d h_d h_d^T over the sigma points, without the decoder's
-// covariance (model/probability/sigma_points.h).
+// Returns the covariance from the latent alone: sum_d h_d h_d^T over the sigma points, without the
+// decoder's covariance (model/probability/sigma_points.h).
 WaypointCovariances LatentCovariance(const inference::ActionDistribution& distribution);
 
-// Shares of the waypoints t whose truth lies in the n-sigma ellipse, on its edge included:
+// Shares of the waypoints t whose truth lies in the n-sigma ellipse, edge included:
 //   (x_t - m_t)^T C_t^-1 (x_t - m_t) <= n^2.
-// A 2-D Gaussian holds 1 - exp(-n^2 / 2): 39.3 % for n = 1, 86.5 % for n = 2. Where C_t is singular
-// nothing lies in it.
+// A 2-D Gaussian contains 1 - exp(-n^2 / 2): 39.3 % for n = 1, 86.5 % for n = 2. A singular C_t
+// contains nothing.
 struct Coverage {
   double one_sigma = 0.0;
   double two_sigma = 0.0;
@@ -28,15 +28,15 @@ Coverage CoverageOf(const inference::Trajectory& mean, const WaypointCovariances
 inline constexpr double kGaussianOneSigma = 0.393469;  // 1 - exp(-1/2)
 inline constexpr double kGaussianTwoSigma = 0.864665;  // 1 - exp(-2)
 
-// Mean over the waypoints of sqrt(trace(C_t) / 2), metres: of a circle, its standard deviation on
-// each coordinate.
+// Returns the mean over the waypoints of sqrt(trace(C_t) / 2), metres. For a circle, that is the
+// standard deviation of each coordinate.
 double MeanSigma(const WaypointCovariances& covariance);
 
-// How one action's distribution encloses the truth.
+// How well one action's distribution encloses the truth.
 struct Envelope {
   Coverage whole;           // with the decoder's covariance
-  Coverage latent;          // with the latent's alone
-  double mean_sigma = 0.0;  // of the latent alone, metres
+  Coverage latent;          // with the latent's covariance alone
+  double mean_sigma = 0.0;  // with the latent's covariance alone, metres
 };
 
 Envelope EnvelopeOf(const inference::ActionDistribution& distribution,

@@ -23,8 +23,8 @@ namespace {
 
 constexpr int64_t kReportEvery = 64;  // examples
 
-// Whether baselines can be measured on what a model reads of a scene and on its trajectories. The
-// sizes of the networks that read it may differ.
+// Returns whether baselines read the same of a scene as the model and predict the same
+// trajectories. The sizes of their networks may differ.
 bool SeesTheSame(const v1::ModelSpec& baselines, const v1::ModelSpec& model) {
   using google::protobuf::util::MessageDifferencer;
   return baselines.has_raster() == model.has_raster() &&
@@ -68,7 +68,7 @@ void AddSample(const MeasuredExamples& all, const EvaluationInput& input,
   }
 }
 
-// Measures the examples on the input's threads; false if its `progress` stopped it.
+// Measures the examples on the input's threads. Returns false if `progress` cancelled it.
 bool MeasureAll(const MeasuringContext& context, const EvaluationInput& input,
                 std::span<const data::Example> examples, std::span<Measurement> measured) {
   std::mutex mutex;  // guards the calls of progress

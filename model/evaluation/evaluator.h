@@ -21,42 +21,44 @@ namespace maneuver::evaluation {
 
 struct EvaluationInput {
   std::span<const v1::Scenario> recordings;  // all of them are measured
-  // For agreement with recorded manoeuvres; may be empty.
+  // For the agreement with recorded manoeuvres; may be empty.
   std::span<const v1::ManeuverAnnotation> annotations;
   v1::ExampleSettings examples;  // complete
-  // Those of the model's folder; null if it carries none.
+  // The baselines of the model's folder; null if it has none.
   const inference::AnchorBaselines* baselines = nullptr;
   int threads = 1;
-  // So many examples are carried in the report (example_sample.h).
+  // The number of examples that the report contains (example_sample.h).
   int sampled_examples = 0;
-  // Called now and then with examples done and in all; false stops the evaluation. May be empty.
-  // Called from one thread at a time.
+  // Called now and then with the examples done and the total; returning false cancels the
+  // evaluation. May be empty. Never called from two threads at once.
   std::function<bool(int64_t done, int64_t total)> progress;
 };
 
-// The report's metrics; k is 1, 5, 6 and 10, the predictions are the mean trajectories of the k
-// actions with the largest p(y|s), distances are metres, densities nats.
+// Measures the model and returns a report. The metrics of the report follow. k is 1, 5, 6 and 10.
+// The predictions are the mean trajectories of the k actions with the largest p(y|s). Distances are
+// in metres, densities in nats.
 //
 //   ade_1, min_ade_k, fde_1, min_fde_k     errors of the best (displacement.h)
-//   brier_fde_k, miss_rate_k               as Argoverse 2 has them
-//   miss_rate_nuscenes_k                   as nuScenes has it
+//   brier_fde_k, miss_rate_k               as in Argoverse 2
+//   miss_rate_nuscenes_k                   as in nuScenes
 //   ade_waymo_1, min_ade_waymo_k, fde_waymo_1, min_fde_waymo_k, miss_rate_waymo_k
-//                                          as Waymo has them (waymo_displacement.h); absent if the
-//                                          horizon is below 3 s
+//                                          as in Waymo's benchmark
+//                                          (waymo_displacement.h); absent if the horizon is below
+//                                          3 s
 //   ade_medoid, fde_medoid, miss_rate_medoid
 //                                          of the medoid, the best single answer
 //                                          (inference/representatives.h), as ade_1 and miss_rate_1
 //   min_ade_cover_k, min_fde_cover_k, miss_rate_cover_k
-//                                          k = 5, 6, 10: of the first k representatives in place of
+//                                          k = 5, 6, 10: of the first k representatives instead of
 //                                          the k most probable actions
-//   ade_cv, fde_cv, miss_rate_cv, ...      the same of constant velocity; with _ctra of constant
-//                                          turn rate and acceleration, with _faded of the faded
+//   ade_cv, fde_cv, miss_rate_cv, ...      the same for constant velocity; with _ctra for constant
+//                                          turn rate and acceleration, with _faded for the faded
 //                                          roll-out (baselines.h)
 //   ade_ratio, fde_ratio                   ade_1 / ade_cv, fde_1 / fde_cv
 //   ade_medoid_ratio, fde_medoid_ratio     ade_medoid / ade_cv, fde_medoid / fde_cv
 //   min_ade_6_ratio, min_fde_6_ratio       min_ade_6 / ade_cv, min_fde_6 / fde_cv
-//   nll, nll_joint                         mixture over all actions (likelihood.h)
-//   nll_action                             of the example's action alone, argmax q(y|x,s), a
+//   nll, nll_joint                         of the mixture over all actions (likelihood.h)
+//   nll_action                             of the example's action alone, argmax q(y|x,s), nats per
 //                                          waypoint
 //   coverage_1sigma, coverage_2sigma       of that action's ellipses (envelope.h), with the
 //                                          decoder's covariance
@@ -67,48 +69,49 @@ struct EvaluationInput {
 //                                          and from p(z|y), metres
 //   mean_sigma_ratio                       the first of these divided by the second
 //   ade_1_prior, min_ade_k_prior, ..., miss_rate_k_prior, nll..._prior, coverage..._prior
-//                                          the same of the generic distributions p(z|y) instead of
+//                                          the same for the generic distributions p(z|y) instead of
 //                                          q(z|y,s)
 //   effective_actions, action_perplexity, action_entropy, mutual_information, calibration_error
 //                                          see calibration.h
 //   largest_share                          the largest mean p(y|s) of an action
 //   nmi, purity                            argmax q(y|x,s) against the recorded manoeuvre that
 //                                          covers most of the horizon; absent without annotations
-//   labelled_examples                      how many examples those two are over
+//   labelled_examples                      the number of examples of those two
 //   covernet_NAME, multipath_NAME          of the anchor baselines of the model's folder, if given
 //                                          (artifact/anchor_baselines.h): ade_1, min_ade_k, fde_1,
 //                                          min_fde_k, the miss rates, nll, nll_joint,
 //                                          effective_actions, action_perplexity, largest_share,
-//                                          mutual_information and calibration_error, as above with
-//                                          the nearest anchor's one-hot for q(y|x,s)
-//   nmi_kinematic, purity_kinematic        argmax q(y|x,s) against kinematic_classes.h
-//   nmi_relative, purity_relative          the same against relative_classes.h
+//                                          mutual_information and calibration_error, as above, with
+//                                          the nearest anchor's one-hot in place of q(y|x,s)
+//   nmi_kinematic, purity_kinematic        argmax q(y|x,s) against the classes of
+//                                          kinematic_classes.h
+//   nmi_relative, purity_relative          the same against those of relative_classes.h
 //   class_information_kinematic, class_information_relative
-//                                          what argmax q(y|x,s) tells of the class once the
-//                                          target's speed stratum (strata.h) is known: share of
+//                                          how much argmax q(y|x,s) tells about the class once the
+//                                          target's speed stratum (strata.h) is known: the share of
 //                                          the remaining uncertainty, adjusted for chance
 //                                          (class_information.h)
-//   named_share_relative                   share of the examples in actions of which at least 70 %
-//                                          of the examples are of one relative class; chance
-//                                          favours actions of few examples
+//   named_share_relative                   the share of the examples whose action has at least 70 %
+//                                          of its examples in one relative class; chance favours
+//                                          actions with few examples
 //
-// It says which examples these are (example_settings, trajectory, target_types). Its strata
-// (strata.h) hold the main ones of these. Its rivals (rival_comparison.h) say where the model is
-// ahead of the others. The report is the same bits for any number of threads.
+// The report says which examples it covers (example_settings, trajectory, target_types). Its strata
+// (strata.h) contain the main metrics. Its rivals (rival_comparison.h) say where the model is ahead
+// of other predictors. The report has the same bits for any number of threads.
 //
-// FAILED_PRECONDITION if the recordings hold no example, or the baselines read or predict something
-// else than the model; CANCELLED if `progress` said so.
+// FAILED_PRECONDITION if the recordings contain no example, or if the baselines read or predict
+// something else than the model; CANCELLED if `progress` returned false.
 absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& model,
                                               const EvaluationInput& input);
 
-// What each example measured, in the order of the recordings: what Evaluate averages.
+// The measurements of all examples, ordered by recording. Evaluate averages them.
 struct MeasuredExamples {
   std::vector<data::Example> examples;
-  std::vector<Measurement> measured;  // as many
+  std::vector<Measurement> measured;  // one per example
   bool measured_by_waymo = false;
 };
 
-// Errors: those of Evaluate.
+// Measures the examples without averaging them. Errors: those of Evaluate.
 absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& model,
                                                  const EvaluationInput& input);
 

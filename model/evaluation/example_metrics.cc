@@ -13,7 +13,7 @@ using Source = SourceMeasurement Measurement::*;
 using Baseline = BaselineErrors Measurement::*;
 using Anchors = std::optional<AnchorMeasurement> Measurement::*;
 
-// "ade" and 1: "ade_1", of which there is no smallest; "ade" and 6: "min_ade_6".
+// Returns "ade_1" for "ade" and 1, which has no minimum, and "min_ade_6" for "ade" and 6.
 std::string Ranked(const std::string& error, int k) {
   return absl::StrCat(k == 1 ? "" : "min_", error, "_", k);
 }
@@ -24,7 +24,7 @@ class MetricList {
     metrics_.push_back({std::move(name), std::move(value)});
   }
 
-  // Errors of the best of k that are the same for everyone, and Argoverse 2's misses.
+  // Adds the errors of the best of k that all benchmarks share, and Argoverse 2's misses.
   void AddDisplacement(Source source, size_t rank, const std::string& suffix) {
     const int k = kRanks[rank];
     const auto of = [&](auto field) {
@@ -37,7 +37,7 @@ class MetricList {
     Add(absl::StrCat("miss_rate_", k, suffix), of(&DisplacementErrors::missed_argoverse));
   }
 
-  // Errors of the representatives. The first one alone is the medoid.
+  // Adds the errors of the representatives. The first one alone is the medoid.
   void AddCover(size_t rank) {
     const int k = kRanks[rank];
     const auto of = [&](auto field) {
@@ -52,7 +52,7 @@ class MetricList {
         of(&DisplacementErrors::missed_argoverse));
   }
 
-  // What else benchmarks define.
+  // Adds the other errors that benchmarks define.
   void AddBenchmarks(size_t rank, bool measured_by_waymo) {
     const int k = kRanks[rank];
     Add(absl::StrCat("brier_fde_", k),
@@ -85,7 +85,7 @@ class MetricList {
     Add("miss_rate_waymo" + suffix, of_waymo(&WaymoErrors::miss_rate));
   }
 
-  // Likelihood and envelope.
+  // Adds likelihood and envelope.
   void AddDensity(Source source, const std::string& suffix) {
     const auto add = [&](const std::string& name, auto value) {
       Add(name + suffix, [=](const Measurement& m) { return value(m.*source); });

@@ -1,5 +1,5 @@
-// The metrics that are means over examples, by name: what reports and cross-validation average.
-// A new one is added here, and to metric_table.h.
+// The metrics that are means over examples, by name. Reports and cross-validation average them. Add
+// a new one here and in metric_table.h.
 
 #ifndef MANEUVER_MODEL_EVALUATION_EXAMPLE_METRICS_H_
 #define MANEUVER_MODEL_EVALUATION_EXAMPLE_METRICS_H_
@@ -14,15 +14,16 @@
 
 namespace maneuver::evaluation {
 
-// A value of each example; the metric is its mean over the examples. evaluator.h defines the names.
+// A number for each example. The metric is its mean over the examples. evaluator.h defines the
+// names.
 struct ExampleMetric {
   std::string name;
   std::function<double(const Measurement& measured)> value;
 };
 
 // Returns the metrics that every measurement has, in a fixed order.
-//   measured_by_waymo: whether the horizon reaches a time at which Waymo measures
-//   with_baselines: whether covernet and multipath were measured too
+//   measured_by_waymo: whether the horizon reaches a time at which Waymo's benchmark measures.
+//   with_baselines: whether covernet and multipath were measured too.
 std::vector<ExampleMetric> ExampleMetrics(bool measured_by_waymo, bool with_baselines);
 
 // A metric that is the ratio of the means of two example metrics.
@@ -32,7 +33,7 @@ struct MetricRatio {
   std::string_view denominator;
 };
 
-// Returns all of them. A ratio has no value where its denominator is 0.
+// Returns all ratios. A ratio has no value if its denominator is 0.
 std::span<const MetricRatio> MetricRatios();
 
 }  // namespace maneuver::evaluation

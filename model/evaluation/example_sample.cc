@@ -10,7 +10,7 @@
 namespace maneuver::evaluation {
 namespace {
 
-constexpr uint64_t kSeed = 0x53616D706C65;  // apart from the draws of other hashes
+constexpr uint64_t kSeed = 0x53616D706C65;  // keeps these draws apart from other hashes
 
 }  // namespace
 

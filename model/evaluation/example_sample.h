@@ -1,4 +1,4 @@
-// Some of the examples, for pictures.
+// Chooses some of the examples, for pictures.
 
 #ifndef MANEUVER_MODEL_EVALUATION_EXAMPLE_SAMPLE_H_
 #define MANEUVER_MODEL_EVALUATION_EXAMPLE_SAMPLE_H_
@@ -12,9 +12,9 @@
 
 namespace maneuver::evaluation {
 
-// Indices of at most `count` of the examples, ascending: those with the smallest hash of scenario
-// id, target and time. Every example is as likely as any other, and the same ones are drawn
-// whatever the model, the order of the recordings and the number of threads.
+// Returns the ascending indices of at most `count` examples: those with the smallest hash of
+// scenario id, target and time. Every example is equally likely. The choice does not depend on the
+// model, the order of the recordings or the number of threads.
 std::vector<size_t> SampleExamples(std::span<const data::Example> examples,
                                    std::span<const v1::Scenario> recordings, size_t count);
 

@@ -33,7 +33,7 @@ std::string FirstIn(const Message& message, const FieldDescriptor& field, const 
     const Message& part = field.is_repeated() ? reflection.GetRepeatedMessage(message, &field, i)
                                               : reflection.GetMessage(message, &field);
     if (field.is_map()) {
-      // A map from names: its entries have a key and a value.
+      // A map whose keys are names: its entries have a key and a value.
       const FieldDescriptor& key = *part.GetDescriptor()->map_key();
       const FieldDescriptor& value = *part.GetDescriptor()->map_value();
       if (key.cpp_type() != FieldDescriptor::CPPTYPE_STRING ||

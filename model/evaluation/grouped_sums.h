@@ -1,4 +1,4 @@
-// Figures from sums over examples, with intervals by the bootstrap over groups of recordings.
+// Figures from sums over examples, with intervals from the bootstrap over groups of recordings.
 
 #ifndef MANEUVER_MODEL_EVALUATION_GROUPED_SUMS_H_
 #define MANEUVER_MODEL_EVALUATION_GROUPED_SUMS_H_
@@ -26,23 +26,23 @@ using Figure = std::function<double(const double* sums)>;
 Figure MeanFigure(int column);
 // Returns the ratio of two columns' means.
 Figure RatioFigure(int numerator, int denominator);
-// Returns the mean of `ours` less that of `theirs`.
+// Returns the mean of column `ours` minus that of `theirs`.
 Figure DifferenceFigure(int ours, int theirs);
 
-// The sums of some examples, by training seed and by group of recordings.
+// The sums over some examples, by training seed and by group of recordings.
 class GroupedSums {
  public:
-  //   columns: numbers of each example; the first is 1
+  //   columns: how many numbers each example has; the first is 1
   GroupedSums(int columns, int seeds);
 
   // Adds an example.
-  //   group: counted from 0, among all groups that the bootstrap draws
+  //   group: number of the group, from 0, among all groups that the bootstrap draws
   //   row: [columns]
   void Add(size_t seed, int group, const Eigen::Ref<const Eigen::VectorXd>& row);
 
   bool empty() const { return sums_.front().empty(); }
   int seeds() const { return static_cast<int>(sums_.size()); }
-  // Returns the number of groups that have an example here.
+  // Returns the number of groups that have an example.
   int groups() const { return static_cast<int>(sums_.front().size()); }
 
   // Returns the sums over all groups. [columns]
@@ -57,10 +57,10 @@ class GroupedSums {
 };
 
 // Estimates figures of one part of the examples: the mean over the seeds, and its 95 % interval.
-// The same draws give the figures of all parts and metrics, so that they can be compared.
+// All parts and metrics share the same draws, so that their figures can be compared.
 class Estimator {
  public:
-  //   part: has an example of each seed
+  //   part: must have an example for each seed
   Estimator(const GroupedSums& part, const Eigen::MatrixXd& draws);
 
   v1::Estimate Estimate(const Figure& figure) const;

@@ -14,7 +14,7 @@ using Position = Eigen::RowVector2d;  // metres
 constexpr double kUTurnHeadingChange = 2.0943951;  // radians: 120 degrees
 constexpr double kCourseDistance = 1.0;            // metres
 
-// What depends on who moves.
+// Thresholds that depend on the agent's type.
 struct Thresholds {
   double stationary_distance;          // metres
   double stationary_speed;             // m/s

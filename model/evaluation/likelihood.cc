@@ -8,7 +8,7 @@
 namespace maneuver::evaluation {
 namespace {
 
-// ln N(x_t; m_t, C_t).
+// Returns ln N(x_t; m_t, C_t).
 double LogDensity(const inference::ActionDistribution& distribution,
                   const inference::Trajectory& truth, Eigen::Index t) {
   const double dx = truth(t, 0) - distribution.moment_mean(t, 0);

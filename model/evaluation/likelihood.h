@@ -1,4 +1,4 @@
-// How probable the truth was under what was predicted.
+// Measures how probable the truth is under a prediction.
 
 #ifndef MANEUVER_MODEL_EVALUATION_LIKELIHOOD_H_
 #define MANEUVER_MODEL_EVALUATION_LIKELIHOOD_H_
@@ -9,23 +9,24 @@
 
 namespace maneuver::evaluation {
 
-// All are of Gaussians N(m_yt, C_yt) with the moments of action y's distribution at waypoint t:
-// those of its sigma points, plus the decoder's covariance.
+// All likelihoods are those of Gaussians N(m_yt, C_yt) with the moments of action y's distribution
+// at waypoint t: the moments of its sigma points plus the decoder's covariance.
 
-// -1/T ln N(x_t; m_t, C_t) summed over the waypoints: of one action, nats a waypoint.
+// Returns -1/T sum_t ln N(x_t; m_t, C_t) of one action, nats per waypoint.
 double GaussianNll(const inference::ActionDistribution& distribution,
                    const inference::Trajectory& truth);
 
 struct MixtureNll {
-  // -1/T sum_t ln sum_y p_y N(x_t; m_yt, C_yt): each waypoint on its own, nats a waypoint.
+  // -1/T sum_t ln sum_y p_y N(x_t; m_yt, C_yt): each waypoint on its own, nats per waypoint.
   double marginal = 0.0;
-  // -ln sum_y p_y prod_t N(x_t; m_yt, C_yt): the whole trajectory was one action, given which the
-  // waypoints are independent; nats a trajectory. Errors of neighbouring waypoints are alike, which
-  // this model of them does not know: it punishes an action that is off all along.
+  // -ln sum_y p_y prod_t N(x_t; m_yt, C_yt), nats per trajectory. The whole trajectory is one
+  // action, given which the waypoints are independent. In reality errors of neighbouring waypoints
+  // are alike, so this value punishes an action that is off throughout.
   double joint = 0.0;
 };
 
-//   probabilities: p(y|s) of each distribution; renormalised over them
+// Returns the likelihood of the truth under the mixture of all actions.
+//   probabilities: p(y|s) of each distribution; renormalised to sum to 1
 MixtureNll MixtureNllOf(std::span<const inference::ActionDistribution> distributions,
                         std::span<const double> probabilities, const inference::Trajectory& truth);
 

@@ -6,7 +6,7 @@
 namespace maneuver::evaluation {
 namespace {
 
-constexpr double kSameMoment = 1e-6;  // seconds, for what rounding does to a time
+constexpr double kSameMoment = 1e-6;  // seconds; tolerance for rounded times
 
 }  // namespace
 

@@ -1,4 +1,4 @@
-// What a vehicle was recorded to be doing over a window of time.
+// Finds what a vehicle was recorded to do during a window of time.
 
 #ifndef MANEUVER_MODEL_EVALUATION_MANEUVER_LABELS_H_
 #define MANEUVER_MODEL_EVALUATION_MANEUVER_LABELS_H_
@@ -15,21 +15,21 @@
 
 namespace maneuver::evaluation {
 
-// Half the default time between two examples, seconds: each moment is near one of them.
+// Half the default time between two examples, seconds, so that each moment is near an example.
 inline constexpr double kNearMoment = 0.25;
 
-// Recorded manoeuvres by scenario and agent. Keeps pointers into the annotations.
+// Recorded manoeuvres by scenario and agent. Keeps pointers to the annotations.
 class ManeuverLabels {
  public:
   explicit ManeuverLabels(std::span<const v1::ManeuverAnnotation> annotations);
 
-  // Class of the manoeuvre that covers most of [start, end]; nothing if none was recorded then. The
-  // same name has the same class. An annotation of a moment (its start is its end) says what the
-  // agent does from there on: it counts for windows that start at most kNearMoment from it, the
-  // nearest one before all else.
+  // Returns the class of the manoeuvre that covers most of [start, end]; nothing if none was
+  // recorded then. Equal names have equal classes. An annotation of a moment (start equals end)
+  // says what the agent does from then on: it applies to windows that start within kNearMoment of
+  // it. The nearest such annotation takes precedence over all others.
   std::optional<int> Over(const std::string& scenario_id, int64_t agent_id, double start,
                           double end) const;
-  // Name of each class.
+  // Returns the name of each class.
   const std::vector<std::string>& names() const { return names_; }
 
  private:

@@ -1,4 +1,4 @@
-// Measurements as rows of numbers that can be stored and averaged later.
+// Stores measurements as rows of numbers, to be averaged later.
 
 #ifndef MANEUVER_MODEL_EVALUATION_MEASURED_SET_H_
 #define MANEUVER_MODEL_EVALUATION_MEASURED_SET_H_
@@ -10,9 +10,9 @@
 
 namespace maneuver::evaluation {
 
-// Returns a row for each example, with the values of ExampleMetrics (example_metrics.h), and the
-// metrics of the whole set that are no means over examples. Needs at least one example.
-//   recordings: the number that each recording of the evaluation has in the set's plan
+// Returns the row of ExampleMetrics (example_metrics.h) of each example, and the metrics of the
+// whole set that are not means over examples. Needs at least one example.
+//   recordings: the number of each recording of the evaluation in the set's plan.
 v1::MeasuredSet ToMeasuredSet(const MeasuredExamples& measured, std::span<const int> recordings);
 
 }  // namespace maneuver::evaluation

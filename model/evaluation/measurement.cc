@@ -19,7 +19,7 @@ Trajectory ToTrajectory(const std::vector<float>& values) {
   return trajectory;
 }
 
-// p(z|y) knows no scene; what decodes it may.
+// Returns whether the decoded generic distributions depend on the scene. p(z|y) itself does not.
 bool GenericDependsOnScene(const v1::ModelSpec& spec) {
   return artifact::HasReference(spec) || spec.has_scene_covariance();
 }
@@ -36,7 +36,7 @@ std::vector<int> AllActions(const v1::ModelSpec& spec) {
   return actions;
 }
 
-// What one example is held against.
+// The truth about one example.
 struct Truth {
   Trajectory trajectory;
   std::vector<double> headings;  // at the times that Waymo measures, target frame
@@ -65,7 +65,7 @@ BaselineErrors BaselineErrorsOf(const Trajectory& predicted, const Truth& truth,
   return {ErrorsOf(predicted, truth.trajectory), WaymoErrorsOf({&predicted, 1}, 1, truth, context)};
 }
 
-// All of them, the most probable first.
+// Returns all actions, most probable first.
 std::vector<int> Ranked(const Eigen::VectorXd& probabilities) {
   std::vector<int> ranked(static_cast<size_t>(probabilities.size()));
   std::iota(ranked.begin(), ranked.end(), 0);
@@ -74,13 +74,13 @@ std::vector<int> Ranked(const Eigen::VectorXd& probabilities) {
   return ranked;
 }
 
-// Mean trajectories of the most probable actions, the most probable first.
+// The mean trajectories of the most probable actions, most probable first.
 struct RankedMeans {
   std::vector<Trajectory> trajectories;
   std::vector<double> probabilities;
 };
 
-//   distributions: of the actions 0 .. K-1;  ranked: the actions, the most probable first
+//   distributions: of the actions 0 .. K-1;  ranked: the actions, most probable first
 RankedMeans MeansOf(std::span<const ActionDistribution> distributions,
                     const Eigen::VectorXd& probabilities, std::span<const int> ranked) {
   RankedMeans means;
@@ -91,7 +91,7 @@ RankedMeans MeansOf(std::span<const ActionDistribution> distributions,
   return means;
 }
 
-// Mean trajectories of the representatives in the order of choice, with their weights.
+// Returns the mean trajectories of the representatives in the order of choice, with their weights.
 //   distributions: of the actions 0 .. K-1
 RankedMeans CoverOf(std::span<const ActionDistribution> distributions,
                     const Eigen::VectorXd& probabilities, double waypoint_interval) {

@@ -1,4 +1,4 @@
-// What is measured on one example, before anything is averaged.
+// Measures single examples, before anything is averaged.
 
 #ifndef MANEUVER_MODEL_EVALUATION_MEASUREMENT_H_
 #define MANEUVER_MODEL_EVALUATION_MEASUREMENT_H_
@@ -29,7 +29,7 @@
 
 namespace maneuver::evaluation {
 
-// The k of minADE_k and its like.
+// The values of k in minADE_k and similar metrics.
 inline constexpr std::array<int, 4> kRanks = {1, 5, 6, 10};
 
 struct BaselineErrors {
@@ -37,7 +37,7 @@ struct BaselineErrors {
   WaymoErrors waymo;
 };
 
-// What distributions from one latent source are worth.
+// How good the distributions from one latent source are.
 struct SourceMeasurement {
   std::array<DisplacementErrors, kRanks.size()> displacement;  // of the actions' mean trajectories
   MixtureNll nll;
@@ -45,7 +45,7 @@ struct SourceMeasurement {
   Envelope envelope;        // of the example's action
 };
 
-// What an anchor baseline is worth.
+// How good an anchor baseline is.
 struct AnchorMeasurement {
   Eigen::VectorXd probabilities;  // p(k|s), [K]
   int nearest = 0;                // the anchor nearest to the truth
@@ -61,20 +61,20 @@ struct Measurement {
   SourceMeasurement posterior;                   // from q(z|y,s)
   SourceMeasurement prior;                       // from p(z|y): the generic distributions
   std::array<WaymoErrors, kRanks.size()> waymo;  // from q(z|y,s)
-  // Of the first k representatives (inference/representatives.h) in place of the k most probable
+  // With the first k representatives (inference/representatives.h) instead of the k most probable
   // actions, from q(z|y,s). The first one alone is the medoid.
   std::array<DisplacementErrors, kRanks.size()> cover;
   BaselineErrors constant_velocity;
   BaselineErrors constant_turn;                // CTRA
   BaselineErrors faded;                        // the faded roll-out
-  std::optional<AnchorMeasurement> covernet;   // where the model's folder carries baselines
-  std::optional<AnchorMeasurement> multipath;  // likewise
+  std::optional<AnchorMeasurement> covernet;   // if the model's folder has baselines
+  std::optional<AnchorMeasurement> multipath;  // if the model's folder has baselines
   std::optional<int> maneuver;                 // recorded over most of the horizon, if any
   RelativeClass relative_class = RelativeClass::kStands;  // of the trajectory
-  StratumKeys keys;                                       // and what kind of trajectory it was
+  StratumKeys keys;                                       // of the target and its trajectory
 };
 
-// What all threads measure with. Immutable; keeps references to the model, the recordings and the
+// What all threads share. Immutable. Keeps references to the model, the recordings and the
 // annotations, and to the baselines unless they are null.
 struct MeasuringContext {
   MeasuringContext(const inference::ActionModel& model, std::span<const v1::Scenario> recordings,
@@ -86,8 +86,7 @@ struct MeasuringContext {
   std::vector<scene::RoadMap> maps;  // of the recordings
   ManeuverLabels labels;
   std::vector<int> all_actions;  // 0 .. K-1
-  // p(z|y) of each action, [K]; empty if they depend on the scene and are described for each
-  // example.
+  // p(z|y) of each action, [K]; empty if it depends on the scene and is described per example.
   std::vector<inference::ActionDistribution> generic;
   std::vector<double> waypoint_times;  // [T] seconds
   WaymoMeasure waymo;
@@ -95,18 +94,19 @@ struct MeasuringContext {
   const inference::AnchorBaselines* baselines;
 };
 
-// One thread's share of the work: a session and its scratch.
+// One thread's worker: a session and its scratch memory.
 class Measurer {
  public:
   static constexpr int kBatch = 8;  // examples at a time
 
   explicit Measurer(const MeasuringContext& context);
 
-  //   examples: at most kBatch;  measured: as many
+  // Measures a batch.
+  //   examples: at most kBatch;  measured: one per example
   void Measure(std::span<const data::Example> examples, std::span<Measurement> measured);
 
  private:
-  // One baseline on the scenes that were read last, its measurements to a field of `measured`.
+  // Measures one baseline on the scenes read last, and writes the results to a field of `measured`.
   void MeasureAnchors(std::span<const inference::SceneInput> scenes,
                       std::span<const data::Example> examples, const inference::AnchorModel& model,
                       inference::InferenceSession& session,
@@ -119,7 +119,7 @@ class Measurer {
   const MeasuringContext& context_;
   std::unique_ptr<inference::InferenceSession> session_;
   std::unique_ptr<inference::InferenceSession> covernet_;   // null without baselines
-  std::unique_ptr<inference::InferenceSession> multipath_;  // likewise
+  std::unique_ptr<inference::InferenceSession> multipath_;  // null without baselines
   inference::MlpScratch anchor_scratch_;
   scene::SceneReader reader_;
   std::vector<scene::SceneInputs> inputs_;  // [kBatch]

@@ -19,8 +19,8 @@ struct MetricRow {
 constexpr double kWithinOneSigma = 0.393469340287366576;
 constexpr double kWithinTwoSigma = 0.864664716763387308;
 
-// In the order in which they are listed. Names are without the "_6" of the best of six, "_prior" of
-// the generic distributions, and what marks baselines.
+// The metrics in the order of lists. Names are without "_6" (best of six), "_prior" (generic
+// distributions) and the marks of baselines.
 constexpr MetricRow kMetrics[] = {
     {"ade", "m", Better::kLower},
     {"min_ade", "m", Better::kLower},
@@ -51,7 +51,7 @@ constexpr MetricRow kMetrics[] = {
     {"nll_action", "nats", Better::kLower},
     {"coverage_1sigma", "share", Better::kNearer, kWithinOneSigma},
     {"coverage_2sigma", "share", Better::kNearer, kWithinTwoSigma},
-    // Of the latent's covariance alone, which is not the whole of it.
+    // From the latent's covariance alone, which is only a part of the whole, so none is better.
     {"coverage_1sigma_latent", "share", Better::kNone},
     {"coverage_2sigma_latent", "share", Better::kNone},
     {"mean_sigma_posterior", "m", Better::kNone},
@@ -89,7 +89,7 @@ bool StripPrefix(std::string_view* name, std::string_view prefix) {
   return true;
 }
 
-// "min_ade_6" -> "min_ade" and 6. As it is, and 0, without a number at its end.
+// Splits "min_ade_6" into "min_ade" and 6. Leaves a name without a number unchanged and returns 0.
 int StripNumber(std::string_view* name) {
   const size_t underscore = name->rfind('_');
   if (underscore == std::string_view::npos) return 0;
@@ -104,7 +104,7 @@ int StripNumber(std::string_view* name) {
   return number;
 }
 
-// How far a value is from the best that it can be; infinite if it is no number.
+// Returns how far a value is from the best possible one; infinity if it is not finite.
 double Badness(const MetricInfo& metric, double value) {
   if (!std::isfinite(value)) return HUGE_VAL;
   if (metric.better == Better::kHigher) return -value;
@@ -124,7 +124,7 @@ std::optional<MetricInfo> FindMetric(std::string_view name) {
   MetricInfo info{.unit = row->unit, .better = row->better, .ideal = row->ideal};
   info.of_model = !trained && !simple;
   if (!info.of_model) info.better = Better::kNone;
-  // The model's own first, then its generic distributions, then baselines.
+  // The model's own metrics come first, then its generic distributions, then baselines.
   constexpr int kRows = static_cast<int>(std::size(kMetrics));
   const int group = trained ? 3 : simple ? 2 : generic ? 1 : 0;
   info.rank =

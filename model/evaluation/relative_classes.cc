@@ -16,7 +16,7 @@ constexpr double kStraightHeadingChange = 0.261799;  // radians: 15 degrees
 constexpr double kEndSpeedTime = 0.5;                // seconds
 constexpr double kRelativeSpeedChange = 0.15;
 
-// What depends on who moves.
+// Thresholds that depend on the agent's type.
 struct RelativeThresholds {
   double standing_distance;  // metres
   double standing_speed;     // m/s; a start ends above it
@@ -27,7 +27,7 @@ struct RelativeThresholds {
 constexpr RelativeThresholds kRelativeOfVehicles = {2.0, 1.0, 0.5, 1.0, 2.0};
 constexpr RelativeThresholds kRelativeOfPedestrians = {1.0, 0.5, 0.25, 0.5, 1.0};
 
-// m/s, over the last half second, or over the last interval if that is longer.
+// Returns the speed over the last half second, or over the last interval if that is longer, m/s.
 double EndSpeed(const Trajectory& trajectory, std::span<const double> waypoint_times) {
   constexpr double kRounding = 1e-6;  // seconds
   const Eigen::Index last = trajectory.rows() - 1;

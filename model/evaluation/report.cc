@@ -17,7 +17,7 @@ namespace {
 using Metrics = google::protobuf::Map<std::string, double>;
 using Part = std::vector<const Measurement*>;
 
-// Writes the means of the metrics that `wanted` says.
+// Writes the means of the metrics for which `wanted` returns true.
 void SetMeans(const Part& part, std::span<const ExampleMetric> all, auto wanted, Metrics& metrics) {
   for (const ExampleMetric& metric : all) {
     if (!wanted(metric.name)) continue;
@@ -50,7 +50,7 @@ void SetActions(const ActionStatistics& statistics, Metrics& metrics) {
   metrics["calibration_error"] = statistics.ExpectedCalibrationError();
 }
 
-// What is worth knowing of each stratum, besides the calibration error.
+// The metrics of each stratum, besides the calibration error.
 constexpr std::array<std::string_view, 20> kMainMetrics = {
     "ade_1",     "fde_1",       "ade_medoid",      "fde_medoid",      "min_ade_6",
     "min_fde_6", "miss_rate_6", "min_ade_cover_6", "min_fde_cover_6", "miss_rate_cover_6",

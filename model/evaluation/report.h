@@ -1,4 +1,4 @@
-// Measurements of examples, gathered into a report.
+// Gathers measurements of examples into a report.
 
 #ifndef MANEUVER_MODEL_EVALUATION_REPORT_H_
 #define MANEUVER_MODEL_EVALUATION_REPORT_H_
@@ -10,9 +10,9 @@
 
 namespace maneuver::evaluation {
 
-// A report of at least one measurement; evaluator.h names its metrics. The order of the
-// measurements alone decides its last bits.
-//   measured_by_waymo: whether the horizon reaches a time at which Waymo measures
+// Makes a report of at least one measurement; evaluator.h defines its metrics. Its last bits depend
+// on the order of the measurements and on nothing else.
+//   measured_by_waymo: whether the horizon reaches a time at which Waymo's benchmark measures.
 v1::EvaluationReport MakeReport(std::span<const Measurement> measured, bool measured_by_waymo);
 
 }  // namespace maneuver::evaluation

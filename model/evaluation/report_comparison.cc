@@ -35,7 +35,7 @@ std::string WaypointsText(const v1::TrajectorySpec& trajectory) {
   return absl::StrCat(trajectory.waypoints(), " waypoints of ", interval, " s");
 }
 
-// "VEHICLE", "PEDESTRIAN and CYCLIST"; in the same order whatever the report's.
+// Returns "VEHICLE", or "PEDESTRIAN and CYCLIST", in an order that does not depend on the report.
 std::string TypesText(const v1::EvaluationReport& report) {
   std::set<std::string> names;
   for (const int type : report.target_types()) {
@@ -48,7 +48,7 @@ absl::Status NotComparable(const std::string& why) {
   return absl::FailedPreconditionError(absl::StrCat("the reports cannot be compared: ", why));
 }
 
-// The metrics that both have.
+// Compares the metrics that both reports have.
 std::vector<v1::MetricComparison> CompareMetrics(
     const google::protobuf::Map<std::string, double>& baseline,
     const google::protobuf::Map<std::string, double>& candidate) {

@@ -1,4 +1,4 @@
-// Two reports side by side.
+// Compares two reports.
 
 #ifndef MANEUVER_MODEL_EVALUATION_REPORT_COMPARISON_H_
 #define MANEUVER_MODEL_EVALUATION_REPORT_COMPARISON_H_
@@ -12,24 +12,24 @@
 
 namespace maneuver::evaluation {
 
-// OK if both reports are of the same examples: the same contents of the same dataset, the same
-// settings that choose examples, the same waypoints, as many examples. Else FAILED_PRECONDITION
-// that says what differs, and what to do.
+// Checks that both reports cover the same examples: the same content of the same dataset, the same
+// settings that choose examples, the same waypoints, equally many examples. FAILED_PRECONDITION
+// otherwise, with what differs and what to do.
 absl::Status CheckComparable(const v1::EvaluationReport& a, const v1::EvaluationReport& b);
 
-// Whether two settings choose the same examples. Both are complete; what decides about training
-// alone (what is held out, how many an epoch, labels) is passed over.
+// Returns whether two settings choose the same examples. Both must be complete. Ignores settings
+// that matter only for training (what is held out, examples per epoch, labels).
 bool ChooseTheSameExamples(const v1::ExampleSettings& a, const v1::ExampleSettings& b);
 
-// One metric that both reports have. FAILED_PRECONDITION if one does not, or for a name that no
-// metric has.
-//   tolerance: as in Judge, metric_table.h
+// Compares one metric that both reports have. FAILED_PRECONDITION if one lacks it or the name is
+// unknown.
+//   tolerance: as in Judge, metric_table.h.
 absl::StatusOr<v1::MetricComparison> CompareMetric(const v1::EvaluationReport& baseline,
                                                    const v1::EvaluationReport& candidate,
                                                    const std::string& metric, double tolerance);
 
-// All that both reports have: each metric in the order of metric_table.h, those that it does not
-// know last, by name; strata. Errors: those of CheckComparable.
+// Compares everything that both reports have: strata, and metrics in the order of metric_table.h,
+// followed by unknown ones by name. Errors: those of CheckComparable.
 absl::StatusOr<v1::EvaluationComparison> CompareReports(const v1::EvaluationReport& baseline,
                                                         const v1::EvaluationReport& candidate);
 

@@ -23,12 +23,12 @@ std::string Thousandths(double value) { return absl::StrFormat("%.3f", value); }
 std::string Share(double value) { return absl::StrFormat("%.1f %%", 100.0 * value); }
 std::string Count(double value) { return absl::StrFormat("%.0f", value); }
 
-// Takes metrics out of a report by name, and knows which are left.
+// Takes metrics out of a report by name and keeps those that are left.
 class Reader {
  public:
   explicit Reader(const Metrics& metrics) : metrics_(metrics) {}
 
-  // Empty if there is none.
+  // Returns an empty text if the metric is absent.
   std::string Read(const std::string& name, Format format) {
     const auto found = metrics_.find(name);
     if (found == metrics_.end()) return "";
@@ -36,7 +36,7 @@ class Reader {
     return format(found->second);
   }
 
-  // A row of metrics; none if none of them is there.
+  // Adds a row of metrics unless all of them are absent.
   void Row(Block& block, std::string label, Format format, const std::vector<std::string>& names) {
     std::vector<std::string> values;
     bool any = false;
@@ -62,7 +62,7 @@ class Reader {
 
 constexpr size_t kModelColumns = 4;  // k = 1, 5, 6, 10; then the baselines that learn nothing
 
-// "ade": ade_1, min_ade_5, min_ade_6, min_ade_10, ade_cv, ade_ctra, ade_faded.
+// Returns ade_1, min_ade_5, min_ade_6, min_ade_10, ade_cv, ade_ctra, ade_faded for "ade".
 std::vector<std::string> Best(absl::string_view error) {
   return {absl::StrCat(error, "_1"),         absl::StrCat("min_", error, "_5"),
           absl::StrCat("min_", error, "_6"), absl::StrCat("min_", error, "_10"),
@@ -76,13 +76,13 @@ std::vector<std::string> Each(absl::string_view error) {
           absl::StrCat(error, "_faded")};
 }
 
-// "ade", "min_": ade_medoid, min_ade_cover_5, min_ade_cover_6, min_ade_cover_10.
+// Returns ade_medoid, min_ade_cover_5, min_ade_cover_6, min_ade_cover_10 for "ade" and "min_".
 std::vector<std::string> Cover(absl::string_view error, absl::string_view best) {
   return {absl::StrCat(error, "_medoid"), absl::StrCat(best, error, "_cover_5"),
           absl::StrCat(best, error, "_cover_6"), absl::StrCat(best, error, "_cover_10")};
 }
 
-// The names with "_prior" after each; the baselines have no latent.
+// Appends "_prior" to each name. Baselines have no latent, so theirs are left out.
 std::vector<std::string> Prior(std::vector<std::string> names) {
   names.resize(kModelColumns);
   for (std::string& name : names) name += "_prior";
@@ -99,7 +99,7 @@ Block Accuracy(Reader& read) {
   read.Row(block, "missed, Waymo", Share, Each("miss_rate_waymo"));
   read.Row(block, "minADE, Waymo, m", Hundredths, Best("ade_waymo"));
   read.Row(block, "minFDE, Waymo, m", Hundredths, Best("fde_waymo"));
-  // Of k representatives in place of the k most probable actions.
+  // With k representatives instead of the k most probable actions.
   read.Row(block, "medoid, covering minADE, m", Hundredths, Cover("ade", "min_"));
   read.Row(block, "medoid, covering minFDE, m", Hundredths, Cover("fde", "min_"));
   read.Row(block, "medoid, covering missed, Argoverse 2", Share, Cover("miss_rate", ""));
@@ -113,8 +113,8 @@ Block Accuracy(Reader& read) {
   return block;
 }
 
-// The model beside what was trained with it and beside what learns nothing; only where the model's
-// folder carries baselines.
+// Returns the model beside the trained baselines and beside those that learn nothing. Empty unless
+// the model's folder has baselines.
 Block Baselines(Reader& read, const Metrics& metrics) {
   Block block("BASELINES", {"MODEL", "COVERNET-LIKE", "MULTIPATH-LIKE", "CV", "CTRA", "FADED"});
   if (!metrics.contains("covernet_nll")) return block;
@@ -192,7 +192,7 @@ Block Actions(Reader& read) {
   return block;
 }
 
-// How the actions agree with classes of trajectories.
+// Returns how well the actions agree with classes of trajectories.
 Block Meaning(Reader& read) {
   Block block("MEANING", {"KINEMATIC", "RELATIVE", "RECORDED"});
   read.Row(block, "NMI of action and class", Thousandths, {"nmi_kinematic", "nmi_relative", "nmi"});
@@ -243,7 +243,7 @@ Block Strata(const v1::EvaluationReport& report) {
               {"EXAMPLES", "ADE", "medoid", "CV", "CTRA", "faded", "minADE6", "FDE", "CV", "CTRA",
                "faded", "minFDE6", "missed6", "NLL", "2 sigma", "ECE"});
   for (const v1::EvaluationStratum& stratum : report.strata()) {
-    // Most models predict one type.
+    // Most models predict only one type.
     if (stratum.dimension() == "type" && stratum.examples() == 0) continue;
     Reader read(stratum.metrics());
     std::vector<std::string> values = {absl::StrCat(stratum.examples())};
@@ -289,7 +289,7 @@ std::string ReportText(const v1::EvaluationReport& report, bool color,
   }
   const std::string rivals = RivalText(report.rivals(), color);
   if (!rivals.empty()) absl::StrAppend(&text, text.empty() ? "" : "\n", rivals);
-  // A manifest's metrics have no count of examples: that is an evaluation's.
+  // A manifest's metrics have no count of examples; an evaluation's do.
   if (report.examples() > 0 && report.metrics().contains("ade_cv") &&
       !report.metrics().contains("covernet_nll")) {
     absl::StrAppend(

@@ -1,4 +1,4 @@
-// A report as people read it.
+// Prints a report for people.
 
 #ifndef MANEUVER_MODEL_EVALUATION_REPORT_TEXT_H_
 #define MANEUVER_MODEL_EVALUATION_REPORT_TEXT_H_
@@ -10,10 +10,10 @@
 
 namespace maneuver::evaluation {
 
-// Tables, one for each group of what the report holds: accuracy beside the baselines, likelihood
-// and envelope, probabilities, actions and what they mean, strata, and where the model is ahead of
-// its rivals (rival_text.h). What it does not hold is left out (a model's manifest has metrics and
-// rivals alone); metrics that no table knows follow by name. Lines end in '\n'; without colour it
+// Returns one table for each group of metrics: accuracy beside the baselines, likelihood and
+// envelope, probabilities, actions and what they mean, strata, and where the model is ahead of its
+// rivals (rival_text.h). Leaves out what the report lacks; a model's manifest has only metrics and
+// rivals. Metrics that no table shows follow by name. Lines end in '\n'. Without colour, the text
 // is plain ASCII.
 //   action_names: what to call the actions beside their ids, by id; may be empty
 std::string ReportText(const v1::EvaluationReport& report, bool color,

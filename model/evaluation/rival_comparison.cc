@@ -20,7 +20,7 @@ v1::RivalVerdict VerdictOn(const v1::Estimate& difference, int groups) {
   return v1::RIVAL_VERDICT_UNDECIDED;
 }
 
-// The metrics that are compared, of the model and of its rivals: column i + 1 is metric i.
+// Returns the metrics to compare, of the model and of its rivals. Column i + 1 is metric i.
 std::vector<ExampleMetric> MetricsToCompare(const MeasuredExamples& measured) {
   std::set<std::string> wanted;
   for (const std::string_view metric : kComparedMetrics) {
@@ -41,7 +41,7 @@ struct ComparedPart {
   int64_t examples = 0;
 };
 
-// One way to divide the examples, and the sums of its parts.
+// One way to divide the examples, with the sums of its parts.
 struct Division {
   const Stratification* stratification;
   std::vector<ComparedPart> parts;

@@ -1,4 +1,5 @@
-// A model beside its rivals on the same examples, and whether the difference is more than chance.
+// Compares a model with its rivals on the same examples, and tests whether differences exceed
+// chance.
 
 #ifndef MANEUVER_MODEL_EVALUATION_RIVAL_COMPARISON_H_
 #define MANEUVER_MODEL_EVALUATION_RIVAL_COMPARISON_H_
@@ -15,17 +16,17 @@
 
 namespace maneuver::evaluation {
 
-// Returns the comparison of each of kComparedMetrics with each of kRivals, where both have a
-// column. The difference is that of two means over the same examples.
-//   column: of a metric in the sums; empty if there is none
+// Compares the model with each of kRivals by each of kComparedMetrics, if both have a column. The
+// difference is that of two means over the same examples.
+//   column: returns the column of a metric in the sums, or nothing.
 std::vector<v1::RivalComparison> CompareWithRivals(
     const Estimator& estimator, const std::function<std::optional<int>(std::string_view)>& column);
 
-// Returns how the model stands over all examples, and by speed and by kinematic class. Parts
-// without examples are left out. The bootstrap draws the groups of all recordings of the
-// evaluation, as in cross-validation.
-//   measured: at least one example
-//   groups: of the recordings of the evaluation, in their order
+// Returns the model's standing over all examples, by speed, and by kinematic class. Leaves out
+// parts without examples. The bootstrap draws groups from all recordings of the evaluation, as in
+// cross-validation.
+//   measured: at least one example.
+//   groups: those of the evaluation's recordings, in the same order.
 v1::RivalStandings MakeRivalStandings(const MeasuredExamples& measured,
                                       const data::RecordingGroups& groups,
                                       const BootstrapOptions& options = {});

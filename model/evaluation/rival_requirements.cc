@@ -42,7 +42,7 @@ v1::RivalShortfall ShortfallIn(const v1::RivalStanding& part,
   return shortfall;
 }
 
-// "ahead of constant velocity by ade_1"
+// Returns "ahead of constant velocity by ade_1", for example.
 std::string Wanted(const v1::RivalRequirement& requirement) {
   const Rival* rival = FindRival(requirement.rival());
   return absl::StrCat(
@@ -51,7 +51,7 @@ std::string Wanted(const v1::RivalRequirement& requirement) {
       MetricOf(requirement));
 }
 
-// "in stationary (+0.012 m, 95 % +0.003 .. +0.020)"
+// Returns "in stationary (+0.012 m, 95 % +0.003 .. +0.020)", for example.
 std::string WhereText(const v1::RivalShortfall& shortfall) {
   std::string text =
       shortfall.name().empty() ? "over all examples" : absl::StrCat("in ", shortfall.name());
@@ -115,7 +115,7 @@ std::vector<v1::RivalShortfall> FindShortfalls(const v1::RivalStandings& standin
       const v1::RivalComparison* comparison = FindComparison(part, requirement);
       if (comparison != nullptr && IsMet(requirement.standard(), comparison->verdict())) continue;
       v1::RivalShortfall& shortfall = shortfalls.emplace_back(ShortfallIn(part, requirement));
-      if (comparison == nullptr) break;  // it is missing in all parts
+      if (comparison == nullptr) break;  // missing in all parts
       *shortfall.mutable_comparison() = *comparison;
     }
   }
@@ -132,7 +132,7 @@ std::string ShortfallText(const std::vector<v1::RivalShortfall>& shortfalls) {
     }
     const bool may_tie = requirement.standard() == v1::RIVAL_STANDARD_NOT_BEHIND;
     std::string wanted = Wanted(requirement);
-    // "not behind X" fails as "behind X".
+    // A failed requirement "not behind X" reads "behind X".
     if (may_tie && shortfalls[i].has_comparison()) {
       wanted = wanted.substr(std::string_view("not ").size());
     } else {

@@ -1,4 +1,4 @@
-// What a version must show beside its rivals before it is promoted.
+// Checks what a version must show against its rivals before it is promoted.
 
 #ifndef MANEUVER_MODEL_EVALUATION_RIVAL_REQUIREMENTS_H_
 #define MANEUVER_MODEL_EVALUATION_RIVAL_REQUIREMENTS_H_
@@ -12,26 +12,26 @@ namespace maneuver::evaluation {
 
 using RivalRequirements = google::protobuf::RepeatedPtrField<v1::RivalRequirement>;
 
-// Returns what is wrong with a requirement, as "rival", "is ...": the field and a description. Both
-// are empty if nothing is.
+// What is wrong with a requirement: the field and a description, such as "rival", "is ...". Both
+// are empty if nothing is wrong.
 struct RequirementFault {
   std::string field;
   std::string description;
 };
 RequirementFault CheckRequirement(const v1::RivalRequirement& requirement);
 
-// Returns where a version does not meet the requirements, in their order; empty if it meets all.
-// Too few examples over all, or no such rival beside the version, is a shortfall without a
-// comparison.
-//   requirements: CheckRequirement finds no fault in them
+// Returns where a version does not meet the requirements, in their order; empty if it meets all. If
+// there are too few examples in total, or the version was not compared with that rival, the
+// shortfall has no comparison.
+//   requirements: CheckRequirement must find no fault in them.
 std::vector<v1::RivalShortfall> FindShortfalls(const v1::RivalStandings& standings,
                                                const RivalRequirements& requirements);
 
-// Returns a sentence part for each requirement that is not met, joined by "; ", such as
+// Returns one part of a sentence per requirement that is not met, joined by "; ", such as
 //   "not ahead of constant velocity by ade_1 in stationary (+0.012 m, 95 % +0.003 .. +0.020)".
 std::string ShortfallText(const std::vector<v1::RivalShortfall>& shortfalls);
 
-// Returns one for people: "ahead of constant velocity by ade_1 in every stratum".
+// Prints a requirement for people: "ahead of constant velocity by ade_1 in every stratum".
 std::string RequirementText(const v1::RivalRequirement& requirement);
 
 }  // namespace maneuver::evaluation

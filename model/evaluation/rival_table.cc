@@ -16,7 +16,7 @@ std::string RivalMetric(const Rival& rival, std::string_view metric) {
     if (metric.ends_with("_medoid")) return "";
     return std::string(rival.name) + "_" + std::string(metric);
   }
-  // A predictor of one trajectory: in place of the most probable one, or of the medoid.
+  // A predictor of one trajectory is compared with the most probable one or with the medoid.
   for (const std::string_view single : {"_1", "_medoid"}) {
     if (!metric.ends_with(single)) continue;
     metric.remove_suffix(single.size());

@@ -1,4 +1,4 @@
-// The predictors that a model is compared with, and by what.
+// The predictors that a model is compared with, and the metrics of the comparison.
 
 #ifndef MANEUVER_MODEL_EVALUATION_RIVAL_TABLE_H_
 #define MANEUVER_MODEL_EVALUATION_RIVAL_TABLE_H_
@@ -9,24 +9,24 @@
 
 namespace maneuver::evaluation {
 
-// A part of fewer examples is not compared with rivals.
+// Parts with fewer examples are not compared with rivals.
 inline constexpr int kLeastComparedExamples = 50;
 
-// A part of fewer groups of recordings is undecided. Five groups agree by chance alone once in
-// sixteen times (2 / 2^5), and the bootstrap would call each of these times ahead or behind. For
-// six groups it is once in 32, which an interval of 95 % allows.
+// Parts with fewer groups of recordings are undecided. Five groups agree by chance once in sixteen
+// times (2 / 2^5), and the bootstrap would call each of these ahead or behind. Six groups agree by
+// chance once in 32 times, which a 95 % interval allows.
 inline constexpr int kLeastDecidingGroups = 6;
 
-// Of fewer groups the intervals are too narrow: the bootstrap knows no more places than it has
-// seen.
+// With fewer groups the intervals are too narrow, because the bootstrap knows only the places it
+// has seen. Texts then say so.
 inline constexpr int kFewGroups = 10;
 
-// The name in RivalComparison.rival, and the same for people.
+// A rival: its name in RivalComparison.rival, and its names for people.
 struct Rival {
   std::string_view name;
   std::string_view title;   // "constant velocity"
-  std::string_view column;  // heads a column
-  bool trained = false;     // with the model, by `baselines` of its settings
+  std::string_view column;  // head of its column
+  bool trained = false;     // trained with the model, by `baselines` of its settings
 };
 
 inline constexpr std::array<Rival, 5> kRivals = {
@@ -36,15 +36,15 @@ inline constexpr std::array<Rival, 5> kRivals = {
      {"covernet", "CoverNet-like", "COVERNET", true},
      {"multipath", "MultiPath-like", "MULTIPATH", true}}};
 
-// The metrics that are compared. Of all of these, less is better.
+// The compared metrics. For all of them, less is better.
 inline constexpr std::array<std::string_view, 8> kComparedMetrics = {
     "ade_1", "fde_1", "miss_rate_1", "ade_medoid", "min_ade_6", "min_fde_6", "miss_rate_6", "nll"};
 
 // Returns the rival of this name; null if there is none.
 const Rival* FindRival(std::string_view name);
 
-// Returns the name of the rival's metric to hold against `metric` of the model; empty if the two
-// cannot be compared: constant velocity has no best of six, nor a likelihood.
+// Returns the name of the rival's metric to compare with the model's `metric`. Empty if the two
+// cannot be compared: constant velocity has neither a best of six nor a likelihood.
 std::string RivalMetric(const Rival& rival, std::string_view metric);
 
 }  // namespace maneuver::evaluation

@@ -58,8 +58,8 @@ std::string Wrapped(const std::string& line) {
   return text + "\n";
 }
 
-// "ade_1: ahead of constant velocity in 12 of 13 strata, behind in stationary". Empty if they are
-// not compared by this metric.
+// Returns "ade_1: ahead of constant velocity in 12 of 13 strata, behind in stationary". Empty if
+// the two are not compared by this metric.
 std::string Summary(const v1::RivalStandings& standings, const Rival& rival,
                     std::string_view metric) {
   std::vector<std::string> behind;

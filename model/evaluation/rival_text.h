@@ -1,4 +1,4 @@
-// A model beside its rivals, as people read it.
+// Prints the comparison of a model with its rivals for people.
 
 #ifndef MANEUVER_MODEL_EVALUATION_RIVAL_TEXT_H_
 #define MANEUVER_MODEL_EVALUATION_RIVAL_TEXT_H_
@@ -13,9 +13,9 @@ namespace maneuver::evaluation {
 // Returns "ahead", "BEHIND" or "?".
 std::string_view VerdictMark(v1::RivalVerdict verdict);
 
-// Returns one table by ade_1, at most 100 columns wide, and below it a line for each rival: in how
-// many strata the model is ahead of it, and where it is behind. Trained rivals have a line by
-// min_ade_6 too. Empty if nothing was compared. The standings themselves have all metrics and all
+// Returns one table by ade_1, at most 100 columns wide. Below it, one line per rival says in how
+// many strata the model is ahead of it, and where it is behind. Trained rivals also have a line by
+// min_ade_6. Empty if nothing was compared. The standings themselves have all metrics and
 // intervals. Lines end in '\n'.
 std::string RivalText(const v1::RivalStandings& standings, bool color);
 

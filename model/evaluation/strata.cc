@@ -14,7 +14,7 @@ constexpr std::array<std::string_view, 5> kSpeeds = {"standing", "0.5-5 m/s", "5
 constexpr std::array<std::string_view, 3> kTurns = {"straight", "left", "right"};
 constexpr std::array<std::string_view, 4> kTypes = {"vehicle", "pedestrian", "cyclist", "other"};
 
-// Number of `limits` (increasing) that `value` reaches.
+// Returns how many of `limits` (increasing) `value` reaches.
 template <typename T, size_t n>
 int Reached(const std::array<T, n>& limits, T value) {
   return static_cast<int>(std::upper_bound(limits.begin(), limits.end(), value) - limits.begin());

@@ -1,4 +1,4 @@
-// Parts of the examples that are also measured on their own.
+// Divides the examples into parts that are also measured separately.
 
 #ifndef MANEUVER_MODEL_EVALUATION_STRATA_H_
 #define MANEUVER_MODEL_EVALUATION_STRATA_H_
@@ -12,9 +12,9 @@
 
 namespace maneuver::evaluation {
 
-// What an example is divided by.
+// The properties of an example that decide its strata.
 struct StratumKeys {
-  int agents = 0;               // in sight at the prediction time, the target included
+  int agents = 0;               // present at the prediction time, target included
   double speed = 0.0;           // of the target at the prediction time, m/s
   double heading_change = 0.0;  // of the target at the horizon, radians, counter-clockwise
   KinematicClass kinematic_class = KinematicClass::kStationary;  // of its trajectory
@@ -28,12 +28,15 @@ struct Stratification {
   int (*stratum)(const StratumKeys& keys);  // index into names
 };
 
-// agents: <=10, 11-30, 31-60, >60;  speed: standing below 0.5 m/s, then up to 5, 10 and 15, and
-// above;  turn: left or right from a heading change of 30 degrees, else straight;
-// class: each KinematicClass;  type: vehicle, pedestrian, cyclist or other.
+// Returns five ways to divide the examples:
+//   agents   <=10, 11-30, 31-60, >60
+//   speed    standing below 0.5 m/s, then up to 5, 10 and 15, and above
+//   turn     left or right from a heading change of 30 degrees, otherwise straight
+//   class    each KinematicClass
+//   type     vehicle, pedestrian, cyclist or other
 const std::array<Stratification, 5>& Stratifications();
 
-// Agents of any kind that have a state within `tolerance` seconds of `time`.
+// Returns the number of agents of any type that have a state within `tolerance` seconds of `time`.
 int AgentsAt(const v1::Scenario& recording, double time, double tolerance);
 
 }  // namespace maneuver::evaluation

@@ -1,4 +1,4 @@
-// A table of plain text.
+// Prints tables as plain text.
 
 #ifndef MANEUVER_MODEL_EVALUATION_TEXT_BLOCK_H_
 #define MANEUVER_MODEL_EVALUATION_TEXT_BLOCK_H_
@@ -8,12 +8,12 @@
 
 namespace maneuver::evaluation {
 
-// One table: a title and right-aligned columns. Columns without a value are left out.
+// A table with a title and right-aligned columns. Columns without a value are left out.
 class Block {
  public:
   Block(std::string title, std::vector<std::string> columns);
 
-  // Appends a row; values that are missing at its end are empty.
+  // Appends a row. Values missing at its end count as empty.
   void Add(std::string label, std::vector<std::string> values);
   bool empty() const { return cells_.size() == 1; }
 

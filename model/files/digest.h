@@ -14,7 +14,7 @@
 
 namespace maneuver::files {
 
-// A digest that grows with its input.
+// Computes the digest of input that arrives in pieces.
 class Sha256 {
  public:
   Sha256();
@@ -23,9 +23,9 @@ class Sha256 {
   Sha256& operator=(const Sha256&) = delete;
 
   void Update(std::string_view bytes);
-  // With the first `bytes` of a file, or all of them if it has fewer.
+  // Adds the first `bytes` of a file, or all of them if it has fewer.
   absl::Status UpdateWithFile(const std::filesystem::path& file, int64_t bytes);
-  // Lower-case hexadecimal, 64 characters. Call once.
+  // Returns lower-case hexadecimal, 64 characters. Call once, last.
   std::string Finish();
 
  private:

@@ -28,7 +28,8 @@ fs::path FolderOf(const fs::path& file) {
   return parent.empty() ? fs::path(".") : parent;
 }
 
-// A name beside `file` that nobody else has: chance makes it so, O_EXCL and mkdir see to it.
+// Returns a name beside `file` that is very likely unused. The caller creates it with O_EXCL or
+// mkdir, which fail if it is used after all.
 fs::path TemporaryBeside(const fs::path& file) {
   uint64_t random = 0;
   if (getrandom(&random, sizeof random, 0) != sizeof random) {
@@ -38,11 +39,11 @@ fs::path TemporaryBeside(const fs::path& file) {
          absl::StrCat(".", NameOf(file), kTemporaryMark, absl::Hex(random, absl::kZeroPad16));
 }
 
-// rename(2), but never onto something that exists.
+// Renames like rename(2), but never onto something that exists.
 int RenameToNew(const fs::path& from, const fs::path& to) {
   if (renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE) == 0) return 0;
   if (errno != EINVAL && errno != ENOSYS) return errno;
-  // This file system cannot do it in one step.
+  // This file system has no RENAME_NOREPLACE, so it takes two steps.
   std::error_code error;
   if (fs::exists(fs::symlink_status(to, error))) return EEXIST;
   return rename(from.c_str(), to.c_str()) == 0 ? 0 : errno;
@@ -79,7 +80,7 @@ absl::Status WriteFileAtomically(const fs::path& file, std::string_view content)
   auto output = OutputFile::Create(temporary);
   if (!output.ok()) return output.status();
   absl::Status status = (*output)->Append(content);
-  // Closed whatever happened; the first error is the one to tell.
+  // Close is called in any case; the first error is returned.
   if (const absl::Status closed = (*output)->Close(); status.ok()) status = closed;
   if (status.ok() && rename(temporary.c_str(), file.c_str()) != 0) {
     status = ErrnoStatus(errno, "replace", file);
@@ -96,7 +97,7 @@ absl::Status SyncPath(const fs::path& path) {
   if (descriptor < 0) return ErrnoStatus(errno, "open", path);
   const int error = fsync(descriptor) == 0 ? 0 : errno;
   close(descriptor);
-  // Some network file systems do not sync folders; there is nothing more to do about it.
+  // Some network file systems cannot sync folders; nothing more can be done there.
   if (error == 0 || error == EINVAL || error == EROFS) return absl::OkStatus();
   return ErrnoStatus(error, "sync", path);
 }

@@ -1,4 +1,4 @@
-// Files and folders that are there whole or not at all, also after a power cut.
+// Writes files and folders completely or not at all, even across a power cut.
 
 #ifndef MANEUVER_MODEL_FILES_DURABLE_FILE_H_
 #define MANEUVER_MODEL_FILES_DURABLE_FILE_H_
@@ -12,21 +12,24 @@
 
 namespace maneuver::files {
 
-// The whole content. NOT_FOUND if there is no such file.
+// Returns the whole content. NOT_FOUND if there is no such file.
 absl::StatusOr<std::string> ReadFile(const std::filesystem::path& file);
 
-// Replaces `file` in one step: a temporary file beside it, synced, renamed, the folder synced.
+// Replaces `file` in one step: writes a temporary file beside it, syncs it, renames it and syncs
+// the folder.
 absl::Status WriteFileAtomically(const std::filesystem::path& file, std::string_view content);
 
-// fsync of a file or a folder.
+// Calls fsync on a file or a folder.
 absl::Status SyncPath(const std::filesystem::path& path);
 
-// Renames a finished temporary folder to its final name: syncs each of its files and itself,
-// renames, syncs the parent. ALREADY_EXISTS if `folder` exists; the temporary one then stays.
+// Renames a finished temporary folder to its final name: syncs each of its files and the folder,
+// renames it and syncs the parent. ALREADY_EXISTS if `folder` exists; the temporary folder then
+// stays.
 absl::Status PublishFolder(const std::filesystem::path& temporary,
                            const std::filesystem::path& folder);
 
-// A new empty folder beside `folder`, named ".<name>.tmp-<random>". RemoveTemporaries finds it.
+// Creates an empty folder beside `folder`, named ".<name>.tmp-<random>". RemoveTemporaries finds
+// it.
 absl::StatusOr<std::filesystem::path> MakeTemporaryFolderFor(const std::filesystem::path& folder);
 
 // Removes what an interrupted writer left in `parent`: entries named ".*.tmp-*".

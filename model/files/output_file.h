@@ -1,4 +1,4 @@
-// A file that is written front to back.
+// A file that is written from front to back.
 
 #ifndef MANEUVER_MODEL_FILES_OUTPUT_FILE_H_
 #define MANEUVER_MODEL_FILES_OUTPUT_FILE_H_
@@ -14,16 +14,16 @@
 
 namespace maneuver::files {
 
-// Gathers small writes. Not thread-safe. After an error every further call returns that error.
+// Buffers small writes. Not thread-safe. After an error every further call returns that error.
 class OutputFile {
  public:
-  // ALREADY_EXISTS if there is such a file.
+  // Creates the file. ALREADY_EXISTS if it exists.
   static absl::StatusOr<std::unique_ptr<OutputFile>> Create(const std::filesystem::path& file);
-  // Goes on with a file after its first `offset` bytes; what it has beyond them is cut off.
-  // DATA_LOSS if it has fewer.
+  // Opens a file to append after its first `offset` bytes and truncates it there. DATA_LOSS if it
+  // has fewer.
   static absl::StatusOr<std::unique_ptr<OutputFile>> Continue(const std::filesystem::path& file,
                                                               int64_t offset);
-  // Without a Close the file's end may be missing.
+  // Without a Close, the end of the file may be missing.
   ~OutputFile();
   OutputFile(const OutputFile&) = delete;
   OutputFile& operator=(const OutputFile&) = delete;
@@ -32,7 +32,7 @@ class OutputFile {
   // Flushes, syncs and closes. Call once, after the last Append.
   absl::Status Close();
 
-  // Appended so far, what it had before included.
+  // Returns the size of the file so far, including what it had before Continue.
   int64_t size_bytes() const { return size_bytes_; }
 
  private:

@@ -16,10 +16,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Of SHA-256: enough to tell callers apart.
+// Digits of a SHA-256: enough to tell callers apart.
 constexpr size_t kCallerDigits = 32;
 
-// -1 if there is none.
+// Returns the size of a file, or -1 if there is none.
 int64_t SizeOf(const fs::path& file) {
   std::error_code error;
   const uintmax_t size = fs::file_size(file, error);
@@ -133,7 +133,7 @@ void UploadStaging::RemoveFolder(const Slot& slot) {
   const std::lock_guard lock(mutex_);
   std::error_code ignored;
   fs::remove_all(slot.folder, ignored);
-  fs::remove(folder_, ignored);  // if it was the last
+  fs::remove(folder_, ignored);  // succeeds if it was the last
 }
 
 void UploadStaging::RemoveEmptyFolder(const Slot& slot) {
@@ -166,7 +166,7 @@ absl::Status UploadStaging::RemoveIf(
     fs::remove_all(folder, error);
     if (error) return ErrnoStatus(error.value(), "remove", folder);
   }
-  fs::remove(folder_, error);  // if that was all
+  fs::remove(folder_, error);  // succeeds if it is empty now
   return absl::OkStatus();
 }
 

@@ -48,40 +48,41 @@ void RemoveOtherFiles(const std::filesystem::path& slot, const std::vector<Annou
 // Thread-safe.
 class UploadStaging {
  public:
-  // What a call that brings an upload has announced.
+  // The bytes that an upload in progress has announced.
   struct Bytes {
     uint64_t announced = 0;
-    uint64_t missing = 0;  // of these, not on the disk yet
+    uint64_t missing = 0;  // of these, those not on the disk yet
   };
   struct Others {
     Bytes under_way;
-    uint64_t broken_off = 0;  // on the disk, of uploads that no call brings now
+    uint64_t broken_off = 0;  // on the disk, of interrupted uploads
   };
   // One caller's upload under one id. Of the calls that bring it the latest has the turn.
   struct Slot {
     std::string name;
     std::filesystem::path folder;
-    std::mutex mutex;  // guards what follows, and the folder's files; before UploadStaging's own
+    std::mutex mutex;  // guards what follows and the files; locked before UploadStaging's
     int64_t turn = 0;
-    bool committing = false;  // nobody else may take the turn
-    Bytes bytes;              // of who has the turn; guarded by UploadStaging
+    bool committing = false;  // no other call may take the turn
+    Bytes bytes;              // of the call that has the turn; guarded by UploadStaging
   };
 
   explicit UploadStaging(const std::filesystem::path& folder);
 
-  // The slot, without a folder until somebody makes one; held, it is not abandoned.
+  // Returns the slot. Its folder need not exist. While the pointer is held, the slot is not
+  // abandoned.
   std::shared_ptr<Slot> Enter(const std::string& id, const std::string& caller);
 
-  // Announces so many in place of what the slot announced before, unless `refuse`, told of the
-  // others, finds an error.
+  // Replaces what the slot announced before, unless `refuse` returns an error. `refuse` is called
+  // with the totals of the other slots.
   absl::Status Announce(Slot& slot, const Bytes& bytes,
                         const std::function<absl::Status(const Others&)>& refuse);
   void Arrived(Slot& slot, uint64_t bytes);
-  // Nobody brings it any more.
+  // Ends the announcement: no call sends the upload any more.
   void End(Slot& slot);
 
   absl::Status MakeFolder(const Slot& slot);
-  // With what is in it, or if nothing is.
+  // Remove the folder with its content, or only if it is empty.
   void RemoveFolder(const Slot& slot);
   void RemoveEmptyFolder(const Slot& slot);
 
@@ -90,7 +91,7 @@ class UploadStaging {
                                                  std::filesystem::file_time_type last)>& is_over);
 
  private:
-  // All of these are called with mutex_ held.
+  // Require mutex_.
   bool IsHeld(const std::string& name) const;
   uint64_t BrokenOffBytes() const;
 

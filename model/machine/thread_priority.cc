@@ -13,7 +13,7 @@ namespace {
 
 pid_t ThisThread() { return static_cast<pid_t>(syscall(SYS_gettid)); }
 
-// As a rule a thread has SCHED_OTHER.
+// Threads that are not patient have SCHED_OTHER, the default.
 void SetPolicy(pid_t thread, bool patient) {
   const sched_param none{};
   (void)sched_setscheduler(thread, patient ? SCHED_BATCH : SCHED_OTHER, &none);
@@ -22,7 +22,7 @@ void SetPolicy(pid_t thread, bool patient) {
 }  // namespace
 
 void AddNiceness(int more) {
-  // In Linux it is each thread's own.
+  // On Linux, niceness belongs to the thread, not to the process.
   [[maybe_unused]] const int now = nice(more);
 }
 
@@ -33,7 +33,7 @@ struct PassingThreads::Members {
   std::vector<pid_t> threads;
 };
 
-// The groups that a thread is in. It leaves them as it ends: its number may become another's.
+// The groups of one thread. The thread leaves them when it ends, because its id may be reused.
 struct PassingThreads::Memberships {
   ~Memberships() {
     for (const auto& group : groups) {
@@ -51,7 +51,7 @@ PassingThreads::~PassingThreads() { SetPatient(false); }
 void PassingThreads::Join() {
   static thread_local Memberships memberships;
   if (std::ranges::find(memberships.groups, members_) != memberships.groups.end()) return;
-  // Of groups that are gone nothing is left but what their threads keep.
+  // Groups that no longer exist are referenced only by their threads.
   std::erase_if(memberships.groups, [](const auto& group) { return group.use_count() == 1; });
   memberships.groups.push_back(members_);
   const std::lock_guard lock(members_->mutex);

@@ -1,4 +1,4 @@
-// Which threads the kernel lets go first.
+// Tells the kernel which threads may wait.
 
 #ifndef MANEUVER_MODEL_MACHINE_THREAD_PRIORITY_H_
 #define MANEUVER_MODEL_MACHINE_THREAD_PRIORITY_H_
@@ -9,32 +9,32 @@
 
 namespace maneuver::machine {
 
-// Makes the calling thread, and it alone, nicer than it is by so much, but no nicer than 19: who is
-// nicest goes last.
+// Adds `more` to the niceness of the calling thread, and of no other, up to the limit of 19. The
+// kernel runs the nicest threads last.
 void AddNiceness(int more);
 
-// Threads that pass work on to others which compute. As a rule one that is woken interrupts
-// whoever computes on its core, does its little bit and goes to sleep again: ten times an answer,
-// if each answer wakes it for every step that it takes. While they are patient, these threads come
-// once the core is free, or at the kernel's next tick, and then do all that there is (SCHED_BATCH).
-// That is worth while only as long as more waits than can be computed.
+// A group of threads that only pass work on to computing threads. When such a thread is woken, it
+// normally interrupts whoever computes on its core, does little and sleeps again: up to ten times
+// per answer, if every step of an answer wakes it. While the group is patient (SCHED_BATCH), its
+// threads wait until the core is free or until the kernel's next tick, and then do all their work
+// at once. That pays only while more work waits than can be computed.
 //
-// Safe to use from any thread. A thread may be in several groups; the last that was told counts.
+// Thread-safe. A thread may be in several groups; the latest call of SetPatient counts.
 class PassingThreads {
  public:
   PassingThreads();
   PassingThreads(const PassingThreads&) = delete;
   PassingThreads& operator=(const PassingThreads&) = delete;
-  // They are patient no longer.
+  // Makes the threads impatient again.
   ~PassingThreads();
 
-  // Has the calling thread in it until it ends. Cheap if it is in it already.
+  // Adds the calling thread until it ends. Cheap if it is a member already.
   void Join();
 
-  // Cheap if they are so already.
+  // Makes the threads patient or impatient. Cheap if they are so already.
   void SetPatient(bool patient);
 
-  // How many are in it.
+  // Returns the number of threads in the group.
   size_t size() const;
 
  private:

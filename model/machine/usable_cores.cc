@@ -16,11 +16,11 @@ namespace fs = std::filesystem;
 int AllowedCores() {
   cpu_set_t allowed;
   if (sched_getaffinity(0, sizeof(allowed), &allowed) == 0) return CPU_COUNT(&allowed);
-  // More cores than the set has room for.
+  // The machine has more cores than the set can hold.
   return static_cast<int>(std::thread::hardware_concurrency());
 }
 
-// This process's control group of version 2: the line "0::/a/b".
+// Returns this process's control group, version 2: the path in the line "0::/a/b".
 std::optional<fs::path> OwnGroup() {
   std::ifstream groups("/proc/self/cgroup");
   for (std::string line; std::getline(groups, line);) {
@@ -29,7 +29,7 @@ std::optional<fs::path> OwnGroup() {
   return std::nullopt;
 }
 
-// cpu.max: "QUOTA PERIOD", microseconds, or "max PERIOD".
+// Reads cpu.max: "QUOTA PERIOD", microseconds, or "max PERIOD".
 std::optional<double> LimitIn(const fs::path& folder) {
   std::ifstream file(folder / "cpu.max");
   double quota = 0.0;
@@ -47,7 +47,7 @@ std::optional<double> GroupLimit(const fs::path& root, const fs::path& group) {
     const auto limit = LimitIn(folder);
     if (limit) least = std::min(*limit, least.value_or(*limit));
   };
-  look();  // a container sees its own group as the root
+  look();  // inside a container, its own group is the root
   for (const fs::path& part : group.relative_path()) {
     folder /= part;
     look();

@@ -1,4 +1,4 @@
-// How many threads of this process can run at the same time.
+// Finds how many threads of this process can run at the same time.
 
 #ifndef MANEUVER_MODEL_MACHINE_USABLE_CORES_H_
 #define MANEUVER_MODEL_MACHINE_USABLE_CORES_H_
@@ -8,14 +8,16 @@
 
 namespace maneuver::machine {
 
-// Cores that the calling thread may run on (taskset, a container's cpuset), but no more than what
-// its control groups give it time for (a container's limit of cores), rounded up. At least 1.
-// std::thread::hardware_concurrency() is all cores of the machine, whoever may use them: two
-// threads that work where one can run make each other late.
+// Returns the number of cores that the calling thread may run on (taskset, a container's cpuset),
+// limited to the time that its control groups allow (a container's core limit), rounded up. At
+// least 1. std::thread::hardware_concurrency() would count all cores of the machine. With two
+// threads on a core that can run one, both finish late.
 int UsableCores();
 
-// The least limit of a control group and those that it is in, cores; nothing if there is none.
-//   root: where version 2 is mounted, /sys/fs/cgroup;  group: "/a/b", as /proc/self/cgroup has it
+// Returns the smallest CPU limit of a control group and of the groups that contain it, in cores.
+// Returns nothing if there is none.
+//   root: the mount point of version 2, /sys/fs/cgroup.
+//   group: "/a/b", as in /proc/self/cgroup.
 std::optional<double> GroupLimit(const std::filesystem::path& root,
                                  const std::filesystem::path& group);
 

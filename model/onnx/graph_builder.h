@@ -13,10 +13,10 @@
 
 namespace maneuver::onnx {
 
-// Sizes of an input or output; -1 stands for any number of scenes.
+// The sizes of an input or output. -1 stands for any number of scenes.
 using Sizes = std::vector<int64_t>;
 
-// A setting of a node: one whole number, several, or a float.
+// An attribute of a node: one integer, a list of them, or a float.
 struct Setting {
   std::string name;
   std::vector<int64_t> numbers;
@@ -37,11 +37,11 @@ class GraphBuilder {
   void Input(const std::string& name, const Sizes& sizes);
   void Output(const std::string& name, const Sizes& sizes);
 
-  // Constants; return their name.
+  // Add a constant and return its name.
   std::string Floats(const std::string& name, const Sizes& sizes, std::span<const float> values);
   std::string Integers(const std::string& name, std::span<const int64_t> values);
 
-  // Adds a node with one output, which gets the name that is returned: `name`.
+  // Adds a node with one output. Returns the output's name, which is `name`.
   std::string Add(const std::string& op, const std::string& name,
                   const std::vector<std::string>& inputs,
                   const std::vector<Setting>& settings = {});

@@ -33,7 +33,7 @@ constexpr int64_t kFormat = 7;
 constexpr int64_t kOperators = 13;
 constexpr float kNormalizationEpsilon = 1e-5f;  // tensor.h
 constexpr int64_t kAnyNumber = -1;
-// Taken from the scores of elements that are not there: e to the minus this is 0 in f32.
+// Subtracted from the scores of absent elements: e to the minus this is 0 in f32.
 constexpr float kHidden = 1e4f;
 
 class Exporter {
@@ -71,13 +71,13 @@ class Exporter {
     return AddConstant(name, tensor.shape, tensor.values);
   }
 
-  // A constant that several nodes may ask for by one name.
+  // Adds a constant, or finds it if another node asked for this name.
   std::string AddConstant(const std::string& name, const Sizes& sizes,
                           std::span<const float> values) {
     return constants_.insert(name).second ? graph_.Floats(name, sizes, values) : name;
   }
 
-  // So many rows of each scene.
+  // Returns the number of rows: `of_each_scene` for each scene.
   int64_t Rows(int64_t of_each_scene) const {
     return scenes_ == kAnyNumber ? kAnyNumber : scenes_ * of_each_scene;
   }
@@ -100,7 +100,7 @@ class Exporter {
     return grid;
   }
 
-  // The backbone's features before the ReLU, [N, F].
+  // Adds the backbone's features before the ReLU, [N, F].
   std::string AddBackbone() {
     const artifact::GridSize raster = artifact::RasterGrid(spec_.raster());
     graph_.Input("raster", {scenes_, raster.channels, raster.height, raster.width});
@@ -128,7 +128,7 @@ class Exporter {
     return AddDense("backbone.projection", flat);
   }
 
-  // [N, F'] of a model without scene vectors.
+  // Adds the features of a model without scene vectors, [N, F'].
   std::string AddRasterFeatures() {
     const std::string projected = AddBackbone();
     if (!spec_.target_motion()) return graph_.Add("Relu", "features", {projected});
@@ -138,9 +138,8 @@ class Exporter {
                       {Setting::One("axis", 1)});
   }
 
-  // y = W x, + b if there is a bias. Of weights [networks, out, in] side by side, those of number
-  // `network`.
-  //   label: of this use of the weights, if there are several
+  // Adds y = W x, plus b if there is a bias. `network` selects among weights [networks, out, in].
+  //   label: names this use of the weights if there are several.
   std::string AddDense(const std::string& name, const std::string& input,
                        const int64_t* network = nullptr, const std::string& label = "") {
     const Tensor& weight = Weights(name + ".weight");
@@ -162,7 +161,7 @@ class Exporter {
 
   std::string AddRelu(const std::string& x) { return graph_.Add("Relu", x + ".relu", {x}); }
 
-  // `<name>.0`, `<name>.1`, ... with ReLU between them.
+  // Adds the layers `<name>.0`, `<name>.1`, ... with ReLU between them.
   std::string AddMlp(const std::string& name, int layers, std::string x,
                      const int64_t* network = nullptr, const std::string& label = "") {
     for (int i = 0; i < layers; ++i) {
@@ -172,7 +171,7 @@ class Exporter {
     return x;
   }
 
-  // W_k x_k for each action k, [N, K, 1, out], with weights [K, out, in].
+  // Adds W_k x_k for each action k, [N, K, 1, out], with weights [K, out, in].
   //   x: [N K, in]
   std::string AddDenseOfEachAction(const std::string& name, const std::string& x) {
     const Tensor& weight = Weights(name + ".weight");
@@ -191,7 +190,7 @@ class Exporter {
                        AddConstant(name + ".weight", {1, K, inputs, outputs}, transposed)});
   }
 
-  // [N, F'] of a model with scene vectors (tensor.h).
+  // Adds the features of a model with scene vectors, [N, F'] (tensor.h).
   std::string AddVectorFeatures() {
     graph_.Input("history", {scenes_, scene::kHistoryInputs});
     const std::string own =
@@ -219,12 +218,12 @@ class Exporter {
         {AddDense("join", graph_.Add("Concat", "joined", parts, {Setting::One("axis", 1)}))});
   }
 
-  // What is known of a set that has room for `size` elements in each scene.
+  // A set with room for `size` elements in each scene.
   struct Set {
     int64_t size = 0;
     std::string elements;  // [N size, width], none below 0
-    std::string mask;      // 1 or 0, where an element is or is not, [N, 1, size, 1]
-    std::string gate;      // 0 or -kHidden, there
+    std::string mask;      // 1 for a present element, else 0, [N, 1, size, 1]
+    std::string gate;      // 0 for a present element, else -kHidden
   };
   // Reads the inputs `<name>s`, [N, size, numbers], and `<name>_mask`, [N, size].
   Set AddSet(const std::string& name, int64_t size, int64_t numbers, int64_t width,
@@ -252,7 +251,7 @@ class Exporter {
     std::string attended;  // [N S, width]
     std::string maximum;   // [N S, width]
   };
-  // Over the elements of `set` that there are. `elements` has those of S such sets for each scene.
+  // Pools over the present elements of `set`. `elements` holds S such sets for each scene.
   //   elements: [N S size, width], none below 0
   Pooled AddPooling(const std::string& name, const Set& set, const std::string& elements,
                     int64_t sets, int64_t width, int64_t heads) {
@@ -261,7 +260,7 @@ class Exporter {
     const int64_t element_axis[] = {2};
     const std::string scores = Reshape(name + ".scores", AddDense(name + ".attention", elements),
                                        {scenes_, sets, size, heads});
-    // An element that is not there weighs nothing, and where there is none all weights are 0.
+    // Absent elements have weight 0. If all elements are absent, all weights are 0.
     const std::string shown = graph_.Add("Add", name + ".gated", {scores, set.gate});
     const std::string softmax =
         graph_.Add("Softmax", name + ".softmax", {shown}, {Setting::One("axis", 2)});
@@ -284,7 +283,7 @@ class Exporter {
             Reshape(name + ".maximum.rows", maximum, {Rows(sets), width})};
   }
 
-  // h_y of all actions, [N K, A], into geometry_.
+  // Adds h_y of all actions, [N K, A], and keeps it in geometry_.
   void AddActionGeometry(const std::string& features) {
     const int64_t K = spec_.actions();
     const int64_t paths = scene::kMostLanePaths;
@@ -332,7 +331,7 @@ class Exporter {
         AddRelu(dense("output", Reshape("action_geometry.joint_sum.rows", all, {Rows(K), A})));
   }
 
-  // p(z|y) decoded at its mean, [K, T, 2].
+  // Adds p(z|y) decoded at its mean, [K, T, 2].
   void AddGenericTrajectories() {
     const int64_t K = spec_.actions();
     const int64_t T = spec_.trajectory().waypoints();
@@ -345,7 +344,7 @@ class Exporter {
     graph_.Output("generic_trajectories", {K, T, 2});
   }
 
-  // What the mean of each action has beside what is decoded, [N, K, 1, 2T].
+  // Adds the learned residual of each action's mean, [N, K, 1, 2T].
   std::string AddMeanResidual(const std::string& features) {
     const int64_t K = spec_.actions();
     const Tensor& scene = Weights("mean_residual.scene.weight");
@@ -375,7 +374,7 @@ class Exporter {
     return graph_.Add("Reshape", name, {x, graph_.Integers(name + ".shape", sizes)});
   }
 
-  // One half of the K scenario encoders' outputs, a (first = 0) or b: [N, K D].
+  // Adds one half of the outputs of the K scenario encoders, a (first = 0) or b: [N, K D].
   //   outputs: [N, K, 2D]
   std::string AddHalf(const std::string& name, const std::string& outputs, int64_t first) {
     const int64_t D = spec_.latent_dimensions();
@@ -387,7 +386,7 @@ class Exporter {
     return Reshape(name, half, {scenes_, spec_.actions() * D});
   }
 
-  // x * scale + offset, both [columns of x].
+  // Adds x * scale + offset, where both have [columns of x] values.
   std::string AddScaled(const std::string& name, const std::string& x, std::span<const float> scale,
                         std::span<const float> offset) {
     const Sizes sizes = {static_cast<int64_t>(scale.size())};
@@ -396,8 +395,8 @@ class Exporter {
     return graph_.Add("Add", name, {scaled, graph_.Floats(name + ".offset", sizes, offset)});
   }
 
-  // q(z|y,s) of all actions, mean and deviation, [N, K D] each; relative to the components of the
-  // mixture (tensor.h).
+  // Adds q(z|y,s) of all actions, mean and deviation, each [N, K D], relative to the components of
+  // the mixture (tensor.h).
   std::pair<std::string, std::string> AddPosteriors(const std::string& features) {
     const int64_t K = spec_.actions();
     const int64_t D = spec_.latent_dimensions();
@@ -433,7 +432,7 @@ class Exporter {
     return {mean, graph_.Add("Exp", "posterior_stddev", {deviation})};
   }
 
-  // The mean, then + and - one standard deviation along each dimension (sigma_points.h), by a
+  // Adds the mean, then + and - one standard deviation along each dimension (sigma_points.h), by a
   // product with ones and zeros: [mean, stddev] [N K, 2D] -> [N K, (2D+1) D].
   std::string AddSigmaPoints(const std::string& moments) {
     const int64_t D = spec_.latent_dimensions();
@@ -477,7 +476,8 @@ class Exporter {
     graph_.Output("trajectories", {scenes_, K, points, T, 2});
   }
 
-  // The decoded positions with the residual of the mean and the reference, whichever there are.
+  // Adds the residual of the mean and the reference, where the model has them, to decoded
+  // positions.
   //   positions: [N K (2D+1), 2T] metres
   std::string AddShifts(std::string positions, const std::string& features) {
     const bool relative = artifact::HasReference(spec_);

@@ -1,7 +1,7 @@
-// A model's networks as an ONNX file, for other engines: what this one computes of a scene that has
-// been read (scene/scene_reader.h).
+// Exports a model's networks as an ONNX file for other engines. The file computes what this engine
+// computes from a scene's inputs (scene/scene_reader.h).
 //
-// Inputs, N scenes; each is there if the model reads it:
+// Inputs for N scenes. An input exists if the model reads it:
 //   raster          [N, C, H, W]  scene::Rasterizer's bytes divided by 255, channels first
 //   motion          [N, 4]        scene::MotionInputs
 //   history         [N, 42]       scene::HistoryInputs
@@ -9,23 +9,23 @@
 //   lane_path_mask  [N, 6]        1 where there is a path, else 0
 //   agents          [N, 12, 24]   scene::AgentInputs::values; 0 where there is no agent
 //   agent_mask      [N, 12]       1 where there is an agent, else 0
-//   action_paths    [N, K, 6, 18] how each action lies to each path; 0 where there is no path
+//   action_paths    [N, K, 6, 18] each action relative to each path; 0 where there is no path
 //   action_numbers  [N, K, 13]    of each action's own trajectory
-//   reference       [N, T, 2]     r(m), target frame, metres (scene/motion_reference.h); with
-//                                 distributions alone
+//   reference       [N, T, 2]     r(m), target frame, metres (scene/motion_reference.h); only with
+//                                 distributions
 // Outputs:
 //   features        [N, F']       artifact::SceneFeatures
 //   probabilities   [N, K]        p(y|s)
-//   generic_trajectories [K, T, 2]  p(z|y) decoded at its mean, metres, without the reference; of
-//                                 no input. Of actions that look at the lanes alone
-// and, with distributions,
+//   generic_trajectories [K, T, 2]  p(z|y) decoded at its mean, metres, without the reference.
+//                                 Depends on no input. Only for actions that look at the lanes
+// and, with distributions:
 //   latent_mean     [N, K, D]     of q(z|y,s)
 //   latent_stddev   [N, K, D]
 //   trajectories    [N, K, 2D+1, T, 2]  sigma trajectories, target frame, metres, in the order of
 //                                 inference::ActionDistribution::sigma, with the residual of the
 //                                 mean and the reference
 //
-// action_paths and action_numbers follow from the other inputs. For each scene:
+// Callers compute action_paths and action_numbers from the other inputs. For each scene:
 //   1. Add the reference, 0 if the model has none, to each of the generic_trajectories.
 //   2. Pick the points of each that scene::FindGeometryWaypoints names; -1 stands for the origin.
 //   3. Give them to scene::DescribeActions, with lane_paths and the target's speed along its
@@ -50,10 +50,10 @@ namespace maneuver::onnx {
 
 struct ExportOptions {
   bool distributions = true;
-  int scenes = 0;  // N, for engines that want to know it; 0: any number
+  int scenes = 0;  // N, for engines that need it fixed; 0: any number
 };
 
-// The bytes of the file, of a model as artifact::ReadModelFolder returns it.
+// Returns the bytes of the file. `model` is as artifact::ReadModelFolder returns it.
 std::string ExportOnnx(const artifact::StoredModel& model, const ExportOptions& options);
 
 }  // namespace maneuver::onnx

@@ -32,7 +32,7 @@ double CrossEntropy(const DiagonalGaussian& q, const DiagonalGaussian& p) {
 double KlDivergence(const DiagonalGaussian& q, const DiagonalGaussian& p) {
   const auto squared_error = (q.mean - p.mean).array().square();
   const auto log_ratio = (q.log_variance - p.log_variance).array();
-  // expm1: two Gaussians that are nearly the same differ by nearly nothing, and never by less.
+  // With expm1, the divergence of two nearly equal Gaussians is accurate and never negative.
   return 0.5 * (log_ratio.unaryExpr([](double r) { return std::expm1(r) - r; }) +
                 squared_error * (-p.log_variance.array()).exp())
                    .sum();

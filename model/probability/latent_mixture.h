@@ -1,5 +1,4 @@
-// The mixture of Gaussians in latent space that the actions are: p(z|y), and p(y) without a
-// scenario.
+// The actions as a mixture of Gaussians in latent space: p(z|y), and p(y) without a scenario.
 
 #ifndef MANEUVER_MODEL_PROBABILITY_LATENT_MIXTURE_H_
 #define MANEUVER_MODEL_PROBABILITY_LATENT_MIXTURE_H_
@@ -10,13 +9,13 @@
 
 namespace maneuver::probability {
 
-// ln sum exp(values), without overflow or underflow. -infinity only if every value is.
+// Returns ln sum exp(values) without overflow or underflow; -infinity only if all values are.
 double LogSumExp(const Eigen::VectorXd& values);
 
-// values - LogSumExp(values): logits to log probabilities.
+// Returns values - LogSumExp(values): turns logits into log probabilities.
 Eigen::VectorXd LogSoftmax(const Eigen::VectorXd& values);
 
-// exp(LogSoftmax(values)), divided by its sum: adds up to 1 within 1e-15 K.
+// Returns exp(LogSoftmax(values)) divided by its sum, which then is 1 within 1e-15 K.
 Eigen::VectorXd Softmax(const Eigen::VectorXd& values);
 
 struct LatentMixture {
@@ -27,7 +26,7 @@ struct LatentMixture {
   int components() const { return static_cast<int>(mean.rows()); }
   int dimensions() const { return static_cast<int>(mean.cols()); }
 
-  // p(z|y=k).
+  // Returns p(z|y=k).
   DiagonalGaussian Component(int k) const { return {mean.row(k), log_variance.row(k)}; }
 };
 

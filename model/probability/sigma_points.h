@@ -1,20 +1,23 @@
-// Sigma points: a Gaussian in latent space as 2D+1 points, and moments from the images of those
-// points under a decoder. Deterministic; no sampling.
+// Sigma points: 2D+1 points that represent a Gaussian in latent space. The images of the points
+// under a decoder give the moments of its output, without sampling.
 //
-// The points are the mean and one standard deviation to either side of it along each dimension, as
-// the paper draws them. With x_0 the image of the mean, x+_d and x-_d those of the pair along d:
+// The points are the mean and, along each dimension, one standard deviation to either side of it,
+// as in the paper's figures. Let x_0 be the image of the mean, and x+_d and x-_d those of the pair
+// along d:
 //
 //   mean         x_0 + 1/2 sum_d (x+_d - 2 x_0 + x-_d)
 //   covariance   sum_d h_d h_d^T,   h_d = (x+_d - x-_d) / 2
 //
 // Both are exact for a linear decoder f(z) = A z + b: the second differences vanish and sum_d h_d
-// h_d^T = A Sigma A^T. The mean is exact for a quadratic decoder too, since E xi_i xi_j = 0 for i
-// != j. The unscented transform whose points lie at one standard deviation has the weights 1 - D
-// and 1/2: its mean is this one, but its covariance has the negative weight for D > 1 and need not
-// be one. The covariance from central differences is positive semi-definite whatever the decoder.
-// Adding the second differences' 1/2 c_d c_d^T would make it exact for separable quadratics, but on
-// arcs and on random ReLU networks with D = 5 that overstated deviations by up to 40 %; as it is
-// they are within 10 %.
+// h_d^T = A Sigma A^T. The mean is also exact for a quadratic decoder, because E xi_i xi_j = 0 for
+// i != j.
+//
+// The unscented transform with points at one standard deviation has the weights 1 - D and 1/2. Its
+// mean is the same. For D > 1 its covariance has a negative weight and need not be a covariance.
+// The covariance from central differences is positive semi-definite for any decoder. Adding 1/2 c_d
+// c_d^T of the second differences c_d would make it exact for separable quadratics. On arcs and on
+// random ReLU networks with D = 5, that overestimated deviations by up to 40 %; without it they are
+// within 10 %.
 
 #ifndef MANEUVER_MODEL_PROBABILITY_SIGMA_POINTS_H_
 #define MANEUVER_MODEL_PROBABILITY_SIGMA_POINTS_H_
@@ -23,10 +26,11 @@
 
 namespace maneuver::probability {
 
-// A point in each row, its numbers side by side.
+// One point per row, row-major.
 using RowMajorXd = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// [2D+1, D]: the mean, then + and then - one standard deviation along each dimension in turn.
+// Returns the points, [2D+1, D]: the mean, then + and - one standard deviation along each
+// dimension.
 RowMajorXd SigmaPoints(const Eigen::VectorXd& mean, const Eigen::VectorXd& stddev);
 
 struct SigmaMoments {
@@ -36,12 +40,12 @@ struct SigmaMoments {
   Eigen::MatrixXd Covariance() const { return deviations.transpose() * deviations; }  // [N, N]
 };
 
-// Moments of a decoder's output.
-//   images: [2D+1, N], of the points as SigmaPoints orders them
+// Returns the moments of a decoder's output.
+//   images: [2D+1, N], of the points in the order of SigmaPoints.
 SigmaMoments MomentsOfSigmaPoints(const RowMajorXd& images);
 
-// E ln N(x; f(z), stddev^2 I) over the Gaussian whose sigma points have these moments under f: as
-// E |x - f(z)|^2 = |x - E f(z)|^2 + tr Cov f(z), exact for a linear decoder.
+// Returns E ln N(x; f(z), stddev^2 I) over the Gaussian whose sigma points have these moments under
+// f. Uses E |x - f(z)|^2 = |x - E f(z)|^2 + tr Cov f(z). Exact for a linear decoder.
 double ExpectedLogDensity(const Eigen::VectorXd& x, const SigmaMoments& moments, double stddev);
 
 }  // namespace maneuver::probability

@@ -8,13 +8,13 @@ namespace maneuver::scene {
 namespace {
 
 constexpr int kPathPoints = 13;
-// Arc lengths of the points of a path, metres, after the foot's 0 (lane_paths.h).
+// Arc lengths of a path's points, metres: 0 for the foot, then those of lane_paths.h.
 constexpr std::array<float, kPathPoints + 1> kArcLengths = {
     0.0f, 2.5f, 5.0f, 7.5f, 10.0f, 15.0f, 20.0f, 25.0f, 30.0f, 40.0f, 50.0f, 65.0f, 80.0f, 100.0f};
-constexpr float kLeastScale = 5.0f;  // points are divided by their arc length or this, metres
+constexpr float kLeastScale = 5.0f;  // points are divided by at least this, metres
 constexpr float kBeyond = 1000.0f;   // how far the first and last segment extend, metres
-constexpr float kShortest = 1e-3f;   // segments below this have no direction of their own, metres
-// How much smaller a later segment's squared distance has to be: far more than rounding makes it.
+constexpr float kShortest = 1e-3f;   // shorter segments have no direction of their own, metres
+// By how much a later segment's squared distance must be smaller. Far above rounding errors.
 constexpr float kMarginShare = 1e-4f;
 constexpr float kLeastMargin = 1e-5f;  // square metres
 constexpr float kSlowest = 0.5f;       // below this an action has no direction, m/s
@@ -65,14 +65,14 @@ Polyline ReadPolyline(const float* path) {
   return polyline;
 }
 
-// Actions are processed in blocks: the points of a block lie side by side, so that the search for
-// the nearest segment runs over vectors of points. Each point's numbers are the same bits whatever
-// its block holds.
+// Actions are processed in blocks. The points of a block lie side by side, so that the search for
+// the nearest segment is vectorised. A point's numbers are the same bits whatever else its block
+// holds.
 constexpr int kBlockActions = 32;
 constexpr int kBlockPoints = kBlockActions * kGeometryTimes;
 using BlockOf = std::array<float, kBlockPoints>;
 
-// Where actions are and where they head; point a * kGeometryTimes + t is action a at time t.
+// Positions and directions of actions; point a * kGeometryTimes + t is action a at time t.
 struct Points {
   alignas(64) BlockOf x;
   alignas(64) BlockOf y;
@@ -81,7 +81,7 @@ struct Points {
   BlockOf direction_y;
 };
 
-// Of each point, relative to its nearest segment.
+// Each point's position relative to its nearest segment.
 struct Projections {
   alignas(64) BlockOf squared_distance;
   alignas(64) BlockOf offset;      // to the left, metres
@@ -110,10 +110,11 @@ void ReadPoints(std::span<const ActionPoints> actions, const GeometryWaypoints& 
   }
 }
 
-// Projects the points onto a segment. Writes the nearer of that and what is in `before`.
+// Projects the points onto a segment. Writes, for each point, the nearer of that projection and the
+// one in `before`.
 //
-// `before` and `after` are two places: with one, GCC stores under a mask, which takes three times
-// as long.
+// `before` and `after` must differ: updating in place makes GCC store under a mask, which takes
+// three times as long.
 void Meet(const Polyline& polyline, int index, const Points& points, int count,
           const Projections& before, Projections& after) {
   const Segment segment = polyline[index];
@@ -134,7 +135,7 @@ void Meet(const Polyline& polyline, int index, const Points& points, int count,
   }
 }
 
-// Projects the points onto a path; which of the two has the answer.
+// Projects the points onto a path. Returns the buffer that holds the result.
 const Projections& Project(const Polyline& polyline, const Points& points, int count,
                            std::array<Projections, 2>& projections) {
   projections[0].squared_distance.fill(1e30f);
@@ -147,7 +148,8 @@ const Projections& Project(const Polyline& polyline, const Points& points, int c
   return projections[kPathPoints % 2];
 }
 
-// Writes the kPairNumbers of an action and a path. `first`: the action's first point.
+// Writes the kPairNumbers of an action and a path. `first` is the index of the action's first
+// point.
 void WritePair(const Points& points, const Polyline& polyline, const Projections& nearest,
                int first, const GeometryWaypoints& waypoints, const float* path, float* pair) {
   const int last = first + kGeometryTimes - 1;
@@ -194,8 +196,8 @@ void WriteAction(const Points& points, int first, float speed, float* action) {
   action[12] = std::exp(-points.speed[last]);
 }
 
-// The waypoint nearest to `time` among the first `count`, or -1 where the prediction time is nearer
-// than all of them. The earlier one of two that are as near.
+// Returns the waypoint nearest to `time` among the first `count`, the earlier one of two that are
+// equally near. Returns -1 if the prediction time is nearer than all of them.
 int NearestWaypoint(std::span<const double> waypoint_times, size_t count, double time) {
   constexpr double kRounding = 1e-9;
   int nearest = -1;

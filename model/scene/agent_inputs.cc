@@ -61,7 +61,7 @@ NearestAgents FindNearestAgents(const v1::Scenario& scenario, double time, int64
   return nearest;
 }
 
-// The state about half a second before `present`, or nullptr.
+// Returns the agent's state about half a second before `present`, or nullptr.
 const v1::AgentState* FindEarlierState(const v1::Agent& agent, const v1::AgentState& present) {
   const int index =
       FindState(agent, present.time() - kAgentChangeTime, kAgentTolerance, present.time());
@@ -72,12 +72,12 @@ double SpeedOf(const v1::AgentState& state) {
   return std::hypot(double{state.velocity_x()}, double{state.velocity_y()});
 }
 
-// From one heading to another, radians, within -pi .. pi.
+// Returns the turn from one heading to another, radians, within -pi .. pi.
 double TurnBetween(double from, double to) {
   return std::remainder(to - from, 2.0 * std::numbers::pi);
 }
 
-// Writes the numbers of agents, one after the other.
+// Writes the numbers of agents, one agent after the other.
 class AgentWriter {
  public:
   AgentWriter(const Pose2& X_WT, double speed, const WorldView& view, float* values)
@@ -99,7 +99,7 @@ class AgentWriter {
   }
 
  private:
-  // From the target's frame in the recorded world to that in the view's.
+  // Maps from the target's frame in the recorded world to that frame in the view's world.
   Point2 InView(const Point2& point) const { return {scale_ * point.x, left_ * scale_ * point.y}; }
 
   void Add(double value) { *next_++ = static_cast<float>(value); }
@@ -141,7 +141,7 @@ class AgentWriter {
     }
   }
 
-  // Where agent and target are nearest to each other.
+  // Writes when and where agent and target are closest to each other.
   void WriteMeeting(const Point2& position, const Point2& velocity) {
     const Point2 relative{velocity.x - speed_, velocity.y};
     const double squared = relative.x * relative.x + relative.y * relative.y;

@@ -1,14 +1,15 @@
 // The agents near a target, as numbers for the networks.
 //
-// Agents other than the target are described if they have a state in the kAgentTolerance before the
-// given time and their centre is less than 50 m from the target's. Their type does not matter. The
-// nearest kMostNearAgents of them count, nearest first. Of two that are equally near, the one that
-// comes first in the scenario comes first.
+// An agent other than the target is described if it has a state at most kAgentTolerance before the
+// given time and its centre is less than 50 m from the target's. Its type does not matter. The
+// nearest kMostNearAgents of them count, nearest first. Agents at equal distance keep the
+// scenario's order.
 //
 // Row i of AgentInputs describes agent i by kAgentInputs = 24 numbers, in the target's frame. d is
-// its distance. v is the target's speed along its heading: the target's velocity counts as (v, 0).
-// t* is the time from 0 to 8 s at which agent and target are nearest to each other if both keep
-// their velocity, and d* their distance then. t* is 0 if their velocities differ by 1 mm/s or less.
+// its distance. v is the target's speed along its heading; (v, 0) is taken for its velocity. t* is
+// the time from 0 to 8 s at which agent and target are closest if both keep their velocity, and d*
+// is their distance then. t* is 0 if their velocities differ by 1 mm/s or less.
+// "By 20 m" means divided by 20 m.
 //
 //    0,  1  x and y, by 20 m
 //    2,  3  exp(-d / 5 m), exp(-d / 20 m)
@@ -16,28 +17,27 @@
 //    6,  7  its velocity along x and y, by 10 m/s
 //    8      its velocity along x minus v, by 10 m/s
 //    9      its speed, by 10 m/s
-//   10      exp(-speed / 0.5 m/s): 1 if it stands
-//   11      its speed minus that of its earlier state, m/s, held within -4 .. 4
-//   12      its heading minus that of its earlier state, by 0.25 rad, held within -4 .. 4
-//   13      1 if it has an earlier state; else 0, as are 11 and 12
+//   10      exp(-speed / 0.5 m/s): 1 if it stands still
+//   11      its speed minus that of its earlier state, m/s, clamped to -4 .. 4
+//   12      its heading minus that of its earlier state, by 0.25 rad, clamped to -4 .. 4
+//   13      1 if it has an earlier state. Without one, 11, 12 and 13 are 0
 //   14, 15  its length by 5 m, its width by 2 m
 //   16, 17, 18  1 if it is a vehicle, a pedestrian, a cyclist; all 0 for any other type
 //   19      t*, by 4 s
 //   20, 21  exp(-d* / 2 m), exp(-d* / 8 m)
 //   22, 23  x and y of the agent at t*, in the frame that the target has now, by 20 m
 //
-// An agent's earlier state is the one nearest to half a second before its present state, if there
-// is one within kAgentTolerance of that. Changes of heading count as within -pi .. pi.
+// An agent's earlier state is the one nearest to half a second before its present state. It must
+// lie within kAgentTolerance of that time. Differences of heading are wrapped to -pi .. pi.
 //
-// 0, 1, 6 .. 9, 14, 15, 22 and 23 are held within -8 .. 8, so that all numbers are finite whatever
-// finite numbers a scenario has, and none is beyond 8.
+// 0, 1, 6 .. 9, 14, 15, 22 and 23 are clamped to -8 .. 8. All numbers are finite for any finite
+// scenario, and none exceeds 8 in magnitude.
 //
-// A WorldView with scale k gives the numbers of a world in which distances, speeds and boxes are k
-// times as large. A mirrored view gives those of a world in which left and right are swapped about
-// the target's x axis: 1, 5, 7, 12 and 23 change sign. Moving the whole world by any SE(2)
-// transform leaves the numbers as they were.
+// A WorldView with scale k gives the numbers of a world whose distances, speeds and boxes are k
+// times as large. A mirrored view swaps left and right about the target's x axis: 1, 5, 7, 12 and
+// 23 change sign. An SE(2) transform of the whole world leaves the numbers unchanged.
 //
-// Nothing later than the given time is looked at. The work is linear in the number of agents.
+// Reads nothing later than the given time. Takes time linear in the number of agents.
 
 #ifndef MANEUVER_MODEL_SCENE_AGENT_INPUTS_H_
 #define MANEUVER_MODEL_SCENE_AGENT_INPUTS_H_
@@ -52,21 +52,22 @@
 namespace maneuver::scene {
 
 inline constexpr int kMostNearAgents = 12;
-inline constexpr int kAgentInputs = 24;  // numbers an agent
+inline constexpr int kAgentInputs = 24;  // numbers per agent
 // How old an agent's state may be, seconds.
 inline constexpr double kAgentTolerance = 0.05;
 
 struct AgentInputs {
-  int count = 0;  // agents that there are, 0 .. kMostNearAgents
+  int count = 0;  // number of agents, 0 .. kMostNearAgents
   // [kMostNearAgents, kAgentInputs]; rows from `count` on are 0
   std::array<float, kMostNearAgents * kAgentInputs> values{};
 };
 
-// Writes the inputs of one target of `scenario`, which ValidateScenario accepts, at `time`.
-//   target_id: the agent that is not described. It need not be in the scenario.
-//   X_WT: the target's frame. Position and heading are taken from it, not from the agent's state.
-//   speed: the target's, along its heading, m/s; negative: backwards. In the recorded world,
-//     whatever the view's scale.
+// Writes the inputs of one target of `scenario` at `time`. ValidateScenario must accept the
+// scenario.
+//   target_id: the agent to leave out. It need not be in the scenario.
+//   X_WT: the target's frame. Position and heading come from here, not from the agent's state.
+//   speed: of the target, along its heading, in the recorded world whatever the view's scale, m/s;
+//     negative when it moves backwards.
 void DescribeAgents(const v1::Scenario& scenario, double time, int64_t target_id, const Pose2& X_WT,
                     double speed, const WorldView& view, AgentInputs* inputs);
 

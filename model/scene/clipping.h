@@ -1,4 +1,4 @@
-// What of a shape lies in the picture; for the brush alone.
+// Clips shapes to the picture. Private to the brush.
 
 #ifndef MANEUVER_MODEL_SCENE_CLIPPING_H_
 #define MANEUVER_MODEL_SCENE_CLIPPING_H_
@@ -10,8 +10,8 @@
 
 namespace maneuver::scene {
 
-// Narrows [*enter, *leave], parameters of a + t (b - a), to where the coordinate lies within
-// [low, high].
+// Narrows [*enter, *leave], the parameters t of the line a + t (b - a), to where the coordinate
+// lies within [low, high].
 inline void ClipParameter(double a, double b, double low, double high, double* enter,
                           double* leave) {
   const double change = b - a;
@@ -30,12 +30,13 @@ inline PixelPoint Between(const PixelPoint& a, const PixelPoint& b, double t) {
   return {a.u + t * (b.u - a.u), a.v + t * (b.v - a.v)};
 }
 
-// Within [0, limit]; 0 for what is not a number, so that no input leads outside the picture.
+// Clamps to [0, limit] and maps NaN to 0, so that no input leads outside the picture.
 inline double Limited(double value, int limit) {
   return std::min(std::max(0.0, value), static_cast<double>(limit));
 }
 
-// First and one past the last pixel of `size` whose extent meets [low, high].
+// The pixels of a row or column of `size` that overlap [low, high]: the first, and one past the
+// last.
 struct PixelRange {
   PixelRange(double low, double high, int size)
       : first(static_cast<int>(std::floor(Limited(low, size)))),

@@ -5,9 +5,9 @@
 
 namespace maneuver::scene {
 
-// One field of a message that is wrong, as google.rpc.BadRequest states it.
+// One invalid field of a message, as google.rpc.BadRequest states it.
 struct FieldViolation {
-  std::string field;        // path from the message, such as agents[0].states[5].x
+  std::string field;        // path within the message, such as agents[0].states[5].x
   std::string description;  // what is wrong and what is expected
 };
 

@@ -21,7 +21,7 @@ int PiecesOf(int points) {
   return (std::max(points - 1, 0) + LaneGraph::kPieceSegments - 1) / LaneGraph::kPieceSegments;
 }
 
-// Number of boxes of a tree over so many pieces.
+// Returns the number of boxes of a tree over `pieces` pieces.
 size_t TreeBoxes(size_t pieces, size_t fan_out) {
   size_t boxes = pieces;
   for (size_t level = pieces; level > fan_out;) {
@@ -31,7 +31,7 @@ size_t TreeBoxes(size_t pieces, size_t fan_out) {
   return boxes;
 }
 
-// The most that the vectors of a graph hold.
+// Upper bounds of the sizes of a graph's vectors.
 struct Capacity {
   size_t lanes = 0;
   size_t points = 0;
@@ -62,7 +62,7 @@ class LaneIds {
     std::sort(ids_.begin(), ids_.end());
   }
 
-  // The first lane with this id, or -1.
+  // Returns the first lane with this id, or -1.
   int Find(int64_t id) const {
     const auto found = std::lower_bound(ids_.begin(), ids_.end(), std::pair(id, 0));
     return found == ids_.end() || found->first != id ? -1 : found->second;
@@ -72,7 +72,7 @@ class LaneIds {
   std::vector<std::pair<int64_t, int>> ids_;
 };
 
-// Finds lanes that begin near a point: their starts, sorted by the cell of a grid that they are in.
+// Finds lanes that begin near a point. Keeps their starts sorted by grid cell.
 class LaneStarts {
  public:
   explicit LaneStarts(const LaneGraph& graph) {
@@ -85,7 +85,7 @@ class LaneStarts {
   }
 
   // Calls call(lane) for every lane that begins within kMostGap of (x, y), and for some others
-  // near it, until it has called it kMostCandidates times.
+  // nearby. Stops after kMostCandidates calls.
   template <typename Call>
   void ForEachNear(double x, double y, Call call) const {
     int candidates = 0;
@@ -104,7 +104,7 @@ class LaneStarts {
  private:
   using Cell = std::pair<int64_t, int64_t>;  // row, column
 
-  // Cells are so large that what lies within kMostGap is in two rows and two columns at most.
+  // Cells are so large that everything within kMostGap lies in at most two rows and two columns.
   static int64_t Index(double coordinate) {
     return static_cast<int64_t>(std::floor(coordinate / (2.0 * LaneGraph::kMostGap)));
   }
@@ -112,7 +112,7 @@ class LaneStarts {
   std::vector<std::pair<Cell, int>> starts_;
 };
 
-// Puts a zero before each of the eight bits of a number.
+// Inserts a zero before each of the eight bits of a number.
 uint32_t Spread(uint32_t bits) {
   bits = (bits | (bits << 4)) & 0x0F0F;
   bits = (bits | (bits << 2)) & 0x3333;
@@ -189,7 +189,7 @@ void LaneGraph::AddLane(const v1::MapFeature& feature) {
 
 bool LaneGraph::AddDistinctPoints(const double* x, const double* y, int count) {
   if (count < 2) return false;
-  // Blocks of segments, so that square roots and divisions are vectorised.
+  // Processes blocks of segments, so that square roots and divisions are vectorised.
   constexpr int kBlock = 64;
   std::array<double, kBlock> length;
   std::array<double, kBlock> cosine;
@@ -257,7 +257,7 @@ void LaneGraph::AddPieces(int lane) {
 
 void LaneGraph::LinkLanes(const MapFeatures& features, const std::vector<int>& features_of) {
   const LaneIds ids(lanes_);
-  std::optional<LaneStarts> starts;  // made when a lane needs them
+  std::optional<LaneStarts> starts;  // built when a lane first needs them
   for (size_t i = 0; i < lanes_.size(); ++i) {
     Lane& lane = lanes_[i];
     lane.first_successor = static_cast<int>(successors_.size());
@@ -281,7 +281,7 @@ void LaneGraph::LinkLanes(const MapFeatures& features, const std::vector<int>& f
       const LanePoint& start = Start(lanes_[static_cast<size_t>(next)]);
       if (start.cosine * end.cosine + start.sine * end.sine > kLeastCosine) add(next, kMostGap);
     });
-    // The order of the grid's cells would depend on where the map lies.
+    // The order of the grid's cells depends on where the map lies; the order of lanes must not.
     std::sort(successors_.begin() + lane.first_successor, successors_.end());
   }
   successors_.shrink_to_fit();
@@ -291,7 +291,7 @@ void LaneGraph::BuildTree() {
   if (pieces_.empty()) return;
   Box all = pieces_.front().box;
   for (const LanePiece& piece : pieces_) all = all.With(piece.box);
-  // Sorts the pieces by the Morton code of their middles, in 256 x 256 cells.
+  // Sorts the pieces by the Morton code of their centres, in 256 x 256 cells.
   const auto cell = [](double middle, double low, double high) {
     return high > low ? static_cast<uint32_t>(255.0 * (middle - low) / (high - low)) : 0u;
   };

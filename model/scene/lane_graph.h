@@ -1,17 +1,17 @@
 // The driving lanes of a map: where they run, which follow which, and which pass near a point.
 //
 // A lane is a MAP_FEATURE_TYPE_LANE_CENTERLINE with at least two points that are more than
-// kSamePoint apart; other features are no lanes. Points within kSamePoint of the point before them
-// are left out. Arc lengths count from the lane's own start, in metres.
+// kSamePoint apart. All other features are ignored. A point within kSamePoint of its predecessor is
+// skipped. Arc lengths count from the lane's own start, in metres.
 //
-// Successors. Where a lane declares successors (MapFeature.successor_ids), those count that name a
-// lane which begins within kMostDeclaredGap of its end. If that leaves none, the lanes count that
-// begin within kMostGap of its end at less than 37 degrees to its heading there (cosine above 0.8).
-// A lane is never its own successor. Where several lanes have one id, the id names the first.
+// Successors. A successor that a lane declares (MapFeature.successor_ids) counts if that lane
+// begins within kMostDeclaredGap of this one's end. If none does, every lane counts that begins
+// within kMostGap of this one's end at an angle of less than 37 degrees to it (cosine above 0.8). A
+// lane is never its own successor. If several lanes share one id, the id names the first.
 //
-// Bounds, for any map that ValidateMap accepts: building takes O(n log n) time and MostBytes() of
-// memory for n points. A lane keeps at most kMostSuccessors, and looks at no more than
-// kMostCandidates lanes that begin close to its end.
+// Bounds, for any map that ValidateMap accepts: building takes O(n log n) time and at most
+// MostBytes() of memory for n points. A lane keeps at most kMostSuccessors, and considers at most
+// kMostCandidates lanes that begin near its end.
 
 #ifndef MANEUVER_MODEL_SCENE_LANE_GRAPH_H_
 #define MANEUVER_MODEL_SCENE_LANE_GRAPH_H_
@@ -32,8 +32,8 @@ struct LanePoint {
   double x;         // world, metres
   double y;         // world, metres
   double distance;  // arc length from the lane's start, metres
-  double cosine;    // of the segment's heading in the world; the last point has that of the segment
-  double sine;      // before it
+  double cosine;    // of the segment's heading, world; the last point
+  double sine;      // repeats the heading of the segment before it
 };
 
 // Points first .. last of the graph, in the direction of travel.
@@ -48,7 +48,7 @@ struct Lane {
   int successors;
 };
 
-// Segments of a lane that follow each other, and the box around them.
+// Consecutive segments of a lane, and the box around them.
 struct LanePiece {
   Box box;
   int lane;
@@ -56,7 +56,7 @@ struct LanePiece {
   int last;
 };
 
-// Does not change; safe to share between threads. Keeps nothing of the features.
+// Immutable after construction; safe to share between threads. Keeps no reference to the features.
 class LaneGraph {
  public:
   static constexpr double kSamePoint = 1e-3;       // metres
@@ -66,17 +66,18 @@ class LaneGraph {
   static constexpr int kMostCandidates = 64;
   static constexpr int kPieceSegments = 16;
 
-  // `features` are such as ValidateMap accepts.
+  // ValidateMap must accept `features`.
   explicit LaneGraph(const MapFeatures& features);
-  // An upper bound of bytes() for a graph of these features. Takes O(features).
+  // Returns an upper bound of bytes() for a graph of these features. Takes O(features).
   static int64_t MostBytes(const MapFeatures& features);
 
   const std::vector<Lane>& lanes() const { return lanes_; }
-  // Of all lanes, one lane after the other.
+  // Returns the points of all lanes, lane by lane.
   const std::vector<LanePoint>& points() const { return points_; }
-  // Of all lanes, one lane after the other; at most kPieceSegments segments each.
+  // Returns the pieces of all lanes, lane by lane. Each has at most kPieceSegments segments.
   const std::vector<LanePiece>& pieces() const { return pieces_; }
-  // Indices of lanes that follow this one, in the order declared, or by index where none are.
+  // Returns the indices of the lanes that follow this one: in the order declared, or in ascending
+  // order if none are declared.
   std::span<const int> Successors(const Lane& lane) const {
     return {successors_.data() + lane.first_successor, static_cast<size_t>(lane.successors)};
   }
@@ -85,13 +86,13 @@ class LaneGraph {
   }
   const LanePoint& End(const Lane& lane) const { return points_[static_cast<size_t>(lane.last)]; }
   double Length(const Lane& lane) const { return End(lane).distance; }
-  // Distance between a lane's end and the start of `next`, metres; 0 within kSamePoint.
+  // Returns the distance between a lane's end and the start of `next`, metres; 0 within kSamePoint.
   double Gap(const Lane& lane, const Lane& next) const;
-  // Where the map has stop signs, world, metres.
+  // Returns the positions of the map's stop signs, world, metres.
   const std::vector<Point2>& stop_signs() const { return stop_signs_; }
 
   // Calls call(const LanePiece&) for every piece whose box comes within `distance` metres of p_WP
-  // along both axes, in an order that depends on the map alone.
+  // along both axes. The order depends on the map alone.
   template <typename Call>
   void ForEachPieceNear(const Point2& p_WP, double distance, Call&& call) const {
     if (levels_.empty()) return;
@@ -104,20 +105,20 @@ class LaneGraph {
  private:
   static constexpr size_t kFanOut = 8;
 
-  // Boxes first .. first + count - 1 of boxes_. Box i of a level is around boxes kFanOut * i and
-  // the kFanOut - 1 after it of the level below.
+  // Boxes first .. first + count - 1 of boxes_. Box i of a level encloses boxes kFanOut * i to
+  // kFanOut * i + kFanOut - 1 of the level below.
   struct Level {
     size_t first;
     size_t count;
   };
 
   void AddLane(const v1::MapFeature& feature);
-  // Appends the points of a lane. The first one is faster; it adds nothing and returns false unless
-  // there are two points and no two neighbours are the same.
+  // Appends the points of a lane. AddDistinctPoints is faster but requires at least two points, no
+  // two neighbours of which are the same. Otherwise it adds nothing and returns false.
   bool AddDistinctPoints(const double* x, const double* y, int count);
   void AddPoints(const double* x, const double* y, int count);
   void AddPieces(int lane);
-  // features_of[i]: index of the feature that lane i is.
+  // features_of[i]: index of the feature that lane i comes from.
   void LinkLanes(const MapFeatures& features, const std::vector<int>& features_of);
   void BuildTree();
 
@@ -140,7 +141,8 @@ class LaneGraph {
   std::vector<LanePiece> pieces_;
   std::vector<int> successors_;
   std::vector<Point2> stop_signs_;
-  // A packed R-tree. Its lowest level has the boxes of the pieces, neighbours next to each other.
+  // A packed R-tree. Its lowest level holds the boxes of the pieces, nearby pieces next to each
+  // other.
   std::vector<int> order_;  // [pieces], into pieces_
   std::vector<Box> boxes_;
   std::vector<Level> levels_;

@@ -1,4 +1,4 @@
-// What the networks read of the lane paths of a target; lane_paths.h finds them.
+// What the networks read about a target's lane paths. LanePathFinder (lane_paths.h) fills it.
 
 #ifndef MANEUVER_MODEL_SCENE_LANE_PATH_INPUTS_H_
 #define MANEUVER_MODEL_SCENE_LANE_PATH_INPUTS_H_
@@ -8,10 +8,11 @@
 namespace maneuver::scene {
 
 inline constexpr int kMostLanePaths = 6;
-inline constexpr int kLanePathInputs = 84;  // numbers a path
+inline constexpr int kLanePathInputs = 84;  // numbers per path
 
+// The paths of one target. lane_paths.h lays out a row.
 struct LanePathInputs {
-  int count = 0;  // paths that there are, 0 .. kMostLanePaths
+  int count = 0;  // number of paths, 0 .. kMostLanePaths
   // [kMostLanePaths, kLanePathInputs]; rows from `count` on are 0
   std::array<float, kMostLanePaths * kLanePathInputs> values{};
 };

@@ -14,7 +14,7 @@ namespace maneuver::scene {
 namespace {
 
 constexpr size_t kPoints = kLanePathDistances.size();
-constexpr double kReach = 110.0;        // metres; as long as a path is
+constexpr double kReach = 110.0;        // metres; the length of a path
 constexpr double kStartDistance = 5.0;  // metres, from the target to the segment
 constexpr double kStartCosine = 0.5;    // between the headings of the target and the segment
 constexpr double kTurnCost = 4.0;       // metres
@@ -23,14 +23,14 @@ constexpr int kMostBranches = 5;         // paths of a start
 constexpr int kMostWaysOn = 4;           // successors of a lane that are followed
 constexpr size_t kMostExtensions = 128;  // of the paths of a start
 constexpr double kSamePath = 1.5;        // metres, between points of the same number
-constexpr double kBehind = 1.0;          // metres; agents and signs are looked for from so far
-constexpr double kAhead = 80.0;          // behind the foot to so far ahead of it
+constexpr double kBehind = 1.0;          // metres; agents and signs are searched from this far
+constexpr double kAhead = 80.0;          // behind the foot to this far ahead of it
 constexpr double kLeaderDistance = 1.8;  // metres, from the path
 constexpr double kLeaderAhead = 1.5;     // metres, from the foot along the path
 constexpr double kSignDistance = 7.0;    // metres, from the path
 constexpr double kSignalBehind = 3.0;    // metres, from the foot along the path
 constexpr double kAsNear = 1e-9;         // square metres; rounding at the corners of a lane
-constexpr double kNobody = 100.0;        // metres; stands for the distance of what is not there
+constexpr double kNobody = 100.0;        // metres; the distance that is written for an absent thing
 constexpr double kMostSpeed = 100.0;     // metres per second
 constexpr int kLookAheads = 5;           // seconds
 constexpr double kNear = kStartDistance + kAhead + kSignDistance + 1.0;  // metres
@@ -54,7 +54,7 @@ struct Passing {
   Heading heading;
 };
 
-// Another agent at the time that is looked at.
+// Another agent, at the time that is read.
 struct Other {
   Point2 p_WA;
   double velocity_x;
@@ -62,7 +62,7 @@ struct Other {
   double length;
 };
 
-// What a signal shows to a lane; the most restrictive light has the highest rank.
+// What a signal shows to a lane. The most restrictive light has the highest rank.
 struct LaneSignal {
   int64_t lane_id;
   int rank;
@@ -94,7 +94,7 @@ v1::TrafficSignalState StateOfRank(int rank) {
 
 double LimitedSpeed(double speed) { return std::clamp(speed, -kMostSpeed, kMostSpeed); }
 
-// Lanes that follow each other, as one line. Arc lengths count from the start of the first lane.
+// Consecutive lanes as one line. Arc lengths count from the start of the first lane.
 class Track {
  public:
   void Begin(const LaneGraph& graph, double foot) {
@@ -104,7 +104,7 @@ class Track {
     pieces_.clear();
   }
   void AddLane(int lane, double start) { legs_.push_back({lane, start}); }
-  // Call it after the last AddLane, if they came in descending order.
+  // Call it after the last AddLane if lanes were added in descending order.
   void Reverse() { std::reverse(legs_.begin(), legs_.end()); }
 
   double foot() const { return foot_; }
@@ -114,7 +114,7 @@ class Track {
   double start(size_t leg) const { return legs_[leg].start; }
   const LanePoint& lane_start(size_t leg) const { return graph_->Start(lane(leg)); }
 
-  // Reads places one after the other, of ascending arc lengths.
+  // Reads places one after the other, in ascending order of arc length.
   class Reader {
    public:
     explicit Reader(const Track& track) : track_(track) { Enter(0); }
@@ -141,7 +141,7 @@ class Track {
       return {{point.x + ahead * point.cosine, point.y + ahead * point.sine},
               {point.cosine, point.sine}};
     }
-    // In the gap before the next lane, or straight on after the last one.
+    // Returns a place in the gap before the next lane, or straight ahead after the last one.
     Spot BeyondLane(double distance) const {
       const LanePoint& end = track_.graph_->End(track_.lane(leg_));
       if (leg_ + 1 == track_.legs_.size()) return Along(end, distance);
@@ -154,10 +154,10 @@ class Track {
 
     const Track& track_;
     size_t leg_ = 0;
-    int point_ = 0;  // no place before it is asked for
+    int point_ = 0;  // later reads are never before it
   };
 
-  // Selects the part that Pass() looks at.
+  // Selects the part that Pass() searches.
   void SelectPart(double from, double to) {
     from_ = from;
     to_ = to;
@@ -175,8 +175,8 @@ class Track {
     }
   }
 
-  // Returns where the selected part comes nearest to a point; infinitely far away unless it comes
-  // nearer than `reach` metres. The first place counts where several are as near.
+  // Returns where the selected part comes nearest to a point; the first place if several are
+  // equally near. The distance is infinite unless it is below `reach` metres.
   Passing Pass(const Point2& p_WP, double reach) const {
     Passing nearest;
     nearest.squared_distance = reach * reach;
@@ -219,7 +219,8 @@ class Track {
     return graph_->points()[static_cast<size_t>(point)].distance;
   }
 
-  // Whether the segment that begins at a point, of a lane that begins at `start`, comes nearer.
+  // Updates `nearest` if the segment from `point`, on a lane that begins at `start`, is nearer.
+  // Returns whether it is.
   bool PassSegment(int point, double start, const Point2& p_WP, Passing* nearest) const {
     const LanePoint& from = graph_->points()[static_cast<size_t>(point)];
     const double begin = start + from.distance;
@@ -261,7 +262,7 @@ struct Start {
   }
 };
 
-// The starts of least cost, each on another lane.
+// The starts with the least cost, each on a different lane.
 class Starts {
  public:
   void Clear() { count_ = 0; }
@@ -272,7 +273,7 @@ class Starts {
       if (count_ < kMostStarts) {
         ++count_;
       } else if (start < starts_[--i]) {
-        // Takes the place of the last one.
+        // The new start replaces the last one.
       } else {
         return;
       }
@@ -289,7 +290,7 @@ class Starts {
   size_t count_ = 0;
 };
 
-// From the recorded world to the target's frame in the view's.
+// Maps from the recorded world to the target's frame in the view's world.
 class Projection {
  public:
   Projection(const Pose2& X_WT, const WorldView& view)
@@ -329,7 +330,7 @@ struct SignAhead {
   double distance = kNobody;  // recorded world, from the foot
 };
 
-// Writes one number after the other.
+// Writes numbers one after the other.
 class Row {
  public:
   explicit Row(float* values) : next_(values) {}
@@ -382,7 +383,7 @@ class LanePathFinder::Search {
     double end;
   };
 
-  // Calls call(start) for each path; it is then track_, and described by spots_ and points_.
+  // Calls call(start) for each path. During the call, track_, spots_ and points_ describe the path.
   template <typename Call>
   void ForEachPath(const LaneGraph& graph, const Pose2& X_WT, const Projection& projection,
                    Call call) {
@@ -432,7 +433,7 @@ class LanePathFinder::Search {
     });
   }
 
-  // Adds the ways on from a node. Returns whether there are any; if not, its path is complete.
+  // Adds the successors of a node. Returns whether there are any; if not, its path is complete.
   bool Extend(const LaneGraph& graph, const Start& start, size_t index, double scale) {
     const Node node = nodes_[index];
     if (index >= kMostExtensions || scale * (node.end - start.foot) >= kReach) return false;
@@ -449,7 +450,7 @@ class LanePathFinder::Search {
     return ways > 0;
   }
 
-  // Whether the path that ends with a node has the lane.
+  // Returns whether the path that ends with a node contains the lane.
   bool Passes(size_t index, int lane) const {
     for (auto i = static_cast<int>(index); i >= 0; i = nodes_[static_cast<size_t>(i)].parent) {
       if (nodes_[static_cast<size_t>(i)].lane == lane) return true;
@@ -474,11 +475,11 @@ class LanePathFinder::Search {
     }
   }
 
-  // Whether the path with the points points_[path] is close to one before it.
+  // Returns whether the path with the points points_[path] is close to an earlier one.
   bool IsKnown(size_t path) const {
     for (size_t other = 0; other < path; ++other) {
       bool same = true;
-      // From the far end, where paths differ most.
+      // Compares from the far end, where paths differ most.
       for (size_t i = kPoints; i-- > 0 && same;) {
         const double dx = points_[path][i].x - points_[other][i].x;
         const double dy = points_[path][i].y - points_[other][i].y;
@@ -489,7 +490,7 @@ class LanePathFinder::Search {
     return false;
   }
 
-  // Collects what a path may meet: agents, signals and stop signs.
+  // Collects everything that a path may come near: agents, signals and stop signs.
   void LookAround(const v1::Scenario& scenario, const LaneGraph& graph, double time,
                   int64_t target_id, const Pose2& X_WT, double scale) {
     scale_ = scale;
@@ -535,7 +536,8 @@ class LanePathFinder::Search {
     std::sort(signals_.begin(), signals_.end());
   }
 
-  // What track_ meets, after LookAround. Distances and arc lengths are those of the recorded world.
+  // What track_ comes near, after LookAround. Distances and arc lengths are those of the recorded
+  // world.
   Leader FindLeader() const {
     Leader leader;
     for (const Other& other : others_) {
@@ -555,7 +557,7 @@ class LanePathFinder::Search {
     for (size_t leg = 0; leg < track_.legs(); ++leg) {
       const double distance = track_.start(leg) - track_.foot();
       if (distance <= -kSignalBehind / scale_) continue;
-      // The last one of a lane is its most restrictive one.
+      // A lane's last signal is its most restrictive one.
       const int64_t id = track_.lane(leg).id;
       const auto after = std::upper_bound(signals_.begin(), signals_.end(),
                                           LaneSignal{id, std::numeric_limits<int>::max()});
@@ -579,13 +581,13 @@ class LanePathFinder::Search {
     return ahead;
   }
 
-  // Selects the part of track_ on which agents and signs are looked for.
+  // Selects the part of track_ on which agents and signs are searched.
   void SelectPart() {
     if (others_.empty() && stop_signs_.empty()) return;
     track_.SelectPart(track_.foot() - kBehind / scale_, track_.foot() + kAhead / scale_);
   }
 
-  // Writes the 84 numbers of track_, which is path `path` of the target.
+  // Writes the 84 numbers of track_, the target's path number `path`.
   //   speed: of the target, recorded world.
   void WriteInputs(const Start& start, size_t path, double speed, const Projection& projection,
                    float* values) {
@@ -604,7 +606,7 @@ class LanePathFinder::Search {
     assert(row.end() == values + kLanePathInputs);
   }
 
-  // Numbers 52 to 61.
+  // Writes numbers 52 to 61.
   void WriteLookAhead(double speed, const Projection& projection, Row* row) const {
     Track::Reader reader(track_);
     for (int second = 1; second <= kLookAheads; ++second) {
@@ -615,9 +617,9 @@ class LanePathFinder::Search {
     }
   }
 
-  // Numbers 62 to 68.
+  // Writes numbers 62 to 68.
   void WriteStart(const Start& start, bool is_first, const Projection& projection, Row* row) const {
-    // The heading of the lane relative to the target's; its sine changes sign the other way round.
+    // The heading of the lane relative to the target's; the other way round, its sine changes sign.
     const Heading heading = projection(start.heading);
     row->Add(projection.left() * scale_ * start.offset);
     row->Add(-heading.sine);
@@ -628,7 +630,7 @@ class LanePathFinder::Search {
     row->Add(scale_ * LimitedSpeed(track_.lane(0).speed_limit) / 15.0);
   }
 
-  // Numbers 69 to 73.
+  // Writes numbers 69 to 73.
   void WriteLeader(double speed, Row* row) const {
     const Leader leader = FindLeader();
     if (leader.agent == nullptr) {
@@ -648,7 +650,7 @@ class LanePathFinder::Search {
     row->Add(std::exp(-std::max(gap, 0.0) / 15.0));
   }
 
-  // Numbers 74 to 80.
+  // Writes numbers 74 to 80.
   void WriteSignal(Row* row) const {
     const SignalAhead signal = FindSignal();
     for (const v1::TrafficSignalState state :
@@ -663,7 +665,7 @@ class LanePathFinder::Search {
     row->Add(signal.state == v1::TRAFFIC_SIGNAL_STATE_CAUTION ? closeness : 0.0);
   }
 
-  // Numbers 81 to 83.
+  // Writes numbers 81 to 83.
   void WriteStopSign(Row* row) const {
     const SignAhead sign = FindStopSign();
     const double distance = sign.place != nullptr ? scale_ * sign.distance : kNobody;
@@ -689,16 +691,16 @@ class LanePathFinder::Search {
     return path;
   }
 
-  // Of the target that is looked at.
+  // The target at hand.
   double scale_ = 1.0;
   Starts starts_;
   double own_length_ = 0.0;
-  std::vector<Other> others_;        // those that a path may come near
+  std::vector<Other> others_;        // agents that a path may come near
   std::vector<Point2> stop_signs_;   // metres, world
   std::vector<LaneSignal> signals_;  // in ascending order
-  // Of the start that is followed, in the order in which they are extended.
+  // The lanes reached from the start at hand, in the order of extension.
   std::vector<Node> nodes_;
-  // Of the path at hand, and the points of those before it.
+  // The path at hand, and the points of the paths before it.
   Track track_;
   std::array<std::array<Point2, kPoints>, kMostLanePaths> points_;  // target's frame, the view's
   std::array<Heading, kPoints> headings_;                           // target's frame

@@ -20,7 +20,7 @@ void RollOutFading(const MotionEstimate& motion, std::span<const double> waypoin
   double y = 0.0;
   for (size_t i = 0; i < waypoint_times.size(); ++i) {
     const double start = time;
-    // A hair less, so that 0.1 s with its rounding is one step.
+    // Slightly less, so that 0.1 s with its rounding error takes one step.
     const int steps =
         std::max(1, static_cast<int>(std::ceil((waypoint_times[i] - start) / kLongestStep - 1e-6)));
     const double step = (waypoint_times[i] - start) / steps;

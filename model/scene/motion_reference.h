@@ -1,4 +1,5 @@
-// r(m): the roll-out of the present motion that trajectories are measured from.
+// The trajectory reference r(m): the target's present motion, rolled out. Trajectories are measured
+// from it.
 
 #ifndef MANEUVER_MODEL_SCENE_MOTION_REFERENCE_H_
 #define MANEUVER_MODEL_SCENE_MOTION_REFERENCE_H_
@@ -10,7 +11,7 @@
 
 namespace maneuver::scene {
 
-// After about this time the present acceleration and turn rate no longer tell what follows,
+// Time constant after which the present acceleration and turn rate say little about what follows,
 // seconds.
 inline constexpr double kMotionFades = 1.0;
 inline constexpr double kMostAcceleration = 4.0;  // m/s^2, either sign
@@ -23,12 +24,12 @@ inline constexpr double kMostTurnRate = 1.0;      // rad/s, either sign
 //   FADING_MOTION      acceleration a0 and turn rate w0 decay as e^(-t / tau), tau = kMotionFades:
 //
 //     f(t) = tau (1 - e^(-t / tau))
-//     v(t) = v0 + a0 f(t), not below 0 where v0 > 0       a0 held within +- kMostAcceleration
-//     h(t) = w0 f(t)                                      w0 held within +- kMostTurnRate
+//     v(t) = v0 + a0 f(t), not below 0 where v0 > 0       a0 clamped to +- kMostAcceleration
+//     h(t) = w0 f(t)                                      w0 clamped to +- kMostTurnRate
 //     r(t) = integral of v (cos h, sin h) from 0 to t
 //
-//   by the midpoint rule, in equal steps of at most 0.1 s from waypoint to waypoint, where v and h
-//   of a step are the means of their values at its two ends.
+//   by the midpoint rule. Each interval between waypoints is divided into equal steps of at most
+//   0.1 s; v and h of a step are the means of their values at its two ends.
 //
 //   waypoint_times: [T] seconds, increasing, above 0
 //   reference: [T, 2]

@@ -1,4 +1,4 @@
-// How far back a model looks, and how near to a time a state has to be.
+// How far back a model looks, and how close to a time a state has to be.
 
 #ifndef MANEUVER_MODEL_SCENE_OBSERVATION_WINDOW_H_
 #define MANEUVER_MODEL_SCENE_OBSERVATION_WINDOW_H_
@@ -12,14 +12,14 @@ struct ObservationWindow {
   double past = 1.0;             // from the oldest frame to the prediction time
   double frame_interval = 0.25;  // between two frames
 
-  // How far a state may lie from the time that it stands for.
+  // Returns how far a state's time may lie from the time that it stands for.
   double tolerance() const { return 0.5 * frame_interval; }
-  // Two states further apart than this have a gap between them: one frame may be missing, two may
-  // not.
+  // Returns the longest time between two states without a gap between them: one frame may be
+  // missing, two may not.
   double max_gap() const { return 2.5 * frame_interval; }
 };
 
-// The window of a model: its raster's frames, or the default for a model without a raster.
+// Returns a model's window: its raster's frames, or the default for a model without a raster.
 ObservationWindow WindowOf(const v1::ModelSpec& spec);
 
 }  // namespace maneuver::scene

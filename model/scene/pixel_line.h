@@ -1,5 +1,5 @@
-// The points of a line in the picture: each coordinate by itself, so that several points are looked
-// at together.
+// The points of a line in the picture. Stores u and v separately, so that several points can be
+// read as one vector.
 
 #ifndef MANEUVER_MODEL_SCENE_PIXEL_LINE_H_
 #define MANEUVER_MODEL_SCENE_PIXEL_LINE_H_
@@ -13,8 +13,8 @@
 
 namespace maneuver::scene {
 
-// A place in the picture, pixels: u along a row, v along a column. Pixel (row r, column c) covers
-// [c, c+1) x [r, r+1).
+// A point of the picture, in pixels: u along a row, v along a column. Pixel (row r, column c)
+// covers [c, c+1) x [r, r+1).
 struct PixelPoint {
   double u = 0.0;
   double v = 0.0;
@@ -37,9 +37,9 @@ class PixelLine {
   double* u() { return u_.data(); }
   double* v() { return v_.data(); }
 
-  // Keeps the memory.
+  // Removes all points and keeps the memory.
   void Clear() { size_ = 0; }
-  // Appends so many points, all of which are to be set. Returns the first one's place.
+  // Appends `count` points, which the caller must set. Returns the index of the first.
   size_t Extend(size_t count) {
     const size_t first = size_;
     size_ += count;
@@ -56,7 +56,7 @@ class PixelLine {
 
  private:
   size_t size_ = 0;
-  std::vector<double> u_, v_;  // with kPointLanes numbers behind the last point's
+  std::vector<double> u_, v_;  // at least kPointLanes numbers beyond the last point
 };
 
 }  // namespace maneuver::scene

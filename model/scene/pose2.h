@@ -28,12 +28,12 @@ class Pose2 {
   double cosine() const { return cos_; }
   double sine() const { return sin_; }
 
-  // p_WP of a p_TP, this being X_WT.
+  // Returns p_WP for p_TP, where this pose is X_WT.
   Point2 operator*(const Point2& p) const {
     return {x_ + cos_ * p.x - sin_ * p.y, y_ + sin_ * p.x + cos_ * p.y};
   }
 
-  // p_TP of a p_WP, this being X_WT.
+  // Returns p_TP for p_WP, where this pose is X_WT.
   Point2 ToLocal(const Point2& p) const {
     const double dx = p.x - x_;
     const double dy = p.y - y_;

@@ -10,10 +10,10 @@ namespace {
 
 constexpr int kLanes = Raster::kLanes;
 
-// So many pixels are cleared at a time: more than were painted, maybe, which all have to be black.
+// Pixels cleared at a time. May exceed what was painted: all of them have to become 0 anyway.
 constexpr int kCleared = 32;
 
-// The smallest blocks of which 64 suffice for a row.
+// Returns log2 of the smallest block size for which 64 blocks suffice for a row.
 int BlockBits(int stride) {
   int bits = std::countr_zero(static_cast<unsigned>(kLanes));
   while ((stride - 1) >> bits >= 64) ++bits;
@@ -38,7 +38,8 @@ void Raster::Clear() {
   for (int row = 0; row < height_; ++row) {
     for (int channel = 0; channel < channels_; ++channel, ++touched) {
       if (*touched == 0) continue;
-      // From the first to the last: what lies between is mostly touched as well.
+      // Clears from the first touched block to the last: what lies between is mostly touched as
+      // well.
       const int begin = std::countr_zero(*touched) << block_bits_;
       const int end = std::min((64 - std::countl_zero(*touched)) << block_bits_, stride_);
       uint8_t* const pixels = Row(channel, row);
@@ -48,7 +49,7 @@ void Raster::Clear() {
   }
 }
 
-// Row by row, so that all channels of a row are written while it is at hand.
+// Works row by row, so that all channels of a row are written while it is in the cache.
 void Raster::WriteInterleaved(std::span<uint8_t> bytes) const {
   assert(bytes.size() == values());
   const ptrdiff_t channels = channels_;

@@ -34,7 +34,7 @@ uint8_t BoxIntensity(v1::AgentType type) {
   }
 }
 
-// From the world to the picture; see the header.
+// Maps from the world to the picture, as the header defines.
 class Projection {
  public:
   Projection(const v1::RasterSpec& spec, const Pose2& X_WT, const RasterView& view)
@@ -57,7 +57,7 @@ class Projection {
   // For many points at once.
   const kernels::PointView& view() const { return view_; }
 
-  // Unit vector along a heading in the world.
+  // Returns the unit vector along a heading in the world.
   PixelPoint Direction(double heading) const {
     const double heading_T = heading - X_WT_.heading();
     return {std::cos(heading_T), -std::sin(heading_T)};
@@ -65,7 +65,7 @@ class Projection {
 
   double pixels_per_meter() const { return view_.scale; }
 
-  // Around all that is seen in a picture of this size with a margin of `margin` pixels, world.
+  // Returns the box, in the world, around a picture of this size with a margin of `margin` pixels.
   Box Seen(double width, double height, double margin) const {
     constexpr double kInfinity = std::numeric_limits<double>::infinity();
     Box box{kInfinity, kInfinity, -kInfinity, -kInfinity};
@@ -111,7 +111,7 @@ class Rasterizer::Painter {
     }
   }
 
-  // That is written as interleaved bytes in the end.
+  // Returns the raster of the calls that return interleaved bytes.
   Raster* Interleaved() {
     if (!interleaved_) interleaved_.emplace(NewRaster(spec_));
     return &*interleaved_;
@@ -120,12 +120,12 @@ class Rasterizer::Painter {
  private:
   using LaneIntensity = std::pair<int64_t, uint8_t>;
 
-  // What is drawn of a feature reaches beyond its points by at most so many pixels.
+  // How far a feature's drawing extends beyond its points, at most, pixels.
   static constexpr double kReach = 2.0;
-  // Stretches of a line that bend less are drawn straight, pixels.
+  // Stretches of a line that bend less than this are drawn straight, pixels.
   static constexpr double kBendTolerance = 0.02;
 
-  // Finds the lanes that are not green.
+  // Finds the lanes whose signal is not green.
   void ReadSignals(const v1::Scenario& scenario, double time) {
     dim_lanes_.clear();
     for (const v1::TrafficSignal& signal : scenario.traffic_signals()) {
@@ -141,7 +141,7 @@ class Rasterizer::Painter {
         dim_lanes_.emplace_back(signal.lane_id(), kLaneCautionIntensity);
       }
     }
-    // The most restrictive reading of a lane comes first: it is the dimmest.
+    // A lane's most restrictive reading comes first: it is the dimmest.
     std::sort(dim_lanes_.begin(), dim_lanes_.end());
   }
 
@@ -153,7 +153,7 @@ class Rasterizer::Painter {
   }
 
   void DrawMap(const RoadMap& map, const Projection& projection) {
-    // A pixel more than what is drawn may reach, for rounding.
+    // One pixel more than the drawing extends, for rounding.
     const Box seen = projection.Seen(spec_.width(), spec_.height(), kReach + 1.0);
     for (int i = 0; i < map.features().size(); ++i) {
       if (!seen.Overlaps(map.boxes()[static_cast<size_t>(i)])) continue;
@@ -196,7 +196,7 @@ class Rasterizer::Painter {
                            feature.y().data() + begin, count, line_.u() + place, line_.v() + place);
   }
 
-  // Those stretches that may be seen; of straight ones the ends alone.
+  // Draws the stretches that may show; of a straight one, only the end points.
   void DrawLine(const v1::MapFeature& feature, std::span<const Stretch> stretches, const Box& seen,
                 const Projection& projection) {
     constexpr int kIntervals = RoadMap::kStretchPoints - 1;
@@ -219,7 +219,7 @@ class Rasterizer::Painter {
     if (!line_.empty()) DrawPoints(feature);
   }
 
-  // A line through line_.
+  // Draws the line line_.
   void DrawPoints(const v1::MapFeature& feature) {
     switch (feature.type()) {
       case v1::MAP_FEATURE_TYPE_LANE_CENTERLINE:
@@ -237,7 +237,7 @@ class Rasterizer::Painter {
     }
   }
 
-  // An area around corners_, or a disc at the only one.
+  // Fills the area corners_, or draws a disc if it has only one point.
   void DrawPlace(const v1::MapFeature& feature) {
     switch (feature.type()) {
       case v1::MAP_FEATURE_TYPE_CROSSWALK:
@@ -259,13 +259,14 @@ class Rasterizer::Painter {
 
   using States = google::protobuf::RepeatedPtrField<v1::AgentState>;
 
-  // The first state later than `time`. Most come one frame after the other, so that its place can
-  // be told from the first one's: of a long recording every look is at memory that is far away.
+  // Returns the first state later than `time`. States mostly come one per frame, so the index
+  // follows from the first state's time. A search through a long recording would miss the cache at
+  // every probe.
   States::const_iterator FirstAfter(const States& states, double time) const {
     const auto begin = states.begin();
     if (states.empty()) return begin;
     const double frames = std::floor((time - begin->time()) / frame_interval_) + 1.0;
-    // 0 for what is not a number.
+    // 0 for NaN.
     const double place = std::min(std::max(0.0, frames), static_cast<double>(states.size()));
     const auto guess = begin + static_cast<int>(place);
     if ((guess == begin || (guess - 1)->time() <= time) &&
@@ -276,7 +277,7 @@ class Rasterizer::Painter {
                             [](double t, const v1::AgentState& state) { return t < state.time(); });
   }
 
-  // The latest `frames` frames of an agent in one walk back through its states.
+  // Draws the latest `frames` frames of an agent in one walk back through its states.
   void DrawAgent(const v1::Agent& agent, double time, int channel, int frames,
                  const Projection& projection) {
     const auto& states = agent.states();
@@ -312,10 +313,10 @@ class Rasterizer::Painter {
   const double frame_interval_;
   const double tolerance_;
   std::optional<Raster> interleaved_;
-  Raster* raster_ = nullptr;  // that is drawn at the moment
+  Raster* raster_ = nullptr;  // the raster being drawn
   Brush brush_;
   std::vector<LaneIntensity> dim_lanes_;  // by lane id
-  // Of the feature at hand, a line or a place.
+  // The feature at hand: a line or a place.
   PixelLine line_;
   std::vector<PixelPoint> corners_;
 };

@@ -1,5 +1,5 @@
-// A map that several targets or scenarios share, with what the rasterizer would otherwise find out
-// each time.
+// A map that several targets or scenarios share, with an index that would otherwise be rebuilt for
+// each of them.
 
 #ifndef MANEUVER_MODEL_SCENE_ROAD_MAP_H_
 #define MANEUVER_MODEL_SCENE_ROAD_MAP_H_
@@ -27,50 +27,50 @@ struct Box {
     return low_x <= other.high_x && other.low_x <= high_x && low_y <= other.high_y &&
            other.low_y <= high_y;
   }
-  // Around both.
+  // Returns the box around both.
   Box With(const Box& other) const {
     return {std::min(low_x, other.low_x), std::min(low_y, other.low_y),
             std::max(high_x, other.high_x), std::max(high_y, other.high_y)};
   }
 };
 
-// A piece of a feature: its points from the last one of the piece before, in order.
+// A stretch of a feature: consecutive points, beginning with the last point of the stretch before.
 struct Stretch {
   Box box;
-  // How far its points lie from the straight line between its ends, metres, squared; infinite if
-  // they do not go from one to the other.
+  // The largest distance of its points from the straight line between its ends, square metres.
+  // Infinite if the points do not advance from one end to the other.
   double squared_bend;
 };
 
 class LaneGraph;
 
-// Does not change; safe to share between threads.
+// Immutable after construction; safe to share between threads.
 class RoadMap {
  public:
-  // `features` are such as ValidateMap found good.
+  // ValidateMap must accept `features`.
   explicit RoadMap(MapFeatures features);
-  // Of features that are somebody else's and stay where they are for as long as it lives: a
-  // scenario's own, which all its targets share.
+  // Indexes features that the caller owns, such as a scenario's own map. They must stay unchanged
+  // for as long as the RoadMap lives.
   static RoadMap Over(const MapFeatures& features);
   ~RoadMap();
   RoadMap(RoadMap&&) noexcept;
   RoadMap& operator=(RoadMap&&) noexcept;
 
   const MapFeatures& features() const { return *features_; }
-  // Around the points of each feature.
+  // Returns the box around the points of each feature.
   const std::vector<Box>& boxes() const { return boxes_; }
-  // Feature i's pieces, of kStretchPoints - 1 intervals each but for the last: piece j begins with
-  // its point j * (kStretchPoints - 1).
+  // Returns the stretches of feature i. Each has kStretchPoints - 1 intervals, the last one
+  // possibly fewer. Stretch j begins at the feature's point j * (kStretchPoints - 1).
   std::span<const Stretch> stretches(int i) const {
     const auto feature = static_cast<size_t>(i);
     return {stretches_.data() + first_stretches_[feature],
             first_stretches_[feature + 1] - first_stretches_[feature]};
   }
   static constexpr int kStretchPoints = 17;
-  // Returns the driving lanes of the features. The first call builds them; any thread may make it.
+  // Returns the driving lanes of the features. The first call builds them. Safe from any thread.
   const LaneGraph& lanes() const;
-  // Memory that it takes, its own features included. Counts lanes() from the start, so that the
-  // number does not change when they are built.
+  // Returns the memory in use, including features that it owns. Counts lanes() from the start, so
+  // the number does not change when they are built.
   int64_t bytes() const { return bytes_; }
 
  private:

@@ -16,7 +16,7 @@ namespace {
 
 using absl::StrCat;
 
-// Collects violations up to a number. Paths and messages are only ever built for what is wrong.
+// Collects violations up to a limit. Builds paths and messages only for what is wrong.
 class Violations {
  public:
   explicit Violations(int limit) : limit_(std::max(limit, 1)) {}
@@ -38,16 +38,16 @@ std::string Member(const std::string& message, const char* field) {
   return StrCat(message, ".", field);
 }
 
-// Code points of a UTF-8 string.
+// Returns the number of code points in a UTF-8 string.
 int Characters(const std::string& text) {
   return static_cast<int>(
       std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xC0) != 0x80; }));
 }
 
-// False for what is not finite, too.
+// Returns false also for NaN and infinities.
 bool Within(double value, double limit) { return std::abs(value) <= limit; }
 
-// Twelve digits: times may count from 1970.
+// Prints twelve digits: times may count from 1970.
 std::string Number(double value) {
   char text[32];
   std::snprintf(text, sizeof(text), "%.12g", value);
@@ -63,7 +63,7 @@ std::string OutOfCoordinates(double value, double limit) {
   return StrCat("is ", Number(value), " m; must lie within ", Number(limit), " m of the origin");
 }
 
-// For a quantity in `unit` that is within neither `low` and `high` nor finite perhaps.
+// Describes a quantity in `unit` that is not finite or not within `low` .. `high`.
 std::string OutOfRange(double value, double low, double high, const char* unit) {
   if (!std::isfinite(value)) return NotFinite(value);
   return StrCat("is ", Number(value), " ", unit, "; must lie within ", Number(low), " and ",
@@ -87,7 +87,7 @@ void CheckSize(const std::string& agent, const char* field, double size, double 
           : NotFinite(size));
 }
 
-// Times of states and of readings alike.
+// Checks the times of states or of readings.
 template <typename Timed>
 bool TimeIsGood(const Timed& elements, int index, const ScenarioLimits& limits) {
   const double time = elements[index].time();
@@ -167,7 +167,7 @@ void CheckAgentIds(const v1::Scenario& scenario, Violations* violations) {
   }
 }
 
-// Coordinates of a feature along one axis.
+// Checks a feature's coordinates along one axis.
 void CheckCoordinates(int feature_index, const char* field,
                       const google::protobuf::RepeatedField<double>& values, double limit,
                       Violations* violations) {
@@ -271,7 +271,7 @@ void CheckSignal(const v1::TrafficSignal& signal, int index, const ScenarioLimit
   }
 }
 
-// "; its nearest state is at 0.4 s", or that there is none.
+// Returns "; its nearest state is at 0.4 s", or says that there is none.
 std::string NearestState(const v1::Agent& agent, double time) {
   const int past = FindState(agent, time, HUGE_VAL, time + kSameTime);
   if (past >= 0) return StrCat("; its nearest is at ", Number(agent.states(past).time()), " s");

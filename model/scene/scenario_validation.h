@@ -1,4 +1,4 @@
-// What a Scenario must be before anything looks at it.
+// Checks a Scenario before any other code reads it.
 
 #ifndef MANEUVER_MODEL_SCENE_SCENARIO_VALIDATION_H_
 #define MANEUVER_MODEL_SCENE_SCENARIO_VALIDATION_H_
@@ -13,7 +13,7 @@
 
 namespace maneuver::scene {
 
-// Largest scenario that is accepted.
+// The limits of a scenario that is accepted.
 struct ScenarioLimits {
   int max_scenario_id = 128;  // characters
   int max_agents = 2'000;
@@ -24,34 +24,34 @@ struct ScenarioLimits {
   int max_targets = 1'000;
   int max_traffic_signals = 2'000;
   int max_readings_per_signal = 2'000;
-  int max_violations = 16;      // validation stops looking after so many
+  int max_violations = 16;      // validation stops after this many
   double max_coordinate = 1e8;  // metres, either sign
   double max_size = 1'000.0;    // of an agent, metres
-  // What no recording of a road can reach, either sign. Values near the largest float would make
-  // differences of them infinite.
+  // Limits that no recording of a road reaches, either sign. Without them, differences of values
+  // near the largest float would be infinite.
   double max_heading = 1'000.0;  // radians: headings may count turns
   double max_speed = 1'000.0;    // m/s, along each axis; also of a lane's speed limit
   double max_time = 1e11;        // seconds: times may count from any epoch
-  // Whether map_id may stand in for the map; who looks it up checks that it is there.
+  // Whether map_id may replace the map. The caller that looks the id up checks that it exists.
   bool map_by_id = false;
 };
 
 // Returns whether time, position, heading and velocity are finite and within the limits.
 bool IsPhysicallyPossible(const v1::AgentState& state, const ScenarioLimits& limits = {});
 
-// What is wrong with the scenario as a whole; empty if nothing is. Looks at all but the targets:
-// numbers within the limits, positive sizes, strictly increasing times, unique ids, equal numbers
-// of x and y, known enum values, limits. Lines and areas of too few points to be seen are let pass;
-// a feature without any point is not.
+// Returns what is wrong with the scenario, targets aside; empty if nothing is. Checks that numbers
+// are within the limits, sizes positive, times strictly increasing, ids unique, enum values known,
+// and that x and y have equal length. Accepts lines and areas with too few points to be drawn, but
+// no feature without a point.
 std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
                                              const ScenarioLimits& limits);
 
-// What is wrong with a map on its own, by the same rules and with the same field paths.
+// Returns what is wrong with a map on its own, by the same rules and with the same field paths.
 std::vector<FieldViolation> ValidateMap(const MapFeatures& features, const ScenarioLimits& limits);
 
-// What is wrong with target_ids[target_index] of a scenario that ValidateScenario found good: no
-// agent has the id, or the agent has no state within `tolerance` seconds of the prediction time.
-// Naming the same target twice is an error of the second.
+// Returns what is wrong with target_ids[target_index] of a scenario that ValidateScenario accepts:
+// no agent has the id, the agent has no state within `tolerance` seconds of the prediction time, or
+// an earlier entry names the same target.
 std::optional<FieldViolation> ValidateTarget(const v1::Scenario& scenario, int target_index,
                                              double tolerance);
 

@@ -8,7 +8,8 @@
 namespace maneuver::scene {
 namespace {
 
-// When the target was last seen, at `time` at the latest: its frame is of then. `time` if never.
+// Returns the time of the target's latest state at or before `time`, for which its frame holds;
+// `time` if there is none.
 double PresentOf(const v1::Agent& agent, double time) {
   const int latest = FindState(agent, time, HUGE_VAL, time + kSameTime);
   return latest < 0 ? time : agent.states(latest).time();

@@ -1,4 +1,4 @@
-// Reads everything that a model's networks see of a scene.
+// Reads everything about a scene that a model's networks take as input.
 
 #ifndef MANEUVER_MODEL_SCENE_SCENE_READER_H_
 #define MANEUVER_MODEL_SCENE_SCENE_READER_H_
@@ -18,33 +18,33 @@
 
 namespace maneuver::scene {
 
-// What the networks see of a scene, for one target.
+// The inputs of a model's networks, for one target.
 struct SceneInputs {
   std::optional<Raster> raster;  // none for a model without a raster
   MotionInputs motion{};         // 0 unless the model asks for it (ModelSpec.target_motion)
   SceneVectors vectors;          // 0 for a model without scene vectors
 };
 
-// Reads the parts that a model's spec names: a raster, the target's motion, its history, lane
-// paths, agents nearby. Holds scratch memory: one for each thread.
+// Reads the parts that a model's spec names: raster, target motion, target history, lane paths,
+// agents nearby. Holds scratch memory: use one per thread.
 class SceneReader {
  public:
-  // `spec` must be valid, as artifact::ValidateModelSpec says.
+  // artifact::ValidateModelSpec must accept `spec`.
   explicit SceneReader(const v1::ModelSpec& spec);
 
-  // Returns the inputs of an empty scene. Read() writes over them; they can be used again.
+  // Returns the inputs of an empty scene. Read() overwrites them, so they can be reused.
   SceneInputs NewInputs() const;
 
-  // Reads `scenario`, which ValidateScenario accepts, as it was at `time`, which stands in for its
-  // prediction_time. Looks at nothing later.
-  //   map: the scenario's own features (RoadMap::Over), or others in place of them.
-  //   target_id, X_WT: the target and its frame, from its latest state at or before `time`
-  //     (TargetPose). The vectors are as of that state. Those of a target that is not in the
-  //     scenario are those of one that stands.
+  // Reads `scenario` as it was at `time`, which replaces its prediction_time. Reads nothing later.
+  // ValidateScenario must accept the scenario.
+  //   map: the scenario's own features (RoadMap::Over), or other features that replace them.
+  //   target_id, X_WT: the target, and its frame from its latest state at or before `time`
+  //     (TargetPose). The vectors describe the time of that state. A target that the scenario lacks
+  //     is described as standing still.
   //   inputs: from NewInputs().
   void Read(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
             const Pose2& X_WT, SceneInputs* inputs);
-  // The two parts of Read(): raster and motion; scene vectors.
+  // Read the two parts of Read(): raster and motion; scene vectors.
   void ReadRaster(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
                   const Pose2& X_WT, SceneInputs* inputs);
   void ReadVectors(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,

@@ -1,4 +1,4 @@
-// What a model with scene vectors reads of a scene, for one target.
+// The inputs of a model with scene vectors, for one target.
 
 #ifndef MANEUVER_MODEL_SCENE_SCENE_VECTORS_H_
 #define MANEUVER_MODEL_SCENE_SCENE_VECTORS_H_
@@ -10,10 +10,10 @@
 namespace maneuver::scene {
 
 struct SceneVectors {
-  MotionEstimate motion;  // what the trajectory reference is rolled out from
+  MotionEstimate motion;  // the trajectory reference is rolled out from it
   HistoryInputs history{};
-  LanePathInputs paths;  // none of a model that does not read lane paths
-  AgentInputs agents;    // none of a model that does not read agents
+  LanePathInputs paths;  // empty for a model that does not read lane paths
+  AgentInputs agents;    // empty for a model that does not read agents
 };
 
 }  // namespace maneuver::scene

@@ -12,19 +12,20 @@
 
 namespace maneuver::scene {
 
-// Times that differ by less are the same, seconds: clocks are sums of frame intervals and carry
-// their rounding.
+// Times that differ by less are the same, seconds. Clocks are sums of frame intervals and carry
+// rounding errors.
 inline constexpr double kSameTime = 1e-6;
 
-// The agent with this id, or nullptr.
+// Returns the agent with this id, or nullptr.
 const v1::Agent* FindAgent(const v1::Scenario& scenario, int64_t agent_id);
 
-// Index into agent.states of the state nearest to `time` and no further than `tolerance` seconds
-// (+ kSameTime) from it, or -1; the later of two that are as near. Never a state after `latest`.
+// Returns the index into agent.states of the state nearest to `time`, or -1. The state must be
+// within `tolerance` seconds (+ kSameTime) of `time` and not after `latest`. Of two that are
+// equally near, the later one counts.
 int FindState(const v1::Agent& agent, double time, double tolerance, double latest);
 
-// X_WT of an agent at `time`, from its state within `tolerance` seconds at or before
-// `time` + kSameTime; nothing if it has none.
+// Returns X_WT of an agent at `time`: the pose of its nearest state that is at or before `time` +
+// kSameTime and at most `tolerance` seconds old. Returns nothing if there is no such state.
 std::optional<Pose2> TargetPose(const v1::Agent& agent, double time, double tolerance);
 
 }  // namespace maneuver::scene

@@ -23,7 +23,7 @@ double SpeedAlongBody(const PastState& state) {
   return state.velocity_x * std::cos(state.heading) + state.velocity_y * std::sin(state.heading);
 }
 
-// `state` in the frame X_WT, its heading within pi of `near`.
+// Returns `state` in the frame X_WT, its heading within pi of `near`.
 PastState InFrame(const v1::AgentState& state, const Pose2& X_WT, double near) {
   const Point2 position = X_WT.ToLocal({state.x(), state.y()});
   const Point2 velocity =
@@ -47,7 +47,7 @@ PastState Moved(const PastState& state, double seconds) {
 }
 
 struct Line {
-  double slope;              // a second
+  double slope;              // per second
   double residual_variance;  // over 9 degrees of freedom
 };
 
@@ -73,7 +73,7 @@ float Held(double value, double largest) {
   return static_cast<float>(std::clamp(value, -largest, largest));
 }
 
-// Into a frame that is turned by `angle`.
+// Rotates a vector into a frame that is turned by `angle`.
 void Turn(double angle, double* x, double* y) {
   const double c = std::cos(angle), s = std::sin(angle);
   const double turned = *x * c + *y * s;
@@ -201,7 +201,7 @@ NoisyHistory WithNoise(const TargetHistory& history, const SensorNoise& noise) {
   const auto speeds = draw(noise.speed_stddev);
   const auto headings = draw(noise.heading_stddev);
   NoisyHistory noisy{history, headings.back()};
-  // A standing vehicle is not seen to drive.
+  // Noise must not make a standing vehicle move.
   const double moving = std::min(1.0, std::abs(history.states.back().velocity_x));
   for (size_t i = 0; i < kHistoryStates; ++i) {
     PastState& state = noisy.history.states[i];

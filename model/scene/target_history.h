@@ -1,4 +1,5 @@
-// The target's past second as vectors: what the networks read of it, and how it moves now.
+// The target's last second as vectors: inputs of the networks, and an estimate of its present
+// motion.
 
 #ifndef MANEUVER_MODEL_SCENE_TARGET_HISTORY_H_
 #define MANEUVER_MODEL_SCENE_TARGET_HISTORY_H_
@@ -29,18 +30,18 @@ struct TargetHistory {
   double width = 0.0;                            // of the box, metres
 };
 
-// The history of an agent at `time`, at which it has a state, in the frame X_WT. States between the
-// recorded ones are interpolated linearly. Before the first recorded state, or before `oldest`
-// seconds ago, the target is taken to have moved on at the velocity and heading of the first one
-// that counts. Looks at nothing later than `time`.
+// Returns an agent's history in the frame X_WT. The agent must have a state at `time`. Interpolates
+// linearly between recorded states. Before the first recorded state, or more than `oldest` seconds
+// ago, the target is taken to have moved at the velocity and heading of the first state that
+// counts. Reads nothing later than `time`.
 TargetHistory ResampleHistory(const v1::Agent& agent, double time, const Pose2& X_WT,
                               double oldest = 1.0);
 
-// How the target moves at the prediction time, estimated from its history.
+// The target's motion at the prediction time, estimated from its history.
 //
 // Acceleration a and turn rate w are the slopes of straight lines fitted to the 11 speeds along the
-// body and to the 11 headings. Each is shrunk by the noise of its fit, so that a noisy track falls
-// back on constant velocity:
+// body and to the 11 headings. Each slope is shrunk according to the noise of its fit, so that a
+// noisy track falls back to constant velocity:
 //
 //   acceleration = a / (1 + 30 s^2 / 1.1)              s^2, q^2: residual variances of the fits,
 //   turn_rate    = w / (1 + 100 q^2 / (1.1 * 0.12^2))  over 9 degrees of freedom
@@ -58,34 +59,34 @@ struct MotionEstimate {
 };
 MotionEstimate EstimateMotion(const TargetHistory& history);
 
-// What the networks read of a history, each number about 1:
+// What the networks read about a history, each number about 1:
 //
 //    0      speed / 10 m/s            5     earlier change of speed, m/s
 //    1      lateral speed, m/s        6     change of heading / 0.5 rad
 //    2      acceleration / 2 m/s^2    7     length / 5 m
 //    3      turn rate * 3 s/rad       8     width / 2 m
-//    4      change of speed, m/s            (0-8 each held within -4 .. 4)
-//    9-38   for the states at -1.0, -0.8 .. 0 s, what differs from constant velocity v: x - v t and
-//           y in metres, heading * 5, velocity_x - v, velocity_y * 2, each held within -5 .. 5
-//   39-41   e^(-|v| / 0.5), e^(-|v| / 2), e^(-|v| / 8): a finer scale for slow speeds, v in m/s
+//    4      change of speed, m/s            (0-8 each clamped to -4 .. 4)
+//    9-38   the deviation from constant velocity v at -1.0, -0.8 .. 0 s: x - v t and y in metres,
+//           heading * 5, velocity_x - v, velocity_y * 2, each clamped to -5 .. 5
+//   39-41   e^(-|v| / 0.5), e^(-|v| / 2), e^(-|v| / 8): a finer scale for low speeds, v in m/s
 inline constexpr int kHistoryInputs = 42;
 using HistoryInputs = std::array<float, kHistoryInputs>;
 HistoryInputs DescribeHistory(const TargetHistory& history, const MotionEstimate& motion);
 
-// The same history in a world `scale` times as large; the box keeps pace.
+// Returns the history in a world `scale` times as large; the box is scaled too.
 TargetHistory Scaled(const TargetHistory& history, double scale);
-// The same history in a mirror along the heading: left and right swap.
+// Returns the history mirrored along the heading: left and right swap.
 TargetHistory Mirrored(const TargetHistory& history);
 
-// A history as a worse sensor would have recorded it. Speeds and headings carry noise that is
-// correlated from state to state (autoregressive, 0.7).
+// The noise of a worse sensor. Errors of speed and heading are correlated from state to state
+// (autoregressive, coefficient 0.7).
 struct SensorNoise {
   double speed_stddev = 0.0;    // m/s; smaller in proportion below 1 m/s
   double heading_stddev = 0.0;  // radians
   uint64_t seed = 0;            // the same seed gives the same noise
 };
 struct NoisyHistory {
-  TargetHistory history;  // in a frame that is turned by heading_error
+  TargetHistory history;  // in a frame turned by heading_error
   double heading_error;   // radians, counter-clockwise: of the present heading
 };
 NoisyHistory WithNoise(const TargetHistory& history, const SensorNoise& noise);

@@ -35,7 +35,7 @@ MotionInputs DescribeMotion(const v1::Agent& agent, double time) {
   const v1::AgentState* before = state_at(time - kStep);
   if (before == nullptr) return motion;
   motion[1] = Limited(SpeedAlongHeading(*now) - SpeedAlongHeading(*before));
-  // In double: the difference of two floats may be too large for one.
+  // In double: the difference of two floats may overflow a float.
   const double turn = double{now->heading()} - double{before->heading()};
   motion[3] = Limited(std::remainder(turn, 2.0 * std::numbers::pi) / kTurnUnit);
   const v1::AgentState* earlier = state_at(time - 2.0 * kStep);

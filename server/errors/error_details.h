@@ -1,6 +1,6 @@
-// Machine-readable details on absl::Status: the bytes of google.rpc.ErrorInfo, BadRequest and
-// RetryInfo as payloads, under google.rpc's own type URLs. Plain C++ folders attach them; rpc/ puts
-// them on the wire (rpc/status_details.h), so nobody has to translate errors twice.
+// Machine-readable details on absl::Status: google.rpc.ErrorInfo, BadRequest and RetryInfo,
+// serialised as payloads under google.rpc's own type URLs. Folders without gRPC attach them;
+// rpc/status_details.h puts them on the wire. No error is translated twice.
 
 #ifndef MANEUVER_SERVER_ERRORS_ERROR_DETAILS_H_
 #define MANEUVER_SERVER_ERRORS_ERROR_DETAILS_H_
@@ -22,35 +22,37 @@ class Status;
 
 namespace maneuver::errors {
 
-// The most violations that an error lists: errors travel in headers, which clients bound.
+// The most violations that one error lists. Errors travel in headers, whose size clients limit.
 inline constexpr size_t kMaxListedViolations = 16;
 
-// INVALID_ARGUMENT with a BadRequest, which lists the first kMaxListedViolations. The message names
-// the first violation and counts the others.
-//   prefix: path of the message that the violations were found in ("scenarios[2]"), put before each
-//   field; empty for none.
+// Returns INVALID_ARGUMENT with a BadRequest that lists the first kMaxListedViolations. The message
+// names the first violation and counts the others.
+//   prefix: path of the message that contains the violations ("scenarios[2]"), put before each
+//     field; empty for none.
 absl::Status InvalidFields(const std::vector<scene::FieldViolation>& violations,
                            std::string_view prefix = {});
 absl::Status InvalidField(std::string_view field, std::string_view description);
 
-// `status` with an ErrorInfo: a reason of the table in reasons.h. Replaces an earlier one.
+// Adds an ErrorInfo with a reason from reasons.h to `status`. Replaces an earlier one.
 absl::Status WithReason(absl::Status status, Reason reason,
                         const std::map<std::string, std::string>& metadata = {});
-// The reason that WithReason gave; empty if there is none.
+// Returns the reason that WithReason added; empty if there is none.
 std::string ReasonOf(const absl::Status& status);
 
-// What a failure of the disk or of the database tells a caller: DISK_FULL for RESOURCE_EXHAUSTED,
-// STORAGE_DAMAGED for DATA_LOSS, and INTERNAL with STORAGE_INACCESSIBLE for PERMISSION_DENIED,
-// which would blame the caller. Anything else, and what has a reason already, stays as it is.
+// Maps a failure of the disk or of the database to what a caller should see: DISK_FULL for
+// RESOURCE_EXHAUSTED, STORAGE_DAMAGED for DATA_LOSS, and INTERNAL with STORAGE_INACCESSIBLE for
+// PERMISSION_DENIED, which would otherwise blame the caller. Leaves other statuses, and those with
+// a reason, unchanged.
 absl::Status WithStorageReason(absl::Status status);
 
-// `status` with a RetryInfo.
+// Adds a RetryInfo to `status`.
 absl::Status WithRetryDelay(absl::Status status, std::chrono::nanoseconds delay);
 std::optional<std::chrono::nanoseconds> RetryDelay(const absl::Status& status);
 
-// A failed status as the wire states it, details in the order ErrorInfo, BadRequest, RetryInfo.
+// Converts a failed status to its form on the wire. Details are in the order ErrorInfo, BadRequest,
+// RetryInfo.
 v1::Status ToProto(const absl::Status& status);
-// The other way. An unknown code becomes UNKNOWN, details of other types are dropped.
+// Converts back. An unknown code becomes UNKNOWN; details of other types are dropped.
 absl::Status FromProto(const v1::Status& status);
 
 }  // namespace maneuver::errors

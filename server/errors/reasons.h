@@ -1,5 +1,6 @@
-// Every reason that an ErrorInfo of this server can have. Reasons are part of the contract: they are
-// never renamed and never get another meaning. A test holds docs/reference/errors.md to this table.
+// Every reason that an ErrorInfo of this server can have. Reasons are part of the contract: they
+// are never renamed and never change their meaning. A test compares docs/reference/errors.md with
+// this table.
 
 #ifndef MANEUVER_SERVER_ERRORS_REASONS_H_
 #define MANEUVER_SERVER_ERRORS_REASONS_H_
@@ -11,13 +12,13 @@ namespace maneuver::errors {
 
 struct ReasonEntry {
   std::string_view name;
-  std::string_view codes;  // that it comes with, separated by ", "
+  std::string_view codes;  // codes that carry it, separated by ", "
   std::string_view meaning;
-  std::string_view remedy;  // what the caller, or the server's operator, does about it
+  std::string_view remedy;  // what the caller or the operator should do
 };
 
-// In the order in which the page lists them: of any call, of predictions, models, datasets, jobs,
-// and of how a job ended (Job.error).
+// In the order of the page: reasons of any call, of predictions, models, datasets, jobs, and of how
+// a job ended (Job.error).
 inline constexpr ReasonEntry kReasons[] = {
     {"CREDENTIALS_MISSING", "UNAUTHENTICATED",
      "the server requires authentication, and the call has none",
@@ -203,10 +204,10 @@ constexpr bool IsListed(std::string_view name) {
   return false;
 }
 
-// Not defined: a call of it is an error of the compiler's that says what is wrong.
+// Deliberately undefined: calling it makes the compiler's error message say what is wrong.
 void ThisReasonIsNotListedInReasonsH();
 
-// The name of an entry of the table. What is not in the table does not compile.
+// The name of an entry of the table. Any other name does not compile.
 class Reason {
  public:
   template <std::convertible_to<std::string_view> Text>

@@ -28,7 +28,7 @@ spdlog::level::level_enum ToSpdlog(LogLevel level) {
 constexpr char kTextPattern[] = "%Y-%m-%dT%H:%M:%S.%eZ %-7l %v";
 constexpr char kJsonPattern[] = R"({"time":"%Y-%m-%dT%H:%M:%S.%eZ","level":"%l",%v})";
 
-// One logger for each format, so that a change of format needs no lock on the way of a line.
+// One logger per format, so that writing a line needs no lock against a change of format.
 struct Loggers {
   Loggers() {
     auto sink = std::make_shared<spdlog::sinks::stderr_sink_mt>();
@@ -37,7 +37,7 @@ struct Loggers {
     json = std::make_shared<spdlog::logger>("json", std::move(json_sink));
     text->set_pattern(kTextPattern, spdlog::pattern_time_type::utc);
     json->set_pattern(kJsonPattern, spdlog::pattern_time_type::utc);
-    // The level that counts is the one below.
+    // The loggers pass everything; the level below decides.
     text->set_level(spdlog::level::trace);
     json->set_level(spdlog::level::trace);
     text->flush_on(spdlog::level::debug);
@@ -51,7 +51,7 @@ struct Loggers {
 };
 
 Loggers& GetLoggers() {
-  static auto& loggers = *new Loggers;  // never destroyed: threads may log until the very end
+  static auto& loggers = *new Loggers;  // never destroyed: threads may log during exit
   return loggers;
 }
 

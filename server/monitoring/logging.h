@@ -1,4 +1,4 @@
-// Structured log lines on standard error, as text or JSON. Fields never hold payloads, tokens or
+// Structured log lines on standard error, as text or JSON. Fields never contain payloads, tokens or
 // paths of the server.
 
 #ifndef MANEUVER_SERVER_MONITORING_LOGGING_H_
@@ -32,23 +32,23 @@ struct LogField {
   std::variant<std::string_view, bool, int64_t, double> value;
 };
 
-// Until it is called: text, info and above. May be called again at any time.
+// Sets format and level. Before the first call: text, info and above. May be called at any time.
 void ConfigureLogging(LogFormat format, LogLevel level);
 
-// The least level that is logged. Changed at any time.
+// Gets or sets the lowest level that is logged. Safe at any time.
 LogLevel GetLogLevel();
 void SetLogLevel(LogLevel level);
 
-// "debug".
+// Returns "debug", for example.
 std::string_view ToString(LogLevel level);
 
-// Whether a line of this level would be written: for what is costly to put together.
+// Returns whether a line of this level would be written, so that callers can skip costly fields.
 bool WouldLog(LogLevel level);
 
-// One line: time, level, `message` (a constant phrase), fields.
+// Writes one line: time, level, `message` (a constant phrase), fields.
 void Log(LogLevel level, std::string_view message, std::initializer_list<LogField> fields = {});
 
-// The part of a line after time and level; what Log writes.
+// Returns the part of a line after time and level, as Log writes it.
 std::string FormatLogLine(LogFormat format, std::string_view message,
                           std::initializer_list<LogField> fields);
 

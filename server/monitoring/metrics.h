@@ -1,7 +1,7 @@
-// Counters, gauges and histograms as the server's code sees them. Prometheus is behind
-// prometheus_metrics.h; without a registry everything counts into nothing.
+// Counters, gauges and histograms for the server's code. prometheus_metrics.h implements them. The
+// null registry ignores everything.
 //
-// All of it is safe to use from any thread. A metric lives as long as its registry.
+// Thread-safe. A metric lives as long as its registry.
 
 #ifndef MANEUVER_SERVER_MONITORING_METRICS_H_
 #define MANEUVER_SERVER_MONITORING_METRICS_H_
@@ -12,7 +12,7 @@
 
 namespace maneuver::monitoring {
 
-// Only grows.
+// A number that only grows.
 class Counter {
  public:
   static Counter& Null();
@@ -20,7 +20,7 @@ class Counter {
   virtual void Increment(double amount = 1.0) = 0;
 };
 
-// Goes up and down.
+// A number that goes up and down.
 class Gauge {
  public:
   static Gauge& Null();
@@ -37,11 +37,11 @@ class Histogram {
   virtual void Observe(double value) = 0;
 };
 
-// Values of labels must come from a small fixed set: never from a request.
+// Labels must have few, fixed values: never values from a request.
 using Labels = std::map<std::string, std::string>;
 
-// Where each class registers its metrics once. The same name and labels give the same metric. Names
-// follow Prometheus: maneuver_..., base units, counters end in _total.
+// Each class registers its metrics here once. The same name and labels give the same metric. Names
+// follow Prometheus: maneuver_..., base units; counters end in _total.
 class MetricRegistry {
  public:
   static MetricRegistry& Null();
@@ -51,13 +51,13 @@ class MetricRegistry {
                               const Labels& labels = {}) = 0;
   virtual Gauge& AddGauge(const std::string& name, const std::string& help,
                           const Labels& labels = {}) = 0;
-  //   buckets: upper bounds, increasing; the last, infinite one is added.
+  //   buckets: upper bounds, increasing; an infinite last one is added
   virtual Histogram& AddHistogram(const std::string& name, const std::string& help,
                                   const std::vector<double>& buckets,
                                   const Labels& labels = {}) = 0;
 };
 
-// Upper bounds for times, seconds: 0.1 ms to 10 s, about 2.2 times apart.
+// Returns upper bounds for times, seconds: 0.1 ms to 10 s, each about 2.2 times the one before.
 std::vector<double> TimeBuckets();
 
 }  // namespace maneuver::monitoring

@@ -19,7 +19,7 @@ std::string Read(const char* file) {
   return {std::istreambuf_iterator<char>(stream), {}};
 }
 
-// When the machine was started, Unix time.
+// Returns when the machine was started, Unix time.
 std::optional<double> BootTime() {
   static const std::optional<double> boot_time = []() -> std::optional<double> {
     std::istringstream lines(Read("/proc/stat"));
@@ -31,8 +31,8 @@ std::optional<double> BootTime() {
   return boot_time;
 }
 
-// proc(5), /proc/[pid]/stat: fields are counted from 1; the second is the program's name in
-// brackets, which may hold anything.
+// Reads /proc/[pid]/stat, proc(5). Fields are counted from 1. The second one is the program's name
+// in brackets, which may contain anything.
 std::optional<ProcessMetrics> ReadStat() {
   const std::string stat = Read("/proc/self/stat");
   const size_t name_end = stat.rfind(')');
@@ -73,7 +73,7 @@ std::optional<ProcessMetrics> ReadProcessMetrics() {
        !error && entry != end; entry.increment(error)) {
     metrics->open_descriptors += 1.0;
   }
-  metrics->open_descriptors -= 1.0;  // the one that this was read through
+  metrics->open_descriptors -= 1.0;  // the descriptor that read this
   metrics->max_descriptors = MaxDescriptors();
   return metrics;
 }

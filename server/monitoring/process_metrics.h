@@ -1,4 +1,4 @@
-// What the process itself takes up, as the kernel tells it.
+// The resources that this process uses, as the kernel reports them.
 
 #ifndef MANEUVER_SERVER_MONITORING_PROCESS_METRICS_H_
 #define MANEUVER_SERVER_MONITORING_PROCESS_METRICS_H_
@@ -7,7 +7,7 @@
 
 namespace maneuver::monitoring {
 
-// Under the names that Prometheus' client libraries give them.
+// Each comment names the metric on the page, as Prometheus' client libraries do.
 struct ProcessMetrics {
   double cpu_seconds = 0.0;         // process_cpu_seconds_total, user and system
   double start_time_seconds = 0.0;  // process_start_time_seconds, Unix time
@@ -17,7 +17,7 @@ struct ProcessMetrics {
   double max_descriptors = 0.0;     // process_max_fds; infinity: no limit
 };
 
-// Of this process, now. Nothing if /proc is not there.
+// Reads the metrics of this process now. Returns nothing if /proc is missing.
 std::optional<ProcessMetrics> ReadProcessMetrics();
 
 }  // namespace maneuver::monitoring

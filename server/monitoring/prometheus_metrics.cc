@@ -56,7 +56,7 @@ prometheus::MetricFamily Family(const char* name, const char* help, prometheus::
   return {name, help, type, {metric}};
 }
 
-// The process, looked at whenever the page is made.
+// The metrics of the process, read each time the page is made.
 class ProcessCollectable final : public prometheus::Collectable {
  public:
   std::vector<prometheus::MetricFamily> Collect() const override {
@@ -78,7 +78,7 @@ class ProcessCollectable final : public prometheus::Collectable {
   }
 };
 
-// The disk of a folder, looked at whenever the page is made.
+// The space on a folder's disk, read each time the page is made.
 class DiskCollectable final : public prometheus::Collectable {
  public:
   explicit DiskCollectable(std::filesystem::path folder) : folder_(std::move(folder)) {}
@@ -136,7 +136,7 @@ class PrometheusRegistry final : public PrometheusMetrics {
   }
 
  private:
-  // One wrapper for each of Prometheus' metrics, which have stable addresses.
+  // Wraps each of Prometheus' metrics once. Their addresses are stable.
   template <typename Wrapper, typename Metric>
   Wrapper& Wrap(std::map<Metric*, Wrapper>& wrappers, Metric& metric) {
     const std::lock_guard lock(mutex_);
@@ -144,7 +144,7 @@ class PrometheusRegistry final : public PrometheusMetrics {
   }
 
   const std::shared_ptr<prometheus::Registry> registry_;
-  // What is looked at whenever the page is made.
+  // What is read each time the page is made.
   std::vector<std::shared_ptr<prometheus::Collectable>> looked_at_ = {
       std::make_shared<ProcessCollectable>()};
   std::mutex mutex_;  // guards the maps, whose elements never move

@@ -1,4 +1,4 @@
-// Metrics that Prometheus can fetch.
+// Metrics that Prometheus can scrape.
 
 #ifndef MANEUVER_SERVER_MONITORING_PROMETHEUS_METRICS_H_
 #define MANEUVER_SERVER_MONITORING_PROMETHEUS_METRICS_H_
@@ -20,7 +20,8 @@ class PrometheusMetrics : public MetricRegistry {
   // free. Call before the first Page, once.
   virtual void WatchDisk(const std::filesystem::path& folder) = 0;
 
-  // The page, in Prometheus' text format; with the metrics of the process (process_metrics.h).
+  // Returns the page in Prometheus' text format, with the metrics of the process
+  // (process_metrics.h).
   virtual std::string Page() const = 0;
 };
 

@@ -22,10 +22,10 @@ constexpr std::string_view kRateLimited = "RATE_LIMITED";
 constexpr std::array kReasons = {kCredentialsMissing, kTokenUnknown,      kCertificateNotListed,
                                  kRoleMissing,        kMethodNotDeclared, kRateLimited};
 
-// A flood of refused calls does not become a flood of lines.
+// Limits the log lines about refused calls, so that a flood of calls is not a flood of lines.
 constexpr double kLogLinesPerSecond = 10.0;
 
-// What stands after "Bearer ", whose case does not matter (RFC 9110, 11.1).
+// Returns what follows "Bearer ", in upper or lower case (RFC 9110, 11.1).
 std::optional<std::string_view> BearerToken(std::string_view header) {
   constexpr std::string_view kScheme = "bearer ";
   if (!absl::StartsWithIgnoreCase(absl::string_view(header.data(), header.size()),
@@ -83,7 +83,7 @@ class AccessControl::ListedCall final : public LongCall {
         on_refused_(std::move(on_refused)) {
     const std::lock_guard lock(access_.long_calls_mutex_);
     place_ = access_.long_calls_.insert(access_.long_calls_.end(), this);
-    // Its caller may have been admitted by identities that are gone by now.
+    // Its caller may have been admitted by identities that have been replaced since.
     access_.look_again_ = true;
   }
   ~ListedCall() override {
@@ -91,7 +91,7 @@ class AccessControl::ListedCall final : public LongCall {
     access_.long_calls_.erase(place_);
   }
 
-  // Whether its caller may still make it; tells it if not.
+  // Returns whether the caller may still make the call. Tells the call if not.
   bool Look() {
     Caller caller;
     absl::Status status = access_.Decide(method_, credentials_, caller);
@@ -163,7 +163,7 @@ absl::StatusOr<RoleSet> AccessControl::Identify(const Credentials& credentials,
   const auto identities = Current();
   const Identity* identity = nullptr;
   if (!credentials.authorization.empty()) {
-    // Whoever shows a token is who the token says, whatever the certificate says.
+    // An authorization header takes precedence over a certificate.
     const auto token = credentials.authorization.size() == 1
                            ? BearerToken(credentials.authorization.front())
                            : std::nullopt;
@@ -256,7 +256,7 @@ absl::Status AccessControl::Refuse(absl::Status refusal, std::string_view method
   if (const auto counter = refused_.find(reason); counter != refused_.end()) {
     counter->second->Increment();
   }
-  // The method is one that exists; a caller's own words never get into the log.
+  // Logs only names of existing methods, never text from the caller.
   if (!log_lines_.Take("", 1.0)) {
     const bool expired = !caller.expired.empty();
     const std::string logged_reason = expired ? "TOKEN_EXPIRED" : reason;

@@ -1,5 +1,5 @@
-// Whether a call is let in: who is it, may they, and not too often. Everything that a caller may
-// learn is decided here, before anything looks whether what they name exists.
+// Decides whether a call is admitted: who is calling, may they call this, and not too often. This
+// happens before any resource is looked up, so a refused caller learns nothing about what exists.
 
 #ifndef MANEUVER_SERVER_SECURITY_ACCESS_CONTROL_H_
 #define MANEUVER_SERVER_SECURITY_ACCESS_CONTROL_H_
@@ -25,15 +25,15 @@
 namespace maneuver::security {
 
 struct AccessOptions {
-  std::filesystem::path identities;  // empty: nobody is asked who they are, and all may do all
-  double calls_per_second = 0.0;     // of each client; 0: any number
-  double targets_per_second = 0.0;   // to be predicted for each client; 0: any number
+  std::filesystem::path identities;  // empty: anyone may do anything, unidentified
+  double calls_per_second = 0.0;     // per client; 0: no limit
+  double targets_per_second = 0.0;   // predicted targets per client; 0: no limit
 };
 
-// What a call shows of its caller.
+// The credentials that a call presents.
 struct Credentials {
-  std::vector<std::string> authorization = {};  // headers of that name
-  // Of the client's certificate, if it was verified.
+  std::vector<std::string> authorization = {};  // all headers of that name
+  // From the client's certificate, if it was verified.
   std::vector<std::string> alternative_names = {};
   std::string common_name = {};
   std::string peer = {};  // network address, without the port
@@ -48,7 +48,7 @@ class AccessControl {
       const AccessOptions& options, monitoring::MetricRegistry& metrics,
       std::function<absl::Time()> clock = absl::Now);
 
-  // Name of the identity that calls; empty where nobody is asked, or if it is not known.
+  // Returns the name of the caller's identity; empty if it is unknown or identities are not used.
   std::string NameOf(const Credentials& credentials) const;
 
   // Lets a call in or not:
@@ -56,22 +56,22 @@ class AccessControl {
   //                      log alone tells the two apart)
   //   PERMISSION_DENIED  CERTIFICATE_NOT_LISTED, ROLE_MISSING, METHOD_NOT_DECLARED (roles.h)
   //   RESOURCE_EXHAUSTED RATE_LIMITED, with the delay
-  //   method: "/maneuver.v1.PredictionService/Predict".
+  //   method: "/maneuver.v1.PredictionService/Predict", for example.
   absl::Status Admit(std::string_view method, const Credentials& credentials);
 
-  // Whether that many more targets may be predicted for the caller, whose call was admitted.
-  // RESOURCE_EXHAUSTED otherwise, as above.
+  // Admits `targets` more predicted targets for the caller of an admitted call. RESOURCE_EXHAUSTED
+  // as above if that is too many.
   absl::Status AdmitTargets(const Credentials& credentials, int targets);
   bool limits_targets() const { return targets_.is_limited(); }
 
-  // A call that goes on for long, on the list of those who are looked at again when the identities
-  // have changed. Off it with its destruction, which waits for `on_refused` if that is under way.
+  // A long call, whose caller is checked again when the identities change. Destroying it ends the
+  // checks, and waits for `on_refused` if that is running.
   class LongCall {
    public:
     virtual ~LongCall() = default;
   };
-  // `on_refused` is told why the caller may not make the call any more, once for each Reload from
-  // then on, on its thread; it may not destroy what this returns.
+  // Watches a long call. Once its caller may no longer make it, each Reload calls `on_refused` with
+  // the reason, on Reload's thread. `on_refused` must not destroy the object returned here.
   [[nodiscard]] std::unique_ptr<LongCall> Watch(
       std::string_view method, Credentials credentials,
       std::function<void(const absl::Status&)> on_refused);
@@ -83,7 +83,7 @@ class AccessControl {
   bool asks_for_identity() const { return !options_.identities.empty(); }
 
  private:
-  // Who calls, and what to count the calls under.
+  // The caller, and the client that its calls are counted for.
   struct Caller {
     std::string client;
     std::string name;     // empty: unknown

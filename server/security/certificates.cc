@@ -31,7 +31,7 @@ BioPtr Open(const std::string& pem) {
   return BioPtr(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size())));
 }
 
-// A key that wants a passphrase gets none.
+// Returns no passphrase: a key must not have one.
 int NoPassphrase(char*, int, int, void*) { return 0; }
 
 absl::Status Wrong(const fs::path& file, const std::string& what) {
@@ -39,7 +39,7 @@ absl::Status Wrong(const fs::path& file, const std::string& what) {
   return absl::InvalidArgumentError(absl::StrCat(files::NameOf(file), " ", what));
 }
 
-// Every certificate of the file; the first is returned.
+// Parses every certificate of the file and returns the first.
 absl::StatusOr<X509Ptr> FirstCertificate(const fs::path& file, const std::string& pem) {
   const BioPtr bio = Open(pem);
   X509Ptr first(PEM_read_bio_X509(bio.get(), nullptr, nullptr, nullptr));

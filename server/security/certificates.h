@@ -1,5 +1,5 @@
-// The server's certificate and key, and whose client certificates it trusts: read from PEM files,
-// checked before they are used, and read again when they change.
+// The server's certificate and key, and the authorities whose client certificates it trusts. They
+// are read from PEM files, checked before use, and read again when the files change.
 
 #ifndef MANEUVER_SERVER_SECURITY_CERTIFICATES_H_
 #define MANEUVER_SERVER_SECURITY_CERTIFICATES_H_
@@ -17,7 +17,7 @@
 namespace maneuver::security {
 
 struct CertificateFiles {
-  std::filesystem::path certificate;  // the server's, followed by intermediate ones
+  std::filesystem::path certificate;  // the server's, then intermediate ones
   std::filesystem::path key;          // of the certificate, without a passphrase
   std::filesystem::path client_ca;    // empty: clients need no certificate
 };
@@ -27,11 +27,12 @@ struct CertificateSet {
   std::string key;
   std::string client_ca;  // empty: none
   std::chrono::system_clock::time_point expires;
-  int64_t generation = 0;  // grows with each change
+  int64_t generation = 0;  // increases with each change
 };
 
-// Reads and checks: each file parses, the key is the certificate's and is not open to other users.
-// Errors name the file and say what to do. An expired certificate is no error: see `expires`.
+// Reads and checks the files: each parses, the key matches the certificate, and other users cannot
+// read the key. Errors name the file and say what to do. An expired certificate is no error: see
+// `expires`.
 absl::StatusOr<CertificateSet> LoadCertificates(const CertificateFiles& files);
 
 // Thread-safe.
@@ -42,8 +43,8 @@ class CertificateStore {
   std::shared_ptr<const CertificateSet> Current() const;
   bool asks_for_client_certificates() const { return !files_.client_ca.empty(); }
 
-  // Looks at the files again. False if they are as they were. After an error, such as a certificate
-  // that was replaced while its key was not yet, the set before stays.
+  // Reads the files again. Returns false if they have not changed. After an error the old set
+  // stays: for instance while the certificate has been replaced and the key has not.
   absl::StatusOr<bool> Reload();
 
  private:
@@ -54,7 +55,7 @@ class CertificateStore {
   std::shared_ptr<const CertificateSet> current_;
 };
 
-// Whole days until then, rounded down: negative once it has passed.
+// Returns the whole days until then, rounded down; negative once it has expired.
 int DaysUntil(std::chrono::system_clock::time_point expires,
               std::chrono::system_clock::time_point now);
 

@@ -41,7 +41,7 @@ std::string_view Trim(std::string_view text) {
   return text.substr(begin, text.find_last_not_of(kSpace) - begin + 1);
 }
 
-// Cuts the first word off `text`, which is trimmed.
+// Removes the first word from `text`, trims the rest and returns the word.
 std::string_view TakeWord(std::string_view& text) {
   const std::string_view word = text.substr(0, text.find_first_of(kSpace));
   text = Trim(text.substr(word.size()));
@@ -153,7 +153,7 @@ bool Identities::AnyExpired(absl::Time after, absl::Time now) const {
 
 std::string NewToken() {
   std::array<unsigned char, 32> bits{};
-  // Up to 256 bytes come whole, or not at all.
+  // getrandom returns up to 256 bytes in one piece, or fails.
   if (getrandom(bits.data(), bits.size(), 0) != static_cast<ssize_t>(bits.size())) std::abort();
   std::string token = "mvr_";
   for (const unsigned char byte : bits) {

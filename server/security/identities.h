@@ -1,4 +1,4 @@
-// Who is known to the server: names, roles, and what proves them. Read from a file of lines
+// The callers that the server knows: names, roles and credentials. Read from a file of lines
 //
 //   NAME  ROLE[,ROLE]  CREDENTIAL        # a line that starts with '#' is a comment
 //
@@ -7,11 +7,11 @@
 //   fleet     predict,train  san:fleet.example.com        a client certificate, by a name in it
 //   operator  admin          cn:Ada Lovelace              a client certificate, by its common name
 //
-// Several lines may have one name: an old and a new token while one takes the other's place.
+// Several lines may have the same name, for example while a new token replaces an old one.
 //
-// Tokens are 256 random bits, made by this code (NewToken), never chosen by people: there is no
-// dictionary to try, so one round of SHA-256 keeps them as safe at rest as a slow, salted hash
-// would, and a call costs a microsecond instead of a tenth of a second.
+// Tokens are 256 random bits, made by NewToken and never chosen by people. No dictionary attack is
+// possible, so one round of SHA-256 protects stored tokens as well as a slow, salted hash, and a
+// call costs a microsecond instead of a tenth of a second.
 
 #ifndef MANEUVER_SERVER_SECURITY_IDENTITIES_H_
 #define MANEUVER_SERVER_SECURITY_IDENTITIES_H_
@@ -51,14 +51,15 @@ absl::StatusOr<std::optional<IdentityLine>> ParseIdentityLine(std::string_view l
 // Immutable, hence thread-safe.
 class Identities {
  public:
-  // INVALID_ARGUMENT names the line that is wrong, without its content.
+  // Parses the text of a file. INVALID_ARGUMENT names the invalid line by its number, without its
+  // content.
   static absl::StatusOr<Identities> Parse(std::string_view text);
 
   // Whose token it is, or nullptr. The caller looks whether it has expired. Takes the same time
   // whichever token it is, and if it is none.
   const Identity* FindToken(std::string_view token) const;
-  // Whose certificate it is, or nullptr: the first line that has one of its names.
-  //   alternative_names: DNS names, URIs, addresses of the certificate, as text.
+  // Returns the identity of a certificate, or nullptr: the first line that has one of its names.
+  //   alternative_names: the certificate's DNS names, URIs and addresses, as text.
   //   common_name: empty for none.
   const Identity* FindCertificate(const std::vector<std::string>& alternative_names,
                                   std::string_view common_name) const;
@@ -73,7 +74,7 @@ class Identities {
   std::vector<IdentityLine> lines_;
 };
 
-// "mvr_" and 64 hexadecimal digits: 256 bits from the operating system.
+// Returns a new token: "mvr_" and 64 hexadecimal digits, 256 bits from the operating system.
 std::string NewToken();
 
 // The line of a token. INVALID_ARGUMENT if the name is none.

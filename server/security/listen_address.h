@@ -1,4 +1,4 @@
-// Where a server may listen.
+// The address that a server listens on.
 
 #ifndef MANEUVER_SERVER_SECURITY_LISTEN_ADDRESS_H_
 #define MANEUVER_SERVER_SECURITY_LISTEN_ADDRESS_H_
@@ -14,18 +14,18 @@ struct ListenAddress {
   std::string host;  // without brackets
   int port = 0;      // 0: any free one
 
-  // HOST:PORT, an IPv6 host in brackets.
+  // Returns HOST:PORT, an IPv6 host in brackets.
   std::string ToString() const;
 };
 
-// HOST:PORT or [IPV6]:PORT. Errors: INVALID_ARGUMENT.
+// Parses HOST:PORT or [IPV6]:PORT. Errors: INVALID_ARGUMENT.
 absl::StatusOr<ListenAddress> ParseListenAddress(std::string_view text);
 
-// Whether nobody but this machine can reach it: 127.0.0.0/8, ::1 or localhost.
+// Returns whether only this machine can reach the address: 127.0.0.0/8, ::1 or localhost.
 bool IsLoopback(const ListenAddress& address);
 
-// FAILED_PRECONDITION unless the address is loopback, what goes over it is encrypted, or `insecure`
-// was given.
+// Checks that plain text stays on this machine. FAILED_PRECONDITION unless the address is loopback,
+// the traffic is encrypted, or `insecure` was given.
 absl::Status CheckExposure(const ListenAddress& address, bool encrypted, bool insecure);
 
 }  // namespace maneuver::security

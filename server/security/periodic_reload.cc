@@ -10,7 +10,7 @@ namespace {
 using monitoring::Log;
 using monitoring::LogLevel;
 
-// `failure`: of the last time, so that a lasting one is told once.
+// `failure`: the error of the last check, so that a lasting error is logged only once.
 void ReloadOne(const ReloadedFiles& files, std::string& failure) {
   const absl::StatusOr<bool> changed = files.reload();
   if (changed.ok()) {

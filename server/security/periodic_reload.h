@@ -1,4 +1,4 @@
-// Looks again and again whether files have changed.
+// Checks files for changes at regular intervals.
 
 #ifndef MANEUVER_SERVER_SECURITY_PERIODIC_RELOAD_H_
 #define MANEUVER_SERVER_SECURITY_PERIODIC_RELOAD_H_
@@ -15,13 +15,14 @@
 
 namespace maneuver::security {
 
-// What is looked at: `reload` says whether something changed. Changes are logged, errors once each.
+// What to check. `reload` returns whether something changed. Changes are logged, and each error
+// once.
 struct ReloadedFiles {
   std::string what;  // "certificates"
   std::function<absl::StatusOr<bool>()> reload;
 };
 
-// Looks every `interval`, on a thread of its own, until it is destroyed.
+// Checks every `interval`, on a thread of its own, until it is destroyed.
 class PeriodicReload {
  public:
   PeriodicReload(std::vector<ReloadedFiles> files, std::chrono::milliseconds interval);

@@ -28,7 +28,7 @@ std::optional<std::chrono::nanoseconds> RateLimiter::Take(const std::string& cli
   const double seconds = std::chrono::duration<double>(now - bucket.updated).count();
   bucket.level = std::min(capacity, bucket.level + seconds * per_second_);
   bucket.updated = now;
-  // Whole units: a caller that waits as long as it is told finds one.
+  // Whole units, so that a caller that waits exactly as long as told finds one.
   constexpr double kRounding = 1e-6;
   if (bucket.level < 1.0 - kRounding) {
     return std::chrono::ceil<std::chrono::nanoseconds>(

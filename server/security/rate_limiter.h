@@ -1,4 +1,4 @@
-// How often each client may call.
+// Limits how often each client may call.
 
 #ifndef MANEUVER_SERVER_SECURITY_RATE_LIMITER_H_
 #define MANEUVER_SERVER_SECURITY_RATE_LIMITER_H_
@@ -15,11 +15,12 @@ namespace maneuver::security {
 
 using SteadyTime = std::chrono::steady_clock::time_point;
 
-// A token bucket for each client, which holds what one second brings (at least 1). Whoever has
-// anything left may take as much as it wants, and then waits until that is paid off: one request
-// for a thousand targets is let through at a hundred a second, once in ten seconds.
+// A token bucket for each client, which holds the tokens of one second (at least 1). A client that
+// has one token may take any amount, and then waits until it has one again. So a request for a
+// thousand targets at a limit of a hundred per second is admitted once in ten seconds.
 //
-// At most kMaxClients are remembered; beyond, whoever was away longest starts anew. Thread-safe.
+// Remembers at most kMaxClients; beyond that, the client that has been away longest starts with a
+// full bucket. Thread-safe.
 class RateLimiter {
  public:
   static constexpr size_t kMaxClients = 10'000;
@@ -30,8 +31,8 @@ class RateLimiter {
 
   bool is_limited() const { return per_second_ > 0.0; }
 
-  // Takes `amount` from the client's bucket. If nothing is left there it takes nothing, and tells
-  // how long until there is.
+  // Takes `amount` from the client's bucket and returns nothing. If the bucket holds less than one
+  // token, leaves it alone and returns the time until it holds one.
   std::optional<std::chrono::nanoseconds> Take(const std::string& client, double amount);
 
   size_t clients() const;
@@ -46,7 +47,7 @@ class RateLimiter {
   const double per_second_;
   const std::function<SteadyTime()> clock_;
   mutable std::mutex mutex_;   // guards what follows
-  std::list<Bucket> buckets_;  // the last used first
+  std::list<Bucket> buckets_;  // most recently used first
   std::unordered_map<std::string, std::list<Bucket>::iterator> by_client_;
 };
 

@@ -20,13 +20,13 @@ bool IsJobId(std::string_view id) {
          std::ranges::all_of(id, [](char c) { return IsLower(c) || IsDigit(c) || c == '-'; });
 }
 
-// What follows `prefix`, or nothing if `text` does not start with it.
+// Returns what follows `prefix`; nothing if `text` does not start with it.
 std::optional<std::string_view> After(std::string_view text, std::string_view prefix) {
   if (!text.starts_with(prefix)) return std::nullopt;
   return text.substr(prefix.size());
 }
 
-// Splits "a<separator>b". Nothing if there is no separator.
+// The two parts of "a<separator>b".
 struct Halves {
   std::string_view head;
   std::string_view tail;
@@ -38,7 +38,7 @@ std::optional<Halves> SplitAt(std::string_view text, std::string_view separator)
 }
 
 absl::Status Malformed(std::string_view field, const std::string& expected) {
-  // The name itself is not echoed: it may be anything, of any length.
+  // The message does not repeat the name, which may be anything, of any length.
   return errors::InvalidField(field, absl::StrCat("expected ", expected));
 }
 

@@ -1,4 +1,4 @@
-// Names of resources, parsed strictly: whatever parses is safe as a file name, so no name can lead
+// Parses resource names strictly: a name that parses is safe as a file name, so no name can lead
 // out of the data folder.
 //
 //   id       [a-z][a-z0-9-]*, at most 63 characters
@@ -29,7 +29,7 @@ struct ModelVersionName {
   friend auto operator<=>(const ModelVersionName&, const ModelVersionName&) = default;
 };
 
-// models/{model}/aliases/{alias}, or in a reference models/{model}@{alias}
+// models/{model}/aliases/{alias}; references also write models/{model}@{alias}
 struct ModelAliasName {
   std::string model;
   std::string alias;
@@ -39,7 +39,8 @@ struct ModelAliasName {
   friend auto operator<=>(const ModelAliasName&, const ModelAliasName&) = default;
 };
 
-// models/{model}/versions/{version}/evaluations/{evaluation}; the evaluation's id is its dataset's.
+// models/{model}/versions/{version}/evaluations/{evaluation}; the evaluation's id is its dataset's
+// id.
 struct EvaluationName {
   ModelVersionName version;
   std::string evaluation;
@@ -51,14 +52,15 @@ struct EvaluationName {
 inline constexpr std::string_view kServingAlias = "serving";
 inline constexpr std::string_view kCandidateAlias = "candidate";
 
-// What a request may say instead of a version.
+// What a request may name where a version is expected.
 using ModelReference = std::variant<ModelVersionName, ModelAliasName>;
 
 bool IsResourceId(std::string_view id);
 
-// models/{model}: the id.
+// Parses models/{model} and returns the id.
 absl::StatusOr<std::string> ParseModelName(std::string_view name, std::string_view field);
-// models/{model}, which stands for its @serving alias, models/{model}@{alias}, or a version's name.
+// Parses models/{model}, which means its alias `serving`, models/{model}@{alias}, or a version's
+// name.
 absl::StatusOr<ModelReference> ParseModelReference(std::string_view name, std::string_view field);
 // As ParseModelReference; nothing if `name` is empty.
 absl::StatusOr<std::optional<ModelReference>> ParseOptionalModelReference(std::string_view name,
@@ -67,12 +69,12 @@ absl::StatusOr<ModelVersionName> ParseModelVersionName(std::string_view name,
                                                        std::string_view field);
 absl::StatusOr<ModelAliasName> ParseModelAliasName(std::string_view name, std::string_view field);
 absl::StatusOr<EvaluationName> ParseEvaluationName(std::string_view name, std::string_view field);
-// datasets/{dataset}: the id.
+// Parses datasets/{dataset} and returns the id.
 absl::StatusOr<std::string> ParseDatasetName(std::string_view name, std::string_view field);
-// jobs/{job}: the id.
+// Parses jobs/{job} and returns the id.
 absl::StatusOr<std::string> ParseJobName(std::string_view name, std::string_view field);
 
-// The number of a version's folder; 0 if `text` is no version.
+// Returns the version that a folder is named after; 0 if `text` is not a version number.
 int ParseVersion(std::string_view text);
 
 }  // namespace maneuver::security

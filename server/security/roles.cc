@@ -10,9 +10,8 @@ namespace {
 
 constexpr std::array kRoles = {Role::kPredict, Role::kTrain, Role::kAdmin};
 
-// Health and reflection are open on purpose: probes and tools carry no credentials, and all that
-// these tell is whether the server is ready and the contract, which is public. They name no model,
-// dataset or job.
+// Health and reflection are deliberately open: probes and tools have no credentials. They reveal
+// only whether the server is ready and the contract, which is public, and no model, dataset or job.
 constexpr MethodRole kMethodRoles[] = {
     {"/grpc.health.v1.Health/Check", Role::kAnyone},
     {"/grpc.health.v1.Health/Watch", Role::kAnyone},

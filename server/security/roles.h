@@ -1,4 +1,4 @@
-// Who may call what: one table over every method of every service.
+// Which role may call which method: one table of all methods of all services.
 
 #ifndef MANEUVER_SERVER_SECURITY_ROLES_H_
 #define MANEUVER_SERVER_SECURITY_ROLES_H_
@@ -12,7 +12,7 @@
 
 namespace maneuver::security {
 
-// Roles do not contain one another: who trains and asks has both.
+// Roles do not include one another: a caller that trains and predicts has both.
 enum class Role {
   kAnyone = 0,   // in the table alone: no identity is asked for
   kPredict = 1,  // ask, and see which models there are
@@ -22,15 +22,15 @@ enum class Role {
 
 std::string_view ToString(Role role);
 
-// Any of predict, train and admin.
+// A set of the roles predict, train and admin.
 class RoleSet {
  public:
-  // "predict" or "predict,train". INVALID_ARGUMENT for an unknown one, or none.
+  // Parses "predict" or "predict,train". INVALID_ARGUMENT for an unknown role, or for none.
   static absl::StatusOr<RoleSet> Parse(std::string_view text);
 
   bool Contains(Role role) const { return (bits_ & static_cast<unsigned>(role)) != 0; }
   void Add(Role role) { bits_ |= static_cast<unsigned>(role); }
-  // As Parse reads it.
+  // Returns the text that Parse reads.
   std::string ToString() const;
 
  private:
@@ -42,10 +42,10 @@ struct MethodRole {
   Role role;
 };
 
-// The table.
+// Returns the table of all methods.
 std::span<const MethodRole> MethodRoles();
 
-// The role that a method needs. Nothing for a method without a row, which nobody may call.
+// Returns the role that a method needs. A method without a row has none, and nobody may call it.
 std::optional<Role> RequiredRole(std::string_view method);
 
 }  // namespace maneuver::security

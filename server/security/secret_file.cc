@@ -34,7 +34,7 @@ class Descriptor {
   const int value_;
 };
 
-// 0, or why not.
+// Returns 0 or a value of errno.
 int WriteAll(int descriptor, std::string_view bytes) {
   while (!bytes.empty()) {
     const ssize_t count = write(descriptor, bytes.data(), bytes.size());
@@ -45,7 +45,7 @@ int WriteAll(int descriptor, std::string_view bytes) {
   return fsync(descriptor) == 0 ? 0 : errno;
 }
 
-// As files::WriteFileAtomically, but whose file it is and who may read it stay as they were.
+// Replaces a file like files::WriteFileAtomically, but keeps its owner and its permissions.
 absl::Status ReplaceSecret(const fs::path& file, std::string_view content) {
   std::string temporary =
       (file.parent_path() / absl::StrCat(".", file.filename().string(), ".tmp-XXXXXX")).string();

@@ -1,4 +1,4 @@
-// Files whose content is nobody else's business.
+// Files with secrets, which other users must not read.
 
 #ifndef MANEUVER_SERVER_SECURITY_SECRET_FILE_H_
 #define MANEUVER_SERVER_SECURITY_SECRET_FILE_H_
@@ -13,8 +13,8 @@
 
 namespace maneuver::security {
 
-// The content. PERMISSION_DENIED, with the command that puts it right, if others may read or write
-// the file or its group may write it; NOT_FOUND if there is none.
+// Returns the content. NOT_FOUND if there is no such file. PERMISSION_DENIED, with the command that
+// repairs it, if others may read or write the file or its group may write it.
 absl::StatusOr<std::string> ReadSecretFile(const std::filesystem::path& file);
 
 // Replaces the content by what `edit` makes of it, in one step: readers see what was before or what

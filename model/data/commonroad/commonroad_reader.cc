@@ -23,9 +23,9 @@ namespace {
 using pugi::xml_node;
 
 constexpr double kPast = 1.0;       // seconds of a recording before its prediction time
-constexpr int kMostSteps = 10'000;  // that a static obstacle's state is repeated at
+constexpr int kMostSteps = 10'000;  // at which a static obstacle's state is repeated
 
-// What is wrong with an element, once, wherever it is found. Nothing is thrown.
+// Reads elements and keeps the first error, wherever it is found. Throws nothing.
 class Reading {
  public:
   bool ok() const { return problem_.empty(); }
@@ -34,7 +34,7 @@ class Reading {
     if (problem_.empty()) problem_ = problem;
   }
 
-  // A number: the text of `node`, which `what` names.
+  // Reads a number: the text of `node`, which messages call `what`.
   double Number(const xml_node& node, const std::string& what) {
     double value = 0.0;
     if (!absl::SimpleAtod(node.text().as_string(), &value) || !std::isfinite(value)) {
@@ -50,7 +50,7 @@ class Reading {
     }
     return value;
   }
-  // <exact>, or the middle of an interval. Nothing where there is no such element.
+  // Reads <exact>, or the middle of an interval. Returns nothing if `node` does not exist.
   std::optional<double> Value(const xml_node& node, const std::string& what) {
     if (!node) return std::nullopt;
     if (const xml_node exact = node.child("exact")) return Number(exact, what);
@@ -81,7 +81,7 @@ v1::AgentType TypeOf(const std::string& type) {
   return found == kTypes.end() ? v1::AGENT_TYPE_OTHER : found->second;
 }
 
-// The box around a shape that is given about the obstacle's own place, metres.
+// The box around a shape that is given relative to the obstacle's position, metres.
 struct Box {
   double left = 0.0, right = 0.0, back = 0.0, front = 0.0;
   void Add(double x, double y) {
@@ -128,7 +128,8 @@ void AddShape(const xml_node& shape, const std::string& what, Reading& reading, 
   agent->set_width(box.left - box.right);
 }
 
-// Where a state is: a point, or the centre of an area. Nothing if it is told by lanelets alone.
+// Returns the position of a state: a point, or the centre of an area. Returns nothing if it is
+// given only by lanelets.
 std::optional<MapPoint> PlaceOf(const xml_node& position, const std::string& what,
                                 Reading& reading) {
   if (const xml_node point = position.child("point")) return reading.Point(point, what);
@@ -224,13 +225,13 @@ std::optional<int64_t> Beside(const xml_node& adjacent) {
   return id;
 }
 
-// The same if it is driven in the same direction.
+// Returns the adjacent lanelet if it is driven in the same direction.
 std::optional<int64_t> NeighborOf(const xml_node& adjacent) {
   const std::string direction = adjacent.attribute("drivingDir").as_string();
   return direction == "same" ? Beside(adjacent) : std::nullopt;
 }
 
-// Ids that the elements of this name refer to.
+// Returns the ids that the elements of this name refer to.
 std::vector<int64_t> References(const xml_node& lanelet, const char* name) {
   std::vector<int64_t> ids;
   for (const xml_node& element : lanelet.children(name)) {
@@ -240,8 +241,8 @@ std::vector<int64_t> References(const xml_node& lanelet, const char* name) {
   return ids;
 }
 
-// Speed limits of 2020a are traffic signs, whose additional value is in metres per second: by the
-// sign's id.
+// Returns the speed limits of 2020a, by the id of the traffic sign that states them. The sign's
+// additional value is in metres per second.
 std::map<std::string, double> SpeedSigns(const xml_node& root) {
   static const std::set<std::string> kMaximumSpeed = {"274", "R2-1"};
   std::map<std::string, double> limits;
@@ -287,7 +288,7 @@ std::vector<Lanelet> ReadLanelets(const xml_node& root, Reading& reading) {
     }
     for (const xml_node& line : node.children("stopLine")) {
       const Polyline points = reading.Points(line, what + ": stopLine");
-      // Without points it is where the lanelet ends.
+      // A stop line without points is at the lanelet's end.
       lanelet.stop_lines.push_back(
           points.size() >= 2 ? points : Polyline{lanelet.left.back(), lanelet.right.back()});
     }
@@ -301,11 +302,11 @@ v1::TrafficSignalState StateOf(const std::string& color) {
   return color == "green" ? v1::TRAFFIC_SIGNAL_STATE_GO : v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED;
 }
 
-// What a light shows from step 0 to `last`, where it changes.
+// Returns what a light shows from step 0 to `last`: one reading per change.
 std::vector<v1::TrafficSignalReading> ReadingsOf(const xml_node& light, int last, double step,
                                                  Reading& reading) {
   const std::string what = absl::StrCat("trafficLight ", light.attribute("id").as_string());
-  std::vector<std::pair<int64_t, v1::TrafficSignalState>> cycle;  // how long, steps
+  std::vector<std::pair<int64_t, v1::TrafficSignalState>> cycle;  // duration in steps, state
   int64_t length = 0;
   for (const xml_node& element : light.child("cycle").children("cycleElement")) {
     const auto duration =
@@ -331,7 +332,8 @@ std::vector<v1::TrafficSignalReading> ReadingsOf(const xml_node& light, int last
   return readings;
 }
 
-// Of several lights at a lanelet, the one for those who go straight on, else the first.
+// Gives each lanelet with lights one signal: the light for going straight, otherwise the first
+// light.
 void AddSignals(const xml_node& root, double step, Reading& reading, v1::Scenario* scenario) {
   double end = 0.0;
   for (const v1::Agent& agent : scenario->agents()) {

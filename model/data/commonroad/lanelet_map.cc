@@ -12,8 +12,8 @@
 namespace maneuver::data {
 namespace {
 
-// How far beside a bound the ground is looked at to see whether it is the edge of the road, and the
-// longest piece of a bound that is looked at as one, metres.
+// Distance beside a bound at which other lanelets are searched, to tell whether the bound is an
+// edge of the road; also the longest piece of a bound that is tested at once, metres.
 constexpr double kBeside = 0.3;
 constexpr double kPiece = 2.0;
 
@@ -23,7 +23,7 @@ MapPoint Between(const MapPoint& a, const MapPoint& b, double share) {
   return {a.x + share * (b.x - a.x), a.y + share * (b.y - a.y)};
 }
 
-// So many points at equal distances along the line.
+// Returns `points` points at equal distances along the line.
 Polyline Resample(const Polyline& line, size_t points) {
   std::vector<double> along = {0.0};
   for (size_t i = 1; i < line.size(); ++i) {
@@ -42,7 +42,7 @@ Polyline Resample(const Polyline& line, size_t points) {
   return sampled;
 }
 
-// The ground of a lanelet: from its left bound around to its right one.
+// The ground of a lanelet: the polygon from its left bound around to its right one.
 class Area {
  public:
   explicit Area(const Lanelet& lanelet) : outline_(lanelet.left) {
@@ -56,7 +56,7 @@ class Area {
 
   const Polyline& outline() const { return outline_; }
 
-  // By the number of sides that a ray to the right crosses.
+  // Counts the sides that a ray to the right crosses.
   bool Contains(const MapPoint& point) const {
     if (point.x < low_.x || point.x > high_.x || point.y < low_.y || point.y > high_.y) {
       return false;
@@ -87,8 +87,8 @@ v1::MapFeature Feature(v1::MapFeatureType type, const Polyline& line) {
   return feature;
 }
 
-// The parts of a lanelet's bound beside which there is no ground of another lanelet, to `features`.
-//   side: 1 for the left bound, -1 for the right one
+// Appends to `features` the parts of a lanelet's bound beside which no other lanelet lies.
+//   side: 1 for the left bound, -1 for the right one.
 void AddEdges(const Polyline& bound, double side, size_t own, const std::vector<Area>& areas,
               std::vector<v1::MapFeature>* features) {
   Polyline run;
@@ -115,7 +115,7 @@ void AddEdges(const Polyline& bound, double side, size_t own, const std::vector<
       }
       if (run.empty())
         run.push_back(Between(bound[i - 1], bound[i], static_cast<double>(k) / pieces));
-      // Of a straight stretch its end alone.
+      // Keeps only the end of a straight stretch.
       const MapPoint end = Between(bound[i - 1], bound[i], (k + 1.0) / pieces);
       if (k > 0 && run.size() > 1) {
         run.back() = end;
@@ -127,7 +127,8 @@ void AddEdges(const Polyline& bound, double side, size_t own, const std::vector<
   end_run();
 }
 
-// Successors of each lanelet, as it or its successor states them, without repetition.
+// Returns the successors of each lanelet, declared by itself or by its successor, without
+// duplicates.
 std::map<int64_t, std::vector<int64_t>> SuccessorsOf(const std::vector<Lanelet>& lanelets) {
   std::map<int64_t, std::vector<int64_t>> successors;
   const auto add = [&](int64_t from, int64_t to) {
@@ -159,7 +160,7 @@ Polyline Centerline(const Lanelet& lanelet) {
 std::vector<v1::MapFeature> MapOf(const std::vector<Lanelet>& lanelets) {
   std::vector<v1::MapFeature> features;
   std::vector<Area> areas;
-  std::set<std::pair<int64_t, int64_t>> drawn;  // pairs whose common bound is
+  std::set<std::pair<int64_t, int64_t>> drawn;  // pairs whose common bound is drawn
   for (const Lanelet& lanelet : lanelets) areas.emplace_back(lanelet);
   std::map<int64_t, std::vector<int64_t>> successors = SuccessorsOf(lanelets);
   for (size_t i = 0; i < lanelets.size(); ++i) {

@@ -1,4 +1,4 @@
-// Lanelets as the lines of our maps.
+// Turns lanelets into the lines of a map.
 
 #ifndef MANEUVER_MODEL_DATA_COMMONROAD_LANELET_MAP_H_
 #define MANEUVER_MODEL_DATA_COMMONROAD_LANELET_MAP_H_
@@ -17,7 +17,7 @@ struct MapPoint {
 };
 using Polyline = std::vector<MapPoint>;
 
-// A piece of lane between its bounds, both in the direction of travel.
+// A stretch of lane between two bounds, which run in the direction of travel.
 struct Lanelet {
   enum class Kind { kDriving, kBicycle, kCrosswalk, kSidewalk };
 
@@ -25,10 +25,10 @@ struct Lanelet {
   Kind kind = Kind::kDriving;
   Polyline left;   // at least two points
   Polyline right;  // at least two points
-  // The lanelet beside it that shares the bound, in either direction of travel.
+  // The neighbouring lanelet that shares the bound, in either direction of travel.
   std::optional<int64_t> beside_left;
   std::optional<int64_t> beside_right;
-  // The same if both are driven in one direction.
+  // The same, but only if both are driven in one direction.
   std::optional<int64_t> neighbor_left;
   std::optional<int64_t> neighbor_right;
   std::vector<int64_t> successors;
@@ -37,16 +37,18 @@ struct Lanelet {
   double speed_limit = 0.0;  // metres per second; 0: not known
 };
 
-// Halfway between the bounds, with as many points as the one that has more; with equally many,
-// between each two.
+// Returns the line halfway between the bounds. Has as many points as the bound with more points; if
+// both have equally many, each point is the middle of a pair.
 Polyline Centerline(const Lanelet& lanelet);
 
-// Map features of all lanelets:
-//   a centreline for each that is driven or cycled on, under the lanelet's id, with its successors
-//   (as the lanelet or its successor states them) and neighbours, as many as ScenarioLimits
-//   accepts; an area for each crosswalk; road lines where two lanelets lie side by side and share a
-//   bound, once for both; road edges: the outline of all lanelets together, so none across a
-//   junction, where lanelets overlap; stop lines.
+// Returns the map features of all lanelets:
+//   - a centreline for each lanelet for cars or bicycles, under the lanelet's id, with its
+//     successors (declared by either lanelet) and neighbours, as many as ScenarioLimits accepts;
+//   - an area for each crosswalk;
+//   - one road line for each bound that two neighbouring lanelets share;
+//   - road edges: the outline of the union of all lanelets. There is none across a junction, where
+//     lanelets overlap;
+//   - stop lines.
 // Lines and edges have no id.
 std::vector<v1::MapFeature> MapOf(const std::vector<Lanelet>& lanelets);
 

@@ -10,7 +10,8 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// How deep box b reaches into box a along a's axes and its own, by separating axes; <= 0 if apart.
+// Returns how deep box b reaches into box a, along the axes of both (separating axes); <= 0 if
+// apart.
 double Penetration(const Track& a, const TrackPoint& pa, const Track& b, const TrackPoint& pb) {
   const Vec2 d = pb.p - pa.p;
   double depth = kInfinity;

@@ -1,4 +1,4 @@
-// Whether anybody drove into anybody.
+// Measures whether road users collided.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_BOX_OVERLAP_H_
 #define MANEUVER_MODEL_DATA_TOWN_BOX_OVERLAP_H_
@@ -9,10 +9,10 @@
 
 namespace maneuver::data::town {
 
-// The deepest that the boxes of two road users (pedestrians aside) ever reached into each other.
+// The greatest depth by which the boxes of two road users, not pedestrians, overlapped.
 struct BoxOverlap {
   double depth = 0.0;  // metres
-  int first = 0;       // ids
+  int first = 0;       // ids of the two
   int second = 0;
   double time = 0.0;  // seconds
 };

@@ -43,7 +43,7 @@ GateKind KindOf(Control control, bool major) {
   return GateKind::kYield;
 }
 
-// Whether inbound lane `lane` of `lanes` (0 is the leftmost) serves a movement.
+// Returns whether inbound lane `lane` of `lanes` (0 is the leftmost) serves a movement.
 bool Serves(int lane, int lanes, Movement movement) {
   switch (movement) {
     case Movement::kLeft:
@@ -111,7 +111,7 @@ class Junction {
     const Movement movement = MovementOf(angle);
     if (Weight(movement) <= 0.0 || (movement == Movement::kUTurn && from != to)) return;
     const std::vector<int>& in = roads_[from].backward;
-    // Nobody can turn round on a narrow road.
+    // A narrow road has no room for a U-turn.
     const RoadSpec& road = arms_[from].spec;
     const double across = road.median + road.forward * road.lane_width;
     if (movement == Movement::kUTurn && across < kTightestUTurn) return;
@@ -154,7 +154,7 @@ class Junction {
     place_.graph.lanes[from].next.push_back({.lane = added, .weight = Weight(movement)});
   }
 
-  // The kerb and the footway from one arm to the next one counter-clockwise.
+  // Adds the kerb and the footway from one arm to the next one counter-clockwise.
   void Corner(size_t from, size_t to) {
     const Road& a = roads_[from];
     const Road& b = roads_[to];
@@ -199,7 +199,7 @@ class Junction {
     AddArea(place_, DecorationKind::kCrosswalk, crossing, kFootwayOffset, kFootwayOffset + across,
             -0.5 * kDepth, 0.5 * kDepth);
     if (!arms_[arm].spec.footways) return;
-    // Along the footway to the crossing, over it, and back out along the other footway.
+    // Runs along the footway to the crossing, over it, and back out along the other footway.
     const Path right_way = road.reference.Offset(road.right_edge() - kFootwayOffset).Reversed();
     const Path left_way = road.reference.Offset(road.left_edge() + kFootwayOffset);
     const double turn = 2.5;

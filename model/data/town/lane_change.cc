@@ -20,7 +20,7 @@ double NearestOn(const Path& path, Vec2 p) {
   return path.Project(p, best);
 }
 
-// Whether the lane has room around arc length `s` for `vehicle`.
+// Returns whether the lane has room around arc length `s` for `vehicle`.
 bool HasGap(const Path& path, int lane, std::span<const Vehicle> vehicles, const Vehicle& vehicle,
             double s) {
   const PathPoint here = path.At(s);
@@ -30,7 +30,7 @@ bool HasGap(const Path& path, int lane, std::span<const Vehicle> vehicles, const
     const Vec2 d = other.pose.p - here.p;
     if (Norm(d) > 90.0) continue;
     const double t = path.Project(other.pose.p, s + Dot(d, along));
-    // Those who are changing to it count from the beginning.
+    // A vehicle that is changing to this lane counts from the beginning of its change.
     if (other.lane() != lane && Norm(path.At(t).p - other.pose.p) > 2.4) continue;
     const double gap = std::abs(t - s) - 0.5 * (vehicle.length + other.length);
     if (t > s) {

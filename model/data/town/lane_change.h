@@ -1,4 +1,4 @@
-// When vehicles change lanes, and how.
+// Decides when vehicles change lanes, and how.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_LANE_CHANGE_H_
 #define MANEUVER_MODEL_DATA_TOWN_LANE_CHANGE_H_
@@ -11,12 +11,12 @@
 
 namespace maneuver::data::town {
 
-// A random way on from a lane joined at `from`, to where the lanes end.
+// Draws a random route from a lane that is joined at arc length `from`, to where the lanes end.
 std::vector<RouteStep> DrawRoute(const LaneGraph& graph, int lane, double from, Random& random);
 
-// Begins a lane change if `vehicle` wishes one and there is a gap for it.
-//   leader_gap, leader_speed: of the vehicle ahead; infinite gap without one.
-//   rate: wishes a second.
+// Begins a lane change if `vehicle` wants one and finds a gap for it.
+//   leader_gap, leader_speed: of the vehicle ahead, metres and m/s; infinite gap without one.
+//   rate: wishes per second.
 void ConsiderLaneChange(const LaneGraph& graph, std::span<const Vehicle> vehicles, double time,
                         double rate, double leader_gap, double leader_speed, Random& random,
                         Vehicle& vehicle);

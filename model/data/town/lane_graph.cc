@@ -35,7 +35,7 @@ bool LinksTo(const Lane& lane, int other) {
                      [other](const LaneLink& link) { return link.lane == other; });
 }
 
-// Vehicles on two lanes are in each other's way where the centrelines are closer than this.
+// Returns the distance of two centrelines below which vehicles on them are in each other's way.
 double Reach(const Lane& a, const Lane& b) {
   const bool bike = a.kind == LaneKind::kBike || b.kind == LaneKind::kBike;
   return bike ? 2.0 : 2.7;
@@ -50,7 +50,7 @@ std::optional<Conflict> Overlap(const Lane& mine, const Lane& other, int other_i
     for (size_t k = 0; k < b.size();) {
       const double distance = Norm(a[i].p - b[k].p);
       if (distance >= reach) {
-        // Points are half a metre apart: those nearer than the reach cannot come sooner.
+        // Points are half a metre apart, so all points that this skips are out of reach.
         k += std::max<size_t>(1, static_cast<size_t>((distance - reach) / 0.51));
         continue;
       }
@@ -96,7 +96,7 @@ void LaneGraph::FindConflicts() {
       const Lane& other = lanes[k];
       if (k == i || Apart(boxes[i], boxes[k], 3.0)) continue;
       if (LinksTo(other, static_cast<int>(i))) continue;
-      // A lane joined at its start is only ever ahead.
+      // A lane that is joined at its start always lies ahead.
       if (std::any_of(mine.next.begin(), mine.next.end(), [k](const LaneLink& link) {
             return link.lane == static_cast<int>(k) && link.at == 0.0;
           })) {

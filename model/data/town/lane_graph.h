@@ -1,4 +1,4 @@
-// Lanes, how they follow each other, and where they cross.
+// Lanes, which lanes follow each other, and where lanes cross.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_LANE_GRAPH_H_
 #define MANEUVER_MODEL_DATA_TOWN_LANE_GRAPH_H_
@@ -19,25 +19,25 @@ enum class LaneKind {
   kBike,       // for bicycles
 };
 
-// What someone does who follows the lane.
+// What a road user does by following the lane.
 enum class Movement { kAlong, kStraight, kLeft, kRight, kUTurn, kRoundabout, kParkOut };
 
-// One way on from the end of a lane.
+// A continuation at the end of a lane.
 struct LaneLink {
   int lane = 0;
   double at = 0.0;      // arc length of `lane` where it is joined
-  double weight = 1.0;  // how many choose it
+  double weight = 1.0;  // relative share of those who choose it
 };
 
 enum class GateKind {
   kSignal,      // obey the signal, then give way
   kStopSign,    // stop, then give way
-  kAllWayStop,  // stop, then whoever came first
+  kAllWayStop,  // stop, then first come, first served
   kYield,       // give way without stopping
-  kPriority,    // go, unless someone is in the way already
+  kPriority,    // go unless someone is already in the way
 };
 
-// A piece of a gated lane that overlaps a piece of another lane.
+// A part of a gated lane that overlaps a part of another lane.
 struct Conflict {
   int lane = 0;
   double from = 0.0;  // arc lengths of the gated lane
@@ -47,11 +47,11 @@ struct Conflict {
   bool merge = false;  // both go on along the same lane
 };
 
-// At the start of a lane: nobody enters it without having been let in.
+// The gate at the start of a lane: nobody enters the lane without permission.
 struct Gate {
   GateKind kind = GateKind::kYield;
   int signal_group = -1;  // of the place's signals, for kSignal
-  int rank = 0;           // gives way to those of a higher rank
+  int rank = 0;           // gives way to higher ranks
   std::vector<Conflict> conflicts = {};
 };
 
@@ -62,11 +62,11 @@ struct Lane {
   LaneKind kind = LaneKind::kRoad;
   Movement movement = Movement::kAlong;
   std::vector<LaneLink> next;
-  int left = -1;  // neighbours in the same direction that may be changed to
+  int left = -1;  // neighbours in the same direction, for lane changes
   int right = -1;
   double change_from = 0.0;  // arc lengths between which a change may begin
   double change_to = 0.0;
-  bool ends = false;     // has to be left to the left before its end: an on-ramp
+  bool ends = false;     // an on-ramp: vehicles must move left before its end
   bool reverse = false;  // driven backwards, and stopped at its end
   std::optional<Gate> gate;
 };
@@ -75,10 +75,10 @@ struct LaneGraph {
   std::vector<Lane> lanes;
 
   int Add(Lane lane);
-  // Finds the conflicts of every gated lane with every other lane. Lanes in sequence, and those
-  // that leave the same lane, are no conflict: car-following takes care of them.
+  // Finds the conflicts of every gated lane with every other lane. Consecutive lanes, and lanes
+  // that leave the same lane, are no conflict: car-following handles them.
   void FindConflicts();
-  // For each lane, the lanes that lead to its start.
+  // Returns, for each lane, the lanes that lead to its start.
   std::vector<std::vector<int>> Predecessors() const;
 };
 

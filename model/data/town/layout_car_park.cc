@@ -1,5 +1,5 @@
-// Aisles between rows of bays. Vehicles come and go along the aisles; some pull out of their bays:
-// backwards and then on, or, when parked the other way round, forwards.
+// Aisles between rows of bays. Vehicles arrive and leave along the aisles. Some pull out of their
+// bays: backwards and then forwards, or, if they parked backwards, forwards only.
 
 #include <cmath>
 #include <numbers>
@@ -13,8 +13,8 @@ namespace {
 constexpr double kBayWidth = 2.8;  // metres
 constexpr double kBayDepth = 5.2;
 
-// Adds the lane out of a bay at `s` along an aisle, onto the aisle's far lane. -1 if the aisle is
-// too short for it.
+// Adds the lane that leads out of a bay at `s` along an aisle, onto the aisle's far lane. Returns
+// -1 if the aisle is too short for it.
 int AddWayOut(Place& place, const Road& aisle, double s, bool right, bool nose_in,
               const PathPoint& bay) {
   const int far = right ? aisle.backward[0] : aisle.forward[0];
@@ -44,7 +44,7 @@ void AddBays(Place& place, const Road& aisle, bool right, double from, double sh
   const double edge = right ? aisle.right_edge() : aisle.left_edge();
   const double inwards = right ? 1.0 : -1.0;
   const double to = aisle.reference.length() - 14.0;
-  // The kerb runs around the row, and on along the aisle.
+  // The kerb runs around the row and then continues along the aisle.
   const double back = edge - inwards * kBayDepth;
   const double row_end = from + kBayWidth * std::floor((to - from) / kBayWidth);
   AddLine(place, DecorationKind::kRoadEdge, aisle.reference.Offset(back).Slice(from, row_end));
@@ -114,7 +114,7 @@ Place CarPark(Random& random) {
   const double leaving = random.Uniform(0.25, 0.45);
   for (int i = 0; i < count; ++i) {
     const double share = random.Uniform(0.2, 0.45);
-    // Rows of different aisles must not run into each other.
+    // Rows of different aisles must not overlap.
     const double from = i % 2 == 0 ? 4.0 : 12.0;
     AddBays(place, roads[i], true, from, share, leaving, random);
     AddBays(place, roads[i], false, from, share, leaving, random);

@@ -6,7 +6,7 @@
 namespace maneuver::data::town {
 namespace {
 
-// Driveways along the right kerb: areas across the footway.
+// Adds driveways along the right kerb: areas across the footway.
 void AddDriveways(Place& place, const Road& road, Random& random) {
   const int count = random.Integer(1, 4);
   for (int i = 0; i < count; ++i) {
@@ -78,7 +78,7 @@ Place CurvedRoad(Random& random) {
     side = -side;
   }
   pen.Straight(40.0);
-  // The middle of the curve is the middle of the place.
+  // Puts the middle of the curve at the middle of the place.
   const Path drawn = pen.Done();
   const Vec2 middle = drawn.At(0.5 * drawn.length()).p;
   std::vector<PathPoint> points = drawn.points();

@@ -47,7 +47,7 @@ Place Roundabout(Random& random) {
     pen.Straight(25.0).Clothoid(25.0, 0.0, bend).Clothoid(random.Uniform(12.0, 25.0), bend, bend);
     roads.push_back(AddRoad(place, pen.Done(), spec));
   }
-  // Pieces of the ring, counter-clockwise: past each arm, then on to the next one.
+  // Parts of the ring, counter-clockwise: past each arm, then on to the next arm.
   std::vector<int> past;
   std::vector<int> onward;
   const auto add_ring = [&](double from, double to) {

@@ -1,4 +1,4 @@
-// A dual carriageway with an opening in its median, where vehicles turn round.
+// A dual carriageway with an opening in its median, where vehicles make U-turns.
 
 #include <numbers>
 #include <vector>

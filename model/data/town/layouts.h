@@ -1,4 +1,4 @@
-// The places of the town, a family a file. Each draws its own dimensions and demand.
+// The layouts of the town's places, one family per file. Each draws its own dimensions and demand.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_LAYOUTS_H_
 #define MANEUVER_MODEL_DATA_TOWN_LAYOUTS_H_
@@ -11,7 +11,7 @@
 
 namespace maneuver::data::town {
 
-inline constexpr double kQuarter = 0.5 * std::numbers::pi;  // of a turn, radians
+inline constexpr double kQuarter = 0.5 * std::numbers::pi;  // a quarter of a full turn, radians
 
 // layout_road.cc
 Place StraightRoad(Random& random);
@@ -30,11 +30,13 @@ Place MotorwayMerge(Random& random);
 // layout_car_park.cc
 Place CarPark(Random& random);
 
-// One of the above, crossings more often than others. Conflicts are found, sources added.
+// Returns one of the above, crossings more often than others, with conflicts found and sources
+// added.
 Place DrawPlace(Random& random);
 inline constexpr int kLayoutCount = 10;
 
-// Parked vehicles along the right (or left) kerb of a road with room for parking.
+// Parks vehicles along the right or left kerb of a road with room for parking. Each place is taken
+// with probability `share`.
 void ParkAlong(Place& place, const Road& road, bool right, double share, Random& random);
 
 }  // namespace maneuver::data::town

@@ -6,14 +6,14 @@
 namespace maneuver::data::town {
 namespace {
 
-// Looks along the path ahead for a disc in the way.
+// Checks whether a disc is in the way on the path ahead.
 void MeetDisc(std::span<const AheadPoint> ahead, double half_length, double half_width, Vec2 centre,
               double radius, Vec2 velocity, double margin, Leader& leader) {
   const double clearance = half_width + radius + margin;
   for (size_t i = 0; i < ahead.size(); ++i) {
     const AheadPoint& point = ahead[i];
     const Vec2 d = centre - point.p;
-    // Points are two metres apart: those nearer to the disc cannot come sooner.
+    // Points are two metres apart, so the next far / 2.1 points cannot touch the disc either.
     const double far = Norm(d) - clearance - 1.1;
     if (far > 2.1) i += static_cast<size_t>(far / 2.1);
     if (far > 0.0) continue;

@@ -1,4 +1,4 @@
-// Who is ahead of a vehicle.
+// Finds who is ahead of a vehicle.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_LEADER_H_
 #define MANEUVER_MODEL_DATA_TOWN_LEADER_H_
@@ -16,8 +16,8 @@ struct Leader {
   double speed = 0.0;                                    // along the follower's path
 };
 
-// The first road user in the way on the path ahead of `vehicle`, found by geometry alone: whoever
-// is there counts, on whatever lane. Pedestrians count while they are on the road.
+// Returns the first road user in the way on the path ahead of `vehicle`. Found by geometry alone:
+// the lane of the other does not matter. Pedestrians count while they are on the road.
 Leader FindLeader(std::span<const Vehicle> vehicles, std::span<const Pedestrian> walkers,
                   const Vehicle& vehicle);
 

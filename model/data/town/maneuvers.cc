@@ -10,14 +10,14 @@ namespace {
 constexpr double kStandstill = 0.6;  // metres per second
 constexpr double kCreeping = 6.0;    // metres per second
 constexpr double kCruising = 17.0;
-constexpr double kCurveWindow = 2.0;   // seconds to each side
+constexpr double kCurveWindow = 2.0;   // seconds before and after
 constexpr double kCurveAngle = 0.25;   // radians within twice that
-constexpr double kShortest = 0.8;      // seconds; shorter intervals join their neighbour
+constexpr double kShortest = 0.8;      // seconds; shorter intervals are merged
 constexpr double kLongestStop = 4.5;   // seconds
 constexpr double kLongestStart = 4.0;  // seconds
 
-// Marks the frames before each standstill in which the vehicle slows down for it, and those after
-// it in which it picks up speed.
+// Marks the frames in which the vehicle slows down for a standstill, and those in which it picks up
+// speed after one.
 void MarkStopsAndStarts(const Track& track, std::vector<bool>& stop, std::vector<bool>& start) {
   const std::vector<TrackPoint>& points = track.points;
   const int n = static_cast<int>(points.size());
@@ -27,7 +27,7 @@ void MarkStopsAndStarts(const Track& track, std::vector<bool>& stop, std::vector
     if (stands && !stood) {
       double fastest = points[i].speed;
       for (int k = i - 1; k >= 0 && points[i].time - points[k].time < kLongestStop; --k) {
-        // Small hesitations do not end it, speeding up does.
+        // A small hesitation does not end it; speeding up does.
         if (points[k].speed < fastest - 0.3) break;
         fastest = std::max(fastest, points[k].speed);
         stop[k] = true;
@@ -44,7 +44,7 @@ void MarkStopsAndStarts(const Track& track, std::vector<bool>& stop, std::vector
   }
 }
 
-// What the vehicle's heading changes by and how fast it is, around a moment.
+// The change of heading and the speed around a moment.
 struct Around {
   double turned = 0.0;  // radians
   double speed = 0.0;   // metres per second, mean
@@ -129,7 +129,7 @@ std::vector<ManeuverInterval> RecordManeuvers(const Track& track) {
       kept.push_back(interval);
     }
   }
-  // A brief first interval belongs to what follows it.
+  // A short first interval is merged into the next one.
   if (kept.size() > 1 && kept[0].end - kept[0].start < kShortest) {
     kept[1].start = kept[0].start;
     kept.erase(kept.begin());

@@ -1,25 +1,25 @@
-// What vehicles are recorded as doing.
+// Labels what the vehicles of a recording do.
 //
-// Names are chosen so that what they name can be seen in four or five seconds of a trajectory:
-//   keep_lane            along a lane that does not bend much, at a town's speed
-//   creep                likewise, slower than 6 m/s over four seconds: queues, aisles, approaches
-//   cruise               likewise, faster than 17 m/s: motorways
+// Each name describes something that shows in four or five seconds of a trajectory:
+//   keep_lane            along a lane that hardly bends, at the speed of town traffic
+//   creep                the same, slower than 6 m/s over four seconds: queues, aisles, approaches
+//   cruise               the same, faster than 17 m/s: motorways
 //   follow_curve_left    along a lane that bends by more than about 14 degrees within four seconds
 //   follow_curve_right
 //   turn_left            through a junction, from just before it until straight again
 //   turn_right
-//   u_turn               likewise, by 180 degrees
+//   u_turn               the same, by 180 degrees
 //   roundabout           from the entry to the end of the exit
 //   lane_change_left     from the first to the last sideways movement
 //   lane_change_right
 //   merge                a lane change out of an on-ramp that ends
-//   park_out             out of a parking bay and on until under way
-//   stop                 slowing down to a standstill, whatever for
+//   park_out             out of a parking bay, until under way
+//   stop                 slowing down to a standstill, for any reason
 //   standing             at a standstill (slower than 0.6 m/s): parked, or waiting
 //   start                from a standstill until most of the speed is reached
-// Where two would hold: standing comes first; then what the route has in store, once begun (but a
-// stop within a lane change is a stop); then stop, start, curves, and the ways of keeping the lane
-// last. Intervals shorter than 0.8 s belong to what was before them.
+// If several apply, the first of this order wins: standing; a manoeuvre of the route that has begun
+// (but a stop within a lane change is a stop); stop; start; curves; the ways of keeping the lane.
+// An interval shorter than 0.8 s is merged into the previous one.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_MANEUVERS_H_
 #define MANEUVER_MODEL_DATA_TOWN_MANEUVERS_H_
@@ -32,7 +32,7 @@
 
 namespace maneuver::data::town {
 
-// All names, in the order of `Maneuver`.
+// Returns a manoeuvre's name. The names are in the order of `Maneuver`.
 std::string_view ManeuverName(Maneuver maneuver);
 inline constexpr int kManeuverCount = 16;
 
@@ -42,7 +42,7 @@ struct ManeuverInterval {
   double end = 0.0;
 };
 
-// Intervals that follow each other without a gap from the track's first to its last point.
+// Returns consecutive intervals without gaps, from the track's first point to its last.
 std::vector<ManeuverInterval> RecordManeuvers(const Track& track);
 
 }  // namespace maneuver::data::town

@@ -7,7 +7,7 @@ namespace maneuver::data::town {
 namespace {
 
 constexpr double kSpacing = 0.5;       // metres between stored points
-constexpr double kModelRadius = 40.0;  // metres, of a turn that others are scaled from
+constexpr double kModelRadius = 40.0;  // metres, radius of the turn that others are scaled from
 
 PathPoint Lerp(const PathPoint& a, const PathPoint& b, double t) {
   return {.p = a.p + t * (b.p - a.p),
@@ -15,7 +15,7 @@ PathPoint Lerp(const PathPoint& a, const PathPoint& b, double t) {
           .curvature = a.curvature + t * (b.curvature - a.curvature)};
 }
 
-// The quintic Bezier curve from a to b whose curvature vanishes at both ends.
+// Returns the quintic Bezier curve from a to b whose curvature vanishes at both ends.
 Path QuinticPath(const PathPoint& a, const PathPoint& b) {
   const double reach = 0.25 * Norm(b.p - a.p);
   const Vec2 ta = Direction(a.heading);
@@ -147,7 +147,7 @@ PathPen& PathPen::Clothoid(double length, double curvature_from, double curvatur
 PathPen& PathPen::Turn(double angle, double radius) {
   const double curvature = (angle > 0.0 ? 1.0 : -1.0) / radius;
   const double arc = 0.5 * std::abs(angle) * radius;
-  // A clothoid turns by half of what the arc would over the same length.
+  // A clothoid turns by half the angle of an arc of the same length.
   const double ramp = 0.5 * std::abs(angle) * radius;
   return Clothoid(ramp, 0.0, curvature)
       .Clothoid(arc, curvature, curvature)
@@ -160,7 +160,7 @@ Path ConnectPoses(const PathPoint& from, const PathPoint& to) {
   const Vec2 tb = Direction(to.heading);
   const double sine = Cross(ta, tb);
   if (std::abs(angle) < 0.1 || std::abs(sine) < 0.2) return QuinticPath(from, to);
-  // The corner, `before` metres ahead of `from` and `after` metres behind `to`.
+  // The tangents meet in a corner, `before` metres ahead of `from` and `after` metres behind `to`.
   const Vec2 d = to.p - from.p;
   const double before = Cross(d, tb) / sine;
   const double after = Cross(ta, d) / sine;
@@ -171,7 +171,7 @@ Path ConnectPoses(const PathPoint& from, const PathPoint& to) {
   PathPen pen(from);
   pen.Straight(before - tangent).Turn(angle, tangent / unit_tangent).Straight(after - tangent);
   std::vector<PathPoint> points = pen.points();
-  // What integration leaves (millimetres) is spread along the curve.
+  // Spreads the error of the integration (millimetres) along the curve.
   const Vec2 error = to.p - points.back().p;
   for (size_t i = 0; i < points.size(); ++i) {
     const double share = static_cast<double>(i) / static_cast<double>(points.size() - 1);

@@ -20,9 +20,9 @@ inline double Dot(Vec2 a, Vec2 b) { return a.x * b.x + a.y * b.y; }
 inline double Cross(Vec2 a, Vec2 b) { return a.x * b.y - a.y * b.x; }
 inline double Norm(Vec2 a) { return std::sqrt(Dot(a, a)); }
 inline Vec2 Direction(double heading) { return {std::cos(heading), std::sin(heading)}; }
-// The direction 90 degrees to the left.
+// Returns the direction 90 degrees to the left.
 inline Vec2 Left(Vec2 a) { return {-a.y, a.x}; }
-// The equal angle in (-pi, pi].
+// Returns the equal angle in (-pi, pi].
 double WrapAngle(double angle);
 
 struct PathPoint {
@@ -35,15 +35,15 @@ struct PathPoint {
 class Path {
  public:
   Path() = default;
-  // Points in order along the curve, any spacing up to a few metres; at least two, none repeated.
+  // Takes points in order along the curve: at least two, none repeated, at most a few metres apart.
   explicit Path(const std::vector<PathPoint>& points);
 
   double length() const { return length_; }
-  // The point `s` metres along; straight on beyond the ends.
+  // Returns the point `s` metres along; the path continues straight beyond its ends.
   PathPoint At(double s) const;
-  // The arc length nearest to p, found by local descent from `guess`.
+  // Returns the arc length nearest to p, found by local descent from `guess`.
   double Project(Vec2 p, double guess) const;
-  // The parallel curve `left` metres to the left.
+  // Returns the parallel curve `left` metres to the left.
   Path Offset(double left) const;
   Path Reversed() const;
   Path Slice(double from, double to) const;
@@ -56,16 +56,16 @@ class Path {
   double spacing_ = 1.0;
 };
 
-// Draws a path by its curvature: straights, arcs, and clothoids, along which curvature is linear in
-// arc length (a steering wheel turned steadily).
+// Draws a path from its curvature: straights, arcs and clothoids. Along a clothoid, curvature is
+// linear in arc length (a steering wheel turned at a constant rate).
 class PathPen {
  public:
   explicit PathPen(PathPoint start);
 
   PathPen& Straight(double length) { return Clothoid(length, 0.0, 0.0); }
   PathPen& Clothoid(double length, double curvature_from, double curvature_to);
-  // Turns by `angle` (positive to the left): clothoid, arc of `radius`, clothoid. The two ramps
-  // take half of the angle.
+  // Turns by `angle` (positive to the left): clothoid, arc of `radius`, clothoid. The two clothoids
+  // together turn by half of the angle.
   PathPen& Turn(double angle, double radius);
   const PathPoint& end() const { return points_.back(); }
   Path Done() const { return Path(points_); }
@@ -75,11 +75,11 @@ class PathPen {
   std::vector<PathPoint> points_;
 };
 
-// A drivable curve from one pose to another: a PathPen::Turn between straights where the tangents
-// meet, a quintic curve (no curvature at its ends) elsewhere.
+// Returns a drivable curve from one pose to another. Where the tangents meet, it is a PathPen::Turn
+// between straights; elsewhere a quintic curve with no curvature at its ends.
 Path ConnectPoses(const PathPoint& from, const PathPoint& to);
 
-// A U-turn between antiparallel poses.
+// Returns a U-turn between antiparallel poses.
 Path UTurnPath(const PathPoint& from, const PathPoint& to);
 
 }  // namespace maneuver::data::town

@@ -6,7 +6,7 @@
 namespace maneuver::data::town {
 namespace {
 
-// Metres walked when the road begins and ends.
+// Returns how far a walker has walked when the road begins and when it ends, metres.
 std::pair<double, double> Crossing(const Footway& footway, bool backwards) {
   if (!backwards) return {footway.crossing_from, footway.crossing_to};
   const double length = footway.path.length();
@@ -28,7 +28,7 @@ Pedestrians::Pedestrians(const Place& place, Random& random, int first_id) : pla
     walker.speed = walker.pace;
     const Footway& footway = place.footways[walker.footway];
     const auto [from, to] = Crossing(footway, walker.backwards);
-    // Near the crossing, so that some cross while we watch; never on the road to begin with.
+    // Starts near the crossing, so that some cross during the recording, but never on the road.
     walker.s = from < to ? std::max(0.0, from - random.Uniform(1.0, 30.0))
                          : random.Uniform(0.0, footway.path.length());
     walker.offset = random.Uniform(-0.7, 0.7);
@@ -68,7 +68,7 @@ bool Pedestrians::MayCross(const Pedestrian& walker, double time,
         return false;
       }
     }
-    // Someone's tail may still be on the crosswalk.
+    // The rear of another vehicle may still be on the crosswalk.
     const Vec2 from_a = vehicle.pose.p - a;
     const double beside = Dot(from_a, along);
     if (std::abs(Cross(along, from_a)) < 0.5 * vehicle.length + 2.0 && beside > -1.0 &&
@@ -91,7 +91,7 @@ void Pedestrians::Step(double time, double dt, std::span<const Vehicle> vehicles
     const double change = std::clamp(wanted - walker.speed, -2.5 * dt, 1.5 * dt);
     walker.speed = std::max(0.0, walker.speed + change);
     double next = walker.s + walker.speed * dt;
-    // Nobody slides off the kerb while stopping.
+    // A walker who stops does not slide off the kerb.
     if (wanted == 0.0 && next > from) {
       next = walker.s;
       walker.speed = 0.0;

@@ -1,4 +1,4 @@
-// People on foot: along the footways, and over crosswalks when the road is clear.
+// People on foot: they walk along footways and cross the road when it is clear.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_PEDESTRIANS_H_
 #define MANEUVER_MODEL_DATA_TOWN_PEDESTRIANS_H_
@@ -17,7 +17,7 @@ struct Pedestrian {
   int footway = 0;
   bool backwards = false;
   double s = 0.0;      // metres walked along the footway, in the direction of walking
-  double pace = 1.35;  // wished, metres per second
+  double pace = 1.35;  // desired, metres per second
   double speed = 0.0;
   double offset = 0.0;  // metres left of the footway's line
   bool on_road = false;
@@ -29,7 +29,7 @@ class Pedestrians {
  public:
   Pedestrians(const Place& place, Random& random, int first_id);
 
-  // Moves everyone, given what the vehicles have ahead of them.
+  // Moves everyone by one step, given the positions of the vehicles.
   void Step(double time, double dt, std::span<const Vehicle> vehicles);
   std::span<const Pedestrian> all() const { return walkers_; }
 

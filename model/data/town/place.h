@@ -1,5 +1,5 @@
-// One place of the town: its lanes, signals, decoration, and where its traffic comes from. In the
-// place's own frame, its middle near the origin.
+// One place of the town: its lanes, signals, decoration and sources of traffic. In the place's own
+// frame, whose origin is near its middle.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_PLACE_H_
 #define MANEUVER_MODEL_DATA_TOWN_PLACE_H_
@@ -33,13 +33,13 @@ struct Source {
   double mean_headway = 8.0;  // seconds between arrivals
 };
 
-// A way on foot, one way or the other.
+// A path for people on foot, in either direction.
 struct Footway {
   Path path;
-  // The piece of it on the road; empty (from >= to) on a pavement.
+  // The part of it on the road; empty (from >= to) on a pavement.
   double crossing_from = 0.0;
   double crossing_to = 0.0;
-  int signal_group = -1;  // vehicles' group that must be red, -1 without signals
+  int signal_group = -1;  // vehicle group that must be red; -1 without signals
   double popularity = 1.0;
 };
 
@@ -59,9 +59,9 @@ struct Place {
   std::vector<Source> sources;
   std::vector<Footway> footways;
   std::vector<ParkedVehicle> parked;
-  int walkers = 4;                 // how many are about
+  int walkers = 4;                 // number of pedestrians
   double sensed_radius = 80.0;     // around the origin, metres
-  double lane_change_rate = 0.02;  // wishes a second and vehicle, where there is a neighbour
+  double lane_change_rate = 0.02;  // wishes per second and vehicle with a neighbour
   double long_vehicle_share = 0.06;
   int initial_vehicles = 12;
   double warm_up = 12.0;  // seconds of traffic before a recording starts

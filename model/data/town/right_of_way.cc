@@ -7,10 +7,11 @@
 namespace maneuver::data::town {
 namespace {
 
-constexpr double kFar = 70.0;         // metres; nobody gives way to those further off
+constexpr double kFar = 70.0;         // metres; vehicles further away are not given way to
 constexpr double kHardBraking = 3.2;  // metres per second squared
 
-// Seconds to go `distance` metres from `speed`, accelerating briskly to no more than `top`.
+// Returns the seconds to cover `distance` metres from `speed`, accelerating briskly to at most
+// `top`.
 double TimeToGo(double distance, double speed, double top) {
   if (distance <= 0.0) return 0.0;
   constexpr double kPace = 1.5;
@@ -22,7 +23,8 @@ double TimeToGo(double distance, double speed, double top) {
   return (reached - speed) / kPace + (distance - until_top) / reached;
 }
 
-// Where another vehicle is relative to the start of the lane at `step` of its route, metres.
+// Returns another vehicle's position relative to the start of the lane at `step` of its route,
+// metres.
 double PositionOnStep(const LaneGraph& graph, const Vehicle& other, size_t step) {
   if (step >= other.step) return other.route[step].from - DistanceToStep(graph, other, step);
   double position = other.s - other.route[other.step].from;
@@ -43,7 +45,7 @@ struct Approach {
   double rank = 0.0;
 };
 
-// Whether `other` is in the way at a conflict.
+// Returns whether `other` is in the way at a conflict.
 bool InTheWay(const Place& place, const Vehicle& vehicle, const Vehicle& other,
               const Conflict& conflict, const Gate& gate, const Approach& mine, double time) {
   const Lane& lane = place.graph.lanes[conflict.lane];
@@ -64,7 +66,7 @@ bool InTheWay(const Place& place, const Vehicle& vehicle, const Vehicle& other,
     }
     const bool let_in = other.admitted >= step || other.step >= step;
     if (let_in) {
-      // It is on its way out and will be gone in time.
+      // It is leaving and will be gone in time.
       const bool leaves_first = front < 0.0 && other.speed > 2.5 && other.acceleration > -0.5 &&
                                 rear / other.speed + 0.8 < mine.enter && !conflict.merge;
       if (!leaves_first) return true;

@@ -1,4 +1,4 @@
-// Who may pass the gate at the start of a lane.
+// Decides who may pass the gate at the start of a lane.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_RIGHT_OF_WAY_H_
 #define MANEUVER_MODEL_DATA_TOWN_RIGHT_OF_WAY_H_
@@ -11,21 +11,23 @@
 
 namespace maneuver::data::town {
 
-// Metres that the front of a vehicle keeps from the line at a gate.
+// The distance that a vehicle's front keeps from the line at a gate, metres.
 inline constexpr double kLineGap = 0.8;
 
-// Metres from a vehicle's front to where it stops for the gate at `step` of its route.
+// Returns how far a vehicle's front is from where it stops for the gate at `step` of its route,
+// metres.
 double DistanceToGate(const LaneGraph& graph, const Vehicle& vehicle, size_t step);
 
-// Whether `vehicle` may enter the gated lane at `step` of its route: its signal is green, it has
-// stopped where it must, nobody is or will be on a piece of lane that it has to cross, nobody is on
-// the crosswalk, and there is room behind the junction. Those who were let in are never in each
-// other's way, so nobody has to decide again inside a junction.
+// Returns whether `vehicle` may enter the gated lane at `step` of its route: its signal is green;
+// it has stopped where it must; nobody is or will be on a part of a lane that it crosses; nobody is
+// on the crosswalk; and there is room behind the junction. Vehicles that were admitted are never in
+// each other's way, so no decision is needed inside a junction.
 bool MayEnter(const Place& place, std::span<const Vehicle> vehicles,
               std::span<const Pedestrian> walkers, const Vehicle& vehicle, size_t step,
               double time);
 
-// Whether a vehicle that was let in has to stop after all: the light has changed and it still can.
+// Returns whether an admitted vehicle must stop after all: the light has changed and it can still
+// stop.
 bool MustStopAfterAll(const Place& place, const Vehicle& vehicle, size_t step, double time);
 
 }  // namespace maneuver::data::town

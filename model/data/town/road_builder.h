@@ -1,4 +1,5 @@
-// Roads and junctions out of lanes: geometry, paint, kerbs, footways, gates. Right-hand traffic.
+// Builds roads and junctions from lanes: geometry, paint, kerbs, footways, gates. Right-hand
+// traffic.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_ROAD_BUILDER_H_
 #define MANEUVER_MODEL_DATA_TOWN_ROAD_BUILDER_H_
@@ -24,11 +25,11 @@ struct RoadSpec {
   bool footways = true;
   bool painted = true;
   bool kerbs = true;
-  // Lane changes begin at least so many metres before a lane's end.
+  // Lane changes must begin at least this many metres before a lane's end.
   double no_change_before_end = 45.0;
 };
 
-// A piece of road in a place. Lanes are counted from the middle outwards.
+// A road of a place. Lanes are counted from the middle outwards.
 struct Road {
   Path reference;
   RoadSpec spec;
@@ -48,7 +49,7 @@ struct Arm {
   double heading = 0.0;  // radians
   RoadSpec spec;
   double length = 95.0;  // metres
-  double bend = 0.0;     // radians that it turns by on its way out
+  double bend = 0.0;     // radians; how far it turns on its way out
   bool major = true;     // has right of way over arms that are not
   int signal_group = 0;
 };
@@ -65,15 +66,15 @@ struct JunctionSpec {
   double right_weight = 1.0;
 };
 
-// Arms in counter-clockwise order. Returns their roads, in the same order.
+// Adds a junction of arms in counter-clockwise order. Returns their roads in the same order.
 std::vector<Road> AddJunction(Place& place, std::span<const Arm> arms, const JunctionSpec& spec);
 
-// Makes every lane of the place that nothing leads to a source of traffic, with mean headways
-// between `shortest` and `longest` seconds.
+// Makes a traffic source of every lane that no other lane leads to, with mean headways between
+// `shortest` and `longest` seconds.
 void AddSources(Place& place, Random& random, double shortest, double longest);
 
 void AddLine(Place& place, DecorationKind kind, const Path& path);
-// The area between two offsets from a path.
+// Adds the area between two offsets from a path.
 void AddArea(Place& place, DecorationKind kind, const Path& path, double from, double to,
              double right, double left);
 void AddFootway(Place& place, const Path& path, double popularity);

@@ -6,7 +6,7 @@
 namespace maneuver::data::town {
 namespace {
 
-// An error that wanders: a first-order autoregression of stationary deviation 1.
+// An error that drifts: a first-order autoregression with stationary deviation 1.
 class Drift {
  public:
   Drift(double correlation, Random& random)
@@ -63,7 +63,7 @@ std::optional<Sighting> Observe(const SensorModel& sensor, const Track& track,
   Sighting sighting;
   for (int i = 0; i < frames; ++i) {
     TrackPoint point = points[best_from + i];
-    // Something that does not move is measured again and again, and gets steadier.
+    // An object that does not move is measured again and again, so its error becomes smaller.
     const double quiet = point.speed < 0.05 ? 0.2 : 1.0;
     const Vec2 body = Direction(point.heading);
     const double noise = quiet * sensor.position_noise;

@@ -5,7 +5,7 @@
 namespace maneuver::data::town {
 namespace {
 
-// Seconds since the group last turned green, within [0, cycle).
+// Returns the seconds since the group last turned green, within [0, cycle).
 double SinceGreen(const SignalPlan& plan, int group, double time) {
   double start = plan.offset;
   for (int g = 0; g < group; ++g) start += plan.green[g] + plan.yellow + plan.all_red;

@@ -1,4 +1,4 @@
-// Traffic signals of one junction: groups of lanes that are green one after the other.
+// Traffic signals of one junction. Groups of lanes have green one after the other.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_SIGNALS_H_
 #define MANEUVER_MODEL_DATA_TOWN_SIGNALS_H_
@@ -9,17 +9,18 @@ namespace maneuver::data::town {
 
 enum class Light { kRed, kYellow, kGreen };
 
-// A fixed-time plan. Group 0 is green from `offset` on, then group 1, ... then group 0 again; each
-// green is followed by yellow and by a time in which all are red.
+// A fixed-time plan. Group 0 is green from `offset` on, then group 1, and so on, then group 0
+// again. After each green come yellow and then a time in which all are red.
 struct SignalPlan {
-  std::vector<double> green;  // seconds, one a group; empty without signals
+  std::vector<double> green;  // seconds, one per group; empty without signals
   double yellow = 3.0;
   double all_red = 2.0;
   double offset = 0.0;
 
   double Cycle() const;
   Light At(int group, double time) const;
-  // Seconds from `time` until the group's light next turns from red to green; 0 if it is not red.
+  // Returns the seconds from `time` until the group's next change from red to green; 0 if it is not
+  // red.
   double UntilGreen(int group, double time) const;
 };
 

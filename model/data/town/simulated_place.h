@@ -1,4 +1,4 @@
-// A recording before any sensor looked at it: what tests hold the town's physics against.
+// A recording before any sensor observes it. Tests check the town's physics on it.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_SIMULATED_PLACE_H_
 #define MANEUVER_MODEL_DATA_TOWN_SIMULATED_PLACE_H_
@@ -11,10 +11,10 @@
 
 namespace maneuver::data::town {
 
-// How deep, in metres, boxes may reach into each other: a car park's corners are cut as closely as
-// that. A place whose traffic does worse is drawn again.
+// How deep boxes may reach into each other, metres: as closely as vehicles cut the corners of a car
+// park. A place with deeper overlaps is drawn again.
 inline constexpr double kOverlapTolerance = 0.1;
-// How many are about at least; emptier places are drawn again too.
+// The least number of agents. Places with fewer are drawn again.
 inline constexpr int kFewestAgents = 15;
 
 struct SimulatedPlace {
@@ -22,7 +22,7 @@ struct SimulatedPlace {
   std::vector<Track> tracks;
 };
 
-// The noiseless tracks behind GenerateRecording(options, index), in the place's frame.
+// Returns the noiseless tracks behind GenerateRecording(options, index), in the place's frame.
 SimulatedPlace SimulatePlace(const TownOptions& options, int index);
 
 }  // namespace maneuver::data::town

@@ -22,7 +22,7 @@ constexpr int kAttempts = 12;
 constexpr int kMostAgents = 45;
 constexpr int kFirstMapFeature = 1;
 
-// The place's frame in the world.
+// The pose of a place's frame in the world.
 struct Placement {
   Vec2 origin;
   double heading = 0.0;
@@ -42,13 +42,14 @@ void AddPoint(const Placement& placement, Vec2 p, v1::MapFeature& feature) {
   feature.add_y(world.y);
 }
 
-// Declares the lanes that follow a lane and those beside it. Nobody maps bays.
+// Declares a lane's successors and neighbours. Bays are left out, as in real maps.
 void WriteLinks(const Place& place, const Lane& lane, v1::MapFeature& feature) {
   const auto is_mapped = [&](int i) {
     return i >= 0 && place.graph.lanes[static_cast<size_t>(i)].kind != LaneKind::kBay;
   };
   for (const LaneLink& link : lane.next) {
-    // A lane that is joined beyond its start is no successor: it is not followed from there.
+    // A lane that is joined beyond its start is no successor: successors are followed from their
+    // start.
     if (is_mapped(link.lane) && link.at == 0.0) feature.add_successor_ids(LaneFeatureId(link.lane));
   }
   if (is_mapped(lane.left)) feature.add_left_neighbor_ids(LaneFeatureId(lane.left));
@@ -58,7 +59,7 @@ void WriteLinks(const Place& place, const Lane& lane, v1::MapFeature& feature) {
 void WriteLanes(const Place& place, const Placement& placement, v1::Scenario& scenario) {
   for (size_t i = 0; i < place.graph.lanes.size(); ++i) {
     const Lane& lane = place.graph.lanes[i];
-    if (lane.kind == LaneKind::kBay) continue;  // nobody maps those
+    if (lane.kind == LaneKind::kBay) continue;  // maps have no bays
     v1::MapFeature& feature = *scenario.add_map_features();
     feature.set_id(LaneFeatureId(static_cast<int>(i)));
     feature.set_type(lane.kind == LaneKind::kBike ? v1::MAP_FEATURE_TYPE_BIKE_LANE

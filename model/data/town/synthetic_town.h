@@ -1,4 +1,4 @@
-// The synthetic town: scenes that look like driving, deterministic by seed.
+// The synthetic town: generates scenes that resemble driving, reproducible by seed.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_SYNTHETIC_TOWN_H_
 #define MANEUVER_MODEL_DATA_TOWN_SYNTHETIC_TOWN_H_
@@ -17,16 +17,16 @@ struct TownOptions {
   double frame_interval = 0.1;  // seconds
 };
 
-// A recording and what its vehicles were doing.
+// A recording, and what its vehicles do in it.
 struct TownRecording {
-  // prediction_time: when most is about to happen, at least one second in and, where it can be,
-  // eight before the end. Targets: up to four vehicles that move then.
+  // prediction_time is when most vehicles are about to act: at least one second after the start
+  // and, if possible, eight before the end. The targets are up to four vehicles that move then.
   v1::Scenario scenario;
   std::vector<v1::ManeuverAnnotation> maneuvers;
 };
 
-// Recording number `index` of the town: the same for the same options and index, whatever else was
-// generated. Ids are "town-<seed>-<index>". Thread-safe.
+// Generates recording number `index` of the town. It depends on options and index alone, not on
+// what else was generated. Ids are "town-<seed>-<index>". Thread-safe.
 TownRecording GenerateRecording(const TownOptions& options, int index);
 
 }  // namespace maneuver::data::town

@@ -62,7 +62,7 @@ void ChooseTargets(const TownOptions& options, TownRecording& recording) {
             std::min(it->second->end_time(), time + 5.0) - std::max(it->second->start_time(), time);
         if (overlap > 0.0) candidate.interest += overlap * InterestOf(it->second->maneuver());
       }
-      // Those whose whole future is known come first.
+      // Prefers vehicles whose whole future is known.
       const double known = agent.states(agent.states_size() - 1).time() - time;
       if (known < horizon - 1e-6) candidate.interest *= 0.4 * known / horizon;
       candidates.push_back(candidate);

@@ -1,4 +1,4 @@
-// Which moment of a recording to ask about, and for whom.
+// Chooses the moment of a recording to predict from, and the targets.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_TARGETS_H_
 #define MANEUVER_MODEL_DATA_TOWN_TARGETS_H_
@@ -7,9 +7,10 @@
 
 namespace maneuver::data::town {
 
-// Sets prediction_time and target_ids: the moment, at least a second in and with up to eight
-// seconds to come, at which most vehicles are about to do something other than keeping their lane;
-// and up to four of those who are seen then and move in the following seconds.
+// Sets prediction_time and target_ids. The moment is at least a second after the start, leaves up
+// to eight seconds, and is the one at which most vehicles are about to do something other than
+// keeping their lane. The targets are up to four vehicles that are visible then and move in the
+// following seconds.
 void ChooseTargets(const TownOptions& options, TownRecording& recording);
 
 }  // namespace maneuver::data::town

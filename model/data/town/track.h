@@ -1,4 +1,4 @@
-// What really happened to one road user, before any sensor looked at it.
+// The true motion of one road user, before any sensor observes it.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_TRACK_H_
 #define MANEUVER_MODEL_DATA_TOWN_TRACK_H_
@@ -39,13 +39,13 @@ struct TrackPoint {
   double travelled = 0.0;     // metres since the road user appeared
   double path_heading = 0.0;  // of the lane, in the direction of travel
   double lateral = 0.0;       // metres left of the lane's centre
-  int lane = -1;              // of the place, -1 off the lanes
+  int lane = -1;              // index of the place's lane; -1 off the lanes
 };
 
-// Something that the route has in store, between two distances travelled.
+// A manoeuvre that the route contains, between two distances travelled, metres.
 struct RouteEvent {
   Maneuver maneuver = Maneuver::kKeepLane;
-  double lead = 0.0;  // where it shows first: the approach
+  double lead = 0.0;  // where it first shows: the approach
   double from = 0.0;
   double to = 0.0;
 };

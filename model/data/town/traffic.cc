@@ -119,7 +119,7 @@ class Traffic {
     return vehicle;
   }
 
-  // Turns a car into a van, bus or lorry, if its way has no tight turn in it.
+  // Turns a car into a van, bus or lorry, unless its route has a tight turn.
   void MaybeLengthen(Vehicle& vehicle) {
     if (vehicle.kind != RoadUser::kVehicle || !random_.Chance(place_.long_vehicle_share)) return;
     const bool turns =
@@ -204,7 +204,7 @@ class Traffic {
         if (other.lane() != source.lane && std::abs(Cross(Direction(start.heading), d)) > 2.2)
           continue;
         const double gap = along - 0.5 * other.length - 0.5 * vehicle.length;
-        // As if it had been slowing down for the one ahead all along.
+        // Sets the speed as if it had been slowing down for the vehicle ahead all along.
         const double spare = std::max(0.0, gap - 10.0 - 0.8 * other.speed);
         speed = std::min(speed, std::sqrt(other.speed * other.speed + 2.4 * spare));
         room = std::min(room, gap);
@@ -219,13 +219,14 @@ class Traffic {
     }
   }
 
-  // The acceleration that stops smoothly `distance` metres on; infinity if it need not brake yet.
+  // Returns the acceleration that stops smoothly after `distance` metres; infinity if no braking is
+  // needed yet.
   static double StopWithin(const Vehicle& vehicle, double distance) {
     const double v = vehicle.speed;
     if (distance <= 0.15) return v > 0.0 ? -3.0 : -0.5;
     const double needed = v * v / (2.0 * distance);
     if (needed > 0.9 * vehicle.driver.braking) return -needed * 1.03;
-    // No more speed than can be lost again comfortably.
+    // Allows no more speed than it can shed comfortably.
     const double allowed = std::sqrt(2.0 * 0.9 * vehicle.driver.braking * distance);
     return 1.5 * (allowed - v);
   }
@@ -235,7 +236,7 @@ class Traffic {
     for (size_t step = vehicle.step + 1; step < vehicle.route.size(); ++step) {
       const Lane& lane = place_.graph.lanes[vehicle.route[step].lane];
       if (place_.graph.lanes[vehicle.route[step - 1].lane].reverse) {
-        // Backwards out of a bay: stop before going on forwards.
+        // It leaves a bay backwards and stops before it drives forwards.
         const double left = DistanceToStep(place_.graph, vehicle, step);
         if (vehicle.speed > 0.1 || left > 0.4) return StopWithin(vehicle, left - 0.1);
         return kUnlimited;
@@ -269,7 +270,7 @@ class Traffic {
     Vehicle& vehicle = vehicles_[index];
     const Lane& lane = place_.graph.lanes[vehicle.lane()];
     if (lane.kind == LaneKind::kBay && vehicle.travelled == 0.0 && vehicle.speed == 0.0) {
-      // Still parked. The gate of a bay is its own start.
+      // It is still parked. The gate of a bay is its own start.
       if (time < vehicle.leaves_at) return;
       if (vehicle.admitted == 0) {
         if (!MayEnter(place_, vehicles_, walkers_.all(), vehicle, 0, time)) return;
@@ -290,7 +291,7 @@ class Traffic {
       wanted = std::min(wanted, StopWithin(vehicle, lane.path.length() - vehicle.s - 8.0));
     }
     wanted = std::clamp(wanted, -kHardestBraking, vehicle.driver.acceleration);
-    // Feet move at a finite rate; in need, fast.
+    // Drivers change acceleration at a finite rate, and faster in an emergency.
     const double rate = wanted < -3.5 ? 40.0 : wanted < vehicle.acceleration ? 8.0 : 3.5;
     const double most = rate * dt;
     vehicle.acceleration += std::clamp(wanted - vehicle.acceleration, -most, most);

@@ -1,4 +1,4 @@
-// The traffic of one place, step by step.
+// Simulates the traffic of one place, step by step.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_TRAFFIC_H_
 #define MANEUVER_MODEL_DATA_TOWN_TRAFFIC_H_
@@ -18,7 +18,7 @@ struct TrafficOptions {
   double frame_interval = 0.1;
 };
 
-// What everyone did from time 0 to `duration`, in the place's frame, without noise.
+// Returns everyone's motion from time 0 to `duration`, in the place's frame, without noise.
 std::vector<Track> SimulateTraffic(const Place& place, const TrafficOptions& options,
                                    Random& random);
 

@@ -11,7 +11,8 @@ constexpr double kAheadStep = 2.0;  // metres
 constexpr double kReverseSpeed = 1.7;
 constexpr double kSlowing = 1.3;  // metres per second squared, towards a curve
 
-// The smoothest step from 0 to 1 (quintic: no speed or acceleration at either end), and its slope.
+// Returns the smoothest step from 0 to 1 (quintic: no slope or curvature at either end), and its
+// slope.
 Lateral SmoothStep(double t) {
   if (t <= 0.0) return {0.0, 0.0};
   if (t >= 1.0) return {1.0, 0.0};
@@ -23,7 +24,7 @@ double TurnSign(const Lane& lane) {
     case Movement::kLeft:
       return 1.0;
     case Movement::kRight:
-      return -0.5;  // the kerb is near
+      return -0.5;  // close to the kerb
     case Movement::kUTurn:
       return 0.5;
     default:
@@ -31,7 +32,7 @@ double TurnSign(const Lane& lane) {
   }
 }
 
-// What passing onto the lane at the head of the route means to those who watch.
+// Records what entering the lane at the head of the route looks like from outside.
 void NoteEvent(const LaneGraph& graph, Vehicle& vehicle) {
   const Lane& lane = graph.lanes[vehicle.lane()];
   const double from = vehicle.travelled - vehicle.s;
@@ -163,7 +164,7 @@ bool Advance(const LaneGraph& graph, double dt, Vehicle& vehicle) {
     vehicle.stood_at = std::numeric_limits<double>::infinity();
     NoteEvent(graph, vehicle);
     if (out_of_bay) {
-      // From the middle of the lane to where this driver likes to be.
+      // Moves from the middle of the lane to this driver's preferred offset.
       const Lane& aisle = graph.lanes[vehicle.lane()];
       vehicle.change_offset = -LateralAt(vehicle, aisle, vehicle.s, vehicle.travelled).offset;
       vehicle.change_start = vehicle.travelled;
@@ -173,7 +174,7 @@ bool Advance(const LaneGraph& graph, double dt, Vehicle& vehicle) {
   SetPose(graph, false, vehicle);
   const bool reverse = graph.lanes[vehicle.lane()].reverse;
   const double wanted = vehicle.pose.heading + (reverse ? std::numbers::pi : 0.0);
-  // The rear axle is 0.3 lengths behind the centre and goes where the body points.
+  // The rear axle is 0.3 lengths behind the centre and moves in the direction of the body.
   const double share = reverse ? 1.0 : 1.0 - std::exp(-way / (0.3 * vehicle.length));
   vehicle.body_heading += share * WrapAngle(wanted - vehicle.body_heading);
   return true;

@@ -1,9 +1,9 @@
 // A vehicle (or bicycle) on its route through the lanes.
 //
-// It follows a path that is fixed by its lanes and its driver's ways: the centreline, plus an
-// offset to the left that depends on the distance travelled alone, so that a vehicle that stands
-// keeps its pose. The centre of the box follows the path; the body's heading is dragged behind it
-// as by a rear axle.
+// The vehicle follows a path that its lanes and its driver's habits determine: the centreline, plus
+// an offset to the left that depends only on the distance travelled, so that a standing vehicle
+// keeps its pose. The centre of the box follows the path. The body's heading follows like that of a
+// vehicle with a fixed rear axle.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_VEHICLE_H_
 #define MANEUVER_MODEL_DATA_TOWN_VEHICLE_H_
@@ -27,7 +27,7 @@ struct AheadPoint {
   double distance = 0.0;  // metres
   Vec2 p;
   Vec2 direction;
-  double speed_limit = 0.0;  // of the lane, the driver and the curvature
+  double speed_limit = 0.0;  // m/s; from the lane, the driver and the curvature
 };
 
 struct Vehicle {
@@ -53,41 +53,43 @@ struct Vehicle {
   double change_offset = 0.0;
   double wishes_at = 0.0;  // time of the next wish to change lanes
 
-  // Let through the gates of its route up to this step.
+  // Admitted through the gates of its route up to this step.
   size_t admitted = 0;
-  // When it first stood at the stop line ahead; infinity before.
+  // The time at which it first stopped at the stop line ahead; infinity before.
   double stood_at = std::numeric_limits<double>::infinity();
-  double leaves_at = -1e9;  // stands in its bay until then
+  double leaves_at = -1e9;  // time until which it stays in its bay
 
   std::vector<RouteEvent> events;
 
   std::vector<AheadPoint> ahead;
-  double looked_at = -1.0;  // the distance travelled when it was last set
+  double looked_at = -1.0;  // distance travelled when `ahead` was last set
 
   int lane() const { return route[step].lane; }
   bool changing() const { return travelled < change_start + change_length; }
 };
 
-// Offset from the lane's centre and its slope, at `s` of a lane with `travelled` metres behind.
+// The offset from the lane's centre and its slope, at arc length `s` of a lane and with `travelled`
+// metres behind the vehicle.
 struct Lateral {
   double offset = 0.0;
   double slope = 0.0;
 };
 Lateral LateralAt(const Vehicle& vehicle, const Lane& lane, double s, double travelled);
 
-// The pose on the path driven.
+// Returns the pose on the path driven.
 PathPoint PoseAt(const Vehicle& vehicle, const Lane& lane, double s, double travelled);
 
-// Sets `ahead`: the path every two metres, as far as it matters at the present speed.
+// Sets `ahead`: the path every two metres, as far as matters at the present speed.
 void LookAhead(const LaneGraph& graph, Vehicle& vehicle);
 
-// The distance from the centre to the start of step `step` of the route.
+// Returns the distance from the centre to the start of step `step` of the route, metres.
 double DistanceToStep(const LaneGraph& graph, const Vehicle& vehicle, size_t step);
 
-// Moves by one time step at the present speed and acceleration. False when the route has ended.
+// Moves by one time step at the present speed and acceleration. Returns false when the route has
+// ended.
 bool Advance(const LaneGraph& graph, double dt, Vehicle& vehicle);
 
-// Sets pose and lateral from the route; the body's heading too if `align`.
+// Sets pose and lateral offset from the route, and the body's heading too if `align`.
 void SetPose(const LaneGraph& graph, bool align, Vehicle& vehicle);
 
 }  // namespace maneuver::data::town

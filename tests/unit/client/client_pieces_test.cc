@@ -19,7 +19,7 @@ TEST(BackoffTest, DoublesUpToItsLimit) {
   EXPECT_EQ(BackoffAfter(policy, 60, 0.7), absl::Milliseconds(300));
 }
 
-TEST(BackoffTest, JitterSpreadsItEvenlyBothWays) {
+TEST(BackoffTest, JitterShortensAndLengthensEqually) {
   RetryPolicy policy;
   policy.initial_backoff = absl::Milliseconds(100);
   policy.jitter = 0.2;
@@ -28,7 +28,7 @@ TEST(BackoffTest, JitterSpreadsItEvenlyBothWays) {
   EXPECT_LT(BackoffAfter(policy, 1, 0.999), absl::Milliseconds(120));
 }
 
-TEST(RetryTest, AWaitThatWouldPassTheDeadlineIsNotBegun) {
+TEST(RetryTest, DoesNotWaitPastTheDeadline) {
   RetryPolicy policy;
   policy.initial_backoff = absl::Hours(1);
   policy.max_backoff = absl::Hours(1);
@@ -70,8 +70,8 @@ TEST(RetryTest, CancellationEndsAWait) {
                                          [] { return absl::UnavailableError("busy"); })));
 }
 
-// google.rpc.Status {code 3, message "bad", details: BadRequest, RetryInfo 1.5 s}, byte by byte as
-// the standard messages are laid out.
+// google.rpc.Status {code 3, message "bad", details: BadRequest, RetryInfo 1.5 s}, in bytes, as the
+// standard messages define them.
 std::string StandardDetails() {
   const auto field = [](char tag, const std::string& value) {
     return std::string{tag, static_cast<char>(value.size())} + value;
@@ -134,7 +134,7 @@ v1::Scenario RecordedScenario() {
     v1::Agent* agent = scenario.add_agents();
     agent->set_id(id);
     for (const double time : {0.9, 1.0, 1.1}) {
-      if (id > 1 && time < 1.05) continue;  // 2 and 3 are seen later alone
+      if (id > 1 && time < 1.05) continue;  // 2 and 3 appear later
       agent->add_states()->set_time(time);
     }
   }
@@ -146,10 +146,10 @@ v1::Scenario RecordedScenario() {
   return scenario;
 }
 
-TEST(StripFutureTest, KeepsWhatIsKnownAtThePredictionTime) {
+TEST(StripFutureTest, KeepsStatesUpToThePredictionTime) {
   v1::Scenario scenario = RecordedScenario();
   StripFuture(&scenario);
-  ASSERT_EQ(scenario.agents_size(), 2);  // 2 is not there yet; 3 is asked about
+  ASSERT_EQ(scenario.agents_size(), 2);  // 2 has not appeared yet; 3 is a target
   EXPECT_EQ(scenario.agents(0).id(), 1);
   ASSERT_EQ(scenario.agents(0).states_size(), 2);
   EXPECT_EQ(scenario.agents(0).states(1).time(), 1.0);

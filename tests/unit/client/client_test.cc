@@ -28,7 +28,7 @@ std::unique_ptr<Client> ConnectTo(const std::string& address, int max_attempts =
 
 grpc::Status Unavailable() { return {grpc::StatusCode::UNAVAILABLE, "busy"}; }
 
-TEST(ClientTest, UnavailableIsTriedAgainUntilItAnswers) {
+TEST(ClientTest, RetriesUnavailableUntilItIsAnswered) {
   TestServer server;
   std::atomic<int> calls = 0;
   server.on_predict = [&](auto*, const auto&, v1::PredictResponse* response) {
@@ -42,8 +42,9 @@ TEST(ClientTest, UnavailableIsTriedAgainUntilItAnswers) {
   EXPECT_EQ(calls, 3);
 }
 
-// So gRPC ends calls that come while the server stops, and HAProxy those whose server died.
-TEST(ClientTest, ACallThatIsBrokenOffIsTriedAgain) {
+// gRPC ends calls like this that arrive while the server stops, and HAProxy those whose server
+// died.
+TEST(ClientTest, RetriesACallThatWasBrokenOff) {
   TestServer server;
   std::atomic<int> calls = 0;
   server.on_predict = [&](auto*, const auto&, auto*) {
@@ -53,7 +54,7 @@ TEST(ClientTest, ACallThatIsBrokenOffIsTriedAgain) {
   EXPECT_EQ(calls, 3);
 }
 
-TEST(ClientTest, AttemptsAreBounded) {
+TEST(ClientTest, LimitsTheAttempts) {
   TestServer server;
   std::atomic<int> calls = 0;
   server.on_predict = [&](auto*, const auto&, auto*) {
@@ -64,7 +65,7 @@ TEST(ClientTest, AttemptsAreBounded) {
   EXPECT_EQ(calls, 3);
 }
 
-TEST(ClientTest, OtherErrorsAreNotTriedAgain) {
+TEST(ClientTest, DoesNotRetryOtherErrors) {
   TestServer server;
   std::atomic<int> calls = 0;
   server.on_predict = [&](auto*, const auto&, auto*) {
@@ -75,7 +76,7 @@ TEST(ClientTest, OtherErrorsAreNotTriedAgain) {
   EXPECT_EQ(calls, 1);
 }
 
-TEST(ClientTest, DeletionsAreNotTriedAgain) {
+TEST(ClientTest, DoesNotRetryDeletions) {
   TestServer server;
   std::atomic<int> calls = 0;
   server.on_delete_job = [&](const auto&) {
@@ -136,7 +137,8 @@ TEST(ClientTest, CancellationEndsARunningCall) {
   const auto client = ConnectTo(server.address());
   const CallOptions call{.cancellation = &cancellation};
   EXPECT_TRUE(absl::IsCancelled(client->Predict({}, call).status()));
-  EXPECT_TRUE(absl::IsCancelled(client->Predict({}, call).status()));  // and those that start later
+  EXPECT_TRUE(
+      absl::IsCancelled(client->Predict({}, call).status()));  // so do calls that start later
 }
 
 TEST(ClientTest, DetailsOfAnErrorArriveWithIt) {
@@ -157,12 +159,12 @@ TEST(ClientTest, DetailsOfAnErrorArriveWithIt) {
   EXPECT_EQ(ErrorDetailsOf(answer.status()).reason, "UNKNOWN_TARGET");
 }
 
-TEST(ClientTest, WatchGoesOnAfterABrokenStreamWithoutRepeatingEvents) {
+TEST(ClientTest, WatchContinuesAfterABrokenStreamWithoutRepeatingEvents) {
   TestServer server;
   std::atomic<int> streams = 0;
   server.on_watch = [&](const v1::WatchJobRequest& request, auto* writer) {
     ++streams;
-    // Two events a stream, then it breaks; event 5 ends the job.
+    // Two events per stream, then it breaks; event 5 ends the job.
     for (int64_t i = request.after_sequence() + 1; i <= request.after_sequence() + 2; ++i) {
       v1::WatchJobResponse event;
       event.mutable_job()->mutable_progress()->set_sequence(i);
@@ -198,7 +200,7 @@ TEST(ClientTest, WatchStopsWhenTheCallerHasSeenEnough) {
   EXPECT_EQ(events, 3);
 }
 
-TEST(ClientTest, WatchSaysThatAJobIsUnknown) {
+TEST(ClientTest, WatchReportsAnUnknownJob) {
   TestServer server;
   server.on_watch = [&](const auto&, auto*) {
     return grpc::Status(grpc::StatusCode::NOT_FOUND, "no job");
@@ -252,8 +254,8 @@ TEST_F(UploadTest, SendsTheHeaderAndThenEveryByte) {
   EXPECT_EQ(last_sent, 1'300'000);
 }
 
-// A server that keeps what arrives, and whose `breaks`-th upload and those before break off after
-// the message number that they state.
+// A server that keeps what arrives. Upload i breaks off at its message `messages`[i]; uploads
+// beyond those succeed.
 class ServerThatBreaksOff {
  public:
   ServerThatBreaksOff(TestServer& server, std::vector<int> messages)
@@ -285,7 +287,7 @@ class ServerThatBreaksOff {
   const std::vector<int> messages_;
 };
 
-TEST_F(UploadTest, GoesOnWhereItBrokeOffAndSendsNothingTwice) {
+TEST_F(UploadTest, ContinuesWhereItBrokeOffAndSendsNothingTwice) {
   TestServer server;
   ServerThatBreaksOff keeper(server, {1, 2, 2});
   std::vector<int64_t> resumed;
@@ -297,11 +299,11 @@ TEST_F(UploadTest, GoesOnWhereItBrokeOffAndSendsNothingTwice) {
   EXPECT_EQ(keeper.uploads, 4u);
   EXPECT_EQ(keeper.kept, shard_);
   EXPECT_EQ(keeper.received, 1'300'000);
-  // What this very call has sent was not there before it.
+  // Bytes that this call sent itself do not count as resumed.
   for (const int64_t bytes : resumed) EXPECT_EQ(bytes, 0);
 }
 
-TEST_F(UploadTest, SaysWhatWasThereBeforeItBegan) {
+TEST_F(UploadTest, ReportsWhatHadArrivedBefore) {
   TestServer server;
   ServerThatBreaksOff keeper(server, {});
   keeper.kept = shard_.substr(0, 1'000'000);
@@ -316,7 +318,7 @@ TEST_F(UploadTest, SaysWhatWasThereBeforeItBegan) {
   EXPECT_EQ(last.there, last.total);
 }
 
-TEST_F(UploadTest, ACommitWhoseAnswerWasLostIsASuccess) {
+TEST_F(UploadTest, SucceedsIfOnlyTheAnswerToTheCommitWasLost) {
   TestServer server;
   bool is_committed = false;
   server.on_query_upload = [&](const auto& request, v1::QueryUploadResponse* response) {
@@ -337,7 +339,7 @@ TEST_F(UploadTest, ACommitWhoseAnswerWasLostIsASuccess) {
   EXPECT_EQ(dataset->name(), "datasets/x");
 }
 
-TEST_F(UploadTest, WhatLayThereWrongIsSentAgainOnce) {
+TEST_F(UploadTest, SendsADamagedPartAgainOnce) {
   TestServer server;
   ServerThatBreaksOff keeper(server, {});
   const auto upload = server.on_upload;
@@ -354,7 +356,7 @@ TEST_F(UploadTest, WhatLayThereWrongIsSentAgainOnce) {
   const auto client = ConnectTo(server.address());
   EXPECT_TRUE(client->UploadDataset(folder_.path(), "datasets/x", nullptr).ok());
   EXPECT_EQ(keeper.kept, shard_);
-  // Not for ever, though.
+  // But not forever.
   losses = 0;
   most_losses = 100;
   keeper.kept = "wrong";
@@ -363,7 +365,7 @@ TEST_F(UploadTest, WhatLayThereWrongIsSentAgainOnce) {
   EXPECT_EQ(losses, 2);
 }
 
-TEST_F(UploadTest, AnErrorOfTheServerIsTheErrorOfTheCall) {
+TEST_F(UploadTest, ReturnsTheServersError) {
   TestServer server;
   server.on_upload = [&](auto*, auto*) {
     return grpc::Status(grpc::StatusCode::ALREADY_EXISTS, "datasets/x exists");
@@ -373,8 +375,8 @@ TEST_F(UploadTest, AnErrorOfTheServerIsTheErrorOfTheCall) {
   EXPECT_TRUE(absl::IsAlreadyExists(dataset.status())) << dataset.status();
 }
 
-TEST_F(UploadTest, AFolderThatIsNotWholeIsNotSent) {
-  const auto client = ConnectTo("127.0.0.1:1");  // nobody is asked
+TEST_F(UploadTest, DoesNotSendAnIncompleteFolder) {
+  const auto client = ConnectTo("127.0.0.1:1");  // no server is needed
   WriteBytes(folder_ / "scenarios-00000.tfrecord", "short");
   EXPECT_TRUE(
       absl::IsDataLoss(client->UploadDataset(folder_.path(), "datasets/x", nullptr).status()));
@@ -383,7 +385,7 @@ TEST_F(UploadTest, AFolderThatIsNotWholeIsNotSent) {
       absl::IsNotFound(client->UploadDataset(folder_.path(), "datasets/x", nullptr).status()));
 }
 
-TEST(PredictStreamTest, EveryRequestIsAnsweredByItsName) {
+TEST(PredictStreamTest, AnswersEveryRequestUnderItsId) {
   TestServer server;
   server.on_stream = [](auto* stream) {
     v1::StreamPredictRequest request;
@@ -412,7 +414,7 @@ TEST(PredictStreamTest, EveryRequestIsAnsweredByItsName) {
   EXPECT_TRUE(absl::IsFailedPrecondition(stream->Send("d", request)));
 }
 
-TEST(PredictStreamTest, FinishSaysWhyTheStreamBroke) {
+TEST(PredictStreamTest, FinishReturnsWhyTheStreamBroke) {
   TestServer server;
   server.on_stream = [](auto*) {
     return grpc::Status(grpc::StatusCode::RESOURCE_EXHAUSTED, "too many streams");
@@ -421,12 +423,12 @@ TEST(PredictStreamTest, FinishSaysWhyTheStreamBroke) {
   EXPECT_TRUE(absl::IsResourceExhausted(stream->Finish()));
 }
 
-TEST(ConnectTest, OptionsThatMakeNoSenseAreRefused) {
+TEST(ConnectTest, RefusesInvalidOptions) {
   EXPECT_TRUE(absl::IsInvalidArgument(Client::Connect({.address = ""}).status()));
   EXPECT_TRUE(absl::IsInvalidArgument(Client::Connect({.retry = {.max_attempts = 0}}).status()));
 }
 
-TEST(ClientTest, EveryKindOfCallSaysWhoCalls) {
+TEST(ClientTest, EveryKindOfCallSendsTheCallersIdentity) {
   TestServer server;
   std::mutex mutex;
   std::vector<std::string> seen;
@@ -455,7 +457,7 @@ TEST(ClientTest, EveryKindOfCallSaysWhoCalls) {
   EXPECT_EQ(seen, std::vector<std::string>(4, "Bearer abc"));
 }
 
-TEST(ClientTest, ATokenIsNotSentWhereOthersCouldReadIt) {
+TEST(ClientTest, RefusesATokenOverAnUnencryptedNetwork) {
   for (const char* address : {"192.0.2.1:8470", "example.com:8470", "[2001:db8::1]:8470",
                               "127.0.0.1.example.com:8470", "dns:///localhost.example.com:1"}) {
     const auto refused = Client::Connect({.address = address, .token = "abc"});
@@ -468,7 +470,7 @@ TEST(ClientTest, ATokenIsNotSentWhereOthersCouldReadIt) {
   }
 }
 
-TEST(ClientTest, FilesThatMakeNoSenseAreNamed) {
+TEST(ClientTest, NamesInvalidCredentialFiles) {
   const TemporaryFolder folder;
   const std::string empty = folder / "empty";
   WriteBytes(empty, "\n");

@@ -15,7 +15,7 @@
 namespace maneuver::plot {
 namespace {
 
-// One action as in Answer, whose sigma trajectories end `spread` metres to each side.
+// Returns one action as in Answer, whose sigma trajectories end `spread` metres to each side.
 v1::ScenarioPrediction Spread(double spread) {
   v1::ScenarioPrediction prediction = Answer(0.9);
   v1::ActionDistribution* action = prediction.mutable_targets(0)->mutable_distributions(0);
@@ -29,7 +29,7 @@ v1::ScenarioPrediction Spread(double spread) {
   return prediction;
 }
 
-TEST(PosteriorPlotTest, WideIsLeftAndNarrowRightAtTheSameScale) {
+TEST(PosteriorPlotTest, DrawsGenericLeftAndPosteriorRightAtTheSameScale) {
   ScenePlotOptions options = Options();
   options.width = 1400;
   options.height = 800;
@@ -40,19 +40,19 @@ TEST(PosteriorPlotTest, WideIsLeftAndNarrowRightAtTheSameScale) {
   const cv::Mat right = picture.colRange(700, 1400);
   const PictureFrame left_frame(left);
   const PictureFrame right_frame(right);
-  // The outermost sigma trajectory at 30 m ahead, drawn thin.
+  // The outermost sigma trajectory 30 m ahead, drawn thin.
   const Color color = ActionColor(2);
   const double outermost = -0.2 * 30.0 - 10.0 * 0.75;
   EXPECT_LT(left_frame.NearestDistance(left, 30.0, outermost, color), 150);
   EXPECT_GT(right_frame.NearestDistance(right, 30.0, outermost, color), 180);
-  for (const double ahead : {15.0, 25.0, 35.0}) {  // mean and truth are where they are
+  for (const double ahead : {15.0, 25.0, 35.0}) {  // mean and truth have not moved
     EXPECT_LT(left_frame.NearestDistance(left, ahead, -0.2 * ahead, color), 12);
     EXPECT_LT(right_frame.NearestDistance(right, ahead, -0.2 * ahead, color), 12);
     EXPECT_LT(right_frame.NearestDistance(right, ahead, 0.2 * ahead, kWhite), 12);
   }
 }
 
-TEST(PosteriorPlotTest, WhatWasNotAnsweredTwiceIsRefused) {
+TEST(PosteriorPlotTest, RefusesTargetsWithoutTwoValidAnswers) {
   v1::ScenarioPrediction other = Answer(0.9);
   other.mutable_targets(0)->set_target_id(8);
   EXPECT_TRUE(absl::IsInvalidArgument(
@@ -63,7 +63,7 @@ TEST(PosteriorPlotTest, WhatWasNotAnsweredTwiceIsRefused) {
       DrawGenericAndPosterior(Scene(), Answer(0.9), uneven, Options()).status()));
 }
 
-// Of two actions: two examples, both most likely the first.
+// Returns a report of two actions: two examples, both most likely the first action.
 v1::EvaluationReport Report() {
   v1::EvaluationReport report;
   for (const double p : {0.9, 0.1}) report.add_action_uses()->set_probability(p);
@@ -117,11 +117,11 @@ int Count(const cv::Mat& picture, Color color, int nearness) {
   return count;
 }
 
-TEST(ActionMeansPlotTest, TrajectoriesHaveTheColourOfTheirMostResponsibleAction) {
-  // The first colour goes to the most frequent action, the next to the other one.
+TEST(ActionMeansPlotTest, DrawsTrajectoriesInTheColourOfTheirAction) {
+  // The most frequent action gets the first colour, the other one the next.
   const Color first = LatentColor(0);
   const Color second = LatentColor(1);
-  const auto blend = [](Color c) {  // as a thin line looks on white
+  const auto blend = [](Color c) {  // a thin line on white
     return Color{255 - (255 - c.red) * 42 / 100, 255 - (255 - c.green) * 42 / 100,
                  255 - (255 - c.blue) * 42 / 100};
   };
@@ -136,14 +136,14 @@ TEST(ActionMeansPlotTest, TrajectoriesHaveTheColourOfTheirMostResponsibleAction)
   EXPECT_GT(Count(one_each, blend(second), 12), 200);
 }
 
-TEST(ActionMeansPlotTest, IdleActionsAreLeftOut) {
+TEST(ActionMeansPlotTest, LeavesOutUnusedActions) {
   v1::ActionSet set = TwoMeans();
   set.mutable_actions(1)->set_effective(false);
   const cv::Mat picture = Decode(*DrawActionMeans(set, Report()));
   EXPECT_LT(Count(picture, LatentColor(1), 10), 50);
 }
 
-TEST(ActionMeansPlotTest, WhatCannotBeDrawnIsRefused) {
+TEST(ActionMeansPlotTest, RefusesWhatItCannotDraw) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionMeans({}, Report()).status()));
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionMeans(TwoMeans(), {}).status()));
   v1::EvaluationReport uneven = Report();
@@ -151,7 +151,7 @@ TEST(ActionMeansPlotTest, WhatCannotBeDrawnIsRefused) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionMeans(TwoMeans(), uneven).status()));
 }
 
-TEST(ReliabilityPlotTest, PointsLieWhereTheTableSays) {
+TEST(ReliabilityPlotTest, DrawsPointsWhereTheTableSays) {
   const cv::Mat picture = Decode(*DrawReliability(Report()));
   // The curve's square is 590 pixels wide and begins at (96, 92).
   const auto at = [&](double x, double y) {
@@ -165,7 +165,7 @@ TEST(ReliabilityPlotTest, PointsLieWhereTheTableSays) {
   EXPECT_GT(Distance(at(0.35, 0.30), LatentColor(3)), 60);
 }
 
-TEST(ReliabilityPlotTest, NoTableIsRefused) {
+TEST(ReliabilityPlotTest, RefusesAReportWithoutATable) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawReliability({}).status()));
 }
 

@@ -15,8 +15,8 @@ namespace {
 
 using ::testing::ElementsAre;
 
-// A server that holds the last few maps that were registered, and answers each scenario with the
-// first x of its map in place of an id.
+// A server that keeps the latest few registered maps. It answers each scenario with the first x of
+// its map in place of an id.
 class MapReuseTest : public ::testing::Test {
  protected:
   MapReuseTest() {
@@ -64,7 +64,7 @@ class MapReuseTest : public ::testing::Test {
     return {grpc::StatusCode::FAILED_PRECONDITION, "no", status.SerializeAsString()};
   }
 
-  // A scene for each x, on a map of one lane that begins there; 0: without a map.
+  // Returns a scene for each x, on a map of one lane that begins there; 0: without a map.
   static v1::PredictRequest Request(const std::vector<double>& xs) {
     v1::PredictRequest request;
     for (const double x : xs) {
@@ -103,7 +103,7 @@ class MapReuseTest : public ::testing::Test {
   std::unique_ptr<Client> client_;
 };
 
-TEST_F(MapReuseTest, AMapIsSentOnce) {
+TEST_F(MapReuseTest, SendsAMapOnce) {
   MapReuse maps(*client_);
   for (int i = 0; i < 3; ++i) {
     EXPECT_THAT(Answered(maps.Predict(Request({5.0, 0.0, 6.0, 5.0}))),
@@ -113,7 +113,7 @@ TEST_F(MapReuseTest, AMapIsSentOnce) {
   EXPECT_EQ(sent_whole_, 0);
 }
 
-TEST_F(MapReuseTest, MapsThatDifferInWhatALaneDeclaresAreSentApart) {
+TEST_F(MapReuseTest, DistinguishesMapsWhoseLanesDeclareDifferentLinks) {
   MapReuse maps(*client_);
   const auto declare = [&](auto add_id) {
     v1::PredictRequest request = Request({5.0});
@@ -127,23 +127,23 @@ TEST_F(MapReuseTest, MapsThatDifferInWhatALaneDeclaresAreSentApart) {
   EXPECT_EQ(registrations_, 4);
 }
 
-TEST_F(MapReuseTest, AMapThatTheServerLostIsRegisteredAgain) {
+TEST_F(MapReuseTest, RegistersAMapAgainThatTheServerLost) {
   MapReuse maps(*client_);
   maps.Predict(Request({5.0, 6.0})).IgnoreError();
-  held_.clear();  // as after a restart
+  held_.clear();  // as a restart would
   EXPECT_THAT(Answered(maps.Predict(Request({5.0, 6.0}))), ElementsAre("5", "6"));
   EXPECT_EQ(registrations_, 4);
   EXPECT_EQ(sent_whole_, 0);
 }
 
-TEST_F(MapReuseTest, MapsThatTheServerHasNoRoomForAreSentWhole) {
+TEST_F(MapReuseTest, SendsMapsThatTheServerHasNoRoomForWithTheRequest) {
   max_held_ = 1;
   MapReuse maps(*client_);
   EXPECT_THAT(Answered(maps.Predict(Request({5.0, 6.0}))), ElementsAre("5", "6"));
   EXPECT_EQ(sent_whole_, 2);
 }
 
-TEST_F(MapReuseTest, AMapThatIsRefusedIsSentWhole) {
+TEST_F(MapReuseTest, SendsARefusedMapWithTheRequest) {
   MapReuse maps(*client_);
   for (const grpc::Status& refusal :
        {grpc::Status(grpc::StatusCode::UNIMPLEMENTED, ""),
@@ -157,7 +157,7 @@ TEST_F(MapReuseTest, AMapThatIsRefusedIsSentWhole) {
   EXPECT_TRUE(absl::IsPermissionDenied(maps.Predict(Request({5.0})).status()));
 }
 
-TEST_F(MapReuseTest, OtherErrorsAreTheCallers) {
+TEST_F(MapReuseTest, ReturnsOtherErrorsToTheCaller) {
   MapReuse maps(*client_);
   v1::PredictRequest own_id = Request({0.0});
   own_id.mutable_scenarios(0)->set_map_id("nobody's");
@@ -165,7 +165,7 @@ TEST_F(MapReuseTest, OtherErrorsAreTheCallers) {
   EXPECT_EQ(registrations_, 0);
 }
 
-TEST_F(MapReuseTest, OnlyTheMapsUsedLastAreRemembered) {
+TEST_F(MapReuseTest, RemembersTheMostRecentlyUsedMaps) {
   MapReuse maps(*client_, 2);
   for (const double x : {5.0, 6.0, 5.0, 7.0, 5.0}) maps.Predict(Request({x})).IgnoreError();
   EXPECT_EQ(registrations_, 3);
@@ -173,7 +173,7 @@ TEST_F(MapReuseTest, OnlyTheMapsUsedLastAreRemembered) {
   EXPECT_EQ(registrations_, 4);
 }
 
-TEST_F(MapReuseTest, ScenariosOfAStreamCanBeNamedByHand) {
+TEST_F(MapReuseTest, NamesMapsForStreams) {
   MapReuse maps(*client_);
   v1::PredictRequest request = Request({5.0, 0.0});
   ASSERT_TRUE(maps.NameMaps(request.mutable_scenarios()).ok());

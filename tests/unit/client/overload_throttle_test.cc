@@ -20,8 +20,8 @@ absl::Status Refusal() {
                      {.reason = "QUEUE_FULL", .retry_delay = absl::Milliseconds(70)});
 }
 
-// A server that accepts so many calls a second and refuses the others, and a client that makes
-// `rate` of them, evenly.
+// A server that accepts a number of calls per second and refuses the others, and a client that
+// makes `rate` calls per second, evenly.
 struct Simulation {
   OverloadThrottle throttle{7};
   absl::Time now = absl::UnixEpoch();
@@ -43,21 +43,21 @@ struct Simulation {
   }
 };
 
-TEST(OverloadThrottleTest, NothingIsHeldBackFromAServerThatAcceptsFiveSixths) {
+TEST(OverloadThrottleTest, HoldsNothingBackFromAServerThatAcceptsFiveSixths) {
   Simulation simulation;
   simulation.Run(absl::Seconds(20), 100, 84);
   EXPECT_EQ(simulation.sent, 2000);
 }
 
-TEST(OverloadThrottleTest, AnOverloadedServerIsSentLittleMoreThanItAccepts) {
+TEST(OverloadThrottleTest, SendsAnOverloadedServerLittleMoreThanItAccepts) {
   Simulation simulation;
-  simulation.Run(absl::Seconds(20), 3000, 1000);  // until it has settled
+  simulation.Run(absl::Seconds(20), 3000, 1000);  // until it settles
   simulation.Run(absl::Seconds(20), 3000, 1000);
   EXPECT_NEAR(simulation.accepted, 20000, 200);
   EXPECT_NEAR(simulation.sent, OverloadThrottle::kSentOfAccepted * 20000, 600);
 }
 
-TEST(OverloadThrottleTest, AllIsSentAgainSoonAfterTheServerHasTime) {
+TEST(OverloadThrottleTest, SendsEverythingAgainSoonAfterTheServerRecovers) {
   Simulation simulation;
   simulation.Run(absl::Seconds(20), 300, 30);
   EXPECT_LT(simulation.sent, 0.25 * 20 * 300);
@@ -66,20 +66,20 @@ TEST(OverloadThrottleTest, AllIsSentAgainSoonAfterTheServerHasTime) {
   EXPECT_EQ(simulation.sent, 300);
 }
 
-TEST(OverloadThrottleTest, AServerThatAcceptsNothingIsStillAskedNowAndThen) {
+TEST(OverloadThrottleTest, StillAsksAServerThatAcceptsNothing) {
   Simulation simulation;
   simulation.Run(absl::Seconds(20), 100, 0);
   EXPECT_GT(simulation.sent, 10);
   EXPECT_LT(simulation.sent, 200);
 }
 
-TEST(OverloadThrottleTest, WhoAsksNowAndThenIsNotHeldBack) {
+TEST(OverloadThrottleTest, NeverHoldsBackOccasionalCallers) {
   Simulation simulation;
   simulation.Run(absl::Seconds(60), 1, 0);
   EXPECT_EQ(simulation.sent, 60);
 }
 
-TEST(OverloadThrottleTest, ThatHurriedCallsAreRefusedDoesNotHoldBackPatientOnes) {
+TEST(OverloadThrottleTest, RefusedShortDeadlinesDoNotHoldBackLongerOnes) {
   Simulation simulation;
   simulation.Run(absl::Seconds(5), 500, 0, absl::Milliseconds(5));
   EXPECT_LT(simulation.sent, 500);
@@ -88,7 +88,7 @@ TEST(OverloadThrottleTest, ThatHurriedCallsAreRefusedDoesNotHoldBackPatientOnes)
   EXPECT_EQ(simulation.sent, 500);
 }
 
-TEST(OverloadThrottleTest, CallsThatRunOutOfTimeHoldBackAsRefusedOnesDo) {
+TEST(OverloadThrottleTest, TimeoutsHoldBackLikeRefusals) {
   OverloadThrottle throttle(1);
   int sent = 0;
   for (int i = 0; i < 1000; ++i) {
@@ -103,7 +103,7 @@ TEST(OverloadThrottleTest, CallsThatRunOutOfTimeHoldBackAsRefusedOnesDo) {
   EXPECT_LT(sent, 50);
 }
 
-TEST(OverloadThrottleTest, NothingElseHoldsBack) {
+TEST(OverloadThrottleTest, OtherOutcomesDoNotHoldBack) {
   for (const absl::Status& status :
        {absl::OkStatus(), absl::UnavailableError("away"), absl::CancelledError("enough"),
         absl::InvalidArgumentError("wrong"),
@@ -116,7 +116,7 @@ TEST(OverloadThrottleTest, NothingElseHoldsBack) {
   }
 }
 
-TEST(OverloadThrottleTest, WhoIsHeldBackIsToldSoAndWhatTheServerAskedForLast) {
+TEST(OverloadThrottleTest, HeldBackCallsGetTheServersLatestRetryDelay) {
   OverloadThrottle throttle(1);
   absl::Status status;
   for (int i = 0; i < 1000 && status.ok(); ++i) {
@@ -128,7 +128,7 @@ TEST(OverloadThrottleTest, WhoIsHeldBackIsToldSoAndWhatTheServerAskedForLast) {
   EXPECT_EQ(ErrorDetailsOf(status).retry_delay, absl::Milliseconds(70));
 }
 
-// Calls that reach a server which refuses all of them, of 200 that are made.
+// Returns how many of 200 calls reach a server that refuses all.
 int CallsThatReach(bool hold_back, bool started) {
   TestServer server;
   std::atomic<int> reached = 0;
@@ -156,7 +156,7 @@ int CallsThatReach(bool hold_back, bool started) {
   return reached;
 }
 
-TEST(OverloadThrottleTest, AClientHoldsBackPredictionsOfBothKindsUnlessItIsToldNotTo) {
+TEST(OverloadThrottleTest, AClientHoldsBackBothKindsOfPredictionsUnlessTurnedOff) {
   for (const bool started : {false, true}) {
     EXPECT_LT(CallsThatReach(true, started), 40) << started;
     EXPECT_EQ(CallsThatReach(false, started), 200) << started;

@@ -18,7 +18,7 @@
 namespace maneuver::plot {
 namespace {
 
-// One panel, seen 140 m wide: how far a pixel near a point of the world is from a colour.
+// Returns how far a pixel near a world point is from a colour, in one panel 140 m wide.
 int NearestInRecording(const cv::Mat& picture, double x, double y, Color color) {
   const cv::Point2d middle(42.0 + (800.0 - 42.0 - 16.0) / 2.0, 44.0 + (760.0 - 44.0 - 42.0) / 2.0);
   const double scale = (800.0 - 42.0 - 16.0) / 140.0;
@@ -33,7 +33,7 @@ int NearestInRecording(const cv::Mat& picture, double x, double y, Color color) 
   return nearest;
 }
 
-TEST(RecordingsPlotTest, ShowsTargetsAndWhereTheyGoNorthUp) {
+TEST(RecordingsPlotTest, DrawsTargetsAndTheirPathsNorthUp) {
   v1::Scenario recording = Scene();
   recording.mutable_agents(0)->set_type(v1::AGENT_TYPE_VEHICLE);
   const auto png = DrawRecordings({&recording, 1}, {.width = 800, .height = 800});
@@ -45,11 +45,11 @@ TEST(RecordingsPlotTest, ShowsTargetsAndWhereTheyGoNorthUp) {
   EXPECT_LT(NearestInRecording(picture, 100.0, 50.0, kYellow), 60);
   const v1::AgentState& later = recording.agents(0).states(6);
   EXPECT_LT(NearestInRecording(picture, later.x(), later.y(), kPath), 40);
-  // Its mirror image, which a picture upside down would show.
+  // Its mirror image, which an upside-down picture would show.
   EXPECT_GT(NearestInRecording(picture, later.x(), 100.0 - later.y(), kPath), 100);
 }
 
-TEST(RecordingsPlotTest, WhereNobodyIsInSightItLooksAtTheMiddleOfTheTime) {
+TEST(RecordingsPlotTest, DrawsTheMiddleTimeIfNobodyIsVisibleAtThePredictionTime) {
   v1::Scenario recording = Scene();
   recording.set_prediction_time(100.0);
   EXPECT_TRUE(DrawRecordings({&recording, 1}, {}).ok());
@@ -72,7 +72,7 @@ TEST(ScenePlotTest, TheSameInputGivesTheSameBytes) {
             *DrawScene(Scene(), Answer(0.9), Options()));
 }
 
-TEST(ScenePlotTest, TruthIsWhiteAndTheActionItsColourWhereTheyLie) {
+TEST(ScenePlotTest, DrawsTheTruthWhiteAndTheActionInItsColour) {
   const cv::Mat picture = Decode(*DrawScene(Scene(), Answer(0.9), Options()));
   const PictureFrame frame(picture);
   for (const double ahead : {15.0, 25.0, 35.0}) {
@@ -83,7 +83,7 @@ TEST(ScenePlotTest, TruthIsWhiteAndTheActionItsColourWhereTheyLie) {
   }
 }
 
-TEST(ScenePlotTest, WithoutAFutureNothingIsWhite) {
+TEST(ScenePlotTest, DrawsNothingWhiteWithoutAFuture) {
   v1::Scenario scenario = Scene();
   auto* states = scenario.mutable_agents(0)->mutable_states();
   states->erase(states->begin() + 1, states->end());
@@ -92,8 +92,8 @@ TEST(ScenePlotTest, WithoutAFutureNothingIsWhite) {
   EXPECT_GT(frame.NearestDistance(picture, 25.0, 5.0, kWhite), 60);
 }
 
-// A lane through the target along its heading, another one beside it that it cannot reach, and a
-// leader 30 m ahead.
+// Returns a scene with a lane through the target along its heading, a lane beside it that it cannot
+// reach, and a leader 30 m ahead.
 v1::Scenario SceneWithLanes() {
   v1::Scenario scenario = Scene();
   const scene::Pose2 X_WT(100.0, 50.0, kHeading);
@@ -119,7 +119,7 @@ v1::Scenario SceneWithLanes() {
   return scenario;
 }
 
-TEST(ScenePlotTest, LanePathsAreDrawnWhereTheyLieIfAskedFor) {
+TEST(ScenePlotTest, DrawsLanePathsIfAskedFor) {
   constexpr Color kTurquoise = {64, 196, 188};
   ScenePlotOptions options = Options();
   for (const bool asked : {true, false}) {
@@ -139,7 +139,7 @@ TEST(ScenePlotTest, LanePathsAreDrawnWhereTheyLieIfAskedFor) {
   }
 }
 
-TEST(ScenePlotTest, WithoutActionsThePathsAreSeenToTheirEnds) {
+TEST(ScenePlotTest, ShowsWholePathsWithoutActions) {
   ScenePlotOptions options = Options();
   options.lane_paths = true;
   v1::ScenarioPrediction nothing;
@@ -178,13 +178,13 @@ TEST(ScenePlotTest, WorldAndTargetFramesGiveTheSamePicture) {
   EXPECT_LT(cv::norm(a, b, cv::NORM_INF), 40.0);  // the float heading moves points by a hair
 }
 
-TEST(ScenePlotTest, ImprobableActionsAreNotDrawn) {
+TEST(ScenePlotTest, DoesNotDrawImprobableActions) {
   const cv::Mat picture = Decode(*DrawScene(Scene(), Answer(0.04), Options()));
   const PictureFrame frame(picture);
   EXPECT_GT(frame.NearestDistance(picture, 25.0, -5.0, ActionColor(2)), 60);
 }
 
-// Adds an action straight to (40, left) of the target's frame, 4 % probable.
+// Adds an action straight to (40, left) in the target's frame with probability 4 %.
 void AddImprobableAction(int id, double left, v1::ScenarioPrediction* prediction) {
   v1::ActionDistribution* action = prediction->mutable_targets(0)->add_distributions();
   action->set_action_id(id);
@@ -201,7 +201,7 @@ void AddRepresentative(int id, double weight, v1::ScenarioPrediction* prediction
   representative->set_weight(weight);
 }
 
-TEST(ScenePlotTest, RepresentativesAreDrawnHoweverImprobableAndTheMedoidHasAWhiteRing) {
+TEST(ScenePlotTest, DrawsImprobableRepresentativesAndAWhiteRingOnTheMedoid) {
   v1::ScenarioPrediction answer = Answer(0.9);
   AddImprobableAction(4, -16.0, &answer);
   AddImprobableAction(6, 16.0, &answer);
@@ -213,7 +213,7 @@ TEST(ScenePlotTest, RepresentativesAreDrawnHoweverImprobableAndTheMedoidHasAWhit
   EXPECT_LT(frame.NearestDistance(picture, 25.0, -10.0, ActionColor(4)), 12);
   EXPECT_LT(frame.NearestDistance(picture, 25.0, 10.0, ActionColor(6)), 12);
   EXPECT_GT(frame.NearestDistance(picture, 25.0, -15.0, ActionColor(8)), 60);  // 4 %, and not one
-  // White about the disc where the mean ends.
+  // White around the disc at the end of the mean.
   const auto ring = [&](double slope) {
     int nearest = 255;
     for (double ahead = 36.0; ahead < 46.0; ahead += 0.25) {
@@ -225,7 +225,7 @@ TEST(ScenePlotTest, RepresentativesAreDrawnHoweverImprobableAndTheMedoidHasAWhit
   EXPECT_GT(ring(0.4), 60);
 }
 
-TEST(ScenePlotTest, ActionsBesideTheRepresentativesAreFaint) {
+TEST(ScenePlotTest, DrawsActionsBesideTheRepresentativesFaintly) {
   v1::ScenarioPrediction answer = Answer(0.9);
   AddImprobableAction(4, 16.0, &answer);
   const cv::Mat before = Decode(*DrawScene(Scene(), answer, Options()));
@@ -237,7 +237,7 @@ TEST(ScenePlotTest, ActionsBesideTheRepresentativesAreFaint) {
   EXPECT_LT(faint, 160);  // and still there
 }
 
-TEST(ScenePlotTest, WhatCannotBeDrawnIsRefused) {
+TEST(ScenePlotTest, RefusesWhatItCannotDraw) {
   v1::ScenarioPrediction uneven = Answer(0.9);
   uneven.mutable_targets(0)->mutable_distributions(0)->mutable_mean_trajectory()->add_x(1.0);
   EXPECT_TRUE(absl::IsInvalidArgument(DrawScene(Scene(), uneven, Options()).status()));
@@ -249,7 +249,7 @@ TEST(ScenePlotTest, WhatCannotBeDrawnIsRefused) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawScene(Scene(), Answer(0.9), tiny).status()));
 }
 
-TEST(ScenePlotTest, ASceneAMillionMetresAwayIsDrawnAlike) {
+TEST(ScenePlotTest, DrawsASceneAMillionMetresAwayTheSame) {
   v1::Scenario far = Scene();
   for (v1::AgentState& state : *far.mutable_agents(0)->mutable_states()) {
     state.set_x(state.x() + 1e6);
@@ -277,7 +277,7 @@ TEST(ActionSetPlotTest, DrawsTheEffectiveActions) {
   const auto both = DrawActionSet(TwoActions(), {.all = true});
   ASSERT_TRUE(one.ok() && both.ok());
   v1::ActionSet effective_alone = TwoActions();
-  effective_alone.mutable_actions(1)->set_action_id(9);  // not drawn: nothing changes
+  effective_alone.mutable_actions(1)->set_action_id(9);  // not drawn, so nothing changes
   EXPECT_EQ(*DrawActionSet(effective_alone, {}), *one);
   EXPECT_NE(*both, *one);
   EXPECT_EQ(*DrawActionSet(TwoActions(), {}), *one);
@@ -289,7 +289,7 @@ TEST(ActionSetPlotTest, IsAPngOfTheSizeAskedFor) {
   EXPECT_EQ(picture.rows, 640);
 }
 
-// The action set of a model with so many latent dimensions; each action has 1 + 2 dimensions sigma
+// Returns an action set with this many latent dimensions; each action has 1 + 2 * dimensions sigma
 // trajectories.
 v1::ActionSet SixActions(int dimensions) {
   v1::ActionSet set;
@@ -309,7 +309,7 @@ v1::ActionSet SixActions(int dimensions) {
 }
 
 TEST(ActionSetPlotTest, KeepsTheKeyOfManyDimensionsApartFromTheNote) {
-  // With one dimension the key is short: the note stands alone at the right.
+  // With one dimension the key is short and the note stands alone on the right.
   const cv::Mat few = Decode(*DrawActionSet(SixActions(1), {}));
   const cv::Mat many = Decode(*DrawActionSet(SixActions(8), {}));
   ASSERT_EQ(few.cols, many.cols);
@@ -324,7 +324,7 @@ TEST(ActionSetPlotTest, KeepsTheKeyOfManyDimensionsApartFromTheNote) {
   EXPECT_TRUE(is_there);
 }
 
-TEST(ActionSetPlotTest, AnEmptySetIsRefused) {
+TEST(ActionSetPlotTest, RefusesAnEmptySet) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionSet({}, {}).status()));
 }
 
@@ -352,7 +352,7 @@ TEST(ActionGalleryPlotTest, DrawsAPanelForEachSpeed) {
   EXPECT_EQ(picture.cols, 1500);
   EXPECT_EQ(picture.rows, 1000);
   EXPECT_EQ(*DrawActionGallery(sets, {}), *all_four);
-  // The second set has its panel in the upper right quarter, left of the legend, and nowhere else.
+  // The second set's panel is in the upper right quarter, left of the legend, and nowhere else.
   std::vector<v1::ActionSet> others = sets;
   others[1].mutable_actions(0)->mutable_distribution()->mutable_mean_trajectory()->set_y(0, 9.0);
   const cv::Mat other = Decode(*DrawActionGallery(others, {}));
@@ -377,7 +377,7 @@ TEST(ActionGalleryPlotTest, RefusesSetsThatItCannotDraw) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionGallery(sets, {}).status()));
 }
 
-TEST(LabelPlacerTest, LabelsLieWithinAndApart) {
+TEST(LabelPlacerTest, PlacesLabelsInsideWithoutOverlap) {
   const Box whole{100.0, 100.0, 200.0, 120.0};
   LabelPlacer placer(whole);
   placer.Occupy(Box{150.0, 100.0, 60.0, 120.0});
@@ -393,7 +393,7 @@ TEST(LabelPlacerTest, LabelsLieWithinAndApart) {
   }
   placed.push_back({150.0, 100.0, 60.0, 120.0});
   EXPECT_GT(placed.size(), 3u);
-  EXPECT_LT(placed.size(), 40u);  // there is no room for all
+  EXPECT_LT(placed.size(), 40u);  // not all of them fit
   for (size_t i = 0; i < placed.size(); ++i) {
     for (size_t j = 0; j < i; ++j) {
       EXPECT_TRUE(placed[i].left >= placed[j].right() || placed[j].left >= placed[i].right() ||
@@ -402,7 +402,7 @@ TEST(LabelPlacerTest, LabelsLieWithinAndApart) {
   }
 }
 
-TEST(LabelPlacerTest, NothingIsPlacedOverALine) {
+TEST(LabelPlacerTest, PlacesNothingOverALine) {
   LabelPlacer placer({0.0, 0.0, 400.0, 400.0});
   placer.Occupy(Line{{0.0, 200.0}, {400.0, 200.0}}, 10.0);
   for (int i = 0; i < 10; ++i) {
@@ -412,7 +412,7 @@ TEST(LabelPlacerTest, NothingIsPlacedOverALine) {
   }
 }
 
-TEST(AxesTest, BothAxesHaveTheSameScaleAndHoldTheExtent) {
+TEST(AxesTest, BothAxesShareAScaleAndContainTheExtent) {
   const Axes axes({100.0, 50.0, 400.0, 200.0}, {0.0, 20.0, -30.0, 10.0});
   EXPECT_NEAR(axes.pixels_per_meter(), 5.0, 1e-9);  // 40 m on 200 pixels
   EXPECT_NEAR(axes.ToPixel(10.0, -10.0).x, 300.0, 1e-9);
@@ -420,7 +420,7 @@ TEST(AxesTest, BothAxesHaveTheSameScaleAndHoldTheExtent) {
   EXPECT_NEAR(axes.ToPixel(0.0, 10.0).y, 50.0, 1e-9);  // left is up
 }
 
-TEST(AxesTest, TicksAreRound) {
+TEST(AxesTest, TicksAreRoundNumbers) {
   EXPECT_EQ(Ticks(-3.0, 12.0, 4), (std::vector<double>{0.0, 5.0, 10.0}));
   EXPECT_EQ(Ticks(0.0, 1.0, 5), (std::vector<double>{0.0, 0.2, 0.4, 0.6000000000000001, 0.8, 1.0}));
   EXPECT_EQ(TickText(0.2, 0.2), "0.2");

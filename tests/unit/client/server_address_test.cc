@@ -9,7 +9,7 @@
 namespace maneuver::client {
 namespace {
 
-TEST(ServerAddressTest, OneServerIsTakenAsItIs) {
+TEST(ServerAddressTest, PassesASingleServerUnchanged) {
   for (const char* address : {"127.0.0.1:8470", "planner.example:8470", "unix:/run/maneuverd"}) {
     const auto parsed = ParseServerAddress(address);
     ASSERT_TRUE(parsed.ok()) << parsed.status();
@@ -18,7 +18,7 @@ TEST(ServerAddressTest, OneServerIsTakenAsItIs) {
   }
 }
 
-TEST(ServerAddressTest, WithoutAPortItIsTheServersOwn) {
+TEST(ServerAddressTest, AddsTheDefaultPort) {
   for (const auto& [address, target] : std::vector<std::pair<std::string, std::string>>{
            {"localhost", "localhost:8470"},
            {"10.0.0.1", "10.0.0.1:8470"},
@@ -33,7 +33,7 @@ TEST(ServerAddressTest, WithoutAPortItIsTheServersOwn) {
   EXPECT_FALSE(IsLocal("planner.example"));
 }
 
-TEST(ServerAddressTest, SeveralAreAListOfAddressesOrANameForAllOfThem) {
+TEST(ServerAddressTest, AcceptsAListOfAddressesOrANameForSeveralServers) {
   const auto list = ParseServerAddress("10.0.0.1:8470,10.0.0.2:8471");
   ASSERT_TRUE(list.ok());
   EXPECT_EQ(list->target, "ipv4:10.0.0.1:8470,10.0.0.2:8471");
@@ -46,7 +46,7 @@ TEST(ServerAddressTest, SeveralAreAListOfAddressesOrANameForAllOfThem) {
   EXPECT_TRUE(name->several);
 }
 
-TEST(ServerAddressTest, AListOfAnythingElseIsRefused) {
+TEST(ServerAddressTest, RefusesAListOfAnythingButAddresses) {
   for (const char* address :
        {"", "a:1,b:1", "10.0.0.1:8470,", "10.0.0.1:8470,[::1]:8470", "10.0.0.1,10.0.0.2"}) {
     EXPECT_TRUE(absl::IsInvalidArgument(ParseServerAddress(address).status())) << address;
@@ -54,7 +54,7 @@ TEST(ServerAddressTest, AListOfAnythingElseIsRefused) {
   }
 }
 
-TEST(ServerAddressTest, ATokenStaysOnThisMachineOnlyIfAllServersAreOnIt) {
+TEST(ServerAddressTest, IsLocalOnlyIfAllServersAreLocal) {
   EXPECT_TRUE(IsLocal("127.0.0.1:1,127.0.0.2:1"));
   EXPECT_TRUE(IsLocal("dns:///localhost:1"));
   EXPECT_FALSE(IsLocal("127.0.0.1:1,10.0.0.1:1"));
@@ -63,7 +63,7 @@ TEST(ServerAddressTest, ATokenStaysOnThisMachineOnlyIfAllServersAreOnIt) {
       Client::Connect({.address = "127.0.0.1:1,10.0.0.1:1", .token = "secret"}).status()));
 }
 
-// A server in whose place predictions are answered under its name, once it is said to be ready.
+// A server that answers predictions with its name, once it is marked ready.
 class NamedServer {
  public:
   explicit NamedServer(const std::string& name) {
@@ -75,7 +75,7 @@ class NamedServer {
   TestServer server{0, /*health=*/true};
 };
 
-TEST(SeveralServersTest, PredictionsGoInTurnToThoseThatAreReady) {
+TEST(SeveralServersTest, SendsPredictionsInTurnToReadyServers) {
   NamedServer a("a");
   NamedServer b("b");
   NamedServer c("c");
@@ -84,7 +84,7 @@ TEST(SeveralServersTest, PredictionsGoInTurnToThoseThatAreReady) {
   const auto client = *Client::Connect(
       {.address = a.server.address() + "," + b.server.address() + "," + c.server.address()});
   const auto ask = [&client] { return client->Predict({})->model_version(); };
-  // Until both are connected to, the first that is has all calls.
+  // Until both are connected, the first one gets all calls.
   const absl::Time give_up = absl::Now() + absl::Seconds(20);
   std::string before = ask();
   while (ask() == before && absl::Now() < give_up) {
@@ -96,7 +96,7 @@ TEST(SeveralServersTest, PredictionsGoInTurnToThoseThatAreReady) {
     EXPECT_NE(now, "c");
     before = now;
   }
-  // One that is drained is left alone, at the latest once its health has come here.
+  // A draining server gets no calls, at the latest when its health has arrived here.
   b.server.SetReady(false);
   int in_a_row = 0;
   while (in_a_row < 10 && absl::Now() < give_up) in_a_row = ask() == "a" ? in_a_row + 1 : 0;

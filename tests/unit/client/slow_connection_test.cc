@@ -1,4 +1,4 @@
-// A server that is reached, but takes its time.
+// A server that can be reached, but slowly.
 
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
@@ -26,7 +26,7 @@ sockaddr_in Loopback(int port) {
   return address;
 }
 
-// Takes one connection, keeps it waiting, and passes bytes on in both directions from then on.
+// Accepts one connection, keeps it waiting, then passes bytes on in both directions.
 class SlowDoor {
  public:
   SlowDoor(int server_port, std::chrono::milliseconds delay) {
@@ -61,7 +61,7 @@ class SlowDoor {
     close(caller);
   }
 
-  // False once either side has closed.
+  // Returns false once either side has closed.
   static bool PassOne(int caller, int server) {
     std::array<pollfd, 2> ends = {pollfd{caller, POLLIN, 0}, pollfd{server, POLLIN, 0}};
     if (poll(ends.data(), ends.size(), /*timeout=*/10'000) <= 0) return false;
@@ -84,9 +84,9 @@ class SlowDoor {
 
 int PortOf(const std::string& address) { return std::stoi(address.substr(address.rfind(':') + 1)); }
 
-// gRPC gives an attempt to connect as long as GRPC_ARG_MIN_RECONNECT_BACKOFF_MS: one set for quick
-// retries would shut out every server that is further away, or only busy.
-TEST(SlowConnectionTest, AServerThatIsSlowToTakeAConnectionIsReached) {
+// gRPC gives a connection attempt GRPC_ARG_MIN_RECONNECT_BACKOFF_MS. A value for quick retries
+// would shut out every server that is further away, or just busy.
+TEST(SlowConnectionTest, ReachesAServerThatIsSlowToAccept) {
   TestServer server;
   server.on_predict = [](auto*, const auto&, v1::PredictResponse* response) {
     response->set_model_version("models/town/versions/1");

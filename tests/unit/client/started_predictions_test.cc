@@ -23,7 +23,7 @@ v1::PredictRequest RequestFor(const std::string& model) {
   return request;
 }
 
-// Answers, and waiting for them.
+// Collects answers and waits for them.
 class Answers {
  public:
   OnPrediction Take() {
@@ -45,14 +45,14 @@ class Answers {
   std::vector<absl::StatusOr<v1::PredictResponse>> answers_;
 };
 
-TEST(StartPredictionTest, ManyAreUnderWayAtOnceAndEachIsAnswered) {
+TEST(StartPredictionTest, AnswersManyConcurrentPredictions) {
   constexpr int kCalls = 40;
   TestServer server;
   std::mutex mutex;
   std::condition_variable changed;
   int arrived = 0;
   server.on_predict = [&](auto*, const v1::PredictRequest& request, v1::PredictResponse* response) {
-    // Nobody is answered before all are here.
+    // Answers nothing before all calls have arrived.
     std::unique_lock lock(mutex);
     ++arrived;
     changed.notify_all();
@@ -63,7 +63,7 @@ TEST(StartPredictionTest, ManyAreUnderWayAtOnceAndEachIsAnswered) {
   Answers answers;
   const auto client = ConnectTo(server);
   for (int i = 0; i < kCalls / 2; ++i) {
-    // What was prepared need not outlive the call.
+    // The prepared prediction need not outlive the call.
     const PreparedPrediction prediction(RequestFor(std::to_string(i)));
     client->StartPrediction(prediction, answers.Take());
     client->StartPrediction(prediction, answers.Take());
@@ -77,7 +77,7 @@ TEST(StartPredictionTest, ManyAreUnderWayAtOnceAndEachIsAnswered) {
   for (int i = 0; i < kCalls / 2; ++i) EXPECT_EQ(versions.count(std::to_string(i)), 2U);
 }
 
-TEST(StartPredictionTest, TheServersErrorIsTheAnswerAndItIsNotTriedAgain) {
+TEST(StartPredictionTest, ReturnsTheServersErrorWithoutRetrying) {
   TestServer server;
   std::atomic<int> calls = 0;
   server.on_predict = [&](auto*, const auto&, auto*) {
@@ -91,7 +91,7 @@ TEST(StartPredictionTest, TheServersErrorIsTheAnswerAndItIsNotTriedAgain) {
   EXPECT_EQ(calls, 1);
 }
 
-TEST(StartPredictionTest, IsTriedAgainWhereTheClientWantsThat) {
+TEST(StartPredictionTest, RetriesIfTheClientAsksForIt) {
   TestServer server;
   std::atomic<int> calls = 0;
   std::atomic<size_t> least = SIZE_MAX;
@@ -105,7 +105,7 @@ TEST(StartPredictionTest, IsTriedAgainWhereTheClientWantsThat) {
   const auto client = *Client::Connect({.address = server.address(),
                                         .retry = {.initial_backoff = absl::Milliseconds(1)},
                                         .retry_started = true});
-  // More than gRPC keeps for another attempt unless it is told to.
+  // More than gRPC keeps for a retry by default.
   v1::PredictRequest large = RequestFor("a");
   constexpr size_t kLarge = 1 << 20;
   large.add_scenarios()->set_scenario_id(std::string(kLarge, 'x'));
@@ -116,7 +116,7 @@ TEST(StartPredictionTest, IsTriedAgainWhereTheClientWantsThat) {
   EXPECT_GT(least, kLarge);
 }
 
-TEST(StartPredictionTest, AServerThatStaysAwayIsNotAskedOverAndOver) {
+TEST(StartPredictionTest, DoesNotKeepRetryingAServerThatStaysAway) {
   constexpr int kCalls = 400;
   TestServer server;
   std::atomic<int> calls = 0;
@@ -132,13 +132,13 @@ TEST(StartPredictionTest, AServerThatStaysAwayIsNotAskedOverAndOver) {
     client->StartPrediction(PreparedPrediction(RequestFor("a")), answers.Take());
     EXPECT_TRUE(absl::IsUnavailable(answers.WaitFor(static_cast<size_t>(i)).back().status()));
   }
-  // A hundred failures are tried again, of which 75 are of attempts that were second or later ones.
+  // A hundred failures are retried; 75 of these are second or later attempts.
   EXPECT_LE(calls, kCalls + 100);
   EXPECT_GT(calls, kCalls + 50);
 }
 
-TEST(StartPredictionTest, EachMethodIsTheOneThatIsCalled) {
-  TestServer server;  // knows Predict alone
+TEST(StartPredictionTest, CallsTheChosenMethod) {
+  TestServer server;  // knows only Predict
   server.on_predict = [](auto*, const auto&, auto*) { return grpc::Status::OK; };
   Answers answers;
   const auto client = ConnectTo(server);
@@ -158,7 +158,7 @@ void Hold(TestServer* server) {
   };
 }
 
-TEST(StartPredictionTest, DeadlinesAndCancellationEndIt) {
+TEST(StartPredictionTest, EndsAtItsDeadlineAndWhenCancelled) {
   TestServer server;
   Hold(&server);
   Answers answers;
@@ -175,7 +175,7 @@ TEST(StartPredictionTest, DeadlinesAndCancellationEndIt) {
   EXPECT_TRUE(absl::IsCancelled(answers.WaitFor(3).back().status()));
 }
 
-TEST(StartPredictionTest, AClientThatGoesTakesItsCallsWithIt) {
+TEST(StartPredictionTest, DestroyingTheClientCancelsItsCalls) {
   TestServer server;
   Hold(&server);
   Answers answers;
@@ -189,7 +189,7 @@ TEST(StartPredictionTest, AClientThatGoesTakesItsCallsWithIt) {
   for (const auto& answer : ended) EXPECT_TRUE(absl::IsCancelled(answer.status()));
 }
 
-TEST(ClientTest, ClientsShareAConnectionUnlessTheyWantTheirOwn) {
+TEST(ClientTest, ClientsShareAConnectionUnlessToldOtherwise) {
   TestServer server;
   std::mutex mutex;
   std::set<std::string> peers;

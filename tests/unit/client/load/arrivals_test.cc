@@ -10,7 +10,7 @@ namespace {
 
 using std::chrono::nanoseconds;
 
-TEST(ArrivalsTest, ConstantOnesDoNotDrift) {
+TEST(ArrivalsTest, ConstantArrivalsDoNotDrift) {
   Arrivals arrivals(ArrivalProcess::kConstant, 3.0, 1);
   EXPECT_EQ(arrivals.Next(), nanoseconds(0));
   EXPECT_EQ(arrivals.Next(), nanoseconds(333'333'333));
@@ -36,8 +36,7 @@ TEST(ArrivalsTest, GapsOfPoissonArrivalsAreExponential) {
     squares += gap * gap;
     for (auto& [length, count] : longer) count += gap > length ? 1 : 0;
   }
-  // Standard errors are 0.0022 of the mean, 0.01 of the second moment, and at most 0.0011 of
-  // shares.
+  // Standard errors: 0.0022 of the mean, 0.01 of the second moment, at most 0.0011 of the shares.
   EXPECT_NEAR(sum / kCalls, 1.0, 0.01);
   EXPECT_NEAR(squares / kCalls, 2.0, 0.04);
   for (const auto& [length, count] : longer) {
@@ -45,7 +44,7 @@ TEST(ArrivalsTest, GapsOfPoissonArrivalsAreExponential) {
   }
 }
 
-TEST(ArrivalsTest, TheSeedDecides) {
+TEST(ArrivalsTest, TheSeedDecidesTheTimes) {
   Arrivals one(ArrivalProcess::kPoisson, 10.0, 5);
   Arrivals same(ArrivalProcess::kPoisson, 10.0, 5);
   Arrivals other(ArrivalProcess::kPoisson, 10.0, 6);

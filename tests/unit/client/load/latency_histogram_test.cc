@@ -11,8 +11,8 @@ namespace {
 
 using std::chrono::nanoseconds;
 
-TEST(LatencyHistogramTest, QuantilesAreThoseOfTheSortedValuesToAThousandth) {
-  // From nanoseconds to half an hour, as many in each power of two.
+TEST(LatencyHistogramTest, QuantilesMatchSortedValuesToAThousandth) {
+  // From nanoseconds to half an hour, equally many in each power of two.
   std::mt19937_64 random(3);
   std::vector<int64_t> values;
   LatencyHistogram histogram;
@@ -33,13 +33,13 @@ TEST(LatencyHistogramTest, QuantilesAreThoseOfTheSortedValuesToAThousandth) {
   EXPECT_EQ(histogram.count(), 20'000);
 }
 
-TEST(LatencyHistogramTest, EveryValueHasABucketThatHoldsIt) {
-  // Around each edge between buckets of different width.
+TEST(LatencyHistogramTest, EveryValueFallsIntoABucketThatContainsIt) {
+  // Values around each boundary between buckets of different width.
   for (int bit = 0; bit <= 42; ++bit) {
     for (int64_t value = (int64_t{1} << bit) - 2; value <= (int64_t{1} << bit) + 2; ++value) {
       LatencyHistogram histogram;
       histogram.Record(nanoseconds(value));
-      // Larger than all: so that the bucket's upper end shows, and not the largest value.
+      // Larger than all others, so that Quantile returns the bucket's upper end and not max().
       histogram.Record(nanoseconds(int64_t{1} << 43));
       const int64_t found = histogram.Quantile(0.5).count();
       EXPECT_GE(found, std::max<int64_t>(value, 0));
@@ -48,7 +48,7 @@ TEST(LatencyHistogramTest, EveryValueHasABucketThatHoldsIt) {
   }
 }
 
-TEST(LatencyHistogramTest, TheQuantileOfAHundredIsARankAndNotMore) {
+TEST(LatencyHistogramTest, QuantilesOfAHundredValuesAreRanks) {
   LatencyHistogram histogram;
   for (int i = 1; i <= 100; ++i) histogram.Record(nanoseconds(i));
   EXPECT_EQ(histogram.Quantile(0.5), nanoseconds(50));
@@ -57,7 +57,7 @@ TEST(LatencyHistogramTest, TheQuantileOfAHundredIsARankAndNotMore) {
   EXPECT_EQ(histogram.mean(), nanoseconds(51));  // 50.5, rounded
 }
 
-TEST(LatencyHistogramTest, NothingRecordedIsZeroAndExtremesAreKept) {
+TEST(LatencyHistogramTest, IsZeroWhenEmptyAndClampsExtremes) {
   LatencyHistogram histogram;
   EXPECT_EQ(histogram.Quantile(0.99), nanoseconds(0));
   EXPECT_EQ(histogram.mean(), nanoseconds(0));

@@ -37,13 +37,13 @@ class LoadRunTest : public ::testing::Test {
   LoadPlan plan_;
 };
 
-TEST_F(LoadRunTest, AnOpenLoopOffersItsRateHoweverSlowTheServerIs) {
+TEST_F(LoadRunTest, AnOpenLoopKeepsItsRateWhenTheServerIsSlow) {
   CallEvenly(300.0);
   server_.service_time = milliseconds(10);
   const Tally tally = Run();
   EXPECT_EQ(tally.due, 3'000);
   EXPECT_DOUBLE_EQ(tally.OfferedRate(), 300.0);
-  // What it did in the window, not what it had to finish after it.
+  // Answers within the window only, not those that followed it.
   EXPECT_NEAR(tally.AnsweredRate(), 100.0, 0.2);
   EXPECT_EQ(tally.Ended(absl::StatusCode::kOk), 3'000);
   for (size_t i = 0; i < server_.seen.size(); ++i) {
@@ -51,10 +51,10 @@ TEST_F(LoadRunTest, AnOpenLoopOffersItsRateHoweverSlowTheServerIs) {
   }
 }
 
-// A server that answers in 1 ms stands still from second 5 to second 6. Of the evenly spaced calls,
-// number k of that second ends at 6 s + (k + 1) ms: it took 1001 - 9 k ms. 990 of all 1000 took no
-// longer than number 10, 900 no longer than number 100.
-TEST_F(LoadRunTest, AStallIsSeenByAllWhoWouldHaveCalledDuringIt) {
+// A server that answers in 1 ms stalls from second 5 to second 6. Of the evenly spaced calls,
+// number k of that second ends at 6 s + (k + 1) ms and takes 1001 - 9 k ms. Of all 1000 calls, 990
+// take no longer than number 10, and 900 no longer than number 100.
+TEST_F(LoadRunTest, AStallDelaysAllCallsDueDuringIt) {
   CallEvenly(100.0);
   server_.stalls = TimePoint() + seconds(5);
   server_.goes_on = TimePoint() + seconds(6);
@@ -66,9 +66,9 @@ TEST_F(LoadRunTest, AStallIsSeenByAllWhoWouldHaveCalledDuringIt) {
   EXPECT_NEAR(Milliseconds(tally.answer_latency.Quantile(0.5)), 1.0, 0.01);
 }
 
-// The same with a generator that cannot have more than one call under way: it is silent during the
-// stall, and must not hide it.
-TEST_F(LoadRunTest, WhatCouldNotBeSentInTimeIsTimedFromWhenItWasDue) {
+// The same, but the generator may have only one call in flight. It is silent during the stall and
+// must not hide it.
+TEST_F(LoadRunTest, LateCallsAreTimedFromWhenTheyWereDue) {
   CallEvenly(100.0);
   plan_.max_in_flight = 1;
   server_.stalls = TimePoint() + seconds(5);
@@ -80,7 +80,7 @@ TEST_F(LoadRunTest, WhatCouldNotBeSentInTimeIsTimedFromWhenItWasDue) {
   EXPECT_GT(tally.lateness.max(), milliseconds(900));
 }
 
-TEST_F(LoadRunTest, CallsThatWereNeverSentAreCounted) {
+TEST_F(LoadRunTest, CountsCallsThatWereNeverSent) {
   CallEvenly(100.0);
   plan_.max_in_flight = 5;
   server_.service_time = seconds(4);
@@ -91,7 +91,7 @@ TEST_F(LoadRunTest, CallsThatWereNeverSentAreCounted) {
   EXPECT_EQ(tally.unsent, 1'000 - 7);
 }
 
-TEST_F(LoadRunTest, WhatWasDueInTheWarmUpIsNotMeasured) {
+TEST_F(LoadRunTest, DoesNotMeasureCallsDueInTheWarmUp) {
   CallEvenly(100.0);
   plan_.warm_up = seconds(2);
   server_.answer = [](int n) {
@@ -115,7 +115,7 @@ TEST_F(LoadRunTest, AClosedLoopKeepsItsCallersBusy) {
   EXPECT_EQ(tally.answer_latency.max(), milliseconds(20));  // three before it
 }
 
-TEST_F(LoadRunTest, ARefusedCallerRestsAsLongAsItWasTold) {
+TEST_F(LoadRunTest, ARefusedCallerWaitsForTheRetryDelay) {
   plan_.loop = ClosedLoop{1};
   plan_.duration = seconds(1);
   server_.answer = [](int) {
@@ -135,7 +135,7 @@ TEST_F(LoadRunTest, ARefusedCallerRestsAsLongAsItWasTold) {
   }
 }
 
-TEST_F(LoadRunTest, CallersOfAServerThatIsGoneDoNotSpin) {
+TEST_F(LoadRunTest, CallersOfAnUnreachableServerDoNotSpin) {
   plan_.loop = ClosedLoop{10};
   plan_.duration = seconds(1);
   server_.service_time = nanoseconds(0);
@@ -145,7 +145,7 @@ TEST_F(LoadRunTest, CallersOfAServerThatIsGoneDoNotSpin) {
   EXPECT_EQ(tally.failure.message(), "gone");
 }
 
-TEST_F(LoadRunTest, DeadlinesAreDrawnFromTheirRangeAndCountFromWhenACallWasDue) {
+TEST_F(LoadRunTest, DeadlinesAreDrawnFromTheirRangeAndCountFromTheDueTime) {
   CallEvenly(100.0);
   plan_.deadline = DeadlineRange{1.0, 5.0};
   server_.service_time = nanoseconds(0);
@@ -170,12 +170,12 @@ TEST_F(LoadRunTest, ALateCallHasLessTimeLeft) {
   server_.goes_on = TimePoint() + seconds(6);
   const Tally tally = Run();
   EXPECT_GT(tally.Ended(absl::StatusCode::kDeadlineExceeded), 0);
-  // Nobody who was due in the stall's first half was answered after its end.
+  // No call that was due in the first half of the stall was answered after its end.
   EXPECT_LE(tally.answer_latency.max(), milliseconds(500));
   EXPECT_TRUE(tally.failure.ok());
 }
 
-TEST_F(LoadRunTest, ItEndsAfterSoManyCalls) {
+TEST_F(LoadRunTest, EndsAfterTheNumberOfCalls) {
   plan_.calls = 50;
   CallEvenly(100.0);
   EXPECT_EQ(Run().due, 50);
@@ -188,7 +188,7 @@ TEST_F(LoadRunTest, ItEndsAfterSoManyCalls) {
   EXPECT_EQ(tally.length, milliseconds(50));  // one millisecond each
 }
 
-TEST_F(LoadRunTest, StoppingEndsItAtOnceWithWhatThereIs) {
+TEST_F(LoadRunTest, StoppingEndsItAtOnceAndKeepsItsResults) {
   for (const bool open : {true, false}) {
     SimulatedTimeline timeline;
     SimulatedServer server(timeline);
@@ -211,7 +211,7 @@ TEST_F(LoadRunTest, StoppingEndsItAtOnceWithWhatThereIs) {
   }
 }
 
-TEST_F(LoadRunTest, ItDoesNotWaitForEverForAnAnswer) {
+TEST_F(LoadRunTest, DoesNotWaitForeverForAnAnswer) {
   CallEvenly(10.0);
   server_.stalls = TimePoint() + seconds(5);
   plan_.patience = seconds(2);

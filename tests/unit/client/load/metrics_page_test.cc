@@ -28,7 +28,7 @@ odd{text="a \"quoted\" \\ , } word"} 4
 plain 2.5
 )";
 
-TEST(MetricsPageTest, SamplesAreSummedByTheLabelsAskedFor) {
+TEST(MetricsPageTest, SumsSamplesWithTheGivenLabels) {
   const MetricsPage page = MetricsPage::Parse(kBefore);
   EXPECT_EQ(page.Sum("calls_total"), 1107.0);
   EXPECT_EQ(page.Sum("calls_total", {{"method", "A/B"}}), 1100.0);
@@ -39,7 +39,7 @@ TEST(MetricsPageTest, SamplesAreSummedByTheLabelsAskedFor) {
   EXPECT_EQ(page.Sum("odd", {{"text", "a \"quoted\" \\ , } word"}}), 4.0);
 }
 
-TEST(MetricsPageTest, WhatIsNoMetricIsPassedOver) {
+TEST(MetricsPageTest, IgnoresLinesThatAreNotMetrics) {
   const MetricsPage page =
       MetricsPage::Parse("<html>\nbroken{a=\"b} 3\nname\nname{a=\"b\"}\nname x\n\r\ngood 1\r\n");
   EXPECT_EQ(page.Sum("good"), 1.0);
@@ -47,7 +47,7 @@ TEST(MetricsPageTest, WhatIsNoMetricIsPassedOver) {
   EXPECT_EQ(page.Sum("broken"), std::nullopt);
 }
 
-TEST(MetricsPageTest, AHistogramsChangeIsWhatWasObservedBetween) {
+TEST(MetricsPageTest, AHistogramsChangeIsWhatItObservedBetweenTwoPages) {
   const MetricsPage before = MetricsPage::Parse(kBefore);
   // Between: 2 up to 0.1 s, 6 up to 0.5 s, 2 beyond.
   const MetricsPage after = MetricsPage::Parse(R"(wait_seconds_count{stage="queue"} 20
@@ -62,22 +62,22 @@ wait_seconds_count{stage="other"} 1000
   EXPECT_DOUBLE_EQ(change.Mean(), 0.4);
   EXPECT_DOUBLE_EQ(change.Quantile(0.1), 0.05);  // the first of two that share [0, 0.1]
   EXPECT_DOUBLE_EQ(change.Quantile(0.5), 0.1 + 0.4 * 3.0 / 6.0);
-  EXPECT_DOUBLE_EQ(change.Quantile(0.99), 0.5);  // nobody knows how far beyond
+  EXPECT_DOUBLE_EQ(change.Quantile(0.99), 0.5);  // how far beyond is unknown
 }
 
-TEST(MetricsPageTest, NothingObservedHasNoMean) {
+TEST(MetricsPageTest, AnEmptyChangeHasNoMean) {
   const MetricsPage page = MetricsPage::Parse(kBefore);
   EXPECT_TRUE(std::isnan(Change(page, page, "wait_seconds").Mean()));
   EXPECT_TRUE(std::isnan(Change(page, page, "wait_seconds").Quantile(0.5)));
   EXPECT_TRUE(std::isnan(Change(page, page, "unknown").Mean()));
 }
 
-TEST(FetchMetricsTest, AddressesThatAreNoneAndThoseWithoutAPageAreToldApart) {
+TEST(FetchMetricsTest, DistinguishesInvalidAddressesFromUnreachableOnes) {
   for (const char* url :
        {"", "https://localhost:1/metrics", "localhost", "http://", "http://:80/"}) {
     EXPECT_TRUE(absl::IsInvalidArgument(FetchMetrics(url).status())) << url;
   }
-  // Port 1 of this machine: nobody listens.
+  // Nobody listens on port 1 of this machine.
   EXPECT_TRUE(absl::IsUnavailable(FetchMetrics("http://127.0.0.1:1/metrics").status()));
   EXPECT_TRUE(absl::IsUnavailable(FetchMetrics("[::1]:1").status()));
 }

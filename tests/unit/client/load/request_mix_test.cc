@@ -8,8 +8,8 @@
 namespace maneuver::load {
 namespace {
 
-// Agents 10 * id, 10 * id + 1, ...: each a target, with a state before and one after the prediction
-// time.
+// Agents 10 * id, 10 * id + 1, ...: each is a target with one state before and one after the
+// prediction time.
 v1::Scenario Scene(int id, int targets) {
   v1::Scenario scene;
   scene.set_scenario_id(std::to_string(id));
@@ -30,7 +30,7 @@ int Targets(const v1::PredictRequest& request) {
   return targets;
 }
 
-TEST(RequestMixTest, RequestsHaveTargetsThroughoutTheRange) {
+TEST(RequestMixTest, NumbersOfTargetsCoverTheirRange) {
   const std::vector<v1::PredictRequest> requests =
       MakeRequests({Scene(1, 2), Scene(2, 4)}, {},
                    {.least_targets = 2, .most_targets = 6, .requests = 200, .seed = 1});
@@ -44,7 +44,7 @@ TEST(RequestMixTest, RequestsHaveTargetsThroughoutTheRange) {
   }
 }
 
-TEST(RequestMixTest, ATargetIsAskedAboutOnceInASceneAndAnyOfThemMayBe) {
+TEST(RequestMixTest, EveryTargetIsDrawnAndNeverTwiceInAScene) {
   std::set<int64_t> seen;
   for (const v1::PredictRequest& request :
        MakeRequests({Scene(3, 4)}, {}, {.least_targets = 2, .most_targets = 2, .requests = 50})) {
@@ -56,7 +56,7 @@ TEST(RequestMixTest, ATargetIsAskedAboutOnceInASceneAndAnyOfThemMayBe) {
   EXPECT_THAT(seen, ::testing::ElementsAre(30, 31, 32, 33));
 }
 
-TEST(RequestMixTest, NothingAfterThePredictionTimeIsSent) {
+TEST(RequestMixTest, SendsNothingAfterThePredictionTime) {
   v1::PredictRequest pattern;
   pattern.set_model("models/town");
   pattern.mutable_query()->set_top_k(3);
@@ -67,7 +67,7 @@ TEST(RequestMixTest, NothingAfterThePredictionTimeIsSent) {
   }
 }
 
-TEST(RequestMixTest, TheSeedDecides) {
+TEST(RequestMixTest, TheSeedDecidesTheRequests) {
   const std::vector<v1::Scenario> scenes = {Scene(1, 3), Scene(2, 3)};
   const auto text = [&](uint64_t seed) {
     std::string all;

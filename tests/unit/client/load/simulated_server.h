@@ -1,4 +1,4 @@
-// A server and its callers in simulated time: every run is the same, and takes no time.
+// A server and its callers in simulated time: every test is deterministic and takes no time.
 
 #ifndef MANEUVER_TESTS_UNIT_CLIENT_LOAD_SIMULATED_SERVER_H_
 #define MANEUVER_TESTS_UNIT_CLIENT_LOAD_SIMULATED_SERVER_H_
@@ -15,7 +15,7 @@ namespace maneuver::load {
 
 using std::chrono::nanoseconds;
 
-// Time goes on while somebody waits, from event to event.
+// Time advances while somebody waits, from event to event.
 class SimulatedTimeline final : public Timeline {
  public:
   TimePoint Now() override { return now_; }
@@ -40,13 +40,13 @@ class SimulatedTimeline final : public Timeline {
   std::multimap<TimePoint, std::function<void()>> events_;
 };
 
-// Answers one call after another, in their order.
+// Answers one call after another, in order.
 class SimulatedServer final : public Callee {
  public:
   explicit SimulatedServer(SimulatedTimeline& timeline) : timeline_(timeline) {}
 
   nanoseconds service_time = std::chrono::milliseconds(1);
-  // Between these it stands still.
+  // The server stalls between these times.
   TimePoint stalls = TimePoint::max();
   TimePoint goes_on = TimePoint::max();
   // Overrides the answer to call number n, from 0; may be empty.
@@ -91,7 +91,7 @@ class SimulatedServer final : public Callee {
   }
 
  private:
-  // Once for each call, whatever ends it first.
+  // Ends each call once, by whatever comes first.
   std::function<void()> End(int number, std::function<void(const Outcome&)> on_end,
                             const Outcome& outcome) {
     return [this, number, on_end = std::move(on_end), outcome] {

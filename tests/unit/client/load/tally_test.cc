@@ -13,7 +13,7 @@ using std::chrono::seconds;
 constexpr TimePoint kStart{seconds(100)};
 constexpr Window kWindow{kStart, kStart + seconds(10)};
 
-// As the server refuses a call.
+// Returns a refusal as the server sends it.
 absl::Status Refused(int64_t delay_milliseconds) {
   v1::RetryInfo info;
   info.mutable_retry_delay()->set_nanos(static_cast<int32_t>(delay_milliseconds * 1'000'000));
@@ -35,7 +35,7 @@ TEST(TallyTest, LatencyCountsFromWhenACallWasDue) {
   EXPECT_EQ(tally.answered_targets, 2);
 }
 
-TEST(TallyTest, CallsCountWhereTheyWereDueAndAnswersWhereTheyCame) {
+TEST(TallyTest, CallsCountByDueTimeAndAnswersByArrivalTime) {
   Tally tally;
   tally.length = seconds(10);
   const auto answered = [&](seconds due, seconds ended) {
@@ -53,7 +53,7 @@ TEST(TallyTest, CallsCountWhereTheyWereDueAndAnswersWhereTheyCame) {
   EXPECT_DOUBLE_EQ(tally.OfferedRate(), 0.2);
 }
 
-TEST(TallyTest, RefusalsAreCountedWithTheDelayThatTheyCarry) {
+TEST(TallyTest, CountsRefusalsAndTheirRetryDelays) {
   Tally tally;
   const auto refused = [&](const absl::Status& status) {
     tally.Add(kWindow, kStart, kStart, kStart + milliseconds(2), {status});
@@ -71,7 +71,7 @@ TEST(TallyTest, RefusalsAreCountedWithTheDelayThatTheyCarry) {
   EXPECT_EQ(tally.Failed(), 0);
 }
 
-TEST(TallyTest, RefusedCallsThatWereNeverSentAreCountedApart) {
+TEST(TallyTest, CountsCallsHeldBackByTheClientSeparately) {
   Tally tally;
   const auto refused = [&](const std::string& reason) {
     tally.Add(kWindow, kStart, kStart, kStart,
@@ -86,7 +86,7 @@ TEST(TallyTest, RefusedCallsThatWereNeverSentAreCountedApart) {
   EXPECT_EQ(tally.Ended(absl::StatusCode::kResourceExhausted), 3);
 }
 
-TEST(TallyTest, WhatLoadDoesNotExplainIsAFailureAndTheFirstIsKept) {
+TEST(TallyTest, KeepsTheFirstFailureThatLoadDoesNotExplain) {
   Tally tally;
   for (const absl::Status& status :
        {absl::DeadlineExceededError("late"), absl::NotFoundError("no such model"),
@@ -97,7 +97,7 @@ TEST(TallyTest, WhatLoadDoesNotExplainIsAFailureAndTheFirstIsKept) {
   EXPECT_EQ(tally.failure.message(), "no such model");
 }
 
-TEST(TallyTest, TargetsRefusedInAnAnswerAreAFailure) {
+TEST(TallyTest, TargetsRefusedWithinAnAnswerAreAFailure) {
   Tally tally;
   tally.Add(kWindow, kStart, kStart, kStart, {absl::OkStatus(), 1, 2, "target_ids[1] is nobody"});
   EXPECT_EQ(tally.refused_targets, 2);

@@ -12,7 +12,7 @@ namespace {
 
 using google::protobuf::util::MessageDifferencer;
 
-TEST(AnchorSpecTest, ReadsTheSceneAsTheModelDoesAndDecodesNoAction) {
+TEST(AnchorSpecTest, ReadsTheSceneLikeTheModelAndDecodesNoAction) {
   for (const char* preset : {"lanes", "lanes-metres", "compact"}) {
     v1::TrainingSettings settings;
     settings.set_preset(preset);

@@ -21,10 +21,10 @@ v1::ModelSpec ResNet50() {
   return ResolveTrainingSettings(settings).model();
 }
 
-// ResNet-18 and -34, of basic blocks, and -50, as torchvision publishes them with their weights:
-// parameters and 1e9 multiply-adds for 224 x 224 pixels of 3 channels and 1000 classes. With the
+// ResNet-18 and -34 (basic blocks) and -50, as torchvision publishes them with their weights:
+// parameters, and 1e9 multiply-adds for 224 x 224 pixels, 3 channels and 1000 classes. With the
 // stride in the first 1x1 convolution of a bottleneck, the last would be 3.86.
-TEST(ModelCostTest, ResNetsCostWhatIsPublished) {
+TEST(ModelCostTest, ResNetsHaveTheirPublishedCosts) {
   struct Published {
     std::vector<int> blocks;
     v1::ResidualBlock block;
@@ -43,7 +43,7 @@ TEST(ModelCostTest, ResNetsCostWhatIsPublished) {
       backbone.mutable_residual()->mutable_stages(s)->set_blocks(
           published.blocks[static_cast<size_t>(s)]);
     }
-    // What the stem costs more for more channels than three.
+    // The additional cost of the stem for more than three channels.
     const int64_t taps = int64_t{64} * 7 * 7 * (RasterGrid(spec.raster()).channels - 3);
     const v1::ModelCost cost = CountCost(spec);
     EXPECT_EQ(cost.backbone_parameters() - taps, published.parameters);
@@ -70,7 +70,7 @@ TEST(ModelCostTest, CountsEveryPartOnce) {
   EXPECT_EQ(cost.distribution_multiply_adds(), 5 * 11 + 11 * 4 + 5 * (2 * 10 + 10 * 6));
 }
 
-// Sum of the sizes of the tensors whose names begin so and end in ".weight".
+// Returns the summed sizes of the tensors whose names start with `begin` and end in ".weight".
 int64_t Weights(const v1::ModelSpec& spec, const std::string& begin) {
   int64_t sum = 0;
   for (const auto& [name, shape] : TensorShapes(spec)) {
@@ -82,9 +82,8 @@ int64_t Weights(const v1::ModelSpec& spec, const std::string& begin) {
   return sum;
 }
 
-// Every weight multiplies once for each scene, path, agent, action or pair that its layer is
-// applied to.
-TEST(ModelCostTest, CountsWhatReadsVectorsAndLooksAtTheLanes) {
+// Every weight multiplies once per scene, path, agent, action or pair that its layer is applied to.
+TEST(ModelCostTest, CountsTheLayersThatReadVectorsAndLanes) {
   v1::TrainingSettings settings;
   settings.set_preset("lanes");
   const v1::ModelSpec spec = ResolveTrainingSettings(settings).model();

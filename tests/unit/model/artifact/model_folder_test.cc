@@ -62,7 +62,7 @@ TEST_F(ModelFolderTest, ReadsBackWhatItWrote) {
   }
 }
 
-TEST_F(ModelFolderTest, ManifestIsJsonWithTheNamesOfTheProto) {
+TEST_F(ModelFolderTest, ManifestIsJsonWithProtoFieldNames) {
   ASSERT_TRUE(WriteModelFolder(folder_, TinyModel()).ok());
   const std::string json = ReadBytes(folder_ / "model.json");
   EXPECT_THAT(json, HasSubstr("\"meters_per_pixel\": 2"));
@@ -76,19 +76,19 @@ TEST_F(ModelFolderTest, NeverReplacesAVersion) {
   EXPECT_THAT(parent_.Names(), ElementsAre("1"));
 }
 
-TEST_F(ModelFolderTest, NeverWritesWhatItWouldNotRead) {
+TEST_F(ModelFolderTest, RefusesToWriteWhatItWouldNotRead) {
   StoredModel model = TinyModel();
   model.weights["decoder.0.bias"].values[0] = std::numeric_limits<float>::quiet_NaN();
   EXPECT_EQ(WriteModelFolder(folder_, model).code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(parent_.Names(), IsEmpty());
 }
 
-TEST_F(ModelFolderTest, AFolderThatIsNotThereIsNotFound) {
+TEST_F(ModelFolderTest, AMissingFolderIsNotFound) {
   EXPECT_EQ(ReadModelFolder(folder_).status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(ReadModelManifest(folder_).status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST_F(ModelFolderTest, RewritesTheManifestAlone) {
+TEST_F(ModelFolderTest, RewritesOnlyTheManifest) {
   ASSERT_TRUE(WriteModelFolder(folder_, TinyModel()).ok());
   v1::ModelManifest manifest = ReadModelManifest(folder_).value();
   for (int k = 0; k < 3; ++k) manifest.add_actions()->set_action_id(k);
@@ -111,7 +111,7 @@ TEST_F(ModelFolderTest, RewritingRefusesTheManifestOfOtherWeights) {
   EXPECT_TRUE(ReadModelFolder(folder_).ok());
 }
 
-TEST_F(ModelFolderTest, NoByteOfTheManifestChangesUnnoticed) {
+TEST_F(ModelFolderTest, DetectsAChangeOfAnyByteOfTheManifest) {
   ASSERT_TRUE(WriteModelFolder(folder_, TinyModel()).ok());
   const std::string written = ReadBytes(folder_ / "model.json");
   for (size_t i = 0; i < written.size(); ++i) {
@@ -125,7 +125,7 @@ TEST_F(ModelFolderTest, NoByteOfTheManifestChangesUnnoticed) {
   }
 }
 
-TEST_F(ModelFolderTest, AManifestOfAFormerReleaseIsReadAndGetsItsDigestWhenItIsRewritten) {
+TEST_F(ModelFolderTest, ReadsAManifestWithoutADigestAndAddsOneWhenRewriting) {
   ASSERT_TRUE(WriteModelFolder(folder_, TinyModel()).ok());
   EXPECT_TRUE(HasManifestDigest(folder_));
   WriteBytes(folder_ / "model.json", Unseal(ReadBytes(folder_ / "model.json")).value());
@@ -154,7 +154,7 @@ TEST_P(DamagedModelFolderTest, IsRefusedWithTheReason) {
   EXPECT_THAT(std::string(read.status().message()), HasSubstr(GetParam().reason));
 }
 
-// Damage of the text of a manifest that carries no digest, as those of former releases.
+// Damages the text of a manifest without a digest, as older releases wrote it.
 std::function<void(const fs::path&)> InManifest(std::string from, std::string to) {
   return [from, to](const fs::path& folder) {
     std::string json = Unseal(ReadBytes(folder / "model.json")).value();
@@ -163,7 +163,7 @@ std::function<void(const fs::path&)> InManifest(std::string from, std::string to
   };
 }
 
-// Damage of the weights under a digest that fits.
+// Damages the weights and stores a matching digest.
 std::function<void(const fs::path&)> InWeights(std::function<void(TensorMap*)> change) {
   return [change](const fs::path& folder) {
     TensorMap weights = ParseSafetensors(ReadBytes(folder / "weights.safetensors")).value();

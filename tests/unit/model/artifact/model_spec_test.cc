@@ -22,9 +22,9 @@ std::vector<std::string> WrongFields(const v1::ModelSpec& spec) {
   return fields;
 }
 
-TEST(ModelSpecTest, AcceptsAGoodSpec) { EXPECT_THAT(WrongFields(TinySpec()), ElementsAre()); }
+TEST(ModelSpecTest, AcceptsAValidSpec) { EXPECT_THAT(WrongFields(TinySpec()), ElementsAre()); }
 
-// A change of a good spec, as text to merge, and the field that is then wrong.
+// A change of a valid spec, as text to merge, and the field that is then invalid.
 struct Fault {
   const char* name;
   const char* change;
@@ -96,7 +96,7 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"TypeNotStated", "target_types: AGENT_TYPE_UNSPECIFIED", "target_types[0]"}),
     [](const testing::TestParamInfo<Fault>& fault) { return fault.param.name; });
 
-TEST(ModelSpecTest, AnEmptySpecIsWrongInEveryPart) {
+TEST(ModelSpecTest, RefusesEveryPartOfAnEmptySpec) {
   const auto fields = WrongFields(v1::ModelSpec());
   for (const char* field : {"raster", "trajectory.waypoints", "actions", "latent_dimensions",
                             "decoder.hidden", "decoder_stddev"}) {
@@ -111,7 +111,7 @@ TEST(ModelSpecTest, AnEmptySpecIsWrongInEveryPart) {
   }
 }
 
-// A spec with a residual backbone, changed by text.
+// Returns a spec with a residual backbone, changed by text.
 v1::ModelSpec ResidualSpec(const char* change) {
   v1::ModelSpec spec = TinySpec();
   spec.mutable_backbone()->clear_convolutions();
@@ -129,7 +129,7 @@ v1::ModelSpec ResidualSpec(const char* change) {
   return spec;
 }
 
-TEST(ModelSpecTest, AResidualBackboneIsCheckedFieldByField) {
+TEST(ModelSpecTest, ChecksEachFieldOfAResidualBackbone) {
   EXPECT_THAT(WrongFields(ResidualSpec("")), ElementsAre());
   for (const auto& [change, field] : std::vector<std::pair<const char*, const char*>>{
            {"stem { channels: 2000 }", "stem.channels"},
@@ -168,7 +168,8 @@ TEST(ModelSpecTest, TensorsOfAResidualBackboneAreNamedByStageAndBlock) {
 }
 
 TEST(ModelSpecTest, GridsFollowThePaddedStridedConvolutions) {
-  // Output positions of a 3-wide window at -1, -1 + stride, ... whose centre is within the input.
+  // Output positions are those of a 3-wide window at -1, -1 + stride, ... with its centre in the
+  // input.
   for (const int size : {16, 17, 18, 19, 31, 96, 225}) {
     for (const int stride : {1, 2}) {
       v1::ModelSpec spec = TinySpec();
@@ -185,7 +186,7 @@ TEST(ModelSpecTest, GridsFollowThePaddedStridedConvolutions) {
   EXPECT_EQ(input.width, 20);
 }
 
-TEST(ModelSpecTest, ShapesAreThoseOfTheListInTensorH) {
+TEST(ModelSpecTest, ShapesMatchTheListInTensorH) {
   using Shape = std::vector<int64_t>;
   auto shapes = TensorShapes(TinySpec());
   EXPECT_EQ(shapes["backbone.convolution.0.weight"], Shape({4, 7, 3, 3}));
@@ -252,7 +253,7 @@ TEST(ModelSpecTest, PredictsVehiclesUnlessItStatesOtherTypes) {
 TEST(ModelSpecTest, CurvesHaveAKnotAboutEvery0Point8SecondsOfAnyHorizon) {
   v1::TrajectorySpec spec;
   spec.mutable_waypoint_interval()->set_nanos(100'000'000);
-  // Cubic splines that start at 0: as many functions as intervals, and two.
+  // Cubic splines that start at 0 have two more functions than intervals.
   for (const auto& [waypoints, functions] : {std::pair(30, 6), {50, 8}, {80, 12}, {3, 3}}) {
     spec.set_waypoints(waypoints);
     EXPECT_EQ(CurveFunctions(spec), functions) << waypoints;

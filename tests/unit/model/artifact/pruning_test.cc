@@ -39,7 +39,7 @@ TEST(PruningTest, EveryTensorHasTheShapeOfTheSmallerModel) {
     for (const int64_t size : shape) count *= size;
     EXPECT_EQ(static_cast<int64_t>(pruned->weights.at(name).values.size()), count) << name;
   }
-  // What does not count actions stays as it was.
+  // Tensors that do not count actions are unchanged.
   EXPECT_EQ(pruned->weights.at("decoder.0.weight").values,
             TinyModel().weights.at("decoder.0.weight").values);
   EXPECT_EQ(pruned->weights.at("action_predictor.0.weight").values,
@@ -55,7 +55,7 @@ TEST(PruningTest, WeightsOfTheMixtureAreRenormalised) {
               ElementsAre(FloatEq(std::log(0.625f)), FloatEq(std::log(0.375f))));
 }
 
-TEST(PruningTest, ActionsThatAreNotThereTwiceOrTooFewAreRefused) {
+TEST(PruningTest, RefusesUnknownRepeatedOrTooFewActions) {
   for (const std::vector<int>& kept :
        {std::vector<int>{0, 3}, {-1, 0}, {1, 1}, {2}, std::vector<int>{}}) {
     EXPECT_EQ(PruneActions(TinyModel(), kept).status().code(), absl::StatusCode::kInvalidArgument);

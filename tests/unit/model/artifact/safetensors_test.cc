@@ -40,8 +40,8 @@ TEST(SafetensorsTest, ReadsBackWhatItWrote) {
   }
 }
 
-TEST(SafetensorsTest, ReadsWhatOtherLibrariesWrite) {
-  // Metadata, other order of keys, tensors not in the order of their names.
+TEST(SafetensorsTest, ReadsFilesOfOtherLibraries) {
+  // With metadata, another order of keys, and tensors not sorted by name.
   const auto read = ParseSafetensors(File(
       R"({"__metadata__":{"format":"pt"},"z":{"dtype":"F32","shape":[1],"data_offsets":[0,4]},)"
       R"("a":{"dtype":"F32","shape":[1,1],"data_offsets":[4,8]}}   )",

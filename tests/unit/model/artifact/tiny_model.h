@@ -1,4 +1,4 @@
-// A model small enough to look at, with weights that are good but say nothing.
+// A tiny model with valid but meaningless weights.
 
 #ifndef MANEUVER_TESTS_UNIT_MODEL_ARTIFACT_TINY_MODEL_H_
 #define MANEUVER_TESTS_UNIT_MODEL_ARTIFACT_TINY_MODEL_H_

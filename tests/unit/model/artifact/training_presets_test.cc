@@ -42,8 +42,8 @@ TEST(TrainingPresetsTest, LanesIsTheDefault) {
   EXPECT_EQ(Resolved("preset: 'lanes-metres'").model().reference(), v1::TRAJECTORY_REFERENCE_NONE);
 }
 
-// Callers who set sizes of a raster before there was another default.
-TEST(TrainingPresetsTest, SettingsOfARasterAreOfTheRastersPreset) {
+// For callers that set sizes of a raster when that was the only default.
+TEST(TrainingPresetsTest, SettingsWithARasterGetTheRastersPreset) {
   for (const char* settings : {"model { raster { height: 96 } }", "model { target_motion: false }",
                                "model { backbone { features: 64 } }"}) {
     EXPECT_EQ(Resolved(settings).preset(), "compact") << settings;
@@ -51,12 +51,12 @@ TEST(TrainingPresetsTest, SettingsOfARasterAreOfTheRastersPreset) {
   }
 }
 
-TEST(TrainingPresetsTest, ADualModelLearnsItsScenarioEncoders) {
+TEST(TrainingPresetsTest, OnlyADualModelGetsPosteriorEpochs) {
   EXPECT_GT(Resolved("model { objective: OBJECTIVE_DUAL }").optimization().posterior_epochs(), 0);
   EXPECT_EQ(Resolved("").optimization().posterior_epochs(), 0);
 }
 
-TEST(TrainingPresetsTest, AnotherCovarianceTakesThePlaceOfTheScenes) {
+TEST(TrainingPresetsTest, AnotherCovarianceReplacesThatOfTheScene) {
   const v1::TrainingSettings learned =
       Resolved("optimization { decoder_covariance: DECODER_COVARIANCE_LEARNED }");
   EXPECT_FALSE(learned.model().has_scene_covariance());
@@ -99,20 +99,20 @@ TEST(TrainingPresetsTest, OneBackboneReplacesTheOther) {
       "block: RESIDUAL_BLOCK_BASIC stages { blocks: 1 width: 8 stride: 2 } } } }");
   EXPECT_TRUE(residual.model().backbone().convolutions().empty());
   EXPECT_THAT(WrongFields(residual), ElementsAre());
-  // A field of the preset's own residual network is replaced by itself.
+  // A field of the preset's own residual network only replaces itself.
   const v1::TrainingSettings basic =
       Resolved("preset: 'resnet50' model { backbone { residual { stem { max_pool: false } } } }");
   EXPECT_FALSE(basic.model().backbone().residual().stem().max_pool());
   EXPECT_EQ(basic.model().backbone().residual().stem().channels(), 64);
 }
 
-TEST(TrainingPresetsTest, AnUnknownPresetIsLeftAloneAndNamed) {
+TEST(TrainingPresetsTest, NamesAnUnknownPresetAndLeavesTheSettingsAlone) {
   const v1::TrainingSettings resolved = Resolved("preset: 'large' seed: 3");
   EXPECT_EQ(resolved.SerializeAsString(), Settings("preset: 'large' seed: 3").SerializeAsString());
   EXPECT_THAT(WrongFields(resolved), ElementsAre("preset"));
 }
 
-TEST(TrainingPresetsTest, SetFieldsReplaceThePresetsAndNothingElse) {
+TEST(TrainingPresetsTest, SetFieldsReplaceThoseOfThePresetAndNoOthers) {
   v1::TrainingSettings expected = Resolved("preset: 'compact'");
   expected.mutable_model()->mutable_raster()->set_height(64);
   expected.mutable_optimization()->set_joint_epochs(2);
@@ -148,7 +148,7 @@ TEST(TrainingPresetsTest, AugmentationCanBeTurnedOff) {
   EXPECT_THAT(WrongFields(resolved), ElementsAre());
 }
 
-TEST(TrainingPresetsTest, APredictedCovarianceHasANetworkAndNoOtherHas) {
+TEST(TrainingPresetsTest, OnlyAPredictedCovarianceHasANetwork) {
   const v1::TrainingSettings predicted =
       Resolved("optimization { decoder_covariance: DECODER_COVARIANCE_PREDICTED }");
   EXPECT_THAT(predicted.model().decoder_covariance().hidden(), ElementsAre(64));
@@ -159,7 +159,7 @@ TEST(TrainingPresetsTest, APredictedCovarianceHasANetworkAndNoOtherHas) {
   EXPECT_THAT(WrongFields(other), ElementsAre("model.decoder_covariance"));
 }
 
-TEST(TrainingPresetsTest, LiteralIsThePaperByItsLetter) {
+TEST(TrainingPresetsTest, LiteralFollowsThePaper) {
   const v1::TrainingSettings literal = Resolved("preset: 'literal'");
   EXPECT_THAT(WrongFields(literal), ElementsAre());
   EXPECT_EQ(literal.optimization().mixture_epochs(), 0);
@@ -175,7 +175,7 @@ TEST(TrainingPresetsTest, LiteralIsThePaperByItsLetter) {
             Resolved("preset: 'compact'").model().raster().SerializeAsString());
 }
 
-TEST(TrainingPresetsTest, WhatIsOnInThePresetCanBeTurnedOff) {
+TEST(TrainingPresetsTest, OptionsOfAPresetCanBeTurnedOff) {
   EXPECT_TRUE(Resolved("preset: 'compact'").model().target_motion());
   EXPECT_TRUE(Resolved("").optimization().calibrate_probabilities());
   const v1::TrainingSettings off = Resolved(
@@ -188,7 +188,7 @@ TEST(TrainingPresetsTest, WhatIsOnInThePresetCanBeTurnedOff) {
   EXPECT_THAT(WrongFields(off), ElementsAre());
 }
 
-TEST(TrainingPresetsTest, PartsOfLanesAreTurnedOffByZero) {
+TEST(TrainingPresetsTest, ZeroWidthsTurnOffPartsOfLanes) {
   EXPECT_EQ(Resolved("").model().scene_vectors().agent_width(), 64);
   const v1::TrainingSettings no_agents = Resolved("model { scene_vectors { agent_width: 0 } }");
   EXPECT_FALSE(ReadsAgents(no_agents.model()));
@@ -271,7 +271,7 @@ v1::ModelSpec StartSpec() {
   return Resolved("preset: 'paper' model { actions: 7 objective: OBJECTIVE_BASE }").model();
 }
 
-TEST(StartTest, TheSpecOfTheStartStandsInForThePresetsAndTheObjectiveMayChange) {
+TEST(StartTest, TheStartsSpecReplacesThePresetsAndTheObjectiveMayChange) {
   const v1::TrainingSettings kept =
       ResolveTrainingSettings(Settings("optimization { joint_epochs: 3 }"), StartSpec());
   EXPECT_EQ(kept.model().SerializeAsString(), StartSpec().SerializeAsString());
@@ -285,7 +285,7 @@ TEST(StartTest, TheSpecOfTheStartStandsInForThePresetsAndTheObjectiveMayChange) 
   EXPECT_THAT(WrongFields(dual), ElementsAre());
 }
 
-TEST(StartTest, AgreementIsFineAndWhatDoesNotAgreeIsNamed) {
+TEST(StartTest, NamesSettingsThatContradictTheStart) {
   const auto wrong = [](const std::string& text) {
     std::vector<std::string> fields;
     for (const auto& violation : ValidateStart(Settings(text), StartSpec())) {
@@ -306,8 +306,8 @@ TEST(StartTest, AgreementIsFineAndWhatDoesNotAgreeIsNamed) {
   EXPECT_NE(message.find("actions: 7 -> 8"), std::string::npos) << message;
 }
 
-// As folders of before models read agents have it.
-TEST(StartTest, AWidthThatIsNotSetIsAWidthOf0) {
+// Folders from before models read agents have no such field.
+TEST(StartTest, AnUnsetWidthEqualsZero) {
   v1::ModelSpec start = Resolved("").model();
   start.mutable_scene_vectors()->clear_agent_width();
   start.mutable_scene_vectors()->clear_agent_heads();

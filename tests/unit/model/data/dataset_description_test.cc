@@ -1,4 +1,4 @@
-// DescribeDataset against counts made by hand.
+// Compares DescribeDataset with counts made by hand.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -15,7 +15,7 @@
 namespace maneuver::data {
 namespace {
 
-// A past of a second, a future of two.
+// One second of past, two of future.
 v1::ModelSpec Spec() {
   v1::ModelSpec spec;
   spec.mutable_raster()->set_history_frames(11);
@@ -25,7 +25,7 @@ v1::ModelSpec Spec() {
   return spec;
 }
 
-// One example a second: of a vehicle that is there from 0 to 5 s those at 1, 2 and 3 s.
+// One example per second: a vehicle present from 0 to 5 s has examples at 1, 2 and 3 s.
 v1::ExampleSettings Settings() {
   v1::ExampleSettings settings;
   settings.mutable_stride()->set_seconds(1);
@@ -35,7 +35,7 @@ v1::ExampleSettings Settings() {
   return settings;
 }
 
-// How many of a histogram's values lie in the bin that has `value`.
+// Returns how many of a histogram's values are in the bin that contains `value`.
 int64_t CountAt(const v1::Histogram& histogram, double value) {
   for (int i = 0; i < histogram.counts_size(); ++i) {
     if (value >= histogram.edges(i) && value < histogram.edges(i + 1)) return histogram.counts(i);
@@ -49,9 +49,9 @@ int64_t SumOf(const v1::Histogram& histogram) {
   return sum;
 }
 
-// A town of four recordings, each with a vehicle that has three examples: at 10 m/s along the
-// lane, standing on it, at 10 m/s along the lane 20 m beside it while it turns left by 0.2 rad
-// each second, and one without a map.
+// Four recordings, each with a vehicle that has three examples: one drives at 10 m/s along the
+// lane, one stands on it, one drives at 10 m/s beside it (20 m away) and turns left by 0.2 rad per
+// second, and one is in a recording without a map.
 class DatasetDescriptionTest : public testing::Test {
  protected:
   DatasetDescriptionTest() {
@@ -61,7 +61,7 @@ class DatasetDescriptionTest : public testing::Test {
     v1::Scenario turns = SmallRecording("turns");
     for (v1::AgentState& state : *turns.mutable_agents(0)->mutable_states()) {
       state.set_y(20.0);
-      // Past pi on the way.
+      // Passes pi on the way.
       const double heading = std::numbers::pi - 0.6 + 0.2 * state.time();
       state.set_heading(std::remainder(heading, 2.0 * std::numbers::pi));
     }
@@ -85,7 +85,7 @@ class DatasetDescriptionTest : public testing::Test {
   const TemporaryFolder folder_;
 };
 
-TEST_F(DatasetDescriptionTest, CountsExamplesAndThoseWhoStand) {
+TEST_F(DatasetDescriptionTest, CountsExamplesAndStandingOnes) {
   const v1::DatasetSummary summary = Describe();
   EXPECT_EQ(summary.dataset().recordings(), 4);
   EXPECT_DOUBLE_EQ(summary.dataset().duration_seconds(), 20.0);
@@ -100,10 +100,10 @@ TEST_F(DatasetDescriptionTest, CountsExamplesAndThoseWhoStand) {
   EXPECT_EQ(summary.example_settings().SerializeAsString(), Settings().SerializeAsString());
 }
 
-TEST_F(DatasetDescriptionTest, CountsExamplesOfEveryTypeButDescribesThoseOfVehicles) {
+TEST_F(DatasetDescriptionTest, CountsExamplesOfEveryTypeAndDescribesVehicles) {
   const v1::DatasetSummary summary = Describe();
   EXPECT_EQ(summary.examples_by_type().at("VEHICLE"), summary.examples());
-  // As many pedestrians as vehicles, seen as long; they stand.
+  // Equally many pedestrians as vehicles, present for as long; they stand.
   EXPECT_EQ(summary.examples_by_type().at("PEDESTRIAN"), 12);
   EXPECT_EQ(summary.examples_by_type().size(), 2u);
 }
@@ -111,24 +111,24 @@ TEST_F(DatasetDescriptionTest, CountsExamplesOfEveryTypeButDescribesThoseOfVehic
 TEST_F(DatasetDescriptionTest, CountsSpeedsOfAllExamples) {
   const v1::Histogram speeds = Describe().speeds();
   EXPECT_EQ(CountAt(speeds, 0.0), 3);
-  // Ten metres a second is the edge of two bins.
+  // 10 m/s is the boundary of two bins.
   EXPECT_EQ(CountAt(speeds, 9.9) + CountAt(speeds, 10.1), 9);
   EXPECT_EQ(SumOf(speeds), 12);
 }
 
-TEST_F(DatasetDescriptionTest, CountsTurnsOfThoseThatMoveTheShortWayRound) {
+TEST_F(DatasetDescriptionTest, CountsTurnsOfMovingTargetsByTheirWrappedAngle) {
   const v1::Histogram turns = Describe().turns();
   EXPECT_EQ(CountAt(turns, 0.0), 6);
-  // Two seconds of 0.2 rad.
+  // Two seconds at 0.2 rad per second.
   EXPECT_EQ(CountAt(turns, 0.4), 3);
   EXPECT_EQ(SumOf(turns), 9);
 }
 
-TEST_F(DatasetDescriptionTest, SaysHowMuchHasAMap) {
+TEST_F(DatasetDescriptionTest, MeasuresTheMapCoverage) {
   const v1::MapCoverage coverage = Describe().map_coverage();
   EXPECT_EQ(coverage.recordings_with_lanes(), 3);
   EXPECT_DOUBLE_EQ(coverage.lane_length(), 300.0);
-  // Those of the one who drives and the one who stands.
+  // Those of the vehicle that drives on the lane and of the one that stands on it.
   EXPECT_EQ(coverage.examples_on_lanes(), 6);
 }
 
@@ -140,7 +140,7 @@ TEST_F(DatasetDescriptionTest, CountsTheSameOnAnyNumberOfThreads) {
   }
 }
 
-TEST_F(DatasetDescriptionTest, ADamagedRecordIsAnErrorOnAnyNumberOfThreads) {
+TEST_F(DatasetDescriptionTest, ReportsADamagedRecordOnAnyNumberOfThreads) {
   const auto manifest = ReadDatasetManifest(folder_ / "town");
   std::filesystem::resize_file(folder_ / "town" / manifest->shards(0).file(), 100);
   for (const int threads : {1, 3}) {

@@ -32,7 +32,7 @@ v1::ManeuverAnnotation Annotation(const std::string& scenario_id, const std::str
 
 class DatasetFolderTest : public testing::Test {
  protected:
-  // Writes recordings r0, r1, ...; annotations of the first if asked for.
+  // Writes recordings r0, r1, ...; with annotations of the first if `annotated`.
   v1::Dataset Write(int recordings, int64_t shard_bytes = 1 << 20, bool annotated = false) {
     auto writer = DatasetWriter::Create(folder_, "a test", {.shard_bytes = shard_bytes});
     EXPECT_TRUE(writer.ok()) << writer.status();
@@ -68,7 +68,7 @@ class DatasetFolderTest : public testing::Test {
     WriteBytes(folder_ / file, bytes);
   }
 
-  // Puts a shard of these payloads in place of the first, and a manifest that agrees with it.
+  // Replaces the first shard by one with these payloads, and adapts the manifest.
   void ReplaceShard(const std::vector<std::string>& payloads) {
     v1::Dataset manifest = *ReadDatasetManifest(folder_);
     v1::Shard* shard = manifest.mutable_shards(0);
@@ -118,13 +118,13 @@ TEST_F(DatasetFolderTest, WithoutCommitNothingRemains) {
   EXPECT_THAT(parent_.Names(), IsEmpty());
 }
 
-TEST_F(DatasetFolderTest, AnExistingFolderIsNeverTouched) {
+TEST_F(DatasetFolderTest, NeverTouchesAnExistingFolder) {
   std::filesystem::create_directory(folder_);
   EXPECT_EQ(DatasetWriter::Create(folder_, "").status().code(), absl::StatusCode::kAlreadyExists);
   EXPECT_THAT(parent_.Names(), ElementsAre("town"));
 }
 
-TEST_F(DatasetFolderTest, AFolderThatAppearsMeanwhileIsNotReplaced) {
+TEST_F(DatasetFolderTest, DoesNotReplaceAFolderThatAppearsMeanwhile) {
   {
     auto writer = DatasetWriter::Create(folder_, "");
     ASSERT_TRUE((*writer)->Add(SmallRecording("r0")).ok());
@@ -135,12 +135,12 @@ TEST_F(DatasetFolderTest, AFolderThatAppearsMeanwhileIsNotReplaced) {
   EXPECT_TRUE(std::filesystem::is_empty(folder_));
 }
 
-TEST_F(DatasetFolderTest, AnEmptyDatasetIsNotCommitted) {
+TEST_F(DatasetFolderTest, RefusesToCommitAnEmptyDataset) {
   auto writer = DatasetWriter::Create(folder_, "");
   EXPECT_EQ((*writer)->Commit().status().code(), absl::StatusCode::kFailedPrecondition);
 }
 
-TEST_F(DatasetFolderTest, RefusesRecordingsThatCannotBeUsedAndGoesOn) {
+TEST_F(DatasetFolderTest, RefusesInvalidRecordingsAndContinues) {
   auto writer = DatasetWriter::Create(folder_, "");
   EXPECT_EQ((*writer)->Add(SmallRecording("")).code(), absl::StatusCode::kInvalidArgument);
   v1::Scenario invalid = SmallRecording("invalid");
@@ -162,7 +162,7 @@ TEST_F(DatasetFolderTest, ShardsRollOverAndKeepTheOrder) {
   EXPECT_TRUE(status.ok()) << status;
 }
 
-TEST_F(DatasetFolderTest, VisitingStopsWhenAsked) {
+TEST_F(DatasetFolderTest, StopsVisitingWhenAsked) {
   Write(5, 1);
   int visited = 0;
   EXPECT_TRUE(ForEachScenario(folder_, OnDamage::kStop, [&](v1::Scenario&&) {
@@ -190,10 +190,10 @@ TEST_F(DatasetFolderTest, FindsOneRecordingById) {
   EXPECT_EQ(ReadScenario(folder_, "r9").status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST_F(DatasetFolderTest, ADamagedRecordStopsOrIsSkippedAsAsked) {
+TEST_F(DatasetFolderTest, StopsAtOrSkipsADamagedRecordAsAsked) {
   const v1::Dataset dataset = Write(3);
   const std::string file = dataset.shards(0).file();
-  // All records are of one size; the middle of the file is the payload of the second.
+  // All records have the same size, so the middle of the file is the payload of the second one.
   Alter(file, [](std::string* bytes) { (*bytes)[bytes->size() / 2] ^= 1; });
 
   absl::Status status;
@@ -208,7 +208,7 @@ TEST_F(DatasetFolderTest, ADamagedRecordStopsOrIsSkippedAsAsked) {
   EXPECT_EQ(ReadRecordings(folder_).status().code(), absl::StatusCode::kDataLoss);
 }
 
-TEST_F(DatasetFolderTest, ATruncatedShardStopsOrLosesItsEndAsAsked) {
+TEST_F(DatasetFolderTest, StopsAtOrSkipsTheEndOfATruncatedShardAsAsked) {
   const std::string file = Write(4).shards(0).file();
   Alter(file, [](std::string* bytes) { bytes->resize(bytes->size() / 2 - 5); });
   absl::Status status;
@@ -220,14 +220,14 @@ TEST_F(DatasetFolderTest, ATruncatedShardStopsOrLosesItsEndAsAsked) {
   EXPECT_EQ(skipped, 3);
 }
 
-TEST_F(DatasetFolderTest, AMissingShardIsDataLossThatNamesIt) {
+TEST_F(DatasetFolderTest, NamesAMissingShard) {
   Write(2, 1);
   std::filesystem::remove(folder_ / "scenarios-00001.tfrecord");
   const auto manifest = ReadDatasetManifest(folder_);
   EXPECT_EQ(manifest.status(), absl::DataLossError("shard scenarios-00001.tfrecord is missing"));
 }
 
-// A record of the same length put in place of another, CRCs and all: only the digest tells.
+// One record replaces another of the same length, with valid CRCs: only the digest differs.
 TEST_F(DatasetFolderTest, VerifyDetectsATamperedShard) {
   const v1::Dataset dataset = Write(2, 1);
   Alter(dataset.shards(0).file(), [&](std::string* bytes) {
@@ -255,7 +255,7 @@ TEST_F(DatasetFolderTest, VerifyDetectsAWrongRecordCount) {
       absl::DataLossError("shard scenarios-00000.tfrecord has 2 records; dataset.json says 3"));
 }
 
-TEST_F(DatasetFolderTest, VerifyDetectsWhatTheRecordsMustNotBe) {
+TEST_F(DatasetFolderTest, VerifyDetectsInvalidRecords) {
   Write(1);
   v1::Scenario invalid = SmallRecording("invalid");
   invalid.mutable_map_features(0)->add_x(1.0);
@@ -277,7 +277,7 @@ TEST_F(DatasetFolderTest, VerifyDetectsWhatTheRecordsMustNotBe) {
   }
 }
 
-TEST_F(DatasetFolderTest, VerifyDetectsAnAnnotationOfNoRecording) {
+TEST_F(DatasetFolderTest, VerifyDetectsAnAnnotationWithoutARecording) {
   auto writer = DatasetWriter::Create(folder_, "");
   ASSERT_TRUE((*writer)->Add(SmallRecording("r0")).ok());
   ASSERT_TRUE((*writer)->Add(Annotation("elsewhere", "keep_lane")).ok());
@@ -285,7 +285,7 @@ TEST_F(DatasetFolderTest, VerifyDetectsAnAnnotationOfNoRecording) {
   EXPECT_EQ(VerifyDatasetFolder(folder_).code(), absl::StatusCode::kDataLoss);
 }
 
-TEST_F(DatasetFolderTest, AnnotationsComeBackInOrder) {
+TEST_F(DatasetFolderTest, ReadsAnnotationsInOrder) {
   Write(1, 1 << 20, true);
   std::vector<std::string> maneuvers;
   ASSERT_TRUE(ForEachAnnotation(folder_, OnDamage::kStop, [&](v1::ManeuverAnnotation&& annotation) {
@@ -295,7 +295,7 @@ TEST_F(DatasetFolderTest, AnnotationsComeBackInOrder) {
   EXPECT_THAT(maneuvers, ElementsAre("keep_lane", "turn_left", "keep_lane"));
 }
 
-TEST_F(DatasetFolderTest, DescribeCountsWhatIsThere) {
+TEST_F(DatasetFolderTest, DescribeCountsTheContent) {
   Write(4, 1 << 20, true);  // two recordings with a standing vehicle, two with a moving one
   v1::ModelSpec spec;
   spec.mutable_raster()->set_history_frames(11);
@@ -304,7 +304,7 @@ TEST_F(DatasetFolderTest, DescribeCountsWhatIsThere) {
   spec.mutable_trajectory()->mutable_waypoint_interval()->set_nanos(100'000'000);
   v1::ExampleSettings settings;
   settings.mutable_stride()->set_nanos(500'000'000);
-  settings.set_keep_standing(0.0001);  // counted all the same
+  settings.set_keep_standing(0.0001);  // counted nevertheless
   settings.set_standing_distance(1.0);
   const auto summary = DescribeDataset(folder_, spec, settings);
   ASSERT_TRUE(summary.ok()) << summary.status();

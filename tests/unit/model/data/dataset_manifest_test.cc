@@ -30,7 +30,7 @@ v1::Dataset Manifest() {
   return manifest;
 }
 
-TEST(DatasetManifestTest, AGoodOneHasNoViolations) {
+TEST(DatasetManifestTest, AValidManifestHasNoViolations) {
   EXPECT_THAT(ValidateDatasetManifest(Manifest()), IsEmpty());
 }
 
@@ -41,7 +41,7 @@ TEST(DatasetManifestTest, TextRoundTripKeepsEveryField) {
   EXPECT_THAT(PrintDatasetManifest(Manifest()), HasSubstr("\"size_bytes\": \"100\""));
 }
 
-TEST(DatasetManifestTest, OneDigestStandsForTheContentsOfAllShardsInOrder) {
+TEST(DatasetManifestTest, TheContentDigestCoversAllShardsInOrder) {
   v1::Dataset two = Manifest();
   *two.add_shards() = two.shards(0);
   two.mutable_shards(1)->set_sha256(std::string(64, 'b'));
@@ -50,18 +50,18 @@ TEST(DatasetManifestTest, OneDigestStandsForTheContentsOfAllShardsInOrder) {
   EXPECT_EQ(ContentSha256(Manifest()), files::Sha256Hex(std::string(64, 'a') + "\n"));
   EXPECT_NE(ContentSha256(Manifest()), ContentSha256(two));
   EXPECT_NE(ContentSha256(two), ContentSha256(turned));
-  // Names and times are not contents.
+  // Names and times do not count as content.
   v1::Dataset renamed = two;
   renamed.set_name("datasets/x");
   renamed.mutable_shards(0)->set_file("other.tfrecord");
   EXPECT_EQ(ContentSha256(two), ContentSha256(renamed));
 }
 
-TEST(DatasetManifestTest, TextThatIsNoJsonIsDataLoss) {
+TEST(DatasetManifestTest, TextThatIsNotJsonIsDataLoss) {
   EXPECT_EQ(ParseDatasetManifest("{\"recordings\": ").status().code(), absl::StatusCode::kDataLoss);
 }
 
-// Names that would leave the folder, hide in it, or overwrite what belongs to it.
+// Names that would leave the folder, be hidden in it, or overwrite its other files.
 TEST(DatasetManifestTest, RefusesUnsafeFileNames) {
   for (const std::string& file :
        {std::string(""), std::string("../secret"), std::string("/etc/passwd"), std::string("a/b"),
@@ -112,7 +112,7 @@ TEST(DatasetManifestTest, NamesTheFieldThatIsWrong) {
   }
 }
 
-TEST(DatasetManifestTest, RefusesOneFileNamedTwice) {
+TEST(DatasetManifestTest, RefusesAFileNamedTwice) {
   v1::Dataset manifest = Manifest();
   *manifest.add_shards() = manifest.shards(0);
   manifest.set_recordings(6);
@@ -120,7 +120,7 @@ TEST(DatasetManifestTest, RefusesOneFileNamedTwice) {
               ElementsAre(Field(&scene::FieldViolation::field, "shards[1].file")));
 }
 
-TEST(DatasetManifestTest, CountsThatOverflowAreRefused) {
+TEST(DatasetManifestTest, RefusesCountsThatOverflow) {
   v1::Dataset manifest = Manifest();
   manifest.mutable_shards(0)->set_records(INT64_MAX);
   *manifest.add_shards() = manifest.shards(0);
@@ -128,7 +128,7 @@ TEST(DatasetManifestTest, CountsThatOverflowAreRefused) {
   EXPECT_FALSE(ValidateDatasetManifest(manifest).empty());
 }
 
-TEST(DatasetManifestTest, AFolderWithoutOneIsNotFoundAndADamagedOneIsDataLoss) {
+TEST(DatasetManifestTest, AMissingManifestIsNotFoundAndADamagedOneIsDataLoss) {
   TemporaryFolder folder;
   EXPECT_EQ(ReadDatasetManifest(folder / "absent").status().code(), absl::StatusCode::kNotFound);
   WriteBytes(folder / "dataset.json", "{}");

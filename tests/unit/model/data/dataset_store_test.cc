@@ -41,7 +41,7 @@ class DatasetStoreTest : public testing::Test {
     store_ = *DatasetStore::Open(folder_ / "datasets", {.quota_bytes = quota_bytes});
   }
 
-  // Uploads bytes in pieces that end where no shard does.
+  // Uploads bytes in pieces whose boundaries differ from those of the shards.
   absl::StatusOr<v1::Dataset> Upload(const std::string& id, const std::string& bytes) {
     auto upload = store_->BeginUpload(id, manifest_);
     if (!upload.ok()) return upload.status();
@@ -53,21 +53,21 @@ class DatasetStoreTest : public testing::Test {
     return (*upload)->Commit();
   }
 
-  // Brings the first bytes and breaks off.
+  // Uploads the first bytes and breaks off.
   void BreakOffAfter(size_t bytes, const std::string& caller = "") {
     auto upload = store_->BeginUpload("town", manifest_, caller, Arrived(caller));
     ASSERT_TRUE(upload.ok()) << upload.status();
     ASSERT_TRUE((*upload)->Append(std::string_view(bytes_).substr(0, bytes)).ok());
   }
 
-  // For each shard of "town".
+  // Returns the arrived bytes of each shard of "town".
   std::vector<int64_t> Arrived(const std::string& caller = "") const {
     const auto answer = store_->QueryUpload("town", manifest_, caller);
     EXPECT_TRUE(answer.ok()) << answer.status();
     return {answer->arrived_bytes().begin(), answer->arrived_bytes().end()};
   }
 
-  // Brings what has not arrived of "town".
+  // Uploads the bytes of "town" that have not arrived.
   absl::StatusOr<v1::Dataset> GoOn(const std::string& caller = "") {
     const std::vector<int64_t> arrived = Arrived(caller);
     auto upload = store_->BeginUpload("town", manifest_, caller, arrived);
@@ -86,7 +86,7 @@ class DatasetStoreTest : public testing::Test {
 
   size_t FirstShardBytes() const { return static_cast<size_t>(manifest_.shards(0).size_bytes()); }
 
-  // The file of the shard that an upload that broke off has left.
+  // Returns the file of a shard that an interrupted upload left.
   std::filesystem::path StagedFile(int shard, const std::string& suffix) const {
     for (const auto& slot :
          std::filesystem::directory_iterator(folder_ / "datasets" / ".uploads")) {
@@ -101,7 +101,7 @@ class DatasetStoreTest : public testing::Test {
     ASSERT_TRUE(files::WriteFileAtomically(file, content).ok());
   }
 
-  // Names in the store's folder, hidden ones too.
+  // Returns the names in the store's folder, including hidden ones.
   std::vector<std::string> Names() const {
     std::vector<std::string> names;
     for (const auto& entry : std::filesystem::directory_iterator(folder_ / "datasets")) {
@@ -116,7 +116,7 @@ class DatasetStoreTest : public testing::Test {
   std::string bytes_;
 };
 
-TEST_F(DatasetStoreTest, AnUploadBecomesADatasetThatIsThereAfterARestart) {
+TEST_F(DatasetStoreTest, ACommittedUploadIsADatasetAfterARestart) {
   const auto uploaded = Upload("town", bytes_);
   ASSERT_TRUE(uploaded.ok()) << uploaded.status();
   EXPECT_EQ(uploaded->name(), "datasets/town");
@@ -139,7 +139,7 @@ TEST_F(DatasetStoreTest, NothingIsADatasetBeforeTheCommit) {
   EXPECT_THAT(*store_->List("", 10), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, AnUploadOfWhichNothingCameLeavesNothing) {
+TEST_F(DatasetStoreTest, AnUploadWithoutBytesLeavesNothing) {
   ASSERT_TRUE(store_->BeginUpload("town", manifest_).ok());
   EXPECT_THAT(Names(), IsEmpty());
 }
@@ -152,7 +152,7 @@ TEST_F(DatasetStoreTest, ADiscardedUploadLeavesNothing) {
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, WhatArrivedIsThereAfterARestartAndIsNotSentAgain) {
+TEST_F(DatasetStoreTest, ArrivedBytesSurviveARestartAndAreNotSentAgain) {
   BreakOffAfter(FirstShardBytes() + 500);
   Reopen();
   EXPECT_FALSE(store_->Contains("town"));
@@ -165,7 +165,7 @@ TEST_F(DatasetStoreTest, WhatArrivedIsThereAfterARestartAndIsNotSentAgain) {
   EXPECT_THAT(Names(), ElementsAre("town"));
 }
 
-TEST_F(DatasetStoreTest, LessThanHasArrivedMayBeGoneOnFromAndMoreMayNot) {
+TEST_F(DatasetStoreTest, ContinuesFromFewerBytesThanArrivedButNotFromMore) {
   BreakOffAfter(1'000);
   std::vector<int64_t> claimed = Arrived();
   ASSERT_EQ(claimed[0], 1'000);
@@ -178,19 +178,19 @@ TEST_F(DatasetStoreTest, LessThanHasArrivedMayBeGoneOnFromAndMoreMayNot) {
   EXPECT_TRUE((*upload)->Commit().ok());
 }
 
-TEST_F(DatasetStoreTest, WhatOneCallerSentIsNotThereForAnother) {
+TEST_F(DatasetStoreTest, CallersDoNotShareArrivedBytes) {
   BreakOffAfter(bytes_.size(), "ada");
   EXPECT_THAT(Arrived("ada"), testing::Contains(testing::Gt(0)));
   EXPECT_THAT(Arrived("bob"), testing::Each(0));
   EXPECT_THAT(Arrived(""), testing::Each(0));
   EXPECT_TRUE(
       absl::IsUnavailable(store_->BeginUpload("town", manifest_, "bob", Arrived("ada")).status()));
-  // Nor under another name, for her own.
+  // Nor can the same caller use it under another name.
   const auto other = store_->QueryUpload("other", manifest_, "ada");
   EXPECT_THAT(other->arrived_bytes(), testing::Each(0));
 }
 
-TEST_F(DatasetStoreTest, ABeginningThatTurnsOutWrongIsThrownAwayAndTheNextAttemptStartsClean) {
+TEST_F(DatasetStoreTest, DiscardsAPartialShardThatTurnsOutWrong) {
   BreakOffAfter(1'000);
   AlterAByte(StagedFile(0, ".part"));
   const absl::Status wrong = GoOn().status();
@@ -200,7 +200,7 @@ TEST_F(DatasetStoreTest, ABeginningThatTurnsOutWrongIsThrownAwayAndTheNextAttemp
   EXPECT_TRUE(dataset.ok()) << dataset.status();
 }
 
-TEST_F(DatasetStoreTest, AWholeShardThatTheDiskAlteredIsThrownAwayAndTheOthersAreKept) {
+TEST_F(DatasetStoreTest, DiscardsAShardThatTheDiskAlteredAndKeepsTheOthers) {
   BreakOffAfter(bytes_.size());
   AlterAByte(StagedFile(0, ""));
   const absl::Status wrong = GoOn().status();
@@ -212,11 +212,11 @@ TEST_F(DatasetStoreTest, AWholeShardThatTheDiskAlteredIsThrownAwayAndTheOthersAr
   EXPECT_TRUE(dataset.ok()) << dataset.status();
 }
 
-TEST_F(DatasetStoreTest, OfTwoUploadsByOneCallerTheLaterGoesOn) {
+TEST_F(DatasetStoreTest, ALaterUploadByTheSameCallerTakesOver) {
   auto first = store_->BeginUpload("town", manifest_);
   ASSERT_TRUE(first.ok());
   ASSERT_TRUE((*first)->Append(std::string_view(bytes_).substr(0, FirstShardBytes() + 100)).ok());
-  // Its connection is broken, which the server does not know yet.
+  // Its connection is broken, but the server has not noticed.
   const std::vector<int64_t> arrived = Arrived();
   ASSERT_EQ(arrived[0], manifest_.shards(0).size_bytes());
   auto second = store_->BeginUpload("town", manifest_, "", arrived);
@@ -226,13 +226,13 @@ TEST_F(DatasetStoreTest, OfTwoUploadsByOneCallerTheLaterGoesOn) {
   EXPECT_TRUE(absl::IsAborted((*first)->Commit().status()));
   const size_t there = FirstShardBytes() + static_cast<size_t>(arrived[1]);
   ASSERT_TRUE((*second)->Append(std::string_view(bytes_).substr(there, 50)).ok());
-  first->reset();  // takes nothing with it
+  first->reset();  // removes nothing
   ASSERT_TRUE((*second)->Append(std::string_view(bytes_).substr(there + 50)).ok());
   const auto dataset = (*second)->Commit();
   EXPECT_TRUE(dataset.ok()) << dataset.status();
 }
 
-TEST_F(DatasetStoreTest, OfWhatLaysThereAnotherUploadKeepsTheShardsThatItHasToo) {
+TEST_F(DatasetStoreTest, ASecondUploadReusesShardsThatAlreadyArrived) {
   BreakOffAfter(bytes_.size());
   const std::filesystem::path given_up = StagedFile(1, "");
   ASSERT_TRUE(std::filesystem::exists(given_up));
@@ -245,7 +245,7 @@ TEST_F(DatasetStoreTest, OfWhatLaysThereAnotherUploadKeepsTheShardsThatItHasToo)
   EXPECT_TRUE((*upload)->Commit().ok());
 }
 
-TEST_F(DatasetStoreTest, WhoAsksAfterTheCommitIsToldOfTheDataset) {
+TEST_F(DatasetStoreTest, QueryUploadReturnsACommittedDataset) {
   EXPECT_FALSE(store_->QueryUpload("town", manifest_)->has_committed());
   ASSERT_TRUE(Upload("town", bytes_).ok());
   EXPECT_EQ(store_->QueryUpload("town", manifest_)->committed().name(), "datasets/town");
@@ -253,7 +253,7 @@ TEST_F(DatasetStoreTest, WhoAsksAfterTheCommitIsToldOfTheDataset) {
   EXPECT_FALSE(store_->QueryUpload("town", manifest_)->has_committed());
 }
 
-TEST_F(DatasetStoreTest, UploadsThatNobodyGoesOnWithAreRemovedAfterTheirTime) {
+TEST_F(DatasetStoreTest, RemovesAbandonedUploadsAfterTheirTime) {
   const auto now = std::filesystem::file_time_type::clock::now();
   BreakOffAfter(1'000);
   ASSERT_TRUE(store_->RemoveAbandonedUploads(now + std::chrono::hours(23)).ok());
@@ -267,7 +267,7 @@ TEST_F(DatasetStoreTest, UploadsThatNobodyGoesOnWithAreRemovedAfterTheirTime) {
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, AStartRemovesUploadsThatAreTooOld) {
+TEST_F(DatasetStoreTest, OpeningRemovesUploadsThatAreTooOld) {
   BreakOffAfter(1'000);
   const auto old = std::filesystem::file_time_type::clock::now() - std::chrono::hours(25);
   const std::filesystem::path part = StagedFile(0, ".part");
@@ -277,14 +277,14 @@ TEST_F(DatasetStoreTest, AStartRemovesUploadsThatAreTooOld) {
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, WhatASuddenDeathLeftOfACommitIsRemovedByTheNextStart) {
+TEST_F(DatasetStoreTest, OpeningRemovesWhatACrashedCommitLeft) {
   auto temporary = files::MakeTemporaryFolderFor(folder_ / "datasets" / "town");
   ASSERT_TRUE(temporary.ok());
   Reopen();
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, TheQuotaIsForAllDatasetsAndForWhatIsOnItsWay) {
+TEST_F(DatasetStoreTest, TheQuotaCoversDatasetsAndUploadsInProgress) {
   const auto size = static_cast<int64_t>(bytes_.size());
   Reopen(2 * size + 100);
   ASSERT_TRUE(Upload("first", bytes_).ok());
@@ -295,19 +295,19 @@ TEST_F(DatasetStoreTest, TheQuotaIsForAllDatasetsAndForWhatIsOnItsWay) {
   EXPECT_TRUE(absl::IsFailedPrecondition(third)) << third;
   EXPECT_THAT(std::string(third.message()),
               AllOf(HasSubstr(std::to_string(size) + " bytes"), HasSubstr(" 100 are left")));
-  // What has arrived counts while it lies there, but not against its own upload.
+  // Arrived bytes count against other uploads, but not against their own.
   second->reset();
   const absl::Status fourth = store_->BeginUpload("fourth", manifest_).status();
   EXPECT_TRUE(absl::IsFailedPrecondition(fourth)) << fourth;
   EXPECT_THAT(std::string(fourth.message()), HasSubstr("broke off hold 1000"));
   ASSERT_TRUE(GoOn().ok());
-  // What is deleted makes room again.
+  // Deleting makes room.
   EXPECT_FALSE(store_->BeginUpload("fourth", manifest_).ok());
   ASSERT_TRUE(store_->Detach("first").ok());
   EXPECT_TRUE(store_->BeginUpload("fourth", manifest_).ok());
 }
 
-TEST_F(DatasetStoreTest, ATruncatedUploadIsRefusedByItsShard) {
+TEST_F(DatasetStoreTest, RefusesATruncatedUploadAndNamesTheShard) {
   const auto result = Upload("town", bytes_.substr(0, bytes_.size() - 1));
   EXPECT_TRUE(absl::IsInvalidArgument(result.status())) << result.status();
   EXPECT_THAT(std::string(result.status().message()),
@@ -316,14 +316,14 @@ TEST_F(DatasetStoreTest, ATruncatedUploadIsRefusedByItsShard) {
   EXPECT_FALSE(store_->Contains("town"));
 }
 
-TEST_F(DatasetStoreTest, BytesBeyondTheLastShardAreRefused) {
+TEST_F(DatasetStoreTest, RefusesBytesBeyondTheLastShard) {
   const auto result = Upload("town", bytes_ + "x");
   EXPECT_TRUE(absl::IsInvalidArgument(result.status())) << result.status();
   EXPECT_THAT(std::string(result.status().message()), HasSubstr("more bytes"));
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, AnAlteredByteIsRefusedByItsShard) {
+TEST_F(DatasetStoreTest, RefusesAnAlteredByteAndNamesTheShard) {
   bytes_[static_cast<size_t>(manifest_.shards(0).size_bytes()) + 100] ^= 1;
   const auto result = Upload("town", bytes_);
   EXPECT_TRUE(absl::IsDataLoss(result.status())) << result.status();
@@ -333,8 +333,8 @@ TEST_F(DatasetStoreTest, AnAlteredByteIsRefusedByItsShard) {
   EXPECT_EQ(Arrived()[1], 0);
 }
 
-TEST_F(DatasetStoreTest, ARecordingThatIsNoneIsRefusedByRecordAndField) {
-  // The digests agree: it was made like this.
+TEST_F(DatasetStoreTest, RefusesAnInvalidRecordingAndNamesRecordAndField) {
+  // The digests match: the recording was invalid from the start.
   v1::Scenario bad = SmallRecording("bad");
   bad.mutable_agents(0)->set_length(-1.0);
   auto writer = TfRecordWriter::Create(folder_ / "bad.tfrecord");
@@ -354,7 +354,7 @@ TEST_F(DatasetStoreTest, ARecordingThatIsNoneIsRefusedByRecordAndField) {
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, ShardsWithoutAByteAreThereToo) {
+TEST_F(DatasetStoreTest, CommitCreatesEmptyShards) {
   v1::Shard empty;
   empty.set_file("annotations-00000.tfrecord");
   empty.set_content(v1::SHARD_CONTENT_ANNOTATIONS);
@@ -365,12 +365,12 @@ TEST_F(DatasetStoreTest, ShardsWithoutAByteAreThereToo) {
   EXPECT_TRUE(std::filesystem::exists(store_->FolderOf("town") / empty.file()));
 }
 
-TEST_F(DatasetStoreTest, ANameIsTakenOnce) {
+TEST_F(DatasetStoreTest, RefusesANameThatExists) {
   ASSERT_TRUE(Upload("town", bytes_).ok());
   EXPECT_TRUE(absl::IsAlreadyExists(store_->BeginUpload("town", manifest_).status()));
 }
 
-TEST_F(DatasetStoreTest, OfTwoCallersThatUploadANameTheFirstToCommitWins) {
+TEST_F(DatasetStoreTest, TheFirstOfTwoCallersToCommitANameWins) {
   auto first = store_->BeginUpload("town", manifest_, "ada");
   auto second = store_->BeginUpload("town", manifest_, "bob");
   ASSERT_TRUE(first.ok() && second.ok());
@@ -383,7 +383,7 @@ TEST_F(DatasetStoreTest, OfTwoCallersThatUploadANameTheFirstToCommitWins) {
   EXPECT_THAT(Names(), ElementsAre("town"));
 }
 
-TEST_F(DatasetStoreTest, ADatasetThatCannotFitIsRefusedBeforeAByteIsSent) {
+TEST_F(DatasetStoreTest, RefusesADatasetThatCannotFitBeforeAnyByteIsSent) {
   manifest_.mutable_shards(0)->set_size_bytes(std::numeric_limits<int64_t>::max());
   manifest_.mutable_shards(1)->set_size_bytes(std::numeric_limits<int64_t>::max());
   const auto upload = store_->BeginUpload("town", manifest_);
@@ -391,7 +391,7 @@ TEST_F(DatasetStoreTest, ADatasetThatCannotFitIsRefusedBeforeAByteIsSent) {
   EXPECT_THAT(Names(), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, ADetachedDatasetIsGoneAtOnceAndItsNameFree) {
+TEST_F(DatasetStoreTest, DetachingFreesTheNameAtOnce) {
   ASSERT_TRUE(Upload("town", bytes_).ok());
   ASSERT_EQ(store_->ListScenarios("town", 0, 10)->size(), 3u);
   const auto detached = store_->Detach("town");
@@ -407,14 +407,14 @@ TEST_F(DatasetStoreTest, ADetachedDatasetIsGoneAtOnceAndItsNameFree) {
   EXPECT_THAT(Names(), ElementsAre("town"));
 }
 
-TEST_F(DatasetStoreTest, DatasetsAreListedByNameInPages) {
+TEST_F(DatasetStoreTest, ListsDatasetsByNameInPages) {
   for (const char* id : {"b", "c", "a"}) ASSERT_TRUE(Upload(id, bytes_).ok());
   EXPECT_THAT(*store_->List("", 2), ElementsAre("a", "b"));
   EXPECT_THAT(*store_->List("b", 2), ElementsAre("c"));
   EXPECT_THAT(*store_->List("c", 2), IsEmpty());
 }
 
-TEST_F(DatasetStoreTest, ADescriptionIsKeptBesideTheDatasetForItsSettings) {
+TEST_F(DatasetStoreTest, KeepsADescriptionForTheSameSettings) {
   ASSERT_TRUE(Upload("town", bytes_).ok());
   v1::ModelSpec spec;
   spec.mutable_raster()->set_history_frames(11);
@@ -427,7 +427,7 @@ TEST_F(DatasetStoreTest, ADescriptionIsKeptBesideTheDatasetForItsSettings) {
   ASSERT_TRUE(counted.ok()) << counted.status();
   EXPECT_EQ(counted->examples(), 9);
   EXPECT_EQ(counted->dataset().name(), "datasets/town");
-  // Nobody reads these any more.
+  // The second description must not read the shards.
   const std::filesystem::path shard = store_->FolderOf("town") / manifest_.shards(0).file();
   std::filesystem::resize_file(shard, 0);
   std::filesystem::resize_file(shard, FirstShardBytes());
@@ -438,7 +438,7 @@ TEST_F(DatasetStoreTest, ADescriptionIsKeptBesideTheDatasetForItsSettings) {
   EXPECT_TRUE(absl::IsDataLoss(store_->Describe("town", spec, settings).status()));
 }
 
-TEST_F(DatasetStoreTest, RecordingsAreListedInOrderAtAGlance) {
+TEST_F(DatasetStoreTest, ListsSummariesOfRecordingsInOrder) {
   ASSERT_TRUE(Upload("town", bytes_).ok());
   for (int read = 0; read < 2; ++read) {  // from the disk, then from memory
     const auto scenarios = store_->ListScenarios("town", 1, 5);

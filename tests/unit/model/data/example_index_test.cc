@@ -18,7 +18,7 @@ using testing::ElementsAre;
 using testing::IsEmpty;
 using testing::Pointwise;
 
-// Frames 0.1 s apart over the past second; waypoints 0.5 s apart over two seconds.
+// Frames every 0.1 s over the past second; waypoints every 0.5 s over two seconds.
 v1::ModelSpec Spec() {
   v1::ModelSpec spec;
   spec.mutable_raster()->set_history_frames(11);
@@ -37,7 +37,7 @@ v1::ExampleSettings Settings() {
   return settings;
 }
 
-// A vehicle from `start` on, straight ahead along +x at `speed`, a state every 0.1 s.
+// Returns a vehicle that drives along +x at `speed`, with a state every 0.1 s from `start` on.
 v1::Agent Vehicle(int64_t id, double start, int states, double speed) {
   v1::Agent agent;
   agent.set_id(id);
@@ -92,7 +92,7 @@ TEST(EnumerateExamplesTest, FindsEveryStrideWithItsPastAndItsFuture) {
 
 TEST(EnumerateExamplesTest, TheTrajectoryIsInTheTargetsFrameAtItsTime) {
   v1::Agent agent = Vehicle(7, 0.0, 51, 0.0);
-  // Straight up the map at 4 m/s, heading so.
+  // It drives along +y at 4 m/s and heads that way.
   for (int i = 0; i < agent.states_size(); ++i) {
     agent.mutable_states(i)->set_y(50.0 + 0.4 * i);
     agent.mutable_states(i)->set_heading(std::numbers::pi_v<float> / 2.0f);
@@ -108,8 +108,8 @@ TEST(EnumerateExamplesTest, TheTrajectoryIsInTheTargetsFrameAtItsTime) {
   }
 }
 
-TEST(EnumerateExamplesTest, TimesAreOfTheScenariosClockWhereverATrackBegins) {
-  // States from 0.3 to 5.3: a past from 1.3 on.
+TEST(EnumerateExamplesTest, TimesFollowTheScenariosClockWhereverATrackBegins) {
+  // States from 0.3 to 5.3 s: the past is complete from 1.3 s on.
   EXPECT_THAT(Enumerate(Recording(Vehicle(7, 0.3, 51, 10.0))),
               TimesAre(Expected{1.5, 2.0, 2.5, 3.0}));
 }
@@ -120,7 +120,7 @@ TEST(EnumerateExamplesTest, TimesAreThoseOfTheNearestState) {
               TimesAre(Expected{1.03, 1.53, 2.03, 2.53, 3.03}));
 }
 
-TEST(EnumerateExamplesTest, AStrideShorterThanTheTracksStepMeetsEachStateOnce) {
+TEST(EnumerateExamplesTest, AStrideShorterThanTheTracksStepUsesEachStateOnce) {
   v1::ExampleSettings settings = Settings();
   settings.mutable_stride()->set_nanos(20'000'000);
   const auto examples =
@@ -134,17 +134,17 @@ TEST(EnumerateExamplesTest, LargeClocksWork) {
               TimesAre(Expected{epoch + 1.0, epoch + 1.5, epoch + 2.0, epoch + 2.5, epoch + 3.0}));
 }
 
-TEST(EnumerateExamplesTest, WithoutAStrideThereAreNone) {
+TEST(EnumerateExamplesTest, WithoutAStrideThereAreNoExamples) {
   v1::ExampleSettings settings = Settings();
   settings.clear_stride();
   EXPECT_THAT(EnumerateExamples(Recording(Vehicle(7, 0.0, 51, 10.0)), 0, Spec(), settings),
               IsEmpty());
 }
 
-// The targets that examples are found of, among one agent of each type.
+// Returns the targets with examples, among one agent of each type.
 std::vector<int64_t> TargetsOf(const v1::ModelSpec& spec, v1::ExampleSettings settings,
                                double speed) {
-  settings.mutable_stride()->set_seconds(10);  // and a half: one example a track
+  settings.mutable_stride()->set_seconds(10);  // and a half: one example per track
   v1::Scenario recording = Recording(Vehicle(v1::AGENT_TYPE_UNSPECIFIED, 8.0, 51, speed));
   for (const auto type : {v1::AGENT_TYPE_VEHICLE, v1::AGENT_TYPE_PEDESTRIAN, v1::AGENT_TYPE_CYCLIST,
                           v1::AGENT_TYPE_OTHER}) {
@@ -160,7 +160,7 @@ std::vector<int64_t> TargetsOf(const v1::ModelSpec& spec, v1::ExampleSettings se
   return targets;
 }
 
-TEST(EnumerateExamplesTest, TargetsAreOfTheTypesThatTheModelLearnsFrom) {
+TEST(EnumerateExamplesTest, OnlyTypesThatTheModelLearnsFromAreTargets) {
   v1::ModelSpec spec = Spec();
   EXPECT_THAT(TargetsOf(spec, Settings(), 5.0), ElementsAre(v1::AGENT_TYPE_VEHICLE));
   spec.add_target_types(v1::AGENT_TYPE_CYCLIST);
@@ -179,7 +179,7 @@ v1::ModelSpec EveryType() {
   return spec;
 }
 
-TEST(EnumerateExamplesTest, ATargetFasterThanItsTypeEverIsIsMistracked) {
+TEST(EnumerateExamplesTest, LeavesOutATargetFasterThanItsTypeCanBe) {
   EXPECT_THAT(TargetsOf(EveryType(), Settings(), 11.0),
               ElementsAre(v1::AGENT_TYPE_VEHICLE, v1::AGENT_TYPE_CYCLIST, v1::AGENT_TYPE_OTHER));
   EXPECT_THAT(TargetsOf(EveryType(), Settings(), 26.0),
@@ -189,31 +189,31 @@ TEST(EnumerateExamplesTest, ATargetFasterThanItsTypeEverIsIsMistracked) {
   EXPECT_THAT(TargetsOf(EveryType(), slow, 5.0), IsEmpty());
 }
 
-TEST(EnumerateExamplesTest, TheOldestFrameMustBeThere) {
+TEST(EnumerateExamplesTest, RequiresAStateAtTheOldestFrame) {
   v1::Agent agent = Vehicle(7, 0.0, 51, 10.0);
   RemoveStates(&agent, 0, 1);
   EXPECT_THAT(Enumerate(Recording(agent)), TimesAre(Expected{1.5, 2.0, 2.5, 3.0}));
 }
 
-TEST(EnumerateExamplesTest, OneMissingFrameIsNoGapInPastOrFuture) {
+TEST(EnumerateExamplesTest, AcceptsOneMissingFrameInPastOrFuture) {
   v1::Agent agent = Vehicle(7, 0.0, 51, 10.0);
   RemoveStates(&agent, 22, 1);
   EXPECT_THAT(Enumerate(Recording(agent)), TimesAre(Expected{1.0, 1.5, 2.0, 2.5, 3.0}));
 }
 
-TEST(EnumerateExamplesTest, AGapInThePastLeavesTheExampleOut) {
+TEST(EnumerateExamplesTest, LeavesOutAnExampleWithAGapInItsPast) {
   v1::Agent agent = Vehicle(7, 0.0, 51, 10.0);
-  RemoveStates(&agent, 3, 2);  // 0.2 to 0.5: within the past of 1.0 alone
+  RemoveStates(&agent, 3, 2);  // 0.2 to 0.5: only within the past of 1.0
   EXPECT_THAT(Enumerate(Recording(agent)), TimesAre(Expected{1.5, 2.0, 2.5, 3.0}));
 }
 
-TEST(EnumerateExamplesTest, AGapOverAWaypointLeavesTheExampleOut) {
+TEST(EnumerateExamplesTest, LeavesOutAnExampleWithAGapAtAWaypoint) {
   v1::Agent agent = Vehicle(7, 0.0, 51, 10.0);
   RemoveStates(&agent, 44, 3);  // none at 4.5: the waypoint of 2.5 and 3.0
   EXPECT_THAT(Enumerate(Recording(agent)), TimesAre(Expected{1.0, 1.5, 2.0}));
 }
 
-TEST(EnumerateExamplesTest, AJumpFasterThanMaxSpeedLeavesItsWindowsOut) {
+TEST(EnumerateExamplesTest, LeavesOutWindowsWithAJumpFasterThanMaxSpeed) {
   v1::Agent agent = Vehicle(7, 0.0, 91, 10.0);
   // From 4.0 on, 6 m to the side: 60 m/s and more over one step.
   for (int i = 40; i < agent.states_size(); ++i) agent.mutable_states(i)->set_y(56.0);
@@ -243,7 +243,7 @@ TEST(EnumerateExamplesTest, SensorNoiseDoesNotMakeAStandingTargetMove) {
   EXPECT_TRUE(examples[0].standing);
 }
 
-// Many standing vehicles; five windows each.
+// A recording of many standing vehicles, with five windows each.
 v1::Scenario CarPark(const std::string& id, int vehicles) {
   v1::Scenario scenario;
   scenario.set_scenario_id(id);
@@ -262,30 +262,30 @@ std::set<std::pair<int64_t, double>> Kept(const v1::Scenario& scenario, double s
   return kept;
 }
 
-TEST(KeepStandingTest, KeepsTheShareAskedForAndCountsAll) {
+TEST(KeepStandingTest, KeepsTheGivenShareAndCountsAll) {
   int64_t standing_seen = 0;
   const auto kept = Kept(CarPark("park", 400), 0.12, &standing_seen);
   EXPECT_EQ(standing_seen, 2000);
-  // Binomial with mean 240 and deviation 14.5: five deviations.
+  // Binomial with mean 240 and standard deviation 14.5: five deviations.
   EXPECT_NEAR(static_cast<double>(kept.size()), 240.0, 73.0);
   EXPECT_EQ(Kept(CarPark("park", 400), 1.0).size(), 2000u);
 }
 
-TEST(KeepStandingTest, KeepsAllPedestriansAndCyclistsForTheyDoNotPark) {
+TEST(KeepStandingTest, KeepsAllPedestriansAndCyclists) {
   v1::ExampleSettings few = Settings();
   few.set_keep_standing(1e-9);
   EXPECT_THAT(TargetsOf(EveryType(), few, 0.0),
               ElementsAre(v1::AGENT_TYPE_PEDESTRIAN, v1::AGENT_TYPE_CYCLIST));
 }
 
-TEST(KeepStandingTest, ALargerShareKeepsWhatASmallerOneDid) {
+TEST(KeepStandingTest, ALargerShareKeepsWhatASmallerOneKeeps) {
   const auto few = Kept(CarPark("park", 100), 0.1);
   const auto many = Kept(CarPark("park", 100), 0.5);
   EXPECT_LT(few.size(), many.size());
   for (const auto& window : few) EXPECT_TRUE(many.contains(window));
 }
 
-TEST(KeepStandingTest, DoesNotDependOnWhoElseIsThere) {
+TEST(KeepStandingTest, DoesNotDependOnOtherAgents) {
   const auto alone = Kept(CarPark("park", 50), 0.3);
   const auto in_company = Kept(CarPark("park", 100), 0.3);
   for (const auto& window : alone) EXPECT_TRUE(in_company.contains(window));

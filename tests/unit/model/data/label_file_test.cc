@@ -40,7 +40,7 @@ class LabelFileTest : public testing::Test {
     return *labels;
   }
 
-  // Each problem as "LINE: what".
+  // Returns each problem as "LINE: what".
   std::vector<std::string> Problems(const std::string& lines,
                                     const std::set<std::string>& actions = {}) const {
     std::vector<std::string> problems;
@@ -53,7 +53,7 @@ class LabelFileTest : public testing::Test {
   const TemporaryFolder folder_;
 };
 
-TEST_F(LabelFileTest, LabelsBecomeAnnotationsOfMomentsInTheirOrder) {
+TEST_F(LabelFileTest, LabelsBecomeAnnotationsOfMomentsInOrder) {
   const CheckedLabels labels =
       Check("r1,1,2.5,turn_left\r\n\n\"a, b\", 1 ,0.0,keep_lane\nr0,1,5,stop");
   EXPECT_THAT(labels.problems, IsEmpty());
@@ -68,7 +68,7 @@ TEST_F(LabelFileTest, LabelsBecomeAnnotationsOfMomentsInTheirOrder) {
   EXPECT_EQ(labels.annotations[2].maneuver(), "stop");
 }
 
-TEST_F(LabelFileTest, EveryWrongLineIsNamed) {
+TEST_F(LabelFileTest, NamesEveryWrongLine) {
   EXPECT_THAT(
       Problems("r0,1,1.0\n"               // 2
                "r9,1,1.0,stop\n"          // 3
@@ -98,12 +98,12 @@ TEST_F(LabelFileTest, EveryWrongLineIsNamed) {
           "16: has 5 fields, not 4"));
 }
 
-TEST_F(LabelFileTest, ActionsThatWereNotNamedAreRefused) {
+TEST_F(LabelFileTest, RefusesActionsThatAreNotListed) {
   EXPECT_THAT(Problems("r0,1,1.0,stop\nr0,1,2.0,stopp\n", {"stop", "go"}),
               ElementsAre("3: action 'stopp' is none of those that were named"));
 }
 
-TEST_F(LabelFileTest, TheFirstLineSaysWhatTheColumnsAre) {
+TEST_F(LabelFileTest, RequiresTheHeader) {
   for (const char* text : {"", "\n", "r0,1,1.0,stop\n", "recording,target,action,time\n"}) {
     const auto labels = CheckLabels(text, folder_ / "town");
     ASSERT_EQ(labels->problem_count, 1) << text;
@@ -111,7 +111,7 @@ TEST_F(LabelFileTest, TheFirstLineSaysWhatTheColumnsAre) {
   }
 }
 
-TEST_F(LabelFileTest, ManyProblemsAreCountedAndTheFirstListed) {
+TEST_F(LabelFileTest, ListsTheFirstProblemsAndCountsAll) {
   std::string lines;
   for (int i = 0; i < 200; ++i) absl::StrAppend(&lines, "r9,1,", i, ",stop\n");
   const CheckedLabels labels = Check(lines);
@@ -120,13 +120,13 @@ TEST_F(LabelFileTest, ManyProblemsAreCountedAndTheFirstListed) {
   EXPECT_EQ(labels.problems.back().line, 51);
 }
 
-TEST_F(LabelFileTest, WhatIsRepeatedOfALineIsShortAndPrintable) {
+TEST_F(LabelFileTest, QuotesOfALineAreShortAndPrintable) {
   const auto problems = Problems("r\x1b[31m" + std::string(10'000, 'x') + ",1,1.0,stop\n");
   ASSERT_THAT(problems, SizeIs(1));
   EXPECT_THAT(problems[0], AllOf(HasSubstr("'r?[31mxxx"), SizeIs(testing::Lt(200u))));
 }
 
-TEST_F(LabelFileTest, AnAnnotatedDatasetIsANewOneWithTheSameRecordings) {
+TEST_F(LabelFileTest, AnnotatingMakesANewDatasetWithTheSameRecordings) {
   const CheckedLabels labels = Check("r1,1,2.5,turn_left\n");
   for (const char* output : {"once", "twice"}) {
     const std::string source = std::string(output) == "once" ? "town" : "once";
@@ -150,7 +150,7 @@ TEST_F(LabelFileTest, AnAnnotatedDatasetIsANewOneWithTheSameRecordings) {
   EXPECT_THAT(actions, ElementsAre("turn_left", "turn_left"));
 }
 
-TEST_F(LabelFileTest, AFolderThatExistsIsNotReplacedAndNothingIsLeft) {
+TEST_F(LabelFileTest, DoesNotReplaceAnExistingFolderAndLeavesNothing) {
   const CheckedLabels labels = Check("r1,1,2.5,turn_left\n");
   EXPECT_TRUE(absl::IsAlreadyExists(
       AnnotateDataset(folder_ / "town", labels.annotations, folder_ / "town").status()));

@@ -1,5 +1,5 @@
-// Real recordings, where they are at hand: MANEUVER_REAL_DATA names the folder of the unpacked
-// Waymo archive, or the one above it.
+// Reads real recordings, if they are available: MANEUVER_REAL_DATA names the folder of the unpacked
+// Waymo archive, or its parent.
 
 #include <gtest/gtest.h>
 

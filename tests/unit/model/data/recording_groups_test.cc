@@ -14,7 +14,8 @@ namespace {
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-// A recording with a straight lane of `length` metres along +x from (x, y), in `points` points.
+// Returns a recording with a straight lane of `points` points, `length` metres along +x from (x,
+// y).
 v1::Scenario WithLane(const std::string& id, double x, double y = 0.0, double length = 50.0,
                       int points = 26) {
   v1::Scenario recording;
@@ -28,7 +29,7 @@ v1::Scenario WithLane(const std::string& id, double x, double y = 0.0, double le
   return recording;
 }
 
-// A recording of one agent that moves along +x, one position every 0.1 s from `time` on.
+// Returns a recording of one agent that moves along +x, one position every 0.1 s from `time` on.
 v1::Scenario WithAgent(const std::string& id, int64_t agent_id, double x, double speed,
                        double time = 0.0) {
   v1::Scenario recording;
@@ -49,13 +50,13 @@ std::vector<int> GroupsOf(const std::vector<v1::Scenario>& recordings) {
   return grouper.Groups().groups;
 }
 
-TEST(RecordingGroupsTest, PartsOfOneRecordingGoTogether) {
+TEST(RecordingGroupsTest, GroupsPartsOfOneRecording) {
   EXPECT_THAT(GroupsOf({WithLane("a#1", 0), WithLane("b", 1000), WithLane("a#2", 2000),
                         WithLane("a", 3000), WithLane("ab", 4000)}),
               ElementsAre(0, 1, 0, 0, 2));
 }
 
-TEST(RecordingGroupsTest, RecordingsOfOnePlaceGoTogetherThoughTheirMapsAreDecimetresOff) {
+TEST(RecordingGroupsTest, GroupsRecordingsOfOnePlaceWhoseMapsDifferByDecimetres) {
   for (double shift = -0.9; shift < 1.0; shift += 0.1) {
     EXPECT_THAT(GroupsOf({WithLane("a", 7.0), WithLane("b", 7.0 + shift, -shift)}),
                 ElementsAre(0, 0))
@@ -64,7 +65,7 @@ TEST(RecordingGroupsTest, RecordingsOfOnePlaceGoTogetherThoughTheirMapsAreDecime
   EXPECT_THAT(GroupsOf({WithLane("a", 7.0), WithLane("b", 9.5)}), ElementsAre(0, 1));
 }
 
-TEST(RecordingGroupsTest, LanesThatAreShortOrOnlyMeetAreNoPlace) {
+TEST(RecordingGroupsTest, ShortOrMerelyTouchingLanesDoNotGroupRecordings) {
   EXPECT_THAT(GroupsOf({WithLane("a", 0, 0, 15.0), WithLane("b", 0, 0, 15.0)}), ElementsAre(0, 1));
   EXPECT_THAT(GroupsOf({WithLane("a", 0, 0, 50.0), WithLane("b", 0, 0, 60.0)}), ElementsAre(0, 1));
   EXPECT_THAT(GroupsOf({WithLane("a", 0, 0, 50.0, 26), WithLane("b", 0, 0, 50.0, 27)}),
@@ -74,11 +75,11 @@ TEST(RecordingGroupsTest, LanesThatAreShortOrOnlyMeetAreNoPlace) {
   EXPECT_THAT(GroupsOf({WithLane("a", 0), line}), ElementsAre(0, 1));
 }
 
-TEST(RecordingGroupsTest, WindowsOfOneDriveGoTogetherWhateverTheirClocks) {
-  // The second begins 1 s later on its own clock, on the same positions.
+TEST(RecordingGroupsTest, GroupsWindowsOfOneDriveWhateverTheirClocks) {
+  // The second recording begins 1 s later, on a different clock, with the same positions.
   EXPECT_THAT(GroupsOf({WithAgent("a", 7, 0.0, 10.0), WithAgent("b", 7, 10.0, 10.0, 100.0)}),
               ElementsAre(0, 0));
-  // Another agent, other positions, and one that stands.
+  // Another agent, other positions, and an agent that stands.
   EXPECT_THAT(GroupsOf({WithAgent("a", 7, 0.0, 10.0), WithAgent("b", 8, 0.0, 10.0)}),
               ElementsAre(0, 1));
   EXPECT_THAT(GroupsOf({WithAgent("a", 7, 0.0, 10.0), WithAgent("b", 7, 0.5, 10.0)}),
@@ -87,14 +88,14 @@ TEST(RecordingGroupsTest, WindowsOfOneDriveGoTogetherWhateverTheirClocks) {
               ElementsAre(0, 1));
 }
 
-TEST(RecordingGroupsTest, LinksMakeChains) {
+TEST(RecordingGroupsTest, GroupsRecordingsThatAChainOfLinksJoins) {
   v1::Scenario both = WithLane("c", 1000);
   *both.add_map_features() = WithLane("", 0).map_features(0);
   EXPECT_THAT(GroupsOf({WithLane("a", 0), WithLane("b", 1000), WithLane("d", 5000), both}),
               ElementsAre(0, 0, 1, 0));
 }
 
-TEST(RecordingGroupsTest, BigMapsShareTheirLongestFeatures) {
+TEST(RecordingGroupsTest, GroupsBigMapsByTheirLongestFeatures) {
   v1::Scenario first = WithLane("a", 0, 0, 500.0);
   v1::Scenario second = WithLane("b", 0, 0, 500.0);
   for (int i = 0; i < 1000; ++i) {
@@ -124,7 +125,7 @@ std::map<std::string, int> FoldsOf(const std::vector<v1::Scenario>& recordings, 
   return result;
 }
 
-TEST(AssignFoldsTest, FoldsHoldWholeGroupsAndAsManyRecordings) {
+TEST(AssignFoldsTest, FoldsHaveWholeGroupsAndEqualNumbersOfRecordings) {
   RecordingGrouper grouper;
   for (const v1::Scenario& recording : SixtyRecordings()) grouper.Add(recording);
   const RecordingGroups groups = grouper.Groups();

@@ -9,7 +9,8 @@
 
 namespace maneuver::data {
 
-// One vehicle from 0 to 5 s at `speed` along +x, one pedestrian who stands, one lane.
+// Returns a recording from 0 to 5 s: a vehicle at `speed` along +x, a standing pedestrian, one
+// lane.
 inline v1::Scenario SmallRecording(const std::string& id, double speed = 10.0) {
   v1::Scenario scenario;
   scenario.set_scenario_id(id);

@@ -39,7 +39,7 @@ std::string Gzip(const std::string& bytes) {
   return packed;
 }
 
-// What a reader says of a file, to its end or to where it cannot continue.
+// What a reader returns for a file, until its end or until it cannot continue.
 struct Reading {
   std::vector<std::string> payloads;
   std::vector<absl::Status> damages;
@@ -98,7 +98,7 @@ TEST_F(TfRecordTest, ReadsTheBytesOfTheFormat) {
   EXPECT_TRUE(reading.reached_end);
 }
 
-TEST_F(TfRecordTest, ReturnsPayloadsOfEverySizeAsTheyWereWritten) {
+TEST_F(TfRecordTest, ReadsBackPayloadsOfEverySize) {
   const std::vector<std::string> payloads = {"", "x", std::string(300'000, 'y'),
                                              std::string(9'000'000, 'z'), std::string(1, '\0')};
   const Reading reading = ReadBytes(Written(payloads));
@@ -122,8 +122,8 @@ TEST_F(TfRecordTest, WriterCountsRecordsBytesAndDigest) {
   EXPECT_EQ((*writer)->sha256(), files::Sha256Hex(kAbcRecord + kAbcRecord));
 }
 
-// Every single bit of the middle record: it is reported where it lies, and never read as it is.
-TEST_F(TfRecordTest, EachFlippedBitIsReportedWithFileAndOffset) {
+// Flips every single bit of the middle record: it is reported in its place and never returned.
+TEST_F(TfRecordTest, ReportsEachFlippedBitWithFileAndOffset) {
   for (size_t byte = 0; byte < kAbcRecord.size(); ++byte) {
     for (int bit = 0; bit < 8; ++bit) {
       std::string damaged = kAbcRecord;
@@ -135,14 +135,14 @@ TEST_F(TfRecordTest, EachFlippedBitIsReportedWithFileAndOffset) {
                   HasSubstr("shard.tfrecord, record at byte 19"));
       EXPECT_EQ(reading.damage_offsets[0], 19u);
       const bool in_header = byte < 12;
-      // Behind a damaged payload the reader goes on; behind a damaged length it cannot.
+      // After a damaged payload the reader continues; after a damaged length it cannot.
       EXPECT_EQ(reading.payloads.size(), in_header ? 1u : 2u) << byte << "." << bit;
       EXPECT_EQ(reading.reached_end, !in_header);
     }
   }
 }
 
-TEST_F(TfRecordTest, TruncationAnywhereIsReportedAndEndsTheReading) {
+TEST_F(TfRecordTest, ReportsTruncationAnywhereAndStops) {
   for (size_t size = 1; size < kAbcRecord.size(); ++size) {
     const Reading reading = ReadBytes(kAbcRecord + kAbcRecord.substr(0, size));
     EXPECT_EQ(reading.payloads.size(), 1u);
@@ -153,7 +153,7 @@ TEST_F(TfRecordTest, TruncationAnywhereIsReportedAndEndsTheReading) {
   }
 }
 
-TEST_F(TfRecordTest, AReaderThatLostTheFramingKeepsSayingSo) {
+TEST_F(TfRecordTest, KeepsReportingThatTheFramingIsLost) {
   WriteBytes(folder_ / "a", kAbcRecord.substr(0, 15));
   auto reader = TfRecordReader::Open(folder_ / "a");
   std::string payload;
@@ -162,20 +162,20 @@ TEST_F(TfRecordTest, AReaderThatLostTheFramingKeepsSayingSo) {
   EXPECT_EQ((*reader)->Next(&payload), first);
 }
 
-TEST_F(TfRecordTest, AnAbsurdLengthIsRefusedThoughItsChecksumIsRight) {
+TEST_F(TfRecordTest, RefusesAnAbsurdLengthWithAMatchingChecksum) {
   const std::string two_gibibytes("\x00\x00\x00\x80\x00\x00\x00\x00\xec\xaf\x30\x72", 12);
   const Reading reading = ReadBytes(two_gibibytes + "abc");
   ASSERT_EQ(reading.damages.size(), 1u);
   EXPECT_THAT(std::string(reading.damages[0].message()), HasSubstr("2147483648 bytes"));
 }
 
-TEST_F(TfRecordTest, TheLongestRecordAcceptedCanBeSet) {
+TEST_F(TfRecordTest, RefusesRecordsLongerThanTheOptionAllows) {
   const std::string bytes = Written({"1234567890"});
   EXPECT_EQ(ReadBytes(bytes, {.max_record_bytes = 10}).payloads.size(), 1u);
   EXPECT_EQ(ReadBytes(bytes, {.max_record_bytes = 9}).damages.size(), 1u);
 }
 
-TEST_F(TfRecordTest, ReadsGzipAsIfItWereNotThere) {
+TEST_F(TfRecordTest, ReadsGzipLikePlainFiles) {
   const std::vector<std::string> payloads = {"a", std::string(2'000'000, 'b'), "c"};
   const Reading reading = ReadBytes(Gzip(Written(payloads)));
   EXPECT_EQ(reading.payloads, payloads);
@@ -188,7 +188,7 @@ TEST_F(TfRecordTest, ReadsGzipOfSeveralMembers) {
   EXPECT_TRUE(reading.reached_end);
 }
 
-TEST_F(TfRecordTest, ATruncatedOrDamagedGzipStreamIsReported) {
+TEST_F(TfRecordTest, ReportsATruncatedOrDamagedGzipStream) {
   std::string varied;  // hardly compressible, so that the records spread over the stream
   uint32_t state = 1;
   for (int i = 0; i < 100'000; ++i) {
@@ -209,20 +209,20 @@ TEST_F(TfRecordTest, ATruncatedOrDamagedGzipStreamIsReported) {
   EXPECT_GE(ReadBytes(damaged).damages.size(), 1u);
 }
 
-TEST_F(TfRecordTest, ARecordWhoseLengthLooksLikeGzipIsARecord) {
+TEST_F(TfRecordTest, ReadsARecordWhoseLengthLooksLikeGzip) {
   const std::string payload(0x088B1F, 'p');  // little-endian: 1f 8b 08
   const std::string bytes = Written({payload});
   ASSERT_EQ(bytes.substr(0, 3), "\x1f\x8b\x08");
   EXPECT_THAT(ReadBytes(bytes).payloads, ElementsAre(payload));
 }
 
-TEST_F(TfRecordTest, GzipCanBeRefused) {
+TEST_F(TfRecordTest, RefusesGzipIfTheOptionSaysSo) {
   const Reading reading = ReadBytes(Gzip(kAbcRecord), {.allow_gzip = false});
   EXPECT_TRUE(reading.payloads.empty());
   EXPECT_EQ(reading.damages.size(), 1u);
 }
 
-TEST_F(TfRecordTest, AMissingFileIsNotFoundAndAnExistingOneIsNotOverwritten) {
+TEST_F(TfRecordTest, ReportsAMissingFileAndNeverOverwritesAnExistingOne) {
   EXPECT_EQ(TfRecordReader::Open(folder_ / "absent").status().code(), absl::StatusCode::kNotFound);
   WriteBytes(folder_ / "a", "kept");
   EXPECT_EQ(TfRecordWriter::Create(folder_ / "a").status().code(),

@@ -19,7 +19,8 @@ v1::AgentState State(double time, double x, double y) {
   return state;
 }
 
-// On a circle of radius 20 m about the origin at 10 m/s, counter-clockwise from (20, 0).
+// Returns the position on a circle of radius 20 m about the origin at 10 m/s, counter-clockwise
+// from (20, 0).
 scene::Point2 OnCircle(double time) {
   const double angle = 0.5 * time;
   return {20.0 * std::cos(angle), 20.0 * std::sin(angle)};
@@ -43,7 +44,7 @@ TEST(ResampleFutureTest, FollowsAnAnalyticCurveInTheTargetsFrame) {
   const std::vector<double> waypoint_times = {0.1, 0.25, 1.0, 3.33, 8.0};
   std::vector<double> trajectory(2 * waypoint_times.size());
   ASSERT_TRUE(ResampleFuture(agent, time, X_WT, waypoint_times, kMaxGap, trajectory));
-  // A chord of 0.1 s leaves the arc by at most v^2 dt^2 / (8 r) = 6.25 mm.
+  // A chord of 0.1 s departs from the arc by at most v^2 dt^2 / (8 r) = 6.25 mm.
   constexpr double kSagitta = 100.0 * 0.01 / (8.0 * 20.0) + 1e-9;
   for (size_t i = 0; i < waypoint_times.size(); ++i) {
     const double turned = 0.5 * waypoint_times[i];
@@ -103,7 +104,7 @@ TEST(ResampleFutureTest, RefusesAnAgentWithoutStates) {
       ResampleFuture(v1::Agent(), 0.0, scene::Pose2(), waypoint_times, kMaxGap, trajectory));
 }
 
-TEST(ResampleFutureTest, AClockThatJittersIsNoGap) {
+TEST(ResampleFutureTest, AcceptsAClockThatJitters) {
   const v1::Agent agent = CircleAgent(11, 0.1);  // to t = 1
   const std::vector<double> waypoint_times = {1.001};
   std::vector<double> trajectory(2);
@@ -136,7 +137,7 @@ TEST(ResampleFutureTest, StatesOnTheEdgesOfAGapStillCount) {
   EXPECT_NEAR(trajectory[2], 0.5, 1e-12);
 }
 
-TEST(ResampleFutureTest, AGapAsLongAsAllowedIsBridged) {
+TEST(ResampleFutureTest, BridgesAGapAsLongAsAllowed) {
   const std::vector<double> waypoint_times = {0.3};
   std::vector<double> trajectory(2);
   ASSERT_TRUE(ResampleFuture(GappedAgent(), 0.0, scene::Pose2(), waypoint_times, 0.3, trajectory));

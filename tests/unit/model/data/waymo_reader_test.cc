@@ -19,7 +19,7 @@ using testing::MatchesRegex;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-// Field numbers below are those of waymo.open_dataset.Scenario, written out again on purpose.
+// Field numbers are those of waymo.open_dataset.Scenario, repeated here on purpose.
 Wire State(double x, double y, double length = 4.5, double width = 2.0) {
   return Wire()
       .Double(2, x)
@@ -92,7 +92,7 @@ TEST(WaymoReaderTest, MapsEveryObjectType) {
                           v1::AGENT_TYPE_PEDESTRIAN, v1::AGENT_TYPE_CYCLIST, v1::AGENT_TYPE_OTHER));
 }
 
-TEST(WaymoReaderTest, KeepsValidStatesOfAnyAgentThatHasSome) {
+TEST(WaymoReaderTest, KeepsTheValidStatesOfEachAgent) {
   const v1::Scenario scenario =
       Parse(Recording({Track(1, 1, {State(1, 1), NoState(), State(2, 2)}),
                        Track(2, 1, {NoState(), NoState(), NoState()}),
@@ -112,7 +112,7 @@ TEST(WaymoReaderTest, TakesTheSizeNearestToThePresent) {
   EXPECT_DOUBLE_EQ(scenario.agents(1).length(), 6.0);
 }
 
-TEST(WaymoReaderTest, WithoutAnySizeAgentsHaveOneTypicalOfTheirType) {
+TEST(WaymoReaderTest, AgentsWithoutASizeGetOneTypicalOfTheirType) {
   const auto sizeless = [](int id, int type) {
     return Track(id, type, std::vector<Wire>(3, State(1, 1, 0, 0)));
   };
@@ -126,7 +126,7 @@ TEST(WaymoReaderTest, WithoutAnySizeAgentsHaveOneTypicalOfTheirType) {
   EXPECT_THAT(scene::ValidateScenario(scenario, {}), IsEmpty());
 }
 
-TEST(WaymoReaderTest, TargetsAreTracksToPredictThatAreThere) {
+TEST(WaymoReaderTest, TargetsAreTracksToPredictWithAStateNow) {
   Wire recording = Recording(
       {MovingTrack(10), MovingTrack(20), Track(30, 1, {State(1, 1), NoState(), State(1, 1)})});
   for (const int index : {1, 1, 2, 7}) recording.Message(11, Wire().Varint(1, index).Varint(2, 2));
@@ -173,7 +173,7 @@ TEST(WaymoReaderTest, MapsMapFeatures) {
                          v1::MAP_FEATURE_TYPE_SPEED_BUMP, v1::MAP_FEATURE_TYPE_DRIVEWAY));
   EXPECT_THAT(scenario.map_features(0).x(), ElementsAre(1.0, 3.0));
   EXPECT_THAT(scenario.map_features(0).y(), ElementsAre(2.0, 4.0));
-  // 25 miles of 1609.344 m an hour.
+  // 25 miles per hour, 1609.344 m per mile.
   EXPECT_NEAR(scenario.map_features(0).speed_limit(), 25.0 * 1609.344 / 3600.0, 1e-12);
   EXPECT_EQ(scenario.map_features(4).speed_limit(), 0.0);
   EXPECT_THAT(scenario.map_features(6).x(), ElementsAre(8.0));
@@ -191,7 +191,7 @@ TEST(WaymoReaderTest, LanesDeclareTheirSuccessorsAndNeighbors) {
                                               .Message(12, neighbor(105))
                                               .Message(12, neighbor(106))));
   recording.Message(8, Wire().Varint(1, 101).Message(3, lane().Bytes(9, "\x64")));
-  // Lane 100 does not say that 103 follows it, but 103 does. Nobody knows 99.
+  // Lane 100 does not declare its successor 103, but 103 does. Lane 99 does not exist.
   recording.Message(8, Wire().Varint(1, 103).Message(3, lane().Varint(9, 100).Varint(9, 99)));
   const v1::Scenario scenario = Parse(recording);
   ASSERT_EQ(scenario.map_features_size(), 3);
@@ -211,7 +211,7 @@ TEST(WaymoReaderTest, ALaneDeclaresNoMoreSuccessorsThanAScenarioMayHave) {
   EXPECT_THAT(scene::ValidateScenario(scenario, {}), IsEmpty());
 }
 
-// One step of lane -> state.
+// One step: lane -> state.
 Wire Signals(const std::vector<std::pair<int, int>>& lanes) {
   Wire step;
   for (const auto& [lane, state] : lanes) {
@@ -238,7 +238,7 @@ TEST(WaymoReaderTest, SignalsHaveAReadingWhereTheyChange) {
   EXPECT_THAT(Readings(scenario.traffic_signals(0)),
               ElementsAre(std::pair(0.0, v1::TRAFFIC_SIGNAL_STATE_STOP),
                           std::pair(0.2, v1::TRAFFIC_SIGNAL_STATE_GO)));
-  // Not seen in the last step: not known there.
+  // Absent in the last step, so it is unknown there.
   EXPECT_THAT(Readings(scenario.traffic_signals(1)),
               ElementsAre(std::pair(0.0, v1::TRAFFIC_SIGNAL_STATE_GO),
                           std::pair(0.1, v1::TRAFFIC_SIGNAL_STATE_CAUTION),
@@ -261,13 +261,13 @@ TEST(WaymoReaderTest, MapsEverySignalState) {
   }
 }
 
-TEST(WaymoReaderTest, SkipsSensorMessagesItDoesNotKnow) {
+TEST(WaymoReaderTest, SkipsUnknownSensorMessages) {
   Wire recording = Recording({MovingTrack(1)});
   recording.Bytes(12, std::string(1000, '\xff')).Bytes(13, "x").Varint(6, 0).Varint(4, 3);
   EXPECT_EQ(Parse(recording).agents_size(), 1);
 }
 
-TEST(WaymoReaderTest, ARecordingWithoutAnIdGetsOneOfItsContent) {
+TEST(WaymoReaderTest, ARecordingWithoutAnIdGetsOneFromItsContent) {
   const auto anonymous = [](double x) {
     return Wire().Double(1, 0.0).Message(2, Track(1, 1, {State(x, 0)})).Varint(10, 0);
   };
@@ -278,7 +278,7 @@ TEST(WaymoReaderTest, ARecordingWithoutAnIdGetsOneOfItsContent) {
   EXPECT_NE(Parse(anonymous(2.0)).scenario_id(), id);
 }
 
-TEST(WaymoReaderTest, RefusesWhatIsNoRecording) {
+TEST(WaymoReaderTest, RefusesBytesThatAreNotARecording) {
   const auto code = [](const std::string& bytes) {
     return ParseWaymoScenario(bytes).status().code();
   };

@@ -1,4 +1,4 @@
-// Protobuf's wire format by hand: messages of any field numbers, without a schema.
+// Writes protobuf's wire format by hand: messages with any field numbers, without a schema.
 
 #ifndef MANEUVER_TESTS_UNIT_MODEL_DATA_WIRE_FORMAT_H_
 #define MANEUVER_TESTS_UNIT_MODEL_DATA_WIRE_FORMAT_H_

@@ -25,7 +25,7 @@ v1::ModelManifest EmptyManifest() {
   return manifest;
 }
 
-// An effective action that ends at (x, y), at an even pace along a straight line.
+// Adds an effective action that moves evenly along a straight line to (x, y).
 void AddAction(v1::ModelManifest& manifest, double x, double y, double usage) {
   v1::Action& action = *manifest.add_actions();
   action.set_action_id(manifest.actions_size() - 1);
@@ -45,8 +45,8 @@ std::vector<int> PartnersOf(const v1::ActionMatching& matching, int actions) {
   return partners;
 }
 
-TEST(ActionMatchingTest, APermutedSetIsMatchedBackAtDistanceZero) {
-  const std::vector<int> permutation = {3, 0, 4, 1, 2};  // of the second by the first
+TEST(ActionMatchingTest, MatchesAPermutedSetAtDistanceZero) {
+  const std::vector<int> permutation = {3, 0, 4, 1, 2};  // second action of each first one
   v1::ModelManifest first = EmptyManifest();
   v1::ModelManifest second = EmptyManifest();
   second.mutable_spec()->set_actions(5);
@@ -65,9 +65,9 @@ TEST(ActionMatchingTest, APermutedSetIsMatchedBackAtDistanceZero) {
   EXPECT_NEAR(matching->agreeing_share_second(), 1.0, 1e-12);
 }
 
-// Straight on by 20 m against 22 m, and by 40 m against 50 m: a straight line whose end is d away
-// is on average d (1 + ... + T) / T^2 = 0.55 d away, 1.1 m and 5.5 m.
-TEST(ActionMatchingTest, FiguresAreThoseOfAHandMadeCase) {
+// Straight ahead by 20 m against 22 m, and by 40 m against 50 m. A straight line whose end is d
+// away is on average d (1 + ... + T) / T^2 = 0.55 d away: 1.1 m and 5.5 m.
+TEST(ActionMatchingTest, FiguresMatchAHandComputedCase) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 0.7);
   AddAction(first, 40.0, 0.0, 0.3);
@@ -99,8 +99,8 @@ TEST(ActionMatchingTest, FiguresAreThoseOfAHandMadeCase) {
   EXPECT_THAT(text, HasSubstr("partner in 2.0 m  70.0 % and 50.0 %"));
 }
 
-// "Slows down a little" and "arrives 20 m ahead" are near to each other at one speed alone.
-TEST(ActionMatchingTest, RefusesModelsOfWhichOneAloneIsRelativeToTheMotion) {
+// "Slows down a little" and "arrives 20 m ahead" are close only at one speed.
+TEST(ActionMatchingTest, RefusesModelsOfWhichOnlyOneIsRelativeToTheMotion) {
   v1::ModelManifest metres = EmptyManifest();
   AddAction(metres, 20.0, 0.0, 1.0);
   v1::ModelManifest relative = metres;
@@ -112,7 +112,7 @@ TEST(ActionMatchingTest, RefusesModelsOfWhichOneAloneIsRelativeToTheMotion) {
   EXPECT_TRUE(MatchActions(metres, metres).ok());
 }
 
-TEST(ActionMatchingTest, IdleActionsTakeNobodysPlace) {
+TEST(ActionMatchingTest, IneffectiveActionsAreNotPaired) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 1.0);
   v1::ModelManifest second = EmptyManifest();
@@ -125,8 +125,8 @@ TEST(ActionMatchingTest, IdleActionsTakeNobodysPlace) {
   EXPECT_EQ(matching->unpaired_second_size(), 0);
 }
 
-// By distance alone, 20 m would go with 10 m and 23 m with 22 m: 11 < 2 + 13.
-TEST(ActionMatchingTest, RareActionsDoNotPartFrequentOnes) {
+// By distance alone, 20 m would be paired with 10 m and 23 m with 22 m: 11 < 2 + 13.
+TEST(ActionMatchingTest, RareActionsDoNotSeparateFrequentOnes) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 0.95);
   AddAction(first, 23.0, 0.0, 0.05);
@@ -138,8 +138,8 @@ TEST(ActionMatchingTest, RareActionsDoNotPartFrequentOnes) {
   EXPECT_EQ(PartnersOf(*matching, 2), (std::vector<int>{0, 1}));
 }
 
-// 20 m is nearer to the rare 19 m than to 22 m, which would then be left over.
-TEST(ActionMatchingTest, AFrequentActionIsNotTheOneLeftOver) {
+// 20 m is nearer to the rare 19 m than to 22 m, which would then have no partner.
+TEST(ActionMatchingTest, AFrequentActionIsNotLeftUnpaired) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 0.9);
   AddAction(first, 60.0, 0.0, 0.1);
@@ -152,7 +152,7 @@ TEST(ActionMatchingTest, AFrequentActionIsNotTheOneLeftOver) {
   EXPECT_EQ(PartnersOf(*matching, 2), (std::vector<int>{2, 0}));
   ASSERT_EQ(matching->unpaired_second_size(), 1);
   EXPECT_EQ(matching->unpaired_second(0).action_id(), 1);
-  // And from the other side.
+  // The same from the other side.
   const auto turned = MatchActions(second, first);
   ASSERT_TRUE(turned.ok());
   EXPECT_EQ(PartnersOf(*turned, 3), (std::vector<int>{1, -1, 0}));
@@ -160,7 +160,7 @@ TEST(ActionMatchingTest, AFrequentActionIsNotTheOneLeftOver) {
   EXPECT_EQ(turned->unpaired_second_size(), 0);
 }
 
-TEST(ActionMatchingTest, ModelsThatCannotBeComparedAreRefused) {
+TEST(ActionMatchingTest, RefusesModelsThatCannotBeCompared) {
   v1::ModelManifest first = EmptyManifest();
   AddAction(first, 20.0, 0.0, 1.0);
   v1::ModelManifest slower = first;
@@ -177,8 +177,8 @@ TEST(ActionMatchingTest, ModelsThatCannotBeComparedAreRefused) {
   EXPECT_EQ(MatchActions(first, damaged).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-// Two equally frequent actions each; the second splits one of the first's in two.
-TEST(ActionMatchingTest, CoincidenceKnowsPairsAndInformation) {
+// Two equally frequent actions; the second model splits one of them in two.
+TEST(ActionMatchingTest, CoincidenceMeasuresPairsAndMutualInformation) {
   v1::ActionMatching matching;
   for (int i = 0; i < 2; ++i) {
     v1::ActionPair& pair = *matching.add_pairs();

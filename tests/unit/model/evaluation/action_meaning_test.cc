@@ -33,8 +33,8 @@ class ActionMeaningTest : public testing::Test {
   std::vector<Measurement> measured_;
 };
 
-// The actions say how fast a vehicle is, and nothing of what it does.
-TEST_F(ActionMeaningTest, ActionsThatSayHowFastOneIsTellNothingGivenTheSpeed) {
+// The actions encode how fast a vehicle is, and nothing about what it does.
+TEST_F(ActionMeaningTest, ActionsThatEncodeSpeedTellNothingGivenTheSpeed) {
   using enum RelativeClass;
   for (const auto relative : {kKeepsSpeed, kBrakes}) {
     Add(100, 0, 3.0, KinematicClass::kStraightSlow, relative);
@@ -50,8 +50,8 @@ TEST_F(ActionMeaningTest, ActionsThatSayHowFastOneIsTellNothingGivenTheSpeed) {
   EXPECT_DOUBLE_EQ(metrics.at("named_share_relative"), 0.0);
 }
 
-// The actions say what a driver does, at any speed. I(action; kinematic class) is 0.
-TEST_F(ActionMeaningTest, ActionsThatSayWhatOneDoesTellItAtEverySpeed) {
+// The actions encode what a driver does, at any speed. I(action; kinematic class) is 0.
+TEST_F(ActionMeaningTest, ActionsThatEncodeBehaviourTellItAtEverySpeed) {
   for (const double speed : {3.0, 12.0}) {
     const auto kinematic =
         speed > 10.0 ? KinematicClass::kStraightFast : KinematicClass::kStraightSlow;
@@ -67,7 +67,7 @@ TEST_F(ActionMeaningTest, ActionsThatSayWhatOneDoesTellItAtEverySpeed) {
   EXPECT_DOUBLE_EQ(metrics.at("named_share_relative"), 1.0);
 }
 
-TEST_F(ActionMeaningTest, AnActionHasANameFromSevenTenths) {
+TEST_F(ActionMeaningTest, AnActionIsNamedFromSevenTenths) {
   Add(7, 0, 5.0, KinematicClass::kStraightSlow, RelativeClass::kBrakes);
   Add(3, 0, 5.0, KinematicClass::kStationary, RelativeClass::kStops);
   Add(13, 2, 5.0, KinematicClass::kLeftTurn, RelativeClass::kTurnsLeft);
@@ -85,7 +85,7 @@ TEST_F(ActionMeaningTest, AnActionHasANameFromSevenTenths) {
   EXPECT_DOUBLE_EQ(report.action_uses(2).relative_class_share(), 0.65);
 }
 
-TEST_F(ActionMeaningTest, RecordedManoeuvresAreMeasuredWhereTheyAre) {
+TEST_F(ActionMeaningTest, MeasuresRecordedManoeuvresWhereThereAreAny) {
   Add(4, 0, 5.0, KinematicClass::kStraightSlow, RelativeClass::kBrakes);
   EXPECT_FALSE(Report().metrics().contains("nmi"));
   Add(2, 0, 5.0, KinematicClass::kStraightSlow, RelativeClass::kBrakes, 8);

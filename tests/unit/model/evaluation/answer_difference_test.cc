@@ -16,8 +16,8 @@ using ::testing::Optional;
 
 constexpr double kTolerance = 1e-12;
 
-// A manifest of `waypoints` that are `interval` seconds apart, and of effective actions that drive
-// straight on with these speeds, m/s.
+// Returns a manifest with `waypoints` every `interval` seconds and effective actions that drive
+// straight ahead at these speeds, m/s.
 v1::ModelManifest Manifest(int waypoints, double interval, const std::vector<double>& speeds) {
   v1::ModelManifest manifest;
   v1::TrajectorySpec& trajectory = *manifest.mutable_spec()->mutable_trajectory();
@@ -40,7 +40,7 @@ v1::ModelManifest Manifest(int waypoints, double interval, const std::vector<dou
   return manifest;
 }
 
-// Straight on at `speed`, `side` metres to the left.
+// Returns a straight trajectory at `speed`, `side` metres to the left.
 Trajectory Straight(int waypoints, double interval, double speed, double side = 0.0) {
   Trajectory trajectory(waypoints, 2);
   for (int t = 0; t < waypoints; ++t) trajectory.row(t) << speed * interval * (t + 1), side;
@@ -66,7 +66,7 @@ AnswerComparison Comparison(const v1::ModelManifest& first, const v1::ModelManif
   return *std::move(comparison);
 }
 
-TEST(AnswerDifferenceTest, TheSameAnswersDifferInNothing) {
+TEST(AnswerDifferenceTest, EqualAnswersHaveNoDifference) {
   const auto manifest = Manifest(5, 0.5, {3.0, 8.0, 13.0});
   const auto answer = Answer({0.2, 0.5, 0.3}, {Straight(5, 0.5, 3.1), Straight(5, 0.5, 7.9, 0.4),
                                                Straight(5, 0.5, 12.0, -3.3)});
@@ -80,8 +80,9 @@ TEST(AnswerDifferenceTest, TheSameAnswersDifferInNothing) {
   EXPECT_NEAR(difference.second_entropy, entropy, kTolerance);
 }
 
-// One version is sure of y = 0; the other says y = 2 or y = -2, equally: the same expectation.
-TEST(AnswerDifferenceTest, DistancesAreThoseOfAHandMadeExample) {
+// One version is certain of y = 0; the other says y = 2 or y = -2 with equal probability. Both have
+// the same expectation.
+TEST(AnswerDifferenceTest, DistancesMatchAHandComputedExample) {
   const auto first = Manifest(2, 1.0, {5.0});
   const auto second = Manifest(2, 1.0, {5.0, 30.0});
   const AnswerDifference difference =
@@ -101,9 +102,9 @@ TEST(AnswerDifferenceTest, DistancesAreThoseOfAHandMadeExample) {
               kTolerance);
 }
 
-TEST(AnswerDifferenceTest, CertainAnswersHaveTwiceTheirDistanceAsEnergyDistance) {
+TEST(AnswerDifferenceTest, TheEnergyDistanceOfCertainAnswersIsTwiceTheirDistance) {
   const auto manifest = Manifest(4, 0.5, {1.0, 20.0});
-  // At 0.5 .. 2 s: 3 m/s apart, on average 3 * 1.25 m.
+  // At 0.5 .. 2 s, 3 m/s apart: 3 * 1.25 m on average.
   const AnswerDifference difference = Comparison(manifest, manifest)
                                           .Compare(Answer({1.0, 0.0}, {Straight(4, 0.5, 5.0)}),
                                                    Answer({1.0, 0.0}, {Straight(4, 0.5, 8.0)}));
@@ -113,7 +114,7 @@ TEST(AnswerDifferenceTest, CertainAnswersHaveTwiceTheirDistanceAsEnergyDistance)
   EXPECT_THAT(difference.divergence, Optional(DoubleEq(0.0)));
 }
 
-TEST(AnswerDifferenceTest, ActionsAreTheSameByWhatTheyDoAndNotByTheirNumbers) {
+TEST(AnswerDifferenceTest, ActionsMatchByTrajectoryAndNotByNumber) {
   const auto first = Manifest(5, 1.0, {3.0, 8.0, 13.0});
   const auto second = Manifest(5, 1.0, {13.0, 3.0, 8.0});
   const std::vector<Trajectory> any(3, Straight(5, 1.0, 5.0));
@@ -125,7 +126,7 @@ TEST(AnswerDifferenceTest, ActionsAreTheSameByWhatTheyDoAndNotByTheirNumbers) {
   EXPECT_GT(*comparison.Compare(answer, answer).divergence, 0.1);
 }
 
-TEST(AnswerDifferenceTest, ActionsThatTheOtherVersionDoesNotHaveDivergeEntirely) {
+TEST(AnswerDifferenceTest, ActionsThatTheOtherVersionLacksDivergeEntirely) {
   const auto first = Manifest(5, 1.0, {3.0, 8.0});
   const auto second = Manifest(5, 1.0, {23.0, 28.0, 33.0});
   const AnswerComparison comparison = Comparison(first, second);
@@ -136,7 +137,7 @@ TEST(AnswerDifferenceTest, ActionsThatTheOtherVersionDoesNotHaveDivergeEntirely)
   EXPECT_NEAR(*comparison.Compare(ours, theirs).divergence, std::log(2.0), kTolerance);
 }
 
-TEST(AnswerDifferenceTest, ActionsThatAreNotEffectiveCountAsOneInBothVersions) {
+TEST(AnswerDifferenceTest, IneffectiveActionsCountAsOneOutcome) {
   auto first = Manifest(5, 1.0, {3.0, 8.0, 60.0});
   auto second = Manifest(5, 1.0, {3.0, 8.0, 80.0, 90.0});
   first.mutable_actions(2)->set_effective(false);
@@ -149,9 +150,9 @@ TEST(AnswerDifferenceTest, ActionsThatAreNotEffectiveCountAsOneInBothVersions) {
   EXPECT_NEAR(*Comparison(first, second).Compare(ours, theirs).divergence, 0.0, kTolerance);
 }
 
-// The second looks further ahead, in other steps: straight between its waypoints, and from the
-// origin to the first.
-TEST(AnswerDifferenceTest, VersionsOfOtherWaypointsAreComparedOverTheCommonPart) {
+// The second version looks further ahead, with other steps: it is interpolated linearly between its
+// waypoints, and from the origin to the first.
+TEST(AnswerDifferenceTest, ComparesVersionsWithOtherWaypointsOverTheirCommonHorizon) {
   const auto first = Manifest(6, 0.5, {4.0});   // 0.5 .. 3 s
   const auto second = Manifest(3, 0.8, {4.0});  // 0.8, 1.6, 2.4 s
   const AnswerComparison comparison = Comparison(first, second);
@@ -160,26 +161,26 @@ TEST(AnswerDifferenceTest, VersionsOfOtherWaypointsAreComparedOverTheCommonPart)
   EXPECT_NEAR(same.expected, 0.0, kTolerance);
   EXPECT_NEAR(same.energy, 0.0, kTolerance);
   EXPECT_FALSE(same.divergence.has_value());
-  // 0.5, 1, 1.5 and 2 s are common; 2 m/s slower.
+  // 0.5, 1, 1.5 and 2 s are common; the second is 2 m/s slower.
   const AnswerDifference slower = comparison.Compare(ours, Answer({1.0}, {Straight(3, 0.8, 2.0)}));
   EXPECT_NEAR(slower.likeliest, 2.0 * (0.5 + 1.0 + 1.5 + 2.0) / 4.0, kTolerance);
 }
 
-TEST(AnswerDifferenceTest, VersionsWithNoCommonWaypointAreRefused) {
+TEST(AnswerDifferenceTest, RefusesVersionsWithoutACommonWaypoint) {
   EXPECT_EQ(
       AnswerComparison::Make(Manifest(2, 2.0, {4.0}), Manifest(3, 0.5, {4.0})).status().code(),
       absl::StatusCode::kInvalidArgument);
 }
 
-TEST(AnswerDifferenceTest, TheMixtureIsOfTheActionsThatAreGiven) {
+TEST(AnswerDifferenceTest, TheMixtureConsistsOfTheGivenActions) {
   const auto manifest = Manifest(2, 1.0, {5.0, 30.0});
   const VersionAnswer whole = Answer({1.0, 0.0}, {Straight(2, 1.0, 5.0)});
-  // 0.999 of the probability is given: it stands for all.
+  // Only 0.999 of the probability is given; it counts as the whole.
   const VersionAnswer part = Answer({0.999, 0.001}, {Straight(2, 1.0, 5.0)});
   EXPECT_NEAR(Comparison(manifest, manifest).Compare(whole, part).expected, 0.0, kTolerance);
 }
 
-TEST(AnswerDifferenceTest, OfEquallyProbableActionsTheSmallerIdIsTheLikeliest) {
+TEST(AnswerDifferenceTest, TheSmallerOfTwoEquallyProbableIdsIsTheLikeliest) {
   const auto manifest = Manifest(2, 1.0, {5.0, 30.0});
   VersionAnswer turned = Answer({0.5, 0.5}, {Straight(2, 1.0, 5.0), Straight(2, 1.0, 30.0)});
   const VersionAnswer answer = turned;

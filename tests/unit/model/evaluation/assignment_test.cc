@@ -19,7 +19,7 @@ double CostOf(const Eigen::MatrixXd& costs, const std::vector<int>& columns) {
   return cost;
 }
 
-// Tries every order of the columns; rows <= columns.
+// Tries every order of the columns; needs rows <= columns.
 double LeastCostOfAll(const Eigen::MatrixXd& costs) {
   std::vector<int> columns(static_cast<size_t>(costs.cols()));
   std::iota(columns.begin(), columns.end(), 0);
@@ -37,7 +37,7 @@ double LeastCostOfAll(const Eigen::MatrixXd& costs) {
 Eigen::MatrixXd RandomCosts(int rows, int columns, std::mt19937& random) {
   Eigen::MatrixXd costs(rows, columns);
   for (double& cost : costs.reshaped()) {
-    // Small whole numbers, some below zero: many ties.
+    // Small integers, some negative: many ties.
     cost = static_cast<double>(random() % 9) - 2.0;
   }
   return costs;
@@ -54,21 +54,21 @@ TEST(AssignmentTest, IsAsCheapAsTheBestOfAllPermutations) {
     EXPECT_EQ(std::set<int>(assigned.begin(), assigned.end()).size(), assigned.size());
     EXPECT_DOUBLE_EQ(CostOf(costs, assigned), LeastCostOfAll(costs)) << costs;
 
-    // The same costs on their side: as many rows are left over as there are too many.
+    // Transposed costs: the surplus rows have no column.
     const std::vector<int> turned = LeastCostAssignment(costs.transpose());
     EXPECT_EQ(std::count(turned.begin(), turned.end(), -1), columns - rows);
     EXPECT_DOUBLE_EQ(CostOf(costs.transpose(), turned), LeastCostOfAll(costs));
   }
 }
 
-TEST(AssignmentTest, TheNearestIsGivenUpWhereThatHelpsTheWhole) {
+TEST(AssignmentTest, GivesUpANearestPairIfThatLowersTheTotal) {
   Eigen::Matrix2d costs;
   costs << 1.0, 2.0,  //
       1.0, 9.0;
   EXPECT_EQ(LeastCostAssignment(costs), (std::vector<int>{1, 0}));
 }
 
-TEST(AssignmentTest, NobodyIsAssignedToNothing) {
+TEST(AssignmentTest, AssignsNothingWithoutColumns) {
   EXPECT_TRUE(LeastCostAssignment(Eigen::MatrixXd(0, 3)).empty());
   EXPECT_EQ(LeastCostAssignment(Eigen::MatrixXd(2, 0)), (std::vector<int>{-1, -1}));
 }

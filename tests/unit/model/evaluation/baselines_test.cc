@@ -17,7 +17,7 @@ TEST(ConstantVelocityTest, IsLinearInTime) {
   EXPECT_DOUBLE_EQ(trajectory(1, 1), -2.0);
 }
 
-// The equation of motion in small steps, by the midpoint rule.
+// Integrates the equation of motion in small steps, by the midpoint rule.
 Eigen::RowVector2d Integrate(double v, double a, double w, double end) {
   constexpr int kSteps = 100'000;
   Eigen::RowVector2d position(0.0, 0.0);
@@ -49,7 +49,7 @@ TEST(ConstantTurnRateAndAccelerationTest, SolvesItsEquationOfMotion) {
   }
 }
 
-TEST(ConstantTurnRateAndAccelerationTest, OneThatBrakesStopsAndStays) {
+TEST(ConstantTurnRateAndAccelerationTest, ABrakingVehicleStopsAndStays) {
   const std::array<double, 3> times = {2.0, 3.0, 5.0};
   const Trajectory trajectory =
       ConstantTurnRateAndAcceleration({.velocity_x = 4.0, .acceleration = -2.0}, times);
@@ -58,8 +58,8 @@ TEST(ConstantTurnRateAndAccelerationTest, OneThatBrakesStopsAndStays) {
   EXPECT_DOUBLE_EQ(trajectory(2, 0), 4.0);
 }
 
-// A vehicle that accelerates by 2 m/s^2 and turns left by 0.3 rad/s through the heading pi; the
-// velocity is along the heading. At time 10 it drives 5 m/s and heads 3.1 rad.
+// A vehicle that accelerates by 2 m/s^2 and turns left by 0.3 rad/s through the heading pi, its
+// velocity along its heading. At time 10 it drives 5 m/s with heading 3.1 rad.
 v1::Agent Turning(double from, double to) {
   v1::Agent agent;
   for (int i = static_cast<int>(std::lround(10.0 * from)); i <= std::lround(10.0 * to); ++i) {
@@ -76,7 +76,7 @@ v1::Agent Turning(double from, double to) {
 }
 
 TEST(FadedRollOutTest, AccelerationAndTurnRateFadeFromTheirPresentValues) {
-  const v1::Agent agent = Turning(9.0, 15.0);  // what comes after 10 is not looked at
+  const v1::Agent agent = Turning(9.0, 15.0);  // later states are ignored
   const std::array<double, 3> times = {0.5, 2.0, 5.0};
   const Trajectory trajectory = FadedRollOut(agent, 10.0, scene::Pose2(0.0, 0.0, 3.1), times);
   // v = 5 + 2 f, h = 0.3 f, f = 1 - e^-t, in small steps.
@@ -119,7 +119,7 @@ TEST(EstimateMotionTest, LooksNeitherAheadNorFurtherBackThanASecond) {
   EXPECT_NEAR(motion.turn_rate, 0.3, 1e-5);
 }
 
-TEST(EstimateMotionTest, OneStateMovesOnAsItIs) {
+TEST(EstimateMotionTest, ASingleStateHasNoAccelerationOrTurnRate) {
   const Motion motion = EstimateMotion(Turning(10.0, 15.0), 10.0);
   EXPECT_NEAR(motion.velocity_x, 5.0, 1e-5);
   EXPECT_EQ(motion.acceleration, 0.0);

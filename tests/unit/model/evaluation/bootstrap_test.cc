@@ -14,17 +14,17 @@ TEST(BootstrapTest, EachDrawHasAsManyGroupsAsThereAre) {
   ASSERT_EQ(draws.rows(), 500);
   ASSERT_EQ(draws.cols(), 40);
   EXPECT_TRUE((draws.rowwise().sum().array() == 40.0).all());
-  // Each count is binomial of 40 and 1/40: mean 1, variance 39/40.
+  // Each count is binomial with 40 trials of 1/40: mean 1, variance 39/40.
   EXPECT_NEAR(draws.mean(), 1.0, 1e-12);
   EXPECT_NEAR((draws.array() - 1.0).square().mean(), 0.975, 0.03);
 }
 
-TEST(BootstrapTest, TheSameSeedDrawsTheSameGroupsAndAnotherOneOthers) {
+TEST(BootstrapTest, OnlyTheSameSeedDrawsTheSameGroups) {
   EXPECT_EQ(DrawGroups(10, 20, 3), DrawGroups(10, 20, 3));
   EXPECT_NE(DrawGroups(10, 20, 3), DrawGroups(10, 20, 4));
 }
 
-TEST(BootstrapTest, PercentilesAreInterpolatedAndPassOverWhatIsNotFinite) {
+TEST(BootstrapTest, PercentilesAreInterpolatedAndIgnoreValuesThatAreNotFinite) {
   std::vector<double> values = {NAN, HUGE_VAL};
   for (int i = 40; i >= 0; --i) values.push_back(i);
   const Interval interval = PercentileInterval(values);
@@ -33,9 +33,9 @@ TEST(BootstrapTest, PercentilesAreInterpolatedAndPassOverWhatIsNotFinite) {
   EXPECT_TRUE(std::isnan(PercentileInterval({NAN}).lower));
 }
 
-// By the central limit theorem the mean of n independent groups with standard deviation s lies
-// within 1.96 s / sqrt(n) of the truth in 95 % of the cases.
-TEST(BootstrapTest, TheIntervalOfAMeanIsThatOfNormalTheory) {
+// By the central limit theorem, the mean of n independent groups with standard deviation s lies
+// within 1.96 s / sqrt(n) of the truth in 95 % of cases.
+TEST(BootstrapTest, TheIntervalOfAMeanMatchesNormalTheory) {
   constexpr int kGroups = 400;
   std::mt19937_64 random(5);
   std::exponential_distribution<double> exponential(0.5);

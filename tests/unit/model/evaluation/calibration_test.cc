@@ -14,7 +14,7 @@ Eigen::VectorXd Vector(std::initializer_list<double> values) {
   return vector;
 }
 
-TEST(ActionStatisticsTest, CertainAndDifferentPredictionsHoldAllTheInformation) {
+TEST(ActionStatisticsTest, CertainAndDifferentPredictionsHaveFullInformation) {
   ActionStatistics statistics(3);
   statistics.Add(Vector({1.0, 0.0, 0.0}), Vector({1.0, 0.0, 0.0}));
   statistics.Add(Vector({0.0, 1.0, 0.0}), Vector({0.0, 1.0, 0.0}));
@@ -24,23 +24,23 @@ TEST(ActionStatisticsTest, CertainAndDifferentPredictionsHoldAllTheInformation) 
   EXPECT_NEAR(statistics.ExpectedCalibrationError(), 0.0, 1e-12);
 }
 
-TEST(ActionStatisticsTest, ScenarioFreePredictionsHoldNone) {
+TEST(ActionStatisticsTest, PredictionsThatIgnoreTheSceneHaveNoInformation) {
   ActionStatistics statistics(2);
   for (int i = 0; i < 4; ++i) statistics.Add(Vector({0.25, 0.75}), Vector({0.0, 1.0}));
   EXPECT_NEAR(statistics.MutualInformation(), 0.0, 1e-12);
   EXPECT_NEAR(statistics.MeanProbability()[1], 0.75, 1e-12);
-  // Said 0.75, was right every time.
+  // Predicted 0.75, right every time.
   EXPECT_NEAR(statistics.ExpectedCalibrationError(), 0.25, 1e-12);
 }
 
-TEST(ActionStatisticsTest, AnActionIsEffectiveFromFivePercentOnce) {
+TEST(ActionStatisticsTest, OneExampleAtFivePercentMakesAnActionEffective) {
   ActionStatistics statistics(3);
   statistics.Add(Vector({0.95, 0.05, 0.0}), Vector({1.0, 0.0, 0.0}));
   statistics.Add(Vector({0.951, 0.0, 0.049}), Vector({1.0, 0.0, 0.0}));
   EXPECT_EQ(statistics.EffectiveActions(), 2);
 }
 
-// Errors of opposite sign cancel within a bin and not between bins.
+// Errors of opposite sign cancel within a bin but not between bins.
 TEST(ActionStatisticsTest, CalibrationIsMeasuredBinByBin) {
   ActionStatistics statistics(2);
   statistics.Add(Vector({0.62, 0.38}), Vector({1.0, 0.0}));
@@ -50,7 +50,7 @@ TEST(ActionStatisticsTest, CalibrationIsMeasuredBinByBin) {
   EXPECT_NEAR(statistics.ExpectedCalibrationError(), 0.95 / 3.0, 1e-12);
 }
 
-TEST(ActionStatisticsTest, BinsCountTheMostProbableActionAndWhatItWas) {
+TEST(ActionStatisticsTest, BinsCountTheMostProbableActionAndItsResponsibility) {
   ActionStatistics statistics(2);
   statistics.Add(Vector({0.62, 0.38}), Vector({1.0, 0.0}));
   statistics.Add(Vector({0.34, 0.66}), Vector({0.75, 0.25}));
@@ -62,7 +62,7 @@ TEST(ActionStatisticsTest, BinsCountTheMostProbableActionAndWhatItWas) {
   EXPECT_EQ(statistics.bins()[5].examples, 0);
 }
 
-TEST(ActionStatisticsTest, EntropyIsThatOfEachPredictionAveraged) {
+TEST(ActionStatisticsTest, AveragesTheEntropyOfEachPrediction) {
   ActionStatistics statistics(2);
   statistics.Add(Vector({0.5, 0.5}), Vector({1.0, 0.0}));
   statistics.Add(Vector({1.0, 0.0}), Vector({1.0, 0.0}));

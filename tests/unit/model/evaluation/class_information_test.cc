@@ -12,7 +12,7 @@ void Add(ClassInformation& information, int condition, int cluster, int label, i
   for (int i = 0; i < times; ++i) information.Add(condition, cluster, label);
 }
 
-TEST(ClassInformationTest, ClustersThatTellTheClassTellAll) {
+TEST(ClassInformationTest, ClustersThatDetermineTheClassExplainAllOfIt) {
   ClassInformation information;
   Add(information, 0, 0, 3, 10);
   Add(information, 0, 1, 4, 20);
@@ -22,16 +22,16 @@ TEST(ClassInformationTest, ClustersThatTellTheClassTellAll) {
   EXPECT_NEAR(information.ExplainedShare(), 1.0, 1e-12);
 }
 
-TEST(ClassInformationTest, WhatTheConditionTellsIsNotTheClusters) {
+TEST(ClassInformationTest, DoesNotCreditClustersWithWhatTheConditionTells) {
   ClassInformation information;
   for (int speed = 0; speed < 5; ++speed) Add(information, speed, speed, speed, 20);
   EXPECT_DOUBLE_EQ(information.ExplainedShare(), 0.0);
 }
 
-// Rows 3 1 and 1 3. I = ln 2 - H(1/4). Dealt out by chance, k of the four pairs of a class are in
-// the first cluster with probability C(4,k)^2 / 70: all or none twice in 70 times (I = ln 2), three
-// or one 32 times (this very I), two the rest (0).
-TEST(ClassInformationTest, SubtractsWhatChanceMakes) {
+// Rows 3 1 and 1 3. I = ln 2 - H(1/4). By chance, k of the four pairs of a class are in the first
+// cluster with probability C(4,k)^2 / 70: all or none in 2 of 70 cases (I = ln 2), three or one in
+// 32 (the same I), two in the rest (0).
+TEST(ClassInformationTest, SubtractsWhatChanceGives) {
   ClassInformation information;
   Add(information, 0, 0, 0, 3);
   Add(information, 0, 0, 1, 1);
@@ -43,9 +43,10 @@ TEST(ClassInformationTest, SubtractsWhatChanceMakes) {
   EXPECT_NEAR(information.ExplainedShare(), (told - by_chance) / (whole - by_chance), 1e-12);
 }
 
-// One condition in which the cluster tells the class, and one of half as many examples in which it
-// tells nothing. E of the one is (2 ln 2 + 32 I(3 of 4)) / 70 as above, of the other (ln 2) / 3.
-TEST(ClassInformationTest, ConditionsCountByTheirExamples) {
+// In one condition the cluster determines the class; in another, with half as many examples, it
+// tells nothing. E is (2 ln 2 + 32 I(3 of 4)) / 70 in the first, as above, and (ln 2) / 3 in the
+// second.
+TEST(ClassInformationTest, WeightsConditionsByTheirExamples) {
   ClassInformation information;
   Add(information, 0, 0, 0, 4);
   Add(information, 0, 1, 1, 4);
@@ -63,7 +64,7 @@ TEST(ClassInformationTest, ConditionsCountByTheirExamples) {
               1e-12);
 }
 
-// 25 clusters and 11 classes drawn alone, with 60 examples a condition: I / H would be above 0.5.
+// 25 clusters and 11 classes drawn independently, 60 examples per condition: I / H is above 0.5.
 TEST(ClassInformationTest, IndependentClustersOfFewExamplesTellNothing) {
   std::mt19937 random(1);
   double sum = 0.0;
@@ -77,13 +78,13 @@ TEST(ClassInformationTest, IndependentClustersOfFewExamplesTellNothing) {
   EXPECT_NEAR(sum / 50.0, 0.0, 0.02);
 }
 
-TEST(ClassInformationTest, IsZeroWhereNothingIsLeftToTell) {
+TEST(ClassInformationTest, IsZeroIfNothingIsLeftToTell) {
   EXPECT_DOUBLE_EQ(ClassInformation().ExplainedShare(), 0.0);
   ClassInformation one_class;
   Add(one_class, 0, 0, 2, 3);
   Add(one_class, 0, 1, 2, 3);
   EXPECT_DOUBLE_EQ(one_class.ExplainedShare(), 0.0);
-  // As many clusters as examples: they would tell any classes.
+  // As many clusters as examples: they would determine any classes.
   ClassInformation alone;
   for (int i = 0; i < 6; ++i) alone.Add(0, i, i % 2);
   EXPECT_DOUBLE_EQ(alone.ExplainedShare(), 0.0);

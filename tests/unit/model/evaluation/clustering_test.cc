@@ -13,7 +13,7 @@ void Add(ContingencyTable& table, int cluster, int label, int times) {
   for (int i = 0; i < times; ++i) table.Add(cluster, label);
 }
 
-TEST(ClusteringTest, RenamedClassesAgreeWholly) {
+TEST(ClusteringTest, RenamedClassesAgreeFully) {
   ContingencyTable table;
   Add(table, 7, 0, 3);
   Add(table, 2, 1, 5);
@@ -21,7 +21,7 @@ TEST(ClusteringTest, RenamedClassesAgreeWholly) {
   EXPECT_DOUBLE_EQ(table.Purity(), 1.0);
 }
 
-TEST(ClusteringTest, IndependentClustersShareNothing) {
+TEST(ClusteringTest, IndependentClustersShareNoInformation) {
   ContingencyTable table;
   for (int cluster = 0; cluster < 3; ++cluster) {
     Add(table, cluster, 0, 2);
@@ -31,8 +31,8 @@ TEST(ClusteringTest, IndependentClustersShareNothing) {
   EXPECT_NEAR(table.Purity(), 4.0 / 6.0, 1e-12);
 }
 
-// Clusters {0, 1} split class A in halves, cluster 2 is class B, four examples each half, eight of
-// B: I = H(class) = ln 2, H(cluster) = 1.5 ln 2, so NMI = 2 / 2.5.
+// Clusters 0 and 1 split class A in halves of four examples each; cluster 2 is class B with eight.
+// I = H(class) = ln 2, H(cluster) = 1.5 ln 2, so NMI = 2 / 2.5.
 TEST(ClusteringTest, SplittingAClassCostsEntropyButNotPurity) {
   ContingencyTable table;
   Add(table, 0, 0, 4);
@@ -42,7 +42,7 @@ TEST(ClusteringTest, SplittingAClassCostsEntropyButNotPurity) {
   EXPECT_DOUBLE_EQ(table.Purity(), 1.0);
 }
 
-TEST(ClusteringTest, OneClusterTellsNothing) {
+TEST(ClusteringTest, ASingleClusterTellsNothing) {
   ContingencyTable table;
   Add(table, 0, 0, 1);
   Add(table, 0, 1, 3);
@@ -62,9 +62,9 @@ TEST(ClusteringTest, InformationIsTheEntropyThatTheClusterRemoves) {
   EXPECT_NEAR(table.MutualInformation(), std::log(2.0) - left, 1e-12);
 }
 
-// Two pairs in each cluster and of each class: two of the six ways to deal them out agree wholly,
-// and four share nothing.
-TEST(ClusteringTest, ChanceAloneMakesInformation) {
+// Two pairs in each cluster and of each class: of the six distributions, two agree fully and four
+// share nothing.
+TEST(ClusteringTest, ExpectedInformationIsPositiveByChance) {
   ContingencyTable table;
   Add(table, 0, 0, 2);
   Add(table, 1, 1, 2);
@@ -73,7 +73,7 @@ TEST(ClusteringTest, ChanceAloneMakesInformation) {
   Add(one_class, 0, 0, 2);
   Add(one_class, 1, 0, 5);
   EXPECT_NEAR(one_class.ExpectedMutualInformation(), 0.0, 1e-12);
-  // Each pair a cluster of its own: dealt out anyhow, it tells the class.
+  // With each pair in its own cluster, any distribution determines the class.
   ContingencyTable alone;
   for (int i = 0; i < 4; ++i) alone.Add(i, i % 2);
   EXPECT_NEAR(alone.ExpectedMutualInformation(), std::log(2.0), 1e-12);
@@ -95,7 +95,7 @@ TEST(ClusteringTest, ExpectedInformationIsTheMeanOverAllPermutations) {
   EXPECT_NEAR(table.ExpectedMutualInformation(), sum / permutations, 1e-12);
 }
 
-TEST(ClusteringTest, MajoritiesAreOfEachClusterAndTheSmallestClassOfSeveral) {
+TEST(ClusteringTest, EachClusterHasAMajorityTheSmallestClassOnTies) {
   ContingencyTable table;
   Add(table, 4, 2, 3);
   Add(table, 4, 1, 3);
@@ -110,7 +110,7 @@ TEST(ClusteringTest, MajoritiesAreOfEachClusterAndTheSmallestClassOfSeveral) {
   EXPECT_EQ(majorities.at(9).total, 2);
 }
 
-TEST(ClusteringTest, ClustersOfExactlyThePurityAreShared) {
+TEST(ClusteringTest, CountsClustersOfExactlyTheGivenPurity) {
   ContingencyTable table;
   Add(table, 0, 0, 7);
   Add(table, 0, 1, 3);

@@ -1,4 +1,4 @@
-// Parts, the report and its text, on measurements that are given by formulas.
+// Parts, report and text of cross-validations, on measurements given by formulas.
 
 #include <gmock/gmock.h>
 #include <google/protobuf/util/message_differencer.h>
@@ -22,7 +22,7 @@ using testing::HasSubstr;
 constexpr int kRecordings = 200;
 constexpr int kFolds = 2;
 
-// Recordings i with one group each, in fold i % 2.
+// Recordings i, each a group of its own, in fold i % 2.
 v1::CrossValidationPlan Plan() {
   v1::CrossValidationPlan plan;
   plan.set_folds(kFolds);
@@ -56,16 +56,17 @@ void AddExample(v1::MeasuredSet& set, int recording, double ade, double cv, doub
   example.set_responsibility(recording % 2 == 0 ? 1.0 : 0.0);
 }
 
-// Standard normal, the same for the same recording.
+// Returns a standard normal number, always the same for a recording.
 double NormalOf(int recording) {
   std::mt19937_64 random(static_cast<uint64_t>(recording));
   random.discard(10);
   return std::normal_distribution<double>()(random);
 }
 
-// Recording i has i % 3 + 1 equal examples, the last of them fast: ADE 2 + 0.5 n, where n is
-// normal and every recording's own, plus the seed's offset. Constant velocity's is 3 above, up to a
-// tenth of a normal number. CTRA's is 0.5 above and below in turns of six recordings.
+// Recording i has i % 3 + 1 equal examples, the last of them fast. ADE is 2 + 0.5 n, where n is
+// normal and specific to the recording, plus the seed's offset. Constant velocity is 3 worse, give
+// or take a tenth of a normal number. CTRA is 0.5 worse or better, alternating every six
+// recordings.
 v1::FoldRun MakeRun(int64_t seed, int fold) {
   v1::FoldRun run;
   run.set_seed(seed);
@@ -103,7 +104,7 @@ std::string MergeError(std::vector<v1::CrossValidationPart> parts, absl::StatusC
   return std::string(status.message());
 }
 
-TEST(CrossValidationPartsTest, PartsInAnyOrderMakeTheSameWhole) {
+TEST(CrossValidationPartsTest, PartsInAnyOrderGiveTheSameWhole) {
   const auto all = MergeParts({Part({{1, 0}, {1, 1}, {2, 0}, {2, 1}})});
   ASSERT_TRUE(all.ok()) << all.status();
   const auto merged = MergeParts({Part({{2, 1}}), Part({{1, 1}, {2, 0}}), Part({{1, 0}})});
@@ -112,7 +113,7 @@ TEST(CrossValidationPartsTest, PartsInAnyOrderMakeTheSameWhole) {
   EXPECT_TRUE(google::protobuf::util::MessageDifferencer::Equals(*all, *merged));
 }
 
-TEST(CrossValidationPartsTest, RefusesWhatIsMissingTwiceThereOrOfAnotherPlan) {
+TEST(CrossValidationPartsTest, RefusesMissingRepeatedAndForeignRuns) {
   using enum absl::StatusCode;
   EXPECT_THAT(MergeError({Part({{1, 0}})}, kFailedPrecondition),
               HasSubstr("seed 1 lacks fold 2 of 2; run it with --only-fold 2 --seeds 1"));
@@ -182,9 +183,10 @@ TEST_F(CrossValidationReportTest, MeansAreOverTheExamplesOfAllFolds) {
   EXPECT_NEAR(ade.seed_values(1), sum / examples + 0.03, 1e-12);
 }
 
-// The mean is a ratio of sums over independent groups; its variance, by the delta method, is
-// sum_g m_g^2 (x_g - mean)^2 / (sum_g m_g)^2 with m_g examples of value x_g in group g.
-TEST_F(CrossValidationReportTest, IntervalsAreThoseOfTheDeltaMethodOverGroups) {
+// The mean is a ratio of sums over independent groups. By the delta method its variance is
+//   sum_g m_g^2 (x_g - mean)^2 / (sum_g m_g)^2
+// with m_g examples of value x_g in group g.
+TEST_F(CrossValidationReportTest, IntervalsMatchTheDeltaMethodOverGroups) {
   const v1::Estimate& ade = set().overall().metrics().at("ade_1");
   double squares = 0.0;
   double examples = 0.0;
@@ -208,8 +210,8 @@ TEST_F(CrossValidationReportTest, RatiosAreOfMeans) {
   EXPECT_FALSE(metrics.contains("fde_ratio"));
 }
 
-// p is 0.75 everywhere; the even recordings, which hold half of the examples, have q = 1.
-TEST_F(CrossValidationReportTest, TheCalibrationErrorIsOfAllFoldsTogether) {
+// p is 0.75 everywhere; the even recordings, with half of the examples, have q = 1.
+TEST_F(CrossValidationReportTest, TheCalibrationErrorCoversAllFolds) {
   double right = 0.0;
   double examples = 0.0;
   for (int i = 0; i < kRecordings; ++i) {
@@ -220,19 +222,19 @@ TEST_F(CrossValidationReportTest, TheCalibrationErrorIsOfAllFoldsTogether) {
               std::abs(0.75 - right / examples), 1e-12);
 }
 
-TEST_F(CrossValidationReportTest, TheModelIsAheadWhereTheIntervalOfThePairsSaysSo) {
+TEST_F(CrossValidationReportTest, PairedIntervalsDecideWhereTheModelIsAhead) {
   ASSERT_EQ(set().overall().comparisons_size(), 2);
   const v1::RivalComparison& cv = set().overall().comparisons(0);
   EXPECT_EQ(cv.rival(), "cv");
   EXPECT_EQ(cv.rival_metric(), "ade_cv");
   EXPECT_EQ(cv.verdict(), v1::RIVAL_VERDICT_AHEAD);
-  // Paired: what both share is not in it.
+  // Paired: what both share cancels.
   EXPECT_NEAR(cv.difference().value(), -3.0, 0.03);
   EXPECT_LT(cv.difference().upper() - cv.difference().lower(), 0.05);
   EXPECT_EQ(set().overall().comparisons(1).verdict(), v1::RIVAL_VERDICT_UNDECIDED);
 }
 
-TEST_F(CrossValidationReportTest, StrataPartTheExamples) {
+TEST_F(CrossValidationReportTest, StrataPartitionTheExamples) {
   ASSERT_EQ(set().strata_size(), 2);
   EXPECT_EQ(set().strata(0).name(), "slow");
   EXPECT_EQ(set().strata(1).name(), "fast");
@@ -242,7 +244,7 @@ TEST_F(CrossValidationReportTest, StrataPartTheExamples) {
   EXPECT_EQ(set().strata(0).groups(), 133);
 }
 
-TEST_F(CrossValidationReportTest, MetricsOfWholeSetsHaveTheRangeOfTheModels) {
+TEST_F(CrossValidationReportTest, MetricsOfWholeSetsHaveTheRangeOverModels) {
   const v1::ModelRange& range = set().set_metrics().at("mutual_information");
   EXPECT_DOUBLE_EQ(range.smallest(), 1.1);
   EXPECT_DOUBLE_EQ(range.largest(), 2.3);
@@ -251,7 +253,7 @@ TEST_F(CrossValidationReportTest, MetricsOfWholeSetsHaveTheRangeOfTheModels) {
   EXPECT_NEAR(range.seed_values(0), (first * 1.1 + second * 2.1) / (first + second), 1e-12);
 }
 
-TEST(CrossValidationSmallPartsTest, FewExamplesAreNotCompared) {
+TEST(CrossValidationSmallPartsTest, DoesNotComparePartsWithFewExamples) {
   v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
   for (v1::FoldRun& run : *part.mutable_runs()) {
     auto& examples = *run.mutable_held_out()->mutable_examples();
@@ -264,7 +266,7 @@ TEST(CrossValidationSmallPartsTest, FewExamplesAreNotCompared) {
   EXPECT_EQ(report.sets(0).overall().comparisons_size(), 0);
 }
 
-// A test dataset is measured by the model of every fold; its recordings count once.
+// The models of all folds measure a test dataset; its recordings count once.
 TEST(CrossValidationTestDatasetTest, AllModelsMeasureEveryExample) {
   v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
   v1::TestDataset& test = *part.mutable_plan()->add_test_datasets();
@@ -293,7 +295,7 @@ TEST(CrossValidationTestDatasetTest, AllModelsMeasureEveryExample) {
   EXPECT_THAT(text, HasSubstr("too narrow"));
 }
 
-TEST_F(CrossValidationReportTest, TheTextHasTypesOfTargetsIfThereAreSeveral) {
+TEST_F(CrossValidationReportTest, TheTextNamesTargetTypesIfThereAreSeveral) {
   v1::CrossValidationReport report = report_;
   for (const char* type : {"vehicle", "pedestrian"}) {
     EXPECT_EQ(CrossValidationText(report, false).find("BY TYPE"), std::string::npos);
@@ -307,7 +309,7 @@ TEST_F(CrossValidationReportTest, TheTextHasTypesOfTargetsIfThereAreSeveral) {
   EXPECT_THAT(text, HasSubstr("\npedestrian "));
 }
 
-TEST_F(CrossValidationReportTest, TheTextTellsTheModelsMeaningFromTheBaselines) {
+TEST_F(CrossValidationReportTest, TheTextSeparatesTheModelsMeaningFromTheBaselines) {
   v1::CrossValidationReport report = report_;
   auto& set_metrics = *report.mutable_sets(0)->mutable_set_metrics();
   for (const char* name : {"class_information_relative", "covernet_mutual_information"}) {

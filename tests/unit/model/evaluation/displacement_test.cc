@@ -14,7 +14,7 @@ Trajectory Line(double y, std::initializer_list<double> x) {
   return trajectory;
 }
 
-TEST(DisplacementTest, AveragesDistancesAndTakesTheLast) {
+TEST(DisplacementTest, AdeAveragesDistancesAndFdeTakesTheLast) {
   const Trajectory truth = Line(0.0, {1.0, 2.0, 3.0});
   Trajectory predicted = truth;
   predicted.row(1) += Eigen::RowVector2d(3.0, 4.0);   // 5 m off
@@ -23,7 +23,7 @@ TEST(DisplacementTest, AveragesDistancesAndTakesTheLast) {
   EXPECT_DOUBLE_EQ(FinalDisplacement(predicted, truth), 1.0);
 }
 
-TEST(DisplacementTest, BestOfLooksAtTheFirstKOnlyAndMinimisesEachErrorOnItsOwn) {
+TEST(DisplacementTest, BestOfUsesTheFirstKAndMinimisesEachErrorSeparately) {
   const Trajectory truth = Line(0.0, {0.0, 0.0});
   const std::vector<Trajectory> ranked = {
       Line(0.0, {9.0, 9.0}),   // ADE 9, FDE 9
@@ -40,7 +40,7 @@ TEST(DisplacementTest, BestOfLooksAtTheFirstKOnlyAndMinimisesEachErrorOnItsOwn) 
   EXPECT_FALSE(BestOf(ranked, probabilities, 10, truth).missed_argoverse);
 }
 
-TEST(DisplacementTest, ArgoverseMissesBeyondTwoMetresAtTheEndAlone) {
+TEST(DisplacementTest, ArgoverseMissesBeyondTwoMetresAtTheEnd) {
   const Trajectory truth = Line(0.0, {0.0, 0.0});
   EXPECT_FALSE(ErrorsOf(Line(2.0, {0.0, 0.0}), truth).missed_argoverse);
   EXPECT_TRUE(ErrorsOf(Line(2.001, {0.0, 0.0}), truth).missed_argoverse);
@@ -54,8 +54,8 @@ TEST(DisplacementTest, NuScenesMissesAtAnyWaypointFromTwoMetres) {
   EXPECT_TRUE(ErrorsOf(Line(0.0, {3.0, 0.0}), truth).missed_nuscenes);
 }
 
-// One prediction must stay near all along; two that do so in turn are both misses.
-TEST(DisplacementTest, NuScenesHitsArePerPrediction) {
+// One prediction must stay near throughout. Two that do so in turn are both misses.
+TEST(DisplacementTest, ANuScenesHitNeedsOnePredictionThatStaysNear) {
   const Trajectory truth = Line(0.0, {0.0, 0.0});
   const std::vector<Trajectory> ranked = {Line(0.0, {0.0, 3.0}), Line(0.0, {3.0, 0.0}),
                                           Line(0.0, {1.0, 1.0})};
@@ -64,8 +64,8 @@ TEST(DisplacementTest, NuScenesHitsArePerPrediction) {
   EXPECT_FALSE(BestOf(ranked, probabilities, 3, truth).missed_nuscenes);
 }
 
-// Argoverse 2: the best by FDE has 0.3 of the 0.8 that the first two have together.
-TEST(DisplacementTest, BrierFdePunishesDoubtInTheBest) {
+// Argoverse 2: the best by FDE has 0.3 of the 0.8 that the first two share.
+TEST(DisplacementTest, BrierFdePenalisesALowProbabilityOfTheBest) {
   const Trajectory truth = Line(0.0, {0.0});
   const std::vector<Trajectory> ranked = {Line(0.0, {4.0}), Line(0.0, {1.0}), Line(0.0, {6.0})};
   const std::vector<double> probabilities = {0.5, 0.3, 0.2};

@@ -1,4 +1,4 @@
-// Trajectories that are given by formulas.
+// Trajectories given by formulas.
 
 #ifndef MANEUVER_TESTS_UNIT_MODEL_EVALUATION_DRIVEN_TRAJECTORY_H_
 #define MANEUVER_TESTS_UNIT_MODEL_EVALUATION_DRIVEN_TRAJECTORY_H_
@@ -17,7 +17,7 @@ inline std::vector<double> Times() {
   return times;
 }
 
-// The places at Times() of a function of the time, seconds. [50, 2] metres, target frame
+// Samples a function of time in seconds at Times(). [50, 2] metres, target frame
 inline inference::Trajectory Driven(const std::function<Eigen::RowVector2d(double)>& place) {
   inference::Trajectory trajectory(50, 2);
   for (int i = 0; i < 50; ++i) trajectory.row(i) = place(0.1 * (i + 1));

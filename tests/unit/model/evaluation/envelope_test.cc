@@ -24,8 +24,8 @@ WaypointCovariances Covariances(std::initializer_list<std::array<double, 3>> row
   return covariance;
 }
 
-// Deviations 3 m along x and 1 m along y: 3 m ahead is one sigma, 2 m aside is two.
-TEST(EnvelopeTest, EllipsesAreMeasuredAlongTheirAxes) {
+// Deviations of 3 m along x and 1 m along y: 3 m ahead is one sigma, 2 m to the side is two.
+TEST(EnvelopeTest, MeasuresEllipsesAlongTheirAxes) {
   const Trajectory mean = Points({{0, 0}, {0, 0}, {0, 0}, {0, 0}});
   const WaypointCovariances covariance = Covariances({{9, 0, 1}, {9, 0, 1}, {9, 0, 1}, {9, 0, 1}});
   const Coverage coverage =
@@ -34,7 +34,8 @@ TEST(EnvelopeTest, EllipsesAreMeasuredAlongTheirAxes) {
   EXPECT_DOUBLE_EQ(coverage.two_sigma, 0.75);
 }
 
-// The ellipse of [2 1; 1 2] is long along (1, 1), where its deviation is sqrt 3, and short across.
+// The ellipse of [2 1; 1 2] is long along (1, 1), where its deviation is sqrt 3, and short across
+// it.
 TEST(EnvelopeTest, EllipsesTurnWithTheirCovariance) {
   const Trajectory mean = Points({{5, 5}, {5, 5}});
   const WaypointCovariances covariance = Covariances({{2, 1, 2}, {2, 1, 2}});
@@ -46,7 +47,7 @@ TEST(EnvelopeTest, EllipsesTurnWithTheirCovariance) {
   EXPECT_DOUBLE_EQ(coverage.two_sigma, 1.0);
 }
 
-TEST(EnvelopeTest, GaussiansHoldTheShareThatTheoryGives) {
+TEST(EnvelopeTest, GaussiansContainTheTheoreticalShare) {
   std::mt19937 random(1);
   std::normal_distribution<double> normal;
   constexpr int kCount = 40'000;
@@ -63,7 +64,7 @@ TEST(EnvelopeTest, GaussiansHoldTheShareThatTheoryGives) {
   EXPECT_NEAR(coverage.two_sigma, kGaussianTwoSigma, 0.01);
 }
 
-TEST(EnvelopeTest, ALineHoldsNothing) {
+TEST(EnvelopeTest, ASingularCovarianceContainsNothing) {
   const Coverage coverage = CoverageOf(
       Points({{0, 0}, {0, 0}}), Covariances({{4, 0, 0}, {0, 0, 0}}), Points({{1, 0}, {0, 0}}));
   EXPECT_DOUBLE_EQ(coverage.two_sigma, 0.0);

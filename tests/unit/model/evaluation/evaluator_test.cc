@@ -23,12 +23,12 @@ constexpr int kWaypoints = 6;  // 3 s at 2 Hz
 constexpr double kSpeed = 10.0;
 constexpr double kAcceleration = 1.0;
 
-// Three actions: 0, the most probable, is the truth of a vehicle that accelerates at kSpeed, 1 m to
-// its left; 1 is that truth; 2 stays where it is. The generic distributions are all 4 m to the
-// left of that. Every q(y|x,s) is action 1's.
+// Three actions. Action 0, the most probable, is the truth of a vehicle that accelerates at kSpeed,
+// but 1 m to the left; action 1 is that truth; action 2 stays where it is. All generic
+// distributions are 4 m to the left of these. q(y|x,s) always selects action 1.
 //
-// Of a relative model the generic ones are to the left only where the encoding is told the speed,
-// and elsewhere 100 m off.
+// For a relative model, the generic distributions are 4 m to the left only if the encoding knows
+// the speed, and 100 m off otherwise.
 class FakeSession final : public inference::InferenceSession {
  public:
   FakeSession(bool relative, const Eigen::Vector3d& probabilities)
@@ -58,7 +58,7 @@ class FakeSession final : public inference::InferenceSession {
       if (relative_ && std::abs(encoding.speed - kSpeed) > 1e-4) mean.col(1).array() += 100.0;
       inference::ActionDistribution distribution;
       distribution.action = action;
-      // One latent dimension that spreads along x: 2 m generic, 1 m in the scene.
+      // One latent dimension that spreads along x: 2 m for generic, 1 m in the scene.
       Trajectory spread = Trajectory::Zero(kWaypoints, 2);
       spread.col(0).setConstant(generic ? 2.0 : 1.0);
       distribution.sigma = {mean, mean + spread, mean - spread};
@@ -70,7 +70,7 @@ class FakeSession final : public inference::InferenceSession {
     return distributions;
   }
 
-  // The evaluation describes every action, and needs no means beside that.
+  // The evaluation describes every action and needs no separate means.
   inference::TrajectorySet MeanTrajectories(const inference::SceneEncoding&, std::span<const int>,
                                             inference::LatentSource) override {
     return {};
@@ -102,7 +102,7 @@ class FakeModel final : public inference::ActionModel {
     spec.set_latent_dimensions(1);
   }
 
-  // A model that reads the target's history too, and predicts relative to its speed.
+  // A model that also reads the target's history and predicts relative to its speed.
   static std::shared_ptr<const FakeModel> Relative() {
     auto model = std::make_shared<FakeModel>();
     model->manifest_.mutable_spec()->mutable_scene_vectors()->set_history_width(1);
@@ -110,7 +110,7 @@ class FakeModel final : public inference::ActionModel {
     return model;
   }
 
-  // The relative one, which reads the agents nearby as well if `agent_width` is not 0.
+  // The relative model; it also reads nearby agents if `agent_width` is not 0.
   static std::shared_ptr<const FakeModel> AmongAgents(int agent_width) {
     auto model = std::make_shared<FakeModel>();
     *model->manifest_.mutable_spec() = Relative()->spec();
@@ -132,8 +132,8 @@ class FakeModel final : public inference::ActionModel {
   v1::ModelManifest manifest_;
 };
 
-// A vehicle that heads north-west and drives kSpeed at time 1, seen for four seconds, some that
-// stand beside it then and are no vehicles, and one of those that comes later.
+// A vehicle that heads north-west at kSpeed at time 1 and is present for four seconds; `others`
+// that stand beside it then and are no vehicles; and one of these that appears later.
 v1::Scenario Recording(const std::string& id, int others) {
   const double heading = 2.3;
   v1::Scenario scenario;
@@ -189,7 +189,7 @@ class EvaluatorTest : public testing::Test {
 TEST_F(EvaluatorTest, MeasuresModelAndBaselinesAgainstTheRecording) {
   const auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
-  // Only at 1 s are there a past and a horizon.
+  // Only 1 s has both a past and a whole horizon.
   EXPECT_EQ(report->examples(), 20);
   EXPECT_EQ(report->example_settings().SerializeAsString(), input_.examples.SerializeAsString());
   EXPECT_EQ(report->trajectory().SerializeAsString(),
@@ -200,11 +200,11 @@ TEST_F(EvaluatorTest, MeasuresModelAndBaselinesAgainstTheRecording) {
   EXPECT_NEAR(metrics.at("ade_1_prior"), 5.0, 1e-4);
   EXPECT_NEAR(metrics.at("min_ade_6_prior"), 4.0, 1e-4);
   EXPECT_NEAR(metrics.at("brier_fde_6"), 0.7 * 0.7, 1e-4);
-  // Half a t^2 at 0.5, 1, ... 3 s.
+  // Half of t^2 at 0.5, 1, ... 3 s.
   EXPECT_NEAR(metrics.at("ade_cv"), 0.5 * 91.0 / 24.0, 1e-4);
   EXPECT_NEAR(metrics.at("fde_cv"), 4.5, 1e-4);
   EXPECT_NEAR(metrics.at("ade_ctra"), 0.0, 1e-4);
-  // The acceleration fades with e^-t, so the speed gains 1 - e^-t and the way t - (1 - e^-t).
+  // The acceleration fades with e^-t, so speed grows by 1 - e^-t and distance by t - (1 - e^-t).
   double lag = 0.0;
   for (int i = 1; i <= kWaypoints; ++i) {
     const double t = 0.5 * i;
@@ -215,7 +215,7 @@ TEST_F(EvaluatorTest, MeasuresModelAndBaselinesAgainstTheRecording) {
   EXPECT_NEAR(metrics.at("largest_share"), 0.6, 1e-12);
   EXPECT_EQ(report->action_uses(1).kinematic_class(), "straight_fast");
   EXPECT_EQ(report->action_uses(1).examples(), 20);
-  // It said 0.6 of action 0, which q gives 0.2.
+  // It predicts 0.6 for action 0, to which q gives 0.2.
   EXPECT_NEAR(metrics.at("calibration_error"), 0.4, 1e-12);
 }
 
@@ -228,8 +228,8 @@ TEST_F(EvaluatorTest, MeasuresTheGenericActionsOfARelativeModelInEachScene) {
   }
 }
 
-// The most probable action stands still, 19.4 m behind on average; the truth is nearer to all
-// three.
+// The most probable action stands still, 19.4 m behind on average. Action 1, the truth, is closest
+// to all three together.
 TEST_F(EvaluatorTest, MeasuresTheMedoidAndTheRepresentatives) {
   const FakeModel model({0.3, 0.3, 0.4});
   const auto report = Evaluate(model, input_);
@@ -244,8 +244,8 @@ TEST_F(EvaluatorTest, MeasuresTheMedoidAndTheRepresentatives) {
   EXPECT_EQ(metrics.at("miss_rate_cover_6"), 0.0);
 }
 
-// 4.5 m along the heading is more than 2.0 m x 0.948 at 3 s; 1 m to the side is above 0.948 m.
-TEST_F(EvaluatorTest, WaymosMissesAreJudgedInTheRecordedHeading) {
+// 4.5 m along the heading exceeds 2.0 m x 0.948 at 3 s; 1 m to the side exceeds 0.948 m.
+TEST_F(EvaluatorTest, WaymoMissesAreMeasuredAlongTheRecordedHeading) {
   const auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   EXPECT_NEAR(report->metrics().at("miss_rate_waymo_1"), 1.0, 1e-12);
@@ -254,8 +254,8 @@ TEST_F(EvaluatorTest, WaymosMissesAreJudgedInTheRecordedHeading) {
   EXPECT_NEAR(report->metrics().at("miss_rate_waymo_ctra"), 0.0, 1e-12);
 }
 
-// The example's action is 1 by q(y|x,s), though p(y|s) says 0.
-TEST_F(EvaluatorTest, EnvelopesAreThoseOfTheActionThatItWas) {
+// The example's action is 1 by q(y|x,s), although p(y|s) prefers 0.
+TEST_F(EvaluatorTest, EnvelopesBelongToTheExamplesAction) {
   const auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   const auto& metrics = report->metrics();
@@ -266,16 +266,16 @@ TEST_F(EvaluatorTest, EnvelopesAreThoseOfTheActionThatItWas) {
   EXPECT_NEAR(metrics.at("nll_action_prior") - metrics.at("nll_action"), 8.0, 1e-3);
 }
 
-TEST_F(EvaluatorTest, StrataCountWhoIsInSight) {
+TEST_F(EvaluatorTest, StrataCountAgentsAtThePredictionTime) {
   const auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
-  // 0 to 19 others and the vehicle itself.
+  // 0 to 19 others, plus the vehicle itself.
   EXPECT_EQ(report->strata(0).examples(), 10);
   EXPECT_EQ(report->strata(1).examples(), 10);
 }
 
 // The same vehicle drives the same way in all recordings.
-TEST_F(EvaluatorTest, RecordingsOfOneDriveAreOneGroupOfTheStandings) {
+TEST_F(EvaluatorTest, RecordingsOfOneDriveFormOneGroup) {
   auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   EXPECT_EQ(report->rivals().recordings(), 20);
@@ -292,7 +292,7 @@ TEST_F(EvaluatorTest, RecordingsOfOneDriveAreOneGroupOfTheStandings) {
   EXPECT_EQ(report->rivals().parts(0).groups(), 10);
 }
 
-TEST_F(EvaluatorTest, AgreesWithRecordedManoeuvresIfThereAreAny) {
+TEST_F(EvaluatorTest, MeasuresAgreementWithRecordedManoeuvresIfThereAreAny) {
   auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   EXPECT_FALSE(report->metrics().contains("nmi"));
@@ -308,7 +308,7 @@ TEST_F(EvaluatorTest, AgreesWithRecordedManoeuvresIfThereAreAny) {
   EXPECT_EQ(report->metrics().at("labelled_examples"), 1.0);
 }
 
-TEST_F(EvaluatorTest, CarriesAsManyExamplesAsAskedForTheSameInAnyOrder) {
+TEST_F(EvaluatorTest, SamplesTheSameExamplesInAnyOrderOfRecordings) {
   auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   EXPECT_EQ(report->sampled_examples_size(), 0);
@@ -344,7 +344,7 @@ TEST_F(EvaluatorTest, CarriesAsManyExamplesAsAskedForTheSameInAnyOrder) {
   EXPECT_EQ(report->sampled_examples_size(), 20);
 }
 
-TEST_F(EvaluatorTest, AnyNumberOfThreadsMeasuresTheSameBits) {
+TEST_F(EvaluatorTest, GivesTheSameBitsOnAnyNumberOfThreads) {
   const auto one = Evaluate(*model_, input_);
   input_.threads = 3;
   const auto three = Evaluate(*model_, input_);
@@ -354,7 +354,7 @@ TEST_F(EvaluatorTest, AnyNumberOfThreadsMeasuresTheSameBits) {
   }
 }
 
-// A baseline that reads what a model of `spec` does, with smaller networks of random weights.
+// Returns a baseline that reads the same as a model of `spec`, with smaller, random networks.
 std::shared_ptr<const inference::AnchorModel> BaselineOf(v1::ModelSpec spec) {
   spec.mutable_backbone()->set_features(2);
   spec.mutable_backbone()->add_convolutions()->set_channels(1);
@@ -395,7 +395,7 @@ TEST_F(EvaluatorTest, MeasuresBaselinesThatReadAgentsIfTheModelDoes) {
   }
 }
 
-TEST_F(EvaluatorTest, RefusesRecordingsWithoutAnExampleAndStopsWhenTold) {
+TEST_F(EvaluatorTest, RefusesRecordingsWithoutAnExampleAndStopsWhenAsked) {
   input_.progress = [](int64_t, int64_t) { return false; };
   while (recordings_.size() < 100) recordings_.push_back(recordings_.front());
   input_.recordings = recordings_;

@@ -11,7 +11,7 @@
 namespace maneuver::evaluation {
 namespace {
 
-TEST(ExampleMetricsTest, EveryNameIsThereOnceAndTheTableKnowsIt) {
+TEST(ExampleMetricsTest, EveryNameIsUniqueAndInTheMetricTable) {
   std::set<std::string> names;
   for (const ExampleMetric& metric : ExampleMetrics(true, true)) {
     EXPECT_TRUE(names.insert(metric.name).second) << metric.name;
@@ -24,7 +24,7 @@ TEST(ExampleMetricsTest, EveryNameIsThereOnceAndTheTableKnowsIt) {
   }
 }
 
-TEST(ExampleMetricsTest, WhatWasNotMeasuredHasNoMetric) {
+TEST(ExampleMetricsTest, HasNoMetricForWhatWasNotMeasured) {
   for (const ExampleMetric& metric : ExampleMetrics(false, false)) {
     EXPECT_EQ(metric.name.find("waymo"), std::string::npos) << metric.name;
     EXPECT_EQ(metric.name.find("covernet"), std::string::npos) << metric.name;

@@ -37,7 +37,7 @@ TEST(FiniteReportTest, NamesTheMetricThatIsNotFinite) {
   EXPECT_THAT(Message(report), HasSubstr("metrics[\"min_ade_6\"]"));
 }
 
-TEST(FiniteReportTest, NamesWhatIsNotFiniteInsideAStratum) {
+TEST(FiniteReportTest, NamesANumberThatIsNotFiniteInAStratum) {
   v1::EvaluationReport report = Finite();
   (*report.mutable_strata(0)->mutable_metrics())["fde_1"] = kNan;
   EXPECT_THAT(Message(report), HasSubstr("strata[0].metrics[\"fde_1\"]"));

@@ -16,7 +16,7 @@ using inference::Trajectory;
 
 constexpr double kDegree = std::numbers::pi / 180.0;
 
-// An arc of `length` metres that turns by `turn` radians.
+// Returns an arc of `length` metres that turns by `turn` radians.
 Trajectory Arc(double length, double turn) {
   return Driven([=](double t) {
     const double angle = turn * t / 5.0;
@@ -29,7 +29,8 @@ Trajectory Straight(double speed) {
   return Driven([=](double t) { return Eigen::RowVector2d(speed * t, 0.0); });
 }
 
-// `length` metres ahead and `shift` to the left, with the heading of the start at the end.
+// Returns a path `length` metres ahead and `shift` to the left, whose final heading is the initial
+// one.
 Trajectory Shifted(double length, double shift) {
   return Driven([=](double t) {
     const double share = 0.5 * (1.0 - std::cos(std::numbers::pi * std::min(1.0, t / 4.0)));
@@ -66,11 +67,11 @@ TEST(KinematicClassesTest, StraightDrivingIsDividedBySpeed) {
   EXPECT_EQ(ClassOf(Straight(10.1)), "straight_fast");
 }
 
-TEST(KinematicClassesTest, StationaryIsNearAndSlowAtBothEnds) {
+TEST(KinematicClassesTest, StationaryMeansNearAndSlowAtBothEnds) {
   EXPECT_EQ(ClassOf(Straight(0.0)), "stationary");
   EXPECT_EQ(ClassOf(Straight(0.9)), "stationary");
   EXPECT_EQ(ClassOf(Straight(1.1)), "straight_slow");  // 5.5 m
-  // 4.5 m, but it sets off at 5 m/s.
+  // 4.5 m, but it starts at 5 m/s.
   EXPECT_EQ(
       ClassOf(Driven([](double t) { return Eigen::RowVector2d(5.0 * std::min(t, 0.9), 0.0); })),
       "straight_slow");
@@ -83,26 +84,26 @@ TEST(KinematicClassesTest, TurnsBeginAtThirtyDegrees) {
   EXPECT_EQ(ClassOf(Arc(40.0, 27.0 * kDegree)), "straight_medium");
 }
 
-TEST(KinematicClassesTest, UTurnsGoRoundOrBack) {
+TEST(KinematicClassesTest, UTurnsTurnAroundOrEndBehind) {
   EXPECT_EQ(ClassOf(Arc(25.0, 175.0 * kDegree)), "u_turn");
   EXPECT_EQ(ClassOf(Arc(25.0, -175.0 * kDegree)), "u_turn");
   EXPECT_EQ(ClassOf(Arc(25.0, 115.0 * kDegree)), "left_turn");
 }
 
-TEST(KinematicClassesTest, LaneChangesKeepTheirHeading) {
+TEST(KinematicClassesTest, LaneChangesKeepTheHeading) {
   EXPECT_EQ(ClassOf(Shifted(50.0, 3.5)), "lane_change_left");
   EXPECT_EQ(ClassOf(Shifted(50.0, -3.5)), "lane_change_right");
   EXPECT_EQ(ClassOf(Shifted(50.0, 1.5)), "straight_fast");
 }
 
-// A road that bends by 20 degrees carries a vehicle 8.7 m to the left without a change of lane.
-TEST(KinematicClassesTest, FollowingABendIsNoLaneChange) {
+// A road that bends by 20 degrees leads a vehicle 8.7 m to the left without a lane change.
+TEST(KinematicClassesTest, FollowingABendIsNotALaneChange) {
   const Trajectory bend = Arc(50.0, 20.0 * kDegree);
   EXPECT_GT(bend(49, 1), 8.0);
   EXPECT_EQ(ClassOf(bend), "straight_medium");
 }
 
-TEST(KinematicClassesTest, TurningAloneIsNoShift) {
+TEST(KinematicClassesTest, TurningAloneIsNotAShift) {
   for (const double turn : {-100.0, 20.0, 80.0}) {
     EXPECT_NEAR(SidewaysShift(Arc(50.0, turn * kDegree), turn * kDegree), 0.0, 1e-9);
   }
@@ -110,13 +111,13 @@ TEST(KinematicClassesTest, TurningAloneIsNoShift) {
   EXPECT_NEAR(SidewaysShift(Shifted(50.0, -3.5), 0.0), -3.5, 1e-12);
 }
 
-TEST(KinematicClassesTest, BackingOutIsNoUTurn) {
+TEST(KinematicClassesTest, BackingOutIsNotAUTurn) {
   EXPECT_EQ(ClassOf(Straight(-2.0)), "straight_slow");
   EXPECT_NEAR(FinalHeadingChange(Straight(-2.0)), 0.0, 1e-12);
 }
 
-TEST(KinematicClassesTest, HeadingChangeOutlivesStopping) {
-  // A left turn by 60 degrees, over after three seconds; then it creeps by centimetres.
+TEST(KinematicClassesTest, TheHeadingChangeRemainsAfterStopping) {
+  // A left turn by 60 degrees that ends after three seconds; then it creeps by centimetres.
   const Trajectory turn = Driven([](double t) {
     const double angle = 60.0 * kDegree * std::min(1.0, t / 3.0);
     const double creep = t > 3.0 ? 0.001 * (t - 3.0) : 0.0;

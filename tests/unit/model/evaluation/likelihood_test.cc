@@ -25,15 +25,15 @@ inference::Trajectory Point(double x, double y) {
   return trajectory;
 }
 
-TEST(LikelihoodTest, OneUnitGaussianAtItsMean) {
+TEST(LikelihoodTest, HasTheDensityOfAUnitGaussianAtItsMean) {
   const std::vector distributions = {Gaussian(1.0, 2.0, 1.0, 0.0, 1.0)};
   const std::array weights = {1.0};
   EXPECT_NEAR(MixtureNllOf(distributions, weights, Point(1.0, 2.0)).marginal,
               std::log(2.0 * std::numbers::pi), 1e-12);
 }
 
-// A density integrates to one: a Riemann sum over a grid that holds all of its mass.
-TEST(LikelihoodTest, IsADensity) {
+// A density integrates to one: Riemann sum over a grid that covers all of its mass.
+TEST(LikelihoodTest, IntegratesToOne) {
   const std::vector distributions = {Gaussian(0.0, 0.0, 1.0, 0.6, 2.0),
                                      Gaussian(2.0, -1.0, 0.5, -0.2, 0.3)};
   const std::array weights = {0.2, 0.6};  // renormalised to 1/4 and 3/4
@@ -55,8 +55,8 @@ TEST(LikelihoodTest, StaysFiniteFarFromEveryAction) {
               0.5 * 1e6 + std::log(2.0 * std::numbers::pi * 0.01), 1e-6);
 }
 
-// Two waypoints, two actions a metre to either side, unit covariance: by hand from the density.
-TEST(LikelihoodTest, JointKeepsOneActionOverTheTrajectoryAndMarginalDoesNot) {
+// Two waypoints, two actions a metre to either side, unit covariance: computed by hand.
+TEST(LikelihoodTest, JointUsesOneActionPerTrajectoryAndMarginalOnePerWaypoint) {
   const auto row = [](double first, double second) {
     inference::ActionDistribution distribution;
     distribution.moment_mean.resize(2, 2);
@@ -68,7 +68,7 @@ TEST(LikelihoodTest, JointKeepsOneActionOverTheTrajectoryAndMarginalDoesNot) {
   const std::vector distributions = {row(-1.0, -1.0), row(1.0, 1.0)};
   const std::array weights = {0.5, 1.5};  // renormalised to 1/4 and 3/4
   inference::Trajectory truth(2, 2);
-  truth << -1.0, 0.0, 1.0, 0.0;  // begins as the one and ends as the other
+  truth << -1.0, 0.0, 1.0, 0.0;  // begins like one action and ends like the other
   const double at = 1.0 / (2.0 * std::numbers::pi);
   const double off = at * std::exp(-2.0);
   const MixtureNll nll = MixtureNllOf(distributions, weights, truth);
@@ -77,7 +77,7 @@ TEST(LikelihoodTest, JointKeepsOneActionOverTheTrajectoryAndMarginalDoesNot) {
               -0.5 * (std::log(0.25 * at + 0.75 * off) + std::log(0.25 * off + 0.75 * at)), 1e-12);
 }
 
-TEST(LikelihoodTest, AnImpossibleActionAddsNothing) {
+TEST(LikelihoodTest, AnActionOfProbabilityZeroAddsNothing) {
   const std::vector distributions = {Gaussian(0.0, 0.0, 1.0, 0.0, 1.0),
                                      Gaussian(5.0, 0.0, 1.0, 0.0, 1.0)};
   const std::array weights = {1.0, 0.0};
@@ -88,7 +88,7 @@ TEST(LikelihoodTest, AnImpossibleActionAddsNothing) {
 }
 
 // ln det [2 1; 1 1] = 0, and (1, 1) [1 -1; -1 2] (1, 1)^T = 1.
-TEST(LikelihoodTest, OneActionAloneHasItsGaussian) {
+TEST(LikelihoodTest, ASingleActionHasItsGaussiansLikelihood) {
   EXPECT_NEAR(GaussianNll(Gaussian(0.0, 0.0, 2.0, 1.0, 1.0), Point(1.0, 1.0)),
               0.5 + std::log(2.0 * std::numbers::pi), 1e-12);
 }

@@ -17,7 +17,7 @@ v1::ManeuverAnnotation Annotation(int64_t agent, double start, double end, const
   return annotation;
 }
 
-TEST(ManeuverLabelsTest, TakesTheManeuverThatCoversMostOfTheWindow) {
+TEST(ManeuverLabelsTest, ReturnsTheManeuverThatCoversMostOfTheWindow) {
   const std::vector annotations = {Annotation(1, 0.0, 4.0, "keep_lane"),
                                    Annotation(1, 4.0, 9.0, "turn_left")};
   const ManeuverLabels labels(annotations);
@@ -33,19 +33,19 @@ TEST(ManeuverLabelsTest, SumsIntervalsOfTheSameName) {
   EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 0.0, 7.0)], "stop");
 }
 
-TEST(ManeuverLabelsTest, AMomentCountsForWindowsThatStartNearItAlone) {
+TEST(ManeuverLabelsTest, AMomentCountsOnlyForWindowsThatStartNearIt) {
   const std::vector annotations = {Annotation(1, 2.0, 2.0, "turn_left"),
                                    Annotation(1, 2.2, 2.2, "stop")};
   const ManeuverLabels labels(annotations);
   EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 2.05, 7.0)], "turn_left");
   EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 2.2, 7.0)], "stop");
   EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 1.75, 7.0)], "turn_left");
-  // It lies within this window, but says nothing of its beginning.
+  // It lies within this window but not near its start.
   EXPECT_FALSE(labels.Over("scene", 1, 1.5, 7.0).has_value());
   EXPECT_FALSE(labels.Over("scene", 1, 2.5, 7.0).has_value());
 }
 
-TEST(ManeuverLabelsTest, AMomentCountsBeforeWhatCoversTheWindow) {
+TEST(ManeuverLabelsTest, AMomentTakesPrecedenceOverIntervals) {
   const std::vector annotations = {Annotation(1, 0.0, 9.0, "keep_lane"),
                                    Annotation(1, 2.0, 2.0, "turn_left")};
   const ManeuverLabels labels(annotations);
@@ -53,7 +53,7 @@ TEST(ManeuverLabelsTest, AMomentCountsBeforeWhatCoversTheWindow) {
   EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 3.0, 8.0)], "keep_lane");
 }
 
-TEST(ManeuverLabelsTest, KnowsNothingOfOthersAndOtherTimes) {
+TEST(ManeuverLabelsTest, ReturnsNothingForOtherAgentsAndTimes) {
   const std::vector annotations = {Annotation(1, 0.0, 2.0, "stop")};
   const ManeuverLabels labels(annotations);
   EXPECT_FALSE(labels.Over("scene", 2, 0.0, 2.0).has_value());

@@ -11,7 +11,7 @@ namespace maneuver::evaluation {
 namespace {
 
 TEST(MetricTableTest, KnowsEachMetricOfAReport) {
-  // Two actions of two, over one waypoint.
+  // Two actions, one waypoint.
   Measurement measured;
   measured.probabilities = Eigen::Vector2d(0.75, 0.25);
   measured.responsibilities = Eigen::Vector2d(0.5, 0.5);
@@ -28,7 +28,7 @@ TEST(MetricTableTest, KnowsEachMetricOfAReport) {
   EXPECT_FALSE(FindMetric(""));
 }
 
-TEST(MetricTableTest, ErrorsAreBetterLowerAndAgreementHigher) {
+TEST(MetricTableTest, LowerErrorsAndHigherAgreementAreBetter) {
   for (const char* name : {"ade_1", "min_ade_6", "min_fde_10", "brier_fde_5", "miss_rate_waymo_6",
                            "nll", "nll_joint_prior", "min_ade_6_ratio", "calibration_error",
                            "ade_medoid", "min_fde_cover_6", "ade_medoid_ratio"}) {
@@ -50,7 +50,7 @@ TEST(MetricTableTest, ErrorsAreBetterLowerAndAgreementHigher) {
   EXPECT_FALSE(CanDecide("no_such"));
 }
 
-TEST(MetricTableTest, ABaselineSaysNothingOfTheModel) {
+TEST(MetricTableTest, MetricsOfBaselinesCannotDecide) {
   for (const char* name :
        {"ade_cv", "miss_rate_waymo_ctra", "fde_faded", "covernet_nll", "multipath_ade_1"}) {
     ASSERT_TRUE(FindMetric(name)) << name;
@@ -85,7 +85,7 @@ TEST(MetricTableTest, JudgesByDirectionToleranceAndNearness) {
   EXPECT_EQ(Judge(*FindMetric("action_entropy"), 1.0, 2.0, 0.0), v1::METRIC_VERDICT_UNSPECIFIED);
 }
 
-TEST(MetricTableTest, WhatIsNoNumberIsWorse) {
+TEST(MetricTableTest, ValuesThatAreNotFiniteAreWorse) {
   const MetricInfo nll = *FindMetric("nll");
   for (const double no_number : {std::nan(""), HUGE_VAL, -HUGE_VAL}) {
     EXPECT_EQ(Judge(nll, 1.0, no_number, 100.0), v1::METRIC_VERDICT_WORSE);

@@ -17,7 +17,8 @@ using inference::Trajectory;
 
 constexpr double kDegree = std::numbers::pi / 180.0;
 
-// Straight on; the speed changes evenly from `start` to `end` over four seconds and stays.
+// Returns a straight path. Its speed changes evenly from `start` to `end` over four seconds, then
+// stays.
 Trajectory SpeedChange(double start, double end) {
   return Driven([=](double t) {
     const double changing = std::min(t, 4.0);
@@ -27,7 +28,7 @@ Trajectory SpeedChange(double start, double end) {
   });
 }
 
-// An arc of `length` metres that turns by `turn` radians.
+// Returns an arc of `length` metres that turns by `turn` radians.
 Trajectory Arc(double length, double turn) {
   return Driven([=](double t) {
     const double angle = turn * t / 5.0;
@@ -36,7 +37,7 @@ Trajectory Arc(double length, double turn) {
   });
 }
 
-// 10 m/s ahead and `shift` metres to the left, with the heading of the start at the end.
+// Returns a path at 10 m/s that ends `shift` metres to the left with its initial heading.
 Trajectory Shifted(double shift) {
   return Driven([=](double t) {
     const double share = 0.5 * (1.0 - std::cos(std::numbers::pi * std::min(1.0, t / 4.0)));
@@ -53,21 +54,21 @@ std::string ClassOfChange(double start, double end) {
   return ClassOf(SpeedChange(start, end), start);
 }
 
-TEST(RelativeClassesTest, StandsWhoStaysWithinTwoMetres) {
+TEST(RelativeClassesTest, StandsIfItStaysWithinTwoMetres) {
   EXPECT_EQ(ClassOfChange(0.0, 0.0), "stands");
   EXPECT_EQ(ClassOfChange(0.39, 0.39), "stands");       // 1.95 m
   EXPECT_EQ(ClassOfChange(0.41, 0.41), "keeps_speed");  // 2.05 m
 }
 
-// 10 cm from each waypoint to the next: a path of 5 m that leads nowhere.
-TEST(RelativeClassesTest, NoiseIsNoMotion) {
+// 10 cm from each waypoint to the next: a path of 5 m without progress.
+TEST(RelativeClassesTest, NoiseIsNotMotion) {
   int i = 0;
   const Trajectory jitter =
       Driven([&](double) { return Eigen::RowVector2d(++i % 2 == 0 ? 0.05 : -0.05, 0.0); });
   EXPECT_EQ(ClassOf(jitter, 0.0), "stands");
 }
 
-TEST(RelativeClassesTest, StopsWhoMovedAndEndsBelowHalfAMetreASecond) {
+TEST(RelativeClassesTest, StopsIfItMovedAndEndsBelowHalfAMetreASecond) {
   EXPECT_EQ(ClassOfChange(8.0, 0.0), "stops");
   EXPECT_EQ(ClassOfChange(8.0, 0.45), "stops");
   EXPECT_EQ(ClassOfChange(8.0, 0.55), "brakes");
@@ -76,7 +77,7 @@ TEST(RelativeClassesTest, StopsWhoMovedAndEndsBelowHalfAMetreASecond) {
       "stops");
 }
 
-TEST(RelativeClassesTest, StartsWhoStoodAndEndsAboveAMetreASecond) {
+TEST(RelativeClassesTest, StartsIfItStoodAndEndsAboveAMetreASecond) {
   EXPECT_EQ(ClassOfChange(0.0, 6.0), "starts");
   EXPECT_EQ(ClassOfChange(0.9, 1.1), "starts");
   EXPECT_EQ(ClassOfChange(0.9, 0.95), "keeps_speed");
@@ -107,8 +108,8 @@ TEST(RelativeClassesTest, UTurnsBeginAt135Degrees) {
   EXPECT_EQ(ClassOf(Arc(25.0, 130.0 * kDegree), 5.0), "turns_left");
 }
 
-// Half a metre to the side and back has a course; it is no turn.
-TEST(RelativeClassesTest, WhoHardlyMovesDoesNotTurn) {
+// Half a metre to the side and back has a course, but is no turn.
+TEST(RelativeClassesTest, DoesNotTurnIfItHardlyMoves) {
   const Trajectory aside = Driven([](double t) { return Eigen::RowVector2d(0.3, 0.38 * t); });
   EXPECT_EQ(ClassOf(aside, 0.2), "stands");
 }
@@ -121,13 +122,13 @@ TEST(RelativeClassesTest, LaneChangesAreTwoMetresAcross) {
 }
 
 // A bend by 14 degrees leads 12 m to the left over 100 m.
-TEST(RelativeClassesTest, FollowingABendIsNoLaneChange) {
+TEST(RelativeClassesTest, FollowingABendIsNotALaneChange) {
   const Trajectory bend = Arc(100.0, 14.0 * kDegree);
   EXPECT_GT(bend(49, 1), 12.0);
   EXPECT_EQ(ClassOf(bend, 20.0), "keeps_speed");
 }
 
-// 60 m straight on, then 20 m at the angle: far from any arc's chord.
+// 60 m straight ahead, then 20 m at the angle: far from the chord of any arc.
 TEST(RelativeClassesTest, LaneChangesEndWithinFifteenDegrees) {
   const auto kinked = [](double angle) {
     return Driven([=](double t) {
@@ -155,8 +156,8 @@ TEST(RelativeClassesTest, PedestriansHaveHalfOfEachThreshold) {
   EXPECT_EQ(ClassOf(SpeedChange(1.4, 1.95), 1.4, v1::AGENT_TYPE_CYCLIST), "keeps_speed");
 }
 
-TEST(RelativeClassesTest, TheSpeedAtTheEndIsOverHalfASecondOrAWholeInterval) {
-  // 4 m/s but for a last waypoint that noise moved by 20 cm: 2 m/s more over the last interval.
+TEST(RelativeClassesTest, TheEndSpeedCoversHalfASecondOrAWholeInterval) {
+  // 4 m/s, except that noise moved the last waypoint by 20 cm: 2 m/s more over the last interval.
   Trajectory noisy = SpeedChange(4.0, 4.0);
   noisy(49, 0) += 0.2;
   EXPECT_EQ(ClassOf(noisy, 4.0), "keeps_speed");

@@ -26,7 +26,7 @@ v1::EvaluationReport Report(int version) {
   return report;
 }
 
-TEST(ReportComparisonTest, ReportsOfOtherExamplesAreNotComparable) {
+TEST(ReportComparisonTest, RefusesReportsOfOtherExamples) {
   struct Case {
     std::function<void(v1::EvaluationReport&)> change;
     std::string says;
@@ -55,13 +55,13 @@ TEST(ReportComparisonTest, ReportsOfOtherExamplesAreNotComparable) {
   }
 }
 
-TEST(ReportComparisonTest, NoTypesOfTargetsAreVehicles) {
+TEST(ReportComparisonTest, NoTargetTypesMeanVehicles) {
   v1::EvaluationReport stated = Report(2);
   stated.add_target_types(v1::AGENT_TYPE_VEHICLE);
   EXPECT_TRUE(CheckComparable(Report(1), stated).ok());
 }
 
-TEST(ReportComparisonTest, SettingsOfTrainingDoNotMatter) {
+TEST(ReportComparisonTest, TrainingSettingsDoNotMatter) {
   v1::EvaluationReport other = Report(2);
   other.mutable_example_settings()->set_validation_share(0.5);
   other.mutable_example_settings()->set_max_examples(7);
@@ -69,7 +69,7 @@ TEST(ReportComparisonTest, SettingsOfTrainingDoNotMatter) {
   EXPECT_TRUE(CheckComparable(Report(1), other).ok());
 }
 
-TEST(ReportComparisonTest, BothValuesStandSideBySideInTheOrderOfTheTable) {
+TEST(ReportComparisonTest, ListsBothValuesInTheOrderOfTheMetricTable) {
   v1::EvaluationReport baseline = Report(1);
   v1::EvaluationReport candidate = Report(2);
   for (auto* report : {&baseline, &candidate}) {
@@ -109,7 +109,7 @@ TEST(ReportComparisonTest, BothValuesStandSideBySideInTheOrderOfTheTable) {
   EXPECT_EQ(comparison->strata(0).metrics(0).verdict(), v1::METRIC_VERDICT_WORSE);
 }
 
-TEST(ReportComparisonTest, AMetricThatOneReportLacksCannotBeCompared) {
+TEST(ReportComparisonTest, RefusesAMetricThatOneReportLacks) {
   v1::EvaluationReport baseline = Report(1);
   (*baseline.mutable_metrics())["nmi"] = 0.5;
   const auto comparison = CompareMetric(baseline, Report(2), "nmi", 0.0);

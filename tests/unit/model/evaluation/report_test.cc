@@ -8,7 +8,7 @@
 namespace maneuver::evaluation {
 namespace {
 
-// An example that was action `action` of two, with ADE 1 for every rank and density.
+// Returns an example of action `action` of two, with ADE 1 for every rank and density.
 Measurement Example(int action, double confidence) {
   Measurement measured;
   measured.action = action;
@@ -84,7 +84,7 @@ TEST(ReportTest, MetricsAreMeansUnderTheirNames) {
   EXPECT_DOUBLE_EQ(metrics.at("largest_share"), 0.8);
 }
 
-TEST(ReportTest, ShortHorizonsHaveNothingOfWaymos) {
+TEST(ReportTest, ShortHorizonsHaveNoWaymoMetrics) {
   const std::vector<Measurement> measured = {Example(0, 0.9)};
   const v1::EvaluationReport report = MakeReport(measured, false);
   for (const auto& [name, _] : report.metrics()) {
@@ -92,7 +92,7 @@ TEST(ReportTest, ShortHorizonsHaveNothingOfWaymos) {
   }
 }
 
-TEST(ReportTest, ReliabilityHoldsEveryExampleInItsBin) {
+TEST(ReportTest, ReliabilityCountsEveryExampleInItsBin) {
   const std::vector<Measurement> measured = {Example(0, 0.92), Example(1, 0.98), Example(0, 0.6)};
   const v1::EvaluationReport report = MakeReport(measured, true);
   ASSERT_EQ(report.reliability_size(), 10);
@@ -105,7 +105,7 @@ TEST(ReportTest, ReliabilityHoldsEveryExampleInItsBin) {
   EXPECT_EQ(report.reliability(0).examples(), 0);
 }
 
-TEST(ReportTest, StrataPartTheExamplesAndAreMeasuredAlone) {
+TEST(ReportTest, StrataPartitionTheExamplesAndAreMeasuredSeparately) {
   std::vector<Measurement> measured = {Example(0, 0.9), Example(1, 0.9), Example(1, 0.9)};
   measured[0].keys = {.agents = 5, .speed = 7.0, .heading_change = 0.0};
   measured[1].keys = {.agents = 50, .speed = 7.0, .heading_change = 1.0};
@@ -127,7 +127,7 @@ TEST(ReportTest, StrataPartTheExamplesAndAreMeasuredAlone) {
       EXPECT_DOUBLE_EQ(stratum.metrics().at("ade_1"), 5.0);
     }
     if (stratum.name() == "straight") {
-      // One of two was the action that had 0.9.
+      // One of two examples was the action that had 0.9.
       EXPECT_DOUBLE_EQ(stratum.metrics().at("calibration_error"), 0.4);
     }
   }
@@ -135,7 +135,7 @@ TEST(ReportTest, StrataPartTheExamplesAndAreMeasuredAlone) {
                        {"agents", 3}, {"class", 3}, {"speed", 3}, {"turn", 3}, {"type", 3}}));
 }
 
-TEST(ReportTest, ActionsAreNamedByWhatTheyMostlyAre) {
+TEST(ReportTest, NamesActionsByTheirMostFrequentClass) {
   std::vector<Measurement> measured = {Example(0, 0.9), Example(0, 0.9), Example(0, 0.9)};
   measured[0].keys.kinematic_class = KinematicClass::kLeftTurn;
   measured[2].keys.kinematic_class = KinematicClass::kLeftTurn;

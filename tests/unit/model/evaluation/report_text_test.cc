@@ -9,7 +9,7 @@ namespace {
 using testing::HasSubstr;
 using testing::Not;
 
-TEST(ReportTextTest, AccuracyStandsBesideTheBaselines) {
+TEST(ReportTextTest, ShowsAccuracyBesideTheBaselines) {
   v1::EvaluationReport report;
   auto& metrics = *report.mutable_metrics();
   metrics["ade_1"] = 1.25;
@@ -25,7 +25,7 @@ TEST(ReportTextTest, AccuracyStandsBesideTheBaselines) {
             "generic minADE, m             0.75\n");
 }
 
-TEST(ReportTextTest, TheMedoidAndTheRepresentativesStandBelowTheMostProbable) {
+TEST(ReportTextTest, ShowsMedoidAndRepresentativesBelowTheMostProbable) {
   v1::EvaluationReport report;
   auto& metrics = *report.mutable_metrics();
   metrics["ade_1"] = 1.25;
@@ -54,7 +54,7 @@ TEST(ReportTextTest, UnknownMetricsFollowByName) {
             "something_new  0.125\n");
 }
 
-TEST(ReportTextTest, TrainedBaselinesStandBesideTheModelAndTheSimpleOnes) {
+TEST(ReportTextTest, ShowsTrainedBaselinesBesideTheModelAndTheSimpleOnes) {
   v1::EvaluationReport report;
   report.set_examples(3);
   auto& metrics = *report.mutable_metrics();
@@ -79,7 +79,7 @@ TEST(ReportTextTest, AnEvaluationWithoutTrainedBaselinesSaysHowToGetThem) {
   EXPECT_THAT(ReportText(report, false), HasSubstr("maneuver train --set baselines=true"));
 }
 
-TEST(ReportTextTest, CoverageStandsBesideWhatAGaussianHolds) {
+TEST(ReportTextTest, ShowsCoverageBesideThatOfAGaussian) {
   v1::EvaluationReport report;
   auto& metrics = *report.mutable_metrics();
   metrics["coverage_2sigma"] = 0.9;
@@ -177,7 +177,7 @@ TEST(ReportTextTest, BinsActionsAndStrataHaveTablesOfTheirOwn) {
             "turn: left         12  1.50\n");
 }
 
-TEST(ReportTextTest, ColourIsForTitlesAlone) {
+TEST(ReportTextTest, ColoursOnlyTitles) {
   v1::EvaluationReport report;
   (*report.mutable_metrics())["nll"] = 1.8;
   EXPECT_THAT(ReportText(report, true),

@@ -17,7 +17,7 @@ namespace {
 
 constexpr int kRecordings = 120;
 
-// Standard normal, the same for the same recording.
+// Returns a standard normal number, always the same for a recording.
 double NormalOf(int recording) {
   std::mt19937_64 random(static_cast<uint64_t>(recording));
   random.discard(10);
@@ -34,7 +34,7 @@ data::RecordingGroups GroupsOf(int recordings, int recordings_a_group) {
   return groups;
 }
 
-// ADE 2 for the model and the faded roll-out, and so much more for the others.
+// ADE 2 for the model and the faded roll-out; the others have this much more.
 Measurement MeasuredAs(double speed, double cv_more, double ctra_more) {
   Measurement measured;
   measured.probabilities = Eigen::Vector2d(0.75, 0.25);
@@ -48,9 +48,9 @@ Measurement MeasuredAs(double speed, double cv_more, double ctra_more) {
   return measured;
 }
 
-// Recording i has i % 3 + 1 examples. Constant velocity is 1 + n / 2 worse, n normal and each
-// recording's own. CTRA is 1 better up to 10 m/s, which the last example of each recording is at,
-// and 2 worse above. The faded roll-out is as good as the model.
+// Recording i has i % 3 + 1 examples, the last one at 7 m/s and the others at 12 m/s. Constant
+// velocity is worse by 1 + n / 2, where n is normal and specific to the recording. CTRA is 1 better
+// at 7 m/s and 2 worse at 12 m/s. The faded roll-out equals the model.
 MeasuredExamples Measure() {
   MeasuredExamples all;
   for (int i = 0; i < kRecordings; ++i) {
@@ -104,10 +104,10 @@ TEST(RivalComparisonTest, SaysWhereTheModelIsAheadBehindAndUndecided) {
   EXPECT_EQ(standings.parts(3).name(), "straight_fast");
 }
 
-// A ratio of sums over independent groups has, by the delta method, the variance
-// sum_g m_g^2 (x_g - mean)^2 / (sum_g m_g)^2 with m_g examples of mean value x_g in group g. Two
-// recordings of a group are drawn together.
-TEST(RivalComparisonTest, IntervalsAreThoseOfTheDeltaMethodOverGroups) {
+// By the delta method, a ratio of sums over independent groups has the variance
+//   sum_g m_g^2 (x_g - mean)^2 / (sum_g m_g)^2
+// with m_g examples of mean value x_g in group g. Two recordings of a group are drawn together.
+TEST(RivalComparisonTest, IntervalsMatchTheDeltaMethodOverGroups) {
   for (const int size : {1, 2}) {
     SCOPED_TRACE(size);
     const v1::RivalStandings standings =
@@ -134,7 +134,7 @@ TEST(RivalComparisonTest, IntervalsAreThoseOfTheDeltaMethodOverGroups) {
   }
 }
 
-// One model that measured all recordings, as the only fold of a cross-validation.
+// One model measures all recordings, as the only fold of a cross-validation.
 TEST(RivalComparisonTest, AgreesWithCrossValidationOfTheSameExamples) {
   const MeasuredExamples all = Measure();
   const data::RecordingGroups groups = GroupsOf(kRecordings, 2);
@@ -175,7 +175,7 @@ TEST(RivalComparisonTest, FewGroupsDecideNothing) {
   EXPECT_EQ(Of(six.parts(0), "cv").verdict(), v1::RIVAL_VERDICT_AHEAD);
 }
 
-TEST(RivalComparisonTest, FewExamplesAreNotCompared) {
+TEST(RivalComparisonTest, DoesNotComparePartsWithFewExamples) {
   MeasuredExamples all = Measure();
   all.measured[0].keys.speed = 20.0;
   const v1::RivalStandings standings = MakeRivalStandings(all, GroupsOf(kRecordings, 1));
@@ -185,7 +185,7 @@ TEST(RivalComparisonTest, FewExamplesAreNotCompared) {
   EXPECT_EQ(fastest.comparisons_size(), 0);
 }
 
-TEST(RivalComparisonTest, TrainedBaselinesAreRivalsByTheirBestSixToo) {
+TEST(RivalComparisonTest, ComparesTrainedBaselinesByTheirBestSixToo) {
   MeasuredExamples all = Measure();
   for (Measurement& each : all.measured) {
     each.posterior.displacement[2].min_fde = 1.0;

@@ -36,8 +36,8 @@ void AddComparison(v1::RivalStanding& part, const std::string& rival, double low
                                        : v1::RIVAL_VERDICT_UNDECIDED);
 }
 
-// Ahead of constant velocity over all and at 5-10 m/s, behind where stationary; at turns there are
-// too few. CTRA cannot be told over all.
+// Ahead of constant velocity overall and at 5-10 m/s, behind when stationary; turns have too few
+// examples. Against CTRA the overall result is undecided.
 v1::RivalStandings Standings() {
   v1::RivalStandings standings;
   v1::RivalStanding& all = AddPart(standings, "", "", 400);
@@ -62,7 +62,7 @@ v1::RivalRequirement Require(const std::string& rival, v1::RivalStandard standar
   return requirement;
 }
 
-// The names of the parts that fall short, "all" for all examples.
+// Returns the names of the parts that fall short, "all" for all examples.
 std::vector<std::string> Short(const v1::RivalRequirement& requirement,
                                const v1::RivalStandings& standings = Standings()) {
   RivalRequirements requirements;
@@ -74,7 +74,7 @@ std::vector<std::string> Short(const v1::RivalRequirement& requirement,
   return names;
 }
 
-TEST(RivalRequirementsTest, AheadOverAllExamplesLooksAtNoStratum) {
+TEST(RivalRequirementsTest, ARequirementOverAllExamplesIgnoresStrata) {
   const auto all = v1::RIVAL_SCOPE_ALL_EXAMPLES;
   EXPECT_THAT(Short(Require("cv", v1::RIVAL_STANDARD_AHEAD, all)), IsEmpty());
   EXPECT_THAT(Short(Require("ctra", v1::RIVAL_STANDARD_AHEAD, all)), ElementsAre("all"));
@@ -91,7 +91,7 @@ TEST(RivalRequirementsTest, EveryStratumWithEnoughExamplesCounts) {
   EXPECT_THAT(Short(Require("ctra", v1::RIVAL_STANDARD_NOT_BEHIND, every)), IsEmpty());
 }
 
-TEST(RivalRequirementsTest, UnsetMeansAheadOverAllByAde) {
+TEST(RivalRequirementsTest, AnUnsetRequirementMeansAheadOverAllByAde) {
   v1::RivalRequirement requirement;
   requirement.set_rival("ctra");
   EXPECT_THAT(Short(requirement), ElementsAre("all"));
@@ -99,7 +99,7 @@ TEST(RivalRequirementsTest, UnsetMeansAheadOverAllByAde) {
   EXPECT_THAT(Short(requirement), IsEmpty());
 }
 
-TEST(RivalRequirementsTest, WhatWasNotMeasuredFallsShortOnce) {
+TEST(RivalRequirementsTest, AMissingComparisonIsOneShortfall) {
   const auto every = v1::RIVAL_SCOPE_EVERY_STRATUM;
   const auto not_behind = v1::RIVAL_STANDARD_NOT_BEHIND;
   EXPECT_THAT(Short(Require("covernet", not_behind, every)), ElementsAre("all"));

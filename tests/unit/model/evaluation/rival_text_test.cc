@@ -70,7 +70,7 @@ TEST(RivalTextTest, SaysWhenGroupsAreFew) {
   EXPECT_THAT(RivalText(standings, false), Not(HasSubstr("They are few")));
 }
 
-TEST(RivalTextTest, IsEmptyWhereNothingWasCompared) {
+TEST(RivalTextTest, IsEmptyIfNothingWasCompared) {
   v1::RivalStandings standings;
   AddPart(standings, "", 12);
   EXPECT_EQ(RivalText(standings, false), "");

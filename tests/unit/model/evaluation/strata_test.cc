@@ -12,7 +12,7 @@ std::string StratumOf(size_t dimension, const StratumKeys& keys) {
   return std::string(stratification.names[static_cast<size_t>(stratification.stratum(keys))]);
 }
 
-TEST(StrataTest, AgentsBelongToTheCountedRange) {
+TEST(StrataTest, CountsOfAgentsFallIntoTheirRange) {
   EXPECT_EQ(Stratifications()[0].dimension, "agents");
   EXPECT_EQ(StratumOf(0, {.agents = 1}), "<=10");
   EXPECT_EQ(StratumOf(0, {.agents = 10}), "<=10");
@@ -21,7 +21,7 @@ TEST(StrataTest, AgentsBelongToTheCountedRange) {
   EXPECT_EQ(StratumOf(0, {.agents = 61}), ">60");
 }
 
-TEST(StrataTest, SpeedsBelongToTheRangeThatTheyBegin) {
+TEST(StrataTest, ASpeedAtALimitBelongsToTheFasterRange) {
   EXPECT_EQ(Stratifications()[1].dimension, "speed");
   EXPECT_EQ(StratumOf(1, {.speed = 0.49}), "standing");
   EXPECT_EQ(StratumOf(1, {.speed = 0.5}), "0.5-5 m/s");
@@ -30,14 +30,14 @@ TEST(StrataTest, SpeedsBelongToTheRangeThatTheyBegin) {
   EXPECT_EQ(StratumOf(1, {.speed = 15.0}), ">=15 m/s");
 }
 
-TEST(StrataTest, TurnsGoByTheSignOfTheHeadingChange) {
+TEST(StrataTest, TheSignOfTheHeadingChangeDecidesTheTurn) {
   EXPECT_EQ(Stratifications()[2].dimension, "turn");
   EXPECT_EQ(StratumOf(2, {.heading_change = 0.5}), "straight");
   EXPECT_EQ(StratumOf(2, {.heading_change = 0.55}), "left");
   EXPECT_EQ(StratumOf(2, {.heading_change = -0.55}), "right");
 }
 
-TEST(StrataTest, ClassesAreNamedAsKinematicClassesAre) {
+TEST(StrataTest, ClassesHaveTheNamesOfKinematicClasses) {
   EXPECT_EQ(Stratifications()[3].dimension, "class");
   EXPECT_EQ(StratumOf(3, {.kinematic_class = KinematicClass::kStationary}), "stationary");
   EXPECT_EQ(StratumOf(3, {.kinematic_class = KinematicClass::kUTurn}), "u_turn");
@@ -45,7 +45,7 @@ TEST(StrataTest, ClassesAreNamedAsKinematicClassesAre) {
             "lane_change_right");
 }
 
-TEST(StrataTest, TypesAreThoseOfTheTarget) {
+TEST(StrataTest, TheTargetsTypeDecidesTheType) {
   EXPECT_EQ(Stratifications()[4].dimension, "type");
   EXPECT_EQ(StratumOf(4, {}), "vehicle");
   EXPECT_EQ(StratumOf(4, {.type = v1::AGENT_TYPE_PEDESTRIAN}), "pedestrian");
@@ -54,7 +54,7 @@ TEST(StrataTest, TypesAreThoseOfTheTarget) {
   EXPECT_EQ(StratumOf(4, {.type = v1::AGENT_TYPE_UNSPECIFIED}), "other");
 }
 
-TEST(StrataTest, AgentsInSightAreThoseWithAStateNow) {
+TEST(StrataTest, CountsAgentsWithAStateAtTheTime) {
   v1::Scenario scenario;
   for (const double time : {0.0, 1.0, 1.04, 2.0}) {
     scenario.add_agents()->add_states()->set_time(time);

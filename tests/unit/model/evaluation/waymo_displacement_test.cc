@@ -15,7 +15,7 @@ std::vector<double> Times(double interval, int count) {
   return times;
 }
 
-// A trajectory at 2 Hz that is `error` away from the origin from `from` seconds on.
+// Returns a trajectory at 2 Hz at the origin, displaced by (x, y) from `from` seconds on.
 Trajectory Off(int count, double from, double x, double y) {
   Trajectory trajectory = Trajectory::Zero(count, 2);
   for (int i = 0; i < count; ++i) {
@@ -50,8 +50,8 @@ TEST(WaymoDisplacementTest, MeasuresTheTimesThatTheHorizonReaches) {
   EXPECT_EQ(WaymoMeasure(Times(0.5, 20)).measured_times(), (std::vector{3.0, 5.0, 8.0}));
 }
 
-// At 3 s and full speed 2 m along the heading and 1 m across it are allowed.
-TEST(WaymoDisplacementTest, MissesAreJudgedAlongAndAcrossTheTruthsHeading) {
+// At 3 s and full speed, 2 m along the heading and 1 m across it are allowed.
+TEST(WaymoDisplacementTest, MeasuresMissesAlongAndAcrossTheTruthsHeading) {
   const WaymoMeasure measure(Times(0.5, 6));
   EXPECT_EQ(Misses(measure, Off(6, 0.0, 1.9, 0.9), 0.0, 20.0), 0.0);
   EXPECT_EQ(Misses(measure, Off(6, 0.0, 2.1, 0.0), 0.0, 20.0), 1.0);
@@ -60,8 +60,8 @@ TEST(WaymoDisplacementTest, MissesAreJudgedAlongAndAcrossTheTruthsHeading) {
   EXPECT_EQ(Misses(measure, Off(6, 0.0, 1.9, 0.9), 0.5 * std::numbers::pi, 20.0), 1.0);
 }
 
-// 1.9 m ahead of a truth that heads 30 degrees to the left is a hit, 2.1 m are none; to the right
-// neither.
+// For a truth that heads 30 degrees to the left, 1.9 m ahead is a hit and 2.1 m is not. For one
+// that heads to the right, neither is.
 TEST(WaymoDisplacementTest, HeadingsTurnCounterClockwise) {
   const WaymoMeasure measure(Times(0.5, 6));
   const double heading = std::numbers::pi / 6.0;
@@ -78,9 +78,8 @@ TEST(WaymoDisplacementTest, SlowTargetsAllowHalfAsMuch) {
   EXPECT_EQ(Misses(measure, Off(6, 0.0, 0.9, 0.0), 0.0, 1.0), 0.0);
 }
 
-// 2.5 m ahead is a miss at 3 s and a hit at 5 s; the wrong middle of the way is looked at by no
-// one.
-TEST(WaymoDisplacementTest, MissesAreThoseAtTheMeasuredTimesAveraged) {
+// 2.5 m ahead is a miss at 3 s and a hit at 5 s. Errors between the measured times do not matter.
+TEST(WaymoDisplacementTest, AveragesMissesOverTheMeasuredTimes) {
   const WaymoMeasure measure(Times(0.5, 10));
   EXPECT_EQ(Misses(measure, Off(10, 0.0, 2.5, 0.0), 0.0, 20.0), 0.5);
   Trajectory wild = Trajectory::Zero(10, 2);
@@ -88,8 +87,8 @@ TEST(WaymoDisplacementTest, MissesAreThoseAtTheMeasuredTimesAveraged) {
   EXPECT_EQ(Misses(measure, wild, 0.0, 20.0), 0.0);
 }
 
-// Different predictions may hit at different times; each time asks whether any of them does.
-TEST(WaymoDisplacementTest, AnyOfTheFirstKHits) {
+// Different predictions may hit at different times. At each time, one hit among them is enough.
+TEST(WaymoDisplacementTest, OneHitAmongTheFirstKIsEnough) {
   const WaymoMeasure measure(Times(0.5, 10));
   const Trajectory truth = Trajectory::Zero(10, 2);
   const std::vector<double> headings = {0.0, 0.0};
@@ -100,8 +99,8 @@ TEST(WaymoDisplacementTest, AnyOfTheFirstKHits) {
   EXPECT_EQ(measure.BestOf(ranked, 2, truth, headings, 20.0).miss_rate, 0.0);
 }
 
-// 1 m off from 4 s on: nothing up to 3 s, three of ten steps up to 5 s.
-TEST(WaymoDisplacementTest, DisplacementIsAveragedUpToEachMeasuredTime) {
+// 1 m off from 4 s on: no error up to 3 s, three of ten steps up to 5 s.
+TEST(WaymoDisplacementTest, AveragesDisplacementUpToEachMeasuredTime) {
   const WaymoMeasure measure(Times(0.5, 10));
   const Trajectory truth = Trajectory::Zero(10, 2);
   const Trajectory predicted = Off(10, 4.0, 0.0, 1.0);
@@ -111,8 +110,8 @@ TEST(WaymoDisplacementTest, DisplacementIsAveragedUpToEachMeasuredTime) {
   EXPECT_DOUBLE_EQ(errors.min_fde, 0.5 * (0.0 + 1.0));
 }
 
-// An error that grows by 1 m a second, at 2 Hz: 0.5, 1, ... 3 m, mean 1.75, whatever the waypoints.
-TEST(WaymoDisplacementTest, LooksAtTwoHertzBetweenWaypointsToo) {
+// An error that grows by 1 m per second, at 2 Hz: 0.5, 1, ... 3 m, mean 1.75, for any waypoints.
+TEST(WaymoDisplacementTest, SamplesAtTwoHertzBetweenWaypointsToo) {
   for (const double interval : {0.1, 0.2, 0.75, 1.0}) {
     const WaymoMeasure measure(Times(interval, static_cast<int>(3.01 / interval)));
     const int count = static_cast<int>(3.01 / interval);

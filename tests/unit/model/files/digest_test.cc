@@ -20,7 +20,7 @@ TEST(Sha256Test, AgreesWithPublishedVectors) {
   EXPECT_EQ(Sha256Hex(std::string(1'000'000, 'a')), kMillionA);
 }
 
-TEST(Sha256Test, PiecesGiveTheDigestOfTheWhole) {
+TEST(Sha256Test, UpdatingByPiecesGivesTheDigestOfTheWhole) {
   Sha256 sha256;
   sha256.Update("a");
   sha256.Update("");
@@ -28,7 +28,7 @@ TEST(Sha256Test, PiecesGiveTheDigestOfTheWhole) {
   EXPECT_EQ(sha256.Finish(), kAbc);
 }
 
-TEST(Sha256Test, OfAFileLargerThanTheReadBuffer) {
+TEST(Sha256Test, DigestsAFileLargerThanTheReadBuffer) {
   const TemporaryFolder folder;
   WriteBytes(folder / "million_a", std::string(1'000'000, 'a'));
   const auto digest = Sha256OfFile(folder / "million_a");
@@ -36,7 +36,7 @@ TEST(Sha256Test, OfAFileLargerThanTheReadBuffer) {
   EXPECT_EQ(*digest, kMillionA);
 }
 
-TEST(Sha256Test, OfAMissingFileIsNotFound) {
+TEST(Sha256Test, AMissingFileIsNotFound) {
   const TemporaryFolder folder;
   EXPECT_EQ(Sha256OfFile(folder / "absent").status().code(), absl::StatusCode::kNotFound);
 }

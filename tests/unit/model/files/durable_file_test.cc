@@ -41,15 +41,15 @@ TEST_F(DurableFileTest, ReadsAFileLargerThanTheBuffer) {
   EXPECT_EQ(*ReadFile(folder_ / "large"), content);
 }
 
-TEST_F(DurableFileTest, ReadingNothingIsNotFoundAndNamesTheFileWithoutItsFolder) {
+TEST_F(DurableFileTest, AMissingFileIsNotFoundAndNamedWithoutItsFolder) {
   const auto content = ReadFile(folder_ / "absent");
   EXPECT_EQ(content.status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(content.status().message(), "cannot open absent: no such file or folder");
 }
 
-TEST_F(DurableFileTest, AWriteThatFailsLeavesTheOldContentAndNoTemporary) {
+TEST_F(DurableFileTest, AFailedWriteLeavesTheOldContentAndNoTemporary) {
   ASSERT_TRUE(WriteFileAtomically(folder_ / "a", "old").ok());
-  // A limit on the size of files stands in for a full disk.
+  // A limit on file size simulates a full disk.
   struct rlimit before {};
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
   const auto handler = signal(SIGXFSZ, SIG_IGN);
@@ -117,7 +117,7 @@ TEST_F(DurableFileTest, RemovingTemporariesOfAMissingFolderIsNotFound) {
   EXPECT_EQ(RemoveTemporaries(folder_ / "absent").code(), absl::StatusCode::kNotFound);
 }
 
-TEST(ErrnoStatusTest, SaysWhatAnOperatorCanActOn) {
+TEST(ErrnoStatusTest, MapsErrorsToActionableStatuses) {
   const fs::path file = "/var/secret/place/weights.safetensors";
   EXPECT_EQ(ErrnoStatus(ENOSPC, "write", file),
             absl::ResourceExhaustedError("cannot write weights.safetensors: the disk is full"));
@@ -126,7 +126,7 @@ TEST(ErrnoStatusTest, SaysWhatAnOperatorCanActOn) {
   EXPECT_EQ(ErrnoStatus(EROFS, "create", file).code(), absl::StatusCode::kPermissionDenied);
   EXPECT_EQ(ErrnoStatus(EDQUOT, "write", file).code(), absl::StatusCode::kResourceExhausted);
   EXPECT_EQ(ErrnoStatus(EEXIST, "create", file).code(), absl::StatusCode::kAlreadyExists);
-  // One that has no sentence of its own.
+  // An error without a message of its own.
   const absl::Status other = ErrnoStatus(EISDIR, "open", file);
   EXPECT_FALSE(other.ok());
   EXPECT_THAT(std::string(other.message()), Not(HasSubstr("secret")));

@@ -21,7 +21,7 @@ using ::testing::ElementsAre;
 
 pid_t ThisThread() { return static_cast<pid_t>(syscall(SYS_gettid)); }
 
-// A thread that joins groups when it is told to, and waits for its end.
+// A thread that joins groups when told to, and waits until it is ended.
 class Member {
  public:
   explicit Member(std::vector<PassingThreads*> groups) {
@@ -47,7 +47,7 @@ class Member {
   std::thread thread_;
 };
 
-TEST(ThreadPriorityTest, NicenessIsAddedToThatOfTheCallingThreadAlone) {
+TEST(ThreadPriorityTest, AddsNicenessToTheCallingThreadOnly) {
   const int before = getpriority(PRIO_PROCESS, 0);
   std::vector<int> inside;
   std::thread([&inside] {
@@ -60,7 +60,7 @@ TEST(ThreadPriorityTest, NicenessIsAddedToThatOfTheCallingThreadAlone) {
   EXPECT_EQ(getpriority(PRIO_PROCESS, 0), before);
 }
 
-TEST(PassingThreadsTest, MembersArePatientWhileTheyAreToldTo) {
+TEST(PassingThreadsTest, MembersArePatientUntilToldOtherwise) {
   PassingThreads threads;
   const Member first({&threads});
   const Member second({&threads});
@@ -75,14 +75,14 @@ TEST(PassingThreadsTest, MembersArePatientWhileTheyAreToldTo) {
   EXPECT_EQ(second.policy(), SCHED_OTHER);
 }
 
-TEST(PassingThreadsTest, WhoJoinsLaterIsPatientAtOnce) {
+TEST(PassingThreadsTest, ALateMemberIsPatientAtOnce) {
   PassingThreads threads;
   threads.SetPatient(true);
   const Member late({&threads});
   EXPECT_EQ(late.policy(), SCHED_BATCH);
 }
 
-TEST(PassingThreadsTest, JoiningTwiceIsJoiningOnce) {
+TEST(PassingThreadsTest, JoiningTwiceCountsOnce) {
   PassingThreads threads;
   const Member member({&threads, &threads});
   threads.SetPatient(true);
@@ -90,13 +90,13 @@ TEST(PassingThreadsTest, JoiningTwiceIsJoiningOnce) {
   EXPECT_EQ(threads.size(), 1U);
 }
 
-TEST(PassingThreadsTest, WhoEndsLeaves) {
+TEST(PassingThreadsTest, AThreadLeavesWhenItEnds) {
   PassingThreads threads;
   { const Member member({&threads}); }
   EXPECT_EQ(threads.size(), 0U);
 }
 
-TEST(PassingThreadsTest, AGroupThatGoesLeavesNobodyPatient) {
+TEST(PassingThreadsTest, DestroyingAGroupMakesItsThreadsImpatient) {
   auto threads = std::make_unique<PassingThreads>();
   const Member member({threads.get()});
   threads->SetPatient(true);

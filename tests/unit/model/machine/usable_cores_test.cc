@@ -26,14 +26,14 @@ class GroupLimitTest : public testing::Test {
   const TemporaryFolder root_;
 };
 
-TEST_F(GroupLimitTest, ThereIsNoneWithoutFilesOrWithoutALimitInThem) {
+TEST_F(GroupLimitTest, ReturnsNothingWithoutALimit) {
   EXPECT_EQ(Limit(), std::nullopt);
   Write("pod", "max 100000");
   Write("pod/container", "nonsense");
   EXPECT_EQ(Limit(), std::nullopt);
 }
 
-TEST_F(GroupLimitTest, TheLeastOfAllGroupsAboveHolds) {
+TEST_F(GroupLimitTest, ReturnsTheSmallestLimitOfAllEnclosingGroups) {
   Write("pod/container", "max 100000");
   Write("pod", "150000 100000");
   EXPECT_EQ(Limit(), 1.5);
@@ -43,7 +43,7 @@ TEST_F(GroupLimitTest, TheLeastOfAllGroupsAboveHolds) {
   EXPECT_EQ(Limit(), 0.2);
 }
 
-TEST(UsableCoresTest, FollowWhereTheThreadMayRun) {
+TEST(UsableCoresTest, FollowsTheThreadsAffinity) {
   EXPECT_GE(UsableCores(), 1);
   EXPECT_LE(UsableCores(), static_cast<int>(std::thread::hardware_concurrency()));
   std::thread([] {

@@ -1,4 +1,4 @@
-// What this engine answers for some scenes, and how near another engine's answers are.
+// This engine's answers for some scenes, and their comparison with another engine's.
 
 #ifndef MANEUVER_TESTS_UNIT_MODEL_ONNX_ENGINE_ANSWERS_H_
 #define MANEUVER_TESTS_UNIT_MODEL_ONNX_ENGINE_ANSWERS_H_
@@ -17,13 +17,13 @@
 
 namespace maneuver::onnx {
 
-// Bounds of what other orders of summation in f32 may change.
+// Bounds for differences that other orders of summation in f32 cause.
 inline constexpr double kFeatureBound = 1e-5;      // relative to the largest feature
 inline constexpr double kProbabilityBound = 2e-6;  // absolute
 inline constexpr double kLatentBound = 3e-5;       // absolute, of values of order 1
 inline constexpr double kWaypointBound = 1e-4;     // metres
 
-// Answers of all scenes, one after the other.
+// The answers of all scenes, one after the other.
 struct Answers {
   std::vector<double> features, probabilities, latent_mean, latent_stddev, trajectories;
 };
@@ -60,7 +60,7 @@ inline Answers EngineAnswers(const artifact::StoredModel& model,
   return answers;
 }
 
-// Of values as many as the other; else no number at all.
+// Returns the largest difference; NaN if the numbers of values differ.
 inline double LargestDifference(const std::vector<double>& a, const std::vector<double>& b) {
   if (a.size() != b.size() || a.empty()) return std::nan("");
   double largest = 0.0;
@@ -74,7 +74,7 @@ inline double Largest(const std::vector<double>& values) {
   return largest;
 }
 
-// Expects each part within its bound, and prints how near it is.
+// Expects each part within its bound and prints the differences.
 inline void ExpectSame(const Answers& theirs, const Answers& ours) {
   const auto expect = [&](const char* what, const std::vector<double>& a,
                           const std::vector<double>& b, double bound) {
@@ -89,7 +89,7 @@ inline void ExpectSame(const Answers& theirs, const Answers& ours) {
   expect("trajectories", theirs.trajectories, ours.trajectories, kWaypointBound);
 }
 
-// The largest difference of all, in bounds.
+// Returns the largest difference relative to its bound.
 inline double InBounds(const Answers& wrong, const Answers& right) {
   return std::max(
       {LargestDifference(wrong.features, right.features) / kFeatureBound / Largest(right.features),

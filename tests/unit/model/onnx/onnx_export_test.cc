@@ -1,5 +1,5 @@
-// Exported networks evaluated by OpenCV, an engine that shares nothing with this one, against the
-// answers of this one on the same rasters.
+// Compares exported networks, evaluated by OpenCV, an independent engine, with this engine's
+// answers for the same rasters.
 
 #include "model/onnx/onnx_export.h"
 
@@ -84,7 +84,7 @@ v1::ModelSpec PresetSpec(const char* preset) {
   return artifact::ResolveTrainingSettings(settings).model();
 }
 
-// What both engines are asked about.
+// The inputs of both engines.
 struct Scenes {
   std::deque<scene::Raster> rasters;
   std::vector<inference::SceneInput> inputs;
@@ -157,8 +157,8 @@ INSTANTIATE_TEST_SUITE_P(
                     std::pair("Compact", PresetSpec("compact"))),
     [](const auto& network) { return network.param.first; });
 
-// Else the comparison above would not see a wrong weight.
-TEST(OnnxExportTest, EveryWeightThatIsExportedDecidesAnswers) {
+// Otherwise the comparison above would not detect a wrong weight.
+TEST(OnnxExportTest, EveryExportedWeightAffectsTheAnswers) {
   const artifact::StoredModel model = inference::RandomModel(PlainSpec(), 5);
   const Scenes scenes = MakeScenes(PlainSpec());
   const Answers right = ExportedAnswers(model, scenes);
@@ -172,7 +172,7 @@ TEST(OnnxExportTest, EveryWeightThatIsExportedDecidesAnswers) {
     if (left_out) {
       EXPECT_EQ(difference, 0.0) << name;
     } else {
-      EXPECT_GT(difference, 10.0) << name;  // in bounds of the comparison
+      EXPECT_GT(difference, 10.0) << name;  // relative to the bounds of the comparison
     }
   }
 }

@@ -45,7 +45,7 @@ Array ToArray(const TensorProto& tensor) {
   return array;
 }
 
-// One node at a time.
+// Evaluates one node at a time.
 class Evaluator {
  public:
   explicit Evaluator(Arrays* arrays) : arrays_(*arrays) {}
@@ -93,7 +93,7 @@ class Evaluator {
     const AttributeProto* found = Attribute(name);
     return found == nullptr ? otherwise : found->i();
   }
-  // The one axis that a constant input names.
+  // Returns the single axis that a constant input names.
   int64_t Axis(int input) const { return static_cast<int64_t>(In(input).values.at(0)); }
   void Require(bool condition, const char* what) const {
     if (!condition) Fail(node_->name(), what);
@@ -136,7 +136,7 @@ class Evaluator {
     return result;
   }
 
-  // With transB: the only way that is exported.
+  // With transB, the only variant that is exported.
   Array Gemm() const {
     const Array &x = In(0), &w = In(1);
     Require(Number("transB", 0) == 1 && x.sizes.size() == 2 && x.sizes[1] == w.sizes[1],
@@ -155,7 +155,7 @@ class Evaluator {
     return y;
   }
 
-  // [N, K, R, I] by [1, K, I, O].
+  // [N, K, R, I] times [1, K, I, O].
   Array MatMul() const {
     const Array &x = In(0), &w = In(1);
     Require(x.sizes.size() == 4 && w.sizes.size() == 4 && w.sizes[0] == 1 &&
@@ -195,7 +195,7 @@ class Evaluator {
     return array;
   }
 
-  // Values before, along and after an axis.
+  // The numbers of values before, along and after an axis.
   struct Split {
     int64_t outer, size, inner;
   };
@@ -277,7 +277,7 @@ class Evaluator {
     return result;
   }
 
-  // [N, C, H, W] by [O, C, kernel, kernel], padded alike on all sides.
+  // [N, C, H, W] with [O, C, kernel, kernel], padded equally on all sides.
   Array Conv() const {
     const Array &x = In(0), &w = In(1);
     const int64_t stride = Attribute("strides")->ints(0), pad = Attribute("pads")->ints(0);

@@ -1,5 +1,5 @@
-// Evaluates ONNX files as the operators' specification says, in double precision and as plainly as
-// can be: what exported networks are held against where OpenCV's importer lacks an operator.
+// Evaluates ONNX files by the operators' specification, in double precision and as plainly as
+// possible. Tests compare exported networks with it where OpenCV's importer lacks an operator.
 
 #ifndef MANEUVER_TESTS_UNIT_MODEL_ONNX_ONNX_INTERPRETER_H_
 #define MANEUVER_TESTS_UNIT_MODEL_ONNX_ONNX_INTERPRETER_H_
@@ -18,9 +18,9 @@ struct Array {
 };
 using Arrays = std::map<std::string, Array>;
 
-// Returns all values of the graph by name, outputs among them. Aborts with the name of the node for
-// a file that does not parse, an operator that it does not know, an input of the graph that is not
-// given or has another size than the file says, or sizes that do not fit.
+// Returns all values of the graph by name, including outputs. Aborts with the name of the node if
+// the file does not parse, an operator is unknown, an input of the graph is missing or has another
+// size than the file says, or sizes do not match.
 Arrays Evaluate(const std::string& file, const Arrays& inputs);
 
 }  // namespace maneuver::onnx

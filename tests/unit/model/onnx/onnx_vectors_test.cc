@@ -1,5 +1,5 @@
-// Exported networks that read vectors, evaluated by an interpreter that shares nothing with the
-// engine, against the engine's answers for the same scenes.
+// Compares exported networks that read vectors, evaluated by an independent interpreter, with the
+// engine's answers for the same scenes.
 
 #include <gmock/gmock.h>
 #include <google/protobuf/text_format.h>
@@ -36,7 +36,7 @@ v1::ModelSpec Changed(v1::ModelSpec spec, const char* changes) {
   return spec;
 }
 
-// The target's history alone, in metres.
+// A model that reads only the target's history, in metres.
 v1::ModelSpec HistorySpec() {
   return Changed({}, R"pb(
     scene_vectors { history_width: 9 features: 21 }
@@ -93,7 +93,7 @@ v1::ModelSpec EverythingSpec() {
   )pb");
 }
 
-// A path that bends to one side, and what else is said of it at random.
+// Writes a path that bends to one side; its other numbers are random.
 void WritePath(double curvature, double offset, std::mt19937* generator, std::span<float> values) {
   std::uniform_real_distribution<float> uniform(-1.0f, 1.0f);
   for (float& value : values) value = uniform(*generator);
@@ -115,8 +115,8 @@ void WritePath(double curvature, double offset, std::mt19937* generator, std::sp
 struct Scenes {
   std::deque<scene::Raster> rasters;
   std::deque<scene::SceneVectors> vectors;
-  std::vector<inference::SceneInput> inputs;  // for the engine
-  Arrays arrays;                              // for the exported networks, but those of actions
+  std::vector<inference::SceneInput> inputs;  // for this engine
+  Arrays arrays;                              // for the exported networks, without those of actions
 };
 
 Array NewArray(std::vector<int64_t> sizes) {
@@ -195,7 +195,7 @@ Scenes MakeScenes(const v1::ModelSpec& spec) {
   return scenes;
 }
 
-// What actions that look at the lanes read, as onnx_export.h says.
+// Adds what actions that look at the lanes read, as onnx_export.h says.
 void AddActionInputs(const v1::ModelSpec& spec, const Array& generic, Scenes* scenes) {
   const int K = spec.actions();
   const int T = spec.trajectory().waypoints();
@@ -232,7 +232,7 @@ void AddActionInputs(const v1::ModelSpec& spec, const Array& generic, Scenes* sc
   }
 }
 
-// The inputs that the file names must be all that is given: `scenes` has more than some want.
+// Passes exactly the inputs that the file names: `scenes` may have more.
 Answers ExportedAnswers(const artifact::StoredModel& model, const Scenes& scenes, int stated) {
   const std::string file = ExportOnnx(model, {.distributions = true, .scenes = stated});
   const Arrays answered = Evaluate(file, scenes.arrays);
@@ -264,8 +264,8 @@ TEST_P(OnnxVectorsTest, AnotherEngineGivesTheSameAnswers) {
   ExpectSame(ExportedAnswers(model, scenes, 0), ours);
 }
 
-// Else the comparison above would not see a wrong weight.
-TEST_P(OnnxVectorsTest, EveryWeightThatIsExportedDecidesAnswers) {
+// Otherwise the comparison above would not detect a wrong weight.
+TEST_P(OnnxVectorsTest, EveryExportedWeightAffectsTheAnswers) {
   const artifact::StoredModel model = inference::RandomModel(GetParam().second, 5);
   const Scenes scenes = CompleteScenes(model);
   const Answers right = ExportedAnswers(model, scenes, kScenes);
@@ -279,9 +279,9 @@ TEST_P(OnnxVectorsTest, EveryWeightThatIsExportedDecidesAnswers) {
     if (left_out) {
       EXPECT_EQ(difference, 0.0) << name;
     } else if (name.ends_with("attention.bias")) {
-      EXPECT_LT(difference, 1e-3) << name;  // adds the same to all scores, which says nothing
+      EXPECT_LT(difference, 1e-3) << name;  // adds the same to all scores, which has no effect
     } else {
-      EXPECT_GT(difference, 10.0) << name;  // in bounds of the comparison
+      EXPECT_GT(difference, 10.0) << name;  // relative to the bounds of the comparison
     }
   }
 }

@@ -17,14 +17,14 @@ DiagonalGaussian OneDimensional(double mean, double variance) {
   return {Eigen::VectorXd::Constant(1, mean), Eigen::VectorXd::Constant(1, std::log(variance))};
 }
 
-// Pairs that are near, far, narrow in wide and wide in narrow.
+// Pairs that are near, far, narrow within wide, and wide around narrow.
 struct Pair {
   double q_mean, q_variance, p_mean, p_variance;
 };
 constexpr Pair kPairs[] = {
     {0, 1, 0, 1}, {0.3, 0.5, -0.7, 2.0}, {1.5, 0.04, 1.0, 4.0}, {-1, 3, 2, 0.5}};
 
-TEST(DiagonalGaussianTest, CrossEntropyIsItsIntegral) {
+TEST(DiagonalGaussianTest, CrossEntropyMatchesItsIntegral) {
   for (const Pair& pair : kPairs) {
     const double integral = Integrate(
         [&](double z) {
@@ -39,7 +39,7 @@ TEST(DiagonalGaussianTest, CrossEntropyIsItsIntegral) {
   }
 }
 
-TEST(DiagonalGaussianTest, KlDivergenceIsItsIntegral) {
+TEST(DiagonalGaussianTest, KlDivergenceMatchesItsIntegral) {
   for (const Pair& pair : kPairs) {
     const double integral = Integrate(
         [&](double z) {
@@ -57,7 +57,7 @@ TEST(DiagonalGaussianTest, KlDivergenceIsItsIntegral) {
   }
 }
 
-TEST(DiagonalGaussianTest, EntropyAndDensityAreThoseOfTheIntegral) {
+TEST(DiagonalGaussianTest, EntropyAndDensityMatchTheIntegral) {
   const double mean = 0.4, variance = 0.7;
   const DiagonalGaussian q = OneDimensional(mean, variance);
   const auto density = [&](double z) { return NormalDensity(z, mean, variance); };
@@ -91,14 +91,14 @@ TEST(DiagonalGaussianTest, DimensionsAddUp) {
   EXPECT_NEAR(LogDensity(p, q_mean), log_density, 1e-12);
 }
 
-TEST(DiagonalGaussianTest, KlDivergenceIsCrossEntropyLessEntropyAndNeverNegative) {
+TEST(DiagonalGaussianTest, KlDivergenceIsCrossEntropyMinusEntropyAndNeverNegative) {
   for (const Pair& pair : kPairs) {
     const DiagonalGaussian q = OneDimensional(pair.q_mean, pair.q_variance);
     const DiagonalGaussian p = OneDimensional(pair.p_mean, pair.p_variance);
     EXPECT_NEAR(KlDivergence(q, p), CrossEntropy(q, p) - Entropy(q), 1e-12);
     EXPECT_EQ(KlDivergence(q, q), 0.0);
   }
-  // Nearly equal variances: half the square of the difference of their logarithms, over 2.
+  // Nearly equal variances: half the squared difference of their logarithms, over 2.
   const double difference = 1e-7;
   const DiagonalGaussian p = OneDimensional(0, 1);
   const DiagonalGaussian q{p.mean, p.log_variance.array() + difference};

@@ -1,5 +1,5 @@
-// Integrals in one and two dimensions by the trapezoidal rule, which for functions that vanish at
-// both ends is exact to rounding.
+// Integrates in one and two dimensions by the trapezoidal rule. For functions that vanish at both
+// ends, it is exact up to rounding.
 
 #ifndef MANEUVER_TESTS_UNIT_MODEL_PROBABILITY_QUADRATURE_H_
 #define MANEUVER_TESTS_UNIT_MODEL_PROBABILITY_QUADRATURE_H_
@@ -9,7 +9,7 @@
 
 namespace maneuver::probability {
 
-// N(z; mean, variance), written out.
+// Returns N(z; mean, variance), written out.
 inline double NormalDensity(double z, double mean, double variance) {
   return std::exp(-(z - mean) * (z - mean) / (2 * variance)) /
          std::sqrt(2 * std::numbers::pi * variance);

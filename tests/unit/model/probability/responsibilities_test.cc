@@ -28,7 +28,7 @@ class ResponsibilitiesTest : public testing::Test {
                    {Eigen::Vector2d(1.0, -1.0), Eigen::Vector2d(0.2, -0.5)}};
   }
 
-  // E_q ln p of Gaussians over the plane, summed over a grid.
+  // Returns E_q ln p of Gaussians over the plane, summed over a grid.
   static double ExpectedLogOnGrid(const DiagonalGaussian& q, const DiagonalGaussian& p) {
     const auto q_at = [&](double z, int d) {
       return NormalDensity(z, q.mean[d], std::exp(q.log_variance[d]));
@@ -56,7 +56,7 @@ class ResponsibilitiesTest : public testing::Test {
   std::vector<DiagonalGaussian> posteriors_;
 };
 
-TEST_F(ResponsibilitiesTest, BaseFormIsBruteForceNormalisationOverAGrid) {
+TEST_F(ResponsibilitiesTest, BaseFormMatchesBruteForceOverAGrid) {
   std::vector<double> joint;
   for (int k = 0; k < 3; ++k) {
     joint.push_back(std::exp(log_prior_[k]) *
@@ -67,7 +67,7 @@ TEST_F(ResponsibilitiesTest, BaseFormIsBruteForceNormalisationOverAGrid) {
   EXPECT_LT((actual - expected).cwiseAbs().maxCoeff(), 1e-8) << actual.transpose();
 }
 
-TEST_F(ResponsibilitiesTest, UnifiedFormIsBruteForceNormalisationOverAGrid) {
+TEST_F(ResponsibilitiesTest, UnifiedFormMatchesBruteForceOverAGrid) {
   std::vector<double> joint;
   for (int k = 0; k < 3; ++k) {
     const DiagonalGaussian& posterior = posteriors_[static_cast<size_t>(k)];
@@ -83,7 +83,7 @@ TEST_F(ResponsibilitiesTest, UnifiedFormIsBruteForceNormalisationOverAGrid) {
   EXPECT_LT((actual - expected).cwiseAbs().maxCoeff(), 1e-8) << actual.transpose();
 }
 
-TEST_F(ResponsibilitiesTest, FormsAgreeWhenTheScenarioSaysNothingOfTheLatent) {
+TEST_F(ResponsibilitiesTest, FormsAgreeWhenTheScenarioTellsNothingAboutTheLatent) {
   const std::vector<DiagonalGaussian> generic = {mixture_.Component(0), mixture_.Component(1),
                                                  mixture_.Component(2)};
   EXPECT_LT((UnifiedResponsibilities(log_prior_, encoding_, mixture_, generic) -
@@ -92,7 +92,7 @@ TEST_F(ResponsibilitiesTest, FormsAgreeWhenTheScenarioSaysNothingOfTheLatent) {
             1e-12);
 }
 
-TEST_F(ResponsibilitiesTest, EvidenceThatUnderflowsIsStillNormalised) {
+TEST_F(ResponsibilitiesTest, NormalisesEvidenceThatUnderflows) {
   const DiagonalGaussian far = {Eigen::Vector2d(300, -400), Eigen::Vector2d(0, 0)};
   const Eigen::VectorXd responsibilities = BaseResponsibilities(log_prior_, far, mixture_);
   EXPECT_NEAR(responsibilities.sum(), 1.0, 1e-12);
@@ -106,7 +106,7 @@ TEST_F(ResponsibilitiesTest, AnImpossibleActionHasNoResponsibility) {
   EXPECT_NEAR(responsibilities.sum(), 1.0, 1e-12);
 }
 
-// Eq. (elbo) at any q_y, term by term.
+// Returns eq. (elbo) at any q_y, term by term.
 double Bound(double reconstruction, const Eigen::VectorXd& q_y, const Eigen::VectorXd& log_prior,
              const DiagonalGaussian& encoding, const LatentMixture& mixture) {
   double bound = reconstruction;
@@ -117,7 +117,7 @@ double Bound(double reconstruction, const Eigen::VectorXd& q_y, const Eigen::Vec
   return bound;
 }
 
-TEST_F(ResponsibilitiesTest, BoundIsTheElboAndTheBaseFormMaximisesIt) {
+TEST_F(ResponsibilitiesTest, TheBoundIsTheElboAndTheBaseFormMaximisesIt) {
   const Eigen::VectorXd best = BaseResponsibilities(log_prior_, encoding_, mixture_);
   const double bound = BaseBound(-12.5, log_prior_, encoding_, mixture_);
   EXPECT_NEAR(bound, Bound(-12.5, best, log_prior_, encoding_, mixture_), 1e-12);
@@ -130,9 +130,9 @@ TEST_F(ResponsibilitiesTest, BoundIsTheElboAndTheBaseFormMaximisesIt) {
   }
 }
 
-// With a linear decoder everything about the bound is known: a Monte-Carlo estimate of
-// E_q ln p(x,y,z|s) / q(y,z|x,s), and ln p(x|s) itself, which it may not exceed.
-TEST_F(ResponsibilitiesTest, BoundAgreesWithMonteCarloAndStaysBelowTheLikelihood) {
+// With a linear decoder the bound is known exactly: a Monte Carlo estimate of E_q ln p(x,y,z|s) /
+// q(y,z|x,s). It must not exceed ln p(x|s).
+TEST_F(ResponsibilitiesTest, TheBoundMatchesMonteCarloAndStaysBelowTheLikelihood) {
   Eigen::Matrix<double, 4, 2> A;
   A << 1, 0.5, -0.3, 2, 0.7, 0.1, 0, -1;
   const Eigen::Vector4d x(0.5, -0.2, 0.3, 0.8);

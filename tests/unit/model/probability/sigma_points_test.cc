@@ -40,7 +40,7 @@ TEST(SigmaPointsTest, MomentsOfALinearDecoderAreExact) {
   EXPECT_LT((moments.mean - (A * mean + b)).norm(), 1e-12);
   EXPECT_LT((moments.Covariance() - A * variance.asDiagonal() * A.transpose()).norm(), 1e-12);
 
-  // And by sampling.
+  // The same by sampling.
   const int samples = 50'000;
   std::normal_distribution<double> normal;
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(8);
@@ -75,7 +75,7 @@ TEST(SigmaPointsTest, MeanOfAQuadraticDecoderIsExact) {
 TEST(SigmaPointsTest, CovarianceIsPositiveSemidefiniteForAnyImages) {
   std::mt19937 random(3);
   for (int i = 0; i < 20; ++i) {
-    // No decoder at all: the images of strongly curved ones may lie anywhere.
+    // Without a decoder: the images under a strongly curved one may lie anywhere.
     const SigmaMoments moments =
         MomentsOfSigmaPoints(RandomMatrix(2 * kDimensions + 1, 6, &random));
     const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(moments.Covariance());
@@ -83,7 +83,7 @@ TEST(SigmaPointsTest, CovarianceIsPositiveSemidefiniteForAnyImages) {
   }
 }
 
-TEST(SigmaPointsTest, MomentsOfAnArcAreNearThoseOfQuadrature) {
+TEST(SigmaPointsTest, MomentsOfAnArcAreCloseToQuadrature) {
   // 20 m driven along an arc whose heading changes by 0.6 rad times z.
   const auto arc = [](double z) {
     const double turn = std::abs(z) < 1e-9 ? 1e-9 : 0.6 * z;
@@ -104,7 +104,7 @@ TEST(SigmaPointsTest, MomentsOfAnArcAreNearThoseOfQuadrature) {
               0.1 * std::sqrt(variance_y));
 }
 
-TEST(SigmaPointsTest, ExpectedLogDensityIsThatOfQuadrature) {
+TEST(SigmaPointsTest, ExpectedLogDensityMatchesQuadrature) {
   const double slope = 1.7, offset = 0.3, mean = 0.5, deviation = 0.4, stddev = 0.8, x = 2.0;
   const Eigen::MatrixXd points =
       SigmaPoints(Eigen::VectorXd::Constant(1, mean), Eigen::VectorXd::Constant(1, deviation));

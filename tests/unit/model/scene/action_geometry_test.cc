@@ -24,7 +24,7 @@ struct Point {
   double x, y;
 };
 
-// An action that moves straight on from the target at `speed` in `direction`.
+// Returns an action that moves straight from the target at `speed` in `direction`.
 ActionPoints Straight(double speed, double direction, Point start = {0, 0}) {
   ActionPoints action;
   for (int t = 0; t < kGeometryTimes; ++t) {
@@ -38,8 +38,8 @@ ActionPoints Straight(double speed, double direction, Point start = {0, 0}) {
   return action;
 }
 
-// Adds a straight lane path. The target is `offset` metres to the left of it; the path heads by
-// `heading` to the left of the target's heading. Returns its numbers.
+// Adds a straight lane path. The target is `offset` metres to its left; its heading is `heading` to
+// the left of the target's. Returns its numbers.
 float* AddStraightPath(LanePathInputs& paths, double offset, double heading, double length = 100) {
   float* path = &paths.values[paths.count++ * kLanePathInputs];
   const Point foot = {offset * std::sin(heading), -offset * std::cos(heading)};
@@ -67,15 +67,15 @@ struct Numbers {
 
 Numbers Describe(std::span<const ActionPoints> trajectories, const LanePathInputs& paths,
                  double speed = 0.0, const GeometryWaypoints& waypoints = kUsual) {
-  // Not zero at first: every number has to be written.
+  // Initially nonzero, so that every number must be written.
   Numbers numbers{std::vector<float>(trajectories.size() * kMostLanePaths * kPairNumbers, 7.0f),
                   std::vector<float>(trajectories.size() * kActionNumbers, 7.0f)};
   DescribeActions(trajectories, waypoints, paths, speed, numbers.pairs, numbers.actions);
   return numbers;
 }
 
-// The same numbers in double precision, one point and one segment at a time, with the foot found by
-// turning the axes rather than by its formula.
+// Computes the same numbers in double precision, one point and one segment at a time. Finds the
+// foot by turning the axes rather than by its formula.
 Numbers DescribePlainly(std::span<const ActionPoints> trajectories, const LanePathInputs& paths,
                         double speed, const GeometryWaypoints& waypoints) {
   Numbers numbers;
@@ -93,8 +93,8 @@ Numbers DescribePlainly(std::span<const ActionPoints> trajectories, const LanePa
       std::vector<double> pair(kPairNumbers, 0.0);
       if (p < paths.count) {
         const float* path = &paths.values[p * kLanePathInputs];
-        // One metre to the left of the path is its direction turned by a quarter; the target, at
-        // (0, 0), is path[62] of those from the foot.
+        // One metre to the left of the path is its direction turned by a quarter turn. The target,
+        // at (0, 0), is path[62] of these from the foot.
         const double turned = std::asin(static_cast<double>(path[63]));
         const Point direction = {std::cos(turned), -std::sin(turned)};
         std::vector<Point> line = {{path[62] * direction.y, -path[62] * direction.x}};
@@ -215,14 +215,14 @@ TEST(GeometryWaypointsTest, TakesTheNearestOfWaypointsThatAreFarApart) {
   for (const double step : found.steps) EXPECT_NEAR(step, 1.0, 1e-9);
 }
 
-TEST(GeometryWaypointsTest, LooksAtTheOnlyWaypoint) {
+TEST(GeometryWaypointsTest, UsesTheOnlyWaypoint) {
   const GeometryWaypoints found = FindGeometryWaypoints(Waypoints(1, 0.3));
   EXPECT_EQ(found.at, (std::array<int, 3>{0, 0, 0}));
   EXPECT_EQ(found.before, (std::array<int, 3>{-1, -1, -1}));
   EXPECT_NEAR(found.steps[2], 0.3, 1e-9);
 }
 
-TEST(ActionGeometryTest, AnActionOnAPathHasNoOffsetAndTheArcLengthThatItDrove) {
+TEST(ActionGeometryTest, AnActionOnAPathHasNoOffsetAndItsDistanceAsArcLength) {
   LanePathInputs paths;
   AddStraightPath(paths, 0.0, 0.0, 90.0);
   const ActionPoints action = Straight(10.0, 0.0);
@@ -264,7 +264,7 @@ TEST(ActionGeometryTest, ADirectionToTheLeftOfThePathHasAPositiveSine) {
   EXPECT_NEAR(numbers.pair(0, 0)[9], std::cos(0.2), 1e-5);
 }
 
-TEST(ActionGeometryTest, APathGoesStraightOnBeyondBothEnds) {
+TEST(ActionGeometryTest, APathContinuesStraightBeyondBothEnds) {
   LanePathInputs paths;
   AddStraightPath(paths, 0.0, 0.0, 100.0);
   const std::vector<ActionPoints> actions = {Straight(30.0, 0.0), Straight(-4.0, 0.0)};
@@ -277,7 +277,7 @@ TEST(ActionGeometryTest, APathGoesStraightOnBeyondBothEnds) {
   EXPECT_NEAR(numbers.pair(1, 0)[9], -1.0, 1e-4);
 }
 
-TEST(ActionGeometryTest, LeaderAndStopLineAreMeasuredFromWhereTheActionIs) {
+TEST(ActionGeometryTest, MeasuresLeaderAndStopLineFromTheActionsPosition) {
   LanePathInputs paths;
   float* path = AddStraightPath(paths, 0.0, 0.0);
   path[69] = 1.0f;
@@ -296,7 +296,7 @@ TEST(ActionGeometryTest, LeaderAndStopLineAreMeasuredFromWhereTheActionIs) {
   EXPECT_NEAR(pair[17], -2.0, 1e-5);  // 30 - 50
 }
 
-TEST(ActionGeometryTest, AStandingActionLooksStraightOn) {
+TEST(ActionGeometryTest, AStandingActionHeadsStraightAhead) {
   LanePathInputs paths;
   AddStraightPath(paths, 0.0, 0.2);
   const ActionPoints action = Straight(0.4, 2.0);
@@ -306,7 +306,7 @@ TEST(ActionGeometryTest, AStandingActionLooksStraightOn) {
   EXPECT_EQ(numbers.action(0)[10], 0.0f);
 }
 
-// All of a wedge outside a bend is as near to one segment as to the other.
+// Every point of a wedge outside a bend is equally near to both segments.
 TEST(ActionGeometryTest, RoundingDoesNotChooseTheSegmentBesideABend) {
   LanePathInputs paths;
   float* path = AddStraightPath(paths, 0.0, 0.0);
@@ -324,7 +324,7 @@ TEST(ActionGeometryTest, RoundingDoesNotChooseTheSegmentBesideABend) {
   }
 }
 
-TEST(ActionGeometryTest, PathsThatAreNotThereAreZero) {
+TEST(ActionGeometryTest, AbsentPathsAreZero) {
   const Problem problem = RandomProblem(3, 2, 5);
   const Numbers numbers = Describe(problem.actions, problem.paths);
   for (int a = 0; a < 3; ++a) {
@@ -349,7 +349,7 @@ TEST(ActionGeometryTest, EqualsAPlainEvaluation) {
   }
 }
 
-TEST(ActionGeometryTest, AnActionHasTheSameBitsWhateverElseThereIs) {
+TEST(ActionGeometryTest, AnActionHasTheSameBitsWhateverTheOthersAre) {
   const Problem problem = RandomProblem(70, 6, 3);
   const Numbers all = Describe(problem.actions, problem.paths, 4.0);
   for (int a = 0; a < 70; ++a) {
@@ -388,14 +388,14 @@ TEST(ActionGeometryTest, AMirrorSwapsLeftAndRight) {
   }
 }
 
-TEST(ActionGeometryTest, StaysFiniteWhereAllPointsOfAPathCoincide) {
+TEST(ActionGeometryTest, StaysFiniteIfAllPointsOfAPathCoincide) {
   LanePathInputs paths;
   paths.count = 1;
   paths.values[62] = 0.0f;
   const ActionPoints action = Straight(10.0, 0.5);
   const Numbers numbers = Describe({&action, 1}, paths);
   for (const float number : numbers.pairs) EXPECT_TRUE(std::isfinite(number));
-  // The last segment goes on along the target's heading.
+  // The last segment continues along the target's heading.
   EXPECT_NEAR(numbers.pair(0, 0)[0], std::min(2.0, 20.0 * std::sin(0.5) / 3), 1e-5);
 }
 

@@ -17,21 +17,21 @@ namespace {
 
 constexpr double kTime = 3.0;
 constexpr int64_t kTarget = 100;
-// Numbers of an agent, written out again on purpose.
+// The numbers of an agent, repeated here on purpose.
 constexpr int kX = 0, kY = 1, kNear = 2, kWithin20 = 3, kCosine = 4, kSine = 5, kVelocityX = 6,
               kVelocityY = 7, kRelativeX = 8, kSpeed = 9, kStands = 10, kSpeedChange = 11,
               kTurn = 12, kHasEarlier = 13, kLength = 14, kWidth = 15, kVehicle = 16,
               kPedestrian = 17, kCyclist = 18, kMeetingTime = 19, kMeetingNear = 20,
               kMeetingWithin8 = 21, kMeetingX = 22, kMeetingY = 23;
 
-// How an agent moves at one time, in the target's frame.
+// An agent's motion at one time, in the target's frame.
 struct Moment {
   Point2 place = {};
   Point2 velocity = {};
   double heading = 0.0;
 };
 
-// A scene and what is asked about it. Nothing but the agents and the target matters.
+// A scene and the parameters of a call. Only the agents and the target matter.
 struct World {
   v1::Scenario scenario = {};
   Pose2 X_WT = {};
@@ -43,7 +43,7 @@ struct World {
     AddMoment(agent, time, present);
     return agent;
   }
-  // Moments of an agent are added in the order of time.
+  // Call it in the order of time for each agent.
   void AddMoment(v1::Agent* agent, double time, const Moment& moment) {
     const Point2 place = X_WT * moment.place;
     const Point2 velocity = Pose2(0.0, 0.0, X_WT.heading()) * moment.velocity;
@@ -76,7 +76,7 @@ void ExpectSame(const AgentInputs& inputs, const AgentInputs& expected, double t
   }
 }
 
-// Agents that move at random, within 70 m, some with no state in time and some with no earlier one.
+// Agents that move at random within 70 m. Some have no current state, some no earlier one.
 World RandomWorld(uint32_t seed, int agents, const Pose2& X_WT) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
@@ -98,14 +98,14 @@ World RandomWorld(uint32_t seed, int agents, const Pose2& X_WT) {
 }
 
 // 13 m away, 4 m/s ahead and 3 m/s to the left; it drove 2 m/s half a second ago.
-TEST(AgentInputsTest, DescribesAnAgentBy24Numbers) {
+TEST(AgentInputsTest, DescribesAnAgentWith24Numbers) {
   World world{.X_WT = {30.0, -20.0, 0.4}, .speed = 10.0};
   v1::Agent* const agent = world.Add(1, {{10.0, -6.0}, {0.0, 2.0}, 0.2}, kTime - 0.5);
   world.AddMoment(agent, kTime, {{12.0, -5.0}, {4.0, 3.0}, 0.3});
   const AgentInputs inputs = Describe(world);
   ASSERT_EQ(inputs.count, 1);
-  // Seen from the target it moves at (-6, 3) m/s: from (12, -5) m, (6 * 12 + 3 * 5) / 45 s take it
-  // to (0.4, 0.8) m, which is at a right angle to (-6, 3).
+  // Relative to the target it moves at (-6, 3) m/s. From (12, -5) m it reaches (0.4, 0.8) m after
+  // (6 * 12 + 3 * 5) / 45 s, at a right angle to (-6, 3).
   const double meeting = 87.0 / 45.0;
   const double distance = std::sqrt(0.8);
   const double expected[kAgentInputs] = {
@@ -139,7 +139,7 @@ TEST(AgentInputsTest, DescribesAnAgentBy24Numbers) {
   }
 }
 
-TEST(AgentInputsTest, AStandingAgentBesideAStandingTargetMeetsItNow) {
+TEST(AgentInputsTest, AStandingAgentBesideAStandingTargetIsClosestNow) {
   World world{.speed = 0.0};
   world.Add(1, {{3.0, 4.0}, {}, std::numbers::pi / 2.0});
   const AgentInputs inputs = Describe(world);
@@ -152,7 +152,7 @@ TEST(AgentInputsTest, AStandingAgentBesideAStandingTargetMeetsItNow) {
   EXPECT_NEAR(At(inputs, 0, kSine), 1.0, 1e-6);
 }
 
-TEST(AgentInputsTest, AnAgentThatDrivesAwayWasNearestNow) {
+TEST(AgentInputsTest, AnAgentThatDrivesAwayIsClosestNow) {
   World world{.speed = 5.0};
   world.Add(1, {{20.0, 0.0}, {9.0, 0.0}});
   const AgentInputs inputs = Describe(world);
@@ -160,7 +160,7 @@ TEST(AgentInputsTest, AnAgentThatDrivesAwayWasNearestNow) {
   EXPECT_NEAR(At(inputs, 0, kMeetingX), 1.0, 1e-6);
 }
 
-TEST(AgentInputsTest, LooksForMeetingsUpTo8SecondsAhead) {
+TEST(AgentInputsTest, SearchesTheClosestApproachUpTo8SecondsAhead) {
   World world{.speed = 3.0};
   world.Add(1, {{40.0, 0.0}, {2.0, 0.0}});
   const AgentInputs inputs = Describe(world);
@@ -169,7 +169,7 @@ TEST(AgentInputsTest, LooksForMeetingsUpTo8SecondsAhead) {
   EXPECT_NEAR(At(inputs, 0, kMeetingX), (40.0 + 8.0 * 2.0) / 20.0, 1e-6);
 }
 
-TEST(AgentInputsTest, SaysWhichTypeAnAgentIs) {
+TEST(AgentInputsTest, MarksTheTypeOfAnAgent) {
   World world;
   const v1::AgentType types[] = {v1::AGENT_TYPE_VEHICLE, v1::AGENT_TYPE_PEDESTRIAN,
                                  v1::AGENT_TYPE_CYCLIST, v1::AGENT_TYPE_OTHER,
@@ -184,7 +184,7 @@ TEST(AgentInputsTest, SaysWhichTypeAnAgentIs) {
   }
 }
 
-TEST(AgentInputsTest, ChangesAreFromTheStateNearestToHalfASecondBefore) {
+TEST(AgentInputsTest, ChangesAreRelativeToTheStateNearestToHalfASecondBefore) {
   World world;
   v1::Agent* const agent = world.Add(1, {{10.0, 0.0}, {9.0, 0.0}}, kTime - 0.54);
   world.AddMoment(agent, kTime - 0.47, {{10.0, 0.0}, {6.0, 0.0}});
@@ -195,7 +195,7 @@ TEST(AgentInputsTest, ChangesAreFromTheStateNearestToHalfASecondBefore) {
   EXPECT_EQ(At(inputs, 0, kHasEarlier), 1.0F);
 }
 
-TEST(AgentInputsTest, WithoutAStateHalfASecondBeforeThereAreNoChanges) {
+TEST(AgentInputsTest, ChangesAreZeroWithoutAStateHalfASecondBefore) {
   World world;
   v1::Agent* const agent = world.Add(1, {{10.0, 0.0}, {9.0, 0.0}, 1.0}, kTime - 0.56);
   world.AddMoment(agent, kTime - 0.44, {{10.0, 0.0}, {9.0, 0.0}, 1.0});
@@ -206,14 +206,14 @@ TEST(AgentInputsTest, WithoutAStateHalfASecondBeforeThereAreNoChanges) {
   }
 }
 
-TEST(AgentInputsTest, AHeadingThatPassesHalfATurnHasTurnedALittle) {
+TEST(AgentInputsTest, AChangeOfHeadingAcrossPiIsSmall) {
   World world;
   v1::Agent* const agent = world.Add(1, {{10.0, 0.0}, {}, 3.1}, kTime - 0.5);
   world.AddMoment(agent, kTime, {{10.0, 0.0}, {}, -3.1});
   EXPECT_NEAR(At(Describe(world), 0, kTurn), (2.0 * std::numbers::pi - 6.2) / 0.25, 1e-5);
 }
 
-TEST(AgentInputsTest, HoldsNumbersWithinTheirBounds) {
+TEST(AgentInputsTest, ClampsNumbersToTheirBounds) {
   constexpr float kLargestFloat = std::numeric_limits<float>::max();
   World world{.speed = -500.0};
   v1::Agent* const agent = world.Add(1, {{10.0, 0.0}, {}, -3.0}, kTime - 0.5);
@@ -263,7 +263,7 @@ TEST(AgentInputsTest, DescribesAgentsOfTheLast50Milliseconds) {
   EXPECT_NEAR(At(inputs, 0, kX), 0.25, 1e-6);
 }
 
-TEST(AgentInputsTest, LooksAtNothingLater) {
+TEST(AgentInputsTest, ReadsNothingLater) {
   const World world = RandomWorld(4, 40, {5.0, 6.0, 0.7});
   World longer = world;
   for (v1::Agent& agent : *longer.scenario.mutable_agents()) {
@@ -276,7 +276,7 @@ TEST(AgentInputsTest, LooksAtNothingLater) {
 
 TEST(AgentInputsTest, DescribesTheNearestTwelveNearestFirst) {
   World world{.X_WT = {-3.0, 8.0, 2.0}};
-  // 7 and 30 share no divisor: the distances 1 .. 30 m come in no order.
+  // 7 and 30 are coprime, so the distances 1 .. 30 m are not sorted.
   for (int i = 0; i < 30; ++i) {
     const double distance = 1.0 + 7 * i % 30;
     world.Add(i, {{distance * std::cos(i), distance * std::sin(i)}});
@@ -288,7 +288,7 @@ TEST(AgentInputsTest, DescribesTheNearestTwelveNearestFirst) {
   }
 }
 
-TEST(AgentInputsTest, OfEquallyNearAgentsTheFirstOfTheScenarioComesFirst) {
+TEST(AgentInputsTest, EquallyNearAgentsKeepTheScenariosOrder) {
   World world;
   for (int i = 0; i < 15; ++i) {
     const Point2 places[] = {{3.0, 4.0}, {-4.0, 3.0}, {0.0, -5.0}};
@@ -307,7 +307,7 @@ TEST(AgentInputsTest, MovingTheWholeWorldChangesNothing) {
   }
 }
 
-// Changes agents of a world whose target is at the origin and heads along x.
+// Changes the agents of a world whose target is at the origin and heads along x.
 World Changed(World world, const std::function<void(v1::AgentState&)>& change, double size) {
   for (v1::Agent& agent : *world.scenario.mutable_agents()) {
     agent.set_length(size * agent.length());
@@ -318,7 +318,7 @@ World Changed(World world, const std::function<void(v1::AgentState&)>& change, d
   return world;
 }
 
-TEST(AgentInputsTest, AMirroredViewIsOfTheMirroredWorld) {
+TEST(AgentInputsTest, AMirroredViewDescribesTheMirroredWorld) {
   const World world = RandomWorld(2, 30, {});
   const auto mirror = [](v1::AgentState& state) {
     state.set_y(-state.y());
@@ -336,7 +336,7 @@ TEST(AgentInputsTest, AMirroredViewIsOfTheMirroredWorld) {
   }
 }
 
-TEST(AgentInputsTest, AScaledViewIsOfTheScaledWorld) {
+TEST(AgentInputsTest, AScaledViewDescribesTheScaledWorld) {
   const World world = RandomWorld(3, 8, {});
   for (const double scale : {0.8, 1.25}) {
     const auto change = [scale](v1::AgentState& state) {
@@ -358,7 +358,7 @@ TEST(AgentInputsTest, AScaledViewReachesFiftyOfItsOwnMetres) {
   EXPECT_EQ(Describe(world, {.scale = 0.8, .mirror = false}).count, 2);
 }
 
-// Against a sort of all distances.
+// Compared with a sort of all distances.
 TEST(AgentInputsTest, FindsTheNearestOf400Agents) {
   const World world = RandomWorld(6, 400, {100.0, 200.0, -0.8});
   std::vector<double> distances;

@@ -16,7 +16,7 @@ constexpr int kWidth = 32;
 
 class BrushTest : public testing::Test {
  protected:
-  // What was painted since the last time, and starts anew.
+  // Reads what was painted since the last call, and clears it.
   void Finish() {
     raster_.WriteInterleaved(picture_);
     raster_.Clear();
@@ -64,12 +64,12 @@ double DistanceToPolyline(const std::vector<PixelPoint>& points, double u, doubl
   return nearest;
 }
 
-TEST_F(BrushTest, PolygonCoversEachPixelByItsShare) {
+TEST_F(BrushTest, APolygonCoversEachPixelByItsShare) {
   constexpr int kSamples = 40;  // along each side of a pixel
   // An edge through a pixel misjudges at most about one row of samples.
   constexpr double kTolerance = 255.0 * 2.0 / kSamples;
   for (int trial = 0; trial < 20; ++trial) {
-    // A star around a centre that may lie outside: simple, mostly not convex, often cut off.
+    // A star around a centre that may lie outside: simple, mostly not convex, often clipped.
     const PixelPoint centre{Uniform(-6, kWidth + 6), Uniform(-6, kHeight + 6)};
     std::vector<PixelPoint> polygon;
     const int corners = 3 + trial % 6;
@@ -110,7 +110,7 @@ TEST_F(BrushTest, PolygonOfFractionalPixels) {
   EXPECT_EQ(at(4, 5), 0);
 }
 
-TEST_F(BrushTest, PolygonLeavesNothingBehindForTheNext) {
+TEST_F(BrushTest, APolygonLeavesNoScratchForTheNext) {
   const PixelPoint first[] = {{-50, -50}, {90, -40}, {10, 90}};
   const PixelPoint second[] = {{3, 3}, {4, 3}, {4, 4}, {3, 4}};
   brush_.FillPolygon(&raster_, 0, first, 255);
@@ -156,7 +156,7 @@ TEST_F(BrushTest, BoxesCoverTheirAreaAtEveryAngle) {
   }
 }
 
-TEST_F(BrushTest, BoxLooksLikeThePolygonOfItsCorners) {
+TEST_F(BrushTest, ABoxMatchesThePolygonOfItsCorners) {
   constexpr double kTolerance = 0.2 * 255.0;  // the filters differ at corners
   constexpr double kMeanTolerance = 1.0;
   for (int trial = 0; trial < 50; ++trial) {
@@ -183,7 +183,7 @@ TEST_F(BrushTest, BoxLooksLikeThePolygonOfItsCorners) {
   }
 }
 
-TEST_F(BrushTest, PolylineFallsOffWithDistance) {
+TEST_F(BrushTest, CoverageOfAPolylineFallsWithDistance) {
   // Simplification may move the line by 0.03 pixels; rounding adds half a level.
   constexpr double kTolerance = 0.03 * 255.0 + 1.0;
   for (int trial = 0; trial < 40; ++trial) {
@@ -209,7 +209,7 @@ TEST_F(BrushTest, PolylineFallsOffWithDistance) {
   }
 }
 
-// Both ends lie outside, each beyond another side: what lies between them is seen.
+// Both ends lie outside, on different sides; the part between them shows.
 TEST_F(BrushTest, PolylineAroundThePictureCutsItsCorners) {
   constexpr double kBeyond = 5.0;
   const std::vector<PixelPoint> beside = {{0.5 * kWidth, -kBeyond},
@@ -232,7 +232,7 @@ TEST_F(BrushTest, PolylineAroundThePictureCutsItsCorners) {
   }
 }
 
-TEST_F(BrushTest, PolylineThatTurnsBackKeepsItsTip) {
+TEST_F(BrushTest, APolylineThatTurnsBackKeepsItsTip) {
   const PixelPoint points[] = {{4, 10.5}, {14, 10.5}, {8, 10.5}};
   brush_.DrawPolyline(&raster_, 0, PixelLine(points), 255);
   Finish();
@@ -240,7 +240,7 @@ TEST_F(BrushTest, PolylineThatTurnsBackKeepsItsTip) {
   EXPECT_EQ(at(10, 15), 0);
 }
 
-TEST_F(BrushTest, PolylineFromFarAwayCrossesWhereItShould) {
+TEST_F(BrushTest, APolylineFromFarAwayCrossesAtTheRightPlace) {
   const PixelPoint points[] = {{-1e10, 5.5}, {1e10, 5.5}};
   brush_.DrawPolyline(&raster_, 0, PixelLine(points), 255);
   Finish();
@@ -267,7 +267,7 @@ TEST_F(BrushTest, DiscHasItsRadius) {
   EXPECT_EQ(at(10, 12), 0);
 }
 
-TEST_F(BrushTest, TheBrighterPaintIsSeenInWhicheverOrder) {
+TEST_F(BrushTest, TheBrighterPaintShowsInEitherOrder) {
   const PixelPoint square[] = {{8, 8}, {12, 8}, {12, 12}, {8, 12}};
   const PixelPoint line[] = {{4, 10.5}, {16, 10.5}};
   const std::function<void(uint8_t)> shapes[] = {
@@ -293,7 +293,7 @@ TEST_F(BrushTest, TheBrighterPaintIsSeenInWhicheverOrder) {
   }
 }
 
-TEST(InterleavedRasterTest, PaintsOneChannelAlone) {
+TEST(InterleavedRasterTest, PaintsOnlyOneChannel) {
   std::vector<uint8_t> picture(4 * 4 * 3);
   Raster raster(4, 4, 3);
   Brush::FillBox(&raster, 1, {1.5, 2.5}, {1, 0}, 0.5, 0.5, 99);
@@ -301,7 +301,7 @@ TEST(InterleavedRasterTest, PaintsOneChannelAlone) {
   for (int i = 0; i < 4 * 4 * 3; ++i) EXPECT_EQ(picture[i], i == (2 * 4 + 1) * 3 + 1 ? 99 : 0);
 }
 
-// What lies beyond the right edge is not seen, nor where the next row begins.
+// What lies beyond the right edge does not show, nor at the start of the next row.
 TEST(InterleavedRasterTest, ANarrowPictureIsTheLeftPartOfAWideOne) {
   constexpr int kRows = 20;
   constexpr int kWide = 40;
@@ -323,7 +323,7 @@ TEST(InterleavedRasterTest, ANarrowPictureIsTheLeftPartOfAWideOne) {
     const std::vector<uint8_t> narrow = paint(columns);
     for (int row = 0; row < kRows; ++row) {
       for (int i = 0; i < columns * 2; ++i) {
-        // Lines are cut off elsewhere, and rounded.
+        // Lines are clipped elsewhere, and rounded.
         ASSERT_NEAR(narrow[row * columns * 2 + i], wide[row * kWide * 2 + i], 1)
             << columns << " columns, row " << row << ", byte " << i;
       }
@@ -331,7 +331,7 @@ TEST(InterleavedRasterTest, ANarrowPictureIsTheLeftPartOfAWideOne) {
   }
 }
 
-// However wide it is, nothing that is painted is forgotten, and nothing left for the next picture.
+// At any width, everything painted is kept, and nothing is left for the next picture.
 TEST(InterleavedRasterTest, TheRightEndOfAWidePictureIsLikeANarrowOne) {
   constexpr int kRows = 20;
   constexpr int kSeen = 30;

@@ -31,7 +31,7 @@ v1::MapFeature* AddLane(v1::Scenario* scenario, int64_t id, std::initializer_lis
   return lane;
 }
 
-// Ids of the lanes that follow the lane with index i.
+// Returns the ids of the lanes that follow the lane with index i.
 std::vector<int64_t> SuccessorIds(const LaneGraph& graph, int i) {
   std::vector<int64_t> ids;
   for (const int next : graph.Successors(graph.lanes()[static_cast<size_t>(i)])) {
@@ -95,7 +95,7 @@ TEST(LaneGraphTest, LeavesOutPointsThatRepeat) {
   }
 }
 
-// A repeated point at the end of a long lane: the rest of the lane does not notice.
+// A repeated point at the end of a long lane does not affect the rest of it.
 TEST(LaneGraphTest, LongLanesHaveTheSamePointsWithAndWithoutARepeatedOne) {
   v1::Scenario scenario;
   v1::MapFeature* once = AddLane(&scenario, 1, {});
@@ -125,7 +125,7 @@ TEST(LaneGraphTest, LongLanesHaveTheSamePointsWithAndWithoutARepeatedOne) {
   }
 }
 
-TEST(LaneGraphTest, ALaneFollowsWhereItBeginsAtTheEndInTheSameDirection) {
+TEST(LaneGraphTest, ALaneFollowsIfItBeginsAtTheEndInTheSameDirection) {
   const auto follows = [](double x, double y, double heading) {
     v1::Scenario scenario;
     AddLane(&scenario, 1, {{0, 0}, {10, 0}});
@@ -146,7 +146,7 @@ TEST(LaneGraphTest, ALaneFollowsWhereItBeginsAtTheEndInTheSameDirection) {
 }
 
 // Anywhere in the world, so that starts and ends fall into neighbouring cells of the search.
-TEST(LaneGraphTest, SuccessorsByGeometryAreThoseThatAFullSearchFinds) {
+TEST(LaneGraphTest, SuccessorsByGeometryMatchAFullSearch) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   size_t found = 0;
@@ -175,7 +175,7 @@ TEST(LaneGraphTest, SuccessorsByGeometryAreThoseThatAFullSearchFinds) {
   EXPECT_GT(found, 1000u);
 }
 
-TEST(LaneGraphTest, DeclaredSuccessorsCountInPlaceOfThoseByGeometry) {
+TEST(LaneGraphTest, DeclaredSuccessorsReplaceThoseByGeometry) {
   v1::Scenario scenario;
   v1::MapFeature* lane = AddLane(&scenario, 1, {{0, 0}, {10, 0}});
   AddLane(&scenario, 2, {{10, 0}, {20, 0}});
@@ -184,20 +184,20 @@ TEST(LaneGraphTest, DeclaredSuccessorsCountInPlaceOfThoseByGeometry) {
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_BIKE_LANE, {{10, 0}, {20, 0}})->set_id(5);
   EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(2));
   lane = scenario.mutable_map_features(0);
-  // 3 is there, at an angle that geometry would not accept. 4 begins too far away, 5 is no driving
-  // lane, 6 is nowhere, 0 is no id, and nothing follows itself.
+  // Lane 3 counts, at an angle that geometry would not accept. 4 begins too far away, 5 is no
+  // driving lane, 6 does not exist, 0 is no id, and no lane follows itself.
   for (const int64_t id : {6, 3, 5, 4, 0, 1, 3}) lane->add_successor_ids(id);
   EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(3));
   lane->clear_successor_ids();
   for (const int64_t id : {6, 5, 4, 0, 1}) lane->add_successor_ids(id);
   EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(2));
-  // In the order in which they are declared.
+  // In the order of the declaration.
   lane->clear_successor_ids();
   for (const int64_t id : {3, 2}) lane->add_successor_ids(id);
   EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(3, 2));
 }
 
-TEST(LaneGraphTest, AnIdThatSeveralLanesHaveNamesTheFirst) {
+TEST(LaneGraphTest, AnIdSharedByLanesNamesTheFirst) {
   v1::Scenario scenario;
   AddLane(&scenario, 1, {{0, 0}, {10, 0}})->add_successor_ids(2);
   AddLane(&scenario, 2, {{10, 1}, {20, 1}});
@@ -277,7 +277,7 @@ TEST(LaneGraphTest, AMapWithoutLanesHasNone) {
   graph.ForEachPieceNear({0, 0}, 1e9, [](const LanePiece&) { FAIL(); });
 }
 
-// What a map of n points can do at worst: everything at one place, everything following everything.
+// The worst that a map of n points can do: all lanes in one place, each following all others.
 TEST(LaneGraphTest, HostileMapsAreBoundedInTimeAndMemory) {
   constexpr int kLanes = 100'000;
   const auto same_place = [](v1::MapFeature* lane, int) {
@@ -313,7 +313,7 @@ TEST(LaneGraphTest, HostileMapsAreBoundedInTimeAndMemory) {
           EXPECT_LE(lane.successors, LaneGraph::kMostSuccessors);
         }
       });
-      // Hundreds of times what it takes: what grows with the square of the lanes takes longer.
+      // Hundreds of times the usual time; quadratic growth takes longer.
       EXPECT_LT(seconds, 20.0);
     }
   }

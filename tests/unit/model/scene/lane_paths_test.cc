@@ -21,7 +21,7 @@ namespace {
 constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr double kTime = 3.0;
 constexpr int64_t kTarget = 100;
-// First numbers of each kind, written out again on purpose.
+// First numbers of each kind, repeated here on purpose.
 constexpr int kPointsAt = 0, kCosinesAt = 26, kSinesAt = 39, kLookAheadAt = 52, kOffset = 62,
               kTurnSine = 63, kTurnCosine = 64, kLength = 65, kCost = 66, kFirst = 67,
               kSpeedLimit = 68, kLeader = 69, kGap = 70, kLeaderSpeed = 71, kSpeedDifference = 72,
@@ -30,7 +30,7 @@ constexpr int kPointsAt = 0, kCosinesAt = 26, kSinesAt = 39, kLookAheadAt = 52, 
               kStopSignCloseness = 83;
 constexpr double kDistances[] = {2.5, 5, 7.5, 10, 15, 20, 25, 30, 40, 50, 65, 80, 100};
 
-// A scene and what is asked about it.
+// A scene and the parameters of a call.
 struct World {
   v1::Scenario scenario = {};
   Pose2 X_WT = {};
@@ -51,7 +51,7 @@ struct World {
     place = X_WT * place;
     AddFeature(&scenario, v1::MAP_FEATURE_TYPE_STOP_SIGN, {place});
   }
-  // Adds an agent that is at `place` of the target's frame at `time`, with a velocity there.
+  // Adds an agent at `place` in the target's frame at `time`, with a velocity in that frame.
   v1::Agent* AddOther(int64_t id, Point2 place, Point2 velocity, double time = kTime) {
     v1::Agent* agent = AddAgent(&scenario, id, v1::AGENT_TYPE_VEHICLE, 4.0, 2.0);
     AddStateOf(agent, time, place, velocity);
@@ -94,7 +94,7 @@ Point2 PointAt(const LanePathInputs& inputs, int path, int point) {
           divisor * At(inputs, path, kPointsAt + 2 * point + 1)};
 }
 
-// One row, what it should be, and where.
+// Compares part of a row with the expected numbers.
 void ExpectRow(const LanePathInputs& inputs, int path, const std::vector<double>& expected,
                double tolerance, const std::string& what) {
   ASSERT_EQ(expected.size(), static_cast<size_t>(kLanePathInputs));
@@ -124,13 +124,13 @@ std::vector<Point2> Line(Point2 from, Point2 to, double step = 1.0) {
   return points;
 }
 
-TEST(LanePathsTest, AStraightLaneIsStraight) {
+TEST(LanePathsTest, DescribesAStraightLane) {
   World world{.X_WT = {30.0, -20.0, 0.4}, .speed = 12.0};
   world.AddLane(1, Line({-40.0, 1.25}, {70.0, 1.25}))->set_speed_limit(15.0);
   const LanePathInputs inputs = Find(world);
   ASSERT_EQ(inputs.count, 1);
   for (int i = 0; i < 13; ++i) {
-    // Beyond the end, at 70 m, it goes straight on.
+    // Beyond its end at 70 m it continues straight.
     EXPECT_NEAR(PointAt(inputs, 0, i).x, kDistances[i], 1e-4);
     EXPECT_NEAR(PointAt(inputs, 0, i).y, 1.25, 1e-4);
     EXPECT_NEAR(At(inputs, 0, kCosinesAt + i), 1.0, 1e-6);
@@ -164,8 +164,8 @@ TEST(LanePathsTest, AStraightLaneIsStraight) {
   }
 }
 
-// The target stands on a circle of radius R to the left, turned 10 degrees to the right of it.
-TEST(LanePathsTest, AnArcBends) {
+// The target is on a circle of radius R to the left, turned 10 degrees to the right of it.
+TEST(LanePathsTest, DescribesAnArc) {
   constexpr double kRadius = 40.0;
   World world{.X_WT = {0.0, 0.0, -10.0 * kDegree}, .speed = 6.0};
   v1::MapFeature* lane = world.AddLane(1, {});
@@ -231,7 +231,7 @@ TEST(LanePathsTest, StartsAreWithinFiveMetresAndSixtyDegrees) {
   EXPECT_NEAR(3.0 * At(Find(world), 0, kCost), 4.0, 1e-5);
 }
 
-TEST(LanePathsTest, StartsComeInTheOrderOfTheirCost) {
+TEST(LanePathsTest, OrdersStartsByCost) {
   World world;
   world.AddLane(1, Line({-20.0, 3.0}, {150.0, 3.0}));
   world.AddLane(2, Line({-20.0, -0.5}, {150.0, -0.5}));
@@ -246,7 +246,7 @@ TEST(LanePathsTest, StartsComeInTheOrderOfTheirCost) {
   EXPECT_NEAR(At(inputs, 0, kLength), 110.0 / 50.0, 1e-6);
 }
 
-TEST(LanePathsTest, AForkGivesAPathForEachWay) {
+TEST(LanePathsTest, AForkGivesAPathForEachBranch) {
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {20.0, 0.0}));
   world.AddLane(2, Line({20.0, 0.0}, {60.0, 20.0}));
@@ -264,7 +264,7 @@ TEST(LanePathsTest, AForkGivesAPathForEachWay) {
   }
 }
 
-TEST(LanePathsTest, PathsThatStayCloseToAnEarlierOneAreDropped) {
+TEST(LanePathsTest, DropsPathsThatStayCloseToAnEarlierOne) {
   const auto count = [](double apart) {
     World world;
     world.AddLane(1, Line({-20.0, 0.0}, {150.0, 0.0}));
@@ -273,7 +273,7 @@ TEST(LanePathsTest, PathsThatStayCloseToAnEarlierOneAreDropped) {
   };
   EXPECT_EQ(count(1.45), 1);
   EXPECT_EQ(count(1.55), 2);
-  // A merge: the two differ before it.
+  // A merge: the two paths differ before it.
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {40.0, 0.0}));
   world.AddLane(2, Line({-20.0, 5.0}, {40.0, 0.0}));
@@ -284,10 +284,10 @@ TEST(LanePathsTest, PathsThatStayCloseToAnEarlierOneAreDropped) {
   EXPECT_NEAR(PointAt(inputs, 1, 11).y, 0.0, 1e-4);
 }
 
-TEST(LanePathsTest, AtMostFiveBranchesOfAStartAndSixPathsInAll) {
+TEST(LanePathsTest, KeepsAtMostFivePathsPerStartAndSixInTotal) {
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {15.0, 0.0}));
-  // Four ways on, each of which forks twice.
+  // Four branches, each of which forks twice.
   int64_t id = 2;
   for (const double first : {-0.4, -0.2, 0.2, 0.4}) {
     const Point2 end{15.0 + 40.0 * std::cos(first), 40.0 * std::sin(first)};
@@ -304,7 +304,7 @@ TEST(LanePathsTest, AtMostFiveBranchesOfAStartAndSixPathsInAll) {
   EXPECT_EQ(Find(world).count, 6);
 }
 
-TEST(LanePathsTest, FourWaysOnAreFollowedFromALane) {
+TEST(LanePathsTest, FollowsAtMostFourSuccessorsPerLane) {
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {10.0, 0.0}));
   for (int way = 0; way < 5; ++way) {
@@ -319,7 +319,7 @@ TEST(LanePathsTest, FourWaysOnAreFollowedFromALane) {
   }
 }
 
-TEST(LanePathsTest, DeclaredSuccessorsDecideWhereAPathGoesOn) {
+TEST(LanePathsTest, DeclaredSuccessorsDecideHowAPathContinues) {
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {20.0, 0.0}));
   world.AddLane(2, Line({20.0, 0.0}, {60.0, 20.0}));
@@ -333,7 +333,7 @@ TEST(LanePathsTest, DeclaredSuccessorsDecideWhereAPathGoesOn) {
   EXPECT_NEAR(At(inputs, 0, kLength), 110.0 / 50.0, 1e-5);
 }
 
-TEST(LanePathsTest, AGapBetweenLanesIsCrossedStraight) {
+TEST(LanePathsTest, CrossesAGapBetweenLanesStraight) {
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {13.0, 0.0}));
   world.AddLane(2, Line({13.0, 4.0}, {120.0, 4.0}));
@@ -357,7 +357,7 @@ TEST(LanePathsTest, TheLeaderIsTheFirstAgentOnThePath) {
   world.AddOther(3, {20.0, 2.4}, {3.0, 0.0});                // 1.9 m to the left
   world.AddOther(4, {1.4, 0.5}, {3.0, 0.0});                 // beside the target
   world.AddOther(5, {-5.0, 0.5}, {3.0, 0.0});                // behind
-  world.AddOther(6, {10.0, 0.5}, {3.0, 0.0}, kTime - 0.06);  // not seen any more
+  world.AddOther(6, {10.0, 0.5}, {3.0, 0.0}, kTime - 0.06);  // no longer present
   const LanePathInputs inputs = Find(world);
   ASSERT_EQ(inputs.count, 1);
   const double gap = 30.0 - 0.5 * (4.0 + 5.0);
@@ -368,7 +368,7 @@ TEST(LanePathsTest, TheLeaderIsTheFirstAgentOnThePath) {
   EXPECT_NEAR(At(inputs, 0, kCloseness), std::exp(-gap / 15.0), 1e-5);
 }
 
-TEST(LanePathsTest, ALeaderThatTouchesTheTargetIsAsCloseAsCanBe) {
+TEST(LanePathsTest, ALeaderThatTouchesTheTargetHasTheLargestCloseness) {
   World world;
   world.AddLane(1, Line({-20.0, 0.0}, {150.0, 0.0}));
   AddState(AddAgent(&world.scenario, kTarget, v1::AGENT_TYPE_VEHICLE, 5.0, 2.0), kTime, 0, 0, 0);
@@ -378,7 +378,7 @@ TEST(LanePathsTest, ALeaderThatTouchesTheTargetIsAsCloseAsCanBe) {
   EXPECT_EQ(At(inputs, 0, kCloseness), 1.0F);
 }
 
-TEST(LanePathsTest, LeadersAreLookedForUpToEightyMetresAlongThePath) {
+TEST(LanePathsTest, SearchesLeadersUpToEightyMetresAlongThePath) {
   const auto leads = [](double x) {
     World world;
     world.AddLane(1, Line({-20.0, 0.0}, {150.0, 0.0}));
@@ -422,7 +422,7 @@ TEST(LanePathsTest, TheFirstLaneWithASignalCounts) {
   expect(1, 20.0);
   world.AddSignal(1, {{0.0, v1::TRAFFIC_SIGNAL_STATE_STOP}});
   expect(1, -2.5);
-  // A lane that began more than 3 m behind has been entered.
+  // A lane that began more than 3 m behind has already been entered.
   const Point2 start = world.X_WT * Point2{-3.5, 0.0};
   world.scenario.mutable_map_features(0)->set_x(0, start.x);
   world.scenario.mutable_map_features(0)->set_y(0, start.y);
@@ -447,9 +447,9 @@ TEST(LanePathsTest, TheFirstStopSignBesideThePathCounts) {
   EXPECT_NEAR(At(inputs, 0, kStopSignCloseness), std::exp(-0.05), 1e-5);
 }
 
-// Lanes that leave the surroundings of the target in all directions, fork, merge and leave gaps,
-// with agents, signals and stop signs along them.
-//   all_declared: whether every lane declares what follows it.
+// A world of lanes that leave the target's surroundings in all directions, fork, merge and have
+// gaps, with agents, signals and stop signs along them.
+//   all_declared: whether every lane declares its successors
 World RandomWorld(std::mt19937& random, bool all_declared) {
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   const auto below = [&](int n) { return static_cast<int>(random() % static_cast<unsigned>(n)); };
@@ -517,7 +517,7 @@ World RandomWorld(std::mt19937& random, bool all_declared) {
   return world;
 }
 
-TEST(LanePathsTest, InputsAreThoseOfAPlainImplementation) {
+TEST(LanePathsTest, InputsMatchAPlainImplementation) {
   std::mt19937 random(11);
   LanePathFinder finder;
   int paths = 0, several = 0, leaders = 0, signals = 0, stop_signs = 0;
@@ -545,8 +545,8 @@ TEST(LanePathsTest, InputsAreThoseOfAPlainImplementation) {
   EXPECT_GT(stop_signs, 200);
 }
 
-// The world as it looks when every point goes through `move`, every direction through `turn`, and
-// lengths and speeds become `scale` times as large.
+// Returns the world after every point goes through `move` and every direction through `turn`, with
+// lengths and speeds `scale` times as large.
 World Changed(const World& world, double scale, const std::function<Point2(Point2)>& move,
               const std::function<Point2(Point2)>& turn) {
   World changed = world;
@@ -630,7 +630,7 @@ TEST(LanePathsTest, MovingTheWholeWorldChangesNothing) {
   }
 }
 
-TEST(LanePathsTest, NothingLaterThanTheTimeMatters) {
+TEST(LanePathsTest, ReadsNothingLater) {
   std::mt19937 random(15);
   for (int trial = 0; trial < 50; ++trial) {
     const World world = RandomWorld(random, false);
@@ -649,7 +649,7 @@ TEST(LanePathsTest, NothingLaterThanTheTimeMatters) {
   }
 }
 
-TEST(LanePathsTest, TheTargetsFrameCountsNotItsState) {
+TEST(LanePathsTest, UsesTheGivenFrameAndNotTheTargetsState) {
   std::mt19937 random(16);
   World world = RandomWorld(random, true);
   const LanePathInputs inputs = Find(world);
@@ -662,7 +662,7 @@ TEST(LanePathsTest, TheTargetsFrameCountsNotItsState) {
   EXPECT_EQ(Find(world).values, inputs.values);
 }
 
-TEST(LanePathsTest, AFinderThatWasUsedBeforeGivesTheSameBits) {
+TEST(LanePathsTest, AReusedFinderGivesTheSameBits) {
   std::mt19937 random(17);
   LanePathFinder finder;
   for (int trial = 0; trial < 100; ++trial) {
@@ -694,7 +694,7 @@ TEST(LanePathsTest, DescribesTheSamePathsForDrawing) {
       if (path.signal) {
         EXPECT_EQ(At(inputs, i, kSignalAt + path.signal_state), 1.0F);
       }
-      // As long as it says, and it ends where the last point is.
+      // It is as long as stated and ends at the last point.
       double length = 0.0;
       for (size_t k = 1; k < path.points.size(); ++k) {
         length += std::hypot(path.points[k].x - path.points[k - 1].x,
@@ -716,8 +716,8 @@ double Seconds(const std::function<void()>& work) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-// Finds the paths of a hostile map in time. A twentieth of a second is some twenty times what it
-// takes.
+// Finds the paths of a hostile map in time. The limit of a twentieth of a second is about twenty
+// times the usual time.
 LanePathInputs FindInTime(const World& world) {
   const LaneGraph graph(world.scenario.map_features());
   LanePathFinder finder;
@@ -733,7 +733,7 @@ LanePathInputs FindInTime(const World& world) {
   return inputs;
 }
 
-TEST(LanePathsTest, ALoopIsFollowedOnce) {
+TEST(LanePathsTest, FollowsALoopOnce) {
   World world;
   // A ring of 40 m in two lanes, and a lane that is its own successor.
   world.AddLane(1, {{0, 0}, {5, 3}, {10, 3}})->add_successor_ids(2);
@@ -745,7 +745,7 @@ TEST(LanePathsTest, ALoopIsFollowedOnce) {
   for (int i = 0; i < inputs.count; ++i) EXPECT_LT(At(inputs, i, kLength), 60.0 / 50.0);
 }
 
-// Every lane is half a metre long and has 64 successors, which are all the lanes that there are.
+// Every lane is half a metre long and has 64 successors: all lanes of the map.
 TEST(LanePathsTest, ForksWithoutEndTakeBoundedTime) {
   World world;
   for (int i = 0; i < 400; ++i) {

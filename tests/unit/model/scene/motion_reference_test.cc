@@ -20,7 +20,7 @@ std::vector<double> Fading(const MotionEstimate& motion, const std::vector<doubl
   return reference;
 }
 
-TEST(MotionReferenceTest, StraightOnIsTheClosedIntegralOfTheFadingAcceleration) {
+TEST(MotionReferenceTest, StraightMotionMatchesTheClosedIntegralOfTheFadingAcceleration) {
   // x(t) = v0 t + a0 tau (t - f(t)), f(t) = tau (1 - e^(-t / tau)), tau = 1 s.
   for (const double acceleration : {-1.0, 0.0, 2.5}) {
     const std::vector<double> times = Times(50, 0.1);
@@ -52,7 +52,7 @@ TEST(MotionReferenceTest, AgreesWithAFineIntegrationOfTheTurn) {
   }
 }
 
-TEST(MotionReferenceTest, BrakingStopsAndDoesNotGoBack) {
+TEST(MotionReferenceTest, BrakingStopsAndDoesNotReverse) {
   const std::vector<double> times = Times(50, 0.1);
   const std::vector<double> r = Fading({.speed = 1.0, .acceleration = -3.0}, times);
   for (size_t i = 1; i < times.size(); ++i) EXPECT_GE(r[2 * i], r[2 * i - 2]);
@@ -66,7 +66,7 @@ TEST(MotionReferenceTest, BoundsImpossibleAccelerationsAndTurns) {
             Fading({.speed = 5.0, .acceleration = 4.0, .turn_rate = 1.0}, times));
 }
 
-TEST(MotionReferenceTest, OtherReferencesAreStraightOrNothing) {
+TEST(MotionReferenceTest, OtherReferencesAreStraightOrZero) {
   const std::vector<double> times = Times(4, 0.5);
   const MotionEstimate motion{.speed = 3.0, .acceleration = 2.0, .turn_rate = 0.5};
   std::vector<double> r(8, 7.0);

@@ -114,7 +114,8 @@ struct PlainPath {
     return {Between(on->from, on->to, (s - on->s) / (on->e - on->s)), on->heading};
   }
 
-  // Distance, arc length and heading of the place between `from` and `to` nearest to a point.
+  // Returns distance, arc length and heading of the place between `from` and `to` nearest to a
+  // point.
   std::optional<std::tuple<double, double, double>> Nearest(Point2 point, double from,
                                                             double to) const {
     std::optional<std::tuple<double, double, double>> nearest;
@@ -200,7 +201,7 @@ std::vector<std::vector<size_t>> ChainsOf(const std::vector<PlainLane>& lanes,
   return complete;
 }
 
-// The agent's state at a time; nullptr if it has none.
+// Returns the agent's state at a time; nullptr if it has none.
 const v1::AgentState* StateAt(const v1::Agent& agent, double time) {
   const v1::AgentState* found = nullptr;
   for (const v1::AgentState& state : agent.states()) {

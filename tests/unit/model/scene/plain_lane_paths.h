@@ -1,5 +1,5 @@
-// Lane paths as model/scene/lane_paths.h defines them, a second time: from the definition, without
-// an index, with angles in place of unit vectors, and for small maps.
+// A second implementation of model/scene/lane_paths.h: straight from the definition, without an
+// index, with angles instead of unit vectors, for small maps.
 
 #ifndef MANEUVER_TESTS_UNIT_MODEL_SCENE_PLAIN_LANE_PATHS_H_
 #define MANEUVER_TESTS_UNIT_MODEL_SCENE_PLAIN_LANE_PATHS_H_
@@ -12,7 +12,7 @@
 
 namespace maneuver::scene {
 
-// The 84 numbers of each path of a target in the recorded world.
+// Returns the 84 numbers of each path of a target in the recorded world.
 std::vector<std::vector<double>> PlainLanePaths(const v1::Scenario& scenario, double time,
                                                 int64_t target_id, const Pose2& X_WT, double speed);
 

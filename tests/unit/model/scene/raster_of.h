@@ -1,4 +1,4 @@
-// Rasters of bytes that nobody has drawn.
+// Makes rasters from bytes instead of drawing them.
 
 #ifndef MANEUVER_TESTS_UNIT_MODEL_SCENE_RASTER_OF_H_
 #define MANEUVER_TESTS_UNIT_MODEL_SCENE_RASTER_OF_H_

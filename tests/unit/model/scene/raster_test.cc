@@ -14,7 +14,7 @@ namespace {
 constexpr int kHeight = 30;
 constexpr int kChannels = 3;
 
-// Paints shapes of every kind here and there, some of them cut off.
+// Paints random shapes of every kind, some of them clipped.
 void PaintAtRandom(Raster* raster, std::mt19937_64* random) {
   const auto uniform = [&](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(*random);
@@ -30,11 +30,11 @@ void PaintAtRandom(Raster* raster, std::mt19937_64* random) {
   Brush::FillBox(raster, 2, place(), {std::cos(angle), std::sin(angle)}, uniform(1, 9), 3, 200);
 }
 
-// Narrower than what is painted at a time, with and without a rest, and with larger blocks.
+// Widths smaller than a vector, with and without a remainder, and wide enough for larger blocks.
 class RasterTest : public testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(Widths, RasterTest, testing::Values(1, 7, 8, 22, 224, 505, 600, 2000));
 
-TEST_P(RasterTest, WhatIsNotTouchedIsBlackAndWhatIsClearedIsBlackAgain) {
+TEST_P(RasterTest, UntouchedAndClearedPixelsAreZero) {
   Raster raster(kHeight, GetParam(), kChannels);
   EXPECT_EQ(raster.values(), static_cast<size_t>(kHeight * GetParam() * kChannels));
   std::mt19937_64 random(3);
@@ -66,7 +66,7 @@ TEST_P(RasterTest, WhatIsNotTouchedIsBlackAndWhatIsClearedIsBlackAgain) {
   }
 }
 
-TEST_P(RasterTest, ABlockIsWholeEights) {
+TEST_P(RasterTest, BlocksAreMultiplesOfEightPixels) {
   const Raster raster(kHeight, GetParam(), kChannels);
   EXPECT_EQ(raster.block_pixels() % Raster::kLanes, 0);
   EXPECT_LT(raster.BlockOf(static_cast<int>(raster.stride()) - 1), 64);

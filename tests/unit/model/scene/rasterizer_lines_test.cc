@@ -1,5 +1,5 @@
-// Long lines of many points, which the rasterizer passes over in part, against the distance to
-// every one of their pieces.
+// Compares long lines of many points, some of which the rasterizer skips, with the distance to each
+// of their segments.
 
 #include <gtest/gtest.h>
 
@@ -13,7 +13,7 @@
 namespace maneuver::scene {
 namespace {
 
-// As the header of the rasterizer says, straight through X_WT^-1.
+// Projects as the rasterizer's header says, directly by X_WT^-1.
 Point2 InPicture(const v1::RasterSpec& spec, const Pose2& X_WT, double x, double y) {
   const double dx = x - X_WT.x();
   const double dy = y - X_WT.y();
@@ -34,8 +34,8 @@ double Distance(const Point2& p, const Point2& a, const Point2& b) {
 class LineOfManyPointsTest : public testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(EverySeed, LineOfManyPointsTest, testing::Range(0, 12));
 
-TEST_P(LineOfManyPointsTest, IsSeenWhereItIs) {
-  // Points may be passed over that lie within 0.05 pixels; rounding adds half a level.
+TEST_P(LineOfManyPointsTest, IsDrawnInTheRightPlace) {
+  // Points within 0.05 pixels may be skipped; rounding adds half a level.
   constexpr double kTolerance = 0.05 * 255.0 + 1.0;
   std::mt19937_64 random(GetParam());
   const auto uniform = [&random](double low, double high) {
@@ -48,7 +48,7 @@ TEST_P(LineOfManyPointsTest, IsSeenWhereItIs) {
   spec.set_target_position(0.3);
   const Pose2 X_WT(uniform(-500, 500), uniform(-500, 500), uniform(-3, 3));
   v1::Scenario scenario;
-  // Straight for a while, then round a bend; out of the picture and back into it.
+  // Straight for a while, then around a bend; out of the picture and back into it.
   v1::MapFeature* lane = AddFeature(&scenario, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {});
   Point2 place = X_WT * Point2{uniform(-20, 40), uniform(-20, 20)};
   double heading = uniform(-3, 3);

@@ -1,4 +1,4 @@
-// What moving, turning and mirroring the world does to the picture.
+// How moving, turning and mirroring the world affects the picture.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -14,12 +14,12 @@ namespace {
 constexpr int64_t kTarget = 1;
 constexpr double kNow = 1.0;
 
-// Headings are floats: a turn of the world rounds them by 1e-7, points of 1e4 m by 1e-12.
+// Headings are floats: turning the world rounds them by 1e-7, and points of 1e4 m by 1e-12.
 constexpr double kMeanTolerance = 0.001;  // levels
 constexpr int kLargestTolerance = 1;      // levels
-// Lines are simplified by up to 0.05 pixels, and differently where the picture ends elsewhere.
+// Lines are simplified by up to 0.05 pixels, and differently if the picture's edge is elsewhere.
 constexpr int kSimplificationTolerance = 14;  // levels
-// What two different pictures differ by at least, so that the test can tell.
+// Different pictures differ by at least this much, so that the test can distinguish them.
 constexpr double kMeanOfOtherPicture = 1.0;
 
 v1::RasterSpec Spec(int height) {
@@ -33,7 +33,7 @@ v1::RasterSpec Spec(int height) {
   return spec;
 }
 
-// A crowded place, nothing of it symmetric.
+// A crowded, asymmetric scene.
 v1::Scenario CrowdedScene(std::mt19937_64* random) {
   const auto uniform = [&](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(*random);
@@ -129,7 +129,7 @@ int LargestDifference(const Picture& a, const Picture& b) {
   return largest;
 }
 
-TEST(RasterSymmetryTest, MovingTheWholeWorldLeavesThePictureAsItWas) {
+TEST(RasterSymmetryTest, MovingTheWholeWorldLeavesThePictureUnchanged) {
   std::mt19937_64 random(11);
   std::uniform_real_distribution<double> place(-1e4, 1e4);
   std::uniform_real_distribution<double> angle(-M_PI, M_PI);
@@ -145,7 +145,7 @@ TEST(RasterSymmetryTest, MovingTheWholeWorldLeavesThePictureAsItWas) {
   }
 }
 
-TEST(RasterSymmetryTest, TurningTheWorldButNotTheTargetIsSeen) {
+TEST(RasterSymmetryTest, TurningTheWorldButNotTheTargetChangesThePicture) {
   std::mt19937_64 random(12);
   const v1::RasterSpec spec = Spec(64);
   const v1::Scenario scenario = CrowdedScene(&random);
@@ -174,8 +174,8 @@ TEST(RasterSymmetryTest, MirroredRasterIsTheRasterOfTheMirroredWorld) {
   }
 }
 
-TEST(RasterSymmetryTest, AViewIsTheRasterOfAScaledAndShiftedWorld) {
-  // Scaling by k and shifting by whole pixels: the same as finer pixels and a picture moved over.
+TEST(RasterSymmetryTest, AViewMatchesTheRasterOfAScaledAndShiftedWorld) {
+  // Scaling by k and shifting by whole pixels equals finer pixels and a shifted picture.
   std::mt19937_64 random(14);
   const v1::Scenario scenario = CrowdedScene(&random);
   const Pose2 X_WT = TargetOf(scenario);

@@ -1,4 +1,4 @@
-// What is drawn where, in which channel and how bright.
+// What is drawn in which place and channel, and how bright.
 #include "model/scene/rasterizer.h"
 
 #include <gtest/gtest.h>
@@ -44,8 +44,8 @@ TEST(RasterizerTest, TargetBoxFillsExactlyItsPixels) {
   }
 }
 
-TEST(RasterizerTest, AheadIsRightAndLeftIsUp) {
-  // The target drives along +y of the world; another car 4 m ahead of it and 2 m to its left.
+TEST(RasterizerTest, DrawsAheadToTheRightAndLeftUpwards) {
+  // The target drives along +y of the world. Another car is 4 m ahead of it and 2 m to its left.
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, kTarget, v1::AGENT_TYPE_VEHICLE, 4.0, 2.0), 0.0, 50, 30, M_PI / 2);
   AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, 2.0, 2.0), 0.0, 48, 34, M_PI / 2);
@@ -64,7 +64,7 @@ TEST(RasterizerTest, ABoxThatTurnsLeftPointsUp) {
   AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, 8.0, 1.0), 0.0, 0, 0, M_PI / 4);
   const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
   for (int i = -2; i < 2; ++i) {
-    // The centres of these pixels lie on the box's middle line, or on its mirror image.
+    // The centres of these pixels lie on the box's centreline, or on its mirror image.
     EXPECT_EQ(raster.at(5 - i, 8 + i, kNowOthers), 255) << i;
     EXPECT_LT(raster.at(6 + i, 8 + i, kNowOthers), i == 0 || i == -1 ? 256 : 1) << i;
   }
@@ -93,7 +93,7 @@ TEST(RasterizerTest, MetersPerPixelSetsTheScale) {
   EXPECT_EQ(raster.at(7, 11, kNowTarget), 255);
 }
 
-TEST(RasterizerTest, CenterlineAlongARowLightsThatRowAlone) {
+TEST(RasterizerTest, ACenterlineAlongARowDrawsOnlyThatRow) {
   v1::Scenario scenario;
   // y = 1.5 is v = 4.5, the middle of row 4.
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{-100, 1.5}, {0, 1.5}, {100, 1.5}});
@@ -106,7 +106,7 @@ TEST(RasterizerTest, CenterlineAlongARowLightsThatRowAlone) {
   for (int channel = 1; channel < 9; ++channel) EXPECT_EQ(raster.Sum(channel), 0) << channel;
 }
 
-TEST(RasterizerTest, CenterlineThroughTheTargetLightsTheTwoMiddleRowsHalf) {
+TEST(RasterizerTest, ACenterlineThroughTheTargetDrawsBothMiddleRowsHalf) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{-100, 0}, {100, 0}});
   const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
@@ -129,8 +129,8 @@ class FeatureTest : public testing::TestWithParam<FeatureCase> {};
 TEST_P(FeatureTest, IsDrawnInItsChannelAndIntensity) {
   const FeatureCase& param = GetParam();
   v1::Scenario scenario;
-  // As a line, its first segment runs along row 4; as an area, rows 4 and below are inside; as a
-  // point, it is in row 4.
+  // As a line, its first segment is along row 4; as an area, it covers row 4 and below; as a point,
+  // it is in row 4.
   AddFeature(&scenario, param.type, {{0.5, 1.5}, {6.5, 1.5}, {6.5, -4.5}, {0.5, -4.5}});
   if (param.type == v1::MAP_FEATURE_TYPE_CROSSWALK ||
       param.type == v1::MAP_FEATURE_TYPE_SPEED_BUMP ||
@@ -161,7 +161,7 @@ INSTANTIATE_TEST_SUITE_P(
       return v1::MapFeatureType_Name(test.param.type).substr(sizeof("MAP_FEATURE_TYPE_") - 1);
     });
 
-TEST(RasterizerTest, CrosswalkIsFilledAndCloses) {
+TEST(RasterizerTest, FillsACrosswalkAndClosesIt) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_CROSSWALK, {{1, -2}, {3, -2}, {3, 2}, {1, 2}});
   const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
@@ -173,7 +173,7 @@ TEST(RasterizerTest, CrosswalkIsFilledAndCloses) {
   }
 }
 
-TEST(RasterizerTest, StopLineOfOnePointIsADisc) {
+TEST(RasterizerTest, DrawsAStopLineOfOnePointAsADisc) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_STOP_LINE, {{0.5, 1.5}});
   const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
@@ -197,7 +197,7 @@ TEST(RasterizerTest, AgentsOfEachTypeHaveTheirIntensity) {
   }
 }
 
-TEST(RasterizerTest, WhatIsFarAwayIsNotSeen) {
+TEST(RasterizerTest, DoesNotDrawWhatIsFarAway) {
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, 4, 2), 0.0, 1e8, -1e8, 0);
   AddState(AddAgent(&scenario, 3, v1::AGENT_TYPE_VEHICLE, 4, 2), 0.0, 11, 0, 0);
@@ -208,7 +208,7 @@ TEST(RasterizerTest, WhatIsFarAwayIsNotSeen) {
   for (const uint8_t value : raster.bytes()) ASSERT_EQ(value, 0);
 }
 
-TEST(RasterizerTest, WhatIsHalfOutsideIsCutAtTheEdge) {
+TEST(RasterizerTest, CutsWhatIsHalfOutsideAtTheEdge) {
   v1::Scenario scenario;
   AddState(AddAgent(&scenario, 2, v1::AGENT_TYPE_VEHICLE, 4, 2), 0.0, 8, 0, 0);
   const Picture raster = Draw(SmallSpec(), scenario, 0.0, kTarget, kOrigin);
@@ -217,8 +217,8 @@ TEST(RasterizerTest, WhatIsHalfOutsideIsCutAtTheEdge) {
   EXPECT_EQ(raster.at(5, 14, kNowOthers), 255);
 }
 
-// Validation keeps such scenes out; a sanitizer would see a write outside the raster.
-TEST(RasterizerTest, NumbersThatAreNoneLeadNowhereOutsideTheRaster) {
+// Validation refuses such scenes; a sanitizer would detect a write outside the raster.
+TEST(RasterizerTest, NanNeverWritesOutsideTheRaster) {
   for (const double number : {std::nan(""), HUGE_VAL, -HUGE_VAL, 1e300}) {
     v1::Scenario scenario;
     for (int type = 0; type <= 9; ++type) {
@@ -236,7 +236,7 @@ TEST(RasterizerTest, NumbersThatAreNoneLeadNowhereOutsideTheRaster) {
   }
 }
 
-TEST(RasterizerTest, DrawsTheSameWhateverItDrewBefore) {
+TEST(RasterizerTest, AReusedRasterizerDrawsTheSame) {
   v1::Scenario first;
   AddFeature(&first, v1::MAP_FEATURE_TYPE_DRIVEWAY, {{-20, -20}, {20, -10}, {10, 20}});
   AddFeature(&first, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{-5, -5}, {5, 5}})->set_id(4);

@@ -1,4 +1,4 @@
-// Frames of the past, gaps, signals, and nothing of the future.
+// Frames of the past, gaps and signals, and nothing from the future.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -14,7 +14,7 @@ constexpr int kTargetFrames = 3;  // channels of SmallSpec
 constexpr int kOtherFrames = 6;
 const Pose2 kOrigin;
 
-// Column of the only lit pixel of row 5 in a channel, or -1 for none.
+// Returns the column of the only nonzero pixel of row 5 in a channel, or -1.
 int LitColumn(const Picture& raster, int channel) {
   int lit = -1;
   for (int column = 0; column < 16; ++column) {
@@ -25,7 +25,7 @@ int LitColumn(const Picture& raster, int channel) {
   return lit;
 }
 
-// An agent of 1 m x 1 m that covers one pixel of row 5 in each state.
+// Adds an agent of 1 m x 1 m, which covers one pixel of row 5 in each state.
 v1::Agent* AddSpot(v1::Scenario* scenario, int64_t id) {
   return AddAgent(scenario, id, v1::AGENT_TYPE_VEHICLE, 1, 1);
 }
@@ -33,7 +33,7 @@ void AddSpotState(v1::Agent* agent, double time, int column) {
   AddState(agent, time, column - 8 + 0.5, 0.5, 0);
 }
 
-TEST(HistoryTest, FramesGoFromNowBackwards) {
+TEST(HistoryTest, FramesRunBackwardsFromNow) {
   v1::Scenario scenario;
   v1::Agent* target = AddSpot(&scenario, kTarget);
   v1::Agent* other = AddSpot(&scenario, 2);
@@ -74,7 +74,7 @@ TEST(HistoryTest, GapsStayEmpty) {
   EXPECT_EQ(LitColumn(raster, kOtherFrames + 2), 3);
 }
 
-TEST(HistoryTest, AnAgentThatIsGoneOrNotYetThereIsAbsentNow) {
+TEST(HistoryTest, AnAgentThatHasLeftOrNotYetAppearedIsAbsentNow) {
   v1::Scenario scenario;
   AddSpotState(AddSpot(&scenario, 2), 0.9, 3);  // gone since
   AddSpotState(AddSpot(&scenario, 3), 1.1, 6);  // comes later
@@ -84,11 +84,11 @@ TEST(HistoryTest, AnAgentThatIsGoneOrNotYetThereIsAbsentNow) {
   EXPECT_EQ(LitColumn(raster, kOtherFrames + 1), 3);
 }
 
-TEST(FutureTest, NothingLaterThanNowIsLookedAt) {
+TEST(FutureTest, ReadsNothingLaterThanNow) {
   v1::Scenario scenario;
   for (int id = 1; id <= 4; ++id) {
     v1::Agent* agent = AddAgent(&scenario, id, v1::AGENT_TYPE_VEHICLE, 4, 2);
-    // Agent 3 has its states a little off the frames, with one soon after now.
+    // Agent 3 has its states slightly off the frames, one of them soon after now.
     const double offset = id == 3 ? 0.03 : 0.0;
     for (int i = 0; i < 30; ++i) {
       AddState(agent, 0.1 * i + offset, 0.3 * i - 4 + id, id - 2, 0.1 * i);
@@ -124,12 +124,12 @@ TEST(FutureTest, NothingLaterThanNowIsLookedAt) {
   EXPECT_GT(whole.Sum(kTargetFrames), 0);
   EXPECT_EQ(Draw(SmallSpec(), altered, 1.0, kTarget, kOrigin).bytes(), whole.bytes());
   EXPECT_EQ(Draw(SmallSpec(), removed, 1.0, kTarget, kOrigin).bytes(), whole.bytes());
-  // The same change in the past is seen.
+  // The same change in the past shows.
   altered.mutable_agents(1)->mutable_states(10)->set_y(2.5);
   EXPECT_NE(Draw(SmallSpec(), altered, 1.0, kTarget, kOrigin).bytes(), whole.bytes());
 }
 
-TEST(FutureTest, TimeStandsInForThePredictionTime) {
+TEST(FutureTest, TheGivenTimeReplacesThePredictionTime) {
   v1::Scenario scenario;
   scenario.set_prediction_time(0.0);
   v1::Agent* agent = AddSpot(&scenario, 2);
@@ -174,7 +174,7 @@ TEST_F(SignalTest, LaneShowsTheLatestReading) {
   EXPECT_EQ(LaneAt(9.1), 255);
 }
 
-TEST_F(SignalTest, OtherLanesKeepTheirs) {
+TEST_F(SignalTest, OtherLanesAreUnaffected) {
   AddReading(6, 0.0, v1::TRAFFIC_SIGNAL_STATE_STOP);
   AddReading(4, 0.0, v1::TRAFFIC_SIGNAL_STATE_STOP);
   EXPECT_EQ(LaneAt(1.0), 255);

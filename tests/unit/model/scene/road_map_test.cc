@@ -11,7 +11,7 @@
 namespace maneuver::scene {
 namespace {
 
-TEST(RoadMapTest, EachFeatureHasTheBoxAroundItsPoints) {
+TEST(RoadMapTest, BoxesEncloseTheirFeatures) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_LINE, {{3.0, -1.0}, {-2.0, 5.0}, {0.0, 0.0}});
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_STOP_SIGN, {{7.0, 8.0}});
@@ -22,12 +22,12 @@ TEST(RoadMapTest, EachFeatureHasTheBoxAroundItsPoints) {
   EXPECT_EQ(map.boxes()[0].high_x, 3.0);
   EXPECT_EQ(map.boxes()[0].high_y, 5.0);
   EXPECT_EQ(map.boxes()[1].low_x, map.boxes()[1].high_x);
-  // 4 points of 16 bytes, at the least.
+  // At least 4 points of 16 bytes.
   EXPECT_GT(map.bytes(), 4 * 16);
 }
 
-// A circle's points lie R (1 - cos) from the chord between two of them, as far as half way.
-TEST(RoadMapTest, StretchesSayHowFarTheyBend) {
+// The points of a circle are R (1 - cos) from a chord, up to half way.
+TEST(RoadMapTest, StretchesStateHowFarTheyBend) {
   constexpr double kRadius = 50.0;
   constexpr double kStep = 0.01;  // radians
   constexpr int kPoints = 40;
@@ -45,7 +45,7 @@ TEST(RoadMapTest, StretchesSayHowFarTheyBend) {
     const int first = static_cast<int>(s) * kIntervals;
     const int last = std::min(first + kIntervals, kPoints - 1);
     const double half = 0.5 * kStep * (last - first);
-    // Of an odd number of intervals no point is half way.
+    // With an odd number of intervals, no point is half way.
     const double least = kRadius * (std::cos(kStep / 2) - std::cos(half));
     EXPECT_LE(std::sqrt(stretches[s].squared_bend), kRadius * (1.0 - std::cos(half)) + 1e-9);
     EXPECT_GE(std::sqrt(stretches[s].squared_bend), least - 1e-9);
@@ -69,7 +69,7 @@ TEST(RoadMapTest, AStretchThatTurnsBackIsNotStraight) {
   EXPECT_TRUE(map.stretches(3).empty());
 }
 
-TEST(RoadMapTest, AMapOverFeaturesIsTheirsAndHasNone) {
+TEST(RoadMapTest, AMapOverFeaturesDoesNotCopyThem) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_LINE, {{3.0, -1.0}, {-2.0, 5.0}, {0.0, 0.0}});
   const RoadMap map = RoadMap::Over(scenario.map_features());

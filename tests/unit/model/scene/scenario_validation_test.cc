@@ -53,12 +53,12 @@ std::vector<std::string> Fields(const std::vector<FieldViolation>& violations) {
   return fields;
 }
 
-TEST(ScenarioValidationTest, AGoodScenarioPasses) {
+TEST(ScenarioValidationTest, AcceptsAValidScenario) {
   EXPECT_THAT(Fields(ValidateScenario(GoodScenario(), {})), IsEmpty());
   EXPECT_THAT(Fields(ValidateScenario({}, {})), IsEmpty());
 }
 
-TEST(ScenarioValidationTest, AcceptsTheLargestValuesThatAreDocumented) {
+TEST(ScenarioValidationTest, AcceptsTheLargestDocumentedValues) {
   v1::Scenario scenario = GoodScenario();
   v1::AgentState* state = scenario.mutable_agents(3)->mutable_states(9);
   state->set_heading(-1000.0F);
@@ -71,7 +71,7 @@ TEST(ScenarioValidationTest, AcceptsTheLargestValuesThatAreDocumented) {
   EXPECT_THAT(Fields(ValidateScenario(scenario, {})), IsEmpty());
 }
 
-TEST(ScenarioValidationTest, ShortLinesAndAreasPass) {
+TEST(ScenarioValidationTest, AcceptsShortLinesAndAreas) {
   v1::Scenario scenario;
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{0, 0}});
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_CROSSWALK, {{0, 0}, {1, 1}});
@@ -79,18 +79,18 @@ TEST(ScenarioValidationTest, ShortLinesAndAreasPass) {
   EXPECT_THAT(Fields(ValidateScenario(scenario, {})), IsEmpty());
 }
 
-TEST(ScenarioValidationTest, AMapIdStandsInForAMapWhereThatIsAllowed) {
+TEST(ScenarioValidationTest, AMapIdReplacesAMapIfAllowed) {
   v1::Scenario scenario = GoodScenario();
   scenario.set_map_id("a");
   const ScenarioLimits by_id{.map_by_id = true};
   EXPECT_THAT(Fields(ValidateScenario(scenario, by_id)), ElementsAre("map_id"));
   scenario.clear_map_features();
   EXPECT_THAT(Fields(ValidateScenario(scenario, by_id)), IsEmpty());
-  // In a dataset nobody could look it up.
+  // In a dataset, the id cannot be looked up.
   EXPECT_THAT(Fields(ValidateScenario(scenario, {})), ElementsAre("map_id"));
 }
 
-TEST(ScenarioValidationTest, AMapAloneIsHeldAgainstTheSameRules) {
+TEST(ScenarioValidationTest, ChecksAMapOnItsOwnByTheSameRules) {
   v1::Scenario scenario = GoodScenario();
   EXPECT_THAT(Fields(ValidateMap(scenario.map_features(), {})), IsEmpty());
   EXPECT_THAT(Fields(ValidateMap(scenario.map_features(), {.max_map_features = 2})),
@@ -225,7 +225,7 @@ INSTANTIATE_TEST_SUITE_P(
                 }}),
     [](const auto& test) { return test.param.name; });
 
-TEST(ScenarioValidationTest, ScenarioIdIsCountedInCharacters) {
+TEST(ScenarioValidationTest, CountsTheScenarioIdInCharacters) {
   v1::Scenario scenario;
   std::string id;
   for (int i = 0; i < 128; ++i) id += "ü";  // two bytes each
@@ -233,9 +233,9 @@ TEST(ScenarioValidationTest, ScenarioIdIsCountedInCharacters) {
   EXPECT_THAT(Fields(ValidateScenario(scenario, {})), IsEmpty());
 }
 
-TEST(ScenarioValidationTest, OneMoreThanEachLimitIsRefused) {
+TEST(ScenarioValidationTest, RefusesOneMoreThanEachLimit) {
   const v1::Scenario good = GoodScenario();
-  // Just what GoodScenario has.
+  // Exactly what GoodScenario has.
   ScenarioLimits limits;
   limits.max_agents = 5;
   limits.max_states_per_agent = 10;
@@ -263,7 +263,7 @@ TEST(ScenarioValidationTest, OneMoreThanEachLimitIsRefused) {
                           "agents[3].states", "agents[4].states"));
 }
 
-TEST(ScenarioValidationTest, PointsCountedAreTheLongerOfXAndY) {
+TEST(ScenarioValidationTest, CountsPointsByTheLongerOfXAndY) {
   v1::Scenario scenario;
   v1::MapFeature* feature = AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_EDGE, {{0, 0}});
   for (int i = 0; i < 50; ++i) feature->add_y(0);
@@ -272,7 +272,7 @@ TEST(ScenarioValidationTest, PointsCountedAreTheLongerOfXAndY) {
   EXPECT_THAT(Fields(ValidateScenario(scenario, limits)), ElementsAre("map_features"));
 }
 
-TEST(ScenarioValidationTest, ReportsAllThatIsWrongUpToALimit) {
+TEST(ScenarioValidationTest, ReportsAllViolationsUpToALimit) {
   v1::Scenario scenario = GoodScenario();
   scenario.set_prediction_time(kNan);
   scenario.mutable_agents(0)->set_length(0);
@@ -305,19 +305,19 @@ class TargetValidationTest : public testing::Test {
   v1::Scenario scenario_;
 };
 
-TEST_F(TargetValidationTest, ATargetWithAStateNowPasses) {
+TEST_F(TargetValidationTest, AcceptsATargetWithAStateNow) {
   EXPECT_FALSE(Validate({8}).has_value());
   EXPECT_FALSE(Validate({7, 9, 8}).has_value());
 }
 
-TEST_F(TargetValidationTest, AnUnknownTargetIsNamed) {
+TEST_F(TargetValidationTest, NamesAnUnknownTarget) {
   const auto violation = Validate({8, 99});
   ASSERT_TRUE(violation.has_value());
   EXPECT_EQ(violation->field, "target_ids[1]");
   EXPECT_EQ(violation->description, "no agent has the id 99");
 }
 
-TEST_F(TargetValidationTest, TheNearestStateIsNamedIfThereIsNoneNow) {
+TEST_F(TargetValidationTest, NamesTheNearestStateIfThereIsNoneNow) {
   const auto violation = Validate({7});
   ASSERT_TRUE(violation.has_value());
   EXPECT_EQ(violation->field, "target_ids[0]");
@@ -326,12 +326,12 @@ TEST_F(TargetValidationTest, TheNearestStateIsNamedIfThereIsNoneNow) {
             "0.4 s");
 }
 
-TEST_F(TargetValidationTest, ATargetThatComesLaterOrNeverIsSaidToBeSo) {
+TEST_F(TargetValidationTest, RefusesATargetThatAppearsLaterOrNever) {
   EXPECT_THAT(Validate({9})->description, HasSubstr("its first is at 1.5 s, later than that"));
   EXPECT_THAT(Validate({10})->description, HasSubstr("it has none at all"));
 }
 
-TEST_F(TargetValidationTest, TheSecondOfTwoEqualTargetsIsAnError) {
+TEST_F(TargetValidationTest, RefusesTheSecondOfTwoEqualTargets) {
   const auto violation = Validate({8, 7, 8});
   ASSERT_TRUE(violation.has_value());
   EXPECT_EQ(violation->field, "target_ids[2]");

@@ -14,8 +14,8 @@
 
 namespace maneuver::scene {
 
-// 12 x 16 pixels of a metre, the target in the middle: x from -8 to 8, y from -6 to 6; three frames
-// a tenth of a second apart.
+// Returns 12 x 16 pixels of one metre with the target in the middle (x from -8 to 8, y from -6 to
+// 6) and three frames 0.1 s apart.
 inline v1::RasterSpec SmallSpec() {
   v1::RasterSpec spec;
   spec.set_height(12);
@@ -56,7 +56,7 @@ inline v1::MapFeature* AddFeature(v1::Scenario* scenario, v1::MapFeatureType typ
   return feature;
 }
 
-// A raster and a way to look at it.
+// A raster with access to its pixels.
 class Picture {
  public:
   explicit Picture(const v1::RasterSpec& spec) : spec_(spec), bytes_(RasterBytes(spec), 0xA5) {}

@@ -39,8 +39,9 @@ v1::ModelSpec LaneModel() {
   return spec;
 }
 
-// A vehicle that heads north and brakes at 2 m/s^2, 10 m/s fast at 1 s; states every 0.1 s up to
-// `last`, in seconds. Another one stands 4 m ahead of where it is at 1 s, and a lane runs north.
+// Returns a scene with a vehicle that heads north and brakes at 2 m/s^2, at 10 m/s at 1 s, with
+// states every 0.1 s until `last`, seconds. Another one stands 4 m ahead of its position at 1 s. A
+// lane runs north.
 v1::Scenario Braking(double last = 3.0) {
   v1::Scenario scenario;
   v1::Agent* const target = AddAgent(&scenario, kTarget, v1::AGENT_TYPE_VEHICLE, 4.0, 2.0);
@@ -102,7 +103,7 @@ TEST(SceneReaderTest, ReadsTheHistoryOfAModelWithSceneVectors) {
   EXPECT_NEAR(inputs.vectors.motion.turn_rate, 0.0, 1e-9);
   EXPECT_NEAR(inputs.vectors.history[0], 1.0, 1e-6);   // speed / 10 m/s
   EXPECT_NEAR(inputs.vectors.history[2], -1.0, 1e-4);  // acceleration / 2 m/s^2
-  // The state one second ago is 11 m behind, where constant velocity has it 10 m behind.
+  // The state one second ago is 11 m behind; constant velocity gives 10 m.
   EXPECT_NEAR(inputs.vectors.history[9], -1.0, 1e-4);
 }
 
@@ -114,12 +115,12 @@ TEST(SceneReaderTest, ReadsBothForAModelWithBoth) {
   ExpectSameVectors(inputs.vectors, Read(VectorModel(), Braking(), 1.0).vectors);
 }
 
-TEST(SceneReaderTest, LooksAtNothingLater) {
+TEST(SceneReaderTest, ReadsNothingLater) {
   ExpectSameVectors(Read(VectorModel(), Braking(3.0), 1.0).vectors,
                     Read(VectorModel(), Braking(1.0), 1.0).vectors);
 }
 
-// Planners ask between two states: the present is then the latest state, as the target's frame is.
+// Planners ask between two states: the present is then the latest state, for which the frame holds.
 TEST(SceneReaderTest, ReadsVectorsAsOfTheLatestState) {
   for (const v1::ModelSpec& spec : {LaneModel(), AgentModel()}) {
     ExpectSameVectors(Read(spec, Braking(1.0), 1.08).vectors,
@@ -159,7 +160,7 @@ TEST(SceneReaderTest, ReadsAnEmptySceneAsAStandingTarget) {
   EXPECT_EQ(inputs.vectors.history[39], 1.0F);  // e^(-|v| / 0.5)
 }
 
-TEST(SceneReaderTest, ReadsOverWhatAnotherSceneHasLeft) {
+TEST(SceneReaderTest, OverwritesTheInputsOfAnotherScene) {
   v1::ModelSpec spec = LaneModel();
   spec.mutable_scene_vectors()->set_agent_width(8);
   *spec.mutable_raster() = SmallSpec();

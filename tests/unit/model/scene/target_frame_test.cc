@@ -50,7 +50,7 @@ TEST(FindStateTest, NeverTakesALaterStateThanAllowed) {
   EXPECT_EQ(FindState(agent, 0.0, 1.0, -0.1), -1);
 }
 
-TEST(TargetPoseTest, IsThatOfTheStateNow) {
+TEST(TargetPoseTest, ReturnsThePoseOfTheStateNow) {
   v1::Agent agent;
   AddState(&agent, 0.9, 1, 2, 0.1);
   AddState(&agent, 1.0 + 1e-7, 3, 4, 0.2);  // now, but for rounding
@@ -62,12 +62,12 @@ TEST(TargetPoseTest, IsThatOfTheStateNow) {
   EXPECT_EQ(pose->heading(), 0.2F);
 }
 
-TEST(TargetPoseTest, IsNothingWithoutARecentState) {
+TEST(TargetPoseTest, ReturnsNothingWithoutARecentState) {
   EXPECT_FALSE(TargetPose(AgentAt({0.8, 1.02}), 1.0, kTolerance).has_value());
   EXPECT_TRUE(TargetPose(AgentAt({0.96}), 1.0, kTolerance).has_value());
 }
 
-TEST(Pose2Test, MovesPointsThereAndBack) {
+TEST(Pose2Test, MapsPointsBetweenFramesAndBack) {
   const Pose2 X_WT(10, 20, M_PI / 2);
   const Point2 p_W = X_WT * Point2{3, 1};  // 3 ahead is +y, 1 to the left is -x
   EXPECT_NEAR(p_W.x, 9, 1e-12);

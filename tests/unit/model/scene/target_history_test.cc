@@ -10,8 +10,8 @@
 namespace maneuver::scene {
 namespace {
 
-// A vehicle at 10 Hz from -1 s to +1 s about `now`, with the speed and heading that functions of
-// the time since now say; its position follows by small steps.
+// Returns a vehicle at 10 Hz from -1 s to +1 s about `now`. Speed and heading are functions of the
+// time since `now`; the position is integrated in small steps.
 v1::Agent Drive(double now, const std::function<double(double)>& speed,
                 const std::function<double(double)>& heading) {
   v1::Agent agent;
@@ -58,15 +58,16 @@ TEST(TargetHistoryTest, EstimatesAConstantAccelerationAndTurnRateExactly) {
 }
 
 TEST(TargetHistoryTest, ShrinksSlopesByTheNoiseOfTheirFits) {
-  // Alternating errors, by hand: the slope of +-e over 11 states is 0 for the sum about the mean.
+  // Alternating errors, by hand: the slope of +-e over 11 states is 0, because the sum about the
+  // mean is.
   TargetHistory history;
   constexpr double kError = 0.4;
   for (size_t i = 0; i < kHistoryStates; ++i) {
     const double t = 0.1 * (static_cast<double>(i) - 10.0);
     history.states[i].velocity_x = 10.0 + 2.0 * t + (i % 2 == 0 ? kError : -kError);
   }
-  // Residuals of a line through 11 alternating errors that begin and end with +e: the mean is e/11,
-  // the slope 0 by symmetry, so that they sum to 11 e^2 - e^2 / 11.
+  // Residuals of a line through 11 alternating errors that begin and end with +e. The mean is e/11
+  // and the slope 0 by symmetry, so their squares sum to 11 e^2 - e^2 / 11.
   const double variance = (11.0 - 1.0 / 11.0) * kError * kError / 9.0;
   EXPECT_NEAR(EstimateMotion(history).acceleration, 2.0 / (1.0 + 30.0 * variance / 1.1), 1e-9);
 
@@ -80,7 +81,7 @@ TEST(TargetHistoryTest, ShrinksSlopesByTheNoiseOfTheirFits) {
               1e-9);
 }
 
-TEST(TargetHistoryTest, LooksAtNothingLaterThanThePredictionTime) {
+TEST(TargetHistoryTest, ReadsNothingLaterThanThePredictionTime) {
   v1::Agent agent = Drive(
       0.0, [](double t) { return 5.0 + t; }, [](double) { return 1.0; });
   const Pose2 pose = PoseNow(agent);
@@ -91,7 +92,7 @@ TEST(TargetHistoryTest, LooksAtNothingLaterThanThePredictionTime) {
   EXPECT_EQ(DescribeHistory(after, EstimateMotion(after)), before);
 }
 
-TEST(TargetHistoryTest, InterpolatesBetweenStatesAndGoesOnBeforeTheFirst) {
+TEST(TargetHistoryTest, InterpolatesBetweenStatesAndExtrapolatesBeforeTheFirst) {
   v1::Agent agent;
   for (const auto& [time, x, speed] :
        std::vector<std::array<double, 3>>{{-0.4, 1.0, 2.0}, {0.0, 3.0, 6.0}}) {
@@ -107,12 +108,12 @@ TEST(TargetHistoryTest, InterpolatesBetweenStatesAndGoesOnBeforeTheFirst) {
   EXPECT_NEAR(history.states[6].x, -2.0, 1e-6);
   EXPECT_NEAR(history.states[0].x, -2.0 - 0.6 * 2.0, 1e-6);
   EXPECT_NEAR(history.states[0].velocity_x, 2.0, 1e-6);
-  // With less of the past in sight the present velocity goes further back.
+  // With a shorter past, the present velocity is extended further back.
   const TargetHistory shorter = ResampleHistory(agent, 0.0, Pose2(3.0, 0.0, 0.0), 0.2);
   EXPECT_NEAR(shorter.states[0].x, -6.0, 1e-6);
 }
 
-TEST(TargetHistoryTest, IsTheSameWhereverTheWorldIs) {
+TEST(TargetHistoryTest, DoesNotDependOnWhereTheWorldIs) {
   const v1::Agent agent = Drive(
       2.0, [](double t) { return 9.0 - 2.0 * t; }, [](double t) { return 3.1 + 0.5 * t; });
   v1::Agent moved = agent;
@@ -134,7 +135,7 @@ TEST(TargetHistoryTest, IsTheSameWhereverTheWorldIs) {
   for (size_t i = 0; i < a.size(); ++i) EXPECT_NEAR(a[i], b[i], 1e-4) << i;
 }
 
-TEST(TargetHistoryTest, AMirrorChangesTheSignOfWhatIsToTheSide) {
+TEST(TargetHistoryTest, AMirrorChangesTheSignOfLateralNumbers) {
   const v1::Agent agent = Drive(
       0.0, [](double t) { return 6.0 + t; }, [](double t) { return 0.4 * t; });
   const TargetHistory history = ResampleHistory(agent, 0.0, PoseNow(agent));
@@ -146,7 +147,7 @@ TEST(TargetHistoryTest, AMirrorChangesTheSignOfWhatIsToTheSide) {
   EXPECT_GT(std::abs(a[3]), 0.5F);
 }
 
-TEST(TargetHistoryTest, NoiseTurnsTheFrameAndSparesVehiclesThatStand) {
+TEST(TargetHistoryTest, NoiseTurnsTheFrameAndLeavesStandingVehiclesStill) {
   const v1::Agent agent = Drive(
       0.0, [](double) { return 7.0; }, [](double) { return 0.5; });
   const TargetHistory history = ResampleHistory(agent, 0.0, PoseNow(agent));
@@ -159,7 +160,7 @@ TEST(TargetHistoryTest, NoiseTurnsTheFrameAndSparesVehiclesThatStand) {
   EXPECT_EQ(WithNoise(history, noise).history.states[3].x, noisy.history.states[3].x);
   EXPECT_NE(noisy.heading_error, 0.0);
   EXPECT_NEAR(noisy.history.states[10].heading, 0.0, 1e-12);
-  // Positions are not noisy: seen from the turned frame they are where they were.
+  // Positions have no noise: in the turned frame they are where they were.
   for (size_t i = 0; i < kHistoryStates; ++i) {
     const Point2 p =
         Pose2(0.0, 0.0, noisy.heading_error).ToLocal({history.states[i].x, history.states[i].y});
@@ -171,7 +172,7 @@ TEST(TargetHistoryTest, NoiseTurnsTheFrameAndSparesVehiclesThatStand) {
   for (const PastState& state : still.history.states) EXPECT_EQ(state.velocity_x, 0.0);
 }
 
-TEST(TargetHistoryTest, NoiseHasTheStrengthAndTheCorrelationThatAreStated) {
+TEST(TargetHistoryTest, NoiseHasTheStatedStrengthAndCorrelation) {
   TargetHistory history;
   for (PastState& state : history.states) state.velocity_x = 10.0;
   double squares = 0.0, products = 0.0;

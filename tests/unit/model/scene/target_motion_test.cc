@@ -16,7 +16,7 @@ void AddState(v1::Agent* agent, double time, double heading, double speed) {
   state.set_velocity_y(static_cast<float>(speed * std::sin(heading)));
 }
 
-// Brakes from 12 m/s over 11 to 9 m/s while it turns by 0.1 rad in the last half second.
+// Brakes from 12 m/s over 11 to 9 m/s and turns by 0.1 rad in the last half second.
 v1::Agent Braking() {
   v1::Agent agent;
   AddState(&agent, 1.0, 0.8, 12.0);
@@ -26,7 +26,7 @@ v1::Agent Braking() {
   return agent;
 }
 
-TEST(TargetMotionTest, IsSpeedItsChangesAndTheTurn) {
+TEST(TargetMotionTest, DescribesSpeedItsChangesAndTheTurn) {
   const MotionInputs motion = DescribeMotion(Braking(), 2.0);
   EXPECT_NEAR(motion[0], 0.9, 1e-5);
   EXPECT_NEAR(motion[1], -2.0, 1e-5);
@@ -34,13 +34,13 @@ TEST(TargetMotionTest, IsSpeedItsChangesAndTheTurn) {
   EXPECT_NEAR(motion[3], 0.2, 1e-5);
 }
 
-TEST(TargetMotionTest, NothingLaterIsLookedAt) {
+TEST(TargetMotionTest, ReadsNothingLater) {
   v1::Agent cut = Braking();
   cut.mutable_states()->RemoveLast();
   EXPECT_EQ(DescribeMotion(cut, 2.0), DescribeMotion(Braking(), 2.0));
 }
 
-TEST(TargetMotionTest, ATrackThatHasJustBegunHasSpeedAlone) {
+TEST(TargetMotionTest, AShortTrackHasOnlyASpeed) {
   v1::Agent agent;
   AddState(&agent, 1.8, 0.3, 6.0);
   AddState(&agent, 2.0, 0.3, 6.5);
@@ -51,20 +51,20 @@ TEST(TargetMotionTest, ATrackThatHasJustBegunHasSpeedAlone) {
   EXPECT_EQ(motion[3], 0.0f);
 }
 
-TEST(TargetMotionTest, BackwardsIsNegative) {
+TEST(TargetMotionTest, ReversingHasANegativeSpeed) {
   v1::Agent agent;
   AddState(&agent, 2.0, 0.3, -3.0);
   EXPECT_NEAR(DescribeMotion(agent, 2.0)[0], -0.3, 1e-5);
 }
 
-TEST(TargetMotionTest, ATurnOverTheWrapOfAnglesIsSmall) {
+TEST(TargetMotionTest, ATurnAcrossPiIsSmall) {
   v1::Agent agent;
   AddState(&agent, 1.5, 3.1, 5.0);
   AddState(&agent, 2.0, -3.1, 5.0);
   EXPECT_NEAR(DescribeMotion(agent, 2.0)[3], 2.0 * (2.0 * M_PI - 6.2), 1e-5);
 }
 
-TEST(TargetMotionTest, OutliersAreLimited) {
+TEST(TargetMotionTest, ClampsOutliers) {
   v1::Agent agent;
   AddState(&agent, 1.5, 0.0, -50.0);
   AddState(&agent, 2.0, 0.0, 90.0);

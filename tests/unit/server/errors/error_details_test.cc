@@ -21,7 +21,7 @@ TEST(InvalidFieldsTest, ListsSixteenAndCountsTheOthers) {
   EXPECT_EQ(listed.field_violations_size(), 16);
 }
 
-TEST(StorageReasonTest, NamesWhatTheDiskSaysAndBlamesNoCaller) {
+TEST(StorageReasonTest, MapsDiskErrorsWithoutBlamingTheCaller) {
   const absl::Status full = WithStorageReason(absl::ResourceExhaustedError("the disk is full"));
   EXPECT_EQ(full.code(), absl::StatusCode::kResourceExhausted);
   EXPECT_EQ(ReasonOf(full), "DISK_FULL");
@@ -34,7 +34,7 @@ TEST(StorageReasonTest, NamesWhatTheDiskSaysAndBlamesNoCaller) {
   EXPECT_EQ(ReasonOf(forbidden), "STORAGE_INACCESSIBLE");
 }
 
-TEST(StorageReasonTest, KeepsAReasonThatIsThere) {
+TEST(StorageReasonTest, KeepsAnExistingReason) {
   const absl::Status known = WithReason(absl::ResourceExhaustedError("busy"), "QUEUE_FULL");
   EXPECT_EQ(ReasonOf(WithStorageReason(known)), "QUEUE_FULL");
   const absl::Status none = WithStorageReason(absl::NotFoundError("none"));

@@ -30,7 +30,7 @@ std::string Read(const fs::path& file) {
 
 absl::string_view View(std::string_view text) { return {text.data(), text.size()}; }
 
-TEST(ReasonsTest, ThePageOfErrorsIsTheTable) {
+TEST(ReasonsTest, TheErrorsPageMatchesTheTable) {
   std::vector<std::string> rows;
   for (const ReasonEntry& entry : kReasons) {
     rows.push_back(absl::StrCat("| `", View(entry.name), "` | ", View(entry.codes), " | ",
@@ -44,7 +44,7 @@ TEST(ReasonsTest, ThePageOfErrorsIsTheTable) {
   EXPECT_THAT(page, ::testing::ElementsAreArray(rows));
 }
 
-TEST(ReasonsTest, NamesAreStableWordsAndEachIsThereOnce) {
+TEST(ReasonsTest, NamesAreUpperSnakeCaseAndUnique) {
   std::set<std::string_view> names;
   for (const ReasonEntry& entry : kReasons) {
     EXPECT_THAT(std::string(entry.name), ::testing::MatchesRegex("[A-Z]+(_[A-Z]+)*"));
@@ -64,8 +64,8 @@ TEST(ReasonsTest, CodesAreCanonical) {
   }
 }
 
-// The other way round the compiler sees to it.
-TEST(ReasonsTest, EveryReasonIsGivenSomewhere) {
+// The compiler checks the converse.
+TEST(ReasonsTest, EveryReasonIsUsedInTheCode) {
   std::string sources;
   for (const auto& file : fs::recursive_directory_iterator(kSources / "server")) {
     const fs::path path = file.path();

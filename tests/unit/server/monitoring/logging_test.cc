@@ -7,7 +7,7 @@
 namespace maneuver::monitoring {
 namespace {
 
-TEST(LoggingTest, TextQuotesOnlyWhatNeedsIt) {
+TEST(LoggingTest, QuotesOnlyTextThatNeedsIt) {
   EXPECT_EQ(FormatLogLine(LogFormat::kText, "model loaded",
                           {{"name", "models/town"},
                            {"why", "two words"},
@@ -18,13 +18,13 @@ TEST(LoggingTest, TextQuotesOnlyWhatNeedsIt) {
             "model loaded name=models/town why=\"two words\" empty=\"\" n=3 s=0.25 ok=true");
 }
 
-TEST(LoggingTest, ALineCannotBeForged) {
+TEST(LoggingTest, FieldsCannotForgeALine) {
   EXPECT_EQ(FormatLogLine(LogFormat::kText, "x", {{"k", "a\nb=\"c\""}}), "x k=\"a\\nb=\\\"c\\\"\"");
   EXPECT_EQ(FormatLogLine(LogFormat::kJson, "x", {{"k", "a\nb\"\x01"}}),
             "\"message\":\"x\",\"k\":\"a\\nb\\\"\\u0001\"");
 }
 
-TEST(LoggingTest, JsonHasNoNotANumber) {
+TEST(LoggingTest, JsonWritesNanAsNull) {
   EXPECT_EQ(FormatLogLine(LogFormat::kJson, "x",
                           {{"k", std::numeric_limits<double>::quiet_NaN()}, {"b", false}}),
             "\"message\":\"x\",\"k\":null,\"b\":false");

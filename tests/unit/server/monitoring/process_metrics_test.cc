@@ -17,7 +17,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-TEST(ProcessMetricsTest, MemoryThatIsTouchedIsResident) {
+TEST(ProcessMetricsTest, CountsTouchedMemoryAsResident) {
   const auto before = ReadProcessMetrics();
   constexpr size_t kBytes = 64 << 20;
   std::vector<char> memory(kBytes, 'x');
@@ -29,7 +29,7 @@ TEST(ProcessMetricsTest, MemoryThatIsTouchedIsResident) {
   EXPECT_GE(after->virtual_bytes, after->resident_bytes);
 }
 
-TEST(ProcessMetricsTest, EachOpenDescriptorCounts) {
+TEST(ProcessMetricsTest, CountsEachOpenDescriptor) {
   const auto before = ReadProcessMetrics();
   const int first = open("/dev/null", O_RDONLY);
   const int second = dup(first);
@@ -42,8 +42,8 @@ TEST(ProcessMetricsTest, EachOpenDescriptorCounts) {
   EXPECT_EQ(before->max_descriptors, static_cast<double>(sysconf(_SC_OPEN_MAX)));
 }
 
-// getrusage counts the same time more finely.
-TEST(ProcessMetricsTest, ProcessorTimeIsUserAndSystemTime) {
+// getrusage counts the same time at a finer resolution.
+TEST(ProcessMetricsTest, ProcessorTimeIncludesUserAndSystemTime) {
   const auto spent = [] {
     rusage usage{};
     getrusage(RUSAGE_SELF, &usage);
@@ -57,7 +57,7 @@ TEST(ProcessMetricsTest, ProcessorTimeIsUserAndSystemTime) {
   EXPECT_NEAR(ReadProcessMetrics()->cpu_seconds, spent(), 0.05);
 }
 
-TEST(ProcessMetricsTest, TheStartIsAMomentAgo) {
+TEST(ProcessMetricsTest, TheStartTimeIsRecent) {
   const double now =
       std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
   const double start = ReadProcessMetrics()->start_time_seconds;
@@ -65,7 +65,7 @@ TEST(ProcessMetricsTest, TheStartIsAMomentAgo) {
   EXPECT_GT(start, now - 600.0);
 }
 
-TEST(ProcessMetricsTest, ThePageHasThem) {
+TEST(ProcessMetricsTest, ThePageShowsThem) {
   const std::string page = PrometheusMetrics::Create()->Page();
   EXPECT_THAT(page, HasSubstr("# TYPE process_cpu_seconds_total counter\n"));
   EXPECT_THAT(page, HasSubstr("# TYPE process_resident_memory_bytes gauge\n"));

@@ -39,7 +39,7 @@ TEST(PrometheusMetricsTest, TheSameNameAndLabelsAreTheSameMetric) {
             &metrics->AddCounter("a_total", "A.", {{"x", "2"}}));
 }
 
-TEST(PrometheusMetricsTest, TheDiskOfAFolderIsLookedAtForEachPage) {
+TEST(PrometheusMetricsTest, ReadsTheDiskOfAFolderForEachPage) {
   const auto metrics = PrometheusMetrics::Create();
   const TemporaryFolder parent;
   const std::filesystem::path folder = parent / "watched";
@@ -55,7 +55,7 @@ TEST(PrometheusMetricsTest, TheDiskOfAFolderIsLookedAtForEachPage) {
   const double block = static_cast<double>(disk.f_frsize);
   const double size = block * static_cast<double>(disk.f_blocks);
   EXPECT_EQ(value("maneuver_data_disk_bytes"), size);
-  // Others write to it meanwhile.
+  // Others write to the disk meanwhile.
   EXPECT_NEAR(value("maneuver_data_disk_free_bytes"), block * static_cast<double>(disk.f_bavail),
               0.05 * size);
   std::filesystem::remove(folder);

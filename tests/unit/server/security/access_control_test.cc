@@ -53,17 +53,17 @@ class AccessControlTest : public ::testing::Test {
       monitoring::PrometheusMetrics::Create();
 };
 
-TEST_F(AccessControlTest, IdentityThenRole) {
+TEST_F(AccessControlTest, ChecksTheIdentityBeforeTheRole) {
   const auto access = Create();
   EXPECT_TRUE(access->Admit(kPredict, Bearer("first")).ok());
   EXPECT_EQ(errors::ReasonOf(access->Admit(kTrain, Bearer("first"))), "ROLE_MISSING");
   EXPECT_EQ(errors::ReasonOf(access->Admit(kPredict, Bearer("second"))), "TOKEN_UNKNOWN");
   EXPECT_EQ(errors::ReasonOf(access->Admit(kPredict, {})), "CREDENTIALS_MISSING");
-  // Who calls comes before what: a stranger does not hear which methods are declared.
+  // The identity is checked first: a stranger does not learn which methods exist.
   EXPECT_EQ(errors::ReasonOf(access->Admit("/x/Y", {})), "CREDENTIALS_MISSING");
   EXPECT_EQ(errors::ReasonOf(access->Admit("/x/Y", Bearer("first"))), "METHOD_NOT_DECLARED");
   EXPECT_TRUE(access->Admit(kHealth, {}).ok());
-  // All of it is counted, under names that no caller chooses.
+  // Everything is counted, under names that no caller chooses.
   const std::string page = metrics_->Page();
   EXPECT_THAT(page, HasSubstr("maneuver_refused_calls_total{reason=\"CREDENTIALS_MISSING\"} 2"));
   EXPECT_THAT(page, HasSubstr("maneuver_refused_calls_total{reason=\"ROLE_MISSING\"} 1"));
@@ -71,7 +71,7 @@ TEST_F(AccessControlTest, IdentityThenRole) {
   EXPECT_THAT(page, HasSubstr("maneuver_refused_calls_total{reason=\"RATE_LIMITED\"} 0"));
 }
 
-TEST_F(AccessControlTest, WithoutIdentitiesAllMayDoWhatIsDeclared) {
+TEST_F(AccessControlTest, WithoutIdentitiesAnyoneMayCallDeclaredMethods) {
   options_.identities.clear();
   const auto access = Create();
   EXPECT_TRUE(access->Admit(kPredict, {}).ok());
@@ -79,7 +79,7 @@ TEST_F(AccessControlTest, WithoutIdentitiesAllMayDoWhatIsDeclared) {
   EXPECT_EQ(errors::ReasonOf(access->Admit("/x/Y", {})), "METHOD_NOT_DECLARED");
 }
 
-TEST_F(AccessControlTest, RatesAreOfTheIdentityOrElseOfTheAddress) {
+TEST_F(AccessControlTest, LimitsRatesByIdentityOrElseByAddress) {
   options_.calls_per_second = 1.0;
   Write(*TokenLine("planner", Predict(), "first") + *TokenLine("planner", Predict(), "second") +
         *TokenLine("other", Predict(), "third"));
@@ -97,14 +97,14 @@ TEST_F(AccessControlTest, RatesAreOfTheIdentityOrElseOfTheAddress) {
   EXPECT_TRUE(open->Admit(kPredict, {.peer = "ipv4:10.0.0.2"}).ok());
 }
 
-TEST_F(AccessControlTest, WhoIsRefusedDoesNotUseUpTheRateOfOthers) {
+TEST_F(AccessControlTest, RefusedCallsDoNotUseUpTheRateOfOthers) {
   options_.calls_per_second = 1.0;
   const auto access = Create();
   for (int i = 0; i < 10; ++i) EXPECT_FALSE(access->Admit(kTrain, Bearer("first")).ok());
   EXPECT_TRUE(access->Admit(kPredict, Bearer("first")).ok());
 }
 
-TEST_F(AccessControlTest, ChangesAreSeenAndMistakesChangeNothing) {
+TEST_F(AccessControlTest, ReloadsChangesAndIgnoresInvalidFiles) {
   const auto access = Create();
   EXPECT_FALSE(*access->Reload());
   Write(*TokenLine("planner", Predict(), "second"));
@@ -117,7 +117,7 @@ TEST_F(AccessControlTest, ChangesAreSeenAndMistakesChangeNothing) {
   fs::remove(options_.identities);
   EXPECT_TRUE(absl::IsNotFound(access->Reload().status()));
   EXPECT_TRUE(access->Admit(kPredict, Bearer("second")).ok());
-  // An empty file is no mistake: it takes everything back.
+  // An empty file is valid: it removes all identities.
   Write("\n");
   EXPECT_TRUE(*access->Reload());
   EXPECT_FALSE(access->Admit(kPredict, Bearer("second")).ok());
@@ -187,7 +187,7 @@ TEST_F(AccessControlTest, CallsAndReloadsGoOnAtTheSameTime) {
   std::vector<std::thread> callers;
   for (int i = 0; i < 3; ++i) {
     callers.emplace_back([&] {
-      // The planner is in every file.
+      // Every version of the file contains the planner.
       while (!stop) EXPECT_TRUE(access->Admit(kPredict, Bearer("first")).ok());
     });
   }
@@ -203,7 +203,7 @@ TEST_F(AccessControlTest, CallsAndReloadsGoOnAtTheSameTime) {
   for (std::thread& caller : callers) caller.join();
 }
 
-TEST(SecretFileTest, WhatOthersMayReadIsRefusedWithTheCommandThatHelps) {
+TEST(SecretFileTest, RefusesAFileThatOthersMayReadAndNamesTheRemedy) {
   const TemporaryFolder folder;
   const fs::path file = folder / "secret";
   ASSERT_TRUE(AppendLine(file, "a\n").ok());
@@ -218,14 +218,14 @@ TEST(SecretFileTest, WhatOthersMayReadIsRefusedWithTheCommandThatHelps) {
   }
   fs::permissions(file, fs::perms::group_read, fs::perm_options::add);
   EXPECT_TRUE(ReadSecretFile(file).ok());
-  // Who may read it stays as it was, and the last line is ended first.
+  // Permissions stay as they were, and the last line is completed first.
   std::ofstream(file) << "a";
   ASSERT_TRUE(AppendLine(file, "b\n").ok());
   EXPECT_EQ(*ReadSecretFile(file), "a\nb\n");
   EXPECT_NE(fs::status(file).permissions() & fs::perms::group_read, fs::perms::none);
 }
 
-TEST(SecretFileTest, LinesThatAreAddedAtTheSameTimeAreAllThere) {
+TEST(SecretFileTest, KeepsAllLinesThatAreAppendedConcurrently) {
   const TemporaryFolder folder;
   std::vector<std::thread> writers;
   for (int i = 0; i < 8; ++i) {

@@ -16,7 +16,7 @@ using ::testing::Not;
 // SHA-256 of "abc" (FIPS 180-2, B.1).
 constexpr char kAbc[] = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
 
-TEST(IdentitiesTest, ATokenIsKnownByItsHash) {
+TEST(IdentitiesTest, FindsATokenByItsHash) {
   const auto identities = Identities::Parse(std::string("# people\n\n  planner\tpredict,admin   "
                                                         "sha256:") +
                                             kAbc + "  \r\n");
@@ -30,20 +30,20 @@ TEST(IdentitiesTest, ATokenIsKnownByItsHash) {
   }
 }
 
-TEST(IdentitiesTest, ACertificateIsKnownByOneOfItsNames) {
+TEST(IdentitiesTest, FindsACertificateByOneOfItsNames) {
   const auto identities = Identities::Parse(
       "a predict san:a.example\nb train san:spiffe://x/b\nc admin cn:Ada Lovelace\n");
   ASSERT_TRUE(identities.ok()) << identities.status();
   EXPECT_EQ(identities->FindCertificate({"x", "a.example"}, "")->name, "a");
   EXPECT_EQ(identities->FindCertificate({"spiffe://x/b"}, "y")->name, "b");
   EXPECT_EQ(identities->FindCertificate({}, "Ada Lovelace")->name, "c");
-  // A name of one kind is none of the other, and no credential is a token.
+  // A name of one kind does not match another kind, and no token is a name.
   EXPECT_EQ(identities->FindCertificate({"Ada Lovelace"}, "a.example"), nullptr);
   EXPECT_EQ(identities->FindCertificate({}, ""), nullptr);
   EXPECT_EQ(identities->FindToken("a.example"), nullptr);
 }
 
-TEST(IdentitiesTest, AWrongLineIsNamedWithoutItsContent) {
+TEST(IdentitiesTest, NamesAnInvalidLineWithoutItsContent) {
   const std::string digest = std::string("sha256:") + kAbc;
   for (const std::string& line : std::vector<std::string>{
            "secret",
@@ -74,7 +74,7 @@ TEST(IdentitiesTest, AWrongLineIsNamedWithoutItsContent) {
   }
 }
 
-TEST(IdentitiesTest, AFreshTokenAndItsLineBelongTogether) {
+TEST(IdentitiesTest, ANewTokenMatchesItsLine) {
   RoleSet roles;
   roles.Add(Role::kTrain);
   std::set<std::string> tokens;

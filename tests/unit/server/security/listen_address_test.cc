@@ -5,7 +5,7 @@
 namespace maneuver::security {
 namespace {
 
-TEST(ListenAddressTest, HostAndPortAreTakenApart) {
+TEST(ListenAddressTest, SplitsHostAndPort) {
   EXPECT_EQ(ParseListenAddress("127.0.0.1:8470")->port, 8470);
   EXPECT_EQ(ParseListenAddress("[::1]:0")->host, "::1");
   EXPECT_EQ(ParseListenAddress("[::1]:80")->ToString(), "[::1]:80");
@@ -15,7 +15,7 @@ TEST(ListenAddressTest, HostAndPortAreTakenApart) {
   }
 }
 
-TEST(ListenAddressTest, OnlyLoopbackIsLoopback) {
+TEST(ListenAddressTest, RecognisesLoopbackAddresses) {
   for (const char* host : {"127.0.0.1", "127.1.2.3", "::1", "localhost"}) {
     EXPECT_TRUE(IsLoopback({host, 1})) << host;
   }
@@ -25,7 +25,7 @@ TEST(ListenAddressTest, OnlyLoopbackIsLoopback) {
   }
 }
 
-TEST(ListenAddressTest, ExposureInPlainTextNeedsToBeAskedFor) {
+TEST(ListenAddressTest, RefusesPlainTextExposureUnlessAskedFor) {
   EXPECT_TRUE(CheckExposure({"127.0.0.1", 1}, false, false).ok());
   EXPECT_TRUE(absl::IsFailedPrecondition(CheckExposure({"0.0.0.0", 1}, false, false)));
   EXPECT_TRUE(CheckExposure({"0.0.0.0", 1}, true, false).ok());

@@ -17,7 +17,7 @@ TEST(ResourceNameTest, ReferencesMeanAVersionOrAnAlias) {
             (ModelVersionName{"town", 12}));
 }
 
-TEST(ResourceNameTest, NamesSurviveTheWayThereAndBack) {
+TEST(ResourceNameTest, NamesRoundTripThroughText) {
   EXPECT_EQ(ParseModelVersionName("models/a-1/versions/3", "name")->ToString(),
             "models/a-1/versions/3");
   EXPECT_EQ(ParseModelAliasName("models/a/aliases/b", "name")->ToString(), "models/a/aliases/b");
@@ -30,7 +30,7 @@ TEST(ResourceNameTest, NamesSurviveTheWayThereAndBack) {
 
 class HostileNameTest : public ::testing::TestWithParam<std::string> {};
 
-TEST_P(HostileNameTest, IsNoId) {
+TEST_P(HostileNameTest, IsNotAnId) {
   const std::string& id = GetParam();
   EXPECT_FALSE(ParseModelName("models/" + id, "name").ok());
   EXPECT_FALSE(ParseModelReference("models/" + id, "name").ok());
@@ -68,7 +68,7 @@ TEST(ResourceNameTest, ErrorsNameTheFieldOfTheRequest) {
   EXPECT_EQ(detail.field_violations(0).field(), "datasets[1]");
 }
 
-TEST(ErrorDetailsTest, SurviveTheWire) {
+TEST(ErrorDetailsTest, SurvivesTheWire) {
   const absl::Status status = errors::WithRetryDelay(
       errors::WithReason(absl::ResourceExhaustedError("later"), "QUEUE_FULL", {{"a", "b"}}),
       std::chrono::milliseconds(2500));

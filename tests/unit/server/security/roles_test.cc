@@ -40,13 +40,13 @@ TEST(RolesTest, EveryMethodOfTheContractHasARowAndEveryRowAMethod) {
     EXPECT_EQ(declared.erase(method), 1u) << "nobody may call " << method;
     EXPECT_NE(RequiredRole(method), Role::kAnyone) << method;
   }
-  // What is left is gRPC's own, and open on purpose.
+  // The rest are gRPC's own methods, deliberately open.
   EXPECT_EQ(declared, (std::set<std::string>{
                           "/grpc.health.v1.Health/Check", "/grpc.health.v1.Health/Watch",
                           "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo"}));
 }
 
-TEST(RolesTest, WhatHasNoRowHasNoRole) {
+TEST(RolesTest, AMethodWithoutARowHasNoRole) {
   EXPECT_EQ(RequiredRole("/maneuver.v1.PredictionService/Predict"), Role::kPredict);
   for (const char* method :
        {"", "/", "/maneuver.v1.PredictionService/Predict2", "maneuver.v1.PredictionService/Predict",
@@ -55,7 +55,7 @@ TEST(RolesTest, WhatHasNoRowHasNoRole) {
   }
 }
 
-TEST(RolesTest, RolesDoNotContainOneAnother) {
+TEST(RolesTest, RolesDoNotIncludeOneAnother) {
   const auto admin = RoleSet::Parse("admin");
   ASSERT_TRUE(admin.ok());
   EXPECT_TRUE(admin->Contains(Role::kAdmin));

@@ -50,7 +50,7 @@ v1::Scenario Parse(const std::string& xml) {
 
 class BothVersionsTest : public testing::TestWithParam<bool> {};
 
-TEST_P(BothVersionsTest, AnObstaclesStatesAreItsInitialOneAndItsTrajectory) {
+TEST_P(BothVersionsTest, AnObstaclesStatesAreItsInitialStateAndItsTrajectory) {
   const v1::Scenario scenario =
       Parse(GetParam() ? File("2018b", DrivenCar("obstacle", "<role>dynamic</role>"))
                        : File("2020a", DrivenCar("dynamicObstacle", "")));
@@ -71,7 +71,7 @@ TEST_P(BothVersionsTest, AnObstaclesStatesAreItsInitialOneAndItsTrajectory) {
 INSTANTIATE_TEST_SUITE_P(Versions, BothVersionsTest, testing::Bool(),
                          [](const auto& version) { return version.param ? "of2018b" : "of2020a"; });
 
-TEST(CommonRoadTest, VelocityPointsAlongTheHeadingWhichIsBroughtIntoOneTurn) {
+TEST(CommonRoadTest, VelocityPointsAlongTheWrappedHeading) {
   const v1::Scenario scenario = Parse(File(
       "2020a", "<dynamicObstacle id=\"1\"><type>bicycle</type>" + kCarShape +
                    State("initialState", 0, 0.0, 0.0, 2.5 * M_PI, 4.0) + "</dynamicObstacle>"));
@@ -82,7 +82,7 @@ TEST(CommonRoadTest, VelocityPointsAlongTheHeadingWhichIsBroughtIntoOneTurn) {
   EXPECT_NEAR(state.velocity_y(), 4.0, 1e-5);
 }
 
-TEST(CommonRoadTest, WhatStandsStandsAllTheTime) {
+TEST(CommonRoadTest, AStaticObstacleHasAStateAtEveryStep) {
   const std::string parked = "<staticObstacle id=\"9\"><type>parkedVehicle</type>" + kCarShape +
                              State("initialState", 0, 5.0, -2.0, 0.5, 0.0) + "</staticObstacle>";
   const v1::Scenario scenario = Parse(File("2020a", parked + DrivenCar("dynamicObstacle", "")));
@@ -91,7 +91,7 @@ TEST(CommonRoadTest, WhatStandsStandsAllTheTime) {
   ASSERT_EQ(stands.states_size(), 21);
   EXPECT_DOUBLE_EQ(stands.states(20).time(), 2.0);
   EXPECT_DOUBLE_EQ(stands.states(20).x(), 5.0);
-  // By its role, in the older version.
+  // In the older version, the role says that it is static.
   const v1::Scenario older =
       Parse(File("2018b", DrivenCar("obstacle", "<role>dynamic</role>") +
                               "<obstacle id=\"9\"><role>static</role><type>car</type>" + kCarShape +
@@ -99,7 +99,7 @@ TEST(CommonRoadTest, WhatStandsStandsAllTheTime) {
   EXPECT_EQ(older.agents(1).states_size(), 21);
 }
 
-TEST(CommonRoadTest, AnIntervalCountsByItsMiddleAndAnAreaByItsCentre) {
+TEST(CommonRoadTest, TakesTheMiddleOfAnIntervalAndTheCentreOfAnArea) {
   const v1::Scenario scenario =
       Parse(File("2018b", "<obstacle id=\"1\"><role>dynamic</role><type>car</type>" + kCarShape +
                               "<initialState><position><circle><radius>2</radius>"
@@ -115,7 +115,7 @@ TEST(CommonRoadTest, AnIntervalCountsByItsMiddleAndAnAreaByItsCentre) {
   EXPECT_FLOAT_EQ(state.velocity_x(), 5.0F);
 }
 
-TEST(CommonRoadTest, AShapeHasTheBoxAroundIt) {
+TEST(CommonRoadTest, AnyShapeBecomesTheBoxAroundIt) {
   const auto box = [](const std::string& shape) {
     const v1::Scenario scenario = Parse(File(
         "2020a", "<dynamicObstacle id=\"1\"><type>pedestrian</type><shape>" + shape + "</shape>" +
@@ -144,7 +144,7 @@ const v1::MapFeature* Find(const v1::Scenario& scenario, v1::MapFeatureType type
   return nullptr;
 }
 
-TEST(CommonRoadTest, ALaneHasItsLimitFromItsElementOrItsSignAndAStopLineAtItsEnd) {
+TEST(CommonRoadTest, ReadsSpeedLimitsFromLaneletsAndSignsAndPutsStopLinesAtTheEnd) {
   const v1::Scenario older =
       Parse(File("2018b", DrivenCar("obstacle", "<role>dynamic</role>") + "<lanelet id=\"5\">" +
                               kBounds + "<speedLimit>13.5</speedLimit></lanelet>"));
@@ -169,7 +169,7 @@ TEST(CommonRoadTest, ALaneHasItsLimitFromItsElementOrItsSignAndAStopLineAtItsEnd
   EXPECT_THAT(stop->x(), testing::ElementsAre(50.0, 50.0));
 }
 
-TEST(CommonRoadTest, ALaneHasItsSuccessorsAndItsNeighborsOfTheSameDirection) {
+TEST(CommonRoadTest, ALaneHasItsSuccessorsAndNeighborsInTheSameDirection) {
   const v1::Scenario scenario =
       Parse(File("2020a", DrivenCar("dynamicObstacle", "") + "<lanelet id=\"5\">" + kBounds +
                               "<predecessor ref=\"4\"/><successor ref=\"6\"/><successor ref=\"8\"/>"
@@ -188,7 +188,8 @@ TEST(CommonRoadTest, ALaneHasItsSuccessorsAndItsNeighborsOfTheSameDirection) {
   }
 }
 
-// Green for 5 steps, yellow for 3, red for 10; it began at step 2, so step 0 is in the red before.
+// Green for 5 steps, yellow for 3, red for 10. The cycle starts at step 2, so step 0 is in the red
+// before it.
 TEST(CommonRoadTest, ALightShowsItsCycleToTheLanesThatReferToIt) {
   const auto light = [](const std::string& id, const std::string& direction,
                         const std::string& more) {
@@ -218,7 +219,7 @@ TEST(CommonRoadTest, ALightShowsItsCycleToTheLanesThatReferToIt) {
                                           std::pair(20.0, v1::TRAFFIC_SIGNAL_STATE_GO)));
 }
 
-TEST(CommonRoadTest, WhatIsWrongIsSaidWithItsElement) {
+TEST(CommonRoadTest, ErrorsNameTheElement) {
   const auto problem = [](const std::string& xml) {
     const auto scenario = ParseCommonRoad(xml);
     EXPECT_EQ(scenario.status().code(), absl::StatusCode::kInvalidArgument) << xml;

@@ -9,7 +9,7 @@
 namespace maneuver::data {
 namespace {
 
-// From x0 to x1 along the x axis, between y = right and y = left.
+// Returns a lanelet from x0 to x1 along the x axis, between y = right and y = left.
 Lanelet Along(int64_t id, double x0, double x1, double right, double left) {
   Lanelet lanelet;
   lanelet.id = id;
@@ -26,7 +26,7 @@ std::vector<v1::MapFeature> OfType(const std::vector<v1::MapFeature>& features,
   return found;
 }
 
-// Metres of lines.
+// Returns the total length of lines, metres.
 double Length(const std::vector<v1::MapFeature>& lines) {
   double length = 0.0;
   for (const v1::MapFeature& line : lines) {
@@ -40,7 +40,8 @@ double Length(const std::vector<v1::MapFeature>& lines) {
 TEST(CenterlineTest, IsHalfwayBetweenTheBounds) {
   Lanelet lanelet = Along(1, 0.0, 10.0, -1.0, 3.0);
   EXPECT_DOUBLE_EQ(Centerline(lanelet)[1].y, 1.0);
-  // With fewer points on one side, by length: the corner of the left bound is a third of its way.
+  // If one side has fewer points, it is resampled by length: the corner is a third of the way along
+  // the left bound.
   lanelet.left = {{0.0, 3.0}, {3.0, 3.0}, {9.0, 3.0}};
   const Polyline center = Centerline(lanelet);
   ASSERT_EQ(center.size(), 3u);
@@ -48,7 +49,7 @@ TEST(CenterlineTest, IsHalfwayBetweenTheBounds) {
   EXPECT_DOUBLE_EQ(center[2].x, 9.5);
 }
 
-TEST(MapOfTest, TwoLanesHaveOneLineBetweenThemAndEdgesOutside) {
+TEST(MapOfTest, TwoNeighboringLanesShareALineAndHaveEdgesOutside) {
   Lanelet right = Along(1, 0.0, 40.0, 0.0, 4.0);
   Lanelet left = Along(2, 0.0, 40.0, 4.0, 8.0);
   right.beside_left = 2;
@@ -64,14 +65,14 @@ TEST(MapOfTest, TwoLanesHaveOneLineBetweenThemAndEdgesOutside) {
   EXPECT_DOUBLE_EQ(Length(edges), 80.0);
 }
 
-TEST(MapOfTest, CenterlinesDeclareWhatFollowsAndWhatLiesBesideInTheSameDirection) {
+TEST(MapOfTest, CenterlinesDeclareSuccessorsAndNeighborsInTheSameDirection) {
   Lanelet first = Along(1, 0.0, 40.0, 0.0, 4.0);
   Lanelet second = Along(2, 40.0, 80.0, 0.0, 4.0);
   Lanelet third = Along(3, 40.0, 80.0, 0.0, 4.0);
   first.successors = {2};
   second.predecessors = {1};
   third.predecessors = {1};
-  first.beside_left = 7;  // comes the other way
+  first.beside_left = 7;  // the oncoming lanelet
   first.beside_right = 8;
   first.neighbor_right = 8;
   second.neighbor_left = 9;
@@ -84,8 +85,8 @@ TEST(MapOfTest, CenterlinesDeclareWhatFollowsAndWhatLiesBesideInTheSameDirection
   EXPECT_THAT(lanes[1].left_neighbor_ids(), testing::ElementsAre(9));
 }
 
-// As in files that do not say which lanelets lie beside each other.
-TEST(MapOfTest, WhereTwoLanesTouchUnsaidThereIsNoEdge) {
+// Some files do not declare which lanelets lie side by side.
+TEST(MapOfTest, NoEdgeRunsBetweenLanesThatTouchWithoutDeclaringIt) {
   const auto edges = OfType(MapOf({Along(1, 0.0, 40.0, 0.0, 4.0), Along(2, 0.0, 40.0, 4.0, 8.0)}),
                             v1::MAP_FEATURE_TYPE_ROAD_EDGE);
   ASSERT_EQ(edges.size(), 2u);
@@ -93,7 +94,7 @@ TEST(MapOfTest, WhereTwoLanesTouchUnsaidThereIsNoEdge) {
   EXPECT_DOUBLE_EQ(edges[1].y(0), 8.0);
 }
 
-// Two roads that cross, each 4 m wide: of their bounds, 4 m each lie on the other one.
+// Two crossing roads, each 4 m wide. 4 m of each bound lie on the other road.
 TEST(MapOfTest, NoEdgeRunsAcrossAJunction) {
   Lanelet north;
   north.id = 2;
@@ -110,7 +111,7 @@ TEST(MapOfTest, NoEdgeRunsAcrossAJunction) {
   }
 }
 
-TEST(MapOfTest, ACrosswalkIsAnAreaAndABicycleLaneIsOne) {
+TEST(MapOfTest, ACrosswalkBecomesAnAreaAndABicycleLaneACenterline) {
   Lanelet crosswalk = Along(1, 0.0, 3.0, 0.0, 10.0);
   crosswalk.kind = Lanelet::Kind::kCrosswalk;
   Lanelet cycles = Along(2, 10.0, 30.0, 0.0, 2.0);

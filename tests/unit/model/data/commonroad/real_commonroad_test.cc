@@ -1,5 +1,5 @@
-// NGSIM's recordings as CommonRoad has them, where they are at hand: MANEUVER_REAL_DATA names a
-// folder that holds ngsim_commonroad/.
+// Reads NGSIM's recordings in CommonRoad format, if they are available: MANEUVER_REAL_DATA names a
+// folder that contains ngsim_commonroad/.
 
 #include <gtest/gtest.h>
 
@@ -21,7 +21,7 @@ int64_t Count(const std::string& text, const std::string& what) {
   return count;
 }
 
-TEST(RealCommonRoadTest, EveryFileIsAValidScenarioWithAllOfItsObstaclesAndLanelets) {
+TEST(RealCommonRoadTest, EveryFileGivesAValidScenarioWithAllObstaclesAndLanelets) {
   const char* data = std::getenv("MANEUVER_REAL_DATA");
   const std::filesystem::path folder = std::filesystem::path(data ? data : "") / "ngsim_commonroad";
   if (data == nullptr || !std::filesystem::is_directory(folder)) {

@@ -10,15 +10,15 @@ namespace {
 
 constexpr double kNobody = std::numeric_limits<double>::infinity();
 
-TEST(DriverTest, FreeRoadIsTakenAtTheDesiredSpeed) {
+TEST(DriverTest, AcceleratesTowardsTheDesiredSpeedOnAFreeRoad) {
   const Driver driver;
   EXPECT_GT(IdmAcceleration(driver, 5.0, 14.0, kNobody, 0.0), 1.0);
   EXPECT_NEAR(IdmAcceleration(driver, 14.0, 14.0, kNobody, 0.0), 0.0, 1e-12);
   EXPECT_LT(IdmAcceleration(driver, 17.0, 14.0, kNobody, 0.0), 0.0);
 }
 
-TEST(DriverTest, EquilibriumGapIsTheModelsOwn) {
-  // With equal speeds the model is at rest at (s0 + v T) / sqrt(1 - (v / v0)^4).
+TEST(DriverTest, KeepsTheEquilibriumGapOfTheModel) {
+  // At equal speeds, the model is in equilibrium at (s0 + v T) / sqrt(1 - (v / v0)^4).
   const Driver driver;
   const double v = 10.0;
   const double gap =
@@ -40,7 +40,7 @@ TEST(DriverTest, FollowerStopsBehindAStandingLeaderWithoutTouchingIt) {
   EXPECT_NEAR(gap, driver.standstill_gap, 0.5);
 }
 
-TEST(DriverTest, DriversDiffer) {
+TEST(DriverTest, DrawsDifferentDrivers) {
   Random random(1, 2, 3);
   const Driver a = DrawDriver(random);
   const Driver b = DrawDriver(random);

@@ -41,7 +41,7 @@ TEST(LaneGraphTest, LanesSideBySideDoNotConflict) {
   EXPECT_TRUE(graph.lanes[0].gate->conflicts.empty());
 }
 
-TEST(LaneGraphTest, LanesIntoTheSameLaneMergeAndLanesOutOfOneAreNoConflict) {
+TEST(LaneGraphTest, LanesIntoOneLaneMergeAndLanesOutOfOneLaneDoNotConflict) {
   LaneGraph graph;
   const int in = graph.Add(Straight({-40.0, 0.0}, 0.0, 20.0));
   Lane a = Straight({-20.0, 0.0}, 0.0, 20.0);

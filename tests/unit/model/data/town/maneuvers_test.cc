@@ -1,4 +1,4 @@
-// Recorded manoeuvres of tracks made by hand.
+// The recorded manoeuvres of hand-made tracks.
 
 #include "model/data/town/maneuvers.h"
 
@@ -10,7 +10,7 @@
 namespace maneuver::data::town {
 namespace {
 
-// Along x at a speed given over time, for `seconds`, turning at a rate given over time.
+// Returns a track along x for `seconds`, with speed and turn rate given as functions of time.
 Track Drive(
     double seconds, const std::function<double(double)>& speed,
     const std::function<double(double)>& yaw_rate = [](double) { return 0.0; }) {
@@ -41,14 +41,14 @@ std::string Names(const Track& track) {
   return names;
 }
 
-TEST(ManeuversTest, SpeedsOfGoingStraightHaveTheirNames) {
+TEST(ManeuversTest, NamesStraightDrivingBySpeed) {
   EXPECT_EQ(Names(Drive(8.0, [](double) { return 3.0; })), "creep");
   EXPECT_EQ(Names(Drive(8.0, [](double) { return 12.0; })), "keep_lane");
   EXPECT_EQ(Names(Drive(8.0, [](double) { return 27.0; })), "cruise");
   EXPECT_EQ(Names(Drive(8.0, [](double) { return 0.0; })), "standing");
 }
 
-TEST(ManeuversTest, BendsAreFollowed) {
+TEST(ManeuversTest, NamesBends) {
   EXPECT_EQ(Names(Drive(
                 8.0, [](double) { return 10.0; }, [](double) { return 0.2; })),
             "follow_curve_left");
@@ -57,7 +57,7 @@ TEST(ManeuversTest, BendsAreFollowed) {
             "follow_curve_right");
 }
 
-TEST(ManeuversTest, StandstillIsComeToAndLeft) {
+TEST(ManeuversTest, NamesStopsStandstillsAndStarts) {
   const auto speed = [](double t) {
     if (t < 4.0) return 10.0;
     if (t < 8.0) return 10.0 - 2.5 * (t - 4.0);
@@ -71,7 +71,7 @@ TEST(ManeuversTest, StandstillIsComeToAndLeft) {
   EXPECT_NEAR(intervals[3].start, 11.3, 0.25);
 }
 
-TEST(ManeuversTest, EventsOfTheRouteComeFirstAndStandingBeforeThem) {
+TEST(ManeuversTest, StandingPrecedesRouteEventsWhichPrecedeTheRest) {
   const auto speed = [](double t) { return t > 4.0 && t < 7.0 ? 0.0 : 5.0; };
   Track track = Drive(14.0, speed);
   track.events.push_back({Maneuver::kTurnLeft, 10.0, 10.0, 45.0});

@@ -14,7 +14,7 @@ Path Arc(double radius, double angle) {
   return PathPen(PathPoint{}).Clothoid(radius * angle, 1.0 / radius, 1.0 / radius).Done();
 }
 
-TEST(PathTest, ArcLengthIsThatOfTheCircle) {
+TEST(PathTest, MeasuresArcLengthOnACircle) {
   const Path arc = Arc(20.0, 0.5 * kPi);
   EXPECT_NEAR(arc.length(), 10.0 * kPi, 1e-2);
   const PathPoint middle = arc.At(5.0 * kPi);
@@ -47,7 +47,7 @@ TEST(PathTest, TurnTurnsByItsAngleAndNoTighterThanItsRadius) {
   EXPECT_NEAR(pen.end().curvature, 0.0, 1e-12);
 }
 
-TEST(PathTest, ConnectedPosesAreMetExactly) {
+TEST(PathTest, ConnectingPathsMeetBothPosesExactly) {
   for (const double angle : {-1.9, -1.57, -0.4, 0.0, 0.3, 1.2, 1.57, 2.0}) {
     const PathPoint from{.p = {3.0, -2.0}, .heading = 0.3};
     const PathPoint to{.p = from.p + 14.0 * Direction(0.3) + 13.0 * Direction(0.3 + angle),
@@ -59,7 +59,7 @@ TEST(PathTest, ConnectedPosesAreMetExactly) {
   }
 }
 
-TEST(PathTest, UTurnEndsWhereItShouldFacingBack) {
+TEST(PathTest, AUTurnEndsAtItsPoseFacingBack) {
   const PathPoint from{.p = {1.0, 2.0}, .heading = 0.0};
   const PathPoint to{.p = {1.0, 14.0}, .heading = kPi};
   const Path path = UTurnPath(from, to);
@@ -67,7 +67,7 @@ TEST(PathTest, UTurnEndsWhereItShouldFacingBack) {
   EXPECT_NEAR(WrapAngle(path.At(path.length()).heading - kPi), 0.0, 1e-6);
 }
 
-TEST(PathTest, ProjectionIsTheNearestPoint) {
+TEST(PathTest, ProjectsToTheNearestPoint) {
   const Path path = PathPen(PathPoint{}).Straight(10.0).Turn(1.0, 30.0).Straight(10.0).Done();
   const Vec2 p = path.At(23.0).p + 2.5 * Left(Direction(path.At(23.0).heading));
   EXPECT_NEAR(path.Project(p, 15.0), 23.0, 0.02);

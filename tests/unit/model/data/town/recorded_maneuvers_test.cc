@@ -1,4 +1,4 @@
-// What the town records its vehicles as doing, held against what they did.
+// Compares the manoeuvres that the town records with what its vehicles do.
 
 #include <cmath>
 #include <map>
@@ -40,7 +40,7 @@ double Turned(const Track& track, const ManeuverInterval& interval) {
   return PointAt(track, interval.end).heading - PointAt(track, interval.start).heading;
 }
 
-TEST(RecordedManeuversTest, EveryNameOccurs) {
+TEST(RecordedManeuversTest, EveryManeuverOccurs) {
   std::set<Maneuver> seen;
   for (const SimulatedPlace& simulated : SimulatedPlaces()) {
     for (const Track& track : simulated.tracks) {
@@ -54,11 +54,11 @@ TEST(RecordedManeuversTest, EveryNameOccurs) {
   }
 }
 
-TEST(RecordedManeuversTest, TurnsTurnTheWayTheySay) {
+TEST(RecordedManeuversTest, TurnsTurnInTheNamedDirection) {
   std::map<Maneuver, int> count;
   ForEachWholeInterval([&count](const Track& track, const ManeuverInterval& before,
                                 const ManeuverInterval& interval, const ManeuverInterval& after) {
-    // A turn that is interrupted is recorded in pieces.
+    // An interrupted turn is recorded in pieces.
     if (before.maneuver == Maneuver::kStanding && before.end > 0.0) return;
     if (after.maneuver == Maneuver::kStanding || after.maneuver == Maneuver::kStop) return;
     const double degrees = Turned(track, interval) / kDegree;
@@ -84,18 +84,18 @@ TEST(RecordedManeuversTest, TurnsTurnTheWayTheySay) {
   EXPECT_GE(count[Maneuver::kUTurn], 3);
 }
 
-TEST(RecordedManeuversTest, LaneChangesMoveSidewaysTheWayTheySay) {
+TEST(RecordedManeuversTest, LaneChangesMoveInTheNamedDirection) {
   int count = 0;
   ForEachWholeInterval([&count](const Track& track, const ManeuverInterval& before,
                                 const ManeuverInterval& interval, const ManeuverInterval& after) {
     const bool left =
         interval.maneuver == Maneuver::kLaneChangeLeft || interval.maneuver == Maneuver::kMerge;
     if (!left && interval.maneuver != Maneuver::kLaneChangeRight) return;
-    // Those that a queue interrupts are recorded in pieces.
+    // A lane change that a queue interrupts is recorded in pieces.
     for (const ManeuverInterval& beside : {before, after}) {
       if (beside.maneuver == Maneuver::kStanding || beside.maneuver == Maneuver::kStop) return;
     }
-    // The frame in which it was decided still measures from the old lane.
+    // In its first frame, the offset is still measured from the old lane.
     const double moved =
         PointAt(track, interval.end).lateral - PointAt(track, interval.start + 0.1).lateral;
     EXPECT_GT(left ? moved : -moved, 1.5) << track.id << " at " << interval.start;
@@ -125,7 +125,7 @@ TEST(RecordedManeuversTest, StopsEndAndStartsBeginAtAStandstill) {
   EXPECT_GE(starts, 30);
 }
 
-TEST(RecordedManeuversTest, StandingStands) {
+TEST(RecordedManeuversTest, StandingVehiclesStandStill) {
   ForEachWholeInterval([](const Track& track, const ManeuverInterval&,
                           const ManeuverInterval& interval, const ManeuverInterval&) {
     if (interval.maneuver != Maneuver::kStanding) return;
@@ -134,7 +134,7 @@ TEST(RecordedManeuversTest, StandingStands) {
   });
 }
 
-TEST(RecordedManeuversTest, NoManeuverIsMostOfTheMovingTime) {
+TEST(RecordedManeuversTest, NoManeuverTakesMostOfTheMovingTime) {
   std::map<Maneuver, double> seconds;
   double all = 0.0;
   double moving = 0.0;

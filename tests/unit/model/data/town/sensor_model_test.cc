@@ -7,7 +7,7 @@
 namespace maneuver::data::town {
 namespace {
 
-// Straight through the middle at 10 m/s, for twenty seconds.
+// Returns a track straight through the middle at 10 m/s, for twenty seconds.
 Track Through() {
   Track track;
   track.id = 3;
@@ -18,7 +18,7 @@ Track Through() {
   return track;
 }
 
-TEST(SensorModelTest, OnlyWhatIsWithinTheRadiusIsSeen) {
+TEST(SensorModelTest, ReportsOnlyWhatIsWithinTheRadius) {
   SensorModel sensor;
   sensor.radius = 60.0;
   sensor.gap_chance = 0.0;
@@ -31,7 +31,7 @@ TEST(SensorModelTest, OnlyWhatIsWithinTheRadiusIsSeen) {
   EXPECT_EQ(sighting->reported.size(), 119u);
 }
 
-TEST(SensorModelTest, ErrorsAreOfTheStatedSizeAndPersistForAWhile) {
+TEST(SensorModelTest, ErrorsHaveTheStatedSizeAndPersist) {
   SensorModel sensor;
   sensor.radius = 1000.0;
   sensor.gap_chance = 0.0;
@@ -55,7 +55,7 @@ TEST(SensorModelTest, ErrorsAreOfTheStatedSizeAndPersistForAWhile) {
   EXPECT_NEAR(product / square, std::exp(-0.1 / sensor.correlation_time), 0.03);
 }
 
-TEST(SensorModelTest, GapsAreShortAndOneATrack) {
+TEST(SensorModelTest, ATrackHasAtMostOneShortGap) {
   SensorModel sensor;
   sensor.radius = 1000.0;
   sensor.gap_chance = 1.0;
@@ -72,7 +72,7 @@ TEST(SensorModelTest, GapsAreShortAndOneATrack) {
   }
 }
 
-TEST(SensorModelTest, PassersByTooShortlySeenAreNotReported) {
+TEST(SensorModelTest, DropsTracksThatAreTooShort) {
   SensorModel sensor;
   sensor.radius = 8.0;  // seen for 1.2 s
   sensor.shortest_track = 2.0;

@@ -1,4 +1,4 @@
-// The places that several tests look at, simulated once.
+// The places that several tests share, simulated once.
 
 #ifndef MANEUVER_TESTS_UNIT_MODEL_DATA_TOWN_SIMULATED_PLACES_H_
 #define MANEUVER_TESTS_UNIT_MODEL_DATA_TOWN_SIMULATED_PLACES_H_

@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kRecordings = 20;
 
-// What several tests look at, generated once.
+// The recordings that several tests share, generated once.
 const std::vector<TownRecording>& Recordings() {
   static const auto* const kGenerated = [] {
     auto* recordings = new std::vector<TownRecording>;
@@ -35,7 +35,7 @@ std::string Bytes(const TownRecording& recording) {
   return bytes;
 }
 
-TEST(SyntheticTownTest, RecordingIsTheSameWhateverElseWasGenerated) {
+TEST(SyntheticTownTest, ARecordingDoesNotDependOnOthersThatWereGenerated) {
   const TownOptions options{.seed = 5};
   const std::string fourth = Bytes(GenerateRecording(options, 4));
   const std::string ninth = Bytes(GenerateRecording(options, 9));
@@ -44,7 +44,7 @@ TEST(SyntheticTownTest, RecordingIsTheSameWhateverElseWasGenerated) {
   EXPECT_NE(fourth, ninth);
 }
 
-TEST(SyntheticTownTest, AnotherSeedIsAnotherTown) {
+TEST(SyntheticTownTest, AnotherSeedGivesAnotherTown) {
   TownRecording a = GenerateRecording({.seed = 5}, 4);
   TownRecording b = GenerateRecording({.seed = 6}, 4);
   EXPECT_EQ(a.scenario.scenario_id(), "town-5-4");
@@ -109,7 +109,7 @@ TEST(SyntheticTownTest, EveryKindOfRoadUserAndMapFeatureOccurs) {
   EXPECT_GT(signals, 20);
 }
 
-TEST(SyntheticTownTest, SignalsAreThoseOfLanesOnTheMap) {
+TEST(SyntheticTownTest, SignalsControlLanesOnTheMap) {
   for (int index = 0; index < kRecordings; ++index) {
     const v1::Scenario& scenario = Recordings()[index].scenario;
     std::set<int64_t> lanes;
@@ -137,7 +137,7 @@ TEST(SyntheticTownTest, LanesDeclareSuccessorsThatBeginAtTheirEndsAndNeighborsBe
         EXPECT_NEAR(lanes[next]->y(0), lane->y(last), 0.05);
         ++successors;
       }
-      // A lane that lies to the left has this one on its right, unless nobody changes back.
+      // A lane to the left has this one on its right, unless changing back is not allowed.
       for (const int64_t left : lane->left_neighbor_ids()) {
         ASSERT_TRUE(lanes.contains(left));
         const double dx = lane->x(1) - lane->x(0);
@@ -160,7 +160,7 @@ TEST(SyntheticTownTest, LanesDeclareSuccessorsThatBeginAtTheirEndsAndNeighborsBe
   EXPECT_GT(neighbors, 10);
 }
 
-TEST(SyntheticTownTest, TargetsAreSeenBeforeAndMoveAfterwards) {
+TEST(SyntheticTownTest, TargetsHaveAPastAndMoveAfterwards) {
   int targets = 0;
   int whole_future = 0;
   for (int index = 0; index < kRecordings; ++index) {
@@ -183,7 +183,7 @@ TEST(SyntheticTownTest, TargetsAreSeenBeforeAndMoveAfterwards) {
   EXPECT_GT(whole_future, targets / 2);
 }
 
-TEST(SyntheticTownTest, ManeuversCoverTheTimeInWhichAVehicleIsSeen) {
+TEST(SyntheticTownTest, ManeuversCoverTheWholeTrackOfAVehicle) {
   for (int index = 0; index < kRecordings; ++index) {
     const TownRecording& recording = Recordings()[index];
     for (const v1::Agent& agent : recording.scenario.agents()) {
@@ -201,7 +201,7 @@ TEST(SyntheticTownTest, ManeuversCoverTheTimeInWhichAVehicleIsSeen) {
   }
 }
 
-TEST(SyntheticTownTest, FrameIntervalAndDurationAreAsAsked) {
+TEST(SyntheticTownTest, HasTheRequestedFrameIntervalAndDuration) {
   const TownOptions options{.seed = 7, .duration = 9.0, .frame_interval = 0.25};
   const v1::Scenario scenario = GenerateRecording(options, 3).scenario;
   double last = 0.0;

@@ -1,4 +1,4 @@
-// The physics and the manners of the town's traffic, on tracks without noise.
+// The physics and the rules of the town's traffic, on noiseless tracks.
 
 #include "model/data/town/traffic.h"
 
@@ -37,19 +37,19 @@ Track Box(int id, double x, double heading) {
   return track;
 }
 
-TEST(TrafficTest, OverlapOfBoxesIsMeasured) {
-  // 4 m long boxes end to end: 3.7 m between the centres is 0.3 m too little.
+TEST(TrafficTest, MeasuresTheOverlapOfBoxes) {
+  // 4 m long boxes in line, 3.7 m between their centres, overlap by 0.3 m.
   const BoxOverlap overlap = LargestOverlap({Box(1, 0.0, 0.0), Box(2, 3.7, 0.0)});
   EXPECT_NEAR(overlap.depth, 0.3, 1e-9);
   EXPECT_EQ(overlap.first, 1);
   EXPECT_EQ(overlap.second, 2);
   EXPECT_EQ(LargestOverlap({Box(1, 0.0, 0.0), Box(2, 4.1, 0.0)}).depth, 0.0);
-  // Across: half a length and half a width.
+  // Crosswise, half a length and half a width count.
   EXPECT_NEAR(LargestOverlap({Box(1, 0.0, 0.0), Box(2, 2.8, 0.5 * std::numbers::pi)}).depth, 0.2,
               1e-9);
 }
 
-TEST(TrafficTest, NobodyDrivesIntoAnybody) {
+TEST(TrafficTest, VehiclesDoNotCollide) {
   for (int index = 0; index < kPlaces; ++index) {
     const BoxOverlap overlap = LargestOverlap(SimulatedPlaces()[index].tracks);
     EXPECT_LE(overlap.depth, kOverlapTolerance)
@@ -68,7 +68,7 @@ TEST(TrafficTest, GivingWayKeepsVehiclesApartWithoutDrawingPlacesAgain) {
   EXPECT_LE(overlapping, 1);
 }
 
-TEST(TrafficTest, NobodyRunsARedLight) {
+TEST(TrafficTest, VehiclesDoNotRunRedLights) {
   int passed = 0;
   ForEachVehicle([&passed](const Place& place, const Track& track, int index) {
     for (size_t i = 1; i < track.points.size(); ++i) {
@@ -76,7 +76,7 @@ TEST(TrafficTest, NobodyRunsARedLight) {
       if (now.lane < 0 || now.lane == track.points[i - 1].lane) continue;
       const Lane& lane = place.graph.lanes[now.lane];
       if (!lane.gate || lane.gate->kind != GateKind::kSignal) continue;
-      // The front was there before the centre.
+      // The front arrived before the centre.
       const double front_passed = track.points[i - 1].travelled - 0.5 * track.length;
       const auto front = std::find_if(
           track.points.begin(), track.points.end(),
@@ -90,14 +90,14 @@ TEST(TrafficTest, NobodyRunsARedLight) {
   EXPECT_GE(passed, 50);
 }
 
-TEST(TrafficTest, KeepingTheLaneIsNearItsCentre) {
+TEST(TrafficTest, VehiclesThatKeepTheLaneStayNearItsCentre) {
   ForEachVehicle([](const Place&, const Track& track, int index) {
     for (const ManeuverInterval& interval : RecordManeuvers(track)) {
       if (interval.maneuver != Maneuver::kKeepLane && interval.maneuver != Maneuver::kCruise) {
         continue;
       }
       for (const TrackPoint& point : track.points) {
-        // A lane change that begins in the last second is not recorded as one.
+        // A lane change that begins in the last second is not recorded.
         if (point.time <= interval.start || point.time >= interval.end - 1.0) continue;
         ASSERT_LT(std::abs(point.lateral), 0.8)
             << "place " << index << ", vehicle " << track.id << " at " << point.time;
@@ -106,7 +106,7 @@ TEST(TrafficTest, KeepingTheLaneIsNearItsCentre) {
   });
 }
 
-TEST(TrafficTest, AccelerationsAndYawRatesAreThoseOfVehicles) {
+TEST(TrafficTest, AccelerationsAndYawRatesArePlausible) {
   std::vector<double> accelerations;
   ForEachVehicle([&](const Place&, const Track& track, int index) {
     for (size_t i = 1; i < track.points.size(); ++i) {
@@ -150,7 +150,7 @@ TEST(TrafficTest, HeadingsFollowTheMotion) {
   EXPECT_GT(backwards, 20);  // out of bays
 }
 
-TEST(TrafficTest, SpeedsAreThoseOfThePlace) {
+TEST(TrafficTest, SpeedsSuitThePlace) {
   double fastest_car_park = 0.0;
   double motorway = 0.0;
   int motorway_points = 0;
