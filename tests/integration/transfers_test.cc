@@ -44,7 +44,7 @@ class TransfersTest : public ::testing::Test {
     stub_ = v1::ModelService::NewStub(b_->channel());
   }
 
-  fs::path data(const std::string& server) const { return folder_ / server; }
+  fs::path data(const std::string& server) const { return folder_.path() / server; }
   static void WriteModel(const fs::path& folder, int seed) {
     const auto written = artifact::WriteModelFolder(
         folder, inference::RandomModel(artifact::TinyModel().manifest.spec(), seed));
@@ -126,7 +126,7 @@ class TransfersTest : public ::testing::Test {
 
 TEST_F(TransfersTest, AVersionMovesFromOneServerToAnother) {
   std::string output;
-  const std::string pulled = (folder_ / "pulled").string();
+  const std::string pulled = (folder_.path() / "pulled").string();
   ASSERT_EQ(RunManeuver(*a_, {"model", "pull", "town/1", pulled}, &output), 0) << output;
   EXPECT_THAT(output, HasSubstr("is town/1"));
   for (const char* name : {kManifest, kWeights}) {
@@ -161,7 +161,7 @@ TEST_F(TransfersTest, AskedForTwiceAVersionIsThereOnce) {
   ASSERT_TRUE(back.ok()) << back.status();
   EXPECT_EQ(back->name(), "models/town/versions/1");
 
-  const fs::path pulled = folder_ / "pulled";
+  const fs::path pulled = folder_.path() / "pulled";
   for (int i = 0; i < 2; ++i) {
     const auto version = client->DownloadModelVersion("models/town/versions/1", pulled, nullptr);
     ASSERT_TRUE(version.ok()) << version.status();
@@ -192,31 +192,31 @@ TEST_F(TransfersTest, AnUploadGoesOnWhereItBrokeOff) {
 TEST_F(TransfersTest, ADownloadGoesOnWhereItBrokeOff) {
   const fs::path source = data("a") / "models" / "town" / "1";
   const std::string weights = Bytes(source / kWeights);
-  const fs::path part = folder_ / ".pulled.part";
+  const fs::path part = folder_.path() / ".pulled.part";
   fs::create_directory(part);
   std::ofstream(part / *files::Sha256OfFile(source / kWeights))
       << weights.substr(0, weights.size() / 3);
   std::ofstream(part / std::string(64, '0')) << "of another version";
   int64_t resumed = 0;
   const auto version = Connect(*a_)->DownloadModelVersion(
-      "models/town/versions/1", folder_ / "pulled",
+      "models/town/versions/1", folder_.path() / "pulled",
       [&](const client::UploadProgress& progress) { resumed = progress.resumed; });
   ASSERT_TRUE(version.ok()) << version.status();
   EXPECT_EQ(resumed, static_cast<int64_t>(weights.size() / 3));
-  EXPECT_EQ(Bytes(folder_ / "pulled" / kWeights), weights);
+  EXPECT_EQ(Bytes(folder_.path() / "pulled" / kWeights), weights);
   EXPECT_FALSE(fs::exists(part));
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "pulled"), {}), 2);
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_.path() / "pulled"), {}), 2);
 }
 
 TEST_F(TransfersTest, ABeginningThatIsWrongIsThrownAwayAndFetchedAnew) {
   const fs::path source = data("a") / "models" / "town" / "1";
-  const fs::path part = folder_ / ".pulled.part";
+  const fs::path part = folder_.path() / ".pulled.part";
   fs::create_directory(part);
   std::ofstream(part / *files::Sha256OfFile(source / kWeights)) << "these are not its first bytes";
-  const auto version =
-      Connect(*a_)->DownloadModelVersion("models/town/versions/1", folder_ / "pulled", nullptr);
+  const auto version = Connect(*a_)->DownloadModelVersion("models/town/versions/1",
+                                                          folder_.path() / "pulled", nullptr);
   ASSERT_TRUE(version.ok()) << version.status();
-  EXPECT_EQ(Bytes(folder_ / "pulled" / kWeights), Bytes(source / kWeights));
+  EXPECT_EQ(Bytes(folder_.path() / "pulled" / kWeights), Bytes(source / kWeights));
 }
 
 TEST_F(TransfersTest, AVersionThatIsDamagedOnItsServerMakesNoFolder) {
@@ -224,19 +224,19 @@ TEST_F(TransfersTest, AVersionThatIsDamagedOnItsServerMakesNoFolder) {
   std::string bytes = Bytes(weights);
   bytes.back() = static_cast<char>(bytes.back() ^ 1);
   std::ofstream(weights) << bytes;
-  const auto version =
-      Connect(*a_)->DownloadModelVersion("models/town/versions/1", folder_ / "pulled", nullptr);
+  const auto version = Connect(*a_)->DownloadModelVersion("models/town/versions/1",
+                                                          folder_.path() / "pulled", nullptr);
   EXPECT_TRUE(absl::IsDataLoss(version.status())) << version.status();
-  EXPECT_FALSE(fs::exists(folder_ / "pulled"));
+  EXPECT_FALSE(fs::exists(folder_.path() / "pulled"));
 }
 
 TEST_F(TransfersTest, AFolderOfSomethingElseIsLeftAlone) {
-  fs::create_directory(folder_ / "mine");
-  std::ofstream(folder_ / "mine" / kManifest) << "mine";
-  const auto version =
-      Connect(*a_)->DownloadModelVersion("models/town/versions/1", folder_ / "mine", nullptr);
+  fs::create_directory(folder_.path() / "mine");
+  std::ofstream(folder_.path() / "mine" / kManifest) << "mine";
+  const auto version = Connect(*a_)->DownloadModelVersion("models/town/versions/1",
+                                                          folder_.path() / "mine", nullptr);
   EXPECT_TRUE(absl::IsAlreadyExists(version.status())) << version.status();
-  EXPECT_EQ(Bytes(folder_ / "mine" / kManifest), "mine");
+  EXPECT_EQ(Bytes(folder_.path() / "mine" / kManifest), "mine");
 }
 
 TEST_F(TransfersTest, FilesThatCannotBePartOfAModelAreRefusedBeforeAByteIsSent) {
@@ -301,7 +301,7 @@ TEST_F(TransfersTest, WhatArrivesWrongOrNotWholeIsNoVersion) {
   EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << status.error_message();
   EXPECT_THAT(Entries(), IsEmpty());
   // Whole, with the digests that it says, and no model: the weights of another one.
-  const fs::path mixed = folder_ / "mixed";
+  const fs::path mixed = folder_.path() / "mixed";
   WriteModel(mixed, 2);
   fs::copy_file(source / kWeights, mixed / kWeights, fs::copy_options::overwrite_existing);
   status = Upload(HeaderOf(mixed), {Bytes(mixed / kManifest), weights});

@@ -98,7 +98,7 @@ TEST_F(TokenCommandTest, CreateTakesASpanOrATimeAsExpiry) {
 }
 
 TEST_F(TokenCommandTest, CreateRefusesAnExpiryThatIsNotInTheFuture) {
-  for (const char* text : {"0d", "-1d", "2027-01-15", "2020-01-01T00:00:00Z", "soon", "", "d", "5w",
+  for (const char* text : {"0d", "-1d", "2027-01-15", "2020-01-01T00:00:00Z", "soon", "d", "5w",
                            "99999999999999999d", "infinite-future"}) {
     EXPECT_EQ(
         Run({"create", "--name", "guest", "--roles", "predict", std::string("--expires=") + text}),
