@@ -75,7 +75,7 @@ class SceneView {
         el('div', { class: 'timeline' }, this.play, this.slider, this.clock),
         el('p', { class: 'lead', id: 'scene-keys' },
           el('span', { class: 'key did' }, 'what it did'), ' ', el('span', { class: 'key predicted' }, 'predicted, with two sigma'),
-          el('span', { class: 'keys' }, ' Drag or arrow keys move the view, + and \u2212 zoom, 0 shows all, comma and full stop step through time, space plays.'))),
+          el('span', { class: 'keys' }, '. Drag or arrow keys move the view, + and \u2212 zoom, 0 shows all, comma and full stop step through time, space plays.'))),
       el('div', {}, this.facts, this.answers));
     this.listen();
   }
@@ -303,7 +303,7 @@ function drawScenes(data) {
       return el('li', {}, el('button', { class: 'card', type: 'button', 'data-scene': index, 'aria-pressed': 'false', onclick: () => show(index) },
         thumbnail(scene), el('span', { class: 'name' }, words(scene.class)),
         el('span', { class: 'numbers' }, el('span', {}, BADGES[scene.groups[0]] || ''),
-          el('span', {}, `${fixed(scene.ade1, 1)} m`))));
+          el('span', {}, `${fixed(scene.ade1, scene.ade1 < 9.95 ? 1 : 0)} m`))));
     }));
     if (indices.length) show(indices[0]);
   };
