@@ -98,7 +98,7 @@ class DatasetStore {
   // quarter of the cores, and keeps the answer beside the shards for the next time.
   absl::StatusOr<v1::DatasetSummary> Describe(const std::string& id, const v1::ModelSpec& spec,
                                               const v1::ExampleSettings& settings) const;
-  // Reads up to the recording.
+  // Reads the recording from its place, by the indexes of its dataset.
   absl::StatusOr<v1::Scenario> GetScenario(const std::string& id,
                                            const std::string& scenario_id) const;
 

@@ -11,6 +11,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_layout.h"
+#include "model/data/recording_index.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
@@ -256,6 +257,8 @@ class StagedUpload final : public DatasetUpload {
     absl::Status status = VerifyDatasetFolder(temporary_);
     // The digests agreed: it is not damaged, it never was what it should be.
     if (absl::IsDataLoss(status)) return absl::InvalidArgumentError(status.message());
+    if (!status.ok()) return status;
+    status = RecordingIndex::Open(temporary_).status();  // indexes each shard
     if (!status.ok()) return status;
     status = files::PublishFolder(temporary_, folder_);
     return absl::IsAlreadyExists(status) ? DatasetExists(id_) : status;
