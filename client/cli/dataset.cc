@@ -1,4 +1,4 @@
-// maneuver dataset: upload, list, show, annotate, delete.
+// maneuver dataset: upload, list, show, annotate, index, delete.
 
 #include <memory>
 #include <ostream>
@@ -11,6 +11,7 @@
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
 #include "client/cli/transfer_line.h"
+#include "model/data/recording_index.h"
 
 namespace maneuver::cli {
 namespace {
@@ -72,6 +73,14 @@ int ListDatasets(Environment& environment) {
   return kOk;
 }
 
+int IndexDataset(const std::string& folder, Environment& environment) {
+  const auto index = data::RecordingIndex::Open(
+      folder, [&](const std::string& what) { environment.err << what << "\n"; });
+  if (!index.ok()) return environment.Fail(index.status());
+  environment.out << folder << ": " << index->entries().size() << " recordings are indexed\n";
+  return kOk;
+}
+
 int DeleteDataset(const std::string& name, Environment& environment) {
   v1::DeleteDatasetRequest request;
   request.set_name(DatasetResource(name));
@@ -125,6 +134,15 @@ void AddDataset(Command& root, Environment& environment) {
   annotate.Option("--action", &labelled->actions,
                   "An action that labels may name; may be repeated [any name]");
   annotate.Run([=, &environment] { return AnnotateDataset(*labelled, environment); });
+
+  Command index =
+      group.Add("index", "Index a dataset folder, so that single recordings can be read",
+                "Writes a small file beside each shard that has none. A damaged or\n"
+                "stale index is named and built anew. A folder that this version\n"
+                "wrote, and a dataset on a server, has its indexes already.\n"
+                "Example: maneuver dataset index town");
+  index.Argument("FOLDER", folder.get(), "Folder with dataset.json");
+  index.Run([=, &environment] { return IndexDataset(*folder, environment); });
 
   Command remove = group.Add("delete", "Remove a dataset",
                              "Refused while a job needs it.\n"

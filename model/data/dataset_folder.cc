@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_layout.h"
+#include "model/data/recording_index.h"
 #include "model/data/tfrecord.h"
 #include "model/files/digest.h"
 #include "model/machine/usable_cores.h"
@@ -100,9 +101,7 @@ absl::Status VerifyShard(const std::filesystem::path& folder, const v1::Shard& s
     return absl::DataLossError(absl::StrCat(shard.file(), ", record at byte ", offset,
                                             ": scenario ", id, " is in the dataset twice"));
   };
-  bool more = true;
-  int64_t skipped = 0;
-  return ReadShard(folder, shard, OnDamage::kStop, visit, &more, &skipped);
+  return ForEachPayloadOfShard(folder, shard, visit);
 }
 
 }  // namespace
@@ -126,6 +125,13 @@ absl::Status ForEachPayload(const std::filesystem::path& folder, v1::ShardConten
     if (!more) break;
   }
   return absl::OkStatus();
+}
+
+absl::Status ForEachPayloadOfShard(const std::filesystem::path& folder, const v1::Shard& shard,
+                                   const VisitPayload& visit) {
+  bool more = true;
+  int64_t skipped = 0;
+  return ReadShard(folder, shard, OnDamage::kStop, visit, &more, &skipped);
 }
 
 absl::Status VerifyDatasetFolder(const std::filesystem::path& folder) {
@@ -189,19 +195,13 @@ absl::StatusOr<std::vector<v1::Scenario>> ReadRecordings(const std::filesystem::
 
 absl::StatusOr<v1::Scenario> ReadScenario(const std::filesystem::path& folder,
                                           const std::string& scenario_id) {
-  v1::Scenario found;
-  bool is_found = false;
-  const absl::Status status =
-      ForEachScenario(folder, OnDamage::kStop, [&](v1::Scenario&& scenario) {
-        is_found = scenario.scenario_id() == scenario_id;
-        if (is_found) found = std::move(scenario);
-        return !is_found;
-      });
-  if (!status.ok()) return status;
-  if (!is_found) {
+  const absl::StatusOr<RecordingIndex> index = RecordingIndex::Open(folder);
+  if (!index.ok()) return index.status();
+  const int64_t found = index->Find(scenario_id);
+  if (found < 0) {
     return absl::NotFoundError(absl::StrCat("the dataset has no scenario ", scenario_id));
   }
-  return found;
+  return index->Read(static_cast<size_t>(found));
 }
 
 }  // namespace maneuver::data

@@ -83,7 +83,8 @@ absl::Status ForEachAnnotation(const std::filesystem::path& folder, OnDamage on_
 absl::StatusOr<std::vector<v1::Scenario>> ReadRecordings(const std::filesystem::path& folder,
                                                          int threads = 0);
 
-// Returns the recording with this id. NOT_FOUND if there is none.
+// Reads and returns the recording with this id from its place (recording_index.h). The first call
+// for a folder without indexes reads all of it. NOT_FOUND if there is none.
 absl::StatusOr<v1::Scenario> ReadScenario(const std::filesystem::path& folder,
                                           const std::string& scenario_id);
 

@@ -32,6 +32,10 @@ using VisitPayload = std::function<absl::Status(const v1::Shard& shard, uint64_t
 absl::Status ForEachPayload(const std::filesystem::path& folder, v1::ShardContent content,
                             OnDamage on_damage, const VisitPayload& visit, int64_t* skipped);
 
+// Does the same with each record of one shard. Stops at damage.
+absl::Status ForEachPayloadOfShard(const std::filesystem::path& folder, const v1::Shard& shard,
+                                   const VisitPayload& visit);
+
 // Returns DATA_LOSS: "<file>, record at byte <offset>: not <what>".
 absl::Status NotAMessage(const v1::Shard& shard, uint64_t offset, std::string_view what);
 

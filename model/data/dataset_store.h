@@ -107,7 +107,7 @@ class DatasetStore {
   // quarter of the cores and keeps the answer beside the shards for the next call.
   absl::StatusOr<v1::DatasetSummary> Describe(const std::string& id, const v1::ModelSpec& spec,
                                               const v1::ExampleSettings& settings) const;
-  // Returns one recording. Reads the dataset up to it.
+  // Returns one recording. Reads it from its place, by the indexes of its dataset.
   absl::StatusOr<v1::Scenario> GetScenario(const std::string& id,
                                            const std::string& scenario_id) const;
 

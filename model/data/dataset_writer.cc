@@ -3,12 +3,15 @@
 #include <algorithm>
 #include <cstdio>
 #include <limits>
+#include <string_view>
 #include <system_error>
 #include <unordered_set>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_layout.h"
+#include "model/data/shard_index.h"
 #include "model/data/tfrecord.h"
 #include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
@@ -39,7 +42,8 @@ class ShardSeries {
         content_(content),
         shard_bytes_(shard_bytes) {}
 
-  absl::Status Append(const std::string& payload) {
+  //   scenario_id: of a scenario, for the index of its shard
+  absl::Status Append(const std::string& payload, std::string_view scenario_id) {
     if (writer_ != nullptr && writer_->size_bytes() >= shard_bytes_) {
       if (absl::Status status = Close(); !status.ok()) return status;
     }
@@ -50,6 +54,9 @@ class ShardSeries {
       auto writer = TfRecordWriter::Create(folder_ / file_);
       if (!writer.ok()) return writer.status();
       writer_ = *std::move(writer);
+    }
+    if (content_ == v1::SHARD_CONTENT_SCENARIOS) {
+      AddToIndex(scenario_id, static_cast<uint64_t>(writer_->size_bytes()), payload, &index_);
     }
     return writer_->Append(payload);
   }
@@ -65,7 +72,8 @@ class ShardSeries {
     shard.set_sha256(writer_->sha256());
     shards_.push_back(std::move(shard));
     writer_.reset();
-    return absl::OkStatus();
+    if (content_ != v1::SHARD_CONTENT_SCENARIOS) return absl::OkStatus();
+    return WriteShardIndex(folder_, shards_.back(), std::exchange(index_, {}));
   }
 
   const std::vector<v1::Shard>& shards() const { return shards_; }
@@ -77,6 +85,7 @@ class ShardSeries {
   const int64_t shard_bytes_;
   std::string file_;
   std::unique_ptr<TfRecordWriter> writer_;
+  ShardIndex index_;  // of the shard that is being written
   std::vector<v1::Shard> shards_;
 };
 
@@ -109,7 +118,7 @@ class FolderWriter final : public DatasetWriter {
     if (ids_.contains(id)) {
       return absl::AlreadyExistsError(absl::StrCat("scenario ", id, " was added before"));
     }
-    if (absl::Status status = Append(scenario, &scenarios_); !status.ok()) return status;
+    if (absl::Status status = Append(scenario, id, &scenarios_); !status.ok()) return status;
     ids_.insert(id);
     manifest_.set_recordings(manifest_.recordings() + 1);
     manifest_.set_duration_seconds(manifest_.duration_seconds() + Duration(scenario));
@@ -120,7 +129,7 @@ class FolderWriter final : public DatasetWriter {
     if (annotation.scenario_id().empty()) {
       return absl::InvalidArgumentError("an annotation must name its scenario");
     }
-    return Append(annotation, &annotations_);
+    return Append(annotation, annotation.scenario_id(), &annotations_);
   }
 
   absl::StatusOr<v1::Dataset> Commit() override {
@@ -143,12 +152,13 @@ class FolderWriter final : public DatasetWriter {
 
  private:
   // A failed write leaves half a record, so nothing can be appended after it.
-  absl::Status Append(const google::protobuf::Message& message, ShardSeries* series) {
+  absl::Status Append(const google::protobuf::Message& message, std::string_view scenario_id,
+                      ShardSeries* series) {
     if (!failed_.ok()) return failed_;
     if (!message.SerializeToString(&payload_)) {
       return absl::InvalidArgumentError("a record must be smaller than 2 GiB and valid UTF-8");
     }
-    failed_ = series->Append(payload_);
+    failed_ = series->Append(payload_, scenario_id);
     return failed_;
   }
 

@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_layout.h"
+#include "model/data/recording_index.h"
 #include "model/files/durable_file.h"
 
 namespace maneuver::data {
@@ -45,6 +46,8 @@ class StagedUpload final : public DatasetUpload {
     status = VerifyDatasetFolder(temporary);
     // The digests agreed: it is not damaged, it never was what it should be.
     if (absl::IsDataLoss(status)) return absl::InvalidArgumentError(status.message());
+    if (!status.ok()) return status;
+    status = RecordingIndex::Open(temporary).status();  // indexes each shard
     if (!status.ok()) return status;
     status = files::PublishFolder(temporary, folder_);
     return absl::IsAlreadyExists(status) ? DatasetExists(id_) : status;

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cerrno>
 #include <cstring>
+#include <fstream>
 
 #include "absl/strings/str_cat.h"
 #include "model/data/byte_source.h"
@@ -173,6 +175,34 @@ absl::StatusOr<std::unique_ptr<TfRecordReader>> TfRecordReader::Open(
   if (!source.ok()) return source.status();
   return std::make_unique<Reader>(*std::move(source), files::NameOf(file),
                                   options.max_record_bytes);
+}
+
+absl::StatusOr<std::string> ReadRecordAt(const std::filesystem::path& file, uint64_t offset,
+                                         uint64_t payload_bytes) {
+  std::ifstream in(file, std::ios::binary);
+  if (!in) return files::ErrnoStatus(errno, "open", file);
+  const auto damaged = [&](absl::string_view what) {
+    return absl::DataLossError(
+        absl::StrCat(files::NameOf(file), ", record at byte ", offset, ": ", what));
+  };
+  std::array<char, kHeaderBytes> header;
+  in.seekg(static_cast<std::streamoff>(offset));
+  in.read(header.data(), header.size());
+  if (!in) return damaged("the file ends before it");
+  if (!LengthIsSound(header.data())) return damaged("the record's length is damaged (CRC-32C)");
+  if (LittleEndian<uint64_t>(header.data()) != payload_bytes) {
+    return damaged(absl::StrCat("the record has ", LittleEndian<uint64_t>(header.data()),
+                                " bytes, and its index says ", payload_bytes));
+  }
+  std::string payload(payload_bytes, '\0');
+  std::array<char, kCrcBytes> footer;
+  in.read(payload.data(), static_cast<std::streamsize>(payload.size()));
+  in.read(footer.data(), footer.size());
+  if (!in) return damaged("the file ends within the record");
+  if (LittleEndian<uint32_t>(footer.data()) != MaskedCrc32c(payload)) {
+    return damaged("the record's payload is damaged (CRC-32C)");
+  }
+  return payload;
 }
 
 absl::StatusOr<std::unique_ptr<TfRecordWriter>> TfRecordWriter::Create(

@@ -47,6 +47,11 @@ class TfRecordReader {
   virtual uint64_t offset() const = 0;
 };
 
+// Reads the payload of the record at `offset` of a file that is not packed. DATA_LOSS, naming file
+// and offset, if there is no undamaged record of `payload_bytes` there. Safe to call from any thread.
+absl::StatusOr<std::string> ReadRecordAt(const std::filesystem::path& file, uint64_t offset,
+                                         uint64_t payload_bytes);
+
 // Appends records to a new file.
 class TfRecordWriter {
  public:

@@ -115,6 +115,18 @@ TEST_F(DatasetCommandTest, LabelsThatCannotBeUsedAreListedByLineAndNothingIsWrit
   EXPECT_FALSE(std::filesystem::exists(output));
 }
 
+TEST_F(DatasetCommandTest, IndexesAFolderAndNamesAnIndexThatWasDamaged) {
+  ASSERT_EQ(Maneuver({"dataset", "index", town()}), kOk) << err_.str();
+  EXPECT_THAT(out_.str(), HasSubstr("3 recordings are indexed"));
+  EXPECT_EQ(err_.str(), "");
+  std::ofstream(town() + "/.scenarios-00000.tfrecord.index") << "damage";
+  ASSERT_EQ(Maneuver({"dataset", "index", town()}), kOk);
+  EXPECT_THAT(err_.str(), HasSubstr("index .scenarios-00000.tfrecord.index is damaged"));
+  ASSERT_EQ(Maneuver({"dataset", "index", town()}), kOk);
+  EXPECT_EQ(err_.str(), "");
+  EXPECT_EQ(Maneuver({"dataset", "index", town() + "-none"}), kFailed);
+}
+
 TEST(DescriptionTextTest, BarsAreAsLongAsTheirShares) {
   v1::DatasetSummary summary;
   for (const double edge : {0.0, 1.0, 2.5, 40.0}) summary.mutable_speeds()->add_edges(edge);

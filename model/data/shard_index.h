@@ -1,0 +1,42 @@
+// The index file of one shard; for the .cc files of this folder alone.
+
+#ifndef MANEUVER_MODEL_DATA_SHARD_INDEX_H_
+#define MANEUVER_MODEL_DATA_SHARD_INDEX_H_
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "maneuver/v1/dataset.pb.h"
+#include "shard_index.pb.h"
+
+namespace maneuver::data {
+
+// Returns ".<shard>.index", beside the shard: no shard may have such a name.
+std::filesystem::path IndexFileOf(const std::filesystem::path& folder, const v1::Shard& shard);
+
+// Adds the record that follows the others to the index of its shard.
+//   offset: of the record in the shard, bytes
+void AddToIndex(std::string_view scenario_id, uint64_t offset, std::string_view payload,
+                ShardIndex* index);
+
+// Reads the index of a shard. NOT_FOUND if there is none; DATA_LOSS, naming the file, if it is
+// damaged or of a shard with another content.
+absl::StatusOr<ShardIndex> ReadShardIndex(const std::filesystem::path& folder,
+                                          const v1::Shard& shard);
+
+// Reads the shard from front to back and checks its SHA-256 and all CRCs. DATA_LOSS with the file
+// and the reason if it is not the shard that the manifest describes.
+absl::StatusOr<ShardIndex> BuildShardIndex(const std::filesystem::path& folder,
+                                           const v1::Shard& shard);
+
+// Writes the index beside its shard, whole or not at all, and notes which shard it is of.
+absl::Status WriteShardIndex(const std::filesystem::path& folder, const v1::Shard& shard,
+                             ShardIndex index);
+
+}  // namespace maneuver::data
+
+#endif  // MANEUVER_MODEL_DATA_SHARD_INDEX_H_
