@@ -157,7 +157,11 @@ std::string PlaceAside(const ActionEvidence& evidence, const PlaceLimits& limits
     return AsideWords(evidence, Side(shift));
   }
   if (std::abs(h) >= kBearing) return absl::StrCat("bear ", side);
-  if (std::abs(shift) >= limits.drift_shift) return absl::StrCat("drift ", Side(shift));
+  // A mean that trembles at its end seems shifted, but ends on the other side or nowhere.
+  const double end = mean(mean.rows() - 1, 1);
+  if (std::min(std::copysign(shift, shift * end), std::abs(end)) >= limits.drift_shift) {
+    return absl::StrCat("drift ", Side(end));
+  }
   return "";
 }
 

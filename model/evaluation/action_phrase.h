@@ -51,7 +51,7 @@ inline constexpr double kTellingShare = 0.6;
 //   lane change left     |h| < 15 degrees and |d| >= 2 m; or |h| < 20 degrees, |d| >= 1 m and at
 //                        least half of the examples are that
 //   bear left            |h| >= 12 degrees
-//   drift left           |d| >= 1 m
+//   drift left           |d| >= 1 m, and the mean ends as far to the same side
 //   stop within 12 m     begins at 1.5 m/s or more and ends below 1 m/s
 //   creep forward        begins below 1.5 m/s and ends below 2 m/s
 //   start off            begins below 1.5 m/s

@@ -150,6 +150,11 @@ TEST(ActionNamesTest, NamesShiftsToTheSide) {
   EXPECT_EQ(PlaceName(Shift(12.0, -3.5)), "lane change right");
   EXPECT_EQ(PlaceName(Shift(12.0, 1.4)), "drift left");
   EXPECT_EQ(PlaceName(Shift(12.0, 0.6)), "keep straight");
+  // The last metres point 5.9 degrees to the left: d = 0.4 m - 34 m tan(2.9 degrees) = -1.3 m.
+  EXPECT_EQ(PlaceName([](double t) {
+              return Place{6.8 * t, 0.7 * std::max(0.0, t - 4.4)};
+            }),
+            "keep straight");
 }
 
 TEST(ActionNamesTest, TheExamplesDecideWhatTheMeanLeavesOpen) {
