@@ -33,7 +33,7 @@ TEST_F(SupervisorTest, ATrainedModelIsPublishedAndItsJobSucceeds) {
   const v1::Job job = WaitForEnd(created.name());
   EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.DebugString();
   EXPECT_EQ(job.model_version(), "models/town/versions/1");
-  EXPECT_EQ(job.progress().fraction(), 0.1);
+  EXPECT_EQ(job.progress().fraction(), 1.0);  // it has ended
   EXPECT_TRUE(job.has_start_time() && job.has_end_time() && !job.has_error());
   EXPECT_EQ(versions_.promotions, std::vector{v1::PROMOTION_ALWAYS});
   // What it was told: complete settings, the dataset's folder and name.
