@@ -261,9 +261,13 @@ int Promote(const ModelArguments& arguments, Environment& environment) {
         "--ahead-of and --not-behind need --dataset, which names the evaluation to check");
   }
   if (arguments.dataset) request.set_dataset(DatasetResource(*arguments.dataset));
-  const auto before =
-      Version(absl::StrCat(version.substr(0, version.find("/versions/")), "@", arguments.alias),
-              environment);
+  // For the table of what became of its actions.
+  absl::StatusOr<v1::ModelVersion> before = absl::NotFoundError("not asked for");
+  if (!environment.json()) {
+    before =
+        Version(absl::StrCat(version.substr(0, version.find("/versions/")), "@", arguments.alias),
+                environment);
+  }
   const auto alias = environment.server_client().SetModelAlias(request, environment.call_options());
   if (!alias.ok()) return environment.Fail(alias.status());
   if (environment.json()) {

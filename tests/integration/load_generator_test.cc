@@ -207,7 +207,8 @@ TEST_F(LoadGeneratorTest, AServerThatIsTooBusyForTheFirstCallIsAskedAllTheSame) 
                         std::filesystem::copy_options::recursive);
   const ServerProcess busy(data, Arguments{"--rate-limit", "0.001"});
   std::string output;
-  ASSERT_EQ(RunManeuver(busy, {"model", "promote", "tiny/1"}, &output), 0) << output;
+  ASSERT_EQ(RunManeuver(busy, {"--output", "json", "model", "promote", "tiny/1"}, &output), 0)
+      << output;
   EXPECT_EQ(RunManeuver(busy,
                         {"load", "--concurrency", "1", "--duration", "0.5", "--warm-up", "0",
                          "--scenes", "1", "--send-all"},

@@ -34,9 +34,9 @@ const std::set<std::string> kNames = {"name",       "parent",       "model", "mo
                                       "dataset",    "datasets",     "file",  "page_token",
                                       "start_from", "test_datasets"};
 // Strings that name nothing: the server keeps them or compares them.
-const std::set<std::string> kOtherStrings = {"request_id", "scenario_id", "label",
-                                             "origin",     "sha256",      "preset",
-                                             "device",     "metric",      "rival"};
+const std::set<std::string> kOtherStrings = {
+    "request_id", "scenario_id", "label",  "origin", "sha256",
+    "preset",     "device",      "metric", "rival",  "required_action_names"};
 
 const std::vector<std::string> kHostile = {
     "../../etc/passwd",
@@ -94,6 +94,8 @@ const std::map<std::string, std::string> kHarmless = {
     {"maneuver.v1.ListScenariosRequest.parent", "datasets/a"},
     {"maneuver.v1.UploadHeader.name", "datasets/a"},
     {"maneuver.v1.QueryUploadRequest.name", "datasets/a"},
+    {"maneuver.v1.UploadModelHeader.parent", "models/a"},
+    {"maneuver.v1.QueryModelUploadRequest.parent", "models/a"},
     {"maneuver.v1.Dataset.name", ""},  // the server's to say; UploadHeader.name counts
 };
 

@@ -166,7 +166,7 @@ TEST(CommandLineTest, AServerThatDoesNotAnswerIsNamedWithWhatToDo) {
   EXPECT_EQ(result.status, kFailed);
   EXPECT_THAT(result.out, IsEmpty());
   EXPECT_THAT(result.err, HasSubstr("no server answers at 127.0.0.1:1; start one with maneuverd "
-                                    "--data-dir DIR or name it with --server"));
+                                    "--data-dir DIR, name it with --server"));
 }
 
 TEST(CommandLineTest, PredictAsksWithItsPriority) {

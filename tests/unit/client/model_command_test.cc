@@ -116,7 +116,7 @@ TEST_F(ModelCommandTest, ShowsWhatAModelReadsAndPredicts) {
   EXPECT_THAT(shown, ContainsRegex("trajectories +relative to the present motion"));
   EXPECT_THAT(shown, ContainsRegex("vectors +the target's past second, lane paths, agents nearby"));
   EXPECT_THAT(shown, ContainsRegex("actions look at +the lane paths"));
-  EXPECT_THAT(shown, ContainsRegex("means +depend on the scene"));
+  EXPECT_THAT(shown, ContainsRegex("means +also depend on the scene directly"));
   EXPECT_THAT(shown, ContainsRegex("covariance +predicted from the scene"));
   EXPECT_THAT(shown, Not(HasSubstr("raster")));
   EXPECT_THAT(shown, Not(HasSubstr("backbone")));
