@@ -57,7 +57,7 @@ class ExamplesTest(unittest.TestCase):
 
     def test_the_command_line_answers(self):
         answer = run("maneuver", "--server", self.address, "probability", SCENE)
-        self.assertRegex(answer, r"by-hand +7 +\d+ +\d+\.\d %")
+        self.assertRegex(answer, r"by-hand +7 +\d+ +\S.* +\d+\.\d %")
 
     def expected(self):
         """What each of the three languages prints."""
