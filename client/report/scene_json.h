@@ -23,7 +23,7 @@ nlohmann::json DistributionJson(const v1::ActionDistribution& distribution,
 // Everything near the target, in the target's frame: map features cut to what is in sight and
 // without the points that a straight line does not need, the states of agents from a second before
 // the prediction time to the last waypoint, signals.
-//   waypoints: indices of those that are drawn
+//   waypoints: indices of the waypoints to draw
 //   horizon: time of the last waypoint, seconds
 nlohmann::json SceneJson(const Scene& scene, const std::vector<int>& waypoints, double horizon);
 

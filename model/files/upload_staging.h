@@ -4,9 +4,9 @@
 //   <folder>/.uploads/<id>.<caller>/<SHA-256>       a file that is whole, and is what its name says
 //                                  /<SHA-256>.part  the beginning of one
 //
-// <id> is what the files become, <caller> a digest of who calls. Files are looked for among those
-// of the same caller and id alone: whoever knows the digest of somebody else's file learns nothing
-// by it, and does not get its bytes.
+// <id> is what the files become, <caller> a digest of the caller's name. An upload looks for files
+// only among those of the same caller and id. A caller who knows the digest of a file of another
+// caller therefore cannot find out that it is here, and does not get its bytes.
 
 #ifndef MANEUVER_MODEL_FILES_UPLOAD_STAGING_H_
 #define MANEUVER_MODEL_FILES_UPLOAD_STAGING_H_

@@ -14,10 +14,10 @@ namespace maneuver::machine {
 void AddNiceness(int more);
 
 // A group of threads that only pass work on to computing threads. When such a thread is woken, it
-// normally interrupts whoever computes on its core, does little and sleeps again: up to ten times
-// per answer, if every step of an answer wakes it. While the group is patient (SCHED_BATCH), its
-// threads wait until the core is free or until the kernel's next tick, and then do all their work
-// at once. That pays only while more work waits than can be computed.
+// normally interrupts the thread that computes on its core, does little and sleeps again. If every
+// step of an answer wakes it, it does so up to ten times per answer. While the group is patient
+// (SCHED_BATCH), its threads wait until the core is free or until the kernel's next tick, and then
+// do all their work at once. That pays only while more work waits than can be computed.
 //
 // Thread-safe. A thread may be in several groups; the latest call of SetPatient counts.
 class PassingThreads {

@@ -57,8 +57,8 @@ struct PromotionOutcome {
   absl::Status interruption;
 };
 
-// Returns the versions that have no report by the task's criteria, of those that DecidePromotion
-// would compare now.
+// Returns the versions that MeasureVersions has to measure: DecidePromotion would compare them now,
+// and they have no report that meets the task's criteria.
 std::vector<std::string> VersionsToMeasure(const PromotionTask& task, PromotionVersions& versions);
 
 // Measures VersionsToMeasure. A measurement that fails is a decision against the new version, which

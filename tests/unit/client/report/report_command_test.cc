@@ -176,7 +176,7 @@ class Training final : public v1::TrainingService::Service {
     response->mutable_jobs(0)->set_model_version(kVersion);
     return grpc::Status::OK;
   }
-  // The job goes on: whoever waits for its end waits for ever.
+  // The job never ends: a command that waits for its end never returns.
   grpc::Status WatchJob(grpc::ServerContext* context, const v1::WatchJobRequest*,
                         grpc::ServerWriter<v1::WatchJobResponse>* writer) override {
     for (int epoch = 1; epoch <= 2; ++epoch) {
