@@ -28,6 +28,11 @@ int SpeedStratum(const Measurement& measured) {
   return by_speed.stratum(measured.keys);
 }
 
+// Returns the class of what changes: a vehicle that goes on standing keeps its speed of zero.
+RelativeClass ChangeOfMotion(RelativeClass relative_class) {
+  return relative_class == RelativeClass::kStands ? RelativeClass::kKeepsSpeed : relative_class;
+}
+
 void AddMetrics(const Agreement& agreement, const std::string& suffix,
                 v1::EvaluationReport& report) {
   auto& metrics = *report.mutable_metrics();
@@ -56,11 +61,13 @@ void AddUses(const ContingencyTable& kinematic, const ContingencyTable& relative
 void AddMeaning(std::span<const Measurement> measured, v1::EvaluationReport& report) {
   Agreement kinematic;
   Agreement relative;
+  ContingencyTable motions;
   ContingencyTable maneuvers;
   for (const Measurement& each : measured) {
     const int speed = SpeedStratum(each);
     kinematic.Add(speed, each.action, static_cast<int>(each.keys.kinematic_class));
     relative.Add(speed, each.action, static_cast<int>(each.relative_class));
+    motions.Add(each.action, static_cast<int>(ChangeOfMotion(each.relative_class)));
     if (each.maneuver) maneuvers.Add(each.action, *each.maneuver);
   }
   AddMetrics(kinematic, "_kinematic", report);
@@ -68,6 +75,7 @@ void AddMeaning(std::span<const Measurement> measured, v1::EvaluationReport& rep
   AddUses(kinematic.all, relative.all, report);
   auto& metrics = *report.mutable_metrics();
   metrics["named_share_relative"] = relative.all.ShareInClustersOfPurity(kNamedPurity);
+  metrics["named_share_motion"] = motions.ShareInClustersOfPurity(kNamedPurity);
   if (maneuvers.total() == 0) return;
   metrics["nmi"] = maneuvers.NormalizedMutualInformation();
   metrics["purity"] = maneuvers.Purity();

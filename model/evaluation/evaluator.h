@@ -94,6 +94,8 @@ struct EvaluationInput {
 //   named_share_relative                   the share of the examples whose action has at least 70 %
 //                                          of its examples in one relative class; chance favours
 //                                          actions with few examples
+//   named_share_motion                     the same, with *stands* counted as *keeps speed*: to an
+//                                          action relative to the present motion they are one thing
 //
 // The report says which examples it covers (example_settings, trajectory, target_types). Its strata
 // (strata.h) contain the main metrics. Its rivals (rival_comparison.h) say where the model is ahead

@@ -72,6 +72,7 @@ constexpr MetricRow kMetrics[] = {
     {"purity_relative", "share", Better::kHigher},
     {"class_information_relative", "share", Better::kHigher},
     {"named_share_relative", "share", Better::kHigher},
+    {"named_share_motion", "share", Better::kHigher},
     {"labelled_examples", "", Better::kNone},
 };
 

@@ -201,6 +201,7 @@ Block Meaning(Reader& read) {
   read.Row(block, "class information, given the speed", Share,
            {"class_information_kinematic", "class_information_relative"});
   read.Row(block, "examples in actions of purity 0.7", Share, {"", "named_share_relative"});
+  read.Row(block, "the same, standing as keeping", Share, {"", "named_share_motion"});
   read.Row(block, "examples with a manoeuvre", Count, {"", "", "labelled_examples"});
   return block;
 }

@@ -67,6 +67,17 @@ TEST_F(ActionMeaningTest, ActionsThatEncodeBehaviourTellItAtEverySpeed) {
   EXPECT_DOUBLE_EQ(metrics.at("named_share_relative"), 1.0);
 }
 
+// Standing still and driving on at the same speed are two classes, and one change of motion: none.
+TEST_F(ActionMeaningTest, AnActionThatKeepsTheMotionIsNamedAtAnySpeed) {
+  Add(5, 0, 0.0, KinematicClass::kStationary, RelativeClass::kStands);
+  Add(5, 0, 9.0, KinematicClass::kStraightMedium, RelativeClass::kKeepsSpeed);
+  Add(5, 1, 0.0, KinematicClass::kStationary, RelativeClass::kStands);
+  Add(5, 1, 9.0, KinematicClass::kStraightSlow, RelativeClass::kBrakes);
+  const v1::EvaluationReport report = Report();
+  EXPECT_DOUBLE_EQ(report.metrics().at("named_share_relative"), 0.0);
+  EXPECT_DOUBLE_EQ(report.metrics().at("named_share_motion"), 0.5);
+}
+
 TEST_F(ActionMeaningTest, AnActionIsNamedFromSevenTenths) {
   Add(7, 0, 5.0, KinematicClass::kStraightSlow, RelativeClass::kBrakes);
   Add(3, 0, 5.0, KinematicClass::kStationary, RelativeClass::kStops);

@@ -100,6 +100,7 @@ TEST(ReportTextTest, MeaningHasAColumnForEachKindOfClasses) {
   metrics["class_information_kinematic"] = 0.6;
   metrics["class_information_relative"] = 0.5;
   metrics["named_share_relative"] = 0.3;
+  metrics["named_share_motion"] = 0.6;
   EXPECT_EQ(ReportText(report, false),
             "ACTIONS       VALUE\n"
             "I(y;s), nats  1.250\n"
@@ -108,7 +109,8 @@ TEST(ReportTextTest, MeaningHasAColumnForEachKindOfClasses) {
             "NMI of action and class                 0.250     0.500\n"
             "purity of the actions                   0.625     0.750\n"
             "class information, given the speed     60.0 %    50.0 %\n"
-            "examples in actions of purity 0.7                30.0 %\n");
+            "examples in actions of purity 0.7                30.0 %\n"
+            "the same, standing as keeping                    60.0 %\n");
   metrics["nmi"] = 0.375;
   metrics["labelled_examples"] = 7;
   EXPECT_THAT(ReportText(report, false),
