@@ -36,7 +36,7 @@ esac
   # shells that complete the command
   zsh fish
   # tests/checks
-  clang-format clang-tidy
+  clang clang-format clang-tidy
   # tests/report, with npm
   chromium
   # deploy/backup.sh, deploy/balancing, deploy/kubernetes

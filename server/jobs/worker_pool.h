@@ -3,13 +3,14 @@
 #ifndef MANEUVER_SERVER_JOBS_WORKER_POOL_H_
 #define MANEUVER_SERVER_JOBS_WORKER_POOL_H_
 
-#include <condition_variable>
 #include <cstddef>
 #include <deque>
 #include <functional>
-#include <mutex>
 #include <thread>
 #include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "locks/mutex.h"
 
 namespace maneuver::jobs {
 
@@ -33,10 +34,10 @@ class WorkerPool {
   void Run();
 
   const size_t max_waiting_;
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  std::deque<std::function<void()>> waiting_;  // guarded by mutex_
-  bool ends_ = false;                          // guarded by mutex_
+  Mutex mutex_;
+  CondVar changed_;
+  std::deque<std::function<void()>> waiting_ ABSL_GUARDED_BY(mutex_);
+  bool ends_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<std::thread> threads_;
 };
 

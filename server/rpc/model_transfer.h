@@ -5,10 +5,11 @@
 #include <grpcpp/support/server_callback.h>
 
 #include <memory>
-#include <mutex>
 #include <string>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
+#include "locks/mutex.h"
 #include "maneuver/v1/model_service.pb.h"
 #include "server/rpc/upload_call.h"
 #include "server/serving/serving_table.h"
@@ -51,9 +52,9 @@ class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadMode
   std::unique_ptr<serving::VersionReader> reader_;
   v1::DownloadModelVersionResponse message_;
 
-  std::mutex mutex_;
-  absl::Status refusal_;    // guarded by mutex_
-  bool has_ended_ = false;  // guarded by mutex_
+  Mutex mutex_;
+  absl::Status refusal_ ABSL_GUARDED_BY(mutex_);
+  bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;
 
   // Last, so that it ends first: nobody refuses what is gone.
   std::unique_ptr<security::AccessControl::LongCall> admission_;
