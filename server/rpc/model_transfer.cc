@@ -31,7 +31,7 @@ absl::Status WithUploadReason(absl::Status status) {
 }  // namespace
 
 ModelDownloadCall::ModelDownloadCall(const serving::VersionStore& store,
-                                     const serving::ServingTable& table, jobs::WorkerPool& pool,
+                                     const serving::ServingTable& table, WorkerPool& pool,
                                      security::AccessControl& access,
                                      grpc::CallbackServerContext* rpc,
                                      const v1::DownloadModelVersionRequest& request)
@@ -98,7 +98,7 @@ void ModelDownloadCall::End(const absl::Status& status) {
   Finish(ToGrpcStatus(status));
 }
 
-ModelUploadCall::ModelUploadCall(serving::VersionUploads& uploads, jobs::WorkerPool& pool,
+ModelUploadCall::ModelUploadCall(serving::VersionUploads& uploads, WorkerPool& pool,
                                  security::AccessControl& access, grpc::CallbackServerContext* rpc,
                                  v1::ModelVersion* response)
     : UploadCall(pool, rpc, response),

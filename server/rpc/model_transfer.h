@@ -24,7 +24,7 @@ namespace maneuver::rpc {
 class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadModelVersionResponse> {
  public:
   ModelDownloadCall(const serving::VersionStore& store, const serving::ServingTable& table,
-                    jobs::WorkerPool& pool, security::AccessControl& access,
+                    WorkerPool& pool, security::AccessControl& access,
                     grpc::CallbackServerContext* rpc,
                     const v1::DownloadModelVersionRequest& request);
 
@@ -44,7 +44,7 @@ class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadMode
 
   const serving::VersionStore& store_;
   const serving::ServingTable& table_;
-  jobs::WorkerPool& pool_;
+  WorkerPool& pool_;
   grpc::CallbackServerContext* const rpc_;
   const v1::DownloadModelVersionRequest request_;
 
@@ -64,7 +64,7 @@ class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadMode
 class ModelUploadCall final
     : public UploadCall<v1::UploadModelVersionRequest, v1::ModelVersion, serving::VersionUpload> {
  public:
-  ModelUploadCall(serving::VersionUploads& uploads, jobs::WorkerPool& pool,
+  ModelUploadCall(serving::VersionUploads& uploads, WorkerPool& pool,
                   security::AccessControl& access, grpc::CallbackServerContext* rpc,
                   v1::ModelVersion* response);
 

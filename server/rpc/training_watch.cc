@@ -23,7 +23,7 @@ absl::Status Check(const v1::WatchJobRequest& request) {
 
 }  // namespace
 
-JobWatchCall::JobWatchCall(jobs::Supervisor& jobs, jobs::WorkerPool& pool,
+JobWatchCall::JobWatchCall(jobs::Supervisor& jobs, WorkerPool& pool,
                            security::AccessControl& access, grpc::CallbackServerContext* rpc,
                            const v1::WatchJobRequest& request)
     : jobs_(jobs), pool_(pool), rpc_(rpc) {

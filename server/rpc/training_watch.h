@@ -12,7 +12,7 @@
 #include "locks/mutex.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "server/jobs/supervisor.h"
-#include "server/jobs/worker_pool.h"
+#include "server/rpc/worker_pool.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
@@ -21,7 +21,7 @@ namespace maneuver::rpc {
 // costs a small buffer, and holds up nobody. Deletes itself.
 class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse> {
  public:
-  JobWatchCall(jobs::Supervisor& jobs, jobs::WorkerPool& pool, security::AccessControl& access,
+  JobWatchCall(jobs::Supervisor& jobs, WorkerPool& pool, security::AccessControl& access,
                grpc::CallbackServerContext* rpc, const v1::WatchJobRequest& request);
 
   void OnWriteDone(bool ok) override;
@@ -47,7 +47,7 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
   void End(const absl::Status& status);
 
   jobs::Supervisor& jobs_;
-  jobs::WorkerPool& pool_;
+  WorkerPool& pool_;
   grpc::CallbackServerContext* const rpc_;
 
   // These belong to whoever is kWorking.

@@ -16,9 +16,9 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 #include "locks/mutex.h"
-#include "server/jobs/worker_pool.h"
 #include "server/rpc/blocking_call.h"
 #include "server/rpc/guarded_service.h"
+#include "server/rpc/worker_pool.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
@@ -63,7 +63,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
   void OnDone() final { delete this; }
 
  protected:
-  UploadCall(jobs::WorkerPool& pool, grpc::CallbackServerContext* rpc, Response* response)
+  UploadCall(WorkerPool& pool, grpc::CallbackServerContext* rpc, Response* response)
       : pool_(pool), rpc_(rpc), response_(response) {}
 
   // Begins the call; the last thing that a constructor does.
@@ -161,7 +161,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
     return errors::InvalidField("header", "must be the first message of an upload");
   }
 
-  jobs::WorkerPool& pool_;
+  WorkerPool& pool_;
   grpc::CallbackServerContext* const rpc_;
   Response* const response_;
   Request message_;

@@ -1,8 +1,8 @@
-#include "server/jobs/worker_pool.h"
+#include "server/rpc/worker_pool.h"
 
 #include <utility>
 
-namespace maneuver::jobs {
+namespace maneuver::rpc {
 
 WorkerPool::WorkerPool(int threads, size_t max_waiting) : max_waiting_(max_waiting) {
   for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Run(); });
@@ -48,4 +48,4 @@ void WorkerPool::Run() {
   }
 }
 
-}  // namespace maneuver::jobs
+}  // namespace maneuver::rpc

@@ -1,7 +1,7 @@
 // A few threads for work that would hold up others: threads of gRPC, above all.
 
-#ifndef MANEUVER_SERVER_JOBS_WORKER_POOL_H_
-#define MANEUVER_SERVER_JOBS_WORKER_POOL_H_
+#ifndef MANEUVER_SERVER_RPC_WORKER_POOL_H_
+#define MANEUVER_SERVER_RPC_WORKER_POOL_H_
 
 #include <cstddef>
 #include <deque>
@@ -12,7 +12,7 @@
 #include "absl/base/thread_annotations.h"
 #include "locks/mutex.h"
 
-namespace maneuver::jobs {
+namespace maneuver::rpc {
 
 // Safe to use from any thread.
 class WorkerPool {
@@ -41,6 +41,6 @@ class WorkerPool {
   std::vector<std::thread> threads_;
 };
 
-}  // namespace maneuver::jobs
+}  // namespace maneuver::rpc
 
-#endif  // MANEUVER_SERVER_JOBS_WORKER_POOL_H_
+#endif  // MANEUVER_SERVER_RPC_WORKER_POOL_H_
