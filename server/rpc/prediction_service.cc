@@ -3,6 +3,7 @@
 #include "absl/base/thread_annotations.h"
 #include "locks/mutex.h"
 #include "server/rpc/blocking_call.h"
+#include "server/rpc/grpc_internals.h"
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/predict_stream.h"
 #include "server/rpc/prediction_admission.h"
@@ -17,7 +18,7 @@ int64_t Bytes(const google::protobuf::Message& request) {
 }
 
 // Lives until gRPC is done with the call.
-class PredictionReactor final : public grpc::ServerUnaryReactor {
+class PredictionReactor final : public InlineReactor<grpc::ServerUnaryReactor> {
  public:
   PredictionReactor(PredictionContext& context, grpc::CallbackServerContext& rpc,
                     const PredictionIo& io) {
@@ -43,8 +44,6 @@ class PredictionReactor final : public grpc::ServerUnaryReactor {
   }
 
   void OnDone() override { delete this; }
-  // What it does is short: no other thread need be woken for it.
-  bool InternalInlineable() override { return true; }
 
  private:
   Mutex mutex_;
