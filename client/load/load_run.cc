@@ -22,10 +22,10 @@ constexpr milliseconds kGrace{1'000};  // for a call to notice that its time is 
 
 nanoseconds FromMilliseconds(double time) { return nanoseconds(std::llround(time * 1e6)); }
 
-class Run {
+class LoadRun {
  public:
-  Run(const LoadPlan& plan, Callee& callee, Timeline& timeline, client::Cancellation& stop,
-      const std::function<void(const Progress&)>& on_progress)
+  LoadRun(const LoadPlan& plan, Callee& callee, Timeline& timeline, client::Cancellation& stop,
+          const std::function<void(const Progress&)>& on_progress)
       : plan_(plan),
         callee_(callee),
         timeline_(timeline),
@@ -206,7 +206,7 @@ class Run {
 
 Tally RunLoad(const LoadPlan& plan, Callee& callee, Timeline& timeline, client::Cancellation& stop,
               const std::function<void(const Progress&)>& on_progress) {
-  return Run(plan, callee, timeline, stop, on_progress).Measure();
+  return LoadRun(plan, callee, timeline, stop, on_progress).Measure();
 }
 
 }  // namespace maneuver::load
