@@ -17,6 +17,10 @@ if(BUILD_TESTING)
   find_package(GTest REQUIRED)
 endif()
 
+# Debian's cpp-httplib has no CMake config.
+find_package(PkgConfig REQUIRED)
+pkg_check_modules(cpp_httplib REQUIRED IMPORTED_TARGET cpp-httplib)
+
 # Civetweb's CMake config asks for modules that Debian leaves out.
 find_path(CIVETWEB_INCLUDE_DIR civetweb.h REQUIRED)
 find_library(CIVETWEB_LIBRARY civetweb REQUIRED)

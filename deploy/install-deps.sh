@@ -16,7 +16,7 @@ packages=(
   # rasters and drawings
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev
   # metrics, jobs, command line, logs, data
-  prometheus-cpp-dev libcivetweb-dev libsqlite3-dev libcli11-dev libspdlog-dev nlohmann-json3-dev libpugixml-dev zlib1g-dev
+  prometheus-cpp-dev libcivetweb-dev libcpp-httplib-dev libsqlite3-dev libcli11-dev libspdlog-dev nlohmann-json3-dev libpugixml-dev zlib1g-dev
   # tests
   libgtest-dev libgmock-dev libbenchmark-dev
   # what the scripts use
