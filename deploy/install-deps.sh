@@ -14,7 +14,7 @@ packages=(
   # without it LibTorch's matrix products are some 25 times slower
   libopenblas0-openmp
   # rasters and drawings
-  libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev
+  libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libpng-dev
   # metrics, jobs, command line, logs, data
   prometheus-cpp-dev libcivetweb-dev libcpp-httplib-dev libsqlite3-dev libcli11-dev libspdlog-dev nlohmann-json3-dev libpugixml-dev zlib1g-dev
   # tests
