@@ -3,12 +3,13 @@
 #ifndef MANEUVER_CLIENT_CANCELLATION_H_
 #define MANEUVER_CLIENT_CANCELLATION_H_
 
-#include <condition_variable>
+#include <chrono>
 #include <functional>
 #include <map>
-#include <mutex>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/time/time.h"
+#include "locks/mutex.h"
 
 namespace maneuver::client {
 
@@ -18,22 +19,24 @@ namespace maneuver::client {
 class Cancellation {
  public:
   void Cancel() {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     cancelled_ = true;
     for (const auto& [id, cancel] : running_) cancel();
-    changed_.notify_all();
+    changed_.NotifyAll();
   }
 
   bool cancelled() const {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     return cancelled_;
   }
 
   // Waits for `duration` or until cancelled. Returns false if cancelled.
   bool Sleep(absl::Duration duration) const {
-    std::unique_lock lock(mutex_);
-    return !changed_.wait_for(lock, absl::ToChronoNanoseconds(duration),
-                              [this] { return cancelled_; });
+    const auto end = std::chrono::steady_clock::now() + absl::ToChronoNanoseconds(duration);
+    const MutexLock lock(mutex_);
+    while (!cancelled_ && changed_.WaitUntil(mutex_, end)) {
+    }
+    return !cancelled_;
   }
 
   // For as long as it lives, Cancel() calls `cancel`. Calls it at once if already cancelled.
@@ -42,14 +45,14 @@ class Cancellation {
     Registration(Cancellation* cancellation, std::function<void()> cancel)
         : cancellation_(cancellation) {
       if (cancellation_ == nullptr) return;
-      const std::lock_guard lock(cancellation_->mutex_);
+      const MutexLock lock(cancellation_->mutex_);
       if (cancellation_->cancelled_) cancel();
       id_ = cancellation_->next_id_++;
       cancellation_->running_.emplace(id_, std::move(cancel));
     }
     ~Registration() {
       if (cancellation_ == nullptr) return;
-      const std::lock_guard lock(cancellation_->mutex_);
+      const MutexLock lock(cancellation_->mutex_);
       cancellation_->running_.erase(id_);
     }
     Registration(const Registration&) = delete;
@@ -61,11 +64,11 @@ class Cancellation {
   };
 
  private:
-  mutable std::mutex mutex_;  // guards what follows
-  mutable std::condition_variable changed_;
-  bool cancelled_ = false;
-  int next_id_ = 0;
-  std::map<int, std::function<void()>> running_;
+  mutable Mutex mutex_;
+  mutable CondVar changed_;
+  bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
+  int next_id_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::map<int, std::function<void()>> running_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace maneuver::client

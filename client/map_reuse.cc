@@ -67,7 +67,7 @@ CallOptions Until(absl::Time deadline, CallOptions call) {
 MapReuse::MapReuse(Client& client, size_t max_maps) : client_(client), max_maps_(max_maps) {}
 
 void MapReuse::Forget() {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   known_.clear();
 }
 
@@ -75,7 +75,7 @@ absl::StatusOr<std::string> MapReuse::IdOf(std::shared_ptr<const Features>* feat
                                            absl::Time deadline, const CallOptions& call) {
   const size_t hash = Hash(**features);
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     const auto known = std::ranges::find_if(known_, [&](const KnownMap& map) {
       return map.hash == hash && Equal(*map.features, **features);
     });
@@ -90,7 +90,7 @@ absl::StatusOr<std::string> MapReuse::IdOf(std::shared_ptr<const Features>* feat
   auto registered = client_.RegisterMap(request, Until(deadline, call));
   if (CannotBeHeld(registered.status())) return std::string();
   if (!registered.ok()) return registered.status();
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   known_.push_front({hash, *features, registered->map_id()});
   if (known_.size() > max_maps_) known_.pop_back();
   return registered->map_id();

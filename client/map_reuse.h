@@ -14,10 +14,11 @@
 #include <cstddef>
 #include <list>
 #include <memory>
-#include <mutex>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "client/client.h"
+#include "locks/mutex.h"
 
 namespace maneuver::client {
 
@@ -73,8 +74,8 @@ class MapReuse {
 
   Client& client_;
   const size_t max_maps_;
-  std::mutex mutex_;           // guards what follows
-  std::list<KnownMap> known_;  // most recently used first
+  Mutex mutex_;
+  std::list<KnownMap> known_ ABSL_GUARDED_BY(mutex_);  // most recently used first
 };
 
 }  // namespace maneuver::client

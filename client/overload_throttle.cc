@@ -14,7 +14,7 @@ constexpr double kAlike = 1.25;
 }  // namespace
 
 absl::Status OverloadThrottle::Admit(absl::Duration timeout, absl::Time now) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   ForgetLocked(now);
   if (timeout > kAlike * refused_timeout_) return absl::OkStatus();
   const double surplus = requests_ - kSentOfAccepted * accepted_ - kFree;
@@ -32,7 +32,7 @@ void OverloadThrottle::Record(const absl::Status& status, absl::Duration timeout
   if (absl::IsUnavailable(status) || absl::IsCancelled(status)) return;
   const ErrorDetails details =
       absl::IsResourceExhausted(status) ? ErrorDetailsOf(status) : ErrorDetails();
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   ForgetLocked(now);
   requests_ += 1.0;
   // An error without a delay is permanent, for example a request that is too large.

@@ -9,11 +9,12 @@
 #ifndef MANEUVER_CLIENT_OVERLOAD_THROTTLE_H_
 #define MANEUVER_CLIENT_OVERLOAD_THROTTLE_H_
 
-#include <mutex>
 #include <random>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/time/time.h"
+#include "locks/mutex.h"
 
 namespace maneuver::client {
 
@@ -43,17 +44,17 @@ class OverloadThrottle {
   void Record(const absl::Status& status, absl::Duration timeout, absl::Time now);
 
  private:
-  void ForgetLocked(absl::Time now);
+  void ForgetLocked(absl::Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
-  std::mutex mutex_;  // guards what follows
-  std::mt19937_64 random_;
-  double requests_ = 0.0;
-  double accepted_ = 0.0;
-  absl::Time forgotten_at_ = absl::InfinitePast();
+  Mutex mutex_;
+  std::mt19937_64 random_ ABSL_GUARDED_BY(mutex_);
+  double requests_ ABSL_GUARDED_BY(mutex_) = 0.0;
+  double accepted_ ABSL_GUARDED_BY(mutex_) = 0.0;
+  absl::Time forgotten_at_ ABSL_GUARDED_BY(mutex_) = absl::InfinitePast();
   // The longest timeout among recent calls that were not accepted.
-  absl::Duration refused_timeout_ = absl::ZeroDuration();
-  absl::Time refused_at_ = absl::InfinitePast();
-  absl::Duration retry_delay_ = kDelay;  // that the server last asked for
+  absl::Duration refused_timeout_ ABSL_GUARDED_BY(mutex_) = absl::ZeroDuration();
+  absl::Time refused_at_ ABSL_GUARDED_BY(mutex_) = absl::InfinitePast();
+  absl::Duration retry_delay_ ABSL_GUARDED_BY(mutex_) = kDelay;  // that the server last asked for
 };
 
 }  // namespace maneuver::client

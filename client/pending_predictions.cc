@@ -54,15 +54,15 @@ PendingPredictions::PendingPredictions(std::shared_ptr<grpc::ChannelInterface> c
 PendingPredictions::~PendingPredictions() {
   cancellation_.Cancel();
   {
-    std::unique_lock lock(mutex_);
-    changed_.wait(lock, [this] { return under_way_ == 0; });
+    const MutexLock lock(mutex_);
+    while (under_way_ > 0) changed_.Wait(mutex_);
   }
   queue_.Shutdown();
   if (taker_.joinable()) taker_.join();
 }
 
 void PendingPredictions::Count() {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   ++under_way_;
   if (!taker_.joinable()) taker_ = std::thread([this] { TakeAnswers(); });
 }
@@ -106,8 +106,8 @@ void PendingPredictions::TakeAnswers() {
       call->on_answer(std::move(status));
     }
     call.reset();
-    const std::lock_guard lock(mutex_);
-    if (--under_way_ == 0) changed_.notify_all();
+    const MutexLock lock(mutex_);
+    if (--under_way_ == 0) changed_.NotifyAll();
   }
 }
 

@@ -7,16 +7,16 @@
 #include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/grpcpp.h>
 
-#include <condition_variable>
 #include <functional>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <thread>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "client/cancellation.h"
 #include "client/prepared_prediction.h"
+#include "locks/mutex.h"
 
 namespace maneuver::client {
 
@@ -39,16 +39,16 @@ class PendingPredictions {
   void Refuse(std::unique_ptr<Call> call, absl::Status status);
 
  private:
-  void Count();
+  void Count() ABSL_LOCKS_EXCLUDED(mutex_);
   void TakeAnswers();
 
   grpc::TemplatedGenericStub<grpc::ByteBuffer, v1::PredictResponse> stub_;
   grpc::CompletionQueue queue_;
   Cancellation cancellation_;
-  std::mutex mutex_;  // guards what follows
-  std::condition_variable changed_;
-  int under_way_ = 0;
-  std::thread taker_;  // starts with the first call
+  Mutex mutex_;
+  CondVar changed_;
+  int under_way_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::thread taker_ ABSL_GUARDED_BY(mutex_);  // starts with the first call
 };
 
 struct PendingPredictions::Call {

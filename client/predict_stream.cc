@@ -1,11 +1,12 @@
 #include "client/predict_stream.h"
 
-#include <mutex>
 #include <thread>
 #include <utility>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/time/clock.h"
 #include "client/connection.h"
+#include "locks/mutex.h"
 
 namespace maneuver::client {
 namespace {
@@ -42,7 +43,7 @@ class GrpcPredictStream final : public PredictStream {
       message.mutable_timeout()->set_seconds(absl::IDivDuration(rest, absl::Seconds(1), &rest));
       message.mutable_timeout()->set_nanos(static_cast<int32_t>(absl::ToInt64Nanoseconds(rest)));
     }
-    const std::lock_guard lock(write_mutex_);
+    const MutexLock lock(write_mutex_);
     if (writes_done_) {
       return absl::FailedPreconditionError("the stream is finished; open another");
     }
@@ -52,13 +53,13 @@ class GrpcPredictStream final : public PredictStream {
 
   absl::Status Finish() override {
     {
-      const std::lock_guard lock(write_mutex_);
+      const MutexLock lock(write_mutex_);
       if (!writes_done_) {
         writes_done_ = true;
         stream_->WritesDone();
       }
     }
-    const std::lock_guard lock(finish_mutex_);
+    const MutexLock lock(finish_mutex_);
     if (!end_) {
       reader_.join();
       end_ = ToStatus(stream_->Finish());
@@ -75,10 +76,10 @@ class GrpcPredictStream final : public PredictStream {
   std::unique_ptr<grpc::ClientReaderWriter<v1::StreamPredictRequest, v1::StreamPredictResponse>>
       stream_;
   std::thread reader_;
-  std::mutex write_mutex_;  // one Write at a time; protects writes_done_
-  bool writes_done_ = false;
-  std::mutex finish_mutex_;  // protects end_ and the joining of reader_
-  std::optional<absl::Status> end_;
+  Mutex write_mutex_;  // one Write at a time
+  bool writes_done_ ABSL_GUARDED_BY(write_mutex_) = false;
+  Mutex finish_mutex_;  // also held while reader_ is joined
+  std::optional<absl::Status> end_ ABSL_GUARDED_BY(finish_mutex_);
 };
 
 }  // namespace

@@ -9,6 +9,7 @@ find_package(dnnl CONFIG REQUIRED)
 find_package(hwy CONFIG REQUIRED)
 find_package(OpenSSL REQUIRED COMPONENTS Crypto SSL)
 find_package(ZLIB REQUIRED)
+find_package(PNG REQUIRED)
 find_package(SQLite3 REQUIRED)
 find_package(prometheus-cpp CONFIG REQUIRED)
 find_package(spdlog CONFIG REQUIRED)
@@ -16,6 +17,10 @@ find_package(CLI11 CONFIG REQUIRED)
 if(BUILD_TESTING)
   find_package(GTest REQUIRED)
 endif()
+
+# Debian's cpp-httplib has no CMake config.
+find_package(PkgConfig REQUIRED)
+pkg_check_modules(cpp_httplib REQUIRED IMPORTED_TARGET cpp-httplib)
 
 # Civetweb's CMake config asks for modules that Debian leaves out.
 find_path(CIVETWEB_INCLUDE_DIR civetweb.h REQUIRED)

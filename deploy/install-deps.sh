@@ -14,9 +14,9 @@ packages=(
   # without it LibTorch's matrix products are some 25 times slower
   libopenblas0-openmp
   # rasters and drawings
-  libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev
+  libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libpng-dev
   # metrics, jobs, command line, logs, data
-  prometheus-cpp-dev libcivetweb-dev libsqlite3-dev libcli11-dev libspdlog-dev nlohmann-json3-dev libpugixml-dev zlib1g-dev
+  prometheus-cpp-dev libcivetweb-dev libcpp-httplib-dev libsqlite3-dev libcli11-dev libspdlog-dev nlohmann-json3-dev libpugixml-dev zlib1g-dev
   # tests
   libgtest-dev libgmock-dev libbenchmark-dev
   # what the scripts use
@@ -36,7 +36,7 @@ esac
   # shells that complete the command
   zsh fish
   # tests/checks
-  clang-format clang-tidy
+  clang clang-format clang-tidy
   # tests/report, with npm
   chromium
   # deploy/backup.sh, deploy/balancing, deploy/kubernetes

@@ -1,10 +1,8 @@
 // maneuver synthesize: recordings of the synthetic town as a dataset folder.
 
 #include <algorithm>
-#include <condition_variable>
-#include <map>
 #include <memory>
-#include <mutex>
+#include <optional>
 #include <ostream>
 #include <thread>
 #include <vector>
@@ -15,6 +13,7 @@
 #include "client/cli/text_format.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/town/synthetic_town.h"
+#include "model/machine/ordered_work.h"
 #include "model/machine/usable_cores.h"
 
 namespace maneuver::cli {
@@ -28,55 +27,25 @@ using data::town::TownRecording;
 class TownProduction {
  public:
   TownProduction(const TownOptions& options, int count, int threads)
-      : options_(options), count_(count), most_ahead_(4 * threads) {
+      : options_(options), work_(static_cast<size_t>(count), 4 * static_cast<size_t>(threads)) {
     for (int i = 0; i < threads; ++i) workers_.emplace_back([this] { Work(); });
   }
 
-  ~TownProduction() {
-    {
-      const std::lock_guard lock(mutex_);
-      stopped_ = true;
-    }
-    changed_.notify_all();
-    for (std::thread& worker : workers_) worker.join();
-  }
+  ~TownProduction() { work_.Stop(); }
 
-  // The next recording; call it `count` times.
-  TownRecording Next() {
-    std::unique_lock lock(mutex_);
-    changed_.wait(lock, [this] { return finished_.count(handed_out_) > 0; });
-    TownRecording recording = std::move(finished_.extract(handed_out_++).mapped());
-    changed_.notify_all();
-    return recording;
-  }
+  // Returns the next recording; nothing after the last.
+  std::optional<TownRecording> Next() { return work_.Take(); }
 
  private:
   void Work() {
-    std::unique_lock lock(mutex_);
-    while (true) {
-      changed_.wait(lock, [this] {
-        return stopped_ || begun_ == count_ || begun_ < handed_out_ + most_ahead_;
-      });
-      if (stopped_ || begun_ == count_) return;
-      const int index = begun_++;
-      lock.unlock();
-      TownRecording recording = data::town::GenerateRecording(options_, index);
-      lock.lock();
-      finished_.emplace(index, std::move(recording));
-      changed_.notify_all();
+    while (const std::optional<size_t> index = work_.Claim()) {
+      work_.Put(*index, data::town::GenerateRecording(options_, static_cast<int>(*index)));
     }
   }
 
   const TownOptions options_;
-  const int count_;
-  const int most_ahead_;
-  std::mutex mutex_;  // protects all below
-  std::condition_variable changed_;
-  std::map<int, TownRecording> finished_;
-  int begun_ = 0;
-  int handed_out_ = 0;
-  bool stopped_ = false;
-  std::vector<std::thread> workers_;
+  machine::OrderedWork<TownRecording> work_;
+  std::vector<std::jthread> workers_;  // last: they end before what they use
 };
 
 struct SynthesizeArguments {
@@ -99,14 +68,16 @@ int Synthesize(const SynthesizeArguments& arguments, Environment& environment) {
   TownProduction production(options, count,
                             arguments.threads > 0 ? static_cast<int>(arguments.threads) : cores);
   ProgressLine progress(environment.errors, environment.progress_form());
-  for (int i = 0; i < count; ++i) {
-    const TownRecording recording = production.Next();
-    absl::Status status = (*writer)->Add(recording.scenario);
-    for (const v1::ManeuverAnnotation& maneuver : recording.maneuvers) {
+  int written = 0;
+  while (const std::optional<TownRecording> recording = production.Next()) {
+    absl::Status status = (*writer)->Add(recording->scenario);
+    for (const v1::ManeuverAnnotation& maneuver : recording->maneuvers) {
       if (status.ok()) status = (*writer)->Add(maneuver);
     }
     if (!status.ok()) return environment.FailAt(arguments.folder, status);
-    progress.Show((i + 1.0) / count, absl::StrCat(i + 1, " of ", count, " recordings"));
+    ++written;
+    progress.Show(static_cast<double>(written) / count,
+                  absl::StrCat(written, " of ", count, " recordings"));
   }
   const absl::StatusOr<v1::Dataset> dataset = (*writer)->Commit();
   progress.Clear();

@@ -1,11 +1,6 @@
-#include <netdb.h>
-#include <poll.h>
-#include <sys/socket.h>
-#include <unistd.h>
+#include <httplib.h>
 
-#include <cerrno>
-#include <memory>
-
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
 #include "client/load/metrics_page.h"
@@ -17,32 +12,12 @@ using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
 constexpr size_t kMostBytes = size_t{16} << 20;
-
-class Socket {
- public:
-  explicit Socket(int fd) : fd_(fd) {}
-  ~Socket() {
-    if (fd_ >= 0) close(fd_);
-  }
-  Socket(const Socket&) = delete;
-  Socket& operator=(const Socket&) = delete;
-
-  int fd() const { return fd_; }
-
-  // Returns whether it can be read or written before `deadline`.
-  bool Ready(int16_t events, steady_clock::time_point deadline) const {
-    const auto left = std::chrono::ceil<milliseconds>(deadline - steady_clock::now());
-    pollfd waiting = {.fd = fd_, .events = events, .revents = 0};
-    return left.count() > 0 && poll(&waiting, 1, static_cast<int>(left.count())) == 1;
-  }
-
- private:
-  const int fd_;
-};
+constexpr int kHttpPort = 80;
+constexpr int kMostPort = 65'535;
 
 struct Address {
   std::string host;
-  std::string port;
+  int port = kHttpPort;
   std::string path;
 };
 
@@ -59,35 +34,33 @@ absl::StatusOr<Address> ParseUrl(const std::string& url) {
   absl::string_view host = authority.substr(0, has_port ? colon : authority.size());
   if (absl::ConsumePrefix(&host, "[")) absl::ConsumeSuffix(&host, "]");
   address.host = std::string(host);
-  address.port = has_port ? std::string(authority.substr(colon + 1)) : "80";
-  if (address.host.empty() || address.port.empty() || (!has_scheme && !has_port)) {
+  const bool good_port = has_port ? absl::SimpleAtoi(authority.substr(colon + 1), &address.port) &&
+                                        address.port > 0 && address.port <= kMostPort
+                                  : has_scheme;
+  if (address.host.empty() || !good_port) {
     return absl::InvalidArgumentError(absl::StrCat(
         url, " is no address of a metrics page, such as http://127.0.0.1:9470/metrics"));
   }
   return address;
 }
 
-absl::Status NotThere(const std::string& url, const char* why) {
+absl::Status NotThere(const std::string& url, absl::string_view why) {
   return absl::UnavailableError(absl::StrCat("no metrics at ", url, ": ", why));
 }
 
-// Sends `text`, then reads until the other side closes.
-absl::StatusOr<std::string> Exchange(const Socket& socket, const std::string& text,
-                                     steady_clock::time_point deadline) {
-  // A request is far smaller than any socket's buffer.
-  if (!socket.Ready(POLLOUT, deadline) || send(socket.fd(), text.data(), text.size(),
-                                               MSG_NOSIGNAL) != static_cast<ssize_t>(text.size())) {
-    return absl::UnavailableError("it takes no request");
+absl::string_view Explain(httplib::Error error) {
+  switch (error) {
+    case httplib::Error::Connection:
+      return "nobody listens there";
+    case httplib::Error::ConnectionTimeout:
+    case httplib::Error::Read:
+    case httplib::Error::Write:
+      return "it does not answer in time";
+    case httplib::Error::Canceled:
+      return "the page is too large or too slow";
+    default:
+      return "the answer is no HTTP";
   }
-  std::string answer;
-  std::string chunk(65'536, '\0');
-  while (answer.size() < kMostBytes && socket.Ready(POLLIN, deadline)) {
-    const ssize_t got = recv(socket.fd(), chunk.data(), chunk.size(), 0);
-    if (got == 0) return answer;
-    if (got < 0 && errno != EINTR && errno != EAGAIN) break;
-    if (got > 0) answer.append(chunk, 0, static_cast<size_t>(got));
-  }
-  return absl::UnavailableError("it does not answer in time");
 }
 
 }  // namespace
@@ -96,36 +69,20 @@ absl::StatusOr<MetricsPage> FetchMetrics(const std::string& url, milliseconds pa
   const auto address = ParseUrl(url);
   if (!address.ok()) return address.status();
   const auto deadline = steady_clock::now() + patience;
-
-  addrinfo hints = {};
-  hints.ai_socktype = SOCK_STREAM;
-  addrinfo* found = nullptr;
-  if (getaddrinfo(address->host.c_str(), address->port.c_str(), &hints, &found) != 0) {
-    return NotThere(url, "the host is not known");
-  }
-  const std::unique_ptr<addrinfo, void (*)(addrinfo*)> addresses(found, freeaddrinfo);
-  for (const addrinfo* to = addresses.get(); to != nullptr; to = to->ai_next) {
-    const Socket socket(::socket(to->ai_family, to->ai_socktype | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
-    if (socket.fd() < 0) continue;
-    if (connect(socket.fd(), to->ai_addr, to->ai_addrlen) != 0 && errno != EINPROGRESS) continue;
-    // With HTTP/1.0, the answer comes in one piece and ends with the connection.
-    const auto answer =
-        Exchange(socket,
-                 absl::StrCat("GET ", address->path, " HTTP/1.0\r\nHost: ", address->host,
-                              "\r\nAccept: text/plain\r\n\r\n"),
-                 deadline);
-    if (!answer.ok()) {
-      if (to->ai_next != nullptr) continue;
-      return NotThere(url, std::string(answer.status().message()).c_str());
-    }
-    const size_t body = answer->find("\r\n\r\n");
-    const size_t status = answer->find(' ');
-    if (body == std::string::npos || answer->compare(status, 4, " 200") != 0) {
-      return NotThere(url, "the answer is not 200 OK");
-    }
-    return MetricsPage::Parse(std::string_view(*answer).substr(body + 4));
-  }
-  return NotThere(url, "nobody listens there");
+  httplib::Client client(address->host, address->port);
+  client.set_connection_timeout(patience);
+  client.set_read_timeout(patience);
+  client.set_write_timeout(patience);
+  std::string page;
+  const auto answer =
+      client.Get(address->path, {{"Accept", "text/plain"}}, [&](const char* data, size_t size) {
+        if (page.size() + size > kMostBytes || steady_clock::now() > deadline) return false;
+        page.append(data, size);
+        return true;
+      });
+  if (!answer) return NotThere(url, Explain(answer.error()));
+  if (answer->status != 200) return NotThere(url, "the answer is not 200 OK");
+  return MetricsPage::Parse(page);
 }
 
 }  // namespace maneuver::load

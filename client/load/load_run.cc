@@ -3,11 +3,12 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <mutex>
 #include <random>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "client/error_details.h"
+#include "locks/mutex.h"
 
 namespace maneuver::load {
 namespace {
@@ -21,10 +22,10 @@ constexpr milliseconds kGrace{1'000};  // for a call to notice that its time is 
 
 nanoseconds FromMilliseconds(double time) { return nanoseconds(std::llround(time * 1e6)); }
 
-class Run {
+class LoadRun {
  public:
-  Run(const LoadPlan& plan, Callee& callee, Timeline& timeline, client::Cancellation& stop,
-      const std::function<void(const Progress&)>& on_progress)
+  LoadRun(const LoadPlan& plan, Callee& callee, Timeline& timeline, client::Cancellation& stop,
+          const std::function<void(const Progress&)>& on_progress)
       : plan_(plan),
         callee_(callee),
         timeline_(timeline),
@@ -80,7 +81,7 @@ class Run {
     WaitUntil(timeline_.Now() + longest + kGrace, [this] { return in_flight_ == 0; });
     Tally tally;
     {
-      const std::lock_guard lock(mutex_);
+      const MutexLock lock(mutex_);
       counting_ = false;
       tally = tally_;
       tally.unfinished = due_under_way_;
@@ -129,7 +130,7 @@ class Run {
     PlannedCall call;
     nanoseconds allowed = plan_.patience;
     {
-      const std::lock_guard lock(mutex_);
+      const MutexLock lock(mutex_);
       call.choice = random_();
       if (plan_.deadline) {
         const auto& [least, most] = *plan_.deadline;
@@ -145,7 +146,7 @@ class Run {
   void OnEnd(TimePoint due, TimePoint sent, const Outcome& outcome) {
     const TimePoint now = timeline_.Now();
     {
-      const std::lock_guard lock(mutex_);
+      const MutexLock lock(mutex_);
       if (window_.Contains(due)) --due_under_way_;
       if (counting_ && !stopped_) tally_.Add(window_, due, sent, now, outcome);
     }
@@ -166,14 +167,14 @@ class Run {
     }
     const auto delay = client::ErrorDetailsOf(status).retry_delay;
     const nanoseconds told = delay ? absl::ToChronoNanoseconds(*delay) : nanoseconds(0);
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     resting_.push_back(now + std::max<nanoseconds>(told, kRest));
   }
 
   // Returns how many callers have rested enough.
   int TakeRested() {
     const TimePoint now = timeline_.Now();
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     return static_cast<int>(std::erase_if(resting_, [now](TimePoint end) { return end <= now; }));
   }
 
@@ -182,12 +183,13 @@ class Run {
   Timeline& timeline_;
   const std::function<void(const Progress&)>& on_progress_;
 
-  std::mutex mutex_;  // guards what follows
-  std::mt19937_64 random_;
-  Tally tally_;
-  int64_t due_under_way_ = 0;  // due in the window
-  bool counting_ = true;
-  std::vector<TimePoint> resting_;  // when each resting caller may call again
+  Mutex mutex_;
+  std::mt19937_64 random_ ABSL_GUARDED_BY(mutex_);
+  Tally tally_ ABSL_GUARDED_BY(mutex_);
+  int64_t due_under_way_ ABSL_GUARDED_BY(mutex_) = 0;  // due in the window
+  bool counting_ ABSL_GUARDED_BY(mutex_) = true;
+  // When each resting caller may call again.
+  std::vector<TimePoint> resting_ ABSL_GUARDED_BY(mutex_);
 
   std::atomic<bool> stopped_ = false;
   std::atomic<bool> ended_ = false;  // no call begins any more
@@ -204,7 +206,7 @@ class Run {
 
 Tally RunLoad(const LoadPlan& plan, Callee& callee, Timeline& timeline, client::Cancellation& stop,
               const std::function<void(const Progress&)>& on_progress) {
-  return Run(plan, callee, timeline, stop, on_progress).Measure();
+  return LoadRun(plan, callee, timeline, stop, on_progress).Measure();
 }
 
 }  // namespace maneuver::load

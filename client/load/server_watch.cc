@@ -26,12 +26,9 @@ ServerWatch::ServerWatch(const std::string& url, MetricsPage before)
     : url_(url), before_(std::move(before)) {
   Look(before_);
   looker_ = std::thread([this] {
-    std::unique_lock lock(mutex_);
-    while (!changed_.wait_for(lock, kBetween, [this] { return ended_; })) {
-      lock.unlock();
+    while (!end_.StoppedWithin(kBetween)) {
       // A server under load may answer late; the next page will do.
       if (const auto page = FetchMetrics(url_); page.ok()) Look(*page);
-      lock.lock();
     }
   });
 }
@@ -39,16 +36,12 @@ ServerWatch::ServerWatch(const std::string& url, MetricsPage before)
 ServerWatch::~ServerWatch() { StopLooking(); }
 
 void ServerWatch::StopLooking() {
-  {
-    const std::lock_guard lock(mutex_);
-    ended_ = true;
-  }
-  changed_.notify_all();
+  end_.Stop();
   if (looker_.joinable()) looker_.join();
 }
 
 void ServerWatch::Look(const MetricsPage& page) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   Raise(&peaks_.queued_targets, page.Sum("maneuver_queue_targets"));
   Raise(&peaks_.memory_bytes, page.Sum("process_resident_memory_bytes"));
 }
@@ -58,6 +51,7 @@ absl::StatusOr<ServerChange> ServerWatch::End() {
   auto after = FetchMetrics(url_, std::chrono::seconds(10));
   if (!after.ok()) return after.status();
   Look(*after);
+  const MutexLock lock(mutex_);
   return ServerChange{before_, *std::move(after), peaks_};
 }
 

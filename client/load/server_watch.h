@@ -3,15 +3,16 @@
 #ifndef MANEUVER_CLIENT_LOAD_SERVER_WATCH_H_
 #define MANEUVER_CLIENT_LOAD_SERVER_WATCH_H_
 
-#include <condition_variable>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <thread>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
 #include "client/load/metrics_page.h"
+#include "locks/mutex.h"
+#include "locks/stop_latch.h"
 
 namespace maneuver::load {
 
@@ -46,10 +47,9 @@ class ServerWatch {
 
   const std::string url_;
   const MetricsPage before_;
-  std::mutex mutex_;  // guards what follows
-  std::condition_variable changed_;
-  bool ended_ = false;
-  Peaks peaks_;
+  StopLatch end_;
+  Mutex mutex_;
+  Peaks peaks_ ABSL_GUARDED_BY(mutex_);
   std::thread looker_;
 };
 

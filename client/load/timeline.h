@@ -4,9 +4,10 @@
 #define MANEUVER_CLIENT_LOAD_TIMELINE_H_
 
 #include <chrono>
-#include <condition_variable>
 #include <functional>
-#include <mutex>
+
+#include "absl/base/thread_annotations.h"
+#include "locks/mutex.h"
 
 namespace maneuver::load {
 
@@ -28,17 +29,18 @@ class RealTimeline final : public Timeline {
  public:
   TimePoint Now() override { return std::chrono::steady_clock::now(); }
   void Wait(TimePoint until, const std::function<bool()>& condition) override {
-    std::unique_lock lock(mutex_);
-    changed_.wait_until(lock, until, condition);
+    const MutexLock lock(mutex_);
+    while (!condition() && changed_.WaitUntil(mutex_, until)) {
+    }
   }
   void Wake() override {
-    const std::lock_guard lock(mutex_);
-    changed_.notify_all();
+    const MutexLock lock(mutex_);
+    changed_.NotifyAll();
   }
 
  private:
-  std::mutex mutex_;
-  std::condition_variable changed_;
+  Mutex mutex_;
+  CondVar changed_;
 };
 
 }  // namespace maneuver::load

@@ -8,8 +8,8 @@
 
 namespace maneuver::plot {
 
-// Returns a PNG file (RFC 2083) with 8 bits per channel. OpenCV's own writer depends on GDAL, which
-// needs more than a hundred packages on every machine that has the command.
+// Returns a PNG file (RFC 2083) with 8 bits per channel, by libpng. OpenCV's own writer depends on
+// GDAL, which needs more than a hundred packages on every machine that has the command.
 //   picture: rows of blue, green, red, as in OpenCV (CV_8UC3).
 std::string EncodePng(const cv::Mat& picture);
 

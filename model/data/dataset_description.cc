@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <condition_variable>
 #include <deque>
-#include <mutex>
 #include <numbers>
 #include <optional>
 #include <span>
@@ -13,7 +11,9 @@
 #include <utility>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/strings/strip.h"
+#include "locks/mutex.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_layout.h"
 #include "model/data/example_index.h"
@@ -254,46 +254,45 @@ class Records {
 
   // Waits for room. Returns false after an error.
   bool Put(Record record) {
-    std::unique_lock lock(mutex_);
-    changed_.wait(lock, [this] { return records_.size() < most_ || !status_.ok(); });
+    const MutexLock lock(mutex_);
+    while (records_.size() >= most_ && status_.ok()) changed_.Wait(mutex_);
     if (!status_.ok()) return false;
     records_.push_back(std::move(record));
-    changed_.notify_all();
+    changed_.NotifyAll();
     return true;
   }
   void End() {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     ended_ = true;
-    changed_.notify_all();
+    changed_.NotifyAll();
   }
   // Waits for a record. Returns nothing at the end and after an error.
   std::optional<Record> Take() {
-    std::unique_lock lock(mutex_);
-    changed_.wait(lock, [this] { return !records_.empty() || ended_; });
+    const MutexLock lock(mutex_);
+    while (records_.empty() && !ended_) changed_.Wait(mutex_);
     if (records_.empty() || !status_.ok()) return std::nullopt;
     Record record = std::move(records_.front());
     records_.pop_front();
-    changed_.notify_all();
+    changed_.NotifyAll();
     return record;
   }
   void Fail(const absl::Status& status) {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     status_.Update(status);
-    changed_.notify_all();
+    changed_.NotifyAll();
   }
   absl::Status status() {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     return status_;
   }
 
  private:
   const size_t most_;
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  // Guarded by mutex_.
-  std::deque<Record> records_;
-  bool ended_ = false;
-  absl::Status status_;
+  Mutex mutex_;
+  CondVar changed_;
+  std::deque<Record> records_ ABSL_GUARDED_BY(mutex_);
+  bool ended_ ABSL_GUARDED_BY(mutex_) = false;
+  absl::Status status_ ABSL_GUARDED_BY(mutex_);
 };
 
 void CountAll(Records& records, Counts* counts) {

@@ -239,7 +239,7 @@ absl::StatusOr<fs::path> DatasetStore::Detach(const std::string& id) {
     return files::ErrnoStatus(error.value(), "delete", FolderOf(id));
   }
   if (absl::Status status = files::SyncPath(folder_); !status.ok()) return status;
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   std::erase_if(summaries_, [&](const auto& entry) { return entry.first.first == id; });
   return *temporary;
 }
@@ -249,7 +249,7 @@ absl::StatusOr<DatasetStore::Summaries> DatasetStore::SummariesOf(const std::str
   if (!manifest.ok()) return manifest.status();
   const std::pair key(id, TimeUtil::TimestampToNanoseconds(manifest->create_time()));
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     if (const auto found = summaries_.find(key); found != summaries_.end()) return found->second;
   }
   auto summaries = std::make_shared<std::vector<v1::ScenarioSummary>>();
@@ -259,7 +259,7 @@ absl::StatusOr<DatasetStore::Summaries> DatasetStore::SummariesOf(const std::str
         return true;
       });
   if (!status.ok()) return Contains(id) ? status : NoSuchDataset(id);
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   if (summaries_.size() >= kMaxSummaries) summaries_.erase(summaries_.begin());
   summaries_[key] = summaries;
   return summaries;

@@ -8,13 +8,14 @@
 #include <filesystem>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "locks/mutex.h"
 #include "maneuver/v1/dataset.pb.h"
 #include "maneuver/v1/dataset_service.pb.h"
 #include "maneuver/v1/model_spec.pb.h"
@@ -123,9 +124,9 @@ class DatasetStore {
   const std::filesystem::path folder_;
   const DatasetStoreOptions options_;
   const std::shared_ptr<files::UploadStaging> staging_;
-  std::mutex mutex_;
-  // Results of ListScenarios, by id and time of creation. Guarded by mutex_.
-  std::map<std::pair<std::string, int64_t>, Summaries> summaries_;
+  Mutex mutex_;
+  // Results of ListScenarios, by id and time of creation.
+  std::map<std::pair<std::string, int64_t>, Summaries> summaries_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace maneuver::data

@@ -18,13 +18,20 @@ constexpr uint64_t StableHash(std::string_view bytes) {
   return hash;
 }
 
-// Mixes a number into a hash: the finalizer of SplitMix64 on their combination.
-constexpr uint64_t MixHash(uint64_t hash, uint64_t value) {
-  uint64_t z = (hash ^ value) + 0x9E3779B97F4A7C15u;
+// What SplitMix64 adds to its state before each output.
+inline constexpr uint64_t kSplitMixStep = 0x9E3779B97F4A7C15u;
+
+// Returns the output of SplitMix64 (Steele, Lea and Flood, 2014) that follows a state: well mixed
+// bits, even of a counter.
+constexpr uint64_t SplitMix64(uint64_t state) {
+  uint64_t z = state + kSplitMixStep;
   z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
   z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
   return z ^ (z >> 31);
 }
+
+// Mixes a number into a hash.
+constexpr uint64_t MixHash(uint64_t hash, uint64_t value) { return SplitMix64(hash ^ value); }
 
 // Maps a hash to a number in [0, 1), by its upper 53 bits.
 constexpr double UnitInterval(uint64_t hash) { return static_cast<double>(hash >> 11) * 0x1p-53; }

@@ -5,12 +5,13 @@
 #include <algorithm>
 #include <atomic>
 #include <iterator>
-#include <mutex>
 #include <thread>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "locks/mutex.h"
 #include "model/artifact/model_spec.h"
 #include "model/data/recording_groups.h"
 #include "model/evaluation/example_sample.h"
@@ -71,7 +72,7 @@ void AddSample(const MeasuredExamples& all, const EvaluationInput& input,
 // Measures the examples on the input's threads. Returns false if `progress` cancelled it.
 bool MeasureAll(const MeasuringContext& context, const EvaluationInput& input,
                 std::span<const data::Example> examples, std::span<Measurement> measured) {
-  std::mutex mutex;  // guards the calls of progress
+  Mutex mutex;  // guards the calls of progress
   std::atomic<size_t> next = 0;
   std::atomic<int64_t> done = 0;
   std::atomic<bool> stopped = false;
@@ -85,7 +86,7 @@ bool MeasureAll(const MeasuringContext& context, const EvaluationInput& input,
       const int64_t before = done.fetch_add(static_cast<int64_t>(count));
       const int64_t after = before + static_cast<int64_t>(count);
       if (input.progress && before / kReportEvery != after / kReportEvery) {
-        std::lock_guard lock(mutex);
+        const MutexLock lock(mutex);
         if (!input.progress(after, static_cast<int64_t>(examples.size()))) stopped = true;
       }
     }

@@ -39,7 +39,7 @@ absl::StatusOr<std::unique_ptr<FileReceiver>> FileReceiver::Begin(
     std::shared_ptr<UploadStaging> staging, FileUpload upload, const CheckRoom& check_room) {
   upload.arrived.resize(upload.files.size());
   auto slot = staging->Enter(upload.id, upload.caller);
-  const std::lock_guard lock(slot->mutex);
+  const MutexLock lock(slot->mutex);
   if (slot->committing) {
     return absl::UnavailableError(absl::StrCat("an earlier upload of ", upload.resource,
                                                " is being checked; try again shortly"));
@@ -80,7 +80,7 @@ FileReceiver::FileReceiver(std::shared_ptr<UploadStaging> staging, FileUpload up
 }
 
 FileReceiver::~FileReceiver() {
-  const std::lock_guard lock(slot_->mutex);
+  const MutexLock lock(slot_->mutex);
   if (slot_->turn != turn_) return;  // the files are somebody else's
   // What fails here was not acknowledged.
   if (part_ != nullptr) (void)part_->Close();
@@ -95,7 +95,7 @@ FileReceiver::~FileReceiver() {
 }
 
 absl::Status FileReceiver::Append(std::string_view bytes) {
-  const std::lock_guard lock(slot_->mutex);
+  const MutexLock lock(slot_->mutex);
   if (status_.ok()) status_ = CheckTurn();
   if (status_.ok()) status_ = Take(bytes);
   return status_;
@@ -104,7 +104,7 @@ absl::Status FileReceiver::Append(std::string_view bytes) {
 absl::Status FileReceiver::Commit(const fs::path& beside,
                                   const std::function<absl::Status(const fs::path&)>& publish) {
   {
-    const std::lock_guard lock(slot_->mutex);
+    const MutexLock lock(slot_->mutex);
     if (status_.ok()) status_ = CheckTurn();
     if (status_.ok()) status_ = CheckComplete();
     if (!status_.ok()) return status_;
@@ -120,7 +120,7 @@ absl::Status FileReceiver::Commit(const fs::path& beside,
   }
   // Nothing is left to be gone on with, or nothing that could come to a good end.
   discarded_ = status_.ok() || absl::IsInvalidArgument(status_) || absl::IsAlreadyExists(status_);
-  const std::lock_guard lock(slot_->mutex);
+  const MutexLock lock(slot_->mutex);
   if (discarded_) staging_->RemoveFolder(*slot_);
   slot_->committing = false;
   return status_;

@@ -11,6 +11,7 @@
 #include <string_view>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "model/files/digest.h"
@@ -67,14 +68,13 @@ class FileReceiver {
                std::shared_ptr<UploadStaging::Slot> slot, int64_t turn);
   const AnnouncedFile& file() const { return upload_.files[next_]; }
   bool IsWhole(const AnnouncedFile& file) const;
-  // These want the slot's mutex held.
-  absl::Status CheckTurn() const;
-  absl::Status Take(std::string_view bytes);
-  absl::Status OpenPart();
-  absl::Status FinishFullFiles();
-  absl::Status ClosePart();
-  absl::Status CheckComplete();
-  void RemovePartWithoutAByte();
+  absl::Status CheckTurn() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(slot_->mutex);
+  absl::Status Take(std::string_view bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(slot_->mutex);
+  absl::Status OpenPart() ABSL_EXCLUSIVE_LOCKS_REQUIRED(slot_->mutex);
+  absl::Status FinishFullFiles() ABSL_EXCLUSIVE_LOCKS_REQUIRED(slot_->mutex);
+  absl::Status ClosePart() ABSL_EXCLUSIVE_LOCKS_REQUIRED(slot_->mutex);
+  absl::Status CheckComplete() ABSL_EXCLUSIVE_LOCKS_REQUIRED(slot_->mutex);
+  void RemovePartWithoutAByte() ABSL_EXCLUSIVE_LOCKS_REQUIRED(slot_->mutex);
 
   absl::Status WrongDigest(const AnnouncedFile& file) const;
   absl::Status CheckEarlierFiles() const;

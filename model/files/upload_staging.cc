@@ -79,7 +79,7 @@ UploadStaging::UploadStaging(const fs::path& folder) : folder_(folder / ".upload
 std::shared_ptr<UploadStaging::Slot> UploadStaging::Enter(const std::string& id,
                                                           const std::string& caller) {
   const std::string name = absl::StrCat(id, ".", Sha256Hex(caller).substr(0, kCallerDigits));
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   std::erase_if(slots_, [](const auto& entry) { return entry.second.expired(); });
   std::weak_ptr<Slot>& known = slots_[name];
   std::shared_ptr<Slot> slot = known.lock();
@@ -94,32 +94,35 @@ std::shared_ptr<UploadStaging::Slot> UploadStaging::Enter(const std::string& id,
 
 absl::Status UploadStaging::Announce(Slot& slot, const Bytes& bytes,
                                      const std::function<absl::Status(const Others&)>& refuse) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
+  const auto known = announced_.find(slot.name);
+  const Bytes own = known == announced_.end() ? Bytes() : known->second;
   Others others{.under_way = under_way_, .broken_off = BrokenOffBytes()};
-  others.under_way.announced -= slot.bytes.announced;
-  others.under_way.missing -= slot.bytes.missing;
+  others.under_way.announced -= own.announced;
+  others.under_way.missing -= own.missing;
   if (absl::Status status = refuse(others); !status.ok()) return status;
   under_way_ = {others.under_way.announced + bytes.announced,
                 others.under_way.missing + bytes.missing};
-  slot.bytes = bytes;
+  announced_[slot.name] = bytes;
   return absl::OkStatus();
 }
 
 void UploadStaging::Arrived(Slot& slot, uint64_t bytes) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   under_way_.missing -= bytes;
-  slot.bytes.missing -= bytes;
+  announced_[slot.name].missing -= bytes;
 }
 
 void UploadStaging::End(Slot& slot) {
-  const std::lock_guard lock(mutex_);
-  under_way_.announced -= slot.bytes.announced;
-  under_way_.missing -= slot.bytes.missing;
-  slot.bytes = {};
+  const MutexLock lock(mutex_);
+  const Bytes own = announced_[slot.name];
+  under_way_.announced -= own.announced;
+  under_way_.missing -= own.missing;
+  announced_.erase(slot.name);
 }
 
 absl::Status UploadStaging::MakeFolder(const Slot& slot) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   std::error_code error;
   if (!fs::create_directories(slot.folder, error)) {
     return error ? ErrnoStatus(error.value(), "create", slot.folder) : absl::OkStatus();
@@ -130,14 +133,14 @@ absl::Status UploadStaging::MakeFolder(const Slot& slot) {
 }
 
 void UploadStaging::RemoveFolder(const Slot& slot) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   std::error_code ignored;
   fs::remove_all(slot.folder, ignored);
   fs::remove(folder_, ignored);  // succeeds if it was the last
 }
 
 void UploadStaging::RemoveEmptyFolder(const Slot& slot) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   std::error_code ignored;
   fs::remove(slot.folder, ignored);
   fs::remove(folder_, ignored);
@@ -145,7 +148,7 @@ void UploadStaging::RemoveEmptyFolder(const Slot& slot) {
 
 absl::Status UploadStaging::RemoveIf(
     const std::function<bool(const std::string& id, fs::file_time_type last)>& is_over) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   std::error_code error;
   if (!fs::exists(folder_, error)) return absl::OkStatus();
   std::vector<fs::path> over;

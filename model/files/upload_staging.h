@@ -17,11 +17,12 @@
 #include <functional>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
+#include "locks/mutex.h"
 
 namespace maneuver::files {
 
@@ -61,10 +62,9 @@ class UploadStaging {
   struct Slot {
     std::string name;
     std::filesystem::path folder;
-    std::mutex mutex;  // guards what follows and the files; locked before UploadStaging's
-    int64_t turn = 0;
-    bool committing = false;  // no other call may take the turn
-    Bytes bytes;              // of the call that has the turn; guarded by UploadStaging
+    Mutex mutex;  // also guards the files; taken before UploadStaging's
+    int64_t turn ABSL_GUARDED_BY(mutex) = 0;
+    bool committing ABSL_GUARDED_BY(mutex) = false;  // no other call may take the turn
   };
 
   explicit UploadStaging(const std::filesystem::path& folder);
@@ -91,15 +91,15 @@ class UploadStaging {
                                                  std::filesystem::file_time_type last)>& is_over);
 
  private:
-  // Require mutex_.
-  bool IsHeld(const std::string& name) const;
-  uint64_t BrokenOffBytes() const;
+  bool IsHeld(const std::string& name) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  uint64_t BrokenOffBytes() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const std::filesystem::path folder_;
-  std::mutex mutex_;
-  // Guarded by mutex_.
-  Bytes under_way_;
-  std::map<std::string, std::weak_ptr<Slot>> slots_;
+  Mutex mutex_;
+  // What each slot has announced, by its name, and the sum of all.
+  std::map<std::string, Bytes> announced_ ABSL_GUARDED_BY(mutex_);
+  Bytes under_way_ ABSL_GUARDED_BY(mutex_);
+  std::map<std::string, std::weak_ptr<Slot>> slots_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace maneuver::files

@@ -144,9 +144,9 @@ class Session final : public InferenceSession {
     // An action that the softmax gave 0 is impossible, which its logarithm says.
     const Eigen::VectorXd log_prior = encoding.probabilities.array().log();
     Decode(probability::SigmaPoints(latent.mean, latent.stddev()).cast<float>());
-    const auto moments = probability::MomentsOfSigmaPoints(DecodedMetres(0, decoded_.rows()));
+    probability::MomentsOfSigmaPoints(DecodedMetres(0, decoded_.rows()), &moments_);
     const double reconstruction =
-        probability::ExpectedLogDensity(x, moments, model_->spec().decoder_stddev());
+        probability::ExpectedLogDensity(x, moments_, model_->spec().decoder_stddev());
     const v1::Objective objective = model_->spec().objective();
     const bool base = objective == v1::OBJECTIVE_BASE || objective == v1::OBJECTIVE_DUAL;
     return {base ? probability::BaseResponsibilities(log_prior, latent, networks_.mixture)
@@ -340,18 +340,13 @@ class Session final : public InferenceSession {
     if (shift.size() > 0) images.rowwise() += shift;
     const Eigen::Index waypoints = images.cols() / 2;
     distribution->moment_mean.resize(waypoints, 2);
-    Eigen::Map<Eigen::RowVectorXd> mean(distribution->moment_mean.data(), images.cols());
-    mean = images.row(0);
-    deviation_.resize(images.cols());
+    probability::MomentsOfSigmaPoints(images, &moments_);
+    Eigen::Map<Eigen::VectorXd>(distribution->moment_mean.data(), images.cols()) = moments_.mean;
     WaypointCovariances& covariance = distribution->moment_covariance;
-    for (Eigen::Index d = 1; d + 1 < points; d += 2) {
-      const auto plus = images.row(d);
-      const auto minus = images.row(d + 1);
-      mean += 0.5 * (plus - 2.0 * images.row(0) + minus);
-      deviation_ = 0.5 * (plus - minus);
+    for (Eigen::Index d = 0; d < moments_.deviations.rows(); ++d) {
       for (Eigen::Index t = 0; t < waypoints; ++t) {
-        const double x = deviation_[2 * t];
-        const double y = deviation_[2 * t + 1];
+        const double x = moments_.deviations(d, 2 * t);
+        const double y = moments_.deviations(d, 2 * t + 1);
         covariance(t, 0) += x * x;
         covariance(t, 1) += x * y;
         covariance(t, 2) += y * y;
@@ -382,12 +377,12 @@ class Session final : public InferenceSession {
   ActionFeatures action_features_;
   std::vector<const scene::SceneVectors*> vectors_;
   std::vector<const Trajectory*> references_;
-  Eigen::VectorXf no_features_;   // [F'] zeros
-  RowMajorXf grids_;              // [rows, h * w * C]
-  RowMajorXf features_;           // [rows, F']
-  RowMajorXf logits_;             // [rows, K]
-  RowMajorXf decoded_;            // [sigma points, 2T]
-  Eigen::RowVectorXd deviation_;  // [2T]
+  Eigen::VectorXf no_features_;  // [F'] zeros
+  RowMajorXf grids_;             // [rows, h * w * C]
+  RowMajorXf features_;          // [rows, F']
+  RowMajorXf logits_;            // [rows, K]
+  RowMajorXf decoded_;           // [sigma points, 2T]
+  probability::SigmaMoments moments_;
 };
 
 std::unique_ptr<InferenceSession> LoadedModel::NewSession() const {

@@ -68,9 +68,9 @@ void CellMask::SetPixels(const scene::Raster& raster, int channels) {
     uint64_t* const bits = Row(row);
     for (int channel = 0; channel < channels; ++channel) {
       const uint8_t* const pixels = raster.Row(channel, row);
-      scene::PixelBlocks touched = raster.Touched(channel, row);
-      for (; touched != 0; touched &= touched - 1) {
-        const int begin = std::countr_zero(touched) * raster.block_pixels();
+      scene::PixelBlocks nonzero = raster.NonzeroBlocks(channel, row);
+      for (; nonzero != 0; nonzero &= nonzero - 1) {
+        const int begin = std::countr_zero(nonzero) * raster.block_pixels();
         const int end = std::min(begin + raster.block_pixels(), width_);
         for (int column = begin; column < end; column += kLanes) {
           uint64_t eight = 0;

@@ -51,7 +51,7 @@ void MapConvolution::Widen(const scene::Raster& raster, int row, Rows* rows) con
   const int width = layer_.input.width;
   float* floats = rows->Values(*this, row) + layer_.kernel / 2;
   for (int channel = 0; channel < kChannels; ++channel, floats += row_pixels_) {
-    if (raster.Touched(channel, row) != 0) {
+    if (raster.NonzeroBlocks(channel, row) != 0) {
       kernel_.widen(raster.Row(channel, row), width, floats);
     } else {
       std::fill(floats, floats + width, 0.0F);

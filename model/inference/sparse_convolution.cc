@@ -37,15 +37,15 @@ bool SparseConvolution::Find(const scene::Raster& raster, Values* values, CellMa
   values->pixels.clear();
   values->rows.assign(1, 0);
   for (int row = 0; row < layer_.input.height; ++row) {
-    scene::PixelBlocks touched = 0;
+    scene::PixelBlocks nonzero = 0;
     values->in_row.clear();
     for (int channel = first_channel_; channel < layer_.input.channels; ++channel) {
-      const scene::PixelBlocks blocks = raster.Touched(channel, row);
+      const scene::PixelBlocks blocks = raster.NonzeroBlocks(channel, row);
       if (blocks != 0) values->in_row.push_back({channel, blocks});
-      touched |= blocks;
+      nonzero |= blocks;
     }
-    for (; touched != 0; touched &= touched - 1) {
-      const int begin = std::countr_zero(touched) * raster.block_pixels();
+    for (; nonzero != 0; nonzero &= nonzero - 1) {
+      const int begin = std::countr_zero(nonzero) * raster.block_pixels();
       const int end = std::min(begin + raster.block_pixels(), layer_.input.width);
       for (int column = begin; column < end; column += scene::Raster::kLanes) {
         FindEight(raster, row, column, values);
@@ -63,23 +63,23 @@ bool SparseConvolution::Find(const scene::Raster& raster, Values* values, CellMa
 void SparseConvolution::FindEight(const scene::Raster& raster, int row, int column,
                                   Values* values) const {
   constexpr int kLanes = scene::Raster::kLanes;
-  const int seen = std::min(kLanes, layer_.input.width - column);
-  const uint64_t seen_bytes = ~uint64_t{0} >> (8 * (kLanes - seen));
-  uint64_t filled = 0;
+  const int inside = std::min(kLanes, layer_.input.width - column);
+  const uint64_t inside_bytes = ~uint64_t{0} >> (8 * (kLanes - inside));
+  uint64_t nonzero = 0;
   values->in_eight.clear();
   const int block = raster.BlockOf(column);
   for (const auto& [channel, blocks] : values->in_row) {
     if ((blocks >> block & 1) == 0) continue;
     uint64_t pixels = 0;
     std::memcpy(&pixels, raster.Row(channel, row) + column, sizeof(pixels));
-    pixels &= seen_bytes;
+    pixels &= inside_bytes;
     if (pixels != 0) values->in_eight.push_back({channel, pixels});
-    filled |= pixels;
+    nonzero |= pixels;
   }
   const size_t room = static_cast<size_t>(values->count) + kLanes * values->in_eight.size();
   if (values->values.size() < room) values->values.resize(2 * room);
-  while (filled != 0) {
-    const int shift = std::countr_zero(filled) / 8 * 8;
+  while (nonzero != 0) {
+    const int shift = std::countr_zero(nonzero) / 8 * 8;
     const int begin = values->count;
     kernels::PixelValue* value = &values->values[static_cast<size_t>(begin)];
     for (const Values::Eight& eight : values->in_eight) {
@@ -89,7 +89,7 @@ void SparseConvolution::FindEight(const scene::Raster& raster, int row, int colu
     }
     values->count = static_cast<int>(value - values->values.data());
     values->pixels.push_back({column + shift / 8, begin, values->count});
-    filled &= ~(uint64_t{0xff} << shift);
+    nonzero &= ~(uint64_t{0xff} << shift);
   }
 }
 

@@ -177,62 +177,33 @@ SceneLoader::SceneLoader(const v1::ModelSpec& spec, const SceneSource& source,
       source_(source),
       items_(std::move(items)),
       batch_size_(static_cast<size_t>(batch_size)),
-      batches_((items_.size() + batch_size_ - 1) / batch_size_),
-      ready_(kAhead) {
+      work_((items_.size() + batch_size_ - 1) / batch_size_, kAhead) {
   const Clock::time_point begin = Clock::now();
   for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Work(); });
   making_ = Clock::now() - begin;
 }
 
-SceneLoader::~SceneLoader() {
-  {
-    std::lock_guard lock(mutex_);
-    stopping_ = true;
-  }
-  changed_.notify_all();
-}
+SceneLoader::~SceneLoader() { work_.Stop(); }
 
 void SceneLoader::Work() {
   machine::AddNiceness(kNiceness);
   Reader reader(spec_, source_);
-  while (true) {
-    size_t index = 0;
-    {
-      std::unique_lock lock(mutex_);
-      changed_.wait(
-          lock, [this] { return stopping_ || claimed_ == batches_ || claimed_ < taken_ + kAhead; });
-      if (stopping_ || claimed_ == batches_) return;
-      index = claimed_++;
-    }
-    const size_t begin = index * batch_size_;
+  while (const std::optional<size_t> index = work_.Claim()) {
+    const size_t begin = *index * batch_size_;
     const size_t end = std::min(begin + batch_size_, items_.size());
     Batch batch;
     batch.items.assign(items_.begin() + static_cast<std::ptrdiff_t>(begin),
                        items_.begin() + static_cast<std::ptrdiff_t>(end));
     reader.Read(&batch);
-    {
-      std::lock_guard lock(mutex_);
-      ready_[index % kAhead] = std::move(batch);
-    }
-    changed_.notify_all();
+    work_.Put(*index, std::move(batch));
   }
 }
 
 std::optional<SceneLoader::Batch> SceneLoader::Next() {
-  std::unique_lock lock(mutex_);
-  if (taken_ == batches_) return std::nullopt;
-  std::optional<Batch>& slot = ready_[taken_ % kAhead];
-  std::chrono::nanoseconds waited = std::exchange(making_, std::chrono::nanoseconds{0});
-  if (!slot) {
-    const Clock::time_point begin = Clock::now();
-    changed_.wait(lock, [&slot] { return slot.has_value(); });
-    waited += Clock::now() - begin;
-  }
-  std::optional<Batch> batch = std::exchange(slot, std::nullopt);
-  batch->waited = waited;
-  ++taken_;
-  lock.unlock();
-  changed_.notify_all();
+  const Clock::time_point begin = Clock::now();
+  std::optional<Batch> batch = work_.Take();
+  if (!batch) return std::nullopt;
+  batch->waited = std::exchange(making_, std::chrono::nanoseconds{0}) + (Clock::now() - begin);
   return batch;
 }
 

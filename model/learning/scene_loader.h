@@ -5,9 +5,7 @@
 
 #include <atomic>
 #include <chrono>
-#include <condition_variable>
 #include <cstdint>
-#include <mutex>
 #include <optional>
 #include <span>
 #include <thread>
@@ -18,6 +16,7 @@
 #include "model/learning/scene_source.h"
 #include "model/learning/scene_tensors.h"
 #include "model/learning/variation.h"
+#include "model/machine/ordered_work.h"
 
 namespace maneuver::learning {
 
@@ -34,8 +33,8 @@ class SceneLoader {
     std::vector<Item> items;
     SceneTensors scenes;
     at::Tensor trajectories;  // x - r(m), varied as the items say, [B, 2T] metres
-    // How long Next waited for it: 0 if it was ready. The first batch has what it took to make the
-    // loader as well.
+    // How long Next waited for it: almost 0 if it was ready. The first batch has what it took to
+    // make the loader as well.
     std::chrono::nanoseconds waited{0};
   };
 
@@ -60,17 +59,8 @@ class SceneLoader {
   const SceneSource& source_;
   const std::vector<Item> items_;
   const size_t batch_size_;
-  const size_t batches_;
   std::chrono::nanoseconds making_{0};  // the loader, until the first batch has it
-
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  // Guarded by mutex_:
-  size_t claimed_ = 0;  // batches that a thread has begun
-  size_t taken_ = 0;    // batches that Next has given out
-  bool stopping_ = false;
-  std::vector<std::optional<Batch>> ready_;  // ring of kAhead, batch i at i % kAhead
-
+  machine::OrderedWork<Batch> work_;
   std::vector<std::jthread> threads_;
 };
 

@@ -35,9 +35,9 @@ int Threads(const v1::TrainingSettings& settings) {
 }
 
 // All phases on loaded data.
-class Run {
+class Training {
  public:
-  Run(const TrainingRun& run, at::Device device)
+  Training(const TrainingRun& run, at::Device device)
       : run_(run),
         device_(device),
         stopped_(run.stopped ? run.stopped : [] { return false; }),
@@ -197,7 +197,7 @@ absl::StatusOr<v1::ModelManifest> Guarded(
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
                                         const std::vector<std::filesystem::path>& datasets) {
   return Guarded(run, [&](at::Device device) -> absl::StatusOr<v1::ModelManifest> {
-    Run training(run, device);
+    Training training(run, device);
     const absl::StatusOr<TrainingData> data = training.Load(datasets);
     if (!data.ok()) return data.status();
     return training.Learn(*data);
@@ -206,7 +206,7 @@ absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
 
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run, const TrainingData& data) {
   return Guarded(run, [&](at::Device device) {
-    Run training(run, device);
+    Training training(run, device);
     return training.Learn(data);
   });
 }

@@ -2,23 +2,18 @@
 
 #include <cmath>
 
+#include "model/data/stable_hash.h"
+
 namespace maneuver::learning {
 namespace {
+
+using data::MixHash;
+using data::SplitMix64;
+using data::UnitInterval;
 
 // Strengths of sensor noise, each drawn evenly in its logarithm.
 constexpr double kLeastSpeedNoise = 0.03, kMostSpeedNoise = 0.5;        // m/s
 constexpr double kLeastHeadingNoise = 0.001, kMostHeadingNoise = 0.02;  // radians
-
-// SplitMix64: well mixed bits from a counter.
-uint64_t Mix(uint64_t x) {
-  x += 0x9e3779b97f4a7c15ULL;
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebULL;
-  return x ^ (x >> 31);
-}
-
-// Uniform in [0, 1).
-double Uniform(uint64_t bits) { return static_cast<double>(bits >> 11) * 0x1.0p-53; }
 
 double Between(double least, double most, double share) {
   return least * std::pow(most / least, share);
@@ -29,15 +24,15 @@ double Between(double least, double most, double share) {
 std::function<bool(int64_t)> HiddenAgents(const Variation& variation) {
   if (variation.drop_agents <= 0.0) return {};
   return [share = variation.drop_agents, seed = variation.drop_seed](int64_t agent_id) {
-    return Uniform(Mix(seed ^ static_cast<uint64_t>(agent_id))) < share;
+    return UnitInterval(MixHash(seed, static_cast<uint64_t>(agent_id))) < share;
   };
 }
 
 Variation DrawVariation(const v1::AugmentationSettings& settings, int history_frames, uint64_t seed,
                         int epoch, int64_t example) {
-  uint64_t state =
-      Mix(Mix(Mix(seed) ^ static_cast<uint64_t>(epoch)) ^ static_cast<uint64_t>(example));
-  const auto draw = [&state] { return Uniform(state = Mix(state)); };
+  uint64_t state = MixHash(MixHash(SplitMix64(seed), static_cast<uint64_t>(epoch)),
+                           static_cast<uint64_t>(example));
+  const auto draw = [&state] { return UnitInterval(state = SplitMix64(state)); };
   Variation variation;
   variation.mirror = draw() < 0.5 && settings.mirror();
   variation.scale = 1.0 + settings.scale() * (2.0 * draw() - 1.0);
@@ -45,14 +40,14 @@ Variation DrawVariation(const v1::AugmentationSettings& settings, int history_fr
   variation.shift_y = settings.shift_pixels() * (2.0 * draw() - 1.0);
   variation.rotation = settings.rotation() * (2.0 * draw() - 1.0);
   variation.drop_agents = settings.drop_agents();
-  variation.drop_seed = state = Mix(state);
+  variation.drop_seed = state = SplitMix64(state);
   if (draw() < settings.drop_history()) {
     variation.frames = 1 + static_cast<int>(draw() * history_frames);
   }
   if (draw() < settings.sensor_noise()) {
     variation.noise.speed_stddev = Between(kLeastSpeedNoise, kMostSpeedNoise, draw());
     variation.noise.heading_stddev = Between(kLeastHeadingNoise, kMostHeadingNoise, draw());
-    variation.noise.seed = state = Mix(state);
+    variation.noise.seed = state = SplitMix64(state);
   }
   return variation;
 }

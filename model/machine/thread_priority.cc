@@ -5,8 +5,10 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <mutex>
 #include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "locks/mutex.h"
 
 namespace maneuver::machine {
 namespace {
@@ -29,15 +31,15 @@ void AddNiceness(int more) {
 struct PassingThreads::Members {
   std::atomic<bool> patient = false;  // written under mutex
 
-  std::mutex mutex;  // guards what follows
-  std::vector<pid_t> threads;
+  Mutex mutex;
+  std::vector<pid_t> threads ABSL_GUARDED_BY(mutex);
 };
 
 // The groups of one thread. The thread leaves them when it ends, because its id may be reused.
 struct PassingThreads::Memberships {
   ~Memberships() {
     for (const auto& group : groups) {
-      const std::lock_guard lock(group->mutex);
+      const MutexLock lock(group->mutex);
       std::erase(group->threads, ThisThread());
     }
   }
@@ -54,20 +56,20 @@ void PassingThreads::Join() {
   // Groups that no longer exist are referenced only by their threads.
   std::erase_if(memberships.groups, [](const auto& group) { return group.use_count() == 1; });
   memberships.groups.push_back(members_);
-  const std::lock_guard lock(members_->mutex);
+  const MutexLock lock(members_->mutex);
   members_->threads.push_back(ThisThread());
   if (members_->patient) SetPolicy(ThisThread(), true);
 }
 
 void PassingThreads::SetPatient(bool patient) {
   if (members_->patient.load(std::memory_order_relaxed) == patient) return;
-  const std::lock_guard lock(members_->mutex);
+  const MutexLock lock(members_->mutex);
   if (members_->patient.exchange(patient) == patient) return;
   for (const pid_t thread : members_->threads) SetPolicy(thread, patient);
 }
 
 size_t PassingThreads::size() const {
-  const std::lock_guard lock(members_->mutex);
+  const MutexLock lock(members_->mutex);
   return members_->threads.size();
 }
 

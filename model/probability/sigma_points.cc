@@ -15,16 +15,16 @@ RowMajorXd SigmaPoints(const Eigen::VectorXd& mean, const Eigen::VectorXd& stdde
   return points;
 }
 
-SigmaMoments MomentsOfSigmaPoints(const RowMajorXd& images) {
+void MomentsOfSigmaPoints(const RowMajorXd& images, SigmaMoments* moments) {
   const Eigen::Index dimensions = (images.rows() - 1) / 2;
-  SigmaMoments moments{images.row(0), RowMajorXd(dimensions, images.cols())};
+  moments->mean = images.row(0);
+  moments->deviations.resize(dimensions, images.cols());
   for (Eigen::Index d = 0; d < dimensions; ++d) {
     const auto plus = images.row(1 + 2 * d);
     const auto minus = images.row(2 + 2 * d);
-    moments.mean += 0.5 * (plus - 2.0 * images.row(0) + minus);
-    moments.deviations.row(d) = 0.5 * (plus - minus);
+    moments->mean += 0.5 * (plus - 2.0 * images.row(0) + minus);
+    moments->deviations.row(d) = 0.5 * (plus - minus);
   }
-  return moments;
 }
 
 double ExpectedLogDensity(const Eigen::VectorXd& x, const SigmaMoments& moments, double stddev) {

@@ -40,9 +40,9 @@ struct SigmaMoments {
   Eigen::MatrixXd Covariance() const { return deviations.transpose() * deviations; }  // [N, N]
 };
 
-// Returns the moments of a decoder's output.
+// Sets the moments of a decoder's output. Reuses the memory of `moments`.
 //   images: [2D+1, N], of the points in the order of SigmaPoints.
-SigmaMoments MomentsOfSigmaPoints(const RowMajorXd& images);
+void MomentsOfSigmaPoints(const RowMajorXd& images, SigmaMoments* moments);
 
 // Returns E ln N(x; f(z), stddev^2 I) over the Gaussian whose sigma points have these moments under
 // f. Uses E |x - f(z)|^2 = |x - E f(z)|^2 + tr Cov f(z). Exact for a linear decoder.

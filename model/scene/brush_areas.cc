@@ -23,7 +23,7 @@ void Brush::FillDisc(Raster* raster, int channel, const PixelPoint& centre, doub
   const PixelBlocks blocks = raster->BlocksOf(columns.first, columns.last - 1);
   uint8_t* pixels = raster->Row(channel, rows.first);
   for (int row = rows.first; row < rows.last; ++row, pixels += raster->stride()) {
-    raster->Touch(channel, row, blocks);
+    raster->MarkNonzero(channel, row, blocks);
     for (int column = columns.first; column < columns.last; ++column) {
       const double distance = std::hypot(column + 0.5 - centre.u, row + 0.5 - centre.v);
       const double coverage = std::clamp(reach - distance, 0.0, 1.0);
@@ -46,7 +46,7 @@ void Brush::FillBox(Raster* raster, int channel, const PixelPoint& centre,
   const int last =
       columns.first + (columns.last - columns.first + kLanes - 1) / kLanes * kLanes - 1;
   const PixelBlocks blocks = raster->BlocksOf(columns.first, last);
-  for (int row = rows.first; row < rows.last; ++row) raster->Touch(channel, row, blocks);
+  for (int row = rows.first; row < rows.last; ++row) raster->MarkNonzero(channel, row, blocks);
   kernels::PaintBox({.centre_u = centre.u,
                      .centre_v = centre.v,
                      .direction_u = direction.u,
@@ -97,7 +97,7 @@ void Brush::FillPolygon(Raster* raster, int channel, std::span<const PixelPoint>
   const PixelBlocks blocks = raster->BlocksOf(column_range.first, column_range.last - 1);
   uint8_t* pixels = raster->Row(channel, row_range.first) + column_range.first;
   for (int row = 0; row < rows; ++row, gain += columns + 2, pixels += raster->stride()) {
-    raster->Touch(channel, row_range.first + row, blocks);
+    raster->MarkNonzero(channel, row_range.first + row, blocks);
     float area = 0.0F;
     for (int column = 0; column < columns; ++column) {
       area += gain[column];

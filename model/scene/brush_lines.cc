@@ -48,7 +48,7 @@ void DrawSegment(Raster* raster, int channel, PixelPoint a, PixelPoint b, float 
   const auto rightmost =
       static_cast<int>(std::clamp(std::max(segment.u, end_u) + kReach, 0.0F, width));
   const PixelBlocks blocks = raster->BlocksOf(leftmost, rightmost + kernels::kPaintLanes - 1);
-  for (int row = top; row < end_row; ++row) raster->Touch(channel, row, blocks);
+  for (int row = top; row < end_row; ++row) raster->MarkNonzero(channel, row, blocks);
   kernels::PaintSegment(segment, picture_width,
                         {.first_row = top,
                          .last_row = end_row,

@@ -29,22 +29,21 @@ Raster::Raster(int height, int width, int channels)
       stride_((width + 2 * kLanes - 1) / kLanes * kLanes),
       block_bits_(BlockBits(stride_)),
       planes_(static_cast<size_t>(channels) * height * stride_ + kCleared),
-      touched_(static_cast<size_t>(height) * channels) {
+      nonzero_(static_cast<size_t>(height) * channels) {
   assert(height > 0 && width > 0 && channels > 0);
 }
 
 void Raster::Clear() {
-  PixelBlocks* touched = touched_.data();
+  PixelBlocks* nonzero = nonzero_.data();
   for (int row = 0; row < height_; ++row) {
-    for (int channel = 0; channel < channels_; ++channel, ++touched) {
-      if (*touched == 0) continue;
-      // Clears from the first touched block to the last: what lies between is mostly touched as
-      // well.
-      const int begin = std::countr_zero(*touched) << block_bits_;
-      const int end = std::min((64 - std::countl_zero(*touched)) << block_bits_, stride_);
+    for (int channel = 0; channel < channels_; ++channel, ++nonzero) {
+      if (*nonzero == 0) continue;
+      // Clears from the first marked block to the last: most blocks between are marked too.
+      const int begin = std::countr_zero(*nonzero) << block_bits_;
+      const int end = std::min((64 - std::countl_zero(*nonzero)) << block_bits_, stride_);
       uint8_t* const pixels = Row(channel, row);
       for (int at = begin; at < end; at += kCleared) std::memset(pixels + at, 0, kCleared);
-      *touched = 0;
+      *nonzero = 0;
     }
   }
 }
@@ -59,7 +58,7 @@ void Raster::WriteInterleaved(std::span<uint8_t> bytes) const {
     std::memset(to, 0, row_bytes);
     for (int channel = 0; channel < channels_; ++channel) {
       const uint8_t* const from = Row(channel, row);
-      for (PixelBlocks left = Touched(channel, row); left != 0; left &= left - 1) {
+      for (PixelBlocks left = NonzeroBlocks(channel, row); left != 0; left &= left - 1) {
         const int begin = std::countr_zero(left) << block_bits_;
         const int end = std::min(begin + block_pixels(), width_);
         for (int first = begin; first < end; first += kLanes) {

@@ -32,15 +32,15 @@ class Raster {
 
   // Returns the pixels of one row of one channel.
   const uint8_t* Row(int channel, int row) const { return &planes_[RowPlace(channel, row)]; }
-  // Returns them for writing. Whoever writes must call Touch for the blocks written.
+  // Returns them for writing. Whoever writes must call MarkNonzero for the blocks written.
   uint8_t* Row(int channel, int row) { return &planes_[RowPlace(channel, row)]; }
   // Returns the distance in bytes from one row of a channel to the next.
   ptrdiff_t stride() const { return stride_; }
 
   // Returns the blocks of a row of a channel that may hold nonzero pixels. A block has
   // block_pixels() pixels, a multiple of kLanes.
-  PixelBlocks Touched(int channel, int row) const {
-    return touched_[static_cast<size_t>(row) * channels_ + channel];
+  PixelBlocks NonzeroBlocks(int channel, int row) const {
+    return nonzero_[static_cast<size_t>(row) * channels_ + channel];
   }
   int block_pixels() const { return 1 << block_bits_; }
   // Returns the block that contains a column, as the number of its bit.
@@ -51,8 +51,8 @@ class Raster {
     return ((PixelBlocks{2} << (right >> block_bits_)) - 1) >> first << first;
   }
   // Records that these blocks of a row may hold nonzero pixels.
-  void Touch(int channel, int row, PixelBlocks blocks) {
-    touched_[static_cast<size_t>(row) * channels_ + channel] |= blocks;
+  void MarkNonzero(int channel, int row, PixelBlocks blocks) {
+    nonzero_[static_cast<size_t>(row) * channels_ + channel] |= blocks;
   }
 
   // Sets all pixels to 0.
@@ -72,8 +72,8 @@ class Raster {
   int channels_;
   int stride_;
   int block_bits_;
-  std::vector<uint8_t> planes_;       // [C, H, stride] plus padding; 0 except where touched
-  std::vector<PixelBlocks> touched_;  // [H, C]
+  std::vector<uint8_t> planes_;  // [C, H, stride] plus padding; 0 outside the blocks in nonzero_
+  std::vector<PixelBlocks> nonzero_;  // [H, C]
 };
 
 }  // namespace maneuver::scene

@@ -2,13 +2,18 @@
 
 #include <utility>
 
+#include "absl/base/thread_annotations.h"
+#include "locks/mutex.h"
 #include "server/jobs/job_state.h"
 
 namespace maneuver::jobs {
 
 struct JobNews::Subscription::Listener {
-  std::mutex mutex;               // held while on_news runs
-  std::function<void()> on_news;  // null once the subscription has ended
+  explicit Listener(std::function<void()> call) : on_news(std::move(call)) {}
+
+  Mutex mutex;  // held while on_news runs
+  // Null once the subscription has ended.
+  std::function<void()> on_news ABSL_GUARDED_BY(mutex);
 };
 
 JobNews::Subscription::Subscription(JobNews& news, std::string job,
@@ -17,7 +22,7 @@ JobNews::Subscription::Subscription(JobNews& news, std::string job,
 
 JobNews::Subscription::~Subscription() {
   {
-    const std::lock_guard lock(news_.mutex_);
+    const MutexLock lock(news_.mutex_);
     const auto [begin, end] = news_.listeners_.equal_range(job_);
     for (auto entry = begin; entry != end; ++entry) {
       if (entry->second != listener_) continue;
@@ -25,15 +30,14 @@ JobNews::Subscription::~Subscription() {
       break;
     }
   }
-  const std::lock_guard lock(listener_->mutex);
+  const MutexLock lock(listener_->mutex);
   listener_->on_news = nullptr;
 }
 
 std::unique_ptr<JobNews::Subscription> JobNews::Subscribe(const std::string& job,
                                                           std::function<void()> on_news) {
-  auto listener = std::make_shared<Subscription::Listener>();
-  listener->on_news = std::move(on_news);
-  const std::lock_guard lock(mutex_);
+  auto listener = std::make_shared<Subscription::Listener>(std::move(on_news));
+  const MutexLock lock(mutex_);
   listeners_.emplace(job, listener);
   return std::unique_ptr<Subscription>(new Subscription(*this, job, std::move(listener)));
 }
@@ -41,7 +45,7 @@ std::unique_ptr<JobNews::Subscription> JobNews::Subscribe(const std::string& job
 void JobNews::Publish(const std::string& job) {
   Listeners listeners;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     const auto [begin, end] = listeners_.equal_range(job);
     for (auto entry = begin; entry != end; ++entry) listeners.push_back(entry->second);
   }
@@ -51,7 +55,7 @@ void JobNews::Publish(const std::string& job) {
 void JobNews::PublishAll() {
   Listeners listeners;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     for (const auto& [job, listener] : listeners_) listeners.push_back(listener);
   }
   Tell(listeners);
@@ -59,7 +63,7 @@ void JobNews::PublishAll() {
 
 void JobNews::Tell(const Listeners& listeners) {
   for (const auto& listener : listeners) {
-    const std::lock_guard lock(listener->mutex);
+    const MutexLock lock(listener->mutex);
     if (listener->on_news) listener->on_news();
   }
 }

@@ -7,11 +7,12 @@
 #include <functional>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
+#include "locks/mutex.h"
 #include "server/jobs/job_store.h"
 
 namespace maneuver::jobs {
@@ -48,9 +49,9 @@ class JobNews {
   using Listeners = std::vector<std::shared_ptr<Subscription::Listener>>;
   static void Tell(const Listeners& listeners);
 
-  std::mutex mutex_;
-  // Guarded by mutex_.
-  std::multimap<std::string, std::shared_ptr<Subscription::Listener>> listeners_;
+  Mutex mutex_;
+  std::multimap<std::string, std::shared_ptr<Subscription::Listener>> listeners_
+      ABSL_GUARDED_BY(mutex_);
 };
 
 // Reads a job's events from a cursor on. Every reader with the same cursor gets the same sequence,

@@ -36,11 +36,7 @@ Retention::Retention(const RetentionPolicy& policy, Supervisor& jobs,
     : policy_(policy), jobs_(jobs), versions_(versions) {}
 
 Retention::~Retention() {
-  {
-    const std::lock_guard lock(mutex_);
-    ends_ = true;
-  }
-  changed_.notify_all();
+  stop_.Stop();
   if (thread_.joinable()) thread_.join();
 }
 
@@ -103,16 +99,12 @@ absl::Status Retention::SweepVersions() {
 
 void Retention::SweepRegularly(absl::Duration interval) {
   thread_ = std::thread([this, interval] {
-    std::unique_lock lock(mutex_);
-    while (!ends_) {
-      lock.unlock();
+    do {
       if (const absl::Status status = Sweep(absl::Now()); !status.ok()) {
         Log(LogLevel::kWarning, "not all that is old was removed",
             {{"reason", std::string(status.message())}});
       }
-      lock.lock();
-      changed_.wait_for(lock, absl::ToChronoMilliseconds(interval), [this] { return ends_; });
-    }
+    } while (!stop_.StoppedWithin(absl::ToChronoNanoseconds(interval)));
   });
 }
 

@@ -3,9 +3,7 @@
 #ifndef MANEUVER_SERVER_JOBS_RETENTION_H_
 #define MANEUVER_SERVER_JOBS_RETENTION_H_
 
-#include <condition_variable>
 #include <functional>
-#include <mutex>
 #include <set>
 #include <string>
 #include <thread>
@@ -14,6 +12,7 @@
 
 #include "absl/status/status.h"
 #include "absl/time/time.h"
+#include "locks/stop_latch.h"
 #include "server/jobs/supervisor.h"
 #include "server/serving/model_versions.h"
 
@@ -65,9 +64,7 @@ class Retention {
   serving::ModelVersions& versions_;
   std::vector<std::function<absl::Status()>> others_;
 
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  bool ends_ = false;  // guarded by mutex_
+  StopLatch stop_;
   std::thread thread_;
 };
 

@@ -3,11 +3,12 @@
 #include <sqlite3.h>
 
 #include <limits>
-#include <mutex>
 #include <utility>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "locks/mutex.h"
 #include "server/jobs/job_state.h"
 #include "server/jobs/sqlite_schema.h"
 #include "server/jobs/sqlite_statement.h"
@@ -64,6 +65,7 @@ class Store final : public SqliteStore {
   ~Store() override { sqlite3_close_v2(database_); }
 
   absl::Status Prepare() {
+    const MutexLock lock(mutex_);
     sqlite3_extended_result_codes(database_, 1);
     sqlite3_busy_timeout(database_, kBusyTimeoutMs);
     // Not locked against readers: a back-up copies it while the server runs. A second server is
@@ -77,7 +79,7 @@ class Store final : public SqliteStore {
 
   absl::Status Add(const v1::Job& job, const std::string& request_id,
                    const std::string& request_digest) override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     const std::string blob = WithoutProgress(job);
     Statement insert(database_,
                      "INSERT INTO jobs (name, state, priority, create_time, request_digest, job, "
@@ -90,12 +92,12 @@ class Store final : public SqliteStore {
   }
 
   absl::StatusOr<v1::Job> Get(const std::string& name) override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     return GetLocked(name);
   }
 
   absl::StatusOr<std::optional<RequestedJob>> FindRequest(const std::string& request_id) override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     Statement select(database_,
                      "SELECT " JOB_COLUMNS ", request_digest FROM jobs WHERE request_id = ?");
     const auto row = select.Bind(request_id).Step();
@@ -111,7 +113,7 @@ class Store final : public SqliteStore {
     if (!page_token.empty() && (!absl::SimpleAtoi(page_token, &before) || before < 1)) {
       return absl::InvalidArgumentError("page_token: expected the next_page_token of a response");
     }
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     Statement select(database_, "SELECT " JOB_COLUMNS
                                 " FROM jobs WHERE number < ? ORDER BY number DESC LIMIT ?");
     select.Bind(before).Bind(int64_t{page_size} + 1);
@@ -134,7 +136,7 @@ class Store final : public SqliteStore {
 
   absl::StatusOr<std::vector<v1::Job>> ListInState(v1::JobState state,
                                                    std::optional<int> limit) override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     Statement select(database_, "SELECT " JOB_COLUMNS
                                 " FROM jobs WHERE state = ? "
                                 "ORDER BY priority DESC, number LIMIT ?");
@@ -151,7 +153,7 @@ class Store final : public SqliteStore {
   }
 
   absl::StatusOr<int64_t> CountInState(v1::JobState state) override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     Statement count(database_, "SELECT COUNT(*) FROM jobs WHERE state = ?");
     const auto row = count.Bind(state).Step();
     if (!row.ok()) return row.status();
@@ -159,7 +161,7 @@ class Store final : public SqliteStore {
   }
 
   absl::Status Move(v1::JobState from, const v1::Job& job) override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     if (!CanMove(from, job.state())) {
       return absl::FailedPreconditionError(
           absl::StrCat("a job that is ", Label(from), " cannot become ", Label(job.state())));
@@ -168,12 +170,12 @@ class Store final : public SqliteStore {
   }
 
   absl::Status Update(const v1::Job& job) override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     return ReplaceLocked(job.state(), job);
   }
 
   absl::Status AddProgress(const std::string& name, const v1::JobProgress& progress) override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     const std::string blob = progress.SerializeAsString();
     Statement insert(database_,
                      "INSERT INTO progress (sequence, progress, job_number) "
@@ -186,7 +188,7 @@ class Store final : public SqliteStore {
   absl::StatusOr<std::vector<v1::JobProgress>> ListProgress(const std::string& name,
                                                             int64_t after_sequence,
                                                             int limit) override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     Statement select(database_,
                      "SELECT progress FROM progress "
                      "WHERE job_number = (SELECT number FROM jobs WHERE name = ?) AND sequence > ? "
@@ -204,7 +206,7 @@ class Store final : public SqliteStore {
   }
 
   absl::Status Delete(const std::string& name) override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     const auto job = GetLocked(name);
     if (!job.ok()) return job.status();
     if (!HasEnded(job->state())) {
@@ -215,14 +217,14 @@ class Store final : public SqliteStore {
   }
 
   absl::Status SetAlias(const security::ModelAliasName& name, int version) override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     Statement replace(database_,
                       "INSERT OR REPLACE INTO aliases (model, alias, version) VALUES (?, ?, ?)");
     return replace.Bind(name.model).Bind(name.alias).Bind(version).Run();
   }
 
   absl::StatusOr<int> GetAlias(const security::ModelAliasName& name) override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     Statement select(database_, "SELECT version FROM aliases WHERE model = ? AND alias = ?");
     const auto row = select.Bind(name.model).Bind(name.alias).Step();
     if (!row.ok()) return row.status();
@@ -231,7 +233,7 @@ class Store final : public SqliteStore {
   }
 
   absl::StatusOr<std::vector<serving::ModelAlias>> ListAliases() override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     Statement select(database_, "SELECT model, alias, version FROM aliases ORDER BY model, alias");
     std::vector<serving::ModelAlias> aliases;
     for (;;) {
@@ -243,7 +245,7 @@ class Store final : public SqliteStore {
   }
 
   absl::Status DeleteAlias(const security::ModelAliasName& name) override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     Statement remove(database_, "DELETE FROM aliases WHERE model = ? AND alias = ?");
     if (absl::Status status = remove.Bind(name.model).Bind(name.alias).Run(); !status.ok()) {
       return status;
@@ -256,7 +258,7 @@ class Store final : public SqliteStore {
     return absl::NotFoundError(absl::StrCat("there is no ", name.ToString()));
   }
 
-  absl::StatusOr<v1::Job> GetLocked(const std::string& name) {
+  absl::StatusOr<v1::Job> GetLocked(const std::string& name) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     Statement select(database_, "SELECT " JOB_COLUMNS " FROM jobs WHERE name = ?");
     const auto row = select.Bind(name).Step();
     if (!row.ok()) return row.status();
@@ -264,7 +266,8 @@ class Store final : public SqliteStore {
     return JobFrom(select);
   }
 
-  absl::Status ReplaceLocked(v1::JobState from, const v1::Job& job) {
+  absl::Status ReplaceLocked(v1::JobState from, const v1::Job& job)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const std::string blob = WithoutProgress(job);
     Statement update(database_, "UPDATE jobs SET state = ?, job = ? WHERE name = ? AND state = ?");
     update.Bind(job.state()).BindBlob(blob).Bind(job.name()).Bind(from);
@@ -275,9 +278,9 @@ class Store final : public SqliteStore {
     return absl::FailedPreconditionError(absl::StrCat(job.name(), " is ", Label(stored->state())));
   }
 
-  sqlite3* const database_;
   // One connection, one statement at a time.
-  std::mutex mutex_;
+  Mutex mutex_;
+  sqlite3* const database_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace

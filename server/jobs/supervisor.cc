@@ -69,11 +69,11 @@ Supervisor::~Supervisor() { Stop(); }
 
 void Supervisor::Stop() {
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     stops_ = true;
     for (const auto& [name, stop] : running_) stop->Stop(StopRequest::Reason::kServerStops);
   }
-  changed_.notify_all();
+  changed_.NotifyAll();
   for (std::thread& thread : threads_) {
     if (thread.joinable()) thread.join();
   }
@@ -125,15 +125,15 @@ fs::path Supervisor::FolderOf(const std::string& name) const {
 }
 
 void Supervisor::RunJobs(int slot) {
-  std::unique_lock lock(mutex_);
+  MutexLock lock(mutex_);
   while (!stops_) {
     auto pending = store_.ListInState(v1::JOB_STATE_PENDING, 1);
     if (!pending.ok() || pending->empty()) {
       if (!pending.ok()) {
         LogFailure("jobs cannot be read", "", pending.status());
-        changed_.wait_for(lock, kRetry);
+        changed_.WaitFor(mutex_, kRetry);
       } else {
-        changed_.wait(lock);
+        changed_.Wait(mutex_);
       }
       continue;
     }
@@ -142,14 +142,14 @@ void Supervisor::RunJobs(int slot) {
     BeginAttempt(job, FolderOf(job.name()), options_.now());
     if (absl::Status status = store_.Move(v1::JOB_STATE_PENDING, job); !status.ok()) {
       LogFailure("job cannot be started", job.name(), status);
-      changed_.wait_for(lock, kRetry);
+      changed_.WaitFor(mutex_, kRetry);
       continue;
     }
     const auto stop = std::make_shared<StopRequest>();
     running_[job.name()] = stop;
-    lock.unlock();
+    lock.Unlock();
     RunOne(job, slot, *stop);
-    lock.lock();
+    lock.Lock();
   }
 }
 
@@ -177,7 +177,7 @@ void Supervisor::RunOne(const v1::Job& job, int slot, StopRequest& stop) {
 
 void Supervisor::EndRun(v1::Job job, StopRequest& stop) {
   {
-    std::unique_lock lock(mutex_);
+    const MutexLock lock(mutex_);
     // Cancelled since it was decided that another process goes on.
     if (job.state() == v1::JOB_STATE_PENDING && stop.reason() == StopRequest::Reason::kCancelled) {
       job.set_state(v1::JOB_STATE_CANCELLED);
@@ -192,7 +192,7 @@ void Supervisor::EndRun(v1::Job job, StopRequest& stop) {
       LogFailure("end of a job not stored", job.name(), status);
       // The next start will find it RUNNING and go on with it.
       if (stops_) break;
-      changed_.wait_for(lock, kRetry);
+      changed_.WaitFor(mutex_, kRetry);
     }
     running_.erase(job.name());
   }
@@ -206,7 +206,7 @@ void Supervisor::EndRun(v1::Job job, StopRequest& stop) {
   } else {
     interruptions_.Increment();
   }
-  changed_.notify_one();
+  changed_.NotifyOne();
   CountJobs();
   news_.Publish(job.name());
 }

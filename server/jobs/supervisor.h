@@ -5,21 +5,21 @@
 
 #include <atomic>
 #include <chrono>
-#include <condition_variable>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "locks/mutex.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "model/data/dataset_store.h"
 #include "server/jobs/checkpoints.h"
@@ -120,16 +120,16 @@ class Supervisor {
   absl::StatusOr<v1::Job> EarlierJob(const std::string& request_id, const std::string& digest,
                                      bool* found);
   // NOT_FOUND if one that the job reads is not there.
-  absl::Status CheckDatasets(const v1::Job& job) const;
+  absl::Status CheckDatasets(const v1::Job& job) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // RESOURCE_EXHAUSTED while as many jobs are PENDING as may be.
-  absl::Status CheckRoom() const;
+  absl::Status CheckRoom() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   std::filesystem::path FolderOf(const std::string& name) const;
 
   //   slot: which of the jobs that may run at a time; from 0.
-  void RunJobs(int slot);
+  void RunJobs(int slot) ABSL_LOCKS_EXCLUDED(mutex_);
   void RunOne(const v1::Job& job, int slot, StopRequest& stop);
   // Stores what a process of a job came to.
-  void EndRun(v1::Job job, StopRequest& stop);
+  void EndRun(v1::Job job, StopRequest& stop) ABSL_LOCKS_EXCLUDED(mutex_);
   // Shows how many jobs are in each state.
   void CountJobs();
   void CountEnd(v1::JobState state) { ends_.at(state)->Increment(); }
@@ -147,10 +147,11 @@ class Supervisor {
 
   // Held while a job is admitted, taken, cancelled or deleted, and while a dataset is removed: what
   // was checked stays so until it is written.
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  bool stops_ = false;                                           // guarded by mutex_
-  std::map<std::string, std::shared_ptr<StopRequest>> running_;  // by name; guarded by mutex_
+  Mutex mutex_;
+  CondVar changed_;
+  bool stops_ ABSL_GUARDED_BY(mutex_) = false;
+  // By name.
+  std::map<std::string, std::shared_ptr<StopRequest>> running_ ABSL_GUARDED_BY(mutex_);
 
   // Live as long as the server: children die with the thread that started them.
   std::vector<std::thread> threads_;

@@ -150,7 +150,7 @@ absl::Status Supervisor::CheckRoom() const {
 absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& request_id,
                                           const std::string& digest, bool validate_only) {
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     bool found = false;
     auto earlier = EarlierJob(request_id, digest, &found);
     if (found || !earlier.ok()) return earlier;
@@ -169,7 +169,7 @@ absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& reques
       return status;
     }
   }
-  changed_.notify_one();
+  changed_.NotifyOne();
   CountJobs();
   Log(LogLevel::kInfo, "job created", {{"job", job.name()}});
   return job;
@@ -184,7 +184,7 @@ absl::StatusOr<JobPage> Supervisor::List(int page_size, const std::string& page_
 absl::StatusOr<v1::Job> Supervisor::Cancel(const std::string& name) {
   absl::StatusOr<v1::Job> job;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     job = store_.Get(name);
     if (!job.ok() || HasEnded(job->state())) return job;
     if (const auto running = running_.find(name); running != running_.end()) {
@@ -210,7 +210,7 @@ absl::StatusOr<v1::Job> Supervisor::Cancel(const std::string& name) {
 absl::StatusOr<v1::Job> Supervisor::Resume(const std::string& name) {
   absl::StatusOr<v1::Job> job;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     if (stops_) return Stopping();
     job = store_.Get(name);
     if (!job.ok()) return job;
@@ -240,7 +240,7 @@ absl::StatusOr<v1::Job> Supervisor::Resume(const std::string& name) {
     job->mutable_attempts()->clear_earlier_run_time();
     if (absl::Status status = store_.Move(from, *job); !status.ok()) return status;
   }
-  changed_.notify_one();
+  changed_.NotifyOne();
   CountJobs();
   news_.Publish(name);
   Log(LogLevel::kInfo, "job resumed",
@@ -249,7 +249,7 @@ absl::StatusOr<v1::Job> Supervisor::Resume(const std::string& name) {
 }
 
 absl::StatusOr<bool> Supervisor::DropCheckpoints(const std::string& name) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   const auto job = store_.Get(name);
   if (!job.ok()) return job.status();
   return HasEnded(job->state()) && RemoveCheckpoints(FolderOf(name));
@@ -257,7 +257,7 @@ absl::StatusOr<bool> Supervisor::DropCheckpoints(const std::string& name) {
 
 absl::Status Supervisor::Delete(const std::string& name) {
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     if (running_.contains(name)) {
       return errors::WithReason(
           absl::FailedPreconditionError(absl::StrCat(name, " is running; cancel it first")),
@@ -277,7 +277,7 @@ absl::Status Supervisor::Delete(const std::string& name) {
 absl::Status Supervisor::DeleteDataset(const std::string& id) {
   absl::StatusOr<fs::path> detached;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     for (const v1::JobState state : {v1::JOB_STATE_PENDING, v1::JOB_STATE_RUNNING}) {
       const auto jobs = store_.ListInState(state, std::nullopt);
       if (!jobs.ok()) return jobs.status();

@@ -31,19 +31,14 @@ IdleMemory::IdleMemory() {
 }
 
 IdleMemory::~IdleMemory() {
-  {
-    const std::lock_guard lock(mutex_);
-    stopped_ = true;
-  }
-  stop_.notify_all();
+  stop_.Stop();
   thread_.join();
 }
 
 void IdleMemory::Run() {
   double before = UnusedBytes();
   double least = before;  // what cannot be given back
-  std::unique_lock lock(mutex_);
-  while (!stop_.wait_for(lock, kInterval, [this] { return stopped_; })) {
+  while (!stop_.StoppedWithin(kInterval)) {
     const double now = UnusedBytes();
     if (std::min(before, now) < least + kMuch) {
       least = std::min(least, now);

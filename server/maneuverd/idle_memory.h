@@ -3,9 +3,9 @@
 #ifndef MANEUVER_SERVER_MANEUVERD_IDLE_MEMORY_H_
 #define MANEUVER_SERVER_MANEUVERD_IDLE_MEMORY_H_
 
-#include <condition_variable>
-#include <mutex>
 #include <thread>
+
+#include "locks/stop_latch.h"
 
 namespace maneuver {
 
@@ -24,9 +24,7 @@ class IdleMemory {
  private:
   void Run();
 
-  std::mutex mutex_;  // guards stopped_
-  std::condition_variable stop_;
-  bool stopped_ = false;
+  StopLatch stop_;
   std::thread thread_;
 };
 

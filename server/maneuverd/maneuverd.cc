@@ -26,7 +26,6 @@
 #include "server/jobs/retention.h"
 #include "server/jobs/sqlite_store.h"
 #include "server/jobs/supervisor.h"
-#include "server/jobs/worker_pool.h"
 #include "server/maneuverd/data_lock.h"
 #include "server/maneuverd/health_command.h"
 #include "server/maneuverd/health_pages.h"
@@ -44,6 +43,7 @@
 #include "server/rpc/prediction_service.h"
 #include "server/rpc/server.h"
 #include "server/rpc/training_service.h"
+#include "server/rpc/worker_pool.h"
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/local_model_versions.h"
 #include "server/serving/map_cache.h"
@@ -183,7 +183,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   });
   retention.SweepRegularly(kBetweenSweeps);
   // After what its work uses, before the services that give it work.
-  jobs::WorkerPool disk(kDiskThreads, kMaxWaitingForDisk);
+  rpc::WorkerPool disk(kDiskThreads, kMaxWaitingForDisk);
   serving::MapCache maps(options.maps, *metrics);
   const scene::ScenarioLimits limits{.map_by_id = true};
   std::shared_ptr<serving::Shadow> shadow;

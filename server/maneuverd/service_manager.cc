@@ -53,21 +53,14 @@ void ServiceManager::TellReady(std::function<bool()> is_alive) {
 void ServiceManager::TellStopping() { Send("STOPPING=1"); }
 
 void ServiceManager::EndWatch() {
-  {
-    const std::lock_guard lock(mutex_);
-    stopped_ = true;
-  }
-  stop_.notify_all();
+  stop_.Stop();
   if (watch_.joinable()) watch_.join();
 }
 
 void ServiceManager::Watch(const std::function<bool()>& is_alive) {
-  std::unique_lock lock(mutex_);
   do {
-    lock.unlock();
     if (is_alive()) Send("WATCHDOG=1");
-    lock.lock();
-  } while (!stop_.wait_for(lock, *watchdog_ / 2, [this] { return stopped_; }));
+  } while (!stop_.StoppedWithin(*watchdog_ / 2));
 }
 
 void ServiceManager::Send(std::string_view state) const {

@@ -4,13 +4,13 @@
 #define MANEUVER_SERVER_MANEUVERD_SERVICE_MANAGER_H_
 
 #include <chrono>
-#include <condition_variable>
 #include <functional>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <thread>
+
+#include "locks/stop_latch.h"
 
 namespace maneuver {
 
@@ -44,9 +44,7 @@ class ServiceManager {
 
   const std::string socket_;
   const std::optional<std::chrono::microseconds> watchdog_;
-  std::mutex mutex_;  // guards stopped_
-  std::condition_variable stop_;
-  bool stopped_ = false;
+  StopLatch stop_;
   std::thread watch_;
 };
 

@@ -10,11 +10,12 @@
 #include <algorithm>
 #include <iterator>
 #include <map>
-#include <mutex>
 #include <system_error>
 #include <utility>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
+#include "locks/mutex.h"
 #include "server/monitoring/process_metrics.h"
 
 namespace maneuver::monitoring {
@@ -105,17 +106,20 @@ class PrometheusRegistry final : public PrometheusMetrics {
 
   Counter& AddCounter(const std::string& name, const std::string& help,
                       const Labels& labels) override {
+    const MutexLock lock(mutex_);
     return Wrap(counters_,
                 prometheus::BuildCounter().Name(name).Help(help).Register(*registry_).Add(labels));
   }
 
   Gauge& AddGauge(const std::string& name, const std::string& help, const Labels& labels) override {
+    const MutexLock lock(mutex_);
     return Wrap(gauges_,
                 prometheus::BuildGauge().Name(name).Help(help).Register(*registry_).Add(labels));
   }
 
   Histogram& AddHistogram(const std::string& name, const std::string& help,
                           const std::vector<double>& buckets, const Labels& labels) override {
+    const MutexLock lock(mutex_);
     return Wrap(histograms_, prometheus::BuildHistogram()
                                  .Name(name)
                                  .Help(help)
@@ -138,8 +142,7 @@ class PrometheusRegistry final : public PrometheusMetrics {
  private:
   // Wraps each of Prometheus' metrics once. Their addresses are stable.
   template <typename Wrapper, typename Metric>
-  Wrapper& Wrap(std::map<Metric*, Wrapper>& wrappers, Metric& metric) {
-    const std::lock_guard lock(mutex_);
+  static Wrapper& Wrap(std::map<Metric*, Wrapper>& wrappers, Metric& metric) {
     return wrappers.try_emplace(&metric, metric).first->second;
   }
 
@@ -147,10 +150,11 @@ class PrometheusRegistry final : public PrometheusMetrics {
   // What is read each time the page is made.
   std::vector<std::shared_ptr<prometheus::Collectable>> looked_at_ = {
       std::make_shared<ProcessCollectable>()};
-  std::mutex mutex_;  // guards the maps, whose elements never move
-  std::map<prometheus::Counter*, PrometheusCounter> counters_;
-  std::map<prometheus::Gauge*, PrometheusGauge> gauges_;
-  std::map<prometheus::Histogram*, PrometheusHistogram> histograms_;
+  Mutex mutex_;
+  // The elements of the maps never move.
+  std::map<prometheus::Counter*, PrometheusCounter> counters_ ABSL_GUARDED_BY(mutex_);
+  std::map<prometheus::Gauge*, PrometheusGauge> gauges_ ABSL_GUARDED_BY(mutex_);
+  std::map<prometheus::Histogram*, PrometheusHistogram> histograms_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace

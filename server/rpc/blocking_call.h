@@ -8,8 +8,8 @@
 
 #include <utility>
 
-#include "server/jobs/worker_pool.h"
 #include "server/rpc/status_details.h"
+#include "server/rpc/worker_pool.h"
 
 namespace maneuver::rpc {
 
@@ -26,7 +26,7 @@ inline absl::Status Busy() {
 // Answers a unary call with what `work` returns (a Status), from a thread of `pool`. Failures of
 // the disk that have no reason get theirs.
 template <typename Work>
-grpc::ServerUnaryReactor* AnswerFrom(jobs::WorkerPool& pool, grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* AnswerFrom(WorkerPool& pool, grpc::CallbackServerContext* rpc,
                                      Work work) {
   grpc::ServerUnaryReactor* reactor = rpc->DefaultReactor();
   const bool accepted = pool.Post([reactor, work = std::move(work)] {

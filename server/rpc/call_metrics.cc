@@ -56,14 +56,14 @@ void MethodMetrics::End(grpc::StatusCode code, std::chrono::nanoseconds time) {
 MethodMetrics::OfCode& MethodMetrics::Of(grpc::StatusCode code) {
   const size_t index = IndexOf(code);
   if (OfCode* made = by_code_[index].load(std::memory_order_acquire)) return *made;
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   if (made_[index] == nullptr) {
     const monitoring::Labels labels = {{"method", name_}, {"code", kCodeNames[index]}};
-    made_[index] = std::make_unique<OfCode>(
+    made_[index] = std::make_unique<OfCode>(OfCode{
         metrics_.AddCounter("maneuver_requests_total", "Calls by method and status code.", labels),
         metrics_.AddHistogram("maneuver_request_duration_seconds",
                               "Time from the start of a call to its status.",
-                              monitoring::TimeBuckets(), labels));
+                              monitoring::TimeBuckets(), labels)});
     by_code_[index].store(made_[index].get(), std::memory_order_release);
   }
   return *made_[index];
@@ -76,7 +76,7 @@ CallMetrics::CallMetrics(monitoring::MetricRegistry& metrics,
 }
 
 MethodMetrics& CallMetrics::Find(std::string_view method) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   if (const auto found = methods_.find(method); found != methods_.end()) return *found->second;
   return Add(method, /*of_contract=*/false);
 }

@@ -10,11 +10,12 @@
 #include <chrono>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
+#include "locks/mutex.h"
 #include "server/monitoring/metrics.h"
 
 namespace maneuver::rpc {
@@ -52,8 +53,8 @@ class MethodMetrics {
   monitoring::Gauge& in_flight_;
   monitoring::Counter& request_bytes_;
   monitoring::Counter& response_bytes_;
-  std::mutex mutex_;                                    // held to make one
-  std::array<std::unique_ptr<OfCode>, kCodes> made_;    // guarded by mutex_
+  Mutex mutex_;  // held to make one
+  std::array<std::unique_ptr<OfCode>, kCodes> made_ ABSL_GUARDED_BY(mutex_);
   std::array<std::atomic<OfCode*>, kCodes> by_code_{};  // what is made
 };
 
@@ -72,11 +73,14 @@ class CallMetrics {
   MethodMetrics& Find(std::string_view method);
 
  private:
-  MethodMetrics& Add(std::string_view method, bool of_contract);
+  MethodMetrics& Add(std::string_view method, bool of_contract)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   monitoring::MetricRegistry& metrics_;
-  std::mutex mutex_;  // guards methods_, whose elements never move
-  std::map<std::string, std::unique_ptr<MethodMetrics>, std::less<>> methods_;
+  Mutex mutex_;
+  // Its elements never move.
+  std::map<std::string, std::unique_ptr<MethodMetrics>, std::less<>> methods_
+      ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace maneuver::rpc

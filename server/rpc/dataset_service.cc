@@ -94,7 +94,7 @@ absl::Status Answer(absl::StatusOr<Message> result, Message* response) {
 }  // namespace
 
 DatasetService::DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs,
-                               jobs::WorkerPool& pool, security::AccessControl& access)
+                               WorkerPool& pool, security::AccessControl& access)
     : datasets_(datasets), jobs_(jobs), pool_(pool), access_(access) {}
 
 DatasetService::~DatasetService() = default;

@@ -4,7 +4,7 @@
 #include "maneuver/v1/dataset_service.grpc.pb.h"
 #include "model/data/dataset_store.h"
 #include "server/jobs/supervisor.h"
-#include "server/jobs/worker_pool.h"
+#include "server/rpc/worker_pool.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
@@ -12,7 +12,7 @@ namespace maneuver::rpc {
 class DatasetService final : public v1::DatasetService::CallbackService {
  public:
   // All outlive the service. Out of line, with the destructor: see AdminService.
-  DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs, jobs::WorkerPool& pool,
+  DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs, WorkerPool& pool,
                  security::AccessControl& access);
   ~DatasetService() override;
 
@@ -43,7 +43,7 @@ class DatasetService final : public v1::DatasetService::CallbackService {
  private:
   data::DatasetStore& datasets_;
   jobs::Supervisor& jobs_;
-  jobs::WorkerPool& pool_;
+  WorkerPool& pool_;
   security::AccessControl& access_;
 };
 

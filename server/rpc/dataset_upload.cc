@@ -9,7 +9,7 @@
 
 namespace maneuver::rpc {
 
-DatasetUploadCall::DatasetUploadCall(data::DatasetStore& datasets, jobs::WorkerPool& pool,
+DatasetUploadCall::DatasetUploadCall(data::DatasetStore& datasets, WorkerPool& pool,
                                      security::AccessControl& access,
                                      grpc::CallbackServerContext* rpc, v1::Dataset* response)
     : UploadCall(pool, rpc, response),

@@ -15,9 +15,8 @@ namespace maneuver::rpc {
 class DatasetUploadCall final
     : public UploadCall<v1::UploadDatasetRequest, v1::Dataset, data::DatasetUpload> {
  public:
-  DatasetUploadCall(data::DatasetStore& datasets, jobs::WorkerPool& pool,
-                    security::AccessControl& access, grpc::CallbackServerContext* rpc,
-                    v1::Dataset* response);
+  DatasetUploadCall(data::DatasetStore& datasets, WorkerPool& pool, security::AccessControl& access,
+                    grpc::CallbackServerContext* rpc, v1::Dataset* response);
 
  private:
   absl::StatusOr<std::unique_ptr<data::DatasetUpload>> Begin(

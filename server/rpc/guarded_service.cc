@@ -4,8 +4,6 @@
 #include <grpc/byte_buffer.h>
 #include <grpc/grpc_security_constants.h>
 #include <grpc/support/time.h>
-#include <grpcpp/impl/codegen/server_callback_handlers.h>
-#include <grpcpp/impl/rpc_service_method.h>
 #include <grpcpp/security/auth_context.h>
 #include <grpcpp/support/byte_buffer.h>
 
@@ -14,6 +12,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "server/rpc/grpc_internals.h"
 #include "server/rpc/status_details.h"
 
 namespace maneuver::rpc {
@@ -21,18 +20,13 @@ namespace {
 
 using google::protobuf::MethodDescriptor;
 using grpc::ByteBuffer;
-using grpc::internal::MethodHandler;
-using grpc::internal::RpcMethod;
-using grpc::internal::RpcServiceMethod;
 
 // Ends a call at once. Deletes itself.
 template <typename Reactor>
-class Refusal final : public Reactor {
+class Refusal final : public InlineReactor<Reactor> {
  public:
   explicit Refusal(const grpc::Status& status) { this->Finish(status); }
   void OnDone() override { delete this; }
-  // No other thread need be woken for it.
-  bool InternalInlineable() override { return true; }
 };
 
 RpcMethod::RpcType TypeOf(const MethodDescriptor& method) {
@@ -48,29 +42,26 @@ std::unique_ptr<MethodHandler> RefusingHandler(RpcMethod::RpcType type,
   using Context = grpc::CallbackServerContext;
   switch (type) {
     case RpcMethod::NORMAL_RPC:
-      return std::make_unique<grpc::internal::CallbackUnaryHandler<ByteBuffer, ByteBuffer>>(
+      return std::make_unique<UnaryHandler<ByteBuffer, ByteBuffer>>(
           [status](Context*, const ByteBuffer*, ByteBuffer*) {
             return new Refusal<grpc::ServerUnaryReactor>(status);
           });
     case RpcMethod::CLIENT_STREAMING:
-      return std::make_unique<
-          grpc::internal::CallbackClientStreamingHandler<ByteBuffer, ByteBuffer>>(
+      return std::make_unique<ClientStreamingHandler<ByteBuffer, ByteBuffer>>(
           [status](Context*, ByteBuffer*) {
             return new Refusal<grpc::ServerReadReactor<ByteBuffer>>(status);
           });
     case RpcMethod::SERVER_STREAMING:
-      return std::make_unique<
-          grpc::internal::CallbackServerStreamingHandler<ByteBuffer, ByteBuffer>>(
+      return std::make_unique<ServerStreamingHandler<ByteBuffer, ByteBuffer>>(
           [status](Context*, const ByteBuffer*) {
             return new Refusal<grpc::ServerWriteReactor<ByteBuffer>>(status);
           });
     case RpcMethod::BIDI_STREAMING:
       break;
   }
-  return std::make_unique<grpc::internal::CallbackBidiHandler<ByteBuffer, ByteBuffer>>(
-      [status](Context*) {
-        return new Refusal<grpc::ServerBidiReactor<ByteBuffer, ByteBuffer>>(status);
-      });
+  return std::make_unique<BidiHandler<ByteBuffer, ByteBuffer>>([status](Context*) {
+    return new Refusal<grpc::ServerBidiReactor<ByteBuffer, ByteBuffer>>(status);
+  });
 }
 
 // The same bytes. Empty if there are none, or if they are not as they were sent.

@@ -234,7 +234,7 @@ int Characters(std::string_view text) {
 }  // namespace
 
 ModelService::ModelService(serving::VersionStore& store, serving::ServingTable& table,
-                           serving::VersionUploads& uploads, jobs::WorkerPool& pool,
+                           serving::VersionUploads& uploads, WorkerPool& pool,
                            security::AccessControl& access)
     : store_(store), table_(table), uploads_(uploads), pool_(pool), access_(access) {}
 

@@ -2,7 +2,7 @@
 #define MANEUVER_SERVER_RPC_MODEL_SERVICE_H_
 
 #include "maneuver/v1/model_service.grpc.pb.h"
-#include "server/jobs/worker_pool.h"
+#include "server/rpc/worker_pool.h"
 #include "server/security/access_control.h"
 #include "server/serving/serving_table.h"
 #include "server/serving/version_store.h"
@@ -15,8 +15,7 @@ class ModelService final : public v1::ModelService::CallbackService {
   // All outlive the service; `table` is over `store`. Out of line, with the destructor: see
   // AdminService.
   ModelService(serving::VersionStore& store, serving::ServingTable& table,
-               serving::VersionUploads& uploads, jobs::WorkerPool& pool,
-               security::AccessControl& access);
+               serving::VersionUploads& uploads, WorkerPool& pool, security::AccessControl& access);
   ~ModelService() override;
 
   grpc::ServerUnaryReactor* ListModelVersions(grpc::CallbackServerContext* rpc,
@@ -58,7 +57,7 @@ class ModelService final : public v1::ModelService::CallbackService {
   serving::VersionStore& store_;
   serving::ServingTable& table_;
   serving::VersionUploads& uploads_;
-  jobs::WorkerPool& pool_;
+  WorkerPool& pool_;
   security::AccessControl& access_;
 };
 

@@ -31,7 +31,7 @@ absl::Status WithUploadReason(absl::Status status) {
 }  // namespace
 
 ModelDownloadCall::ModelDownloadCall(const serving::VersionStore& store,
-                                     const serving::ServingTable& table, jobs::WorkerPool& pool,
+                                     const serving::ServingTable& table, WorkerPool& pool,
                                      security::AccessControl& access,
                                      grpc::CallbackServerContext* rpc,
                                      const v1::DownloadModelVersionRequest& request)
@@ -42,7 +42,7 @@ ModelDownloadCall::ModelDownloadCall(const serving::VersionStore& store,
 }
 
 void ModelDownloadCall::OnRefused(const absl::Status& refusal) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   const bool again = !std::exchange(refusal_, refusal).ok();
   if (again && !has_ended_) rpc_->TryCancel();
 }
@@ -50,7 +50,7 @@ void ModelDownloadCall::OnRefused(const absl::Status& refusal) {
 void ModelDownloadCall::TakeStep() {
   absl::Status refusal;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     refusal = refusal_;
   }
   if (!refusal.ok()) return End(refusal);
@@ -92,13 +92,13 @@ void ModelDownloadCall::OnWriteDone(bool ok) {
 
 void ModelDownloadCall::End(const absl::Status& status) {
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     has_ended_ = true;
   }
   Finish(ToGrpcStatus(status));
 }
 
-ModelUploadCall::ModelUploadCall(serving::VersionUploads& uploads, jobs::WorkerPool& pool,
+ModelUploadCall::ModelUploadCall(serving::VersionUploads& uploads, WorkerPool& pool,
                                  security::AccessControl& access, grpc::CallbackServerContext* rpc,
                                  v1::ModelVersion* response)
     : UploadCall(pool, rpc, response),

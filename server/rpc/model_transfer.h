@@ -5,10 +5,11 @@
 #include <grpcpp/support/server_callback.h>
 
 #include <memory>
-#include <mutex>
 #include <string>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
+#include "locks/mutex.h"
 #include "maneuver/v1/model_service.pb.h"
 #include "server/rpc/upload_call.h"
 #include "server/serving/serving_table.h"
@@ -23,7 +24,7 @@ namespace maneuver::rpc {
 class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadModelVersionResponse> {
  public:
   ModelDownloadCall(const serving::VersionStore& store, const serving::ServingTable& table,
-                    jobs::WorkerPool& pool, security::AccessControl& access,
+                    WorkerPool& pool, security::AccessControl& access,
                     grpc::CallbackServerContext* rpc,
                     const v1::DownloadModelVersionRequest& request);
 
@@ -43,7 +44,7 @@ class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadMode
 
   const serving::VersionStore& store_;
   const serving::ServingTable& table_;
-  jobs::WorkerPool& pool_;
+  WorkerPool& pool_;
   grpc::CallbackServerContext* const rpc_;
   const v1::DownloadModelVersionRequest request_;
 
@@ -51,9 +52,9 @@ class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadMode
   std::unique_ptr<serving::VersionReader> reader_;
   v1::DownloadModelVersionResponse message_;
 
-  std::mutex mutex_;
-  absl::Status refusal_;    // guarded by mutex_
-  bool has_ended_ = false;  // guarded by mutex_
+  Mutex mutex_;
+  absl::Status refusal_ ABSL_GUARDED_BY(mutex_);
+  bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;
 
   // Last, so that it ends first: nobody refuses what is gone.
   std::unique_ptr<security::AccessControl::LongCall> admission_;
@@ -63,7 +64,7 @@ class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadMode
 class ModelUploadCall final
     : public UploadCall<v1::UploadModelVersionRequest, v1::ModelVersion, serving::VersionUpload> {
  public:
-  ModelUploadCall(serving::VersionUploads& uploads, jobs::WorkerPool& pool,
+  ModelUploadCall(serving::VersionUploads& uploads, WorkerPool& pool,
                   security::AccessControl& access, grpc::CallbackServerContext* rpc,
                   v1::ModelVersion* response);
 

@@ -24,28 +24,28 @@ PollHeartbeat::PollHeartbeat(std::chrono::milliseconds interval)
 
 PollHeartbeat::~PollHeartbeat() {
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     stopping_ = true;
   }
-  changed_.notify_all();
+  changed_.NotifyAll();
   thread_.join();
 }
 
 void PollHeartbeat::AwaitBeats(int count) {
-  std::unique_lock lock(mutex_);
-  changed_.wait(lock, [&] { return beats_ >= count; });
+  const MutexLock lock(mutex_);
+  while (beats_ < count) changed_.Wait(mutex_);
 }
 
 std::chrono::steady_clock::time_point PollHeartbeat::last_beat() const {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   return last_beat_;
 }
 
 void PollHeartbeat::Run() {
-  std::unique_lock lock(mutex_);
+  MutexLock lock(mutex_);
   while (!stopping_) {
     under_way_ = true;
-    lock.unlock();
+    lock.Unlock();
     auto call = std::make_shared<Call>();
     Call& started = *call;
     nowhere_.UnaryCall(&started.context, "/maneuver/heartbeat", {}, &started.request,
@@ -54,15 +54,17 @@ void PollHeartbeat::Run() {
                          // A context holds its channel. Whoever gives up the last one waits for
                          // gRPC's threads, of which this is one: that is left to the destructor.
                          call = nullptr;
-                         const std::lock_guard beat(mutex_);
+                         const MutexLock beat(mutex_);
                          ++beats_;
                          last_beat_ = std::chrono::steady_clock::now();
                          under_way_ = false;
-                         changed_.notify_all();
+                         changed_.NotifyAll();
                        });
-    lock.lock();
-    changed_.wait_for(lock, interval_, [this] { return stopping_; });
-    changed_.wait(lock, [this] { return !under_way_; });
+    lock.Lock();
+    const auto next = std::chrono::steady_clock::now() + interval_;
+    while (!stopping_ && changed_.WaitUntil(mutex_, next)) {
+    }
+    while (under_way_) changed_.Wait(mutex_);
   }
 }
 

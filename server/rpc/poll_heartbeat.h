@@ -11,9 +11,10 @@
 #include <grpcpp/generic/generic_stub.h>
 
 #include <chrono>
-#include <condition_variable>
-#include <mutex>
 #include <thread>
+
+#include "absl/base/thread_annotations.h"
+#include "locks/mutex.h"
 
 namespace maneuver::rpc {
 
@@ -37,12 +38,13 @@ class PollHeartbeat {
 
   const std::chrono::milliseconds interval_;
   grpc::GenericStub nowhere_;
-  mutable std::mutex mutex_;  // guards what follows
-  std::condition_variable changed_;
-  bool stopping_ = false;
-  bool under_way_ = false;
-  int beats_ = 0;
-  std::chrono::steady_clock::time_point last_beat_ = std::chrono::steady_clock::now();
+  mutable Mutex mutex_;
+  CondVar changed_;
+  bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
+  bool under_way_ ABSL_GUARDED_BY(mutex_) = false;
+  int beats_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::chrono::steady_clock::time_point last_beat_ ABSL_GUARDED_BY(mutex_) =
+      std::chrono::steady_clock::now();
   std::thread thread_;
 };
 

@@ -46,7 +46,7 @@ serving::TimePoint StreamDeadline(const StreamOutline& outline) {
 void OpenStreams::Drain() {
   std::set<std::shared_ptr<PredictStream>> streams;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     draining_ = true;
     streams = streams_;
   }
@@ -54,13 +54,13 @@ void OpenStreams::Drain() {
 }
 
 bool OpenStreams::Add(const std::shared_ptr<PredictStream>& stream) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   streams_.insert(stream);
   return !draining_;
 }
 
 void OpenStreams::Remove(const std::shared_ptr<PredictStream>& stream) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   streams_.erase(stream);
 }
 
@@ -80,12 +80,18 @@ PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* r
 PredictStream* PredictStream::Open(PredictionContext& context, OpenStreams& streams,
                                    grpc::CallbackServerContext* rpc) {
   const std::shared_ptr<PredictStream> stream(new PredictStream(context, streams, rpc));
-  if (!streams.Add(stream)) stream->draining_ = true;
+  const bool may_stay = streams.Add(stream);
   PredictStream* const opened = stream.get();
   opened->admission_ =
       context.access.Watch(kMethod, opened->caller_,
                            [opened](const absl::Status& refusal) { opened->OnRefused(refusal); });
-  opened->Proceed(std::unique_lock(opened->mutex_));
+  Step step;
+  {
+    const MutexLock lock(opened->mutex_);
+    if (!may_stay) opened->draining_ = true;
+    step = opened->NextStep();
+  }
+  opened->Take(step);
   return opened;
 }
 
@@ -93,10 +99,8 @@ PredictStream::PredictStream(PredictionContext& context, OpenStreams& streams,
                              grpc::CallbackServerContext* rpc)
     : context_(context), streams_(streams), rpc_(rpc), caller_(CredentialsOf(*rpc)) {}
 
-void PredictStream::Proceed(std::unique_lock<std::mutex> lock) {
-  grpc::ByteBuffer* read = nullptr;
-  const grpc::ByteBuffer* write = nullptr;
-  bool finish = false;
+PredictStream::Step PredictStream::NextStep() {
+  Step step;
   const size_t unwritten = in_flight_.size() + to_write_.size() + (writing_ != nullptr ? 1 : 0);
   const bool ends_early = draining_ || !refusal_.ok();
   const bool no_more = reads_ended_ || ends_early;
@@ -104,33 +108,36 @@ void PredictStream::Proceed(std::unique_lock<std::mutex> lock) {
       expected_bytes_ < kMaxExpectedBytes) {
     read_pending_ = true;
     reading_ = std::make_shared<Entry>();
-    read = &reading_->bytes;
+    step.read = &reading_->bytes;
   }
   if (writing_ == nullptr && !to_write_.empty()) {
     writing_ = std::move(to_write_.front());
     to_write_.pop_front();
-    write = &writing_->bytes;
+    step.write = &writing_->bytes;
   }
   // A read that an early end leaves pending ends with the stream.
   if (!finished_ && no_more && (!read_pending_ || ends_early) && in_flight_.empty() &&
       to_write_.empty() && writing_ == nullptr) {
-    finished_ = finish = true;
+    finished_ = true;
+    step.finish = cancelled_       ? absl::CancelledError()
+                  : !refusal_.ok() ? refusal_
+                  : reads_ended_   ? absl::OkStatus()
+                                   : ShuttingDown();
   }
-  const absl::Status end = cancelled_       ? absl::CancelledError()
-                           : !refusal_.ok() ? refusal_
-                           : reads_ended_   ? absl::OkStatus()
-                                            : ShuttingDown();
-  lock.unlock();
-  // Outside the lock: gRPC may call back at once. Nothing follows Finish, as OnDone may come then.
-  if (read != nullptr) StartRead(read);
-  if (write != nullptr) StartWrite(write);
-  if (finish) Finish(ToGrpcStatus(end));
+  return step;
+}
+
+void PredictStream::Take(const Step& step) {
+  if (step.read != nullptr) StartRead(step.read);
+  if (step.write != nullptr) StartWrite(step.write);
+  // Nothing follows Finish, as OnDone may come then.
+  if (step.finish) Finish(ToGrpcStatus(*step.finish));
 }
 
 void PredictStream::OnReadDone(bool ok) {
   std::shared_ptr<Entry> entry;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     read_pending_ = false;
     entry = std::move(reading_);
     if (!ok) {
@@ -144,7 +151,12 @@ void PredictStream::OnReadDone(bool ok) {
     }
   }
   if (ok) Begin(std::move(entry));
-  Proceed(std::unique_lock(mutex_));
+  Step step;
+  {
+    const MutexLock lock(mutex_);
+    step = NextStep();
+  }
+  Take(step);
 }
 
 void PredictStream::Begin(std::shared_ptr<Entry> entry) {
@@ -174,7 +186,7 @@ absl::Status PredictStream::Start(const std::shared_ptr<Entry>& entry) {
   const PredictionIo io = PredictIo(request.request(), response.mutable_response());
   auto run = PredictionRun::Start(context_, io, deadline, entry->messages,
                                   [this, entry](absl::Status end) { Answered(entry, end); });
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   if (!in_flight_.contains(entry)) {  // answered already
     entry->memory = run->TakeMemory();
     return absl::OkStatus();
@@ -196,66 +208,84 @@ void PredictStream::Answered(std::shared_ptr<Entry> entry, const absl::Status& s
   // What waits for its caller to read it is the answer alone.
   entry->messages.reset();
   std::shared_ptr<PredictionRun> run;  // let go of without the lock
-  std::unique_lock lock(mutex_);
-  in_flight_.erase(entry);
-  if (entry->run != nullptr) {
-    entry->memory = entry->run->TakeMemory();
-    run = std::move(entry->run);
+  Step step;
+  {
+    const MutexLock lock(mutex_);
+    in_flight_.erase(entry);
+    if (entry->run != nullptr) {
+      entry->memory = entry->run->TakeMemory();
+      run = std::move(entry->run);
+    }
+    bytes_ -= entry->size;
+    expected_bytes_ -= entry->expected;
+    if (serialised && !cancelled_ && refusal_.ok()) {
+      entry->bytes.Swap(&bytes);
+      entry->size = entry->bytes.Length();
+      bytes_ += entry->size;
+      to_write_.push_back(std::move(entry));
+    }
+    step = NextStep();
   }
-  bytes_ -= entry->size;
-  expected_bytes_ -= entry->expected;
-  if (serialised && !cancelled_ && refusal_.ok()) {
-    entry->bytes.Swap(&bytes);
-    entry->size = entry->bytes.Length();
-    bytes_ += entry->size;
-    to_write_.push_back(std::move(entry));
-  }
-  Proceed(std::move(lock));
+  Take(step);
 }
 
 void PredictStream::OnWriteDone(bool ok) {
-  std::unique_lock lock(mutex_);
-  bytes_ -= writing_->size;
-  writing_ = nullptr;
-  if (!ok) {
-    // The caller has gone.
-    reads_ended_ = true;
-    to_write_.clear();
+  Step step;
+  {
+    const MutexLock lock(mutex_);
+    bytes_ -= writing_->size;
+    writing_ = nullptr;
+    if (!ok) {
+      // The caller has gone.
+      reads_ended_ = true;
+      to_write_.clear();
+    }
+    step = NextStep();
   }
-  Proceed(std::move(lock));
+  Take(step);
 }
 
 void PredictStream::OnCancel() {
-  std::unique_lock lock(mutex_);
-  cancelled_ = true;
-  reads_ended_ = true;
-  to_write_.clear();
-  for (const auto& entry : in_flight_) {
-    if (entry->run != nullptr) entry->run->Cancel();
+  Step step;
+  {
+    const MutexLock lock(mutex_);
+    cancelled_ = true;
+    reads_ended_ = true;
+    to_write_.clear();
+    for (const auto& entry : in_flight_) {
+      if (entry->run != nullptr) entry->run->Cancel();
+    }
+    step = NextStep();
   }
-  Proceed(std::move(lock));
+  Take(step);
 }
 
 void PredictStream::Drain() {
-  std::unique_lock lock(mutex_);
-  draining_ = true;
-  Proceed(std::move(lock));
+  Step step;
+  {
+    const MutexLock lock(mutex_);
+    draining_ = true;
+    step = NextStep();
+  }
+  Take(step);
 }
 
 void PredictStream::OnRefused(const absl::Status& refusal) {
-  std::unique_lock lock(mutex_);
-  const bool again = !refusal_.ok();
-  refusal_ = refusal;
-  to_write_.clear();
-  for (const auto& entry : in_flight_) {
-    if (entry->run != nullptr) entry->run->Cancel();
+  Step step;
+  bool cut_off = false;
+  {
+    const MutexLock lock(mutex_);
+    const bool again = !refusal_.ok();
+    refusal_ = refusal;
+    to_write_.clear();
+    for (const auto& entry : in_flight_) {
+      if (entry->run != nullptr) entry->run->Cancel();
+    }
+    cut_off = again && writing_ != nullptr;
+    if (!cut_off) step = NextStep();
   }
-  if (again && writing_ != nullptr) {
-    lock.unlock();
-    rpc_->TryCancel();
-  } else {
-    Proceed(std::move(lock));
-  }
+  if (cut_off) rpc_->TryCancel();
+  Take(step);
 }
 
 void PredictStream::OnDone() {

@@ -8,9 +8,11 @@
 
 #include <deque>
 #include <memory>
-#include <mutex>
+#include <optional>
 #include <set>
 
+#include "absl/base/thread_annotations.h"
+#include "locks/mutex.h"
 #include "maneuver/v1/prediction_service.pb.h"
 #include "server/rpc/prediction_run.h"
 
@@ -34,9 +36,9 @@ class OpenStreams {
   bool Add(const std::shared_ptr<PredictStream>& stream);
   void Remove(const std::shared_ptr<PredictStream>& stream);
 
-  std::mutex mutex_;  // guards what follows
-  bool draining_ = false;
-  std::set<std::shared_ptr<PredictStream>> streams_;
+  Mutex mutex_;
+  bool draining_ ABSL_GUARDED_BY(mutex_) = false;
+  std::set<std::shared_ptr<PredictStream>> streams_ ABSL_GUARDED_BY(mutex_);
 };
 
 // Lives until gRPC is done with the stream, which is after the last of its requests was answered.
@@ -82,9 +84,17 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   absl::Status Start(const std::shared_ptr<Entry>& entry);
   absl::Status Admit(const v1::PredictRequest& request);
   void Answered(std::shared_ptr<Entry> entry, const absl::Status& status);
-  // Reads, writes or finishes, whatever the state now allows. Takes the lock under which the state
-  // was changed: once it is free, and nothing was begun here, the stream may be gone.
-  void Proceed(std::unique_lock<std::mutex> lock);
+  // What the stream does next: it reads, writes and finishes, or none of these.
+  struct Step {
+    grpc::ByteBuffer* read = nullptr;
+    const grpc::ByteBuffer* write = nullptr;
+    std::optional<absl::Status> finish = {};
+  };
+  // Decides what the state now allows. Call it under the lock under which the state was changed.
+  Step NextStep() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Takes a step. Without the lock, since gRPC may call back at once. Where the step is to do
+  // nothing, the stream may be gone already.
+  void Take(const Step& step) ABSL_LOCKS_EXCLUDED(mutex_);
 
   PredictionContext& context_;
   OpenStreams& streams_;
@@ -92,19 +102,19 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   const security::Credentials caller_;
   std::unique_ptr<security::AccessControl::LongCall> admission_;  // until OnDone
 
-  std::mutex mutex_;  // guards what follows
-  std::shared_ptr<Entry> reading_;
-  bool read_pending_ = false;
-  bool reads_ended_ = false;  // the caller sends no more, or has gone
-  bool cancelled_ = false;
-  bool draining_ = false;
-  bool finished_ = false;
-  absl::Status refusal_;
-  size_t bytes_ = 0;            // of the entries that follow
-  int64_t expected_bytes_ = 0;  // of those in flight
-  std::set<std::shared_ptr<Entry>> in_flight_;
-  std::deque<std::shared_ptr<Entry>> to_write_;
-  std::shared_ptr<Entry> writing_;
+  Mutex mutex_;
+  std::shared_ptr<Entry> reading_ ABSL_GUARDED_BY(mutex_);
+  bool read_pending_ ABSL_GUARDED_BY(mutex_) = false;
+  bool reads_ended_ ABSL_GUARDED_BY(mutex_) = false;  // the caller sends no more, or has gone
+  bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
+  bool draining_ ABSL_GUARDED_BY(mutex_) = false;
+  bool finished_ ABSL_GUARDED_BY(mutex_) = false;
+  absl::Status refusal_ ABSL_GUARDED_BY(mutex_);
+  size_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;            // of the entries that follow
+  int64_t expected_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // of those in flight
+  std::set<std::shared_ptr<Entry>> in_flight_ ABSL_GUARDED_BY(mutex_);
+  std::deque<std::shared_ptr<Entry>> to_write_ ABSL_GUARDED_BY(mutex_);
+  std::shared_ptr<Entry> writing_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace maneuver::rpc

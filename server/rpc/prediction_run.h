@@ -20,9 +20,9 @@
 #include <utility>
 
 #include "absl/status/status.h"
-#include "server/jobs/worker_pool.h"
 #include "server/rpc/prediction_plan.h"
 #include "server/rpc/required_names.h"
+#include "server/rpc/worker_pool.h"
 #include "server/security/access_control.h"
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/map_cache.h"
@@ -38,7 +38,7 @@ struct PredictionContext {
   serving::BatchScheduler& scheduler;
   serving::MapCache& maps;
   serving::SendMemory& send_memory;
-  jobs::WorkerPool& blocking;  // for a model that is not in memory
+  WorkerPool& blocking;  // for a model that is not in memory
   scene::ScenarioLimits limits;
   security::AccessControl& access;
   std::shared_ptr<serving::Shadow> shadow = nullptr;  // nullptr: none

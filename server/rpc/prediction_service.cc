@@ -1,6 +1,9 @@
 #include "server/rpc/prediction_service.h"
 
+#include "absl/base/thread_annotations.h"
+#include "locks/mutex.h"
 #include "server/rpc/blocking_call.h"
+#include "server/rpc/grpc_internals.h"
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/predict_stream.h"
 #include "server/rpc/prediction_admission.h"
@@ -15,7 +18,7 @@ int64_t Bytes(const google::protobuf::Message& request) {
 }
 
 // Lives until gRPC is done with the call.
-class PredictionReactor final : public grpc::ServerUnaryReactor {
+class PredictionReactor final : public InlineReactor<grpc::ServerUnaryReactor> {
  public:
   PredictionReactor(PredictionContext& context, grpc::CallbackServerContext& rpc,
                     const PredictionIo& io) {
@@ -29,25 +32,23 @@ class PredictionReactor final : public grpc::ServerUnaryReactor {
     auto request = context.shadow == nullptr ? nullptr : KeepMessages(rpc.GetRpcAllocatorState());
     auto run = PredictionRun::Start(context, io, OnSteadyClock(DeadlineOf(rpc)), std::move(request),
                                     [this](absl::Status status) { Finish(ToGrpcStatus(status)); });
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     run_ = std::move(run);
     if (cancelled_) run_->Cancel();
   }
 
   void OnCancel() override {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     cancelled_ = true;
     if (run_ != nullptr) run_->Cancel();
   }
 
   void OnDone() override { delete this; }
-  // What it does is short: no other thread need be woken for it.
-  bool InternalInlineable() override { return true; }
 
  private:
-  std::mutex mutex_;  // guards what follows
-  std::shared_ptr<PredictionRun> run_;
-  bool cancelled_ = false;
+  Mutex mutex_;
+  std::shared_ptr<PredictionRun> run_ ABSL_GUARDED_BY(mutex_);
+  bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
 }  // namespace

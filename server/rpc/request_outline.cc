@@ -1,19 +1,17 @@
 #include "server/rpc/request_outline.h"
 
 #include <google/protobuf/io/coded_stream.h>
-#include <google/protobuf/stubs/common.h>
-#include <google/protobuf/wire_format_lite.h>
 #include <grpcpp/support/proto_buffer_reader.h>
 
 #include <algorithm>
 #include <cstdint>
 
 #include "maneuver/v1/prediction_service.pb.h"
+#include "server/rpc/protobuf_internals.h"
 
 namespace maneuver::rpc {
 namespace {
 
-using google::protobuf::internal::WireFormatLite;
 using google::protobuf::io::CodedInputStream;
 
 // The same field in each of them.
@@ -21,16 +19,6 @@ constexpr int kScenarios = v1::PredictRequest::kScenariosFieldNumber;
 static_assert(kScenarios == v1::PredictActionProbabilitiesRequest::kScenariosFieldNumber);
 static_assert(kScenarios == v1::PredictActionDistributionsRequest::kScenariosFieldNumber);
 static_assert(kScenarios == v1::ClassifyTrajectoriesRequest::kScenariosFieldNumber);
-
-constexpr uint32_t TagOf(
-    int field, WireFormatLite::WireType type = WireFormatLite::WIRETYPE_LENGTH_DELIMITED) {
-  return WireFormatLite::MakeTag(field, type);
-}
-
-bool IsUtf8(const std::string& text) {
-  return google::protobuf::internal::IsStructurallyValidUTF8(text.data(),
-                                                             static_cast<int>(text.size()));
-}
 
 bool ReadBytes(CodedInputStream& input, std::string* bytes) {
   uint32_t length = 0;
@@ -65,8 +53,8 @@ bool CountIds(CodedInputStream& input, uint32_t tag, size_t* ids) {
 
 void CountOfScenario(CodedInputStream& input, size_t* targets) {
   while (const uint32_t tag = input.ReadTag()) {
-    const bool ids = WireFormatLite::GetTagFieldNumber(tag) == v1::Scenario::kTargetIdsFieldNumber;
-    if (!(ids ? CountIds(input, tag, targets) : WireFormatLite::SkipField(&input, tag))) return;
+    const bool ids = FieldOf(tag) == v1::Scenario::kTargetIdsFieldNumber;
+    if (!(ids ? CountIds(input, tag, targets) : SkipField(input, tag))) return;
   }
 }
 
@@ -74,7 +62,7 @@ void CountOfRequest(CodedInputStream& input, size_t* targets) {
   while (const uint32_t tag = input.ReadTag()) {
     const bool read = tag == TagOf(kScenarios)
                           ? ReadInside(input, [&](auto& in) { CountOfScenario(in, targets); })
-                          : WireFormatLite::SkipField(&input, tag);
+                          : SkipField(input, tag);
     if (!read) return;
   }
 }
@@ -114,7 +102,7 @@ std::optional<StreamOutline> ReadStreamOutline(const grpc::ByteBuffer& message) 
         good = ReadInside(input, [&](auto& in) { CountOfRequest(in, &outline.targets); });
         break;
       default:
-        good = WireFormatLite::SkipField(&input, tag);
+        good = SkipField(input, tag);
     }
     if (!good) return std::nullopt;
   }

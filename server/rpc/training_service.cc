@@ -49,7 +49,7 @@ absl::StatusOr<std::string> JobName(const std::string& name) {
 
 }  // namespace
 
-TrainingService::TrainingService(jobs::Supervisor& jobs, jobs::WorkerPool& pool,
+TrainingService::TrainingService(jobs::Supervisor& jobs, WorkerPool& pool,
                                  security::AccessControl& access)
     : jobs_(jobs), pool_(pool), access_(access) {}
 

@@ -3,7 +3,7 @@
 
 #include "maneuver/v1/training_service.grpc.pb.h"
 #include "server/jobs/supervisor.h"
-#include "server/jobs/worker_pool.h"
+#include "server/rpc/worker_pool.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
@@ -11,7 +11,7 @@ namespace maneuver::rpc {
 class TrainingService final : public v1::TrainingService::CallbackService {
  public:
   // All outlive the service. Out of line, with the destructor: see AdminService.
-  TrainingService(jobs::Supervisor& jobs, jobs::WorkerPool& pool, security::AccessControl& access);
+  TrainingService(jobs::Supervisor& jobs, WorkerPool& pool, security::AccessControl& access);
   ~TrainingService() override;
 
   grpc::ServerUnaryReactor* Train(grpc::CallbackServerContext* rpc, const v1::TrainRequest* request,
@@ -41,7 +41,7 @@ class TrainingService final : public v1::TrainingService::CallbackService {
 
  private:
   jobs::Supervisor& jobs_;
-  jobs::WorkerPool& pool_;
+  WorkerPool& pool_;
   security::AccessControl& access_;
 };
 

@@ -23,7 +23,7 @@ absl::Status Check(const v1::WatchJobRequest& request) {
 
 }  // namespace
 
-JobWatchCall::JobWatchCall(jobs::Supervisor& jobs, jobs::WorkerPool& pool,
+JobWatchCall::JobWatchCall(jobs::Supervisor& jobs, WorkerPool& pool,
                            security::AccessControl& access, grpc::CallbackServerContext* rpc,
                            const v1::WatchJobRequest& request)
     : jobs_(jobs), pool_(pool), rpc_(rpc) {
@@ -44,7 +44,7 @@ JobWatchCall::JobWatchCall(jobs::Supervisor& jobs, jobs::WorkerPool& pool,
 
 void JobWatchCall::OnNews() {
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     has_news_ = true;
     if (phase_ != Phase::kWaiting) return;
     phase_ = Phase::kWorking;
@@ -55,7 +55,7 @@ void JobWatchCall::OnNews() {
 void JobWatchCall::OnRefused(const absl::Status& refusal) {
   bool again = false;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     again = !refusal_.ok();
     refusal_ = refusal;
     if (phase_ == Phase::kWaiting) {
@@ -80,7 +80,7 @@ void JobWatchCall::ReadNext() {
   for (;;) {
     absl::Status refusal;
     {
-      const std::lock_guard lock(mutex_);
+      const MutexLock lock(mutex_);
       has_news_ = false;
       refusal = refusal_;
     }
@@ -103,7 +103,7 @@ void JobWatchCall::ReadNext() {
           "SERVER_STOPS"));
       return;
     }
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     if (is_cancelled_) break;
     if (has_news_ || !refusal_.ok()) continue;
     phase_ = Phase::kWaiting;
@@ -132,7 +132,7 @@ void JobWatchCall::OnWriteDone(bool ok) {
 
 void JobWatchCall::OnCancel() {
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     is_cancelled_ = true;
     if (phase_ != Phase::kWaiting) return;  // who works will see it
     phase_ = Phase::kWorking;
@@ -142,7 +142,7 @@ void JobWatchCall::OnCancel() {
 
 void JobWatchCall::End(const absl::Status& status) {
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     phase_ = Phase::kFinished;
   }
   Finish(ToGrpcStatus(status));

@@ -6,12 +6,13 @@
 
 #include <deque>
 #include <memory>
-#include <mutex>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
+#include "locks/mutex.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "server/jobs/supervisor.h"
-#include "server/jobs/worker_pool.h"
+#include "server/rpc/worker_pool.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
@@ -20,7 +21,7 @@ namespace maneuver::rpc {
 // costs a small buffer, and holds up nobody. Deletes itself.
 class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse> {
  public:
-  JobWatchCall(jobs::Supervisor& jobs, jobs::WorkerPool& pool, security::AccessControl& access,
+  JobWatchCall(jobs::Supervisor& jobs, WorkerPool& pool, security::AccessControl& access,
                grpc::CallbackServerContext* rpc, const v1::WatchJobRequest& request);
 
   void OnWriteDone(bool ok) override;
@@ -46,7 +47,7 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
   void End(const absl::Status& status);
 
   jobs::Supervisor& jobs_;
-  jobs::WorkerPool& pool_;
+  WorkerPool& pool_;
   grpc::CallbackServerContext* const rpc_;
 
   // These belong to whoever is kWorking.
@@ -54,11 +55,11 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
   std::deque<v1::Job> unsent_;
   v1::WatchJobResponse message_;
 
-  std::mutex mutex_;
-  Phase phase_ = Phase::kWorking;  // guarded by mutex_
-  bool has_news_ = false;          // came while kWorking; guarded by mutex_
-  bool is_cancelled_ = false;      // guarded by mutex_
-  absl::Status refusal_;           // guarded by mutex_
+  Mutex mutex_;
+  Phase phase_ ABSL_GUARDED_BY(mutex_) = Phase::kWorking;
+  bool has_news_ ABSL_GUARDED_BY(mutex_) = false;  // came while kWorking
+  bool is_cancelled_ ABSL_GUARDED_BY(mutex_) = false;
+  absl::Status refusal_ ABSL_GUARDED_BY(mutex_);
 
   // Last, so that they end first: no news reaches what is gone.
   std::unique_ptr<jobs::JobNews::Subscription> subscription_;

@@ -8,16 +8,17 @@
 
 #include <atomic>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <utility>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
-#include "server/jobs/worker_pool.h"
+#include "locks/mutex.h"
 #include "server/rpc/blocking_call.h"
 #include "server/rpc/guarded_service.h"
+#include "server/rpc/worker_pool.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
@@ -62,7 +63,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
   void OnDone() final { delete this; }
 
  protected:
-  UploadCall(jobs::WorkerPool& pool, grpc::CallbackServerContext* rpc, Response* response)
+  UploadCall(WorkerPool& pool, grpc::CallbackServerContext* rpc, Response* response)
       : pool_(pool), rpc_(rpc), response_(response) {}
 
   // Begins the call; the last thing that a constructor does.
@@ -82,7 +83,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
   // The caller's token was taken back: the call ends as soon as nobody works on it.
   void OnRefused(const absl::Status& refusal) {
     {
-      const std::lock_guard lock(mutex_);
+      const MutexLock lock(mutex_);
       refusal_ = refusal;
       if (!reading_.exchange(false)) return;  // who works on the call will see it
     }
@@ -104,7 +105,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
     absl::Status refusal;
     {
       // No refusal comes between; OnReadDone, which may come at once, takes no lock.
-      const std::lock_guard lock(mutex_);
+      const MutexLock lock(mutex_);
       refusal = refusal_;
       if (refusal.ok()) {
         reading_ = true;
@@ -124,7 +125,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
     // Before the client hears of it, and asks what has arrived.
     upload_.reset();
     {
-      const std::lock_guard lock(mutex_);  // ReadOn, on another thread, has let go of it
+      const MutexLock lock(mutex_);  // ReadOn, on another thread, has let go of it
     }
     this->Finish(ToGrpcStatus(status));
   }
@@ -160,7 +161,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
     return errors::InvalidField("header", "must be the first message of an upload");
   }
 
-  jobs::WorkerPool& pool_;
+  WorkerPool& pool_;
   grpc::CallbackServerContext* const rpc_;
   Response* const response_;
   Request message_;
@@ -168,8 +169,8 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
 
   // A read is under way. Who turns it to false goes on with the call: OnReadDone, or a refusal.
   std::atomic<bool> reading_ = false;
-  std::mutex mutex_;
-  absl::Status refusal_;  // guarded by mutex_
+  Mutex mutex_;
+  absl::Status refusal_ ABSL_GUARDED_BY(mutex_);
 
   // Last, so that it ends first: nobody refuses what is gone.
   std::unique_ptr<security::AccessControl::LongCall> admission_;

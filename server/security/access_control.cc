@@ -81,13 +81,13 @@ class AccessControl::ListedCall final : public LongCall {
         method_(method),
         credentials_(std::move(credentials)),
         on_refused_(std::move(on_refused)) {
-    const std::lock_guard lock(access_.long_calls_mutex_);
+    const MutexLock lock(access_.long_calls_mutex_);
     place_ = access_.long_calls_.insert(access_.long_calls_.end(), this);
     // Its caller may have been admitted by identities that have been replaced since.
     access_.look_again_ = true;
   }
   ~ListedCall() override {
-    const std::lock_guard lock(access_.long_calls_mutex_);
+    const MutexLock lock(access_.long_calls_mutex_);
     access_.long_calls_.erase(place_);
   }
 
@@ -119,7 +119,7 @@ std::unique_ptr<AccessControl::LongCall> AccessControl::Watch(
 }
 
 void AccessControl::LookAtLongCalls(bool identities_changed) {
-  const std::lock_guard lock(long_calls_mutex_);
+  const MutexLock lock(long_calls_mutex_);
   const absl::Time now = clock_();
   const auto identities = Current();
   const bool expired = identities != nullptr && identities->AnyExpired(looked_at_, now);
@@ -142,19 +142,19 @@ absl::StatusOr<bool> AccessControl::ReadIdentities() {
   auto text = ReadSecretFile(options_.identities);
   if (!text.ok()) return text.status();
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     if (identities_ != nullptr && *text == text_) return false;
   }
   auto identities = Identities::Parse(*text);
   if (!identities.ok()) return identities.status();
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   text_ = *std::move(text);
   identities_ = std::make_shared<const Identities>(*std::move(identities));
   return true;
 }
 
 std::shared_ptr<const Identities> AccessControl::Current() const {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   return identities_;
 }
 

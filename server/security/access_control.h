@@ -9,15 +9,16 @@
 #include <list>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "locks/mutex.h"
 #include "server/monitoring/metrics.h"
 #include "server/security/identities.h"
 #include "server/security/rate_limiter.h"
@@ -98,7 +99,7 @@ class AccessControl {
   absl::Status Refuse(absl::Status refusal, std::string_view method, const Caller& caller);
   std::shared_ptr<const Identities> Current() const;
   absl::StatusOr<bool> ReadIdentities();
-  void LookAtLongCalls(bool identities_changed);
+  void LookAtLongCalls(bool identities_changed) ABSL_LOCKS_EXCLUDED(long_calls_mutex_);
 
   const AccessOptions options_;
   const std::function<absl::Time()> clock_;
@@ -108,14 +109,16 @@ class AccessControl {
   std::map<std::string, monitoring::Counter*, std::less<>> refused_;  // by reason
 
   class ListedCall;
-  std::mutex long_calls_mutex_;  // guards what follows
-  std::list<ListedCall*> long_calls_;
-  bool look_again_ = false;  // some are new, or were refused and are still there
-  absl::Time looked_at_;     // when expiry was last looked at
+  Mutex long_calls_mutex_;
+  std::list<ListedCall*> long_calls_ ABSL_GUARDED_BY(long_calls_mutex_);
+  // Whether some are new, or were refused and are still there.
+  bool look_again_ ABSL_GUARDED_BY(long_calls_mutex_) = false;
+  // When expiry was last looked at.
+  absl::Time looked_at_ ABSL_GUARDED_BY(long_calls_mutex_);
 
-  mutable std::mutex mutex_;  // guards what follows
-  std::string text_;          // of identities_
-  std::shared_ptr<const Identities> identities_;
+  mutable Mutex mutex_;
+  std::string text_ ABSL_GUARDED_BY(mutex_);  // of identities_
+  std::shared_ptr<const Identities> identities_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace maneuver::security

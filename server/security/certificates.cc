@@ -105,7 +105,7 @@ absl::StatusOr<std::shared_ptr<CertificateStore>> CertificateStore::Open(
 }
 
 std::shared_ptr<const CertificateSet> CertificateStore::Current() const {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   return current_;
 }
 
@@ -118,7 +118,7 @@ absl::StatusOr<bool> CertificateStore::Reload() {
     return false;
   }
   loaded->generation = before == nullptr ? 1 : before->generation + 1;
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   current_ = std::make_shared<const CertificateSet>(*std::move(loaded));
   return true;
 }

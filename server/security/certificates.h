@@ -8,11 +8,12 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
-#include <mutex>
 #include <string>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "locks/mutex.h"
 
 namespace maneuver::security {
 
@@ -51,8 +52,8 @@ class CertificateStore {
   explicit CertificateStore(const CertificateFiles& files) : files_(files) {}
 
   const CertificateFiles files_;
-  mutable std::mutex mutex_;  // guards what follows
-  std::shared_ptr<const CertificateSet> current_;
+  mutable Mutex mutex_;
+  std::shared_ptr<const CertificateSet> current_ ABSL_GUARDED_BY(mutex_);
 };
 
 // Returns the whole days until then, rounded down; negative once it has expired.

@@ -31,21 +31,14 @@ PeriodicReload::PeriodicReload(std::vector<ReloadedFiles> files, std::chrono::mi
     : thread_([this, files = std::move(files), interval] { Run(files, interval); }) {}
 
 PeriodicReload::~PeriodicReload() {
-  {
-    const std::lock_guard lock(mutex_);
-    stopped_ = true;
-  }
-  stop_.notify_all();
+  stop_.Stop();
   thread_.join();
 }
 
 void PeriodicReload::Run(std::vector<ReloadedFiles> files, std::chrono::milliseconds interval) {
   std::vector<std::string> failures(files.size());
-  std::unique_lock lock(mutex_);
-  while (!stop_.wait_for(lock, interval, [this] { return stopped_; })) {
-    lock.unlock();
+  while (!stop_.StoppedWithin(interval)) {
     for (size_t i = 0; i < files.size(); ++i) ReloadOne(files[i], failures[i]);
-    lock.lock();
   }
 }
 

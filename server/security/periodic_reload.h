@@ -4,14 +4,13 @@
 #define MANEUVER_SERVER_SECURITY_PERIODIC_RELOAD_H_
 
 #include <chrono>
-#include <condition_variable>
 #include <functional>
-#include <mutex>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "locks/stop_latch.h"
 
 namespace maneuver::security {
 
@@ -33,9 +32,7 @@ class PeriodicReload {
  private:
   void Run(std::vector<ReloadedFiles> files, std::chrono::milliseconds interval);
 
-  std::mutex mutex_;  // guards stopped_
-  std::condition_variable stop_;
-  bool stopped_ = false;
+  StopLatch stop_;
   std::thread thread_;
 };
 

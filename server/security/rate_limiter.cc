@@ -12,7 +12,7 @@ std::optional<std::chrono::nanoseconds> RateLimiter::Take(const std::string& cli
                                                           double amount) {
   if (!is_limited()) return std::nullopt;
   const double capacity = std::max(per_second_, 1.0);
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   const SteadyTime now = clock_();
   if (const auto known = by_client_.find(client); known != by_client_.end()) {
     buckets_.splice(buckets_.begin(), buckets_, known->second);
@@ -39,7 +39,7 @@ std::optional<std::chrono::nanoseconds> RateLimiter::Take(const std::string& cli
 }
 
 size_t RateLimiter::clients() const {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   return buckets_.size();
 }
 

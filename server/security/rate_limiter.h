@@ -6,10 +6,12 @@
 #include <chrono>
 #include <functional>
 #include <list>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <unordered_map>
+
+#include "absl/base/thread_annotations.h"
+#include "locks/mutex.h"
 
 namespace maneuver::security {
 
@@ -46,9 +48,9 @@ class RateLimiter {
 
   const double per_second_;
   const std::function<SteadyTime()> clock_;
-  mutable std::mutex mutex_;   // guards what follows
-  std::list<Bucket> buckets_;  // most recently used first
-  std::unordered_map<std::string, std::list<Bucket>::iterator> by_client_;
+  mutable Mutex mutex_;
+  std::list<Bucket> buckets_ ABSL_GUARDED_BY(mutex_);  // most recently used first
+  std::unordered_map<std::string, std::list<Bucket>::iterator> by_client_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace maneuver::security

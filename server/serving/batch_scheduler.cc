@@ -61,11 +61,11 @@ BatchScheduler::BatchScheduler(const SchedulerOptions& options, monitoring::Metr
 BatchScheduler::~BatchScheduler() {
   std::vector<TargetQueue::Item> waiting;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     stopping_ = true;
     waiting = queue_.TakeAll();
   }
-  wake_.notify_all();
+  wake_.NotifyAll();
   for (std::thread& worker : workers_) worker.join();
   for (const TargetQueue::Item& item : waiting) {
     Answer(item, Failure(absl::UnavailableError("the server is shutting down; try again")));
@@ -108,7 +108,7 @@ absl::Status BatchScheduler::Submit(CallPtr call) {
   absl::Status status;
   std::vector<TargetQueue::Item> dead;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     if (stopping_) {
       return absl::UnavailableError("the server is shutting down; try again");
     }
@@ -131,7 +131,7 @@ absl::Status BatchScheduler::Submit(CallPtr call) {
     }
     ShowQueueLocked();
   }
-  if (status.ok()) wake_.notify_one();
+  if (status.ok()) wake_.NotifyOne();
   Drop(dead, now, Passed::kQueue);
   return status;
 }
@@ -141,7 +141,7 @@ absl::Status BatchScheduler::CheckWait(Priority priority, size_t targets, TimePo
   const TimePoint now = options_.now();
   absl::Status status;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     status = CheckWaitLocked(priority, targets, deadline, now);
   }
   if (!status.ok()) metrics_.refused.Increment(static_cast<double>(targets));
@@ -196,34 +196,34 @@ void BatchScheduler::Drop(const std::vector<TargetQueue::Item>& items, TimePoint
 }
 
 void BatchScheduler::Work(int worker) {
-  std::unique_lock lock(mutex_);
+  MutexLock lock(mutex_);
   while (true) {
     const TimePoint now = options_.now();
     if (auto dead = queue_.TakeDead(now); !dead.empty()) {
       ShowQueueLocked();
-      lock.unlock();
+      lock.Unlock();
       Drop(dead, now, Passed::kQueue);
-      lock.lock();
+      lock.Lock();
       continue;
     }
     if (stopping_) return;
     const TimePoint next = queue_.NextBatchTime();
     if (next == TimePoint::max()) {
       submitters_.SetPatient(false);
-      wake_.wait(lock);
+      wake_.Wait(mutex_);
     } else if (next > now) {
-      wake_.wait_for(lock, next - now);
+      wake_.WaitFor(mutex_, next - now);
     } else {
       auto items = queue_.TakeBatch();
       ShowQueueLocked();
       drain_rate_.Begin(worker, items.size(), now);
       // More may be left than one worker can take.
-      if (!queue_.empty()) wake_.notify_one();
+      if (!queue_.empty()) wake_.NotifyOne();
       const bool backlog = drain_rate_.TimeFor(queue_.size(), now) > kBacklog;
-      lock.unlock();
+      lock.Unlock();
       submitters_.SetPatient(backlog);
       RunBatch(std::move(items));
-      lock.lock();
+      lock.Lock();
       drain_rate_.End(worker, options_.now());
     }
   }

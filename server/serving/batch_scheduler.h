@@ -9,13 +9,13 @@
 
 #include <array>
 #include <atomic>
-#include <condition_variable>
 #include <functional>
-#include <mutex>
 #include <thread>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
+#include "locks/mutex.h"
 #include "model/machine/thread_priority.h"
 #include "server/monitoring/metrics.h"
 #include "server/security/rate_limiter.h"
@@ -66,7 +66,7 @@ class BatchScheduler {
     inference::SceneInput scene = {};
   };
 
-  void Work(int worker);
+  void Work(int worker) ABSL_LOCKS_EXCLUDED(mutex_);
   void RunBatch(std::vector<TargetQueue::Item> items);
   // Reads the scenes of the rows that somebody waits for: all rasters, then all vectors, whichever
   // the model reads. Returns the time when it is done.
@@ -83,22 +83,24 @@ class BatchScheduler {
   void Drop(const std::vector<TargetQueue::Item>& items, TimePoint now, Passed passed);
   // Takes out the targets that nobody waits for. Returns the time.
   TimePoint DropDead(std::vector<Row>& rows, Passed passed);
-  void ShowQueueLocked();
-  std::chrono::nanoseconds RetryDelayLocked(Priority priority, TimePoint now) const;
+  void ShowQueueLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  std::chrono::nanoseconds RetryDelayLocked(Priority priority, TimePoint now) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Of so many targets of a call that comes now.
   absl::Status CheckWaitLocked(Priority priority, size_t targets, TimePoint deadline,
-                               TimePoint now) const;
+                               TimePoint now) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const SchedulerOptions options_;
   SchedulerMetrics metrics_;
   security::RateLimiter fault_lines_;  // of the log
 
-  std::mutex mutex_;  // guards what follows
-  std::condition_variable wake_;
-  TargetQueue queue_;
-  DrainRate drain_rate_;
-  std::array<TimePoint, 2> waiting_since_;  // by Priority: since then some always did
-  bool stopping_ = false;
+  Mutex mutex_;
+  CondVar wake_;
+  TargetQueue queue_ ABSL_GUARDED_BY(mutex_);
+  DrainRate drain_rate_ ABSL_GUARDED_BY(mutex_);
+  // By Priority: since then some always did.
+  std::array<TimePoint, 2> waiting_since_ ABSL_GUARDED_BY(mutex_);
+  bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
 
   std::atomic<int> waiting_ = 0;  // targets in the queue, written under mutex_
 

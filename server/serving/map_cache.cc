@@ -90,7 +90,7 @@ absl::StatusOr<MapCache::Registered> MapCache::Register(scene::MapFeatures featu
   }
   std::string id = MapId(features);
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     if (const auto known = Use(id)) return Registered{std::move(id), known->bytes()};
   }
   const auto map = std::make_shared<const scene::RoadMap>(std::move(features));
@@ -102,7 +102,7 @@ absl::StatusOr<MapCache::Registered> MapCache::Register(scene::MapFeatures featu
         "MAP_TOO_LARGE");
   }
   std::list<Entry> evicted;  // dies after the lock is free
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   // Somebody else may have registered it meanwhile.
   if (Use(id) == nullptr) {
     evicted = MakeRoom(map->bytes());
@@ -136,7 +136,7 @@ std::shared_ptr<const scene::RoadMap> MapCache::Use(const std::string& id) {
 }
 
 std::shared_ptr<const scene::RoadMap> MapCache::Find(const std::string& id) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   auto map = Use(id);
   (map != nullptr ? metrics_.hits : metrics_.misses).Increment();
   return map;

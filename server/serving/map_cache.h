@@ -10,13 +10,14 @@
 #include <cstdint>
 #include <list>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <string_view>
 #include <unordered_map>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "locks/mutex.h"
 #include "model/scene/road_map.h"
 #include "model/scene/scenario_validation.h"
 #include "server/monitoring/metrics.h"
@@ -67,16 +68,18 @@ class MapCache {
     monitoring::Counter& evicted;
   };
 
-  // Both need the lock.
-  std::shared_ptr<const scene::RoadMap> Use(const std::string& id);
-  std::list<Entry> MakeRoom(int64_t bytes);
+  // Returns the map, which is then the one used last; nullptr if it is not held.
+  std::shared_ptr<const scene::RoadMap> Use(const std::string& id)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Returns what was let go of.
+  std::list<Entry> MakeRoom(int64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const MapCacheOptions options_;
   Metrics metrics_;
-  std::mutex mutex_;         // guards what follows
-  std::list<Entry> by_use_;  // the one used last first
-  std::unordered_map<std::string, std::list<Entry>::iterator> by_id_;
-  int64_t bytes_ = 0;
+  Mutex mutex_;
+  std::list<Entry> by_use_ ABSL_GUARDED_BY(mutex_);  // the one used last first
+  std::unordered_map<std::string, std::list<Entry>::iterator> by_id_ ABSL_GUARDED_BY(mutex_);
+  int64_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
 }  // namespace maneuver::serving

@@ -64,7 +64,7 @@ absl::StatusOr<SendMemory::Share> SendMemory::Reserve(int64_t bytes, int64_t tar
         "RESPONSE_TOO_LARGE");
   }
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     if (used_ + bytes <= limits_.max_send_memory) {
       used_ += bytes;
       used_gauge_.Set(static_cast<double>(used_));
@@ -81,7 +81,7 @@ absl::StatusOr<SendMemory::Share> SendMemory::Reserve(int64_t bytes, int64_t tar
 }
 
 void SendMemory::Release(int64_t bytes) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   used_ -= bytes;
   used_gauge_.Set(static_cast<double>(used_));
 }

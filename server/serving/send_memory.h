@@ -6,9 +6,10 @@
 #define MANEUVER_SERVER_SERVING_SEND_MEMORY_H_
 
 #include <cstdint>
-#include <mutex>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
+#include "locks/mutex.h"
 #include "server/monitoring/metrics.h"
 
 namespace maneuver::serving {
@@ -58,8 +59,8 @@ class SendMemory {
   monitoring::Gauge& used_gauge_;
   monitoring::Counter& too_large_;
   monitoring::Counter& full_;
-  std::mutex mutex_;
-  int64_t used_ = 0;  // guarded by mutex_
+  Mutex mutex_;
+  int64_t used_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
 }  // namespace maneuver::serving

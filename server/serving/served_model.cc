@@ -26,13 +26,13 @@ ServedModel::ServedModel(security::ModelVersionName name,
           evaluation::DisplayNames(model_->manifest()))) {}
 
 ServedModel::ActionNames ServedModel::action_names() const {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   return action_names_;
 }
 
 void ServedModel::SetActionNames(std::vector<std::string> names) {
   auto replaced = std::make_shared<const std::vector<std::string>>(std::move(names));
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   action_names_ = std::move(replaced);
 }
 
@@ -67,7 +67,7 @@ absl::Status ServedModel::WarmUp() {
 
 std::unique_ptr<Engine> ServedModel::TakeEngine() {
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     if (!idle_.empty()) {
       auto engine = std::move(idle_.back());
       idle_.pop_back();
@@ -78,7 +78,7 @@ std::unique_ptr<Engine> ServedModel::TakeEngine() {
 }
 
 void ServedModel::ReturnEngine(std::unique_ptr<Engine> engine) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   idle_.push_back(std::move(engine));
 }
 

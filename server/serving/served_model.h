@@ -7,11 +7,12 @@
 #include <cstddef>
 #include <deque>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
+#include "locks/mutex.h"
 #include "model/inference/action_model.h"
 #include "model/scene/scene_reader.h"
 #include "server/security/resource_name.h"
@@ -75,9 +76,9 @@ class ServedModel {
 
   const security::ModelVersionName name_;
   const std::shared_ptr<const inference::ActionModel> model_;
-  mutable std::mutex mutex_;
-  std::vector<std::unique_ptr<Engine>> idle_;  // guarded by mutex_
-  ActionNames action_names_;                   // guarded by mutex_
+  mutable Mutex mutex_;
+  std::vector<std::unique_ptr<Engine>> idle_ ABSL_GUARDED_BY(mutex_);
+  ActionNames action_names_ ABSL_GUARDED_BY(mutex_);
 };
 
 using ModelHandle = std::shared_ptr<ServedModel>;

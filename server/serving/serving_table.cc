@@ -41,6 +41,7 @@ absl::StatusOr<std::unique_ptr<ServingTable>> ServingTable::Open(
       new ServingTable(versions, aliases, std::move(loader), options, metrics));
   auto stored = aliases.ListAliases();
   if (!stored.ok()) return stored.status();
+  const MutexLock lock(table->mutex_);
   for (const ModelAlias& alias : *stored) table->aliases_[alias.name] = alias.version;
   return table;
 }
@@ -54,23 +55,24 @@ ServingTable::ServingTable(VersionStore& versions, AliasStore& aliases, ModelLoa
       metrics_(metrics) {}
 
 void ServingTable::OnReadyChange(std::function<void(bool)> listener) {
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   listener_ = std::move(listener);
   NotifyReady();
 }
 
 bool ServingTable::Ready() const {
-  const std::lock_guard lock(mutex_);
-  return std::ranges::any_of(aliases_, [this](const auto& entry) {
+  const MutexLock lock(mutex_);
+  const auto is_loaded = [this](const auto& entry) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     return entry.first.alias == kServingAlias &&
            resident_.contains({entry.first.model, entry.second});
-  });
+  };
+  return std::ranges::any_of(aliases_, is_loaded);
 }
 
 void ServingTable::NotifyReady() {
   std::map<ModelAliasName, int> loaded;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     for (const auto& [name, version] : aliases_) {
       if (resident_.contains({name.model, version})) loaded[name] = version;
     }
@@ -82,11 +84,11 @@ void ServingTable::NotifyReady() {
 void ServingTable::LoadAliased() {
   std::set<ModelVersionName> wanted;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     for (const auto& [name, version] : aliases_) wanted.insert({name.model, version});
   }
   for (const ModelVersionName& name : wanted) {
-    const std::lock_guard change(change_mutex_);
+    const MutexLock change(change_mutex_);
     // Failures are logged there, and kept for those who ask.
     (void)LoadVersion(name);
     NotifyReady();
@@ -136,7 +138,7 @@ absl::StatusOr<ModelVersionName> ServingTable::ResolveLocked(
 
 absl::StatusOr<ModelHandle> ServingTable::Find(
     const std::optional<security::ModelReference>& reference) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   const auto name = ResolveLocked(reference);
   if (!name.ok()) return name.status();
   if (const auto found = resident_.find(*name); found != resident_.end()) {
@@ -151,7 +153,7 @@ absl::StatusOr<ModelHandle> ServingTable::Find(
 
 absl::StatusOr<ModelHandle> ServingTable::Load(
     const std::optional<security::ModelReference>& reference) {
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   // Whoever held the lock before may have loaded it.
   auto found = Find(reference);
   if (!found.ok() || *found != nullptr) return found;
@@ -164,7 +166,7 @@ absl::StatusOr<ModelHandle> ServingTable::Load(
 
 absl::StatusOr<ModelVersionName> ServingTable::Resolve(
     const std::optional<security::ModelReference>& reference) const {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   return ResolveLocked(reference);
 }
 
@@ -202,7 +204,7 @@ absl::StatusOr<ModelHandle> ServingTable::LoadFolder(const ModelVersionName& nam
 
 absl::StatusOr<ModelHandle> ServingTable::LoadVersion(const ModelVersionName& name) {
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     if (const auto found = resident_.find(name); found != resident_.end()) {
       return found->second.handle;
     }
@@ -210,7 +212,7 @@ absl::StatusOr<ModelHandle> ServingTable::LoadVersion(const ModelVersionName& na
   if (absl::Status status = versions_.CheckExists(name); !status.ok()) return status;
   auto handle = LoadFolder(name, versions_.FolderOf(name));
   std::vector<ModelHandle> dropped;  // freed after the lock
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   if (!handle.ok()) {
     load_errors_[name] = handle.status();
   } else {
@@ -239,7 +241,7 @@ void ServingTable::MakeResidentLocked(const ModelHandle& handle,
 }
 
 std::vector<std::string> ServingTable::AliasesOf(const ModelVersionName& name) const {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   return AliasesOfLocked(name);
 }
 
@@ -257,7 +259,7 @@ absl::Status ServingTable::PointAlias(const ModelAliasName& name, const ModelHan
   }
   {
     std::vector<ModelHandle> dropped;  // freed after the lock
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     const int before = std::exchange(aliases_[name], handle->name().version);
     if (before != handle->name().version) metrics_.CountSwap(name.alias);
     MakeResidentLocked(handle, dropped);
@@ -269,21 +271,21 @@ absl::Status ServingTable::PointAlias(const ModelAliasName& name, const ModelHan
 }
 
 absl::Status ServingTable::SetAlias(const ModelAliasName& name, int version) {
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   const auto handle = LoadVersion({name.model, version});
   if (!handle.ok()) return handle.status();
   return PointAlias(name, *handle);
 }
 
 absl::Status ServingTable::DeleteAlias(const ModelAliasName& name) {
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   if (auto status = alias_store_.DeleteAlias(name); !status.ok()) {
     if (!absl::IsNotFound(status)) return status;
     return errors::WithReason(absl::NotFoundError(absl::StrCat("there is no ", name.ToString())),
                               "MODEL_ALIAS_NOT_FOUND", {{"alias", name.ToString()}});
   }
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     aliases_.erase(name);
   }
   Log(LogLevel::kInfo, "alias deleted", {{"alias", name.ToString()}});
@@ -292,7 +294,7 @@ absl::Status ServingTable::DeleteAlias(const ModelAliasName& name) {
 }
 
 std::optional<ModelVersionName> ServingTable::Serving(const std::string& model) const {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   const auto alias = aliases_.find({model, std::string(kServingAlias)});
   if (alias == aliases_.end()) return std::nullopt;
   return ModelVersionName{model, alias->second};
@@ -300,7 +302,7 @@ std::optional<ModelVersionName> ServingTable::Serving(const std::string& model) 
 
 absl::StatusOr<bool> ServingTable::PromoteOver(const ModelVersionName& name,
                                                const std::optional<ModelVersionName>& before) {
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   if (Serving(name.model) != before) return false;
   const auto handle = LoadVersion(name);
   if (!handle.ok()) return handle.status();
@@ -318,14 +320,15 @@ absl::StatusOr<ModelVersionName> ServingTable::Publish(const std::string& model,
                                                        const std::filesystem::path& finished,
                                                        v1::Promotion promotion,
                                                        const std::string& maker) {
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   ModelHandle handle;
-  const auto name =
-      versions_.Publish(model, finished, maker, [&](const ModelVersionName& next) -> absl::Status {
-        auto loaded = LoadFolder(next, finished);
-        if (loaded.ok()) handle = *std::move(loaded);
-        return loaded.status();
-      });
+  const auto load = [&](const ModelVersionName& next)
+                        ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_) -> absl::Status {
+    auto loaded = LoadFolder(next, finished);
+    if (loaded.ok()) handle = *std::move(loaded);
+    return loaded.status();
+  };
+  const auto name = versions_.Publish(model, finished, maker, load);
   if (!name.ok()) return name.status();
   if (WantsPromotion(model, promotion)) {
     const absl::Status status = PointAlias({model, std::string(kServingAlias)}, handle);
@@ -344,7 +347,7 @@ absl::StatusOr<ModelVersionName> ServingTable::Publish(const std::string& model,
 absl::StatusOr<std::optional<ModelVersionName>> ServingTable::FindMadeBy(const std::string& model,
                                                                          v1::Promotion promotion,
                                                                          const std::string& maker) {
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   const std::optional<ModelVersionName> found = versions_.FindMadeBy(model, maker);
   if (found && Serving(model) != found && WantsPromotion(model, promotion)) {
     const auto handle = LoadVersion(*found);
@@ -357,12 +360,12 @@ absl::StatusOr<std::optional<ModelVersionName>> ServingTable::FindMadeBy(const s
 
 absl::StatusOr<v1::Action> ServingTable::LabelAction(const ModelVersionName& name, int action_id,
                                                      const std::string& label) {
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   auto labelled = versions_.LabelAction(name, action_id, label);
   if (!labelled.ok()) return labelled;
   const auto version = versions_.Describe(name);
   if (!version.ok()) return version.status();
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   if (const auto resident = resident_.find(name); resident != resident_.end()) {
     resident->second.handle->SetActionNames(evaluation::DisplayNames(version->manifest()));
   }
@@ -370,7 +373,7 @@ absl::StatusOr<v1::Action> ServingTable::LabelAction(const ModelVersionName& nam
 }
 
 absl::Status ServingTable::Delete(const ModelVersionName& name) {
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   if (absl::Status status = versions_.CheckExists(name); !status.ok()) return status;
   if (const auto aliases = AliasesOf(name); !aliases.empty()) {
     return errors::WithReason(
@@ -382,7 +385,7 @@ absl::Status ServingTable::Delete(const ModelVersionName& name) {
   if (absl::Status status = versions_.Delete(name); !status.ok()) return status;
   ModelHandle dropped;  // freed after the lock
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     load_errors_.erase(name);
     if (const auto found = resident_.find(name); found != resident_.end()) {
       dropped = std::move(found->second.handle);

@@ -11,13 +11,14 @@
 #include <functional>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "locks/mutex.h"
 #include "maneuver/v1/model.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "server/monitoring/metrics.h"
@@ -117,37 +118,41 @@ class ServingTable {
   ServingTable(VersionStore& versions, AliasStore& aliases, ModelLoader loader,
                const ServingTableOptions& options, monitoring::MetricRegistry& metrics);
 
-  // These want mutex_ held.
   absl::StatusOr<security::ModelVersionName> ResolveLocked(
-      const std::optional<security::ModelReference>& reference) const;
-  std::vector<std::string> AliasesOfLocked(const security::ModelVersionName& name) const;
-  void MakeResidentLocked(const ModelHandle& handle, std::vector<ModelHandle>& dropped);
+      const std::optional<security::ModelReference>& reference) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  std::vector<std::string> AliasesOfLocked(const security::ModelVersionName& name) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void MakeResidentLocked(const ModelHandle& handle, std::vector<ModelHandle>& dropped)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_, mutex_);
 
-  // These want change_mutex_ held.
-  absl::StatusOr<ModelHandle> LoadVersion(const security::ModelVersionName& name);
+  absl::StatusOr<ModelHandle> LoadVersion(const security::ModelVersionName& name)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
   absl::StatusOr<ModelHandle> LoadFolder(const security::ModelVersionName& name,
-                                         const std::filesystem::path& folder);
-  absl::Status PointAlias(const security::ModelAliasName& name, const ModelHandle& handle);
+                                         const std::filesystem::path& folder)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
+  absl::Status PointAlias(const security::ModelAliasName& name, const ModelHandle& handle)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
   // Whether publishing a version of `model` makes it serve.
-  bool WantsPromotion(const std::string& model, v1::Promotion promotion) const;
-  void NotifyReady();
+  bool WantsPromotion(const std::string& model, v1::Promotion promotion) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
+  void NotifyReady() ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
 
   VersionStore& versions_;
   AliasStore& alias_store_;
   const ModelLoader loader_;
   const ServingTableOptions options_;
 
-  // Held while something changes or loads, one at a time; taken before mutex_ and before the
-  // store's own.
-  std::mutex change_mutex_;
-  std::function<void(bool)> listener_;  // guarded by change_mutex_
-  ServingTableMetrics metrics_;         // guarded by change_mutex_, but for what is safe anyway
-  // Guards what follows; held for look-ups alone, never while the disk is read.
-  mutable std::mutex mutex_;
-  std::map<security::ModelAliasName, int> aliases_;
-  std::map<security::ModelVersionName, Resident> resident_;
-  std::map<security::ModelVersionName, absl::Status> load_errors_;
-  uint64_t uses_ = 0;
+  // Held while something changes or loads, one at a time. Also taken before the store's own.
+  Mutex change_mutex_ ABSL_ACQUIRED_BEFORE(mutex_);
+  std::function<void(bool)> listener_ ABSL_GUARDED_BY(change_mutex_);
+  ServingTableMetrics metrics_ ABSL_GUARDED_BY(change_mutex_);
+  // Held for look-ups alone, never while the disk is read.
+  mutable Mutex mutex_;
+  std::map<security::ModelAliasName, int> aliases_ ABSL_GUARDED_BY(mutex_);
+  std::map<security::ModelVersionName, Resident> resident_ ABSL_GUARDED_BY(mutex_);
+  std::map<security::ModelVersionName, absl::Status> load_errors_ ABSL_GUARDED_BY(mutex_);
+  uint64_t uses_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
 }  // namespace maneuver::serving

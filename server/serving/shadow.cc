@@ -122,10 +122,10 @@ Shadow::Shadow(const ShadowOptions& options, ServingTable& models, std::function
 
 Shadow::~Shadow() {
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     stopping_ = true;
   }
-  wake_.notify_all();
+  wake_.NotifyAll();
   thread_.join();
 }
 
@@ -171,12 +171,18 @@ void Shadow::Offer(const PredictionCall& call, std::vector<TargetAnswer> answers
 
 size_t Shadow::Push(AnsweredRequest& request) {
   // The shadow's thread may be made to wait while it holds the lock: then nobody waits for it.
-  std::unique_lock lock(mutex_, std::try_to_lock);
-  for (int i = 1; i < kTries && !lock.owns_lock(); ++i) {
-    std::this_thread::yield();
-    (void)lock.try_lock();
+  for (int i = 0; i < kTries; ++i) {
+    if (i > 0) std::this_thread::yield();
+    if (!mutex_.TryLock()) continue;
+    const size_t taken = PushLocked(request);
+    mutex_.Unlock();
+    return taken;
   }
-  if (!lock.owns_lock() || stopping_ || held_bytes_ + request.bytes > options_.max_bytes) return 0;
+  return 0;
+}
+
+size_t Shadow::PushLocked(AnsweredRequest& request) {
+  if (stopping_ || held_bytes_ + request.bytes > options_.max_bytes) return 0;
   const size_t room = static_cast<size_t>(options_.max_targets) - held_targets_;
   const size_t taken = std::min(room, request.targets.size());
   if (taken == 0) return 0;
@@ -185,27 +191,27 @@ size_t Shadow::Push(AnsweredRequest& request) {
   held_targets_ += taken;
   held_bytes_ += request.bytes;
   waiting_.push_back(std::move(request));
-  wake_.notify_one();
+  wake_.NotifyOne();
   return taken;
 }
 
 void Shadow::Work() {
   machine::AddNiceness(kNicest);
-  std::unique_lock lock(mutex_);
+  MutexLock lock(mutex_);
   while (!stopping_) {
     if (waiting_.empty()) {
       if (comparisons_.empty()) {
-        wake_.wait(lock);
-      } else if (wake_.wait_for(lock, kForgets) == std::cv_status::timeout) {
-        lock.unlock();
+        wake_.Wait(mutex_);
+      } else if (!wake_.WaitFor(mutex_, kForgets)) {
+        lock.Unlock();
         ForgetComparisons();
-        lock.lock();
+        lock.Lock();
       }
       continue;
     }
     AnsweredRequest request = std::move(waiting_.front());
     waiting_.pop_front();
-    lock.unlock();
+    lock.Unlock();
     const size_t targets = request.targets.size();
     const int64_t bytes = request.bytes;
     Compare(request);
@@ -213,12 +219,12 @@ void Shadow::Work() {
     // Freed without the lock, and last of all what others can see being freed.
     std::shared_ptr<const void> kept = std::move(request.kept);
     request = {};
-    lock.lock();
+    lock.Lock();
     held_targets_ -= targets;
     held_bytes_ -= bytes;
-    lock.unlock();
+    lock.Unlock();
     kept = nullptr;
-    lock.lock();
+    lock.Lock();
   }
 }
 
@@ -253,13 +259,13 @@ bool Shadow::CompareTarget(ShadowComparison& versions, Differences& differences,
 
 bool Shadow::InTurn(const std::function<void()>& step) {
   {
-    std::unique_lock lock(mutex_);
+    const MutexLock lock(mutex_);
     while (true) {
       if (stopping_) return false;
       if (const TimePoint now = options_.now(); now < rests_until_) {
-        wake_.wait_for(lock, rests_until_ - now);
+        wake_.WaitFor(mutex_, rests_until_ - now);
       } else if (busy_()) {
-        wake_.wait_for(lock, kBetweenLooks);
+        wake_.WaitFor(mutex_, kBetweenLooks);
       } else {
         break;
       }

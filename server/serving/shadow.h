@@ -9,18 +9,18 @@
 #ifndef MANEUVER_SERVER_SERVING_SHADOW_H_
 #define MANEUVER_SERVER_SERVING_SHADOW_H_
 
-#include <condition_variable>
 #include <cstdint>
 #include <deque>
 #include <functional>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <span>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
+#include "locks/mutex.h"
 #include "server/monitoring/metrics.h"
 #include "server/serving/prediction_call.h"
 #include "server/serving/serving_table.h"
@@ -95,8 +95,9 @@ class Shadow {
     TimePoint last_used;
   };
 
-  // How many of its targets were taken; the others are let go of.
-  size_t Push(AnsweredRequest& request);
+  // Returns how many of its targets were taken; the others are let go of.
+  size_t Push(AnsweredRequest& request) ABSL_LOCKS_EXCLUDED(mutex_);
+  size_t PushLocked(AnsweredRequest& request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Work();
   void Compare(AnsweredRequest& request);
   // Takes the steps of one target, each in its turn. False if the shadow ends.
@@ -119,12 +120,12 @@ class Shadow {
   monitoring::Counter& failed_;
   monitoring::Counter& seconds_;
 
-  std::mutex mutex_;  // guards what follows
-  std::condition_variable wake_;
-  std::deque<AnsweredRequest> waiting_;
-  size_t held_targets_ = 0;  // that wait or are at work
-  int64_t held_bytes_ = 0;
-  bool stopping_ = false;
+  Mutex mutex_;
+  CondVar wake_;
+  std::deque<AnsweredRequest> waiting_ ABSL_GUARDED_BY(mutex_);
+  size_t held_targets_ ABSL_GUARDED_BY(mutex_) = 0;  // that wait or are at work
+  int64_t held_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
 
   // The thread's own.
   TimePoint rests_until_;

@@ -74,19 +74,19 @@ absl::Status VersionStore::Scan() {
     }
   }
   if (error) return FileError("list the folder of models", error);
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   versions_ = std::move(found);
   return absl::OkStatus();
 }
 
 bool VersionStore::Contains(const ModelVersionName& name) const {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   const auto model = versions_.find(name.model);
   return model != versions_.end() && model->second.contains(name.version);
 }
 
 bool VersionStore::ContainsModel(const std::string& model) const {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   return versions_.contains(model);
 }
 
@@ -115,7 +115,7 @@ std::chrono::system_clock::time_point VersionStore::CreateTime(const ModelVersio
 std::vector<VersionStore::StoredVersion> VersionStore::List(const std::string& model) const {
   std::vector<StoredVersion> found;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     for (const auto& [id, versions] : versions_) {
       if (!model.empty() && id != model) continue;
       for (const int version : versions) found.push_back({{id, version}, {}});
@@ -134,7 +134,7 @@ std::optional<ModelVersionName> VersionStore::FindMadeBy(const std::string& mode
                                                          const std::string& maker) const {
   std::set<int> versions;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     const auto found = versions_.find(model);
     if (found == versions_.end()) return std::nullopt;
     versions = found->second;
@@ -167,7 +167,7 @@ absl::StatusOr<v1::ModelVersion> VersionStore::Describe(const ModelVersionName& 
 absl::StatusOr<int> VersionStore::NextVersion(const std::string& model) const {
   int last = 0;
   {
-    const std::lock_guard lock(mutex_);
+    const MutexLock lock(mutex_);
     const auto found = versions_.find(model);
     if (found != versions_.end()) last = *found->second.rbegin();
   }
@@ -187,13 +187,13 @@ absl::StatusOr<ModelVersionName> VersionStore::Publish(const std::string& model,
   if (!security::IsResourceId(model)) {
     return absl::InvalidArgumentError("a model's name is [a-z][a-z0-9-]*, at most 63 characters");
   }
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   const auto number = NextVersion(model);
   if (!number.ok()) return number.status();
   const ModelVersionName name{model, *number};
   if (absl::Status status = check(name); !status.ok()) return status;
   if (absl::Status status = MoveIn(name, finished, maker); !status.ok()) return status;
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   versions_[model].insert(name.version);
   return name;
 }
@@ -216,7 +216,7 @@ absl::Status VersionStore::MoveIn(const ModelVersionName& name, const fs::path& 
 }
 
 absl::Status VersionStore::TakeBack(const ModelVersionName& name, const fs::path& finished) {
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   Forget(name);
   std::error_code error;
   fs::rename(FolderOf(name), finished, error);
@@ -224,7 +224,7 @@ absl::Status VersionStore::TakeBack(const ModelVersionName& name, const fs::path
 }
 
 absl::Status VersionStore::Delete(const ModelVersionName& name) {
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   if (absl::Status status = CheckExists(name); !status.ok()) return status;
   if (absl::Status status = MoveOut(name); !status.ok()) return status;
   Forget(name);
@@ -251,7 +251,7 @@ absl::Status VersionStore::MoveOut(const ModelVersionName& name) const {
 }
 
 void VersionStore::Forget(const ModelVersionName& name) {
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   const auto model = versions_.find(name.model);
   if (model == versions_.end()) return;
   model->second.erase(name.version);
@@ -266,7 +266,7 @@ absl::Status VersionStore::KeepReport(const v1::EvaluationReport& report) {
   v1::EvaluationReport kept = Named(report, {*version, *dataset});
   kept.clear_sampled_examples();
   // Nobody deletes the version meanwhile.
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   if (absl::Status status = CheckExists(*version); !status.ok()) return status;
   return WriteEvaluation(FolderOf(*version), *dataset, kept);
 }
@@ -318,7 +318,7 @@ absl::StatusOr<v1::EvaluationReport> VersionStore::GetReport(const EvaluationNam
 
 absl::StatusOr<v1::Action> VersionStore::LabelAction(const ModelVersionName& name, int action_id,
                                                      const std::string& label) {
-  const std::lock_guard change(change_mutex_);
+  const MutexLock change(change_mutex_);
   auto version = Describe(name);
   if (!version.ok()) return version.status();
   v1::ModelManifest& manifest = *version->mutable_manifest();

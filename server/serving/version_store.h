@@ -16,14 +16,15 @@
 #include <functional>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <set>
 #include <string>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "locks/mutex.h"
 #include "maneuver/v1/evaluation.pb.h"
 #include "maneuver/v1/model.pb.h"
 #include "server/security/resource_name.h"
@@ -100,18 +101,20 @@ class VersionStore {
   std::filesystem::path LastVersionFile(const std::string& model) const;
   std::chrono::system_clock::time_point CreateTime(const security::ModelVersionName& name) const;
   // Returns the number after the highest that `model` ever had.
-  absl::StatusOr<int> NextVersion(const std::string& model) const;
+  absl::StatusOr<int> NextVersion(const std::string& model) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
   absl::Status MoveIn(const security::ModelVersionName& name, const std::filesystem::path& finished,
-                      const std::string& maker) const;
-  absl::Status MoveOut(const security::ModelVersionName& name) const;
-  void Forget(const security::ModelVersionName& name);
+                      const std::string& maker) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
+  absl::Status MoveOut(const security::ModelVersionName& name) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
+  void Forget(const security::ModelVersionName& name) ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
 
   const std::filesystem::path folder_;
-  // Held during a change; taken before mutex_.
-  std::mutex change_mutex_;
+  // Held during a change.
+  Mutex change_mutex_ ABSL_ACQUIRED_BEFORE(mutex_);
   // Held for look-ups alone, never while the disk is read.
-  mutable std::mutex mutex_;
-  std::map<std::string, std::set<int>> versions_;  // by model; guarded by mutex_
+  mutable Mutex mutex_;
+  std::map<std::string, std::set<int>> versions_ ABSL_GUARDED_BY(mutex_);  // by model
 };
 
 }  // namespace maneuver::serving

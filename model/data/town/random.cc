@@ -5,24 +5,16 @@
 #include <cmath>
 #include <numbers>
 
+#include "model/data/stable_hash.h"
+
 namespace maneuver::data::town {
-namespace {
-
-uint64_t SplitMix(uint64_t& state) {
-  state += 0x9e3779b97f4a7c15ULL;
-  uint64_t z = state;
-  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-  z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-  return z ^ (z >> 31);
-}
-
-}  // namespace
 
 Random::Random(uint64_t seed, uint64_t index, uint64_t stream) {
-  uint64_t mix = seed;
-  mix = SplitMix(mix) ^ index;
-  mix = SplitMix(mix) ^ stream;
-  for (uint64_t& word : state_) word = SplitMix(mix);
+  uint64_t mix = SplitMix64(SplitMix64(seed) ^ index) ^ stream;
+  for (uint64_t& word : state_) {
+    word = SplitMix64(mix);
+    mix += kSplitMixStep;
+  }
 }
 
 uint64_t Random::Bits() {
@@ -38,8 +30,7 @@ uint64_t Random::Bits() {
 }
 
 double Random::Uniform(double low, double high) {
-  const double unit = static_cast<double>(Bits() >> 11) * 0x1.0p-53;
-  return low + (high - low) * unit;
+  return low + (high - low) * UnitInterval(Bits());
 }
 
 int Random::Integer(int low, int high) {

@@ -2,9 +2,9 @@
 
 #include <gmock/gmock.h>
 #include <google/protobuf/io/coded_stream.h>
-#include <google/protobuf/wire_format_lite.h>
 #include <gtest/gtest.h>
 
+#include <bit>
 #include <filesystem>
 #include <map>
 #include <string>
@@ -18,7 +18,6 @@
 namespace maneuver::report {
 namespace {
 
-using google::protobuf::internal::WireFormatLite;
 using google::protobuf::io::CodedInputStream;
 using testing::ElementsAre;
 using testing::HasSubstr;
@@ -71,28 +70,28 @@ void ForEachField(const std::string& message, Field field) {
     uint64_t number = 0;
     uint32_t bits = 0;
     std::string bytes;
-    switch (WireFormatLite::GetTagWireType(tag)) {
-      case WireFormatLite::WIRETYPE_VARINT:
+    switch (tag & 7) {  // the wire type; the field's number is above it
+      case 0:
         ASSERT_TRUE(in.ReadVarint64(&number));
         break;
-      case WireFormatLite::WIRETYPE_FIXED64:
+      case 1:
         ASSERT_TRUE(in.ReadLittleEndian64(&number));
         break;
-      case WireFormatLite::WIRETYPE_FIXED32:
+      case 5:
         ASSERT_TRUE(in.ReadLittleEndian32(&bits));
         break;
       default:
         ASSERT_TRUE(in.ReadVarint64(&number));
         ASSERT_TRUE(in.ReadString(&bytes, static_cast<int>(number)));
     }
-    field(WireFormatLite::GetTagFieldNumber(tag), number, bits, bytes);
+    field(static_cast<int>(tag >> 3), number, bits, bytes);
   }
 }
 
 ReadEvent Parse(const std::string& record) {
   ReadEvent event;
   ForEachField(record, [&](int number, uint64_t value, uint32_t, const std::string& bytes) {
-    if (number == 1) event.wall_time = WireFormatLite::DecodeDouble(value);
+    if (number == 1) event.wall_time = std::bit_cast<double>(value);
     if (number == 2) event.step = static_cast<int64_t>(value);
     if (number == 3) event.file_version = bytes;
     if (number != 5) return;
@@ -102,7 +101,7 @@ ReadEvent Parse(const std::string& record) {
       float scalar = 0.0F;
       ForEachField(figure, [&](int part, uint64_t, uint32_t bits, const std::string& text) {
         if (part == 1) tag = text;
-        if (part == 2) scalar = WireFormatLite::DecodeFloat(bits);
+        if (part == 2) scalar = std::bit_cast<float>(bits);
       });
       event.scalars[tag] = scalar;
     });

@@ -88,23 +88,23 @@ TEST(CellMaskTest, TheFirstChannelsMayBeAllThatCount) {
 class CellMaskWidthTest : public testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(Widths, CellMaskWidthTest, testing::Values(22, 64, 65, 130, 605));
 
-TEST_P(CellMaskWidthTest, HasThePixelsThatAreNotBlack) {
+TEST_P(CellMaskWidthTest, HasTheNonzeroPixels) {
   const int width = GetParam();
   CellMask mask(17, width);
   mask.SetAll();  // what was there before is gone
   const Problem problem = MakeProblem(3, 1, 5, 8, 90, width);
   mask.SetPixels(problem.Drawn(), problem.layer.input.channels);
-  int filled = 0;
+  int nonzero = 0;
   for (int row = 0; row < 17; ++row) {
     for (int column = 0; column < width; ++column) {
       const auto pixel = problem.raster.begin() + (row * width + column) * 5;
       const bool expected = std::any_of(pixel, pixel + 5, [](uint8_t value) { return value != 0; });
       ASSERT_EQ(mask.Has(row, column), expected) << "row " << row << " column " << column;
-      filled += expected ? 1 : 0;
+      nonzero += expected ? 1 : 0;
     }
   }
-  EXPECT_GT(filled, 0);
-  EXPECT_LT(filled, 17 * width / 10);
+  EXPECT_GT(nonzero, 0);
+  EXPECT_LT(nonzero, 17 * width / 10);
 }
 
 using Shape = std::tuple<int, int, int>;  // kernel, stride, width

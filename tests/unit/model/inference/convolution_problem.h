@@ -26,7 +26,7 @@ struct Problem {
     const int end = static_cast<int>(drawn.stride());
     for (int channel = 0; channel < grid.channels; ++channel) {
       for (int row = 0; row < grid.height; row += 5) {
-        drawn.Touch(channel, row, drawn.BlocksOf(grid.width - 1, end - 1));
+        drawn.MarkNonzero(channel, row, drawn.BlocksOf(grid.width - 1, end - 1));
         std::fill(drawn.Row(channel, row) + grid.width, drawn.Row(channel, row) + end, 0xff);
       }
     }
@@ -34,7 +34,7 @@ struct Problem {
   }
 };
 
-// A raster of which one value in `one_in` is filled, at random.
+// A raster of which one value in `one_in` is nonzero, at random.
 inline Problem MakeProblem(int kernel, int stride, int inputs, int outputs, int one_in,
                            int width = 22) {
   std::mt19937 random(kernel * 1000 + stride * 100 + inputs * 10 + outputs);

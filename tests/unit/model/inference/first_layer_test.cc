@@ -55,9 +55,9 @@ void ExpectGrid(const Problem& problem, const std::vector<Value>& grid, double t
 using Shape = std::tuple<int, int, int, int>;  // kernel, stride, inputs, outputs
 class FirstLayerTest : public testing::TestWithParam<Shape> {
  protected:
-  // One value in `one_in` is filled, and none from the middle column on: what is black is passed
-  // over, and what is beside it must not be.
-  Problem HalfBlackProblem(int one_in) const {
+  // One value in `one_in` is nonzero, and none from the middle column on. Zeros are passed over; what is
+  // beside them must not be.
+  Problem HalfZeroProblem(int one_in) const {
     const auto [kernel, stride, inputs, outputs] = GetParam();
     Problem problem = MakeProblem(kernel, stride, inputs, outputs, one_in);
     const auto& input = problem.layer.input;
@@ -76,7 +76,7 @@ INSTANTIATE_TEST_SUITE_P(Shapes, FirstLayerTest,
 
 TEST_P(FirstLayerTest, IsEveryProduct) {
   for (const bool relu : {true, false}) {
-    Problem problem = HalfBlackProblem(40);
+    Problem problem = HalfZeroProblem(40);
     problem.layer.relu = relu;
     ASSERT_TRUE(FirstLayer::Takes(problem.layer));
     const FirstLayer wide(problem.layer, problem.folded, false);
@@ -86,7 +86,7 @@ TEST_P(FirstLayerTest, IsEveryProduct) {
     std::vector<float> floats(size);
     std::vector<Eigen::bfloat16> halves(size);
     for (const int one_in : {40, 60}) {
-      problem.raster = HalfBlackProblem(one_in).raster;
+      problem.raster = HalfZeroProblem(one_in).raster;
       ASSERT_TRUE(EvaluateAll(wide, problem, &scratch, floats.data()));
       ExpectGrid(problem, floats, 1e-5);
       ASSERT_TRUE(EvaluateAll(narrow, problem, &scratch, halves.data()));
@@ -95,8 +95,8 @@ TEST_P(FirstLayerTest, IsEveryProduct) {
   }
 }
 
-TEST_P(FirstLayerTest, ABlackRasterLeavesTheBias) {
-  Problem problem = HalfBlackProblem(40);
+TEST_P(FirstLayerTest, AnAllZeroRasterLeavesTheBias) {
+  Problem problem = HalfZeroProblem(40);
   std::fill(problem.raster.begin(), problem.raster.end(), uint8_t{0});
   std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()));
   const FirstLayer layer(problem.layer, problem.folded, false);
@@ -107,7 +107,7 @@ TEST_P(FirstLayerTest, ABlackRasterLeavesTheBias) {
 
 // Rows lie further apart than they are wide.
 TEST_P(FirstLayerTest, CellsThatAreAskedForAreTheSameToTheBitAndNoOthersAreNeeded) {
-  const Problem problem = HalfBlackProblem(60);
+  const Problem problem = HalfZeroProblem(60);
   const scene::Raster raster = problem.Drawn();
   const artifact::GridSize& input = problem.layer.input;
   const artifact::GridSize& output = problem.layer.output;

@@ -18,7 +18,7 @@ namespace maneuver::inference {
 // A model of random weights whose activations stay of order 1, with every part of it at work.
 artifact::StoredModel RandomModel(const v1::ModelSpec& spec, uint32_t seed);
 
-// A raster as sparse as real ones if the seed is odd; if it is even, one of which more is filled,
+// A raster as sparse as real ones if the seed is odd; if it is even, one of which more is nonzero,
 // which the engine convolves in another way.
 std::vector<uint8_t> RandomRaster(const v1::ModelSpec& spec, uint32_t seed);
 

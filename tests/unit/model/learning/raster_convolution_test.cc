@@ -1,4 +1,4 @@
-// The convolution over lit values against PyTorch's over all of them, in doubles.
+// The convolution over nonzero values against PyTorch's over all of them, in doubles.
 
 #include "model/learning/autograd/raster_convolution.h"
 
@@ -14,7 +14,7 @@ namespace {
 struct Problem {
   const char* name;
   int64_t height, width, channels, outputs, kernel, stride;
-  double lit;  // share
+  double nonzero;  // share
 };
 
 class RasterConvolutionTest : public testing::TestWithParam<Problem> {};
@@ -25,8 +25,8 @@ INSTANTIATE_TEST_SUITE_P(Shapes, RasterConvolutionTest,
                                          Problem{"LargeKernel", 30, 41, 5, 64, 7, 2, 0.1},
                                          Problem{"EveryCell", 11, 13, 4, 33, 3, 1, 0.2},
                                          Problem{"OneChannel", 16, 40, 1, 16, 1, 3, 0.2},
-                                         Problem{"Black", 9, 10, 3, 8, 3, 2, 0.0},
-                                         Problem{"TooMuchLit", 20, 21, 5, 24, 3, 2, 0.6}),
+                                         Problem{"AllZero", 9, 10, 3, 8, 3, 2, 0.0},
+                                         Problem{"TooManyNonzero", 20, 21, 5, 24, 3, 2, 0.6}),
                          [](const auto& problem) { return problem.param.name; });
 
 double Difference(const at::Tensor& a, const at::Tensor& b) {
@@ -39,7 +39,7 @@ TEST_P(RasterConvolutionTest, AgreesWithPyTorch) {
   at::manual_seed(1);
   const std::vector<int64_t> shape = {kBatch, p.height, p.width, p.channels};
   const at::Tensor rasters =
-      (at::rand(shape) < p.lit).to(at::kByte) * at::randint(1, 256, shape, at::kByte);
+      (at::rand(shape) < p.nonzero).to(at::kByte) * at::randint(1, 256, shape, at::kByte);
   at::Tensor weight = at::randn({p.outputs, p.channels, p.kernel, p.kernel})
                           .contiguous(at::MemoryFormat::ChannelsLast)
                           .requires_grad_();
@@ -56,7 +56,7 @@ TEST_P(RasterConvolutionTest, AgreesWithPyTorch) {
   output.backward(gradient);
   exact.backward(gradient.to(at::kDouble));
   EXPECT_LE(Difference(weight.grad(), exact_weight.grad()), 1e-4);
-  EXPECT_EQ(exact_weight.grad().abs().max().item<double>() > 0.1, p.lit > 0.0);
+  EXPECT_EQ(exact_weight.grad().abs().max().item<double>() > 0.1, p.nonzero > 0.0);
 }
 
 TEST(RasterConvolutionTest, ThreadsShareTheBatch) {

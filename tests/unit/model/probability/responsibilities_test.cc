@@ -138,9 +138,10 @@ TEST_F(ResponsibilitiesTest, TheBoundMatchesMonteCarloAndStaysBelowTheLikelihood
   const Eigen::Vector4d x(0.5, -0.2, 0.3, 0.8);
   const double stddev = 0.9;
   const Eigen::MatrixXd points = SigmaPoints(encoding_.mean, encoding_.stddev());
+  SigmaMoments moments;
+  MomentsOfSigmaPoints(points * A.transpose(), &moments);
   const double bound =
-      BaseBound(ExpectedLogDensity(x, MomentsOfSigmaPoints(points * A.transpose()), stddev),
-                log_prior_, encoding_, mixture_);
+      BaseBound(ExpectedLogDensity(x, moments, stddev), log_prior_, encoding_, mixture_);
 
   const auto log_likelihood = [&](const Eigen::Vector2d& z) {
     double sum = 0;

@@ -11,6 +11,12 @@
 namespace maneuver::probability {
 namespace {
 
+SigmaMoments MomentsOf(const RowMajorXd& images) {
+  SigmaMoments moments;
+  MomentsOfSigmaPoints(images, &moments);
+  return moments;
+}
+
 constexpr int kDimensions = 5;
 
 Eigen::MatrixXd RandomMatrix(Eigen::Index rows, Eigen::Index columns, std::mt19937* random) {
@@ -35,7 +41,7 @@ TEST(SigmaPointsTest, MomentsOfALinearDecoderAreExact) {
   const Eigen::VectorXd b = RandomMatrix(8, 1, &random);
   const Eigen::MatrixXd images =
       (SigmaPoints(mean, stddev) * A.transpose()).rowwise() + b.transpose();
-  const SigmaMoments moments = MomentsOfSigmaPoints(images);
+  const SigmaMoments moments = MomentsOf(images);
   const Eigen::VectorXd variance = stddev.array().square();
   EXPECT_LT((moments.mean - (A * mean + b)).norm(), 1e-12);
   EXPECT_LT((moments.Covariance() - A * variance.asDiagonal() * A.transpose()).norm(), 1e-12);
@@ -69,15 +75,14 @@ TEST(SigmaPointsTest, MeanOfAQuadraticDecoderIsExact) {
   }
   // E z^T Q z = m^T Q m + tr(Q Sigma).
   const double expected = mean.dot(Q * mean) + Q.diagonal().dot(stddev.cwiseAbs2());
-  EXPECT_NEAR(MomentsOfSigmaPoints(images).mean[0], expected, 1e-12);
+  EXPECT_NEAR(MomentsOf(images).mean[0], expected, 1e-12);
 }
 
 TEST(SigmaPointsTest, CovarianceIsPositiveSemidefiniteForAnyImages) {
   std::mt19937 random(3);
   for (int i = 0; i < 20; ++i) {
     // Without a decoder: the images under a strongly curved one may lie anywhere.
-    const SigmaMoments moments =
-        MomentsOfSigmaPoints(RandomMatrix(2 * kDimensions + 1, 6, &random));
+    const SigmaMoments moments = MomentsOf(RandomMatrix(2 * kDimensions + 1, 6, &random));
     const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(moments.Covariance());
     EXPECT_GT(solver.eigenvalues().minCoeff(), -1e-12);
   }
@@ -92,7 +97,7 @@ TEST(SigmaPointsTest, MomentsOfAnArcAreCloseToQuadrature) {
   const Eigen::MatrixXd points = SigmaPoints(Eigen::VectorXd::Zero(1), Eigen::VectorXd::Ones(1));
   Eigen::MatrixXd images(3, 2);
   for (Eigen::Index i = 0; i < 3; ++i) images.row(i) = arc(points(i, 0)).transpose();
-  const SigmaMoments moments = MomentsOfSigmaPoints(images);
+  const SigmaMoments moments = MomentsOf(images);
   const auto expectation = [&](auto f) {
     return Integrate([&](double z) { return NormalDensity(z, 0, 1) * f(arc(z)); }, -9, 9, 2'001);
   };
@@ -108,7 +113,7 @@ TEST(SigmaPointsTest, ExpectedLogDensityMatchesQuadrature) {
   const double slope = 1.7, offset = 0.3, mean = 0.5, deviation = 0.4, stddev = 0.8, x = 2.0;
   const Eigen::MatrixXd points =
       SigmaPoints(Eigen::VectorXd::Constant(1, mean), Eigen::VectorXd::Constant(1, deviation));
-  const SigmaMoments moments = MomentsOfSigmaPoints((slope * points).array() + offset);
+  const SigmaMoments moments = MomentsOf((slope * points).array() + offset);
   const double expected = Integrate(
       [&](double z) {
         return NormalDensity(z, mean, deviation * deviation) *

@@ -220,15 +220,15 @@ TEST_F(BrushTest, PolylineAroundThePictureCutsItsCorners) {
     const std::vector<PixelPoint> line = {beside[i], beside[(i + 1) % beside.size()]};
     brush_.DrawPolyline(&raster_, 0, PixelLine(line), 255);
     Finish();
-    int seen = 0;
+    int nonzero = 0;
     for (int row = 0; row < kHeight; ++row) {
       for (int column = 0; column < kWidth; ++column) {
         const double distance = DistanceToPolyline(line, column + 0.5, row + 0.5);
         ASSERT_NEAR(at(row, column), 255.0 * std::max(0.0, 1.0 - distance), 1.0);
-        seen += at(row, column) > 0 ? 1 : 0;
+        nonzero += at(row, column) > 0 ? 1 : 0;
       }
     }
-    EXPECT_GT(seen, 5) << "corner " << i;
+    EXPECT_GT(nonzero, 5) << "corner " << i;
   }
 }
 

@@ -19,7 +19,7 @@ inline Raster RasterOf(int height, int width, int channels, std::span<const uint
     for (int column = 0; column < width; ++column) {
       for (int channel = 0; channel < channels; ++channel, ++i) {
         if (bytes[i] == 0) continue;
-        raster.Touch(channel, row, raster.BlocksOf(column, column));
+        raster.MarkNonzero(channel, row, raster.BlocksOf(column, column));
         raster.Row(channel, row)[column] = bytes[i];
       }
     }

@@ -48,8 +48,8 @@ TEST_P(RasterTest, UntouchedAndClearedPixelsAreZero) {
         for (int channel = 0; channel < kChannels; ++channel, ++i) {
           const uint8_t pixel = raster.Row(channel, row)[column];
           ASSERT_EQ(bytes[i], pixel) << row << " " << column << " " << channel;
-          const PixelBlocks touched = raster.Touched(channel, row);
-          ASSERT_TRUE(pixel == 0 || (touched >> raster.BlockOf(column) & 1) != 0)
+          const PixelBlocks nonzero = raster.NonzeroBlocks(channel, row);
+          ASSERT_TRUE(pixel == 0 || (nonzero >> raster.BlockOf(column) & 1) != 0)
               << row << " " << column << " " << channel;
         }
       }
@@ -57,7 +57,7 @@ TEST_P(RasterTest, UntouchedAndClearedPixelsAreZero) {
     raster.Clear();
     for (int row = 0; row < kHeight; ++row) {
       for (int channel = 0; channel < kChannels; ++channel) {
-        ASSERT_EQ(raster.Touched(channel, row), 0U);
+        ASSERT_EQ(raster.NonzeroBlocks(channel, row), 0U);
         for (ptrdiff_t column = 0; column < raster.stride(); ++column) {
           ASSERT_EQ(raster.Row(channel, row)[column], 0) << row << " " << column << " " << channel;
         }

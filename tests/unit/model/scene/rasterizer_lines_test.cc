@@ -66,7 +66,7 @@ TEST_P(LineOfManyPointsTest, IsDrawnInTheRightPlace) {
   for (int i = 0; i < lane->x_size(); ++i) {
     points.push_back(InPicture(spec, X_WT, lane->x(i), lane->y(i)));
   }
-  int lit = 0;
+  int nonzero = 0;
   for (int row = 0; row < spec.height(); ++row) {
     for (int column = 0; column < spec.width(); ++column) {
       double nearest = HUGE_VAL;
@@ -76,10 +76,10 @@ TEST_P(LineOfManyPointsTest, IsDrawnInTheRightPlace) {
       ASSERT_NEAR(raster.at(row, column, kLaneChannel), 255.0 * std::max(0.0, 1.0 - nearest),
                   kTolerance)
           << "row " << row << " column " << column;
-      lit += nearest < 1.0;
+      nonzero += nearest < 1.0;
     }
   }
-  EXPECT_GT(lit, 20);
+  EXPECT_GT(nonzero, 20);
 }
 
 }  // namespace

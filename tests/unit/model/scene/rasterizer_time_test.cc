@@ -15,14 +15,14 @@ constexpr int kOtherFrames = 6;
 const Pose2 kOrigin;
 
 // Returns the column of the only nonzero pixel of row 5 in a channel, or -1.
-int LitColumn(const Picture& raster, int channel) {
-  int lit = -1;
+int NonzeroColumn(const Picture& raster, int channel) {
+  int nonzero = -1;
   for (int column = 0; column < 16; ++column) {
     if (raster.at(5, column, channel) == 0) continue;
-    EXPECT_EQ(lit, -1) << "two pixels lit in channel " << channel;
-    lit = column;
+    EXPECT_EQ(nonzero, -1) << "two nonzero pixels in channel " << channel;
+    nonzero = column;
   }
-  return lit;
+  return nonzero;
 }
 
 // Adds an agent of 1 m x 1 m, which covers one pixel of row 5 in each state.
@@ -43,8 +43,8 @@ TEST(HistoryTest, FramesRunBackwardsFromNow) {
   }
   const Picture raster = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
   for (int frame = 0; frame < 3; ++frame) {
-    EXPECT_EQ(LitColumn(raster, kTargetFrames + frame), 10 - frame);
-    EXPECT_EQ(LitColumn(raster, kOtherFrames + frame), 15 - frame);
+    EXPECT_EQ(NonzeroColumn(raster, kTargetFrames + frame), 10 - frame);
+    EXPECT_EQ(NonzeroColumn(raster, kOtherFrames + frame), 15 - frame);
   }
 }
 
@@ -57,9 +57,9 @@ TEST(HistoryTest, TakesTheStateNearestToEachFrame) {
   AddSpotState(agent, 0.92, 4);  // 0.02 from frame 1
   AddSpotState(agent, 0.97, 5);
   const Picture raster = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
-  EXPECT_EQ(LitColumn(raster, kOtherFrames + 0), 5);
-  EXPECT_EQ(LitColumn(raster, kOtherFrames + 1), 4);
-  EXPECT_EQ(LitColumn(raster, kOtherFrames + 2), 2);
+  EXPECT_EQ(NonzeroColumn(raster, kOtherFrames + 0), 5);
+  EXPECT_EQ(NonzeroColumn(raster, kOtherFrames + 1), 4);
+  EXPECT_EQ(NonzeroColumn(raster, kOtherFrames + 2), 2);
 }
 
 TEST(HistoryTest, GapsStayEmpty) {
@@ -69,9 +69,9 @@ TEST(HistoryTest, GapsStayEmpty) {
   AddSpotState(agent, 0.84, 4);  // 0.06 from frame 1: absent from it
   AddSpotState(agent, 1.0, 5);
   const Picture raster = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
-  EXPECT_EQ(LitColumn(raster, kOtherFrames + 0), 5);
+  EXPECT_EQ(NonzeroColumn(raster, kOtherFrames + 0), 5);
   EXPECT_EQ(raster.Sum(kOtherFrames + 1), 0);
-  EXPECT_EQ(LitColumn(raster, kOtherFrames + 2), 3);
+  EXPECT_EQ(NonzeroColumn(raster, kOtherFrames + 2), 3);
 }
 
 TEST(HistoryTest, AnAgentThatHasLeftOrNotYetAppearedIsAbsentNow) {
@@ -81,7 +81,7 @@ TEST(HistoryTest, AnAgentThatHasLeftOrNotYetAppearedIsAbsentNow) {
   AddSpot(&scenario, 4);                        // never there
   const Picture raster = Draw(SmallSpec(), scenario, 1.0, kTarget, kOrigin);
   EXPECT_EQ(raster.Sum(kOtherFrames), 0);
-  EXPECT_EQ(LitColumn(raster, kOtherFrames + 1), 3);
+  EXPECT_EQ(NonzeroColumn(raster, kOtherFrames + 1), 3);
 }
 
 TEST(FutureTest, ReadsNothingLaterThanNow) {
@@ -134,7 +134,7 @@ TEST(FutureTest, TheGivenTimeReplacesThePredictionTime) {
   scenario.set_prediction_time(0.0);
   v1::Agent* agent = AddSpot(&scenario, 2);
   for (int i = 0; i <= 9; ++i) AddSpotState(agent, 0.1 * i, i);
-  EXPECT_EQ(LitColumn(Draw(SmallSpec(), scenario, 0.7, kTarget, kOrigin), kOtherFrames), 7);
+  EXPECT_EQ(NonzeroColumn(Draw(SmallSpec(), scenario, 0.7, kTarget, kOrigin), kOtherFrames), 7);
 }
 
 class SignalTest : public testing::Test {

@@ -120,7 +120,7 @@ class JobServicesTest : public jobs::SupervisorTest {
   }
 
   const std::filesystem::path town_ = folder_ / "datasets" / "town";
-  jobs::WorkerPool pool_{2, 100};
+  WorkerPool pool_{2, 100};
   const std::unique_ptr<monitoring::PrometheusMetrics> metrics_ =
       monitoring::PrometheusMetrics::Create();
   std::unique_ptr<security::AccessControl> access_;

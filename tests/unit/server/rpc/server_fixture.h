@@ -95,7 +95,7 @@ class ServerTest : public ::testing::Test {
     models_ = *std::move(models);
     scheduler_ = std::make_unique<serving::BatchScheduler>(
         serving::SchedulerOptions{.workers = 2, .queue = {.max_queue = 100}}, *metrics_);
-    disk_ = std::make_unique<jobs::WorkerPool>(2, 100);
+    disk_ = std::make_unique<WorkerPool>(2, 100);
     context_ = std::make_unique<PredictionContext>(PredictionContext{
         *models_, *scheduler_, maps_, send_memory_, *disk_, {.map_by_id = true}, *access_});
     predictions_ = std::make_unique<PredictionService>(*context_);
@@ -189,7 +189,7 @@ class ServerTest : public ::testing::Test {
                                    *metrics_};
   std::unique_ptr<serving::BatchScheduler> scheduler_;
   serving::MapCache maps_{{.max_maps = 2}, *metrics_};
-  std::unique_ptr<jobs::WorkerPool> disk_;
+  std::unique_ptr<WorkerPool> disk_;
   std::unique_ptr<PredictionContext> context_;
   std::unique_ptr<PredictionService> predictions_;
   std::unique_ptr<ModelService> model_service_;

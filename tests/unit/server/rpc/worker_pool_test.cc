@@ -1,11 +1,11 @@
-#include "server/jobs/worker_pool.h"
+#include "server/rpc/worker_pool.h"
 
 #include <gtest/gtest.h>
 
 #include <atomic>
 #include <future>
 
-namespace maneuver::jobs {
+namespace maneuver::rpc {
 namespace {
 
 TEST(WorkerPoolTest, WhatWasAcceptedRunsBeforeThePoolEnds) {
@@ -37,4 +37,4 @@ TEST(WorkerPoolTest, RefusesNewWorkBeyondTheLimitButNeverTheNextStep) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::rpc

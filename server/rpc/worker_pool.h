@@ -1,17 +1,18 @@
 // A few threads for work that would hold up others: threads of gRPC, above all.
 
-#ifndef MANEUVER_SERVER_JOBS_WORKER_POOL_H_
-#define MANEUVER_SERVER_JOBS_WORKER_POOL_H_
+#ifndef MANEUVER_SERVER_RPC_WORKER_POOL_H_
+#define MANEUVER_SERVER_RPC_WORKER_POOL_H_
 
-#include <condition_variable>
 #include <cstddef>
 #include <deque>
 #include <functional>
-#include <mutex>
 #include <thread>
 #include <vector>
 
-namespace maneuver::jobs {
+#include "absl/base/thread_annotations.h"
+#include "locks/mutex.h"
+
+namespace maneuver::rpc {
 
 // Safe to use from any thread.
 class WorkerPool {
@@ -33,13 +34,13 @@ class WorkerPool {
   void Run();
 
   const size_t max_waiting_;
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  std::deque<std::function<void()>> waiting_;  // guarded by mutex_
-  bool ends_ = false;                          // guarded by mutex_
+  Mutex mutex_;
+  CondVar changed_;
+  std::deque<std::function<void()>> waiting_ ABSL_GUARDED_BY(mutex_);
+  bool ends_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<std::thread> threads_;
 };
 
-}  // namespace maneuver::jobs
+}  // namespace maneuver::rpc
 
-#endif  // MANEUVER_SERVER_JOBS_WORKER_POOL_H_
+#endif  // MANEUVER_SERVER_RPC_WORKER_POOL_H_

@@ -1,0 +1,36 @@
+#include "locks/stop_latch.h"
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <thread>
+
+namespace maneuver {
+namespace {
+
+using std::chrono::hours;
+using std::chrono::nanoseconds;
+
+TEST(StopLatchTest, SaysThatTheTimeIsOver) {
+  StopLatch stop;
+  EXPECT_FALSE(stop.StoppedWithin(nanoseconds(1)));
+}
+
+TEST(StopLatchTest, EndsAWaitThatIsUnderWay) {
+  StopLatch stop;
+  bool stopped = false;
+  std::jthread waiter([&] { stopped = stop.StoppedWithin(hours(24)); });
+  stop.Stop();
+  waiter.join();
+  EXPECT_TRUE(stopped);
+}
+
+TEST(StopLatchTest, EndsLaterWaitsAtOnce) {
+  StopLatch stop;
+  stop.Stop();
+  EXPECT_TRUE(stop.StoppedWithin(hours(24)));
+  EXPECT_TRUE(stop.StoppedWithin(nanoseconds(0)));
+}
+
+}  // namespace
+}  // namespace maneuver
