@@ -15,11 +15,11 @@ constexpr absl::Duration kShortest = absl::Milliseconds(200);
 }  // namespace
 
 ProgressRecorder::ProgressRecorder(JobStore& store, JobNews& news, const v1::Job& job,
-                                   std::function<absl::Time()> now,
+                                   JobLease lease, std::function<absl::Time()> now,
                                    std::function<void(const v1::JobProgress&)> show)
     : store_(store),
       news_(news),
-      job_(job.name()),
+      lease_(std::move(lease)),
       attempt_(job.attempts().started()),
       now_(std::move(now)),
       show_(std::move(show)),
@@ -36,7 +36,7 @@ void ProgressRecorder::Record(const std::string& line) {
   options.ignore_unknown_fields = true;
   if (!google::protobuf::util::JsonStringToMessage(line, &progress, options).ok()) {
     monitoring::Log(monitoring::LogLevel::kWarning, "trainer reported no progress message",
-                    {{"job", job_}});
+                    {{"job", lease_.job}});
     return;
   }
   progress.set_fraction(part_begin_ + (part_end_ - part_begin_) * progress.fraction());
@@ -66,13 +66,13 @@ void ProgressRecorder::Store(v1::JobProgress progress) {
   last_phase_ = progress.phase();
   if (show_) show_(progress);
   // An event that is lost is a pity, but no reason to lose the job.
-  if (const absl::Status status = store_.AddProgress(job_, progress); !status.ok()) {
+  if (const absl::Status status = store_.AddProgress(lease_, progress); !status.ok()) {
     monitoring::Log(monitoring::LogLevel::kWarning, "progress not stored",
-                    {{"job", job_}, {"error", std::string(status.message())}});
+                    {{"job", lease_.job}, {"error", std::string(status.message())}});
     return;
   }
   ++last_sequence_;
-  news_.Publish(job_);
+  news_.Publish(lease_.job);
 }
 
 }  // namespace maneuver::jobs

@@ -21,8 +21,9 @@ namespace maneuver::jobs {
 class ProgressRecorder {
  public:
   //   job: with its latest event so far, and this process counted.
+  //   lease: of the job; events of a worker whose lease has ended are dropped.
   //   show: called with every event that is stored.
-  ProgressRecorder(JobStore& store, JobNews& news, const v1::Job& job,
+  ProgressRecorder(JobStore& store, JobNews& news, const v1::Job& job, JobLease lease,
                    std::function<absl::Time()> now,
                    std::function<void(const v1::JobProgress&)> show = nullptr);
 
@@ -41,7 +42,7 @@ class ProgressRecorder {
 
   JobStore& store_;
   JobNews& news_;
-  const std::string job_;
+  const JobLease lease_;
   const int attempt_;
   const std::function<absl::Time()> now_;
   const std::function<void(const v1::JobProgress&)> show_;

@@ -2,16 +2,15 @@
 
 #include <sqlite3.h>
 
-#include <limits>
+#include <map>
 #include <utility>
 
-#include "absl/base/thread_annotations.h"
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "locks/mutex.h"
 #include "server/jobs/job_state.h"
 #include "server/jobs/sqlite_schema.h"
 #include "server/jobs/sqlite_statement.h"
+#include "server/jobs/stored_job.h"
 
 namespace maneuver::jobs {
 namespace {
@@ -24,35 +23,8 @@ constexpr int kBusyTimeoutMs = 1'000;
   "number, job, (SELECT progress FROM progress WHERE job_number = number ORDER BY sequence " \
   "DESC LIMIT 1)"
 
-absl::Status NoSuchJob(const std::string& name) {
-  return absl::NotFoundError(absl::StrCat("there is no ", name));
-}
-
 absl::StatusOr<v1::Job> JobFrom(const Statement& row) {
-  v1::Job job;
-  if (!job.ParseFromString(row.Bytes(1)) ||
-      (!row.IsNull(2) && !job.mutable_progress()->ParseFromString(row.Bytes(2)))) {
-    return absl::DataLossError("the job store holds a job that does not parse");
-  }
-  if (job.has_progress() && HasEnded(job.state())) {
-    // The latest event is of before the end.
-    job.mutable_progress()->clear_time_left();
-    if (job.state() == v1::JOB_STATE_SUCCEEDED) job.mutable_progress()->set_fraction(1.0);
-  }
-  return job;
-}
-
-std::string Label(v1::JobState state) { return std::string(JobStateLabel(state)); }
-
-// What goes into the job column.
-std::string WithoutProgress(v1::Job job) {
-  job.clear_progress();
-  return job.SerializeAsString();
-}
-
-int64_t PriorityOf(const v1::Job& job) {
-  if (job.has_evaluate()) return job.evaluate().priority();
-  return job.has_cross_validate() ? job.cross_validate().priority() : job.train().priority();
+  return ParseStoredJob(row.Bytes(1), row.IsNull(2) ? std::nullopt : std::optional(row.Bytes(2)));
 }
 
 int64_t Micros(const google::protobuf::Timestamp& time) {
@@ -80,7 +52,7 @@ class Store final : public SqliteStore {
   absl::Status Add(const v1::Job& job, const std::string& request_id,
                    const std::string& request_digest) override {
     const MutexLock lock(mutex_);
-    const std::string blob = WithoutProgress(job);
+    const std::string blob = StoredJob(job);
     Statement insert(database_,
                      "INSERT INTO jobs (name, state, priority, create_time, request_digest, job, "
                      "request_id) VALUES (?, ?, ?, ?, ?, ?, ?)");
@@ -109,14 +81,12 @@ class Store final : public SqliteStore {
   }
 
   absl::StatusOr<JobPage> List(int page_size, const std::string& page_token) override {
-    int64_t before = std::numeric_limits<int64_t>::max();
-    if (!page_token.empty() && (!absl::SimpleAtoi(page_token, &before) || before < 1)) {
-      return absl::InvalidArgumentError("page_token: expected the next_page_token of a response");
-    }
+    const auto before = ParsePageToken(page_token);
+    if (!before.ok()) return before.status();
     const MutexLock lock(mutex_);
     Statement select(database_, "SELECT " JOB_COLUMNS
                                 " FROM jobs WHERE number < ? ORDER BY number DESC LIMIT ?");
-    select.Bind(before).Bind(int64_t{page_size} + 1);
+    select.Bind(*before).Bind(int64_t{page_size} + 1);
     JobPage page;
     int64_t last = 0;
     for (;;) {
@@ -137,19 +107,7 @@ class Store final : public SqliteStore {
   absl::StatusOr<std::vector<v1::Job>> ListInState(v1::JobState state,
                                                    std::optional<int> limit) override {
     const MutexLock lock(mutex_);
-    Statement select(database_, "SELECT " JOB_COLUMNS
-                                " FROM jobs WHERE state = ? "
-                                "ORDER BY priority DESC, number LIMIT ?");
-    select.Bind(state).Bind(limit.value_or(-1));
-    std::vector<v1::Job> jobs;
-    for (;;) {
-      const auto row = select.Step();
-      if (!row.ok()) return row.status();
-      if (!*row) return jobs;
-      auto job = JobFrom(select);
-      if (!job.ok()) return job.status();
-      jobs.push_back(*std::move(job));
-    }
+    return ListInStateLocked(state, limit);
   }
 
   absl::StatusOr<int64_t> CountInState(v1::JobState state) override {
@@ -161,28 +119,72 @@ class Store final : public SqliteStore {
   }
 
   absl::Status Move(v1::JobState from, const v1::Job& job) override {
+    if (absl::Status status = CheckMove(from, job.state()); !status.ok()) return status;
     const MutexLock lock(mutex_);
-    if (!CanMove(from, job.state())) {
-      return absl::FailedPreconditionError(
-          absl::StrCat("a job that is ", Label(from), " cannot become ", Label(job.state())));
-    }
     return ReplaceLocked(from, job);
   }
 
-  absl::Status Update(const v1::Job& job) override {
+  absl::StatusOr<std::optional<ClaimedJob>> Claim(const JobEdit& begin) override {
     const MutexLock lock(mutex_);
-    return ReplaceLocked(job.state(), job);
+    auto pending = ListInStateLocked(v1::JOB_STATE_PENDING, 1);
+    if (!pending.ok()) return pending.status();
+    if (pending->empty()) return std::optional<ClaimedJob>();
+    v1::Job& job = pending->front();
+    job.set_state(v1::JOB_STATE_RUNNING);
+    begin(job);
+    absl::Status status = ReplaceLocked(v1::JOB_STATE_PENDING, job);
+    if (!status.ok()) return status;
+    fences_[job.name()] = ++last_fence_;
+    const JobLease lease = {job.name(), last_fence_};
+    return std::optional(ClaimedJob{std::move(job), lease});
   }
 
-  absl::Status AddProgress(const std::string& name, const v1::JobProgress& progress) override {
+  absl::Status Finish(const JobLease& lease, const JobEdit& end) override {
     const MutexLock lock(mutex_);
+    if (!HoldsLocked(lease)) return LeaseEnded(lease);
+    auto job = GetLocked(lease.job);
+    if (!job.ok()) return job.status();
+    if (absl::Status status = EditRunning(end, *job); !status.ok()) return status;
+    absl::Status status = ReplaceLocked(v1::JOB_STATE_RUNNING, *job);
+    if (status.ok()) fences_.erase(lease.job);
+    return status;
+  }
+
+  absl::StatusOr<std::vector<v1::Job>> TakeAbandoned(const JobEdit& end) override {
+    const MutexLock lock(mutex_);
+    auto running = ListInStateLocked(v1::JOB_STATE_RUNNING, std::nullopt);
+    if (!running.ok()) return running.status();
+    std::vector<v1::Job> taken;
+    for (v1::Job& job : *running) {
+      if (fences_.contains(job.name())) continue;
+      if (absl::Status status = EditRunning(end, job); !status.ok()) return status;
+      absl::Status status = ReplaceLocked(v1::JOB_STATE_RUNNING, job);
+      if (!status.ok()) return status;
+      taken.push_back(std::move(job));
+    }
+    return taken;
+  }
+
+  absl::StatusOr<v1::Job> RequestCancel(const std::string& name) override {
+    const MutexLock lock(mutex_);
+    auto job = GetLocked(name);
+    if (!job.ok()) return job.status();
+    if (job->state() != v1::JOB_STATE_RUNNING) return IsInState(*job);
+    job->set_cancel_requested(true);
+    absl::Status status = ReplaceLocked(v1::JOB_STATE_RUNNING, *job);
+    if (!status.ok()) return status;
+    return job;
+  }
+
+  absl::Status AddProgress(const JobLease& lease, const v1::JobProgress& progress) override {
+    const MutexLock lock(mutex_);
+    if (!HoldsLocked(lease)) return LeaseEnded(lease);
     const std::string blob = progress.SerializeAsString();
     Statement insert(database_,
                      "INSERT INTO progress (sequence, progress, job_number) "
                      "SELECT ?, ?, number FROM jobs WHERE name = ?");
-    insert.Bind(progress.sequence()).BindBlob(blob).Bind(name);
-    if (absl::Status status = insert.Run(); !status.ok()) return status;
-    return sqlite3_changes(database_) == 1 ? absl::OkStatus() : NoSuchJob(name);
+    insert.Bind(progress.sequence()).BindBlob(blob).Bind(lease.job);
+    return insert.Run();
   }
 
   absl::StatusOr<std::vector<v1::JobProgress>> ListProgress(const std::string& name,
@@ -209,10 +211,7 @@ class Store final : public SqliteStore {
     const MutexLock lock(mutex_);
     const auto job = GetLocked(name);
     if (!job.ok()) return job.status();
-    if (!HasEnded(job->state())) {
-      return absl::FailedPreconditionError(
-          absl::StrCat(name, " is ", Label(job->state()), "; cancel it first"));
-    }
+    if (!HasEnded(job->state())) return NotEnded(*job);
     return Statement(database_, "DELETE FROM jobs WHERE name = ?").Bind(name).Run();
   }
 
@@ -254,8 +253,27 @@ class Store final : public SqliteStore {
   }
 
  private:
-  static absl::Status NoSuchAlias(const security::ModelAliasName& name) {
-    return absl::NotFoundError(absl::StrCat("there is no ", name.ToString()));
+  bool HoldsLocked(const JobLease& lease) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const auto found = fences_.find(lease.job);
+    return found != fences_.end() && found->second == lease.fence;
+  }
+
+  absl::StatusOr<std::vector<v1::Job>> ListInStateLocked(v1::JobState state,
+                                                         std::optional<int> limit)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    Statement select(database_, "SELECT " JOB_COLUMNS
+                                " FROM jobs WHERE state = ? "
+                                "ORDER BY priority DESC, number LIMIT ?");
+    select.Bind(state).Bind(limit.value_or(-1));
+    std::vector<v1::Job> jobs;
+    for (;;) {
+      const auto row = select.Step();
+      if (!row.ok()) return row.status();
+      if (!*row) return jobs;
+      auto job = JobFrom(select);
+      if (!job.ok()) return job.status();
+      jobs.push_back(*std::move(job));
+    }
   }
 
   absl::StatusOr<v1::Job> GetLocked(const std::string& name) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -268,19 +286,22 @@ class Store final : public SqliteStore {
 
   absl::Status ReplaceLocked(v1::JobState from, const v1::Job& job)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    const std::string blob = WithoutProgress(job);
+    const std::string blob = StoredJob(job);
     Statement update(database_, "UPDATE jobs SET state = ?, job = ? WHERE name = ? AND state = ?");
     update.Bind(job.state()).BindBlob(blob).Bind(job.name()).Bind(from);
     if (absl::Status status = update.Run(); !status.ok()) return status;
     if (sqlite3_changes(database_) == 1) return absl::OkStatus();
     const auto stored = GetLocked(job.name());
     if (!stored.ok()) return stored.status();
-    return absl::FailedPreconditionError(absl::StrCat(job.name(), " is ", Label(stored->state())));
+    return IsInState(*stored);
   }
 
   // One connection, one statement at a time.
   Mutex mutex_;
   sqlite3* const database_ ABSL_GUARDED_BY(mutex_);
+  // Leases end with this object, which every holder has to call: so they need not be in the file.
+  std::map<std::string, int64_t> fences_ ABSL_GUARDED_BY(mutex_);  // by job
+  int64_t last_fence_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
 }  // namespace

@@ -85,24 +85,9 @@ absl::Status Supervisor::Recover() {
   std::error_code error;
   fs::create_directories(options_.folder, error);
   if (error) return files::ErrnoStatus(error.value(), "create", options_.folder);
-  auto interrupted = store_.ListInState(v1::JOB_STATE_RUNNING, std::nullopt);
-  if (!interrupted.ok()) return interrupted.status();
-  for (v1::Job& job : *interrupted) {
-    // Nobody knows when it died; it was there when it last reported.
-    const absl::Time begun = ToTime(job.attempts().start_time());
-    EndAttempt(job, FolderOf(job.name()), std::max(begun, ToTime(job.progress().time())),
-               /*died=*/true);
-    RemoveJobOutput(FolderOf(job.name()));
-    if (job.cancel_requested()) {
-      job.set_state(v1::JOB_STATE_CANCELLED);
-      job.clear_cancel_requested();
-      job.clear_error();
-      *job.mutable_end_time() = ToTimestamp(options_.now());
-    } else {
-      job.set_state(v1::JOB_STATE_PENDING);
-      *job.mutable_error() = errors::ToProto(ServerInterrupted());
-    }
-    if (absl::Status status = store_.Move(v1::JOB_STATE_RUNNING, job); !status.ok()) return status;
+  const auto abandoned = store_.TakeAbandoned([this](v1::Job& job) { GiveUpAttempt(job); });
+  if (!abandoned.ok()) return abandoned.status();
+  for (const v1::Job& job : *abandoned) {
     if (HasEnded(job.state())) CountEnd(job.state());
     Log(LogLevel::kWarning, "job was interrupted",
         {{"job", job.name()}, {"state", std::string(JobStateLabel(job.state()))}});
@@ -120,6 +105,23 @@ absl::Status Supervisor::Recover() {
   return absl::OkStatus();
 }
 
+void Supervisor::GiveUpAttempt(v1::Job& job) const {
+  // Nobody knows when it died; it was there when it last reported.
+  const absl::Time begun = ToTime(job.attempts().start_time());
+  EndAttempt(job, FolderOf(job.name()), std::max(begun, ToTime(job.progress().time())),
+             /*died=*/true);
+  RemoveJobOutput(FolderOf(job.name()));
+  if (job.cancel_requested()) {
+    job.set_state(v1::JOB_STATE_CANCELLED);
+    job.clear_cancel_requested();
+    job.clear_error();
+    *job.mutable_end_time() = ToTimestamp(options_.now());
+  } else {
+    job.set_state(v1::JOB_STATE_PENDING);
+    *job.mutable_error() = errors::ToProto(ServerInterrupted());
+  }
+}
+
 fs::path Supervisor::FolderOf(const std::string& name) const {
   return options_.folder / std::string(absl::StripPrefix(name, "jobs/"));
 }
@@ -127,33 +129,27 @@ fs::path Supervisor::FolderOf(const std::string& name) const {
 void Supervisor::RunJobs(int slot) {
   MutexLock lock(mutex_);
   while (!stops_) {
-    auto pending = store_.ListInState(v1::JOB_STATE_PENDING, 1);
-    if (!pending.ok() || pending->empty()) {
-      if (!pending.ok()) {
-        LogFailure("jobs cannot be read", "", pending.status());
-        changed_.WaitFor(mutex_, kRetry);
-      } else {
-        changed_.Wait(mutex_);
-      }
-      continue;
-    }
-    v1::Job& job = pending->front();
-    job.set_state(v1::JOB_STATE_RUNNING);
-    BeginAttempt(job, FolderOf(job.name()), options_.now());
-    if (absl::Status status = store_.Move(v1::JOB_STATE_PENDING, job); !status.ok()) {
-      LogFailure("job cannot be started", job.name(), status);
+    const auto claimed = store_.Claim(
+        [this](v1::Job& job) { BeginAttempt(job, FolderOf(job.name()), options_.now()); });
+    if (!claimed.ok()) {
+      LogFailure("no job can be started", "", claimed.status());
       changed_.WaitFor(mutex_, kRetry);
       continue;
     }
+    if (!*claimed) {
+      changed_.Wait(mutex_);
+      continue;
+    }
     const auto stop = std::make_shared<StopRequest>();
-    running_[job.name()] = stop;
+    running_[(*claimed)->job.name()] = stop;
     lock.Unlock();
-    RunOne(job, slot, *stop);
+    RunOne(**claimed, slot, *stop);
     lock.Lock();
   }
 }
 
-void Supervisor::RunOne(const v1::Job& job, int slot, StopRequest& stop) {
+void Supervisor::RunOne(const ClaimedJob& claimed, int slot, StopRequest& stop) {
+  const v1::Job& job = claimed.job;
   Log(LogLevel::kInfo, "job started",
       {{"job", job.name()},
        {"attempt", job.attempts().started()},
@@ -168,34 +164,39 @@ void Supervisor::RunOne(const v1::Job& job, int slot, StopRequest& stop) {
       .versions = &versions_,
       .patience = options_.patience};
   ProgressRecorder progress(
-      store_, news_, job, options_.now,
+      store_, news_, job, claimed.lease, options_.now,
       [this, slot](const v1::JobProgress& event) { curves_.Show(slot, event); });
   v1::Job ended = RunJob(job, FolderOf(job.name()), {environment, stop, progress, options_.now});
   curves_.Clear(slot);
-  EndRun(std::move(ended), stop);
+  EndRun(std::move(ended), claimed.lease);
 }
 
-void Supervisor::EndRun(v1::Job job, StopRequest& stop) {
+void Supervisor::EndRun(v1::Job job, const JobLease& lease) {
+  absl::Status status;
   {
-    const MutexLock lock(mutex_);
-    // Cancelled since it was decided that another process goes on.
-    if (job.state() == v1::JOB_STATE_PENDING && stop.reason() == StopRequest::Reason::kCancelled) {
-      job.set_state(v1::JOB_STATE_CANCELLED);
-      job.clear_error();
-      job.clear_last_lines();
-    }
-    job.clear_cancel_requested();
-    if (HasEnded(job.state())) *job.mutable_end_time() = ToTimestamp(options_.now());
+    MutexLock lock(mutex_);
+    const JobEdit end = [&](v1::Job& stored) {
+      // Cancelled since it was decided that another process goes on.
+      if (job.state() == v1::JOB_STATE_PENDING && stored.cancel_requested()) {
+        job.set_state(v1::JOB_STATE_CANCELLED);
+        job.clear_error();
+        job.clear_last_lines();
+      }
+      job.clear_cancel_requested();
+      if (HasEnded(job.state())) *job.mutable_end_time() = ToTimestamp(options_.now());
+      stored = job;
+    };
     for (;;) {
-      const absl::Status status = store_.Move(v1::JOB_STATE_RUNNING, job);
+      status = store_.Finish(lease, end);
       if (status.ok()) break;
       LogFailure("end of a job not stored", job.name(), status);
-      // The next start will find it RUNNING and go on with it.
-      if (stops_) break;
+      // The next start finds it without a lease and goes on with it.
+      if (stops_ || absl::IsAborted(status)) break;
       changed_.WaitFor(mutex_, kRetry);
     }
     running_.erase(job.name());
   }
+  if (!status.ok()) return;
   Log(job.has_error() ? LogLevel::kWarning : LogLevel::kInfo,
       HasEnded(job.state()) ? "job ended" : "job was interrupted",
       {{"job", job.name()},

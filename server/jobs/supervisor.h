@@ -115,6 +115,8 @@ class Supervisor {
              serving::ModelVersions& versions, monitoring::MetricRegistry& metrics);
 
   absl::Status Recover();
+  // Makes a RUNNING job PENDING, or CANCELLED if that was asked for. Its process is gone.
+  void GiveUpAttempt(v1::Job& job) const;
   absl::StatusOr<v1::Job> Admit(v1::Job job, const std::string& request_id,
                                 const std::string& digest, bool validate_only);
   absl::StatusOr<v1::Job> EarlierJob(const std::string& request_id, const std::string& digest,
@@ -127,9 +129,9 @@ class Supervisor {
 
   //   slot: which of the jobs that may run at a time; from 0.
   void RunJobs(int slot) ABSL_LOCKS_EXCLUDED(mutex_);
-  void RunOne(const v1::Job& job, int slot, StopRequest& stop);
+  void RunOne(const ClaimedJob& claimed, int slot, StopRequest& stop);
   // Stores what a process of a job came to.
-  void EndRun(v1::Job job, StopRequest& stop) ABSL_LOCKS_EXCLUDED(mutex_);
+  void EndRun(v1::Job job, const JobLease& lease) ABSL_LOCKS_EXCLUDED(mutex_);
   // Shows how many jobs are in each state.
   void CountJobs();
   void CountEnd(v1::JobState state) { ends_.at(state)->Increment(); }

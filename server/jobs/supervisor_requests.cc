@@ -187,11 +187,13 @@ absl::StatusOr<v1::Job> Supervisor::Cancel(const std::string& name) {
     const MutexLock lock(mutex_);
     job = store_.Get(name);
     if (!job.ok() || HasEnded(job->state())) return job;
-    if (const auto running = running_.find(name); running != running_.end()) {
-      // First of all stored: the server may die before the process does.
-      job->set_cancel_requested(true);
-      if (absl::Status status = store_.Update(*job); !status.ok()) return status;
-      running->second->Stop(StopRequest::Reason::kCancelled);
+    if (job->state() == v1::JOB_STATE_RUNNING) {
+      // Stored first: the server may die before the process does.
+      job = store_.RequestCancel(name);
+      const auto running = running_.find(name);
+      if (job.ok() && running != running_.end()) {
+        running->second->Stop(StopRequest::Reason::kCancelled);
+      }
       return job;
     }
     job->set_state(v1::JOB_STATE_CANCELLED);

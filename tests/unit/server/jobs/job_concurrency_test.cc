@@ -39,9 +39,31 @@ class RecordingStore : public JobStore {
     const std::lock_guard lock(mutex_);
     return Keep({Change::Kind::kMove, from, job}, store_.Move(from, job));
   }
-  absl::Status Update(const v1::Job& job) override {
+  absl::StatusOr<std::optional<ClaimedJob>> Claim(const JobEdit& begin) override {
     const std::lock_guard lock(mutex_);
-    return Keep({Change::Kind::kUpdate, job.state(), job}, store_.Update(job));
+    auto claimed = store_.Claim(begin);
+    if (claimed.ok() && *claimed) {
+      changes_.push_back({Change::Kind::kMove, v1::JOB_STATE_PENDING, (*claimed)->job});
+    }
+    return claimed;
+  }
+  absl::Status Finish(const JobLease& lease, const JobEdit& end) override {
+    const std::lock_guard lock(mutex_);
+    v1::Job ended;
+    const absl::Status status = store_.Finish(lease, [&](v1::Job& job) {
+      end(job);
+      ended = job;
+    });
+    return Keep({Change::Kind::kMove, v1::JOB_STATE_RUNNING, ended}, status);
+  }
+  absl::StatusOr<std::vector<v1::Job>> TakeAbandoned(const JobEdit& end) override {
+    return store_.TakeAbandoned(end);  // none here: the store is new
+  }
+  absl::StatusOr<v1::Job> RequestCancel(const std::string& name) override {
+    const std::lock_guard lock(mutex_);
+    auto job = store_.RequestCancel(name);
+    if (job.ok()) changes_.push_back({Change::Kind::kUpdate, job->state(), *job});
+    return job;
   }
   absl::Status Delete(const std::string& name) override {
     const std::lock_guard lock(mutex_);
@@ -63,8 +85,8 @@ class RecordingStore : public JobStore {
   absl::StatusOr<int64_t> CountInState(v1::JobState state) override {
     return store_.CountInState(state);
   }
-  absl::Status AddProgress(const std::string& name, const v1::JobProgress& progress) override {
-    return store_.AddProgress(name, progress);
+  absl::Status AddProgress(const JobLease& lease, const v1::JobProgress& progress) override {
+    return store_.AddProgress(lease, progress);
   }
   absl::StatusOr<std::vector<v1::JobProgress>> ListProgress(const std::string& name, int64_t after,
                                                             int limit) override {

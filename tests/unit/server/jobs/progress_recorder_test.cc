@@ -19,11 +19,13 @@ class ProgressRecorderTest : public testing::Test {
     job.set_state(v1::JOB_STATE_PENDING);
     job.mutable_attempts()->set_started(1);
     EXPECT_TRUE(store_->Add(job, "", "").ok());
+    lease_ = (**store_->Claim([](v1::Job&) {})).lease;
     StartProcess(job);
   }
 
   void StartProcess(const v1::Job& job) {
-    recorder_ = std::make_unique<ProgressRecorder>(*store_, news_, job, [this] { return now_; });
+    recorder_ =
+        std::make_unique<ProgressRecorder>(*store_, news_, job, lease_, [this] { return now_; });
   }
 
   void Step(int step) {
@@ -41,6 +43,7 @@ class ProgressRecorderTest : public testing::Test {
 
   const TemporaryFolder folder_;
   std::unique_ptr<SqliteStore> store_;
+  JobLease lease_;
   JobNews news_;
   absl::Time now_ = absl::FromUnixSeconds(1'000);
   std::unique_ptr<ProgressRecorder> recorder_;
@@ -93,6 +96,15 @@ TEST_F(ProgressRecorderTest, TheNextProcessOfTheJobGoesOnWithTheNumbers) {
   const auto events = *store_->ListProgress("jobs/a", 0, 10);
   EXPECT_EQ(events[0].attempt(), 1);
   EXPECT_EQ(events[1].attempt(), 2);
+}
+
+TEST_F(ProgressRecorderTest, StoresNothingOnceTheLeaseHasEnded) {
+  Step(1);
+  const auto end = [](v1::Job& job) { job.set_state(v1::JOB_STATE_PENDING); };
+  ASSERT_TRUE(store_->Finish(lease_, end).ok());
+  now_ += absl::Seconds(1);
+  Step(2);
+  EXPECT_EQ(Steps(), (std::vector<int64_t>{1}));
 }
 
 TEST_F(ProgressRecorderTest, LinesThatAreNoMessageArePassedOver) {

@@ -41,10 +41,8 @@ class PromotionJobTest : public SupervisorTest {
     job.set_name("jobs/left");
     job.set_state(v1::JOB_STATE_PENDING);
     *job.mutable_train() = IfNoWorse();
-    ASSERT_TRUE(store_->Add(job, "", "").ok());
-    BeginAttempt(job, FolderOf(job), absl::Now());
-    job.set_state(v1::JOB_STATE_RUNNING);
-    ASSERT_TRUE(store_->Move(v1::JOB_STATE_PENDING, job).ok());
+    LeaveRunning(job,
+                 [this](v1::Job& begun) { BeginAttempt(begun, FolderOf(begun), absl::Now()); });
     versions_.published["jobs/left"] = {"town", 1};
   }
   std::string MeasuredVersions() { return files::ReadFile(folder_ / "measured").value_or(""); }

@@ -30,17 +30,21 @@ std::string DiesSoOften(int deaths) {
 
 class ResumptionTest : public SupervisorTest {
  protected:
-  // As a server leaves it that was killed: the job RUNNING.
-  v1::Job LeaveRunning(const std::string& id, const std::function<void(v1::Job&)>& change = {}) {
+  // As a server leaves it that was killed, a thousand seconds after 1970.
+  v1::Job LeaveRunning(const std::string& id, const JobEdit& change = {},
+                       const std::optional<v1::JobProgress>& progress = std::nullopt) {
     v1::Job job;
     job.set_name("jobs/" + id);
     job.set_state(v1::JOB_STATE_PENDING);
     *job.mutable_train() = TrainTown();
-    EXPECT_TRUE(store_->Add(job, "", "").ok());
-    BeginAttempt(job, FolderOf(job), absl::FromUnixSeconds(1'000));
-    job.set_state(v1::JOB_STATE_RUNNING);
-    if (change) change(job);
-    EXPECT_TRUE(store_->Move(v1::JOB_STATE_PENDING, job).ok());
+    SupervisorTest::LeaveRunning(
+        job,
+        [&](v1::Job& begun) {
+          BeginAttempt(begun, FolderOf(begun), absl::FromUnixSeconds(1'000));
+          if (change) change(begun);
+          job = begun;
+        },
+        progress);
     return job;
   }
   std::string Found() { return *files::ReadFile(folder_ / "found"); }
@@ -250,12 +254,10 @@ TEST_F(ResumptionTest, AJobThatRunsTooLongFailsAndResumedItHasAsLongAgain) {
 
 TEST_F(ResumptionTest, AllProcessesOfAJobShareItsTime) {
   // It ran for an hour when its server died.
-  LeaveRunning("old", [this](v1::Job& job) {
-    v1::JobProgress progress;
-    progress.set_sequence(1);
-    progress.mutable_time()->set_seconds(1'000 + 3'600);
-    EXPECT_TRUE(store_->AddProgress(job.name(), progress).ok());
-  });
+  v1::JobProgress progress;
+  progress.set_sequence(1);
+  progress.mutable_time()->set_seconds(1'000 + 3'600);
+  LeaveRunning("old", {}, progress);
   SupervisorOptions options = Options();
   options.limits.run_time = std::chrono::minutes(59);
   StartWith(options);

@@ -59,11 +59,13 @@ class RetentionTest : public SupervisorTest {
     *job.mutable_train() = TrainTown();
     job.set_state(v1::JOB_STATE_PENDING);
     ASSERT_TRUE(store_->Add(job, "", "").ok());
-    job.set_state(v1::JOB_STATE_RUNNING);
-    ASSERT_TRUE(store_->Move(v1::JOB_STATE_PENDING, job).ok());
-    job.set_state(state);
-    *job.mutable_end_time() = ToTimestamp(now_ - age);
-    ASSERT_TRUE(store_->Move(v1::JOB_STATE_RUNNING, job).ok());
+    const auto claimed = store_->Claim([](v1::Job&) {});
+    ASSERT_TRUE(claimed.ok() && *claimed) << claimed.status();
+    const auto end = [&](v1::Job& ended) {
+      ended.set_state(state);
+      *ended.mutable_end_time() = ToTimestamp(now_ - age);
+    };
+    ASSERT_TRUE(store_->Finish((*claimed)->lease, end).ok());
     fs::create_directories(FolderOf(job) / "checkpoints");
     std::ofstream(FolderOf(job) / "checkpoints" / "checkpoint-000001") << "x";
   }

@@ -35,6 +35,10 @@ v1::Job InState(v1::Job job, v1::JobState state) {
   return job;
 }
 
+JobEdit To(v1::JobState state) {
+  return [state](v1::Job& job) { job.set_state(state); };
+}
+
 v1::JobProgress Event(int64_t sequence) {
   v1::JobProgress progress;
   progress.set_sequence(sequence);
@@ -60,6 +64,16 @@ class SqliteStoreTest : public testing::Test {
     store_ = *std::move(store);
   }
 
+  ClaimedJob Claim() {
+    const auto claimed = store_->Claim([](v1::Job&) {});
+    EXPECT_TRUE(claimed.ok()) << claimed.status();
+    if (!claimed.ok() || !*claimed) {
+      ADD_FAILURE() << "no job is pending";
+      return {};
+    }
+    return **claimed;
+  }
+
   const TemporaryFolder folder_;
   const std::filesystem::path file_ = folder_ / "maneuver.db";
   std::unique_ptr<SqliteStore> store_;
@@ -68,15 +82,14 @@ class SqliteStoreTest : public testing::Test {
 TEST_F(SqliteStoreTest, JobsProgressAndAliasesSurviveARestart) {
   const v1::Job job = PendingJob("a");
   ASSERT_TRUE(store_->Add(job, "request", "digest").ok());
-  const v1::Job running = InState(job, v1::JOB_STATE_RUNNING);
-  ASSERT_TRUE(store_->Move(v1::JOB_STATE_PENDING, running).ok());
-  ASSERT_TRUE(store_->AddProgress("jobs/a", Event(1)).ok());
-  ASSERT_TRUE(store_->AddProgress("jobs/a", Event(2)).ok());
+  const ClaimedJob claimed = Claim();
+  ASSERT_TRUE(store_->AddProgress(claimed.lease, Event(1)).ok());
+  ASSERT_TRUE(store_->AddProgress(claimed.lease, Event(2)).ok());
   ASSERT_TRUE(store_->SetAlias({"town", "serving"}, 3).ok());
 
   Reopen();
 
-  v1::Job expected = running;
+  v1::Job expected = InState(job, v1::JOB_STATE_RUNNING);
   *expected.mutable_progress() = Event(2);
   const auto found = store_->Get("jobs/a");
   ASSERT_TRUE(found.ok()) << found.status();
@@ -124,7 +137,7 @@ TEST_F(SqliteStoreTest, OfTwoWhoMoveAJobOneWins) {
   ASSERT_TRUE(store_->Add(job, "", "").ok());
   EXPECT_TRUE(store_->Move(v1::JOB_STATE_PENDING, InState(job, v1::JOB_STATE_CANCELLED)).ok());
   const absl::Status late =
-      store_->Move(v1::JOB_STATE_PENDING, InState(job, v1::JOB_STATE_RUNNING));
+      store_->Move(v1::JOB_STATE_PENDING, InState(job, v1::JOB_STATE_CANCELLED));
   EXPECT_TRUE(absl::IsFailedPrecondition(late)) << late;
   EXPECT_THAT(std::string(late.message()), HasSubstr("cancelled"));
   EXPECT_EQ(store_->Get("jobs/a")->state(), v1::JOB_STATE_CANCELLED);
@@ -135,15 +148,18 @@ TEST_F(SqliteStoreTest, AForbiddenMoveChangesNothing) {
   ASSERT_TRUE(store_->Add(job, "", "").ok());
   EXPECT_TRUE(absl::IsFailedPrecondition(
       store_->Move(v1::JOB_STATE_PENDING, InState(job, v1::JOB_STATE_SUCCEEDED))));
+  // Only a worker with a lease has a running job.
+  EXPECT_TRUE(absl::IsFailedPrecondition(
+      store_->Move(v1::JOB_STATE_PENDING, InState(job, v1::JOB_STATE_RUNNING))));
   EXPECT_EQ(store_->Get("jobs/a")->state(), v1::JOB_STATE_PENDING);
   EXPECT_TRUE(absl::IsNotFound(
-      store_->Move(v1::JOB_STATE_PENDING, InState(PendingJob("b"), v1::JOB_STATE_RUNNING))));
+      store_->Move(v1::JOB_STATE_PENDING, InState(PendingJob("b"), v1::JOB_STATE_CANCELLED))));
 }
 
 TEST_F(SqliteStoreTest, JobsInAStateComeOldestFirst) {
   for (const char* id : {"a", "b", "c"}) ASSERT_TRUE(store_->Add(PendingJob(id), "", "").ok());
   ASSERT_TRUE(
-      store_->Move(v1::JOB_STATE_PENDING, InState(PendingJob("b"), v1::JOB_STATE_RUNNING)).ok());
+      store_->Move(v1::JOB_STATE_PENDING, InState(PendingJob("b"), v1::JOB_STATE_CANCELLED)).ok());
   EXPECT_THAT(NamesOf(*store_->ListInState(v1::JOB_STATE_PENDING, std::nullopt)),
               ElementsAre("jobs/a", "jobs/c"));
   EXPECT_THAT(NamesOf(*store_->ListInState(v1::JOB_STATE_PENDING, 1)), ElementsAre("jobs/a"));
@@ -166,15 +182,97 @@ TEST_F(SqliteStoreTest, AHigherPriorityGoesBeforeAgeAndSurvivesARestart) {
               ElementsAre("jobs/e", "jobs/b", "jobs/d", "jobs/a", "jobs/c"));
 }
 
-TEST_F(SqliteStoreTest, AJobIsUpdatedInItsStateAlone) {
-  v1::Job job = PendingJob("a");
-  ASSERT_TRUE(store_->Add(job, "", "").ok());
-  job.set_cancel_requested(true);
-  ASSERT_TRUE(store_->Update(job).ok());
-  EXPECT_TRUE(store_->Get("jobs/a")->cancel_requested());
-  EXPECT_TRUE(absl::IsFailedPrecondition(store_->Update(InState(job, v1::JOB_STATE_RUNNING))));
+TEST_F(SqliteStoreTest, ClaimsTheMostUrgentJobAndThenTheOldest) {
+  int priorities[] = {0, 5, 5};
+  for (int i = 0; i < 3; ++i) {
+    v1::Job job = PendingJob(std::string(1, static_cast<char>('a' + i)));
+    job.mutable_train()->set_priority(priorities[i]);
+    ASSERT_TRUE(store_->Add(job, "", "").ok());
+  }
+  for (const char* name : {"jobs/b", "jobs/c", "jobs/a"}) {
+    const ClaimedJob claimed = Claim();
+    EXPECT_EQ(claimed.job.name(), name);
+    EXPECT_EQ(claimed.job.state(), v1::JOB_STATE_RUNNING);
+    EXPECT_EQ(claimed.lease.job, name);
+    EXPECT_EQ(store_->Get(name)->state(), v1::JOB_STATE_RUNNING);
+  }
+  const auto none = store_->Claim([](v1::Job&) { ADD_FAILURE() << "no job is left"; });
+  ASSERT_TRUE(none.ok()) << none.status();
+  EXPECT_FALSE(none->has_value());
+}
+
+TEST_F(SqliteStoreTest, StoresWhatChangesAsAJobBeginsAndEnds) {
+  ASSERT_TRUE(store_->Add(PendingJob("a"), "", "").ok());
+  const auto begin = [](v1::Job& job) { job.mutable_attempts()->set_started(7); };
+  const auto claimed = store_->Claim(begin);
+  ASSERT_TRUE(claimed.ok() && *claimed) << claimed.status();
+  EXPECT_EQ((*claimed)->job.attempts().started(), 7);
+  EXPECT_EQ(store_->Get("jobs/a")->attempts().started(), 7);
+  const auto end = [](v1::Job& job) {
+    EXPECT_EQ(job.attempts().started(), 7);
+    job.set_state(v1::JOB_STATE_SUCCEEDED);
+    job.set_model_version("models/town/versions/3");
+  };
+  ASSERT_TRUE(store_->Finish((*claimed)->lease, end).ok());
+  EXPECT_EQ(store_->Get("jobs/a")->state(), v1::JOB_STATE_SUCCEEDED);
+  EXPECT_EQ(store_->Get("jobs/a")->model_version(), "models/town/versions/3");
+}
+
+TEST_F(SqliteStoreTest, RefusesWritesOfAWorkerWhoseFenceIsOld) {
+  ASSERT_TRUE(store_->Add(PendingJob("a"), "", "").ok());
+  const JobLease old = Claim().lease;
+  ASSERT_TRUE(store_->Finish(old, To(v1::JOB_STATE_PENDING)).ok());
+  EXPECT_TRUE(absl::IsAborted(store_->AddProgress(old, Event(1))));
+  const JobLease present = Claim().lease;
+  EXPECT_GT(present.fence, old.fence);
+
+  EXPECT_TRUE(absl::IsAborted(store_->AddProgress(old, Event(1))));
+  EXPECT_TRUE(absl::IsAborted(store_->Finish(old, To(v1::JOB_STATE_SUCCEEDED))));
+  EXPECT_EQ(store_->Get("jobs/a")->state(), v1::JOB_STATE_RUNNING);
+  EXPECT_FALSE(store_->Get("jobs/a")->has_progress());
+
+  EXPECT_TRUE(store_->AddProgress(present, Event(1)).ok());
+  EXPECT_TRUE(store_->Finish(present, To(v1::JOB_STATE_SUCCEEDED)).ok());
+  EXPECT_TRUE(absl::IsAborted(store_->Finish(present, To(v1::JOB_STATE_FAILED))));
+  EXPECT_EQ(store_->Get("jobs/a")->state(), v1::JOB_STATE_SUCCEEDED);
+}
+
+TEST_F(SqliteStoreTest, ARunThatDoesNotEndKeepsItsLease) {
+  ASSERT_TRUE(store_->Add(PendingJob("a"), "", "").ok());
+  const JobLease lease = Claim().lease;
+  EXPECT_TRUE(absl::IsFailedPrecondition(store_->Finish(lease, To(v1::JOB_STATE_RUNNING))));
+  EXPECT_TRUE(store_->AddProgress(lease, Event(1)).ok());
+  EXPECT_TRUE(store_->Finish(lease, To(v1::JOB_STATE_FAILED)).ok());
+}
+
+TEST_F(SqliteStoreTest, ACancellationReachesWhoEndsTheRun) {
+  ASSERT_TRUE(store_->Add(PendingJob("a"), "", "").ok());
+  EXPECT_TRUE(absl::IsFailedPrecondition(store_->RequestCancel("jobs/a").status()));
+  EXPECT_TRUE(absl::IsNotFound(store_->RequestCancel("jobs/b").status()));
+  const ClaimedJob claimed = Claim();
+  const auto asked = store_->RequestCancel("jobs/a");
+  ASSERT_TRUE(asked.ok()) << asked.status();
+  EXPECT_TRUE(asked->cancel_requested());
+  const auto end = [](v1::Job& job) {
+    EXPECT_TRUE(job.cancel_requested());
+    job.set_state(v1::JOB_STATE_CANCELLED);
+  };
+  EXPECT_TRUE(store_->Finish(claimed.lease, end).ok());
+  EXPECT_TRUE(absl::IsFailedPrecondition(store_->RequestCancel("jobs/a").status()));
+}
+
+TEST_F(SqliteStoreTest, TakesOverJobsOfAnEarlierProcessAndNoOthers) {
+  for (const char* id : {"a", "b"}) ASSERT_TRUE(store_->Add(PendingJob(id), "", "").ok());
+  const ClaimedJob abandoned = Claim();
+  ASSERT_TRUE(store_->AddProgress(abandoned.lease, Event(1)).ok());
+  Reopen();
+  const ClaimedJob held = Claim();
+  const auto taken = store_->TakeAbandoned(To(v1::JOB_STATE_PENDING));
+  ASSERT_TRUE(taken.ok()) << taken.status();
+  EXPECT_THAT(NamesOf(*taken), ElementsAre("jobs/a"));
+  EXPECT_EQ(taken->front().progress().sequence(), 1);
   EXPECT_EQ(store_->Get("jobs/a")->state(), v1::JOB_STATE_PENDING);
-  EXPECT_TRUE(absl::IsNotFound(store_->Update(PendingJob("b"))));
+  EXPECT_TRUE(store_->Finish(held.lease, To(v1::JOB_STATE_SUCCEEDED)).ok());
 }
 
 // Written by a server that knew no priorities.
@@ -210,14 +308,15 @@ TEST_F(SqliteStoreTest, AFileOfTheFirstSchemaIsBroughtUpToThisOne) {
 
 TEST_F(SqliteStoreTest, ProgressIsReadFromACursorOn) {
   ASSERT_TRUE(store_->Add(PendingJob("a"), "", "").ok());
-  for (int i = 1; i <= 5; ++i) ASSERT_TRUE(store_->AddProgress("jobs/a", Event(i)).ok());
+  const JobLease lease = Claim().lease;
+  for (int i = 1; i <= 5; ++i) ASSERT_TRUE(store_->AddProgress(lease, Event(i)).ok());
   const auto events = store_->ListProgress("jobs/a", 2, 2);
   ASSERT_TRUE(events.ok());
   ASSERT_EQ(events->size(), 2u);
   EXPECT_EQ((*events)[0].sequence(), 3);
   EXPECT_EQ((*events)[1].sequence(), 4);
   EXPECT_THAT(*store_->ListProgress("jobs/a", 5, 10), IsEmpty());
-  EXPECT_TRUE(absl::IsNotFound(store_->AddProgress("jobs/b", Event(1))));
+  EXPECT_THAT(*store_->ListProgress("jobs/b", 0, 10), IsEmpty());
 }
 
 TEST_F(SqliteStoreTest, AJobThatHasEndedHasNoTimeLeft) {
@@ -229,10 +328,10 @@ TEST_F(SqliteStoreTest, AJobThatHasEndedHasNoTimeLeft) {
     const std::string id = fraction == 1.0 ? "a" : "b";
     const v1::Job job = PendingJob(id);
     ASSERT_TRUE(store_->Add(job, "", "").ok());
-    ASSERT_TRUE(store_->Move(v1::JOB_STATE_PENDING, InState(job, v1::JOB_STATE_RUNNING)).ok());
-    ASSERT_TRUE(store_->AddProgress(job.name(), event).ok());
+    const JobLease lease = Claim().lease;
+    ASSERT_TRUE(store_->AddProgress(lease, event).ok());
     EXPECT_EQ(store_->Get(job.name())->progress().time_left().seconds(), 9);
-    ASSERT_TRUE(store_->Move(v1::JOB_STATE_RUNNING, InState(job, end)).ok());
+    ASSERT_TRUE(store_->Finish(lease, To(end)).ok());
     const auto ended = store_->Get(job.name());
     ASSERT_TRUE(ended.ok()) << ended.status();
     EXPECT_FALSE(ended->progress().has_time_left());
@@ -243,9 +342,11 @@ TEST_F(SqliteStoreTest, AJobThatHasEndedHasNoTimeLeft) {
 TEST_F(SqliteStoreTest, AnEndedJobIsForgottenWithItsProgressAndAnotherIsNot) {
   const v1::Job job = PendingJob("a");
   ASSERT_TRUE(store_->Add(job, "request", "").ok());
-  ASSERT_TRUE(store_->AddProgress("jobs/a", Event(1)).ok());
   EXPECT_TRUE(absl::IsFailedPrecondition(store_->Delete("jobs/a")));
-  ASSERT_TRUE(store_->Move(v1::JOB_STATE_PENDING, InState(job, v1::JOB_STATE_CANCELLED)).ok());
+  const JobLease lease = Claim().lease;
+  ASSERT_TRUE(store_->AddProgress(lease, Event(1)).ok());
+  EXPECT_TRUE(absl::IsFailedPrecondition(store_->Delete("jobs/a")));
+  ASSERT_TRUE(store_->Finish(lease, To(v1::JOB_STATE_CANCELLED)).ok());
   ASSERT_TRUE(store_->Delete("jobs/a").ok());
   EXPECT_TRUE(absl::IsNotFound(store_->Get("jobs/a").status()));
   EXPECT_TRUE(absl::IsNotFound(store_->Delete("jobs/a")));
@@ -308,13 +409,15 @@ TEST_F(SqliteStoreTest, ManyThreadsMayUseIt) {
       for (int i = 0; i < 10; ++i) {
         const std::string id = std::to_string(t) + "-" + std::to_string(i);
         EXPECT_TRUE(store_->Add(PendingJob(id), id, "").ok());
-        EXPECT_TRUE(store_->AddProgress("jobs/" + id, Event(1)).ok());
-        EXPECT_EQ(store_->Get("jobs/" + id)->progress().sequence(), 1);
+        // Perhaps another thread's job.
+        const ClaimedJob claimed = Claim();
+        EXPECT_TRUE(store_->AddProgress(claimed.lease, Event(1)).ok());
+        EXPECT_EQ(store_->Get(claimed.job.name())->progress().sequence(), 1);
       }
     });
   }
   for (std::thread& thread : threads) thread.join();
-  EXPECT_EQ(*store_->CountInState(v1::JOB_STATE_PENDING), 40);
+  EXPECT_EQ(*store_->CountInState(v1::JOB_STATE_RUNNING), 40);
 }
 
 }  // namespace

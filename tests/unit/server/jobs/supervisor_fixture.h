@@ -72,13 +72,30 @@ class SupervisorTest : public testing::Test {
  protected:
   SupervisorTest() {
     datasets_ = *data::DatasetStore::Open(folder_ / "datasets");
-    store_ = *SqliteStore::Open(folder_ / "maneuver.db");
+    OpenStore();
     for (const char* name : {"town", "village"}) {
       auto writer = data::DatasetWriter::Create(datasets_->FolderOf(name), "a test");
       EXPECT_TRUE((*writer)->Add(data::SmallRecording("r0")).ok());
       EXPECT_TRUE((*writer)->Commit().ok());
     }
     Trainer("mkdir \"$output\"; echo weights > \"$output/weights\"");
+  }
+
+  void OpenStore() {
+    store_.reset();
+    store_ = *SqliteStore::Open(folder_ / "maneuver.db");
+  }
+
+  // Leaves a job as a server that was killed does: RUNNING, with `begin` applied and a last event.
+  void LeaveRunning(const v1::Job& pending, const JobEdit& begin,
+                    const std::optional<v1::JobProgress>& progress = std::nullopt) {
+    ASSERT_TRUE(store_->Add(pending, "", "").ok());
+    const auto claimed = store_->Claim(begin);
+    ASSERT_TRUE(claimed.ok() && *claimed) << claimed.status();
+    if (progress) {
+      ASSERT_TRUE(store_->AddProgress((*claimed)->lease, *progress).ok());
+    }
+    OpenStore();
   }
 
   // What the trainer does. $command, $output, $settings, $dataset, $dataset_name, $model,

@@ -1,0 +1,89 @@
+#include "server/jobs/stored_job.h"
+
+#include <limits>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "server/jobs/job_state.h"
+
+namespace maneuver::jobs {
+namespace {
+
+absl::Status Forbidden(v1::JobState from, v1::JobState to) {
+  return absl::FailedPreconditionError(
+      absl::StrCat("a job that is ", std::string(JobStateLabel(from)), " cannot become ",
+                   std::string(JobStateLabel(to))));
+}
+
+}  // namespace
+
+std::string StoredJob(v1::Job job) {
+  job.clear_progress();
+  return job.SerializeAsString();
+}
+
+absl::StatusOr<v1::Job> ParseStoredJob(const std::string& bytes,
+                                       const std::optional<std::string>& progress) {
+  v1::Job job;
+  if (!job.ParseFromString(bytes) ||
+      (progress && !job.mutable_progress()->ParseFromString(*progress))) {
+    return absl::DataLossError("the job store holds a job that does not parse");
+  }
+  if (job.has_progress() && HasEnded(job.state())) {
+    // The latest event is of before the end.
+    job.mutable_progress()->clear_time_left();
+    if (job.state() == v1::JOB_STATE_SUCCEEDED) job.mutable_progress()->set_fraction(1.0);
+  }
+  return job;
+}
+
+int64_t PriorityOf(const v1::Job& job) {
+  if (job.has_evaluate()) return job.evaluate().priority();
+  return job.has_cross_validate() ? job.cross_validate().priority() : job.train().priority();
+}
+
+absl::StatusOr<int64_t> ParsePageToken(const std::string& page_token) {
+  int64_t before = std::numeric_limits<int64_t>::max();
+  if (!page_token.empty() && (!absl::SimpleAtoi(page_token, &before) || before < 1)) {
+    return absl::InvalidArgumentError("page_token: expected the next_page_token of a response");
+  }
+  return before;
+}
+
+absl::Status EditRunning(const JobEdit& end, v1::Job& job) {
+  end(job);
+  return CanMove(v1::JOB_STATE_RUNNING, job.state())
+             ? absl::OkStatus()
+             : Forbidden(v1::JOB_STATE_RUNNING, job.state());
+}
+
+absl::Status CheckMove(v1::JobState from, v1::JobState to) {
+  if (from == v1::JOB_STATE_RUNNING || to == v1::JOB_STATE_RUNNING || !CanMove(from, to)) {
+    return Forbidden(from, to);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status NoSuchJob(const std::string& name) {
+  return absl::NotFoundError(absl::StrCat("there is no ", name));
+}
+
+absl::Status NoSuchAlias(const security::ModelAliasName& name) {
+  return absl::NotFoundError(absl::StrCat("there is no ", name.ToString()));
+}
+
+absl::Status LeaseEnded(const JobLease& lease) {
+  return absl::AbortedError(absl::StrCat("the lease of ", lease.job, " has ended"));
+}
+
+absl::Status IsInState(const v1::Job& job) {
+  return absl::FailedPreconditionError(
+      absl::StrCat(job.name(), " is ", std::string(JobStateLabel(job.state()))));
+}
+
+absl::Status NotEnded(const v1::Job& job) {
+  return absl::FailedPreconditionError(absl::StrCat(
+      job.name(), " is ", std::string(JobStateLabel(job.state())), "; cancel it first"));
+}
+
+}  // namespace maneuver::jobs

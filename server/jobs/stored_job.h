@@ -1,0 +1,47 @@
+// What a store of jobs writes down and answers, whatever database it uses. Private to the stores.
+
+#ifndef MANEUVER_SERVER_JOBS_STORED_JOB_H_
+#define MANEUVER_SERVER_JOBS_STORED_JOB_H_
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "maneuver/v1/training_service.pb.h"
+#include "server/jobs/job_store.h"
+#include "server/security/resource_name.h"
+
+namespace maneuver::jobs {
+
+// Returns the bytes of a job's row: maneuver.v1.Job without progress, which has rows of its own.
+std::string StoredJob(v1::Job job);
+// Returns the job of a row and its latest event, if it has one. A job that has ended has no time
+// left. DATA_LOSS if either does not parse.
+absl::StatusOr<v1::Job> ParseStoredJob(const std::string& job,
+                                       const std::optional<std::string>& progress);
+
+// Returns the priority that the job was asked for with; higher goes first.
+int64_t PriorityOf(const v1::Job& job);
+
+// Returns the number of the job that the page before ended with; the greatest number for an empty
+// token. INVALID_ARGUMENT for a token that is none of ours.
+absl::StatusOr<int64_t> ParsePageToken(const std::string& page_token);
+
+// Changes a RUNNING job by `end`. FAILED_PRECONDITION if it may not move to the state that follows.
+absl::Status EditRunning(const JobEdit& end, v1::Job& job);
+
+// OK if Move may take a job from one state to the other.
+absl::Status CheckMove(v1::JobState from, v1::JobState to);
+
+absl::Status NoSuchJob(const std::string& name);
+absl::Status NoSuchAlias(const security::ModelAliasName& name);
+absl::Status LeaseEnded(const JobLease& lease);
+// FAILED_PRECONDITION: the job is in this state by now.
+absl::Status IsInState(const v1::Job& job);
+absl::Status NotEnded(const v1::Job& job);
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_STORED_JOB_H_
