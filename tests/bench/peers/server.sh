@@ -13,7 +13,7 @@
 set -euo pipefail
 
 case "${1:---help}" in
-  -h|--help) sed -n '2,14s/^# \{0,1\}//p' "$0"; exit 0 ;;
+  -h|--help) sed -n '2,12s/^# \{0,1\}//p' "$0"; exit 0 ;;
 esac
 model=$1
 here=$(cd "$(dirname "$0")" && pwd)
@@ -65,7 +65,7 @@ load() {
 prepare() {
   load "$1" --duration "$((2 * ${SECONDS_EACH:-8}))"
   calls[$1]=$(figure "$work/load.json" steps.0.answered_per_second |
-    awk -v seconds="${SECONDS_EACH:-8}" '{ calls = int($1 * seconds); print calls > 64 ? calls : 64 }')
+    awk -v seconds="${SECONDS_EACH:-8}" '{ calls = int($1 * seconds); print (calls > 32 ? calls : 32) }')
 }
 # turn NAME: appends calls a second, p50 and processor time a target to files.
 turn() {
