@@ -149,7 +149,9 @@ class LaneGraph:
             found = []
             for identity in ids:
                 other = lane_of.get(identity, lane) if identity != 0 else lane
-                if other != lane and other not in found and self.gap(lane, other) <= MOST_DECLARED_GAP:
+                if other == lane or other in found:
+                    continue
+                if self.gap(lane, other) <= MOST_DECLARED_GAP:
                     found.append(other)
             self.successors.append(found[:MOST_SUCCESSORS])
         alone = np.array([lane for lane, found in enumerate(self.successors) if not found], int)

@@ -1,12 +1,13 @@
 """What one would write in place of maneuverd: grpcio, NumPy and PyTorch; OpenCV for rasters.
 
-  /usr/bin/python3 server.py MODEL_FOLDER [--listen 127.0.0.1:8470] [--remember nothing|paths|inputs]
+  /usr/bin/python3 server.py MODEL_FOLDER [--listen 127.0.0.1:8470]
+      [--remember nothing|paths|inputs]
 
-Answers maneuver.v1.PredictionService/Predict, and RegisterMap for a model that reads no raster, with
-the same weights on the same scenes: parses, computes the networks' inputs, evaluates all targets of
-a request as one batch in PyTorch's inference mode on one thread, describes the actions asked for and
-answers in the world's frame. Nothing is validated, batched over calls, cancelled or dropped when
-late.
+Answers maneuver.v1.PredictionService/Predict with the same weights on the same scenes; for a model
+that reads no raster, also RegisterMap. Parses, computes the networks' inputs, evaluates all targets
+of a request as one batch in PyTorch's inference mode with a thread for each core, describes the
+actions asked for and answers in the world's frame. Nothing is validated, batched over calls,
+cancelled or dropped when late.
 
 Prints the address that it listens on, when it is ready.
 """
@@ -72,7 +73,7 @@ def main():
         help="what vector_service.py keeps from call to call",
     )
     options = parser.parse_args()
-    torch.set_num_threads(1)
+    torch.set_num_threads(len(os.sched_getaffinity(0)))
     server = grpc.server(
         futures.ThreadPoolExecutor(options.threads),
         options=[("grpc.max_receive_message_length", 64 << 20)],

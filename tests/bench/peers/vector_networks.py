@@ -20,8 +20,8 @@ def relu(x):
 
 
 class VectorNetworks:
-    """p(y|s), q(z|y,s) and p(x|z,y,s). N targets are evaluated at once; so are the actions that are
-    described, B of them, each of one of the targets."""
+    """p(y|s), q(z|y,s) and p(x|z,y,s). Evaluates N targets at once, and describes B actions at
+    once, each of one of the targets."""
 
     def __init__(self, folder):
         with open(os.path.join(folder, "model.json"), encoding="utf-8") as file:
@@ -133,8 +133,8 @@ class VectorNetworks:
         return x * self.trajectory_stddev + self.trajectory_mean
 
     def describe(self, scenes, target, action, reference, speed):
-        """What actions [B] of targets [B] look like in the target's frame: latent mean and deviation
-        [B, D], sigma trajectories [B, 2D+1, T, 2], mean [B, T, 2] and covariance [B, T, 3].
+        """What actions [B] of targets [B] look like in the target's frame: latent mean and
+        deviation [B, D], sigma trajectories [B, 2D+1, T, 2], mean [B, T, 2], covariance [B, T, 3].
 
         reference: [N, T, 2]; speed: [N]; both f64"""
         encoder, covariance, residual, geometry = (part[target, action] for part in scenes)
@@ -166,7 +166,8 @@ class VectorNetworks:
         spread = torch.stack(
             (half[..., 0] ** 2, half[..., 0] * half[..., 1], half[..., 1] ** 2), 3
         ).sum(1)
-        return mean, stddev, sigma, moment, spread + self._own(covariance, action, moment, speed[target])
+        covariance = spread + self._own(covariance, action, moment, speed[target])
+        return mean, stddev, sigma, moment, covariance
 
     def _own(self, hidden, action, mean, speed):
         """The covariance [B, T, 3] that the scene predicts, along and across the mean."""
