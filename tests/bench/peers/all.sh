@@ -12,6 +12,7 @@ esac
 here=$(cd "$(dirname "$0")" && pwd)
 python=${PYTHON:-/usr/bin/python3}
 bin=${BIN:-$here/../../../build/release/bin}
+reads_raster() { grep -q '"raster"' "$1/model.json"; }
 has_modules() { "$python" -c "import $1" 2>/dev/null; }
 # block TITLE COMMAND...: what the command prints.
 block() {
@@ -33,17 +34,21 @@ if (cd "$here" && node -e 'require.resolve("onnxruntime-node")' 2>/dev/null); th
 else
   printf 'ONNX Runtime is not installed here.\n\n'
 fi
-if has_modules "torch, numpy"; then
+if ! reads_raster "$1"; then
+  printf 'PyTorch alone is compared on models with a raster only.\n\n'
+elif has_modules "torch, numpy"; then
   block "PyTorch" "$python" "$here/pytorch.py" "$@"
 else
   printf 'PyTorch is not installed here.\n\n'
 fi
-if [ $# -ge 2 ] && has_modules "torch, numpy"; then
+if [ $# -ge 2 ] && reads_raster "$1" && has_modules "torch, numpy"; then
   printf '### Training\n\n'
   "$here/../training.sh" "$@"
   printf '\n'
 fi
-if has_modules "torch, numpy, cv2, grpc, google.protobuf"; then
+modules="torch, numpy, grpc, google.protobuf"
+if reads_raster "$1"; then modules+=", cv2"; fi
+if has_modules "$modules"; then
   printf '### A server in Python\n\n'
   "$here/server.sh" "$@"
 else
