@@ -1,0 +1,300 @@
+#!/usr/bin/python3
+"""Floods a maneuverd over HTTP/2, directly or behind HAProxy, and watches memory, another caller, and how long it takes
+to recover.
+
+Prints a table; the exit status is 1 if a promise of docs/explanation/threat_model.md was not kept. Every attack ends by
+itself, after --frames frames on each connection or --seconds, whichever comes first, and attacks loopback alone.
+
+Needs haproxy, openssl, protoc, python3-grpcio and python3-protobuf, as Debian 12 has them.
+"""
+
+import argparse
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+import grpc
+from google.protobuf import json_format
+
+import attacks
+
+REPOSITORY = pathlib.Path(__file__).resolve().parent.parent.parent
+sys.path += [str(REPOSITORY / "tests" / "balancing"), str(REPOSITORY / "tests" / "clients")]
+from callers import PREDICT, STREAM  # noqa: E402
+from predict import load_messages  # noqa: E402
+from replicas import Balancer, Replica  # noqa: E402
+
+# What deploy/balancing/haproxy.cfg promises, in MB above what a program took before the attack.
+SERVER_BEHIND_EDGE_MB = 64
+EDGE_MB = 64
+# Attacks that the server bounds by itself, and how far, in MB. The others need a proxy in front.
+SERVER_ALONE_MB = {"ping": 96, "settings": 32, "windows": 64, "priority": 32, "empty-data": 32, "half-messages": 64, "open-calls": 64}
+# Timing on a machine that does other things: a caller beside an attack waits at most so long for one answer, and soon
+# after the end of the attack no longer than before it.
+LONGEST_ANSWER_S = 2.0
+LONGEST_RECOVERY_S = 5.0
+# How long a silent connection is kept, in seconds: the server's --handshake-timeout, and HAProxy's "timeout http-request".
+HANDSHAKE_S = 2
+REQUEST_S = 10
+SLACK_S = 3
+UNSAID = ("nothing", "half a preface", "a preface")  # phases that these times end
+HALF_SAID = ("half a frame", "half the headers", "settings")  # phases that HAProxy's time ends too
+SHARE_OF_A_SOURCE = 200  # MANEUVER_SOURCE_CONNECTIONS
+
+
+def resident_mb(process):
+    for line in open(f"/proc/{process.pid}/status"):
+        if line.startswith("VmRSS"):
+            return int(line.split()[1]) / 1024
+    return 0.0
+
+
+class Watch:
+    """The most resident memory of each of `processes`, looked at every 10 ms until `end`."""
+
+    def __init__(self, processes):
+        self.before = {name: resident_mb(process) for name, process in processes.items()}
+        self.most = dict(self.before)
+        self._processes = processes
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._look)
+        self._thread.start()
+
+    def _look(self):
+        while not self._stop.wait(0.01):
+            for name, process in self._processes.items():
+                self.most[name] = max(self.most[name], resident_mb(process))
+
+    def end(self):
+        self._stop.set()
+        self._thread.join()
+        return {name: self.most[name] - self.before[name] for name in self._processes}
+
+
+class Caller:
+    """A planner that minds its manners: one call at a time, `pause_s` after the last one, and a stream beside these."""
+
+    def __init__(self, channel, messages, request, pause_s=0.02):
+        self._predict = channel.unary_unary(PREDICT)
+        self._stream = channel.stream_stream(STREAM, request_serializer=messages.StreamPredictRequest.SerializeToString,
+                                             response_deserializer=messages.StreamPredictResponse.FromString)
+        self._messages, self._request, self._pause_s = messages, request, pause_s
+        self._stop = threading.Event()
+        self.answers = []  # (when asked, seconds) of calls
+        self.streamed = 0
+        self.failures = []
+        self._threads = [threading.Thread(target=self._call), threading.Thread(target=self._follow)]
+        for thread in self._threads:
+            thread.start()
+
+    def _call(self):
+        request = self._request.SerializeToString()
+        while not self._stop.wait(self._pause_s):
+            asked = time.monotonic()
+            try:
+                self._predict(request, timeout=30)
+                self.answers.append((asked, time.monotonic() - asked))
+            except grpc.RpcError as error:
+                self.failures.append(f"call: {error.code().name} {error.details()}")
+
+    def _follow(self):
+        def requests():
+            while not self._stop.wait(0.1):
+                yield self._messages.StreamPredictRequest(request=self._request)
+
+        try:
+            for _ in self._stream(requests()):
+                self.streamed += 1
+        except grpc.RpcError as error:
+            self.failures.append(f"stream: {error.code().name} {error.details()}")
+
+    def between(self, begin, end):
+        """Seconds that calls took which were asked, or waited for, in this time."""
+        return sorted(took for asked, took in list(self.answers) if asked <= end and asked + took >= begin)
+
+    def end(self):
+        self._stop.set()
+        for thread in self._threads:
+            thread.join()
+
+
+def p99(sorted_times):
+    return sorted_times[min(len(sorted_times) - 1, int(0.99 * len(sorted_times)))] if sorted_times else float("nan")
+
+
+class Trial:
+    def __init__(self, options, work):
+        self.options = options
+        self.work = work
+        self.edge = options.through == "edge"
+        self.rows = []
+        self.broken = []
+        self.replica = self.balancer = self.loris = None
+        self.starts = self.attacks = 0
+        with tempfile.TemporaryDirectory() as folder:
+            self.messages = load_messages(folder)[0]
+        request_json = (REPOSITORY / "tests" / "clients" / "request.json").read_text()
+        self.request = json_format.Parse(request_json, self.messages.PredictRequest())
+        os.environ.update(MANEUVERD_SERVE="small/1", MANEUVERD_HANDSHAKE_TIMEOUT=str(HANDSHAKE_S))
+
+    def start(self):
+        self.stop()
+        self.starts += 1
+        self.replica = Replica(self.work, f"replica{self.starts}", self.options.maneuverd, self.options.model, 0)
+        self.replica.wait_until_ready()
+        self.address = self.replica.address
+        self.authority = None
+        if self.edge:
+            self.balancer = Balancer(self.work, [self.replica, self.replica])
+            self.balancer.wait_until("replica1", "UP")
+            self.address, self.authority = self.balancer.address, self.balancer.authority
+
+    def stop(self):
+        for part in (self.balancer, self.replica):
+            if part is not None:
+                part.process.kill()
+                part.process.wait()
+        self.balancer = self.replica = None
+
+    def processes(self):
+        processes = {"server": self.replica.process}
+        if self.edge:
+            processes["edge"] = self.balancer.process
+        return processes
+
+    def channel(self):
+        if not self.edge:
+            return grpc.insecure_channel(self.address)
+        return grpc.secure_channel(self.address, grpc.ssl_channel_credentials(self.authority.read_bytes()))
+
+    def begin(self, name, seconds, connections):
+        """Starts an attack from an address that has not attacked before: HAProxy remembers."""
+        self.attacks += 1
+        command = ["/usr/bin/python3", attacks.__file__, name, "--address", self.address, "--frames", str(self.options.frames),
+                   "--source", f"127.0.66.{self.attacks}", "--seconds", str(seconds), "--connections", str(connections)]
+        command += ["--authority", self.authority] if self.edge else []
+        return subprocess.Popen(command, stdout=subprocess.PIPE)
+
+    def flood(self, name):
+        """Floods, with a caller before, during and after."""
+        with self.channel() as channel:
+            caller = Caller(channel, self.messages, self.request)
+            begun = time.monotonic()
+            time.sleep(self.options.before)
+            watch = Watch(self.processes())
+            attacked = time.monotonic()
+            attackers = [self.begin(name, self.options.seconds, self.options.connections) for _ in range(self.options.sources)]
+            told = [json.loads(attacker.communicate(timeout=self.options.seconds + 30)[0]) for attacker in attackers]
+            ended = time.monotonic()
+            before = caller.between(begun, attacked)
+            recovered = self.wait_until_recovered(caller, ended, before)
+            grew = watch.end()
+            caller.end()
+        during = caller.between(attacked, ended)
+        self.rows.append((name, told, before, during, recovered, grew, len(caller.failures)))
+        self.judge(name, during, recovered, grew, caller)
+        for program, process in self.processes().items():
+            if process.poll() is not None:
+                raise RuntimeError(f"{name}: {program} ended with status {process.returncode}")
+        if not self.edge and grew["server"] > 48:
+            self.start()
+
+    def wait_until_recovered(self, caller, ended, before):
+        """Seconds after `ended` until five calls in a row took no longer than twice the p99 of `before`."""
+        while time.monotonic() < ended + 4 * LONGEST_RECOVERY_S:
+            after = [call for call in list(caller.answers) if call[0] >= ended]
+            for first in range(len(after) - 4):
+                if all(took <= 2 * p99(before) for _, took in after[first:first + 5]):
+                    return after[first][0] - ended
+            time.sleep(0.05)
+        return float("inf")
+
+    def judge(self, name, during, recovered, grew, caller):
+        limits = {"server": SERVER_BEHIND_EDGE_MB, "edge": EDGE_MB} if self.edge else {"server": SERVER_ALONE_MB.get(name)}
+        for program, most in limits.items():
+            if most is not None and grew[program] > most:
+                self.broken.append(f"{name}: {program} grew by {grew[program]:.0f} MB, more than {most}")
+        if not self.edge and name not in SERVER_ALONE_MB:
+            return
+        if caller.failures:
+            self.broken.append(f"{name}: {len(caller.failures)} failures of another caller: {caller.failures[0]}")
+        if not during or during[-1] > LONGEST_ANSWER_S:
+            self.broken.append(f"{name}: another caller waited {during[-1] if during else 0:.2f} s for one of {len(during)}")
+        if recovered > LONGEST_RECOVERY_S:
+            self.broken.append(f"{name}: recovered after {recovered:.1f} s")
+
+    def judge_loris(self, told):
+        limits = dict.fromkeys(UNSAID + HALF_SAID, REQUEST_S) if self.edge else dict.fromkeys(UNSAID, HANDSHAKE_S)
+        for phase, seconds in limits.items():
+            took = told["closed_after_s"][phase]
+            if told["still_open"][phase] or took is None or took > seconds + SLACK_S:
+                self.broken.append(f"loris: {phase}: closed after {took} s, {told['still_open'][phase]} open")
+        if self.edge and told["refused"] != self.options.loris - SHARE_OF_A_SOURCE:
+            self.broken.append(f"loris: {told['refused']} of {self.options.loris} connections were refused")
+
+    def run(self):
+        self.start()
+        loris = self.begin("loris", (REQUEST_S if self.edge else HANDSHAKE_S) + SLACK_S, self.options.loris)
+        if not self.edge:  # where a flood may need another server
+            self.loris = json.loads(loris.communicate()[0])
+        for name in self.options.attacks:
+            self.flood(name)
+        if self.edge:
+            self.loris = json.loads(loris.communicate()[0])
+            log = (self.work / "haproxy.log").read_text()
+            self.broken += [f"HAProxy: {line}" for line in log.splitlines() if " is DOWN" in line]
+        self.judge_loris(self.loris)
+
+    def print(self):
+        print("| attack | sent MB | ends with | server grew by MB | HAProxy grew by MB | p99 before, ms | p99 during, ms "
+              "| longest, ms | failed | recovered, s |\n|---|---:|---|---:|---:|---:|---:|---:|---:|---:|")
+        for name, told, before, during, recovered, grew, failed in self.rows:
+            sent = sum(t["sent_bytes"] for t in told) / 1e6
+            ends = ", ".join(sorted({error for t in told for error in t["goaway"]})) or ("closed" if told[0]["closed"] else "")
+            edge = f"{grew['edge']:.0f}" if self.edge else ""
+            print(f"| {name} | {sent:.1f} | {ends} | {grew['server']:.0f} | {edge} | {1e3 * p99(before):.0f} "
+                  f"| {1e3 * p99(during):.0f} | {1e3 * max(during, default=0):.0f} | {failed} | {recovered:.1f} |")
+        if self.loris:
+            print("\n| silent after | closed after, s | still open |\n|---|---:|---:|")
+            for phase, took in self.loris["closed_after_s"].items():
+                print(f"| {phase} | {'' if took is None else took} | {self.loris['still_open'][phase]} |")
+            print(f"\n{self.loris['refused']} of {self.options.loris} silent connections were refused at once.")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--maneuverd", default=REPOSITORY / "build" / "release" / "bin" / "maneuverd", type=pathlib.Path)
+    model = parser.add_mutually_exclusive_group(required=True)
+    model.add_argument("--model", type=pathlib.Path, help="folder of a model version")
+    model.add_argument("--small-model", type=pathlib.Path, help="program that writes one")
+    parser.add_argument("--through", choices=("edge", "nothing"), default="edge")
+    parser.add_argument("--frames", type=int, default=20000, help="at most, of each attack and connection")
+    parser.add_argument("--seconds", type=float, default=3, help="at most, of each attack")
+    parser.add_argument("--before", type=float, default=1, help="seconds in which nobody attacks, for comparison")
+    parser.add_argument("--connections", type=int, default=1, help="of each attacker")
+    parser.add_argument("--sources", type=int, default=1, help="attackers at once, each with an address of its own")
+    parser.add_argument("--loris", type=int, default=220, help="connections of a slow loris")
+    parser.add_argument("--attacks", nargs="+", choices=list(attacks.FLOODS), default=list(attacks.FLOODS))
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as work:
+        if options.small_model:
+            options.model = pathlib.Path(work) / "model"
+            subprocess.run([options.small_model, options.model], check=True)
+        trial = Trial(options, pathlib.Path(work))
+        try:
+            trial.run()
+        finally:
+            trial.stop()
+            trial.print()
+    for line in trial.broken:
+        print("broken:", line, file=sys.stderr)
+    sys.exit(1 if trial.broken else 0)
+
+
+if __name__ == "__main__":
+    main()
