@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-namespace maneuver::load {
+namespace maneuver::load::metrics_page_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -83,4 +83,4 @@ TEST(FetchMetricsTest, DistinguishesInvalidAddressesFromUnreachableOnes) {
 }
 
 }  // namespace
-}  // namespace maneuver::load
+}  // namespace maneuver::load::metrics_page_test

@@ -15,7 +15,7 @@
 #include "tests/unit/client/report/made_up_report.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::report {
+namespace maneuver::report::learning_curves_test {
 namespace {
 
 using google::protobuf::internal::WireFormatLite;
@@ -151,4 +151,4 @@ TEST(TensorBoardTest, NamesAFolderThatCannotBeWritten) {
 }
 
 }  // namespace
-}  // namespace maneuver::report
+}  // namespace maneuver::report::learning_curves_test

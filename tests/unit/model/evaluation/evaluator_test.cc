@@ -14,7 +14,7 @@
 #include "model/inference/anchor_model.h"
 #include "tests/unit/model/inference/reference_model.h"
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::evaluator_test {
 namespace {
 
 using inference::Trajectory;
@@ -405,4 +405,4 @@ TEST_F(EvaluatorTest, RefusesRecordingsWithoutAnExampleAndStopsWhenAsked) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::evaluator_test

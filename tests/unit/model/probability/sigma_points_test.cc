@@ -8,7 +8,7 @@
 
 #include "tests/unit/model/probability/quadrature.h"
 
-namespace maneuver::probability {
+namespace maneuver::probability::sigma_points_test {
 namespace {
 
 constexpr int kDimensions = 5;
@@ -119,4 +119,4 @@ TEST(SigmaPointsTest, ExpectedLogDensityMatchesQuadrature) {
 }
 
 }  // namespace
-}  // namespace maneuver::probability
+}  // namespace maneuver::probability::sigma_points_test

@@ -5,7 +5,7 @@
 #include <atomic>
 #include <future>
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::worker_pool_test {
 namespace {
 
 TEST(WorkerPoolTest, WhatWasAcceptedRunsBeforeThePoolEnds) {
@@ -37,4 +37,4 @@ TEST(WorkerPoolTest, RefusesNewWorkBeyondTheLimitButNeverTheNextStep) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::worker_pool_test
