@@ -67,18 +67,43 @@ function(maneuver_program)
     COMPONENT ${ARG_COMPONENT})
 endfunction()
 
-# maneuver_test(NAME scene SOURCES a_test.cc ... DEPENDS ...)
+# Says how the sources of a test program are compiled: together, and with the headers of `owner`
+# (above) if one is named. Optimises them little: their code runs once, and -O2 takes half as long
+# again. What they test is compiled as it is shipped.
+#
+# An x_test.cc is compiled with other tests if it is in a namespace `x_test`. Otherwise it may have
+# private names that another has too, and is compiled alone.
+function(maneuver_test_program target owner)
+  target_compile_options(${target} PRIVATE ${MANEUVER_WARNINGS} "$<$<CONFIG:Release>:-O1>")
+  maneuver_together(${target} TRUE)
+  maneuver_begin_with_headers_of(${target} "${owner}")
+  target_include_directories(${target} PRIVATE "${CMAKE_SOURCE_DIR}")
+  get_target_property(sources ${target} SOURCES)
+  list(FILTER sources INCLUDE REGEX "_test\\.cc$")
+  list(LENGTH sources count)
+  if(count GREATER 1 AND MANEUVER_UNITY)
+    foreach(source IN LISTS sources)
+      get_filename_component(name "${source}" NAME_WE)
+      file(STRINGS "${source}" own REGEX "^namespace ([a-z0-9_:]+::)?${name} {")
+      if(NOT own)
+        message(STATUS "${source} of ${target} is compiled alone: it is in no namespace ${name}")
+        set_source_files_properties("${source}" PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
+      endif()
+    endforeach()
+  endif()
+endfunction()
+
+# maneuver_test(NAME scene SOURCES a_test.cc ... DEPENDS ... [HEADERS_OF maneuver_proto])
 #
 # One program of unit tests, `<name>_test`, for a folder; each case is a ctest.
 function(maneuver_test)
-  cmake_parse_arguments(ARG "" "NAME;TIMEOUT" "SOURCES;DEPENDS" ${ARGN})
+  cmake_parse_arguments(ARG "" "NAME;TIMEOUT;HEADERS_OF" "SOURCES;DEPENDS" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
   set(target ${ARG_NAME}_test)
   add_executable(${target} ${ARG_SOURCES})
-  target_compile_options(${target} PRIVATE ${MANEUVER_WARNINGS})
-  target_include_directories(${target} PRIVATE "${CMAKE_SOURCE_DIR}")
+  maneuver_test_program(${target} "${ARG_HEADERS_OF}")
   target_link_libraries(${target} PRIVATE ${ARG_DEPENDS} GTest::gmock GTest::gtest_main)
   set_target_properties(${target} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
   include(GoogleTest)

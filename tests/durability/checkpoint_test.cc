@@ -5,7 +5,7 @@
 #include "tests/durability/publication.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::durability {
+namespace maneuver::durability::checkpoint_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -45,4 +45,4 @@ TEST(DurabilityTest, ACheckpointIsTheLastOrTheOneBefore) {
 }
 
 }  // namespace
-}  // namespace maneuver::durability
+}  // namespace maneuver::durability::checkpoint_test

@@ -12,7 +12,7 @@
 #include "tests/unit/model/data/recordings_for_tests.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::durability {
+namespace maneuver::durability::dataset_upload_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -140,4 +140,4 @@ TEST(DurabilityTest, WhatHasArrivedIsThereAfterAPowerCut) {
 }
 
 }  // namespace
-}  // namespace maneuver::durability
+}  // namespace maneuver::durability::dataset_upload_test

@@ -6,7 +6,7 @@
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::durability {
+namespace maneuver::durability::model_version_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -55,4 +55,4 @@ TEST(DurabilityTest, AModelVersionIsThereWholeOrNotAtAll) {
 }
 
 }  // namespace
-}  // namespace maneuver::durability
+}  // namespace maneuver::durability::model_version_test

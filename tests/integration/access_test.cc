@@ -14,7 +14,7 @@
 #include "tests/integration/raw_call.h"
 #include "tests/integration/secured_server.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 using ::testing::HasSubstr;
@@ -320,4 +320,4 @@ TEST_F(AccessTest, WhoCallsTooOftenIsToldWhenToComeBackAndOthersAreNotHeldUp) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -20,7 +20,7 @@
 #include "maneuver/v1/training_service.grpc.pb.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 using ::testing::HasSubstr;
@@ -476,4 +476,4 @@ TEST_F(AnswersTest, StopsCleanlyWhenAskedTo) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -10,7 +10,7 @@
 #include <array>
 #include <utility>
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 constexpr int kPollMilliseconds = 50;
@@ -117,4 +117,4 @@ void BreakingProxy::Pass(int client) {
   if (server >= 0) Break(server);
 }
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -9,7 +9,7 @@
 #include <thread>
 #include <vector>
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 
 // A network between a client and a server that counts what the client sends, and breaks when it is
 // told to.
@@ -46,6 +46,6 @@ class BreakingProxy {
   std::thread accepting_;
 };
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration
 
 #endif  // MANEUVER_TESTS_INTEGRATION_BREAKING_PROXY_H_

@@ -12,7 +12,7 @@
 #include <sstream>
 #include <thread>
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 std::vector<char*> Arguments(const std::vector<std::string>& command) {
@@ -91,4 +91,4 @@ TemporaryFolder::~TemporaryFolder() {
   std::filesystem::remove_all(path_, ignored);
 }
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

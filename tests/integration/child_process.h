@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 
 // A program of ours, running. Killed when this goes away.
 class ChildProcess {
@@ -48,6 +48,6 @@ class TemporaryFolder {
   std::filesystem::path path_;
 };
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration
 
 #endif  // MANEUVER_TESTS_INTEGRATION_CHILD_PROCESS_H_

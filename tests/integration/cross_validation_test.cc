@@ -15,7 +15,7 @@
 #include "maneuver/v1/training_service.pb.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 namespace fs = std::filesystem;
@@ -79,4 +79,4 @@ TEST(CrossValidationTest, AJobMeasuresEachRecordingOnceThoughTheServerDies) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

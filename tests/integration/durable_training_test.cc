@@ -26,7 +26,7 @@
 #include "tests/integration/server_process.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 namespace fs = std::filesystem;
@@ -193,4 +193,4 @@ TEST_F(DurableTrainingTest, AServerThatDiesAsItPublishesMakesOneVersionAndTheJob
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -18,7 +18,7 @@
 #include "maneuver/v1/training_service.pb.h"
 #include "tests/integration/server_process.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 using google::protobuf::MethodDescriptor;
@@ -85,4 +85,4 @@ TEST(EveryMethodTest, AnswersAnEmptyRequest) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -24,7 +24,7 @@
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/model/inference/reference_model.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 namespace fs = std::filesystem;
@@ -292,4 +292,4 @@ TEST_F(FaultsTest, WhoNeverReadsHoldsUpNobodyElse) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -13,7 +13,7 @@
 #include "tests/integration/metrics_page.h"
 #include "tests/integration/secured_server.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 using ::testing::HasSubstr;
@@ -31,7 +31,7 @@ class HealthCommandTest : public ::testing::Test {
     command.insert(command.end(), arguments.begin(), arguments.end());
     command.insert(command.end(),
                    {"--data-dir", folder_.file("data").string(), "--listen", listen});
-    return maneuver::testing::Run(command, &output_);
+    return maneuver::integration::Run(command, &output_);
   }
 
   std::vector<std::string> Tls() const {
@@ -82,12 +82,12 @@ TEST_F(HealthCommandTest, ReadsTheServersFileAndRefusesWhatTheServerWouldRefuse)
   folder_.Write("maneuverd.conf", "listen = " + server->address() + "\ndata-dir = \"" +
                                       folder_.file("data").string() + "\"\n");
   EXPECT_EQ(
-      maneuver::testing::Run(
+      maneuver::integration::Run(
           {MANEUVERD, "health", "--config", folder_.file("maneuverd.conf").string()}, &output_),
       kServing);
   folder_.Write("maneuverd.conf", "lissen = " + server->address() + "\n");
   EXPECT_EQ(
-      maneuver::testing::Run(
+      maneuver::integration::Run(
           {MANEUVERD, "health", "--config", folder_.file("maneuverd.conf").string()}, &output_),
       kCannotAsk);
   EXPECT_EQ(Probe("127.0.0.1:0"), kCannotAsk);
@@ -104,7 +104,7 @@ TEST_F(HealthCommandTest, TheServiceIsNamedBeforeTheOptionsOrAfterThem) {
          address},
         {MANEUVERD, "health", "--data-dir=" + data_dir, "--listen=" + address,
          "maneuver.v1.PredictionService"}}) {
-    EXPECT_EQ(maneuver::testing::Run(command, &output_), kNotServing) << output_;
+    EXPECT_EQ(maneuver::integration::Run(command, &output_), kNotServing) << output_;
     EXPECT_THAT(output_, HasSubstr("PredictionService is not ready to serve"));
   }
 }
@@ -145,4 +145,4 @@ TEST_F(HealthCommandTest, BringsACertificateWhereOneIsAskedFor) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

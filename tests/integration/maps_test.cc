@@ -18,7 +18,7 @@
 #include "model/data/waymo_reader.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 class MapsTest : public ::testing::Test {
@@ -138,4 +138,4 @@ TEST_F(MapsTest, AnIdleStreamDoesNotHoldUpTheEndOfTheServer) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -11,7 +11,7 @@
 #include <set>
 #include <sstream>
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 int RunShell(const std::string& script, std::string* output) {
@@ -105,4 +105,4 @@ void ExpectPromtoolIsContent(const std::string& page, const std::filesystem::pat
   EXPECT_EQ(output, "");
 }
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -6,7 +6,7 @@
 
 #include "tests/integration/server_process.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 
 // What GET http://ADDRESS/PATH of a server is answered, with its head.
 std::string HttpGet(const ServerProcess& server, const std::string& path);
@@ -31,6 +31,6 @@ void ExpectShape(const std::string& shape, const std::filesystem::path& golden,
 bool HasPromtool();
 void ExpectPromtoolIsContent(const std::string& page, const std::filesystem::path& file);
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration
 
 #endif  // MANEUVER_TESTS_INTEGRATION_METRICS_PAGE_H_

@@ -22,7 +22,7 @@
 #include "tests/integration/raw_call.h"
 #include "tests/integration/secured_server.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 using google::protobuf::FieldDescriptor;
@@ -247,4 +247,4 @@ TEST(NamesTest, NoNameOfAnyRequestLeadsOutOfTheDataFolder) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -13,7 +13,7 @@
 #include "tests/integration/metrics_page.h"
 #include "tests/integration/secured_server.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 using ::testing::HasSubstr;
@@ -179,4 +179,4 @@ TEST_F(ObservabilityTest, TheLogHasNoPayloadsTokensOrPaths) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

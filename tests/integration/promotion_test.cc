@@ -17,7 +17,7 @@
 #include "maneuver/v1/training_service.grpc.pb.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 namespace fs = std::filesystem;
@@ -185,4 +185,4 @@ TEST_F(PromotionTest, AVersionLearnsOnFromAnotherWithMoreOfTheNewRecordings) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

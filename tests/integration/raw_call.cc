@@ -10,7 +10,7 @@
 
 #include "maneuver/v1/status.pb.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 constexpr char kReflection[] = "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo";
@@ -135,4 +135,4 @@ std::string Reason(const grpc::Status& status) {
   return "";
 }
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

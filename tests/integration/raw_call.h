@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 
 using Headers = std::multimap<std::string, std::string>;
 
@@ -34,6 +34,6 @@ std::vector<std::string> MethodsByReflection(const std::shared_ptr<grpc::Channel
 // ErrorInfo.reason of a failed call; empty if there is none.
 std::string Reason(const grpc::Status& status);
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration
 
 #endif  // MANEUVER_TESTS_INTEGRATION_RAW_CALL_H_

@@ -9,7 +9,7 @@
 #include <algorithm>
 #include <cstdint>
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 constexpr size_t kFrameHeader = 9;
@@ -117,4 +117,4 @@ RawHttp2::Received RawHttp2::Read(int messages, std::chrono::milliseconds patien
   return received;
 }
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -4,7 +4,7 @@
 #include <chrono>
 #include <string>
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 
 // A client that speaks just enough HTTP/2 (RFC 9113) to behave as no library would: it says half of
 // what it should, or nothing, and reads nothing unless told to. In plain text, over loopback.
@@ -48,6 +48,6 @@ class RawHttp2 {
   std::string unread_;  // the start of a frame
 };
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration
 
 #endif  // MANEUVER_TESTS_INTEGRATION_RAW_HTTP2_H_

@@ -12,7 +12,7 @@
 
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 using ::testing::HasSubstr;
@@ -71,4 +71,4 @@ TEST(RealScenesTest, ImportUploadTrainAndPredictWithPictures) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -5,7 +5,7 @@
 #include <fstream>
 #include <sstream>
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 
 namespace fs = std::filesystem;
 
@@ -63,4 +63,4 @@ std::shared_ptr<grpc::Channel> Connect(const ServerProcess& server, const std::s
   return grpc::CreateCustomChannel(server.address(), credentials, arguments);
 }
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

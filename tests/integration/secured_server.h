@@ -11,7 +11,7 @@
 #include "tests/integration/server_process.h"
 #include "tests/integration/test_certificates.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 
 // A folder with what a secured server is started with: certificates and tokens that it may read
 // again while it runs.
@@ -46,6 +46,6 @@ class SecuredFolder {
 std::shared_ptr<grpc::Channel> Connect(const ServerProcess& server, const std::string& roots,
                                        const TestCertificate& client = {});
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration
 
 #endif  // MANEUVER_TESTS_INTEGRATION_SECURED_SERVER_H_

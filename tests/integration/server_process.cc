@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 
 ServerProcess::ServerProcess(const std::filesystem::path& data_dir,
                              std::vector<std::string> flags) {
@@ -65,4 +65,4 @@ int RunManeuver(const ServerProcess& server, std::vector<std::string> arguments,
   return Run(command, output);
 }
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

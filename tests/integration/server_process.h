@@ -12,7 +12,7 @@
 
 #include "tests/integration/child_process.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 
 // maneuverd on free ports of loopback, over a data folder.
 class ServerProcess {
@@ -46,6 +46,6 @@ class ServerProcess {
 int RunManeuver(const ServerProcess& server, std::vector<std::string> arguments,
                 std::string* output);
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration
 
 #endif  // MANEUVER_TESTS_INTEGRATION_SERVER_PROCESS_H_

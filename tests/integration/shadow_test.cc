@@ -22,7 +22,7 @@
 #include "tests/integration/trained_server.h"
 #include "tests/unit/model/inference/reference_model.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 // The shadow gives way to whatever else the machine does.
@@ -170,4 +170,4 @@ TEST_F(ShadowTest, ACandidateThatDoesNotLoadFailsNoCaller) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

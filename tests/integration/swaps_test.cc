@@ -20,7 +20,7 @@
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/model/inference/reference_model.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 namespace fs = std::filesystem;
@@ -138,4 +138,4 @@ TEST(SwapsTest, UnderLoadEachAnswerIsOfOneVersionAndNoneFails) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

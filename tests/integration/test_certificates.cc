@@ -5,7 +5,7 @@
 #include <openssl/pem.h>
 #include <openssl/x509v3.h>
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 constexpr long kDay = 24 * 3600;
@@ -71,4 +71,4 @@ TestAuthority::X509Ptr TestAuthority::Sign(EVP_PKEY* key, const std::string& com
   return certificate;
 }
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -7,7 +7,7 @@
 #include <memory>
 #include <string>
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 
 struct TestCertificate {
   std::string certificate;  // PEM
@@ -44,6 +44,6 @@ class TestAuthority {
   long serial_ = 0;
 };
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration
 
 #endif  // MANEUVER_TESTS_INTEGRATION_TEST_CERTIFICATES_H_

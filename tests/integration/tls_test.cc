@@ -17,7 +17,7 @@
 #include "tests/integration/raw_call.h"
 #include "tests/integration/secured_server.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 using ::testing::AllOf;
@@ -221,7 +221,7 @@ TEST_F(TlsTest, WhatCannotBeMeantIsRefusedWithWhatToDo) {
       command.push_back(flag);
     }
     std::string output;
-    const int status = testing::Run(command, &output);
+    const int status = integration::Run(command, &output);
     EXPECT_TRUE(status == 1 || status == 2) << status;
     EXPECT_THAT(output, HasSubstr(misuse.says));
     EXPECT_FALSE(std::filesystem::exists(f("refused"))) << "refused before anything is touched";
@@ -245,7 +245,7 @@ TEST_F(TlsTest, TheCommandSpeaksTlsAndKeepsItsTokenToItself) {
   EXPECT_EQ(RunManeuver(*server, {"job", "list"}, &output), 1);
   EXPECT_THAT(output, HasSubstr("--tls"));
   // Every kind of call carries the token.
-  EXPECT_EQ(testing::Run({MANEUVER, "synthesize", f("town"), "--recordings", "1"}, &output), 0)
+  EXPECT_EQ(integration::Run({MANEUVER, "synthesize", f("town"), "--recordings", "1"}, &output), 0)
       << output;
   const std::vector<std::string> known = {"--tls-ca", f("ca.crt"), "--token-file", f("token")};
   const auto as_researcher = [&](std::vector<std::string> arguments) {
@@ -257,7 +257,7 @@ TEST_F(TlsTest, TheCommandSpeaksTlsAndKeepsItsTokenToItself) {
   EXPECT_THAT(output, HasSubstr("jobs/none"));
   EXPECT_EQ(as_researcher({"health"}), 0) << output;
   // Plain text beyond this machine: nothing is sent at all.
-  EXPECT_EQ(testing::Run(
+  EXPECT_EQ(integration::Run(
                 {MANEUVER, "--server", "192.0.2.1:8470", "--token-file", f("token"), "job", "list"},
                 &output),
             2);
@@ -266,7 +266,7 @@ TEST_F(TlsTest, TheCommandSpeaksTlsAndKeepsItsTokenToItself) {
   const std::string script = "MANEUVER_TOKEN=$(cat " + f("token") +
                              ") MANEUVER_TLS_CA=" + f("ca.crt") + " " + MANEUVER + " --server " +
                              server->address() + " job list";
-  EXPECT_EQ(testing::Run({"/bin/sh", "-c", script}, &output), 0) << output;
+  EXPECT_EQ(integration::Run({"/bin/sh", "-c", script}, &output), 0) << output;
 }
 
 TEST_F(TlsTest, AConnectionHoldsSoManyCallsAndIsClosedWhenNobodyCalls) {
@@ -297,4 +297,4 @@ TEST_F(TlsTest, AConnectionHoldsSoManyCallsAndIsClosedWhenNobodyCalls) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -8,7 +8,7 @@
 #include "model/data/dataset_folder.h"
 #include "model/data/town/synthetic_town.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 
 const char kTinySettings[] = R"({
   "preset": "compact",
@@ -69,4 +69,4 @@ void TrainedServer::Restart() {
   server_ = std::make_unique<ServerProcess>(data_dir());
 }
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

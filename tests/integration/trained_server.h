@@ -9,7 +9,7 @@
 #include "maneuver/v1/scenario.pb.h"
 #include "tests/integration/server_process.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 
 // TrainingSettings as JSON: a model that trains in seconds, 12 actions, 10 waypoints over 4 s.
 extern const char kTinySettings[];
@@ -41,6 +41,6 @@ class TrainedServer {
   std::vector<v1::Scenario> unseen_;
 };
 
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration
 
 #endif  // MANEUVER_TESTS_INTEGRATION_TRAINED_SERVER_H_

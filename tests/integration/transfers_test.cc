@@ -20,7 +20,7 @@
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/model/inference/reference_model.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 namespace fs = std::filesystem;
@@ -336,4 +336,4 @@ TEST_F(TransfersTest, DownloadsSayWhichBytesAreHere) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

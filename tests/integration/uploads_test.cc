@@ -22,7 +22,7 @@
 #include "tests/integration/server_process.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
 
-namespace maneuver::testing {
+namespace maneuver::integration {
 namespace {
 
 using ::testing::HasSubstr;
@@ -139,7 +139,7 @@ TEST_F(UploadsTest, OfACommandThatWasKilledGoOnWithTheSameCommand) {
   }
   // The server may have some of it in hand still.
   std::string output;
-  EXPECT_EQ(testing::Run(upload, &output), 0) << output;
+  EXPECT_EQ(integration::Run(upload, &output), 0) << output;
   EXPECT_THAT(output, HasSubstr("resumed: "));
   EXPECT_THAT(output, HasSubstr(" were there"));
   EXPECT_THAT(output, HasSubstr("datasets/big: 40 recordings"));
@@ -150,4 +150,4 @@ TEST_F(UploadsTest, OfACommandThatWasKilledGoOnWithTheSameCommand) {
 }
 
 }  // namespace
-}  // namespace maneuver::testing
+}  // namespace maneuver::integration

@@ -5,7 +5,7 @@
 #include "client/observed_scenario.h"
 #include "client/retry.h"
 
-namespace maneuver::client {
+namespace maneuver::client::client_pieces_test {
 namespace {
 
 TEST(BackoffTest, DoublesUpToItsLimit) {
@@ -160,4 +160,4 @@ TEST(StripFutureTest, KeepsStatesUpToThePredictionTime) {
 }
 
 }  // namespace
-}  // namespace maneuver::client
+}  // namespace maneuver::client::client_pieces_test

@@ -13,7 +13,7 @@
 #include "tests/unit/client/test_server.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::client {
+namespace maneuver::client::client_test {
 namespace {
 
 std::unique_ptr<Client> ConnectTo(const std::string& address, int max_attempts = 4) {
@@ -490,4 +490,4 @@ TEST(ClientTest, NamesInvalidCredentialFiles) {
 }
 
 }  // namespace
-}  // namespace maneuver::client
+}  // namespace maneuver::client::client_test

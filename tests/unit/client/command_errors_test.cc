@@ -29,11 +29,11 @@
 #include "tests/unit/model/inference/reference_model.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::cli {
+namespace maneuver::cli::command_errors_test {
 namespace {
 
-using maneuver::testing::TestAuthority;
-using maneuver::testing::TestCertificate;
+using maneuver::integration::TestAuthority;
+using maneuver::integration::TestCertificate;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -325,4 +325,4 @@ TEST_F(TlsErrorsTest, AServerInPlainTextIsSaidToBeSo) {
 }
 
 }  // namespace
-}  // namespace maneuver::cli
+}  // namespace maneuver::cli::command_errors_test

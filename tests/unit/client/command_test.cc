@@ -23,7 +23,7 @@
 #include "tests/unit/model/inference/reference_model.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::cli {
+namespace maneuver::cli::command_test {
 namespace {
 
 using testing::ElementsAre;
@@ -471,4 +471,4 @@ TEST(TargetSelectionTest, TargetsOfTheRecordingComeFirstWhileInSight) {
 }
 
 }  // namespace
-}  // namespace maneuver::cli
+}  // namespace maneuver::cli::command_test

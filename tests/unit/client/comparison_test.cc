@@ -6,7 +6,7 @@
 #include "client/cli/comparison_text.h"
 #include "client/cli/job_display.h"
 
-namespace maneuver::cli {
+namespace maneuver::cli::comparison_test {
 namespace {
 
 using testing::HasSubstr;
@@ -77,4 +77,4 @@ TEST(PromotionTextTest, SaysWhetherWhyAndByWhichFigures) {
 }
 
 }  // namespace
-}  // namespace maneuver::cli
+}  // namespace maneuver::cli::comparison_test

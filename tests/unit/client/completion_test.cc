@@ -16,7 +16,7 @@
 #include "tests/unit/client/run_maneuver.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::cli {
+namespace maneuver::cli::completion_test {
 namespace {
 
 using ::testing::AllOf;
@@ -143,4 +143,4 @@ TEST(CompletionCommandTest, WantsAShell) {
 }
 
 }  // namespace
-}  // namespace maneuver::cli
+}  // namespace maneuver::cli::completion_test

@@ -17,7 +17,7 @@
 #include "tests/unit/model/data/recordings_for_tests.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::cli {
+namespace maneuver::cli::dataset_command_test {
 namespace {
 
 using testing::AllOf;
@@ -138,4 +138,4 @@ TEST(DescriptionTextTest, BarsAreAsLongAsTheirShares) {
 }
 
 }  // namespace
-}  // namespace maneuver::cli
+}  // namespace maneuver::cli::dataset_command_test

@@ -12,7 +12,7 @@
 #include "client/plot/reliability_plot.h"
 #include "tests/unit/client/pictures_for_tests.h"
 
-namespace maneuver::plot {
+namespace maneuver::plot::evaluation_plots_test {
 namespace {
 
 // Returns one action as in Answer, whose sigma trajectories end `spread` metres to each side.
@@ -170,4 +170,4 @@ TEST(ReliabilityPlotTest, RefusesAReportWithoutATable) {
 }
 
 }  // namespace
-}  // namespace maneuver::plot
+}  // namespace maneuver::plot::evaluation_plots_test

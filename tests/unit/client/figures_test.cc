@@ -17,7 +17,7 @@
 #include "maneuver/v1/prediction_service.grpc.pb.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::cli {
+namespace maneuver::cli::figures_test {
 namespace {
 
 using testing::ElementsAre;
@@ -177,4 +177,4 @@ TEST_F(FiguresTest, WhatCannotBeDrawnIsSaidAndTheOthersAreDrawn) {
 }
 
 }  // namespace
-}  // namespace maneuver::cli
+}  // namespace maneuver::cli::figures_test

@@ -16,7 +16,7 @@
 #include "tests/unit/model/data/wire_format.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::cli {
+namespace maneuver::cli::import_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -160,4 +160,4 @@ TEST_F(ImportTest, NothingToImportIsSaid) {
 }
 
 }  // namespace
-}  // namespace maneuver::cli
+}  // namespace maneuver::cli::import_test

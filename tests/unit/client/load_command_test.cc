@@ -11,7 +11,7 @@
 #include "client/cli/maneuver.h"
 #include "client/cli/table.h"
 
-namespace maneuver::cli {
+namespace maneuver::cli::load_command_test {
 namespace {
 
 using std::chrono::milliseconds;
@@ -155,4 +155,4 @@ TEST(LoadReportTest, WhatANoisyStepLacksIsADash) {
 }
 
 }  // namespace
-}  // namespace maneuver::cli
+}  // namespace maneuver::cli::load_command_test

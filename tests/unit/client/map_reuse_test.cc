@@ -10,7 +10,7 @@
 #include "client/error_details.h"
 #include "tests/unit/client/test_server.h"
 
-namespace maneuver::client {
+namespace maneuver::client::map_reuse_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -208,4 +208,4 @@ TEST_F(MapReuseTest, ManyThreadsShareTheirMaps) {
 }
 
 }  // namespace
-}  // namespace maneuver::client
+}  // namespace maneuver::client::map_reuse_test

@@ -17,7 +17,7 @@
 #include "maneuver/v1/model_service.grpc.pb.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::cli {
+namespace maneuver::cli::model_command_test {
 namespace {
 
 using testing::ContainsRegex;
@@ -241,4 +241,4 @@ TEST_F(ModelCommandTest, DrawsAGalleryOfRelativeActionsAtFourSpeeds) {
 }
 
 }  // namespace
-}  // namespace maneuver::cli
+}  // namespace maneuver::cli::model_command_test

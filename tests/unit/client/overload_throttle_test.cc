@@ -10,7 +10,7 @@
 #include "client/error_details.h"
 #include "tests/unit/client/test_server.h"
 
-namespace maneuver::client {
+namespace maneuver::client::overload_throttle_test {
 namespace {
 
 constexpr absl::Duration kTimeout = absl::Milliseconds(500);
@@ -164,4 +164,4 @@ TEST(OverloadThrottleTest, AClientHoldsBackBothKindsOfPredictionsUnlessTurnedOff
 }
 
 }  // namespace
-}  // namespace maneuver::client
+}  // namespace maneuver::client::overload_throttle_test

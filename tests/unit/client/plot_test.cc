@@ -15,7 +15,7 @@
 #include "model/scene/pose2.h"
 #include "tests/unit/client/pictures_for_tests.h"
 
-namespace maneuver::plot {
+namespace maneuver::plot::plot_test {
 namespace {
 
 // Returns how far a pixel near a world point is from a colour, in one panel 140 m wide.
@@ -428,4 +428,4 @@ TEST(AxesTest, TicksAreRoundNumbers) {
 }
 
 }  // namespace
-}  // namespace maneuver::plot
+}  // namespace maneuver::plot::plot_test

@@ -6,7 +6,7 @@
 
 #include "tests/unit/client/pictures_for_tests.h"
 
-namespace maneuver::plot {
+namespace maneuver::plot::png_test {
 namespace {
 
 cv::Mat Noise(int rows, int columns) {
@@ -38,4 +38,4 @@ TEST(PngTest, CompressesRepeatedPixels) {
 }
 
 }  // namespace
-}  // namespace maneuver::plot
+}  // namespace maneuver::plot::png_test

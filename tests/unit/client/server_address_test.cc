@@ -6,7 +6,7 @@
 #include "client/credentials.h"
 #include "tests/unit/client/test_server.h"
 
-namespace maneuver::client {
+namespace maneuver::client::server_address_test {
 namespace {
 
 TEST(ServerAddressTest, PassesASingleServerUnchanged) {
@@ -104,4 +104,4 @@ TEST(SeveralServersTest, SendsPredictionsInTurnToReadyServers) {
 }
 
 }  // namespace
-}  // namespace maneuver::client
+}  // namespace maneuver::client::server_address_test

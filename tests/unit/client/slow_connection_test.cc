@@ -15,7 +15,7 @@
 #include "client/client.h"
 #include "tests/unit/client/test_server.h"
 
-namespace maneuver::client {
+namespace maneuver::client::slow_connection_test {
 namespace {
 
 sockaddr_in Loopback(int port) {
@@ -104,4 +104,4 @@ TEST(SlowConnectionTest, ReachesAServerThatIsSlowToAccept) {
 }
 
 }  // namespace
-}  // namespace maneuver::client
+}  // namespace maneuver::client::slow_connection_test

@@ -10,7 +10,7 @@
 #include "client/client.h"
 #include "tests/unit/client/test_server.h"
 
-namespace maneuver::client {
+namespace maneuver::client::started_predictions_test {
 namespace {
 
 std::unique_ptr<Client> ConnectTo(const TestServer& server, bool own_connection = false) {
@@ -207,4 +207,4 @@ TEST(ClientTest, ClientsShareAConnectionUnlessToldOtherwise) {
 }
 
 }  // namespace
-}  // namespace maneuver::client
+}  // namespace maneuver::client::started_predictions_test

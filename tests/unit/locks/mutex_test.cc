@@ -5,7 +5,7 @@
 #include <chrono>
 #include <thread>
 
-namespace maneuver {
+namespace maneuver::mutex_test {
 namespace {
 
 // Returns whether another thread could take the mutex now.
@@ -65,4 +65,4 @@ TEST(CondVarTest, SaysThatTheTimeIsOver) {
 }
 
 }  // namespace
-}  // namespace maneuver
+}  // namespace maneuver::mutex_test

@@ -5,7 +5,7 @@
 #include <chrono>
 #include <thread>
 
-namespace maneuver {
+namespace maneuver::stop_latch_test {
 namespace {
 
 using std::chrono::hours;
@@ -33,4 +33,4 @@ TEST(StopLatchTest, EndsLaterWaitsAtOnce) {
 }
 
 }  // namespace
-}  // namespace maneuver
+}  // namespace maneuver::stop_latch_test

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <map>
 
-namespace maneuver::load {
+namespace maneuver::load::arrivals_test {
 namespace {
 
 using std::chrono::nanoseconds;
@@ -56,4 +56,4 @@ TEST(ArrivalsTest, TheSeedDecidesTheTimes) {
 }
 
 }  // namespace
-}  // namespace maneuver::load
+}  // namespace maneuver::load::arrivals_test

@@ -13,7 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/load/metrics_page.h"
 
-namespace maneuver::load {
+namespace maneuver::load::fetch_metrics_test {
 namespace {
 
 using testing::HasSubstr;
@@ -111,4 +111,4 @@ TEST(FetchMetricsAddressTest, DistinguishesInvalidAddressesFromUnreachableOnes) 
 }
 
 }  // namespace
-}  // namespace maneuver::load
+}  // namespace maneuver::load::fetch_metrics_test

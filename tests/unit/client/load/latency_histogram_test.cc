@@ -6,7 +6,7 @@
 #include <cmath>
 #include <random>
 
-namespace maneuver::load {
+namespace maneuver::load::latency_histogram_test {
 namespace {
 
 using std::chrono::nanoseconds;
@@ -68,4 +68,4 @@ TEST(LatencyHistogramTest, IsZeroWhenEmptyAndClampsExtremes) {
 }
 
 }  // namespace
-}  // namespace maneuver::load
+}  // namespace maneuver::load::latency_histogram_test

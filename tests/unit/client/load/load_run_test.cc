@@ -6,7 +6,7 @@
 #include "maneuver/v1/status.pb.h"
 #include "tests/unit/client/load/simulated_server.h"
 
-namespace maneuver::load {
+namespace maneuver::load::load_run_test {
 namespace {
 
 using std::chrono::milliseconds;
@@ -221,4 +221,4 @@ TEST_F(LoadRunTest, DoesNotWaitForeverForAnAnswer) {
 }
 
 }  // namespace
-}  // namespace maneuver::load
+}  // namespace maneuver::load::load_run_test

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-namespace maneuver::load {
+namespace maneuver::load::metrics_page_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -73,4 +73,4 @@ TEST(MetricsPageTest, AnEmptyChangeHasNoMean) {
 }
 
 }  // namespace
-}  // namespace maneuver::load
+}  // namespace maneuver::load::metrics_page_test

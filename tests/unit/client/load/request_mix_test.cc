@@ -5,7 +5,7 @@
 
 #include <set>
 
-namespace maneuver::load {
+namespace maneuver::load::request_mix_test {
 namespace {
 
 // Agents 10 * id, 10 * id + 1, ...: each is a target with one state before and one after the
@@ -81,4 +81,4 @@ TEST(RequestMixTest, TheSeedDecidesTheRequests) {
 }
 
 }  // namespace
-}  // namespace maneuver::load
+}  // namespace maneuver::load::request_mix_test

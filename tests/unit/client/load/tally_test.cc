@@ -4,7 +4,7 @@
 
 #include "client/error_details.h"
 
-namespace maneuver::load {
+namespace maneuver::load::tally_test {
 namespace {
 
 using std::chrono::milliseconds;
@@ -106,4 +106,4 @@ TEST(TallyTest, TargetsRefusedWithinAnAnswerAreAFailure) {
 }
 
 }  // namespace
-}  // namespace maneuver::load
+}  // namespace maneuver::load::tally_test

@@ -15,7 +15,7 @@
 #include "tests/unit/client/report/made_up_report.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::report {
+namespace maneuver::report::learning_curves_test {
 namespace {
 
 using google::protobuf::io::CodedInputStream;
@@ -150,4 +150,4 @@ TEST(TensorBoardTest, NamesAFolderThatCannotBeWritten) {
 }
 
 }  // namespace
-}  // namespace maneuver::report
+}  // namespace maneuver::report::learning_curves_test

@@ -19,7 +19,7 @@
 #include "tests/unit/client/run_maneuver.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::cli {
+namespace maneuver::cli::report_command_test {
 namespace {
 
 using nlohmann::json;
@@ -333,4 +333,4 @@ TEST_F(ReportCommandTest, ADetachedJobIsReportedLater) {
 }
 
 }  // namespace
-}  // namespace maneuver::cli
+}  // namespace maneuver::cli::report_command_test

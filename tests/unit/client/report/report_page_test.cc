@@ -13,7 +13,7 @@
 #include "model/files/digest.h"
 #include "tests/unit/client/report/made_up_report.h"
 
-namespace maneuver::report {
+namespace maneuver::report::report_page_test {
 namespace {
 
 using nlohmann::json;
@@ -168,4 +168,4 @@ TEST(ReportJsonTest, ALearningCurveHasNullsWhereAnEpochLacksATerm) {
 }
 
 }  // namespace
-}  // namespace maneuver::report
+}  // namespace maneuver::report::report_page_test

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-namespace maneuver::report {
+namespace maneuver::report::scene_choice_test {
 namespace {
 
 using testing::Contains;
@@ -134,4 +134,4 @@ TEST(ChooseScenesTest, ShowsEveryClassByItsMedian) {
 TEST(ChooseScenesTest, OfNoneThereIsNone) { EXPECT_TRUE(ChooseScenes({}, 24).empty()); }
 
 }  // namespace
-}  // namespace maneuver::report
+}  // namespace maneuver::report::scene_choice_test

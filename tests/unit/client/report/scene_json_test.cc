@@ -9,7 +9,7 @@
 
 #include "tests/unit/client/report/made_up_report.h"
 
-namespace maneuver::report {
+namespace maneuver::report::scene_json_test {
 namespace {
 
 using nlohmann::json;
@@ -108,4 +108,4 @@ TEST(SceneJsonTest, ASignalStandsAtTheStartOfItsLaneAndChangesWithTime) {
 }
 
 }  // namespace
-}  // namespace maneuver::report
+}  // namespace maneuver::report::scene_json_test

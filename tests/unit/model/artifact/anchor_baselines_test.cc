@@ -7,7 +7,7 @@
 #include "model/artifact/model_spec.h"
 #include "model/artifact/training_presets.h"
 
-namespace maneuver::artifact {
+namespace maneuver::artifact::anchor_baselines_test {
 namespace {
 
 using google::protobuf::util::MessageDifferencer;
@@ -36,4 +36,4 @@ TEST(AnchorSpecTest, ReadsTheSceneLikeTheModelAndDecodesNoAction) {
 }
 
 }  // namespace
-}  // namespace maneuver::artifact
+}  // namespace maneuver::artifact::anchor_baselines_test

@@ -12,7 +12,7 @@
 #include "model/artifact/training_presets.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 
-namespace maneuver::artifact {
+namespace maneuver::artifact::model_cost_test {
 namespace {
 
 v1::ModelSpec ResNet50() {
@@ -120,4 +120,4 @@ TEST(ModelCostTest, CountsTheLayersThatReadVectorsAndLanes) {
 }
 
 }  // namespace
-}  // namespace maneuver::artifact
+}  // namespace maneuver::artifact::model_cost_test

@@ -17,7 +17,7 @@
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::artifact {
+namespace maneuver::artifact::model_folder_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -268,4 +268,4 @@ INSTANTIATE_TEST_SUITE_P(
     [](const testing::TestParamInfo<Damage>& fault) { return fault.param.name; });
 
 }  // namespace
-}  // namespace maneuver::artifact
+}  // namespace maneuver::artifact::model_folder_test

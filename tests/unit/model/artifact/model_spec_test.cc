@@ -9,7 +9,7 @@
 #include "model/artifact/backbone_layers.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 
-namespace maneuver::artifact {
+namespace maneuver::artifact::model_spec_test {
 namespace {
 
 using testing::DoubleNear;
@@ -266,4 +266,4 @@ TEST(ModelSpecTest, WaypointsBeginOneIntervalAfterThePresent) {
 }
 
 }  // namespace
-}  // namespace maneuver::artifact
+}  // namespace maneuver::artifact::model_spec_test

@@ -9,7 +9,7 @@
 #include "model/artifact/model_spec.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 
-namespace maneuver::artifact {
+namespace maneuver::artifact::pruning_test {
 namespace {
 
 using testing::ElementsAre;
@@ -63,4 +63,4 @@ TEST(PruningTest, RefusesUnknownRepeatedOrTooFewActions) {
 }
 
 }  // namespace
-}  // namespace maneuver::artifact
+}  // namespace maneuver::artifact::pruning_test

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <cstring>
 
-namespace maneuver::artifact {
+namespace maneuver::artifact::safetensors_test {
 namespace {
 
 using testing::HasSubstr;
@@ -126,4 +126,4 @@ INSTANTIATE_TEST_SUITE_P(
     [](const testing::TestParamInfo<Damage>& fault) { return fault.param.name; });
 
 }  // namespace
-}  // namespace maneuver::artifact
+}  // namespace maneuver::artifact::safetensors_test

@@ -8,7 +8,7 @@
 
 #include "model/artifact/model_spec.h"
 
-namespace maneuver::artifact {
+namespace maneuver::artifact::training_presets_test {
 namespace {
 
 using testing::ElementsAre;
@@ -344,4 +344,4 @@ TEST(TrainingPresetsTest, ListsSixteenWrongFieldsAndCountsTheOthers) {
 }
 
 }  // namespace
-}  // namespace maneuver::artifact
+}  // namespace maneuver::artifact::training_presets_test

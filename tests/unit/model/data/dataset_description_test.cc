@@ -12,7 +12,7 @@
 #include "tests/unit/model/data/recordings_for_tests.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::data {
+namespace maneuver::data::dataset_description_test {
 namespace {
 
 // One second of past, two of future.
@@ -150,4 +150,4 @@ TEST_F(DatasetDescriptionTest, ReportsADamagedRecordOnAnyNumberOfThreads) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::dataset_description_test

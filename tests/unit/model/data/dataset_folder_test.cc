@@ -12,7 +12,7 @@
 #include "tests/unit/model/data/recordings_for_tests.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::data {
+namespace maneuver::data::dataset_folder_test {
 namespace {
 
 using testing::ElementsAre;
@@ -320,4 +320,4 @@ TEST_F(DatasetFolderTest, DescribeCountsTheContent) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::dataset_folder_test

@@ -8,7 +8,7 @@
 #include "model/files/digest.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::data {
+namespace maneuver::data::dataset_manifest_test {
 namespace {
 
 using testing::ElementsAre;
@@ -138,4 +138,4 @@ TEST(DatasetManifestTest, AMissingManifestIsNotFoundAndADamagedOneIsDataLoss) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::dataset_manifest_test

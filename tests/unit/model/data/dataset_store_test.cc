@@ -13,7 +13,7 @@
 #include "tests/unit/model/data/recordings_for_tests.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::data {
+namespace maneuver::data::dataset_store_test {
 namespace {
 
 using testing::AllOf;
@@ -457,4 +457,4 @@ TEST_F(DatasetStoreTest, ListsSummariesOfRecordingsInOrder) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::dataset_store_test

@@ -10,7 +10,7 @@
 
 #include "model/data/stable_hash.h"
 
-namespace maneuver::data {
+namespace maneuver::data::example_index_test {
 namespace {
 
 using testing::DoubleNear;
@@ -325,4 +325,4 @@ TEST(ExampleIndexTest, LeavesOutAVehicleThatIsPhysicallyImpossible) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::example_index_test

@@ -12,7 +12,7 @@
 #include "tests/unit/model/data/recordings_for_tests.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::data {
+namespace maneuver::data::label_file_test {
 namespace {
 
 using testing::AllOf;
@@ -165,4 +165,4 @@ TEST_F(LabelFileTest, DoesNotReplaceAnExistingFolderAndLeavesNothing) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::label_file_test

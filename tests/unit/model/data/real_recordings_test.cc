@@ -14,7 +14,7 @@
 #include "model/data/waymo_reader.h"
 #include "model/scene/scenario_validation.h"
 
-namespace maneuver::data {
+namespace maneuver::data::real_recordings_test {
 namespace {
 
 std::vector<std::filesystem::path> RecordFiles(const std::filesystem::path& folder) {
@@ -80,4 +80,4 @@ TEST(RealRecordingsTest, EveryWaymoScenarioIsValidAndGivesExamples) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::real_recordings_test

@@ -10,7 +10,7 @@
 #include "tests/unit/model/data/recordings_for_tests.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::data {
+namespace maneuver::data::recording_blocks_test {
 namespace {
 
 using testing::ElementsAre;
@@ -95,4 +95,4 @@ TEST_F(RecordingBlocksTest, EndsWithTheErrorOfAVisitAndWhenItIsStopped) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::recording_blocks_test

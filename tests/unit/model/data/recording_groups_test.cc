@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-namespace maneuver::data {
+namespace maneuver::data::recording_groups_test {
 namespace {
 
 using testing::ElementsAre;
@@ -183,4 +183,4 @@ TEST(AssignFoldsTest, RefusesFewerGroupsThanFolds) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::recording_groups_test

@@ -15,7 +15,7 @@
 #include "tests/unit/model/data/recordings_for_tests.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::data {
+namespace maneuver::data::recording_index_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -165,4 +165,4 @@ TEST_F(RecordingIndexTest, RefusesToIndexADamagedShard) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::recording_index_test

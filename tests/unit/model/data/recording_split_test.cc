@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace maneuver::data {
+namespace maneuver::data::recording_split_test {
 namespace {
 
 TEST(HeldOutTest, HoldsOutTheShareAskedFor) {
@@ -38,4 +38,4 @@ TEST(PartIdTest, NamesAPartAndWithoutPartUndoesIt) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::recording_split_test

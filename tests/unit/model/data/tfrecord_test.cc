@@ -11,7 +11,7 @@
 #include "model/files/durable_file.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::data {
+namespace maneuver::data::tfrecord_test {
 namespace {
 
 using testing::ElementsAre;
@@ -230,4 +230,4 @@ TEST_F(TfRecordTest, ReportsAMissingFileAndNeverOverwritesAnExistingOne) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::tfrecord_test

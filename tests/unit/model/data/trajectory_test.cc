@@ -6,7 +6,7 @@
 #include <numbers>
 #include <vector>
 
-namespace maneuver::data {
+namespace maneuver::data::trajectory_test {
 namespace {
 
 constexpr double kMaxGap = 0.25;
@@ -145,4 +145,4 @@ TEST(ResampleFutureTest, BridgesAGapAsLongAsAllowed) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::trajectory_test

@@ -10,7 +10,7 @@
 #include "model/scene/scenario_validation.h"
 #include "tests/unit/model/data/wire_format.h"
 
-namespace maneuver::data {
+namespace maneuver::data::waymo_reader_test {
 namespace {
 
 using testing::ElementsAre;
@@ -295,4 +295,4 @@ TEST(WaymoReaderTest, RefusesBytesThatAreNotARecording) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::waymo_reader_test

@@ -10,7 +10,7 @@
 #include "model/evaluation/action_coincidence.h"
 #include "model/evaluation/action_matching_text.h"
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::action_matching_test {
 namespace {
 
 using testing::HasSubstr;
@@ -194,4 +194,4 @@ TEST(ActionMatchingTest, CoincidenceMeasuresPairsAndMutualInformation) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::action_matching_test

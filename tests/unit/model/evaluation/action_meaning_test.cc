@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::action_meaning_test {
 namespace {
 
 // Examples of two actions.
@@ -110,4 +110,4 @@ TEST_F(ActionMeaningTest, MeasuresRecordedManoeuvresWhereThereAreAny) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::action_meaning_test

@@ -9,7 +9,7 @@
 #include <random>
 #include <set>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::action_names_test {
 namespace {
 
 using testing::Each;
@@ -328,4 +328,4 @@ TEST(ActionNamesTest, VersionsFromBeforeThereWereNamesAreNamedByTheirMeans) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::action_names_test

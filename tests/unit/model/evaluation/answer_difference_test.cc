@@ -6,7 +6,7 @@
 #include <cmath>
 #include <vector>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::answer_difference_test {
 namespace {
 
 using inference::Trajectory;
@@ -189,4 +189,4 @@ TEST(AnswerDifferenceTest, TheSmallerOfTwoEquallyProbableIdsIsTheLikeliest) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::answer_difference_test

@@ -8,7 +8,7 @@
 #include <random>
 #include <set>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::assignment_test {
 namespace {
 
 double CostOf(const Eigen::MatrixXd& costs, const std::vector<int>& columns) {
@@ -74,4 +74,4 @@ TEST(AssignmentTest, AssignsNothingWithoutColumns) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::assignment_test

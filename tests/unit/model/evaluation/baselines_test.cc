@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::baselines_test {
 namespace {
 
 TEST(ConstantVelocityTest, IsLinearInTime) {
@@ -127,4 +127,4 @@ TEST(EstimateMotionTest, ASingleStateHasNoAccelerationOrTurnRate) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::baselines_test

@@ -6,7 +6,7 @@
 #include <random>
 #include <vector>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::bootstrap_test {
 namespace {
 
 TEST(BootstrapTest, EachDrawHasAsManyGroupsAsThereAre) {
@@ -50,4 +50,4 @@ TEST(BootstrapTest, TheIntervalOfAMeanMatchesNormalTheory) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::bootstrap_test

@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::calibration_test {
 namespace {
 
 Eigen::VectorXd Vector(std::initializer_list<double> values) {
@@ -70,4 +70,4 @@ TEST(ActionStatisticsTest, AveragesTheEntropyOfEachPrediction) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::calibration_test

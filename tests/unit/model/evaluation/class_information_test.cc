@@ -5,7 +5,7 @@
 #include <cmath>
 #include <random>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::class_information_test {
 namespace {
 
 void Add(ClassInformation& information, int condition, int cluster, int label, int times) {
@@ -91,4 +91,4 @@ TEST(ClassInformationTest, IsZeroIfNothingIsLeftToTell) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::class_information_test

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <vector>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::clustering_test {
 namespace {
 
 void Add(ContingencyTable& table, int cluster, int label, int times) {
@@ -122,4 +122,4 @@ TEST(ClusteringTest, CountsClustersOfExactlyTheGivenPurity) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::clustering_test

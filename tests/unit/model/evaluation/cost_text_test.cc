@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::cost_text_test {
 namespace {
 
 TEST(CostTextTest, CountsHaveThreeDigitsAndAUnit) {
@@ -24,4 +24,4 @@ TEST(CostTextTest, CountsHaveThreeDigitsAndAUnit) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::cost_text_test

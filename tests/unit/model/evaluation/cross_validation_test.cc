@@ -14,7 +14,7 @@
 #include "model/evaluation/cross_validation_report.h"
 #include "model/evaluation/cross_validation_text.h"
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::cross_validation_test {
 namespace {
 
 using testing::HasSubstr;
@@ -341,4 +341,4 @@ TEST_F(CrossValidationReportTest, TheTextHasFiguresIntervalsAndVerdicts) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::cross_validation_test

@@ -4,7 +4,7 @@
 
 #include <vector>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::displacement_test {
 namespace {
 
 Trajectory Line(double y, std::initializer_list<double> x) {
@@ -76,4 +76,4 @@ TEST(DisplacementTest, BrierFdePenalisesALowProbabilityOfTheBest) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::displacement_test

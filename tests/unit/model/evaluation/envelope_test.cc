@@ -5,7 +5,7 @@
 #include <cmath>
 #include <random>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::envelope_test {
 namespace {
 
 using inference::Trajectory;
@@ -90,4 +90,4 @@ TEST(EnvelopeTest, MeanSigmaAveragesDeviationsAndNotVariances) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::envelope_test

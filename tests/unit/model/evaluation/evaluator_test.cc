@@ -19,7 +19,7 @@
 #include "tests/unit/model/inference/reference_model.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::evaluator_test {
 namespace {
 
 using inference::Trajectory;
@@ -454,4 +454,4 @@ TEST_F(EvaluatorTest, RefusesRecordingsWithoutAnExampleAndStopsWhenAsked) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::evaluator_test

@@ -8,7 +8,7 @@
 #include "model/evaluation/metric_table.h"
 #include "model/evaluation/report.h"
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::example_metrics_test {
 namespace {
 
 TEST(ExampleMetricsTest, EveryNameIsUniqueAndInTheMetricTable) {
@@ -33,4 +33,4 @@ TEST(ExampleMetricsTest, HasNoMetricForWhatWasNotMeasured) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::example_metrics_test

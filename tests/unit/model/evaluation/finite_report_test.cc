@@ -5,7 +5,7 @@
 
 #include <limits>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::finite_report_test {
 namespace {
 
 using testing::HasSubstr;
@@ -50,4 +50,4 @@ TEST(FiniteReportTest, NamesAnElementThatIsNotFinite) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::finite_report_test

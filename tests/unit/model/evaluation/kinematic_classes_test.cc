@@ -9,7 +9,7 @@
 
 #include "tests/unit/model/evaluation/driven_trajectory.h"
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::kinematic_classes_test {
 namespace {
 
 using inference::Trajectory;
@@ -129,4 +129,4 @@ TEST(KinematicClassesTest, TheHeadingChangeRemainsAfterStopping) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::kinematic_classes_test

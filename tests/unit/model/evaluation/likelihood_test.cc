@@ -7,7 +7,7 @@
 #include <numbers>
 #include <vector>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::likelihood_test {
 namespace {
 
 inference::ActionDistribution Gaussian(double x, double y, double xx, double xy, double yy) {
@@ -94,4 +94,4 @@ TEST(LikelihoodTest, ASingleActionHasItsGaussiansLikelihood) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::likelihood_test

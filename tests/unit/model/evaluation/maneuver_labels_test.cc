@@ -4,7 +4,7 @@
 
 #include <vector>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::maneuver_labels_test {
 namespace {
 
 v1::ManeuverAnnotation Annotation(int64_t agent, double start, double end, const char* name) {
@@ -62,4 +62,4 @@ TEST(ManeuverLabelsTest, ReturnsNothingForOtherAgentsAndTimes) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::maneuver_labels_test

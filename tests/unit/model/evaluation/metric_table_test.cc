@@ -7,7 +7,7 @@
 
 #include "model/evaluation/report.h"
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::metric_table_test {
 namespace {
 
 TEST(MetricTableTest, KnowsEachMetricOfAReport) {
@@ -95,4 +95,4 @@ TEST(MetricTableTest, ValuesThatAreNotFiniteAreWorse) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::metric_table_test

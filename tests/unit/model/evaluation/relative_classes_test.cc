@@ -10,7 +10,7 @@
 
 #include "tests/unit/model/evaluation/driven_trajectory.h"
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::relative_classes_test {
 namespace {
 
 using inference::Trajectory;
@@ -170,4 +170,4 @@ TEST(RelativeClassesTest, TheEndSpeedCoversHalfASecondOrAWholeInterval) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::relative_classes_test

@@ -6,7 +6,7 @@
 #include <functional>
 #include <vector>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::report_comparison_test {
 namespace {
 
 using testing::ElementsAre;
@@ -120,4 +120,4 @@ TEST(ReportComparisonTest, RefusesAMetricThatOneReportLacks) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::report_comparison_test

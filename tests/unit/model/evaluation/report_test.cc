@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::report_test {
 namespace {
 
 // Returns an example of action `action` of two, with ADE 1 for every rank and density.
@@ -155,4 +155,4 @@ TEST(ReportTest, NamesActionsByTheirMostFrequentClass) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::report_test

@@ -12,7 +12,7 @@
 #include "model/evaluation/measured_set.h"
 #include "model/evaluation/rival_table.h"
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::rival_comparison_test {
 namespace {
 
 constexpr int kRecordings = 120;
@@ -206,4 +206,4 @@ TEST(RivalComparisonTest, ComparesTrainedBaselinesByTheirBestSixToo) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::rival_comparison_test

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::rival_requirements_test {
 namespace {
 
 using testing::ElementsAre;
@@ -171,4 +171,4 @@ TEST(RivalRequirementsTest, RequirementsReadAsSentences) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::rival_requirements_test

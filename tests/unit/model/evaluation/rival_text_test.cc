@@ -10,7 +10,7 @@
 #include "model/evaluation/rival_table.h"
 #include "model/evaluation/strata.h"
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::rival_text_test {
 namespace {
 
 using testing::HasSubstr;
@@ -103,4 +103,4 @@ TEST(RivalTextTest, FitsAHundredColumnsWithEveryRivalAndStratum) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::rival_text_test

@@ -4,7 +4,7 @@
 
 #include <string>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::strata_test {
 namespace {
 
 std::string StratumOf(size_t dimension, const StratumKeys& keys) {
@@ -64,4 +64,4 @@ TEST(StrataTest, CountsAgentsWithAStateAtTheTime) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::strata_test

@@ -6,7 +6,7 @@
 #include <numbers>
 #include <vector>
 
-namespace maneuver::evaluation {
+namespace maneuver::evaluation::waymo_displacement_test {
 namespace {
 
 std::vector<double> Times(double interval, int count) {
@@ -126,4 +126,4 @@ TEST(WaymoDisplacementTest, SamplesAtTwoHertzBetweenWaypointsToo) {
 }
 
 }  // namespace
-}  // namespace maneuver::evaluation
+}  // namespace maneuver::evaluation::waymo_displacement_test

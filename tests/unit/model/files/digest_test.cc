@@ -6,7 +6,7 @@
 
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::files {
+namespace maneuver::files::digest_test {
 namespace {
 
 // FIPS 180-4, appendix B.
@@ -42,4 +42,4 @@ TEST(Sha256Test, AMissingFileIsNotFound) {
 }
 
 }  // namespace
-}  // namespace maneuver::files
+}  // namespace maneuver::files::digest_test

@@ -13,7 +13,7 @@
 #include "model/files/output_file.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::files {
+namespace maneuver::files::durable_file_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -153,4 +153,4 @@ TEST_F(DurableFileTest, OutputFileNeverOverwrites) {
 }
 
 }  // namespace
-}  // namespace maneuver::files
+}  // namespace maneuver::files::durable_file_test

@@ -18,7 +18,7 @@
 #include "tests/unit/model/scene/raster_of.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::inference {
+namespace maneuver::inference::action_model_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -415,4 +415,4 @@ TEST_F(ActionModelTest, Bf16IsUsedWhereTheProcessorHasItAndElseRefused) {
 }
 
 }  // namespace
-}  // namespace maneuver::inference
+}  // namespace maneuver::inference::action_model_test

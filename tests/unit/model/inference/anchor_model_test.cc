@@ -6,7 +6,7 @@
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/model/inference/reference_model.h"
 
-namespace maneuver::inference {
+namespace maneuver::inference::anchor_model_test {
 namespace {
 
 // Of three waypoints: actions 0, 1 and 2 stay 0, 1 and 2 m to the left.
@@ -70,4 +70,4 @@ TEST_F(AnchorModelTest, FindsTheNearestAnchorToWhatDepartsFromTheReference) {
 }
 
 }  // namespace
-}  // namespace maneuver::inference
+}  // namespace maneuver::inference::anchor_model_test

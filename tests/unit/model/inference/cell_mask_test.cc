@@ -9,7 +9,7 @@
 
 #include "tests/unit/model/inference/convolution_problem.h"
 
-namespace maneuver::inference {
+namespace maneuver::inference::cell_mask_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -142,4 +142,4 @@ TEST_P(SeenCellsTest, AreThoseWhoseKernelsMeetAny) {
 }
 
 }  // namespace
-}  // namespace maneuver::inference
+}  // namespace maneuver::inference::cell_mask_test

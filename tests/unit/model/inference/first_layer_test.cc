@@ -9,7 +9,7 @@
 
 #include "tests/unit/model/inference/convolution_problem.h"
 
-namespace maneuver::inference {
+namespace maneuver::inference::first_layer_test {
 namespace {
 
 CellMask AllCells(const Problem& problem) {
@@ -172,4 +172,4 @@ TEST(FirstLayerKindTest, ThatReadsNoAgentsOrFillsNoVectorIsNotTaken) {
 }
 
 }  // namespace
-}  // namespace maneuver::inference
+}  // namespace maneuver::inference::first_layer_test

@@ -21,7 +21,7 @@
 #include "tests/unit/model/inference/reference_model.h"
 #include "tests/unit/model/scene/raster_of.h"
 
-namespace maneuver::inference {
+namespace maneuver::inference::lanes_model_test {
 namespace {
 
 constexpr double kTolerance = 1e-4;
@@ -395,4 +395,4 @@ INSTANTIATE_TEST_SUITE_P(Specs, LanesModelTest, testing::ValuesIn(Cases()),
                          [](const auto& instance) { return std::string(instance.param.name); });
 
 }  // namespace
-}  // namespace maneuver::inference
+}  // namespace maneuver::inference::lanes_model_test

@@ -9,7 +9,7 @@
 
 #include "tests/unit/model/inference/convolution_problem.h"
 
-namespace maneuver::inference {
+namespace maneuver::inference::leading_layers_test {
 namespace {
 
 using artifact::BackboneLayer;
@@ -171,4 +171,4 @@ TEST_F(LeadingLayersTest, EndWhereALayerIsReadTwiceOrFillsNoVector) {
 }
 
 }  // namespace
-}  // namespace maneuver::inference
+}  // namespace maneuver::inference::leading_layers_test

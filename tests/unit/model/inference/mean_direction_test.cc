@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-namespace maneuver::inference {
+namespace maneuver::inference::mean_direction_test {
 namespace {
 
 TEST(MeanDirectionTest, AStraightMeanHeadsOneWay) {
@@ -63,4 +63,4 @@ TEST(MeanDirectionTest, ASlowMeanHeadsAlongTheTargetsHeading) {
 }
 
 }  // namespace
-}  // namespace maneuver::inference
+}  // namespace maneuver::inference::mean_direction_test

@@ -8,7 +8,7 @@
 #include <random>
 #include <set>
 
-namespace maneuver::inference {
+namespace maneuver::inference::representatives_test {
 namespace {
 
 using testing::DoubleNear;
@@ -227,4 +227,4 @@ TEST(RepresentativesTest, NumbersThatAreNoneStillGiveDistinctActions) {
 }
 
 }  // namespace
-}  // namespace maneuver::inference
+}  // namespace maneuver::inference::representatives_test

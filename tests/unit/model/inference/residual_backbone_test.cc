@@ -16,7 +16,7 @@
 #include "tests/unit/model/scene/raster_of.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::inference {
+namespace maneuver::inference::residual_backbone_test {
 namespace {
 
 struct Network {
@@ -160,4 +160,4 @@ INSTANTIATE_TEST_SUITE_P(All, ResidualBackboneTest, testing::ValuesIn(kNetworks)
                          });
 
 }  // namespace
-}  // namespace maneuver::inference
+}  // namespace maneuver::inference::residual_backbone_test

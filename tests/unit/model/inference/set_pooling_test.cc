@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-namespace maneuver::inference {
+namespace maneuver::inference::set_pooling_test {
 namespace {
 
 TEST(SetPoolingTest, AHeadWeighsItsOwnChannels) {
@@ -36,4 +36,4 @@ TEST(SetPoolingTest, LargeScoresDoNotOverflow) {
 }
 
 }  // namespace
-}  // namespace maneuver::inference
+}  // namespace maneuver::inference::set_pooling_test

@@ -7,7 +7,7 @@
 
 #include "tests/unit/model/inference/convolution_problem.h"
 
-namespace maneuver::inference {
+namespace maneuver::inference::sparse_convolution_test {
 namespace {
 
 // What the other channels have given before.
@@ -83,4 +83,4 @@ TEST(FilledRasterTest, OutputsThatFillNoVectorAreNotTaken) {
 }
 
 }  // namespace
-}  // namespace maneuver::inference
+}  // namespace maneuver::inference::sparse_convolution_test

@@ -7,7 +7,7 @@
 
 #include "tests/unit/model/kernels/kernel_test.h"
 
-namespace maneuver::kernels {
+namespace maneuver::kernels::adamw_step_test {
 namespace {
 
 constexpr AdamWStep kStep = {
@@ -63,4 +63,4 @@ TEST_P(AdamWStepTest, HasTheBitsOfPlain) {
 }
 
 }  // namespace
-}  // namespace maneuver::kernels
+}  // namespace maneuver::kernels::adamw_step_test

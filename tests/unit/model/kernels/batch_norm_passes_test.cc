@@ -11,7 +11,7 @@
 
 #include "tests/unit/model/kernels/kernel_test.h"
 
-namespace maneuver::kernels {
+namespace maneuver::kernels::batch_norm_passes_test {
 namespace {
 
 // All that the passes write for random numbers.
@@ -68,4 +68,4 @@ TEST_P(BatchNormPassesTest, KeepNaN) {
 }
 
 }  // namespace
-}  // namespace maneuver::kernels
+}  // namespace maneuver::kernels::batch_norm_passes_test

@@ -11,7 +11,7 @@
 #include "model/kernels/bf16.h"
 #include "tests/unit/model/kernels/kernel_test.h"
 
-namespace maneuver::kernels {
+namespace maneuver::kernels::cell_convolution_test {
 namespace {
 
 constexpr int kHeight = 9;
@@ -177,4 +177,4 @@ TEST_P(CellConvolutionTest, SupportsChannelsThatFillVectorsAndPairs) {
 }
 
 }  // namespace
-}  // namespace maneuver::kernels
+}  // namespace maneuver::kernels::cell_convolution_test

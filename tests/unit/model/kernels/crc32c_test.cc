@@ -6,7 +6,7 @@
 
 #include "tests/unit/model/kernels/kernel_test.h"
 
-namespace maneuver::kernels {
+namespace maneuver::kernels::crc32c_test {
 namespace {
 
 class Crc32cTest : public KernelTest {};
@@ -42,4 +42,4 @@ TEST_P(Crc32cTest, PiecesGiveTheChecksumOfTheWhole) {
 }
 
 }  // namespace
-}  // namespace maneuver::kernels
+}  // namespace maneuver::kernels::crc32c_test

@@ -11,7 +11,7 @@
 
 #include "tests/unit/model/kernels/kernel_test.h"
 
-namespace maneuver::kernels {
+namespace maneuver::kernels::dense_layer_test {
 namespace {
 
 // Inputs and outputs: below, at and above the widths of the kernels' panels.
@@ -144,4 +144,4 @@ TEST_P(DenseLayerTest, KeepsNaNThroughReLU) {
 }
 
 }  // namespace
-}  // namespace maneuver::kernels
+}  // namespace maneuver::kernels::dense_layer_test

@@ -11,7 +11,7 @@
 #include "model/kernels/bf16.h"
 #include "tests/unit/model/kernels/kernel_test.h"
 
-namespace maneuver::kernels {
+namespace maneuver::kernels::first_layer_test {
 namespace {
 
 // Channels of the output that fill whole vectors, half ones, and more than are held at once.
@@ -148,4 +148,4 @@ TEST_P(FirstLayerKernelTest, StoresRowsWithReluAndRoundsThemToBf16) {
 }
 
 }  // namespace
-}  // namespace maneuver::kernels
+}  // namespace maneuver::kernels::first_layer_test

@@ -11,7 +11,7 @@
 
 #include "model/kernels/bf16.h"
 
-namespace maneuver::kernels {
+namespace maneuver::kernels::kernel_choice_test {
 namespace {
 
 TEST(KernelChoiceTest, RunsTheBestTargetUnlessPlainIsChosen) {
@@ -48,4 +48,4 @@ TEST(Bf16Test, RoundsAsEigenDoes) {
 }
 
 }  // namespace
-}  // namespace maneuver::kernels
+}  // namespace maneuver::kernels::kernel_choice_test

@@ -10,7 +10,7 @@
 
 #include "tests/unit/model/kernels/kernel_test.h"
 
-namespace maneuver::kernels {
+namespace maneuver::kernels::nonzero_convolution_test {
 namespace {
 
 std::vector<uint8_t> RandomRaster(const ConvolutionShape& shape) {
@@ -65,4 +65,4 @@ TEST_P(NonzeroConvolutionTest, HasTheBitsOfPlain) {
 }
 
 }  // namespace
-}  // namespace maneuver::kernels
+}  // namespace maneuver::kernels::nonzero_convolution_test

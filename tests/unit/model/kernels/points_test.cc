@@ -10,7 +10,7 @@
 
 #include "tests/unit/model/kernels/kernel_test.h"
 
-namespace maneuver::kernels {
+namespace maneuver::kernels::points_test {
 namespace {
 
 constexpr size_t kMost = 23;
@@ -192,4 +192,4 @@ TEST_P(PointsTest, FindsTheHeightOfACorner) {
 }
 
 }  // namespace
-}  // namespace maneuver::kernels
+}  // namespace maneuver::kernels::points_test

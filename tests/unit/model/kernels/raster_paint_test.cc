@@ -12,7 +12,7 @@
 
 #include "tests/unit/model/kernels/kernel_test.h"
 
-namespace maneuver::kernels {
+namespace maneuver::kernels::raster_paint_test {
 namespace {
 
 constexpr int kHeight = 40;
@@ -82,4 +82,4 @@ TEST_P(RasterPaintTest, PaintsSegmentsWithTheBytesOfPlain) {
 }
 
 }  // namespace
-}  // namespace maneuver::kernels
+}  // namespace maneuver::kernels::raster_paint_test

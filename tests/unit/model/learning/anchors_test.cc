@@ -26,7 +26,7 @@
 #include "tests/unit/model/scene/raster_of.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::anchors_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -345,4 +345,4 @@ TEST_F(BaselinesTest, TheEngineSaysWhatLibTorchSays) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::anchors_test

@@ -9,7 +9,7 @@
 #include <limits>
 #include <vector>
 
-namespace maneuver::learning {
+namespace maneuver::learning::batch_norm_relu_test {
 namespace {
 
 struct Problem {
@@ -115,4 +115,4 @@ TEST_F(BatchNormReluTest, AsManyThreadsGiveTheSameBits) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::batch_norm_relu_test

@@ -9,7 +9,7 @@
 #include "model/learning/covariance_fit.h"
 #include "model/learning/moments.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::calibration_test {
 namespace {
 
 // Predictions of two actions whose residuals have known covariances.
@@ -135,4 +135,4 @@ TEST(MomentsTest, WaypointLogLikelihoodIsThatOfAMixtureOfGaussians) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::calibration_test

@@ -9,7 +9,7 @@
 #include "tests/unit/model/learning/analytic_scenes.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::collapse_test {
 namespace {
 
 constexpr int kActions = 12;
@@ -53,4 +53,4 @@ TEST(CollapseTest, TheLiteralSettingLeavesFewActionsAndTheDefaultKeepsThem) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::collapse_test

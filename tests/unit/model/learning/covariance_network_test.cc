@@ -8,7 +8,7 @@
 
 #include "tests/unit/model/learning/analytic_scenes.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::covariance_network_test {
 namespace {
 
 v1::ModelSpec PredictedSpec() {
@@ -97,4 +97,4 @@ TEST(CovarianceNetworkTest, IsScaledWaypointByWaypoint) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::covariance_network_test

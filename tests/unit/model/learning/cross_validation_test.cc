@@ -17,7 +17,7 @@
 #include "tests/unit/model/learning/analytic_scenes.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::cross_validation_test {
 namespace {
 
 using google::protobuf::util::MessageDifferencer;
@@ -207,4 +207,4 @@ TEST(LoadTrainingDataTest, RecordingsThatAreLeftOutLeaveNoLabels) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::cross_validation_test

@@ -13,7 +13,7 @@
 #include "model/learning/objectives.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::dirichlet_weights_test {
 namespace {
 
 // E[ln pi_k] of draws from the Dirichlet, as normalised Gamma variables.
@@ -89,4 +89,4 @@ TEST(DirichletWeightsTest, AnActionThatIsSwitchedOffHasNoProbabilityAndMovesNoth
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::dirichlet_weights_test

@@ -18,7 +18,7 @@
 #include "model/scene/scene_reader.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::engine_parity_test {
 namespace {
 
 void ExpectClose(const at::Tensor& expected, const Eigen::VectorXd& actual, const char* what) {
@@ -224,4 +224,4 @@ INSTANTIATE_TEST_SUITE_P(
     [](const auto& parity) { return std::string(parity.param.name); });
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::engine_parity_test

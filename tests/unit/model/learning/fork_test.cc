@@ -11,7 +11,7 @@
 #include "tests/unit/model/learning/analytic_scenes.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::fork_test {
 namespace {
 
 constexpr double kLeftAtForks = 0.7;
@@ -151,4 +151,4 @@ INSTANTIATE_TEST_SUITE_P(Objectives, ForkTest,
                          });
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::fork_test

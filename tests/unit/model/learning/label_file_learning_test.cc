@@ -18,7 +18,7 @@
 #include "tests/unit/model/learning/analytic_scenes.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::label_file_learning_test {
 namespace {
 
 TEST(LabelFileLearningTest, LabelsOfAFileAreTheOneHotPosteriorOfTheirExamples) {
@@ -86,4 +86,4 @@ TEST(LabelFileLearningTest, LabelsOfAFileAreTheOneHotPosteriorOfTheirExamples) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::label_file_learning_test

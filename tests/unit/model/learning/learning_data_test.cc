@@ -15,7 +15,7 @@
 #include "model/scene/rasterizer.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::learning_data_test {
 namespace {
 
 using testing::HasSubstr;
@@ -390,4 +390,4 @@ TEST_F(RunProgressTest, ReportsAFewTimesASecondAndEachEpoch) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::learning_data_test

@@ -7,7 +7,7 @@
 
 #include "model/learning/networks.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::mixture_placement_test {
 namespace {
 
 constexpr int kActions = 4;
@@ -159,4 +159,4 @@ TEST(MixturePlacementTest, LabelledComponentsLieAtTheirExamples) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::mixture_placement_test

@@ -16,7 +16,7 @@
 #include "model/probability/diagonal_gaussian.h"
 #include "model/probability/responsibilities.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::objectives_test {
 namespace {
 
 constexpr int64_t kBatch = 4;
@@ -330,4 +330,4 @@ TEST_F(ObjectivesTest, LossWeighsItsTerms) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::objectives_test

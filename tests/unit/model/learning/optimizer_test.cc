@@ -9,7 +9,7 @@
 #include <functional>
 #include <vector>
 
-namespace maneuver::learning {
+namespace maneuver::learning::optimizer_test {
 namespace {
 
 constexpr double kRate = 0.01;
@@ -112,4 +112,4 @@ TEST(LearningRateShareTest, LearningRateWarmsUpAndThenFallsToZero) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::optimizer_test

@@ -8,7 +8,7 @@
 
 #include <string>
 
-namespace maneuver::learning {
+namespace maneuver::learning::raster_convolution_test {
 namespace {
 
 struct Problem {
@@ -78,4 +78,4 @@ TEST(RasterConvolutionTest, ThreadsShareTheBatch) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::raster_convolution_test

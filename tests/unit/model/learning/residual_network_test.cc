@@ -19,7 +19,7 @@
 #include "tests/unit/model/scene/raster_of.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::residual_network_test {
 namespace {
 
 // TinySettings with two bottleneck blocks in each of two stages.
@@ -161,4 +161,4 @@ TEST(FreshResidualNetworkTest, BlocksPassOnWhatTheyAddTo) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::residual_network_test

@@ -6,7 +6,7 @@
 
 #include "tests/unit/model/learning/analytic_scenes.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::scene_covariance_test {
 namespace {
 
 TEST(MeanDirectionsTest, AreThoseOfTheAveragedSteps) {
@@ -128,4 +128,4 @@ TEST(SpeedBinsTest, BeginAtTheirLowerBounds) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::scene_covariance_test

@@ -8,7 +8,7 @@
 #include "model/learning/validation.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::scene_vectors_test {
 namespace {
 
 // One recording whose examples a Lanes model reads.
@@ -208,4 +208,4 @@ TEST(SceneBoundTest, TheLikeliestActionsOfAllAreAll) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::scene_vectors_test

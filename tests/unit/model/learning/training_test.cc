@@ -21,7 +21,7 @@
 #include "tests/unit/model/learning/analytic_scenes.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::training_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -369,4 +369,4 @@ TEST_F(TrainingTest, PlacesComponentsOnTheEncodingsOfClusters) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::training_test

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-namespace maneuver::learning {
+namespace maneuver::learning::trajectory_basis_test {
 namespace {
 
 std::vector<double> Times(int waypoints, double interval) {
@@ -64,4 +64,4 @@ TEST(TrajectoryBasisTest, AFewWaypointsAreLeftFree) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::trajectory_basis_test

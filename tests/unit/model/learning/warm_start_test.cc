@@ -18,7 +18,7 @@
 #include "tests/unit/model/learning/analytic_scenes.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::learning {
+namespace maneuver::learning::warm_start_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -256,4 +256,4 @@ TEST_F(MixingTest, AModelLearnsWhatItIsGivenMost) {
 }
 
 }  // namespace
-}  // namespace maneuver::learning
+}  // namespace maneuver::learning::warm_start_test

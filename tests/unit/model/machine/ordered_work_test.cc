@@ -9,7 +9,7 @@
 #include <thread>
 #include <vector>
 
-namespace maneuver::machine {
+namespace maneuver::machine::ordered_work_test {
 namespace {
 
 TEST(OrderedWorkTest, HandsResultsOutInOrder) {
@@ -74,4 +74,4 @@ TEST(OrderedWorkTest, EndsThreadsThatWaitToClaim) {
 }
 
 }  // namespace
-}  // namespace maneuver::machine
+}  // namespace maneuver::machine::ordered_work_test

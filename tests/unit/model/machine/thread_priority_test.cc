@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-namespace maneuver::machine {
+namespace maneuver::machine::thread_priority_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -105,4 +105,4 @@ TEST(PassingThreadsTest, DestroyingAGroupMakesItsThreadsImpatient) {
 }
 
 }  // namespace
-}  // namespace maneuver::machine
+}  // namespace maneuver::machine::thread_priority_test

@@ -9,7 +9,7 @@
 
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::machine {
+namespace maneuver::machine::usable_cores_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -60,4 +60,4 @@ TEST(UsableCoresTest, FollowsTheThreadsAffinity) {
 }
 
 }  // namespace
-}  // namespace maneuver::machine
+}  // namespace maneuver::machine::usable_cores_test

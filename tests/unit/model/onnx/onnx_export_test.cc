@@ -25,7 +25,7 @@
 #include "tests/unit/model/onnx/engine_answers.h"
 #include "tests/unit/model/scene/raster_of.h"
 
-namespace maneuver::onnx {
+namespace maneuver::onnx::onnx_export_test {
 namespace {
 
 constexpr int kScenes = 3;
@@ -212,4 +212,4 @@ TEST(OnnxExportTest, MetadataHasTheNamesOfTheActions) {
 }
 
 }  // namespace
-}  // namespace maneuver::onnx
+}  // namespace maneuver::onnx::onnx_export_test

@@ -23,7 +23,7 @@
 #include "tests/unit/model/onnx/onnx_interpreter.h"
 #include "tests/unit/model/scene/raster_of.h"
 
-namespace maneuver::onnx {
+namespace maneuver::onnx::onnx_vectors_test {
 namespace {
 
 constexpr int kScenes = 3;
@@ -306,4 +306,4 @@ TEST(OnnxVectorsTest, DistributionsCanBeLeftOut) {
 }
 
 }  // namespace
-}  // namespace maneuver::onnx
+}  // namespace maneuver::onnx::onnx_vectors_test

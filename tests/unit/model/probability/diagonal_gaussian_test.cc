@@ -7,7 +7,7 @@
 #include "model/probability/latent_mixture.h"
 #include "tests/unit/model/probability/quadrature.h"
 
-namespace maneuver::probability {
+namespace maneuver::probability::diagonal_gaussian_test {
 namespace {
 
 constexpr double kReach = 40.0;
@@ -128,4 +128,4 @@ TEST(LatentMixtureTest, SoftmaxNeitherOverflowsNorUnderflows) {
 }
 
 }  // namespace
-}  // namespace maneuver::probability
+}  // namespace maneuver::probability::diagonal_gaussian_test

@@ -9,7 +9,7 @@
 #include "model/probability/sigma_points.h"
 #include "tests/unit/model/probability/quadrature.h"
 
-namespace maneuver::probability {
+namespace maneuver::probability::responsibilities_test {
 namespace {
 
 // Three actions over a plane of latents, and a trajectory's encoding among them.
@@ -189,4 +189,4 @@ TEST_F(ResponsibilitiesTest, TheBoundMatchesMonteCarloAndStaysBelowTheLikelihood
 }
 
 }  // namespace
-}  // namespace maneuver::probability
+}  // namespace maneuver::probability::responsibilities_test

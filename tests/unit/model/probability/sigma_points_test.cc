@@ -8,7 +8,7 @@
 
 #include "tests/unit/model/probability/quadrature.h"
 
-namespace maneuver::probability {
+namespace maneuver::probability::sigma_points_test {
 namespace {
 
 SigmaMoments MomentsOf(const RowMajorXd& images) {
@@ -124,4 +124,4 @@ TEST(SigmaPointsTest, ExpectedLogDensityMatchesQuadrature) {
 }
 
 }  // namespace
-}  // namespace maneuver::probability
+}  // namespace maneuver::probability::sigma_points_test

@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-namespace maneuver::scene {
+namespace maneuver::scene::action_geometry_test {
 namespace {
 
 constexpr double kArcLengths[] = {2.5, 5, 7.5, 10, 15, 20, 25, 30, 40, 50, 65, 80, 100};
@@ -400,4 +400,4 @@ TEST(ActionGeometryTest, StaysFiniteIfAllPointsOfAPathCoincide) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::action_geometry_test

@@ -12,7 +12,7 @@
 
 #include "tests/unit/model/scene/scene_fixture.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::agent_inputs_test {
 namespace {
 
 constexpr double kTime = 3.0;
@@ -379,4 +379,4 @@ TEST(AgentInputsTest, FindsTheNearestOf400Agents) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::agent_inputs_test

@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-namespace maneuver::scene {
+namespace maneuver::scene::brush_test {
 namespace {
 
 constexpr int kHeight = 24;
@@ -366,4 +366,4 @@ TEST(InterleavedRasterTest, TheRightEndOfAWidePictureIsLikeANarrowOne) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::brush_test

@@ -17,7 +17,7 @@
 #include "model/scene/road_map.h"
 #include "tests/unit/model/scene/scene_fixture.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::lane_graph_test {
 namespace {
 
 using testing::ElementsAre;
@@ -349,4 +349,4 @@ TEST(RoadMapTest, BytesCountTheLanesFromTheStart) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::lane_graph_test

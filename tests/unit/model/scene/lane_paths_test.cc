@@ -15,7 +15,7 @@
 #include "tests/unit/model/scene/plain_lane_paths.h"
 #include "tests/unit/model/scene/scene_fixture.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::lane_paths_test {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
@@ -806,4 +806,4 @@ TEST(LanePathsTest, SpeedsOfAnySizeGiveFiniteNumbers) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::lane_paths_test

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-namespace maneuver::scene {
+namespace maneuver::scene::motion_reference_test {
 namespace {
 
 std::vector<double> Times(int count, double interval) {
@@ -77,4 +77,4 @@ TEST(MotionReferenceTest, OtherReferencesAreStraightOrZero) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::motion_reference_test

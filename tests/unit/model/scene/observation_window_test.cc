@@ -4,7 +4,7 @@
 
 #include "tests/unit/model/scene/scene_fixture.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::observation_window_test {
 namespace {
 
 TEST(ObservationWindowTest, FollowsTheFramesOfTheRaster) {
@@ -26,4 +26,4 @@ TEST(ObservationWindowTest, IsOneSecondWithoutARaster) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::observation_window_test

@@ -8,7 +8,7 @@
 
 #include "model/scene/brush.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::raster_test {
 namespace {
 
 constexpr int kHeight = 30;
@@ -75,4 +75,4 @@ TEST_P(RasterTest, BlocksAreMultiplesOfEightPixels) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::raster_test

@@ -10,7 +10,7 @@
 
 #include "tests/unit/model/scene/scene_fixture.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::rasterizer_lines_test {
 namespace {
 
 // Projects as the rasterizer's header says, directly by X_WT^-1.
@@ -83,4 +83,4 @@ TEST_P(LineOfManyPointsTest, IsDrawnInTheRightPlace) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::rasterizer_lines_test

@@ -8,7 +8,7 @@
 #include "model/scene/rasterizer.h"
 #include "tests/unit/model/scene/scene_fixture.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::rasterizer_symmetry_test {
 namespace {
 
 constexpr int64_t kTarget = 1;
@@ -197,4 +197,4 @@ TEST(RasterSymmetryTest, AViewMatchesTheRasterOfAScaledAndShiftedWorld) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::rasterizer_symmetry_test

@@ -7,7 +7,7 @@
 
 #include "tests/unit/model/scene/scene_fixture.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::rasterizer_test {
 namespace {
 
 constexpr int64_t kTarget = 1;
@@ -284,4 +284,4 @@ TEST(RasterViewTest, ScaleMakesTheWorldLargerAboutTheTarget) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::rasterizer_test

@@ -6,7 +6,7 @@
 #include "model/scene/rasterizer.h"
 #include "tests/unit/model/scene/scene_fixture.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::rasterizer_time_test {
 namespace {
 
 constexpr int64_t kTarget = 1;
@@ -198,4 +198,4 @@ TEST_F(SignalTest, LanesWithoutAnIdHaveNoSignal) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::rasterizer_time_test

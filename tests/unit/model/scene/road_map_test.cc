@@ -8,7 +8,7 @@
 
 #include "tests/unit/model/scene/scene_fixture.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::road_map_test {
 namespace {
 
 TEST(RoadMapTest, BoxesEncloseTheirFeatures) {
@@ -129,4 +129,4 @@ TEST(RoadMapTest, ASharedMapGivesTheSamePictureAsTheScenariosOwn) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::road_map_test

@@ -10,7 +10,7 @@
 
 #include "tests/unit/model/scene/scene_fixture.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::scenario_validation_test {
 namespace {
 
 using testing::ElementsAre;
@@ -340,4 +340,4 @@ TEST_F(TargetValidationTest, RefusesTheSecondOfTwoEqualTargets) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::scenario_validation_test

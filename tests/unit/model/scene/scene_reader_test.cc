@@ -9,7 +9,7 @@
 #include "model/scene/target_frame.h"
 #include "tests/unit/model/scene/scene_fixture.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::scene_reader_test {
 namespace {
 
 constexpr int64_t kTarget = 7;
@@ -179,4 +179,4 @@ TEST(SceneReaderTest, OverwritesTheInputsOfAnotherScene) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::scene_reader_test

@@ -6,7 +6,7 @@
 
 #include "tests/unit/model/scene/scene_fixture.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::target_frame_test {
 namespace {
 
 constexpr double kTolerance = 0.05;
@@ -78,4 +78,4 @@ TEST(Pose2Test, MapsPointsBetweenFramesAndBack) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::target_frame_test

@@ -7,7 +7,7 @@
 #include <numbers>
 #include <vector>
 
-namespace maneuver::scene {
+namespace maneuver::scene::target_history_test {
 namespace {
 
 // Returns a vehicle at 10 Hz from -1 s to +1 s about `now`. Speed and heading are functions of the
@@ -190,4 +190,4 @@ TEST(TargetHistoryTest, NoiseHasTheStatedStrengthAndCorrelation) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::target_history_test

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-namespace maneuver::scene {
+namespace maneuver::scene::target_motion_test {
 namespace {
 
 void AddState(v1::Agent* agent, double time, double heading, double speed) {
@@ -82,4 +82,4 @@ TEST(TargetMotionTest, TheLargestHeadingsDifferByAFiniteTurn) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::target_motion_test

@@ -7,7 +7,7 @@
 
 #include "maneuver/v1/status.pb.h"
 
-namespace maneuver::errors {
+namespace maneuver::errors::error_details_test {
 namespace {
 
 TEST(InvalidFieldsTest, ListsSixteenAndCountsTheOthers) {
@@ -43,4 +43,4 @@ TEST(StorageReasonTest, KeepsAnExistingReason) {
 }
 
 }  // namespace
-}  // namespace maneuver::errors
+}  // namespace maneuver::errors::error_details_test

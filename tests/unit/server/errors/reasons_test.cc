@@ -15,7 +15,7 @@
 #include "absl/strings/str_split.h"
 #include "server/errors/error_details.h"
 
-namespace maneuver::errors {
+namespace maneuver::errors::reasons_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -83,4 +83,4 @@ TEST(ReasonsTest, AnErrorCarriesItsReason) {
 }
 
 }  // namespace
-}  // namespace maneuver::errors
+}  // namespace maneuver::errors::reasons_test

@@ -14,7 +14,7 @@
 #include "model/files/durable_file.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::child_process_test {
 namespace {
 
 using testing::ElementsAre;
@@ -170,4 +170,4 @@ TEST_F(ChildProcessTest, ItDiesWithItsServer) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::child_process_test

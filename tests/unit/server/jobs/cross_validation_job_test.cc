@@ -9,7 +9,7 @@
 #include "server/jobs/job_requests.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::cross_validation_job_test {
 namespace {
 
 using testing::HasSubstr;
@@ -160,4 +160,4 @@ TEST(CrossValidateRequestTest, RefusesWhatMakesNoSense) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::cross_validation_job_test

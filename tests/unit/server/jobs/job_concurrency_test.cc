@@ -11,7 +11,7 @@
 
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::job_concurrency_test {
 namespace {
 
 constexpr int kClients = 200;
@@ -334,4 +334,4 @@ TEST_F(JobConcurrencyTest, TwoHundredClientsAtATimeKeepToTheStateMachine) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::job_concurrency_test

@@ -6,7 +6,7 @@
 #include "server/monitoring/prometheus_metrics.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::job_curves_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -82,4 +82,4 @@ TEST_F(JobMetricsTest, ARunningJobHasCurvesAndEveryEndIsCounted) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::job_curves_test

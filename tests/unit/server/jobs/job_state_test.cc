@@ -5,7 +5,7 @@
 #include <set>
 #include <utility>
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::job_state_test {
 namespace {
 
 TEST(JobStateTest, OnlyTheEightMovesOfTheContractAreAllowed) {
@@ -51,4 +51,4 @@ TEST(JobStateTest, EveryStateHasALabelOfItsOwn) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::job_state_test

@@ -7,7 +7,7 @@
 #include "server/jobs/sqlite_store.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::progress_recorder_test {
 namespace {
 
 class ProgressRecorderTest : public testing::Test {
@@ -116,4 +116,4 @@ TEST_F(ProgressRecorderTest, LinesThatAreNoMessageArePassedOver) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::progress_recorder_test

@@ -7,7 +7,7 @@
 #include "server/jobs/job_attempt.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::promotion_job_test {
 namespace {
 
 using testing::HasSubstr;
@@ -192,4 +192,4 @@ TEST_F(PromotionJobTest, TheDatasetThatDecidesIsNeededAsTheOthersAre) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::promotion_job_test

@@ -10,7 +10,7 @@
 
 #include "server/jobs/job_requests.h"
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::promotion_test {
 namespace {
 
 using testing::ElementsAre;
@@ -383,4 +383,4 @@ TEST_F(PromotionTest, AVersionThatDoesNotLoadIsNotPromoted) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::promotion_test

@@ -7,7 +7,7 @@
 #include "server/jobs/job_attempt.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::resumption_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -298,4 +298,4 @@ TEST_F(ResumptionTest, HandsTheTrainerTheSettingsOfItsAdmission) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::resumption_test

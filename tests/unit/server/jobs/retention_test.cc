@@ -8,7 +8,7 @@
 #include "server/jobs/job_time.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::retention_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -132,4 +132,4 @@ TEST_F(RetentionTest, TheFirstSweepIsAtTheStart) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::retention_test

@@ -13,7 +13,7 @@
 
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::sqlite_store_test {
 namespace {
 
 using google::protobuf::util::MessageDifferencer;
@@ -421,4 +421,4 @@ TEST_F(SqliteStoreTest, ManyThreadsMayUseIt) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::sqlite_store_test

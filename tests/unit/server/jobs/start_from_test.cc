@@ -12,7 +12,7 @@
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::start_from_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -128,4 +128,4 @@ TEST_F(StartFromTest, AVersionThatWentInBetweenFailsTheJobWithAReason) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::start_from_test

@@ -8,7 +8,7 @@
 #include "server/errors/error_details.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::supervisor_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -398,4 +398,4 @@ TEST_F(SupervisorTest, RefusesAJobWhileAsManyWaitAsMay) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::supervisor_test

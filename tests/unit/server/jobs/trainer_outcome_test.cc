@@ -10,7 +10,7 @@
 #include "server/errors/error_details.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::jobs {
+namespace maneuver::jobs::trainer_outcome_test {
 namespace {
 
 using testing::HasSubstr;
@@ -132,4 +132,4 @@ TEST_F(LastLineTest, IsValidUtf8WithoutControlCharacters) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs
+}  // namespace maneuver::jobs::trainer_outcome_test

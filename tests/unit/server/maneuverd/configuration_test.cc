@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-namespace maneuver {
+namespace maneuver::configuration_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -43,4 +43,4 @@ TEST(SettingsFileTest, ANameComesOnce) {
 }
 
 }  // namespace
-}  // namespace maneuver
+}  // namespace maneuver::configuration_test

@@ -4,7 +4,7 @@
 
 #include <string>
 
-namespace maneuver {
+namespace maneuver::health_pages_test {
 namespace {
 
 TEST(HealthPagesTest, LivenessIsOfTheServerAlone) {
@@ -33,4 +33,4 @@ TEST(HealthPagesTest, ReadinessIsOfPredictionsUnlessTheQueryNamesAService) {
 }
 
 }  // namespace
-}  // namespace maneuver
+}  // namespace maneuver::health_pages_test

@@ -14,7 +14,7 @@
 #include "absl/strings/str_split.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver {
+namespace maneuver::options_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -192,4 +192,4 @@ TEST_F(OptionsTest, TheDocumentationListsEveryOption) {
 }
 
 }  // namespace
-}  // namespace maneuver
+}  // namespace maneuver::options_test

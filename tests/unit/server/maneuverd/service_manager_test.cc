@@ -11,7 +11,7 @@
 
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver {
+namespace maneuver::service_manager_test {
 namespace {
 
 // The other end of the protocol, as systemd has it.
@@ -114,4 +114,4 @@ TEST(ServiceManagerTest, WithoutAManagerNothingFails) {
 }
 
 }  // namespace
-}  // namespace maneuver
+}  // namespace maneuver::service_manager_test

@@ -13,7 +13,7 @@
 #include "server/security/identities.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver {
+namespace maneuver::token_command_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -190,4 +190,4 @@ TEST_F(TokenCommandTest, RevokeAsksForOneChoice) {
 }
 
 }  // namespace
-}  // namespace maneuver
+}  // namespace maneuver::token_command_test

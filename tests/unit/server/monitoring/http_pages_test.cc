@@ -12,7 +12,7 @@
 
 #include "server/monitoring/prometheus_metrics.h"
 
-namespace maneuver::monitoring {
+namespace maneuver::monitoring::http_pages_test {
 namespace {
 
 using ::testing::EndsWith;
@@ -111,4 +111,4 @@ TEST(HttpPagesTest, EndsAtOnce) {
 }
 
 }  // namespace
-}  // namespace maneuver::monitoring
+}  // namespace maneuver::monitoring::http_pages_test

@@ -4,7 +4,7 @@
 
 #include <limits>
 
-namespace maneuver::monitoring {
+namespace maneuver::monitoring::logging_test {
 namespace {
 
 TEST(LoggingTest, QuotesOnlyTextThatNeedsIt) {
@@ -31,4 +31,4 @@ TEST(LoggingTest, JsonWritesNanAsNull) {
 }
 
 }  // namespace
-}  // namespace maneuver::monitoring
+}  // namespace maneuver::monitoring::logging_test

@@ -12,7 +12,7 @@
 
 #include "server/monitoring/prometheus_metrics.h"
 
-namespace maneuver::monitoring {
+namespace maneuver::monitoring::process_metrics_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -73,4 +73,4 @@ TEST(ProcessMetricsTest, ThePageShowsThem) {
 }
 
 }  // namespace
-}  // namespace maneuver::monitoring
+}  // namespace maneuver::monitoring::process_metrics_test

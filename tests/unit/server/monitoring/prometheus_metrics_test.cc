@@ -9,7 +9,7 @@
 
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::monitoring {
+namespace maneuver::monitoring::prometheus_metrics_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -63,4 +63,4 @@ TEST(PrometheusMetricsTest, ReadsTheDiskOfAFolderForEachPage) {
 }
 
 }  // namespace
-}  // namespace maneuver::monitoring
+}  // namespace maneuver::monitoring::prometheus_metrics_test

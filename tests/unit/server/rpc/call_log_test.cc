@@ -8,7 +8,7 @@
 
 #include "server/monitoring/logging.h"
 
-namespace maneuver::rpc {
+namespace maneuver::rpc::call_log_test {
 namespace {
 
 using monitoring::LogLevel;
@@ -98,4 +98,4 @@ TEST_F(CallLogTest, FaultsOfTheServerAreErrorsButNotAFloodOfThem) {
 }
 
 }  // namespace
-}  // namespace maneuver::rpc
+}  // namespace maneuver::rpc::call_log_test

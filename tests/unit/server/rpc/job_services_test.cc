@@ -18,7 +18,7 @@
 #include "server/security/secret_file.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
-namespace maneuver::rpc {
+namespace maneuver::rpc::job_services_test {
 namespace {
 
 using testing::AllOf;
@@ -521,4 +521,4 @@ TEST_F(JobServicesTest, AFailedTrainSaysWhichFieldsAreWrong) {
 }
 
 }  // namespace
-}  // namespace maneuver::rpc
+}  // namespace maneuver::rpc::job_services_test

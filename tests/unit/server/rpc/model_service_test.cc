@@ -10,7 +10,7 @@
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/server/rpc/server_fixture.h"
 
-namespace maneuver::rpc {
+namespace maneuver::rpc::model_service_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -343,4 +343,4 @@ TEST_F(ModelServiceTest, PromotionIsAnAliasAndAnAliasedVersionStays) {
 }
 
 }  // namespace
-}  // namespace maneuver::rpc
+}  // namespace maneuver::rpc::model_service_test

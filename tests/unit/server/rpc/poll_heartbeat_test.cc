@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace maneuver::rpc {
+namespace maneuver::rpc::poll_heartbeat_test {
 namespace {
 
 TEST(PollHeartbeatTest, GoesOnUntilItIsDestroyed) {
@@ -25,4 +25,4 @@ TEST(PollHeartbeatTest, NoBeatOutlivesTheHeartbeat) {
 }
 
 }  // namespace
-}  // namespace maneuver::rpc
+}  // namespace maneuver::rpc::poll_heartbeat_test

@@ -9,7 +9,7 @@
 
 #include "tests/unit/server/rpc/server_fixture.h"
 
-namespace maneuver::rpc {
+namespace maneuver::rpc::predict_stream_test {
 namespace {
 
 class PredictStreamTest : public ServerTest {};
@@ -261,4 +261,4 @@ TEST_F(PredictStreamTest, AnIdThatIsNotUtf8IsRefusedAndNotEchoed) {
 }
 
 }  // namespace
-}  // namespace maneuver::rpc
+}  // namespace maneuver::rpc::predict_stream_test

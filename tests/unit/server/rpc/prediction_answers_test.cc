@@ -5,7 +5,7 @@
 
 #include "tests/unit/server/rpc/prediction_messages.h"
 
-namespace maneuver::rpc {
+namespace maneuver::rpc::prediction_answers_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -111,4 +111,4 @@ TEST_F(WritePredictionsTest, ATargetThatFailedLaterHasNothingButItsError) {
 }
 
 }  // namespace
-}  // namespace maneuver::rpc
+}  // namespace maneuver::rpc::prediction_answers_test

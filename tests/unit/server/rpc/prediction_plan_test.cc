@@ -7,7 +7,7 @@
 
 #include "tests/unit/server/rpc/prediction_messages.h"
 
-namespace maneuver::rpc {
+namespace maneuver::rpc::prediction_plan_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -99,4 +99,4 @@ TEST(PlanPredictionTest, ATargetWithoutItsFutureCannotBeClassified) {
 }
 
 }  // namespace
-}  // namespace maneuver::rpc
+}  // namespace maneuver::rpc::prediction_plan_test

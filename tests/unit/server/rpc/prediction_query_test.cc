@@ -4,7 +4,7 @@
 
 #include "tests/unit/server/rpc/prediction_messages.h"
 
-namespace maneuver::rpc {
+namespace maneuver::rpc::prediction_query_test {
 namespace {
 
 TEST(ParseQueryTest, TheDefaultIsEveryActionOfAtLeastFivePercentFromThePosterior) {
@@ -49,4 +49,4 @@ TEST(ParseQueryTest, WhatIsWrongIsNamed) {
 }
 
 }  // namespace
-}  // namespace maneuver::rpc
+}  // namespace maneuver::rpc::prediction_query_test

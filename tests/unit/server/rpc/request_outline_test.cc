@@ -8,7 +8,7 @@
 
 #include "maneuver/v1/prediction_service.pb.h"
 
-namespace maneuver::rpc {
+namespace maneuver::rpc::request_outline_test {
 namespace {
 
 // In slices of so many bytes, as a network delivers them.
@@ -102,4 +102,4 @@ TEST(CountTargetsTest, OfBytesThatAreNoRequestItCountsWhatIsThere) {
 }
 
 }  // namespace
-}  // namespace maneuver::rpc
+}  // namespace maneuver::rpc::request_outline_test

@@ -13,7 +13,7 @@
 #include "tests/integration/raw_http2.h"
 #include "tests/unit/server/rpc/server_fixture.h"
 
-namespace maneuver::rpc {
+namespace maneuver::rpc::server_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -507,7 +507,7 @@ TEST_F(ServerTest, AnAnswerGivesItsMemoryBackOnceItIsTaken) {
 // One connection that asks for some megabytes and never reads.
 TEST_F(ServerTest, ShutsDownInTimeWhoeverDoesNotRead) {
   Publish();
-  maneuver::testing::RawHttp2 reader(server_->address().ToString());
+  maneuver::integration::RawHttp2 reader(server_->address().ToString());
   reader.SendPreface();
   reader.SendSettingsWithoutFlowControl();
   v1::PredictRequest request = OneScene();
@@ -553,4 +553,4 @@ TEST_F(ServerTest, BytesThatAreNoMessageAreAnInvalidArgument) {
 }
 
 }  // namespace
-}  // namespace maneuver::rpc
+}  // namespace maneuver::rpc::server_test

@@ -8,7 +8,7 @@
 
 #include "maneuver/v1/status.pb.h"
 
-namespace maneuver::rpc {
+namespace maneuver::rpc::status_details_test {
 namespace {
 
 // What gRPC's clients take of all headers of an answer, by default.
@@ -72,4 +72,4 @@ TEST(StatusDetailsTest, AnErrorOfUsualSizeStaysWhole) {
 }
 
 }  // namespace
-}  // namespace maneuver::rpc
+}  // namespace maneuver::rpc::status_details_test

@@ -5,7 +5,7 @@
 #include <atomic>
 #include <future>
 
-namespace maneuver::rpc {
+namespace maneuver::rpc::worker_pool_test {
 namespace {
 
 TEST(WorkerPoolTest, WhatWasAcceptedRunsBeforeThePoolEnds) {
@@ -37,4 +37,4 @@ TEST(WorkerPoolTest, RefusesNewWorkBeyondTheLimitButNeverTheNextStep) {
 }
 
 }  // namespace
-}  // namespace maneuver::rpc
+}  // namespace maneuver::rpc::worker_pool_test

@@ -14,7 +14,7 @@
 #include "server/security/secret_file.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::security {
+namespace maneuver::security::access_control_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -239,4 +239,4 @@ TEST(SecretFileTest, KeepsAllLinesThatAreAppendedConcurrently) {
 }
 
 }  // namespace
-}  // namespace maneuver::security
+}  // namespace maneuver::security::access_control_test

@@ -7,7 +7,7 @@
 
 #include "model/files/digest.h"
 
-namespace maneuver::security {
+namespace maneuver::security::identities_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -118,4 +118,4 @@ TEST(IdentitiesTest, AnExpiryMayHaveAnotherTimeZone) {
 }
 
 }  // namespace
-}  // namespace maneuver::security
+}  // namespace maneuver::security::identities_test

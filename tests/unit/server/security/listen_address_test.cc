@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace maneuver::security {
+namespace maneuver::security::listen_address_test {
 namespace {
 
 TEST(ListenAddressTest, SplitsHostAndPort) {
@@ -33,4 +33,4 @@ TEST(ListenAddressTest, RefusesPlainTextExposureUnlessAskedFor) {
 }
 
 }  // namespace
-}  // namespace maneuver::security
+}  // namespace maneuver::security::listen_address_test

@@ -4,7 +4,7 @@
 
 #include <string>
 
-namespace maneuver::security {
+namespace maneuver::security::rate_limiter_test {
 namespace {
 
 using std::chrono::milliseconds;
@@ -78,4 +78,4 @@ TEST_F(RateLimiterTest, ForgetsTheLeastRecentClientWhenFull) {
 }
 
 }  // namespace
-}  // namespace maneuver::security
+}  // namespace maneuver::security::rate_limiter_test

@@ -5,7 +5,7 @@
 #include "maneuver/v1/status.pb.h"
 #include "server/errors/error_details.h"
 
-namespace maneuver::security {
+namespace maneuver::security::resource_name_test {
 namespace {
 
 TEST(ResourceNameTest, ReferencesMeanAVersionOrAnAlias) {
@@ -84,4 +84,4 @@ TEST(ErrorDetailsTest, ViolationsArePrefixedAndCounted) {
 }
 
 }  // namespace
-}  // namespace maneuver::security
+}  // namespace maneuver::security::resource_name_test

@@ -12,7 +12,7 @@
 #include "maneuver/v1/prediction_service.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 
-namespace maneuver::security {
+namespace maneuver::security::roles_test {
 namespace {
 
 std::set<std::string> MethodsOfTheContract() {
@@ -68,4 +68,4 @@ TEST(RolesTest, RolesDoNotIncludeOneAnother) {
 }
 
 }  // namespace
-}  // namespace maneuver::security
+}  // namespace maneuver::security::roles_test

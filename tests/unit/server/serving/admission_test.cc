@@ -4,7 +4,7 @@
 
 #include "server/errors/error_details.h"
 
-namespace maneuver::serving {
+namespace maneuver::serving::admission_test {
 namespace {
 
 using std::chrono::milliseconds;
@@ -41,4 +41,4 @@ TEST(AdmissionTest, ADelayIsAMillisecondToHalfAMinute) {
 }
 
 }  // namespace
-}  // namespace maneuver::serving
+}  // namespace maneuver::serving::admission_test

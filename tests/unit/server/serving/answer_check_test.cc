@@ -7,7 +7,7 @@
 
 #include "server/errors/error_details.h"
 
-namespace maneuver::serving {
+namespace maneuver::serving::answer_check_test {
 namespace {
 
 using testing::HasSubstr;
@@ -100,4 +100,4 @@ TEST(AnswerCheckTest, ASoundAnswerPasses) {
 }
 
 }  // namespace
-}  // namespace maneuver::serving
+}  // namespace maneuver::serving::answer_check_test

@@ -4,7 +4,7 @@
 
 #include "maneuver/v1/prediction_service.pb.h"
 
-namespace maneuver::serving {
+namespace maneuver::serving::answer_size_test {
 namespace {
 
 constexpr int kActions = 25;
@@ -92,4 +92,4 @@ TEST(AnswerSizeTest, LeavesRoomForAnErrorWhereLittleIsAsked) {
 }
 
 }  // namespace
-}  // namespace maneuver::serving
+}  // namespace maneuver::serving::answer_size_test

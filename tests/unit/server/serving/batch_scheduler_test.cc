@@ -14,7 +14,7 @@
 #include "server/monitoring/prometheus_metrics.h"
 #include "tests/unit/server/serving/fake_action_model.h"
 
-namespace maneuver::serving {
+namespace maneuver::serving::batch_scheduler_test {
 namespace {
 
 using std::chrono::milliseconds;
@@ -569,4 +569,4 @@ TEST_F(BatchSchedulerTest, WithholdsAnAnswerWhoseTrajectoryIsNotFinite) {
 }
 
 }  // namespace
-}  // namespace maneuver::serving
+}  // namespace maneuver::serving::batch_scheduler_test

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace maneuver::serving {
+namespace maneuver::serving::drain_rate_test {
 namespace {
 
 using std::chrono::duration;
@@ -84,4 +84,4 @@ TEST(DrainRateTest, AnotherSpeedIsLearnedWithinSeconds) {
 }
 
 }  // namespace
-}  // namespace maneuver::serving
+}  // namespace maneuver::serving::drain_rate_test

@@ -9,7 +9,7 @@
 #include "server/errors/error_details.h"
 #include "server/monitoring/prometheus_metrics.h"
 
-namespace maneuver::serving {
+namespace maneuver::serving::map_cache_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -182,4 +182,4 @@ TEST_F(MapCacheTest, ManyThreadsRegisterAndFindAtOnce) {
 }
 
 }  // namespace
-}  // namespace maneuver::serving
+}  // namespace maneuver::serving::map_cache_test

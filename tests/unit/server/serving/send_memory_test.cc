@@ -8,7 +8,7 @@
 #include "server/errors/error_details.h"
 #include "server/monitoring/prometheus_metrics.h"
 
-namespace maneuver::serving {
+namespace maneuver::serving::send_memory_test {
 namespace {
 
 using testing::HasSubstr;
@@ -53,4 +53,4 @@ TEST_F(SendMemoryTest, GivesBackWhatAnAnswerDidNotNeed) {
 }
 
 }  // namespace
-}  // namespace maneuver::serving
+}  // namespace maneuver::serving::send_memory_test

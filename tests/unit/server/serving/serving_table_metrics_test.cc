@@ -10,7 +10,7 @@
 #include "server/monitoring/prometheus_metrics.h"
 #include "tests/unit/server/serving/serving_table_fixture.h"
 
-namespace maneuver::serving {
+namespace maneuver::serving::serving_table_metrics_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -88,4 +88,4 @@ TEST(ServingTableMetricsLimitTest, NoMoreThan32ModelsAreLabels) {
 }
 
 }  // namespace
-}  // namespace maneuver::serving
+}  // namespace maneuver::serving::serving_table_metrics_test

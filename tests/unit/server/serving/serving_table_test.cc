@@ -10,7 +10,7 @@
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/server/serving/serving_table_fixture.h"
 
-namespace maneuver::serving {
+namespace maneuver::serving::serving_table_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -220,4 +220,4 @@ TEST_F(ServingTableTest, AVersionIsPromotedOverTheOneThatItWasComparedWithAndNoO
 }
 
 }  // namespace
-}  // namespace maneuver::serving
+}  // namespace maneuver::serving::serving_table_test

@@ -15,7 +15,7 @@
 #include "tests/unit/server/serving/memory_alias_store.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::serving {
+namespace maneuver::serving::shadow_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -353,4 +353,4 @@ TEST_F(ShadowTest, ModelsBeyondTheirMostShareTheirMetrics) {
 }
 
 }  // namespace
-}  // namespace maneuver::serving
+}  // namespace maneuver::serving::shadow_test

@@ -7,7 +7,7 @@
 
 #include "tests/unit/server/serving/fake_action_model.h"
 
-namespace maneuver::serving {
+namespace maneuver::serving::target_queue_test {
 namespace {
 
 using std::chrono::milliseconds;
@@ -257,4 +257,4 @@ TEST(SelectActionsTest, OrdersByProbabilityThenId) {
 }
 
 }  // namespace
-}  // namespace maneuver::serving
+}  // namespace maneuver::serving::target_queue_test

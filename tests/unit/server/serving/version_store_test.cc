@@ -10,7 +10,7 @@
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/server/serving/serving_table_fixture.h"
 
-namespace maneuver::serving {
+namespace maneuver::serving::version_store_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -164,4 +164,4 @@ TEST_F(VersionStoreTest, TakesAPublishedVersionBackWhole) {
 }
 
 }  // namespace
-}  // namespace maneuver::serving
+}  // namespace maneuver::serving::version_store_test

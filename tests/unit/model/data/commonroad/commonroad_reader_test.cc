@@ -8,7 +8,7 @@
 
 #include "model/scene/scenario_validation.h"
 
-namespace maneuver::data {
+namespace maneuver::data::commonroad_reader_test {
 namespace {
 
 using testing::HasSubstr;
@@ -244,4 +244,4 @@ TEST(CommonRoadTest, ErrorsNameTheElement) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::commonroad_reader_test

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace maneuver::data {
+namespace maneuver::data::lanelet_map_test {
 namespace {
 
 // Returns a lanelet from x0 to x1 along the x axis, between y = right and y = left.
@@ -126,4 +126,4 @@ TEST(MapOfTest, ACrosswalkBecomesAnAreaAndABicycleLaneACenterline) {
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::lanelet_map_test

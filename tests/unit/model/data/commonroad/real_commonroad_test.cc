@@ -12,7 +12,7 @@
 #include "model/data/commonroad/commonroad_reader.h"
 #include "model/scene/scenario_validation.h"
 
-namespace maneuver::data {
+namespace maneuver::data::real_commonroad_test {
 namespace {
 
 int64_t Count(const std::string& text, const std::string& what) {
@@ -57,4 +57,4 @@ TEST(RealCommonRoadTest, EveryFileGivesAValidScenarioWithAllObstaclesAndLanelets
 }
 
 }  // namespace
-}  // namespace maneuver::data
+}  // namespace maneuver::data::real_commonroad_test

@@ -5,7 +5,7 @@
 
 #include "gtest/gtest.h"
 
-namespace maneuver::data::town {
+namespace maneuver::data::town::driver_test {
 namespace {
 
 constexpr double kNobody = std::numeric_limits<double>::infinity();
@@ -52,4 +52,4 @@ TEST(DriverTest, DrawsDifferentDrivers) {
 }
 
 }  // namespace
-}  // namespace maneuver::data::town
+}  // namespace maneuver::data::town::driver_test

@@ -4,7 +4,7 @@
 
 #include "gtest/gtest.h"
 
-namespace maneuver::data::town {
+namespace maneuver::data::town::lane_graph_test {
 namespace {
 
 Lane Straight(Vec2 from, double heading, double length) {
@@ -64,4 +64,4 @@ TEST(LaneGraphTest, LanesIntoOneLaneMergeAndLanesOutOfOneLaneDoNotConflict) {
 }
 
 }  // namespace
-}  // namespace maneuver::data::town
+}  // namespace maneuver::data::town::lane_graph_test

@@ -7,7 +7,7 @@
 
 #include "gtest/gtest.h"
 
-namespace maneuver::data::town {
+namespace maneuver::data::town::maneuvers_test {
 namespace {
 
 // Returns a track along x for `seconds`, with speed and turn rate given as functions of time.
@@ -89,4 +89,4 @@ TEST(ManeuversTest, IntervalsFollowEachOtherWithoutAGap) {
 }
 
 }  // namespace
-}  // namespace maneuver::data::town
+}  // namespace maneuver::data::town::maneuvers_test

@@ -5,7 +5,7 @@
 
 #include "gtest/gtest.h"
 
-namespace maneuver::data::town {
+namespace maneuver::data::town::path_test {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
@@ -74,4 +74,4 @@ TEST(PathTest, ProjectsToTheNearestPoint) {
 }
 
 }  // namespace
-}  // namespace maneuver::data::town
+}  // namespace maneuver::data::town::path_test

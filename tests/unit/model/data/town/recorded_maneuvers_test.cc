@@ -10,7 +10,7 @@
 #include "model/data/town/maneuvers.h"
 #include "tests/unit/model/data/town/simulated_places.h"
 
-namespace maneuver::data::town {
+namespace maneuver::data::town::recorded_maneuvers_test {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
@@ -161,4 +161,4 @@ TEST(RecordedManeuversTest, NoManeuverTakesMostOfTheMovingTime) {
 }
 
 }  // namespace
-}  // namespace maneuver::data::town
+}  // namespace maneuver::data::town::recorded_maneuvers_test

@@ -4,7 +4,7 @@
 
 #include "gtest/gtest.h"
 
-namespace maneuver::data::town {
+namespace maneuver::data::town::sensor_model_test {
 namespace {
 
 // Returns a track straight through the middle at 10 m/s, for twenty seconds.
@@ -81,4 +81,4 @@ TEST(SensorModelTest, DropsTracksThatAreTooShort) {
 }
 
 }  // namespace
-}  // namespace maneuver::data::town
+}  // namespace maneuver::data::town::sensor_model_test

@@ -2,7 +2,7 @@
 
 #include "gtest/gtest.h"
 
-namespace maneuver::data::town {
+namespace maneuver::data::town::signals_test {
 namespace {
 
 SignalPlan Plan() {
@@ -41,4 +41,4 @@ TEST(SignalsTest, TimeUntilGreenEndsInGreen) {
 }
 
 }  // namespace
-}  // namespace maneuver::data::town
+}  // namespace maneuver::data::town::signals_test

@@ -10,7 +10,7 @@
 #include "model/data/town/layouts.h"
 #include "model/scene/scenario_validation.h"
 
-namespace maneuver::data::town {
+namespace maneuver::data::town::synthetic_town_test {
 namespace {
 
 constexpr int kRecordings = 20;
@@ -216,4 +216,4 @@ TEST(SyntheticTownTest, HasTheRequestedFrameIntervalAndDuration) {
 }
 
 }  // namespace
-}  // namespace maneuver::data::town
+}  // namespace maneuver::data::town::synthetic_town_test

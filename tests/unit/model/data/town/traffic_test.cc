@@ -13,7 +13,7 @@
 #include "model/data/town/maneuvers.h"
 #include "tests/unit/model/data/town/simulated_places.h"
 
-namespace maneuver::data::town {
+namespace maneuver::data::town::traffic_test {
 namespace {
 
 constexpr double kFrame = 0.1;  // seconds
@@ -170,4 +170,4 @@ TEST(TrafficTest, SpeedsSuitThePlace) {
 }
 
 }  // namespace
-}  // namespace maneuver::data::town
+}  // namespace maneuver::data::town::traffic_test
