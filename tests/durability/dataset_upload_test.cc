@@ -78,7 +78,7 @@ bool IsWholeDataset(const fs::path& folder, const std::string& id) {
   return true;
 }
 
-TEST(DurabilityTest, AnUploadIsADatasetOrNothing) {
+TEST(DurabilityTest, AfterAPowerCutAnUploadIsAWholeDatasetOrNothing) {
   const TemporaryFolder parent;
   const LocalDataset local(parent / "local");
   ASSERT_GE(local.manifest.shards_size(), 2);
@@ -99,7 +99,7 @@ TEST(DurabilityTest, AnUploadIsADatasetOrNothing) {
   EXPECT_GE(moments, 20);
 }
 
-TEST(DurabilityTest, AnUploadThatIsGoneOnWithIsADatasetOrCanBeGoneOnWith) {
+TEST(DurabilityTest, AfterAPowerCutAContinuedUploadIsADatasetOrCanContinue) {
   const TemporaryFolder parent;
   const LocalDataset local(parent / "local");
   const auto first_shard = static_cast<size_t>(local.manifest.shards(0).size_bytes());
@@ -116,7 +116,7 @@ TEST(DurabilityTest, AnUploadThatIsGoneOnWithIsADatasetOrCanBeGoneOnWith) {
   EXPECT_GE(moments, 15);
 }
 
-TEST(DurabilityTest, WhatHasArrivedIsThereAfterAPowerCut) {
+TEST(DurabilityTest, BytesReportedAsArrivedSurviveAPowerCut) {
   const TemporaryFolder parent;
   const LocalDataset local(parent / "local");
   const auto first_shard = static_cast<size_t>(local.manifest.shards(0).size_bytes());

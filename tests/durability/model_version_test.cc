@@ -26,7 +26,7 @@ absl::Status PublishNextVersion(const fs::path& folder) {
       .status();
 }
 
-TEST(DurabilityTest, AModelVersionIsThereWholeOrNotAtAll) {
+TEST(DurabilityTest, AfterAPowerCutAModelVersionIsWholeOrAbsent) {
   const TemporaryFolder parent;
   const int moments = CheckEveryFault(
       Publication{

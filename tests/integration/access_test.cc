@@ -114,7 +114,7 @@ class AccessTest : public ::testing::Test {
   SecuredFolder folder_;
 };
 
-TEST_F(AccessTest, EveryMethodThatReflectionListsIsDeclared) {
+TEST_F(AccessTest, EveryMethodListedByReflectionHasARole) {
   const auto server = folder_.Start();
   std::vector<std::string> methods = MethodsByReflection(Connect(*server, ""));
   std::ranges::sort(methods);
@@ -124,7 +124,7 @@ TEST_F(AccessTest, EveryMethodThatReflectionListsIsDeclared) {
   EXPECT_EQ(methods, declared);
 }
 
-TEST_F(AccessTest, EveryMethodAnswersEveryTokenAsTheTableSays) {
+TEST_F(AccessTest, EveryMethodAnswersEachTokenAsTheRoleTableSays) {
   folder_.Install(authority_.Issue("server", "IP:127.0.0.1"));
   const std::string predict = folder_.CreateToken("planner", "predict");
   const std::string train = folder_.CreateToken("researcher", "train");
@@ -156,7 +156,7 @@ TEST_F(AccessTest, EveryMethodAnswersEveryTokenAsTheTableSays) {
   EXPECT_THAT(folder_.log_text(), HasSubstr("call refused"));
 }
 
-TEST_F(AccessTest, EveryMethodAnswersEveryCertificateAsTheTableSays) {
+TEST_F(AccessTest, EveryMethodAnswersEachCertificateAsTheRoleTableSays) {
   TestAuthority clients("clients");
   folder_.Install(authority_.Issue("server", "IP:127.0.0.1"));
   folder_.Write("ca.crt", clients.certificate());
@@ -187,7 +187,7 @@ TEST_F(AccessTest, EveryMethodAnswersEveryCertificateAsTheTableSays) {
   }
 }
 
-TEST_F(AccessTest, ARefusedCallerLearnsNothingOfWhatExists) {
+TEST_F(AccessTest, ARefusalDoesNotRevealWhetherAResourceExists) {
   folder_.CreateToken("planner", "predict");
   const auto server = folder_.Start({"--tokens", folder_.file("tokens").string()});
   const auto channel = Connect(*server, "");
@@ -208,7 +208,7 @@ TEST_F(AccessTest, ARefusedCallerLearnsNothingOfWhatExists) {
   }
 }
 
-TEST_F(AccessTest, TokensComeAndGoWhileTheServerServes) {
+TEST_F(AccessTest, TokensAreAddedAndRevokedWhileTheServerRuns) {
   const std::string first = folder_.CreateToken("first", "predict");
   const auto server = folder_.Start({"--tokens", folder_.file("tokens").string()});
   const auto channel = Connect(*server, "");
@@ -252,7 +252,7 @@ TEST_F(AccessTest, TokensComeAndGoWhileTheServerServes) {
   EXPECT_EQ(Reason(end), "TOKEN_UNKNOWN");
 }
 
-TEST_F(AccessTest, AnExpiredTokenIsRefusedAndTheLogAloneSaysThatItHasExpired) {
+TEST_F(AccessTest, OnlyTheLogTellsAnExpiredTokenFromAnUnknownOne) {
   const std::string token = folder_.CreateToken("guest", "predict");
   const std::string line = folder_.Read("tokens");
   folder_.Write("tokens", line.substr(0, line.size() - 1) + " expires=2020-01-01T00:00:00Z\n");
@@ -284,7 +284,7 @@ std::chrono::milliseconds RetryDelay(const grpc::Status& status) {
                                    info.retry_delay().nanos() / 1'000'000);
 }
 
-TEST_F(AccessTest, WhoCallsTooOftenIsToldWhenToComeBackAndOthersAreNotHeldUp) {
+TEST_F(AccessTest, ARateLimitTellsItsCallerWhenToRetryAndSparesOthers) {
   const std::string busy = folder_.CreateToken("busy", "predict");
   const std::string calm = folder_.CreateToken("calm", "predict");
   const auto server = folder_.Start({"--tokens", folder_.file("tokens").string(), "--rate-limit",

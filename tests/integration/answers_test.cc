@@ -78,7 +78,7 @@ TEST_F(AnswersTest, ProbabilitiesOfEachAnswerSumToOne) {
   EXPECT_GT(targets, 12);
 }
 
-TEST_F(AnswersTest, DistributionsHoldEverythingThatWasAskedFor) {
+TEST_F(AnswersTest, DistributionsHaveEveryRequestedPart) {
   v1::PredictRequest request = Request(0, 1);
   request.mutable_query()->set_top_k(3);
   v1::PredictResponse response;
@@ -107,7 +107,7 @@ TEST_F(AnswersTest, DistributionsHoldEverythingThatWasAskedFor) {
   }
 }
 
-TEST_F(AnswersTest, WhereNoActionIsProbableEnoughNoneIsDescribed) {
+TEST_F(AnswersTest, DescribesNoActionBelowTheProbabilityThreshold) {
   v1::PredictRequest request = Request(0, 1);
   request.mutable_query()->set_min_probability(1.0);
   v1::PredictResponse response;
@@ -154,7 +154,7 @@ TEST_F(AnswersTest, TheMedoidHasTheLeastExpectedDistanceToTheMixture) {
   }
 }
 
-TEST_F(AnswersTest, RepresentativesAreDescribedThoughNothingElseIs) {
+TEST_F(AnswersTest, DescribesRepresentativesEvenIfNoActionIsSelected) {
   v1::PredictRequest request = Request(0, 1);
   request.mutable_query()->set_min_probability(1.0);
   request.mutable_query()->set_representatives(4);
@@ -169,7 +169,7 @@ TEST_F(AnswersTest, RepresentativesAreDescribedThoughNothingElseIs) {
   EXPECT_EQ(described.size(), 4u);
 }
 
-TEST_F(AnswersTest, FramesAgree) {
+TEST_F(AnswersTest, WorldAndTargetFramesAgree) {
   v1::PredictRequest request = Request(0, 1);
   request.mutable_scenarios(0)->mutable_target_ids()->Truncate(1);
   v1::PredictResponse world;
@@ -196,7 +196,7 @@ TEST_F(AnswersTest, FramesAgree) {
   }
 }
 
-TEST_F(AnswersTest, SameBitsAloneInABatchAndAfterARestart) {
+TEST_F(AnswersTest, AnswersHaveTheSameBitsAloneInABatchAndAfterARestart) {
   v1::PredictResponse batch;
   ASSERT_TRUE(Predict(Request(0, 8), &batch).ok());
   v1::PredictResponse alone;
@@ -211,7 +211,7 @@ TEST_F(AnswersTest, SameBitsAloneInABatchAndAfterARestart) {
   EXPECT_EQ(batch.SerializeAsString(), later.SerializeAsString());
 }
 
-TEST_F(AnswersTest, ThePastDecidesAndTheFutureDoesNot) {
+TEST_F(AnswersTest, IgnoresStatesAfterThePredictionTime) {
   v1::PredictRequest request = Request(0, 4);
   v1::PredictResponse with_future;
   ASSERT_TRUE(Predict(request, &with_future).ok());
@@ -228,7 +228,7 @@ TEST_F(AnswersTest, ThePastDecidesAndTheFutureDoesNot) {
   EXPECT_EQ(with_future.SerializeAsString(), without_future.SerializeAsString());
 }
 
-TEST_F(AnswersTest, ClassifiesWhatWasDriven) {
+TEST_F(AnswersTest, ClassifiesADrivenTrajectory) {
   v1::ClassifyTrajectoriesRequest request;
   *request.add_scenarios() = trained_->unseen()[0];
   v1::ClassifyTrajectoriesResponse response;
@@ -277,7 +277,7 @@ struct BadInput {
   const char* field;
 };
 
-TEST_F(AnswersTest, BadInputIsNamedAndTheRestOfTheBatchIsAnswered) {
+TEST_F(AnswersTest, NamesBadInputAndAnswersTheRestOfTheBatch) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<BadInput> cases = {
       {"non-finite state",
@@ -382,7 +382,7 @@ TEST_F(AnswersTest, EvaluationAgreesWithRecordedManoeuvres) {
 }
 
 // Another version of the model, with a residual backbone, beside the one that serves.
-TEST_F(AnswersTest, AResidualBackboneIsTrainedShownAndServed) {
+TEST_F(AnswersTest, TrainsShowsAndServesAResidualBackbone) {
   v1::TrainingSettings settings;
   ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(kTinySettings, &settings).ok());
   v1::BackboneSpec& backbone = *settings.mutable_model()->mutable_backbone();
@@ -443,7 +443,7 @@ void Alter(const std::filesystem::path& file) {
   stream.put(static_cast<char>(byte ^ 0x40));
 }
 
-TEST_F(AnswersTest, ADamagedVersionIsRefusedAndTheServingOneServes) {
+TEST_F(AnswersTest, RefusesADamagedVersionAndKeepsServing) {
   const std::filesystem::path models = trained_->data_dir() / "models" / "tiny";
   for (const char* version : {"7", "8"}) {
     std::filesystem::copy(models / "1", models / version, std::filesystem::copy_options::recursive);
@@ -470,7 +470,7 @@ TEST_F(AnswersTest, ADamagedVersionIsRefusedAndTheServingOneServes) {
   trained_->Restart();
 }
 
-TEST_F(AnswersTest, StopsCleanlyWhenAskedTo) {
+TEST_F(AnswersTest, StopsCleanlyOnSigterm) {
   EXPECT_EQ(server().Terminate(), 0);
   trained_->Restart();
 }

@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 using ::testing::ContainsRegex;
 using ::testing::HasSubstr;
 
-TEST(CrossValidationTest, AJobMeasuresEachRecordingOnceThoughTheServerDies) {
+TEST(CrossValidationTest, MeasuresEachRecordingOnceEvenIfTheServerIsKilled) {
   TemporaryFolder folder;
   const fs::path data = folder.path() / "data";
   fs::create_directory(data);

@@ -141,7 +141,7 @@ class DiskFullTest : public ::testing::Test {
   int status_ = 0;
 };
 
-TEST_F(DiskFullTest, NothingIsLostAndTheJobGoesOnOnceThereIsRoom) {
+TEST_F(DiskFullTest, LosesNothingAndContinuesTheJobOnceThereIsRoom) {
   const std::string started = Maneuver(Train("victim"));
   ASSERT_EQ(status_, 0) << started;
   const std::string job = started.substr(0, started.find('\n'));

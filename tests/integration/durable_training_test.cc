@@ -114,7 +114,7 @@ class DurableTrainingTest : public ::testing::Test {
   std::unique_ptr<ServerProcess> server_;
 };
 
-TEST_F(DurableTrainingTest, KilledAgainAndAgainItEndsWithTheSameWeights) {
+TEST_F(DurableTrainingTest, AJobThatIsKilledRepeatedlyEndsWithTheSameWeights) {
   const int kills = FromEnvironment("MANEUVER_KILLS", 6);
   const int epochs = std::max(4, kills);
   std::mt19937 random(static_cast<unsigned>(FromEnvironment("MANEUVER_KILL_SEED", 1)));
@@ -171,7 +171,7 @@ TEST_F(DurableTrainingTest, KilledAgainAndAgainItEndsWithTheSameWeights) {
 }
 
 // As soon as the version is there: before the server could write down that it is, or just after.
-TEST_F(DurableTrainingTest, AServerThatDiesAsItPublishesMakesOneVersionAndTheJobSucceeds) {
+TEST_F(DurableTrainingTest, AServerKilledWhilePublishingMakesOneVersionAndFinishesTheJob) {
   const std::string job = Start("published", 1);
   ASSERT_TRUE(WaitFor([&] { return fs::exists(Version("published")); }, std::chrono::seconds(120)));
   server().Kill();

@@ -133,7 +133,7 @@ class FaultsTest : public ::testing::Test {
   int64_t memory_ = 0;
 };
 
-TEST_F(FaultsTest, AMessageOverTheLimitIsRefusedAndLeavesNothing) {
+TEST_F(FaultsTest, RefusesAMessageOverTheLimitAndFreesItsMemory) {
   Start({"--max-message", "16", "--max-receive-memory", "48MiB"});
   EXPECT_EQ(SendZeros(15 * kMiB, false).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
   const grpc::Status over = SendZeros(17 * kMiB, false);
@@ -149,7 +149,7 @@ TEST_F(FaultsTest, AMessageOverTheLimitIsRefusedAndLeavesNothing) {
   ExpectAllIsGivenBack();
 }
 
-TEST_F(FaultsTest, ACompressedMessageIsRefusedBeforeItIsUnpacked) {
+TEST_F(FaultsTest, RefusesACompressedMessageWithoutUnpackingIt) {
   Start({});
   const int64_t most = Status("VmHWM:");
   const grpc::Status status = SendZeros(100 * kMiB, true);
@@ -159,7 +159,7 @@ TEST_F(FaultsTest, ACompressedMessageIsRefusedBeforeItIsUnpacked) {
   ExpectOthersAreAnswered();
 }
 
-TEST_F(FaultsTest, FiveThousandStreamsAreAnsweredAndLeaveNothing) {
+TEST_F(FaultsTest, AnswersFiveThousandStreamsAndFreesTheirMemory) {
   Start({});
   constexpr int kConnections = 25;
   constexpr int kStreams = 200;
@@ -190,7 +190,7 @@ TEST_F(FaultsTest, FiveThousandStreamsAreAnsweredAndLeaveNothing) {
 }
 
 // One that waits, as a library does, waits: tls_test.cc.
-TEST_F(FaultsTest, WhoOpensMoreStreamsThanAllowedLosesTheConnectionAlone) {
+TEST_F(FaultsTest, TooManyStreamsCloseOnlyTheirOwnConnection) {
   Start({"--max-streams", "10"});
   RawHttp2 greedy(server_->address());
   greedy.SendPreface();
@@ -204,7 +204,7 @@ TEST_F(FaultsTest, WhoOpensMoreStreamsThanAllowedLosesTheConnectionAlone) {
   ExpectOthersAreAnswered();
 }
 
-TEST_F(FaultsTest, WhoSaysNothingIsLetGo) {
+TEST_F(FaultsTest, ClosesAConnectionThatSendsNothing) {
   Start({"--handshake-timeout", "1", "--keepalive", "1"});
   RawHttp2 silent(server_->address());
   RawHttp2 half(server_->address());
@@ -232,7 +232,7 @@ TEST_F(FaultsTest, WhoSaysNothingIsLetGo) {
   ExpectOthersAreAnswered();
 }
 
-TEST_F(FaultsTest, AHandshakeOfTlsThatDoesNotComeIsNotWaitedFor) {
+TEST_F(FaultsTest, ClosesAConnectionThatNeverStartsItsTlsHandshake) {
   TestAuthority authority("authority");
   folder_.Install(authority.Issue("server", "IP:127.0.0.1"));
   const auto server = folder_.StartTls({"--handshake-timeout", "1"});
@@ -243,7 +243,7 @@ TEST_F(FaultsTest, AHandshakeOfTlsThatDoesNotComeIsNotWaitedFor) {
   EXPECT_TRUE(silent.Read(1, 10s, true).closed);
 }
 
-TEST_F(FaultsTest, WhoNeverReadsHoldsUpNobodyElse) {
+TEST_F(FaultsTest, ACallerThatNeverReadsDelaysNobodyElse) {
   Start({"--workers", "1"});
   constexpr int kStreams = 16;
   constexpr int kMany = 100'000;

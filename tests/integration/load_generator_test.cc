@@ -84,7 +84,7 @@ std::unique_ptr<TemporaryFolder> LoadGeneratorTest::folder_;
 std::unique_ptr<ServerProcess> LoadGeneratorTest::server_;
 std::string LoadGeneratorTest::output_;
 
-TEST_F(LoadGeneratorTest, AClosedLoopCountsWhatTheServerCounts) {
+TEST_F(LoadGeneratorTest, AClosedLoopAgreesWithTheServersCounters) {
   const load::MetricsPage before = Metrics();
   const nlohmann::json report =
       Load({"--concurrency", "4", "--calls", "200", "--warm-up", "0", "--targets", "1-3"});
@@ -119,7 +119,7 @@ TEST_F(LoadGeneratorTest, AnOpenLoopCallsAtItsRate) {
   EXPECT_EQ(Calls(after, "OK", method) - Calls(before, "OK", method), 60);
 }
 
-TEST_F(LoadGeneratorTest, RegisteredMapsAreNamedAndNotSent) {
+TEST_F(LoadGeneratorTest, SendsTheIdsOfRegisteredMapsInsteadOfTheMaps) {
   const Arguments calls = {"--calls", "20", "--warm-up", "0"};
   const nlohmann::json whole = Load(calls);
   const load::MetricsPage before = Metrics();
@@ -136,7 +136,7 @@ TEST_F(LoadGeneratorTest, RegisteredMapsAreNamedAndNotSent) {
   EXPECT_EQ(hits(after) - hits(before), 20 + 1);
 }
 
-TEST_F(LoadGeneratorTest, RefusalsAreCountedWithTheirDelayAndAreNoFailure) {
+TEST_F(LoadGeneratorTest, CountsRefusalsAndTheirDelaysButNotAsFailures) {
   const load::MetricsPage before = Metrics();
   // Each call takes a third of the queue: of sixteen callers most are refused.
   const nlohmann::json report = Load(
@@ -154,7 +154,7 @@ TEST_F(LoadGeneratorTest, RefusalsAreCountedWithTheirDelayAndAreNoFailure) {
   EXPECT_LE(step["server"]["most_queued_targets"], kMostQueued);
 }
 
-TEST_F(LoadGeneratorTest, WhatTheLibraryHoldsBackIsRefusedAndTheServerNeverSeesIt) {
+TEST_F(LoadGeneratorTest, CountsCallsThatTheClientHeldBackAsRefused) {
   const load::MetricsPage before = Metrics();
   const nlohmann::json report = Load({"--rate", "2000", "--targets", "8", "--warm-up", "0",
                                       "--duration", "1", "--connections", "1"});
@@ -169,7 +169,7 @@ TEST_F(LoadGeneratorTest, WhatTheLibraryHoldsBackIsRefusedAndTheServerNeverSeesI
   EXPECT_THAT(output_, HasSubstr("--send-all"));
 }
 
-TEST_F(LoadGeneratorTest, ExpiredCallsAreCountedAndAreNoFailure) {
+TEST_F(LoadGeneratorTest, CountsExpiredCallsButNotAsFailures) {
   const nlohmann::json report =
       Load({"--rate", "400", "--deadline", "0.1-0.3", "--warm-up", "0", "--calls", "200"});
   const auto& step = report["steps"][0];
@@ -182,7 +182,7 @@ TEST_F(LoadGeneratorTest, ExpiredCallsAreCountedAndAreNoFailure) {
             200);
 }
 
-TEST_F(LoadGeneratorTest, ASweepMeasuresTheCapacityAndThenSharesOfIt) {
+TEST_F(LoadGeneratorTest, ASweepMeasuresTheCapacityAndThenFractionsOfIt) {
   const nlohmann::json report = Load({"--rates", "50%,20", "--concurrency", "4", "--warm-up", "0.1",
                                       "--duration", "0.5", "--arrival", "constant"});
   ASSERT_EQ(report["steps"].size(), 3U) << output_;
@@ -194,12 +194,12 @@ TEST_F(LoadGeneratorTest, ASweepMeasuresTheCapacityAndThenSharesOfIt) {
   EXPECT_EQ(report["steps"][2]["calls_due"], 10);
 }
 
-TEST_F(LoadGeneratorTest, AModelThatIsNotThereIsSaidAtOnce) {
+TEST_F(LoadGeneratorTest, FailsAtOnceIfTheModelDoesNotExist) {
   Load({"--model", "nobody", "--duration", "60"}, 1);
   EXPECT_THAT(output_, HasSubstr("nobody"));
 }
 
-TEST_F(LoadGeneratorTest, AServerThatIsTooBusyForTheFirstCallIsAskedAllTheSame) {
+TEST_F(LoadGeneratorTest, StartsEvenIfTheServerIsTooBusyForTheFirstCall) {
   // The only call that it takes for a while promotes the model.
   const std::filesystem::path data = folder_->path() / "busy";
   std::filesystem::create_directories(data / "models");

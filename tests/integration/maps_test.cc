@@ -57,12 +57,12 @@ class MapsTest : public ::testing::Test {
 
 std::unique_ptr<TrainedServer> MapsTest::trained_;
 
-TEST_F(MapsTest, AnswersAreTheSameBitsWithMapsThatAreNamed) {
+TEST_F(MapsTest, RegisteredMapsGiveTheSameBits) {
   const auto client = Connect(trained_->server());
   ExpectSameAnswers(*client, Request(trained_->unseen()));
 }
 
-TEST_F(MapsTest, RealScenesAreAFifthOrLessWithoutTheirMaps) {
+TEST_F(MapsTest, RequestsWithoutMapsHaveAtMostAFifthOfTheBytes) {
   const char* place = std::getenv("MANEUVER_REAL_DATA");
   if (place == nullptr) GTEST_SKIP() << "MANEUVER_REAL_DATA is not set";
   std::vector<v1::Scenario> scenarios;
@@ -88,7 +88,7 @@ TEST_F(MapsTest, RealScenesAreAFifthOrLessWithoutTheirMaps) {
   EXPECT_LT(static_cast<double>(request.ByteSizeLong()), whole / 5.0);
 }
 
-TEST_F(MapsTest, TheClientRegistersAgainWhatTheServerLost) {
+TEST_F(MapsTest, TheClientRegistersALostMapAgain) {
   trained_->server().Terminate();
   const std::vector<v1::Scenario> scenes(trained_->unseen().begin(),
                                          trained_->unseen().begin() + 2);
@@ -120,7 +120,7 @@ TEST_F(MapsTest, TheClientRegistersAgainWhatTheServerLost) {
 }
 
 // Open streams of callers who stay must not keep a server from ending.
-TEST_F(MapsTest, AnIdleStreamDoesNotHoldUpTheEndOfTheServer) {
+TEST_F(MapsTest, AnIdleStreamDoesNotDelayTheShutdown) {
   trained_->server().Terminate();
   ServerProcess server(trained_->data_dir(), {"--shutdown-timeout", "25"});
   const auto client = Connect(server);

@@ -205,7 +205,7 @@ std::set<std::string> FilesBelow(const std::filesystem::path& folder) {
   return files;
 }
 
-TEST(NamesTest, NoNameOfAnyRequestLeadsOutOfTheDataFolder) {
+TEST(NamesTest, NoNameInARequestReachesOutsideTheDataFolder) {
   SecuredFolder folder;
   const auto server = folder.Start();
   const auto channel = Connect(*server, "");

@@ -71,17 +71,17 @@ class ObservabilityTest : public ::testing::Test {
 };
 
 // After a change that is meant: put the new page in place of the old one, as the failure says.
-TEST_F(ObservabilityTest, ThePageOfMetricsHasTheseNamesTypesLabelsAndHelp) {
+TEST_F(ObservabilityTest, TheMetricsPageHasTheExpectedNamesTypesLabelsAndHelp) {
   const std::string shape = ShapeOf(MetricsPage(*server_));
   ExpectShape(shape, GOLDEN_METRICS_PAGE, ACTUAL_METRICS_PAGE);
 }
 
-TEST_F(ObservabilityTest, PromtoolFindsNothingWrongWithThePage) {
+TEST_F(ObservabilityTest, TheMetricsPagePassesPromtool) {
   if (!HasPromtool()) GTEST_SKIP() << "promtool is not installed";
   ExpectPromtoolIsContent(MetricsPage(*server_), folder_.file("page"));
 }
 
-TEST_F(ObservabilityTest, BytesOfMessagesAreCountedByMethod) {
+TEST_F(ObservabilityTest, CountsMessageBytesByMethod) {
   v1::PredictRequest request;
   request.add_scenarios()->set_scenario_id(std::string(1000, 'x'));
   {
@@ -112,7 +112,7 @@ TEST_F(ObservabilityTest, BytesOfMessagesAreCountedByMethod) {
   EXPECT_EQ(bytes("response", "AdminService/GetLogLevel"), level.ByteSizeLong());
 }
 
-TEST_F(ObservabilityTest, TheLevelOfTheLogIsChangedWhileTheServerRuns) {
+TEST_F(ObservabilityTest, TheLogLevelChangesWhileTheServerRuns) {
   const auto call = [this](const std::string& request_id) {
     grpc::ClientContext context;
     Introduce(context);
@@ -149,7 +149,7 @@ TEST_F(ObservabilityTest, TheLevelOfTheLogIsChangedWhileTheServerRuns) {
               HasSubstr("\"message\":\"log level changed\",\"from\":\"info\",\"to\":\"debug\""));
 }
 
-TEST_F(ObservabilityTest, TheLogHasNoPayloadsTokensOrPaths) {
+TEST_F(ObservabilityTest, TheLogContainsNoPayloadsTokensOrPaths) {
   std::string output;
   ASSERT_EQ(Command({"log-level", "debug"}, &output), 0) << output;
   v1::StreamPredictRequest item;

@@ -89,7 +89,7 @@ class PromotionTest : public ::testing::Test {
   TrainedServer trained_;
 };
 
-TEST_F(PromotionTest, AWorseVersionIsNotPromotedAndAnEqualOneIsThoughTheServerDies) {
+TEST_F(PromotionTest, PromotesAnEqualVersionButNoWorseOneEvenIfTheServerIsKilled) {
   // Nobody has measured anything yet: what is there to compare?
   EXPECT_THAT(Run({"model", "compare", "tiny/1", "tiny", "--dataset", "unseen"}, 1),
               HasSubstr("maneuver evaluate tiny/1 --dataset unseen"));
@@ -158,7 +158,7 @@ TEST_F(PromotionTest, AWorseVersionIsNotPromotedAndAnEqualOneIsThoughTheServerDi
   EXPECT_FALSE(fs::exists(trained_.data_dir() / "models" / "tiny" / "1"));
 }
 
-TEST_F(PromotionTest, AVersionLearnsOnFromAnotherWithMoreOfTheNewRecordings) {
+TEST_F(PromotionTest, ContinuesFromAVersionWithMoreWeightOnNewRecordings) {
   const std::vector<std::string> command = {"train",        "tiny",
                                             "--start-from", "tiny",
                                             "--dataset",    "town",

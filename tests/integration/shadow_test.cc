@@ -131,7 +131,7 @@ class ShadowTest : public ::testing::Test {
   std::unique_ptr<v1::PredictionService::Stub> predictions_;
 };
 
-TEST_F(ShadowTest, MetricsSayHowFarTheCandidateIsAndCallersGetTheSameBits) {
+TEST_F(ShadowTest, MetricsMeasureTheCandidateWithoutChangingAnswers) {
   const std::string before = Ask();
   EXPECT_EQ(Targets("compared"), 0);  // there is no candidate
   Promote("tiny/2", "candidate");
@@ -155,7 +155,7 @@ TEST_F(ShadowTest, MetricsSayHowFarTheCandidateIsAndCallersGetTheSameBits) {
   EXPECT_EQ(server_->Terminate(), 0);
 }
 
-TEST_F(ShadowTest, ACandidateThatDoesNotLoadFailsNoCaller) {
+TEST_F(ShadowTest, ACandidateThatCannotBeLoadedFailsNoCall) {
   const std::string before = Ask();
   Promote("tiny/2", "candidate");
   ASSERT_EQ(server_->Terminate(), 0);

@@ -79,7 +79,7 @@ class SuddenDeathTest : public ::testing::Test {
 
 std::unique_ptr<TrainedServer> SuddenDeathTest::trained_;
 
-TEST_F(SuddenDeathTest, OfTheTrainerInterruptsTheJobAloneAndPredictionsGoOn) {
+TEST_F(SuddenDeathTest, AKilledTrainerInterruptsItsJobButNotPredictions) {
   const std::string job = StartLongJob();
   ASSERT_TRUE(WaitForProgress(job));
   EXPECT_TRUE(Predicts());
@@ -94,7 +94,7 @@ TEST_F(SuddenDeathTest, OfTheTrainerInterruptsTheJobAloneAndPredictionsGoOn) {
   CancelAndWait(job);
 }
 
-TEST_F(SuddenDeathTest, OfTheServerLosesNothingAndTheInterruptedJobGoesOn) {
+TEST_F(SuddenDeathTest, AKilledServerLosesNothingAndContinuesItsJob) {
   const std::string job = StartLongJob();
   ASSERT_TRUE(WaitForProgress(job));
   const std::vector<pid_t> trainers = server().Trainers();
@@ -130,7 +130,7 @@ TEST_F(SuddenDeathTest, OfTheServerLosesNothingAndTheInterruptedJobGoesOn) {
   CancelAndWait(job);
 }
 
-TEST_F(SuddenDeathTest, CancellingEndsTheTrainerWithinSecondsAndResumingGoesOnFromThere) {
+TEST_F(SuddenDeathTest, CancellingStopsTheTrainerWithinSecondsAndResumingContinues) {
   const std::string job = StartLongJob();
   ASSERT_TRUE(WaitForProgress(job));
   ASSERT_TRUE(

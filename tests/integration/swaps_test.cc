@@ -59,7 +59,7 @@ std::string Content(v1::PredictResponse response) {
   return response.SerializeAsString();
 }
 
-TEST(SwapsTest, UnderLoadEachAnswerIsOfOneVersionAndNoneFails) {
+TEST(SwapsTest, EachAnswerComesFromOneVersionWhileVersionsAreSwapped) {
   const char* more = std::getenv("MANEUVER_SWAPS");
   const int swaps = more == nullptr ? 200 : std::atoi(more);
   const TemporaryFolder folder;

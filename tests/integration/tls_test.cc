@@ -37,7 +37,7 @@ class TlsTest : public ::testing::Test {
   SecuredFolder folder_;
 };
 
-TEST_F(TlsTest, WhoCannotTrustTheServerDoesNotGetThrough) {
+TEST_F(TlsTest, AClientWithoutTheAuthorityDoesNotConnect) {
   folder_.Install(authority_.Issue("server", kHere));
   const auto server = folder_.StartTls();
   EXPECT_EQ(AskHealth(Connect(*server, "")), grpc::StatusCode::UNAVAILABLE) << "plain text";
@@ -47,19 +47,19 @@ TEST_F(TlsTest, WhoCannotTrustTheServerDoesNotGetThrough) {
   EXPECT_EQ(AskHealth(Connect(*server, authority_.certificate())), grpc::StatusCode::OK);
 }
 
-TEST_F(TlsTest, TlsToAPlainTextPortDoesNotGetThrough) {
+TEST_F(TlsTest, TlsToAPlainTextPortDoesNotConnect) {
   const auto server = folder_.Start();
   EXPECT_EQ(AskHealth(Connect(*server, authority_.certificate())), grpc::StatusCode::UNAVAILABLE);
   EXPECT_EQ(AskHealth(Connect(*server, "")), grpc::StatusCode::OK);
 }
 
-TEST_F(TlsTest, AServerOfAnotherNameIsNotTrusted) {
+TEST_F(TlsTest, RefusesACertificateForAnotherName) {
   folder_.Install(authority_.Issue("127.0.0.1", "DNS:elsewhere.example"));
   const auto server = folder_.StartTls();
   EXPECT_EQ(AskHealth(Connect(*server, authority_.certificate())), grpc::StatusCode::UNAVAILABLE);
 }
 
-TEST_F(TlsTest, AnExpiredServerSaysSoWhenItStartsAndIsNotTrusted) {
+TEST_F(TlsTest, AServerWithAnExpiredCertificateWarnsAndIsNotTrusted) {
   folder_.Install(authority_.Issue("server", kHere, -3));
   const auto server = folder_.StartTls();
   EXPECT_EQ(AskHealth(Connect(*server, authority_.certificate())), grpc::StatusCode::UNAVAILABLE);
@@ -67,7 +67,7 @@ TEST_F(TlsTest, AnExpiredServerSaysSoWhenItStartsAndIsNotTrusted) {
               AllOf(HasSubstr("warning"), HasSubstr("has expired"), HasSubstr("days_left=-3")));
 }
 
-TEST_F(TlsTest, MutualTlsLetsInWhoHasACertificateOfItsAuthorityAlone) {
+TEST_F(TlsTest, MutualTlsAdmitsOnlyCertificatesOfItsAuthority) {
   TestAuthority clients("clients");
   folder_.Install(authority_.Issue("server", kHere));
   folder_.Write("ca.crt", clients.certificate());
@@ -141,7 +141,7 @@ class Callers {
   std::vector<std::thread> threads_;
 };
 
-TEST_F(TlsTest, CertificatesChangeUnderLoadWithoutALostCall) {
+TEST_F(TlsTest, CertificatesAreReplacedUnderLoadWithoutALostCall) {
   TestAuthority next("next authority");
   folder_.Install(authority_.Issue("server", kHere));
   const auto server = folder_.StartTls();
@@ -174,7 +174,7 @@ struct Misuse {
   std::string says;
 };
 
-TEST_F(TlsTest, WhatCannotBeMeantIsRefusedWithWhatToDo) {
+TEST_F(TlsTest, RefusesUnsafeOrContradictoryOptionsAndSaysWhatToDo) {
   const TestCertificate good = authority_.Issue("server", kHere);
   folder_.Install(good);
   folder_.Write("other.key", authority_.Issue("other", kHere).key);
@@ -228,7 +228,7 @@ TEST_F(TlsTest, WhatCannotBeMeantIsRefusedWithWhatToDo) {
   }
 }
 
-TEST_F(TlsTest, TheCommandSpeaksTlsAndKeepsItsTokenToItself) {
+TEST_F(TlsTest, TheCommandUsesTlsAndNeverSendsItsTokenInPlainText) {
   folder_.Install(authority_.Issue("server", kHere));
   folder_.Write("ca.crt", authority_.certificate());
   folder_.Write("token", folder_.CreateToken("researcher", "train") + "\n");
@@ -269,7 +269,7 @@ TEST_F(TlsTest, TheCommandSpeaksTlsAndKeepsItsTokenToItself) {
   EXPECT_EQ(testing::Run({"/bin/sh", "-c", script}, &output), 0) << output;
 }
 
-TEST_F(TlsTest, AConnectionHoldsSoManyCallsAndIsClosedWhenNobodyCalls) {
+TEST_F(TlsTest, LimitsTheCallsOfAConnectionAndClosesItWhenIdle) {
   const auto server = folder_.Start({"--max-streams", "2", "--max-connection-idle", "1"});
   const auto channel = Connect(*server, "");
   const auto stub = v1::PredictionService::NewStub(channel);

@@ -145,7 +145,7 @@ TEST_F(TransfersTest, AVersionMovesFromOneServerToAnother) {
   EXPECT_FALSE(fs::exists(data("b") / "models" / ".uploads"));
 }
 
-TEST_F(TransfersTest, AskedForTwiceAVersionIsThereOnce) {
+TEST_F(TransfersTest, RepeatingATransferCreatesNoSecondVersion) {
   const fs::path source = data("a") / "models" / "town" / "1";
   const auto client = Connect(*b_);
   const auto first = client->UploadModelVersion(source, "models/town", nullptr);
@@ -169,7 +169,7 @@ TEST_F(TransfersTest, AskedForTwiceAVersionIsThereOnce) {
   }
 }
 
-TEST_F(TransfersTest, AnUploadGoesOnWhereItBrokeOff) {
+TEST_F(TransfersTest, AnUploadContinuesWhereItBrokeOff) {
   const fs::path source = data("a") / "models" / "town" / "1";
   const std::string manifest = Bytes(source / kManifest);
   const std::string weights = Bytes(source / kWeights);
@@ -189,7 +189,7 @@ TEST_F(TransfersTest, AnUploadGoesOnWhereItBrokeOff) {
   EXPECT_EQ(Bytes(data("b") / "models" / "town" / "1" / kWeights), weights);
 }
 
-TEST_F(TransfersTest, ADownloadGoesOnWhereItBrokeOff) {
+TEST_F(TransfersTest, ADownloadContinuesWhereItBrokeOff) {
   const fs::path source = data("a") / "models" / "town" / "1";
   const std::string weights = Bytes(source / kWeights);
   const fs::path part = folder_.path() / ".pulled.part";
@@ -208,7 +208,7 @@ TEST_F(TransfersTest, ADownloadGoesOnWhereItBrokeOff) {
   EXPECT_EQ(std::distance(fs::directory_iterator(folder_.path() / "pulled"), {}), 2);
 }
 
-TEST_F(TransfersTest, ABeginningThatIsWrongIsThrownAwayAndFetchedAnew) {
+TEST_F(TransfersTest, DiscardsAWrongPartialDownloadAndFetchesItAgain) {
   const fs::path source = data("a") / "models" / "town" / "1";
   const fs::path part = folder_.path() / ".pulled.part";
   fs::create_directory(part);
@@ -219,7 +219,7 @@ TEST_F(TransfersTest, ABeginningThatIsWrongIsThrownAwayAndFetchedAnew) {
   EXPECT_EQ(Bytes(folder_.path() / "pulled" / kWeights), Bytes(source / kWeights));
 }
 
-TEST_F(TransfersTest, AVersionThatIsDamagedOnItsServerMakesNoFolder) {
+TEST_F(TransfersTest, DownloadingADamagedVersionCreatesNoFolder) {
   const fs::path weights = data("a") / "models" / "town" / "1" / kWeights;
   std::string bytes = Bytes(weights);
   bytes.back() = static_cast<char>(bytes.back() ^ 1);
@@ -230,7 +230,7 @@ TEST_F(TransfersTest, AVersionThatIsDamagedOnItsServerMakesNoFolder) {
   EXPECT_FALSE(fs::exists(folder_.path() / "pulled"));
 }
 
-TEST_F(TransfersTest, AFolderOfSomethingElseIsLeftAlone) {
+TEST_F(TransfersTest, DoesNotTouchAFolderWithOtherContent) {
   fs::create_directory(folder_.path() / "mine");
   std::ofstream(folder_.path() / "mine" / kManifest) << "mine";
   const auto version = Connect(*a_)->DownloadModelVersion("models/town/versions/1",
@@ -239,7 +239,7 @@ TEST_F(TransfersTest, AFolderOfSomethingElseIsLeftAlone) {
   EXPECT_EQ(Bytes(folder_.path() / "mine" / kManifest), "mine");
 }
 
-TEST_F(TransfersTest, FilesThatCannotBePartOfAModelAreRefusedBeforeAByteIsSent) {
+TEST_F(TransfersTest, RefusesForeignFilesBeforeAnyByteIsSent) {
   const v1::UploadModelHeader good = HeaderOf(data("a") / "models" / "town" / "1");
   const auto expect = [&](const v1::UploadModelHeader& header, const std::string& field) {
     const grpc::Status status = Upload(header, {});
@@ -281,7 +281,7 @@ TEST_F(TransfersTest, FilesThatCannotBePartOfAModelAreRefusedBeforeAByteIsSent) 
   EXPECT_THAT(Entries(), IsEmpty());
 }
 
-TEST_F(TransfersTest, WhatArrivesWrongOrNotWholeIsNoVersion) {
+TEST_F(TransfersTest, AnIncompleteOrAlteredUploadCreatesNoVersion) {
   const fs::path source = data("a") / "models" / "town" / "1";
   const v1::UploadModelHeader header = HeaderOf(source);
   const std::string manifest = Bytes(source / kManifest);
@@ -312,7 +312,7 @@ TEST_F(TransfersTest, WhatArrivesWrongOrNotWholeIsNoVersion) {
   EXPECT_THAT(Versions(), IsEmpty());
 }
 
-TEST_F(TransfersTest, DownloadsSayWhichBytesAreHere) {
+TEST_F(TransfersTest, ADownloadSkipsTheBytesThatTheCallerHas) {
   grpc::ClientContext context;
   v1::DownloadModelVersionRequest request;
   request.set_name("models/town/versions/1");

@@ -78,7 +78,7 @@ class UploadsTest : public ::testing::Test {
   int64_t size_ = 0;
 };
 
-TEST_F(UploadsTest, GoOnOverAConnectionThatBreaks) {
+TEST_F(UploadsTest, AnUploadContinuesAfterItsConnectionBreaks) {
   std::atomic<int> breaks = 0;
   const BreakingProxy proxy(server_->address(), [&](int64_t sent) {
     const bool breaks_now = breaks < 2 && sent > (breaks + 1) * 10 * kMegabyte;
@@ -96,7 +96,7 @@ TEST_F(UploadsTest, GoOnOverAConnectionThatBreaks) {
   ExpectThatItIsThere();
 }
 
-TEST_F(UploadsTest, GoOnWithAServerThatWasKilled) {
+TEST_F(UploadsTest, AnUploadContinuesAfterTheServerWasKilled) {
   std::atomic<bool> killed = false;
   std::promise<void> half_way;
   BreakingProxy proxy(server_->address(), [&](int64_t sent) {
@@ -117,7 +117,7 @@ TEST_F(UploadsTest, GoOnWithAServerThatWasKilled) {
   ExpectThatItIsThere();
 }
 
-TEST_F(UploadsTest, OfACommandThatWasKilledGoOnWithTheSameCommand) {
+TEST_F(UploadsTest, RepeatingAKilledCommandContinuesItsUpload) {
   std::unique_ptr<ChildProcess> command;
   std::mutex mutex;
   const BreakingProxy proxy(server_->address(), [&](int64_t sent) {
