@@ -1,4 +1,4 @@
-// Jobs as people see them.
+// Shows jobs to people.
 
 #ifndef MANEUVER_CLIENT_CLI_JOB_DISPLAY_H_
 #define MANEUVER_CLIENT_CLI_JOB_DISPLAY_H_
@@ -16,8 +16,9 @@ std::string Kind(const v1::Job& job);       // "train", "evaluate" or "cross-val
 std::string Subject(const v1::Job& job);    // the model: "town"; "-" of a cross-validation
 std::string Datasets(const v1::Job& job);   // what it learns from or measures: "datasets/town"
 
-// "joint 7/10  loss 2.31  19 effective actions  1 min 05 s left"; parts that are not known are left
-// out.
+// Returns the progress of a job, such as
+//   "joint 7/10  loss 2.31  19 effective actions  1 min 05 s left".
+// Parts that are not known are left out.
 std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport& last_report);
 
 // Returns what a model's manifest says of its held-out examples, as a report shows it; empty
@@ -29,11 +30,11 @@ std::string HeldOutText(const v1::ModelManifest& manifest, bool color);
 // go on. Returns kOk if the job succeeded or was left running, else kFailed.
 int WatchToEnd(const std::string& job, Environment& environment);
 
-// Whether what a job trained was promoted, why, and by which figures; empty while nobody knows.
-// Whole lines.
+// Returns whether the version of a job was promoted, why, and by which figures, as whole lines;
+// empty while this is not known.
 std::string PromotionText(const v1::Job& job, bool color);
 
-// What came of a job that ended; returns kOk if it succeeded.
+// Prints the result of an ended job. Returns kOk if it succeeded.
 int PrintOutcome(const v1::Job& job, Environment& environment);
 
 }  // namespace maneuver::cli

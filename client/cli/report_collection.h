@@ -1,4 +1,4 @@
-// What a report shows, read from the server.
+// Reads what a report shows from the server.
 
 #ifndef MANEUVER_CLIENT_CLI_REPORT_COLLECTION_H_
 #define MANEUVER_CLIENT_CLI_REPORT_COLLECTION_H_
@@ -13,8 +13,8 @@
 
 namespace maneuver::cli {
 
-// Returns what a training job has reported so far; nothing of other jobs. Does not wait for its
-// end.
+// Returns what a training job has reported so far; nothing for other jobs. Does not wait for the
+// job to end.
 absl::StatusOr<std::vector<report::LearningPhase>> LearningOf(const v1::Job& job,
                                                               Environment& environment);
 
@@ -33,8 +33,8 @@ absl::StatusOr<report::ReportData> CollectVersion(const std::string& model,
                                                   const std::optional<std::string>& dataset,
                                                   Environment& environment);
 
-// The same of what a job made or measured. Of a training that has no version (yet): its curves.
-// INVALID_ARGUMENT for a cross-validation.
+// Gathers the same for the version that a job trained or measured. For a training without a version
+// (yet), gathers its curves. INVALID_ARGUMENT for a cross-validation.
 absl::StatusOr<report::ReportData> CollectJob(const v1::Job& job, Environment& environment);
 
 }  // namespace maneuver::cli

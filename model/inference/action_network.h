@@ -1,5 +1,5 @@
-// Actions that look at the lanes: the generic trajectory of each action is held against each lane
-// path, and what comes of it feeds p(y|s), q(z|y,s) and the mean of the action.
+// Compares actions with lanes: the generic trajectory of each action is described relative to each
+// lane path, and the result feeds p(y|s), q(z|y,s) and the mean of the action.
 
 #ifndef MANEUVER_MODEL_INFERENCE_ACTION_NETWORK_H_
 #define MANEUVER_MODEL_INFERENCE_ACTION_NETWORK_H_
@@ -57,14 +57,14 @@ class ActionNetwork {
                  Eigen::VectorXf* outputs) const;
 
  private:
-  // Of one scene: h_y into `geometry`, [K, A].
+  // Writes h_y of one scene into `geometry`, [K, A].
   //   scene_terms: [G + A];  path_terms: [paths, G]
   void EvaluateScene(const scene::SceneVectors& scene, const Trajectory& reference,
                      const float* scene_terms, const float* path_terms, ActionFeatures* scratch,
                      float* geometry) const;
-  // The points of each action's generic trajectory, with the reference.
+  // Returns the points of each action's generic trajectory, the reference included.
   void PlaceActions(const Trajectory& reference, std::vector<scene::ActionPoints>* points) const;
-  // g_yi of all actions and the paths that there are, [K, paths, G].
+  // Computes g_yi for all actions and for the paths of the scene, [K, paths, G].
   void EvaluatePairs(int paths, const float* scene_terms, const float* path_terms,
                      ActionFeatures* scratch) const;
 

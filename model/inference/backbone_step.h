@@ -38,15 +38,15 @@ struct BackboneStep {
 dnnl::memory::desc GridDescription(const artifact::GridSize& grid, dnnl::memory::data_type type,
                                    GridLayout layout = GridLayout::kChannelsLast);
 
-// The first of the layers, from `begin` on, whose grids should lie in blocks, as should those of
-// all after it: a residual network in f32 computes its 3x3 convolutions by Winograd's minimal
-// filtering (Lavin and Gray, Fast Algorithms for Convolutional Neural Networks, 2016), with a
-// quarter to a half of the multiplications and errors some times those of f32. layers.size() if
-// none should.
+// Returns the index of the first layer, from `begin` on, from which all grids should use
+// kChannelBlocks; layers.size() if none should. A residual network in f32 does: it computes its 3x3
+// convolutions by Winograd's minimal filtering (Lavin and Gray, Fast Algorithms for Convolutional
+// Neural Networks, 2016). That takes a quarter to a half of the multiplications, and its rounding
+// errors are a few times those of a direct f32 convolution.
 size_t FirstInBlocks(std::span<const artifact::BackboneLayer> layers, size_t begin, bool bf16);
 
-// Fill in all but the layer, the layout and the descriptions of source and destination, which are
-// read.
+// Fill in all fields of `step` except the layer, the layout, and the descriptions of source and
+// destination, which they read.
 void MakeConvolution(const FoldedConvolution& folded, BackboneStep* step);
 void MakeMaxPool(BackboneStep* step);
 

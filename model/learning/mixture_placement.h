@@ -1,4 +1,4 @@
-// Where the components of p(z|y) start.
+// Places the components of p(z|y) before they are learned.
 
 #ifndef MANEUVER_MODEL_LEARNING_MIXTURE_PLACEMENT_H_
 #define MANEUVER_MODEL_LEARNING_MIXTURE_PLACEMENT_H_
@@ -16,11 +16,11 @@ namespace maneuver::learning {
 struct PlacedMixture {
   Gaussian components;     // [K, D]
   at::Tensor log_weights;  // [K], normalised
-  // Where it is placed by clusters: the centres, in the space of ClusterSpace. [K, S]
+  // If placed by clusters: the centres, in the space of ClusterSpace. [K, S]
   at::Tensor centers = {};
 };
 
-// What the waypoints of a trajectory are apart, and what counts as slow.
+// The time between the waypoints of a trajectory, and the speed that counts as slow.
 struct TrajectoryScale {
   double waypoint_interval = 0.0;  // seconds
   double slow_speed = 1.0;         // metres per second; below it speeds count by their differences
@@ -28,18 +28,19 @@ struct TrajectoryScale {
 
 TrajectoryScale ScaleOf(const v1::TrainingSettings& settings);
 
-// What a mixture is placed by.
+// The examples that a mixture is placed by.
 struct EncodedExamples {
   at::Tensor trajectories;  // x, [N, 2T] metres, on the CPU
   TrajectoryScale scale;
   Gaussian q_z;  // q(z|x), [N, D], on the CPU
 };
 
-// Where TRAJECTORY_, VELOCITY_ and DEPARTURE_CLUSTERS measure distances. [N, S]
+// Returns the points at which TRAJECTORY_, VELOCITY_ and DEPARTURE_CLUSTERS measure distances. [N,
+// S]
 at::Tensor ClusterSpace(v1::MixturePlacement placement, const at::Tensor& trajectories,
                         const TrajectoryScale& scale);
 
-// The nearest of the centres to each trajectory. [N]
+// Returns the index of the centre nearest to each trajectory. [N]
 at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& centers,
                            const at::Tensor& trajectories, const TrajectoryScale& scale);
 

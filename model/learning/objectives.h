@@ -33,8 +33,8 @@ at::Tensor ExactLogResponsibilities(const at::Tensor& log_p_y, const at::Tensor&
                                     const at::Tensor& posterior_reconstruction,
                                     const at::Tensor& posterior_divergence);
 
-// ln q_y with that of labelled examples replaced by their one-hot (Discussion: partial labels).
-//   labels: [B] 0 .. K-1, or -1 where there is none; or not defined: none at all
+// Returns ln q_y, with one-hot responsibilities for labelled examples (Discussion: partial labels).
+//   labels: [B] 0 .. K-1, or -1 for no label; may be undefined
 at::Tensor WithLabels(const at::Tensor& log_q_y, const at::Tensor& labels);
 
 // KL(q_y || p_y).
@@ -82,7 +82,8 @@ struct PosteriorBranch {
   // The actions that are decoded, [B, n]; undefined: all K in their order. The reconstruction is
   // over these alone, with their q_y normalised among themselves.
   at::Tensor actions = {};
-  // Where the reconstruction grows from a square to a distance, metres; 0: nowhere.
+  // Distance at which the reconstruction changes from quadratic to linear, metres; 0: always
+  // quadratic.
   double huber = 0.0;
 };
 
@@ -93,21 +94,22 @@ struct PosteriorBranch {
 at::Tensor RobustReconstruction(const at::Tensor& trajectories, const at::Tensor& decoded,
                                 double stddev, double huber);
 
-// The bound of the base model; the responsibilities are held fixed.
+// Returns the bound of the base model. The responsibilities get no gradient.
 BoundTerms BaseBound(const BaseModel& model);
-// -ln q_y of the actions that all examples are held to, of the q_y that they would have otherwise,
-// with a gradient. [B]
-//   model.labels: [B], 0 .. K-1
+// Returns -ln q_y of the action that each example is held to, with a gradient, where q_y are the
+// responsibilities without labels. [B]
+//   model.labels: [B], 0 .. K-1, one for every example
 at::Tensor HeldCrossEntropy(const BaseModel& model);
-// The part of the dual objective that depends on q(z|y,s): q_y and p_y are the base model's.
+// Returns the part of the dual objective that depends on q(z|y,s). q_y and p_y are the base
+// model's.
 BoundTerms DualBound(const BaseModel& model, const PosteriorBranch& posterior);
-// The bound of the unified model; the responsibilities are held fixed.
-//   exact_weight: responsibilities are exact ones under this weight of the posterior
-//   reconstruction; 0: they are as printed
+// Returns the bound of the unified model. The responsibilities get no gradient.
+//   exact_weight: 0: responsibilities as the paper prints them; otherwise exact ones with this
+//     weight of the posterior reconstruction
 BoundTerms UnifiedBound(const BaseModel& model, const PosteriorBranch& posterior,
                         double exact_weight = 0.0);
 
-// -L, weighted, mean over the batch: what is minimised.
+// Returns the loss, -L with weighted terms, averaged over the batch.
 at::Tensor Loss(const BoundTerms& terms, const BoundWeights& weights);
 
 }  // namespace maneuver::learning

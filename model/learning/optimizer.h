@@ -10,8 +10,9 @@
 
 namespace maneuver::learning {
 
-// Share of the largest learning rate at a step: linear from 0 over the warm-up, then half a cosine
-// to 0 at the last step. step: 0 .. steps-1.
+// Returns the share of the largest learning rate at a step: rises linearly from 0 over the warm-up,
+// then follows half a cosine to 0 at the last step.
+//   step: 0 .. steps-1
 double LearningRateShare(int64_t step, int64_t warm_up, int64_t steps);
 
 // AdamW (Loshchilov and Hutter, 2019), betas 0.9 and 0.999. Weight decay leaves out vectors
@@ -21,8 +22,8 @@ class AdamW {
   // Adds parameters that learn at `rate` and decay by `decay`.
   void Add(const std::vector<at::Tensor>& parameters, double rate, double decay);
 
-  // One step down the gradients, which are then cleared. Parameters without a gradient stay.
-  //   share: of each parameter's rate
+  // Takes one step down the gradients and clears them. Parameters without a gradient do not change.
+  //   share: factor of each parameter's rate
   void Step(double share);
   // All that changes from step to step.
   struct State {

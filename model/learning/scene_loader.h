@@ -1,4 +1,4 @@
-// Reads the scenes of a pass over examples ahead of the one who needs them.
+// Reads the scenes of a pass over examples before they are needed.
 
 #ifndef MANEUVER_MODEL_LEARNING_SCENE_LOADER_H_
 #define MANEUVER_MODEL_LEARNING_SCENE_LOADER_H_
@@ -21,9 +21,9 @@
 
 namespace maneuver::learning {
 
-// Scenes on the fly: every pass reads them anew, varied as asked, so that memory does not grow with
-// the number of examples and the scale is exact (lines stay one pixel wide, lane paths are sampled
-// where a larger world has them).
+// Reads scenes on the fly. Every pass reads them anew with the given variations, so memory does not
+// grow with the number of examples, and scales are exact: lines stay one pixel wide, and lane paths
+// are sampled in the scaled world.
 class SceneLoader {
  public:
   struct Item {
@@ -34,13 +34,13 @@ class SceneLoader {
     std::vector<Item> items;
     SceneTensors scenes;
     at::Tensor trajectories;  // x - r(m), varied as the items say, [B, 2T] metres
-    // How long Next waited for it: 0 if it was ready. The first batch has what it took to make the
-    // loader as well.
+    // How long Next waited for it: 0 if it was ready. For the first batch this includes the time to
+    // make the loader.
     std::chrono::nanoseconds waited{0};
   };
 
-  // One pass: `items` in batches of `batch_size` (the last one may be smaller), read by `threads`
-  // threads that are at most a few batches ahead. `source` must outlive the loader.
+  // Begins a pass over `items` in batches of `batch_size`; the last one may be smaller. `threads`
+  // threads read at most kAhead batches ahead. `source` must outlive the loader.
   SceneLoader(const v1::ModelSpec& spec, const SceneSource& source, std::vector<Item> items,
               int64_t batch_size, int threads);
   // Stops the threads, whether or not the pass is over.
@@ -48,7 +48,7 @@ class SceneLoader {
   SceneLoader(const SceneLoader&) = delete;
   SceneLoader& operator=(const SceneLoader&) = delete;
 
-  // The next batch, in order; nothing when the pass is over.
+  // Returns the next batch, in order; nothing at the end of the pass.
   std::optional<Batch> Next();
 
  private:
@@ -74,8 +74,8 @@ class SceneLoader {
   std::vector<std::jthread> threads_;
 };
 
-// What is left of an epoch: its examples from `first` on, in their order, each varied anew, also
-// one that comes again.
+// Returns the rest of an epoch: its examples from `first` on, in their order. Each gets a new
+// variation, even an example that repeats.
 //   settings: complete
 std::vector<SceneLoader::Item> VariedItems(const v1::TrainingSettings& settings,
                                            std::span<const int64_t> order, int64_t first,

@@ -26,19 +26,19 @@ struct Variation {
   scene::SensorNoise noise = {};  // on the target's history; scene vectors alone
 };
 
-// The variation of an example in an epoch: a function of its arguments alone, so that it does not
-// matter which thread asks and in which order.
-//   history_frames: that a model looks back, the present included
+// Returns the variation of an example in an epoch. It depends only on its arguments, so the order
+// of calls and the threads do not matter.
+//   history_frames: frames that the model reads, the present one included
 Variation DrawVariation(const v1::AugmentationSettings& settings, int history_frames, uint64_t seed,
                         int epoch, int64_t example);
 
 // Turns, scales and mirrors x as the variation says. In place, [T, 2] target frame, metres.
 void ApplyVariation(const Variation& variation, std::span<float> trajectory);
 
-// The target's motion as the variation has it.
+// Returns the target's motion after the variation.
 scene::MotionInputs VariedMotion(const Variation& variation, const scene::MotionInputs& motion);
 
-// Which agents a variation leaves out; empty if it leaves out none.
+// Returns which agents a variation leaves out; empty if it leaves out none.
 std::function<bool(int64_t agent_id)> HiddenAgents(const Variation& variation);
 
 }  // namespace maneuver::learning

@@ -19,7 +19,8 @@ class DecideStep final : public JobStep {
   explicit DecideStep(std::shared_ptr<JobPromotion> promotion) : promotion_(std::move(promotion)) {}
 
   bool IsDone() const override { return promotion_->IsDecided(); }
-  // It measures again if another version has come to serve since the last step.
+  // The step can wait if it may measure: it measures again if another version has come to serve
+  // since the last step.
   bool CanWait() const override { return promotion_->IsByMeasurement(); }
   Outcome Run() override;
 

@@ -1,6 +1,6 @@
-// Where options get their values from besides the command line: the environment and one file. The
-// names are the same everywhere: --max-batch, MANEUVERD_MAX_BATCH, and in the file max-batch. The
-// command line comes before the environment, and that before the file.
+// Reads options from the environment and from a file, besides the command line. Names correspond:
+// --max-batch, MANEUVERD_MAX_BATCH, and in the file max-batch. The command line overrides the
+// environment, which overrides the file.
 
 #ifndef MANEUVER_SERVER_MANEUVERD_CONFIGURATION_H_
 #define MANEUVER_SERVER_MANEUVERD_CONFIGURATION_H_
@@ -14,10 +14,10 @@
 
 namespace maneuver {
 
-// An option that got its value elsewhere than on the command line.
+// An option whose value is not from the command line.
 struct Setting {
   std::string name;    // "max-batch"
-  std::string value;   // as it would be on the command line; empty: as if it were not there
+  std::string value;   // as on the command line; empty counts as unset
   std::string source;  // as errors name it: "MANEUVERD_MAX_BATCH", "maneuverd.conf:3"
 };
 
@@ -29,7 +29,7 @@ struct Setting {
 // for a name that comes twice.
 absl::StatusOr<std::vector<Setting>> ParseSettings(std::string_view text, const std::string& file);
 
-// Every option of a program with the value that it has, in the form of ParseSettings. Call once the
+// Returns every option of a program with its value, in the form of ParseSettings. Call after the
 // program's arguments are parsed.
 std::string PrintSettings(const CLI::App& app);
 
@@ -44,10 +44,10 @@ class Configuration {
   static absl::StatusOr<Configuration> Read(const CLI::App& app, std::vector<std::string> arguments,
                                             const char* const* environment);
 
-  // All of it as one command line.
+  // Returns everything as one command line.
   std::vector<std::string> CommandLine() const;
 
-  // `error`, which names an option, after where that option got its value from.
+  // Returns `error`, which names an option, with the source of that option's value before it.
   std::string WithSource(const std::string& error) const;
 
  private:

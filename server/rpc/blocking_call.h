@@ -13,7 +13,7 @@
 
 namespace maneuver::rpc {
 
-// Too much waits for the disk already.
+// Returns the error for a call while too many requests wait for the disk.
 inline absl::Status Busy() {
   return errors::WithRetryDelay(
       errors::WithReason(

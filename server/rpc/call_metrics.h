@@ -1,4 +1,4 @@
-// What is counted of calls, by method.
+// Counts calls by method.
 
 #ifndef MANEUVER_SERVER_RPC_CALL_METRICS_H_
 #define MANEUVER_SERVER_RPC_CALL_METRICS_H_
@@ -19,14 +19,14 @@
 
 namespace maneuver::rpc {
 
-// "NOT_FOUND". "UNKNOWN" for what is no code.
+// Returns the name of a code, such as "NOT_FOUND"; "UNKNOWN" for any other number.
 const char* CodeName(grpc::StatusCode code);
 
 // Thread-safe.
 class MethodMetrics {
  public:
-  //   name: as the label has it, "PredictionService/Predict".
-  //   of_contract: a method of maneuver.v1, whose messages are counted.
+  //   name: the label's value, "PredictionService/Predict".
+  //   of_contract: whether it is a method of maneuver.v1, whose message bytes are counted.
   MethodMetrics(monitoring::MetricRegistry& metrics, std::string name, bool of_contract);
 
   const std::string& name() const { return name_; }
@@ -43,7 +43,8 @@ class MethodMetrics {
     monitoring::Counter& requests;
     monitoring::Histogram& duration;
   };
-  // Made when it is first needed: most methods only ever see a few codes.
+  // Returns the metrics of a code, which are made when they are first needed: most methods only
+  // ever return a few codes.
   OfCode& Of(grpc::StatusCode code);
 
   monitoring::MetricRegistry& metrics_;
@@ -67,8 +68,8 @@ class CallMetrics {
   // `metrics` outlives it.
   CallMetrics(monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods);
 
-  // Of one of `methods`, or of another that the server has: health and reflection. gRPC asks for
-  // registered methods alone, so the labels are bounded.
+  // Returns the metrics of a method: one of `methods`, or one of health and reflection. gRPC passes
+  // only registered methods, so the number of labels is bounded.
   MethodMetrics& Find(std::string_view method);
 
  private:

@@ -1,4 +1,4 @@
-// A gRPC service behind the access control: every method, also one that is declared tomorrow, is
+// A gRPC service behind the access control. Every method, including methods added later, is
 // admitted before anything of it runs, even before its request is parsed.
 
 #ifndef MANEUVER_SERVER_RPC_GUARDED_SERVICE_H_
@@ -25,10 +25,10 @@ namespace maneuver::rpc {
 struct NamedService {
   const char* name;
   grpc::Service* service;
-  // Whether a call of a method ("/maneuver.v1.PredictionService/Predict") that has until `deadline`
-  // for `request` is worth its work. Unary calls alone are asked about, after their callers are
-  // admitted and before their requests are parsed: that is a good part of the work, and a server
-  // with too much to do has no time for it. Empty: each is.
+  // Checks whether a call of a method ("/maneuver.v1.PredictionService/Predict") with this deadline
+  // is worth its work; an error refuses it. Called only for unary calls, after the caller is
+  // admitted and before the request is parsed: parsing is a good part of the work, and an
+  // overloaded server has no time for it. Empty: every call is.
   std::function<absl::Status(std::string_view method,
                              std::chrono::system_clock::time_point deadline,
                              const grpc::ByteBuffer& request)>
@@ -40,11 +40,12 @@ struct NamedService {
 // service's handlers, and runs them only for calls that are admitted.
 class GuardedService final : public grpc::Service {
  public:
-  // Both outlive it. INTERNAL if the contract has no such service.
+  // Wraps a service. Both arguments must outlive the result. INTERNAL if the contract has no such
+  // service.
   static absl::StatusOr<std::unique_ptr<GuardedService>> Create(const NamedService& guarded,
                                                                 security::AccessControl& access);
 
-  // "/maneuver.v1.PredictionService/Predict" of each.
+  // Returns the full names of its methods, such as "/maneuver.v1.PredictionService/Predict".
   std::vector<std::string> MethodNames() const;
 
  private:
@@ -53,11 +54,11 @@ class GuardedService final : public grpc::Service {
   std::vector<std::unique_ptr<const std::string>> method_names_;  // gRPC keeps pointers to them
 };
 
-// When the caller gives up; time_point::max() for no deadline, and for one that is further than a
-// hundred days away. gRPC's own conversion takes deadlines in centuries for ones in the past.
+// Returns when the caller gives up: time_point::max() without a deadline, or if it is more than a
+// hundred days away. (gRPC's own conversion takes deadlines centuries ahead for past ones.)
 std::chrono::system_clock::time_point DeadlineOf(const grpc::ServerContextBase& rpc);
 
-// What a call shows of its caller.
+// Returns the credentials that the caller sent.
 security::Credentials CredentialsOf(const grpc::ServerContextBase& rpc);
 
 }  // namespace maneuver::rpc

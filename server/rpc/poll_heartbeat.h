@@ -19,17 +19,17 @@ namespace maneuver::rpc {
 
 class PollHeartbeat {
  public:
-  // At most a third of the second: there are two such threads and more, and one that has had the
-  // last beats is enough.
+  // Starts beating. The default is less than a third of a second: there are two or more such
+  // threads, and it is enough if one of them has had the last beats.
   explicit PollHeartbeat(std::chrono::milliseconds interval = std::chrono::milliseconds(300));
   PollHeartbeat(const PollHeartbeat&) = delete;
   PollHeartbeat& operator=(const PollHeartbeat&) = delete;
   ~PollHeartbeat();
 
-  // Waits until so many beats have been seen by gRPC's threads.
+  // Waits until gRPC's threads have seen `count` more beats.
   void AwaitBeats(int count);
-  // When gRPC's threads saw the last beat; at first, when this was made. They are stuck if that is
-  // many intervals ago.
+  // Returns when gRPC's threads saw the last beat; at first, the time of construction. If that is
+  // many intervals ago, the threads are stuck.
   std::chrono::steady_clock::time_point last_beat() const;
 
  private:

@@ -59,25 +59,24 @@ class Server {
   // Shuts down at once, if Shutdown was not called.
   ~Server();
 
-  // Where it listens; the port that was picked if it was 0.
+  // Returns the address that it listens on, with the port that was chosen if it was 0.
   const security::ListenAddress& address() const { return address_; }
 
-  // Safe from any thread.
+  // Sets whether PredictionService is SERVING. Safe from any thread.
   void SetPredictionsReady(bool ready);
 
-  // Everything turns NOT_SERVING, for good. Calls are still answered.
+  // Turns every service NOT_SERVING permanently. Calls are still answered.
   void TurnHealth();
 
-  // Whether a service, or the server as a whole (""), is SERVING; nothing for another name. Says
-  // what grpc.health.v1 says. Safe from any thread.
+  // Returns whether a service, or the server as a whole (""), is SERVING according to
+  // grpc.health.v1; nothing for any other name. Safe from any thread.
   std::optional<bool> IsServing(std::string_view service) const;
-  // Whether gRPC's threads have done anything of late; if not, no call is answered. Safe from any
-  // thread.
+  // Returns whether gRPC's threads have been active lately. If not, no call is answered. Safe from
+  // any thread.
   bool IsAlive() const;
 
-  // Refuses new calls, lets those in flight end until `deadline`, then cancels them. Connections
-  // whose callers do not read what was written are cut off half a second later, so that nobody can
-  // hold up the end.
+  // Refuses new calls, lets calls in flight run until `deadline`, then cancels them. Half a second
+  // later it closes connections whose callers do not read, so that nobody can delay the end.
   void Shutdown(std::chrono::system_clock::time_point deadline);
 
  private:

@@ -10,10 +10,10 @@
 
 namespace maneuver::rpc {
 
-// Code, message, and a google.rpc.Status as grpc-status-details-bin. OK stays OK.
+// Returns the code, the message, and a google.rpc.Status as grpc-status-details-bin. OK stays OK.
 //
-// Clients take 8 KiB of headers and give any error beyond that another code. So a long message, or
-// field, is cut, and violations that do not fit are left out.
+// Clients accept 8 KiB of headers and report any larger error with another code. So long messages
+// and fields are cut, and violations that do not fit are left out.
 grpc::Status ToGrpcStatus(const absl::Status& status);
 
 }  // namespace maneuver::rpc

@@ -45,22 +45,24 @@ struct ShadowOptions {
 // Safe to use from any thread.
 class Shadow {
  public:
-  //   models, metrics: outlive the shadow.
-  //   busy: whether there is better to do; asked all the time, so it should take no lock.
+  // Starts the thread.
+  //   models, metrics: must outlive the shadow.
+  //   busy: whether the server has more urgent work. Called very often, so it should take no lock.
   Shadow(const ShadowOptions& options, ServingTable& models, std::function<bool()> busy,
          monitoring::MetricRegistry& metrics);
-  // Ends after the step at work.
+  // Waits for the step in progress, then ends.
   ~Shadow();
   Shadow(const Shadow&) = delete;
   Shadow& operator=(const Shadow&) = delete;
 
-  // Whether a request for these targets is one of the fraction: by a hash of its scenarios' names
-  // and times, its targets and where they are. The same request always is, or never, on any server.
+  // Returns whether a request for these targets belongs to the sampled fraction. A hash of its
+  // scenarios' names and times, its targets and their positions decides, so the same request gets
+  // the same result on any server.
   bool Samples(std::span<const Target> targets) const;
 
-  // Takes an answered request, which nobody waits for any more. Never waits itself.
-  //   answers: of call.targets; those that failed are left out.
-  //   kept: what the targets point to; let go of once they are compared, or dropped.
+  // Takes a request that has been answered. Never blocks.
+  //   answers: in the order of call.targets; failed ones are skipped.
+  //   kept: owns what the targets point to; released once they are compared or dropped.
   void Offer(const PredictionCall& call, std::vector<TargetAnswer> answers,
              std::shared_ptr<const void> kept);
 
@@ -95,18 +97,19 @@ class Shadow {
     TimePoint last_used;
   };
 
-  // How many of its targets were taken; the others are let go of.
+  // Queues a request. Returns how many of its targets fitted; the others are dropped.
   size_t Push(AnsweredRequest& request);
   void Work();
   void Compare(AnsweredRequest& request);
-  // Takes the steps of one target, each in its turn. False if the shadow ends.
+  // Compares one target, step by step (InTurn). Returns false if the shadow ends.
   bool CompareTarget(ShadowComparison& versions, Differences& differences,
                      const AnsweredTarget& target);
-  // Runs a step once it is the shadow's turn. False, and it did not run, if the shadow ends.
+  // Runs a step as soon as the server is idle and the thread has rested. Returns false, without
+  // running it, if the shadow ends.
   bool InTurn(const std::function<void()>& step);
-  // nullptr if the two cannot be compared.
+  // Returns the comparison of the two versions, or nullptr if they cannot be compared.
   ShadowComparison* ComparisonOf(const AnsweredRequest& request);
-  // Lets go of versions that were not asked for a while.
+  // Releases versions that have not been compared for a while.
   void ForgetComparisons();
   Differences& DifferencesOf(const std::string& model);
 

@@ -45,14 +45,15 @@ class TargetQueue {
 
   explicit TargetQueue(const QueueOptions& options) : options_(options) {}
 
-  // Targets that wait, and bytes of their calls.
+  // Waiting targets, and bytes of their calls.
   int size() const { return size(Priority::kInteractive) + size(Priority::kBulk); }
   int size(Priority priority) const { return line(priority).targets; }
   int64_t bytes(Priority priority) const { return line(priority).bytes; }
   bool empty() const { return size() == 0; }
-  // Targets that are likely to be taken before those of a call of so many that comes now.
+  // Returns how many targets are likely to be taken before a call of `targets` targets that arrives
+  // now.
   int SizeBefore(Priority priority, size_t targets) const;
-  // Whether the call can be pushed now.
+  // Returns whether there is room for the call. Call before Push.
   bool HasRoom(const PredictionCall& call) const;
   void Push(CallPtr call, TimePoint now);
 
@@ -60,22 +61,22 @@ class TargetQueue {
     CallPtr call;
     size_t target = 0;  // index into call->targets
   };
-  // Takes out all that nobody waits for any more: it will reach no worker.
+  // Removes and returns the targets that nobody waits for any more.
   std::vector<Item> TakeDead(TimePoint now);
-  // When the next batch is to be taken: in the past if one is full or has waited long enough.
-  // TimePoint::max() if there is nothing.
+  // Returns when the next batch is due: in the past if one is full or has waited long enough,
+  // TimePoint::max() if the queue is empty.
   TimePoint NextBatchTime() const;
-  // The next batch: 1 to max_batch targets of one priority and model version. Not empty unless the
-  // queue is.
+  // Removes and returns the next batch: 1 to max_batch targets of one priority and model version.
+  // Empty only if the queue is.
   std::vector<Item> TakeBatch();
-  // Takes out everything.
+  // Removes and returns all targets.
   std::vector<Item> TakeAll();
 
  private:
   struct Line {
     std::multimap<int64_t, CallPtr> calls;  // by their place; each with at least one target left
     int64_t come = 0;                       // targets, since the beginning
-    // Of a call of so many targets that comes now. The less, the sooner it goes.
+    // Returns the place of a call of `size` targets that arrives now. Smaller places go first.
     int64_t PlaceOf(size_t size) const;
     int targets = 0;
     int64_t bytes = 0;
