@@ -1,4 +1,4 @@
-// What every command works in: its streams, the global options, and the server that it talks to.
+// The environment of a command: its streams, the global options, and the server that it calls.
 
 #ifndef MANEUVER_CLIENT_CLI_ENVIRONMENT_H_
 #define MANEUVER_CLIENT_CLI_ENVIRONMENT_H_
@@ -21,8 +21,8 @@ class Environment {
  public:
   Environment(std::istream& input, std::ostream& answers, std::ostream& messages);
 
-  // Answers go to out and to nothing else, messages to err, and what went wrong to errors, which
-  // --quiet does not silence.
+  // Only answers go to `out`. Messages go to `err`, and failures to `errors`, which --quiet does
+  // not silence.
   std::istream& in;
   std::ostream& out;
   std::ostream& err;
@@ -32,7 +32,7 @@ class Environment {
 
   // Global options.
   std::string server = "127.0.0.1:8470";
-  bool tls = false;    // also if one of the four that follow is given
+  bool tls = false;    // also true if one of the next four options is given
   std::string tls_ca;  // PEM files
   std::string tls_certificate;
   std::string tls_key;
@@ -65,7 +65,7 @@ class Environment {
   // Prints `message` as proto3 JSON, including fields with default values.
   void PrintJson(const google::protobuf::Message& message);
 
-  // Says on errors why a command failed and what to do; returns kFailed. With --output json it
+  // Writes to `errors` why a command failed and what to do; returns kFailed. With --output json it
   // writes one line of JSON: {"error": {"code", "reason", "message"}}.
   int Fail(const absl::Status& status);
   // As Fail, for a local file or folder, which the message names first.
@@ -74,7 +74,7 @@ class Environment {
   int Refuse(const std::string& message);
   // Returns what Fail says: the message, what to do, then each wrong field on its own line.
   std::string Explain(const absl::Status& status) const;
-  // Returns whether all answers could be written to out. If not, says so on errors, unless the
+  // Returns whether all answers could be written to `out`. If not, says so on `errors`, unless the
   // reader has closed the pipe, as head does.
   bool Flush();
 

@@ -21,13 +21,13 @@ std::string Datasets(const v1::Job& job);   // what it learns from or measures: 
 // Parts that are not known are left out.
 std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport& last_report);
 
-// Returns what a model's manifest says of its held-out examples, as a report shows it; empty
-// without any.
+// Returns the held-out metrics of a model's manifest in the layout of a report; empty if it has
+// none.
 std::string HeldOutText(const v1::ModelManifest& manifest, bool color);
 
-// Follows a job until it ends, drawing its progress on err (on a terminal a bar; elsewhere a line
-// for each epoch), then prints what came of it. Ctrl-C stops watching, not the job, and says how to
-// go on. Returns kOk if the job succeeded or was left running, else kFailed.
+// Follows a job until it ends, and shows its progress on err: a bar on a terminal, otherwise a line
+// for each epoch. Then prints its result. Ctrl-C stops watching but not the job, and says how to
+// continue watching. Returns kOk if the job succeeded or was left running, else kFailed.
 int WatchToEnd(const std::string& job, Environment& environment);
 
 // Returns whether the version of a job was promoted, why, and by which figures, as whole lines;

@@ -1,4 +1,4 @@
-// What `maneuver load` has measured, for people and for scripts.
+// Prints what `maneuver load` measured, for people and for scripts.
 
 #ifndef MANEUVER_CLIENT_CLI_LOAD_REPORT_H_
 #define MANEUVER_CLIENT_CLI_LOAD_REPORT_H_

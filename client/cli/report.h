@@ -1,4 +1,4 @@
-// Reports as files: a page for a browser, and learning curves for other programs.
+// Writes reports to files: a page for a browser, and learning curves for other programs.
 
 #ifndef MANEUVER_CLIENT_CLI_REPORT_H_
 #define MANEUVER_CLIENT_CLI_REPORT_H_
@@ -13,7 +13,7 @@
 
 namespace maneuver::cli {
 
-// Which files are asked for.
+// The requested files.
 struct ReportFiles {
   std::optional<std::string> page;         // HTML
   std::optional<std::string> curves;       // CSV

@@ -23,10 +23,10 @@ absl::StatusOr<std::vector<report::LearningPhase>> LearningOf(const v1::Job& job
 absl::StatusOr<std::optional<v1::Job>> TrainingJobOf(const std::string& version,
                                                      Environment& environment);
 
-// Gathers what is known of a version: its actions, its evaluation on `dataset` (or its newest one),
-// other versions' on the same examples, how it was learned, and scenes. What the server does not
-// have is named in ReportData::missing. An error only if there is no such version, or no evaluation
-// on `dataset`.
+// Gathers what is known about a version: its actions, its evaluation on `dataset` (or its newest
+// one), other versions' evaluations on the same examples, its learning curves, and scenes.
+// ReportData::missing names what the server does not have. Fails only if there is no such version,
+// or no evaluation on `dataset`.
 //   model: as in GetModelVersionRequest.name
 //   dataset: datasets/{dataset}
 absl::StatusOr<report::ReportData> CollectVersion(const std::string& model,

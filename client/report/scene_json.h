@@ -1,4 +1,4 @@
-// A scene as the page draws it.
+// Converts a scene to the JSON that the page draws.
 
 #ifndef MANEUVER_CLIENT_REPORT_SCENE_JSON_H_
 #define MANEUVER_CLIENT_REPORT_SCENE_JSON_H_

@@ -20,7 +20,7 @@
 
 namespace maneuver::inference {
 
-// What ActionNetwork answers for a batch; also its scratch. One for each thread.
+// The outputs of ActionNetwork for a batch, and its scratch memory. Each thread needs its own.
 struct ActionFeatures {
   std::vector<float> geometry;  // [scenes, K, A] h_y
   std::vector<float> logits;    // [scenes, K] what h_y adds to the logit of action y
@@ -32,8 +32,9 @@ struct ActionFeatures {
   std::vector<float> pairs, first, second, scores, joined, joint;
 };
 
-// tensor.h's action_geometry, in f32: it decides on logits. Immutable; safe to share between
-// threads.
+// Evaluates the networks that tensor.h calls action_geometry. Computes in f32 whatever the
+// precision of the other layers, because the result decides logits. Immutable; safe to share
+// between threads.
 class ActionNetwork {
  public:
   // generic: [K, 2T] metres, the decoded means of p(z|y), without a reference
@@ -46,12 +47,12 @@ class ActionNetwork {
   // Writes h_y and the logits of each scene. A scene's numbers are the same bits whatever the
   // batch.
   //   references: r(m) of each scene, target frame; empty without a reference
-  //   inputs: what SceneNetwork answered for these scenes
+  //   inputs: the outputs of SceneNetwork for these scenes
   void Evaluate(std::span<const scene::SceneVectors* const> scenes,
                 std::span<const Trajectory* const> references, const SceneVectorFeatures& inputs,
                 ActionFeatures* output) const;
 
-  // Adds what h_k adds to the outputs of scenario encoder k.
+  // Adds the contribution of h_k to the outputs of scenario encoder k.
   //   geometry: [A] h_k;  outputs: [2D] a, then b
   void AddLatent(int k, const float* geometry, DenseScratch* scratch,
                  Eigen::VectorXf* outputs) const;

@@ -26,8 +26,8 @@ class WorkerPool {
   // Runs `work` soon, in order of acceptance. Returns false, and drops `work`, if too much is
   // waiting.
   bool Post(std::function<void()> work);
-  // Queues the next step of work whose first step was accepted. Never refused; each such work may
-  // have one step waiting.
+  // Queues the next step of work that Post accepted earlier. Never refuses. A piece of work may
+  // have at most one step waiting.
   void Continue(std::function<void()> work);
 
  private:

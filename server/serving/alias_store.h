@@ -1,4 +1,4 @@
-// Where the aliases of models are kept between runs.
+// Stores the aliases of models across restarts.
 
 #ifndef MANEUVER_SERVER_SERVING_ALIAS_STORE_H_
 #define MANEUVER_SERVER_SERVING_ALIAS_STORE_H_

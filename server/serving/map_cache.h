@@ -1,8 +1,8 @@
-// Maps that callers registered, for scenarios that name them.
+// Holds the maps that callers registered, for scenarios that name a map by its id.
 //
-// A map's id is the digest of its content: whoever registers the same map gets the same id, and
-// nobody can change what an id stands for. The cache is bounded by number and memory; the map that
-// was not used for longest goes first. Scenarios that are being answered keep theirs.
+// A map's id is the digest of its content. So equal maps have the same id, and nobody can change
+// what an id stands for. The number and the memory of maps are limited; the least recently used map
+// is evicted first. Scenarios in progress keep their maps.
 
 #ifndef MANEUVER_SERVER_SERVING_MAP_CACHE_H_
 #define MANEUVER_SERVER_SERVING_MAP_CACHE_H_

@@ -83,14 +83,14 @@ struct TargetAnswer {
   std::optional<inference::Classification> classification;
 };
 
-// Describes the actions that are asked for in a scene, and chooses the representatives.
+// Describes the requested actions in a scene, and chooses the representatives.
 //   waypoint_interval: of the session's model, seconds
-//   answer: its distributions and representatives are set
+//   answer: receives distributions and representatives
 void DescribeTarget(const DescribeActions& question, const inference::SceneEncoding& encoding,
                     double waypoint_interval, inference::InferenceSession& session,
                     TargetAnswer* answer);
 
-// Filled in by the caller, then given to the scheduler, which answers it once.
+// The caller fills in a call and submits it to the scheduler, which answers it once.
 struct PredictionCall {
   ModelHandle model;
   Question question;
@@ -108,7 +108,7 @@ struct PredictionCall {
   // Returns OK while somebody waits for the answer, else CANCELLED or DEADLINE_EXCEEDED.
   absl::Status Alive(TimePoint now) const;
 
-  // The scheduler's own.
+  // Used only by the scheduler.
   std::vector<TargetAnswer> answers;
   std::atomic<size_t> unanswered = 0;
   size_t next = 0;      // first target that no worker has taken; guarded by the scheduler

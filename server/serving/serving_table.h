@@ -1,7 +1,9 @@
-// Which versions serve: the aliases that point to versions, and the versions that are in memory.
+// Decides which versions serve: keeps the aliases that point to versions, and the versions that are
+// in memory.
 //
-// A version is loaded and warmed up while the one before serves, then swapped by handle: requests
-// in flight keep the version that they began with. A version that does not load changes nothing.
+// A new version is loaded and warmed up while the old one serves. Then their handles are swapped,
+// and requests in progress keep the version that they began with. If a version cannot be loaded,
+// nothing changes.
 
 #ifndef MANEUVER_SERVER_SERVING_SERVING_TABLE_H_
 #define MANEUVER_SERVER_SERVING_SERVING_TABLE_H_
@@ -33,8 +35,8 @@ using ModelLoader = std::function<absl::StatusOr<std::shared_ptr<const inference
     const std::filesystem::path& folder)>;
 
 struct ServingTableOptions {
-  // How many versions stay in memory that no alias points to, because a request named them by
-  // number or an alias has just moved on. Beyond that the least recently used is dropped.
+  // How many versions without an alias stay in memory, because a request named them by number or an
+  // alias has just moved on. Above this number the least recently used is dropped.
   int max_unaliased_in_memory = 2;
 };
 
@@ -42,8 +44,8 @@ struct ServingTableOptions {
 // them on threads that serve.
 class ServingTable {
  public:
-  // Reads the stored aliases. Loads nothing yet. `versions`, `aliases` and `metrics` outlive the
-  // table.
+  // Reads the stored aliases, but loads no version yet. `versions`, `aliases` and `metrics` must
+  // outlive the table.
   static absl::StatusOr<std::unique_ptr<ServingTable>> Open(VersionStore& versions,
                                                             AliasStore& aliases, ModelLoader loader,
                                                             const ServingTableOptions& options,
@@ -81,7 +83,7 @@ class ServingTable {
   // Points an alias to a version, which is loaded and checked first. An error changes nothing. May
   // take long.
   absl::Status SetAlias(const security::ModelAliasName& name, int version);
-  // NOT_FOUND if there is no such alias.
+  // Deletes an alias. NOT_FOUND if there is no such alias.
   absl::Status DeleteAlias(const security::ModelAliasName& name);
   // Points `serving` to a version as SetAlias does, but only if `before` is the version that serves
   // the model now (nothing: if none serves). Otherwise changes nothing and returns false. May take

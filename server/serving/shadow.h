@@ -1,10 +1,10 @@
-// Asks the version that a model's alias `candidate` points to what it would have answered, for a
-// fraction of the requests that another version of the model has answered, and measures how far the
-// two differ (model/evaluation/answer_difference.h).
+// Compares the answers of a candidate version, the one that a model's alias `candidate` points to,
+// with the answers that callers got. For a fraction of the answered requests it computes the
+// candidate's answer and measures how far the two differ (model/evaluation/answer_difference.h).
 //
-// Callers never notice: a request comes here once its answer is complete; what the shadow cannot
-// take at once is dropped and counted; one thread of its own, of the lowest priority, works only
-// while no target waits for the scheduler's workers, and rests for most of the time.
+// Callers never notice. A request comes here once its answer is complete. What does not fit into
+// the shadow's queue is dropped and counted. One thread of the lowest priority does the work. It
+// runs only while no target waits for the scheduler's workers, and rests for most of the time.
 
 #ifndef MANEUVER_SERVER_SERVING_SHADOW_H_
 #define MANEUVER_SERVER_SERVING_SHADOW_H_
@@ -30,13 +30,13 @@ namespace maneuver::serving {
 
 struct ShadowOptions {
   double fraction = 0.0;  // of the requests, 0 to 1
-  // What may wait for the shadow's thread, that at work included: targets, and bytes of the
-  // requests that they hold on to.
+  // Limits of the queue, including the request in progress: targets, and bytes of the requests that
+  // they keep in memory.
   int max_targets = 64;
   int64_t max_bytes = int64_t{64} << 20;
-  // In (0, 1]: most of the time that the thread works; the rest it rests.
+  // The largest share of time that the thread works, in (0, 1].
   double max_share = 0.25;
-  // Metrics are kept for each model, for so many of them.
+  // Metrics are kept for each model, up to this many models.
   int max_models = 32;
   // The time; replaced in tests.
   std::function<TimePoint()> now = [] { return std::chrono::steady_clock::now(); };
@@ -78,7 +78,7 @@ class Shadow {
     int64_t bytes = 0;
     std::shared_ptr<const void> kept;
   };
-  // Of one model.
+  // The metrics of one model.
   struct Differences {
     Differences(monitoring::MetricRegistry& metrics, const std::string& model);
     void Observe(const evaluation::AnswerDifference& difference);

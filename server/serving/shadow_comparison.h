@@ -1,4 +1,5 @@
-// What a candidate version would have answered for targets that another version has answered.
+// Computes what a candidate version would have answered for targets that another version has
+// answered, and compares the two answers.
 
 #ifndef MANEUVER_SERVER_SERVING_SHADOW_COMPARISON_H_
 #define MANEUVER_SERVER_SERVING_SHADOW_COMPARISON_H_

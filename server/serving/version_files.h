@@ -1,6 +1,6 @@
-// The files of a version as they travel between servers: model.json and weights.safetensors, and
-// baselines.json and baselines.safetensors where it has trained baselines. What else its folder
-// holds (who made it, what it was evaluated on) speaks of its own server.
+// The files of a version that are copied between servers: model.json, weights.safetensors and, if
+// it has trained baselines, baselines.json and baselines.safetensors. Other files of its folder,
+// such as who made it and its evaluations, concern only its own server.
 
 #ifndef MANEUVER_SERVER_SERVING_VERSION_FILES_H_
 #define MANEUVER_SERVER_SERVING_VERSION_FILES_H_
@@ -21,7 +21,7 @@
 
 namespace maneuver::serving {
 
-// The largest files that are taken.
+// The largest files that are accepted.
 inline constexpr int64_t kMaxManifestBytes = int64_t{16} << 20;  // .json
 inline constexpr int64_t kMaxWeightsBytes = int64_t{2} << 30;    // .safetensors
 

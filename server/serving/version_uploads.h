@@ -24,7 +24,8 @@ namespace maneuver::serving {
 // One upload of a version: the bytes of its files, one file after the other. Not thread-safe.
 class VersionUpload {
  public:
-  // Without a Commit what has arrived is kept for this caller's next upload to the model.
+  // Keeps the arrived bytes for this caller's next upload to the model, unless Commit succeeded or
+  // Discard was called.
   virtual ~VersionUpload() = default;
 
   // Adds the next bytes. Errors: as files::FileReceiver::Append.

@@ -42,8 +42,7 @@ at::Tensor ClassifierLoss(const AnchorPredictions& predictions, const at::Tensor
 
 // Returns MultiPath's imitation loss, [B] (Chai et al., CoRL 2019, equation 3), with hard
 // assignment:
-//   -ln p(k^|s) - sum_t ln N(x_t
-// a_k^t + mu_k^t(s), Sigma_k^t(s)).
+//   -ln p(k^|s) - sum_t ln N(x_t | a_k^t + mu_k^t(s), Sigma_k^t(s)).
 at::Tensor MultiPathLoss(const AnchorPredictions& predictions, const at::Tensor& nearest,
                          const at::Tensor& trajectories);
 
