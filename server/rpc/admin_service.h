@@ -7,8 +7,8 @@ namespace maneuver::rpc {
 
 class AdminService final : public v1::AdminService::CallbackService {
  public:
-  // Defined in the .cc, as is the destructor: otherwise every file that makes a service would
-  // compile all of gRPC's call handling again.
+  // The constructor and the destructor are defined in the .cc. Otherwise every file that makes a
+  // service would compile all of gRPC's call handling again.
   AdminService();
   ~AdminService() override;
 

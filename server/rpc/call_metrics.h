@@ -61,11 +61,12 @@ class MethodMetrics {
 //   maneuver_requests_total{method, code}, maneuver_request_duration_seconds{method, code},
 //   maneuver_requests_in_flight{method}, maneuver_request_bytes_total{method},
 //   maneuver_response_bytes_total{method}
-// Thread-safe. What it returns lives as long as it does.
+// Counts calls with these metrics. Thread-safe. The metrics that it returns live as long as it
+// does.
 class CallMetrics {
  public:
   //   methods: of the contract, "/maneuver.v1.PredictionService/Predict"; shown from the start.
-  // `metrics` outlives it.
+  // `metrics` must outlive this object.
   CallMetrics(monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods);
 
   // Returns the metrics of a method: one of `methods`, or one of health and reflection. gRPC passes

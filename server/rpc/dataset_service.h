@@ -11,7 +11,8 @@ namespace maneuver::rpc {
 
 class DatasetService final : public v1::DatasetService::CallbackService {
  public:
-  // All outlive the service. Out of line, with the destructor: see AdminService.
+  // All arguments must outlive the service. Defined in the .cc, as is the destructor: see
+  // AdminService.
   DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs, jobs::WorkerPool& pool,
                  security::AccessControl& access);
   ~DatasetService() override;

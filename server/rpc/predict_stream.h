@@ -21,7 +21,7 @@ PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* r
 
 class PredictStream;
 
-// The streams that are open. Safe from any thread.
+// The open streams. Safe to use from any thread.
 class OpenStreams {
  public:
   // Ends every open stream, and every stream that is opened later; see PredictStream::Drain.
@@ -64,7 +64,7 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
     v1::StreamPredictResponse response;
   };
   struct Entry {
-    grpc::ByteBuffer bytes;  // that came, and then those that go
+    grpc::ByteBuffer bytes;  // of the request, then of the response
     size_t size = 0;         // of them
     std::shared_ptr<Messages> messages = std::make_shared<Messages>();  // until it is answered
     std::shared_ptr<PredictionRun> run;                                 // until it is answered
@@ -82,8 +82,9 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   absl::Status Start(const std::shared_ptr<Entry>& entry);
   absl::Status Admit(const v1::PredictRequest& request);
   void Answered(std::shared_ptr<Entry> entry, const absl::Status& status);
-  // Reads, writes or finishes, as the state allows. `lock` is the lock under which the state was
-  // changed. Once it is released, and unless something was begun here, the stream may be gone.
+  // Reads, writes or finishes, as the state requires. `lock` is the lock under which the state was
+  // changed; it is released here. Afterwards the stream may be destroyed, unless something was
+  // begun here.
   void Proceed(std::unique_lock<std::mutex> lock);
 
   PredictionContext& context_;

@@ -1,5 +1,5 @@
-// Answers one admitted request of PredictionService. The unary methods and the stream share it. The
-// way of a request:
+// Answers one admitted request of PredictionService. The unary methods and the stream share it. A
+// request takes these steps:
 //
 //   guard        guarded_service       who calls, and may they?
 //   admission    prediction_admission  is there time, and memory for the answer?
@@ -32,7 +32,7 @@
 
 namespace maneuver::rpc {
 
-// What predictions need; outlives all of them.
+// What predictions need. Must outlive all of them.
 struct PredictionContext {
   serving::ServingTable& models;
   serving::BatchScheduler& scheduler;
@@ -44,7 +44,7 @@ struct PredictionContext {
   std::shared_ptr<serving::Shadow> shadow = nullptr;  // nullptr: none
 };
 
-// The request, and where its answer goes; both outlive the run.
+// The request, and the places for its answer. Both must outlive the run.
 struct PredictionIo {
   const std::string* model = nullptr;
   const Scenarios* scenarios = nullptr;
@@ -64,9 +64,10 @@ struct PredictionIo {
 
 class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
  public:
-  // Starts a run. `done` is called once, from any thread, possibly before this returns. Errors of
+  // Starts a run. `done` is called once, from any thread, possibly before Start returns. Errors of
   // single items are in the answer.
-  //   request: keeps what `io` reads beyond the run, for the shadow; nullptr: nothing for it.
+  //   request: owns what `io` points to, so that the shadow can read it after the run; nullptr: the
+  //     shadow gets nothing.
   static std::shared_ptr<PredictionRun> Start(PredictionContext& context, const PredictionIo& io,
                                               serving::TimePoint deadline,
                                               std::shared_ptr<const void> request,

@@ -1,5 +1,5 @@
-// Reads what a prediction request asks for from its bytes. The server can then refuse it before
-// parsing, which is a good part of the work.
+// Reads from the bytes of a prediction request what it asks for. The server can then refuse it
+// before parsing, which is a good part of the work.
 
 #ifndef MANEUVER_SERVER_RPC_REQUEST_OUTLINE_H_
 #define MANEUVER_SERVER_RPC_REQUEST_OUTLINE_H_
@@ -15,8 +15,8 @@ namespace maneuver::rpc {
 
 // Returns the number of targets in all scenarios of a PredictRequest,
 // PredictActionProbabilitiesRequest, PredictActionDistributionsRequest or
-// ClassifyTrajectoriesRequest. Skips everything else. Of bytes that are no such message, it counts
-// what it can read.
+// ClassifyTrajectoriesRequest. Skips everything else. In malformed bytes it counts what it can
+// read.
 size_t CountTargets(const grpc::ByteBuffer& request);
 
 struct StreamOutline {

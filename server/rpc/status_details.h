@@ -1,4 +1,4 @@
-// absl::Status, with the details that server/errors attached, as gRPC carries it.
+// Converts absl::Status, with the details that server/errors attached, to gRPC's form.
 
 #ifndef MANEUVER_SERVER_RPC_STATUS_DETAILS_H_
 #define MANEUVER_SERVER_RPC_STATUS_DETAILS_H_

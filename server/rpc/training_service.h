@@ -10,7 +10,8 @@ namespace maneuver::rpc {
 
 class TrainingService final : public v1::TrainingService::CallbackService {
  public:
-  // All outlive the service. Out of line, with the destructor: see AdminService.
+  // All arguments must outlive the service. Defined in the .cc, as is the destructor: see
+  // AdminService.
   TrainingService(jobs::Supervisor& jobs, jobs::WorkerPool& pool, security::AccessControl& access);
   ~TrainingService() override;
 

@@ -39,7 +39,8 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
   // Called each time the token is found revoked. The first call ends the watch as soon as nobody
   // works on it. The second call breaks off a client that does not read.
   void OnRefused(const absl::Status& refusal);
-  // Reads what is new and writes it; waits if there is nothing. On a thread of the pool, kWorking.
+  // Reads new events and writes them; waits if there are none. Runs on a thread of the pool while
+  // kWorking.
   void ReadNext();
   void ReadSoon();
   void WriteNext();

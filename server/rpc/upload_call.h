@@ -24,8 +24,8 @@ namespace maneuver::rpc {
 
 inline constexpr size_t kMaxUploadChunk = size_t{1} << 20;
 
-// Checks arrived_bytes: empty, or a number from 0 to its size for each file. INVALID_ARGUMENT names
-// header.arrived_bytes.
+// Checks arrived_bytes: it must be empty, or have a number from 0 to the file's size for each file.
+// INVALID_ARGUMENT names header.arrived_bytes.
 //   noun: what a file is called, "shard". File has size_bytes().
 template <typename Files, typename Numbers>
 absl::Status CheckArrived(const Files& files, const Numbers& arrived, absl::string_view noun) {
@@ -166,7 +166,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
   Request message_;
   std::unique_ptr<Upload> upload_;  // once the header came; of who works on the call
 
-  // A read is under way. Who turns it to false goes on with the call: OnReadDone, or a refusal.
+  // A read is in progress. Whoever sets this to false continues the call: OnReadDone or a refusal.
   std::atomic<bool> reading_ = false;
   std::mutex mutex_;
   absl::Status refusal_;  // guarded by mutex_

@@ -35,7 +35,7 @@ struct Identity {
   bool HasExpired(absl::Time now) const { return expires && now >= *expires; }
 };
 
-// What one line of the file says.
+// The content of one line of the file.
 struct IdentityLine {
   enum class Kind { kToken, kAlternativeName, kCommonName };
 
