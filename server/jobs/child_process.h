@@ -1,4 +1,4 @@
-// A child process that can be asked to stop, and whose lines are read as they come.
+// Runs a child process that can be asked to stop, and reads its output line by line.
 
 #ifndef MANEUVER_SERVER_JOBS_CHILD_PROCESS_H_
 #define MANEUVER_SERVER_JOBS_CHILD_PROCESS_H_
@@ -15,7 +15,7 @@
 
 namespace maneuver::jobs {
 
-// Asks whoever runs a job to stop it. Safe to use from any thread; made once for each run.
+// Asks whoever runs a job to stop it. Safe to use from any thread. Each run needs a new one.
 class StopRequest {
  public:
   enum class Reason { kNone, kCancelled, kServerStops };
@@ -61,13 +61,14 @@ struct ChildResult {
   bool over_memory_limit = false;
 };
 
-// Runs a command to its end. It gets a process group of its own, a lower priority for processor and
-// disk (nice 19, SCHED_IDLE, last of the best-effort class), no standard input, and SIGKILL when
-// the calling thread ends: call this from a thread that lives as long as the server. Whatever it
-// leaves in its group is killed.
-//   on_line: each line of standard output, without its end; lines over 1 MiB are dropped.
+// Runs a command to its end. The process gets its own process group, a low priority for processor
+// and disk (nice 19, SCHED_IDLE, last of the best-effort class), no standard input, and SIGKILL
+// when the calling thread ends. So call this from a thread that lives as long as the server.
+// Processes that remain in its group are killed.
+//   on_line: called with each line of standard output, without its end; lines over 1 MiB are
+//     dropped.
 //   on_tick: called about every 200 ms in between, on the same thread.
-// Errors: NOT_FOUND, PERMISSION_DENIED, ... if it cannot be started.
+// Errors: NOT_FOUND, PERMISSION_DENIED and so on if it cannot be started.
 absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& stop,
                                      const std::function<void(const std::string&)>& on_line,
                                      const std::function<void()>& on_tick);

@@ -1,5 +1,5 @@
-// The promotion of the version that a job has made: what the decision reads and changes, and its
-// notes in the job's folder.
+// The promotion of the version that a job made: the versions that the decision reads and changes,
+// and the notes in the job's folder.
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_PROMOTION_H_
 #define MANEUVER_SERVER_JOBS_JOB_PROMOTION_H_
@@ -18,7 +18,7 @@
 
 namespace maneuver::jobs {
 
-// Sets job.promotion_decision to a decision against the version because of `why`, made at `now`.
+// Sets job.promotion_decision to "not promoted" because of `why`, decided at `now`.
 void DecideAgainstPromotion(v1::Job& job, const absl::Status& why, absl::Time now);
 
 class JobPromotion final : public PromotionVersions {

@@ -1,4 +1,4 @@
-// Which states a job goes through.
+// The states of a job and the moves between them.
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_STATE_H_
 #define MANEUVER_SERVER_JOBS_JOB_STATE_H_

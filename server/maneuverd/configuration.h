@@ -21,12 +21,12 @@ struct Setting {
   std::string source;  // as errors name it: "MANEUVERD_MAX_BATCH", "maneuverd.conf:3"
 };
 
-// The settings of a file: lines such as
+// Parses a file of settings, with lines such as
 //   max-batch = 32          # a comment
 //   log-format = "json"
-// in which quotes are needed around what holds spaces, quotes or #, and \" \\ and \n stand for
-// themselves and the end of a line. INVALID_ARGUMENT, with file and line, for any other line and
-// for a name that comes twice.
+// A value with spaces, quotes or # must be in quotes, where \" \\ and \n stand for a quote, a
+// backslash and the end of a line. INVALID_ARGUMENT, with file and line, for any other line and for
+// a name that appears twice.
 absl::StatusOr<std::vector<Setting>> ParseSettings(std::string_view text, const std::string& file);
 
 // Returns every option of a program with its value, in the form of ParseSettings. Call after the
@@ -37,10 +37,10 @@ std::string PrintSettings(const CLI::App& app);
 class Configuration {
  public:
   // Reads the environment, and the file that --config or MANEUVERD_CONFIG names.
-  //   app: its options that are configurable() may stand in them.
+  //   app: its configurable() options may appear in both.
   //   arguments: of the command line, without the program's name.
   //   environment: ends with nullptr, as environ does.
-  // INVALID_ARGUMENT for unknown names of either, NOT_FOUND for a file that cannot be read.
+  // INVALID_ARGUMENT for unknown names in either, NOT_FOUND for a file that cannot be read.
   static absl::StatusOr<Configuration> Read(const CLI::App& app, std::vector<std::string> arguments,
                                             const char* const* environment);
 

@@ -7,8 +7,8 @@ namespace maneuver {
 
 // Runs the command. It is for probes inside the machine or container of the server: it reads the
 // same file and environment as the server, so it knows the address, and no other program is needed.
-//   argv: from "health" on; then options, and before or after them a service; without one the whole
-//     server is meant.
+//   argv: from "health" on: options, and before or after them a service. Without a service it asks
+//     about the whole server.
 // Returns 0 if it serves, 1 if it does not, 2 if the options are wrong. Prints what is wrong.
 int RunHealthCommand(int argc, const char* const* argv, const char* const* environment);
 

@@ -31,7 +31,7 @@ struct ServerOptions {
   security::ListenAddress listen;
   std::optional<security::ListenAddress> metrics_listen;  // nothing: no metrics page
   std::filesystem::path port_file;                        // empty: none
-  std::vector<security::ModelVersionName> serve;          // are to be @serving from the start
+  std::vector<security::ModelVersionName> serve;          // to be @serving from the start
   std::optional<security::CertificateFiles> tls;          // nothing: plain text
   security::AccessOptions access;
   rpc::ConnectionLimits limits;

@@ -15,7 +15,7 @@ struct Recordings {
   std::vector<v1::ManeuverAnnotation> annotations;
 };
 
-// Errors: those of data::ForEachScenario; CANCELLED if a stop signal came.
+// Reads a dataset folder. Errors: those of data::ForEachScenario; CANCELLED if a stop signal came.
 absl::StatusOr<Recordings> ReadRecordings(const std::filesystem::path& folder);
 
 }  // namespace maneuver::trainer
