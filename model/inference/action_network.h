@@ -37,7 +37,8 @@ struct ActionFeatures {
 // between threads.
 class ActionNetwork {
  public:
-  // generic: [K, 2T] metres, the decoded means of p(z|y), without a reference
+  // Prepares the networks.
+  //   generic: [K, 2T] metres, the decoded means of p(z|y), without a reference
   ActionNetwork(const v1::ModelSpec& spec, const artifact::TensorMap& weights,
                 const TrajectorySet::Rows& generic);
 

@@ -1,4 +1,4 @@
-// A layer of the backbone as oneDNN computes it.
+// Prepares the layers of the backbone for oneDNN.
 
 #ifndef MANEUVER_MODEL_INFERENCE_BACKBONE_STEP_H_
 #define MANEUVER_MODEL_INFERENCE_BACKBONE_STEP_H_
@@ -14,16 +14,16 @@ namespace maneuver::inference {
 
 dnnl::engine& CpuEngine();
 
-// How a grid of c channels lies in memory.
+// The memory layout of a grid of c channels.
 enum class GridLayout {
-  kChannelsLast,   // [h, w, c]: taken by oneDNN's vector kernels for any number of channels
-  kChannelBlocks,  // [c / 16, h, w, 16]: what its Winograd convolutions ask for
+  kChannelsLast,   // [h, w, c]: oneDNN's vector kernels accept it for any number of channels
+  kChannelBlocks,  // [c / 16, h, w, 16]: required by its Winograd convolutions
 };
 inline constexpr int kGridLayouts = 2;
 // Channels of a block.
 inline constexpr int kBlockChannels = 16;
 
-// A layer made ready. An average has no primitive: oneDNN's cannot widen bf16.
+// A prepared layer. An average has no primitive, because oneDNN's cannot widen bf16.
 struct BackboneStep {
   artifact::BackboneLayer layer;
   GridLayout layout = GridLayout::kChannelsLast;
@@ -31,7 +31,7 @@ struct BackboneStep {
   dnnl::memory::desc destination;
   dnnl::primitive primitive;
   dnnl::memory::desc scratchpad;
-  dnnl::memory weight;  // packed as the primitive wants it
+  dnnl::memory weight;  // packed for the primitive
   dnnl::memory bias;
 };
 

@@ -22,7 +22,7 @@ namespace maneuver::inference {
 // Immutable; safe to share between threads.
 class FirstLayer {
  public:
-  // One for each thread.
+  // Each thread needs its own.
   class Scratch {
    public:
     explicit Scratch(const FirstLayer& layer)

@@ -71,7 +71,7 @@ class LeadingLayers {
   std::vector<Grid> grids_;  // of each layer
 };
 
-// One for each thread.
+// Each thread needs its own.
 class LeadingLayers::Scratch {
  public:
   explicit Scratch(const LeadingLayers& layers);
@@ -81,7 +81,7 @@ class LeadingLayers::Scratch {
   // The grid of each layer but the last. Cells outside `computed_` hold the output for an all-zero
   // raster.
   std::vector<std::vector<std::byte>> grids_;
-  std::vector<std::byte*> places_;  // where each layer's grid is; the last one's is the caller's
+  std::vector<std::byte*> places_;  // where each layer's grid is; the caller owns the last one
   std::vector<CellMask> masks_;     // of each layer: the cells to compute
   std::vector<CellMask> computed_;  // of each layer: the cells computed last time
   std::vector<kernels::Cell> cells_;

@@ -27,7 +27,7 @@ class SparseConvolution {
       int begin, end;  // in values
     };
     int count = 0;                            // of values
-    std::vector<kernels::PixelValue> values;  // pixel by pixel, then by channel; room for more
+    std::vector<kernels::PixelValue> values;  // pixel by pixel, then by channel; may be longer
     std::vector<Pixel> pixels;                // with any nonzero value
     std::vector<int> rows;                    // [H + 1], in pixels
 
