@@ -15,11 +15,11 @@
 
 namespace maneuver::learning {
 
-// A folder with the last few checkpoints of one run, "checkpoint-000007": their numbers only grow.
-// Each is written whole or not at all and carries a checksum.
+// A folder with the latest checkpoints of one run, such as "checkpoint-000007". Their numbers only
+// grow. Each is written completely or not at all, and carries a checksum.
 class CheckpointFolder {
  public:
-  // Makes the folder if there is none.
+  // Opens the folder, and creates it if it is missing.
   static absl::StatusOr<CheckpointFolder> Open(const std::filesystem::path& folder,
                                                const CheckpointPolicy& policy);
 

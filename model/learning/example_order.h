@@ -1,4 +1,4 @@
-// Which examples an epoch is over.
+// Chooses the examples of an epoch, and their order.
 
 #ifndef MANEUVER_MODEL_LEARNING_EXAMPLE_ORDER_H_
 #define MANEUVER_MODEL_LEARNING_EXAMPLE_ORDER_H_

@@ -44,26 +44,27 @@ at::Tensor ClusterSpace(v1::MixturePlacement placement, const at::Tensor& trajec
 at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& centers,
                            const at::Tensor& trajectories, const TrajectoryScale& scale);
 
-// A mixture of `actions` components. The same seed gives the same one.
-//   TRAJECTORY_CLUSTERS  k-means on the trajectories in a space that draws far ones closer together
-//                        and counts what goes to the side twice: in plain metres nearly all
-//                        clusters would be speeds of going straight on, which q(z|y,s) knows from
-//                        the scenario anyway
-//   VELOCITY_CLUSTERS    k-means on the velocities along the trajectories, of speeds drawn closer
-//                        together (ln(1 + v / slow)): what is done, rather than where it leads
+// Returns a mixture of `actions` components. The same seed gives the same mixture.
+//   TRAJECTORY_CLUSTERS  k-means on the trajectories, in a space that compresses large distances
+//                        and counts lateral ones twice. In plain metres nearly all clusters would
+//                        differ only in the speed of going straight, which q(z|y,s) knows from the
+//                        scenario anyway
+//   VELOCITY_CLUSTERS    k-means on the velocities along the trajectories, with compressed speeds
+//                        (ln(1 + v / slow)): what is done, rather than where it leads
 //   DEPARTURE_CLUSTERS   k-means on the positions every half second, each over the root of its time
 //                        plus half a second; for trajectories relative to a reference
 //   RANDOM               means from N(0, I), variances 1
-//   UNIFORM              means even in the box of the encodings, the box split evenly among them
+//   UNIFORM              means spread evenly over the box of the encodings
 //   ENCODED_POINTS       means at the encodings of random examples
 //   ENCODED_SEEDS        means at k-means++ seeds among the encodings
-//   FITTED_MIXTURE       expectation maximisation from those seeds
-// Points and seeds take the variance of all encodings over K^(2/D), a component's share of it.
+//   FITTED_MIXTURE       expectation maximisation from these seeds
+// Points and seeds get the variance of all encodings divided by K^(2/D), a component's share of it.
 PlacedMixture PlaceMixture(v1::MixturePlacement placement, const EncodedExamples& examples,
                            int actions, uint64_t seed);
 
-// The same with the first `labelled` components at the examples of labels 0 .. labelled-1 (mean and
-// variance of their encodings) and the others placed by the examples without one.
+// Places the first `labelled` components at the examples of labels 0 .. labelled-1 (mean and
+// variance of their encodings), and the others as PlaceMixture does, by the examples without a
+// label.
 //   labels: [N], -1 where there is none
 PlacedMixture PlaceLabelledMixture(v1::MixturePlacement placement, const EncodedExamples& examples,
                                    const std::vector<int>& labels, int labelled, int actions,

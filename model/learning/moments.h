@@ -1,5 +1,5 @@
-// What a model predicts at each waypoint, as the engine answers it: deterministic, from sigma
-// points.
+// Computes what a model predicts at each waypoint, as the engine does: without randomness, from
+// sigma points.
 
 #ifndef MANEUVER_MODEL_LEARNING_MOMENTS_H_
 #define MANEUVER_MODEL_LEARNING_MOMENTS_H_

@@ -1,6 +1,6 @@
 // The networks of a model as LibTorch tensors, by the names of artifact/tensor.h.
 //
-// LibTorch stays in model/learning/: this header is for its .cc files and tests alone.
+// LibTorch stays in model/learning/, so only its .cc files and tests may include this header.
 
 #ifndef MANEUVER_MODEL_LEARNING_NETWORKS_H_
 #define MANEUVER_MODEL_LEARNING_NETWORKS_H_
@@ -28,20 +28,21 @@ at::Generator MakeGenerator(uint64_t seed);
 // Every tensor of a model and the functions they make. Not thread-safe.
 class Networks {
  public:
-  // Fresh weights: He initialisation for layers before a ReLU, the last layer of the scenario
-  // encoders small (an untrained one answers the generic action), the mixture at N(0, I). The last
-  // batch normalisation of a residual block has gamma 0.
+  // Draws fresh weights: He initialisation for layers before a ReLU, and the mixture at N(0, I).
+  // The last layer of the scenario encoders is small, so an untrained one gives the generic action.
+  // The last batch normalisation of a residual block has gamma 0.
   Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& generator);
 
   const v1::ModelSpec& spec() const { return spec_; }
   at::Device device() const { return device_; }
 
-  // While training, batch normalisation uses (and follows) the batch's own moments, and a share
-  // `dropout` of the features, drawn from `training`, is taken away; otherwise neither.
+  // How the networks are evaluated. While training, batch normalisation uses the batch's own
+  // moments and updates the running ones, and a random share `dropout` of the features is dropped.
+  // Otherwise neither happens.
   struct Mode {
     at::Generator* training = nullptr;  // set: training
     double dropout = 0.0;
-    double geometry_dropout = 0.0;  // share of h_y that is taken away
+    double geometry_dropout = 0.0;  // share of h_y that is dropped
   };
 
   // Evaluates everything that reads the scene: backbone, history, lane paths, agents, and how the
@@ -89,14 +90,14 @@ class Networks {
   at::Tensor& operator[](const std::string& name);
   const at::Tensor& operator[](const std::string& name) const;
 
-  // What a phase trains.
+  // The parts that a phase can train.
   enum class Part {
     kTrajectoryEncoder,
     kDecoder,
     kMixture,
-    kScene,  // what reads scenes: backbone, history, lane paths, geometry
+    kScene,  // all that reads scenes: backbone, history, lane paths, geometry
     kActions,
-    kScenarioEncoder,  // and what else makes p(x|z,y,s) of a scene
+    kScenarioEncoder,  // and the other layers of p(x|z,y,s) that read the scene
     kDecoderCovariance,
     kSceneCovariance
   };

@@ -1,4 +1,4 @@
-// The bound of a batch of examples under each objective.
+// Computes the bound of a batch of examples under each objective.
 
 #ifndef MANEUVER_MODEL_LEARNING_SCENE_BOUND_H_
 #define MANEUVER_MODEL_LEARNING_SCENE_BOUND_H_
@@ -12,7 +12,7 @@
 
 namespace maneuver::learning {
 
-// What the networks see of a batch.
+// What the networks read of a batch.
 struct SceneBatch {
   at::Tensor trajectories;  // x - r(m), [B, 2T] metres
   SceneFeatures scenes;     // undefined features: p(y) knows no scene
@@ -25,10 +25,10 @@ using NoiseSource = std::function<at::Tensor(at::IntArrayRef shape)>;
 // Evaluates the base model on a batch: q(z|x), one sample's decoding, p(z|y), p(y|s).
 BaseModel ApplyBase(const Networks& networks, const SceneBatch& batch, const NoiseSource& noise);
 
-// What learns from a bound.
+// Which parts learn from a bound.
 enum class Learning {
   kAll,        // everything in it
-  kPosterior,  // q(z|y,s) alone; all else is held fixed
+  kPosterior,  // only q(z|y,s); everything else stays fixed
 };
 
 // Returns the bound that `objective` maximises. For DUAL this is the last stage of the dual model,

@@ -1,4 +1,4 @@
-// k-means on trajectories in metres.
+// Clusters trajectories by k-means, in metres.
 
 #ifndef MANEUVER_MODEL_LEARNING_TRAJECTORY_CLUSTERS_H_
 #define MANEUVER_MODEL_LEARNING_TRAJECTORY_CLUSTERS_H_

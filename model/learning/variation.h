@@ -1,4 +1,4 @@
-// How training examples are varied.
+// Varies training examples.
 
 #ifndef MANEUVER_MODEL_LEARNING_VARIATION_H_
 #define MANEUVER_MODEL_LEARNING_VARIATION_H_
@@ -13,16 +13,16 @@
 
 namespace maneuver::learning {
 
-// How an example is varied. The default varies nothing.
+// The variation of an example. The default changes nothing.
 struct Variation {
   bool mirror = false;
   double scale = 1.0;
   double shift_x = 0.0;           // pixels, raster alone
   double shift_y = 0.0;           // pixels, raster alone
-  double rotation = 0.0;          // radians: the target's frame turns by so much under the world
+  double rotation = 0.0;          // radians that the target's frame turns relative to the world
   double drop_agents = 0.0;       // share of the other agents that are left out, raster alone
   uint64_t drop_seed = 0;         // which ones
-  int frames = INT32_MAX;         // that agents were seen in, the present included
+  int frames = INT32_MAX;         // latest frames that show agents, the present one included
   scene::SensorNoise noise = {};  // on the target's history; scene vectors alone
 };
 
