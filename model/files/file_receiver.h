@@ -24,7 +24,7 @@ struct FileUpload {
   std::string id;        // of what the files become; names the slot
   std::string resource;  // "datasets/town", for messages
   std::string noun;      // "shard": what messages call a file
-  std::string caller;    // who uploads; empty where nobody is asked
+  std::string caller;    // who uploads; empty if the server does not identify callers
   std::vector<AnnouncedFile> files;
   std::vector<int64_t> arrived = {};  // [files] bytes that are not sent; empty: everything is sent
 };

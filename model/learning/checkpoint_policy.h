@@ -10,7 +10,7 @@ namespace maneuver::learning {
 struct CheckpointPolicy {
   // The least time between two checkpoints; 0: one at every step.
   std::chrono::milliseconds interval{60'000};
-  // A checkpoint is also due after this many steps, however short the time; 0: by time alone.
+  // A checkpoint is also due after this many steps, however short the time; 0: only by time.
   int64_t steps = 0;
   int kept = 2;
 };

@@ -17,13 +17,13 @@ namespace maneuver::learning {
 struct Variation {
   bool mirror = false;
   double scale = 1.0;
-  double shift_x = 0.0;           // pixels, raster alone
-  double shift_y = 0.0;           // pixels, raster alone
+  double shift_x = 0.0;           // pixels, only in the raster
+  double shift_y = 0.0;           // pixels, only in the raster
   double rotation = 0.0;          // radians that the target's frame turns relative to the world
-  double drop_agents = 0.0;       // share of the other agents that are left out, raster alone
+  double drop_agents = 0.0;       // share of the other agents that are left out, only in the raster
   uint64_t drop_seed = 0;         // which ones
   int frames = INT32_MAX;         // latest frames that show agents, the present one included
-  scene::SensorNoise noise = {};  // on the target's history; scene vectors alone
+  scene::SensorNoise noise = {};  // on the target's history, only in the scene vectors
 };
 
 // Returns the variation of an example in an epoch. It depends only on its arguments, so the order

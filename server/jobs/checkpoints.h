@@ -14,7 +14,7 @@ namespace maneuver::jobs {
 struct CheckpointOptions {
   // Least time between two checkpoints; 0: one at every step.
   std::chrono::milliseconds interval{60'000};
-  // Also writes one after this many steps, however short the time; 0: by time alone.
+  // Also writes one after this many steps, however short the time; 0: only by time.
   int64_t steps = 0;
   // How many of the latest checkpoints are kept.
   int kept = 2;

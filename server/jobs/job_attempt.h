@@ -29,14 +29,16 @@ struct JobAttempt {
 // How a step of a job ended.
 struct Outcome {
   absl::Status status;
-  // Its process died through no fault of the job, so another process continues the job.
+  // Its process crashed or was killed, but not by this server. Another process can continue the
+  // job.
   bool died = false;
 };
 
-// Records the start of an attempt at the job.
+// Records the start of an attempt in the job.
+//   folder: the job's
 void BeginAttempt(v1::Job& job, const std::filesystem::path& folder, absl::Time now);
-// Records the end of that attempt, at `end`.
-//   died: the attempt counts against the job if it left no new checkpoint.
+// Records the end of that attempt in the job, at `end`.
+//   died: as in Outcome. The attempt then counts against the job, unless it left a new checkpoint.
 void EndAttempt(v1::Job& job, const std::filesystem::path& folder, absl::Time end, bool died);
 
 }  // namespace maneuver::jobs

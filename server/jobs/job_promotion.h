@@ -31,7 +31,7 @@ class JobPromotion final : public PromotionVersions {
   bool IsDecided() const { return job_.has_promotion_decision(); }
   // Returns whether measurements decide, which they do with PROMOTION_IF_NO_WORSE.
   bool IsByMeasurement() const { return job_.train().promotion() == v1::PROMOTION_IF_NO_WORSE; }
-  // Returns what is to be decided. UNUSABLE_DATA if the dataset that decides is gone.
+  // Returns the decision to make. UNUSABLE_DATA if the dataset that it depends on is gone.
   absl::StatusOr<PromotionTask> Task() const;
 
   // Set job.promotion_decision: DecideAsPublished to what publishing did; DecideAgainst to "not

@@ -26,13 +26,13 @@ absl::Status CheckCrossValidateRequest(const v1::CrossValidateRequest& request);
 // does not check this. INVALID_ARGUMENT lists each wrong field.
 absl::Status CheckStart(const v1::TrainRequest& request, const v1::ModelSpec& start);
 
-// Appends each wrong field of requirements: `requirements` is the field `field`, such as
-// "requirements".
+// Appends each wrong field of `requirements`.
+//   field: the path of the requirements in the request, such as "requirements"
 void CheckRequirements(const evaluation::RivalRequirements& requirements, const std::string& field,
                        std::vector<scene::FieldViolation>& violations);
 
-// Returns the version that a reference in a request means, such as start_from; an empty one means
-// the only model that serves. Errors: those of ModelVersions::Resolve.
+// Returns the version that a reference in a request, such as start_from, refers to. An empty one
+// refers to the only model that serves. Errors: those of ModelVersions::Resolve.
 absl::StatusOr<serving::ModelVersions::ResolvedVersion> ResolveReference(
     const serving::ModelVersions& versions, const std::string& reference);
 

@@ -29,7 +29,8 @@ class PromotionVersions {
  public:
   struct MeasuredVersion {
     absl::Status status;
-    // The measurement's process died through no fault of its own; another process should try again.
+    // The measurement was cut off: its process died, or the job was asked to stop. Another process
+    // can try again.
     bool interrupted = false;
     v1::EvaluationReport report;  // if the status is OK, and nothing interrupted
   };

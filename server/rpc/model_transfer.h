@@ -55,7 +55,7 @@ class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadMode
   absl::Status refusal_;    // guarded by mutex_
   bool has_ended_ = false;  // guarded by mutex_
 
-  // Last, so that it ends first: nobody refuses what is gone.
+  // Last, so that it is destroyed first and calls no destroyed object.
   std::unique_ptr<security::AccessControl::LongCall> admission_;
 };
 

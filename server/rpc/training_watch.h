@@ -61,7 +61,7 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
   bool is_cancelled_ = false;      // guarded by mutex_
   absl::Status refusal_;           // guarded by mutex_
 
-  // Last, so that they end first: no news reaches what is gone.
+  // Last, so that they are destroyed first and call no destroyed object.
   std::unique_ptr<jobs::JobNews::Subscription> subscription_;
   std::unique_ptr<security::AccessControl::LongCall> admission_;
 };

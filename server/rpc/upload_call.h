@@ -171,7 +171,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
   std::mutex mutex_;
   absl::Status refusal_;  // guarded by mutex_
 
-  // Last, so that it ends first: nobody refuses what is gone.
+  // Last, so that it is destroyed first and calls no destroyed object.
   std::unique_ptr<security::AccessControl::LongCall> admission_;
 };
 

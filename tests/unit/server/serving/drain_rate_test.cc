@@ -12,7 +12,7 @@ constexpr TimePoint kStart{std::chrono::hours(1)};
 
 double Seconds(std::chrono::nanoseconds time) { return duration<double>(time).count(); }
 
-TEST(DrainRateTest, KnowsNothingBeforeTheFirstBatch) {
+TEST(DrainRateTest, ExpectsNoWaitBeforeTheFirstBatch) {
   DrainRate rate(2);
   EXPECT_EQ(rate.TimeFor(100, kStart).count(), 0);
 }
