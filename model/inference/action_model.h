@@ -76,7 +76,7 @@ struct SceneEncoding {
   Eigen::VectorXd probabilities;  // p(y|s), [K], sums to 1 within 1e-9
   // h_y of each action, [K, A] row-major; empty unless actions look at the lanes.
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> geometry;
-  Trajectory reference;  // r(m), target frame; empty: trajectories are in metres
+  Trajectory reference;  // r(m), target frame, metres; empty for a model without a reference
   double speed = 0.0;    // along the heading at the prediction time, m/s
 };
 
@@ -143,7 +143,8 @@ SceneEncoding DrivingStraight(const v1::ModelSpec& spec, double speed);
 
 // Returns the generic action set: p(z|y=k) decoded for all k, with the given usage and
 // effectiveness. Used when a model is exported, before its manifest has actions.
-//   usage: [K];  effective: usage of some example at least 0.05
+//   usage: mean p(y|s) of each action, [K]
+//   effective: whether an action has a probability of at least 0.05 in some example, [K]
 //   speed: at which the actions of a model with a reference are drawn, m/s
 inline constexpr double kActionSetSpeed = 10.0;  // of the actions that a manifest stores
 std::vector<v1::Action> DecodeActionSet(const ActionModel& model, std::span<const double> usage,

@@ -115,7 +115,7 @@ TEST(SceneVectorsTest, NoiseTurnsTheFutureWithTheFrame) {
   };
   EXPECT_NEAR(bearing(turned.scenes.agents[0][0]) - bearing(plain.scenes.agents[0][0]),
               bearing(y[9]) - bearing(x[9]), 1e-3);
-  // The lane turns with it: straight ahead is along the lane still.
+  // The lane turns with it: straight ahead is still along the lane.
   const at::Tensor lane = turned.scenes.lane_paths[0][0].slice(0, 0, 26).view({13, 2});
   EXPECT_NEAR(bearing(lane[5]), bearing(y[9]), 1e-3);
 }
