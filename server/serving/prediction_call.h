@@ -95,7 +95,7 @@ struct PredictionCall {
   ModelHandle model;
   Question question;
   std::vector<Target> targets;  // at least one
-  int64_t bytes = 0;            // of the request that it holds on to
+  int64_t bytes = 0;            // of the request that it keeps in memory
   Priority priority = Priority::kInteractive;
   TimePoint deadline = TimePoint::max();
   // Called once, from a worker, when each target has an answer or an error.
