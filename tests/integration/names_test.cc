@@ -229,7 +229,7 @@ TEST(NamesTest, NoNameInARequestReachesOutsideTheDataFolder) {
         const v1::Status error = ErrorOf(Call(channel, call));
         ASSERT_EQ(error.code(), static_cast<int>(grpc::StatusCode::INVALID_ARGUMENT))
             << words << ": " << hostile.substr(0, 100) << ": " << error.message();
-        // It was this name that was found wrong, or what holds it.
+        // A violation names this field or the message that contains it.
         const auto violations = Violations(error);
         EXPECT_TRUE(std::ranges::any_of(violations,
                                         [&](const std::string& v) {
