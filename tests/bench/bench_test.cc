@@ -1,5 +1,5 @@
-// That maneuver-bench runs, on small measurements of which no time is looked at; and that what it
-// measures is what the engine does.
+// Checks that maneuver-bench runs, on small measurements whose times are ignored, and that it
+// measures what the engine does.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -75,8 +75,8 @@ TEST(BenchTest, ReportHasEveryStageTargetAndPicture) {
   }
 }
 
-// With random weights, of the preset's size. What a trained model's answers change by is in the
-// report.
+// Uses random weights of the preset's size. The report has the changes of a trained model's
+// answers.
 TEST(BenchTest, Bf16StaysCloseToF32OnRecordedScenes) {
   if (!inference::ProcessorHasBf16()) GTEST_SKIP() << "this processor does not compute with bf16";
   const auto scenes = WaymoScenes(kLargestBatch, 12);
@@ -96,7 +96,7 @@ TEST(BenchTest, Bf16StaysCloseToF32OnRecordedScenes) {
 
 class PipelineTest : public testing::TestWithParam<const char*> {};
 
-// Else the backbone and the heads that are measured are not those that serve.
+// Otherwise the bench would measure another backbone and other heads than the server uses.
 TEST_P(PipelineTest, SeparateStagesGiveTheResponseOfTheWholeCall) {
   const auto scenes = TownScenes(kLargestBatch, 1);
   ASSERT_EQ(scenes.size(), 1u);
@@ -141,7 +141,7 @@ TEST(BenchTest, LargerScenesDifferOnlyInAgentsAndMapPoints) {
 }
 
 TEST(BenchTest, RatiosCompareMeasurementsOfOneRound) {
-  // A machine that is ten times slower in one round: the ratio of medians would be 1.5.
+  // The machine is ten times slower in one round: the ratio of medians would be 1.5.
   const Series a = {2, 20, 2};
   const Series b = {1, 10, 1};
   EXPECT_EQ(Median(Ratios(a, b)), 2.0);

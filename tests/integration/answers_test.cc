@@ -1,4 +1,5 @@
-// The whole way with real processes: town, upload, training through the Train RPC, and the answers.
+// Tests the whole path with real processes: town, upload, training through the Train RPC, and
+// answers.
 
 #include <gmock/gmock.h>
 #include <google/protobuf/text_format.h>
@@ -25,7 +26,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-// What the server must take apart: any bytes at all, and still the same for everyone else.
+// Asks one server with a trained model, which all tests share.
 class AnswersTest : public ::testing::Test {
  protected:
   static void SetUpTestSuite() { trained_ = std::make_unique<TrainedServer>(); }
@@ -117,7 +118,7 @@ TEST_F(AnswersTest, DescribesNoActionBelowTheProbabilityThreshold) {
   EXPECT_EQ(target.distributions_size(), 0);
 }
 
-// Against the definition, by all actions of the same answer.
+// Compares the medoid with its definition, using all actions of the same answer.
 TEST_F(AnswersTest, TheMedoidHasTheLeastExpectedDistanceToTheMixture) {
   v1::PredictRequest request = Request(0, 4);
   request.mutable_query()->set_min_probability(0.0);
@@ -270,7 +271,7 @@ TEST_F(AnswersTest, AStreamAnswersEachRequestByItsId) {
   EXPECT_EQ(responses["r3"].response().SerializeAsString(), direct.SerializeAsString());
 }
 
-// One way to spoil a scenario, and the field that the error must name.
+// One way to make a scenario invalid, and the field that the error must name.
 struct BadInput {
   const char* name;
   std::function<void(v1::Scenario&)> spoil;
@@ -372,7 +373,7 @@ TEST_F(AnswersTest, EvaluationAgreesWithRecordedManoeuvres) {
   ASSERT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.error().message();
   const auto& metrics = job.evaluation().metrics();
   for (const auto& [name, value] : metrics) std::printf("%s %.3f\n", name.c_str(), value);
-  // A tiny model, trained for seconds; the quickstart's is asked for more.
+  // This model is tiny and trained for seconds. The quickstart's must reach more.
   EXPECT_GT(metrics.at("nmi"), 0.3);
   EXPECT_GE(metrics.at("effective_actions"), 5);
   EXPECT_LT(metrics.at("min_fde_6"), metrics.at("fde_cv"));
@@ -381,7 +382,7 @@ TEST_F(AnswersTest, EvaluationAgreesWithRecordedManoeuvres) {
             job.evaluation().action_uses_size());
 }
 
-// Another version of the model, with a residual backbone, beside the one that serves.
+// Adds another version of the model, with a residual backbone, beside the serving one.
 TEST_F(AnswersTest, TrainsShowsAndServesAResidualBackbone) {
   v1::TrainingSettings settings;
   ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(kTinySettings, &settings).ok());

@@ -1,5 +1,5 @@
-// How probes learn of a server's health: maneuverd health, for machines and containers that have
-// the server alone, and its pages over HTTP.
+// Tests how probes read a server's health: by maneuverd health, for machines and containers that
+// contain only the server, and by its pages over HTTP.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -63,7 +63,7 @@ TEST_F(HealthCommandTest, HealthPagesAgreeWithTheCommand) {
   EXPECT_THAT(HttpGet(*server, "/readyz?service=no.such.Service"), HasSubstr(" 404 "));
   // It has no model.
   EXPECT_THAT(HttpGet(*server, "/readyz"), HasSubstr(" 503 "));
-  // One that drains is alive, and not ready.
+  // A draining server is alive but not ready.
   ASSERT_EQ(kill(server->pid(), SIGTERM), 0);
   EXPECT_TRUE(WaitFor(
       [&] { return HttpGet(*server, "/readyz?service=").find(" 503 ") != std::string::npos; },

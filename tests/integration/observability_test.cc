@@ -1,4 +1,4 @@
-// What an operator sees of a real server: its page of metrics, and its log.
+// Tests what an operator sees of a real server: its metrics page and its log.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -40,7 +40,7 @@ class ObservabilityTest : public ::testing::Test {
     return RunManeuver(*server_, arguments, output);
   }
 
-  // One stream with one request; how it was answered.
+  // Opens a stream for one request and returns its answer.
   v1::StreamPredictResponse StreamOnce(const v1::StreamPredictRequest& request) {
     grpc::ClientContext context;
     Introduce(context);
@@ -55,7 +55,7 @@ class ObservabilityTest : public ::testing::Test {
     return answer;
   }
 
-  // What the server has logged, once it has ended.
+  // Stops the server and returns its log.
   std::string FinalLog() {
     predictions_.reset();
     channel_.reset();
@@ -70,7 +70,7 @@ class ObservabilityTest : public ::testing::Test {
   std::unique_ptr<v1::PredictionService::Stub> predictions_;
 };
 
-// After a change that is meant: put the new page in place of the old one, as the failure says.
+// After an intended change, replace the golden page by the new one, as the failure says.
 TEST_F(ObservabilityTest, TheMetricsPageHasTheExpectedNamesTypesLabelsAndHelp) {
   const std::string shape = ShapeOf(MetricsPage(*server_));
   ExpectShape(shape, GOLDEN_METRICS_PAGE, ACTUAL_METRICS_PAGE);

@@ -1,4 +1,4 @@
-// SIGKILL of the trainer and of the server: what was acknowledged is still there.
+// Kills the trainer and the server with SIGKILL: everything that was acknowledged must still exist.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -25,7 +25,7 @@ class SuddenDeathTest : public ::testing::Test {
 
   static ServerProcess& server() { return trained_->server(); }
 
-  // A job that trains far longer than the test.
+  // Starts a job that trains far longer than the test.
   static std::string StartLongJob() {
     std::string output;
     const int status = RunManeuver(
@@ -148,7 +148,7 @@ TEST_F(SuddenDeathTest, CancellingStopsTheTrainerWithinSecondsAndResumingContinu
         return now.attempt() == 2 && now.phase() != "load" && now.step() > 1;
       },
       std::chrono::seconds(60)));
-  // Steps and numbers of events go on from the checkpoint that the cancellation wrote.
+  // Steps and event numbers continue from the checkpoint that the cancellation wrote.
   EXPECT_GE(GetJob(job).progress().step(), before.step());
   EXPECT_GT(GetJob(job).progress().sequence(), before.sequence());
   CancelAndWait(job);

@@ -1,5 +1,4 @@
-// Handshakes that must fail, certificates that change under load, and what the command line
-// refuses.
+// Tests handshakes that must fail, certificates that change under load, and invalid command lines.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -43,7 +42,7 @@ TEST_F(TlsTest, AClientWithoutTheAuthorityDoesNotConnect) {
   EXPECT_EQ(AskHealth(Connect(*server, "")), grpc::StatusCode::UNAVAILABLE) << "plain text";
   EXPECT_EQ(AskHealth(Connect(*server, stranger_.certificate())), grpc::StatusCode::UNAVAILABLE)
       << "wrong authority";
-  // The server is none the worse for it.
+  // The server still works.
   EXPECT_EQ(AskHealth(Connect(*server, authority_.certificate())), grpc::StatusCode::OK);
 }
 
@@ -79,7 +78,7 @@ TEST_F(TlsTest, MutualTlsAdmitsOnlyCertificatesOfItsAuthority) {
   EXPECT_EQ(AskHealth(Connect(*server, roots, stranger_.Issue("planner", ""))),
             grpc::StatusCode::UNAVAILABLE)
       << "wrong authority";
-  // Nor one of the authority that the server itself has its certificate from.
+  // A certificate of the authority that signed the server's own is not accepted either.
   EXPECT_EQ(AskHealth(Connect(*server, roots, authority_.Issue("planner", ""))),
             grpc::StatusCode::UNAVAILABLE);
   EXPECT_EQ(AskHealth(Connect(*server, roots, clients.Issue("planner", "", -1))),
@@ -88,7 +87,7 @@ TEST_F(TlsTest, MutualTlsAdmitsOnlyCertificatesOfItsAuthority) {
   EXPECT_EQ(AskHealth(Connect(*server, roots, clients.Issue("planner", ""))), grpc::StatusCode::OK);
 }
 
-// Callers of both kinds: over a lasting connection, and over a new one for each call.
+// Calls in two ways: over a lasting connection, and over a new one for each call.
 class Callers {
  public:
   Callers(const ServerProcess& server, const std::string& roots) {
@@ -149,7 +148,7 @@ TEST_F(TlsTest, CertificatesAreReplacedUnderLoadWithoutALostCall) {
   const auto patience = std::chrono::seconds(10);
   ASSERT_TRUE(WaitFor([&] { return callers.calls() > 50; }, patience));
 
-  // The new certificate is there, its key is not yet: for as long as the server needs to notice.
+  // Leaves the new certificate without its key for as long as the server needs to notice.
   const TestCertificate rotated = next.Issue("server", kHere);
   folder_.Write("server.crt", rotated.certificate);
   EXPECT_TRUE(WaitFor(
@@ -211,7 +210,7 @@ TEST_F(TlsTest, RefusesUnsafeOrContradictoryOptionsAndSaysWhatToDo) {
            {{"--tokens", f("roles")}, "line 1: roles are predict, train and admin"},
        }) {
     SCOPED_TRACE(::testing::PrintToString(misuse.flags));
-    // One that is not refused would serve for ever.
+    // A server that starts by mistake would serve for ever.
     std::vector<std::string> command = {
         "/usr/bin/timeout", "5",           MANEUVERD,          "--data-dir", f("refused"),
         "--listen",         "127.0.0.1:0", "--metrics-listen", "none"};
@@ -256,13 +255,13 @@ TEST_F(TlsTest, TheCommandUsesTlsAndNeverSendsItsTokenInPlainText) {
   EXPECT_EQ(as_researcher({"job", "watch", "none"}), 1);
   EXPECT_THAT(output, HasSubstr("jobs/none"));
   EXPECT_EQ(as_researcher({"health"}), 0) << output;
-  // Plain text beyond this machine: nothing is sent at all.
+  // The token is not sent in plain text to another machine.
   EXPECT_EQ(testing::Run(
                 {MANEUVER, "--server", "192.0.2.1:8470", "--token-file", f("token"), "job", "list"},
                 &output),
             2);
   EXPECT_THAT(output, HasSubstr("in plain text"));
-  // By the environment.
+  // The token and the authority may also come from the environment.
   const std::string script = "MANEUVER_TOKEN=$(cat " + f("token") +
                              ") MANEUVER_TLS_CA=" + f("ca.crt") + " " + MANEUVER + " --server " +
                              server->address() + " job list";
