@@ -108,9 +108,9 @@ struct CallOptions {
   Cancellation* cancellation = nullptr;        // not owned; must outlive the call
 };
 
-// How far an upload or a download is, bytes of files.
+// The progress of an upload or a download, in bytes of files.
 struct UploadProgress {
-  int64_t there = 0;    // at the other end, or on the way to it
+  int64_t there = 0;    // at the receiver, or on the way to it
   int64_t total = 0;    // of all files
   int64_t resumed = 0;  // of `there`: before this call
 };
@@ -171,20 +171,20 @@ class Client {
       const v1::GetEvaluationReportRequest& request, const CallOptions& call = {});
 
   using OnUploaded = std::function<void(const UploadProgress&)>;
-  // Registers the folder's model.json, weights.safetensors and, where it has them, baselines as the
-  // next version of `parent`, models/{model}; no alias points to it. Goes on where it broke off, as UploadDataset does. A
-  // version of the model that has just these files is returned, and not made again.
-  // NOT_FOUND, before anything is sent, if a file is missing; INVALID_ARGUMENT if the server cannot
-  // serve the model.
+  // Registers the folder's model.json, weights.safetensors and, if it has them, baselines as the
+  // next version of `parent`, models/{model}. No alias points to the new version. An interrupted
+  // upload continues where it stopped, as in UploadDataset. If the model already has a version with
+  // exactly these files, returns that version and makes no other. NOT_FOUND, before anything is
+  // sent, if a file is missing; INVALID_ARGUMENT if the server cannot serve the model.
   absl::StatusOr<v1::ModelVersion> UploadModelVersion(const std::string& folder,
                                                       const std::string& parent,
                                                       const OnUploaded& on_progress,
                                                       const CallOptions& call = {});
-  // Writes the files of a version, as GetModelVersionRequest.name names it, into a new folder, and
-  // checks their SHA-256. Returns the version's name. The folder appears once it is whole; until
-  // then what has arrived lies beside it in .NAME.part, where the same call goes on after an error.
-  // ALREADY_EXISTS if the folder exists and holds anything but this version; DATA_LOSS if a file
-  // arrives altered.
+  // Writes the files of a version, named as in GetModelVersionRequest.name, into a new folder, and
+  // checks their SHA-256. Returns the version's name. The folder appears only once it is complete.
+  // Until then the bytes lie beside it in .NAME.part; after an error, the same call continues from
+  // there. ALREADY_EXISTS if the folder exists and holds anything but this version; DATA_LOSS if a
+  // file arrives altered.
   absl::StatusOr<std::string> DownloadModelVersion(const std::string& name,
                                                    const std::string& folder,
                                                    const OnUploaded& on_progress,

@@ -1,4 +1,4 @@
-// SHA-256 of what is sent and received. Private to the library.
+// Computes the SHA-256 of files that are sent or received. Private to the library.
 
 #ifndef MANEUVER_CLIENT_FILE_DIGEST_H_
 #define MANEUVER_CLIENT_FILE_DIGEST_H_
@@ -9,8 +9,8 @@
 
 namespace maneuver::client {
 
-// Lower-case hexadecimal, of the whole file. NOT_FOUND if it cannot be opened, DATA_LOSS if it
-// cannot be read to its end.
+// Returns the SHA-256 of the whole file in lower-case hexadecimal. NOT_FOUND if it cannot be
+// opened, DATA_LOSS if it cannot be read to its end.
 absl::StatusOr<std::string> Sha256OfFile(const std::string& file);
 
 }  // namespace maneuver::client

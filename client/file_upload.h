@@ -1,5 +1,5 @@
-// An upload of files that goes on where it broke off: what UploadDataset and UploadModelVersion
-// share. Private to the library.
+// Uploads files and continues where an interrupted upload stopped. UploadDataset and
+// UploadModelVersion share it. Private to the library.
 
 #ifndef MANEUVER_CLIENT_FILE_UPLOAD_H_
 #define MANEUVER_CLIENT_FILE_UPLOAD_H_
@@ -24,14 +24,15 @@ using ArrivedBytes = google::protobuf::RepeatedField<int64_t>;  // [files] bytes
 
 // What differs between one kind of upload and another.
 struct UploadCalls {
-  // What the server has committed before this upload is as good as what it would commit.
+  // Whether a commit of equal files before this upload counts as the commit of this upload.
   bool may_be_committed_before = false;
-  // Asks what has arrived. Sets *arrived; and *committed, if there is already what the files are to
-  // become: the caller then has it.
+  // Asks the server which bytes have arrived, and sets *arrived. Sets *committed if the server
+  // already has what the files are to become, and gives it to the caller.
   std::function<grpc::Status(grpc::ClientContext& context, ArrivedBytes* arrived, bool* committed)>
       ask;
-  // Sends a header, then the chunks that `send_chunks` makes. `send_chunks` takes a function that
-  // writes a chunk, and says whether all of them were written: the stream is to be half-closed.
+  // Sends a header, then the chunks that `send_chunks` makes. `send_chunks` is given a function
+  // that writes one chunk, and returns whether all chunks were written; the stream is then
+  // half-closed.
   using WriteChunk = std::function<bool(std::string chunk)>;
   using SendChunks = std::function<bool(const WriteChunk& write)>;
   std::function<grpc::Status(grpc::ClientContext& context, const ArrivedBytes& arrived,
@@ -39,7 +40,7 @@ struct UploadCalls {
       send;
 };
 
-// Asks, sends, and begins anew where the connection breaks, until the server has committed.
+// Asks, sends, and repeats this after a broken connection, until the server has committed.
 // DATA_LOSS if a file cannot be read to its end.
 absl::Status UploadFiles(const ClientOptions& options, const std::vector<LocalFile>& files,
                          const UploadCalls& calls,

@@ -1,4 +1,4 @@
-// The picture of a model's actions at several speeds.
+// Draws a model's actions at several speeds.
 
 #ifndef MANEUVER_CLIENT_CLI_ACTION_GALLERY_H_
 #define MANEUVER_CLIENT_CLI_ACTION_GALLERY_H_

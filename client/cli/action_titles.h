@@ -1,4 +1,4 @@
-// What actions are called, and which action of one version is which of another.
+// Names of actions, and which action of one version corresponds to which of another.
 
 #ifndef MANEUVER_CLIENT_CLI_ACTION_TITLES_H_
 #define MANEUVER_CLIENT_CLI_ACTION_TITLES_H_
@@ -14,22 +14,23 @@
 
 namespace maneuver::cli {
 
-// Names that a server answered, by action id. [K], or empty
+// Action names that a server returned, by action id. [K], or empty
 using ActionTitles = google::protobuf::RepeatedPtrField<std::string>;
 
 // Returns the name of an action as a table shows it; empty if there is none.
 std::string TitleOf(const ActionTitles& titles, int action_id);
 
-// Returns the display names of a version's actions, by id; empty if they cannot be had.
+// Returns the display names of a version's actions, by id; empty if the server does not give them.
 std::vector<std::string> FetchActionNames(const std::string& model_version,
                                           Environment& environment);
 
 // Adds --require-name, which may be repeated.
 void AddRequireNameOption(Command& command, std::vector<std::string>* names);
 
-// Returns a table of which action of `before` is which of `after`, in the order of the ids before,
-// then what has no partner; matched as maneuver-trainer match-actions does without a dataset. Where
-// they cannot be matched, returns a line that says why. Lines end in '\n'.
+// Returns a table of the corresponding actions of `before` and `after`, in the order of the ids of
+// `before`; actions without a partner come last. They are matched as by maneuver-trainer
+// match-actions without a dataset. If they cannot be matched, returns a line that says why. Lines
+// end in '\n'.
 std::string ActionMappingText(const v1::ModelVersion& before, const v1::ModelVersion& after,
                               bool color);
 

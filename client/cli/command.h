@@ -1,5 +1,5 @@
-// Commands of the command line, and what they take. A narrow face on CLI11, whose templates are
-// compiled by command.cc alone.
+// Commands of the command line and their arguments. A narrow interface to CLI11, whose templates
+// are compiled only in command.cc.
 
 #ifndef MANEUVER_CLIENT_CLI_COMMAND_H_
 #define MANEUVER_CLIENT_CLI_COMMAND_H_
@@ -27,18 +27,19 @@ enum ExitCode : int {
   kUsage = 2,   // the command line, or a file that it names, makes no sense
 };
 
-// A command, or a group of them. Variables handed over by pointer hold the default and outlive the
-// parsing. `flags` are as in "-o,--output".
+// A command, or a group of commands. Variables that are passed by pointer hold the default and must
+// outlive the parsing. `flags` has the form "-o,--output".
 class Command {
  public:
-  //   chosen: receives what the command that was named does.
+  // Wraps `app`.
+  //   chosen: receives the function of the command that the user named.
   Command(CLI::App* app, std::function<int()>* chosen) : app_(app), chosen_(chosen) {}
 
-  // A command below this one; one of them must then be given.
+  // Adds a subcommand. The user must then name one of the subcommands.
   //   help: what it does, and an example.
   Command Add(const std::string& name, const std::string& summary, const std::string& help = "");
 
-  // Positional arguments; `name` is in capitals in the help.
+  // Add positional arguments. `name` appears in capitals in the help.
   void Argument(const std::string& name, std::string* value, const std::string& help);
   void Argument(const std::string& name, int64_t* value, int64_t least, int64_t most,
                 const std::string& help);
@@ -58,29 +59,30 @@ class Command {
               const std::string& help);
   void Option(const std::string& flags, std::optional<double>* value, double least, double most,
               const std::string& help);
-  // May be given many times, and take several values each time.
+  // An option that may be repeated, with several values each time.
   void Option(const std::string& flags, std::vector<std::string>* values, const std::string& help,
               bool required = false);
-  // May be given many times, with one value each time.
+  // An option that may be repeated, with one value each time.
   void OptionPerValue(const std::string& flags, std::vector<std::string>* values,
                       const std::string& help);
-  // Several numbers, separated by commas or spaces.
+  // An option with several numbers, separated by commas or spaces.
   void Option(const std::string& flags, std::vector<int64_t>* values, const std::string& help);
   void Choice(const std::string& flags, std::string* value, const std::vector<std::string>& choices,
               const std::string& help);
-  // May be given many times.
+  // An option that may be repeated; each value is one of `choices`.
   void Choices(const std::string& flags, std::vector<std::string>* values,
                const std::vector<std::string>& choices, const std::string& help);
-  // A PNG file to write; names that end as those of other kinds of files are usage errors.
+  // An option that names a PNG file to write. A name with the extension of another kind of file is
+  // a usage error.
   void Picture(const std::string& flags, std::optional<std::string>* value,
                const std::string& help);
   void Flag(const std::string& flags, bool* value, const std::string& help);
-  // These two options cannot be given together.
+  // Forbids that both options are given.
   void Exclude(const std::string& flag, const std::string& other);
-  // The first option cannot be given without the second.
+  // Forbids that the first option is given without the second.
   void Need(const std::string& flag, const std::string& other);
 
-  // What the command does; returns its ExitCode.
+  // Sets what the command does. `run` returns its ExitCode.
   void Run(std::function<int()> run);
 
  private:
@@ -95,9 +97,9 @@ class CommandLine {
   ~CommandLine();
 
   Command root();
-  // Called once the options are read, before the command that they are for.
+  // Sets a function that runs after the options are read and before the command.
   void BeforeCommand(std::function<void()> prepare) { prepare_ = std::move(prepare); }
-  // All commands and their options.
+  // Returns all commands and their options.
   CommandEntry Describe() const;
   // Parses the arguments (without the program's name) and runs the command that they name. Help and
   // version go to `out`, usage errors to `err`. `help COMMAND` does what `COMMAND --help` does.

@@ -1,4 +1,4 @@
-// The commands as data: what scripts of shells and pages of the manual are made from.
+// Describes the commands as data, from which shell completion and manual pages are made.
 
 #ifndef MANEUVER_CLIENT_CLI_COMMAND_ENTRY_H_
 #define MANEUVER_CLIENT_CLI_COMMAND_ENTRY_H_

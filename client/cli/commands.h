@@ -1,4 +1,4 @@
-// Each adds its commands to the command line. `environment` outlives it.
+// Each function adds its commands to the command line. `environment` must outlive it.
 
 #ifndef MANEUVER_CLIENT_CLI_COMMANDS_H_
 #define MANEUVER_CLIENT_CLI_COMMANDS_H_

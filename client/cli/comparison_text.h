@@ -1,4 +1,4 @@
-// Two versions side by side, as people read it.
+// Prints the comparison of two versions for people.
 
 #ifndef MANEUVER_CLIENT_CLI_COMPARISON_TEXT_H_
 #define MANEUVER_CLIENT_CLI_COMPARISON_TEXT_H_
@@ -9,13 +9,13 @@
 
 namespace maneuver::cli {
 
-// A table: each metric of the models with both values, the candidate's less the baseline's, and
-// which is better ("=" if they are equal, empty if the metric has no better side; "within" if the
-// candidate is worse by no more than its tolerance). Shares are percent. What baselines of the
-// reports measured is left out: it says nothing of the versions. Lines end in '\n'.
+// Returns a table. Each metric of the models has both values, the candidate's minus the baseline's,
+// and the better version: "=" if they are equal, "within" if the candidate is worse by no more than
+// its tolerance, empty if the metric has no better side. Shares are in percent. Metrics of the
+// reports' baseline predictors are left out. Lines end in '\n'.
 std::string ComparisonText(const v1::EvaluationComparison& comparison, bool color);
 
-// Likewise the main metrics of each part of the examples; empty without any.
+// Returns the same table for the main metrics of each stratum; empty without strata.
 std::string StrataText(const v1::EvaluationComparison& comparison, bool color);
 
 }  // namespace maneuver::cli

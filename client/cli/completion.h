@@ -1,4 +1,4 @@
-// Scripts that let a shell complete commands, options and choices; made from the tables that make
+// Shell scripts that complete commands, options and choices. They are made from the same tables as
 // --help.
 
 #ifndef MANEUVER_CLIENT_CLI_COMPLETION_H_
@@ -12,14 +12,15 @@
 
 namespace maneuver::cli {
 
-// root: the program. Values without choices complete as files; options of the program are offered
-// after every command.
+// Return the script for one shell. Values without choices complete as files. Options of the program
+// are offered after every command.
+//   root: the program.
 std::string BashCompletion(const CommandEntry& root);
 std::string ZshCompletion(const CommandEntry& root);
 std::string FishCompletion(const CommandEntry& root);
 
-// maneuver completion bash, zsh and fish.
-//   line: whose commands are completed; outlives the run.
+// Adds the commands `maneuver completion bash`, `zsh` and `fish`.
+//   line: the command line to complete; must outlive the run.
 void AddCompletion(const CommandLine& line, Command& root, Environment& environment);
 
 }  // namespace maneuver::cli

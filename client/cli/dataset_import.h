@@ -1,4 +1,4 @@
-// From recordings in another format to a dataset folder: what all formats have in common.
+// Imports recordings of other formats into a dataset folder: what all formats have in common.
 
 #ifndef MANEUVER_CLIENT_CLI_DATASET_IMPORT_H_
 #define MANEUVER_CLIENT_CLI_DATASET_IMPORT_H_
@@ -28,34 +28,35 @@ struct ImportArguments {
   std::optional<int64_t> threads;
 };
 
-// One recording as it lies on the disk.
+// One recording as it is stored on disk.
 struct RawRecording {
   std::string bytes;
   std::string place;  // for messages: "a.tfrecord at offset 12"
-  double end = 0.0;   // how much of its file was read up to its end, bytes
+  double end = 0.0;   // offset of its end within its file, bytes
 };
 
 struct ImportFormat {
   std::string name;  // for messages: "Waymo scenario"
-  // Reads a file, recording by recording, until `take` says that it is enough or there is none
-  // left. DATA_LOSS for a damaged recording that was passed over where `damaged` returns true; it
-  // counts and reports those.
+  // Reads a file, recording by recording, until `take` returns an error or the file ends. Calls
+  // `damaged` for a damaged recording, which counts and reports it; if that returns true the
+  // recording is skipped, otherwise the result is DATA_LOSS.
   std::function<absl::Status(const std::filesystem::path& file,
                              const std::function<absl::Status(RawRecording&&)>& take,
                              const std::function<bool(const absl::Status&)>& damaged)>
       read;
   // Called from several threads.
   std::function<absl::StatusOr<v1::Scenario>(std::string_view bytes)> parse;
-  // Which files of a folder are read; ".xml", or empty: all but hidden ones.
+  // The extension of the files of a folder to read, such as ".xml"; empty: all files but hidden
+  // ones.
   std::string extension;
 };
 
 // Adds the arguments and options to a command.
 void AddImportOptions(Command& command, ImportArguments& arguments, const std::string& what);
 
-// Reads one recording after the other, and parses and checks them on all cores; memory is bounded
-// by a few recordings for each. Writes the dataset in the order of the files. Prints what was left
-// out; the exit status is then kFailed.
+// Reads one recording after the other, and parses and checks them on all cores. Memory is limited
+// to a few recordings for each core. Writes the dataset in the order of the files. Prints what was
+// left out; the exit status is then kFailed.
 int RunImport(const ImportArguments& arguments, const ImportFormat& format,
               Environment& environment);
 

@@ -22,10 +22,10 @@ struct ShowDatasetArguments {
 
 int ShowDataset(const ShowDatasetArguments& arguments, Environment& environment);
 
-// Size of all shards.
+// Returns the size of all shards.
 int64_t SizeBytes(const v1::Dataset& dataset);
 
-// What ShowDataset prints of a description.
+// Returns what ShowDataset prints of a description.
 std::string DescriptionText(const v1::DatasetSummary& summary, bool color);
 
 }  // namespace maneuver::cli

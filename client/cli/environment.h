@@ -1,4 +1,4 @@
-// What every command works in: its streams, the global options, and the server that it talks to.
+// The environment of a command: its streams, the global options, and the server that it calls.
 
 #ifndef MANEUVER_CLIENT_CLI_ENVIRONMENT_H_
 #define MANEUVER_CLIENT_CLI_ENVIRONMENT_H_
@@ -21,8 +21,8 @@ class Environment {
  public:
   Environment(std::istream& input, std::ostream& answers, std::ostream& messages);
 
-  // Answers go to out and to nothing else, messages to err, and what went wrong to errors, which
-  // --quiet does not silence.
+  // Only answers go to `out`. Messages go to `err`, and failures to `errors`, which --quiet does
+  // not silence.
   std::istream& in;
   std::ostream& out;
   std::ostream& err;
@@ -32,49 +32,50 @@ class Environment {
 
   // Global options.
   std::string server = "127.0.0.1:8470";
-  bool tls = false;    // also if one of the four that follow is given
+  bool tls = false;    // also true if one of the next four options is given
   std::string tls_ca;  // PEM files
   std::string tls_certificate;
   std::string tls_key;
   std::string tls_server_name;
   std::string token_file;
-  std::string token;  // from the environment: what is on a command line, others can read
+  std::string token;  // from the environment: other users can read command lines
   std::string output = "text";
   std::optional<double> timeout;  // seconds
-  // The option that limits the time of the calls that follow: what a late answer advises to raise.
+  // The option that limits the time of the next calls. The message about a late answer advises to
+  // raise it.
   std::string time_limit = "--timeout SECONDS";
   bool verbose = false;
   bool quiet = false;
   std::string progress = "auto";
 
-  // Call once the options are set: silences err, if they say so.
+  // Applies the options, such as --quiet. Call once they are set.
   void TakeOptions();
   ProgressForm progress_form() const;
 
   bool json() const { return output == "json"; }
 
-  // The options above, for another connection to that server.
+  // Returns the options above for another connection to the server.
   client::ClientOptions client_options();
-  // The server, connected to on first use. Says why and ends the program if the options above make
-  // that impossible.
+  // Returns the server, connecting on first use. If the options above make that impossible, says
+  // why and ends the program.
   client::Client& server_client();
-  // --timeout, as each call takes it.
+  // Returns the call options that --timeout means.
   client::CallOptions call_options() const;
 
-  // Prints `message` as proto3 JSON, all fields of an answer included.
+  // Prints `message` as proto3 JSON, including fields with default values.
   void PrintJson(const google::protobuf::Message& message);
 
-  // Says on err why a command failed, in a sentence that says what to do; returns kFailed. With
-  // --output json err gets one line of JSON: {"error": {"code", "reason", "message"}}.
+  // Writes to `errors` why a command failed and what to do; returns kFailed. With --output json it
+  // writes one line of JSON: {"error": {"code", "reason", "message"}}.
   int Fail(const absl::Status& status);
-  // The same for a file or folder of this machine, which is named first.
+  // As Fail, for a local file or folder, which the message names first.
   int FailAt(const std::string& path, const absl::Status& status);
-  // The same for a command line that makes no sense; returns kUsage.
+  // As Fail, for an invalid command line; returns kUsage.
   int Refuse(const std::string& message);
-  // What Fail says: the message, what to do about it, then each wrong field on a line of its own.
+  // Returns what Fail says: the message, what to do, then each wrong field on its own line.
   std::string Explain(const absl::Status& status) const;
-  // Whether all answers could be written to out. If not, says so on err; a reader who has gone,
-  // such as head, is none to be told.
+  // Returns whether all answers could be written to `out`. If not, says so on `errors`, unless the
+  // reader has closed the pipe, as head does.
   bool Flush();
 
  private:

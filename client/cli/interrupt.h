@@ -1,4 +1,4 @@
-// Ctrl-C, as a call in an ordinary thread.
+// Turns Ctrl-C into a call on an ordinary thread.
 
 #ifndef MANEUVER_CLIENT_CLI_INTERRUPT_H_
 #define MANEUVER_CLIENT_CLI_INTERRUPT_H_
@@ -9,8 +9,8 @@
 
 namespace maneuver::cli {
 
-// While it lives, the first SIGINT calls `on_interrupt` on a thread of its own, where locks may be
-// taken; the second one ends the program as usual. One at a time.
+// While it lives, the first SIGINT calls `on_interrupt` on its own thread, where locks may be
+// taken. The second SIGINT ends the program as usual. Only one may exist at a time.
 class Interrupt {
  public:
   explicit Interrupt(std::function<void()> on_interrupt);

@@ -1,4 +1,4 @@
-// Jobs as people see them.
+// Shows jobs to people.
 
 #ifndef MANEUVER_CLIENT_CLI_JOB_DISPLAY_H_
 #define MANEUVER_CLIENT_CLI_JOB_DISPLAY_H_
@@ -16,24 +16,25 @@ std::string Kind(const v1::Job& job);       // "train", "evaluate" or "cross-val
 std::string Subject(const v1::Job& job);    // the model: "town"; "-" of a cross-validation
 std::string Datasets(const v1::Job& job);   // what it learns from or measures: "datasets/town"
 
-// "joint 7/10  loss 2.31  19 effective actions  1 min 05 s left"; parts that are not known are left
-// out.
+// Returns the progress of a job, such as
+//   "joint 7/10  loss 2.31  19 effective actions  1 min 05 s left".
+// Parts that are not known are left out.
 std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport& last_report);
 
-// Returns what a model's manifest says of its held-out examples, as a report shows it; empty
-// without any.
+// Returns the held-out metrics of a model's manifest in the layout of a report; empty if it has
+// none.
 std::string HeldOutText(const v1::ModelManifest& manifest, bool color);
 
-// Follows a job until it ends, drawing its progress on err (on a terminal a bar; elsewhere a line
-// for each epoch), then prints what came of it. Ctrl-C stops watching, not the job, and says how to
-// go on. Returns kOk if the job succeeded or was left running, else kFailed.
+// Follows a job until it ends, and shows its progress on err: a bar on a terminal, otherwise a line
+// for each epoch. Then prints its result. Ctrl-C stops watching but not the job, and says how to
+// continue watching. Returns kOk if the job succeeded or was left running, else kFailed.
 int WatchToEnd(const std::string& job, Environment& environment);
 
-// Whether what a job trained was promoted, why, and by which figures; empty while nobody knows.
-// Whole lines.
+// Returns whether the version of a job was promoted, why, and by which figures, as whole lines;
+// empty while this is not known.
 std::string PromotionText(const v1::Job& job, bool color);
 
-// What came of a job that ended; returns kOk if it succeeded.
+// Prints the result of an ended job. Returns kOk if it succeeded.
 int PrintOutcome(const v1::Job& job, Environment& environment);
 
 }  // namespace maneuver::cli

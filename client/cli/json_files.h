@@ -1,4 +1,4 @@
-// Messages in files, as proto3 JSON.
+// Reads and writes messages as proto3 JSON.
 
 #ifndef MANEUVER_CLIENT_CLI_JSON_FILES_H_
 #define MANEUVER_CLIENT_CLI_JSON_FILES_H_
@@ -13,12 +13,12 @@
 
 namespace maneuver::cli {
 
-// Reads one message from `path`, or from standard input if that is "-". INVALID_ARGUMENT, naming
-// the file, if it does not parse.
+// Reads one message from `path`, or from standard input if that is "-". INVALID_ARGUMENT names the
+// file if it does not parse.
 absl::Status ReadJson(const std::string& path, Environment& environment,
                       google::protobuf::Message* message);
 
-// Fields at their defaults left out.
+// Returns the JSON without fields that have their default value.
 std::string ToCompactJson(const google::protobuf::Message& message);
 
 // Writes bytes to a file, replacing it. FAILED_PRECONDITION names the path and the reason.

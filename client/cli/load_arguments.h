@@ -1,4 +1,4 @@
-// Ranges and rates as `maneuver load` takes them.
+// Parses the ranges and rates that `maneuver load` takes.
 
 #ifndef MANEUVER_CLIENT_CLI_LOAD_ARGUMENTS_H_
 #define MANEUVER_CLIENT_CLI_LOAD_ARGUMENTS_H_
@@ -15,20 +15,21 @@ struct NumberRange {
   double most = 0.0;
 };
 
-// "5" or "1-5", both within [`least`, `most`]. INVALID_ARGUMENT, naming `flag`, for anything else.
+// Parses "5" or "1-5", with bounds within [`least`, `most`]. INVALID_ARGUMENT names `flag` for
+// anything else.
 absl::StatusOr<NumberRange> ParseRange(const std::string& flag, const std::string& text,
                                        double least, double most);
 
-// One step of a sweep: so many calls a second, or that share of what the server can do.
+// One step of a sweep: calls per second, or a share of the server's capacity.
 struct SweepRate {
   double value = 0.0;  // > 0; 0.25 is 25 %
   bool of_capacity = false;
 };
 
-// "25%,100%,200": INVALID_ARGUMENT for anything else.
+// Parses a list such as "25%,100%,200". INVALID_ARGUMENT for anything else.
 absl::StatusOr<std::vector<SweepRate>> ParseRates(const std::string& text);
 
-// "25 %", "200/s".
+// Returns the name of a rate: "25 %" or "200/s".
 std::string RateName(const SweepRate& rate);
 
 }  // namespace maneuver::cli

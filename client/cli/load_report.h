@@ -1,4 +1,4 @@
-// What `maneuver load` has measured, for people and for scripts.
+// Prints what `maneuver load` measured, for people and for scripts.
 
 #ifndef MANEUVER_CLIENT_CLI_LOAD_REPORT_H_
 #define MANEUVER_CLIENT_CLI_LOAD_REPORT_H_
@@ -32,11 +32,11 @@ struct LoadReport {
 
 enum class TableStyle { kText, kColorText, kMarkdown };
 
-// A line for each step: what callers saw, then what the server says of itself. Below, what is
-// remarkable about them.
+// Returns a table with a line for each step: what callers measured, then what the server measured.
+// Remarks follow below.
 std::string LoadReportText(const LoadReport& report, TableStyle style);
 
-// All of it, latencies in milliseconds.
+// Returns the whole report as JSON, latencies in milliseconds.
 std::string LoadReportJson(const LoadReport& report);
 
 }  // namespace maneuver::cli

@@ -1,4 +1,4 @@
-// Scenes to ask about under load.
+// Reads the scenes that the calls of a load run ask about.
 
 #ifndef MANEUVER_CLIENT_CLI_LOAD_SCENES_H_
 #define MANEUVER_CLIENT_CLI_LOAD_SCENES_H_
@@ -17,11 +17,11 @@ struct LoadScenes {
   std::vector<std::string> files;  // scenarios as proto3 JSON; if empty:
   std::string source;              // a dataset, here or on the server; if empty: the synthetic town
   int most = 32;                   // scenes of a dataset or the town
-  int most_targets = 1;            // worth having in each; a scene may have fewer, or more
+  int most_targets = 1;            // wanted in each scene; it may have fewer or more
   uint64_t seed = 1;               // of the town
 };
 
-// Scenes with at least one target each. NOT_FOUND if there is none.
+// Returns scenes with at least one target each. NOT_FOUND if there is none.
 absl::StatusOr<std::vector<v1::Scenario>> ReadLoadScenes(const LoadScenes& wanted,
                                                          Environment& environment);
 

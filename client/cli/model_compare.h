@@ -1,4 +1,4 @@
-// maneuver model compare, and what it reads.
+// The command `maneuver model compare`, and the reports that it compares.
 
 #ifndef MANEUVER_CLIENT_CLI_MODEL_COMPARE_H_
 #define MANEUVER_CLIENT_CLI_MODEL_COMPARE_H_
@@ -13,8 +13,8 @@
 
 namespace maneuver::cli {
 
-// What a version was evaluated on, newest first, without strata.
-//   model: as GetModelVersionRequest.name
+// Returns the evaluation reports of a version, newest first, without strata.
+//   model: as in GetModelVersionRequest.name
 absl::StatusOr<std::vector<v1::EvaluationReport>> ListReports(const std::string& model,
                                                               Environment& environment);
 

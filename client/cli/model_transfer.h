@@ -1,4 +1,4 @@
-// maneuver model pull, push: versions from and to servers.
+// The commands `maneuver model pull` and `push`, which copy versions from and to servers.
 
 #ifndef MANEUVER_CLIENT_CLI_MODEL_TRANSFER_H_
 #define MANEUVER_CLIENT_CLI_MODEL_TRANSFER_H_

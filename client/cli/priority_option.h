@@ -1,4 +1,4 @@
-// --priority, of the commands that ask for predictions.
+// The option --priority of commands that ask for predictions.
 
 #ifndef MANEUVER_CLIENT_CLI_PRIORITY_OPTION_H_
 #define MANEUVER_CLIENT_CLI_PRIORITY_OPTION_H_

@@ -1,4 +1,4 @@
-// One line that is drawn over and over while something runs.
+// Shows progress on one line that is redrawn while something runs.
 
 #ifndef MANEUVER_CLIENT_CLI_PROGRESS_LINE_H_
 #define MANEUVER_CLIENT_CLI_PROGRESS_LINE_H_
@@ -11,7 +11,7 @@
 
 namespace maneuver::cli {
 
-// "[######----]", `width` characters inside the brackets.
+// Returns a bar such as "[######----]", with `width` characters between the brackets.
 std::string Bar(double fraction, int width);
 
 enum class ProgressForm {
@@ -27,7 +27,8 @@ class ProgressLine {
   ~ProgressLine() { Clear(); }
 
   void Show(double fraction, const std::string& text);
-  // Shows a message that says more, for programs: each one. For kJson.
+  // Shows a detailed message, for programs. Shows every message, however fast they follow. For
+  // kJson.
   void ShowJson(const google::protobuf::Message& progress);
   // Removes the line, before something else is printed.
   void Clear();

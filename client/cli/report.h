@@ -1,4 +1,4 @@
-// Reports as files: a page for a browser, and learning curves for other programs.
+// Writes reports to files: a page for a browser, and learning curves for other programs.
 
 #ifndef MANEUVER_CLIENT_CLI_REPORT_H_
 #define MANEUVER_CLIENT_CLI_REPORT_H_
@@ -13,7 +13,7 @@
 
 namespace maneuver::cli {
 
-// Which files are asked for.
+// The requested files.
 struct ReportFiles {
   std::optional<std::string> page;         // HTML
   std::optional<std::string> curves;       // CSV
@@ -25,15 +25,15 @@ struct ReportFiles {
 // Adds --curves and --tensorboard.
 void AddCurveOptions(Command& command, ReportFiles* files);
 
-// Sees whether the files can be made, so that nothing is computed in vain. FAILED_PRECONDITION
-// names the path and the reason.
+// Checks that the files can be created, before anything is computed. FAILED_PRECONDITION names the
+// path and the reason.
 absl::Status PrepareReport(const ReportFiles& files);
 
-// Writes the files that are asked for, of what the job made or measured; returns an ExitCode.
+// Writes the requested files about what the job trained or measured. Returns an ExitCode.
 int WriteJobReport(const std::string& job, const ReportFiles& files, Environment& environment);
 
-// The same of the job that WatchToEnd has watched, unless it goes on: then err says how to have the
-// report later.
+// As WriteJobReport, for a job that WatchToEnd has watched. If the job is still running, says how
+// to get the report later.
 int WriteReportOfWatched(const std::string& job, const ReportFiles& files,
                          Environment& environment);
 

@@ -1,4 +1,4 @@
-// What a report shows, read from the server.
+// Reads what a report shows from the server.
 
 #ifndef MANEUVER_CLIENT_CLI_REPORT_COLLECTION_H_
 #define MANEUVER_CLIENT_CLI_REPORT_COLLECTION_H_
@@ -13,8 +13,8 @@
 
 namespace maneuver::cli {
 
-// Returns what a training job has reported so far; nothing of other jobs. Does not wait for its
-// end.
+// Returns what a training job has reported so far; nothing for other jobs. Does not wait for the
+// job to end.
 absl::StatusOr<std::vector<report::LearningPhase>> LearningOf(const v1::Job& job,
                                                               Environment& environment);
 
@@ -23,18 +23,18 @@ absl::StatusOr<std::vector<report::LearningPhase>> LearningOf(const v1::Job& job
 absl::StatusOr<std::optional<v1::Job>> TrainingJobOf(const std::string& version,
                                                      Environment& environment);
 
-// Gathers what is known of a version: its actions, its evaluation on `dataset` (or its newest one),
-// other versions' on the same examples, how it was learned, and scenes. What the server does not
-// have is named in ReportData::missing. An error only if there is no such version, or no evaluation
-// on `dataset`.
+// Gathers what is known about a version: its actions, its evaluation on `dataset` (or its newest
+// one), other versions' evaluations on the same examples, its learning curves, and scenes.
+// ReportData::missing names what the server does not have. Fails only if there is no such version,
+// or no evaluation on `dataset`.
 //   model: as in GetModelVersionRequest.name
 //   dataset: datasets/{dataset}
 absl::StatusOr<report::ReportData> CollectVersion(const std::string& model,
                                                   const std::optional<std::string>& dataset,
                                                   Environment& environment);
 
-// The same of what a job made or measured. Of a training that has no version (yet): its curves.
-// INVALID_ARGUMENT for a cross-validation.
+// Gathers the same for the version that a job trained or measured. For a training without a version
+// (yet), gathers its curves. INVALID_ARGUMENT for a cross-validation.
 absl::StatusOr<report::ReportData> CollectJob(const v1::Job& job, Environment& environment);
 
 }  // namespace maneuver::cli

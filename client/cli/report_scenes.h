@@ -1,4 +1,4 @@
-// The scenes of a report, from the server.
+// Collects the scenes of a report from the server.
 
 #ifndef MANEUVER_CLIENT_CLI_REPORT_SCENES_H_
 #define MANEUVER_CLIENT_CLI_REPORT_SCENES_H_
@@ -19,10 +19,10 @@ struct SceneSource {
   bool held_out = false;         // only recordings that a training with `examples` held out
 };
 
-// Asks a version about up to twelve examples of each of up to 24 recordings, spread evenly over the
-// dataset (its first 2,000 recordings), and returns the 24 that report::ChooseScenes picks.
-// Recordings that cannot be read or answered for are passed over; the error of the last one if none
-// can. NOT_FOUND if the recordings have no examples.
+// Asks a version about at most twelve examples of each of at most 24 recordings, spread evenly over
+// the dataset (its first 2,000 recordings). Returns the 24 examples that report::ChooseScenes
+// picks. Skips recordings that cannot be read or answered; if that is all of them, returns the last
+// error. NOT_FOUND if the recordings have no examples.
 absl::StatusOr<std::vector<report::Scene>> CollectScenes(const v1::ModelVersion& version,
                                                          const SceneSource& source,
                                                          Environment& environment);

@@ -1,4 +1,4 @@
-// Requirements beside rivals, as people type them.
+// Parses requirements that compare a version with its rivals.
 
 #ifndef MANEUVER_CLIENT_CLI_RIVAL_OPTION_H_
 #define MANEUVER_CLIENT_CLI_RIVAL_OPTION_H_
@@ -18,8 +18,8 @@ inline constexpr char kRivalHelp[] =
     "in every stratum by speed and class with at least 50 examples";
 
 // Appends the requirements that `texts` ask for, such as "cv", "ctra@strata" and
-// "baselines:min_fde_6@strata". INVALID_ARGUMENT, with what is wrong, for others.
-//   flag: as which they were given, for the message
+// "baselines:min_fde_6@strata". INVALID_ARGUMENT says what is wrong.
+//   flag: the option that the texts come from, for the message
 absl::Status ParseRequirements(
     const std::vector<std::string>& texts, v1::RivalStandard standard, const std::string& flag,
     google::protobuf::RepeatedPtrField<v1::RivalRequirement>* requirements);

@@ -1,4 +1,4 @@
-// Scenes that a question is about, from files.
+// Reads the scenes of a request from files.
 
 #ifndef MANEUVER_CLIENT_CLI_SCENARIO_FILES_H_
 #define MANEUVER_CLIENT_CLI_SCENARIO_FILES_H_
@@ -13,11 +13,11 @@
 
 namespace maneuver::cli {
 
-// One Scenario from each file ("-": standard input).
+// Reads one Scenario from each file ("-": standard input).
 absl::StatusOr<std::vector<v1::Scenario>> ReadScenarios(const std::vector<std::string>& files,
                                                         Environment& environment);
 
-// "town-1-0 target 12", for tables and errors.
+// Returns a name such as "town-1-0 target 12", for tables and errors.
 std::string TargetName(const std::string& scenario_id, int64_t target_id);
 
 // Says on err what failed in one item of a batch.

@@ -1,4 +1,4 @@
-// Recordings from a dataset folder here or from a dataset on the server, alike.
+// Reads recordings from a local dataset folder or from a dataset on the server.
 
 #ifndef MANEUVER_CLIENT_CLI_SCENARIO_SOURCE_H_
 #define MANEUVER_CLIENT_CLI_SCENARIO_SOURCE_H_
@@ -11,14 +11,15 @@
 
 namespace maneuver::cli {
 
-// `source` is a folder with dataset.json, or datasets/NAME.
-//   most: list at most so many; 0: all.
+// List the recordings of a source, or read one of them.
+//   source: a folder with dataset.json, or datasets/NAME.
+//   most: list at most this many; 0: all.
 absl::StatusOr<v1::ListScenariosResponse> ListScenarios(const std::string& source, int64_t most,
                                                         Environment& environment);
 absl::StatusOr<v1::Scenario> GetScenario(const std::string& source, const std::string& scenario_id,
                                          Environment& environment);
 
-// A recording at a glance.
+// Returns the summary of a recording.
 v1::ScenarioSummary Summarize(const v1::Scenario& scenario);
 
 }  // namespace maneuver::cli

@@ -13,23 +13,23 @@
 
 namespace maneuver::cli {
 
-// Sets one field, named by its dotted path, as "optimization.joint_epochs=20",
-// "model.decoder.hidden=500,500", "model.target_types=pedestrian,cyclist" or "examples.stride=0.5s"
-// say. Lists are replaced whole; durations may leave the "s" out, names of enumerations their
-// prefix; messages are proto3 JSON. INVALID_ARGUMENT says which fields there are, or
-// what the field takes.
+// Sets one field. The field is named by its dotted path, for example
+// "optimization.joint_epochs=20", "model.decoder.hidden=500,500",
+// "model.target_types=pedestrian,cyclist" or "examples.stride=0.5s". A list replaces the whole
+// list. Durations may omit the "s", and enumeration values their prefix. Messages are written as
+// proto3 JSON. INVALID_ARGUMENT lists the fields that exist, or says what the field accepts.
 absl::Status SetField(const std::string& assignment, google::protobuf::Message* message);
 
-// Refuses zeros that the server would not hear: in a field that cannot say whether it was given, 0
-// stands for the preset's value. INVALID_ARGUMENT names the field and that value.
-//   assignments: FIELD=VALUE, all of which SetField has taken.
-//   settings: what they made.
+// Refuses zeros that the server could not tell from an unset field: in such a field, 0 means the
+// preset's value. INVALID_ARGUMENT names the field and the preset's value.
+//   assignments: FIELD=VALUE, each already accepted by SetField.
+//   settings: the settings after these assignments.
 absl::Status RefuseUnheardZeros(const std::vector<std::string>& assignments,
                                 const v1::TrainingSettings& settings);
 
-// The waypoints of a horizon, at the interval that settings or their preset state.
-// INVALID_ARGUMENT if the horizon is no whole number of intervals.
-//   horizon: "5s" or "5".
+// Sets the number of waypoints that a horizon takes, at the waypoint interval of the settings or of
+// their preset. INVALID_ARGUMENT if the horizon is not a whole number of intervals.
+//   horizon: in seconds, "5s" or "5".
 absl::Status SetHorizon(const std::string& horizon, v1::TrainingSettings* settings);
 
 }  // namespace maneuver::cli

@@ -1,4 +1,4 @@
-// What a model reads and predicts, as rows of a table.
+// Describes what a model reads and predicts, as rows of a table.
 
 #ifndef MANEUVER_CLIENT_CLI_SPEC_ROWS_H_
 #define MANEUVER_CLIENT_CLI_SPEC_ROWS_H_
@@ -9,8 +9,8 @@
 
 namespace maneuver::cli {
 
-// Adds a row of two cells for each part of the spec: which agents it predicts, what trajectories
-// are measured from, what the networks read, and the parts that a spec may have or not.
+// Adds a row of two cells for each part of the spec: which agents it predicts, the reference of
+// trajectories, what the networks read, and optional parts.
 void AddSpecRows(const v1::ModelSpec& spec, const v1::ModelCost& cost, Table* table);
 
 }  // namespace maneuver::cli

@@ -22,13 +22,13 @@ class Table {
  public:
   explicit Table(std::vector<Column> columns);
 
-  // As many cells as columns.
+  // Adds a row. `cells` has one cell for each column.
   void Add(std::vector<std::string> cells);
   bool empty() const { return rows_.empty(); }
 
-  // Lines end in '\n' and have no spaces before it.
+  // Returns the table as text. Lines end in '\n' and have no trailing spaces.
   std::string Text(bool color) const;
-  // The same as a Markdown table.
+  // Returns the table in Markdown.
   std::string Markdown() const;
 
  private:
@@ -36,7 +36,7 @@ class Table {
   std::vector<std::vector<std::string>> rows_;
 };
 
-// Characters of UTF-8 text.
+// Returns the number of characters of UTF-8 text.
 size_t DisplayWidth(std::string_view text);
 
 }  // namespace maneuver::cli

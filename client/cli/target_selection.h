@@ -1,4 +1,4 @@
-// Which agents to ask about when nobody says.
+// Chooses the agents to ask about when the user names none.
 
 #ifndef MANEUVER_CLIENT_CLI_TARGET_SELECTION_H_
 #define MANEUVER_CLIENT_CLI_TARGET_SELECTION_H_
@@ -10,16 +10,17 @@
 
 namespace maneuver::cli {
 
-// Index of the agent's latest state at most half a frame of 0.1 s before `time`, or -1.
+// Returns the index of the agent's latest state at most 0.05 s, half a frame, before `time`; -1 if
+// there is none.
 int CurrentState(const v1::Agent& agent, double time);
 
-// Returns agents of a type that can be asked about at `time`: in sight then and a second before,
-// moving, fastest first, at most `most` of them. Looks at nothing later than `time`.
+// Returns at most `most` agents of a type that can be predicted at `time`: visible then and a
+// second earlier, and moving; fastest first. Uses no later states.
 std::vector<int64_t> MovingAgents(const v1::Scenario& scenario, v1::AgentType type, double time,
                                   int most);
 
-// Returns the agents of a type among the targets that the recording names, those that are in sight
-// at `time`; or, without any, MovingAgents.
+// Returns the targets that the recording names, as far as they have this type and are visible at
+// `time`. If there are none, returns MovingAgents.
 std::vector<int64_t> DefaultTargets(const v1::Scenario& scenario, v1::AgentType type, double time);
 
 }  // namespace maneuver::cli

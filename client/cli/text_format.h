@@ -1,4 +1,4 @@
-// Numbers and times as people read them.
+// Formats numbers and times for people.
 
 #ifndef MANEUVER_CLIENT_CLI_TEXT_FORMAT_H_
 #define MANEUVER_CLIENT_CLI_TEXT_FORMAT_H_
@@ -22,10 +22,10 @@ double ToSeconds(const google::protobuf::Duration& duration);
 double ToSeconds(const google::protobuf::Timestamp& time);  // since 1970
 google::protobuf::Duration ToDuration(double seconds);
 
-// The text with control characters escaped, such as \x1b or \u009b: an id or a label from elsewhere
-// cannot steer the terminal. Everything else stays as it is.
+// Returns the text with control characters escaped as \x1b or \u009b, so that an id or a label from
+// elsewhere cannot control the terminal. Everything else is unchanged.
 std::string Printable(std::string_view text);
-// The same, but lines stay lines.
+// As Printable, but keeps ends of lines.
 std::string PrintableLines(std::string_view text);
 
 }  // namespace maneuver::cli

@@ -1,4 +1,4 @@
-// Why a server could not be talked to over TLS.
+// Explains why a TLS connection to a server failed.
 
 #ifndef MANEUVER_CLIENT_CLI_TLS_FAILURE_H_
 #define MANEUVER_CLIENT_CLI_TLS_FAILURE_H_
@@ -7,13 +7,13 @@
 
 namespace maneuver::cli {
 
-// Says what was wrong with a TLS handshake that failed, and what to do about it; empty if `message`
-// tells of no such handshake. gRPC does not say why it refused a certificate, so this connects to
-// the server once more, for at most two seconds, and asks OpenSSL.
-//   message: of the call that failed, as gRPC words it.
-//   server: HOST:PORT. Without a port, or of several servers, the reason stays general.
-//   authority: PEM file of the authority that the server's certificate must be of; empty: the
-//     system's.
+// Says what was wrong with a failed TLS handshake, and what to do about it; empty if `message` is
+// not about a handshake. gRPC does not say why it refused a certificate. So this connects to the
+// server once more, for at most two seconds, and asks OpenSSL.
+//   message: of the failed call, as gRPC words it.
+//   server: HOST:PORT. Without a port, or with several servers, the explanation stays general.
+//   authority: PEM file of the authority that must have signed the server's certificate; empty: the
+//     system's authorities.
 std::string ExplainTlsFailure(const std::string& message, const std::string& server,
                               const std::string& authority);
 

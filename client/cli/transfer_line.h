@@ -1,4 +1,4 @@
-// How far an upload or a download is, on one line of a terminal.
+// Shows the progress of an upload or a download on one line of a terminal.
 
 #ifndef MANEUVER_CLIENT_CLI_TRANSFER_LINE_H_
 #define MANEUVER_CLIENT_CLI_TRANSFER_LINE_H_
@@ -15,9 +15,10 @@ class TransferLine {
  public:
   explicit TransferLine(Environment& environment);
 
-  // For Client::UploadDataset and the like. Says once what was there before.
+  // Returns the callback for Client::UploadDataset and other transfers. Its first call says how
+  // much was there before.
   client::Client::OnUploaded callback();
-  // Whether it is known what is there.
+  // Returns whether the callback has been called.
   bool has_begun() const { return has_begun_; }
   void Clear() { line_.Clear(); }
 

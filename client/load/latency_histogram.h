@@ -21,8 +21,8 @@ class LatencyHistogram {
   // Returns the largest value, exactly. This and the following return zero if nothing was recorded.
   std::chrono::nanoseconds max() const { return max_; }
   std::chrono::nanoseconds mean() const;
-  // Returns the smallest latency that a share of at least `quantile`, in (0, 1], of the recorded
-  // ones does not exceed: the upper end of its bucket, but at most max().
+  // Returns the quantile of the recorded latencies, 0 < quantile <= 1: the upper end of the bucket
+  // that contains it, but at most max().
   std::chrono::nanoseconds Quantile(double quantile) const;
 
  private:

@@ -23,9 +23,9 @@ struct OpenLoop {
   ArrivalProcess arrivals = ArrivalProcess::kPoisson;
 };
 
-// `callers` callers, each of which calls again as soon as its call was answered or timed out:
-// measures the server's capacity. After any other end a caller first rests for as long as the
-// server said, and for 10 ms at least.
+// `callers` callers. Each calls again as soon as its call was answered or timed out; this measures
+// the server's capacity. After any other end a caller first waits as long as the server said, and
+// at least 10 ms.
 struct ClosedLoop {
   int callers = 1;
 };

@@ -1,5 +1,5 @@
-// Private to plot/: places labels so that they cover neither each other nor anything that must
-// show.
+// Private to plot/: places labels so that they cover neither each other nor anything that must stay
+// visible.
 
 #ifndef MANEUVER_CLIENT_PLOT_LABEL_PLACER_H_
 #define MANEUVER_CLIENT_PLOT_LABEL_PLACER_H_

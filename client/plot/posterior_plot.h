@@ -13,8 +13,9 @@
 namespace maneuver::plot {
 
 // Draws the same scene twice at the same scale, as DrawScene does: on the left with the generic
-// distributions p(z|y), on the right with the scene's own, q(z|y,s), both decoded. A wide scene is
-// drawn one above the other. The bands are the areas that the sigma trajectories sweep.
+// distributions p(z|y), on the right with the scene's own, q(z|y,s), both decoded. If the scene is
+// wide, the second picture is below the first. The bands are the areas that the sigma trajectories
+// sweep.
 //   generic, posterior: the answers for LATENT_SOURCE_PRIOR and LATENT_SOURCE_POSTERIOR. The first
 //     target that both answer is drawn.
 // Returns a PNG file; the same input gives the same file. INVALID_ARGUMENT as in DrawScene.

@@ -10,10 +10,11 @@
 
 namespace maneuver::plot {
 
-// Draws the report's reliability table. Over each bin's mean p(y|s) of the most probable action
-// stands the mean q(y|x,s) of that action. Its distance from the diagonal, averaged, is the
-// expected calibration error in the title. Below are the numbers of examples in each bin. Returns a
-// PNG file; the same input gives the same file. INVALID_ARGUMENT if no bin has an example.
+// Draws the report's reliability table: for each bin, the mean q(y|x,s) of the most probable action
+// (vertical axis) over its mean p(y|s) (horizontal axis). The title gives the expected calibration
+// error: the mean distance from the diagonal, weighted by examples. A second panel below shows the
+// number of examples in each bin. Returns a PNG file; the same input gives the same file.
+// INVALID_ARGUMENT if no bin has an example.
 absl::StatusOr<std::string> DrawReliability(const v1::EvaluationReport& report);
 
 }  // namespace maneuver::plot

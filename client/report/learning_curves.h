@@ -1,4 +1,4 @@
-// What a training reported at the end of each epoch, as curves.
+// The learning curves of a training: what it reported at the end of each epoch.
 
 #ifndef MANEUVER_CLIENT_REPORT_LEARNING_CURVES_H_
 #define MANEUVER_CLIENT_REPORT_LEARNING_CURVES_H_
@@ -18,11 +18,11 @@ struct LearningPhase {
   std::vector<v1::JobProgress> epochs;
 };
 
-// Returns the phases in the order in which they began. Events without an epoch_report are passed
-// over. An epoch that was interrupted is reported again: the last report of it counts.
+// Returns the phases in the order in which they began. Skips events without an epoch_report. If an
+// interrupted epoch was reported again, uses its last report.
 std::vector<LearningPhase> LearningPhases(std::span<const v1::JobProgress> events);
 
-// Returns what an epoch says of the mixture and of the actions, by name: "effective_actions",
+// Returns the figures of an epoch about the mixture and the actions, by name: "effective_actions",
 // "action_perplexity", "mutual_information", "smallest_component_stddev",
 // "largest_component_stddev". Empty while there is no mixture.
 std::map<std::string, double> MixtureFigures(const v1::EpochReport& epoch);

@@ -1,4 +1,4 @@
-// What a report shows, gathered from a server.
+// The content of a report, gathered from a server.
 
 #ifndef MANEUVER_CLIENT_REPORT_REPORT_DATA_H_
 #define MANEUVER_CLIENT_REPORT_REPORT_DATA_H_
@@ -20,7 +20,7 @@
 
 namespace maneuver::report {
 
-// One example: a target at a time, what it did, and what the model said of it.
+// One example: a target at a time, what it did, and what the model predicted for it.
 struct Scene {
   std::shared_ptr<const v1::Scenario> recording;
   int64_t target_id = 0;
@@ -32,7 +32,7 @@ struct Scene {
   v1::TargetPrediction prediction;       // target frame
   std::vector<double> responsibilities;  // q(y|x,s) [K]
   double ade_1 = 0.0;                    // error of the most probable action's mean, metres
-  double min_ade_6 = 0.0;                // least error among the six most probable ones, metres
+  double min_ade_6 = 0.0;                // smallest error among the six most probable ones, metres
   double surprise = 0.0;                 // -ln p(y|s) of the action that it was, nats
   std::vector<std::string> groups;       // why it was chosen: "worst", "best", ...
 };

@@ -1,4 +1,4 @@
-// The data of a report, as the page reads it.
+// Converts the data of a report to the JSON that the page reads.
 
 #ifndef MANEUVER_CLIENT_REPORT_REPORT_JSON_H_
 #define MANEUVER_CLIENT_REPORT_REPORT_JSON_H_
@@ -9,10 +9,9 @@
 
 namespace maneuver::report {
 
-// Returns one JSON object, which is safe within a <script> element of a page: it has none of the
-// characters < > & and no line separators that JavaScript would end a line at. Text that is not
-// UTF-8 has U+FFFD in the place of what is wrong. Scenes that would make it longer than
-// `most_bytes` are left out, the last ones first; "scenesLeftOut" counts them.
+// Returns one JSON object that is safe within a <script> element: it contains neither < > & nor the
+// line separators that end a line in JavaScript. Invalid UTF-8 is replaced by U+FFFD. If the object
+// would be longer than `most_bytes`, the last scenes are left out; "scenesLeftOut" counts them.
 std::string ReportJson(const ReportData& data, size_t most_bytes = size_t{12} << 20);
 
 }  // namespace maneuver::report

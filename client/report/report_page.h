@@ -1,4 +1,4 @@
-// A report as one page for a browser.
+// Builds the page of a report for a browser.
 
 #ifndef MANEUVER_CLIENT_REPORT_REPORT_PAGE_H_
 #define MANEUVER_CLIENT_REPORT_REPORT_PAGE_H_
@@ -9,9 +9,9 @@
 
 namespace maneuver::report {
 
-// Returns one HTML document that needs nothing else: style, program and data are in it, and its
-// Content-Security-Policy allows that style and that program alone, by their digests, and no
-// network. What the data says is shown as text and never run.
+// Returns one self-contained HTML document with style, program and data. Its
+// Content-Security-Policy allows only that style and that program, by their digests, and no
+// network. Text in the data is shown as text and never run.
 std::string ReportPage(const ReportData& data);
 
 }  // namespace maneuver::report

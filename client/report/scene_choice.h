@@ -1,4 +1,4 @@
-// Which scenes a report shows.
+// Chooses the scenes that a report shows.
 
 #ifndef MANEUVER_CLIENT_REPORT_SCENE_CHOICE_H_
 #define MANEUVER_CLIENT_REPORT_SCENE_CHOICE_H_
@@ -19,8 +19,8 @@ void Measure(Scene* scene);
 //   best        the smallest ade_1, of targets that go at least 10 m
 //   surprising  the largest surprise
 //   typical     of each kinematic class, in turn, the scenes whose ade_1 is nearest to its median
-// The first three have a fifth each, and at most two scenes of one recording. A scene has each group
-// that it belongs to, and comes once.
+// Each of the first three groups gets a fifth of `most`, with at most two scenes of one recording. A
+// scene appears once, with all groups that it belongs to.
 std::vector<Scene> ChooseScenes(std::vector<Scene> scenes, int most);
 
 }  // namespace maneuver::report

@@ -1,4 +1,4 @@
-// A scene as the page draws it.
+// Converts a scene to the JSON that the page draws.
 
 #ifndef MANEUVER_CLIENT_REPORT_SCENE_JSON_H_
 #define MANEUVER_CLIENT_REPORT_SCENE_JSON_H_
@@ -10,19 +10,20 @@
 
 namespace maneuver::report {
 
-// The number rounded to `digits` decimals, so that a page is short. Numbers that are not finite
-// become null when they are printed.
+// Returns the number rounded to `digits` decimals, to keep a page short. Numbers that are not
+// finite are printed as null.
 double Rounded(double value, int digits);
 
-// x and y of each of `waypoints` in turn, metres: [x0, y0, x1, y1, ...].
+// Returns x and y of each of `waypoints`, metres: [x0, y0, x1, y1, ...].
 nlohmann::json PointsJson(const v1::Trajectory& trajectory, const std::vector<int>& waypoints);
-// The distribution of an action: {"id", "p", "mean": [x, y, ...], "cov": [xx, xy, yy, ...]}.
+// Returns the distribution of an action: {"id", "p", "mean": [x, y, ...], "cov": [xx, xy, yy,
+// ...]}.
 nlohmann::json DistributionJson(const v1::ActionDistribution& distribution,
                                 const std::vector<int>& waypoints);
 
-// Everything near the target, in the target's frame: map features cut to what is in sight and
-// without the points that a straight line does not need, the states of agents from a second before
-// the prediction time to the last waypoint, signals.
+// Returns everything near the target, in the target's frame: map features cut to the view and
+// thinned where lines are straight, the states of agents from one second before the prediction time
+// to the last waypoint, and signals.
 //   waypoints: indices of the waypoints to draw
 //   horizon: time of the last waypoint, seconds
 nlohmann::json SceneJson(const Scene& scene, const std::vector<int>& waypoints, double horizon);

@@ -1,4 +1,4 @@
-// Learning curves as event files, which TensorBoard shows.
+// Writes learning curves as event files for TensorBoard.
 
 #ifndef MANEUVER_CLIENT_REPORT_TENSORBOARD_H_
 #define MANEUVER_CLIENT_REPORT_TENSORBOARD_H_
@@ -11,11 +11,11 @@
 
 namespace maneuver::report {
 
-// Writes one run into each of the folders `training`, `held-out` and `mixture` of `folder`, so that
-// TensorBoard draws training and held-out examples into the same chart. Tags are PHASE/TERM, steps
-// those of the whole job. Makes the folders, and replaces the files of an earlier call. Runs without
-// a figure are left out.
-// FAILED_PRECONDITION names the path that cannot be written.
+// Writes one TensorBoard run into each of the folders `training`, `held-out` and `mixture` of
+// `folder`, so that TensorBoard draws training and held-out examples into the same chart. Tags are
+// PHASE/TERM; steps count from the start of the job. Creates the folders and replaces the files of
+// an earlier call. A run without figures is left out. FAILED_PRECONDITION names the path that
+// cannot be written.
 absl::Status WriteTensorBoard(std::span<const LearningPhase> phases,
                               const std::filesystem::path& folder);
 

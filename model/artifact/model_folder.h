@@ -18,9 +18,10 @@ struct StoredModel {
   TensorMap weights;
 };
 
-// Writes `folder` whole or not at all: a temporary folder beside it, synced, then renamed. Fills in
-// manifest.weights_sha256 and format_version. ALREADY_EXISTS if `folder` exists; INVALID_ARGUMENT
-// for a model that ReadModelFolder would refuse. `actions` are all K in order, or none yet.
+// Writes `folder` completely or not at all: writes a temporary folder beside it, syncs it and
+// renames it. Fills in manifest.weights_sha256 and format_version. ALREADY_EXISTS if `folder`
+// exists; INVALID_ARGUMENT for a model that ReadModelFolder would refuse. `actions` are all K in
+// order, or none yet.
 absl::Status WriteModelFolder(const std::filesystem::path& folder, StoredModel model);
 
 // Reads the manifest alone and does not check the weights. DATA_LOSS with the reason if any byte of

@@ -1,4 +1,4 @@
-// The index file of one shard; for the .cc files of this folder alone.
+// Reads and writes the index file of one shard. Private to this folder's .cc files.
 
 #ifndef MANEUVER_MODEL_DATA_SHARD_INDEX_H_
 #define MANEUVER_MODEL_DATA_SHARD_INDEX_H_
@@ -15,7 +15,7 @@
 
 namespace maneuver::data {
 
-// Returns ".<shard>.index", beside the shard: no shard may have such a name.
+// Returns the path of ".<shard>.index", beside the shard. No shard may have such a name.
 std::filesystem::path IndexFileOf(const std::filesystem::path& folder, const v1::Shard& shard);
 
 // Adds the record that follows the others to the index of its shard.
@@ -24,7 +24,7 @@ void AddToIndex(std::string_view scenario_id, uint64_t offset, std::string_view 
                 ShardIndex* index);
 
 // Reads the index of a shard. NOT_FOUND if there is none; DATA_LOSS, naming the file, if it is
-// damaged or of a shard with another content.
+// damaged or belongs to a shard with other content.
 absl::StatusOr<ShardIndex> ReadShardIndex(const std::filesystem::path& folder,
                                           const v1::Shard& shard);
 
@@ -33,7 +33,7 @@ absl::StatusOr<ShardIndex> ReadShardIndex(const std::filesystem::path& folder,
 absl::StatusOr<ShardIndex> BuildShardIndex(const std::filesystem::path& folder,
                                            const v1::Shard& shard);
 
-// Writes the index beside its shard, whole or not at all, and notes which shard it is of.
+// Writes the index beside its shard, completely or not at all, with the shard's digest in it.
 absl::Status WriteShardIndex(const std::filesystem::path& folder, const v1::Shard& shard,
                              ShardIndex index);
 

@@ -1,4 +1,4 @@
-// An upload that becomes a dataset; for the .cc files of this folder alone.
+// Turns an upload into a dataset. Private to this folder's .cc files.
 
 #ifndef MANEUVER_MODEL_DATA_STAGED_UPLOAD_H_
 #define MANEUVER_MODEL_DATA_STAGED_UPLOAD_H_
@@ -17,10 +17,10 @@ namespace maneuver::data {
 // Returns ALREADY_EXISTS: datasets/{id} exists.
 absl::Status DatasetExists(const std::string& id);
 
-// The shards of a manifest.
+// Returns the shards of a manifest as files to receive.
 std::vector<files::AnnouncedFile> ShardFiles(const v1::Dataset& manifest);
 
-//   id: of the dataset; folder: that it becomes.
+// Returns an upload that becomes the dataset `id` in `folder`.
 //   shards: receives the shards of `manifest`.
 std::unique_ptr<DatasetUpload> StageDataset(std::string id, std::filesystem::path folder,
                                             v1::Dataset manifest,

@@ -1,4 +1,4 @@
-// Files as they come, one after the other, into the slot of their upload.
+// Receives files one after the other into the slot of their upload.
 
 #ifndef MANEUVER_MODEL_FILES_FILE_RECEIVER_H_
 #define MANEUVER_MODEL_FILES_FILE_RECEIVER_H_
@@ -25,7 +25,7 @@ struct FileUpload {
   std::string id;        // of what the files become; names the slot
   std::string resource;  // "datasets/town", for messages
   std::string noun;      // "shard": what messages call a file
-  std::string caller;    // who uploads; empty where nobody is asked
+  std::string caller;    // who uploads; empty if the server does not identify callers
   std::vector<AnnouncedFile> files;
   std::vector<int64_t> arrived = {};  // [files] bytes that are not sent; empty: everything is sent
 };
@@ -33,34 +33,37 @@ struct FileUpload {
 // Not thread-safe.
 class FileReceiver {
  public:
-  // Whether there is room for `wanted` bytes, `arrived` of which are there, beside `others`.
+  // Checks whether there is room for an upload of `wanted` bytes, `arrived` of which are there,
+  // beside the uploads in `others`.
   using CheckRoom = std::function<absl::Status(uint64_t wanted, uint64_t arrived,
                                                const UploadStaging::Others& others)>;
 
-  // Begins an upload, or goes on with one. Errors: those of `check_room`; UNAVAILABLE if less has
-  // arrived than is said, or while an earlier upload of this id by this caller is being committed.
+  // Begins or continues an upload. Errors: those of `check_room`; UNAVAILABLE if fewer bytes have
+  // arrived than `upload.arrived` says, or while an earlier upload of this id by this caller is
+  // being committed.
   static absl::StatusOr<std::unique_ptr<FileReceiver>> Begin(std::shared_ptr<UploadStaging> staging,
                                                              FileUpload upload,
                                                              const CheckRoom& check_room);
-  // Without a Commit what has arrived is kept for the next upload of this id by this caller.
+  // Keeps the arrived bytes for this caller's next upload of this id, unless Commit succeeded or
+  // Discard was called.
   ~FileReceiver();
   FileReceiver(const FileReceiver&) = delete;
   FileReceiver& operator=(const FileReceiver&) = delete;
 
-  // The next bytes. Errors, each naming the file: INVALID_ARGUMENT for more bytes than announced,
-  // DATA_LOSS for a file with another SHA-256 (what came of it, now or before, is thrown away),
-  // RESOURCE_EXHAUSTED for a full disk; ABORTED once another upload of this id by this caller has
-  // begun.
+  // Adds the next bytes. Errors, each of which names the file: INVALID_ARGUMENT for more bytes than
+  // announced; DATA_LOSS for a file with another SHA-256, which is then discarded, including bytes
+  // of earlier calls; RESOURCE_EXHAUSTED for a full disk; ABORTED once another upload of this id by
+  // this caller has begun.
   absl::Status Append(std::string_view bytes);
 
-  // Puts the files, whole and with their SHA-256, into a new temporary folder beside `beside`, and
-  // has `publish` move it to its place; removes it if it is still there then. INVALID_ARGUMENT if bytes are
-  // missing; errors of `publish`; otherwise as Append. After OK, INVALID_ARGUMENT or ALREADY_EXISTS
-  // nothing of the upload is kept.
+  // Puts the complete, verified files into a new temporary folder beside `beside`, and calls
+  // `publish` to move it to its place. Removes the folder if it is still there afterwards.
+  // INVALID_ARGUMENT if bytes are missing; errors of `publish`; otherwise as Append. After OK,
+  // INVALID_ARGUMENT or ALREADY_EXISTS nothing of the upload is kept.
   absl::Status Commit(
       const std::filesystem::path& beside,
       const std::function<absl::Status(const std::filesystem::path& temporary)>& publish);
-  // Nothing of it is to be kept.
+  // Discards the upload: the destructor keeps nothing of it.
   void Discard() { discarded_ = true; }
 
  private:

@@ -1,12 +1,12 @@
-// Where uploaded files lie until they are a dataset, or a version of a model. What has arrived
-// outlives the call that brought it.
+// Keeps uploaded files until they become a dataset or a version of a model. Arrived bytes outlive
+// the call that brought them.
 //
-//   <folder>/.uploads/<id>.<caller>/<SHA-256>       a file that is whole, and is what its name says
-//                                  /<SHA-256>.part  the beginning of one
+//   <folder>/.uploads/<id>.<caller>/<SHA-256>       a complete file, named by its digest
+//                                  /<SHA-256>.part  the beginning of a file
 //
-// <id> is what the files become, <caller> a digest of the caller's name. An upload looks for files
-// only among those of the same caller and id. A caller who knows the digest of a file of another
-// caller therefore cannot find out that it is here, and does not get its bytes.
+// <id> is the id of what the files become, <caller> a digest of the caller's name. An upload only
+// uses files of the same caller and id. So a caller that knows the digest of another caller's file
+// cannot find out that it is here, and does not get its bytes.
 
 #ifndef MANEUVER_MODEL_FILES_UPLOAD_STAGING_H_
 #define MANEUVER_MODEL_FILES_UPLOAD_STAGING_H_
@@ -33,17 +33,17 @@ struct AnnouncedFile {
   std::string sha256;  // lower-case hexadecimal
 };
 
-// Sum of the sizes; the largest number there is for absurd ones.
+// Returns the sum of the sizes, or the largest uint64_t if they overflow.
 uint64_t BytesOf(const std::vector<AnnouncedFile>& files);
 
-// Where a file lies in its slot's folder.
+// Return the paths of a complete and of a partial file in the slot's folder.
 std::filesystem::path WholeFile(const std::filesystem::path& slot, const AnnouncedFile& file);
 std::filesystem::path PartOfFile(const std::filesystem::path& slot, const AnnouncedFile& file);
 
-// For each file: how many of its first bytes are there.
+// Returns for each file how many of its first bytes are there.
 std::vector<int64_t> ArrivedBytes(const std::filesystem::path& slot,
                                   const std::vector<AnnouncedFile>& files);
-// Removes what is of none of the files.
+// Removes everything in the slot that belongs to none of the files.
 void RemoveOtherFiles(const std::filesystem::path& slot, const std::vector<AnnouncedFile>& files);
 
 // Thread-safe.

@@ -1,5 +1,5 @@
-// Actions that look at the lanes: the generic trajectory of each action is held against each lane
-// path, and what comes of it feeds p(y|s), q(z|y,s) and the mean of the action.
+// Compares actions with lanes: the generic trajectory of each action is described relative to each
+// lane path, and the result feeds p(y|s), q(z|y,s) and the mean of the action.
 
 #ifndef MANEUVER_MODEL_INFERENCE_ACTION_NETWORK_H_
 #define MANEUVER_MODEL_INFERENCE_ACTION_NETWORK_H_
@@ -20,7 +20,7 @@
 
 namespace maneuver::inference {
 
-// What ActionNetwork answers for a batch; also its scratch. One for each thread.
+// The outputs of ActionNetwork for a batch, and its scratch memory. Each thread needs its own.
 struct ActionFeatures {
   std::vector<float> geometry;  // [scenes, K, A] h_y
   std::vector<float> logits;    // [scenes, K] what h_y adds to the logit of action y
@@ -32,11 +32,13 @@ struct ActionFeatures {
   std::vector<float> pairs, first, second, scores, joined, joint;
 };
 
-// tensor.h's action_geometry, in f32: it decides on logits. Immutable; safe to share between
-// threads.
+// Evaluates the networks that tensor.h calls action_geometry. Computes in f32 whatever the
+// precision of the other layers, because the result decides logits. Immutable; safe to share
+// between threads.
 class ActionNetwork {
  public:
-  // generic: [K, 2T] metres, the decoded means of p(z|y), without a reference
+  // Prepares the networks.
+  //   generic: [K, 2T] metres, the decoded means of p(z|y), without a reference
   ActionNetwork(const v1::ModelSpec& spec, const artifact::TensorMap& weights,
                 const TrajectorySet::Rows& generic);
 
@@ -46,25 +48,25 @@ class ActionNetwork {
   // Writes h_y and the logits of each scene. A scene's numbers are the same bits whatever the
   // batch.
   //   references: r(m) of each scene, target frame; empty without a reference
-  //   inputs: what SceneNetwork answered for these scenes
+  //   inputs: the outputs of SceneNetwork for these scenes
   void Evaluate(std::span<const scene::SceneVectors* const> scenes,
                 std::span<const Trajectory* const> references, const SceneVectorFeatures& inputs,
                 ActionFeatures* output) const;
 
-  // Adds what h_k adds to the outputs of scenario encoder k.
+  // Adds the contribution of h_k to the outputs of scenario encoder k.
   //   geometry: [A] h_k;  outputs: [2D] a, then b
   void AddLatent(int k, const float* geometry, DenseScratch* scratch,
                  Eigen::VectorXf* outputs) const;
 
  private:
-  // Of one scene: h_y into `geometry`, [K, A].
+  // Writes h_y of one scene into `geometry`, [K, A].
   //   scene_terms: [G + A];  path_terms: [paths, G]
   void EvaluateScene(const scene::SceneVectors& scene, const Trajectory& reference,
                      const float* scene_terms, const float* path_terms, ActionFeatures* scratch,
                      float* geometry) const;
-  // The points of each action's generic trajectory, with the reference.
+  // Returns the points of each action's generic trajectory, the reference included.
   void PlaceActions(const Trajectory& reference, std::vector<scene::ActionPoints>* points) const;
-  // g_yi of all actions and the paths that there are, [K, paths, G].
+  // Computes g_yi for all actions and for the paths of the scene, [K, paths, G].
   void EvaluatePairs(int paths, const float* scene_terms, const float* path_terms,
                      ActionFeatures* scratch) const;
 

@@ -1,5 +1,5 @@
 // The anchor baselines of a model folder (artifact/anchor_baselines.h), evaluated by the engine.
-// For evaluations alone: the serving path never loads them.
+// Only for evaluations: the server never loads them to serve.
 
 #ifndef MANEUVER_MODEL_INFERENCE_ANCHOR_MODEL_H_
 #define MANEUVER_MODEL_INFERENCE_ANCHOR_MODEL_H_
@@ -20,22 +20,23 @@ namespace maneuver::inference {
 // One baseline in memory. Immutable; safe to share between threads.
 class AnchorModel {
  public:
-  // From tensors that artifact::ReadBaselines accepts; with anchor_regression it is MultiPath-like,
-  // else CoverNet-like. Errors: those of ActionModel::FromStored.
+  // Makes a baseline from tensors that artifact::ReadBaselines accepts. With anchor_regression it
+  // is MultiPath-like, otherwise CoverNet-like. Errors: those of ActionModel::FromStored.
   static absl::StatusOr<std::shared_ptr<const AnchorModel>> Make(const v1::ModelSpec& spec,
                                                                  artifact::TensorMap weights,
                                                                  const EngineOptions& options);
 
   const v1::ModelSpec& spec() const { return scenes_->spec(); }
-  // Reads scenes: its encodings hold p(k|s) and the features that Describe wants. One a thread.
+  // Returns a session that reads scenes. Its encodings hold p(k|s) and the features that Describe
+  // needs. Each thread needs its own.
   std::unique_ptr<InferenceSession> NewSession() const { return scenes_->NewSession(); }
 
   // Returns N(r + a_k + mu_k(s), Sigma_k(s)) at each waypoint, for all anchors; r is the encoding's
-  // reference. `sigma` holds the mean alone, for there is no latent. [K]
+  // reference. `sigma` holds only the mean, because there is no latent. [K]
   std::vector<ActionDistribution> Describe(const SceneEncoding& encoding,
                                            MlpScratch* scratch) const;
-  // Returns the anchor with the smallest mean squared distance to the trajectory less the
-  // encoding's reference. Learning takes it for the right one.
+  // Returns the anchor with the smallest mean squared distance to the trajectory minus the
+  // encoding's reference. Learning treats it as the correct one.
   int Nearest(const SceneEncoding& encoding, const Trajectory& trajectory) const;
 
  private:
@@ -49,13 +50,14 @@ class AnchorModel {
   Eigen::VectorXd scale_;  // [T] of the MultiPath-like one
 };
 
-// Those of a folder.
+// The baselines of a model folder.
 struct AnchorBaselines {
   std::shared_ptr<const AnchorModel> covernet;
   std::shared_ptr<const AnchorModel> multipath;
 };
 
-// Errors: those of artifact::ReadBaselines; NOT_FOUND if the folder has none.
+// Loads the baselines of a folder. Errors: those of artifact::ReadBaselines; NOT_FOUND if the
+// folder has none.
 absl::StatusOr<AnchorBaselines> LoadAnchorBaselines(const std::filesystem::path& folder,
                                                     const EngineOptions& options);
 

@@ -1,5 +1,5 @@
-// The convolutional stage: by our own convolutions as far as a raster is black for the most part
-// (leading_layers.h), by oneDNN's otherwise.
+// Evaluates the convolutional layers: the first ones by our own convolutions while a raster is
+// mostly zero (leading_layers.h), the others by oneDNN.
 
 #ifndef MANEUVER_MODEL_INFERENCE_BACKBONE_H_
 #define MANEUVER_MODEL_INFERENCE_BACKBONE_H_
@@ -14,17 +14,17 @@
 
 namespace maneuver::inference {
 
-// Whether this processor computes with bf16 (AVX-512 BF16 or AMX).
+// Returns whether this processor computes with bf16 (AVX-512 BF16 or AMX).
 bool ProcessorHasBf16();
 
 // Convolutions with batch normalisation folded into their weights; ReLU and the sums of residual
-// blocks are fused. A primitive takes one raster, so that an answer cannot depend on the batch.
+// blocks are fused. Each primitive evaluates one raster, so an answer cannot depend on the batch.
 // Immutable; safe to share between threads.
 //
-// oneDNN's errors are exceptions: the constructor lets dnnl::error (a std::exception) out.
+// oneDNN reports errors by exceptions: the constructor may throw dnnl::error (a std::exception).
 class Backbone {
  public:
-  // Memory that evaluation writes to: one for each thread.
+  // Memory that evaluation writes to. Each thread needs its own.
   class Scratch;
   struct ScratchDeleter {
     void operator()(Scratch* scratch) const;
@@ -40,8 +40,9 @@ class Backbone {
   // The scratch refers to this backbone.
   ScratchPointer NewScratch() const;
 
-  // raster: 255 stands for 1;  grid: [h, w, C'] the last layer's output (a residual network's is
-  // [1, 1, C']). On the calling thread alone.
+  // Evaluates the layers on the calling thread.
+  //   raster: 255 stands for 1
+  //   grid: [h, w, C'] the last layer's output (a residual network's is [1, 1, C'])
   void Evaluate(const scene::Raster& raster, Scratch* scratch, float* grid) const;
 
  private:

@@ -1,7 +1,7 @@
-// Some cells of a grid: those that see anything of a raster.
+// A set of cells of a grid, for example those that depend on nonzero pixels of a raster.
 //
-// Most of a raster is black. A cell whose whole receptive field is black puts out the same whatever
-// else the raster shows, so that only the others need be computed.
+// Most of a raster is zero. A cell whose whole receptive field is zero always has the same output,
+// so only the other cells need to be computed.
 
 #ifndef MANEUVER_MODEL_INFERENCE_CELL_MASK_H_
 #define MANEUVER_MODEL_INFERENCE_CELL_MASK_H_
@@ -19,7 +19,7 @@ namespace maneuver::inference {
 
 class CellMask {
  public:
-  // Of a grid of that size: none of its cells.
+  // Makes an empty mask for a grid of this size.
   CellMask(int height, int width);
 
   int height() const { return height_; }
@@ -28,12 +28,14 @@ class CellMask {
   bool Has(int row, int column) const {
     return (Row(row)[column / kBits] >> (column % kBits) & 1) != 0;
   }
-  // Whether it has any of `count` neighbours of a row; they share one of its words.
+  // Returns whether any of `count` neighbouring cells of a row is set. They must lie in one 64-bit
+  // word of the row.
   bool HasAny(int row, int column, int count) const {
     return (Row(row)[column / kBits] >> (column % kBits) & ((uint64_t{1} << count) - 1)) != 0;
   }
   bool HasAny(int row) const;
-  // Whether it has any of columns begin .. end-1 of a row, of which some may lie outside.
+  // Returns whether any of columns begin .. end-1 of a row is set. Columns outside the grid count
+  // as not set.
   bool HasAnyOf(int row, int begin, int end) const {
     begin = std::max(begin, 0);
     end = std::min(end, width_);
@@ -50,19 +52,20 @@ class CellMask {
   }
 
   void SetAll();
-  // The pixels of a raster of this size that are not black in all of its first channels.
+  // Sets exactly the pixels of a raster of this size that are nonzero in any of its first
+  // `channels` channels.
   void SetPixels(const scene::Raster& raster, int channels);
   void Add(int row, int column) { Row(row)[column / kBits] |= uint64_t{1} << (column % kBits); }
-  // The cells of a convolution's output whose kernels meet any cell of `input`.
-  //   layer: its output is of this size
+  // Sets exactly the cells of a convolution's output whose kernel covers a cell of `input`.
+  //   layer: the convolution; its output has this mask's size
   void SetSeen(const CellMask& input, const artifact::BackboneLayer& layer);
 
-  // Calls with each cell's column in a row, from the left to the right.
+  // Calls `call` with the column of each cell that is set in a row, from left to right.
   template <typename Call>
   void ForEach(int row, const Call& call) const {
     for (int word = 0; word < words_; ++word) Columns(word, Row(row)[word], call);
   }
-  // Likewise of those that `other`, of a grid of this size, has not.
+  // Calls `call` for each cell that is set here and not in `other`. Both grids have the same size.
   template <typename Call>
   void ForEachWithout(const CellMask& other, int row, const Call& call) const {
     for (int word = 0; word < words_; ++word) {
@@ -80,15 +83,15 @@ class CellMask {
 
   const uint64_t* Row(int row) const { return &bits_[static_cast<size_t>(row * words_)]; }
   uint64_t* Row(int row) { return &bits_[static_cast<size_t>(row * words_)]; }
-  // Takes out what lies behind a row's last cell.
+  // Clears the bits beyond a row's last cell.
   void CutRow(int row);
 
   int height_;
   int width_;
   int words_;                   // of a row
   std::vector<uint64_t> bits_;  // [height, words], the leftmost cell the lowest bit
-  // Of one row, while it is set: the cells above its kernels, and the kernels that meet any. They
-  // go on as far behind the last cell as a kernel does.
+  // Scratch of SetSeen for one row: the input cells under its kernels, and the kernels that cover a
+  // set cell. They extend beyond the last cell by the size of a kernel.
   std::vector<uint64_t> met_;
   std::vector<uint64_t> seen_;
 };

@@ -1,6 +1,6 @@
-// A raster's first convolution, with its ReLU, without the multiplications by what is black: the
-// map's channels whole, the agents' where they are filled. In f32 whatever the precision of the
-// other layers.
+// The first convolution of a raster, with its ReLU. It skips zero pixels: the map's channels are
+// summed where a group of neighbours is nonzero, the agents' channels value by value. Computes in
+// f32 whatever the precision of the other layers.
 
 #ifndef MANEUVER_MODEL_INFERENCE_FIRST_LAYER_H_
 #define MANEUVER_MODEL_INFERENCE_FIRST_LAYER_H_
@@ -22,17 +22,17 @@ namespace maneuver::inference {
 // Immutable; safe to share between threads.
 class FirstLayer {
  public:
-  // One for each thread.
+  // Each thread needs its own.
   class Scratch {
    public:
     explicit Scratch(const FirstLayer& layer)
         : map_pixels_(layer.layer_.input.height, layer.layer_.input.width), pixels_(map_pixels_) {}
-    // Of the raster that was looked at last, those that are not black in all channels.
+    // The pixels of the last raster given to Look that are nonzero in any channel.
     const CellMask& pixels() const { return pixels_; }
 
    private:
     friend class FirstLayer;
-    CellMask map_pixels_;  // those that are not black in the map's channels
+    CellMask map_pixels_;  // nonzero in the map's channels
     CellMask pixels_;
     SparseConvolution::Values agents_;
     MapConvolution::Rows map_;
@@ -41,21 +41,21 @@ class FirstLayer {
 
   static bool Takes(const artifact::BackboneLayer& layer);
 
-  // A layer that reads the raster's bytes as they are.
-  //   bf16: the other layers' precision, and that of the grid
+  // Prepares a layer that reads the raster's bytes directly.
+  //   bf16: the precision of the other layers and of the grid that Evaluate writes
   FirstLayer(const artifact::BackboneLayer& layer, const FoldedConvolution& folded, bool bf16);
 
   size_t bytes() const { return map_.bytes() + agents_.bytes(); }
 
-  // Finds what is not black. False if so much of the agents' channels is filled that convolving all
-  // of them takes less time.
+  // Finds the nonzero pixels. Returns false if so many values of the agents' channels are nonzero
+  // that a dense convolution takes less time.
   bool Look(const scene::Raster& raster, Scratch* scratch) const;
 
-  // Of a raster that was looked at.
-  //   cells: of the output, those to be written; of their neighbours some may be as well. All that
-  //       see anything but black, at least
-  //   grid: [h, row_values] bf16 or floats, of each row the first [w, C'];  row_values: from a row
-  //       to its next
+  // Evaluates the layer for the raster that was given to Look.
+  //   cells: the output cells to write; must contain every cell that depends on a nonzero pixel.
+  //     Neighbours of these cells may be written as well.
+  //   grid: [h, row_values] bf16 or floats; the first [w, C'] of each row are the output
+  //   row_values: values from a row to the next
   void Evaluate(const scene::Raster& raster, const CellMask& cells, Scratch* scratch, void* grid,
                 ptrdiff_t row_values) const;
 

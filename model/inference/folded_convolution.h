@@ -1,4 +1,4 @@
-// Weights of a convolution for evaluation.
+// Folds batch normalisation into the weights of a convolution.
 
 #ifndef MANEUVER_MODEL_INFERENCE_FOLDED_CONVOLUTION_H_
 #define MANEUVER_MODEL_INFERENCE_FOLDED_CONVOLUTION_H_
@@ -10,14 +10,15 @@
 
 namespace maneuver::inference {
 
-// A convolution's weights and bias with its batch normalisation in them:
-// gamma (w x - m) / sqrt(v + eps) + beta.
+// A convolution's weights and bias that include its batch normalisation, gamma (w x - m) / sqrt(v +
+// eps) + beta.
 struct FoldedConvolution {
   std::vector<float> weight;  // [C_out, C_in, k, k]
   std::vector<float> bias;    // [C_out]
 };
 
-//   input_scale: what the layer's input is to be multiplied by first
+// Folds one layer.
+//   input_scale: factor by which the layer's input is multiplied first
 FoldedConvolution Fold(const artifact::TensorMap& weights, const artifact::BackboneLayer& layer,
                        double input_scale);
 

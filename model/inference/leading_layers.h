@@ -1,9 +1,9 @@
-// A backbone's layers from the raster on, as far as they are plain convolutions, evaluated where
-// they see anything.
+// The first layers of a backbone, as long as they are plain convolutions, evaluated only where they
+// depend on nonzero pixels.
 //
-// Most of a raster is black. What a black raster gives is computed once; of another one, the cells
-// of a layer whose whole receptive field is black are the same to the bit, and only the others are
-// computed.
+// Most of a raster is zero. The output for an all-zero raster is computed once. For another raster,
+// a cell whose whole receptive field is zero has the same output bit for bit, and only the other
+// cells are computed.
 
 #ifndef MANEUVER_MODEL_INFERENCE_LEADING_LAYERS_H_
 #define MANEUVER_MODEL_INFERENCE_LEADING_LAYERS_H_
@@ -27,18 +27,20 @@ class LeadingLayers {
  public:
   class Scratch;
 
-  // How many of a backbone's layers, from the first one on, can be evaluated so.
+  // Returns how many of a backbone's layers, from the first one on, can be evaluated this way.
   static size_t Count(std::span<const artifact::BackboneLayer> layers, bool bf16);
 
-  //   layers: so many of them;  folded: of each
-  //   narrow: the last one's output is bf16; floats otherwise. That of the others is by `bf16`
+  // Prepares the layers.
+  //   layers: as many as Count returned;  folded: one for each layer
+  //   bf16: the precision of all outputs but the last
+  //   narrow: whether the last layer's output is bf16 instead of float
   LeadingLayers(std::span<const artifact::BackboneLayer> layers,
                 std::span<const FoldedConvolution> folded, bool bf16, bool narrow);
 
   size_t bytes() const;
 
-  // False, and nothing is done, if so much of the agents' channels is filled that convolving all of
-  // the raster takes less time.
+  // Evaluates the layers. Returns false, and does nothing, if so many values of the agents'
+  // channels are nonzero that a dense convolution of the raster takes less time.
   //   grid: [h, w, C'] the last layer's output, bf16 or floats
   bool Evaluate(const scene::Raster& raster, Scratch* scratch, void* grid) const;
 
@@ -49,18 +51,18 @@ class LeadingLayers {
     int padding = 0;
     ptrdiff_t row_values = 0;  // from a row to its next
     size_t value_bytes = 0;
-    std::vector<std::byte> black;  // what a black raster gives; the padding is 0
+    std::vector<std::byte> black;  // the output for an all-zero raster; the padding is 0
 
-    // Of a cell, in values.
+    // Returns the offset of a cell, in values.
     ptrdiff_t Place(int row, int column) const {
       return (row + padding) * row_values + ptrdiff_t{column + padding} * channels;
     }
   };
 
-  // Puts back what black gives into the cells of a layer that were computed last and are not in its
-  // mask now.
+  // Restores the output for an all-zero raster in the cells of a layer that were computed last time
+  // and are not in its mask now.
   void Blacken(size_t layer, Scratch* scratch) const;
-  // Computes the cells of all layers that their masks have.
+  // Computes the cells of each layer that are set in its mask.
   void EvaluateCells(const scene::Raster& raster, Scratch* scratch) const;
 
   const std::vector<artifact::BackboneLayer> layers_;
@@ -69,18 +71,19 @@ class LeadingLayers {
   std::vector<Grid> grids_;  // of each layer
 };
 
-// One for each thread.
+// Each thread needs its own.
 class LeadingLayers::Scratch {
  public:
   explicit Scratch(const LeadingLayers& layers);
 
  private:
   friend class LeadingLayers;
-  // Of each layer but the last: its grid, as black gives it but for cells of `computed_`.
+  // The grid of each layer but the last. Cells outside `computed_` hold the output for an all-zero
+  // raster.
   std::vector<std::vector<std::byte>> grids_;
-  std::vector<std::byte*> places_;  // where each layer's grid is; the last one's is the caller's
-  std::vector<CellMask> masks_;     // of each layer: what is to be computed
-  std::vector<CellMask> computed_;  // and what was last
+  std::vector<std::byte*> places_;  // where each layer's grid is; the caller owns the last one
+  std::vector<CellMask> masks_;     // of each layer: the cells to compute
+  std::vector<CellMask> computed_;  // of each layer: the cells computed last time
   std::vector<kernels::Cell> cells_;
   FirstLayer::Scratch first_;
 };

@@ -1,7 +1,7 @@
-// The part of a raster's first convolution that reads the map's channels: lines fill too much of
-// them to look at each value, and too little to multiply all. Where what a few neighbours read of a
-// row is black, it is passed over. In f32: three channels do not fill the pairs that bf16
-// multiplies.
+// The part of a raster's first convolution that reads the map's channels. Lines fill too much of
+// these channels to test every value, and too little to multiply them all. So neighbouring outputs
+// form a group, and a group is skipped where all that it reads of a row is zero. Computes in f32:
+// three channels do not fill the pairs that bf16 multiplies.
 
 #ifndef MANEUVER_MODEL_INFERENCE_MAP_CONVOLUTION_H_
 #define MANEUVER_MODEL_INFERENCE_MAP_CONVOLUTION_H_
@@ -25,38 +25,38 @@ class MapConvolution {
  public:
   static constexpr int kChannels = scene::kTargetChannel;  // those before the target's
 
-  // Cells of a row are summed in groups: how many those are that begin at `column`, the first
-  // column of a group, and whether any of them is asked for.
+  // Cells of a row are summed in groups. GroupAt returns the size of the group that begins at
+  // `column`; Sums returns whether any of its cells is in `cells`.
   static int GroupAt(int column, int width) { return column + kGroup <= width ? kGroup : 1; }
   static bool Sums(const CellMask& cells, int row, int column) {
     return cells.HasAny(row, column, GroupAt(column, cells.width()));
   }
 
-  // The input rows that an output row reads, of the map's channels, as floats, with the padding on
-  // both sides. One for each thread.
+  // The input rows that one output row reads: the map's channels as floats, padded on both sides.
+  // Each thread needs its own.
   class Rows {
    private:
     friend class MapConvolution;
     float* Values(const MapConvolution& of, int row) {
       return &values[of.row_pixels_ * kChannels * static_cast<size_t>(row % of.layer_.kernel)];
     }
-    std::vector<float> values;  // [k, 3, W'], row r at r % k; of a black row anything
+    std::vector<float> values;  // [k, 3, W'], row r at r % k; undefined for an all-zero row
     std::vector<int> held;      // [k] which row is in each place; -1: none
   };
 
-  // Whether there is one for a layer: its outputs have to fill vectors.
+  // Returns whether a layer is supported: its outputs must fill vectors.
   static bool Takes(const artifact::BackboneLayer& layer);
 
-  // Of a layer that reads the raster's bytes as they are: kChannels of its channels.
+  // Prepares the first kChannels channels of a layer that reads the raster's bytes directly.
   MapConvolution(const artifact::BackboneLayer& layer, const FoldedConvolution& folded);
 
   size_t bytes() const { return (weights_.size() + bias_.size()) * sizeof(float); }
 
-  // Before the first row of each raster.
+  // Call before the first row of each raster.
   void Begin(Rows* rows) const;
-  // The groups of an output row that have any of `cells`, rows from the top to the bottom; without
-  // the layer's ReLU.
-  //   pixels: those of its channels that are not black
+  // Computes the groups of an output row that contain any of `cells`, without the layer's ReLU.
+  // Call for the rows from top to bottom.
+  //   pixels: the nonzero pixels of the map's channels
   //   sums: [w, C']
   void Row(const scene::Raster& raster, const CellMask& pixels, int row, const CellMask& cells,
            Rows* rows, float* sums) const;
@@ -64,7 +64,7 @@ class MapConvolution {
  private:
   static constexpr int kGroup = kernels::kMapGroup;
 
-  // Puts an input row into its place, if it is not there.
+  // Converts an input row to floats, unless it is there already.
   void Widen(const scene::Raster& raster, int row, Rows* rows) const;
 
   const kernels::FirstLayerKernel& kernel_;

@@ -1,4 +1,5 @@
-// What the mean of p(x|z,y,s) has beyond the decoder's: a linear function of the scene.
+// The scene's contribution to the mean of p(x|z,y,s), beyond the decoder: a linear function of the
+// scene.
 
 #ifndef MANEUVER_MODEL_INFERENCE_MEAN_RESIDUAL_H_
 #define MANEUVER_MODEL_INFERENCE_MEAN_RESIDUAL_H_
@@ -13,7 +14,8 @@
 
 namespace maneuver::inference {
 
-// tensor.h's mean_residual, in f32: it is metres. Immutable; safe to share between threads.
+// Evaluates what tensor.h calls mean_residual. Computes in f32, because the result is metres.
+// Immutable; safe to share between threads.
 class MeanResidual {
  public:
   MeanResidual(const v1::ModelSpec& spec, const artifact::TensorMap& weights);

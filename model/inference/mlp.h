@@ -15,14 +15,14 @@ using kernels::Activation;
 using kernels::DenseLayer;
 using kernels::DenseScratch;
 
-// Scratch of a stack of layers, for one thread.
+// Scratch of a stack of layers. Each thread needs its own.
 struct MlpScratch {
   DenseScratch dense;
   std::vector<float> front;
   std::vector<float> back;
 };
 
-// Layers with ReLU between them and none after the last. Immutable; safe to share between threads.
+// Layers with a ReLU after each but the last. Immutable; safe to share between threads.
 class Mlp {
  public:
   explicit Mlp(std::vector<DenseLayer> layers) : layers_(std::move(layers)) {}
@@ -31,7 +31,8 @@ class Mlp {
   int outputs() const { return layers_.back().outputs(); }
   size_t bytes() const;
 
-  // x: [rows, inputs];  y: [rows, outputs]; both row-major.
+  // Applies the layers.
+  //   x: [rows, inputs];  y: [rows, outputs]; both row-major
   void Apply(const float* x, int rows, MlpScratch* scratch, float* y) const;
 
  private:

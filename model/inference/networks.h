@@ -23,17 +23,18 @@ namespace maneuver::inference {
 // Immutable; safe to share between threads. Built from weights that fit the spec, as
 // artifact::ReadModelFolder returns them.
 struct Networks {
-  // Lets oneDNN's exceptions out, as Backbone does. In bf16 are the convolutions, and the weights
-  // of the wide layers that make and read a scene's features, since those come from memory for each
-  // few targets. Whatever answers metres is in f32: means want the precision.
+  // May throw oneDNN's exceptions, as Backbone does. With bf16, these weights are bf16: those of
+  // the convolutions, and those of the wide layers that make and read a scene's features, which are
+  // fetched from memory for every few targets. All layers whose output is metres stay in f32,
+  // because means need the precision.
   Networks(const v1::ModelSpec& spec, const artifact::TensorMap& weights, bool bf16);
 
   size_t bytes() const;
 
-  // Of a model with a raster.
+  // Only for a model with a raster.
   std::optional<Backbone> backbone;
   std::optional<DenseLayer> projection;  // last grid as [h, w, C] -> F
-  // Of a model with scene vectors.
+  // Only for a model with scene vectors.
   std::optional<SceneNetwork> scene;
   Mlp action_predictor;                // F' -> K logits of p(y|s)
   Mlp trajectory_encoder;              // 2T -> 2D: mean and log-variance of q(z|x)
@@ -42,12 +43,12 @@ struct Networks {
   probability::LatentMixture mixture;  // p(z|y)
   Eigen::VectorXd trajectory_mean;     // [2T] metres
   Eigen::VectorXd trajectory_stddev;   // [2T] metres
-  // Of actions that look at the lanes.
+  // Only for actions that look at the lanes.
   std::optional<ActionNetwork> actions;
-  // Of a mean that depends on the scene.
+  // Only for a mean that depends on the scene.
   std::optional<MeanResidual> mean_residual;
-  // The covariance of p(x|z): of the scene; of the latent, D -> 3T as in tensor.h; or else of the
-  // action, [K * T, 3] xx, xy, yy, square metres.
+  // The covariance of p(x|z), one of three: a function of the scene; a function of the latent, D ->
+  // 3T as in tensor.h; or one for each action, [K * T, 3] xx, xy, yy, square metres.
   std::optional<SceneCovariance> scene_covariance;
   std::optional<Mlp> covariance_network;
   Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> decoder_covariance;

@@ -1,5 +1,5 @@
-// A few actions that stand for the whole mixture. The first of them is the mixture's medoid: the
-// best single answer by mean displacement.
+// Chooses a few actions that represent the whole mixture. The first of them is the mixture's
+// medoid: the best single answer by mean displacement.
 //
 // With p(y|s) = P_k and the mean trajectories m_k of the actions, D_jk is the mean distance between
 // m_j and m_k over waypoints half a second apart. Representatives are chosen greedily:
@@ -23,9 +23,9 @@
 
 namespace maneuver::inference {
 
-// Actions less probable than this are left out: they neither count nor represent others. Where more
-// representatives are asked for than there are other actions, they come last, the most probable
-// first, with a weight of 0. All K of them together hold less than K times this.
+// Actions less probable than this are left out: they neither count nor represent others. If more
+// representatives are requested than there are other actions, they come last, the most probable
+// first, with a weight of 0. All K of them together have a probability of less than K times this.
 inline constexpr double kNegligibleProbability = 1e-4;
 
 struct Representative {
@@ -39,9 +39,9 @@ struct Representative {
 std::vector<int> RepresentativeCandidates(const Eigen::VectorXd& probabilities);
 
 // Returns min(count, K) representatives in the order in which they are chosen, each action once.
-// The probabilities of the candidates are taken as the whole mixture: they are divided by their
-// sum. Takes time N^2 (T' + count) and memory N^2, T' being the waypoints that are compared: every
-// round(0.5 s / waypoint_interval)-th, at least every one, counted back from the last.
+// The probabilities of the candidates are divided by their sum, as if they were the whole mixture.
+// Takes time N^2 (T' + count) and memory N^2. T' is the number of compared waypoints: every n-th,
+// counted back from the last, with n = round(0.5 s / waypoint_interval), at least 1.
 //   probabilities: p(y|s), [K]
 //   candidates: [N] by RepresentativeCandidates
 //   means: [N] mean trajectories of the candidates, in one common frame, metres

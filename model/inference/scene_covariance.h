@@ -14,10 +14,12 @@
 
 namespace maneuver::inference {
 
-// tensor.h's scene_covariance. Immutable; safe to share between threads.
+// Evaluates the networks that tensor.h calls scene_covariance. Immutable; safe to share between
+// threads.
 class SceneCovariance {
  public:
-  // bf16: of the weights.
+  // Prepares the networks.
+  //   bf16: the precision of the weights
   SceneCovariance(const v1::ModelSpec& spec, const artifact::TensorMap& weights, bool bf16);
 
   size_t bytes() const;

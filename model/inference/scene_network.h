@@ -1,5 +1,5 @@
-// The features of a scene that is read as vectors: the target's own history, the lane paths and the
-// agents nearby, joined with the raster's features where there is a raster.
+// Computes the features of a scene that is read as vectors: the target's own history, the lane
+// paths and the agents nearby, joined with the raster's features if there is a raster.
 
 #ifndef MANEUVER_MODEL_INFERENCE_SCENE_NETWORK_H_
 #define MANEUVER_MODEL_INFERENCE_SCENE_NETWORK_H_
@@ -18,7 +18,8 @@
 
 namespace maneuver::inference {
 
-// What is computed of the elements of one set of each scene of a batch, one scene after the other.
+// The outputs for the elements of one kind of set (lane paths or agents), for all scenes of a
+// batch, one scene after the other.
 struct SetFeatures {
   std::vector<float> elements;  // [elements, width]
   std::vector<int> first;       // [scenes + 1] where the elements of each scene begin
@@ -27,7 +28,7 @@ struct SetFeatures {
   std::vector<float> numbers, hidden, alone, own_terms, scores;
 };
 
-// What SceneNetwork answers for a batch; also its scratch. One for each thread.
+// The outputs of SceneNetwork for a batch, and its scratch memory. Each thread needs its own.
 struct SceneVectorFeatures {
   std::vector<float> features;  // [scenes, F]
   SetFeatures paths;            // l_i of the lane paths
@@ -38,26 +39,27 @@ struct SceneVectorFeatures {
   std::vector<float> histories, own, joined;
 };
 
-// tensor.h's history, lane_path, agent and join. Immutable; safe to share between threads.
+// Evaluates the networks that tensor.h calls history, lane_path, agent and join. Immutable; safe to
+// share between threads.
 class SceneNetwork {
  public:
-  // bf16: of the weights of join alone, the widest layer.
+  // Prepares the networks.
+  //   bf16: the precision of the weights of join, the widest layer; the other layers are f32
   SceneNetwork(const v1::ModelSpec& spec, const artifact::TensorMap& weights, bool bf16);
 
   int features() const { return join_.outputs(); }
-  // P; 0 for a model that reads no lane paths.
+  // Returns P, or 0 for a model that reads no lane paths.
   int path_width() const { return paths_ ? paths_->shape.width : 0; }
   size_t bytes() const;
 
-  // Writes f, l_i and the elements of agents of each scene. A scene's numbers are the same bits
+  // Writes f, l_i and the elements of agents for each scene. A scene's numbers have the same bits
   // whatever the batch.
-  //   raster_features: [scenes, join's inputs that are none of these]; null of a model without a
-  //     raster
+  //   raster_features: [scenes, n], the other inputs of join; null for a model without a raster
   void Evaluate(std::span<const scene::SceneVectors* const> scenes, const float* raster_features,
                 SceneVectorFeatures* output) const;
 
  private:
-  // Of a set whose elements have n numbers each and W channels.
+  // The layers for a set whose elements have n numbers each and W channels.
   struct SetLayers {
     SetLayers(const artifact::TensorMap& weights, const std::string& name, SetShape set_shape);
     size_t bytes() const;

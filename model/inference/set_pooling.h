@@ -1,4 +1,4 @@
-// What a network keeps of a set whose elements have no order: a weighted mean and a maximum.
+// Pools a set whose elements have no order: a weighted mean and a maximum.
 
 #ifndef MANEUVER_MODEL_INFERENCE_SET_POOLING_H_
 #define MANEUVER_MODEL_INFERENCE_SET_POOLING_H_
@@ -11,11 +11,11 @@ struct SetShape {
 };
 
 // Writes the attended and the largest value of each channel over `count` elements, as
-// artifact/tensor.h defines them for lane_path and action_geometry. Both are 0 where there is no
+// artifact/tensor.h defines them for lane_path and action_geometry. Both are 0 if there is no
 // element.
 //   elements: [count, width], none below 0
-//   scores:   [count, heads]: the softmax of a column weighs the channels of that head
-//   pooled:   [2 * width] attended, then maximum
+//   scores: [count, heads]; the softmax of a column gives the weights of that head's channels
+//   pooled: [2 * width] attended, then maximum
 void PoolSet(const float* elements, const float* scores, int count, SetShape shape, float* pooled);
 
 }  // namespace maneuver::inference

@@ -1,5 +1,5 @@
-// The part of a raster's first convolution that reads the agents' channels. Those are most of the
-// channels and next to all black: only what is not is multiplied.
+// The part of a raster's first convolution that reads the agents' channels. These are most of the
+// channels and nearly all zero, so only nonzero values are multiplied.
 
 #ifndef MANEUVER_MODEL_INFERENCE_SPARSE_CONVOLUTION_H_
 #define MANEUVER_MODEL_INFERENCE_SPARSE_CONVOLUTION_H_
@@ -20,25 +20,25 @@ namespace maneuver::inference {
 // Immutable; safe to share between threads.
 class SparseConvolution {
  public:
-  // What is not black of a raster. One for each thread.
+  // The nonzero values of a raster. Each thread needs its own.
   struct Values {
     struct Pixel {
       int column;
       int begin, end;  // in values
     };
     int count = 0;                            // of values
-    std::vector<kernels::PixelValue> values;  // pixel by pixel, then by channel; room for more
-    std::vector<Pixel> pixels;                // that have any
+    std::vector<kernels::PixelValue> values;  // pixel by pixel, then by channel; may be longer
+    std::vector<Pixel> pixels;                // with any nonzero value
     std::vector<int> rows;                    // [H + 1], in pixels
 
    private:
     friend class SparseConvolution;
-    // A channel that may have something in a row.
+    // A channel that may be nonzero in a row.
     struct Touched {
       int channel;
       scene::PixelBlocks blocks;
     };
-    // A channel that has something in eight pixels of it.
+    // A channel that is nonzero in a block of eight pixels.
     struct Eight {
       int channel;
       uint64_t pixels;  // a byte for each
@@ -47,28 +47,30 @@ class SparseConvolution {
     std::vector<Eight> in_eight;
   };
 
-  // Whether there is one for a layer: its outputs have to fill vectors.
+  // Returns whether a layer is supported: its outputs must fill vectors.
   static bool Takes(const artifact::BackboneLayer& layer);
 
-  // The channels from `first_channel` on of a layer that reads the raster's bytes as they are.
-  //   most_filled: the largest share of those channels' values that may differ from 0
+  // Prepares the channels from `first_channel` on of a layer that reads the raster's bytes
+  // directly.
+  //   most_filled: the largest share of these channels' values that may be nonzero
   SparseConvolution(const artifact::BackboneLayer& layer, const FoldedConvolution& folded,
                     int first_channel, double most_filled);
 
   size_t bytes() const { return weights_.size() * sizeof(float); }
 
-  // Finds those channels' values in a raster, and adds their pixels. False if it has too many.
+  // Finds the nonzero values of these channels and adds their pixels to `pixels`. Returns false if
+  // there are too many.
   bool Find(const scene::Raster& raster, Values* values, CellMask* pixels) const;
 
-  // Adds what they give to an output row, which has the sums of the other channels; without the
-  // layer's ReLU.
+  // Adds the products of `values` to an output row that holds the sums of the other channels,
+  // without the layer's ReLU.
   //   sums: [w, C']
   void AddRow(const Values& values, int row, float* sums) const;
 
  private:
   // Finds the values of up to eight pixels of a row from `column` on.
   void FindEight(const scene::Raster& raster, int row, int column, Values* values) const;
-  // Adds what an input row gives to an output row, by row `tap` of the kernel.
+  // Adds the products of one input row to an output row, using row `tap` of the kernel.
   void AddTap(const Values& values, int row, int tap, float* sums) const;
 
   const kernels::FirstLayerKernel& kernel_;

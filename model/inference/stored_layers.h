@@ -1,4 +1,4 @@
-// Layers from the tensors of a stored model (artifact/tensor.h).
+// Makes layers from the tensors of a stored model (artifact/tensor.h).
 
 #ifndef MANEUVER_MODEL_INFERENCE_STORED_LAYERS_H_
 #define MANEUVER_MODEL_INFERENCE_STORED_LAYERS_H_
@@ -12,20 +12,20 @@
 
 namespace maneuver::inference {
 
-// `<name>.weight` and `<name>.bias`.
+// Returns the layer with `<name>.weight` and `<name>.bias`.
 DenseLayer StoredLayer(const artifact::TensorMap& weights, const std::string& name, bool bf16);
 
-// `<name>.weight`, without a bias. With several layers side by side, [networks, out, in], number
-// `network`.
+// Returns the layer with `<name>.weight` and no bias.
+//   network: which one, if the tensor holds several networks, [networks, out, in]
 DenseLayer StoredLayerWithoutBias(const artifact::TensorMap& weights, const std::string& name,
                                   int64_t network = 0);
 
-// `<name>.0`, `<name>.1`, ... With several networks side by side, [networks, out, in], number
-// `network`.
+// Returns the stack of layers `<name>.0`, `<name>.1` and so on.
+//   network: which one, if the tensors hold several networks, [networks, out, in]
 Mlp StoredMlp(const artifact::TensorMap& weights, const std::string& name, bool bf16,
               int64_t network = 0);
 
-// All `count` networks that lie side by side.
+// Returns all `count` networks of tensors that hold several.
 std::vector<Mlp> StoredMlps(const artifact::TensorMap& weights, const std::string& name,
                             int64_t count, bool bf16);
 

@@ -1,4 +1,4 @@
-// Trajectories side by side in memory.
+// Stores many trajectories in one matrix.
 
 #ifndef MANEUVER_MODEL_INFERENCE_TRAJECTORY_SET_H_
 #define MANEUVER_MODEL_INFERENCE_TRAJECTORY_SET_H_
@@ -13,11 +13,11 @@ namespace maneuver::inference {
 // Positions at the waypoints, target frame, metres. [T, 2]
 using Trajectory = Eigen::Matrix<double, Eigen::Dynamic, 2, Eigen::RowMajor>;
 
-// Some trajectories of as many waypoints each: an answer has some fifty, which are not worth an
-// allocation each.
+// Trajectories with equal numbers of waypoints. An answer has about fifty; a separate allocation
+// for each would cost more than it is worth.
 class TrajectorySet {
  public:
-  // A trajectory in each row: x and y of each waypoint in turn. [N, 2T]
+  // One trajectory per row: x and y of each waypoint. [N, 2T]
   using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
   TrajectorySet() = default;
@@ -33,7 +33,7 @@ class TrajectorySet {
 
   size_t size() const { return static_cast<size_t>(rows_.rows()); }
   bool empty() const { return rows_.rows() == 0; }
-  // Points into the set.
+  // Returns a view of trajectory `i`, which points into the set.
   Eigen::Map<const Trajectory> operator[](size_t i) const {
     return {rows_.row(static_cast<Eigen::Index>(i)).data(), rows_.cols() / 2, 2};
   }

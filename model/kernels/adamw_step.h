@@ -8,21 +8,22 @@
 
 namespace maneuver::kernels {
 
-// AdamW's exponential averages (Loshchilov and Hutter, 2019) and what keeps it from dividing by 0.
+// The factors of AdamW's exponential averages (Loshchilov and Hutter, 2019), and the constant that
+// prevents a division by 0.
 inline constexpr double kBeta1 = 0.9;
 inline constexpr double kBeta2 = 0.999;
 inline constexpr double kEpsilon = 1e-8;
 
-// What is the same for all numbers of a parameter.
+// What all numbers of a parameter share.
 struct AdamWStep {
   double rate = 0.0;
-  double decay = 0.0;  // of the parameter, beside the gradient
-  // 1 - beta^t: the averages began at 0.
+  double decay = 0.0;  // of the parameter, in addition to the gradient
+  // 1 - beta^t, because the averages began at 0.
   double correction1 = 1.0;
   double correction2 = 1.0;
 };
 
-// The same as the loop over numbers needs it.
+// The same values in the form that the loop needs.
 struct AdamWFactors {
   explicit AdamWFactors(const AdamWStep& step)
       : kept(static_cast<float>(1.0 - step.rate * step.decay)),
@@ -33,13 +34,13 @@ struct AdamWFactors {
   static constexpr auto kKeep2 = static_cast<float>(kBeta2);
   static constexpr auto kGain2 = static_cast<float>(1.0 - kBeta2);
   static constexpr auto kLeast = static_cast<float>(kEpsilon);
-  float kept;   // of the parameter, after its decay
-  float rate;   // with the first average's correction
-  float scale;  // the second average's correction, of its root
+  float kept;   // factor of the parameter: its decay
+  float rate;   // including the first average's correction
+  float scale;  // the second average's correction, applied to its root
 };
 
-// Takes one step of a parameter's `count` numbers, in one pass over memory. Every target gives the
-// same bits.
+// Takes one step of a parameter's `count` numbers, in one pass over memory. All instruction sets
+// give the same bits.
 //   first, second: averages of the gradient and of its square
 void TakeStep(const AdamWStep& step, int64_t count, const float* gradient, float* parameter,
               float* first, float* second);

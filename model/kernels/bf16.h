@@ -1,4 +1,4 @@
-// bf16 as its bits: the upper half of an IEEE float.
+// Converts bf16, held as its bits: the upper half of an IEEE float.
 
 #ifndef MANEUVER_MODEL_KERNELS_BF16_H_
 #define MANEUVER_MODEL_KERNELS_BF16_H_
@@ -8,10 +8,10 @@
 
 namespace maneuver::kernels {
 
-// Exact.
+// Converts exactly.
 inline float FromBf16(uint16_t bits) { return std::bit_cast<float>(uint32_t{bits} << 16); }
 
-// Rounds to the nearest, ties to even. A NaN stays one.
+// Rounds to the nearest, ties to even. NaN stays NaN.
 inline uint16_t ToBf16(float value) {
   const auto bits = std::bit_cast<uint32_t>(value);
   constexpr uint16_t kQuietNan = 0x7fc0;

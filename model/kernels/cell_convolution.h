@@ -1,9 +1,9 @@
 // A convolution with its ReLU at some cells of its output.
 //
-// In f32 each output is one chain of fused multiply-adds, in the same order whatever the cell, its
-// company and the instruction set: the answer for a cell has the same bits, whichever others are
-// computed. bf16 inputs and weights are multiplied in pairs, where the processor has an instruction
-// for that (AVX-512 BF16), and summed in f32.
+// In f32 each output is one chain of fused multiply-adds. Its order is the same for every cell and
+// instruction set, so a cell has the same bits whichever other cells are computed. bf16 inputs and
+// weights are multiplied in pairs if the processor has an instruction for that (AVX-512 BF16), and
+// summed in f32.
 
 #ifndef MANEUVER_MODEL_KERNELS_CELL_CONVOLUTION_H_
 #define MANEUVER_MODEL_KERNELS_CELL_CONVOLUTION_H_
@@ -16,7 +16,7 @@
 
 namespace maneuver::kernels {
 
-// Of the layer.
+// The shape of the layer.
 struct CellShape {
   int kernel;   // k, rows and columns
   int inputs;   // C, channels
@@ -24,14 +24,14 @@ struct CellShape {
   bool relu;
 };
 
-// A cell of the output, in values from the first: where its kernel begins in the input, and where
-// its channels are in the output.
+// A cell of the output: where its kernel begins in the input, and where its channels are in the
+// output. Both are counted in values from the first.
 struct Cell {
   ptrdiff_t input;
   ptrdiff_t output;
 };
 
-// What one implementation reads and writes; CellConvolution says how it is laid out.
+// What one implementation reads and writes. CellConvolution describes the layouts.
 struct CellProblem {
   CellShape shape;
   ptrdiff_t row_values;  // from an input row to its next
@@ -44,7 +44,7 @@ struct CellProblem {
 
 // One implementation.
 struct CellKernel {
-  int lanes;                                // C' must be a multiple
+  int lanes;                                // C' must be a multiple of it
   int (*together)(int outputs);             // G: how many of C' outputs are summed at a time
   bool (*has_bf16)();                       // on this processor
   void (*f32)(const CellProblem&);          // all are floats
@@ -55,14 +55,14 @@ struct CellKernel {
 // Immutable; safe to share between threads.
 class CellConvolution {
  public:
-  // Whether the kernels in force can compute a layer with so many channels: C' has to fill vectors,
-  // and C pairs in bf16.
+  // Returns whether the kernels in use can compute a layer with these channels: C' must fill
+  // vectors, and C must fill pairs in bf16.
   static bool Supports(int inputs, int outputs, bool bf16);
 
-  // A layer that is supported.
+  // Prepares a supported layer.
   //   weight: [C', C, k, k];  bias: [C']
-  //   bf16: the precision of inputs and weights; products are summed in f32
-  //   narrow: outputs are bf16 as well, rounded to the nearest; floats otherwise
+  //   bf16: whether inputs and weights are bf16; products are summed in f32
+  //   narrow: whether outputs are also bf16, rounded to the nearest, instead of floats
   CellConvolution(const CellShape& shape, std::span<const float> weight,
                   std::span<const float> bias, bool bf16, bool narrow);
 
@@ -70,7 +70,8 @@ class CellConvolution {
     return (wide_.size() + bias_.size()) * sizeof(float) + narrow_.size() * sizeof(uint16_t);
   }
 
-  //   input: [rows, row_values] with the padding around it;  row_values: from a row to its next
+  // Evaluates the given cells.
+  //   input: [rows, row_values] with its padding;  row_values: from a row to its next
   //   output: of each cell [C'], bf16 or floats
   void Evaluate(const void* input, ptrdiff_t row_values, std::span<const Cell> cells,
                 void* output) const;

@@ -8,8 +8,8 @@
 
 namespace maneuver::kernels {
 
-// Returns the checksum of some bytes followed by `bytes`, given the checksum `crc` of the former
-// (of none: 0). Uses the processor's instruction, or with plain kernels a table.
+// Returns the checksum of some bytes followed by `bytes`, where `crc` is the checksum of the former
+// (0 if there are none). Uses the processor's instruction, or a table with plain kernels.
 uint32_t ExtendCrc32c(uint32_t crc, std::string_view bytes);
 
 inline uint32_t Crc32c(std::string_view bytes) { return ExtendCrc32c(0, bytes); }

@@ -5,9 +5,9 @@
 // any batch. (Matrix products of oneDNN and Eigen choose an order of summation by the number of
 // rows.)
 //
-// After a ReLU more than half of the inputs are 0, and in rows that are alike, such as the sigma
-// points of an action, the same ones. The fast kernel passes over inputs that are 0 in all of a few
-// rows, which changes no bit.
+// After a ReLU more than half of the inputs are 0. In similar rows, such as the sigma points of an
+// action, they are the same inputs. The fast kernel skips inputs that are 0 in all rows of a small
+// block, which changes no bit.
 
 #ifndef MANEUVER_MODEL_KERNELS_DENSE_LAYER_H_
 #define MANEUVER_MODEL_KERNELS_DENSE_LAYER_H_
@@ -22,14 +22,14 @@ namespace maneuver::kernels {
 
 enum class Activation { kNone, kRelu };
 
-// Scratch of a layer, for one thread.
+// Scratch of a layer. Each thread needs its own.
 struct DenseScratch {
   std::vector<uint32_t> bits;     // [inputs]
   std::vector<uint32_t> nonzero;  // [blocks of rows, inputs] the inputs that are not 0
   std::vector<size_t> counts;     // [blocks of rows] how many
 };
 
-// A layer's weights, in panels of P outputs that lie side by side; 0 where there is no output.
+// A layer's weights, in panels of P adjacent outputs; 0 beyond the last output.
 struct DensePanels {
   int inputs;
   int outputs;
@@ -48,9 +48,9 @@ struct DenseKernel {
 // Immutable; safe to share between threads.
 class DenseLayer {
  public:
-  // weight: [outputs, inputs], row-major;  bias: [outputs]
-  //   bf16: weights are rounded to it, which halves what has to come from memory; the arithmetic
-  //         is f32 all the same
+  // Packs the weights.
+  //   weight: [outputs, inputs], row-major;  bias: [outputs]
+  //   bf16: rounds the weights to bf16, which halves the memory to read; the arithmetic stays f32
   DenseLayer(int inputs, int outputs, const float* weight, const float* bias, bool bf16 = false);
 
   int inputs() const { return panels_.inputs; }

@@ -1,8 +1,8 @@
 // The sums of a raster's first convolution: the map's channels in groups of pixels, the agents' one
 // nonzero value at a time.
 //
-// Each sum is one chain of fused multiply-adds, in the same order whatever the group and the
-// instruction set: a cell has the same bits, whichever others are computed.
+// Each sum is one chain of fused multiply-adds. Its order is the same for every group and
+// instruction set, so a cell has the same bits whichever other cells are computed.
 
 #ifndef MANEUVER_MODEL_KERNELS_FIRST_LAYER_H_
 #define MANEUVER_MODEL_KERNELS_FIRST_LAYER_H_
@@ -16,8 +16,8 @@ namespace maneuver::kernels {
 inline constexpr int kMapGroup = 4;      // neighbouring pixels of a row that are summed together
 inline constexpr int kMostMapRows = 16;  // rows of a kernel
 
-// What the sums of some pixels of an output row are made of: the kernel's rows that are not black
-// to all of them.
+// The inputs of the sums of some pixels of an output row: the kernel's rows that are not zero for
+// all of these pixels.
 struct MapTaps {
   const float* inputs[kMostMapRows];   // of each row, where the first pixel reads it
   const float* weights[kMostMapRows];  // [values, C'] of each row
@@ -28,7 +28,7 @@ struct MapTaps {
   int outputs;        // C', a multiple of FirstLayerKernel::lanes
 };
 
-// A value of a pixel that is not 0.
+// A nonzero value of a pixel.
 struct PixelValue {
   int channel;
   float value;
@@ -55,7 +55,7 @@ struct FirstLayerKernel {
   void (*store_bf16)(const float* sums, ptrdiff_t count, bool relu, uint16_t* row);
 };
 
-// Returns the implementation in force.
+// Returns the implementation in use.
 const FirstLayerKernel& FirstLayerKernelInForce();
 
 }  // namespace maneuver::kernels

@@ -1,7 +1,7 @@
-// Which of its implementations each kernel runs.
+// Chooses which implementation the kernels run.
 //
 // A kernel is a function with a plain implementation, a loop that anyone can read, and a fast one.
-// The fast one is written once, with Highway, and compiled for several instruction sets, its
+// The fast one is written once, with Highway, and compiled for several instruction sets, called
 // targets. A process runs the best target that its processor has, or the plain loops.
 
 #ifndef MANEUVER_MODEL_KERNELS_KERNEL_CHOICE_H_
@@ -18,7 +18,7 @@ enum class KernelChoice {
 };
 
 // Chooses for the whole process. Call it before the first model is loaded: weights are packed for
-// the choice in force, and layers that are already packed keep theirs.
+// the current choice, and layers that are already packed keep theirs.
 void ChooseKernels(KernelChoice choice);
 
 bool UsesPlainKernels();
@@ -30,7 +30,7 @@ std::string KernelTarget();
 // and the best target next.
 std::vector<std::string> KernelTargets();
 
-// Makes the process run one of KernelTargets(). Tests alone need it.
+// Makes the process run one of KernelTargets(). Only for tests.
 void ForceKernelTargetForTest(const std::string& target);
 
 }  // namespace maneuver::kernels

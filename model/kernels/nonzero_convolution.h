@@ -1,5 +1,5 @@
-// The values of a raster that are not 0, and a convolution over them: for training, where weights
-// change in every step and get gradients.
+// Finds the nonzero values of a raster and convolves them: for training, where weights change in
+// every step and get gradients.
 
 #ifndef MANEUVER_MODEL_KERNELS_NONZERO_CONVOLUTION_H_
 #define MANEUVER_MODEL_KERNELS_NONZERO_CONVOLUTION_H_
@@ -10,7 +10,7 @@
 
 namespace maneuver::kernels {
 
-// Outputs are padded to a multiple of so many.
+// Outputs are padded to a multiple of this number.
 inline constexpr int64_t kNonzeroPadding = 8;
 
 // A square kernel of odd size, padded by half of it, over [height, width, channels].
@@ -30,8 +30,8 @@ struct ConvolutionShape {
 //   words: [ceil(count / 64)], all of which is written
 void FindNonzeroBytes(const uint8_t* bytes, size_t count, uint64_t* words);
 
-// A raster's values that are not 0: a twelfth of a scene's, for few lines are near, and few agents.
-// Every target gives the same bits.
+// The nonzero values of a raster. They are a twelfth of a typical scene's values, because few lines
+// and agents are near. All instruction sets give the same bits.
 class NonzeroValues {
  public:
   //   raster: [height, width, channels]
@@ -53,7 +53,8 @@ class NonzeroValues {
   static int64_t VectorMultiple(int64_t outputs);
 
  private:
-  // Of each row, in the order of their places: place in the row (pixel and channel) << 8 | value.
+  // The values row by row, in the order of their places: place in the row (pixel and channel) << 8
+  // | value.
   std::vector<uint32_t> values_;
   // [height, width + 1] where in values_ a pixel's begin; the row's end.
   std::vector<uint32_t> begins_;

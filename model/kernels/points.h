@@ -1,5 +1,5 @@
-// Arithmetic on many points: projection, frames, ranges, chords. Each result has the same bits on
-// every target, for no product and sum are fused.
+// Arithmetic on many points: projection, frames, ranges, chords. No product is fused with a sum, so
+// each result has the same bits on every instruction set.
 
 #ifndef MANEUVER_MODEL_KERNELS_POINTS_H_
 #define MANEUVER_MODEL_KERNELS_POINTS_H_
@@ -10,14 +10,15 @@
 
 namespace maneuver::kernels {
 
-// Points are taken by fours: arrays that say so have room for so many numbers behind the last one.
+// Points are processed four at a time. Arrays that say so have room for this many numbers after the
+// last one.
 inline constexpr size_t kPointLanes = 4;
 
-// Returns whether each value lies within -limit and limit; NaN does not.
+// Returns whether each value lies within [-limit, limit]; NaN does not.
 bool AllWithin(std::span<const double> values, double limit);
 
 // A view of the world: u = origin_u + scale (c dx + s dy), v = origin_v - scale (-s dx + c dy),
-// with (dx, dy) the point less (x, y).
+// where (dx, dy) is the point minus (x, y).
 struct PointView {
   double x, y;
   double cosine, sine;  // c, s
@@ -48,21 +49,21 @@ void FindSides(const double* u, const double* v, size_t count, int height, int w
                int64_t* sides);
 
 // Returns the end of a chord that starts at point `start` and passes all points before its end:
-// they lie within `tolerance` of it, and beside it rather than before or beyond it. The chord is a
-// long one, if not always the longest: at least start + 1, at most `last`.
+// they lie within `tolerance` of the chord, and none of them beyond its ends. The chord is long,
+// but not always the longest. The result is at least start + 1 and at most `last`.
 //   u, v: room for kPointLanes numbers behind point `last`, which may be read
 size_t FindChordEnd(const double* u, const double* v, size_t start, size_t last, double tolerance);
 
-// What the points of a piece of a line are, taken together.
+// The extent of the points of a piece of a line.
 struct PointSpread {
   double low_x, low_y, high_x, high_y;
   double across_squared;  // the largest square of the cross product with the chord of its ends
   double chord_squared;   // the chord's length, squared
-  bool astray;            // whether any point lies before the chord's begin or beyond its end
+  bool astray;            // whether any point lies beyond one of the chord's ends
 };
 
-// Finds the spread of each piece of a line of `count` points. A piece has `intervals` of them, and
-// the last piece the rest; neighbours share a point. One point is one piece.
+// Finds the spread of each piece of a line of `count` points. A piece has `intervals` intervals,
+// the last one possibly fewer; neighbouring pieces share a point. One point is one piece.
 //   spreads: as many as there are pieces, SpreadsOf(count, intervals)
 void FindSpreads(const double* x, const double* y, int count, int intervals, PointSpread* spreads);
 inline int SpreadsOf(int count, int intervals) {

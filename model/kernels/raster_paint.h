@@ -1,7 +1,7 @@
-// Antialiased shapes, painted into a channel of a raster.
+// Paints antialiased shapes into a channel of a raster.
 //
-// A pixel becomes the brighter of what it is and coverage * intensity, rounded. Every target paints
-// the same bytes, for no product and sum are fused.
+// A pixel becomes the maximum of its value and coverage * intensity, rounded. No product is fused
+// with a sum, so all instruction sets paint the same bytes.
 
 #ifndef MANEUVER_MODEL_KERNELS_RASTER_PAINT_H_
 #define MANEUVER_MODEL_KERNELS_RASTER_PAINT_H_
@@ -11,7 +11,8 @@
 
 namespace maneuver::kernels {
 
-// Pixels are painted by eights: rows have room for so many behind the last pixel of a shape.
+// Pixels are painted eight at a time. Rows have room for this many pixels after the last pixel of a
+// shape.
 inline constexpr int kPaintLanes = 8;
 
 // Rows first_row .. last_row-1 of a channel.
@@ -22,23 +23,24 @@ struct PaintRows {
   ptrdiff_t stride;  // from a row to its next
 };
 
-// A rectangle of the length 2 half_length along `direction`, as Brush::FillBox draws it.
+// A rectangle with the length 2 half_length along `direction`, as Brush::FillBox draws it.
 struct BoxShape {
   double centre_u, centre_v;        // pixels
   double direction_u, direction_v;  // a unit vector
   double half_length, half_width;   // pixels
   float intensity;                  // 0 .. 255
 };
-// Paints columns first_column .. last_column-1, and up to kPaintLanes - 1 behind them.
+// Paints columns first_column .. last_column-1, and up to kPaintLanes - 1 columns after them.
 void PaintBox(const BoxShape& box, int first_column, int last_column, const PaintRows& rows);
 
 // A segment of a line with soft edges: coverage is max(0, 1 - distance).
 struct SegmentShape {
-  float u, v;              // its begin, pixels
+  float u, v;              // its start, pixels
   float along_u, along_v;  // from there to its end
   float intensity;         // 0 .. 255
 };
-// Paints what of a segment lies in columns 0 .. width-1, and up to kPaintLanes - 1 behind them.
+// Paints the part of a segment in columns 0 .. width-1, and up to kPaintLanes - 1 columns after
+// them.
 void PaintSegment(const SegmentShape& segment, int width, const PaintRows& rows);
 
 }  // namespace maneuver::kernels

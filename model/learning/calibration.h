@@ -1,4 +1,4 @@
-// After learning: what the predicted probabilities and covariances are worth.
+// Calibrates predicted probabilities and covariances after learning.
 
 #ifndef MANEUVER_MODEL_LEARNING_CALIBRATION_H_
 #define MANEUVER_MODEL_LEARNING_CALIBRATION_H_
@@ -13,24 +13,25 @@
 
 namespace maneuver::learning {
 
-// The temperature that p(y|s) is divided by so that held-out q(y|x,s) is most likely under it.
+// Returns the temperature of the softmax p(y|s) that makes held-out q(y|x,s) most likely.
 double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log_responsibilities);
 
-// What the settings ask for, in this order, each with the ones before it in place: the width of
-// q(z|y,s) (into the scenario encoders' last bias), the temperature of p(y|s) (into the action
-// predictor's last layer), and the covariance of p(x|z): fitted to examples that were learned from,
-// scaled along the horizon to held-out ones, widened until it covers enough of them
-// (covariance_fit.h). A covariance that the scene predicts has been learned before; here its
-// factors by speed are fitted to held-out examples (scene_covariance.h). Then mixture.log_weight,
-// the mean of p(y|s).
-//   step: called with the number of examples of each batch that was looked at
+// Calibrates what the settings ask for, in this order, each with the earlier ones in place:
+//   1. the width of q(z|y,s), in the scenario encoders' last bias;
+//   2. the temperature of p(y|s), in the action predictor's last layer;
+//   3. the covariance of p(x|z): fitted to training examples, scaled along the horizon to held-out
+//     ones, and widened until it covers enough of them (covariance_fit.h). A covariance that the
+//     scene predicts was learned before; here its speed factors are fitted to held-out examples
+//     (scene_covariance.h);
+//   4. mixture.log_weight, the mean of p(y|s).
+//   step: called with the number of examples of each batch that was read
 absl::Status CalibrateModel(Networks& networks, const SceneSource& training_source,
                             const SceneSource& held_out_source,
                             const v1::OptimizationSettings& optimization, int threads,
                             at::Generator& generator, const std::function<bool()>& stopped,
                             const std::function<void(int64_t)>& step);
 
-// About how often CalibrateModel calls `step`.
+// Returns about how often CalibrateModel calls `step`.
 int64_t CalibrationSteps(int64_t training_examples);
 
 }  // namespace maneuver::learning

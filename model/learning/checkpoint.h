@@ -15,23 +15,23 @@
 
 namespace maneuver::learning {
 
-// A folder with the last few checkpoints of one run, "checkpoint-000007": their numbers only grow.
-// Each is written whole or not at all and carries a checksum.
+// A folder with the latest checkpoints of one run, such as "checkpoint-000007". Their numbers only
+// grow. Each is written completely or not at all, and carries a checksum.
 class CheckpointFolder {
  public:
-  // Makes the folder if there is none.
+  // Opens the folder, and creates it if it is missing.
   static absl::StatusOr<CheckpointFolder> Open(const std::filesystem::path& folder,
                                                const CheckpointPolicy& policy);
 
-  // The latest one that is whole; nothing if there is none. A damaged one is passed over.
+  // Returns the latest undamaged checkpoint; nothing if there is none.
   std::optional<Checkpoint> ReadLatest() const;
 
-  // One more step is to come; call it before each, and before Write.
+  // Counts a step. Call it before each step, and before Write.
   void CountStep() { ++steps_; }
-  // Whether the interval is over, or the steps, since the last one (or since the folder was
-  // opened).
+  // Returns whether the interval, or the number of steps, has passed since the last checkpoint (or
+  // since the folder was opened).
   bool IsDue() const;
-  // Adds one and removes all but the last few.
+  // Writes a checkpoint and removes all but the last few.
   absl::Status Write(const Checkpoint& checkpoint);
 
  private:

@@ -8,9 +8,9 @@ namespace maneuver::learning {
 
 // When a checkpoint is due, and how many are kept.
 struct CheckpointPolicy {
-  // Least time between two; 0: at every step.
+  // The least time between two checkpoints; 0: one at every step.
   std::chrono::milliseconds interval{60'000};
-  // One is due after so many steps as well, however short the time; 0: by time alone.
+  // A checkpoint is also due after this many steps, however short the time; 0: only by time.
   int64_t steps = 0;
   int kept = 2;
 };

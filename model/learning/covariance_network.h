@@ -1,4 +1,4 @@
-// Learns the covariance of p(x|z) where it is a function of z.
+// Learns the covariance of p(x|z) for models in which it is a function of z.
 
 #ifndef MANEUVER_MODEL_LEARNING_COVARIANCE_NETWORK_H_
 #define MANEUVER_MODEL_LEARNING_COVARIANCE_NETWORK_H_
@@ -9,16 +9,16 @@
 
 namespace maneuver::learning {
 
-// Fits the network, from wherever it is, to
+// Fits the network by minimising
 //   -E sum_y q(y|x,s) 1/T sum_t ln N(x_t; m_yt, latent_yt + Sigma_t(z_y)),
-// z_y the mean of q(z|y,s): each action has to hold its own, and where the latent spreads enough
-// nothing is added. Beginning at `pooled` whatever z.
-//   predictions: of examples that were learned from
+// where z_y is the mean of q(z|y,s). So each action must fit its own examples, and nothing is added
+// where the latent spreads enough. The network begins as the constant `pooled`.
+//   predictions: for training examples
 //   pooled: [T, 3] xx, xy, yy, square metres
 void FitCovarianceNetwork(Networks& networks, const Predictions& predictions,
                           const at::Tensor& pooled, at::Generator& generator);
 
-// Multiplies the covariance at each waypoint, whatever z. factor: [T]
+// Multiplies the covariance at each waypoint, for every z. factor: [T]
 void ScaleCovarianceNetwork(Networks& networks, const at::Tensor& factor);
 
 }  // namespace maneuver::learning

@@ -27,7 +27,7 @@ struct NamedDataset {
 };
 
 struct CrossValidation {
-  // Complete and valid (artifact/training_presets.h). The seed is that of `seeds`.
+  // Complete and valid (artifact/training_presets.h). `seeds` replaces its seed.
   v1::TrainingSettings settings;
   // Dataset folders to learn from and to measure.
   std::vector<std::filesystem::path> datasets;
@@ -36,26 +36,26 @@ struct CrossValidation {
   int64_t fold_seed = 1;
   std::vector<int64_t> seeds = {1};  // of the trainings, each once
   std::optional<int> only_fold;      // counted from 0; empty: all of them
-  // Seed and fold of each model that was measured before: it is passed over.
+  // Seed and fold of each model that was measured before, which is skipped.
   std::set<std::pair<int64_t, int>> finished;
   // Also train the anchor baselines in each fold.
   bool baselines = false;
-  // Folder that the models are written to, as seed-1-fold-2 (folds counted from 1); it exists, and
-  // has none of them.
+  // Folder for the models, named seed-1-fold-2 (folds counted from 1). It must exist and contain
+  // none of them.
   std::filesystem::path models;
   std::string trainer_version;
-  // Called as a model learns, on the calling thread. May be empty.
+  // Called on the calling thread while a model learns. May be empty.
   std::function<void(const v1::JobProgress&)> progress;
-  // Called before a model learns, with its seed and fold, and when it was measured. May be empty.
+  // Called before a model learns, with its seed and fold, and after it was measured. May be empty.
   std::function<void(int64_t seed, int fold)> began;
   std::function<void(const v1::FoldRun& run)> measured;
   // Asked often, from several threads; true ends it with CANCELLED. May be empty.
   std::function<bool()> stopped;
 };
 
-// Returns how the recordings of the datasets are dealt out (data/recording_groups.h). Folds depend
-// on `datasets`, `folds` and `fold_seed` alone. Recordings of a test dataset that share a group
-// with one to learn from are left out of it.
+// Returns which recording belongs to which fold (data/recording_groups.h). Folds depend only on
+// `datasets`, `folds` and `fold_seed`. A recording of a test dataset is left out if it shares a
+// group with a recording of `datasets`.
 // Errors: those of data::ForEachScenario and data::AssignFolds; FAILED_PRECONDITION if all
 // recordings of a test dataset are left out; CANCELLED.
 absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidation& run);

@@ -12,19 +12,19 @@ namespace maneuver::learning {
 
 // Trajectories alone are small: twice the batch costs the same time.
 inline constexpr int64_t kTrajectoryBatchFactor = 2;
-// Of each placement of the mixture, where there are several.
+// Epochs for each placement of the mixture, if several are tried.
 inline constexpr int kPlacementEpochs = 3;
 
 // Steps in which the learning rate rises.
 inline constexpr int64_t kWarmUpSteps = 100;
 
-// Steps over so many examples.
+// Returns the number of steps in an epoch of `examples` examples.
 inline int64_t StepsOfEpoch(int64_t examples, int64_t batch_size) {
   // A last batch of one has no moments for the batch normalisation: it is left out.
   return examples / batch_size + (examples % batch_size > 1 ? 1 : 0);
 }
 
-// How many of the training examples an epoch is over.
+// Returns how many of the training examples an epoch uses.
 inline int64_t EpochExamples(const v1::TrainingSettings& settings, int64_t examples) {
   const int64_t most = settings.examples().max_examples();
   return most > 0 ? std::min(most, examples) : examples;

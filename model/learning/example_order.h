@@ -1,4 +1,4 @@
-// Which examples an epoch is over.
+// Chooses the examples of an epoch, and their order.
 
 #ifndef MANEUVER_MODEL_LEARNING_EXAMPLE_ORDER_H_
 #define MANEUVER_MODEL_LEARNING_EXAMPLE_ORDER_H_
@@ -13,31 +13,33 @@
 
 namespace maneuver::learning {
 
-// examples.dataset_weights as a span.
+// Returns examples.dataset_weights as a span.
 inline std::span<const double> DatasetWeights(const v1::TrainingSettings& settings) {
   const auto& weights = settings.examples().dataset_weights();
   return {weights.data(), static_cast<size_t>(weights.size())};
 }
 
-// How many training examples each dataset has; all together, if nobody said which are whose.
+// Returns the number of training examples of each dataset; one total if the datasets are not known.
 inline std::vector<int64_t> DatasetSizes(const TrainingData& data) {
   if (!data.folder_examples.empty()) return data.folder_examples;
   return {static_cast<int64_t>(data.training.examples.size())};
 }
 
-// How many of `count` examples each dataset gives: proportional to its weight, to within one.
+// Returns how many of `count` examples each dataset gives: proportional to its weight, to within
+// one.
 //   weights: positive, one or more
 std::vector<int64_t> SharesOf(std::span<const double> weights, int64_t count);
 
-// `count` examples in random order, [count] indices. Datasets follow each other: the first has the
-// first sizes[0] examples. Without weights each example is drawn once at most; with them each
-// dataset gives its share, all of its examples as often as each other, give or take one.
+// Draws `count` examples in random order. Returns [count] indices; the first sizes[0] indices are
+// the first dataset, and so on. Without weights each example is drawn at most once. With weights
+// each dataset gives its share, and its examples are drawn equally often, to within one.
 //   sizes: examples of each dataset; count is at most their sum
-//   weights: empty, or one for each dataset; datasets are not empty then
+//   weights: empty, or one for each dataset; then no dataset is empty
 at::Tensor DrawExamples(std::span<const int64_t> sizes, std::span<const double> weights,
                         int64_t count, at::Generator& generator);
 
-// `count` examples spread evenly over all of them, or over each dataset its share. [count] indices
+// Returns the indices of `count` examples spread evenly: over all of them, or over each dataset's
+// share. [count]
 at::Tensor SpreadExamples(std::span<const int64_t> sizes, std::span<const double> weights,
                           int64_t count);
 

@@ -1,4 +1,4 @@
-// From learned weights to a model folder.
+// Exports learned weights as a model folder.
 
 #ifndef MANEUVER_MODEL_LEARNING_EXPORT_H_
 #define MANEUVER_MODEL_LEARNING_EXPORT_H_
@@ -21,19 +21,19 @@ struct ExportOptions {
   std::filesystem::path output;
   int threads = 1;
   std::vector<std::string> labels;  // of the first actions
-  // Derived names of the actions, which then are not made anew; empty: they are. [K]
+  // Derived names of the actions, [K]; empty: names are derived anew.
   std::vector<std::string> names;
-  // Goes into the folder with the model and is measured with it.
+  // Baselines that are written to the folder and measured with the model.
   std::optional<artifact::StoredBaselines> baselines;
   int least_effective_actions = 0;  // see TrainingRun
-  // Called with examples measured and in all; false stops. May be empty.
+  // Called with the numbers of measured and of all examples; returning false stops. May be empty.
   std::function<bool(int64_t done, int64_t total)> progress;
 };
 
-// Writes a model whose manifest has no actions yet to `output`, whole or not at all. Before it
-// appears there it is loaded by the engine that will serve it, which decodes the generic action set
-// and measures it on the held-out examples: actions and metrics are what the server would answer.
-// Actions are named by evaluation::NameActions.
+// Writes a model whose manifest has no actions yet to `output`, completely or not at all. First the
+// engine that will serve the model loads it, decodes the generic action set, and measures it on the
+// held-out examples. So actions and metrics are those that the server would answer.
+// evaluation::NameActions names the actions.
 absl::StatusOr<v1::ModelManifest> ExportModel(artifact::StoredModel model, const TrainingData& data,
                                               const v1::ExampleSettings& examples,
                                               const ExportOptions& options);

@@ -13,14 +13,14 @@ struct Gaussian {
   at::Tensor log_variance;  // [..., D]
 };
 
-// KL(q || p), nats, over the last dimension; the others broadcast.
+// Returns KL(q || p), nats, summed over the last dimension; the others broadcast.
 at::Tensor Divergence(const Gaussian& q, const Gaussian& p);
-// H(q, p) = -E_q ln p, nats, likewise.
+// Returns H(q, p) = -E_q ln p, nats, summed over the last dimension; the others broadcast.
 at::Tensor CrossEntropy(const Gaussian& q, const Gaussian& p);
-// A sample with gradients to mean and variance, z = mean + stddev * noise.
+// Returns a sample, z = mean + stddev * noise, with gradients to mean and variance.
 //   noise: standard normal, of the mean's shape
 at::Tensor Sample(const Gaussian& q, const at::Tensor& noise);
-// N(0, I) of D dimensions.
+// Returns N(0, I) of D dimensions.
 Gaussian StandardNormal(int64_t dimensions, at::Device device);
 
 }  // namespace maneuver::learning

@@ -1,4 +1,4 @@
-// All phases of learning, one after another on the same networks.
+// Runs all phases of learning, one after another, on the same networks.
 
 #ifndef MANEUVER_MODEL_LEARNING_LEARNER_H_
 #define MANEUVER_MODEL_LEARNING_LEARNER_H_
@@ -21,7 +21,7 @@ namespace maneuver::learning {
 class Learner {
  public:
   // `settings` are complete. `data` and `progress` must outlive the learner.
-  //   threads: for maps and scenes
+  //   threads: that read maps and scenes
   Learner(const v1::TrainingSettings& settings, const TrainingData& data, at::Device device,
           int threads, const std::function<bool()>& stopped, RunProgress& progress);
 
@@ -30,16 +30,16 @@ class Learner {
   static std::vector<RunProgress::Phase> Plan(const v1::TrainingSettings& settings,
                                               int64_t training_examples, bool started = false);
 
-  // Starts from these weights, of the same spec, in place of random ones: Learn begins with the
-  // joint phase. To be called first.
-  //   sha256: of the weights, by which checkpoints of another run are known
+  // Starts from these weights, which must have the same spec, instead of random ones. Learn then
+  // begins with the joint phase. Call it first.
+  //   sha256: of the weights; it identifies checkpoints of this run
   void StartFrom(const artifact::TensorMap& weights, const std::string& sha256);
 
-  // Writes checkpoints to `folder`, which must outlive the learner, and resumes from its latest one
-  // if there is one. FAILED_PRECONDITION if that is of another run.
+  // Writes checkpoints to `folder`, which must outlive the learner, and resumes from its latest
+  // one, if any. FAILED_PRECONDITION if that belongs to another run.
   absl::Status KeepCheckpoints(CheckpointFolder* folder);
 
-  // Runs all phases up to calibration, from where the checkpoint left them. Errors are those of
+  // Runs all phases up to calibration, from the position of the checkpoint. Errors are those of
   // EpochLoop::Run.
   absl::Status Learn();
 

@@ -1,4 +1,4 @@
-// Where the components of p(z|y) start.
+// Places the components of p(z|y) before they are learned.
 
 #ifndef MANEUVER_MODEL_LEARNING_MIXTURE_PLACEMENT_H_
 #define MANEUVER_MODEL_LEARNING_MIXTURE_PLACEMENT_H_
@@ -16,11 +16,11 @@ namespace maneuver::learning {
 struct PlacedMixture {
   Gaussian components;     // [K, D]
   at::Tensor log_weights;  // [K], normalised
-  // Where it is placed by clusters: the centres, in the space of ClusterSpace. [K, S]
+  // If placed by clusters: the centres, in the space of ClusterSpace. [K, S]
   at::Tensor centers = {};
 };
 
-// What the waypoints of a trajectory are apart, and what counts as slow.
+// The time between the waypoints of a trajectory, and the speed that counts as slow.
 struct TrajectoryScale {
   double waypoint_interval = 0.0;  // seconds
   double slow_speed = 1.0;         // metres per second; below it speeds count by their differences
@@ -28,41 +28,43 @@ struct TrajectoryScale {
 
 TrajectoryScale ScaleOf(const v1::TrainingSettings& settings);
 
-// What a mixture is placed by.
+// The examples that a mixture is placed by.
 struct EncodedExamples {
   at::Tensor trajectories;  // x, [N, 2T] metres, on the CPU
   TrajectoryScale scale;
   Gaussian q_z;  // q(z|x), [N, D], on the CPU
 };
 
-// Where TRAJECTORY_, VELOCITY_ and DEPARTURE_CLUSTERS measure distances. [N, S]
+// Returns the points at which TRAJECTORY_, VELOCITY_ and DEPARTURE_CLUSTERS measure distances. [N,
+// S]
 at::Tensor ClusterSpace(v1::MixturePlacement placement, const at::Tensor& trajectories,
                         const TrajectoryScale& scale);
 
-// The nearest of the centres to each trajectory. [N]
+// Returns the index of the centre nearest to each trajectory. [N]
 at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& centers,
                            const at::Tensor& trajectories, const TrajectoryScale& scale);
 
-// A mixture of `actions` components. The same seed gives the same one.
-//   TRAJECTORY_CLUSTERS  k-means on the trajectories in a space that draws far ones closer together
-//                        and counts what goes to the side twice: in plain metres nearly all
-//                        clusters would be speeds of going straight on, which q(z|y,s) knows from
-//                        the scenario anyway
-//   VELOCITY_CLUSTERS    k-means on the velocities along the trajectories, of speeds drawn closer
-//                        together (ln(1 + v / slow)): what is done, rather than where it leads
+// Returns a mixture of `actions` components. The same seed gives the same mixture.
+//   TRAJECTORY_CLUSTERS  k-means on the trajectories, in a space that compresses large distances
+//                        and counts lateral ones twice. In plain metres nearly all clusters would
+//                        differ only in the speed of going straight, which q(z|y,s) knows from the
+//                        scenario anyway
+//   VELOCITY_CLUSTERS    k-means on the velocities along the trajectories, with compressed speeds
+//                        (ln(1 + v / slow)): what is done, rather than where it leads
 //   DEPARTURE_CLUSTERS   k-means on the positions every half second, each over the root of its time
 //                        plus half a second; for trajectories relative to a reference
 //   RANDOM               means from N(0, I), variances 1
-//   UNIFORM              means even in the box of the encodings, the box split evenly among them
+//   UNIFORM              means spread evenly over the box of the encodings
 //   ENCODED_POINTS       means at the encodings of random examples
 //   ENCODED_SEEDS        means at k-means++ seeds among the encodings
-//   FITTED_MIXTURE       expectation maximisation from those seeds
-// Points and seeds take the variance of all encodings over K^(2/D), a component's share of it.
+//   FITTED_MIXTURE       expectation maximisation from these seeds
+// Points and seeds get the variance of all encodings divided by K^(2/D), a component's share of it.
 PlacedMixture PlaceMixture(v1::MixturePlacement placement, const EncodedExamples& examples,
                            int actions, uint64_t seed);
 
-// The same with the first `labelled` components at the examples of labels 0 .. labelled-1 (mean and
-// variance of their encodings) and the others placed by the examples without one.
+// Places the first `labelled` components at the examples of labels 0 .. labelled-1 (mean and
+// variance of their encodings), and the others as PlaceMixture does, by the examples without a
+// label.
 //   labels: [N], -1 where there is none
 PlacedMixture PlaceLabelledMixture(v1::MixturePlacement placement, const EncodedExamples& examples,
                                    const std::vector<int>& labels, int labelled, int actions,

@@ -1,6 +1,6 @@
 // The networks of a model as LibTorch tensors, by the names of artifact/tensor.h.
 //
-// LibTorch stays in model/learning/: this header is for its .cc files and tests alone.
+// LibTorch stays in model/learning/, so only its .cc files and tests may include this header.
 
 #ifndef MANEUVER_MODEL_LEARNING_NETWORKS_H_
 #define MANEUVER_MODEL_LEARNING_NETWORKS_H_
@@ -21,111 +21,117 @@
 
 namespace maneuver::learning {
 
-// Random numbers of one run, on the CPU whatever the device, so that a seed means the same on both.
+// Returns the random numbers of a run. They are always drawn on the CPU, so a seed means the same
+// on every device.
 at::Generator MakeGenerator(uint64_t seed);
 
 // Every tensor of a model and the functions they make. Not thread-safe.
 class Networks {
  public:
-  // Fresh weights: He initialisation for layers before a ReLU, the last layer of the scenario
-  // encoders small (an untrained one answers the generic action), the mixture at N(0, I). The last
-  // batch normalisation of a residual block has gamma 0.
+  // Draws fresh weights: He initialisation for layers before a ReLU, and the mixture at N(0, I).
+  // The last layer of the scenario encoders is small, so an untrained one gives the generic action.
+  // The last batch normalisation of a residual block has gamma 0.
   Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& generator);
 
   const v1::ModelSpec& spec() const { return spec_; }
   at::Device device() const { return device_; }
 
-  // While training, batch normalisation uses (and follows) the batch's own moments, and a share
-  // `dropout` of the features, drawn from `training`, is taken away; otherwise neither.
+  // How the networks are evaluated. While training, batch normalisation uses the batch's own
+  // moments and updates the running ones, and a random share `dropout` of the features is dropped.
+  // Otherwise neither happens.
   struct Mode {
     at::Generator* training = nullptr;  // set: training
     double dropout = 0.0;
-    double geometry_dropout = 0.0;  // share of h_y that is taken away
+    double geometry_dropout = 0.0;  // share of h_y that is dropped
   };
 
-  // Everything that reads the scene: backbone, history, lane paths, and how the generic actions lie
-  // to the lanes (which gives the mixture and the decoder no gradient).
+  // Evaluates everything that reads the scene: backbone, history, lane paths, agents, and how the
+  // generic actions lie relative to the lanes. The latter gives the mixture and the decoder no
+  // gradient.
   SceneFeatures EncodeScenes(const SceneTensors& scenes, const Mode& mode);
-  // ln p(y|s). [B, K]
+  // Returns ln p(y|s). [B, K]
   at::Tensor PredictActions(const SceneFeatures& scenes) const;
-  // q(z|x). trajectories [B, 2T] metres -> [B, D]
+  // Returns q(z|x). trajectories [B, 2T] metres -> [B, D]
   Gaussian EncodeTrajectories(const at::Tensor& trajectories) const;
-  // Mean of p(x|z), a smooth curve (trajectory_basis.h), relative to the reference.
+  // Returns the mean of p(x|z), a smooth curve (trajectory_basis.h), relative to the reference.
   //   latents: [..., D]
-  //   residual: what a scene adds, MeanResidual's [..., 2M]; undefined: nothing
+  //   residual: the scene's addition, from MeanResidual, [..., 2M]; undefined: none
   //   returns: [..., 2T] metres
   at::Tensor Decode(const at::Tensor& latents, const at::Tensor& residual = {}) const;
-  // W_y f(s) + W'_y h_y of a spec with mean_residual, else undefined. [B, K, 2M] coefficients in
-  // standard deviations
+  // Returns W_y f(s) + W'_y h_y for a spec with mean_residual, otherwise an undefined tensor. [B,
+  // K, 2M] coefficients in standard deviations
   at::Tensor MeanResidual(const SceneFeatures& scenes) const;
-  // ln of the standard deviations along and across the mean of each action, of a spec with
-  // scene_covariance, without the factors of the speed. [B, K, T, 2] ln metres
+  // Returns the logarithms of the standard deviations along and across the mean of each action,
+  // without the speed factors; for a spec with scene_covariance. [B, K, T, 2] ln metres
   at::Tensor PredictLogStddevs(const SceneFeatures& scenes) const;
-  // Covariance of p(x|z) of a spec that has it depend on z. [..., D] -> [..., T, 3] xx, xy, yy,
-  // square metres
+  // Returns the covariance of p(x|z) for a spec whose covariance depends on z. [..., D] -> [..., T,
+  // 3] xx, xy, yy, square metres
   at::Tensor PredictCovariance(const at::Tensor& latents) const;
-  // Of the base objective, whose q(z|y,s) is the generic action: scenario encoders that add
-  // nothing.
+  // Makes the scenario encoders add nothing, so that q(z|y,s) is the generic action, as in the base
+  // objective.
   void SilenceScenarioEncoders();
-  // p(y|s) = 0 for these actions from now on.
+  // Makes p(y|s) = 0 for these actions from now on.
   void SwitchOff(std::span<const int> actions);
-  // q_1(z|s) .. q_K(z|s), relative to the mixture's components, which get no gradient through it.
-  // [B, K, D]
+  // Returns q_1(z|s) .. q_K(z|s). They are computed relative to the mixture's components, which get
+  // no gradient through them. [B, K, D]
   Gaussian EncodeScenarios(const SceneFeatures& scenes) const;
-  // p(z|y). [K, D]
+  // Returns p(z|y). [K, D]
   Gaussian Mixture() const;
-  // ln p(y) without a scenario, normalised. [K]
+  // Returns ln p(y) without a scenario, normalised. [K]
   at::Tensor MixtureLogWeights() const;
 
-  // Sets the means and deviations that networks see trajectories relative to.
+  // Sets the means and deviations by which the networks standardise trajectories.
   //   trajectories: [N, 2T] metres
-  //   mirrored: left and right are swapped at random, so that there is no mean to the side
+  //   mirrored: left and right are swapped at random, so the mean has no lateral part
   void Standardize(const at::Tensor& trajectories, bool mirrored);
 
-  // A tensor by its name in artifact/tensor.h; it must exist. Of the decoder's last layer, the rows
-  // are coefficients [2M] and not yet positions [2T].
+  // Returns a tensor by its name in artifact/tensor.h; it must exist. In the decoder's last layer
+  // the rows are coefficients [2M] and not yet positions [2T].
   at::Tensor& operator[](const std::string& name);
   const at::Tensor& operator[](const std::string& name) const;
 
-  // What a phase trains.
+  // The parts that a phase can train.
   enum class Part {
     kTrajectoryEncoder,
     kDecoder,
     kMixture,
-    kScene,  // what reads scenes: backbone, history, lane paths, geometry
+    kScene,  // all that reads scenes: backbone, history, lane paths, geometry
     kActions,
-    kScenarioEncoder,  // and what else makes p(x|z,y,s) of a scene
+    kScenarioEncoder,  // and the other layers of p(x|z,y,s) that read the scene
     kDecoderCovariance,
     kSceneCovariance
   };
   std::vector<at::Tensor> Parameters(Part part) const;
 
-  // Copies for the model folder: ln p(y) normalised, the decoder's last layer times the basis.
+  // Returns copies for the model folder: ln p(y) is normalised, and the decoder's last layer is
+  // multiplied by the basis.
   artifact::TensorMap Export() const;
-  // The inverse, to within rounding, of weights of the same spec; the deviations that Standardize
-  // found of coefficients stay.
+  // The inverse of Export, to within rounding, for weights of the same spec. Keeps the deviations
+  // of coefficients that Standardize found.
   void Import(const artifact::TensorMap& weights);
 
-  // Copies of all that is learned, and back.
+  // Copies of all learned tensors: Save returns them, Restore puts them back.
   using Snapshot = std::map<std::string, at::Tensor>;
   Snapshot Save() const;
   void Restore(const Snapshot& snapshot);
 
  private:
-  // rasters [B, H, W, C] bytes, to the last grid [B, C', h, w]
+  // Evaluates the backbone: rasters [B, H, W, C] bytes -> the last grid [B, C', h, w].
   at::Tensor EvaluateBackbone(const at::Tensor& rasters, bool training);
   at::Tensor Mlp(const std::string& name, size_t layers, at::Tensor x) const;
-  // The K networks `name` side by side. features [B, F'] -> [K, B, out]
+  // Evaluates the K networks `name` side by side. features [B, F'] -> [K, B, out]
   at::Tensor PerAction(const std::string& name, int layers, const at::Tensor& features) const;
-  // Joint features of history, lane paths, agents and raster; `lane_paths` gets l_i, [B, paths, P].
+  // Returns joint features of history, lane paths, agents and raster. Writes l_i, [B, paths, P], to
+  // `lane_paths`.
   at::Tensor ReadScenes(const SceneTensors& scenes, const Mode& mode, at::Tensor* lane_paths);
-  // h_y. lane_paths: l_i;  features: [B, F'] -> [B, K, A]
+  // Returns h_y. lane_paths: l_i;  features: [B, F'] -> [B, K, A]
   at::Tensor LookAtLanes(const SceneTensors& scenes, const at::Tensor& lane_paths,
                          const at::Tensor& features) const;
-  // A layer `name`, [..., in] -> [..., out].
+  // Evaluates the layer `name`, [..., in] -> [..., out].
   at::Tensor Dense(const std::string& name, const at::Tensor& x) const;
   at::Tensor Drop(const at::Tensor& values, double share, at::Generator& generator) const;
-  // The linear map from the decoder's last layer to positions relative to the mean. [2T, 2M]
+  // Returns the linear map from the decoder's last layer to positions relative to the mean. [2T,
+  // 2M]
   at::Tensor CurveMap() const;
 
   v1::ModelSpec spec_;

@@ -13,40 +13,41 @@
 
 namespace maneuver::learning {
 
-// ln p(x|z) = ln N(x; decoded, stddev^2 I), over the last dimension (the 2T coordinates).
+// Returns ln p(x|z) = ln N(x; decoded, stddev^2 I), over the last dimension (the 2T coordinates).
 at::Tensor LogLikelihood(const at::Tensor& trajectories, const at::Tensor& decoded, double stddev);
 
-// ln q_y of the base model, q_y ~ p_y exp(-H(q_z, p_z)): the E-step, in closed form. [B, K]
+// Returns ln q_y of the base model, q_y ~ p_y exp(-H(q_z, p_z)): the E-step, in closed form. [B, K]
 //   log_p_y: [B, K] or [K];  cross_entropy: H(q_z, p_z), [B, K]
 at::Tensor BaseLogResponsibilities(const at::Tensor& log_p_y, const at::Tensor& cross_entropy);
 
-// ln q_y of the unified model as the paper prints it, q_y ~ p_y exp(-H(q_z, p_z) - KL(q_z' ||
-// p_z')). It leaves out E ln p(x'|z'), so it is not the maximiser of the bound: that it is held
-// fixed in each step is part of its definition. [B, K]
+// Returns ln q_y of the unified model as the paper prints it, q_y ~ p_y exp(-H(q_z, p_z) - KL(q_z'
+// || p_z')). It leaves out E ln p(x'|z'), so it does not maximise the bound: holding it fixed in
+// each step is part of its definition. [B, K]
 at::Tensor UnifiedLogResponsibilities(const at::Tensor& log_p_y, const at::Tensor& cross_entropy,
                                       const at::Tensor& posterior_divergence);
 
-// ln q_y that maximises the bound of the unified model, q_y ~ p_y exp(-H(q_z, p_z) + E ln p(x'|z')
-// - KL(q_z' || p_z')). [B, K]
+// Returns the ln q_y that maximises the bound of the unified model, q_y ~ p_y exp(-H(q_z, p_z) + E
+// ln p(x'|z') - KL(q_z' || p_z')). [B, K]
 //   posterior_reconstruction: ln p(x'|z') of a sample of each q_z', weighted as in the loss, [B, K]
 at::Tensor ExactLogResponsibilities(const at::Tensor& log_p_y, const at::Tensor& cross_entropy,
                                     const at::Tensor& posterior_reconstruction,
                                     const at::Tensor& posterior_divergence);
 
-// ln q_y with that of labelled examples replaced by their one-hot (Discussion: partial labels).
-//   labels: [B] 0 .. K-1, or -1 where there is none; or not defined: none at all
+// Returns ln q_y, with one-hot responsibilities for labelled examples (Discussion: partial labels).
+//   labels: [B] 0 .. K-1, or -1 for no label; may be undefined
 at::Tensor WithLabels(const at::Tensor& log_q_y, const at::Tensor& labels);
 
-// KL(q_y || p_y).
+// Returns KL(q_y || p_y).
 at::Tensor ActionDivergence(const at::Tensor& log_q_y, const at::Tensor& log_p_y);
 
-// sum_y q_y f_y: KL(q_z||p_z), ln p(x'|z') and KL(q_z'||p_z') in expectation over the actions.
-//   values: [B, K]
+// Returns sum_y q_y f_y, which takes KL(q_z||p_z), ln p(x'|z') and KL(q_z'||p_z') in expectation
+// over the actions.
+//   values: f_y, [B, K]
 at::Tensor ExpectOverActions(const at::Tensor& log_q_y, const at::Tensor& values);
 
-// The terms, each a tensor [B]; those that a phase does not have are not defined.
+// The terms of the bound L, each a tensor [B]. Terms that a phase does not have are undefined.
 //   base     L = reconstruction - action_divergence - latent_divergence
-//   dual     L = posterior_reconstruction - posterior_divergence, all but q(z|y,s) held fixed
+//   dual     L = posterior_reconstruction - posterior_divergence; only q(z|y,s) learns
 //   unified  L = base + posterior_reconstruction - posterior_divergence
 struct BoundTerms {
   at::Tensor reconstruction;            // ln p(x|z), z one sample of q_z
@@ -64,7 +65,7 @@ struct BoundWeights {
   double latent_divergence = 1.0;
 };
 
-// What the base model says of a batch.
+// The outputs of the base model for a batch.
 struct BaseModel {
   at::Tensor trajectories;  // x, [B, 2T]
   at::Tensor decoded;       // mean of p(x|z~), [B, 2T]
@@ -75,14 +76,15 @@ struct BaseModel {
   at::Tensor labels = {};  // [B] actions that are known, -1 where they are not; may be undefined
 };
 
-// And what the unified model adds.
+// The further outputs of the unified model.
 struct PosteriorBranch {
   at::Tensor decoded;  // mean of p(x'|z'~) for each action that is decoded, [B, n, 2T]
   Gaussian q_z;        // q_z', [B, K, D]
   // The actions that are decoded, [B, n]; undefined: all K in their order. The reconstruction is
   // over these alone, with their q_y normalised among themselves.
   at::Tensor actions = {};
-  // Where the reconstruction grows from a square to a distance, metres; 0: nowhere.
+  // Distance at which the reconstruction changes from quadratic to linear, metres; 0: always
+  // quadratic.
   double huber = 0.0;
 };
 
@@ -93,21 +95,22 @@ struct PosteriorBranch {
 at::Tensor RobustReconstruction(const at::Tensor& trajectories, const at::Tensor& decoded,
                                 double stddev, double huber);
 
-// The bound of the base model; the responsibilities are held fixed.
+// Returns the bound of the base model. The responsibilities get no gradient.
 BoundTerms BaseBound(const BaseModel& model);
-// -ln q_y of the actions that all examples are held to, of the q_y that they would have otherwise,
-// with a gradient. [B]
-//   model.labels: [B], 0 .. K-1
+// Returns -ln q_y of the action that each example is held to, with a gradient, where q_y are the
+// responsibilities without labels. [B]
+//   model.labels: [B], 0 .. K-1, one for every example
 at::Tensor HeldCrossEntropy(const BaseModel& model);
-// The part of the dual objective that depends on q(z|y,s): q_y and p_y are the base model's.
+// Returns the part of the dual objective that depends on q(z|y,s). q_y and p_y are the base
+// model's.
 BoundTerms DualBound(const BaseModel& model, const PosteriorBranch& posterior);
-// The bound of the unified model; the responsibilities are held fixed.
-//   exact_weight: responsibilities are exact ones under this weight of the posterior
-//   reconstruction; 0: they are as printed
+// Returns the bound of the unified model. The responsibilities get no gradient.
+//   exact_weight: 0: responsibilities as the paper prints them; otherwise exact ones with this
+//     weight of the posterior reconstruction
 BoundTerms UnifiedBound(const BaseModel& model, const PosteriorBranch& posterior,
                         double exact_weight = 0.0);
 
-// -L, weighted, mean over the batch: what is minimised.
+// Returns the loss, -L with weighted terms, averaged over the batch.
 at::Tensor Loss(const BoundTerms& terms, const BoundWeights& weights);
 
 }  // namespace maneuver::learning

@@ -10,21 +10,22 @@
 
 namespace maneuver::learning {
 
-// Share of the largest learning rate at a step: linear from 0 over the warm-up, then half a cosine
-// to 0 at the last step. step: 0 .. steps-1.
+// Returns the share of the largest learning rate at a step: rises linearly from 0 over the warm-up,
+// then follows half a cosine to 0 at the last step.
+//   step: 0 .. steps-1
 double LearningRateShare(int64_t step, int64_t warm_up, int64_t steps);
 
-// AdamW (Loshchilov and Hutter, 2019), betas 0.9 and 0.999. Weight decay leaves out vectors
-// (biases, normalisations) and the mixture, which are not scales of anything.
+// AdamW (Loshchilov and Hutter, 2019), betas 0.9 and 0.999. Vectors (biases, normalisations) and
+// the mixture do not decay, because they do not scale anything.
 class AdamW {
  public:
   // Adds parameters that learn at `rate` and decay by `decay`.
   void Add(const std::vector<at::Tensor>& parameters, double rate, double decay);
 
-  // One step down the gradients, which are then cleared. Parameters without a gradient stay.
-  //   share: of each parameter's rate
+  // Takes one step down the gradients and clears them. Parameters without a gradient do not change.
+  //   share: factor of each parameter's rate
   void Step(double share);
-  // All that changes from step to step.
+  // Everything that changes from step to step.
   struct State {
     int64_t steps = 0;
     std::vector<at::Tensor> moments;  // first and second of each parameter, as they were added

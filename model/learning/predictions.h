@@ -1,4 +1,4 @@
-// What a trained model says of many examples, for what is fitted to its answers.
+// Predictions of a trained model for many examples, used to fit calibration.
 
 #ifndef MANEUVER_MODEL_LEARNING_PREDICTIONS_H_
 #define MANEUVER_MODEL_LEARNING_PREDICTIONS_H_
@@ -12,7 +12,7 @@
 
 namespace maneuver::learning {
 
-// What the networks make of N examples' scenes.
+// Features of the scenes of N examples.
 struct ExampleFeatures {
   at::Tensor trajectories;  // x - r(m), [N, 2T] metres
   SceneFeatures scenes;
@@ -20,7 +20,7 @@ struct ExampleFeatures {
   at::Tensor speeds;      // [N] m/s
 };
 
-// At most `most` examples of the source, drawn evenly, not varied. Fewer if `stopped`.
+// Encodes at most `most` examples of the source, drawn evenly and not varied; fewer if `stopped`.
 //   step: called with the number of examples of each batch
 ExampleFeatures EncodeExamples(Networks& networks, const SceneSource& source, int64_t most,
                                int threads, const std::function<bool()>& stopped,
@@ -36,12 +36,12 @@ struct Predictions {
   at::Tensor covariance;            // latent, [N, K, T, 3] square metres
   at::Tensor latents{};             // means of q(z|y,s), [N, K, D]; of anchors, undefined
   at::Tensor speeds{};              // along the heading, [N] m/s; of anchors, undefined
-  // What the scene predicts of the decoder's covariance, with scene_covariance alone: [N, K, T, 3]
-  // xx, xy, yy of each of along and across its own, square metres.
+  // The parts of the decoder's covariance that the scene predicts, along and across the mean; only
+  // with scene_covariance. [N, K, T, 3] xx, xy, yy, square metres
   at::Tensor along{};
   at::Tensor across{};
 
-  // Of some of the examples. rows: [M]
+  // Returns the predictions for some of the examples. rows: [M] indices
   Predictions Rows(const at::Tensor& rows) const;
 };
 

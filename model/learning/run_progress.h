@@ -1,4 +1,4 @@
-// How far a training run is, reported as it goes.
+// Reports the progress of a training run.
 
 #ifndef MANEUVER_MODEL_LEARNING_RUN_PROGRESS_H_
 #define MANEUVER_MODEL_LEARNING_RUN_PROGRESS_H_
@@ -21,9 +21,9 @@ class RunProgress {
   using Clock = std::function<std::chrono::system_clock::time_point()>;
   using Sink = std::function<void(const v1::JobProgress&)>;
 
-  // A phase that is to come. `cost` is about how long a step takes, in any unit, the same for all:
-  // it makes `fraction` run evenly, and says how long phases take that have not begun. The time
-  // left of a phase that has begun is counted by its own steps.
+  // A phase of the plan. `cost` is the approximate time of a step, in any unit, the same for all
+  // phases. With it `fraction` grows evenly, and phases that have not begun get a time. The time
+  // left of a phase in progress is estimated from its own steps.
   struct Phase {
     std::string name;
     int epochs = 1;
@@ -33,26 +33,25 @@ class RunProgress {
 
   RunProgress(std::vector<Phase> phases, Sink sink, Clock clock);
 
-  // Goes on to the phase `name`, which the plan has further on; those between are left out.
+  // Begins the phase `name`, which must come later in the plan. Skips the phases between.
   void BeginPhase(const std::string& name);
-  // The plan, once it is better known; phases that are over stay over.
+  // Replaces the plan once it is better known. Phases that are over stay over.
   void Replan(std::vector<Phase> phases);
   void BeginEpoch(int epoch);  // from 1
-  // So many steps of the phase, and all phases before it, were done by the run that this one goes
-  // on with.
+  // Says that an earlier process did all earlier phases and `phase_steps` steps of this one.
   void Resume(int64_t phase_steps);
-  // One step over so many examples, for which it waited so long.
+  // Counts one step of `examples` examples, `waited` of which it waited for its batch.
   void Step(int64_t examples, std::chrono::nanoseconds waited = {});
   void EndEpoch(const v1::EpochReport& report);
 
  private:
-  // What the steps of a phase took, with all that comes between them, such as validation.
+  // Time of the steps of a phase, including everything between them, such as validation.
   struct Measured {
     double seconds = 0.0;
     int64_t steps = 0;
   };
   Measured MeasuredNow() const;
-  // Seconds that a unit of cost takes, by the phase that is under way or else by those before it.
+  // Returns the seconds per unit of cost, measured in the present phase or else in earlier ones.
   double SecondsPerCost() const;
   double SecondsLeft() const;
   double DoneCost() const;
@@ -68,7 +67,7 @@ class RunProgress {
   std::chrono::system_clock::time_point phase_begun_;
   std::chrono::system_clock::time_point last_emitted_;
   std::chrono::system_clock::time_point step_begun_;
-  // Of the phase: what its steps took, and what of it they waited.
+  // In the present phase: time of its steps, and how much of it they waited.
   std::chrono::system_clock::duration phase_stepping_{0};
   std::chrono::nanoseconds phase_waited_{0};
   int current_ = -1;

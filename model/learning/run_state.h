@@ -1,4 +1,4 @@
-// The parts of a run that a checkpoint holds, as tensors.
+// Converts the parts of a run to the tensors of a checkpoint and back.
 
 #ifndef MANEUVER_MODEL_LEARNING_RUN_STATE_H_
 #define MANEUVER_MODEL_LEARNING_RUN_STATE_H_
@@ -13,8 +13,8 @@
 
 namespace maneuver::learning {
 
-// What tells one run from another: its settings without the threads, which do not change what is
-// learned from.
+// Returns the text that identifies a run: its settings without the number of threads, which does
+// not change the result.
 std::string RunSettings(v1::TrainingSettings settings);
 
 std::string RandomState(const at::Generator& generator);
@@ -26,14 +26,14 @@ at::Tensor RestoreTensor(const StoredTensor& stored);
 void StoreNetworks(const Networks& networks, Checkpoint* checkpoint);
 void RestoreNetworks(const Checkpoint& checkpoint, Networks* networks);
 
-// More networks in the same checkpoint, their names after a prefix.
+// Adds more networks to the checkpoint, with `prefix` before their names.
 void StoreSnapshot(const Networks::Snapshot& snapshot, const std::string& prefix,
                    Checkpoint* checkpoint);
-// Those with the prefix, by the rest of their names.
+// Returns the tensors whose names begin with `prefix`, under the rest of their names.
 Networks::Snapshot StoredNetworks(const Checkpoint& checkpoint, const std::string& prefix);
 
 void StoreOptimizer(const AdamW& optimizer, Checkpoint* checkpoint);
-// Of an optimizer with the parameters of the one that was stored.
+// Restores an optimizer, which must have the parameters of the stored one.
 void RestoreOptimizer(const Checkpoint& checkpoint, AdamW* optimizer);
 
 }  // namespace maneuver::learning

@@ -1,4 +1,4 @@
-// Reads the scenes of a pass over examples ahead of the one who needs them.
+// Reads the scenes of a pass over examples before they are needed.
 
 #ifndef MANEUVER_MODEL_LEARNING_SCENE_LOADER_H_
 #define MANEUVER_MODEL_LEARNING_SCENE_LOADER_H_
@@ -20,9 +20,9 @@
 
 namespace maneuver::learning {
 
-// Scenes on the fly: every pass reads them anew, varied as asked, so that memory does not grow with
-// the number of examples and the scale is exact (lines stay one pixel wide, lane paths are sampled
-// where a larger world has them).
+// Reads scenes on the fly. Every pass reads them anew with the given variations, so memory does not
+// grow with the number of examples, and scales are exact: lines stay one pixel wide, and lane paths
+// are sampled in the scaled world.
 class SceneLoader {
  public:
   struct Item {
@@ -38,8 +38,8 @@ class SceneLoader {
     std::chrono::nanoseconds waited{0};
   };
 
-  // One pass: `items` in batches of `batch_size` (the last one may be smaller), read by `threads`
-  // threads that are at most a few batches ahead. `source` must outlive the loader.
+  // Begins a pass over `items` in batches of `batch_size`; the last one may be smaller. `threads`
+  // threads read at most kAhead batches ahead. `source` must outlive the loader.
   SceneLoader(const v1::ModelSpec& spec, const SceneSource& source, std::vector<Item> items,
               int64_t batch_size, int threads);
   // Stops the threads, whether or not the pass is over.
@@ -47,7 +47,7 @@ class SceneLoader {
   SceneLoader(const SceneLoader&) = delete;
   SceneLoader& operator=(const SceneLoader&) = delete;
 
-  // The next batch, in order; nothing when the pass is over.
+  // Returns the next batch, in order; nothing at the end of the pass.
   std::optional<Batch> Next();
 
  private:
@@ -64,8 +64,8 @@ class SceneLoader {
   std::vector<std::jthread> threads_;
 };
 
-// What is left of an epoch: its examples from `first` on, in their order, each varied anew, also
-// one that comes again.
+// Returns the rest of an epoch: its examples from `first` on, in their order. Each gets a new
+// variation, even an example that repeats.
 //   settings: complete
 std::vector<SceneLoader::Item> VariedItems(const v1::TrainingSettings& settings,
                                            std::span<const int64_t> order, int64_t first,

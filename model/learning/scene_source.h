@@ -1,4 +1,4 @@
-// The recordings of an example set with their road maps indexed.
+// The recordings of an example set with their indexed road maps.
 
 #ifndef MANEUVER_MODEL_LEARNING_SCENE_SOURCE_H_
 #define MANEUVER_MODEL_LEARNING_SCENE_SOURCE_H_
@@ -16,8 +16,8 @@ namespace maneuver::learning {
 // Immutable; safe to share between threads.
 class SceneSource {
  public:
-  // Indexes the map of every recording on `threads` threads, and its lanes where `spec` reads lane
-  // paths. `set` must outlive the source and must not change.
+  // Indexes the map of every recording on `threads` threads, and also its lanes if `spec` reads
+  // lane paths. `set` must outlive the source and must not change.
   SceneSource(const v1::ModelSpec& spec, const ExampleSet& set, int threads);
 
   const ExampleSet& set() const { return set_; }

@@ -1,4 +1,4 @@
-// What the networks read of a batch of scenes, and the features that they compute from it.
+// The inputs of the networks for a batch of scenes, and the features that they compute from these.
 
 #ifndef MANEUVER_MODEL_LEARNING_SCENE_TENSORS_H_
 #define MANEUVER_MODEL_LEARNING_SCENE_TENSORS_H_
@@ -7,7 +7,7 @@
 
 namespace maneuver::learning {
 
-// Inputs of B scenes, on the CPU. What a spec does not ask for is not defined.
+// Inputs of B scenes, on the CPU. Those that a spec does not use are undefined.
 struct SceneTensors {
   at::Tensor rasters = {};     // [B, H, W, C] bytes
   at::Tensor motions = {};     // [B, scene::kMotionInputs]
@@ -20,7 +20,7 @@ struct SceneTensors {
   at::Tensor speeds = {};      // along the heading, [B] m/s
 };
 
-// What p(y|s), q(z|y,s) and the rest read of B scenes.
+// The features of B scenes that p(y|s), q(z|y,s) and the other networks read.
 struct SceneFeatures {
   at::Tensor features;       // [B, F'], see artifact::SceneFeatures
   at::Tensor geometry = {};  // h_y, [B, K, A]; undefined unless actions look at the lanes

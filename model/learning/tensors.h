@@ -1,5 +1,5 @@
-// Private to learning/: the part of ATen that it computes with. <ATen/ATen.h> declares all two
-// thousand operators, which takes more than twice as long to read.
+// Private to learning/: includes only the part of ATen that it uses. <ATen/ATen.h> declares all two
+// thousand operators, and takes more than twice as long to compile.
 
 #ifndef MANEUVER_MODEL_LEARNING_TENSORS_H_
 #define MANEUVER_MODEL_LEARNING_TENSORS_H_

@@ -1,4 +1,4 @@
-// A whole training run: from dataset folders to a model folder. No LibTorch in this header.
+// Runs a whole training, from dataset folders to a model folder. No LibTorch in this header.
 
 #ifndef MANEUVER_MODEL_LEARNING_TRAINER_H_
 #define MANEUVER_MODEL_LEARNING_TRAINER_H_
@@ -23,22 +23,23 @@ struct TrainingRun {
   v1::TrainingSettings settings;
   // Folder that the model is written to; it must not exist.
   std::filesystem::path output;
-  // Folder of checkpoints; empty: none are kept. A run that finds some of its own there goes on
-  // from the latest one and, on the CPU with the same number of threads, ends with the same weights
-  // as one that was never stopped. They stay when the run is over.
+  // Folder of checkpoints; empty: none are written. If it has checkpoints of the same run, the run
+  // resumes from the latest one. On the CPU with the same number of threads it then ends with the
+  // same weights as a run that was never stopped. Checkpoints stay when the run is over.
   std::filesystem::path checkpoints;
-  // Also train the anchor baselines that every evaluation of the model then has rows of
-  // (anchors/anchor_learner.h). The model is the same bytes with and without; it takes about as
-  // long again.
+  // Also train the anchor baselines (anchors/anchor_learner.h), which every evaluation of the model
+  // then includes. The model has the same bytes with and without them. It takes about twice the
+  // time.
   bool baselines = false;
   CheckpointPolicy checkpoint_policy;
-  // A model that gives fewer actions a probability of 0.05 anywhere among its held-out examples is
-  // an error, if those are at least a hundred; 0: none is.
+  // The run fails if fewer actions than this have a probability of 0.05 in any held-out example.
+  // Not checked with fewer than a hundred held-out examples; 0: never checked.
   int least_effective_actions = 0;
-  // Model folder whose weights learning starts from, its spec that of the settings; empty: random
-  // ones. Pretraining and mixture are left out, and actions keep their numbers and labels.
+  // Model folder whose weights learning starts from; its spec must be that of the settings. Empty:
+  // random weights. With a start, pretraining and mixture are skipped, and actions keep their
+  // numbers and labels.
   std::filesystem::path start_from;
-  // For the provenance.
+  // Recorded in the model's provenance.
   std::string start_from_name;
   std::vector<std::string> dataset_names;
   std::string trainer_version;
@@ -59,12 +60,12 @@ struct TrainingRun {
 //   DATA_LOSS, NOT_FOUND  a dataset folder, or the model to start from, is damaged or missing
 //   ABORTED               the loss is no longer finite
 //   RESOURCE_EXHAUSTED    memory ran out, or the disk is full
-//   CANCELLED             `stopped` said so; if checkpoints are kept, one of this moment was written
+//   CANCELLED             `stopped` returned true; if checkpoints are kept, one was written
 //   others                those of artifact::WriteModelFolder
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
                                         const std::vector<std::filesystem::path>& datasets);
 
-// The same on data in memory.
+// As above, for data in memory.
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run, const TrainingData& data);
 
 }  // namespace maneuver::learning

@@ -1,4 +1,4 @@
-// Why a training run failed, where its status code alone does not tell.
+// Tells why a training run failed if its status code alone does not.
 
 #ifndef MANEUVER_MODEL_LEARNING_TRAINING_FAILURE_H_
 #define MANEUVER_MODEL_LEARNING_TRAINING_FAILURE_H_
@@ -14,7 +14,7 @@ namespace maneuver::learning {
 enum class TrainingFailure : char {
   kNotEnoughExamples = 'e',
   kOutOfMemory = 'm',
-  kCollapsed = 'c',  // to fewer actions than were asked for
+  kCollapsed = 'c',  // to fewer actions than required
 };
 
 inline constexpr char kTrainingFailureUrl[] = "maneuver/training-failure";

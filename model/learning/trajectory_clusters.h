@@ -1,4 +1,4 @@
-// k-means on trajectories in metres.
+// Clusters trajectories by k-means, in metres.
 
 #ifndef MANEUVER_MODEL_LEARNING_TRAJECTORY_CLUSTERS_H_
 #define MANEUVER_MODEL_LEARNING_TRAJECTORY_CLUSTERS_H_
@@ -18,13 +18,14 @@ struct TrajectoryClusters {
   double inertia = 0.0;         // sum of squared distances to the assigned centre, square metres
 };
 
-// Lloyd's algorithm from k-means++ seeds, the best of `restarts`. No cluster is left empty while
-// there are at least K different trajectories. Deterministic by seed. Needs N >= K.
+// Runs Lloyd's algorithm from k-means++ seeds `restarts` times and returns the best result. No
+// cluster is empty if there are at least K different trajectories. The result depends only on the
+// seed. Requires N >= K.
 TrajectoryClusters ClusterTrajectories(const TrajectoryRows& trajectories, int clusters,
                                        uint64_t seed, int restarts);
 
-// k-means++ seeds: rows, each drawn with a probability in proportion to its squared distance from
-// those before. [K, 2T]
+// Draws k-means++ seeds: each is a row drawn with a probability proportional to its squared
+// distance from the nearest earlier seed. [K, 2T]
 TrajectoryRows DrawSeeds(const TrajectoryRows& rows, int clusters, uint64_t seed);
 
 }  // namespace maneuver::learning

@@ -1,4 +1,4 @@
-// What an epoch is worth on examples that are not learned from.
+// Measures an epoch on held-out examples.
 
 #ifndef MANEUVER_MODEL_LEARNING_VALIDATION_H_
 #define MANEUVER_MODEL_LEARNING_VALIDATION_H_
@@ -23,9 +23,10 @@ namespace maneuver::learning {
 // Means over examples of named quantities.
 class TermMeans {
  public:
-  // values: [B], or one number that stands for `examples` of them.
+  // Adds values of a quantity.
+  //   values: [B], or one mean that stands for `examples` values
   void Add(const std::string& name, const at::Tensor& values, int64_t examples);
-  // Every term of a bound that is defined, by the names of BoundTerms.
+  // Adds every defined term of a bound, under the names of BoundTerms.
   void Add(const BoundTerms& terms);
   void Write(google::protobuf::Map<std::string, double>* means) const;
   void Store(Checkpoint* checkpoint) const;
@@ -39,25 +40,25 @@ class TermMeans {
   std::map<std::string, Sum> sums_;
 };
 
-// The examples' trajectories relative to their references, [N, 2T] metres.
+// Returns the examples' trajectories relative to their references, [N, 2T] metres.
 at::Tensor Trajectories(const std::vector<data::Example>& examples);
 
-// At most `most` of the examples, drawn evenly, not varied.
+// Returns at most `most` of the examples, drawn evenly and not varied.
 std::vector<SceneLoader::Item> DrawItems(const ExampleSet& set, int64_t most);
 
-// The labels of a batch's examples, [B]; -1 where there is none, and of mirrored examples: a
-// mirrored left turn is not one. Undefined without any labels.
+// Returns the labels of a batch's examples, [B]; undefined if there are no labels. It is -1 for an
+// example without a label, and for a mirrored one, because a mirrored left turn is not a left turn.
 at::Tensor BatchLabels(const std::vector<int>& labels, const SceneLoader::Batch& batch);
 
-// Smallest and largest standard deviation of the mixture's components.
+// Reports the smallest and largest standard deviation of the mixture's components.
 void ReportMixture(const Networks& networks, v1::EpochReport* report);
 
-// The base bound on trajectories, with the mean of q(z|x) for a sample.
+// Reports the base bound on trajectories, with the mean of q(z|x) in place of a sample.
 void ValidateBase(const Networks& networks, const at::Tensor& trajectories, bool has_mixture,
                   v1::EpochReport* report);
 
-// The bound of `objective` (see SceneBound) on the examples, with means for samples, and how the
-// actions are used. Stops early, and then says nothing of use, when `stopped`.
+// Reports the bound of `objective` (see SceneBound) on the examples, with means in place of
+// samples, and how often the actions are used. If `stopped`, ends early and leaves the use out.
 void ValidateScenes(Networks& networks, const SceneSource& source, v1::Objective objective,
                     const v1::OptimizationSettings& optimization, int threads,
                     const std::function<bool()>& stopped, v1::EpochReport* report);

@@ -1,4 +1,4 @@
-// How training examples are varied.
+// Varies training examples.
 
 #ifndef MANEUVER_MODEL_LEARNING_VARIATION_H_
 #define MANEUVER_MODEL_LEARNING_VARIATION_H_
@@ -13,32 +13,32 @@
 
 namespace maneuver::learning {
 
-// How an example is varied. The default varies nothing.
+// The variation of an example. The default changes nothing.
 struct Variation {
   bool mirror = false;
   double scale = 1.0;
-  double shift_x = 0.0;           // pixels, raster alone
-  double shift_y = 0.0;           // pixels, raster alone
-  double rotation = 0.0;          // radians: the target's frame turns by so much under the world
-  double drop_agents = 0.0;       // share of the other agents that are left out, raster alone
+  double shift_x = 0.0;           // pixels, only in the raster
+  double shift_y = 0.0;           // pixels, only in the raster
+  double rotation = 0.0;          // radians that the target's frame turns relative to the world
+  double drop_agents = 0.0;       // share of the other agents that are left out, only in the raster
   uint64_t drop_seed = 0;         // which ones
-  int frames = INT32_MAX;         // that agents were seen in, the present included
-  scene::SensorNoise noise = {};  // on the target's history; scene vectors alone
+  int frames = INT32_MAX;         // latest frames that show agents, the present one included
+  scene::SensorNoise noise = {};  // on the target's history, only in the scene vectors
 };
 
-// The variation of an example in an epoch: a function of its arguments alone, so that it does not
-// matter which thread asks and in which order.
-//   history_frames: that a model looks back, the present included
+// Returns the variation of an example in an epoch. It depends only on its arguments, so the order
+// of calls and the threads do not matter.
+//   history_frames: frames that the model reads, the present one included
 Variation DrawVariation(const v1::AugmentationSettings& settings, int history_frames, uint64_t seed,
                         int epoch, int64_t example);
 
 // Turns, scales and mirrors x as the variation says. In place, [T, 2] target frame, metres.
 void ApplyVariation(const Variation& variation, std::span<float> trajectory);
 
-// The target's motion as the variation has it.
+// Returns the target's motion after the variation.
 scene::MotionInputs VariedMotion(const Variation& variation, const scene::MotionInputs& motion);
 
-// Which agents a variation leaves out; empty if it leaves out none.
+// Returns which agents a variation leaves out; empty if it leaves out none.
 std::function<bool(int64_t agent_id)> HiddenAgents(const Variation& variation);
 
 }  // namespace maneuver::learning

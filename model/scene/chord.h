@@ -1,5 +1,5 @@
-// Straight stretches of a polyline, for the brush alone: a road is drawn in as few segments as its
-// shape needs, not in as many as its map has.
+// Finds straight stretches of a polyline. The brush uses it to draw a road in as few segments as
+// its shape needs, instead of as many as its map has. Private to the brush.
 
 #ifndef MANEUVER_MODEL_SCENE_CHORD_H_
 #define MANEUVER_MODEL_SCENE_CHORD_H_
@@ -13,9 +13,9 @@ namespace maneuver::scene {
 // How far points may lie from the chord that leaves them out, pixels.
 inline constexpr double kChordTolerance = 0.03;
 
-// The end of a chord that starts at a line's point `start` and passes all points before its end
-// within kChordTolerance: a long one, if not always the longest. At least start + 1, at most
-// `last`.
+// Returns the end of a chord that starts at point `start` of a line and passes all points in
+// between within kChordTolerance: a long chord, but not always the longest. The result is at least
+// start + 1 and at most `last`.
 size_t ChordEnd(const PixelLine& line, size_t start, size_t last);
 
 }  // namespace maneuver::scene

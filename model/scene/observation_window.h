@@ -1,4 +1,4 @@
-// How far back a model looks, and how close to a time a state has to be.
+// How far back a model looks, and how far a state's time may be from the wanted time.
 
 #ifndef MANEUVER_MODEL_SCENE_OBSERVATION_WINDOW_H_
 #define MANEUVER_MODEL_SCENE_OBSERVATION_WINDOW_H_

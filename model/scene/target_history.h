@@ -31,9 +31,9 @@ struct TargetHistory {
 };
 
 // Returns an agent's history in the frame X_WT. The agent must have a state at `time`. Interpolates
-// linearly between recorded states. Before the first recorded state, or more than `oldest` seconds
-// ago, the target is taken to have moved at the velocity and heading of the first state that
-// counts. Reads nothing later than `time`.
+// linearly between recorded states. Uses no states that are more than `oldest` seconds old. Before
+// the oldest state that it uses, it assumes constant velocity and heading. Reads nothing later than
+// `time`.
 TargetHistory ResampleHistory(const v1::Agent& agent, double time, const Pose2& X_WT,
                               double oldest = 1.0);
 
@@ -46,8 +46,8 @@ TargetHistory ResampleHistory(const v1::Agent& agent, double time, const Pose2& 
 //   acceleration = a / (1 + 30 s^2 / 1.1)              s^2, q^2: residual variances of the fits,
 //   turn_rate    = w / (1 + 100 q^2 / (1.1 * 0.12^2))  over 9 degrees of freedom
 //
-// 1.1 s^2 is the sum of the squared times about their mean, so that s^2 / 1.1 is the variance of
-// the slope.
+// The times of the 11 states, about their mean, have squares that add up to 1.1 (square seconds). So
+// s^2 / 1.1 is the variance of the slope.
 struct MotionEstimate {
   double speed = 0.0;           // along the heading, m/s; negative: backwards
   double lateral_speed = 0.0;   // to the left, m/s

@@ -10,21 +10,22 @@
 
 namespace maneuver::jobs {
 
-// What trainers are told of them.
+// When a trainer writes checkpoints, and how many it keeps.
 struct CheckpointOptions {
-  // Least time between two; 0: one at every step.
+  // Least time between two checkpoints; 0: one at every step.
   std::chrono::milliseconds interval{60'000};
-  // One after so many steps as well, however short the time; 0: by time alone.
+  // Also writes one after this many steps, however short the time; 0: only by time.
   int64_t steps = 0;
-  // The last so many are kept.
+  // How many of the latest checkpoints are kept.
   int kept = 2;
 };
 
-// Of the job with this folder.
+// Returns the checkpoint folder of the job in `job_folder`.
 std::filesystem::path CheckpointFolder(const std::filesystem::path& job_folder);
-// The number of its last checkpoint; 0: none. A job has got further when it has grown.
+// Returns the number of the job's last checkpoint, or 0 if it has none. A job makes progress while
+// this number grows.
 int64_t LastCheckpoint(const std::filesystem::path& job_folder);
-// Removes all of them. Whether there were any.
+// Removes all checkpoints of a job. Returns whether there were any.
 bool RemoveCheckpoints(const std::filesystem::path& job_folder);
 
 }  // namespace maneuver::jobs

@@ -1,4 +1,4 @@
-// A child process that can be asked to stop, and whose lines are read as they come.
+// Runs a child process that can be asked to stop, and reads its output line by line.
 
 #ifndef MANEUVER_SERVER_JOBS_CHILD_PROCESS_H_
 #define MANEUVER_SERVER_JOBS_CHILD_PROCESS_H_
@@ -15,7 +15,7 @@
 
 namespace maneuver::jobs {
 
-// Asks whoever runs a job to stop it. Safe to use from any thread; made once for each run.
+// Asks whoever runs a job to stop it. Safe to use from any thread. Each run needs a new one.
 class StopRequest {
  public:
   enum class Reason { kNone, kCancelled, kServerStops };
@@ -25,10 +25,11 @@ class StopRequest {
   StopRequest(const StopRequest&) = delete;
   StopRequest& operator=(const StopRequest&) = delete;
 
-  // The first reason counts.
+  // Asks for a stop. Only the first call has an effect.
   void Stop(Reason reason);
   Reason reason() const { return reason_; }
-  // Readable once Stop was called; -1 where the system gave none.
+  // Returns a file descriptor that becomes readable once Stop was called; -1 if the system gave
+  // none.
   int descriptor() const { return descriptor_; }
 
  private:
@@ -38,35 +39,36 @@ class StopRequest {
 
 struct ChildCommand {
   std::vector<std::string> arguments;  // [0] is the program: a path, or a name to look up
-  // Gets standard error, appended.
+  // The file to which standard error is appended.
   std::filesystem::path log;
-  // From SIGTERM to SIGKILL, once it is to stop.
+  // Time from SIGTERM to SIGKILL when the process is stopped.
   std::chrono::milliseconds patience{5'000};
-  // It is stopped after so long; 0: never.
+  // The process is stopped after this time; 0: never.
   std::chrono::milliseconds time_limit{0};
-  // It is killed once its memory, resident or swapped out but without what it maps from files, is
-  // more; looked at about every 200 ms. 0: no limit.
+  // The process is killed when its memory exceeds this many bytes. Counts resident and swapped
+  // memory, but not mapped files; checked about every 200 ms. 0: no limit.
   int64_t memory_limit_bytes = 0;
 };
 
 struct ChildResult {
   int exit_status = 0;  // if signal is 0
   int signal = 0;       // that killed it
-  // It was stopped since time_limit was over.
+  // It was stopped because time_limit had passed.
   bool timed_out = false;
-  // It was killed by SIGKILL while the system killed some process for want of memory.
+  // It was killed by SIGKILL while the system was killing processes for lack of memory.
   bool out_of_memory = false;
-  // It was killed since it took more than memory_limit_bytes.
+  // It was killed because it exceeded memory_limit_bytes.
   bool over_memory_limit = false;
 };
 
-// Runs a command to its end. It gets a process group of its own, a lower priority for processor and
-// disk (nice 19, SCHED_IDLE, last of the best-effort class), no standard input, and SIGKILL when
-// the calling thread ends: call this from a thread that lives as long as the server. Whatever it
-// leaves in its group is killed.
-//   on_line: each line of standard output, without its end; lines over 1 MiB are dropped.
+// Runs a command to its end. The process gets its own process group, a low priority for processor
+// and disk (nice 19, SCHED_IDLE, last of the best-effort class), no standard input, and SIGKILL
+// when the calling thread ends. So call this from a thread that lives as long as the server.
+// Processes that remain in its group are killed.
+//   on_line: called with each line of standard output, without its end; lines over 1 MiB are
+//     dropped.
 //   on_tick: called about every 200 ms in between, on the same thread.
-// Errors: NOT_FOUND, PERMISSION_DENIED, ... if it cannot be started.
+// Errors: NOT_FOUND, PERMISSION_DENIED and so on if it cannot be started.
 absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& stop,
                                      const std::function<void(const std::string&)>& on_line,
                                      const std::function<void()>& on_tick);

@@ -11,10 +11,10 @@
 
 namespace maneuver::jobs {
 
-// Sets job.cross_validation. A process that dies leaves what it measured as checkpoints.
+// Sets job.cross_validation. If a process dies, its measurements remain as checkpoints.
 class CrossValidateStep final : public JobStep {
  public:
-  // `job` and `attempt` outlive the step.
+  // `job` and `attempt` must outlive the step.
   CrossValidateStep(v1::Job& job, std::filesystem::path folder, const JobAttempt& attempt)
       : job_(job), folder_(std::move(folder)), attempt_(attempt) {}
 

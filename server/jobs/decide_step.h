@@ -12,14 +12,15 @@
 namespace maneuver::jobs {
 
 // Decides as TrainRequest.promotion says, carries the decision out, and sets
-// job.promotion_decision. All promotions but PROMOTION_IF_NO_WORSE are carried out by publishing:
-// then it only says what publishing did.
+// job.promotion_decision. Only PROMOTION_IF_NO_WORSE is decided here. With any other promotion,
+// publishing has already done it, and this step records the result.
 class DecideStep final : public JobStep {
  public:
   explicit DecideStep(std::shared_ptr<JobPromotion> promotion) : promotion_(std::move(promotion)) {}
 
   bool IsDone() const override { return promotion_->IsDecided(); }
-  // It measures again if another version has come to serve since the last step.
+  // Returns true if the step may measure: it does so again if another version has come to serve
+  // since MeasureStep.
   bool CanWait() const override { return promotion_->IsByMeasurement(); }
   Outcome Run() override;
 

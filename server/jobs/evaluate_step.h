@@ -14,7 +14,7 @@ namespace maneuver::jobs {
 // Sets job.evaluation.
 class EvaluateStep final : public JobStep {
  public:
-  // `job` and `attempt` outlive the step.
+  // `job` and `attempt` must outlive the step.
   EvaluateStep(v1::Job& job, std::filesystem::path folder, const JobAttempt& attempt)
       : job_(job), folder_(std::move(folder)), attempt_(attempt) {}
 

@@ -1,4 +1,4 @@
-// One attempt at a job: from the moment when the server takes it up until its processes have ended.
+// One attempt at a job: from the moment when the server starts it until its processes have ended.
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_ATTEMPT_H_
 #define MANEUVER_SERVER_JOBS_JOB_ATTEMPT_H_
@@ -15,28 +15,30 @@
 
 namespace maneuver::jobs {
 
-// What all steps of an attempt share. What it refers to outlives it.
+// What all steps of an attempt share. Everything that it refers to must outlive it.
 struct JobAttempt {
   const JobRunEnvironment& environment;
   StopRequest& stop;
   ProgressRecorder& progress;
   const std::function<absl::Time()>& now;
 
-  // Whether somebody has asked the job to stop.
+  // Returns whether the job was asked to stop.
   bool IsStopped() const { return stop.reason() != StopRequest::Reason::kNone; }
 };
 
 // How a step of a job ended.
 struct Outcome {
   absl::Status status;
-  // Its process ended for no reason of its own: the job goes on with another one.
+  // Its process crashed or was killed, but not by this server. Another process can continue the
+  // job.
   bool died = false;
 };
 
-// Counts an attempt at the job that is about to start.
+// Records the start of an attempt in the job.
+//   folder: the job's
 void BeginAttempt(v1::Job& job, const std::filesystem::path& folder, absl::Time now);
-// Counts the end of that attempt, at `end`.
-//   died: the attempt counts against the job if it left no new checkpoint.
+// Records the end of that attempt in the job, at `end`.
+//   died: as in Outcome. The attempt then counts against the job, unless it left a new checkpoint.
 void EndAttempt(v1::Job& job, const std::filesystem::path& folder, absl::Time end, bool died);
 
 }  // namespace maneuver::jobs

@@ -1,4 +1,4 @@
-// How the jobs that run come along, as metrics.
+// Shows the progress of running jobs as metrics.
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_CURVES_H_
 #define MANEUVER_SERVER_JOBS_JOB_CURVES_H_
@@ -10,17 +10,17 @@
 
 namespace maneuver::jobs {
 
-// By slot, not by job: as many slots as jobs may run at a time, so labels stay few however many
-// jobs there are. What nobody has reported, and all of a slot where nothing runs, is NaN. One
-// caller at a time for each slot.
+// Metrics are kept by slot, not by job. There are as many slots as jobs may run at a time, so the
+// number of labels is limited. Values that are not known, and all values of an unused slot, are
+// NaN. Each slot needs one caller at a time.
 class JobCurves {
  public:
   //   slots: counted from 0 here, from 1 in the label.
   JobCurves(monitoring::MetricRegistry& metrics, int slots);
 
-  // Losses and the like are those of the last epoch that was reported.
+  // Shows a progress. Losses and other figures of an epoch stay until the next epoch is reported.
   void Show(int slot, const v1::JobProgress& progress);
-  // The job ended.
+  // Clears the slot when its job has ended.
   void Clear(int slot);
 
  private:

@@ -1,4 +1,4 @@
-// What a job uses of the server: its models, its datasets, and how much of the machine.
+// What a job uses of the server: its models, its datasets, and its share of the machine.
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_ENVIRONMENT_H_
 #define MANEUVER_SERVER_JOBS_JOB_ENVIRONMENT_H_
@@ -16,15 +16,15 @@ namespace maneuver::jobs {
 
 // Limits on what a job may use.
 struct JobLimits {
-  int threads = 0;           // of each process, in place of its settings; 0: as its settings say
-  int64_t memory_bytes = 0;  // of each process, as ChildCommand has it; 0: no limit
+  int threads = 0;           // of each process; 0: as its settings say
+  int64_t memory_bytes = 0;  // of each process, see ChildCommand; 0: no limit
   // Of all processes of a job together, since it was created or resumed by request; 0: no limit.
   std::chrono::milliseconds run_time{0};
-  // A job ends once so many processes in a row have died without a new checkpoint.
+  // A job fails once this many processes in a row have died without a new checkpoint.
   int attempts_without_progress = 5;
 };
 
-// Where a job finds what it needs. What it points to outlives the run.
+// Where a job finds what it needs. Everything that it points to must outlive the run.
 struct JobRunEnvironment {
   std::string trainer;  // the program
   JobLimits limits;

@@ -1,12 +1,12 @@
 // What the folder of a job holds:
 //
-//   settings.json   what the trainer is told (job_settings.h)
+//   settings.json   the settings that the trainer reads (job_settings.h)
 //   trainer.log     the trainer's standard error
 //   checkpoints     where the next process resumes (checkpoints.h); removed once the job has
 //                   SUCCEEDED
-//   output          the trainer's result, until it is published or read; of a cross-validation, its
-//                   report and its models
-//   promotion       the same files of the evaluations that decide about promotion, and
+//   output          the trainer's result, until it is published or read. A cross-validation has its
+//                   report and its models here
+//   promotion       the same files for the evaluations that decide about promotion, and
 //                   decision.json, the last decision that was to be carried out
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_FOLDER_H_
@@ -23,7 +23,7 @@ inline constexpr char kOutput[] = "output";
 // In a job's folder.
 inline constexpr char kPromotionFolder[] = "promotion";
 
-// Removes from a job's folder what its trainer made but nobody wants any more.
+// Removes from a job's folder the results of its trainer that nobody needs any more.
 void RemoveJobOutput(const std::filesystem::path& folder);
 
 }  // namespace maneuver::jobs

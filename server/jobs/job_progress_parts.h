@@ -5,7 +5,8 @@
 
 namespace maneuver::jobs {
 
-// How far the job is, of 1, once the model is trained, and once the new version is measured.
+// The progress of the job, from 0 to 1, once the model is trained, and once the new version is
+// measured.
 inline constexpr double kTrainedAt = 0.9;
 inline constexpr double kMeasuredAt = 0.95;
 

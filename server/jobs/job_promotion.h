@@ -1,5 +1,5 @@
-// The promotion of the version that a job has made: what the decision reads and changes, and its
-// notes in the job's folder.
+// The promotion of the version that a job made: the versions that the decision reads and changes,
+// and the notes in the job's folder.
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_PROMOTION_H_
 #define MANEUVER_SERVER_JOBS_JOB_PROMOTION_H_
@@ -18,23 +18,25 @@
 
 namespace maneuver::jobs {
 
-// Sets job.promotion_decision to a decision against the version because of `why`, made at `now`.
+// Sets job.promotion_decision to "not promoted" because of `why`, decided at `now`.
 void DecideAgainstPromotion(v1::Job& job, const absl::Status& why, absl::Time now);
 
 class JobPromotion final : public PromotionVersions {
  public:
-  // `job`, a training job, and `attempt` outlive this. Measures in `folder`, which need not exist.
+  // `job` must be a training job. `job` and `attempt` must outlive this object. Measurements run in
+  // `folder`, which is created when it is needed.
   JobPromotion(v1::Job& job, std::filesystem::path folder, const JobAttempt& attempt);
 
   bool HasVersion() const { return !job_.model_version().empty(); }
   bool IsDecided() const { return job_.has_promotion_decision(); }
-  // Whether measurements decide: PROMOTION_IF_NO_WORSE.
+  // Returns whether measurements decide, which they do with PROMOTION_IF_NO_WORSE.
   bool IsByMeasurement() const { return job_.train().promotion() == v1::PROMOTION_IF_NO_WORSE; }
-  // Returns what is to be decided. UNUSABLE_DATA if the dataset that decides is gone.
+  // Returns the decision to make. UNUSABLE_DATA if the dataset that it depends on is gone.
   absl::StatusOr<PromotionTask> Task() const;
 
-  // Set job.promotion_decision: to what publishing did; not promoted, because of `why`; or to the
-  // decision of `outcome`, if it has one. Conclude returns what interrupted the decision.
+  // Set job.promotion_decision: DecideAsPublished to what publishing did; DecideAgainst to "not
+  // promoted" because of `why`; Conclude to the decision of `outcome`, if it has one. Conclude
+  // returns the error that interrupted the decision, if any.
   void DecideAsPublished();
   void DecideAgainst(const absl::Status& why);
   Outcome Conclude(PromotionOutcome outcome);

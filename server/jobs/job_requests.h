@@ -1,4 +1,4 @@
-// What a request for a job must be.
+// Checks of the requests that create jobs.
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_REQUESTS_H_
 #define MANEUVER_SERVER_JOBS_JOB_REQUESTS_H_
@@ -16,39 +16,40 @@
 
 namespace maneuver::jobs {
 
-// Whether the request is right in itself; what it names is not looked up. INVALID_ARGUMENT with
-// each wrong field.
+// Check a request by itself, without looking up the models and datasets that it names.
+// INVALID_ARGUMENT lists each wrong field.
 absl::Status CheckTrainRequest(const v1::TrainRequest& request);
 absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request);
 absl::Status CheckCrossValidateRequest(const v1::CrossValidateRequest& request);
 
-// Whether the settings of a request with start_from, which CheckTrainRequest has not looked at, go
-// with a model of this spec. INVALID_ARGUMENT with each wrong field.
+// Checks that the settings of a request with start_from fit a model of this spec. CheckTrainRequest
+// does not check this. INVALID_ARGUMENT lists each wrong field.
 absl::Status CheckStart(const v1::TrainRequest& request, const v1::ModelSpec& start);
 
-// Appends each wrong field of requirements: `requirements` is the field `field`, such as
-// "requirements".
+// Appends each wrong field of `requirements`.
+//   field: the path of the requirements in the request, such as "requirements"
 void CheckRequirements(const evaluation::RivalRequirements& requirements, const std::string& field,
                        std::vector<scene::FieldViolation>& violations);
 
-// Returns the version that a reference in a request means, such as start_from; an empty one means
-// the only model that serves. Errors: those of ModelVersions::Resolve.
+// Returns the version that a reference in a request, such as start_from, refers to. An empty one
+// refers to the only model that serves. Errors: those of ModelVersions::Resolve.
 absl::StatusOr<serving::ModelVersions::ResolvedVersion> ResolveReference(
     const serving::ModelVersions& versions, const std::string& reference);
 
-// Example settings with every unset field taken from the default preset.
+// Returns example settings with every unset field taken from the default preset.
 v1::ExampleSettings ResolveExamples(const v1::ExampleSettings& examples);
 
-// The same for equal requests and for them alone, whatever their request_id says.
+// Return a digest that is the same for two requests exactly if they are equal apart from
+// request_id.
 std::string RequestDigest(v1::TrainRequest request);
 std::string RequestDigest(v1::EvaluateRequest request);
 std::string RequestDigest(v1::CrossValidateRequest request);
 
-// Return what a request means by 0 folds and by no fold seed.
+// Return the number of folds and the fold seed, with the defaults for unset fields.
 int FoldsOf(const v1::CrossValidateRequest& request);
 int64_t FoldSeedOf(const v1::CrossValidateRequest& request);
 
-// The ids of the datasets that a job reads.
+// Returns the ids of the datasets that a job reads.
 std::vector<std::string> DatasetIds(const v1::Job& job);
 
 }  // namespace maneuver::jobs

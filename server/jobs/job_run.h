@@ -1,4 +1,4 @@
-// Runs the steps of a job, and says what became of it.
+// Runs the steps of a job, and records their result in the job.
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_RUN_H_
 #define MANEUVER_SERVER_JOBS_JOB_RUN_H_
@@ -10,10 +10,10 @@
 
 namespace maneuver::jobs {
 
-// Makes one attempt at `job`, which BeginAttempt has counted: runs its steps (job_steps.h) in
-// `folder` (job_folder.h), from the first one that is not done. Returns the job with everything
-// that goes with its new state but its end_time: in one of the states that end a job, or PENDING if
-// another attempt is to go on.
+// Makes one attempt at `job`, which BeginAttempt has recorded: runs its steps (job_steps.h) in
+// `folder` (job_folder.h), from the first one that is not done. Returns the job in its new state,
+// with everything but its end_time. The state is one of those that end a job, or PENDING if another
+// attempt should follow.
 v1::Job RunJob(v1::Job job, const std::filesystem::path& folder, const JobAttempt& attempt);
 
 }  // namespace maneuver::jobs

@@ -17,11 +17,12 @@ namespace maneuver::jobs {
 absl::Status WriteSettings(const google::protobuf::Message& settings,
                            const std::filesystem::path& folder);
 
-// Resolves the settings of a job, every unset field filled in, and writes them as settings.json in
-// its folder. Keeps a file that is there: a later release, with other presets, resumes the job with
-// the settings that it was admitted with. The trainer checks them.
-//   job: its start_from is resolved already.
-// Errors: those of ModelVersions::Resolve and of reading the manifest of start_from; those of files.
+// Resolves the settings of a job, fills in every unset field, and writes them as settings.json into
+// its folder. Keeps an existing file: a later release with other presets resumes the job with the
+// settings of its admission. The trainer checks the settings.
+//   job: its start_from must be resolved.
+// Errors: those of ModelVersions::Resolve and of reading the manifest of start_from; those of
+// files.
 absl::Status EnsureSettings(const v1::Job& job, const serving::ModelVersions& versions,
                             const std::filesystem::path& folder);
 

@@ -1,4 +1,4 @@
-// Which states a job goes through.
+// The states of a job and the moves between them.
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_STATE_H_
 #define MANEUVER_SERVER_JOBS_JOB_STATE_H_
@@ -14,16 +14,16 @@ inline constexpr std::array kJobStates = {v1::JOB_STATE_PENDING, v1::JOB_STATE_R
                                           v1::JOB_STATE_SUCCEEDED, v1::JOB_STATE_FAILED,
                                           v1::JOB_STATE_CANCELLED};
 
-// Whether a job may go from one state to the other in one step.
+// Returns whether a job may move from one state to the other.
 bool CanMove(v1::JobState from, v1::JobState to);
 
-// Whether a request makes it PENDING again.
+// Returns whether a Resume request may make a job in this state PENDING again.
 bool CanResume(v1::JobState state);
 
-// Whether no state follows, but by a request.
+// Returns whether a job in this state has ended: only a request can move it on.
 bool HasEnded(v1::JobState state);
 
-// "pending", "running", ...: for metrics, logs and messages.
+// Returns "pending", "running" and so on, for metrics, logs and messages.
 std::string_view JobStateLabel(v1::JobState state);
 
 }  // namespace maneuver::jobs

@@ -12,16 +12,17 @@ class JobStep {
  public:
   virtual ~JobStep() = default;
 
-  // Puts on the job what an earlier process of it made but did not live to tell. Called before
-  // IsDone when a job resumes. An error ends the job.
+  // Records in the job what an earlier process made but did not record before it died. Called
+  // before IsDone when a job resumes. An error ends the job.
   virtual absl::Status Recall() { return absl::OkStatus(); }
-  // Whether the job, or its folder, has what this step makes. A job that resumes after a crash goes
-  // on at the first step that is not done.
+  // Returns whether the result of this step exists, in the job or in its folder. A job that resumes
+  // after a crash continues at the first step that is not done.
   virtual bool IsDone() const = 0;
-  // Whether the step is left to a later process once the job is asked to stop, and is not begun
-  // once too many processes of the job have died. True of every step that may start a process.
+  // Returns whether the step may be left to a later process. Such a step does not begin once the
+  // job is asked to stop or too many of its processes have died. Must be true of every step that
+  // may start a process.
   virtual bool CanWait() const { return true; }
-  // Does the step, and puts on the job what it made. Later steps run if the outcome is OK.
+  // Does the step and records its result in the job. Later steps run if the outcome is OK.
   virtual Outcome Run() = 0;
 };
 

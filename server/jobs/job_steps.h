@@ -20,7 +20,7 @@ namespace maneuver::jobs {
 // In the order in which they run.
 using JobSteps = std::vector<std::unique_ptr<JobStep>>;
 
-// Returns the steps of a job with this folder. `job` and `attempt` outlive them.
+// Returns the steps of a job with this folder. `job` and `attempt` must outlive them.
 JobSteps StepsOf(v1::Job& job, const std::filesystem::path& folder, const JobAttempt& attempt);
 
 }  // namespace maneuver::jobs

@@ -1,4 +1,4 @@
-// Following a job: who is told that there is news, and what the news is.
+// Follows jobs: tells listeners that a job has news, and reads the news.
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_WATCH_H_
 #define MANEUVER_SERVER_JOBS_JOB_WATCH_H_
@@ -17,11 +17,11 @@
 
 namespace maneuver::jobs {
 
-// Tells listeners that a job has news; what it is they read from the store, each at its own pace,
-// so that a slow one never holds up the job or the others. Safe to use from any thread.
+// Tells listeners that a job has news. Each listener reads the news from the store at its own pace,
+// so a slow one never delays the job or the others. Safe to use from any thread.
 class JobNews {
  public:
-  // Ends with its destruction, which waits for a call that is under way.
+  // A subscription lasts until it is destroyed. Its destructor waits for a call in progress.
   class Subscription {
    public:
     ~Subscription();
@@ -37,12 +37,12 @@ class JobNews {
     const std::shared_ptr<Listener> listener_;
   };
 
-  // `on_news` is called from any thread and must return at once: it may not destroy its
-  // subscription. The subscription must not outlive this.
+  // Calls `on_news` whenever `job` has news, from any thread. `on_news` must return at once and
+  // must not destroy its subscription. The subscription must not outlive this object.
   [[nodiscard]] std::unique_ptr<Subscription> Subscribe(const std::string& job,
                                                         std::function<void()> on_news);
   void Publish(const std::string& job);
-  // To the listeners of every job.
+  // Tells the listeners of every job.
   void PublishAll();
 
  private:
@@ -54,17 +54,17 @@ class JobNews {
       ABSL_GUARDED_BY(mutex_);
 };
 
-// Reads a job's events from a cursor on. Every reader with the same cursor gets the same sequence,
-// whenever it comes: one RUNNING job for each event, then once the job as it ended. Not
-// thread-safe.
+// Reads a job's events after a cursor. Every reader with the same cursor gets the same sequence,
+// whenever it starts: one RUNNING job for each event, then the ended job once. Not thread-safe.
 class JobEventReader {
  public:
   JobEventReader(JobStore& store, std::string job, int64_t after_sequence)
       : store_(store), job_(std::move(job)), cursor_(after_sequence) {}
 
-  // What has come since the last call, at most so many; none: nothing new yet, or at the end.
+  // Returns at most `limit` events that came since the last call; empty if there is nothing new, or
+  // at the end.
   absl::StatusOr<std::vector<v1::Job>> Next(int limit);
-  // Whether Next returned the ended job.
+  // Returns whether Next has returned the ended job.
   bool at_end() const { return at_end_; }
 
  private:

@@ -11,11 +11,11 @@
 
 namespace maneuver::jobs {
 
-// Leaves the model in the output of the job's folder. A process that dies leaves its checkpoints:
-// the next one goes on from the last of them.
+// Writes the model to the output folder of the job. If a process dies, the next one continues from
+// its last checkpoint.
 class LearnStep final : public JobStep {
  public:
-  // `job` and `attempt` outlive the step.
+  // `job` and `attempt` must outlive the step.
   LearnStep(v1::Job& job, std::filesystem::path folder, const JobAttempt& attempt)
       : job_(job), folder_(std::move(folder)), attempt_(attempt) {}
 

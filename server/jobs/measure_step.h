@@ -1,4 +1,4 @@
-// The step of a training job that measures what decides about its promotion.
+// The step of a training job that measures the versions that its promotion depends on.
 
 #ifndef MANEUVER_SERVER_JOBS_MEASURE_STEP_H_
 #define MANEUVER_SERVER_JOBS_MEASURE_STEP_H_
@@ -11,8 +11,8 @@
 
 namespace maneuver::jobs {
 
-// Measures the new version and the one that serves, if PROMOTION_IF_NO_WORSE is to compare them and
-// they have no report yet. A measurement that fails is a decision against the new version.
+// Measures the new version and the serving one, if PROMOTION_IF_NO_WORSE compares them and they
+// have no report yet. If a measurement fails, the decision is against the new version.
 class MeasureStep final : public JobStep {
  public:
   explicit MeasureStep(std::shared_ptr<JobPromotion> promotion)

@@ -20,12 +20,12 @@ struct MeasuringTask {
 
 struct Measured {
   Outcome outcome;
-  // Without a report, the outcome says why, or somebody has asked the job to stop.
+  // Without a report, `outcome` says why, or the job was asked to stop.
   std::optional<v1::EvaluationReport> report;
 };
 
-// Measures a version in `folder`, whose settings say on which examples, and keeps the report beside
-// the version.
+// Measures a version on the examples that the settings in `folder` define, and stores the report
+// beside the version.
 Measured Measure(v1::Job& job, const MeasuringTask& task, const std::filesystem::path& folder,
                  const JobAttempt& attempt);
 

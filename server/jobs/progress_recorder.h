@@ -1,4 +1,4 @@
-// What a trainer reports, as events in the store.
+// Stores what a trainer reports as events of its job.
 
 #ifndef MANEUVER_SERVER_JOBS_PROGRESS_RECORDER_H_
 #define MANEUVER_SERVER_JOBS_PROGRESS_RECORDER_H_
@@ -15,9 +15,9 @@
 
 namespace maneuver::jobs {
 
-// Numbers the events of one run, stores them and tells of them. Every end of an epoch and every new
-// phase becomes an event; what comes closer than 200 ms to the event before it waits, and is
-// replaced by what comes next. Not thread-safe.
+// Numbers the events of one job, stores them and tells its watchers. The end of an epoch and the
+// beginning of a phase always become events. Any other report within 200 ms of the last event
+// waits, and the next report replaces it. Not thread-safe.
 class ProgressRecorder {
  public:
   //   job: with its latest event so far, and this process counted.
@@ -27,12 +27,12 @@ class ProgressRecorder {
                    std::function<absl::Time()> now,
                    std::function<void(const v1::JobProgress&)> show = nullptr);
 
-  // What the trainer reports from now on is this part of the job, from 0 to 1: its fraction becomes
-  // one of the whole. At first it is all of it.
+  // Maps the trainer's fractions from now on, 0 to 1, to the part of the job from `begin` to `end`.
+  // At first the part is the whole job.
   void SetPart(double begin, double end);
-  // One line of the trainer: a JobProgress as proto3 JSON. What is none is logged and passed over.
+  // Records one line of the trainer: a JobProgress as proto3 JSON. Logs and skips any other line.
   void Record(const std::string& line);
-  // Stores an event that waited long enough. Call it now and then.
+  // Stores a waiting event once it has waited 200 ms. Call it now and then.
   void Tick();
   // Stores the event that waits, if there is one.
   void Flush();

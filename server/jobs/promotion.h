@@ -1,4 +1,4 @@
-// Whether a new version becomes the one that serves: PROMOTION_IF_NO_WORSE.
+// Decides whether a new version becomes the serving one: PROMOTION_IF_NO_WORSE.
 
 #ifndef MANEUVER_SERVER_JOBS_PROMOTION_H_
 #define MANEUVER_SERVER_JOBS_PROMOTION_H_
@@ -16,7 +16,7 @@ namespace maneuver::jobs {
 // Returns criteria with defaults filled in: min_ade_6 and nll, and the preset's examples.
 v1::PromotionCriteria ResolveCriteria(v1::PromotionCriteria criteria);
 
-// What is to be decided.
+// The decision to make.
 struct PromotionTask {
   std::string model;               // models/{model}
   std::string version;             // the new one, models/{model}/versions/{version}
@@ -29,7 +29,8 @@ class PromotionVersions {
  public:
   struct MeasuredVersion {
     absl::Status status;
-    // The measurement ended for no reason of its own: another process is to try again.
+    // The measurement was cut off: its process died, or the job was asked to stop. Another process
+    // can try again.
     bool interrupted = false;
     v1::EvaluationReport report;  // if the status is OK, and nothing interrupted
   };
@@ -37,43 +38,43 @@ class PromotionVersions {
   virtual ~PromotionVersions() = default;
   // Returns the version that serves the model; empty: none does.
   virtual std::string Serving() = 0;
-  // Returns the report that is kept of a version on the criteria's dataset; an error if there is
-  // none.
+  // Returns the stored report of a version on the criteria's dataset; an error if there is none.
   virtual absl::StatusOr<v1::EvaluationReport> FindReport(const std::string& version) = 0;
-  // Measures a version by the criteria, and keeps the report.
+  // Measures a version by the criteria, and stores the report.
   virtual MeasuredVersion Measure(const std::string& version) = 0;
-  // Makes a version serve if `before` does (empty: if none does). Returns false if another one does.
+  // Makes a version serve, but only if `before` serves now (empty: if none does). Otherwise returns
+  // false.
   virtual absl::StatusOr<bool> Promote(const std::string& version, const std::string& before) = 0;
-  // Writes a decision down before it is carried out, so that it survives a death of the server.
+  // Stores a decision before it is carried out, so that it survives a crash of the server.
   virtual absl::Status Remember(const v1::PromotionDecision& decision) = 0;
-  // Returns the decision that was written down last, if there is one.
+  // Returns the last stored decision, if there is one.
   virtual std::optional<v1::PromotionDecision> Remembered() = 0;
 };
 
-// Without a decision, `interruption` says what came in between; OK: nothing did, and nothing is
-// decided yet. Asked again, nothing that was finished is done again.
+// A decision, or why there is none yet: `interruption` is the error that came in between, or OK if
+// the decision is not due yet. Calling the function again repeats nothing that was finished.
 struct PromotionOutcome {
   std::optional<v1::PromotionDecision> decision;  // without its time
   absl::Status interruption;
 };
 
-// Returns the versions that MeasureVersions has to measure: DecidePromotion would compare them now,
-// and they have no report that meets the task's criteria.
+// Returns the versions that MeasureVersions has to measure: those that DecidePromotion would
+// compare now and that have no report by the task's criteria.
 std::vector<std::string> VersionsToMeasure(const PromotionTask& task, PromotionVersions& versions);
 
-// Measures VersionsToMeasure. A measurement that fails is a decision against the new version, which
-// says why.
+// Measures VersionsToMeasure. If a measurement fails, decides against the new version and says why.
 PromotionOutcome MeasureVersions(const PromotionTask& task, PromotionVersions& versions);
 
 // Decides and, if so, promotes:
 //   - no version of the model serves, and the criteria require nothing beside rivals: promotes
 //     without a measurement;
 //   - no version serves: promotes if the report of the new version meets the requirements;
-//   - else compares the report of the new version with that of the one that serves; promotes if no
+//   - otherwise compares the reports of the new version and of the serving one; promotes if no
 //     metric is worse by more than its tolerance, and the requirements are met;
 //   - if another version has come to serve meanwhile, compares with that one.
-// Measures versions that have no report by the criteria, as after MeasureVersions only one that has
-// come to serve since. Whatever fails on the way is a decision against the version, which says why.
+// Measures versions that have no report by the criteria. After MeasureVersions, that can only be a
+// version that has come to serve since. If anything fails, decides against the version and says
+// why.
 PromotionOutcome DecidePromotion(const PromotionTask& task, PromotionVersions& versions);
 
 }  // namespace maneuver::jobs

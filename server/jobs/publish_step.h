@@ -11,10 +11,10 @@
 
 namespace maneuver::jobs {
 
-// Takes the model from the output of the job's folder, and sets job.model_version.
+// Publishes the model in the output folder of the job, and sets job.model_version.
 class PublishStep final : public JobStep {
  public:
-  // `job` and `attempt` outlive the step.
+  // `job` and `attempt` must outlive the step.
   PublishStep(v1::Job& job, std::filesystem::path folder, const JobAttempt& attempt)
       : job_(job), folder_(std::move(folder)), attempt_(attempt) {}
 

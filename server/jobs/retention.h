@@ -1,4 +1,4 @@
-// Which jobs, checkpoints and versions are kept, and for how long.
+// Decides which jobs, checkpoints and versions are kept, and for how long.
 
 #ifndef MANEUVER_SERVER_JOBS_RETENTION_H_
 #define MANEUVER_SERVER_JOBS_RETENTION_H_
@@ -19,16 +19,16 @@
 namespace maneuver::jobs {
 
 struct RetentionPolicy {
-  // How long after its end a job is forgotten; infinite: never. The versions that it made stay.
+  // How long after its end a job is removed; infinite: never. The versions that it made stay.
   absl::Duration jobs = absl::Hours(24 * 90);
   // How long after their end the checkpoints of jobs that failed or were cancelled are removed.
   absl::Duration checkpoints = absl::Hours(24 * 14);
-  // How many of the newest versions of each model stay, beside those that an alias points to; 0:
-  // all of them.
+  // How many of the newest versions of each model stay, besides those that an alias points to; 0:
+  // all.
   int versions = 0;
 };
 
-// Returns the versions that the policy gives up.
+// Returns the versions that the policy deletes.
 //   versions: newest first.
 //   needed: names of the versions that pending and running jobs read.
 std::vector<security::ModelVersionName> VersionsToDelete(
@@ -39,20 +39,19 @@ std::vector<security::ModelVersionName> VersionsToDelete(
 // Applies a policy. Never removes a job that has not ended, nor its checkpoints.
 class Retention {
  public:
-  // `jobs` and `versions` outlive this.
+  // `jobs` and `versions` must outlive this object.
   Retention(const RetentionPolicy& policy, Supervisor& jobs, serving::ModelVersions& versions);
   ~Retention();
   Retention(const Retention&) = delete;
   Retention& operator=(const Retention&) = delete;
 
-  // Removes everything that is too old. Goes on after an error, and returns the first one.
+  // Removes everything that is too old. Continues after an error, and returns the first one.
   absl::Status Sweep(absl::Time now);
 
-  // Adds `sweep` to what each sweep does. Call it before SweepRegularly.
+  // Makes each sweep also call `sweep`. Call before SweepRegularly.
   void AlsoSweep(std::function<absl::Status()> sweep) { others_.push_back(std::move(sweep)); }
 
-  // Sweeps at once and then once in every `interval`, on a thread of its own, until this is
-  // destroyed.
+  // Sweeps at once and then once every `interval`, on its own thread, until it is destroyed.
   void SweepRegularly(absl::Duration interval);
 
  private:

@@ -33,7 +33,7 @@
 
 namespace maneuver::jobs {
 
-// An id that no job had so far, by chance: 16 random characters.
+// Returns a random job id of 16 characters, which no earlier job has with near certainty.
 std::string NewJobId();
 
 struct SupervisorOptions {
@@ -44,7 +44,7 @@ struct SupervisorOptions {
   int least_effective_actions = 0;
   int max_running_jobs = 1;
   int max_pending_jobs = 1'000;
-  // From SIGTERM to SIGKILL, for a job that is cancelled or cut off by Stop.
+  // Time from SIGTERM to SIGKILL for a job that is cancelled or interrupted by Stop.
   std::chrono::milliseconds patience{5'000};
   std::function<absl::Time()> now = absl::Now;
   std::function<std::string()> new_id = NewJobId;
@@ -56,9 +56,9 @@ struct SupervisorOptions {
 // ErrorInfo or BadRequest.
 class Supervisor {
  public:
-  // Recovers from an earlier server: makes its RUNNING jobs PENDING again, or CANCELLED if they were
-  // being cancelled, and removes what they left half-written. Then starts to run pending jobs.
-  // Everything that is referred to outlives the supervisor.
+  // Recovers from an earlier server: makes its RUNNING jobs PENDING again, or CANCELLED if they
+  // were being cancelled, and removes what they left half-written. Then starts to run pending jobs.
+  // All references must outlive the supervisor.
   static absl::StatusOr<std::unique_ptr<Supervisor>> Start(
       SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
       serving::ModelVersions& versions,
@@ -66,31 +66,33 @@ class Supervisor {
   // Stops, if Stop was not called.
   ~Supervisor();
 
-  // Starts no further job and cuts off those that run: they write a checkpoint, and are PENDING
-  // like those that wait for the next start. Returns once all processes are gone, after `patience`
-  // at the latest. From then on Train, Evaluate and Resume are UNAVAILABLE; everything else still
-  // works.
+  // Starts no further job and interrupts the running ones: they write a checkpoint and become
+  // PENDING, like the jobs that wait for the next start. Returns once all processes are gone, after
+  // `patience` at the latest. From then on Train, Evaluate and Resume are UNAVAILABLE; everything
+  // else still works.
   void Stop();
-  // Whether Stop is done: no job goes on before the next start.
+  // Returns whether Stop has finished: no job continues before the next start.
   bool IsStopped() const { return is_stopped_; }
 
-  // Creates a job, PENDING; returns the same job for the same request_id. Its settings are resolved
-  // now (job_settings.h), and its train.start_from is the version that the reference means now.
+  // Creates a PENDING job, or returns the existing job with the same request_id. Its settings are
+  // resolved now (job_settings.h), and its train.start_from becomes the version that the reference
+  // points to now.
   // Errors: INVALID_ARGUMENT; NOT_FOUND for an unknown dataset or model; ALREADY_EXISTS if
   // request_id was used for a different request; RESOURCE_EXHAUSTED while max_pending_jobs wait, or
   // if the disk is full.
   // With validate_only it returns a job without a name, and starts nothing.
   absl::StatusOr<v1::Job> Train(const v1::TrainRequest& request);
-  // The job's evaluate.model is the version that the reference means now.
+  // Creates an evaluation job, as Train does. Its evaluate.model becomes the version that the
+  // reference points to now.
   absl::StatusOr<v1::Job> Evaluate(const v1::EvaluateRequest& request);
   absl::StatusOr<v1::Job> CrossValidate(const v1::CrossValidateRequest& request);
 
   absl::StatusOr<v1::Job> Get(const std::string& name);
-  // Newest first.
+  // Lists jobs, newest first.
   absl::StatusOr<JobPage> List(int page_size, const std::string& page_token);
-  // A pending job is CANCELLED at once. A running one is asked to stop and is RUNNING until its
-  // process is gone, even if the server dies in between; its checkpoints stay. One that ended is
-  // returned as it is.
+  // Cancels a job. A pending job becomes CANCELLED at once. A running job is asked to stop and
+  // stays RUNNING until its process is gone, even if the server dies in between; its checkpoints
+  // stay. An ended job is returned unchanged.
   absl::StatusOr<v1::Job> Cancel(const std::string& name);
   // Makes a job that FAILED or was CANCELLED PENDING again: it goes on from its last checkpoint,
   // with the run time that its limits give a new one. One that is PENDING or RUNNING is returned as
@@ -99,14 +101,14 @@ class Supervisor {
   // Forgets an ended job and removes its folder. FAILED_PRECONDITION if it has not ended.
   absl::Status Delete(const std::string& name);
 
-  // Removes the checkpoints of a job that has ended; whether there were any. Resumed, it starts
-  // anew.
+  // Removes the checkpoints of an ended job, which then starts anew if it is resumed. Returns
+  // whether there were any.
   absl::StatusOr<bool> DropCheckpoints(const std::string& name);
 
   // Removes a dataset. FAILED_PRECONDITION while a pending or running job needs it.
   absl::Status DeleteDataset(const std::string& id);
 
-  // For those who follow a job: subscribe, then read.
+  // To follow a job, first subscribe, then read.
   JobNews& news() { return news_; }
   JobStore& store() { return store_; }
 

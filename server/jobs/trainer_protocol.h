@@ -1,4 +1,4 @@
-// What the supervisor and the trainer process say to each other.
+// The protocol between the supervisor and the trainer process.
 //
 //   maneuver-trainer train --settings FILE --dataset FOLDER... --output FOLDER
 //       [--dataset-name NAME...] [--threads N] [--progress json|bar|none]
@@ -10,24 +10,24 @@
 //       [--test-dataset NAME=FOLDER...] [--folds N] [--fold-seed N] [--seeds N,...]
 //       [--models FOLDER] [--checkpoints FOLDER] [--threads N] [--progress json|bar|none]
 //
-// FILEs are proto3 JSON: settings is a TrainingSettings (train, cross-validate) or an
-// ExampleSettings (evaluate), the output of evaluate an EvaluationReport, that of cross-validate a
-// CrossValidationReport, that of train a model folder. With --progress json each line on standard
-// output is one JobProgress as proto3 JSON, and evaluate and cross-validate need --output; without
-// it they print the report for people. Whatever is on standard error is for people,
-// its last line says why a run failed. SIGTERM stops a run; nothing half-written remains.
+// Each FILE is proto3 JSON. The settings are a TrainingSettings for train and cross-validate, and
+// an ExampleSettings for evaluate. The output of evaluate is an EvaluationReport, and that of
+// cross-validate a CrossValidationReport; train writes a model folder. With --progress json each
+// line on standard output is one JobProgress as proto3 JSON. evaluate and cross-validate then need
+// --output; otherwise they print the report for people. Standard error is for people, and its last
+// line says why a run failed. SIGTERM stops a run; no half-written file remains.
 //
-// A run that finds checkpoints of its own in the folder named by --checkpoints goes on from the
-// latest one. Each is a file checkpoint-NUMBER, written in one step; numbers only grow. SIGTERM has
-// a last one written. They stay when the run is over. Of a cross-validation, each model that was
-// measured is a checkpoint, and a model that was being learned is learned anew.
+// If the folder of --checkpoints has checkpoints of the same run, the run continues from the latest
+// one. A checkpoint is a file checkpoint-NUMBER, written in one step; numbers only grow. On SIGTERM
+// the run writes a last checkpoint. Checkpoints stay when the run is over. In a cross-validation,
+// each measured model is a checkpoint; a model whose learning was interrupted is learned again.
 
 #ifndef MANEUVER_SERVER_JOBS_TRAINER_PROTOCOL_H_
 #define MANEUVER_SERVER_JOBS_TRAINER_PROTOCOL_H_
 
 namespace maneuver::jobs {
 
-// Exit statuses of the trainer, after sysexits where one fits.
+// Exit statuses of the trainer. They follow sysexits.h where it has a fitting one.
 enum class TrainerExit {
   kOk = 0,
   kInvalidSettings = 64,  // EX_USAGE: settings or flags

@@ -12,8 +12,8 @@
 
 namespace maneuver::jobs {
 
-// Runs the trainer with these arguments until it ends, within the job's limits. OK if it reports
-// success. Leaves the last lines of its log on the job.
+// Runs the trainer with these arguments until it ends, within the job's limits. OK if the trainer
+// reports success. Records the last lines of its log in the job.
 //   folder: holds its log (job_folder.h).
 Outcome RunTrainer(v1::Job& job, const std::vector<std::string>& arguments,
                    const std::filesystem::path& folder, const JobAttempt& attempt);

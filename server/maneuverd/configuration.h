@@ -1,6 +1,6 @@
-// Where options get their values from besides the command line: the environment and one file. The
-// names are the same everywhere: --max-batch, MANEUVERD_MAX_BATCH, and in the file max-batch. The
-// command line comes before the environment, and that before the file.
+// Reads options from the environment and from a file, besides the command line. Names correspond:
+// --max-batch, MANEUVERD_MAX_BATCH, and in the file max-batch. The command line overrides the
+// environment, which overrides the file.
 
 #ifndef MANEUVER_SERVER_MANEUVERD_CONFIGURATION_H_
 #define MANEUVER_SERVER_MANEUVERD_CONFIGURATION_H_
@@ -14,22 +14,22 @@
 
 namespace maneuver {
 
-// An option that got its value elsewhere than on the command line.
+// An option whose value is not from the command line.
 struct Setting {
   std::string name;    // "max-batch"
-  std::string value;   // as it would be on the command line; empty: as if it were not there
+  std::string value;   // as on the command line; empty counts as unset
   std::string source;  // as errors name it: "MANEUVERD_MAX_BATCH", "maneuverd.conf:3"
 };
 
-// The settings of a file: lines such as
+// Parses a file of settings, with lines such as
 //   max-batch = 32          # a comment
 //   log-format = "json"
-// in which quotes are needed around what holds spaces, quotes or #, and \" \\ and \n stand for
-// themselves and the end of a line. INVALID_ARGUMENT, with file and line, for any other line and
-// for a name that comes twice.
+// A value with spaces, quotes or # must be in quotes, where \" \\ and \n stand for a quote, a
+// backslash and the end of a line. INVALID_ARGUMENT, with file and line, for any other line and for
+// a name that appears twice.
 absl::StatusOr<std::vector<Setting>> ParseSettings(std::string_view text, const std::string& file);
 
-// Every option of a program with the value that it has, in the form of ParseSettings. Call once the
+// Returns every option of a program with its value, in the form of ParseSettings. Call after the
 // program's arguments are parsed.
 std::string PrintSettings(const CLI::App& app);
 
@@ -37,17 +37,17 @@ std::string PrintSettings(const CLI::App& app);
 class Configuration {
  public:
   // Reads the environment, and the file that --config or MANEUVERD_CONFIG names.
-  //   app: its options that are configurable() may stand in them.
+  //   app: its configurable() options may appear in both.
   //   arguments: of the command line, without the program's name.
   //   environment: ends with nullptr, as environ does.
-  // INVALID_ARGUMENT for unknown names of either, NOT_FOUND for a file that cannot be read.
+  // INVALID_ARGUMENT for unknown names in either, NOT_FOUND for a file that cannot be read.
   static absl::StatusOr<Configuration> Read(const CLI::App& app, std::vector<std::string> arguments,
                                             const char* const* environment);
 
-  // All of it as one command line.
+  // Returns everything as one command line.
   std::vector<std::string> CommandLine() const;
 
-  // `error`, which names an option, after where that option got its value from.
+  // Returns `error`, which names an option, with the source of that option's value before it.
   std::string WithSource(const std::string& error) const;
 
  private:

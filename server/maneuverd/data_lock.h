@@ -8,10 +8,11 @@
 
 namespace maneuver {
 
-// Keeps a second server off a data folder, until it is destroyed or the process ends.
+// Keeps other servers off a data folder, until it is destroyed or the process ends.
 class DataLock {
  public:
-  // Creates the folder if need be. FAILED_PRECONDITION if another server has it.
+  // Locks the folder, and creates it if it is missing. FAILED_PRECONDITION if another server has
+  // it.
   static absl::StatusOr<std::unique_ptr<DataLock>> Take(const std::filesystem::path& data_dir);
   ~DataLock();
   DataLock(const DataLock&) = delete;

@@ -9,11 +9,11 @@
 
 namespace maneuver {
 
-// By default glibc gives back what is freed at the end of a heap, and fetches it again page by page
-// for the next message: a tenth of the time of a server with too much to do. What is freed
-// elsewhere it keeps for good: after a burst of large messages, hundreds of megabytes. From the
-// first of these on all is kept, but a thread of its own looks every two seconds, and gives back
-// what lay idle between two looks, if it is much.
+// By default, glibc returns memory that is freed at the end of a heap to the system, and fetches it
+// again page by page for the next message. That takes a tenth of an overloaded server's time.
+// Memory that is freed elsewhere it keeps for ever: hundreds of megabytes after a burst of large
+// messages. Once an IdleMemory exists, all freed memory is kept at first. Its thread looks every
+// two seconds, and returns the memory to the system if much of it was unused at two looks in a row.
 class IdleMemory {
  public:
   IdleMemory();

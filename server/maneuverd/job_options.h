@@ -1,4 +1,4 @@
-// The part of the command line that is about jobs.
+// The command-line options about jobs.
 
 #ifndef MANEUVER_SERVER_MANEUVERD_JOB_OPTIONS_H_
 #define MANEUVER_SERVER_MANEUVERD_JOB_OPTIONS_H_
@@ -22,7 +22,8 @@ struct JobOptions {
   jobs::RetentionPolicy retention;
 };
 
-// Adds its flags. `options` are complete once the command line is parsed, and must live until then.
+// Adds the flags of `options`, which are set once the command line is parsed, and must live until
+// then.
 void AddJobOptions(CLI::App& app, JobOptions& options);
 
 }  // namespace maneuver

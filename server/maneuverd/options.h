@@ -31,7 +31,7 @@ struct ServerOptions {
   security::ListenAddress listen;
   std::optional<security::ListenAddress> metrics_listen;  // nothing: no metrics page
   std::filesystem::path port_file;                        // empty: none
-  std::vector<security::ModelVersionName> serve;          // are to be @serving from the start
+  std::vector<security::ModelVersionName> serve;          // to be @serving from the start
   std::optional<security::CertificateFiles> tls;          // nothing: plain text
   security::AccessOptions access;
   rpc::ConnectionLimits limits;
@@ -49,8 +49,8 @@ struct ServerOptions {
   std::chrono::milliseconds shutdown_timeout{10'000};
 };
 
-// The options, or the exit status of a command line that is wrong, or only asks for help or for
-// what the options are (which was then printed).
+// Returns the options. If the command line is wrong, or asks for help or for the settings, returns
+// the exit status instead; the text has then been printed.
 //   environment: ends with nullptr, as environ does.
 std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* argv,
                                                   const char* const* environment);

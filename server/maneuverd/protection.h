@@ -1,4 +1,4 @@
-// What stands between a server and who calls it, as its options say.
+// Opens the certificates and identities that protect a server, as its options say.
 
 #ifndef MANEUVER_SERVER_MANEUVERD_PROTECTION_H_
 #define MANEUVER_SERVER_MANEUVERD_PROTECTION_H_
@@ -18,15 +18,15 @@ class ServerCredentials;
 
 namespace maneuver {
 
-// Certificates and identities, read again every second while it lives. Outlives the server.
+// Certificates and identities, read again every second. Must outlive the server.
 class Protection {
  public:
-  // Errors name the flag whose file is wrong. What is allowed but unwise is logged.
+  // Reads the files. Errors name the flag whose file is wrong. Logs what is allowed but unwise.
   static absl::StatusOr<std::unique_ptr<Protection>> Open(const ServerOptions& options,
                                                           monitoring::MetricRegistry& metrics);
 
   security::AccessControl& access() { return *access_; }
-  // For one server. nullptr: plain text.
+  // Returns credentials for one server; nullptr for plain text.
   std::shared_ptr<grpc::ServerCredentials> credentials() const;
 
  private:

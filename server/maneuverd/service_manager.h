@@ -1,4 +1,4 @@
-// Tells systemd how the server is: the protocol of sd_notify(3).
+// Reports the server's state to systemd by the protocol of sd_notify(3).
 
 #ifndef MANEUVER_SERVER_MANEUVERD_SERVICE_MANAGER_H_
 #define MANEUVER_SERVER_MANEUVERD_SERVICE_MANAGER_H_
@@ -14,28 +14,29 @@
 
 namespace maneuver {
 
-// A datagram for each state goes to the socket that NOTIFY_SOCKET names. Nothing is sent, and
-// nothing fails, where no manager waits for it. libsystemd does the same with a dependency more.
+// Sends a datagram for each state to the socket that NOTIFY_SOCKET names. Without that variable it
+// sends nothing, and nothing fails. libsystemd would do the same at the cost of a dependency.
 class ServiceManager {
  public:
-  // Reads NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID, and removes them from the environment:
-  // they are not for the processes that this one starts. Call before any thread is started.
+  // Reads NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID, and removes them from the environment, so
+  // that child processes do not see them. Call before any thread is started.
   static ServiceManager FromEnvironment();
 
-  //   socket: a path, or '@' and an abstract name; empty: nobody is told anything.
-  //   watchdog: a server that is silent for so long is killed; nothing: no watchdog.
+  // Connects to the manager.
+  //   socket: a path, or '@' and an abstract name; empty: nothing is sent.
+  //   watchdog: systemd kills a server that is silent for this long; nothing: no watchdog.
   ServiceManager(std::string socket, std::optional<std::chrono::microseconds> watchdog);
   ServiceManager(const ServiceManager&) = delete;
   ServiceManager& operator=(const ServiceManager&) = delete;
   ~ServiceManager();
 
-  // The server listens. From now on the watchdog is told, twice in its time, that the server is
-  // alive, as long as `is_alive` says so.
+  // Reports that the server is ready. From now on sends a sign of life twice per watchdog period,
+  // as long as `is_alive` returns true.
   void TellReady(std::function<bool()> is_alive);
-  // The server ends its calls. The watchdog is told as before, until this object is destroyed or
+  // Reports that the server is stopping. Signs of life continue until this object is destroyed or
   // EndWatch is called.
   void TellStopping();
-  // `is_alive` is not called any more.
+  // Ends the signs of life: `is_alive` is not called any more.
   void EndWatch();
 
  private:

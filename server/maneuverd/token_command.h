@@ -7,10 +7,10 @@
 
 namespace maneuver {
 
-// Runs the command on the tokens file that it names. What happened is printed; tokens go to
-// standard output.
+// Runs the command on the tokens file that it names. Prints what it did; tokens go to standard
+// output.
 //   argv: from "token" on.
-//   now: expiry is counted from here.
+//   now: the present time, for expiry.
 // Returns the exit status: 0, 1 if it failed, 2 if the command line is wrong.
 int RunTokenCommand(int argc, const char* const* argv, absl::Time now);
 

@@ -1,4 +1,4 @@
-// A few pages over HTTP, for probes and scrapers: no TLS, no files, no sessions.
+// Serves a few pages over HTTP, for probes and scrapers: no TLS, no files, no sessions.
 
 #ifndef MANEUVER_SERVER_MONITORING_HTTP_PAGES_H_
 #define MANEUVER_SERVER_MONITORING_HTTP_PAGES_H_
@@ -26,15 +26,16 @@ struct HttpPage {
   std::function<HttpAnswer(std::string_view query)> make;
 };
 
-// Answers GET and HEAD of its pages on threads of its own until it is destroyed. Other paths are
-// not found.
+// Answers GET and HEAD requests for its pages on its own threads until it is destroyed. Other paths
+// give 404.
 class HttpPages {
  public:
   //   address: HOST:PORT; port 0 picks a free one.
   // UNAVAILABLE if it cannot listen there.
   static absl::StatusOr<std::unique_ptr<HttpPages>> Serve(const std::string& address,
                                                           std::vector<HttpPage> pages);
-  // Ends at once, though what listens looks only every two seconds for whether it is to end.
+  // Ends at once. (The library's listening thread checks only every two seconds whether to end, so
+  // the destructor wakes it.)
   virtual ~HttpPages() = default;
 
   virtual int port() const = 0;

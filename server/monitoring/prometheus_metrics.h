@@ -16,8 +16,8 @@ class PrometheusMetrics : public MetricRegistry {
  public:
   static std::unique_ptr<PrometheusMetrics> Create();
 
-  // From now on the page says how large the disk is that holds `folder`, and how much of it is
-  // free. Call before the first Page, once.
+  // Adds the size and the free space of the disk that holds `folder` to the page. Call once, before
+  // the first Page.
   virtual void WatchDisk(const std::filesystem::path& folder) = 0;
 
   // Returns the page in Prometheus' text format, with the metrics of the process
@@ -25,7 +25,7 @@ class PrometheusMetrics : public MetricRegistry {
   virtual std::string Page() const = 0;
 };
 
-// /metrics, which shows the page of `metrics`; these outlive it.
+// Returns the page /metrics, which shows the page of `metrics`. `metrics` must outlive it.
 HttpPage MetricsPage(const PrometheusMetrics& metrics);
 
 }  // namespace maneuver::monitoring

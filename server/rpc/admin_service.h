@@ -7,8 +7,8 @@ namespace maneuver::rpc {
 
 class AdminService final : public v1::AdminService::CallbackService {
  public:
-  // Out of line, as is the destructor: whoever makes a service would otherwise compile all of
-  // gRPC's handling of its calls once more.
+  // The constructor and the destructor are defined in the .cc. Otherwise every file that makes a
+  // service would compile all of gRPC's call handling again.
   AdminService();
   ~AdminService() override;
 

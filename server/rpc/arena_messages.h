@@ -1,5 +1,5 @@
-// Requests and responses of unary calls in an arena each: a scene is tens of thousands of small
-// objects, which are then taken from a few blocks and given back at once.
+// Allocates the request and the response of each unary call in an arena. A scene is tens of
+// thousands of small objects; an arena takes them from a few blocks and frees them at once.
 
 #ifndef MANEUVER_SERVER_RPC_ARENA_MESSAGES_H_
 #define MANEUVER_SERVER_RPC_ARENA_MESSAGES_H_
@@ -15,17 +15,18 @@ namespace maneuver::rpc {
 class CallArena {
  public:
   virtual ~CallArena() = default;
-  // Keeps the messages for longer than the call.
+  // Returns an owner of the messages: they live as long as the call or the owner, whichever is
+  // longer.
   virtual std::shared_ptr<const void> Keep() const = 0;
 };
 
-// nullptr if the method has no ArenaMessages.
+// Returns an owner of a call's messages; nullptr if the method has no ArenaMessages.
 inline std::shared_ptr<const void> KeepMessages(grpc::RpcAllocatorState* state) {
   const auto* arena = dynamic_cast<const CallArena*>(state);
   return arena == nullptr ? nullptr : arena->Keep();
 }
 
-// For SetMessageAllocatorFor_... of the generated services; outlives the server.
+// Pass it to SetMessageAllocatorFor_... of the generated services. Must outlive the server.
 template <typename Request, typename Response>
 class ArenaMessages final : public grpc::MessageAllocator<Request, Response> {
  public:

@@ -1,4 +1,4 @@
-// Methods that wait for the disk: on the pool's threads, not on gRPC's.
+// Runs methods that wait for the disk on threads of the pool instead of gRPC's.
 
 #ifndef MANEUVER_SERVER_RPC_BLOCKING_CALL_H_
 #define MANEUVER_SERVER_RPC_BLOCKING_CALL_H_
@@ -13,7 +13,7 @@
 
 namespace maneuver::rpc {
 
-// Too much waits for the disk already.
+// Returns the error of a call that is refused because too many requests wait for the disk.
 inline absl::Status Busy() {
   return errors::WithRetryDelay(
       errors::WithReason(
@@ -23,8 +23,8 @@ inline absl::Status Busy() {
       std::chrono::seconds(1));
 }
 
-// Answers a unary call with what `work` returns (a Status), from a thread of `pool`. Failures of
-// the disk that have no reason get theirs.
+// Answers a unary call with the Status that `work` returns, from a thread of `pool`. Adds a reason
+// to failures of the disk that have none.
 template <typename Work>
 grpc::ServerUnaryReactor* AnswerFrom(WorkerPool& pool, grpc::CallbackServerContext* rpc,
                                      Work work) {

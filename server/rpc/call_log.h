@@ -1,4 +1,4 @@
-// A line of the log for each call, and what it says of where the call came from.
+// Logs calls, with the ids that callers send.
 
 #ifndef MANEUVER_SERVER_RPC_CALL_LOG_H_
 #define MANEUVER_SERVER_RPC_CALL_LOG_H_
@@ -16,8 +16,8 @@
 namespace maneuver::rpc {
 
 struct CallOrigin {
-  std::string request_id;   // the caller's, or one that was made up
-  std::string traceparent;  // the caller's; empty: it sent none
+  std::string request_id;   // the caller's, or one made up here
+  std::string traceparent;  // the caller's; empty if it sent none
 };
 
 struct CallRecord {
@@ -28,18 +28,19 @@ struct CallRecord {
   int64_t response_bytes = 0;
 };
 
-// Calls that fail by a fault of the server's (UNKNOWN, INTERNAL, DATA_LOSS) are logged as errors,
-// at most ten lines a second; all calls at debug. Of what the caller sent, a line has the two
-// fields of CallOrigin alone, and these only in their proper form. Thread-safe.
+// Logs every call at debug, and calls that fail through a fault of the server (UNKNOWN, INTERNAL,
+// DATA_LOSS) as errors, at most ten lines per second. A line contains nothing that the caller sent
+// except the two fields of CallOrigin, and these only if they are well formed. Thread-safe.
 class CallLog {
  public:
-  //   seed: sets the ids that are made up apart from those of other servers.
+  //   seed: distinguishes the ids made up here from those of other servers.
   explicit CallLog(uint32_t seed);
 
+  // Returns the ids of a call. Empty arguments stand for missing headers; malformed ones are
+  // ignored.
   //   request_id: header x-request-id: up to 64 letters, digits, '-', '_' and '.'.
   //   traceparent: header of that name, as W3C Trace Context defines it
   //     (www.w3.org/TR/trace-context).
-  // Empty for none. What has another form is left out.
   CallOrigin OriginOf(std::string_view request_id, std::string_view traceparent);
 
   void Write(const CallRecord& call, const CallOrigin& origin);

@@ -1,4 +1,4 @@
-// What is counted of calls, by method.
+// Counts calls by method.
 
 #ifndef MANEUVER_SERVER_RPC_CALL_METRICS_H_
 #define MANEUVER_SERVER_RPC_CALL_METRICS_H_
@@ -20,14 +20,14 @@
 
 namespace maneuver::rpc {
 
-// "NOT_FOUND". "UNKNOWN" for what is no code.
+// Returns the name of a code, such as "NOT_FOUND"; "UNKNOWN" for any other number.
 const char* CodeName(grpc::StatusCode code);
 
 // Thread-safe.
 class MethodMetrics {
  public:
-  //   name: as the label has it, "PredictionService/Predict".
-  //   of_contract: a method of maneuver.v1, whose messages are counted.
+  //   name: the label's value, "PredictionService/Predict".
+  //   of_contract: whether it is a method of maneuver.v1, whose message bytes are counted.
   MethodMetrics(monitoring::MetricRegistry& metrics, std::string name, bool of_contract);
 
   const std::string& name() const { return name_; }
@@ -44,7 +44,8 @@ class MethodMetrics {
     monitoring::Counter& requests;
     monitoring::Histogram& duration;
   };
-  // Made when it is first needed: most methods only ever see a few codes.
+  // Returns the metrics of a code, which are made when they are first needed: most methods only
+  // ever return a few codes.
   OfCode& Of(grpc::StatusCode code);
 
   monitoring::MetricRegistry& metrics_;
@@ -61,15 +62,16 @@ class MethodMetrics {
 //   maneuver_requests_total{method, code}, maneuver_request_duration_seconds{method, code},
 //   maneuver_requests_in_flight{method}, maneuver_request_bytes_total{method},
 //   maneuver_response_bytes_total{method}
-// Thread-safe. What it returns lives as long as it does.
+// Counts calls with these metrics. Thread-safe. The metrics that it returns live as long as it
+// does.
 class CallMetrics {
  public:
   //   methods: of the contract, "/maneuver.v1.PredictionService/Predict"; shown from the start.
-  // `metrics` outlives it.
+  // `metrics` must outlive this object.
   CallMetrics(monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods);
 
-  // Of one of `methods`, or of another that the server has: health and reflection. gRPC asks for
-  // registered methods alone, so the labels are bounded.
+  // Returns the metrics of a method: one of `methods`, or one of health and reflection. gRPC passes
+  // only registered methods, so the number of labels is bounded.
   MethodMetrics& Find(std::string_view method);
 
  private:

@@ -1,4 +1,4 @@
-// Sees every call of every service, in one place, and has it counted and logged.
+// Counts and logs every call of every service.
 
 #ifndef MANEUVER_SERVER_RPC_CALL_OBSERVER_H_
 #define MANEUVER_SERVER_RPC_CALL_OBSERVER_H_

@@ -27,12 +27,12 @@ class DatasetUploadCall final
   const std::string caller_;
 };
 
-// What of the request's dataset has arrived from `caller`.
+// Answers which bytes of the request's dataset have arrived from `caller`.
 absl::Status AnswerQueryUpload(const data::DatasetStore& datasets, const std::string& caller,
                                const v1::QueryUploadRequest& request,
                                v1::QueryUploadResponse* response);
 
-// With the ErrorInfo that fits an error of the dataset store. One that has a reason keeps it.
+// Adds the ErrorInfo that fits an error of the dataset store, unless it has one already.
 absl::Status WithDatasetReason(absl::Status status);
 
 }  // namespace maneuver::rpc

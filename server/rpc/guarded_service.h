@@ -1,5 +1,5 @@
-// A gRPC service behind the access control: every method, also one that is declared tomorrow, is
-// admitted before anything of it runs, even before its request is parsed.
+// A gRPC service behind the access control. Every method, including methods added later, is
+// admitted before any of its code runs, even before its request is parsed.
 
 #ifndef MANEUVER_SERVER_RPC_GUARDED_SERVICE_H_
 #define MANEUVER_SERVER_RPC_GUARDED_SERVICE_H_
@@ -20,31 +20,32 @@
 
 namespace maneuver::rpc {
 
-// A service, with its full name in the contract: "maneuver.v1.PredictionService". The service
-// outlives the server.
+// A service, with its full name in the contract: "maneuver.v1.PredictionService". The service must
+// outlive the server.
 struct NamedService {
   const char* name;
   grpc::Service* service;
-  // Whether a call of a method ("/maneuver.v1.PredictionService/Predict") that has until `deadline`
-  // for `request` is worth its work. Unary calls alone are asked about, after their callers are
-  // admitted and before their requests are parsed: that is a good part of the work, and a server
-  // with too much to do has no time for it. Empty: each is.
+  // Refuses calls that are not worth their work: returns an error for a call of a method
+  // ("/maneuver.v1.PredictionService/Predict") with this deadline. Called only for unary calls,
+  // after the caller is admitted and before the request is parsed: parsing is a good part of the
+  // work, and an overloaded server has no time for it. Empty: no call is refused.
   std::function<absl::Status(std::string_view method,
                              std::chrono::system_clock::time_point deadline,
                              const grpc::ByteBuffer& request)>
       worth = {};
 };
 
-// Registered in place of the service that it guards. The generated code has no place for such a
-// check, and gRPC's server interceptors cannot keep a handler from running: so this takes the
-// service's handlers, and runs them only for calls that are admitted.
+// Register it instead of the service that it guards. The generated code has no place for such a
+// check, and gRPC's server interceptors cannot keep a handler from running. So this class takes the
+// service's handlers and runs them only for admitted calls.
 class GuardedService final : public grpc::Service {
  public:
-  // Both outlive it. INTERNAL if the contract has no such service.
+  // Wraps a service. Both arguments must outlive the result. INTERNAL if the contract has no such
+  // service.
   static absl::StatusOr<std::unique_ptr<GuardedService>> Create(const NamedService& guarded,
                                                                 security::AccessControl& access);
 
-  // "/maneuver.v1.PredictionService/Predict" of each.
+  // Returns the full names of its methods, such as "/maneuver.v1.PredictionService/Predict".
   std::vector<std::string> MethodNames() const;
 
  private:
@@ -53,11 +54,11 @@ class GuardedService final : public grpc::Service {
   std::vector<std::unique_ptr<const std::string>> method_names_;  // gRPC keeps pointers to them
 };
 
-// When the caller gives up; time_point::max() for no deadline, and for one that is further than a
-// hundred days away. gRPC's own conversion takes deadlines in centuries for ones in the past.
+// Returns when the caller gives up: time_point::max() if it set no deadline, or one more than a
+// hundred days ahead. (gRPC's own conversion turns deadlines centuries ahead into past ones.)
 std::chrono::system_clock::time_point DeadlineOf(const grpc::ServerContextBase& rpc);
 
-// What a call shows of its caller.
+// Returns the credentials that the caller sent.
 security::Credentials CredentialsOf(const grpc::ServerContextBase& rpc);
 
 }  // namespace maneuver::rpc

@@ -19,8 +19,8 @@
 
 namespace maneuver::rpc {
 
-// One DownloadModelVersion call. The disk is read once the client took what was read before: a slow
-// client costs one chunk, and holds up nobody. Deletes itself.
+// One DownloadModelVersion call. It reads the disk only after the client has taken the previous
+// chunk, so a slow client costs one chunk and delays nobody. Deletes itself.
 class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadModelVersionResponse> {
  public:
   ModelDownloadCall(const serving::VersionStore& store, const serving::ServingTable& table,
@@ -32,12 +32,12 @@ class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadMode
   void OnDone() override { delete this; }
 
  private:
-  // The caller's token was taken back. The call ends before its next chunk; who does not even read
-  // what is written is cut off the next time.
+  // Called each time the token is found revoked. The first call ends the download before its next
+  // chunk. The second call breaks off a client that does not read.
   void OnRefused(const absl::Status& refusal);
-  // One of them at a time, on a thread of the pool.
+  // Runs one step on a thread of the pool; never two at a time.
   void TakeStep();
-  // Fills message_. False at the end.
+  // Fills message_. Returns false at the end.
   absl::StatusOr<bool> ReadNext();
   absl::Status Open();
   void End(const absl::Status& status);
@@ -48,7 +48,7 @@ class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadMode
   grpc::CallbackServerContext* const rpc_;
   const v1::DownloadModelVersionRequest request_;
 
-  // Of who works on the call.
+  // Used only by the step in progress.
   std::unique_ptr<serving::VersionReader> reader_;
   v1::DownloadModelVersionResponse message_;
 
@@ -56,7 +56,7 @@ class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadMode
   absl::Status refusal_ ABSL_GUARDED_BY(mutex_);
   bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;
 
-  // Last, so that it ends first: nobody refuses what is gone.
+  // Last, so that it is destroyed first and calls no destroyed object.
   std::unique_ptr<security::AccessControl::LongCall> admission_;
 };
 
@@ -77,7 +77,7 @@ class ModelUploadCall final
   const std::string caller_;
 };
 
-// What of the request's version has arrived from `caller`.
+// Answers which bytes of the request's version have arrived from `caller`.
 absl::Status AnswerQueryModelUpload(serving::VersionUploads& uploads, const std::string& caller,
                                     const v1::QueryModelUploadRequest& request,
                                     v1::QueryModelUploadResponse* response);

@@ -1,12 +1,13 @@
-// The connections of this process, as the operating system knows them: gRPC does not give them out.
+// Closes connections of this process, which it finds through the operating system because gRPC does
+// not expose them.
 
 #ifndef MANEUVER_SERVER_RPC_OPEN_CONNECTIONS_H_
 #define MANEUVER_SERVER_RPC_OPEN_CONNECTIONS_H_
 
 namespace maneuver::rpc {
 
-// Shuts down, both ways, every TCP connection of this process that came in by `port`. Whoever uses
-// one finds it broken.
+// Shuts down, in both directions, every TCP connection that was accepted on `port`. Its users then
+// find it broken.
 void CutOffConnections(int port);
 
 }  // namespace maneuver::rpc

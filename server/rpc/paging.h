@@ -8,7 +8,8 @@
 
 namespace maneuver::rpc {
 
-// Items on a page, as every List method has it: 50 if the request leaves it open, at most 1000.
+// Returns the number of items on a page, for all List methods: 50 if the request does not say, at
+// most 1000.
 inline absl::StatusOr<int> PageSizeOf(int requested) {
   constexpr int kDefault = 50;
   constexpr int kLargest = 1000;

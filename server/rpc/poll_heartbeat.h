@@ -1,9 +1,9 @@
-// Keeps gRPC's threads from falling asleep.
+// Keeps gRPC's polling threads awake.
 //
-// The threads that read what comes for the callback API look away for 100 ms whenever none of them
-// has had anything for a second (gRPC 1.51, CallbackAlternativeCQ): who calls once a second then
-// waits for up to that long. Something that is always there before the second is over keeps them
-// looking: a call that ends at once, on a channel that leads nowhere.
+// The threads that receive messages for the callback API pause for 100 ms whenever none of them has
+// received anything for a second (gRPC 1.51, CallbackAlternativeCQ). A client that calls once a
+// second then waits up to 100 ms. To prevent the pause, this class makes a call that ends at once,
+// on a channel that leads nowhere, several times a second.
 
 #ifndef MANEUVER_SERVER_RPC_POLL_HEARTBEAT_H_
 #define MANEUVER_SERVER_RPC_POLL_HEARTBEAT_H_
@@ -20,17 +20,17 @@ namespace maneuver::rpc {
 
 class PollHeartbeat {
  public:
-  // At most a third of the second: there are two such threads and more, and one that has had the
-  // last beats is enough.
+  // Starts beating. The default is less than a third of a second: there are two or more such
+  // threads, and it is enough if one of them received the last beats.
   explicit PollHeartbeat(std::chrono::milliseconds interval = std::chrono::milliseconds(300));
   PollHeartbeat(const PollHeartbeat&) = delete;
   PollHeartbeat& operator=(const PollHeartbeat&) = delete;
   ~PollHeartbeat();
 
-  // Waits until so many beats have been seen by gRPC's threads.
+  // Waits until gRPC's threads have seen `count` more beats.
   void AwaitBeats(int count);
-  // When gRPC's threads saw the last beat; at first, when this was made. They are stuck if that is
-  // many intervals ago.
+  // Returns when gRPC's threads saw the last beat; at first, the time of construction. If that is
+  // many intervals ago, the threads are stuck.
   std::chrono::steady_clock::time_point last_beat() const;
 
  private:

@@ -18,21 +18,21 @@
 
 namespace maneuver::rpc {
 
-// What Predict's request and response mean to a run.
+// Returns the inputs and outputs of a run for Predict's request and response.
 PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* response);
 
 class PredictStream;
 
-// The streams that are open. Safe from any thread.
+// The open streams. Safe to use from any thread.
 class OpenStreams {
  public:
-  // Ends every stream, those that are opened later included; see PredictStream::Drain.
+  // Ends every open stream, and every stream that is opened later; see PredictStream::Drain.
   void Drain();
 
  private:
   friend class PredictStream;
 
-  // False if it is to end at once.
+  // Returns false if the stream must end at once.
   bool Add(const std::shared_ptr<PredictStream>& stream);
   void Remove(const std::shared_ptr<PredictStream>& stream);
 
@@ -41,17 +41,17 @@ class OpenStreams {
   std::set<std::shared_ptr<PredictStream>> streams_ ABSL_GUARDED_BY(mutex_);
 };
 
-// Lives until gRPC is done with the stream, which is after the last of its requests was answered.
+// A stream lives until gRPC has finished it, which is after its last request was answered.
 class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>,
                             public std::enable_shared_from_this<PredictStream> {
  public:
-  // Each request of the stream is admitted anew, and the stream ends when its caller's token is
-  // taken back. `streams` outlives the stream.
+  // Opens a stream. Each of its requests is admitted separately. The stream ends when the caller's
+  // token is revoked. `streams` must outlive the stream.
   static PredictStream* Open(PredictionContext& context, OpenStreams& streams,
                              grpc::CallbackServerContext* rpc);
 
-  // Takes no more requests, answers those that it has, and ends with UNAVAILABLE: the caller opens
-  // another stream, elsewhere.
+  // Accepts no more requests, answers those in flight, and ends with UNAVAILABLE, so that the
+  // caller opens another stream elsewhere.
   void Drain();
 
   void OnReadDone(bool ok) override;
@@ -66,7 +66,7 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
     v1::StreamPredictResponse response;
   };
   struct Entry {
-    grpc::ByteBuffer bytes;  // that came, and then those that go
+    grpc::ByteBuffer bytes;  // of the request, then of the response
     size_t size = 0;         // of them
     std::shared_ptr<Messages> messages = std::make_shared<Messages>();  // until it is answered
     std::shared_ptr<PredictionRun> run;                                 // until it is answered
@@ -76,11 +76,11 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
 
   PredictStream(PredictionContext& context, OpenStreams& streams, grpc::CallbackServerContext* rpc);
 
-  // The caller's token was taken back. The first time the stream ends as soon as nothing of it is
-  // under way; a caller who does not even read what is written is cut off the next time.
+  // Called each time the token is found revoked. The first call ends the stream once nothing is in
+  // flight. The second call breaks off a caller that does not read.
   void OnRefused(const absl::Status& refusal);
   void Begin(std::shared_ptr<Entry> entry);
-  // Looks at a request, parses it and hands it to the scheduler.
+  // Checks a request's outline, parses it and hands it to the scheduler.
   absl::Status Start(const std::shared_ptr<Entry>& entry);
   absl::Status Admit(const v1::PredictRequest& request);
   void Answered(std::shared_ptr<Entry> entry, const absl::Status& status);

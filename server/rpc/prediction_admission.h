@@ -1,5 +1,6 @@
-// Whether a prediction is let in: it must leave enough time, and its caller must not ask for too
-// many targets at a time. Unary calls and each request of a stream are admitted alike:
+// Decides whether a prediction is admitted: its deadline must leave enough time, and its caller
+// must not ask for too many targets at a time. Unary calls and requests of a stream take the same
+// steps:
 //
 //   CheckWait       before the request is parsed: is it worth that work?
 //   AdmitTargets    once it is parsed
@@ -26,13 +27,13 @@ namespace maneuver::rpc {
 // Returns a caller's deadline on the clock of the scheduler.
 serving::TimePoint OnSteadyClock(std::chrono::system_clock::time_point deadline);
 
-// Returns whether the scheduler expects to answer a unary call in time: NamedService::worth of the
-// prediction service. RegisterMap is worth its work whatever waits.
+// Checks whether the scheduler expects to answer a unary call in time. This is NamedService::worth
+// of the prediction service. RegisterMap is always worth its work.
 absl::Status CheckWait(serving::BatchScheduler& scheduler, std::string_view method,
                        std::chrono::system_clock::time_point deadline,
                        const grpc::ByteBuffer& request);
 
-// Returns whether the caller may ask for that many targets now.
+// Checks whether the caller may ask for these targets now.
 absl::Status AdmitTargets(security::AccessControl& access, const security::Credentials& caller,
                           const Scenarios& scenarios);
 

@@ -1,5 +1,5 @@
-// The answer to a prediction request: from what the workers computed to messages, in the frame that
-// the caller asked for.
+// Writes the answer to a prediction request: converts what the workers computed to messages, in the
+// frame that the caller asked for.
 
 #ifndef MANEUVER_SERVER_RPC_PREDICTION_ANSWERS_H_
 #define MANEUVER_SERVER_RPC_PREDICTION_ANSWERS_H_
@@ -19,7 +19,7 @@ struct AnswerStyle {
   v1::Frame frame = v1::FRAME_WORLD;
 };
 
-// Append an item for each scenario, with the errors of what could not be answered.
+// Append an item for each scenario, with errors where there is no answer.
 //   answers: of plan.targets, in their order.
 void WritePredictions(const Scenarios& scenarios, const PredictionPlan& plan,
                       const std::vector<serving::TargetAnswer>& answers, const AnswerStyle& style,

@@ -33,22 +33,24 @@ struct PlannedScenario {
   absl::Status status;  // if not OK there are no targets
   std::vector<PlannedTarget> targets;
 };
-// The map of each scenario. As FindMaps returns it: the map that the scenario names, or nullptr;
-// empty if no scenario names one. In a plan: the map that the scenario names, or its own.
+// The map of each scenario. FindMaps returns the map that a scenario names or nullptr for each;
+// empty if no scenario names one. A plan has the map that the scenario names, or the scenario's
+// own.
 using ScenarioMaps = std::vector<std::shared_ptr<const scene::RoadMap>>;
 
 struct PredictionPlan {
   std::vector<PlannedScenario> scenarios;
   std::vector<serving::Target> targets;
-  ScenarioMaps maps;  // which the targets point to
+  ScenarioMaps maps;  // that the targets point to
 };
 
 // Looks up the maps that scenarios name. FAILED_PRECONDITION with the reason MAP_NOT_REGISTERED if
-// the server does not hold one. Leaves ids that cannot be ids of maps to PlanPrediction.
+// the server does not hold one. Ignores malformed map ids, which PlanPrediction reports.
 absl::StatusOr<ScenarioMaps> FindMaps(const Scenarios& scenarios, serving::MapCache& maps);
 
-// Validates each scenario and target for a model. Those that are wrong fail alone.
-//   classify: each target needs its future too, resampled to the model's waypoints.
+// Validates each scenario and target for a model. An invalid scenario or target gets an error; the
+// others are answered.
+//   classify: each target also needs its future, resampled to the model's waypoints.
 //   maps: from FindMaps.
 PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
                               const scene::ScenarioLimits& limits, bool classify,

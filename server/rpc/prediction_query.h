@@ -1,4 +1,4 @@
-// What a prediction request asks of each target, in the scheduler's terms.
+// Translates the query and the priority of a prediction request into the scheduler's terms.
 
 #ifndef MANEUVER_SERVER_RPC_PREDICTION_QUERY_H_
 #define MANEUVER_SERVER_RPC_PREDICTION_QUERY_H_
@@ -9,13 +9,13 @@
 
 namespace maneuver::rpc {
 
-// Returns the actions that a query asks for.
+// Returns the actions that a query asks for. INVALID_ARGUMENT names the wrong field by its path in
+// the request, such as query.action_ids.ids[0] or query.top_k.
 //   actions: how many the model has.
-// INVALID_ARGUMENT with the wrong field, from the request: query.action_ids.ids[0], query.top_k.
 absl::StatusOr<serving::DescribeActions> ParseQuery(const v1::DistributionQuery& query,
                                                     int actions);
 
-// INVALID_ARGUMENT if there is no such priority.
+// Returns the scheduler's priority. INVALID_ARGUMENT if there is no such priority.
 absl::StatusOr<serving::Priority> ParsePriority(v1::Priority priority);
 
 }  // namespace maneuver::rpc

@@ -1,5 +1,5 @@
-// One request of PredictionService, once it is admitted, on its way to the answer. The unary methods
-// and the stream share it. The way of a request:
+// Answers one admitted request of PredictionService. The unary methods and the stream share it. A
+// request takes these steps:
 //
 //   guard        guarded_service       who calls, and may they?
 //   admission    prediction_admission  is there time, and memory for the answer?
@@ -32,7 +32,7 @@
 
 namespace maneuver::rpc {
 
-// What predictions need; outlives all of them.
+// What predictions need. Must outlive all of them.
 struct PredictionContext {
   serving::ServingTable& models;
   serving::BatchScheduler& scheduler;
@@ -44,7 +44,7 @@ struct PredictionContext {
   std::shared_ptr<serving::Shadow> shadow = nullptr;  // nullptr: none
 };
 
-// The request, and where its answer goes; both outlive the run.
+// The request, and the places for its answer. Both must outlive the run.
 struct PredictionIo {
   const std::string* model = nullptr;
   const Scenarios* scenarios = nullptr;
@@ -64,22 +64,23 @@ struct PredictionIo {
 
 class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
  public:
-  // Starts a run. `done` is called once, from any thread, possibly before this returns. Errors of
+  // Starts a run. `done` is called once, from any thread, possibly before Start returns. Errors of
   // single items are in the answer.
-  //   request: keeps what `io` reads beyond the run, for the shadow; nullptr: nothing for it.
+  //   request: owns what `io` points to, so that the shadow can read it after the run; nullptr: the
+  //     shadow gets nothing.
   static std::shared_ptr<PredictionRun> Start(PredictionContext& context, const PredictionIo& io,
                                               serving::TimePoint deadline,
                                               std::shared_ptr<const void> request,
                                               std::function<void(absl::Status)> done);
 
-  // The most bytes that the answer can have; 0 before the model is found. They are counted as
-  // memory of the server until the run is destroyed, as many as they are once it has finished: keep
-  // it, or what TakeMemory returns, until the caller has the answer.
+  // Returns an upper bound of the answer's size in bytes; 0 before the model is found. The bound
+  // counts as send memory until the run is destroyed; once the run has finished, the actual size
+  // does. So keep the run, or the result of TakeMemory, until the caller has the answer.
   int64_t answer_bytes() const { return answer_bytes_.load(std::memory_order_relaxed); }
-  // Call once `done` was called.
+  // Takes the answer's memory. Call only after `done` was called.
   serving::SendMemory::Share TakeMemory() { return std::move(memory_); }
 
-  // Nobody waits for the answer any more; `done` is still called.
+  // Says that nobody waits for the answer any more; `done` is still called.
   void Cancel() { call_->cancelled.store(true, std::memory_order_relaxed); }
 
  private:
@@ -89,7 +90,7 @@ class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
   void FindModel();
   absl::Status Submit(serving::ModelHandle model);
   absl::Status ParseQuestion(int actions);
-  // Answers the names that are asked for, if the model has those that are required.
+  // Writes the requested action names. Fails if the model lacks a required name.
   absl::Status AnswerNames(const serving::ServedModel& model);
   absl::Status ReserveMemory(const v1::ModelSpec& spec);
   int64_t MessageBytes() const;  // of the answer that was written

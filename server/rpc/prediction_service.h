@@ -8,7 +8,7 @@
 
 namespace maneuver::rpc {
 
-// StreamPredict takes and gives bytes: it looks at a request before it parses it.
+// StreamPredict reads and writes bytes, so that it can look at a request before parsing it.
 using PredictionMethods = v1::PredictionService::WithCallbackMethod_PredictActionProbabilities<
     v1::PredictionService::WithCallbackMethod_PredictActionDistributions<
         v1::PredictionService::WithCallbackMethod_Predict<
@@ -19,7 +19,7 @@ using PredictionMethods = v1::PredictionService::WithCallbackMethod_PredictActio
 
 class PredictionService final : public PredictionMethods {
  public:
-  // `context` outlives the service. Out of line, with the destructor: see AdminService.
+  // `context` must outlive the service. Defined in the .cc, as is the destructor: see AdminService.
   explicit PredictionService(PredictionContext& context);
   ~PredictionService() override;
 
@@ -41,8 +41,8 @@ class PredictionService final : public PredictionMethods {
                                         const v1::RegisterMapRequest* request,
                                         v1::RegisterMapResponse* response) override;
 
-  // Ends the streams, which would hold up the server's end as long as their callers stay; what they
-  // have asked is answered. Call it just before the server refuses new calls.
+  // Ends the streams once their requests are answered. Otherwise open streams would delay the
+  // shutdown as long as their callers stay. Call it just before the server refuses new calls.
   void Drain() { streams_.Drain(); }
 
  private:

@@ -1,5 +1,5 @@
-// What a prediction request asks for, read from its bytes: whether it is worth its work is known
-// before it was parsed, which is a good part of that work.
+// Reads from the bytes of a prediction request what it asks for. The server can then refuse it
+// before parsing, which is a good part of the work.
 
 #ifndef MANEUVER_SERVER_RPC_REQUEST_OUTLINE_H_
 #define MANEUVER_SERVER_RPC_REQUEST_OUTLINE_H_
@@ -13,9 +13,10 @@
 
 namespace maneuver::rpc {
 
-// Targets of all scenarios of a PredictRequest, PredictActionProbabilitiesRequest,
-// PredictActionDistributionsRequest or ClassifyTrajectoriesRequest. All else is passed over: of
-// bytes that are no such message, what was seen of one.
+// Returns the number of targets in all scenarios of a PredictRequest,
+// PredictActionProbabilitiesRequest, PredictActionDistributionsRequest or
+// ClassifyTrajectoriesRequest. Skips everything else. In malformed bytes it counts what it can
+// read.
 size_t CountTargets(const grpc::ByteBuffer& request);
 
 struct StreamOutline {
@@ -24,8 +25,8 @@ struct StreamOutline {
   size_t targets = 0;
 };
 
-// Of a StreamPredictRequest. Nothing if the bytes are no such message; if they are one but for what
-// is inside `request`, that is left to whoever parses it.
+// Reads the outline of a StreamPredictRequest. Returns nothing if the bytes are no such message.
+// Errors inside `request` are left to the parser.
 std::optional<StreamOutline> ReadStreamOutline(const grpc::ByteBuffer& message);
 
 }  // namespace maneuver::rpc

@@ -1,4 +1,4 @@
-// Names of actions that a caller counts on.
+// Checks the action names that a caller requires.
 
 #ifndef MANEUVER_SERVER_RPC_REQUIRED_NAMES_H_
 #define MANEUVER_SERVER_RPC_REQUIRED_NAMES_H_
@@ -15,14 +15,15 @@ namespace maneuver::rpc {
 
 using ActionNameList = google::protobuf::RepeatedPtrField<std::string>;
 
-// Returns OK if `names`, those of the version that is to answer, hold all that are required; else
-// FAILED_PRECONDITION with the reason ACTION_NAME_GONE, whose metadata has the version as
-// `model_version` and the first errors::kMaxListedViolations missing names as `action_name_0`,
-// `action_name_1` and so on. INVALID_ARGUMENT for names that are too long for an action.
+// Returns OK if `names`, the action names of the version that answers, contain all required names.
+// Otherwise returns FAILED_PRECONDITION with the reason ACTION_NAME_GONE. Its metadata has the
+// version as `model_version`, and the first errors::kMaxListedViolations missing names as
+// `action_name_0`, `action_name_1` and so on. INVALID_ARGUMENT for names that are too long for an
+// action.
 absl::Status CheckRequiredNames(const ActionNameList& required, std::span<const std::string> names,
                                 const security::ModelVersionName& version);
 
-// Returns where the names of the actions go; nullptr unless the request asks for them.
+// Returns the field for the names of the actions; nullptr unless the request asks for them.
 template <typename Request, typename Response>
 ActionNameList* NamesIfWanted(const Request& request, Response* response) {
   return request.include_action_names() ? response->mutable_action_names() : nullptr;

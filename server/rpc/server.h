@@ -26,29 +26,29 @@ class ServerCredentials;
 
 namespace maneuver::rpc {
 
-// What one connection, and one message, may take up.
+// Limits of connections and messages.
 struct ConnectionLimits {
   int max_message_bytes = 64 << 20;
   int max_streams = 256;               // calls at once on one connection; more wait for their turn
   std::chrono::seconds max_idle{900};  // without a call; then the client has to connect again
-  // A connection this old takes no more calls: the client connects anew, to another replica maybe,
-  // and with certificates of the day. Calls in flight go on.
+  // A connection this old accepts no more calls. Its calls in progress continue, and the client
+  // connects anew, perhaps to another replica, and with the current certificates.
   std::chrono::seconds max_age{3600};
   std::chrono::seconds handshake{10};  // from connecting to the client's first frame of HTTP/2
-  // Without a word for so long, a connection is asked for one, and closed if none comes in a third
-  // of that, calls or not.
+  // A connection that sends nothing for this long is pinged. If no reply comes within a third of
+  // this time, it is closed, even with calls in progress.
   std::chrono::seconds keepalive{60};
-  // What all connections together may hold of messages that have not come whole: gRPC looks at a
-  // message's size only once it has all of it. Beyond that idle connections are closed, and then
-  // calls are broken off with RESOURCE_EXHAUSTED, whoever's they are, until there is room.
+  // How many bytes of incomplete messages all connections together may hold: gRPC checks a
+  // message's size only once all of it has arrived. Above the limit, idle connections are closed.
+  // Then calls of any caller are broken off with RESOURCE_EXHAUSTED until there is room.
   int64_t max_receive_bytes = int64_t{1} << 30;
 };
 
 class Server {
  public:
-  // Listens and answers. Every service, and the server as a whole (""), is SERVING but
+  // Listens and answers. At first every service, and the server as a whole (""), is SERVING, except
   // PredictionService, which is NOT_SERVING until SetPredictionsReady.
-  //   services: outlive the server, as does `access`, which lets calls of them in or not.
+  //   services: must outlive the server, as must `access`, which admits their calls.
   //   credentials: nullptr for plain text.
   // UNAVAILABLE if it cannot listen there.
   static absl::StatusOr<std::unique_ptr<Server>> Start(
@@ -56,28 +56,27 @@ class Server {
       security::AccessControl& access, monitoring::MetricRegistry& metrics,
       std::shared_ptr<grpc::ServerCredentials> credentials = nullptr,
       const ConnectionLimits& limits = {});
-  // Shuts down at once, if Shutdown was not called.
+  // Shuts down at once, unless Shutdown was called.
   ~Server();
 
-  // Where it listens; the port that was picked if it was 0.
+  // Returns the address that it listens on, with the port that was chosen if it was 0.
   const security::ListenAddress& address() const { return address_; }
 
-  // Safe from any thread.
+  // Sets whether PredictionService is SERVING. Safe from any thread.
   void SetPredictionsReady(bool ready);
 
-  // Everything turns NOT_SERVING, for good. Calls are still answered.
+  // Makes every service NOT_SERVING permanently. Calls are still answered.
   void TurnHealth();
 
-  // Whether a service, or the server as a whole (""), is SERVING; nothing for another name. Says
-  // what grpc.health.v1 says. Safe from any thread.
+  // Returns whether a service, or the server as a whole (""), is SERVING according to
+  // grpc.health.v1; nothing for any other name. Safe from any thread.
   std::optional<bool> IsServing(std::string_view service) const;
-  // Whether gRPC's threads have done anything of late; if not, no call is answered. Safe from any
-  // thread.
+  // Returns whether gRPC's threads have been active lately. If not, no call is answered. Safe from
+  // any thread.
   bool IsAlive() const;
 
-  // Refuses new calls, lets those in flight end until `deadline`, then cancels them. Connections
-  // whose callers do not read what was written are cut off half a second later, so that nobody can
-  // hold up the end.
+  // Refuses new calls, lets calls in flight run until `deadline`, then cancels them. Half a second
+  // later it closes connections whose callers do not read, so that nobody can delay the end.
   void Shutdown(std::chrono::system_clock::time_point deadline);
 
  private:
@@ -87,10 +86,10 @@ class Server {
 
   const security::ListenAddress address_;
   const std::vector<std::string> names_;  // of the services
-  // What grpc.health.v1 was told: gRPC does not give it back.
+  // The states that grpc.health.v1 was told; gRPC does not return them.
   std::atomic<bool> predictions_ready_ = false;
   std::atomic<bool> health_turned_ = false;
-  // gRPC's server uses them to its end.
+  // gRPC's server uses these until it ends.
   const std::vector<std::unique_ptr<GuardedService>> services_;
   const std::shared_ptr<grpc::ServerCredentials> credentials_;
   const std::unique_ptr<grpc::Server> server_;

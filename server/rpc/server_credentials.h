@@ -11,14 +11,14 @@
 
 namespace maneuver::rpc {
 
-// Each new connection is greeted with the store's current certificates; those there are keep
-// theirs, and their calls. If the store has a client CA, whoever has no certificate of it does not
-// get through the handshake. TLS 1.2 or later.
+// Returns credentials that give each new connection the store's current certificates. Existing
+// connections keep theirs. If the store has a client CA, the handshake of a client without a
+// certificate of that CA fails. Requires TLS 1.2 or later.
 //
-// (gRPC's own FileWatcherCertificateProvider takes up a new certificate with an old key if it looks
-// in between, and then refuses every connection until it looks again.)
+// (gRPC's own FileWatcherCertificateProvider can read a new certificate with the old key if both
+// are being replaced. It then refuses every connection until it reads them again.)
 //
-// For one server, which it outlives.
+// For one server, which must not outlive the result.
 std::shared_ptr<grpc::ServerCredentials> ReloadingServerCredentials(
     std::shared_ptr<const security::CertificateStore> certificates);
 

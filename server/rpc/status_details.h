@@ -1,4 +1,4 @@
-// absl::Status, with the details that server/errors attached, as gRPC carries it.
+// Converts absl::Status, with the details that server/errors attached, to gRPC's form.
 
 #ifndef MANEUVER_SERVER_RPC_STATUS_DETAILS_H_
 #define MANEUVER_SERVER_RPC_STATUS_DETAILS_H_
@@ -10,10 +10,10 @@
 
 namespace maneuver::rpc {
 
-// Code, message, and a google.rpc.Status as grpc-status-details-bin. OK stays OK.
+// Returns the code, the message, and a google.rpc.Status as grpc-status-details-bin. OK stays OK.
 //
-// Clients take 8 KiB of headers and give any error beyond that another code. So a long message, or
-// field, is cut, and violations that do not fit are left out.
+// Clients accept 8 KiB of headers and report any larger error with another code. So long messages
+// and fields are cut, and violations that do not fit are left out.
 grpc::Status ToGrpcStatus(const absl::Status& status);
 
 }  // namespace maneuver::rpc

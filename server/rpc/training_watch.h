@@ -17,8 +17,8 @@
 
 namespace maneuver::rpc {
 
-// One WatchJob call. Reads the store only once the client took what was read before: a slow client
-// costs a small buffer, and holds up nobody. Deletes itself.
+// One WatchJob call. It reads the store only after the client has taken what was read before, so a
+// slow client costs a small buffer and delays nobody. Deletes itself.
 class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse> {
  public:
   JobWatchCall(jobs::Supervisor& jobs, WorkerPool& pool, security::AccessControl& access,
@@ -37,10 +37,11 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
   };
 
   void OnNews();
-  // The caller's token was taken back. The first time the call ends as soon as nobody works on it;
-  // who does not even read what is written is cut off the next time.
+  // Called each time the token is found revoked. The first call ends the watch as soon as nobody
+  // works on it. The second call breaks off a client that does not read.
   void OnRefused(const absl::Status& refusal);
-  // Reads what is new and writes it; waits if there is nothing. On a thread of the pool, kWorking.
+  // Reads new events and writes them; waits if there are none. Runs on a thread of the pool while
+  // kWorking.
   void ReadNext();
   void ReadSoon();
   void WriteNext();
@@ -61,7 +62,7 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
   bool is_cancelled_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status refusal_ ABSL_GUARDED_BY(mutex_);
 
-  // Last, so that they end first: no news reaches what is gone.
+  // Last, so that they are destroyed first and call no destroyed object.
   std::unique_ptr<jobs::JobNews::Subscription> subscription_;
   std::unique_ptr<security::AccessControl::LongCall> admission_;
 };

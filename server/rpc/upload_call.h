@@ -25,8 +25,8 @@ namespace maneuver::rpc {
 
 inline constexpr size_t kMaxUploadChunk = size_t{1} << 20;
 
-// OK for nothing, or a number for each file that fits its size. INVALID_ARGUMENT names
-// header.arrived_bytes.
+// Checks arrived_bytes: it must be empty, or have a number from 0 to the file's size for each file.
+// INVALID_ARGUMENT names header.arrived_bytes.
 //   noun: what a file is called, "shard". File has size_bytes().
 template <typename Files, typename Numbers>
 absl::Status CheckArrived(const Files& files, const Numbers& arrived, absl::string_view noun) {
@@ -45,8 +45,8 @@ absl::Status CheckArrived(const Files& files, const Numbers& arrived, absl::stri
   return absl::OkStatus();
 }
 
-// The next message is read once the last is on its way to the disk: a fast client waits for a slow
-// disk. Deletes itself.
+// Reads the next message only after the last was handed to the disk, so a fast client waits for a
+// slow disk. Deletes itself.
 //   Request: has header() or chunk(). Upload: has Append, Commit (a StatusOr<Response>), Discard.
 template <typename Request, typename Response, typename Upload>
 class UploadCall : public grpc::ServerReadReactor<Request> {
@@ -74,13 +74,13 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
     ReadOn();
   }
 
-  // The upload of a header.
+  // Returns the upload that a header begins.
   virtual absl::StatusOr<std::unique_ptr<Upload>> Begin(const Request& first) = 0;
-  // With the ErrorInfo that fits an error of the upload.
+  // Adds the ErrorInfo that fits an error of the upload.
   virtual absl::Status WithReason(absl::Status status) const = 0;
 
  private:
-  // The caller's token was taken back: the call ends as soon as nobody works on it.
+  // Called when the caller's token is revoked: the call ends as soon as nobody works on it.
   void OnRefused(const absl::Status& refusal) {
     {
       const MutexLock lock(mutex_);
@@ -91,7 +91,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
     pool_.Continue([this, refusal] { EndRefused(refusal); });
   }
 
-  // One of them at a time, on a thread of the pool.
+  // Runs one step on a thread of the pool; never two at a time.
   void TakeStep(bool has_message) {
     const absl::Status status = has_message ? TakeMessage() : Commit();
     if (status.ok() && has_message) {
@@ -116,7 +116,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
   }
 
   void EndRefused(const absl::Status& refusal) {
-    // Whoever may not upload may leave nothing here either.
+    // A caller that may not upload may leave nothing here either.
     if (upload_ != nullptr) upload_->Discard();
     End(refusal);
   }
@@ -167,12 +167,12 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
   Request message_;
   std::unique_ptr<Upload> upload_;  // once the header came; of who works on the call
 
-  // A read is under way. Who turns it to false goes on with the call: OnReadDone, or a refusal.
+  // A read is in progress. Whoever sets this to false continues the call: OnReadDone or a refusal.
   std::atomic<bool> reading_ = false;
   Mutex mutex_;
   absl::Status refusal_ ABSL_GUARDED_BY(mutex_);
 
-  // Last, so that it ends first: nobody refuses what is gone.
+  // Last, so that it is destroyed first and calls no destroyed object.
   std::unique_ptr<security::AccessControl::LongCall> admission_;
 };
 

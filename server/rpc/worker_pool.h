@@ -1,4 +1,4 @@
-// A few threads for work that would hold up others: threads of gRPC, above all.
+// A few threads for work that would block other threads, above all those of gRPC.
 
 #ifndef MANEUVER_SERVER_RPC_WORKER_POOL_H_
 #define MANEUVER_SERVER_RPC_WORKER_POOL_H_
@@ -17,17 +17,18 @@ namespace maneuver::rpc {
 // Safe to use from any thread.
 class WorkerPool {
  public:
-  // Work beyond max_waiting is refused, not queued.
+  // Starts the threads. At most `max_waiting` pieces of work wait; more are refused.
   WorkerPool(int threads, size_t max_waiting);
-  // Runs what was accepted to its end. Destroy it after everyone who posts.
+  // Finishes all accepted work. Destroy the pool after everyone who posts to it.
   ~WorkerPool();
   WorkerPool(const WorkerPool&) = delete;
   WorkerPool& operator=(const WorkerPool&) = delete;
 
-  // Runs `work` soon, in order of acceptance. False, and `work` is dropped, if too much waits.
+  // Runs `work` soon, in order of acceptance. Returns false, and drops `work`, if too much is
+  // waiting.
   bool Post(std::function<void()> work);
-  // The next step of something whose first step was accepted: never refused. Each such thing may
-  // have one step waiting.
+  // Queues the next step of work that Post accepted earlier. Never refuses. A piece of work may
+  // have at most one step waiting.
   void Continue(std::function<void()> work);
 
  private:

@@ -52,9 +52,9 @@ class AccessControl {
   // Returns the name of the caller's identity; empty if it is unknown or identities are not used.
   std::string NameOf(const Credentials& credentials) const;
 
-  // Lets a call in or not:
-  //   UNAUTHENTICATED    CREDENTIALS_MISSING, TOKEN_UNKNOWN (also of a token that has expired; the
-  //                      log alone tells the two apart)
+  // Admits a call, or returns an error with one of these reasons:
+  //   UNAUTHENTICATED    CREDENTIALS_MISSING, TOKEN_UNKNOWN (also for an expired token; only the
+  //                      log distinguishes the two)
   //   PERMISSION_DENIED  CERTIFICATE_NOT_LISTED, ROLE_MISSING, METHOD_NOT_DECLARED (roles.h)
   //   RESOURCE_EXHAUSTED RATE_LIMITED, with the delay
   //   method: "/maneuver.v1.PredictionService/Predict", for example.
@@ -77,8 +77,8 @@ class AccessControl {
       std::string_view method, Credentials credentials,
       std::function<void(const absl::Status&)> on_refused);
 
-  // Reads the identities again; calls from now on are held against them. False if they are as they
-  // were. After an error those before stay. Long calls whose token has expired are refused.
+  // Reads the identities again and uses them for later calls. Returns false if they have not
+  // changed. An error keeps the old ones. Refuses long calls whose token has expired.
   absl::StatusOr<bool> Reload();
 
   bool asks_for_identity() const { return !options_.identities.empty(); }
@@ -88,7 +88,7 @@ class AccessControl {
   struct Caller {
     std::string client;
     std::string name;     // empty: unknown
-    std::string expired;  // whose token, if it has expired; for the log alone
+    std::string expired;  // owner of the token, if it has expired; only for the log
   };
 
   AccessControl(const AccessOptions& options, monitoring::MetricRegistry& metrics,

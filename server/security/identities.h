@@ -35,7 +35,7 @@ struct Identity {
   bool HasExpired(absl::Time now) const { return expires && now >= *expires; }
 };
 
-// What one line of the file says.
+// The content of one line of the file.
 struct IdentityLine {
   enum class Kind { kToken, kAlternativeName, kCommonName };
 
@@ -55,8 +55,8 @@ class Identities {
   // content.
   static absl::StatusOr<Identities> Parse(std::string_view text);
 
-  // Whose token it is, or nullptr. The caller looks whether it has expired. Takes the same time
-  // whichever token it is, and if it is none.
+  // Returns the identity of a token, or nullptr. The caller checks whether it has expired. Takes
+  // the same time for every token, known or not.
   const Identity* FindToken(std::string_view token) const;
   // Returns the identity of a certificate, or nullptr: the first line that has one of its names.
   //   alternative_names: the certificate's DNS names, URIs and addresses, as text.
@@ -64,10 +64,10 @@ class Identities {
   const Identity* FindCertificate(const std::vector<std::string>& alternative_names,
                                   std::string_view common_name) const;
 
-  // Whether a token expired after `after` and no later than `now`.
+  // Returns whether any token expired after `after` and no later than `now`.
   bool AnyExpired(absl::Time after, absl::Time now) const;
 
-  // In the file's order.
+  // Returns all lines in the order of the file.
   const std::vector<IdentityLine>& lines() const { return lines_; }
 
  private:
@@ -77,13 +77,13 @@ class Identities {
 // Returns a new token: "mvr_" and 64 hexadecimal digits, 256 bits from the operating system.
 std::string NewToken();
 
-// The line of a token. INVALID_ARGUMENT if the name is none.
+// Returns the line of a token for the file. INVALID_ARGUMENT if the name is not valid.
 //   expires: to the second; nothing: never.
 absl::StatusOr<std::string> TokenLine(std::string_view name, const RoleSet& roles,
                                       std::string_view token,
                                       std::optional<absl::Time> expires = std::nullopt);
 
-// "2027-01-31T00:00:00Z".
+// Returns a time in the form "2027-01-31T00:00:00Z".
 std::string FormatExpiry(absl::Time expires);
 
 }  // namespace maneuver::security

@@ -14,14 +14,15 @@
 
 namespace maneuver::security {
 
-// What to check. `reload` returns whether something changed. Changes are logged, and each error
-// once.
+// Files to check. `reload` reads them again if they have changed, and returns whether it did.
+// Changes are logged. An error is logged once, until a check succeeds or another error follows.
 struct ReloadedFiles {
-  std::string what;  // "certificates"
+  std::string what;  // for the log: "certificates"
   std::function<absl::StatusOr<bool>()> reload;
 };
 
-// Checks every `interval`, on a thread of its own, until it is destroyed.
+// Calls each `reload` once every `interval` on its own thread, until it is destroyed. The first
+// call comes after one interval.
 class PeriodicReload {
  public:
   PeriodicReload(std::vector<ReloadedFiles> files, std::chrono::milliseconds interval);

@@ -1,4 +1,4 @@
-// Which role may call which method: one table of all methods of all services.
+// Says which role may call which method: one table of all methods of all services.
 
 #ifndef MANEUVER_SERVER_SECURITY_ROLES_H_
 #define MANEUVER_SERVER_SECURITY_ROLES_H_
@@ -14,10 +14,10 @@ namespace maneuver::security {
 
 // Roles do not include one another: a caller that trains and predicts has both.
 enum class Role {
-  kAnyone = 0,   // in the table alone: no identity is asked for
-  kPredict = 1,  // ask, and see which models there are
-  kTrain = 2,    // bring data, learn, measure, name actions, take models away
-  kAdmin = 4,    // delete, bring models, and say which version serves
+  kAnyone = 0,   // only in the table: no identity is required
+  kPredict = 1,  // predict, and list models
+  kTrain = 2,    // upload data, train, evaluate, label actions, download models
+  kAdmin = 4,    // delete, upload models, and choose the serving version
 };
 
 std::string_view ToString(Role role);

@@ -1,4 +1,4 @@
-// Files with secrets, which other users must not read.
+// Reads and edits files with secrets, which other users must not read.
 
 #ifndef MANEUVER_SERVER_SECURITY_SECRET_FILE_H_
 #define MANEUVER_SERVER_SECURITY_SECRET_FILE_H_
@@ -17,9 +17,10 @@ namespace maneuver::security {
 // repairs it, if others may read or write the file or its group may write it.
 absl::StatusOr<std::string> ReadSecretFile(const std::filesystem::path& file);
 
-// Replaces the content by what `edit` makes of it, in one step: readers see what was before or what
-// is after. Waits for others who do the same. Errors of `edit` leave the file as it is. Makes the
-// file, for its owner alone, if there is none; `edit` then gets an empty text.
+// Replaces the content by the result of `edit`, in one step: readers see either the old or the new
+// content. Waits while another process edits the file. An error of `edit` leaves the file
+// unchanged. If there is no file, `edit` gets an empty text, and a file is created that only its
+// owner may read.
 absl::Status EditSecretFile(
     const std::filesystem::path& file,
     const std::function<absl::StatusOr<std::string>(std::string content)>& edit);

@@ -1,4 +1,5 @@
-// Whether a call is let in: whether its deadline leaves the time that it will wait and take.
+// Decides whether a call is admitted: whether its deadline leaves enough time for its wait and its
+// work.
 
 #ifndef MANEUVER_SERVER_SERVING_ADMISSION_H_
 #define MANEUVER_SERVER_SERVING_ADMISSION_H_
@@ -9,19 +10,19 @@
 
 namespace maneuver::serving {
 
-// What is expected of a call that has to wait.
+// How long a waiting call is expected to take.
 struct ExpectedWait {
-  std::chrono::nanoseconds wait;  // until it is begun
-  std::chrono::nanoseconds work;  // that it is itself
-  // The queue has been there for longer than the call has left.
+  std::chrono::nanoseconds wait;  // until its work begins
+  std::chrono::nanoseconds work;  // its own
+  // The queue has not been empty for longer than the time that the call has left.
   bool standing;
 };
 
-// RESOURCE_EXHAUSTED, DEADLINE_TOO_CLOSE with the delay after which to come again, for a call that
-// has no more than `left` until its deadline and needs more.
+// Returns RESOURCE_EXHAUSTED with reason DEADLINE_TOO_CLOSE and a retry delay if a call needs more
+// than `left`, the time until its deadline.
 absl::Status CheckTimeLeft(const ExpectedWait& expected, std::chrono::nanoseconds left);
 
-// A delay that a caller may be told: at least a millisecond, at most half a minute.
+// Returns `delay` clamped to what callers are told: a millisecond to half a minute.
 std::chrono::nanoseconds RetryDelay(std::chrono::nanoseconds delay);
 
 }  // namespace maneuver::serving

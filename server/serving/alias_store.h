@@ -1,4 +1,4 @@
-// Where the aliases of models are kept between runs.
+// Stores the aliases of models across restarts.
 
 #ifndef MANEUVER_SERVER_SERVING_ALIAS_STORE_H_
 #define MANEUVER_SERVER_SERVING_ALIAS_STORE_H_
@@ -16,17 +16,17 @@ struct ModelAlias {
   int version = 0;
 };
 
-// Durable once a call returned OK. Safe to use from any thread.
+// A change is durable once its call has returned OK. Safe to use from any thread.
 class AliasStore {
  public:
   virtual ~AliasStore() = default;
 
   // Creates or moves an alias.
   virtual absl::Status SetAlias(const security::ModelAliasName& name, int version) = 0;
-  // The version that it points to. NOT_FOUND.
+  // Returns the version that an alias points to. NOT_FOUND if there is no such alias.
   virtual absl::StatusOr<int> GetAlias(const security::ModelAliasName& name) = 0;
   virtual absl::StatusOr<std::vector<ModelAlias>> ListAliases() = 0;
-  // NOT_FOUND if there is none.
+  // Deletes an alias. NOT_FOUND if there is no such alias.
   virtual absl::Status DeleteAlias(const security::ModelAliasName& name) = 0;
 };
 

@@ -1,4 +1,4 @@
-// Whether an answer is one that may leave the server.
+// Checks answers before they leave the server.
 
 #ifndef MANEUVER_SERVER_SERVING_ANSWER_CHECK_H_
 #define MANEUVER_SERVER_SERVING_ANSWER_CHECK_H_
@@ -10,7 +10,8 @@
 
 namespace maneuver::serving {
 
-// Both return OK, or INTERNAL with the reason ANSWER_UNSOUND and what is wrong.
+// Both functions return OK, or INTERNAL with the reason ANSWER_UNSOUND and a description of the
+// fault.
 
 // Checks that `probabilities` are finite, not negative, and sum to 1 within 1e-5. `what` names
 // them: "p(y|s)".

@@ -1,4 +1,4 @@
-// How many bytes an answer may have, known before any of it is computed.
+// Bounds the size of an answer before any of it is computed.
 
 #ifndef MANEUVER_SERVER_SERVING_ANSWER_SIZE_H_
 #define MANEUVER_SERVER_SERVING_ANSWER_SIZE_H_
@@ -10,19 +10,18 @@
 
 namespace maneuver::serving {
 
-// The most bytes of one scenario's names, or of its error with its details.
+// The largest size of a scenario's names, or of its error with its details.
 inline constexpr int64_t kScenarioBytes = 4096;
-// The most bytes of one target's error with its details.
+// The largest size of a target's error with its details.
 inline constexpr int64_t kTargetErrorBytes = 768;
 
-// Returns the most bytes, as they go over the wire, that the answer for one target can have, or its
-// error.
-// Actions that are chosen by their probability p are at most 1 / p.
+// Returns the largest size on the wire that the answer for one target, or its error, can have. At
+// most 1 / p actions have a probability of p or more.
 //   sigma_trajectories: whether the answer carries them.
 int64_t MostBytesOfTarget(const v1::ModelSpec& spec, const Question& question,
                           bool sigma_trajectories);
 
-// Returns the most bytes that the answer for `targets` targets of `scenarios` scenarios can have.
+// Returns the largest size of the answer for `targets` targets of `scenarios` scenarios.
 int64_t MostBytesOfAnswer(const v1::ModelSpec& spec, const Question& question,
                           bool sigma_trajectories, int scenarios, int targets);
 

@@ -37,26 +37,27 @@ struct SchedulerOptions {
 class BatchScheduler {
  public:
   BatchScheduler(const SchedulerOptions& options, monitoring::MetricRegistry& metrics);
-  // Answers what still waits with UNAVAILABLE, and what is being worked on properly.
+  // Answers waiting calls with UNAVAILABLE, and finishes those in progress.
   ~BatchScheduler();
   BatchScheduler(const BatchScheduler&) = delete;
   BatchScheduler& operator=(const BatchScheduler&) = delete;
 
-  // OK: call->done will be called, once. Otherwise it will not:
-  //   CANCELLED, DEADLINE_EXCEEDED   nobody waits for it;
-  //   RESOURCE_EXHAUSTED             QUEUE_FULL, with the time that the workers need, by their
-  //                                  measured speed, for what waits; DEADLINE_TOO_CLOSE, with how
-  //                                  much too long that is; or the call alone is more than fits,
-  //                                  and must be split: TOO_MANY_TARGETS, REQUEST_TOO_LARGE.
+  // Queues a call. After OK, call->done will be called once; after an error it will not:
+  //   CANCELLED, DEADLINE_EXCEEDED: nobody waits for the call any more.
+  //   RESOURCE_EXHAUSTED, reason QUEUE_FULL: the retry delay is the time that the workers need, at
+  //     their measured speed, for the queue.
+  //   RESOURCE_EXHAUSTED, reason DEADLINE_TOO_CLOSE: the call would be late; the retry delay says
+  //     by how much.
+  //   RESOURCE_EXHAUSTED, reason TOO_MANY_TARGETS or REQUEST_TOO_LARGE: the call alone exceeds the
+  //     queue and must be split.
   absl::Status Submit(CallPtr call);
 
-  // Whether a call of so many targets that has until `deadline` can be expected to be answered by
-  // then: if not, the DEADLINE_TOO_CLOSE of Submit, before its request is parsed. Its caller is
-  // better told at once, and what it would have held up is answered instead. A call that would
-  // not have to wait, since a worker is idle, is always tried.
+  // Returns the DEADLINE_TOO_CLOSE error of Submit if a call of `targets` targets is not expected
+  // to be answered by `deadline`. Call it before the request is parsed: an early refusal leaves
+  // time for calls that can still be answered. A call that finds an idle worker is always admitted.
   absl::Status CheckWait(Priority priority, size_t targets, TimePoint deadline);
 
-  // Whether targets wait for a worker. Takes no lock: who asks all the time holds up nobody.
+  // Returns whether targets wait for a worker. Takes no lock, so frequent calls delay nobody.
   bool HasWaiting() const { return waiting_.load(std::memory_order_relaxed) > 0; }
 
  private:
@@ -71,17 +72,16 @@ class BatchScheduler {
   // Reads the scenes of the rows that somebody waits for: all rasters, then all vectors, whichever
   // the model reads. Returns the time when it is done.
   TimePoint ReadScenes(Engine& engine, std::vector<Row>& rows, TimePoint start);
-  // OK if the call fits into an empty queue.
+  // Returns OK if the call fits into an empty queue.
   absl::Status CheckSize(const PredictionCall& call) const;
-  // Puts the target's answer together, from what Encode said of its scene. INTERNAL if it is none
-  // that may leave the server (answer_check.h): that is counted, and logged with the digest of the
-  // scenario.
+  // Completes the target's answer from the encoding of its scene. Returns INTERNAL if the answer is
+  // invalid (answer_check.h); that is counted, and logged with the digest of the scenario.
   absl::Status Describe(const TargetQueue::Item& item, inference::SceneEncoding&& encoding,
                         inference::InferenceSession& session, TargetAnswer* answer);
   void CountDead(const absl::Status& status, Passed passed, size_t targets);
   // Gives each item the error of its call.
   void Drop(const std::vector<TargetQueue::Item>& items, TimePoint now, Passed passed);
-  // Takes out the targets that nobody waits for. Returns the time.
+  // Removes the rows that nobody waits for any more. Returns the time.
   TimePoint DropDead(std::vector<Row>& rows, Passed passed);
   void ShowQueueLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   std::chrono::nanoseconds RetryDelayLocked(Priority priority, TimePoint now) const
@@ -104,8 +104,8 @@ class BatchScheduler {
 
   std::atomic<int> waiting_ = 0;  // targets in the queue, written under mutex_
 
-  // Those that submit calls. What they bring has to wait while there is a backlog, and what is
-  // answered wakes them: until it is worked off they do not interrupt the workers.
+  // The threads that submit calls. While there is a backlog they yield to the workers: what they
+  // submit would only wait.
   machine::PassingThreads submitters_;
 
   std::vector<std::thread> workers_;

@@ -18,17 +18,17 @@ class DrainRate {
  public:
   explicit DrainRate(int workers) : at_work_(static_cast<size_t>(workers)) {}
 
-  // Worker 0 .. workers-1 takes a batch of `targets` > 0, and is done with it.
+  // Records that worker 0 .. workers-1 begins a batch of `targets` > 0, and that it ends it.
   void Begin(int worker, size_t targets, TimePoint now);
   void End(int worker, TimePoint now);
 
-  // Whether each worker is at work, and how long they need for what is left of that, by the
-  // measured speed: not negative.
+  // AllAtWork returns whether every worker is busy. TimeForWorkBegun returns how long all workers
+  // together need for the rest of the batches in progress, at the measured speed; never negative.
   bool AllAtWork() const;
   std::chrono::nanoseconds TimeForWorkBegun(TimePoint now) const;
 
-  // How long all workers together take for so many targets. A batch that takes longer than those
-  // before it counts while it is still at work. 0 as long as nothing is known.
+  // Returns how long all workers together need for `targets` targets. A batch that already takes
+  // longer than earlier ones counts before it ends. 0 before the first batch.
   std::chrono::nanoseconds TimeFor(int targets, TimePoint now) const;
 
  private:
@@ -37,11 +37,12 @@ class DrainRate {
     TimePoint begin;
   };
 
-  // Of one worker, on the work that is done. 0 if nothing is known.
+  // Returns the mean time per target of one worker over finished batches, seconds; 0 before the
+  // first.
   double SecondsPerTarget() const { return targets_ > 0.0 ? seconds_ / targets_ : 0.0; }
 
   std::vector<Batch> at_work_;  // of each worker
-  // Of the batches that are done, the older ones counting less.
+  // Sums over finished batches, older ones weighted less.
   double targets_ = 0.0;
   double seconds_ = 0.0;
 };

@@ -3,8 +3,8 @@
 //   {version}/evaluations/{dataset}.json   the newest EvaluationReport on datasets/{dataset}, as
 //                                          proto3 JSON
 //
-// They are no part of the model: its own files, and their digests, know nothing of them. What moves
-// or removes the version's folder does so with its reports.
+// Reports are not part of the model: neither its files nor their digests refer to them. Whoever
+// moves or removes the version's folder also moves or removes its reports.
 
 #ifndef MANEUVER_SERVER_SERVING_EVALUATION_FILES_H_
 #define MANEUVER_SERVER_SERVING_EVALUATION_FILES_H_
@@ -24,11 +24,11 @@ namespace maneuver::serving {
 absl::Status WriteEvaluation(const std::filesystem::path& version_folder,
                              const std::string& dataset, const v1::EvaluationReport& report);
 
-// NOT_FOUND; DATA_LOSS if it does not parse.
+// Reads a report. NOT_FOUND if there is none; DATA_LOSS if it does not parse.
 absl::StatusOr<v1::EvaluationReport> ReadEvaluation(const std::filesystem::path& version_folder,
                                                     const std::string& dataset);
 
-// Ids of the datasets that there are reports on, sorted.
+// Returns the ids of the datasets that have reports, sorted.
 std::vector<std::string> ListEvaluations(const std::filesystem::path& version_folder);
 
 // Removes what an interrupted WriteEvaluation left.

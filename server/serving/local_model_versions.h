@@ -1,4 +1,4 @@
-// The versions that this server stores and serves, as jobs see them.
+// Gives jobs the versions that this server stores and serves.
 
 #ifndef MANEUVER_SERVER_SERVING_LOCAL_MODEL_VERSIONS_H_
 #define MANEUVER_SERVER_SERVING_LOCAL_MODEL_VERSIONS_H_
@@ -16,7 +16,7 @@ namespace maneuver::serving {
 
 class LocalModelVersions final : public ModelVersions {
  public:
-  // Both outlive it; `table` is over `store`.
+  // `store` and `table` must outlive this object. `table` must be the table of `store`.
   LocalModelVersions(VersionStore& store, ServingTable& table) : store_(store), table_(table) {}
 
   absl::StatusOr<ResolvedVersion> Resolve(

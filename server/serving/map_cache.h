@@ -1,8 +1,8 @@
-// Maps that callers registered, for scenarios that name them.
+// Holds the maps that callers registered, for scenarios that name a map by its id.
 //
-// A map's id is the digest of its content: whoever registers the same map gets the same id, and
-// nobody can change what an id stands for. The cache is bounded by number and memory; the map that
-// was not used for longest goes first. Scenarios that are being answered keep theirs.
+// A map's id is the digest of its content. So equal maps have the same id, and nobody can change
+// what an id stands for. The number and the memory of maps are limited; the least recently used map
+// is evicted first. Scenarios in progress keep their maps.
 
 #ifndef MANEUVER_SERVER_SERVING_MAP_CACHE_H_
 #define MANEUVER_SERVER_SERVING_MAP_CACHE_H_
@@ -30,10 +30,10 @@ struct MapCacheOptions {
   scene::ScenarioLimits limits = {};       // those of maps
 };
 
-// RegisterMapResponse.map_id of a map, as the contract defines it.
+// Returns the RegisterMapResponse.map_id of a map, as the contract defines it.
 std::string MapId(const scene::MapFeatures& features);
 
-// Whether `text` could be the id of a map at all.
+// Returns whether `text` has the form of a map id.
 bool IsMapId(std::string_view text);
 
 // Safe to use from any thread.
@@ -45,12 +45,12 @@ class MapCache {
     std::string id;
     int64_t bytes = 0;
   };
-  // Holds the map from now on; others may have to go.
-  //   INVALID_ARGUMENT    the features are not a map; field paths are those of a Scenario;
-  //   RESOURCE_EXHAUSTED  MAP_TOO_LARGE: it alone takes more than max_bytes.
+  // Holds the map from now on, and evicts others if there is no room.
+  //   INVALID_ARGUMENT: the features are not a valid map; field paths are those of a Scenario.
+  //   RESOURCE_EXHAUSTED, reason MAP_TOO_LARGE: the map alone takes more than max_bytes.
   absl::StatusOr<Registered> Register(scene::MapFeatures features);
 
-  // The map, which is then the one used last; nullptr if it is not held.
+  // Returns the map and marks it as the most recently used one; nullptr if it is not held.
   std::shared_ptr<const scene::RoadMap> Find(const std::string& id);
 
  private:

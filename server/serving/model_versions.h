@@ -1,4 +1,4 @@
-// What jobs read and change of the versions of models.
+// The interface by which jobs read and change the versions of models.
 
 #ifndef MANEUVER_SERVER_SERVING_MODEL_VERSIONS_H_
 #define MANEUVER_SERVER_SERVING_MODEL_VERSIONS_H_
@@ -31,9 +31,9 @@ class ModelVersions {
 
   virtual ~ModelVersions() = default;
 
-  // Returns the version that a request means; without a reference, that of the only model that
-  // serves. Errors: NOT_FOUND; FAILED_PRECONDITION if no reference is given and either no model
-  // serves or several do.
+  // Returns the version that a request refers to; without a reference, the version of the only
+  // model that serves. Errors: NOT_FOUND; FAILED_PRECONDITION if there is no reference and not
+  // exactly one model serves.
   virtual absl::StatusOr<ResolvedVersion> Resolve(
       const std::optional<security::ModelReference>& reference) const = 0;
   // Lists all versions of all models, newest first.
@@ -41,25 +41,25 @@ class ModelVersions {
   // Returns the version that serves a model, if one does.
   virtual std::optional<security::ModelVersionName> Serving(const std::string& model) const = 0;
 
-  // Makes the finished model folder `finished` the next version of `model`, stamped with the name
-  // of the job that made it. Takes the folder away, or leaves it and everything else as it was. May
-  // take long.
-  //   promotion: decides whether the version serves at once; with PROMOTION_IF_NO_WORSE it does not.
+  // Publishes the finished model folder `finished` as the next version of `model`, stamped with the
+  // name of the job that made it. The folder is moved. An error changes nothing. May take long.
+  //   promotion: decides whether the version serves at once; with PROMOTION_IF_NO_WORSE it does
+  //     not.
   virtual absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
                                                              const std::filesystem::path& finished,
                                                              v1::Promotion promotion,
                                                              const std::string& maker) = 0;
-  // Returns the version of `model` that the job `maker` published, if there is one, and promotes it
-  // as Publish would have: the server may have died in between. May take long.
+  // Returns the version of `model` that the job `maker` published, if there is one. Promotes it as
+  // Publish would have, in case the server died between the two. May take long.
   virtual absl::StatusOr<std::optional<security::ModelVersionName>> FindMadeBy(
       const std::string& model, v1::Promotion promotion, const std::string& maker) = 0;
-  // Makes a version serve if `before` does (nothing: if no version does). Returns false, and
-  // changes nothing, if another version serves. May take long.
+  // Makes a version serve, but only if `before` is the version that serves the model now (nothing:
+  // if none serves). Otherwise changes nothing and returns false. May take long.
   virtual absl::StatusOr<bool> PromoteOver(
       const security::ModelVersionName& name,
       const std::optional<security::ModelVersionName>& before) = 0;
 
-  // Stores a report beside the version that it names, in place of an earlier one on the same
+  // Stores a report beside the version that it names, and replaces an earlier report on the same
   // dataset. NOT_FOUND if the version is gone.
   virtual absl::Status KeepReport(const v1::EvaluationReport& report) = 0;
   // Returns the report of a version on a dataset. NOT_FOUND if there is none.

@@ -40,7 +40,8 @@ struct ActionIds {
 };
 using ActionSelection = std::variant<AtLeast, TopK, ActionIds>;
 
-// The chosen actions, most probable first; of equally probable ones, the smaller id first.
+// Returns the selected actions, most probable first. Among equally probable ones the smaller id
+// comes first.
 std::vector<int> SelectActions(const Eigen::VectorXd& probabilities,
                                const ActionSelection& selection);
 
@@ -61,15 +62,15 @@ struct Target {
   const v1::Scenario* scenario = nullptr;  // outlives the call
   int64_t id = 0;
   scene::Pose2 X_WT;
-  // What it did, [T, 2], target frame; for ClassifyTrajectory alone.
+  // The trajectory that was driven, [T, 2] metres, target frame; only for ClassifyTrajectory.
   inference::Trajectory trajectory = {};
-  // The one that the scenario names, or its own; outlives the call. nullptr: its own, looked
-  // through for each target.
+  // The indexed map: the one that the scenario names, or its own. Outlives the call. nullptr: the
+  // scenario's own map, searched for each target.
   const scene::RoadMap* map = nullptr;
 };
 
-// Read what a model sees of a target: the two parts of SceneReader::Read, and both. `reader` and
-// `inputs` are of the model's spec.
+// Read what a model needs of a target: the raster and motion, the scene vectors, or both
+// (SceneReader::Read). `reader` and `inputs` must have the model's spec.
 void ReadRaster(const Target& target, scene::SceneReader& reader, scene::SceneInputs* inputs);
 void ReadVectors(const Target& target, scene::SceneReader& reader, scene::SceneInputs* inputs);
 void ReadScene(const Target& target, scene::SceneReader& reader, scene::SceneInputs* inputs);
@@ -82,19 +83,19 @@ struct TargetAnswer {
   std::optional<inference::Classification> classification;
 };
 
-// Describes the actions that are asked for in a scene, and chooses the representatives.
+// Describes the requested actions in a scene, and chooses the representatives.
 //   waypoint_interval: of the session's model, seconds
-//   answer: its distributions and representatives are set
+//   answer: receives distributions and representatives
 void DescribeTarget(const DescribeActions& question, const inference::SceneEncoding& encoding,
                     double waypoint_interval, inference::InferenceSession& session,
                     TargetAnswer* answer);
 
-// Filled in by the caller, then given to the scheduler, which answers it once.
+// The caller fills in a call and submits it to the scheduler, which answers it once.
 struct PredictionCall {
   ModelHandle model;
   Question question;
   std::vector<Target> targets;  // at least one
-  int64_t bytes = 0;            // of the request that it holds on to
+  int64_t bytes = 0;            // of the request that it keeps in memory
   Priority priority = Priority::kInteractive;
   TimePoint deadline = TimePoint::max();
   // Called once, from a worker, when each target has an answer or an error.
@@ -104,10 +105,10 @@ struct PredictionCall {
   // Set, from any thread, when the caller has gone.
   std::atomic<bool> cancelled = false;
 
-  // OK while somebody waits for the answer; else CANCELLED or DEADLINE_EXCEEDED.
+  // Returns OK while somebody waits for the answer, else CANCELLED or DEADLINE_EXCEEDED.
   absl::Status Alive(TimePoint now) const;
 
-  // The scheduler's own.
+  // Used only by the scheduler.
   std::vector<TargetAnswer> answers;
   std::atomic<size_t> unanswered = 0;
   size_t next = 0;      // first target that no worker has taken; guarded by the scheduler

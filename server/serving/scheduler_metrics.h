@@ -1,4 +1,4 @@
-// What the batch scheduler tells of itself.
+// Metrics of the batch scheduler.
 
 #ifndef MANEUVER_SERVER_SERVING_SCHEDULER_METRICS_H_
 #define MANEUVER_SERVER_SERVING_SCHEDULER_METRICS_H_
@@ -9,7 +9,7 @@
 
 namespace maneuver::serving {
 
-// What work that nobody waited for had behind it when it was dropped.
+// The last stage that work had passed when it was dropped because nobody waited for it any more.
 // kRaster: the scene had been read, as a raster or as vectors.
 enum class Passed { kNothing, kQueue, kRaster, kEncode };
 inline constexpr int kDropPlaces = 4;

@@ -1,6 +1,6 @@
-// What answers may take up, each and all together, from the moment that their calls are admitted
-// until their callers have taken them: a caller that asks for much and reads slowly cannot fill the
-// memory.
+// Limits the memory of answers, each and all together, from the admission of their calls until
+// their callers have read them. A caller that asks for much and reads slowly therefore cannot fill
+// the memory.
 
 #ifndef MANEUVER_SERVER_SERVING_SEND_MEMORY_H_
 #define MANEUVER_SERVER_SERVING_SEND_MEMORY_H_
@@ -23,7 +23,7 @@ struct SendLimits {
 // Safe to use from any thread. Outlives its shares.
 class SendMemory {
  public:
-  // A part of the memory; gives it back when it is destroyed.
+  // A reserved part of the memory. The destructor releases it.
   class Share {
    public:
     Share() = default;
@@ -32,7 +32,7 @@ class SendMemory {
     ~Share();
 
     int64_t bytes() const { return bytes_; }
-    // Gives back what is more than `bytes`: the answer is known to be smaller.
+    // Releases all but `bytes`, once the answer is known to be smaller.
     void ShrinkTo(int64_t bytes);
 
    private:
@@ -45,11 +45,9 @@ class SendMemory {
 
   SendMemory(const SendLimits& limits, monitoring::MetricRegistry& metrics);
 
-  // Reserves the memory of an answer of at most `bytes`, to `targets` targets. RESOURCE_EXHAUSTED:
-  //   RESPONSE_TOO_LARGE   it is more than one answer may have; the message says what to ask
-  //                        instead;
-  //   SEND_MEMORY_FULL     answers that their callers have not taken leave no room, with a delay
-  //                        after which to come again.
+  // Reserves memory for an answer of at most `bytes`, about `targets` targets. RESOURCE_EXHAUSTED:
+  //   RESPONSE_TOO_LARGE: more than one answer may have; the message says what to request instead.
+  //   SEND_MEMORY_FULL: answers that callers have not read leave no room; has a retry delay.
   absl::StatusOr<Share> Reserve(int64_t bytes, int64_t targets);
 
  private:

@@ -26,8 +26,8 @@ class Engine {
 
   scene::SceneReader& reader() { return reader_; }
   inference::InferenceSession& session() { return *session_; }
-  // Returns where the inputs of a batch's target `i` are read to. The reference stays valid when
-  // others are asked for.
+  // Returns the place for the inputs of target `i` of a batch. The reference stays valid when other
+  // targets are requested.
   scene::SceneInputs& Inputs(size_t i);
 
  private:
@@ -36,8 +36,8 @@ class Engine {
   std::deque<scene::SceneInputs> inputs_;
 };
 
-// Everything that a request in flight holds on to: while it does, the version stays in memory,
-// whatever the registry serves meanwhile. Safe to share between threads.
+// A version in memory. A request in progress holds a handle, so its version stays in memory even if
+// another version serves meanwhile. Safe to share between threads.
 class ServedModel {
  public:
   ServedModel(security::ModelVersionName name, std::shared_ptr<const inference::ActionModel> model);
@@ -48,14 +48,16 @@ class ServedModel {
   // Display names of the actions, by id. [K]
   using ActionNames = std::shared_ptr<const std::vector<std::string>>;
   ActionNames action_names() const;
-  // Replaces them, as when an action has been labelled. Calls in flight keep those that they have.
+  // Replaces the names, for example when an action has been labelled. Calls in progress keep the
+  // old names.
   void SetActionNames(std::vector<std::string> names);
 
-  // Evaluates an empty scene, so that a model which cannot answer is found before anyone asks it,
-  // and so that the first request is as fast as the next. INTERNAL with what is wrong.
+  // Evaluates an empty scene. This finds a model that cannot answer before it serves, and makes the
+  // first request as fast as later ones. INTERNAL says what is wrong.
   absl::Status WarmUp();
 
-  // An engine that is idle, or a new one: there are never more than threads that lease at once.
+  // Borrows an idle engine, or makes a new one. So there are never more engines than threads that
+  // held one at the same time.
   class Lease {
    public:
     explicit Lease(ServedModel& model) : model_(model), engine_(model.TakeEngine()) {}

@@ -1,7 +1,9 @@
-// Which versions serve: the aliases that point to versions, and the versions that are in memory.
+// Decides which versions serve: keeps the aliases that point to versions, and the versions that are
+// in memory.
 //
-// A version is loaded and warmed up while the one before serves, then swapped by handle: requests
-// in flight keep the version that they began with. A version that does not load changes nothing.
+// A new version is loaded and warmed up while the old one serves. Then their handles are swapped,
+// and requests in progress keep the version that they began with. If a version cannot be loaded,
+// nothing changes.
 
 #ifndef MANEUVER_SERVER_SERVING_SERVING_TABLE_H_
 #define MANEUVER_SERVER_SERVING_SERVING_TABLE_H_
@@ -34,8 +36,8 @@ using ModelLoader = std::function<absl::StatusOr<std::shared_ptr<const inference
     const std::filesystem::path& folder)>;
 
 struct ServingTableOptions {
-  // How many versions stay in memory that no alias points to, because a request named them by
-  // number or an alias has just moved on. Beyond that the least recently used is dropped.
+  // How many versions without an alias stay in memory, because a request named them by number or an
+  // alias has just moved on. Above this number the least recently used is dropped.
   int max_unaliased_in_memory = 2;
 };
 
@@ -43,33 +45,34 @@ struct ServingTableOptions {
 // them on threads that serve.
 class ServingTable {
  public:
-  // Reads the stored aliases. Loads nothing yet. `versions`, `aliases` and `metrics` outlive the
-  // table.
+  // Reads the stored aliases, but loads no version yet. `versions`, `aliases` and `metrics` must
+  // outlive the table.
   static absl::StatusOr<std::unique_ptr<ServingTable>> Open(VersionStore& versions,
                                                             AliasStore& aliases, ModelLoader loader,
                                                             const ServingTableOptions& options,
                                                             monitoring::MetricRegistry& metrics);
 
-  // Calls `listener` at once, and then from any thread whenever the answer of Ready() may have
-  // changed, one call at a time. nullptr: nobody is called any more once this returns.
+  // Calls `listener` at once with the present answer of Ready(), and then, from any thread and one
+  // call at a time, whenever it may have changed. nullptr removes the listener: once this returns,
+  // it is not called any more.
   void OnReadyChange(std::function<void(bool ready)> listener);
-  // Whether the @serving version of some model is in memory.
+  // Returns whether the @serving version of at least one model is in memory.
   bool Ready() const;
 
-  // Loads every version that an alias points to. Logs each one that does not load; Find returns its
-  // error from then on. May take long.
+  // Loads every version that an alias points to. Logs each one that cannot be loaded; Find then
+  // returns its error. May take long.
   void LoadAliased();
 
-  // Returns the version that a request means; without a reference, that of the only model that
-  // serves. Never touches the disk: the handle is nullptr if the version exists but is not in
-  // memory; then call Load.
-  // Errors: NOT_FOUND; FAILED_PRECONDITION if it did not load, or if no reference is given and
-  // either no model serves or several do.
+  // Returns the version that a request refers to; without a reference, the version of the only
+  // model that serves. Never reads the disk: the handle is nullptr if the version exists but is not
+  // in memory; then call Load.
+  // Errors: NOT_FOUND; FAILED_PRECONDITION if the version could not be loaded, or if there is no
+  // reference and not exactly one model serves.
   absl::StatusOr<ModelHandle> Find(const std::optional<security::ModelReference>& reference);
   // As Find, but loads the version if it is not in memory. May take long.
   absl::StatusOr<ModelHandle> Load(const std::optional<security::ModelReference>& reference);
-  // Returns the name of the version that a request means. Loads nothing. Errors: as Find, but a
-  // version that did not load is no error.
+  // Returns the name of the version that a request refers to. Loads nothing. Errors: as Find, but a
+  // version that could not be loaded is no error.
   absl::StatusOr<security::ModelVersionName> Resolve(
       const std::optional<security::ModelReference>& reference) const;
 
@@ -78,30 +81,34 @@ class ServingTable {
   // Returns the version that serves a model, if one does.
   std::optional<security::ModelVersionName> Serving(const std::string& model) const;
 
-  // Points an alias to a version, which is loaded and checked first. After an error everything is
-  // as it was. May take long.
+  // Points an alias to a version, which is loaded and checked first. An error changes nothing. May
+  // take long.
   absl::Status SetAlias(const security::ModelAliasName& name, int version);
+  // Deletes an alias. NOT_FOUND if there is no such alias.
   absl::Status DeleteAlias(const security::ModelAliasName& name);
-  // Points `serving` to a version as SetAlias does, if `before` serves its model (nothing: if no
-  // version does). Returns false, and changes nothing, if another version serves. May take long.
+  // Points `serving` to a version as SetAlias does, but only if `before` is the version that serves
+  // the model now (nothing: if none serves). Otherwise changes nothing and returns false. May take
+  // long.
   absl::StatusOr<bool> PromoteOver(const security::ModelVersionName& name,
                                    const std::optional<security::ModelVersionName>& before);
 
-  // Loads and checks the finished model folder `finished`, then publishes it in the store as the
-  // next version of `model` and promotes it. After an error everything is as it was. May take long.
-  //   promotion: with PROMOTION_IF_NO_WORSE the version does not serve yet: see PromoteOver.
-  //   maker: as VersionStore::Publish.
+  // Loads and checks the finished model folder `finished`, publishes it in the store as the next
+  // version of `model`, and promotes it as `promotion` says. An error changes nothing. May take
+  // long.
+  //   promotion: with PROMOTION_IF_NO_WORSE the version is not promoted here; see PromoteOver.
+  //   maker: as in VersionStore::Publish.
   absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
                                                      const std::filesystem::path& finished,
                                                      v1::Promotion promotion,
                                                      const std::string& maker = {});
-  // Returns the version of `model` that Publish made for `maker`, if there is one, and promotes it
-  // as Publish would have: a server may have died in between. May take long.
+  // Returns the version of `model` that Publish made for `maker`, if there is one. Promotes it as
+  // Publish would have, in case the server died between the two. May take long.
   absl::StatusOr<std::optional<security::ModelVersionName>> FindMadeBy(const std::string& model,
                                                                        v1::Promotion promotion,
                                                                        const std::string& maker);
 
-  // As VersionStore::LabelAction; answers of the version carry the name from then on.
+  // Labels an action as VersionStore::LabelAction does. Answers of the version carry the new name
+  // from then on.
   absl::StatusOr<v1::Action> LabelAction(const security::ModelVersionName& name, int action_id,
                                          const std::string& label);
 

@@ -12,18 +12,18 @@
 
 namespace maneuver::serving {
 
-// One caller at a time for Show and CountSwap; the rest is safe to use from any thread.
+// Show and CountSwap need one caller at a time; the rest is safe to use from any thread.
 class ServingTableMetrics {
  public:
   explicit ServingTableMetrics(monitoring::MetricRegistry& registry);
 
-  // How many versions are in memory.
+  // Sets the number of versions in memory.
   void SetLoaded(size_t versions) { loaded_.Set(static_cast<double>(versions)); }
   void CountLoad(double seconds) { load_time_.Observe(seconds); }
   void CountFailedLoad() { failed_loads_.Increment(); }
-  // An alias stands for another version than before.
+  // Counts that an alias now points to another version.
   void CountSwap(const std::string& alias);
-  // What `serving` and `candidate` of each model stand for.
+  // Shows the versions that `serving` and `candidate` of each model point to.
   //   aliases: those whose versions are in memory.
   void Show(const std::map<security::ModelAliasName, int>& aliases);
 

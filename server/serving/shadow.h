@@ -1,10 +1,10 @@
-// Asks the version that a model's alias `candidate` points to what it would have answered, for a
-// fraction of the requests that another version of the model has answered, and measures how far the
-// two differ (model/evaluation/answer_difference.h).
+// Compares the answers of a candidate version, the one that a model's alias `candidate` points to,
+// with the answers that callers got. For a fraction of the answered requests it computes the
+// candidate's answer and measures how far the two differ (model/evaluation/answer_difference.h).
 //
-// Callers never notice: a request comes here once its answer is complete; what the shadow cannot
-// take at once is dropped and counted; one thread of its own, of the lowest priority, works only
-// while no target waits for the scheduler's workers, and rests for most of the time.
+// Callers never notice. A request comes here once its answer is complete. What does not fit into
+// the shadow's queue is dropped and counted. One thread of the lowest priority does the work. It
+// runs only while no target waits for the scheduler's workers, and rests for most of the time.
 
 #ifndef MANEUVER_SERVER_SERVING_SHADOW_H_
 #define MANEUVER_SERVER_SERVING_SHADOW_H_
@@ -30,13 +30,13 @@ namespace maneuver::serving {
 
 struct ShadowOptions {
   double fraction = 0.0;  // of the requests, 0 to 1
-  // What may wait for the shadow's thread, that at work included: targets, and bytes of the
-  // requests that they hold on to.
+  // Limits of the queue, including the request in progress: targets, and bytes of the requests that
+  // they keep in memory.
   int max_targets = 64;
   int64_t max_bytes = int64_t{64} << 20;
-  // In (0, 1]: most of the time that the thread works; the rest it rests.
+  // The largest share of time that the thread works, in (0, 1].
   double max_share = 0.25;
-  // Metrics are kept for each model, for so many of them.
+  // Metrics are kept for each model, up to this many models.
   int max_models = 32;
   // The time; replaced in tests.
   std::function<TimePoint()> now = [] { return std::chrono::steady_clock::now(); };
@@ -45,22 +45,24 @@ struct ShadowOptions {
 // Safe to use from any thread.
 class Shadow {
  public:
-  //   models, metrics: outlive the shadow.
-  //   busy: whether there is better to do; asked all the time, so it should take no lock.
+  // Starts the thread.
+  //   models, metrics: must outlive the shadow.
+  //   busy: whether the server has more urgent work. Called very often, so it should take no lock.
   Shadow(const ShadowOptions& options, ServingTable& models, std::function<bool()> busy,
          monitoring::MetricRegistry& metrics);
-  // Ends after the step at work.
+  // Waits for the step in progress, then ends.
   ~Shadow();
   Shadow(const Shadow&) = delete;
   Shadow& operator=(const Shadow&) = delete;
 
-  // Whether a request for these targets is one of the fraction: by a hash of its scenarios' names
-  // and times, its targets and where they are. The same request always is, or never, on any server.
+  // Returns whether a request for these targets belongs to the sampled fraction. A hash of its
+  // scenarios' names and times, its targets and their positions decides, so the same request gets
+  // the same result on any server.
   bool Samples(std::span<const Target> targets) const;
 
-  // Takes an answered request, which nobody waits for any more. Never waits itself.
-  //   answers: of call.targets; those that failed are left out.
-  //   kept: what the targets point to; let go of once they are compared, or dropped.
+  // Takes a request that has been answered. Never blocks.
+  //   answers: in the order of call.targets; failed ones are skipped.
+  //   kept: owns what the targets point to; released once they are compared or dropped.
   void Offer(const PredictionCall& call, std::vector<TargetAnswer> answers,
              std::shared_ptr<const void> kept);
 
@@ -76,7 +78,7 @@ class Shadow {
     int64_t bytes = 0;
     std::shared_ptr<const void> kept;
   };
-  // Of one model.
+  // The metrics of one model.
   struct Differences {
     Differences(monitoring::MetricRegistry& metrics, const std::string& model);
     void Observe(const evaluation::AnswerDifference& difference);
@@ -100,14 +102,15 @@ class Shadow {
   size_t PushLocked(AnsweredRequest& request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Work();
   void Compare(AnsweredRequest& request);
-  // Takes the steps of one target, each in its turn. False if the shadow ends.
+  // Compares one target, step by step (InTurn). Returns false if the shadow ends.
   bool CompareTarget(ShadowComparison& versions, Differences& differences,
                      const AnsweredTarget& target);
-  // Runs a step once it is the shadow's turn. False, and it did not run, if the shadow ends.
+  // Runs a step as soon as the server is idle and the thread has rested. Returns false, without
+  // running it, if the shadow ends.
   bool InTurn(const std::function<void()>& step);
-  // nullptr if the two cannot be compared.
+  // Returns the comparison of the two versions, or nullptr if they cannot be compared.
   ShadowComparison* ComparisonOf(const AnsweredRequest& request);
-  // Lets go of versions that were not asked for a while.
+  // Releases versions that have not been compared for a while.
   void ForgetComparisons();
   Differences& DifferencesOf(const std::string& model);
 

@@ -1,4 +1,5 @@
-// What a candidate version would have answered for targets that another version has answered.
+// Computes what a candidate version would have answered for targets that another version has
+// answered, and compares the two answers.
 
 #ifndef MANEUVER_SERVER_SERVING_SHADOW_COMPARISON_H_
 #define MANEUVER_SERVER_SERVING_SHADOW_COMPARISON_H_
@@ -13,27 +14,31 @@
 
 namespace maneuver::serving {
 
-// Two versions, and engines of its own to evaluate them: it leases none from those who serve. Used
-// by one thread at a time; keeps both versions in memory.
+// Holds two versions and its own engines, so it takes none from callers. Used by one thread at a
+// time.
 //
-// A target takes three steps, so that whoever has better to do can come in between.
+// Each target takes three steps, Read, Encode and Compare, so that more urgent work can run between
+// them.
 class ShadowComparison {
  public:
   // Actions that are less probable are left out of a version's mixture of trajectories.
   static constexpr double kLeastProbability = 0.001;
 
-  // INVALID_ARGUMENT if the versions cannot be compared (evaluation::AnswerComparison).
+  // Prepares the comparison. INVALID_ARGUMENT if the versions cannot be compared
+  // (evaluation::AnswerComparison).
   static absl::StatusOr<std::unique_ptr<ShadowComparison>> Make(ModelHandle answered,
                                                                 ModelHandle candidate);
 
   const evaluation::AnswerComparison& comparison() const { return comparison_; }
 
-  // FAILED_PRECONDITION if the candidate sees no state of the target at the prediction time, since
-  // its frames are closer together, or has not learned to predict agents of its type.
+  // Reads a target's scene as the candidate sees it. FAILED_PRECONDITION if the candidate has not
+  // learned to predict agents of its type, or finds no state of the target at the prediction time
+  // because its frames are closer together.
   absl::Status Read(const Target& target);
-  // INTERNAL if the candidate's probabilities are no numbers.
+  // Runs the candidate's networks. INTERNAL if its probabilities are not finite.
   absl::Status Encode();
-  //   answered: of this target. INTERNAL if a difference is no number.
+  // Compares the two answers. INTERNAL if a difference is not finite.
+  //   answered: the encoding from which this target was answered.
   absl::StatusOr<evaluation::AnswerDifference> Compare(const inference::SceneEncoding& answered);
 
  private:

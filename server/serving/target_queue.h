@@ -1,17 +1,18 @@
-// Which targets are answered next, and with which others. No threads and no clock of its own: the
-// batch scheduler holds a lock around it and passes the time.
+// Decides which targets are answered next, and which of them share a batch. Has no threads and no
+// clock: the batch scheduler holds a lock around it and passes the time.
 //
-// Calls stand in two lines, interactive and bulk, in the order in which they came, but that a large
-// call lets smaller ones overtake it: up to kOvertaking targets for each of its own, so that it
-// neither makes them wait for all of it nor waits for ever itself. Calls of one size are done one
-// after the other: by halves, all of them would be late. A batch is of one line and of one model
-// version: it takes targets from the line's first call, then from the others that ask the same
-// version, until it is full.
+// Interactive and bulk calls wait in two lines. A line is in order of arrival, but smaller calls
+// may overtake a large one: each target of the large call lets at most kOvertaking later targets
+// pass. So a large call neither delays all others nor waits for ever. Calls of the same size are
+// answered one after the other: sharing the workers evenly would make all of them late.
 //
-// Interactive batches go first, and wait for no bulk target to fill them. While both lines wait,
-// bulk still gets `bulk_share` of the targets: each interactive batch adds to what bulk is owed,
-// and once that is a batch, a bulk batch goes. Each line has its own bounds: neither can keep the
-// other out of the queue.
+// A batch has targets of one line and of one model version. It takes the targets of the line's
+// first call, then those of later calls for the same version, until it is full.
+//
+// Interactive batches go first and are never filled up with bulk targets. While both lines wait,
+// bulk gets `bulk_share` of the targets: each interactive batch adds to a debt to the bulk line,
+// and a bulk batch goes once the debt is a whole batch. Each line has its own limits, so neither
+// can keep the other out of the queue.
 
 #ifndef MANEUVER_SERVER_SERVING_TARGET_QUEUE_H_
 #define MANEUVER_SERVER_SERVING_TARGET_QUEUE_H_
@@ -45,14 +46,15 @@ class TargetQueue {
 
   explicit TargetQueue(const QueueOptions& options) : options_(options) {}
 
-  // Targets that wait, and bytes of their calls.
+  // size counts waiting targets; bytes adds up the requests of their calls.
   int size() const { return size(Priority::kInteractive) + size(Priority::kBulk); }
   int size(Priority priority) const { return line(priority).targets; }
   int64_t bytes(Priority priority) const { return line(priority).bytes; }
   bool empty() const { return size() == 0; }
-  // Targets that are likely to be taken before those of a call of so many that comes now.
+  // Returns how many targets are likely to be taken before a call of `targets` targets that arrives
+  // now.
   int SizeBefore(Priority priority, size_t targets) const;
-  // Whether the call can be pushed now.
+  // Returns whether there is room for the call. Call before Push.
   bool HasRoom(const PredictionCall& call) const;
   void Push(CallPtr call, TimePoint now);
 
@@ -60,22 +62,22 @@ class TargetQueue {
     CallPtr call;
     size_t target = 0;  // index into call->targets
   };
-  // Takes out all that nobody waits for any more: it will reach no worker.
+  // Removes and returns the targets that nobody waits for any more.
   std::vector<Item> TakeDead(TimePoint now);
-  // When the next batch is to be taken: in the past if one is full or has waited long enough.
-  // TimePoint::max() if there is nothing.
+  // Returns when the next batch is due: in the past if one is full or has waited long enough,
+  // TimePoint::max() if the queue is empty.
   TimePoint NextBatchTime() const;
-  // The next batch: 1 to max_batch targets of one priority and model version. Not empty unless the
-  // queue is.
+  // Removes and returns the next batch: 1 to max_batch targets of one priority and model version.
+  // Empty only if the queue is.
   std::vector<Item> TakeBatch();
-  // Takes out everything.
+  // Removes and returns all targets.
   std::vector<Item> TakeAll();
 
  private:
   struct Line {
     std::multimap<int64_t, CallPtr> calls;  // by their place; each with at least one target left
-    int64_t come = 0;                       // targets, since the beginning
-    // Of a call of so many targets that comes now. The less, the sooner it goes.
+    int64_t come = 0;                       // targets that ever joined this line
+    // Returns the place of a call of `size` targets that arrives now. Smaller places go first.
     int64_t PlaceOf(size_t size) const;
     int targets = 0;
     int64_t bytes = 0;

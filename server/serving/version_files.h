@@ -1,6 +1,6 @@
-// The files of a version as they travel between servers: model.json and weights.safetensors, and
-// baselines.json and baselines.safetensors where it has trained baselines. What else its folder
-// holds (who made it, what it was evaluated on) speaks of its own server.
+// The files of a version that are copied between servers: model.json, weights.safetensors and, if
+// it has trained baselines, baselines.json and baselines.safetensors. Other files of its folder,
+// such as who made it and its evaluations, concern only its own server.
 
 #ifndef MANEUVER_SERVER_SERVING_VERSION_FILES_H_
 #define MANEUVER_SERVER_SERVING_VERSION_FILES_H_
@@ -21,7 +21,7 @@
 
 namespace maneuver::serving {
 
-// The largest files that are taken.
+// The largest files that are accepted.
 inline constexpr int64_t kMaxManifestBytes = int64_t{16} << 20;  // .json
 inline constexpr int64_t kMaxWeightsBytes = int64_t{2} << 30;    // .safetensors
 
@@ -30,26 +30,26 @@ inline constexpr char kWeightsFile[] = "weights.safetensors";
 inline constexpr char kBaselinesManifestFile[] = "baselines.json";
 inline constexpr char kBaselinesWeightsFile[] = "baselines.safetensors";
 
-// What is wrong with the files that a sender announces: the first two are there, the others both or
-// not at all, each once, with a size within its limit and a SHA-256. Paths are as in
-// "files[0].file".
+// Returns what is wrong with the files that a sender announces. The manifest and weights are
+// required; the two baseline files come together or not at all. Each file appears once, with a size
+// within its limit and a SHA-256. Paths are as in "files[0].file".
 std::vector<scene::FieldViolation> ValidateVersionFiles(
     const google::protobuf::RepeatedPtrField<v1::ModelFile>& files);
 
-// One version, read from its first byte to its last. It stays what it was when it was opened, also
-// if an action gets a label, or the version is deleted, meanwhile. Not thread-safe.
+// Reads the files of one version from the first byte to the last. It keeps the state at opening,
+// even if an action is labelled or the version is deleted meanwhile. Not thread-safe.
 class VersionReader {
  public:
-  // Errors: FAILED_PRECONDITION if the version is damaged.
+  // Opens a version. FAILED_PRECONDITION if it is damaged.
   static absl::StatusOr<std::unique_ptr<VersionReader>> Open(const security::ModelVersionName& name,
                                                              const std::filesystem::path& folder);
   virtual ~VersionReader() = default;
 
   virtual const v1::DownloadModelHeader& header() const = 0;
-  // Leaves out the first bytes of each file. INVALID_ARGUMENT, with the field arrived_bytes, unless
-  // there is a number for each file that fits its size, or none at all. Call before Next.
+  // Skips the first arrived_bytes[i] bytes of each file i. Call before Next. INVALID_ARGUMENT, with
+  // the field arrived_bytes, unless it is empty or has for each file a number from 0 to its size.
   virtual absl::Status Skip(const google::protobuf::RepeatedField<int64_t>& arrived_bytes) = 0;
-  // The next bytes, at most 1 MiB, of one file; empty at the end.
+  // Returns the next bytes, at most 1 MiB and of one file; empty at the end.
   virtual absl::StatusOr<std::string> Next() = 0;
 };
 

@@ -4,7 +4,7 @@
 //                                     name of the job that made it; evaluations, its reports
 //                                     (evaluation_files.h)
 //   {folder}/{model}/.last_version    the highest number ever given, written when that version is
-//                                     deleted: a number never comes to mean another version
+//                                     deleted, so that a number is never given again
 //
 // Knows nothing of aliases or of versions in memory: ServingTable does.
 
@@ -40,7 +40,7 @@ class VersionStore {
   static absl::StatusOr<std::unique_ptr<VersionStore>> Open(std::filesystem::path folder);
 
   bool Contains(const security::ModelVersionName& name) const;
-  // Whether there is any version of the model.
+  // Returns whether the model has any version.
   bool ContainsModel(const std::string& model) const;
   // Returns OK if the version exists; else NOT_FOUND with the reason MODEL_VERSION_NOT_FOUND.
   absl::Status CheckExists(const security::ModelVersionName& name) const;
@@ -63,10 +63,10 @@ class VersionStore {
   // Called with the name that a version is about to get. An error keeps it from being published.
   using Check = std::function<absl::Status(const security::ModelVersionName& name)>;
   // Moves `finished`, a complete model folder on the same file system, to its place as the next
-  // version of `model`. After an error or a crash it is there whole or not at all.
+  // version of `model`. After an error or a crash the version exists completely or not at all.
   //   maker: the name of the job that made it, for FindMadeBy; empty: none.
-  //   check: looks at `finished` before anything changes; must not call functions of this store
-  //     that change it.
+  //   check: examines `finished` before anything changes; must not call functions that change this
+  //     store.
   // Errors: INVALID_ARGUMENT if `model` is no resource id; those of `check`; those of files.
   absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
                                                      const std::filesystem::path& finished,
@@ -85,8 +85,8 @@ class VersionStore {
   // of actions. Logs and leaves out those that are damaged. Errors: NOT_FOUND.
   absl::StatusOr<std::vector<v1::EvaluationReport>> ListReports(
       const security::ModelVersionName& name) const;
-  // Errors: NOT_FOUND, also if the version was not evaluated on that dataset; FAILED_PRECONDITION
-  // with the reason EVALUATION_DAMAGED.
+  // Returns the report of a version on a dataset. Errors: NOT_FOUND, also if the version was not
+  // evaluated on that dataset; FAILED_PRECONDITION with the reason EVALUATION_DAMAGED.
   absl::StatusOr<v1::EvaluationReport> GetReport(const security::EvaluationName& name) const;
 
   // Names an action; an empty label removes its name. Errors: as Describe; OUT_OF_RANGE if the

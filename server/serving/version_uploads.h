@@ -1,5 +1,5 @@
-// Versions that come from elsewhere. What has arrived of one lies in {models}/.uploads until it is
-// registered (model/files/upload_staging.h).
+// Uploads of versions from other servers. Arrived bytes stay in {models}/.uploads until the version
+// is registered (model/files/upload_staging.h).
 
 #ifndef MANEUVER_SERVER_SERVING_VERSION_UPLOADS_H_
 #define MANEUVER_SERVER_SERVING_VERSION_UPLOADS_H_
@@ -21,44 +21,48 @@
 
 namespace maneuver::serving {
 
-// One version on its way in: its files' bytes, one after the other. Not thread-safe.
+// One upload of a version: the bytes of its files, one file after the other. Not thread-safe.
 class VersionUpload {
  public:
-  // Without a Commit what has arrived is kept for this caller's next upload to the model.
+  // Keeps the arrived bytes for this caller's next upload to the model, unless Commit succeeded or
+  // Discard was called.
   virtual ~VersionUpload() = default;
 
-  // The next bytes. Errors as files::FileReceiver::Append.
+  // Adds the next bytes. Errors: as files::FileReceiver::Append.
   virtual absl::Status Append(std::string_view bytes) = 0;
-  // Checks everything, loads the model once, and registers it as the model's next version, which no
-  // alias points to. A version that an upload of just these files has made is not made again. May
-  // take long. INVALID_ARGUMENT for files that are no model that can be served.
+  // Checks all files, loads the model once, and registers it as the model's next version without an
+  // alias. If an earlier upload of the same files made a version, returns that one. May take long.
+  // INVALID_ARGUMENT if the files are not a model that can be served.
   virtual absl::StatusOr<v1::ModelVersion> Commit() = 0;
-  // Nothing of it is to be kept.
+  // Discards everything that has arrived.
   virtual void Discard() = 0;
 };
 
-// Model ids are valid ones. Safe to use from any thread.
+// All model ids must be valid. Safe to use from any thread.
 class VersionUploads {
  public:
-  //   folder: of all models, which `versions` was opened with; `table` is over it. Both outlive this.
-  //   keep: what has arrived by an upload that broke off is removed so long after its last byte; 0:
-  //   never.
+  // Opens the staging folder of uploads.
+  //   folder: the folder of all models that `versions` was opened with. `versions` and `table`,
+  //     which is over it, must outlive this object.
+  //   keep: bytes of an interrupted upload are removed this long after its last byte; 0: never.
   VersionUploads(std::filesystem::path folder, VersionStore& versions, ServingTable& table,
                  std::chrono::seconds keep);
 
-  // Begins an upload, or goes on with one: what has arrived is this caller's alone.
-  //   header: its files are valid (ValidateVersionFiles), and arrived_bytes fits them.
-  // RESOURCE_EXHAUSTED if it does not fit on the disk beside what other uploads have announced;
-  // UNAVAILABLE if less has arrived than is said, or while an earlier upload is being committed.
+  // Begins or continues an upload. Only bytes that this caller sent count as arrived.
+  //   header: its files must be valid (ValidateVersionFiles), and arrived_bytes must fit them.
+  // RESOURCE_EXHAUSTED if the files do not fit on the disk beside other announced uploads.
+  // UNAVAILABLE if fewer bytes have arrived than the header says, or while an earlier upload is
+  // being committed.
   absl::StatusOr<std::unique_ptr<VersionUpload>> Begin(const std::string& model,
                                                        const v1::UploadModelHeader& header,
                                                        const std::string& caller);
-  // What need not be sent, and the version that has just these files. `files` are valid.
+  // Returns which bytes need not be sent, and the version that already has exactly these files, if
+  // any. `files` must be valid.
   absl::StatusOr<v1::QueryModelUploadResponse> Query(
       const std::string& model, const google::protobuf::RepeatedPtrField<v1::ModelFile>& files,
       const std::string& caller);
 
-  // Removes what uploads that broke off too long before `now` have left.
+  // Removes the bytes of uploads that were interrupted longer than `keep` before `now`.
   absl::Status RemoveAbandoned(std::filesystem::file_time_type now);
 
  private:

@@ -1,4 +1,5 @@
-// Models to measure: presets with random weights, on which no time depends, and stored ones.
+// Provides models to measure: presets with random weights, whose values do not affect the times,
+// and stored models.
 
 #ifndef MANEUVER_TESTS_BENCH_BENCH_MODEL_H_
 #define MANEUVER_TESTS_BENCH_BENCH_MODEL_H_
@@ -19,21 +20,22 @@
 
 namespace maneuver::bench {
 
-// Presets of training settings; and the compact networks on the raster that the paper's take.
+// Names of presets of training settings. kCompactWide: the compact networks on the raster of the
+// paper's preset.
 inline constexpr const char* kCompactWide = "compact-224";
 inline constexpr const char* kLanes = "lanes";  // reads vectors, no raster
 inline constexpr const char* kPresets[] = {kLanes, "compact", kCompactWide, "paper", "resnet50"};
 inline constexpr int kBatches[] = {1, 8};
 inline constexpr int kLargestBatch = 8;
 
-// The model of a preset as stored, made once.
+// Returns the stored model of a preset, which is made once.
 const artifact::StoredModel& StoredPreset(const std::string& preset);
 
-// As the engine evaluates it, loaded once.
+// Returns the model of a preset in the engine, loaded once.
 std::shared_ptr<const inference::ActionModel> LoadPreset(const std::string& preset,
                                                          inference::Precision precision);
 
-// A model whose parts are to be measured alone, too.
+// A model whose parts are also measured separately.
 struct BenchModel {
   std::string name;
   std::shared_ptr<const artifact::StoredModel> stored;
@@ -41,24 +43,25 @@ struct BenchModel {
   std::shared_ptr<const inference::Networks> networks;  // the model's own, once more
 };
 BenchModel PresetBenchModel(const std::string& preset);
-// Errors: those of ActionModel::Load.
+// Loads a model folder. Errors: those of ActionModel::Load.
 absl::StatusOr<BenchModel> FolderBenchModel(const std::filesystem::path& folder);
-// The same once more, in a precision that the processor has.
+// Returns the same model in another precision, which the processor must have.
 BenchModel WithPrecision(const BenchModel& model, inference::Precision precision);
 
-// Another evaluation of a model's backbone and p(y|s), ready to be run on these scenes.
+// Evaluates a model's backbone and p(y|s) for given scenes by another program.
 using PeerEncode = std::function<void()>;
 using MakePeer =
     std::function<PeerEncode(const artifact::StoredModel&, std::span<const inference::SceneInput>)>;
-// LibTorch's, on one thread, channels last, without gradients; of a model without scene vectors.
+// Returns LibTorch's evaluation, on one thread, channels last, without gradients. For models
+// without scene vectors.
 PeerEncode LibTorchEncode(const artifact::StoredModel& model,
                           std::span<const inference::SceneInput> scenes);
 
-// kLargestBatch scenes for the preset: rasters as sparse as real ones, without motion; or random
-// vectors with as many lane paths and agents as there can be.
+// Returns kLargestBatch scenes for the preset: rasters as sparse as real ones, without motion; or
+// random vectors with the largest number of lane paths and agents.
 std::span<const inference::SceneInput> Scenes(const std::string& preset);
 
-// Notes the time of one target when each iteration was of `batch` targets.
+// Reports the time of one target if each iteration had `batch` targets.
 void CountTargets(benchmark::State& state, int batch);
 
 void RegisterEngineBenchmarks();

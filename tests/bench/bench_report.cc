@@ -24,7 +24,7 @@ namespace {
 
 constexpr size_t kScenesOfAKind = 6;
 
-// The three things that a core is held against, in the rounds of everything else.
+// The times of the three yardsticks, measured in the same rounds as everything else.
 class YardstickTimes {
  public:
   explicit YardstickTimes(size_t bytes) : yardsticks_(bytes) {}
@@ -43,7 +43,8 @@ class YardstickTimes {
     *series = series->subspan(has_bf16_ ? 4 : 3);
   }
 
-  // What share of the peak an evaluation reaches: `operations` in the seconds of each round.
+  // Returns the share of the peak that an evaluation reaches: `operations` in the seconds of each
+  // round.
   std::string ShareOfPeak(double operations, const Series& seconds, bool bf16) const {
     const double scale = operations / Yardsticks::operations();
     return Percent(scale * Median(Ratios(bf16 ? bf16_ : f32_, seconds)));
@@ -70,7 +71,7 @@ class YardstickTimes {
   Series f32_, bf16_, read_, copy_;
 };
 
-// What one request, or several that make a batch together, ask about.
+// The content of one request, or of several that form a batch.
 struct Workload {
   std::string name;
   Pipelines pipelines;
@@ -151,7 +152,7 @@ std::string RatioTable(const v1::ModelSpec& spec, const std::vector<Workload>& w
                          const char* target) {
       table += Row({absl::StrCat(what, ": ", workload.name), Ratio(a, b), target});
     };
-    // The targets are those of models that read a raster alone.
+    // These bounds are for models that read only a raster.
     const std::string read = StageName(Stage::kReadScene, spec);
     const std::string network = StageName(Stage::kSceneNetwork, spec);
     row(read + " / " + network, times.Of(Stage::kReadScene), times.Of(Stage::kSceneNetwork),
@@ -166,14 +167,14 @@ std::string RatioTable(const v1::ModelSpec& spec, const std::vector<Workload>& w
   return table;
 }
 
-// Multiply-adds of backbone and p(y|s), as two operations each.
+// Returns the operations of backbone and p(y|s): two for each multiply-add.
 double EncodeOperations(const v1::ModelSpec& spec) {
   const v1::ModelCost cost = artifact::CountCost(spec);
   return 2.0 * static_cast<double>(cost.backbone_multiply_adds() + cost.vector_multiply_adds() +
                                    cost.predictor_multiply_adds());
 }
 
-// The row of one model in the table of models, measured on one scene.
+// Returns the row of one model in the table of models, measured on one scene.
 std::string ModelRow(const BenchModel& model, const ReportOptions& options,
                      YardstickTimes* yardsticks) {
   Pipelines pipelines;
@@ -265,7 +266,7 @@ std::string Introduction(const ReportOptions& options) {
   return text;
 }
 
-// What the answers of the model's precision differ by from those of f32, if it is another.
+// Returns how the answers in the model's precision differ from those in f32; empty if it is f32.
 std::string PrecisionText(const BenchModel& model, const std::vector<SceneSet>& sets) {
   const std::string precision(model.model->precision());
   if (precision == "f32") return "";

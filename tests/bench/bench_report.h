@@ -1,4 +1,4 @@
-// The report of maneuver-bench: tables and pictures of one run.
+// Writes the report of maneuver-bench: tables and pictures of one run.
 
 #ifndef MANEUVER_TESTS_BENCH_BENCH_REPORT_H_
 #define MANEUVER_TESTS_BENCH_BENCH_REPORT_H_
@@ -13,7 +13,7 @@
 
 namespace maneuver::bench {
 
-// Scenes of one kind, each with kLargestBatch targets; at least one.
+// At least one scene of one kind, each with kLargestBatch targets.
 struct SceneSet {
   std::string name;  // "recorded scenes"
   std::vector<v1::Scenario> scenes;
@@ -31,7 +31,7 @@ struct ReportOptions {
   std::filesystem::path pictures;  // folder of the pictures
 };
 
-// Measures and writes. Errors: those of writing files.
+// Measures and writes the report. Errors: those of writing files.
 absl::Status WriteReport(const ReportOptions& options);
 
 }  // namespace maneuver::bench

@@ -19,7 +19,7 @@ namespace {
 constexpr double kStateTolerance = 0.05;  // seconds
 constexpr int64_t kCopiedAgents = int64_t{1} << 40;
 
-// False if there are not so many vehicles.
+// Chooses the targets. Returns false if there are too few vehicles.
 bool ChooseTargets(int targets, v1::Scenario* scene) {
   const double now = scene->prediction_time();
   const auto position = [&](const v1::Agent& agent) {

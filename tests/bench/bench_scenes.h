@@ -1,4 +1,4 @@
-// Scenes to measure with: recorded ones, and the synthetic town's.
+// Provides scenes to measure with: recorded ones, and those of the synthetic town.
 
 #ifndef MANEUVER_TESTS_BENCH_BENCH_SCENES_H_
 #define MANEUVER_TESTS_BENCH_BENCH_SCENES_H_
@@ -13,30 +13,33 @@
 
 namespace maneuver::bench {
 
-// As a planner sends them: nothing later than the prediction time, and for targets the vehicles in
-// sight then, nearest to the first target that the recording names first, at most `targets`. Scenes
-// with fewer vehicles are left out.
+// These functions return scenes as a planner sends them, with nothing later than the prediction
+// time. Each has `targets` targets: of the vehicles visible then, those nearest to the first target
+// that the recording names. Scenes with fewer vehicles are left out.
 //
-// Recordings of a dataset folder, in order, at most `most`. Errors: those of data::ForEachScenario.
+// Returns at most `most` recordings of a dataset folder, in order. Errors: those of
+// data::ForEachScenario.
 absl::StatusOr<std::vector<v1::Scenario>> DatasetScenes(const std::filesystem::path& folder,
                                                         int targets, int most);
-// Of the files validation.tfrecord-* in the folder that MANEUVER_REAL_DATA names; none without it.
+// Returns scenes of the files validation.tfrecord-* in the folder that MANEUVER_REAL_DATA names;
+// none without it.
 std::vector<v1::Scenario> WaymoScenes(int targets, int most);
-// Of the synthetic town of seed 1.
+// Returns scenes of the synthetic town of seed 1.
 std::vector<v1::Scenario> TownScenes(int targets, int most);
 
-// The same as the recordings of those files name their targets.
+// Returns the recordings of those files with the targets that they name.
 std::vector<v1::Scenario> WaymoRecordings();
 
 int64_t MapPoints(const v1::Scenario& scenario);
 
-// A request for the `actions` most probable actions of every target of the scenes.
+// Returns a request for the `actions` most probable actions of every target of the scenes.
 v1::PredictRequest RequestFor(const std::vector<v1::Scenario>& scenes, int actions);
 
-// The scene with its first `count` agents that are no targets, beside the targets, or with copies
-// of them under other ids where it has not so many.
+// Returns the scene with `count` agents besides its targets: the first ones, then copies of them
+// under other ids.
 v1::Scenario WithAgents(const v1::Scenario& scene, int count);
-// The scene with as many map features, from the first on and then again, as have `points` points.
+// Returns the scene with about `points` map points: its map features in order, repeated if there
+// are too few.
 v1::Scenario WithMapPoints(const v1::Scenario& scene, int64_t points);
 
 }  // namespace maneuver::bench

@@ -1,5 +1,5 @@
-// That maneuver-bench runs, on small measurements of which no time is looked at; and that what it
-// measures is what the engine does.
+// Checks that maneuver-bench runs, on small measurements whose times are ignored, and that it
+// measures what the engine does.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -75,8 +75,8 @@ TEST(BenchTest, ReportHasEveryStageTargetAndPicture) {
   }
 }
 
-// With random weights, of the preset's size. What a trained model's answers change by is in the
-// report.
+// Uses random weights of the preset's size. The report has the changes of a trained model's
+// answers.
 TEST(BenchTest, Bf16StaysCloseToF32OnRecordedScenes) {
   if (!inference::ProcessorHasBf16()) GTEST_SKIP() << "this processor does not compute with bf16";
   const auto scenes = WaymoScenes(kLargestBatch, 12);
@@ -96,8 +96,8 @@ TEST(BenchTest, Bf16StaysCloseToF32OnRecordedScenes) {
 
 class PipelineTest : public testing::TestWithParam<const char*> {};
 
-// Else the backbone and the heads that are measured are not those that serve.
-TEST_P(PipelineTest, StagesOneByOneGiveTheResponseOfAllTogether) {
+// Otherwise the bench would measure another backbone and other heads than the server uses.
+TEST_P(PipelineTest, SeparateStagesGiveTheResponseOfTheWholeCall) {
   const auto scenes = TownScenes(kLargestBatch, 1);
   ASSERT_EQ(scenes.size(), 1u);
   const BenchModel model = PresetBenchModel(GetParam());
@@ -117,7 +117,7 @@ TEST_P(PipelineTest, StagesOneByOneGiveTheResponseOfAllTogether) {
 
 INSTANTIATE_TEST_SUITE_P(Presets, PipelineTest, testing::Values("compact", kLanes));
 
-TEST(BenchTest, RepresentativesAreDescribedInPlaceOfTheMostProbable) {
+TEST(BenchTest, DescribesRepresentativesInsteadOfTheMostProbableActions) {
   const auto scenes = TownScenes(1, 1);
   ASSERT_EQ(scenes.size(), 1u);
   Pipeline pipeline(Compact(), {RequestFor(scenes, 0)}, 0, 6);
@@ -127,7 +127,7 @@ TEST(BenchTest, RepresentativesAreDescribedInPlaceOfTheMostProbable) {
   EXPECT_EQ(response.predictions(0).targets(0).distributions_size(), 6);
 }
 
-TEST(BenchTest, ScenesGrowByAgentsAndMapPointsAlone) {
+TEST(BenchTest, LargerScenesDifferOnlyInAgentsAndMapPoints) {
   const auto scenes = TownScenes(kLargestBatch, 1);
   ASSERT_EQ(scenes.size(), 1u);
   const v1::Scenario crowded = WithAgents(scenes[0], 300);
@@ -140,8 +140,8 @@ TEST(BenchTest, ScenesGrowByAgentsAndMapPointsAlone) {
   EXPECT_EQ(Pipeline(Compact(), {RequestFor({vast}, 1)}, 1).targets(), kLargestBatch);
 }
 
-TEST(BenchTest, RatiosAreOfTheSameRound) {
-  // A machine that is ten times slower in one round: the ratio of medians would be 1.5.
+TEST(BenchTest, RatiosCompareMeasurementsOfOneRound) {
+  // The machine is ten times slower in one round: the ratio of medians would be 1.5.
   const Series a = {2, 20, 2};
   const Series b = {1, 10, 1};
   EXPECT_EQ(Median(Ratios(a, b)), 2.0);
@@ -149,7 +149,7 @@ TEST(BenchTest, RatiosAreOfTheSameRound) {
   EXPECT_EQ(Quantile({4, 3, 2, 1, 0}, 0.25), 1.0);
 }
 
-TEST(BenchTest, LineIsFittedWithItsLargestDeparture) {
+TEST(BenchTest, FitsALineAndReportsTheLargestDeviation) {
   const StraightLine exact = FitLine({0, 1, 3}, {5, 7, 11});
   EXPECT_NEAR(exact.constant, 5.0, 1e-12);
   EXPECT_NEAR(exact.slope, 2.0, 1e-12);

@@ -10,7 +10,7 @@
 namespace maneuver::bench {
 namespace {
 
-// Stages of one request for each point, in turn.
+// Measures the stages of one request for each point, in turn.
 std::vector<StageTimes> MeasureStages(const BenchModel& model,
                                       const std::vector<v1::PredictRequest>& requests,
                                       const std::vector<int>& actions,
@@ -43,7 +43,7 @@ const std::vector<Stage> kEveryStage = {
     Stage::kParse, Stage::kValidate,      Stage::kReadScene, Stage::kSceneNetwork,
     Stage::kHeads, Stage::kDistributions, Stage::kAnswer,    Stage::kSerialize};
 
-// Over something of the scene that parsing, validation and raster see.
+// Measures over a property of the scene that affects parsing, validation and raster.
 GrowthCurve OverScenes(const BenchModel& model, const std::vector<v1::Scenario>& scenes,
                        std::vector<double> x, const GrowthOptions& options) {
   std::vector<v1::PredictRequest> requests;
@@ -114,7 +114,7 @@ GrowthCurve OverActions(const BenchModel& model, const v1::Scenario& scene,
   return curve;
 }
 
-// Requests of 1 to many targets: scenes of eight, the last one of what is left.
+// Measures requests of 1 to many targets: scenes with eight targets, the last one with the rest.
 GrowthCurve OverTargets(const BenchModel& model, const std::vector<v1::Scenario>& scenes,
                         const GrowthOptions& options) {
   GrowthCurve curve;
@@ -134,7 +134,7 @@ GrowthCurve OverTargets(const BenchModel& model, const std::vector<v1::Scenario>
     }
     pipelines.push_back(std::make_unique<Pipeline>(
         model, std::vector{RequestFor(asked, kDescribedActions)}, kDescribedActions));
-    // Twice, of which the second is measured, as of the stages.
+    // Runs twice and measures the second time, as for the stages.
     const auto run = [pipeline = pipelines.back().get()] { pipeline->RunAll(); };
     things.insert(things.end(), 2, run);
     curve.chart.x.push_back(targets);
@@ -152,7 +152,7 @@ GrowthCurve OverTargets(const BenchModel& model, const std::vector<v1::Scenario>
 std::vector<GrowthCurve> MeasureGrowth(const BenchModel& model,
                                        const std::vector<v1::Scenario>& scenes,
                                        const GrowthOptions& options) {
-  // The one with the most of a map stands for them all.
+  // The scene with the largest map represents all of them.
   const v1::Scenario& scene = *std::max_element(
       scenes.begin(), scenes.end(),
       [](const v1::Scenario& a, const v1::Scenario& b) { return MapPoints(a) < MapPoints(b); });

@@ -1,4 +1,4 @@
-// How the cost of an answer grows with what is asked.
+// Measures how the cost of an answer grows with the size of the request.
 
 #ifndef MANEUVER_TESTS_BENCH_CURVES_H_
 #define MANEUVER_TESTS_BENCH_CURVES_H_
@@ -12,7 +12,7 @@
 
 namespace maneuver::bench {
 
-// Microseconds a target over something.
+// Microseconds per target as a function of some quantity.
 struct GrowthCurve {
   std::string file;  // of its picture, without folder
   Chart chart;
@@ -24,13 +24,13 @@ struct GrowthOptions {
   int most_targets = 1'000;
 };
 
-// Over targets of a request, agents, map points, actions asked for. Scenes have kLargestBatch
-// targets each.
+// Measures over the numbers of targets, agents, map points and requested actions. Scenes have
+// kLargestBatch targets each.
 std::vector<GrowthCurve> MeasureGrowth(const BenchModel& model,
                                        const std::vector<v1::Scenario>& scenes,
                                        const GrowthOptions& options);
 
-// The straight line through a curve by least squares.
+// The straight line that fits a curve by least squares.
 struct StraightLine {
   double constant = 0.0;
   double slope = 0.0;

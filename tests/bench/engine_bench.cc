@@ -1,4 +1,4 @@
-// Time of the engine on one core: encoding a scene by preset and batch, describing by number of
+// Measures the engine on one core: encoding a scene by preset and batch, describing by number of
 // actions, classifying.
 
 #include <benchmark/benchmark.h>
@@ -17,7 +17,7 @@ namespace {
 using inference::Precision;
 using inference::SceneEncoding;
 
-// What is measured: one preset, evaluated in one precision.
+// The subject of a measurement: one preset, evaluated in one precision.
 struct Subject {
   std::string preset;
   Precision precision;

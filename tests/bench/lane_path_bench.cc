@@ -1,5 +1,6 @@
-// What lane paths cost on real scenes: indexing a map, and finding the paths of a target, over the
-// number of map points and over the number of agents. MANEUVER_REAL_DATA as in map_bench.cc.
+// Measures the cost of lane paths on real scenes: indexing a map, and finding the paths of a
+// target, over the number of map points and over the number of agents. MANEUVER_REAL_DATA as in
+// map_bench.cc.
 
 #include <benchmark/benchmark.h>
 
@@ -27,7 +28,7 @@ const std::vector<v1::Scenario>& Scenes() {
   return scenes;
 }
 
-// The width of the square around all map points, metres.
+// Returns the width of the square around all map points, metres.
 double MapWidth(const v1::Scenario& scene) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   double low[2] = {kInfinity, kInfinity};
@@ -44,8 +45,8 @@ double MapWidth(const v1::Scenario& scene) {
   return std::max(high[0] - low[0], high[1] - low[1]);
 }
 
-// The scene with its first features, or with copies of its map side by side, so that it has
-// `points` map points.
+// Returns the scene with `points` map points: its first features, or copies of its map side by
+// side.
 v1::Scenario WithMapAround(const v1::Scenario& scene, int64_t points) {
   v1::Scenario changed = WithMapPoints(scene, points);
   const double width = MapWidth(scene);
@@ -56,7 +57,7 @@ v1::Scenario WithMapAround(const v1::Scenario& scene, int64_t points) {
   return changed;
 }
 
-// A target with what finding its paths takes.
+// A target, and the arguments for finding its paths.
 struct Query {
   const v1::Scenario* scene;
   const scene::LaneGraph* lanes;
@@ -87,7 +88,7 @@ struct Queries {
   Queries& operator=(const Queries&) = delete;
 };
 
-// Microseconds a target, and how many paths it has.
+// Measures microseconds per target, and the number of its paths.
 void Find(benchmark::State& state, const Queries& queries) {
   if (queries.queries.empty()) return state.SkipWithError("MANEUVER_REAL_DATA has no scenes");
   scene::LanePathFinder finder;

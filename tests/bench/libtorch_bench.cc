@@ -1,5 +1,5 @@
-// LibTorch's forward of the same networks with the same weights, on one thread, without gradients,
-// channels last, by its own operations alone.
+// Measures LibTorch's forward pass of the same networks with the same weights, on one thread,
+// without gradients, channels last, with only its own operations.
 
 #include <ATen/ATen.h>
 #include <ATen/Parallel.h>
@@ -19,7 +19,7 @@
 namespace maneuver::bench {
 namespace {
 
-// The backbone and the action predictor of a stored model.
+// Returns the backbone and the action predictor of a stored model.
 learning::Networks MakeNetworks(const artifact::StoredModel& model) {
   at::NoGradGuard no_grad;
   at::Generator generator = learning::MakeGenerator(1);
@@ -44,7 +44,7 @@ at::Tensor RasterBatch(const artifact::StoredModel& model,
   return at::stack(rasters);
 }
 
-// As Networks::EncodeScenes, without the kernels of model/learning.
+// Does the same as Networks::EncodeScenes without the kernels of model/learning.
 //   rasters: [B, H, W, C] bytes; returns features [B, F']
 at::Tensor EncodeScenes(learning::Networks& networks, const at::Tensor& rasters,
                         const at::Tensor& motions) {
@@ -76,7 +76,7 @@ at::Tensor EncodeScenes(learning::Networks& networks, const at::Tensor& rasters,
   return networks.spec().target_motion() ? at::cat({features, motions}, 1) : features;
 }
 
-// The largest difference of p(y|s) from the engine's, as a check that both do the same.
+// Returns the largest difference of p(y|s) from the engine's, to check that both do the same.
 double Difference(const std::string& preset, int batch, const at::Tensor& log_probabilities) {
   std::vector<inference::SceneEncoding> encodings(static_cast<size_t>(batch));
   LoadPreset(preset, inference::Precision::kF32)

@@ -1,4 +1,4 @@
-// maneuver-bench: what the parts of an answer cost.
+// maneuver-bench: measures the parts of an answer.
 
 #include <benchmark/benchmark.h>
 
@@ -38,7 +38,7 @@ int Fail(const absl::Status& status) {
   return EXIT_FAILURE;
 }
 
-// With kLargestBatch targets each; none if there are no recordings.
+// Returns recorded scenes with kLargestBatch targets each; none if there are no recordings.
 absl::StatusOr<std::vector<v1::Scenario>> RecordedScenes(const Arguments& arguments) {
   if (arguments.dataset.empty()) return WaymoScenes(kLargestBatch, kScenes);
   return DatasetScenes(arguments.dataset, kLargestBatch, kScenes);
@@ -92,7 +92,7 @@ int Report(const Arguments& arguments) {
   return status.ok() ? EXIT_SUCCESS : Fail(status);
 }
 
-// By google-benchmark, whose options they are.
+// Runs the benchmarks with options of google-benchmark.
 int Benchmarks(char* program, std::vector<std::string> options) {
   std::vector<char*> arguments = {program};
   for (std::string& option : options) arguments.push_back(option.data());

@@ -1,7 +1,6 @@
-// What naming a registered map saves on real scenes, in bytes and in time, beside the same scenes
-// with their maps in them: both are measured in turn in one run, so that their ratio holds on a
-// busy machine as well. MANEUVER_REAL_DATA names a folder with waymo_open_motion's
-// validation.tfrecord-*.
+// Measures what registered maps save on real scenes, in bytes and in time, beside the same scenes
+// with their maps. Both are measured in turn in one run, so that their ratio holds even on a busy
+// machine. MANEUVER_REAL_DATA names a folder with waymo_open_motion's validation.tfrecord-*.
 
 #include <benchmark/benchmark.h>
 
@@ -25,7 +24,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-// A planner's request for one scene, both ways.
+// A planner's request for one scene, with the map and with the map's id.
 struct Scene {
   v1::PredictRequest whole;
   v1::PredictRequest named;
@@ -56,8 +55,9 @@ struct Times {
   double total() const { return serialize + parse + validate + raster; }
 };
 
-// `map`: the one that the request names; nullptr: the request's own, as the server finds it out
-// once for all targets.
+// Measures one request.
+//   map: the map that the request names; nullptr: the request's own map, which the server indexes
+//     once for all targets
 Times Answer(const v1::PredictRequest& request, const scene::RoadMap* map, double tolerance,
              scene::SceneReader& reader, scene::SceneInputs& inputs) {
   Times times;
@@ -103,7 +103,7 @@ void NamedMaps(benchmark::State& state) {
     whole_bytes += static_cast<double>(scene.whole.ByteSizeLong());
     named_bytes += static_cast<double>(scene.named.ByteSizeLong());
   }
-  // The best of all rounds for each scene: what others did to the machine is left out.
+  // Keeps the best of all rounds for each scene, to leave out the effect of other processes.
   std::vector<Times> whole(scenes.size());
   std::vector<Times> named(scenes.size());
   const auto keep = [&](Times& best, const Times& times) {

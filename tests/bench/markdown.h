@@ -1,4 +1,4 @@
-// Figures and tables as Markdown.
+// Formats figures and tables as Markdown.
 
 #ifndef MANEUVER_TESTS_BENCH_MARKDOWN_H_
 #define MANEUVER_TESTS_BENCH_MARKDOWN_H_
@@ -14,14 +14,14 @@
 
 namespace maneuver::bench {
 
-// Three digits or so.
+// Returns the value with about three digits.
 inline std::string Short(double value) {
   return absl::StrFormat("%.*f", value < 9.995 ? 2 : value < 99.95 ? 1 : 0, value);
 }
 inline std::string Microseconds(const Series& series) {
   return Short(kMicroseconds * Median(series));
 }
-// "0.21 (0.20 to 0.23)": the median of the rounds' ratios, and the middle half of them.
+// Returns "0.21 (0.20 to 0.23)": the median of the rounds' ratios, and the middle half of them.
 inline std::string Ratio(const Series& a, const Series& b) {
   const Series ratios = Ratios(a, b);
   return absl::StrFormat("%.3f (%.3f to %.3f)", Median(ratios), Quantile(ratios, 0.25),
@@ -32,7 +32,7 @@ inline std::string Percent(double share) { return absl::StrFormat("%.1f %%", 100
 inline std::string Row(const std::vector<std::string>& cells) {
   return absl::StrCat("| ", absl::StrJoin(cells, " | "), " |\n");
 }
-// Names to the left, figures to the right.
+// Returns a table's header with the first column aligned to the left and the others to the right.
 inline std::string Header(const std::vector<std::string>& cells) {
   std::string rule = "|---|";
   for (size_t i = 1; i < cells.size(); ++i) rule += "---:|";

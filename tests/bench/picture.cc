@@ -10,7 +10,7 @@
 namespace maneuver::bench {
 namespace {
 
-// Told apart by colour-blind people, too (Okabe and Ito).
+// Colours that colour-blind people can also distinguish (Okabe and Ito).
 constexpr const char* kColors[] = {"#0072b2", "#e69f00", "#009e73", "#d55e00",
                                    "#56b4e9", "#cc79a7", "#999999", "#000000"};
 constexpr const char* kGrid = "#e4e4e4";
@@ -63,7 +63,7 @@ class Svg {
   std::string text_;
 };
 
-// From 0 to at least `most`: 1, 2 or 5 times a power of ten apart.
+// Returns ticks from 0 to at least `most`, 1, 2 or 5 times a power of ten apart.
 std::vector<double> TicksTo(double most) {
   const double rough = std::max(most, 1e-9) / 5.0;
   const double power = std::pow(10.0, std::floor(std::log10(rough)));
@@ -109,7 +109,7 @@ std::string DrawChart(const Chart& chart) {
   svg.Text(kLeft + kWidth / 2, kBottom + 42, "middle", chart.x_title, kInk);
   svg.Text(18, kTop + kHeight / 2, "middle", chart.y_title, kInk,
            absl::StrFormat("transform=\"rotate(-90 18 %.0f)\"", kTop + kHeight / 2).c_str());
-  // Names at the right, in the order of the lines' ends and not over one another.
+  // Places the names at the right, in the order of the lines' ends, so that they do not overlap.
   std::vector<std::pair<double, size_t>> ends;
   for (size_t i = 0; i < chart.curves.size(); ++i) {
     std::vector<double> x, y;

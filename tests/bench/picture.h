@@ -1,4 +1,4 @@
-// Pictures of measurements, as SVG.
+// Draws measurements as SVG pictures.
 
 #ifndef MANEUVER_TESTS_BENCH_PICTURE_H_
 #define MANEUVER_TESTS_BENCH_PICTURE_H_
@@ -13,8 +13,8 @@ struct Curve {
   std::vector<double> y;
 };
 
-// y over x, both from zero on; the lines' names stand at their ends.
-//   logarithmic_x: x is drawn by its logarithm, and has to be positive.
+// A chart of y over x, both from zero on, with the lines' names at their ends.
+//   logarithmic_x: draws x by its logarithm; x must then be positive
 struct Chart {
   std::string title;
   std::string x_title;
@@ -25,7 +25,7 @@ struct Chart {
 };
 std::string DrawChart(const Chart& chart);
 
-// One bar for each column of `values`, cut into parts.
+// Draws one bar for each column of `values`, divided into parts.
 //   parts: names of the rows;  values: [parts][bars]
 std::string DrawBars(const std::string& title, const std::string& unit,
                      const std::vector<std::string>& bars, const std::vector<std::string>& parts,

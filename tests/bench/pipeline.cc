@@ -20,7 +20,7 @@ namespace {
 
 constexpr size_t kBatch = static_cast<size_t>(kLargestBatch);
 
-// The reference of a model that has one; empty of one that has none.
+// Returns the reference; empty for a model without one.
 inference::Trajectory RollOut(const v1::ModelSpec& spec, const scene::MotionEstimate& motion) {
   inference::Trajectory reference;
   if (!artifact::HasReference(spec)) return reference;
@@ -181,7 +181,7 @@ void Pipeline::EvaluateHeads() {
     return PredictActions();
   }
   ProjectGrids();
-  // The targets' motion, to the right of the features, where the model reads it.
+  // Appends the targets' motion to the features if the model reads it.
   const size_t projected = static_cast<size_t>(networks_.projection->outputs());
   const size_t features = static_cast<size_t>(networks_.action_predictor.inputs());
   outputs_.swap(features_);

@@ -1,5 +1,5 @@
-// One answer in process, from the bytes of a request to the bytes of its response, stage by stage:
-// the same calls as the server makes, without gRPC, queue and threads.
+// Computes one answer in process, from the bytes of a request to the bytes of its response, stage
+// by stage. Makes the same calls as the server, without gRPC, queue and threads.
 
 #ifndef MANEUVER_TESTS_BENCH_PIPELINE_H_
 #define MANEUVER_TESTS_BENCH_PIPELINE_H_
@@ -29,29 +29,31 @@ enum class Stage {
   kSerialize,
 };
 inline constexpr int kStages = 8;
-// As a row of a table says it, of a model.
+// Returns the name of a stage for a table about a model.
 const char* StageName(Stage stage, const v1::ModelSpec& spec);
 
 class Pipeline {
  public:
-  // `requests` must be valid, and all their targets too.
-  //   actions: so many of the most probable ones are described for each target.
-  //   representatives: so many are chosen for each target, and described as well.
+  // Prepares the pipeline. `requests` and all their targets must be valid.
+  //   actions: how many of the most probable actions are described for each target
+  //   representatives: how many are chosen for each target, and described as well
   Pipeline(const BenchModel& model, const std::vector<v1::PredictRequest>& requests, int actions,
            int representatives = 0);
 
-  // A stage of all requests. Those before it must have been run once; of at most kLargestBatch
-  // targets, since a worker takes no more at once.
+  // Runs a stage for all requests. The stages before it must have been run once. There may be at
+  // most kLargestBatch targets, the most that a worker takes at once.
   void Run(Stage stage);
-  // Of the distributions: the K encoders' part, and the decoding of the sigma points.
+  // Run the two parts of the distributions: the scenario encoders, and the decoding of the sigma
+  // points.
   void RunScenarioEncoders();
   void RunDecoder();
-  // Everything, as a worker does: batch by batch, backbone and heads by InferenceSession::Encode.
+  // Runs everything as a worker does: batch by batch, backbone and heads by
+  // InferenceSession::Encode.
   void RunAll();
 
   int targets() const { return targets_; }
   const std::vector<std::string>& responses() const { return responses_; }  // serialised
-  // Those of the last batch.
+  // Return the results of the last batch.
   const std::vector<inference::SceneEncoding>& encodings() const { return encodings_; }
   const std::vector<inference::SceneInput>& scenes() const { return scenes_; }
 
@@ -68,11 +70,11 @@ class Pipeline {
   void EvaluateBackbone();
   void EvaluateVectors();
   void EvaluateHeads();
-  // Into features_.
+  // Writes features_.
   void ProjectGrids();
-  // Of features_ and, if actions look at the lanes, what EvaluateVectors left.
+  // Reads features_ and, if actions look at the lanes, the results of EvaluateVectors.
   void PredictActions();
-  // References, and what the lanes add to logits_.
+  // Computes the references, and the lanes' contribution to logits_.
   void LookAtLanes();
   void Describe(size_t begin);
   void WriteAnswers();

@@ -10,7 +10,7 @@
 namespace maneuver::bench {
 namespace {
 
-// Every action of every target.
+// Returns an answer with every action of every target.
 v1::PredictResponse Answer(const BenchModel& model, const v1::Scenario& scene) {
   const int actions = model.model->spec().actions();
   Pipeline pipeline(model, {RequestFor({scene}, actions)}, actions);
@@ -38,7 +38,7 @@ void Compare(const v1::TargetPrediction& fast, const v1::TargetPrediction& exact
   for (int k = 0; k < exact.probabilities_size(); ++k) {
     probabilities->Add(std::abs(fast.probabilities(k) - exact.probabilities(k)));
   }
-  // Each in the order of its own probabilities.
+  // Each answer lists actions in the order of its own probabilities.
   std::map<int, const v1::Trajectory*> means;
   for (const auto& distribution : fast.distributions()) {
     means[distribution.action_id()] = &distribution.mean_trajectory();

@@ -20,7 +20,7 @@ namespace {
 constexpr int kActions = 4;
 constexpr char kCompact[] = "compact";
 
-// What is asked of the first scene.
+// The question about the first scene.
 struct Question {
   std::string preset = kCompact;
   int targets = kLargestBatch;
@@ -29,7 +29,7 @@ struct Question {
   auto operator<=>(const Question&) const = default;
 };
 
-// nullptr: there is no such scene.
+// Returns the pipeline of the first scene; nullptr if there is none.
 Pipeline* FirstScene(bool recorded, const Question& question) {
   static std::map<std::string, BenchModel> models;
   static std::map<std::pair<bool, Question>, std::unique_ptr<Pipeline>> pipelines;
@@ -55,7 +55,7 @@ void Measure(benchmark::State& state, bool recorded, const Question& question,
   CountTargets(state, pipeline->targets());
 }
 
-// Of the compact preset: stages/NAME/...; of others stages/PRESET/NAME/...
+// Registers stages/NAME/... for the compact preset, and stages/PRESET/NAME/... for others.
 void Register(const std::string& name, const Question& question,
               const std::function<void(Pipeline&)>& run) {
   for (const bool recorded : {true, false}) {
@@ -80,7 +80,7 @@ void RegisterStageBenchmarks() {
     const auto all = [](Pipeline& pipeline) { pipeline.RunAll(); };
     Register("all", {.preset = preset}, all);
     Register("one_target", {.preset = preset, .targets = 1}, all);
-    // Six answers a target: the most probable actions, or representatives.
+    // Six answers per target: the most probable actions, or representatives.
     Register("six_actions", {.preset = preset, .actions = 6}, all);
     Register("six_representatives", {.preset = preset, .actions = 0, .representatives = 6}, all);
   }

@@ -11,7 +11,8 @@ Series StageTimes::AllStages() const { return Sum({stages.begin(), stages.end()}
 void AddStages(const Pipelines& pipelines, std::vector<std::function<void()>>* things) {
   for (const auto& owned : pipelines) {
     Pipeline* pipeline = owned.get();
-    // Unmeasured: what ran before, such as a yardstick, leaves caches as no busy worker finds them.
+    // Not measured: whatever ran before, such as a yardstick, leaves the caches unlike those of a
+    // busy worker.
     things->push_back([=] { pipeline->RunAll(); });
     for (int stage = 0; stage < kStages; ++stage) {
       things->push_back([=] { pipeline->Run(static_cast<Stage>(stage)); });

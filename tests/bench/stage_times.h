@@ -1,4 +1,4 @@
-// Times of a pipeline's stages, measured in turn.
+// Measures the times of a pipeline's stages, in turn.
 
 #ifndef MANEUVER_TESTS_BENCH_STAGE_TIMES_H_
 #define MANEUVER_TESTS_BENCH_STAGE_TIMES_H_
@@ -19,7 +19,7 @@ using Pipelines = std::vector<std::unique_ptr<Pipeline>>;
 inline constexpr double kMicroseconds = 1e6;  // of a second
 inline constexpr int kDescribedActions = 4;   // where the number does not vary
 
-// Seconds a target in each round.
+// Seconds per target in each round.
 struct StageTimes {
   std::array<Series, kStages> stages;
   Series scenario_encoders;  // part of the distributions
@@ -27,15 +27,15 @@ struct StageTimes {
   Series together;           // by Pipeline::RunAll
 
   const Series& Of(Stage stage) const { return stages[static_cast<size_t>(stage)]; }
-  // What is neither raster nor networks.
+  // Returns the time of everything except raster and networks.
   Series Rest() const;
   Series AllStages() const;
 };
 
-// For MeasureInTurn: all stages of each pipeline, one pipeline after the other, each after a whole
-// answer, which fills the caches as a busy worker finds them.
+// Adds things for MeasureInTurn: all stages of each pipeline, one pipeline after the other. Each
+// stage runs after a whole answer, which fills the caches as in a busy worker.
 void AddStages(const Pipelines& pipelines, std::vector<std::function<void()>>* things);
-// What became of them; takes its series from the front of `series`.
+// Returns the times of the stages; takes their series from the front of `series`.
 StageTimes TakeStages(const Pipelines& pipelines, std::span<const Series>* series);
 
 }  // namespace maneuver::bench

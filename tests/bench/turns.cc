@@ -20,7 +20,7 @@
 namespace maneuver::bench {
 namespace {
 
-// To [C, H, W] of 0 to 1.
+// Appends the raster as [C, H, W] numbers from 0 to 1.
 void AppendChannelsFirst(const scene::Raster& raster, std::vector<float>* values) {
   for (int channel = 0; channel < raster.channels(); ++channel) {
     for (int row = 0; row < raster.height(); ++row) {
@@ -93,7 +93,7 @@ void AddVectorInputs(const v1::ModelSpec& spec, std::span<const inference::Scene
   }
 }
 
-// Mean trajectories of p(z|y), without a reference: at rest it is 0.
+// Returns the mean trajectories of p(z|y), without a reference: at rest it is 0.
 std::vector<inference::Trajectory> GenericTrajectories(const inference::ActionModel& model) {
   std::vector<int> actions(static_cast<size_t>(model.spec().actions()));
   std::iota(actions.begin(), actions.end(), 0);
@@ -106,7 +106,7 @@ std::vector<inference::Trajectory> GenericTrajectories(const inference::ActionMo
   return means;
 }
 
-// Of models whose actions look at the lanes.
+// Adds the inputs of models whose actions look at the lanes.
 //   encodings: of the scenes, for their references
 void AddActionInputs(const inference::ActionModel& model,
                      std::span<const inference::SceneInput> scenes,

@@ -1,4 +1,5 @@
-// The engine's turn beside another program that evaluates the same network on the same scenes.
+// Lets the engine take turns with another program that evaluates the same network on the same
+// scenes.
 
 #ifndef MANEUVER_TESTS_BENCH_TURNS_H_
 #define MANEUVER_TESTS_BENCH_TURNS_H_

@@ -24,7 +24,7 @@ double SecondsSince(Clock::time_point begin) {
   return std::chrono::duration<double>(Clock::now() - begin).count();
 }
 
-// Calls that are asked again and again.
+// Calls that are made repeatedly.
 class Calls {
  public:
   Calls(const BenchModel& model, const std::vector<v1::Scenario>& scenes)
@@ -37,7 +37,7 @@ class Calls {
     }
   }
 
-  // Asks them all of the scheduler, and waits for the answers. Returns targets a second.
+  // Submits all calls to the scheduler and waits for the answers. Returns targets per second.
   double Ask(serving::BatchScheduler& scheduler) const {
     size_t targets = 0;
     std::latch unanswered(kCalls);

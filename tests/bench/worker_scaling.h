@@ -1,5 +1,5 @@
-// How much more several workers get done than one: the scheduler and its threads in process, with
-// neither gRPC nor callers, who would need the same cores.
+// Measures how much more several workers do than one: the scheduler and its threads in process,
+// with neither gRPC nor callers, which would need the same cores.
 
 #ifndef MANEUVER_TESTS_BENCH_WORKER_SCALING_H_
 #define MANEUVER_TESTS_BENCH_WORKER_SCALING_H_
@@ -17,8 +17,9 @@ struct WorkerSpeed {
   Series targets_per_second;  // by the clock, one for each round
 };
 
-// One worker, two, and so on up to the processors that the process may use, in turn.
-//   scenes: each is a call of its own, for all of its targets.
+// Measures one worker, two, and so on up to the number of processors that the process may use, in
+// turn.
+//   scenes: each is a call of its own, for all of its targets
 std::vector<WorkerSpeed> MeasureWorkers(const BenchModel& model,
                                         const std::vector<v1::Scenario>& scenes, double seconds,
                                         int least_rounds);

@@ -19,7 +19,7 @@ using dnnl::memory;
 
 constexpr memory::dim kSize = 768;  // three matrices of it lie in the second and third cache
 
-// C = A B in one precision, made ready.
+// A prepared product C = A B in one precision.
 struct Product {
   Product(const dnnl::engine& engine, memory::data_type type) : stream(engine) {
     const memory::desc any({kSize, kSize}, type, memory::format_tag::any);

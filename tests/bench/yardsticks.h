@@ -1,4 +1,4 @@
-// What one core of this machine can do, to hold the engine's times against.
+// Measures what one core of this machine can do, for comparison with the engine's times.
 
 #ifndef MANEUVER_TESTS_BENCH_YARDSTICKS_H_
 #define MANEUVER_TESTS_BENCH_YARDSTICKS_H_
@@ -10,11 +10,12 @@ namespace maneuver::bench {
 
 class Yardsticks {
  public:
-  //   bytes: of each buffer that memory is measured with; more than the processor's caches hold.
+  // Prepares the buffers.
+  //   bytes: size of each buffer that memory is measured with; more than the processor's caches
   explicit Yardsticks(size_t bytes);
   ~Yardsticks();
 
-  // Products of square matrices by oneDNN, on the calling thread alone.
+  // Multiply square matrices by oneDNN, on the calling thread only.
   void MultiplyF32();
   void MultiplyBf16();  // only where inference::ProcessorHasBf16()
   // A multiplication and an addition count as two operations.
@@ -29,7 +30,7 @@ class Yardsticks {
   std::unique_ptr<Buffers> buffers_;
 };
 
-// "AMD EPYC ...", as the system names it.
+// Returns the processor's name as the system states it: "AMD EPYC ...".
 std::string ProcessorName();
 
 }  // namespace maneuver::bench

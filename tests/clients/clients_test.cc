@@ -1,5 +1,5 @@
-// The contract as clients that we did not write see it: each asks a real server for its health and
-// for a prediction, and gets what our own stubs get.
+// Tests the contract with clients that we did not write. Each asks a real server for its health and
+// for a prediction, and must get the same answer as our own stubs.
 
 #include <gmock/gmock.h>
 #include <google/protobuf/util/json_util.h>
@@ -26,7 +26,7 @@ namespace {
 namespace fs = std::filesystem;
 using ::testing::HasSubstr;
 
-// A program that is found as the shell finds it.
+// Runs a program, which is found on the PATH as in a shell.
 int RunClient(std::vector<std::string> command, std::string* output) {
   command.insert(command.begin(), "/usr/bin/env");
   return Run(command, output);
@@ -40,7 +40,7 @@ v1::PredictRequest RecordedRequest() {
   return request;
 }
 
-// A message as HTTP/2 carries it: not compressed, length, bytes.
+// Returns a message in gRPC's frame: not compressed, length, bytes.
 std::string Framed(const google::protobuf::MessageLite& message) {
   const std::string bytes = message.SerializeAsString();
   std::string framed(1, '\0');
@@ -76,7 +76,7 @@ class ClientsTest : public ::testing::Test {
     return file.string();
   }
 
-  // What a client printed as its last line, held against what our stubs get.
+  // Compares the last line that a client printed with the answers that our stubs get.
   void ExpectRightAnswers(const std::string& output) {
     const size_t start = output.rfind("{\"health\"");
     ASSERT_NE(start, std::string::npos) << output;
@@ -118,7 +118,7 @@ TEST_F(ClientsTest, NodesGrpcJs) {
   ExpectRightAnswers(output);
 }
 
-// It knows nothing of gRPC's trailers: that the calls succeeded is what the server counts.
+// h2load does not read gRPC's trailers, so the server's counters show that the calls succeeded.
 TEST_F(ClientsTest, H2loadWithARecordedBody) {
   const auto load = [this](const std::string& method, const std::string& body) {
     std::string output;

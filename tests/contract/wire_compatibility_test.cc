@@ -56,7 +56,7 @@ TEST(WireCompatibilityTest, RetryInfoIsGoogleRpcRetryInfo) {
 }
 
 // Clients and servers of different releases understand each other while these numbers stand.
-TEST(WireCompatibilityTest, RepresentativesAreAddedBesideTheFieldsThatWereThere) {
+TEST(WireCompatibilityTest, RepresentativesKeepTheNumbersOfOlderFields) {
   const Descriptor* query = v1::DistributionQuery::descriptor();
   EXPECT_EQ(Field(query, 1), "action_ids:message");
   EXPECT_EQ(Field(query, 2), "min_probability:double");

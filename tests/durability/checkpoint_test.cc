@@ -19,7 +19,7 @@ absl::Status WriteCheckpoint(const fs::path& folder, int epochs) {
   return checkpoints->Write(checkpoint);
 }
 
-TEST(DurabilityTest, ACheckpointIsTheLastOrTheOneBefore) {
+TEST(DurabilityTest, AfterAPowerCutTheLastCheckpointOrTheOneBeforeIsWhole) {
   const TemporaryFolder parent;
   const int moments = CheckEveryFault(
       Publication{

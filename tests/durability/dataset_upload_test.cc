@@ -17,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// As a client has it.
+// A dataset as a client has it.
 struct LocalDataset {
   explicit LocalDataset(const fs::path& folder) {
     auto writer = data::DatasetWriter::Create(folder, "a test", {.shard_bytes = 3'000});
@@ -33,7 +33,8 @@ struct LocalDataset {
   std::string bytes;
 };
 
-// Brings what has not arrived of the first `most` bytes, and all of them commits.
+// Uploads those of the first `most` bytes that have not arrived. Commits once all bytes have
+// arrived.
 absl::Status Upload(const fs::path& folder, const std::string& id, const LocalDataset& local,
                     size_t most = std::string::npos) {
   auto store = data::DatasetStore::Open(folder);
@@ -58,7 +59,7 @@ absl::Status Upload(const fs::path& folder, const std::string& id, const LocalDa
   return most < local.bytes.size() ? absl::OkStatus() : (*arriving)->Commit().status();
 }
 
-// What lies there of uploads says of itself that it is whole only if it is.
+// Checks that a staged file has the name of a complete shard only if it is complete.
 void CheckStagedShards(const fs::path& folder) {
   if (!fs::exists(folder / ".uploads")) return;
   for (const auto& file : fs::recursive_directory_iterator(folder / ".uploads")) {
@@ -78,7 +79,7 @@ bool IsWholeDataset(const fs::path& folder, const std::string& id) {
   return true;
 }
 
-TEST(DurabilityTest, AnUploadIsADatasetOrNothing) {
+TEST(DurabilityTest, AfterAPowerCutAnUploadIsAWholeDatasetOrNothing) {
   const TemporaryFolder parent;
   const LocalDataset local(parent / "local");
   ASSERT_GE(local.manifest.shards_size(), 2);
@@ -99,7 +100,7 @@ TEST(DurabilityTest, AnUploadIsADatasetOrNothing) {
   EXPECT_GE(moments, 20);
 }
 
-TEST(DurabilityTest, AnUploadThatIsGoneOnWithIsADatasetOrCanBeGoneOnWith) {
+TEST(DurabilityTest, AfterAPowerCutAContinuedUploadIsADatasetOrCanContinue) {
   const TemporaryFolder parent;
   const LocalDataset local(parent / "local");
   const auto first_shard = static_cast<size_t>(local.manifest.shards(0).size_bytes());
@@ -116,7 +117,7 @@ TEST(DurabilityTest, AnUploadThatIsGoneOnWithIsADatasetOrCanBeGoneOnWith) {
   EXPECT_GE(moments, 15);
 }
 
-TEST(DurabilityTest, WhatHasArrivedIsThereAfterAPowerCut) {
+TEST(DurabilityTest, BytesReportedAsArrivedSurviveAPowerCut) {
   const TemporaryFolder parent;
   const LocalDataset local(parent / "local");
   const auto first_shard = static_cast<size_t>(local.manifest.shards(0).size_bytes());
@@ -124,7 +125,7 @@ TEST(DurabilityTest, WhatHasArrivedIsThereAfterAPowerCut) {
       Publication{
           .prepare =
               [&](const fs::path& folder) { ASSERT_TRUE(Upload(folder, "old", local).ok()); },
-          // A shard is acknowledged once the upload has gone past it.
+          // A shard is acknowledged once the upload has passed it.
           .publish =
               [&](const fs::path& folder) { return Upload(folder, "new", local, first_shard + 1); },
           .is_new =

@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A name that a folder has, or lost, and that may not be on the disk yet.
+// A name that was added to or removed from a folder, perhaps not yet on the disk.
 struct Name {
   std::string from;      // what was renamed; empty: it was made
   std::string to;        // its name now
@@ -48,7 +48,8 @@ std::string PathOf(int descriptor) {
   return length < 0 ? std::string() : std::string(path, static_cast<size_t>(length));
 }
 
-// One operation begins. The error that it is to end with, or 0; without a return if the power goes.
+// Begins one operation. Returns the error that it must end with, or 0. Does not return if the power
+// is cut.
 int Begin(bool needs_room) {
   const int operation = disk->operations++;
   const bool now = operation == disk->at;
@@ -73,7 +74,7 @@ int Result(long result) {
   return -1;
 }
 
-// As syscall(2), which sets errno itself, but for its type.
+// Like syscall(2), which sets errno itself, but returns int.
 template <typename... Arguments>
 int Call(long number, Arguments... arguments) {
   return static_cast<int>(syscall(number, arguments...));
@@ -91,7 +92,7 @@ int Rename(const char* from, const char* to, unsigned flags) {
     }
     const int result = Call(SYS_renameat2, AT_FDCWD, from, AT_FDCWD, to, flags);
     if (result != 0) return result;
-    // What lies in a folder moves with it.
+    // The content of a folder moves with it.
     std::set<std::string> moved;
     for (const std::string& path : disk->unsynced) {
       const bool inside = path == name.from || path.starts_with(name.from + "/");

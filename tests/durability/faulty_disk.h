@@ -1,8 +1,8 @@
-// A disk that fails, fills up or loses its power at a chosen moment.
+// Simulates a disk that fails, fills up or loses its power at a chosen moment.
 //
-// Linked into a program it takes the place of open, write, fsync, link, rename, renameat2 and mkdir
-// of the C library, for the program and all libraries in it. What they do below one folder is
-// counted and can be made to fail; all else they pass on. One thread only.
+// A program that links it gets its versions of open, write, fsync, link, rename, renameat2 and
+// mkdir instead of the C library's; so do all libraries in the program. Operations below one folder
+// are counted and can be made to fail. All others are passed on. Use it from one thread only.
 
 #ifndef MANEUVER_TESTS_DURABILITY_FAULTY_DISK_H_
 #define MANEUVER_TESTS_DURABILITY_FAULTY_DISK_H_
@@ -15,22 +15,23 @@ enum class Fault {
   kNone,
   // One operation fails with EIO.
   kError,
-  // From one operation on nothing can be written or created: ENOSPC. A write puts half there first.
+  // From one operation on, nothing can be written or created: ENOSPC. The first write that fails
+  // has written half of its bytes.
   kFull,
-  // The process ends with kPowerCut. Files that were written and not synced are empty; names that
-  // were made or changed and whose folder was not synced are as they were before...
+  // The process ends with kPowerCut. Files that were written and not synced are empty. Names that
+  // were created or changed in a folder that was not synced are as before.
   kPowerCutNames,
-  // ... or as they were to be: both may happen.
+  // The same, but these names are as they were meant to be. Both can happen.
   kPowerCut,
 };
 
 constexpr int kPowerCutStatus = 42;
 
-// From now on, below `root` (absolute), at operation `at`, from 0.
+// Arms `fault` for operation `at` (from 0) below `root`, an absolute path.
 void Arm(const std::filesystem::path& root, Fault fault = Fault::kNone, int at = 0);
-// As if nothing had been armed. Returns how many operations there were.
+// Disarms. Returns the number of operations below `root` since Arm.
 int Disarm();
-// The power goes now; what was armed says how. Does not return.
+// Cuts the power now, in the way that was armed. Does not return.
 [[noreturn]] void CutPower();
 
 }  // namespace maneuver::durability

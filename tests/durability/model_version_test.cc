@@ -13,7 +13,7 @@ namespace fs = std::filesystem;
 
 absl::Status PublishNextVersion(const fs::path& folder) {
   const fs::path finished = folder / "jobs" / "model";
-  // A job that resumes begins its export anew.
+  // A resumed job begins its export again.
   fs::remove_all(finished);
   fs::create_directories(finished.parent_path());
   absl::Status status = artifact::WriteModelFolder(finished, artifact::TinyModel());
@@ -26,7 +26,7 @@ absl::Status PublishNextVersion(const fs::path& folder) {
       .status();
 }
 
-TEST(DurabilityTest, AModelVersionIsThereWholeOrNotAtAll) {
+TEST(DurabilityTest, AfterAPowerCutAModelVersionIsWholeOrAbsent) {
   const TemporaryFolder parent;
   const int moments = CheckEveryFault(
       Publication{
@@ -34,7 +34,7 @@ TEST(DurabilityTest, AModelVersionIsThereWholeOrNotAtAll) {
           .publish = [](const fs::path& folder) { return PublishNextVersion(folder); },
           .is_new =
               [](const fs::path& folder) {
-                // What a job left behind is removed when it resumes, or with it.
+                // The remains of a job are removed when it resumes or is deleted.
                 fs::remove_all(folder / "jobs");
                 const auto versions = serving::VersionStore::Open(folder / "models");
                 EXPECT_TRUE(versions.ok()) << versions.status();

@@ -41,7 +41,7 @@ class Sweep {
     return moments;
   }
 
-  // The program goes on.
+  // Lets an operation fail while the program continues.
   void Fail(Fault fault, int at) {
     const fs::path folder = NewFolder();
     Arm(folder, fault, at);
@@ -61,7 +61,8 @@ class Sweep {
     }
   }
 
-  // The program ends. After the last moment: once it was acknowledged.
+  // Ends the program at an operation. `acknowledged`: after the last one, once the publication was
+  // acknowledged.
   void CutPowerAt(Fault fault, int at, bool acknowledged) {
     const fs::path folder = NewFolder();
     const pid_t child = fork();

@@ -1,5 +1,5 @@
-// Something that is written and then made known in one step, and what every fault of the disk, at
-// each moment of it, may leave: the old or the new, and nothing else.
+// Tests something that is written and then published in one step. A disk fault at any moment of
+// this may leave only the old state or the new one.
 
 #ifndef MANEUVER_TESTS_DURABILITY_PUBLICATION_H_
 #define MANEUVER_TESTS_DURABILITY_PUBLICATION_H_
@@ -14,15 +14,15 @@ namespace maneuver::durability {
 struct Publication {
   // Makes the old state in an empty folder.
   std::function<void(const std::filesystem::path& folder)> prepare;
-  // Publishes. Called again after it failed it is to succeed.
+  // Publishes. After a failure it is called again, and must then succeed.
   std::function<absl::Status(const std::filesystem::path& folder)> publish;
-  // Recovers, as a program that starts does, and says what is there: whether it is the new state.
-  // Fails the test if it is neither that nor the old one, each whole.
+  // Recovers, as a starting program does. Returns whether the new state is there. Fails the test
+  // unless exactly the old or the new state is there, complete.
   std::function<bool(const std::filesystem::path& folder)> is_new;
 };
 
-// Fails the test if a fault breaks the publication, in new folders of `parent` each. Returns how
-// many moments it has.
+// Fails the test if any fault breaks the publication. Uses a new folder below `parent` for each.
+// Returns the number of moments at which faults were tried.
 int CheckEveryFault(const Publication& publication, const std::filesystem::path& parent);
 
 }  // namespace maneuver::durability

@@ -1,4 +1,5 @@
-// Who may call what, of a real server: every method that its reflection lists, as every identity.
+// Checks on a real server who may call what: every method that its reflection lists, with every
+// identity.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -20,8 +21,8 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-// Written down here a second time, on purpose: whoever declares a method decides twice who may call
-// it. "" is anyone.
+// The roles are repeated here on purpose: whoever adds a method must decide twice who may call it.
+// "" means anyone.
 const std::map<std::string, std::string> kExpectedRoles = {
     {"/grpc.health.v1.Health/Check", ""},
     {"/grpc.health.v1.Health/Watch", ""},
@@ -75,7 +76,7 @@ RawAnswer CallEmpty(const std::shared_ptr<grpc::Channel>& channel, const std::st
                         .stop_after_first = method == "/grpc.health.v1.Health/Watch"});
 }
 
-// Somebody who calls, and what each call has to be answered with.
+// A caller, and the answer that each of its calls must get.
 struct Caller {
   std::string what;
   std::shared_ptr<grpc::Channel> channel;
@@ -114,7 +115,7 @@ class AccessTest : public ::testing::Test {
   SecuredFolder folder_;
 };
 
-TEST_F(AccessTest, EveryMethodThatReflectionListsIsDeclared) {
+TEST_F(AccessTest, EveryMethodListedByReflectionHasARole) {
   const auto server = folder_.Start();
   std::vector<std::string> methods = MethodsByReflection(Connect(*server, ""));
   std::ranges::sort(methods);
@@ -124,7 +125,7 @@ TEST_F(AccessTest, EveryMethodThatReflectionListsIsDeclared) {
   EXPECT_EQ(methods, declared);
 }
 
-TEST_F(AccessTest, EveryMethodAnswersEveryTokenAsTheTableSays) {
+TEST_F(AccessTest, EveryMethodAnswersEachTokenAsTheRoleTableSays) {
   folder_.Install(authority_.Issue("server", "IP:127.0.0.1"));
   const std::string predict = folder_.CreateToken("planner", "predict");
   const std::string train = folder_.CreateToken("researcher", "train");
@@ -149,14 +150,14 @@ TEST_F(AccessTest, EveryMethodAnswersEveryTokenAsTheTableSays) {
        }) {
     ExpectAsTheTableSays(caller);
   }
-  // No secret is in the log, and what was refused is.
+  // The log has the refusals but no secrets.
   for (const std::string& token : {predict, train, admin, all}) {
     EXPECT_THAT(folder_.log_text(), Not(HasSubstr(token.substr(4))));
   }
   EXPECT_THAT(folder_.log_text(), HasSubstr("call refused"));
 }
 
-TEST_F(AccessTest, EveryMethodAnswersEveryCertificateAsTheTableSays) {
+TEST_F(AccessTest, EveryMethodAnswersEachCertificateAsTheRoleTableSays) {
   TestAuthority clients("clients");
   folder_.Install(authority_.Issue("server", "IP:127.0.0.1"));
   folder_.Write("ca.crt", clients.certificate());
@@ -187,7 +188,7 @@ TEST_F(AccessTest, EveryMethodAnswersEveryCertificateAsTheTableSays) {
   }
 }
 
-TEST_F(AccessTest, ARefusedCallerLearnsNothingOfWhatExists) {
+TEST_F(AccessTest, ARefusalDoesNotRevealWhetherAResourceExists) {
   folder_.CreateToken("planner", "predict");
   const auto server = folder_.Start({"--tokens", folder_.file("tokens").string()});
   const auto channel = Connect(*server, "");
@@ -198,7 +199,7 @@ TEST_F(AccessTest, ARefusedCallerLearnsNothingOfWhatExists) {
     SCOPED_TRACE(method);
     const grpc::Status first = CallEmpty(channel, method, {}).status;
     EXPECT_EQ(first.error_code(), grpc::StatusCode::UNAUTHENTICATED);
-    // The same to the last byte, whatever is asked, even if it is no message at all.
+    // The answer is the same to the last byte for any request, even for bytes that are no message.
     for (const std::string& request : {name, std::string("\xff\xff\xff")}) {
       const grpc::Status other = CallEmpty(channel, method, {}, request).status;
       EXPECT_EQ(other.error_code(), first.error_code());
@@ -208,7 +209,7 @@ TEST_F(AccessTest, ARefusedCallerLearnsNothingOfWhatExists) {
   }
 }
 
-TEST_F(AccessTest, TokensComeAndGoWhileTheServerServes) {
+TEST_F(AccessTest, TokensAreAddedAndRevokedWhileTheServerRuns) {
   const std::string first = folder_.CreateToken("first", "predict");
   const auto server = folder_.Start({"--tokens", folder_.file("tokens").string()});
   const auto channel = Connect(*server, "");
@@ -216,7 +217,7 @@ TEST_F(AccessTest, TokensComeAndGoWhileTheServerServes) {
     return CallEmpty(channel, "/maneuver.v1.PredictionService/Predict", Bearer(token))
         .status.error_code();
   };
-  // An empty request is wrong, and only who is let in hears that.
+  // An empty request is invalid. Only an admitted caller is told so.
   EXPECT_EQ(code(first), grpc::StatusCode::INVALID_ARGUMENT);
 
   const auto stub = v1::PredictionService::NewStub(channel);
@@ -242,7 +243,7 @@ TEST_F(AccessTest, TokensComeAndGoWhileTheServerServes) {
   EXPECT_THAT(folder_.log_text(), Not(HasSubstr("oops")));
   EXPECT_EQ(code(first), grpc::StatusCode::INVALID_ARGUMENT);
 
-  // The first is taken back, from open streams too.
+  // The first token is revoked, also for open streams.
   folder_.Write("tokens", lines.substr(lines.find('\n') + 1));
   EXPECT_TRUE(WaitFor([&] { return code(first) == grpc::StatusCode::UNAUTHENTICATED; }, patience));
   EXPECT_EQ(code(second), grpc::StatusCode::INVALID_ARGUMENT);
@@ -252,7 +253,7 @@ TEST_F(AccessTest, TokensComeAndGoWhileTheServerServes) {
   EXPECT_EQ(Reason(end), "TOKEN_UNKNOWN");
 }
 
-TEST_F(AccessTest, AnExpiredTokenIsRefusedAndTheLogAloneSaysThatItHasExpired) {
+TEST_F(AccessTest, OnlyTheLogTellsAnExpiredTokenFromAnUnknownOne) {
   const std::string token = folder_.CreateToken("guest", "predict");
   const std::string line = folder_.Read("tokens");
   folder_.Write("tokens", line.substr(0, line.size() - 1) + " expires=2020-01-01T00:00:00Z\n");
@@ -284,7 +285,7 @@ std::chrono::milliseconds RetryDelay(const grpc::Status& status) {
                                    info.retry_delay().nanos() / 1'000'000);
 }
 
-TEST_F(AccessTest, WhoCallsTooOftenIsToldWhenToComeBackAndOthersAreNotHeldUp) {
+TEST_F(AccessTest, ARateLimitTellsItsCallerWhenToRetryAndSparesOthers) {
   const std::string busy = folder_.CreateToken("busy", "predict");
   const std::string calm = folder_.CreateToken("calm", "predict");
   const auto server = folder_.Start({"--tokens", folder_.file("tokens").string(), "--rate-limit",
@@ -302,8 +303,8 @@ TEST_F(AccessTest, WhoCallsTooOftenIsToldWhenToComeBackAndOthersAreNotHeldUp) {
   EXPECT_EQ(CallEmpty(channel, method, Bearer(calm)).status.error_code(),
             grpc::StatusCode::INVALID_ARGUMENT);
 
-  // A thousand targets at one a second: let through once (to be told that no model serves), then
-  // not for a thousand seconds.
+  // A thousand targets at one per second: the first call is admitted (and told that no model
+  // serves). The next one is refused for a thousand seconds.
   v1::PredictRequest request;
   for (int i = 0; i < 1000; ++i) request.add_scenarios()->add_target_ids(1);
   const std::string bytes = request.SerializeAsString();

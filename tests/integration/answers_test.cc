@@ -1,4 +1,5 @@
-// The whole way with real processes: town, upload, training through the Train RPC, and the answers.
+// Tests the whole path with real processes: town, upload, training through the Train RPC, and
+// answers.
 
 #include <gmock/gmock.h>
 #include <google/protobuf/text_format.h>
@@ -25,7 +26,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-// What the server must take apart: any bytes at all, and still the same for everyone else.
+// Asks one server with a trained model, which all tests share.
 class AnswersTest : public ::testing::Test {
  protected:
   static void SetUpTestSuite() { trained_ = std::make_unique<TrainedServer>(); }
@@ -78,7 +79,7 @@ TEST_F(AnswersTest, ProbabilitiesOfEachAnswerSumToOne) {
   EXPECT_GT(targets, 12);
 }
 
-TEST_F(AnswersTest, DistributionsHoldEverythingThatWasAskedFor) {
+TEST_F(AnswersTest, DistributionsHaveEveryRequestedPart) {
   v1::PredictRequest request = Request(0, 1);
   request.mutable_query()->set_top_k(3);
   v1::PredictResponse response;
@@ -107,7 +108,7 @@ TEST_F(AnswersTest, DistributionsHoldEverythingThatWasAskedFor) {
   }
 }
 
-TEST_F(AnswersTest, WhereNoActionIsProbableEnoughNoneIsDescribed) {
+TEST_F(AnswersTest, DescribesNoActionBelowTheProbabilityThreshold) {
   v1::PredictRequest request = Request(0, 1);
   request.mutable_query()->set_min_probability(1.0);
   v1::PredictResponse response;
@@ -117,7 +118,7 @@ TEST_F(AnswersTest, WhereNoActionIsProbableEnoughNoneIsDescribed) {
   EXPECT_EQ(target.distributions_size(), 0);
 }
 
-// Against the definition, by all actions of the same answer.
+// Compares the medoid with its definition, using all actions of the same answer.
 TEST_F(AnswersTest, TheMedoidHasTheLeastExpectedDistanceToTheMixture) {
   v1::PredictRequest request = Request(0, 4);
   request.mutable_query()->set_min_probability(0.0);
@@ -154,7 +155,7 @@ TEST_F(AnswersTest, TheMedoidHasTheLeastExpectedDistanceToTheMixture) {
   }
 }
 
-TEST_F(AnswersTest, RepresentativesAreDescribedThoughNothingElseIs) {
+TEST_F(AnswersTest, DescribesRepresentativesEvenIfNoActionIsSelected) {
   v1::PredictRequest request = Request(0, 1);
   request.mutable_query()->set_min_probability(1.0);
   request.mutable_query()->set_representatives(4);
@@ -169,7 +170,7 @@ TEST_F(AnswersTest, RepresentativesAreDescribedThoughNothingElseIs) {
   EXPECT_EQ(described.size(), 4u);
 }
 
-TEST_F(AnswersTest, FramesAgree) {
+TEST_F(AnswersTest, WorldAndTargetFramesAgree) {
   v1::PredictRequest request = Request(0, 1);
   request.mutable_scenarios(0)->mutable_target_ids()->Truncate(1);
   v1::PredictResponse world;
@@ -196,7 +197,7 @@ TEST_F(AnswersTest, FramesAgree) {
   }
 }
 
-TEST_F(AnswersTest, SameBitsAloneInABatchAndAfterARestart) {
+TEST_F(AnswersTest, AnswersHaveTheSameBitsAloneInABatchAndAfterARestart) {
   v1::PredictResponse batch;
   ASSERT_TRUE(Predict(Request(0, 8), &batch).ok());
   v1::PredictResponse alone;
@@ -211,7 +212,7 @@ TEST_F(AnswersTest, SameBitsAloneInABatchAndAfterARestart) {
   EXPECT_EQ(batch.SerializeAsString(), later.SerializeAsString());
 }
 
-TEST_F(AnswersTest, ThePastDecidesAndTheFutureDoesNot) {
+TEST_F(AnswersTest, IgnoresStatesAfterThePredictionTime) {
   v1::PredictRequest request = Request(0, 4);
   v1::PredictResponse with_future;
   ASSERT_TRUE(Predict(request, &with_future).ok());
@@ -228,7 +229,7 @@ TEST_F(AnswersTest, ThePastDecidesAndTheFutureDoesNot) {
   EXPECT_EQ(with_future.SerializeAsString(), without_future.SerializeAsString());
 }
 
-TEST_F(AnswersTest, ClassifiesWhatWasDriven) {
+TEST_F(AnswersTest, ClassifiesADrivenTrajectory) {
   v1::ClassifyTrajectoriesRequest request;
   *request.add_scenarios() = trained_->unseen()[0];
   v1::ClassifyTrajectoriesResponse response;
@@ -270,14 +271,14 @@ TEST_F(AnswersTest, AStreamAnswersEachRequestByItsId) {
   EXPECT_EQ(responses["r3"].response().SerializeAsString(), direct.SerializeAsString());
 }
 
-// One way to spoil a scenario, and the field that the error must name.
+// One way to make a scenario invalid, and the field that the error must name.
 struct BadInput {
   const char* name;
   std::function<void(v1::Scenario&)> spoil;
   const char* field;
 };
 
-TEST_F(AnswersTest, BadInputIsNamedAndTheRestOfTheBatchIsAnswered) {
+TEST_F(AnswersTest, NamesBadInputAndAnswersTheRestOfTheBatch) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<BadInput> cases = {
       {"non-finite state",
@@ -372,7 +373,7 @@ TEST_F(AnswersTest, EvaluationAgreesWithRecordedManoeuvres) {
   ASSERT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.error().message();
   const auto& metrics = job.evaluation().metrics();
   for (const auto& [name, value] : metrics) std::printf("%s %.3f\n", name.c_str(), value);
-  // A tiny model, trained for seconds; the quickstart's is asked for more.
+  // This model is tiny and trained for seconds. The quickstart's must reach more.
   EXPECT_GT(metrics.at("nmi"), 0.3);
   EXPECT_GE(metrics.at("effective_actions"), 5);
   EXPECT_LT(metrics.at("min_fde_6"), metrics.at("fde_cv"));
@@ -381,8 +382,8 @@ TEST_F(AnswersTest, EvaluationAgreesWithRecordedManoeuvres) {
             job.evaluation().action_uses_size());
 }
 
-// Another version of the model, with a residual backbone, beside the one that serves.
-TEST_F(AnswersTest, AResidualBackboneIsTrainedShownAndServed) {
+// Adds another version of the model, with a residual backbone, beside the serving one.
+TEST_F(AnswersTest, TrainsShowsAndServesAResidualBackbone) {
   v1::TrainingSettings settings;
   ASSERT_TRUE(google::protobuf::util::JsonStringToMessage(kTinySettings, &settings).ok());
   v1::BackboneSpec& backbone = *settings.mutable_model()->mutable_backbone();
@@ -443,7 +444,7 @@ void Alter(const std::filesystem::path& file) {
   stream.put(static_cast<char>(byte ^ 0x40));
 }
 
-TEST_F(AnswersTest, ADamagedVersionIsRefusedAndTheServingOneServes) {
+TEST_F(AnswersTest, RefusesADamagedVersionAndKeepsServing) {
   const std::filesystem::path models = trained_->data_dir() / "models" / "tiny";
   for (const char* version : {"7", "8"}) {
     std::filesystem::copy(models / "1", models / version, std::filesystem::copy_options::recursive);
@@ -470,7 +471,7 @@ TEST_F(AnswersTest, ADamagedVersionIsRefusedAndTheServingOneServes) {
   trained_->Restart();
 }
 
-TEST_F(AnswersTest, StopsCleanlyWhenAskedTo) {
+TEST_F(AnswersTest, StopsCleanlyOnSigterm) {
   EXPECT_EQ(server().Terminate(), 0);
   trained_->Restart();
 }

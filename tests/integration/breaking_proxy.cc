@@ -23,7 +23,7 @@ sockaddr_in Loopback(int port) {
   return address;
 }
 
-// A network, and not a memory in between.
+// Small socket buffers, so that the proxy itself holds little data.
 constexpr int kBufferBytes = 64 * 1024;
 
 void MakeShort(int socket) {
@@ -31,7 +31,7 @@ void MakeShort(int socket) {
   setsockopt(socket, SOL_SOCKET, SO_RCVBUF, &kBufferBytes, sizeof kBufferBytes);
 }
 
-// With a reset, as of a peer that is gone.
+// Resets the connection, as if the peer had gone.
 void Break(int socket) {
   const linger at_once{.l_onoff = 1, .l_linger = 0};
   setsockopt(socket, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);

@@ -11,12 +11,13 @@
 
 namespace maneuver::integration {
 
-// A network between a client and a server that counts what the client sends, and breaks when it is
-// told to.
+// A network between a client and a server. It counts the bytes that the client sends, and breaks
+// connections on request.
 class BreakingProxy {
  public:
-  // Told, on a thread of a connection, how many bytes clients have sent in all, before the last of
-  // them are passed on. True breaks that connection, and those bytes are lost.
+  // Called on a thread of a connection with the number of bytes that clients have sent in all,
+  // before the last of them are passed on. If it returns true, the connection breaks and those
+  // bytes are lost.
   using Breaks = std::function<bool(int64_t sent)>;
 
   // server: "127.0.0.1:1234".
@@ -26,7 +27,7 @@ class BreakingProxy {
   std::string address() const { return "127.0.0.1:" + std::to_string(port_); }
   int64_t sent() const { return sent_; }
   int connections() const { return connections_; }
-  // Of connections from now on.
+  // Sets the server of later connections.
   void SetServer(const std::string& server);
 
  private:

@@ -12,10 +12,10 @@
 
 namespace maneuver::integration {
 
-// A program of ours, running. Killed when this goes away.
+// A running program. The destructor kills it.
 class ChildProcess {
  public:
-  // Standard output and error go to `log`, which is appended to.
+  // Starts a program. Appends its standard output and error to `log`.
   ChildProcess(const std::vector<std::string>& command, const std::filesystem::path& log);
   ~ChildProcess();
   ChildProcess(const ChildProcess&) = delete;
@@ -23,7 +23,8 @@ class ChildProcess {
 
   pid_t pid() const { return pid_; }
   void Signal(int signal);
-  // Exit status, or 128 + the signal that ended it; nothing if it still runs after `patience`.
+  // Returns the exit status, or 128 + the signal that ended it; nothing if it still runs after
+  // `patience`.
   std::optional<int> Wait(std::chrono::seconds patience);
 
  private:
@@ -31,13 +32,13 @@ class ChildProcess {
   std::optional<int> status_;
 };
 
-// Runs a command to its end; its exit status, output in *output.
+// Runs a command to its end. Returns its exit status, with the output in *output.
 int Run(const std::vector<std::string>& command, std::string* output);
 
-// Polls until `condition` holds; false if it does not within `patience`.
+// Polls until `condition` holds. Returns false if it does not within `patience`.
 bool WaitFor(const std::function<bool()>& condition, std::chrono::seconds patience);
 
-// A new folder under the system's temporary one, removed when this goes away.
+// A new folder below the system's temporary one. The destructor removes it.
 class TemporaryFolder {
  public:
   TemporaryFolder();

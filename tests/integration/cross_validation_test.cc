@@ -1,4 +1,4 @@
-// Cross-validation as a job of a real server, over a death of the server.
+// Runs a cross-validation as a job of a real server that is killed meanwhile.
 
 #include <gmock/gmock.h>
 #include <google/protobuf/util/json_util.h>
@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 using ::testing::ContainsRegex;
 using ::testing::HasSubstr;
 
-TEST(CrossValidationTest, AJobMeasuresEachRecordingOnceThoughTheServerDies) {
+TEST(CrossValidationTest, MeasuresEachRecordingOnceEvenIfTheServerIsKilled) {
   TemporaryFolder folder;
   const fs::path data = folder.path() / "data";
   fs::create_directory(data);
@@ -74,7 +74,7 @@ TEST(CrossValidationTest, AJobMeasuresEachRecordingOnceThoughTheServerDies) {
   EXPECT_THAT(run({"job", "list"}), ContainsRegex("cross-validate +- +succeeded"));
   EXPECT_THAT(run({"job", "list", "--output", "json"}),
               ::testing::Not(HasSubstr("crossValidation\"")));
-  // No version comes of it.
+  // The job publishes no version.
   EXPECT_FALSE(fs::exists(data / "models" / "town"));
 }
 

@@ -1,5 +1,5 @@
-// A server whose disk fills up: what was there serves on, what cannot be kept is refused with the
-// reason, and a job goes on once there is room.
+// Tests a server whose disk fills up: it keeps serving, refuses what it cannot store and says why,
+// and continues a job once there is room.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ class DiskFullTest : public ::testing::Test {
  protected:
   void SetUp() override {
     fs::create_directory(data_dir());
-    // A disk of its own, seen by this process and those that it starts. Uploads leave 64 MB free.
+    // Mounts a disk that only this process and its children see. Uploads leave 64 MB free.
     if (unshare(CLONE_NEWNS) != 0 ||
         mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
         mount("tmpfs", data_dir().c_str(), "tmpfs", 0, "size=100m") != 0) {
@@ -59,7 +59,7 @@ class DiskFullTest : public ::testing::Test {
 
   fs::path data_dir() const { return folder_.path() / "data"; }
 
-  // What it says; its exit status in status_.
+  // Runs `maneuver` and returns its output; the exit status is in status_.
   std::string Maneuver(const std::vector<std::string>& arguments) {
     std::string output;
     status_ = RunManeuver(*server_, arguments, &output);
@@ -141,7 +141,7 @@ class DiskFullTest : public ::testing::Test {
   int status_ = 0;
 };
 
-TEST_F(DiskFullTest, NothingIsLostAndTheJobGoesOnOnceThereIsRoom) {
+TEST_F(DiskFullTest, LosesNothingAndContinuesTheJobOnceThereIsRoom) {
   const std::string started = Maneuver(Train("victim"));
   ASSERT_EQ(status_, 0) << started;
   const std::string job = started.substr(0, started.find('\n'));
@@ -149,7 +149,7 @@ TEST_F(DiskFullTest, NothingIsLostAndTheJobGoesOnOnceThereIsRoom) {
                       std::chrono::seconds(60)));
   FillDisk();
 
-  // Serving is not concerned; what would have to be kept is refused.
+  // Predictions still work. Requests that need storage are refused.
   EXPECT_TRUE(Predicts());
   EXPECT_THAT(Maneuver(Train("another")), HasSubstr("full"));
   EXPECT_EQ(status_, 1);
@@ -160,7 +160,7 @@ TEST_F(DiskFullTest, NothingIsLostAndTheJobGoesOnOnceThereIsRoom) {
   EXPECT_TRUE(WaitFor([&] { return server_->Trainers().empty(); }, std::chrono::seconds(60)));
   EXPECT_TRUE(Predicts());
 
-  // The job has failed by then, which is written down as soon as it can be.
+  // The job has failed by then. The server stores this as soon as there is room.
   fs::remove(data_dir() / "ballast");
   ASSERT_TRUE(WaitFor([&] { return GetJob(job).state() == v1::JOB_STATE_FAILED; },
                       std::chrono::seconds(60)))

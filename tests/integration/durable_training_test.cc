@@ -1,8 +1,8 @@
-// A training job whose trainer and whose server are killed again and again ends with the same
-// weights, to the bit, as one that nobody disturbed.
+// Checks that a training job whose trainer and server are killed repeatedly ends with the same
+// weights, to the bit, as an undisturbed one.
 //
-// MANEUVER_KILLS: how often, over one job; 6 by default, and the epochs grow with it.
-// MANEUVER_KILL_SEED: of the moments, and of who is killed; 1 by default.
+// MANEUVER_KILLS: number of kills during one job, 6 by default; more kills train more epochs.
+// MANEUVER_KILL_SEED: decides when, and which process, 1 by default.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -31,7 +31,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A checkpoint often enough for processes that live a second.
+// Writes checkpoints often enough for processes that live a second.
 const std::vector<std::string> kFlags = {"--checkpoint-interval", "0.1", "--job-attempts",
                                          "100000"};
 
@@ -61,7 +61,7 @@ class DurableTrainingTest : public ::testing::Test {
     server_ = std::make_unique<ServerProcess>(data_dir(), kFlags);
   }
 
-  // All phases are short, and the more epochs the more there is to kill.
+  // All phases are short. More epochs leave more time for kills.
   std::string Start(const std::string& model, int joint_epochs) {
     std::string output;
     const int status =
@@ -102,7 +102,8 @@ class DurableTrainingTest : public ::testing::Test {
   }
 
   double Fraction(const std::string& name) { return GetJob(name).progress().fraction(); }
-  // A process of the job learns: it has taken on the checkpoint of the one before.
+  // Returns whether a process of the job is learning and has restored the previous process's
+  // checkpoint.
   bool Learns(const std::string& name) {
     const v1::Job job = GetJob(name);
     return job.progress().attempt() == job.attempts().started() && job.progress().attempt() > 0 &&
@@ -114,11 +115,11 @@ class DurableTrainingTest : public ::testing::Test {
   std::unique_ptr<ServerProcess> server_;
 };
 
-TEST_F(DurableTrainingTest, KilledAgainAndAgainItEndsWithTheSameWeights) {
+TEST_F(DurableTrainingTest, AJobThatIsKilledRepeatedlyEndsWithTheSameWeights) {
   const int kills = FromEnvironment("MANEUVER_KILLS", 6);
   const int epochs = std::max(4, kills);
   std::mt19937 random(static_cast<unsigned>(FromEnvironment("MANEUVER_KILL_SEED", 1)));
-  // Where in the job it is killed, as its progress tells: all over what is learned.
+  // The fractions of progress at which it is killed: spread over the whole learning.
   std::uniform_real_distribution<double> share(0.0, 0.7);
   std::vector<double> moments(static_cast<size_t>(kills));
   for (double& moment : moments) moment = share(random);
@@ -170,8 +171,8 @@ TEST_F(DurableTrainingTest, KilledAgainAndAgainItEndsWithTheSameWeights) {
             << " events; weights " << Weights("killed") << "\n";
 }
 
-// As soon as the version is there: before the server could write down that it is, or just after.
-TEST_F(DurableTrainingTest, AServerThatDiesAsItPublishesMakesOneVersionAndTheJobSucceeds) {
+// Kills the server as soon as the version exists: before or just after the server records it.
+TEST_F(DurableTrainingTest, AServerKilledWhilePublishingMakesOneVersionAndFinishesTheJob) {
   const std::string job = Start("published", 1);
   ASSERT_TRUE(WaitFor([&] { return fs::exists(Version("published")); }, std::chrono::seconds(120)));
   server().Kill();
@@ -188,7 +189,7 @@ TEST_F(DurableTrainingTest, AServerThatDiesAsItPublishesMakesOneVersionAndTheJob
   v1::ModelVersion version;
   const grpc::Status status = models->GetModelVersion(&context, request, &version);
   ASSERT_TRUE(status.ok()) << status.error_message();
-  // Promoted, as the first of its model is.
+  // The first version of a model is promoted.
   EXPECT_THAT(version.aliases(), ::testing::ElementsAre("serving"));
 }
 

@@ -1,5 +1,5 @@
-// What the contract declares exists: each method of each service is called over the wire, with an
-// empty request, on a server that has nothing.
+// Checks that everything in the contract exists: calls each method of each service over the wire,
+// with an empty request, on an empty server.
 
 #include <google/protobuf/descriptor.h>
 #include <grpcpp/generic/generic_stub.h>
@@ -38,7 +38,7 @@ std::vector<const MethodDescriptor*> AllMethods() {
   return methods;
 }
 
-// Calls /service/method with one empty message, and reads whatever comes.
+// Calls /service/method with one empty message, and reads the whole answer.
 grpc::Status Call(const std::shared_ptr<grpc::Channel>& channel, const std::string& method) {
   grpc::GenericStub stub(channel);
   grpc::CompletionQueue queue;
@@ -52,7 +52,7 @@ grpc::Status Call(const std::shared_ptr<grpc::Channel>& channel, const std::stri
   auto call = stub.PrepareCall(&context, method, &queue);
   call->StartCall(nullptr);
   finished();
-  // A buffer of one empty slice is an empty message; a buffer of none would be no message.
+  // A buffer with one empty slice is an empty message; a buffer without slices would be no message.
   const grpc::Slice empty;
   call->WriteLast(grpc::ByteBuffer(&empty, 1), grpc::WriteOptions(), nullptr);
   finished();

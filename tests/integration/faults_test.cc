@@ -1,5 +1,5 @@
-// Callers who do what they should not: what becomes of them is told, bounded, and nobody else's
-// concern.
+// Tests callers at fault: they are told what is wrong, their effect is limited, and other callers
+// do not notice.
 
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
@@ -76,7 +76,7 @@ class FaultsTest : public ::testing::Test {
     memory_ = Status("VmRSS:");
   }
 
-  // A caller on another connection, who is in a hurry.
+  // Calls on another connection with a short deadline.
   void ExpectOthersAreAnswered() {
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + 5s);
@@ -86,7 +86,7 @@ class FaultsTest : public ::testing::Test {
     EXPECT_TRUE(status.ok()) << status.error_message();
   }
 
-  // Bytes, by its name in /proc/PID/status.
+  // Returns a figure of /proc/PID/status by its name, bytes.
   int64_t Status(const std::string& name) const {
     std::ifstream stream("/proc/" + std::to_string(server_->pid()) + "/status");
     for (std::string word; stream >> word;) {
@@ -101,8 +101,8 @@ class FaultsTest : public ::testing::Test {
     for ([[maybe_unused]] const auto& descriptor : fs::directory_iterator(folder)) ++count;
     return count;
   }
-  // As it was before, but for what was needed for the first time and what lies between pieces of
-  // it: a fifth of the 332 MiB that the largest of these faults sends.
+  // Expects memory and descriptors as before. Allows memory for one-time allocations and
+  // fragmentation: a fifth of the 332 MiB that the largest of these faults sends.
   void ExpectAllIsGivenBack(std::chrono::seconds patience = 20s) {
     EXPECT_TRUE(WaitFor([&] { return Descriptors() <= descriptors_; }, patience))
         << Descriptors() << " descriptors, before " << descriptors_;
@@ -110,7 +110,7 @@ class FaultsTest : public ::testing::Test {
         << Status("VmRSS:") / kMiB << " MiB, before " << memory_ / kMiB;
   }
 
-  // A message of zeros, in a call of its own connection.
+  // Sends a message of zeros in a call on its own connection.
   grpc::Status SendZeros(int64_t bytes, bool compressed) {
     grpc::ChannelArguments arguments;
     arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
@@ -133,14 +133,14 @@ class FaultsTest : public ::testing::Test {
   int64_t memory_ = 0;
 };
 
-TEST_F(FaultsTest, AMessageOverTheLimitIsRefusedAndLeavesNothing) {
+TEST_F(FaultsTest, RefusesAMessageOverTheLimitAndFreesItsMemory) {
   Start({"--max-message", "16", "--max-receive-memory", "48MiB"});
   EXPECT_EQ(SendZeros(15 * kMiB, false).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
   const grpc::Status over = SendZeros(17 * kMiB, false);
   EXPECT_EQ(over.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
   EXPECT_THAT(over.error_message(), ::testing::HasSubstr("larger than max"));
-  // Not even while it comes does the server hold what it has no room for. On busy cores gRPC
-  // notices a little late: some 100 MiB were seen to have come by then.
+  // Even while the message arrives, the server does not hold more than it has room for. On busy
+  // cores gRPC notices a little late: up to about 100 MiB had arrived by then.
   for (int i = 0; i < 3; ++i) {
     EXPECT_EQ(SendZeros(300 * kMiB, false).error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
   }
@@ -149,7 +149,7 @@ TEST_F(FaultsTest, AMessageOverTheLimitIsRefusedAndLeavesNothing) {
   ExpectAllIsGivenBack();
 }
 
-TEST_F(FaultsTest, ACompressedMessageIsRefusedBeforeItIsUnpacked) {
+TEST_F(FaultsTest, RefusesACompressedMessageWithoutUnpackingIt) {
   Start({});
   const int64_t most = Status("VmHWM:");
   const grpc::Status status = SendZeros(100 * kMiB, true);
@@ -159,7 +159,7 @@ TEST_F(FaultsTest, ACompressedMessageIsRefusedBeforeItIsUnpacked) {
   ExpectOthersAreAnswered();
 }
 
-TEST_F(FaultsTest, FiveThousandStreamsAreAnsweredAndLeaveNothing) {
+TEST_F(FaultsTest, AnswersFiveThousandStreamsAndFreesTheirMemory) {
   Start({});
   constexpr int kConnections = 25;
   constexpr int kStreams = 200;
@@ -189,8 +189,8 @@ TEST_F(FaultsTest, FiveThousandStreamsAreAnsweredAndLeaveNothing) {
   ExpectAllIsGivenBack();
 }
 
-// One that waits, as a library does, waits: tls_test.cc.
-TEST_F(FaultsTest, WhoOpensMoreStreamsThanAllowedLosesTheConnectionAlone) {
+// A client that waits, as libraries do, is not affected: see tls_test.cc.
+TEST_F(FaultsTest, TooManyStreamsCloseOnlyTheirOwnConnection) {
   Start({"--max-streams", "10"});
   RawHttp2 greedy(server_->address());
   greedy.SendPreface();
@@ -204,7 +204,7 @@ TEST_F(FaultsTest, WhoOpensMoreStreamsThanAllowedLosesTheConnectionAlone) {
   ExpectOthersAreAnswered();
 }
 
-TEST_F(FaultsTest, WhoSaysNothingIsLetGo) {
+TEST_F(FaultsTest, ClosesAConnectionThatSendsNothing) {
   Start({"--handshake-timeout", "1", "--keepalive", "1"});
   RawHttp2 silent(server_->address());
   RawHttp2 half(server_->address());
@@ -232,7 +232,7 @@ TEST_F(FaultsTest, WhoSaysNothingIsLetGo) {
   ExpectOthersAreAnswered();
 }
 
-TEST_F(FaultsTest, AHandshakeOfTlsThatDoesNotComeIsNotWaitedFor) {
+TEST_F(FaultsTest, ClosesAConnectionThatNeverStartsItsTlsHandshake) {
   TestAuthority authority("authority");
   folder_.Install(authority.Issue("server", "IP:127.0.0.1"));
   const auto server = folder_.StartTls({"--handshake-timeout", "1"});
@@ -243,7 +243,7 @@ TEST_F(FaultsTest, AHandshakeOfTlsThatDoesNotComeIsNotWaitedFor) {
   EXPECT_TRUE(silent.Read(1, 10s, true).closed);
 }
 
-TEST_F(FaultsTest, WhoNeverReadsHoldsUpNobodyElse) {
+TEST_F(FaultsTest, ACallerThatNeverReadsDelaysNobodyElse) {
   Start({"--workers", "1"});
   constexpr int kStreams = 16;
   constexpr int kMany = 100'000;
@@ -280,7 +280,7 @@ TEST_F(FaultsTest, WhoNeverReadsHoldsUpNobodyElse) {
     EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::DEADLINE_EXCEEDED);
   }
   EXPECT_GT(written, kStreams * 64);
-  // As many as may be on their way and what fits into the windows of flow control, and no more.
+  // Only as many as may be in progress and as fit into the windows of flow control.
   const double of_streams = ValueOf(MetricsPage(*server_), answered) - answered_before - others;
   EXPECT_GE(of_streams, kStreams * 64);
   EXPECT_LT(of_streams, kStreams * 500);

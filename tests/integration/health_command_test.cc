@@ -1,5 +1,5 @@
-// How probes learn of a server's health: maneuverd health, for machines and containers that have
-// the server alone, and its pages over HTTP.
+// Tests how probes read a server's health: by maneuverd health, for machines and containers that
+// contain only the server, and by its pages over HTTP.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -43,7 +43,7 @@ class HealthCommandTest : public ::testing::Test {
   std::string output_;
 };
 
-TEST_F(HealthCommandTest, SaysWhetherTheServerAndEachServiceServe) {
+TEST_F(HealthCommandTest, TellsWhetherTheServerAndEachServiceServe) {
   const auto server = folder_.Start();
   EXPECT_EQ(Probe(server->address()), kServing);
   EXPECT_EQ(output_, "SERVING\n");
@@ -54,7 +54,7 @@ TEST_F(HealthCommandTest, SaysWhetherTheServerAndEachServiceServe) {
   EXPECT_EQ(Probe(server->address(), {"no.such.Service"}), kNotServing);
 }
 
-TEST_F(HealthCommandTest, PagesOverHttpSayTheSame) {
+TEST_F(HealthCommandTest, HealthPagesAgreeWithTheCommand) {
   const auto server = folder_.Start({"--shutdown-delay", "60"});
   EXPECT_THAT(HttpGet(*server, "/healthz"), HasSubstr(" 200 OK\r\n"));
   EXPECT_THAT(HttpGet(*server, "/readyz?service="), HasSubstr(" 200 OK\r\n"));
@@ -63,7 +63,7 @@ TEST_F(HealthCommandTest, PagesOverHttpSayTheSame) {
   EXPECT_THAT(HttpGet(*server, "/readyz?service=no.such.Service"), HasSubstr(" 404 "));
   // It has no model.
   EXPECT_THAT(HttpGet(*server, "/readyz"), HasSubstr(" 503 "));
-  // One that drains is alive, and not ready.
+  // A draining server is alive but not ready.
   ASSERT_EQ(kill(server->pid(), SIGTERM), 0);
   EXPECT_TRUE(WaitFor(
       [&] { return HttpGet(*server, "/readyz?service=").find(" 503 ") != std::string::npos; },
@@ -72,7 +72,7 @@ TEST_F(HealthCommandTest, PagesOverHttpSayTheSame) {
   server->Kill();
 }
 
-TEST_F(HealthCommandTest, WhoListensEverywhereIsAskedOnThisMachine) {
+TEST_F(HealthCommandTest, AsksAServerThatListensEverywhereOnTheLocalHost) {
   const auto server = folder_.Start();
   EXPECT_EQ(Probe("0.0.0.0:" + PortOf(server->address()), {"--insecure"}), kServing);
 }
@@ -93,7 +93,7 @@ TEST_F(HealthCommandTest, ReadsTheServersFileAndRefusesWhatTheServerWouldRefuse)
   EXPECT_EQ(Probe("127.0.0.1:0"), kCannotAsk);
 }
 
-TEST_F(HealthCommandTest, TheServiceIsNamedBeforeTheOptionsOrAfterThem) {
+TEST_F(HealthCommandTest, TakesTheServiceBeforeOrAfterTheOptions) {
   const auto server = folder_.Start();
   const std::string data_dir = folder_.file("data").string();
   const std::string address = server->address();
@@ -109,14 +109,14 @@ TEST_F(HealthCommandTest, TheServiceIsNamedBeforeTheOptionsOrAfterThem) {
   }
 }
 
-TEST_F(HealthCommandTest, WhoIsGoneDoesNotServe) {
+TEST_F(HealthCommandTest, FailsIfTheServerIsGone) {
   auto server = folder_.Start();
   const std::string address = server->address();
   server->Terminate();
   EXPECT_EQ(Probe(address), kNotServing);
 }
 
-TEST_F(HealthCommandTest, AsksOverTlsWhateverNameTheCertificateHas) {
+TEST_F(HealthCommandTest, AsksOverTlsWithoutCheckingTheCertificatesName) {
   TestAuthority authority("authority");
   folder_.Install(authority.Issue("server", "DNS:elsewhere.example"));
   const auto server = folder_.StartTls();
@@ -124,7 +124,7 @@ TEST_F(HealthCommandTest, AsksOverTlsWhateverNameTheCertificateHas) {
   EXPECT_EQ(Probe(server->address()), kNotServing) << "plain text";
 }
 
-TEST_F(HealthCommandTest, BringsACertificateWhereOneIsAskedFor) {
+TEST_F(HealthCommandTest, SendsAClientCertificateIfTheServerRequiresOne) {
   TestAuthority authority("authority");
   TestAuthority clients("clients");
   folder_.Install(authority.Issue("server", "IP:127.0.0.1"));

@@ -1,4 +1,4 @@
-// maneuver load against a real server: what it counts is what the server counts.
+// Checks maneuver load against a real server: both must count the same.
 
 #include <gmock/gmock.h>
 #include <google/protobuf/util/json_util.h>
@@ -64,7 +64,7 @@ class LoadGeneratorTest : public ::testing::Test {
     EXPECT_TRUE(page.ok()) << page.status();
     return page.ok() ? *page : load::MetricsPage();
   }
-  // Calls by how they ended; of Predict unless said otherwise.
+  // Returns the number of calls that ended with a code; of Predict unless said otherwise.
   static int Calls(const load::MetricsPage& page, const std::string& code,
                    const std::string& method = "Predict") {
     return static_cast<int>(page.Sum("maneuver_requests_total",
@@ -84,7 +84,7 @@ std::unique_ptr<TemporaryFolder> LoadGeneratorTest::folder_;
 std::unique_ptr<ServerProcess> LoadGeneratorTest::server_;
 std::string LoadGeneratorTest::output_;
 
-TEST_F(LoadGeneratorTest, AClosedLoopCountsWhatTheServerCounts) {
+TEST_F(LoadGeneratorTest, AClosedLoopAgreesWithTheServersCounters) {
   const load::MetricsPage before = Metrics();
   const nlohmann::json report =
       Load({"--concurrency", "4", "--calls", "200", "--warm-up", "0", "--targets", "1-3"});
@@ -98,7 +98,7 @@ TEST_F(LoadGeneratorTest, AClosedLoopCountsWhatTheServerCounts) {
   const int targets = step["targets_answered"];
   EXPECT_GT(targets, 250);
   EXPECT_LT(targets, 550);
-  // The server was asked what it had done after that one call.
+  // The command reads the metrics only after its trial call, so that call does not count here.
   EXPECT_EQ(step["server"]["targets"]["answered"], targets);
   EXPECT_EQ(step["server"]["batched_targets"], targets);
   EXPECT_GT(step["server"]["stages_ms"]["encode"]["mean"], 0.0);
@@ -119,7 +119,7 @@ TEST_F(LoadGeneratorTest, AnOpenLoopCallsAtItsRate) {
   EXPECT_EQ(Calls(after, "OK", method) - Calls(before, "OK", method), 60);
 }
 
-TEST_F(LoadGeneratorTest, RegisteredMapsAreNamedAndNotSent) {
+TEST_F(LoadGeneratorTest, SendsTheIdsOfRegisteredMapsInsteadOfTheMaps) {
   const Arguments calls = {"--calls", "20", "--warm-up", "0"};
   const nlohmann::json whole = Load(calls);
   const load::MetricsPage before = Metrics();
@@ -128,7 +128,7 @@ TEST_F(LoadGeneratorTest, RegisteredMapsAreNamedAndNotSent) {
   const nlohmann::json report = Load(named);
   const load::MetricsPage after = Metrics();
   EXPECT_EQ(report["steps"][0]["ended"], nlohmann::json({{"OK", 20}}));
-  // Most of what is left are the agents' histories.
+  // The rest is mostly the agents' histories.
   EXPECT_LT(report["bytes_per_request"], 0.9 * whole["bytes_per_request"].get<double>());
   const auto hits = [](const load::MetricsPage& page) {
     return page.Sum("maneuver_map_lookups_total", {{"result", "hit"}}).value_or(0.0);
@@ -136,9 +136,9 @@ TEST_F(LoadGeneratorTest, RegisteredMapsAreNamedAndNotSent) {
   EXPECT_EQ(hits(after) - hits(before), 20 + 1);
 }
 
-TEST_F(LoadGeneratorTest, RefusalsAreCountedWithTheirDelayAndAreNoFailure) {
+TEST_F(LoadGeneratorTest, CountsRefusalsAndTheirDelaysButNotAsFailures) {
   const load::MetricsPage before = Metrics();
-  // Each call takes a third of the queue: of sixteen callers most are refused.
+  // Each call takes a third of the queue, so most of sixteen callers are refused.
   const nlohmann::json report = Load(
       {"--concurrency", "16", "--targets", "8", "--warm-up", "0", "--calls", "300", "--send-all"});
   const load::MetricsPage after = Metrics();
@@ -154,7 +154,7 @@ TEST_F(LoadGeneratorTest, RefusalsAreCountedWithTheirDelayAndAreNoFailure) {
   EXPECT_LE(step["server"]["most_queued_targets"], kMostQueued);
 }
 
-TEST_F(LoadGeneratorTest, WhatTheLibraryHoldsBackIsRefusedAndTheServerNeverSeesIt) {
+TEST_F(LoadGeneratorTest, CountsCallsThatTheClientHeldBackAsRefused) {
   const load::MetricsPage before = Metrics();
   const nlohmann::json report = Load({"--rate", "2000", "--targets", "8", "--warm-up", "0",
                                       "--duration", "1", "--connections", "1"});
@@ -169,20 +169,20 @@ TEST_F(LoadGeneratorTest, WhatTheLibraryHoldsBackIsRefusedAndTheServerNeverSeesI
   EXPECT_THAT(output_, HasSubstr("--send-all"));
 }
 
-TEST_F(LoadGeneratorTest, ExpiredCallsAreCountedAndAreNoFailure) {
+TEST_F(LoadGeneratorTest, CountsExpiredCallsButNotAsFailures) {
   const nlohmann::json report =
       Load({"--rate", "400", "--deadline", "0.1-0.3", "--warm-up", "0", "--calls", "200"});
   const auto& step = report["steps"][0];
   EXPECT_GT(step["ended"].value("DEADLINE_EXCEEDED", 0), 0);
   EXPECT_EQ(step["calls_due"], 200);
-  // Whatever the server heard of has ended there, one way or another.
+  // Every call that reached the server has ended there in some way.
   const auto& targets = step["server"]["targets"];
   EXPECT_LE(targets["answered"].get<int>() + targets["expired"].get<int>() +
                 targets["cancelled"].get<int>() + targets["refused"].get<int>(),
             200);
 }
 
-TEST_F(LoadGeneratorTest, ASweepMeasuresTheCapacityAndThenSharesOfIt) {
+TEST_F(LoadGeneratorTest, ASweepMeasuresTheCapacityAndThenFractionsOfIt) {
   const nlohmann::json report = Load({"--rates", "50%,20", "--concurrency", "4", "--warm-up", "0.1",
                                       "--duration", "0.5", "--arrival", "constant"});
   ASSERT_EQ(report["steps"].size(), 3U) << output_;
@@ -194,13 +194,13 @@ TEST_F(LoadGeneratorTest, ASweepMeasuresTheCapacityAndThenSharesOfIt) {
   EXPECT_EQ(report["steps"][2]["calls_due"], 10);
 }
 
-TEST_F(LoadGeneratorTest, AModelThatIsNotThereIsSaidAtOnce) {
+TEST_F(LoadGeneratorTest, FailsAtOnceIfTheModelDoesNotExist) {
   Load({"--model", "nobody", "--duration", "60"}, 1);
   EXPECT_THAT(output_, HasSubstr("nobody"));
 }
 
-TEST_F(LoadGeneratorTest, AServerThatIsTooBusyForTheFirstCallIsAskedAllTheSame) {
-  // The only call that it takes for a while promotes the model.
+TEST_F(LoadGeneratorTest, StartsEvenIfTheServerIsTooBusyForTheFirstCall) {
+  // The only call that the server accepts for a while is the one that promotes the model.
   const std::filesystem::path data = folder_->path() / "busy";
   std::filesystem::create_directories(data / "models");
   std::filesystem::copy(folder_->path() / "data" / "models" / "tiny", data / "models" / "tiny",

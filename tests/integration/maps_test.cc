@@ -1,5 +1,5 @@
-// Registered maps, on a real server and with the C++ client: the same answers, after a loss as
-// well.
+// Tests registered maps with a real server and the C++ client: answers are the same, also after the
+// server has lost a map.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -39,7 +39,7 @@ class MapsTest : public ::testing::Test {
     }
     return request;
   }
-  // The answer to scenes with their maps, and to the same scenes with maps that are registered.
+  // Compares the answers to scenes with their maps and to the same scenes with registered maps.
   static void ExpectSameAnswers(client::Client& client, const v1::PredictRequest& request) {
     const auto whole = client.Predict(request);
     ASSERT_TRUE(whole.ok()) << whole.status();
@@ -57,12 +57,12 @@ class MapsTest : public ::testing::Test {
 
 std::unique_ptr<TrainedServer> MapsTest::trained_;
 
-TEST_F(MapsTest, AnswersAreTheSameBitsWithMapsThatAreNamed) {
+TEST_F(MapsTest, RegisteredMapsGiveTheSameBits) {
   const auto client = Connect(trained_->server());
   ExpectSameAnswers(*client, Request(trained_->unseen()));
 }
 
-TEST_F(MapsTest, RealScenesAreAFifthOrLessWithoutTheirMaps) {
+TEST_F(MapsTest, RequestsWithoutMapsHaveAtMostAFifthOfTheBytes) {
   const char* place = std::getenv("MANEUVER_REAL_DATA");
   if (place == nullptr) GTEST_SKIP() << "MANEUVER_REAL_DATA is not set";
   std::vector<v1::Scenario> scenarios;
@@ -88,7 +88,7 @@ TEST_F(MapsTest, RealScenesAreAFifthOrLessWithoutTheirMaps) {
   EXPECT_LT(static_cast<double>(request.ByteSizeLong()), whole / 5.0);
 }
 
-TEST_F(MapsTest, TheClientRegistersAgainWhatTheServerLost) {
+TEST_F(MapsTest, TheClientRegistersALostMapAgain) {
   trained_->server().Terminate();
   const std::vector<v1::Scenario> scenes(trained_->unseen().begin(),
                                          trained_->unseen().begin() + 2);
@@ -105,7 +105,7 @@ TEST_F(MapsTest, TheClientRegistersAgainWhatTheServerLost) {
     expected = answer->SerializeAsString();
     EXPECT_EQ(server.Terminate(), 0);
   }
-  // Maps live in memory; and this server has room for one alone, fewer than the request needs.
+  // Maps are kept only in memory. This server has room for one, fewer than the request needs.
   ServerProcess server(trained_->data_dir(), {"--max-maps", "1"});
   const auto client = Connect(server);
   const absl::Status unknown = client->Predict(named).status();
@@ -119,8 +119,8 @@ TEST_F(MapsTest, TheClientRegistersAgainWhatTheServerLost) {
   }
 }
 
-// Open streams of callers who stay must not keep a server from ending.
-TEST_F(MapsTest, AnIdleStreamDoesNotHoldUpTheEndOfTheServer) {
+// Checks that open streams do not prevent a shutdown.
+TEST_F(MapsTest, AnIdleStreamDoesNotDelayTheShutdown) {
   trained_->server().Terminate();
   ServerProcess server(trained_->data_dir(), {"--shutdown-timeout", "25"});
   const auto client = Connect(server);
@@ -128,7 +128,8 @@ TEST_F(MapsTest, AnIdleStreamDoesNotHoldUpTheEndOfTheServer) {
   const auto stream =
       client->StreamPredict([&](const v1::StreamPredictResponse&) { answered.set_value(); });
   ASSERT_TRUE(stream->Send("1", Request({trained_->unseen()[0]})).ok());
-  // Answered, so that it is the server's: one that arrives while it ends is cancelled by gRPC.
+  // Waits for an answer, so that the server has the stream. gRPC cancels a stream that arrives
+  // during the shutdown.
   ASSERT_EQ(answered.get_future().wait_for(std::chrono::seconds(30)), std::future_status::ready);
   const auto start = std::chrono::steady_clock::now();
   EXPECT_EQ(server.Terminate(), 0);

@@ -8,26 +8,26 @@
 
 namespace maneuver::integration {
 
-// What GET http://ADDRESS/PATH of a server is answered, with its head.
+// Returns the server's answer to GET http://ADDRESS/PATH, with its headers.
 std::string HttpGet(const ServerProcess& server, const std::string& path);
 
-// What http://ADDRESS/metrics of a server shows.
+// Returns the page http://ADDRESS/metrics of a server.
 std::string MetricsPage(const ServerProcess& server);
 
-// The value of a series of it, `name{label="value"}`; -1 if it is not there.
+// Returns the value of a series of the page, `name{label="value"}`; -1 if it is not there.
 double ValueOf(const std::string& page, const std::string& series);
 
-// Names, types, help and labels of a page in alphabetical order, without what changes: the numbers,
-// the bounds of buckets, the version and the model; methods by one of them.
-//   prefix: of the names that are wanted
+// Returns names, types, help and labels of a page in alphabetical order. Leaves out everything that
+// varies: numbers, bounds of buckets, the version and the model. Shows one method in place of all.
+//   prefix: of the names to return
 std::string ShapeOf(const std::string& page, const std::string& prefix = "");
 
-// Fails, and writes `shape` to `seen`, if it is not what `golden` holds.
+// Fails the test and writes `shape` to `seen` if it differs from the content of `golden`.
 void ExpectShape(const std::string& shape, const std::filesystem::path& golden,
                  const std::filesystem::path& seen);
 
-// Whether Prometheus' own checker is installed, and whether it finds nothing wrong with a page,
-// which is written to `file`.
+// HasPromtool returns whether Prometheus' own checker is installed. ExpectPromtoolIsContent writes
+// a page to `file` and expects that the checker accepts it.
 bool HasPromtool();
 void ExpectPromtoolIsContent(const std::string& page, const std::filesystem::path& file);
 

@@ -1,5 +1,5 @@
-// No name leads out of the data folder: every name in every request of the contract, found by
-// walking the descriptors, is given what an attacker would write.
+// Checks that no name leads out of the data folder. Finds every name in every request of the
+// contract by walking the descriptors, and sets it to what an attacker would write.
 
 #include <gmock/gmock.h>
 #include <google/protobuf/descriptor.h>
@@ -80,7 +80,7 @@ const std::vector<std::string> kHostile = {
     "shard-00000.tfrecord/../../x",
 };
 
-// What the other names of a request are, so that the one that is tried is what is wrong.
+// Valid values for the other names of a request, so that only the tested name is invalid.
 const std::map<std::string, std::string> kHarmless = {
     {"maneuver.v1.SetModelAliasRequest.name", "models/a/aliases/b"},
     {"maneuver.v1.SetModelAliasRequest.model_version", "models/a/versions/1"},
@@ -99,7 +99,7 @@ const std::map<std::string, std::string> kHarmless = {
     {"maneuver.v1.Dataset.name", ""},  // the server's to say; UploadHeader.name counts
 };
 
-// A way from a request to one of its strings.
+// The path from a request to one of its strings.
 using Path = std::vector<const FieldDescriptor*>;
 
 void CollectStrings(const google::protobuf::Descriptor& type, const Path& so_far,
@@ -134,7 +134,8 @@ void FillHarmless(Message* message) {
   }
 }
 
-// The request's bytes with `value` at the path and harmless names beside it, and the path in words.
+// Returns the request's bytes with `value` at the path and harmless names beside it, and the path
+// in words.
 std::string RequestWith(const google::protobuf::Descriptor& type, const Path& path,
                         const std::string& value, std::string* words) {
   const std::unique_ptr<Message> request(
@@ -171,7 +172,8 @@ std::vector<const MethodDescriptor*> AllMethods() {
   return methods;
 }
 
-// How a request was answered. On a stream the answer to one request is a message.
+// Returns the error that a request was answered with. On a stream, the answer to one request is a
+// message.
 v1::Status ErrorOf(const RawAnswer& answer) {
   v1::Status error;
   if (!answer.status.ok()) {
@@ -205,7 +207,7 @@ std::set<std::string> FilesBelow(const std::filesystem::path& folder) {
   return files;
 }
 
-TEST(NamesTest, NoNameOfAnyRequestLeadsOutOfTheDataFolder) {
+TEST(NamesTest, NoNameInARequestReachesOutsideTheDataFolder) {
   SecuredFolder folder;
   const auto server = folder.Start();
   const auto channel = Connect(*server, "");
@@ -229,7 +231,7 @@ TEST(NamesTest, NoNameOfAnyRequestLeadsOutOfTheDataFolder) {
         const v1::Status error = ErrorOf(Call(channel, call));
         ASSERT_EQ(error.code(), static_cast<int>(grpc::StatusCode::INVALID_ARGUMENT))
             << words << ": " << hostile.substr(0, 100) << ": " << error.message();
-        // It was this name that was found wrong, or what holds it.
+        // A violation names this field or the message that contains it.
         const auto violations = Violations(error);
         EXPECT_TRUE(std::ranges::any_of(violations,
                                         [&](const std::string& v) {

@@ -1,4 +1,4 @@
-// What an operator sees of a real server: its page of metrics, and its log.
+// Tests what an operator sees of a real server: its metrics page and its log.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -40,7 +40,7 @@ class ObservabilityTest : public ::testing::Test {
     return RunManeuver(*server_, arguments, output);
   }
 
-  // One stream with one request; how it was answered.
+  // Opens a stream for one request and returns its answer.
   v1::StreamPredictResponse StreamOnce(const v1::StreamPredictRequest& request) {
     grpc::ClientContext context;
     Introduce(context);
@@ -55,7 +55,7 @@ class ObservabilityTest : public ::testing::Test {
     return answer;
   }
 
-  // What the server has logged, once it has ended.
+  // Stops the server and returns its log.
   std::string FinalLog() {
     predictions_.reset();
     channel_.reset();
@@ -70,18 +70,18 @@ class ObservabilityTest : public ::testing::Test {
   std::unique_ptr<v1::PredictionService::Stub> predictions_;
 };
 
-// After a change that is meant: put the new page in place of the old one, as the failure says.
-TEST_F(ObservabilityTest, ThePageOfMetricsHasTheseNamesTypesLabelsAndHelp) {
+// After an intended change, replace the golden page by the new one, as the failure says.
+TEST_F(ObservabilityTest, TheMetricsPageHasTheExpectedNamesTypesLabelsAndHelp) {
   const std::string shape = ShapeOf(MetricsPage(*server_));
   ExpectShape(shape, GOLDEN_METRICS_PAGE, ACTUAL_METRICS_PAGE);
 }
 
-TEST_F(ObservabilityTest, PromtoolFindsNothingWrongWithThePage) {
+TEST_F(ObservabilityTest, TheMetricsPagePassesPromtool) {
   if (!HasPromtool()) GTEST_SKIP() << "promtool is not installed";
   ExpectPromtoolIsContent(MetricsPage(*server_), folder_.file("page"));
 }
 
-TEST_F(ObservabilityTest, BytesOfMessagesAreCountedByMethod) {
+TEST_F(ObservabilityTest, CountsMessageBytesByMethod) {
   v1::PredictRequest request;
   request.add_scenarios()->set_scenario_id(std::string(1000, 'x'));
   {
@@ -112,7 +112,7 @@ TEST_F(ObservabilityTest, BytesOfMessagesAreCountedByMethod) {
   EXPECT_EQ(bytes("response", "AdminService/GetLogLevel"), level.ByteSizeLong());
 }
 
-TEST_F(ObservabilityTest, TheLevelOfTheLogIsChangedWhileTheServerRuns) {
+TEST_F(ObservabilityTest, TheLogLevelChangesWhileTheServerRuns) {
   const auto call = [this](const std::string& request_id) {
     grpc::ClientContext context;
     Introduce(context);
@@ -149,7 +149,7 @@ TEST_F(ObservabilityTest, TheLevelOfTheLogIsChangedWhileTheServerRuns) {
               HasSubstr("\"message\":\"log level changed\",\"from\":\"info\",\"to\":\"debug\""));
 }
 
-TEST_F(ObservabilityTest, TheLogHasNoPayloadsTokensOrPaths) {
+TEST_F(ObservabilityTest, TheLogContainsNoPayloadsTokensOrPaths) {
   std::string output;
   ASSERT_EQ(Command({"log-level", "debug"}, &output), 0) << output;
   v1::StreamPredictRequest item;

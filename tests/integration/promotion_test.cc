@@ -1,5 +1,4 @@
-// Versions are evaluated, compared and promoted by what the evaluations say: real processes, tiny
-// models.
+// Tests how versions are evaluated, compared and promoted, with real processes and tiny models.
 
 #include <gmock/gmock.h>
 #include <google/protobuf/util/json_util.h>
@@ -34,7 +33,7 @@ class PromotionTest : public ::testing::Test {
     EXPECT_EQ(RunManeuver(trained_.server(), command, &output), status) << output;
     return output;
   }
-  // maneuver train, of a model that is promoted if it is no worse.
+  // Returns the command that trains a model and promotes it if it is no worse.
   std::vector<std::string> Train(const std::string& settings) const {
     return {"train",
             "tiny",
@@ -71,7 +70,7 @@ class PromotionTest : public ::testing::Test {
     EXPECT_TRUE(status.ok()) << status.error_message();
     return job;
   }
-  // Learns next to nothing.
+  // Returns settings with which a model learns almost nothing.
   std::string WorseSettings() const {
     v1::TrainingSettings settings;
     EXPECT_TRUE(google::protobuf::util::JsonStringToMessage(kTinySettings, &settings).ok());
@@ -89,8 +88,8 @@ class PromotionTest : public ::testing::Test {
   TrainedServer trained_;
 };
 
-TEST_F(PromotionTest, AWorseVersionIsNotPromotedAndAnEqualOneIsThoughTheServerDies) {
-  // Nobody has measured anything yet: what is there to compare?
+TEST_F(PromotionTest, PromotesAnEqualVersionButNoWorseOneEvenIfTheServerIsKilled) {
+  // No version has been evaluated yet, so there is nothing to compare.
   EXPECT_THAT(Run({"model", "compare", "tiny/1", "tiny", "--dataset", "unseen"}, 1),
               HasSubstr("maneuver evaluate tiny/1 --dataset unseen"));
 
@@ -99,7 +98,7 @@ TEST_F(PromotionTest, AWorseVersionIsNotPromotedAndAnEqualOneIsThoughTheServerDi
                                "datasets/unseen"));
   EXPECT_EQ(Serving(), "models/tiny/versions/1");
 
-  // Both were measured on the way: the reports are there to be listed and compared.
+  // Both versions were evaluated by the job, so their reports can be listed and compared.
   EXPECT_THAT(Run({"model", "show", "tiny/2"}), ContainsRegex("evaluated on +unseen \\("));
   const std::string compared = Run({"model", "compare", "tiny/1", "tiny/2", "--strata"});
   EXPECT_THAT(compared, ContainsRegex("METRIC +UNIT +tiny/1 +tiny/2 +DIFFERENCE +BETTER"));
@@ -123,11 +122,11 @@ TEST_F(PromotionTest, AWorseVersionIsNotPromotedAndAnEqualOneIsThoughTheServerDi
   EXPECT_THAT(refused, HasSubstr("behind constant velocity by ade_1 over all examples (+"));
   EXPECT_EQ(Serving(), "models/tiny/versions/1");
 
-  // Measured by other settings, it cannot be compared.
+  // A version that was evaluated with other settings cannot be compared.
   Run({"evaluate", "tiny/2", "--dataset", "unseen", "--set", "stride=2s"});
   EXPECT_THAT(Run({"model", "compare", "tiny/1", "tiny/2"}, 1), HasSubstr("stride=2s"));
 
-  // The settings of version 2 make the same version again; the server dies as it is published.
+  // The settings of version 2 make an equal version. The server is killed while it is published.
   Run({"model", "promote", "tiny/2"});
   std::vector<std::string> command = Train(WorseSettings());
   command.insert(command.end(), {"--detach", "--output", "json"});
@@ -153,12 +152,12 @@ TEST_F(PromotionTest, AWorseVersionIsNotPromotedAndAnEqualOneIsThoughTheServerDi
   EXPECT_THAT(Run({"job", "show", job.name()}), HasSubstr("tiny/3 was promoted: no worse than"));
   EXPECT_THAT(Run({"model", "compare", "tiny/2", "tiny"}), ContainsRegex("nll +nats.* 0.000 +="));
 
-  // Reports go with their version.
+  // Reports are deleted with their version.
   Run({"model", "delete", "tiny/1"});
   EXPECT_FALSE(fs::exists(trained_.data_dir() / "models" / "tiny" / "1"));
 }
 
-TEST_F(PromotionTest, AVersionLearnsOnFromAnotherWithMoreOfTheNewRecordings) {
+TEST_F(PromotionTest, ContinuesFromAVersionWithMoreWeightOnNewRecordings) {
   const std::vector<std::string> command = {"train",        "tiny",
                                             "--start-from", "tiny",
                                             "--dataset",    "town",

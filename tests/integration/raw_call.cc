@@ -16,7 +16,7 @@ namespace {
 constexpr char kReflection[] = "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo";
 constexpr char kHealth[] = "grpc.health.v1.Health";
 
-// A message of one string or bytes field.
+// Returns a message with one string or bytes field.
 std::string Field(int number, const std::string& value) {
   google::protobuf::Empty message;
   auto* unknown = message.GetReflection()->MutableUnknownFields(&message);
@@ -24,8 +24,8 @@ std::string Field(int number, const std::string& value) {
   return message.SerializeAsString();
 }
 
-// The values of a string, bytes or message field. (The reflection service's own messages cannot be
-// compiled in beside gRPC's.)
+// Returns the values of a string, bytes or message field. (The reflection service's own messages
+// cannot be compiled in beside gRPC's.)
 std::vector<std::string> FieldsOf(const std::string& bytes, int number) {
   google::protobuf::Empty message;
   std::vector<std::string> values;
@@ -78,7 +78,7 @@ RawAnswer Call(const std::shared_ptr<grpc::Channel>& channel, const RawCall& wha
   auto call = stub.PrepareCall(&context, what.method, &queue);
   call->StartCall(nullptr);
   finished();
-  // A buffer of one empty slice is an empty message; a buffer of none would be no message.
+  // A buffer with one empty slice is an empty message; a buffer without slices would be no message.
   const grpc::Slice request(what.request);
   call->WriteLast(grpc::ByteBuffer(&request, 1), grpc::WriteOptions(), nullptr);
   finished();

@@ -24,14 +24,15 @@ struct RawCall {
   bool stop_after_first = false;  // cancel after the first message: for streams without an end
 };
 
-// Any method of any kind, by its name.
+// Calls any method of any kind, by its name.
 RawAnswer Call(const std::shared_ptr<grpc::Channel>& channel, const RawCall& call);
 
-// What the server's reflection lists: "/package.Service/Method" of each method of each service. The
-// health service, of which the server knows no description, is listed by what its standard says.
+// Returns the methods that the server's reflection lists: "/package.Service/Method" for each method
+// of each service. The server has no description of the health service, so its methods are those of
+// its standard.
 std::vector<std::string> MethodsByReflection(const std::shared_ptr<grpc::Channel>& channel);
 
-// ErrorInfo.reason of a failed call; empty if there is none.
+// Returns the ErrorInfo.reason of a failed call; empty if there is none.
 std::string Reason(const grpc::Status& status);
 
 }  // namespace maneuver::integration

@@ -13,7 +13,7 @@ namespace maneuver::integration {
 namespace {
 
 constexpr size_t kFrameHeader = 9;
-// Types of frames, RFC 9113, section 6.
+// Frame types, RFC 9113, section 6.
 constexpr int kData = 0;
 constexpr int kHeaders = 1;
 constexpr int kReset = 3;
@@ -31,7 +31,8 @@ std::string BigEndian(uint32_t value, int bytes) {
   return text;
 }
 
-// Not compressed and not remembered (RFC 7541, 6.2.2); both shorter than 127.
+// Returns a header that is neither compressed nor indexed (RFC 7541, 6.2.2). Name and value must be
+// shorter than 127.
 std::string Header(const std::string& name, const std::string& value) {
   return BigEndian(0, 1) + BigEndian(static_cast<uint32_t>(name.size()), 1) + name +
          BigEndian(static_cast<uint32_t>(value.size()), 1) + value;
@@ -50,7 +51,7 @@ RawHttp2::RawHttp2(const std::string& address) : descriptor_(socket(AF_INET, SOC
 RawHttp2::~RawHttp2() { close(descriptor_); }
 
 void RawHttp2::Send(const std::string& bytes) {
-  // The server may have closed the connection; who reads will see it.
+  // The server may have closed the connection; the next read will show it.
   (void)!send(descriptor_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
 }
 

@@ -6,38 +6,39 @@
 
 namespace maneuver::integration {
 
-// A client that speaks just enough HTTP/2 (RFC 9113) to behave as no library would: it says half of
+// A client with just enough HTTP/2 (RFC 9113) to behave as no library does: it sends only half of
 // what it should, or nothing, and reads nothing unless told to. In plain text, over loopback.
 class RawHttp2 {
  public:
-  // Connects, and is silent.
+  // Connects and sends nothing.
   explicit RawHttp2(const std::string& address);
   ~RawHttp2();
   RawHttp2(const RawHttp2&) = delete;
   RawHttp2& operator=(const RawHttp2&) = delete;
 
-  // The magic words of a client.
+  // SendPreface sends the bytes with which a client begins a connection.
   void SendPreface();
   void SendSettings();
-  // Settings and windows that let the server send as much as it likes.
+  // Sends settings and windows that let the server send any amount.
   void SendSettingsWithoutFlowControl();
-  // Opens the call of a method, "/package.Service/Method", without a message.
+  // Opens a call of a method, "/package.Service/Method", without a message.
   //   stream: 1, 3, 5, ...
   void OpenCall(int stream, const std::string& method);
-  // The whole of a message of at most 16 kB; `declared` is the length that its header tells.
+  // Sends a complete message of at most 16 kB.
+  //   declared: the length that its header states
   void SendMessage(int stream, const std::string& message, size_t declared);
   void SendMessage(int stream, const std::string& message) {
     SendMessage(stream, message, message.size());
   }
 
-  // What has come of an answer.
+  // The part of an answer that has arrived.
   struct Received {
     int messages = 0;     // frames of data
     int ended = 0;        // streams
     bool closed = false;  // the connection
   };
-  // Reads until so many frames of data came, or the connection was closed, or time is up.
-  //   answers_pings: as a client should; settings are acknowledged either way.
+  // Reads until `messages` data frames have arrived, the connection is closed, or the time is up.
+  //   answers_pings: as a client should. Settings are acknowledged either way.
   Received Read(int messages, std::chrono::milliseconds patience, bool answers_pings);
 
  private:

@@ -1,5 +1,5 @@
-// The same way on real Waymo Open Motion scenes, where they are at hand: MANEUVER_REAL_DATA names a
-// folder that holds waymo_open_motion/{training,validation}.tfrecord-*.
+// Tests the same path with real Waymo Open Motion scenes, if MANEUVER_REAL_DATA names a folder with
+// waymo_open_motion/{training,validation}.tfrecord-*.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -13,8 +13,8 @@
 
 namespace maneuver::integration {
 
-// A folder with what a secured server is started with: certificates and tokens that it may read
-// again while it runs.
+// A folder with the certificates and tokens of a secured server, which reads them again while it
+// runs.
 class SecuredFolder {
  public:
   SecuredFolder();
@@ -22,27 +22,27 @@ class SecuredFolder {
   const std::filesystem::path& path() const { return folder_.path(); }
   std::filesystem::path file(const std::string& name) const { return folder_.path() / name; }
   std::string Read(const std::string& name) const;
-  // What the server has logged.
+  // Returns the server's log.
   std::string log_text() const { return Read("data.log"); }
 
-  // server.crt and server.key, each replaced in one step, in this order.
+  // Writes server.crt and then server.key, each in one step.
   void Install(const TestCertificate& certificate) const;
-  // Replaces a file in one step; only its owner may read it.
+  // Replaces a file in one step. Only its owner may read it.
   void Write(const std::string& name, const std::string& content) const;
-  // Makes a token by "maneuverd token create", with its line in `tokens`.
+  // Creates a token by "maneuverd token create", which adds its line to `tokens`.
   std::string CreateToken(const std::string& name, const std::string& roles) const;
 
-  // A server over <folder>/data, with TLS by server.crt and server.key.
+  // Starts a server over <folder>/data with TLS by server.crt and server.key.
   std::unique_ptr<ServerProcess> StartTls(std::vector<std::string> flags = {}) const;
-  // The same in plain text.
+  // Starts the same server in plain text.
   std::unique_ptr<ServerProcess> Start(std::vector<std::string> flags = {}) const;
 
  private:
   TemporaryFolder folder_;
 };
 
-// A connection of its own, shared with no other channel.
-//   roots: PEM; empty for plain text.
+// Returns a new connection that no other channel shares.
+//   roots: PEM; empty for plain text
 std::shared_ptr<grpc::Channel> Connect(const ServerProcess& server, const std::string& roots,
                                        const TestCertificate& client = {});
 

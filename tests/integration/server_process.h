@@ -14,10 +14,10 @@
 
 namespace maneuver::integration {
 
-// maneuverd on free ports of loopback, over a data folder.
+// Runs maneuverd on free ports of loopback, over a data folder.
 class ServerProcess {
  public:
-  // Waits until it listens. `flags` are added to the command.
+  // Starts it and waits until it listens. `flags` are added to the command.
   explicit ServerProcess(const std::filesystem::path& data_dir,
                          std::vector<std::string> flags = {});
 
@@ -26,13 +26,13 @@ class ServerProcess {
   std::shared_ptr<grpc::Channel> channel() const { return channel_; }
   pid_t pid() const { return process_->pid(); }
 
-  // SIGTERM, and the exit status.
+  // Sends SIGTERM and returns the exit status.
   std::optional<int> Terminate();
-  // SIGKILL, and waits until it is gone.
+  // Sends SIGKILL and waits until the process is gone.
   void Kill();
-  // Process ids of the trainers that it started.
+  // Returns the process ids of the trainers that it started.
   std::vector<pid_t> Trainers() const;
-  // The process still runs and says SERVING or NOT_SERVING when asked.
+  // Returns whether the process runs and answers SERVING or NOT_SERVING.
   bool Alive();
 
  private:
@@ -42,7 +42,8 @@ class ServerProcess {
   std::shared_ptr<grpc::Channel> channel_;
 };
 
-// The `maneuver` command against a server; its exit status, output in *output.
+// Runs the `maneuver` command against a server. Returns its exit status, with the output in
+// *output.
 int RunManeuver(const ServerProcess& server, std::vector<std::string> arguments,
                 std::string* output);
 

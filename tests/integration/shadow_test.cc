@@ -1,5 +1,5 @@
-// A real server that asks the alias `candidate` as well: its metrics say how far the versions
-// differ, and its callers get what they got before.
+// Tests a real server that also asks the alias `candidate`: its metrics say how far the versions
+// differ, and callers get unchanged answers.
 
 #include <gmock/gmock.h>
 #include <google/protobuf/util/json_util.h>
@@ -25,10 +25,10 @@
 namespace maneuver::integration {
 namespace {
 
-// The shadow gives way to whatever else the machine does.
+// The shadow yields to everything else on the machine, so it may take long.
 constexpr std::chrono::seconds kPatience{100};
 
-// Random weights, with the actions that a finished model has.
+// Writes a model with random weights and with the actions that a trained model has.
 void WriteModel(const std::filesystem::path& folder, const v1::ModelSpec& spec, uint32_t seed) {
   artifact::StoredModel model = inference::RandomModel(spec, seed);
   const auto loaded = inference::ActionModel::FromStored(model, {});
@@ -78,7 +78,7 @@ class ShadowTest : public ::testing::Test {
         << output;
   }
 
-  // What is answered to every way of asking for the targets.
+  // Returns the answers to every kind of request for the targets.
   std::string Ask() {
     std::string answers;
     v1::PredictResponse predicted;
@@ -131,7 +131,7 @@ class ShadowTest : public ::testing::Test {
   std::unique_ptr<v1::PredictionService::Stub> predictions_;
 };
 
-TEST_F(ShadowTest, MetricsSayHowFarTheCandidateIsAndCallersGetTheSameBits) {
+TEST_F(ShadowTest, MetricsMeasureTheCandidateWithoutChangingAnswers) {
   const std::string before = Ask();
   EXPECT_EQ(Targets("compared"), 0);  // there is no candidate
   Promote("tiny/2", "candidate");
@@ -155,7 +155,7 @@ TEST_F(ShadowTest, MetricsSayHowFarTheCandidateIsAndCallersGetTheSameBits) {
   EXPECT_EQ(server_->Terminate(), 0);
 }
 
-TEST_F(ShadowTest, ACandidateThatDoesNotLoadFailsNoCaller) {
+TEST_F(ShadowTest, ACandidateThatCannotBeLoadedFailsNoCall) {
   const std::string before = Ask();
   Promote("tiny/2", "candidate");
   ASSERT_EQ(server_->Terminate(), 0);

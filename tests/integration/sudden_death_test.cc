@@ -1,4 +1,4 @@
-// SIGKILL of the trainer and of the server: what was acknowledged is still there.
+// Kills the trainer and the server with SIGKILL: everything that was acknowledged must still exist.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -25,7 +25,7 @@ class SuddenDeathTest : public ::testing::Test {
 
   static ServerProcess& server() { return trained_->server(); }
 
-  // A job that trains far longer than the test.
+  // Starts a job that trains far longer than the test.
   static std::string StartLongJob() {
     std::string output;
     const int status = RunManeuver(
@@ -79,7 +79,7 @@ class SuddenDeathTest : public ::testing::Test {
 
 std::unique_ptr<TrainedServer> SuddenDeathTest::trained_;
 
-TEST_F(SuddenDeathTest, OfTheTrainerInterruptsTheJobAloneAndPredictionsGoOn) {
+TEST_F(SuddenDeathTest, AKilledTrainerInterruptsItsJobButNotPredictions) {
   const std::string job = StartLongJob();
   ASSERT_TRUE(WaitForProgress(job));
   EXPECT_TRUE(Predicts());
@@ -94,7 +94,7 @@ TEST_F(SuddenDeathTest, OfTheTrainerInterruptsTheJobAloneAndPredictionsGoOn) {
   CancelAndWait(job);
 }
 
-TEST_F(SuddenDeathTest, OfTheServerLosesNothingAndTheInterruptedJobGoesOn) {
+TEST_F(SuddenDeathTest, AKilledServerLosesNothingAndContinuesItsJob) {
   const std::string job = StartLongJob();
   ASSERT_TRUE(WaitForProgress(job));
   const std::vector<pid_t> trainers = server().Trainers();
@@ -130,7 +130,7 @@ TEST_F(SuddenDeathTest, OfTheServerLosesNothingAndTheInterruptedJobGoesOn) {
   CancelAndWait(job);
 }
 
-TEST_F(SuddenDeathTest, CancellingEndsTheTrainerWithinSecondsAndResumingGoesOnFromThere) {
+TEST_F(SuddenDeathTest, CancellingStopsTheTrainerWithinSecondsAndResumingContinues) {
   const std::string job = StartLongJob();
   ASSERT_TRUE(WaitForProgress(job));
   ASSERT_TRUE(
@@ -148,7 +148,7 @@ TEST_F(SuddenDeathTest, CancellingEndsTheTrainerWithinSecondsAndResumingGoesOnFr
         return now.attempt() == 2 && now.phase() != "load" && now.step() > 1;
       },
       std::chrono::seconds(60)));
-  // Steps and numbers of events go on from the checkpoint that the cancellation wrote.
+  // Steps and event numbers continue from the checkpoint that the cancellation wrote.
   EXPECT_GE(GetJob(job).progress().step(), before.step());
   EXPECT_GT(GetJob(job).progress().sequence(), before.sequence());
   CancelAndWait(job);

@@ -1,4 +1,4 @@
-// Versions that take each other's place while callers ask.
+// Swaps versions while callers ask for predictions.
 
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
@@ -31,7 +31,7 @@ constexpr int kCallers = 4;
 
 std::string Version(int version) { return "models/tiny/versions/" + std::to_string(version); }
 
-// One vehicle, another speed in each scene.
+// A request with one vehicle; its speed differs from scene to scene.
 v1::PredictRequest Request(int scene, const std::string& model) {
   v1::PredictRequest request;
   request.set_model(model);
@@ -53,13 +53,14 @@ v1::PredictRequest Request(int scene, const std::string& model) {
   return request;
 }
 
-// All that an answer says of the model: probabilities and distributions, to the last bit.
+// Returns the part of an answer that depends on the model: probabilities and distributions, to the
+// last bit.
 std::string Content(v1::PredictResponse response) {
   response.clear_model_version();
   return response.SerializeAsString();
 }
 
-TEST(SwapsTest, UnderLoadEachAnswerIsOfOneVersionAndNoneFails) {
+TEST(SwapsTest, EachAnswerComesFromOneVersionWhileVersionsAreSwapped) {
   const char* more = std::getenv("MANEUVER_SWAPS");
   const int swaps = more == nullptr ? 200 : std::atoi(more);
   const TemporaryFolder folder;
@@ -122,7 +123,7 @@ TEST(SwapsTest, UnderLoadEachAnswerIsOfOneVersionAndNoneFails) {
       }
     });
   }
-  // Each swap is seen by somebody: it waits for an answer.
+  // Each swap waits for an answer, so that some caller sees it.
   for (int swap = 1; swap <= swaps; ++swap) {
     const int before = answers[0] + answers[1];
     const auto status = serve(1 + swap % kVersions);

@@ -34,7 +34,8 @@ class TestAuthority {
   using KeyPtr = std::unique_ptr<EVP_PKEY, Free>;
   using X509Ptr = std::unique_ptr<X509, Free>;
 
-  // Signed by the authority; by `key` itself while there is no authority yet.
+  // Returns a certificate signed by the authority, or by `key` itself while there is no authority
+  // yet.
   X509Ptr Sign(EVP_PKEY* key, const std::string& common_name, const std::string& alternative_names,
                int days_left);
 

@@ -1,5 +1,4 @@
-// Handshakes that must fail, certificates that change under load, and what the command line
-// refuses.
+// Tests handshakes that must fail, certificates that change under load, and invalid command lines.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -37,29 +36,29 @@ class TlsTest : public ::testing::Test {
   SecuredFolder folder_;
 };
 
-TEST_F(TlsTest, WhoCannotTrustTheServerDoesNotGetThrough) {
+TEST_F(TlsTest, AClientWithoutTheAuthorityDoesNotConnect) {
   folder_.Install(authority_.Issue("server", kHere));
   const auto server = folder_.StartTls();
   EXPECT_EQ(AskHealth(Connect(*server, "")), grpc::StatusCode::UNAVAILABLE) << "plain text";
   EXPECT_EQ(AskHealth(Connect(*server, stranger_.certificate())), grpc::StatusCode::UNAVAILABLE)
       << "wrong authority";
-  // The server is none the worse for it.
+  // The server still works.
   EXPECT_EQ(AskHealth(Connect(*server, authority_.certificate())), grpc::StatusCode::OK);
 }
 
-TEST_F(TlsTest, TlsToAPlainTextPortDoesNotGetThrough) {
+TEST_F(TlsTest, TlsToAPlainTextPortDoesNotConnect) {
   const auto server = folder_.Start();
   EXPECT_EQ(AskHealth(Connect(*server, authority_.certificate())), grpc::StatusCode::UNAVAILABLE);
   EXPECT_EQ(AskHealth(Connect(*server, "")), grpc::StatusCode::OK);
 }
 
-TEST_F(TlsTest, AServerOfAnotherNameIsNotTrusted) {
+TEST_F(TlsTest, RefusesACertificateForAnotherName) {
   folder_.Install(authority_.Issue("127.0.0.1", "DNS:elsewhere.example"));
   const auto server = folder_.StartTls();
   EXPECT_EQ(AskHealth(Connect(*server, authority_.certificate())), grpc::StatusCode::UNAVAILABLE);
 }
 
-TEST_F(TlsTest, AnExpiredServerSaysSoWhenItStartsAndIsNotTrusted) {
+TEST_F(TlsTest, AServerWithAnExpiredCertificateWarnsAndIsNotTrusted) {
   folder_.Install(authority_.Issue("server", kHere, -3));
   const auto server = folder_.StartTls();
   EXPECT_EQ(AskHealth(Connect(*server, authority_.certificate())), grpc::StatusCode::UNAVAILABLE);
@@ -67,7 +66,7 @@ TEST_F(TlsTest, AnExpiredServerSaysSoWhenItStartsAndIsNotTrusted) {
               AllOf(HasSubstr("warning"), HasSubstr("has expired"), HasSubstr("days_left=-3")));
 }
 
-TEST_F(TlsTest, MutualTlsLetsInWhoHasACertificateOfItsAuthorityAlone) {
+TEST_F(TlsTest, MutualTlsAdmitsOnlyCertificatesOfItsAuthority) {
   TestAuthority clients("clients");
   folder_.Install(authority_.Issue("server", kHere));
   folder_.Write("ca.crt", clients.certificate());
@@ -79,7 +78,7 @@ TEST_F(TlsTest, MutualTlsLetsInWhoHasACertificateOfItsAuthorityAlone) {
   EXPECT_EQ(AskHealth(Connect(*server, roots, stranger_.Issue("planner", ""))),
             grpc::StatusCode::UNAVAILABLE)
       << "wrong authority";
-  // Nor one of the authority that the server itself has its certificate from.
+  // A certificate of the authority that signed the server's own is not accepted either.
   EXPECT_EQ(AskHealth(Connect(*server, roots, authority_.Issue("planner", ""))),
             grpc::StatusCode::UNAVAILABLE);
   EXPECT_EQ(AskHealth(Connect(*server, roots, clients.Issue("planner", "", -1))),
@@ -88,7 +87,7 @@ TEST_F(TlsTest, MutualTlsLetsInWhoHasACertificateOfItsAuthorityAlone) {
   EXPECT_EQ(AskHealth(Connect(*server, roots, clients.Issue("planner", ""))), grpc::StatusCode::OK);
 }
 
-// Callers of both kinds: over a lasting connection, and over a new one for each call.
+// Calls in two ways: over a lasting connection, and over a new one for each call.
 class Callers {
  public:
   Callers(const ServerProcess& server, const std::string& roots) {
@@ -141,7 +140,7 @@ class Callers {
   std::vector<std::thread> threads_;
 };
 
-TEST_F(TlsTest, CertificatesChangeUnderLoadWithoutALostCall) {
+TEST_F(TlsTest, CertificatesAreReplacedUnderLoadWithoutALostCall) {
   TestAuthority next("next authority");
   folder_.Install(authority_.Issue("server", kHere));
   const auto server = folder_.StartTls();
@@ -149,7 +148,7 @@ TEST_F(TlsTest, CertificatesChangeUnderLoadWithoutALostCall) {
   const auto patience = std::chrono::seconds(10);
   ASSERT_TRUE(WaitFor([&] { return callers.calls() > 50; }, patience));
 
-  // The new certificate is there, its key is not yet: for as long as the server needs to notice.
+  // Leaves the new certificate without its key for as long as the server needs to notice.
   const TestCertificate rotated = next.Issue("server", kHere);
   folder_.Write("server.crt", rotated.certificate);
   EXPECT_TRUE(WaitFor(
@@ -174,7 +173,7 @@ struct Misuse {
   std::string says;
 };
 
-TEST_F(TlsTest, WhatCannotBeMeantIsRefusedWithWhatToDo) {
+TEST_F(TlsTest, RefusesUnsafeOrContradictoryOptionsAndSaysWhatToDo) {
   const TestCertificate good = authority_.Issue("server", kHere);
   folder_.Install(good);
   folder_.Write("other.key", authority_.Issue("other", kHere).key);
@@ -211,7 +210,7 @@ TEST_F(TlsTest, WhatCannotBeMeantIsRefusedWithWhatToDo) {
            {{"--tokens", f("roles")}, "line 1: roles are predict, train and admin"},
        }) {
     SCOPED_TRACE(::testing::PrintToString(misuse.flags));
-    // One that is not refused would serve for ever.
+    // A server that starts by mistake would serve for ever.
     std::vector<std::string> command = {
         "/usr/bin/timeout", "5",           MANEUVERD,          "--data-dir", f("refused"),
         "--listen",         "127.0.0.1:0", "--metrics-listen", "none"};
@@ -228,7 +227,7 @@ TEST_F(TlsTest, WhatCannotBeMeantIsRefusedWithWhatToDo) {
   }
 }
 
-TEST_F(TlsTest, TheCommandSpeaksTlsAndKeepsItsTokenToItself) {
+TEST_F(TlsTest, TheCommandUsesTlsAndNeverSendsItsTokenInPlainText) {
   folder_.Install(authority_.Issue("server", kHere));
   folder_.Write("ca.crt", authority_.certificate());
   folder_.Write("token", folder_.CreateToken("researcher", "train") + "\n");
@@ -262,14 +261,14 @@ TEST_F(TlsTest, TheCommandSpeaksTlsAndKeepsItsTokenToItself) {
                 &output),
             2);
   EXPECT_THAT(output, HasSubstr("in plain text"));
-  // By the environment.
+  // The token and the authority may also come from the environment.
   const std::string script = "MANEUVER_TOKEN=$(cat " + f("token") +
                              ") MANEUVER_TLS_CA=" + f("ca.crt") + " " + MANEUVER + " --server " +
                              server->address() + " job list";
   EXPECT_EQ(integration::Run({"/bin/sh", "-c", script}, &output), 0) << output;
 }
 
-TEST_F(TlsTest, AConnectionHoldsSoManyCallsAndIsClosedWhenNobodyCalls) {
+TEST_F(TlsTest, LimitsTheCallsOfAConnectionAndClosesItWhenIdle) {
   const auto server = folder_.Start({"--max-streams", "2", "--max-connection-idle", "1"});
   const auto channel = Connect(*server, "");
   const auto stub = v1::PredictionService::NewStub(channel);

@@ -11,11 +11,11 @@
 
 namespace maneuver::integration {
 
-// TrainingSettings as JSON: a model that trains in seconds, 12 actions, 10 waypoints over 4 s.
+// TrainingSettings as JSON for a model that trains in seconds: 12 actions, 10 waypoints over 4 s.
 extern const char kTinySettings[];
 
-// A dataset folder with recordings of the synthetic town; they are appended to *kept unless that is
-// nullptr.
+// Writes a dataset folder with recordings of the synthetic town. Appends them to *kept unless that
+// is nullptr.
 void WriteTown(const std::filesystem::path& folder, uint64_t seed, int recordings,
                std::vector<v1::Scenario>* kept);
 
@@ -28,11 +28,11 @@ class TrainedServer {
   const std::filesystem::path& folder() const { return folder_.path(); }
   std::filesystem::path data_dir() const { return folder_.path() / "data"; }
   ServerProcess& server() { return *server_; }
-  // Another process over the same data folder, in place of the last.
+  // Replaces the process by another one over the same data folder.
   void Restart();
-  // Recordings of datasets/unseen, with prediction time and targets.
+  // Returns the recordings of datasets/unseen, with prediction time and targets.
   const std::vector<v1::Scenario>& unseen() const { return unseen_; }
-  // TrainingSettings as JSON: trains in seconds.
+  // Returns a file with TrainingSettings that train in seconds, as JSON.
   std::filesystem::path settings() const { return folder_.path() / "tiny.json"; }
 
  private:

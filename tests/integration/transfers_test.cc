@@ -1,4 +1,5 @@
-// Versions that travel: from one server to another, damaged, hostile, cut off, and asked for twice.
+// Tests transfers of versions from one server to another: complete, damaged, hostile, interrupted
+// and repeated ones.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -57,7 +58,7 @@ class TransfersTest : public ::testing::Test {
     return *std::move(client);
   }
 
-  // A header for the files of a folder.
+  // Returns an upload header for the files of a folder.
   static v1::UploadModelHeader HeaderOf(const fs::path& folder) {
     v1::UploadModelHeader header;
     header.set_parent("models/town");
@@ -70,7 +71,7 @@ class TransfersTest : public ::testing::Test {
     return header;
   }
 
-  // One UploadModelVersion call to `b_`, which ends after the last chunk.
+  // Makes one UploadModelVersion call to `b_`, which ends after the last chunk.
   grpc::Status Upload(const v1::UploadModelHeader& header, const std::vector<std::string>& chunks) {
     grpc::ClientContext context;
     v1::ModelVersion version;
@@ -97,7 +98,7 @@ class TransfersTest : public ::testing::Test {
     return response;
   }
 
-  // Names of b's versions.
+  // Returns the names of b's versions.
   std::vector<std::string> Versions() {
     v1::ListModelVersionsRequest request;
     request.set_parent("models/-");
@@ -109,7 +110,7 @@ class TransfersTest : public ::testing::Test {
     }
     return names;
   }
-  // What is in b's folder of models, hidden or not.
+  // Returns the entries of b's folder of models, hidden ones included.
   std::vector<std::string> Entries() const {
     std::vector<std::string> names;
     for (const auto& entry : fs::recursive_directory_iterator(data("b") / "models")) {
@@ -138,14 +139,14 @@ TEST_F(TransfersTest, AVersionMovesFromOneServerToAnother) {
   for (const char* name : {kManifest, kWeights}) {
     EXPECT_EQ(Bytes(data("b") / "models" / "city" / "1" / name), Bytes(fs::path(pulled) / name));
   }
-  // It serves once somebody says so.
+  // The version serves only once it is promoted.
   EXPECT_EQ(RunManeuver(*b_, {"health", "maneuver.v1.PredictionService"}, &output), 1) << output;
   ASSERT_EQ(RunManeuver(*b_, {"model", "promote", "city/1"}, &output), 0) << output;
   EXPECT_EQ(RunManeuver(*b_, {"health", "maneuver.v1.PredictionService"}, &output), 0) << output;
   EXPECT_FALSE(fs::exists(data("b") / "models" / ".uploads"));
 }
 
-TEST_F(TransfersTest, AskedForTwiceAVersionIsThereOnce) {
+TEST_F(TransfersTest, RepeatingATransferCreatesNoSecondVersion) {
   const fs::path source = data("a") / "models" / "town" / "1";
   const auto client = Connect(*b_);
   const auto first = client->UploadModelVersion(source, "models/town", nullptr);
@@ -153,10 +154,10 @@ TEST_F(TransfersTest, AskedForTwiceAVersionIsThereOnce) {
   ASSERT_TRUE(first.ok()) << first.status();
   ASSERT_TRUE(second.ok()) << second.status();
   EXPECT_EQ(second->name(), "models/town/versions/1");
-  // Not even by one who does not ask first.
+  // The same holds for a client that does not ask first which bytes exist.
   EXPECT_TRUE(Upload(HeaderOf(source), {Bytes(source / kManifest), Bytes(source / kWeights)}).ok());
   EXPECT_THAT(Versions(), ElementsAre("models/town/versions/1"));
-  // To the server that it comes from it is no news either.
+  // The server that the version came from already has it as well.
   const auto back = Connect(*a_)->UploadModelVersion(source, "models/town", nullptr);
   ASSERT_TRUE(back.ok()) << back.status();
   EXPECT_EQ(back->name(), "models/town/versions/1");
@@ -169,7 +170,7 @@ TEST_F(TransfersTest, AskedForTwiceAVersionIsThereOnce) {
   }
 }
 
-TEST_F(TransfersTest, AnUploadGoesOnWhereItBrokeOff) {
+TEST_F(TransfersTest, AnUploadContinuesWhereItBrokeOff) {
   const fs::path source = data("a") / "models" / "town" / "1";
   const std::string manifest = Bytes(source / kManifest);
   const std::string weights = Bytes(source / kWeights);
@@ -189,7 +190,7 @@ TEST_F(TransfersTest, AnUploadGoesOnWhereItBrokeOff) {
   EXPECT_EQ(Bytes(data("b") / "models" / "town" / "1" / kWeights), weights);
 }
 
-TEST_F(TransfersTest, ADownloadGoesOnWhereItBrokeOff) {
+TEST_F(TransfersTest, ADownloadContinuesWhereItBrokeOff) {
   const fs::path source = data("a") / "models" / "town" / "1";
   const std::string weights = Bytes(source / kWeights);
   const fs::path part = folder_.path() / ".pulled.part";
@@ -208,7 +209,7 @@ TEST_F(TransfersTest, ADownloadGoesOnWhereItBrokeOff) {
   EXPECT_EQ(std::distance(fs::directory_iterator(folder_.path() / "pulled"), {}), 2);
 }
 
-TEST_F(TransfersTest, ABeginningThatIsWrongIsThrownAwayAndFetchedAnew) {
+TEST_F(TransfersTest, DiscardsAWrongPartialDownloadAndFetchesItAgain) {
   const fs::path source = data("a") / "models" / "town" / "1";
   const fs::path part = folder_.path() / ".pulled.part";
   fs::create_directory(part);
@@ -219,7 +220,7 @@ TEST_F(TransfersTest, ABeginningThatIsWrongIsThrownAwayAndFetchedAnew) {
   EXPECT_EQ(Bytes(folder_.path() / "pulled" / kWeights), Bytes(source / kWeights));
 }
 
-TEST_F(TransfersTest, AVersionThatIsDamagedOnItsServerMakesNoFolder) {
+TEST_F(TransfersTest, DownloadingADamagedVersionCreatesNoFolder) {
   const fs::path weights = data("a") / "models" / "town" / "1" / kWeights;
   std::string bytes = Bytes(weights);
   bytes.back() = static_cast<char>(bytes.back() ^ 1);
@@ -230,7 +231,7 @@ TEST_F(TransfersTest, AVersionThatIsDamagedOnItsServerMakesNoFolder) {
   EXPECT_FALSE(fs::exists(folder_.path() / "pulled"));
 }
 
-TEST_F(TransfersTest, AFolderOfSomethingElseIsLeftAlone) {
+TEST_F(TransfersTest, DoesNotTouchAFolderWithOtherContent) {
   fs::create_directory(folder_.path() / "mine");
   std::ofstream(folder_.path() / "mine" / kManifest) << "mine";
   const auto version = Connect(*a_)->DownloadModelVersion("models/town/versions/1",
@@ -239,7 +240,7 @@ TEST_F(TransfersTest, AFolderOfSomethingElseIsLeftAlone) {
   EXPECT_EQ(Bytes(folder_.path() / "mine" / kManifest), "mine");
 }
 
-TEST_F(TransfersTest, FilesThatCannotBePartOfAModelAreRefusedBeforeAByteIsSent) {
+TEST_F(TransfersTest, RefusesForeignFilesBeforeAnyByteIsSent) {
   const v1::UploadModelHeader good = HeaderOf(data("a") / "models" / "town" / "1");
   const auto expect = [&](const v1::UploadModelHeader& header, const std::string& field) {
     const grpc::Status status = Upload(header, {});
@@ -281,7 +282,7 @@ TEST_F(TransfersTest, FilesThatCannotBePartOfAModelAreRefusedBeforeAByteIsSent) 
   EXPECT_THAT(Entries(), IsEmpty());
 }
 
-TEST_F(TransfersTest, WhatArrivesWrongOrNotWholeIsNoVersion) {
+TEST_F(TransfersTest, AnIncompleteOrAlteredUploadCreatesNoVersion) {
   const fs::path source = data("a") / "models" / "town" / "1";
   const v1::UploadModelHeader header = HeaderOf(source);
   const std::string manifest = Bytes(source / kManifest);
@@ -293,14 +294,16 @@ TEST_F(TransfersTest, WhatArrivesWrongOrNotWholeIsNoVersion) {
   grpc::Status status = Upload(header, {manifest, altered});
   EXPECT_EQ(status.error_code(), grpc::StatusCode::DATA_LOSS) << status.error_message();
   EXPECT_EQ(Reason(status), "MODEL_INVALID");
-  // Ended before its end: what came is kept for the next time, and published never.
+  // The upload ends too early: the server keeps the bytes for the next upload and publishes
+  // nothing.
   status = Upload(header, {manifest, weights.substr(0, 100)});
   EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << status.error_message();
   // Longer than announced.
   status = Upload(header, {manifest, weights + "x"});
   EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << status.error_message();
   EXPECT_THAT(Entries(), IsEmpty());
-  // Whole, with the digests that it says, and no model: the weights of another one.
+  // The files are complete and match their digests, but they are no model: the weights are another
+  // model's.
   const fs::path mixed = folder_.path() / "mixed";
   WriteModel(mixed, 2);
   fs::copy_file(source / kWeights, mixed / kWeights, fs::copy_options::overwrite_existing);
@@ -312,7 +315,7 @@ TEST_F(TransfersTest, WhatArrivesWrongOrNotWholeIsNoVersion) {
   EXPECT_THAT(Versions(), IsEmpty());
 }
 
-TEST_F(TransfersTest, DownloadsSayWhichBytesAreHere) {
+TEST_F(TransfersTest, ADownloadSkipsTheBytesThatTheCallerHas) {
   grpc::ClientContext context;
   v1::DownloadModelVersionRequest request;
   request.set_name("models/town/versions/1");

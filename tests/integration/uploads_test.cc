@@ -1,5 +1,5 @@
-// Uploads over a network that breaks, to a server that dies, by a client that is killed: what has
-// arrived is not sent again.
+// Tests uploads over a network that breaks, to a server that is killed, and by a client that is
+// killed: bytes that arrived are not sent again.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -30,15 +30,16 @@ using ::testing::HasSubstr;
 constexpr int kRecordings = 40;
 constexpr int kPointsPerRecording = 40'000;
 constexpr int64_t kMegabyte = 1'000'000;
-// What may be on its way when a connection breaks: Linux lets a socket's buffers grow to 4 MB where
-// it sends and to 6 MB or more where it receives, and a server that is busy leaves them full. Less
-// than what was sent before in these tests, which an upload that began anew would send twice.
+// The bytes that may be in transit when a connection breaks: Linux lets a socket's buffers grow to
+// 4 MB at the sender and to 6 MB or more at the receiver, and a busy server leaves them full. This
+// is less than what these tests send before the break, which an upload that started again would
+// send twice.
 constexpr int64_t kInFlight = 12 * kMegabyte;
 
 class UploadsTest : public ::testing::Test {
  protected:
   UploadsTest() : server_(StartServer()) {
-    // A map that nothing compresses makes recordings large.
+    // An incompressible map makes recordings large.
     std::mt19937_64 random(1);
     std::uniform_real_distribution<double> anywhere(-1e3, 1e3);
     auto writer = data::DatasetWriter::Create(local(), "a test", {.shard_bytes = 4 * kMegabyte});
@@ -78,7 +79,7 @@ class UploadsTest : public ::testing::Test {
   int64_t size_ = 0;
 };
 
-TEST_F(UploadsTest, GoOnOverAConnectionThatBreaks) {
+TEST_F(UploadsTest, AnUploadContinuesAfterItsConnectionBreaks) {
   std::atomic<int> breaks = 0;
   const BreakingProxy proxy(server_->address(), [&](int64_t sent) {
     const bool breaks_now = breaks < 2 && sent > (breaks + 1) * 10 * kMegabyte;
@@ -96,7 +97,7 @@ TEST_F(UploadsTest, GoOnOverAConnectionThatBreaks) {
   ExpectThatItIsThere();
 }
 
-TEST_F(UploadsTest, GoOnWithAServerThatWasKilled) {
+TEST_F(UploadsTest, AnUploadContinuesAfterTheServerWasKilled) {
   std::atomic<bool> killed = false;
   std::promise<void> half_way;
   BreakingProxy proxy(server_->address(), [&](int64_t sent) {
@@ -117,7 +118,7 @@ TEST_F(UploadsTest, GoOnWithAServerThatWasKilled) {
   ExpectThatItIsThere();
 }
 
-TEST_F(UploadsTest, OfACommandThatWasKilledGoOnWithTheSameCommand) {
+TEST_F(UploadsTest, RepeatingAKilledCommandContinuesItsUpload) {
   std::unique_ptr<ChildProcess> command;
   std::mutex mutex;
   const BreakingProxy proxy(server_->address(), [&](int64_t sent) {
@@ -137,7 +138,7 @@ TEST_F(UploadsTest, OfACommandThatWasKilledGoOnWithTheSameCommand) {
     const std::lock_guard lock(mutex);
     command.reset();
   }
-  // The server may have some of it in hand still.
+  // The server may still be working on some of the bytes.
   std::string output;
   EXPECT_EQ(integration::Run(upload, &output), 0) << output;
   EXPECT_THAT(output, HasSubstr("resumed: "));

@@ -27,7 +27,7 @@ struct Driver {
 Driver DrawDriver(Random& random);
 Driver DrawCyclist(Random& random);
 
-// Acceleration that the model wants, metres per second squared.
+// Returns the acceleration that the model wants, metres per second squared.
 //   desired_speed: > 0; leader_speed along the follower's path.
 //   gap: bumper to bumper, metres; infinity without a leader.
 double IdmAcceleration(const Driver& driver, double speed, double desired_speed, double gap,

@@ -1,5 +1,5 @@
-// One place of the town: its lanes, signals, decoration and sources of traffic. In the place's own
-// frame, whose origin is near its middle.
+// One place of the town: its lanes, signals, decoration and sources of traffic. Coordinates are in
+// the place's own frame, whose origin is near its middle.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_PLACE_H_
 #define MANEUVER_MODEL_DATA_TOWN_PLACE_H_
@@ -45,8 +45,8 @@ struct Footway {
 
 struct ParkedVehicle {
   PathPoint pose = {};
-  double length = 4.6;
-  double width = 1.85;
+  double length = 4.6;        // metres
+  double width = 1.85;        // metres
   int bay_lane = -1;          // pulls out along this lane, if not -1
   double leaves_after = 0.0;  // seconds after the recording's start (may be negative)
 };

@@ -35,9 +35,9 @@ struct TrackPoint {
   Vec2 p = {};                // centre of the box
   double heading = 0.0;       // of the body, radians, not wrapped
   Vec2 velocity = {};         // metres per second
-  double speed = 0.0;         // its length
+  double speed = 0.0;         // length of velocity, metres per second
   double travelled = 0.0;     // metres since the road user appeared
-  double path_heading = 0.0;  // of the lane, in the direction of travel
+  double path_heading = 0.0;  // of the lane in the direction of travel, radians
   double lateral = 0.0;       // metres left of the lane's centre
   int lane = -1;              // index of the place's lane; -1 off the lanes
 };
@@ -45,16 +45,16 @@ struct TrackPoint {
 // A manoeuvre that the route contains, between two distances travelled, metres.
 struct RouteEvent {
   Maneuver maneuver = Maneuver::kKeepLane;
-  double lead = 0.0;  // where it first shows: the approach
-  double from = 0.0;
-  double to = 0.0;
+  double lead = 0.0;  // where the approach begins
+  double from = 0.0;  // where the manoeuvre itself begins
+  double to = 0.0;    // where it ends
 };
 
 struct Track {
   int id = 0;
   RoadUser kind = RoadUser::kVehicle;
   double length = 4.6;  // metres
-  double width = 1.85;
+  double width = 1.85;  // metres
   std::vector<TrackPoint> points;
   std::vector<RouteEvent> events;
 };

@@ -1,4 +1,4 @@
-// Trains the anchor baselines as the model was trained.
+// Trains the anchor baselines the way the model is trained.
 
 #ifndef MANEUVER_MODEL_LEARNING_ANCHORS_ANCHOR_LEARNER_H_
 #define MANEUVER_MODEL_LEARNING_ANCHORS_ANCHOR_LEARNER_H_
@@ -18,21 +18,23 @@
 
 namespace maneuver::learning {
 
-// Both baselines, one after the other, each a phase of the run: the model's examples, inputs,
-// variations, batches, epochs, schedule, weight decay and dropout of its joint phase, as many
-// anchors as it has actions, and fresh weights of the same backbone and classifier. Their random
-// numbers are their own, so that the model is the same with and without them.
+// Trains both baselines, one after the other, each as a phase of the run. They use the settings of
+// the model's joint phase (examples, inputs, variations, batches, epochs, schedule, weight decay,
+// dropout), as many anchors as the model has actions, and fresh weights of the same backbone and
+// classifier. They draw from their own random numbers, so the model is the same with and without
+// them.
 class AnchorLearner {
  public:
-  // Both must outlive the learner. The model of `model` is learned and calibrated; checkpoints hold
-  // it too, and the baselines are then resumed from them.
+  // Both arguments must outlive the learner. `model` must be learned and calibrated. Checkpoints
+  // also hold it, so a run that is resumed in the baselines does not learn it again.
   AnchorLearner(LearningState& model, EpochLoop& loop);
 
   // Puts the phases of the baselines before "export" in the plan of a run.
   static void AddPhases(const v1::TrainingSettings& settings, int64_t training_examples,
                         std::vector<RunProgress::Phase>* plan);
 
-  // CANCELLED if it was told to stop, ABORTED if the loss is no longer finite.
+  // Trains and calibrates both baselines. CANCELLED if it was asked to stop, ABORTED if the loss is
+  // no longer finite.
   absl::StatusOr<artifact::StoredBaselines> Learn();
 
  private:
@@ -44,7 +46,7 @@ class AnchorLearner {
 
   Baseline MakeBaseline(bool regresses, const Anchors& anchors) const;
   absl::Status Train(Baseline& baseline);
-  // Temperature, and covariance or its scale, as the model's (calibration.h).
+  // Calibrates the temperature, and the covariance or its scale, as for the model (calibration.h).
   absl::Status Calibrate(Baseline& baseline);
 
   LearningState& model_;

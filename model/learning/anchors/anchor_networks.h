@@ -14,47 +14,48 @@
 
 namespace maneuver::learning {
 
-// Trajectories that anchors are, and how far examples are from their own.
+// The anchors, and how far examples deviate from their own anchor.
 struct Anchors {
   at::Tensor mean;       // a_k, [K, T, 2] metres
   at::Tensor deviation;  // root mean square of x - a_k over a cluster, [K, T, 2] metres, positive
 };
 
-// k-means in metres on at most 16,384 of the trajectories, drawn evenly.
+// Places anchors by k-means in metres on at most 16,384 of the trajectories, drawn evenly.
 //   trajectories: [N, 2T] metres, on the CPU;  N >= K
-//   mirrored: with the mirror image of each, as learning sees them
+//   mirrored: also uses the mirror image of each, as learning does
 Anchors PlaceAnchors(const at::Tensor& trajectories, int anchors, bool mirrored, uint64_t seed);
 
-// The anchor with the smallest mean squared distance. trajectories [B, 2T] -> [B] indices
+// Returns the anchor with the smallest mean squared distance to each trajectory.
+//   trajectories: [B, 2T] metres;  returns: [B] indices
 at::Tensor NearestAnchor(const at::Tensor& anchors, const at::Tensor& trajectories);
 
-// What a baseline says of B scenes.
+// What a baseline predicts for B scenes.
 struct AnchorPredictions {
   at::Tensor log_probabilities;  // ln p(k|s), [B, K]
   at::Tensor mean;               // a_k + mu_k(s), [B, K, T, 2] metres
   at::Tensor covariance;         // Sigma_k(s), [B, K, T, 3] xx, xy, yy, square metres
 };
 
-// -ln p(k^|s), k^ the nearest anchor: CoverNet's loss (Phan-Minh et al., CVPR 2020, section 3.3).
-// [B]
+// Returns -ln p(k^|s), [B], where k^ is the nearest anchor: CoverNet's loss (Phan-Minh et al., CVPR
+// 2020, section 3.3).
 at::Tensor ClassifierLoss(const AnchorPredictions& predictions, const at::Tensor& nearest);
 
-// MultiPath's imitation loss (Chai et al., CoRL 2019, equation 3), with hard assignment:
+// Returns MultiPath's imitation loss, [B] (Chai et al., CoRL 2019, equation 3), with hard
+// assignment:
 //   -ln p(k^|s) - sum_t ln N(x_t | a_k^t + mu_k^t(s), Sigma_k^t(s)).
-// [B]
 at::Tensor MultiPathLoss(const AnchorPredictions& predictions, const at::Tensor& nearest,
                          const at::Tensor& trajectories);
 
-// The last dimension from the numbers of AnchorGaussian (ln sigma_x, ln sigma_y, correlation) to
-// xx, xy, yy. [.., 3]
+// Converts the last dimension from the numbers of AnchorGaussian (ln sigma_x, ln sigma_y,
+// correlation) to xx, xy, yy. [.., 3]
 at::Tensor AnchorCovariance(const at::Tensor& numbers);
 
 // One baseline. Not thread-safe.
 class AnchorNetworks {
  public:
-  // Fresh weights; before it has learned, offsets are near 0 and deviations those of `anchors`.
-  //   regresses: MultiPath-like, else CoverNet-like, whose covariance is that of the deviations
-  //              until it is calibrated
+  // Draws fresh weights. Before learning, offsets are near 0 and deviations are those of `anchors`.
+  //   regresses: true: MultiPath-like. false: CoverNet-like; its covariance is that of the
+  //     deviations until it is calibrated.
   AnchorNetworks(const v1::ModelSpec& model, Anchors anchors, bool regresses, at::Device device,
                  at::Generator& generator);
 
@@ -63,17 +64,17 @@ class AnchorNetworks {
   const v1::ModelSpec& spec() const { return scenes_.spec(); }
   const at::Tensor& anchors() const { return anchors_; }
 
-  // Relative to the scenes' references.
+  // Predicts trajectories relative to the scenes' references.
   AnchorPredictions Predict(const SceneTensors& scenes, const Networks::Mode& mode);
 
-  // Backbone, classifier and regression.
+  // Returns the parameters of backbone, classifier and regression.
   std::vector<at::Tensor> Parameters() const;
 
-  // After learning. Divides the logits by `temperature`.
+  // Divides the logits by `temperature` from now on. Call after learning.
   void SetTemperature(double temperature);
-  // CoverNet-like. [K, T, 3]
+  // Sets the covariance of a CoverNet-like baseline. [K, T, 3]
   void SetCovariance(const at::Tensor& covariance);
-  // MultiPath-like: covariances times `scale` from now on. [T]
+  // Multiplies the covariances of a MultiPath-like baseline by `scale` from now on. [T]
   void SetScale(const at::Tensor& scale);
 
   artifact::TensorMap Export() const;

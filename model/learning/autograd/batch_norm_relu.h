@@ -16,9 +16,9 @@ struct BatchNorm {
 inline constexpr double kBatchNormMomentum = 0.1;
 inline constexpr double kBatchNormEpsilon = 1e-5;  // artifact/tensor.h
 
-// max(0, at::batch_norm of x by its own moments), which the running ones follow. On the processor
-// it takes two passes over memory each way, and what comes before the ReLU is never stored.
-//   x: [B, C, h, w]; returns: the same, channels last on the processor
+// Returns max(0, at::batch_norm(x)) with the moments of x, and updates the running moments. On the
+// CPU each direction takes two passes over memory and never stores the input of the ReLU.
+//   x: [B, C, h, w];  returns: the same shape, channels last on the CPU
 at::Tensor BatchNormRelu(const at::Tensor& x, const BatchNorm& norm);
 
 }  // namespace maneuver::learning

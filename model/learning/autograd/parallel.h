@@ -1,5 +1,5 @@
-// Private to learning/: at::parallel_for. In sources that are compiled without OpenMP it is a loop
-// of one thread, and says nothing of it.
+// Private to learning/: at::parallel_for. A source that is compiled without OpenMP would silently
+// run it on one thread.
 
 #ifndef MANEUVER_MODEL_LEARNING_AUTOGRAD_PARALLEL_H_
 #define MANEUVER_MODEL_LEARNING_AUTOGRAD_PARALLEL_H_

@@ -9,9 +9,8 @@
 
 namespace maneuver::learning {
 
-// As at::conv2d of the rasters as numbers from 0 to 1, padded by half the kernel. On the processor
-// what is black is passed over, in the gradient as well, unless too little is. Rasters get no
-// gradient.
+// Returns at::conv2d of the rasters as numbers from 0 to 1, padded by half the kernel. On the CPU
+// it skips zero pixels, in the gradient as well, unless too few are zero. Rasters get no gradient.
 //   rasters: [B, H, W, C] bytes
 //   weight: [C', C, k, k], on the device that computes
 //   returns: [B, C', h, w], channels last

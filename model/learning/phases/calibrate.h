@@ -9,8 +9,8 @@ namespace maneuver::learning {
 
 inline constexpr char kCalibratePhase[] = "calibrate";
 
-// Fits probabilities and covariances to what they are worth (calibration.h). No checkpoint is
-// written: a run that is stopped here calibrates again. CANCELLED if it is to stop.
+// Calibrates probabilities and covariances (calibration.h). Writes no checkpoint: a run that is
+// stopped here calibrates again. CANCELLED if the run is asked to stop.
 absl::Status Calibrate(LearningState& state, EpochLoop& loop);
 
 }  // namespace maneuver::learning

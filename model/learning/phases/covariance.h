@@ -9,8 +9,8 @@ namespace maneuver::learning {
 
 inline constexpr char kCovariancePhase[] = "covariance";
 
-// Learns the covariance that the scene predicts (scene_covariance.h), of a model that has one; all
-// else is held fixed. Errors are those of EpochLoop::Run.
+// Learns the covariance that the scene predicts (scene_covariance.h), if the model has one.
+// Everything else stays fixed. Errors are those of EpochLoop::Run.
 absl::Status TrainCovariance(LearningState& state, EpochLoop& loop);
 
 }  // namespace maneuver::learning

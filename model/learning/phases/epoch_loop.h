@@ -23,7 +23,7 @@
 
 namespace maneuver::learning {
 
-// Where in a phase a step is.
+// The position of a step in its phase.
 struct Moment {
   int epoch = 0;  // epochs before this one
   // Factor of the weights of the divergences: rises from 0 to 1 over divergence_warm_up.
@@ -43,12 +43,12 @@ class EpochSteps {
  public:
   virtual ~EpochSteps() = default;
 
-  // Begins epoch `epoch` (from 0) over the examples in `order`. The first `first_step` batches were
-  // learned from before.
+  // Begins epoch `epoch` (from 0) over the examples in `order`. Skips the first `first_step`
+  // batches, which were learned before.
   virtual void BeginEpoch(std::span<const int64_t> order, int64_t first_step, int epoch) = 0;
   // Computes the loss of the next batch and adds the terms of its bound to `means`.
   virtual BatchLoss Next(const Moment& moment, TermMeans* means) = 0;
-  // Adds what held-out examples say to the report, which has the terms of training.
+  // Adds the results of held-out examples to the report, which already has the terms of training.
   virtual void EndEpoch(v1::EpochReport* report) = 0;
 };
 
@@ -57,12 +57,12 @@ struct PhasePlan {
   std::string name;  // of the phase in progress and in checkpoints
   int epochs = 0;
   int64_t batch_size = 0;
-  // False: the caller has begun the phase in the progress, and no checkpoint is written. For phases
-  // that run the loop several times.
+  // False: the caller has already begun the phase in the progress, and no checkpoint is written.
+  // For phases that run the loop several times.
   bool resumable = true;
 };
 
-// What the steps of a phase change.
+// The state that the steps of a phase change.
 struct PhaseState {
   at::Generator& generator;  // draws the order of the examples, and what the steps draw
   AdamW& optimizer;
@@ -77,23 +77,23 @@ class EpochLoop {
   EpochLoop(const v1::TrainingSettings& settings, const TrainingData& data,
             std::function<bool()> stopped, RunProgress& progress);
 
-  // Names the weights that the run starts from by their SHA-256, before KeepCheckpoints. A
-  // checkpoint of a run that started from others is then of another run.
+  // Sets the weights that the run starts from, by their SHA-256. Call it before KeepCheckpoints. A
+  // checkpoint of a run that started from other weights then belongs to another run.
   void NameStart(std::string weights_sha256) { start_weights_sha256_ = std::move(weights_sha256); }
 
-  // Writes checkpoints to `folder`, which must outlive the loop, and resumes from its latest one if
-  // there is one. FAILED_PRECONDITION if that is of another run.
+  // Writes checkpoints to `folder`, which must outlive the loop, and resumes from its latest one,
+  // if any. FAILED_PRECONDITION if that belongs to another run.
   absl::Status KeepCheckpoints(CheckpointFolder* folder);
 
-  // Returns the checkpoint that the run resumes from, until its phase has taken it on; nullptr if
+  // Returns the checkpoint that the run resumes from, until its phase has restored it; nullptr if
   // there is none.
   const Checkpoint* resumed() const { return resumed_ ? &*resumed_ : nullptr; }
-  // Returns whether the run resumes from a phase other than `phase`. Phases run in order: `phase`
-  // was then over when the checkpoint was written.
+  // Returns whether the run resumes from a phase other than `phase`. Because phases run in order,
+  // `phase` was then over when the checkpoint was written.
   bool IsOver(std::string_view phase) const { return resumed_ && resumed_->phase() != phase; }
 
-  // Learns for the epochs of the plan, from where the checkpoint left the phase.
-  //   CANCELLED  the run is to stop; a checkpoint of this moment was written
+  // Learns for the epochs of the plan, from the checkpoint's position if this phase is resumed.
+  //   CANCELLED  the run was asked to stop; a checkpoint of this moment was written
   //   ABORTED    the loss is no longer finite
   //   others     those of CheckpointFolder::Write
   absl::Status Run(const PhasePlan& plan, const PhaseState& state, EpochSteps& steps);
@@ -106,7 +106,7 @@ class EpochLoop {
   Position BeginPhase(const PhasePlan& plan, const PhaseState& state, int64_t epoch_steps,
                       TermMeans* means);
   at::Tensor BeginEpoch(const PhaseState& state, Position* position);
-  // Writes a checkpoint if one is due or the run is to stop.
+  // Writes a checkpoint if one is due or the run was asked to stop.
   absl::Status KeepCheckpoint(const PhasePlan& plan, const PhaseState& state,
                               const Position& position, const TermMeans& means);
   at::Tensor DrawEpoch(at::Generator& generator) const;

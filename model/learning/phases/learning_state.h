@@ -18,9 +18,9 @@ namespace maneuver::learning {
 // The data, the networks and the random numbers of one run. Each phase changes the networks, the
 // generator and the centres; the rest stays. Not thread-safe.
 struct LearningState {
-  // Draws fresh weights, standardizes the networks on the training examples and indexes all maps.
+  // Draws fresh weights, standardizes the networks on the training examples, and indexes all maps.
   //   run_settings: complete;  run_data: must outlive the state
-  //   run_threads: for maps and scenes;  is_stopped: asked often, from several threads
+  //   run_threads: that read maps and scenes;  is_stopped: asked often, from several threads
   LearningState(const v1::TrainingSettings& run_settings, const TrainingData& run_data,
                 at::Device device, int run_threads, std::function<bool()> is_stopped);
   LearningState(const LearningState&) = delete;
@@ -30,7 +30,7 @@ struct LearningState {
   at::Tensor Noise(at::IntArrayRef shape);
   NoiseSource NoiseDrawn();
 
-  // Adds networks and centres to a checkpoint, and takes them from one.
+  // Store adds networks and centres to a checkpoint; Restore reads them from one.
   void Store(Checkpoint* checkpoint) const;
   void Restore(const Checkpoint& checkpoint);
 
@@ -44,8 +44,8 @@ struct LearningState {
   Networks networks;
   // Centres of the clusters that the mixture was placed by; undefined if there are none.
   at::Tensor centers;
-  // Number of tracks that the training examples are windows of. Windows of one track repeat each
-  // other: counting examples would overstate what was observed.
+  // Number of tracks that the training examples come from. Windows of one track resemble each
+  // other, so the number of examples would overstate what was observed.
   const double observations;
   const at::Tensor trajectories;             // x - r(m) of training, [N, 2T] metres, on the CPU
   const at::Tensor validation_trajectories;  // [V, 2T]

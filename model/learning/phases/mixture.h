@@ -12,12 +12,13 @@ namespace maneuver::learning {
 
 inline constexpr char kMixturePhase[] = "mixture";
 
-// Learns the base objective with a p(y) that knows no scenario. Errors are those of EpochLoop::Run.
+// Learns the base objective with a p(y) that does not depend on the scenario. Errors are those of
+// EpochLoop::Run.
 absl::Status TrainMixture(LearningState& state, EpochLoop& loop);
 
 // Learns the same for `epochs` epochs as a part of `phase`, which the caller has begun, without
-// checkpoints. Returns the last epoch's held-out loss, or that of training without held-out
-// examples; infinity without epochs.
+// checkpoints. Returns the held-out loss of the last epoch, or the training loss if no examples are
+// held out; infinity without epochs.
 absl::StatusOr<double> TryMixture(const std::string& phase, int epochs, LearningState& state,
                                   EpochLoop& loop);
 

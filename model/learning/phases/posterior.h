@@ -9,8 +9,8 @@ namespace maneuver::learning {
 
 inline constexpr char kPosteriorPhase[] = "posterior";
 
-// Learns q(z|y,s) alone, by the model's own objective; all else is held fixed. Of a base model,
-// q(z|y,s) becomes the generic action, and nothing is learned. Errors are those of EpochLoop::Run.
+// Learns only q(z|y,s), by the model's own objective; everything else stays fixed. For a base
+// model, learns nothing: q(z|y,s) becomes the generic action. Errors are those of EpochLoop::Run.
 absl::Status TrainScenarioEncoders(LearningState& state, EpochLoop& loop);
 
 }  // namespace maneuver::learning

@@ -1,4 +1,4 @@
-// Phases that learn from scenes.
+// Runs phases that learn from scenes.
 
 #ifndef MANEUVER_MODEL_LEARNING_PHASES_SCENE_PHASE_H_
 #define MANEUVER_MODEL_LEARNING_PHASES_SCENE_PHASE_H_
@@ -26,16 +26,16 @@ struct ScenePhase {
   int epochs = 0;
   // Batch normalisation follows the batches, and dropout applies, if kScene is among them.
   std::vector<LearningPart> parts;
-  // Returns the loss of a batch; adds its terms to `means`.
-  //   inputs: what the features of the batch were computed from
+  // Returns the loss of a batch, and adds its terms to `means`.
+  //   inputs: from which the features of the batch were computed
   std::function<at::Tensor(const SceneBatch& batch, const SceneTensors& inputs,
                            const Moment& moment, TermMeans* means)>
       loss;
-  // Adds what held-out examples say after an epoch.
+  // Adds the results of held-out examples after an epoch.
   std::function<void(v1::EpochReport* report)> validate;
 };
 
-// Errors are those of EpochLoop::Run.
+// Runs the phase. Errors are those of EpochLoop::Run.
 absl::Status LearnFromScenes(const ScenePhase& phase, LearningState& state, EpochLoop& loop);
 
 // Learns by maximising the bound of `objective`, and validates by it.

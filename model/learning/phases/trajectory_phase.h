@@ -1,4 +1,4 @@
-// Phases that learn from trajectories alone.
+// Runs phases that learn only from trajectories.
 
 #ifndef MANEUVER_MODEL_LEARNING_PHASES_TRAJECTORY_PHASE_H_
 #define MANEUVER_MODEL_LEARNING_PHASES_TRAJECTORY_PHASE_H_
@@ -19,17 +19,18 @@ struct TrajectoryPhase {
   bool resumable = true;  // as in PhasePlan
   // Parts that learn, all at the settings' learning rate.
   std::vector<Networks::Part> parts;
-  // Returns the loss of varied trajectories, [B, 2T]; adds its terms to `means`.
+  // Returns the loss of varied trajectories, [B, 2T], and adds its terms to `means`.
   std::function<at::Tensor(const at::Tensor& trajectories, const Moment& moment, TermMeans* means)>
       loss;
-  // Whether the model has a mixture by now, which held-out trajectories are then validated with.
+  // Whether the model has a mixture by now. Held-out trajectories are then validated with it.
   bool has_mixture = false;
   // Called with each epoch's report. May be empty.
   std::function<void(const v1::EpochReport& report)> report;
 };
 
-// Learns on one thread: it has done a batch before a second thread has woken, and on a busy machine
-// threads that wait for each other cost several times the work. Errors are those of EpochLoop::Run.
+// Runs the phase on one thread: a batch is done before a second thread would wake up, and on a busy
+// machine threads that wait for each other cost several times the work. Errors are those of
+// EpochLoop::Run.
 absl::Status LearnFromTrajectories(const TrajectoryPhase& phase, LearningState& state,
                                    EpochLoop& loop);
 

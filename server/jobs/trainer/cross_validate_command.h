@@ -14,8 +14,8 @@
 
 namespace maneuver::trainer {
 
-// maneuver-trainer cross-validate: measures settings on all recordings of datasets, each by a model
-// that learned from none of its group.
+// maneuver-trainer cross-validate: measures settings on all recordings of datasets. The model that
+// measures a recording has not learned from any recording of its group.
 class CrossValidateCommand {
  public:
   explicit CrossValidateCommand(CLI::App& app);

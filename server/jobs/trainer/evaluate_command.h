@@ -15,8 +15,8 @@
 
 namespace maneuver::trainer {
 
-// maneuver-trainer evaluate: a model folder against a dataset folder. Prints the report, unless
-// standard output is for a program.
+// maneuver-trainer evaluate: evaluates a model folder on a dataset folder. Prints the report,
+// unless standard output is for a program.
 class EvaluateCommand {
  public:
   explicit EvaluateCommand(CLI::App& app);

@@ -1,4 +1,5 @@
-// What each model of a cross-validation measured, kept so that an interrupted one goes on.
+// Keeps the measurements of each model of a cross-validation, so that an interrupted one can
+// continue.
 
 #ifndef MANEUVER_SERVER_JOBS_TRAINER_FOLD_FILES_H_
 #define MANEUVER_SERVER_JOBS_TRAINER_FOLD_FILES_H_
@@ -13,19 +14,19 @@
 
 namespace maneuver::trainer {
 
-// A folder of files checkpoint-1, checkpoint-2 and so on, a CrossValidationPart with one run each.
-// They are checkpoints to those who supervise the process: see ../trainer_protocol.h.
+// A folder of files checkpoint-1, checkpoint-2 and so on. Each holds a CrossValidationPart with one
+// run. To the supervisor they are checkpoints: see ../trainer_protocol.h.
 class FoldFiles {
  public:
-  // Reads what is there, and makes the folder if there is none. DATA_LOSS if a file is damaged or
-  // of another cross-validation.
+  // Reads the files, and creates the folder if it is missing. DATA_LOSS if a file is damaged or
+  // belongs to another cross-validation.
   //   plan: of this cross-validation
   static absl::StatusOr<FoldFiles> Open(std::filesystem::path folder, v1::CrossValidationPlan plan);
 
-  // What was found.
+  // The runs that Open found, and those added since.
   const std::vector<v1::FoldRun>& runs() const { return runs_; }
 
-  // Keeps what another model measured, in one step.
+  // Writes the run of another model, in one step.
   absl::Status Add(const v1::FoldRun& run);
 
  private:

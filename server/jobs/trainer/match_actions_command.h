@@ -13,7 +13,7 @@
 
 namespace maneuver::trainer {
 
-// maneuver-trainer match-actions: whether two model folders hold the same actions.
+// maneuver-trainer match-actions: finds which actions of two model folders correspond.
 class MatchActionsCommand {
  public:
   explicit MatchActionsCommand(CLI::App& app);

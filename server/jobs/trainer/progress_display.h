@@ -1,4 +1,4 @@
-// Progress for the supervisor (JSON lines) or for people (a bar).
+// Prints progress for the supervisor (JSON lines) or for people (a bar).
 
 #ifndef MANEUVER_SERVER_JOBS_TRAINER_PROGRESS_DISPLAY_H_
 #define MANEUVER_SERVER_JOBS_TRAINER_PROGRESS_DISPLAY_H_
@@ -14,11 +14,11 @@ class ProgressDisplay {
  public:
   enum class Style {
     kJson,  // each progress as one line of proto3 JSON
-    kBar,   // a line that is drawn over and over, and one that stays for each epoch
+    kBar,   // a line that is redrawn in place, and one that stays for each epoch
     kNone,
   };
 
-  // "json", "bar" or "none".
+  // Parses "json", "bar" or "none".
   static Style ParseStyle(const std::string& name);
 
   ProgressDisplay(Style style, std::ostream& out) : style_(style), out_(out) {}
@@ -35,7 +35,7 @@ class ProgressDisplay {
   bool line_open_ = false;
 };
 
-// What an epoch did, in one line: "joint 3/10  loss 41.2  held out 43.9  ...".
+// Returns the result of an epoch in one line: "joint 3/10  loss 41.2  held out 43.9  ...".
 std::string DescribeEpoch(const v1::JobProgress& progress);
 
 }  // namespace maneuver::trainer

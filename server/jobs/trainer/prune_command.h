@@ -8,7 +8,7 @@
 
 namespace maneuver::trainer {
 
-// maneuver-trainer prune: a model folder without the actions that are not effective.
+// maneuver-trainer prune: copies a model folder without the actions that are not effective.
 class PruneCommand {
  public:
   explicit PruneCommand(CLI::App& app);

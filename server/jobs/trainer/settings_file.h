@@ -1,4 +1,4 @@
-// Messages in files, as proto3 JSON.
+// Reads and writes messages as proto3 JSON files.
 
 #ifndef MANEUVER_SERVER_JOBS_TRAINER_SETTINGS_FILE_H_
 #define MANEUVER_SERVER_JOBS_TRAINER_SETTINGS_FILE_H_
@@ -11,11 +11,11 @@
 
 namespace maneuver::trainer {
 
-// INVALID_ARGUMENT if the file is not there or is not JSON of that message; unknown fields are
-// errors.
+// Reads a message. INVALID_ARGUMENT if the file is missing or is not JSON of that message; unknown
+// fields are errors.
 absl::Status ReadJson(const std::filesystem::path& file, google::protobuf::Message* message);
 
-// Replaces `file` in one step.
+// Writes a message, replacing `file` in one step.
 absl::Status WriteJson(const std::filesystem::path& file, const google::protobuf::Message& message);
 
 }  // namespace maneuver::trainer

@@ -1,4 +1,4 @@
-// SIGTERM and SIGINT ask a run to stop.
+// Handles SIGTERM and SIGINT, which ask a run to stop.
 
 #ifndef MANEUVER_SERVER_JOBS_TRAINER_STOP_SIGNAL_H_
 #define MANEUVER_SERVER_JOBS_TRAINER_STOP_SIGNAL_H_
@@ -7,13 +7,14 @@
 
 namespace maneuver::trainer {
 
-// From now on SIGTERM and SIGINT are remembered; a second one ends the process at once.
+// Installs the handlers. They remember the first signal; a second one ends the process at once.
 void InstallStopSignals();
 
-// Whether one came.
+// Returns whether a signal came.
 bool StopRequested();
 
-// The exit status for how a run ended, and its last line on standard error if it did not end well.
+// Returns the exit status for the end of a run. If the run failed, prints why as the last line on
+// standard error.
 int ExitStatus(const absl::Status& status);
 
 }  // namespace maneuver::trainer

@@ -10,7 +10,7 @@
 
 namespace maneuver::trainer {
 
-// maneuver-trainer train: from dataset folders to a model folder.
+// maneuver-trainer train: learns a model folder from dataset folders.
 class TrainCommand {
  public:
   explicit TrainCommand(CLI::App& app);

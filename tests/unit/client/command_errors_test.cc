@@ -60,7 +60,7 @@ class LocalErrorsTest : public ::testing::Test {
   const std::string nowhere_ = folder_ / "none/x.png";
 };
 
-TEST_F(LocalErrorsTest, AFileThatCannotBeWrittenIsNamedWithTheReasonAndTheServerIsNot) {
+TEST_F(LocalErrorsTest, NamesAFileThatCannotBeWrittenAndNotTheServer) {
   v1::TrainingSettings settings;
   const v1::ModelSpec spec = artifact::ResolveTrainingSettings(settings).model();
   const std::string model = folder_ / "model";
@@ -78,7 +78,7 @@ TEST_F(LocalErrorsTest, AFileThatCannotBeWrittenIsNamedWithTheReasonAndTheServer
   EXPECT_EQ(full.message(), "cannot write /dev/full: No space left on device");
 }
 
-TEST_F(LocalErrorsTest, AnAnswerThatCannotBeWrittenIsAFailure) {
+TEST_F(LocalErrorsTest, FailsIfAnAnswerCannotBeWritten) {
   std::istringstream in;
   std::ofstream out("/dev/full");
   std::ostringstream err;
@@ -87,7 +87,7 @@ TEST_F(LocalErrorsTest, AnAnswerThatCannotBeWrittenIsAFailure) {
   EXPECT_EQ(err.str(), "maneuver: cannot write to standard output: No space left on device\n");
 }
 
-TEST_F(LocalErrorsTest, AFolderThatCannotBeMadeIsNamedWhole) {
+TEST_F(LocalErrorsTest, NamesTheWholePathOfAFolderThatCannotBeCreated) {
   EXPECT_THAT(Maneuver({"synthesize", nowhere_, "--recordings", "1"}).err,
               HasSubstr(nowhere_ + ": cannot create"));
   const std::string xml = folder_ / "a.xml";
@@ -95,7 +95,7 @@ TEST_F(LocalErrorsTest, AFolderThatCannotBeMadeIsNamedWhole) {
   EXPECT_THAT(Maneuver({"import", "waymo", nowhere_, xml}).err, HasSubstr(nowhere_ + ": cannot"));
 }
 
-TEST_F(LocalErrorsTest, XmlIsNotCalledADamagedRecord) {
+TEST_F(LocalErrorsTest, RecognisesXmlInsteadOfReportingADamagedRecord) {
   const std::string xml = folder_ / "a.xml";
   WriteText(xml, "<?xml version=\"1.0\"?>\n<commonRoad/>\n");
   const Result result = Maneuver({"import", "waymo", folder_ / "out", xml});
@@ -104,7 +104,7 @@ TEST_F(LocalErrorsTest, XmlIsNotCalledADamagedRecord) {
                                 HasSubstr("maneuver import commonroad"), Not(HasSubstr("CRC"))));
 }
 
-TEST_F(LocalErrorsTest, TheFolderForFiguresIsTriedBeforeTheServerIsAsked) {
+TEST_F(LocalErrorsTest, ChecksTheFigureFolderBeforeAskingTheServer) {
   WriteText(folder_ / "file", "");
   const std::string figures = folder_ / "file/figures";
   const Result result = Maneuver(
@@ -113,14 +113,14 @@ TEST_F(LocalErrorsTest, TheFolderForFiguresIsTriedBeforeTheServerIsAsked) {
   EXPECT_THAT(result.err, HasSubstr("cannot write into the folder " + figures));
 }
 
-TEST(CommandErrorsTest, APictureOfAnotherKindIsRefused) {
+TEST(CommandErrorsTest, RefusesAPictureThatIsNotPng) {
   const Result result = Maneuver({"predict", "-", "--plot", "out/x.jpg"}, kScene);
   EXPECT_EQ(result.status, kUsage);
   EXPECT_THAT(result.err, HasSubstr("out/x.jpg is not the name of a PNG file; name it such as "
                                     "out/x.png"));
 }
 
-TEST(CommandErrorsTest, AZeroThatStandsForThePresetsValueIsRefused) {
+TEST(CommandErrorsTest, RefusesAZeroThatMeansThePresetsValue) {
   for (const std::vector<std::string>& zero : std::vector<std::vector<std::string>>{
            {"--epochs", "0"},
            {"--set", "optimization.joint_epochs=0"},
@@ -138,7 +138,7 @@ TEST(CommandErrorsTest, AZeroThatStandsForThePresetsValueIsRefused) {
             kUsage);
 }
 
-TEST(CommandErrorsTest, AZeroThatTheServerHearsIsTaken) {
+TEST(CommandErrorsTest, AcceptsAZeroThatTheServerCanTellFromUnset) {
   client::TestServer server;
   v1::OptimizationSettings heard;
   server.on_train = [&](const v1::TrainRequest& request, v1::Job*) {
@@ -154,7 +154,7 @@ TEST(CommandErrorsTest, AZeroThatTheServerHearsIsTaken) {
   EXPECT_EQ(heard.joint_epochs(), 3);
 }
 
-TEST(CommandErrorsTest, ALateAnswerAdvisesTheOptionThatLimitedIt) {
+TEST(CommandErrorsTest, AMissedDeadlineNamesTheOptionThatSetIt) {
   client::TestServer server;
   server.on_predict = [](auto*, const auto&, auto*) {
     return grpc::Status(grpc::StatusCode::DEADLINE_EXCEEDED, "too late");
@@ -166,7 +166,7 @@ TEST(CommandErrorsTest, ALateAnswerAdvisesTheOptionThatLimitedIt) {
               HasSubstr("allow more with --deadline MILLISECONDS"));
 }
 
-TEST(CommandErrorsTest, MessagesOfTheServerNameCommandsInPlaceOfItsMethods) {
+TEST(CommandErrorsTest, ServerMessagesNameCommandsInsteadOfMethods) {
   client::TestServer server;
   server.on_predict = [](auto*, const auto&, auto*) {
     return grpc::Status(grpc::StatusCode::NOT_FOUND,
@@ -176,7 +176,7 @@ TEST(CommandErrorsTest, MessagesOfTheServerNameCommandsInPlaceOfItsMethods) {
             "maneuver: there is no models/town; maneuver model list shows those that exist\n");
 }
 
-TEST(CommandErrorsTest, AWordThatIsNoCommandIsNamedWithTheNearestOne) {
+TEST(CommandErrorsTest, SuggestsTheNearestCommandForAnUnknownOne) {
   const Result trian = Maneuver({"trian", "town", "--dataset", "town"});
   EXPECT_EQ(trian.status, kUsage);
   EXPECT_EQ(trian.err,
@@ -186,7 +186,7 @@ TEST(CommandErrorsTest, AWordThatIsNoCommandIsNamedWithTheNearestOne) {
   EXPECT_EQ(Maneuver({"fly"}).err, "maneuver has no command fly\nTry: maneuver --help\n");
 }
 
-TEST(CommandErrorsTest, HelpIsACommandToo) {
+TEST(CommandErrorsTest, HelpIsAlsoACommand) {
   const Result whole = Maneuver({"help"});
   EXPECT_EQ(whole.status, kOk);
   EXPECT_EQ(whole.out, Maneuver({"--help"}).out);
@@ -203,7 +203,7 @@ google::protobuf::Struct ErrorOf(const std::string& line) {
   return parsed.fields().at("error").struct_value();
 }
 
-TEST(CommandErrorsTest, WithJsonErrorsAreJsonToo) {
+TEST(CommandErrorsTest, WithJsonOutputErrorsAreJson) {
   const Result failed = Maneuver({"--output", "json", "--server", kNobody, "health"});
   EXPECT_EQ(failed.status, kFailed);
   google::protobuf::Struct error = ErrorOf(failed.err);
@@ -223,7 +223,7 @@ TEST(CommandErrorsTest, WithJsonErrorsAreJsonToo) {
               HasSubstr("/nowhere/scene.json"));
 }
 
-TEST(CommandErrorsTest, AnExportIsReportedAsJson) {
+TEST(CommandErrorsTest, ReportsAnExportAsJson) {
   const TemporaryFolder folder;
   v1::TrainingSettings settings;
   const v1::ModelSpec spec = artifact::ResolveTrainingSettings(settings).model();
@@ -239,7 +239,7 @@ TEST(CommandErrorsTest, AnExportIsReportedAsJson) {
             static_cast<double>(std::filesystem::file_size(file)));
 }
 
-TEST(PrintableTest, ControlCharactersAreEscapedAndTheRestIsKept) {
+TEST(PrintableTest, EscapesControlCharactersOnly) {
   EXPECT_EQ(Printable("a\x1b[31mred\x07\n\x7f"), "a\\x1b[31mred\\x07\\x0a\\x7f");
   EXPECT_EQ(Printable("\xc2\x9b"
                       "2J"),
@@ -248,7 +248,7 @@ TEST(PrintableTest, ControlCharactersAreEscapedAndTheRestIsKept) {
   EXPECT_EQ(PrintableLines("one\ntwo\r"), "one\ntwo\\x0d");
 }
 
-TEST(PrintableTest, TablesAndErrorsCarryNoControlCharacters) {
+TEST(PrintableTest, TablesAndErrorsContainNoControlCharacters) {
   Table table({{"A\x1b[2J"}});
   table.Add({"b\nc"});
   EXPECT_EQ(table.Text(false), "A\\x1b[2J\nb\\x0ac\n");
@@ -300,7 +300,7 @@ class TlsErrorsTest : public ::testing::Test {
   const std::string ca_ = folder_ / "ca.crt";
 };
 
-TEST_F(TlsErrorsTest, ACertificateOfAnotherAuthorityIsSaidToBeSo) {
+TEST_F(TlsErrorsTest, SaysThatACertificateIsOfAnotherAuthority) {
   const TlsServer server(authority_.Issue("server", "IP:127.0.0.1"));
   const std::string other = folder_ / "other.crt";
   WriteText(other, TestAuthority("Other authority").certificate());
@@ -308,18 +308,18 @@ TEST_F(TlsErrorsTest, ACertificateOfAnotherAuthorityIsSaidToBeSo) {
               AllOf(HasSubstr("is not trusted: it is from another authority"), HasSubstr(other)));
 }
 
-TEST_F(TlsErrorsTest, AnExpiredCertificateIsSaidToBeSo) {
+TEST_F(TlsErrorsTest, SaysThatACertificateHasExpired) {
   const TlsServer server(authority_.Issue("server", "IP:127.0.0.1", -3));
   EXPECT_THAT(Health(server.address(), ca_), HasSubstr("is not trusted: it has expired"));
 }
 
-TEST_F(TlsErrorsTest, ACertificateForAnotherNameIsSaidToBeSo) {
+TEST_F(TlsErrorsTest, SaysThatACertificateIsForAnotherName) {
   const TlsServer server(authority_.Issue("server", "DNS:planner.example"));
   EXPECT_THAT(Health(server.address(), ca_),
               AllOf(HasSubstr("is for another name"), HasSubstr("--tls-server-name")));
 }
 
-TEST_F(TlsErrorsTest, AServerInPlainTextIsSaidToBeSo) {
+TEST_F(TlsErrorsTest, SaysThatAServerUsesPlainText) {
   const client::TestServer server;
   EXPECT_THAT(Health(server.address(), ca_), HasSubstr("does not serve over TLS"));
 }

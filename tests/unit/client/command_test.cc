@@ -53,13 +53,13 @@ TEST(ModelExportTest, WritesTheNetworksOfAFolder) {
   }
 }
 
-TEST(ModelExportTest, WithoutAModelFolderItFailsAndSaysSo) {
+TEST(ModelExportTest, FailsWithoutAModelFolderAndSaysSo) {
   const Result result = Maneuver({"model", "export", "/nowhere", "--onnx", "/nowhere/file"});
   EXPECT_EQ(result.status, kFailed);
   EXPECT_THAT(result.err, HasSubstr("/nowhere"));
 }
 
-TEST(CommandLineTest, OptionsOfPromotionThatDoNotGoTogetherAreRefused) {
+TEST(CommandLineTest, RefusesContradictoryPromotionOptions) {
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
       {{"--promote", "if-no-worse"}, "needs --promote-dataset"},
       {{"--promote-dataset", "unseen"}, "need --promote if-no-worse"},
@@ -148,7 +148,7 @@ TEST(CommandLineTest, HelpOfEveryCommandHasAnExample) {
   }
 }
 
-TEST(CommandLineTest, FilesThatMakeNoSenseEndWithStatusTwo) {
+TEST(CommandLineTest, InvalidFilesEndWithStatusTwo) {
   EXPECT_EQ(Maneuver({"predict", "/nowhere/scene.json"}).status, kUsage);
   const Result garbage = Maneuver({"predict", "-"}, "{\"agents\": 5}");
   EXPECT_EQ(garbage.status, kUsage);
@@ -160,7 +160,7 @@ TEST(CommandLineTest, FilesThatMakeNoSenseEndWithStatusTwo) {
             kUsage);
 }
 
-TEST(CommandLineTest, AServerThatDoesNotAnswerIsNamedWithWhatToDo) {
+TEST(CommandLineTest, NamesAServerThatDoesNotAnswerAndSaysWhatToDo) {
   // Port 1 of this machine: nobody listens.
   const Result result = Maneuver({"--server", "127.0.0.1:1", "health"});
   EXPECT_EQ(result.status, kFailed);
@@ -169,7 +169,7 @@ TEST(CommandLineTest, AServerThatDoesNotAnswerIsNamedWithWhatToDo) {
                                     "--data-dir DIR, name it with --server"));
 }
 
-TEST(CommandLineTest, PredictAsksWithItsPriority) {
+TEST(CommandLineTest, PredictSendsItsPriority) {
   client::TestServer server;
   std::vector<v1::Priority> asked;
   server.on_predict = [&](grpc::ServerContext*, const v1::PredictRequest& request,
@@ -187,7 +187,7 @@ TEST(CommandLineTest, PredictAsksWithItsPriority) {
   EXPECT_EQ(Maneuver(arguments, scene).status, kUsage);
 }
 
-TEST(CommandLineTest, PredictShowsTheRepresentativesThatItAsksFor) {
+TEST(CommandLineTest, PredictShowsTheRequestedRepresentatives) {
   client::TestServer server;
   int asked = -1;
   server.on_predict = [&](grpc::ServerContext*, const v1::PredictRequest& request,
@@ -230,7 +230,7 @@ TEST(CommandLineTest, PredictShowsTheRepresentativesThatItAsksFor) {
               AllOf(HasSubstr("\"representatives\""), HasSubstr("\"drift left\"")));
 }
 
-TEST(CommandLineTest, PredictRequiresNamesAndSaysWhichAreGone) {
+TEST(CommandLineTest, PredictSendsRequiredNamesAndSaysWhichAreGone) {
   client::TestServer server;
   std::vector<std::string> required;
   server.on_predict = [&](grpc::ServerContext*, const v1::PredictRequest& request,
@@ -297,7 +297,7 @@ TEST(SetFieldTest, SetsEveryKindOfField) {
   EXPECT_THAT(settings.model().decoder().hidden(), ElementsAre(64));  // replaced, not added to
 }
 
-TEST(SetFieldTest, ListsOfNamesMayLeaveTheirPrefixOut) {
+TEST(SetFieldTest, AcceptsListsOfNamesWithoutTheirPrefix) {
   v1::TrainingSettings settings;
   for (const char* types : {"pedestrian,cyclist", "AGENT_TYPE_PEDESTRIAN, cyclist",
                             "[\"AGENT_TYPE_PEDESTRIAN\", \"AGENT_TYPE_CYCLIST\"]"}) {
@@ -310,7 +310,7 @@ TEST(SetFieldTest, ListsOfNamesMayLeaveTheirPrefixOut) {
               HasSubstr("a list, each vehicle, pedestrian, cyclist or other"));
 }
 
-TEST(SetFieldTest, MistakesSayWhatThereIs) {
+TEST(SetFieldTest, MistakesListTheAcceptedValues) {
   v1::TrainingSettings settings;
   const auto message = [&](const char* assignment) {
     return std::string(SetField(assignment, &settings).message());
@@ -323,7 +323,7 @@ TEST(SetFieldTest, MistakesSayWhatThereIs) {
   EXPECT_THAT(message("examples.stride=soon"), HasSubstr("a duration such as 0.5s"));
 }
 
-TEST(SetHorizonTest, CountsWaypointsAtTheirInterval) {
+TEST(SetHorizonTest, AHorizonBecomesANumberOfWaypoints) {
   v1::TrainingSettings settings;
   ASSERT_TRUE(SetField("model.trajectory.waypoint_interval=0.5s", &settings).ok());
   ASSERT_TRUE(SetHorizon("3s", &settings).ok());
@@ -333,7 +333,7 @@ TEST(SetHorizonTest, CountsWaypointsAtTheirInterval) {
   EXPECT_FALSE(SetHorizon("soon", &settings).ok());
 }
 
-TEST(TableTest, ColumnsAreAlignedAndLinesEndClean) {
+TEST(TableTest, AlignsColumnsWithoutTrailingSpaces) {
   Table table({{"NAME"}, {"SHARE", Align::kRight}, {"NOTE"}});
   table.Add({"a", "5.0 %", ""});
   table.Add({"Straße", "100.0 %", "wide"});
@@ -344,7 +344,7 @@ TEST(TableTest, ColumnsAreAlignedAndLinesEndClean) {
   EXPECT_THAT(table.Text(true), HasSubstr("\x1b[1mNAME      SHARE  NOTE\x1b[0m\n"));
 }
 
-TEST(TextFormatTest, NumbersReadAsPeopleSayThem) {
+TEST(TextFormatTest, FormatsNumbersForPeople) {
   EXPECT_EQ(Spell(0.42), "0.4 s");
   EXPECT_EQ(Spell(59.4), "59 s");
   EXPECT_EQ(Spell(185), "3 min 05 s");
@@ -356,7 +356,7 @@ TEST(TextFormatTest, NumbersReadAsPeopleSayThem) {
   EXPECT_EQ(Bar(2.0, 4), "[####]");
 }
 
-TEST(JobDisplayTest, ProgressSaysWhatIsKnown) {
+TEST(JobDisplayTest, ProgressOmitsWhatIsNotKnown) {
   v1::JobProgress progress;
   progress.set_phase("joint");
   progress.set_epoch(7);
@@ -375,7 +375,7 @@ TEST(JobDisplayTest, ProgressSaysWhatIsKnown) {
             "joint 7/10  loss 2.311, held out 2.500  19 effective actions");
 }
 
-TEST(JobDisplayTest, MetricsStandBesideThoseOfConstantVelocity) {
+TEST(JobDisplayTest, ShowsMetricsBesideThoseOfConstantVelocity) {
   v1::ModelManifest manifest;
   auto& metrics = *manifest.mutable_metrics();
   metrics["ade_1"] = 1.25;
@@ -399,7 +399,7 @@ TEST(JobDisplayTest, MetricsStandBesideThoseOfConstantVelocity) {
   EXPECT_THAT(HeldOutText(manifest, false), HasSubstr("ahead -0.75"));
 }
 
-TEST(RivalOptionTest, RequirementsAreRivalMetricAndScope) {
+TEST(RivalOptionTest, ParsesRequirementsAsRivalMetricAndScope) {
   google::protobuf::RepeatedPtrField<v1::RivalRequirement> requirements;
   ASSERT_TRUE(ParseRequirements({"cv", "ctra@strata", "baselines:min_fde_6@strata"},
                                 v1::RIVAL_STANDARD_NOT_BEHIND, "--not-behind", &requirements)
@@ -439,7 +439,7 @@ void AddVehicle(int64_t id, double speed, double from, double to, v1::Scenario* 
   }
 }
 
-TEST(TargetSelectionTest, MovingVehiclesWithAHistoryAreAskedAboutFastestFirst) {
+TEST(TargetSelectionTest, SelectsMovingVehiclesWithAHistoryFastestFirst) {
   v1::Scenario scenario;
   AddVehicle(1, 5.0, 0.0, 9.0, &scenario);
   AddVehicle(2, 0.0, 0.0, 9.0, &scenario);  // stands
@@ -453,7 +453,7 @@ TEST(TargetSelectionTest, MovingVehiclesWithAHistoryAreAskedAboutFastestFirst) {
   EXPECT_THAT(MovingAgents(scenario, v1::AGENT_TYPE_CYCLIST, 2.0, 8), ElementsAre(6));
 }
 
-TEST(TargetSelectionTest, TargetsOfTheRecordingComeFirstWhileInSight) {
+TEST(TargetSelectionTest, SelectsVisibleTargetsOfTheRecordingFirst) {
   v1::Scenario scenario;
   AddVehicle(1, 5.0, 0.0, 9.0, &scenario);
   AddVehicle(2, 9.0, 0.0, 1.5, &scenario);

@@ -39,7 +39,7 @@ v1::EvaluationComparison Comparison() {
   return comparison;
 }
 
-TEST(ComparisonTextTest, EachMetricHasBothValuesTheirDifferenceAndTheBetterVersion) {
+TEST(ComparisonTextTest, ShowsBothValuesTheDifferenceAndTheBetterVersion) {
   EXPECT_EQ(ComparisonText(Comparison(), false),
             "METRIC             UNIT  town/1  town/2  DIFFERENCE  BETTER\n"
             "min_ade_6          m      1.000   0.750      -0.250  town/2\n"
@@ -50,7 +50,7 @@ TEST(ComparisonTextTest, EachMetricHasBothValuesTheirDifferenceAndTheBetterVersi
             "ade_1              m      1.000       -           -  town/1\n");
 }
 
-TEST(ComparisonTextTest, PartsOfTheExamplesHaveTheirMainMetrics) {
+TEST(ComparisonTextTest, ShowsTheMainMetricsOfEachStratum) {
   v1::EvaluationComparison comparison = Comparison();
   EXPECT_THAT(StrataText(comparison, false), IsEmpty());
   v1::StratumComparison* stratum = comparison.add_strata();
@@ -64,7 +64,7 @@ TEST(ComparisonTextTest, PartsOfTheExamplesHaveTheirMainMetrics) {
             "turn: left         30  nll     nats   1.000   2.000      +1.000  town/1\n");
 }
 
-TEST(PromotionTextTest, SaysWhetherWhyAndByWhichFigures) {
+TEST(PromotionTextTest, SaysWhetherAndWhyAVersionWasPromoted) {
   v1::Job job;
   job.set_model_version("models/town/versions/2");
   EXPECT_THAT(PromotionText(job, false), IsEmpty());

@@ -137,7 +137,7 @@ TEST(BashCompletionTest, CompletesAValueAfterAnEqualsSign) {
   EXPECT_THAT(LinesOf(ask), ElementsAre("json"));
 }
 
-TEST(CompletionCommandTest, WantsAShell) {
+TEST(CompletionCommandTest, RequiresAShell) {
   EXPECT_EQ(Maneuver({"completion"}).status, 2);
   EXPECT_EQ(Maneuver({"completion", "tcsh"}).status, 2);
 }

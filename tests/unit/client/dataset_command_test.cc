@@ -56,7 +56,7 @@ class DatasetCommandTest : public testing::Test {
   std::ostringstream err_;
 };
 
-TEST_F(DatasetCommandTest, AFolderIsShownAsADatasetOfTheServerIs) {
+TEST_F(DatasetCommandTest, ShowsAFolderLikeADatasetOfTheServer) {
   EXPECT_EQ(Maneuver({"dataset", "show", town(), "--set", "examples.stride=1s"}), kOk)
       << err_.str();
   EXPECT_THAT(out_.str(), AllOf(HasSubstr("a test"), ContainsRegex("recordings +3\n"),
@@ -68,7 +68,7 @@ TEST_F(DatasetCommandTest, AFolderIsShownAsADatasetOfTheServerIs) {
   EXPECT_GT(std::filesystem::file_size(picture), 10'000u);
 }
 
-TEST_F(DatasetCommandTest, AFolderDoesNotStandBeforeADatasetOfTheServerOfThatName) {
+TEST_F(DatasetCommandTest, ADatasetOfTheServerPrecedesAFolderOfThatName) {
   const std::filesystem::path before = std::filesystem::current_path();
   std::filesystem::create_directory(folder_ / "datasets");
   std::filesystem::copy(town(), folder_ / "datasets/town",
@@ -88,12 +88,12 @@ TEST_F(DatasetCommandTest, AFolderDoesNotStandBeforeADatasetOfTheServerOfThatNam
   std::filesystem::current_path(before);
 }
 
-TEST_F(DatasetCommandTest, WhatCannotBeCountedIsRefused) {
+TEST_F(DatasetCommandTest, RefusesInvalidExampleSettings) {
   EXPECT_EQ(Maneuver({"dataset", "show", town(), "--set", "examples.strid=1s"}), kUsage);
   EXPECT_NE(Maneuver({"dataset", "show", town(), "--set", "examples.stride=-1s"}), kOk);
 }
 
-TEST_F(DatasetCommandTest, LabelsMakeANewFolder) {
+TEST_F(DatasetCommandTest, LabellingCreatesANewFolder) {
   const std::string labels = WriteLabels("r1,1,2.0,turn_left\nr2,1,2.0,stop\nr0,1,1.0,stop\n");
   const std::string output = (folder_ / "labelled").string();
   ASSERT_EQ(Maneuver({"dataset", "annotate", town(), labels, output}), kOk) << err_.str();
@@ -103,7 +103,7 @@ TEST_F(DatasetCommandTest, LabelsMakeANewFolder) {
   EXPECT_THAT(out_.str(), ContainsRegex("turn_left +1\n"));
 }
 
-TEST_F(DatasetCommandTest, LabelsThatCannotBeUsedAreListedByLineAndNothingIsWritten) {
+TEST_F(DatasetCommandTest, ListsUnusableLabelsByLineAndWritesNothing) {
   const std::string labels = WriteLabels("r1,1,2.0,turn_left\nr9,1,2.0,stop\nr0,1,1.0,stopp\n");
   const std::string output = (folder_ / "labelled").string();
   EXPECT_EQ(Maneuver({"dataset", "annotate", town(), labels, output, "--action", "turn_left",
@@ -115,7 +115,7 @@ TEST_F(DatasetCommandTest, LabelsThatCannotBeUsedAreListedByLineAndNothingIsWrit
   EXPECT_FALSE(std::filesystem::exists(output));
 }
 
-TEST_F(DatasetCommandTest, IndexesAFolderAndNamesAnIndexThatWasDamaged) {
+TEST_F(DatasetCommandTest, IndexesAFolderAndNamesADamagedIndex) {
   ASSERT_EQ(Maneuver({"dataset", "index", town()}), kOk) << err_.str();
   EXPECT_THAT(out_.str(), HasSubstr("3 recordings are indexed"));
   EXPECT_EQ(err_.str(), "");
@@ -127,7 +127,7 @@ TEST_F(DatasetCommandTest, IndexesAFolderAndNamesAnIndexThatWasDamaged) {
   EXPECT_EQ(Maneuver({"dataset", "index", town() + "-none"}), kFailed);
 }
 
-TEST(DescriptionTextTest, BarsAreAsLongAsTheirShares) {
+TEST(DescriptionTextTest, BarsAreProportionalToTheirShares) {
   v1::DatasetSummary summary;
   for (const double edge : {0.0, 1.0, 2.5, 40.0}) summary.mutable_speeds()->add_edges(edge);
   for (const int64_t count : {1000, 500, 0}) summary.mutable_speeds()->add_counts(count);

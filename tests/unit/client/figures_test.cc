@@ -141,7 +141,7 @@ class FiguresTest : public testing::Test {
   v1::EvaluationReport report_;
 };
 
-TEST_F(FiguresTest, AreAllDrawnAndScenesAreThoseThatWentFurthestOrAreOpen) {
+TEST_F(FiguresTest, DrawsAllFiguresWithTheFarthestAndTheMostAmbiguousScenes) {
   ASSERT_EQ(DrawFigures(report_, folder_.string(), environment_), kOk) << err_.str();
   std::vector<std::string> files;
   for (const auto& entry : std::filesystem::directory_iterator(folder_)) {
@@ -167,7 +167,7 @@ TEST_F(FiguresTest, AreAllDrawnAndScenesAreThoseThatWentFurthestOrAreOpen) {
                                  "far", "open generic", "open"));
 }
 
-TEST_F(FiguresTest, WhatCannotBeDrawnIsSaidAndTheOthersAreDrawn) {
+TEST_F(FiguresTest, ReportsAFigureThatCannotBeDrawnAndDrawsTheOthers) {
   datasets_.forget = true;
   EXPECT_EQ(DrawFigures(report_, folder_.string(), environment_), kFailed);
   EXPECT_THAT(err_.str(), HasSubstr("there is no such recording"));

@@ -94,7 +94,7 @@ class ImportTest : public testing::Test {
   const TemporaryFolder folder_;
 };
 
-TEST_F(ImportTest, RecordingsKeepTheirOrderHoweverManyThreadsParseThem) {
+TEST_F(ImportTest, RecordingsKeepTheirOrderOnAnyNumberOfThreads) {
   std::vector<std::string> records, ids;
   for (int i = 0; i < 60; ++i)
     records.push_back(WaymoRecording(ids.emplace_back("r" + std::to_string(i))));
@@ -110,7 +110,7 @@ TEST_F(ImportTest, RecordingsKeepTheirOrderHoweverManyThreadsParseThem) {
             data::ReadDatasetManifest(folder_ / "of7")->shards(0).sha256());
 }
 
-TEST_F(ImportTest, ADamagedRecordStopsTheImportOrIsCountedAndSkipped) {
+TEST_F(ImportTest, ADamagedRecordStopsTheImportOrIsSkippedAndCounted) {
   WriteWaymo("a.tfrecord", {WaymoRecording("one"), WaymoRecording("two"), WaymoRecording("three")});
   {
     std::fstream file(folder_ / "a.tfrecord", std::ios::in | std::ios::out | std::ios::binary);
@@ -128,7 +128,7 @@ TEST_F(ImportTest, ADamagedRecordStopsTheImportOrIsCountedAndSkipped) {
   EXPECT_THAT(Ids("skipped"), ElementsAre("one", "three"));
 }
 
-TEST_F(ImportTest, CommonRoadFilesOfAFolderComeByNameAndWhatCannotBeUsedIsNamed) {
+TEST_F(ImportTest, ImportsCommonRoadFilesByNameAndNamesUnusableOnes) {
   Write("scenes/b.xml", CommonRoadFile("second"));
   Write("scenes/a.xml", CommonRoadFile("first"));
   Write("scenes/c.xml", CommonRoadFile("second"));
@@ -148,7 +148,7 @@ TEST_F(ImportTest, CommonRoadFilesOfAFolderComeByNameAndWhatCannotBeUsedIsNamed)
   EXPECT_FALSE(fs::exists(folder_ / "strict"));
 }
 
-TEST_F(ImportTest, NothingToImportIsSaid) {
+TEST_F(ImportTest, SaysThatThereIsNothingToImport) {
   Write("scenes/README.md", "no scenario");
   EXPECT_THAT(Maneuver({"import", "commonroad", Path("out"), Path("scenes")}).err,
               HasSubstr("holds no files to import"));

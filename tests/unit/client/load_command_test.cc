@@ -35,7 +35,7 @@ TEST(LoadArgumentsTest, ARangeIsOneNumberOrTwo) {
   }
 }
 
-TEST(LoadArgumentsTest, RatesAreCallsASecondOrSharesOfTheCapacity) {
+TEST(LoadArgumentsTest, RatesAreCallsPerSecondOrSharesOfTheCapacity) {
   const auto rates = ParseRates("25%, 300%,200,0.5");
   ASSERT_TRUE(rates.ok());
   ASSERT_EQ(rates->size(), 4U);
@@ -70,7 +70,7 @@ TEST(LoadCommandTest, ContradictionsAndWrongRangesAreUsageErrors) {
   }
 }
 
-TEST(LoadCommandTest, AServerThatDoesNotAnswerIsNamedBeforeAnyLoad) {
+TEST(LoadCommandTest, NamesAServerThatDoesNotAnswerBeforeSendingLoad) {
   std::istringstream in;
   std::ostringstream out;
   std::ostringstream err;
@@ -113,7 +113,7 @@ process_resident_memory_bytes 5e6
   return report;
 }
 
-TEST(LoadReportTest, TablesShowWhatCallersSawAndWhatTheServerSays) {
+TEST(LoadReportTest, TablesShowMeasurementsOfCallersAndOfTheServer) {
   const std::string text = LoadReportText(ExampleReport(), TableStyle::kText);
   // Offered 100/s. Due before 2 s and answered by then: those with 11 i + 1 < 2000, of 182 a tenth
   // was refused. p50 of 180 answers: number 90, after nine refusals before it, 1 ms each.
@@ -123,14 +123,14 @@ TEST(LoadReportTest, TablesShowWhatCallersSawAndWhatTheServerSays) {
   EXPECT_THAT(text, HasSubstr("0 of 20 refused calls were told to wait"));
 }
 
-TEST(LoadReportTest, MarkdownHasARuleUnderItsTitles) {
+TEST(LoadReportTest, MarkdownHasARuleBelowItsTitles) {
   const std::string text = LoadReportText(ExampleReport(), TableStyle::kMarkdown);
   EXPECT_THAT(text, HasSubstr("| LOAD | OFFERED/s |"));
   EXPECT_THAT(text, HasSubstr("\n|---|---:|"));
   EXPECT_THAT(text, HasSubstr("\n| 80 % | 100 | 82.0 |"));
 }
 
-TEST(LoadReportTest, JsonHoldsTheFiguresAndNoNaN) {
+TEST(LoadReportTest, JsonHasTheFiguresAndNoNaN) {
   const nlohmann::json json = nlohmann::json::parse(LoadReportJson(ExampleReport()));
   EXPECT_EQ(json["capacity"], 125.0);
   const auto& step = json["steps"][0];
@@ -145,7 +145,7 @@ TEST(LoadReportTest, JsonHoldsTheFiguresAndNoNaN) {
   EXPECT_TRUE(step["server"]["batch_size_mean"].is_null());
 }
 
-TEST(LoadReportTest, WhatANoisyStepLacksIsADash) {
+TEST(LoadReportTest, ShowsMissingFiguresAsDashes) {
   LoadReport report;
   report.steps.push_back({"5/s", {}, {}});
   const std::string text = LoadReportText(report, TableStyle::kText);

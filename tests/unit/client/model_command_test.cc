@@ -164,7 +164,7 @@ v1::ModelVersion VersionOf(const std::string& name,
   return version;
 }
 
-TEST_F(ModelCommandTest, PromotionSaysWhichActionIsWhichNow) {
+TEST_F(ModelCommandTest, PromotionListsWhichOldActionIsWhichNewOne) {
   models_.named["models/town@serving"] =
       VersionOf("models/town/versions/1", {{"stop", 12.0}, {"cruise", 50.0}});
   models_.named["models/town/versions/2"] = VersionOf(
@@ -180,7 +180,7 @@ TEST_F(ModelCommandTest, PromotionSaysWhichActionIsWhichNow) {
                         "     -  (no such action)       1  reverse            -\n"));
 }
 
-TEST_F(ModelCommandTest, PromotionOfTheVersionThatServesSaysNothingOfActions) {
+TEST_F(ModelCommandTest, PromotingTheServingVersionListsNoActions) {
   models_.named["models/town@serving"] = VersionOf("models/town/versions/2", {{"stop", 12.0}});
   models_.named["models/town/versions/2"] = models_.named["models/town@serving"];
   EXPECT_EQ(Run({"model", "promote", "town/2"}),
@@ -206,12 +206,12 @@ TEST_F(ModelCommandTest, ListsActionsByTheirDisplayNames) {
               ContainsRegex("ACTION +NAME +USAGE.*\n +0 +brake "));
 }
 
-TEST_F(ModelCommandTest, AsksForTheVersionThatIsToBeDeleted) {
+TEST_F(ModelCommandTest, RequiresTheVersionToDelete) {
   EXPECT_THAT(Run({"model", "delete", "town@candidate"}, kUsage),
               HasSubstr("name the version to delete, such as town/2; see maneuver model list"));
 }
 
-TEST_F(ModelCommandTest, DrawsActionsAtTheSpeedAskedFor) {
+TEST_F(ModelCommandTest, DrawsActionsAtTheRequestedSpeed) {
   EXPECT_THAT(Run({"model", "actions", "town"}),
               AllOf(HasSubstr("10.0 m ahead"), HasSubstr("at 10 m/s")));
   EXPECT_THAT(Run({"model", "actions", "town", "--speed", "7.5"}),
@@ -219,7 +219,7 @@ TEST_F(ModelCommandTest, DrawsActionsAtTheSpeedAskedFor) {
   EXPECT_THAT(models_.speeds, ElementsAre(std::nullopt, 7.5));
 }
 
-TEST_F(ModelCommandTest, SaysWhereTheSpeedMakesNoDifference) {
+TEST_F(ModelCommandTest, SaysIfTheSpeedMakesNoDifference) {
   models_.relative = false;
   EXPECT_THAT(Run({"model", "actions", "town", "--speed", "7.5"}),
               AllOf(HasSubstr("30.0 m ahead"), HasSubstr("the same at every speed")));

@@ -58,7 +58,7 @@ TEST(RecordingsPlotTest, DrawsTheMiddleTimeIfNobodyIsVisibleAtThePredictionTime)
   EXPECT_TRUE(absl::IsInvalidArgument(DrawRecordings({}, {}).status()));
 }
 
-TEST(ScenePlotTest, IsAPngOfTheSizeAskedFor) {
+TEST(ScenePlotTest, IsAPngOfTheRequestedSize) {
   const auto png = DrawScene(Scene(), Answer(0.9), Options());
   ASSERT_TRUE(png.ok()) << png.status();
   EXPECT_EQ(png->substr(0, 8), "\x89PNG\r\n\x1a\n");
@@ -283,7 +283,7 @@ TEST(ActionSetPlotTest, DrawsTheEffectiveActions) {
   EXPECT_EQ(*DrawActionSet(TwoActions(), {}), *one);
 }
 
-TEST(ActionSetPlotTest, IsAPngOfTheSizeAskedFor) {
+TEST(ActionSetPlotTest, IsAPngOfTheRequestedSize) {
   const cv::Mat picture = Decode(*DrawActionSet(TwoActions(), {.width = 800, .height = 640}));
   EXPECT_EQ(picture.cols, 800);
   EXPECT_EQ(picture.rows, 640);

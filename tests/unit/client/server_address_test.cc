@@ -46,7 +46,7 @@ TEST(ServerAddressTest, AcceptsAListOfAddressesOrANameForSeveralServers) {
   EXPECT_TRUE(name->several);
 }
 
-TEST(ServerAddressTest, RefusesAListOfAnythingButAddresses) {
+TEST(ServerAddressTest, RefusesAListThatContainsANonAddress) {
   for (const char* address :
        {"", "a:1,b:1", "10.0.0.1:8470,", "10.0.0.1:8470,[::1]:8470", "10.0.0.1,10.0.0.2"}) {
     EXPECT_TRUE(absl::IsInvalidArgument(ParseServerAddress(address).status())) << address;

@@ -38,7 +38,7 @@ TEST(LearningPhasesTest, KeepsTheOrderOfPhasesAndTheLastReportOfAnEpoch) {
   EXPECT_EQ(phases[1].epochs[1].epoch_report().training().at("loss"), 7.0);
 }
 
-TEST(CurvesCsvTest, HasAFigureALine) {
+TEST(CurvesCsvTest, WritesOneFigurePerLine) {
   const std::vector<v1::JobProgress> events = {MadeUpEpoch("pretrain", 2, 40)};
   EXPECT_EQ(CurvesCsv(LearningPhases(events)),
             "phase,epoch,step,examples,term,value\n"
@@ -47,7 +47,7 @@ TEST(CurvesCsvTest, HasAFigureALine) {
             "pretrain,2,40,held-out,loss,2.25\n");
 }
 
-TEST(CurvesCsvTest, QuotesWhatNeedsIt) {
+TEST(CurvesCsvTest, QuotesNamesThatNeedIt) {
   std::vector<v1::JobProgress> events = {MadeUpEpoch("pre,train", 1, 1)};
   (*events[0].mutable_epoch_report()->mutable_training())["a\"b"] = 1.0;
   const std::string csv = CurvesCsv(LearningPhases(events));
@@ -121,7 +121,7 @@ std::vector<ReadEvent> ReadRun(const std::filesystem::path& folder) {
   return events;
 }
 
-TEST(TensorBoardTest, WritesARunForTrainingAndOneForHeldOutExamples) {
+TEST(TensorBoardTest, WritesOneRunForTrainingAndOneForHeldOutExamples) {
   const TemporaryFolder folder;
   const std::vector<v1::JobProgress> events = {MadeUpEpoch("pretrain", 1, 10),
                                                MadeUpEpoch("joint", 1, 30)};

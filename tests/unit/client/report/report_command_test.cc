@@ -256,7 +256,7 @@ TEST_F(ReportCommandTest, ModelReportGathersAllPartsIntoOneFile) {
   }
 }
 
-TEST_F(ReportCommandTest, WithoutAnEvaluationThePageSaysWhatToRunAndShowsHeldOutScenes) {
+TEST_F(ReportCommandTest, WithoutAnEvaluationThePageSaysHowToGetOne) {
   models_.evaluated = false;
   ASSERT_EQ(Run({"model", "report", "town/3", "--out", File("r.html")}).status, kOk);
   const json data = Data("r.html");
@@ -266,7 +266,7 @@ TEST_F(ReportCommandTest, WithoutAnEvaluationThePageSaysWhatToRunAndShowsHeldOut
   EXPECT_GT(data["scenes"].size(), 0);
 }
 
-TEST_F(ReportCommandTest, WhatIsGoneIsNamedAndTheRestIsShown) {
+TEST_F(ReportCommandTest, NamesMissingDataAndShowsTheRest) {
   datasets_.gone = true;
   training_.forgotten = true;
   ASSERT_EQ(Run({"model", "report", "town/3", "--out", File("r.html")}).status, kOk);
@@ -276,7 +276,7 @@ TEST_F(ReportCommandTest, WhatIsGoneIsNamedAndTheRestIsShown) {
   EXPECT_EQ(data["actions"]["list"].size(), report::kMadeUpActions);
 }
 
-TEST_F(ReportCommandTest, AnEvaluationThatIsNotThereIsAnError) {
+TEST_F(ReportCommandTest, RefusesAnEvaluationThatDoesNotExist) {
   const Result result =
       Run({"model", "report", "town/3", "--dataset", "other", "--out", File("r.html")});
   EXPECT_EQ(result.status, kFailed);
@@ -284,14 +284,14 @@ TEST_F(ReportCommandTest, AnEvaluationThatIsNotThereIsAnError) {
   EXPECT_FALSE(std::filesystem::exists(File("r.html")));
 }
 
-TEST_F(ReportCommandTest, JobReportOfATrainingThatRunsHasItsCurvesSoFar) {
+TEST_F(ReportCommandTest, AReportOfARunningTrainingHasItsCurvesSoFar) {
   ASSERT_EQ(Run({"job", "report", "abc", "--out", File("r.html")}).status, kOk);
   const json data = Data("r.html");
   EXPECT_EQ(data["learning"][0]["epochs"], json({1, 2}));
   EXPECT_EQ(data["missing"]["scenes"]["command"], "maneuver job report abc");
 }
 
-TEST_F(ReportCommandTest, CurvesAloneMakeNoPage) {
+TEST_F(ReportCommandTest, WritesCurvesWithoutAPage) {
   const Result result =
       Run({"job", "report", "abc", "--curves", File("c.csv"), "--tensorboard", File("runs")});
   ASSERT_EQ(result.status, kOk) << result.err;
@@ -307,7 +307,7 @@ TEST_F(ReportCommandTest, CrossValidationsHaveNoReport) {
   EXPECT_THAT(result.err, HasSubstr("maneuver job show abc"));
 }
 
-TEST_F(ReportCommandTest, RefusesAFileThatCannotBeWrittenBeforeAnythingIsStarted) {
+TEST_F(ReportCommandTest, RefusesAnUnwritableFileBeforeStartingTheJob) {
   for (const std::vector<std::string>& command :
        {std::vector<std::string>{"evaluate", "town", "--dataset", "unseen", "--report"},
         {"train", "town", "--dataset", "unseen", "--report"},
@@ -324,7 +324,7 @@ TEST_F(ReportCommandTest, RefusesAFileThatCannotBeWrittenBeforeAnythingIsStarted
   }
 }
 
-TEST_F(ReportCommandTest, ADetachedJobIsReportedLater) {
+TEST_F(ReportCommandTest, ADetachedJobSaysHowToGetItsReportLater) {
   EXPECT_EQ(Run({"evaluate", "town", "--dataset", "unseen", "--detach", "--report", "r"}).status,
             kUsage);
   EXPECT_EQ(Run({"train", "town", "--dataset", "unseen", "--detach", "--curves", "c"}).status,

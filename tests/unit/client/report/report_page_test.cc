@@ -39,7 +39,7 @@ size_t Count(const std::string& text, const std::string& word) {
   return count;
 }
 
-TEST(ReportPageTest, HoldsTheDataAndNothingOfItEndsTheScript) {
+TEST(ReportPageTest, DataNeverEndsTheScript) {
   const std::string page = ReportPage(MadeUpReport());
   EXPECT_EQ(Count(page, "</script"), 2);  // that of the data and that of the program
   EXPECT_THAT(page, Not(HasSubstr("<img")));
@@ -56,7 +56,7 @@ TEST(ReportPageTest, EscapesTheTitle) {
   EXPECT_THAT(page, HasSubstr("<title>&lt;b&gt;&quot;{{PROGRAM}}&quot;&lt;/b&gt; "));
 }
 
-TEST(ReportPageTest, AllowsItsOwnProgramAndStyleAloneAndNoNetwork) {
+TEST(ReportPageTest, AllowsOnlyItsOwnScriptAndStyleAndNoNetwork) {
   const std::string page = ReportPage(MadeUpReport());
   const std::string policy =
       Between(page, R"(http-equiv="Content-Security-Policy" content=")", "\"");
@@ -110,7 +110,7 @@ TEST(ReportJsonTest, NamesActionsByTheirDisplayNameThenLabelThenDerivedNameThenI
   EXPECT_THAT(names, ElementsAre("shown", "label", "derived", "action 3"));
 }
 
-TEST(ReportJsonTest, DrawsAFewOfManyWaypointsAndAlwaysTheLast) {
+TEST(ReportJsonTest, ThinsOutWaypointsButKeepsTheLast) {
   ReportData data;
   v1::ActionSet& set = data.action_sets.emplace_back();
   v1::Trajectory& mean = *set.add_actions()->mutable_distribution()->mutable_mean_trajectory();

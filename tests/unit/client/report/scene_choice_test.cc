@@ -48,7 +48,7 @@ std::vector<std::string> Ids(const std::vector<Scene>& scenes, const std::string
   return ids;
 }
 
-TEST(MeasureTest, ErrorsAreMeanDistancesAndSurpriseIsOfTheActionThatItWas) {
+TEST(MeasureTest, ErrorsAreMeanDistancesAndSurpriseIsOfTheTrueAction) {
   Scene scene;
   scene.truth = Line(10.0, 0.0);
   *scene.prediction.add_distributions()->mutable_mean_trajectory() = Line(10.0, 4.0);
@@ -61,7 +61,7 @@ TEST(MeasureTest, ErrorsAreMeanDistancesAndSurpriseIsOfTheActionThatItWas) {
   EXPECT_DOUBLE_EQ(scene.surprise, -std::log(0.05));
 }
 
-TEST(MeasureTest, CountsSixActionsAlone) {
+TEST(MeasureTest, CountsOnlyTheSixMostProbableActions) {
   Scene scene;
   scene.truth = Line(10.0, 0.0);
   for (int i = 0; i < 6; ++i) {
@@ -87,7 +87,7 @@ TEST(ChooseScenesTest, TakesTheWorstTheBestAndTheMostSurprising) {
   EXPECT_THAT(Ids(chosen, "surprising"), ElementsAre("surprising"));
 }
 
-TEST(ChooseScenesTest, ASceneComesOnceWithAllOfItsGroups) {
+TEST(ChooseScenesTest, AppearsOnceWithAllOfItsGroups) {
   std::vector<Scene> scenes;
   for (int i = 0; i < 10; ++i) scenes.push_back(MeasuredScene("dull", 2.0, 1.0, 1.0));
   scenes.push_back(MeasuredScene("both", 9.0, 8.0, 9.0));
@@ -102,7 +102,7 @@ TEST(ChooseScenesTest, ASceneComesOnceWithAllOfItsGroups) {
   EXPECT_EQ(seen.size(), 1);
 }
 
-TEST(ChooseScenesTest, TakesAtMostTwoOfARecordingForAGroup) {
+TEST(ChooseScenesTest, TakesAtMostTwoScenesOfARecordingPerGroup) {
   std::vector<Scene> scenes;
   for (int i = 0; i < 4; ++i) {
     scenes.push_back(MeasuredScene("bad", 9.0, 9.0, 1.0));
@@ -113,7 +113,7 @@ TEST(ChooseScenesTest, TakesAtMostTwoOfARecordingForAGroup) {
   EXPECT_THAT(Ids(chosen, "worst"), ElementsAre("bad", "bad", "other", "other"));
 }
 
-TEST(ChooseScenesTest, ShowsEveryClassByItsMedian) {
+TEST(ChooseScenesTest, ShowsTheMedianSceneOfEveryClass) {
   std::vector<Scene> scenes;
   for (int i = 0; i < 21; ++i) {
     scenes.push_back(MeasuredScene("straight", 0.1 * i, 0.0, 0.0));
@@ -131,7 +131,7 @@ TEST(ChooseScenesTest, ShowsEveryClassByItsMedian) {
   EXPECT_NEAR(first["left_turn"], 11.0, 1e-9);
 }
 
-TEST(ChooseScenesTest, OfNoneThereIsNone) { EXPECT_TRUE(ChooseScenes({}, 24).empty()); }
+TEST(ChooseScenesTest, ChoosesNothingFromNoScenes) { EXPECT_TRUE(ChooseScenes({}, 24).empty()); }
 
 }  // namespace
 }  // namespace maneuver::report::scene_choice_test

@@ -44,14 +44,14 @@ TEST(SceneJsonTest, IdsKeepAllTheirDigits) {
   EXPECT_EQ(SceneOf(MadeUpScene(0, "best"))["agents"][1]["id"], "9007199254740993");
 }
 
-TEST(SceneJsonTest, AnAgentThatStandsHasItsFirstAndItsLastStateAlone) {
+TEST(SceneJsonTest, AStandingAgentHasOnlyItsFirstAndLastState) {
   const json agents = SceneOf(MadeUpScene(0, "best"))["agents"];
   ASSERT_EQ(agents[1]["states"].size(), 8);
   EXPECT_EQ(agents[1]["states"][0], -1.0);
   EXPECT_EQ(agents[1]["states"][4], 5.0);
 }
 
-TEST(SceneJsonTest, AStraightLaneIsTwoPointsWithinSight) {
+TEST(SceneJsonTest, AStraightLaneHasTwoPointsInSight) {
   Scene scene = MadeUpScene(0, "best");
   auto recording = std::make_shared<v1::Scenario>(*scene.recording);
   v1::MapFeature* far = recording->add_map_features();
@@ -68,7 +68,7 @@ TEST(SceneJsonTest, AStraightLaneIsTwoPointsWithinSight) {
   EXPECT_EQ(map["area"].size(), 1);
 }
 
-TEST(SceneJsonTest, ACurveStaysWithinTheToleranceOfItsPoints) {
+TEST(SceneJsonTest, ASimplifiedCurveStaysWithinTheTolerance) {
   Scene scene = MadeUpScene(0, "best");
   auto recording = std::make_shared<v1::Scenario>();
   v1::MapFeature* lane = recording->add_map_features();

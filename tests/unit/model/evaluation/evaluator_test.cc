@@ -260,7 +260,7 @@ TEST_F(EvaluatorTest, WaymoMissesAreMeasuredAlongTheRecordedHeading) {
 }
 
 // The example's action is 1 by q(y|x,s), although p(y|s) prefers 0.
-TEST_F(EvaluatorTest, EnvelopesBelongToTheExamplesAction) {
+TEST_F(EvaluatorTest, EnvelopesAreThoseOfTheTrueAction) {
   const auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   const auto& metrics = report->metrics();

@@ -170,7 +170,7 @@ TEST_F(ActionModelTest, MomentsAddTheDecodersCovariance) {
 }
 
 // The covariance as a function of the latent, by hand: one ReLU layer, then the factor L.
-TEST_F(ActionModelTest, MomentsAddTheCovarianceThatTheLatentSays) {
+TEST_F(ActionModelTest, MomentsAddTheCovarianceThatTheLatentPredicts) {
   v1::ModelSpec spec = SmallSpec();
   spec.mutable_decoder_covariance()->add_hidden(5);
   stored_ = RandomModel(spec, 6);
@@ -220,7 +220,7 @@ TEST_F(ActionModelTest, MomentsAddTheCovarianceThatTheLatentSays) {
   }
 }
 
-TEST_F(ActionModelTest, ThePriorIsTheComponentWhateverTheScene) {
+TEST_F(ActionModelTest, ThePriorDoesNotDependOnTheScene) {
   const int actions[] = {2};
   const auto here = session_->Describe(EncodeOne(3), actions, LatentSource::kPrior).front();
   const auto there = session_->Describe(EncodeOne(4), actions, LatentSource::kPrior).front();
@@ -268,7 +268,7 @@ TEST_F(ActionModelTest, AnswersHaveTheSameBitsAloneAndInAnyBatch) {
   }
 }
 
-TEST_F(ActionModelTest, AnActionHasTheSameBitsWhateverElseIsAsked) {
+TEST_F(ActionModelTest, AnActionHasTheSameBitsWhateverElseIsRequested) {
   const SceneEncoding encoding = EncodeOne(6);
   for (const LatentSource source : {LatentSource::kPosterior, LatentSource::kPrior}) {
     const int all[] = {5, 4, 3, 2, 1, 0};
@@ -321,7 +321,7 @@ TEST_F(ActionModelTest, MeanTrajectoriesOfARelativeModelHaveTheBitsOfTheirDistri
   }
 }
 
-TEST_F(ActionModelTest, NoActionsAreDescribedAsNone) {
+TEST_F(ActionModelTest, DescribesNothingIfNoActionIsRequested) {
   const SceneEncoding encoding = EncodeOne(6);
   for (const LatentSource source : {LatentSource::kPosterior, LatentSource::kPrior}) {
     EXPECT_TRUE(session_->MeanTrajectories(encoding, {}, source).empty());
@@ -398,7 +398,7 @@ TEST_F(ActionModelTest, RefusesADamagedFolderWithTheReason) {
   EXPECT_TRUE(SameBits(EncodeOne(1), EncodeOne(1)));  // what is in memory goes on
 }
 
-TEST_F(ActionModelTest, Bf16IsUsedWhereTheProcessorHasItAndElseRefused) {
+TEST_F(ActionModelTest, UsesBf16OnlyIfTheProcessorSupportsIt) {
   const auto automatic = ActionModel::Load(folder_, {.precision = Precision::kAuto});
   ASSERT_TRUE(automatic.ok());
   EXPECT_EQ((*automatic)->precision(), ProcessorHasBf16() ? "bf16" : "f32");

@@ -59,7 +59,7 @@ TEST_F(AnchorModelTest, AnswersItsAnchorsWithoutAReference) {
   EXPECT_EQ(distributions[2].moment_mean(1, 1), 2.0);
 }
 
-TEST_F(AnchorModelTest, FindsTheNearestAnchorToWhatDepartsFromTheReference) {
+TEST_F(AnchorModelTest, FindsTheNearestAnchorRelativeToTheReference) {
   SceneEncoding encoding;
   encoding.reference = reference_;
   Trajectory driven = reference_;

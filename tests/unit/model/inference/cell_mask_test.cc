@@ -21,7 +21,7 @@ std::vector<int> Columns(const CellMask& mask, int row) {
   return columns;
 }
 
-TEST(CellMaskTest, HasNothingAtFirstAndAllWhenItIsSet) {
+TEST(CellMaskTest, IsEmptyAtFirstAndFullAfterSetAll) {
   CellMask mask(3, 70);
   EXPECT_FALSE(mask.HasAny(2));
   EXPECT_THAT(Columns(mask, 2), IsEmpty());
@@ -33,7 +33,7 @@ TEST(CellMaskTest, HasNothingAtFirstAndAllWhenItIsSet) {
   EXPECT_EQ(Columns(mask, 0).back(), 69);
 }
 
-TEST(CellMaskTest, WhatAnotherOneHasIsLeftOut) {
+TEST(CellMaskTest, LeavesOutCellsThatAnotherMaskHas) {
   Problem problem = MakeProblem(3, 1, 4, 8, 1'000'000, 70);
   const auto fill = [&problem](int column) {
     problem.raster[static_cast<size_t>((2 * 70 + column) * 4)] = 1;
@@ -51,7 +51,7 @@ TEST(CellMaskTest, WhatAnotherOneHasIsLeftOut) {
   EXPECT_THAT(columns, ElementsAre(7, 69));
 }
 
-TEST(CellMaskTest, NeighboursAreAskedForTogether) {
+TEST(CellMaskTest, HasAnyLooksAtNeighboursTogether) {
   Problem problem = MakeProblem(3, 1, 4, 8, 1'000'000, 70);
   problem.raster[static_cast<size_t>((2 * 70 + 66) * 4 + 3)] = 1;
   CellMask mask(17, 70);
@@ -64,7 +64,7 @@ TEST(CellMaskTest, NeighboursAreAskedForTogether) {
   EXPECT_FALSE(mask.HasAny(3, 64, 4));
 }
 
-TEST(CellMaskTest, ColumnsAreAskedForTogetherWhereverTheyLie) {
+TEST(CellMaskTest, HasAnyOfLooksAtColumnsEvenOutsideTheGrid) {
   CellMask mask(2, 200);
   for (const int column : {3, 130}) mask.Add(1, column);
   for (int begin = -5; begin < 205; ++begin) {
@@ -77,7 +77,7 @@ TEST(CellMaskTest, ColumnsAreAskedForTogetherWhereverTheyLie) {
   EXPECT_FALSE(mask.HasAnyOf(0, 0, 200));
 }
 
-TEST(CellMaskTest, TheFirstChannelsMayBeAllThatCount) {
+TEST(CellMaskTest, CanIgnoreChannelsAfterTheFirst) {
   Problem problem = MakeProblem(3, 1, 4, 8, 1'000'000, 70);
   problem.raster[static_cast<size_t>((2 * 70 + 66) * 4 + 3)] = 1;
   CellMask mask(17, 70);
@@ -113,7 +113,7 @@ INSTANTIATE_TEST_SUITE_P(Shapes, SeenCellsTest,
                          testing::Combine(testing::Values(1, 2, 3, 5, 7), testing::Values(1, 2, 3),
                                           testing::Values(22, 64, 65, 130)));
 
-TEST_P(SeenCellsTest, AreThoseWhoseKernelsMeetAny) {
+TEST_P(SeenCellsTest, HasTheCellsWhoseKernelsMeetASetCell) {
   const auto [kernel, stride, width] = GetParam();
   const Problem problem = MakeProblem(3, 1, 4, 8, 250, width);
   CellMask input(17, width);

@@ -74,7 +74,7 @@ INSTANTIATE_TEST_SUITE_P(Shapes, FirstLayerTest,
                                          Shape{7, 2, 25, 64}, Shape{3, 3, 8, 16},
                                          Shape{5, 4, 9, 72}));
 
-TEST_P(FirstLayerTest, IsEveryProduct) {
+TEST_P(FirstLayerTest, SumsEveryProduct) {
   for (const bool relu : {true, false}) {
     Problem problem = HalfZeroProblem(40);
     problem.layer.relu = relu;
@@ -145,7 +145,7 @@ TEST_P(FirstLayerTest, CellsThatAreAskedForAreTheSameToTheBitAndNoOthersAreNeede
 }
 
 // Blocks of a raster's rows are 16 pixels there.
-TEST(WideFirstLayerTest, IsEveryProduct) {
+TEST(WideFirstLayerTest, SumsEveryProduct) {
   const Problem problem = MakeProblem(3, 2, 5, 8, 40, 605);
   ASSERT_GT(problem.Drawn().block_pixels(), scene::Raster::kLanes);
   std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()));
@@ -155,7 +155,7 @@ TEST(WideFirstLayerTest, IsEveryProduct) {
   ExpectGrid(problem, grid, 1e-5);
 }
 
-TEST(FilledFirstLayerTest, IsLeftToBeConvolvedWholeSoonerInBf16) {
+TEST(FilledFirstLayerTest, SkipsAFilledRasterSoonerInBf16) {
   const Problem problem = MakeProblem(3, 2, 13, 24, 16);  // between .05 and .1
   const FirstLayer wide(problem.layer, problem.folded, false);
   const FirstLayer narrow(problem.layer, problem.folded, true);
@@ -164,7 +164,7 @@ TEST(FilledFirstLayerTest, IsLeftToBeConvolvedWholeSoonerInBf16) {
   EXPECT_TRUE(wide.Look(problem.Drawn(), &scratch));
 }
 
-TEST(FirstLayerKindTest, ThatReadsNoAgentsOrFillsNoVectorIsNotTaken) {
+TEST(FirstLayerKindTest, RefusesALayerThatReadsNoAgentsOrFillsNoVector) {
   EXPECT_TRUE(FirstLayer::Takes(MakeProblem(3, 2, 13, 24, 4).layer));
   EXPECT_FALSE(FirstLayer::Takes(MakeProblem(3, 2, 13, 25, 4).layer));
   EXPECT_FALSE(FirstLayer::Takes(MakeProblem(3, 2, 3, 24, 4).layer));

@@ -121,7 +121,7 @@ class LeadingLayersTest : public testing::TestWithParam<bool> {
 INSTANTIATE_TEST_SUITE_P(Precisions, LeadingLayersTest, testing::Bool(),
                          [](const auto& one) { return one.param ? "Bf16" : "F32"; });
 
-TEST_P(LeadingLayersTest, AreEveryProductWhateverWasDrawnBefore) {
+TEST_P(LeadingLayersTest, SumEveryProductWhateverWasDrawnBefore) {
   const bool bf16 = GetParam();
   const size_t count = LeadingLayers::Count(layers_, bf16);
   if (bf16 && count == 1) GTEST_SKIP() << "this build does not use bf16";
@@ -144,7 +144,7 @@ TEST_P(LeadingLayersTest, AreEveryProductWhateverWasDrawnBefore) {
   }
 }
 
-TEST_P(LeadingLayersTest, WhatIsFilledTooMuchIsLeftAndDoesNoHarm) {
+TEST_P(LeadingLayersTest, SkipARasterThatIsFilledTooMuch) {
   const bool bf16 = GetParam();
   const auto leading = std::span(layers_).first(LeadingLayers::Count(layers_, bf16));
   const LeadingLayers layers(leading, folded_, bf16, false);
@@ -157,7 +157,7 @@ TEST_P(LeadingLayersTest, WhatIsFilledTooMuchIsLeftAndDoesNoHarm) {
   EXPECT_EQ(grid, before);
 }
 
-TEST_F(LeadingLayersTest, EndWhereALayerIsReadTwiceOrFillsNoVector) {
+TEST_F(LeadingLayersTest, EndBeforeALayerThatIsReadTwiceOrFillsNoVector) {
   EXPECT_EQ(LeadingLayers::Count(layers_, false), 3u);
   layers_[2].adds = true;
   EXPECT_EQ(LeadingLayers::Count(layers_, false), 1u);

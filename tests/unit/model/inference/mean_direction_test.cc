@@ -19,7 +19,7 @@ TEST(MeanDirectionTest, AStraightMeanHeadsOneWay) {
 
 // Steps of one length on a circle add up to a chord, whose direction is that of its middle. At an
 // interval of 0.1 s the window is five steps, fewer at the ends.
-TEST(MeanDirectionTest, AWindowOfACircleHeadsAsItsMiddleDoes) {
+TEST(MeanDirectionTest, AWindowOfACircleHasTheHeadingOfItsMiddle) {
   const double radius = 20.0;
   const double turn = 0.05;  // radians a step
   Trajectory mean(12, 2);
@@ -40,7 +40,7 @@ TEST(MeanDirectionTest, AWindowOfACircleHeadsAsItsMiddleDoes) {
   EXPECT_NEAR(heading(11), turn * 10.5, 1e-9);  // steps 9 .. 11
 }
 
-TEST(MeanDirectionTest, WaypointsFarApartHaveTheirOwnStepAlone) {
+TEST(MeanDirectionTest, WaypointsFarApartUseOnlyTheirOwnStep) {
   Trajectory mean(3, 2);
   mean << 5, 0, 5, 5, 0, 5;
   const Trajectory directions = MeanDirections(mean, 0.5);

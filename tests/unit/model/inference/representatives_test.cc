@@ -102,7 +102,7 @@ TEST(RepresentativesTest, TheMedoidIsTheWeightedMedianAndNotTheMostProbableActio
   EXPECT_DOUBLE_EQ(chosen[0].weight, 1.0);
 }
 
-TEST(RepresentativesTest, EachNextOneIsTheBestThatBruteForceFinds) {
+TEST(RepresentativesTest, EachFurtherRepresentativeIsTheBestByBruteForce) {
   for (uint32_t seed = 0; seed < 50; ++seed) {
     const Mixture mixture = RandomMixture(9, 30, seed);
     const auto chosen =
@@ -147,7 +147,7 @@ TEST(RepresentativesTest, WeightsAreTheProbabilityOfTheNearestActions) {
   }
 }
 
-TEST(RepresentativesTest, FewerAreTheFirstOfMore) {
+TEST(RepresentativesTest, FewerRepresentativesAreAPrefixOfMore) {
   const Mixture mixture = RandomMixture(12, 50, 3);
   const auto six =
       Actions(ChooseRepresentatives(mixture.probabilities, All(12), mixture.means, 0.1, 6));
@@ -164,7 +164,7 @@ TEST(RepresentativesTest, TiesGoToTheSmallerId) {
   EXPECT_THAT(Weights(chosen), ElementsAre(0.5, 0.5, 0.0, 0.0));
 }
 
-TEST(RepresentativesTest, AsManyAsActionsAreAllOfThem) {
+TEST(RepresentativesTest, AsManyRepresentativesAsActionsAreAllActions) {
   const auto chosen =
       ChooseRepresentatives(Vector({0.5, 0.5}), All(2), StandingAt({0.0, 1.0}), 0.5, 7);
   EXPECT_THAT(Actions(chosen), ElementsAre(0, 1));
@@ -173,7 +173,7 @@ TEST(RepresentativesTest, AsManyAsActionsAreAllOfThem) {
 }
 
 // At 10 Hz waypoints 4, 9, ... count, at 2 Hz each one, at 1 Hz each one, always the last.
-TEST(RepresentativesTest, WaypointsHalfASecondApartAreCompared) {
+TEST(RepresentativesTest, ComparesWaypointsHalfASecondApart) {
   const auto medoid = [](Eigen::Index waypoints, Eigen::Index moved, double interval) {
     // Actions 0 and 2 are 1 m to either side of action 1, but at the waypoint `moved` action 1 is
     // far from both.
@@ -197,7 +197,7 @@ TEST(RepresentativesTest, WaypointsHalfASecondApartAreCompared) {
   EXPECT_EQ(medoid(3, 2, 0.1), 0);
 }
 
-TEST(RepresentativesTest, NegligibleActionsComeLastAndCountForNothing) {
+TEST(RepresentativesTest, NegligibleActionsComeLastAndHaveNoInfluence) {
   const Eigen::VectorXd probabilities = Vector({0.4e-4, 0.6, 1e-4, 0.39975, 0.5e-4, 1e-5});
   const std::vector<int> candidates = RepresentativeCandidates(probabilities);
   EXPECT_THAT(candidates, ElementsAre(1, 2, 3));
@@ -215,7 +215,7 @@ TEST(RepresentativesTest, NegligibleActionsComeLastAndCountForNothing) {
                           DoubleNear(1e-4 / sum, 1e-12), 0.0, 0.0, 0.0));
 }
 
-TEST(RepresentativesTest, NumbersThatAreNoneStillGiveDistinctActions) {
+TEST(RepresentativesTest, NonFiniteNumbersStillGiveDistinctActions) {
   const double nan = std::nan("");
   const auto among = [&](const std::vector<int>& candidates, const TrajectorySet& means) {
     const auto chosen =

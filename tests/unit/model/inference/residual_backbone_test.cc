@@ -146,7 +146,7 @@ TEST_P(ResidualBackboneTest, AnswersHaveTheSameBitsAloneAndInABatch) {
   }
 }
 
-TEST_P(ResidualBackboneTest, Bf16IsNear) {
+TEST_P(ResidualBackboneTest, Bf16IsCloseToF32) {
   if (!ProcessorHasBf16()) GTEST_SKIP() << "this processor does not compute with bf16";
   const std::vector<std::vector<uint8_t>> raster = {RandomRaster(spec_, 1)};
   const auto rough = Encode(NewSession(Precision::kBf16).get(), raster)[0];

@@ -8,7 +8,7 @@
 namespace maneuver::inference::set_pooling_test {
 namespace {
 
-TEST(SetPoolingTest, AHeadWeighsItsOwnChannels) {
+TEST(SetPoolingTest, AHeadWeightsItsOwnChannels) {
   const std::vector<float> elements = {1, 2, 3, 4,  //
                                        5, 0, 1, 8};
   const float ln3 = std::log(3.0f);

@@ -21,7 +21,7 @@ INSTANTIATE_TEST_SUITE_P(Shapes, SparseConvolutionTest,
                                          Shape{7, 2, 5, 176}, Shape{3, 3, 8, 32},
                                          Shape{5, 4, 9, 16}));
 
-TEST_P(SparseConvolutionTest, AddsWhatTheChannelsGive) {
+TEST_P(SparseConvolutionTest, AddsTheProductsOfItsChannels) {
   const auto [kernel, stride, inputs, outputs] = GetParam();
   {
     const Problem problem = MakeProblem(kernel, stride, inputs, outputs, 16);
@@ -57,7 +57,7 @@ TEST_P(SparseConvolutionTest, AddsWhatTheChannelsGive) {
   }
 }
 
-TEST(FilledRasterTest, IsLeftToBeConvolvedWhole) {
+TEST(FilledRasterTest, SkipsARasterThatIsFilledTooMuch) {
   const Problem problem = MakeProblem(3, 2, 13, 32, 4);
   SparseConvolution::Values values;
   CellMask pixels(problem.layer.input.height, problem.layer.input.width);
@@ -65,7 +65,7 @@ TEST(FilledRasterTest, IsLeftToBeConvolvedWhole) {
                    .Find(problem.Drawn(), &values, &pixels));
 }
 
-TEST(FilledRasterTest, TheChannelsOfTheMapDoNotCount) {
+TEST(FilledRasterTest, IgnoresTheChannelsOfTheMap) {
   Problem problem = MakeProblem(3, 2, 13, 32, 4);
   for (size_t i = 0; i < problem.raster.size(); ++i) {
     if (i % 13 >= 3) problem.raster[i] = 0;
@@ -78,7 +78,7 @@ TEST(FilledRasterTest, TheChannelsOfTheMapDoNotCount) {
   EXPECT_TRUE(values.pixels.empty());
 }
 
-TEST(FilledRasterTest, OutputsThatFillNoVectorAreNotTaken) {
+TEST(FilledRasterTest, RefusesOutputsThatFillNoVector) {
   EXPECT_FALSE(SparseConvolution::Takes(MakeProblem(3, 2, 13, 25, 4).layer));
 }
 

@@ -47,7 +47,7 @@ struct HandMade {
 };
 
 // The bivariate normal as textbooks write it, with deviations and a correlation.
-TEST(AnchorLossTest, MultiPathsIsTheNegativeLogOfTheNearestAnchorsGaussians) {
+TEST(AnchorLossTest, IsTheNegativeLogOfTheNearestAnchorsGaussians) {
   const HandMade made;
   double expected = -std::log(0.25);
   for (int64_t t = 0; t < 2; ++t) {
@@ -96,7 +96,7 @@ TEST(AnchorLossTest, ItsGradientIsThatOfFiniteDifferencesAndLeavesOtherAnchorsAl
   EXPECT_EQ(predictions.mean.grad().select(1, 1).abs().sum().item<double>(), 0.0);
 }
 
-TEST(AnchorsTest, AreTheCentresOfSeparateFamiliesAndExamplesGoToTheNearest) {
+TEST(AnchorsTest, AnchorsAreCentresOfFamiliesAndExamplesGoToTheNearest) {
   // Families at 10, 20 and 30 m ahead, 1 m either way.
   at::Tensor rows = at::zeros({60, 4}, at::kFloat);
   for (int64_t i = 0; i < 60; ++i) {
@@ -141,7 +141,7 @@ class BaselinesTest : public testing::Test {
   const TemporaryFolder folder_;
 };
 
-TEST_F(BaselinesTest, LearnWhichArcItIsAndHaveRowsInTheMetrics) {
+TEST_F(BaselinesTest, BaselinesLearnTheArcsAndHaveRowsInTheMetrics) {
   // Fewer anchors than there are arcs.
   TrainingRun run = Run("model", 15);
   run.settings.mutable_model()->set_actions(3);
@@ -166,7 +166,7 @@ TEST_F(BaselinesTest, LearnWhichArcItIsAndHaveRowsInTheMetrics) {
   EXPECT_LT(metrics.at("multipath_nll"), metrics.at("covernet_nll"));
 }
 
-TEST_F(BaselinesTest, LeaveTheModelAsItIsAndAreTheSameAgain) {
+TEST_F(BaselinesTest, BaselinesDoNotChangeTheModelAndAreReproducible) {
   TrainingRun without = Run("without", 2);
   without.baselines = false;
   ASSERT_TRUE(Train(without, data_).ok());
@@ -184,7 +184,7 @@ TEST_F(BaselinesTest, LeaveTheModelAsItIsAndAreTheSameAgain) {
   EXPECT_FALSE(weights == ReadBytes(folder_ / "other" / "baselines.safetensors"));
 }
 
-TEST_F(BaselinesTest, ARunThatIsStoppedInThemEndsWithTheSameBytes) {
+TEST_F(BaselinesTest, ARunStoppedInTheBaselinesEndsWithTheSameBytes) {
   ASSERT_TRUE(Train(Run("whole", 2), data_).ok());
   TrainingRun run = Run("resumed", 2);
   run.checkpoints = folder_ / "checkpoints";
@@ -211,7 +211,7 @@ TEST_F(BaselinesTest, ARunThatIsStoppedInThemEndsWithTheSameBytes) {
   }
 }
 
-TEST_F(BaselinesTest, ARunThatStartedFromAModelResumesInThem) {
+TEST_F(BaselinesTest, ARunThatStartedFromAModelResumesInTheBaselines) {
   ASSERT_TRUE(Train(Run("first", 1), data_).ok());
   const auto prepare = [this](const std::string& name) {
     TrainingRun run = Run(name, 2);
@@ -236,7 +236,7 @@ TEST_F(BaselinesTest, ARunThatStartedFromAModelResumesInThem) {
 }
 
 // In each phase: the last checkpoint is of the first step of its second epoch.
-TEST_F(BaselinesTest, ARunThatIsStoppedAtTheStartOfAnEpochEndsWithTheSameBytes) {
+TEST_F(BaselinesTest, ARunStoppedAtTheStartOfAnEpochEndsWithTheSameBytes) {
   const auto prepare = [this](const std::string& name) {
     TrainingRun run = Run(name, 2);
     run.settings.mutable_optimization()->set_mixture_epochs(2);
@@ -262,7 +262,7 @@ TEST_F(BaselinesTest, ARunThatIsStoppedAtTheStartOfAnEpochEndsWithTheSameBytes) 
   }
 }
 
-TEST_F(BaselinesTest, AreRefusedIfAlteredAndTheModelServesWithoutALook) {
+TEST_F(BaselinesTest, AlteredBaselinesAreRefusedButTheModelStillServes) {
   ASSERT_TRUE(Train(Run("model", 1), data_).ok());
   const fs::path model = folder_ / "model";
   ASSERT_TRUE(inference::LoadAnchorBaselines(model, {}).ok());
@@ -284,7 +284,7 @@ TEST_F(BaselinesTest, AreRefusedIfAlteredAndTheModelServesWithoutALook) {
   EXPECT_EQ(inference::LoadAnchorBaselines(model, {}).status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST_F(BaselinesTest, TheEngineSaysWhatLibTorchSays) {
+TEST_F(BaselinesTest, TheEngineAgreesWithLibTorch) {
   v1::TrainingSettings settings = TinySettings();
   settings.mutable_model()->set_target_motion(true);
   at::Generator generator = MakeGenerator(3);

@@ -87,7 +87,7 @@ TEST_P(BatchNormReluGridTest, AgreesWithPyTorch) {
 }
 
 // A loss must not stay finite when something before it is not.
-TEST_F(BatchNormReluTest, WhatIsNotANumberStaysSo) {
+TEST_F(BatchNormReluTest, KeepsNaN) {
   at::manual_seed(1);
   at::Tensor x = at::randn({4, 8, 5, 5});
   x[2][3][1][1] = std::numeric_limits<float>::quiet_NaN();
@@ -100,7 +100,7 @@ TEST_F(BatchNormReluTest, WhatIsNotANumberStaysSo) {
   EXPECT_TRUE(x.grad().select(1, 3).isnan().all().item<bool>());
 }
 
-TEST_F(BatchNormReluTest, AsManyThreadsGiveTheSameBits) {
+TEST_F(BatchNormReluTest, TheSameNumberOfThreadsGivesTheSameBits) {
   at::set_num_threads(3);
   at::manual_seed(1);
   const at::Tensor x = at::randn({64, 24, 16, 16}).contiguous(at::MemoryFormat::ChannelsLast);

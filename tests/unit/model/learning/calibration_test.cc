@@ -42,7 +42,7 @@ TEST(CalibrationTest, DecoderCovarianceIsThatOfTheResiduals) {
   }
 }
 
-TEST(CalibrationTest, WhatTheLatentExplainsIsNotCountedTwice) {
+TEST(CalibrationTest, DoesNotCountTheLatentCovarianceTwice) {
   at::Generator generator = MakeGenerator(1);
   Predictions predictions = KnownPredictions(generator, 1.0);
   predictions.covariance.select(3, 0).fill_(3.0);
@@ -73,7 +73,7 @@ Predictions SpreadPredictions(at::Generator& generator, double width) {
   return predictions;
 }
 
-TEST(CalibrationTest, LatentIsWidenedWhereItPromisesTooMuch) {
+TEST(CalibrationTest, WidensALatentThatIsTooNarrow) {
   at::Generator generator = MakeGenerator(4);
   const at::Tensor little = at::tensor({0.01, 0.0, 0.01}, at::kFloat).view({1, 1, 3});
   for (const double width : {0.6, 1.0, 1.7}) {
@@ -83,7 +83,7 @@ TEST(CalibrationTest, LatentIsWidenedWhereItPromisesTooMuch) {
   }
 }
 
-TEST(CalibrationTest, AGaussianCoversWhatAGaussianCovers) {
+TEST(CalibrationTest, AGaussianHasTheTheoreticalCoverage) {
   at::Generator generator = MakeGenerator(5);
   const Predictions predictions = KnownPredictions(generator, 1.0);
   const at::Tensor covariance =

@@ -46,7 +46,7 @@ double ActionsInUse(const std::string& preset) {
   return manifest.ok() ? manifest->metrics().at("action_perplexity") : 0.0;
 }
 
-TEST(CollapseTest, TheLiteralSettingLeavesFewActionsAndTheDefaultKeepsThem) {
+TEST(CollapseTest, TheLiteralPresetLosesActionsAndTheDefaultKeepsThem) {
   // Seeds 1, 2 and 3 gave 5.3, 4.2 and 5.3 against 10.1, 10.2 and 9.8.
   EXPECT_LT(ActionsInUse("literal"), 7.0);
   EXPECT_GT(ActionsInUse("compact"), 8.5);

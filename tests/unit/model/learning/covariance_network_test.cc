@@ -65,7 +65,7 @@ TEST(CovarianceNetworkTest, LearnsHowWideTheErrorsOfALatentAre) {
   }
 }
 
-TEST(CovarianceNetworkTest, AddsNothingWhereTheLatentSpreadsEnough) {
+TEST(CovarianceNetworkTest, AddsNothingIfTheLatentSpreadsEnough) {
   const v1::ModelSpec spec = PredictedSpec();
   at::Generator generator = MakeGenerator(2);
   Networks networks(spec, at::kCPU, generator);

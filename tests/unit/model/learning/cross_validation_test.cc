@@ -87,7 +87,7 @@ class CrossValidationTest : public testing::Test {
   CrossValidation run_;
 };
 
-TEST_F(CrossValidationTest, EveryRecordingIsMeasuredOnceByAModelThatDidNotLearnFromItsPlace) {
+TEST_F(CrossValidationTest, MeasuresEachRecordingOnceByAModelThatNeverSawItsPlace) {
   run_.test_datasets = {{"others", folder_ / "others"}};
   const auto plan = PlanCrossValidation(run_);
   ASSERT_TRUE(plan.ok()) << plan.status();
@@ -129,7 +129,7 @@ TEST_F(CrossValidationTest, EveryRecordingIsMeasuredOnceByAModelThatDidNotLearnF
   EXPECT_GT(report.sets(0).overall().metrics().at("ade_1").lower(), 0.0);
 }
 
-TEST_F(CrossValidationTest, FoldsThatAreRunAloneAndMergedAreTheSameAsTogether) {
+TEST_F(CrossValidationTest, SeparateFoldsMergeIntoTheResultOfOneRun) {
   const auto plan = PlanCrossValidation(run_);
   ASSERT_TRUE(plan.ok()) << plan.status();
   const auto together = CrossValidate(run_, *plan);
@@ -149,7 +149,7 @@ TEST_F(CrossValidationTest, FoldsThatAreRunAloneAndMergedAreTheSameAsTogether) {
   EXPECT_TRUE(MessageDifferencer::Equals(*merged, *evaluation::MergeParts({*together})));
 }
 
-TEST_F(CrossValidationTest, TestDatasetsDoNotMoveTheFolds) {
+TEST_F(CrossValidationTest, TestDatasetsDoNotChangeTheFolds) {
   const auto alone = PlanCrossValidation(run_);
   run_.test_datasets = {{"others", folder_ / "others"}};
   const auto beside = PlanCrossValidation(run_);
@@ -159,14 +159,14 @@ TEST_F(CrossValidationTest, TestDatasetsDoNotMoveTheFolds) {
   }
 }
 
-TEST_F(CrossValidationTest, RefusesATestDatasetThatIsLearnedFrom) {
+TEST_F(CrossValidationTest, RefusesATestDatasetThatIsAlsoATrainingDataset) {
   run_.test_datasets = {{"again", folder_ / "drives"}};
   const absl::Status status = PlanCrossValidation(run_).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_THAT(std::string(status.message()), HasSubstr("test dataset again"));
 }
 
-TEST_F(CrossValidationTest, SaysWhichFoldFailedAndStopsWhenTold) {
+TEST_F(CrossValidationTest, NamesTheFoldThatFailedAndStopsWhenAsked) {
   run_.settings.mutable_optimization()->set_batch_size(500);
   absl::Status status = CrossValidate(run_, *PlanCrossValidation(run_)).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
@@ -178,7 +178,7 @@ TEST_F(CrossValidationTest, SaysWhichFoldFailedAndStopsWhenTold) {
   EXPECT_EQ(PlanCrossValidation(run_).status().code(), absl::StatusCode::kCancelled);
 }
 
-TEST(LoadTrainingDataTest, RecordingsThatAreLeftOutLeaveNoLabels) {
+TEST(LoadTrainingDataTest, LabelsOfExcludedRecordingsAreNotUsed) {
   const TemporaryFolder folder;
   auto writer = data::DatasetWriter::Create(folder / "arcs", "a test");
   const std::vector<v1::Scenario> recordings = ArcRecordings(40);

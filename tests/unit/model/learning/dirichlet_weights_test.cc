@@ -17,7 +17,7 @@ namespace maneuver::learning::dirichlet_weights_test {
 namespace {
 
 // E[ln pi_k] of draws from the Dirichlet, as normalised Gamma variables.
-TEST(DirichletWeightsTest, ExpectedLogarithmsAreThoseOfDraws) {
+TEST(DirichletWeightsTest, ExpectedLogarithmsMatchRandomDraws) {
   const std::vector<double> counts = {0.5, 2.0, 7.5};
   std::mt19937_64 random(3);
   std::vector<double> sums(3, 0.0);
@@ -37,7 +37,7 @@ TEST(DirichletWeightsTest, ExpectedLogarithmsAreThoseOfDraws) {
   }
 }
 
-TEST(DirichletWeightsTest, CountsSettleAtWhatIsObservedAndThePrior) {
+TEST(DirichletWeightsTest, CountsConvergeToObservationsPlusPrior) {
   const at::Tensor responsibilities =
       at::tensor({1.0, 0.0, 0.0, 0.5, 0.5, 0.0}, at::kDouble).view({2, 3});
   at::Tensor counts = at::full({3}, 50.0, at::kDouble);
@@ -53,7 +53,7 @@ TEST(DirichletWeightsTest, CountsSettleAtWhatIsObservedAndThePrior) {
 
 // Two components at the same place share their data evenly under maximum likelihood, for ever; the
 // sparse prior gives it all to the one that has a little more.
-TEST(DirichletWeightsTest, OfTwoActionsThatAreTheSameOneIsSwitchedOff) {
+TEST(DirichletWeightsTest, SwitchesOffOneOfTwoEqualActions) {
   constexpr double kConcentration = 1e-3;
   at::Tensor counts = at::tensor({21.0, 19.0, 60.0}, at::kDouble);
   const at::Tensor likelihood =
@@ -67,7 +67,7 @@ TEST(DirichletWeightsTest, OfTwoActionsThatAreTheSameOneIsSwitchedOff) {
   EXPECT_NEAR(counts[2].item<double>(), 50.0, 0.1);
 }
 
-TEST(DirichletWeightsTest, AnActionThatIsSwitchedOffHasNoProbabilityAndMovesNothing) {
+TEST(DirichletWeightsTest, ASwitchedOffActionHasNoProbabilityAndNoGradient) {
   const v1::TrainingSettings settings = TinySettings();
   at::Generator generator = MakeGenerator(1);
   Networks networks(settings.model(), at::kCPU, generator);

@@ -115,7 +115,7 @@ std::vector<v1::Scenario> AmongPedestrians(std::vector<v1::Scenario> recordings)
 // Every network of the engine, f32, against LibTorch's.
 class EngineParityTest : public testing::TestWithParam<ParityCase> {};
 
-TEST_P(EngineParityTest, TheEngineSaysWhatLibTorchSays) {
+TEST_P(EngineParityTest, TheEngineAgreesWithLibTorch) {
   v1::TrainingSettings settings = GetParam().settings();
   settings.mutable_optimization()->set_pretraining_epochs(4);
   settings.mutable_optimization()->set_mixture_epochs(2);

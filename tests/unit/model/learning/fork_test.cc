@@ -112,7 +112,7 @@ class ForkTest : public testing::TestWithParam<v1::Objective> {
   std::unique_ptr<inference::InferenceSession> session_;
 };
 
-TEST_P(ForkTest, ProbabilitiesResponsibilitiesAndLatentsAreWhatTheyShouldBe) {
+TEST_P(ForkTest, LearnsTheKnownProbabilitiesResponsibilitiesAndLatents) {
   double undecided = 0.0, generic = 0.0, posterior = 0.0;
   int asked = 0;
   for (const double curvature : {0.032, 0.041, 0.05, 0.059, 0.068}) {

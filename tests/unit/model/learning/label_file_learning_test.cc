@@ -21,7 +21,7 @@
 namespace maneuver::learning::label_file_learning_test {
 namespace {
 
-TEST(LabelFileLearningTest, LabelsOfAFileAreTheOneHotPosteriorOfTheirExamples) {
+TEST(LabelFileLearningTest, ALabelIsTheOneHotPosteriorOfItsExample) {
   const TemporaryFolder folder;
   v1::TrainingSettings settings = TinySettings();
   settings.mutable_examples()->set_label_share(1.0);

@@ -34,7 +34,7 @@ TEST(TrainingDataTest, HoldsOutWholeRecordings) {
   EXPECT_EQ(training.size() + data->validation.recordings.size(), 60u);
 }
 
-TEST(TrainingDataTest, TooFewExamplesAreRefusedWithWhatWasFoundAndWhatToDo) {
+TEST(TrainingDataTest, RefusesTooFewExamplesAndSaysWhatToDo) {
   const auto data = SplitRecordings(ArcRecordings(2), TinySettings());
   ASSERT_EQ(data.status().code(), absl::StatusCode::kFailedPrecondition);
   const std::string message(data.status().message());
@@ -44,7 +44,7 @@ TEST(TrainingDataTest, TooFewExamplesAreRefusedWithWhatWasFoundAndWhatToDo) {
   EXPECT_THAT(message, HasSubstr("Add recordings"));
 }
 
-TEST(TrainingDataTest, RecordingsWithoutATargetToLearnFromSaySo) {
+TEST(TrainingDataTest, SaysThatTheRecordingsHaveNoTarget) {
   v1::TrainingSettings settings = TinySettings();
   settings.mutable_model()->add_target_types(v1::AGENT_TYPE_CYCLIST);
   const auto data = SplitRecordings(ArcRecordings(20), settings);
@@ -64,7 +64,7 @@ TEST(VariationTest, IsAFunctionOfSeedEpochAndExample) {
   EXPECT_NE(once.scale, DrawVariation(settings, 5, 1, 2, 4).scale);
 }
 
-TEST(VariationTest, StaysInItsLimitsAndMirrorsHalf) {
+TEST(VariationTest, StaysWithinItsLimitsAndMirrorsHalf) {
   const v1::AugmentationSettings settings = TinySettings().augmentation();
   int mirrored = 0;
   for (int i = 0; i < 2000; ++i) {
@@ -77,7 +77,7 @@ TEST(VariationTest, StaysInItsLimitsAndMirrorsHalf) {
 }
 
 // The trajectory of a varied example is where the varied raster shows it.
-TEST(VariationTest, RasterAndTrajectoryAreVariedAlike) {
+TEST(VariationTest, RasterAndTrajectoryShareOneVariation) {
   // A left arc varied by a mirror alone looks like the right arc, and goes where that goes.
   ExampleSet left, right;
   const v1::TrainingSettings settings = TinySettings();
@@ -104,7 +104,7 @@ TEST(VariationTest, RasterAndTrajectoryAreVariedAlike) {
 }
 
 // Turning the target's frame by an angle is turning the world by its opposite.
-TEST(VariationTest, RotationTurnsRasterAndTrajectoryAlike) {
+TEST(VariationTest, RotationTurnsRasterAndTrajectoryTogether) {
   constexpr double kAngle = 0.3;
   const v1::TrainingSettings settings = TinySettings();
   ExampleSet plain, turned;
@@ -136,7 +136,7 @@ TEST(VariationTest, RotationTurnsRasterAndTrajectoryAlike) {
   }
 }
 
-TEST(VariationTest, DroppedAgentsAndFramesAreDrawnByTheirShares) {
+TEST(VariationTest, DropsAgentsAndFramesAtTheirShares) {
   v1::AugmentationSettings settings = TinySettings().augmentation();
   settings.set_drop_agents(0.25);
   settings.set_drop_history(0.5);
@@ -155,7 +155,7 @@ TEST(VariationTest, DroppedAgentsAndFramesAreDrawnByTheirShares) {
   EXPECT_NEAR(shortened, 800, 100);  // half of them, one in five of which keeps all five frames
 }
 
-TEST(VariationTest, MotionIsVariedAsTheTrajectoryIs) {
+TEST(VariationTest, MotionAndTrajectoryShareOneVariation) {
   Variation variation;
   variation.scale = 1.1;
   variation.mirror = true;
@@ -224,7 +224,7 @@ TEST(SceneLoaderTest, BatchesComeInOrderWhateverTheNumberOfThreads) {
   EXPECT_FALSE(three.Next());
 }
 
-TEST(SceneLoaderTest, CanBeLeftBeforeThePassIsOver) {
+TEST(SceneLoaderTest, CanBeDestroyedBeforeThePassEnds) {
   const auto data = SplitRecordings(ArcRecordings(60), TinySettings());
   ASSERT_TRUE(data.ok());
   const v1::ModelSpec spec = TinySettings().model();
@@ -233,7 +233,7 @@ TEST(SceneLoaderTest, CanBeLeftBeforeThePassIsOver) {
   EXPECT_TRUE(loader.Next());
 }
 
-TEST(SceneLoaderTest, SaysHowLongTheHurriedWaitedForEachBatch) {
+TEST(SceneLoaderTest, MeasuresHowLongEachBatchWasWaitedFor) {
   const auto data = SplitRecordings(ArcRecordings(60), TinySettings());
   ASSERT_TRUE(data.ok());
   const v1::ModelSpec spec = TinySettings().model();
@@ -247,7 +247,7 @@ TEST(SceneLoaderTest, SaysHowLongTheHurriedWaitedForEachBatch) {
   EXPECT_LE(waited, std::chrono::steady_clock::now() - begin);
 }
 
-TEST(SceneLoaderTest, AConsumerSlowerThanTheDrawingWaitsForNothing) {
+TEST(SceneLoaderTest, ASlowConsumerNeverWaits) {
   const auto data = SplitRecordings(ArcRecordings(60), TinySettings());
   ASSERT_TRUE(data.ok());
   const v1::ModelSpec spec = TinySettings().model();
@@ -309,7 +309,7 @@ class RunProgressTest : public testing::Test {
                         [this] { return now_; }};
 };
 
-TEST_F(RunProgressTest, FractionWeighsStepsByTheirCostAndTimeLeftFollows) {
+TEST_F(RunProgressTest, WeightsStepsByTheirCost) {
   progress_.BeginPhase("pretrain");
   now_ += std::chrono::seconds(1);
   for (int i = 0; i < 10; ++i) progress_.Step(4);
@@ -320,7 +320,7 @@ TEST_F(RunProgressTest, FractionWeighsStepsByTheirCostAndTimeLeftFollows) {
   EXPECT_NEAR(seen_.back().time_left().seconds(), 99, 1);
 }
 
-TEST_F(RunProgressTest, TimeLeftOfAPhaseIsCountedByItsOwnSteps) {
+TEST_F(RunProgressTest, ThePhasesOwnStepsPredictItsTimeLeft) {
   progress_.BeginPhase("load");
   now_ += std::chrono::seconds(50);  // says nothing of steps
   progress_.Step(0);
@@ -342,7 +342,7 @@ TEST_F(RunProgressTest, TimeLeftOfAPhaseIsCountedByItsOwnSteps) {
   EXPECT_EQ(seen_.back().time_left().seconds(), 72);
 }
 
-TEST_F(RunProgressTest, StepsOfAnotherRunAreNotTimed) {
+TEST_F(RunProgressTest, DoesNotTimeStepsOfAnotherRun) {
   progress_.BeginPhase("joint");
   progress_.Resume(4);
   for (int i = 0; i < 5; ++i) {

@@ -33,7 +33,7 @@ double NearestDistance(const at::Tensor& means, const at::Tensor& point) {
 
 class PlacementTest : public testing::TestWithParam<v1::MixturePlacement> {};
 
-TEST_P(PlacementTest, IsAMixtureOfTheSizeAskedForAndTheSameBySeed) {
+TEST_P(PlacementTest, HasTheRequestedSizeAndDependsOnlyOnTheSeed) {
   const EncodedExamples examples = FourGroups();
   const PlacedMixture placed = PlaceMixture(GetParam(), examples, kActions, 1);
   EXPECT_EQ(placed.components.mean.sizes().vec(), (std::vector<int64_t>{kActions, 2}));
@@ -71,7 +71,7 @@ TEST(MixturePlacementTest, VelocityClustersTakeTheMomentsOfTheirEncodings) {
 }
 
 // Over one window of half a second each, at 2 waypoints a second.
-TEST(MixturePlacementTest, VelocitiesAreDrawnTogetherByTheLogarithmAndKeepTheirDirection) {
+TEST(MixturePlacementTest, VelocitiesAreCompressedLogarithmicallyAndKeepTheirDirection) {
   // From the origin 3 m ahead, then 4 m to the left, then no further.
   const at::Tensor trajectory = at::tensor({3.F, 0.F, 3.F, 4.F, 3.F, 4.F}).view({1, 6});
   const at::Tensor space = ClusterSpace(v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS, trajectory,
@@ -83,7 +83,7 @@ TEST(MixturePlacementTest, VelocitiesAreDrawnTogetherByTheLogarithmAndKeepTheirD
   }
 }
 
-TEST(MixturePlacementTest, VelocitiesAreOverHalfSeconds) {
+TEST(MixturePlacementTest, VelocitiesAreAveragedOverHalfASecond) {
   // Ten waypoints a second: two whole windows, of 1 m and of 2 m, and what is left over.
   at::Tensor trajectory = at::zeros({1, 24});
   for (int t = 0; t < 12; ++t) {
@@ -96,7 +96,7 @@ TEST(MixturePlacementTest, VelocitiesAreOverHalfSeconds) {
   EXPECT_NEAR(space[0][2].item<double>(), std::log(5.0), 1e-5);
 }
 
-TEST(MixturePlacementTest, EachTrajectoryIsNearestTheCentreOfItsGroup) {
+TEST(MixturePlacementTest, EachTrajectoryIsNearestToTheCentreOfItsGroup) {
   const EncodedExamples examples = FourGroups();
   for (const auto placement :
        {v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS, v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS}) {
@@ -117,7 +117,7 @@ TEST(MixturePlacementTest, AFittedMixtureFindsTheGroups) {
       PlaceMixture(v1::MIXTURE_PLACEMENT_FITTED_MIXTURE, FourGroups(), kActions, 1));
 }
 
-TEST(MixturePlacementTest, PointsAndSeedsAreEncodingsAndSeedsAreSpread) {
+TEST(MixturePlacementTest, SeedsAreEncodingsThatLieFarApart) {
   const EncodedExamples examples = FourGroups();
   for (const auto placement :
        {v1::MIXTURE_PLACEMENT_ENCODED_POINTS, v1::MIXTURE_PLACEMENT_ENCODED_SEEDS}) {

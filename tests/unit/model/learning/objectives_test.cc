@@ -67,7 +67,7 @@ class ObjectivesTest : public testing::Test {
   at::Tensor log_p_y_, decoder_, trajectories_, noise_, posterior_noise_;
 };
 
-TEST_F(ObjectivesTest, TermsOfTheUnifiedBoundAreThoseOfThePlainFunctions) {
+TEST_F(ObjectivesTest, TermsOfTheUnifiedBoundMatchThePlainFunctions) {
   const BoundTerms terms = UnifiedBound(Base(), Posterior());
   const probability::LatentMixture mixture{
       Eigen::Map<const Eigen::Matrix<double, -1, -1, Eigen::RowMajor>>(
@@ -103,7 +103,7 @@ TEST_F(ObjectivesTest, TermsOfTheUnifiedBoundAreThoseOfThePlainFunctions) {
   }
 }
 
-TEST_F(ObjectivesTest, BaseResponsibilitiesAreThePlainOnesEvenWhereExponentialsUnderflow) {
+TEST_F(ObjectivesTest, BaseResponsibilitiesMatchThePlainOnesDespiteUnderflow) {
   encoding_.mean.mul_(100.0);
   const probability::LatentMixture mixture{
       Eigen::Map<const Eigen::Matrix<double, -1, -1, Eigen::RowMajor>>(
@@ -120,7 +120,7 @@ TEST_F(ObjectivesTest, BaseResponsibilitiesAreThePlainOnesEvenWhereExponentialsU
   }
 }
 
-TEST_F(ObjectivesTest, WhatAnActionIsHeldToCostsTheResponsibilityThatItWouldHave) {
+TEST_F(ObjectivesTest, AHeldActionCostsItsUnheldResponsibility) {
   const probability::LatentMixture mixture{
       Eigen::Map<const Eigen::Matrix<double, -1, -1, Eigen::RowMajor>>(
           mixture_.mean.data_ptr<double>(), kActions, kLatents),
@@ -187,7 +187,7 @@ TEST_F(ObjectivesTest, BaseBoundIsTheMonteCarloMeanOfLogPOverQ) {
   }
 }
 
-TEST_F(ObjectivesTest, ResponsibilitiesAreHeldFixed) {
+TEST_F(ObjectivesTest, ResponsibilitiesHaveNoGradient) {
   for (at::Tensor* each : {&encoding_.mean, &mixture_.mean, &log_p_y_, &posterior_.mean}) {
     each->set_requires_grad(true);
   }
@@ -227,7 +227,7 @@ TEST_F(ObjectivesTest, BaseGradientIsTheSameThroughTheResponsibilities) {
 }
 
 // In the unified model it is not the maximiser: the stop-gradient is part of the definition.
-TEST_F(ObjectivesTest, UnifiedGradientIsOfTheBoundWithFixedResponsibilities) {
+TEST_F(ObjectivesTest, UnifiedGradientTreatsResponsibilitiesAsFixed) {
   const at::Tensor log_q_y = UnifiedBound(Base(), Posterior()).log_responsibilities.detach();
   const auto with_constant = [&] {
     const Gaussian q{encoding_.mean.unsqueeze(1), encoding_.log_variance.unsqueeze(1)};
@@ -246,7 +246,7 @@ TEST_F(ObjectivesTest, UnifiedGradientIsOfTheBoundWithFixedResponsibilities) {
   }
 }
 
-TEST_F(ObjectivesTest, BaseGradientIsTheSlopeOfTheBound) {
+TEST_F(ObjectivesTest, BaseGradientMatchesFiniteDifferences) {
   constexpr double kStep = 1e-5;
   for (at::Tensor* parameter : {&mixture_.mean, &mixture_.log_variance, &encoding_.mean}) {
     const auto loss = [this] { return Loss(BaseBound(Base()), BoundWeights()); };
@@ -288,7 +288,7 @@ TEST_F(ObjectivesTest, ExactResponsibilitiesMaximiseTheUnifiedBoundAndPrintedOne
   }
 }
 
-TEST_F(ObjectivesTest, DualBoundIsWhatTheUnifiedOneAddsUnderTheBaseModelsResponsibilities) {
+TEST_F(ObjectivesTest, DualBoundIsTheUnifiedPartUnderBaseResponsibilities) {
   const BoundTerms terms = DualBound(Base(), Posterior());
   EXPECT_FALSE(terms.reconstruction.defined());
   const at::Tensor q_y = BaseBound(Base()).log_responsibilities.exp();
@@ -301,7 +301,7 @@ TEST_F(ObjectivesTest, DualBoundIsWhatTheUnifiedOneAddsUnderTheBaseModelsRespons
   EXPECT_NEAR(Loss(terms, {}).item<double>(), expected.item<double>(), 1e-9);
 }
 
-TEST_F(ObjectivesTest, LabelledExamplesAreTheirAction) {
+TEST_F(ObjectivesTest, ALabelledExampleHasTheResponsibilityOfItsLabel) {
   BaseModel model = Base();
   const BoundTerms unlabelled = UnifiedBound(model, Posterior());
   model.labels = at::tensor({-1, 2, -1, 0}, at::kLong);
@@ -318,7 +318,7 @@ TEST_F(ObjectivesTest, LabelledExamplesAreTheirAction) {
   EXPECT_TRUE(std::isfinite(Loss(terms, {}).item<double>()));
 }
 
-TEST_F(ObjectivesTest, LossWeighsItsTerms) {
+TEST_F(ObjectivesTest, LossWeightsItsTerms) {
   const BoundTerms terms = UnifiedBound(Base(), Posterior());
   const double loss = Loss(terms, {5.0, 0.05, 2.0, 0.5}).item<double>();
   const double expected =

@@ -96,7 +96,7 @@ TEST_P(AdamWTest, FollowsItsFormulas) {
   EXPECT_GT((end - begin).abs().min().item<double>(), 0.0);
 }
 
-TEST(OptimizerTest, ParameterWithoutGradientStays) {
+TEST(OptimizerTest, KeepsAParameterWithoutGradient) {
   const at::Tensor parameter = at::ones({3, 3}).requires_grad_();
   AdamW optimizer;
   optimizer.Add({parameter}, kRate, kDecay);

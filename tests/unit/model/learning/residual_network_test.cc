@@ -79,7 +79,7 @@ class ResidualNetworkTest : public testing::TestWithParam<bool> {
   const TemporaryFolder folder_;
 };
 
-TEST_P(ResidualNetworkTest, TrainsAStepIsExportedAndTheEngineSaysWhatLibTorchSays) {
+TEST_P(ResidualNetworkTest, TrainsAStepExportsAndTheEngineAgreesWithLibTorch) {
   const v1::ModelSpec& spec = settings_.model();
   const TrainingData data = *SplitRecordings(ArcRecordings(8), settings_);
   RunProgress progress(
@@ -143,7 +143,7 @@ INSTANTIATE_TEST_SUITE_P(All, ResidualNetworkTest, testing::Bool(),
                            return resnet50.param ? "ResNet50" : "Small";
                          });
 
-TEST(FreshResidualNetworkTest, BlocksPassOnWhatTheyAddTo) {
+TEST(FreshResidualNetworkTest, FreshBlocksAddNothing) {
   at::NoGradGuard no_grad;
   const v1::ModelSpec spec = SmallSettings().model();
   at::Generator generator = MakeGenerator(5);

@@ -9,7 +9,7 @@
 namespace maneuver::learning::scene_covariance_test {
 namespace {
 
-TEST(MeanDirectionsTest, AreThoseOfTheAveragedSteps) {
+TEST(MeanDirectionsTest, DirectionsAreThoseOfTheAveragedSteps) {
   at::Generator generator = MakeGenerator(3);
   constexpr int64_t kWaypoints = 12;
   constexpr double kInterval = 0.1;
@@ -92,7 +92,7 @@ TEST_F(SceneCovarianceTest, ItsGradientIsThatOfFiniteDifferences) {
 
 // Errors of known widths along and across the direction of travel: the factors are the squares of
 // the widths over those that were predicted.
-TEST(SpeedFactorsTest, AreFoundForEachBinAndWidenedToCover) {
+TEST(SpeedFactorsTest, FactorsAreFittedPerBinAndWidenedToCover) {
   at::Generator generator = MakeGenerator(9);
   constexpr int64_t kExamples = 12'000, kWaypoints = 5;
   Predictions predictions;
@@ -122,7 +122,7 @@ TEST(SpeedFactorsTest, AreFoundForEachBinAndWidenedToCover) {
   EXPECT_NEAR((widened[0][0] / factors[0][0]).item<double>(), 5.99 / 4.0, 0.2);
 }
 
-TEST(SpeedBinsTest, BeginAtTheirLowerBounds) {
+TEST(SpeedBinsTest, BinsBeginAtTheirLowerBounds) {
   EXPECT_TRUE(SpeedBins(at::tensor({0.0F, 0.5F, -3.0F, 9.9F, 14.0F, 40.0F}))
                   .equal(at::tensor({0, 1, 2, 3, 4, 5}, at::kLong)));
 }

@@ -62,7 +62,7 @@ void ExpectSame(const SceneLoader::Batch& a, const SceneLoader::Batch& b) {
   ExpectNear(a.trajectories, b.trajectories, 2e-3, "trajectory");
 }
 
-TEST(SceneVectorsTest, AMirroredExampleIsThatOfTheMirroredWorld) {
+TEST(SceneVectorsTest, AMirroredExampleMatchesTheMirroredWorld) {
   const v1::TrainingSettings settings = TinyLanesSettings();
   const ExampleSet left = Recorded(WithCyclist(ArcRecording("arc", 0.04, 9.0), 1.0), settings);
   const ExampleSet right = Recorded(WithCyclist(ArcRecording("arc", -0.04, 9.0), -1.0), settings);
@@ -71,7 +71,7 @@ TEST(SceneVectorsTest, AMirroredExampleIsThatOfTheMirroredWorld) {
   ExpectSame(First(left, mirror, settings), First(right, {}, settings));
 }
 
-TEST(SceneVectorsTest, AScaledExampleIsThatOfTheScaledWorld) {
+TEST(SceneVectorsTest, AScaledExampleMatchesTheScaledWorld) {
   constexpr double kScale = 1.1;
   const v1::TrainingSettings settings = TinyLanesSettings();
   v1::Scenario recording = WithCyclist(ArcRecording("arc", 0.03, 8.0), 1.0);
@@ -115,12 +115,12 @@ TEST(SceneVectorsTest, NoiseTurnsTheFutureWithTheFrame) {
   };
   EXPECT_NEAR(bearing(turned.scenes.agents[0][0]) - bearing(plain.scenes.agents[0][0]),
               bearing(y[9]) - bearing(x[9]), 1e-3);
-  // The lane turns with it: straight ahead is along the lane still.
+  // The lane turns with it: straight ahead is still along the lane.
   const at::Tensor lane = turned.scenes.lane_paths[0][0].slice(0, 0, 26).view({13, 2});
   EXPECT_NEAR(bearing(lane[5]), bearing(y[9]), 1e-3);
 }
 
-TEST(SceneVectorsTest, RelativeTrajectoriesAreThePositionsLessTheReference) {
+TEST(SceneVectorsTest, RelativeTrajectoriesArePositionsMinusTheReference) {
   const v1::TrainingSettings settings = TinyLanesSettings();
   const ExampleSet set = Recorded(ArcRecording("arc", 0.02, 12.0), settings);
   const SceneLoader::Batch batch = First(set, {}, settings);
@@ -131,7 +131,7 @@ TEST(SceneVectorsTest, RelativeTrajectoriesAreThePositionsLessTheReference) {
   EXPECT_GT(batch.scenes.references.abs().max().item<double>(), 10.0);
 }
 
-TEST(SceneVectorsTest, PathsAndAgentsThatAreNotThereChangeNothing) {
+TEST(SceneVectorsTest, AbsentPathsAndAgentsChangeNothing) {
   const v1::TrainingSettings settings = TinyLanesSettings();
   at::Generator generator = MakeGenerator(2);
   Networks networks(settings.model(), at::Device(at::kCPU), generator);
@@ -152,7 +152,7 @@ TEST(SceneVectorsTest, PathsAndAgentsThatAreNotThereChangeNothing) {
   EXPECT_FALSE(before.features.equal(networks.EncodeScenes(batch.scenes, {}).features));
 }
 
-TEST(RobustReconstructionTest, IsASquareNearbyAndADistanceFarOff) {
+TEST(RobustReconstructionTest, IsQuadraticNearbyAndLinearFarAway) {
   const at::Tensor x = at::zeros({1, 2});
   const auto loss = [&](double distance) {
     const at::Tensor decoded = at::tensor({0.6 * distance, 0.8 * distance}).view({1, 2});
@@ -183,7 +183,7 @@ TEST(RobustReconstructionTest, ItsGradientIsThatOfFiniteDifferences) {
 }
 
 // With as many actions as there are, the reconstruction over the likeliest ones is that over all.
-TEST(SceneBoundTest, TheLikeliestActionsOfAllAreAll) {
+TEST(SceneBoundTest, TheKMostProbableOfKActionsAreAll) {
   v1::TrainingSettings settings = TinyLanesSettings();
   at::Generator generator = MakeGenerator(2);
   Networks networks(settings.model(), at::Device(at::kCPU), generator);

@@ -180,7 +180,7 @@ TEST_F(TrainingTest, SeveralPlacementsAreTriedAndTheBestBoundIsKept) {
   EXPECT_LT(kept, 0.5 * (*best + *worst));
 }
 
-TEST_F(TrainingTest, AnEpochIsOverAtMostMaxExamples) {
+TEST_F(TrainingTest, AnEpochUsesAtMostMaxExamples) {
   TrainingRun run = Run("model");
   run.settings.mutable_examples()->set_max_examples(50);
   run.settings.mutable_optimization()->set_pretraining_epochs(2);
@@ -196,7 +196,7 @@ TEST_F(TrainingTest, AnEpochIsOverAtMostMaxExamples) {
   EXPECT_EQ(joint_steps, 4);  // 50 examples in batches of 16
 }
 
-TEST_F(TrainingTest, TheSameSeedGivesTheSameWeightsAndAnotherSeedOthers) {
+TEST_F(TrainingTest, OnlyTheSameSeedGivesTheSameWeights) {
   const TrainingData data = Data();
   std::vector<std::string> weights;
   for (const int seed : {7, 7, 8}) {
@@ -213,7 +213,7 @@ TEST_F(TrainingTest, TheSameSeedGivesTheSameWeightsAndAnotherSeedOthers) {
 }
 
 // Stopped after each of several numbers of steps, in each phase, in the middle of epochs too.
-TEST_F(TrainingTest, ARunThatGoesOnFromACheckpointEndsWithTheSameWeights) {
+TEST_F(TrainingTest, ARunResumedFromACheckpointEndsWithTheSameWeights) {
   const TrainingData data = Data();
   const auto prepare = [this](const std::string& name) {
     TrainingRun run = Run(name);
@@ -249,7 +249,7 @@ TEST_F(TrainingTest, ARunThatGoesOnFromACheckpointEndsWithTheSameWeights) {
   EXPECT_TRUE(whole == ReadBytes(folder_ / "resumed" / "weights.safetensors"));
 }
 
-TEST_F(TrainingTest, ADamagedCheckpointIsPassedOverAndOnesOfAnotherRunAreRefused) {
+TEST_F(TrainingTest, SkipsDamagedCheckpointsAndRefusesThoseOfAnotherRun) {
   TrainingRun run = Run("model");
   run.checkpoints = folder_ / "checkpoints";
   run.checkpoint_policy.interval = std::chrono::milliseconds(0);
@@ -278,7 +278,7 @@ TEST_F(TrainingTest, ADamagedCheckpointIsPassedOverAndOnesOfAnotherRunAreRefused
 
 // Hours between two of them, and yet none of the work is lost: after so many steps there is one,
 // and a last one when the run is told to stop.
-TEST_F(TrainingTest, CheckpointsAreWrittenAfterSoManyStepsAndWhenTheRunIsStopped) {
+TEST_F(TrainingTest, WritesCheckpointsAtTheirIntervalAndWhenStopped) {
   TrainingRun run = Run("model");
   run.checkpoints = folder_ / "checkpoints";
   run.checkpoint_policy = {.interval = std::chrono::hours(10), .steps = 20, .kept = 3};
@@ -304,7 +304,7 @@ TEST_F(TrainingTest, CheckpointsAreWrittenAfterSoManyStepsAndWhenTheRunIsStopped
   EXPECT_LT(last, due + 20);
 }
 
-TEST_F(TrainingTest, AModelOfTooFewActionsFailsWhereThatIsAsked) {
+TEST_F(TrainingTest, FailsIfFewerActionsAreEffectiveThanRequired) {
   TrainingRun run = Run("model");
   run.least_effective_actions = run.settings.model().actions() + 1;
   const absl::Status status = Train(run, Data()).status();
@@ -313,14 +313,14 @@ TEST_F(TrainingTest, AModelOfTooFewActionsFailsWhereThatIsAsked) {
   EXPECT_THAT(folder_.Names(), testing::IsEmpty());
 }
 
-TEST_F(TrainingTest, StopsWhenToldAndLeavesNothing) {
+TEST_F(TrainingTest, StopsWhenAskedAndLeavesNoModel) {
   TrainingRun run = Run("model");
   run.stopped = [this] { return progress_.size() > 3; };
   EXPECT_EQ(Train(run, Data()).status().code(), absl::StatusCode::kCancelled);
   EXPECT_THAT(folder_.Names(), testing::IsEmpty());
 }
 
-TEST_F(TrainingTest, ALossThatIsNotFiniteEndsTheRun) {
+TEST_F(TrainingTest, ANonFiniteLossEndsTheRun) {
   TrainingRun run = Run("model");
   run.settings.mutable_optimization()->set_learning_rate(1e6);
   const absl::Status status = Train(run, Data()).status();
@@ -329,7 +329,7 @@ TEST_F(TrainingTest, ALossThatIsNotFiniteEndsTheRun) {
   EXPECT_THAT(folder_.Names(), testing::IsEmpty());
 }
 
-TEST_F(TrainingTest, ADeviceThatIsNotThereIsRefused) {
+TEST_F(TrainingTest, RefusesADeviceThatDoesNotExist) {
   if (at::hasCUDA()) GTEST_SKIP() << "this LibTorch has CUDA";
   TrainingRun run = Run("model");
   run.settings.set_device("cuda");

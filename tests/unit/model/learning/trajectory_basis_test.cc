@@ -59,7 +59,7 @@ TEST(TrajectoryBasisTest, DoesNotFollowJitter) {
   EXPECT_LT((basis * (basis.transpose() * jitter)).norm(), 0.2f * jitter.norm());
 }
 
-TEST(TrajectoryBasisTest, AFewWaypointsAreLeftFree) {
+TEST(TrajectoryBasisTest, FewWaypointsHaveOneFunctionEach) {
   EXPECT_EQ(SplineBasis(Times(4, 1.0), 0.8), Eigen::MatrixXf(Eigen::MatrixXf::Identity(4, 4)));
 }
 

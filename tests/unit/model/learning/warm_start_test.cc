@@ -29,20 +29,20 @@ std::vector<int64_t> Values(const at::Tensor& indices) {
   return {indices.data_ptr<int64_t>(), indices.data_ptr<int64_t>() + indices.numel()};
 }
 
-TEST(SharesTest, AddUpToTheWholeInTheProportionOfTheWeights) {
+TEST(SharesTest, SharesAddUpAndAreProportionalToTheWeights) {
   EXPECT_THAT(SharesOf(std::vector<double>{3.0, 1.0}, 400), ElementsAre(300, 100));
   EXPECT_THAT(SharesOf(std::vector<double>{1.0, 1.0, 1.0}, 100), ElementsAre(33, 34, 33));
   EXPECT_THAT(SharesOf(std::vector<double>{1e-6, 1.0}, 10), ElementsAre(0, 10));
 }
 
-TEST(DrawExamplesTest, WithoutWeightsEachExampleIsDrawnOnceAtMost) {
+TEST(DrawExamplesTest, WithoutWeightsEachExampleIsDrawnAtMostOnce) {
   at::Generator generator = MakeGenerator(1);
   const std::vector<int64_t> drawn =
       Values(DrawExamples(std::vector<int64_t>{5, 7}, {}, 10, generator));
   EXPECT_EQ(std::set<int64_t>(drawn.begin(), drawn.end()).size(), 10u);
 }
 
-TEST(DrawExamplesTest, ASmallDatasetWithAGreatWeightComesAgainAndAgainEvenly) {
+TEST(DrawExamplesTest, ASmallDatasetWithALargeWeightRepeatsEvenly) {
   at::Generator generator = MakeGenerator(1);
   const std::vector<int64_t> drawn = Values(
       DrawExamples(std::vector<int64_t>{90, 10}, std::vector<double>{1.0, 3.0}, 100, generator));
@@ -63,13 +63,13 @@ TEST(DrawExamplesTest, ASmallDatasetWithAGreatWeightComesAgainAndAgainEvenly) {
   EXPECT_TRUE(std::any_of(drawn.begin() + 50, drawn.end(), [](int64_t i) { return i >= 90; }));
 }
 
-TEST(DrawExamplesTest, SpreadExamplesAreOfEachDatasetByItsWeight) {
+TEST(DrawExamplesTest, SpreadExamplesFollowTheWeightsOfTheDatasets) {
   EXPECT_THAT(Values(SpreadExamples(std::vector<int64_t>{4, 4}, {}, 4)), ElementsAre(0, 2, 4, 6));
   EXPECT_THAT(Values(SpreadExamples(std::vector<int64_t>{4, 4}, std::vector<double>{3.0, 1.0}, 4)),
               ElementsAre(0, 1, 2, 4));
 }
 
-TEST(VariedItemsTest, AnExampleThatComesAgainIsVariedAnew) {
+TEST(VariedItemsTest, ARepeatedExampleGetsANewVariation) {
   const std::vector<int64_t> order = {3, 5, 3};
   const auto items = VariedItems(TinySettings(), order, 0, 1);
   ASSERT_EQ(items.size(), 3u);
@@ -106,7 +106,7 @@ class WarmStartTest : public testing::Test {
   std::set<std::string> phases_;
 };
 
-TEST_F(WarmStartTest, WeightsComeBackAsTheyWere) {
+TEST_F(WarmStartTest, ExportReturnsTheImportedWeights) {
   TrainingRun run = Run("first");
   ASSERT_TRUE(Train(run, data_).ok());
   const auto stored = artifact::ReadModelFolder(folder_ / "first");
@@ -126,7 +126,7 @@ TEST_F(WarmStartTest, WeightsComeBackAsTheyWere) {
   }
 }
 
-TEST_F(WarmStartTest, GoesOnFromAModelWithItsActionsAndWithoutTheFirstPhases) {
+TEST_F(WarmStartTest, KeepsTheActionsOfTheStartAndSkipsTheFirstPhases) {
   ASSERT_TRUE(Train(Run("first"), data_).ok());
   EXPECT_TRUE(phases_.contains("mixture"));
   auto manifest = *artifact::ReadModelManifest(folder_ / "first");
@@ -156,7 +156,7 @@ TEST_F(WarmStartTest, GoesOnFromAModelWithItsActionsAndWithoutTheFirstPhases) {
   }
 }
 
-TEST_F(WarmStartTest, AnInterruptedRunEndsWithTheSameWeightsAndKnowsItsStart) {
+TEST_F(WarmStartTest, AnInterruptedRunEndsWithTheSameWeightsAndRecordsItsStart) {
   ASSERT_TRUE(Train(Run("first"), data_).ok());
   ASSERT_TRUE(Train(From("first", "straight"), data_).ok());
 
@@ -175,7 +175,7 @@ TEST_F(WarmStartTest, AnInterruptedRunEndsWithTheSameWeightsAndKnowsItsStart) {
             artifact::ReadModelManifest(folder_ / "straight")->weights_sha256());
 }
 
-TEST_F(WarmStartTest, LabelsThatTheActionsDoNotHaveAreRefused) {
+TEST_F(WarmStartTest, RefusesLabelsThatNoActionHas) {
   ASSERT_TRUE(Train(Run("first"), data_).ok());
   TrainingData labelled = data_;
   labelled.label_names = {"left"};
@@ -186,7 +186,7 @@ TEST_F(WarmStartTest, LabelsThatTheActionsDoNotHaveAreRefused) {
   EXPECT_FALSE(fs::exists(folder_ / "second"));
 }
 
-TEST_F(WarmStartTest, AStartOfOtherSizesOrOneThatIsNotThereIsRefused) {
+TEST_F(WarmStartTest, RefusesAMissingStartOrOneOfOtherSizes) {
   ASSERT_TRUE(Train(Run("first"), data_).ok());
   TrainingRun run = From("first", "second");
   run.settings.mutable_model()->set_actions(5);
@@ -206,7 +206,7 @@ class MixingTest : public WarmStartTest {
   }
 };
 
-TEST_F(MixingTest, ExamplesAreCountedByDatasetAndEmptyOnesAndWrongCountsAreRefused) {
+TEST_F(MixingTest, CountsExamplesByDatasetAndRefusesEmptyOnes) {
   std::vector<v1::Scenario> arcs = ArcRecordings(40);
   v1::Scenario empty = arcs[0];
   empty.set_scenario_id("empty");
@@ -231,7 +231,7 @@ TEST_F(MixingTest, ExamplesAreCountedByDatasetAndEmptyOnesAndWrongCountsAreRefus
   EXPECT_THAT(std::string(none.message()), HasSubstr("dataset_weights[1]"));
 }
 
-TEST_F(MixingTest, AModelLearnsWhatItIsGivenMost) {
+TEST_F(MixingTest, AModelFitsTheDatasetWithTheLargestWeightBest) {
   // The same road, on which half of the recordings turn left and half go right.
   std::vector<v1::Scenario> left, right;
   for (int i = 0; i < 24; ++i) {

@@ -32,7 +32,7 @@ class ChildProcessTest : public testing::Test {
   std::vector<std::string> lines_;
 };
 
-TEST_F(ChildProcessTest, LinesExitStatusAndErrorsArrive) {
+TEST_F(ChildProcessTest, ReportsLinesExitStatusAndErrors) {
   const auto result = RunShell("echo a; echo why >&2; printf 'b\\nhalf'; exit 65");
   ASSERT_TRUE(result.ok()) << result.status();
   EXPECT_EQ(result->exit_status, 65);
@@ -41,31 +41,31 @@ TEST_F(ChildProcessTest, LinesExitStatusAndErrorsArrive) {
   EXPECT_EQ(*files::ReadFile(folder_ / "log"), "why\n");
 }
 
-TEST_F(ChildProcessTest, MuchOutputIsReadWhole) {
+TEST_F(ChildProcessTest, ReadsLargeOutputWhole) {
   ASSERT_TRUE(RunShell("i=0; while [ $i -lt 20000 ]; do echo $i; i=$((i+1)); done").ok());
   ASSERT_EQ(lines_.size(), 20'000u);
   EXPECT_EQ(lines_.back(), "19999");
 }
 
-TEST_F(ChildProcessTest, ALineWithoutEndCostsNoMemoryAndTheNextIsRead) {
+TEST_F(ChildProcessTest, SkipsAnEndlessLineWithoutUsingMemory) {
   ASSERT_TRUE(RunShell("head -c 3000000 /dev/zero | tr '\\0' x; echo; echo after").ok());
   EXPECT_THAT(lines_, ElementsAre("after"));
 }
 
-TEST_F(ChildProcessTest, ASignalIsReported) {
+TEST_F(ChildProcessTest, ReportsASignal) {
   const auto result = RunShell("kill -9 $$");
   ASSERT_TRUE(result.ok());
   EXPECT_EQ(result->signal, SIGKILL);
 }
 
-TEST_F(ChildProcessTest, AProgramThatIsNotThereIsAnError) {
+TEST_F(ChildProcessTest, RefusesAMissingProgram) {
   const auto result = RunChild(
       {.arguments = {folder_ / "none"}, .log = folder_ / "log"}, stop_, [](const std::string&) {},
       [] {});
   EXPECT_TRUE(absl::IsNotFound(result.status())) << result.status();
 }
 
-TEST_F(ChildProcessTest, ItHasNoInputALowerPriorityAndAGroupOfItsOwn) {
+TEST_F(ChildProcessTest, RunsWithoutInputAtLowPriorityInItsOwnGroup) {
   // Group and niceness, as proc(5) numbers the fields.
   ASSERT_TRUE(RunShell("cat; cut -d' ' -f5,19 /proc/$$/stat; echo $$").ok());
   const int mine = getpriority(PRIO_PROCESS, 0);
@@ -73,13 +73,13 @@ TEST_F(ChildProcessTest, ItHasNoInputALowerPriorityAndAGroupOfItsOwn) {
   EXPECT_EQ(lines_[0], lines_[1] + " " + std::to_string(std::max(mine, 19)));
 }
 
-TEST_F(ChildProcessTest, ServingGoesBeforeItAtTheProcessorAndTheDisk) {
+TEST_F(ChildProcessTest, YieldsProcessorAndDiskToTheServer) {
   // The scheduling policy, as proc(5) numbers the fields: SCHED_IDLE is 5.
   ASSERT_TRUE(RunShell("cut -d' ' -f41 /proc/self/stat; ionice -p $$").ok());
   EXPECT_THAT(lines_, ElementsAre("5", "best-effort: prio 7"));
 }
 
-TEST_F(ChildProcessTest, ItIsKilledOnceItTakesMoreMemoryThanItMay) {
+TEST_F(ChildProcessTest, IsKilledIfItExceedsItsMemoryLimit) {
   ChildCommand command{.arguments = {"perl", "-e", "my $held = 'x' x 200_000_000; sleep 30;"},
                        .log = folder_ / "log"};
   command.memory_limit_bytes = 100 << 20;
@@ -94,7 +94,7 @@ TEST_F(ChildProcessTest, ItIsKilledOnceItTakesMoreMemoryThanItMay) {
                    ->over_memory_limit);
 }
 
-TEST_F(ChildProcessTest, ItIsStoppedOnceItsTimeIsOver) {
+TEST_F(ChildProcessTest, IsStoppedWhenItsTimeIsUp) {
   ChildCommand command{.arguments = {"sh", "-c", "while :; do sleep 0.02; done"},
                        .log = folder_ / "log"};
   command.time_limit = std::chrono::milliseconds(50);
@@ -110,7 +110,7 @@ TEST_F(ChildProcessTest, ItIsStoppedOnceItsTimeIsOver) {
                    ->timed_out);
 }
 
-TEST_F(ChildProcessTest, ItInheritsNoDescriptors) {
+TEST_F(ChildProcessTest, InheritsNoDescriptors) {
   int ends[2];
   ASSERT_EQ(pipe(ends), 0);  // not close-on-exec
   ASSERT_TRUE(RunShell("ls /proc/self/fd | wc -l").ok());
@@ -120,7 +120,7 @@ TEST_F(ChildProcessTest, ItInheritsNoDescriptors) {
   EXPECT_THAT(lines_, ElementsAre("4"));
 }
 
-TEST_F(ChildProcessTest, ARequestBeforeTheStartStopsIt) {
+TEST_F(ChildProcessTest, AStopRequestBeforeTheStartStopsIt) {
   stop_.Stop(StopRequest::Reason::kCancelled);
   stop_.Stop(StopRequest::Reason::kServerStops);
   const auto result = RunShell("while :; do sleep 1; done");
@@ -129,7 +129,7 @@ TEST_F(ChildProcessTest, ARequestBeforeTheStartStopsIt) {
   EXPECT_EQ(stop_.reason(), StopRequest::Reason::kCancelled);
 }
 
-TEST_F(ChildProcessTest, WhatItLeavesBehindIsKilled) {
+TEST_F(ChildProcessTest, KillsTheProcessesThatItLeavesBehind) {
   // Orphans come to this process, which can then wait for their end.
   ASSERT_EQ(prctl(PR_SET_CHILD_SUBREAPER, 1), 0);
   ASSERT_TRUE(RunShell("sleep 1000 & echo $!").ok());
@@ -140,7 +140,7 @@ TEST_F(ChildProcessTest, WhatItLeavesBehindIsKilled) {
   prctl(PR_SET_CHILD_SUBREAPER, 0);
 }
 
-TEST_F(ChildProcessTest, ItDiesWithItsServer) {
+TEST_F(ChildProcessTest, DiesWithItsServer) {
   ASSERT_EQ(prctl(PR_SET_CHILD_SUBREAPER, 1), 0);
   int ends[2];
   ASSERT_EQ(pipe(ends), 0);

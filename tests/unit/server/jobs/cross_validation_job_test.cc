@@ -41,7 +41,7 @@ class CrossValidationJobTest : public SupervisorTest {
   std::string Text(const std::string& file) { return files::ReadFile(folder_ / file).value_or(""); }
 };
 
-TEST_F(CrossValidationJobTest, ItsReportIsOnTheJobAndNothingIsPublished) {
+TEST_F(CrossValidationJobTest, StoresItsReportInTheJobAndPublishesNothing) {
   Trainer(kReports);
   Start();
   const v1::Job job = WaitForEnd(CrossValidate(Request()).name());
@@ -68,7 +68,7 @@ TEST_F(CrossValidationJobTest, UnsetMeansFiveFoldsAndTheSeedOfTheSettings) {
 }
 
 // Dies after each model that it measured.
-TEST_F(CrossValidationJobTest, GoesOnFromTheModelsThatWereMeasured) {
+TEST_F(CrossValidationJobTest, ContinuesAfterTheModelsAlreadyMeasured) {
   Trainer(std::string("mkdir -p \"$checkpoints\"; n=$(ls \"$checkpoints\" | wc -l)\n"
                       "echo $n >> \"${0%/*}/found\"\n"
                       "[ $n -ge 7 ] || { touch \"$checkpoints/checkpoint-$((n + 1))\"; kill -9 $$; "
@@ -82,7 +82,7 @@ TEST_F(CrossValidationJobTest, GoesOnFromTheModelsThatWereMeasured) {
   EXPECT_FALSE(std::filesystem::exists(FolderOf(job) / "checkpoints"));
 }
 
-TEST_F(CrossValidationJobTest, IsCancelledAndResumed) {
+TEST_F(CrossValidationJobTest, CanBeCancelledAndResumed) {
   Trainer(kRunsOn);
   Start();
   const std::string name = CrossValidate(Request()).name();
@@ -118,7 +118,7 @@ TEST_F(CrossValidationJobTest, NeedsItsDatasetsAndTestDatasets) {
   EXPECT_TRUE(absl::IsNotFound(supervisor_->CrossValidate(request).status()));
 }
 
-TEST_F(CrossValidationJobTest, TheSameRequestIdIsTheSameJob) {
+TEST_F(CrossValidationJobTest, TheSameRequestIdReturnsTheSameJob) {
   Trainer(kReports);
   Start();
   v1::CrossValidateRequest request = Request();
@@ -132,7 +132,7 @@ TEST_F(CrossValidationJobTest, TheSameRequestIdIsTheSameJob) {
   EXPECT_EQ(CrossValidate(request).name(), "");
 }
 
-TEST(CrossValidateRequestTest, RefusesWhatMakesNoSense) {
+TEST(CrossValidateRequestTest, RefusesInvalidRequests) {
   EXPECT_TRUE(CheckCrossValidateRequest(Request()).ok());
   const auto refuses = [](const std::string& field, auto change) {
     v1::CrossValidateRequest request = Request();

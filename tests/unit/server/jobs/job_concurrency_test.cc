@@ -293,7 +293,7 @@ class JobConcurrencyTest : public SupervisorTest {
   }
 };
 
-TEST_F(JobConcurrencyTest, TwoHundredClientsAtATimeKeepToTheStateMachine) {
+TEST_F(JobConcurrencyTest, TwoHundredConcurrentClientsCauseOnlyAllowedMoves) {
   RecordingStore store(*store_);
   SupervisorOptions options = Options();
   options.max_running_jobs = kMaxRunning;

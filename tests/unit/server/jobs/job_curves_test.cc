@@ -24,7 +24,7 @@ v1::JobProgress Epoch() {
   return progress;
 }
 
-TEST(JobCurvesTest, EachSlotShowsItsJobAndNothingOnceThatEnded) {
+TEST(JobCurvesTest, EachSlotShowsItsJobUntilItEnds) {
   const auto metrics = monitoring::PrometheusMetrics::Create();
   JobCurves curves(*metrics, 2);
   EXPECT_THAT(metrics->Page(), HasSubstr("\nmaneuver_job_fraction{slot=\"2\"} Nan\n"));
@@ -58,7 +58,7 @@ TEST(JobCurvesTest, EachSlotShowsItsJobAndNothingOnceThatEnded) {
 
 using JobMetricsTest = SupervisorTest;
 
-TEST_F(JobMetricsTest, ARunningJobHasCurvesAndEveryEndIsCounted) {
+TEST_F(JobMetricsTest, ShowsCurvesOfARunningJobAndCountsEveryEnd) {
   const auto metrics = monitoring::PrometheusMetrics::Create();
   UseMetrics(*metrics);
   Trainer(R"(trap 'exit 143' TERM; echo '{"phase":"joint","fraction":0.25}'

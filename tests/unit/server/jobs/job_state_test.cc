@@ -8,7 +8,7 @@
 namespace maneuver::jobs::job_state_test {
 namespace {
 
-TEST(JobStateTest, OnlyTheEightMovesOfTheContractAreAllowed) {
+TEST(JobStateTest, AllowsOnlyTheEightMovesOfTheContract) {
   const std::set<std::pair<int, int>> allowed = {
       {v1::JOB_STATE_PENDING, v1::JOB_STATE_RUNNING},
       {v1::JOB_STATE_PENDING, v1::JOB_STATE_CANCELLED},
@@ -28,7 +28,7 @@ TEST(JobStateTest, OnlyTheEightMovesOfTheContractAreAllowed) {
   }
 }
 
-TEST(JobStateTest, PendingAndRunningGoOnAndTheOthersHaveEnded) {
+TEST(JobStateTest, AllStatesButPendingAndRunningHaveEnded) {
   EXPECT_FALSE(HasEnded(v1::JOB_STATE_PENDING));
   EXPECT_FALSE(HasEnded(v1::JOB_STATE_RUNNING));
   EXPECT_TRUE(HasEnded(v1::JOB_STATE_SUCCEEDED));
@@ -36,7 +36,7 @@ TEST(JobStateTest, PendingAndRunningGoOnAndTheOthersHaveEnded) {
   EXPECT_TRUE(HasEnded(v1::JOB_STATE_CANCELLED));
 }
 
-TEST(JobStateTest, WhatFailedOrWasCancelledIsResumed) {
+TEST(JobStateTest, OnlyFailedAndCancelledJobsCanBeResumed) {
   for (const v1::JobState state : kJobStates) {
     EXPECT_EQ(CanResume(state), state == v1::JOB_STATE_FAILED || state == v1::JOB_STATE_CANCELLED);
   }

@@ -49,7 +49,7 @@ class ProgressRecorderTest : public testing::Test {
   std::unique_ptr<ProgressRecorder> recorder_;
 };
 
-TEST_F(ProgressRecorderTest, AFloodBecomesFiveEventsASecondAndTheLastIsKept) {
+TEST_F(ProgressRecorderTest, AFloodBecomesFiveEventsPerSecondAndKeepsTheLast) {
   for (int step = 1; step <= 1'000; ++step) {
     Step(step);
     now_ += absl::Milliseconds(1);
@@ -58,14 +58,14 @@ TEST_F(ProgressRecorderTest, AFloodBecomesFiveEventsASecondAndTheLastIsKept) {
   EXPECT_EQ(Steps(), (std::vector<int64_t>{1, 201, 401, 601, 801, 1000}));
 }
 
-TEST_F(ProgressRecorderTest, EndsOfEpochsAndNewPhasesAreNeverLeftOut) {
+TEST_F(ProgressRecorderTest, NeverLeavesOutTheEndOfAnEpochOrANewPhase) {
   Step(1);
   recorder_->Record(R"({"phase":"joint","step":"2","epochReport":{"effectiveActions":8}})");
   recorder_->Record(R"({"phase":"export","step":"3"})");
   EXPECT_EQ(Steps(), (std::vector<int64_t>{1, 2, 3}));
 }
 
-TEST_F(ProgressRecorderTest, WhatWaitsIsStoredByAndBy) {
+TEST_F(ProgressRecorderTest, StoresAWaitingEventWithinTheInterval) {
   Step(1);
   Step(2);
   recorder_->Tick();
@@ -76,7 +76,7 @@ TEST_F(ProgressRecorderTest, WhatWaitsIsStoredByAndBy) {
   EXPECT_EQ(Steps(), (std::vector<int64_t>{1, 2}));
 }
 
-TEST_F(ProgressRecorderTest, WhatWaitsIsNotStoredAfterWhatFollowedIt) {
+TEST_F(ProgressRecorderTest, NeverStoresAnEventAfterALaterOne) {
   Step(1);
   Step(2);
   recorder_->Record(R"({"phase":"joint","step":"3","epochReport":{}})");
@@ -86,7 +86,7 @@ TEST_F(ProgressRecorderTest, WhatWaitsIsNotStoredAfterWhatFollowedIt) {
   EXPECT_EQ(Steps(), (std::vector<int64_t>{1, 3}));
 }
 
-TEST_F(ProgressRecorderTest, TheNextProcessOfTheJobGoesOnWithTheNumbers) {
+TEST_F(ProgressRecorderTest, TheNextProcessOfTheJobContinuesTheNumbering) {
   Step(1);
   v1::Job job = *store_->Get("jobs/a");
   job.mutable_attempts()->set_started(2);

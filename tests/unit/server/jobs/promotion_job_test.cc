@@ -52,7 +52,7 @@ class PromotionJobTest : public SupervisorTest {
   }
 };
 
-TEST_F(PromotionJobTest, ABetterVersionServesAndTheJobSaysWhy) {
+TEST_F(PromotionJobTest, PromotesABetterVersionAndRecordsWhy) {
   Trainer(Measures("new_nll=1.5"));
   Start();
   const v1::Job job = WaitForEnd(Train(IfNoWorse()).name());
@@ -74,7 +74,7 @@ TEST_F(PromotionJobTest, ABetterVersionServesAndTheJobSaysWhy) {
   EXPECT_EQ(job.progress().fraction(), 1.0);
 }
 
-TEST_F(PromotionJobTest, AWorseVersionIsThereAndDoesNotServe) {
+TEST_F(PromotionJobTest, KeepsAWorseVersionWithoutPromotingIt) {
   Trainer(Measures("new_nll=2.5"));
   Start();
   const v1::Job job = WaitForEnd(Train(IfNoWorse()).name());
@@ -98,7 +98,7 @@ TEST_F(PromotionJobTest, AFailedMeasurementDoesNotFailTheTraining) {
   EXPECT_EQ(Serves(), kServing);
 }
 
-TEST_F(PromotionJobTest, AMeasurementThatDiesAgainAndAgainEndsTheJobUnpromoted) {
+TEST_F(PromotionJobTest, AMeasurementThatKeepsDyingEndsTheJobUnpromoted) {
   Trainer(Measures("[ $command = train ] || { echo x >> \"${0%/*}/deaths\"; kill -9 $$; }"));
   SupervisorOptions options = Options();
   options.limits.attempts_without_progress = 3;
@@ -112,7 +112,7 @@ TEST_F(PromotionJobTest, AMeasurementThatDiesAgainAndAgainEndsTheJobUnpromoted) 
   EXPECT_EQ(versions_.promotions.size(), 1u);
 }
 
-TEST_F(PromotionJobTest, AMeasurementThatDiesOnceIsTriedAgain) {
+TEST_F(PromotionJobTest, RetriesAMeasurementThatDied) {
   Trainer(
       Measures("new_nll=1.5; [ $command = train ] || [ -e \"${0%/*}/died\" ] || "
                "{ touch \"${0%/*}/died\"; kill -9 $$; }"));
@@ -124,7 +124,7 @@ TEST_F(PromotionJobTest, AMeasurementThatDiesOnceIsTriedAgain) {
   EXPECT_EQ(versions_.promotions.size(), 1u);
 }
 
-TEST_F(PromotionJobTest, AServerThatWasKilledGoesOnWhereItWas) {
+TEST_F(PromotionJobTest, ContinuesAtTheSameStepAfterTheServerWasKilled) {
   LeavePublished();
   Trainer(Measures("[ $command = evaluate ] || exit 70; new_nll=1.5"));
   Start();
@@ -136,7 +136,7 @@ TEST_F(PromotionJobTest, AServerThatWasKilledGoesOnWhereItWas) {
   EXPECT_EQ(Serves(), "models/town/versions/1");
 }
 
-TEST_F(PromotionJobTest, AServerThatStopsWhileItMeasuresGoesOnAtItsNextStart) {
+TEST_F(PromotionJobTest, ContinuesAnInterruptedMeasurementAtTheNextStart) {
   Trainer(Measures(std::string("if [ $command = evaluate ]; then ") + kRunsOn + "; fi"));
   Start();
   const std::string name = Train(IfNoWorse()).name();
@@ -153,7 +153,7 @@ TEST_F(PromotionJobTest, AServerThatStopsWhileItMeasuresGoesOnAtItsNextStart) {
   EXPECT_EQ(Serves(), kServing);
 }
 
-TEST_F(PromotionJobTest, CancelledWhileItMeasuresAJobKeepsItsVersionUnpromoted) {
+TEST_F(PromotionJobTest, AJobCancelledWhileMeasuringKeepsItsVersionUnpromoted) {
   Trainer(Measures(std::string("if [ $command = evaluate ]; then ") + kRunsOn + "; fi"));
   Start();
   const std::string name = Train(IfNoWorse()).name();
@@ -167,7 +167,7 @@ TEST_F(PromotionJobTest, CancelledWhileItMeasuresAJobKeepsItsVersionUnpromoted) 
   EXPECT_EQ(Serves(), kServing);
 }
 
-TEST_F(PromotionJobTest, EveryTrainingJobSaysWhatBecameOfItsVersion) {
+TEST_F(PromotionJobTest, EveryTrainingJobRecordsItsPromotionDecision) {
   Start();
   const auto decision = [this](v1::Promotion promotion) {
     v1::TrainRequest request = TrainTown();
@@ -181,7 +181,7 @@ TEST_F(PromotionJobTest, EveryTrainingJobSaysWhatBecameOfItsVersion) {
   EXPECT_EQ(later.reason(), "models/town/versions/9 serves");
 }
 
-TEST_F(PromotionJobTest, TheDatasetThatDecidesIsNeededAsTheOthersAre) {
+TEST_F(PromotionJobTest, RequiresTheDatasetOfTheCriteria) {
   Trainer(kRunsOn);
   Start();
   const std::string name = Train(IfNoWorse()).name();

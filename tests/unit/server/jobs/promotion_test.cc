@@ -94,7 +94,7 @@ class PromotionTest : public testing::Test {
   FakeVersions versions_;
 };
 
-TEST_F(PromotionTest, ByDefaultNeitherMinAdeOfSixNorLikelihoodMayBeWorse) {
+TEST_F(PromotionTest, ByDefaultMinAde6AndNllMustBeNoWorse) {
   std::vector<std::string> metrics;
   for (const auto& metric : task_.criteria.metrics()) metrics.push_back(metric.metric());
   EXPECT_THAT(metrics, ElementsAre("min_ade_6", "nll"));
@@ -122,7 +122,7 @@ TEST_F(PromotionTest, AnEqualVersionIsPromoted) {
   EXPECT_TRUE(Decide().promoted());
 }
 
-TEST_F(PromotionTest, OneWorseMetricIsEnoughToKeepWhatServes) {
+TEST_F(PromotionTest, OneWorseMetricKeepsTheServingVersion) {
   versions_.truth[kNew] = Report(kNew, 0.5, 2.125);
   const v1::PromotionDecision decision = Decide();
   EXPECT_FALSE(decision.promoted());
@@ -144,7 +144,7 @@ TEST_F(PromotionTest, OnlyTheNamedMetricsDecide) {
   EXPECT_TRUE(Decide().promoted());
 }
 
-TEST_F(PromotionTest, TheFirstVersionIsPromotedUnmeasured) {
+TEST_F(PromotionTest, PromotesTheFirstVersionWithoutMeasuring) {
   versions_.serving = "";
   const v1::PromotionDecision decision = Decide();
   EXPECT_TRUE(decision.promoted());
@@ -168,7 +168,7 @@ void StandBesideConstantVelocity(v1::EvaluationReport& report,
   comparison.set_verdict(verdict);
 }
 
-TEST_F(PromotionTest, AVersionThatDoesNotStandAsRequiredIsRefusedWithTheFigures) {
+TEST_F(PromotionTest, RefusesAVersionThatMissesARequirementAndGivesTheFigures) {
   task_.criteria.add_rivals()->set_rival("cv");
   StandBesideConstantVelocity(versions_.truth[kNew], v1::RIVAL_VERDICT_UNDECIDED);
   const v1::PromotionDecision decision = Decide();
@@ -185,7 +185,7 @@ TEST_F(PromotionTest, AVersionThatDoesNotStandAsRequiredIsRefusedWithTheFigures)
   EXPECT_FALSE(decision.has_error());
 }
 
-TEST_F(PromotionTest, AVersionThatIsWorseAndDoesNotStandAsRequiredHasBothReasons) {
+TEST_F(PromotionTest, GivesBothReasonsForAWorseVersionThatMissesARequirement) {
   task_.criteria.add_rivals()->set_rival("cv");
   versions_.truth[kNew] = Report(kNew, 0.5, 2.125);
   StandBesideConstantVelocity(versions_.truth[kNew], v1::RIVAL_VERDICT_UNDECIDED);
@@ -193,7 +193,7 @@ TEST_F(PromotionTest, AVersionThatIsWorseAndDoesNotStandAsRequiredHasBothReasons
   EXPECT_THAT(decision.reason(), HasSubstr("nll 2.1250 against 2.0000 nats; what is required"));
 }
 
-TEST_F(PromotionTest, AVersionThatStandsAsRequiredIsPromotedIfItIsNoWorseToo) {
+TEST_F(PromotionTest, AVersionThatMeetsItsRequirementsMustAlsoBeNoWorse) {
   task_.criteria.add_rivals()->set_rival("cv");
   StandBesideConstantVelocity(versions_.truth[kNew]);
   v1::PromotionDecision decision = Decide();
@@ -211,7 +211,7 @@ TEST_F(PromotionTest, AVersionThatStandsAsRequiredIsPromotedIfItIsNoWorseToo) {
   EXPECT_EQ(decision.shortfalls_size(), 0);
 }
 
-TEST_F(PromotionTest, TheFirstVersionIsMeasuredIfSomethingIsRequiredOfIt) {
+TEST_F(PromotionTest, MeasuresTheFirstVersionIfThereAreRequirements) {
   task_.criteria.add_rivals()->set_rival("cv");
   versions_.serving = "";
   StandBesideConstantVelocity(versions_.truth[kNew], v1::RIVAL_VERDICT_BEHIND);
@@ -229,7 +229,7 @@ TEST_F(PromotionTest, TheFirstVersionIsMeasuredIfSomethingIsRequiredOfIt) {
 }
 
 // As an earlier release kept it.
-TEST_F(PromotionTest, AReportWithoutRivalsIsMadeAgainIfSomethingIsRequired) {
+TEST_F(PromotionTest, RepeatsAReportWithoutRivalsIfThereAreRequirements) {
   versions_.kept[kNew] = versions_.truth[kNew];
   versions_.kept[kOld] = versions_.truth[kOld];
   task_.criteria.add_rivals()->set_rival("cv");
@@ -238,7 +238,7 @@ TEST_F(PromotionTest, AReportWithoutRivalsIsMadeAgainIfSomethingIsRequired) {
   EXPECT_THAT(versions_.measured, ElementsAre(kNew));
 }
 
-TEST_F(PromotionTest, RefusesRequirementsThatNobodyCanMeet) {
+TEST_F(PromotionTest, RefusesRequirementsThatCannotBeMet) {
   v1::TrainRequest request;
   request.set_model("models/town");
   request.add_datasets("datasets/town");
@@ -256,7 +256,7 @@ TEST_F(PromotionTest, RefusesRequirementsThatNobodyCanMeet) {
   EXPECT_TRUE(CheckTrainRequest(request).ok());
 }
 
-TEST_F(PromotionTest, AReportOfTheSameExamplesIsNotMadeAgainAndOneOfOthersIs) {
+TEST_F(PromotionTest, ReusesAReportOnlyOfTheSameExamples) {
   versions_.kept[kOld] = versions_.truth[kOld];
   Decide();
   EXPECT_THAT(versions_.measured, ElementsAre(kNew));
@@ -270,7 +270,7 @@ TEST_F(PromotionTest, AReportOfTheSameExamplesIsNotMadeAgainAndOneOfOthersIs) {
   EXPECT_THAT(versions_.measured, ElementsAre(kNew, kOld));
 }
 
-TEST_F(PromotionTest, MeasuresEverythingThatTheDecisionNeedsBeforehand) {
+TEST_F(PromotionTest, MeasuresEverythingBeforeItDecides) {
   versions_.kept[kOld] = versions_.truth[kOld];
   EXPECT_THAT(VersionsToMeasure(task_, versions_), ElementsAre(kNew));
   const PromotionOutcome measured = MeasureVersions(task_, versions_);
@@ -281,7 +281,7 @@ TEST_F(PromotionTest, MeasuresEverythingThatTheDecisionNeedsBeforehand) {
   EXPECT_THAT(versions_.measured, ElementsAre(kNew));
 }
 
-TEST_F(PromotionTest, MeasuresNothingForADecisionThatIsWrittenDown) {
+TEST_F(PromotionTest, MeasuresNothingForAStoredDecision) {
   Decide();
   versions_.serving = kOld;  // the server died before it promoted
   versions_.kept.clear();
@@ -297,7 +297,7 @@ TEST_F(PromotionTest, DecidesAgainstAVersionThatCannotBeMeasured) {
   EXPECT_THAT(versions_.measured, ElementsAre(kNew));
 }
 
-TEST_F(PromotionTest, VersionsOfOtherHorizonsAreNotCompared) {
+TEST_F(PromotionTest, DoesNotCompareVersionsOfDifferentHorizons) {
   versions_.truth[kNew].mutable_trajectory()->set_waypoints(20);
   const v1::PromotionDecision decision = Decide();
   EXPECT_FALSE(decision.promoted());
@@ -305,7 +305,7 @@ TEST_F(PromotionTest, VersionsOfOtherHorizonsAreNotCompared) {
   EXPECT_TRUE(decision.has_error());
 }
 
-TEST_F(PromotionTest, AFailedMeasurementIsADecisionAgainst) {
+TEST_F(PromotionTest, AFailedMeasurementDecidesAgainstPromotion) {
   versions_.failure = absl::FailedPreconditionError("the recordings hold no example");
   const v1::PromotionDecision decision = Decide();
   EXPECT_FALSE(decision.promoted());
@@ -314,7 +314,7 @@ TEST_F(PromotionTest, AFailedMeasurementIsADecisionAgainst) {
   EXPECT_EQ(versions_.serving, kOld);
 }
 
-TEST_F(PromotionTest, AnInterruptedMeasurementIsNoDecisionAndWhatWasMeasuredIsKept) {
+TEST_F(PromotionTest, AnInterruptionDecidesNothingAndKeepsFinishedReports) {
   versions_.on_measure = [this](const std::string& version) {
     if (version == kOld) {
       versions_.failure = absl::UnavailableError("the server stops");
@@ -332,7 +332,7 @@ TEST_F(PromotionTest, AnInterruptedMeasurementIsNoDecisionAndWhatWasMeasuredIsKe
   EXPECT_THAT(versions_.measured, ElementsAre(kOld));
 }
 
-TEST_F(PromotionTest, AServerThatDiedOnceItHadPromotedStillKnowsTheFigures) {
+TEST_F(PromotionTest, KeepsTheFiguresIfTheServerDiesAfterPromoting) {
   const v1::PromotionDecision first = Decide();
   versions_.measured.clear();
   const v1::PromotionDecision again = Decide();  // as a new server would
@@ -340,7 +340,7 @@ TEST_F(PromotionTest, AServerThatDiedOnceItHadPromotedStillKnowsTheFigures) {
   EXPECT_THAT(versions_.measured, IsEmpty());
 }
 
-TEST_F(PromotionTest, AServerThatDiedBeforeItPromotedDoesWhatWasDecided) {
+TEST_F(PromotionTest, AppliesAStoredDecisionIfTheServerDiedBeforePromoting) {
   const v1::PromotionDecision first = Decide();
   versions_.serving = kOld;
   versions_.measured.clear();
@@ -349,7 +349,7 @@ TEST_F(PromotionTest, AServerThatDiedBeforeItPromotedDoesWhatWasDecided) {
   EXPECT_EQ(versions_.serving, kNew);
 }
 
-TEST_F(PromotionTest, AVersionThatCameToServeMeanwhileIsTheOneToBeat) {
+TEST_F(PromotionTest, ComparesWithAVersionThatCameToServeMeanwhile) {
   versions_.on_measure = [this](const std::string& version) {
     if (version == kOld) versions_.serving = kOther;  // better than the new one
   };
@@ -360,14 +360,14 @@ TEST_F(PromotionTest, AVersionThatCameToServeMeanwhileIsTheOneToBeat) {
   EXPECT_THAT(versions_.measured, ElementsAre(kNew, kOld, kOther));
 }
 
-TEST_F(PromotionTest, ADecisionThatWasMadeAgainstAnotherVersionIsMadeAnew) {
+TEST_F(PromotionTest, DecidesAgainIfAnotherVersionServesNow) {
   Decide();
   versions_.serving = kOther;
   EXPECT_FALSE(Decide().promoted());
   EXPECT_EQ(versions_.serving, kOther);
 }
 
-TEST_F(PromotionTest, AVersionThatSomebodyPromotedMeanwhileServesAndThatIsAll) {
+TEST_F(PromotionTest, AcceptsAManualPromotionMadeMeanwhile) {
   versions_.serving = kNew;
   const v1::PromotionDecision decision = Decide();
   EXPECT_TRUE(decision.promoted());
@@ -375,7 +375,7 @@ TEST_F(PromotionTest, AVersionThatSomebodyPromotedMeanwhileServesAndThatIsAll) {
   EXPECT_THAT(versions_.measured, IsEmpty());
 }
 
-TEST_F(PromotionTest, AVersionThatDoesNotLoadIsNotPromoted) {
+TEST_F(PromotionTest, DoesNotPromoteAVersionThatCannotBeLoaded) {
   versions_.promotion_failure = absl::FailedPreconditionError("it cannot be served");
   const v1::PromotionDecision decision = Decide();
   EXPECT_FALSE(decision.promoted());

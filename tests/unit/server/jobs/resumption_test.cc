@@ -50,7 +50,7 @@ class ResumptionTest : public SupervisorTest {
   std::string Found() { return *files::ReadFile(folder_ / "found"); }
 };
 
-TEST_F(ResumptionTest, AJobWhoseProcessDiesGoesOnFromItsCheckpoint) {
+TEST_F(ResumptionTest, AJobWhoseProcessDiesContinuesFromItsCheckpoint) {
   Trainer(DiesSoOften(7));  // more often than it may without a checkpoint
   Start();
   const std::string name = Train().name();
@@ -69,7 +69,7 @@ TEST_F(ResumptionTest, AJobWhoseProcessDiesGoesOnFromItsCheckpoint) {
   EXPECT_FALSE(fs::exists(FolderOf(job) / "checkpoints"));
 }
 
-TEST_F(ResumptionTest, AJobWhoseProcessesComeToNothingFailsWithTheReasonAndTheLastLines) {
+TEST_F(ResumptionTest, FailsWithReasonAndLastLinesIfNoProcessGetsFurther) {
   Trainer("echo x >> \"${0%/*}/found\"; echo about to die >&2; kill -9 $$");
   SupervisorOptions options = Options();
   options.limits.attempts_without_progress = 3;
@@ -85,14 +85,14 @@ TEST_F(ResumptionTest, AJobWhoseProcessesComeToNothingFailsWithTheReasonAndTheLa
   EXPECT_EQ(WaitForEnd(Train().name()).state(), v1::JOB_STATE_SUCCEEDED);
 }
 
-TEST_F(ResumptionTest, AFailureOfTheTrainersOwnIsNotTriedAgain) {
+TEST_F(ResumptionTest, DoesNotRetryAFailureReportedByTheTrainer) {
   Trainer("echo x >> \"${0%/*}/found\"; exit 80");
   Start();
   EXPECT_EQ(ReasonOf(WaitForEnd(Train().name())), "TRAINING_DIVERGED");
   EXPECT_EQ(Found(), "x\n");
 }
 
-TEST_F(ResumptionTest, StoppingCutsOffTheRunningJobWhichGoesOnWithTheNextStart) {
+TEST_F(ResumptionTest, StoppingInterruptsTheJobWhichContinuesAtTheNextStart) {
   Trainer(
       "trap 'mkdir -p \"$checkpoints\"; touch \"$checkpoints/checkpoint-000001\"; exit 143' "
       "TERM; echo '{\"phase\":\"load\"}'; while :; do sleep 0.02; done");
@@ -117,7 +117,7 @@ TEST_F(ResumptionTest, StoppingCutsOffTheRunningJobWhichGoesOnWithTheNextStart) 
   EXPECT_EQ(Found(), "1\n0\n");  // the older one first, with its checkpoint
 }
 
-TEST_F(ResumptionTest, AfterSuddenDeathOfTheServerJobsGoOnAndLeftoversAreRemoved) {
+TEST_F(ResumptionTest, AfterACrashJobsContinueAndLeftoversAreRemoved) {
   LeaveRunning("interrupted");
   for (const char* leftover : {"interrupted/output", "interrupted/.output.tmp-1",
                                "interrupted/checkpoints", "forgotten"}) {
@@ -138,7 +138,7 @@ TEST_F(ResumptionTest, AfterSuddenDeathOfTheServerJobsGoOnAndLeftoversAreRemoved
   EXPECT_TRUE(fs::exists(FolderOf(job) / "trainer.log"));
 }
 
-TEST_F(ResumptionTest, AVersionThatWasPublishedBeforeTheServerDiedIsNotPublishedAgain) {
+TEST_F(ResumptionTest, DoesNotPublishTwiceIfTheServerDiedAfterPublishing) {
   LeaveRunning("published", [](v1::Job& job) {
     job.mutable_attempts()->set_without_progress(100);  // even if it had come to its last attempt
   });
@@ -151,7 +151,7 @@ TEST_F(ResumptionTest, AVersionThatWasPublishedBeforeTheServerDiedIsNotPublished
   EXPECT_THAT(versions_.promotions, SizeIs(0));
 }
 
-TEST_F(ResumptionTest, DeathsOfTheServerCountAsThoseOfTheProcessUnlessThereIsANewCheckpoint) {
+TEST_F(ResumptionTest, ServerCrashesCountAsAttemptsUnlessThereIsANewCheckpoint) {
   const auto died_so_often = [](v1::Job& job) { job.mutable_attempts()->set_without_progress(4); };
   LeaveRunning("stuck", died_so_often);
   LeaveRunning("going", died_so_often);
@@ -164,7 +164,7 @@ TEST_F(ResumptionTest, DeathsOfTheServerCountAsThoseOfTheProcessUnlessThereIsANe
   EXPECT_EQ(WaitForEnd("jobs/going").state(), v1::JOB_STATE_SUCCEEDED);
 }
 
-TEST_F(ResumptionTest, ACancellationSurvivesTheDeathOfTheServer) {
+TEST_F(ResumptionTest, ACancellationSurvivesACrash) {
   Trainer(kIgnoresSigterm);
   SupervisorOptions options = Options();
   options.patience = std::chrono::milliseconds(300);
@@ -188,7 +188,7 @@ TEST_F(ResumptionTest, ACancellationSurvivesTheDeathOfTheServer) {
   EXPECT_TRUE(job.has_end_time() && !job.has_error() && !job.cancel_requested());
 }
 
-TEST_F(ResumptionTest, ACancelledJobKeepsItsCheckpointAndIsResumedByRequest) {
+TEST_F(ResumptionTest, ACancelledJobKeepsItsCheckpointAndCanBeResumed) {
   Trainer("mkdir -p \"$checkpoints\"; touch \"$checkpoints/checkpoint-000001\"\n" +
           std::string(kRunsOn));
   Start();
@@ -213,7 +213,7 @@ TEST_F(ResumptionTest, ACancelledJobKeepsItsCheckpointAndIsResumedByRequest) {
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Resume("jobs/none").status()));
 }
 
-TEST_F(ResumptionTest, AFailedJobIsResumedWithAllItsAttempts) {
+TEST_F(ResumptionTest, ResumingAFailedJobRestoresAllAttempts) {
   Trainer("kill -9 $$");
   Start();
   const std::string name = Train().name();
@@ -225,7 +225,7 @@ TEST_F(ResumptionTest, AFailedJobIsResumedWithAllItsAttempts) {
   EXPECT_EQ(WaitForEnd(name).state(), v1::JOB_STATE_SUCCEEDED);
 }
 
-TEST_F(ResumptionTest, AJobWithoutItsDatasetIsNotResumed) {
+TEST_F(ResumptionTest, DoesNotResumeAJobWhoseDatasetIsGone) {
   Trainer("exit 65");
   Start();
   const std::string name = Train().name();
@@ -235,7 +235,7 @@ TEST_F(ResumptionTest, AJobWithoutItsDatasetIsNotResumed) {
   EXPECT_EQ(store_->Get(name)->state(), v1::JOB_STATE_FAILED);
 }
 
-TEST_F(ResumptionTest, AJobThatRunsTooLongFailsAndResumedItHasAsLongAgain) {
+TEST_F(ResumptionTest, ResumingAfterATimeoutGrantsTheFullTimeAgain) {
   Trainer(kRunsOn);
   SupervisorOptions options = Options();
   options.limits.run_time = std::chrono::milliseconds(60);
@@ -266,7 +266,7 @@ TEST_F(ResumptionTest, AllProcessesOfAJobShareItsTime) {
   EXPECT_GE(job.attempts().earlier_run_time().seconds(), 3'600);
 }
 
-TEST_F(ResumptionTest, TheTrainerIsToldOfCheckpointsThreadsAndActions) {
+TEST_F(ResumptionTest, TheTrainerGetsCheckpointFolderThreadsAndActions) {
   Trainer("mkdir \"$output\"; echo \"$arguments\" > \"$output/arguments\"");
   SupervisorOptions options = Options();
   options.checkpoints = {.interval = std::chrono::milliseconds(1'500), .steps = 70, .kept = 4};

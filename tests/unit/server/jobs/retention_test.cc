@@ -32,21 +32,21 @@ std::vector<std::string> Deleted(const RetentionPolicy& policy,
   return names;
 }
 
-TEST(VersionsToDeleteTest, TheNewestOfEachModelStay) {
+TEST(VersionsToDeleteTest, KeepsTheNewestVersionsOfEachModel) {
   EXPECT_THAT(Deleted({.versions = 2}), ElementsAre("models/town/versions/1"));
 }
 
-TEST(VersionsToDeleteTest, WhatAnAliasNamesStaysHoweverOld) {
+TEST(VersionsToDeleteTest, KeepsVersionsWithAnAlias) {
   EXPECT_THAT(Deleted({.versions = 1}),
               ElementsAre("models/town/versions/3", "models/town/versions/1"));
 }
 
-TEST(VersionsToDeleteTest, WhatAJobReadsStays) {
+TEST(VersionsToDeleteTest, KeepsVersionsThatAJobReads) {
   EXPECT_THAT(Deleted({.versions = 1}, {"models/town/versions/3"}),
               ElementsAre("models/town/versions/1"));
 }
 
-TEST(VersionsToDeleteTest, WithoutANumberAllStay) { EXPECT_THAT(Deleted({}), IsEmpty()); }
+TEST(VersionsToDeleteTest, KeepsAllVersionsWithoutALimit) { EXPECT_THAT(Deleted({}), IsEmpty()); }
 
 class RetentionTest : public SupervisorTest {
  protected:
@@ -75,7 +75,7 @@ class RetentionTest : public SupervisorTest {
   const absl::Time now_ = absl::Now();
 };
 
-TEST_F(RetentionTest, OldJobsAreForgottenAndOldCheckpointsRemoved) {
+TEST_F(RetentionTest, RemovesOldJobsAndOldCheckpoints) {
   AddEnded("ancient", v1::JOB_STATE_SUCCEEDED, absl::Hours(24 * 91));
   AddEnded("old", v1::JOB_STATE_FAILED, absl::Hours(24 * 15));
   AddEnded("old-cancelled", v1::JOB_STATE_CANCELLED, absl::Hours(24 * 15));
@@ -91,7 +91,7 @@ TEST_F(RetentionTest, OldJobsAreForgottenAndOldCheckpointsRemoved) {
   EXPECT_EQ(versions_.List().size(), 3u);
 }
 
-TEST_F(RetentionTest, WhatHasNotEndedIsLeftAlone) {
+TEST_F(RetentionTest, KeepsJobsThatHaveNotEnded) {
   Trainer("mkdir -p \"$checkpoints\"; touch \"$checkpoints/checkpoint-000001\"\n" +
           std::string(kRunsOn));
   Start();
@@ -110,7 +110,7 @@ TEST_F(RetentionTest, WhatHasNotEndedIsLeftAlone) {
   }
 }
 
-TEST_F(RetentionTest, AnInfiniteAgeKeepsAll) {
+TEST_F(RetentionTest, AnInfiniteAgeKeepsEverything) {
   AddEnded("ancient", v1::JOB_STATE_FAILED, absl::Hours(24 * 10'000));
   Start();
   Retention retention({.jobs = absl::InfiniteDuration(), .checkpoints = absl::InfiniteDuration()},
@@ -119,7 +119,7 @@ TEST_F(RetentionTest, AnInfiniteAgeKeepsAll) {
   EXPECT_TRUE(HasJob("ancient") && HasCheckpoints("ancient"));
 }
 
-TEST_F(RetentionTest, TheFirstSweepIsAtTheStart) {
+TEST_F(RetentionTest, SweepsAtTheStart) {
   AddEnded("ancient", v1::JOB_STATE_SUCCEEDED, absl::Hours(24 * 91));
   Start();
   Retention retention({}, *supervisor_, versions_);

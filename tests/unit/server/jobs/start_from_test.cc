@@ -51,7 +51,7 @@ class StartFromTest : public SupervisorTest {
   }
 };
 
-TEST_F(StartFromTest, TheTrainerStartsFromTheVersionThatWasMeantWithItsSizes) {
+TEST_F(StartFromTest, TheTrainerStartsFromTheResolvedVersionWithItsSizes) {
   Start();
   const v1::Job created = Train(Request());
   EXPECT_EQ(created.train().start_from(), "models/town/versions/7");
@@ -65,7 +65,7 @@ TEST_F(StartFromTest, TheTrainerStartsFromTheVersionThatWasMeantWithItsSizes) {
   EXPECT_THAT(settings, HasSubstr("\"latentDimensions\": 2"));
 }
 
-TEST_F(StartFromTest, WhatDoesNotGoWithTheVersionIsRefusedByField) {
+TEST_F(StartFromTest, NamesFieldsThatContradictTheStart) {
   Start();
   v1::TrainRequest request = Request();
   request.mutable_settings()->mutable_model()->set_actions(25);
@@ -81,7 +81,7 @@ TEST_F(StartFromTest, WhatDoesNotGoWithTheVersionIsRefusedByField) {
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Train(request).status()));
 }
 
-TEST_F(StartFromTest, WeightsOfDatasetsAreOnePerDatasetAndForTrainingAlone) {
+TEST_F(StartFromTest, RefusesDatasetWeightsOfWrongNumberOrOutsideTraining) {
   Start();
   v1::TrainRequest request = Request();
   request.mutable_settings()->mutable_examples()->add_dataset_weights(2.0);
@@ -97,7 +97,7 @@ TEST_F(StartFromTest, WeightsOfDatasetsAreOnePerDatasetAndForTrainingAlone) {
               HasSubstr("examples.dataset_weights"));
 }
 
-TEST_F(StartFromTest, TheSameRequestIsTheSameJobThoughTheAliasWentOn) {
+TEST_F(StartFromTest, TheSameRequestReturnsTheSameJobAfterTheAliasMoved) {
   Start();
   v1::TrainRequest request = Request();
   request.set_request_id("once");
@@ -108,7 +108,7 @@ TEST_F(StartFromTest, TheSameRequestIsTheSameJobThoughTheAliasWentOn) {
   EXPECT_EQ(Train(request).name(), first.name());
 }
 
-TEST_F(StartFromTest, AVersionThatWentInBetweenFailsTheJobWithAReason) {
+TEST_F(StartFromTest, FailsWithAReasonIfTheStartWasDeletedMeanwhile) {
   Start();
   Trainer(kRunsOn);
   const v1::Job running = Train();

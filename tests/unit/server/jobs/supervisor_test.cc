@@ -18,7 +18,7 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::Not;
 
-TEST_F(SupervisorTest, ATrainedModelIsPublishedAndItsJobSucceeds) {
+TEST_F(SupervisorTest, PublishesATrainedModelAndTheJobSucceeds) {
   Trainer(R"(echo '{"phase":"load","fraction":0.1}'
              mkdir "$output"; cp "$settings" "$output/settings"
              echo "$arguments" > "$output/arguments")");
@@ -46,7 +46,7 @@ TEST_F(SupervisorTest, ATrainedModelIsPublishedAndItsJobSucceeds) {
   EXPECT_FALSE(fs::exists(FolderOf(job) / "output"));
 }
 
-TEST_F(SupervisorTest, AnEvaluationPutsItsReportOnTheJob) {
+TEST_F(SupervisorTest, AnEvaluationStoresItsReportInTheJob) {
   Trainer(R"([ "$command" = evaluate ] || exit 64
              case "$arguments" in *"--sampled-examples 3 "*) ;; *) exit 64;; esac
              printf '{"examples":"12","metrics":{"minADE6":1.5}}' > "$output")");
@@ -67,7 +67,7 @@ TEST_F(SupervisorTest, AnEvaluationPutsItsReportOnTheJob) {
   EXPECT_EQ(job.evaluation().metrics().at("minADE6"), 1.5);
 }
 
-TEST_F(SupervisorTest, TheReportOfAnEvaluationIsKeptWithTheVersionAndWhatItWasMeasuredOn) {
+TEST_F(SupervisorTest, KeepsTheReportWithTheVersionAndItsDatasets) {
   Trainer("printf '{\"examples\":\"12\"}' > \"$output\"");
   Start();
   v1::EvaluateRequest request;
@@ -82,7 +82,7 @@ TEST_F(SupervisorTest, TheReportOfAnEvaluationIsKeptWithTheVersionAndWhatItWasMe
   EXPECT_TRUE(kept.has_create_time());
 }
 
-TEST_F(SupervisorTest, AnEvaluationWhoseReportFindsNoRoomFailsButNotForAVersionThatIsGone) {
+TEST_F(SupervisorTest, AnEvaluationFailsOnAFullDiskButNotForADeletedVersion) {
   Trainer("printf '{\"examples\":\"12\"}' > \"$output\"");
   Start();
   v1::EvaluateRequest request;
@@ -99,7 +99,7 @@ TEST_F(SupervisorTest, AnEvaluationWhoseReportFindsNoRoomFailsButNotForAVersionT
   EXPECT_EQ(job.evaluation().examples(), 12);
 }
 
-TEST_F(SupervisorTest, AFailureHasAReasonAndTheLastLineWithoutPaths) {
+TEST_F(SupervisorTest, AFailureHasAReasonAndTheLastLogLineWithoutPaths) {
   Trainer("echo first >&2; echo \"no vehicle in $dataset/x.tfrecord\" >&2; exit 65");
   Start();
   const v1::Job job = WaitForEnd(Train().name());
@@ -110,7 +110,7 @@ TEST_F(SupervisorTest, AFailureHasAReasonAndTheLastLineWithoutPaths) {
   EXPECT_THAT(job.last_lines(), ElementsAre("first", "no vehicle in x.tfrecord"));
 }
 
-TEST_F(SupervisorTest, ATrainerThatCannotBeStartedFailsTheJob) {
+TEST_F(SupervisorTest, FailsIfTheTrainerCannotBeStarted) {
   SupervisorOptions options = Options();
   options.trainer = folder_ / "no-such-program";
   StartWith(options);
@@ -119,7 +119,7 @@ TEST_F(SupervisorTest, ATrainerThatCannotBeStartedFailsTheJob) {
   EXPECT_THAT(job.error().message(), HasSubstr("cannot be started"));
 }
 
-TEST_F(SupervisorTest, AModelThatCannotBePublishedFailsTheJobAndLeavesNothing) {
+TEST_F(SupervisorTest, AFailedPublicationFailsTheJobAndLeavesNothing) {
   versions_.publish_error = absl::DataLossError("tensor decoder.0.weight is missing in /data/x");
   Start();
   const v1::Job job = WaitForEnd(Train().name());
@@ -138,7 +138,7 @@ TEST_F(SupervisorTest, AnEvaluationWithoutAReportFails) {
   EXPECT_EQ(ReasonOf(WaitForEnd(supervisor_->Evaluate(request)->name())), "TRAINER_INTERNAL");
 }
 
-TEST_F(SupervisorTest, ARequestIdMakesOneJob) {
+TEST_F(SupervisorTest, ARequestIdCreatesOnlyOneJob) {
   Start();
   v1::TrainRequest request = TrainTown();
   request.set_request_id("mine");
@@ -171,7 +171,7 @@ TEST_F(SupervisorTest, ValidateOnlyStartsNothing) {
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Train(request).status()));
 }
 
-TEST_F(SupervisorTest, WrongRequestsAreRefusedByField) {
+TEST_F(SupervisorTest, NamesWrongFieldsOfRequests) {
   Start();
   v1::TrainRequest request = TrainTown();
   request.set_model("models/Town");
@@ -199,7 +199,7 @@ TEST_F(SupervisorTest, WrongRequestsAreRefusedByField) {
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Evaluate(evaluate).status()));
 }
 
-TEST_F(SupervisorTest, CriteriaOfPromotionAreCheckedByField) {
+TEST_F(SupervisorTest, NamesWrongFieldsOfPromotionCriteria) {
   Start();
   v1::TrainRequest request = TrainTown();
   request.set_promotion(v1::PROMOTION_IF_NO_WORSE);
@@ -232,7 +232,7 @@ TEST_F(SupervisorTest, CriteriaOfPromotionAreCheckedByField) {
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Train(other).status()));
 }
 
-TEST_F(SupervisorTest, ARunningJobIsCancelled) {
+TEST_F(SupervisorTest, CancelsARunningJob) {
   Trainer(kRunsOn);
   Start();
   const std::string name = Train().name();
@@ -245,7 +245,7 @@ TEST_F(SupervisorTest, ARunningJobIsCancelled) {
   EXPECT_THAT(versions_.promotions, IsEmpty());
 }
 
-TEST_F(SupervisorTest, ATrainerThatIgnoresSigtermIsKilled) {
+TEST_F(SupervisorTest, KillsATrainerThatIgnoresSigterm) {
   Trainer(kIgnoresSigterm);
   SupervisorOptions options = Options();
   options.patience = std::chrono::milliseconds(50);
@@ -256,7 +256,7 @@ TEST_F(SupervisorTest, ATrainerThatIgnoresSigtermIsKilled) {
   EXPECT_EQ(WaitForEnd(name).state(), v1::JOB_STATE_CANCELLED);
 }
 
-TEST_F(SupervisorTest, APendingJobIsCancelledAtOnceAndNeverRuns) {
+TEST_F(SupervisorTest, CancelsAPendingJobAtOnce) {
   Trainer(kRunsOn);
   Start();
   const std::string first = Train().name();
@@ -280,7 +280,7 @@ TEST_F(SupervisorTest, CancellingAnEndedJobChangesNothing) {
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Cancel("jobs/none").status()));
 }
 
-TEST_F(SupervisorTest, AJobIsDeletedWithItsFolderOnceItEnded) {
+TEST_F(SupervisorTest, DeletesAnEndedJobWithItsFolder) {
   Trainer(kRunsOn);
   Start();
   const v1::Job job = Train();
@@ -294,7 +294,7 @@ TEST_F(SupervisorTest, AJobIsDeletedWithItsFolderOnceItEnded) {
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Get(job.name()).status()));
 }
 
-TEST_F(SupervisorTest, ADatasetIsKeptWhileAJobNeedsIt) {
+TEST_F(SupervisorTest, KeepsADatasetThatAJobNeeds) {
   Trainer(kRunsOn);
   Start();
   const std::string running = Train().name();
@@ -312,7 +312,7 @@ TEST_F(SupervisorTest, ADatasetIsKeptWhileAJobNeedsIt) {
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Train(request).status()));
 }
 
-TEST_F(SupervisorTest, JobsRunInTheOrderOfTheirCreation) {
+TEST_F(SupervisorTest, RunsJobsInTheOrderOfCreation) {
   Trainer("echo \"$dataset_name\" >> \"${0%/*}/order\"; mkdir \"$output\"");
   Start();
   std::string last;
@@ -326,7 +326,7 @@ TEST_F(SupervisorTest, JobsRunInTheOrderOfTheirCreation) {
             "datasets/town\ndatasets/village\ndatasets/town\n");
 }
 
-TEST_F(SupervisorTest, AHigherPriorityGoesFirst) {
+TEST_F(SupervisorTest, RunsAHigherPriorityFirst) {
   Trainer(
       "echo \"$dataset_name\" >> \"${0%/*}/order\"; [ -e \"${0%/*}/go\" ] || "
       "{ trap 'exit 143' TERM; echo '{\"phase\":\"load\"}'; while :; do sleep 0.02; done; }; "
@@ -349,7 +349,7 @@ TEST_F(SupervisorTest, AHigherPriorityGoesFirst) {
   EXPECT_TRUE(absl::IsInvalidArgument(supervisor_->Train(request).status()));
 }
 
-TEST_F(SupervisorTest, EveryWatcherGetsTheSameEventsWheneverItComes) {
+TEST_F(SupervisorTest, EveryWatcherGetsTheSameEventsWheneverItSubscribes) {
   // Ends of epochs are never left out, so all of them are events.
   Trainer(R"(for i in 1 2 3 4 5 6 7 8 9 10 11 12; do
                echo "{\"phase\":\"joint\",\"epoch\":$i,\"epochReport\":{}}"
@@ -381,7 +381,7 @@ TEST_F(SupervisorTest, EveryWatcherGetsTheSameEventsWheneverItComes) {
   EXPECT_EQ(rest[0].progress().sequence(), 11);
 }
 
-TEST_F(SupervisorTest, RefusesAJobWhileAsManyWaitAsMay) {
+TEST_F(SupervisorTest, RefusesAJobIfTheQueueIsFull) {
   Trainer("sleep 100");
   SupervisorOptions options = Options();
   options.max_pending_jobs = 2;

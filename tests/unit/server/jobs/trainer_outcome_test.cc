@@ -52,7 +52,7 @@ TEST(TrainerOutcomeTest, EveryExitStatusHasItsReason) {
   }
 }
 
-TEST(TrainerOutcomeTest, ASignalIsNamedAndCounted) {
+TEST(TrainerOutcomeTest, NamesTheSignal) {
   const absl::Status killed = TrainerStatus({.exit_status = 0, .signal = SIGKILL}, "");
   EXPECT_EQ(InfoOf(killed).reason(), "TRAINER_DIED");
   EXPECT_EQ(InfoOf(killed).metadata().at("signal"), "9");
@@ -62,7 +62,7 @@ TEST(TrainerOutcomeTest, ASignalIsNamedAndCounted) {
               HasSubstr("crashed by signal 11"));
 }
 
-TEST(TrainerOutcomeTest, AKillForWantOfMemorySaysSo) {
+TEST(TrainerOutcomeTest, ReportsAKillForLackOfMemory) {
   const absl::Status killed = TrainerStatus({.signal = SIGKILL, .out_of_memory = true}, "");
   EXPECT_EQ(InfoOf(killed).reason(), "OUT_OF_MEMORY");
   EXPECT_TRUE(absl::IsResourceExhausted(killed));
@@ -70,7 +70,7 @@ TEST(TrainerOutcomeTest, AKillForWantOfMemorySaysSo) {
             "OUT_OF_MEMORY");
 }
 
-TEST(TrainerOutcomeTest, OnlyASignalThatIsNotOursIsADeath) {
+TEST(TrainerOutcomeTest, OnlyAForeignSignalIsADeath) {
   EXPECT_TRUE(HasDied({.signal = SIGKILL}));
   EXPECT_TRUE(HasDied({.signal = SIGSEGV}));
   EXPECT_FALSE(HasDied({.signal = SIGKILL, .timed_out = true}));
@@ -78,14 +78,14 @@ TEST(TrainerOutcomeTest, OnlyASignalThatIsNotOursIsADeath) {
   EXPECT_FALSE(HasDied({.exit_status = 70}));
 }
 
-TEST(TrainerOutcomeTest, GivingUpKeepsTheReasonOfTheLast) {
+TEST(TrainerOutcomeTest, GivingUpKeepsTheLastReason) {
   const absl::Status status = GaveUp(TrainerStatus({.signal = SIGKILL}, "bye"), 5);
   EXPECT_EQ(InfoOf(status).reason(), "TRAINER_DIED");
   EXPECT_THAT(std::string(status.message()), HasSubstr("5 processes"));
   EXPECT_THAT(std::string(status.message()), HasSubstr("bye"));
 }
 
-TEST(TrainerOutcomeTest, PathsLoseTheirFolders) {
+TEST(TrainerOutcomeTest, RemovesFoldersFromPaths) {
   EXPECT_EQ(WithoutPaths("cannot write /srv/data/jobs/a/output: disk full"),
             "cannot write output: disk full");
   EXPECT_EQ(WithoutPaths("'/a/b/' and (/c/d), --output=/e/f"), "'b' and (d), --output=f");
@@ -104,19 +104,19 @@ class LastLineTest : public testing::Test {
   const TemporaryFolder folder_;
 };
 
-TEST_F(LastLineTest, IsTheLastThatSaysSomething) {
+TEST_F(LastLineTest, IsTheLastLineWithText) {
   EXPECT_EQ(LastLineOf("first\nsecond\n\n  \n"), "second");
   EXPECT_EQ(LastLineOf("first\nno end"), "no end");
   EXPECT_EQ(LastLineOf(""), "");
   EXPECT_TRUE(LastLines(folder_ / "none").empty());
 }
 
-TEST_F(LastLineTest, OfALongLogIsFoundAndALongLineIsCut) {
+TEST_F(LastLineTest, FindsTheEndOfALongLogAndCutsALongLine) {
   EXPECT_EQ(LastLineOf(std::string(100'000, 'x') + "\nwhy\n"), "why");
   EXPECT_EQ(LastLineOf(std::string(100'000, 'x')).size(), 400u);
 }
 
-TEST_F(LastLineTest, TheLastEightOfThisProcessAreKept) {
+TEST_F(LastLineTest, KeepsTheLastEightLinesOfThisProcess) {
   LastLineOf("of the one before\n1\n2\n\n3\n");
   EXPECT_EQ(LastLines(folder_ / "log", 18), (std::vector<std::string>{"1", "2", "3"}));
   LastLineOf("1\n2\n3\n4\n5\n6\n7\n8\n9\n10\n");

@@ -12,7 +12,7 @@ std::string Error(std::string_view text) {
   return std::string(ParseSettings(text, "m.conf").status().message());
 }
 
-TEST(SettingsFileTest, TakesBareAndQuotedValuesAndComments) {
+TEST(SettingsFileTest, AcceptsBareAndQuotedValuesAndComments) {
   const auto settings = ParseSettings(
       "# a comment\n"
       "\n"
@@ -38,7 +38,7 @@ TEST(SettingsFileTest, NamesTheLineThatItCannotRead) {
   }
 }
 
-TEST(SettingsFileTest, ANameComesOnce) {
+TEST(SettingsFileTest, RefusesARepeatedName) {
   EXPECT_EQ(Error("workers = 1\n\nworkers = 2\n"), "m.conf:3: workers is set in line 1 too");
 }
 

@@ -7,7 +7,7 @@
 namespace maneuver::health_pages_test {
 namespace {
 
-TEST(HealthPagesTest, LivenessIsOfTheServerAlone) {
+TEST(HealthPagesTest, LivenessDependsOnTheServerOnly) {
   bool alive = true;
   const auto page = LivenessPage([&alive] { return alive; });
   EXPECT_EQ(page.path, "/healthz");
@@ -16,7 +16,7 @@ TEST(HealthPagesTest, LivenessIsOfTheServerAlone) {
   EXPECT_EQ(page.make("").status, 503);
 }
 
-TEST(HealthPagesTest, ReadinessIsOfPredictionsUnlessTheQueryNamesAService) {
+TEST(HealthPagesTest, ReadinessMeansPredictionsUnlessTheQueryNamesAService) {
   const auto page = ReadinessPage([](std::string_view service) -> std::optional<bool> {
     if (service.empty()) return true;
     if (service == "maneuver.v1.PredictionService") return false;

@@ -54,7 +54,7 @@ class OptionsTest : public ::testing::Test {
   const TemporaryFolder folder_;
 };
 
-TEST_F(OptionsTest, TheCommandLineComesBeforeTheEnvironmentAndThatBeforeTheFile) {
+TEST_F(OptionsTest, TheCommandLineOverridesTheEnvironmentWhichOverridesTheFile) {
   const std::string file =
       Write("m.conf", "data-dir = \"from file\"\nmax-batch = 3\nmax-queue = 33\nworkers = 5\n");
   const Outcome outcome = Parse({"--config", file, "--max-batch", "1"},
@@ -66,7 +66,7 @@ TEST_F(OptionsTest, TheCommandLineComesBeforeTheEnvironmentAndThatBeforeTheFile)
   EXPECT_EQ(outcome.options().data_dir, "from file");
 }
 
-TEST_F(OptionsTest, TheEnvironmentCanNameTheFileAndFlagsCanBeTurnedOff) {
+TEST_F(OptionsTest, TheEnvironmentCanNameTheFileAndTurnFlagsOff) {
   const std::string file = Write("m.conf", "data-dir = d\ninsecure = true\nlisten = 0.0.0.0:0\n");
   EXPECT_EQ(Parse({}, {"MANEUVERD_CONFIG=" + file}).options().listen.host, "0.0.0.0");
   const Outcome off = Parse({}, {"MANEUVERD_CONFIG=" + file, "MANEUVERD_INSECURE=false"});
@@ -74,14 +74,14 @@ TEST_F(OptionsTest, TheEnvironmentCanNameTheFileAndFlagsCanBeTurnedOff) {
   EXPECT_THAT(off.err, HasSubstr("--listen"));
 }
 
-TEST_F(OptionsTest, AnEmptyVariableIsAsIfItWereNotThere) {
+TEST_F(OptionsTest, AnEmptyVariableCountsAsUnset) {
   EXPECT_EQ(Parse({"--data-dir", "d"}, {"MANEUVERD_MAX_BATCH=", "MANEUVERD_TOKENS="})
                 .options()
                 .scheduler.queue.max_batch,
             ServerOptions().scheduler.queue.max_batch);
 }
 
-TEST_F(OptionsTest, UnknownNamesAreRefusedWithTheirPlace) {
+TEST_F(OptionsTest, RefusesUnknownNamesAndSaysWhereTheyAre) {
   const std::string file = Write("m.conf", "data-dir = d\nmax-bach = 3\n");
   const Outcome in_file = Parse({"--config", file});
   EXPECT_TRUE(in_file.refused());
@@ -98,7 +98,7 @@ TEST_F(OptionsTest, UnknownNamesAreRefusedWithTheirPlace) {
   EXPECT_TRUE(Parse({"--config", (folder_ / "none.conf").string()}).refused());
 }
 
-TEST_F(OptionsTest, ABadValueIsNamedWithItsPlace) {
+TEST_F(OptionsTest, RefusesABadValueAndSaysWhereItIs) {
   const std::string file = Write("m.conf", "data-dir = d\nmax-batch = 0\n");
   const Outcome in_file = Parse({"--config", file});
   EXPECT_TRUE(in_file.refused());
@@ -114,7 +114,7 @@ TEST_F(OptionsTest, ABadValueIsNamedWithItsPlace) {
   EXPECT_THAT(empty.err, HasSubstr("e.conf:2: workers needs a value"));
 }
 
-TEST_F(OptionsTest, VersionsThatAreToServeAreNamedByModelAndNumber) {
+TEST_F(OptionsTest, NamesVersionsToServeByModelAndNumber) {
   using security::ModelVersionName;
   EXPECT_THAT(Parse({"--data-dir", "d"}).options().serve, ::testing::IsEmpty());
   EXPECT_THAT(Parse({"--data-dir", "d", "--serve", "town/3, highway/12"}).options().serve,
@@ -126,7 +126,7 @@ TEST_F(OptionsTest, VersionsThatAreToServeAreNamedByModelAndNumber) {
   }
 }
 
-TEST_F(OptionsTest, PlainKernelsAreChosenByName) {
+TEST_F(OptionsTest, ChoosesPlainKernelsByName) {
   using kernels::KernelChoice;
   EXPECT_EQ(Parse({"--data-dir", "d"}).options().kernels, KernelChoice::kAuto);
   EXPECT_EQ(Parse({"--data-dir", "d", "--kernels", "plain"}).options().kernels,
@@ -136,7 +136,7 @@ TEST_F(OptionsTest, PlainKernelsAreChosenByName) {
   EXPECT_TRUE(Parse({"--data-dir", "d", "--kernels", "AVX2"}).refused());
 }
 
-TEST_F(OptionsTest, WhatIsPrintedCanBeReadAgain) {
+TEST_F(OptionsTest, PrintedSettingsCanBeReadBack) {
   const std::vector<std::string> arguments = {"--data-dir",
                                               "a \"b\" # c\\",
                                               "--workers",
@@ -172,7 +172,7 @@ TEST_F(OptionsTest, WhatIsPrintedCanBeReadAgain) {
   EXPECT_EQ(read.options().log_format, monitoring::LogFormat::kJson);
 }
 
-TEST_F(OptionsTest, HelpIsGivenWhateverTheEnvironmentSays) {
+TEST_F(OptionsTest, HelpIgnoresTheEnvironment) {
   const Outcome help = Parse({"--help"}, {"MANEUVERD_NONSENSE=1"});
   EXPECT_EQ(std::get<int>(help.parsed), 0);
   EXPECT_THAT(help.out, AllOf(HasSubstr("--max-batch"), HasSubstr("MANEUVERD_MAX_BATCH")));

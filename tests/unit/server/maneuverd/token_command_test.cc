@@ -116,7 +116,7 @@ TEST_F(TokenCommandTest, CreateRefusesAWrongNameOrRole) {
   EXPECT_FALSE(fs::exists(file_));
 }
 
-TEST_F(TokenCommandTest, ListShowsWhoMayCallAndUntilWhen) {
+TEST_F(TokenCommandTest, ListShowsNamesRolesAndExpiry) {
   const std::string token = Create("planner");
   Create("guest", {"--expires", "2027-02-01"});
   std::ofstream(file_, std::ios::app)
@@ -146,7 +146,7 @@ TEST_F(TokenCommandTest, RevokeRemovesAllTokensOfAName) {
   EXPECT_THAT(err_, HasSubstr("no such token"));
 }
 
-TEST_F(TokenCommandTest, RevokeTakesTheIdThatListShows) {
+TEST_F(TokenCommandTest, RevokeAcceptsTheIdThatListShows) {
   const std::string first = Create("planner");
   const std::string second = Create("planner");
   const std::string id = Identities().lines().front().credential.substr(0, 12);
@@ -156,7 +156,7 @@ TEST_F(TokenCommandTest, RevokeTakesTheIdThatListShows) {
   EXPECT_EQ(Run({"revoke", "--id", "abc"}), 2);
 }
 
-TEST_F(TokenCommandTest, RevokeLeavesTokensThatAnIdDoesNotTellApart) {
+TEST_F(TokenCommandTest, RevokeRefusesAnAmbiguousId) {
   const std::string lines = "a predict sha256:" + std::string(64, 'a') +
                             "\nb predict sha256:" + std::string(63, 'a') + "b\n";
   Write(lines);
@@ -164,7 +164,7 @@ TEST_F(TokenCommandTest, RevokeLeavesTokensThatAnIdDoesNotTellApart) {
   EXPECT_EQ(Text(), lines);
 }
 
-TEST_F(TokenCommandTest, RevokeRemovesWhatHasExpired) {
+TEST_F(TokenCommandTest, RevokeRemovesExpiredTokens) {
   const std::string token = Create("guest", {"--expires", "1h"});
   std::ofstream(file_, std::ios::app)
       << "late predict sha256:" << std::string(64, 'a') << " expires=2027-01-01T00:00:00Z\n";
@@ -175,7 +175,7 @@ TEST_F(TokenCommandTest, RevokeRemovesWhatHasExpired) {
   EXPECT_EQ(Run({"revoke", "--expired"}), 0);
 }
 
-TEST_F(TokenCommandTest, RevokeChangesNothingInAFileThatTheServerDoesNotRead) {
+TEST_F(TokenCommandTest, RevokeRefusesAFileThatTheServerWouldNotRead) {
   Create("planner");
   const std::string text = Text() + "oops\n";
   Write(text);
@@ -184,7 +184,7 @@ TEST_F(TokenCommandTest, RevokeChangesNothingInAFileThatTheServerDoesNotRead) {
   EXPECT_EQ(Text(), text);
 }
 
-TEST_F(TokenCommandTest, RevokeAsksForOneChoice) {
+TEST_F(TokenCommandTest, RevokeRequiresExactlyOneChoice) {
   EXPECT_EQ(Run({"revoke"}), 2);
   EXPECT_EQ(Run({"revoke", "--name", "a", "--expired"}), 2);
 }

@@ -89,7 +89,7 @@ TEST(HttpPagesTest, ATakenPortIsAnError) {
       HttpPages::Serve("127.0.0.1:" + std::to_string(first->port()), {}).status()));
 }
 
-TEST(HttpPagesTest, ConnectionsThatSayNothingDoNotHoldUpAScrape) {
+TEST(HttpPagesTest, SilentConnectionsDoNotDelayAScrape) {
   const auto pages = Serve();
   std::vector<int> silent;
   for (int i = 0; i < 3; ++i) silent.push_back(ConnectTo(pages->port()));

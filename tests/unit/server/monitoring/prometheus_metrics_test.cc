@@ -14,7 +14,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-TEST(PrometheusMetricsTest, ThePageShowsWhatWasCounted) {
+TEST(PrometheusMetricsTest, ThePageShowsTheCounts) {
   const auto metrics = PrometheusMetrics::Create();
   metrics->AddCounter("maneuver_calls_total", "Calls.", {{"code", "OK"}}).Increment();
   metrics->AddGauge("maneuver_depth", "Depth.").Set(3);

@@ -37,18 +37,18 @@ class CallLogTest : public ::testing::Test {
   CallLog log_{0xabcu};
 };
 
-TEST_F(CallLogTest, ACallersTraceAndRequestIdAreKept) {
+TEST_F(CallLogTest, KeepsTheCallersTraceAndRequestId) {
   const CallOrigin origin = log_.OriginOf("plan-17.3_a", kTraceparent);
   EXPECT_EQ(origin.request_id, "plan-17.3_a");
   EXPECT_EQ(origin.traceparent, kTraceparent);
 }
 
-TEST_F(CallLogTest, WithoutARequestIdOneIsMadeUpForEachCall) {
+TEST_F(CallLogTest, MakesUpARequestIdIfTheCallHasNone) {
   EXPECT_EQ(log_.OriginOf("", "").request_id, "00000abc-1");
   EXPECT_EQ(log_.OriginOf("", "").request_id, "00000abc-2");
 }
 
-TEST_F(CallLogTest, WhatHasNotItsProperFormNeverGetsIn) {
+TEST_F(CallLogTest, IgnoresMalformedRequestIdsAndTraceparents) {
   for (const std::string& id : {std::string("two words"), std::string("a\nb"), std::string("a=b"),
                                 std::string("\""), std::string(65, 'a')}) {
     EXPECT_THAT(log_.OriginOf(id, "").request_id, ::testing::StartsWith("00000abc-")) << id;
@@ -67,13 +67,13 @@ TEST_F(CallLogTest, WhatHasNotItsProperFormNeverGetsIn) {
   }
 }
 
-TEST_F(CallLogTest, OfALaterVersionWhatIsKnownIsTaken) {
+TEST_F(CallLogTest, ReadsTheKnownPartOfALaterTraceparentVersion) {
   const std::string later = "01-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01";
   EXPECT_EQ(log_.OriginOf("", later).traceparent, later);
   EXPECT_EQ(log_.OriginOf("", later + "-more=\"x\"").traceparent, later);
 }
 
-TEST_F(CallLogTest, EveryCallHasALineAtDebugAlone) {
+TEST_F(CallLogTest, LogsEveryCallOnlyAtDebug) {
   const CallOrigin origin{"r1", kTraceparent};
   EXPECT_THAT(Line(LogLevel::kDebug, grpc::StatusCode::OK, origin),
               HasSubstr(" call method=PredictionService/Predict code=OK seconds=0.25 "
@@ -85,7 +85,7 @@ TEST_F(CallLogTest, EveryCallHasALineAtDebugAlone) {
               Not(HasSubstr("traceparent")));
 }
 
-TEST_F(CallLogTest, FaultsOfTheServerAreErrorsButNotAFloodOfThem) {
+TEST_F(CallLogTest, LogsServerFaultsAsErrorsAtALimitedRate) {
   int lines = 0;
   for (int i = 0; i < 100; ++i) {
     const std::string line = Line(LogLevel::kError, grpc::StatusCode::INTERNAL, {"r", ""});

@@ -132,7 +132,7 @@ class JobServicesTest : public jobs::SupervisorTest {
   v1::Dataset uploaded_;
 };
 
-TEST_F(JobServicesTest, AnUploadedDatasetIsListedDescribedReadAndDeleted) {
+TEST_F(JobServicesTest, ListsDescribesReadsAndDeletesAnUploadedDataset) {
   const std::string bytes = Bytes();
   const grpc::Status status = Upload(
       {Header("datasets/a"), Chunk(bytes.substr(0, 100)), Chunk(""), Chunk(bytes.substr(100))});
@@ -189,7 +189,7 @@ TEST_F(JobServicesTest, AnUploadedDatasetIsListedDescribedReadAndDeleted) {
   EXPECT_THAT(NamesInStore(), ElementsAre("town", "village"));
 }
 
-TEST_F(JobServicesTest, EveryWrongUploadIsRefusedWithItsReasonAndLeavesNothing) {
+TEST_F(JobServicesTest, RefusesEveryWrongUploadWithItsReasonAndLeavesNothing) {
   const std::string bytes = Bytes();
   std::string altered = bytes;
   altered[50] ^= 1;
@@ -255,7 +255,7 @@ TEST_F(JobServicesTest, EveryWrongUploadIsRefusedWithItsReasonAndLeavesNothing) 
   }
 }
 
-TEST_F(JobServicesTest, WhatNeedNotBeSentIsToldAndChecked) {
+TEST_F(JobServicesTest, TellsWhichBytesAreAlreadyThereAndChecksThem) {
   v1::QueryUploadRequest question;
   question.set_name("datasets/a");
   *question.mutable_dataset() = Header("").header().dataset();
@@ -296,7 +296,7 @@ TEST_F(JobServicesTest, WhatNeedNotBeSentIsToldAndChecked) {
   EXPECT_THAT(ask().error_message(), HasSubstr("dataset.shards[0].sha256"));
 }
 
-TEST_F(JobServicesTest, AnUploadThatBreaksOffIsNoDataset) {
+TEST_F(JobServicesTest, AnInterruptedUploadIsNoDataset) {
   {
     grpc::ClientContext context;
     const auto writer = datasets_stub_->UploadDataset(&context, &uploaded_);
@@ -334,7 +334,7 @@ TEST_F(JobServicesTest, AWatchReplaysFromTheStartOrACursorAndEndsWithTheJob) {
   EXPECT_EQ(rest.size(), 2u);
 }
 
-TEST_F(JobServicesTest, ATokenThatIsTakenBackEndsUploadsAndWatchesThatHaveBegun) {
+TEST_F(JobServicesTest, RevokingATokenEndsItsUploadsAndWatches) {
   Trainer(jobs::kRunsOn);
   const v1::Job job = TrainOverTheWire();
   grpc::ClientContext watch_context;
@@ -362,7 +362,7 @@ TEST_F(JobServicesTest, ATokenThatIsTakenBackEndsUploadsAndWatchesThatHaveBegun)
   EXPECT_THAT(NamesInStore(), ElementsAre("town", "village"));
 }
 
-TEST_F(JobServicesTest, AWatchOfNoJobIsRefused) {
+TEST_F(JobServicesTest, RefusesToWatchAnUnknownJob) {
   std::vector<v1::Job> jobs;
   EXPECT_EQ(Reason(Watch("jobs/none", 0, &jobs)), "JOB_NOT_FOUND");
   EXPECT_EQ(Watch("jobs/../x", 0, &jobs).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
@@ -370,7 +370,7 @@ TEST_F(JobServicesTest, AWatchOfNoJobIsRefused) {
   EXPECT_THAT(jobs, IsEmpty());
 }
 
-TEST_F(JobServicesTest, AWatcherWhoLeavesDisturbsNobody) {
+TEST_F(JobServicesTest, AWatcherThatLeavesDisturbsNobody) {
   Trainer(jobs::kRunsOn);
   const v1::Job job = TrainOverTheWire();
   {
@@ -414,7 +414,7 @@ TEST_F(JobServicesTest, WatchesEndWhenTheServerStops) {
   }
 }
 
-TEST_F(JobServicesTest, AWatcherThatNeverReadsHoldsNeitherTheJobNorTheOthersBack) {
+TEST_F(JobServicesTest, AWatcherThatNeverReadsDelaysNobodyElse) {
   // Some 10 MB of events: more than flow control lets through to somebody who takes none.
   Trainer(R"(i=0; usage=$(printf '0.125,%.0s' $(seq 200))
              while [ $i -lt 1000 ]; do i=$((i+1))
@@ -441,7 +441,7 @@ TEST_F(JobServicesTest, AWatcherThatNeverReadsHoldsNeitherTheJobNorTheOthersBack
   EXPECT_EQ(count, 1001);
 }
 
-TEST_F(JobServicesTest, AFailedJobIsResumedAndOneThatSucceededIsNot) {
+TEST_F(JobServicesTest, ResumesAFailedJobButNoSuccessfulOne) {
   Trainer("exit 73");
   const v1::Job job = TrainOverTheWire();
   WaitForEnd(job.name());
@@ -463,7 +463,7 @@ TEST_F(JobServicesTest, AFailedJobIsResumedAndOneThatSucceededIsNot) {
   EXPECT_EQ(resume("none", &resumed).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
 }
 
-TEST_F(JobServicesTest, JobsAreListedNewestFirstInPages) {
+TEST_F(JobServicesTest, ListsJobsNewestFirstInPages) {
   std::vector<std::string> names;
   for (int i = 0; i < 3; ++i) names.push_back(TrainOverTheWire().name());
   v1::ListJobsRequest request;
@@ -485,7 +485,7 @@ TEST_F(JobServicesTest, JobsAreListedNewestFirstInPages) {
             grpc::StatusCode::INVALID_ARGUMENT);
 }
 
-TEST_F(JobServicesTest, SampledExamplesAreOnTheJobAndNotInTheList) {
+TEST_F(JobServicesTest, OnlyGetJobReturnsSampledExamples) {
   Trainer(R"(printf '{"examples":"1","sampledExamples":[{"scenarioId":"r0"}]}' > "$output")");
   v1::EvaluateRequest request;
   request.set_model("models/town");
@@ -510,7 +510,7 @@ TEST_F(JobServicesTest, SampledExamplesAreOnTheJobAndNotInTheList) {
   EXPECT_EQ(job.evaluation().sampled_examples_size(), 1);
 }
 
-TEST_F(JobServicesTest, AFailedTrainSaysWhichFieldsAreWrong) {
+TEST_F(JobServicesTest, ARefusedTrainNamesTheWrongFields) {
   v1::TrainRequest request = TrainTown();
   request.set_model("town");
   grpc::ClientContext context;

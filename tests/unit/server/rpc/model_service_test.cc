@@ -52,7 +52,7 @@ class ModelServiceTest : public ServerTest {
 };
 
 // The fake model's action k is k + the speed in metres ahead.
-TEST_F(ModelServiceTest, DrawsRelativeActionsAtTheSpeedAskedFor) {
+TEST_F(ModelServiceTest, DrawsRelativeActionsAtTheRequestedSpeed) {
   Publish();
   WriteManifest(v1::TRAJECTORY_REFERENCE_FADING_MOTION);
   v1::ActionSet set;
@@ -71,7 +71,7 @@ TEST_F(ModelServiceTest, DrawsRelativeActionsAtTheSpeedAskedFor) {
   EXPECT_EQ(set.actions(1).distribution().mean_trajectory().x(0), 0.0);
 }
 
-TEST_F(ModelServiceTest, ActionsInMetresAreTheSameAtEverySpeed) {
+TEST_F(ModelServiceTest, AbsoluteActionsAreTheSameAtEverySpeed) {
   Publish();
   WriteManifest(v1::TRAJECTORY_REFERENCE_NONE);
   v1::ActionSet set;
@@ -80,7 +80,7 @@ TEST_F(ModelServiceTest, ActionsInMetresAreTheSameAtEverySpeed) {
   EXPECT_EQ(set.actions(1).distribution().mean_trajectory().x(0), 0.0);
 }
 
-TEST_F(ModelServiceTest, ActionsHaveNamesAndLabelsOverrideThem) {
+TEST_F(ModelServiceTest, LabelsOverrideTheNamesOfActions) {
   Publish();
   WriteManifest(v1::TRAJECTORY_REFERENCE_NONE);
   v1::ActionSet set;
@@ -108,7 +108,7 @@ TEST_F(ModelServiceTest, ActionsHaveNamesAndLabelsOverrideThem) {
 
 // The fake model in memory has no action set: its actions have numbers for names, until a label is
 // given.
-TEST_F(ModelServiceTest, ANewLabelIsInThePredictionsOfAVersionInMemory) {
+TEST_F(ModelServiceTest, ANewLabelAppearsInPredictionsAtOnce) {
   Publish();
   WriteManifest(v1::TRAJECTORY_REFERENCE_NONE);
   v1::PredictRequest scene = OneScene();
@@ -129,7 +129,7 @@ TEST_F(ModelServiceTest, ANewLabelIsInThePredictionsOfAVersionInMemory) {
   EXPECT_THAT(response.action_names(), ElementsAre("stand still (1)", "keeps going", "parks"));
 }
 
-TEST_F(ModelServiceTest, RefusesASpeedThatNobodyDrives) {
+TEST_F(ModelServiceTest, RefusesAnImpossibleSpeed) {
   Publish();
   WriteManifest(v1::TRAJECTORY_REFERENCE_FADING_MOTION);
   for (const double speed : {-1.0, 101.0, std::nan("")}) {
@@ -138,7 +138,7 @@ TEST_F(ModelServiceTest, RefusesASpeedThatNobodyDrives) {
   }
 }
 
-TEST_F(ModelServiceTest, VersionsArePagedNewestFirst) {
+TEST_F(ModelServiceTest, ListsVersionsNewestFirstInPages) {
   for (int i = 0; i < 5; ++i) Publish();
   v1::ListModelVersionsRequest request;
   request.set_parent("models/-");
@@ -203,7 +203,7 @@ class RequirementsTest : public ModelServiceTest {
   v1::SetModelAliasRequest request_;
 };
 
-TEST_F(RequirementsTest, AnAliasMovesIfTheReportShowsWhatIsRequired) {
+TEST_F(RequirementsTest, MovesAnAliasOnlyIfTheReportMeetsTheRequirements) {
   v1::RivalRequirement& requirement = *request_.add_requirements();
   requirement.set_rival("cv");
   requirement.set_scope(v1::RIVAL_SCOPE_EVERY_STRATUM);
@@ -225,7 +225,7 @@ TEST_F(RequirementsTest, AnAliasMovesIfTheReportShowsWhatIsRequired) {
   EXPECT_TRUE(moved.ok()) << moved.error_message();
 }
 
-TEST_F(RequirementsTest, RefusesRequirementsThatMakeNoSense) {
+TEST_F(RequirementsTest, RefusesInvalidRequirements) {
   Keep(-0.125);
   request_.set_dataset("datasets/unseen");
   EXPECT_EQ(SetAlias().error_code(), grpc::StatusCode::INVALID_ARGUMENT);  // for nothing
@@ -239,7 +239,7 @@ TEST_F(RequirementsTest, RefusesRequirementsThatMakeNoSense) {
   EXPECT_EQ(SetAlias().error_code(), grpc::StatusCode::INVALID_ARGUMENT);
 }
 
-TEST_F(RequirementsTest, AReportThatSaysNothingOfRivalsIsOutdated) {
+TEST_F(RequirementsTest, AReportWithoutRivalsIsOutdated) {
   v1::EvaluationReport report;
   report.set_model_version("models/town/versions/1");
   report.set_dataset("datasets/unseen");
@@ -251,7 +251,7 @@ TEST_F(RequirementsTest, AReportThatSaysNothingOfRivalsIsOutdated) {
   EXPECT_THAT(refused.error_message(), HasSubstr("evaluate the version on datasets/unseen again"));
 }
 
-TEST_F(ModelServiceTest, ReportsOfAVersionArePagedNewestFirstAndReadWhole) {
+TEST_F(ModelServiceTest, ListsReportsNewestFirstInPagesAndReadsThemWhole) {
   Publish();
   int64_t seconds = 0;
   for (const char* dataset : {"a", "b", "c", "d", "e"}) {
@@ -306,7 +306,7 @@ TEST_F(ModelServiceTest, ReportsOfAVersionArePagedNewestFirstAndReadWhole) {
             grpc::StatusCode::INVALID_ARGUMENT);
 }
 
-TEST_F(ModelServiceTest, PromotionIsAnAliasAndAnAliasedVersionStays) {
+TEST_F(ModelServiceTest, PromotesByAliasAndKeepsAnAliasedVersion) {
   Publish();
   Publish();
   v1::SetModelAliasRequest set;

@@ -5,12 +5,12 @@
 namespace maneuver::rpc::poll_heartbeat_test {
 namespace {
 
-TEST(PollHeartbeatTest, GoesOnUntilItIsDestroyed) {
+TEST(PollHeartbeatTest, BeatsUntilItIsDestroyed) {
   PollHeartbeat heartbeat(std::chrono::milliseconds(1));
   heartbeat.AwaitBeats(20);
 }
 
-TEST(PollHeartbeatTest, EndsInTheMiddleOfAWait) {
+TEST(PollHeartbeatTest, EndsDuringAWait) {
   PollHeartbeat heartbeat(std::chrono::hours(1));
   heartbeat.AwaitBeats(1);
 }

@@ -57,7 +57,7 @@ TEST_F(PredictStreamTest, AStreamAnswersRequestsAsTheyFinish) {
   EXPECT_TRUE(stream->Finish().ok());
 }
 
-TEST_F(PredictStreamTest, AStreamIsToldThatTheDeadlineIsTooCloseBeforeItsRequestIsParsed) {
+TEST_F(PredictStreamTest, RefusesATooCloseDeadlineBeforeParsingTheRequest) {
   Publish();
   grpc::ClientContext context;
   grpc::CompletionQueue queue;
@@ -107,7 +107,7 @@ TEST_F(PredictStreamTest, AStreamIsToldThatTheDeadlineIsTooCloseBeforeItsRequest
   finished();
 }
 
-TEST_F(PredictStreamTest, AStreamTakesAnyNumberOfRequests) {
+TEST_F(PredictStreamTest, AStreamAcceptsAnyNumberOfRequests) {
   Publish();
   constexpr int kRequests = 300;  // several times what may be in flight
   grpc::ClientContext context;
@@ -132,7 +132,7 @@ TEST_F(PredictStreamTest, AStreamTakesAnyNumberOfRequests) {
   EXPECT_EQ(answered.size(), static_cast<size_t>(kRequests));
 }
 
-TEST_F(PredictStreamTest, WorkStopsWhenTheCallerHasGone) {
+TEST_F(PredictStreamTest, WorkStopsWhenTheCallerLeaves) {
   Publish();
   const int described = networks_.described();
   const size_t before = networks_.batches().size();
@@ -160,7 +160,7 @@ TEST_F(PredictStreamTest, WorkStopsWhenTheCallerHasGone) {
   EXPECT_LE(networks_.described(), described + 1);  // of the stream, if its cancellation came late
 }
 
-TEST_F(PredictStreamTest, IdleStreamsDoNotHoldUpTheEnd) {
+TEST_F(PredictStreamTest, IdleStreamsDoNotDelayTheShutdown) {
   Publish();
   v1::StreamPredictRequest request;
   *request.mutable_request() = OneScene();
@@ -196,7 +196,7 @@ TEST_F(PredictStreamTest, IdleStreamsDoNotHoldUpTheEnd) {
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(30));
 }
 
-TEST_F(PredictStreamTest, AStreamThatIsOpenedAfterTheDrainEndsAtOnce) {
+TEST_F(PredictStreamTest, AStreamOpenedAfterTheDrainEndsAtOnce) {
   predictions_->Drain();
   grpc::ClientContext context;
   const auto stream = stub_->StreamPredict(&context);
@@ -206,7 +206,7 @@ TEST_F(PredictStreamTest, AStreamThatIsOpenedAfterTheDrainEndsAtOnce) {
 }
 
 // More than the windows of HTTP/2 let through.
-TEST_F(PredictStreamTest, AnswersThatNobodyTakesCountAsMemoryUntilTheyAreTaken) {
+TEST_F(PredictStreamTest, UnreadAnswersCountAsMemoryUntilTheyAreRead) {
   Publish();
   grpc::ClientContext context;
   auto stream = stub_->StreamPredict(&context);
@@ -228,7 +228,7 @@ TEST_F(PredictStreamTest, AnswersThatNobodyTakesCountAsMemoryUntilTheyAreTaken) 
   while (SendMemory() > 0.0) std::this_thread::yield();
 }
 
-TEST_F(PredictStreamTest, AnIdThatIsNotUtf8IsRefusedAndNotEchoed) {
+TEST_F(PredictStreamTest, RefusesAnIdThatIsNotUtf8WithoutEchoingIt) {
   Publish();
   grpc::ClientContext context;
   grpc::CompletionQueue queue;

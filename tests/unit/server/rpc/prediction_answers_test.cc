@@ -81,7 +81,7 @@ TEST_F(WritePredictionsTest, EachWaypointOfAnyNumberIsTurned) {
   }
 }
 
-TEST_F(WritePredictionsTest, TheTargetFrameIsTheModelsOwn) {
+TEST_F(WritePredictionsTest, TheTargetFrameIsTheFrameOfTheModel) {
   const v1::TargetPrediction target =
       Write({.probabilities = false, .sigma_trajectories = false, .frame = v1::FRAME_TARGET});
   EXPECT_EQ(target.probabilities_size(), 0);
@@ -102,7 +102,7 @@ TEST_F(WritePredictionsTest, RepresentativesKeepTheirOrder) {
   EXPECT_EQ(target.representatives(1).action_id(), 1);
 }
 
-TEST_F(WritePredictionsTest, ATargetThatFailedLaterHasNothingButItsError) {
+TEST_F(WritePredictionsTest, AFailedTargetHasOnlyItsError) {
   answers_[0] = {};
   answers_[0].status = absl::InternalError("no");
   const v1::TargetPrediction target = Write({});

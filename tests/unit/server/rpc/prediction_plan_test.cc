@@ -62,7 +62,7 @@ TEST(PlanPredictionTest, AnswersATargetWhoseTypeIsNotStated) {
 }
 
 // Half of the default interval of 0.25 s.
-TEST(PlanPredictionTest, AModelWithoutARasterAllowsAStateOfAnEighthOfASecondAgo) {
+TEST(PlanPredictionTest, AModelWithoutARasterAcceptsAStateAnEighthOfASecondOld) {
   v1::ModelSpec spec = Spec();
   spec.clear_raster();
   spec.mutable_scene_vectors()->set_history_width(8);
@@ -75,7 +75,7 @@ TEST(PlanPredictionTest, AModelWithoutARasterAllowsAStateOfAnEighthOfASecondAgo)
   EXPECT_TRUE(PlanPrediction(request.scenarios(), spec, {}, false).targets.empty());
 }
 
-TEST(PlanPredictionTest, ATargetWithoutItsFutureCannotBeClassified) {
+TEST(PlanPredictionTest, RefusesToClassifyATargetWithoutItsFuture) {
   v1::ClassifyTrajectoriesRequest request;
   *request.add_scenarios() = TwoCars();
   request.mutable_scenarios(0)->mutable_target_ids()->Truncate(1);

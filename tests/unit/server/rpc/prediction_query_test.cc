@@ -15,7 +15,7 @@ TEST(ParseQueryTest, TheDefaultIsEveryActionOfAtLeastFivePercentFromThePosterior
   EXPECT_EQ(describe->representatives, 0);
 }
 
-TEST(ParseQueryTest, RepresentativesGoWithAnySelection) {
+TEST(ParseQueryTest, RepresentativesCombineWithAnySelection) {
   const auto describe =
       ParseQuery(FromText<v1::DistributionQuery>("top_k: 2 representatives: 3"), 3);
   ASSERT_TRUE(describe.ok());
@@ -23,7 +23,7 @@ TEST(ParseQueryTest, RepresentativesGoWithAnySelection) {
   EXPECT_EQ(describe->representatives, 3);
 }
 
-TEST(ParseQueryTest, WhatIsWrongIsNamed) {
+TEST(ParseQueryTest, NamesTheWrongField) {
   const auto field = [](const std::string& text) {
     const auto describe = ParseQuery(FromText<v1::DistributionQuery>(text), 3);
     return describe.ok() ? "" : FirstField(describe.status());

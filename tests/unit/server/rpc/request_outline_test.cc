@@ -31,7 +31,7 @@ v1::StreamPredictRequest Request() {
   return request;
 }
 
-TEST(StreamOutlineTest, HasTheIdAndTheTimeoutHoweverTheMessageComes) {
+TEST(StreamOutlineTest, ReadsIdAndTimeoutHoweverTheMessageIsSliced) {
   const std::string bytes = Request().SerializeAsString();
   for (const size_t size : {size_t{1}, size_t{7}, bytes.size()}) {
     const grpc::ByteBuffer message = InSlices(bytes, size);
@@ -46,14 +46,14 @@ TEST(StreamOutlineTest, HasTheIdAndTheTimeoutHoweverTheMessageComes) {
   }
 }
 
-TEST(StreamOutlineTest, WhatIsNotSetIsNotThere) {
+TEST(StreamOutlineTest, OmitsFieldsThatAreNotSet) {
   const auto outline = ReadStreamOutline(InSlices("", 1));
   ASSERT_TRUE(outline.has_value());
   EXPECT_EQ(outline->request_id, "");
   EXPECT_FALSE(outline->timeout.has_value());
 }
 
-TEST(StreamOutlineTest, TheScenesAreNotParsed) {
+TEST(StreamOutlineTest, DoesNotParseTheScenes) {
   // Field 2, three bytes that are no message; then field 1.
   const auto outline = ReadStreamOutline(InSlices(std::string("\x12\x03\xff\xff\xff\x0a\x01z"), 2));
   ASSERT_TRUE(outline.has_value());
@@ -61,14 +61,14 @@ TEST(StreamOutlineTest, TheScenesAreNotParsed) {
   EXPECT_EQ(outline->targets, 0u);
 }
 
-TEST(StreamOutlineTest, AMessageThatIsCutOffIsNone) {
+TEST(StreamOutlineTest, RefusesATruncatedMessage) {
   const std::string bytes = Request().SerializeAsString();
   EXPECT_FALSE(ReadStreamOutline(InSlices(bytes.substr(0, bytes.size() - 1), 5)).has_value());
   EXPECT_FALSE(ReadStreamOutline(InSlices(std::string(3, '\0'), 1)).has_value());
   EXPECT_FALSE(ReadStreamOutline(InSlices("\xff\xff\xff", 3)).has_value());
 }
 
-TEST(CountTargetsTest, CountsThoseOfAllScenarios) {
+TEST(CountTargetsTest, CountsTheTargetsOfAllScenarios) {
   const auto count = [](const google::protobuf::Message& request) {
     return CountTargets(InSlices(request.SerializeAsString(), 5));
   };
@@ -79,7 +79,7 @@ TEST(CountTargetsTest, CountsThoseOfAllScenarios) {
   EXPECT_EQ(count(classify), 1u);
 }
 
-TEST(CountTargetsTest, IdsNeedNotBeInARow) {
+TEST(CountTargetsTest, CountsPackedAndUnpackedIds) {
   // One scenario: id 1, then -1, then 7 and 8 in a row.
   std::string ids("\x18\x01\x18", 3);
   ids += std::string(9, '\xff') + '\x01';
@@ -93,7 +93,7 @@ TEST(CountTargetsTest, IdsNeedNotBeInARow) {
   EXPECT_EQ(CountTargets(InSlices(request, 3)), 4u);
 }
 
-TEST(CountTargetsTest, OfBytesThatAreNoRequestItCountsWhatIsThere) {
+TEST(CountTargetsTest, CountsWhatItFindsInInvalidBytes) {
   const std::string bytes = Request().request().SerializeAsString();
   for (size_t cut = 0; cut < bytes.size(); ++cut) {
     EXPECT_LE(CountTargets(InSlices(bytes.substr(0, cut), 4)), 45u);

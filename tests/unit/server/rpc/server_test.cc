@@ -28,7 +28,7 @@ TEST_F(ServerTest, WithoutAModelTheAnswerSaysWhatToDo) {
   EXPECT_EQ(Reason(status), "NO_MODEL_SERVES");
 }
 
-TEST_F(ServerTest, HealthTellsTheTruth) {
+TEST_F(ServerTest, HealthFollowsTheServersState) {
   const std::string predictions = "maneuver.v1.PredictionService";
   EXPECT_EQ(Health(predictions), 2);
   EXPECT_EQ(Health("maneuver.v1.ModelService"), 1);
@@ -42,7 +42,7 @@ TEST_F(ServerTest, HealthTellsTheTruth) {
   EXPECT_EQ(Health("maneuver.v1.ModelService"), 2);
 }
 
-TEST_F(ServerTest, ABadScenarioFailsAloneAndTheRestIsAnswered) {
+TEST_F(ServerTest, ABadScenarioFailsAlone) {
   Publish();
   v1::PredictRequest request = OneScene();
   *request.add_scenarios() = Scene();
@@ -63,7 +63,7 @@ TEST_F(ServerTest, ABadScenarioFailsAloneAndTheRestIsAnswered) {
   EXPECT_EQ(target.distributions(0).mean_trajectory().x(0), 1.0);
 }
 
-TEST_F(ServerTest, EachMethodAnswersWhatItIsFor) {
+TEST_F(ServerTest, EachMethodReturnsItsAnswer) {
   Publish();
   {
     v1::PredictActionProbabilitiesRequest request;
@@ -104,7 +104,7 @@ TEST_F(ServerTest, EachMethodAnswersWhatItIsFor) {
   }
 }
 
-TEST_F(ServerTest, EachMethodAnswersActionNamesWhereTheyAreAskedFor) {
+TEST_F(ServerTest, EachMethodReturnsActionNamesOnRequest) {
   Publish();
   const auto names_of = [](auto request, const auto& ask) {
     *request.add_scenarios() = Scene();
@@ -137,7 +137,7 @@ TEST_F(ServerTest, EachMethodAnswersActionNamesWhereTheyAreAskedFor) {
               all);
 }
 
-TEST_F(ServerTest, RefusesACallThatCountsOnNamesThatAreGone) {
+TEST_F(ServerTest, RefusesACallThatRequiresMissingNames) {
   Publish();
   v1::PredictRequest request = OneScene();
   request.add_required_action_names("action 1");
@@ -208,7 +208,7 @@ TEST_F(ServerTest, RepresentativesComeWithTheirDistributionsFromEachMethod) {
   }
 }
 
-TEST_F(ServerTest, RequestsThatAreWrongAsAWholeAreRefused) {
+TEST_F(ServerTest, RefusesRequestsThatAreWrongAsAWhole) {
   Publish();
   v1::PredictResponse response;
   EXPECT_EQ(Predict({}, &response).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
@@ -227,7 +227,7 @@ TEST_F(ServerTest, RequestsThatAreWrongAsAWholeAreRefused) {
   EXPECT_THAT(status.error_message(), HasSubstr("query.representatives: expected 0 to 3"));
 }
 
-TEST_F(ServerTest, AVersionThatIsNotInMemoryIsLoadedForTheRequest) {
+TEST_F(ServerTest, LoadsTheRequestedVersionIfItIsNotInMemory) {
   Publish();
   Publish();
   v1::PredictRequest request = OneScene();
@@ -237,7 +237,7 @@ TEST_F(ServerTest, AVersionThatIsNotInMemoryIsLoadedForTheRequest) {
   EXPECT_EQ(response.model_version(), "models/town/versions/2");
 }
 
-TEST_F(ServerTest, ARequestReachesTheShadowOnceItsCallerIsAnswered) {
+TEST_F(ServerTest, TheShadowGetsARequestAfterItsCallerWasAnswered) {
   Publish();
   Publish();
   ASSERT_TRUE(models_->SetAlias({"town", "candidate"}, 2).ok());
@@ -302,7 +302,7 @@ TEST_F(ServerTest, PriorityAndBytesOfARequestReachTheQueue) {
   finished.wait();
 }
 
-TEST_F(ServerTest, APriorityThatDoesNotExistIsRefused) {
+TEST_F(ServerTest, RefusesAnUnknownPriority) {
   Publish();
   v1::PredictRequest request = OneScene();
   request.set_priority(static_cast<v1::Priority>(9));
@@ -352,7 +352,7 @@ TEST_F(ServerTest, AScenarioMayNameARegisteredMap) {
   EXPECT_THAT(refused.error_message(), HasSubstr("map_features[0].x[0]"));
 }
 
-TEST_F(ServerTest, AScenarioWithAMapIdThatCannotBeOneFailsAlone) {
+TEST_F(ServerTest, AScenarioWithAMalformedMapIdFailsAlone) {
   Publish();
   v1::PredictRequest request = OneScene();
   *request.add_scenarios() = Scene();
@@ -363,7 +363,7 @@ TEST_F(ServerTest, AScenarioWithAMapIdThatCannotBeOneFailsAlone) {
   EXPECT_EQ(response.predictions(1).targets_size(), 1);
 }
 
-TEST_F(ServerTest, CompressedRequestsAreRefused) {
+TEST_F(ServerTest, RefusesCompressedRequests) {
   Publish();
   grpc::ClientContext context;
   context.set_compression_algorithm(GRPC_COMPRESS_GZIP);
@@ -375,7 +375,7 @@ TEST_F(ServerTest, CompressedRequestsAreRefused) {
             grpc::StatusCode::UNIMPLEMENTED);
 }
 
-TEST_F(ServerTest, EveryCallIsCountedByMethodAndCode) {
+TEST_F(ServerTest, CountsEveryCallByMethodAndCode) {
   Publish();
   v1::PredictResponse response;
   ASSERT_TRUE(Predict(OneScene(), &response).ok());
@@ -397,7 +397,7 @@ TEST_F(ServerTest, EveryCallIsCountedByMethodAndCode) {
 
 // gRPC's own messages are handed over by hand on the way to a method (guarded_service.cc): each way
 // is gone once, for the leak checker's sake too.
-TEST_F(ServerTest, RefusedEmptyAndMalformedCallsOfEachKindAreAnswered) {
+TEST_F(ServerTest, AnswersRefusedEmptyAndMalformedCallsOfEachKind) {
   Publish();
   ASSERT_TRUE(security::AppendLine(folder_ / "tokens", "# nobody\n").ok());
   const auto nobody =
@@ -453,7 +453,7 @@ TEST_F(ServerTest, RefusedEmptyAndMalformedCallsOfEachKindAreAnswered) {
   EXPECT_TRUE(Predict(OneScene(), &response).ok());
 }
 
-TEST_F(ServerTest, AnUnsoundAnswerIsAnErrorOfItsTargetAlone) {
+TEST_F(ServerTest, AnInvalidAnswerFailsOnlyItsTarget) {
   Publish();
   networks_.ahead = std::numeric_limits<double>::infinity();
   v1::PredictRequest request = OneScene();
@@ -496,7 +496,7 @@ TEST_F(ServerTest, RefusesARequestWhoseAnswerCouldBeTooLarge) {
   EXPECT_TRUE(Predict(request, &response).ok());
 }
 
-TEST_F(ServerTest, AnAnswerGivesItsMemoryBackOnceItIsTaken) {
+TEST_F(ServerTest, AnAnswerReleasesItsMemoryOnceItIsRead) {
   Publish();
   v1::PredictResponse response;
   for (int i = 0; i < 100; ++i) ASSERT_TRUE(Predict(OneScene(), &response).ok());
@@ -505,7 +505,7 @@ TEST_F(ServerTest, AnAnswerGivesItsMemoryBackOnceItIsTaken) {
 }
 
 // One connection that asks for some megabytes and never reads.
-TEST_F(ServerTest, ShutsDownInTimeWhoeverDoesNotRead) {
+TEST_F(ServerTest, ShutsDownInTimeEvenIfACallerDoesNotRead) {
   Publish();
   maneuver::integration::RawHttp2 reader(server_->address().ToString());
   reader.SendPreface();
@@ -524,7 +524,7 @@ TEST_F(ServerTest, ShutsDownInTimeWhoeverDoesNotRead) {
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(5));
 }
 
-TEST_F(ServerTest, ADeadlineInCenturiesIsKept) {
+TEST_F(ServerTest, AcceptsADeadlineCenturiesAhead) {
   Publish();
   for (const int64_t hours : {int64_t{2'562'047}, int64_t{99'999'999}}) {
     grpc::ClientContext context;
@@ -536,7 +536,7 @@ TEST_F(ServerTest, ADeadlineInCenturiesIsKept) {
   }
 }
 
-TEST_F(ServerTest, BytesThatAreNoMessageAreAnInvalidArgument) {
+TEST_F(ServerTest, RefusesBytesThatAreNoMessage) {
   Publish();
   const std::string no_utf8("\x0a\x02\xff\xfe", 4);  // in PredictRequest.model
   for (const std::string& bytes : {std::string("\xff\xff\xff"), no_utf8}) {

@@ -38,7 +38,7 @@ v1::BadRequest Violations(const grpc::Status& status) {
   return violations;
 }
 
-TEST(StatusDetailsTest, AnErrorFitsIntoTheHeadersThatClientsTake) {
+TEST(StatusDetailsTest, AnErrorFitsIntoTheHeadersThatClientsAccept) {
   std::vector<scene::FieldViolation> violations;
   for (int i = 0; i < 16; ++i) {
     violations.push_back({std::string(3000, 'f'), "\xe2\x82\xac" + std::string(5000, 'd')});
@@ -50,7 +50,7 @@ TEST(StatusDetailsTest, AnErrorFitsIntoTheHeadersThatClientsTake) {
   EXPECT_GE(Violations(status).field_violations_size(), 1);
 }
 
-TEST(StatusDetailsTest, ALongMessageIsCutBetweenCharacters) {
+TEST(StatusDetailsTest, CutsALongMessageBetweenCharacters) {
   std::string message = "a";
   for (int i = 0; i < 10'000; ++i) message += "\xe2\x82\xac";  // a euro sign, three bytes
   const grpc::Status status = ToGrpcStatus(absl::NotFoundError(message));
@@ -60,7 +60,7 @@ TEST(StatusDetailsTest, ALongMessageIsCutBetweenCharacters) {
   EXPECT_EQ((cut.size() - 3) % 3, 1u);
 }
 
-TEST(StatusDetailsTest, AnErrorOfUsualSizeStaysWhole) {
+TEST(StatusDetailsTest, KeepsAnErrorOfUsualSizeWhole) {
   std::vector<scene::FieldViolation> violations;
   for (int i = 0; i < 16; ++i) {
     violations.push_back({"settings.model.mlp.hidden[3]", "width must be 1 to 4096, not -5"});

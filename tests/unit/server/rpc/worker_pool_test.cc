@@ -8,7 +8,7 @@
 namespace maneuver::rpc::worker_pool_test {
 namespace {
 
-TEST(WorkerPoolTest, WhatWasAcceptedRunsBeforeThePoolEnds) {
+TEST(WorkerPoolTest, RunsAcceptedWorkBeforeItEnds) {
   std::atomic<int> runs = 0;
   {
     WorkerPool pool(2, 100);
@@ -17,7 +17,7 @@ TEST(WorkerPoolTest, WhatWasAcceptedRunsBeforeThePoolEnds) {
   EXPECT_EQ(runs, 50);
 }
 
-TEST(WorkerPoolTest, RefusesNewWorkBeyondTheLimitButNeverTheNextStep) {
+TEST(WorkerPoolTest, RefusesWorkBeyondTheLimitButNoContinuation) {
   std::promise<void> started;
   std::promise<void> release;
   std::atomic<int> runs = 0;

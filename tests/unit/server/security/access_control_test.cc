@@ -154,7 +154,7 @@ TEST_F(ExpiryTest, RefusesATokenThatHasExpired) {
   EXPECT_EQ(access_->NameOf(Bearer("first")), "");
 }
 
-TEST_F(ExpiryTest, TellsExpiredFromUnknownInTheLogAlone) {
+TEST_F(ExpiryTest, OnlyTheLogTellsExpiredFromUnknown) {
   now_ += absl::Minutes(2);
   absl::Status expired;
   absl::Status unknown;
@@ -181,7 +181,7 @@ TEST_F(ExpiryTest, EndsALongCallWhoseTokenExpires) {
   EXPECT_EQ(refused, 1);
 }
 
-TEST_F(AccessControlTest, CallsAndReloadsGoOnAtTheSameTime) {
+TEST_F(AccessControlTest, CallsAndReloadsRunConcurrently) {
   const auto access = Create();
   std::atomic<bool> stop = false;
   std::vector<std::thread> callers;

@@ -14,19 +14,19 @@ bool LetIn(const ExpectedWait& expected, milliseconds left) {
   return CheckTimeLeft(expected, left).ok();
 }
 
-TEST(AdmissionTest, ACallNeedsWhatItWaitsAndTakesAQuarterMoreAndTheWay) {
+TEST(AdmissionTest, ACallNeedsAQuarterMoreThanItsExpectedTimePlusTheTransfer) {
   const ExpectedWait expected{milliseconds(40), milliseconds(8), false};
   EXPECT_TRUE(LetIn(expected, milliseconds(63)));  // 50 + 10 + 3
   EXPECT_FALSE(LetIn(expected, milliseconds(62)));
 }
 
-TEST(AdmissionTest, AStandingQueueCountsThreeTimes) {
+TEST(AdmissionTest, AStandingQueueTriplesTheExpectedWait) {
   const ExpectedWait expected{milliseconds(40), milliseconds(8), true};
   EXPECT_TRUE(LetIn(expected, milliseconds(133)));  // 120 + 10 + 3
   EXPECT_FALSE(LetIn(expected, milliseconds(132)));
 }
 
-TEST(AdmissionTest, WhoIsRefusedIsToldWhyAndWhenToComeAgain) {
+TEST(AdmissionTest, ARefusalSaysWhyAndWhenToRetry) {
   const absl::Status status =
       CheckTimeLeft({milliseconds(40), milliseconds(8), false}, milliseconds(13));
   EXPECT_TRUE(absl::IsResourceExhausted(status)) << status;
@@ -34,7 +34,7 @@ TEST(AdmissionTest, WhoIsRefusedIsToldWhyAndWhenToComeAgain) {
   EXPECT_EQ(errors::RetryDelay(status), milliseconds(50));
 }
 
-TEST(AdmissionTest, ADelayIsAMillisecondToHalfAMinute) {
+TEST(AdmissionTest, DelaysAreBetweenAMillisecondAndHalfAMinute) {
   EXPECT_EQ(RetryDelay(nanoseconds(5)), milliseconds(1));
   EXPECT_EQ(RetryDelay(milliseconds(20)), milliseconds(20));
   EXPECT_EQ(RetryDelay(std::chrono::hours(1)), std::chrono::seconds(30));

@@ -44,7 +44,7 @@ struct Fault {
 
 class UnsoundAnswerTest : public testing::TestWithParam<Fault> {};
 
-TEST_P(UnsoundAnswerTest, IsInternalAndSaysWhatIsWrong) {
+TEST_P(UnsoundAnswerTest, AnInvalidAnswerIsInternalAndSaysWhy) {
   TargetAnswer answer = Sound();
   GetParam().spoil(answer);
   const absl::Status status = CheckAnswer(answer);
@@ -92,7 +92,7 @@ INSTANTIATE_TEST_SUITE_P(
               [](auto& a) { a.classification->log_likelihood_bound = -kInfinity; }}),
     [](const auto& fault) { return fault.param.name; });
 
-TEST(AnswerCheckTest, ASoundAnswerPasses) {
+TEST(AnswerCheckTest, AcceptsAValidAnswer) {
   EXPECT_TRUE(CheckAnswer(Sound()).ok()) << CheckAnswer(Sound());
   TargetAnswer probabilities_alone;
   probabilities_alone.encoding.probabilities = Eigen::Vector2d(0.5, 0.500009);

@@ -64,7 +64,7 @@ void ExpectBound(int64_t bound, int64_t bytes) {
   EXPECT_LE(bound, bytes + bytes / 20);  // and is not far from it
 }
 
-TEST(AnswerSizeTest, IsABoundThatIsNotFarFromTheAnswer) {
+TEST(AnswerSizeTest, IsATightUpperBound) {
   for (const bool sigma : {true, false}) {
     ExpectBound(MostBytesOfTarget(Spec(), DescribeActions{AtLeast{0.0}}, sigma),
                 Bytes(kActions, sigma, 0));
@@ -84,7 +84,7 @@ TEST(AnswerSizeTest, NeverCountsMoreActionsThanThereAre) {
             MostBytesOfTarget(Spec(), DescribeActions{AtLeast{0.0}}, true));
 }
 
-TEST(AnswerSizeTest, LeavesRoomForAnErrorWhereLittleIsAsked) {
+TEST(AnswerSizeTest, LeavesRoomForAnErrorInSmallAnswers) {
   EXPECT_GE(MostBytesOfTarget(Spec(), {}, true), kTargetErrorBytes);
   v1::ModelSpec small = Spec();
   small.set_actions(2);

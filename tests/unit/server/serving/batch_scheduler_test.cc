@@ -155,7 +155,7 @@ TEST_F(BatchSchedulerTest, ACallLargerThanABatchIsAnsweredWhole) {
   }
 }
 
-TEST_F(BatchSchedulerTest, AnswersForAModelThatReadsVectorsInPlaceOfARaster) {
+TEST_F(BatchSchedulerTest, AnswersForAModelThatReadsVectorsInsteadOfARaster) {
   v1::Scenario moving = SceneWith(4.0);
   moving.mutable_agents(0)->mutable_states(0)->set_velocity_x(6.0F);
   const auto scheduler = Scheduler(1, {.max_batch = 8});
@@ -205,7 +205,7 @@ TEST_F(BatchSchedulerTest, TheRetryDelayIsTheTimeThatTheWorkersNeedForTheQueue) 
   waiting.answers.get();
 }
 
-TEST_F(BatchSchedulerTest, ACallWhoseDeadlineWouldPassInTheQueueIsToldSoAtOnce) {
+TEST_F(BatchSchedulerTest, RefusesACallWhoseDeadlineWouldPassInTheQueue) {
   const auto scheduler = Scheduler(1, {.max_batch = 8});
   TargetsTake(milliseconds(100), *scheduler);
   const auto check = [&](int left) {
@@ -241,7 +241,7 @@ TEST_F(BatchSchedulerTest, ACallWhoseDeadlineWouldPassInTheQueueIsToldSoAtOnce) 
   endless.answers.get();
 }
 
-TEST_F(BatchSchedulerTest, AQueueThatStandsIsKeptShort) {
+TEST_F(BatchSchedulerTest, AdmitsFewerCallsWhileTheQueueDoesNotEmpty) {
   const auto scheduler = Scheduler(1, {.max_batch = 8});
   TargetsTake(milliseconds(100), *scheduler);
   const auto check = [&](Priority priority, int left) {
@@ -268,7 +268,7 @@ TEST_F(BatchSchedulerTest, AQueueThatStandsIsKeptShort) {
   EXPECT_TRUE(waiting.answers.get()[0].status.ok());
 }
 
-TEST_F(BatchSchedulerTest, WhoSubmitsIsPatientWhileThereIsABacklog) {
+TEST_F(BatchSchedulerTest, SubmittersArePatientWhileThereIsABacklog) {
   const auto scheduler = Scheduler(1, {.max_batch = 1});
   const auto policy = [] { return sched_getscheduler(0); };
   Asked first = Occupy(*scheduler);
@@ -286,7 +286,7 @@ TEST_F(BatchSchedulerTest, WhoSubmitsIsPatientWhileThereIsABacklog) {
   third.answers.get();
 }
 
-TEST_F(BatchSchedulerTest, AQueueThatIsFullOfBytesRefusesUntilTheyAreGone) {
+TEST_F(BatchSchedulerTest, RefusesCallsWhileTheQueueIsFullOfBytes) {
   const auto scheduler = Scheduler(1, {.max_queue_bytes = 1000});
   Asked working = Occupy(*scheduler);
   const auto ask = [&](int64_t bytes) {
@@ -322,7 +322,7 @@ TEST_F(BatchSchedulerTest, InteractiveWorkOvertakesBulkWork) {
   EXPECT_THAT(networks_.batches(), ElementsAre(1, 2, 4));
 }
 
-TEST_F(BatchSchedulerTest, ACallThatCanNeverFitIsToldToSplit) {
+TEST_F(BatchSchedulerTest, RefusesACallThatNeverFitsAndAdvisesToSplitIt) {
   const auto scheduler = Scheduler(1, {.max_queue = 3});
   const Asked refused = Ask(*scheduler, scene_, 4);
   EXPECT_TRUE(absl::IsResourceExhausted(refused.status));
@@ -357,7 +357,7 @@ TEST_F(BatchSchedulerTest, WorkThatExpiresInTheQueueNeverReachesTheNetworks) {
   EXPECT_THAT(networks_.batches(), ElementsAre(1, 1));
 }
 
-TEST_F(BatchSchedulerTest, DeadWorkIsRefusedOnEntry) {
+TEST_F(BatchSchedulerTest, RefusesExpiredAndCancelledCalls) {
   const auto scheduler = Scheduler(1, {});
   EXPECT_TRUE(absl::IsDeadlineExceeded(Ask(*scheduler, scene_, 1, clock_.Now()).status));
   Asked cancelled = Prepare(scene_);
@@ -395,7 +395,7 @@ TEST_F(BatchSchedulerTest, WorkThatIsCancelledWhileItIsDrawnNeverReachesTheNetwo
   EXPECT_EQ(Dropped("cancelled"), "0 0 2 0 ");
 }
 
-TEST_F(BatchSchedulerTest, DroppedWorkIsCountedByWhereItWas) {
+TEST_F(BatchSchedulerTest, CountsDroppedWorkByStage) {
   const auto scheduler = Scheduler(1, {});
   EXPECT_FALSE(Ask(*scheduler, scene_, 3, clock_.Now()).status.ok());
   EXPECT_EQ(Dropped("expired"), "3 0 0 0 ");
@@ -456,7 +456,7 @@ TEST_F(BatchSchedulerTest, DescribesRepresentativesBesideTheSelection) {
   EXPECT_THAT(described(two), ElementsAre(0, 1));
 }
 
-TEST_F(BatchSchedulerTest, WorkThatIsCancelledWhileItIsEncodedHasNoRepresentatives) {
+TEST_F(BatchSchedulerTest, WorkThatIsCancelledWhileItIsEncodedGetsNoRepresentatives) {
   const auto scheduler = Scheduler(1, {});
   networks_.CloseGate();
   Asked asked = Prepare(scene_);
@@ -480,7 +480,7 @@ TEST_F(BatchSchedulerTest, ClassificationGetsItsTrajectory) {
   EXPECT_EQ(networks_.described(), 0);
 }
 
-TEST_F(BatchSchedulerTest, WhatStillWaitsWhenItEndsIsAnsweredUnavailable) {
+TEST_F(BatchSchedulerTest, AnswersWaitingCallsUnavailableWhenItEnds) {
   auto scheduler = Scheduler(1, {});
   Asked working = Occupy(*scheduler);
   Asked waiting = Ask(*scheduler, scene_);

@@ -12,12 +12,12 @@ constexpr TimePoint kStart{std::chrono::hours(1)};
 
 double Seconds(std::chrono::nanoseconds time) { return duration<double>(time).count(); }
 
-TEST(DrainRateTest, NothingIsKnownBeforeTheFirstBatch) {
+TEST(DrainRateTest, ExpectsNoWaitBeforeTheFirstBatch) {
   DrainRate rate(2);
   EXPECT_EQ(rate.TimeFor(100, kStart).count(), 0);
 }
 
-TEST(DrainRateTest, WorkersAddUp) {
+TEST(DrainRateTest, AddsTheRatesOfWorkers) {
   DrainRate rate(2);
   TimePoint now = kStart;
   for (int i = 0; i < 3; ++i) {
@@ -43,7 +43,7 @@ TEST(DrainRateTest, IdleTimeDoesNotCount) {
   EXPECT_NEAR(Seconds(rate.TimeFor(100, later)), 1.0, 1e-6);
 }
 
-TEST(DrainRateTest, ABatchThatTakesLongCountsWhileItIsAtWork) {
+TEST(DrainRateTest, CountsASlowBatchBeforeItEnds) {
   DrainRate rate(2);
   rate.Begin(0, 10, kStart);
   rate.End(0, kStart + milliseconds(100));  // 10 ms a target, 200 targets a second by two workers
@@ -53,7 +53,7 @@ TEST(DrainRateTest, ABatchThatTakesLongCountsWhileItIsAtWork) {
   EXPECT_NEAR(Seconds(rate.TimeFor(110, kStart + milliseconds(1100))), 1.0, 1e-6);
 }
 
-TEST(DrainRateTest, WhatIsLeftOfTheWorkBegunTakesItsTime) {
+TEST(DrainRateTest, PredictsTheRestOfBatchesInProgress) {
   DrainRate rate(2);
   rate.Begin(0, 10, kStart);
   rate.End(0, kStart + milliseconds(100));  // 10 ms a target
@@ -67,7 +67,7 @@ TEST(DrainRateTest, WhatIsLeftOfTheWorkBegunTakesItsTime) {
   EXPECT_EQ(rate.TimeForWorkBegun(kStart + milliseconds(300)).count(), 0);
 }
 
-TEST(DrainRateTest, AnotherSpeedIsLearnedWithinSeconds) {
+TEST(DrainRateTest, AdaptsToAnotherSpeedWithinSeconds) {
   DrainRate rate(1);
   TimePoint now = kStart;
   const auto work = [&](milliseconds each, int batches) {

@@ -107,7 +107,7 @@ TEST_F(MapCacheTest, EveryFieldOfAMapChangesItsId) {
   }));
 }
 
-TEST_F(MapCacheTest, ARegisteredMapIsFoundAndHeldOnce) {
+TEST_F(MapCacheTest, FindsARegisteredMapAndHoldsItOnce) {
   MapCache cache({}, *metrics_);
   const std::string id = Register(cache, Lane(1.0));
   EXPECT_EQ(Register(cache, Lane(1.0)), id);
@@ -121,7 +121,7 @@ TEST_F(MapCacheTest, ARegisteredMapIsFoundAndHeldOnce) {
   EXPECT_THAT(page, HasSubstr("maneuver_map_lookups_total{result=\"miss\"} 1\n"));
 }
 
-TEST_F(MapCacheTest, TheMapThatWasNotUsedForLongestGoesFirst) {
+TEST_F(MapCacheTest, EvictsTheLeastRecentlyUsedMap) {
   MapCache cache({.max_maps = 3}, *metrics_);
   const std::string a = Register(cache, Lane(1.0));
   const std::string b = Register(cache, Lane(2.0));
@@ -134,7 +134,7 @@ TEST_F(MapCacheTest, TheMapThatWasNotUsedForLongestGoesFirst) {
   EXPECT_THAT(metrics_->Page(), HasSubstr("maneuver_maps_evicted_total 1\n"));
 }
 
-TEST_F(MapCacheTest, BytesAreBoundedAndAMapInUseStaysWhole) {
+TEST_F(MapCacheTest, BoundsItsBytesAndKeepsMapsInUseValid) {
   const int64_t each = scene::RoadMap(Lane(0.0, 1000)).bytes();
   MapCache cache({.max_bytes = 3 * each + each / 2}, *metrics_);
   const std::string first = Register(cache, Lane(0.0, 1000));
@@ -151,7 +151,7 @@ TEST_F(MapCacheTest, BytesAreBoundedAndAMapInUseStaysWhole) {
   EXPECT_THAT(metrics_->Page(), HasSubstr("maneuver_maps 3\n"));
 }
 
-TEST_F(MapCacheTest, WhatIsNoMapIsRefusedWithItsField) {
+TEST_F(MapCacheTest, RefusesAnInvalidMapAndNamesTheField) {
   MapCache cache({.limits = {.max_map_points = 10}}, *metrics_);
   EXPECT_TRUE(absl::IsInvalidArgument(cache.Register({}).status()));
   EXPECT_THAT(std::string(cache.Register(Lane(0.0, 11)).status().message()),

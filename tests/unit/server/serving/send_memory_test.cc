@@ -29,7 +29,7 @@ TEST_F(SendMemoryTest, RefusesAnAnswerThatIsTooLargeAndSaysHowManyTargetsFit) {
   EXPECT_TRUE(memory_.Reserve(1000, 6).ok());
 }
 
-TEST_F(SendMemoryTest, RefusesWhileAnswersThatNobodyTookFillIt) {
+TEST_F(SendMemoryTest, RefusesWhileUnreadAnswersFillIt) {
   auto first = memory_.Reserve(1000, 1);
   auto second = memory_.Reserve(1000, 1);
   ASSERT_TRUE(first.ok() && second.ok());
@@ -40,7 +40,7 @@ TEST_F(SendMemoryTest, RefusesWhileAnswersThatNobodyTookFillIt) {
   EXPECT_TRUE(memory_.Reserve(501, 1).ok());
 }
 
-TEST_F(SendMemoryTest, GivesBackWhatAnAnswerDidNotNeed) {
+TEST_F(SendMemoryTest, ReleasesWhatAnAnswerDidNotNeed) {
   auto share = memory_.Reserve(1000, 1);
   ASSERT_TRUE(share.ok());
   share->ShrinkTo(300);

@@ -33,7 +33,7 @@ class ServingTableMetricsTest : public ServingTableTest {
       monitoring::PrometheusMetrics::Create();
 };
 
-TEST_F(ServingTableMetricsTest, TheVersionsOfServingAndCandidateAreShownUntilTheAliasGoes) {
+TEST_F(ServingTableMetricsTest, ShowsTheVersionOfAnAliasUntilItIsDeleted) {
   EXPECT_THAT(Page(), HasSubstr("\nmaneuver_serving_models 0\n"));
   ASSERT_TRUE(Publish("town").ok());
   EXPECT_THAT(Page(), HasSubstr("\nmaneuver_serving_models 1\n"));
@@ -49,7 +49,7 @@ TEST_F(ServingTableMetricsTest, TheVersionsOfServingAndCandidateAreShownUntilThe
   EXPECT_THAT(Page(), HasSubstr("\nmaneuver_serving_models 0\n"));
 }
 
-TEST_F(ServingTableMetricsTest, ASwapIsAnAliasThatStandsForAnotherVersion) {
+TEST_F(ServingTableMetricsTest, CountsASwapWhenAnAliasMoves) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(Publish("town").ok());
   EXPECT_THAT(Page(), HasSubstr(Swaps("serving", 1)));
@@ -63,7 +63,7 @@ TEST_F(ServingTableMetricsTest, ASwapIsAnAliasThatStandsForAnotherVersion) {
   EXPECT_THAT(Page(), Not(HasSubstr("friday")));
 }
 
-TEST_F(ServingTableMetricsTest, AVersionThatDoesNotLoadIsCountedAndDoesNotServe) {
+TEST_F(ServingTableMetricsTest, CountsAVersionThatCannotBeLoaded) {
   ASSERT_TRUE(Publish("town").ok());
   std::ofstream(folder_ / "models/town/1/weights.safetensors") << "altered";
   Restart();
@@ -71,7 +71,7 @@ TEST_F(ServingTableMetricsTest, AVersionThatDoesNotLoadIsCountedAndDoesNotServe)
   EXPECT_THAT(Page(), HasSubstr("\nmaneuver_serving_models 0\n"));
 }
 
-TEST(ServingTableMetricsLimitTest, NoMoreThan32ModelsAreLabels) {
+TEST(ServingTableMetricsLimitTest, HasLabelsForAtMost32Models) {
   const auto page = monitoring::PrometheusMetrics::Create();
   ServingTableMetrics metrics(*page);
   std::map<security::ModelAliasName, int> aliases;

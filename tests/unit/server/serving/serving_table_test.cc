@@ -21,7 +21,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-TEST_F(ServingTableTest, WithoutModelsARequestIsToldToTrainOne) {
+TEST_F(ServingTableTest, WithoutModelsTheErrorSaysToTrainOne) {
   const auto found = table_->Find(std::nullopt);
   EXPECT_TRUE(absl::IsFailedPrecondition(found.status()));
   EXPECT_THAT(std::string(found.status().message()), HasSubstr("train one"));
@@ -41,7 +41,7 @@ TEST_F(ServingTableTest, TheFirstVersionServesAndLaterOnesWaitForPromotion) {
   EXPECT_TRUE(absl::IsNotFound(table_->Find(Alias("city", "serving")).status()));
 }
 
-TEST_F(ServingTableTest, TheVersionThatAJobMadeIsFoundAfterARestart) {
+TEST_F(ServingTableTest, FindsTheVersionOfAJobAfterARestart) {
   const auto find = [this](const std::string& maker, v1::Promotion promotion) {
     const auto found = table_->FindMadeBy("town", promotion, maker);
     EXPECT_TRUE(found.ok()) << found.status();
@@ -59,7 +59,7 @@ TEST_F(ServingTableTest, TheVersionThatAJobMadeIsFoundAfterARestart) {
 }
 
 // As a server leaves it that died between the folder's last rename and the alias.
-TEST_F(ServingTableTest, AVersionThatWasPublishedHalfIsPromotedWhenItIsFound) {
+TEST_F(ServingTableTest, PromotesAFoundVersionThatWasNotYetPromoted) {
   ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/a").ok());
   ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/b").ok());
   Restart();
@@ -81,7 +81,7 @@ TEST_F(ServingTableTest, ModelsMustBeNamedWhenSeveralServe) {
   EXPECT_THAT(std::string(found.status().message()), HasSubstr("name one"));
 }
 
-TEST_F(ServingTableTest, ADamagedModelIsNotPublishedAndNothingChanges) {
+TEST_F(ServingTableTest, DoesNotPublishADamagedModel) {
   ASSERT_TRUE(Publish("town").ok());
   const fs::path damaged = FinishedModel("altered");
   const auto published = table_->Publish("town", damaged, v1::PROMOTION_ALWAYS);
@@ -103,7 +103,7 @@ TEST_F(ServingTableTest, PromotingADamagedVersionLeavesTheOldOneServing) {
   EXPECT_EQ(aliases_.GetAlias({"town", "serving"}).value(), 1);
 }
 
-TEST_F(ServingTableTest, AnAliasThatCannotBeStoredChangesNothing) {
+TEST_F(ServingTableTest, ChangesNothingIfAnAliasCannotBeStored) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(Publish("town").ok());
   aliases_.broken = true;
@@ -125,7 +125,7 @@ TEST_F(ServingTableTest, ARequestInFlightKeepsTheVersionThatItFound) {
   EXPECT_EQ(Answers(std::nullopt), 2);
 }
 
-TEST_F(ServingTableTest, EverythingOnDiskIsThereAfterARestart) {
+TEST_F(ServingTableTest, KeepsEverythingOverARestart) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(table_->SetAlias({"town", "candidate"}, 2).ok());
@@ -136,7 +136,7 @@ TEST_F(ServingTableTest, EverythingOnDiskIsThereAfterARestart) {
   EXPECT_EQ(store_->List("").size(), 2u);
 }
 
-TEST_F(ServingTableTest, AVersionDamagedWhileTheServerWasDownSaysSoAndOthersServe) {
+TEST_F(ServingTableTest, ADamagedVersionReportsItsErrorAndOthersServe) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(Publish("city").ok());
   std::ofstream(folder_ / "models/town/1/weights.safetensors") << "altered";
@@ -148,7 +148,7 @@ TEST_F(ServingTableTest, AVersionDamagedWhileTheServerWasDownSaysSoAndOthersServ
   EXPECT_TRUE(table_->Ready());
 }
 
-TEST_F(ServingTableTest, LeftoversOfInterruptedWritersAreRemoved) {
+TEST_F(ServingTableTest, RemovesLeftoversOfInterruptedWriters) {
   ASSERT_TRUE(Publish("town").ok());
   const auto leftover = files::MakeTemporaryFolderFor(folder_ / "models/town/2");
   ASSERT_TRUE(leftover.ok());
@@ -160,7 +160,7 @@ TEST_F(ServingTableTest, LeftoversOfInterruptedWritersAreRemoved) {
   EXPECT_EQ(Publish("town")->version, 2);
 }
 
-TEST_F(ServingTableTest, AVersionAskedForByNumberIsLoadedOnceAndDroppedForTheNext) {
+TEST_F(ServingTableTest, LoadsANumberedVersionOnceAndDropsItForTheNext) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(Publish("town").ok());
@@ -175,7 +175,7 @@ TEST_F(ServingTableTest, AVersionAskedForByNumberIsLoadedOnceAndDroppedForTheNex
   EXPECT_TRUE(absl::IsNotFound(table_->Load(Version("town", 4)).status()));
 }
 
-TEST_F(ServingTableTest, AVersionWithAnAliasCannotBeDeleted) {
+TEST_F(ServingTableTest, RefusesToDeleteAVersionWithAnAlias) {
   ASSERT_TRUE(Publish("town").ok());
   const absl::Status refused = table_->Delete({"town", 1});
   EXPECT_TRUE(absl::IsFailedPrecondition(refused));
@@ -196,7 +196,7 @@ TEST_F(ServingTableTest, ListsAliasesByTheVersionThatTheyPointTo) {
   EXPECT_THAT(table_->AliasesOf({"town", 2}), ElementsAre("serving"));
 }
 
-TEST_F(ServingTableTest, ReadinessIsTold) {
+TEST_F(ServingTableTest, TellsItsListenerWhetherItIsReady) {
   std::vector<bool> told;
   table_->OnReadyChange([&](bool ready) { told.push_back(ready); });
   ASSERT_TRUE(Publish("town").ok());
@@ -204,7 +204,7 @@ TEST_F(ServingTableTest, ReadinessIsTold) {
   EXPECT_THAT(told, ElementsAre(false, true, false));
 }
 
-TEST_F(ServingTableTest, AVersionIsPromotedOverTheOneThatItWasComparedWithAndNoOther) {
+TEST_F(ServingTableTest, PromotesOnlyOverTheVersionThatItWasComparedWith) {
   EXPECT_EQ(table_->Serving("town"), std::nullopt);
   ASSERT_TRUE(Publish("town", v1::PROMOTION_IF_NO_WORSE).ok());
   EXPECT_EQ(table_->Serving("town"), std::nullopt);  // not by publishing

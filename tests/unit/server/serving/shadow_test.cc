@@ -137,7 +137,7 @@ class ShadowTest : public ::testing::Test {
   std::unique_ptr<Shadow> shadow_;
 };
 
-TEST_F(ShadowTest, ACandidateThatAnswersTheSameDiffersInNothing) {
+TEST_F(ShadowTest, AnEqualCandidateHasNoDifference) {
   Start();
   Offer(3).wait();
   EXPECT_EQ(Targets("compared"), 3);
@@ -152,7 +152,7 @@ TEST_F(ShadowTest, ACandidateThatAnswersTheSameDiffersInNothing) {
 }
 
 // Action k stays at (k, k): probabilities 0.2, 0.5, 0.3. The candidate is sure of action 2.
-TEST_F(ShadowTest, AKnownDifferenceIsMeasured) {
+TEST_F(ShadowTest, MeasuresAKnownDifference) {
   candidate_.probabilities = Eigen::Vector3d(0.0, 0.0, 1.0);
   Start();
   Offer().wait();
@@ -179,7 +179,7 @@ TEST_F(ShadowTest, TheCandidateSeesTheSameScene) {
 
 // The answer's encoding was of a target at 3 m/s, which puts its actions 3 m ahead of the
 // candidate's.
-TEST_F(ShadowTest, WhatWasEncodedForTheAnswerIsDescribedAgain) {
+TEST_F(ShadowTest, ReusesTheEncodingOfTheAnswer) {
   Start();
   PredictionCall call;
   call.model = Serving();
@@ -195,7 +195,7 @@ TEST_F(ShadowTest, WhatWasEncodedForTheAnswerIsDescribedAgain) {
   EXPECT_NEAR(Sum("expected_trajectory_distance_meters"), 3.0, 1e-6);
 }
 
-TEST_F(ShadowTest, NothingIsDoneWhileCallsWait) {
+TEST_F(ShadowTest, WorksOnlyWhileNoCallsWait) {
   busy_ = true;
   Start();
   const auto offered = Offer();
@@ -208,7 +208,7 @@ TEST_F(ShadowTest, NothingIsDoneWhileCallsWait) {
   EXPECT_EQ(Targets("compared"), 1);
 }
 
-TEST_F(ShadowTest, WhatDoesNotFitIsDroppedAndCounted) {
+TEST_F(ShadowTest, DropsAndCountsRequestsThatDoNotFit) {
   busy_ = true;
   Start({.fraction = 1.0, .max_targets = 3, .max_bytes = 100, .max_share = 1.0});
   const auto first = Offer(2, 60);
@@ -230,7 +230,7 @@ TEST_F(ShadowTest, WhatDoesNotFitIsDroppedAndCounted) {
   EXPECT_EQ(Targets("compared"), 6);
 }
 
-TEST_F(ShadowTest, ACandidateThatStandsStillHoldsUpNobody) {
+TEST_F(ShadowTest, ABlockedCandidateDelaysNobody) {
   Start({.fraction = 1.0, .max_targets = 2, .max_share = 1.0});
   candidate_.CloseGate();
   const auto standing = Offer();
@@ -243,7 +243,7 @@ TEST_F(ShadowTest, ACandidateThatStandsStillHoldsUpNobody) {
   waiting.wait();
 }
 
-TEST_F(ShadowTest, ACandidateThatDoesNotLoadIsCountedAsFailed) {
+TEST_F(ShadowTest, CountsACandidateThatCannotBeLoadedAsFailed) {
   std::ofstream(folder_ / "models" / "town" / "2" / "weights.safetensors") << "altered";
   Open();
   Start();
@@ -252,7 +252,7 @@ TEST_F(ShadowTest, ACandidateThatDoesNotLoadIsCountedAsFailed) {
   EXPECT_EQ(Targets("compared"), 0);
 }
 
-TEST_F(ShadowTest, ACandidateWhoseAnswersAreNoNumbersIsCountedAsFailed) {
+TEST_F(ShadowTest, CountsNonFiniteAnswersOfTheCandidateAsFailed) {
   candidate_.ahead = std::numeric_limits<double>::quiet_NaN();
   Start();
   Offer().wait();
@@ -260,7 +260,7 @@ TEST_F(ShadowTest, ACandidateWhoseAnswersAreNoNumbersIsCountedAsFailed) {
   EXPECT_EQ(Targets("compared"), 0);
 }
 
-TEST_F(ShadowTest, TargetsThatFailedAreNotCompared) {
+TEST_F(ShadowTest, DoesNotCompareFailedTargets) {
   Start();
   PredictionCall call;
   call.model = Serving();
@@ -276,7 +276,7 @@ TEST_F(ShadowTest, TargetsThatFailedAreNotCompared) {
   EXPECT_EQ(Targets("compared"), 1);
 }
 
-TEST_F(ShadowTest, WithoutAnotherVersionToAskNothingIsDone) {
+TEST_F(ShadowTest, DoesNothingWithoutACandidate) {
   Start();
   EXPECT_TRUE(Released(Offer(*table_->Find(security::ModelAliasName{"town", "candidate"}))));
   ASSERT_TRUE(table_->DeleteAlias({"town", "candidate"}).ok());
@@ -284,7 +284,7 @@ TEST_F(ShadowTest, WithoutAnotherVersionToAskNothingIsDone) {
   for (const char* outcome : {"compared", "dropped", "failed"}) EXPECT_EQ(Targets(outcome), 0);
 }
 
-TEST_F(ShadowTest, AFractionOfTheRequestsIsSampledAlwaysTheSame) {
+TEST_F(ShadowTest, AlwaysSamplesTheSameFractionOfRequests) {
   constexpr int kRequests = 4000;
   const auto sampled = [this](double fraction) {
     Start({.fraction = fraction});
@@ -305,7 +305,7 @@ TEST_F(ShadowTest, AFractionOfTheRequestsIsSampledAlwaysTheSame) {
   EXPECT_EQ(std::ranges::count(sampled(1.0), true), kRequests);
 }
 
-TEST_F(ShadowTest, TheThreadRestsForMostOfTheTime) {
+TEST_F(ShadowTest, TheThreadSleepsMostOfTheTime) {
   // Whoever asks for the time makes a millisecond pass, so each step takes one.
   std::atomic<int64_t> milliseconds = 0;
   Start({.fraction = 1.0, .max_share = 0.25, .now = [&] {
@@ -320,7 +320,7 @@ TEST_F(ShadowTest, TheThreadRestsForMostOfTheTime) {
   EXPECT_GE(static_cast<double>(milliseconds.load()), (worked - 1.0) * 4.0);
 }
 
-TEST_F(ShadowTest, VersionsThatWereNotComparedForAWhileAreLetGoOf) {
+TEST_F(ShadowTest, ReleasesVersionsThatAreNoLongerCompared) {
   std::atomic<int64_t> seconds = 0;
   Start({.fraction = 1.0, .max_share = 1.0, .now = [&] {
            return TimePoint(std::chrono::seconds(seconds += 20));
@@ -334,7 +334,7 @@ TEST_F(ShadowTest, VersionsThatWereNotComparedForAWhileAreLetGoOf) {
   EXPECT_TRUE(watched.expired());
 }
 
-TEST_F(ShadowTest, WhatStillWaitsWhenItEndsIsLetGoOf) {
+TEST_F(ShadowTest, DropsWaitingRequestsWhenItEnds) {
   busy_ = true;
   Start();
   const auto first = Offer(2);
@@ -345,7 +345,7 @@ TEST_F(ShadowTest, WhatStillWaitsWhenItEndsIsLetGoOf) {
   EXPECT_EQ(Targets("compared"), 0);
 }
 
-TEST_F(ShadowTest, ModelsBeyondTheirMostShareTheirMetrics) {
+TEST_F(ShadowTest, ModelsBeyondTheLimitShareMetrics) {
   Start({.fraction = 1.0, .max_share = 1.0, .max_models = 0});
   Offer().wait();
   EXPECT_EQ(Metric("maneuver_shadow_energy_distance_meters_count{model=\"_others\"}"), 1);

@@ -51,7 +51,7 @@ class TargetQueueTest : public ::testing::Test {
   const ModelHandle other_model_ = Model(2);
 };
 
-TEST_F(TargetQueueTest, ABatchIsFilledFromSeveralCalls) {
+TEST_F(TargetQueueTest, FillsABatchFromSeveralCalls) {
   TargetQueue queue({.max_batch = 4});
   const std::vector<CallPtr> calls = {Call(model_, 1), Call(model_, 2), Call(model_, 3)};
   for (const CallPtr& call : calls) queue.Push(call, kStart);
@@ -63,7 +63,7 @@ TEST_F(TargetQueueTest, ABatchIsFilledFromSeveralCalls) {
   EXPECT_TRUE(queue.empty());
 }
 
-TEST_F(TargetQueueTest, ABatchAsksOneModelVersionOnly) {
+TEST_F(TargetQueueTest, ABatchHasOnlyOneModelVersion) {
   TargetQueue queue({.max_batch = 4});
   const std::vector<CallPtr> calls = {Call(model_, 1), Call(other_model_, 1), Call(model_, 1)};
   for (const CallPtr& call : calls) queue.Push(call, kStart);
@@ -84,7 +84,7 @@ TEST_F(TargetQueueTest, ALargeCallDoesNotMakeASmallOneWaitForAllOfIt) {
 }
 
 // By halves all would be done late; one by one all but the last are done earlier, and it no later.
-TEST_F(TargetQueueTest, CallsOfOneSizeAreDoneOneAfterTheOther) {
+TEST_F(TargetQueueTest, ServesCallsOfOneSizeInOrder) {
   TargetQueue queue({.max_batch = 2});
   const std::vector<CallPtr> calls = {Call(model_, 4), Call(model_, 4)};
   for (const CallPtr& call : calls) queue.Push(call, kStart);
@@ -94,7 +94,7 @@ TEST_F(TargetQueueTest, CallsOfOneSizeAreDoneOneAfterTheOther) {
   EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(1, 0), Pair(1, 1)));
 }
 
-TEST_F(TargetQueueTest, SmallCallsDoNotKeepALargeOneWaitingForEver) {
+TEST_F(TargetQueueTest, SmallCallsDoNotStarveALargeOne) {
   TargetQueue queue({.max_batch = 1});
   const CallPtr large = Call(model_, 10);
   queue.Push(large, kStart);
@@ -106,7 +106,7 @@ TEST_F(TargetQueueTest, SmallCallsDoNotKeepALargeOneWaitingForEver) {
   }
 }
 
-TEST_F(TargetQueueTest, ABatchThatIsNotFullWaitsForTheDelayOfItsFirstCall) {
+TEST_F(TargetQueueTest, APartialBatchWaitsForTheDelayOfItsFirstCall) {
   TargetQueue queue({.max_batch = 3, .max_queue_delay = milliseconds(5)});
   EXPECT_EQ(queue.NextBatchTime(), TimePoint::max());
   queue.Push(Call(model_, 1), kStart);
@@ -118,7 +118,7 @@ TEST_F(TargetQueueTest, ABatchThatIsNotFullWaitsForTheDelayOfItsFirstCall) {
   EXPECT_LT(queue.NextBatchTime(), kStart);
 }
 
-TEST_F(TargetQueueTest, RoomIsCountedInTargets) {
+TEST_F(TargetQueueTest, LimitsTheNumberOfTargets) {
   TargetQueue queue({.max_batch = 2, .max_queue = 5});
   queue.Push(Call(model_, 4), kStart);
   EXPECT_TRUE(queue.HasRoom(*Call(model_, 1)));
@@ -127,7 +127,7 @@ TEST_F(TargetQueueTest, RoomIsCountedInTargets) {
   EXPECT_TRUE(queue.HasRoom(*Call(model_, 3)));
 }
 
-TEST_F(TargetQueueTest, RoomIsCountedInBytesUntilACallsLastTargetIsTaken) {
+TEST_F(TargetQueueTest, CountsACallsBytesUntilItsLastTargetIsTaken) {
   TargetQueue queue({.max_batch = 2, .max_queue_bytes = 1000});
   constexpr auto kInteractive = Priority::kInteractive;
   queue.Push(Call(model_, 3, kInteractive, 600), kStart);
@@ -145,7 +145,7 @@ TEST_F(TargetQueueTest, RoomIsCountedInBytesUntilACallsLastTargetIsTaken) {
   EXPECT_TRUE(queue.HasRoom(*Call(model_, 1, kInteractive, 1000)));
 }
 
-TEST_F(TargetQueueTest, NeitherPriorityKeepsTheOtherOut) {
+TEST_F(TargetQueueTest, EachPriorityHasItsOwnRoom) {
   TargetQueue queue({.max_queue = 3, .max_queue_bytes = 1000});
   queue.Push(Call(model_, 3, Priority::kBulk, 1000), kStart);
   EXPECT_FALSE(queue.HasRoom(*Bulk(1)));
@@ -157,7 +157,7 @@ TEST_F(TargetQueueTest, NeitherPriorityKeepsTheOtherOut) {
   EXPECT_TRUE(queue.HasRoom(*Call(model_, 3, Priority::kBulk, 1000)));
 }
 
-TEST_F(TargetQueueTest, InteractiveTargetsGoBeforeBulkOnesAndNotWithThem) {
+TEST_F(TargetQueueTest, InteractiveTargetsPrecedeBulkOnesInSeparateBatches) {
   TargetQueue queue({.max_batch = 4});
   const std::vector<CallPtr> calls = {Bulk(5), Call(model_, 1), Bulk(1), Call(model_, 2)};
   for (const CallPtr& call : calls) queue.Push(call, kStart);
@@ -173,7 +173,7 @@ TEST_F(TargetQueueTest, InteractiveTargetsGoBeforeBulkOnesAndNotWithThem) {
 }
 
 // The numbers are those of the policy, whatever the sizes of calls and batches.
-TEST_F(TargetQueueTest, BulkGetsItsShareHoweverMuchInteractiveWorkWaits) {
+TEST_F(TargetQueueTest, BulkGetsItsShareUnderInteractiveLoad) {
   for (const double share : {0.1, 0.25}) {
     for (const size_t bulk_call : {1u, 50u}) {
       for (const size_t interactive_call : {1u, 8u}) {
@@ -200,7 +200,7 @@ TEST_F(TargetQueueTest, BulkGetsItsShareHoweverMuchInteractiveWorkWaits) {
   }
 }
 
-TEST_F(TargetQueueTest, AFewBulkTargetsNeedNotFillABatchToGetTheirTurn) {
+TEST_F(TargetQueueTest, AFewBulkTargetsGetTheirTurnInAPartialBatch) {
   TargetQueue queue({.max_batch = 8, .bulk_share = 0.1});
   const CallPtr lonely = Bulk(1);
   queue.Push(lonely, kStart);
@@ -211,7 +211,7 @@ TEST_F(TargetQueueTest, AFewBulkTargetsNeedNotFillABatchToGetTheirTurn) {
   } while (queue.TakeBatch().front().call != lonely);
 }
 
-TEST_F(TargetQueueTest, BulkThatIsReadyFetchesInteractiveTargetsThatStillGather) {
+TEST_F(TargetQueueTest, AReadyBulkBatchAlsoReleasesGatheringInteractiveTargets) {
   TargetQueue queue({.max_batch = 2, .max_queue_delay = milliseconds(5)});
   const std::vector<CallPtr> calls = {Call(model_, 1), Bulk(2)};
   queue.Push(calls[0], kStart);
@@ -222,7 +222,7 @@ TEST_F(TargetQueueTest, BulkThatIsReadyFetchesInteractiveTargetsThatStillGather)
   EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(1, 0), Pair(1, 1)));
 }
 
-TEST_F(TargetQueueTest, ExpiredAndCancelledCallsAreTakenOutFromAnyPlace) {
+TEST_F(TargetQueueTest, RemovesExpiredAndCancelledCallsFromAnyPlace) {
   TargetQueue queue({.max_batch = 8});
   const std::vector<CallPtr> calls = {Call(model_, 1), Call(model_, 2), Call(model_, 1)};
   calls[1]->deadline = kStart + milliseconds(10);
@@ -237,7 +237,7 @@ TEST_F(TargetQueueTest, ExpiredAndCancelledCallsAreTakenOutFromAnyPlace) {
   EXPECT_THAT(Names(queue.TakeBatch(), calls), ElementsAre(Pair(0, 0)));
 }
 
-TEST_F(TargetQueueTest, OnlyTargetsThatNoWorkerTookAreTakenOut) {
+TEST_F(TargetQueueTest, RemovesOnlyTargetsThatNoWorkerTook) {
   TargetQueue queue({.max_batch = 2});
   const std::vector<CallPtr> calls = {Call(model_, 3)};
   queue.Push(calls[0], kStart);

@@ -30,7 +30,7 @@ v1::EvaluationReport ReportOn(const std::string& dataset, int64_t examples, int6
   return report;
 }
 
-TEST_F(VersionStoreTest, AReportIsKeptBesideItsVersionOverARestart) {
+TEST_F(VersionStoreTest, KeepsAReportBesideItsVersionOverARestart) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(store_->KeepReport(ReportOn("unseen", 10, 1)).ok());
   Restart();
@@ -45,7 +45,7 @@ TEST_F(VersionStoreTest, AReportIsKeptBesideItsVersionOverARestart) {
   EXPECT_EQ(Answers(Version("town", 1)), 1);
 }
 
-TEST_F(VersionStoreTest, OfAVersionOnADatasetTheNewestReportCounts) {
+TEST_F(VersionStoreTest, KeepsTheNewestReportOfAVersionOnADataset) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(store_->KeepReport(ReportOn("unseen", 10, 1)).ok());
   ASSERT_TRUE(store_->KeepReport(ReportOn("other", 20, 2)).ok());
@@ -60,7 +60,7 @@ TEST_F(VersionStoreTest, OfAVersionOnADatasetTheNewestReportCounts) {
   EXPECT_EQ((*reports)[1].dataset(), "datasets/other");
 }
 
-TEST_F(VersionStoreTest, ReportsGoWithTheirVersion) {
+TEST_F(VersionStoreTest, DeletesReportsWithTheirVersion) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(store_->KeepReport(ReportOn("unseen", 10, 1)).ok());
   ASSERT_TRUE(table_->DeleteAlias({"town", "serving"}).ok());
@@ -71,7 +71,7 @@ TEST_F(VersionStoreTest, ReportsGoWithTheirVersion) {
   EXPECT_FALSE(fs::exists(folder_ / "models" / "town" / "1"));
 }
 
-TEST_F(VersionStoreTest, AMissingReportSaysSoAndADamagedOneDoesNotHideTheOthers) {
+TEST_F(VersionStoreTest, AMissingReportIsNotFoundAndADamagedOneDoesNotHideOthers) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(store_->KeepReport(ReportOn("unseen", 10, 1)).ok());
   ASSERT_TRUE(store_->KeepReport(ReportOn("other", 10, 1)).ok());
@@ -84,7 +84,7 @@ TEST_F(VersionStoreTest, AMissingReportSaysSoAndADamagedOneDoesNotHideTheOthers)
   EXPECT_EQ((*reports)[0].dataset(), "datasets/other");
 }
 
-TEST_F(VersionStoreTest, ARestartRemovesAReportThatWasHalfWritten) {
+TEST_F(VersionStoreTest, ARestartRemovesAHalfWrittenReport) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(store_->KeepReport(ReportOn("unseen", 10, 1)).ok());
   const fs::path half =
@@ -151,7 +151,7 @@ TEST_F(VersionStoreTest, PublishesNothingThatItsCheckRefuses) {
   EXPECT_FALSE(fs::exists(folder_ / "models" / "town"));
 }
 
-TEST_F(VersionStoreTest, TakesAPublishedVersionBackWhole) {
+TEST_F(VersionStoreTest, WithdrawsAPublishedVersionWhole) {
   const fs::path finished = FinishedModel();
   const auto published =
       store_->Publish("town", finished, "jobs/a", [](const auto&) { return absl::OkStatus(); });

@@ -40,7 +40,7 @@ TEST(PathTest, HeadingIsTheDirectionOfMotion) {
   }
 }
 
-TEST(PathTest, TurnTurnsByItsAngleAndNoTighterThanItsRadius) {
+TEST(PathTest, ATurnHasItsAngleAndIsNoTighterThanItsRadius) {
   const PathPen pen = PathPen(PathPoint{}).Turn(1.3, 8.0);
   EXPECT_NEAR(pen.end().heading, 1.3, 1e-9);
   for (const PathPoint& point : pen.points()) EXPECT_LE(point.curvature, 1.0 / 8.0 + 1e-12);
