@@ -9,6 +9,8 @@
 //   maneuver-trainer cross-validate --settings FILE --dataset FOLDER... --output FILE
 //       [--test-dataset NAME=FOLDER...] [--folds N] [--fold-seed N] [--seeds N,...]
 //       [--models FOLDER] [--checkpoints FOLDER] [--threads N] [--progress json|bar|none]
+//   maneuver-trainer devices
+//       Prints the values of TrainingSettings.device that can be used here, one a line.
 //
 // FILEs are proto3 JSON: settings is a TrainingSettings (train, cross-validate) or an
 // ExampleSettings (evaluate), the output of evaluate an EvaluationReport, that of cross-validate a
