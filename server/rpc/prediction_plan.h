@@ -11,6 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "maneuver/v1/prediction_service.pb.h"
+#include "model/scene/field_violation.h"
 #include "model/scene/road_map.h"
 #include "model/scene/scenario_validation.h"
 #include "server/serving/map_cache.h"
@@ -32,6 +33,8 @@ struct PlannedTarget {
 struct PlannedScenario {
   absl::Status status;  // if not OK there are no targets
   std::vector<PlannedTarget> targets;
+  // What looks wrong; fields within the scenario.
+  std::vector<scene::FieldViolation> warnings;
 };
 // The map of each scenario. As FindMaps returns it: the map that the scenario names, or nullptr;
 // empty if no scenario names one. In a plan: the map that the scenario names, or its own.
@@ -50,9 +53,10 @@ absl::StatusOr<ScenarioMaps> FindMaps(const Scenarios& scenarios, serving::MapCa
 // Validates each scenario and target for a model. Those that are wrong fail alone.
 //   classify: each target needs its future too, resampled to the model's waypoints.
 //   maps: from FindMaps.
+//   strict: refuse a scenario that has warnings.
 PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
                               const scene::ScenarioLimits& limits, bool classify,
-                              ScenarioMaps maps = {});
+                              ScenarioMaps maps = {}, bool strict = false);
 
 }  // namespace maneuver::rpc
 
