@@ -52,8 +52,10 @@ struct ServerOptions {
 // The options, or the exit status of a command line that is wrong, or only asks for help or for
 // what the options are (which was then printed).
 //   environment: ends with nullptr, as environ does.
+//   needs_data_dir: false for a command that only asks a running server.
 std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* argv,
-                                                  const char* const* environment);
+                                                  const char* const* environment,
+                                                  bool needs_data_dir = true);
 
 }  // namespace maneuver
 
