@@ -20,9 +20,17 @@ namespace maneuver::cli {
 // what the field takes.
 absl::Status SetField(const std::string& assignment, google::protobuf::Message* message);
 
+// As SetField on ExampleSettings. `assignment` may begin with "examples.", as in TrainingSettings:
+// "examples.stride=1s" and "stride=1s" are the same.
+absl::Status SetExampleField(const std::string& assignment, v1::ExampleSettings* examples);
+
+// Returns FIELD=0 for each number that TrainingSettings in proto3 JSON gives as 0, for
+// RefuseUnheardZeros: a message does not keep them. Empty for text that is no JSON.
+std::vector<std::string> ZerosOfSettings(const std::string& json);
+
 // Refuses zeros that the server would not hear: in a field that cannot say whether it was given, 0
 // stands for the preset's value. INVALID_ARGUMENT names the field and that value.
-//   assignments: FIELD=VALUE, all of which SetField has taken.
+//   assignments: FIELD=VALUE, all of which SetField has taken or ZerosOfSettings returned.
 //   settings: what they made.
 absl::Status RefuseUnheardZeros(const std::vector<std::string>& assignments,
                                 const v1::TrainingSettings& settings);
