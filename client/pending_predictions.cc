@@ -13,6 +13,7 @@ Request WithoutQuery(const v1::PredictRequest& request) {
   result.set_model(request.model());
   *result.mutable_scenarios() = request.scenarios();
   result.set_priority(request.priority());
+  result.set_strict(request.strict());
   return result;
 }
 

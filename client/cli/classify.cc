@@ -23,6 +23,7 @@ struct ClassifyArguments {
   std::optional<double> deadline;
   std::string priority = "interactive";
   std::vector<std::string> required_names;
+  bool strict = false;
 };
 
 int Classify(const ClassifyArguments& arguments, Environment& environment) {
@@ -32,11 +33,15 @@ int Classify(const ClassifyArguments& arguments, Environment& environment) {
   request.set_model(ModelResource(arguments.model));
   request.set_priority(PriorityNamed(arguments.priority));
   request.set_include_action_names(true);
+  request.set_strict(arguments.strict);
   request.mutable_required_action_names()->Add(arguments.required_names.begin(),
                                                arguments.required_names.end());
   request.mutable_scenarios()->Add(scenarios->begin(), scenarios->end());
   client::CallOptions call = environment.call_options();
-  if (arguments.deadline) call.timeout = absl::Milliseconds(*arguments.deadline);
+  if (arguments.deadline) {
+    call.timeout = absl::Milliseconds(*arguments.deadline);
+    environment.time_limit = "--deadline MILLISECONDS";
+  }
   const auto answer = environment.server_client().ClassifyTrajectories(request, call);
   if (!answer.ok()) return environment.Fail(answer.status());
   if (environment.json()) environment.PrintJson(*answer);
@@ -54,6 +59,7 @@ int Classify(const ClassifyArguments& arguments, Environment& environment) {
       ReportItemError(scenario.scenario_id(), scenario.error(), environment);
       all_answered = false;
     }
+    ReportWarnings(scenario.scenario_id(), scenario.warnings(), environment);
     for (const v1::TargetClassification& target : scenario.targets()) {
       if (target.has_error()) {
         ReportItemError(TargetName(scenario.scenario_id(), target.target_id()), target.error(),
@@ -99,6 +105,7 @@ void AddClassify(Command& root, Environment& environment) {
   command.Option("--deadline", &arguments->deadline, 1.0, 1e7, "Most milliseconds for the answer");
   AddPriorityOption(command, &arguments->priority);
   AddRequireNameOption(command, &arguments->required_names);
+  AddStrictOption(command, &arguments->strict);
   command.Run([arguments, &environment] { return Classify(*arguments, environment); });
 }
 

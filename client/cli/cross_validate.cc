@@ -30,9 +30,14 @@ struct CrossValidateArguments {
 // File first, then the preset, then --set.
 absl::Status ReadSettings(const CrossValidateArguments& arguments, Environment& environment,
                           v1::TrainingSettings* settings) {
+  std::vector<std::string> given = arguments.assignments;
   if (arguments.settings_file) {
-    absl::Status status = ReadJson(*arguments.settings_file, environment, settings);
+    const auto text = ReadText(*arguments.settings_file, environment);
+    if (!text.ok()) return text.status();
+    absl::Status status = ParseJson(*text, *arguments.settings_file, settings);
     if (!status.ok()) return status;
+    const std::vector<std::string> zeros = ZerosOfSettings(*text);
+    given.insert(given.end(), zeros.begin(), zeros.end());
   }
   if (arguments.preset) settings->set_preset(*arguments.preset);
   if (arguments.baselines) settings->set_baselines(true);
@@ -40,7 +45,7 @@ absl::Status ReadSettings(const CrossValidateArguments& arguments, Environment& 
     absl::Status status = SetField(assignment, settings);
     if (!status.ok()) return status;
   }
-  return RefuseUnheardZeros(arguments.assignments, *settings);
+  return RefuseUnheardZeros(given, *settings);
 }
 
 int CrossValidate(const CrossValidateArguments& arguments, Environment& environment) {

@@ -209,7 +209,7 @@ std::string DescriptionText(const v1::DatasetSummary& summary, bool color) {
 int ShowDataset(const ShowDatasetArguments& arguments, Environment& environment) {
   v1::DescribeDatasetRequest request;
   for (const std::string& change : arguments.changes) {
-    const absl::Status status = SetField(change, &request);
+    const absl::Status status = SetExampleField(change, request.mutable_examples());
     if (!status.ok()) return environment.Refuse(std::string(status.message()));
   }
   const auto summary = Describe(arguments.source, request, environment);

@@ -15,7 +15,7 @@ namespace maneuver::cli {
 
 struct ShowDatasetArguments {
   std::string source;                // a folder with dataset.json, or a name on the server
-  std::vector<std::string> changes;  // of DescribeDatasetRequest: "examples.stride=1s"
+  std::vector<std::string> changes;  // of ExampleSettings: "examples.stride=1s"
   std::optional<std::string> plot;   // PNG file
   int64_t scenes = 6;                // in it
 };

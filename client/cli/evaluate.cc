@@ -27,7 +27,7 @@ int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
   request.set_model(ModelResource(arguments.model));
   request.set_dataset(DatasetResource(arguments.dataset));
   for (const std::string& assignment : arguments.assignments) {
-    const absl::Status status = SetField(assignment, request.mutable_examples());
+    const absl::Status status = SetExampleField(assignment, request.mutable_examples());
     if (!status.ok()) return environment.Refuse(std::string(status.message()));
   }
   if (arguments.figures) {
@@ -76,13 +76,15 @@ void AddEvaluate(Command& root, Environment& environment) {
   Command command =
       root.Add("evaluate", "Measure a model on a dataset",
                "Example: maneuver evaluate town --dataset unseen\n"
-               "         maneuver evaluate town/2 --dataset unseen --set stride=1s\n"
+               "         maneuver evaluate town/2 --dataset unseen --set examples.stride=1s\n"
                "         maneuver evaluate town --dataset unseen --report report.html\n"
                "         maneuver evaluate town --dataset unseen --figures figures");
   command.Argument("MODEL", &arguments->model,
                    "town (the version that serves), town/2 or town@candidate");
   command.Argument("--dataset", &arguments->dataset, "Dataset to measure it on");
-  command.Option("--set", &arguments->assignments, "FIELD=VALUE of ExampleSettings");
+  command.Option("--set", &arguments->assignments,
+                 "FIELD=VALUE of the examples to measure on: examples.stride=1s, "
+                 "examples.max_examples=1000, ...");
   command.Option("--report", &arguments->report.page,
                  "HTML file to write: what was found, beside what is known of the version, as a "
                  "page for a browser");

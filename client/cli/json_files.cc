@@ -24,8 +24,7 @@ absl::Status CannotWrite(const std::string& path, int error) {
 
 }  // namespace
 
-absl::Status ReadJson(const std::string& path, Environment& environment,
-                      google::protobuf::Message* message) {
+absl::StatusOr<std::string> ReadText(const std::string& path, Environment& environment) {
   std::ostringstream text;
   if (path == "-") {
     text << environment.in.rdbuf();
@@ -34,11 +33,22 @@ absl::Status ReadJson(const std::string& path, Environment& environment,
     if (!file) return absl::NotFoundError(absl::StrCat("cannot read ", path));
     text << file.rdbuf();
   }
-  const auto status = google::protobuf::util::JsonStringToMessage(text.str(), message);
+  return text.str();
+}
+
+absl::Status ParseJson(const std::string& text, const std::string& path,
+                       google::protobuf::Message* message) {
+  const auto status = google::protobuf::util::JsonStringToMessage(text, message);
   if (status.ok()) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrCat(
       path == "-" ? "standard input" : path, " is not a ", message->GetDescriptor()->name(),
       " in proto3 JSON: ", std::string(status.message())));
+}
+
+absl::Status ReadJson(const std::string& path, Environment& environment,
+                      google::protobuf::Message* message) {
+  const absl::StatusOr<std::string> text = ReadText(path, environment);
+  return text.ok() ? ParseJson(*text, path, message) : text.status();
 }
 
 std::string ToCompactJson(const google::protobuf::Message& message) {

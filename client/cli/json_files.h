@@ -13,8 +13,16 @@
 
 namespace maneuver::cli {
 
-// Reads one message from `path`, or from standard input if that is "-". INVALID_ARGUMENT names the
-// file if it does not parse.
+// Reads all of a file, or of standard input if `path` is "-". NOT_FOUND if it cannot be read.
+absl::StatusOr<std::string> ReadText(const std::string& path, Environment& environment);
+
+// Parses one message from the text of the file `path`. INVALID_ARGUMENT, naming the file, if the
+// text does not parse.
+absl::Status ParseJson(const std::string& text, const std::string& path,
+                       google::protobuf::Message* message);
+
+// Reads one message from `path`, or from standard input if that is "-". Errors: those of
+// ReadText and ParseJson.
 absl::Status ReadJson(const std::string& path, Environment& environment,
                       google::protobuf::Message* message);
 

@@ -6,6 +6,7 @@
 #include <ostream>
 #include <string>
 
+#include "absl/strings/str_cat.h"
 #include "client/cli/json_files.h"
 #include "client/cli/text_format.h"
 #include "model/artifact/model_folder.h"
@@ -23,6 +24,12 @@ struct ExportArguments {
 
 int Export(const ExportArguments& arguments, Environment& environment) {
   const absl::StatusOr<artifact::StoredModel> model = artifact::ReadModelFolder(arguments.folder);
+  if (absl::IsNotFound(model.status())) {
+    return environment.Refuse(absl::StrCat(
+        arguments.folder, " is not a model folder: ", std::string(model.status().message()),
+        ". For a version that a server has, first: maneuver model pull ", arguments.folder,
+        " FOLDER"));
+  }
   if (!model.ok()) return environment.FailAt(arguments.folder, model.status());
   const std::string file = onnx::ExportOnnx(*model, {.distributions = !arguments.probabilities_only,
                                                      .scenes = static_cast<int>(arguments.scenes)});

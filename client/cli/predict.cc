@@ -32,6 +32,7 @@ struct PredictArguments {
   std::optional<double> deadline;
   std::string priority = "interactive";
   std::vector<std::string> required_names;
+  bool strict = false;
   std::optional<std::string> plot;
   bool paths = false;
   double at_least = 0.02;
@@ -65,14 +66,15 @@ client::CallOptions Options(const PredictArguments& arguments, Environment& envi
   return call;
 }
 
-// Reports refused scenarios and targets. True if there was none.
-bool ReportErrors(const Predictions& predictions, Environment& environment) {
+// Reports warnings, and scenarios and targets that were refused. Returns true if none was refused.
+bool ReportItems(const Predictions& predictions, Environment& environment) {
   bool all_answered = true;
   for (const v1::ScenarioPrediction& prediction : predictions) {
     if (prediction.has_error()) {
       ReportItemError(prediction.scenario_id(), prediction.error(), environment);
       all_answered = false;
     }
+    ReportWarnings(prediction.scenario_id(), prediction.warnings(), environment);
     for (const v1::TargetPrediction& target : prediction.targets()) {
       if (!target.has_error()) continue;
       ReportItemError(TargetName(prediction.scenario_id(), target.target_id()), target.error(),
@@ -235,6 +237,7 @@ Request MakeRequest(const PredictArguments& arguments, const std::vector<v1::Sce
   request.set_model(ModelResource(arguments.model));
   request.set_priority(PriorityNamed(arguments.priority));
   request.set_include_action_names(true);
+  request.set_strict(arguments.strict);
   request.mutable_required_action_names()->Add(arguments.required_names.begin(),
                                                arguments.required_names.end());
   for (const v1::Scenario& scenario : scenarios) {
@@ -258,7 +261,7 @@ int Probability(const PredictArguments& arguments, Environment& environment) {
     PrintProbabilities(answer->predictions(), arguments.at_least, answer->action_names(),
                        environment);
   }
-  return ReportErrors(answer->predictions(), environment) ? kOk : kFailed;
+  return ReportItems(answer->predictions(), environment) ? kOk : kFailed;
 }
 
 // Prints and draws what distribution and predict have in common.
@@ -277,7 +280,7 @@ int Finish(const PredictArguments& arguments, const std::vector<v1::Scenario>& s
                            environment);
     }
   }
-  bool all_well = ReportErrors(answer.predictions(), environment);
+  bool all_well = ReportItems(answer.predictions(), environment);
   if (arguments.plot) {
     all_well &= DrawAll(scenarios, answer.predictions(), horizon, answer.model_version(), arguments,
                         answer.action_names(), environment);
@@ -319,6 +322,7 @@ void AddCommonOptions(Command& command, PredictArguments* arguments) {
   command.Option("--deadline", &arguments->deadline, 1.0, 1e7, "Most milliseconds for the answer");
   AddPriorityOption(command, &arguments->priority);
   AddRequireNameOption(command, &arguments->required_names);
+  AddStrictOption(command, &arguments->strict);
 }
 
 void AddQueryOptions(Command& command, PredictArguments* arguments) {

@@ -34,4 +34,20 @@ void ReportItemError(const std::string& item, const v1::Status& error, Environme
                      << PrintableLines(environment.Explain(client::ToStatus(error))) << "\n";
 }
 
+void ReportWarnings(const std::string& item, const SceneWarnings& warnings,
+                    Environment& environment) {
+  for (const v1::SceneWarning& warning : warnings) {
+    environment.err << "maneuver: warning: " << Printable(item) << ": "
+                    << Printable(warning.field()) << ": " << Printable(warning.description())
+                    << "\n";
+  }
+}
+
+void AddStrictOption(Command& command, bool* strict) {
+  command.Flag(
+      "--strict", strict,
+      "Refuse scenes that look wrong, such as with degrees for radians, instead of answering them "
+      "with warnings");
+}
+
 }  // namespace maneuver::cli

@@ -8,6 +8,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "client/cli/command.h"
 #include "client/cli/environment.h"
 #include "maneuver/v1/prediction_service.pb.h"
 
@@ -22,6 +23,14 @@ std::string TargetName(const std::string& scenario_id, int64_t target_id);
 
 // Says on err what failed in one item of a batch.
 void ReportItemError(const std::string& item, const v1::Status& error, Environment& environment);
+
+// Prints what looks wrong in one scene that was answered. --quiet silences it.
+using SceneWarnings = google::protobuf::RepeatedPtrField<v1::SceneWarning>;
+void ReportWarnings(const std::string& item, const SceneWarnings& warnings,
+                    Environment& environment);
+
+// Adds --strict.
+void AddStrictOption(Command& command, bool* strict);
 
 }  // namespace maneuver::cli
 

@@ -1,9 +1,11 @@
 #include "client/cli/settings_argument.h"
 
 #include <google/protobuf/descriptor.h>
+#include <google/protobuf/struct.pb.h>
 #include <google/protobuf/text_format.h>
 #include <google/protobuf/util/json_util.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <vector>
@@ -103,6 +105,21 @@ std::string JsonValue(const FieldDescriptor& field, const std::string& value) {
   return value;
 }
 
+// Adds "path.name=0" for each number in `fields` that is 0. Of 64 bits, JSON has them as text.
+void AddZeros(const google::protobuf::Struct& fields, const std::string& path,
+              std::vector<std::string>* zeros) {
+  for (const auto& [name, value] : fields.fields()) {
+    if (value.has_struct_value()) {
+      AddZeros(value.struct_value(), absl::StrCat(path, name, "."), zeros);
+      continue;
+    }
+    double number = 1.0;
+    if (value.has_number_value()) number = value.number_value();
+    if (value.has_string_value() && !absl::SimpleAtod(value.string_value(), &number)) continue;
+    if (number == 0.0) zeros->push_back(absl::StrCat(path, name, "=0"));
+  }
+}
+
 // By its name in the contract or in JSON; null if there is none.
 const FieldDescriptor* FindField(const Descriptor& descriptor, const std::string& name) {
   const FieldDescriptor* field = descriptor.FindFieldByName(name);
@@ -146,6 +163,18 @@ absl::Status SetField(const std::string& assignment, Message* message) {
     message->GetReflection()->SwapFields(message, parsed.get(), {field});
   }
   return absl::OkStatus();
+}
+
+absl::Status SetExampleField(const std::string& assignment, v1::ExampleSettings* examples) {
+  return SetField(std::string(absl::StripPrefix(assignment, "examples.")), examples);
+}
+
+std::vector<std::string> ZerosOfSettings(const std::string& json) {
+  google::protobuf::Struct fields;
+  std::vector<std::string> zeros;
+  if (google::protobuf::util::JsonStringToMessage(json, &fields).ok()) AddZeros(fields, "", &zeros);
+  std::sort(zeros.begin(), zeros.end());
+  return zeros;
 }
 
 absl::Status RefuseUnheardZeros(const std::vector<std::string>& assignments,

@@ -20,10 +20,18 @@ namespace maneuver::cli {
 // proto3 JSON. INVALID_ARGUMENT lists the fields that exist, or says what the field accepts.
 absl::Status SetField(const std::string& assignment, google::protobuf::Message* message);
 
-// Refuses zeros that the server could not tell from an unset field: in such a field, 0 means the
-// preset's value. INVALID_ARGUMENT names the field and the preset's value.
-//   assignments: FIELD=VALUE, each already accepted by SetField.
-//   settings: the settings after these assignments.
+// As SetField on ExampleSettings. `assignment` may begin with "examples.", as in TrainingSettings:
+// "examples.stride=1s" and "stride=1s" are the same.
+absl::Status SetExampleField(const std::string& assignment, v1::ExampleSettings* examples);
+
+// Returns FIELD=0 for each number that TrainingSettings in proto3 JSON gives as 0, for
+// RefuseUnheardZeros: a message does not keep them. Empty for text that is no JSON.
+std::vector<std::string> ZerosOfSettings(const std::string& json);
+
+// Refuses zeros that the server would not hear: in a field that cannot say whether it was given, 0
+// stands for the preset's value. INVALID_ARGUMENT names the field and that value.
+//   assignments: FIELD=VALUE, all of which SetField has taken or ZerosOfSettings returned.
+//   settings: what they made.
 absl::Status RefuseUnheardZeros(const std::vector<std::string>& assignments,
                                 const v1::TrainingSettings& settings);
 

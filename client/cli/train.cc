@@ -64,15 +64,20 @@ std::vector<std::string> Assignments(const TrainArguments& arguments) {
 absl::StatusOr<v1::TrainingSettings> Settings(const TrainArguments& arguments,
                                               Environment& environment) {
   v1::TrainingSettings settings;
+  std::vector<std::string> zeros;
   if (arguments.settings_file) {
-    absl::Status status = ReadJson(*arguments.settings_file, environment, &settings);
+    const auto text = ReadText(*arguments.settings_file, environment);
+    if (!text.ok()) return text.status();
+    absl::Status status = ParseJson(*text, *arguments.settings_file, &settings);
     if (!status.ok()) return status;
+    zeros = ZerosOfSettings(*text);
   }
-  const std::vector<std::string> assignments = Assignments(arguments);
+  std::vector<std::string> assignments = Assignments(arguments);
   for (const std::string& assignment : assignments) {
     absl::Status status = SetField(assignment, &settings);
     if (!status.ok()) return status;
   }
+  assignments.insert(assignments.end(), zeros.begin(), zeros.end());
   absl::Status heard = RefuseUnheardZeros(assignments, settings);
   if (!heard.ok()) return heard;
   if (arguments.horizon) {

@@ -194,6 +194,11 @@ absl::StatusOr<v1::ModelManifest> Guarded(
 
 }  // namespace
 
+std::vector<std::string> UsableDevices() {
+  if (at::hasCUDA()) return {"cpu", "cuda"};
+  return {"cpu"};
+}
+
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
                                         const std::vector<std::filesystem::path>& datasets) {
   return Guarded(run, [&](at::Device device) -> absl::StatusOr<v1::ModelManifest> {

@@ -49,6 +49,10 @@ struct TrainingRun {
   std::function<bool()> stopped;
 };
 
+// Returns the values of TrainingSettings.device that LibTorch can use here: "cpu", and "cuda" if it
+// was built with CUDA and finds a GPU.
+std::vector<std::string> UsableDevices();
+
 // Reads the folders and learns. The same settings, data and number of threads give the same weights
 // on the CPU. Nothing is left at `output` unless it succeeds.
 // Errors, with a FailureOf (training_failure.h) where several share a code:

@@ -55,6 +55,7 @@ Supervisor::Supervisor(SupervisorOptions options, JobStore& store, data::Dataset
       versions_(versions),
       interruptions_(metrics.AddCounter("maneuver_job_interruptions_total",
                                         "Processes of jobs that died or were cut off.")),
+      devices_(options_.trainer),
       curves_(metrics, options_.max_running_jobs) {
   for (const v1::JobState state : kJobStates) {
     gauges_[state] = &metrics.AddGauge("maneuver_jobs", "Jobs by state.",

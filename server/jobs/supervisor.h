@@ -28,6 +28,7 @@
 #include "server/jobs/job_environment.h"
 #include "server/jobs/job_store.h"
 #include "server/jobs/job_watch.h"
+#include "server/jobs/training_devices.h"
 #include "server/monitoring/metrics.h"
 #include "server/serving/model_versions.h"
 
@@ -77,9 +78,9 @@ class Supervisor {
   // Creates a PENDING job, or returns the existing job with the same request_id. Its settings are
   // resolved now (job_settings.h), and its train.start_from becomes the version that the reference
   // points to now.
-  // Errors: INVALID_ARGUMENT; NOT_FOUND for an unknown dataset or model; ALREADY_EXISTS if
-  // request_id was used for a different request; RESOURCE_EXHAUSTED while max_pending_jobs wait, or
-  // if the disk is full.
+  // Errors: INVALID_ARGUMENT, also for a device that the trainer does not have; NOT_FOUND for an
+  // unknown dataset or model; ALREADY_EXISTS if request_id was used for a different request;
+  // RESOURCE_EXHAUSTED while max_pending_jobs wait, or if the disk is full.
   // With validate_only it returns a job without a name, and starts nothing.
   absl::StatusOr<v1::Job> Train(const v1::TrainRequest& request);
   // Creates an evaluation job, as Train does. Its evaluate.model becomes the version that the
@@ -145,6 +146,7 @@ class Supervisor {
   std::map<v1::JobState, monitoring::Gauge*> gauges_;
   std::map<v1::JobState, monitoring::Counter*> ends_;  // of the states that end a job
   monitoring::Counter& interruptions_;
+  TrainingDevices devices_;
   JobCurves curves_;
   JobNews news_;
   std::atomic<bool> is_stopped_ = false;

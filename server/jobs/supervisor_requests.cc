@@ -59,6 +59,9 @@ std::string NewJobId() {
 
 absl::StatusOr<v1::Job> Supervisor::Train(const v1::TrainRequest& request) {
   if (absl::Status status = CheckTrainRequest(request); !status.ok()) return status;
+  if (absl::Status status = devices_.Check(request.settings().device()); !status.ok()) {
+    return status;
+  }
   const std::string digest = RequestDigest(request);
   v1::Job job;
   *job.mutable_train() = request;
@@ -98,6 +101,9 @@ absl::StatusOr<v1::Job> Supervisor::Evaluate(const v1::EvaluateRequest& request)
 
 absl::StatusOr<v1::Job> Supervisor::CrossValidate(const v1::CrossValidateRequest& request) {
   if (absl::Status status = CheckCrossValidateRequest(request); !status.ok()) return status;
+  if (absl::Status status = devices_.Check(request.settings().device()); !status.ok()) {
+    return status;
+  }
   v1::Job job;
   *job.mutable_cross_validate() = request;
   if (request.validate_only()) {

@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/errors/error_details.h"
+#include "server/errors/utf8.h"
 #include "server/jobs/trainer_protocol.h"
 
 namespace maneuver::jobs {
@@ -18,34 +19,14 @@ constexpr std::streamoff kTailBytes = 8 * 1024;
 constexpr size_t kMaxLastLine = 400;
 constexpr size_t kMostLines = 8;
 
-bool IsContinuation(char c) { return (static_cast<unsigned char>(c) & 0xc0) == 0x80; }
-
-// Length of the UTF-8 sequence that `text` starts with; 0 if it is none.
-size_t Utf8Length(std::string_view text) {
-  const auto lead = static_cast<unsigned char>(text.front());
-  if (lead < 0x80) return 1;
-  const size_t length = lead >= 0xc2 && lead < 0xe0   ? 2
-                        : lead >= 0xe0 && lead < 0xf0 ? 3
-                        : lead >= 0xf0 && lead < 0xf5 ? 4
-                                                      : 0;
-  if (length == 0 || text.size() < length) return 0;
-  for (size_t i = 1; i < length; ++i) {
-    if (!IsContinuation(text[i])) return 0;
-  }
-  const auto second = static_cast<unsigned char>(text[1]);
-  const bool overlong = (lead == 0xe0 && second < 0xa0) || (lead == 0xf0 && second < 0x90);
-  const bool outside = (lead == 0xed && second >= 0xa0) || (lead == 0xf4 && second >= 0x90);
-  return overlong || outside ? 0 : length;
-}
-
 // Printable, valid UTF-8, not too long.
 std::string Presentable(std::string_view line) {
   std::string clean;
   while (!line.empty() && clean.size() < kMaxLastLine) {
-    const size_t length = Utf8Length(line);
+    const size_t length = errors::Utf8Length(line);
     if (length == 0) {
       clean += '?';
-    } else if (length == 1 && (static_cast<unsigned char>(line[0]) < 0x20 || line[0] == 0x7f)) {
+    } else if (errors::IsControlCharacter(line.substr(0, length))) {
       clean += ' ';
     } else {
       clean.append(line.substr(0, length));

@@ -9,6 +9,8 @@
 //   maneuver-trainer cross-validate --settings FILE --dataset FOLDER... --output FILE
 //       [--test-dataset NAME=FOLDER...] [--folds N] [--fold-seed N] [--seeds N,...]
 //       [--models FOLDER] [--checkpoints FOLDER] [--threads N] [--progress json|bar|none]
+//   maneuver-trainer devices
+//       Prints the values of TrainingSettings.device that can be used here, one a line.
 //
 // Each FILE is proto3 JSON. The settings are a TrainingSettings for train and cross-validate, and
 // an ExampleSettings for evaluate. The output of evaluate is an EvaluationReport, and that of

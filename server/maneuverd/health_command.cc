@@ -119,7 +119,8 @@ int RunHealthCommand(int argc, const char* const* argv, const char* const* envir
     }
   }
   const auto parsed =
-      ParseCommandLine(static_cast<int>(server_line.size()), server_line.data(), environment);
+      ParseCommandLine(static_cast<int>(server_line.size()), server_line.data(), environment,
+                       /*needs_data_dir=*/false);
   if (const int* status = std::get_if<int>(&parsed)) return *status;
   const auto& options = std::get<ServerOptions>(parsed);
   if (options.listen.port == 0) {

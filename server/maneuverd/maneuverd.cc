@@ -38,6 +38,7 @@
 #include "server/monitoring/prometheus_metrics.h"
 #include "server/rpc/admin_service.h"
 #include "server/rpc/dataset_service.h"
+#include "server/rpc/library_logs.h"
 #include "server/rpc/model_service.h"
 #include "server/rpc/prediction_admission.h"
 #include "server/rpc/prediction_service.h"
@@ -280,6 +281,7 @@ int Main(int argc, char** argv) {
   // cycles of locks at each.
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   monitoring::ConfigureLogging(options.log_format, options.log_level);
+  rpc::LogLibraryLines();
   kernels::ChooseKernels(options.kernels);
   // Jobs inherit the choice: maneuver-trainer reads this variable.
   if (kernels::UsesPlainKernels()) setenv("MANEUVER_KERNELS", "plain", /*overwrite=*/1);

@@ -170,7 +170,8 @@ absl::Status TakeSecurityFlags(const SecurityFlags& flags, ServerOptions* option
 }  // namespace
 
 std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* argv,
-                                                  const char* const* environment) {
+                                                  const char* const* environment,
+                                                  bool needs_data_dir) {
   ServerOptions options;
   std::string listen = "127.0.0.1:8470";
   std::string metrics_listen = "127.0.0.1:9470";
@@ -207,7 +208,8 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   app.add_flag("--print-config", print_settings,
                "Print the value of every option, as --config reads it, and exit")
       ->configurable(false);
-  app.add_option("--data-dir", options.data_dir, "Folder of models, datasets and jobs")->required();
+  app.add_option("--data-dir", options.data_dir, "Folder of models, datasets and jobs")
+      ->required(needs_data_dir);
   app.add_option("--listen", listen, "HOST:PORT for gRPC; port 0 picks a free one")
       ->capture_default_str();
   app.add_option(

@@ -52,8 +52,10 @@ struct ServerOptions {
 // Returns the options. If the command line is wrong, or asks for help or for the settings, returns
 // the exit status instead; the text has then been printed.
 //   environment: ends with nullptr, as environ does.
+//   needs_data_dir: false for a command that only asks a running server.
 std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* argv,
-                                                  const char* const* environment);
+                                                  const char* const* environment,
+                                                  bool needs_data_dir = true);
 
 }  // namespace maneuver
 

@@ -8,6 +8,8 @@
 #include <cmath>
 #include <memory>
 
+#include "server/errors/utf8.h"
+
 namespace maneuver::monitoring {
 namespace {
 
@@ -55,18 +57,27 @@ Loggers& GetLoggers() {
   return loggers;
 }
 
+// Appends text so that it is valid JSON between quotes and does nothing to a terminal. Bytes that are
+// not UTF-8 become U+FFFD.
 void AppendEscaped(std::string& out, std::string_view text) {
-  for (const char c : text) {
-    if (c == '"' || c == '\\') {
+  while (!text.empty()) {
+    const size_t length = errors::Utf8Length(text);
+    const std::string_view character = text.substr(0, std::max<size_t>(length, 1));
+    if (length == 0) {
+      out += "\\ufffd";
+    } else if (character == "\"" || character == "\\") {
       out += '\\';
-      out += c;
-    } else if (c == '\n') {
+      out += character;
+    } else if (character == "\n") {
       out += "\\n";
-    } else if (static_cast<unsigned char>(c) < 0x20) {
-      out += fmt::format("\\u{:04x}", static_cast<unsigned>(c));
+    } else if (errors::IsControlCharacter(character)) {
+      // The second byte of U+0080 to U+009F is their code.
+      out += fmt::format("\\u{:04x}",
+                         static_cast<unsigned>(static_cast<unsigned char>(character.back())));
     } else {
-      out += c;
+      out += character;
     }
+    text.remove_prefix(character.size());
   }
 }
 
@@ -78,7 +89,8 @@ void AppendQuoted(std::string& out, std::string_view text) {
 
 bool NeedsQuotes(std::string_view text) {
   return text.empty() || std::ranges::any_of(text, [](char c) {
-           return static_cast<unsigned char>(c) <= ' ' || c == '"' || c == '\\' || c == '=';
+           const auto byte = static_cast<unsigned char>(c);
+           return byte <= ' ' || byte >= 0x7f || c == '"' || c == '\\' || c == '=';
          });
 }
 

@@ -11,6 +11,7 @@
 #include "model/artifact/model_spec.h"
 #include "model/evaluation/rival_requirements.h"
 #include "model/inference/action_model.h"
+#include "server/errors/utf8.h"
 #include "server/jobs/job_requests.h"
 #include "server/rpc/blocking_call.h"
 #include "server/rpc/guarded_service.h"
@@ -328,6 +329,9 @@ grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext*
     if (!name.ok()) return name.status();
     if (Characters(request->label()) > kMaxLabelLength) {
       return errors::InvalidField("label", "longer than 64 characters");
+    }
+    if (errors::HasControlCharacters(request->label())) {
+      return errors::InvalidField("label", "has control characters; use text that can be printed");
     }
     auto action = table_.LabelAction(*name, request->action_id(), request->label());
     if (absl::IsOutOfRange(action.status())) {

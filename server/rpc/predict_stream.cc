@@ -70,6 +70,7 @@ PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* r
           .query = &request.query(),
           .priority = request.priority(),
           .required_action_names = &request.required_action_names(),
+          .strict = request.strict(),
           .bytes = static_cast<int64_t>(request.ByteSizeLong()),
           .model_version = response->mutable_model_version(),
           .waypoint_times = response->mutable_waypoint_times(),

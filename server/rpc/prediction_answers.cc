@@ -92,7 +92,7 @@ void WriteDistribution(const inference::ActionDistribution& action, double proba
   frame.WriteCovariances(action.moment_covariance, moments);
 }
 
-// Walks over the plan: writes errors, and calls `write` for each target that was answered.
+// Walks over the plan: writes errors and warnings, and calls `write` for each target with an answer.
 template <typename ScenarioProto, typename WriteTarget>
 void WriteItems(const Scenarios& scenarios, const PredictionPlan& plan,
                 const std::vector<TargetAnswer>& answers,
@@ -106,6 +106,11 @@ void WriteItems(const Scenarios& scenarios, const PredictionPlan& plan,
     if (!planned.status.ok()) {
       *item->mutable_error() = errors::ToProto(planned.status);
       continue;
+    }
+    for (const scene::FieldViolation& warning : planned.warnings) {
+      v1::SceneWarning* proto = item->add_warnings();
+      proto->set_field(absl::StrCat("scenarios[", s, "].", warning.field));
+      proto->set_description(warning.description);
     }
     for (const PlannedTarget& target : planned.targets) {
       auto* proto = item->add_targets();

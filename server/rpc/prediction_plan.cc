@@ -8,6 +8,7 @@
 #include "model/artifact/model_spec.h"
 #include "model/data/trajectory.h"
 #include "model/scene/observation_window.h"
+#include "model/scene/scene_warnings.h"
 #include "model/scene/target_frame.h"
 #include "server/errors/error_details.h"
 
@@ -75,8 +76,8 @@ absl::StatusOr<ScenarioMaps> FindMaps(const Scenarios& scenarios, serving::MapCa
 }
 
 PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
-                              const scene::ScenarioLimits& limits, bool classify,
-                              ScenarioMaps maps) {
+                              const scene::ScenarioLimits& limits, bool classify, ScenarioMaps maps,
+                              bool strict) {
   PredictionPlan plan{.scenarios = {}, .targets = {}, .maps = std::move(maps)};
   plan.maps.resize(static_cast<size_t>(scenarios.size()));
   const double tolerance = scene::WindowOf(spec).tolerance();
@@ -102,6 +103,11 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
     auto& map = plan.maps[static_cast<size_t>(s)];
     if (map == nullptr) {
       map = std::make_shared<scene::RoadMap>(scene::RoadMap::Over(scenario.map_features()));
+    }
+    planned.warnings = scene::FindSceneWarnings(scenario, *map, tolerance);
+    if (strict && !planned.warnings.empty()) {
+      planned.status = errors::InvalidFields(planned.warnings, path);
+      continue;
     }
     for (int t = 0; t < scenario.target_ids_size(); ++t) {
       PlannedTarget& target = planned.targets.emplace_back();

@@ -11,6 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "maneuver/v1/prediction_service.pb.h"
+#include "model/scene/field_violation.h"
 #include "model/scene/road_map.h"
 #include "model/scene/scenario_validation.h"
 #include "server/serving/map_cache.h"
@@ -32,6 +33,8 @@ struct PlannedTarget {
 struct PlannedScenario {
   absl::Status status;  // if not OK there are no targets
   std::vector<PlannedTarget> targets;
+  // What looks wrong; fields within the scenario.
+  std::vector<scene::FieldViolation> warnings;
 };
 // The map of each scenario. FindMaps returns the map that a scenario names or nullptr for each;
 // empty if no scenario names one. A plan has the map that the scenario names, or the scenario's
@@ -52,9 +55,10 @@ absl::StatusOr<ScenarioMaps> FindMaps(const Scenarios& scenarios, serving::MapCa
 // others are answered.
 //   classify: each target also needs its future, resampled to the model's waypoints.
 //   maps: from FindMaps.
+//   strict: refuse a scenario that has warnings.
 PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
                               const scene::ScenarioLimits& limits, bool classify,
-                              ScenarioMaps maps = {});
+                              ScenarioMaps maps = {}, bool strict = false);
 
 }  // namespace maneuver::rpc
 

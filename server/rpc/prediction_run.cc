@@ -84,7 +84,7 @@ absl::Status PredictionRun::Submit(serving::ModelHandle model) {
   auto maps = FindMaps(*io_.scenarios, context_.maps);
   if (!maps.ok()) return maps.status();
   plan_ = PlanPrediction(*io_.scenarios, spec, context_.limits,
-                         /*classify=*/io_.classifications != nullptr, *std::move(maps));
+                         /*classify=*/io_.classifications != nullptr, *std::move(maps), io_.strict);
   *io_.model_version = model->name().ToString();
   if (io_.waypoint_times != nullptr) {
     const auto times = artifact::WaypointTimes(spec.trajectory());

@@ -52,6 +52,7 @@ struct PredictionIo {
   bool probabilities = true;
   v1::Priority priority = v1::PRIORITY_UNSPECIFIED;
   const ActionNameList* required_action_names = nullptr;  // nullptr: none
+  bool strict = false;                                    // refuse scenarios that have warnings
   int64_t bytes = 0;                                      // of the request
 
   std::string* model_version = nullptr;

@@ -54,6 +54,13 @@ TEST_F(HealthCommandTest, TellsWhetherTheServerAndEachServiceServe) {
   EXPECT_EQ(Probe(server->address(), {"no.such.Service"}), kNotServing);
 }
 
+TEST_F(HealthCommandTest, NeedsNoDataFolder) {
+  const auto server = folder_.Start();
+  EXPECT_EQ(maneuver::testing::Run({MANEUVERD, "health", "--listen", server->address()}, &output_),
+            kServing)
+      << output_;
+}
+
 TEST_F(HealthCommandTest, HealthPagesAgreeWithTheCommand) {
   const auto server = folder_.Start({"--shutdown-delay", "60"});
   EXPECT_THAT(HttpGet(*server, "/healthz"), HasSubstr(" 200 OK\r\n"));

@@ -17,7 +17,8 @@ import maneuver
 from maneuver import v1
 from maneuver.credentials import is_local, parse_address
 from maneuver.retry import backoff_after, retry
-from maneuver.v1 import dataset_service_pb2_grpc, prediction_service_pb2_grpc
+from maneuver.v1 import dataset_service_pb2_grpc, model_service_pb2_grpc
+from maneuver.v1 import prediction_service_pb2_grpc
 from maneuver.v1 import training_service_pb2_grpc
 
 SCENE = {"target_ids": [7], "agents": [{"id": 7}],
@@ -256,16 +257,55 @@ class Datasets(dataset_service_pb2_grpc.DatasetServiceServicer):
         return v1.Dataset(name=header.name)
 
 
+class Models(model_service_pb2_grpc.ModelServiceServicer):
+    """Serves models/m/versions/1, of two files, and takes uploads of m."""
+
+    def __init__(self):
+        self.files = {"model.json": b"{}", "weights.safetensors": b"0123456789" * 100000}
+        self.stated = {name: hashlib.sha256(bytes).hexdigest()
+                       for name, bytes in self.files.items()}
+        self.asked = []  # arrived_bytes of each download
+        self.breaks_after = []  # chunks that each of the first downloads sends
+        self.kept = b""
+        self.uploads = []  # parent and files of each upload
+
+    def DownloadModelVersion(self, request, context):
+        self.asked.append(list(request.arrived_bytes))
+        yield v1.DownloadModelVersionResponse(header=v1.DownloadModelHeader(
+            model_version="models/m/versions/1",
+            files=[v1.ModelFile(file=name, size_bytes=len(content), sha256=self.stated[name])
+                   for name, content in self.files.items()]))
+        breaks_after = self.breaks_after.pop(0) if self.breaks_after else None
+        left = b"".join(content[offset:] for content, offset in
+                        zip(self.files.values(), request.arrived_bytes or [0, 0]))
+        for count, offset in enumerate(range(0, len(left), 1 << 18)):
+            if count == breaks_after:
+                context.abort(grpc.StatusCode.UNAVAILABLE, "broken")
+            yield v1.DownloadModelVersionResponse(chunk=left[offset:offset + (1 << 18)])
+
+    def QueryModelUpload(self, request, context):
+        return v1.QueryModelUploadResponse(arrived_bytes=[len(self.kept), 0])
+
+    def UploadModelVersion(self, requests, context):
+        header = next(requests).header
+        self.uploads.append((header.parent, [(file.file, file.sha256) for file in header.files],
+                             list(header.arrived_bytes)))
+        self.kept += b"".join(request.chunk for request in requests)
+        return v1.ModelVersion(name=f"{header.parent}/versions/1")
+
+
 class CallsTest(unittest.TestCase):
     """A server of this process, whose services answer as scripted."""
 
     def setUp(self):
         self.predictions, self.training, self.datasets = Predictions(), Training(), Datasets()
+        self.models = Models()
         server = grpc.server(concurrent.futures.ThreadPoolExecutor(4))
         prediction_service_pb2_grpc.add_PredictionServiceServicer_to_server(self.predictions,
                                                                             server)
         training_service_pb2_grpc.add_TrainingServiceServicer_to_server(self.training, server)
         dataset_service_pb2_grpc.add_DatasetServiceServicer_to_server(self.datasets, server)
+        model_service_pb2_grpc.add_ModelServiceServicer_to_server(self.models, server)
         self.address = f"127.0.0.1:{server.add_insecure_port('127.0.0.1:0')}"
         server.start()
         self.addCleanup(lambda: server.stop(None).wait())
@@ -361,6 +401,87 @@ class CallsTest(unittest.TestCase):
             with self.assertRaisesRegex(ValueError, "has 2 bytes; dataset.json says 3"):
                 self.client().upload_dataset(folder, "datasets/d")
         self.assertEqual(self.datasets.uploads, 0)
+
+    def download(self, **options):
+        """Downloads the version; returns the files and what the progress was."""
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()), "m-1")
+        progress = []
+        self.assertEqual(self.client(**options).download_model_version(
+            "models/m", folder, on_progress=progress.append), "models/m/versions/1")
+        self.assertFalse((folder.parent / ".m-1.part").exists())
+        return {path.name: path.read_bytes() for path in folder.iterdir()}, progress
+
+    def test_a_download_that_breaks_goes_on_where_it_was(self):
+        self.models.breaks_after = [2, 0, 1]
+        files, progress = self.download()
+        self.assertEqual(files, self.models.files)
+        # Chunks of 2**18 bytes: two, none, one. The first has the 2 bytes of model.json too.
+        self.assertEqual(self.models.asked, [[], [2, (2 << 18) - 2], [2, (2 << 18) - 2],
+                                             [2, (3 << 18) - 2]])
+        self.assertEqual(progress[-1], maneuver.UploadProgress(1000002, 1000002))
+        self.assertEqual([one.there for one in progress], sorted(one.there for one in progress))
+
+    def test_a_download_takes_what_an_earlier_one_left(self):
+        with tempfile.TemporaryDirectory() as folder:
+            part = pathlib.Path(folder, ".m-1.part")
+            part.mkdir()
+            (part / self.models.stated["weights.safetensors"]).write_bytes(b"0123456789")
+            (part / "of-another-version").write_bytes(b"?")
+            self.client().download_model_version("models/m", pathlib.Path(folder, "m-1"))
+            self.assertEqual(self.models.asked, [[], [0, 10]])
+            self.assertEqual(sorted(path.name for path in pathlib.Path(folder, "m-1").iterdir()),
+                             ["model.json", "weights.safetensors"])
+
+    def test_a_download_starts_clean_once_if_a_file_is_altered(self):
+        with tempfile.TemporaryDirectory() as folder:
+            part = pathlib.Path(folder, ".m-1.part")
+            part.mkdir()
+            (part / self.models.stated["weights.safetensors"]).write_bytes(b"altered")
+            client = self.client()
+            client.download_model_version("models/m", pathlib.Path(folder, "m-1"))
+            self.assertEqual(pathlib.Path(folder, "m-1/weights.safetensors").read_bytes(),
+                             self.models.files["weights.safetensors"])
+            self.models.stated["model.json"] = "0" * 64
+            with self.assertRaises(maneuver.DataLossError):
+                client.download_model_version("models/m", pathlib.Path(folder, "m-2"))
+            self.assertFalse(pathlib.Path(folder, "m-2").exists())
+
+    def test_a_download_leaves_a_folder_that_is_something_else(self):
+        with tempfile.TemporaryDirectory() as folder:
+            client = self.client()
+            client.download_model_version("models/m", folder)
+            self.assertEqual(client.download_model_version("models/m", folder),
+                             "models/m/versions/1", "it is this version")
+            pathlib.Path(folder, "model.json").write_bytes(b"other")
+            with self.assertRaises(FileExistsError):
+                client.download_model_version("models/m", folder)
+
+    def test_a_download_writes_nowhere_but_in_its_folder(self):
+        self.models.files = {"../out": b"x"}
+        self.models.stated["../out"] = hashlib.sha256(b"x").hexdigest()
+        with tempfile.TemporaryDirectory() as folder:
+            with self.assertRaises(maneuver.InternalError):
+                self.client().download_model_version("models/m", pathlib.Path(folder, "a/b"))
+            self.assertEqual(list(pathlib.Path(folder).iterdir()), [])
+
+    def test_a_download_from_no_server_is_given_up(self):
+        with maneuver.Client("127.0.0.1:1", retries=maneuver.RetryPolicy(
+                max_attempts=2, initial_backoff=0.001)) as client:
+            with self.assertRaises(maneuver.UnavailableError):
+                client.download_model_version("models/m", "/nowhere/m-1")
+
+    def test_an_upload_of_a_model_sends_what_is_not_there(self):
+        self.models.kept = b"{"
+        with tempfile.TemporaryDirectory() as folder:
+            with self.assertRaises(FileNotFoundError):
+                self.client().upload_model_version(folder, "models/m")
+            for name, content in self.models.files.items():
+                pathlib.Path(folder, name).write_bytes(content)
+            version = self.client().upload_model_version(folder, "models/m")
+        self.assertEqual(version.name, "models/m/versions/1")
+        self.assertEqual(self.models.uploads,
+                         [("models/m", list(self.models.stated.items()), [1, 0])])
+        self.assertEqual(self.models.kept, b"".join(self.models.files.values()))
 
     def test_a_map_is_sent_once(self):
         maps = maneuver.MapReuse(self.client())

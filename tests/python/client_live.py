@@ -5,8 +5,10 @@ import os
 import pathlib
 import struct
 import subprocess
+import tempfile
 import threading
 import unittest
+import warnings
 
 import grpc
 import numpy
@@ -21,6 +23,15 @@ PLANNER = maneuver.Scenario(
         (0.0, 100.0, 50.0, 0.5, 8.0, 4.0), (0.5, 104.0, 52.0, 0.5, 8.0, 4.0),
         (1.0, 108.0, 54.0, 0.5, 8.0, 4.0)])],
     map_features=[maneuver.MapFeature("lane_centerline", [(90.0, 45.0), (200.0, 100.0)], id=1)])
+
+
+def in_degrees(scene):
+    """Returns the scene as a message whose headings look like degrees."""
+    message = scene.to_proto()
+    for agent in message.agents:
+        for state in agent.states:
+            state.heading = 180.0
+    return message
 
 
 class LiveTest(unittest.TestCase):
@@ -145,6 +156,30 @@ class PredictionTest(LiveTest):
         self.assertEqual(second.error.violations[0].field, "scenarios[1].agents[0].length")
         with self.assertRaises(maneuver.InvalidArgumentError):
             answer.raise_errors()
+
+    def test_a_scene_that_looks_wrong_is_answered_with_warnings(self):
+        degrees = in_degrees(PLANNER)
+        with self.assertWarnsRegex(maneuver.DoubtfulSceneWarning,
+                                   r"by-hand: scenarios\[1\].agents\[0\].*radians") as shown:
+            answer = self.client.predict([PLANNER, degrees])
+        self.assertEqual(shown.filename, __file__, "it names the caller's line")
+        self.assertEqual(answer.predictions[0].warnings, [])
+        warning = answer.predictions[1].warnings[0]
+        self.assertEqual(warning.field, "scenarios[1].agents[0].states[2].heading")
+        self.assertAlmostEqual(answer.predictions[1].targets[0].probabilities.sum(), 1.0)
+
+    def test_a_strict_call_refuses_a_scene_that_looks_wrong_and_no_other(self):
+        degrees = in_degrees(PLANNER)
+        asks = (self.client.predict, self.client.predict_action_probabilities,
+                self.client.predict_action_distributions)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            for ask in asks:
+                fine, refused = ask([PLANNER, degrees], strict=True).predictions
+                self.assertIsNone(fine.error)
+                self.assertEqual(refused.error.reason, "INVALID_FIELD")
+                self.assertEqual(refused.error.violations[0].field,
+                                 "scenarios[1].agents[0].states[2].heading")
 
     def test_errors_have_classes_and_reasons(self):
         with self.assertRaises(maneuver.NotFoundError) as raised:
@@ -280,6 +315,27 @@ class ManagementTest(LiveTest):
         with self.assertRaisesRegex(ValueError, "epoks"):
             self.client.train("models/tiny", ["datasets/town"], {"epoks": 3})
 
+    def test_a_version_moves_to_another_server(self):
+        other = Server()
+        self.addCleanup(other.close)
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()), "tiny-1")
+        self.assertEqual(self.client.download_model_version("models/tiny", folder),
+                         "models/tiny/versions/1")
+        there = self.server.folder / "data/models/tiny/1"
+        for name in ("model.json", "weights.safetensors"):
+            self.assertEqual((folder / name).read_bytes(), (there / name).read_bytes())
+        with maneuver.Client(other.address, deadline=60.0) as client:
+            version = client.upload_model_version(folder, "models/moved")
+            self.assertEqual(version.name, "models/moved/versions/1")
+            again = client.upload_model_version(folder, "models/moved")
+            self.assertEqual(again.name, version.name, "it is there once")
+            numpy.testing.assert_array_equal(
+                client.predict(PLANNER, model=version.name).target().probabilities,
+                self.client.predict(PLANNER).target().probabilities)
+            with self.assertRaises(maneuver.NotFoundError):
+                client.download_model_version("models/nowhere", folder.parent / "nowhere")
+            self.assertFalse((folder.parent / "nowhere").exists())
+
     def test_evaluates_and_keeps_the_report(self):
         job = self.client.wait_for_job(self.client.evaluate("models/tiny", "datasets/town",
                                                             examples={"stride": "4s"}))
@@ -350,7 +406,7 @@ class OtherServersTest(unittest.TestCase):
         self.assertGreater(len(waits), 0)
 
     def test_speaks_tls_and_says_who_calls(self):
-        folder = pathlib.Path(self.enterContext(__import__("tempfile").TemporaryDirectory()))
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
         key, certificate, tokens = (str(folder / name) for name in ("key", "crt", "tokens"))
         subprocess.run(
             ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256",

@@ -13,9 +13,9 @@ has the contract's messages. Everything else that is meant for callers is named 
 """
 
 from maneuver import v1
-from maneuver.answers import (ActionSet, Classifications, Predictions, Representative,
-                              ScenarioClassification, ScenarioPrediction, TargetClassification,
-                              TargetPrediction)
+from maneuver.answers import (ActionSet, Classifications, DoubtfulSceneWarning, Predictions,
+                              Representative, ScenarioClassification, ScenarioPrediction,
+                              SceneWarning, TargetClassification, TargetPrediction)
 from maneuver.client import Client
 from maneuver.connection import Deadlines
 from maneuver.credentials import Tls
@@ -34,10 +34,11 @@ from maneuver.uploads import UploadProgress
 __all__ = [
     "AbortedError", "ActionSet", "Agent", "AlreadyExistsError", "CancelledError", "Classifications",
     "Client", "Clock", "DataLossError", "DeadlineExceededError", "Deadlines",
-    "FailedPreconditionError", "FieldViolation", "InternalError", "InvalidArgumentError",
-    "ManeuverError", "MapFeature", "MapReuse", "NotFoundError", "PermissionDeniedError",
-    "PredictStream", "Predictions", "Representative", "ResourceExhaustedError", "RetryPolicy",
-    "Scenario", "ScenarioClassification", "ScenarioPrediction", "StreamAnswer",
-    "TargetClassification", "TargetPrediction", "Tls", "TrafficSignal", "UnauthenticatedError",
-    "UnavailableError", "UnimplementedError", "UploadProgress", "has_ended", "load_scenario", "v1",
+    "DoubtfulSceneWarning", "FailedPreconditionError", "FieldViolation", "InternalError",
+    "InvalidArgumentError", "ManeuverError", "MapFeature", "MapReuse", "NotFoundError",
+    "PermissionDeniedError", "PredictStream", "Predictions", "Representative",
+    "ResourceExhaustedError", "RetryPolicy", "Scenario", "ScenarioClassification",
+    "ScenarioPrediction", "SceneWarning", "StreamAnswer", "TargetClassification",
+    "TargetPrediction", "Tls", "TrafficSignal", "UnauthenticatedError", "UnavailableError",
+    "UnimplementedError", "UploadProgress", "has_ended", "load_scenario", "v1",
 ]

@@ -6,11 +6,26 @@ K: actions of the model. A: actions that were asked for. T: waypoints. D: latent
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, List, Optional, Sequence, Union
+import warnings
+from typing import Any, Iterable, List, NamedTuple, Optional, Sequence, Union
 
 from maneuver import v1
 from maneuver.arrays import FloatArray, array
 from maneuver.errors import ManeuverError, from_status
+
+
+class SceneWarning(NamedTuple):
+    """A value that was accepted and nevertheless looks wrong, such as degrees for radians."""
+
+    field: str  # path from the request: scenarios[2].agents[0].states[5].heading
+    description: str  # what looks wrong, and what the field expects
+
+    def __str__(self) -> str:
+        return f"{self.field}: {self.description}"
+
+
+class DoubtfulSceneWarning(UserWarning):
+    """A scene has warnings. Shown once a line of code, as Python's `warnings` are by default."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +65,7 @@ class ScenarioPrediction:
     scenario_id: str
     error: Optional[ManeuverError]  # why the whole scene was refused; `targets` is then empty
     targets: List[TargetPrediction]  # in the order of the scene's target_ids
+    warnings: List[SceneWarning]  # what looks wrong in the scene
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -91,6 +107,7 @@ class ScenarioClassification:
     scenario_id: str
     error: Optional[ManeuverError]  # why the whole scene was refused; `targets` is then empty
     targets: List[TargetClassification]  # in the order of the scene's target_ids
+    warnings: List[SceneWarning]  # what looks wrong in the scene
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -135,24 +152,28 @@ def predictions_of(response: _Answers) -> Predictions:
         times: Sequence[float] = ()
     else:
         times = response.waypoint_times
+    _show_warnings(response.predictions)
     return Predictions(
         response.model_version, array(times),
         [ScenarioPrediction(prediction.scenario_index, prediction.scenario_id,
                             _error_of(prediction),
-                            [_target_of(target, len(times)) for target in prediction.targets])
+                            [_target_of(target, len(times)) for target in prediction.targets],
+                            _warnings_of(prediction))
          for prediction in response.predictions],
         list(response.action_names))
 
 
 def classifications_of(response: v1.ClassifyTrajectoriesResponse) -> Classifications:
     """Returns a response as arrays."""
+    _show_warnings(response.classifications)
     return Classifications(
         response.model_version,
         [ScenarioClassification(
             scene.scenario_index, scene.scenario_id, _error_of(scene),
             [TargetClassification(target.target_id, _error_of(target),
                                   array(target.responsibilities), array(target.probabilities),
-                                  target.log_likelihood_bound) for target in scene.targets])
+                                  target.log_likelihood_bound) for target in scene.targets],
+            _warnings_of(scene))
          for scene in response.classifications],
         list(response.action_names))
 
@@ -171,6 +192,20 @@ def action_set_of(response: v1.ActionSet) -> ActionSet:
 def _error_of(item: Union[v1.ScenarioPrediction, v1.TargetPrediction, v1.ScenarioClassification,
                           v1.TargetClassification]) -> Optional[ManeuverError]:
     return from_status(item.error) if item.HasField("error") else None
+
+
+def _warnings_of(scene: Union[v1.ScenarioPrediction, v1.ScenarioClassification]
+                 ) -> List[SceneWarning]:
+    return [SceneWarning(one.field, one.description) for one in scene.warnings]
+
+
+def _show_warnings(scenes: Iterable[Union[v1.ScenarioPrediction, v1.ScenarioClassification]]
+                   ) -> None:
+    for scene in scenes:
+        for one in scene.warnings:
+            # Names the line that called predict: this is its callee's callee.
+            warnings.warn(f"{scene.scenario_id}: {one.field}: {one.description}",
+                          DoubtfulSceneWarning, stacklevel=4)
 
 
 def _points(trajectory: v1.Trajectory) -> List[List[float]]:

@@ -17,11 +17,12 @@ from maneuver.connection import Connection, Deadlines
 from maneuver.credentials import Tls
 from maneuver.errors import UnavailableError, error, from_rpc, from_status
 from maneuver.jobs import Watch, has_ended
+from maneuver.model_transfers import ModelDownload, ModelUpload
 from maneuver.predictor import PredictionRequest, Predictor
 from maneuver.retry import Clock, OnRetry, RetryPolicy
 from maneuver.scenes import MapFeature, map_to_proto
 from maneuver.stream import OnAnswer, PredictStream
-from maneuver.uploads import OnUploaded, Upload
+from maneuver.uploads import DatasetUpload, OnUploaded
 
 _Message = TypeVar("_Message", bound=Message)
 _Response = TypeVar("_Response")
@@ -202,6 +203,32 @@ class Client(Predictor):
             v1.EvaluationReport, self._connection.models.GetEvaluationReport,
             v1.GetEvaluationReportRequest(name=name), timeout)
 
+    def upload_model_version(self, folder: Union[str, "os.PathLike[str]"], parent: str, *,
+                             on_progress: Optional[OnUploaded] = None,
+                             timeout: Optional[float] = None) -> v1.ModelVersion:
+        """Pushes a folder with model.json and weights.safetensors as a version of models/{model}.
+
+        The server gives the version its number, and it has no alias yet: see set_model_alias. What
+        has arrived, by this call or an earlier one, is not sent again; a version of just these
+        files is returned as it is. Raises OSError, before anything is sent, if the folder is not
+        whole.
+        """
+        upload = ModelUpload(self._connection, pathlib.Path(folder), parent, on_progress)
+        return upload.run(self._connection.deadline(timeout, self._connection.deadlines.upload))
+
+    def download_model_version(self, name: str, folder: Union[str, "os.PathLike[str]"], *,
+                               on_progress: Optional[OnUploaded] = None,
+                               timeout: Optional[float] = None) -> str:
+        """Pulls a version, named as for get_model_version, into a new folder; returns its name.
+
+        The folder appears once its files are whole and their SHA-256 is right. Until then what has
+        arrived lies beside it in .FOLDER.part, where the same call goes on after an error. Raises
+        FileExistsError if the folder holds anything but this version, and OSError if it cannot be
+        written.
+        """
+        download = ModelDownload(self._connection, name, pathlib.Path(folder), on_progress)
+        return download.run(self._connection.deadline(timeout, self._connection.deadlines.upload))
+
     # Datasets.
 
     def upload_dataset(self, folder: Union[str, "os.PathLike[str]"], name: str, *,
@@ -212,7 +239,7 @@ class Client(Predictor):
         Returns once it is committed. What has arrived, by this call or an earlier one, is not sent
         again. Raises OSError or ValueError, before anything is sent, if the folder is not whole.
         """
-        upload = Upload(self._connection, pathlib.Path(folder), name, on_progress)
+        upload = DatasetUpload(self._connection, pathlib.Path(folder), name, on_progress)
         return upload.run(self._connection.deadline(timeout, self._connection.deadlines.upload))
 
     def list_datasets(self, *, timeout: Optional[float] = None) -> Iterator[v1.Dataset]:

@@ -51,11 +51,14 @@ class Predictor(abc.ABC):
     required_action_names: names that the caller counts on. A version in which no action bears one
         of them refuses the call: FailedPreconditionError, reason ACTION_NAME_GONE, with
         `missing_action_names`.
+    strict: refuses a scene that has warnings: its error is then an InvalidArgumentError with the
+        warnings as `violations`.
     timeout: seconds for the call with all its attempts, in place of Deadlines.prediction.
 
     They raise ManeuverError if the call fails, and ValueError for what is no scene. A scene or a
     target of a batch fails alone: look at its `error`, or call target() or raise_errors() of the
-    answer, which raise it. The server ignores states after the prediction time, but for
+    answer, which raise it. A scene that looks wrong has `warnings`, which are also shown as
+    Python's DoubtfulSceneWarning. The server ignores states after the prediction time, but for
     classify_trajectories.
     """
 
@@ -65,7 +68,7 @@ class Predictor(abc.ABC):
                 source: str = "posterior", frame: str = "world", sigma_trajectories: bool = True,
                 representatives: int = 0, priority: str = "interactive",
                 include_action_names: bool = False, required_action_names: Sequence[str] = (),
-                timeout: Optional[float] = None) -> Predictions:
+                strict: bool = False, timeout: Optional[float] = None) -> Predictions:
         """Returns how probable each action is, and what chosen actions would look like.
 
         action_ids, min_probability, top_k: which actions to describe; one of them at most. None of
@@ -84,20 +87,21 @@ class Predictor(abc.ABC):
                         representatives=representatives),
             priority=_named(_PRIORITIES, priority, "priority"),
             include_action_names=include_action_names,
-            required_action_names=required_action_names)
+            required_action_names=required_action_names, strict=strict)
         return predictions_of(self._ask("Predict", request, timeout, v1.PredictResponse))
 
     def predict_action_probabilities(self, scenes: Scenes, *, model: str = "",
                                      priority: str = "interactive",
                                      include_action_names: bool = False,
                                      required_action_names: Sequence[str] = (),
+                                     strict: bool = False,
                                      timeout: Optional[float] = None) -> Predictions:
         """Returns p(y|s): how probable each action is. Trajectories are empty."""
         request = v1.PredictActionProbabilitiesRequest(
             model=model, scenarios=to_protos(scenes),
             priority=_named(_PRIORITIES, priority, "priority"),
             include_action_names=include_action_names,
-            required_action_names=required_action_names)
+            required_action_names=required_action_names, strict=strict)
         return predictions_of(self._ask("PredictActionProbabilities", request, timeout,
                                         v1.PredictActionProbabilitiesResponse))
 
@@ -109,6 +113,7 @@ class Predictor(abc.ABC):
                                      representatives: int = 0, priority: str = "interactive",
                                      include_action_names: bool = False,
                                      required_action_names: Sequence[str] = (),
+                                     strict: bool = False,
                                      timeout: Optional[float] = None) -> Predictions:
         """Returns what chosen actions would look like; see predict. `probabilities` are empty."""
         request = v1.PredictActionDistributionsRequest(
@@ -118,13 +123,14 @@ class Predictor(abc.ABC):
                         representatives=representatives),
             priority=_named(_PRIORITIES, priority, "priority"),
             include_action_names=include_action_names,
-            required_action_names=required_action_names)
+            required_action_names=required_action_names, strict=strict)
         return predictions_of(self._ask("PredictActionDistributions", request, timeout,
                                         v1.PredictActionDistributionsResponse))
 
     def classify_trajectories(self, scenes: Scenes, *, model: str = "",
                               priority: str = "interactive", include_action_names: bool = False,
                               required_action_names: Sequence[str] = (),
+                              strict: bool = False,
                               timeout: Optional[float] = None) -> Classifications:
         """Returns q(y|x,s): which action was the trajectory that each target really took.
 
@@ -134,7 +140,7 @@ class Predictor(abc.ABC):
             model=model, scenarios=to_protos(scenes),
             priority=_named(_PRIORITIES, priority, "priority"),
             include_action_names=include_action_names,
-            required_action_names=required_action_names)
+            required_action_names=required_action_names, strict=strict)
         return classifications_of(self._ask("ClassifyTrajectories", request, timeout,
                                             v1.ClassifyTrajectoriesResponse))
 

@@ -59,7 +59,7 @@ class PredictStream:
              top_k: Optional[int] = None, source: str = "posterior", frame: str = "world",
              sigma_trajectories: bool = True, representatives: int = 0,
              include_action_names: bool = False, required_action_names: Sequence[str] = (),
-             request_timeout: Optional[float] = None) -> None:
+             strict: bool = False, request_timeout: Optional[float] = None) -> None:
         """Hands a request to the stream; see Client.predict for what it asks.
 
         request_id: the caller's name for it, at most 128 characters.
@@ -76,7 +76,7 @@ class PredictStream:
                         source=source, frame=frame, sigma_trajectories=sigma_trajectories,
                         representatives=representatives),
             include_action_names=include_action_names,
-            required_action_names=required_action_names))
+            required_action_names=required_action_names, strict=strict))
         if request_timeout is not None:
             message.timeout.FromNanoseconds(round(request_timeout * 1e9))
         self._requests.put(message)

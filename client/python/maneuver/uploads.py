@@ -1,10 +1,11 @@
-"""Uploading a dataset folder, which goes on where it broke off."""
+"""Uploading files, which continues where it broke off. Private, but for UploadProgress."""
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 import pathlib
-from typing import Callable, Iterator, List, Optional
+from typing import Callable, Generic, Iterator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar
 
 import grpc
 from google.protobuf import json_format
@@ -14,18 +15,118 @@ from maneuver.connection import Connection, retriable
 from maneuver.errors import DataLossError, UnavailableError
 
 CHUNK_BYTES = 512 * 1024
-PATIENCE = 120.0  # an upload that broke off goes on for so long after the last byte, seconds
+PATIENCE = 120.0  # a transfer that broke off goes on for so long after the last byte, seconds
 
 
 @dataclasses.dataclass(frozen=True)
 class UploadProgress:
-    """How far an upload is, bytes of shards."""
+    """How far an upload or a download is, bytes."""
 
-    there: int  # on the server, or on the way to it
-    total: int  # of the whole dataset
+    there: int  # at the receiver, or on the way to it
+    total: int  # of all files
 
 
 OnUploaded = Callable[[UploadProgress], None]
+
+
+class LocalFile(NamedTuple):
+    """A file that is sent whole."""
+
+    path: pathlib.Path
+    size_bytes: int
+
+
+_Committed = TypeVar("_Committed")
+
+
+class Upload(abc.ABC, Generic[_Committed]):
+    """Files on their way to the server."""
+
+    # Whether `_ask` may name what an earlier upload committed as the result of this one.
+    may_be_committed_before = False
+
+    def __init__(self, connection: Connection, files: Sequence[LocalFile],
+                 on_progress: Optional[OnUploaded]) -> None:
+        self._connection = connection
+        self._files = files
+        self._on_progress = on_progress
+        self._total = sum(file.size_bytes for file in files)
+        self._has_sent = False
+
+    @abc.abstractmethod
+    def _ask(self, deadline: float) -> Tuple[List[int], Optional[_Committed]]:
+        """Returns the bytes of each file that have arrived, and what is committed already."""
+
+    @abc.abstractmethod
+    def _call(self, arrived: Sequence[int], chunks: Iterator[bytes], timeout: float) -> _Committed:
+        """Makes the call that sends `chunks`. Raises grpc.RpcError."""
+
+    def run(self, deadline: float) -> _Committed:
+        """Returns the answer once everything is committed. Raises ManeuverError."""
+        connection = self._connection
+        give_up = min(deadline, connection.clock.now() + PATIENCE)
+        may_start_clean = True
+        most_arrived = 0
+        while True:
+            there = 0
+            try:
+                arrived, committed = self._ask(deadline)
+                # What this call has sent was committed, and the answer lost.
+                if committed is not None and (self._has_sent or self.may_be_committed_before):
+                    return committed
+                there = sum(arrived)
+                if there > most_arrived:  # each byte that arrives earns the upload more patience
+                    most_arrived = there
+                    give_up = min(deadline, connection.clock.now() + PATIENCE)
+                return self._send(arrived, deadline)
+            except UnavailableError:
+                if not self._has_sent or connection.clock.now() >= give_up:
+                    raise
+                connection.clock.sleep(connection.retries.initial_backoff)
+            except DataLossError:
+                # What lay there from before was wrong, and is gone now.
+                if there == 0 or not may_start_clean:
+                    raise
+                may_start_clean = False
+
+    def _send(self, arrived: Sequence[int], deadline: float) -> _Committed:
+        """Sends what has not arrived."""
+        self._has_sent = True
+        broken: List[BaseException] = []
+
+        def guarded() -> Iterator[bytes]:
+            # gRPC would hide what goes wrong with a file.
+            try:
+                yield from self._chunks(arrived)
+            except Exception as error:
+                broken.append(error)
+                raise
+
+        try:
+            return self._call(arrived, guarded(), self._connection.left(deadline))
+        except grpc.RpcError as failure:
+            if broken:
+                raise broken[0] from None
+            raise retriable(failure) from None
+
+    def _chunks(self, arrived: Sequence[int]) -> Iterator[bytes]:
+        there = sum(arrived)
+        self._show(there)
+        for (path, size), offset in zip(self._files, arrived):
+            with open(path, "rb") as file:
+                file.seek(offset)
+                while offset < size:
+                    chunk = file.read(min(CHUNK_BYTES, size - offset))
+                    if not chunk:
+                        raise ValueError(f"{path} cannot be read to its end")
+                    yield chunk
+                    offset += len(chunk)
+                    there += len(chunk)
+                    self._show(there)
+
+    def _show(self, there: int) -> None:
+        if self._on_progress is not None:
+            self._on_progress(UploadProgress(there, self._total))
 
 
 def read_folder(folder: pathlib.Path) -> v1.Dataset:
@@ -46,89 +147,30 @@ def read_folder(folder: pathlib.Path) -> v1.Dataset:
     return dataset
 
 
-class Upload:
+class DatasetUpload(Upload[v1.Dataset]):
     """One dataset on its way to the server."""
 
     def __init__(self, connection: Connection, folder: pathlib.Path, name: str,
                  on_progress: Optional[OnUploaded]) -> None:
-        self._connection = connection
-        self._folder = folder
         self._name = name
         self._dataset = read_folder(folder)
-        self._on_progress = on_progress
-        self._total = sum(shard.size_bytes for shard in self._dataset.shards)
-        self._has_sent = False
+        super().__init__(connection, [LocalFile(folder / shard.file, shard.size_bytes)
+                                      for shard in self._dataset.shards], on_progress)
 
-    def run(self, deadline: float) -> v1.Dataset:
-        """Returns the dataset once it is committed. Raises ManeuverError."""
-        connection = self._connection
-        give_up = min(deadline, connection.clock.now() + PATIENCE)
-        may_start_clean = True
-        most_arrived = 0
-        while True:
-            there = 0
-            try:
-                answer: v1.QueryUploadResponse = connection.call(
-                    connection.datasets.QueryUpload,
-                    v1.QueryUploadRequest(name=self._name, dataset=self._dataset), deadline)
-                # What this call has sent was committed, and the answer lost.
-                if self._has_sent and answer.HasField("committed"):
-                    return answer.committed
-                there = sum(answer.arrived_bytes)
-                if there > most_arrived:  # each byte that arrives earns the upload more patience
-                    most_arrived = there
-                    give_up = min(deadline, connection.clock.now() + PATIENCE)
-                return self._send(list(answer.arrived_bytes), deadline)
-            except UnavailableError:
-                if not self._has_sent or connection.clock.now() >= give_up:
-                    raise
-                connection.clock.sleep(connection.retries.initial_backoff)
-            except DataLossError:
-                # What lay there from before was wrong, and is gone now.
-                if there == 0 or not may_start_clean:
-                    raise
-                may_start_clean = False
+    def _ask(self, deadline: float) -> Tuple[List[int], Optional[v1.Dataset]]:
+        answer: v1.QueryUploadResponse = self._connection.call(
+            self._connection.datasets.QueryUpload,
+            v1.QueryUploadRequest(name=self._name, dataset=self._dataset), deadline)
+        committed = answer.committed if answer.HasField("committed") else None
+        return list(answer.arrived_bytes), committed
 
-    def _send(self, arrived: List[int], deadline: float) -> v1.Dataset:
-        """Sends what has not arrived."""
-        self._has_sent = True
-        broken: List[BaseException] = []
+    def _call(self, arrived: Sequence[int], chunks: Iterator[bytes], timeout: float) -> v1.Dataset:
+        def messages() -> Iterator[v1.UploadDatasetRequest]:
+            yield v1.UploadDatasetRequest(header=v1.UploadHeader(
+                name=self._name, dataset=self._dataset, arrived_bytes=arrived))
+            for chunk in chunks:
+                yield v1.UploadDatasetRequest(chunk=chunk)
 
-        def guarded() -> Iterator[v1.UploadDatasetRequest]:
-            # gRPC would hide what goes wrong with a file.
-            try:
-                yield from self._messages(arrived)
-            except Exception as error:
-                broken.append(error)
-                raise
-
-        try:
-            committed: v1.Dataset = self._connection.datasets.UploadDataset(
-                guarded(), timeout=self._connection.left(deadline),
-                metadata=self._connection.metadata)
-            return committed
-        except grpc.RpcError as failure:
-            if broken:
-                raise broken[0] from None
-            raise retriable(failure) from None
-
-    def _messages(self, arrived: List[int]) -> Iterator[v1.UploadDatasetRequest]:
-        yield v1.UploadDatasetRequest(header=v1.UploadHeader(
-            name=self._name, dataset=self._dataset, arrived_bytes=arrived))
-        there = sum(arrived)
-        self._show(there)
-        for shard, offset in zip(self._dataset.shards, arrived):
-            with open(self._folder / shard.file, "rb") as file:
-                file.seek(offset)
-                while offset < shard.size_bytes:
-                    chunk = file.read(min(CHUNK_BYTES, shard.size_bytes - offset))
-                    if not chunk:
-                        raise ValueError(f"{file.name} cannot be read to its end")
-                    yield v1.UploadDatasetRequest(chunk=chunk)
-                    offset += len(chunk)
-                    there += len(chunk)
-                    self._show(there)
-
-    def _show(self, there: int) -> None:
-        if self._on_progress is not None:
-            self._on_progress(UploadProgress(there, self._total))
+        committed: v1.Dataset = self._connection.datasets.UploadDataset(
+            messages(), timeout=timeout, metadata=self._connection.metadata)
+        return committed

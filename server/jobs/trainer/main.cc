@@ -8,10 +8,12 @@
 #include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <filesystem>
+#include <iostream>
 #include <string>
 #include <system_error>
 
 #include "model/kernels/kernel_choice.h"
+#include "model/learning/trainer.h"
 #include "server/jobs/trainer/cross_validate_command.h"
 #include "server/jobs/trainer/evaluate_command.h"
 #include "server/jobs/trainer/match_actions_command.h"
@@ -97,6 +99,8 @@ int main(int argc, char** argv) {
   maneuver::trainer::PruneCommand prune(app);
   maneuver::trainer::MatchActionsCommand match(app);
   maneuver::trainer::CrossValidateCommand cross_validate(app);
+  const CLI::App* const devices =
+      app.add_subcommand("devices", "Print the devices that a training can use here, one a line");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -106,6 +110,12 @@ int main(int argc, char** argv) {
   using maneuver::kernels::KernelChoice;
   maneuver::kernels::ChooseKernels(kernel_choice == "plain" ? KernelChoice::kPlain
                                                             : KernelChoice::kAuto);
+  if (devices->parsed()) {
+    for (const std::string& device : maneuver::learning::UsableDevices()) {
+      std::cout << device << "\n";
+    }
+    return std::cout.flush() ? 0 : static_cast<int>(maneuver::jobs::TrainerExit::kCannotWrite);
+  }
   maneuver::trainer::InstallStopSignals();
   if (train.chosen()) return train.Run();
   if (match.chosen()) return match.Run();

@@ -138,6 +138,70 @@ TEST(CommandErrorsTest, RefusesAZeroThatMeansThePresetsValue) {
             kUsage);
 }
 
+// A message keeps no zeros: they are looked for in the text.
+TEST(CommandErrorsTest, AZeroInASettingsFileIsRefusedLikeOneOfAnOption) {
+  const TemporaryFolder folder;
+  for (const char* settings : {R"({"optimization": {"joint_epochs": 0}})",
+                               R"({"optimization": {"jointEpochs": 0, "batchSize": 32}})",
+                               R"({"seed": "7", "optimization": {"joint_epochs": 0.0}})"}) {
+    WriteText(folder / "settings.json", settings);
+    for (const std::vector<std::string>& command : std::vector<std::vector<std::string>>{
+             {"train", "town", "--dataset", "town"}, {"cross-validate", "town"}}) {
+      std::vector<std::string> arguments = {"--server", kNobody};
+      arguments.insert(arguments.end(), command.begin(), command.end());
+      arguments.insert(arguments.end(), {"--settings", folder / "settings.json"});
+      const Result result = Maneuver(arguments);
+      EXPECT_EQ(result.status, kUsage) << settings;
+      EXPECT_THAT(result.err, HasSubstr("cannot be 0: that value means the preset's own, "));
+    }
+  }
+}
+
+TEST(CommandErrorsTest, WarningsOfAnAnswerArePrintedBesideIt) {
+  client::TestServer server;
+  bool strict = false;
+  server.on_predict = [&](auto*, const v1::PredictRequest& request, v1::PredictResponse* response) {
+    strict = request.strict();
+    v1::ScenarioPrediction* prediction = response->add_predictions();
+    prediction->set_scenario_id("scene\x1b");
+    prediction->add_targets()->set_target_id(7);
+    v1::SceneWarning* warning = prediction->add_warnings();
+    warning->set_field("scenarios[0].agents[0].states[0].heading");
+    warning->set_description("agent 7 has a heading of 180 rad");
+    return grpc::Status::OK;
+  };
+  std::vector<std::string> arguments = {"--server", server.address(), "predict", "-"};
+  Result result = Maneuver(arguments, kScene);
+  EXPECT_EQ(result.status, kOk);
+  EXPECT_THAT(result.err, HasSubstr("maneuver: warning: scene"));
+  EXPECT_THAT(result.err, HasSubstr(": scenarios[0].agents[0].states[0].heading: agent 7 has a "
+                                    "heading of 180 rad\n"));
+  EXPECT_THAT(result.err, Not(HasSubstr("\x1b")));
+  EXPECT_THAT(result.out, Not(HasSubstr("warning")));
+  EXPECT_FALSE(strict);
+  arguments.emplace_back("--strict");
+  EXPECT_EQ(Maneuver(arguments, kScene).status, kOk);
+  EXPECT_TRUE(strict);
+  arguments.insert(arguments.end(), {"--output", "json"});
+  EXPECT_THAT(Maneuver(arguments, kScene).out, HasSubstr("\"warnings\""));
+  EXPECT_EQ(Maneuver({"classify", "--strict", "/nowhere"}, kScene).status, kUsage);
+}
+
+TEST(CommandErrorsTest, SettingsOfExamplesHaveOneNameInAllCommands) {
+  const TemporaryFolder folder;
+  for (const char* setting : {"examples.stride=soon", "stride=soon"}) {
+    for (const std::vector<std::string>& command : std::vector<std::vector<std::string>>{
+             {"evaluate", "town", "--dataset", "town"}, {"dataset", "show", "town"}}) {
+      std::vector<std::string> arguments = {"--server", kNobody};
+      arguments.insert(arguments.end(), command.begin(), command.end());
+      arguments.insert(arguments.end(), {"--set", setting});
+      const Result result = Maneuver(arguments);
+      EXPECT_EQ(result.status, kUsage) << setting;
+      EXPECT_THAT(result.err, HasSubstr("soon")) << "the field is known, its value is wrong";
+    }
+  }
+}
+
 TEST(CommandErrorsTest, AcceptsAZeroThatTheServerCanTellFromUnset) {
   client::TestServer server;
   v1::OptimizationSettings heard;

@@ -53,10 +53,12 @@ TEST(ModelExportTest, WritesTheNetworksOfAFolder) {
   }
 }
 
-TEST(ModelExportTest, FailsWithoutAModelFolderAndSaysSo) {
-  const Result result = Maneuver({"model", "export", "/nowhere", "--onnx", "/nowhere/file"});
-  EXPECT_EQ(result.status, kFailed);
-  EXPECT_THAT(result.err, HasSubstr("/nowhere"));
+// "town/3" names a version on the server, where a folder is wanted.
+TEST(ModelExportTest, WithoutAModelFolderItSaysHowToGetOne) {
+  const Result result = Maneuver({"model", "export", "town/3", "--onnx", "/nowhere/file"});
+  EXPECT_EQ(result.status, kUsage);
+  EXPECT_THAT(result.err, HasSubstr("town/3 is not a model folder"));
+  EXPECT_THAT(result.err, HasSubstr("maneuver model pull town/3 FOLDER"));
 }
 
 TEST(CommandLineTest, RefusesContradictoryPromotionOptions) {

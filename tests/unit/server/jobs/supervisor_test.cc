@@ -171,6 +171,40 @@ TEST_F(SupervisorTest, ValidateOnlyStartsNothing) {
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Train(request).status()));
 }
 
+TEST_F(SupervisorTest, RefusesADeviceThatTheTrainerDoesNotHave) {
+  Trainer("[ $command = devices ] && echo cpu && echo >> \"$(dirname $0)\"/asked");
+  Start();
+  v1::TrainRequest request = TrainTown();
+  request.set_validate_only(true);
+  request.mutable_settings()->set_device("cuda");
+  for (int i = 0; i < 2; ++i) {
+    const absl::Status refused = supervisor_->Train(request).status();
+    EXPECT_TRUE(absl::IsInvalidArgument(refused)) << refused;
+    EXPECT_THAT(std::string(refused.message()), HasSubstr("settings.device"));
+  }
+  EXPECT_EQ(*files::ReadFile(folder_ / "asked"), "\n") << "it is asked once";
+  v1::CrossValidateRequest folds;
+  *folds.add_datasets() = request.datasets(0);
+  folds.mutable_settings()->set_device("cuda");
+  folds.set_validate_only(true);
+  EXPECT_TRUE(absl::IsInvalidArgument(supervisor_->CrossValidate(folds).status()));
+  request.mutable_settings()->set_device("cpu");
+  EXPECT_TRUE(supervisor_->Train(request).ok());
+}
+
+TEST_F(SupervisorTest, AcceptsADeviceThatTheTrainerHasOrDoesNotKnowOf) {
+  Trainer("[ $command = devices ] && echo cpu && echo cuda");
+  Start();
+  v1::TrainRequest request = TrainTown();
+  request.set_validate_only(true);
+  request.mutable_settings()->set_device("cuda");
+  EXPECT_TRUE(supervisor_->Train(request).ok());
+  // An earlier release of the trainer.
+  Trainer("exit 64");
+  Start();
+  EXPECT_TRUE(supervisor_->Train(request).ok());
+}
+
 TEST_F(SupervisorTest, NamesWrongFieldsOfRequests) {
   Start();
   v1::TrainRequest request = TrainTown();

@@ -24,6 +24,17 @@ TEST(LoggingTest, FieldsCannotForgeALine) {
             "\"message\":\"x\",\"k\":\"a\\nb\\\"\\u0001\"");
 }
 
+// What a library logs may be no UTF-8, and then no JSON.
+TEST(LoggingTest, WritesUtf8AndEscapesWhatIsNot) {
+  EXPECT_EQ(FormatLogLine(LogFormat::kJson, "x", {{"k", "B\xc3\xbcro \xff\xc3(\xc2"}}),
+            "\"message\":\"x\",\"k\":\"B\xc3\xbcro \\ufffd\\ufffd(\\ufffd\"");
+}
+
+TEST(LoggingTest, EscapesWhatTerminalsTakeForCommands) {
+  EXPECT_EQ(FormatLogLine(LogFormat::kText, "x", {{"k", "a\x7f\xc2\x9b"}}),
+            "x k=\"a\\u007f\\u009b\"");
+}
+
 TEST(LoggingTest, JsonWritesNanAsNull) {
   EXPECT_EQ(FormatLogLine(LogFormat::kJson, "x",
                           {{"k", std::numeric_limits<double>::quiet_NaN()}, {"b", false}}),

@@ -106,6 +106,28 @@ TEST_F(ModelServiceTest, LabelsOverrideTheNamesOfActions) {
   EXPECT_EQ(labelled.display_name(), "reverse");
 }
 
+// They would reach the terminals of all who read the label.
+TEST_F(ModelServiceTest, RefusesALabelWithControlCharacters) {
+  Publish();
+  WriteManifest(v1::TRAJECTORY_REFERENCE_NONE);
+  v1::LabelActionRequest request;
+  request.set_name("models/town/versions/1");
+  for (const char* label : {"a\x1b[31m", "two\nlines", "del\x7f",
+                            "csi\xc2\x9b"
+                            "31m"}) {
+    request.set_label(label);
+    grpc::ClientContext context;
+    v1::Action labelled;
+    EXPECT_EQ(model_stub_->LabelAction(&context, request, &labelled).error_code(),
+              grpc::StatusCode::INVALID_ARGUMENT)
+        << label;
+  }
+  request.set_label("B\xc3\xbcrgersteig \xe2\x86\x92");
+  grpc::ClientContext context;
+  v1::Action labelled;
+  EXPECT_TRUE(model_stub_->LabelAction(&context, request, &labelled).ok());
+}
+
 // The fake model in memory has no action set: its actions have numbers for names, until a label is
 // given.
 TEST_F(ModelServiceTest, ANewLabelAppearsInPredictionsAtOnce) {

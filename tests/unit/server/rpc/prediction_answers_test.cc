@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "server/serving/answer_size.h"
 #include "tests/unit/server/rpc/prediction_messages.h"
 
 namespace maneuver::rpc::prediction_answers_test {
@@ -79,6 +80,43 @@ TEST_F(WritePredictionsTest, EachWaypointOfAnyNumberIsTurned) {
       EXPECT_NEAR(second.y(t), 20.0 + 2.0 * (3.0 * t), 1e-4) << t << " of " << waypoints;
     }
   }
+}
+
+TEST_F(WritePredictionsTest, WarningsHaveTheirPathFromTheRequest) {
+  plan_.scenarios[0].warnings = {{"agents[0].states[0].heading", "is 180"}};
+  google::protobuf::RepeatedPtrField<v1::ScenarioPrediction> written;
+  WritePredictions(request_.scenarios(), plan_, answers_, {}, &written);
+  ASSERT_EQ(written[0].warnings_size(), 1);
+  EXPECT_EQ(written[0].warnings(0).field(), "scenarios[0].agents[0].states[0].heading");
+  EXPECT_EQ(written[0].warnings(0).description(), "is 180");
+  EXPECT_EQ(written[0].targets(0).probabilities_size(), 3) << "it is answered";
+}
+
+// The memory for an answer is reserved before its warnings are known.
+TEST_F(WritePredictionsTest, TheMostAndLongestWarningsFitIntoWhatAScenarioReserves) {
+  v1::Scenario& scenario = *request_.mutable_scenarios(0);
+  scenario.set_scenario_id(std::string(128, 's'));
+  for (v1::Agent& agent : *scenario.mutable_agents()) {
+    agent.set_length(999.999);
+    v1::AgentState& state = *agent.mutable_states(0);
+    state.set_time(5.0);
+    state.set_x(-9.9999999e7);
+    state.set_heading(-999.999F);
+    state.set_velocity_x(-999.999F);
+  }
+  scenario.mutable_agents(0)->mutable_states(0)->set_time(4.0);
+  *scenario.mutable_agents(0)->add_states() = scenario.agents(1).states(0);
+  v1::MapFeature* lane = scenario.add_map_features();
+  lane->set_type(v1::MAP_FEATURE_TYPE_LANE_CENTERLINE);
+  lane->add_x(9.9999999e7);
+  lane->add_y(0);
+  plan_ = PlanPrediction(request_.scenarios(), Spec(), {}, false);
+  ASSERT_EQ(plan_.scenarios[0].warnings.size(), 8u);
+  answers_.resize(plan_.targets.size(), answers_[0]);
+  google::protobuf::RepeatedPtrField<v1::ScenarioPrediction> written;
+  WritePredictions(request_.scenarios(), plan_, answers_, {}, &written);
+  written[0].clear_targets();
+  EXPECT_LT(static_cast<int64_t>(written[0].ByteSizeLong()), serving::kScenarioBytes);
 }
 
 TEST_F(WritePredictionsTest, TheTargetFrameIsTheFrameOfTheModel) {

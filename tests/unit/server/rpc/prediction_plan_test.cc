@@ -53,6 +53,51 @@ TEST(PlanPredictionTest, RefusesATargetOfATypeThatTheModelHasNotLearned) {
   EXPECT_TRUE(plan.scenarios[0].targets[1].status.ok());
 }
 
+TEST(PlanPredictionTest, AnswersASceneThatLooksWrongWithWarnings) {
+  v1::PredictRequest request;
+  *request.add_scenarios() = TwoCars();
+  request.mutable_scenarios(0)->mutable_agents(0)->mutable_states(0)->set_heading(180.0F);
+  const PredictionPlan plan = PlanPrediction(request.scenarios(), Spec(), {}, false);
+  EXPECT_EQ(plan.targets.size(), 1u);
+  ASSERT_EQ(plan.scenarios[0].warnings.size(), 1u);
+  EXPECT_EQ(plan.scenarios[0].warnings[0].field, "agents[0].states[0].heading");
+}
+
+TEST(PlanPredictionTest, RefusesAStrictSceneThatLooksWrongAndNoOther) {
+  v1::PredictRequest request;
+  *request.add_scenarios() = TwoCars();
+  *request.add_scenarios() = TwoCars();
+  request.mutable_scenarios(1)->mutable_agents(0)->mutable_states(0)->set_heading(180.0F);
+  const PredictionPlan plan =
+      PlanPrediction(request.scenarios(), Spec(), {}, false, {}, /*strict=*/true);
+  EXPECT_TRUE(plan.scenarios[0].status.ok());
+  const absl::Status& refused = plan.scenarios[1].status;
+  EXPECT_EQ(refused.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(FirstField(refused), "scenarios[1].agents[0].states[0].heading");
+}
+
+// A scene that names its map has no features of its own.
+TEST(PlanPredictionTest, LooksForLanesOfSignalsOnTheMapThatTheSceneNames) {
+  v1::Scenario road;
+  v1::MapFeature* lane = road.add_map_features();
+  lane->set_id(3);
+  lane->set_type(v1::MAP_FEATURE_TYPE_LANE_CENTERLINE);
+  for (const double y : {0.0, 50.0}) lane->add_x(10), lane->add_y(y);
+  v1::PredictRequest request;
+  *request.add_scenarios() = TwoCars();
+  request.mutable_scenarios(0)->set_map_id(std::string(64, 'a'));
+  request.mutable_scenarios(0)->add_traffic_signals()->set_lane_id(3);
+  scene::ScenarioLimits limits;
+  limits.map_by_id = true;
+  const ScenarioMaps maps = {std::make_shared<scene::RoadMap>(road.map_features())};
+  PredictionPlan plan = PlanPrediction(request.scenarios(), Spec(), limits, false, maps);
+  EXPECT_TRUE(plan.scenarios[0].warnings.empty());
+  request.mutable_scenarios(0)->mutable_traffic_signals(0)->set_lane_id(99);
+  plan = PlanPrediction(request.scenarios(), Spec(), limits, false, maps);
+  ASSERT_EQ(plan.scenarios[0].warnings.size(), 1u);
+  EXPECT_EQ(plan.scenarios[0].warnings[0].field, "traffic_signals[0].lane_id");
+}
+
 TEST(PlanPredictionTest, AnswersATargetWhoseTypeIsNotStated) {
   v1::PredictRequest request;
   *request.add_scenarios() = TwoCars();

@@ -1,0 +1,42 @@
+// Finds what looks wrong in a valid scenario, such as degrees in place of radians.
+
+#ifndef MANEUVER_MODEL_SCENE_SCENE_WARNINGS_H_
+#define MANEUVER_MODEL_SCENE_SCENE_WARNINGS_H_
+
+#include <vector>
+
+#include "maneuver/v1/scenario.pb.h"
+#include "model/scene/field_violation.h"
+#include "model/scene/road_map.h"
+
+namespace maneuver::scene {
+
+// The values from which on a scene looks wrong. Recordings of roads do not reach them.
+struct SceneWarningLimits {
+  int max_warnings = 8;                // the search stops after this many
+  double max_heading = 4.0 * 3.14160;  // radians, either sign: two turns
+  double max_vehicle_speed = 90.0;     // m/s; also of agents whose type is not stated, or other
+  double max_cyclist_speed = 30.0;     // m/s
+  double max_pedestrian_speed = 13.0;  // m/s
+  double max_length = 60.0;            // metres
+  double max_width = 20.0;             // metres
+  double max_target_distance = 100.0;  // metres from the box of the nearest map feature
+  double max_agent_distance = 1000.0;  // metres from the box of the whole map
+  double max_gap = 10.0;               // seconds between a target's latest two states
+};
+
+// Returns what looks wrong in the scenario as predictions read it: states at the prediction time,
+// those of targets also over the second before it, the signals, and where the map is. Empty for a
+// scene that looks right. Each field path is within the scenario. ValidateScenario must accept the
+// scenario.
+//   map: the scenario's own features, or those that its map_id names. Without features, nothing is
+//     far from the map.
+//   tolerance: how old a state at the prediction time may be, seconds.
+// Takes a few nanoseconds for each agent and each map feature.
+std::vector<FieldViolation> FindSceneWarnings(const v1::Scenario& scenario, const RoadMap& map,
+                                              double tolerance,
+                                              const SceneWarningLimits& limits = {});
+
+}  // namespace maneuver::scene
+
+#endif  // MANEUVER_MODEL_SCENE_SCENE_WARNINGS_H_

@@ -1,0 +1,38 @@
+// The devices that a training can run on here.
+
+#ifndef MANEUVER_SERVER_JOBS_TRAINING_DEVICES_H_
+#define MANEUVER_SERVER_JOBS_TRAINING_DEVICES_H_
+
+#include <mutex>
+#include <optional>
+#include <set>
+#include <string>
+
+#include "absl/status/status.h"
+
+namespace maneuver::jobs {
+
+// Asks the trainer once, when a device other than "cpu" is first wanted: it alone links LibTorch.
+// Thread-safe.
+class TrainingDevices {
+ public:
+  //   trainer: the maneuver-trainer program.
+  explicit TrainingDevices(std::string trainer) : trainer_(std::move(trainer)) {}
+
+  // INVALID_ARGUMENT for the field settings.device if the trainer says that it cannot use `device`.
+  // OK if it cannot be asked: the job itself then says what is wrong. May wait seconds, the first
+  // time. Call it from a thread that lives as long as the server (RunChild).
+  absl::Status Check(const std::string& device);
+
+ private:
+  // Returns what the trainer lists; nothing if it does not answer.
+  std::optional<std::set<std::string>> Ask() const;
+
+  const std::string trainer_;
+  std::mutex mutex_;
+  std::optional<std::set<std::string>> usable_;  // guarded by mutex_
+};
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_TRAINING_DEVICES_H_
