@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <string_view>
 #include <tuple>
@@ -133,16 +134,26 @@ int RecordingGroups::LargestGroup() const {
 void RecordingGrouper::Add(const v1::Scenario& recording) {
   parents_.push_back(static_cast<int>(parents_.size()));
   ids_.push_back(recording.scenario_id());
-  Link(MixHash(StableHash(WithoutPart(recording.scenario_id())), kIdSeed));
-  for (const uint64_t hash : HashPlaces(recording)) Link(hash);
-  for (const uint64_t hash : HashSteps(recording)) Link(hash);
+  Link(MixHash(StableHash(WithoutPart(recording.scenario_id())), kIdSeed), first_by_id_);
+  for (const uint64_t hash : HashPlaces(recording)) LinkKept(hash);
+  for (const uint64_t hash : HashSteps(recording)) LinkKept(hash);
 }
 
-void RecordingGrouper::Link(uint64_t hash) {
+void RecordingGrouper::Link(uint64_t hash, std::unordered_map<uint64_t, int>& first) {
   const int added = static_cast<int>(parents_.size()) - 1;
-  const int first = first_.try_emplace(hash, added).first->second;
-  const auto [low, high] = std::minmax({Root(first), Root(added)});
+  const int earliest = first.try_emplace(hash, added).first->second;
+  const auto [low, high] = std::minmax({Root(earliest), Root(added)});
   parents_[static_cast<size_t>(high)] = low;
+}
+
+void RecordingGrouper::LinkKept(uint64_t hash) {
+  if (std::countr_zero(hash) < halvings_) return;
+  Link(hash, first_);
+  while (first_.size() > most_hashes_) {
+    ++halvings_;
+    std::erase_if(first_,
+                  [this](const auto& each) { return std::countr_zero(each.first) < halvings_; });
+  }
 }
 
 int RecordingGrouper::Root(int recording) const {

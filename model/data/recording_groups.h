@@ -41,21 +41,34 @@ struct RecordingGroups {
 };
 
 // Finds the groups of recordings that are added one by one. Keeps at most 3,073 hashes per
-// recording. Not thread-safe.
+// recording, and at most kMostHashes of places and steps in all: from there on a half of them, then
+// a quarter and so on, chosen by value, so that recordings which share many of them still share
+// some. A hash of the id is always kept. Not thread-safe.
 class RecordingGrouper {
  public:
+  static constexpr size_t kMostHashes = size_t{1} << 22;  // some 160 MB
+
+  //   most_hashes: in place of kMostHashes, for tests
+  explicit RecordingGrouper(size_t most_hashes = kMostHashes) : most_hashes_(most_hashes) {}
+
   void Add(const v1::Scenario& recording);
 
   RecordingGroups Groups() const;
 
  private:
   int Root(int recording) const;
-  // Joins the latest recording with the first one that has this hash.
-  void Link(uint64_t hash);
+  // Joins the latest recording with the first one in `first` that has this hash.
+  void Link(uint64_t hash, std::unordered_map<uint64_t, int>& first);
+  // Does the same by a hash of a place or a step, unless it is no longer kept.
+  void LinkKept(uint64_t hash);
 
   std::vector<std::string> ids_;
   std::vector<int> parents_;  // of a forest over the recordings; a root is its own parent
-  std::unordered_map<uint64_t, int> first_;  // the first recording that has a hash
+  size_t most_hashes_;
+  int halvings_ = 0;  // a hash of a place or a step is kept if it ends in so many zero bits
+  // The first recording that has a hash.
+  std::unordered_map<uint64_t, int> first_by_id_;
+  std::unordered_map<uint64_t, int> first_;  // by places and steps
 };
 
 // Returns the fold of each recording, 0 .. folds - 1. Groups stay whole. They are assigned from the

@@ -1,10 +1,7 @@
 #include "model/evaluation/action_coincidence.h"
 
-#include <map>
 #include <set>
 #include <tuple>
-#include <utility>
-#include <vector>
 
 #include "model/evaluation/action_matching.h"
 #include "model/evaluation/calibration.h"
@@ -13,57 +10,78 @@
 namespace maneuver::evaluation {
 namespace {
 
-Eigen::VectorXd SharesOf(std::span<const Measurement> measured) {
-  ActionStatistics statistics(static_cast<int>(measured.front().probabilities.size()));
-  for (const Measurement& each : measured)
-    statistics.Add(each.probabilities, each.responsibilities);
-  return statistics.MeanProbability();
+// Adds the pairs of actions of the examples that both models have: models that look back
+// differently far do not have the same ones.
+void AddPairs(const MeasuredExamples& ours, const MeasuredExamples& theirs, ActionPairs& pairs) {
+  const auto key = [](const data::Example& example) {
+    return std::tuple(example.recording, example.target_id, example.time);
+  };
+  std::map<std::tuple<int, int64_t, double>, int> action_of;
+  for (size_t i = 0; i < ours.examples.size(); ++i) {
+    action_of[key(ours.examples[i])] = ours.measured[i].action;
+  }
+  for (size_t i = 0; i < theirs.examples.size(); ++i) {
+    const auto found = action_of.find(key(theirs.examples[i]));
+    if (found == action_of.end()) continue;
+    ++pairs[{found->second, theirs.measured[i].action}];
+  }
 }
+
+// One of the models, on all recordings.
+struct MeasuredModel {
+  MeasuredModel(const inference::ActionModel& model, const EvaluationInput& input)
+      : measurer(model, input), statistics(model.spec().actions()) {}
+
+  absl::StatusOr<MeasuredExamples> Measure(std::span<const v1::Scenario> block) {
+    absl::StatusOr<MeasuredExamples> all = measurer.Measure(block);
+    if (!all.ok()) return all;
+    for (const Measurement& each : all->measured) {
+      statistics.Add(each.probabilities, each.responsibilities);
+    }
+    return all;
+  }
+
+  BlockMeasurer measurer;
+  ActionStatistics statistics;
+};
 
 }  // namespace
 
 absl::StatusOr<v1::ActionMatching> MatchActions(const inference::ActionModel& first,
                                                 const inference::ActionModel& second,
                                                 const EvaluationInput& input) {
-  const absl::StatusOr<MeasuredExamples> ours = MeasureExamples(first, input);
-  if (!ours.ok()) return ours.status();
-  const absl::StatusOr<MeasuredExamples> theirs = MeasureExamples(second, input);
-  if (!theirs.ok()) return theirs.status();
-  absl::StatusOr<v1::ActionMatching> matching = MatchActions(
-      first.manifest(), SharesOf(ours->measured), second.manifest(), SharesOf(theirs->measured));
+  MeasuredModel ours(first, input);
+  MeasuredModel theirs(second, input);
+  ActionPairs pairs;
+  absl::Status status = ForEachBlock(input, [&](std::span<const v1::Scenario> block) {
+    const absl::StatusOr<MeasuredExamples> of_first = ours.Measure(block);
+    if (!of_first.ok()) return of_first.status();
+    const absl::StatusOr<MeasuredExamples> of_second = theirs.Measure(block);
+    if (!of_second.ok()) return of_second.status();
+    AddPairs(*of_first, *of_second, pairs);
+    return absl::OkStatus();
+  });
+  if (status.ok()) status = ours.measurer.CheckExamples();
+  if (status.ok()) status = theirs.measurer.CheckExamples();
+  if (!status.ok()) return status;
+  absl::StatusOr<v1::ActionMatching> matching =
+      MatchActions(first.manifest(), ours.statistics.MeanProbability(), second.manifest(),
+                   theirs.statistics.MeanProbability());
   if (!matching.ok()) return matching;
-
-  // Models that look back differently far do not have the same examples.
-  const auto key = [](const data::Example& example) {
-    return std::tuple(example.recording, example.target_id, example.time);
-  };
-  std::map<std::tuple<int, int64_t, double>, int> action_of;
-  for (size_t i = 0; i < ours->examples.size(); ++i) {
-    action_of[key(ours->examples[i])] = ours->measured[i].action;
-  }
-  std::vector<int> first_actions;
-  std::vector<int> second_actions;
-  for (size_t i = 0; i < theirs->examples.size(); ++i) {
-    const auto found = action_of.find(key(theirs->examples[i]));
-    if (found == action_of.end()) continue;
-    first_actions.push_back(found->second);
-    second_actions.push_back(theirs->measured[i].action);
-  }
-  *matching->mutable_coincidence() = CoincidenceOf(first_actions, second_actions, *matching);
+  *matching->mutable_coincidence() = CoincidenceOf(pairs, *matching);
   return matching;
 }
 
-v1::ActionCoincidence CoincidenceOf(std::span<const int> first, std::span<const int> second,
-                                    const v1::ActionMatching& matching) {
-  std::set<std::pair<int, int>> pairs;
+v1::ActionCoincidence CoincidenceOf(const ActionPairs& pairs, const v1::ActionMatching& matching) {
+  std::set<std::pair<int, int>> partners;
   for (const v1::ActionPair& pair : matching.pairs()) {
-    pairs.emplace(pair.first().action_id(), pair.second().action_id());
+    partners.emplace(pair.first().action_id(), pair.second().action_id());
   }
   ContingencyTable table;
   int64_t paired = 0;
-  for (size_t i = 0; i < first.size(); ++i) {
-    table.Add(first[i], second[i]);
-    if (pairs.contains({first[i], second[i]})) ++paired;
+  for (const auto& [pair, examples] : pairs) {
+    table.Add(pair.first, pair.second, examples);
+    if (partners.contains(pair)) paired += examples;
   }
   v1::ActionCoincidence coincidence;
   coincidence.set_examples(table.total());

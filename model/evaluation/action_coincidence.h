@@ -3,7 +3,9 @@
 #ifndef MANEUVER_MODEL_EVALUATION_ACTION_COINCIDENCE_H_
 #define MANEUVER_MODEL_EVALUATION_ACTION_COINCIDENCE_H_
 
-#include <span>
+#include <cstdint>
+#include <map>
+#include <utility>
 
 #include "absl/status/statusor.h"
 #include "maneuver/v1/action_matching.pb.h"
@@ -14,15 +16,17 @@ namespace maneuver::evaluation {
 
 // MatchActions (action_matching.h) with shares over the examples of the recordings, and how far the
 // models agree there on which action each example was, argmax q(y|x,s). Errors: also those of
-// MeasureExamples.
+// Evaluate.
 absl::StatusOr<v1::ActionMatching> MatchActions(const inference::ActionModel& first,
                                                 const inference::ActionModel& second,
                                                 const EvaluationInput& input);
 
-// Over examples whose actions are `first` and `second`, [N] each: normalised mutual information,
-// and the share whose actions are one of the pairs.
-v1::ActionCoincidence CoincidenceOf(std::span<const int> first, std::span<const int> second,
-                                    const v1::ActionMatching& matching);
+// How many examples have each pair of actions, one of each model.
+using ActionPairs = std::map<std::pair<int, int>, int64_t>;
+
+// Returns the normalised mutual information over these examples, and the share whose actions are
+// one of the matching's pairs.
+v1::ActionCoincidence CoincidenceOf(const ActionPairs& pairs, const v1::ActionMatching& matching);
 
 }  // namespace maneuver::evaluation
 

@@ -3,37 +3,16 @@
 #include <algorithm>
 #include <string>
 
-#include "model/evaluation/class_information.h"
-#include "model/evaluation/clustering.h"
 #include "model/evaluation/kinematic_classes.h"
 #include "model/evaluation/relative_classes.h"
 
 namespace maneuver::evaluation {
 namespace {
 
-// Agreement of the actions with one set of classes.
-struct Agreement {
-  ContingencyTable all;
-  ClassInformation given_speed;
-
-  void Add(int speed, int action, int label) {
-    all.Add(action, label);
-    given_speed.Add(speed, action, label);
-  }
-};
-
 int SpeedStratum(const Measurement& measured) {
   static const Stratification& by_speed =
       *std::ranges::find(Stratifications(), "speed", &Stratification::dimension);
   return by_speed.stratum(measured.keys);
-}
-
-void AddMetrics(const Agreement& agreement, const std::string& suffix,
-                v1::EvaluationReport& report) {
-  auto& metrics = *report.mutable_metrics();
-  metrics["nmi" + suffix] = agreement.all.NormalizedMutualInformation();
-  metrics["purity" + suffix] = agreement.all.Purity();
-  metrics["class_information" + suffix] = agreement.given_speed.ExplainedShare();
 }
 
 void AddUses(const ContingencyTable& kinematic, const ContingencyTable& relative,
@@ -53,25 +32,31 @@ void AddUses(const ContingencyTable& kinematic, const ContingencyTable& relative
 
 }  // namespace
 
-void AddMeaning(std::span<const Measurement> measured, v1::EvaluationReport& report) {
-  Agreement kinematic;
-  Agreement relative;
-  ContingencyTable maneuvers;
-  for (const Measurement& each : measured) {
-    const int speed = SpeedStratum(each);
-    kinematic.Add(speed, each.action, static_cast<int>(each.keys.kinematic_class));
-    relative.Add(speed, each.action, static_cast<int>(each.relative_class));
-    if (each.maneuver) maneuvers.Add(each.action, *each.maneuver);
-  }
-  AddMetrics(kinematic, "_kinematic", report);
-  AddMetrics(relative, "_relative", report);
-  AddUses(kinematic.all, relative.all, report);
+void ActionMeaning::Agreement::Write(const std::string& suffix,
+                                     v1::EvaluationReport& report) const {
   auto& metrics = *report.mutable_metrics();
-  metrics["named_share_relative"] = relative.all.ShareInClustersOfPurity(kNamedPurity);
-  if (maneuvers.total() == 0) return;
-  metrics["nmi"] = maneuvers.NormalizedMutualInformation();
-  metrics["purity"] = maneuvers.Purity();
-  metrics["labelled_examples"] = static_cast<double>(maneuvers.total());
+  metrics["nmi" + suffix] = all.NormalizedMutualInformation();
+  metrics["purity" + suffix] = all.Purity();
+  metrics["class_information" + suffix] = given_speed.ExplainedShare();
+}
+
+void ActionMeaning::Add(const Measurement& measured) {
+  const int speed = SpeedStratum(measured);
+  kinematic_.Add(speed, measured.action, static_cast<int>(measured.keys.kinematic_class));
+  relative_.Add(speed, measured.action, static_cast<int>(measured.relative_class));
+  if (measured.maneuver) maneuvers_.Add(measured.action, *measured.maneuver);
+}
+
+void ActionMeaning::Write(v1::EvaluationReport& report) const {
+  kinematic_.Write("_kinematic", report);
+  relative_.Write("_relative", report);
+  AddUses(kinematic_.all, relative_.all, report);
+  auto& metrics = *report.mutable_metrics();
+  metrics["named_share_relative"] = relative_.all.ShareInClustersOfPurity(kNamedPurity);
+  if (maneuvers_.total() == 0) return;
+  metrics["nmi"] = maneuvers_.NormalizedMutualInformation();
+  metrics["purity"] = maneuvers_.Purity();
+  metrics["labelled_examples"] = static_cast<double>(maneuvers_.total());
 }
 
 }  // namespace maneuver::evaluation

@@ -3,9 +3,11 @@
 #ifndef MANEUVER_MODEL_EVALUATION_ACTION_MEANING_H_
 #define MANEUVER_MODEL_EVALUATION_ACTION_MEANING_H_
 
-#include <span>
+#include <string>
 
 #include "maneuver/v1/training_service.pb.h"
+#include "model/evaluation/class_information.h"
+#include "model/evaluation/clustering.h"
 #include "model/evaluation/measurement.h"
 
 namespace maneuver::evaluation {
@@ -13,10 +15,33 @@ namespace maneuver::evaluation {
 // An action gets a name if at least this share of its examples is of one relative class.
 inline constexpr double kNamedPurity = 0.7;
 
-// Sets the agreement of actions (argmax q(y|x,s)) with recorded manoeuvres, kinematic classes and
-// relative classes, under the names of evaluator.h, and the classes in `action_uses`.
-//   report: must have one element of action_uses for each action.
-void AddMeaning(std::span<const Measurement> measured, v1::EvaluationReport& report);
+// The agreement of actions (argmax q(y|x,s)) with recorded manoeuvres, kinematic classes and
+// relative classes. Counts, so its memory does not grow with the examples.
+class ActionMeaning {
+ public:
+  void Add(const Measurement& measured);
+
+  // Sets the agreement under the names of evaluator.h, and the classes in `action_uses`.
+  //   report: must have one element of action_uses for each action.
+  void Write(v1::EvaluationReport& report) const;
+
+ private:
+  // Agreement with one set of classes.
+  struct Agreement {
+    ContingencyTable all;
+    ClassInformation given_speed;
+
+    void Add(int speed, int action, int label) {
+      all.Add(action, label);
+      given_speed.Add(speed, action, label);
+    }
+    void Write(const std::string& suffix, v1::EvaluationReport& report) const;
+  };
+
+  Agreement kinematic_;
+  Agreement relative_;
+  ContingencyTable maneuvers_;
+};
 
 }  // namespace maneuver::evaluation
 

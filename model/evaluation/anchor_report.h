@@ -3,16 +3,27 @@
 #ifndef MANEUVER_MODEL_EVALUATION_ANCHOR_REPORT_H_
 #define MANEUVER_MODEL_EVALUATION_ANCHOR_REPORT_H_
 
-#include <span>
+#include <optional>
 
 #include "maneuver/v1/training_service.pb.h"
+#include "model/evaluation/calibration.h"
 #include "model/evaluation/measurement.h"
 
 namespace maneuver::evaluation {
 
-// Adds the metrics covernet_* and multipath_* (evaluator.h) that are not means over examples. Every
-// measurement must have baselines. The means are in example_metrics.h.
-void AddAnchorMetrics(std::span<const Measurement> measured, v1::EvaluationReport& report);
+// The metrics covernet_* and multipath_* (evaluator.h) that are not means over examples; there are
+// none without baselines. The means are in example_metrics.h.
+class AnchorStatistics {
+ public:
+  // Adds an example. Either all of them have baselines or none.
+  void Add(const Measurement& measured);
+
+  void Write(v1::EvaluationReport& report) const;
+
+ private:
+  std::optional<ActionStatistics> covernet_;
+  std::optional<ActionStatistics> multipath_;
+};
 
 }  // namespace maneuver::evaluation
 

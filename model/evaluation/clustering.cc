@@ -46,11 +46,11 @@ double ExpectedTerm(int64_t a, int64_t b, int64_t n, const std::vector<double>& 
 
 }  // namespace
 
-void ContingencyTable::Add(int cluster, int label) {
-  ++counts_[{cluster, label}];
-  ++clusters_[cluster];
-  ++labels_[label];
-  ++total_;
+void ContingencyTable::Add(int cluster, int label, int64_t times) {
+  counts_[{cluster, label}] += times;
+  clusters_[cluster] += times;
+  labels_[label] += times;
+  total_ += times;
 }
 
 std::map<int, ContingencyTable::Majority> ContingencyTable::Majorities() const {

@@ -12,7 +12,8 @@ namespace maneuver::evaluation {
 // Counts of (cluster, class) pairs. Entropies and information are of their shares, in nats.
 class ContingencyTable {
  public:
-  void Add(int cluster, int label);
+  // Counts a pair `times` times.
+  void Add(int cluster, int label, int64_t times = 1);
   int64_t total() const { return total_; }
 
   // The most frequent class of a cluster; the smallest one if several are equally frequent.

@@ -4,9 +4,12 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cmath>
+#include <functional>
 #include <iterator>
 #include <mutex>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -17,6 +20,7 @@
 #include "model/evaluation/finite_report.h"
 #include "model/evaluation/report.h"
 #include "model/evaluation/rival_comparison.h"
+#include "model/evaluation/waymo_displacement.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -37,39 +41,31 @@ bool SeesTheSame(const v1::ModelSpec& baselines, const v1::ModelSpec& model) {
          MessageDifferencer::Equals(baselines.trajectory(), model.trajectory());
 }
 
-std::vector<data::Example> EnumerateAll(const EvaluationInput& input, const v1::ModelSpec& spec) {
+absl::Status CheckBaselines(const inference::ActionModel& model, const EvaluationInput& input) {
+  if (input.baselines == nullptr || SeesTheSame(input.baselines->covernet->spec(), model.spec())) {
+    return absl::OkStatus();
+  }
+  return absl::FailedPreconditionError(
+      "the baselines in the model's folder are of a model that reads other inputs of a scene, or "
+      "has another reference or horizon");
+}
+
+std::vector<data::Example> EnumerateAll(std::span<const v1::Scenario> recordings,
+                                        const v1::ModelSpec& spec,
+                                        const v1::ExampleSettings& settings) {
   std::vector<data::Example> examples;
-  for (size_t i = 0; i < input.recordings.size(); ++i) {
+  for (size_t i = 0; i < recordings.size(); ++i) {
     std::vector<data::Example> found =
-        data::EnumerateExamples(input.recordings[i], static_cast<int>(i), spec, input.examples);
+        data::EnumerateExamples(recordings[i], static_cast<int>(i), spec, settings);
     std::move(found.begin(), found.end(), std::back_inserter(examples));
   }
   return examples;
 }
 
-void AddSample(const MeasuredExamples& all, const EvaluationInput& input,
-               v1::EvaluationReport& report) {
-  const auto count = static_cast<size_t>(std::max(0, input.sampled_examples));
-  for (const size_t i : SampleExamples(all.examples, input.recordings, count)) {
-    const data::Example& example = all.examples[i];
-    const Measurement& measured = all.measured[i];
-    v1::EvaluatedExample& proto = *report.add_sampled_examples();
-    proto.set_scenario_id(input.recordings[static_cast<size_t>(example.recording)].scenario_id());
-    proto.set_target_id(example.target_id);
-    proto.set_time(example.time);
-    for (size_t t = 0; t + 1 < example.trajectory.size(); t += 2) {
-      proto.mutable_trajectory()->add_x(static_cast<double>(example.trajectory[t]));
-      proto.mutable_trajectory()->add_y(static_cast<double>(example.trajectory[t + 1]));
-    }
-    proto.mutable_probabilities()->Add(measured.probabilities.begin(),
-                                       measured.probabilities.end());
-    proto.mutable_responsibilities()->Add(measured.responsibilities.begin(),
-                                          measured.responsibilities.end());
-  }
-}
-
 // Measures the examples on the input's threads. Returns false if `progress` cancelled it.
-bool MeasureAll(const MeasuringContext& context, const EvaluationInput& input,
+//   progress: called with the number of examples done
+bool MeasureAll(const MeasuringContext& context, int worker_count,
+                const std::function<bool(int64_t done)>& progress,
                 std::span<const data::Example> examples, std::span<Measurement> measured) {
   std::mutex mutex;  // guards the calls of progress
   std::atomic<size_t> next = 0;
@@ -84,56 +80,118 @@ bool MeasureAll(const MeasuringContext& context, const EvaluationInput& input,
       measurer.Measure(examples.subspan(begin, count), measured.subspan(begin, count));
       const int64_t before = done.fetch_add(static_cast<int64_t>(count));
       const int64_t after = before + static_cast<int64_t>(count);
-      if (input.progress && before / kReportEvery != after / kReportEvery) {
+      if (before / kReportEvery != after / kReportEvery) {
         std::lock_guard lock(mutex);
-        if (!input.progress(after, static_cast<int64_t>(examples.size()))) stopped = true;
+        if (!progress(after)) stopped = true;
       }
     }
   };
   {
     std::vector<std::jthread> threads;
-    for (int i = 1; i < input.threads; ++i) threads.emplace_back(work);
+    for (int i = 1; i < worker_count; ++i) threads.emplace_back(work);
     work();
   }
   return !stopped;
 }
 
+int64_t RecordingCount(const EvaluationInput& input) {
+  return input.blocks != nullptr ? input.blocks->recordings()
+                                 : static_cast<int64_t>(input.recordings.size());
+}
+
+absl::StatusOr<data::RecordingGroups> FindGroups(const EvaluationInput& input) {
+  data::RecordingGrouper grouper;
+  const absl::Status status = ForEachBlock(input, [&](std::span<const v1::Scenario> block) {
+    for (const v1::Scenario& recording : block) grouper.Add(recording);
+    return absl::OkStatus();
+  });
+  if (!status.ok()) return status;
+  return grouper.Groups();
+}
+
 }  // namespace
 
-absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& model,
-                                                 const EvaluationInput& input) {
+absl::Status ForEachBlock(const EvaluationInput& input, const data::RecordingBlocks::Visit& visit) {
+  return input.blocks != nullptr ? input.blocks->ForEach(visit) : visit(input.recordings);
+}
+
+BlockMeasurer::BlockMeasurer(const inference::ActionModel& model, const EvaluationInput& input)
+    : model_(model),
+      input_(input),
+      labels_(input.annotations),
+      all_recordings_(RecordingCount(input)) {}
+
+absl::StatusOr<MeasuredExamples> BlockMeasurer::Measure(std::span<const v1::Scenario> block) {
   MeasuredExamples all;
-  all.examples = EnumerateAll(input, model.spec());
-  if (all.examples.empty()) {
-    return absl::FailedPreconditionError(absl::StrCat(
-        "the recordings hold no example: the model predicts ",
-        artifact::TargetTypesText(model.spec()),
-        ", and none of those has a second of past and a whole horizon of future; use recordings "
-        "with such agents, longer ones, or a model with a shorter horizon"));
-  }
-  if (input.baselines != nullptr && !SeesTheSame(input.baselines->covernet->spec(), model.spec())) {
-    return absl::FailedPreconditionError(
-        "the baselines in the model's folder are of a model that reads other inputs of a scene, or "
-        "has another reference or horizon");
-  }
-  const MeasuringContext context(model, input.recordings, input.annotations, input.baselines);
+  all.examples = EnumerateAll(block, model_.spec(), input_.examples);
+  const MeasuringContext context(model_, block, labels_, input_.baselines);
   all.measured.resize(all.examples.size());
   all.measured_by_waymo = !context.waymo.measured_times().empty();
-  if (!MeasureAll(context, input, all.examples, all.measured)) {
+  const int64_t before = examples_;
+  recordings_ += static_cast<int64_t>(block.size());
+  examples_ += static_cast<int64_t>(all.examples.size());
+  const auto progress = [&](int64_t done) {
+    // Recordings that have not been read are taken to have as many examples as those that have.
+    const double share = static_cast<double>(all_recordings_) /
+                         static_cast<double>(std::max<int64_t>(1, recordings_));
+    const int64_t total = std::llround(share * static_cast<double>(examples_));
+    return !input_.progress || input_.progress(before + done, total);
+  };
+  if (!MeasureAll(context, input_.threads, progress, all.examples, all.measured)) {
     return absl::CancelledError("the evaluation was stopped");
   }
   return all;
 }
 
+absl::Status BlockMeasurer::CheckExamples() const {
+  if (examples_ > 0) return absl::OkStatus();
+  return absl::FailedPreconditionError(absl::StrCat(
+      "the recordings hold no example: the model predicts ",
+      artifact::TargetTypesText(model_.spec()),
+      ", and none of those has a second of past and a whole horizon of future; use recordings "
+      "with such agents, longer ones, or a model with a shorter horizon"));
+}
+
+absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& model,
+                                                 const EvaluationInput& input) {
+  if (absl::Status status = CheckBaselines(model, input); !status.ok()) return status;
+  BlockMeasurer measurer(model, input);
+  absl::StatusOr<MeasuredExamples> measured = measurer.Measure(input.recordings);
+  if (!measured.ok()) return measured;
+  if (absl::Status status = measurer.CheckExamples(); !status.ok()) return status;
+  return measured;
+}
+
 absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& model,
                                               const EvaluationInput& input) {
-  const absl::StatusOr<MeasuredExamples> all = MeasureExamples(model, input);
-  if (!all.ok()) return all.status();
-  v1::EvaluationReport report = MakeReport(all->measured, all->measured_by_waymo);
-  AddSample(*all, input, report);
-  data::RecordingGrouper grouper;
-  for (const v1::Scenario& recording : input.recordings) grouper.Add(recording);
-  *report.mutable_rivals() = MakeRivalStandings(*all, grouper.Groups());
+  if (absl::Status status = CheckBaselines(model, input); !status.ok()) return status;
+  absl::StatusOr<data::RecordingGroups> groups = FindGroups(input);
+  if (!groups.ok()) return groups.status();
+  const bool by_waymo =
+      !WaymoMeasure(artifact::WaypointTimes(model.spec().trajectory())).measured_times().empty();
+  ReportSums sums(by_waymo);
+  RivalSums rivals(*std::move(groups), by_waymo);
+  ExampleSample sample(static_cast<size_t>(std::max(0, input.sampled_examples)));
+  BlockMeasurer measurer(model, input);
+  size_t first = 0;  // recording of the block
+  const absl::Status read = ForEachBlock(input, [&](std::span<const v1::Scenario> block) {
+    const absl::StatusOr<MeasuredExamples> all = measurer.Measure(block);
+    if (!all.ok()) return all.status();
+    for (size_t i = 0; i < all->examples.size(); ++i) {
+      const data::Example& example = all->examples[i];
+      const auto recording = static_cast<size_t>(example.recording);
+      sums.Add(all->measured[i]);
+      rivals.Add(first + recording, all->measured[i]);
+      sample.Add(block[recording], example, all->measured[i]);
+    }
+    first += block.size();
+    return absl::OkStatus();
+  });
+  if (!read.ok()) return read;
+  if (absl::Status status = measurer.CheckExamples(); !status.ok()) return status;
+  v1::EvaluationReport report = sums.MakeReport();
+  sample.Write(report);
+  *report.mutable_rivals() = rivals.MakeStandings();
   *report.mutable_example_settings() = input.examples;
   *report.mutable_trajectory() = model.spec().trajectory();
   *report.mutable_target_types() = model.spec().target_types();

@@ -8,11 +8,14 @@
 #include <span>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "maneuver/v1/scenario.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/data/example_index.h"
+#include "model/data/recording_blocks.h"
+#include "model/evaluation/maneuver_labels.h"
 #include "model/evaluation/measurement.h"
 #include "model/inference/action_model.h"
 #include "model/inference/anchor_model.h"
@@ -21,6 +24,8 @@ namespace maneuver::evaluation {
 
 struct EvaluationInput {
   std::span<const v1::Scenario> recordings;  // all of them are measured
+  // Recordings that are read block by block, in place of `recordings`; null: there are none.
+  const data::RecordingBlocks* blocks = nullptr;
   // For the agreement with recorded manoeuvres; may be empty.
   std::span<const v1::ManeuverAnnotation> annotations;
   v1::ExampleSettings examples;  // complete
@@ -30,7 +35,8 @@ struct EvaluationInput {
   // The number of examples that the report contains (example_sample.h).
   int sampled_examples = 0;
   // Called now and then with the examples done and the total; returning false cancels the
-  // evaluation. May be empty. Never called from two threads at once.
+  // evaluation. May be empty. Never called from two threads at once. The total is an estimate until
+  // all recordings have been read.
   std::function<bool(int64_t done, int64_t total)> progress;
 };
 
@@ -99,6 +105,10 @@ struct EvaluationInput {
 // (strata.h) contain the main metrics. Its rivals (rival_comparison.h) say where the model is ahead
 // of other predictors. The report has the same bits for any number of threads.
 //
+// Recordings are measured block by block, and only sums over their examples are kept. Besides a
+// block, memory has some 100 bytes a recording, 300 an annotation, and what the grouping
+// of the recordings keeps (RecordingGrouper), for which blocks are read once more before.
+//
 // FAILED_PRECONDITION if the recordings contain no example, or if the baselines read or predict
 // something else than the model; CANCELLED if `progress` returned false.
 absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& model,
@@ -111,9 +121,35 @@ struct MeasuredExamples {
   bool measured_by_waymo = false;
 };
 
-// Measures the examples without averaging them. Errors: those of Evaluate.
+// Measures the examples of `input.recordings` without averaging them. Errors: those of Evaluate.
 absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& model,
                                                  const EvaluationInput& input);
+
+// Measures a model block by block. Not thread-safe.
+class BlockMeasurer {
+ public:
+  // `model` and `input` must outlive the measurer.
+  BlockMeasurer(const inference::ActionModel& model, const EvaluationInput& input);
+
+  // Measures the examples of the next block of the input's recordings; there may be none. CANCELLED
+  // if `progress` returned false.
+  absl::StatusOr<MeasuredExamples> Measure(std::span<const v1::Scenario> block);
+
+  // Returns FAILED_PRECONDITION if no block had an example.
+  absl::Status CheckExamples() const;
+
+ private:
+  const inference::ActionModel& model_;
+  const EvaluationInput& input_;
+  const ManeuverLabels labels_;
+  const int64_t all_recordings_;
+  int64_t recordings_ = 0;  // of the blocks so far
+  int64_t examples_ = 0;    // of these
+};
+
+// Calls `visit` with the recordings of an input, block by block. Errors: those of `visit` and of
+// RecordingBlocks::ForEach.
+absl::Status ForEachBlock(const EvaluationInput& input, const data::RecordingBlocks::Visit& visit);
 
 }  // namespace maneuver::evaluation
 

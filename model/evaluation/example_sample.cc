@@ -1,9 +1,7 @@
 #include "model/evaluation/example_sample.h"
 
-#include <algorithm>
 #include <cmath>
-#include <cstdint>
-#include <utility>
+#include <iterator>
 
 #include "model/data/stable_hash.h"
 
@@ -12,25 +10,47 @@ namespace {
 
 constexpr uint64_t kSeed = 0x53616D706C65;  // keeps these draws apart from other hashes
 
+uint64_t HashOf(const v1::Scenario& recording, const data::Example& example) {
+  uint64_t hash = data::StableHash(recording.scenario_id());
+  hash = data::MixHash(hash, static_cast<uint64_t>(example.target_id));
+  hash = data::MixHash(hash, static_cast<uint64_t>(std::llround(1e3 * example.time)));
+  return data::MixHash(hash, kSeed);
+}
+
+v1::EvaluatedExample Describe(const v1::Scenario& recording, const data::Example& example,
+                              const Measurement& measured) {
+  v1::EvaluatedExample proto;
+  proto.set_scenario_id(recording.scenario_id());
+  proto.set_target_id(example.target_id);
+  proto.set_time(example.time);
+  for (size_t t = 0; t + 1 < example.trajectory.size(); t += 2) {
+    proto.mutable_trajectory()->add_x(static_cast<double>(example.trajectory[t]));
+    proto.mutable_trajectory()->add_y(static_cast<double>(example.trajectory[t + 1]));
+  }
+  proto.mutable_probabilities()->Add(measured.probabilities.begin(), measured.probabilities.end());
+  proto.mutable_responsibilities()->Add(measured.responsibilities.begin(),
+                                        measured.responsibilities.end());
+  return proto;
+}
+
 }  // namespace
 
-std::vector<size_t> SampleExamples(std::span<const data::Example> examples,
-                                   std::span<const v1::Scenario> recordings, size_t count) {
-  std::vector<std::pair<uint64_t, size_t>> drawn;
-  for (size_t i = 0; i < examples.size(); ++i) {
-    const data::Example& example = examples[i];
-    uint64_t hash =
-        data::StableHash(recordings[static_cast<size_t>(example.recording)].scenario_id());
-    hash = data::MixHash(hash, static_cast<uint64_t>(example.target_id));
-    hash = data::MixHash(hash, static_cast<uint64_t>(std::llround(1e3 * example.time)));
-    drawn.emplace_back(data::MixHash(hash, kSeed), i);
+void ExampleSample::Add(const v1::Scenario& recording, const data::Example& example,
+                        const Measurement& measured) {
+  if (count_ == 0) return;
+  const std::pair place(HashOf(recording, example), seen_++);
+  if (kept_.size() == count_) {
+    const auto last = std::prev(kept_.end());
+    if (last->first < place) return;
+    kept_.erase(last);
   }
-  count = std::min(count, drawn.size());
-  std::nth_element(drawn.begin(), drawn.begin() + static_cast<std::ptrdiff_t>(count), drawn.end());
-  std::vector<size_t> sample;
-  for (size_t i = 0; i < count; ++i) sample.push_back(drawn[i].second);
-  std::sort(sample.begin(), sample.end());
-  return sample;
+  kept_.emplace(place, Describe(recording, example, measured));
+}
+
+void ExampleSample::Write(v1::EvaluationReport& report) const {
+  std::map<int64_t, const v1::EvaluatedExample*> in_order;
+  for (const auto& [place, example] : kept_) in_order[place.second] = &example;
+  for (const auto& [_, example] : in_order) *report.add_sampled_examples() = *example;
 }
 
 }  // namespace maneuver::evaluation

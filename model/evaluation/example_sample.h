@@ -4,19 +4,37 @@
 #define MANEUVER_MODEL_EVALUATION_EXAMPLE_SAMPLE_H_
 
 #include <cstddef>
-#include <span>
-#include <vector>
+#include <cstdint>
+#include <map>
+#include <utility>
 
 #include "maneuver/v1/scenario.pb.h"
+#include "maneuver/v1/training_service.pb.h"
 #include "model/data/example_index.h"
+#include "model/evaluation/measurement.h"
 
 namespace maneuver::evaluation {
 
-// Returns the ascending indices of at most `count` examples: those with the smallest hash of
-// scenario id, target and time. Every example is equally likely. The choice does not depend on the
-// model, the order of the recordings or the number of threads.
-std::vector<size_t> SampleExamples(std::span<const data::Example> examples,
-                                   std::span<const v1::Scenario> recordings, size_t count);
+// Keeps the examples with the smallest hash of scenario id, target and time. Every example is
+// equally likely. The choice does not depend on the model, the order of the recordings or the
+// number of threads.
+class ExampleSample {
+ public:
+  //   count: how many examples are kept, at most
+  explicit ExampleSample(size_t count) : count_(count) {}
+
+  //   recording: of the example
+  void Add(const v1::Scenario& recording, const data::Example& example,
+           const Measurement& measured);
+
+  // Adds the examples that were kept to the report, in the order in which they came.
+  void Write(v1::EvaluationReport& report) const;
+
+ private:
+  size_t count_;
+  int64_t seen_ = 0;
+  std::map<std::pair<uint64_t, int64_t>, v1::EvaluatedExample> kept_;  // by hash, then by order
+};
 
 }  // namespace maneuver::evaluation
 

@@ -132,11 +132,11 @@ SourceMeasurement MeasureSource(std::span<const ActionDistribution> distribution
 
 MeasuringContext::MeasuringContext(const inference::ActionModel& measured_model,
                                    std::span<const v1::Scenario> measured_recordings,
-                                   std::span<const v1::ManeuverAnnotation> annotations,
+                                   const ManeuverLabels& measured_labels,
                                    const inference::AnchorBaselines* measured_baselines)
     : model(measured_model),
       recordings(measured_recordings),
-      labels(annotations),
+      labels(measured_labels),
       all_actions(AllActions(model.spec())),
       generic(DescribeGeneric(model, all_actions)),
       waypoint_times(artifact::WaypointTimes(model.spec().trajectory())),

@@ -74,17 +74,16 @@ struct Measurement {
   StratumKeys keys;                                       // of the target and its trajectory
 };
 
-// What all threads share. Immutable. Keeps references to the model, the recordings and the
-// annotations, and to the baselines unless they are null.
+// What all threads share. Immutable. Keeps references to the model, the recordings and the labels,
+// and to the baselines unless they are null.
 struct MeasuringContext {
   MeasuringContext(const inference::ActionModel& model, std::span<const v1::Scenario> recordings,
-                   std::span<const v1::ManeuverAnnotation> annotations,
-                   const inference::AnchorBaselines* baselines);
+                   const ManeuverLabels& labels, const inference::AnchorBaselines* baselines);
 
   const inference::ActionModel& model;
   std::span<const v1::Scenario> recordings;
   std::vector<scene::RoadMap> maps;  // of the recordings
-  ManeuverLabels labels;
+  const ManeuverLabels& labels;
   std::vector<int> all_actions;  // 0 .. K-1
   // p(z|y) of each action, [K]; empty if it depends on the scene and is described per example.
   std::vector<inference::ActionDistribution> generic;

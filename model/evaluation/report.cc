@@ -4,28 +4,13 @@
 #include <array>
 #include <string>
 #include <string_view>
-#include <vector>
 
-#include "model/evaluation/action_meaning.h"
-#include "model/evaluation/anchor_report.h"
-#include "model/evaluation/calibration.h"
-#include "model/evaluation/example_metrics.h"
+#include "model/evaluation/strata.h"
 
 namespace maneuver::evaluation {
 namespace {
 
 using Metrics = google::protobuf::Map<std::string, double>;
-using Part = std::vector<const Measurement*>;
-
-// Writes the means of the metrics for which `wanted` returns true.
-void SetMeans(const Part& part, std::span<const ExampleMetric> all, auto wanted, Metrics& metrics) {
-  for (const ExampleMetric& metric : all) {
-    if (!wanted(metric.name)) continue;
-    double sum = 0.0;
-    for (const Measurement* each : part) sum += metric.value(*each);
-    metrics[metric.name] = sum / static_cast<double>(part.size());
-  }
-}
 
 void SetRatios(Metrics& metrics) {
   for (const MetricRatio& ratio : MetricRatios()) {
@@ -33,12 +18,6 @@ void SetRatios(Metrics& metrics) {
     if (!(denominator > 0.0)) continue;
     metrics[std::string(ratio.name)] = metrics.at(std::string(ratio.numerator)) / denominator;
   }
-}
-
-ActionStatistics StatisticsOf(const Part& part) {
-  ActionStatistics statistics(static_cast<int>(part.front()->probabilities.size()));
-  for (const Measurement* each : part) statistics.Add(each->probabilities, each->responsibilities);
-  return statistics;
 }
 
 void SetActions(const ActionStatistics& statistics, Metrics& metrics) {
@@ -57,29 +36,8 @@ constexpr std::array<std::string_view, 20> kMainMetrics = {
     "ade_cv",    "fde_cv",      "ade_ctra",        "fde_ctra",        "ade_faded",
     "fde_faded", "nll",         "nll_prior",       "coverage_1sigma", "coverage_2sigma"};
 
-void SetMain(const Part& part, std::span<const ExampleMetric> all, Metrics& metrics) {
-  const auto is_main = [](std::string_view name) {
-    return std::ranges::find(kMainMetrics, name) != kMainMetrics.end();
-  };
-  SetMeans(part, all, is_main, metrics);
-  metrics["calibration_error"] = StatisticsOf(part).ExpectedCalibrationError();
-}
-
-void AddStrata(std::span<const Measurement> measured, std::span<const ExampleMetric> all,
-               v1::EvaluationReport& report) {
-  for (const Stratification& stratification : Stratifications()) {
-    std::vector<Part> parts(stratification.names.size());
-    for (const Measurement& each : measured) {
-      parts[static_cast<size_t>(stratification.stratum(each.keys))].push_back(&each);
-    }
-    for (size_t i = 0; i < parts.size(); ++i) {
-      v1::EvaluationStratum& stratum = *report.add_strata();
-      stratum.set_dimension(std::string(stratification.dimension));
-      stratum.set_name(std::string(stratification.names[i]));
-      stratum.set_examples(static_cast<int64_t>(parts[i].size()));
-      if (!parts[i].empty()) SetMain(parts[i], all, *stratum.mutable_metrics());
-    }
-  }
+bool IsMain(std::string_view metric) {
+  return std::ranges::find(kMainMetrics, metric) != kMainMetrics.end();
 }
 
 void AddReliability(const ActionStatistics& statistics, v1::EvaluationReport& report) {
@@ -106,26 +64,77 @@ void AddActionUses(const ActionStatistics& statistics, v1::EvaluationReport& rep
 
 }  // namespace
 
-v1::EvaluationReport MakeReport(std::span<const Measurement> measured, bool measured_by_waymo) {
+void ReportSums::Part::Add(std::span<const double> values, const Measurement& measured) {
+  for (size_t i = 0; i < values.size(); ++i) sums[i] += values[i];
+  statistics.Add(measured.probabilities, measured.responsibilities);
+  ++examples;
+}
+
+void ReportSums::Begin(const Measurement& first) {
+  metrics_ = ExampleMetrics(measured_by_waymo_, first.covernet.has_value());
+  values_.resize(metrics_.size());
+  const Part none(metrics_.size(), static_cast<int>(first.probabilities.size()));
+  all_ = none;
+  for (const Stratification& stratification : Stratifications()) {
+    strata_.emplace_back(stratification.names.size(), none);
+  }
+}
+
+void ReportSums::Add(const Measurement& measured) {
+  if (!all_) Begin(measured);
+  for (size_t i = 0; i < metrics_.size(); ++i) values_[i] = metrics_[i].value(measured);
+  all_->Add(values_, measured);
+  for (size_t i = 0; i < strata_.size(); ++i) {
+    const int stratum = Stratifications()[i].stratum(measured.keys);
+    strata_[i][static_cast<size_t>(stratum)].Add(values_, measured);
+  }
+  meaning_.Add(measured);
+  anchors_.Add(measured);
+}
+
+void ReportSums::AddStrata(v1::EvaluationReport& report) const {
+  for (size_t i = 0; i < strata_.size(); ++i) {
+    const Stratification& stratification = Stratifications()[i];
+    for (size_t j = 0; j < strata_[i].size(); ++j) {
+      const Part& part = strata_[i][j];
+      v1::EvaluationStratum& stratum = *report.add_strata();
+      stratum.set_dimension(std::string(stratification.dimension));
+      stratum.set_name(std::string(stratification.names[j]));
+      stratum.set_examples(part.examples);
+      if (part.examples == 0) continue;
+      Metrics& metrics = *stratum.mutable_metrics();
+      for (size_t k = 0; k < metrics_.size(); ++k) {
+        if (!IsMain(metrics_[k].name)) continue;
+        metrics[metrics_[k].name] = part.sums[k] / static_cast<double>(part.examples);
+      }
+      metrics["calibration_error"] = part.statistics.ExpectedCalibrationError();
+    }
+  }
+}
+
+v1::EvaluationReport ReportSums::MakeReport() const {
   v1::EvaluationReport report;
-  report.set_examples(static_cast<int64_t>(measured.size()));
-  Part all;
-  for (const Measurement& each : measured) all.push_back(&each);
-  const std::vector<ExampleMetric> metrics =
-      ExampleMetrics(measured_by_waymo, measured.front().covernet.has_value());
-  SetMeans(
-      all, metrics, [](const std::string&) { return true; }, *report.mutable_metrics());
-  SetRatios(*report.mutable_metrics());
-  const ActionStatistics statistics = StatisticsOf(all);
-  SetActions(statistics, *report.mutable_metrics());
-  const Eigen::VectorXd usage = statistics.MeanProbability();
+  report.set_examples(all_->examples);
+  Metrics& metrics = *report.mutable_metrics();
+  for (size_t i = 0; i < metrics_.size(); ++i) {
+    metrics[metrics_[i].name] = all_->sums[i] / static_cast<double>(all_->examples);
+  }
+  SetRatios(metrics);
+  SetActions(all_->statistics, metrics);
+  const Eigen::VectorXd usage = all_->statistics.MeanProbability();
   report.mutable_action_usage()->Add(usage.begin(), usage.end());
-  AddReliability(statistics, report);
-  AddStrata(measured, metrics, report);
-  AddActionUses(statistics, report);
-  AddMeaning(measured, report);
-  AddAnchorMetrics(measured, report);
+  AddReliability(all_->statistics, report);
+  AddStrata(report);
+  AddActionUses(all_->statistics, report);
+  meaning_.Write(report);
+  anchors_.Write(report);
   return report;
+}
+
+v1::EvaluationReport MakeReport(std::span<const Measurement> measured, bool measured_by_waymo) {
+  ReportSums sums(measured_by_waymo);
+  for (const Measurement& each : measured) sums.Add(each);
+  return sums.MakeReport();
 }
 
 }  // namespace maneuver::evaluation

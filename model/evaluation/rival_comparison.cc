@@ -1,14 +1,11 @@
 #include "model/evaluation/rival_comparison.h"
 
-#include <algorithm>
 #include <set>
 #include <string>
 #include <utility>
 
 #include "model/evaluation/bootstrap.h"
-#include "model/evaluation/example_metrics.h"
 #include "model/evaluation/rival_table.h"
-#include "model/evaluation/strata.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -20,43 +17,16 @@ v1::RivalVerdict VerdictOn(const v1::Estimate& difference, int groups) {
   return v1::RIVAL_VERDICT_UNDECIDED;
 }
 
-// Returns the metrics to compare, of the model and of its rivals. Column i + 1 is metric i.
-std::vector<ExampleMetric> MetricsToCompare(const MeasuredExamples& measured) {
+// Returns the metrics to compare, of the model and of its rivals.
+std::vector<ExampleMetric> MetricsToCompare(bool measured_by_waymo, bool with_baselines) {
   std::set<std::string> wanted;
   for (const std::string_view metric : kComparedMetrics) {
     wanted.emplace(metric);
     for (const Rival& rival : kRivals) wanted.insert(RivalMetric(rival, metric));
   }
-  std::vector<ExampleMetric> metrics =
-      ExampleMetrics(measured.measured_by_waymo, measured.measured.front().covernet.has_value());
+  std::vector<ExampleMetric> metrics = ExampleMetrics(measured_by_waymo, with_baselines);
   std::erase_if(metrics, [&](const ExampleMetric& each) { return !wanted.contains(each.name); });
   return metrics;
-}
-
-// One part of the examples.
-struct ComparedPart {
-  std::string_view dimension;
-  std::string_view name;
-  GroupedSums sums;
-  int64_t examples = 0;
-};
-
-// One way to divide the examples, with the sums of its parts.
-struct Division {
-  const Stratification* stratification;
-  std::vector<ComparedPart> parts;
-};
-
-std::vector<Division> Divide(int columns) {
-  std::vector<Division> divisions;
-  for (const Stratification& each : Stratifications()) {
-    if (each.dimension != "speed" && each.dimension != "class") continue;
-    Division& division = divisions.emplace_back(Division{&each, {}});
-    for (const std::string_view name : each.names) {
-      division.parts.push_back({each.dimension, name, GroupedSums(columns, 1)});
-    }
-  }
-  return divisions;
 }
 
 }  // namespace
@@ -81,41 +51,52 @@ std::vector<v1::RivalComparison> CompareWithRivals(
   return comparisons;
 }
 
-v1::RivalStandings MakeRivalStandings(const MeasuredExamples& measured,
-                                      const data::RecordingGroups& groups,
-                                      const BootstrapOptions& options) {
-  const std::vector<ExampleMetric> metrics = MetricsToCompare(measured);
-  const auto column = [&](std::string_view name) -> std::optional<int> {
-    const auto found = std::ranges::find(metrics, name, &ExampleMetric::name);
-    if (found == metrics.end()) return std::nullopt;
-    return static_cast<int>(found - metrics.begin()) + 1;
-  };
-  const int columns = static_cast<int>(metrics.size()) + 1;
-  ComparedPart all{"", "", GroupedSums(columns, 1)};
-  std::vector<Division> divisions = Divide(columns);
-  Eigen::VectorXd row(columns);
-  for (size_t i = 0; i < measured.examples.size(); ++i) {
-    const Measurement& each = measured.measured[i];
-    row[0] = 1.0;
-    for (int j = 1; j < columns; ++j) row[j] = metrics[static_cast<size_t>(j) - 1].value(each);
-    const int group = groups.groups[static_cast<size_t>(measured.examples[i].recording)];
-    const auto add = [&](ComparedPart& part) {
-      part.sums.Add(0, group, row);
-      ++part.examples;
-    };
-    add(all);
-    for (Division& division : divisions) {
-      add(division.parts[static_cast<size_t>(division.stratification->stratum(each.keys))]);
+void RivalSums::Begin(const Measurement& first) {
+  metrics_ = MetricsToCompare(measured_by_waymo_, first.covernet.has_value());
+  const int columns = static_cast<int>(metrics_.size()) + 1;
+  row_ = Eigen::VectorXd::Ones(columns);
+  all_.push_back({"", "", GroupedSums(columns, 1)});
+  for (const Stratification& each : Stratifications()) {
+    if (each.dimension != "speed" && each.dimension != "class") continue;
+    Division& division = divisions_.emplace_back(Division{&each, {}});
+    for (const std::string_view name : each.names) {
+      division.parts.push_back({each.dimension, name, GroupedSums(columns, 1)});
     }
   }
+}
 
+void RivalSums::Add(size_t recording, const Measurement& measured) {
+  if (all_.empty()) Begin(measured);
+  for (size_t i = 0; i < metrics_.size(); ++i) {
+    row_[static_cast<Eigen::Index>(i) + 1] = metrics_[i].value(measured);
+  }
+  const int group = groups_.groups[recording] % DrawnGroups();
+  const auto add = [&](Part& part) {
+    part.sums.Add(0, group, row_);
+    ++part.examples;
+  };
+  add(all_.front());
+  for (Division& division : divisions_) {
+    const int stratum = division.stratification->stratum(measured.keys);
+    add(division.parts[static_cast<size_t>(stratum)]);
+  }
+}
+
+std::optional<int> RivalSums::Column(std::string_view metric) const {
+  const auto found = std::ranges::find(metrics_, metric, &ExampleMetric::name);
+  if (found == metrics_.end()) return std::nullopt;
+  return static_cast<int>(found - metrics_.begin()) + 1;
+}
+
+v1::RivalStandings RivalSums::MakeStandings(const BootstrapOptions& options) const {
   v1::RivalStandings standings;
-  standings.set_recordings(static_cast<int>(groups.ids.size()));
-  standings.set_groups(groups.count);
-  standings.set_largest_group(groups.LargestGroup());
+  standings.set_recordings(static_cast<int>(groups_.ids.size()));
+  standings.set_groups(groups_.count);
+  standings.set_largest_group(groups_.LargestGroup());
   standings.set_resamples(options.resamples);
-  const Eigen::MatrixXd draws = DrawGroups(groups.count, options.resamples, options.seed);
-  const auto write = [&](const ComparedPart& part) {
+  const Eigen::MatrixXd draws = DrawGroups(DrawnGroups(), options.resamples, options.seed);
+  const auto column = [this](std::string_view metric) { return Column(metric); };
+  const auto write = [&](const Part& part) {
     if (part.examples == 0) return;
     v1::RivalStanding& standing = *standings.add_parts();
     standing.set_dimension(std::string(part.dimension));
@@ -128,11 +109,21 @@ v1::RivalStandings MakeRivalStandings(const MeasuredExamples& measured,
       *standing.add_comparisons() = std::move(each);
     }
   };
-  write(all);
-  for (const Division& division : divisions) {
-    for (const ComparedPart& part : division.parts) write(part);
+  for (const Part& part : all_) write(part);
+  for (const Division& division : divisions_) {
+    for (const Part& part : division.parts) write(part);
   }
   return standings;
+}
+
+v1::RivalStandings MakeRivalStandings(const MeasuredExamples& measured,
+                                      const data::RecordingGroups& groups,
+                                      const BootstrapOptions& options) {
+  RivalSums sums(groups, measured.measured_by_waymo);
+  for (size_t i = 0; i < measured.examples.size(); ++i) {
+    sums.Add(static_cast<size_t>(measured.examples[i].recording), measured.measured[i]);
+  }
+  return sums.MakeStandings(options);
 }
 
 }  // namespace maneuver::evaluation

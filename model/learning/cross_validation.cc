@@ -1,5 +1,6 @@
 #include "model/learning/cross_validation.h"
 
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <numeric>
@@ -250,7 +251,8 @@ absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidatio
   plan.set_fold_seed(run.fold_seed);
   plan.mutable_seeds()->Add(run.seeds.begin(), run.seeds.end());
 
-  data::RecordingGrouper grouper;
+  // Keeps all hashes: folds must not share anything, however little it is.
+  data::RecordingGrouper grouper(SIZE_MAX);
   for (const std::filesystem::path& folder : run.datasets) {
     const absl::StatusOr<v1::Dataset> manifest = data::ReadDatasetManifest(folder);
     if (!manifest.ok()) return manifest.status();

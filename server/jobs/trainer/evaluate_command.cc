@@ -20,6 +20,7 @@
 #include "model/inference/anchor_model.h"
 #include "model/learning/run_progress.h"
 #include "model/machine/usable_cores.h"
+#include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/recordings.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
@@ -43,6 +44,7 @@ EvaluateCommand::EvaluateCommand(CLI::App& app) {
                    "Carry so many of the examples in the report, for figures")
       ->check(CLI::Range(0, 1000))
       ->type_name("N");
+  AddDataMemoryOption(*command, &data_memory_);
   command->add_option("--threads", threads_, "Threads; 0: one for each core")
       ->check(CLI::Range(0, 1024))
       ->type_name("N");
@@ -95,12 +97,12 @@ absl::StatusOr<v1::EvaluationReport> EvaluateCommand::Measure(const v1::ExampleS
   const absl::StatusOr<inference::AnchorBaselines> baselines =
       inference::LoadAnchorBaselines(model_, {});
   if (!baselines.ok() && !absl::IsNotFound(baselines.status())) return baselines.status();
-  const absl::StatusOr<Recordings> recordings = ReadRecordings(dataset_);
+  const absl::StatusOr<Recordings> recordings = OpenRecordings(dataset_, data_memory_);
   if (!recordings.ok()) return recordings.status();
 
   progress.BeginPhase("evaluate");
   evaluation::EvaluationInput input;
-  input.recordings = recordings->scenarios;
+  input.blocks = &recordings->blocks;
   input.annotations = recordings->annotations;
   input.examples = examples;
   input.sampled_examples = sampled_examples_;

@@ -2,6 +2,7 @@
 #define MANEUVER_SERVER_JOBS_TRAINER_EVALUATE_COMMAND_H_
 
 #include <CLI/CLI.hpp>
+#include <cstdint>
 #include <filesystem>
 #include <string>
 
@@ -9,6 +10,7 @@
 #include "absl/status/statusor.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "model/data/recording_blocks.h"
 #include "server/jobs/trainer/progress_display.h"
 
 namespace maneuver::trainer {
@@ -33,6 +35,7 @@ class EvaluateCommand {
   std::filesystem::path settings_;
   int sampled_examples_ = 0;
   int threads_ = 0;
+  int64_t data_memory_ = data::kDefaultDataMemory;  // bytes
   std::string progress_ = "bar";
 };
 

@@ -10,6 +10,7 @@
 #include "model/evaluation/action_names.h"
 #include "model/inference/action_model.h"
 #include "model/machine/usable_cores.h"
+#include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/recordings.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
@@ -28,6 +29,7 @@ MatchActionsCommand::MatchActionsCommand(CLI::App& app)
                    "Dataset folder: shares of the actions, and agreement example by example, there")
       ->type_name("FOLDER");
   command_->add_option("--output", output_, "ActionMatching as JSON")->type_name("FILE");
+  AddDataMemoryOption(*command_, &data_memory_);
   command_->add_option("--threads", threads_, "Threads; 0: one for each core")
       ->check(CLI::Range(0, 1024))
       ->type_name("N");
@@ -51,10 +53,10 @@ absl::Status MatchActionsCommand::Print() const {
 absl::StatusOr<v1::ActionMatching> MatchActionsCommand::Match(
     const inference::ActionModel& first, const inference::ActionModel& second) const {
   if (dataset_.empty()) return evaluation::MatchActions(first.manifest(), second.manifest());
-  const absl::StatusOr<Recordings> recordings = ReadRecordings(dataset_);
+  const absl::StatusOr<Recordings> recordings = OpenRecordings(dataset_, data_memory_);
   if (!recordings.ok()) return recordings.status();
   evaluation::EvaluationInput input;
-  input.recordings = recordings->scenarios;
+  input.blocks = &recordings->blocks;
   input.examples = artifact::ResolveTrainingSettings({}).examples();
   input.threads = threads_ > 0 ? threads_ : machine::UsableCores();
   input.progress = [](int64_t, int64_t) { return !StopRequested(); };

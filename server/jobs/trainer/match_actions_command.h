@@ -2,11 +2,13 @@
 #define MANEUVER_SERVER_JOBS_TRAINER_MATCH_ACTIONS_COMMAND_H_
 
 #include <CLI/CLI.hpp>
+#include <cstdint>
 #include <filesystem>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "maneuver/v1/action_matching.pb.h"
+#include "model/data/recording_blocks.h"
 #include "model/inference/action_model.h"
 
 namespace maneuver::trainer {
@@ -31,6 +33,7 @@ class MatchActionsCommand {
   std::filesystem::path dataset_;
   std::filesystem::path output_;
   int threads_ = 0;
+  int64_t data_memory_ = data::kDefaultDataMemory;  // bytes
 };
 
 }  // namespace maneuver::trainer

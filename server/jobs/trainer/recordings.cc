@@ -7,19 +7,17 @@
 
 namespace maneuver::trainer {
 
-absl::StatusOr<Recordings> ReadRecordings(const std::filesystem::path& folder) {
-  Recordings recordings;
-  absl::Status status =
-      data::ForEachScenario(folder, data::OnDamage::kStop, [&](v1::Scenario&& scenario) {
-        recordings.scenarios.push_back(std::move(scenario));
+absl::StatusOr<Recordings> OpenRecordings(const std::filesystem::path& folder,
+                                          int64_t data_memory) {
+  absl::StatusOr<data::RecordingBlocks> blocks =
+      data::RecordingBlocks::Open(folder, data_memory, [] { return !StopRequested(); });
+  if (!blocks.ok()) return blocks.status();
+  Recordings recordings{*std::move(blocks), {}};
+  const absl::Status status = data::ForEachAnnotation(
+      folder, data::OnDamage::kStop, [&](v1::ManeuverAnnotation&& annotation) {
+        recordings.annotations.push_back(std::move(annotation));
         return !StopRequested();
       });
-  if (!status.ok()) return status;
-  status = data::ForEachAnnotation(folder, data::OnDamage::kStop,
-                                   [&](v1::ManeuverAnnotation&& annotation) {
-                                     recordings.annotations.push_back(std::move(annotation));
-                                     return true;
-                                   });
   if (!status.ok()) return status;
   if (StopRequested()) return absl::CancelledError("the evaluation was stopped");
   return recordings;

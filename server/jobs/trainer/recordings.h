@@ -1,22 +1,25 @@
 #ifndef MANEUVER_SERVER_JOBS_TRAINER_RECORDINGS_H_
 #define MANEUVER_SERVER_JOBS_TRAINER_RECORDINGS_H_
 
+#include <cstdint>
 #include <filesystem>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "maneuver/v1/scenario.pb.h"
+#include "model/data/recording_blocks.h"
 
 namespace maneuver::trainer {
 
-// All of a dataset, in memory.
+// A dataset to measure on.
 struct Recordings {
-  std::vector<v1::Scenario> scenarios;
+  data::RecordingBlocks blocks;
   std::vector<v1::ManeuverAnnotation> annotations;
 };
 
-// Errors: those of data::ForEachScenario; CANCELLED if a stop signal came.
-absl::StatusOr<Recordings> ReadRecordings(const std::filesystem::path& folder);
+// Opens a dataset whose recordings may take `data_memory` bytes of memory. Errors: those of
+// data::RecordingBlocks; CANCELLED if a stop signal came.
+absl::StatusOr<Recordings> OpenRecordings(const std::filesystem::path& folder, int64_t data_memory);
 
 }  // namespace maneuver::trainer
 

@@ -65,6 +65,25 @@ TEST(RecordingGroupsTest, GroupsRecordingsOfOnePlaceWhoseMapsDifferByDecimetres)
   EXPECT_THAT(GroupsOf({WithLane("a", 7.0), WithLane("b", 9.5)}), ElementsAre(0, 1));
 }
 
+// 20 places of 40 long lanes: 640 hashes each. Of 256 that are kept at most, each place has about
+// ten.
+TEST(RecordingGroupsTest, FindsLargeOverlapsWithAFewOfTheHashes) {
+  RecordingGrouper grouper(256);
+  std::vector<int> places;
+  for (int pass = 0; pass < 3; ++pass) {
+    for (int place = 0; place < 20; ++place) {
+      v1::Scenario recording;
+      recording.set_scenario_id(std::to_string(pass) + "-" + std::to_string(place));
+      for (int lane = 0; lane < 40; ++lane) {
+        *recording.add_map_features() = WithLane("", 1000.0 * place, 10.0 * lane).map_features(0);
+      }
+      grouper.Add(recording);
+      places.push_back(place);
+    }
+  }
+  EXPECT_EQ(grouper.Groups().groups, places);
+}
+
 TEST(RecordingGroupsTest, ShortOrMerelyTouchingLanesDoNotGroupRecordings) {
   EXPECT_THAT(GroupsOf({WithLane("a", 0, 0, 15.0), WithLane("b", 0, 0, 15.0)}), ElementsAre(0, 1));
   EXPECT_THAT(GroupsOf({WithLane("a", 0, 0, 50.0), WithLane("b", 0, 0, 60.0)}), ElementsAre(0, 1));

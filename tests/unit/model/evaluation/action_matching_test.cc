@@ -185,9 +185,8 @@ TEST(ActionMatchingTest, CoincidenceMeasuresPairsAndMutualInformation) {
     pair.mutable_first()->set_action_id(i);
     pair.mutable_second()->set_action_id(1 - i);
   }
-  const std::vector<int> first = {0, 0, 0, 0, 1, 1, 1, 1};
-  const std::vector<int> second = {1, 1, 1, 1, 0, 0, 2, 2};
-  const v1::ActionCoincidence coincidence = CoincidenceOf(first, second, matching);
+  const ActionPairs pairs = {{{0, 1}, 4}, {{1, 0}, 2}, {{1, 2}, 2}};
+  const v1::ActionCoincidence coincidence = CoincidenceOf(pairs, matching);
   EXPECT_EQ(coincidence.examples(), 8);
   EXPECT_DOUBLE_EQ(coincidence.paired_share(), 0.75);
   // I = H(first) = ln 2, H(second) = 1.5 ln 2: 2 / 2.5.

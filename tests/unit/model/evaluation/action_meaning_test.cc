@@ -26,7 +26,9 @@ class ActionMeaningTest : public testing::Test {
   v1::EvaluationReport Report() const {
     v1::EvaluationReport report;
     for (int action = 0; action < 3; ++action) report.add_action_uses();
-    AddMeaning(measured_, report);
+    ActionMeaning meaning;
+    for (const Measurement& each : measured_) meaning.Add(each);
+    meaning.Write(report);
     return report;
   }
 

@@ -5,14 +5,19 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "model/artifact/model_spec.h"
+#include "model/data/dataset_folder.h"
+#include "model/data/recording_blocks.h"
+#include "model/evaluation/action_coincidence.h"
 #include "model/inference/anchor_model.h"
 #include "tests/unit/model/inference/reference_model.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -117,6 +122,22 @@ class FakeModel final : public inference::ActionModel {
     v1::SceneVectorsSpec& vectors = *model->manifest_.mutable_spec()->mutable_scene_vectors();
     vectors.set_agent_width(agent_width);
     vectors.set_agent_heads(1);
+    return model;
+  }
+
+  // A model whose manifest has its actions: straight on, 20 m, 10 m and not at all.
+  static std::shared_ptr<const FakeModel> WithActions() {
+    auto model = std::make_shared<FakeModel>();
+    for (int i = 0; i < 3; ++i) {
+      v1::Action& action = *model->manifest_.add_actions();
+      action.set_action_id(i);
+      action.set_effective(true);
+      v1::Trajectory& mean = *action.mutable_distribution()->mutable_mean_trajectory();
+      for (int waypoint = 1; waypoint <= kWaypoints; ++waypoint) {
+        mean.add_x((20.0 - 10.0 * i) * waypoint / kWaypoints);
+        mean.add_y(0.0);
+      }
+    }
     return model;
   }
 
@@ -352,6 +373,51 @@ TEST_F(EvaluatorTest, GivesTheSameBitsOnAnyNumberOfThreads) {
   for (const auto& [name, value] : one->metrics()) {
     EXPECT_EQ(value, three->metrics().at(name)) << name;
   }
+}
+
+// Writes the recordings to a dataset folder and opens it in blocks of one recording: there is no
+// memory for two.
+absl::StatusOr<data::RecordingBlocks> OneByOne(const std::vector<v1::Scenario>& recordings,
+                                               const std::filesystem::path& folder) {
+  auto writer = data::DatasetWriter::Create(folder, "a test");
+  if (!writer.ok()) return writer.status();
+  for (const v1::Scenario& recording : recordings) {
+    const absl::Status added = (*writer)->Add(recording);
+    if (!added.ok()) return added;
+  }
+  const absl::Status committed = (*writer)->Commit().status();
+  if (!committed.ok()) return committed;
+  return data::RecordingBlocks::Open(folder, 1, [] { return true; });
+}
+
+TEST_F(EvaluatorTest, MeasuresBlocksToTheSameDigitsAsRecordingsInMemory) {
+  const TemporaryFolder temporary;
+  const auto blocks = OneByOne(recordings_, temporary.path() / "dataset");
+  ASSERT_TRUE(blocks.ok()) << blocks.status();
+  input_.sampled_examples = 6;
+  const auto in_memory = Evaluate(*model_, input_);
+  ASSERT_TRUE(in_memory.ok()) << in_memory.status();
+  input_.recordings = {};
+  input_.blocks = &*blocks;
+  const auto by_block = Evaluate(*model_, input_);
+  ASSERT_TRUE(by_block.ok()) << by_block.status();
+  EXPECT_EQ(by_block->DebugString(), in_memory->DebugString());
+  EXPECT_EQ(by_block->sampled_examples_size(), 6);
+}
+
+TEST_F(EvaluatorTest, MatchesActionsOverBlocksToTheSameDigits) {
+  const TemporaryFolder temporary;
+  const auto blocks = OneByOne(recordings_, temporary.path() / "dataset");
+  ASSERT_TRUE(blocks.ok()) << blocks.status();
+  const auto model = FakeModel::WithActions();
+  const auto in_memory = MatchActions(*model, *model, input_);
+  ASSERT_TRUE(in_memory.ok()) << in_memory.status();
+  EXPECT_GT(in_memory->coincidence().examples(), 0);
+  input_.recordings = {};
+  input_.blocks = &*blocks;
+  const auto by_block = MatchActions(*model, *model, input_);
+  ASSERT_TRUE(by_block.ok()) << by_block.status();
+  EXPECT_EQ(by_block->DebugString(), in_memory->DebugString());
 }
 
 // Returns a baseline that reads the same as a model of `spec`, with smaller, random networks.
