@@ -41,12 +41,13 @@ absl::Status RunPhases(std::span<const LearningPhase> phases, LearningState& sta
 }  // namespace
 
 std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settings,
-                                              int64_t training_examples, bool started) {
+                                              int64_t training_examples, int64_t examples_in_memory,
+                                              bool started) {
   const v1::OptimizationSettings& optimization = settings.optimization();
   const int64_t batch = optimization.batch_size();
-  const int64_t examples = EpochExamples(settings, training_examples);
-  const int64_t short_epoch = StepsOfEpoch(examples, batch * kTrajectoryBatchFactor);
-  const int64_t long_epoch = StepsOfEpoch(examples, batch);
+  const int64_t short_epoch =
+      StepsOfEpoch(EpochExamples(settings, examples_in_memory), batch * kTrajectoryBatchFactor);
+  const int64_t long_epoch = StepsOfEpoch(EpochExamples(settings, training_examples), batch);
   const int64_t placements = optimization.placements() > 1 ? optimization.placements() : 0;
   const int posterior_epochs =
       settings.model().objective() == v1::OBJECTIVE_BASE ? 0 : optimization.posterior_epochs();
@@ -67,7 +68,7 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
       {{kJointPhase, optimization.joint_epochs(), optimization.joint_epochs() * long_epoch, 30.0},
        {kPosteriorPhase, posterior_epochs, posterior_epochs * long_epoch, 20.0},
        {kCovariancePhase, covariance_epochs, covariance_epochs * long_epoch, 10.0},
-       {kCalibratePhase, 1, CalibrationSteps(training_examples), 15.0},
+       {kCalibratePhase, 1, CalibrationSteps(examples_in_memory), 15.0},
        {"export", 1, 1, 1.0},
        {"evaluate", 1, 100, 7.0}});
   return plan;

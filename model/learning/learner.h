@@ -26,9 +26,11 @@ class Learner {
           int threads, const std::function<bool()>& stopped, RunProgress& progress);
 
   // Returns the plan of a run, for its RunProgress.
+  //   examples_in_memory: of training, which the phases on trajectories and calibration are over
   //   started: from the weights of a model
   static std::vector<RunProgress::Phase> Plan(const v1::TrainingSettings& settings,
-                                              int64_t training_examples, bool started = false);
+                                              int64_t training_examples, int64_t examples_in_memory,
+                                              bool started = false);
 
   // Starts from these weights, which must have the same spec, instead of random ones. Learn then
   // begins with the joint phase. Call it first.

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "model/artifact/model_spec.h"
+#include "model/data/stable_hash.h"
 #include "model/machine/thread_priority.h"
 #include "model/scene/agent_inputs.h"
 #include "model/scene/lane_paths.h"
@@ -232,6 +233,28 @@ std::vector<SceneLoader::Item> EpochItems(const v1::TrainingSettings& settings,
   std::vector<SceneLoader::Item> items =
       VariedItems(settings, order, first_step * batch_size, epoch + 1);
   if (static_cast<int64_t>(order.size()) % batch_size == 1) items.pop_back();
+  return items;
+}
+
+std::vector<SceneLoader::Item> WindowItems(const v1::TrainingSettings& settings, int64_t examples,
+                                           const EpochWindow& window, int64_t first_step,
+                                           int epoch) {
+  const int64_t batch_size = settings.optimization().batch_size();
+  const uint64_t seed = static_cast<uint64_t>(settings.seed());
+  const uint64_t hash = data::MixHash(data::MixHash(seed, static_cast<uint64_t>(epoch)),
+                                      static_cast<uint64_t>(window.first_step));
+  std::vector<std::pair<uint64_t, int64_t>> order;
+  for (int64_t i = 0; i < examples; ++i) {
+    order.emplace_back(data::MixHash(hash, static_cast<uint64_t>(i)), i);
+  }
+  std::ranges::sort(order);
+  const int frames = HistoryFrames(settings.model());
+  std::vector<SceneLoader::Item> items;
+  for (int64_t i = first_step * batch_size; i < window.steps * batch_size; ++i) {
+    items.push_back({order[static_cast<size_t>(i)].second,
+                     DrawVariation(settings.augmentation(), frames, seed, epoch + 1,
+                                   window.first_step * batch_size + i)});
+  }
   return items;
 }
 

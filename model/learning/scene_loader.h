@@ -13,6 +13,7 @@
 
 #include "maneuver/v1/model_spec.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "model/learning/epoch_windows.h"
 #include "model/learning/scene_source.h"
 #include "model/learning/scene_tensors.h"
 #include "model/learning/variation.h"
@@ -69,6 +70,14 @@ class SceneLoader {
 //   settings: complete
 std::vector<SceneLoader::Item> VariedItems(const v1::TrainingSettings& settings,
                                            std::span<const int64_t> order, int64_t first,
+                                           int epoch);
+
+// Returns the items of the batches of a window from batch `first_step` of the window on, in an order
+// drawn by (seed, epoch, window). An item is varied by its place in the epoch.
+//   examples: in the window
+//   epoch: from 0
+std::vector<SceneLoader::Item> WindowItems(const v1::TrainingSettings& settings, int64_t examples,
+                                           const EpochWindow& window, int64_t first_step,
                                            int epoch);
 
 // Returns the items of the batches of an epoch from batch `first_step` on, without a last batch of

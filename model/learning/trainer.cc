@@ -34,6 +34,16 @@ int Threads(const v1::TrainingSettings& settings) {
   return machine::UsableCores();
 }
 
+// Returns the data memory that the run's latest checkpoint began with, or else the run's.
+absl::StatusOr<int64_t> DataMemory(const TrainingRun& run) {
+  if (run.checkpoints.empty()) return run.data_memory;
+  const absl::StatusOr<CheckpointFolder> folder =
+      CheckpointFolder::Open(run.checkpoints, run.checkpoint_policy);
+  if (!folder.ok()) return folder.status();
+  const std::optional<Checkpoint> latest = folder->ReadLatest();
+  return latest && latest->data_memory() > 0 ? latest->data_memory() : run.data_memory;
+}
+
 // All phases on loaded data.
 class Training {
  public:
@@ -41,16 +51,21 @@ class Training {
       : run_(run),
         device_(device),
         stopped_(run.stopped ? run.stopped : [] { return false; }),
-        progress_(Plan(run, run.settings.examples().max_examples()), run.progress,
-                  [] { return std::chrono::system_clock::now(); }) {}
+        progress_(Plan(run, run.settings.examples().max_examples(),
+                       run.settings.examples().max_examples()),
+                  run.progress, [] { return std::chrono::system_clock::now(); }) {}
 
   absl::StatusOr<TrainingData> Load(const std::vector<std::filesystem::path>& datasets) {
     progress_.BeginPhase("load");
-    return LoadTrainingData(datasets, run_.settings, [this] { return !stopped_(); });
+    const absl::StatusOr<int64_t> data_memory = DataMemory(run_);
+    if (!data_memory.ok()) return data_memory.status();
+    return OpenTrainingData(datasets, run_.settings, *data_memory, Threads(run_.settings),
+                            [this] { return !stopped_(); });
   }
 
   absl::StatusOr<v1::ModelManifest> Learn(const TrainingData& data) {
-    progress_.Replan(Plan(run_, static_cast<int64_t>(data.training.examples.size())));
+    progress_.Replan(
+        Plan(run_, data.TrainingExamples(), static_cast<int64_t>(data.training.examples.size())));
     const int threads = Threads(run_.settings);
     Learner learner(run_.settings, data, device_, threads, stopped_, progress_);
     GivenNames given{.labels = data.label_names};
@@ -96,9 +111,10 @@ class Training {
   }
 
  private:
-  static std::vector<RunProgress::Phase> Plan(const TrainingRun& run, int64_t training_examples) {
+  static std::vector<RunProgress::Phase> Plan(const TrainingRun& run, int64_t training_examples,
+                                              int64_t examples_in_memory) {
     std::vector<RunProgress::Phase> plan =
-        Learner::Plan(run.settings, training_examples, !run.start_from.empty());
+        Learner::Plan(run.settings, training_examples, examples_in_memory, !run.start_from.empty());
     if (run.baselines) AnchorLearner::AddPhases(run.settings, training_examples, &plan);
     return plan;
   }
@@ -150,7 +166,7 @@ class Training {
             std::chrono::system_clock::now().time_since_epoch())
             .count());
     provenance.set_trainer_version(run_.trainer_version);
-    provenance.set_training_examples(static_cast<int64_t>(data.training.examples.size()));
+    provenance.set_training_examples(data.TrainingExamples());
     provenance.set_validation_examples(static_cast<int64_t>(data.validation.examples.size()));
     return manifest;
   }

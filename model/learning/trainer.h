@@ -13,6 +13,7 @@
 #include "maneuver/v1/model.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "model/data/recording_blocks.h"
 #include "model/learning/checkpoint_policy.h"
 #include "model/learning/training_data.h"
 
@@ -31,6 +32,12 @@ struct TrainingRun {
   // then includes. The model has the same bytes with and without them. It takes about twice the
   // time.
   bool baselines = false;
+  // Bytes of memory that recordings may take, about. Datasets that fit are read whole. From larger
+  // ones, the phases on scenes learn window by window. Standardization, the phases on trajectories,
+  // validation, calibration and the model's own metrics are of a sample (OpenTrainingData). A run
+  // that goes on from a checkpoint keeps the data memory that it began with, because the order of
+  // its examples depends on it.
+  int64_t data_memory = data::kDefaultDataMemory;
   CheckpointPolicy checkpoint_policy;
   // The run fails if fewer actions than this have a probability of 0.05 in any held-out example.
   // Not checked with fewer than a hundred held-out examples; 0: never checked.

@@ -1,9 +1,7 @@
 #include "model/learning/training_data.h"
 
 #include <algorithm>
-#include <cmath>
 #include <iterator>
-#include <optional>
 #include <string>
 #include <unordered_set>
 #include <utility>
@@ -12,10 +10,12 @@
 #include "absl/strings/str_format.h"
 #include "model/artifact/model_spec.h"
 #include "model/data/dataset_folder.h"
+#include "model/data/recording_blocks.h"
 #include "model/data/recording_split.h"
 #include "model/data/stable_hash.h"
-#include "model/evaluation/maneuver_labels.h"
+#include "model/learning/recording_windows.h"
 #include "model/learning/training_failure.h"
+#include "model/learning/training_labels.h"
 
 namespace maneuver::learning {
 namespace {
@@ -24,10 +24,7 @@ namespace {
 class Splitter {
  public:
   explicit Splitter(const v1::TrainingSettings& settings)
-      : settings_(settings), training_examples_(settings.examples()) {
-    if (!training_examples_.has_training_stride()) return;
-    *training_examples_.mutable_stride() = training_examples_.training_stride();
-  }
+      : settings_(settings), training_examples_(TrainingExampleSettings(settings)) {}
 
   void Add(v1::Scenario&& recording) {
     targets_ += std::count_if(recording.agents().begin(), recording.agents().end(),
@@ -62,8 +59,15 @@ class Splitter {
     data_.folder_examples.push_back(static_cast<int64_t>(data_.training.examples.size()) - before);
   }
 
-  absl::StatusOr<TrainingData> Finish() && {
-    const int64_t found = static_cast<int64_t>(data_.training.examples.size());
+  bool HoldsOut(const std::string& scenario_id) const {
+    return held_out_ids_.contains(scenario_id);
+  }
+  int64_t TrainingExamples() const { return static_cast<int64_t>(data_.training.examples.size()); }
+  // Labels of the training examples, after Finish; null without any.
+  const std::shared_ptr<const TrainingLabels>& labels() const { return labels_; }
+
+  absl::StatusOr<TrainingData> Finish() {
+    const int64_t found = TrainingExamples();
     const int64_t needed = MinimumExamples(settings_);
     if (found < needed) return TooFew(found, needed);
     if (absl::Status status = CheckWeights(); !status.ok()) return status;
@@ -95,39 +99,17 @@ class Splitter {
   // Seconds.
   double Horizon() const { return artifact::WaypointTimes(settings_.model().trajectory()).back(); }
 
-  // Labels label_share of the training examples, chosen by a hash, so that the same ones are
-  // labelled whatever else is in the datasets.
   absl::Status LabelExamples() {
     if (training_annotations_.empty()) return absl::OkStatus();
-    const evaluation::ManeuverLabels recorded(training_annotations_);
-    const std::vector<std::string>& names = recorded.names();
-    if (static_cast<int>(names.size()) > settings_.model().actions()) {
-      return absl::FailedPreconditionError(
-          absl::StrCat("the recordings are labelled with ", names.size(),
-                       " different manoeuvres; raise model.actions (", settings_.model().actions(),
-                       ") to as many, or set examples.label_share to 0"));
-    }
-    data_.label_names = names;
-    std::sort(data_.label_names.begin(), data_.label_names.end());
+    const auto labels = TrainingLabels::Make(std::move(training_annotations_), settings_);
+    if (!labels.ok()) return labels.status();
+    data_.label_names = (*labels)->names();
     for (const data::Example& example : data_.training.examples) {
-      const std::string& id =
-          data_.training.recordings[static_cast<size_t>(example.recording)].scenario_id();
-      int label = -1;
-      const uint64_t hash = data::MixHash(
-          data::MixHash(data::StableHash(id), static_cast<uint64_t>(example.target_id)),
-          static_cast<uint64_t>(std::llround(example.time * 1000.0)));
-      // Once more, so that it does not choose as the drawing of standing vehicles does.
-      if (data::UnitInterval(data::MixHash(hash, 1)) < settings_.examples().label_share()) {
-        const std::optional<int> found =
-            recorded.Over(id, example.target_id, example.time, example.time + Horizon());
-        if (found) {
-          const auto place = std::lower_bound(data_.label_names.begin(), data_.label_names.end(),
-                                              names[static_cast<size_t>(*found)]);
-          label = static_cast<int>(place - data_.label_names.begin());
-        }
-      }
-      data_.labels.push_back(label);
+      const size_t recording = static_cast<size_t>(example.recording);
+      data_.labels.push_back(
+          (*labels)->Of(data_.training.recordings[recording].scenario_id(), example));
     }
+    labels_ = *labels;
     return absl::OkStatus();
   }
 
@@ -152,11 +134,123 @@ class Splitter {
   TrainingData data_;
   std::unordered_set<std::string> held_out_ids_;
   std::vector<v1::ManeuverAnnotation> training_annotations_;
+  std::shared_ptr<const TrainingLabels> labels_;
   int64_t recordings_ = 0;
   int64_t targets_ = 0;  // agents of the types that are learned from
 };
 
+// The recordings of a folder that a run over large data keeps in memory: indices into its
+// RecordingIndex, ascending. At least one of each side, where there is one.
+//   memory: bytes, of which training recordings take a quarter and held-out ones an eighth
+std::vector<size_t> SampleRecordings(const RecordingWindows& windows, int folder,
+                                     const v1::TrainingSettings& settings, double memory) {
+  const auto& entries = windows.index(folder).entries();
+  const double share = settings.examples().validation_share();
+  std::vector<size_t> sample;
+  const auto take = [&](std::vector<size_t> side, double left) {
+    std::ranges::sort(side, {}, [&](size_t i) {
+      return std::pair(data::MixHash(data::StableHash(entries[i].scenario_id),
+                                     static_cast<uint64_t>(settings.seed())),
+                       i);
+    });
+    for (size_t i = 0; i < side.size() && left > 0.0; ++i) {
+      left -= static_cast<double>(data::kMemoryPerByte) *
+              static_cast<double>(entries[side[i]].payload_bytes);
+      sample.push_back(side[i]);
+    }
+  };
+  std::vector<size_t> training;
+  for (const UnreadRecording& each : windows.recordings()) {
+    if (each.folder == folder) training.push_back(each.index);
+  }
+  std::vector<size_t> held_out;
+  for (size_t i = 0; i < entries.size(); ++i) {
+    if (data::HeldOut(entries[i].scenario_id, share)) held_out.push_back(i);
+  }
+  take(std::move(training), memory / 4.0);
+  take(std::move(held_out), memory / 8.0);
+  std::ranges::sort(sample);
+  return sample;
+}
+
+absl::Status CheckExamples(int64_t all, int64_t sampled, const v1::TrainingSettings& settings) {
+  const int64_t needed = MinimumExamples(settings);
+  if (sampled >= needed) return absl::OkStatus();
+  const std::string remedy =
+      all >= needed ? "raise --data-memory"
+                    : "add recordings, make examples.stride smaller, or lower model.actions and "
+                      "optimization.batch_size";
+  return WithFailure(
+      absl::FailedPreconditionError(absl::StrFormat(
+          "the recordings hold %d training examples, the sample of them that fits in the data "
+          "memory %d, and %d are needed; %s",
+          all, sampled, needed, remedy)),
+      TrainingFailure::kNotEnoughExamples);
+}
+
+// Adds the sample of a folder, and the annotations of the sample and of all training recordings.
+absl::Status AddSample(const std::filesystem::path& path, const RecordingWindows& windows,
+                       std::span<const size_t> sample, int folder,
+                       const v1::TrainingSettings& settings,
+                       const std::function<bool()>& keep_going, Splitter& splitter) {
+  for (const size_t recording : sample) {
+    if (!keep_going()) return absl::CancelledError("stopped while reading the recordings");
+    absl::StatusOr<v1::Scenario> read = windows.index(folder).Read(recording);
+    if (!read.ok()) return read.status();
+    splitter.Add(*std::move(read));
+  }
+  const double share = settings.examples().validation_share();
+  return data::ForEachAnnotation(path, data::OnDamage::kStop,
+                                 [&](v1::ManeuverAnnotation&& annotation) {
+                                   const std::string& id = annotation.scenario_id();
+                                   if (splitter.HoldsOut(id) || !data::HeldOut(id, share)) {
+                                     splitter.Add(std::move(annotation));
+                                   }
+                                   return true;
+                                 });
+}
+
+absl::StatusOr<TrainingData> OpenLargeData(std::span<const std::filesystem::path> folders,
+                                           const v1::TrainingSettings& settings,
+                                           int64_t data_memory, int threads,
+                                           const std::function<bool()>& keep_going) {
+  const auto windows = RecordingWindows::Open(folders, settings, data_memory, threads, keep_going);
+  if (!windows.ok()) return windows.status();
+  int64_t all_bytes = 0;
+  for (size_t i = 0; i < folders.size(); ++i) all_bytes += (*windows)->bytes(static_cast<int>(i));
+  Splitter splitter(settings);
+  for (size_t i = 0; i < folders.size(); ++i) {
+    const int folder = static_cast<int>(i);
+    const double share = static_cast<double>((*windows)->bytes(folder)) /
+                         static_cast<double>(std::max<int64_t>(1, all_bytes));
+    const std::vector<size_t> sample =
+        SampleRecordings(**windows, folder, settings, share * static_cast<double>(data_memory));
+    const absl::Status added =
+        AddSample(folders[i], **windows, sample, folder, settings, keep_going, splitter);
+    if (!added.ok()) return added;
+    splitter.EndFolder();
+  }
+  const absl::Status enough =
+      CheckExamples((*windows)->examples(), splitter.TrainingExamples(), settings);
+  if (!enough.ok()) return enough;
+  absl::StatusOr<TrainingData> data = splitter.Finish();
+  if (!data.ok()) return data;
+  (*windows)->SetLabels(splitter.labels());
+  data->windows = *windows;
+  return data;
+}
+
 }  // namespace
+
+int64_t TrainingData::TrainingExamples() const {
+  return windows ? windows->examples() : static_cast<int64_t>(training.examples.size());
+}
+
+v1::ExampleSettings TrainingExampleSettings(const v1::TrainingSettings& settings) {
+  v1::ExampleSettings examples = settings.examples();
+  if (examples.has_training_stride()) *examples.mutable_stride() = examples.training_stride();
+  return examples;
+}
 
 int64_t MinimumExamples(const v1::TrainingSettings& settings) {
   return 2 * std::max(settings.model().actions(), settings.optimization().batch_size());
@@ -192,7 +286,25 @@ absl::StatusOr<TrainingData> LoadTrainingData(
     if (!status.ok()) return status;
     splitter.EndFolder();
   }
-  return std::move(splitter).Finish();
+  return splitter.Finish();
+}
+
+absl::StatusOr<TrainingData> OpenTrainingData(std::span<const std::filesystem::path> folders,
+                                              const v1::TrainingSettings& settings,
+                                              int64_t data_memory, int threads,
+                                              const std::function<bool()>& keep_going) {
+  int64_t bytes = 0;
+  for (const std::filesystem::path& folder : folders) {
+    const absl::StatusOr<int64_t> of_folder = data::RecordingBytes(folder);
+    if (!of_folder.ok()) return of_folder.status();
+    bytes += *of_folder;
+  }
+  absl::StatusOr<TrainingData> data =
+      data::FitInMemory(bytes, data_memory)
+          ? LoadTrainingData(folders, settings, keep_going)
+          : OpenLargeData(folders, settings, data_memory, threads, keep_going);
+  if (data.ok()) data->data_memory = data_memory;
+  return data;
 }
 
 absl::StatusOr<TrainingData> SplitRecordings(std::vector<v1::Scenario> recordings,
@@ -200,7 +312,7 @@ absl::StatusOr<TrainingData> SplitRecordings(std::vector<v1::Scenario> recording
   Splitter splitter(settings);
   for (v1::Scenario& recording : recordings) splitter.Add(std::move(recording));
   splitter.EndFolder();
-  return std::move(splitter).Finish();
+  return splitter.Finish();
 }
 
 }  // namespace maneuver::learning

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -25,6 +26,8 @@ struct ExampleSet {
   std::vector<data::Example> examples;  // Example.recording is an index into `recordings`
 };
 
+class RecordingWindows;
+
 struct TrainingData {
   ExampleSet training;
   ExampleSet validation;                            // whole recordings; empty if the share is 0
@@ -36,7 +39,19 @@ struct TrainingData {
   // The number of training examples of each folder; they are in the order of the folders. Empty:
   // not known, and dataset_weights have no meaning.
   std::vector<int64_t> folder_examples;
+  // All training recordings, on disk, if they do not fit in memory; null if they do. Phases on
+  // scenes learn from them. `training` and `validation` are then samples.
+  std::shared_ptr<const RecordingWindows> windows;
+  int64_t data_memory = 0;  // bytes that the run's recordings may take; 0: nobody said
+
+  // Returns how many training examples there are, on disk or in memory.
+  int64_t TrainingExamples() const;
 };
+
+// Returns the example settings by which training examples are enumerated: their stride may be
+// another one.
+//   settings: complete
+v1::ExampleSettings TrainingExampleSettings(const v1::TrainingSettings& settings);
 
 // Reads the folders and enumerates the examples of complete settings. Annotations are for
 // evaluation and, by label_share, for labels. FAILED_PRECONDITION if more manoeuvres are labelled
@@ -52,7 +67,20 @@ absl::StatusOr<TrainingData> LoadTrainingData(
     const std::function<bool()>& keep_going,
     const std::function<bool(const v1::Scenario&)>& learns_from = {});
 
-// As above, for recordings in memory.
+// Opens folders whose recordings may take `data_memory` bytes (recording_blocks.h says what they
+// take). If they fit, this is LoadTrainingData. If they do not, TrainingData.windows has all training
+// recordings, and the rest is of a sample of whole recordings: each folder gives by its share of the
+// bytes, in the order of a hash of seed and id, until training recordings take a quarter of
+// `data_memory` and held-out ones an eighth.
+//   threads: that read and count
+// Errors: those of LoadTrainingData and RecordingWindows::Open; FAILED_PRECONDITION if the sample
+// has fewer training examples than MinimumExamples.
+absl::StatusOr<TrainingData> OpenTrainingData(std::span<const std::filesystem::path> folders,
+                                              const v1::TrainingSettings& settings,
+                                              int64_t data_memory, int threads,
+                                              const std::function<bool()>& keep_going);
+
+// The same as LoadTrainingData from recordings in memory.
 absl::StatusOr<TrainingData> SplitRecordings(std::vector<v1::Scenario> recordings,
                                              const v1::TrainingSettings& settings);
 

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "model/data/dataset_store.h"
+#include "model/data/recording_blocks.h"
 #include "server/jobs/checkpoints.h"
 #include "server/serving/model_versions.h"
 
@@ -18,6 +19,9 @@ namespace maneuver::jobs {
 struct JobLimits {
   int threads = 0;           // of each process; 0: as its settings say
   int64_t memory_bytes = 0;  // of each process, see ChildCommand; 0: no limit
+  // That recordings may take in a process which trains or evaluates, bytes. Larger data are read
+  // piece by piece.
+  int64_t data_memory = data::kDefaultDataMemory;
   // Of all processes of a job together, since it was created or resumed by request; 0: no limit.
   std::chrono::milliseconds run_time{0};
   // A job fails once this many processes in a row have died without a new checkpoint.

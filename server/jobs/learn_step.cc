@@ -42,7 +42,9 @@ std::vector<std::string> TrainArguments(const v1::Job& job, const fs::path& fold
                                         "--checkpoints-kept",
                                         absl::StrCat(checkpoints.kept),
                                         "--least-actions",
-                                        absl::StrCat(environment.least_effective_actions)};
+                                        absl::StrCat(environment.least_effective_actions),
+                                        "--data-memory",
+                                        absl::StrCat(environment.limits.data_memory)};
   for (const std::string& dataset : job.train().datasets()) {
     const std::string id(absl::StripPrefix(dataset, "datasets/"));
     arguments.insert(arguments.end(),

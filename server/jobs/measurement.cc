@@ -55,7 +55,8 @@ Measured Measure(v1::Job& job, const MeasuringTask& task, const std::filesystem:
       job,
       {"evaluate", "--model", model->folder, "--dataset", environment.datasets->FolderOf(id),
        "--settings", folder / kSettingsFile, "--output", folder / kOutput, "--sampled-examples",
-       std::to_string(task.sampled_examples), "--progress", "json"},
+       std::to_string(task.sampled_examples), "--data-memory",
+       std::to_string(environment.limits.data_memory), "--progress", "json"},
       folder, attempt);
   if (!measured.outcome.status.ok() || attempt.IsStopped()) return measured;
   auto report = ReadReport(folder / kOutput, model->name, *dataset, task, attempt.now());

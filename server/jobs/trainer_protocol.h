@@ -3,9 +3,10 @@
 //   maneuver-trainer train --settings FILE --dataset FOLDER... --output FOLDER
 //       [--dataset-name NAME...] [--threads N] [--progress json|bar|none]
 //       [--checkpoints FOLDER] [--checkpoint-interval S] [--checkpoint-steps N]
-//       [--checkpoints-kept N] [--least-actions N]
+//       [--checkpoints-kept N] [--least-actions N] [--data-memory BYTES]
 //   maneuver-trainer evaluate --model FOLDER --dataset FOLDER [--output FILE]
-//       [--settings FILE] [--sampled-examples N] [--threads N] [--progress json|bar|none]
+//       [--settings FILE] [--sampled-examples N] [--data-memory BYTES] [--threads N]
+//       [--progress json|bar|none]
 //   maneuver-trainer cross-validate --settings FILE --dataset FOLDER... --output FILE
 //       [--test-dataset NAME=FOLDER...] [--folds N] [--fold-seed N] [--seeds N,...]
 //       [--models FOLDER] [--checkpoints FOLDER] [--threads N] [--progress json|bar|none]

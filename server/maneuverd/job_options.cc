@@ -49,6 +49,12 @@ void AddJobOptions(CLI::App& app, JobOptions& options) {
               options.limits.memory_bytes =
                   std::llround(mebibytes * static_cast<double>(kBytesPerMebibyte));
             });
+  app.add_option("--data-memory", options.limits.data_memory,
+                 "Memory that the recordings of a job may take, such as 2GiB; data that do not fit "
+                 "are read piece by piece")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
   AddScaled(app, "--job-time-limit", "0", 1e9, "Most seconds that a job runs; 0: no limit",
             [&options](double seconds) { options.limits.run_time = Seconds(seconds); });
   app.add_option(

@@ -9,6 +9,7 @@
 #include "model/learning/epoch_size.h"
 #include "model/learning/example_order.h"
 #include "model/learning/optimizer.h"
+#include "model/learning/phases/scene_batches.h"
 #include "model/learning/predictions.h"
 #include "model/learning/run_state.h"
 #include "model/learning/scene_loader.h"
@@ -54,32 +55,31 @@ class AnchorSteps final : public EpochSteps {
   AnchorSteps(AnchorNetworks& networks, at::Generator& generator, const LearningState& model)
       : networks_(networks),
         model_(model),
+        batches_(networks.spec(), model),
         mode_{&generator, model.settings.optimization().dropout()} {}
 
-  void BeginEpoch(std::span<const int64_t> order, int64_t first_step, int epoch) override {
-    loader_.emplace(networks_.spec(), model_.training,
-                    EpochItems(model_.settings, order, first_step, epoch),
-                    model_.settings.optimization().batch_size(), model_.threads);
-  }
+  absl::Status BeginEpoch(const EpochStart& start) override { return batches_.BeginEpoch(start); }
 
-  BatchLoss Next(const Moment&, TermMeans* means) override {
-    const SceneLoader::Batch batch = *loader_->Next();
+  absl::StatusOr<BatchLoss> Next(const Moment&, TermMeans* means) override {
+    const absl::StatusOr<SceneBatches::LabelledBatch> next = batches_.Next();
+    if (!next.ok()) return next.status();
+    const SceneLoader::Batch& batch = next->batch;
     const at::Tensor x = batch.trajectories.to(model_.networks.device());
     const AnchorPredictions predictions = networks_.Predict(batch.scenes, mode_);
     const at::Tensor nearest = NearestAnchor(networks_.anchors(), x);
     const at::Tensor losses = networks_.regresses() ? MultiPathLoss(predictions, nearest, x)
                                                     : ClassifierLoss(predictions, nearest);
     means->Add("action_divergence", ClassifierLoss(predictions, nearest), x.size(0));
-    return {losses.mean(), x.size(0), batch.waited};
+    return BatchLoss{losses.mean(), x.size(0), batch.waited};
   }
 
-  void EndEpoch(v1::EpochReport*) override { loader_.reset(); }
+  void EndEpoch(v1::EpochReport*) override { batches_.EndEpoch(); }
 
  private:
   AnchorNetworks& networks_;
   const LearningState& model_;
+  SceneBatches batches_;
   const Networks::Mode mode_;
-  std::optional<SceneLoader> loader_;  // of the epoch
 };
 
 }  // namespace
@@ -141,7 +141,8 @@ absl::Status AnchorLearner::Train(Baseline& baseline) {
     }
   };
   AnchorSteps steps(baseline.networks, baseline.generator, model_);
-  return loop_.Run({baseline.phase, optimization.joint_epochs(), optimization.batch_size()},
+  return loop_.Run({baseline.phase, optimization.joint_epochs(), optimization.batch_size(),
+                    model_.data.TrainingExamples()},
                    {baseline.generator, optimizer, store}, steps);
 }
 

@@ -40,7 +40,7 @@ EpochLoop::EpochLoop(const v1::TrainingSettings& settings, const TrainingData& d
                      std::function<bool()> stopped, RunProgress& progress)
     : settings_(settings),
       data_(data),
-      training_examples_(static_cast<int64_t>(data.training.examples.size())),
+      training_examples_(data.TrainingExamples()),
       stopped_(std::move(stopped)),
       progress_(progress) {}
 
@@ -59,25 +59,31 @@ absl::Status EpochLoop::KeepCheckpoints(CheckpointFolder* folder) {
 }
 
 absl::Status EpochLoop::Run(const PhasePlan& plan, const PhaseState& state, EpochSteps& steps) {
-  const int64_t examples = EpochExamples(settings_, training_examples_);
-  const int64_t epoch_steps = StepsOfEpoch(examples, plan.batch_size);
+  const int64_t epoch_steps =
+      StepsOfEpoch(EpochExamples(settings_, plan.examples), plan.batch_size);
   const int64_t all_steps = plan.epochs * epoch_steps;
   TermMeans means;
   Position now = BeginPhase(plan, state, epoch_steps, &means);
   for (; now.epochs < plan.epochs; now = {now.epochs + 1}) {
     const at::Tensor order = BeginEpoch(state, &now);
-    steps.BeginEpoch({order.data_ptr<int64_t>(), static_cast<size_t>(examples)}, now.steps,
-                     now.epochs);
+    absl::Status begun =
+        steps.BeginEpoch({now.epochs,
+                          now.steps,
+                          epoch_steps,
+                          {order.data_ptr<int64_t>(), static_cast<size_t>(order.size(0))}});
+    if (!begun.ok()) return begun;
     for (; now.steps < epoch_steps; ++now.steps) {
       absl::Status status = KeepCheckpoint(plan, state, now, means);
       if (!status.ok()) return status;
       const int64_t step = now.epochs * epoch_steps + now.steps;
-      const BatchLoss loss = steps.Next({now.epochs, WarmUpShare(step, all_steps)}, &means);
-      means.Add("loss", loss.value, loss.examples);
-      status = TakeStep(plan.name, loss.value, LearningRateShare(step, kWarmUpSteps, all_steps),
+      const absl::StatusOr<BatchLoss> loss =
+          steps.Next({now.epochs, WarmUpShare(step, all_steps)}, &means);
+      if (!loss.ok()) return loss.status();
+      means.Add("loss", loss->value, loss->examples);
+      status = TakeStep(plan.name, loss->value, LearningRateShare(step, kWarmUpSteps, all_steps),
                         state.optimizer);
       if (!status.ok()) return status;
-      progress_.Step(loss.examples, loss.waited);
+      progress_.Step(loss->examples, loss->waited);
     }
     v1::EpochReport report;
     std::exchange(means, {}).Write(report.mutable_training());
@@ -134,6 +140,7 @@ absl::Status EpochLoop::KeepCheckpoint(const PhasePlan& plan, const PhaseState& 
   checkpoint.set_steps(position.steps);
   checkpoint.set_epoch_random(position.epoch_random);
   checkpoint.set_random(RandomState(state.generator));
+  checkpoint.set_data_memory(data_.data_memory);
   checkpoint.set_start_weights_sha256(start_weights_sha256_);
   state.store(&checkpoint);
   StoreOptimizer(state.optimizer, &checkpoint);
@@ -143,8 +150,9 @@ absl::Status EpochLoop::KeepCheckpoint(const PhasePlan& plan, const PhaseState& 
 }
 
 at::Tensor EpochLoop::DrawEpoch(at::Generator& generator) const {
+  const int64_t in_memory = static_cast<int64_t>(data_.training.examples.size());
   return DrawExamples(DatasetSizes(data_), DatasetWeights(settings_),
-                      EpochExamples(settings_, training_examples_), generator);
+                      EpochExamples(settings_, in_memory), generator);
 }
 
 double EpochLoop::WarmUpShare(int64_t step, int64_t steps) const {

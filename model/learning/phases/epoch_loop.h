@@ -12,6 +12,7 @@
 #include <string_view>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/learning/checkpoint.h"
@@ -37,18 +38,26 @@ struct BatchLoss {
   std::chrono::nanoseconds waited{0};  // for the batch
 };
 
+// Where an epoch begins, or is resumed.
+struct EpochStart {
+  int epoch = 0;      // epochs before this one
+  int64_t step = 0;   // steps of this epoch that were done before
+  int64_t steps = 0;  // in the epoch
+  // The order of the training examples in memory, for the phases that learn from these.
+  std::span<const int64_t> order;
+};
+
 // The batches and the loss of a phase. The loop calls BeginEpoch, then Next for each step, then
-// EndEpoch.
+// EndEpoch. An error ends the run.
 class EpochSteps {
  public:
   virtual ~EpochSteps() = default;
 
-  // Begins epoch `epoch` (from 0) over the examples in `order`. Skips the first `first_step`
-  // batches, which were learned before.
-  virtual void BeginEpoch(std::span<const int64_t> order, int64_t first_step, int epoch) = 0;
+  // Begins an epoch, or resumes it at batch `start.step`.
+  virtual absl::Status BeginEpoch(const EpochStart& start) = 0;
   // Computes the loss of the next batch and adds the terms of its bound to `means`.
-  virtual BatchLoss Next(const Moment& moment, TermMeans* means) = 0;
-  // Adds the results of held-out examples to the report, which already has the terms of training.
+  virtual absl::StatusOr<BatchLoss> Next(const Moment& moment, TermMeans* means) = 0;
+  // Adds what held-out examples say to the report, which has the terms of training.
   virtual void EndEpoch(v1::EpochReport* report) = 0;
 };
 
@@ -57,6 +66,7 @@ struct PhasePlan {
   std::string name;  // of the phase in progress and in checkpoints
   int epochs = 0;
   int64_t batch_size = 0;
+  int64_t examples = 0;  // that the phase learns from; an epoch has at most max_examples of them
   // False: the caller has already begun the phase in the progress, and no checkpoint is written.
   // For phases that run the loop several times.
   bool resumable = true;

@@ -1,8 +1,6 @@
 #include "model/learning/phases/scene_phase.h"
 
-#include <optional>
-
-#include "model/learning/scene_loader.h"
+#include "model/learning/phases/scene_batches.h"
 #include "model/learning/validation.h"
 
 namespace maneuver::learning {
@@ -14,32 +12,31 @@ class SceneSteps final : public EpochSteps {
       : phase_(phase),
         scene_learns_(scene_learns),
         state_(state),
+        batches_(state.settings.model(), state),
         mode_{&state.generator, state.settings.optimization().dropout(),
               state.settings.optimization().geometry_dropout()} {}
 
-  void BeginEpoch(std::span<const int64_t> order, int64_t first_step, int epoch) override {
-    loader_.emplace(state_.settings.model(), state_.training,
-                    EpochItems(state_.settings, order, first_step, epoch),
-                    state_.settings.optimization().batch_size(), state_.threads);
-  }
+  absl::Status BeginEpoch(const EpochStart& start) override { return batches_.BeginEpoch(start); }
 
-  BatchLoss Next(const Moment& moment, TermMeans* means) override {
-    const SceneLoader::Batch batch = *loader_->Next();
+  absl::StatusOr<BatchLoss> Next(const Moment& moment, TermMeans* means) override {
+    const absl::StatusOr<SceneBatches::LabelledBatch> next = batches_.Next();
+    if (!next.ok()) return next.status();
+    const SceneLoader::Batch& batch = next->batch;
     SceneBatch scenes;
     scenes.trajectories = batch.trajectories.to(state_.networks.device());
-    scenes.labels = BatchLabels(state_.data.labels, batch);
+    scenes.labels = next->labels;
     if (scene_learns_) {
       scenes.scenes = state_.networks.EncodeScenes(batch.scenes, mode_);
     } else {
       at::NoGradGuard no_grad;
       scenes.scenes = state_.networks.EncodeScenes(batch.scenes, {});
     }
-    return {phase_.loss(scenes, batch.scenes, moment, means), scenes.trajectories.size(0),
-            batch.waited};
+    return BatchLoss{phase_.loss(scenes, batch.scenes, moment, means), scenes.trajectories.size(0),
+                     batch.waited};
   }
 
   void EndEpoch(v1::EpochReport* report) override {
-    loader_.reset();
+    batches_.EndEpoch();
     if (phase_.validate) phase_.validate(report);
   }
 
@@ -47,8 +44,8 @@ class SceneSteps final : public EpochSteps {
   const ScenePhase& phase_;
   const bool scene_learns_;
   LearningState& state_;
+  SceneBatches batches_;
   const Networks::Mode mode_;
-  std::optional<SceneLoader> loader_;  // of the epoch
 };
 
 }  // namespace
@@ -63,7 +60,7 @@ absl::Status LearnFromScenes(const ScenePhase& phase, LearningState& state, Epoc
   }
   SceneSteps steps(phase, scene_learns, state);
   return loop.Run(
-      {phase.name, phase.epochs, optimization.batch_size()},
+      {phase.name, phase.epochs, optimization.batch_size(), state.data.TrainingExamples()},
       {state.generator, optimizer, [&state](Checkpoint* checkpoint) { state.Store(checkpoint); }},
       steps);
 }

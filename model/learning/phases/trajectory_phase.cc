@@ -27,19 +27,20 @@ class TrajectorySteps final : public EpochSteps {
   TrajectorySteps(const TrajectoryPhase& phase, int64_t batch_size, LearningState& state)
       : phase_(phase), batch_size_(batch_size), state_(state) {}
 
-  void BeginEpoch(std::span<const int64_t> order, int64_t first_step, int) override {
-    order_ = order;
-    step_ = first_step;
+  absl::Status BeginEpoch(const EpochStart& start) override {
+    order_ = start.order;
+    step_ = start.step;
+    return absl::OkStatus();
   }
 
-  BatchLoss Next(const Moment& moment, TermMeans* means) override {
+  absl::StatusOr<BatchLoss> Next(const Moment& moment, TermMeans* means) override {
     const size_t begin = static_cast<size_t>(step_++ * batch_size_);
     const std::span<const int64_t> batch =
         order_.subspan(begin, std::min(static_cast<size_t>(batch_size_), order_.size() - begin));
     const at::Tensor rows =
         at::tensor(at::ArrayRef<int64_t>(batch.data(), batch.size()), at::kLong);
     const at::Tensor x = Vary(state_.trajectories.index_select(0, rows));
-    return {phase_.loss(x, moment, means), x.size(0)};
+    return BatchLoss{phase_.loss(x, moment, means), x.size(0)};
   }
 
   void EndEpoch(v1::EpochReport* report) override {
@@ -85,7 +86,7 @@ absl::Status LearnFromTrajectories(const TrajectoryPhase& phase, LearningState& 
   const int64_t batch_size = optimization.batch_size() * kTrajectoryBatchFactor;
   TrajectorySteps steps(phase, batch_size, state);
   return loop.Run(
-      {phase.name, phase.epochs, batch_size, phase.resumable},
+      {phase.name, phase.epochs, batch_size, state.trajectories.size(0), phase.resumable},
       {state.generator, optimizer, [&state](Checkpoint* checkpoint) { state.Store(checkpoint); }},
       steps);
 }

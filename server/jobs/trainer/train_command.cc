@@ -14,6 +14,7 @@
 #include "model/evaluation/cost_text.h"
 #include "model/evaluation/report_text.h"
 #include "model/learning/trainer.h"
+#include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
@@ -90,6 +91,7 @@ TrainCommand::TrainCommand(CLI::App& app)
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str()
       ->type_name("SECONDS");
+  AddDataMemoryOption(*command_, &data_memory_);
   command_->add_flag("--baselines", baselines_,
                      "Also train a CoverNet-like and a MultiPath-like baseline, which every "
                      "evaluation then shows beside the model; takes about as long again");
@@ -148,6 +150,7 @@ absl::Status TrainCommand::Train() const {
   run.output = output_;
   run.baselines = baselines_ || run.settings.baselines();
   run.checkpoints = checkpoints_;
+  run.data_memory = data_memory_;
   run.checkpoint_policy = {
       .interval = std::chrono::milliseconds(static_cast<int64_t>(1000.0 * checkpoint_interval_)),
       .steps = checkpoint_steps_,

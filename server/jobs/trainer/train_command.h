@@ -2,11 +2,13 @@
 #define MANEUVER_SERVER_JOBS_TRAINER_TRAIN_COMMAND_H_
 
 #include <CLI/CLI.hpp>
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
 
 #include "absl/status/status.h"
+#include "model/data/recording_blocks.h"
 
 namespace maneuver::trainer {
 
@@ -30,7 +32,8 @@ class TrainCommand {
   std::string start_from_name_;
   std::filesystem::path output_;
   std::filesystem::path checkpoints_;
-  double checkpoint_interval_ = 60.0;  // seconds
+  double checkpoint_interval_ = 60.0;               // seconds
+  int64_t data_memory_ = data::kDefaultDataMemory;  // bytes
   bool baselines_ = false;
   int64_t checkpoint_steps_ = 0;
   int checkpoints_kept_ = 2;

@@ -125,6 +125,22 @@ class FakeModel final : public inference::ActionModel {
     return model;
   }
 
+  // A model whose manifest has its actions: straight on, 20 m, 10 m and not at all.
+  static std::shared_ptr<const FakeModel> WithActions() {
+    auto model = std::make_shared<FakeModel>();
+    for (int i = 0; i < 3; ++i) {
+      v1::Action& action = *model->manifest_.add_actions();
+      action.set_action_id(i);
+      action.set_effective(true);
+      v1::Trajectory& mean = *action.mutable_distribution()->mutable_mean_trajectory();
+      for (int waypoint = 1; waypoint <= kWaypoints; ++waypoint) {
+        mean.add_x((20.0 - 10.0 * i) * waypoint / kWaypoints);
+        mean.add_y(0.0);
+      }
+    }
+    return model;
+  }
+
   const v1::ModelManifest& manifest() const override { return manifest_; }
   std::string_view precision() const override { return "f32"; }
   size_t weight_bytes() const override { return 4; }
@@ -260,7 +276,7 @@ TEST_F(EvaluatorTest, WaymoMissesAreMeasuredAlongTheRecordedHeading) {
 }
 
 // The example's action is 1 by q(y|x,s), although p(y|s) prefers 0.
-TEST_F(EvaluatorTest, EnvelopesAreThoseOfTheTrueAction) {
+TEST_F(EvaluatorTest, EnvelopesBelongToTheExamplesAction) {
   const auto report = Evaluate(*model_, input_);
   ASSERT_TRUE(report.ok()) << report.status();
   const auto& metrics = report->metrics();
@@ -393,12 +409,13 @@ TEST_F(EvaluatorTest, MatchesActionsOverBlocksToTheSameDigits) {
   const TemporaryFolder temporary;
   const auto blocks = OneByOne(recordings_, temporary.path() / "dataset");
   ASSERT_TRUE(blocks.ok()) << blocks.status();
-  const auto in_memory = MatchActions(*model_, *model_, input_);
+  const auto model = FakeModel::WithActions();
+  const auto in_memory = MatchActions(*model, *model, input_);
   ASSERT_TRUE(in_memory.ok()) << in_memory.status();
   EXPECT_GT(in_memory->coincidence().examples(), 0);
   input_.recordings = {};
   input_.blocks = &*blocks;
-  const auto by_block = MatchActions(*model_, *model_, input_);
+  const auto by_block = MatchActions(*model, *model, input_);
   ASSERT_TRUE(by_block.ok()) << by_block.status();
   EXPECT_EQ(by_block->DebugString(), in_memory->DebugString());
 }

@@ -123,8 +123,9 @@ TEST_P(EngineParityTest, TheEngineAgreesWithLibTorch) {
   const double horizon = artifact::WaypointTimes(settings.model().trajectory()).back();
   const TrainingData data =
       *SplitRecordings(AmongPedestrians(ArcRecordings(72, std::max(8.0, horizon + 2.0))), settings);
-  RunProgress progress(Learner::Plan(settings, static_cast<int64_t>(data.training.examples.size())),
-                       {}, [] { return std::chrono::system_clock::time_point(); });
+  const auto examples = static_cast<int64_t>(data.training.examples.size());
+  RunProgress progress(Learner::Plan(settings, examples, examples), {},
+                       [] { return std::chrono::system_clock::time_point(); });
   Learner learner(
       settings, data, at::Device(at::kCPU), 1, [] { return false; }, progress);
   const absl::Status learned = learner.Learn();

@@ -82,9 +82,9 @@ class ResidualNetworkTest : public testing::TestWithParam<bool> {
 TEST_P(ResidualNetworkTest, TrainsAStepExportsAndTheEngineAgreesWithLibTorch) {
   const v1::ModelSpec& spec = settings_.model();
   const TrainingData data = *SplitRecordings(ArcRecordings(8), settings_);
-  RunProgress progress(
-      Learner::Plan(settings_, static_cast<int64_t>(data.training.examples.size())), {},
-      [] { return std::chrono::system_clock::time_point(); });
+  const auto examples = static_cast<int64_t>(data.training.examples.size());
+  RunProgress progress(Learner::Plan(settings_, examples, examples), {},
+                       [] { return std::chrono::system_clock::time_point(); });
   Learner learner(
       settings_, data, at::Device(at::kCPU), 1, [] { return false; }, progress);
   Networks& networks = learner.state().networks;

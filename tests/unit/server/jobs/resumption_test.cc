@@ -266,18 +266,20 @@ TEST_F(ResumptionTest, AllProcessesOfAJobShareItsTime) {
   EXPECT_GE(job.attempts().earlier_run_time().seconds(), 3'600);
 }
 
-TEST_F(ResumptionTest, TheTrainerGetsCheckpointFolderThreadsAndActions) {
+TEST_F(ResumptionTest, TheTrainerIsToldOfCheckpointsThreadsActionsAndMemory) {
   Trainer("mkdir \"$output\"; echo \"$arguments\" > \"$output/arguments\"");
   SupervisorOptions options = Options();
   options.checkpoints = {.interval = std::chrono::milliseconds(1'500), .steps = 70, .kept = 4};
   options.limits.threads = 3;
+  options.limits.data_memory = 5'000'000'000;
   options.least_effective_actions = 2;
   StartWith(options);
   const v1::Job job = WaitForEnd(Train().name());
   EXPECT_THAT(*files::ReadFile(folder_ / "town1" / "arguments"),
               testing::AllOf(HasSubstr("--checkpoints " + (FolderOf(job) / "checkpoints").string()),
                              HasSubstr("--checkpoint-interval 1.5 --checkpoint-steps 70 "
-                                       "--checkpoints-kept 4 --least-actions 2 "),
+                                       "--checkpoints-kept 4 --least-actions 2 "
+                                       "--data-memory 5000000000 "),
                              HasSubstr("--threads 3")));
 }
 

@@ -48,7 +48,7 @@ TEST_F(SupervisorTest, PublishesATrainedModelAndTheJobSucceeds) {
 
 TEST_F(SupervisorTest, AnEvaluationStoresItsReportInTheJob) {
   Trainer(R"([ "$command" = evaluate ] || exit 64
-             case "$arguments" in *"--sampled-examples 3 "*) ;; *) exit 64;; esac
+             case "$arguments" in *"--sampled-examples 3 --data-memory 2147483648 "*) ;; *) exit 64;; esac
              printf '{"examples":"12","metrics":{"minADE6":1.5}}' > "$output")");
   Start();
   v1::EvaluateRequest request;
