@@ -33,7 +33,8 @@ if(NOT MANEUVER_SANITIZER)
 endif()
 
 if(MANEUVER_SANITIZER)
-  add_compile_options(-fsanitize=${MANEUVER_SANITIZER} -fno-omit-frame-pointer -g1)
+  add_compile_options(-fsanitize=${MANEUVER_SANITIZER} -fno-sanitize-recover=all
+    -fno-omit-frame-pointer -g1)
   add_link_options(-fsanitize=${MANEUVER_SANITIZER})
 endif()
 

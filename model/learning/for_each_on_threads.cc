@@ -1,16 +1,17 @@
 #include "model/learning/for_each_on_threads.h"
 
 #include <atomic>
-#include <mutex>
 #include <thread>
 #include <vector>
+
+#include "locks/mutex.h"
 
 namespace maneuver::learning {
 
 absl::Status ForEachOnThreads(size_t count, int threads,
                               const std::function<absl::Status(size_t)>& work) {
   std::atomic<size_t> next = 0;
-  std::mutex mutex;
+  Mutex mutex;
   absl::Status first;  // guarded by mutex
   {
     std::vector<std::jthread> workers;
@@ -19,7 +20,7 @@ absl::Status ForEachOnThreads(size_t count, int threads,
         for (size_t each = next++; each < count; each = next++) {
           const absl::Status done = work(each);
           if (done.ok()) continue;
-          const std::lock_guard lock(mutex);
+          const MutexLock lock(mutex);
           first.Update(done);
           next = count;
         }

@@ -11,7 +11,7 @@ namespace maneuver::jobs {
 
 absl::Status TrainingDevices::Check(const std::string& device) {
   if (device.empty() || device == "cpu") return absl::OkStatus();
-  const std::lock_guard lock(mutex_);
+  const MutexLock lock(mutex_);
   if (!usable_) usable_ = Ask();
   if (!usable_ || usable_->contains(device)) return absl::OkStatus();
   return errors::InvalidField(

@@ -3,12 +3,14 @@
 #ifndef MANEUVER_SERVER_JOBS_TRAINING_DEVICES_H_
 #define MANEUVER_SERVER_JOBS_TRAINING_DEVICES_H_
 
-#include <mutex>
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
+#include "locks/mutex.h"
 
 namespace maneuver::jobs {
 
@@ -29,8 +31,8 @@ class TrainingDevices {
   std::optional<std::set<std::string>> Ask() const;
 
   const std::string trainer_;
-  std::mutex mutex_;
-  std::optional<std::set<std::string>> usable_;  // guarded by mutex_
+  Mutex mutex_;
+  std::optional<std::set<std::string>> usable_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace maneuver::jobs

@@ -4,8 +4,8 @@
 Changed is what differs from the last landed commit (landed.sh), or from the commit that brought
 this script if that is later. Lines of headers are checked with the changed sources that include
 them. Takes the compile commands of a build whose protobuf headers have been generated. Begins with
-what changed last, and says what it left out: --minutes end it, and clang 14 does not compile all
-that GCC 12 does.
+what is shipped, the newest first, and says what it left out: what is beyond --sources or --minutes,
+and what clang 14 does not compile, though GCC 12 does.
 """
 
 import argparse
@@ -59,6 +59,12 @@ def changed_lines(commit):
     ranges.update({file: [[1, 1000000]] for file in untracked})
     return {file: lines for file, lines in ranges.items()
             if lines and file.endswith((".cc", ".h"))}
+
+
+def changed_sources(lines):
+    """Returns the sources among changed files: tests come last, of the others the newest first."""
+    return sorted((file for file in lines if file.endswith(".cc")),
+                  key=lambda file: file.startswith("tests/"))
 
 
 def commands_by_source(build):
@@ -116,7 +122,8 @@ def main():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", help="check these instead of those that changed")
     parser.add_argument("--build", type=pathlib.Path, default=ROOT / "build" / "release")
-    parser.add_argument("--minutes", type=float, default=4)
+    parser.add_argument("--sources", type=int, help="check no more than these")
+    parser.add_argument("--minutes", type=float, default=60)
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     options = parser.parse_args()
 
@@ -134,7 +141,7 @@ def main():
             return
         since = f" that changed since {commit[:12]}"
         lines = changed_lines(commit)
-        files = [file for file in lines if file.endswith(".cc")]
+        files = changed_sources(lines)
 
     commands = commands_by_source(options.build)
     database = ROOT / "build" / "checks"
@@ -145,6 +152,10 @@ def main():
     compiled = [file for file in files if ROOT / file in commands]
     tidy.left_out += [f"{file}: the build does not compile it" for file in files
                       if file not in compiled]
+    if options.sources is not None:
+        tidy.left_out += [f"{file}: it is beyond the first {options.sources}"
+                          for file in compiled[options.sources:]]
+        compiled = compiled[:options.sources]
     with ThreadPoolExecutor(options.jobs) as pool:
         list(pool.map(tidy.check, compiled))
 

@@ -1,0 +1,41 @@
+#!/usr/bin/env bash
+# Builds unit tests by another preset than `release`, and runs them: each program as one process.
+#
+#   tests/checks/preset.sh asan|tsan|portable [PROGRAM...]
+#
+# PROGRAM is the name of a folder's tests: scene, jobs. Without one, those that the presets below name.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+preset=${1:-}
+case "$preset" in
+  # Indices that are counted by hand, and intrinsics.
+  asan) programs=(kernels) ;;
+  # Libraries with threads, without gRPC, which is not instrumented.
+  tsan) programs=(monitoring jobs) ;;
+  # The kernels as the packages hold them, on each target of this processor and plain.
+  portable) programs=(kernels) ;;
+  *) echo "preset: asan, tsan and portable are known" >&2; exit 2 ;;
+esac
+[ $# -le 1 ] || programs=("${@:2}")
+
+mkdir -p build/checks
+log=build/checks/$preset.log
+if ! { cmake --preset "$preset" && cmake --build --preset "$preset" --target "${programs[@]/%/_test}"; } >"$log" 2>&1; then
+  tail -n 40 "$log" >&2
+  echo "preset: the build of $preset failed; all of it is in $log" >&2
+  exit 1
+fi
+
+# GCC's ThreadSanitizer knows nothing of what the libraries of Debian do inside.
+export TSAN_OPTIONS=ignore_noninstrumented_modules=1 UBSAN_OPTIONS=print_stacktrace=1
+run() {
+  local log=build/checks/$1-$2.log
+  timeout 600 "build/$1/tests/$2_test" --gtest_brief=1 >"$log" 2>&1 && return
+  tail -n 60 "$log" >&2
+  echo "preset: $2_test failed with $1; all that it said is in $log" >&2
+  return 1
+}
+export -f run
+printf '%s\n' "${programs[@]}" | xargs -P "$(nproc)" -I '{}' bash -c 'run "$@"' run "$preset" '{}' || exit 1
+echo "$preset: tests pass: ${programs[*]}"
