@@ -6,7 +6,7 @@ cd "$(dirname "$0")/../.."
 # What is internal (an extended regular expression) = the file that may name it, if any.
 borders=(
   'grpc::internal|server_callback_handlers\.h|InternalInlineable=server/rpc/grpc_internals.h'
-  'protobuf::internal|<google/protobuf/(stubs/|wire_format)=server/rpc/protobuf_internals.h'
+  'protobuf::internal|<google/protobuf/(stubs/common|wire_format)=server/rpc/protobuf_internals.h'
   'Eigen::internal='
 )
 failed=0

@@ -9,7 +9,7 @@
 #include "model/scene/scenario_validation.h"
 #include "tests/unit/model/scene/scene_fixture.h"
 
-namespace maneuver::scene {
+namespace maneuver::scene::scene_warnings_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -175,4 +175,4 @@ TEST_F(SceneWarningsTest, StopsAfterEightWarnings) {
 }
 
 }  // namespace
-}  // namespace maneuver::scene
+}  // namespace maneuver::scene::scene_warnings_test

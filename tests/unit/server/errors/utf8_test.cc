@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace maneuver::errors {
+namespace maneuver::errors::utf8_test {
 namespace {
 
 TEST(Utf8Test, KnowsTheLengthOfACharacter) {
@@ -31,4 +31,4 @@ TEST(Utf8Test, FindsControlCharacters) {
 }
 
 }  // namespace
-}  // namespace maneuver::errors
+}  // namespace maneuver::errors::utf8_test

@@ -11,7 +11,7 @@
 
 #include "server/monitoring/logging.h"
 
-namespace maneuver::rpc {
+namespace maneuver::rpc::library_logs_test {
 namespace {
 
 using ::testing::StartsWith;
@@ -45,4 +45,4 @@ TEST(LibraryLogsTest, LinesOfGrpcAndProtobufAreJsonLikeTheServersOwn) {
 }
 
 }  // namespace
-}  // namespace maneuver::rpc
+}  // namespace maneuver::rpc::library_logs_test
