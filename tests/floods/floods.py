@@ -45,6 +45,7 @@ SLACK_S = 3
 UNSAID = ("nothing", "half a preface", "a preface")  # phases that these times end
 HALF_SAID = ("half a frame", "half the headers", "settings")  # phases that HAProxy's time ends too
 SHARE_OF_A_SOURCE = 200  # MANEUVER_SOURCE_CONNECTIONS
+CALLS_OF_A_SOURCE = 2000  # MANEUVER_SOURCE_CALLS, a second
 
 
 def resident_mb(process):
@@ -186,6 +187,7 @@ class Trial:
             caller = Caller(channel, self.messages, self.request)
             begun = time.monotonic()
             time.sleep(self.options.before)
+            calls = self.balancer.calls() if self.edge else 0
             watch = Watch(self.processes())
             attacked = time.monotonic()
             attackers = [self.begin(name, self.options.seconds, self.options.connections) for _ in range(self.options.sources)]
@@ -195,9 +197,14 @@ class Trial:
             recovered = self.wait_until_recovered(caller, ended, before)
             grew = watch.end()
             caller.end()
+            calls = self.balancer.calls() - calls if self.edge else 0
         during = caller.between(attacked, ended)
-        self.rows.append((name, told, before, during, recovered, grew, len(caller.failures)))
+        self.rows.append((name, told, before, during, recovered, grew, len(caller.failures), calls))
         self.judge(name, during, recovered, grew, caller)
+        # Its rate falls off over a second; the other caller makes at most 50 calls a second.
+        share = CALLS_OF_A_SOURCE * self.options.sources * (self.options.seconds + 1)
+        if calls > share + 50 * (time.monotonic() - begun):
+            self.broken.append(f"{name}: HAProxy gave {calls} calls to replicas, more than {share:.0f}")
         for program, process in self.processes().items():
             if process.poll() is not None:
                 raise RuntimeError(f"{name}: {program} ended with status {process.returncode}")
@@ -251,13 +258,13 @@ class Trial:
         self.judge_loris(self.loris)
 
     def print(self):
-        print("| attack | sent MB | ends with | server grew by MB | HAProxy grew by MB | p99 before, ms | p99 during, ms "
-              "| longest, ms | failed | recovered, s |\n|---|---:|---|---:|---:|---:|---:|---:|---:|---:|")
-        for name, told, before, during, recovered, grew, failed in self.rows:
+        print("| attack | sent MB | ends with | calls given to the server | server grew by MB | HAProxy grew by MB | p99 before, ms | p99 during, ms "
+              "| longest, ms | failed | recovered, s |\n|---|---:|---|---:|---:|---:|---:|---:|---:|---:|---:|")
+        for name, told, before, during, recovered, grew, failed, calls in self.rows:
             sent = sum(t["sent_bytes"] for t in told) / 1e6
             ends = ", ".join(sorted({error for t in told for error in t["goaway"]})) or ("closed" if told[0]["closed"] else "")
             edge = f"{grew['edge']:.0f}" if self.edge else ""
-            print(f"| {name} | {sent:.1f} | {ends} | {grew['server']:.0f} | {edge} | {1e3 * p99(before):.0f} "
+            print(f"| {name} | {sent:.1f} | {ends} | {calls if self.edge else ''} | {grew['server']:.0f} | {edge} | {1e3 * p99(before):.0f} "
                   f"| {1e3 * p99(during):.0f} | {1e3 * max(during, default=0):.0f} | {failed} | {recovered:.1f} |")
         if self.loris:
             print("\n| silent after | closed after, s | still open |\n|---|---:|---:|")
