@@ -33,7 +33,8 @@ from replicas import Balancer, Replica  # noqa: E402
 SERVER_BEHIND_EDGE_MB = 64
 EDGE_MB = 64
 # Attacks that the server bounds by itself, and how far, in MB. The others need a proxy in front.
-SERVER_ALONE_MB = {"ping": 96, "settings": 32, "windows": 64, "priority": 32, "empty-data": 32, "half-messages": 64, "open-calls": 64}
+SERVER_ALONE_MB = {"ping": 96, "settings": 32, "windows": 64, "priority": 32, "empty-data": 32, "half-messages": 64,
+                   "open-calls": 64}
 # Timing on a machine that does other things: a caller beside an attack waits at most so long for one answer, and soon
 # after the end of the attack no longer than before it.
 LONGEST_ANSWER_S = 2.0
@@ -246,16 +247,19 @@ class Trial:
 
     def run(self):
         self.start()
-        loris = self.begin("loris", (REQUEST_S if self.edge else HANDSHAKE_S) + SLACK_S, self.options.loris)
-        if not self.edge:  # where a flood may need another server
-            self.loris = json.loads(loris.communicate()[0])
+        if self.options.loris:
+            seconds = (REQUEST_S if self.edge else HANDSHAKE_S) + SLACK_S
+            loris = self.begin("loris", seconds, self.options.loris)
+            if not self.edge:  # where a flood may need another server
+                loris.wait()
         for name in self.options.attacks:
             self.flood(name)
-        if self.edge:
+        if self.options.loris:
             self.loris = json.loads(loris.communicate()[0])
+            self.judge_loris(self.loris)
+        if self.edge:
             log = (self.work / "haproxy.log").read_text()
             self.broken += [f"HAProxy: {line}" for line in log.splitlines() if " is DOWN" in line]
-        self.judge_loris(self.loris)
 
     def print(self):
         print("| attack | sent MB | ends with | calls given to the server | server grew by MB | HAProxy grew by MB | p99 before, ms | p99 during, ms "
@@ -285,7 +289,7 @@ def main():
     parser.add_argument("--before", type=float, default=1, help="seconds in which nobody attacks, for comparison")
     parser.add_argument("--connections", type=int, default=1, help="of each attacker")
     parser.add_argument("--sources", type=int, default=1, help="attackers at once, each with an address of its own")
-    parser.add_argument("--loris", type=int, default=220, help="connections of a slow loris")
+    parser.add_argument("--loris", type=int, default=220, help="connections of a slow loris; 0: none")
     parser.add_argument("--attacks", nargs="+", choices=list(attacks.FLOODS), default=list(attacks.FLOODS))
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as work:
