@@ -102,15 +102,22 @@ class Balancer:
 
     def states(self):
         """What HAProxy thinks of each replica: {"replica1": "UP", ...}."""
+        return {row[1]: row[17] for row in self._statistics()}
+
+    def calls(self):
+        """Returns how many calls HAProxy has given to the replicas for predictions."""
+        return sum(int(row[7]) for row in self._statistics())
+
+    def _statistics(self):
+        """Returns a row for each replica for predictions, as `show stat` has it; none while HAProxy does not listen."""
         with socket.socket(socket.AF_UNIX) as connection:
             try:
                 connection.connect(str(self.admin))
             except OSError:
-                return {}
+                return []
             connection.sendall(b"show stat predictions 4 -1\n")
             lines = connection.makefile().read().splitlines()
-        rows = [line.split(",") for line in lines if line.startswith("predictions,")]
-        return {row[1]: row[17] for row in rows}
+        return [line.split(",") for line in lines if line.startswith("predictions,")]
 
     def wait_until(self, name, state):
         wait_for(lambda: self.states().get(name) == state, f"waited for {name} to be {state}")

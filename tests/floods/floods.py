@@ -33,7 +33,8 @@ from replicas import Balancer, Replica  # noqa: E402
 SERVER_BEHIND_EDGE_MB = 64
 EDGE_MB = 64
 # Attacks that the server bounds by itself, and how far, in MB. The others need a proxy in front.
-SERVER_ALONE_MB = {"ping": 96, "settings": 32, "windows": 64, "priority": 32, "empty-data": 32, "half-messages": 64, "open-calls": 64}
+SERVER_ALONE_MB = {"ping": 96, "settings": 32, "windows": 64, "priority": 32, "empty-data": 32, "half-messages": 64,
+                   "open-calls": 64}
 # Timing on a machine that does other things: a caller beside an attack waits at most so long for one answer, and soon
 # after the end of the attack no longer than before it.
 LONGEST_ANSWER_S = 2.0
@@ -45,6 +46,7 @@ SLACK_S = 3
 UNSAID = ("nothing", "half a preface", "a preface")  # phases that these times end
 HALF_SAID = ("half a frame", "half the headers", "settings")  # phases that HAProxy's time ends too
 SHARE_OF_A_SOURCE = 200  # MANEUVER_SOURCE_CONNECTIONS
+CALLS_OF_A_SOURCE = 2000  # MANEUVER_SOURCE_CALLS, a second
 
 
 def resident_mb(process):
@@ -186,6 +188,7 @@ class Trial:
             caller = Caller(channel, self.messages, self.request)
             begun = time.monotonic()
             time.sleep(self.options.before)
+            calls = self.balancer.calls() if self.edge else 0
             watch = Watch(self.processes())
             attacked = time.monotonic()
             attackers = [self.begin(name, self.options.seconds, self.options.connections) for _ in range(self.options.sources)]
@@ -195,9 +198,14 @@ class Trial:
             recovered = self.wait_until_recovered(caller, ended, before)
             grew = watch.end()
             caller.end()
+            calls = self.balancer.calls() - calls if self.edge else 0
         during = caller.between(attacked, ended)
-        self.rows.append((name, told, before, during, recovered, grew, len(caller.failures)))
+        self.rows.append((name, told, before, during, recovered, grew, len(caller.failures), calls))
         self.judge(name, during, recovered, grew, caller)
+        # Its rate falls off over a second; the other caller makes at most 50 calls a second.
+        share = CALLS_OF_A_SOURCE * self.options.sources * (self.options.seconds + 1)
+        if calls > share + 50 * (time.monotonic() - begun):
+            self.broken.append(f"{name}: HAProxy gave {calls} calls to replicas, more than {share:.0f}")
         for program, process in self.processes().items():
             if process.poll() is not None:
                 raise RuntimeError(f"{name}: {program} ended with status {process.returncode}")
@@ -239,25 +247,28 @@ class Trial:
 
     def run(self):
         self.start()
-        loris = self.begin("loris", (REQUEST_S if self.edge else HANDSHAKE_S) + SLACK_S, self.options.loris)
-        if not self.edge:  # where a flood may need another server
-            self.loris = json.loads(loris.communicate()[0])
+        if self.options.loris:
+            seconds = (REQUEST_S if self.edge else HANDSHAKE_S) + SLACK_S
+            loris = self.begin("loris", seconds, self.options.loris)
+            if not self.edge:  # where a flood may need another server
+                loris.wait()
         for name in self.options.attacks:
             self.flood(name)
-        if self.edge:
+        if self.options.loris:
             self.loris = json.loads(loris.communicate()[0])
+            self.judge_loris(self.loris)
+        if self.edge:
             log = (self.work / "haproxy.log").read_text()
             self.broken += [f"HAProxy: {line}" for line in log.splitlines() if " is DOWN" in line]
-        self.judge_loris(self.loris)
 
     def print(self):
-        print("| attack | sent MB | ends with | server grew by MB | HAProxy grew by MB | p99 before, ms | p99 during, ms "
-              "| longest, ms | failed | recovered, s |\n|---|---:|---|---:|---:|---:|---:|---:|---:|---:|")
-        for name, told, before, during, recovered, grew, failed in self.rows:
+        print("| attack | sent MB | ends with | calls given to the server | server grew by MB | HAProxy grew by MB | p99 before, ms | p99 during, ms "
+              "| longest, ms | failed | recovered, s |\n|---|---:|---|---:|---:|---:|---:|---:|---:|---:|---:|")
+        for name, told, before, during, recovered, grew, failed, calls in self.rows:
             sent = sum(t["sent_bytes"] for t in told) / 1e6
             ends = ", ".join(sorted({error for t in told for error in t["goaway"]})) or ("closed" if told[0]["closed"] else "")
             edge = f"{grew['edge']:.0f}" if self.edge else ""
-            print(f"| {name} | {sent:.1f} | {ends} | {grew['server']:.0f} | {edge} | {1e3 * p99(before):.0f} "
+            print(f"| {name} | {sent:.1f} | {ends} | {calls if self.edge else ''} | {grew['server']:.0f} | {edge} | {1e3 * p99(before):.0f} "
                   f"| {1e3 * p99(during):.0f} | {1e3 * max(during, default=0):.0f} | {failed} | {recovered:.1f} |")
         if self.loris:
             print("\n| silent after | closed after, s | still open |\n|---|---:|---:|")
@@ -278,7 +289,7 @@ def main():
     parser.add_argument("--before", type=float, default=1, help="seconds in which nobody attacks, for comparison")
     parser.add_argument("--connections", type=int, default=1, help="of each attacker")
     parser.add_argument("--sources", type=int, default=1, help="attackers at once, each with an address of its own")
-    parser.add_argument("--loris", type=int, default=220, help="connections of a slow loris")
+    parser.add_argument("--loris", type=int, default=220, help="connections of a slow loris; 0: none")
     parser.add_argument("--attacks", nargs="+", choices=list(attacks.FLOODS), default=list(attacks.FLOODS))
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as work:
