@@ -23,7 +23,8 @@ at::Tensor OfActions(const at::Tensor& values, const at::Tensor& actions) {
   return values.gather(1, actions.unsqueeze(2).expand({-1, -1, values.size(2)}));
 }
 
-// The samples of q(z|y,s) decoded: of all actions, or of those with the largest q(y|x,s).
+// The samples of q(z|y,s) decoded: of all actions, or of those with the largest q(y|x,s). Exact
+// responsibilities of the unified model contain the reconstruction by each action, so they need all.
 PosteriorBranch DecodePosterior(const Networks& networks, v1::Objective objective,
                                 const v1::OptimizationSettings& optimization,
                                 const SceneBatch& batch, const BaseModel& base, const Gaussian& q_z,
@@ -32,7 +33,9 @@ PosteriorBranch DecodePosterior(const Networks& networks, v1::Objective objectiv
   posterior.huber = optimization.posterior_huber();
   at::Tensor residual = networks.MeanResidual(batch.scenes);
   Gaussian decoded = q_z;
-  const int64_t count = optimization.posterior_actions();
+  const bool needs_all = objective == v1::OBJECTIVE_UNIFIED &&
+                         optimization.responsibilities() == v1::RESPONSIBILITIES_EXACT;
+  const int64_t count = needs_all ? 0 : optimization.posterior_actions();
   if (count > 0 && count < q_z.mean.size(1)) {
     at::NoGradGuard held_fixed;
     const Gaussian q_x{base.q_z.mean.unsqueeze(1), base.q_z.log_variance.unsqueeze(1)};

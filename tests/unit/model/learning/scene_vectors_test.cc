@@ -205,6 +205,8 @@ TEST(SceneBoundTest, TheKMostProbableOfKActionsAreAll) {
   const at::Tensor five = reconstruction(5);
   ExpectNear(five, all, 0.5 * all.abs().max().item<double>(), "five of six");
   EXPECT_FALSE(five.equal(all));
+  settings.mutable_optimization()->set_responsibilities(v1::RESPONSIBILITIES_EXACT);
+  EXPECT_TRUE(reconstruction(5).equal(reconstruction(0))) << "they contain each reconstruction";
 }
 
 }  // namespace
