@@ -56,7 +56,7 @@ TEST_F(HealthCommandTest, TellsWhetherTheServerAndEachServiceServe) {
 
 TEST_F(HealthCommandTest, NeedsNoDataFolder) {
   const auto server = folder_.Start();
-  EXPECT_EQ(maneuver::testing::Run({MANEUVERD, "health", "--listen", server->address()}, &output_),
+  EXPECT_EQ(integration::Run({MANEUVERD, "health", "--listen", server->address()}, &output_),
             kServing)
       << output_;
 }
