@@ -201,10 +201,12 @@ void SceneLoader::Work() {
 }
 
 std::optional<SceneLoader::Batch> SceneLoader::Next() {
+  const bool waits = !work_.IsReady();
   const Clock::time_point begin = Clock::now();
   std::optional<Batch> batch = work_.Take();
   if (!batch) return std::nullopt;
-  batch->waited = std::exchange(making_, std::chrono::nanoseconds{0}) + (Clock::now() - begin);
+  batch->waited = std::exchange(making_, std::chrono::nanoseconds{0});
+  if (waits) batch->waited += Clock::now() - begin;
   return batch;
 }
 

@@ -57,6 +57,12 @@ class OrderedWork {
     return result;
   }
 
+  // Returns whether Take would not wait now. For the thread that takes.
+  bool IsReady() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const MutexLock lock(mutex_);
+    return taken_ == count_ || finished_.contains(taken_);
+  }
+
   // Makes Claim return nothing from now on, so that the threads end.
   void Stop() ABSL_LOCKS_EXCLUDED(mutex_) {
     {

@@ -17,7 +17,9 @@ TEST(OrderedWorkTest, HandsResultsOutInOrder) {
   EXPECT_EQ(work.Claim(), 0);
   EXPECT_EQ(work.Claim(), 1);
   work.Put(1, "second");
+  EXPECT_FALSE(work.IsReady());
   work.Put(0, "first");
+  EXPECT_TRUE(work.IsReady());
   EXPECT_EQ(work.Take(), "first");
   EXPECT_EQ(work.Take(), "second");
   EXPECT_EQ(work.Take(), std::nullopt);
