@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Checks that each source that has changed includes what it uses.
+"""Checks that each source that has changed compiles by itself.
 
 A unity build and precompiled headers hide a missing include. So this compiles each source by
 itself, without precompiled headers and without making code, with the compile commands of the build.
@@ -62,9 +62,9 @@ def main():
     commands = tidy.commands_by_source(options.build)
     files = [file for file in files if tidy.ROOT / file in commands]
     count = len(files)
-    for file in files[options.sources:] if options.sources is not None else []:
-        print(f"alone: left out {file}: it is beyond the first {options.sources}")
     files = files[:options.sources]
+    if len(files) < count:
+        print(f"alone: left out {count - len(files)} sources beyond the first {options.sources}")
 
     end = time.monotonic() + options.minutes * 60
     with ThreadPoolExecutor(options.jobs) as pool:

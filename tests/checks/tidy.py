@@ -152,9 +152,9 @@ def main():
     compiled = [file for file in files if ROOT / file in commands]
     tidy.left_out += [f"{file}: the build does not compile it" for file in files
                       if file not in compiled]
-    if options.sources is not None:
-        tidy.left_out += [f"{file}: it is beyond the first {options.sources}"
-                          for file in compiled[options.sources:]]
+    if options.sources is not None and options.sources < len(compiled):
+        tidy.left_out.append(f"{len(compiled) - options.sources} sources beyond the first "
+                             f"{options.sources}")
         compiled = compiled[:options.sources]
     with ThreadPoolExecutor(options.jobs) as pool:
         list(pool.map(tidy.check, compiled))
