@@ -40,7 +40,7 @@ class RunProgress {
   void BeginEpoch(int epoch);  // from 1
   // Says that an earlier process did all earlier phases and `phase_steps` steps of this one.
   void Resume(int64_t phase_steps);
-  // Counts one step of `examples` examples, `waited` of which it waited for its batch.
+  // Counts one step over `examples` examples. The step waited for its batch for `waited`.
   void Step(int64_t examples, std::chrono::nanoseconds waited = {});
   void EndEpoch(const v1::EpochReport& report);
 

@@ -15,7 +15,7 @@
 
 namespace maneuver::jobs {
 
-// Asks whoever runs a job to stop it. Safe to use from any thread. Each run needs a new one.
+// A request to stop the run of a job. Safe to use from any thread. Each run needs a new one.
 class StopRequest {
  public:
   enum class Reason { kNone, kCancelled, kServerStops };

@@ -12,8 +12,7 @@ namespace maneuver::jobs {
 
 // Makes one attempt at `job`, which BeginAttempt has recorded: runs its steps (job_steps.h) in
 // `folder` (job_folder.h), from the first one that is not done. Returns the job in its new state,
-// with everything but its end_time. The state is one of those that end a job, or PENDING if another
-// attempt should follow.
+// without an end_time. The job has ended, or is PENDING if another attempt should follow.
 v1::Job RunJob(v1::Job job, const std::filesystem::path& folder, const JobAttempt& attempt);
 
 }  // namespace maneuver::jobs

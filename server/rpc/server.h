@@ -76,7 +76,7 @@ class Server {
   bool IsAlive() const;
 
   // Refuses new calls, lets calls in flight run until `deadline`, then cancels them. Half a second
-  // later it closes connections whose callers do not read, so that nobody can delay the end.
+  // later it closes connections whose callers do not read, because they could delay the end.
   void Shutdown(std::chrono::system_clock::time_point deadline);
 
  private:

@@ -43,7 +43,7 @@ def compile_error(command, end):
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="*", help="compile these instead of those that changed")
+    parser.add_argument("files", nargs="*", help="compile these files instead of the changed ones")
     parser.add_argument("--build", type=pathlib.Path, default=tidy.ROOT / "build" / "release")
     parser.add_argument("--sources", type=int, help="compile no more than these")
     parser.add_argument("--minutes", type=float, default=60)

@@ -21,7 +21,7 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-// The roles are repeated here on purpose: whoever adds a method must decide twice who may call it.
+// The roles are repeated here on purpose, so that a new method's role is decided twice.
 // "" means anyone.
 const std::map<std::string, std::string> kExpectedRoles = {
     {"/grpc.health.v1.Health/Check", ""},

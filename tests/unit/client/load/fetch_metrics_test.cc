@@ -66,7 +66,7 @@ TEST_F(FetchMetricsTest, RefusesAPageThatIsTooLarge) {
   EXPECT_THAT(status.message(), HasSubstr("too large"));
 }
 
-// Connects whoever asks, and says nothing.
+// Accepts connections and never sends anything.
 class SilentServer {
  public:
   SilentServer() : socket_(socket(AF_INET, SOCK_STREAM, 0)) {
