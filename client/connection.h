@@ -10,8 +10,8 @@
 #include <utility>
 
 #include "absl/time/clock.h"
-#include "client/client.h"
-#include "client/error_details.h"
+#include "client/call_status.h"
+#include "client/client_options.h"
 #include "client/overload_throttle.h"
 #include "client/pending_predictions.h"
 #include "maneuver/v1/admin_service.grpc.pb.h"
@@ -22,24 +22,9 @@
 
 namespace maneuver::client {
 
-inline absl::Status ToStatus(const grpc::Status& status) {
-  return StatusFromWire(status.error_code(), status.error_message(), status.error_details());
-}
-
-// Converts the end of a call that may be repeated. CANCELLED without the caller's doing becomes
-// UNAVAILABLE: the server was stopping when the call came (gRPC reports it so), or a proxy lost its
-// server.
-inline absl::Status ToRetriable(const grpc::Status& status, const Cancellation* callers) {
-  if (status.error_code() != grpc::StatusCode::CANCELLED ||
-      (callers != nullptr && callers->cancelled())) {
-    return ToStatus(status);
-  }
-  return absl::UnavailableError("the call was broken off on its way or by the server");
-}
-
 enum class Repeatable { kNo, kYes };
 
-struct Client::Connection {
+struct Connection {
   ClientOptions options;
   std::string authorization;  // see ClientCredentials
   std::shared_ptr<grpc::Channel> channel;

@@ -10,7 +10,7 @@
 #include <string_view>
 
 #include "absl/status/statusor.h"
-#include "client/client.h"
+#include "client/client_options.h"
 
 namespace maneuver::client {
 

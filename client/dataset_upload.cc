@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "client/client.h"
 #include "client/connection.h"
 #include "client/file_upload.h"
 

@@ -15,7 +15,7 @@ constexpr int64_t kChunkBytes = 512 * 1024;
 // The files of one upload, and how far they are.
 class FilesOnTheirWay {
  public:
-  FilesOnTheirWay(const std::vector<LocalFile>& files, const Client::OnUploaded& on_progress)
+  FilesOnTheirWay(const std::vector<LocalFile>& files, const OnUploaded& on_progress)
       : files_(files), on_progress_(on_progress) {
     arrived_.Resize(static_cast<int>(files.size()), 0);
     for (const LocalFile& file : files) progress_.total += file.size_bytes;
@@ -79,7 +79,7 @@ class FilesOnTheirWay {
   }
 
   const std::vector<LocalFile>& files_;
-  const Client::OnUploaded& on_progress_;
+  const OnUploaded& on_progress_;
   UploadProgress progress_;
   ArrivedBytes arrived_;
   int64_t skipped_ = 0;
@@ -91,7 +91,7 @@ class FilesOnTheirWay {
 absl::Status UploadFiles(const ClientOptions& options, const std::vector<LocalFile>& files,
                          const UploadCalls& calls,
                          const std::function<void(grpc::ClientContext&)>& introduce,
-                         const Client::OnUploaded& on_progress, const CallOptions& call) {
+                         const OnUploaded& on_progress, const CallOptions& call) {
   const absl::Time deadline = absl::Now() + call.timeout.value_or(options.deadlines.upload);
   FilesOnTheirWay upload(files, on_progress);
   bool is_done = false;

@@ -45,7 +45,7 @@ struct UploadCalls {
 absl::Status UploadFiles(const ClientOptions& options, const std::vector<LocalFile>& files,
                          const UploadCalls& calls,
                          const std::function<void(grpc::ClientContext&)>& introduce,
-                         const Client::OnUploaded& on_progress, const CallOptions& call);
+                         const OnUploaded& on_progress, const CallOptions& call);
 
 }  // namespace maneuver::client
 

@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
+#include "client/client.h"
 #include "client/connection.h"
 #include "client/file_digest.h"
 #include "client/file_upload.h"

@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "client/connection.h"
+#include "client/call_status.h"
 
 namespace maneuver::client {
 namespace {

@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include "absl/time/clock.h"
+#include "client/client.h"
 #include "client/connection.h"
 
 namespace maneuver::client {

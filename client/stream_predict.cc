@@ -1,10 +1,9 @@
-#include "client/predict_stream.h"
-
 #include <thread>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/time/clock.h"
+#include "client/client.h"
 #include "client/connection.h"
 #include "locks/mutex.h"
 
