@@ -7,7 +7,7 @@
 #include "model/learning/covariance_fit.h"
 #include "model/learning/covariance_network.h"
 #include "model/learning/predictions.h"
-#include "model/learning/scene_covariance.h"
+#include "model/learning/speed_factors.h"
 
 namespace maneuver::learning {
 namespace {

@@ -22,7 +22,7 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
 //   3. the covariance of p(x|z): fitted to training examples, scaled along the horizon to held-out
 //     ones, and widened until it covers enough of them (covariance_fit.h). A covariance that the
 //     scene predicts was learned before; here its speed factors are fitted to held-out examples
-//     (scene_covariance.h);
+//     (speed_factors.h);
 //   4. mixture.log_weight, the mean of p(y|s).
 //   step: called with the number of examples of each batch that was read
 absl::Status CalibrateModel(Networks& networks, const SceneSource& training_source,

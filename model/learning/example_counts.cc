@@ -13,8 +13,8 @@
 #include "model/data/tfrecord.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
+#include "model/learning/example_set.h"
 #include "model/learning/for_each_on_threads.h"
-#include "model/learning/training_data.h"
 
 namespace maneuver::learning {
 namespace {

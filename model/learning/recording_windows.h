@@ -14,7 +14,7 @@
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/data/recording_index.h"
 #include "model/learning/epoch_windows.h"
-#include "model/learning/training_data.h"
+#include "model/learning/example_set.h"
 #include "model/learning/training_labels.h"
 
 namespace maneuver::learning {

@@ -1,11 +1,9 @@
-// Learns and calibrates the covariance of p(x|z,y,s) that the scene predicts (tensor.h,
-// scene_covariance).
+// Predicts the covariance of p(x|z,y,s) from the scene, and learns it (tensor.h, scene_covariance).
 
 #ifndef MANEUVER_MODEL_LEARNING_SCENE_COVARIANCE_H_
 #define MANEUVER_MODEL_LEARNING_SCENE_COVARIANCE_H_
 
 #include "model/learning/networks.h"
-#include "model/learning/predictions.h"
 #include "model/learning/tensors.h"
 
 namespace maneuver::learning {
@@ -37,23 +35,6 @@ SplitCovariance PredictSceneCovariance(const Networks& networks, const SceneFeat
 //   trajectories: relative to the reference, [B, 2T] metres
 at::Tensor SceneCovarianceLoss(const Networks& networks, const SceneFeatures& scenes,
                                const at::Tensor& trajectories, const at::Tensor& references);
-
-// Returns the bin of scene_covariance.speed_factor for each speed in m/s. [N]
-at::Tensor SpeedBins(const at::Tensor& speeds);
-
-// Returns the factors of the along and across variances for each speed bin, [6, 2], that make
-// held-out trajectories most likely under the mixture over p(y|s). Bins with few examples are drawn
-// towards the mean of all bins.
-at::Tensor FitSpeedFactors(const Predictions& held_out);
-
-// Returns `factors`, multiplied in each bin by the smallest number from 1 to 16 that makes the
-// covered share at least `share` (CoveredShare in covariance_fit.h). A bin with fewer than 300
-// examples uses the number for all examples together.
-at::Tensor WidenToCoverBySpeed(const Predictions& held_out, const at::Tensor& factors,
-                               double share);
-
-// Returns the decoder's covariance with the speed factors applied. [N, K, T, 3] square metres
-at::Tensor WithSpeedFactors(const Predictions& predictions, const at::Tensor& factors);
 
 }  // namespace maneuver::learning
 

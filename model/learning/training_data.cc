@@ -13,7 +13,6 @@
 #include "model/data/recording_blocks.h"
 #include "model/data/recording_split.h"
 #include "model/data/stable_hash.h"
-#include "model/learning/recording_windows.h"
 #include "model/learning/training_failure.h"
 #include "model/learning/training_labels.h"
 
@@ -244,12 +243,6 @@ absl::StatusOr<TrainingData> OpenLargeData(std::span<const std::filesystem::path
 
 int64_t TrainingData::TrainingExamples() const {
   return windows ? windows->examples() : static_cast<int64_t>(training.examples.size());
-}
-
-v1::ExampleSettings TrainingExampleSettings(const v1::TrainingSettings& settings) {
-  v1::ExampleSettings examples = settings.examples();
-  if (examples.has_training_stride()) *examples.mutable_stride() = examples.training_stride();
-  return examples;
 }
 
 int64_t MinimumExamples(const v1::TrainingSettings& settings) {

@@ -16,17 +16,10 @@
 #include "maneuver/v1/dataset.pb.h"
 #include "maneuver/v1/scenario.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
-#include "model/data/example_index.h"
+#include "model/learning/example_set.h"
+#include "model/learning/recording_windows.h"
 
 namespace maneuver::learning {
-
-// Recordings of one side of the split, and the examples in them.
-struct ExampleSet {
-  std::vector<v1::Scenario> recordings;
-  std::vector<data::Example> examples;  // Example.recording is an index into `recordings`
-};
-
-class RecordingWindows;
 
 struct TrainingData {
   ExampleSet training;
@@ -47,11 +40,6 @@ struct TrainingData {
   // Returns how many training examples there are, on disk or in memory.
   int64_t TrainingExamples() const;
 };
-
-// Returns the example settings by which training examples are enumerated: their stride may be
-// another one.
-//   settings: complete
-v1::ExampleSettings TrainingExampleSettings(const v1::TrainingSettings& settings);
 
 // Reads the folders and enumerates the examples of complete settings. Annotations are for
 // evaluation and, by label_share, for labels. FAILED_PRECONDITION if more manoeuvres are labelled

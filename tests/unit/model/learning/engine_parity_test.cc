@@ -15,6 +15,7 @@
 #include "model/learning/learner.h"
 #include "model/learning/moments.h"
 #include "model/learning/scene_covariance.h"
+#include "model/learning/speed_factors.h"
 #include "model/scene/scene_reader.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 

@@ -1,0 +1,31 @@
+// Calibrates the covariance that the scene predicts, by the speed of the target
+// (scene_covariance.speed_factor in tensor.h).
+
+#ifndef MANEUVER_MODEL_LEARNING_SPEED_FACTORS_H_
+#define MANEUVER_MODEL_LEARNING_SPEED_FACTORS_H_
+
+#include "model/learning/predictions.h"
+#include "model/learning/tensors.h"
+
+namespace maneuver::learning {
+
+// Returns the bin of scene_covariance.speed_factor for each speed in m/s. [N]
+at::Tensor SpeedBins(const at::Tensor& speeds);
+
+// Returns the factors of the along and across variances for each speed bin, [6, 2], that make
+// held-out trajectories most likely under the mixture over p(y|s). Bins with few examples are drawn
+// towards the mean of all bins.
+at::Tensor FitSpeedFactors(const Predictions& held_out);
+
+// Returns `factors`, multiplied in each bin by the smallest number from 1 to 16 that makes the
+// covered share at least `share` (CoveredShare in covariance_fit.h). A bin with fewer than 300
+// examples uses the number for all examples together.
+at::Tensor WidenToCoverBySpeed(const Predictions& held_out, const at::Tensor& factors,
+                               double share);
+
+// Returns the decoder's covariance with the speed factors applied. [N, K, T, 3] square metres
+at::Tensor WithSpeedFactors(const Predictions& predictions, const at::Tensor& factors);
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_SPEED_FACTORS_H_
