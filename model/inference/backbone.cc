@@ -88,7 +88,7 @@ struct Backbone::Layers {
   std::vector<BackboneStep> steps;
   size_t first_in_blocks = 0;  // of the steps; as many as there are if none is
   dnnl::reorder to_blocks;     // of that step's source
-  // In place of the first steps, for a raster that is black for the most part.
+  // In place of the first steps, for a raster whose pixels are mostly zero.
   std::optional<LeadingLayers> leading;
   size_t leading_steps = 0;
 };

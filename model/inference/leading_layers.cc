@@ -52,23 +52,24 @@ LeadingLayers::LeadingLayers(std::span<const BackboneLayer> layers,
     grid.padding = last ? 0 : layers_[i + 1].kernel / 2;
     grid.row_values = ptrdiff_t{output.width + 2 * grid.padding} * output.channels;
     grid.value_bytes = narrow_output ? sizeof(uint16_t) : sizeof(float);
-    grid.black.assign(static_cast<size_t>((output.height + 2 * grid.padding) * grid.row_values) *
-                          grid.value_bytes,
-                      std::byte{0});
+    grid.zero_output.assign(
+        static_cast<size_t>((output.height + 2 * grid.padding) * grid.row_values) *
+            grid.value_bytes,
+        std::byte{0});
   }
   Scratch scratch(*this);
   for (CellMask& mask : scratch.masks_) mask.SetAll();
-  for (size_t i = 0; i < grids_.size(); ++i) scratch.places_[i] = grids_[i].black.data();
+  for (size_t i = 0; i < grids_.size(); ++i) scratch.places_[i] = grids_[i].zero_output.data();
   const artifact::GridSize& input = layers_[0].input;
-  const scene::Raster black(input.height, input.width, input.channels);
-  first_.Look(black, &scratch.first_);
-  EvaluateCells(black, &scratch);
+  const scene::Raster zeros(input.height, input.width, input.channels);
+  first_.Look(zeros, &scratch.first_);
+  EvaluateCells(zeros, &scratch);
 }
 
 size_t LeadingLayers::bytes() const {
   size_t bytes = first_.bytes();
   for (const CellConvolution& layer : others_) bytes += layer.bytes();
-  for (const Grid& grid : grids_) bytes += grid.black.size();
+  for (const Grid& grid : grids_) bytes += grid.zero_output.size();
   return bytes;
 }
 
@@ -78,7 +79,7 @@ LeadingLayers::Scratch::Scratch(const LeadingLayers& layers) : first_(layers.fir
     masks_.emplace_back(output.height, output.width);
     computed_.emplace_back(output.height, output.width);
     grids_.emplace_back();
-    if (i + 1 < layers.layers_.size()) grids_.back() = layers.grids_[i].black;
+    if (i + 1 < layers.layers_.size()) grids_.back() = layers.grids_[i].zero_output;
     places_.push_back(grids_.back().data());
   }
 }
@@ -90,23 +91,23 @@ bool LeadingLayers::Evaluate(const scene::Raster& raster, Scratch* scratch, void
     std::swap(scratch->masks_[i], scratch->computed_[i]);
     scratch->masks_[i].SetSeen(*seen, layers_[i]);
     seen = &scratch->masks_[i];
-    if (i + 1 < layers_.size()) Blacken(i, scratch);
+    if (i + 1 < layers_.size()) RestoreZeroOutput(i, scratch);
   }
-  const std::vector<std::byte>& last = grids_.back().black;
+  const std::vector<std::byte>& last = grids_.back().zero_output;
   scratch->places_.back() = static_cast<std::byte*>(grid);
   std::memcpy(grid, last.data(), last.size());
   EvaluateCells(raster, scratch);
   return true;
 }
 
-void LeadingLayers::Blacken(size_t layer, Scratch* scratch) const {
+void LeadingLayers::RestoreZeroOutput(size_t layer, Scratch* scratch) const {
   const Grid& grid = grids_[layer];
   const size_t cell_bytes = static_cast<size_t>(grid.channels) * grid.value_bytes;
   const CellMask& computed = scratch->computed_[layer];
   for (int row = 0; row < computed.height(); ++row) {
     computed.ForEachWithout(scratch->masks_[layer], row, [&](int column) {
       const size_t place = static_cast<size_t>(grid.Place(row, column)) * grid.value_bytes;
-      std::memcpy(&scratch->grids_[layer][place], &grid.black[place], cell_bytes);
+      std::memcpy(&scratch->grids_[layer][place], &grid.zero_output[place], cell_bytes);
     });
   }
 }

@@ -51,7 +51,7 @@ class LeadingLayers {
     int padding = 0;
     ptrdiff_t row_values = 0;  // from a row to its next
     size_t value_bytes = 0;
-    std::vector<std::byte> black;  // the output for an all-zero raster; the padding is 0
+    std::vector<std::byte> zero_output;  // the output for an all-zero raster; the padding is 0
 
     // Returns the offset of a cell, in values.
     ptrdiff_t Place(int row, int column) const {
@@ -61,7 +61,7 @@ class LeadingLayers {
 
   // Restores the output for an all-zero raster in the cells of a layer that were computed last time
   // and are not in its mask now.
-  void Blacken(size_t layer, Scratch* scratch) const;
+  void RestoreZeroOutput(size_t layer, Scratch* scratch) const;
   // Computes the cells of each layer that are set in its mask.
   void EvaluateCells(const scene::Raster& raster, Scratch* scratch) const;
 

@@ -12,12 +12,12 @@ bool SparseConvolution::Takes(const artifact::BackboneLayer& layer) {
 
 SparseConvolution::SparseConvolution(const artifact::BackboneLayer& layer,
                                      const FoldedConvolution& folded, int first_channel,
-                                     double most_filled)
+                                     double max_nonzero_share)
     : kernel_(kernels::FirstLayerKernelInForce()),
       layer_(layer),
       first_channel_(first_channel),
-      most_(static_cast<int>(most_filled * layer.input.height * layer.input.width *
-                             (layer.input.channels - first_channel))) {
+      max_nonzero_(static_cast<int>(max_nonzero_share * layer.input.height * layer.input.width *
+                                    (layer.input.channels - first_channel))) {
   const int inputs = layer.input.channels;
   const int outputs = layer.output.channels;
   const int taps = layer.kernel * layer.kernel;
@@ -55,7 +55,7 @@ bool SparseConvolution::Find(const scene::Raster& raster, Values* values, CellMa
       pixels->Add(row, values->pixels[i].column);
     }
     values->rows.push_back(static_cast<int>(values->pixels.size()));
-    if (values->count > most_) return false;
+    if (values->count > max_nonzero_) return false;
   }
   return true;
 }

@@ -34,7 +34,7 @@ class SparseConvolution {
    private:
     friend class SparseConvolution;
     // A channel that may be nonzero in a row.
-    struct Touched {
+    struct RowChannel {
       int channel;
       scene::PixelBlocks blocks;
     };
@@ -43,7 +43,7 @@ class SparseConvolution {
       int channel;
       uint64_t pixels;  // a byte for each
     };
-    std::vector<Touched> in_row;
+    std::vector<RowChannel> in_row;
     std::vector<Eight> in_eight;
   };
 
@@ -52,9 +52,9 @@ class SparseConvolution {
 
   // Prepares the channels from `first_channel` on of a layer that reads the raster's bytes
   // directly.
-  //   most_filled: the largest share of these channels' values that may be nonzero
+  //   max_nonzero_share: the largest share of these channels' values that may be nonzero
   SparseConvolution(const artifact::BackboneLayer& layer, const FoldedConvolution& folded,
-                    int first_channel, double most_filled);
+                    int first_channel, double max_nonzero_share);
 
   size_t bytes() const { return weights_.size() * sizeof(float); }
 
@@ -76,7 +76,7 @@ class SparseConvolution {
   const kernels::FirstLayerKernel& kernel_;
   const artifact::BackboneLayer layer_;
   const int first_channel_;
-  const int most_;                         // values
+  const int max_nonzero_;                  // values
   kernels::AlignedVector<float> weights_;  // [k, k, C, C']
 };
 

@@ -18,7 +18,7 @@ constexpr int kInputs = 8;
 constexpr int kWidth = 61;
 constexpr int kHeight = 17;  // as MakeProblem has it
 
-// A raster that a few lines cross: most of it is black.
+// A raster that a few lines cross: most of its pixels are zero.
 class LeadingLayersTest : public testing::TestWithParam<bool> {
  protected:
   LeadingLayersTest() {

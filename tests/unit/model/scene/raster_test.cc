@@ -34,7 +34,7 @@ void PaintAtRandom(Raster* raster, std::mt19937_64* random) {
 class RasterTest : public testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(Widths, RasterTest, testing::Values(1, 7, 8, 22, 224, 505, 600, 2000));
 
-TEST_P(RasterTest, UntouchedAndClearedPixelsAreZero) {
+TEST_P(RasterTest, UnpaintedAndClearedPixelsAreZero) {
   Raster raster(kHeight, GetParam(), kChannels);
   EXPECT_EQ(raster.values(), static_cast<size_t>(kHeight * GetParam() * kChannels));
   std::mt19937_64 random(3);
