@@ -10,7 +10,7 @@
 #include "client/plot/axes.h"
 #include "client/plot/canvas.h"
 #include "client/plot/scene_layers.h"
-#include "client/plot/scene_plot.h"
+#include "client/plot/scene_plot_options.h"
 #include "maneuver/v1/prediction_service.pb.h"
 #include "maneuver/v1/scenario.pb.h"
 #include "model/scene/lane_paths.h"

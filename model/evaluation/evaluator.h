@@ -13,10 +13,9 @@
 #include "maneuver/v1/scenario.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
-#include "model/data/example_index.h"
 #include "model/data/recording_blocks.h"
 #include "model/evaluation/maneuver_labels.h"
-#include "model/evaluation/measurement.h"
+#include "model/evaluation/measured_examples.h"
 #include "model/inference/action_model.h"
 #include "model/inference/anchor_model.h"
 
@@ -115,13 +114,6 @@ struct EvaluationInput {
 // something else than the model; CANCELLED if `progress` returned false.
 absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& model,
                                               const EvaluationInput& input);
-
-// The measurements of all examples, ordered by recording. Evaluate averages them.
-struct MeasuredExamples {
-  std::vector<data::Example> examples;
-  std::vector<Measurement> measured;  // one per example
-  bool measured_by_waymo = false;
-};
 
 // Measures the examples of `input.recordings` without averaging them. Errors: those of Evaluate.
 absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& model,

@@ -6,7 +6,7 @@
 #include <span>
 
 #include "maneuver/v1/cross_validation.pb.h"
-#include "model/evaluation/evaluator.h"
+#include "model/evaluation/measured_examples.h"
 
 namespace maneuver::evaluation {
 

@@ -15,9 +15,9 @@
 
 #include "maneuver/v1/rivals.pb.h"
 #include "model/data/recording_groups.h"
-#include "model/evaluation/evaluator.h"
 #include "model/evaluation/example_metrics.h"
 #include "model/evaluation/grouped_sums.h"
+#include "model/evaluation/measured_examples.h"
 #include "model/evaluation/strata.h"
 
 namespace maneuver::evaluation {

@@ -22,8 +22,8 @@
 #include <span>
 #include <vector>
 
+#include "model/scene/map_features.h"
 #include "model/scene/pose2.h"
-#include "model/scene/road_map.h"
 
 namespace maneuver::scene {
 

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "model/data/town/place.h"
-#include "model/data/town/synthetic_town.h"
+#include "model/data/town/town_recording.h"
 #include "model/data/town/track.h"
 
 namespace maneuver::data::town {

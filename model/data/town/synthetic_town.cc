@@ -5,20 +5,16 @@
 #include <numbers>
 #include <string>
 
-#include "model/data/town/box_overlap.h"
-#include "model/data/town/layouts.h"
 #include "model/data/town/maneuvers.h"
+#include "model/data/town/random.h"
 #include "model/data/town/sensor_model.h"
 #include "model/data/town/simulated_place.h"
 #include "model/data/town/targets.h"
-#include "model/data/town/traffic.h"
 
 namespace maneuver::data::town {
 namespace {
 
-constexpr uint64_t kPlaceStream = 1;
 constexpr uint64_t kSensorStream = 2;
-constexpr int kAttempts = 12;
 constexpr int kMostAgents = 45;
 constexpr int kFirstMapFeature = 1;
 
@@ -184,35 +180,6 @@ void WriteManeuvers(const Track& track, const Sighting& sighting, TownRecording&
 }
 
 }  // namespace
-
-SimulatedPlace SimulatePlace(const TownOptions& options, int index) {
-  SimulatedPlace best;
-  double least = 1e9;  // overlap, plus a metre for each agent that is missing
-  for (int attempt = 0; attempt < kAttempts; ++attempt) {
-    Random random(options.seed, static_cast<uint64_t>(index), kPlaceStream + 16 * attempt);
-    SimulatedPlace drawn;
-    drawn.place = DrawPlace(random);
-    TrafficOptions traffic;
-    traffic.duration = options.duration;
-    traffic.frame_interval = options.frame_interval;
-    drawn.tracks = SimulateTraffic(drawn.place, traffic, random);
-    SensorModel sensor;
-    sensor.radius = drawn.place.sensed_radius;
-    const auto seen =
-        std::count_if(drawn.tracks.begin(), drawn.tracks.end(), [&](const Track& track) {
-          const auto [from, to] = LongestStay(sensor, track, options.frame_interval);
-          return from < to;
-        });
-    const double missing = std::max(0.0, kFewestAgents - static_cast<double>(seen));
-    const double fault = LargestOverlap(drawn.tracks).depth + missing;
-    if (fault < least) {
-      least = fault;
-      best = std::move(drawn);
-    }
-    if (least <= kOverlapTolerance) break;
-  }
-  return best;
-}
 
 TownRecording GenerateRecording(const TownOptions& options, int index) {
   const SimulatedPlace simulated = SimulatePlace(options, index);

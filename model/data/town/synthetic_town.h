@@ -3,27 +3,9 @@
 #ifndef MANEUVER_MODEL_DATA_TOWN_SYNTHETIC_TOWN_H_
 #define MANEUVER_MODEL_DATA_TOWN_SYNTHETIC_TOWN_H_
 
-#include <cstdint>
-#include <vector>
-
-#include "maneuver/v1/dataset.pb.h"
-#include "maneuver/v1/scenario.pb.h"
+#include "model/data/town/town_recording.h"
 
 namespace maneuver::data::town {
-
-struct TownOptions {
-  uint64_t seed = 1;
-  double duration = 20.0;       // seconds of each recording
-  double frame_interval = 0.1;  // seconds
-};
-
-// A recording, and what its vehicles do in it.
-struct TownRecording {
-  // prediction_time is when most vehicles are about to act: at least one second after the start
-  // and, if possible, eight before the end. The targets are up to four vehicles that move then.
-  v1::Scenario scenario;
-  std::vector<v1::ManeuverAnnotation> maneuvers;
-};
 
 // Generates recording number `index` of the town. It depends on options and index alone, not on
 // what else was generated. Ids are "town-<seed>-<index>". Thread-safe.

@@ -3,7 +3,7 @@
 #ifndef MANEUVER_MODEL_DATA_TOWN_TARGETS_H_
 #define MANEUVER_MODEL_DATA_TOWN_TARGETS_H_
 
-#include "model/data/town/synthetic_town.h"
+#include "model/data/town/town_recording.h"
 
 namespace maneuver::data::town {
 
