@@ -32,21 +32,21 @@ double Outside(double value, double low, double high) {
 
 CityMap::CityMap(std::vector<v1::MapFeature> features) : features_(std::move(features)) {
   for (const v1::MapFeature& feature : features_) {
-    Box& box = boxes_.emplace_back();
+    scene::Box& box = boxes_.emplace_back();
     if (feature.x().empty()) continue;
     const auto [low_x, high_x] = std::minmax_element(feature.x().begin(), feature.x().end());
     const auto [low_y, high_y] = std::minmax_element(feature.y().begin(), feature.y().end());
-    box = {{*low_x, *low_y}, {*high_x, *high_y}};
+    box = {*low_x, *low_y, *high_x, *high_y};
   }
 }
 
 void CityMap::AddNear(std::span<const Point2> path, v1::Scenario* scenario) const {
   const std::vector<Point2> points = Thinned(path);
   for (size_t i = 0; i < features_.size(); ++i) {
-    const Box& box = boxes_[i];
+    const scene::Box& box = boxes_[i];
     const bool near = std::any_of(points.begin(), points.end(), [&box](const Point2& point) {
-      return std::hypot(Outside(point.x, box.low.x, box.high.x),
-                        Outside(point.y, box.low.y, box.high.y)) <= kReach;
+      return std::hypot(Outside(point.x, box.low_x, box.high_x),
+                        Outside(point.y, box.low_y, box.high_y)) <= kReach;
     });
     if (near) *scenario->add_map_features() = features_[i];
   }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "maneuver/v1/scenario.pb.h"
+#include "model/scene/map_features.h"
 #include "model/scene/pose2.h"
 
 namespace maneuver::data {
@@ -29,13 +30,8 @@ class CityMap {
   const std::vector<v1::MapFeature>& features() const { return features_; }
 
  private:
-  struct Box {
-    scene::Point2 low;
-    scene::Point2 high;
-  };
-
   std::vector<v1::MapFeature> features_;
-  std::vector<Box> boxes_;  // of each feature
+  std::vector<scene::Box> boxes_;  // of each feature
 };
 
 // Returns the heading of the lane centreline nearest to `point`, radians; `otherwise` if none is
