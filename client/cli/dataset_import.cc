@@ -25,77 +25,31 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The files that the inputs name: those of a folder by name, hidden ones left out.
-absl::StatusOr<std::vector<fs::path>> InputFiles(const std::vector<std::string>& inputs,
-                                                 const std::string& extension) {
-  std::vector<fs::path> files;
-  for (const std::string& input : inputs) {
-    std::error_code error;
-    if (!fs::is_directory(input, error)) {
-      if (!fs::is_regular_file(input, error)) {
-        return absl::NotFoundError(
-            absl::StrCat(input, " does not exist; name files or folders of them"));
-      }
-      files.emplace_back(input);
-      continue;
-    }
-    std::vector<fs::path> found;
-    for (const fs::directory_entry& entry : fs::directory_iterator(input, error)) {
-      if (!entry.is_regular_file(error) || entry.path().filename().string().front() == '.')
-        continue;
-      if (extension.empty() || entry.path().extension() == extension) found.push_back(entry.path());
-    }
-    if (found.empty()) {
-      return absl::NotFoundError(absl::StrCat(input, " holds no files to import"));
-    }
-    std::sort(found.begin(), found.end());
-    files.insert(files.end(), found.begin(), found.end());
-  }
-  return files;
-}
-
 std::string TimeLeft(double seconds) {
   const auto whole = static_cast<int64_t>(seconds + 0.5);
   return whole < 60 ? absl::StrCat(whole, " s left") : absl::StrCat(whole / 60, " min left");
 }
 
-class Import {
+class Import final : public ImportSink {
  public:
-  Import(const ImportArguments& arguments, const ImportFormat& format, Environment& environment)
+  Import(const ImportArguments& arguments, const ImportFormat& format, data::DatasetWriter& writer,
+         Environment& environment)
       : arguments_(arguments),
         format_(format),
+        writer_(writer),
         environment_(environment),
         progress_(environment.errors, environment.progress_form()),
         ahead_(2 * static_cast<size_t>(arguments.threads.value_or(machine::UsableCores()))) {}
 
-  absl::StatusOr<v1::Dataset> Run(data::DatasetWriter& writer, const std::vector<fs::path>& files) {
-    for (const fs::path& file : files) {
-      total_bytes_ += static_cast<double>(fs::file_size(file));
-    }
-    for (const fs::path& file : files) {
-      const double before = before_file_;
-      absl::Status status = format_.read(
-          file,
-          [&](RawRecording&& recording) -> absl::Status {
-            recording.end += before;
-            Begin(std::move(recording));
-            while (parsing_.size() > ahead_) {
-              absl::Status taken = TakeFirst(writer);
-              if (!taken.ok()) return taken;
-            }
-            return absl::OkStatus();
-          },
-          [&](const absl::Status& damage) {
-            if (arguments_.on_damage == "stop") return false;
-            ++damaged_;
-            Say(std::string(damage.message()));
-            return true;
-          });
+  absl::StatusOr<v1::Dataset> Run(const std::vector<ImportFile>& files) {
+    for (const ImportFile& file : files) total_bytes_ += file.bytes;
+    for (const ImportFile& file : files) {
+      absl::Status status = format_.read(file.path, *this);
       if (!status.ok()) return status;
-      before_file_ += static_cast<double>(fs::file_size(file));
+      before_file_ += file.bytes;
     }
     while (!parsing_.empty()) {
-      absl::Status status = TakeFirst(writer);
+      absl::Status status = TakeFirst();
       if (!status.ok()) return status;
     }
     progress_.Clear();
@@ -103,8 +57,26 @@ class Import {
       return absl::InvalidArgumentError(
           absl::StrCat("none of the files holds a usable ", format_.name));
     }
-    return writer.Commit();
+    return writer_.Commit();
   }
+
+  absl::Status Take(RawRecording&& recording) override {
+    recording.end += before_file_;
+    Begin(std::move(recording));
+    while (parsing_.size() > ahead_) {
+      absl::Status status = TakeFirst();
+      if (!status.ok()) return status;
+    }
+    return absl::OkStatus();
+  }
+  absl::Status Damaged(const absl::Status& damage) override {
+    if (arguments_.on_damage == "stop") return damage;
+    ++damaged_;
+    Say(absl::StrCat(std::string(damage.message()), "; skipped"));
+    return absl::OkStatus();
+  }
+  void Note(const std::string& text) override { Say(text); }
+  void ShowProgress(double bytes) override { Progress(before_file_ + bytes); }
 
   bool complete() const { return damaged_ == 0 && refused_ == 0; }
 
@@ -151,8 +123,8 @@ class Import {
     Pending& pending = parsing_.emplace_back();
     pending.place = std::move(recording.place);
     pending.end = recording.end;
-    pending.parsed = std::async(std::launch::async, [this, bytes = std::move(recording.bytes)] {
-      Parsed parsed{format_.parse(bytes), ""};
+    pending.parsed = std::async(std::launch::async, [parse = std::move(recording.parse)] {
+      Parsed parsed{parse(), ""};
       if (!parsed.scenario.ok()) return parsed;
       const auto violations = scene::ValidateScenario(*parsed.scenario, scene::ScenarioLimits());
       if (!violations.empty()) {
@@ -163,7 +135,7 @@ class Import {
     });
   }
 
-  absl::Status TakeFirst(data::DatasetWriter& writer) {
+  absl::Status TakeFirst() {
     Pending pending = std::move(parsing_.front());
     parsing_.pop_front();
     Parsed parsed = pending.parsed.get();
@@ -180,7 +152,7 @@ class Import {
       ++renamed_;
     }
     ++recordings_;
-    absl::Status status = writer.Add(*scenario);
+    absl::Status status = writer_.Add(*scenario);
     Progress(pending.end);
     return status;
   }
@@ -189,13 +161,13 @@ class Import {
     const std::string text = absl::StrCat(place, ": ", reason);
     if (arguments_.strict) return absl::InvalidArgumentError(text);
     ++refused_;
-    Say(text);
+    Say(absl::StrCat(text, "; skipped"));
     return absl::OkStatus();
   }
 
   void Say(const std::string& text) {
     progress_.Clear();
-    environment_.err << text << "; skipped\n";
+    environment_.err << text << "\n";
   }
 
   void Progress(double bytes) {
@@ -207,6 +179,7 @@ class Import {
 
   const ImportArguments& arguments_;
   const ImportFormat& format_;
+  data::DatasetWriter& writer_;
   Environment& environment_;
   ProgressLine progress_;
   const size_t ahead_;  // recordings that are parsed while one is written
@@ -223,6 +196,39 @@ class Import {
 
 }  // namespace
 
+absl::StatusOr<std::vector<ImportFile>> FindFiles(const std::vector<std::string>& inputs,
+                                                  const std::string& extension) {
+  std::vector<ImportFile> files;
+  const auto add = [&files](const fs::path& file) {
+    std::error_code error;
+    const auto bytes = fs::file_size(file, error);
+    files.push_back({file, error ? 0.0 : static_cast<double>(bytes)});
+  };
+  for (const std::string& input : inputs) {
+    std::error_code error;
+    if (!fs::is_directory(input, error)) {
+      if (!fs::is_regular_file(input, error)) {
+        return absl::NotFoundError(
+            absl::StrCat(input, " does not exist; name files or folders of them"));
+      }
+      add(input);
+      continue;
+    }
+    std::vector<fs::path> found;
+    for (const fs::directory_entry& entry : fs::directory_iterator(input, error)) {
+      if (!entry.is_regular_file(error) || entry.path().filename().string().front() == '.')
+        continue;
+      if (extension.empty() || entry.path().extension() == extension) found.push_back(entry.path());
+    }
+    if (found.empty()) {
+      return absl::NotFoundError(absl::StrCat(input, " holds no files to import"));
+    }
+    std::sort(found.begin(), found.end());
+    for (const fs::path& file : found) add(file);
+  }
+  return files;
+}
+
 void AddImportOptions(Command& command, ImportArguments& arguments, const std::string& what) {
   command.Argument("OUT_DIR", &arguments.folder, "Folder to write; must not exist");
   command.Arguments("FILE", &arguments.inputs, what);
@@ -236,13 +242,12 @@ void AddImportOptions(Command& command, ImportArguments& arguments, const std::s
 
 int RunImport(const ImportArguments& arguments, const ImportFormat& format,
               Environment& environment) {
-  const absl::StatusOr<std::vector<fs::path>> files =
-      InputFiles(arguments.inputs, format.extension);
+  const absl::StatusOr<std::vector<ImportFile>> files = format.find(arguments.inputs);
   if (!files.ok()) return environment.Refuse(std::string(files.status().message()));
   auto writer = data::DatasetWriter::Create(arguments.folder, arguments.origin);
   if (!writer.ok()) return environment.FailAt(arguments.folder, writer.status());
-  Import import(arguments, format, environment);
-  const absl::StatusOr<v1::Dataset> dataset = import.Run(**writer, *files);
+  Import import(arguments, format, **writer, environment);
+  const absl::StatusOr<v1::Dataset> dataset = import.Run(*files);
   environment.err << import.Report();
   if (!dataset.ok()) return environment.Fail(dataset.status());
   if (environment.json()) {
@@ -259,6 +264,8 @@ void AddImport(Command& root, Environment& environment) {
   Command import = root.Add("import", "Make a dataset of recordings in another format");
   AddImportWaymo(import, environment);
   AddImportCommonRoad(import, environment);
+  AddImportNuScenes(import, environment);
+  AddImportArgoverse(import, environment);
 }
 
 }  // namespace maneuver::cli

@@ -28,28 +28,49 @@ struct ImportArguments {
   std::optional<int64_t> threads;
 };
 
-// One recording as it is stored on disk.
+// One recording that was found on disk.
 struct RawRecording {
-  std::string bytes;
+  // Makes the scenario. Called once, on any thread.
+  std::function<absl::StatusOr<v1::Scenario>()> parse;
   std::string place;  // for messages: "a.tfrecord at offset 12"
-  double end = 0.0;   // offset of its end within its file, bytes
+  double end = 0.0;   // where it ends, in the bytes of its ImportFile
+};
+
+// What a format reads as a whole.
+struct ImportFile {
+  std::filesystem::path path;
+  double bytes = 0.0;  // for the progress
+};
+
+// Where a format delivers what it reads. Not thread-safe.
+class ImportSink {
+ public:
+  virtual ~ImportSink() = default;
+  // Takes a recording. Blocks while enough others are being parsed. If the result is an error,
+  // reading ends with it.
+  virtual absl::Status Take(RawRecording&& recording) = 0;
+  // Counts and reports what is damaged. OK: read on without it. Otherwise reading ends with the
+  // result, which is `damage`.
+  virtual absl::Status Damaged(const absl::Status& damage) = 0;
+  // Tells the user something that is no fault.
+  virtual void Note(const std::string& text) = 0;
+  // Shows that so many bytes of the present ImportFile are read.
+  virtual void ShowProgress(double bytes) = 0;
 };
 
 struct ImportFormat {
   std::string name;  // for messages: "Waymo scenario"
-  // Reads a file, recording by recording, until `take` returns an error or the file ends. Calls
-  // `damaged` for a damaged recording, which counts and reports it; if that returns true the
-  // recording is skipped, otherwise the result is DATA_LOSS.
-  std::function<absl::Status(const std::filesystem::path& file,
-                             const std::function<absl::Status(RawRecording&&)>& take,
-                             const std::function<bool(const absl::Status&)>& damaged)>
-      read;
-  // Called from several threads.
-  std::function<absl::StatusOr<v1::Scenario>(std::string_view bytes)> parse;
-  // The extension of the files of a folder to read, such as ".xml"; empty: all files but hidden
-  // ones.
-  std::string extension;
+  // Finds what the inputs of the command name, in the order in which it is read.
+  std::function<absl::StatusOr<std::vector<ImportFile>>(const std::vector<std::string>& inputs)>
+      find;
+  // Reads one of them, recording by recording.
+  std::function<absl::Status(const std::filesystem::path& file, ImportSink& sink)> read;
 };
+
+// Returns the files that `inputs` name. Of a folder these are the files with this extension, such
+// as ".xml", by name; without one, all but hidden files. NOT_FOUND if there are none.
+absl::StatusOr<std::vector<ImportFile>> FindFiles(const std::vector<std::string>& inputs,
+                                                  const std::string& extension);
 
 // Adds the arguments and options to a command.
 void AddImportOptions(Command& command, ImportArguments& arguments, const std::string& what);
@@ -63,6 +84,8 @@ int RunImport(const ImportArguments& arguments, const ImportFormat& format,
 // The formats.
 void AddImportWaymo(Command& import, Environment& environment);
 void AddImportCommonRoad(Command& import, Environment& environment);
+void AddImportNuScenes(Command& import, Environment& environment);
+void AddImportArgoverse(Command& import, Environment& environment);
 
 }  // namespace maneuver::cli
 

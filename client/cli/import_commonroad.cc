@@ -9,13 +9,12 @@
 namespace maneuver::cli {
 namespace {
 
-absl::Status ReadWhole(const std::filesystem::path& file,
-                       const std::function<absl::Status(RawRecording&&)>& take,
-                       const std::function<bool(const absl::Status&)>&) {
+absl::Status ReadWhole(const std::filesystem::path& file, ImportSink& sink) {
   absl::StatusOr<std::string> bytes = files::ReadFile(file);
   if (!bytes.ok()) return bytes.status();
   const double size = static_cast<double>(bytes->size());
-  return take({*std::move(bytes), file.filename().string(), size});
+  return sink.Take(
+      {[xml = *std::move(bytes)] { return data::ParseCommonRoad(xml); }, file.filename(), size});
 }
 
 }  // namespace
@@ -34,9 +33,8 @@ void AddImportCommonRoad(Command& import, Environment& environment) {
   command.Run([arguments, &environment] {
     return RunImport(*arguments,
                      {.name = "CommonRoad scenario",
-                      .read = ReadWhole,
-                      .parse = data::ParseCommonRoad,
-                      .extension = ".xml"},
+                      .find = [](const auto& inputs) { return FindFiles(inputs, ".xml"); },
+                      .read = ReadWhole},
                      environment);
   });
 }

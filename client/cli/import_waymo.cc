@@ -22,25 +22,26 @@ absl::Status NoRecords(const std::filesystem::path& file, const absl::Status& da
                    "import commonroad"));
 }
 
-absl::Status ReadRecords(const std::filesystem::path& file,
-                         const std::function<absl::Status(RawRecording&&)>& take,
-                         const std::function<bool(const absl::Status&)>& damaged) {
+absl::Status ReadRecords(const std::filesystem::path& file, ImportSink& sink) {
   auto reader = data::TfRecordReader::Open(file);
   if (!reader.ok()) return reader.status();
   while (true) {
-    RawRecording recording;
-    absl::Status status = (*reader)->Next(&recording.bytes);
+    std::string bytes;
+    absl::Status status = (*reader)->Next(&bytes);
     if (absl::IsOutOfRange(status)) return absl::OkStatus();
     if (!status.ok()) {
       const bool at_start = (*reader)->offset() == 0 && !(*reader)->can_continue();
       if (absl::IsDataLoss(status) && at_start) status = NoRecords(file, status);
-      if (!absl::IsDataLoss(status) || !damaged(status)) return status;
+      if (!absl::IsDataLoss(status)) return status;
+      status = sink.Damaged(status);
+      if (!status.ok()) return status;
       if (!(*reader)->can_continue()) return absl::OkStatus();
       continue;
     }
-    recording.place = absl::StrCat(file.filename().string(), " at offset ", (*reader)->offset());
-    recording.end = static_cast<double>((*reader)->offset());
-    status = take(std::move(recording));
+    const uint64_t offset = (*reader)->offset();
+    status = sink.Take({[bytes = std::move(bytes)] { return data::ParseWaymoScenario(bytes); },
+                        absl::StrCat(file.filename().string(), " at offset ", offset),
+                        static_cast<double>(offset)});
     if (!status.ok()) return status;
   }
 }
@@ -61,9 +62,8 @@ void AddImportWaymo(Command& import, Environment& environment) {
   command.Run([arguments, &environment] {
     return RunImport(*arguments,
                      {.name = "Waymo scenario",
-                      .read = ReadRecords,
-                      .parse = data::ParseWaymoScenario,
-                      .extension = ""},
+                      .find = [](const auto& inputs) { return FindFiles(inputs, ""); },
+                      .read = ReadRecords},
                      environment);
   });
 }

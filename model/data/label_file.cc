@@ -17,6 +17,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_layout.h"
+#include "model/data/quoted_text.h"
 #include "model/data/tfrecord.h"
 #include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
@@ -26,8 +27,6 @@ namespace {
 
 constexpr char kLabelHeader[] = "recording,target,time,action";
 constexpr size_t kMostActionCharacters = 63;
-// The number of characters of a line that a message quotes.
-constexpr size_t kMostRepeated = 60;
 // Times are written with few decimals, so a target may be labelled this long before its first
 // state.
 constexpr double kWrittenTime = 0.0501;  // seconds
@@ -39,15 +38,6 @@ struct Label {
   double time = 0.0;
   std::string action;
 };
-
-// Returns "'abc'", with '?' for characters that do not belong in a message.
-std::string Repeated(std::string_view text) {
-  std::string repeated(text.substr(0, kMostRepeated));
-  for (char& c : repeated) {
-    if (!absl::ascii_isprint(static_cast<unsigned char>(c))) c = '?';
-  }
-  return absl::StrCat("'", repeated, text.size() > kMostRepeated ? "...'" : "'");
-}
 
 // Returns the fields of a line; nothing if a quote is not closed or text follows it.
 std::optional<std::vector<std::string>> SplitFields(std::string_view line) {
@@ -118,8 +108,8 @@ class LabelFile {
     for (const Label& label : labels->second) {
       const auto agent = agents.find(label.target);
       if (agent == agents.end()) {
-        Refuse(label.line, absl::StrCat("recording ", Repeated(label.recording), " has no target ",
-                                        label.target));
+        Refuse(label.line, absl::StrCat("recording ", QuotedText(label.recording),
+                                        " has no target ", label.target));
       } else {
         CheckMoment(label, *agent->second);
       }
@@ -131,7 +121,7 @@ class LabelFile {
     for (const auto& [recording, labels] : by_recording_) {
       for (const Label& label : labels) {
         Refuse(label.line,
-               absl::StrCat("the dataset has no recording ", Repeated(label.recording)));
+               absl::StrCat("the dataset has no recording ", QuotedText(label.recording)));
       }
     }
     std::ranges::sort(checked_.problems, {}, &LabelProblem::line);
@@ -165,17 +155,17 @@ class LabelFile {
     Label label{.line = number, .recording = (*fields)[0], .action = (*fields)[3]};
     if (label.recording.empty()) return Refuse(number, "names no recording");
     if (!absl::SimpleAtoi((*fields)[1], &label.target)) {
-      return Refuse(number, absl::StrCat("target ", Repeated((*fields)[1]), " is no number"));
+      return Refuse(number, absl::StrCat("target ", QuotedText((*fields)[1]), " is no number"));
     }
     if (!absl::SimpleAtod((*fields)[2], &label.time) || !std::isfinite(label.time)) {
-      return Refuse(number, absl::StrCat("time ", Repeated((*fields)[2]), " is no number"));
+      return Refuse(number, absl::StrCat("time ", QuotedText((*fields)[2]), " is no number"));
     }
     if (!IsActionName(label.action)) {
-      return Refuse(number, absl::StrCat("action ", Repeated(label.action),
+      return Refuse(number, absl::StrCat("action ", QuotedText(label.action),
                                          " must match [a-z][a-z0-9_]* with at most 63 characters"));
     }
     if (!actions_.empty() && !actions_.contains(label.action)) {
-      return Refuse(number, absl::StrCat("action ", Repeated(label.action),
+      return Refuse(number, absl::StrCat("action ", QuotedText(label.action),
                                          " is none of those that were named"));
     }
     const auto [earlier, is_new] =
@@ -190,7 +180,7 @@ class LabelFile {
   void CheckMoment(const Label& label, const v1::Agent& agent) {
     if (agent.type() != v1::AGENT_TYPE_VEHICLE) {
       return Refuse(label.line, absl::StrCat("target ", label.target, " of recording ",
-                                             Repeated(label.recording), " is no vehicle"));
+                                             QuotedText(label.recording), " is no vehicle"));
     }
     const double first = agent.states().empty() ? 0.0 : agent.states().begin()->time();
     const double last = agent.states().empty() ? -1.0 : agent.states().rbegin()->time();

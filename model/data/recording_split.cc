@@ -10,8 +10,10 @@ constexpr char kPartMark = '#';
 
 }  // namespace
 
-std::string PartId(std::string_view id, int part) {
-  return absl::StrCat(std::string(id), std::string(1, kPartMark), part);
+std::string PartId(std::string_view id, int part) { return PartId(id, std::to_string(part)); }
+
+std::string PartId(std::string_view id, std::string_view part) {
+  return absl::StrCat(std::string(id), std::string(1, kPartMark), std::string(part));
 }
 
 std::string_view WithoutPart(std::string_view scenario_id) {

@@ -2,7 +2,8 @@
 //
 // A long recording may be stored in parts, and different recordings may come with one id. Their ids
 // are then "{id}#1", "{id}#2" and so on. Parts stay together, because a model that learned from one
-// part has seen the place of the others.
+// part has seen the place of the others. Importers name recordings of one drive by parts, such as
+// "{log}#{scene}".
 
 #ifndef MANEUVER_MODEL_DATA_RECORDING_SPLIT_H_
 #define MANEUVER_MODEL_DATA_RECORDING_SPLIT_H_
@@ -14,6 +15,7 @@ namespace maneuver::data {
 
 // Returns the id of part `part` of the recording `id`, as in "crossing#2".
 std::string PartId(std::string_view id, int part);
+std::string PartId(std::string_view id, std::string_view part);
 
 // Returns the id without its part: up to the first '#'.
 std::string_view WithoutPart(std::string_view scenario_id);

@@ -36,6 +36,12 @@ constexpr uint64_t MixHash(uint64_t hash, uint64_t value) { return SplitMix64(ha
 // Maps a hash to a number in [0, 1), by its upper 53 bits.
 constexpr double UnitInterval(uint64_t hash) { return static_cast<double>(hash >> 11) * 0x1p-53; }
 
+// Returns the id of an agent that its recording names by a text: 52 bits, so that JSON's numbers
+// hold it.
+constexpr int64_t AgentId(std::string_view name) {
+  return static_cast<int64_t>(MixHash(StableHash(name), 0) >> 12);
+}
+
 }  // namespace maneuver::data
 
 #endif  // MANEUVER_MODEL_DATA_STABLE_HASH_H_

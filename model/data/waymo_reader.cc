@@ -11,8 +11,9 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "model/data/agent_size.h"
+#include "model/data/lane_links.h"
 #include "model/files/digest.h"
-#include "model/scene/scenario_validation.h"
 #include "waymo_scenario.pb.h"
 
 namespace maneuver::data {
@@ -68,25 +69,8 @@ bool HasSize(const waymo::ObjectState& state) {
          state.width() > 0.0f;
 }
 
-struct Size {
-  float length = 0.0f;
-  float width = 0.0f;
-};
-
-// Returns the size of an agent whose recording states none, metres: medians of recordings that do.
-Size TypicalSize(v1::AgentType type) {
-  switch (type) {
-    case v1::AGENT_TYPE_VEHICLE:
-      return {4.6f, 2.1f};
-    case v1::AGENT_TYPE_CYCLIST:
-      return {1.8f, 0.8f};
-    default:
-      return {0.9f, 0.9f};
-  }
-}
-
 // Returns the size of the usable state nearest to step `current` that has one.
-Size SizeOf(const waymo::Track& track, int current) {
+AgentSize SizeOf(const waymo::Track& track, int current) {
   const waymo::ObjectState* nearest = nullptr;
   int distance = 0;
   for (int i = 0; i < track.states_size(); ++i) {
@@ -102,7 +86,7 @@ Size SizeOf(const waymo::Track& track, int current) {
 void AddAgent(const waymo::Scenario& recording, const waymo::Track& track, int current,
               v1::Scenario* scenario) {
   if (std::none_of(track.states().begin(), track.states().end(), IsUsable)) return;
-  const Size size = SizeOf(track, current);
+  const AgentSize size = SizeOf(track, current);
   v1::Agent* agent = scenario->add_agents();
   agent->set_id(track.id());
   agent->set_type(TypeOf(track));
@@ -148,14 +132,6 @@ void AddFeature(int64_t id, v1::MapFeatureType type, const Points& points, doubl
   *scenario->add_map_features() = std::move(feature);
 }
 
-// Adds an id to a list unless the list is full or has it already.
-void AddId(int64_t id, google::protobuf::RepeatedField<int64_t>* ids) {
-  if (ids->size() < scene::ScenarioLimits().max_lane_links &&
-      std::find(ids->begin(), ids->end(), id) == ids->end()) {
-    ids->Add(id);
-  }
-}
-
 // Declares which lanes follow each other and which are neighbours. Either lane may declare that one
 // follows the other.
 void AddLaneLinks(const waymo::Scenario& recording, v1::Scenario* scenario) {
@@ -170,17 +146,18 @@ void AddLaneLinks(const waymo::Scenario& recording, v1::Scenario* scenario) {
     const auto found = lanes.find(feature.id());
     if (!feature.has_lane() || found == lanes.end()) continue;
     v1::MapFeature* const lane = found->second;
-    for (const int64_t id : feature.lane().exit_lanes()) AddId(id, lane->mutable_successor_ids());
+    for (const int64_t id : feature.lane().exit_lanes())
+      AddLaneLink(id, lane->mutable_successor_ids());
     for (const auto& neighbor : feature.lane().left_neighbors()) {
-      AddId(neighbor.feature_id(), lane->mutable_left_neighbor_ids());
+      AddLaneLink(neighbor.feature_id(), lane->mutable_left_neighbor_ids());
     }
     for (const auto& neighbor : feature.lane().right_neighbors()) {
-      AddId(neighbor.feature_id(), lane->mutable_right_neighbor_ids());
+      AddLaneLink(neighbor.feature_id(), lane->mutable_right_neighbor_ids());
     }
     for (const int64_t id : feature.lane().entry_lanes()) {
       const auto before = lanes.find(id);
       if (before == lanes.end()) continue;
-      AddId(feature.id(), before->second->mutable_successor_ids());
+      AddLaneLink(feature.id(), before->second->mutable_successor_ids());
     }
   }
 }

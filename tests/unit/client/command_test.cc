@@ -110,6 +110,8 @@ TEST(CommandLineTest, HelpOfEveryCommandHasAnExample) {
        std::vector<std::vector<std::string>>{{"synthesize"},
                                              {"import", "waymo"},
                                              {"import", "commonroad"},
+                                             {"import", "nuscenes"},
+                                             {"import", "argoverse"},
                                              {"dataset", "upload"},
                                              {"dataset", "list"},
                                              {"dataset", "show"},

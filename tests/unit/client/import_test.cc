@@ -13,6 +13,8 @@
 #include "client/cli/maneuver.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/tfrecord.h"
+#include "tests/unit/model/data/argoverse/argoverse_fixture.h"
+#include "tests/unit/model/data/nuscenes/nuscenes_fixture.h"
 #include "tests/unit/model/data/wire_format.h"
 #include "tests/unit/temporary_folder.h"
 
@@ -146,6 +148,97 @@ TEST_F(ImportTest, ImportsCommonRoadFilesByNameAndNamesUnusableOnes) {
       Maneuver({"import", "commonroad", Path("strict"), Path("scenes"), "--strict"});
   EXPECT_EQ(strict.status, kFailed);
   EXPECT_FALSE(fs::exists(folder_ / "strict"));
+}
+
+TEST_F(ImportTest, ImportsScenesOfNuScenesWithTheirMapOnAnyNumberOfThreads) {
+  data::NuScenesFixture(5, 5).Write(folder_ / "nuscenes");
+  for (const char* threads : {"1", "7"}) {
+    const std::string out = std::string("of") + threads;
+    const Result result =
+        Maneuver({"import", "nuscenes", Path(out), Path("nuscenes"), "--threads", threads});
+    ASSERT_EQ(result.status, kOk) << result.err;
+    EXPECT_THAT(result.err, HasSubstr("toy-town.json: 1 links of connectivity"));
+    EXPECT_THAT(Ids(out), ElementsAre("n001-a#scene-0001", "n001-a#scene-0002", "n001-b#scene-0003",
+                                      "n001-b#scene-0004", "n001-c#scene-0005"));
+  }
+  EXPECT_EQ(data::ReadDatasetManifest(folder_ / "of1")->shards(0).sha256(),
+            data::ReadDatasetManifest(folder_ / "of7")->shards(0).sha256());
+  const auto scene = data::ReadScenario(folder_ / "of1", "n001-a#scene-0001");
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_GT(scene->map_features_size(), 10);
+}
+
+TEST_F(ImportTest, ADamagedSceneOfNuScenesIsLeftOutOrRefused) {
+  data::NuScenesFixture fixture(2, 3);
+  fixture.tables["sample_annotation"][0]["size"] = nullptr;
+  fixture.Write(folder_ / "nuscenes");
+  const std::string tables = Path("nuscenes/v1.0-mini");
+  const Result left_out = Maneuver({"import", "nuscenes", Path("out"), tables});
+  EXPECT_EQ(left_out.status, kFailed);
+  EXPECT_THAT(left_out.err,
+              HasSubstr("scene-0001: sample_annotation.json[0].size: must be 3 numbers"));
+  EXPECT_THAT(Ids("out"), ElementsAre("n001-a#scene-0002"));
+  EXPECT_EQ(Maneuver({"import", "nuscenes", Path("strict"), tables, "--strict"}).status, kFailed);
+  EXPECT_FALSE(fs::exists(folder_ / "strict"));
+}
+
+TEST_F(ImportTest, ARowOfNuScenesThatBelongsToNoSceneStopsTheImportOrIsSkipped) {
+  data::NuScenesFixture fixture(1, 3);
+  fixture.tables["sample_annotation"][0]["sample_token"] = "nowhere";
+  fixture.Row("instance", "scene-0001/car")["nbr_annotations"] = 2;
+  fixture.Write(folder_ / "nuscenes");
+  const Result stopped = Maneuver({"import", "nuscenes", Path("stopped"), Path("nuscenes")});
+  EXPECT_EQ(stopped.status, kFailed);
+  EXPECT_THAT(stopped.err, HasSubstr("sample_annotation.json[0].sample_token: names 'nowhere'"));
+  EXPECT_FALSE(fs::exists(folder_ / "stopped"));
+  const Result skipped =
+      Maneuver({"import", "nuscenes", Path("out"), Path("nuscenes"), "--on-damage", "skip"});
+  EXPECT_THAT(skipped.err, HasSubstr("damaged records skipped: 1"));
+  EXPECT_THAT(Ids("out"), ElementsAre("n001-a#scene-0001"));
+}
+
+TEST_F(ImportTest, SaysWhereNuScenesLacksAFile) {
+  data::NuScenesFixture(1, 3).Write(folder_ / "nuscenes");
+  fs::remove_all(folder_ / "nuscenes" / "maps");
+  const Result no_map = Maneuver({"import", "nuscenes", Path("out"), Path("nuscenes")});
+  EXPECT_EQ(no_map.status, kFailed);
+  EXPECT_THAT(no_map.err, AllOf(HasSubstr("maps/expansion/toy-town.json does not exist"),
+                                HasSubstr("--maps none")));
+  EXPECT_EQ(
+      Maneuver({"import", "nuscenes", Path("bare"), Path("nuscenes"), "--maps", "none"}).status,
+      kOk);
+  data::NuScenesFixture(1, 3).Write(folder_ / "both");
+  fs::copy(folder_ / "both" / "v1.0-mini", folder_ / "both" / "v1.0-test");
+  EXPECT_THAT(Maneuver({"import", "nuscenes", Path("out"), Path("both")}).err,
+              AllOf(HasSubstr("several sets of tables"), HasSubstr("v1.0-test")));
+  fs::remove(folder_ / "nuscenes" / "v1.0-mini" / "log.json");
+  EXPECT_THAT(Maneuver({"import", "nuscenes", Path("out"), Path("nuscenes")}).err,
+              HasSubstr("log.json"));
+  EXPECT_THAT(Maneuver({"import", "nuscenes", Path("out"), Path("nothing")}).err,
+              HasSubstr("holds no scene.json"));
+}
+
+TEST_F(ImportTest, ImportsSequencesOfArgoverseWithTheirMap) {
+  Write("train/data/2.csv", data::ArgoverseSequence(600.0 * 1000.0));
+  Write("train/data/1.csv", data::ArgoverseSequence(600.0 * 1000.0 + 30.0));
+  Write("train/data/3.csv", "TIMESTAMP,TRACK_ID,OBJECT_TYPE,X,Y,CITY_NAME\n0,a,AGENT,x,0,PIT\n");
+  Write("map_files/pruned_argoverse_PIT_10314_vector_map.xml", data::ArgoverseMap());
+  const Result result = Maneuver(
+      {"import", "argoverse", Path("out"), Path("train/data"), "--maps", Path("map_files")});
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_THAT(result.err, AllOf(HasSubstr("3.csv: row 2: X 'x' is no number"),
+                                HasSubstr("1 links name lanes that the map lacks")));
+  EXPECT_THAT(Ids("out"), ElementsAre("PIT-1000#1", "PIT-1000#2"));
+  EXPECT_EQ(data::ReadScenario(folder_ / "out", "PIT-1000#1")->map_features_size(), 4);
+  EXPECT_THAT(Maneuver({"import", "argoverse", Path("x"), Path("train/data")}).err,
+              HasSubstr("--maps is missing"));
+  EXPECT_THAT(
+      Maneuver({"import", "argoverse", Path("x"), Path("train/data"), "--maps", Path("train")}).err,
+      HasSubstr("holds no pruned_argoverse_"));
+  EXPECT_THAT(
+      Maneuver({"import", "argoverse", Path("x"), Path("train/data"), "--maps", "none", "--strict"})
+          .err,
+      HasSubstr("3.csv: row 2"));
 }
 
 TEST_F(ImportTest, SaysThatThereIsNothingToImport) {

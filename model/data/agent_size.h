@@ -1,0 +1,20 @@
+// Sizes of road users whose recording states none.
+
+#ifndef MANEUVER_MODEL_DATA_AGENT_SIZE_H_
+#define MANEUVER_MODEL_DATA_AGENT_SIZE_H_
+
+#include "maneuver/v1/scenario.pb.h"
+
+namespace maneuver::data {
+
+struct AgentSize {
+  float length = 0.0F;  // metres
+  float width = 0.0F;   // metres
+};
+
+// Returns the medians of recordings that state sizes, by type.
+AgentSize TypicalSize(v1::AgentType type);
+
+}  // namespace maneuver::data
+
+#endif  // MANEUVER_MODEL_DATA_AGENT_SIZE_H_

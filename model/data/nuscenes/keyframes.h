@@ -1,0 +1,41 @@
+// Fills the time between keyframes.
+//
+// nuScenes annotates two frames a second; models see ten. Between two keyframes of a track the
+// position runs straight at constant speed, and the heading turns evenly along the shorter arc. The
+// velocity is the difference of the two positions by the time between them. So a state between two
+// keyframes knows where the agent is at the later one, at most half a second ahead.
+// real_keyframes_test.cc measures what that costs on tracks of Waymo Open Motion, thinned to 2 Hz:
+// the velocity is wrong by 0.2 m/s (root mean square), the position by 3 cm, the heading by
+// 0.004 rad.
+
+#ifndef MANEUVER_MODEL_DATA_NUSCENES_KEYFRAMES_H_
+#define MANEUVER_MODEL_DATA_NUSCENES_KEYFRAMES_H_
+
+#include <span>
+
+#include "maneuver/v1/scenario.pb.h"
+
+namespace maneuver::data {
+
+// Frames lie at multiples of it on the scenario's clock, seconds.
+inline constexpr double kFrameInterval = 0.1;
+// Keyframes further apart have a gap between them, seconds: nothing is filled in.
+inline constexpr double kMaxKeyframeGap = 0.75;
+
+struct Keyframe {
+  double time = 0.0;  // seconds
+  double x = 0.0;     // metres
+  double y = 0.0;     // metres
+  float heading = 0.0F;
+};
+
+// Appends to `agent` a state at each frame between two keyframes that are at most kMaxKeyframeGap
+// apart. There is none before the first keyframe, after the last one, or at a keyframe alone
+// between two gaps: its velocity is not known. A frame at a keyframe has the velocity that led
+// there.
+//   keyframes: in strictly increasing time
+void AddFrames(std::span<const Keyframe> keyframes, v1::Agent* agent);
+
+}  // namespace maneuver::data
+
+#endif  // MANEUVER_MODEL_DATA_NUSCENES_KEYFRAMES_H_
