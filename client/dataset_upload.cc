@@ -2,18 +2,38 @@
 
 #include <filesystem>
 #include <fstream>
+#include <optional>
 #include <sstream>
+#include <string>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
 #include "client/client.h"
 #include "client/connection.h"
+#include "client/file_digest.h"
 #include "client/file_upload.h"
 
 namespace maneuver::client {
 namespace {
 
 namespace fs = std::filesystem;
+
+// How dataset.json begins if it carries the SHA-256 of the rest.
+constexpr absl::string_view kSeal = "{\n \"content_sha256\": \"";
+constexpr size_t kDigits = 64;
+constexpr absl::string_view kSealEnd = "\",";
+
+// Returns the JSON without its digest, which it checks; nothing if the file is damaged.
+std::optional<std::string> Unsealed(const std::string& text) {
+  if (!absl::StartsWith(text, kSeal)) return text;
+  const size_t rest = kSeal.size() + kDigits + kSealEnd.size();
+  if (text.size() < rest) return std::nullopt;
+  std::string json = "{" + text.substr(rest);
+  if (Sha256Of(json) != text.substr(kSeal.size(), kDigits)) return std::nullopt;
+  return json;
+}
 
 // dataset.json of a folder whose shards are all there with the sizes that it states.
 absl::StatusOr<v1::Dataset> ReadWholeFolder(const fs::path& folder) {
@@ -24,8 +44,15 @@ absl::StatusOr<v1::Dataset> ReadWholeFolder(const fs::path& folder) {
   }
   std::ostringstream text;
   text << file.rdbuf();
+  const std::optional<std::string> json = Unsealed(text.str());
+  if (!json) {
+    return absl::DataLossError(
+        absl::StrCat((folder / "dataset.json").string(),
+                     " is damaged: its SHA-256 is not what it says; if you changed it on purpose, "
+                     "remove its line content_sha256"));
+  }
   v1::Dataset dataset;
-  if (!google::protobuf::util::JsonStringToMessage(text.str(), &dataset).ok()) {
+  if (!google::protobuf::util::JsonStringToMessage(*json, &dataset).ok()) {
     return absl::DataLossError(
         absl::StrCat((folder / "dataset.json").string(), " is damaged: it does not parse"));
   }

@@ -16,9 +16,9 @@
 #include "model/artifact/model_spec.h"
 #include "model/artifact/model_weights.h"
 #include "model/artifact/safetensors.h"
-#include "model/artifact/sealed_json.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
+#include "model/files/sealed_json.h"
 
 namespace maneuver::artifact {
 namespace {
@@ -145,7 +145,7 @@ absl::Status WriteBaselines(const fs::path& folder, const StoredBaselines& basel
   if (auto status = files::WriteFileAtomically(folder / kWeights, weights); !status.ok()) {
     return status;
   }
-  return files::WriteFileAtomically(folder / kDescription, Seal(json));
+  return files::WriteFileAtomically(folder / kDescription, files::Seal(json));
 }
 
 absl::StatusOr<StoredBaselines> ReadBaselines(const fs::path& folder) {
@@ -154,7 +154,7 @@ absl::StatusOr<StoredBaselines> ReadBaselines(const fs::path& folder) {
     return absl::NotFoundError("the model folder carries no baselines");
   }
   if (!text.ok()) return text.status();
-  const absl::StatusOr<std::string> json = Unseal(*text);
+  const absl::StatusOr<std::string> json = files::Unseal(*text);
   if (!json.ok()) {
     return absl::DataLossError(absl::StrCat(kDescription, " ", json.status().message()));
   }

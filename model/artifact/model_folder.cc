@@ -10,9 +10,9 @@
 #include "model/artifact/model_spec.h"
 #include "model/artifact/model_weights.h"
 #include "model/artifact/safetensors.h"
-#include "model/artifact/sealed_json.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
+#include "model/files/sealed_json.h"
 
 namespace maneuver::artifact {
 namespace {
@@ -52,7 +52,7 @@ absl::StatusOr<std::string> ManifestToJson(v1::ModelManifest manifest) {
     return absl::InternalError(
         absl::StrCat("cannot state the manifest as JSON: ", std::string(status.message())));
   }
-  return Seal(json);
+  return files::Seal(json);
 }
 
 // A missing file in an existing folder is damage, not absence.
@@ -100,13 +100,13 @@ absl::Status WriteModelFolder(const fs::path& folder, StoredModel model) {
 }
 
 bool HasManifestDigest(const fs::path& folder) {
-  return IsSealed(files::ReadFile(folder / kManifestFile).value_or(""));
+  return files::IsSealed(files::ReadFile(folder / kManifestFile).value_or(""));
 }
 
 absl::StatusOr<v1::ModelManifest> ReadModelManifest(const fs::path& folder) {
   const absl::StatusOr<std::string> text = ReadPart(folder, kManifestFile);
   if (!text.ok()) return text.status();
-  const absl::StatusOr<std::string> json = Unseal(*text);
+  const absl::StatusOr<std::string> json = files::Unseal(*text);
   if (!json.ok()) {
     return absl::DataLossError(absl::StrCat(kManifestFile, " ", json.status().message()));
   }

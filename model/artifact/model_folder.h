@@ -1,5 +1,5 @@
 // A model version on disk: a folder with weights.safetensors and model.json, which carries its own
-// digest (sealed_json.h) and that of the weights.
+// digest (files/sealed_json.h) and that of the weights.
 
 #ifndef MANEUVER_MODEL_ARTIFACT_MODEL_FOLDER_H_
 #define MANEUVER_MODEL_ARTIFACT_MODEL_FOLDER_H_

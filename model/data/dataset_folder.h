@@ -51,7 +51,7 @@ class DatasetWriter {
 // Field paths start at the manifest: shards[0].file, ...
 std::vector<scene::FieldViolation> ValidateDatasetManifest(const v1::Dataset& manifest);
 
-// Convert dataset.json from and to text.
+// Convert a manifest from and to JSON. dataset.json also carries a digest of that.
 absl::StatusOr<v1::Dataset> ParseDatasetManifest(const std::string& json);
 std::string PrintDatasetManifest(const v1::Dataset& manifest);
 

@@ -19,8 +19,12 @@ namespace maneuver::data {
 inline constexpr char kManifestFile[] = "dataset.json";
 inline constexpr int kDatasetFormatVersion = 1;
 
-// Reads dataset.json and checks it by itself, without the shards.
+// Reads dataset.json and checks it by itself, without the shards. DATA_LOSS if any byte of it is
+// damaged (files/sealed_json.h). One of an older release, or written by other tools, carries no
+// digest, and damage may go unnoticed.
 absl::StatusOr<v1::Dataset> LoadDatasetManifest(const std::filesystem::path& folder);
+// Writes dataset.json, with its digest, in one step.
+absl::Status WriteDatasetManifest(const std::filesystem::path& folder, const v1::Dataset& manifest);
 
 // Visits a payload. Returns an error if it is not of the expected type; sets *more to false to
 // stop.

@@ -11,6 +11,7 @@
 #include "model/data/dataset_layout.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
+#include "model/files/sealed_json.h"
 
 namespace maneuver::data {
 namespace {
@@ -132,7 +133,13 @@ std::string PrintDatasetManifest(const v1::Dataset& manifest) {
 absl::StatusOr<v1::Dataset> LoadDatasetManifest(const std::filesystem::path& folder) {
   const auto json = files::ReadFile(folder / kManifestFile);
   if (!json.ok()) return json.status();
-  auto manifest = ParseDatasetManifest(*json);
+  const auto unsealed = files::Unseal(*json);
+  if (!unsealed.ok()) {
+    return absl::DataLossError(
+        absl::StrCat(kManifestFile, " ", unsealed.status().message(),
+                     "; if you changed it on purpose, remove its line content_sha256"));
+  }
+  auto manifest = ParseDatasetManifest(*unsealed);
   if (!manifest.ok()) return manifest.status();
   const auto violations = ValidateDatasetManifest(*manifest);
   if (!violations.empty()) {
@@ -140,6 +147,12 @@ absl::StatusOr<v1::Dataset> LoadDatasetManifest(const std::filesystem::path& fol
                                             violations.front().description));
   }
   return manifest;
+}
+
+absl::Status WriteDatasetManifest(const std::filesystem::path& folder,
+                                  const v1::Dataset& manifest) {
+  return files::WriteFileAtomically(folder / kManifestFile,
+                                    files::Seal(PrintDatasetManifest(manifest) + "\n"));
 }
 
 std::string ContentSha256(const v1::Dataset& manifest) {

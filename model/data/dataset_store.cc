@@ -69,7 +69,7 @@ v1::ScenarioSummary Summarize(const v1::Scenario& scenario) {
 // Prefix of the file that keeps a description; a digest of its settings follows.
 constexpr char kDescriptionPrefix[] = ".description-";
 // Increment it when what is counted, or how, changes.
-constexpr int kDescriptionVersion = 2;
+constexpr int kDescriptionVersion = 3;
 
 std::string DescriptionFile(const v1::ModelSpec& spec, const v1::ExampleSettings& settings) {
   const std::string digest = files::Sha256Hex(absl::StrCat(
@@ -88,7 +88,22 @@ void KeepDescription(const fs::path& file, const v1::DatasetSummary& summary) {
     }
   }
   for (const fs::path& other : others) fs::remove(other, error);
-  (void)files::WriteFileAtomically(file, summary.SerializeAsString());
+  const std::string message = summary.SerializeAsString();
+  (void)files::WriteFileAtomically(file, files::Sha256Hex(message) + message);
+}
+
+// Returns a kept description; nothing if there is none, or it is damaged.
+std::optional<v1::DatasetSummary> KeptDescription(const fs::path& file) {
+  constexpr size_t kDigits = 64;  // of the SHA-256, which comes first
+  const auto content = files::ReadFile(file);
+  if (!content.ok() || content->size() < kDigits) return std::nullopt;
+  const std::string message = content->substr(kDigits);
+  v1::DatasetSummary summary;
+  if (files::Sha256Hex(message) != content->substr(0, kDigits) ||
+      !summary.ParseFromString(message)) {
+    return std::nullopt;
+  }
+  return summary;
 }
 
 }  // namespace
@@ -282,16 +297,16 @@ absl::StatusOr<v1::DatasetSummary> DatasetStore::Describe(
   const auto manifest = Get(id);
   if (!manifest.ok()) return manifest.status();
   const fs::path kept = FolderOf(id) / DescriptionFile(spec, settings);
-  v1::DatasetSummary summary;
-  if (const auto bytes = files::ReadFile(kept); !bytes.ok() || !summary.ParseFromString(*bytes)) {
+  std::optional<v1::DatasetSummary> summary = KeptDescription(kept);
+  if (!summary) {
     const int threads = std::clamp(machine::UsableCores() / 4, 1, 4);
     auto counted = DescribeDataset(FolderOf(id), spec, settings, threads);
     if (!counted.ok()) return Contains(id) ? counted.status() : NoSuchDataset(id);
     summary = *std::move(counted);
-    KeepDescription(kept, summary);
+    KeepDescription(kept, *summary);
   }
-  *summary.mutable_dataset() = *manifest;
-  return summary;
+  *summary->mutable_dataset() = *manifest;
+  return *std::move(summary);
 }
 
 absl::StatusOr<v1::Scenario> DatasetStore::GetScenario(const std::string& id,

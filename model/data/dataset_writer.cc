@@ -142,8 +142,7 @@ class FolderWriter final : public DatasetWriter {
       manifest_.mutable_shards()->Add(series->shards().begin(), series->shards().end());
     }
     *manifest_.mutable_create_time() = google::protobuf::util::TimeUtil::GetCurrentTime();
-    failed_ = files::WriteFileAtomically(temporary_ / kManifestFile,
-                                         PrintDatasetManifest(manifest_) + "\n");
+    failed_ = WriteDatasetManifest(temporary_, manifest_);
     if (failed_.ok()) failed_ = files::PublishFolder(temporary_, folder_);
     if (!failed_.ok()) return failed_;
     committed_ = true;

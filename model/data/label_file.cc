@@ -237,8 +237,7 @@ absl::Status FillAnnotated(const std::filesystem::path& folder,
   *manifest->add_shards() = std::move(added);
   manifest->clear_name();
   *manifest->mutable_create_time() = google::protobuf::util::TimeUtil::GetCurrentTime();
-  return files::WriteFileAtomically(temporary / kManifestFile,
-                                    PrintDatasetManifest(*manifest) + "\n");
+  return WriteDatasetManifest(temporary, *manifest);
 }
 
 }  // namespace

@@ -40,8 +40,7 @@ class StagedUpload final : public DatasetUpload {
   absl::Status Publish(const fs::path& temporary) {
     manifest_.set_name(absl::StrCat("datasets/", id_));
     *manifest_.mutable_create_time() = TimeUtil::GetCurrentTime();
-    absl::Status status = files::WriteFileAtomically(temporary / kManifestFile,
-                                                     PrintDatasetManifest(manifest_) + "\n");
+    absl::Status status = WriteDatasetManifest(temporary, manifest_);
     if (!status.ok()) return status;
     status = VerifyDatasetFolder(temporary);
     // The digests agreed: it is not damaged, it never was what it should be.

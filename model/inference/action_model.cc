@@ -27,6 +27,10 @@ using probability::RowMajorXd;
 // weights once for so many.
 constexpr int kEncodingBlock = 16;
 
+// Of q(z|x), either sign. Far beyond what any driven trajectory has. A jump of some hundred metres
+// in a recording would otherwise have a variance that is infinite.
+constexpr double kMostLogVariance = 60.0;
+
 // [3T] as decoder_covariance yields them (tensor.h) to [T, 3] xx, xy, yy.
 WaypointCovariances CovariancesOf(const Eigen::RowVectorXf& factors) {
   const auto stddev = [](float log_stddev) {
@@ -263,7 +267,10 @@ class Session final : public InferenceSession {
     Eigen::VectorXf outputs(networks_.trajectory_encoder.outputs());
     networks_.trajectory_encoder.Apply(standardized.data(), 1, &mlp_scratch_, outputs.data());
     const Eigen::Index dimensions = networks_.mixture.dimensions();
-    return {outputs.head(dimensions).cast<double>(), outputs.tail(dimensions).cast<double>()};
+    return {outputs.head(dimensions).cast<double>(), outputs.tail(dimensions)
+                                                         .cast<double>()
+                                                         .cwiseMax(-kMostLogVariance)
+                                                         .cwiseMin(kMostLogVariance)};
   }
 
   // Means of p(x|z), standardized, into decoded_, [N, 2T].

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "model/files/utf8.h"
 #include "model/kernels/points.h"
 #include "model/scene/target_frame.h"
 
@@ -291,8 +292,10 @@ bool IsPhysicallyPossible(const v1::AgentState& state, const ScenarioLimits& lim
 std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
                                              const ScenarioLimits& limits) {
   Violations violations(limits.max_violations);
-  if (const int characters = Characters(scenario.scenario_id());
-      characters > limits.max_scenario_id) {
+  if (!files::IsUtf8(scenario.scenario_id())) {
+    violations.Add("scenario_id", "is not UTF-8");
+  } else if (const int characters = Characters(scenario.scenario_id());
+             characters > limits.max_scenario_id) {
     violations.Add("scenario_id", StrCat("has ", characters, " characters; at most ",
                                          limits.max_scenario_id, " are accepted"));
   }

@@ -6,7 +6,7 @@
 namespace maneuver::jobs {
 namespace {
 
-constexpr int kSchemaVersion = 2;
+constexpr int kSchemaVersion = 3;
 
 constexpr char kSchema[] = R"sql(
   CREATE TABLE jobs (
@@ -30,6 +30,7 @@ constexpr char kSchema[] = R"sql(
     model TEXT NOT NULL,
     alias TEXT NOT NULL,
     version INTEGER NOT NULL,
+    digest INTEGER,                            -- CRC-32C of these; NULL: of an earlier release
     PRIMARY KEY (model, alias)
   ) WITHOUT ROWID;
 )sql";
@@ -40,6 +41,9 @@ constexpr char kFromVersion1[] = R"sql(
   DROP INDEX jobs_by_state;
   CREATE INDEX jobs_by_turn ON jobs (state, priority DESC, number);
 )sql";
+
+// Version 2 could not tell whether an alias was damaged.
+constexpr char kFromVersion2[] = "ALTER TABLE aliases ADD COLUMN digest INTEGER";
 
 absl::Status BringUp(sqlite3* database) {
   int64_t version = 0;
@@ -54,7 +58,10 @@ absl::Status BringUp(sqlite3* database) {
         "the job store has schema version ", version, "; this server knows version ",
         kSchemaVersion, ": run the server that wrote it, or give another data folder"));
   }
-  absl::Status status = Execute(database, version == 0 ? kSchema : kFromVersion1);
+  absl::Status status;
+  if (version == 0) status = Execute(database, kSchema);
+  if (version == 1) status = Execute(database, kFromVersion1);
+  if (status.ok() && version != 0) status = Execute(database, kFromVersion2);
   if (!status.ok()) return status;
   return Execute(database, absl::StrCat("PRAGMA user_version = ", kSchemaVersion));
 }

@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "locks/mutex.h"
+#include "model/data/tfrecord.h"
 #include "server/jobs/job_state.h"
 #include "server/jobs/sqlite_schema.h"
 #include "server/jobs/sqlite_statement.h"
@@ -21,10 +22,32 @@ constexpr int kBusyTimeoutMs = 1'000;
 // Columns that JobFrom reads: the job, and its latest event or NULL.
 #define JOB_COLUMNS                                                                          \
   "number, job, (SELECT progress FROM progress WHERE job_number = number ORDER BY sequence " \
-  "DESC LIMIT 1)"
+  "DESC LIMIT 1), name, state"
 
 absl::StatusOr<v1::Job> JobFrom(const Statement& row) {
-  return ParseStoredJob(row.Bytes(1), row.IsNull(2) ? std::nullopt : std::optional(row.Bytes(2)));
+  auto job =
+      ParseStoredJob(row.Bytes(1), row.IsNull(2) ? std::nullopt : std::optional(row.Bytes(2)));
+  if (job.ok() && (job->name() != row.Bytes(3) || job->state() != row.Int(4))) {
+    return absl::DataLossError(
+        absl::StrCat("the job store contradicts itself about ", job->name()));
+  }
+  return job;
+}
+
+// Columns that AliasFrom reads.
+#define ALIAS_COLUMNS "model, alias, version, digest"
+
+int64_t DigestOf(const security::ModelAliasName& name, int64_t version) {
+  return data::MaskedCrc32c(absl::StrCat(name.ToString(), "=", version));
+}
+
+absl::StatusOr<serving::ModelAlias> AliasFrom(const Statement& row) {
+  const security::ModelAliasName name = {row.Bytes(0), row.Bytes(1)};
+  if (!row.IsNull(3) && row.Int(3) != DigestOf(name, row.Int(2))) {
+    return absl::DataLossError(
+        absl::StrCat("the job store holds an alias that is damaged: ", name.ToString()));
+  }
+  return serving::ModelAlias{name, static_cast<int>(row.Int(2))};
 }
 
 int64_t Micros(const google::protobuf::Timestamp& time) {
@@ -46,6 +69,7 @@ class Store final : public SqliteStore {
          {"PRAGMA journal_mode = WAL", "PRAGMA synchronous = FULL", "PRAGMA foreign_keys = ON"}) {
       if (absl::Status status = Execute(database_, pragma); !status.ok()) return status;
     }
+    if (absl::Status status = CheckIntegrity(); !status.ok()) return status;
     return PrepareSchema(database_);
   }
 
@@ -77,7 +101,7 @@ class Store final : public SqliteStore {
     if (!*row) return std::optional<RequestedJob>();
     auto job = JobFrom(select);
     if (!job.ok()) return job.status();
-    return std::optional<RequestedJob>({*std::move(job), select.Bytes(3)});
+    return std::optional<RequestedJob>({*std::move(job), select.Bytes(5)});
   }
 
   absl::StatusOr<JobPage> List(int page_size, const std::string& page_token) override {
@@ -179,7 +203,7 @@ class Store final : public SqliteStore {
   absl::Status AddProgress(const JobLease& lease, const v1::JobProgress& progress) override {
     const MutexLock lock(mutex_);
     if (!HoldsLocked(lease)) return LeaseEnded(lease);
-    const std::string blob = progress.SerializeAsString();
+    const std::string blob = StoredProgress(progress);
     Statement insert(database_,
                      "INSERT INTO progress (sequence, progress, job_number) "
                      "SELECT ?, ?, number FROM jobs WHERE name = ?");
@@ -201,9 +225,9 @@ class Store final : public SqliteStore {
       const auto row = select.Step();
       if (!row.ok()) return row.status();
       if (!*row) return events;
-      if (!events.emplace_back().ParseFromString(select.Bytes(0))) {
-        return absl::DataLossError("the job store holds an event that does not parse");
-      }
+      auto event = ParseStoredProgress(select.Bytes(0));
+      if (!event.ok()) return event.status();
+      events.push_back(*std::move(event));
     }
   }
 
@@ -218,28 +242,35 @@ class Store final : public SqliteStore {
   absl::Status SetAlias(const security::ModelAliasName& name, int version) override {
     const MutexLock lock(mutex_);
     Statement replace(database_,
-                      "INSERT OR REPLACE INTO aliases (model, alias, version) VALUES (?, ?, ?)");
-    return replace.Bind(name.model).Bind(name.alias).Bind(version).Run();
+                      "INSERT OR REPLACE INTO aliases (model, alias, version, digest) "
+                      "VALUES (?, ?, ?, ?)");
+    replace.Bind(name.model).Bind(name.alias).Bind(version).Bind(DigestOf(name, version));
+    return replace.Run();
   }
 
   absl::StatusOr<int> GetAlias(const security::ModelAliasName& name) override {
     const MutexLock lock(mutex_);
-    Statement select(database_, "SELECT version FROM aliases WHERE model = ? AND alias = ?");
+    Statement select(database_,
+                     "SELECT " ALIAS_COLUMNS " FROM aliases WHERE model = ? AND alias = ?");
     const auto row = select.Bind(name.model).Bind(name.alias).Step();
     if (!row.ok()) return row.status();
     if (!*row) return NoSuchAlias(name);
-    return static_cast<int>(select.Int(0));
+    const auto alias = AliasFrom(select);
+    if (!alias.ok()) return alias.status();
+    return alias->version;
   }
 
   absl::StatusOr<std::vector<serving::ModelAlias>> ListAliases() override {
     const MutexLock lock(mutex_);
-    Statement select(database_, "SELECT model, alias, version FROM aliases ORDER BY model, alias");
+    Statement select(database_, "SELECT " ALIAS_COLUMNS " FROM aliases ORDER BY model, alias");
     std::vector<serving::ModelAlias> aliases;
     for (;;) {
       const auto row = select.Step();
       if (!row.ok()) return row.status();
       if (!*row) return aliases;
-      aliases.push_back({{select.Bytes(0), select.Bytes(1)}, static_cast<int>(select.Int(2))});
+      auto alias = AliasFrom(select);
+      if (!alias.ok()) return alias.status();
+      aliases.push_back(*std::move(alias));
     }
   }
 
@@ -253,6 +284,17 @@ class Store final : public SqliteStore {
   }
 
  private:
+  // Reads the whole file, and compares the indexes with the tables. Some milliseconds for each
+  // megabyte.
+  absl::Status CheckIntegrity() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    Statement check(database_, "PRAGMA integrity_check(1)");
+    const auto row = check.Step();
+    if (!row.ok()) return row.status();
+    const std::string found = check.Bytes(0);
+    if (found == "ok") return absl::OkStatus();
+    return absl::DataLossError(absl::StrCat("the job store: ", found));
+  }
+
   bool HoldsLocked(const JobLease& lease) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const auto found = fences_.find(lease.job);
     return found != fences_.end() && found->second == lease.fence;
@@ -317,7 +359,14 @@ absl::StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::filesy
     return status;
   }
   auto store = std::make_unique<Store>(database);
-  if (absl::Status status = store->Prepare(); !status.ok()) return status;
+  const absl::Status status = store->Prepare();
+  if (absl::IsDataLoss(status)) {
+    return absl::DataLossError(absl::StrCat(
+        status.message(), "; ", file.string(),
+        " is damaged. Restore the last back-up with deploy/restore.sh, or go on without jobs and "
+        "aliases: docs/guides/backup.md says how"));
+  }
+  if (!status.ok()) return status;
   return store;
 }
 

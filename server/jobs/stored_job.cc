@@ -1,13 +1,38 @@
 #include "server/jobs/stored_job.h"
 
+#include <cstdint>
 #include <limits>
+#include <string_view>
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "model/data/tfrecord.h"
 #include "server/jobs/job_state.h"
 
 namespace maneuver::jobs {
 namespace {
+
+// The tag of field 536870911, the last one, as four bytes; then come these bytes.
+constexpr std::string_view kChecksumTag("\xfd\xff\xff\xff\x0f", 5);
+constexpr size_t kChecksumField = kChecksumTag.size() + sizeof(uint32_t);
+
+std::string WithChecksum(std::string message) {
+  const uint32_t crc = data::MaskedCrc32c(message);
+  message += kChecksumTag;
+  for (size_t i = 0; i < sizeof(crc); ++i) message += static_cast<char>(crc >> (8 * i));
+  return message;
+}
+
+// Parses a message with or without its checksum. False if it is damaged.
+bool ParseChecked(std::string_view bytes, google::protobuf::Message* message) {
+  if (bytes.size() >= kChecksumField &&
+      bytes.substr(bytes.size() - kChecksumField, kChecksumTag.size()) == kChecksumTag) {
+    const std::string_view checked = bytes.substr(0, bytes.size() - kChecksumField);
+    if (WithChecksum(std::string(checked)) != bytes) return false;
+    bytes = checked;
+  }
+  return message->ParseFromArray(bytes.data(), static_cast<int>(bytes.size()));
+}
 
 absl::Status Forbidden(v1::JobState from, v1::JobState to) {
   return absl::FailedPreconditionError(
@@ -19,15 +44,27 @@ absl::Status Forbidden(v1::JobState from, v1::JobState to) {
 
 std::string StoredJob(v1::Job job) {
   job.clear_progress();
-  return job.SerializeAsString();
+  return WithChecksum(job.SerializeAsString());
+}
+
+std::string StoredProgress(const v1::JobProgress& progress) {
+  return WithChecksum(progress.SerializeAsString());
+}
+
+absl::StatusOr<v1::JobProgress> ParseStoredProgress(const std::string& bytes) {
+  v1::JobProgress progress;
+  if (!ParseChecked(bytes, &progress)) {
+    return absl::DataLossError("the job store holds an event that is damaged");
+  }
+  return progress;
 }
 
 absl::StatusOr<v1::Job> ParseStoredJob(const std::string& bytes,
                                        const std::optional<std::string>& progress) {
   v1::Job job;
-  if (!job.ParseFromString(bytes) ||
-      (progress && !job.mutable_progress()->ParseFromString(*progress))) {
-    return absl::DataLossError("the job store holds a job that does not parse");
+  if (!ParseChecked(bytes, &job) ||
+      (progress && !ParseChecked(*progress, job.mutable_progress()))) {
+    return absl::DataLossError("the job store holds a job that is damaged");
   }
   if (job.has_progress() && HasEnded(job.state())) {
     // The latest event is of before the end.

@@ -15,10 +15,17 @@
 
 namespace maneuver::jobs {
 
-// Returns the bytes of a job's row: maneuver.v1.Job without progress, which has rows of its own.
+// Return the bytes of a row: a message, and a CRC-32C as a field that no message has. Earlier
+// releases pass over it, and wrote none.
+//
+// A job's row is maneuver.v1.Job without progress, which has rows of its own.
 std::string StoredJob(v1::Job job);
+std::string StoredProgress(const v1::JobProgress& progress);
+
+// Returns the event of a row. DATA_LOSS if its CRC does not match, or it does not parse.
+absl::StatusOr<v1::JobProgress> ParseStoredProgress(const std::string& bytes);
 // Returns the job of a row and its latest event, if it has one. A job that has ended has no time
-// left. DATA_LOSS if either does not parse.
+// left. DATA_LOSS as above.
 absl::StatusOr<v1::Job> ParseStoredJob(const std::string& job,
                                        const std::optional<std::string>& progress);
 

@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "model/files/utf8.h"
 #include "server/errors/error_details.h"
-#include "server/errors/utf8.h"
 #include "server/jobs/trainer_protocol.h"
 
 namespace maneuver::jobs {
@@ -23,10 +23,10 @@ constexpr size_t kMostLines = 8;
 std::string Presentable(std::string_view line) {
   std::string clean;
   while (!line.empty() && clean.size() < kMaxLastLine) {
-    const size_t length = errors::Utf8Length(line);
+    const size_t length = files::Utf8Length(line);
     if (length == 0) {
       clean += '?';
-    } else if (errors::IsControlCharacter(line.substr(0, length))) {
+    } else if (files::IsControlCharacter(line.substr(0, length))) {
       clean += ' ';
     } else {
       clean.append(line.substr(0, length));

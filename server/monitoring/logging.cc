@@ -8,7 +8,7 @@
 #include <cmath>
 #include <memory>
 
-#include "server/errors/utf8.h"
+#include "model/files/utf8.h"
 
 namespace maneuver::monitoring {
 namespace {
@@ -61,7 +61,7 @@ Loggers& GetLoggers() {
 // not UTF-8 become U+FFFD.
 void AppendEscaped(std::string& out, std::string_view text) {
   while (!text.empty()) {
-    const size_t length = errors::Utf8Length(text);
+    const size_t length = files::Utf8Length(text);
     const std::string_view character = text.substr(0, std::max<size_t>(length, 1));
     if (length == 0) {
       out += "\\ufffd";
@@ -70,7 +70,7 @@ void AppendEscaped(std::string& out, std::string_view text) {
       out += character;
     } else if (character == "\n") {
       out += "\\n";
-    } else if (errors::IsControlCharacter(character)) {
+    } else if (files::IsControlCharacter(character)) {
       // The second byte of U+0080 to U+009F is their code.
       out += fmt::format("\\u{:04x}",
                          static_cast<unsigned>(static_cast<unsigned char>(character.back())));

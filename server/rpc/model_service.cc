@@ -10,8 +10,8 @@
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_spec.h"
 #include "model/evaluation/rival_requirements.h"
+#include "model/files/utf8.h"
 #include "model/inference/action_model.h"
-#include "server/errors/utf8.h"
 #include "server/jobs/job_requests.h"
 #include "server/rpc/blocking_call.h"
 #include "server/rpc/guarded_service.h"
@@ -330,7 +330,7 @@ grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext*
     if (Characters(request->label()) > kMaxLabelLength) {
       return errors::InvalidField("label", "longer than 64 characters");
     }
-    if (errors::HasControlCharacters(request->label())) {
+    if (files::HasControlCharacters(request->label())) {
       return errors::InvalidField("label", "has control characters; use text that can be printed");
     }
     auto action = table_.LabelAction(*name, request->action_id(), request->label());

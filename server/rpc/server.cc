@@ -15,6 +15,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/rpc/call_observer.h"
 #include "server/rpc/open_connections.h"
+#include "server/rpc/reflection.h"
 
 namespace maneuver::rpc {
 namespace {
@@ -93,6 +94,10 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
     methods.insert(methods.end(), names.begin(), names.end());
     builder.RegisterService(guarded.emplace_back(*std::move(guard)).get());
   }
+  std::vector<std::string> names;
+  for (const NamedService& service : services) names.emplace_back(service.name);
+  auto reflection = std::make_unique<ReflectionService>(names);
+  builder.RegisterService(reflection.get());
   std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> interceptors;
   interceptors.push_back(ObserveCalls(metrics, methods));
   builder.experimental().SetInterceptorCreators(std::move(interceptors));
@@ -103,25 +108,23 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
         absl::StrCat("cannot listen on ", address.ToString(), ": is the port taken?"));
   }
   auto* health = server->GetHealthCheckService();
-  std::vector<std::string> names;
-  for (const NamedService& service : services) {
-    health->SetServingStatus(service.name, true);
-    names.emplace_back(service.name);
-  }
+  for (const std::string& name : names) health->SetServingStatus(name, true);
   health->SetServingStatus("", true);
   health->SetServingStatus(kPredictionService, false);
   return std::unique_ptr<Server>(new Server(std::move(server), {address.host, port},
                                             std::move(names), std::move(guarded),
-                                            std::move(credentials)));
+                                            std::move(reflection), std::move(credentials)));
 }
 
 Server::Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
                std::vector<std::string> names,
                std::vector<std::unique_ptr<GuardedService>> services,
+               std::unique_ptr<ReflectionService> reflection,
                std::shared_ptr<grpc::ServerCredentials> credentials)
     : address_(std::move(address)),
       names_(std::move(names)),
       services_(std::move(services)),
+      reflection_(std::move(reflection)),
       credentials_(std::move(credentials)),
       server_(std::move(server)) {}
 

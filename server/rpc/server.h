@@ -26,6 +26,8 @@ class ServerCredentials;
 
 namespace maneuver::rpc {
 
+class ReflectionService;
+
 // Limits of connections and messages.
 struct ConnectionLimits {
   int max_message_bytes = 64 << 20;
@@ -82,6 +84,7 @@ class Server {
  private:
   Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
          std::vector<std::string> names, std::vector<std::unique_ptr<GuardedService>> services,
+         std::unique_ptr<ReflectionService> reflection,
          std::shared_ptr<grpc::ServerCredentials> credentials);
 
   const security::ListenAddress address_;
@@ -91,6 +94,7 @@ class Server {
   std::atomic<bool> health_turned_ = false;
   // gRPC's server uses these until it ends.
   const std::vector<std::unique_ptr<GuardedService>> services_;
+  const std::unique_ptr<ReflectionService> reflection_;
   const std::shared_ptr<grpc::ServerCredentials> credentials_;
   const std::unique_ptr<grpc::Server> server_;
   const PollHeartbeat heartbeat_;

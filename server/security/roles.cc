@@ -15,6 +15,7 @@ constexpr std::array kRoles = {Role::kPredict, Role::kTrain, Role::kAdmin};
 constexpr MethodRole kMethodRoles[] = {
     {"/grpc.health.v1.Health/Check", Role::kAnyone},
     {"/grpc.health.v1.Health/Watch", Role::kAnyone},
+    {"/grpc.reflection.v1.ServerReflection/ServerReflectionInfo", Role::kAnyone},
     {"/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", Role::kAnyone},
 
     {"/maneuver.v1.PredictionService/PredictActionProbabilities", Role::kPredict},

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
+#include "model/files/sealed_json.h"
 #include "server/security/resource_name.h"
 
 namespace maneuver::serving {
@@ -41,17 +42,22 @@ absl::Status WriteEvaluation(const fs::path& version_folder, const std::string& 
   if (is_new) {
     if (absl::Status status = files::SyncPath(version_folder); !status.ok()) return status;
   }
-  return files::WriteFileAtomically(EvaluationFile(version_folder, dataset), json + "\n");
+  return files::WriteFileAtomically(EvaluationFile(version_folder, dataset),
+                                    files::Seal(json + "\n"));
 }
 
 absl::StatusOr<v1::EvaluationReport> ReadEvaluation(const fs::path& version_folder,
                                                     const std::string& dataset) {
   const absl::StatusOr<std::string> json = files::ReadFile(EvaluationFile(version_folder, dataset));
   if (!json.ok()) return json.status();
+  const absl::StatusOr<std::string> unsealed = files::Unseal(*json);
+  if (!unsealed.ok()) {
+    return absl::DataLossError(absl::StrCat("the report ", unsealed.status().message()));
+  }
   v1::EvaluationReport report;
   google::protobuf::util::JsonParseOptions options;
   options.ignore_unknown_fields = true;  // of a later release
-  const auto parsed = google::protobuf::util::JsonStringToMessage(*json, &report, options);
+  const auto parsed = google::protobuf::util::JsonStringToMessage(*unsealed, &report, options);
   if (!parsed.ok()) {
     return absl::DataLossError(
         absl::StrCat("the report does not parse: ", std::string(parsed.message())));

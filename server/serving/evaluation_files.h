@@ -24,7 +24,8 @@ namespace maneuver::serving {
 absl::Status WriteEvaluation(const std::filesystem::path& version_folder,
                              const std::string& dataset, const v1::EvaluationReport& report);
 
-// Reads a report. NOT_FOUND if there is none; DATA_LOSS if it does not parse.
+// Reads a report. NOT_FOUND if there is none; DATA_LOSS if it does not parse, or its digest
+// (files/sealed_json.h) does not match.
 absl::StatusOr<v1::EvaluationReport> ReadEvaluation(const std::filesystem::path& version_folder,
                                                     const std::string& dataset);
 

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/durability/corruption.h"
 #include "tests/durability/publication.h"
 #include "tests/unit/temporary_folder.h"
 
@@ -42,6 +43,23 @@ TEST(DurabilityTest, AfterAPowerCutTheLastCheckpointOrTheOneBeforeIsWhole) {
       },
       parent / "faults");
   EXPECT_GE(moments, 5);
+}
+
+TEST(CorruptionTest, ADamagedCheckpointIsPassedOver) {
+  const TemporaryFolder parent;
+  const fs::path folder = parent / "checkpoints";
+  const ReadAll read = [](const fs::path& each) -> absl::StatusOr<std::string> {
+    const auto checkpoints = learning::CheckpointFolder::Open(each, {.kept = 2});
+    if (!checkpoints.ok()) return checkpoints.status();
+    const auto latest = checkpoints->ReadLatest();
+    if (!latest) return absl::NotFoundError("no whole checkpoint");
+    return latest->DebugString();
+  };
+  ASSERT_TRUE(WriteCheckpoint(folder, 1).ok());
+  const auto before = read(folder);
+  ASSERT_TRUE(before.ok());
+  ASSERT_TRUE(WriteCheckpoint(folder, 2).ok());
+  ExpectNoSilentDamage(folder, read, {*before});
 }
 
 }  // namespace

@@ -26,6 +26,7 @@ using ::testing::Not;
 const std::map<std::string, std::string> kExpectedRoles = {
     {"/grpc.health.v1.Health/Check", ""},
     {"/grpc.health.v1.Health/Watch", ""},
+    {"/grpc.reflection.v1.ServerReflection/ServerReflectionInfo", ""},
     {"/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", ""},
     {"/maneuver.v1.PredictionService/PredictActionProbabilities", "predict"},
     {"/maneuver.v1.PredictionService/PredictActionDistributions", "predict"},
@@ -117,12 +118,14 @@ class AccessTest : public ::testing::Test {
 
 TEST_F(AccessTest, EveryMethodListedByReflectionHasARole) {
   const auto server = folder_.Start();
-  std::vector<std::string> methods = MethodsByReflection(Connect(*server, ""));
-  std::ranges::sort(methods);
   std::vector<std::string> declared;
   for (const auto& [method, role] : kExpectedRoles) declared.push_back(method);
   std::ranges::sort(declared);
-  EXPECT_EQ(methods, declared);
+  for (const std::string version : {"v1", "v1alpha"}) {
+    std::vector<std::string> methods = MethodsByReflection(Connect(*server, ""), version);
+    std::ranges::sort(methods);
+    EXPECT_EQ(methods, declared) << version;
+  }
 }
 
 TEST_F(AccessTest, EveryMethodAnswersEachTokenAsTheRoleTableSays) {

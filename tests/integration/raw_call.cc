@@ -13,7 +13,6 @@
 namespace maneuver::integration {
 namespace {
 
-constexpr char kReflection[] = "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo";
 constexpr char kHealth[] = "grpc.health.v1.Health";
 
 // Returns a message with one string or bytes field.
@@ -41,9 +40,11 @@ std::vector<std::string> FieldsOf(const std::string& bytes, int number) {
   return values;
 }
 
-std::string AskReflection(const std::shared_ptr<grpc::Channel>& channel, int field,
-                          const std::string& value) {
-  const RawAnswer answer = Call(channel, {.method = kReflection, .request = Field(field, value)});
+std::string AskReflection(const std::shared_ptr<grpc::Channel>& channel, const std::string& version,
+                          int field, const std::string& value) {
+  const RawAnswer answer = Call(
+      channel, {.method = "/grpc.reflection." + version + ".ServerReflection/ServerReflectionInfo",
+                .request = Field(field, value)});
   EXPECT_TRUE(answer.status.ok()) << answer.status.error_message();
   return answer.messages.empty() ? "" : answer.messages.front();
 }
@@ -97,18 +98,19 @@ RawAnswer Call(const std::shared_ptr<grpc::Channel>& channel, const RawCall& wha
   return answer;
 }
 
-std::vector<std::string> MethodsByReflection(const std::shared_ptr<grpc::Channel>& channel) {
+std::vector<std::string> MethodsByReflection(const std::shared_ptr<grpc::Channel>& channel,
+                                             const std::string& version) {
   constexpr int kListServices = 7;
   constexpr int kListServicesResponse = 6;
   constexpr int kFileContainingSymbol = 4;
   constexpr int kFileDescriptorResponse = 4;
   std::vector<std::string> methods;
-  const std::string list = AskReflection(channel, kListServices, "");
+  const std::string list = AskReflection(channel, version, kListServices, "");
   for (const std::string& response : FieldsOf(list, kListServicesResponse)) {
     for (const std::string& service : FieldsOf(response, 1)) {
       const std::string name = FieldsOf(service, 1).at(0);
       const size_t before = methods.size();
-      const std::string described = AskReflection(channel, kFileContainingSymbol, name);
+      const std::string described = AskReflection(channel, version, kFileContainingSymbol, name);
       for (const std::string& files : FieldsOf(described, kFileDescriptorResponse)) {
         for (const std::string& file : FieldsOf(files, 1)) AddMethods(file, name, &methods);
       }

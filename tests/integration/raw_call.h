@@ -30,7 +30,9 @@ RawAnswer Call(const std::shared_ptr<grpc::Channel>& channel, const RawCall& cal
 // Returns the methods that the server's reflection lists: "/package.Service/Method" for each method
 // of each service. The server has no description of the health service, so its methods are those of
 // its standard.
-std::vector<std::string> MethodsByReflection(const std::shared_ptr<grpc::Channel>& channel);
+//   version: of the reflection service, "v1" or "v1alpha"
+std::vector<std::string> MethodsByReflection(const std::shared_ptr<grpc::Channel>& channel,
+                                             const std::string& version);
 
 // Returns the ErrorInfo.reason of a failed call; empty if there is none.
 std::string Reason(const grpc::Status& status);

@@ -71,11 +71,14 @@ void RawHttp2::SendSettingsWithoutFlowControl() {
   SendFrame(kWindowUpdate, 0, 0, BigEndian(kLargest - kInitial, 4));
 }
 
-void RawHttp2::OpenCall(int stream, const std::string& method) {
+void RawHttp2::OpenCall(int stream, const std::string& method, int filling) {
+  std::string more;
+  for (int i = 0; i < filling; ++i)
+    more += Header("x-filling-" + std::to_string(i), std::string(84, 'f'));
   SendFrame(kHeaders, kEndHeaders, stream,
             Header(":method", "POST") + Header(":scheme", "http") + Header(":path", method) +
                 Header(":authority", "localhost") + Header("te", "trailers") +
-                Header("content-type", "application/grpc"));
+                Header("content-type", "application/grpc") + more);
 }
 
 void RawHttp2::SendMessage(int stream, const std::string& message, size_t declared) {
@@ -108,6 +111,7 @@ RawHttp2::Received RawHttp2::Read(int messages, std::chrono::milliseconds patien
       const std::string payload = unread_.substr(kFrameHeader, length);
       unread_.erase(0, kFrameHeader + length);
       if (type == kData && length > 0) ++received.messages;
+      if (type == kHeaders) received.headers += payload;
       if (type == kReset || ((type == kData || type == kHeaders) && (flags & kEndStream) != 0)) {
         ++received.ended;
       }

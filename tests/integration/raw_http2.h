@@ -23,7 +23,8 @@ class RawHttp2 {
   void SendSettingsWithoutFlowControl();
   // Opens a call of a method, "/package.Service/Method", without a message.
   //   stream: 1, 3, 5, ...
-  void OpenCall(int stream, const std::string& method);
+  //   filling: headers of 100 bytes that mean nothing, to be sent beside the call's own; 130 at most
+  void OpenCall(int stream, const std::string& method, int filling = 0);
   // Sends a complete message of at most 16 kB.
   //   declared: the length that its header states
   void SendMessage(int stream, const std::string& message, size_t declared);
@@ -35,6 +36,7 @@ class RawHttp2 {
   struct Received {
     int messages = 0;     // frames of data
     int ended = 0;        // streams
+    std::string headers;  // blocks of headers and trailers, as they were encoded
     bool closed = false;  // the connection
   };
   // Reads until `messages` data frames have arrived, the connection is closed, or the time is up.

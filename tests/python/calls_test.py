@@ -402,6 +402,19 @@ class CallsTest(unittest.TestCase):
                 self.client().upload_dataset(folder, "datasets/d")
         self.assertEqual(self.datasets.uploads, 0)
 
+    def test_reads_a_manifest_with_its_digest_and_refuses_another(self):
+        body = '{\n "shards": [{"file": "a.tfrecord", "size_bytes": "2"}]\n}\n'
+        seal = '{\n "content_sha256": "%s",' % hashlib.sha256(body.encode()).hexdigest()
+        with tempfile.TemporaryDirectory() as folder:
+            pathlib.Path(folder, "a.tfrecord").write_bytes(b"ab")
+            manifest = pathlib.Path(folder, "dataset.json")
+            manifest.write_text(seal + body[1:])
+            self.client().upload_dataset(folder, "datasets/d")
+            self.assertEqual(self.datasets.kept, b"ab")
+            manifest.write_text(seal + body[1:].replace("2", "1"))
+            with self.assertRaisesRegex(ValueError, "SHA-256 is not what it says"):
+                self.client().upload_dataset(folder, "datasets/d")
+
     def download(self, **options):
         """Downloads the version; returns the files and what the progress was."""
         folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()), "m-1")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import hashlib
 import pathlib
+import re
 from typing import Callable, Generic, Iterator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar
 
 import grpc
@@ -129,6 +131,21 @@ class Upload(abc.ABC, Generic[_Committed]):
             self._on_progress(UploadProgress(there, self._total))
 
 
+# How a file begins that carries the SHA-256 of the rest, as model/files/sealed_json.h has it.
+_SEAL = re.compile(r'\{\n "content_sha256": "(.{64})",', re.DOTALL)
+
+
+def _unsealed(text: str) -> str:
+    """Returns JSON without its digest. Raises ValueError if the digest is another. Text without one stays as it is."""
+    seal = _SEAL.match(text)
+    if seal is None:
+        return text
+    json = "{" + text[seal.end():]
+    if hashlib.sha256(json.encode()).hexdigest() != seal[1]:
+        raise ValueError("its SHA-256 is not what it says; if you changed it on purpose, remove its line content_sha256")
+    return json
+
+
 def read_folder(folder: pathlib.Path) -> v1.Dataset:
     """Returns dataset.json of a folder whose shards have the sizes that it states.
 
@@ -136,8 +153,8 @@ def read_folder(folder: pathlib.Path) -> v1.Dataset:
     """
     manifest = folder / "dataset.json"
     try:
-        dataset: v1.Dataset = json_format.Parse(manifest.read_text(encoding="utf-8"), v1.Dataset())
-    except json_format.ParseError as error:
+        dataset: v1.Dataset = json_format.Parse(_unsealed(manifest.read_bytes().decode()), v1.Dataset())
+    except (json_format.ParseError, ValueError) as error:
         raise ValueError(f"{manifest} is damaged: {error}") from None
     for shard in dataset.shards:
         size = (folder / shard.file).stat().st_size

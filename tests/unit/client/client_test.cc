@@ -385,6 +385,33 @@ TEST_F(UploadTest, DoesNotSendAnIncompleteFolder) {
       absl::IsNotFound(client->UploadDataset(folder_.path(), "datasets/x", nullptr).status()));
 }
 
+TEST_F(UploadTest, ReadsAManifestWithItsDigestAndRefusesAnother) {
+  // {"recordings": "3"} as the server's tools write it, with the SHA-256 of all but the first line.
+  const std::string sealed =
+      "{\n \"content_sha256\": "
+      "\"24b1ec8f745040042abeafb631c85cf420763572c80fe7903b379c3a678008e4\",\n \"recordings\": "
+      "\"3\"\n}\n";
+  const auto client = ConnectTo("127.0.0.1:1");  // no server is needed
+  std::string altered = sealed;
+  altered.replace(altered.find("\"3\""), 3, "\"4\"");
+  WriteBytes(folder_ / "dataset.json", altered);
+  const auto refused = client->UploadDataset(folder_.path(), "datasets/x", nullptr);
+  EXPECT_TRUE(absl::IsDataLoss(refused.status())) << refused.status();
+  TestServer server;
+  v1::Dataset sent;
+  server.on_upload = [&](auto* reader, v1::Dataset*) {
+    v1::UploadDatasetRequest request;
+    while (reader->Read(&request)) {
+      if (request.has_header()) sent = request.header().dataset();
+    }
+    return grpc::Status::OK;
+  };
+  WriteBytes(folder_ / "dataset.json", sealed);
+  ASSERT_TRUE(
+      ConnectTo(server.address())->UploadDataset(folder_.path(), "datasets/x", nullptr).ok());
+  EXPECT_EQ(sent.recordings(), 3);
+}
+
 TEST(PredictStreamTest, AnswersEveryRequestUnderItsId) {
   TestServer server;
   server.on_stream = [](auto* stream) {

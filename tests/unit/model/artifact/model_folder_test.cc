@@ -128,7 +128,7 @@ TEST_F(ModelFolderTest, DetectsAChangeOfAnyByteOfTheManifest) {
 TEST_F(ModelFolderTest, ReadsAManifestWithoutADigestAndAddsOneWhenRewriting) {
   ASSERT_TRUE(WriteModelFolder(folder_, TinyModel()).ok());
   EXPECT_TRUE(HasManifestDigest(folder_));
-  WriteBytes(folder_ / "model.json", Unseal(ReadBytes(folder_ / "model.json")).value());
+  WriteBytes(folder_ / "model.json", files::Unseal(ReadBytes(folder_ / "model.json")).value());
   EXPECT_FALSE(HasManifestDigest(folder_));
   const auto read = ReadModelFolder(folder_);
   ASSERT_TRUE(read.ok()) << read.status();
@@ -157,7 +157,7 @@ TEST_P(DamagedModelFolderTest, IsRefusedWithTheReason) {
 // Damages the text of a manifest without a digest, as older releases wrote it.
 std::function<void(const fs::path&)> InManifest(std::string from, std::string to) {
   return [from, to](const fs::path& folder) {
-    std::string json = Unseal(ReadBytes(folder / "model.json")).value();
+    std::string json = files::Unseal(ReadBytes(folder / "model.json")).value();
     Replace(&json, from, to);
     WriteBytes(folder / "model.json", json);
   };

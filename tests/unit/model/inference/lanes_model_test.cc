@@ -296,6 +296,17 @@ TEST_P(LanesModelTest, ClassifiesAsBruteForceNormalisationDoes) {
   }
 }
 
+// A recording may lose its target for a moment and find another far away.
+TEST_P(LanesModelTest, ATrajectoryThatJumpsIsClassifiedInFiniteNumbers) {
+  for (const double jump : {600.0, -1e5, 1e8}) {
+    Trajectory trajectory = Trajectory::Zero(spec().trajectory().waypoints(), 2);
+    trajectory(1, 0) = jump;
+    const Classification classification = session_->Classify(encodings_[0], trajectory);
+    EXPECT_NEAR(classification.responsibilities.sum(), 1.0, 1e-9) << jump;
+    EXPECT_TRUE(std::isfinite(classification.log_likelihood_bound)) << jump;
+  }
+}
+
 // What is relative to the reference does not change when reference and trajectory move together.
 TEST_P(LanesModelTest, TheBoundOfATrajectoryIsRelativeToTheReference) {
   const Eigen::Index T = spec().trajectory().waypoints();

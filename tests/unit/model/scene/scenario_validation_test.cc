@@ -122,6 +122,8 @@ v1::AgentState* State37(v1::Scenario* s) { return s->mutable_agents(3)->mutable_
 INSTANTIATE_TEST_SUITE_P(
     Each, BadScenarioTest,
     testing::Values(
+        BadCase{"IdThatIsNotUtf8", "scenario_id", "is not UTF-8",
+                [](auto* s) { s->set_scenario_id("town\xff"); }},
         BadCase{"LongId", "scenario_id", "129 characters; at most 128",
                 [](auto* s) { s->set_scenario_id(std::string(129, 'x')); }},
         BadCase{"PredictionTime", "prediction_time", "nan; must be a finite number",

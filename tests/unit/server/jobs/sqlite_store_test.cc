@@ -292,7 +292,7 @@ TEST_F(SqliteStoreTest, AFileOfTheFirstSchemaIsBroughtUpToThisOne) {
       "CREATE TABLE aliases (model TEXT NOT NULL, alias TEXT NOT NULL, version INTEGER NOT NULL,"
       " PRIMARY KEY (model, alias)) WITHOUT ROWID;"
       "INSERT INTO jobs (name, state, create_time, request_digest, job)"
-      " VALUES ('jobs/old', 1, 0, '', x'0a086a6f62732f6f6c64');"  // Job{name: "jobs/old"}
+      " VALUES ('jobs/old', 1, 0, '', x'0a086a6f62732f6f6c642001');"  // Job{name: "jobs/old" state: PENDING}
       "PRAGMA user_version = 1";
   ASSERT_EQ(sqlite3_exec(database, old, nullptr, nullptr, nullptr), SQLITE_OK);
   sqlite3_close(database);

@@ -536,6 +536,32 @@ TEST_F(ServerTest, AcceptsADeadlineCenturiesAhead) {
   }
 }
 
+// gRPC 1.51 sends no GOAWAY then: it ends every call of the connection with a status, and closes it.
+TEST_F(ServerTest, HeadersOverTheLimitEndTheConnectionWithAClearStatus) {
+  Publish();
+  maneuver::integration::RawHttp2 caller(server_->address().ToString());
+  caller.SendPreface();
+  caller.SendSettings();
+  // The limit holds once the peer has acknowledged the server's settings, as Read does.
+  caller.OpenCall(1, "/maneuver.v1.PredictionService/Predict");
+  caller.SendMessage(1, OneScene().SerializeAsString());
+  ASSERT_EQ(caller.Read(1, std::chrono::seconds(20), true).messages, 1);
+  caller.OpenCall(3, "/maneuver.v1.PredictionService/Predict", 90);
+  const auto received = caller.Read(1, std::chrono::seconds(20), true);
+  EXPECT_TRUE(received.closed);
+  EXPECT_THAT(received.headers, ::testing::HasSubstr(std::string("grpc-status\x01") + "8"));
+  EXPECT_THAT(received.headers,
+              ::testing::HasSubstr("received initial metadata size exceeds limit"));
+
+  // A client of gRPC knows the limit, and refuses by itself.
+  grpc::ClientContext context;
+  context.AddMetadata("x-filling", std::string(9'000, 'f'));
+  v1::PredictResponse response;
+  const grpc::Status status = stub_->Predict(&context, OneScene(), &response);
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_THAT(status.error_message(), ::testing::HasSubstr("metadata size exceeds"));
+}
+
 TEST_F(ServerTest, RefusesBytesThatAreNoMessage) {
   Publish();
   const std::string no_utf8("\x0a\x02\xff\xfe", 4);  // in PredictRequest.model

@@ -43,6 +43,7 @@ TEST(RolesTest, EveryMethodOfTheContractHasARowAndEveryRowAMethod) {
   // The rest are gRPC's own methods, deliberately open.
   EXPECT_EQ(declared, (std::set<std::string>{
                           "/grpc.health.v1.Health/Check", "/grpc.health.v1.Health/Watch",
+                          "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo",
                           "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo"}));
 }
 

@@ -1,8 +1,8 @@
-#include "server/errors/utf8.h"
+#include "model/files/utf8.h"
 
 #include <gtest/gtest.h>
 
-namespace maneuver::errors::utf8_test {
+namespace maneuver::files::utf8_test {
 namespace {
 
 TEST(Utf8Test, KnowsTheLengthOfACharacter) {
@@ -21,6 +21,15 @@ TEST(Utf8Test, RefusesWhatIsNoCharacter) {
   }
 }
 
+TEST(Utf8Test, TextIsUtf8IfAllOfItsCharactersAre) {
+  for (const char* text : {"", "abc", "B\xc3\x9b", "\xf0\x9f\x9a\x97", "\x01"}) {
+    EXPECT_TRUE(IsUtf8(text)) << text;
+  }
+  for (const char* text : {"\xff", "a\xc3", "\xc3\x28", "\xed\xa0\x80", "b\x80"}) {
+    EXPECT_FALSE(IsUtf8(text)) << text;
+  }
+}
+
 TEST(Utf8Test, FindsControlCharacters) {
   for (const char* text : {"a\x1b[31m", "two\nlines", "\x7f", "csi \xc2\x9b", "\xc2\x80"}) {
     EXPECT_TRUE(HasControlCharacters(text)) << text;
@@ -31,4 +40,4 @@ TEST(Utf8Test, FindsControlCharacters) {
 }
 
 }  // namespace
-}  // namespace maneuver::errors::utf8_test
+}  // namespace maneuver::files::utf8_test

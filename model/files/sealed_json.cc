@@ -1,10 +1,10 @@
-#include "model/artifact/sealed_json.h"
+#include "model/files/sealed_json.h"
 
 #include <algorithm>
 
 #include "model/files/digest.h"
 
-namespace maneuver::artifact {
+namespace maneuver::files {
 namespace {
 
 constexpr std::string_view kBrace = "{";
@@ -17,7 +17,7 @@ constexpr size_t kDigits = 64;
 
 std::string Seal(std::string_view json) {
   std::string sealed(kBegin);
-  sealed += files::Sha256Hex(json);
+  sealed += Sha256Hex(json);
   sealed += kEnd;
   sealed += json.substr(kBrace.size());
   return sealed;
@@ -32,9 +32,9 @@ absl::StatusOr<std::string> Unseal(std::string_view text) {
   if (rest.starts_with(kEnd)) {
     std::string json(kBrace);
     json += rest.substr(kEnd.size());
-    if (files::Sha256Hex(json) == digest) return json;
+    if (Sha256Hex(json) == digest) return json;
   }
   return absl::DataLossError("is truncated or altered: its SHA-256 is not what it says");
 }
 
-}  // namespace maneuver::artifact
+}  // namespace maneuver::files

@@ -1,16 +1,20 @@
 // Characters of text that comes from outside.
 
-#ifndef MANEUVER_SERVER_ERRORS_UTF8_H_
-#define MANEUVER_SERVER_ERRORS_UTF8_H_
+#ifndef MANEUVER_MODEL_FILES_UTF8_H_
+#define MANEUVER_MODEL_FILES_UTF8_H_
 
 #include <cstddef>
 #include <string_view>
 
-namespace maneuver::errors {
+namespace maneuver::files {
 
 // Returns the bytes of the UTF-8 character that `text` begins with; 0 if it begins with none.
 // `text` must not be empty.
 size_t Utf8Length(std::string_view text);
+
+// Returns whether all of `text` is UTF-8. protobuf writes strings that are not, and then refuses to
+// read them.
+bool IsUtf8(std::string_view text);
 
 // Returns whether a UTF-8 character is below U+0020 or from U+007F to U+009F: terminals take these
 // for commands.
@@ -19,6 +23,6 @@ bool IsControlCharacter(std::string_view character);
 // Returns whether UTF-8 text has a control character.
 bool HasControlCharacters(std::string_view text);
 
-}  // namespace maneuver::errors
+}  // namespace maneuver::files
 
-#endif  // MANEUVER_SERVER_ERRORS_UTF8_H_
+#endif  // MANEUVER_MODEL_FILES_UTF8_H_

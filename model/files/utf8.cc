@@ -1,8 +1,8 @@
-#include "server/errors/utf8.h"
+#include "model/files/utf8.h"
 
 #include <algorithm>
 
-namespace maneuver::errors {
+namespace maneuver::files {
 namespace {
 
 bool IsContinuation(char c) { return (static_cast<unsigned char>(c) & 0xc0) == 0x80; }
@@ -26,6 +26,15 @@ size_t Utf8Length(std::string_view text) {
   return overlong || outside ? 0 : length;
 }
 
+bool IsUtf8(std::string_view text) {
+  while (!text.empty()) {
+    const size_t length = Utf8Length(text);
+    if (length == 0) return false;
+    text.remove_prefix(length);
+  }
+  return true;
+}
+
 bool IsControlCharacter(std::string_view character) {
   const auto lead = static_cast<unsigned char>(character.front());
   if (character.size() == 1) return lead < 0x20 || lead == 0x7f;
@@ -41,4 +50,4 @@ bool HasControlCharacters(std::string_view text) {
   return false;
 }
 
-}  // namespace maneuver::errors
+}  // namespace maneuver::files

@@ -5,15 +5,15 @@
 //
 // The digest is in the file that it protects, so that both are replaced in one step.
 
-#ifndef MANEUVER_MODEL_ARTIFACT_SEALED_JSON_H_
-#define MANEUVER_MODEL_ARTIFACT_SEALED_JSON_H_
+#ifndef MANEUVER_MODEL_FILES_SEALED_JSON_H_
+#define MANEUVER_MODEL_FILES_SEALED_JSON_H_
 
 #include <string>
 #include <string_view>
 
 #include "absl/status/statusor.h"
 
-namespace maneuver::artifact {
+namespace maneuver::files {
 
 // Returns `json` with its digest. `json` must be an object with at least one member that begins
 // with "{" and a line break.
@@ -26,6 +26,6 @@ bool IsSealed(std::string_view text);
 // digest does not match: the text is truncated or altered.
 absl::StatusOr<std::string> Unseal(std::string_view text);
 
-}  // namespace maneuver::artifact
+}  // namespace maneuver::files
 
-#endif  // MANEUVER_MODEL_ARTIFACT_SEALED_JSON_H_
+#endif  // MANEUVER_MODEL_FILES_SEALED_JSON_H_

@@ -1,0 +1,151 @@
+#include "server/rpc/reflection.h"
+
+#include <google/protobuf/descriptor.h>
+#include <google/protobuf/descriptor.pb.h>
+
+#include <set>
+#include <utility>
+
+namespace maneuver::rpc {
+namespace {
+
+using google::protobuf::Descriptor;
+using google::protobuf::DescriptorPool;
+using google::protobuf::FieldDescriptor;
+using google::protobuf::FileDescriptor;
+using google::protobuf::FileDescriptorProto;
+using grpc::reflection::v1::FileDescriptorResponse;
+using grpc::reflection::v1::ServerReflectionRequest;
+using grpc::reflection::v1::ServerReflectionResponse;
+
+void SetError(grpc::StatusCode code, std::string message, ServerReflectionResponse* response) {
+  response->mutable_error_response()->set_error_code(code);
+  response->mutable_error_response()->set_error_message(std::move(message));
+}
+
+// The file, then what it imports, each once.
+void AddFile(const FileDescriptor* file, std::set<const FileDescriptor*>* added,
+             FileDescriptorResponse* response) {
+  if (!added->insert(file).second) return;
+  FileDescriptorProto proto;
+  file->CopyTo(&proto);
+  response->add_file_descriptor_proto(proto.SerializeAsString());
+  for (int i = 0; i < file->dependency_count(); ++i) {
+    AddFile(file->dependency(i), added, response);
+  }
+}
+
+void AnswerFile(const FileDescriptor* file, const std::string& name,
+                ServerReflectionResponse* response) {
+  if (file == nullptr) {
+    SetError(grpc::StatusCode::NOT_FOUND, "nothing is known of " + name, response);
+    return;
+  }
+  std::set<const FileDescriptor*> added;
+  AddFile(file, &added, response->mutable_file_descriptor_response());
+}
+
+const FileDescriptor* FileOfExtension(const DescriptorPool& pool, const std::string& type,
+                                      int number) {
+  const Descriptor* const message = pool.FindMessageTypeByName(type);
+  const FieldDescriptor* const extension =
+      message == nullptr ? nullptr : pool.FindExtensionByNumber(message, number);
+  return extension == nullptr ? nullptr : extension->file();
+}
+
+void AnswerExtensions(const DescriptorPool& pool, const std::string& type,
+                      ServerReflectionResponse* response) {
+  const Descriptor* const message = pool.FindMessageTypeByName(type);
+  if (message == nullptr) {
+    SetError(grpc::StatusCode::NOT_FOUND, "nothing is known of " + type, response);
+    return;
+  }
+  std::vector<const FieldDescriptor*> extensions;
+  pool.FindAllExtensions(message, &extensions);
+  auto* numbers = response->mutable_all_extension_numbers_response();
+  numbers->set_base_type_name(type);
+  for (const FieldDescriptor* each : extensions) numbers->add_extension_number(each->number());
+}
+
+// One call: reads a request, writes its answer, and only then reads the next. Deletes itself.
+class ReflectionCall final
+    : public grpc::ServerBidiReactor<ServerReflectionRequest, ServerReflectionResponse> {
+ public:
+  explicit ReflectionCall(const std::vector<std::string>& services) : services_(services) {
+    StartRead(&request_);
+  }
+
+  void OnReadDone(bool ok) override {
+    if (!ok) {
+      Finish(grpc::Status::OK);
+      return;
+    }
+    response_ = AnswerReflection(request_, services_);
+    StartWrite(&response_);
+  }
+  void OnWriteDone(bool ok) override {
+    if (ok) {
+      StartRead(&request_);
+    } else {
+      Finish(grpc::Status::CANCELLED);
+    }
+  }
+  void OnDone() override { delete this; }
+
+ private:
+  const std::vector<std::string>& services_;
+  ServerReflectionRequest request_;
+  ServerReflectionResponse response_;
+};
+
+}  // namespace
+
+ServerReflectionResponse AnswerReflection(const ServerReflectionRequest& request,
+                                          const std::vector<std::string>& services) {
+  const DescriptorPool& pool = *DescriptorPool::generated_pool();
+  ServerReflectionResponse response;
+  response.set_valid_host(request.host());
+  *response.mutable_original_request() = request;
+  switch (request.message_request_case()) {
+    case ServerReflectionRequest::kFileByFilename:
+      AnswerFile(pool.FindFileByName(request.file_by_filename()), request.file_by_filename(),
+                 &response);
+      break;
+    case ServerReflectionRequest::kFileContainingSymbol:
+      AnswerFile(pool.FindFileContainingSymbol(request.file_containing_symbol()),
+                 request.file_containing_symbol(), &response);
+      break;
+    case ServerReflectionRequest::kFileContainingExtension: {
+      const auto& extension = request.file_containing_extension();
+      AnswerFile(FileOfExtension(pool, extension.containing_type(), extension.extension_number()),
+                 "this extension of " + extension.containing_type(), &response);
+      break;
+    }
+    case ServerReflectionRequest::kAllExtensionNumbersOfType:
+      AnswerExtensions(pool, request.all_extension_numbers_of_type(), &response);
+      break;
+    case ServerReflectionRequest::kListServices:
+      for (const std::string& name : services) {
+        response.mutable_list_services_response()->add_service()->set_name(name);
+      }
+      break;
+    case ServerReflectionRequest::MESSAGE_REQUEST_NOT_SET:
+      SetError(grpc::StatusCode::INVALID_ARGUMENT, "message_request: say what to describe",
+               &response);
+      break;
+  }
+  return response;
+}
+
+ReflectionService::ReflectionService(std::vector<std::string> services)
+    : services_(std::move(services)) {
+  services_.insert(services_.end(), {"grpc.health.v1.Health", "grpc.reflection.v1.ServerReflection",
+                                     "grpc.reflection.v1alpha.ServerReflection"});
+}
+
+grpc::ServerBidiReactor<ServerReflectionRequest, ServerReflectionResponse>*
+ReflectionService::ServerReflectionInfo(grpc::CallbackServerContext*) {
+  return new ReflectionCall(services_);
+}
+
+}  // namespace maneuver::rpc

@@ -1,0 +1,37 @@
+// grpc.reflection.v1: describes the server's services to tools such as grpcurl. gRPC's plugin serves
+// v1alpha beside it, which newer tools no longer ask.
+
+#ifndef MANEUVER_SERVER_RPC_REFLECTION_H_
+#define MANEUVER_SERVER_RPC_REFLECTION_H_
+
+#include <string>
+#include <vector>
+
+#include "grpc/reflection/v1/reflection.grpc.pb.h"
+
+namespace maneuver::rpc {
+
+// Answers one request from the descriptors that are compiled into this program. An unknown name has
+// an error_response with NOT_FOUND; a request that asks nothing has one with INVALID_ARGUMENT.
+//   services: full names of all services of the server
+grpc::reflection::v1::ServerReflectionResponse AnswerReflection(
+    const grpc::reflection::v1::ServerReflectionRequest& request,
+    const std::vector<std::string>& services);
+
+class ReflectionService final : public grpc::reflection::v1::ServerReflection::CallbackService {
+ public:
+  // Adds its own name and v1alpha's, and that of gRPC's health service.
+  //   services: full names of the other services of the server
+  explicit ReflectionService(std::vector<std::string> services);
+
+  grpc::ServerBidiReactor<grpc::reflection::v1::ServerReflectionRequest,
+                          grpc::reflection::v1::ServerReflectionResponse>*
+  ServerReflectionInfo(grpc::CallbackServerContext* rpc) override;
+
+ private:
+  std::vector<std::string> services_;
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_REFLECTION_H_

@@ -1,0 +1,29 @@
+// Flips bytes of files at rest, and looks at what readers make of it.
+
+#ifndef MANEUVER_TESTS_DURABILITY_CORRUPTION_H_
+#define MANEUVER_TESTS_DURABILITY_CORRUPTION_H_
+
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+namespace maneuver::durability {
+
+// Reads all that a folder holds, as text that differs if anything does.
+using ReadAll = std::function<absl::StatusOr<std::string>(const std::filesystem::path& folder)>;
+
+// Flips bytes of each regular file of `folder`, one at a time, and calls `read`. Expects an error
+// with a message, or the same text as from the whole folder. `also` is accepted too, if given: an
+// older state that a reader may fall back to. Afterwards the folder is as it was.
+//
+// Flips every byte in three ways if the environment has MANEUVER_EVERY_BYTE; otherwise each 13th
+// byte of a file of more than 1,000, in one way that changes from byte to byte.
+void ExpectNoSilentDamage(const std::filesystem::path& folder, const ReadAll& read,
+                          const std::vector<std::string>& also = {});
+
+}  // namespace maneuver::durability
+
+#endif  // MANEUVER_TESTS_DURABILITY_CORRUPTION_H_

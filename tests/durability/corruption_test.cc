@@ -1,0 +1,193 @@
+// Damage to any byte at rest is named, or changes nothing.
+
+#include "tests/durability/corruption.h"
+
+#include <gtest/gtest.h>
+
+#include "absl/strings/str_cat.h"
+#include "model/artifact/model_folder.h"
+#include "model/artifact/safetensors.h"
+#include "model/data/dataset_folder.h"
+#include "model/data/dataset_store.h"
+#include "model/data/recording_index.h"
+#include "server/jobs/sqlite_store.h"
+#include "server/serving/evaluation_files.h"
+#include "tests/unit/model/artifact/tiny_model.h"
+#include "tests/unit/temporary_folder.h"
+
+namespace maneuver::durability::corruption_test {
+namespace {
+
+namespace fs = std::filesystem;
+
+absl::StatusOr<std::string> ReadModel(const fs::path& folder) {
+  const auto model = artifact::ReadModelFolder(folder);
+  if (!model.ok()) return model.status();
+  return model->manifest.DebugString() + artifact::SerializeSafetensors(model->weights);
+}
+
+TEST(CorruptionTest, NoByteOfAModelFolderIsAlteredInSilence) {
+  const TemporaryFolder parent;
+  artifact::StoredModel model = artifact::TinyModel();
+  for (int i = 0; i < 3; ++i) model.manifest.add_actions()->set_action_id(i);
+  ASSERT_TRUE(artifact::WriteModelFolder(parent / "1", model).ok());
+  ExpectNoSilentDamage(parent / "1", ReadModel);
+}
+
+TEST(CorruptionTest, NoByteOfAnEvaluationIsAlteredInSilence) {
+  const TemporaryFolder parent;
+  v1::EvaluationReport report;
+  report.set_examples(7);
+  (*report.mutable_metrics())["min_ade_6"] = 0.635;
+  ASSERT_TRUE(serving::WriteEvaluation(parent.path(), "town", report).ok());
+  ExpectNoSilentDamage(parent.path(), [](const fs::path& folder) -> absl::StatusOr<std::string> {
+    const auto read = serving::ReadEvaluation(folder, "town");
+    if (!read.ok()) return read.status();
+    return read->ShortDebugString();
+  });
+}
+
+v1::Scenario Recording(const std::string& id) {
+  v1::Scenario scenario;
+  scenario.set_scenario_id(id);
+  scenario.set_prediction_time(0.5);
+  scenario.add_target_ids(1);
+  v1::Agent* const agent = scenario.add_agents();
+  agent->set_id(1);
+  agent->set_type(v1::AGENT_TYPE_VEHICLE);
+  agent->set_length(4);
+  agent->set_width(2);
+  for (int step = 0; step < 10; ++step) {
+    v1::AgentState* const state = agent->add_states();
+    state->set_time(0.1 * step);
+    state->set_x(step);
+  }
+  return scenario;
+}
+
+void WriteDataset(const fs::path& folder) {
+  auto writer = data::DatasetWriter::Create(folder, "a test");
+  ASSERT_TRUE(writer.ok()) << writer.status();
+  for (const char* id : {"a", "b", "c"}) ASSERT_TRUE((*writer)->Add(Recording(id)).ok());
+  v1::ManeuverAnnotation annotation;
+  annotation.set_scenario_id("b");
+  annotation.set_agent_id(1);
+  annotation.set_maneuver("stop");
+  ASSERT_TRUE((*writer)->Add(annotation).ok());
+  ASSERT_TRUE((*writer)->Commit().ok());
+}
+
+// From front to back, as trainings and evaluations read it.
+absl::StatusOr<std::string> ReadInOrder(const fs::path& folder) {
+  const auto manifest = data::ReadDatasetManifest(folder);
+  if (!manifest.ok()) return manifest.status();
+  std::string all = manifest->SerializeAsString();
+  absl::Status status = data::ForEachScenario(folder, data::OnDamage::kStop, [&](v1::Scenario&& s) {
+    all += s.SerializeAsString();
+    return true;
+  });
+  status.Update(
+      data::ForEachAnnotation(folder, data::OnDamage::kStop, [&](v1::ManeuverAnnotation&& a) {
+        all += a.SerializeAsString();
+        return true;
+      }));
+  if (!status.ok()) return status;
+  return all;
+}
+
+// Recording by recording, as windows of training and GetScenario do.
+absl::StatusOr<std::string> ReadByIndex(const fs::path& folder) {
+  const auto index = data::RecordingIndex::Open(folder);
+  if (!index.ok()) return index.status();
+  std::string all;
+  for (size_t i = 0; i < index->entries().size(); ++i) {
+    const auto recording = index->Read(i);
+    if (!recording.ok()) return recording.status();
+    absl::StrAppend(&all, index->Find(recording->scenario_id()), " ",
+                    recording->SerializeAsString());
+  }
+  return all;
+}
+
+TEST(CorruptionTest, NoByteOfADatasetIsAlteredInSilence) {
+  const TemporaryFolder parent;
+  ASSERT_NO_FATAL_FAILURE(WriteDataset(parent / "town"));
+  ASSERT_TRUE(data::RecordingIndex::Open(parent / "town").ok());
+  ExpectNoSilentDamage(parent / "town", ReadInOrder);
+  ExpectNoSilentDamage(parent / "town", ReadByIndex);
+}
+
+TEST(CorruptionTest, NoByteOfAKeptDescriptionIsAlteredInSilence) {
+  const TemporaryFolder parent;
+  ASSERT_NO_FATAL_FAILURE(WriteDataset(parent / "town"));
+  const v1::ModelSpec spec = artifact::TinySpec();
+  v1::ExampleSettings settings;
+  settings.mutable_stride()->set_seconds(1);
+  const ReadAll describe = [&](const fs::path& folder) -> absl::StatusOr<std::string> {
+    const auto store = data::DatasetStore::Open(folder);
+    if (!store.ok()) return store.status();
+    const auto description = (*store)->Describe("town", spec, settings);
+    if (!description.ok()) return description.status();
+    return description->DebugString();
+  };
+  ASSERT_TRUE(describe(parent.path()).ok());  // keeps the description
+  ExpectNoSilentDamage(parent.path(), describe);
+}
+
+v1::Job JobInState(const std::string& id, v1::JobState state) {
+  v1::Job job;
+  job.set_name("jobs/" + id);
+  job.set_state(state);
+  job.mutable_train()->set_model("models/town");
+  job.mutable_create_time()->set_seconds(1000);
+  return job;
+}
+
+absl::StatusOr<std::string> ReadStore(const fs::path& folder) {
+  const auto store = jobs::SqliteStore::Open(folder / "maneuver.db");
+  if (!store.ok()) return store.status();
+  std::string all;
+  const auto page = (*store)->List(100, "");
+  if (!page.ok()) return page.status();
+  for (const v1::Job& job : page->jobs) {
+    absl::StrAppend(&all, job.DebugString());
+    const auto events = (*store)->ListProgress(job.name(), 0, 100);
+    if (!events.ok()) return events.status();
+    for (const v1::JobProgress& event : *events) absl::StrAppend(&all, event.DebugString());
+    const auto state = (*store)->ListInState(job.state(), std::nullopt);
+    if (!state.ok()) return state.status();
+    absl::StrAppend(&all, state->size(), "\n");
+  }
+  const auto requested = (*store)->FindRequest("request");
+  if (!requested.ok()) return requested.status();
+  if (*requested) absl::StrAppend(&all, (*requested)->job.name(), (*requested)->request_digest);
+  const auto aliases = (*store)->ListAliases();
+  if (!aliases.ok()) return aliases.status();
+  for (const auto& alias : *aliases) absl::StrAppend(&all, alias.name.ToString(), alias.version);
+  return all;
+}
+
+TEST(CorruptionTest, NoByteOfTheJobStoreIsAlteredInSilence) {
+  const TemporaryFolder folder;
+  {
+    const auto store = jobs::SqliteStore::Open(folder / "maneuver.db");
+    ASSERT_TRUE(store.ok()) << store.status();
+    ASSERT_TRUE(
+        (*store)->Add(JobInState("first", v1::JOB_STATE_PENDING), "request", "digest").ok());
+    ASSERT_TRUE((*store)->Add(JobInState("second", v1::JOB_STATE_PENDING), "", "").ok());
+    const auto claimed = (*store)->Claim([](v1::Job&) {});
+    ASSERT_TRUE(claimed.ok() && *claimed) << claimed.status();
+    for (int i = 1; i <= 3; ++i) {
+      v1::JobProgress progress;
+      progress.set_sequence(i);
+      progress.set_phase("joint");
+      ASSERT_TRUE((*store)->AddProgress((*claimed)->lease, progress).ok());
+    }
+    ASSERT_TRUE((*store)->SetAlias({"town", "serving"}, 3).ok());
+    ASSERT_TRUE((*store)->SetAlias({"town", "candidate"}, 4).ok());
+  }
+  ExpectNoSilentDamage(folder.path(), ReadStore);
+}
+
+}  // namespace
+}  // namespace maneuver::durability::corruption_test

@@ -1,0 +1,152 @@
+#!/usr/bin/python3
+"""Writes the seeds of the harnesses whose inputs are bytes: corpus/*. Text seeds are files of their own.
+
+    tests/fuzz/make_corpus.py           needs protoc and python3-protobuf
+"""
+
+import importlib
+import pathlib
+import struct
+import subprocess
+import sys
+import tempfile
+
+HERE = pathlib.Path(__file__).resolve().parent
+SOURCE = HERE.parent.parent
+
+
+def generated(protos):
+    """Imports the messages of the protos, compiled into a folder that is gone afterwards."""
+    with tempfile.TemporaryDirectory() as folder:
+        for path, files in protos.items():
+            subprocess.run(["protoc", f"--proto_path={path}", f"--python_out={folder}", *files], check=True, cwd=path)
+        sys.path.insert(0, folder)
+        names = ["maneuver.v1.prediction_service_pb2", "maneuver.v1.scenario_pb2",
+                 "maneuver.v1.training_settings_pb2", "waymo_scenario_pb2", "shard_index_pb2"]
+        return [importlib.import_module(name) for name in names]
+
+
+def crc32c(data):
+    crc = 0xFFFFFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0x82F63B78 if crc & 1 else 0)
+    return crc ^ 0xFFFFFFFF
+
+
+def masked(data):
+    crc = crc32c(data)
+    return (crc >> 15 | crc << 17 & 0xFFFFFFFF) + 0xA282EAD8 & 0xFFFFFFFF
+
+
+def record(payload):
+    length = struct.pack("<Q", len(payload))
+    return length + struct.pack("<I", masked(length)) + payload + struct.pack("<I", masked(payload))
+
+
+def write(harness, name, data):
+    folder = HERE / "corpus" / harness
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_bytes(data)
+
+
+def add_agent(scenario, number, kind, x, y, speed, steps=7, after=0):
+    agent = scenario.agents.add(id=number, type=kind, length=4.5, width=1.9)
+    for step in range(steps + after):
+        time = (step - steps + 1) * 0.25 + scenario.prediction_time
+        agent.states.add(time=time, x=x + speed * time, y=y, heading=0.02 * step, velocity_x=speed)
+
+
+def add_line(scenario, number, kind, points, successors=(), limit=0.0):
+    scenario.map_features.add(id=number, type=kind, x=[p[0] for p in points], y=[p[1] for p in points],
+                              successor_ids=successors, speed_limit=limit)
+
+
+def scenes(pb):
+    """A fork with a leader, a signal and a stop sign; a pedestrian alone; a ring of lanes."""
+    fork = pb.Scenario(scenario_id="fork", prediction_time=1.0, target_ids=[7, 8])
+    add_agent(fork, 7, pb.AGENT_TYPE_VEHICLE, 100, 50, 7, after=14)
+    add_agent(fork, 8, pb.AGENT_TYPE_VEHICLE, 115, 50.3, 5)
+    add_agent(fork, 9, pb.AGENT_TYPE_PEDESTRIAN, 110, 55, 1)
+    lane = pb.MAP_FEATURE_TYPE_LANE_CENTERLINE
+    add_line(fork, 1, lane, [(40, 50), (80, 50), (112, 50)], [2, 3], 13.9)
+    add_line(fork, 2, lane, [(112, 50), (142, 50), (200, 50)])
+    add_line(fork, 3, lane, [(112, 50), (117, 51), (121, 55), (122, 60), (122, 110)])
+    add_line(fork, 4, pb.MAP_FEATURE_TYPE_STOP_SIGN, [(113, 48)])
+    add_line(fork, 5, pb.MAP_FEATURE_TYPE_CROSSWALK, [(118, 46), (121, 46), (121, 54), (118, 54)])
+    signal = fork.traffic_signals.add(lane_id=2)
+    signal.readings.add(time=0.5, state=pb.TRAFFIC_SIGNAL_STATE_STOP)
+    walk = pb.Scenario(scenario_id="walk", prediction_time=0.5, target_ids=[1])
+    add_agent(walk, 1, pb.AGENT_TYPE_PEDESTRIAN, 0, 0, 1.4)
+    ring = pb.Scenario(scenario_id="ring", prediction_time=1.0, target_ids=[1])
+    add_agent(ring, 1, pb.AGENT_TYPE_CYCLIST, 9, 0, 4, after=14)
+    corners = [(10, 0), (0, 10), (-10, 0), (0, -10)]
+    for i, corner in enumerate(corners):
+        add_line(ring, i + 1, lane, [corner, corners[(i + 1) % 4]], [(i + 1) % 4 + 1])
+    return {scene.scenario_id: scene for scene in (fork, walk, ring)}
+
+
+def write_waymo(pb):
+    scene = pb.Scenario(scenario_id="seed", timestamps_seconds=[0.1 * i for i in range(12)], current_time_index=10)
+    for number in (3, 4):
+        track = scene.tracks.add(id=number, object_type=1)
+        for step in range(12):
+            track.states.add(center_x=10.0 * number + step, center_y=2.0, length=4, width=2, heading=0.1,
+                             velocity_x=10, velocity_y=0, valid=step % 5 != 4)
+    scene.tracks_to_predict.add(track_index=0)
+    lane = scene.map_features.add(id=5).lane
+    lane.entry_lanes.append(5)
+    lane.exit_lanes.append(6)
+    for i in range(3):
+        lane.polyline.add(x=10.0 * i, y=2.0)
+    scene.map_features.add(id=6).stop_sign.position.x = 30.0
+    for _ in range(12):
+        scene.dynamic_map_states.add().lane_states.add(lane=5, state=4)
+    write("waymo", "two-tracks", scene.SerializeToString())
+
+
+def main():
+    predictions, scenarios, settings, waymo, index = generated({
+        SOURCE / "proto": sorted(str(p.relative_to(SOURCE / "proto")) for p in (SOURCE / "proto").rglob("*.proto")),
+        SOURCE / "model" / "data": ["waymo_scenario.proto", "shard_index.proto"]})
+    for name, scene in scenes(scenarios).items():
+        for harness in ("scenario", "lane_paths"):
+            write(harness, name, scene.SerializeToString())
+        message = predictions.StreamPredictRequest(request_id=f"request-{name}")
+        message.timeout.nanos = 50_000_000
+        message.request.model = "models/town"
+        message.request.scenarios.add().CopyFrom(scene)
+        message.request.query.top_k = 3
+        message.request.query.representatives = 2
+        if name != "fork":  # small ones: the outline does not care what is in a scene
+            write("outline", name, message.SerializeToString())
+    message = predictions.StreamPredictRequest()
+    message.request.query.action_ids.ids.extend([0, 6, 2])
+    write("outline", "actions", message.SerializeToString())
+
+    write("settings", "lanes", settings.TrainingSettings(preset="lanes").SerializeToString())
+    paper = settings.TrainingSettings(preset="paper")
+    paper.model.actions = 12
+    paper.model.decoder.hidden.extend([40, 40])
+    write("settings", "paper", paper.SerializeToString())
+
+    write("tfrecord", "two-records", record(b"abc") + record(b"") + record(b"x" * 40))
+    write("tfrecord", "damaged", record(b"abc")[:-1] + b"?" + record(b"after it") + b"cut")
+    import gzip
+    write("tfrecord", "packed", gzip.compress(record(b"abc") + record(b"defg" * 30), mtime=0))
+    write("shard_index", "foreign", index.ShardIndex(format_version=1, shard_sha256="0" * 64).SerializeToString())
+    write_waymo(waymo)
+
+    header = b'{"a":{"dtype":"F32","shape":[2,1],"data_offsets":[0,8]},"b":{"dtype":"F32","shape":[],"data_offsets":[8,12]}}'
+    header += b" " * (-len(header) % 8)
+    write("safetensors", "two-tensors", struct.pack("<Q", len(header)) + header + struct.pack("<fff", 1, -2, 0.5))
+
+    whole = bytes([0, 0]) + bytes([2, 255]) * 3 + bytes([6, 0])
+    write("upload", "whole", whole)
+    write("upload", "broken-off", bytes([0, 2, 2, 20, 8, 0, 0, 3, 2, 255, 2, 255, 6, 0]))
+    write("upload", "two-callers", bytes([0, 0, 1, 0, 2, 9, 3, 30, 4, 7, 3, 255, 7, 0, 10, 0]))
+
+
+if __name__ == "__main__":
+    main()
