@@ -11,7 +11,9 @@
 namespace maneuver::tags {
 namespace {
 
-double ScaleOf(Column column) { return std::pow(10.0, SpecOf(column).decimals); }
+constexpr std::array<double, 7> kScales = {1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6};  // by decimals
+
+double ScaleOf(Column column) { return kScales[static_cast<size_t>(SpecOf(column).decimals)]; }
 
 }  // namespace
 

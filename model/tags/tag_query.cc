@@ -115,7 +115,8 @@ struct Sums {
 struct Part {
   Sums all;
   std::vector<Match> matches;
-  std::unordered_map<int64_t, Sums> groups;  // by a key within the shard
+  int64_t least_surprise = std::numeric_limits<int64_t>::min();  // of a row that may be kept
+  std::unordered_map<int64_t, Sums> groups;                      // by a key within the shard
 };
 
 class Scan {
@@ -327,8 +328,11 @@ class Scan {
       if (part->matches.size() < query_.limit) part->matches.push_back(match);
       return;
     }
+    if (tags.Narrow(Column::kSurprise)[row] < part->least_surprise) return;
     part->matches.push_back(match);
-    if (part->matches.size() >= 2 * query_.limit + kStep) Keep(&part->matches);
+    if (part->matches.size() < 2 * query_.limit) return;
+    Keep(&part->matches);
+    part->least_surprise = tags.Narrow(Column::kSurprise)[part->matches.back().row];
   }
 
   // Drops matches beyond the limit.
