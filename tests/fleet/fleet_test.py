@@ -318,6 +318,52 @@ class DuckDbTest(unittest.TestCase):
         self.assertEqual(int(converted[0]["n"]), find("tags", "--limit", 0)["rows"])
 
 
+class PostgresTest(unittest.TestCase):
+    """With a server of its own on a socket of its own, where PostgreSQL is installed."""
+
+    @classmethod
+    def setUpClass(cls):
+        programs = sorted(pathlib.Path("/usr/lib/postgresql").glob("*/bin/initdb"))
+        if not programs or not shutil.which("psql"):
+            raise unittest.SkipTest("PostgreSQL is not installed")
+        cls.programs = programs[-1].parent
+        cls.user = []  # PostgreSQL refuses to run as root
+        cls.place = pathlib.Path(tempfile.mkdtemp(prefix="maneuver-postgres-"))
+        cls.addClassCleanup(shutil.rmtree, cls.place)
+        if os.geteuid() == 0:
+            cls.user = ["runuser", "-u", "postgres", "--"]
+            shutil.chown(cls.place, "postgres")
+        cls.pg("initdb", "-D", cls.place / "data", "--no-sync", "-A", "trust", "-U", "postgres")
+        cls.pg("pg_ctl", "-D", cls.place / "data", "-w", "-t", "60", "-l", cls.place / "log", "-o",
+               f"-c listen_addresses='' -c fsync=off -k {cls.place}", "start")
+        cls.addClassCleanup(cls.pg, "pg_ctl", "-D", cls.place / "data", "-m", "immediate", "stop")
+
+    @classmethod
+    def pg(cls, program, *arguments):
+        subprocess.run([*cls.user, cls.programs / program, *arguments], cwd="/", check=True,
+                       stdout=subprocess.DEVNULL)
+
+    def test_the_recipe_of_the_guide_works(self):
+        guide = GUIDE.read_text()
+        table = re.search(r"^```sql postgresql\n(.*?)^```$", guide, re.MULTILINE | re.DOTALL)[1]
+        load = re.search(r"^for file in tags/.*$", guide, re.MULTILINE)[0]
+        environment = dict(os.environ, PGHOST=str(self.place), PGUSER="postgres", PGDATABASE="postgres")
+
+        def shell(command, text=""):
+            return subprocess.run(["bash", "-euo", "pipefail", "-c", command], cwd=folder, env=environment, check=True,
+                                  input=text, capture_output=True, text=True).stdout
+
+        shell("psql -v ON_ERROR_STOP=1", table)
+        shell(load)
+        counts = shell("psql -At", "SELECT name, count(*), sum(windows) FROM tags GROUP BY name")
+        groups = find("tags", "--by", "action")["groups"]
+        self.assertEqual(set(counts.splitlines()),
+                         {f"{name}|{group['rows']}|{group['windows']}" for name, group in groups.items()})
+        some = shell("psql -At", "SELECT count(*) FROM tags WHERE probability >= 0.5 AND from_time BETWEEN 2 AND 9.5")
+        self.assertEqual(int(some), find("tags", "--min-probability", .5, "--where", "from_time>=2", "--where",
+                                         "from_time<=9.5", "--limit", 0)["rows"])
+
+
 def prepare():
     subprocess.run([options.small_model, folder / "small", "4"], check=True)  # its actions are about equally frequent
     for i, name in enumerate(datasets()):
