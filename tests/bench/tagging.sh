@@ -3,12 +3,12 @@
 #
 #   tests/bench/tagging.sh MODEL [MEGABYTES...]          (default: 20 40 80)
 #
-# For each size it makes a dataset of the synthetic town, and measures in turns, three times: the engine alone, in one
+# For each size it makes a dataset of the synthetic town, and measures in turns, ROUNDS (3) times: the engine alone, in one
 # process with everything in memory (tests/bench/tag_engine.cc), and the whole command. The share is what reading and
 # writing leave of the engine's speed; by CPU time it depends less on what else runs. Then it measures maneuver find on
 # rows of random numbers.
 #
-# THREADS (one for each core); ROWS (10000000) of maneuver find; SECONDS_EACH (10) of the engine; BIN
+# THREADS (one for each core); ROUNDS (3); ROWS (10000000) of maneuver find; SECONDS_EACH (10) of the engine; BIN
 # (build/release/bin); FOLDER keeps the datasets from one call to the next (default: a temporary folder).
 # Needs the targets maneuver, tag_engine and make_tags.
 set -euo pipefail
@@ -37,7 +37,7 @@ for megabytes in "$@"; do
   [ -d "$town" ] || "$bin/maneuver" --quiet synthesize "$town" --recordings $((megabytes * 1000000 / bytes_each)) >/dev/null
   "$bin/maneuver" dataset index "$town" >/dev/null
   rm -f "$work"/engine* "$work"/tag* "$work"/peak
-  for _ in 1 2 3; do
+  for _ in $(seq "${ROUNDS:-3}"); do
     "$bin/tag_engine" "$model" "$town" "$threads" "${SECONDS_EACH:-10}" >"$work/rates"
     cut -d' ' -f1 "$work/rates" >>"$work/engine"
     cut -d' ' -f2 "$work/rates" >>"$work/engine_cpu"
