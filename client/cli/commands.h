@@ -19,6 +19,8 @@ void AddJob(Command& root, Environment& environment);
 void AddModel(Command& root, Environment& environment);
 void AddPredict(Command& root, Environment& environment);  // probability, distribution, predict
 void AddClassify(Command& root, Environment& environment);
+void AddTag(Command& root, Environment& environment);
+void AddFind(Command& root, Environment& environment);
 void AddLoad(Command& root, Environment& environment);
 void AddHealth(Command& root, Environment& environment);
 void AddLogLevel(Command& root, Environment& environment);

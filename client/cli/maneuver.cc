@@ -85,6 +85,8 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
   AddModel(root, environment);
   AddPredict(root, environment);
   AddClassify(root, environment);
+  AddTag(root, environment);
+  AddFind(root, environment);
   AddLoad(root, environment);
   AddHealth(root, environment);
   AddLogLevel(root, environment);

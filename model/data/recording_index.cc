@@ -39,17 +39,30 @@ absl::StatusOr<RecordingIndex> RecordingIndex::Open(const std::filesystem::path&
   all.entries_.reserve(static_cast<size_t>(manifest->recordings()));
   for (const v1::Shard& shard : manifest->shards()) {
     if (shard.content() != v1::SHARD_CONTENT_SCENARIOS) continue;
-    absl::StatusOr<ShardIndex> index = ReadOrRebuild(folder, shard, report);
-    if (!index.ok()) return index.status();
-    const int number = static_cast<int>(all.shards_.size());
-    all.shards_.push_back(shard.file());
-    for (IndexedRecording& recording : *index->mutable_recordings()) {
-      all.entries_.push_back({std::move(*recording.mutable_scenario_id()), number,
-                              recording.offset(), recording.payload_bytes(),
-                              recording.payload_crc()});
-    }
+    if (absl::Status status = all.Add(shard, report); !status.ok()) return status;
   }
   return all;
+}
+
+absl::StatusOr<RecordingIndex> RecordingIndex::OpenShard(const std::filesystem::path& folder,
+                                                         const v1::Shard& shard,
+                                                         const Report& report) {
+  RecordingIndex one;
+  one.folder_ = folder;
+  if (absl::Status status = one.Add(shard, report); !status.ok()) return status;
+  return one;
+}
+
+absl::Status RecordingIndex::Add(const v1::Shard& shard, const Report& report) {
+  absl::StatusOr<ShardIndex> index = ReadOrRebuild(folder_, shard, report);
+  if (!index.ok()) return index.status();
+  const int number = static_cast<int>(shards_.size());
+  shards_.push_back(shard.file());
+  for (IndexedRecording& recording : *index->mutable_recordings()) {
+    entries_.push_back({std::move(*recording.mutable_scenario_id()), number, recording.offset(),
+                        recording.payload_bytes(), recording.payload_crc()});
+  }
+  return absl::OkStatus();
 }
 
 int64_t RecordingIndex::Find(const std::string& scenario_id) const {

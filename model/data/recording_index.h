@@ -9,7 +9,9 @@
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "maneuver/v1/dataset.pb.h"
 #include "maneuver/v1/scenario.pb.h"
 
 namespace maneuver::data {
@@ -35,6 +37,11 @@ class RecordingIndex {
   // be written to. Errors: those of ReadDatasetManifest; DATA_LOSS for a damaged shard.
   static absl::StatusOr<RecordingIndex> Open(const std::filesystem::path& folder,
                                              const Report& report = {});
+  // Reads the index of one shard of scenarios of the folder's manifest. Errors: DATA_LOSS for a
+  // damaged shard.
+  static absl::StatusOr<RecordingIndex> OpenShard(const std::filesystem::path& folder,
+                                                  const v1::Shard& shard,
+                                                  const Report& report = {});
 
   // All recordings, in the order of ForEachScenario.
   const std::vector<Entry>& entries() const { return entries_; }
@@ -45,6 +52,8 @@ class RecordingIndex {
   absl::StatusOr<v1::Scenario> Read(size_t recording) const;
 
  private:
+  absl::Status Add(const v1::Shard& shard, const Report& report);
+
   std::filesystem::path folder_;
   std::vector<std::string> shards_;  // file names
   std::vector<Entry> entries_;

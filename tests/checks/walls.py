@@ -33,6 +33,8 @@ LAYERS = {
     "model/data": [*MODEL_CORE, "model/scene", "model/artifact"],
     "model/evaluation": [*MODEL_CORE, "model/scene", "model/artifact", "model/inference",
                          "model/data"],
+    "model/tags": [*MODEL_CORE, "model/scene", "model/artifact", "model/inference", "model/data",
+                   "model/evaluation"],
     "model/onnx": [*MODEL_CORE, "model/scene", "model/artifact", "model/evaluation"],
     "model/learning": ["locks", "model", "maneuver/v1"],
     "server/errors": ["model/scene", "maneuver/v1"],
@@ -77,7 +79,7 @@ LIBRARIES = {
 }
 
 # Libraries that everything may use, and whose headers are named in quotes.
-QUOTED_LIBRARIES = ("absl/", "google/")
+QUOTED_LIBRARIES = ("absl/", "google/", "grpc/")
 INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<([^>]+)>)', re.MULTILINE)
 
 

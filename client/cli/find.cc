@@ -1,0 +1,492 @@
+// maneuver find: which targets of tagged recordings did this?
+
+#include <google/protobuf/struct.pb.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <set>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
+#include "client/cli/commands.h"
+#include "client/cli/found_scenes.h"
+#include "client/cli/json_files.h"
+#include "client/cli/table.h"
+#include "client/cli/text_format.h"
+#include "client/plot/recordings_plot.h"
+#include "model/data/dataset_folder.h"
+#include "model/machine/usable_cores.h"
+#include "model/tags/tag_query.h"
+
+namespace maneuver::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using google::protobuf::Struct;
+using tags::Column;
+
+constexpr int kMostPanels = 16;
+constexpr int64_t kCandidates = 20;  // for each scene of a dataset without near-duplicates
+
+struct FindArguments {
+  std::vector<std::string> folders;
+  std::vector<std::string> actions;
+  std::vector<std::string> scenes;
+  std::vector<std::string> conditions;
+  std::optional<double> min_probability;
+  std::string speed;
+  std::string near;
+  std::string surprise;
+  std::vector<std::string> followed_by;
+  std::vector<std::string> meanwhile;
+  std::vector<std::string> answered_by;
+  double within = 3.0;
+  std::optional<double> distance;
+  std::string side = "any";
+  std::string by;
+  int64_t limit = 20;
+  bool distinct = false;
+  std::vector<std::string> datasets;
+  std::optional<std::string> plot;
+  std::string extract;
+  std::string as_dataset;
+  int64_t threads = 0;
+};
+
+absl::Status Unreadable(const std::string& option, const std::string& text,
+                        const std::string& example) {
+  return absl::InvalidArgumentError(
+      absl::StrCat(option, " ", text, ": give it as in ", option, " ", example));
+}
+
+// Parses numbers between commas.
+std::optional<std::vector<double>> Numbers(const std::string& text) {
+  std::vector<double> numbers;
+  for (const std::string& part : std::vector<std::string>(absl::StrSplit(text, ','))) {
+    double number = 0.0;
+    if (!absl::SimpleAtod(part, &number) || !std::isfinite(number)) return std::nullopt;
+    numbers.push_back(number);
+  }
+  return numbers;
+}
+
+// Adds the condition "5..12", "5.." or "..12".
+absl::Status AddSpeed(const std::string& text, tags::TagQuery* query) {
+  const std::pair<std::string, std::string> ends = absl::StrSplit(text, absl::MaxSplits("..", 1));
+  double least = -HUGE_VAL;
+  double most = HUGE_VAL;
+  const bool readable = text.find("..") != std::string::npos &&
+                        (ends.first.empty() || absl::SimpleAtod(ends.first, &least)) &&
+                        (ends.second.empty() || absl::SimpleAtod(ends.second, &most));
+  if (!readable || !(least <= most)) return Unreadable("--speed", text, "5..12");
+  query->conditions.push_back(tags::Between(Column::kSpeed, least, most));
+  return absl::OkStatus();
+}
+
+// "top:50" or a number of nats.
+absl::Status AddSurprise(const std::string& text, FindArguments* arguments, tags::TagQuery* query) {
+  query->most_surprising = true;
+  if (absl::StartsWith(text, "top:")) {
+    const bool readable =
+        absl::SimpleAtoi(text.substr(4), &arguments->limit) && arguments->limit > 0;
+    return readable ? absl::OkStatus() : Unreadable("--surprise", text, "top:50");
+  }
+  double least = 0.0;
+  if (!absl::SimpleAtod(text, &least)) return Unreadable("--surprise", text, "top:50");
+  query->conditions.push_back(tags::Between(Column::kSurprise, least, HUGE_VAL));
+  return absl::OkStatus();
+}
+
+absl::Status AddOther(const FindArguments& arguments, tags::TagQuery* query) {
+  const bool then = !arguments.answered_by.empty();
+  if (then && !arguments.meanwhile.empty()) {
+    return absl::InvalidArgumentError("--with and --answered-by: give one of them");
+  }
+  if (!then && arguments.meanwhile.empty()) {
+    if (!arguments.distance && arguments.side == "any") return absl::OkStatus();
+    return absl::InvalidArgumentError("--distance and --side need --with or --answered-by");
+  }
+  tags::OtherTarget& other = query->other.emplace();
+  other.actions = then ? arguments.answered_by : arguments.meanwhile;
+  other.when = then ? tags::OtherTarget::When::kThen : tags::OtherTarget::When::kMeanwhile;
+  other.within = arguments.within;
+  other.distance = arguments.distance.value_or(HUGE_VAL);
+  other.side = arguments.side == "ahead"    ? tags::OtherTarget::Side::kAhead
+               : arguments.side == "behind" ? tags::OtherTarget::Side::kBehind
+                                            : tags::OtherTarget::Side::kAny;
+  return absl::OkStatus();
+}
+
+constexpr std::pair<const char*, tags::Grouping> kGroupings[] = {
+    {"action", tags::Grouping::kAction},  {"class", tags::Grouping::kClass},
+    {"speed", tags::Grouping::kSpeed},    {"place", tags::Grouping::kPlace},
+    {"hour", tags::Grouping::kHour},      {"scene", tags::Grouping::kScene},
+    {"dataset", tags::Grouping::kDataset}};
+
+absl::StatusOr<tags::TagQuery> ReadQuery(FindArguments* arguments) {
+  tags::TagQuery query;
+  query.actions = arguments->actions;
+  query.scenes = arguments->scenes;
+  query.threads =
+      arguments->threads > 0 ? static_cast<int>(arguments->threads) : machine::UsableCores();
+  if (arguments->min_probability) {
+    query.conditions.push_back(
+        tags::Between(Column::kProbability, *arguments->min_probability, HUGE_VAL));
+  }
+  absl::Status status;
+  if (!arguments->speed.empty()) status = AddSpeed(arguments->speed, &query);
+  if (status.ok() && !arguments->surprise.empty()) {
+    status = AddSurprise(arguments->surprise, arguments, &query);
+  }
+  if (status.ok()) status = AddOther(*arguments, &query);
+  if (!status.ok()) return status;
+  for (const std::string& text : arguments->conditions) {
+    const absl::StatusOr<tags::Condition> condition = tags::ParseCondition(text);
+    if (!condition.ok()) {
+      return absl::InvalidArgumentError(absl::StrCat("--where ", condition.status().message()));
+    }
+    query.conditions.push_back(*condition);
+  }
+  if (!arguments->near.empty()) {
+    const auto numbers = Numbers(arguments->near);
+    if (!numbers || numbers->size() != 3 || (*numbers)[2] < 0.0) {
+      return Unreadable("--near", arguments->near, "120,-40,50");
+    }
+    query.near = tags::NearPlace{(*numbers)[0], (*numbers)[1], (*numbers)[2]};
+  }
+  if (!arguments->followed_by.empty()) {
+    query.followed_by = tags::FollowedBy{arguments->followed_by, arguments->within};
+  }
+  for (const auto& [name, grouping] : kGroupings) {
+    if (arguments->by == name) query.grouping = grouping;
+  }
+  arguments->distinct |= !arguments->as_dataset.empty();
+  query.limit = static_cast<size_t>(arguments->limit * (arguments->distinct ? kCandidates : 1));
+  return query;
+}
+
+// The answer of one command.
+class Finding {
+ public:
+  Finding(const FindArguments& arguments, const tags::TagSet& set, const tags::Found& found,
+          std::vector<tags::Match> matches, bool at_peak, Environment& environment)
+      : arguments_(arguments),
+        set_(set),
+        found_(found),
+        matches_(std::move(matches)),
+        at_peak_(at_peak),
+        environment_(environment),
+        scenes_(set, arguments.datasets) {}
+
+  int Answer() {
+    if (environment_.json()) {
+      environment_.PrintJson(Json());
+    } else {
+      environment_.out << (arguments_.by.empty() ? MatchesText() : GroupsText());
+      environment_.err << found_.all.rows << " rows, " << found_.all.windows << " windows";
+      if (arguments_.by.empty() && static_cast<int64_t>(matches_.size()) < found_.all.rows) {
+        environment_.err << "; " << matches_.size() << " are shown";
+      }
+      environment_.err << "\n";
+    }
+    absl::Status status;
+    if (arguments_.plot) status = Plot();
+    if (status.ok() && !arguments_.extract.empty()) status = Extract();
+    if (status.ok() && !arguments_.as_dataset.empty()) status = WriteDataset();
+    return status.ok() ? kOk : environment_.Fail(status);
+  }
+
+ private:
+  const tags::TaggedShard& ShardOf(const tags::Match& match) const {
+    return set_.shards[match.shard];
+  }
+  std::string Text(const tags::Match& match, size_t row, Column column) const {
+    const int64_t value = ShardOf(match).tags->Value(column, row);
+    if (column == Column::kClass) return tags::ClassName(value);
+    return tags::DecimalText(value, tags::SpecOf(column).decimals);
+  }
+  const std::string& ActionName(const tags::Match& match, size_t row) const {
+    const tags::TaggedShard& shard = ShardOf(match);
+    return shard.ActionName(shard.tags->Value(Column::kAction, row));
+  }
+
+  std::string MatchesText() const {
+    const bool follows = !arguments_.followed_by.empty();
+    const bool meets = !arguments_.meanwhile.empty() || !arguments_.answered_by.empty();
+    std::vector<Column> numbers = {Column::kFrom,     Column::kTo,    Column::kProbability,
+                                   Column::kSurprise, Column::kSpeed, Column::kX,
+                                   Column::kY};
+    std::vector<cli::Column> columns = {
+        {"SCENARIO"}, {"TARGET", Align::kRight}, {"CLASS"}, {"ACTION"}};
+    for (const char* title :
+         {"FROM, s", "TO, s", "p(y|s)", "-ln p", "SPEED, m/s", "X, m", "Y, m"}) {
+      columns.push_back({title, Align::kRight});
+    }
+    if (follows) columns.insert(columns.end(), {{"FOLLOWED BY"}, {"AT, s", Align::kRight}});
+    if (meets) columns.insert(columns.end(), {{"OTHER", Align::kRight}, {"ITS ACTION"}});
+    Table table(columns);
+    for (const tags::Match& match : matches_) {
+      std::vector<std::string> cells = {
+          ShardOf(match).Scene(match.row), Text(match, match.row, Column::kTarget),
+          Text(match, match.row, Column::kClass), ActionName(match, match.row)};
+      for (const Column column : numbers) cells.push_back(Text(match, match.row, column));
+      if (follows) {
+        cells.push_back(ActionName(match, *match.following));
+        cells.push_back(Text(match, *match.following, Column::kFrom));
+      }
+      if (meets) {
+        cells.push_back(Text(match, *match.other, Column::kTarget));
+        cells.push_back(ActionName(match, *match.other));
+      }
+      table.Add(std::move(cells));
+    }
+    return matches_.empty() ? "" : table.Text(environment_.color);
+  }
+
+  std::string GroupsText() const {
+    std::string title = arguments_.by;
+    std::ranges::transform(title, title.begin(), [](char c) { return std::toupper(c); });
+    Table table({{title},
+                 {"ROWS", Align::kRight},
+                 {"WINDOWS", Align::kRight},
+                 {"SHARE", Align::kRight},
+                 {"p(y|s)", Align::kRight},
+                 {"-ln p", Align::kRight},
+                 {"ADE, m", Align::kRight}});
+    std::vector<std::pair<std::string, tags::Group>> groups(found_.groups.begin(),
+                                                            found_.groups.end());
+    std::ranges::stable_sort(groups, std::greater(),
+                             [](const auto& group) { return group.second.windows; });
+    for (const auto& [name, group] : groups) {
+      table.Add({name, absl::StrCat(group.rows), absl::StrCat(group.windows),
+                 Share(static_cast<double>(group.windows) /
+                       static_cast<double>(std::max<int64_t>(1, found_.all.windows))),
+                 Fixed(group.probability, 3), Fixed(group.surprise, 2), Fixed(group.ade, 2)});
+    }
+    return groups.empty() ? "" : table.Text(environment_.color);
+  }
+
+  static void Set(const std::string& name, double number, Struct* object) {
+    (*object->mutable_fields())[name].set_number_value(number);
+  }
+  static void Set(const std::string& name, const std::string& text, Struct* object) {
+    (*object->mutable_fields())[name].set_string_value(text);
+  }
+  static Struct GroupJson(const tags::Group& group) {
+    Struct object;
+    Set("rows", static_cast<double>(group.rows), &object);
+    Set("windows", static_cast<double>(group.windows), &object);
+    Set("probability", group.probability, &object);
+    Set("surprise", group.surprise, &object);
+    Set("ade", group.ade, &object);
+    return object;
+  }
+
+  // Ids are text, as in all JSON of protobuf: a number with 64 bits is none in JavaScript.
+  Struct RowJson(const tags::Match& match, size_t row) const {
+    Struct object;
+    Set("dataset", ShardOf(match).file.dataset(), &object);
+    Set("name", ActionName(match, row), &object);
+    for (size_t i = 0; i < tags::kColumns; ++i) {
+      const auto column = static_cast<Column>(i);
+      const std::string name(tags::SpecOf(column).name);
+      if (column == Column::kScene) {
+        Set(name, ShardOf(match).Scene(row), &object);
+      } else if (column == Column::kTarget || column == Column::kClass) {
+        Set(name, Text(match, row, column), &object);
+      } else {
+        Set(name, tags::ToNumber(column, ShardOf(match).tags->Value(column, row)), &object);
+      }
+    }
+    return object;
+  }
+
+  Struct Json() const {
+    Struct answer = GroupJson(found_.all);
+    Set("missingShards", static_cast<double>(set_.missing), &answer);
+    auto* rows = (*answer.mutable_fields())["matches"].mutable_list_value();
+    for (const tags::Match& match : matches_) {
+      Struct row = RowJson(match, match.row);
+      if (match.following) {
+        *(*row.mutable_fields())["followedBy"].mutable_struct_value() =
+            RowJson(match, *match.following);
+      }
+      if (match.other) {
+        *(*row.mutable_fields())["other"].mutable_struct_value() = RowJson(match, *match.other);
+      }
+      *rows->add_values()->mutable_struct_value() = std::move(row);
+    }
+    if (arguments_.by.empty()) return answer;
+    auto* groups = (*answer.mutable_fields())["groups"].mutable_struct_value();
+    for (const auto& [name, group] : found_.groups) {
+      *(*groups->mutable_fields())[name].mutable_struct_value() = GroupJson(group);
+    }
+    return answer;
+  }
+
+  absl::Status Plot() {
+    std::vector<v1::Scenario> shown;
+    for (const tags::Match& match : matches_) {
+      if (shown.size() == kMostPanels) break;
+      absl::StatusOr<v1::Scenario> scene = scenes_.Scene(match, at_peak_);
+      if (!scene.ok()) return scene.status();
+      shown.push_back(*std::move(scene));
+    }
+    if (shown.empty()) return absl::NotFoundError("there is no match to draw");
+    const auto picture = plot::DrawRecordings(shown, {});
+    if (!picture.ok()) return picture.status();
+    if (absl::Status status = WriteFile(*arguments_.plot, *picture); !status.ok()) return status;
+    environment_.err << "the picture is " << *arguments_.plot;
+    if (shown.size() < matches_.size()) {
+      environment_.err << ", of the first " << shown.size() << " matches";
+    }
+    environment_.err << "\n";
+    return absl::OkStatus();
+  }
+
+  absl::Status Extract() {
+    std::error_code error;
+    fs::create_directories(arguments_.extract, error);
+    if (error) {
+      return absl::FailedPreconditionError(
+          absl::StrCat("cannot make ", arguments_.extract, ": ", error.message()));
+    }
+    int number = 0;
+    for (const tags::Match& match : matches_) {
+      const absl::StatusOr<v1::Scenario> scene = scenes_.Scene(match, at_peak_);
+      if (!scene.ok()) return scene.status();
+      // An id may have any characters.
+      std::string id = scene->scenario_id();
+      std::ranges::replace_if(
+          id,
+          [](char c) { return !absl::ascii_isalnum(static_cast<unsigned char>(c)) && c != '-'; },
+          '_');
+      const std::string name =
+          absl::StrFormat("%04d-%s-%d.json", ++number, id, scene->target_ids(0));
+      const absl::Status status =
+          WriteFile((fs::path(arguments_.extract) / name).string(), ToCompactJson(*scene));
+      if (!status.ok()) return status;
+    }
+    environment_.err << number << " scenes are in " << arguments_.extract << "\n";
+    return absl::OkStatus();
+  }
+
+  absl::Status WriteDataset() {
+    if (matches_.empty()) return absl::NotFoundError("there is no match to make a dataset of");
+    auto writer = data::DatasetWriter::Create(arguments_.as_dataset, "found by maneuver find");
+    if (!writer.ok()) return writer.status();
+    std::set<std::string> added;
+    for (const tags::Match& match : matches_) {
+      if (!added.insert(ShardOf(match).Scene(match.row)).second) continue;
+      const absl::StatusOr<v1::Scenario> recording = scenes_.Recording(match);
+      if (!recording.ok()) return recording.status();
+      if (absl::Status status = (*writer)->Add(*recording); !status.ok()) return status;
+    }
+    const absl::StatusOr<v1::Dataset> dataset = (*writer)->Commit();
+    if (!dataset.ok()) return dataset.status();
+    environment_.err << arguments_.as_dataset << ": " << dataset->recordings() << " recordings\n";
+    return absl::OkStatus();
+  }
+
+  const FindArguments& arguments_;
+  const tags::TagSet& set_;
+  const tags::Found& found_;
+  const std::vector<tags::Match> matches_;
+  const bool at_peak_;
+  Environment& environment_;
+  FoundScenes scenes_;
+};
+
+int Find(FindArguments arguments, Environment& environment) {
+  const absl::StatusOr<tags::TagQuery> query = ReadQuery(&arguments);
+  if (!query.ok()) return environment.Refuse(std::string(query.status().message()));
+  const bool wants_scenes =
+      arguments.plot || !arguments.extract.empty() || !arguments.as_dataset.empty();
+  if (wants_scenes && arguments.datasets.empty()) {
+    return environment.Refuse(
+        "--plot, --extract and --as-dataset need the recordings: --dataset FOLDER");
+  }
+  const auto set = tags::TagSet::Open({arguments.folders.begin(), arguments.folders.end()});
+  if (!set.ok()) return environment.Fail(set.status());
+  if (set->missing > 0) {
+    environment.err << set->missing << " shards have no tags yet: maneuver tag goes on\n";
+  }
+  const absl::StatusOr<tags::Found> found = tags::Find(*set, *query);
+  if (absl::IsInvalidArgument(found.status())) {
+    return environment.Refuse(std::string(found.status().message()));
+  }
+  if (!found.ok()) return environment.Fail(found.status());
+  std::vector<tags::Match> matches =
+      arguments.distinct
+          ? tags::WithoutNearDuplicates(*set, found->matches, static_cast<size_t>(arguments.limit))
+          : found->matches;
+  return Finding(arguments, *set, *found, std::move(matches), query->most_surprising, environment)
+      .Answer();
+}
+
+}  // namespace
+
+void AddFind(Command& root, Environment& environment) {
+  const auto arguments = std::make_shared<FindArguments>();
+  Command command = root.Add(
+      "find", "Find what targets did, in tags of maneuver tag",
+      "All conditions must hold. Patterns are those of a shell: * and ? stand for anything.\n"
+      "Example: maneuver find tags --action \"left turn*\" --min-probability 0.8 --speed 5..12\n"
+      "         maneuver find tags --action \"left turn*\" --followed-by \"stop*\" --plot "
+      "found.png "
+      "--dataset town\n"
+      "         maneuver find tags --surprise top:50 --as-dataset surprising --dataset town\n"
+      "         maneuver find tags --by action --where class=vehicle");
+  command.Arguments("TAGS", &arguments->folders, "Folders of maneuver tag");
+  command.OptionPerValue("--action", &arguments->actions,
+                         "Names or numbers of actions; any of several");
+  command.OptionPerValue("--scene", &arguments->scenes, "Ids of recordings; any of several");
+  command.Option("--min-probability", &arguments->min_probability, 0.0, 1.0,
+                 "Least p(y|s) of the action");
+  command.Option("--speed", &arguments->speed, "Speed at the beginning, m/s: 5..12, 5.. or ..12");
+  command.Option("--near", &arguments->near,
+                 "X,Y,R: the row begins within R metres of a place of the world");
+  command.Option("--surprise", &arguments->surprise,
+                 "top:N: the N with the largest -ln p(y|s); or the least -ln p, nats");
+  command.OptionPerValue("--where", &arguments->conditions,
+                         "A condition on a column: \"ade > 5\", class=pedestrian");
+  command.OptionPerValue("--followed-by", &arguments->followed_by,
+                         "The same target does this next, at most --within later");
+  command.OptionPerValue("--with", &arguments->meanwhile,
+                         "Another target of the recording does this at the same time");
+  command.OptionPerValue("--answered-by", &arguments->answered_by,
+                         "Another target begins this afterwards, at most --within after the end");
+  command.Option("--within", &arguments->within, 0.0, 1e6, "Seconds");
+  command.Option("--distance", &arguments->distance, 0.0, 1e6,
+                 "The other target is at most this far away, metres");
+  command.Choice("--side", &arguments->side, {"any", "ahead", "behind"},
+                 "Where the other target is, as seen from the first one");
+  command.Choice("--by", &arguments->by,
+                 {"action", "class", "speed", "place", "hour", "scene", "dataset"},
+                 "Count by this, instead of a list");
+  command.Option("--limit", &arguments->limit, 0, 1'000'000, "Most matches to show");
+  command.Flag("--distinct", &arguments->distinct,
+               "Leave out near-duplicates: same actions, place, heading and speed");
+  command.Option("--dataset", &arguments->datasets,
+                 "Folders of the datasets that were tagged, for the next three");
+  command.Picture("--plot", &arguments->plot, "PNG file to draw the first 16 matches into");
+  command.Option("--extract", &arguments->extract,
+                 "Folder for the scenes as JSON, as maneuver predict reads them");
+  command.Option("--as-dataset", &arguments->as_dataset,
+                 "Folder for a dataset of their recordings; implies --distinct");
+  command.Option("--threads", &arguments->threads, 0, 1024, "Threads; 0: one for each core");
+  command.Run([arguments, &environment] { return Find(*arguments, environment); });
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,70 @@
+#include "client/cli/found_scenes.h"
+
+#include <algorithm>
+#include <system_error>
+
+#include "absl/strings/str_cat.h"
+#include "model/data/dataset_folder.h"
+
+namespace maneuver::cli {
+
+FoundScenes::FoundScenes(const tags::TagSet& set, const std::vector<std::string>& folders)
+    : set_(set) {
+  for (const std::string& folder : folders) {
+    std::error_code error;
+    const std::filesystem::path whole = std::filesystem::weakly_canonical(folder, error);
+    folders_[(error ? std::filesystem::path(folder) : whole).filename().string()] = folder;
+  }
+}
+
+absl::StatusOr<const data::RecordingIndex*> FoundScenes::IndexOf(const tags::TagFile& file) {
+  const std::pair key(file.dataset(), file.shard());
+  if (const auto known = indexes_.find(key); known != indexes_.end()) return &known->second;
+  const auto folder = folders_.find(file.dataset());
+  if (folder == folders_.end()) {
+    return absl::NotFoundError(absl::StrCat("the recordings are in the dataset ", file.dataset(),
+                                            "; say where it is: --dataset FOLDER, a folder called ",
+                                            file.dataset()));
+  }
+  const absl::StatusOr<v1::Dataset> manifest = data::ReadDatasetManifest(folder->second);
+  if (!manifest.ok()) return manifest.status();
+  const auto& shards = manifest->shards();
+  const auto shard = std::ranges::find_if(shards, [&](const v1::Shard& each) {
+    return each.file() == file.shard() && each.sha256() == file.shard_sha256();
+  });
+  if (shard == shards.end()) {
+    return absl::FailedPreconditionError(absl::StrCat(folder->second.string(), " has no ",
+                                                      file.shard(),
+                                                      " as it was tagged: it is another dataset"));
+  }
+  absl::StatusOr<data::RecordingIndex> index =
+      data::RecordingIndex::OpenShard(folder->second, *shard);
+  if (!index.ok()) return index.status();
+  return &indexes_.emplace(key, *std::move(index)).first->second;
+}
+
+absl::StatusOr<v1::Scenario> FoundScenes::Recording(const tags::Match& match) {
+  const tags::TaggedShard& shard = set_.shards[match.shard];
+  const absl::StatusOr<const data::RecordingIndex*> index = IndexOf(shard.file);
+  if (!index.ok()) return index.status();
+  const int64_t recording = (*index)->Find(shard.Scene(match.row));
+  if (recording < 0) {
+    return absl::NotFoundError(
+        absl::StrCat(shard.file.shard(), " has no recording ", shard.Scene(match.row)));
+  }
+  return (*index)->Read(static_cast<size_t>(recording));
+}
+
+absl::StatusOr<v1::Scenario> FoundScenes::Scene(const tags::Match& match, bool at_peak) {
+  absl::StatusOr<v1::Scenario> scene = Recording(match);
+  if (!scene.ok()) return scene;
+  const tags::ShardTags& tags = *set_.shards[match.shard].tags;
+  const tags::Column time = at_peak ? tags::Column::kPeak : tags::Column::kFrom;
+  scene->set_prediction_time(tags::ToNumber(time, tags.Value(time, match.row)));
+  scene->clear_target_ids();
+  scene->add_target_ids(tags.Value(tags::Column::kTarget, match.row));
+  if (match.other) scene->add_target_ids(tags.Value(tags::Column::kTarget, *match.other));
+  return scene;
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,42 @@
+// Brings the recordings of matches from their datasets.
+
+#ifndef MANEUVER_CLIENT_CLI_FOUND_SCENES_H_
+#define MANEUVER_CLIENT_CLI_FOUND_SCENES_H_
+
+#include <filesystem>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "maneuver/v1/scenario.pb.h"
+#include "model/data/recording_index.h"
+#include "model/tags/tag_query.h"
+
+namespace maneuver::cli {
+
+class FoundScenes {
+ public:
+  //   folders: of the datasets that were tagged; each has the name that its tags have
+  FoundScenes(const tags::TagSet& set, const std::vector<std::string>& folders);
+
+  // Returns the recording of a match as a scene: its target is the row's, and with it the other
+  // target if there is one; its prediction time is when the row begins, or its most surprising
+  // window. NOT_FOUND if no folder of that name was given; FAILED_PRECONDITION if the dataset is not
+  // the one that was tagged; those of data::RecordingIndex.
+  absl::StatusOr<v1::Scenario> Scene(const tags::Match& match, bool at_peak);
+  // Returns the recording as it was recorded. Errors: as above.
+  absl::StatusOr<v1::Scenario> Recording(const tags::Match& match);
+
+ private:
+  absl::StatusOr<const data::RecordingIndex*> IndexOf(const tags::TagFile& file);
+
+  const tags::TagSet& set_;
+  std::map<std::string, std::filesystem::path> folders_;  // by the name of the dataset
+  std::map<std::pair<std::string, std::string>, data::RecordingIndex> indexes_;  // dataset, shard
+};
+
+}  // namespace maneuver::cli
+
+#endif  // MANEUVER_CLIENT_CLI_FOUND_SCENES_H_

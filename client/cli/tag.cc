@@ -1,0 +1,204 @@
+// maneuver tag: which action did each target take, in all recordings of datasets?
+
+#include <chrono>
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <system_error>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "client/cli/commands.h"
+#include "client/cli/interrupt.h"
+#include "client/cli/progress_line.h"
+#include "client/cli/resource_names.h"
+#include "client/cli/text_format.h"
+#include "client/cli/transfer_line.h"
+#include "google/protobuf/struct.pb.h"
+#include "model/inference/action_model.h"
+#include "model/machine/usable_cores.h"
+#include "model/tags/tag_datasets.h"
+
+namespace maneuver::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct TagArguments {
+  std::vector<std::string> datasets;
+  std::string model;
+  std::string output;
+  std::string shards = "0/1";
+  bool windows = false;
+  std::optional<double> stride;
+  std::string precision = "f32";
+  int64_t threads = 0;
+};
+
+// A folder that is removed at the end.
+class ScratchFolder {
+ public:
+  ScratchFolder() {
+    std::error_code error;
+    std::string pattern = (fs::temp_directory_path(error) / "maneuver-tag-XXXXXX").string();
+    if (mkdtemp(pattern.data()) != nullptr) path_ = pattern;
+  }
+  ~ScratchFolder() {
+    std::error_code error;
+    if (!path_.empty()) fs::remove_all(path_, error);
+  }
+  ScratchFolder(const ScratchFolder&) = delete;
+  ScratchFolder& operator=(const ScratchFolder&) = delete;
+  const fs::path& path() const { return path_; }  // empty: it could not be made
+
+ private:
+  fs::path path_;
+};
+
+// Loads a model from its folder, or from the server that has it.
+absl::StatusOr<std::shared_ptr<const inference::ActionModel>> LoadModel(
+    const TagArguments& arguments, Environment& environment) {
+  inference::EngineOptions options;
+  options.precision = arguments.precision == "f32"    ? inference::Precision::kF32
+                      : arguments.precision == "bf16" ? inference::Precision::kBf16
+                                                      : inference::Precision::kAuto;
+  std::error_code error;
+  if (fs::is_directory(arguments.model, error)) {
+    return inference::ActionModel::Load(arguments.model, options);
+  }
+  const ScratchFolder scratch;
+  if (scratch.path().empty()) {
+    return absl::FailedPreconditionError(
+        "no folder for the model could be made in the folder for temporary files; set TMPDIR");
+  }
+  const std::string folder = (scratch.path() / "model").string();
+  TransferLine line(environment);
+  const auto version = environment.server_client().DownloadModelVersion(
+      ModelResource(arguments.model), folder, line.callback(), environment.call_options());
+  line.Clear();
+  if (!version.ok()) return version.status();
+  environment.err << "the model is " << ShortName(*version) << "\n";
+  return inference::ActionModel::Load(folder, options);
+}
+
+// Parses "i/n".
+bool ParseShards(const std::string& text, tags::TaggingOptions* options) {
+  const std::vector<std::string> parts = absl::StrSplit(text, '/');
+  return parts.size() == 2 && absl::SimpleAtoi(parts[0], &options->part) &&
+         absl::SimpleAtoi(parts[1], &options->parts) && options->part >= 0 &&
+         options->part < options->parts;
+}
+
+void PrintSummary(const TagArguments& arguments, const tags::TaggingSummary& summary,
+                  double seconds, Environment& environment) {
+  const double rate = static_cast<double>(summary.windows) / std::max(seconds, 1e-3);
+  if (environment.json()) {
+    google::protobuf::Struct printed;
+    const auto set = [&printed](const std::string& name, double value) {
+      (*printed.mutable_fields())[name].set_number_value(value);
+    };
+    (*printed.mutable_fields())["folder"].set_string_value(arguments.output);
+    set("shards", static_cast<double>(summary.shards));
+    set("shardsBefore", static_cast<double>(summary.shards_before));
+    set("shardsFailed", static_cast<double>(summary.failures.size()));
+    set("recordings", static_cast<double>(summary.recordings));
+    set("windows", static_cast<double>(summary.windows));
+    set("rows", static_cast<double>(summary.rows));
+    set("seconds", seconds);
+    set("windowsPerSecond", rate);
+    environment.PrintJson(printed);
+    return;
+  }
+  environment.out << arguments.output << ": " << summary.windows << " windows of "
+                  << summary.recordings << " recordings in " << summary.rows << " rows, "
+                  << summary.shards << " shards";
+  if (summary.shards_before > 0) {
+    environment.out << "; " << summary.shards_before << " were there";
+  }
+  environment.out << "\n";
+  if (summary.windows > 0) {
+    environment.err << Fixed(rate, 0) << " windows a second, " << Spell(seconds) << "\n";
+  }
+}
+
+int Tag(const TagArguments& arguments, Environment& environment) {
+  tags::TaggingOptions options;
+  if (!ParseShards(arguments.shards, &options)) {
+    return environment.Refuse(absl::StrCat("--shards ", arguments.shards,
+                                           ": give i/n, such as 0/8 to 7/8; parts are counted "
+                                           "from 0"));
+  }
+  const auto model = LoadModel(arguments, environment);
+  if (!model.ok()) return environment.FailAt(arguments.model, model.status());
+  options.datasets.assign(arguments.datasets.begin(), arguments.datasets.end());
+  options.output = arguments.output;
+  options.merged = !arguments.windows;
+  options.stride = arguments.stride;
+  options.threads =
+      arguments.threads > 0 ? static_cast<int>(arguments.threads) : machine::UsableCores();
+  ProgressLine progress(environment.errors, environment.progress_form());
+  const Interrupt interrupt([] {});
+  const auto start = std::chrono::steady_clock::now();
+  const auto passed = [start] {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  };
+  options.progress = [&](const tags::TaggingProgress& now) {
+    progress.Show(
+        static_cast<double>(now.recordings) /
+            static_cast<double>(std::max<int64_t>(1, now.all_recordings)),
+        absl::StrCat(now.recordings, " of ", now.all_recordings, " recordings, ", now.shards,
+                     " shards, ",
+                     Fixed(static_cast<double>(now.windows) / std::max(passed(), 1e-3), 0),
+                     " windows a second"));
+    return !interrupt.happened();
+  };
+  const auto summary = tags::TagDatasets(*model, options);
+  progress.Clear();
+  if (!summary.ok()) return environment.Fail(summary.status());
+  PrintSummary(arguments, *summary, passed(), environment);
+  for (const absl::Status& failure : summary->failures) environment.Fail(failure);
+  return summary->failures.empty() ? kOk : kFailed;
+}
+
+}  // namespace
+
+void AddTag(Command& root, Environment& environment) {
+  const auto arguments = std::make_shared<TagArguments>();
+  Command command = root.Add(
+      "tag", "Tag each target of datasets with its actions",
+      "For each target and time: which action it took, q(y|x,s), and how likely the model found "
+      "it, "
+      "p(y|s).\n"
+      "Works in this process on all cores. The folder gets, for each shard of the datasets, a "
+      "gzipped CSV\n"
+      "file for other programs and a file that maneuver find reads. A run that was interrupted "
+      "goes "
+      "on with\n"
+      "the same command. The same command always writes the same bytes.\n"
+      "Example: maneuver tag town --model town/3 -o tags\n"
+      "         maneuver tag town --model town-3 -o tags --shards $SLURM_ARRAY_TASK_ID/16");
+  command.Arguments("DATASET", &arguments->datasets, "Dataset folders");
+  command.Option("--model", &arguments->model,
+                 "A model folder; or town (what serves), town/3 or town@candidate of the server");
+  command.Option("-o,--out", &arguments->output, "Folder for the tags; made if it is missing");
+  command.Option("--shards", &arguments->shards,
+                 "i/n: tag the i-th of n parts of the shards, counted from 0");
+  command.Flag("--windows", &arguments->windows,
+               "A row for each window, also where consecutive windows have one action");
+  command.Option("--stride", &arguments->stride, 0.01, 3600.0,
+                 "Seconds between two windows of a target [as in the model's training]");
+  command.Choice("--precision", &arguments->precision, {"f32", "bf16", "auto"},
+                 "f32 gives the same tags on any processor of one kind; auto is bf16 where the "
+                 "processor has it");
+  command.Option("--threads", &arguments->threads, 0, 1024, "Threads; 0: one for each core");
+  command.Run([arguments, &environment] {
+    if (arguments->model.empty()) return environment.Refuse("--model: name a folder or a model");
+    if (arguments->output.empty()) return environment.Refuse("--out: name a folder for the tags");
+    return Tag(*arguments, environment);
+  });
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,109 @@
+// Finds rows in folders of tags.
+
+#ifndef MANEUVER_MODEL_TAGS_TAG_QUERY_H_
+#define MANEUVER_MODEL_TAGS_TAG_QUERY_H_
+
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "model/tags/tag_condition.h"
+#include "model/tags/tag_set.h"
+
+namespace maneuver::tags {
+
+// Patterns as in a shell: * and ? stand for anything. An action also has its number as a name.
+using Patterns = std::vector<std::string>;
+
+// The row must begin at a place.
+struct NearPlace {
+  double x = 0.0;  // world frame, metres
+  double y = 0.0;
+  double radius = 0.0;
+};
+
+// The same target must later do something else.
+struct FollowedBy {
+  Patterns actions;     // any of them
+  double within = 0.0;  // seconds from the end of the row to the beginning of the other
+};
+
+// Another target of the same recording must do something.
+struct OtherTarget {
+  enum class When {
+    kMeanwhile,  // the two rows overlap in time
+    kThen,       // the other begins after this one, at most `within` seconds after its end
+  };
+  enum class Side { kAny, kAhead, kBehind };
+
+  Patterns actions;  // any of them
+  When when = When::kMeanwhile;
+  double within = 0.0;
+  // Where the other is when the later of the two rows begins, in the frame of this target. Both are
+  // taken to drive straight on at their speed since their row began.
+  double distance = std::numeric_limits<double>::infinity();  // metres, at most
+  Side side = Side::kAny;
+};
+
+// By what rows are counted.
+enum class Grouping { kNone, kAction, kClass, kSpeed, kPlace, kHour, kScene, kDataset };
+
+struct TagQuery {
+  Patterns actions;                   // any of them; empty: any action
+  Patterns scenes;                    // the same of the recording's id
+  std::vector<Condition> conditions;  // all of them
+  std::optional<NearPlace> near;
+  std::optional<FollowedBy> followed_by;
+  std::optional<OtherTarget> other;
+  // How many matches are kept; all are counted.
+  size_t limit = 20;
+  // Keeps the most surprising, most surprising first. Otherwise the first, in order.
+  bool most_surprising = false;
+  Grouping grouping = Grouping::kNone;
+  int threads = 1;
+};
+
+struct Match {
+  size_t shard = 0;  // of TagSet.shards
+  size_t row = 0;
+  std::optional<size_t> following;  // row of the same shard that matches FollowedBy
+  std::optional<size_t> other;      // row of the same shard that matches OtherTarget
+};
+
+// Sums over rows.
+struct Group {
+  int64_t rows = 0;
+  int64_t windows = 0;
+  // Means over the windows.
+  double probability = 0.0;
+  double surprise = 0.0;  // of the rows' largest
+  double ade = 0.0;
+};
+
+struct Found {
+  Group all;
+  std::vector<Match> matches;
+  // By name: of the action, of the class; "5..10" m/s; "300,-100", the middle of a square of 100 m;
+  // "17", the hour of the day in UTC of a clock that counts from 1970; of the recording; of the
+  // dataset.
+  std::map<std::string, Group> groups;
+};
+
+// Answers a query. Shards that cannot contain a match are not read. INVALID_ARGUMENT if no action
+// of any folder has a name that a pattern matches; DATA_LOSS for damaged columns.
+absl::StatusOr<Found> Find(const TagSet& set, const TagQuery& query);
+
+// Returns the first of the matches that are not near-duplicates of an earlier one, at most `most`.
+// Two rows are near-duplicates if they have the same action, likeliest action and class, begin
+// within 10 m of each other with headings that differ by at most 30 degrees and speeds that differ
+// by at most 2 m/s, or are of the same target of the same recording.
+std::vector<Match> WithoutNearDuplicates(const TagSet& set, const std::vector<Match>& matches,
+                                         size_t most);
+
+}  // namespace maneuver::tags
+
+#endif  // MANEUVER_MODEL_TAGS_TAG_QUERY_H_

@@ -1,0 +1,191 @@
+#include "model/tags/shard_tags.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <string>
+
+#include "model/data/byte_source.h"
+#include "model/files/durable_file.h"
+#include "tests/unit/model/tags/tags_for_tests.h"
+#include "tests/unit/temporary_folder.h"
+
+namespace maneuver::tags::shard_tags_test {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+TEST(TagColumnsTest, ADecimalTextIsTheNumber) {
+  EXPECT_EQ(DecimalText(-25, 2), "-0.25");
+  EXPECT_EQ(DecimalText(5, 3), "0.005");
+  EXPECT_EQ(DecimalText(123456, 4), "12.3456");
+  EXPECT_EQ(DecimalText(7, 0), "7");
+  EXPECT_EQ(DecimalText(INT64_MIN, 0), "-9223372036854775808");
+}
+
+TEST(TagColumnsTest, ANumberBeyondItsColumnBecomesTheEndOfItsRange) {
+  EXPECT_EQ(ToInteger(Column::kSpeed, 1e300), INT32_MAX);
+  EXPECT_EQ(ToInteger(Column::kSpeed, -1e300), -INT32_MAX);
+  EXPECT_EQ(ToInteger(Column::kSpeed, NAN), -INT32_MAX);
+  EXPECT_EQ(ToInteger(Column::kSpeed, 1.235), 124);
+  EXPECT_EQ(ToNumber(Column::kSpeed, 124), 1.24);
+}
+
+std::string Unpacked(const fs::path& file) {
+  auto source = data::OpenGzip(file);
+  EXPECT_TRUE(source.ok()) << source.status();
+  std::string text(1 << 16, '\0');
+  const auto count = (*source)->Read(text.data(), text.size());
+  EXPECT_TRUE(count.ok()) << count.status();
+  text.resize(count.value_or(0));
+  return text;
+}
+
+class ShardTagsTest : public ::testing::Test {
+ protected:
+  ShardTagsTest() {
+    schema_ = *PrepareTagFolder(folder(), SmallSchema());
+    CsvRow first = RowWith({{Column::kTarget, 7},
+                            {Column::kClass, 1},
+                            {Column::kFrom, 1.5},
+                            {Column::kTo, 2.0},
+                            {Column::kWindows, 2},
+                            {Column::kAction, 0},
+                            {Column::kResponsibility, 0.75},
+                            {Column::kProbability, 0.125},
+                            {Column::kSurprise, 2.0794},
+                            {Column::kPeak, 2.0},
+                            {Column::kLikeliest, 1},
+                            {Column::kAde, 0.5},
+                            {Column::kFde, 1.0},
+                            {Column::kSpeed, 8.0},
+                            {Column::kX, -12.5},
+                            {Column::kY, 3e6},
+                            {Column::kHeading, -0.5}});
+    first.responsibilities = "0:0.7500 1:0.2500";
+    WriteTags(folder(), schema_, file(),
+              {{"a \"b\", c", {first}}, {"d", {RowWith({{Column::kAction, 2}})}}});
+  }
+
+  fs::path folder() const { return folder_.path() / "tags"; }
+  const TagFile& file() const { return schema_.content.files(0); }
+  std::string Bytes() const { return *files::ReadFile(TagsFileOf(folder(), file())); }
+  absl::Status StatusWith(const std::string& bytes) const {
+    std::ofstream(TagsFileOf(folder(), file()), std::ios::binary) << bytes;
+    const auto tags = ShardTags::Open(folder(), schema_, file());
+    if (!tags.ok()) return tags.status();
+    for (size_t i = 0; i < kColumns; ++i) {
+      const absl::Status status = (*tags)->Verify(static_cast<Column>(i));
+      if (!status.ok()) return status;
+    }
+    return absl::OkStatus();
+  }
+
+  TemporaryFolder folder_;
+  Schema schema_;
+};
+
+TEST_F(ShardTagsTest, TheCsvHasEachRowWithItsColumnsInOrder) {
+  EXPECT_EQ(Unpacked(CsvFileOf(folder(), file())),
+            "dataset,scene,target,class,from_time,to_time,windows,action,name,responsibility,"
+            "probability,surprise,peak_time,likeliest,ade,fde,speed,x,y,heading,responsibilities\n"
+            "town,\"a \"\"b\"\", c\",7,vehicle,1.500,2.000,2,0,\"left turn, slowing\",0.7500,"
+            "0.125000,2.0794,2.000,1,0.50,1.00,8.00,-12.50,3000000.00,-0.5000,0:0.7500 1:0.2500\n"
+            "town,d,0,unspecified,0.000,0.000,1,2,stop,0.0000,0.000000,0.0000,0.000,0,0.00,0.00,"
+            "0.00,0.00,0.00,0.0000,\n");
+}
+
+TEST_F(ShardTagsTest, TheBinaryFileHasTheSameNumbers) {
+  const auto tags = ShardTags::Open(folder(), schema_, file());
+  ASSERT_TRUE(tags.ok()) << tags.status();
+  EXPECT_EQ((*tags)->rows(), 2u);
+  EXPECT_EQ((*tags)->head().windows(), 3);
+  EXPECT_THAT((*tags)->head().action_rows(), ::testing::ElementsAre(1, 0, 1));
+  EXPECT_EQ((*tags)->head().scenes(0), "a \"b\", c");
+  EXPECT_EQ(ToNumber(Column::kY, (*tags)->Value(Column::kY, 0)), 3e6);
+  EXPECT_EQ(ToNumber(Column::kHeading, (*tags)->Value(Column::kHeading, 0)), -0.5);
+  EXPECT_EQ((*tags)->Value(Column::kScene, 1), 1);
+  EXPECT_TRUE(IsTagged(folder(), schema_, file()));
+}
+
+TEST_F(ShardTagsTest, AChangedByteAnywhereIsFound) {
+  const std::string good = Bytes();
+  ASSERT_TRUE(StatusWith(good).ok());
+  for (size_t i = 0; i < good.size(); ++i) {
+    std::string bad = good;
+    bad[i] = static_cast<char>(bad[i] ^ 0x10);
+    const absl::Status status = StatusWith(bad);
+    // What fills up to a multiple of 8 bytes means nothing.
+    if (status.ok()) {
+      EXPECT_EQ(good[i], '\0') << i;
+    } else {
+      EXPECT_THAT(std::string(status.message()), HasSubstr("town-a.tags")) << i;
+    }
+  }
+}
+
+TEST_F(ShardTagsTest, ACutFileIsFound) {
+  const std::string good = Bytes();
+  for (size_t bytes = 0; bytes < good.size(); ++bytes) {
+    const absl::Status status = StatusWith(good.substr(0, bytes));
+    EXPECT_TRUE(absl::IsDataLoss(status)) << bytes << ": " << status;
+  }
+  EXPECT_FALSE(StatusWith(good + "12345678").ok());
+}
+
+TEST_F(ShardTagsTest, ACutCsvIsNotTagged) {
+  fs::resize_file(CsvFileOf(folder(), file()), 10);
+  EXPECT_FALSE(IsTagged(folder(), schema_, file()));
+}
+
+TEST_F(ShardTagsTest, AnActionThatDoesNotExistIsFoundThoughTheChecksumIsRight) {
+  TagSchema wide = SmallSchema({"town-b"});
+  wide.add_action_names("a fourth");
+  const fs::path other = folder_.path() / "other";
+  const Schema schema = *PrepareTagFolder(other, wide);
+  WriteTags(other, schema, schema.content.files(0), {{"s", {RowWith({{Column::kLikeliest, 9}})}}});
+  const auto tags = ShardTags::Open(other, schema, schema.content.files(0));
+  ASSERT_TRUE(tags.ok());
+  EXPECT_TRUE((*tags)->Verify(Column::kAction).ok());
+  EXPECT_TRUE(absl::IsDataLoss((*tags)->Verify(Column::kLikeliest)));
+}
+
+TEST_F(ShardTagsTest, AFolderOfAnotherModelIsRefusedByTheFieldThatDiffers) {
+  TagSchema other = SmallSchema();
+  other.set_model_sha256("4567");
+  const absl::Status status = PrepareTagFolder(folder(), other).status();
+  EXPECT_TRUE(absl::IsAlreadyExists(status)) << status;
+  EXPECT_THAT(std::string(status.message()), HasSubstr("model_sha256"));
+  EXPECT_TRUE(PrepareTagFolder(folder(), SmallSchema()).ok());
+}
+
+TEST_F(ShardTagsTest, AFolderWithOtherFilesIsRefused) {
+  const fs::path other = folder_.path() / "other";
+  fs::create_directory(other);
+  std::ofstream(other / "letter.txt") << "dear";
+  EXPECT_TRUE(absl::IsAlreadyExists(PrepareTagFolder(other, SmallSchema()).status()));
+}
+
+TEST_F(ShardTagsTest, ASchemaWhoseFilesLeaveTheFolderIsRefused) {
+  TagSchema bad = SmallSchema({"../town-a"});
+  const fs::path other = folder_.path() / "other";
+  ASSERT_TRUE(PrepareTagFolder(other, bad).ok());
+  EXPECT_TRUE(absl::IsDataLoss(ReadSchema(other).status()));
+}
+
+TEST_F(ShardTagsTest, AWriterWithoutACommitLeavesNothing) {
+  const fs::path other = folder_.path() / "other";
+  const Schema schema = *PrepareTagFolder(other, SmallSchema());
+  {
+    auto writer = ShardTagsWriter::Create(other, schema, file());
+    ASSERT_TRUE((*writer)->Add("s", std::vector<CsvRow>{RowWith({})}).ok());
+  }
+  std::ofstream(other / ".town-a.csv.gz.tmp-77") << "of a process that was killed";
+  { const auto writer = ShardTagsWriter::Create(other, schema, file()); }
+  EXPECT_EQ(std::distance(fs::directory_iterator(other), {}), 1);  // schema.json
+}
+
+}  // namespace
+}  // namespace maneuver::tags::shard_tags_test
