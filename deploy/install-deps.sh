@@ -10,7 +10,7 @@ packages=(
   # RPC and messages
   libgrpc++-dev protobuf-compiler-grpc libprotobuf-dev protobuf-compiler libabsl-dev libssl-dev
   # mathematics, networks, learning
-  libeigen3-dev libdnnl-dev libhwy-dev ocl-icd-opencl-dev opencl-headers libtorch-dev
+  libeigen3-dev libdnnl-dev libhwy-dev ocl-icd-opencl-dev opencl-headers libtorch-dev libgloo-dev
   # without it LibTorch's matrix products are some 25 times slower
   libopenblas0-openmp
   # rasters and drawings
@@ -41,6 +41,8 @@ esac
   chromium
   # deploy/backup.sh, deploy/balancing, deploy/kubernetes
   haproxy openssl rsync sqlite3 python3-yaml
+  # deploy/slurm
+  munge slurmctld slurmd slurm-client iproute2
   # deploy/packages: systemd says how far the unit is closed
   systemd
   # the dashboard, the alerts, Compose
@@ -73,7 +75,7 @@ if ! { apt-get update --quiet >"$log" 2>&1 && install; }; then
   exit 1
 fi
 # Some are for tests, which start their own: no services of this machine.
-for service in haproxy prometheus; do
+for service in haproxy prometheus munge slurmctld slurmd; do
   if [[ " ${missing[*]} " == *" $service "* ]] && [ -d /run/systemd/system ]; then
     systemctl disable --now --quiet "$service"
   fi

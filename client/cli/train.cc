@@ -20,6 +20,7 @@ struct TrainArguments {
   std::string model;
   std::vector<std::string> datasets;
   std::optional<std::string> start_from;
+  std::optional<int64_t> ranks;
   std::optional<std::string> preset;
   std::optional<std::string> objective;
   std::optional<std::string> settings_file;
@@ -166,6 +167,7 @@ int Train(const TrainArguments& arguments, Environment& environment) {
   if (const std::string wrong = SetPromotion(arguments, request); !wrong.empty()) {
     return environment.Refuse(wrong);
   }
+  request.set_ranks(static_cast<int32_t>(arguments.ranks.value_or(0)));
   request.set_priority(static_cast<int32_t>(arguments.priority.value_or(0)));
   request.set_validate_only(arguments.validate_only);
   const absl::Status prepared = PrepareReport(arguments.report);
@@ -220,6 +222,9 @@ void AddTrain(Command& root, Environment& environment) {
   command.Option("--start-from", &arguments->start_from,
                  "Version to start from, such as town, town/2 or town@candidate: keeps its sizes "
                  "and actions, and runs only the joint and posterior epochs [random weights]");
+  command.Option("--ranks", &arguments->ranks, 0, 64,
+                 "Processes that learn the model together: 1, 2, 4, 8 and so on, with the same "
+                 "weights for each number; 0: one process that learns alone");
   command.Option("--objective", &arguments->objective,
                  "base (actions alone), dual (then their fit to the scene) or unified (both "
                  "together) [unified]");

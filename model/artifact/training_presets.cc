@@ -7,6 +7,7 @@
 #include <google/protobuf/util/message_differencer.h>
 
 #include <algorithm>
+#include <bit>
 #include <cstdlib>
 #include <set>
 #include <string>
@@ -353,6 +354,10 @@ void CheckOptimization(const v1::OptimizationSettings& optimization, v1::Objecti
                  "optimization.covered_share", "must be at least 0 and less than 1");
   // Batch normalisation needs two examples.
   rules->Between("optimization.batch_size", "examples", optimization.batch_size(), 2, 65'536);
+  rules->Require(optimization.micro_batches() == 0 ||
+                     (optimization.micro_batches() > 0 && optimization.micro_batches() <= 1024 &&
+                      std::has_single_bit(static_cast<unsigned>(optimization.micro_batches()))),
+                 "optimization.micro_batches", "must be 0 or a power of two up to 1024");
   rules->Between("optimization.learning_rate", "rate", optimization.learning_rate(), 1e-8, 1.0);
   rules->Between("optimization.latent_learning_rate_share", "share",
                  optimization.latent_learning_rate_share(), 1e-6, 10.0);

@@ -12,6 +12,9 @@
 
 namespace maneuver::artifact {
 
+// optimization.micro_batches of a rank whose settings leave it 0.
+inline constexpr int kMicroBatchesOfRanks = 8;
+
 // Returns `settings` with every unset field filled in from its preset. Without a preset's name,
 // that is "lanes", or "compact" if the settings have a raster, a backbone or target_motion. A
 // repeated field replaces the preset's as a whole. A width of scene_vectors set to 0, or

@@ -24,8 +24,8 @@ constexpr LearningPhase kLatentPhases[] = {
     {kPretrainPhase, Pretrain}, {kPlacePhase, PlaceMixture}, {kMixturePhase, TrainMixture}};
 constexpr LearningPhase kScenePhases[] = {{kJointPhase, TrainJointly},
                                           {kPosteriorPhase, TrainScenarioEncoders},
-                                          {kCovariancePhase, TrainCovariance},
-                                          {kCalibratePhase, Calibrate}};
+                                          {kCovariancePhase, TrainCovariance}};
+constexpr LearningPhase kLastPhases[] = {{kCalibratePhase, Calibrate}};
 
 // Runs those of the phases that are not over.
 absl::Status RunPhases(std::span<const LearningPhase> phases, LearningState& state,
@@ -75,8 +75,9 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
 }
 
 Learner::Learner(const v1::TrainingSettings& settings, const TrainingData& data, at::Device device,
-                 int threads, const std::function<bool()>& stopped, RunProgress& progress)
-    : state_(settings, data, device, threads, stopped), loop_(settings, data, stopped, progress) {}
+                 int threads, RankGroup& ranks, RunProgress& progress)
+    : state_(settings, data, device, threads, [&ranks] { return ranks.StopRequested(); }),
+      loop_(settings, data, ranks, progress) {}
 
 void Learner::StartFrom(const artifact::TensorMap& weights, const std::string& sha256) {
   state_.networks.Import(weights);
@@ -91,11 +92,15 @@ absl::Status Learner::KeepCheckpoints(CheckpointFolder* folder) {
 }
 
 absl::Status Learner::Learn() {
+  RankGroup& ranks = loop_.ranks();
+  absl::Status status;
   if (!has_start_) {  // else the model that was started from has a mixture
-    const absl::Status status = RunPhases(kLatentPhases, state_, loop_);
-    if (!status.ok()) return status;
+    status = ranks.OnRankZero([this] { return RunPhases(kLatentPhases, state_, loop_); });
   }
-  return RunPhases(kScenePhases, state_, loop_);
+  if (status.ok()) status = loop_.ShareResumedPhase();
+  if (status.ok()) status = RunPhases(kScenePhases, state_, loop_);
+  if (!status.ok()) return status;
+  return ranks.OnRankZero([this] { return RunPhases(kLastPhases, state_, loop_); });
 }
 
 }  // namespace maneuver::learning

@@ -22,8 +22,9 @@ class Learner {
  public:
   // `settings` are complete. `data` and `progress` must outlive the learner.
   //   threads: that read maps and scenes
+  //   ranks: must outlive the learner
   Learner(const v1::TrainingSettings& settings, const TrainingData& data, at::Device device,
-          int threads, const std::function<bool()>& stopped, RunProgress& progress);
+          int threads, RankGroup& ranks, RunProgress& progress);
 
   // Returns the plan of a run, for its RunProgress.
   //   examples_in_memory: of training, which the phases on trajectories and calibration are over
@@ -38,11 +39,12 @@ class Learner {
   void StartFrom(const artifact::TensorMap& weights, const std::string& sha256);
 
   // Writes checkpoints to `folder`, which must outlive the learner, and resumes from its latest
-  // one, if any. FAILED_PRECONDITION if that belongs to another run.
+  // one, if any. FAILED_PRECONDITION if that belongs to another run. For rank 0 alone.
   absl::Status KeepCheckpoints(CheckpointFolder* folder);
 
-  // Runs all phases up to calibration, from the position of the checkpoint. Errors are those of
-  // EpochLoop::Run.
+  // Runs all phases up to calibration, from the position of the checkpoint. Phases that learn from
+  // scenes are run by all ranks, the others by rank 0. Only rank 0 has the calibrated model
+  // afterwards. Errors are those of EpochLoop::Run.
   absl::Status Learn();
 
   LearningState& state() { return state_; }

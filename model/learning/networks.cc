@@ -364,6 +364,14 @@ std::vector<at::Tensor> Networks::Parameters(Part part) const {
   return parameters;
 }
 
+std::vector<at::Tensor> Networks::RunningMoments() const {
+  std::vector<at::Tensor> moments;
+  for (const auto& [name, tensor] : tensors_) {
+    if (EndsWith(name, "running_mean") || EndsWith(name, "running_var")) moments.push_back(tensor);
+  }
+  return moments;
+}
+
 Networks::Snapshot Networks::Save() const {
   Snapshot snapshot;
   for (const auto& [name, tensor] : tensors_) snapshot[name] = tensor.detach().clone();

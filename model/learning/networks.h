@@ -102,6 +102,8 @@ class Networks {
     kSceneCovariance
   };
   std::vector<at::Tensor> Parameters(Part part) const;
+  // Returns the running moments of the batch normalisations.
+  std::vector<at::Tensor> RunningMoments() const;
 
   // Returns copies for the model folder: ln p(y) is normalised, and the decoder's last layer is
   // multiplied by the basis.

@@ -51,6 +51,12 @@ void AdamW::Add(const std::vector<at::Tensor>& parameters, double rate, double d
   }
 }
 
+std::vector<at::Tensor> AdamW::Parameters() const {
+  std::vector<at::Tensor> parameters;
+  for (const Slot& slot : slots_) parameters.push_back(slot.parameter);
+  return parameters;
+}
+
 void AdamW::Step(double share) {
   at::NoGradGuard no_grad;
   ++step_;

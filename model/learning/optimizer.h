@@ -22,6 +22,9 @@ class AdamW {
   // Adds parameters that learn at `rate` and decay by `decay`.
   void Add(const std::vector<at::Tensor>& parameters, double rate, double decay);
 
+  // Returns the parameters, in the order in which they were added.
+  std::vector<at::Tensor> Parameters() const;
+
   // Takes one step down the gradients and clears them. Parameters without a gradient do not change.
   //   share: factor of each parameter's rate
   void Step(double share);

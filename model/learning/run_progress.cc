@@ -42,6 +42,7 @@ void RunProgress::BeginPhase(const std::string& name) {
   phase_begun_ = step_begun_ = clock_();
   phase_stepping_ = {};
   phase_waited_ = {};
+  ranks_waiting_.clear();
   Emit(Snapshot());
 }
 
@@ -74,6 +75,11 @@ void RunProgress::EndEpoch(const v1::EpochReport& report) {
   v1::JobProgress progress = Snapshot();
   *progress.mutable_epoch_report() = report;
   Emit(std::move(progress));
+}
+
+void RunProgress::SetRanks(double slowest_step, std::vector<double> waiting) {
+  slowest_step_ = slowest_step;
+  ranks_waiting_ = std::move(waiting);
 }
 
 RunProgress::Measured RunProgress::MeasuredNow() const {
@@ -152,6 +158,10 @@ v1::JobProgress RunProgress::Snapshot() const {
   if (const double stepping = Seconds(phase_stepping_); stepping > 0.0) {
     const double waited = std::chrono::duration<double>(phase_waited_).count();
     progress.set_waiting_fraction(std::min(1.0, waited / stepping));
+  }
+  if (!ranks_waiting_.empty()) {
+    progress.set_slowest_rank_step_seconds(slowest_step_);
+    progress.mutable_rank_waiting_fractions()->Assign(ranks_waiting_.begin(), ranks_waiting_.end());
   }
   return progress;
 }

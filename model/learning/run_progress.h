@@ -43,6 +43,10 @@ class RunProgress {
   // Counts one step over `examples` examples. The step waited for its batch for `waited`.
   void Step(int64_t examples, std::chrono::nanoseconds waited = {});
   void EndEpoch(const v1::EpochReport& report);
+  // Sets how the ranks fare in the present phase. Call it before Step.
+  //   slowest_step: the slowest rank's own work for a step, seconds, mean of the phase
+  //   waiting: share of each rank's time in which it waited for others or exchanged gradients
+  void SetRanks(double slowest_step, std::vector<double> waiting);
 
  private:
   // Time of the steps of a phase, including everything between them, such as validation.
@@ -75,6 +79,8 @@ class RunProgress {
   int64_t phase_step_ = 0;
   int64_t phase_resumed_ = 0;  // of phase_step_: done by another run
   int64_t phase_examples_ = 0;
+  double slowest_step_ = 0.0;          // seconds
+  std::vector<double> ranks_waiting_;  // shares
   int64_t step_ = 0;
   int64_t sequence_ = 0;
   double resumed_at_ = 0.0;  // fraction

@@ -31,6 +31,15 @@ int HistoryFrames(const v1::ModelSpec& spec) {
   return static_cast<int>(std::lround(window.past / window.frame_interval)) + 1;
 }
 
+// The ends of batches of `batch_size` among `count` items.
+std::vector<size_t> EndsOf(size_t count, size_t batch_size) {
+  std::vector<size_t> ends;
+  for (size_t begin = 0; begin < count; begin += batch_size) {
+    ends.push_back(std::min(begin + batch_size, count));
+  }
+  return ends;
+}
+
 // What one thread reads scenes with.
 class Reader {
  public:
@@ -174,11 +183,17 @@ class Reader {
 
 SceneLoader::SceneLoader(const v1::ModelSpec& spec, const SceneSource& source,
                          std::vector<Item> items, int64_t batch_size, int threads)
+    : SceneLoader(spec, source, items, EndsOf(items.size(), static_cast<size_t>(batch_size)),
+                  kAhead, threads) {}
+
+SceneLoader::SceneLoader(const v1::ModelSpec& spec, const SceneSource& source,
+                         std::vector<Item> items, std::vector<size_t> ends, size_t ahead,
+                         int threads)
     : spec_(spec),
       source_(source),
       items_(std::move(items)),
-      batch_size_(static_cast<size_t>(batch_size)),
-      work_((items_.size() + batch_size_ - 1) / batch_size_, kAhead) {
+      ends_(std::move(ends)),
+      work_(ends_.size(), ahead) {
   const Clock::time_point begin = Clock::now();
   for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Work(); });
   making_ = Clock::now() - begin;
@@ -190,11 +205,10 @@ void SceneLoader::Work() {
   machine::AddNiceness(kNiceness);
   Reader reader(spec_, source_);
   while (const std::optional<size_t> index = work_.Claim()) {
-    const size_t begin = *index * batch_size_;
-    const size_t end = std::min(begin + batch_size_, items_.size());
+    const size_t begin = *index == 0 ? 0 : ends_[*index - 1];
     Batch batch;
     batch.items.assign(items_.begin() + static_cast<std::ptrdiff_t>(begin),
-                       items_.begin() + static_cast<std::ptrdiff_t>(end));
+                       items_.begin() + static_cast<std::ptrdiff_t>(ends_[*index]));
     reader.Read(&batch);
     work_.Put(*index, std::move(batch));
   }

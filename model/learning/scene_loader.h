@@ -39,10 +39,17 @@ class SceneLoader {
     std::chrono::nanoseconds waited{0};
   };
 
+  static constexpr size_t kAhead = 4;  // batches
+
   // Begins a pass over `items` in batches of `batch_size`; the last one may be smaller. `threads`
   // threads read at most kAhead batches ahead. `source` must outlive the loader.
   SceneLoader(const v1::ModelSpec& spec, const SceneSource& source, std::vector<Item> items,
               int64_t batch_size, int threads);
+  // The same for batches of different sizes.
+  //   ends: of the batches among the items, ascending; equal ones make an empty batch
+  //   ahead: how many batches are read ahead at most
+  SceneLoader(const v1::ModelSpec& spec, const SceneSource& source, std::vector<Item> items,
+              std::vector<size_t> ends, size_t ahead, int threads);
   // Stops the threads, whether or not the pass is over.
   ~SceneLoader();
   SceneLoader(const SceneLoader&) = delete;
@@ -52,14 +59,12 @@ class SceneLoader {
   std::optional<Batch> Next();
 
  private:
-  static constexpr size_t kAhead = 4;  // batches
-
   void Work();
 
   const v1::ModelSpec spec_;
   const SceneSource& source_;
   const std::vector<Item> items_;
-  const size_t batch_size_;
+  const std::vector<size_t> ends_;      // of the batches
   std::chrono::nanoseconds making_{0};  // the loader, until the first batch has it
   machine::OrderedWork<Batch> work_;
   std::vector<std::jthread> threads_;

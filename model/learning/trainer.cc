@@ -10,11 +10,14 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_folder.h"
+#include "model/artifact/training_presets.h"
 #include "model/evaluation/action_names.h"
 #include "model/learning/anchors/anchor_learner.h"
 #include "model/learning/export.h"
 #include "model/learning/learner.h"
+#include "model/learning/ranks/rank_group.h"
 #include "model/learning/run_progress.h"
+#include "model/learning/run_state.h"
 #include "model/learning/tensors.h"
 #include "model/learning/training_failure.h"
 #include "model/machine/usable_cores.h"
@@ -22,92 +25,129 @@
 namespace maneuver::learning {
 namespace {
 
-absl::StatusOr<at::Device> FindDevice(const std::string& name) {
+absl::StatusOr<at::Device> FindDevice(const TrainingRun& run) {
+  const std::string& name = run.settings.device();
   if (name == "cpu") return at::Device(at::kCPU);
-  if (name == "cuda" && at::hasCUDA()) return at::Device(at::kCUDA);
+  if (name == "cuda" && at::hasCUDA()) {
+    const int index = run.rank ? run.rank->local_rank : 0;
+    return at::Device(at::kCUDA, static_cast<at::DeviceIndex>(index));
+  }
   return absl::InvalidArgumentError(
       absl::StrCat("device: LibTorch has no \"", name, "\" here; use \"cpu\""));
 }
 
-int Threads(const v1::TrainingSettings& settings) {
-  if (settings.threads() > 0) return settings.threads();
-  return machine::UsableCores();
+int Threads(const TrainingRun& run) {
+  if (run.settings.threads() > 0) return run.settings.threads();
+  const int sharing = run.rank ? std::max(1, run.rank->local_ranks) : 1;
+  return std::max(1, machine::UsableCores() / sharing);
 }
 
-// Returns the data memory that the run's latest checkpoint began with, or else the run's.
-absl::StatusOr<int64_t> DataMemory(const TrainingRun& run) {
-  if (run.checkpoints.empty()) return run.data_memory;
-  const absl::StatusOr<CheckpointFolder> folder =
-      CheckpointFolder::Open(run.checkpoints, run.checkpoint_policy);
-  if (!folder.ok()) return folder.status();
-  const std::optional<Checkpoint> latest = folder->ReadLatest();
-  return latest && latest->data_memory() > 0 ? latest->data_memory() : run.data_memory;
+// Returns what the run's latest checkpoint began with, where the run leaves it open. Otherwise the
+// number of processes could not change from one start to the next.
+absl::StatusOr<RankPlan> PlanRun(const TrainingRun& run) {
+  v1::TrainingSettings settings = run.settings;
+  std::optional<Checkpoint> latest;
+  if (!run.checkpoints.empty()) {
+    const absl::StatusOr<CheckpointFolder> folder =
+        CheckpointFolder::Open(run.checkpoints, run.checkpoint_policy);
+    if (!folder.ok()) return folder.status();
+    latest = folder->ReadLatest();
+  }
+  if (settings.optimization().micro_batches() == 0) {
+    v1::TrainingSettings earlier;
+    if (latest) earlier.ParseFromString(latest->settings());
+    const int count = latest ? earlier.optimization().micro_batches()
+                             : (run.rank ? artifact::kMicroBatchesOfRanks : 0);
+    settings.mutable_optimization()->set_micro_batches(count);
+  }
+  RankPlan plan;
+  plan.set_settings(RunSettings(settings));
+  plan.set_data_memory(latest && latest->data_memory() > 0 ? latest->data_memory()
+                                                           : run.data_memory);
+  return plan;
+}
+
+// Refuses a number of micro-batches that the ranks cannot divide.
+absl::Status CheckMicroBatches(int micro_batches, int ranks) {
+  if (ranks == 1 || (micro_batches > 0 && micro_batches % ranks == 0)) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(
+      "optimization.micro_batches is ", micro_batches, ", which ", ranks,
+      " ranks cannot divide; start a number of ranks that divides it, or begin anew with more"));
 }
 
 // All phases on loaded data.
 class Training {
  public:
-  Training(const TrainingRun& run, at::Device device)
+  // `ranks` must outlive the training.
+  Training(const TrainingRun& run, at::Device device, RankGroup& ranks)
       : run_(run),
         device_(device),
-        stopped_(run.stopped ? run.stopped : [] { return false; }),
+        ranks_(ranks),
+        settings_(run.settings),
+        data_memory_(run.data_memory),
         progress_(Plan(run, run.settings.examples().max_examples(),
                        run.settings.examples().max_examples()),
-                  run.progress, [] { return std::chrono::system_clock::now(); }) {}
+                  ranks.rank() == 0 ? run.progress : nullptr,
+                  [] { return std::chrono::system_clock::now(); }) {}
+
+  // Decides on rank 0 what the run leaves open, for all ranks. Call it first.
+  absl::Status Agree() {
+    RankPlan plan;
+    absl::Status status = ranks_.OnRankZero([&] {
+      const absl::StatusOr<RankPlan> made = PlanRun(run_);
+      if (made.ok()) plan = *made;
+      return made.status();
+    });
+    if (!status.ok()) return status;
+    std::string bytes = plan.SerializeAsString();
+    status = ranks_.Broadcast(&bytes);
+    if (!status.ok()) return status;
+    return ranks_.Apart([&] { return Adopt(bytes); });
+  }
 
   absl::StatusOr<TrainingData> Load(const std::vector<std::filesystem::path>& datasets) {
     progress_.BeginPhase("load");
-    const absl::StatusOr<int64_t> data_memory = DataMemory(run_);
-    if (!data_memory.ok()) return data_memory.status();
-    return OpenTrainingData(datasets, run_.settings, *data_memory, Threads(run_.settings),
-                            [this] { return !stopped_(); });
+    absl::StatusOr<TrainingData> data;
+    const absl::Status status = ranks_.Apart([&] {
+      data = OpenTrainingData(datasets, settings_, data_memory_, Threads(run_),
+                              [this] { return !ranks_.StopRequested(); });
+      return data.status();
+    });
+    if (!status.ok()) return status;
+    return data;
   }
 
   absl::StatusOr<v1::ModelManifest> Learn(const TrainingData& data) {
     progress_.Replan(
         Plan(run_, data.TrainingExamples(), static_cast<int64_t>(data.training.examples.size())));
-    const int threads = Threads(run_.settings);
-    Learner learner(run_.settings, data, device_, threads, stopped_, progress_);
+    Learner learner(settings_, data, device_, Threads(run_), ranks_, progress_);
     GivenNames given{.labels = data.label_names};
-    if (!run_.start_from.empty()) {
-      absl::StatusOr<GivenNames> started = Start(data, learner);
-      if (!started.ok()) return started.status();
-      given = *std::move(started);
-    }
     std::optional<CheckpointFolder> checkpoints;
-    if (!run_.checkpoints.empty()) {
+    absl::Status status = ranks_.Apart([&] {
+      if (!run_.start_from.empty()) {
+        absl::StatusOr<GivenNames> started = Start(data, learner);
+        if (!started.ok()) return started.status();
+        given = *std::move(started);
+      }
+      if (run_.checkpoints.empty() || ranks_.rank() != 0) return absl::OkStatus();
       absl::StatusOr<CheckpointFolder> opened =
           CheckpointFolder::Open(run_.checkpoints, run_.checkpoint_policy);
       if (!opened.ok()) return opened.status();
       checkpoints = *std::move(opened);
-      const absl::Status status = learner.KeepCheckpoints(&*checkpoints);
-      if (!status.ok()) return status;
+      return learner.KeepCheckpoints(&*checkpoints);
+    });
+    if (status.ok()) status = learner.Learn();
+    absl::StatusOr<v1::ModelManifest> manifest = v1::ModelManifest();
+    if (status.ok()) {
+      status = ranks_.OnRankZero([&] {
+        manifest = Finish(data, learner, std::move(given));
+        return manifest.status();
+      });
     }
-    if (absl::Status status = learner.Learn(); !status.ok()) return status;
-    ExportOptions options;
-    if (run_.baselines) {
-      AnchorLearner anchors(learner.state(), learner.loop());
-      absl::StatusOr<artifact::StoredBaselines> baselines = anchors.Learn();
-      if (!baselines.ok()) return baselines.status();
-      options.baselines = *std::move(baselines);
-    }
-    progress_.BeginPhase("export");
-    artifact::StoredModel model{Describe(data), learner.state().networks.Export()};
-    progress_.BeginPhase("evaluate");
-    options.output = run_.output;
-    options.threads = threads;
-    options.labels = std::move(given.labels);
-    options.names = std::move(given.derived);
-    options.least_effective_actions = run_.least_effective_actions;
-    int64_t reported = 0;  // hundredths, as the plan has it
-    options.progress = [this, &reported](int64_t done, int64_t total) {
-      for (const int64_t now = 100 * done / std::max<int64_t>(1, total); reported < now;
-           ++reported) {
-        progress_.Step(0);
-      }
-      return !stopped_();
-    };
-    return ExportModel(std::move(model), data, run_.settings.examples(), options);
+    if (status.ok()) return manifest;
+    // Launchers kill the other ranks when one ends, so all wait for the checkpoint of rank 0.
+    if (absl::IsCancelled(status)) ranks_.Apart([] { return absl::OkStatus(); }).IgnoreError();
+    return status;
   }
 
  private:
@@ -119,11 +159,56 @@ class Training {
     return plan;
   }
 
+  // Takes over rank 0's plan, if it is one for these settings.
+  absl::Status Adopt(const std::string& bytes) {
+    RankPlan plan;
+    v1::TrainingSettings settings;
+    if (!plan.ParseFromString(bytes) || !settings.ParseFromString(plan.settings())) {
+      return absl::DataLossError("what rank 0 sent is damaged");
+    }
+    settings_.mutable_optimization()->set_micro_batches(settings.optimization().micro_batches());
+    data_memory_ = plan.data_memory();
+    if (RunSettings(settings_) != plan.settings()) {
+      return absl::InvalidArgumentError(
+          "settings: differ from those of rank 0; give all ranks the same");
+    }
+    return CheckMicroBatches(settings.optimization().micro_batches(), ranks_.size());
+  }
+
   // Names that the actions have before anything is learned.
   struct GivenNames {
     std::vector<std::string> labels = {};   // of the first actions
     std::vector<std::string> derived = {};  // [K], or empty: they are still to be made
   };
+
+  // Learns the baselines and writes the model.
+  absl::StatusOr<v1::ModelManifest> Finish(const TrainingData& data, Learner& learner,
+                                           GivenNames given) {
+    ExportOptions options;
+    if (run_.baselines) {
+      AnchorLearner anchors(learner.state(), learner.loop());
+      absl::StatusOr<artifact::StoredBaselines> baselines = anchors.Learn();
+      if (!baselines.ok()) return baselines.status();
+      options.baselines = *std::move(baselines);
+    }
+    progress_.BeginPhase("export");
+    artifact::StoredModel model{Describe(data), learner.state().networks.Export()};
+    progress_.BeginPhase("evaluate");
+    options.output = run_.output;
+    options.threads = Threads(run_);
+    options.labels = std::move(given.labels);
+    options.names = std::move(given.derived);
+    options.least_effective_actions = run_.least_effective_actions;
+    int64_t reported = 0;  // hundredths, as the plan has it
+    options.progress = [this, &reported](int64_t done, int64_t total) {
+      for (const int64_t now = 100 * done / std::max<int64_t>(1, total); reported < now;
+           ++reported) {
+        progress_.Step(0);
+      }
+      return !ranks_.StopRequested();
+    };
+    return ExportModel(std::move(model), data, settings_.examples(), options);
+  }
 
   // Gives the learner the model to start from. Returns the names of its actions, which stay what
   // they are.
@@ -132,7 +217,7 @@ class Training {
     if (!start.ok()) return start.status();
     v1::ModelSpec spec = start->manifest.spec();
     spec.set_objective(run_.settings.model().objective());
-    if (!google::protobuf::util::MessageDifferencer::Equals(spec, run_.settings.model())) {
+    if (!google::protobuf::util::MessageDifferencer::Equals(spec, settings_.model())) {
       return absl::InvalidArgumentError("model: must be that of the version to start from");
     }
     v1::ModelManifest manifest = start->manifest;
@@ -156,11 +241,11 @@ class Training {
 
   v1::ModelManifest Describe(const TrainingData& data) const {
     v1::ModelManifest manifest;
-    *manifest.mutable_spec() = run_.settings.model();
+    *manifest.mutable_spec() = settings_.model();
     v1::Provenance& provenance = *manifest.mutable_provenance();
     for (const std::string& name : run_.dataset_names) provenance.add_datasets(name);
     provenance.set_start_from(run_.start_from_name);
-    *provenance.mutable_settings() = run_.settings;
+    *provenance.mutable_settings() = settings_;
     provenance.mutable_train_time()->set_seconds(
         std::chrono::duration_cast<std::chrono::seconds>(
             std::chrono::system_clock::now().time_since_epoch())
@@ -173,7 +258,9 @@ class Training {
 
   const TrainingRun& run_;
   const at::Device device_;
-  const std::function<bool()> stopped_;
+  RankGroup& ranks_;
+  v1::TrainingSettings settings_;
+  int64_t data_memory_;
   RunProgress progress_;
 };
 
@@ -187,13 +274,20 @@ absl::Status OutOfMemory() {
 // Runs `work` with LibTorch set up; its exceptions become a Status here and go no further.
 absl::StatusOr<v1::ModelManifest> Guarded(
     const TrainingRun& run,
-    const std::function<absl::StatusOr<v1::ModelManifest>(at::Device)>& work) {
+    const std::function<absl::StatusOr<v1::ModelManifest>(Training&)>& work) {
   try {
-    const absl::StatusOr<at::Device> device = FindDevice(run.settings.device());
+    const absl::StatusOr<at::Device> device = FindDevice(run);
     if (!device.ok()) return device.status();
-    at::set_num_threads(Threads(run.settings));
+    at::set_num_threads(Threads(run));
     at::globalContext().setDeterministicAlgorithms(true, /*warn_only=*/true);
-    return work(*device);
+    const absl::StatusOr<std::unique_ptr<RankGroup>> ranks = RankGroup::Join(
+        run.rank.value_or(RankPlace()), run.rank_timeout, run.rank_join_timeout,
+        run.stopped ? run.stopped : [] { return false; });
+    if (!ranks.ok()) return ranks.status();
+    Training training(run, *device, **ranks);
+    const absl::Status agreed = training.Agree();
+    if (!agreed.ok()) return agreed;
+    return work(training);
   } catch (const c10::Error& error) {
     const std::string what = error.what_without_backtrace();
     // LibTorch's allocators of CPU and GPU have no exception of their own in all versions.
@@ -217,8 +311,7 @@ std::vector<std::string> UsableDevices() {
 
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
                                         const std::vector<std::filesystem::path>& datasets) {
-  return Guarded(run, [&](at::Device device) -> absl::StatusOr<v1::ModelManifest> {
-    Training training(run, device);
+  return Guarded(run, [&](Training& training) -> absl::StatusOr<v1::ModelManifest> {
     const absl::StatusOr<TrainingData> data = training.Load(datasets);
     if (!data.ok()) return data.status();
     return training.Learn(*data);
@@ -226,10 +319,7 @@ absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
 }
 
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run, const TrainingData& data) {
-  return Guarded(run, [&](at::Device device) {
-    Training training(run, device);
-    return training.Learn(data);
-  });
+  return Guarded(run, [&](Training& training) { return training.Learn(data); });
 }
 
 }  // namespace maneuver::learning

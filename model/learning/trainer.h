@@ -3,8 +3,10 @@
 #ifndef MANEUVER_MODEL_LEARNING_TRAINER_H_
 #define MANEUVER_MODEL_LEARNING_TRAINER_H_
 
+#include <chrono>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,6 +17,7 @@
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/data/recording_blocks.h"
 #include "model/learning/checkpoint_policy.h"
+#include "model/learning/ranks/rank_place.h"
 #include "model/learning/training_data.h"
 
 namespace maneuver::learning {
@@ -50,6 +53,14 @@ struct TrainingRun {
   std::string start_from_name;
   std::vector<std::string> dataset_names;
   std::string trainer_version;
+  // The place of this process among several that learn one model together, if there are several.
+  // All of them have the same settings and datasets. Only rank 0 uses output, checkpoints and
+  // progress. All end with the same error if one fails, and if one is asked to stop.
+  std::optional<RankPlace> rank;
+  // The longest that a rank waits for an answer of another one.
+  std::chrono::milliseconds rank_timeout{60'000};
+  // The longest that a rank waits for the others to start.
+  std::chrono::milliseconds rank_join_timeout{600'000};
   // Called on the calling thread; may be empty.
   std::function<void(const v1::JobProgress&)> progress;
   // Asked often, from several threads; true ends the run with CANCELLED. May be empty.
@@ -61,7 +72,8 @@ struct TrainingRun {
 std::vector<std::string> UsableDevices();
 
 // Reads the folders and learns. The same settings, data and number of threads give the same weights
-// on the CPU. Nothing is left at `output` unless it succeeds.
+// on the CPU. Nothing is left at `output` unless it succeeds. A rank other than 0 returns an empty
+// manifest.
 // Errors, with a FailureOf (training_failure.h) where several share a code:
 //   INVALID_ARGUMENT      LibTorch does not have the device here
 //   FAILED_PRECONDITION   there are too few examples; the message says how many and what to do
@@ -71,6 +83,7 @@ std::vector<std::string> UsableDevices();
 //   DATA_LOSS, NOT_FOUND  a dataset folder, or the model to start from, is damaged or missing
 //   ABORTED               the loss is no longer finite
 //   RESOURCE_EXHAUSTED    memory ran out, or the disk is full
+//   UNAVAILABLE           kRankLost: another rank ended, or did not answer in time
 //   CANCELLED             `stopped` returned true; if checkpoints are kept, one was written
 //   others                those of artifact::WriteModelFolder
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,

@@ -15,6 +15,7 @@ enum class TrainingFailure : char {
   kNotEnoughExamples = 'e',
   kOutOfMemory = 'm',
   kCollapsed = 'c',  // to fewer actions than required
+  kRankLost = 'r',   // another rank ended or did not answer in time
 };
 
 inline constexpr char kTrainingFailureUrl[] = "maneuver/training-failure";

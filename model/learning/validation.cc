@@ -78,18 +78,18 @@ void TermMeans::Write(google::protobuf::Map<std::string, double>* means) const {
   }
 }
 
-void TermMeans::Store(Checkpoint* checkpoint) const {
+void TermMeans::Store(StoredSums* sums) const {
   for (const auto& [name, sum] : sums_) {
-    StoredMean& stored = (*checkpoint->mutable_means())[name];
+    StoredMean& stored = (*sums)[name];
     stored.set_sum(sum.sum);
     stored.set_count(sum.count);
   }
 }
 
-void TermMeans::Restore(const Checkpoint& checkpoint) {
-  sums_.clear();
-  for (const auto& [name, stored] : checkpoint.means()) {
-    sums_[name] = {stored.sum(), stored.count()};
+void TermMeans::Add(const StoredSums& sums) {
+  for (const auto& [name, stored] : sums) {
+    sums_[name].sum += stored.sum();
+    sums_[name].count += stored.count();
   }
 }
 

@@ -29,8 +29,10 @@ class TermMeans {
   // Adds every defined term of a bound, under the names of BoundTerms.
   void Add(const BoundTerms& terms);
   void Write(google::protobuf::Map<std::string, double>* means) const;
-  void Store(Checkpoint* checkpoint) const;
-  void Restore(const Checkpoint& checkpoint);
+  using StoredSums = google::protobuf::Map<std::string, StoredMean>;
+  void Store(StoredSums* sums) const;
+  // Adds what Store wrote.
+  void Add(const StoredSums& sums);
 
  private:
   struct Sum {

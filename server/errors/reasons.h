@@ -187,6 +187,8 @@ inline constexpr ReasonEntry kReasons[] = {
     {"MODEL_UNAVAILABLE", "any",
      "the model to evaluate or to start from cannot be loaded; code and message say why",
      "name one that ListModelVersions lists"},
+    {"RANK_LOST", "UNAVAILABLE", "a process of a training ended or did not answer",
+     "resume the job"},
     {"TRAINER_DIED", "ABORTED",
      "the trainer was killed or crashed; the metadata's `signal` says by what",
      "resume the job; give it more memory if that was the cause"},

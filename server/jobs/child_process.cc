@@ -209,9 +209,9 @@ int64_t OutOfMemoryKills() {
   return 0;
 }
 
-// Memory of its own that a process has, bytes; 0 where the system does not say.
-int64_t OwnMemory(pid_t pid) {
-  std::ifstream status("/proc/" + std::to_string(pid) + "/status");
+// Memory of its own that one process has, bytes; 0 where the system does not say.
+int64_t OwnMemoryOf(const std::string& pid) {
+  std::ifstream status("/proc/" + pid + "/status");
   std::string line;
   int64_t kibibytes = 0;
   while (std::getline(status, line)) {
@@ -220,6 +220,15 @@ int64_t OwnMemory(pid_t pid) {
     }
   }
   return kibibytes * 1024;
+}
+
+// That of a process and of those that its main thread started.
+int64_t OwnMemory(pid_t pid) {
+  const std::string id = std::to_string(pid);
+  int64_t bytes = OwnMemoryOf(id);
+  std::ifstream children("/proc/" + id + "/task/" + id + "/children");
+  for (std::string child; children >> child;) bytes += OwnMemoryOf(child);
+  return bytes;
 }
 
 // Whether the process has ended; it stays a zombie, so that its group's id stays its own.

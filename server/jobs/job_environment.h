@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "model/data/dataset_store.h"
 #include "model/data/recording_blocks.h"
@@ -31,6 +32,10 @@ struct JobLimits {
 // Where a job finds what it needs. Everything that it points to must outlive the run.
 struct JobRunEnvironment {
   std::string trainer;  // the program
+  // What starts the trainer of a training job, such as {"srun", "-n{ranks}"}: a program and its
+  // first arguments, before the trainer's own. {ranks} stands for the job's number of ranks. Empty:
+  // the trainer starts its ranks itself.
+  std::vector<std::string> launcher;
   JobLimits limits;
   CheckpointOptions checkpoints;
   // A job whose model has fewer effective actions fails.

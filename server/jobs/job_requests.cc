@@ -3,6 +3,7 @@
 #include <google/protobuf/io/coded_stream.h>
 #include <google/protobuf/io/zero_copy_stream_impl_lite.h>
 
+#include <bit>
 #include <cmath>
 #include <set>
 #include <utility>
@@ -27,6 +28,7 @@ constexpr int kMaxSeeds = 20;
 constexpr int kMaxFolds = 100;
 constexpr int kDefaultFolds = 5;
 constexpr int kMostPriority = 100;
+constexpr int kMostRanks = 64;
 constexpr char kDatasetRule[] =
     "expected datasets/{dataset}, with ids of lower-case letters, digits and hyphens";
 
@@ -106,6 +108,21 @@ void CheckWeights(const v1::TrainingSettings& settings, int datasets, Violations
   if (weights == 0 || weights == datasets) return;
   violations.push_back({"settings.examples.dataset_weights",
                         absl::StrCat("has ", weights, " weights for ", datasets, " datasets")});
+}
+
+void CheckRanks(const v1::TrainRequest& request, Violations& violations) {
+  const int ranks = request.ranks();
+  if (ranks == 0) return;
+  if (ranks < 0 || ranks > kMostRanks || !std::has_single_bit(static_cast<unsigned>(ranks))) {
+    violations.push_back({"ranks", absl::StrCat("must be 0 or a power of two up to ", kMostRanks)});
+    return;
+  }
+  const int set = request.settings().optimization().micro_batches();
+  const int micro_batches = set == 0 ? artifact::kMicroBatchesOfRanks : set;
+  if (micro_batches % ranks != 0) {
+    violations.push_back({"ranks", absl::StrCat("cannot divide the ", micro_batches,
+                                                " of settings.optimization.micro_batches")});
+  }
 }
 
 // Checks that there are not too many names, that each is one, and that none is in `seen`; adds them
@@ -200,6 +217,7 @@ absl::Status CheckTrainRequest(const v1::TrainRequest& request) {
   CheckRequestId(request.request_id(), violations);
   CheckPriority(request.priority(), violations);
   CheckWeights(request.settings(), request.datasets_size(), violations);
+  CheckRanks(request, violations);
   if (request.start_from().empty()) {
     const auto settings = artifact::ResolveTrainingSettings(request.settings());
     AddOfSettings(artifact::ValidateTrainingSettings(settings), violations);

@@ -1,5 +1,6 @@
 #include "server/jobs/learn_step.h"
 
+#include <algorithm>
 #include <chrono>
 #include <string>
 #include <system_error>
@@ -7,6 +8,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "absl/strings/strip.h"
 #include "model/artifact/model_folder.h"
 #include "server/jobs/checkpoints.h"
@@ -53,6 +55,15 @@ std::vector<std::string> TrainArguments(const v1::Job& job, const fs::path& fold
   return arguments;
 }
 
+// What starts the trainer of a job with `ranks` processes.
+std::vector<std::string> LauncherOf(const JobRunEnvironment& environment, int ranks) {
+  std::vector<std::string> launcher;
+  for (const std::string& argument : environment.launcher) {
+    launcher.push_back(absl::StrReplaceAll(argument, {{"{ranks}", absl::StrCat(ranks)}}));
+  }
+  return launcher;
+}
+
 }  // namespace
 
 bool LearnStep::IsDone() const {
@@ -80,7 +91,11 @@ Outcome LearnStep::Run() {
   }
   std::vector<std::string> arguments = TrainArguments(job_, folder_, environment);
   arguments.insert(arguments.end(), start.begin(), start.end());
-  return RunTrainer(job_, arguments, folder_, attempt_);
+  if (request.ranks() > 0 && environment.launcher.empty()) {
+    arguments.insert(arguments.end(), {"--ranks", absl::StrCat(request.ranks())});
+  }
+  return RunTrainer(job_, arguments, folder_, attempt_,
+                    LauncherOf(environment, std::max(1, request.ranks())));
 }
 
 }  // namespace maneuver::jobs

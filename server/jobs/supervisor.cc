@@ -158,6 +158,7 @@ void Supervisor::RunOne(const ClaimedJob& claimed, int slot, StopRequest& stop) 
   CountJobs();
   const JobRunEnvironment environment = {
       .trainer = options_.trainer,
+      .launcher = options_.launcher,
       .limits = options_.limits,
       .checkpoints = options_.checkpoints,
       .least_effective_actions = options_.least_effective_actions,

@@ -38,8 +38,9 @@ namespace maneuver::jobs {
 std::string NewJobId();
 
 struct SupervisorOptions {
-  std::filesystem::path folder;  // DATA/jobs: one folder for each job
-  std::string trainer;           // the maneuver-trainer program
+  std::filesystem::path folder;       // DATA/jobs: one folder for each job
+  std::string trainer;                // the maneuver-trainer program
+  std::vector<std::string> launcher;  // as in JobRunEnvironment
   JobLimits limits;
   CheckpointOptions checkpoints;
   int least_effective_actions = 0;

@@ -63,6 +63,13 @@ absl::Status Died(int number, const std::string& last_words) {
                             {{"signal", absl::StrCat(number)}});
 }
 
+// Whether one of several processes was lost: as the others say it, or as a launcher does which
+// exits like a task that was killed.
+bool HasLostRank(const ChildResult& result) {
+  return result.signal == 0 && (result.exit_status == static_cast<int>(TrainerExit::kRankLost) ||
+                                result.exit_status == 128 + SIGKILL);
+}
+
 absl::Status OutOfMemory(absl::string_view how, const std::string& last_words) {
   return errors::WithReason(
       absl::ResourceExhaustedError(WithLastWords(
@@ -87,6 +94,11 @@ absl::Status TrainerStatus(const ChildResult& result, const std::string& last_wo
                                     absl::string_view sentence) {
     return errors::WithReason(absl::Status(code, WithLastWords(sentence, last_words)), reason);
   };
+  if (HasLostRank(result)) {
+    return failed(absl::StatusCode::kUnavailable, "RANK_LOST",
+                  "a process of the training ended or did not answer in time; resume the job, "
+                  "which goes on from its last checkpoint.");
+  }
   switch (static_cast<TrainerExit>(result.exit_status)) {
     case TrainerExit::kOk:
       return absl::OkStatus();
@@ -119,6 +131,7 @@ absl::Status TrainerStatus(const ChildResult& result, const std::string& last_wo
       return failed(absl::StatusCode::kAborted, "METRICS_NOT_FINITE",
                     "a metric of the evaluation is not finite; see whether the data or the model "
                     "is damaged.");
+    case TrainerExit::kRankLost:
     case TrainerExit::kInternal:
       break;
   }
@@ -143,7 +156,8 @@ absl::Status CannotStartTrainer(const absl::Status& reason) {
 }
 
 bool HasDied(const ChildResult& result) {
-  return result.signal != 0 && !result.timed_out && !result.over_memory_limit;
+  return (result.signal != 0 || HasLostRank(result)) && !result.timed_out &&
+         !result.over_memory_limit;
 }
 
 absl::Status ServerInterrupted() {

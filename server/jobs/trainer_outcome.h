@@ -22,6 +22,7 @@ namespace maneuver::jobs {
 //   OUT_OF_MEMORY: it exceeded its memory limit, or the system killed it for lack of memory
 //   WALL_TIME_EXCEEDED: it exceeded its time limit
 //   TRAINER_DIED: killed by a signal; metadata signal = its number
+//   RANK_LOST: one of several processes ended or did not answer
 //   last_words: the trainer's last line; becomes part of the message.
 absl::Status TrainerStatus(const ChildResult& result, const std::string& last_words);
 
@@ -32,8 +33,8 @@ absl::Status WithDefaultReason(absl::Status status, errors::Reason reason);
 // Returns the error of a trainer that could not be started: TRAINER_INTERNAL.
 absl::Status CannotStartTrainer(const absl::Status& reason);
 
-// Returns whether a signal that the server did not send ended the process, so that another process
-// should continue the job.
+// Returns whether a signal that the server did not send ended the process or one of its ranks, so
+// that another process should continue the job.
 bool HasDied(const ChildResult& result);
 
 // Returns the error of a job whose server stopped or died while it ran: SERVER_INTERRUPTED.

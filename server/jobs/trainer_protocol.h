@@ -43,6 +43,7 @@ enum class TrainerExit {
   kDiverged = 80,         // the loss is no longer finite
   kCollapsed = 81,        // to fewer actions than --least-actions
   kNotFinite = 82,        // a metric of the evaluation
+  kRankLost = 83,         // another rank ended or did not answer; start all again
 };
 
 }  // namespace maneuver::jobs

@@ -27,11 +27,13 @@ std::optional<std::chrono::milliseconds> TimeLeft(const v1::Job& job, const JobL
 }  // namespace
 
 Outcome RunTrainer(v1::Job& job, const std::vector<std::string>& arguments,
-                   const std::filesystem::path& folder, const JobAttempt& attempt) {
+                   const std::filesystem::path& folder, const JobAttempt& attempt,
+                   const std::vector<std::string>& launcher) {
   const JobRunEnvironment& environment = attempt.environment;
   const JobLimits& limits = environment.limits;
   ChildCommand command;
-  command.arguments = {environment.trainer};
+  command.arguments = launcher;
+  command.arguments.push_back(environment.trainer);
   command.arguments.insert(command.arguments.end(), arguments.begin(), arguments.end());
   if (limits.threads > 0) {
     command.arguments.insert(command.arguments.end(),

@@ -15,8 +15,10 @@ namespace maneuver::jobs {
 // Runs the trainer with these arguments until it ends, within the job's limits. OK if the trainer
 // reports success. Records the last lines of its log in the job.
 //   folder: holds its log (job_folder.h).
+//   launcher: what starts the trainer, as in JobRunEnvironment but without {ranks}; empty: nothing
 Outcome RunTrainer(v1::Job& job, const std::vector<std::string>& arguments,
-                   const std::filesystem::path& folder, const JobAttempt& attempt);
+                   const std::filesystem::path& folder, const JobAttempt& attempt,
+                   const std::vector<std::string>& launcher = {});
 
 }  // namespace maneuver::jobs
 

@@ -31,6 +31,12 @@ absl::Duration DaysOrForever(double days) {
 
 void AddJobOptions(CLI::App& app, JobOptions& options) {
   app.add_option("--trainer", options.trainer, "The program that trains")->capture_default_str();
+  app.add_option(
+         "--trainer-command", options.trainer_command,
+         "What starts the trainer of a training job, as words separated by spaces, such as "
+         "\"srun -n{ranks} --export=ALL\"; {ranks} is the job's number of processes. Empty: "
+         "the trainer starts its processes itself, on this machine")
+      ->capture_default_str();
   app.add_option("--max-running-jobs", options.max_running, "Most jobs that run at the same time")
       ->check(CLI::Range(1, 64))
       ->capture_default_str();

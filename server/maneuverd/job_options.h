@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <filesystem>
+#include <string>
 
 #include "server/jobs/checkpoints.h"
 #include "server/jobs/job_environment.h"
@@ -14,6 +15,7 @@ namespace maneuver {
 
 struct JobOptions {
   std::filesystem::path trainer;
+  std::string trainer_command;
   int max_running = 1;
   int max_pending = 1'000;
   jobs::JobLimits limits;

@@ -18,6 +18,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_split.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
 #include "model/data/dataset_store.h"
@@ -99,6 +100,7 @@ jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options) {
   jobs::SupervisorOptions supervisor;
   supervisor.folder = options.data_dir / "jobs";
   supervisor.trainer = options.jobs.trainer;
+  supervisor.launcher = absl::StrSplit(options.jobs.trainer_command, ' ', absl::SkipEmpty());
   supervisor.limits = options.jobs.limits;
   supervisor.checkpoints = options.jobs.checkpoints;
   supervisor.least_effective_actions = options.jobs.least_effective_actions;

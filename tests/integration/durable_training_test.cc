@@ -62,14 +62,14 @@ class DurableTrainingTest : public ::testing::Test {
   }
 
   // All phases are short. More epochs leave more time for kills.
-  std::string Start(const std::string& model, int joint_epochs) {
+  std::string Start(const std::string& model, int joint_epochs, int ranks = 0) {
     std::string output;
     const int status =
         RunManeuver(server(),
                     {"--output", "json", "train", model, "--dataset", "town", "--settings",
                      (folder_.path() / "tiny.json").string(), "--pretraining-epochs", "4",
                      "--mixture-epochs", "3", "--epochs", std::to_string(joint_epochs), "--set",
-                     "examples.max_examples=400", "--detach"},
+                     "examples.max_examples=400", "--ranks", std::to_string(ranks), "--detach"},
                     &output);
     EXPECT_EQ(status, 0) << output;
     const size_t begin = output.find("jobs/");
@@ -172,6 +172,37 @@ TEST_F(DurableTrainingTest, AJobThatIsKilledRepeatedlyEndsWithTheSameWeights) {
 }
 
 // Kills the server as soon as the version exists: before or just after the server records it.
+// The processes that a process has started.
+std::vector<pid_t> ChildrenOf(pid_t pid) {
+  const std::string id = std::to_string(pid);
+  std::ifstream file("/proc/" + id + "/task/" + id + "/children");
+  std::vector<pid_t> children;
+  for (pid_t child = 0; file >> child;) children.push_back(child);
+  return children;
+}
+
+TEST_F(DurableTrainingTest, AJobOfTwoRanksOfWhichOneIsKilledEndsWithTheWeightsOfOneRank) {
+  ASSERT_EQ(WaitForEnd(Start("one", 4, 1)).state(), v1::JOB_STATE_SUCCEEDED);
+  const std::string job = Start("two", 4, 2);
+  ASSERT_TRUE(
+      WaitFor([&] { return Learns(job) && Fraction(job) >= 0.4; }, std::chrono::seconds(120)))
+      << GetJob(job).DebugString();
+  const std::vector<pid_t> launchers = server().Trainers();
+  ASSERT_EQ(launchers.size(), 1U);
+  const std::vector<pid_t> ranks = ChildrenOf(launchers[0]);
+  ASSERT_EQ(ranks.size(), 2U);
+  kill(ranks[1], SIGKILL);
+  ASSERT_TRUE(WaitFor([&] { return GetJob(job).attempts().started() > 1 && Learns(job); },
+                      std::chrono::seconds(120)))
+      << GetJob(job).DebugString();
+  server().Kill();
+  Restart();
+  const v1::Job ended = WaitForEnd(job);
+  ASSERT_EQ(ended.state(), v1::JOB_STATE_SUCCEEDED) << ended.DebugString();
+  EXPECT_EQ(Weights("two"), Weights("one"));
+  EXPECT_GE(ended.attempts().started(), 3);
+}
+
 TEST_F(DurableTrainingTest, AServerKilledWhilePublishingMakesOneVersionAndFinishesTheJob) {
   const std::string job = Start("published", 1);
   ASSERT_TRUE(WaitFor([&] { return fs::exists(Version("published")); }, std::chrono::seconds(120)));

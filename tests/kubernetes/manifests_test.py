@@ -7,10 +7,12 @@ The schemas of the Kubernetes API are for schemas.cjs.
 """
 
 import argparse
+import json
 import os
 import pathlib
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import tempfile
@@ -25,7 +27,7 @@ USER = 8470
 GRPC_PORT = 8470
 METRICS_PORT = 9470
 PRESTOP_AND_CHECKPOINT_S = 10
-options = argparse.Namespace(maneuverd=None, maneuver=None, small_model=None)
+options = argparse.Namespace(maneuverd=None, maneuver=None, small_model=None, trainer=None)
 
 
 def render(overlay):
@@ -65,7 +67,7 @@ class Overlay:
 class ManifestsTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.overlays = [Overlay(path.name) for path in sorted(OVERLAYS.iterdir())]
+        cls.overlays = [Overlay(path.name) for path in sorted(OVERLAYS.iterdir()) if path.name != "training"]
         assert [o.name for o in cls.overlays] == ["fleet", "fleet-tls", "one-node"]
 
     def for_each(self):
@@ -216,10 +218,78 @@ class ManifestsTest(unittest.TestCase):
                 log.close()
 
 
+class TrainingTest(unittest.TestCase):
+    """The overlay with a Job: one training by several pods."""
+
+    @classmethod
+    def setUpClass(cls):
+        objects = {o["kind"]: o for o in render("training")}
+        cls.service, cls.settings, cls.policy = (objects[kind] for kind in ("Service", "ConfigMap", "NetworkPolicy"))
+        cls.job = objects["Job"]["spec"]
+        cls.pod = cls.job["template"]["spec"]
+        cls.trainer = cls.pod["containers"][0]
+        cls.variables = {v["name"]: v["value"] for v in cls.trainer["env"]}
+
+    def test_the_ranks_are_as_many_as_the_pods_and_find_the_first(self):
+        self.assertEqual(self.job["completionMode"], "Indexed")
+        self.assertEqual({self.job["completions"], self.job["parallelism"], int(self.variables["WORLD_SIZE"])}, {4})
+        # An Indexed Job's pods are called {job}-{index}.{subdomain}, if a headless Service has that name.
+        self.assertEqual(self.service["spec"]["clusterIP"], "None")
+        self.assertIs(self.service["spec"]["publishNotReadyAddresses"], True)
+        self.assertEqual(self.pod["subdomain"], self.service["metadata"]["name"])
+        self.assertEqual(self.variables["MASTER_ADDR"], f"maneuver-train-0.{self.pod['subdomain']}")
+        port = self.trainer["ports"][0]["containerPort"]
+        self.assertEqual({port, self.service["spec"]["ports"][0]["port"], int(self.variables["MASTER_PORT"])}, {port})
+        labels = self.job["template"]["metadata"]["labels"]
+        self.assertEqual(self.service["spec"]["selector"], labels)
+        self.assertEqual(self.policy["spec"]["podSelector"]["matchLabels"], labels)
+
+    def test_whatever_is_named_is_there(self):
+        volumes = {v["name"]: v for v in self.pod["volumes"]}
+        self.assertEqual({m["name"] for m in self.trainer["volumeMounts"]}, set(volumes))
+        self.assertEqual(volumes["settings"]["configMap"]["name"], self.settings["metadata"]["name"])
+
+    def test_pods_have_no_rights_to_spare(self):
+        self.assertIs(self.pod["automountServiceAccountToken"], False)
+        self.assertIs(self.pod["securityContext"]["runAsNonRoot"], True)
+        self.assertEqual(self.trainer["securityContext"], {"allowPrivilegeEscalation": False,
+                                                           "readOnlyRootFilesystem": True,
+                                                           "capabilities": {"drop": ["ALL"]}})
+
+    def test_the_command_learns_with_the_variables_that_a_job_sets(self):
+        """The container's command in two processes of this machine, with its paths put into a temporary folder."""
+        if options.trainer is None:
+            self.skipTest("without --trainer")
+        with tempfile.TemporaryDirectory() as folder:
+            work = pathlib.Path(folder)
+            for name in ("datasets", "models", "checkpoints", "etc"):
+                (work / name).mkdir()
+            subprocess.run([options.maneuver, "synthesize", work / "datasets" / "town", "--recordings", "12"],
+                           check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            settings = json.loads(self.settings["data"]["settings.json"])
+            settings.update(threads=1, examples={"max_examples": 128},
+                            optimization={"pretraining_epochs": 1, "mixture_epochs": 1, "joint_epochs": 1,
+                                          "posterior_epochs": 1, "covariance_epochs": 1})
+            (work / "etc" / "settings.json").write_text(json.dumps(settings))
+            command = [word.replace("/training", folder).replace("/etc/maneuver", f"{folder}/etc")
+                       for word in [options.trainer, *self.trainer["command"][1:]]]
+            with socket.socket() as free:
+                free.bind(("127.0.0.1", 0))
+                port = free.getsockname()[1]
+            variables = dict(os.environ, **self.variables, WORLD_SIZE="2", MASTER_ADDR="127.0.0.1",
+                             MASTER_PORT=str(port))
+            pods = [subprocess.Popen(command, env=dict(variables, JOB_COMPLETION_INDEX=str(index)),
+                                     stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) for index in (0, 1)]
+            for pod in pods:
+                self.assertEqual((pod.communicate(timeout=200)[1], pod.returncode), ("", 0))
+            self.assertTrue((work / "models" / "town" / "weights.safetensors").exists())
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--maneuverd", type=pathlib.Path)
     parser.add_argument("--maneuver", type=pathlib.Path)
+    parser.add_argument("--trainer", type=pathlib.Path)
     parser.add_argument("--small-model", type=pathlib.Path, help="program that writes one")
     parser.parse_known_args(namespace=options)
     if shutil.which("kubectl") is None:

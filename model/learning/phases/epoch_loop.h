@@ -10,6 +10,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -17,6 +18,8 @@
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/learning/checkpoint.h"
 #include "model/learning/optimizer.h"
+#include "model/learning/ranks/micro_batch_range.h"
+#include "model/learning/ranks/rank_group.h"
 #include "model/learning/run_progress.h"
 #include "model/learning/tensors.h"
 #include "model/learning/training_data.h"
@@ -36,6 +39,7 @@ struct BatchLoss {
   at::Tensor value;  // a scalar with its graph
   int64_t examples = 0;
   std::chrono::nanoseconds waited{0};  // for the batch
+  double share = 1.0;                  // of a micro-batch, in its batch
 };
 
 // Where an epoch begins, or is resumed.
@@ -55,9 +59,10 @@ class EpochSteps {
 
   // Begins an epoch, or resumes it at batch `start.step`.
   virtual absl::Status BeginEpoch(const EpochStart& start) = 0;
-  // Computes the loss of the next batch and adds the terms of its bound to `means`.
+  // Computes the loss of the next batch, or micro-batch, and adds the terms of its bound to `means`.
   virtual absl::StatusOr<BatchLoss> Next(const Moment& moment, TermMeans* means) = 0;
-  // Adds what held-out examples say to the report, which has the terms of training.
+  // Adds what held-out examples say to the report, which has the terms of training. Without a
+  // report (nullptr), only ends the epoch.
   virtual void EndEpoch(v1::EpochReport* report) = 0;
 };
 
@@ -70,6 +75,9 @@ struct PhasePlan {
   // False: the caller has already begun the phase in the progress, and no checkpoint is written.
   // For phases that run the loop several times.
   bool resumable = true;
+  // All ranks run the phase together, on micro-batches if the settings have some. False: rank 0 runs
+  // it alone, on whole batches.
+  bool together = false;
 };
 
 // The state that the steps of a phase change.
@@ -78,22 +86,29 @@ struct PhaseState {
   AdamW& optimizer;
   // Adds networks, and whatever else later steps depend on, to a checkpoint.
   std::function<void(Checkpoint*)> store;
+  // For phases that ranks run together. Reads from a checkpoint what `store` wrote.
+  std::function<void(const Checkpoint&)> restore = nullptr;
+  // For phases in micro-batches: what a step changes beside the parameters (MicroBatches).
+  std::vector<at::Tensor> averaged = {};
 };
 
-// Owns checkpoints, progress and stopping of a run. Not thread-safe.
+// Owns checkpoints, progress and stopping of a run, on each of its ranks. Not thread-safe.
 class EpochLoop {
  public:
-  // `data` and `progress` must outlive the loop. `settings` are complete.
-  EpochLoop(const v1::TrainingSettings& settings, const TrainingData& data,
-            std::function<bool()> stopped, RunProgress& progress);
+  // `data`, `progress` and `ranks` must outlive the loop. `settings` are complete.
+  EpochLoop(const v1::TrainingSettings& settings, const TrainingData& data, RankGroup& ranks,
+            RunProgress& progress);
 
   // Sets the weights that the run starts from, by their SHA-256. Call it before KeepCheckpoints. A
   // checkpoint of a run that started from other weights then belongs to another run.
   void NameStart(std::string weights_sha256) { start_weights_sha256_ = std::move(weights_sha256); }
 
   // Writes checkpoints to `folder`, which must outlive the loop, and resumes from its latest one,
-  // if any. FAILED_PRECONDITION if that belongs to another run.
+  // if any. FAILED_PRECONDITION if that belongs to another run. For rank 0 alone.
   absl::Status KeepCheckpoints(CheckpointFolder* folder);
+  // Tells the other ranks which phase rank 0 resumes from, for IsOver. Each rank calls it. Errors
+  // are those of RankGroup.
+  absl::Status ShareResumedPhase();
 
   // Returns the checkpoint that the run resumes from, until its phase has restored it; nullptr if
   // there is none.
@@ -103,29 +118,49 @@ class EpochLoop {
   bool IsOver(std::string_view phase) const { return resumed_ && resumed_->phase() != phase; }
 
   // Learns for the epochs of the plan, from the checkpoint's position if this phase is resumed.
-  //   CANCELLED  the run was asked to stop; a checkpoint of this moment was written
-  //   ABORTED    the loss is no longer finite
-  //   others     those of CheckpointFolder::Write
+  //   CANCELLED    the run was asked to stop; a checkpoint of this moment was written
+  //   ABORTED      the loss is no longer finite
+  //   UNAVAILABLE  another rank is lost
+  //   others       those of CheckpointFolder::Write
   absl::Status Run(const PhasePlan& plan, const PhaseState& state, EpochSteps& steps);
 
   RunProgress& progress() { return progress_; }
+  RankGroup& ranks() { return ranks_; }
+  // Returns this rank's micro-batches in phases that ranks run together.
+  MicroBatchRange micro_batches() const;
 
  private:
   struct Position;
+  struct Step;
+  class Exchanges;
 
-  Position BeginPhase(const PhasePlan& plan, const PhaseState& state, int64_t epoch_steps,
-                      TermMeans* means);
+  absl::StatusOr<Position> BeginPhase(const PhasePlan& plan, const PhaseState& state,
+                                      int64_t epoch_steps, TermMeans* means);
+  // Restores everything but the networks from resumed_, which is of this phase.
+  Position Resume(const PhaseState& state, int64_t epoch_steps, TermMeans* means);
+  // Makes the state of all ranks that of rank 0, which is at `position`. The others resume there.
+  absl::Status ShareState(const PhasePlan& plan, const PhaseState& state, const Position& position,
+                          const TermMeans& means);
+  // Takes a step with the whole batch.
+  absl::Status TakeStep(const PhasePlan& plan, const PhaseState& state, const Step& step,
+                        EpochSteps& steps, TermMeans* means);
+  // Takes a step with all ranks.
+  absl::Status TakeStepTogether(const PhasePlan& plan, const PhaseState& state, const Step& step,
+                                EpochSteps& steps, Exchanges& exchanges, TermMeans* means);
+  absl::Status EndEpoch(const PhasePlan& plan, EpochSteps& steps, TermMeans* means);
   at::Tensor BeginEpoch(const PhaseState& state, Position* position);
   // Writes a checkpoint if one is due or the run was asked to stop.
   absl::Status KeepCheckpoint(const PhasePlan& plan, const PhaseState& state,
                               const Position& position, const TermMeans& means);
+  Checkpoint MakeCheckpoint(const PhasePlan& plan, const PhaseState& state,
+                            const Position& position, const TermMeans& means) const;
   at::Tensor DrawEpoch(at::Generator& generator) const;
   double WarmUpShare(int64_t step, int64_t steps) const;
 
   const v1::TrainingSettings settings_;
   const TrainingData& data_;
   const int64_t training_examples_;
-  const std::function<bool()> stopped_;
+  RankGroup& ranks_;
   RunProgress& progress_;
   CheckpointFolder* checkpoints_ = nullptr;
   std::optional<Checkpoint> resumed_;

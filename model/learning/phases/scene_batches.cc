@@ -24,16 +24,16 @@ struct SceneBatches::OpenWindow {
   const SceneSource source;
 };
 
-SceneBatches::SceneBatches(const v1::ModelSpec& spec, const LearningState& state)
-    : spec_(spec), state_(state) {}
+SceneBatches::SceneBatches(const v1::ModelSpec& spec, const LearningState& state,
+                           const MicroBatchRange& range)
+    : spec_(spec), state_(state), range_(range) {}
 
 SceneBatches::~SceneBatches() { EndEpoch(); }
 
 absl::Status SceneBatches::BeginEpoch(const EpochStart& start) {
   if (state_.data.windows == nullptr) {
-    loader_.emplace(spec_, state_.training,
-                    EpochItems(state_.settings, start.order, start.step, start.epoch),
-                    state_.settings.optimization().batch_size(), state_.threads);
+    BeginReading(state_.training,
+                 EpochItems(state_.settings, start.order, start.step, start.epoch));
     return absl::OkStatus();
   }
   epoch_ = start.epoch;
@@ -55,7 +55,31 @@ absl::StatusOr<SceneBatches::LabelledBatch> SceneBatches::Next() {
   }
   const std::vector<int>& labels = open_ ? open_->window.labels : state_.data.labels;
   const at::Tensor of_batch = BatchLabels(labels, *batch);
-  return LabelledBatch{*std::move(batch), of_batch};
+  const double share = shares_[taken_++];
+  return LabelledBatch{*std::move(batch), of_batch, share};
+}
+
+void SceneBatches::BeginReading(const SceneSource& source, std::vector<SceneLoader::Item> items) {
+  const auto batch_size = static_cast<size_t>(state_.settings.optimization().batch_size());
+  const auto of = static_cast<size_t>(range_.of);
+  const auto first = static_cast<size_t>(range_.first);
+  const auto count = static_cast<size_t>(range_.count);
+  std::vector<SceneLoader::Item> mine;
+  std::vector<size_t> ends;
+  shares_.clear();
+  taken_ = 0;
+  for (size_t begin = 0; begin < items.size(); begin += batch_size) {
+    const size_t size = std::min(batch_size, items.size() - begin);
+    for (size_t i = first; i < first + count; ++i) {
+      const size_t from = size * i / of;
+      const size_t to = size * (i + 1) / of;
+      for (size_t j = from; j < to; ++j) mine.push_back(items[begin + j]);
+      ends.push_back(mine.size());
+      shares_.push_back(static_cast<double>(to - from) / static_cast<double>(size));
+    }
+  }
+  loader_.emplace(spec_, source, std::move(mine), std::move(ends), SceneLoader::kAhead * count,
+                  state_.threads);
 }
 
 void SceneBatches::EndEpoch() {
@@ -74,9 +98,8 @@ absl::Status SceneBatches::OpenNext(int64_t step) {
   if (!read.ok()) return read.status();
   open_ = *std::move(read);
   const auto examples = static_cast<int64_t>(open_->window.set.examples.size());
-  loader_.emplace(spec_, open_->source,
-                  WindowItems(state_.settings, examples, windows_[next_], step, epoch_),
-                  state_.settings.optimization().batch_size(), state_.threads);
+  BeginReading(open_->source,
+               WindowItems(state_.settings, examples, windows_[next_], step, epoch_));
   if (++next_ < windows_.size()) ReadAhead(windows_[next_]);
   return absl::OkStatus();
 }

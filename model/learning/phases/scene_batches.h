@@ -15,6 +15,7 @@
 #include "model/learning/epoch_windows.h"
 #include "model/learning/phases/epoch_loop.h"
 #include "model/learning/phases/learning_state.h"
+#include "model/learning/ranks/micro_batch_range.h"
 #include "model/learning/scene_loader.h"
 
 namespace maneuver::learning {
@@ -25,7 +26,9 @@ namespace maneuver::learning {
 class SceneBatches {
  public:
   //   spec: of the model that reads the batches;  state: must outlive the batches
-  SceneBatches(const v1::ModelSpec& spec, const LearningState& state);
+  //   range: which part of each batch to read, one micro-batch after another
+  SceneBatches(const v1::ModelSpec& spec, const LearningState& state,
+               const MicroBatchRange& range = {});
   // Waits until nothing is read any more.
   ~SceneBatches();
   SceneBatches(const SceneBatches&) = delete;
@@ -33,12 +36,14 @@ class SceneBatches {
 
   struct LabelledBatch {
     SceneLoader::Batch batch;
-    at::Tensor labels;  // as BatchLabels has them
+    at::Tensor labels;   // as BatchLabels has them
+    double share = 1.0;  // of the examples of the whole batch
   };
 
   // Errors: those of RecordingWindows::Load.
   absl::Status BeginEpoch(const EpochStart& start);
-  // Returns the next batch; call it once for each step of the epoch. Errors: those of BeginEpoch.
+  // Returns the next micro-batch; call it once for each in the range, in each step of the epoch. It
+  // may be empty if there are several. Errors: those of BeginEpoch.
   absl::StatusOr<LabelledBatch> Next();
   // Ends reading, whether or not the epoch is over.
   void EndEpoch();
@@ -49,12 +54,17 @@ class SceneBatches {
   // Waits for window next_, which is being read, opens it at batch `step` and begins to read the
   // window after it.
   absl::Status OpenNext(int64_t step);
+  // Begins to read this rank's part of the batches of `items`.
+  void BeginReading(const SceneSource& source, std::vector<SceneLoader::Item> items);
   // Begins to read a window of the epoch in the background.
   void ReadAhead(const EpochWindow& window);
 
   const v1::ModelSpec spec_;
   const LearningState& state_;
+  const MicroBatchRange range_;
   std::optional<SceneLoader> loader_;  // of the epoch, or of the open window
+  std::vector<double> shares_;         // of the loader's batches
+  size_t taken_ = 0;                   // of them
   // Used with windows only:
   int epoch_ = 0;
   std::vector<EpochWindow> windows_;

@@ -8,11 +8,12 @@ namespace {
 
 class SceneSteps final : public EpochSteps {
  public:
-  SceneSteps(const ScenePhase& phase, bool scene_learns, LearningState& state)
+  SceneSteps(const ScenePhase& phase, bool scene_learns, const MicroBatchRange& range,
+             LearningState& state)
       : phase_(phase),
         scene_learns_(scene_learns),
         state_(state),
-        batches_(state.settings.model(), state),
+        batches_(state.settings.model(), state, range),
         mode_{&state.generator, state.settings.optimization().dropout(),
               state.settings.optimization().geometry_dropout()} {}
 
@@ -22,6 +23,7 @@ class SceneSteps final : public EpochSteps {
     const absl::StatusOr<SceneBatches::LabelledBatch> next = batches_.Next();
     if (!next.ok()) return next.status();
     const SceneLoader::Batch& batch = next->batch;
+    if (batch.items.empty()) return BatchLoss{};
     SceneBatch scenes;
     scenes.trajectories = batch.trajectories.to(state_.networks.device());
     scenes.labels = next->labels;
@@ -32,12 +34,12 @@ class SceneSteps final : public EpochSteps {
       scenes.scenes = state_.networks.EncodeScenes(batch.scenes, {});
     }
     return BatchLoss{phase_.loss(scenes, batch.scenes, moment, means), scenes.trajectories.size(0),
-                     batch.waited};
+                     batch.waited, next->share};
   }
 
   void EndEpoch(v1::EpochReport* report) override {
     batches_.EndEpoch();
-    if (phase_.validate) phase_.validate(report);
+    if (report != nullptr && phase_.validate) phase_.validate(report);
   }
 
  private:
@@ -58,10 +60,18 @@ absl::Status LearnFromScenes(const ScenePhase& phase, LearningState& state, Epoc
     optimizer.Add(state.networks.Parameters(each.part), each.rate, optimization.weight_decay());
     scene_learns |= each.part == Networks::Part::kScene;
   }
-  SceneSteps steps(phase, scene_learns, state);
+  SceneSteps steps(phase, scene_learns, loop.micro_batches(), state);
+  PhasePlan plan;
+  plan.name = phase.name;
+  plan.epochs = phase.epochs;
+  plan.batch_size = optimization.batch_size();
+  plan.examples = state.data.TrainingExamples();
+  plan.together = true;
   return loop.Run(
-      {phase.name, phase.epochs, optimization.batch_size(), state.data.TrainingExamples()},
-      {state.generator, optimizer, [&state](Checkpoint* checkpoint) { state.Store(checkpoint); }},
+      plan,
+      {state.generator, optimizer, [&state](Checkpoint* checkpoint) { state.Store(checkpoint); },
+       [&state](const Checkpoint& checkpoint) { state.Restore(checkpoint); },
+       state.networks.RunningMoments()},
       steps);
 }
 

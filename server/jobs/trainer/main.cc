@@ -53,6 +53,7 @@ constexpr char kFooter[] = R"(Exit status:
   74  the output could not be written
   80  diverged: the loss was no longer finite
   81  collapsed to fewer actions than --least-actions
+  83  another rank ended or did not answer; started again, all go on
   143 stopped by SIGTERM (130: by SIGINT); nothing half-written remains)";
 
 // OpenMP's idle threads spin for milliseconds by default: on cores that are shared, with the server
@@ -117,7 +118,7 @@ int main(int argc, char** argv) {
     return std::cout.flush() ? 0 : static_cast<int>(maneuver::jobs::TrainerExit::kCannotWrite);
   }
   maneuver::trainer::InstallStopSignals();
-  if (train.chosen()) return train.Run();
+  if (train.chosen()) return train.Run({argv, argv + argc});
   if (match.chosen()) return match.Run();
   if (cross_validate.chosen()) return cross_validate.Run();
   return prune.chosen() ? prune.Run() : evaluate.Run();

@@ -25,6 +25,8 @@ TrainerExit ExitFor(const absl::Status& status) {
         return TrainerExit::kOutOfMemory;
       case learning::TrainingFailure::kCollapsed:
         return TrainerExit::kCollapsed;
+      case learning::TrainingFailure::kRankLost:
+        return TrainerExit::kRankLost;
     }
   }
   switch (status.code()) {

@@ -16,6 +16,7 @@
 #include "model/learning/trainer.h"
 #include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/progress_display.h"
+#include "server/jobs/trainer/rank_launcher.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
 
@@ -111,6 +112,19 @@ TrainCommand::TrainCommand(CLI::App& app)
       ->check(CLI::Range(0, 100'000))
       ->capture_default_str()
       ->type_name("N");
+  command_
+      ->add_option("--ranks", ranks_,
+                   "Processes on this machine that learn the model together: 1, 2, 4, 8 and so on; "
+                   "0: this process alone, or the rank that its environment states")
+      ->check(CLI::IsMember({0, 1, 2, 4, 8, 16, 32, 64}))
+      ->type_name("N");
+  command_
+      ->add_option("--rank-timeout", rank_timeout_,
+                   "Of several ranks: seconds after which one that does not answer is given up, "
+                   "and with it the run")
+      ->check(CLI::Range(1.0, 86400.0))
+      ->capture_default_str()
+      ->type_name("SECONDS");
   command_->add_option("--threads", threads_, "Threads; 0: the settings', or one for each core")
       ->check(CLI::Range(0, 1024))
       ->type_name("N");
@@ -121,7 +135,18 @@ TrainCommand::TrainCommand(CLI::App& app)
       ->capture_default_str();
 }
 
-int TrainCommand::Run() const { return ExitStatus(Train()); }
+int TrainCommand::Run(const std::vector<std::string>& arguments) const {
+  if (ranks_ == 0) return ExitStatus(Train());
+  std::vector<std::string> of_rank;
+  for (size_t i = 0; i < arguments.size(); ++i) {
+    if (arguments[i] == "--ranks") {
+      ++i;  // and its value
+    } else if (!arguments[i].starts_with("--ranks=")) {
+      of_rank.push_back(arguments[i]);
+    }
+  }
+  return RunRanks(ranks_, of_rank);
+}
 
 absl::Status TrainCommand::Train() const {
   v1::TrainingSettings settings;
@@ -142,9 +167,17 @@ absl::Status TrainCommand::Train() const {
         start_from_name_.empty() ? start_from_.filename().string() : start_from_name_;
   }
   if (threads_ > 0) run.settings.set_threads(threads_);
+  const absl::StatusOr<std::optional<learning::RankPlace>> rank =
+      learning::FindRankPlace(learning::ReadEnvironment);
+  if (!rank.ok()) return rank.status();
+  run.rank = *rank;
+  const bool leads = !run.rank || run.rank->rank == 0;
+  run.rank_timeout = std::chrono::milliseconds(static_cast<int64_t>(1000.0 * rank_timeout_));
   absl::Status valid = Refuse(artifact::ValidateTrainingSettings(run.settings));
   if (!valid.ok()) return valid;
   if (std::error_code ignored; std::filesystem::exists(output_, ignored)) {
+    // Another rank than 0 that was started again by itself, after rank 0 had written the model.
+    if (!leads) return absl::OkStatus();
     return absl::AlreadyExistsError(absl::StrCat(output_.filename().string(), " exists already"));
   }
   run.output = output_;
@@ -164,7 +197,8 @@ absl::Status TrainCommand::Train() const {
     }
   }
   run.stopped = StopRequested;
-  const ProgressDisplay::Style style = ProgressDisplay::ParseStyle(progress_);
+  const ProgressDisplay::Style style =
+      leads ? ProgressDisplay::ParseStyle(progress_) : ProgressDisplay::Style::kNone;
   if (style == ProgressDisplay::Style::kBar) PrintCost(run.settings.model());
   absl::StatusOr<v1::ModelManifest> manifest;
   double waiting = 0.0;

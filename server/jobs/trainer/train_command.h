@@ -19,7 +19,8 @@ class TrainCommand {
 
   bool chosen() const { return command_->parsed(); }
   // The exit status.
-  int Run() const;
+  //   arguments: of the program, with its name
+  int Run(const std::vector<std::string>& arguments) const;
 
  private:
   absl::Status Train() const;
@@ -39,6 +40,8 @@ class TrainCommand {
   int checkpoints_kept_ = 2;
   int least_actions_ = 0;
   int threads_ = 0;
+  int ranks_ = 0;
+  double rank_timeout_ = 60.0;  // seconds
   std::string progress_ = "bar";
 };
 

@@ -127,8 +127,8 @@ TEST_P(EngineParityTest, TheEngineAgreesWithLibTorch) {
   const auto examples = static_cast<int64_t>(data.training.examples.size());
   RunProgress progress(Learner::Plan(settings, examples, examples), {},
                        [] { return std::chrono::system_clock::time_point(); });
-  Learner learner(
-      settings, data, at::Device(at::kCPU), 1, [] { return false; }, progress);
+  RankGroup alone([] { return false; });
+  Learner learner(settings, data, at::Device(at::kCPU), 1, alone, progress);
   const absl::Status learned = learner.Learn();
   ASSERT_TRUE(learned.ok()) << learned;
   Networks& networks = learner.state().networks;

@@ -85,8 +85,8 @@ TEST_P(ResidualNetworkTest, TrainsAStepExportsAndTheEngineAgreesWithLibTorch) {
   const auto examples = static_cast<int64_t>(data.training.examples.size());
   RunProgress progress(Learner::Plan(settings_, examples, examples), {},
                        [] { return std::chrono::system_clock::time_point(); });
-  Learner learner(
-      settings_, data, at::Device(at::kCPU), 1, [] { return false; }, progress);
+  RankGroup alone([] { return false; });
+  Learner learner(settings_, data, at::Device(at::kCPU), 1, alone, progress);
   Networks& networks = learner.state().networks;
   const Networks::Snapshot before = networks.Save();
   ASSERT_TRUE(TrainJointly(learner.state(), learner.loop()).ok());

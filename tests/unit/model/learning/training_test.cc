@@ -343,8 +343,8 @@ TEST_F(TrainingTest, PlacesComponentsOnTheEncodingsOfClusters) {
   const v1::TrainingSettings settings = TinySettings();
   RunProgress progress(Learner::Plan(settings, 100, 100), {},
                        [] { return std::chrono::system_clock::time_point(); });
-  Learner learner(
-      settings, data, at::Device(at::kCPU), 1, [] { return false; }, progress);
+  RankGroup alone([] { return false; });
+  Learner learner(settings, data, at::Device(at::kCPU), 1, alone, progress);
   ASSERT_TRUE(Pretrain(learner.state(), learner.loop()).ok());
   ASSERT_TRUE(PlaceMixture(learner.state(), learner.loop()).ok());
   at::NoGradGuard no_grad;

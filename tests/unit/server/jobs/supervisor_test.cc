@@ -171,6 +171,38 @@ TEST_F(SupervisorTest, ValidateOnlyStartsNothing) {
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Train(request).status()));
 }
 
+TEST_F(SupervisorTest, StartsTheRanksOfAJobByTheTrainerOrByTheLauncher) {
+  Trainer("mkdir \"$output\"; echo \"$STARTED_BY $arguments\" >&2");
+  Start();
+  v1::TrainRequest request = TrainTown();
+  request.set_ranks(2);
+  EXPECT_THAT(WaitForEnd(Train(request).name()).last_lines(),
+              ElementsAre(AllOf(HasSubstr(" train "), HasSubstr("--ranks 2"))));
+  EXPECT_THAT(WaitForEnd(Train().name()).last_lines(), ElementsAre(Not(HasSubstr("--ranks"))));
+  supervisor_.reset();
+  SupervisorOptions options = Options();
+  options.launcher = {"env", "STARTED_BY=launcher-{ranks}"};
+  StartWith(options);
+  EXPECT_THAT(WaitForEnd(Train(request).name()).last_lines(),
+              ElementsAre(AllOf(HasSubstr("launcher-2 train "), Not(HasSubstr("--ranks")))));
+  EXPECT_THAT(WaitForEnd(Train().name()).last_lines(), ElementsAre(HasSubstr("launcher-1 train ")));
+}
+
+TEST_F(SupervisorTest, RefusesRanksThatCannotShareTheMicroBatches) {
+  Start();
+  v1::TrainRequest request = TrainTown();
+  for (const int ranks : {-1, 3, 16, 128}) {  // micro-batches are 8 if they are not set
+    request.set_ranks(ranks);
+    const absl::Status status = supervisor_->Train(request).status();
+    EXPECT_TRUE(absl::IsInvalidArgument(status)) << ranks;
+    EXPECT_THAT(std::string(status.message()), HasSubstr("ranks"));
+  }
+  request.mutable_settings()->mutable_optimization()->set_micro_batches(16);
+  request.set_ranks(16);
+  request.set_validate_only(true);
+  EXPECT_TRUE(supervisor_->Train(request).ok());
+}
+
 TEST_F(SupervisorTest, RefusesADeviceThatTheTrainerDoesNotHave) {
   Trainer("[ $command = devices ] && echo cpu && echo >> \"$(dirname $0)\"/asked");
   Start();

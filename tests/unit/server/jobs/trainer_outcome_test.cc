@@ -41,6 +41,8 @@ TEST(TrainerOutcomeTest, EveryExitStatusHasItsReason) {
       {80, absl::StatusCode::kAborted, "TRAINING_DIVERGED"},
       {81, absl::StatusCode::kFailedPrecondition, "ACTIONS_COLLAPSED"},
       {82, absl::StatusCode::kAborted, "METRICS_NOT_FINITE"},
+      {83, absl::StatusCode::kUnavailable, "RANK_LOST"},
+      {137, absl::StatusCode::kUnavailable, "RANK_LOST"},
       {1, absl::StatusCode::kInternal, "TRAINER_INTERNAL"},
       {127, absl::StatusCode::kInternal, "TRAINER_INTERNAL"},
   };
@@ -70,12 +72,15 @@ TEST(TrainerOutcomeTest, ReportsAKillForLackOfMemory) {
             "OUT_OF_MEMORY");
 }
 
-TEST(TrainerOutcomeTest, OnlyAForeignSignalIsADeath) {
+TEST(TrainerOutcomeTest, OnlyAForeignSignalOrALostRankIsADeath) {
   EXPECT_TRUE(HasDied({.signal = SIGKILL}));
   EXPECT_TRUE(HasDied({.signal = SIGSEGV}));
   EXPECT_FALSE(HasDied({.signal = SIGKILL, .timed_out = true}));
   EXPECT_FALSE(HasDied({.signal = SIGKILL, .over_memory_limit = true}));
   EXPECT_FALSE(HasDied({.exit_status = 70}));
+  EXPECT_TRUE(HasDied({.exit_status = 83}));
+  EXPECT_TRUE(HasDied({.exit_status = 137}));  // as srun says it of a task
+  EXPECT_FALSE(HasDied({.exit_status = 83, .timed_out = true}));
 }
 
 TEST(TrainerOutcomeTest, GivingUpKeepsTheLastReason) {

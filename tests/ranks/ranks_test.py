@@ -1,0 +1,168 @@
+#!/usr/bin/python3
+"""Several processes learn one model: with the bits of one process, whatever happens to them on the way.
+
+  tests/ranks/ranks_test.py --maneuver PROGRAM --trainer PROGRAM [--kills N]
+"""
+
+import argparse
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import unittest
+
+from training import Training, children_of, end, is_gone, rank_of, wait_for_phase
+
+RANK_LOST = 83
+options = argparse.Namespace(maneuver=None, trainer=None, kills=0)
+
+
+class RanksTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory(prefix="maneuver-ranks.")
+        cls.addClassCleanup(cls.folder.cleanup)
+        cls.training = Training(cls.folder.name, options.maneuver, options.trainer)
+        cls.training.learn("undisturbed", "--ranks", "1")
+
+    def assert_same_weights(self, name):
+        self.assertEqual(self.training.weights(name), self.training.weights("undisturbed"))
+
+    def disturb(self, name, ranks, moment, what):
+        """Runs `what` on the processes of the ranks once they learn. Returns exit status and errors."""
+        process = self.training.start(name, "--ranks", str(ranks))
+        try:
+            wait_for_phase(process, *moment)
+            pids = sorted(children_of(process.pid), key=rank_of)
+            self.assertEqual(len(pids), ranks)
+            what(process, pids)
+            _, errors = process.communicate(timeout=60)
+            self.assertEqual([pid for pid in pids if not is_gone(pid)], [])
+            self.assertFalse((self.training.folder / name).exists())
+            return process.returncode, errors
+        finally:
+            end(process)
+
+    def test_two_processes_learn_the_same_weights_and_report_how_the_ranks_fare(self):
+        reports = self.training.learn("two", "--ranks", "2")
+        self.assert_same_weights("two")
+        joint = [r for r in reports if r["phase"] == "joint" and r.get("rank_waiting_fractions")]
+        self.assertTrue(joint)
+        self.assertEqual({len(r["rank_waiting_fractions"]) for r in joint}, {2})
+        self.assertTrue(all(0.0 <= share <= 1.0 for r in joint for share in r["rank_waiting_fractions"]))
+        self.assertGreater(joint[-1]["slowest_rank_step_seconds"], 0.0)
+
+    def test_killed_frozen_and_stopped_ranks_end_in_time_and_the_next_run_goes_on(self):
+        def kill(_, pids):
+            os.kill(pids[1], signal.SIGKILL)
+
+        status, errors = self.disturb("disturbed", 2, ("joint",), kill)
+        self.assertEqual(status, RANK_LOST, errors)
+        self.assertIn("rank 1 was killed by signal 9", errors.splitlines()[-1])
+
+        def freeze(_, pids):
+            os.kill(pids[0], signal.SIGSTOP)
+
+        status, errors = self.disturb("disturbed", 4, ("joint", 2), freeze)
+        self.assertEqual(status, RANK_LOST, errors)
+        self.assertIn("did not answer within 2 s", errors)
+
+        def stop(process, _):
+            process.terminate()
+
+        status, errors = self.disturb("disturbed", 2, ("joint", 3), stop)
+        self.assertEqual(status, 128 + signal.SIGTERM, errors)
+        reports = self.training.learn("disturbed", "--ranks", "2")
+        self.assertNotIn("pretrain", {r["phase"] for r in reports})
+        self.assert_same_weights("disturbed")
+
+    def test_a_rank_that_dies_while_rank_0_works_alone_ends_the_run(self):
+        def kill(_, pids):
+            os.kill(pids[1], signal.SIGKILL)
+
+        status, errors = self.disturb("alone", 2, ("pretrain",), kill)
+        self.assertEqual(status, RANK_LOST, errors)
+
+    def test_a_killed_launcher_takes_its_ranks_with_it(self):
+        process = self.training.start("orphans", "--ranks", "2")
+        try:
+            wait_for_phase(process, "joint")
+            pids = children_of(process.pid)
+            process.kill()
+            process.communicate(timeout=60)  # ends once no rank holds the pipe
+            self.assertEqual([pid for pid in pids if not is_gone(pid)], [])
+        finally:
+            end(process)
+
+    @unittest.skipUnless(os.geteuid() == 0 and shutil.which("ip"), "needs root and ip")
+    def test_ranks_that_are_cut_off_from_each_other_end_in_time(self):
+        name = f"mr{os.getpid() % 100000}"
+        here, there = f"{name}a", f"{name}b"
+        made = subprocess.run(["ip", "netns", "add", name], capture_output=True, text=True, check=False)
+        if made.returncode != 0:
+            self.skipTest(f"no network namespaces here: {made.stderr.strip()}")
+        self.addCleanup(subprocess.run, ["ip", "netns", "del", name], check=False)
+        net = 10 + os.getpid() % 200
+        for command in [f"ip link add {here} type veth peer name {there} netns {name}",
+                        f"ip addr add 10.213.{net}.1/30 dev {here}", f"ip link set {here} up",
+                        f"ip -n {name} addr add 10.213.{net}.2/30 dev {there}",
+                        f"ip -n {name} link set {there} up", f"ip -n {name} link set lo up"]:
+            subprocess.run(command.split(), check=True)
+
+        def environment(rank):
+            return dict(os.environ, RANK=str(rank), WORLD_SIZE="2", MASTER_ADDR=f"10.213.{net}.1",
+                        MASTER_PORT="29517", GLOO_SOCKET_IFNAME=(here, there)[rank])
+
+        first = self.training.start("cut", environment=environment(0))
+        second = self.training.start("cut", environment=environment(1), before=("ip", "netns", "exec", name))
+        try:
+            wait_for_phase(first, "joint")
+            subprocess.run(["ip", "link", "set", here, "down"], check=True)
+            for process in (first, second):
+                _, errors = process.communicate(timeout=60)
+                self.assertEqual(process.returncode, RANK_LOST, errors)
+                self.assertIn("start all ranks again", errors)
+        finally:
+            end(first)
+            end(second)
+        self.training.learn("cut", "--ranks", "2")
+        self.assert_same_weights("cut")
+
+    def test_many_kills_lose_nothing(self):
+        """Only with --kills: kills or freezes a rank at a random moment, that many times."""
+        if options.kills == 0:
+            self.skipTest("without --kills")
+        draw = random.Random(1)
+        for i in range(options.kills):
+            name = f"many{i // 4}"
+            rank, number = draw.randrange(2), draw.choice([signal.SIGKILL, signal.SIGKILL, signal.SIGSTOP])
+            moment = draw.choice([("load", 0), ("pretrain",), ("joint",), ("joint", 2), ("posterior",)])
+            if i % 4 == 0:
+                moment = ("pretrain",)
+
+            def hurt(_, pids):
+                os.kill(pids[rank], number)
+
+            try:
+                status, errors = self.disturb(name, 2, moment, hurt)
+                self.assertEqual(status, RANK_LOST, errors)
+            except AssertionError as error:
+                if "it ended before" not in str(error):
+                    raise
+            if i % 4 == 3 or i + 1 == options.kills:
+                if not (self.training.folder / name).exists():
+                    self.training.learn(name, "--ranks", str(draw.choice([1, 2, 4])))
+                self.assert_same_weights(name)
+                print(f"{i + 1} kills, weights {self.training.weights(name)[:16]}", flush=True)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--maneuver", required=True)
+    parser.add_argument("--trainer", required=True)
+    parser.add_argument("--kills", type=int, default=0)
+    _, rest = parser.parse_known_args(namespace=options)
+    unittest.main(argv=[sys.argv[0], *rest])

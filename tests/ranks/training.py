@@ -1,0 +1,92 @@
+"""What the tests of ranks share: a small training, and its weights."""
+
+import hashlib
+import json
+import os
+import pathlib
+import signal
+import subprocess
+
+SETTINGS = {
+    "preset": "compact",
+    "model": {
+        "raster": {"height": 32, "width": 32, "meters_per_pixel": 2, "history_frames": 2, "frame_interval": "0.5s"},
+        "backbone": {"convolutions": [{"channels": 8, "stride": 2}, {"channels": 16, "stride": 2}], "features": 32},
+        "trajectory": {"waypoints": 10, "waypoint_interval": "0.4s"},
+        "actions": 6,
+        "latent_dimensions": 3,
+        "action_predictor": {"hidden": [32]},
+        "trajectory_encoder": {"hidden": [32]},
+        "decoder": {"hidden": [32]},
+        "scenario_encoder": {"hidden": [32]},
+    },
+    "examples": {"max_examples": 320},
+    "optimization": {"pretraining_epochs": 2, "mixture_epochs": 1, "joint_epochs": 4, "posterior_epochs": 1,
+                     "batch_size": 32},
+    "seed": 7,
+    "threads": 1,
+}
+
+
+class Training:
+    """A dataset and settings in `folder`, to be learned from any number of times."""
+
+    def __init__(self, folder, maneuver, trainer):
+        self.folder = pathlib.Path(folder)
+        self.trainer = str(trainer)
+        self.settings = self.folder / "settings.json"
+        self.settings.write_text(json.dumps(SETTINGS))
+        subprocess.run([maneuver, "synthesize", self.folder / "town", "--recordings", "16"], check=True,
+                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def arguments(self, name, *more):
+        """The trainer's, for a run that writes the model `name` and its checkpoints."""
+        return [self.trainer, "train", "--settings", str(self.settings), "--dataset", str(self.folder / "town"),
+                "--output", str(self.folder / name), "--checkpoints", str(self.folder / f"{name}.checkpoints"),
+                "--checkpoint-steps", "3", "--progress", "json", "--rank-timeout", "2", *more]
+
+    def start(self, name, *more, environment=None, before=()):
+        return subprocess.Popen([*before, *self.arguments(name, *more)], text=True, stdout=subprocess.PIPE,
+                                stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, env=environment)
+
+    def learn(self, name, *more):
+        """Learns to the end and returns the reports of its progress."""
+        with self.start(name, *more) as process:
+            lines, errors = process.communicate(timeout=300)
+        assert process.returncode == 0, f"exit status {process.returncode}\n{errors}"
+        return [json.loads(line) for line in lines.splitlines()]
+
+    def weights(self, name):
+        return hashlib.sha256((self.folder / name / "weights.safetensors").read_bytes()).hexdigest()
+
+
+def wait_for_phase(process, phase, epoch=1):
+    """Reads the progress of a process until it is there."""
+    for line in process.stdout:
+        report = json.loads(line)
+        if report["phase"] == phase and report.get("epoch", 0) >= epoch:
+            return
+    raise AssertionError(f"it ended before {phase}: {process.stderr.read()}")
+
+
+def children_of(pid):
+    return [int(child) for child in pathlib.Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def rank_of(pid):
+    variables = pathlib.Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+    return next(int(v.split(b"=")[1]) for v in variables if v.startswith(b"RANK="))
+
+
+def is_gone(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return pathlib.Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+
+
+def end(process, number=signal.SIGKILL):
+    if process.poll() is None:
+        process.send_signal(number)
+    process.communicate(timeout=60)
