@@ -51,9 +51,10 @@ class Training {
       : run_(run),
         device_(device),
         stopped_(run.stopped ? run.stopped : [] { return false; }),
-        progress_(Plan(run, run.settings.examples().max_examples(),
-                       run.settings.examples().max_examples()),
-                  run.progress, [] { return std::chrono::system_clock::now(); }) {}
+        progress_(
+            Plan(run, run.settings.examples().max_examples(),
+                 run.settings.examples().max_examples(), run.settings.examples().max_examples()),
+            run.progress, [] { return std::chrono::system_clock::now(); }) {}
 
   absl::StatusOr<TrainingData> Load(const std::vector<std::filesystem::path>& datasets) {
     progress_.BeginPhase("load");
@@ -64,8 +65,9 @@ class Training {
   }
 
   absl::StatusOr<v1::ModelManifest> Learn(const TrainingData& data) {
-    progress_.Replan(
-        Plan(run_, data.TrainingExamples(), static_cast<int64_t>(data.training.examples.size())));
+    progress_.Replan(Plan(run_, data.TrainingExamples(),
+                          static_cast<int64_t>(data.training.examples.size()),
+                          static_cast<int64_t>(data.validation.examples.size())));
     const int threads = Threads(run_.settings);
     Learner learner(run_.settings, data, device_, threads, stopped_, progress_);
     GivenNames given{.labels = data.label_names};
@@ -112,9 +114,11 @@ class Training {
 
  private:
   static std::vector<RunProgress::Phase> Plan(const TrainingRun& run, int64_t training_examples,
-                                              int64_t examples_in_memory) {
+                                              int64_t examples_in_memory,
+                                              int64_t held_out_examples) {
     std::vector<RunProgress::Phase> plan =
-        Learner::Plan(run.settings, training_examples, examples_in_memory, !run.start_from.empty());
+        Learner::Plan(run.settings, training_examples, examples_in_memory, held_out_examples,
+                      !run.start_from.empty());
     if (run.baselines) AnchorLearner::AddPhases(run.settings, training_examples, &plan);
     return plan;
   }
