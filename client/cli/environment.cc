@@ -25,7 +25,12 @@ void DropLogLine(gpr_log_func_args*) {}
 // Messages of the server name its methods; people at a command line know its commands.
 std::string WithCommands(absl::string_view message) {
   return absl::StrReplaceAll(message, {{"ListModelVersions names", "maneuver model list shows"},
-                                       {"with SetModelAlias", "with maneuver model promote"}});
+                                       {"with SetModelAlias", "with maneuver model promote"},
+                                       {"name one of them in `model`", "name one with --model"},
+                                       {"see its actions with GetActionSet",
+                                        "maneuver model actions shows those that it has"},
+                                       {"register it with RegisterMap and repeat the request",
+                                        "give the scene its map_features in place of map_id"}});
 }
 
 }  // namespace

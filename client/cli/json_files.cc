@@ -29,8 +29,12 @@ absl::StatusOr<std::string> ReadText(const std::string& path, Environment& envir
   if (path == "-") {
     text << environment.in.rdbuf();
   } else {
+    errno = 0;
     std::ifstream file(path, std::ios::binary);
-    if (!file) return absl::NotFoundError(absl::StrCat("cannot read ", path));
+    if (!file) {
+      return absl::NotFoundError(
+          absl::StrCat("cannot read ", path, ": ", std::generic_category().message(errno)));
+    }
     text << file.rdbuf();
   }
   return text.str();

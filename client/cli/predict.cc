@@ -85,6 +85,14 @@ bool ReportItems(const Predictions& predictions, Environment& environment) {
   return all_answered;
 }
 
+bool HasAnswers(const Predictions& predictions) {
+  return std::ranges::any_of(predictions, [](const v1::ScenarioPrediction& prediction) {
+    return std::ranges::any_of(prediction.targets(), [](const v1::TargetPrediction& target) {
+      return !target.has_error();
+    });
+  });
+}
+
 void PrintProbabilities(const Predictions& predictions, double at_least, const ActionTitles& titles,
                         Environment& environment) {
   Table table({{"SCENARIO"},
@@ -257,7 +265,7 @@ int Probability(const PredictArguments& arguments, Environment& environment) {
   if (!answer.ok()) return environment.Fail(answer.status());
   if (environment.json()) {
     environment.PrintJson(*answer);
-  } else {
+  } else if (HasAnswers(answer->predictions())) {
     PrintProbabilities(answer->predictions(), arguments.at_least, answer->action_names(),
                        environment);
   }
@@ -271,7 +279,7 @@ int Finish(const PredictArguments& arguments, const std::vector<v1::Scenario>& s
   const double horizon = answer.waypoint_times().empty() ? 0.0 : *answer.waypoint_times().rbegin();
   if (environment.json()) {
     environment.PrintJson(answer);
-  } else {
+  } else if (HasAnswers(answer.predictions())) {
     PrintDistributions(answer.predictions(), horizon, arguments.frame, answer.action_names(),
                        environment);
     if (arguments.representatives) {
@@ -306,7 +314,7 @@ int Predict(const PredictArguments& arguments, Environment& environment) {
   *request.mutable_query() = Query(arguments);
   const auto answer = environment.server_client().Predict(request, Options(arguments, environment));
   if (!answer.ok()) return environment.Fail(answer.status());
-  if (!environment.json()) {
+  if (!environment.json() && HasAnswers(answer->predictions())) {
     PrintProbabilities(answer->predictions(), arguments.at_least, answer->action_names(),
                        environment);
     environment.out << "\n";

@@ -8,6 +8,16 @@
 #include "client/error_details.h"
 
 namespace maneuver::cli {
+namespace {
+
+// "ITEM: ". Nothing for a scene without a name, or with one that is too long to be accepted: the
+// field paths of its errors name it.
+std::string Prefix(const std::string& item) {
+  constexpr size_t kTooLong = 256;
+  return item.empty() || item.size() > kTooLong ? "" : absl::StrCat(Printable(item), ": ");
+}
+
+}  // namespace
 
 absl::StatusOr<std::vector<v1::Scenario>> ReadScenarios(const std::vector<std::string>& files,
                                                         Environment& environment) {
@@ -26,20 +36,19 @@ absl::StatusOr<std::vector<v1::Scenario>> ReadScenarios(const std::vector<std::s
 }
 
 std::string TargetName(const std::string& scenario_id, int64_t target_id) {
-  return absl::StrCat(scenario_id, " target ", target_id);
+  return absl::StrCat(scenario_id, scenario_id.empty() ? "" : " ", "target ", target_id);
 }
 
 void ReportItemError(const std::string& item, const v1::Status& error, Environment& environment) {
-  environment.errors << "maneuver: " << Printable(item) << ": "
+  environment.errors << "maneuver: " << Prefix(item)
                      << PrintableLines(environment.Explain(client::ToStatus(error))) << "\n";
 }
 
 void ReportWarnings(const std::string& item, const SceneWarnings& warnings,
                     Environment& environment) {
   for (const v1::SceneWarning& warning : warnings) {
-    environment.err << "maneuver: warning: " << Printable(item) << ": "
-                    << Printable(warning.field()) << ": " << Printable(warning.description())
-                    << "\n";
+    environment.err << "maneuver: warning: " << Prefix(item) << Printable(warning.field()) << ": "
+                    << Printable(warning.description()) << "\n";
   }
 }
 

@@ -242,7 +242,9 @@ bool Turns(const ActionEvidence& evidence, const Deviation& deviation) {
 }
 
 bool ChangesLane(const ActionEvidence& evidence, const Deviation& deviation) {
-  return ShareOf(evidence.use, deviation.sideways > 0.0 ? RelativeClass::kLaneChangeLeft
+  constexpr double kTwoLanes = 7.5;  // metres
+  return deviation.scaled_sideways <= kTwoLanes &&
+         ShareOf(evidence.use, deviation.sideways > 0.0 ? RelativeClass::kLaneChangeLeft
                                                         : RelativeClass::kLaneChangeRight) >= 0.5;
 }
 

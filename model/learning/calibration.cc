@@ -20,6 +20,13 @@ std::string LastLayer(const char* network, const v1::MlpSpec& spec) {
   return network + ("." + std::to_string(spec.hidden_size()));
 }
 
+// Whether the width of q(z|y,s) is fitted. Of a base model it is p(z|y) and stays so.
+bool FitsLatent(const v1::ModelSpec& spec, const v1::OptimizationSettings& optimization) {
+  return optimization.decoder_covariance() != v1::DECODER_COVARIANCE_FIXED &&
+         optimization.calibrate_latent() && !spec.has_scene_covariance() &&
+         spec.objective() != v1::OBJECTIVE_BASE;
+}
+
 // The covariance of p(x|z) for each example, or for all.
 at::Tensor DecoderCovariance(const Networks& networks, const Predictions& predictions) {
   at::NoGradGuard no_grad;
@@ -108,11 +115,8 @@ absl::Status CalibrateModel(Networks& networks, const SceneSource& training_sour
 
   Predictions training = Predict(networks, training_examples);
   Predictions held_out = has_held_out ? Predict(networks, held_out_examples) : Predictions();
-  // How wide q(z|y,s) is, first: q(y|x,s) depends on it, and everything else on that. Of a base
-  // model it is p(z|y) and stays so.
-  if (has_held_out && !fixed && optimization.calibrate_latent() &&
-      !networks.spec().has_scene_covariance() &&
-      networks.spec().objective() != v1::OBJECTIVE_BASE) {
+  // How wide q(z|y,s) is, first: q(y|x,s) depends on it, and everything else on that.
+  if (has_held_out && FitsLatent(networks.spec(), optimization)) {
     FitCovariance(networks, training, generator);
     if (stopped()) return stop();
     const CovarianceScale scale =
@@ -158,8 +162,20 @@ absl::Status CalibrateModel(Networks& networks, const SceneSource& training_sour
   return absl::OkStatus();
 }
 
-int64_t CalibrationSteps(int64_t training_examples) {
-  return (std::min(training_examples, kMostTraining) + 63) / 64;
+int64_t CalibrationSteps(const v1::TrainingSettings& settings, int64_t training_examples,
+                         int64_t held_out_examples) {
+  const int64_t training = std::min(training_examples, kMostTraining);
+  const int64_t held_out = std::min(held_out_examples, kMostHeldOut);
+  const auto batches = [](int64_t examples, int64_t batch) {
+    return (examples + batch - 1) / batch;
+  };
+  const bool has_held_out = held_out >= kFewestHeldOut;
+  const int64_t predicted =
+      batches(training, kPredictedBatch) + (has_held_out ? batches(held_out, kPredictedBatch) : 0);
+  const int64_t times =
+      has_held_out && FitsLatent(settings.model(), settings.optimization()) ? 2 : 1;
+  return batches(training, kEncodedBatch) + batches(held_out, kEncodedBatch) +
+         times * predicted * kPredictedSteps;
 }
 
 }  // namespace maneuver::learning

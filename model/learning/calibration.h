@@ -24,15 +24,17 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
 //     scene predicts was learned before; here its speed factors are fitted to held-out examples
 //     (speed_factors.h);
 //   4. mixture.log_weight, the mean of p(y|s).
-//   step: called with the number of examples of each batch that was read
+//   step: called with the number of examples of each batch that was read, and with 0 while they
+//     are predicted; each call stands for about the same time
 absl::Status CalibrateModel(Networks& networks, const SceneSource& training_source,
                             const SceneSource& held_out_source,
                             const v1::OptimizationSettings& optimization, int threads,
                             at::Generator& generator, const std::function<bool()>& stopped,
                             const std::function<void(int64_t)>& step);
 
-// Returns about how often CalibrateModel calls `step`.
-int64_t CalibrationSteps(int64_t training_examples);
+// Returns how often CalibrateModel calls `step`. The settings are complete.
+int64_t CalibrationSteps(const v1::TrainingSettings& settings, int64_t training_examples,
+                         int64_t held_out_examples);
 
 }  // namespace maneuver::learning
 

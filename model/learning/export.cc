@@ -22,8 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int64_t kEnoughToTell = 100;   // examples: fewer may well be of one kind
-constexpr int64_t kMostMeasured = 2048;  // examples, about: recordings are measured whole
+constexpr int64_t kEnoughToTell = 100;  // examples: fewer may well be of one kind
 
 // The first recordings that hold about kMostMeasured examples.
 std::span<const v1::Scenario> Measured(const ExampleSet& set) {

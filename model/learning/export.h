@@ -17,6 +17,9 @@
 
 namespace maneuver::learning {
 
+// Held-out examples that a model is measured on, about: recordings are measured whole.
+inline constexpr int64_t kMostMeasured = 2048;
+
 struct ExportOptions {
   std::filesystem::path output;
   int threads = 1;

@@ -1,9 +1,13 @@
 #include "model/learning/learner.h"
 
+#include <algorithm>
+#include <map>
+#include <optional>
 #include <span>
 
 #include "model/learning/calibration.h"
 #include "model/learning/epoch_size.h"
+#include "model/learning/export.h"
 #include "model/learning/phases/calibrate.h"
 #include "model/learning/phases/covariance.h"
 #include "model/learning/phases/joint.h"
@@ -11,20 +15,25 @@
 #include "model/learning/phases/place.h"
 #include "model/learning/phases/posterior.h"
 #include "model/learning/phases/pretrain.h"
+#include "model/learning/phases/rehearsal.h"
+#include "model/learning/predictions.h"
 
 namespace maneuver::learning {
 namespace {
 
 struct LearningPhase {
   const char* name;
-  absl::Status (*run)(LearningState&, EpochLoop&);
+  PhaseFunction run;
+  // The batch of a step, in batches of the settings, if the phase is rehearsed; else 0.
+  int64_t rehearsed_batch = 0;
 };
 
-constexpr LearningPhase kLatentPhases[] = {
-    {kPretrainPhase, Pretrain}, {kPlacePhase, PlaceMixture}, {kMixturePhase, TrainMixture}};
-constexpr LearningPhase kScenePhases[] = {{kJointPhase, TrainJointly},
-                                          {kPosteriorPhase, TrainScenarioEncoders},
-                                          {kCovariancePhase, TrainCovariance}};
+constexpr LearningPhase kLatentPhases[] = {{kPretrainPhase, Pretrain, kTrajectoryBatchFactor},
+                                           {kPlacePhase, PlaceMixture},
+                                           {kMixturePhase, TrainMixture}};
+constexpr LearningPhase kScenePhases[] = {{kJointPhase, TrainJointly, 1},
+                                          {kPosteriorPhase, TrainScenarioEncoders, 1},
+                                          {kCovariancePhase, TrainCovariance, 1}};
 constexpr LearningPhase kLastPhases[] = {{kCalibratePhase, Calibrate}};
 
 // Runs those of the phases that are not over.
@@ -42,7 +51,7 @@ absl::Status RunPhases(std::span<const LearningPhase> phases, LearningState& sta
 
 std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settings,
                                               int64_t training_examples, int64_t examples_in_memory,
-                                              bool started) {
+                                              int64_t held_out_examples, bool started) {
   const v1::OptimizationSettings& optimization = settings.optimization();
   const int64_t batch = optimization.batch_size();
   const int64_t short_epoch =
@@ -53,24 +62,34 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
       settings.model().objective() == v1::OBJECTIVE_BASE ? 0 : optimization.posterior_epochs();
   const int covariance_epochs =
       settings.model().has_scene_covariance() ? optimization.covariance_epochs() : 0;
-  // Costs of a step relative to one of pretraining, for the compact preset.
+  const int64_t measured_examples = std::min(held_out_examples, kMostMeasured);
+  // Costs of a step relative to one of pretraining, for the compact preset. Rehearse measures what
+  // they are here.
+  constexpr double kJointCost = 30.0;
+  // Of an example, relative to learning from it in the joint phase.
+  constexpr double kEncodeShare = 0.35;
+  constexpr double kMeasureShare = 0.5;
+  const double example = kJointCost / static_cast<double>(batch);
   std::vector<RunProgress::Phase> plan = {{"load", 1, 1, 1.0}};
   if (!started) {
     plan.insert(plan.end(),
                 {{kPretrainPhase, optimization.pretraining_epochs(),
                   optimization.pretraining_epochs() * short_epoch, 1.0},
-                 {kPlacePhase, kPlacementEpochs, placements * kPlacementEpochs * short_epoch, 1.3},
+                 {kPlacePhase, kPlacementEpochs, placements * kPlacementEpochs * short_epoch, 1.4},
                  {kMixturePhase, optimization.mixture_epochs(),
-                  optimization.mixture_epochs() * short_epoch, 1.3}});
+                  optimization.mixture_epochs() * short_epoch, 1.4}});
   }
   plan.insert(
       plan.end(),
-      {{kJointPhase, optimization.joint_epochs(), optimization.joint_epochs() * long_epoch, 30.0},
+      {{kJointPhase, optimization.joint_epochs(), optimization.joint_epochs() * long_epoch,
+        kJointCost},
        {kPosteriorPhase, posterior_epochs, posterior_epochs * long_epoch, 20.0},
        {kCovariancePhase, covariance_epochs, covariance_epochs * long_epoch, 10.0},
-       {kCalibratePhase, 1, CalibrationSteps(examples_in_memory), 15.0},
+       {kCalibratePhase, 1, CalibrationSteps(settings, examples_in_memory, held_out_examples),
+        kEncodeShare * example * kEncodedBatch},
        {"export", 1, 1, 1.0},
-       {"evaluate", 1, 100, 7.0}});
+       {"evaluate", 1, 100,
+        kMeasureShare * example * static_cast<double>(measured_examples) / 100.0}});
   return plan;
 }
 
@@ -91,9 +110,31 @@ absl::Status Learner::KeepCheckpoints(CheckpointFolder* folder) {
   return status;
 }
 
+void Learner::Rehearse() {
+  RunProgress& progress = loop_.progress();
+  const int64_t batch = state_.settings.optimization().batch_size();
+  std::map<std::string, double> measured;
+  const auto rehearse = [&](std::span<const LearningPhase> phases) {
+    for (const LearningPhase& phase : phases) {
+      if (phase.rehearsed_batch == 0 || loop_.IsOver(phase.name)) continue;
+      const auto planned =
+          std::ranges::find(progress.plan(), phase.name, &RunProgress::Phase::name);
+      if (planned == progress.plan().end()) continue;
+      const std::optional<double> seconds = RehearseStep(*planned, batch * phase.rehearsed_batch,
+                                                         phase.run, state_, progress.clock());
+      if (seconds) measured[phase.name] = *seconds;
+    }
+  };
+  if (!has_start_) rehearse(kLatentPhases);
+  rehearse(kScenePhases);
+  progress.Replan(WithMeasuredSteps(progress.plan(), measured));
+}
+
 absl::Status Learner::Learn() {
   RankGroup& ranks = loop_.ranks();
   absl::Status status;
+  // Ranks exchange in each step, which one of them cannot rehearse.
+  if (state_.settings.optimization().micro_batches() == 0) Rehearse();
   if (!has_start_) {  // else the model that was started from has a mixture
     status = ranks.OnRankZero([this] { return RunPhases(kLatentPhases, state_, loop_); });
   }

@@ -28,10 +28,11 @@ class Learner {
 
   // Returns the plan of a run, for its RunProgress.
   //   examples_in_memory: of training, which the phases on trajectories and calibration are over
+  //   held_out_examples: in memory
   //   started: from the weights of a model
   static std::vector<RunProgress::Phase> Plan(const v1::TrainingSettings& settings,
                                               int64_t training_examples, int64_t examples_in_memory,
-                                              bool started = false);
+                                              int64_t held_out_examples, bool started = false);
 
   // Starts from these weights, which must have the same spec, instead of random ones. Learn then
   // begins with the joint phase. Call it first.
@@ -44,13 +45,18 @@ class Learner {
 
   // Runs all phases up to calibration, from the position of the checkpoint. Phases that learn from
   // scenes are run by all ranks, the others by rank 0. Only rank 0 has the calibrated model
-  // afterwards. Errors are those of EpochLoop::Run.
+  // afterwards. Before that, a process that learns alone measures what a step of each phase will
+  // take (phases/rehearsal.h), so that the time left is right from the start. Errors are those of
+  // EpochLoop::Run.
   absl::Status Learn();
 
   LearningState& state() { return state_; }
   EpochLoop& loop() { return loop_; }
 
  private:
+  // Replaces the plan's costs by what steps take here.
+  void Rehearse();
+
   LearningState state_;
   EpochLoop loop_;
   bool has_start_ = false;

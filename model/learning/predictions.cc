@@ -10,12 +10,6 @@
 #include "model/learning/validation.h"
 
 namespace maneuver::learning {
-namespace {
-
-constexpr int64_t kEncodedBatch = 64;
-constexpr int64_t kPredictedBatch = 32;
-
-}  // namespace
 
 ExampleFeatures EncodeExamples(Networks& networks, const SceneSource& source, int64_t most,
                                int threads, const std::function<bool()>& stopped,
@@ -38,7 +32,8 @@ ExampleFeatures EncodeExamples(Networks& networks, const SceneSource& source, in
   return {at::cat(trajectories),
           {at::cat(features), geometry.empty() ? at::Tensor() : at::cat(geometry)},
           at::cat(references),
-          at::cat(speeds)};
+          at::cat(speeds),
+          step};
 }
 
 Predictions Predictions::Rows(const at::Tensor& rows) const {
@@ -79,6 +74,7 @@ Predictions Predict(const Networks& networks, const ExampleFeatures& examples) {
       along.push_back(split.along);
       across.push_back(split.across);
     }
+    for (int i = 0; examples.step && i < kPredictedSteps; ++i) examples.step(0);
   }
   const auto join = [](const std::vector<at::Tensor>& parts) {
     return parts.empty() ? at::Tensor() : at::cat(parts);

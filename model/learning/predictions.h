@@ -12,16 +12,23 @@
 
 namespace maneuver::learning {
 
+inline constexpr int64_t kEncodedBatch = 64;
+inline constexpr int64_t kPredictedBatch = 32;
+// To predict a batch takes about as long as to encode so many.
+inline constexpr int64_t kPredictedSteps = 3;
+
 // Features of the scenes of N examples.
 struct ExampleFeatures {
   at::Tensor trajectories;  // x - r(m), [N, 2T] metres
   SceneFeatures scenes;
   at::Tensor references;  // r(m), [N, 2T] metres
   at::Tensor speeds;      // [N] m/s
+  // Called kPredictedSteps times for each batch that Predict is done with; may be empty.
+  std::function<void(int64_t)> step{};
 };
 
 // Encodes at most `most` examples of the source, drawn evenly and not varied; fewer if `stopped`.
-//   step: called with the number of examples of each batch
+//   step: called with the number of examples of each batch; Predict goes on calling it, with 0
 ExampleFeatures EncodeExamples(Networks& networks, const SceneSource& source, int64_t most,
                                int threads, const std::function<bool()>& stopped,
                                const std::function<void(int64_t)>& step);

@@ -86,19 +86,20 @@ RunProgress::Measured RunProgress::MeasuredNow() const {
   return {Seconds(clock_() - phase_begun_), phase_step_ - phase_resumed_};
 }
 
+RunProgress::Measured RunProgress::MeasuredOf(const std::string& phase) const {
+  const auto found = measured_.find(phase);
+  return found == measured_.end() ? Measured() : found->second;
+}
+
 double RunProgress::SecondsPerCost() const {
-  const Phase& phase = phases_[static_cast<size_t>(current_)];
-  if (const Measured now = MeasuredNow(); now.steps >= kTellingSteps && phase.cost > 0.0) {
-    return now.seconds / (phase.cost * static_cast<double>(now.steps));
-  }
   double seconds = 0.0;
   double cost = 0.0;
-  for (int i = 0; i < current_; ++i) {
-    const Phase& before = phases_[static_cast<size_t>(i)];
-    const auto found = measured_.find(before.name);
-    if (found == measured_.end() || found->second.steps < kTellingSteps) continue;
-    seconds += found->second.seconds;
-    cost += before.cost * static_cast<double>(found->second.steps);
+  for (int i = 0; i <= current_; ++i) {
+    const Phase& phase = phases_[static_cast<size_t>(i)];
+    const Measured measured = i == current_ ? MeasuredNow() : MeasuredOf(phase.name);
+    if (measured.steps < kTellingSteps) continue;
+    seconds += measured.seconds;
+    cost += phase.cost * static_cast<double>(measured.steps);
   }
   if (cost > 0.0) return seconds / cost;
   // Nothing has been measured but the whole.
@@ -110,9 +111,15 @@ double RunProgress::SecondsLeft() const {
   const double per_cost = SecondsPerCost();
   double left = 0.0;
   for (size_t i = static_cast<size_t>(current_); i < phases_.size(); ++i) {
-    const bool is_current = i == static_cast<size_t>(current_);
-    const int64_t steps = phases_[i].steps - (is_current ? phase_step_ : 0);
-    left += static_cast<double>(std::max<int64_t>(steps, 0)) * phases_[i].cost * per_cost;
+    const Phase& phase = phases_[i];
+    double step = phase.cost * per_cost;
+    int64_t steps = phase.steps;
+    if (i == static_cast<size_t>(current_)) {
+      steps = std::max<int64_t>(0, steps - phase_step_);
+      const Measured now = MeasuredNow();
+      if (now.steps >= kTellingSteps) step = now.seconds / static_cast<double>(now.steps);
+    }
+    left += static_cast<double>(steps) * step;
   }
   return left;
 }

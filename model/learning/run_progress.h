@@ -22,8 +22,9 @@ class RunProgress {
   using Sink = std::function<void(const v1::JobProgress&)>;
 
   // A phase of the plan. `cost` is the approximate time of a step, in any unit, the same for all
-  // phases. With it `fraction` grows evenly, and phases that have not begun get a time. The time
-  // left of a phase in progress is estimated from its own steps.
+  // phases. With it `fraction` grows evenly, and phases that have not begun get a time, on the scale
+  // of what the steps so far have taken. The time left of a phase in progress is estimated from its
+  // own steps.
   struct Phase {
     std::string name;
     int epochs = 1;
@@ -37,6 +38,8 @@ class RunProgress {
   void BeginPhase(const std::string& name);
   // Replaces the plan once it is better known. Phases that are over stay over.
   void Replan(std::vector<Phase> phases);
+  const std::vector<Phase>& plan() const { return phases_; }
+  const Clock& clock() const { return clock_; }
   void BeginEpoch(int epoch);  // from 1
   // Says that an earlier process did all earlier phases and `phase_steps` steps of this one.
   void Resume(int64_t phase_steps);
@@ -55,7 +58,8 @@ class RunProgress {
     int64_t steps = 0;
   };
   Measured MeasuredNow() const;
-  // Returns the seconds per unit of cost, measured in the present phase or else in earlier ones.
+  Measured MeasuredOf(const std::string& phase) const;  // a phase that is over
+  // Returns the seconds per unit of cost of all steps that were measured.
   double SecondsPerCost() const;
   double SecondsLeft() const;
   double DoneCost() const;

@@ -85,10 +85,11 @@ class Training {
         ranks_(ranks),
         settings_(run.settings),
         data_memory_(run.data_memory),
-        progress_(Plan(run, run.settings.examples().max_examples(),
-                       run.settings.examples().max_examples()),
-                  ranks.rank() == 0 ? run.progress : nullptr,
-                  [] { return std::chrono::system_clock::now(); }) {}
+        progress_(
+            Plan(run, run.settings.examples().max_examples(),
+                 run.settings.examples().max_examples(), run.settings.examples().max_examples()),
+            ranks.rank() == 0 ? run.progress : nullptr,
+            [] { return std::chrono::system_clock::now(); }) {}
 
   // Decides on rank 0 what the run leaves open, for all ranks. Call it first.
   absl::Status Agree() {
@@ -118,8 +119,9 @@ class Training {
   }
 
   absl::StatusOr<v1::ModelManifest> Learn(const TrainingData& data) {
-    progress_.Replan(
-        Plan(run_, data.TrainingExamples(), static_cast<int64_t>(data.training.examples.size())));
+    progress_.Replan(Plan(run_, data.TrainingExamples(),
+                          static_cast<int64_t>(data.training.examples.size()),
+                          static_cast<int64_t>(data.validation.examples.size())));
     Learner learner(settings_, data, device_, Threads(run_), ranks_, progress_);
     GivenNames given{.labels = data.label_names};
     std::optional<CheckpointFolder> checkpoints;
@@ -152,9 +154,11 @@ class Training {
 
  private:
   static std::vector<RunProgress::Phase> Plan(const TrainingRun& run, int64_t training_examples,
-                                              int64_t examples_in_memory) {
+                                              int64_t examples_in_memory,
+                                              int64_t held_out_examples) {
     std::vector<RunProgress::Phase> plan =
-        Learner::Plan(run.settings, training_examples, examples_in_memory, !run.start_from.empty());
+        Learner::Plan(run.settings, training_examples, examples_in_memory, held_out_examples,
+                      !run.start_from.empty());
     if (run.baselines) AnchorLearner::AddPhases(run.settings, training_examples, &plan);
     return plan;
   }

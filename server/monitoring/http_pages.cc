@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "server/monitoring/listening.h"
 
 namespace maneuver::monitoring {
 namespace {
@@ -76,8 +77,8 @@ class CivetPages final : public HttpPages {
     context_ = mg_start(&callbacks, nullptr, options.data());
     mg_server_port listened{};
     if (context_ == nullptr || mg_get_server_ports(context_, 1, &listened) < 1) {
-      return absl::UnavailableError(
-          absl::StrCat("cannot serve metrics and health on ", address, ": is the port taken?"));
+      return absl::UnavailableError(absl::StrCat("cannot serve metrics and health on ", address,
+                                                 ": ", WhyNotListening(address)));
     }
     port_ = listened.port;
     for (HttpPage& page : pages_) {

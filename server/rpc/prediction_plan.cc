@@ -15,8 +15,6 @@
 namespace maneuver::rpc {
 namespace {
 
-constexpr size_t kMaxScenarioIdLength = 128;
-
 // Returns what the target did after the prediction time, resampled to the model's waypoints:
 // [T, 2] target frame, metres.
 absl::StatusOr<inference::Trajectory> ObservedTrajectory(const v1::Scenario& scenario,
@@ -87,9 +85,6 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
     PlannedScenario& planned = plan.scenarios.emplace_back();
 
     auto violations = scene::ValidateScenario(scenario, limits);
-    if (scenario.scenario_id().size() > kMaxScenarioIdLength) {
-      violations.push_back({"scenario_id", "longer than 128 characters"});
-    }
     if (!scenario.map_id().empty() && !serving::IsMapId(scenario.map_id())) {
       violations.push_back({"map_id", "is not what RegisterMap gives: 64 lower-case hex digits"});
     }

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "server/monitoring/listening.h"
 #include "server/rpc/call_observer.h"
 #include "server/rpc/open_connections.h"
 #include "server/rpc/reflection.h"
@@ -104,8 +105,8 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
 
   std::unique_ptr<grpc::Server> server = builder.BuildAndStart();
   if (server == nullptr || port == 0) {
-    return absl::UnavailableError(
-        absl::StrCat("cannot listen on ", address.ToString(), ": is the port taken?"));
+    return absl::UnavailableError(absl::StrCat("cannot listen on ", address.ToString(), ": ",
+                                               monitoring::WhyNotListening(address.ToString())));
   }
   auto* health = server->GetHealthCheckService();
   for (const std::string& name : names) health->SetServingStatus(name, true);

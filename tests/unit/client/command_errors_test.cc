@@ -238,6 +238,27 @@ TEST(CommandErrorsTest, ServerMessagesNameCommandsInsteadOfMethods) {
   };
   EXPECT_EQ(Maneuver({"--server", server.address(), "predict", "-"}, kScene).err,
             "maneuver: there is no models/town; maneuver model list shows those that exist\n");
+  server.on_predict = [](auto*, const auto&, auto*) {
+    return grpc::Status(grpc::StatusCode::FAILED_PRECONDITION,
+                        "town/1 has no action named \"fly\"; see its actions with GetActionSet");
+  };
+  EXPECT_EQ(Maneuver({"--server", server.address(), "predict", "-"}, kScene).err,
+            "maneuver: town/1 has no action named \"fly\"; maneuver model actions shows those that "
+            "it has\n");
+}
+
+TEST(CommandErrorsTest, ARefusedSceneHasNoTableAndNeedsNoName) {
+  client::TestServer server;
+  server.on_predict = [](auto*, const auto&, v1::PredictResponse* response) {
+    v1::ScenarioPrediction* prediction = response->add_predictions();
+    prediction->mutable_error()->set_code(static_cast<int>(absl::StatusCode::kInvalidArgument));
+    prediction->mutable_error()->set_message("scenarios[0].agents[0].length: is 0 m");
+    return grpc::Status::OK;
+  };
+  const Result result = Maneuver({"--server", server.address(), "predict", "-"}, kScene);
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_THAT(result.out, IsEmpty());
+  EXPECT_EQ(result.err, "maneuver: scenarios[0].agents[0].length: is 0 m\n");
 }
 
 TEST(CommandErrorsTest, SuggestsTheNearestCommandForAnUnknownOne) {

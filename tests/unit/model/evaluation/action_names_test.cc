@@ -214,7 +214,9 @@ TEST(ActionNamesTest, TheExamplesOfARelativeActionSayWhetherItTurnsOrChangesLane
   EXPECT_EQ(RelativeName(Gain(0.0, 0.5), UseOf(9, "turns_left", 0.8)), "bear left");
   EXPECT_EQ(RelativeName(Gain(0.0, 0.2), UseOf(50, "lane_change_left", 0.6)), "lane change left");
   EXPECT_EQ(RelativeName(Gain(0.0, -0.2), UseOf(50, "lane_change_left", 0.6)), "drift right");
-  EXPECT_EQ(RelativeName(Gain(0.0, 1.0), UseOf(50, "lane_change_left", 0.6)), "lane change left");
+  EXPECT_EQ(RelativeName(Gain(0.0, 0.5), UseOf(50, "lane_change_left", 0.6)), "lane change left");
+  // 12.5 m to the side are more than two lanes.
+  EXPECT_EQ(RelativeName(Gain(0.0, 1.0), UseOf(50, "lane_change_left", 0.6)), "bear left");
   EXPECT_EQ(RelativeName(Gain(0.0, 1.0), UseOf(50, "keeps_speed", 0.6)), "bear left");
   // Who is slow enough stops by any loss of speed: that says more of the speed than of the action.
   EXPECT_EQ(RelativeName(Gain(-0.5, 0.0), UseOf(50, "stops", 0.9)), "slow down");

@@ -31,6 +31,15 @@ TEST(PlanPredictionTest, BadItemsFailAloneWithTheirPathFromTheRequest) {
   EXPECT_EQ(plan.targets[0].scenario, &request.scenarios(0));
 }
 
+TEST(PlanPredictionTest, ReportsAScenarioIdThatIsTooLongOnce) {
+  v1::PredictRequest request;
+  *request.add_scenarios() = TwoCars();
+  request.mutable_scenarios(0)->set_scenario_id(std::string(129, 'x'));
+  const PredictionPlan plan = PlanPrediction(request.scenarios(), Spec(), {}, false);
+  EXPECT_EQ(plan.scenarios[0].status.message(),
+            "scenarios[0].scenario_id: has 129 characters; at most 128 are accepted");
+}
+
 TEST(PlanPredictionTest, RefusesATargetOfATypeThatTheModelHasNotLearned) {
   v1::PredictRequest request;
   *request.add_scenarios() = TwoCars();

@@ -1,0 +1,91 @@
+#include "model/learning/phases/rehearsal.h"
+
+#include <algorithm>
+#include <chrono>
+#include <string>
+#include <vector>
+
+#include "model/learning/networks.h"
+#include "model/learning/phases/joint.h"
+#include "model/learning/phases/pretrain.h"
+#include "model/learning/ranks/rank_group.h"
+#include "model/learning/run_state.h"
+
+namespace maneuver::learning {
+namespace {
+
+constexpr int64_t kFewestPlanned = 100;  // steps: a shorter phase is soon over
+constexpr int64_t kOneIn = 40;           // steps, of which one is rehearsed
+constexpr int64_t kFewestSteps = 4;
+constexpr int64_t kMostSteps = 40;
+
+// Keeps networks and random numbers, and puts them back when it goes.
+class StateGuard {
+ public:
+  explicit StateGuard(LearningState& state)
+      : state_(state), networks_(state.networks.Save()), random_(RandomState(state.generator)) {}
+  ~StateGuard() {
+    state_.networks.Restore(networks_);
+    RestoreRandomState(random_, &state_.generator);
+    // A gradient that is left would be added to the next one.
+    for (const auto& [name, tensor] : networks_) state_.networks[name].mutable_grad().reset();
+  }
+  StateGuard(const StateGuard&) = delete;
+  StateGuard& operator=(const StateGuard&) = delete;
+
+ private:
+  LearningState& state_;
+  const Networks::Snapshot networks_;
+  const std::string random_;
+};
+
+}  // namespace
+
+std::optional<double> RehearseStep(const RunProgress::Phase& phase, int64_t batch_size,
+                                   PhaseFunction learn, LearningState& state,
+                                   const RunProgress::Clock& clock) {
+  if (phase.steps < kFewestPlanned) return std::nullopt;
+  const int64_t steps = std::clamp(phase.steps / kOneIn, kFewestSteps, kMostSteps);
+  v1::TrainingSettings settings = state.settings;
+  settings.mutable_examples()->set_max_examples(steps * batch_size);
+  // The loop asks at each step whether to stop: it is time at the first step of the second epoch.
+  std::vector<std::chrono::system_clock::time_point> begun;
+  const auto stopped = [&] {
+    begun.push_back(clock());
+    return state.stopped() || static_cast<int64_t>(begun.size()) > steps;
+  };
+  const StateGuard guard(state);
+  RunProgress unheard({phase}, nullptr, clock);
+  RankGroup alone(stopped);
+  EpochLoop loop(settings, state.data, alone, unheard);
+  const absl::Status status = learn(state, loop);
+  if (status.ok()) begun.push_back(clock());  // it has one epoch
+  const auto count = static_cast<int64_t>(begun.size());
+  if (state.stopped() || count != steps + 1) return std::nullopt;
+  const auto seconds = [&begun](int64_t from, int64_t to) {
+    return std::chrono::duration<double>(begun[static_cast<size_t>(to)] -
+                                         begun[static_cast<size_t>(from)])
+        .count();
+  };
+  // The first step also waits for the first batch.
+  const double step = seconds(1, steps - 1) / static_cast<double>(steps - 2);
+  const double validation = std::max(0.0, seconds(steps - 1, steps) - step);
+  return step + validation * phase.epochs / static_cast<double>(phase.steps);
+}
+
+std::vector<RunProgress::Phase> WithMeasuredSteps(std::vector<RunProgress::Phase> plan,
+                                                  const std::map<std::string, double>& measured) {
+  const auto joint = std::ranges::find(plan, kJointPhase, &RunProgress::Phase::name);
+  if (joint == plan.end() || !measured.contains(kJointPhase)) return plan;
+  double scale = measured.at(kJointPhase) / joint->cost;
+  const double joint_scale = scale;
+  for (RunProgress::Phase& phase : plan) {
+    if (phase.name == kJointPhase) scale = joint_scale;
+    const auto found = measured.find(phase.name);
+    if (found != measured.end() && phase.name == kPretrainPhase) scale = found->second / phase.cost;
+    phase.cost = found != measured.end() ? found->second : phase.cost * scale;
+  }
+  return plan;
+}
+
+}  // namespace maneuver::learning
