@@ -3,7 +3,6 @@
 #ifndef MANEUVER_MODEL_LEARNING_PHASES_EPOCH_LOOP_H_
 #define MANEUVER_MODEL_LEARNING_PHASES_EPOCH_LOOP_H_
 
-#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -18,6 +17,7 @@
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/learning/checkpoint.h"
 #include "model/learning/optimizer.h"
+#include "model/learning/phases/batch_loss.h"
 #include "model/learning/ranks/micro_batch_range.h"
 #include "model/learning/ranks/rank_group.h"
 #include "model/learning/run_progress.h"
@@ -32,14 +32,6 @@ struct Moment {
   int epoch = 0;  // epochs before this one
   // Factor of the weights of the divergences: rises from 0 to 1 over divergence_warm_up.
   double divergence_share = 1.0;
-};
-
-// A batch's loss, to be minimised.
-struct BatchLoss {
-  at::Tensor value;  // a scalar with its graph
-  int64_t examples = 0;
-  std::chrono::nanoseconds waited{0};  // for the batch
-  double share = 1.0;                  // of a micro-batch, in its batch
 };
 
 // Where an epoch begins, or is resumed.

@@ -10,7 +10,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "model/learning/optimizer.h"
-#include "model/learning/phases/epoch_loop.h"
+#include "model/learning/phases/batch_loss.h"
 #include "model/learning/ranks/micro_batch_range.h"
 #include "model/learning/ranks/rank_group.h"
 #include "model/learning/tensors.h"
