@@ -169,13 +169,20 @@ int64_t CalibrationSteps(const v1::TrainingSettings& settings, int64_t training_
   const auto batches = [](int64_t examples, int64_t batch) {
     return (examples + batch - 1) / batch;
   };
+  const v1::ModelSpec& spec = settings.model();
+  const v1::OptimizationSettings& optimization = settings.optimization();
   const bool has_held_out = held_out >= kFewestHeldOut;
+  const bool twice = has_held_out && FitsLatent(spec, optimization);
   const int64_t predicted =
       batches(training, kPredictedBatch) + (has_held_out ? batches(held_out, kPredictedBatch) : 0);
-  const int64_t times =
-      has_held_out && FitsLatent(settings.model(), settings.optimization()) ? 2 : 1;
+  int64_t fits = 0;  // of one time
+  if (spec.has_scene_covariance()) {
+    if (has_held_out) fits = SpeedFactorSteps(held_out);
+  } else if (optimization.decoder_covariance() != v1::DECODER_COVARIANCE_FIXED) {
+    fits = DecoderCovarianceSteps(training) + (has_held_out ? CovarianceScaleSteps(held_out) : 0);
+  }
   return batches(training, kEncodedBatch) + batches(held_out, kEncodedBatch) +
-         times * predicted * kPredictedSteps;
+         (twice ? 2 : 1) * (predicted * kPredictedSteps + fits);
 }
 
 }  // namespace maneuver::learning

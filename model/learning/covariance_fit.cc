@@ -85,6 +85,9 @@ OwnActions TakeOwnActions(const Predictions& predictions, const at::Tensor& cova
                     .view({examples, count, covariance.size(1), covariance.size(2)})};
 }
 
+// How many examples under all actions take the time of so many under their own.
+int64_t ScaledExamples(int64_t examples) { return examples * kOwnActions / 25; }
+
 // -E ln p over waypoints.
 at::Tensor Nll(const Predictions& predictions, const at::Tensor& covariance) {
   return -WaypointLogLikelihood(predictions.log_probabilities, predictions.mean, covariance,
@@ -113,8 +116,17 @@ at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& g
     const Predictions batch = predictions.Rows(rows);
     Nll(batch, batch.covariance + CovarianceOf(factor)).backward();
     optimizer.Step(LearningRateShare(step, 0, kFitPasses * batches));
+    predictions.CountFit(kFitBatch);
   }
   return CovarianceOf(factor).detach();
+}
+
+int64_t DecoderCovarianceSteps(int64_t examples) {
+  return kFitPasses * ((examples + kFitBatch - 1) / kFitBatch) * FitSteps(kFitBatch);
+}
+
+int64_t CovarianceScaleSteps(int64_t examples) {
+  return kScaleSteps * FitSteps(ScaledExamples(examples));
 }
 
 CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor& covariance,
@@ -136,6 +148,7 @@ CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor
                                 : own.predictions.covariance);
     Nll(own.predictions, whole).backward();
     optimizer.Step(LearningRateShare(step, 0, kScaleSteps));
+    held_out.CountFit(ScaledExamples(held_out.trajectories.size(0)));
   }
   return {factor().detach(), fit_latent ? latent_factor().item<double>() : 1.0};
 }

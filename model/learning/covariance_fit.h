@@ -4,6 +4,8 @@
 #ifndef MANEUVER_MODEL_LEARNING_COVARIANCE_FIT_H_
 #define MANEUVER_MODEL_LEARNING_COVARIANCE_FIT_H_
 
+#include <cstdint>
+
 #include "model/learning/predictions.h"
 #include "model/learning/tensors.h"
 
@@ -31,6 +33,10 @@ struct CovarianceScale {
 //   fit_latent: whether to fit latent_stddev too; otherwise it stays 1
 CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor& covariance,
                                    bool fit_latent);
+
+// Return how many steps of progress the two fits count (Predictions::CountFit).
+int64_t DecoderCovarianceSteps(int64_t examples);
+int64_t CovarianceScaleSteps(int64_t examples);
 
 // Returns the share of waypoints that lie in the 2-sigma ellipse of the action that the example
 // belongs to, counted as in an evaluation. A Gaussian has 1 - exp(-2).

@@ -67,8 +67,8 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
   // they are here.
   constexpr double kJointCost = 30.0;
   // Of an example, relative to learning from it in the joint phase.
-  constexpr double kEncodeShare = 0.35;
-  constexpr double kMeasureShare = 0.5;
+  constexpr double kEncodeShare = 0.25;
+  constexpr double kMeasureShare = 1.5;
   const double example = kJointCost / static_cast<double>(batch);
   std::vector<RunProgress::Phase> plan = {{"load", 1, 1, 1.0}};
   if (!started) {

@@ -48,7 +48,12 @@ Predictions Predictions::Rows(const at::Tensor& rows) const {
           take(latents),
           take(speeds),
           take(along),
-          take(across)};
+          take(across),
+          step};
+}
+
+void Predictions::CountFit(int64_t examples) const {
+  for (int64_t i = 0; step && i < FitSteps(examples); ++i) step(0);
 }
 
 Predictions Predict(const Networks& networks, const ExampleFeatures& examples) {
@@ -79,8 +84,8 @@ Predictions Predict(const Networks& networks, const ExampleFeatures& examples) {
   const auto join = [](const std::vector<at::Tensor>& parts) {
     return parts.empty() ? at::Tensor() : at::cat(parts);
   };
-  return {examples.trajectories, join(log_p),     join(log_q), join(means), join(covariances),
-          join(latents),         examples.speeds, join(along), join(across)};
+  return {examples.trajectories, join(log_p),     join(log_q), join(means),  join(covariances),
+          join(latents),         examples.speeds, join(along), join(across), examples.step};
 }
 
 }  // namespace maneuver::learning

@@ -3,6 +3,7 @@
 #ifndef MANEUVER_MODEL_LEARNING_PREDICTIONS_H_
 #define MANEUVER_MODEL_LEARNING_PREDICTIONS_H_
 
+#include <algorithm>
 #include <cstdint>
 #include <functional>
 
@@ -14,8 +15,11 @@ namespace maneuver::learning {
 
 inline constexpr int64_t kEncodedBatch = 64;
 inline constexpr int64_t kPredictedBatch = 32;
-// To predict a batch takes about as long as to encode so many.
+// Calibration counts its progress in steps that take about as long as encoding a batch. To predict
+// a batch takes so many of them.
 inline constexpr int64_t kPredictedSteps = 3;
+// Returns how many of them a step of a fit to so many examples takes.
+inline int64_t FitSteps(int64_t examples) { return std::max<int64_t>(1, examples / 80); }
 
 // Features of the scenes of N examples.
 struct ExampleFeatures {
@@ -23,7 +27,7 @@ struct ExampleFeatures {
   SceneFeatures scenes;
   at::Tensor references;  // r(m), [N, 2T] metres
   at::Tensor speeds;      // [N] m/s
-  // Called kPredictedSteps times for each batch that Predict is done with; may be empty.
+  // Counts progress: called kPredictedSteps times for each batch that is predicted; may be empty.
   std::function<void(int64_t)> step{};
 };
 
@@ -47,7 +51,11 @@ struct Predictions {
   // with scene_covariance. [N, K, T, 3] xx, xy, yy, square metres
   at::Tensor along{};
   at::Tensor across{};
+  // Counts progress; may be empty.
+  std::function<void(int64_t)> step{};
 
+  // Counts a step of a fit to so many examples.
+  void CountFit(int64_t examples) const;
   // Returns the predictions for some of the examples. rows: [M] indices
   Predictions Rows(const at::Tensor& rows) const;
 };

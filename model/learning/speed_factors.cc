@@ -44,9 +44,12 @@ at::Tensor FitSpeedFactors(const Predictions& held_out) {
     const at::Tensor spread = (logs - logs.mean(0, /*keepdim=*/true)).square().sum();
     (nll + 0.5 * kPriorExamples / examples * spread).backward();
     optimizer.Step(LearningRateShare(step, 0, kFactorSteps));
+    held_out.CountFit(held_out.trajectories.size(0));
   }
   return logs.exp().detach();
 }
+
+int64_t SpeedFactorSteps(int64_t examples) { return kFactorSteps * FitSteps(examples); }
 
 at::Tensor WidenToCoverBySpeed(const Predictions& held_out, const at::Tensor& factors,
                                double share) {

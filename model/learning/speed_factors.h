@@ -4,6 +4,8 @@
 #ifndef MANEUVER_MODEL_LEARNING_SPEED_FACTORS_H_
 #define MANEUVER_MODEL_LEARNING_SPEED_FACTORS_H_
 
+#include <cstdint>
+
 #include "model/learning/predictions.h"
 #include "model/learning/tensors.h"
 
@@ -16,6 +18,8 @@ at::Tensor SpeedBins(const at::Tensor& speeds);
 // held-out trajectories most likely under the mixture over p(y|s). Bins with few examples are drawn
 // towards the mean of all bins.
 at::Tensor FitSpeedFactors(const Predictions& held_out);
+// Returns how many steps of progress that counts for so many examples.
+int64_t SpeedFactorSteps(int64_t examples);
 
 // Returns `factors`, multiplied in each bin by the smallest number from 1 to 16 that makes the
 // covered share at least `share` (CoveredShare in covariance_fit.h). A bin with fewer than 300
