@@ -67,6 +67,19 @@ at::Tensor OfEachAction(const at::Tensor& values, const at::Tensor& weight) {
   return at::bmm(values.transpose(0, 1), weight.transpose(1, 2)).transpose(0, 1);
 }
 
+// Returns `values` clamped to least .. most. A value outside gets the gradients that lead back
+// inside, which clamp() would drop: once too small, a deviation could never grow again.
+at::Tensor ClampedFromWithin(const at::Tensor& values, double least, double most) {
+  const at::Tensor clamped = values.clamp(least, most);
+  if (!clamped.requires_grad()) return clamped;
+  const at::Tensor outside = (clamped - values).detach();  // > 0 below the least value
+  const at::Tensor result = values + outside;
+  result.register_hook([outside](const at::Tensor& gradient) {
+    return at::where(outside * gradient > 0, at::zeros_like(gradient), gradient);
+  });
+  return result;
+}
+
 std::string Layer(const std::string& network, size_t i, const char* tensor) {
   return network + "." + std::to_string(i) + "." + tensor;
 }
@@ -241,9 +254,8 @@ at::Tensor Networks::PredictLogStddevs(const SceneFeatures& scenes) const {
       PerAction("scene_covariance", spec_.scene_covariance().hidden_size(), scenes.features)
           .transpose(0, 1)
           .unflatten(2, {2, artifact::kStddevTerms});  // [B, K, 2, 4]
-  return at::matmul(numbers, stddev_terms_.t())
-      .transpose(2, 3)
-      .clamp(artifact::kLeastLogStddev, artifact::kMostLogStddev);
+  return ClampedFromWithin(at::matmul(numbers, stddev_terms_.t()).transpose(2, 3),
+                           artifact::kLeastLogStddev, artifact::kMostLogStddev);
 }
 
 at::Tensor Networks::PredictCovariance(const at::Tensor& latents) const {

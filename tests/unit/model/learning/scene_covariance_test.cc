@@ -90,5 +90,30 @@ TEST_F(SceneCovarianceTest, ItsGradientIsThatOfFiniteDifferences) {
   EXPECT_FALSE(networks_["scenario_encoder.0.weight"].grad().defined());
 }
 
+// Clamping alone has no gradient outside its bounds: a deviation that once left them stayed there.
+TEST_F(SceneCovarianceTest, ADeviationOutsideItsBoundsLearnsTheWayBackAndNoFurther) {
+  // q(z|x) does not depend on x: kilometres are no input that it can take.
+  for (at::Tensor weight : networks_.Parameters(Networks::Part::kTrajectoryEncoder)) {
+    at::NoGradGuard no_grad;
+    weight.zero_();
+  }
+  at::Tensor& bias = networks_["scene_covariance.1.bias"];  // [K, 8], the first of each axis is a_0
+  const auto gradient = [&](double log_stddev, const at::Tensor& trajectories) {
+    {
+      at::NoGradGuard no_grad;
+      networks_["scene_covariance.1.weight"].zero_();
+      bias.zero_();
+      bias.view({-1, 2, 4}).select(2, 0).fill_(log_stddev);
+    }
+    bias.mutable_grad().reset();
+    SceneCovarianceLoss(networks_, scenes_, trajectories, references_).sum().backward();
+    return bias.grad().view({-1, 2, 4}).select(2, 0).sum().item<double>();
+  };
+  EXPECT_LT(gradient(-9.0, trajectories_), -1.0);  // errors of metres at 5 cm: wider
+  EXPECT_GT(gradient(9.0, trajectories_), 1.0);    // errors of metres at 55 m: narrower
+  // Errors of kilometres at 55 m: no wider.
+  EXPECT_EQ(gradient(9.0, at::full_like(trajectories_, 3e3)), 0.0);
+}
+
 }  // namespace
 }  // namespace maneuver::learning::scene_covariance_test
