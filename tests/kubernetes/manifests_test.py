@@ -271,13 +271,13 @@ class TrainingTest(unittest.TestCase):
                             optimization={"pretraining_epochs": 1, "mixture_epochs": 1, "joint_epochs": 1,
                                           "posterior_epochs": 1, "covariance_epochs": 1})
             (work / "etc" / "settings.json").write_text(json.dumps(settings))
-            command = [word.replace("/training", folder).replace("/etc/maneuver", f"{folder}/etc")
-                       for word in [options.trainer, *self.trainer["command"][1:]]]
+            command = [options.trainer] + [word.replace("/training", folder).replace("/etc/maneuver", f"{folder}/etc")
+                                           for word in self.trainer["command"][1:]]
             with socket.socket() as free:
                 free.bind(("127.0.0.1", 0))
                 port = free.getsockname()[1]
-            variables = dict(os.environ, **self.variables, WORLD_SIZE="2", MASTER_ADDR="127.0.0.1",
-                             MASTER_PORT=str(port))
+            variables = os.environ | self.variables | {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1",
+                                                       "MASTER_PORT": str(port)}
             pods = [subprocess.Popen(command, env=dict(variables, JOB_COMPLETION_INDEX=str(index)),
                                      stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) for index in (0, 1)]
             for pod in pods:

@@ -71,7 +71,7 @@ class RanksTest(unittest.TestCase):
         self.assertIn("did not answer within 2 s", errors)
 
         def stop(process, _):
-            process.terminate()
+            os.killpg(process.pid, signal.SIGTERM)  # as the server and a terminal do
 
         status, errors = self.disturb("disturbed", 2, ("joint", 3), stop)
         self.assertEqual(status, 128 + signal.SIGTERM, errors)

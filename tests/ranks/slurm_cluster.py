@@ -111,10 +111,9 @@ class SlurmCluster:
         return done.stdout
 
     def _daemon(self, *command):
-        log = open(self.folder / f"{command[0]}.{len(self._daemons)}.out", "w")
-        self._daemons.append(subprocess.Popen(command, env=self.environment, stdout=log,
-                                              stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL))
-        return self._daemons[-1]
+        with open(self.folder / f"{command[0]}.{len(self._daemons)}.out", "w", encoding="utf-8") as log:
+            self._daemons.append(subprocess.Popen(command, env=self.environment, stdout=log,
+                                                  stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL))
 
     def _start(self):
         for name in ["state"] + [f"spool.{node}" for node in NODES]:

@@ -47,7 +47,8 @@ class Training:
 
     def start(self, name, *more, environment=None, before=()):
         return subprocess.Popen([*before, *self.arguments(name, *more)], text=True, stdout=subprocess.PIPE,
-                                stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, env=environment)
+                                stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, env=environment,
+                                start_new_session=True)
 
     def learn(self, name, *more):
         """Learns to the end and returns the reports of its progress."""

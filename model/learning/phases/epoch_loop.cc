@@ -16,7 +16,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-double ElapsedSeconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
+double ElapsedSeconds(Clock::duration duration) {
+  return std::chrono::duration<double>(duration).count();
+}
 
 absl::Status CheckFinite(const std::string& phase, const at::Tensor& loss) {
   if (std::isfinite(loss.item<double>())) return absl::OkStatus();

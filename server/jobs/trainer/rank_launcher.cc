@@ -72,7 +72,9 @@ pid_t Start(const std::string& program, const std::vector<std::string>& argument
   const pid_t parent = getpid();
   const pid_t pid = fork();
   if (pid != 0) return pid;
-  // Nothing but system calls: other threads may hold any lock.
+  // Nothing but system calls: other threads may hold any lock. A signal to the launcher's group does
+  // not reach the rank, since the second SIGTERM of a process ends it at once.
+  setpgid(0, 0);
   if (prctl(PR_SET_PDEATHSIG, SIGKILL) == 0 && getppid() == parent) {
     execve(program.c_str(), argv.data(), envp.data());
   }
