@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -55,6 +56,7 @@ struct FindArguments {
   std::optional<double> distance;
   std::string side = "any";
   std::string by;
+  std::vector<std::string> against;
   int64_t limit = 20;
   bool distinct = false;
   std::vector<std::string> datasets;
@@ -172,6 +174,10 @@ absl::StatusOr<tags::TagQuery> ReadQuery(FindArguments* arguments) {
     if (arguments->by == name) query.grouping = grouping;
   }
   arguments->distinct |= !arguments->as_dataset.empty();
+  query.errors = !arguments->against.empty();
+  if (query.errors && query.grouping == tags::Grouping::kNone) {
+    return absl::InvalidArgumentError("--against needs --by: what is to be compared?");
+  }
   query.limit = static_cast<size_t>(arguments->limit * (arguments->distinct ? kCandidates : 1));
   return query;
 }
@@ -180,10 +186,12 @@ absl::StatusOr<tags::TagQuery> ReadQuery(FindArguments* arguments) {
 class Finding {
  public:
   Finding(const FindArguments& arguments, const tags::TagSet& set, const tags::Found& found,
-          std::vector<tags::Match> matches, bool at_peak, Environment& environment)
+          const tags::Found* against, std::vector<tags::Match> matches, bool at_peak,
+          Environment& environment)
       : arguments_(arguments),
         set_(set),
         found_(found),
+        against_(against),
         matches_(std::move(matches)),
         at_peak_(at_peak),
         environment_(environment),
@@ -193,7 +201,9 @@ class Finding {
     if (environment_.json()) {
       environment_.PrintJson(Json());
     } else {
-      environment_.out << (arguments_.by.empty() ? MatchesText() : GroupsText());
+      environment_.out << (against_ != nullptr      ? ComparisonText()
+                           : !arguments_.by.empty() ? GroupsText()
+                                                    : MatchesText());
       environment_.err << found_.all.rows << " rows, " << found_.all.windows << " windows";
       if (arguments_.by.empty() && static_cast<int64_t>(matches_.size()) < found_.all.rows) {
         environment_.err << "; " << matches_.size() << " are shown";
@@ -255,9 +265,7 @@ class Finding {
   }
 
   std::string GroupsText() const {
-    std::string title = arguments_.by;
-    std::ranges::transform(title, title.begin(), [](char c) { return std::toupper(c); });
-    Table table({{title},
+    Table table({{absl::AsciiStrToUpper(arguments_.by)},
                  {"ROWS", Align::kRight},
                  {"WINDOWS", Align::kRight},
                  {"SHARE", Align::kRight},
@@ -269,12 +277,47 @@ class Finding {
     std::ranges::stable_sort(groups, std::greater(),
                              [](const auto& group) { return group.second.windows; });
     for (const auto& [name, group] : groups) {
-      table.Add({name, absl::StrCat(group.rows), absl::StrCat(group.windows),
-                 Share(static_cast<double>(group.windows) /
-                       static_cast<double>(std::max<int64_t>(1, found_.all.windows))),
+      table.Add({name, absl::StrCat(group.rows), absl::StrCat(group.windows), Share(group.share),
                  Fixed(group.probability, 3), Fixed(group.surprise, 2), Fixed(group.ade, 2)});
     }
     return groups.empty() ? "" : table.Text(environment_.color);
+  }
+
+  // Those of both answers.
+  std::set<std::string> ComparedGroups() const {
+    std::set<std::string> names;
+    for (const auto& [name, group] : found_.groups) names.insert(name);
+    for (const auto& [name, group] : against_->groups) names.insert(name);
+    return names;
+  }
+
+  static double ShareIn(const tags::Found& found, const std::string& name) {
+    const auto group = found.groups.find(name);
+    return group == found.groups.end() ? 0.0 : group->second.share;
+  }
+
+  // The largest changes first.
+  std::string ComparisonText() const {
+    std::vector<std::pair<std::string, tags::Change>> changes;
+    for (const std::string& name : ComparedGroups()) {
+      changes.emplace_back(name, tags::Compare(found_, *against_, name));
+    }
+    std::ranges::stable_sort(changes, std::greater(),
+                             [](const auto& change) { return std::abs(change.second.difference); });
+    Table table({{absl::AsciiStrToUpper(arguments_.by)},
+                 {"SHARE", Align::kRight},
+                 {"AGAINST", Align::kRight},
+                 {"CHANGE", Align::kRight},
+                 {"95 %, FROM", Align::kRight},
+                 {"TO", Align::kRight},
+                 {""}});
+    for (const auto& [name, change] : changes) {
+      const bool certain = change.low > 0.0 || change.high < 0.0;
+      table.Add({name, Share(ShareIn(found_, name)), Share(ShareIn(*against_, name)),
+                 Share(change.difference), Share(change.low), Share(change.high),
+                 certain ? "changed" : ""});
+    }
+    return changes.empty() ? "" : table.Text(environment_.color);
   }
 
   static void Set(const std::string& name, double number, Struct* object) {
@@ -290,6 +333,7 @@ class Finding {
     Set("probability", group.probability, &object);
     Set("surprise", group.surprise, &object);
     Set("ade", group.ade, &object);
+    Set("share", group.share, &object);
     return object;
   }
 
@@ -331,6 +375,18 @@ class Finding {
     auto* groups = (*answer.mutable_fields())["groups"].mutable_struct_value();
     for (const auto& [name, group] : found_.groups) {
       *(*groups->mutable_fields())[name].mutable_struct_value() = GroupJson(group);
+    }
+    if (against_ == nullptr) return answer;
+    auto* changes = (*answer.mutable_fields())["changes"].mutable_struct_value();
+    for (const std::string& name : ComparedGroups()) {
+      const tags::Change change = tags::Compare(found_, *against_, name);
+      Struct object;
+      Set("share", ShareIn(found_, name), &object);
+      Set("against", ShareIn(*against_, name), &object);
+      Set("difference", change.difference, &object);
+      Set("low", change.low, &object);
+      Set("high", change.high, &object);
+      *(*changes->mutable_fields())[name].mutable_struct_value() = std::move(object);
     }
     return answer;
   }
@@ -402,11 +458,29 @@ class Finding {
   const FindArguments& arguments_;
   const tags::TagSet& set_;
   const tags::Found& found_;
+  const tags::Found* const against_;  // of other folders; null: nothing is compared
   const std::vector<tags::Match> matches_;
   const bool at_peak_;
   Environment& environment_;
   FoundScenes scenes_;
 };
+
+// Opens folders of tags and answers the query. Says how much is missing.
+struct Answered {
+  tags::TagSet set;
+  tags::Found found;
+};
+absl::StatusOr<Answered> Ask(const std::vector<std::string>& folders, const tags::TagQuery& query,
+                             Environment& environment) {
+  absl::StatusOr<tags::TagSet> set = tags::TagSet::Open({folders.begin(), folders.end()});
+  if (!set.ok()) return set.status();
+  if (set->missing > 0) {
+    environment.err << set->missing << " shards have no tags yet: maneuver tag goes on\n";
+  }
+  absl::StatusOr<tags::Found> found = tags::Find(*set, query);
+  if (!found.ok()) return found.status();
+  return Answered{*std::move(set), *std::move(found)};
+}
 
 int Find(FindArguments arguments, Environment& environment) {
   const absl::StatusOr<tags::TagQuery> query = ReadQuery(&arguments);
@@ -417,21 +491,21 @@ int Find(FindArguments arguments, Environment& environment) {
     return environment.Refuse(
         "--plot, --extract and --as-dataset need the recordings: --dataset FOLDER");
   }
-  const auto set = tags::TagSet::Open({arguments.folders.begin(), arguments.folders.end()});
-  if (!set.ok()) return environment.Fail(set.status());
-  if (set->missing > 0) {
-    environment.err << set->missing << " shards have no tags yet: maneuver tag goes on\n";
-  }
-  const absl::StatusOr<tags::Found> found = tags::Find(*set, *query);
-  if (absl::IsInvalidArgument(found.status())) {
-    return environment.Refuse(std::string(found.status().message()));
-  }
-  if (!found.ok()) return environment.Fail(found.status());
+  const auto fail = [&](const absl::Status& status) {
+    return absl::IsInvalidArgument(status) ? environment.Refuse(std::string(status.message()))
+                                           : environment.Fail(status);
+  };
+  const absl::StatusOr<Answered> answer = Ask(arguments.folders, *query, environment);
+  if (!answer.ok()) return fail(answer.status());
+  absl::StatusOr<Answered> against = Answered{};
+  if (query->errors) against = Ask(arguments.against, *query, environment);
+  if (!against.ok()) return fail(against.status());
   std::vector<tags::Match> matches =
-      arguments.distinct
-          ? tags::WithoutNearDuplicates(*set, found->matches, static_cast<size_t>(arguments.limit))
-          : found->matches;
-  return Finding(arguments, *set, *found, std::move(matches), query->most_surprising, environment)
+      arguments.distinct ? tags::WithoutNearDuplicates(answer->set, answer->found.matches,
+                                                       static_cast<size_t>(arguments.limit))
+                         : answer->found.matches;
+  return Finding(arguments, answer->set, answer->found, query->errors ? &against->found : nullptr,
+                 std::move(matches), query->most_surprising, environment)
       .Answer();
 }
 
@@ -475,6 +549,8 @@ void AddFind(Command& root, Environment& environment) {
   command.Choice("--by", &arguments->by,
                  {"action", "class", "speed", "place", "hour", "scene", "dataset"},
                  "Count by this, instead of a list");
+  command.Option("--against", &arguments->against,
+                 "Compare the shares with those in other folders of tags");
   command.Option("--limit", &arguments->limit, 0, 1'000'000, "Most matches to show");
   command.Flag("--distinct", &arguments->distinct,
                "Leave out near-duplicates: same actions, place, heading and speed");

@@ -32,6 +32,7 @@ static_assert(std::endian::native == std::endian::little, "columns are mapped as
 // columns. The head and each column end at a multiple of 8 bytes, filled with 0.
 constexpr std::string_view kMagic = "mnvrtags";
 constexpr size_t kPreamble = 16;
+constexpr uint32_t kMostHeadBytes = uint32_t{1} << 30;  // protobuf parses no more
 
 size_t Aligned(size_t bytes) { return (bytes + 7) / 8 * 8; }
 
@@ -266,6 +267,7 @@ absl::StatusOr<std::shared_ptr<const ShardTags>> ShardTags::Open(const fs::path&
   if (std::string_view(tags->data_, kMagic.size()) != kMagic)
     return damaged("it has another format");
   if (head_bytes > size - kPreamble) return damaged("it is too short");
+  if (head_bytes > kMostHeadBytes) return damaged("its head is too long");
   const std::string_view head(tags->data_ + kPreamble, head_bytes);
   if (kernels::Crc32c(head) != crc ||
       !tags->head_.ParseFromArray(head.data(), static_cast<int>(head.size()))) {

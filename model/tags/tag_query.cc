@@ -105,9 +105,12 @@ struct Sums {
     surprise += other.surprise;
     ade += other.ade;
   }
-  Group Mean() const {
-    const double count = static_cast<double>(std::max<int64_t>(1, windows));
-    return {rows, windows, probability / count, surprise / count, ade / count};
+  Group Mean(int64_t all_windows) const {
+    const auto count = static_cast<double>(std::max<int64_t>(1, windows));
+    Group group{rows, windows, probability / count, surprise / count, ade / count};
+    group.share =
+        static_cast<double>(windows) / static_cast<double>(std::max<int64_t>(1, all_windows));
+    return group;
   }
 };
 
@@ -117,6 +120,10 @@ struct Part {
   std::vector<Match> matches;
   int64_t least_surprise = std::numeric_limits<int64_t>::min();  // of a row that may be kept
   std::unordered_map<int64_t, Sums> groups;                      // by a key within the shard
+  // Windows of each recording, by its number in the shard; and those of each of its groups. Empty
+  // unless errors are wanted.
+  std::map<int64_t, int64_t> scenes;
+  std::map<std::pair<int64_t, int64_t>, int64_t> scene_groups;  // by group, then recording
 };
 
 class Scan {
@@ -186,7 +193,9 @@ class Scan {
     std::set<Column> used = {Column::kAction, Column::kWindows, Column::kProbability,
                              Column::kSurprise, Column::kAde};
     for (const Condition& condition : query_.conditions) used.insert(condition.column);
-    if (!query_.scenes.empty() || query_.grouping == Grouping::kScene) used.insert(Column::kScene);
+    if (!query_.scenes.empty() || query_.grouping == Grouping::kScene || query_.errors) {
+      used.insert(Column::kScene);
+    }
     if (query_.near || query_.grouping == Grouping::kPlace) used.merge(Set(kPlace));
     if (query_.followed_by) used.merge(Set(kSequence));
     if (query_.other) {
@@ -323,6 +332,11 @@ class Scan {
                     weight * NumberOf(tags, Column::kAde, row)};
     part->all.Add(sums);
     if (query_.grouping != Grouping::kNone) part->groups[KeyOf(tags, row)].Add(sums);
+    if (query_.errors) {
+      const int64_t scene = tags.Narrow(Column::kScene)[row];
+      part->scenes[scene] += windows;
+      part->scene_groups[{KeyOf(tags, row), scene}] += windows;
+    }
     if (query_.limit == 0) return;
     if (!query_.most_surprising) {
       if (part->matches.size() < query_.limit) part->matches.push_back(match);
@@ -478,9 +492,40 @@ class Scan {
       for (const auto& [key, sums] : parts[i].groups) groups[NameOf(shard, key)].Add(sums);
     }
     Keep(&found.matches);
-    found.all = all.Mean();
-    for (const auto& [name, sums] : groups) found.groups[name] = sums.Mean();
+    found.all = all.Mean(all.windows);
+    for (const auto& [name, sums] : groups) found.groups[name] = sums.Mean(all.windows);
+    if (query_.errors) AddErrors(parts, &found);
     return found;
+  }
+
+  void AddErrors(const std::vector<Part>& parts, Found* found) const {
+    using Scene = std::pair<size_t, int64_t>;  // shard, number of the recording
+    std::map<Scene, double> scenes;
+    std::map<std::string, std::map<Scene, double>> groups;
+    for (size_t i = 0; i < parts.size(); ++i) {
+      const size_t shard = blocks_[i].shard;
+      for (const auto& [scene, windows] : parts[i].scenes) {
+        scenes[{shard, scene}] += static_cast<double>(windows);
+      }
+      for (const auto& [key, windows] : parts[i].scene_groups) {
+        groups[NameOf(set_.shards[shard], key.first)][{shard, key.second}] +=
+            static_cast<double>(windows);
+      }
+    }
+    found->scenes = static_cast<int64_t>(scenes.size());
+    if (scenes.size() < 2) return;
+    const auto count = static_cast<double>(scenes.size());
+    double squares = 0.0;
+    for (const auto& [scene, windows] : scenes) squares += windows * windows;
+    for (auto& [name, group] : found->groups) {
+      // Recordings without the group have a part in the sum as well.
+      double sum = group.share * group.share * squares;
+      for (const auto& [scene, windows] : groups[name]) {
+        sum += windows * (windows - 2.0 * group.share * scenes[scene]);
+      }
+      group.share_error = std::sqrt(std::max(0.0, sum) * count / (count - 1.0)) /
+                          static_cast<double>(found->all.windows);
+    }
   }
 
   static constexpr double kRounding = 5e-4;  // seconds: times have 3 decimals
@@ -498,6 +543,24 @@ class Scan {
 
 absl::StatusOr<Found> Find(const TagSet& set, const TagQuery& query) {
   return Scan(set, query).Run();
+}
+
+Change Compare(const Found& first, const Found& second, const std::string& group) {
+  constexpr double kNormal95 = 1.959964;
+  struct Estimate {
+    double share;
+    double error;
+  };
+  const auto estimate = [&](const Found& found) -> Estimate {
+    const auto known = found.groups.find(group);
+    if (known != found.groups.end()) return {known->second.share, known->second.share_error};
+    return {0.0, 3.0 / static_cast<double>(std::max<int64_t>(1, found.scenes)) / kNormal95};
+  };
+  const Estimate a = estimate(first);
+  const Estimate b = estimate(second);
+  const double difference = a.share - b.share;
+  const double reach = kNormal95 * std::hypot(a.error, b.error);
+  return {difference, difference - reach, difference + reach};
 }
 
 std::vector<Match> WithoutNearDuplicates(const TagSet& set, const std::vector<Match>& matches,

@@ -64,6 +64,7 @@ struct TagQuery {
   // Keeps the most surprising, most surprising first. Otherwise the first, in order.
   bool most_surprising = false;
   Grouping grouping = Grouping::kNone;
+  bool errors = false;  // Group.share_error is wanted
   int threads = 1;
 };
 
@@ -82,10 +83,18 @@ struct Group {
   double probability = 0.0;
   double surprise = 0.0;  // of the rows' largest
   double ade = 0.0;
+  double share = 0.0;  // of all matching windows, 0 to 1
+  // Standard error of the share, if wanted. Windows of one recording depend on each other, so the
+  // recordings are taken to be drawn at random:
+  //   sqrt(n / (n - 1) sum_s (w_gs - share w_s)^2) / sum_s w_s,
+  // with w_gs windows of the group and w_s in all in recording s, over the n recordings with
+  // matches. 0 for fewer than two.
+  double share_error = 0.0;
 };
 
 struct Found {
   Group all;
+  int64_t scenes = 0;  // recordings with matches, if errors are wanted
   std::vector<Match> matches;
   // By name: of the action, of the class; "5..10" m/s; "300,-100", the middle of a square of 100 m;
   // "17", the hour of the day in UTC of a clock that counts from 1970; of the recording; of the
@@ -96,6 +105,17 @@ struct Found {
 // Answers a query. Shards that cannot contain a match are not read. INVALID_ARGUMENT if no action
 // of any folder has a name that a pattern matches; DATA_LOSS for damaged columns.
 absl::StatusOr<Found> Find(const TagSet& set, const TagQuery& query);
+
+// How the share of a group differs between two answers.
+struct Change {
+  double difference = 0.0;  // the share of the first minus that of the second
+  double low = 0.0;         // the interval of 95 %, by the normal distribution
+  double high = 0.0;
+};
+
+// Compares a group of two answers with errors. A group that one of them lacks has a share of 0
+// there, which n recordings without it cannot tell from 3 / n.
+Change Compare(const Found& first, const Found& second, const std::string& group);
 
 // Returns the first of the matches that are not near-duplicates of an earlier one, at most `most`.
 // Two rows are near-duplicates if they have the same action, likeliest action and class, begin

@@ -17,9 +17,11 @@ import json
 import math
 import os
 import pathlib
+import random
 import re
 import shutil
 import signal
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -249,6 +251,29 @@ class FindTest(unittest.TestCase):
                               for group, sums in groups.items()},
                              {group: (n, windows, round(p / windows, 6)) for group, (n, windows, p) in expected.items()})
 
+    def test_shares_of_two_folders_are_compared_with_the_error_of_drawing_recordings(self):
+        run("tag", "d0", "d1", "d2", "d3", "--model", "small", "-o", "june")
+        run("tag", "d4", "d5", "d6", "d7", "--model", "small", "-o", "may")
+        changes = find("june", "--by", "action", "--against", "may")["changes"]
+        scenes = {tags: collections.defaultdict(collections.Counter) for tags in ("june", "may")}
+        for tags, counts in scenes.items():
+            for row in rows(tags):
+                counts[row["dataset"], row["scene"]][row["name"]] += row["windows"]
+
+        def share(drawn, name):
+            return sum(scene[name] for scene in drawn) / sum(scene.total() for scene in drawn)
+
+        random.seed(1)
+        boots = [[random.choices(list(counts.values()), k=len(counts)) for counts in scenes.values()]
+                 for _ in range(2000)]
+        for name, change in changes.items():
+            june, may = (share(counts.values(), name) for counts in scenes.values())
+            self.assertAlmostEqual(change["difference"], june - may, places=9)
+            differences = [share(a, name) - share(b, name) for a, b in boots]
+            reach = 1.96 * statistics.pstdev(differences) * math.sqrt(12 / 11)
+            self.assertAlmostEqual((change["high"] - change["low"]) / 2 / reach, 1.0, delta=0.12)
+            self.assertAlmostEqual((change["high"] + change["low"]) / 2, june - may, places=9)
+
     def test_a_dataset_of_the_surprising_has_no_near_duplicates(self):
         run("find", "tags", "--surprise", "top:12", "--as-dataset", "mined", "--dataset", *datasets())
         described = json.loads(run("--output", "json", "dataset", "show", "./mined").stdout)
@@ -278,7 +303,7 @@ class FindTest(unittest.TestCase):
         for arguments, says in ((("--action", "fly*"), "no action is called"), (("--speed", "5"), "--speed"),
                                 (("--near", "1,2"), "--near"), (("--where", "price>3"), "no column"),
                                 (("--where", "ade>x"), "not a number"), (("--surprise", "top:0"), "--surprise"),
-                                (("--extract", "e"), "--dataset"), (("--side", "ahead"), "--with")):
+                                (("--extract", "e"), "--dataset"), (("--against", "tags"), "--by"), (("--side", "ahead"), "--with")):
             self.assertIn(says, run("find", "tags", *arguments, status=2).stderr)
         self.assertIn("schema.json", run("find", "d0", status=1).stderr)
         self.assertIn("another dataset", run("find", "tags", "--dataset", "elsewhere/d0", "--scene", "*-0",
