@@ -3,6 +3,7 @@
 #ifndef MANEUVER_MODEL_DATA_DATASET_LAYOUT_H_
 #define MANEUVER_MODEL_DATA_DATASET_LAYOUT_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -18,6 +19,7 @@ namespace maneuver::data {
 
 inline constexpr char kManifestFile[] = "dataset.json";
 inline constexpr int kDatasetFormatVersion = 1;
+inline constexpr size_t kMaxOrigin = 1000;  // bytes of Dataset.origin
 
 // Reads dataset.json and checks it by itself, without the shards.
 absl::StatusOr<v1::Dataset> LoadDatasetManifest(const std::filesystem::path& folder);

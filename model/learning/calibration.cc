@@ -12,10 +12,6 @@
 namespace maneuver::learning {
 namespace {
 
-constexpr int64_t kMostTraining = 4096;  // examples
-constexpr int64_t kMostHeldOut = 3072;
-constexpr int64_t kFewestHeldOut = 100;  // below this nothing is fitted to them
-
 std::string LastLayer(const char* network, const v1::MlpSpec& spec) {
   return network + ("." + std::to_string(spec.hidden_size()));
 }
@@ -23,9 +19,6 @@ std::string LastLayer(const char* network, const v1::MlpSpec& spec) {
 // The covariance of p(x|z) for each example, or for all.
 at::Tensor DecoderCovariance(const Networks& networks, const Predictions& predictions) {
   at::NoGradGuard no_grad;
-  if (networks.spec().has_scene_covariance()) {
-    return WithSpeedFactors(predictions, networks["scene_covariance.speed_factor"]);
-  }
   return networks.spec().has_decoder_covariance() ? networks.PredictCovariance(predictions.latents)
                                                   : networks["decoder.covariance"];
 }
@@ -90,34 +83,46 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
   return std::exp(0.5 * (low + high));
 }
 
+CalibrationExamples CalibrationSample(const v1::ModelSpec& spec, const TrainingData& data) {
+  if (data.windows == nullptr) return {};
+  return CalibrationExamplesIn(spec, data.data_memory);
+}
+
 absl::Status CalibrateModel(Networks& networks, const SceneSource& training_source,
-                            const SceneSource& held_out_source,
+                            const SceneSource& held_out_source, const CalibrationExamples& most,
                             const v1::OptimizationSettings& optimization, int threads,
                             at::Generator& generator, const std::function<bool()>& stopped,
                             const std::function<void(int64_t)>& step) {
   const auto stop = [] { return absl::CancelledError("training was stopped"); };
   const ExampleFeatures training_examples =
-      EncodeExamples(networks, training_source, kMostTraining, threads, stopped, step);
+      EncodeExamples(networks, training_source, most.training, threads, stopped, step);
   if (stopped()) return stop();
   const ExampleFeatures held_out_examples =
-      EncodeExamples(networks, held_out_source, kMostHeldOut, threads, stopped, step);
+      EncodeExamples(networks, held_out_source, most.held_out, threads, stopped, step);
   if (stopped()) return stop();
   const bool has_held_out =
       held_out_examples.trajectories.defined() && held_out_examples.scenes.size() >= kFewestHeldOut;
   const bool fixed = optimization.decoder_covariance() == v1::DECODER_COVARIANCE_FIXED;
 
-  Predictions training = Predict(networks, training_examples);
+  // All that is read of training examples otherwise is p(y|s).
+  const bool fits_to_training = !fixed && !networks.spec().has_scene_covariance();
+  Predictions training;
+  if (fits_to_training) {
+    training = Predict(networks, training_examples);
+  } else {
+    training.log_probabilities = PredictLogProbabilities(networks, training_examples);
+  }
   Predictions held_out = has_held_out ? Predict(networks, held_out_examples) : Predictions();
   // How wide q(z|y,s) is, first: q(y|x,s) depends on it, and everything else on that. Of a base
   // model it is p(z|y) and stays so.
-  if (has_held_out && !fixed && optimization.calibrate_latent() &&
-      !networks.spec().has_scene_covariance() &&
+  if (has_held_out && fits_to_training && optimization.calibrate_latent() &&
       networks.spec().objective() != v1::OBJECTIVE_BASE) {
     FitCovariance(networks, training, generator);
     if (stopped()) return stop();
     const CovarianceScale scale =
         FitCovarianceScale(held_out, DecoderCovariance(networks, held_out), /*fit_latent=*/true);
     ScaleLatent(networks, scale.latent_stddev);
+    training = held_out = {};  // frees their memory first
     training = Predict(networks, training_examples);
     held_out = Predict(networks, held_out_examples);
   }
@@ -159,7 +164,7 @@ absl::Status CalibrateModel(Networks& networks, const SceneSource& training_sour
 }
 
 int64_t CalibrationSteps(int64_t training_examples) {
-  return (std::min(training_examples, kMostTraining) + 63) / 64;
+  return (std::min(training_examples, CalibrationExamples().training) + 63) / 64;
 }
 
 }  // namespace maneuver::learning
