@@ -57,7 +57,7 @@ struct DatasetStoreOptions {
   // limits them.
   int64_t quota_bytes = 0;
   // Folders that may become datasets in place, with all that is below them; empty: none may.
-  std::vector<std::filesystem::path> folders;
+  std::vector<std::filesystem::path> folders = {};
   // How long the bytes of an interrupted upload are kept after the last one arrived; 0: forever.
   std::chrono::seconds keep_uploads = std::chrono::hours(24);
 };

@@ -96,7 +96,7 @@ absl::StatusOr<v1::Dataset> Register(const data::DatasetStore& datasets,
   }
   auto dataset = datasets.Register(*id, request.folder());
   if (absl::IsInvalidArgument(dataset.status())) {
-    return errors::InvalidField("folder", dataset.status().message());
+    return errors::InvalidField("folder", std::string(dataset.status().message()));
   }
   return dataset;
 }

@@ -69,7 +69,9 @@ class RegisteredFolderTest : public testing::Test {
     bytes[bytes.size() / 2] ^= 1;
     std::ofstream(shard) << bytes;
     const timespec times[2] = {before.st_atim, before.st_mtim};
-    if (keep_times) EXPECT_EQ(utimensat(AT_FDCWD, shard.c_str(), times, 0), 0);
+    if (keep_times) {
+      EXPECT_EQ(utimensat(AT_FDCWD, shard.c_str(), times, 0), 0);
+    }
     return shard.filename();
   }
 
