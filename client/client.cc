@@ -214,6 +214,11 @@ absl::StatusOr<v1::EvaluationReport> Client::GetEvaluationReport(
   return MANEUVER_CALL(models, ModelService, GetEvaluationReport, Repeatable::kYes, management);
 }
 
+absl::StatusOr<v1::Dataset> Client::RegisterDataset(const v1::RegisterDatasetRequest& request,
+                                                    const CallOptions& call) {
+  return MANEUVER_CALL(datasets, DatasetService, RegisterDataset, Repeatable::kYes, upload);
+}
+
 absl::StatusOr<v1::ListDatasetsResponse> Client::ListDatasets(
     const v1::ListDatasetsRequest& request, const CallOptions& call) {
   return MANEUVER_CALL(datasets, DatasetService, ListDatasets, Repeatable::kYes, management);

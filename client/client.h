@@ -142,6 +142,10 @@ class Client {
   absl::StatusOr<v1::Dataset> UploadDataset(const std::string& folder, const std::string& name,
                                             const OnUploaded& on_progress,
                                             const CallOptions& call = {});
+  // Makes a folder on the server's disk a dataset in place. The server reads all of it first, so the
+  // default deadline is that of uploads.
+  absl::StatusOr<v1::Dataset> RegisterDataset(const v1::RegisterDatasetRequest& request,
+                                              const CallOptions& call = {});
   absl::StatusOr<v1::ListDatasetsResponse> ListDatasets(const v1::ListDatasetsRequest& request,
                                                         const CallOptions& call = {});
   absl::StatusOr<v1::Dataset> GetDataset(const v1::GetDatasetRequest& request,

@@ -63,11 +63,13 @@ int CrossValidate(const CrossValidateArguments& arguments, Environment& environm
   request.set_validate_only(arguments.validate_only);
   const auto job = environment.server_client().CrossValidate(request, environment.call_options());
   if (!job.ok()) return environment.Fail(job.status());
-  if (arguments.validate_only || arguments.detach) {
+  if (arguments.validate_only) {
+    PrintValid(*job, environment);
+    return kOk;
+  }
+  if (arguments.detach) {
     if (environment.json()) {
       environment.PrintJson(*job);
-    } else if (arguments.validate_only) {
-      environment.out << "The request is valid; nothing was started.\n";
     } else {
       environment.out << job->name() << "\n";
       environment.err << "Watch it with: maneuver job watch " << ShortName(job->name()) << "\n";
@@ -114,7 +116,8 @@ void AddCrossValidate(Command& root, Environment& environment) {
   command.Option("--priority", &arguments->priority, -100, 100,
                  "Jobs with a higher priority run first [0]");
   command.Flag("--detach", &arguments->detach, "Start the job and return");
-  command.Flag("--validate-only", &arguments->validate_only, "Check the request, start nothing");
+  command.Flag("--validate-only", &arguments->validate_only,
+               "Check the request, say how much memory the job will take, start nothing");
   command.Run([arguments, &environment] { return CrossValidate(*arguments, environment); });
 }
 

@@ -1,4 +1,4 @@
-// maneuver dataset: upload, list, show, annotate, index, delete.
+// maneuver dataset: upload, register, list, show, annotate, index, delete.
 
 #include <memory>
 #include <ostream>
@@ -35,6 +35,22 @@ int Upload(const std::string& folder, const std::string& name, Environment& envi
   } else {
     environment.out << dataset->name() << ": " << dataset->recordings() << " recordings, "
                     << Bytes(SizeBytes(*dataset)) << "\n";
+  }
+  return kOk;
+}
+
+int Register(const std::string& name, const std::string& folder, Environment& environment) {
+  v1::RegisterDatasetRequest request;
+  request.set_name(DatasetResource(name));
+  request.set_folder(folder);
+  const auto dataset =
+      environment.server_client().RegisterDataset(request, environment.call_options());
+  if (!dataset.ok()) return environment.Fail(dataset.status());
+  if (environment.json()) {
+    environment.PrintJson(*dataset);
+  } else {
+    environment.out << dataset->name() << ": " << dataset->recordings() << " recordings, "
+                    << Bytes(SizeBytes(*dataset)) << ", in place in " << folder << "\n";
   }
   return kOk;
 }
@@ -105,6 +121,16 @@ void AddDataset(Command& root, Environment& environment) {
   upload.Argument("FOLDER", folder.get(), "Folder with dataset.json");
   upload.Argument("NAME", name.get(), "Its name on the server: a-z, 0-9 and -");
   upload.Run([=, &environment] { return Upload(*folder, *name, environment); });
+
+  Command in_place =
+      group.Add("register", "Make a folder on the server's disk a dataset in place",
+                "The server reads and verifies the folder; nothing is sent or copied. The\n"
+                "folder must lie where the server's --dataset-folders allows it. Deleting\n"
+                "the dataset leaves the folder as it is. For administrators.\n"
+                "Example: maneuver dataset register waymo /data/waymo/training");
+  in_place.Argument("NAME", name.get(), "Its name on the server: a-z, 0-9 and -");
+  in_place.Argument("FOLDER", folder.get(), "Absolute path of the folder, on the server");
+  in_place.Run([=, &environment] { return Register(*name, *folder, environment); });
 
   Command list = group.Add("list", "All datasets", "Example: maneuver dataset list --output json");
   list.Run([&environment] { return ListDatasets(environment); });

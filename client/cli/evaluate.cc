@@ -20,6 +20,7 @@ struct EvaluateArguments {
   std::optional<std::string> figures;
   ReportFiles report;
   bool detach = false;
+  bool validate_only = false;
 };
 
 int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
@@ -39,8 +40,13 @@ int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
   }
   const absl::Status prepared = PrepareReport(arguments.report);
   if (!prepared.ok()) return environment.Refuse(std::string(prepared.message()));
+  request.set_validate_only(arguments.validate_only);
   const auto job = environment.server_client().Evaluate(request, environment.call_options());
   if (!job.ok()) return environment.Fail(job.status());
+  if (arguments.validate_only) {
+    PrintValid(*job, environment);
+    return kOk;
+  }
   if (arguments.detach) {
     if (environment.json()) {
       environment.PrintJson(*job);
@@ -92,6 +98,8 @@ void AddEvaluate(Command& root, Environment& environment) {
       "--figures", &arguments->figures,
       "Folder to draw into: actions, their means over trajectories, scenes, reliability");
   command.Flag("--detach", &arguments->detach, "Start the job and return");
+  command.Flag("--validate-only", &arguments->validate_only,
+               "Check the request, say how much memory the job will take, start nothing");
   command.Exclude("--report", "--detach");  // maneuver job report writes it later
   command.Run([arguments, &environment] { return Evaluate(*arguments, environment); });
 }

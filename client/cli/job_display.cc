@@ -159,6 +159,23 @@ std::string PromotionText(const v1::Job& job, bool color) {
   return text;
 }
 
+void PrintValid(const v1::Job& job, Environment& environment) {
+  if (environment.json()) {
+    environment.PrintJson(job);
+    return;
+  }
+  environment.out << "The request is valid; nothing was started.\n";
+  if (!job.has_memory()) return;  // an older server
+  const v1::JobMemory& memory = job.memory();
+  environment.out << "The job will take about " << Bytes(memory.total_bytes())
+                  << " of memory: " << Bytes(memory.data_bytes()) << " for "
+                  << Bytes(memory.recording_bytes()) << " of recordings, "
+                  << (memory.data_fit() ? "all of them at once"
+                                        : "which are read piece by piece (--data-memory)")
+                  << "; " << Bytes(memory.network_bytes()) << " for the networks; "
+                  << Bytes(memory.working_bytes()) << " to work in.\n";
+}
+
 int PrintOutcome(const v1::Job& job, Environment& environment) {
   const bool succeeded = job.state() == v1::JOB_STATE_SUCCEEDED;
   if (environment.json()) {

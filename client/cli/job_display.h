@@ -34,6 +34,9 @@ int WatchToEnd(const std::string& job, Environment& environment);
 // empty while this is not known.
 std::string PromotionText(const v1::Job& job, bool color);
 
+// Prints what is known of a request that is valid: how much memory its job will take.
+void PrintValid(const v1::Job& job, Environment& environment);
+
 // Prints the result of an ended job. Returns kOk if it succeeded.
 int PrintOutcome(const v1::Job& job, Environment& environment);
 

@@ -175,11 +175,7 @@ int Train(const TrainArguments& arguments, Environment& environment) {
   const auto job = environment.server_client().Train(request, environment.call_options());
   if (!job.ok()) return environment.Fail(job.status());
   if (arguments.validate_only) {
-    if (environment.json()) {
-      environment.PrintJson(*job);
-    } else {
-      environment.out << "The request is valid; nothing was started.\n";
-    }
+    PrintValid(*job, environment);
     return kOk;
   }
   if (arguments.detach) {
@@ -274,8 +270,8 @@ void AddTrain(Command& root, Environment& environment) {
     command.Exclude(file, "--detach");  // maneuver job report writes it later
   }
   command.Flag("--validate-only", &arguments->validate_only,
-               "Check the request, start nothing; --output json shows every setting that a job "
-               "would learn with");
+               "Check the request, say how much memory the job will take, start nothing; --output "
+               "json shows every setting that a job would learn with");
   command.Run([arguments, &environment] { return Train(*arguments, environment); });
 }
 

@@ -15,6 +15,8 @@
 namespace maneuver::artifact {
 namespace {
 
+constexpr auto kFloatBytes = static_cast<int64_t>(sizeof(float));
+
 // Returns whether a tensor is learned by gradients. The others are measured.
 bool IsLearned(const std::string& name) {
   return !absl::EndsWith(name, ".running_mean") && !absl::EndsWith(name, ".running_var") &&
@@ -128,6 +130,44 @@ v1::ModelCost CountCost(const v1::ModelSpec& spec) {
       sigma_points * MultiplyAdds(D, spec.decoder(), 2 * spec.trajectory().waypoints()) +
       OfMeanResidual(spec) + OfCovariance(spec));
   return cost;
+}
+
+int64_t PredictionBytes(const v1::ModelSpec& spec) {
+  const int64_t of_waypoint = spec.has_scene_covariance() ? 11 : 5;  // mean and covariances
+  const int64_t waypoints = spec.trajectory().waypoints();
+  const int64_t of_action = of_waypoint * waypoints + spec.latent_dimensions() + 2;
+  return kFloatBytes * (spec.actions() * of_action + 2 * waypoints + 1);
+}
+
+int64_t ExampleBytes(const v1::ModelSpec& spec) {
+  // A layer keeps its output, the input of its activation, and the gradients of both.
+  constexpr int64_t kCopies = 4;
+  constexpr int64_t kBatchesAhead = 4;  // that wait to be learned from
+  const auto widths = [](const v1::MlpSpec& mlp) {
+    int64_t sum = 0;
+    for (const int32_t width : mlp.hidden()) sum += width;
+    return sum;
+  };
+  int64_t raster = 0;
+  int64_t values = SceneFeatures(spec) + widths(spec.action_predictor());
+  if (spec.has_raster()) {
+    raster = RasterGrid(spec.raster()).values();
+    values += raster;
+    for (const BackboneLayer& layer : BackboneLayers(spec)) values += layer.output.values();
+  }
+  if (spec.has_scene_vectors()) {
+    const v1::SceneVectorsSpec& vectors = spec.scene_vectors();
+    values += 3 * (scene::kMostLanePaths * vectors.path_width() +
+                   scene::kMostNearAgents * vectors.agent_width());
+  }
+  int64_t of_action = widths(spec.decoder()) + widths(spec.scenario_encoder()) +
+                      6 * spec.latent_dimensions() + 4 * spec.trajectory().waypoints();
+  if (spec.has_action_geometry()) {
+    of_action +=
+        scene::kMostLanePaths * (2 * spec.action_geometry().pair_width() + scene::kPairNumbers) +
+        3 * spec.action_geometry().features();
+  }
+  return kFloatBytes * kCopies * (values + spec.actions() * of_action) + kBatchesAhead * raster;
 }
 
 }  // namespace maneuver::artifact

@@ -58,8 +58,9 @@ std::string PrintDatasetManifest(const v1::Dataset& manifest);
 // Returns one digest over all contents of a dataset: EvaluationReport.dataset_sha256.
 std::string ContentSha256(const v1::Dataset& manifest);
 
-// Reads dataset.json and checks that the shards exist in the sizes it states. NOT_FOUND, or
-// DATA_LOSS with the reason.
+// Reads dataset.json and checks that the shards exist in the sizes it states and, if the folder was
+// registered in place, that they are those that were registered (registered_folder.h). NOT_FOUND,
+// or DATA_LOSS with the reason.
 absl::StatusOr<v1::Dataset> ReadDatasetManifest(const std::filesystem::path& folder);
 
 // Reads and checks everything: the SHA-256 and record count of each shard, the CRCs, and that each

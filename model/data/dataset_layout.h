@@ -3,6 +3,7 @@
 #ifndef MANEUVER_MODEL_DATA_DATASET_LAYOUT_H_
 #define MANEUVER_MODEL_DATA_DATASET_LAYOUT_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -18,6 +19,7 @@ namespace maneuver::data {
 
 inline constexpr char kManifestFile[] = "dataset.json";
 inline constexpr int kDatasetFormatVersion = 1;
+inline constexpr size_t kMaxOrigin = 1000;  // bytes of Dataset.origin
 
 // Reads dataset.json and checks it by itself, without the shards. DATA_LOSS if any byte of it is
 // damaged (files/sealed_json.h). One of an older release, or written by other tools, carries no

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_layout.h"
+#include "model/data/registered_folder.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 #include "model/files/sealed_json.h"
@@ -17,7 +18,6 @@ namespace maneuver::data {
 namespace {
 
 constexpr size_t kMaxFileName = 100;
-constexpr size_t kMaxOrigin = 1000;
 constexpr int kMaxShards = 10'000;
 constexpr size_t kMaxViolations = 16;
 
@@ -173,6 +173,7 @@ absl::StatusOr<v1::Dataset> ReadDatasetManifest(const std::filesystem::path& fol
                                               kManifestFile, " says ", shard.size_bytes()));
     }
   }
+  if (absl::Status status = CheckRegistered(folder, *manifest); !status.ok()) return status;
   return manifest;
 }
 

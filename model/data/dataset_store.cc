@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_layout.h"
+#include "model/data/registered_folder.h"
 #include "model/data/staged_upload.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
@@ -64,6 +65,13 @@ v1::ScenarioSummary Summarize(const v1::Scenario& scenario) {
   summary.set_map_points(points);
   *summary.mutable_target_ids() = scenario.target_ids();
   return summary;
+}
+
+// What Dataset.origin says of a folder that is registered.
+std::string OriginOf(const v1::Dataset& manifest, const fs::path& source) {
+  std::string origin = absl::StrCat("in place: ", source.string());
+  if (!manifest.origin().empty()) absl::StrAppend(&origin, " (", manifest.origin(), ")");
+  return origin.size() <= kMaxOrigin ? origin : manifest.origin();
 }
 
 // Prefix of the file that keeps a description; a digest of its settings follows.
@@ -221,6 +229,37 @@ absl::StatusOr<v1::QueryUploadResponse> DatasetStore::QueryUpload(const std::str
   return response;
 }
 
+absl::Status DatasetStore::CheckRegistrable(const fs::path& folder) const {
+  return ResolveRegistrable(folder, options_.folders).status();
+}
+
+absl::StatusOr<v1::Dataset> DatasetStore::Register(const std::string& id,
+                                                   const fs::path& folder) const {
+  const auto source = ResolveRegistrable(folder, options_.folders);
+  if (!source.ok()) return source.status();
+  if (Contains(id)) {
+    const auto manifest = LoadDatasetManifest(*source);
+    auto there = Get(id);
+    if (there.ok() && manifest.ok() && RegisteredFrom(FolderOf(id)) == *source &&
+        SameShards(*there, *manifest)) {
+      return there;
+    }
+    return DatasetExists(id);
+  }
+  const auto temporary = files::MakeTemporaryFolderFor(FolderOf(id));
+  if (!temporary.ok()) return temporary.status();
+  auto manifest = LinkShards(*source, *temporary);
+  absl::Status status = manifest.status();
+  if (status.ok()) {
+    manifest->set_origin(OriginOf(*manifest, *source));
+    status = PublishDataset(id, *temporary, FolderOf(id), &*manifest);
+  }
+  if (status.ok()) return manifest;
+  std::error_code ignored;
+  fs::remove_all(*temporary, ignored);
+  return status;
+}
+
 absl::Status DatasetStore::RemoveAbandonedUploads(fs::file_time_type now) const {
   if (options_.keep_uploads.count() <= 0) return absl::OkStatus();
   return staging_->RemoveIf([&](const std::string&, fs::file_time_type last) {
@@ -233,6 +272,7 @@ absl::StatusOr<int64_t> DatasetStore::TotalBytes() const {
   if (!ids.ok()) return ids.status();
   int64_t bytes = 0;
   for (const std::string& id : *ids) {
+    if (IsRegistered(FolderOf(id))) continue;  // the shards are elsewhere
     // Ignores a dataset that was deleted meanwhile or cannot be read.
     if (const auto dataset = Get(id); dataset.ok()) {
       bytes += static_cast<int64_t>(files::BytesOf(ShardFiles(*dataset)));

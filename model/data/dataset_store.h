@@ -56,6 +56,8 @@ struct DatasetStoreOptions {
   // The most bytes that all datasets and unfinished uploads may have together; 0: only the disk
   // limits them.
   int64_t quota_bytes = 0;
+  // Folders that may become datasets in place, with all that is below them; empty: none may.
+  std::vector<std::filesystem::path> folders = {};
   // How long the bytes of an interrupted upload are kept after the last one arrived; 0: forever.
   std::chrono::seconds keep_uploads = std::chrono::hours(24);
 };
@@ -93,6 +95,16 @@ class DatasetStore {
   absl::StatusOr<v1::QueryUploadResponse> QueryUpload(const std::string& id,
                                                       const v1::Dataset& manifest,
                                                       const std::string& caller = "") const;
+  // Returns OK if Register may use the folder: INVALID_ARGUMENT or PERMISSION_DENIED as below.
+  absl::Status CheckRegistrable(const std::filesystem::path& folder) const;
+  // Makes a folder elsewhere on the disk a dataset in place (registered_folder.h), after the checks
+  // of an upload's Commit. May take long. A folder that is registered under this id already is
+  // returned as it is. Errors, which name the file:
+  //   INVALID_ARGUMENT: it is not an absolute path of a folder that holds a whole, valid dataset.
+  //   PERMISSION_DENIED: it does not lie in one of DatasetStoreOptions.folders.
+  //   ALREADY_EXISTS: there is another dataset of this id.
+  absl::StatusOr<v1::Dataset> Register(const std::string& id,
+                                       const std::filesystem::path& folder) const;
   // Removes what interrupted uploads left, if their last byte arrived too long before `now`.
   absl::Status RemoveAbandonedUploads(std::filesystem::file_time_type now) const;
 

@@ -28,8 +28,9 @@ class StagedUpload final : public DatasetUpload {
   absl::Status Append(std::string_view bytes) override { return shards_->Append(bytes); }
 
   absl::StatusOr<v1::Dataset> Commit() override {
-    const absl::Status status =
-        shards_->Commit(folder_, [this](const fs::path& temporary) { return Publish(temporary); });
+    const absl::Status status = shards_->Commit(folder_, [this](const fs::path& temporary) {
+      return PublishDataset(id_, temporary, folder_, &manifest_);
+    });
     if (!status.ok()) return status;
     return manifest_;
   }
@@ -37,21 +38,6 @@ class StagedUpload final : public DatasetUpload {
   void Discard() override { shards_->Discard(); }
 
  private:
-  absl::Status Publish(const fs::path& temporary) {
-    manifest_.set_name(absl::StrCat("datasets/", id_));
-    *manifest_.mutable_create_time() = TimeUtil::GetCurrentTime();
-    absl::Status status = WriteDatasetManifest(temporary, manifest_);
-    if (!status.ok()) return status;
-    status = VerifyDatasetFolder(temporary);
-    // The digests agreed: it is not damaged, it never was what it should be.
-    if (absl::IsDataLoss(status)) return absl::InvalidArgumentError(status.message());
-    if (!status.ok()) return status;
-    status = RecordingIndex::Open(temporary).status();  // indexes each shard
-    if (!status.ok()) return status;
-    status = files::PublishFolder(temporary, folder_);
-    return absl::IsAlreadyExists(status) ? DatasetExists(id_) : status;
-  }
-
   const std::string id_;
   const fs::path folder_;
   v1::Dataset manifest_;
@@ -73,6 +59,22 @@ std::vector<files::AnnouncedFile> ShardFiles(const v1::Dataset& manifest) {
     announced.push_back({shard.file(), shard.size_bytes(), shard.sha256()});
   }
   return announced;
+}
+
+absl::Status PublishDataset(const std::string& id, const fs::path& temporary,
+                            const fs::path& folder, v1::Dataset* manifest) {
+  manifest->set_name(absl::StrCat("datasets/", id));
+  *manifest->mutable_create_time() = TimeUtil::GetCurrentTime();
+  absl::Status status = WriteDatasetManifest(temporary, *manifest);
+  if (!status.ok()) return status;
+  status = VerifyDatasetFolder(temporary);
+  // An upload's digests agreed: it is not damaged, it never was what it should be.
+  if (absl::IsDataLoss(status)) return absl::InvalidArgumentError(status.message());
+  if (!status.ok()) return status;
+  status = RecordingIndex::Open(temporary).status();  // indexes each shard
+  if (!status.ok()) return status;
+  status = files::PublishFolder(temporary, folder);
+  return absl::IsAlreadyExists(status) ? DatasetExists(id) : status;
 }
 
 std::unique_ptr<DatasetUpload> StageDataset(std::string id, fs::path folder, v1::Dataset manifest,

@@ -20,6 +20,13 @@ absl::Status DatasetExists(const std::string& id);
 // Returns the shards of a manifest as files to receive.
 std::vector<files::AnnouncedFile> ShardFiles(const v1::Dataset& manifest);
 
+// Publishes a temporary folder with all shards as the dataset `id` in `folder`: completes and writes
+// its manifest, verifies everything, and indexes each shard.
+//   INVALID_ARGUMENT: it is not what the manifest says, or a record is not valid.
+//   ALREADY_EXISTS: another one was first.
+absl::Status PublishDataset(const std::string& id, const std::filesystem::path& temporary,
+                            const std::filesystem::path& folder, v1::Dataset* manifest);
+
 // Returns an upload that becomes the dataset `id` in `folder`.
 //   shards: receives the shards of `manifest`.
 std::unique_ptr<DatasetUpload> StageDataset(std::string id, std::filesystem::path folder,

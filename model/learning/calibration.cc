@@ -12,27 +12,25 @@
 namespace maneuver::learning {
 namespace {
 
-constexpr int64_t kMostTraining = 4096;  // examples
-constexpr int64_t kMostHeldOut = 3072;
-constexpr int64_t kFewestHeldOut = 100;  // below this nothing is fitted to them
-
 std::string LastLayer(const char* network, const v1::MlpSpec& spec) {
   return network + ("." + std::to_string(spec.hidden_size()));
 }
 
-// Whether the width of q(z|y,s) is fitted. Of a base model it is p(z|y) and stays so.
-bool FitsLatent(const v1::ModelSpec& spec, const v1::OptimizationSettings& optimization) {
+// Whether the covariance of p(x|z) is fitted to training examples.
+bool FitsToTraining(const v1::ModelSpec& spec, const v1::OptimizationSettings& optimization) {
   return optimization.decoder_covariance() != v1::DECODER_COVARIANCE_FIXED &&
-         optimization.calibrate_latent() && !spec.has_scene_covariance() &&
+         !spec.has_scene_covariance();
+}
+
+// Whether the width of q(z|y,s) is fitted. In a base model it is p(z|y) and stays so.
+bool FitsLatent(const v1::ModelSpec& spec, const v1::OptimizationSettings& optimization) {
+  return FitsToTraining(spec, optimization) && optimization.calibrate_latent() &&
          spec.objective() != v1::OBJECTIVE_BASE;
 }
 
 // The covariance of p(x|z) for each example, or for all.
 at::Tensor DecoderCovariance(const Networks& networks, const Predictions& predictions) {
   at::NoGradGuard no_grad;
-  if (networks.spec().has_scene_covariance()) {
-    return WithSpeedFactors(predictions, networks["scene_covariance.speed_factor"]);
-  }
   return networks.spec().has_decoder_covariance() ? networks.PredictCovariance(predictions.latents)
                                                   : networks["decoder.covariance"];
 }
@@ -97,23 +95,34 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
   return std::exp(0.5 * (low + high));
 }
 
+CalibrationExamples CalibrationSample(const v1::ModelSpec& spec, const TrainingData& data) {
+  if (data.windows == nullptr) return {};
+  return CalibrationExamplesIn(spec, data.data_memory);
+}
+
 absl::Status CalibrateModel(Networks& networks, const SceneSource& training_source,
-                            const SceneSource& held_out_source,
+                            const SceneSource& held_out_source, const CalibrationExamples& most,
                             const v1::OptimizationSettings& optimization, int threads,
                             at::Generator& generator, const std::function<bool()>& stopped,
                             const std::function<void(int64_t)>& step) {
   const auto stop = [] { return absl::CancelledError("training was stopped"); };
   const ExampleFeatures training_examples =
-      EncodeExamples(networks, training_source, kMostTraining, threads, stopped, step);
+      EncodeExamples(networks, training_source, most.training, threads, stopped, step);
   if (stopped()) return stop();
   const ExampleFeatures held_out_examples =
-      EncodeExamples(networks, held_out_source, kMostHeldOut, threads, stopped, step);
+      EncodeExamples(networks, held_out_source, most.held_out, threads, stopped, step);
   if (stopped()) return stop();
   const bool has_held_out =
       held_out_examples.trajectories.defined() && held_out_examples.scenes.size() >= kFewestHeldOut;
   const bool fixed = optimization.decoder_covariance() == v1::DECODER_COVARIANCE_FIXED;
 
-  Predictions training = Predict(networks, training_examples);
+  // Otherwise only p(y|s) of the training examples is needed.
+  Predictions training;
+  if (FitsToTraining(networks.spec(), optimization)) {
+    training = Predict(networks, training_examples);
+  } else {
+    training.log_probabilities = PredictLogProbabilities(networks, training_examples);
+  }
   Predictions held_out = has_held_out ? Predict(networks, held_out_examples) : Predictions();
   // How wide q(z|y,s) is, first: q(y|x,s) depends on it, and everything else on that.
   if (has_held_out && FitsLatent(networks.spec(), optimization)) {
@@ -122,6 +131,7 @@ absl::Status CalibrateModel(Networks& networks, const SceneSource& training_sour
     const CovarianceScale scale =
         FitCovarianceScale(held_out, DecoderCovariance(networks, held_out), /*fit_latent=*/true);
     ScaleLatent(networks, scale.latent_stddev);
+    training = held_out = {};  // frees their memory first
     training = Predict(networks, training_examples);
     held_out = Predict(networks, held_out_examples);
   }
@@ -164,8 +174,9 @@ absl::Status CalibrateModel(Networks& networks, const SceneSource& training_sour
 
 int64_t CalibrationSteps(const v1::TrainingSettings& settings, int64_t training_examples,
                          int64_t held_out_examples) {
-  const int64_t training = std::min(training_examples, kMostTraining);
-  const int64_t held_out = std::min(held_out_examples, kMostHeldOut);
+  const CalibrationExamples most;
+  const int64_t training = std::min(training_examples, most.training);
+  const int64_t held_out = std::min(held_out_examples, most.held_out);
   const auto batches = [](int64_t examples, int64_t batch) {
     return (examples + batch - 1) / batch;
   };
@@ -174,7 +185,8 @@ int64_t CalibrationSteps(const v1::TrainingSettings& settings, int64_t training_
   const bool has_held_out = held_out >= kFewestHeldOut;
   const bool twice = has_held_out && FitsLatent(spec, optimization);
   const int64_t predicted =
-      batches(training, kPredictedBatch) + (has_held_out ? batches(held_out, kPredictedBatch) : 0);
+      (FitsToTraining(spec, optimization) ? batches(training, kPredictedBatch) : 0) +
+      (has_held_out ? batches(held_out, kPredictedBatch) : 0);
   int64_t fits = 0;  // of one time
   if (spec.has_scene_covariance()) {
     if (has_held_out) fits = SpeedFactorSteps(held_out);

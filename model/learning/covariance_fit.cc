@@ -12,6 +12,7 @@ namespace {
 constexpr double kFloor = 0.05;  // metres: no covariance is narrower
 constexpr int kFitPasses = 8;
 constexpr int64_t kFitBatch = 512;
+constexpr int64_t kGradientBatch = 64;  // examples whose intermediate results are in memory
 constexpr double kFitRate = 0.05;
 constexpr int kScaleSteps = 80;
 constexpr double kScaleRate = 0.1;
@@ -51,9 +52,13 @@ at::Tensor ResidualCovariance(const Predictions& predictions) {
   const at::Tensor error = truth - predictions.mean;
   const at::Tensor dx = error.select(3, 0);
   const at::Tensor dy = error.select(3, 1);
-  const at::Tensor unexplained =
-      at::stack({dx.square(), dx * dy, dy.square()}, -1) - predictions.covariance;
-  const at::Tensor sums = (weight.unsqueeze(-1).unsqueeze(-1) * unexplained).sum(0);  // [K, T, 3]
+  // In one tensor, because it is one of the largest.
+  at::Tensor unexplained = at::empty(predictions.covariance.sizes(), error.options());
+  unexplained.select(3, 0).copy_(dx).square_();
+  unexplained.select(3, 1).copy_(dx).mul_(dy);
+  unexplained.select(3, 2).copy_(dy).square_();
+  unexplained.sub_(predictions.covariance).mul_(weight.unsqueeze(-1).unsqueeze(-1));
+  const at::Tensor sums = unexplained.sum(0);  // [K, T, 3]
   const at::Tensor counts = weight.sum(0).view({-1, 1, 1});
   const at::Tensor pooled = sums.sum(0, /*keepdim=*/true) / counts.sum();
   return (sums + kPriorExamples * pooled) / (counts + kPriorExamples);
@@ -65,21 +70,29 @@ struct OwnActions {
   at::Tensor covariance;    // the decoder's, [N, own, T, 3]
 };
 
-//   covariance: [K, T, 3] or [N, K, T, 3]
+//   covariance: [K, T, 3] or [N, K, T, 3], or undefined
 OwnActions TakeOwnActions(const Predictions& predictions, const at::Tensor& covariance,
                           int64_t own) {
   const auto [log_q, actions] = predictions.log_responsibilities.topk(
       std::min(own, predictions.log_responsibilities.size(1)), 1);  // [N, own]
   const int64_t examples = actions.size(0), count = actions.size(1);
   const auto take = [&, &chosen = actions](const at::Tensor& of_all) {  // [N, K, T, C]
+    if (!of_all.defined()) return of_all;
     const at::Tensor index = chosen.view({examples, count, 1, 1})
                                  .expand({examples, count, of_all.size(2), of_all.size(3)});
     return of_all.gather(1, index);
   };
   const at::Tensor log_share = at::log_softmax(log_q, 1);
-  return {{predictions.trajectories, log_share, log_share, take(predictions.mean),
-           take(predictions.covariance)},
-          covariance.dim() == 4
+  return {{predictions.trajectories,
+           log_share,
+           log_share,
+           take(predictions.mean),
+           take(predictions.covariance),
+           {},
+           predictions.speeds,
+           take(predictions.along),
+           take(predictions.across)},
+          !covariance.defined() || covariance.dim() == 4
               ? take(covariance)
               : covariance.index_select(0, actions.reshape({-1}))
                     .view({examples, count, covariance.size(1), covariance.size(2)})};
@@ -88,18 +101,47 @@ OwnActions TakeOwnActions(const Predictions& predictions, const at::Tensor& cova
 // How many examples under all actions take the time of so many under their own.
 int64_t ScaledExamples(int64_t examples) { return examples * kOwnActions / 25; }
 
-// -E ln p over waypoints.
-at::Tensor Nll(const Predictions& predictions, const at::Tensor& covariance) {
-  return -WaypointLogLikelihood(predictions.log_probabilities, predictions.mean, covariance,
-                                predictions.trajectories)
-              .mean();
+// The share of waypoints within two standard deviations, if the decoder's covariance is `factor`
+// times as large.
+//   own: of one action
+double CoveredShare(const OwnActions& own, double factor) {
+  at::NoGradGuard no_grad;
+  return (SquaredDistances(own.predictions.mean,
+                           own.predictions.covariance + own.covariance * factor,
+                           own.predictions.trajectories) <= 4.0)
+      .to(at::kFloat)
+      .mean()
+      .item<double>();
 }
 
 }  // namespace
 
+Predictions OfOwnAction(const Predictions& predictions) {
+  return TakeOwnActions(predictions, {}, 1).predictions;
+}
+
 at::Tensor PooledCovariance(const Predictions& predictions) {
   const at::Tensor weight = predictions.log_responsibilities.exp().sum(0);  // [K]
   return (weight.view({-1, 1, 1}) * ResidualCovariance(predictions)).sum(0) / weight.sum();
+}
+
+at::Tensor NllGradient(const Predictions& predictions, const at::Tensor& covariance) {
+  const int64_t examples = covariance.size(0);
+  const double waypoints = static_cast<double>(examples * covariance.size(2));
+  const at::Tensor all = covariance.detach();
+  at::Tensor gradient = at::empty(all.sizes(), all.options());
+  for (int64_t begin = 0; begin < examples; begin += kGradientBatch) {
+    const auto rows = [&](const at::Tensor& of_all) {
+      return of_all.slice(0, begin, begin + kGradientBatch);
+    };
+    const at::Tensor batch = rows(all).detach().set_requires_grad(true);
+    const at::Tensor log_likelihood =
+        WaypointLogLikelihood(rows(predictions.log_probabilities), rows(predictions.mean), batch,
+                              rows(predictions.trajectories));
+    log_likelihood.backward(at::full_like(log_likelihood, -1.0).div_(waypoints));
+    rows(gradient).copy_(batch.grad());
+  }
+  return gradient;
 }
 
 at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& generator) {
@@ -114,7 +156,8 @@ at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& g
         at::randint(examples, {std::min(examples, kFitBatch)}, generator, at::kLong)
             .to(factor.device());
     const Predictions batch = predictions.Rows(rows);
-    Nll(batch, batch.covariance + CovarianceOf(factor)).backward();
+    const at::Tensor whole = batch.covariance + CovarianceOf(factor);
+    whole.backward(NllGradient(batch, whole));
     optimizer.Step(LearningRateShare(step, 0, kFitPasses * batches));
     predictions.CountFit(kFitBatch);
   }
@@ -146,7 +189,7 @@ CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor
     at::Tensor whole = own.covariance * factor().view({-1, 1});
     whole = whole + (fit_latent ? own.predictions.covariance * latent_factor().square()
                                 : own.predictions.covariance);
-    Nll(own.predictions, whole).backward();
+    whole.backward(NllGradient(own.predictions, whole));
     optimizer.Step(LearningRateShare(step, 0, kScaleSteps));
     held_out.CountFit(ScaledExamples(held_out.trajectories.size(0)));
   }
@@ -154,21 +197,16 @@ CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor
 }
 
 double CoveredShare(const Predictions& predictions, const at::Tensor& covariance) {
-  at::NoGradGuard no_grad;
-  const OwnActions own = TakeOwnActions(predictions, covariance, 1);
-  return (SquaredDistances(own.predictions.mean, own.predictions.covariance + own.covariance,
-                           predictions.trajectories) <= 4.0)
-      .to(at::kFloat)
-      .mean()
-      .item<double>();
+  return CoveredShare(TakeOwnActions(predictions, covariance, 1), 1.0);
 }
 
 double WidenToCover(const Predictions& held_out, const at::Tensor& covariance, double share) {
-  if (CoveredShare(held_out, covariance) >= share) return 1.0;
+  const OwnActions own = TakeOwnActions(held_out, covariance, 1);
+  if (CoveredShare(own, 1.0) >= share) return 1.0;
   double low = 0.0, high = std::log(kMostWidening);
   for (int i = 0; i < 20; ++i) {
     const double middle = 0.5 * (low + high);
-    (CoveredShare(held_out, covariance * std::exp(middle)) >= share ? high : low) = middle;
+    (CoveredShare(own, std::exp(middle)) >= share ? high : low) = middle;
   }
   return std::exp(high);
 }

@@ -20,6 +20,15 @@ at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& g
 // Returns the same residual covariance over all actions together, [T, 3].
 at::Tensor PooledCovariance(const Predictions& predictions);
 
+// Returns the gradient, by the covariance of each example and action, of the mean -ln p over all
+// waypoints of all examples, where p is the mixture over log_probabilities. [N, K, T, 3] Takes little
+// more memory than its result: a batch of examples at a time, with the bits of all at once.
+//   covariance: of answers, latent and decoder's together, [N, K, T, 3]
+at::Tensor NllGradient(const Predictions& predictions, const at::Tensor& covariance);
+
+// Returns the predictions of the action with the largest q(y|x,s) alone. [N, 1, ..]
+Predictions OfOwnAction(const Predictions& predictions);
+
 // The scale that makes held-out trajectories most likely under the few actions with the largest
 // q(y|x,s). Residuals on training examples are too small. p(y|s) is not used here: neighbouring
 // actions would then make up for one that is too narrow.

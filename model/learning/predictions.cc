@@ -88,4 +88,14 @@ Predictions Predict(const Networks& networks, const ExampleFeatures& examples) {
           join(latents),         examples.speeds, join(along), join(across), examples.step};
 }
 
+at::Tensor PredictLogProbabilities(const Networks& networks, const ExampleFeatures& examples) {
+  at::NoGradGuard no_grad;
+  std::vector<at::Tensor> log_p;
+  const int64_t count = examples.scenes.size();
+  for (int64_t begin = 0; begin < count; begin += kPredictedBatch) {
+    log_p.push_back(networks.PredictActions(examples.scenes.Slice(begin, begin + kPredictedBatch)));
+  }
+  return log_p.empty() ? at::Tensor() : at::cat(log_p);
+}
+
 }  // namespace maneuver::learning

@@ -62,6 +62,9 @@ struct Predictions {
 
 Predictions Predict(const Networks& networks, const ExampleFeatures& examples);
 
+// Returns ln p(y|s) alone, with the bits of Predict. [N, K]
+at::Tensor PredictLogProbabilities(const Networks& networks, const ExampleFeatures& examples);
+
 }  // namespace maneuver::learning
 
 #endif  // MANEUVER_MODEL_LEARNING_PREDICTIONS_H_

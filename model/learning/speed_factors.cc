@@ -2,7 +2,6 @@
 
 #include "model/artifact/tensor.h"
 #include "model/learning/covariance_fit.h"
-#include "model/learning/moments.h"
 #include "model/learning/optimizer.h"
 
 namespace maneuver::learning {
@@ -36,13 +35,10 @@ at::Tensor FitSpeedFactors(const Predictions& held_out) {
   AdamW optimizer;
   optimizer.Add({logs}, kFactorRate, 0.0);
   for (int step = 0; step < kFactorSteps; ++step) {
-    const at::Tensor nll =
-        -WaypointLogLikelihood(held_out.log_probabilities, held_out.mean,
-                               held_out.covariance + WithSpeedFactors(held_out, logs.exp()),
-                               held_out.trajectories)
-             .mean();
+    const at::Tensor whole = held_out.covariance + WithSpeedFactors(held_out, logs.exp());
+    whole.backward(NllGradient(held_out, whole));
     const at::Tensor spread = (logs - logs.mean(0, /*keepdim=*/true)).square().sum();
-    (nll + 0.5 * kPriorExamples / examples * spread).backward();
+    (0.5 * kPriorExamples / examples * spread).backward();
     optimizer.Step(LearningRateShare(step, 0, kFactorSteps));
     held_out.CountFit(held_out.trajectories.size(0));
   }
@@ -55,15 +51,15 @@ at::Tensor WidenToCoverBySpeed(const Predictions& held_out, const at::Tensor& fa
                                double share) {
   at::NoGradGuard no_grad;
   const at::Tensor bins = SpeedBins(held_out.speeds);
-  const at::Tensor covariance = WithSpeedFactors(held_out, factors);
-  const double of_all = WidenToCover(held_out, covariance, share);
+  const Predictions own = OfOwnAction(held_out);
+  const at::Tensor covariance = WithSpeedFactors(own, factors);
+  const double of_all = WidenToCover(own, covariance, share);
   at::Tensor widened = factors.clone();
   for (int64_t bin = 0; bin < artifact::kSpeedBinCount; ++bin) {
     const at::Tensor rows = (bins == bin).nonzero().flatten();
-    widened[bin].mul_(
-        rows.size(0) < kFewestInBin
-            ? of_all
-            : WidenToCover(held_out.Rows(rows), covariance.index_select(0, rows), share));
+    widened[bin].mul_(rows.size(0) < kFewestInBin
+                          ? of_all
+                          : WidenToCover(own.Rows(rows), covariance.index_select(0, rows), share));
   }
   return widened;
 }

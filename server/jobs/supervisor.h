@@ -82,7 +82,7 @@ class Supervisor {
   // Errors: INVALID_ARGUMENT, also for a device that the trainer does not have; NOT_FOUND for an
   // unknown dataset or model; ALREADY_EXISTS if request_id was used for a different request;
   // RESOURCE_EXHAUSTED while max_pending_jobs wait, or if the disk is full.
-  // With validate_only it returns a job without a name, and starts nothing.
+  // With validate_only it returns a job without a name but with its memory, and starts nothing.
   absl::StatusOr<v1::Job> Train(const v1::TrainRequest& request);
   // Creates an evaluation job, as Train does. Its evaluate.model becomes the version that the
   // reference points to now.
@@ -123,6 +123,9 @@ class Supervisor {
   void GiveUpAttempt(v1::Job& job) const;
   absl::StatusOr<v1::Job> Admit(v1::Job job, const std::string& request_id,
                                 const std::string& digest, bool validate_only);
+  // Adds the memory that a job will take, if it was only validated.
+  //   spec: of its model
+  absl::StatusOr<v1::Job> WithMemory(absl::StatusOr<v1::Job> job, const v1::ModelSpec& spec) const;
   absl::StatusOr<v1::Job> EarlierJob(const std::string& request_id, const std::string& digest,
                                      bool* found);
   // NOT_FOUND if one that the job reads is not there.

@@ -13,6 +13,7 @@
 #include "model/artifact/model_folder.h"
 #include "model/artifact/training_presets.h"
 #include "server/errors/error_details.h"
+#include "server/jobs/job_memory.h"
 #include "server/jobs/job_requests.h"
 #include "server/jobs/job_settings.h"
 #include "server/jobs/job_state.h"
@@ -81,7 +82,9 @@ absl::StatusOr<v1::Job> Supervisor::Train(const v1::TrainRequest& request) {
     spec = manifest->spec();
   }
   if (request.validate_only()) ShowEffective(spec, *job.mutable_train()->mutable_settings());
-  return Admit(std::move(job), request.request_id(), digest, request.validate_only());
+  const v1::ModelSpec learned = job.train().settings().model();
+  return WithMemory(Admit(std::move(job), request.request_id(), digest, request.validate_only()),
+                    learned);
 }
 
 absl::StatusOr<v1::Job> Supervisor::Evaluate(const v1::EvaluateRequest& request) {
@@ -96,7 +99,14 @@ absl::StatusOr<v1::Job> Supervisor::Evaluate(const v1::EvaluateRequest& request)
   v1::Job job;
   *job.mutable_evaluate() = request;
   job.mutable_evaluate()->set_model(model->name.ToString());
-  return Admit(std::move(job), request.request_id(), digest, request.validate_only());
+  v1::ModelSpec spec;
+  if (request.validate_only()) {
+    const auto manifest = artifact::ReadModelManifest(model->folder);
+    if (!manifest.ok()) return WithDefaultReason(manifest.status(), "MODEL_UNAVAILABLE");
+    spec = manifest->spec();
+  }
+  return WithMemory(Admit(std::move(job), request.request_id(), digest, request.validate_only()),
+                    spec);
 }
 
 absl::StatusOr<v1::Job> Supervisor::CrossValidate(const v1::CrossValidateRequest& request) {
@@ -109,8 +119,19 @@ absl::StatusOr<v1::Job> Supervisor::CrossValidate(const v1::CrossValidateRequest
   if (request.validate_only()) {
     ShowEffective(std::nullopt, *job.mutable_cross_validate()->mutable_settings());
   }
-  return Admit(std::move(job), request.request_id(), RequestDigest(request),
-               request.validate_only());
+  const v1::ModelSpec learned = job.cross_validate().settings().model();
+  return WithMemory(
+      Admit(std::move(job), request.request_id(), RequestDigest(request), request.validate_only()),
+      learned);
+}
+
+absl::StatusOr<v1::Job> Supervisor::WithMemory(absl::StatusOr<v1::Job> job,
+                                               const v1::ModelSpec& spec) const {
+  if (!job.ok() || !job->name().empty()) return job;
+  auto memory = EstimateMemory(*job, spec, datasets_, options_.limits.data_memory);
+  if (!memory.ok()) return memory.status();
+  *job->mutable_memory() = *std::move(memory);
+  return job;
 }
 
 absl::StatusOr<v1::Job> Supervisor::EarlierJob(const std::string& request_id,

@@ -137,6 +137,19 @@ absl::StatusOr<std::vector<security::ModelVersionName>> ParseVersions(const std:
   return versions;
 }
 
+// "/data/town,/mnt/waymo"; INVALID_ARGUMENT for a path that is not absolute.
+absl::StatusOr<std::vector<std::filesystem::path>> ParseFolders(const std::string& text) {
+  std::vector<std::filesystem::path> folders;
+  for (const absl::string_view word : absl::StrSplit(text, ',', absl::SkipWhitespace())) {
+    const std::string folder(absl::StripAsciiWhitespace(word));
+    if (!folder.starts_with('/')) {
+      return absl::InvalidArgumentError(absl::StrCat(folder, " is not an absolute path"));
+    }
+    folders.emplace_back(folder);
+  }
+  return folders;
+}
+
 // FAILED_PRECONDITION for flags that make no sense together.
 absl::Status TakeSecurityFlags(const SecurityFlags& flags, ServerOptions* options) {
   const security::CertificateFiles& tls = flags.tls;
@@ -179,6 +192,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   double max_queue_delay_ms = 0.0;
   double shutdown_delay_s = 0.0;
   double shutdown_timeout_s = 10.0;
+  std::string dataset_folders;
   std::string serve;
   std::string precision = "auto";
   std::string kernel_choice = "auto";
@@ -270,6 +284,9 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
+  app.add_option("--dataset-folders", dataset_folders,
+                 "Folders, such as /data/town,/mnt/waymo, that administrators may register as "
+                 "datasets in place, with all that is below them; without it none");
   app.add_option_function<double>(
          "--keep-uploads",
          [&options](double hours) {
@@ -362,6 +379,9 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
                           "--max-send-memory must be at least --max-response-bytes: raise the "
                           "former or lower the latter"));
   }
+  auto folders = ParseFolders(dataset_folders);
+  if (!folders.ok()) return refuse("--dataset-folders: ", folders.status());
+  options.datasets.folders = *std::move(folders);
   auto versions = ParseVersions(serve);
   if (!versions.ok()) return refuse("--serve: ", versions.status());
   options.serve = *std::move(versions);

@@ -83,6 +83,24 @@ absl::StatusOr<v1::DatasetSummary> Describe(const data::DatasetStore& datasets,
   return datasets.Describe(*id, settings.model(), settings.examples());
 }
 
+absl::StatusOr<v1::Dataset> Register(const data::DatasetStore& datasets,
+                                     const v1::RegisterDatasetRequest& request) {
+  const auto id = security::ParseDatasetName(request.name(), "name");
+  if (!id.ok()) return id.status();
+  if (request.folder().empty() || request.folder().find('\0') != std::string::npos) {
+    return errors::InvalidField("folder", "must be an absolute path on the server");
+  }
+  const absl::Status registrable = datasets.CheckRegistrable(request.folder());
+  if (absl::IsPermissionDenied(registrable)) {
+    return errors::WithReason(registrable, "FOLDER_NOT_ALLOWED");
+  }
+  auto dataset = datasets.Register(*id, request.folder());
+  if (absl::IsInvalidArgument(dataset.status())) {
+    return errors::InvalidField("folder", std::string(dataset.status().message()));
+  }
+  return dataset;
+}
+
 // Copies the value to *response.
 template <typename Message>
 absl::Status Answer(absl::StatusOr<Message> result, Message* response) {
@@ -111,6 +129,14 @@ grpc::ServerUnaryReactor* DatasetService::QueryUpload(grpc::CallbackServerContex
                     [this, caller = access_.NameOf(CredentialsOf(*rpc)), request, response] {
                       return AnswerQueryUpload(datasets_, caller, *request, response);
                     });
+}
+
+grpc::ServerUnaryReactor* DatasetService::RegisterDataset(grpc::CallbackServerContext* rpc,
+                                                          const v1::RegisterDatasetRequest* request,
+                                                          v1::Dataset* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+    return Answer(Register(datasets_, *request), response);
+  });
 }
 
 grpc::ServerUnaryReactor* DatasetService::ListDatasets(grpc::CallbackServerContext* rpc,

@@ -21,6 +21,9 @@ class DatasetService final : public v1::DatasetService::CallbackService {
   grpc::ServerUnaryReactor* QueryUpload(grpc::CallbackServerContext* rpc,
                                         const v1::QueryUploadRequest* request,
                                         v1::QueryUploadResponse* response) override;
+  grpc::ServerUnaryReactor* RegisterDataset(grpc::CallbackServerContext* rpc,
+                                            const v1::RegisterDatasetRequest* request,
+                                            v1::Dataset* response) override;
   grpc::ServerUnaryReactor* ListDatasets(grpc::CallbackServerContext* rpc,
                                          const v1::ListDatasetsRequest* request,
                                          v1::ListDatasetsResponse* response) override;

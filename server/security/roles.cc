@@ -40,6 +40,7 @@ constexpr MethodRole kMethodRoles[] = {
 
     {"/maneuver.v1.DatasetService/UploadDataset", Role::kTrain},
     {"/maneuver.v1.DatasetService/QueryUpload", Role::kTrain},
+    {"/maneuver.v1.DatasetService/RegisterDataset", Role::kAdmin},
     {"/maneuver.v1.DatasetService/ListDatasets", Role::kTrain},
     {"/maneuver.v1.DatasetService/GetDataset", Role::kTrain},
     {"/maneuver.v1.DatasetService/DescribeDataset", Role::kTrain},

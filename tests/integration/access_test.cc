@@ -48,6 +48,7 @@ const std::map<std::string, std::string> kExpectedRoles = {
     {"/maneuver.v1.ModelService/DeleteModelVersion", "admin"},
     {"/maneuver.v1.DatasetService/UploadDataset", "train"},
     {"/maneuver.v1.DatasetService/QueryUpload", "train"},
+    {"/maneuver.v1.DatasetService/RegisterDataset", "admin"},
     {"/maneuver.v1.DatasetService/ListDatasets", "train"},
     {"/maneuver.v1.DatasetService/GetDataset", "train"},
     {"/maneuver.v1.DatasetService/DescribeDataset", "train"},

@@ -269,6 +269,11 @@ class ManagementTest(LiveTest):
             self.client.upload_dataset(self.server.folder / "town", "datasets/town")
         self.assertEqual(raised.exception.reason, "DATASET_EXISTS")
 
+    def test_a_folder_that_the_server_does_not_allow_is_not_registered(self):
+        with self.assertRaises(maneuver.PermissionDeniedError) as raised:
+            self.client.register_dataset("datasets/in-place", str(self.server.folder / "town"))
+        self.assertEqual(raised.exception.reason, "FOLDER_NOT_ALLOWED")
+
     def test_lists_all_pages(self):
         summaries = list(self.client.list_scenarios("datasets/town"))
         self.assertEqual(len({one.scenario_id for one in summaries}), 24)

@@ -242,6 +242,19 @@ class Client(Predictor):
         upload = DatasetUpload(self._connection, pathlib.Path(folder), name, on_progress)
         return upload.run(self._connection.deadline(timeout, self._connection.deadlines.upload))
 
+    def register_dataset(self, name: str, folder: str, *,
+                         timeout: Optional[float] = None) -> v1.Dataset:
+        """Makes a folder on the server's disk datasets/{dataset} `name`, in place.
+
+        The server reads and verifies all of it first. Administrators may call this, for folders that
+        the server's option --dataset-folders allows.
+        """
+        if timeout is None:
+            timeout = self._connection.deadlines.upload
+        return self._manage(
+            v1.Dataset, self._connection.datasets.RegisterDataset,
+            v1.RegisterDatasetRequest(name=name, folder=folder), timeout)
+
     def list_datasets(self, *, timeout: Optional[float] = None) -> Iterator[v1.Dataset]:
         """Yields all datasets, by name. timeout: for each page."""
         return self._pages(

@@ -19,11 +19,12 @@ namespace maneuver::learning {
 namespace {
 
 constexpr char kPhases[][10] = {"covernet", "multipath"};
-// As the model's calibration has them.
-constexpr int64_t kMostCalibrated = 4096;  // examples
-constexpr int64_t kMostChecked = 3072;
-constexpr int64_t kFewestChecked = 100;
 constexpr int64_t kCalibrationBatch = 64;
+
+// Covariances of nothing, which take no memory.
+at::Tensor NoCovariance(const at::Tensor& like) {
+  return at::zeros({1}, like.options()).expand_as(like);
+}
 
 absl::Status Stopped() { return absl::CancelledError("training was stopped"); }
 
@@ -149,30 +150,32 @@ absl::Status AnchorLearner::Train(Baseline& baseline) {
 absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
   const v1::OptimizationSettings& optimization = model_.settings.optimization();
   AnchorNetworks& networks = baseline.networks;
-  Predictions held_out = PredictAll(networks, model_.validation, kMostChecked, model_);
+  const CalibrationExamples most = CalibrationSample(networks.spec(), model_.data);
+  Predictions held_out = PredictAll(networks, model_.validation, most.held_out, model_);
   if (model_.stopped()) return Stopped();
   const bool has_held_out =
-      held_out.trajectories.defined() && held_out.trajectories.size(0) >= kFewestChecked;
+      held_out.trajectories.defined() && held_out.trajectories.size(0) >= kFewestHeldOut;
   if (has_held_out && optimization.calibrate_probabilities()) {
     networks.SetTemperature(
         FitTemperature(held_out.log_probabilities, held_out.log_responsibilities));
     // Once more, with the temperature in it.
-    held_out = PredictAll(networks, model_.validation, kMostChecked, model_);
+    held_out = {};
+    held_out = PredictAll(networks, model_.validation, most.held_out, model_);
     if (model_.stopped()) return Stopped();
   }
   if (networks.regresses()) {
     if (!has_held_out) return absl::OkStatus();
     const at::Tensor own = held_out.covariance;
-    held_out.covariance = at::zeros_like(own);
+    held_out.covariance = NoCovariance(own);
     networks.SetScale(FitCovarianceScale(held_out, own, /*fit_latent=*/false).factor);
     return absl::OkStatus();
   }
-  Predictions training = PredictAll(networks, model_.training, kMostCalibrated, model_);
+  Predictions training = PredictAll(networks, model_.training, most.training, model_);
   if (model_.stopped()) return Stopped();
-  training.covariance = at::zeros_like(training.covariance);
+  training.covariance = NoCovariance(training.covariance);
   at::Tensor covariance = FitDecoderCovariance(training, baseline.generator);
   if (has_held_out) {
-    held_out.covariance = at::zeros_like(held_out.covariance);
+    held_out.covariance = NoCovariance(held_out.covariance);
     const CovarianceScale scale = FitCovarianceScale(held_out, covariance, /*fit_latent=*/false);
     covariance = covariance * scale.factor.view({1, -1, 1});
   }

@@ -6,6 +6,8 @@
 
 #include <cmath>
 
+#include "model/artifact/model_cost.h"
+#include "model/artifact/training_presets.h"
 #include "model/learning/covariance_fit.h"
 #include "model/learning/moments.h"
 
@@ -110,6 +112,36 @@ TEST(CalibrationTest, WideningCoversHeavyTailsAndNarrowsNothing) {
   EXPECT_LT(CoveredShare(predictions, 0.99 * factor * covariance), 0.865);
   EXPECT_EQ(WidenToCover(predictions, covariance, before - 0.01), 1.0);
   EXPECT_EQ(WidenToCover(predictions, covariance, 0.0), 1.0);
+}
+
+TEST(CalibrationTest, GradientsOfBatchesHaveTheBitsOfAllExamplesAtOnce) {
+  at::Generator generator = MakeGenerator(8);
+  constexpr int64_t kExamples = 150, kActions = 5, kWaypoints = 7;
+  Predictions predictions;
+  predictions.trajectories = at::randn({kExamples, 2 * kWaypoints}, generator);
+  predictions.log_probabilities = at::log_softmax(at::randn({kExamples, kActions}, generator), 1);
+  predictions.mean = at::randn({kExamples, kActions, kWaypoints, 2}, generator);
+  at::Tensor covariance = at::rand({kExamples, kActions, kWaypoints, 3}, generator);
+  covariance.select(3, 0).add_(1.5);
+  covariance.select(3, 2).add_(1.5);
+  const at::Tensor whole = covariance.clone().set_requires_grad(true);
+  (-WaypointLogLikelihood(predictions.log_probabilities, predictions.mean, whole,
+                          predictions.trajectories)
+        .mean())
+      .backward();
+  EXPECT_TRUE(NllGradient(predictions, covariance).equal(whole.grad()));
+}
+
+TEST(CalibrationTest, FewerExamplesWhereTheirPredictionsWouldExceedTheMemory) {
+  const v1::ModelSpec spec = artifact::ResolveTrainingSettings(v1::TrainingSettings()).model();
+  const CalibrationExamples all = CalibrationExamplesIn(spec, int64_t{2} << 30);
+  EXPECT_EQ(all.training, 4096);
+  EXPECT_EQ(all.held_out, 3072);
+  const int64_t memory = 64'000'000;
+  const CalibrationExamples few = CalibrationExamplesIn(spec, memory);
+  EXPECT_NEAR(static_cast<double>((few.training + few.held_out) * artifact::PredictionBytes(spec)),
+              memory / 4.0, artifact::PredictionBytes(spec));
+  EXPECT_EQ(CalibrationExamplesIn(spec, 0).held_out, kFewestHeldOut);
 }
 
 TEST(CalibrationTest, TemperatureUndoesOverconfidence) {

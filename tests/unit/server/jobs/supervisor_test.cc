@@ -166,6 +166,8 @@ TEST_F(SupervisorTest, ValidateOnlyStartsNothing) {
             artifact::ResolveTrainingSettings(request.settings()).DebugString());
   EXPECT_GT(checked.train().settings().optimization().joint_epochs(), 0);
   EXPECT_GT(checked.train().settings().model().actions(), 0);
+  EXPECT_GT(checked.memory().recording_bytes(), 0);
+  EXPECT_GT(checked.memory().total_bytes(), checked.memory().data_bytes());
   EXPECT_THAT(store_->List(10, "")->jobs, IsEmpty());
   request.set_datasets(0, "datasets/none");
   EXPECT_TRUE(absl::IsNotFound(supervisor_->Train(request).status()));

@@ -74,6 +74,17 @@ TEST_F(OptionsTest, TheEnvironmentCanNameTheFileAndTurnFlagsOff) {
   EXPECT_THAT(off.err, HasSubstr("--listen"));
 }
 
+TEST_F(OptionsTest, DatasetFoldersAreAbsolutePaths) {
+  EXPECT_THAT(Parse({"--data-dir", "d"}).options().datasets.folders, ::testing::IsEmpty());
+  EXPECT_THAT(Parse({"--data-dir", "d", "--dataset-folders", "/data/town, /mnt"})
+                  .options()
+                  .datasets.folders,
+              ::testing::ElementsAre("/data/town", "/mnt"));
+  const Outcome outcome = Parse({"--data-dir", "d", "--dataset-folders", "/data,town"});
+  EXPECT_TRUE(outcome.refused());
+  EXPECT_THAT(outcome.err, HasSubstr("--dataset-folders: town is not an absolute path"));
+}
+
 TEST_F(OptionsTest, AnEmptyVariableCountsAsUnset) {
   EXPECT_EQ(Parse({"--data-dir", "d"}, {"MANEUVERD_MAX_BATCH=", "MANEUVERD_TOKENS="})
                 .options()

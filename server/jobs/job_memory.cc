@@ -1,0 +1,68 @@
+#include "server/jobs/job_memory.h"
+
+#include <algorithm>
+
+#include "model/artifact/calibration_examples.h"
+#include "model/artifact/model_cost.h"
+#include "model/data/recording_blocks.h"
+#include "server/jobs/job_requests.h"
+#include "server/jobs/trainer_outcome.h"
+
+namespace maneuver::jobs {
+namespace {
+
+// The program with its libraries, before it reads anything. Measured.
+constexpr int64_t kProgramBytes = int64_t{180} << 20;
+// Of each recording, where data are read piece by piece: its place, its id, its number of examples.
+constexpr int64_t kIndexBytes = 200;
+// Weights, gradients, two moments, and the best weights so far.
+constexpr int64_t kCopiesOfWeights = 5;
+
+// What calibration takes: the predictions, and the gradients of their covariances.
+int64_t CalibrationBytes(const v1::ModelSpec& spec, bool fit, int64_t data_memory) {
+  const artifact::CalibrationExamples examples =
+      fit ? artifact::CalibrationExamples() : artifact::CalibrationExamplesIn(spec, data_memory);
+  const int64_t kept = examples.held_out + (spec.has_scene_covariance() ? 0 : examples.training);
+  return 2 * kept * artifact::PredictionBytes(spec);
+}
+
+}  // namespace
+
+absl::StatusOr<v1::JobMemory> EstimateMemory(const v1::Job& job, const v1::ModelSpec& spec,
+                                             const data::DatasetStore& datasets,
+                                             int64_t data_memory) {
+  v1::JobMemory memory;
+  int64_t recordings = 0;
+  for (const std::string& id : DatasetIds(job)) {
+    absl::StatusOr<v1::Dataset> dataset = datasets.Get(id);
+    if (!dataset.ok()) return WithDefaultReason(dataset.status(), "DATASET_DAMAGED");
+    recordings += dataset->recordings();
+    for (const v1::Shard& shard : dataset->shards()) {
+      if (shard.content() != v1::SHARD_CONTENT_SCENARIOS) continue;
+      memory.set_recording_bytes(memory.recording_bytes() + shard.size_bytes());
+    }
+  }
+  // A cross-validation keeps all recordings in memory.
+  const bool fit =
+      job.has_cross_validate() || data::FitInMemory(memory.recording_bytes(), data_memory);
+  memory.set_data_fit(fit);
+  memory.set_data_bytes(fit ? memory.recording_bytes() * data::kMemoryPerByte
+                            : data_memory + recordings * kIndexBytes);
+  const int64_t weights =
+      static_cast<int64_t>(sizeof(float)) * artifact::CountCost(spec).parameters();
+  if (job.has_evaluate()) {
+    memory.set_network_bytes(weights);
+  } else {
+    const v1::TrainingSettings& settings =
+        job.has_train() ? job.train().settings() : job.cross_validate().settings();
+    memory.set_network_bytes(kCopiesOfWeights * weights);
+    memory.set_working_bytes(
+        std::max(settings.optimization().batch_size() * artifact::ExampleBytes(spec),
+                 CalibrationBytes(spec, fit, data_memory)));
+  }
+  memory.set_total_bytes(kProgramBytes + memory.data_bytes() + memory.network_bytes() +
+                         memory.working_bytes());
+  return memory;
+}
+
+}  // namespace maneuver::jobs
