@@ -15,8 +15,8 @@
 #include "absl/strings/strip.h"
 #include "locks/mutex.h"
 #include "model/data/dataset_folder.h"
-#include "model/data/dataset_layout.h"
 #include "model/data/example_index.h"
+#include "model/data/shard_records.h"
 #include "model/machine/usable_cores.h"
 #include "model/scene/target_frame.h"
 

@@ -16,7 +16,9 @@
 #include "maneuver/v1/model_spec.pb.h"
 #include "maneuver/v1/scenario.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
-#include "model/scene/field_violation.h"
+#include "model/data/dataset_files.h"
+#include "model/data/dataset_manifest.h"
+#include "model/data/on_damage.h"
 
 namespace maneuver::data {
 
@@ -46,30 +48,10 @@ class DatasetWriter {
   virtual absl::StatusOr<v1::Dataset> Commit() = 0;
 };
 
-// Returns what is wrong with a folder's manifest, before any file is read: file names (as
-// Shard.file's comment says; each once, never a path), sizes, digests, sums that do not match.
-// Field paths start at the manifest: shards[0].file, ...
-std::vector<scene::FieldViolation> ValidateDatasetManifest(const v1::Dataset& manifest);
-
-// Convert a manifest from and to JSON. dataset.json also carries a digest of that.
-absl::StatusOr<v1::Dataset> ParseDatasetManifest(const std::string& json);
-std::string PrintDatasetManifest(const v1::Dataset& manifest);
-
-// Returns one digest over all contents of a dataset: EvaluationReport.dataset_sha256.
-std::string ContentSha256(const v1::Dataset& manifest);
-
-// Reads dataset.json and checks that the shards exist in the sizes it states and, if the folder was
-// registered in place, that they are those that were registered (registered_folder.h). NOT_FOUND,
-// or DATA_LOSS with the reason.
-absl::StatusOr<v1::Dataset> ReadDatasetManifest(const std::filesystem::path& folder);
-
 // Reads and checks everything: the SHA-256 and record count of each shard, the CRCs, and that each
 // record is a valid scenario with a unique id or an annotation of one of them. DATA_LOSS with file
 // and reason.
 absl::Status VerifyDatasetFolder(const std::filesystem::path& folder);
-
-// What to do with a damaged record.
-enum class OnDamage { kStop, kSkip };
 
 // Calls `visit` with each recording, in order, until it returns false. With kSkip, skips records
 // that are damaged, and those that cannot be found after damage to the framing. Adds their number

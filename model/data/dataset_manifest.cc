@@ -1,15 +1,11 @@
-// dataset.json: its text, its rules, and the check that its shards exist.
+#include "model/data/dataset_manifest.h"
 
 #include <google/protobuf/util/json_util.h>
 
 #include <algorithm>
 #include <set>
-#include <system_error>
 
 #include "absl/strings/str_cat.h"
-#include "model/data/dataset_folder.h"
-#include "model/data/dataset_layout.h"
-#include "model/data/registered_folder.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 #include "model/files/sealed_json.h"
@@ -159,22 +155,6 @@ std::string ContentSha256(const v1::Dataset& manifest) {
   std::string digests;
   for (const v1::Shard& shard : manifest.shards()) absl::StrAppend(&digests, shard.sha256(), "\n");
   return files::Sha256Hex(digests);
-}
-
-absl::StatusOr<v1::Dataset> ReadDatasetManifest(const std::filesystem::path& folder) {
-  auto manifest = LoadDatasetManifest(folder);
-  if (!manifest.ok()) return manifest.status();
-  for (const v1::Shard& shard : manifest->shards()) {
-    std::error_code error;
-    const uintmax_t size = std::filesystem::file_size(folder / shard.file(), error);
-    if (error) return absl::DataLossError(absl::StrCat("shard ", shard.file(), " is missing"));
-    if (size != static_cast<uintmax_t>(shard.size_bytes())) {
-      return absl::DataLossError(absl::StrCat("shard ", shard.file(), " has ", size, " bytes; ",
-                                              kManifestFile, " says ", shard.size_bytes()));
-    }
-  }
-  if (absl::Status status = CheckRegistered(folder, *manifest); !status.ok()) return status;
-  return manifest;
 }
 
 }  // namespace maneuver::data

@@ -9,7 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
-#include "model/data/dataset_layout.h"
+#include "model/data/dataset_manifest.h"
 #include "model/data/registered_folder.h"
 #include "model/data/staged_upload.h"
 #include "model/files/digest.h"

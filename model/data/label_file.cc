@@ -16,7 +16,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
-#include "model/data/dataset_layout.h"
+#include "model/data/dataset_manifest.h"
 #include "model/data/quoted_text.h"
 #include "model/data/tfrecord.h"
 #include "model/files/durable_file.h"

@@ -5,7 +5,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "model/data/dataset_folder.h"
+#include "model/data/dataset_files.h"
 #include "model/data/shard_index.h"
 #include "model/data/tfrecord.h"
 

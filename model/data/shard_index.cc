@@ -3,7 +3,8 @@
 #include <cstring>
 
 #include "absl/strings/str_cat.h"
-#include "model/data/dataset_layout.h"
+#include "model/data/dataset_manifest.h"
+#include "model/data/shard_records.h"
 #include "model/data/tfrecord.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"

@@ -6,7 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
-#include "model/data/dataset_layout.h"
+#include "model/data/dataset_manifest.h"
 #include "model/data/recording_index.h"
 #include "model/files/durable_file.h"
 

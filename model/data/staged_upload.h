@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "maneuver/v1/dataset.pb.h"
-#include "model/data/dataset_store.h"
+#include "model/data/dataset_upload.h"
 #include "model/files/file_receiver.h"
 
 namespace maneuver::data {

@@ -1,4 +1,4 @@
-// The layout of a dataset folder. Private to this folder's .cc files.
+// Reads the records of a dataset's shards. Private to this folder's .cc files.
 
 #ifndef MANEUVER_MODEL_DATA_DATASET_LAYOUT_H_
 #define MANEUVER_MODEL_DATA_DATASET_LAYOUT_H_
@@ -13,20 +13,9 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "maneuver/v1/dataset.pb.h"
-#include "model/data/dataset_folder.h"
+#include "model/data/on_damage.h"
 
 namespace maneuver::data {
-
-inline constexpr char kManifestFile[] = "dataset.json";
-inline constexpr int kDatasetFormatVersion = 1;
-inline constexpr size_t kMaxOrigin = 1000;  // bytes of Dataset.origin
-
-// Reads dataset.json and checks it by itself, without the shards. DATA_LOSS if any byte of it is
-// damaged (files/sealed_json.h). One of an older release, or written by other tools, carries no
-// digest, and damage may go unnoticed.
-absl::StatusOr<v1::Dataset> LoadDatasetManifest(const std::filesystem::path& folder);
-// Writes dataset.json, with its digest, in one step.
-absl::Status WriteDatasetManifest(const std::filesystem::path& folder, const v1::Dataset& manifest);
 
 // Visits a payload. Returns an error if it is not of the expected type; sets *more to false to
 // stop.

@@ -1,0 +1,20 @@
+// The manifest of a dataset folder, held against the files beside it.
+
+#ifndef MANEUVER_MODEL_DATA_DATASET_FILES_H_
+#define MANEUVER_MODEL_DATA_DATASET_FILES_H_
+
+#include <filesystem>
+
+#include "absl/status/statusor.h"
+#include "maneuver/v1/dataset.pb.h"
+
+namespace maneuver::data {
+
+// Reads dataset.json and checks that the shards exist in the sizes it states and, if the folder was
+// registered in place, that they are those that were registered (registered_folder.h). NOT_FOUND,
+// or DATA_LOSS with the reason.
+absl::StatusOr<v1::Dataset> ReadDatasetManifest(const std::filesystem::path& folder);
+
+}  // namespace maneuver::data
+
+#endif  // MANEUVER_MODEL_DATA_DATASET_FILES_H_

@@ -1,0 +1,42 @@
+// The manifest of a dataset folder, dataset.json.
+
+#ifndef MANEUVER_MODEL_DATA_DATASET_MANIFEST_H_
+#define MANEUVER_MODEL_DATA_DATASET_MANIFEST_H_
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "maneuver/v1/dataset.pb.h"
+#include "model/scene/field_violation.h"
+
+namespace maneuver::data {
+
+inline constexpr char kManifestFile[] = "dataset.json";
+inline constexpr int kDatasetFormatVersion = 1;
+inline constexpr size_t kMaxOrigin = 1000;  // bytes of Dataset.origin
+
+// Returns what is wrong with a folder's manifest, before any file is read: file names (as
+// Shard.file's comment says; each once, never a path), sizes, digests, sums that do not match.
+// Field paths start at the manifest: shards[0].file, ...
+std::vector<scene::FieldViolation> ValidateDatasetManifest(const v1::Dataset& manifest);
+
+// Convert a manifest from and to JSON. dataset.json also carries a digest of that.
+absl::StatusOr<v1::Dataset> ParseDatasetManifest(const std::string& json);
+std::string PrintDatasetManifest(const v1::Dataset& manifest);
+
+// Returns one digest over all contents of a dataset: EvaluationReport.dataset_sha256.
+std::string ContentSha256(const v1::Dataset& manifest);
+
+// Reads dataset.json and checks it by itself, without the shards. DATA_LOSS if any byte of it is
+// damaged (files/sealed_json.h). One of an older release, or written by other tools, carries no
+// digest, and damage may go unnoticed.
+absl::StatusOr<v1::Dataset> LoadDatasetManifest(const std::filesystem::path& folder);
+// Writes dataset.json, with its digest, in one step.
+absl::Status WriteDatasetManifest(const std::filesystem::path& folder, const v1::Dataset& manifest);
+
+}  // namespace maneuver::data
+
+#endif  // MANEUVER_MODEL_DATA_DATASET_MANIFEST_H_
