@@ -242,6 +242,8 @@ constexpr char kLanes[] = R"pb(
     covariance_epochs: 6
     batch_size: 128
     learning_rate: 1.4e-3
+    weight_decay: 0.1
+    responsibilities: RESPONSIBILITIES_EXACT
     posterior_reconstruction_weight: 0.4
     posterior_huber: 1
     posterior_actions: 6
@@ -259,7 +261,11 @@ constexpr char kLanes[] = R"pb(
 constexpr char kLanesMetres[] = R"pb(
   preset: "lanes-metres"
   model { reference: TRAJECTORY_REFERENCE_NONE }
-  optimization { mixture_placement: MIXTURE_PLACEMENT_VELOCITY_CLUSTERS }
+  optimization {
+    weight_decay: 1e-4
+    responsibilities: RESPONSIBILITIES_PRINTED
+    mixture_placement: MIXTURE_PLACEMENT_VELOCITY_CLUSTERS
+  }
 )pb";
 
 // Clears the fields of `preset` that `settings` replaces as a whole. Merging would append to

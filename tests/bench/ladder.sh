@@ -29,6 +29,8 @@ declare -A settings=(
   [no-noise]='{"preset": "lanes", "augmentation": {"sensor_noise": 0}}'
   [sparse]='{"preset": "lanes", "examples": {"training_stride": "0.5s"}}'
   [forty-epochs]='{"preset": "lanes", "optimization": {"joint_epochs": 40}}'
+  [printed]='{"preset": "lanes", "optimization": {"responsibilities": "RESPONSIBILITIES_PRINTED"}}'
+  [no-decay]='{"preset": "lanes", "optimization": {"weight_decay": 1e-4}}'
   [fifty-actions]='{"preset": "lanes", "model": {"actions": 50}}'
   [lanes]='{"preset": "lanes"}'
 )

@@ -42,6 +42,18 @@ TEST(TrainingPresetsTest, LanesIsTheDefault) {
   EXPECT_EQ(Resolved("preset: 'lanes-metres'").model().reference(), v1::TRAJECTORY_REFERENCE_NONE);
 }
 
+// docs/explanation/model.md has what each of them is worth.
+TEST(TrainingPresetsTest, LanesLearnsExactResponsibilitiesWithWeightDecay) {
+  const v1::OptimizationSettings lanes = Resolved("").optimization();
+  EXPECT_EQ(lanes.responsibilities(), v1::RESPONSIBILITIES_EXACT);
+  EXPECT_DOUBLE_EQ(lanes.weight_decay(), 0.1);
+  for (const char* settings : {"preset: 'lanes-metres'", "preset: 'compact'", "preset: 'paper'"}) {
+    const v1::OptimizationSettings others = Resolved(settings).optimization();
+    EXPECT_EQ(others.responsibilities(), v1::RESPONSIBILITIES_PRINTED) << settings;
+    EXPECT_DOUBLE_EQ(others.weight_decay(), 1e-4) << settings;
+  }
+}
+
 // For callers that set sizes of a raster when that was the only default.
 TEST(TrainingPresetsTest, SettingsWithARasterGetTheRastersPreset) {
   for (const char* settings : {"model { raster { height: 96 } }", "model { target_motion: false }",

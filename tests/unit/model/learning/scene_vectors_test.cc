@@ -185,6 +185,7 @@ TEST(RobustReconstructionTest, ItsGradientIsThatOfFiniteDifferences) {
 // With as many actions as there are, the reconstruction over the likeliest ones is that over all.
 TEST(SceneBoundTest, TheKMostProbableOfKActionsAreAll) {
   v1::TrainingSettings settings = TinyLanesSettings();
+  settings.mutable_optimization()->set_responsibilities(v1::RESPONSIBILITIES_PRINTED);
   at::Generator generator = MakeGenerator(2);
   Networks networks(settings.model(), at::Device(at::kCPU), generator);
   const TrainingData data = *SplitRecordings(ArcRecordings(40), settings);
