@@ -86,6 +86,10 @@ absl::StatusOr<Maps> ReadMaps(const fs::path& folder,
       sink.Note(absl::StrCat(name, ": ", map->open_links,
                              " links of connectivity name lanes that the map lacks; left out"));
     }
+    if (map->pathless_lanes > 0) {
+      sink.Note(absl::StrCat(name, ": ", map->pathless_lanes,
+                             " lanes have no usable arcline_path_3; left out"));
+    }
     maps[scene.location] = std::make_shared<data::CityMap>(std::move(map->features));
   }
   return maps;

@@ -195,8 +195,7 @@ class MapReader {
       }
       AppendPoints(path, kResolution, &points);
     }
-    if (points.size() < 2) row.Fail("", "has no path");
-    if (row.ok()) paths_[lane] = std::move(points);
+    if (row.ok() && points.size() >= 2) paths_[lane] = std::move(points);
   }
 
   void ReadLinks(const std::string& lane, const JsonRow& row) {
@@ -212,9 +211,12 @@ class MapReader {
     for (size_t i = 0; i < lanes_.size(); ++i) {
       const Lane& lane = lanes_[i];
       const auto path = paths_.find(lane.token);
-      if (path == paths_.end() || by_token.contains(lane.token)) {
-        const absl::Status status = Damage(
-            lane.place, path == paths_.end() ? "has no usable arcline_path_3" : "is there twice");
+      if (path == paths_.end()) {
+        ++map_.pathless_lanes;
+        continue;
+      }
+      if (by_token.contains(lane.token)) {
+        const absl::Status status = Damage(lane.place, "is there twice");
         if (!status.ok()) return status;
         continue;
       }
