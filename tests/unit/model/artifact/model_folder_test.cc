@@ -12,7 +12,7 @@
 #include <string>
 
 #include "model/artifact/safetensors.h"
-#include "model/artifact/sealed_json.h"
+#include "model/files/sealed_json.h"
 #include "model/files/digest.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/temporary_folder.h"
