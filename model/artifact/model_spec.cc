@@ -49,8 +49,9 @@ void CheckRaster(const v1::RasterSpec& raster, FieldRules* rules) {
   rules->Between("raster.meters_per_pixel", "metres", raster.meters_per_pixel(), 0.01, 10.0);
   rules->Require(raster.target_position() > 0 && raster.target_position() < 1,
                  "raster.target_position", "must lie strictly between 0 and 1");
-  rules->Between("raster.history_frames", "frames", raster.history_frames(), 1, 50);
-  if (rules->Positive("raster.frame_interval", raster.frame_interval())) {
+  const bool counted =
+      rules->Between("raster.history_frames", "frames", raster.history_frames(), 1, 50);
+  if (rules->Positive("raster.frame_interval", raster.frame_interval()) && counted) {
     const double history = (raster.history_frames() - 1) * Seconds(raster.frame_interval());
     rules->Require(history <= kMaxHistory, "raster.frame_interval",
                    absl::StrCat("makes a history of ", history, " s; at most ", kMaxHistory));

@@ -29,9 +29,12 @@ bool ParseChecked(std::string_view bytes, google::protobuf::Message* message) {
       bytes.substr(bytes.size() - kChecksumField, kChecksumTag.size()) == kChecksumTag) {
     const std::string_view checked = bytes.substr(0, bytes.size() - kChecksumField);
     if (WithChecksum(std::string(checked)) != bytes) return false;
-    bytes = checked;
+    return message->ParseFromArray(checked.data(), static_cast<int>(checked.size()));
   }
-  return message->ParseFromArray(bytes.data(), static_cast<int>(bytes.size()));
+  // Of an earlier release, which knew no field that this one does not; or the tag itself is damaged.
+  if (!message->ParseFromArray(bytes.data(), static_cast<int>(bytes.size()))) return false;
+  message->DiscardUnknownFields();
+  return true;
 }
 
 absl::Status Forbidden(v1::JobState from, v1::JobState to) {

@@ -23,8 +23,10 @@ constexpr uint32_t TagOf(int field) {
   return Wire::MakeTag(field, Wire::WIRETYPE_LENGTH_DELIMITED);
 }
 
-inline int FieldOf(uint32_t tag) {
-  return google::protobuf::internal::WireFormatLite::GetTagFieldNumber(tag);
+// Returns the tag of a field of one integer.
+constexpr uint32_t NumberTagOf(int field) {
+  using Wire = google::protobuf::internal::WireFormatLite;
+  return Wire::MakeTag(field, Wire::WIRETYPE_VARINT);
 }
 
 // Passes over the content of a field whose tag has been read. Returns false if it is cut off.

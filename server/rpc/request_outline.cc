@@ -53,7 +53,9 @@ bool CountIds(CodedInputStream& input, uint32_t tag, size_t* ids) {
 
 void CountOfScenario(CodedInputStream& input, size_t* targets) {
   while (const uint32_t tag = input.ReadTag()) {
-    const bool ids = FieldOf(tag) == v1::Scenario::kTargetIdsFieldNumber;
+    // With any other type on the wire, the parser passes over the field too.
+    constexpr int kIds = v1::Scenario::kTargetIdsFieldNumber;
+    const bool ids = tag == TagOf(kIds) || tag == NumberTagOf(kIds);
     if (!(ids ? CountIds(input, tag, targets) : SkipField(input, tag))) return;
   }
 }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "maneuver/v1/prediction_service.pb.h"
+#include "model/artifact/model_spec.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/recording_index.h"
 #include "model/files/durable_file.h"
@@ -68,6 +69,9 @@ TEST_P(DataFolderTest, TheModelAnswersAsItDid) {
   v1::PredictResponse response;
   rpc::WritePredictions(request.scenarios(), plan, answers, {}, response.mutable_predictions());
   response.set_model_version(expected.model_version());
+  for (const double time : artifact::WaypointTimes(spec.trajectory())) {
+    response.add_waypoint_times(time);
+  }
 
   // Processors with other vectors add in another order.
   DefaultFieldComparator comparator;
@@ -112,8 +116,8 @@ TEST_P(DataFolderTest, JobsAndAliasesAreThereAndStayThere) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Releases, DataFolderTest, testing::Values("2026-11"),
-                         [](const auto& info) {
-                           return "Of" + std::string(info.param).replace(4, 1, "_");
+                         [](const auto& release) {
+                           return "Of" + std::string(release.param).replace(4, 1, "_");
                          });
 
 }  // namespace

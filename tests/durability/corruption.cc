@@ -19,7 +19,7 @@ namespace fs = std::filesystem;
 
 constexpr std::array<char, 3> kFlips = {'\x01', '\x20', '\xff'};
 constexpr size_t kLargeFile = 1000;
-constexpr size_t kStride = 13;
+constexpr size_t kStride = 61;
 
 std::string ReadBytes(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);

@@ -19,7 +19,7 @@ using ReadAll = std::function<absl::StatusOr<std::string>(const std::filesystem:
 // with a message, or the same text as from the whole folder. `also` is accepted too, if given: an
 // older state that a reader may fall back to. Afterwards the folder is as it was.
 //
-// Flips every byte in three ways if the environment has MANEUVER_EVERY_BYTE; otherwise each 13th
+// Flips every byte in three ways if the environment has MANEUVER_EVERY_BYTE; otherwise each 61st
 // byte of a file of more than 1,000, in one way that changes from byte to byte.
 void ExpectNoSilentDamage(const std::filesystem::path& folder, const ReadAll& read,
                           const std::vector<std::string>& also = {});

@@ -1,4 +1,4 @@
-// The harnesses under libFuzzer: fuzz --harness=NAME [libFuzzer's options] [FOLDER...]
+// The harnesses under libFuzzer: fuzzer --harness=NAME [libFuzzer's options] [FOLDER...]
 
 #include <google/protobuf/message.h>
 
@@ -30,7 +30,7 @@ extern "C" int LLVMFuzzerInitialize(int* argc, char*** argv) {
     }
   }
   if (harness != nullptr) return 0;
-  std::fprintf(stderr, "fuzz: --harness=NAME, one of");
+  std::fprintf(stderr, "fuzzer: --harness=NAME, one of");
   for (const auto& each : maneuver::fuzz::Harnesses()) std::fprintf(stderr, " %s", each.name);
   std::fprintf(stderr, "\n");
   std::exit(2);

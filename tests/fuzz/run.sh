@@ -7,7 +7,7 @@
 # inputs go to build/fuzz/corpus/HARNESS, which the next run begins with. What breaks a harness is
 # left in build/fuzz/found/HARNESS-crash-...; replay it with
 #
-#   build/fuzz/tests/fuzz --harness=HARNESS FILE
+#   build/fuzz/tests/fuzzer --harness=HARNESS FILE
 #
 # The exit status is 1 if any harness broke. Once it is mended, add the input, made small by
 # `-minimize_crash=1`, to tests/fuzz/corpus/HARNESS, and a unit test.
@@ -41,7 +41,7 @@ fuzz() {
   local harness=$1 seconds=$2 log=build/fuzz/$1.log length=4096
   [ "$harness" != scenario ] || length=16384
   mkdir -p "build/fuzz/corpus/$harness"
-  if build/fuzz/tests/fuzz "--harness=$harness" -max_total_time="$seconds" -max_len="$length" -timeout=20 \
+  if build/fuzz/tests/fuzzer "--harness=$harness" -max_total_time="$seconds" -max_len="$length" -timeout=20 \
       -rss_limit_mb=3000 -print_final_stats=1 "-artifact_prefix=build/fuzz/found/$harness-" \
       "build/fuzz/corpus/$harness" "tests/fuzz/corpus/$harness" >"$log" 2>&1; then
     awk -v harness="$harness" -v seconds="$seconds" '

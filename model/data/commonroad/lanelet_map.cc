@@ -16,6 +16,8 @@ namespace {
 // edge of the road; also the longest piece of a bound that is tested at once, metres.
 constexpr double kBeside = 0.3;
 constexpr double kPiece = 2.0;
+// Of one segment of a bound. No road has one so long; a file may say so.
+constexpr double kMostPieces = 10'000.0;
 
 double Distance(const MapPoint& a, const MapPoint& b) { return std::hypot(b.x - a.x, b.y - a.y); }
 
@@ -98,8 +100,8 @@ void AddEdges(const Polyline& bound, double side, size_t own, const std::vector<
   };
   for (size_t i = 1; i < bound.size(); ++i) {
     const double length = Distance(bound[i - 1], bound[i]);
-    if (length <= 0.0) continue;
-    const int pieces = std::max(1, static_cast<int>(std::ceil(length / kPiece)));
+    if (!(length > 0.0)) continue;
+    const int pieces = static_cast<int>(std::clamp(std::ceil(length / kPiece), 1.0, kMostPieces));
     const MapPoint beside = {-side * (bound[i].y - bound[i - 1].y) / length * kBeside,
                              side * (bound[i].x - bound[i - 1].x) / length * kBeside};
     for (int k = 0; k < pieces; ++k) {

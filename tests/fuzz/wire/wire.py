@@ -16,6 +16,7 @@ import argparse
 import collections
 import importlib
 import math
+import os
 import pathlib
 import random
 import signal
@@ -179,6 +180,7 @@ def main():
         work = pathlib.Path(folder)
         subprocess.run([options.small_model, work / "model"], check=True)
         contract = Contract(folder)
+        os.environ["MANEUVERD_SERVE"] = "small/1"
         replica = Replica(work, "fuzzed", options.maneuverd, work / "model", 0)
         try:
             replica.wait_until_ready()

@@ -55,6 +55,8 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"Channels", "backbone { convolutions { channels: 0 stride: 2 } }",
               "backbone.convolutions[2].channels"},
         Fault{"Features", "backbone { features: 5000 }", "backbone.features"},
+        Fault{"FewestHistoryFrames", "raster { history_frames: -2147483648 }",
+              "raster.history_frames"},
         Fault{"Waypoints", "trajectory { waypoints: 201 }", "trajectory.waypoints"},
         Fault{"Interval", "trajectory { waypoint_interval { nanos: 1000000000 } }",
               "trajectory.waypoint_interval"},

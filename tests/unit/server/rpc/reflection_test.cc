@@ -47,8 +47,7 @@ TEST(ReflectionTest, ListsTheServicesThatItWasGiven) {
 TEST(ReflectionTest, TheFilesOfASymbolMakeAPoolThatKnowsIt) {
   for (const char* symbol :
        {"maneuver.v1.PredictionService", "maneuver.v1.PredictionService.Predict",
-        "maneuver.v1.Scenario", "maneuver.v1.AGENT_TYPE_VEHICLE",
-        "grpc.reflection.v1.ServerReflection"}) {
+        "maneuver.v1.Scenario", "maneuver.v1.AgentType", "grpc.reflection.v1.ServerReflection"}) {
     ServerReflectionRequest request;
     request.set_file_containing_symbol(symbol);
     const auto response = AnswerReflection(request, {});

@@ -93,6 +93,15 @@ TEST(CountTargetsTest, CountsPackedAndUnpackedIds) {
   EXPECT_EQ(CountTargets(InSlices(request, 3)), 4u);
 }
 
+// Field 3 as eight bytes is no target_ids. One id follows.
+TEST(CountTargetsTest, PassesOverAFieldThatTheParserPassesOver) {
+  const std::string bytes("\x12\x0b\x19........\x18\x07", 13);
+  v1::PredictRequest request;
+  ASSERT_TRUE(request.ParseFromString(bytes));
+  ASSERT_EQ(request.scenarios(0).target_ids_size(), 1);
+  EXPECT_EQ(CountTargets(InSlices(bytes, 3)), 1u);
+}
+
 TEST(CountTargetsTest, CountsWhatItFindsInInvalidBytes) {
   const std::string bytes = Request().request().SerializeAsString();
   for (size_t cut = 0; cut < bytes.size(); ++cut) {

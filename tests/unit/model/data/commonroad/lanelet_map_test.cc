@@ -95,6 +95,14 @@ TEST(MapOfTest, NoEdgeRunsBetweenLanesThatTouchWithoutDeclaringIt) {
 }
 
 // Two crossing roads, each 4 m wide. 4 m of each bound lie on the other road.
+TEST(MapOfTest, ABoundThatIsAbsurdlyLongTakesABoundedTime) {
+  for (const double end : {1e10, 1e34}) {
+    const auto edges = OfType(MapOf({Along(1, 0, end, 0, 4)}), v1::MAP_FEATURE_TYPE_ROAD_EDGE);
+    ASSERT_EQ(edges.size(), 2u) << end;
+    EXPECT_NEAR(Length(edges) / end, 2.0, 1e-9) << end;
+  }
+}
+
 TEST(MapOfTest, NoEdgeRunsAcrossAJunction) {
   Lanelet north;
   north.id = 2;
