@@ -12,8 +12,8 @@
 #include <string>
 
 #include "model/artifact/safetensors.h"
-#include "model/files/sealed_json.h"
 #include "model/files/digest.h"
+#include "model/files/sealed_json.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/temporary_folder.h"
 
