@@ -117,8 +117,9 @@ TEST_F(LastLineTest, IsTheLastLineWithText) {
 }
 
 TEST_F(LastLineTest, FindsTheEndOfALongLogAndCutsALongLine) {
-  EXPECT_EQ(LastLineOf(std::string(100'000, 'x') + "\nwhy\n"), "why");
-  EXPECT_EQ(LastLineOf(std::string(100'000, 'x')).size(), 400u);
+  const std::string long_line(100'000, 'x');
+  EXPECT_EQ(LastLineOf(long_line + "\nwhy\n"), "why");
+  EXPECT_EQ(LastLineOf(long_line).size(), 400u);
 }
 
 TEST_F(LastLineTest, KeepsTheLastEightLinesOfThisProcess) {
