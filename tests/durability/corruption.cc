@@ -9,6 +9,7 @@
 #include <fstream>
 #include <iterator>
 #include <map>
+#include <string>
 
 #include "tests/unit/temporary_folder.h"
 
@@ -49,6 +50,14 @@ void Restore(const fs::path& folder, const std::map<fs::path, std::string>& cont
   }
 }
 
+// Returns where two answers begin to differ, and some of what the first has there.
+std::string FirstDifference(const std::string& answer, const std::string& whole) {
+  const auto at = std::mismatch(answer.begin(), answer.end(), whole.begin(), whole.end()).first;
+  const auto place = static_cast<size_t>(at - answer.begin());
+  return "at " + std::to_string(place) + " \"" +
+         answer.substr(place - std::min(place, size_t{20}), 60) + "\"";
+}
+
 }  // namespace
 
 void ExpectNoSilentDamage(const fs::path& folder, const ReadAll& read,
@@ -78,7 +87,8 @@ void ExpectNoSilentDamage(const fs::path& folder, const ReadAll& read,
           ++same;
         } else if (++silent <= 5) {
           ADD_FAILURE() << file.filename() << ", byte " << at << ", flipped by "
-                        << (kFlips[flip] & 0xff) << ": another answer, and no error";
+                        << (kFlips[flip] & 0xff) << ": another answer, and no error; it has "
+                        << FirstDifference(*answer, *whole);
         }
       }
     }

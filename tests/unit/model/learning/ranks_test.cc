@@ -214,17 +214,19 @@ TEST_F(RanksTest, GivesTheErrorOfOneRankToAll) {
 }
 
 TEST_F(RanksTest, TellsARankThatWorksAloneOfAStopThatAnotherOneGot) {
+  std::atomic<bool> stops = false;  // not before both have joined
   ForEachGroup(
       2,
-      [](RankGroup& group) {
+      [&stops](RankGroup& group) {
         const absl::Status status = group.OnRankZero([&] {
+          stops = true;
           while (!group.StopRequested()) std::this_thread::yield();
           return absl::CancelledError("heard");
         });
         EXPECT_EQ(status.code(), absl::StatusCode::kCancelled);
         EXPECT_TRUE(group.HeardStop());
       },
-      [](int rank) { return rank == 1; });
+      [&stops](int rank) { return rank == 1 && stops; });
 }
 
 class RankTrainingTest : public RanksTest {
