@@ -160,7 +160,13 @@ absl::StatusOr<std::string> ReadStore(const fs::path& folder) {
   }
   const auto requested = (*store)->FindRequest("request");
   if (!requested.ok()) return requested.status();
-  if (*requested) absl::StrAppend(&all, (*requested)->job.name(), (*requested)->request_digest);
+  if (*requested) {
+    // With another digest, the server refuses to repeat the request.
+    if ((*requested)->request_digest != "digest") {
+      return absl::AlreadyExistsError("the request_id belongs to another request");
+    }
+    absl::StrAppend(&all, (*requested)->job.name());
+  }
   const auto aliases = (*store)->ListAliases();
   if (!aliases.ok()) return aliases.status();
   for (const auto& alias : *aliases) absl::StrAppend(&all, alias.name.ToString(), alias.version);

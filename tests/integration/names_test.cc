@@ -34,9 +34,10 @@ const std::set<std::string> kNames = {"name",       "parent",       "model", "mo
                                       "dataset",    "datasets",     "file",  "page_token",
                                       "start_from", "test_datasets"};
 // Strings that name nothing: the server keeps them or compares them.
+// `folder` is a path that only --dataset-folders can allow: registration_test.
 const std::set<std::string> kOtherStrings = {
-    "request_id", "scenario_id", "label",  "origin", "sha256",
-    "preset",     "device",      "metric", "rival",  "required_action_names"};
+    "folder", "request_id", "scenario_id",          "label", "origin", "sha256", "preset", "device",
+    "metric", "rival",      "required_action_names"};
 
 const std::vector<std::string> kHostile = {
     "../../etc/passwd",
