@@ -49,7 +49,9 @@ def changed_lines(commit):
     newest_first = dict.fromkeys(git_lines("diff", "--name-only", "HEAD") +
                                  git_lines("log", "--name-only", "--format=", f"{commit}..HEAD"))
     ranges = {file: [] for file in newest_first}
-    for line in git_lines("diff", "--unified=0", "--no-prefix", "--diff-filter=d", commit):
+    # Sources alone: other files may be in any encoding.
+    for line in git_lines("diff", "--unified=0", "--no-prefix", "--diff-filter=d", commit,
+                          "--", "*.cc", "*.h"):
         if line.startswith("+++ "):
             file = line[4:]
         elif hunk := re.match(r"@@ \S+ \+(\d+)(?:,(\d+))? @@", line):
