@@ -19,7 +19,7 @@ inline constexpr int64_t kPredictedBatch = 32;
 // a batch takes so many of them.
 inline constexpr int64_t kPredictedSteps = 3;
 // Returns how many of them a step of a fit to so many examples takes.
-inline int64_t FitSteps(int64_t examples) { return std::max<int64_t>(1, examples / 80); }
+inline int64_t FitSteps(int64_t examples) { return std::max<int64_t>(1, examples / 300); }
 
 // Features of the scenes of N examples.
 struct ExampleFeatures {
