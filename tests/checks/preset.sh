@@ -10,9 +10,9 @@ cd "$(dirname "$0")/../.."
 preset=${1:-}
 case "$preset" in
   # Indices that are counted by hand, and intrinsics.
-  asan) programs=(kernels) ;;
+  asan) programs=(kernels scene) ;;
   # Libraries with threads, without gRPC, which is not instrumented.
-  tsan) programs=(monitoring jobs) ;;
+  tsan) programs=(locks machine files monitoring serving jobs) ;;
   # The kernels as the packages hold them, on each target of this processor and plain.
   portable) programs=(kernels) ;;
   *) echo "preset: asan, tsan and portable are known" >&2; exit 2 ;;
