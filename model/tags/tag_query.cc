@@ -246,7 +246,7 @@ class Scan {
     return absl::OkStatus();
   }
 
-  // Checks all columns of the shards that have matches: whoever prints them reads those.
+  // Checks all columns of the shards that have matches, because printing reads them.
   absl::Status VerifyMatches(const Found& found) const {
     std::set<size_t> shards;
     for (const Match& match : found.matches) shards.insert(match.shard);

@@ -20,7 +20,7 @@ struct RankPlace {
   // Where the store is that the ranks meet at, a host name or an address, and its TCP port.
   std::string host;
   int port = 0;
-  // Rank 0 serves the store. False: whoever started the ranks does.
+  // True: rank 0 serves the store. False: the launcher of the ranks does.
   bool serves_store = true;
   // Tells the starts of the same ranks apart where a store outlives them (torchrun).
   std::string attempt;
