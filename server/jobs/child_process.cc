@@ -222,7 +222,7 @@ int64_t OwnMemoryOf(const std::string& pid) {
   return kibibytes * 1024;
 }
 
-// That of a process and of those that its main thread started.
+// Returns the memory of a process and of the processes that its main thread started, in bytes.
 int64_t OwnMemory(pid_t pid) {
   const std::string id = std::to_string(pid);
   int64_t bytes = OwnMemoryOf(id);
