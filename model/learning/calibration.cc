@@ -149,10 +149,11 @@ absl::Status CalibrateModel(Networks& networks, const SceneSource& training_sour
     networks["decoder.covariance"].copy_(at::tensor({variance, 0.0, variance}, at::kFloat));
   } else if (networks.spec().has_scene_covariance()) {
     if (has_held_out) {
-      const at::Tensor factors = FitSpeedFactors(held_out);
+      at::Tensor factors = FitSpeedFactors(held_out);
+      const double share = optimization.covered_share();
+      if (share > 0.0) factors = ScaleToCoverBySpeed(held_out, factors, share);
       at::NoGradGuard no_grad;
-      networks["scene_covariance.speed_factor"].copy_(
-          WidenToCoverBySpeed(held_out, factors, optimization.covered_share()));
+      networks["scene_covariance.speed_factor"].copy_(factors);
     }
   } else {
     FitCovariance(networks, training, generator);

@@ -17,7 +17,7 @@ constexpr double kFitRate = 0.05;
 constexpr int kScaleSteps = 80;
 constexpr double kScaleRate = 0.1;
 constexpr double kMostLatentFactor = 3.0;
-constexpr double kMostWidening = 16.0;
+constexpr double kMostScaling = 16.0;
 // Nearly all of q(y|x,s). With one alone a trajectory between two actions has to be an outlier of
 // either, and all widths pay for it.
 constexpr int64_t kOwnActions = 4;
@@ -200,15 +200,19 @@ double CoveredShare(const Predictions& predictions, const at::Tensor& covariance
   return CoveredShare(TakeOwnActions(predictions, covariance, 1), 1.0);
 }
 
-double WidenToCover(const Predictions& held_out, const at::Tensor& covariance, double share) {
+double ScaleToCover(const Predictions& held_out, const at::Tensor& covariance, double share) {
   const OwnActions own = TakeOwnActions(held_out, covariance, 1);
-  if (CoveredShare(own, 1.0) >= share) return 1.0;
-  double low = 0.0, high = std::log(kMostWidening);
+  double low = -std::log(kMostScaling), high = std::log(kMostScaling);
   for (int i = 0; i < 20; ++i) {
     const double middle = 0.5 * (low + high);
     (CoveredShare(own, std::exp(middle)) >= share ? high : low) = middle;
   }
   return std::exp(high);
+}
+
+double WidenToCover(const Predictions& held_out, const at::Tensor& covariance, double share) {
+  if (CoveredShare(held_out, covariance) >= share) return 1.0;
+  return ScaleToCover(held_out, covariance, share);
 }
 
 }  // namespace maneuver::learning

@@ -52,8 +52,11 @@ int64_t CovarianceScaleSteps(int64_t examples);
 //   covariance: the decoder's, as above
 double CoveredShare(const Predictions& predictions, const at::Tensor& covariance);
 
-// Returns the smallest factor from 1 to 16 for the decoder's covariance that makes CoveredShare at
-// least `share`.
+// Returns the smallest factor for the decoder's covariance, from 1/16 to 16, that makes CoveredShare
+// at least `share`.
+double ScaleToCover(const Predictions& held_out, const at::Tensor& covariance, double share);
+
+// Returns the same, but at least 1.
 double WidenToCover(const Predictions& held_out, const at::Tensor& covariance, double share);
 
 }  // namespace maneuver::learning

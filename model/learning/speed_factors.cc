@@ -9,10 +9,11 @@ namespace {
 
 constexpr int kFactorSteps = 60;
 constexpr double kFactorRate = 0.1;
-// How many examples a bin's factors are drawn to the others' by, and how many it takes to widen a
-// bin by itself. Examples of one recording are alike: 300 are worth about a dozen recordings.
+// How many examples a bin's factors are drawn to the others' by. Examples of one recording are
+// alike: 300 are worth about a dozen recordings.
 constexpr double kPriorExamples = 300.0;
-constexpr int64_t kFewestInBin = 300;
+// How many examples it takes to scale a part of the bins by itself.
+constexpr int64_t kFewestInPart = 100;
 
 }  // namespace
 
@@ -47,21 +48,21 @@ at::Tensor FitSpeedFactors(const Predictions& held_out) {
 
 int64_t SpeedFactorSteps(int64_t examples) { return kFactorSteps * FitSteps(examples); }
 
-at::Tensor WidenToCoverBySpeed(const Predictions& held_out, const at::Tensor& factors,
+at::Tensor ScaleToCoverBySpeed(const Predictions& held_out, const at::Tensor& factors,
                                double share) {
   at::NoGradGuard no_grad;
-  const at::Tensor bins = SpeedBins(held_out.speeds);
   const Predictions own = OfOwnAction(held_out);
   const at::Tensor covariance = WithSpeedFactors(own, factors);
-  const double of_all = WidenToCover(own, covariance, share);
-  at::Tensor widened = factors.clone();
-  for (int64_t bin = 0; bin < artifact::kSpeedBinCount; ++bin) {
-    const at::Tensor rows = (bins == bin).nonzero().flatten();
-    widened[bin].mul_(rows.size(0) < kFewestInBin
-                          ? of_all
-                          : WidenToCover(own.Rows(rows), covariance.index_select(0, rows), share));
-  }
-  return widened;
+  const at::Tensor stands = SpeedBins(held_out.speeds) == 0;
+  const auto number = [&](const at::Tensor& part) {
+    const at::Tensor rows = part.nonzero().flatten();
+    return rows.size(0) < kFewestInPart
+               ? ScaleToCover(own, covariance, share)
+               : ScaleToCover(own.Rows(rows), covariance.index_select(0, rows), share);
+  };
+  at::Tensor scaled = factors * number(~stands);
+  scaled[0] = factors[0] * number(stands);
+  return scaled;
 }
 
 }  // namespace maneuver::learning

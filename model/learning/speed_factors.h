@@ -21,10 +21,11 @@ at::Tensor FitSpeedFactors(const Predictions& held_out);
 // Returns how many steps of progress that counts for so many examples.
 int64_t SpeedFactorSteps(int64_t examples);
 
-// Returns `factors`, multiplied in each bin by the smallest number from 1 to 16 that makes the
-// covered share at least `share` (CoveredShare in covariance_fit.h). A bin with fewer than 300
-// examples uses the number for all examples together.
-at::Tensor WidenToCoverBySpeed(const Predictions& held_out, const at::Tensor& factors,
+// Returns `factors`, multiplied by a number from 1/16 to 16 (ScaleToCover in covariance_fit.h) that
+// makes the covered share equal to `share`: one number for the bin of vehicles that stand, one for
+// all others together. Those that stand err in another way, and seldom: the tails of their errors
+// are heavy. A part with fewer than 100 examples uses the number for all examples.
+at::Tensor ScaleToCoverBySpeed(const Predictions& held_out, const at::Tensor& factors,
                                double share);
 
 // Returns the decoder's covariance with the speed factors applied. [N, K, T, 3] square metres

@@ -2,41 +2,67 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "tests/unit/model/learning/analytic_scenes.h"
 
 namespace maneuver::learning::speed_factors_test {
 namespace {
 
-// Errors of known widths along and across the direction of travel: the factors are the squares of
-// the widths over those that were predicted.
-TEST(SpeedFactorsTest, FactorsAreFittedPerBinAndWidenedToCover) {
-  at::Generator generator = MakeGenerator(9);
-  constexpr int64_t kExamples = 12'000, kWaypoints = 5;
-  Predictions predictions;
-  predictions.speeds = at::cat({at::full({kExamples / 2}, 3.0), at::full({kExamples / 2}, 20.0)});
-  const at::Tensor wide = (predictions.speeds > 10.0).view({-1, 1});
-  const auto noise = [&](double slow, double fast) {
-    return at::empty({kExamples, kWaypoints}).normal_(0.0, 1.0, generator) *
-           at::where(wide, at::tensor(fast), at::tensor(slow));
+// Predictions of one action at the origin with a deviation of 1 m along x and across it.
+//   speeds: m/s, [N]
+//   along, across: deviations of what happened, m, [N]
+Predictions OfKnownErrors(const at::Tensor& speeds, const at::Tensor& along,
+                          const at::Tensor& across, at::Generator& generator) {
+  constexpr int64_t kWaypoints = 5;
+  const int64_t examples = speeds.size(0);
+  const auto errors = [&](const at::Tensor& deviation) {
+    return at::empty({examples, kWaypoints}).normal_(0.0, 1.0, generator) * deviation.view({-1, 1});
   };
-  predictions.trajectories = at::stack({noise(1.0, 2.0), noise(0.5, 0.5)}, 2).flatten(1);
-  predictions.log_probabilities = at::zeros({kExamples, 1});
-  predictions.log_responsibilities = at::zeros({kExamples, 1});
-  predictions.mean = at::zeros({kExamples, 1, kWaypoints, 2});
-  predictions.covariance = at::zeros({kExamples, 1, kWaypoints, 3});
-  predictions.along = at::tensor({1.0F, 0.0F, 0.0F}).expand({kExamples, 1, kWaypoints, 3});
-  predictions.across = at::tensor({0.0F, 0.0F, 1.0F}).expand({kExamples, 1, kWaypoints, 3});
+  Predictions predictions;
+  predictions.speeds = speeds;
+  predictions.trajectories = at::stack({errors(along), errors(across)}, 2).flatten(1);
+  predictions.log_probabilities = at::zeros({examples, 1});
+  predictions.log_responsibilities = at::zeros({examples, 1});
+  predictions.mean = at::zeros({examples, 1, kWaypoints, 2});
+  predictions.covariance = at::zeros({examples, 1, kWaypoints, 3});
+  predictions.along = at::tensor({1.0F, 0.0F, 0.0F}).expand({examples, 1, kWaypoints, 3});
+  predictions.across = at::tensor({0.0F, 0.0F, 1.0F}).expand({examples, 1, kWaypoints, 3});
+  return predictions;
+}
+
+// The factors are the squares of the true deviations over those that were predicted.
+TEST(SpeedFactorsTest, FactorsAreFittedPerBinAndScaledToCover) {
+  at::Generator generator = MakeGenerator(9);
+  const at::Tensor speeds = at::cat({at::full({6'000}, 3.0), at::full({6'000}, 20.0)});
+  const Predictions predictions = OfKnownErrors(speeds, at::where(speeds > 10.0, 2.0, 1.0),
+                                                at::full_like(speeds, 0.5), generator);
   const at::Tensor factors = FitSpeedFactors(predictions);
   EXPECT_NEAR(factors[2][0].item<double>(), 1.0, 0.15);
   EXPECT_NEAR(factors[2][1].item<double>(), 0.25, 0.05);
   EXPECT_NEAR(factors[5][0].item<double>(), 4.0, 0.6);
   EXPECT_NEAR(factors[5][1].item<double>(), 0.25, 0.05);
 
-  const at::Tensor widened = WidenToCoverBySpeed(predictions, factors, 0.95);
+  const at::Tensor scaled = ScaleToCoverBySpeed(predictions, factors, 0.95);
   // A Gaussian holds 1 - exp(-r^2 / 2) within r: 0.95 at r^2 = 5.99 in place of 4.
-  EXPECT_NEAR((widened[5][0] / factors[5][0]).item<double>(), 5.99 / 4.0, 0.2);
-  // A bin without examples is widened as all of them together.
-  EXPECT_NEAR((widened[0][0] / factors[0][0]).item<double>(), 5.99 / 4.0, 0.2);
+  EXPECT_NEAR((scaled[5][0] / factors[5][0]).item<double>(), 5.99 / 4.0, 0.2);
+  // No example stands: that bin is scaled as all of them together.
+  EXPECT_NEAR((scaled[0][0] / factors[0][0]).item<double>(), 5.99 / 4.0, 0.2);
+}
+
+// A third of the vehicles stands. Their predicted deviation is 3 times too large, that of the
+// others 2 times too small.
+TEST(SpeedFactorsTest, VehiclesThatStandAreScaledApartFromThoseThatMove) {
+  at::Generator generator = MakeGenerator(11);
+  const at::Tensor speeds =
+      at::cat({at::full({3'000}, 0.1), at::full({3'000}, 4.0), at::full({3'000}, 18.0)});
+  const at::Tensor deviation = at::where(speeds < 0.5, 1.0 / 3.0, 2.0);
+  const Predictions predictions = OfKnownErrors(speeds, deviation, deviation, generator);
+  const at::Tensor scaled =
+      ScaleToCoverBySpeed(predictions, at::ones({6, 2}), 1.0 - std::exp(-2.0));
+  EXPECT_NEAR(scaled[0][0].item<double>(), 1.0 / 9.0, 0.01);
+  EXPECT_NEAR(scaled[2][1].item<double>(), 4.0, 0.2);
+  EXPECT_TRUE(scaled[5].equal(scaled[2]));
 }
 
 TEST(SpeedBinsTest, BinsBeginAtTheirLowerBounds) {
