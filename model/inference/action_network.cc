@@ -115,21 +115,20 @@ void ActionNetwork::EvaluateScene(const scene::SceneVectors& scene, const Trajec
   for (size_t k = 0; k < actions; ++k) {
     float* row = scratch->joined.data() + k * inputs;
     const Eigen::Index first = static_cast<Eigen::Index>(k) * paths;
-    PoolSet(scratch->second.data() + first * shape_.width,
-            scratch->scores.data() + first * shape_.heads, paths, shape_, row);
+    kernels::PoolSet(scratch->second.data() + first * shape_.width,
+                     scratch->scores.data() + first * shape_.heads, paths, shape_, row);
     std::copy_n(scratch->actions.data() + k * kActionNumbers, kActionNumbers, row + pooled);
   }
   const int rows = static_cast<int>(actions);
   scratch->joint.resize(actions * static_cast<size_t>(joint_.outputs()));
   joint_.Apply(scratch->joined.data(), rows, Activation::kNone, &scratch->dense,
                scratch->joint.data());
-  const Eigen::Map<const Eigen::RowVectorXf> scene_term(scene_terms + shape_.width,
-                                                        joint_.outputs());
-  Eigen::Map<RowMajorXf> joint(scratch->joint.data(), rows, joint_.outputs());
-  for (Eigen::Index k = 0; k < rows; ++k) {
-    joint.row(k) = (joint.row(k) + joint_bias_.row(k) + scene_term.array()).max(0.0f);
+  float* row = scratch->joint.data();
+  for (Eigen::Index k = 0; k < rows; ++k, row += joint_.outputs()) {
+    kernels::AddTwoAndRectify(joint_bias_.row(k).data(), scene_terms + shape_.width,
+                              joint_.outputs(), row);
   }
-  output_.Apply(joint.data(), rows, Activation::kRelu, &scratch->dense, geometry);
+  output_.Apply(scratch->joint.data(), rows, Activation::kRelu, &scratch->dense, geometry);
 }
 
 void ActionNetwork::PlaceActions(const Trajectory& reference,
@@ -167,14 +166,13 @@ void ActionNetwork::EvaluatePairs(int paths, const float* scene_terms, const flo
   scratch->scores.resize(rows * static_cast<size_t>(shape_.heads));
   pair_.Apply(scratch->pairs.data(), static_cast<int>(rows), Activation::kNone, &scratch->dense,
               scratch->first.data());
-  Eigen::Map<RowMajorXf> first(scratch->first.data(), static_cast<Eigen::Index>(rows),
-                               shape_.width);
-  const Eigen::Map<const RowMajorXf> of_path(path_terms, paths, shape_.width);
-  const Eigen::Map<const RowMajorXf> of_scene(scene_terms, 1, shape_.width);
+  const Eigen::Map<const Eigen::RowVectorXf> of_scene(scene_terms, shape_.width);
+  scratch->action_terms = action_bias_.rowwise() + of_scene.array();
+  float* row = scratch->first.data();
   for (Eigen::Index k = 0; k < static_cast<Eigen::Index>(actions); ++k) {
-    for (Eigen::Index p = 0; p < paths; ++p) {
-      auto row = first.row(k * paths + p);
-      row = (row + of_path.row(p) + (action_bias_.row(k) + of_scene)).max(0.0f);
+    for (int p = 0; p < paths; ++p, row += shape_.width) {
+      kernels::AddTwoAndRectify(path_terms + Eigen::Index{p} * shape_.width,
+                                scratch->action_terms.row(k).data(), shape_.width, row);
     }
   }
   hidden_.Apply(scratch->first.data(), static_cast<int>(rows), Activation::kRelu, &scratch->dense,

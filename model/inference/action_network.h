@@ -13,8 +13,8 @@
 #include "model/artifact/tensor.h"
 #include "model/inference/mlp.h"
 #include "model/inference/scene_network.h"
-#include "model/inference/set_pooling.h"
 #include "model/inference/trajectory_set.h"
+#include "model/kernels/set_pooling.h"
 #include "model/scene/action_geometry.h"
 #include "model/scene/scene_vectors.h"
 
@@ -30,6 +30,7 @@ struct ActionFeatures {
   std::vector<scene::ActionPoints> points;
   std::vector<float> scene_terms, path_terms, all_pairs, actions;
   std::vector<float> pairs, first, second, scores, joined, joint;
+  Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> action_terms;  // [K, G]
 };
 
 // Evaluates the networks that tensor.h calls action_geometry. Computes in f32 whatever the

@@ -12,9 +12,9 @@ namespace {
 // Appends what is pooled of the elements of scene s of a batch. Returns the end of it.
 float* AppendPooled(const SetFeatures& set, SetShape shape, size_t s, float* row) {
   const int first = set.first[s];
-  PoolSet(set.elements.data() + Eigen::Index{first} * shape.width,
-          set.scores.data() + Eigen::Index{first} * shape.heads, set.first[s + 1] - first, shape,
-          row);
+  kernels::PoolSet(set.elements.data() + Eigen::Index{first} * shape.width,
+                   set.scores.data() + Eigen::Index{first} * shape.heads, set.first[s + 1] - first,
+                   shape, row);
   return row + Eigen::Index{2} * shape.width;
 }
 

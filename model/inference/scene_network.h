@@ -13,10 +13,12 @@
 #include "maneuver/v1/model_spec.pb.h"
 #include "model/artifact/tensor.h"
 #include "model/inference/mlp.h"
-#include "model/inference/set_pooling.h"
+#include "model/kernels/set_pooling.h"
 #include "model/scene/scene_vectors.h"
 
 namespace maneuver::inference {
+
+using kernels::SetShape;
 
 // The outputs for the elements of one kind of set (lane paths or agents), for all scenes of a
 // batch, one scene after the other.

@@ -70,8 +70,9 @@ struct Operands {
 //
 // All loops but that over the inputs are unrolled by name: at -O2 GCC leaves them as they are, and
 // the sums in memory, which takes almost three times as long.
+//   y: [kRows, stride], of which the first kPanels * kPanel numbers of each row are written
 template <typename Weight, int kRows, int kPanels>
-void ApplyTile(const Operands& operands, float* y /* [kRows, kPanels, kPanel] */) {
+void ApplyTile(const Operands& operands, size_t stride, float* y) {
   const Floats d;
   constexpr int kVectors = 2 * kPanels;
   Vector sums[kRows][kVectors];
@@ -111,40 +112,43 @@ void ApplyTile(const Operands& operands, float* y /* [kRows, kPanels, kPanel] */
     for (int v = 0; v < kVectors; ++v) {
       // In this order NaN stays NaN.
       if (operands.activation == Activation::kRelu) sums[r][v] = hn::Max(zero, sums[r][v]);
-      hn::StoreU(sums[r][v], d, y + (r * kVectors + v) * kLanes);
+      hn::StoreU(sums[r][v], d, y + static_cast<size_t>(r) * stride + v * kLanes);
     }
   }
 }
 
 // Finds the inputs that are not 0 in all `rows`, in their order. Returns how many.
-//   nonzero: room for all inputs and kAhead;  bits: room for all inputs
-size_t FindNonzero(const float* x, int rows, int inputs, uint32_t* bits, uint32_t* nonzero) {
+//   nonzero: room for all inputs and kAhead
+size_t FindNonzero(const float* x, int rows, int inputs, uint32_t* nonzero) {
   const Floats d;
-  int done = 0;
-  for (; done + kLanes <= inputs; done += kLanes) {
-    Vector any = hn::LoadU(d, x + done);
-    for (int r = 1; r < rows; ++r) {
-      any = hn::Or(any, hn::LoadU(d, x + static_cast<ptrdiff_t>(r) * inputs + done));
-    }
-    const hn::RebindToUnsigned<Floats> words;
-    hn::StoreU(hn::BitCast(words, any), words, bits + done);
-  }
-  for (; done < inputs; ++done) {
-    bits[done] = 0;
-    for (int r = 0; r < rows; ++r) {
-      bits[done] |= std::bit_cast<uint32_t>(x[static_cast<ptrdiff_t>(r) * inputs + done]);
-    }
-  }
+  const hn::RebindToUnsigned<Floats> words;
+  static_assert(kLanes <= static_cast<int>(kAhead));
   size_t count = 0;
-  for (int i = 0; i < inputs; ++i) {
+  int i = 0;
+  for (; i + kLanes <= inputs; i += kLanes) {
+    Vector any = hn::LoadU(d, x + i);
+    for (int r = 1; r < rows; ++r) {
+      any = hn::Or(any, hn::LoadU(d, x + static_cast<ptrdiff_t>(r) * inputs + i));
+    }
+    const auto found = hn::Ne(hn::BitCast(words, any), hn::Zero(words));
+    // Not CompressStore, which takes some processors a hundred cycles.
+    const auto places = hn::Compress(hn::Iota(words, static_cast<uint32_t>(i)), found);
+    hn::StoreU(places, words, nonzero + count);
+    count += hn::CountTrue(words, found);
+  }
+  for (; i < inputs; ++i) {
+    uint32_t any = 0;
+    for (int r = 0; r < rows; ++r) {
+      any |= std::bit_cast<uint32_t>(x[static_cast<ptrdiff_t>(r) * inputs + i]);
+    }
     nonzero[count] = static_cast<uint32_t>(i);
-    count += bits[i] != 0 ? 1 : 0;
+    count += any != 0 ? 1 : 0;
   }
   std::fill_n(nonzero + count, kAhead, 0);
   return count;
 }
 
-using Tile = void (*)(const Operands&, float*);
+using Tile = void (*)(const Operands&, size_t, float*);
 constexpr int kMaxPanels = 4;
 
 // The tiles of 1 to `kRows` rows, `kPanels` panels each (as many as registers hold, if fewer).
@@ -165,15 +169,13 @@ void Apply(const DensePanels& weights, const float* x, int rows, Activation acti
   const auto begin_of = [&](int block) {
     return rows * block / blocks;
   };  // 13 rows are 6 and 7, not 12 and 1
-  scratch->bits.resize(inputs);
   const size_t room = inputs + kAhead;
   scratch->nonzero.resize(static_cast<size_t>(blocks) * room);
   scratch->counts.resize(static_cast<size_t>(blocks));
   for (int block = 0; block < blocks; ++block) {
-    scratch->counts[static_cast<size_t>(block)] =
-        FindNonzero(x + static_cast<size_t>(begin_of(block)) * inputs,
-                    begin_of(block + 1) - begin_of(block), weights.inputs, scratch->bits.data(),
-                    scratch->nonzero.data() + static_cast<size_t>(block) * room);
+    scratch->counts[static_cast<size_t>(block)] = FindNonzero(
+        x + static_cast<size_t>(begin_of(block)) * inputs, begin_of(block + 1) - begin_of(block),
+        weights.inputs, scratch->nonzero.data() + static_cast<size_t>(block) * room);
   }
 
   const bool bf16 = !weights.narrow.empty();
@@ -202,14 +204,18 @@ void Apply(const DensePanels& weights, const float* x, int rows, Activation acti
           activation};
       const bool wide = width == PanelsFor(height);
       const size_t last = static_cast<size_t>(height - 1);
-      if (bf16) {
-        (wide ? kWideTiles<uint16_t> : kNarrowTiles<uint16_t>)[last](operands, tile);
-      } else {
-        (wide ? kWideTiles<float> : kNarrowTiles<float>)[last](operands, tile);
+      const Tile apply = bf16 ? (wide ? kWideTiles<uint16_t> : kNarrowTiles<uint16_t>)[last]
+                              : (wide ? kWideTiles<float> : kNarrowTiles<float>)[last];
+      const size_t outputs = static_cast<size_t>(weights.outputs);
+      float* const to = y + static_cast<size_t>(row) * outputs + begin;
+      if (count == width * kPanel) {
+        apply(operands, outputs, to);
+        continue;
       }
+      // The last panel has room for more outputs than there are.
+      apply(operands, static_cast<size_t>(width * kPanel), tile);
       for (int r = 0; r < height; ++r) {
-        std::copy_n(tile + r * width * kPanel, count,
-                    y + static_cast<ptrdiff_t>(row + r) * weights.outputs + begin);
+        std::copy_n(tile + r * width * kPanel, count, to + static_cast<size_t>(r) * outputs);
       }
     }
   }

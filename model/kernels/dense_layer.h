@@ -24,7 +24,6 @@ enum class Activation { kNone, kRelu };
 
 // Scratch of a layer. Each thread needs its own.
 struct DenseScratch {
-  std::vector<uint32_t> bits;     // [inputs]
   std::vector<uint32_t> nonzero;  // [blocks of rows, inputs] the inputs that are not 0
   std::vector<size_t> counts;     // [blocks of rows] how many
 };

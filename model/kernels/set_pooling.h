@@ -1,9 +1,10 @@
-// Pools a set whose elements have no order: a weighted mean and a maximum.
+// Arithmetic on sets whose elements have no order, such as the lane paths of a scene. No product is
+// fused with a sum, so each result has the same bits on every instruction set.
 
-#ifndef MANEUVER_MODEL_INFERENCE_SET_POOLING_H_
-#define MANEUVER_MODEL_INFERENCE_SET_POOLING_H_
+#ifndef MANEUVER_MODEL_KERNELS_SET_POOLING_H_
+#define MANEUVER_MODEL_KERNELS_SET_POOLING_H_
 
-namespace maneuver::inference {
+namespace maneuver::kernels {
 
 struct SetShape {
   int width;  // channels of an element
@@ -18,6 +19,9 @@ struct SetShape {
 //   pooled: [2 * width] attended, then maximum
 void PoolSet(const float* elements, const float* scores, int count, SetShape shape, float* pooled);
 
-}  // namespace maneuver::inference
+// Sets y = max(0, (y + a) + b), for `count` numbers.
+void AddTwoAndRectify(const float* a, const float* b, int count, float* y);
 
-#endif  // MANEUVER_MODEL_INFERENCE_SET_POOLING_H_
+}  // namespace maneuver::kernels
+
+#endif  // MANEUVER_MODEL_KERNELS_SET_POOLING_H_
