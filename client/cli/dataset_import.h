@@ -52,7 +52,7 @@ class ImportSink {
   // Counts and reports what is damaged. OK: read on without it. Otherwise reading ends with the
   // result, which is `damage`.
   virtual absl::Status Damaged(const absl::Status& damage) = 0;
-  // Tells the user something that is no fault.
+  // Tells the user something that is not a fault.
   virtual void Note(const std::string& text) = 0;
   // Shows that so many bytes of the present ImportFile are read.
   virtual void ShowProgress(double bytes) = 0;

@@ -25,7 +25,7 @@ absl::Status SetField(const std::string& assignment, google::protobuf::Message* 
 absl::Status SetExampleField(const std::string& assignment, v1::ExampleSettings* examples);
 
 // Returns FIELD=0 for each number that TrainingSettings in proto3 JSON gives as 0, for
-// RefuseUnheardZeros: a message does not keep them. Empty for text that is no JSON.
+// RefuseUnheardZeros: a message does not keep them. Empty for text that is not JSON.
 std::vector<std::string> ZerosOfSettings(const std::string& json);
 
 // Refuses zeros that the server would not hear: in a field that cannot say whether it was given, 0

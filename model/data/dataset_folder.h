@@ -35,11 +35,12 @@ class DatasetWriter {
   static absl::StatusOr<std::unique_ptr<DatasetWriter>> Create(
       const std::filesystem::path& folder, std::string origin,
       const DatasetWriterOptions& options = {});
-  // Without a Commit, removes everything it wrote.
+  // Removes everything that was written, unless Commit succeeded.
   virtual ~DatasetWriter() = default;
 
-  // Appends a recording. Writes nothing on INVALID_ARGUMENT: scene::ValidateScenario refuses the
-  // scenario, or it has no id; nor on ALREADY_EXISTS: the id was added before.
+  // Appends a recording. An error means that nothing was appended: INVALID_ARGUMENT if
+  // scene::ValidateScenario refuses the scenario or it has no id, ALREADY_EXISTS if an earlier
+  // recording has its id.
   virtual absl::Status Add(const v1::Scenario& scenario) = 0;
   // Appends an annotation. INVALID_ARGUMENT if it names no scenario.
   virtual absl::Status Add(const v1::ManeuverAnnotation& annotation) = 0;
@@ -48,14 +49,14 @@ class DatasetWriter {
   virtual absl::StatusOr<v1::Dataset> Commit() = 0;
 };
 
-// Reads and checks everything: the SHA-256 and record count of each shard, the CRCs, and that each
-// record is a valid scenario with a unique id or an annotation of one of them. DATA_LOSS with file
-// and reason.
+// Reads and checks everything: the SHA-256 and record count of each shard, and the CRCs. Each
+// record must be a valid scenario with a unique id, or an annotation of such a scenario. DATA_LOSS
+// names the file and the reason.
 absl::Status VerifyDatasetFolder(const std::filesystem::path& folder);
 
-// Calls `visit` with each recording, in order, until it returns false. With kSkip, skips records
-// that are damaged, and those that cannot be found after damage to the framing. Adds their number
-// to *skipped if given.
+// Calls `visit` with each recording, in order, until it returns false. kSkip skips damaged records.
+// If the damaged bytes are a record's length, it also skips all later records of that shard.
+//   skipped: if given, incremented for each skipped record
 absl::Status ForEachScenario(const std::filesystem::path& folder, OnDamage on_damage,
                              const std::function<bool(v1::Scenario&&)>& visit,
                              int64_t* skipped = nullptr);
@@ -73,7 +74,7 @@ absl::StatusOr<v1::Scenario> ReadScenario(const std::filesystem::path& folder,
 
 // Counts what a folder contains, on `threads` threads (0: one per core), which hold a few
 // recordings at a time. `examples` counts what EnumerateExamples finds by this spec and these
-// settings, with all standing targets. The settings must be complete
+// settings, without thinning standing targets. The settings must be complete
 // (artifact::ResolveTrainingSettings). Types are named without their prefix: VEHICLE,
 // LANE_CENTERLINE.
 absl::StatusOr<v1::DatasetSummary> DescribeDataset(const std::filesystem::path& folder,

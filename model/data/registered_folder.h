@@ -15,15 +15,15 @@ namespace maneuver::data {
 
 // Returns `folder` without links and "..".
 //   roots: the folders that may be registered, each with all that is below it
-// INVALID_ARGUMENT if it is not absolute or not a folder; PERMISSION_DENIED if it does not lie in one
-// of the roots once links are resolved.
+// INVALID_ARGUMENT if it is not absolute or not a folder; PERMISSION_DENIED if it does not lie in
+// one of the roots once links are resolved.
 absl::StatusOr<std::filesystem::path> ResolveRegistrable(
     const std::filesystem::path& folder, std::span<const std::filesystem::path> roots);
 
 // Links the shards of `source` into the empty folder `into`, notes their state there, and returns
 // the manifest of `source`. Reads no shard.
 //   source: from ResolveRegistrable
-// INVALID_ARGUMENT, naming the file, if it is no dataset, or a file is itself a link.
+// INVALID_ARGUMENT, naming the file, if it is not a dataset, or a file is itself a link.
 absl::StatusOr<v1::Dataset> LinkShards(const std::filesystem::path& source,
                                        const std::filesystem::path& into);
 

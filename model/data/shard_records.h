@@ -17,13 +17,13 @@
 
 namespace maneuver::data {
 
-// Visits a payload. Returns an error if it is not of the expected type; sets *more to false to
-// stop.
+// Visits the payload of one record, which begins at byte `offset` of the shard. Returns an error if
+// the payload is not a message of the expected type. Sets *more to false to stop.
 using VisitPayload = std::function<absl::Status(const v1::Shard& shard, uint64_t offset,
                                                 std::string&& payload, bool* more)>;
 
-// Calls `visit` with each record of the shards of one content, in order. *skipped counts the
-// records that kSkip leaves out.
+// Calls `visit` with each record of all shards that hold `content`, in order.
+//   skipped: counts the records that kSkip leaves out
 absl::Status ForEachPayload(const std::filesystem::path& folder, v1::ShardContent content,
                             OnDamage on_damage, const VisitPayload& visit, int64_t* skipped);
 

@@ -25,10 +25,11 @@ namespace maneuver::evaluation {
 //   sum over pairs of w d,  w = (p_i + p_j) / 2   (assignment.h),
 //
 // so that rare actions do not separate frequent ones. An action without a partner (the other model
-// has fewer) costs p / 2 times the largest of all d. About the pairs:
-//   mean_distance   sum w d / sum w
+// has fewer) costs p / 2 times the largest of all d. The result also contains
+//   mean_distance   sum w d / sum w, metres, over the pairs
 //   tolerance       kToleranceSpeed times the horizon: 2 m at 5 s
-//   agreeing_share  sum of p_i over the pairs with d <= tolerance, out of all p_i = 1; and for p_j
+//   agreeing_share  for each model, the sum of its shares over the pairs with d <= tolerance, 0 to
+//   1
 //
 // Shares come from the manifests (validation examples). For models whose actions are relative to
 // the present motion, the generic means are those that the manifests store, at 10 m/s.

@@ -43,7 +43,7 @@ struct EvaluationInput {
 // The predictions are the mean trajectories of the k actions with the largest p(y|s). Distances are
 // in metres, densities in nats.
 //
-//   ade_1, min_ade_k, fde_1, min_fde_k     errors of the best (displacement.h)
+//   ade_1, min_ade_k, fde_1, min_fde_k     errors of the best of the k (displacement.h)
 //   brier_fde_k, miss_rate_k               as in Argoverse 2
 //   miss_rate_nuscenes_k                   as in nuScenes
 //   ade_waymo_1, min_ade_waymo_k, fde_waymo_1, min_fde_waymo_k, miss_rate_waymo_k
@@ -99,19 +99,20 @@ struct EvaluationInput {
 //   named_share_relative                   the share of the examples whose action has at least 70 %
 //                                          of its examples in one relative class; chance favours
 //                                          actions with few examples
-//   named_share_motion                     the same, with *stands* counted as *keeps speed*: to an
-//                                          action relative to the present motion they are one thing
+//   named_share_motion                     the same, with *stands* counted as *keeps speed*,
+//                                          because an action relative to the present motion cannot
+//                                          tell them apart
 //
 // The report says which examples it covers (example_settings, trajectory, target_types). Its strata
 // (strata.h) contain the main metrics. Its rivals (rival_comparison.h) say where the model is ahead
 // of other predictors. The report has the same bits for any number of threads.
 //
-// Recordings are measured block by block, and only sums over their examples are kept. Besides a
-// block, memory has some 100 bytes a recording, 300 an annotation, and what the grouping
-// of the recordings keeps (RecordingGrouper), for which blocks are read once more before.
+// Recordings are measured block by block, and only sums over their examples are kept. Besides one
+// block, memory holds some 100 bytes for each recording, 300 for each annotation, and the state of
+// a RecordingGrouper. To group the recordings, all blocks are read once before they are measured.
 //
-// FAILED_PRECONDITION if the recordings contain no example, or if the baselines read or predict
-// something else than the model; CANCELLED if `progress` returned false.
+// FAILED_PRECONDITION if the recordings contain no example, or if the baselines read other inputs
+// or predict other waypoints than the model; CANCELLED if `progress` returned false.
 absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& model,
                                               const EvaluationInput& input);
 

@@ -8,11 +8,12 @@ namespace maneuver::learning {
 
 // When a checkpoint is due, and how many are kept.
 struct CheckpointPolicy {
-  // The least time between two checkpoints; 0: one at every step.
+  // The least time between two checkpoints; 0: a checkpoint at every step.
   std::chrono::milliseconds interval{60'000};
-  // A checkpoint is also due after this many steps, however short the time; 0: only by time.
+  // A checkpoint is also due this many steps after the last one, even before `interval` has passed;
+  // 0: only `interval` counts.
   int64_t steps = 0;
-  int kept = 2;
+  int kept = 2;  // number of checkpoints, the newest ones
 };
 
 }  // namespace maneuver::learning

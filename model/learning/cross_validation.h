@@ -36,12 +36,12 @@ struct CrossValidation {
   int64_t fold_seed = 1;
   std::vector<int64_t> seeds = {1};  // of the trainings, each once
   std::optional<int> only_fold;      // counted from 0; empty: all of them
-  // Seed and fold of each model that was measured before, which is skipped.
+  // Seed and fold of each model to skip, because it was measured before.
   std::set<std::pair<int64_t, int>> finished;
   // Also train the anchor baselines in each fold.
   bool baselines = false;
-  // Folder for the models, named seed-1-fold-2 (folds counted from 1). It must exist and contain
-  // none of them.
+  // Existing folder for the models. A model is named seed-1-fold-2 (folds counted from 1) and must
+  // not exist there yet.
   std::filesystem::path models;
   std::string trainer_version;
   // Called on the calling thread while a model learns. May be empty.

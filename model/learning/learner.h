@@ -20,16 +20,17 @@ namespace maneuver::learning {
 
 class Learner {
  public:
-  // `settings` are complete. `data` and `progress` must outlive the learner.
-  //   threads: that read maps and scenes
-  //   ranks: must outlive the learner
+  //   settings: complete (artifact::ResolveTrainingSettings)
+  //   data, ranks, progress: must outlive the learner
+  //   threads: number of threads that read maps and scenes
   Learner(const v1::TrainingSettings& settings, const TrainingData& data, at::Device device,
           int threads, RankGroup& ranks, RunProgress& progress);
 
   // Returns the plan of a run, for its RunProgress.
-  //   examples_in_memory: of training, which the phases on trajectories and calibration are over
-  //   held_out_examples: in memory
-  //   started: from the weights of a model
+  //   training_examples: all of them
+  //   examples_in_memory: the training examples that the phases on trajectories and calibration use
+  //   held_out_examples: the held-out examples in memory
+  //   started: whether the run starts from the weights of a model
   static std::vector<RunProgress::Phase> Plan(const v1::TrainingSettings& settings,
                                               int64_t training_examples, int64_t examples_in_memory,
                                               int64_t held_out_examples, bool started = false);
@@ -40,13 +41,13 @@ class Learner {
   void StartFrom(const artifact::TensorMap& weights, const std::string& sha256);
 
   // Writes checkpoints to `folder`, which must outlive the learner, and resumes from its latest
-  // one, if any. FAILED_PRECONDITION if that belongs to another run. For rank 0 alone.
+  // one, if any. FAILED_PRECONDITION if that belongs to another run. Only rank 0 calls it.
   absl::Status KeepCheckpoints(CheckpointFolder* folder);
 
-  // Runs all phases up to calibration, from the position of the checkpoint. Phases that learn from
-  // scenes are run by all ranks, the others by rank 0. Only rank 0 has the calibrated model
-  // afterwards. Before that, a process that learns alone measures what a step of each phase will
-  // take (phases/rehearsal.h), so that the time left is right from the start. Errors are those of
+  // Runs all phases up to calibration, from the position of the checkpoint. All ranks run the
+  // phases that learn from scenes; rank 0 runs the others. Afterwards only rank 0 has the
+  // calibrated model. A process that learns alone first measures how long a step of each phase
+  // takes (phases/rehearsal.h), so that the time left is right from the start. Errors are those of
   // EpochLoop::Run.
   absl::Status Learn();
 
@@ -54,7 +55,7 @@ class Learner {
   EpochLoop& loop() { return loop_; }
 
  private:
-  // Replaces the plan's costs by what steps take here.
+  // Replaces the costs in the plan by the measured durations of steps.
   void Rehearse();
 
   LearningState state_;

@@ -29,16 +29,16 @@ struct JobAttempt {
 // How a step of a job ended.
 struct Outcome {
   absl::Status status;
-  // Its process crashed or was killed, but not by this server. Another process can continue the
-  // job.
+  // The step's process crashed, or something other than this server killed it. Another process can
+  // continue the job.
   bool died = false;
 };
 
 // Records the start of an attempt in the job.
-//   folder: the job's
+//   folder: the job's folder
 void BeginAttempt(v1::Job& job, const std::filesystem::path& folder, absl::Time now);
-// Records the end of that attempt in the job, at `end`.
-//   died: as in Outcome. The attempt then counts against the job, unless it left a new checkpoint.
+// Records in the job that this attempt ended at `end`.
+//   died: Outcome::died. If true, the attempt counts as failed, unless it left a new checkpoint.
 void EndAttempt(v1::Job& job, const std::filesystem::path& folder, absl::Time end, bool died);
 
 }  // namespace maneuver::jobs

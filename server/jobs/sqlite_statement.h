@@ -13,13 +13,15 @@
 
 namespace maneuver::jobs {
 
-// What a result of SQLite other than OK, ROW and DONE means. `database` may be nullptr.
+// Returns the error for a result code of SQLite other than OK, ROW and DONE.
+//   database: adds SQLite's message; may be nullptr
 absl::Status SqliteError(sqlite3* database, int result);
 
 // Runs statements that return nothing.
 absl::Status Execute(sqlite3* database, const std::string& sql);
 
-// One prepared statement, run once.
+// One prepared statement, run once. Bind fills its parameters from left to right. Text and bytes
+// are not copied: they must outlive the statement.
 class Statement {
  public:
   Statement(sqlite3* database, const char* sql) : database_(database) {
@@ -33,7 +35,6 @@ class Statement {
     if (result_ == SQLITE_OK) result_ = sqlite3_bind_int64(statement_, ++bound_, value);
     return *this;
   }
-  // The text must live as long as the statement.
   Statement& Bind(const std::string& text) {
     if (result_ == SQLITE_OK) {
       result_ = sqlite3_bind_text64(statement_, ++bound_, text.data(), text.size(), SQLITE_STATIC,
@@ -53,7 +54,7 @@ class Statement {
     return *this;
   }
 
-  // Whether there is a row.
+  // Reads the next row of the result. Returns false after the last one.
   absl::StatusOr<bool> Step() {
     if (result_ == SQLITE_OK || result_ == SQLITE_ROW) result_ = sqlite3_step(statement_);
     if (result_ == SQLITE_ROW) return true;

@@ -12,8 +12,8 @@ namespace maneuver::rpc {
 
 class ModelService final : public v1::ModelService::CallbackService {
  public:
-  // All arguments must outlive the service. `table` must be the table of `store`. Defined in the
-  // .cc, as is the destructor: see AdminService.
+  // All arguments must outlive the service. `table` must be the table of `store`. The .cc defines
+  // the constructor and the destructor, for the reason that admin_service.h gives.
   ModelService(serving::VersionStore& store, serving::ServingTable& table,
                serving::VersionUploads& uploads, WorkerPool& pool, security::AccessControl& access);
   ~ModelService() override;

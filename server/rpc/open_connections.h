@@ -6,8 +6,8 @@
 
 namespace maneuver::rpc {
 
-// Shuts down, in both directions, every TCP connection that was accepted on `port`. Its users then
-// find it broken.
+// Shuts down, in both directions, every TCP connection that was accepted on `port`. Both ends then
+// see a broken connection.
 void CutOffConnections(int port);
 
 }  // namespace maneuver::rpc

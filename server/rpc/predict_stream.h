@@ -60,17 +60,17 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   void OnDone() override;
 
  private:
-  // One request in flight, from its arrival until its answer was written.
   struct Messages {
     v1::StreamPredictRequest request;
     v1::StreamPredictResponse response;
   };
+  // One request in flight, from its arrival until its answer was written.
   struct Entry {
     grpc::ByteBuffer bytes;  // of the request, then of the response
-    size_t size = 0;         // of them
+    size_t size = 0;         // of `bytes`
     std::shared_ptr<Messages> messages = std::make_shared<Messages>();  // until it is answered
     std::shared_ptr<PredictionRun> run;                                 // until it is answered
-    int64_t expected = 0;               // bytes of the answer, at most, until it is there
+    int64_t expected = 0;               // upper bound on the answer's bytes
     serving::SendMemory::Share memory;  // of the answer
   };
 
@@ -84,16 +84,16 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   absl::Status Start(const std::shared_ptr<Entry>& entry);
   absl::Status Admit(const v1::PredictRequest& request);
   void Answered(std::shared_ptr<Entry> entry, const absl::Status& status);
-  // What the stream does next: it reads, writes and finishes, or none of these.
+  // What the stream does next: any of reading, writing and finishing.
   struct Step {
     grpc::ByteBuffer* read = nullptr;
     const grpc::ByteBuffer* write = nullptr;
     std::optional<absl::Status> finish = {};
   };
-  // Decides what the state now allows. Call it under the lock under which the state was changed.
+  // Returns what the state allows next. Call it under the same lock as the change of state.
   Step NextStep() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Takes a step. Without the lock, since gRPC may call back at once. Where the step is to do
-  // nothing, the stream may be gone already.
+  // Carries out a step. Call it without the lock, because gRPC may call back at once. The stream
+  // may already be deleted if the step is empty.
   void Take(const Step& step) ABSL_LOCKS_EXCLUDED(mutex_);
 
   PredictionContext& context_;
@@ -110,8 +110,8 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   bool draining_ ABSL_GUARDED_BY(mutex_) = false;
   bool finished_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status refusal_ ABSL_GUARDED_BY(mutex_);
-  size_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;            // of the entries that follow
-  int64_t expected_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // of those in flight
+  size_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;            // sum of `size` over all entries below
+  int64_t expected_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // sum of `expected` over in_flight_
   std::set<std::shared_ptr<Entry>> in_flight_ ABSL_GUARDED_BY(mutex_);
   std::deque<std::shared_ptr<Entry>> to_write_ ABSL_GUARDED_BY(mutex_);
   std::shared_ptr<Entry> writing_ ABSL_GUARDED_BY(mutex_);

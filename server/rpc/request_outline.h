@@ -25,7 +25,7 @@ struct StreamOutline {
   size_t targets = 0;
 };
 
-// Reads the outline of a StreamPredictRequest. Returns nothing if the bytes are no such message.
+// Reads the outline of a StreamPredictRequest. Returns nothing if the bytes are not such a message.
 // Errors inside `request` are left to the parser.
 std::optional<StreamOutline> ReadStreamOutline(const grpc::ByteBuffer& message);
 

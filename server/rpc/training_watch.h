@@ -17,8 +17,8 @@
 
 namespace maneuver::rpc {
 
-// One WatchJob call. It reads the store only after the client has taken what was read before, so a
-// slow client costs a small buffer and delays nobody. Deletes itself.
+// One WatchJob call. It reads the store again only after the client has taken everything that was
+// read before, so a slow client costs a small buffer and delays nobody. Deletes itself.
 class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse> {
  public:
   JobWatchCall(jobs::Supervisor& jobs, WorkerPool& pool, security::AccessControl& access,
@@ -29,7 +29,7 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
   void OnDone() override { delete this; }
 
  private:
-  // The call is always in one of these; only who moves it to kFinished calls Finish.
+  // The phase of the call. The thread that moves it to kFinished calls Finish; no other does.
   enum class Phase {
     kWaiting,  // for news
     kWorking,  // reading or writing
@@ -37,8 +37,8 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
   };
 
   void OnNews();
-  // Called each time the token is found revoked. The first call ends the watch as soon as nobody
-  // works on it. The second call breaks off a client that does not read.
+  // Called each time the token is found revoked. The first call ends the watch once no read or
+  // write is in progress. The second call cancels the RPC of a client that does not read.
   void OnRefused(const absl::Status& refusal);
   // Reads new events and writes them; waits if there are none. Runs on a thread of the pool while
   // kWorking.
@@ -51,7 +51,7 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
   WorkerPool& pool_;
   grpc::CallbackServerContext* const rpc_;
 
-  // These belong to whoever is kWorking.
+  // Used only by the thread that moved the call to kWorking.
   std::unique_ptr<jobs::JobEventReader> reader_;
   std::deque<v1::Job> unsent_;
   v1::WatchJobResponse message_;

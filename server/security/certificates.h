@@ -32,8 +32,8 @@ struct CertificateSet {
 };
 
 // Reads and checks the files: each parses, the key matches the certificate, and other users cannot
-// read the key. Errors name the file and say what to do. An expired certificate is no error: see
-// `expires`.
+// read the key. Errors name the file and say what to do. An expired certificate is not an error:
+// see `expires`.
 absl::StatusOr<CertificateSet> LoadCertificates(const CertificateFiles& files);
 
 // Thread-safe.

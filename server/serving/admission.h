@@ -14,7 +14,7 @@ namespace maneuver::serving {
 struct ExpectedWait {
   std::chrono::nanoseconds wait;  // until its work begins
   std::chrono::nanoseconds work;  // its own
-  // The queue has not been empty for longer than the time that the call has left.
+  // The time since the queue was last empty exceeds the time that the call has left.
   bool standing;
 };
 

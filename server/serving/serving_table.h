@@ -72,7 +72,7 @@ class ServingTable {
   // As Find, but loads the version if it is not in memory. May take long.
   absl::StatusOr<ModelHandle> Load(const std::optional<security::ModelReference>& reference);
   // Returns the name of the version that a request refers to. Loads nothing. Errors: as Find, but a
-  // version that could not be loaded is no error.
+  // version that could not be loaded is not an error.
   absl::StatusOr<security::ModelVersionName> Resolve(
       const std::optional<security::ModelReference>& reference) const;
 

@@ -67,7 +67,7 @@ class VersionStore {
   //   maker: the name of the job that made it, for FindMadeBy; empty: none.
   //   check: examines `finished` before anything changes; must not call functions that change this
   //     store.
-  // Errors: INVALID_ARGUMENT if `model` is no resource id; those of `check`; those of files.
+  // Errors: INVALID_ARGUMENT if `model` is not a resource id; those of `check`; those of files.
   absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
                                                      const std::filesystem::path& finished,
                                                      const std::string& maker, const Check& check);

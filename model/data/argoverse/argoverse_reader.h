@@ -17,22 +17,23 @@ namespace maneuver::data {
 using CityMaps = std::map<std::string, CityMap>;
 
 // Parses a sequence: rows of TIMESTAMP, TRACK_ID, OBJECT_TYPE, X, Y, CITY_NAME, in any order of
-// rows, under a header that names the columns. `name` is that of the file without its extension.
+// rows, under a header that names the columns. `name` is the file's name without its extension.
 // `maps` may be null: the scenario then has no map.
 //
-// Kept as they are: times, counted from the first; positions. Derived:
+// Positions are kept. Times are counted from the first one. Derived:
 //   - scenario_id: "PIT-526612#12345" of 12345.csv. The number in the middle counts blocks of ten
 //     minutes, so sequences of one drive count as parts of one recording (recording_split.h).
 //   - agent ids: 52 bits of a hash of TRACK_ID, the same in each sequence that the track is in.
-//   - velocities: motion_fit.h. Headings: the direction of the velocity where it is at least 1 m/s
-//     and the agent moved 0.25 m that way in the last half second; in between, the last such
-//     heading, and before the first one the first. An agent that never moves has the heading of
-//     the nearest lane within 5 m of it, or 0. A car that backs up seems to have turned round.
+//   - velocities: motion_fit.h.
+//   - headings: the direction of the velocity, while that is at least 1 m/s and the agent moved
+//     0.25 m that way in the last half second. At other times, the last such heading; before the
+//     first one, the first. An agent that never moves has the heading of the nearest lane within
+//     5 m, or 0. A car that reverses gets the opposite heading.
 //   - types and sizes: AV and AGENT are vehicles of typical size, agent_size.h. OTHERS can be
 //     anything, so their type stays unspecified; most are cars, and they get the size of one.
-//   - prediction_time: the twentieth time, 1.9 s after the beginning, as in the benchmark. Target:
-//     the AGENT, if it is there then.
-// The surroundings of AV and AGENT are taken from the map.
+//   - prediction_time: the twentieth time, 1.9 s after the beginning, as in the benchmark.
+//   - target: the AGENT, if it has a row at that time.
+//   - map: the surroundings of AV and AGENT.
 //
 // INVALID_ARGUMENT, with row and column, if a field is missing or out of range, the types are
 // unknown, a track has two positions at one time, the cities differ or have no map, or no track or

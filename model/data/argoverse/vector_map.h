@@ -17,22 +17,22 @@ namespace maneuver::data {
 
 struct VectorMap {
   std::vector<v1::MapFeature> lanes;
-  // Links to lanes that the file lacks. The published maps are pruned and have some.
+  // Number of links to lanes that the file lacks. The published maps are pruned and have some.
   int64_t open_links = 0;
 };
 
-// Reads a map in the frame of its city, metres. A way becomes a lane centreline under its lane_id,
-// with
-//   - its nodes, whose height is left out;
-//   - its successors, declared by either lane;
+// Reads a map in the frame of its city, metres. A way becomes a lane centreline with the way's
+// lane_id. It has
+//   - the positions of the way's nodes, without their height;
+//   - its successors: those that the lane names, and those that name it as predecessor;
 //   - its neighbours, unless they run the other way: l_neighbor_id of a lane next to oncoming
 //     traffic names a lane of the other direction.
-// has_traffic_control, turn_direction and is_intersection have no place in a MapFeature.
+// A MapFeature has no field for has_traffic_control, turn_direction and is_intersection.
 //
-//   damaged: called for each way that cannot be used: it lacks a lane_id, two points, or a node that
-//   it names, or has a number that is none. If the result is OK the way is left out; otherwise
-//   reading ends with it.
-// Also returns NOT_FOUND, and DATA_LOSS if the file is not such a map.
+//   damaged: called for each node or way that cannot be used: a number is missing or malformed, an
+//   id is repeated, or a way has fewer than two points or names an unknown node. If it returns OK,
+//   the node or way is left out. Otherwise reading ends with its status.
+// NOT_FOUND if there is no file. DATA_LOSS if the file is not a vector map of Argoverse 1.
 absl::StatusOr<VectorMap> ReadVectorMap(
     const std::filesystem::path& file,
     const std::function<absl::Status(const absl::Status& damage)>& damaged);

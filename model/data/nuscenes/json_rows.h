@@ -76,7 +76,7 @@ using VisitRow =
 // objects of rows. Other members are left out.
 //   tables: the names of the tables to read; the others are passed over
 //   progress: called now and then with the number of bytes that are read
-// NOT_FOUND; DATA_LOSS with file and byte if it is no such JSON or ends too early, or if one row
+// NOT_FOUND; DATA_LOSS with file and byte if it is not such JSON or ends too early, or if one row
 // has more than kMostValuesPerRow values.
 absl::Status ReadJsonRows(const std::filesystem::path& file,
                           std::span<const std::string_view> tables, const VisitRow& visit,

@@ -76,7 +76,7 @@ struct LaneGraph {
 
   int Add(Lane lane);
   // Finds the conflicts of every gated lane with every other lane. Consecutive lanes, and lanes
-  // that leave the same lane, are no conflict: car-following handles them.
+  // that leave the same lane, do not conflict: car-following handles them.
   void FindConflicts();
   // Returns, for each lane, the lanes that lead to its start.
   std::vector<std::vector<int>> Predecessors() const;

@@ -36,7 +36,7 @@ struct Source {
 // A path for people on foot, in either direction.
 struct Footway {
   Path path;
-  // The part of it on the road; empty (from >= to) on a pavement.
+  // The part of the path that crosses a road, in metres along it. Empty (from >= to) if none does.
   double crossing_from = 0.0;
   double crossing_to = 0.0;
   int signal_group = -1;  // vehicle group that must be red; -1 without signals
@@ -61,7 +61,7 @@ struct Place {
   std::vector<ParkedVehicle> parked;
   int walkers = 4;                 // number of pedestrians
   double sensed_radius = 80.0;     // around the origin, metres
-  double lane_change_rate = 0.02;  // wishes per second and vehicle with a neighbour
+  double lane_change_rate = 0.02;  // wishes per second of a vehicle whose lane has a neighbour
   double long_vehicle_share = 0.06;
   int initial_vehicles = 12;
   double warm_up = 12.0;  // seconds of traffic before a recording starts

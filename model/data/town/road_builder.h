@@ -74,7 +74,8 @@ std::vector<Road> AddJunction(Place& place, std::span<const Arm> arms, const Jun
 void AddSources(Place& place, Random& random, double shortest, double longest);
 
 void AddLine(Place& place, DecorationKind kind, const Path& path);
-// Adds the area between two offsets from a path.
+// Adds the area between the distances `from` and `to` along a path, and between the offsets `right`
+// and `left` from it (positive to the left). All in metres.
 void AddArea(Place& place, DecorationKind kind, const Path& path, double from, double to,
              double right, double left);
 void AddFootway(Place& place, const Path& path, double popularity);

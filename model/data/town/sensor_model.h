@@ -15,7 +15,7 @@ namespace maneuver::data::town {
 
 struct SensorModel {
   double radius = 80.0;           // metres around the origin
-  double position_noise = 0.05;   // deviation, metres, along each axis of the body
+  double position_noise = 0.05;   // standard deviation, metres, along each axis of the body
   double heading_noise = 0.012;   // radians
   double velocity_noise = 0.12;   // metres per second
   double correlation_time = 0.8;  // seconds over which errors persist

@@ -18,8 +18,8 @@ class TrainCommand {
   explicit TrainCommand(CLI::App& app);
 
   bool chosen() const { return command_->parsed(); }
-  // The exit status.
-  //   arguments: of the program, with its name
+  // Trains, and returns the exit status of the program.
+  //   arguments: of the program, with its name first
   int Run(const std::vector<std::string>& arguments) const;
 
  private:
