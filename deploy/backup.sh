@@ -28,7 +28,7 @@ done
 [ ${#positional[@]} -eq 2 ] || { usage >&2; exit 2; }
 data=${positional[0]%/}
 backup=${positional[1]%/}
-[ -f "$data/maneuver.db" ] || refuse "$data is no data folder of maneuverd: it has no maneuver.db"
+[ -f "$data/maneuver.db" ] || refuse "$data is not a data folder of maneuverd: it has no maneuver.db"
 [ ! -e "$backup" ] || refuse "$backup is already there; give another name"
 for program in rsync sqlite3; do
   command -v "$program" >/dev/null || refuse "$program is not installed: apt-get install rsync sqlite3"

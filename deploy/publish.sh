@@ -13,7 +13,7 @@ case "${1:-}" in -h|--help) usage; exit 0 ;; esac
 [ $# -eq 3 ] || { usage >&2; exit 2; }
 source="${1%/}/models/$2"
 target="${3%/}/$2"
-[[ "$2" =~ ^[a-z][a-z0-9-]*/[1-9][0-9]*$ ]] || { echo "publish: $2 is no version; name it as town/3" >&2; exit 2; }
+[[ "$2" =~ ^[a-z][a-z0-9-]*/[1-9][0-9]*$ ]] || { echo "publish: $2 is not a version; name it as town/3" >&2; exit 2; }
 [ -f "$source/model.json" ] || { echo "publish: there is no $source" >&2; exit 1; }
 same() { cmp -s "$source/weights.safetensors" "$target/weights.safetensors"; }
 if [ -e "$target" ]; then

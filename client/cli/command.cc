@@ -63,7 +63,7 @@ std::string DidYouMean(const std::string& word, CLI::App* group) {
   return nearest.empty() ? "" : "; did you mean " + nearest + "?";
 }
 
-// Names the word that is no command, where the arguments have one; empty where they do not.
+// Names the word that is not a command; empty if there is none.
 //   root: has parsed the arguments
 std::string UnknownCommand(CLI::App* root) {
   CLI::App* group = root;

@@ -14,7 +14,7 @@ std::string ReferenceText(v1::TrajectoryReference reference) {
     case v1::TRAJECTORY_REFERENCE_CONSTANT_VELOCITY:
       return "relative to constant velocity";
     case v1::TRAJECTORY_REFERENCE_FADING_MOTION:
-      return "relative to the present motion, which fades";
+      return "relative to the present motion as it fades out";
     default:
       return "in metres from where the target is";
   }

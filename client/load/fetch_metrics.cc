@@ -39,7 +39,7 @@ absl::StatusOr<Address> ParseUrl(const std::string& url) {
                                   : has_scheme;
   if (address.host.empty() || !good_port) {
     return absl::InvalidArgumentError(absl::StrCat(
-        url, " is no address of a metrics page, such as http://127.0.0.1:9470/metrics"));
+        url, " is not an address of a metrics page, such as http://127.0.0.1:9470/metrics"));
   }
   return address;
 }
@@ -59,7 +59,7 @@ absl::string_view Explain(httplib::Error error) {
     case httplib::Error::Canceled:
       return "the page is too large or too slow";
     default:
-      return "the answer is no HTTP";
+      return "the answer is not HTTP";
   }
 }
 

@@ -74,9 +74,8 @@ absl::StatusOr<std::string> DrawGenericAndPosterior(const v1::Scenario& scenario
       }
     }
   }
-  return absl::InvalidArgumentError(absl::StrCat("nothing to draw: no target of ",
-                                                 scenario.scenario_id(),
-                                                 " was answered twice and is in sight"));
+  return absl::InvalidArgumentError(absl::StrCat("nothing to draw: no visible target of ",
+                                                 scenario.scenario_id(), " has two answers"));
 }
 
 }  // namespace maneuver::plot

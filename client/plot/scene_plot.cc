@@ -31,8 +31,8 @@ absl::StatusOr<std::string> PaintScene(const v1::Scenario& scenario,
     if (!status.ok()) return status;
   }
   if (panels.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        "nothing to draw: no target of ", scenario.scenario_id(), " was answered and is in sight"));
+    return absl::InvalidArgumentError(absl::StrCat("nothing to draw: no visible target of ",
+                                                   scenario.scenario_id(), " has an answer"));
   }
   const GridShape grid = ShapeOf(static_cast<int>(panels.size()));
   const bool alone = panels.size() == 1;

@@ -38,7 +38,7 @@ class Choice {
   Choice(std::vector<Scene>* scenes, size_t most) : scenes_(*scenes), most_(most) {}
 
   // Takes up to `count` of the scenes with the largest values for a group. Infinitely small ones
-  // are no candidates.
+  // are not candidates.
   template <typename Value>
   void TakeLargest(const std::string& group, int count, Value value) {
     std::vector<size_t> order(scenes_.size());

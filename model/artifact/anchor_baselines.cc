@@ -139,7 +139,7 @@ absl::Status WriteBaselines(const fs::path& folder, const StoredBaselines& basel
   const auto printed = google::protobuf::util::MessageToJsonString(description, &json, options);
   if (!printed.ok()) {
     return absl::InternalError(
-        absl::StrCat("cannot state the baselines as JSON: ", std::string(printed.message())));
+        absl::StrCat("cannot write the baselines as JSON: ", std::string(printed.message())));
   }
   // Writes the description last: without it the folder has no baselines.
   if (auto status = files::WriteFileAtomically(folder / kWeights, weights); !status.ok()) {

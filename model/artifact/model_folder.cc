@@ -50,7 +50,7 @@ absl::StatusOr<std::string> ManifestToJson(v1::ModelManifest manifest) {
   const auto status = google::protobuf::util::MessageToJsonString(manifest, &json, options);
   if (!status.ok()) {
     return absl::InternalError(
-        absl::StrCat("cannot state the manifest as JSON: ", std::string(status.message())));
+        absl::StrCat("cannot write the manifest as JSON: ", std::string(status.message())));
   }
   return files::Seal(json);
 }

@@ -174,7 +174,7 @@ void CheckTargetTypes(const v1::ModelSpec& spec, FieldRules* rules) {
     const v1::AgentType type = spec.target_types(i);
     const std::string field = absl::StrCat("target_types[", i, "]");
     rules->Require(v1::AgentType_IsValid(type) && type != v1::AGENT_TYPE_UNSPECIFIED, field,
-                   "is no type of agents");
+                   "is not a type of agents");
     rules->Require(seen.insert(type).second, field, "is named twice");
   }
 }

@@ -38,7 +38,7 @@ absl::StatusOr<StoredModel> PruneActions(const StoredModel& model, std::span<con
   for (const int k : kept) {
     if (k < 0 || k >= spec.actions() || !different.insert(k).second) {
       return absl::InvalidArgumentError(
-          absl::StrCat("kept: ", k, " is no action of the model, or named twice"));
+          absl::StrCat("kept: ", k, " is not an action of the model, or named twice"));
     }
   }
   if (kept.size() < 2) return absl::InvalidArgumentError("kept: a model has at least two actions");

@@ -113,7 +113,8 @@ absl::StatusOr<TensorMap> ParseSafetensors(std::string_view bytes) {
 
   std::string duplicate;
   const std::optional<Json> header = ParseHeader(bytes.substr(kLengthBytes, length), &duplicate);
-  if (!header.has_value() || !header->is_object()) return Damaged("the header is no JSON object");
+  if (!header.has_value() || !header->is_object())
+    return Damaged("the header is not a JSON object");
   if (!duplicate.empty()) return Damaged(absl::StrCat("\"", duplicate, "\" appears twice"));
 
   TensorMap tensors;

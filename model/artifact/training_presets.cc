@@ -353,7 +353,7 @@ void CheckOptimization(const v1::OptimizationSettings& optimization, v1::Objecti
                  optimization.weight_concentration(), 0.0, 1e3);
   rules->Require(optimization.weight_concentration() == 0.0 || optimization.mixture_epochs() > 0,
                  "optimization.weight_concentration",
-                 "needs epochs of the mixture alone: set optimization.mixture_epochs");
+                 "works only in the mixture phase: set optimization.mixture_epochs above 0");
   rules->Require(optimization.dropout() >= 0 && optimization.dropout() < 1, "optimization.dropout",
                  "must be at least 0 and less than 1");
   rules->Require(optimization.covered_share() >= 0 && optimization.covered_share() < 1,

@@ -155,10 +155,10 @@ class LabelFile {
     Label label{.line = number, .recording = (*fields)[0], .action = (*fields)[3]};
     if (label.recording.empty()) return Refuse(number, "names no recording");
     if (!absl::SimpleAtoi((*fields)[1], &label.target)) {
-      return Refuse(number, absl::StrCat("target ", QuotedText((*fields)[1]), " is no number"));
+      return Refuse(number, absl::StrCat("target ", QuotedText((*fields)[1]), " is not a number"));
     }
     if (!absl::SimpleAtod((*fields)[2], &label.time) || !std::isfinite(label.time)) {
-      return Refuse(number, absl::StrCat("time ", QuotedText((*fields)[2]), " is no number"));
+      return Refuse(number, absl::StrCat("time ", QuotedText((*fields)[2]), " is not a number"));
     }
     if (!IsActionName(label.action)) {
       return Refuse(number, absl::StrCat("action ", QuotedText(label.action),
@@ -180,7 +180,7 @@ class LabelFile {
   void CheckMoment(const Label& label, const v1::Agent& agent) {
     if (agent.type() != v1::AGENT_TYPE_VEHICLE) {
       return Refuse(label.line, absl::StrCat("target ", label.target, " of recording ",
-                                             QuotedText(label.recording), " is no vehicle"));
+                                             QuotedText(label.recording), " is not a vehicle"));
     }
     const double first = agent.states().empty() ? 0.0 : agent.states().begin()->time();
     const double last = agent.states().empty() ? -1.0 : agent.states().rbegin()->time();

@@ -93,10 +93,10 @@ RequirementFault CheckRequirement(const v1::RivalRequirement& requirement) {
                                    "; these can: ", absl::StrJoin(metrics, ", "))};
   }
   if (!v1::RivalStandard_IsValid(requirement.standard())) {
-    return {"standard", "is no standard that this server knows"};
+    return {"standard", "is not a standard that this server knows"};
   }
   if (!v1::RivalScope_IsValid(requirement.scope())) {
-    return {"scope", "is no scope that this server knows"};
+    return {"scope", "is not a scope that this server knows"};
   }
   return {};
 }

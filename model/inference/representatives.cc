@@ -69,7 +69,7 @@ std::vector<Eigen::Index> ChooseGreedily(const Eigen::VectorXd& weights,
   return chosen;
 }
 
-// Actions that are no candidates, the most probable first.
+// Actions that are not candidates, the most probable first.
 std::vector<int> OthersByProbability(const Eigen::VectorXd& probabilities,
                                      std::span<const int> candidates) {
   std::vector<int> others;

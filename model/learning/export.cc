@@ -125,7 +125,8 @@ absl::StatusOr<v1::ModelManifest> ExportModel(artifact::StoredModel model, const
                    &uses);
   if (!status.ok()) return status;
   std::vector<double> usage;
-  const std::unique_ptr<bool[]> effective(new bool[uses.size()]);  // std::vector<bool> is no array
+  const std::unique_ptr<bool[]> effective(
+      new bool[uses.size()]);  // std::vector<bool> is not an array
   for (size_t k = 0; k < uses.size(); ++k) {
     usage.push_back(uses[k].probability());
     effective[k] = IsEffective(uses[k]);

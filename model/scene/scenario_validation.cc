@@ -142,7 +142,7 @@ void CheckAgent(const v1::Agent& agent, int index, const ScenarioLimits& limits,
     const std::string path = Element("agents", index);
     if (!v1::AgentType_IsValid(agent.type())) {
       violations->Add(Member(path, "type"),
-                      StrCat(static_cast<int>(agent.type()), " is no known agent type"));
+                      StrCat(static_cast<int>(agent.type()), " is not a known agent type"));
     }
     CheckSize(path, "length", agent.length(), limits.max_size, violations);
     CheckSize(path, "width", agent.width(), limits.max_size, violations);
@@ -205,7 +205,7 @@ void CheckFeature(const v1::MapFeature& feature, int index, const ScenarioLimits
       violations->Add(Member(path, "type"), feature.type() == v1::MAP_FEATURE_TYPE_UNSPECIFIED
                                                 ? std::string("is not stated")
                                                 : StrCat(static_cast<int>(feature.type()),
-                                                         " is no known map feature type"));
+                                                         " is not a known map feature type"));
     }
     if (feature.x_size() != feature.y_size()) {
       violations->Add(Member(path, "y"), StrCat("has ", feature.y_size(), " elements, but x has ",
@@ -267,7 +267,7 @@ void CheckSignal(const v1::TrafficSignal& signal, int index, const ScenarioLimit
     }
     if (!state_is_good) {
       violations->Add(Member(path, "state"), StrCat(static_cast<int>(reading.state()),
-                                                    " is no known traffic signal state"));
+                                                    " is not a known traffic signal state"));
     }
   }
 }

@@ -219,7 +219,7 @@ std::string Objection(const TagHead& head, const Schema& schema) {
     }
   }
   if (head.action_rows_size() != schema.content.action_names_size()) {
-    return "the number of actions is wrong";
+    return "it has another number of actions than the tags' model";
   }
   return "";
 }
@@ -267,11 +267,11 @@ absl::StatusOr<std::shared_ptr<const ShardTags>> ShardTags::Open(const fs::path&
   if (std::string_view(tags->data_, kMagic.size()) != kMagic)
     return damaged("it has another format");
   if (head_bytes > size - kPreamble) return damaged("it is too short");
-  if (head_bytes > kMostHeadBytes) return damaged("its head is too long");
+  if (head_bytes > kMostHeadBytes) return damaged("its header is too long");
   const std::string_view head(tags->data_ + kPreamble, head_bytes);
   if (kernels::Crc32c(head) != crc ||
       !tags->head_.ParseFromArray(head.data(), static_cast<int>(head.size()))) {
-    return damaged("its head is not what was written");
+    return damaged("its header is damaged");
   }
   if (const std::string what = Objection(tags->head_, schema); !what.empty()) return damaged(what);
   if (tags->head_.schema_sha256() != schema.sha256 ||

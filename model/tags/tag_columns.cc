@@ -52,7 +52,7 @@ std::optional<Column> ColumnNamed(std::string_view name) {
 
 int64_t ToInteger(Column column, double number) {
   const double scaled = std::round(number * ScaleOf(column));
-  // 2^63 - 1 is no double; the largest one below it will do.
+  // 2^63 - 1 is not a double; the largest one below it will do.
   const bool narrow = SpecOf(column).bytes == 4;
   const double most = narrow ? std::numeric_limits<int32_t>::max() : 9223372036854774784.0;
   if (!(scaled > -most)) return static_cast<int64_t>(-most);

@@ -41,7 +41,7 @@ absl::StatusOr<double> ParseValue(Column column, const std::string& text) {
       if (ClassName(type) == text) return type;
     }
     return absl::InvalidArgumentError(absl::StrCat(
-        "\"", text, "\" is no class; give vehicle, pedestrian, cyclist, other or unspecified"));
+        "\"", text, "\" is not a class; give vehicle, pedestrian, cyclist, other or unspecified"));
   }
   double value = 0.0;
   if (absl::SimpleAtod(text, &value) && std::isfinite(value)) return value;
@@ -70,7 +70,7 @@ absl::StatusOr<Condition> ParseCondition(const std::string& text) {
   const std::optional<Column> column = ColumnNamed(name);
   if (!column || *column == Column::kScene) {
     return absl::InvalidArgumentError(
-        absl::StrCat("\"", name, "\" is no column with numbers; there are ", ColumnNames()));
+        absl::StrCat("\"", name, "\" is not a column with numbers; there are ", ColumnNames()));
   }
   const absl::StatusOr<double> value =
       ParseValue(*column, std::string(absl::StripAsciiWhitespace(text.substr(end))));
@@ -91,7 +91,7 @@ absl::StatusOr<Condition> ParseCondition(const std::string& text) {
   }
   if (sign == "!") {
     return absl::InvalidArgumentError(
-        absl::StrCat("\"", text, "\": \"!\" is no operator; there are <, <=, >, >=, = and !="));
+        absl::StrCat("\"", text, "\": \"!\" is not an operator; there are <, <=, >, >=, = and !="));
   }
   return condition;
 }

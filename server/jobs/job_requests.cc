@@ -67,7 +67,7 @@ void CheckCriteria(const v1::PromotionCriteria& criteria, bool with_baselines,
     const std::string metric = absl::StrCat(field, "metrics[", i, "].metric");
     if (!evaluation::CanDecide(criterion.metric())) {
       violations.push_back(
-          {metric, "is no metric of the model's own that has a better side, such as min_ade_6"});
+          {metric, "is not a metric of the model's own that has a better side, such as min_ade_6"});
     } else if (!seen.insert(criterion.metric()).second) {
       violations.push_back({metric, "is named before"});
     }
@@ -211,7 +211,7 @@ absl::Status CheckTrainRequest(const v1::TrainRequest& request) {
   std::set<std::string> seen;
   CheckDatasets(request.datasets(), "datasets", seen, violations);
   if (!v1::Promotion_IsValid(request.promotion())) {
-    violations.push_back({"promotion", "is no promotion that this server knows"});
+    violations.push_back({"promotion", "is not a promotion that this server knows"});
   }
   CheckPromotion(request, violations);
   CheckRequestId(request.request_id(), violations);

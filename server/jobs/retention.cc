@@ -101,7 +101,7 @@ void Retention::SweepRegularly(absl::Duration interval) {
   thread_ = std::thread([this, interval] {
     do {
       if (const absl::Status status = Sweep(absl::Now()); !status.ok()) {
-        Log(LogLevel::kWarning, "not all that is old was removed",
+        Log(LogLevel::kWarning, "could not remove everything that is due for removal",
             {{"reason", std::string(status.message())}});
       }
     } while (!stop_.StoppedWithin(absl::ToChronoNanoseconds(interval)));

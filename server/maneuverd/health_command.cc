@@ -58,7 +58,7 @@ absl::StatusOr<std::vector<grpc::experimental::IdentityKeyCertPair>> OwnCertific
 absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> Credentials(
     const ServerOptions& options) {
   if (!options.tls) return grpc::InsecureChannelCredentials();
-  // The question and the answer are no secrets, and it is this machine that is asked, by an address
+  // The question and the answer are not secret, and it is this machine that is asked, by an address
   // that its certificate need not name.
   grpc::experimental::TlsChannelCredentialsOptions tls;
   tls.set_verify_server_certs(false);

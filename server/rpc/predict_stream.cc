@@ -29,7 +29,7 @@ absl::Status ShuttingDown() {
 }
 
 absl::Status NoMessage() {
-  return errors::InvalidField("request", "these bytes are no StreamPredictRequest");
+  return errors::InvalidField("request", "these bytes are not a StreamPredictRequest");
 }
 
 serving::TimePoint StreamDeadline(const StreamOutline& outline) {

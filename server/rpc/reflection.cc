@@ -38,7 +38,7 @@ void AddFile(const FileDescriptor* file, std::set<const FileDescriptor*>* added,
 void AnswerFile(const FileDescriptor* file, const std::string& name,
                 ServerReflectionResponse* response) {
   if (file == nullptr) {
-    SetError(grpc::StatusCode::NOT_FOUND, "nothing is known of " + name, response);
+    SetError(grpc::StatusCode::NOT_FOUND, "this server has no " + name, response);
     return;
   }
   std::set<const FileDescriptor*> added;
@@ -57,7 +57,7 @@ void AnswerExtensions(const DescriptorPool& pool, const std::string& type,
                       ServerReflectionResponse* response) {
   const Descriptor* const message = pool.FindMessageTypeByName(type);
   if (message == nullptr) {
-    SetError(grpc::StatusCode::NOT_FOUND, "nothing is known of " + type, response);
+    SetError(grpc::StatusCode::NOT_FOUND, "this server has no message " + type, response);
     return;
   }
   std::vector<const FieldDescriptor*> extensions;

@@ -48,7 +48,7 @@ std::string_view TakeWord(std::string_view& text) {
   return word;
 }
 
-constexpr char kNameRule[] = "a name has letters, digits, '.', '_' and '-', at most 63 of them";
+constexpr char kNameRule[] = "a name has at most 63 characters: letters, digits, '.', '_' and '-'";
 
 // Reads "<64 digits>" or "<64 digits> expires=TIME". False if it is neither.
 bool ParseToken(std::string_view text, IdentityLine& line) {

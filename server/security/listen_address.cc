@@ -16,7 +16,7 @@ std::string ListenAddress::ToString() const {
 absl::StatusOr<ListenAddress> ParseListenAddress(std::string_view text) {
   const auto malformed = [&] {
     return absl::InvalidArgumentError(absl::StrCat(
-        "\"", std::string(text), "\" is no address: expected HOST:PORT or [IPV6]:PORT"));
+        "\"", std::string(text), "\" is not an address: expected HOST:PORT or [IPV6]:PORT"));
   };
   const size_t colon = text.rfind(':');
   if (colon == std::string_view::npos) return malformed();

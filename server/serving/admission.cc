@@ -8,11 +8,11 @@ namespace maneuver::serving {
 
 using std::chrono::nanoseconds;
 
-// What is expected is not exact, and the answer has a way to go as well: of calls with less than
-// that to spare most would be worked on for nothing. Where the queue has been there for longer than
-// the call has left it is no burst, and does nobody any good: what waits has to stay in memory, and
-// who is answered is answered late, by more than is known here if calls wait to be read as well. A
-// short one keeps the workers as busy.
+// Two margins. The expected times are estimates, and the answer needs time to reach the caller.
+// Without a margin, most calls that barely fit would miss their deadline after the work was done.
+// A queue that has existed for longer than the call has left is not a burst, so it gets a larger
+// margin. Such a queue costs memory and delays every answer, and calls that gRPC has not read yet
+// add a delay that is unknown here. A shorter queue keeps the workers just as busy.
 absl::Status CheckTimeLeft(const ExpectedWait& expected, nanoseconds left) {
   constexpr double kMargin = 1.25;
   constexpr double kStandingMargin = 3.0;

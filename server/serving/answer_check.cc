@@ -76,7 +76,7 @@ absl::Status CheckProbabilities(const Eigen::VectorXd& probabilities, const char
   }
   // An infinite one makes the sum infinite.
   if (good && std::abs(sum - 1.0) <= kSumTolerance) return absl::OkStatus();
-  return Unsound(absl::StrCat(what, " is no distribution"));
+  return Unsound(absl::StrCat(what, " is not a distribution"));
 }
 
 absl::Status CheckAnswer(const TargetAnswer& answer) {

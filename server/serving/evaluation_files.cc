@@ -34,7 +34,7 @@ absl::Status WriteEvaluation(const fs::path& version_folder, const std::string& 
   const auto printed = google::protobuf::util::MessageToJsonString(report, &json, options);
   if (!printed.ok()) {
     return absl::InternalError(
-        absl::StrCat("cannot state the report as JSON: ", std::string(printed.message())));
+        absl::StrCat("cannot write the report as JSON: ", std::string(printed.message())));
   }
   std::error_code error;
   const bool is_new = fs::create_directory(version_folder / kEvaluations, error);

@@ -67,7 +67,7 @@ absl::Status ShadowComparison::Encode() {
       inference::InputOf(candidate_engine_.Inputs(0))};
   candidate_engine_.session().Encode(scene, {&candidate_encoding_, 1});
   if (candidate_encoding_.probabilities.allFinite()) return absl::OkStatus();
-  return absl::InternalError("the candidate's probabilities are no numbers");
+  return absl::InternalError("the candidate's probabilities are not numbers");
 }
 
 absl::StatusOr<evaluation::AnswerDifference> ShadowComparison::Compare(
@@ -75,7 +75,7 @@ absl::StatusOr<evaluation::AnswerDifference> ShadowComparison::Compare(
   const auto difference =
       comparison_.Compare(AnswerOf(*answered_session_, answered),
                           AnswerOf(candidate_engine_.session(), candidate_encoding_));
-  if (!IsFinite(difference)) return absl::InternalError("the versions' difference is no number");
+  if (!IsFinite(difference)) return absl::InternalError("the versions' difference is not a number");
   return difference;
 }
 

@@ -105,7 +105,8 @@ class ReceivedVersion final : public VersionUpload {
     if (name_) return absl::OkStatus();
     // The digests agreed: it is not damaged, it never was what it should be.
     if (const absl::Status status = CheckModel(folder); !status.ok()) {
-      return absl::InvalidArgumentError(absl::StrCat("the files are no model: ", status.message()));
+      return absl::InvalidArgumentError(
+          absl::StrCat("the files are not a model: ", status.message()));
     }
     auto made = table_.Publish(model_, folder, v1::PROMOTION_NEVER, MakerOf(files_));
     if (made.ok()) name_ = *made;

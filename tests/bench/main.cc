@@ -148,7 +148,7 @@ int Main(int argc, char** argv) {
       arguments.write_model.empty() && arguments.turns.empty() && arguments.report.empty();
   if (benchmarks) return Benchmarks(argv[0], app.remaining());
   if (const auto others = app.remaining(); !others.empty()) {
-    std::cerr << "maneuver-bench: " << others.front() << " is no option here; see --help\n";
+    std::cerr << "maneuver-bench: " << others.front() << " is not an option here; see --help\n";
     return EXIT_FAILURE;
   }
   if (!arguments.write_model.empty()) return WriteModel(arguments);

@@ -21,7 +21,7 @@ prints_if_before_head() {
 
 if [ -n "${MANEUVER_LANDED:-}" ]; then
   commit=$(git rev-parse --verify --quiet "$MANEUVER_LANDED^{commit}") || commit=
-  prints_if_before_head "$commit" || refuse "MANEUVER_LANDED=$MANEUVER_LANDED is no commit before HEAD"
+  prints_if_before_head "$commit" || refuse "MANEUVER_LANDED=$MANEUVER_LANDED is not a commit before HEAD"
   exit 0
 fi
 prints_if_before_head "$(git merge-base HEAD origin/main 2>/dev/null || true)" && exit 0
@@ -30,4 +30,4 @@ named=$(grep -oE '^[0-9a-f]{40}$' tests/checks/landed || true)
 prints_if_before_head "$named" && exit 0
 [ "$(git rev-parse --is-shallow-repository)" = false ] ||
   refuse "this clone is shallow and lacks $named; run: git fetch --unshallow"
-refuse "$named, which tests/checks/landed names, is no commit before HEAD"
+refuse "$named, which tests/checks/landed names, is not a commit before HEAD"

@@ -5,7 +5,7 @@
 
 - Every relative link leads to a file, and its anchor to a heading or an `<a id>` of that page.
 - A path in backticks that begins with a folder of the repository exists.
-- Files that are no pages name only pages of docs/ that exist, with their anchors.
+- Files that are not pages name only pages of docs/ that exist, with their anchors.
 - docs/README.md leads to every page of docs/.
 - A line has at most 120 characters. Longer may be: a row of a table, code in a fence, and a line that has no
   space to break it at beside those within one link.
@@ -125,7 +125,7 @@ class Check:
                     self.fault(path, number, f"names what is not there: {quoted}")
 
     def mentions(self, path):
-        """Checks what a file that is no page says of pages, and that no file names this machine."""
+        """Checks what a file that is not a page says of pages, and that no file names this machine."""
         try:
             lines = path.read_text().splitlines()
         except UnicodeDecodeError:

@@ -40,7 +40,7 @@ std::filesystem::path FileOf(std::string_view bytes);
 // Returns the content of a file; empty if it cannot be read.
 std::string ReadBytes(const std::filesystem::path& file);
 
-// Parses proto3 or proto2 bytes; false if they are no such message.
+// Parses proto3 or proto2 bytes; false if they are not such a message.
 bool ParseMessage(std::string_view bytes, google::protobuf::Message* message);
 
 void Configuration(std::string_view bytes);

@@ -203,7 +203,8 @@ TEST_F(AccessTest, ARefusalDoesNotRevealWhetherAResourceExists) {
     SCOPED_TRACE(method);
     const grpc::Status first = CallEmpty(channel, method, {}).status;
     EXPECT_EQ(first.error_code(), grpc::StatusCode::UNAUTHENTICATED);
-    // The answer is the same to the last byte for any request, even for bytes that are no message.
+    // The answer is the same to the last byte for any request, even for bytes that are not a
+    // message.
     for (const std::string& request : {name, std::string("\xff\xff\xff")}) {
       const grpc::Status other = CallEmpty(channel, method, {}, request).status;
       EXPECT_EQ(other.error_code(), first.error_code());

@@ -302,8 +302,8 @@ TEST_F(TransfersTest, AnIncompleteOrAlteredUploadCreatesNoVersion) {
   status = Upload(header, {manifest, weights + "x"});
   EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << status.error_message();
   EXPECT_THAT(Entries(), IsEmpty());
-  // The files are complete and match their digests, but they are no model: the weights are another
-  // model's.
+  // The files are complete and match their digests, but they are not a model: the weights are
+  // another model's.
   const fs::path mixed = folder_.path() / "mixed";
   WriteModel(mixed, 2);
   fs::copy_file(source / kWeights, mixed / kWeights, fs::copy_options::overwrite_existing);

@@ -103,7 +103,7 @@ class Connection:
     def deadline(self, timeout: Optional[float], default: float) -> float:
         """Returns the time on the clock when a call has to be done.
 
-        Raises ValueError for a timeout that is no positive number of seconds.
+        Raises ValueError for a timeout that is not a positive number of seconds.
         """
         seconds = default if timeout is None else timeout
         if not 0.0 < seconds < float("inf"):

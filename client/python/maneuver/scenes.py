@@ -138,7 +138,7 @@ class Scenario:
             map_id=message.map_id)
 
     def to_proto(self) -> v1.Scenario:
-        """Returns the message. Raises ValueError, with the field's path, for what is no number."""
+        """Returns the message. Raises ValueError, with the field's path, if it is not a number."""
         message = v1.Scenario(scenario_id=self.scenario_id, prediction_time=self.prediction_time,
                               target_ids=[int(target) for target in self.target_ids],
                               map_id=self.map_id)
@@ -172,7 +172,7 @@ def load_scenario(path: Union[str, "os.PathLike[str]"]) -> v1.Scenario:
 
 
 def to_proto(scene: Scene) -> v1.Scenario:
-    """Returns the message of a scene. Raises ValueError for what is no scene."""
+    """Returns the message of a scene. Raises ValueError if it is not a scene."""
     if isinstance(scene, v1.Scenario):
         return scene
     if isinstance(scene, Scenario):

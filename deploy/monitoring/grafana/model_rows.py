@@ -64,7 +64,7 @@ def candidate():
     return row(
         "A candidate in the shadow, over the last half hour",
         curves("How far are the candidate's answers from what was answered?",
-               "Energy distance of the mixtures of trajectories, metres: 0 only if both say the same. A difference is no verdict: maneuver "
+               "Energy distance of the mixtures of trajectories, metres: 0 only if both say the same. A difference is not a verdict: maneuver "
                "evaluate says which is better. Look half an hour after the alias moved.",
                _quantiles("maneuver_shadow_energy_distance_meters"), "lengthm", width=12, least=0),
         curves("How far are the likeliest trajectories apart?", "Mean trajectories of each version's most probable action, metres.",

@@ -86,7 +86,7 @@ absl::StatusOr<std::array<size_t, kColumns.size()>> ReadHeader(absl::string_view
 absl::Status ReadNumber(const std::string& text, const char* column, double most, int64_t row,
                         double* number) {
   if (!absl::SimpleAtod(text, number)) {
-    return RowError(row, absl::StrCat(column, " ", QuotedText(text), " is no number"));
+    return RowError(row, absl::StrCat(column, " ", QuotedText(text), " is not a number"));
   }
   if (!(std::abs(*number) <= most)) {
     return RowError(row, absl::StrCat(column, " ", QuotedText(text), " must lie within ", -most,
@@ -209,8 +209,8 @@ v1::Agent AgentOf(const std::string& id, const Track& track) {
   return agent;
 }
 
-// Returns the direction of a state's velocity, unless it is slower than kMoves, or the agent did not
-// move that way in the last half second: the fit overshoots where a car stops abruptly.
+// Returns the direction of a state's velocity, unless it is slower than kMoves, or the agent did
+// not move that way in the last half second: the fit overshoots where a car stops abruptly.
 std::optional<double> DirectionAt(const v1::Agent& agent, int i) {
   const v1::AgentState& state = agent.states(i);
   if (std::hypot(state.velocity_x(), state.velocity_y()) < kMoves) return std::nullopt;

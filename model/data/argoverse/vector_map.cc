@@ -42,13 +42,14 @@ absl::Status AddNode(const xml_node& node, Nodes* nodes) {
   Point2 point;
   const char* const text = node.attribute("id").as_string();
   if (!absl::SimpleAtoi(text, &id)) {
-    return absl::DataLossError(absl::StrCat("node: id ", QuotedText(text), " is no whole number"));
+    return absl::DataLossError(
+        absl::StrCat("node: id ", QuotedText(text), " is not a whole number"));
   }
   for (const auto& [name, value] : {std::pair("x", &point.x), std::pair("y", &point.y)}) {
     const char* const number = node.attribute(name).as_string();
     if (!absl::SimpleAtod(number, value) || !IsCoordinate(*value)) {
       return absl::DataLossError(
-          absl::StrCat("node ", id, ": ", name, " ", QuotedText(number), " is no coordinate"));
+          absl::StrCat("node ", id, ": ", name, " ", QuotedText(number), " is not a coordinate"));
     }
   }
   if (!nodes->emplace(id, point).second) {
@@ -82,7 +83,7 @@ absl::StatusOr<Way> ReadWay(const xml_node& node, const Nodes& nodes) {
   const char* const text = node.attribute("lane_id").as_string();
   if (!absl::SimpleAtoi(text, &id)) {
     return absl::DataLossError(
-        absl::StrCat("way: lane_id ", QuotedText(text), " is no whole number"));
+        absl::StrCat("way: lane_id ", QuotedText(text), " is not a whole number"));
   }
   const std::string what = absl::StrCat("way ", id);
   way.lane.set_id(id);

@@ -38,7 +38,7 @@ class Reading {
   double Number(const xml_node& node, const std::string& what) {
     double value = 0.0;
     if (!absl::SimpleAtod(node.text().as_string(), &value) || !std::isfinite(value)) {
-      Fail(absl::StrCat(what, " is no number"));
+      Fail(absl::StrCat(what, " is not a number"));
       return 0.0;
     }
     return value;

@@ -44,7 +44,7 @@ void WriteLinks(const Place& place, const Lane& lane, v1::MapFeature& feature) {
     return i >= 0 && place.graph.lanes[static_cast<size_t>(i)].kind != LaneKind::kBay;
   };
   for (const LaneLink& link : lane.next) {
-    // A lane that is joined beyond its start is no successor: successors are followed from their
+    // A lane that is joined beyond its start is not a successor: successors are followed from their
     // start.
     if (is_mapped(link.lane) && link.at == 0.0) feature.add_successor_ids(LaneFeatureId(link.lane));
   }

@@ -196,7 +196,7 @@ CrossValidateCommand::CrossValidateCommand(CLI::App& app)
       ->type_name("FOLDER");
   command_
       ->add_option("--test-dataset", test_datasets_,
-                   "Measure every model on this dataset too, which none learns from; may be "
+                   "Also measure every model on this dataset; none learns from it; may be "
                    "repeated")
       ->type_name("NAME=FOLDER");
   command_->add_option("--folds", folds_, "Parts that the recordings are dealt out to")
@@ -370,7 +370,7 @@ absl::StatusOr<std::vector<v1::CrossValidationPart>> CrossValidateCommand::ReadP
     }
     if (!parts.emplace_back().ParseFromString(*bytes)) {
       return absl::DataLossError(
-          absl::StrCat(file.filename().string(), " is no file of cross-validate --part"));
+          absl::StrCat(file.filename().string(), " is not a file of cross-validate --part"));
     }
   }
   return parts;

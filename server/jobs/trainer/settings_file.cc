@@ -17,9 +17,9 @@ absl::Status ReadJson(const std::filesystem::path& file, google::protobuf::Messa
   }
   const auto status = google::protobuf::util::JsonStringToMessage(*json, message);
   if (!status.ok()) {
-    return absl::InvalidArgumentError(file.filename().string() + " is no " +
+    return absl::InvalidArgumentError(file.filename().string() + " is not a " +
                                       message->GetDescriptor()->name() +
-                                      " as JSON: " + std::string(status.message()));
+                                      " in JSON: " + std::string(status.message()));
   }
   return absl::OkStatus();
 }

@@ -226,7 +226,7 @@ TEST_F(ImportTest, ImportsSequencesOfArgoverseWithTheirMap) {
   const Result result = Maneuver(
       {"import", "argoverse", Path("out"), Path("train/data"), "--maps", Path("map_files")});
   EXPECT_EQ(result.status, kFailed);
-  EXPECT_THAT(result.err, AllOf(HasSubstr("3.csv: row 2: X 'x' is no number"),
+  EXPECT_THAT(result.err, AllOf(HasSubstr("3.csv: row 2: X 'x' is not a number"),
                                 HasSubstr("1 links name lanes that the map lacks")));
   EXPECT_THAT(Ids("out"), ElementsAre("PIT-1000#1", "PIT-1000#2"));
   EXPECT_EQ(data::ReadScenario(folder_ / "out", "PIT-1000#1")->map_features_size(), 4);

@@ -42,7 +42,7 @@ TEST(TrainingPresetsTest, LanesIsTheDefault) {
   EXPECT_EQ(Resolved("preset: 'lanes-metres'").model().reference(), v1::TRAJECTORY_REFERENCE_NONE);
 }
 
-// docs/explanation/model.md has what each of them is worth.
+// docs/explanation/model.md states the effect of each.
 TEST(TrainingPresetsTest, LanesLearnsExactResponsibilitiesWithWeightDecay) {
   const v1::OptimizationSettings lanes = Resolved("").optimization();
   EXPECT_EQ(lanes.responsibilities(), v1::RESPONSIBILITIES_EXACT);
@@ -54,8 +54,8 @@ TEST(TrainingPresetsTest, LanesLearnsExactResponsibilitiesWithWeightDecay) {
   }
 }
 
-// For callers that set sizes of a raster when that was the only default.
-TEST(TrainingPresetsTest, SettingsWithARasterGetTheRastersPreset) {
+// Callers from before `lanes` set sizes of the raster, when `compact` was the default preset.
+TEST(TrainingPresetsTest, SettingsWithARasterGetTheCompactPreset) {
   for (const char* settings : {"model { raster { height: 96 } }", "model { target_motion: false }",
                                "model { backbone { features: 64 } }"}) {
     EXPECT_EQ(Resolved(settings).preset(), "compact") << settings;
@@ -68,7 +68,7 @@ TEST(TrainingPresetsTest, OnlyADualModelGetsPosteriorEpochs) {
   EXPECT_EQ(Resolved("").optimization().posterior_epochs(), 0);
 }
 
-TEST(TrainingPresetsTest, AnotherCovarianceReplacesThatOfTheScene) {
+TEST(TrainingPresetsTest, AChosenCovarianceTurnsOffTheSceneCovariance) {
   const v1::TrainingSettings learned =
       Resolved("optimization { decoder_covariance: DECODER_COVARIANCE_LEARNED }");
   EXPECT_FALSE(learned.model().has_scene_covariance());
@@ -133,7 +133,7 @@ TEST(TrainingPresetsTest, SetFieldsReplaceThoseOfThePresetAndNoOthers) {
             expected.SerializeAsString());
 }
 
-TEST(TrainingPresetsTest, RepeatedFieldsReplaceThePresetsWhole) {
+TEST(TrainingPresetsTest, ARepeatedFieldReplacesAllElementsOfThePreset) {
   const v1::TrainingSettings resolved = Resolved(
       "model { decoder { hidden: 3 } backbone { convolutions { channels: 5 stride: 1 } } }");
   EXPECT_THAT(resolved.model().decoder().hidden(), ElementsAre(3));
@@ -142,7 +142,7 @@ TEST(TrainingPresetsTest, RepeatedFieldsReplaceThePresetsWhole) {
   EXPECT_GT(resolved.model().backbone().features(), 0);
 }
 
-TEST(TrainingPresetsTest, DurationsReplaceThePresetsWhole) {
+TEST(TrainingPresetsTest, ADurationReplacesSecondsAndNanosOfThePreset) {
   // The presets' intervals have nanoseconds, which must not be added to these seconds.
   const v1::TrainingSettings resolved =
       Resolved("model { trajectory { waypoint_interval { seconds: 1 } } }");
@@ -283,7 +283,7 @@ v1::ModelSpec StartSpec() {
   return Resolved("preset: 'paper' model { actions: 7 objective: OBJECTIVE_BASE }").model();
 }
 
-TEST(StartTest, TheStartsSpecReplacesThePresetsAndTheObjectiveMayChange) {
+TEST(StartTest, UsesTheSpecOfTheStartExceptForAChosenObjective) {
   const v1::TrainingSettings kept =
       ResolveTrainingSettings(Settings("optimization { joint_epochs: 3 }"), StartSpec());
   EXPECT_EQ(kept.model().SerializeAsString(), StartSpec().SerializeAsString());
@@ -297,7 +297,7 @@ TEST(StartTest, TheStartsSpecReplacesThePresetsAndTheObjectiveMayChange) {
   EXPECT_THAT(WrongFields(dual), ElementsAre());
 }
 
-TEST(StartTest, NamesSettingsThatContradictTheStart) {
+TEST(StartTest, RefusesSettingsThatContradictTheStart) {
   const auto wrong = [](const std::string& text) {
     std::vector<std::string> fields;
     for (const auto& violation : ValidateStart(Settings(text), StartSpec())) {

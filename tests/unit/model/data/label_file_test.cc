@@ -88,10 +88,10 @@ TEST_F(LabelFileTest, NamesEveryWrongLine) {
       ,
       ElementsAre(
           "2: has 3 fields, not 4", "3: the dataset has no recording 'r9'",
-          "4: recording 'r0' has no target 7", "5: target 2 of recording 'r0' is no vehicle",
+          "4: recording 'r0' has no target 7", "5: target 2 of recording 'r0' is not a vehicle",
           "6: target 1 is not there at 5.1 s, but from 0 to 5",
-          "7: target 1 is not there at -0.1 s, but from 0 to 5", "8: target 'one' is no number",
-          "9: time 'soon' is no number", "10: time 'nan' is no number",
+          "7: target 1 is not there at -0.1 s, but from 0 to 5", "8: target 'one' is not a number",
+          "9: time 'soon' is not a number", "10: time 'nan' is not a number",
           "11: action 'Turn Left' must match [a-z][a-z0-9_]* with at most 63 characters",
           "13: line 12 labels the same moment of the same target",
           "14: a quote is not closed, or something follows it", "15: names no recording",
@@ -150,7 +150,7 @@ TEST_F(LabelFileTest, AnnotatingMakesANewDatasetWithTheSameRecordings) {
   EXPECT_THAT(actions, ElementsAre("turn_left", "turn_left"));
 }
 
-TEST_F(LabelFileTest, DoesNotReplaceAnExistingFolderAndLeavesNothing) {
+TEST_F(LabelFileTest, CreatesNoFolderWhenItFails) {
   const CheckedLabels labels = Check("r1,1,2.5,turn_left\n");
   EXPECT_TRUE(absl::IsAlreadyExists(
       AnnotateDataset(folder_ / "town", labels.annotations, folder_ / "town").status()));

@@ -65,8 +65,8 @@ TEST(RecordingGroupsTest, GroupsRecordingsOfOnePlaceWhoseMapsDifferByDecimetres)
   EXPECT_THAT(GroupsOf({WithLane("a", 7.0), WithLane("b", 9.5)}), ElementsAre(0, 1));
 }
 
-// 20 places of 40 long lanes: 640 hashes each. Of 256 that are kept at most, each place has about
-// ten.
+// There are 20 places with 40 long lanes each, which give 640 hashes a place. The grouper keeps at
+// most 256 hashes, about a dozen a place.
 TEST(RecordingGroupsTest, FindsLargeOverlapsWithAFewOfTheHashes) {
   RecordingGrouper grouper(256);
   std::vector<int> places;

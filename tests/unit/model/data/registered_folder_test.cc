@@ -199,7 +199,7 @@ TEST_F(RegisteredFolderTest, NamesAShardThatIsGone) {
   EXPECT_TRUE(store_->Detach("town").ok());
 }
 
-TEST_F(RegisteredFolderTest, AcceptsTheSameContentWithOtherTimes) {
+TEST_F(RegisteredFolderTest, AcceptsARewrittenFileWithTheSameContent) {
   ASSERT_TRUE(store_->Register("town", town_).ok());
   const std::string shard = ReadDatasetManifest(town_)->shards(0).file();
   fs::copy_file(town_ / shard, town_ / "restored");

@@ -154,7 +154,7 @@ class FakeModel final : public inference::ActionModel {
 };
 
 // A vehicle that heads north-west at kSpeed at time 1 and is present for four seconds; `others`
-// that stand beside it then and are no vehicles; and one of these that appears later.
+// that stand beside it then and are not vehicles; and one of these that appears later.
 v1::Scenario Recording(const std::string& id, int others) {
   const double heading = 2.3;
   v1::Scenario scenario;

@@ -31,19 +31,19 @@ std::string Message(const v1::EvaluationReport& report) {
 
 TEST(FiniteReportTest, AReportOfFiniteNumbersPasses) { EXPECT_TRUE(CheckFinite(Finite()).ok()); }
 
-TEST(FiniteReportTest, NamesTheMetricThatIsNotFinite) {
+TEST(FiniteReportTest, NamesANonFiniteMetric) {
   v1::EvaluationReport report = Finite();
   (*report.mutable_metrics())["min_ade_6"] = std::numeric_limits<double>::infinity();
   EXPECT_THAT(Message(report), HasSubstr("metrics[\"min_ade_6\"]"));
 }
 
-TEST(FiniteReportTest, NamesANumberThatIsNotFiniteInAStratum) {
+TEST(FiniteReportTest, NamesANonFiniteMetricOfAStratum) {
   v1::EvaluationReport report = Finite();
   (*report.mutable_strata(0)->mutable_metrics())["fde_1"] = kNan;
   EXPECT_THAT(Message(report), HasSubstr("strata[0].metrics[\"fde_1\"]"));
 }
 
-TEST(FiniteReportTest, NamesAnElementThatIsNotFinite) {
+TEST(FiniteReportTest, NamesANonFiniteElementOfAList) {
   v1::EvaluationReport report = Finite();
   report.set_action_usage(1, kNan);
   EXPECT_THAT(Message(report), HasSubstr("action_usage[1]"));

@@ -108,7 +108,7 @@ TEST(RelativeClassesTest, UTurnsBeginAt135Degrees) {
   EXPECT_EQ(ClassOf(Arc(25.0, 130.0 * kDegree), 5.0), "turns_left");
 }
 
-// Half a metre to the side and back has a course, but is no turn.
+// Half a metre to the side and back has a course, but is not a turn.
 TEST(RelativeClassesTest, DoesNotTurnIfItHardlyMoves) {
   const Trajectory aside = Driven([](double t) { return Eigen::RowVector2d(0.3, 0.38 * t); });
   EXPECT_EQ(ClassOf(aside, 0.2), "stands");

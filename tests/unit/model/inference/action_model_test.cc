@@ -364,7 +364,7 @@ TEST_F(ActionModelTest, ASessionKeepsItsModelAlive) {
   EXPECT_TRUE(SameBits(EncodeOne(10), before));
 }
 
-TEST_F(ActionModelTest, ActionSetIsThePriorDecoded) {
+TEST_F(ActionModelTest, ActionSetIsTheDecodedPrior) {
   const double usage[] = {0.1, 0.2, 0.3, 0.2, 0.1, 0.1};
   const bool effective[] = {true, true, false, true, true, true};
   const auto actions = DecodeActionSet(*model_, usage, effective);

@@ -255,7 +255,7 @@ TEST_P(LanesModelTest, DescribesThePriorWithTheReferenceAndWithoutTheResidual) {
   }
 }
 
-TEST_P(LanesModelTest, DrivingStraightMovesGenericActionsAtThatSpeed) {
+TEST_P(LanesModelTest, GenericActionsOfStraightDrivingFollowItsReference) {
   for (const double speed : {0.0, 12.0}) {
     ReferenceModel::Scene scene;
     scene.features.assign(static_cast<size_t>(artifact::SceneFeatures(spec())), 0.0);

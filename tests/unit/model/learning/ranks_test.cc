@@ -93,7 +93,7 @@ TEST(RankPlaceTest, TakesTheFirstLauncherAndNoneOutsideAStep) {
                                                {"SLURM_STEP_ID", "0"}}));
   ASSERT_TRUE(both.ok()) << both.status();
   EXPECT_EQ((*both)->ranks, 1);
-  // A batch script has the variables of its job, but is no task of a step.
+  // A batch script has the variables of its job, but is not a task of a step.
   const auto script = FindRankPlace(Environment({{"SLURM_PROCID", "0"}, {"SLURM_NTASKS", "4"}}));
   ASSERT_TRUE(script.ok());
   EXPECT_FALSE(*script);

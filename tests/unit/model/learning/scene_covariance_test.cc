@@ -90,9 +90,9 @@ TEST_F(SceneCovarianceTest, ItsGradientIsThatOfFiniteDifferences) {
   EXPECT_FALSE(networks_["scenario_encoder.0.weight"].grad().defined());
 }
 
-// Clamping alone has no gradient outside its bounds: a deviation that once left them stayed there.
-TEST_F(SceneCovarianceTest, ADeviationOutsideItsBoundsLearnsTheWayBackAndNoFurther) {
-  // q(z|x) does not depend on x: kilometres are no input that it can take.
+// A clamp has no gradient outside its bounds, so a deviation that left them could never return.
+TEST_F(SceneCovarianceTest, ADeviationOutsideItsBoundsIsOnlyPulledBackTowardsThem) {
+  // Zero weights make q(z|x) independent of x, because the encoder cannot handle kilometres.
   for (at::Tensor weight : networks_.Parameters(Networks::Part::kTrajectoryEncoder)) {
     at::NoGradGuard no_grad;
     weight.zero_();

@@ -185,7 +185,7 @@ TEST(LaneGraphTest, DeclaredSuccessorsReplaceThoseByGeometry) {
   EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(2));
   lane = scenario.mutable_map_features(0);
   // Lane 3 counts, at an angle that geometry would not accept. 4 begins too far away, 5 is no
-  // driving lane, 6 does not exist, 0 is no id, and no lane follows itself.
+  // driving lane, 6 does not exist, 0 is not an id, and no lane follows itself.
   for (const int64_t id : {6, 3, 5, 4, 0, 1, 3}) lane->add_successor_ids(id);
   EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(3));
   lane->clear_successor_ids();

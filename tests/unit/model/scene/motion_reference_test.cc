@@ -66,7 +66,7 @@ TEST(MotionReferenceTest, BoundsImpossibleAccelerationsAndTurns) {
             Fading({.speed = 5.0, .acceleration = 4.0, .turn_rate = 1.0}, times));
 }
 
-TEST(MotionReferenceTest, OtherReferencesAreStraightOrZero) {
+TEST(MotionReferenceTest, ConstantVelocityIsStraightAndNoReferenceIsZero) {
   const std::vector<double> times = Times(4, 0.5);
   const MotionEstimate motion{.speed = 3.0, .acceleration = 2.0, .turn_rate = 0.5};
   std::vector<double> r(8, 7.0);

@@ -190,7 +190,7 @@ INSTANTIATE_TEST_SUITE_P(
                 [](auto* s) { s->mutable_agents(1)->set_length(1001); }},
         BadCase{"DuplicateId", "agents[4].id", "is 11, as is that of agents[1]",
                 [](auto* s) { s->mutable_agents(4)->set_id(11); }},
-        BadCase{"UnknownAgentType", "agents[0].type", "77 is no known agent type",
+        BadCase{"UnknownAgentType", "agents[0].type", "77 is not a known agent type",
                 [](auto* s) { s->mutable_agents(0)->set_type(static_cast<v1::AgentType>(77)); }},
         BadCase{"FeatureX", "map_features[2].x[1]", "nan",
                 [](auto* s) { s->mutable_map_features(2)->set_x(1, kNan); }},
@@ -205,7 +205,7 @@ INSTANTIATE_TEST_SUITE_P(
                 }},
         BadCase{"FeatureTypeUnspecified", "map_features[0].type", "is not stated",
                 [](auto* s) { s->mutable_map_features(0)->clear_type(); }},
-        BadCase{"FeatureTypeUnknown", "map_features[0].type", "10 is no known map feature type",
+        BadCase{"FeatureTypeUnknown", "map_features[0].type", "10 is not a known map feature type",
                 [](auto* s) {
                   s->mutable_map_features(0)->set_type(static_cast<v1::MapFeatureType>(10));
                 }},
@@ -220,7 +220,7 @@ INSTANTIATE_TEST_SUITE_P(
             "ReadingTimeNan", "traffic_signals[0].readings[3].time", "nan",
             [](auto* s) { s->mutable_traffic_signals(0)->mutable_readings(3)->set_time(kNan); }},
         BadCase{"ReadingState", "traffic_signals[0].readings[2].state",
-                "-1 is no known traffic signal state",
+                "-1 is not a known traffic signal state",
                 [](auto* s) {
                   s->mutable_traffic_signals(0)->mutable_readings(2)->set_state(
                       static_cast<v1::TrafficSignalState>(-1));

@@ -95,7 +95,7 @@ class TagQueryTest : public ::testing::Test {
   TagSet set_;
 };
 
-TEST_F(TagQueryTest, AShardWithoutTagsIsCounted) {
+TEST_F(TagQueryTest, CountsShardsWithoutTagsAsMissing) {
   EXPECT_EQ(set_.missing, 1);
   EXPECT_EQ(Ask({}).all.rows, 3);
 }
@@ -111,7 +111,7 @@ TEST_F(TagQueryTest, AShardThatCannotMatchIsNotRead) {
   // The damage is in a shard whose head says that it has no such action, and none that far west.
   const auto file = folder_.path() / "tags/town-b.tags";
   std::string bytes = *files::ReadFile(file);
-  // The columns of two rows have 192 bytes, and the head is in front of them.
+  // The columns of two rows take 192 bytes, after the header.
   for (size_t i = bytes.size() - 184; i < bytes.size(); ++i) bytes[i] ^= 1;
   WriteBytes(file, bytes);
   const TagSet damaged = *TagSet::Open({folder_.path() / "tags"});
@@ -127,7 +127,7 @@ TEST_F(TagQueryTest, AShardThatCannotMatchIsNotRead) {
   EXPECT_EQ(Find(damaged, query)->all.rows, 1);
 }
 
-TEST_F(TagQueryTest, AnUnknownActionIsRefusedWithThoseThereAre) {
+TEST_F(TagQueryTest, RefusesAnUnknownActionAndListsTheKnownOnes) {
   TagQuery query;
   query.actions = {"flies"};
   const absl::Status status = Find(set_, query).status();

@@ -49,11 +49,11 @@ TEST_F(JobMemoryTest, DataThatFitTakeFiveTimesTheirSize) {
   EXPECT_EQ(memory.data_bytes(), 10 * bytes_);
 }
 
-TEST_F(JobMemoryTest, LargerDataTakeTheDataMemoryAndAnIndex) {
+TEST_F(JobMemoryTest, DataBeyondTheLimitCountAsTheLimitPlusAnIndex) {
   const v1::JobMemory memory = Estimate(training_, 10 * bytes_ - 5);
   EXPECT_FALSE(memory.data_fit());
   EXPECT_EQ(memory.data_bytes(), 10 * bytes_ - 5 + 80 * 200);
-  // Calibration by the fewest examples: 100 held-out ones.
+  // Calibration then uses the fewest examples: 100 held-out ones.
   EXPECT_LT(memory.working_bytes(), Estimate(training_, 10 * bytes_).working_bytes());
 }
 

@@ -14,10 +14,10 @@ namespace {
 
 class PredictStreamTest : public ServerTest {};
 
-// Bytes that are a StreamPredictRequest but for the scenes in it, which would not parse.
-std::string WithoutSense(int timeout_nanos) {
+// Returns a StreamPredictRequest whose `request` field cannot be parsed.
+std::string Unparseable(int timeout_nanos) {
   v1::StreamPredictRequest request;
-  request.set_request_id("no sense");
+  request.set_request_id("unparseable");
   if (timeout_nanos > 0) request.mutable_timeout()->set_nanos(timeout_nanos);
   return request.SerializeAsString() + "\x12\x03\xff\xff\xff";
 }
@@ -81,13 +81,13 @@ TEST_F(PredictStreamTest, RefusesATooCloseDeadlineBeforeParsingTheRequest) {
     v1::StreamPredictResponse response;
     EXPECT_TRUE(answer.DumpToSingleSlice(&whole).ok());
     EXPECT_TRUE(response.ParseFromArray(whole.begin(), static_cast<int>(whole.size())));
-    EXPECT_EQ(response.request_id(), "no sense");
+    EXPECT_EQ(response.request_id(), "unparseable");
     return response.error().code();
   };
   constexpr int kMillisecond = 1'000'000;
-  EXPECT_EQ(ask(WithoutSense(100 * kMillisecond)), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(ask(Unparseable(100 * kMillisecond)), grpc::StatusCode::INVALID_ARGUMENT);
 
-  // Both workers are at work, and others wait for them.
+  // Both workers are busy and other requests wait.
   networks_.CloseGate();
   grpc::ClientContext waiting_context;
   const auto waiting = stub_->StreamPredict(&waiting_context);
@@ -96,8 +96,8 @@ TEST_F(PredictStreamTest, RefusesATooCloseDeadlineBeforeParsingTheRequest) {
   const size_t warm_up = networks_.batches().size();
   for (int i = 0; i < 60; ++i) ASSERT_TRUE(waiting->Write(request));
   networks_.AwaitBatches(warm_up + 2);
-  EXPECT_EQ(ask(WithoutSense(kMillisecond)), grpc::StatusCode::RESOURCE_EXHAUSTED);
-  EXPECT_EQ(ask(WithoutSense(0)), grpc::StatusCode::INVALID_ARGUMENT);  // who has time
+  EXPECT_EQ(ask(Unparseable(kMillisecond)), grpc::StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_EQ(ask(Unparseable(0)), grpc::StatusCode::INVALID_ARGUMENT);  // without a deadline
   networks_.OpenGate();
   waiting_context.TryCancel();
   waiting->Finish();

@@ -54,7 +54,7 @@ TEST(StreamOutlineTest, OmitsFieldsThatAreNotSet) {
 }
 
 TEST(StreamOutlineTest, DoesNotParseTheScenes) {
-  // Field 2, three bytes that are no message; then field 1.
+  // Field 2, three bytes that are not a message; then field 1.
   const auto outline = ReadStreamOutline(InSlices(std::string("\x12\x03\xff\xff\xff\x0a\x01z"), 2));
   ASSERT_TRUE(outline.has_value());
   EXPECT_EQ(outline->request_id, "z");
@@ -93,7 +93,7 @@ TEST(CountTargetsTest, CountsPackedAndUnpackedIds) {
   EXPECT_EQ(CountTargets(InSlices(request, 3)), 4u);
 }
 
-// Field 3 as eight bytes is no target_ids. One id follows.
+// Field 3 as eight bytes is not target_ids. One id follows.
 TEST(CountTargetsTest, PassesOverAFieldThatTheParserPassesOver) {
   const std::string bytes("\x12\x0b\x19........\x18\x07", 13);
   v1::PredictRequest request;

@@ -422,7 +422,7 @@ TEST_F(ServerTest, AnswersRefusedEmptyAndMalformedCallsOfEachKind) {
     stream->Write({});
     EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::UNAUTHENTICATED);
   }
-  // Let in, but with bytes that are no message, and with no message at all.
+  // Let in, but with bytes that are not a message, and with no message at all.
   for (const auto& to : {channel_, channel}) {
     grpc::ByteBuffer answer;
     const grpc::Status status =
@@ -536,7 +536,8 @@ TEST_F(ServerTest, AcceptsADeadlineCenturiesAhead) {
   }
 }
 
-// gRPC 1.51 sends no GOAWAY then: it ends every call of the connection with a status, and closes it.
+// gRPC 1.51 sends no GOAWAY then: it ends every call of the connection with a status, and closes
+// it.
 TEST_F(ServerTest, HeadersOverTheLimitEndTheConnectionWithAClearStatus) {
   Publish();
   maneuver::integration::RawHttp2 caller(server_->address().ToString());

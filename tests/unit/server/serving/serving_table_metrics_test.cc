@@ -57,7 +57,7 @@ TEST_F(ServingTableMetricsTest, CountsASwapWhenAnAliasMoves) {
   ASSERT_TRUE(table_->SetAlias({"town", "serving"}, 2).ok());  // it does already
   EXPECT_THAT(Page(), HasSubstr(Swaps("serving", 2)));
   EXPECT_THAT(Page(), HasSubstr(Swaps("candidate", 0)));
-  // Names of aliases are callers': they are no labels.
+  // Names of aliases are callers': they are not labels.
   ASSERT_TRUE(table_->SetAlias({"town", "friday"}, 1).ok());
   EXPECT_THAT(Page(), HasSubstr(Swaps("other", 1)));
   EXPECT_THAT(Page(), Not(HasSubstr("friday")));

@@ -69,14 +69,14 @@ TEST(ArgoverseReaderTest, TracksKeepTheirPositionsAndGetVelocitiesAndHeadings) {
   }
 }
 
-TEST(ArgoverseReaderTest, TheAgentIsTheTargetTwoSecondsIn) {
+TEST(ArgoverseReaderTest, TheAgentIsTheTargetAtTheTwentiethTime) {
   const v1::Scenario scenario = Parsed(ArgoverseSequence());
   EXPECT_THAT(scenario.target_ids(), ElementsAre(AgentId("agent")));
   EXPECT_NEAR(scenario.prediction_time(), 1.9, 1e-6);
   EXPECT_FALSE(scene::ValidateTarget(scenario, 0, 0.05));
 }
 
-TEST(ArgoverseReaderTest, OthersHaveNoTypeAndGiveNoExamples) {
+TEST(ArgoverseReaderTest, OnlyAvAndAgentHaveAType) {
   const v1::Scenario scenario = Parsed(ArgoverseSequence());
   EXPECT_EQ(AgentOf(scenario, "av").type(), v1::AGENT_TYPE_VEHICLE);
   EXPECT_EQ(AgentOf(scenario, "parked").type(), v1::AGENT_TYPE_UNSPECIFIED);
@@ -92,13 +92,13 @@ TEST(ArgoverseReaderTest, SequencesOfOneDriveArePartsOfOneRecording) {
   EXPECT_NE(WithoutPart(id(first)), WithoutPart(id(first + 610.0)));
 }
 
-TEST(ArgoverseReaderTest, TheMapAroundTheCarsIsTaken) {
+TEST(ArgoverseReaderTest, ImportsTheMapAroundAvAndAgent) {
   const CityMaps maps = Maps();
   const v1::Scenario scenario = Parsed(ArgoverseSequence(), &maps);
   std::vector<int64_t> lanes;
   for (const v1::MapFeature& lane : scenario.map_features()) lanes.push_back(lane.id());
   EXPECT_THAT(lanes, ElementsAre(1, 2, 3, 4));  // 5 is kilometres away
-  // Who never moves has the heading of the lane that it stands on.
+  // An agent that never moves has the heading of its lane.
   EXPECT_NEAR(std::abs(AgentOf(scenario, "parked").states(0).heading()), std::numbers::pi, 1e-6);
   const auto elsewhere =
       ParseArgoverse(absl::StrReplaceAll(ArgoverseSequence(), {{",PIT", ",MIA"}}), "1", &maps);
@@ -128,8 +128,8 @@ TEST(ArgoverseReaderTest, NamesTheRowAndTheColumnThatAreWrong) {
             .message());
   };
   const std::string row = kFirstRow;
-  EXPECT_EQ(problem(row, "soon,av,AV,0,0,PIT"), "row 2: TIMESTAMP 'soon' is no number");
-  EXPECT_EQ(problem(row, "1,av,AV,,0,PIT"), "row 2: X '' is no number");
+  EXPECT_EQ(problem(row, "soon,av,AV,0,0,PIT"), "row 2: TIMESTAMP 'soon' is not a number");
+  EXPECT_EQ(problem(row, "1,av,AV,,0,PIT"), "row 2: X '' is not a number");
   EXPECT_THAT(problem(row, "1,av,AV,nan,0,PIT"), HasSubstr("row 2: X 'nan' must lie within"));
   EXPECT_THAT(problem(row, "1,av,AV,0,1e300,PIT"), HasSubstr("row 2: Y '1e300' must lie within"));
   EXPECT_THAT(problem(row, "1e12,av,AV,0,0,PIT"), HasSubstr("row 2: TIMESTAMP"));

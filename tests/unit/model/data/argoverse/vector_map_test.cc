@@ -74,7 +74,7 @@ TEST_F(VectorMapTest, NeighborsRunTheSameWay) {
 
 TEST_F(VectorMapTest, NamesTheElementThatIsDamagedAndReadsTheOthers) {
   EXPECT_THAT(Damages("lane_id=\"1\"", "lane_id=\"one\""),
-              ElementsAre("map.xml: way: lane_id 'one' is no whole number"));
+              ElementsAre("map.xml: way: lane_id 'one' is not a whole number"));
   EXPECT_THAT(Damages("lane_id=\"2\"", "lane_id=\"1\""),
               ElementsAre("map.xml: way 1: another way has this lane_id"));
   EXPECT_THAT(Damages("ref=\"8\"", "ref=\"88\""),
@@ -85,7 +85,7 @@ TEST_F(VectorMapTest, NamesTheElementThatIsDamagedAndReadsTheOthers) {
               ElementsAre("map.xml: way 2: successor '9 9' is neither a lane nor None"));
   for (const char* wrong : {"nan", "inf", "1e300", "", "east"}) {
     EXPECT_THAT(Damages("x=\"5050\"", std::string("x=\"") + wrong + "\"")[0],
-                HasSubstr("map.xml: node 8: x '" + std::string(wrong) + "' is no coordinate"));
+                HasSubstr("map.xml: node 8: x '" + std::string(wrong) + "' is not a coordinate"));
   }
 }
 

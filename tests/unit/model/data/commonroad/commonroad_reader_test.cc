@@ -234,7 +234,8 @@ TEST(CommonRoadTest, ErrorsNameTheElement) {
   EXPECT_THAT(problem(File("2020a", car + "<lanelet id=\"5\"/>")), HasSubstr("lanelet 5"));
   std::string wrong = car;
   wrong.replace(wrong.find("<length>4.5"), 11, "<length>wide");
-  EXPECT_THAT(problem(File("2020a", wrong)), HasSubstr("obstacle 7: shape: length is no number"));
+  EXPECT_THAT(problem(File("2020a", wrong)),
+              HasSubstr("obstacle 7: shape: length is not a number"));
   wrong = car;
   wrong.replace(wrong.find("<exact>2.0"), 10, "<exact>1.0");
   EXPECT_THAT(problem(File("2020a", wrong)), HasSubstr("later than the one before"));

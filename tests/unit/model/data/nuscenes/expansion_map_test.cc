@@ -86,7 +86,7 @@ TEST_F(ExpansionMapTest, EitherLaneDeclaresThatOneFollowsTheOther) {
   EXPECT_THAT(Lane(kTwo).successor_ids(), IsEmpty());
 }
 
-TEST_F(ExpansionMapTest, CountsLinksToLanesThatAreNotThereAndGoesOn) {
+TEST_F(ExpansionMapTest, CountsLinksToMissingLanesAndReadsOn) {
   const auto map = Read();
   ASSERT_TRUE(map.ok());
   EXPECT_EQ(map->open_links, 1);  // of "one" to "gone"
@@ -175,7 +175,7 @@ TEST_F(ExpansionMapTest, NamesTheRowThatIsDamagedAndReadsTheOthers) {
   EXPECT_THAT(damages(map), ElementsAre(HasSubstr("is there twice")));
 }
 
-TEST_F(ExpansionMapTest, SaysThatAFileIsNoMapExpansion) {
+TEST_F(ExpansionMapTest, RefusesAFileThatIsNotAMapExpansion) {
   map_ = {{"version", "1.0"}, {"node", json::array()}};
   EXPECT_THAT(std::string(Read().status().message()), HasSubstr("no map expansion of nuScenes"));
   map_.erase("node");
