@@ -142,8 +142,8 @@ class Client {
   absl::StatusOr<v1::Dataset> UploadDataset(const std::string& folder, const std::string& name,
                                             const OnUploaded& on_progress,
                                             const CallOptions& call = {});
-  // Makes a folder on the server's disk a dataset in place. The server reads all of it first, so the
-  // default deadline is that of uploads.
+  // Makes a folder on the server's disk a dataset in place. The server reads all of it first, so
+  // the default deadline is that of uploads.
   absl::StatusOr<v1::Dataset> RegisterDataset(const v1::RegisterDatasetRequest& request,
                                               const CallOptions& call = {});
   absl::StatusOr<v1::ListDatasetsResponse> ListDatasets(const v1::ListDatasetsRequest& request,
@@ -179,7 +179,7 @@ class Client {
                                    const std::function<bool(const v1::Job&)>& on_event,
                                    const CallOptions& call = {});
 
-  // For operators.
+  // Return and change the lowest level that the server logs. For operators.
   absl::StatusOr<v1::GetLogLevelResponse> GetLogLevel(const v1::GetLogLevelRequest& request,
                                                       const CallOptions& call = {});
   absl::StatusOr<v1::SetLogLevelResponse> SetLogLevel(const v1::SetLogLevelRequest& request,

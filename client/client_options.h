@@ -41,8 +41,8 @@ struct ClientOptions {
   std::string token_file = "";  // in place of `token`; read by Connect
   CallDeadlines deadlines = {};
   RetryPolicy retry = {};
-  // Retries StartPrediction too. gRPC itself does so: as `retry` says, but at most five times, and
-  // not after many recent failures.
+  // Also retries StartPrediction. gRPC does these retries: with the backoff of `retry`, but at most
+  // five attempts, and none after many recent failures.
   bool retry_started = false;
   // When the server rejects more than a sixth of the predictions as too many, or runs out of time
   // for them, the client sends only about a fifth more than the server accepts. That is enough to
@@ -56,8 +56,8 @@ struct ClientOptions {
   absl::Duration watch_patience = absl::Minutes(1);
   OnRetry on_retry = {};        // called before each wait; may be empty
   std::string user_agent = "";  // goes before gRPC's own
-  // By default, clients of the same address share one connection, on which a server takes a limited
-  // number of calls at once; further calls wait. True: this client has its own connection.
+  // Gives this client its own connection. By default, clients of the same address share one. A
+  // server limits the calls in flight on each connection; further calls wait.
   bool own_connection = false;
 };
 
@@ -69,9 +69,9 @@ struct CallOptions {
 
 // The progress of an upload or a download, in bytes of files.
 struct UploadProgress {
-  int64_t there = 0;    // at the receiver, or on the way to it
-  int64_t total = 0;    // of all files
-  int64_t resumed = 0;  // of `there`: before this call
+  int64_t there = 0;    // bytes that the receiver has or that are on the way to it
+  int64_t total = 0;    // bytes of all files
+  int64_t resumed = 0;  // the part of `there` that arrived before this call
 };
 using OnUploaded = std::function<void(const UploadProgress&)>;
 

@@ -13,7 +13,7 @@ namespace maneuver::client {
 // Returns the SHA-256 of the whole file in lower-case hexadecimal. NOT_FOUND if it cannot be
 // opened, DATA_LOSS if it cannot be read to its end.
 absl::StatusOr<std::string> Sha256OfFile(const std::string& file);
-// The same of bytes.
+// Returns the SHA-256 of bytes in the same form.
 std::string Sha256Of(absl::string_view bytes);
 
 }  // namespace maneuver::client

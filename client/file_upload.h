@@ -24,10 +24,11 @@ using ArrivedBytes = google::protobuf::RepeatedField<int64_t>;  // [files] bytes
 
 // What differs between one kind of upload and another.
 struct UploadCalls {
-  // Whether a commit of equal files before this upload counts as the commit of this upload.
+  // If the server committed equal files before this upload began, whether that completes this
+  // upload.
   bool may_be_committed_before = false;
-  // Asks the server which bytes have arrived, and sets *arrived. Sets *committed if the server
-  // already has what the files are to become, and gives it to the caller.
+  // Asks the server which bytes have arrived, and sets *arrived. If the server has already
+  // committed these files, sets *committed and passes the result on to the caller.
   std::function<grpc::Status(grpc::ClientContext& context, ArrivedBytes* arrived, bool* committed)>
       ask;
   // Sends a header, then the chunks that `send_chunks` makes. `send_chunks` is given a function

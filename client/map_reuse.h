@@ -28,8 +28,8 @@ class MapReuse {
   // Remembers the `max_maps` most recently used maps, with their features.
   explicit MapReuse(Client& client, size_t max_maps = 16);
 
-  // The same as Client's calls. CallOptions::timeout covers everything that is sent for the
-  // request.
+  // Behave like the calls of Client. CallOptions::timeout covers everything that is sent for the
+  // request, including the registration of maps.
   absl::StatusOr<v1::PredictActionProbabilitiesResponse> PredictActionProbabilities(
       v1::PredictActionProbabilitiesRequest request, const CallOptions& call = {});
   absl::StatusOr<v1::PredictActionDistributionsResponse> PredictActionDistributions(

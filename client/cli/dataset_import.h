@@ -81,7 +81,7 @@ void AddImportOptions(Command& command, ImportArguments& arguments, const std::s
 int RunImport(const ImportArguments& arguments, const ImportFormat& format,
               Environment& environment);
 
-// The formats.
+// Each of these adds the command of one format.
 void AddImportWaymo(Command& import, Environment& environment);
 void AddImportCommonRoad(Command& import, Environment& environment);
 void AddImportNuScenes(Command& import, Environment& environment);

@@ -68,9 +68,10 @@ class Environment {
   // Writes to `errors` why a command failed and what to do; returns kFailed. With --output json it
   // writes one line of JSON: {"error": {"code", "reason", "message"}}.
   int Fail(const absl::Status& status);
-  // As Fail, for a local file or folder, which the message names first.
+  // Does the same as Fail for an error about a local file or folder. The message begins with
+  // `path`.
   int FailAt(const std::string& path, const absl::Status& status);
-  // As Fail, for an invalid command line; returns kUsage.
+  // Reports an invalid command line in the same form as Fail. Returns kUsage.
   int Refuse(const std::string& message);
   // Returns what Fail says: the message, what to do, then each wrong field on its own line.
   std::string Explain(const absl::Status& status) const;

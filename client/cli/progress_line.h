@@ -20,15 +20,15 @@ enum class ProgressForm {
   kJson,  // {"progress": {"fraction": 0.5, ...}}, one line each time
 };
 
-// Shows at most ten states a second; as JSON also the last one.
+// Shows progress at most ten times a second. With kJson it always shows the last state too.
 class ProgressLine {
  public:
   ProgressLine(std::ostream& err, ProgressForm form) : err_(err), form_(form) {}
   ~ProgressLine() { Clear(); }
 
   void Show(double fraction, const std::string& text);
-  // Shows a detailed message, for programs. Shows every message, however fast they follow. For
-  // kJson.
+  // Writes a detailed message for programs. Writes every message, without a limit on their rate.
+  // Call it only with kJson.
   void ShowJson(const google::protobuf::Message& progress);
   // Removes the line, before something else is printed.
   void Clear();

@@ -32,8 +32,8 @@ absl::Status PrepareReport(const ReportFiles& files);
 // Writes the requested files about what the job trained or measured. Returns an ExitCode.
 int WriteJobReport(const std::string& job, const ReportFiles& files, Environment& environment);
 
-// As WriteJobReport, for a job that WatchToEnd has watched. If the job is still running, says how
-// to get the report later.
+// Does the same as WriteJobReport for a job that WatchToEnd has watched. If the job is still
+// running, prints how to get the report later.
 int WriteReportOfWatched(const std::string& job, const ReportFiles& files,
                          Environment& environment);
 

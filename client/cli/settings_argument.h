@@ -20,8 +20,8 @@ namespace maneuver::cli {
 // proto3 JSON. INVALID_ARGUMENT lists the fields that exist, or says what the field accepts.
 absl::Status SetField(const std::string& assignment, google::protobuf::Message* message);
 
-// As SetField on ExampleSettings. `assignment` may begin with "examples.", as in TrainingSettings:
-// "examples.stride=1s" and "stride=1s" are the same.
+// Sets a field of ExampleSettings, as SetField does. `assignment` may begin with "examples.", as in
+// TrainingSettings: "examples.stride=1s" and "stride=1s" are the same.
 absl::Status SetExampleField(const std::string& assignment, v1::ExampleSettings* examples);
 
 // Returns FIELD=0 for each number that TrainingSettings in proto3 JSON gives as 0, for
@@ -37,7 +37,7 @@ absl::Status RefuseUnheardZeros(const std::vector<std::string>& assignments,
 
 // Sets the number of waypoints that a horizon takes, at the waypoint interval of the settings or of
 // their preset. INVALID_ARGUMENT if the horizon is not a whole number of intervals.
-//   horizon: in seconds, "5s" or "5".
+//   horizon: seconds, "5s" or "5".
 absl::Status SetHorizon(const std::string& horizon, v1::TrainingSettings* settings);
 
 }  // namespace maneuver::cli

@@ -25,7 +25,7 @@ google::protobuf::Duration ToDuration(double seconds);
 // Returns the text with control characters escaped as \x1b or \u009b, so that an id or a label from
 // elsewhere cannot control the terminal. Everything else is unchanged.
 std::string Printable(std::string_view text);
-// As Printable, but keeps ends of lines.
+// Does the same as Printable, but keeps line breaks.
 std::string PrintableLines(std::string_view text);
 
 }  // namespace maneuver::cli

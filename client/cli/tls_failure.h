@@ -10,7 +10,7 @@ namespace maneuver::cli {
 // Says what was wrong with a failed TLS handshake, and what to do about it; empty if `message` is
 // not about a handshake. gRPC does not say why it refused a certificate. So this connects to the
 // server once more, for at most two seconds, and asks OpenSSL.
-//   message: of the failed call, as gRPC words it.
+//   message: gRPC's message for the failed call.
 //   server: HOST:PORT. Without a port, or with several servers, the explanation stays general.
 //   authority: PEM file of the authority that must have signed the server's certificate; empty: the
 //     system's authorities.

@@ -23,14 +23,14 @@ struct OpenLoop {
   ArrivalProcess arrivals = ArrivalProcess::kPoisson;
 };
 
-// `callers` callers. Each calls again as soon as its call was answered or timed out; this measures
-// the server's capacity. After any other end a caller first waits as long as the server said, and
-// at least 10 ms.
+// Each caller calls again as soon as its call was answered or timed out. This measures the server's
+// capacity. If a call ended in another way, its caller first waits for the retry delay that the
+// server sent, and for at least 10 ms.
 struct ClosedLoop {
   int callers = 1;
 };
 
-// The time that a call may take, milliseconds, drawn uniformly for each.
+// The deadline of a call, in milliseconds from when the call is due. Drawn uniformly for each call.
 struct DeadlineRange {
   double least = 0.0;
   double most = 0.0;
@@ -40,9 +40,8 @@ struct LoadPlan {
   std::variant<OpenLoop, ClosedLoop> loop = ClosedLoop{};
   std::chrono::nanoseconds warm_up{0};  // not measured
   std::chrono::nanoseconds duration{std::chrono::seconds(10)};
-  std::optional<int64_t> calls = {};  // ends after this many, warm-up included
-  std::optional<DeadlineRange> deadline =
-      {};  // counted from when a call was due; nothing: `patience`
+  std::optional<int64_t> calls = {};           // ends after this many, warm-up included
+  std::optional<DeadlineRange> deadline = {};  // without it, a call may take `patience`
   // For an open loop. Calls beyond this wait for their turn and are late.
   int max_in_flight = 10'000;
   // How long a call without a deadline may take.
@@ -72,8 +71,8 @@ struct Progress {
   int64_t in_flight = 0;
 };
 
-// Runs the plan to its end and waits for the calls that were due until then, for as long as those
-// may take. Returns the results. When it returns, no call is in progress.
+// Runs the plan to its end, then waits until every call that was due has ended or reached its
+// deadline. Returns the results. When it returns, no call is in progress.
 //   timeline: must outlive the callee's calls.
 //   stop: once cancelled, calls in progress are abandoned and the window ends.
 //   on_progress: called about every 100 ms; may be empty.

@@ -22,7 +22,7 @@ struct ActionGalleryOptions {
 // all panels and its id at the end. A dashed line shows where a target would be that keeps its
 // speed. A legend has ids, names and usage. Axes in metres, with one scale per panel. Returns a PNG
 // file; the same input gives the same file.
-//   sets: of one model version, each with its `speed`.
+//   sets: action sets of one model version, each with its `speed`.
 // INVALID_ARGUMENT if there is no set, a set has no speed or no actions, a trajectory has unequal
 // numbers of x and y, or the size is out of range.
 absl::StatusOr<std::string> DrawActionGallery(std::span<const v1::ActionSet> sets,

@@ -64,7 +64,7 @@ class Canvas {
 
   // Draws one line of text. Characters outside ASCII become '?', because the font has no others.
   //   baseline: position of the first, middle or last letter.
-  //   height: of a capital letter, pixels.
+  //   height: height of a capital letter, pixels.
   void Text(const std::string& text, const Pixel& baseline, double height, Color color,
             Anchor anchor = Anchor::kLeft, bool bold = false);
   // Draws text turned a quarter counter-clockwise about its middle.

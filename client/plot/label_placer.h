@@ -30,7 +30,7 @@ class LabelPlacer {
 
   // Finds the free place for a label that is nearest to a point, at most `farthest` pixels from it,
   // and occupies it. Returns nothing if there is none. Tries the right side first.
-  //   height: of the bold capital letters, pixels.
+  //   height: height of the bold capital letters, pixels.
   std::optional<Placement> Place(const Pixel& point, const std::string& text, double height,
                                  double farthest);
 

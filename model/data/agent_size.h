@@ -12,7 +12,7 @@ struct AgentSize {
   float width = 0.0F;   // metres
 };
 
-// Returns the medians of recordings that state sizes, by type.
+// Returns the median size of agents of a type, over recordings that state sizes.
 AgentSize TypicalSize(v1::AgentType type);
 
 }  // namespace maneuver::data

@@ -16,9 +16,9 @@
 
 namespace maneuver::data {
 
-// Where each recording of a folder is, by one index file beside each shard (".<shard>.index"). Takes
-// about 100 bytes of memory a recording, whatever the recordings' size. Immutable; safe to use from
-// any thread.
+// Where each recording of a folder is, by one index file beside each shard (".<shard>.index").
+// Takes about 100 bytes of memory a recording, whatever the recordings' size. Immutable; safe to
+// use from any thread.
 class RecordingIndex {
  public:
   struct Entry {
@@ -43,7 +43,7 @@ class RecordingIndex {
                                                   const v1::Shard& shard,
                                                   const Report& report = {});
 
-  // All recordings, in the order of ForEachScenario.
+  // Returns all recordings, in the order of ForEachScenario.
   const std::vector<Entry>& entries() const { return entries_; }
   // Returns the number of the recording with this id, or -1.
   int64_t Find(const std::string& scenario_id) const;

@@ -38,7 +38,7 @@ namespace maneuver::evaluation {
 absl::StatusOr<v1::ActionMatching> MatchActions(const v1::ModelManifest& first,
                                                 const v1::ModelManifest& second);
 
-// The same with other shares than those of the manifests, [K] each.
+// Does the same with the given shares, [K] each, in place of those in the manifests.
 absl::StatusOr<v1::ActionMatching> MatchActions(const v1::ModelManifest& first,
                                                 const Eigen::VectorXd& first_shares,
                                                 const v1::ModelManifest& second,

@@ -10,8 +10,9 @@
 
 namespace maneuver::evaluation {
 
-// A table of the pairs, closest first, with what is left over; then the figures. Lines end in '\n'.
-//   first_names, second_names: what to call the actions of either model, by id. [K]
+// Returns a table of the pairs, closest first, then the actions without a partner, then the
+// figures. Lines end in '\n'.
+//   first_names, second_names: names of each model's actions, by id. [K]
 std::string ActionMatchingText(const v1::ActionMatching& matching,
                                std::span<const std::string> first_names,
                                std::span<const std::string> second_names);

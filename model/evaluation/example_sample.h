@@ -23,7 +23,7 @@ class ExampleSample {
   //   count: how many examples are kept, at most
   explicit ExampleSample(size_t count) : count_(count) {}
 
-  //   recording: of the example
+  //   recording: the recording that contains the example
   void Add(const v1::Scenario& recording, const data::Example& example,
            const Measurement& measured);
 

@@ -42,12 +42,13 @@ std::string_view Name(KinematicClass kinematic_class);
 //   trajectory: target frame, starts at the origin along +x.
 double FinalHeadingChange(const inference::Trajectory& trajectory);
 
-// Whether the first metre of travel goes to the rear.
+// Returns whether the first metre of travel goes to the rear.
 //   trajectory: target frame
 bool SetsOffBackwards(const inference::Trajectory& trajectory);
 
-// How far the end is to the left (positive) of where turning alone leads, metres. With (dx, dy) the
-// last waypoint and h = `heading_change`, dy - dx tan(h / 2): an arc's chord points along h / 2.
+// Returns how far the end is to the left (positive) of where an arc with the same heading change
+// ends, metres. With (dx, dy) the last waypoint and h = `heading_change`, that is dy - dx tan(h /
+// 2), because an arc's chord points along h / 2.
 //   trajectory: target frame
 //   heading_change: FinalHeadingChange(trajectory); less than pi
 double SidewaysShift(const inference::Trajectory& trajectory, double heading_change);
@@ -65,7 +66,7 @@ double SidewaysShift(const inference::Trajectory& trajectory, double heading_cha
 // No threshold depends on the horizon. Within 3 s few lane changes are complete, and a slow vehicle
 // may count as stationary.
 //   waypoint_times: [T] seconds
-//   type: of the agent with this trajectory
+//   type: the type of the agent
 KinematicClass Classify(const inference::Trajectory& trajectory,
                         std::span<const double> waypoint_times,
                         v1::AgentType type = v1::AGENT_TYPE_VEHICLE);

@@ -58,7 +58,7 @@ std::string_view Name(RelativeClass relative_class);
 //   trajectory: [T, 2] target frame, metres
 //   waypoint_times: [T] seconds, increasing
 //   present_speed: at the prediction time, m/s
-//   type: of the agent with this trajectory
+//   type: the type of the agent
 RelativeClass ClassifyRelative(const inference::Trajectory& trajectory,
                                std::span<const double> waypoint_times, double present_speed,
                                v1::AgentType type = v1::AGENT_TYPE_VEHICLE);

@@ -47,8 +47,8 @@ class WaymoMeasure {
   // Returns the errors of the best of the first k of `ranked`. k may exceed their number. Needs at
   // least one measured time. Predictions and truth are interpolated linearly between waypoints, and
   // from the origin before the first.
-  //   truth_headings: of the target at each measured time, target frame, radians.
-  //   initial_speed: of the target at the prediction time, m/s.
+  //   truth_headings: heading of the target at each measured time, target frame, radians.
+  //   initial_speed: speed of the target at the prediction time, m/s.
   WaymoErrors BestOf(std::span<const Trajectory> ranked, int k, const Trajectory& truth,
                      std::span<const double> truth_headings, double initial_speed) const;
 

@@ -96,7 +96,7 @@ class UploadStaging {
 
   const std::filesystem::path folder_;
   Mutex mutex_;
-  // What each slot has announced, by its name, and the sum of all.
+  // Bytes that each slot has announced, by the slot's name, and their sum.
   std::map<std::string, Bytes> announced_ ABSL_GUARDED_BY(mutex_);
   Bytes under_way_ ABSL_GUARDED_BY(mutex_);
   std::map<std::string, std::weak_ptr<Slot>> slots_ ABSL_GUARDED_BY(mutex_);

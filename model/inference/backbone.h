@@ -36,8 +36,9 @@ class Backbone {
   Backbone(const Backbone&) = delete;
   Backbone& operator=(const Backbone&) = delete;
 
+  // Returns the memory of the packed weights, bytes.
   size_t bytes() const;
-  // The scratch refers to this backbone.
+  // Makes a scratch. This backbone must outlive it.
   ScratchPointer NewScratch() const;
 
   // Evaluates the layers on the calling thread.

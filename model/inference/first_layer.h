@@ -27,7 +27,7 @@ class FirstLayer {
    public:
     explicit Scratch(const FirstLayer& layer)
         : map_pixels_(layer.layer_.input.height, layer.layer_.input.width), pixels_(map_pixels_) {}
-    // The pixels of the last raster given to Look that are nonzero in any channel.
+    // Returns the pixels that are nonzero in any channel of the last raster given to Look.
     const CellMask& pixels() const { return pixels_; }
 
    private:

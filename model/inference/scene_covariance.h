@@ -33,7 +33,7 @@ class SceneCovariance {
   // factors of the bin that |speed| falls in.
   //   features: [F] of the scene
   //   mean: [T, 2] of the action, target frame, metres, the reference included
-  //   speed: of the target at the prediction time, m/s
+  //   speed: speed of the target at the prediction time, m/s
   Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> Evaluate(const float* features, int k,
                                                                      const Trajectory& mean,
                                                                      double speed,

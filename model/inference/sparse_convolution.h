@@ -24,12 +24,12 @@ class SparseConvolution {
   struct Values {
     struct Pixel {
       int column;
-      int begin, end;  // in values
+      int begin, end;  // indices into `values`
     };
     int count = 0;                            // of values
     std::vector<kernels::PixelValue> values;  // pixel by pixel, then by channel; may be longer
-    std::vector<Pixel> pixels;                // with any nonzero value
-    std::vector<int> rows;                    // [H + 1], in pixels
+    std::vector<Pixel> pixels;                // those with any nonzero value, row by row
+    std::vector<int> rows;                    // [H + 1], index into `pixels` where a row begins
 
    private:
     friend class SparseConvolution;
@@ -47,11 +47,11 @@ class SparseConvolution {
     std::vector<Eight> in_eight;
   };
 
-  // Returns whether a layer is supported: its outputs must fill vectors.
+  // Returns whether a layer is supported. Its output channels must fill whole vectors.
   static bool Takes(const artifact::BackboneLayer& layer);
 
-  // Prepares the channels from `first_channel` on of a layer that reads the raster's bytes
-  // directly.
+  // Prepares the kernel for the layer's channels from `first_channel` on. The layer must read the
+  // raster's bytes directly.
   //   max_nonzero_share: the largest share of these channels' values that may be nonzero
   SparseConvolution(const artifact::BackboneLayer& layer, const FoldedConvolution& folded,
                     int first_channel, double max_nonzero_share);

@@ -72,7 +72,7 @@ class CellConvolution {
 
   // Evaluates the given cells.
   //   input: [rows, row_values] with its padding;  row_values: from a row to its next
-  //   output: of each cell [C'], bf16 or floats
+  //   output: [C'] for each cell, bf16 or floats
   void Evaluate(const void* input, ptrdiff_t row_values, std::span<const Cell> cells,
                 void* output) const;
 

@@ -45,7 +45,7 @@ class NonzeroValues {
   void Convolve(const ConvolutionShape& shape, const float* weight, float* output) const;
 
   // Accumulates dL/dweight from dL/doutput. `weight_gradient` is laid out as the weight.
-  //   gradient: of the output, laid out as the output
+  //   gradient: dL/doutput, in the layout of the output
   void AddWeightGradient(const ConvolutionShape& shape, const float* gradient,
                          float* weight_gradient) const;
 

@@ -13,7 +13,7 @@ namespace maneuver::learning {
 //   -E sum_y q(y|x,s) 1/T sum_t ln N(x_t; m_yt, latent_yt + Sigma_t(z_y)),
 // where z_y is the mean of q(z|y,s). So each action must fit its own examples, and nothing is added
 // where the latent spreads enough. The network begins as the constant `pooled`.
-//   predictions: for training examples
+//   predictions: those for the training examples
 //   pooled: [T, 3] xx, xy, yy, square metres
 void FitCovarianceNetwork(Networks& networks, const Predictions& predictions,
                           const at::Tensor& pooled, at::Generator& generator);

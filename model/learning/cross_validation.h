@@ -64,7 +64,7 @@ absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidatio
 // Each learns from the other folds, of which `validation_share` is held out for calibration, as in
 // any training. The engine then loads the written model in f32 and measures it on the recordings of
 // its fold and on the test datasets.
-//   plan: of this run
+//   plan: what PlanCrossValidation returned for `run`
 // Errors: those of Train and of evaluation::MeasureExamples, with the seed and the fold; CANCELLED.
 absl::StatusOr<v1::CrossValidationPart> CrossValidate(const CrossValidation& run,
                                                       const v1::CrossValidationPlan& plan);

@@ -10,17 +10,18 @@
 
 namespace maneuver::learning {
 
-// Trajectories alone are small: twice the batch costs the same time.
+// Factor on the batch size in phases that learn from trajectories alone. Trajectories are small, so
+// twice the batch takes the same time.
 inline constexpr int64_t kTrajectoryBatchFactor = 2;
-// Epochs for each placement of the mixture, if several are tried.
+// Number of epochs that each placement of the mixture gets, if several are tried.
 inline constexpr int kPlacementEpochs = 3;
 
-// Steps in which the learning rate rises.
+// Number of steps over which the learning rate rises at the start.
 inline constexpr int64_t kWarmUpSteps = 100;
 
 // Returns the number of steps in an epoch of `examples` examples.
 inline int64_t StepsOfEpoch(int64_t examples, int64_t batch_size) {
-  // A last batch of one has no moments for the batch normalisation: it is left out.
+  // Leaves out a last batch of one example, because batch normalisation needs two.
   return examples / batch_size + (examples % batch_size > 1 ? 1 : 0);
 }
 

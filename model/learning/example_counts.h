@@ -20,7 +20,7 @@ inline constexpr int32_t kHeldOut = -1;
 // Returns the count of each recording of an index. The first call for a content, a model spec and
 // example settings reads every training recording, on `threads` threads, and keeps the counts in
 // the folder, in ".examples-<digest>", if it can be written to. Later calls read that file alone.
-//   folder: of the index;  settings: complete
+//   folder: the folder that `index` describes;  settings: complete
 //   keep_going: asked between recordings, from several threads; false ends it with CANCELLED
 // Errors: those of RecordingIndex::Read.
 absl::StatusOr<std::vector<int32_t>> CountExamples(const std::filesystem::path& folder,

@@ -108,8 +108,8 @@ class Networks {
   // Returns copies for the model folder: ln p(y) is normalised, and the decoder's last layer is
   // multiplied by the basis.
   artifact::TensorMap Export() const;
-  // The inverse of Export, to within rounding, for weights of the same spec. Keeps the deviations
-  // of coefficients that Standardize found.
+  // Sets the parameters from weights that Export returned for the same spec, to within rounding.
+  // Keeps the standard deviations of coefficients that Standardize found.
   void Import(const artifact::TensorMap& weights);
 
   // Copies of all learned tensors: Save returns them, Restore puts them back.

@@ -34,7 +34,7 @@ class RecordingWindows {
   //   settings: complete
   //   data_memory: bytes, of which a window takes a quarter: one is learned from while the next one
   //   is read
-  //   threads: that count, and that read a window
+  //   threads: number of threads that count examples and read a window
   //   keep_going: asked between recordings, from several threads; false ends it with CANCELLED
   // Errors: those of data::RecordingIndex::Open and CountExamples.
   static absl::StatusOr<std::shared_ptr<RecordingWindows>> Open(
@@ -46,7 +46,7 @@ class RecordingWindows {
 
   // Returns the number of training examples in all folders.
   int64_t examples() const { return examples_; }
-  // All training recordings that have examples.
+  // Returns all training recordings that have examples.
   std::span<const UnreadRecording> recordings() const { return recordings_; }
   const data::RecordingIndex& index(int folder) const {
     return folders_[static_cast<size_t>(folder)].index;

@@ -45,9 +45,9 @@ class SceneLoader {
   // threads read at most kAhead batches ahead. `source` must outlive the loader.
   SceneLoader(const v1::ModelSpec& spec, const SceneSource& source, std::vector<Item> items,
               int64_t batch_size, int threads);
-  // The same for batches of different sizes.
-  //   ends: of the batches among the items, ascending; equal ones make an empty batch
-  //   ahead: how many batches are read ahead at most
+  // Begins a pass in batches of different sizes.
+  //   ends: index into `items` where each batch ends, ascending; equal ones make an empty batch
+  //   ahead: the most batches that are read ahead
   SceneLoader(const v1::ModelSpec& spec, const SceneSource& source, std::vector<Item> items,
               std::vector<size_t> ends, size_t ahead, int threads);
   // Stops the threads, whether or not the pass is over.
@@ -77,9 +77,9 @@ std::vector<SceneLoader::Item> VariedItems(const v1::TrainingSettings& settings,
                                            std::span<const int64_t> order, int64_t first,
                                            int epoch);
 
-// Returns the items of the batches of a window from batch `first_step` of the window on, in an order
-// drawn by (seed, epoch, window). An item is varied by its place in the epoch.
-//   examples: in the window
+// Returns the items of the batches of a window from batch `first_step` of the window on, in an
+// order drawn by (seed, epoch, window). An item is varied by its place in the epoch.
+//   examples: number of examples in the window
 //   epoch: from 0
 std::vector<SceneLoader::Item> WindowItems(const v1::TrainingSettings& settings, int64_t examples,
                                            const EpochWindow& window, int64_t first_step,

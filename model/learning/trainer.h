@@ -89,7 +89,7 @@ std::vector<std::string> UsableDevices();
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
                                         const std::vector<std::filesystem::path>& datasets);
 
-// As above, for data in memory.
+// Does the same for data in memory.
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run, const TrainingData& data);
 
 }  // namespace maneuver::learning

@@ -56,11 +56,11 @@ absl::StatusOr<TrainingData> LoadTrainingData(
     const std::function<bool(const v1::Scenario&)>& learns_from = {});
 
 // Opens folders whose recordings may take `data_memory` bytes (recording_blocks.h says what they
-// take). If they fit, this is LoadTrainingData. If they do not, TrainingData.windows has all training
-// recordings, and the rest is of a sample of whole recordings: each folder gives by its share of the
-// bytes, in the order of a hash of seed and id, until training recordings take a quarter of
-// `data_memory` and held-out ones an eighth.
-//   threads: that read and count
+// take). If they fit, this is LoadTrainingData. If they do not, TrainingData.windows has all
+// training recordings, and the rest is of a sample of whole recordings: each folder gives by its
+// share of the bytes, in the order of a hash of seed and id, until training recordings take a
+// quarter of `data_memory` and held-out ones an eighth.
+//   threads: number of threads that read recordings and count examples
 // Errors: those of LoadTrainingData and RecordingWindows::Open; FAILED_PRECONDITION if the sample
 // has fewer training examples than MinimumExamples.
 absl::StatusOr<TrainingData> OpenTrainingData(std::span<const std::filesystem::path> folders,
@@ -68,7 +68,7 @@ absl::StatusOr<TrainingData> OpenTrainingData(std::span<const std::filesystem::p
                                               int64_t data_memory, int threads,
                                               const std::function<bool()>& keep_going);
 
-// The same as LoadTrainingData from recordings in memory.
+// Does the same as LoadTrainingData for recordings in memory.
 absl::StatusOr<TrainingData> SplitRecordings(std::vector<v1::Scenario> recordings,
                                              const v1::TrainingSettings& settings);
 

@@ -20,7 +20,7 @@ namespace maneuver::learning {
 class TrainingLabels {
  public:
   // FAILED_PRECONDITION if more manoeuvres are recorded than the model has actions.
-  //   annotations: of training recordings;  settings: complete
+  //   annotations: those of the training recordings;  settings: complete
   static absl::StatusOr<std::shared_ptr<const TrainingLabels>> Make(
       std::vector<v1::ManeuverAnnotation> annotations, const v1::TrainingSettings& settings);
 

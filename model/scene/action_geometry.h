@@ -71,7 +71,7 @@ struct ActionPoints {
 //     11     (last speed - present speed) / 10 m/s
 //     12     e^(-last speed / 1 m/s)
 //
-//   speed: of the target now, along its heading, m/s
+//   speed: present speed of the target along its heading, m/s
 void DescribeActions(std::span<const ActionPoints> trajectories, const GeometryWaypoints& waypoints,
                      const LanePathInputs& paths, double speed, std::span<float> pairs,
                      std::span<float> actions);

@@ -31,7 +31,8 @@ class PixelLine {
   size_t size() const { return size_; }
   bool empty() const { return size_ == 0; }
   PixelPoint operator[](size_t i) const { return {u_[i], v_[i]}; }
-  // All points' coordinates. Behind the last point there is room for kernels::kPointLanes numbers.
+  // Return the coordinates of all points. After the last one, kernels::kPointLanes numbers are
+  // allocated.
   const double* u() const { return u_.data(); }
   const double* v() const { return v_.data(); }
   double* u() { return u_.data(); }

@@ -14,7 +14,7 @@ namespace maneuver::jobs {
 // Returns an estimate from the settings of a job and the manifests of its datasets. Reads no
 // recording.
 //   job: with complete settings
-//   spec: of the model that is evaluated; a training's is in its settings
+//   spec: the spec of the model to evaluate; for a training, the settings contain it
 //   data_memory: JobLimits.data_memory
 // Errors: those of DatasetStore::Get.
 absl::StatusOr<v1::JobMemory> EstimateMemory(const v1::Job& job, const v1::ModelSpec& spec,

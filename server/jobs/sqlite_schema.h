@@ -1,4 +1,4 @@
-// The tables of the store, and how those of earlier servers become them. Private to the store.
+// Creates and migrates the tables of the store. Private to the store.
 
 #ifndef MANEUVER_SERVER_JOBS_SQLITE_SCHEMA_H_
 #define MANEUVER_SERVER_JOBS_SQLITE_SCHEMA_H_
@@ -9,8 +9,8 @@
 
 namespace maneuver::jobs {
 
-// Creates the tables, or brings those of an earlier version up to this one: wholly or not at all.
-// FAILED_PRECONDITION for a later version.
+// Creates the tables, or migrates those of an earlier release. Either all of it happens or nothing.
+// FAILED_PRECONDITION if a later release wrote the tables.
 absl::Status PrepareSchema(sqlite3* database);
 
 }  // namespace maneuver::jobs

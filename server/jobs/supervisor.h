@@ -110,7 +110,7 @@ class Supervisor {
   // Removes a dataset. FAILED_PRECONDITION while a pending or running job needs it.
   absl::Status DeleteDataset(const std::string& id);
 
-  // To follow a job, first subscribe, then read.
+  // Announces new events of jobs. To follow a job, first subscribe, then read the store.
   JobNews& news() { return news_; }
   JobStore& store() { return store_; }
 
@@ -124,7 +124,7 @@ class Supervisor {
   absl::StatusOr<v1::Job> Admit(v1::Job job, const std::string& request_id,
                                 const std::string& digest, bool validate_only);
   // Adds the memory that a job will take, if it was only validated.
-  //   spec: of its model
+  //   spec: the spec of its model
   absl::StatusOr<v1::Job> WithMemory(absl::StatusOr<v1::Job> job, const v1::ModelSpec& spec) const;
   absl::StatusOr<v1::Job> EarlierJob(const std::string& request_id, const std::string& digest,
                                      bool* found);
@@ -134,7 +134,7 @@ class Supervisor {
   absl::Status CheckRoom() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   std::filesystem::path FolderOf(const std::string& name) const;
 
-  //   slot: which of the jobs that may run at a time; from 0.
+  //   slot: index among the jobs that may run at the same time, from 0
   void RunJobs(int slot) ABSL_LOCKS_EXCLUDED(mutex_);
   void RunOne(const ClaimedJob& claimed, int slot, StopRequest& stop);
   // Stores what a process of a job came to.
@@ -160,7 +160,7 @@ class Supervisor {
   Mutex mutex_;
   CondVar changed_;
   bool stops_ ABSL_GUARDED_BY(mutex_) = false;
-  // By name.
+  // The running jobs, by name.
   std::map<std::string, std::shared_ptr<StopRequest>> running_ ABSL_GUARDED_BY(mutex_);
 
   // Live as long as the server: children die with the thread that started them.

@@ -50,7 +50,7 @@ absl::Status WallTimeExceeded(std::chrono::milliseconds limit);
 
 // Returns the last few nonempty lines of a log, fit for an error message: valid UTF-8, no control
 // characters, no paths (WithoutPaths), each at most 400 bytes.
-//   from: where in the log the process began to write, bytes.
+//   from: size of the log in bytes when the process began to write
 std::vector<std::string> LastLines(const std::filesystem::path& log, int64_t from = 0);
 
 // Returns `text` with each absolute path cut down to its last part: "/data/jobs/a/output" becomes

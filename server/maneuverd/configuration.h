@@ -38,7 +38,7 @@ class Configuration {
  public:
   // Reads the environment, and the file that --config or MANEUVERD_CONFIG names.
   //   app: its configurable() options may appear in both.
-  //   arguments: of the command line, without the program's name.
+  //   arguments: the command line, without the program's name.
   //   environment: ends with nullptr, as environ does.
   // INVALID_ARGUMENT for unknown names in either, NOT_FOUND for a file that cannot be read.
   static absl::StatusOr<Configuration> Read(const CLI::App& app, std::vector<std::string> arguments,

@@ -66,7 +66,8 @@ class MethodMetrics {
 // does.
 class CallMetrics {
  public:
-  //   methods: of the contract, "/maneuver.v1.PredictionService/Predict"; shown from the start.
+  //   methods: all methods of the contract, such as "/maneuver.v1.PredictionService/Predict". They
+  //     are shown from the start.
   // `metrics` must outlive this object.
   CallMetrics(monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods);
 

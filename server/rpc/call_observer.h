@@ -16,7 +16,7 @@ namespace maneuver::rpc {
 // Gives calls whose request gRPC could not parse INVALID_ARGUMENT with the reason
 // MALFORMED_MESSAGE. Counts calls (call_metrics.h) and writes their lines (call_log.h). Every
 // answer carries its request id as the trailer x-request-id.
-//   methods: of the guarded services, "/maneuver.v1.PredictionService/Predict".
+//   methods: all methods of the guarded services, such as "/maneuver.v1.PredictionService/Predict".
 // `metrics` outlives the server.
 std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCalls(
     monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods);

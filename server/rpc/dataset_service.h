@@ -11,7 +11,8 @@ namespace maneuver::rpc {
 
 class DatasetService final : public v1::DatasetService::CallbackService {
  public:
-  // All outlive the service. Out of line, with the destructor: see AdminService.
+  // All arguments must outlive the service. The .cc defines the constructor and the destructor, for
+  // the reason that admin_service.h gives.
   DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs, WorkerPool& pool,
                  security::AccessControl& access);
   ~DatasetService() override;

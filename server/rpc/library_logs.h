@@ -1,13 +1,13 @@
-// Lines that gRPC and protobuf log, as lines of this server's log.
+// Writes the log lines of gRPC and protobuf to this server's log.
 
 #ifndef MANEUVER_SERVER_RPC_LIBRARY_LOGS_H_
 #define MANEUVER_SERVER_RPC_LIBRARY_LOGS_H_
 
 namespace maneuver::rpc {
 
-// From now on, what gRPC and protobuf would write on standard error goes through monitoring::Log, in
-// its format and by its level: the message "library message" with the fields library, text and
-// source. Call once, before any thread is started.
+// Redirects the log lines of gRPC and protobuf from standard error to monitoring::Log. Each becomes
+// a line "library message" with the fields library, text and source. Call once, before any thread
+// is started.
 void LogLibraryLines();
 
 }  // namespace maneuver::rpc

@@ -20,7 +20,7 @@ struct AnswerStyle {
 };
 
 // Append an item for each scenario, with errors where there is no answer.
-//   answers: of plan.targets, in their order.
+//   answers: one for each of plan.targets, in the same order
 void WritePredictions(const Scenarios& scenarios, const PredictionPlan& plan,
                       const std::vector<serving::TargetAnswer>& answers, const AnswerStyle& style,
                       google::protobuf::RepeatedPtrField<v1::ScenarioPrediction>* predictions);

@@ -10,7 +10,8 @@ namespace maneuver::rpc {
 
 class TrainingService final : public v1::TrainingService::CallbackService {
  public:
-  // All outlive the service. Out of line, with the destructor: see AdminService.
+  // All arguments must outlive the service. The .cc defines the constructor and the destructor, for
+  // the reason that admin_service.h gives.
   TrainingService(jobs::Supervisor& jobs, WorkerPool& pool, security::AccessControl& access);
   ~TrainingService() override;
 

@@ -62,7 +62,7 @@ absl::StatusOr<std::string> ParseModelName(std::string_view name, std::string_vi
 // Parses models/{model}, which means its alias `serving`, models/{model}@{alias}, or a version's
 // name.
 absl::StatusOr<ModelReference> ParseModelReference(std::string_view name, std::string_view field);
-// As ParseModelReference; nothing if `name` is empty.
+// Does the same as ParseModelReference. Returns nothing if `name` is empty.
 absl::StatusOr<std::optional<ModelReference>> ParseOptionalModelReference(std::string_view name,
                                                                           std::string_view field);
 absl::StatusOr<ModelVersionName> ParseModelVersionName(std::string_view name,

@@ -86,19 +86,19 @@ class BatchScheduler {
   void ShowQueueLocked() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   std::chrono::nanoseconds RetryDelayLocked(Priority priority, TimePoint now) const
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Of so many targets of a call that comes now.
+  // Checks whether a call that arrives now with this many targets can meet its deadline.
   absl::Status CheckWaitLocked(Priority priority, size_t targets, TimePoint deadline,
                                TimePoint now) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const SchedulerOptions options_;
   SchedulerMetrics metrics_;
-  security::RateLimiter fault_lines_;  // of the log
+  security::RateLimiter fault_lines_;  // limits the log lines about faults
 
   Mutex mutex_;
   CondVar wake_;
   TargetQueue queue_ ABSL_GUARDED_BY(mutex_);
   DrainRate drain_rate_ ABSL_GUARDED_BY(mutex_);
-  // By Priority: since then some always did.
+  // Index: Priority. The time since which calls of that priority have been waiting without a break.
   std::array<TimePoint, 2> waiting_since_ ABSL_GUARDED_BY(mutex_);
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
 

@@ -84,7 +84,7 @@ struct TargetAnswer {
 };
 
 // Describes the requested actions in a scene, and chooses the representatives.
-//   waypoint_interval: of the session's model, seconds
+//   waypoint_interval: seconds between the waypoints of the session's model
 //   answer: receives distributions and representatives
 void DescribeTarget(const DescribeActions& question, const inference::SceneEncoding& encoding,
                     double waypoint_interval, inference::InferenceSession& session,

@@ -69,7 +69,7 @@ class ServingTable {
   // Errors: NOT_FOUND; FAILED_PRECONDITION if the version could not be loaded, or if there is no
   // reference and not exactly one model serves.
   absl::StatusOr<ModelHandle> Find(const std::optional<security::ModelReference>& reference);
-  // As Find, but loads the version if it is not in memory. May take long.
+  // Does the same as Find, but loads the version if it is not in memory. May take long.
   absl::StatusOr<ModelHandle> Load(const std::optional<security::ModelReference>& reference);
   // Returns the name of the version that a request refers to. Loads nothing. Errors: as Find, but a
   // version that could not be loaded is not an error.
@@ -140,7 +140,7 @@ class ServingTable {
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
   absl::Status PointAlias(const security::ModelAliasName& name, const ModelHandle& handle)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
-  // Whether publishing a version of `model` makes it serve.
+  // Returns whether publishing a version of `model` makes it serve.
   bool WantsPromotion(const std::string& model, v1::Promotion promotion) const
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
   void NotifyReady() ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);

@@ -42,9 +42,9 @@ class VersionUpload {
 class VersionUploads {
  public:
   // Opens the staging folder of uploads.
-  //   folder: the folder of all models that `versions` was opened with. `versions` and `table`,
-  //     which is over it, must outlive this object.
-  //   keep: bytes of an interrupted upload are removed this long after its last byte; 0: never.
+  //   folder: the folder of all models that `versions` was opened with
+  //   versions, table: `table` must be the table of `versions`; both must outlive this object
+  //   keep: an interrupted upload is removed this long after its last byte arrived; 0: never
   VersionUploads(std::filesystem::path folder, VersionStore& versions, ServingTable& table,
                  std::chrono::seconds keep);
 

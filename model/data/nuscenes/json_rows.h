@@ -23,7 +23,7 @@ namespace maneuver::data {
 // it is passed to.
 class JsonRow {
  public:
-  //   place: of the object, as in "sample.json[17]"
+  //   place: where the object is, such as "sample.json[17]"
   //   problem: receives the first problem, as "sample.json[17].timestamp: must be a number"
   JsonRow(const nlohmann::json& value, std::function<std::string()> place, std::string* problem)
       : value_(value), place_(std::move(place)), problem_(problem) {}

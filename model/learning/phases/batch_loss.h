@@ -14,8 +14,8 @@ namespace maneuver::learning {
 struct BatchLoss {
   at::Tensor value;  // a scalar with its graph
   int64_t examples = 0;
-  std::chrono::nanoseconds waited{0};  // for the batch
-  double share = 1.0;                  // of a micro-batch, in its batch
+  std::chrono::nanoseconds waited{0};  // time that the step waited for its rasters
+  double share = 1.0;                  // of the batch's examples that are in this micro-batch
 };
 
 }  // namespace maneuver::learning

@@ -20,7 +20,8 @@ namespace maneuver::learning {
 struct LearningState {
   // Draws fresh weights, standardizes the networks on the training examples, and indexes all maps.
   //   run_settings: complete;  run_data: must outlive the state
-  //   run_threads: that read maps and scenes;  is_stopped: asked often, from several threads
+  //   run_threads: number of threads that read maps and scenes;  is_stopped: asked often, from
+  //   several threads
   LearningState(const v1::TrainingSettings& run_settings, const TrainingData& run_data,
                 at::Device device, int run_threads, std::function<bool()> is_stopped);
   LearningState(const LearningState&) = delete;

@@ -39,10 +39,10 @@ class MicroBatches {
   absl::Status Combine();
 
  private:
-  // The sum over `count` micro-batches, a power of two, from `first` on. [N]
+  // Returns the sum over `count` micro-batches from `first` on. `count` is a power of two. [N]
   absl::StatusOr<at::Tensor> SumOf(int first, int count, const LossOf& loss_of);
   absl::StatusOr<at::Tensor> GradientOf(int micro_batch, const LossOf& loss_of);
-  // The part of `sum`, as long as `like`, that lies at `offset`, with the shape of `like`.
+  // Returns the part of `sum` that begins at `offset`, with the size and shape of `like`.
   static at::Tensor Part(const at::Tensor& sum, const at::Tensor& like, int64_t offset);
 
   const MicroBatchRange range_;

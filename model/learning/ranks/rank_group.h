@@ -29,7 +29,7 @@ namespace maneuver::learning {
 // CANCELLED in place of that if this rank was asked to stop. The group is of no more use then.
 class RankGroup {
  public:
-  // A group of one.
+  // Makes a group of one rank.
   explicit RankGroup(std::function<bool()> stopped);
   ~RankGroup();
   RankGroup(const RankGroup&) = delete;

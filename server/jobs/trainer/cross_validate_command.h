@@ -21,7 +21,7 @@ class CrossValidateCommand {
   explicit CrossValidateCommand(CLI::App& app);
 
   bool chosen() const { return command_->parsed(); }
-  // The exit status.
+  // Runs the command and returns the exit status of the program.
   int Run() const;
 
  private:

@@ -21,7 +21,7 @@ class EvaluateCommand {
  public:
   explicit EvaluateCommand(CLI::App& app);
 
-  // The exit status.
+  // Runs the command and returns the exit status of the program.
   int Run() const;
 
  private:

@@ -20,10 +20,10 @@ class FoldFiles {
  public:
   // Reads the files, and creates the folder if it is missing. DATA_LOSS if a file is damaged or
   // belongs to another cross-validation.
-  //   plan: of this cross-validation
+  //   plan: the plan of this cross-validation
   static absl::StatusOr<FoldFiles> Open(std::filesystem::path folder, v1::CrossValidationPlan plan);
 
-  // The runs that Open found, and those added since.
+  // Returns the runs that Open found, and those added since.
   const std::vector<v1::FoldRun>& runs() const { return runs_; }
 
   // Writes the run of another model, in one step.

@@ -19,7 +19,7 @@ class MatchActionsCommand {
   explicit MatchActionsCommand(CLI::App& app);
 
   bool chosen() const { return command_->parsed(); }
-  // The exit status.
+  // Runs the command and returns the exit status of the program.
   int Run() const;
 
  private:

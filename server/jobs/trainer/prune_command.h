@@ -14,7 +14,7 @@ class PruneCommand {
   explicit PruneCommand(CLI::App& app);
 
   bool chosen() const { return command_->parsed(); }
-  // The exit status.
+  // Runs the command and returns the exit status of the program.
   int Run() const;
 
  private:

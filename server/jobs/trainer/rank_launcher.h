@@ -9,11 +9,13 @@
 namespace maneuver::trainer {
 
 // Runs `arguments` once for each of 0 .. ranks - 1, with the variables of torchrun
-// (model/learning/ranks/rank_place.h), and serves their store on loopback. Passes SIGTERM and SIGINT
-// on to all of them. If one ends otherwise than by success, the others have some seconds to end
-// too. Returns the exit status for this process: 0 if all succeeded; else that of the rank that
-// failed; kRankLost if one was killed, and says which as the last line on standard error. The ranks
+// (model/learning/ranks/rank_place.h), and serves their store on loopback. Passes SIGTERM and
+// SIGINT on to all of them. If one rank fails, the others have some seconds to end too. The ranks
 // end with this process, however it ends.
+//
+// Returns the exit status for this process: 0 if all ranks succeeded, the exit status of the rank
+// that failed, or kRankLost if a rank was killed. The last line on standard error then names that
+// rank.
 //   arguments: [0] is the name of the program
 int RunRanks(int ranks, const std::vector<std::string>& arguments);
 
