@@ -92,8 +92,8 @@ void AddEvaluate(Command& root, Environment& environment) {
                  "FIELD=VALUE of the examples to measure on: examples.stride=1s, "
                  "examples.max_examples=1000, ...");
   command.Option("--report", &arguments->report.page,
-                 "HTML file to write: what was found, beside what is known of the version, as a "
-                 "page for a browser");
+                 "HTML file to write: a page for a browser that shows the results and the "
+                 "version");
   command.Option(
       "--figures", &arguments->figures,
       "Folder to draw into: actions, their means over trajectories, scenes, reliability");

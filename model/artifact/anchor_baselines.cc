@@ -68,7 +68,8 @@ std::string FindFault(const v1::ModelSpec& spec, const TensorMap& weights, bool 
   for (const auto& [name, shape] : shapes) {
     const auto found = anchors.find(name);
     if (found == anchors.end()) return absl::StrCat("tensor ", name, " is missing");
-    if (found->second.shape != shape) return absl::StrCat("tensor ", name, " has another shape");
+    if (found->second.shape != shape)
+      return absl::StrCat("tensor ", name, " has a shape that does not fit the model");
     if (!std::all_of(found->second.values.begin(), found->second.values.end(),
                      [](float value) { return std::isfinite(value); })) {
       return absl::StrCat("tensor ", name, " holds a value that is not finite");

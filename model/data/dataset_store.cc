@@ -176,7 +176,7 @@ absl::Status DatasetStore::CheckRoom(uint64_t wanted, uint64_t arrived, uint64_t
     return absl::FailedPreconditionError(absl::StrCat(
         "the dataset has ", wanted, " bytes and of the ", quota,
         " that all datasets may have together ", kept > quota ? 0 : quota - kept, " are left",
-        broken_off > 0 ? absl::StrCat(" (uploads that broke off hold ", broken_off, ")") : "",
+        broken_off > 0 ? absl::StrCat(" (interrupted uploads hold ", broken_off, ")") : "",
         "; delete datasets that are no longer needed, or start the server with a larger "
         "--dataset-quota"));
   }

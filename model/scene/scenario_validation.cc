@@ -163,8 +163,8 @@ void CheckAgentIds(const v1::Scenario& scenario, Violations* violations) {
   for (size_t i = 1; i < ids.size() && !violations->full(); ++i) {
     if (ids[i].first != ids[i - 1].first) continue;
     violations->Add(Member(Element("agents", ids[i].second), "id"),
-                    StrCat("is ", ids[i].first, ", as is that of agents[", ids[i - 1].second,
-                           "]; ids must be unique"));
+                    StrCat("is ", ids[i].first, ", which is also the id of agents[",
+                           ids[i - 1].second, "]; ids must be unique"));
   }
 }
 

@@ -90,7 +90,8 @@ inline constexpr ReasonEntry kReasons[] = {
     {"ACTION_NAME_GONE", "FAILED_PRECONDITION",
      "no action of the version bears one of the required_action_names: the metadata's "
      "`action_name_0`, `action_name_1` and so on",
-     "ask `model_version` for its actions and require names that it has, or label an action"},
+     "list the actions of `model_version` with GetActionSet and require their names, or give one "
+     "the missing name with LabelAction"},
     {"MAP_TOO_LARGE", "RESOURCE_EXHAUSTED", "the map needs more memory than the limit for all maps",
      "register only the surroundings of the road that is driven"},
 

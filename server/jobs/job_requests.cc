@@ -84,7 +84,7 @@ void CheckCriteria(const v1::PromotionCriteria& criteria, bool with_baselines,
                           "is only trained and measured with settings.baselines"});
   }
   if (criteria.examples().dataset_weights_size() > 0) {
-    violations.push_back({field + "examples.dataset_weights", "is for training alone"});
+    violations.push_back({field + "examples.dataset_weights", "applies only to training"});
   }
   v1::TrainingSettings settings;
   *settings.mutable_examples() = criteria.examples();
@@ -251,7 +251,7 @@ absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request) {
     violations.push_back({"dataset", kDatasetRule});
   }
   if (request.examples().dataset_weights_size() > 0) {
-    violations.push_back({"examples.dataset_weights", "is for training alone"});
+    violations.push_back({"examples.dataset_weights", "applies only to training"});
   }
   if (request.sampled_examples() < 0 || request.sampled_examples() > kMaxSampledExamples) {
     violations.push_back({"sampled_examples", absl::StrCat("must be 0 to ", kMaxSampledExamples)});

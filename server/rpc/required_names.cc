@@ -17,7 +17,7 @@ absl::Status CheckRequiredNames(const ActionNameList& required, std::span<const 
   for (int i = 0; i < required.size(); ++i) {
     if (required[i].size() > kMostBytes) {
       return errors::InvalidField(absl::StrCat("required_action_names[", i, "]"),
-                                  "longer than 64 characters, as no name is");
+                                  "longer than 64 characters, which no name can be");
     }
     if (!there.contains(required[i])) missing.insert(required[i]);
   }

@@ -207,9 +207,10 @@ CrossValidateCommand::CrossValidateCommand(CLI::App& app)
       ->capture_default_str()
       ->type_name("N");
   command_
-      ->add_option("--seeds", seeds_,
-                   "Training seeds, such as 1,2,3: every fold is trained with each; without it, "
-                   "that of the settings")
+      ->add_option(
+          "--seeds", seeds_,
+          "Training seeds, such as 1,2,3: every fold is trained once with each; default: the "
+          "seed of the settings")
       ->delimiter(',')
       ->type_name("N,...");
   command_

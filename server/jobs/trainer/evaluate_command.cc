@@ -41,7 +41,7 @@ EvaluateCommand::EvaluateCommand(CLI::App& app) {
       ->type_name("FILE");
   command
       ->add_option("--sampled-examples", sampled_examples_,
-                   "Carry so many of the examples in the report, for figures")
+                   "Number of examples that the report contains, for figures")
       ->check(CLI::Range(0, 1000))
       ->type_name("N");
   AddDataMemoryOption(*command, &data_memory_);

@@ -98,7 +98,7 @@ TrainCommand::TrainCommand(CLI::App& app)
                      "evaluation then shows beside the model; takes about as long again");
   command_
       ->add_option("--checkpoint-steps", checkpoint_steps_,
-                   "A checkpoint after so many steps as well; 0: by time alone")
+                   "Also write a checkpoint after this many steps; 0: by time alone")
       ->check(CLI::Range(int64_t{0}, int64_t{1'000'000'000}))
       ->capture_default_str()
       ->type_name("N");

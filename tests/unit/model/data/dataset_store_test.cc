@@ -299,7 +299,7 @@ TEST_F(DatasetStoreTest, TheQuotaCoversDatasetsAndUploadsInProgress) {
   second->reset();
   const absl::Status fourth = store_->BeginUpload("fourth", manifest_).status();
   EXPECT_TRUE(absl::IsFailedPrecondition(fourth)) << fourth;
-  EXPECT_THAT(std::string(fourth.message()), HasSubstr("broke off hold 1000"));
+  EXPECT_THAT(std::string(fourth.message()), HasSubstr("interrupted uploads hold 1000"));
   ASSERT_TRUE(GoOn().ok());
   // Deleting makes room.
   EXPECT_FALSE(store_->BeginUpload("fourth", manifest_).ok());

@@ -30,7 +30,7 @@ TEST(HeldOutTest, ALargerShareHoldsOutWhatASmallerOneDid) {
   }
 }
 
-TEST(PartIdTest, NamesAPartAndWithoutPartUndoesIt) {
+TEST(PartIdTest, WithoutPartUndoesPartId) {
   EXPECT_EQ(PartId("crossing", 2), "crossing#2");
   EXPECT_EQ(WithoutPart("crossing#2"), "crossing");
   EXPECT_EQ(WithoutPart("crossing#2#3"), "crossing");

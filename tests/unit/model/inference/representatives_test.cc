@@ -172,7 +172,7 @@ TEST(RepresentativesTest, AsManyRepresentativesAsActionsAreAllActions) {
       ChooseRepresentatives(Vector({0.5, 0.5}), All(2), StandingAt({0.0, 1.0}), 0.5, 0).empty());
 }
 
-// At 10 Hz waypoints 4, 9, ... count, at 2 Hz each one, at 1 Hz each one, always the last.
+// At 10 Hz, waypoints 4, 9, ... count. At 2 Hz and below, each one counts. The last always counts.
 TEST(RepresentativesTest, ComparesWaypointsHalfASecondApart) {
   const auto medoid = [](Eigen::Index waypoints, Eigen::Index moved, double interval) {
     // Actions 0 and 2 are 1 m to either side of action 1, but at the waypoint `moved` action 1 is

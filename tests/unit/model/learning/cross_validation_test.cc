@@ -108,7 +108,7 @@ TEST_F(CrossValidationTest, MeasuresEachRecordingOnceByAModelThatNeverSawItsPlac
       EXPECT_EQ(id, "drive-" + std::to_string(example.recording()));
       EXPECT_EQ(measured_in.try_emplace(id, run.fold()).first->second, run.fold());
     }
-    // Six of the others, and what each model says of them.
+    // Each model is also measured on six of the other dataset's recordings.
     ASSERT_EQ(run.tests_size(), 1);
     std::set<int> others;
     for (const v1::MeasuredExample& example : run.tests(0).examples()) {

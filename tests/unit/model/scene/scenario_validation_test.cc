@@ -188,7 +188,7 @@ INSTANTIATE_TEST_SUITE_P(
                 [](auto* s) { s->mutable_agents(1)->set_width(kNan); }},
         BadCase{"HugeLength", "agents[1].length", "at most 1000 m",
                 [](auto* s) { s->mutable_agents(1)->set_length(1001); }},
-        BadCase{"DuplicateId", "agents[4].id", "is 11, as is that of agents[1]",
+        BadCase{"DuplicateId", "agents[4].id", "is 11, which is also the id of agents[1]",
                 [](auto* s) { s->mutable_agents(4)->set_id(11); }},
         BadCase{"UnknownAgentType", "agents[0].type", "77 is not a known agent type",
                 [](auto* s) { s->mutable_agents(0)->set_type(static_cast<v1::AgentType>(77)); }},

@@ -93,7 +93,7 @@ TEST(ReflectionTest, AMessageWithoutExtensionsHasNone) {
   EXPECT_EQ(response.all_extension_numbers_response().extension_number_size(), 0);
 }
 
-TEST(ReflectionTest, ARequestThatAsksNothingIsRefused) {
+TEST(ReflectionTest, RefusesAnEmptyRequest) {
   EXPECT_EQ(AnswerReflection({}, {}).error_response().error_code(),
             grpc::StatusCode::INVALID_ARGUMENT);
 }

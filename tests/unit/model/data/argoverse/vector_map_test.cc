@@ -54,13 +54,13 @@ TEST_F(VectorMapTest, WaysBecomeLanesUnderTheirIds) {
   EXPECT_THAT(map->lanes[3].y(), ElementsAre(7.0, 7.0));
 }
 
-TEST_F(VectorMapTest, EitherLaneDeclaresThatOneFollowsTheOther) {
+TEST_F(VectorMapTest, ReadsSuccessorsFromEitherLane) {
   const auto map = Read(ArgoverseMap());
   ASSERT_TRUE(map.ok()) << map.status();
-  EXPECT_THAT(map->lanes[0].successor_ids(), ElementsAre(2));  // by the word of 2
+  EXPECT_THAT(map->lanes[0].successor_ids(), ElementsAre(2));  // lane 2 names its predecessor
   EXPECT_THAT(map->lanes[1].successor_ids(), ElementsAre(5));
   EXPECT_THAT(map->lanes[4].successor_ids(), ElementsAre(1));  // a circle
-  EXPECT_EQ(map->open_links, 1);                               // of 2 to 99
+  EXPECT_EQ(map->open_links, 1);                               // from 2 to 99
 }
 
 TEST_F(VectorMapTest, NeighborsRunTheSameWay) {

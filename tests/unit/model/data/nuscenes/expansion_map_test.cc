@@ -78,9 +78,9 @@ TEST_F(ExpansionMapTest, LanesAndConnectorsFollowTheirArclinePathsByMetres) {
   }
 }
 
-TEST_F(ExpansionMapTest, EitherLaneDeclaresThatOneFollowsTheOther) {
+TEST_F(ExpansionMapTest, ReadsSuccessorsFromEitherLane) {
   EXPECT_THAT(Lane(kOne).successor_ids(), ElementsAre(kLeft));
-  EXPECT_THAT(Lane(kLeft).successor_ids(), ElementsAre(kUp));  // by the word of "up"
+  EXPECT_THAT(Lane(kLeft).successor_ids(), ElementsAre(kUp));  // "up" names its predecessor
   EXPECT_THAT(Lane(kUp).successor_ids(), ElementsAre(kBack));
   EXPECT_THAT(Lane(kBack).successor_ids(), ElementsAre(kOne));  // the lanes make a circle
   EXPECT_THAT(Lane(kTwo).successor_ids(), IsEmpty());
@@ -89,7 +89,7 @@ TEST_F(ExpansionMapTest, EitherLaneDeclaresThatOneFollowsTheOther) {
 TEST_F(ExpansionMapTest, CountsLinksToMissingLanesAndReadsOn) {
   const auto map = Read();
   ASSERT_TRUE(map.ok());
-  EXPECT_EQ(map->open_links, 1);  // of "one" to "gone"
+  EXPECT_EQ(map->open_links, 1);  // from "one" to "gone"
   EXPECT_THAT(damages_, IsEmpty());
 }
 

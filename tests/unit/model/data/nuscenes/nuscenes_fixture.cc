@@ -150,7 +150,7 @@ json MakeMap() {
        {Path({110, 15, quarter}, {110, 35, quarter}, "LSL", 999.0, {0, 20, 0})}},
       {NuScenesFixture::Token("back"),
        {Path({110, 35, quarter}, {90, 35, 3 * quarter}, "LSL", 10.0, {10.0 * 2 * quarter, 0, 0})}}};
-  // "up" follows "left" by the word of "up" alone; "gone" is not a lane.
+  // Only "up" says that it follows "left"; "gone" is not a lane.
   map["connectivity"] = {{NuScenesFixture::Token("one"), Links({"back"}, {"left", "gone"})},
                          {NuScenesFixture::Token("two"), Links({}, {})},
                          {NuScenesFixture::Token("three"), Links({}, {})},

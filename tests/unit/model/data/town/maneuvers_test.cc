@@ -41,14 +41,14 @@ std::string Names(const Track& track) {
   return names;
 }
 
-TEST(ManeuversTest, NamesStraightDrivingBySpeed) {
+TEST(ManeuversTest, LabelsStraightDrivingBySpeed) {
   EXPECT_EQ(Names(Drive(8.0, [](double) { return 3.0; })), "creep");
   EXPECT_EQ(Names(Drive(8.0, [](double) { return 12.0; })), "keep_lane");
   EXPECT_EQ(Names(Drive(8.0, [](double) { return 27.0; })), "cruise");
   EXPECT_EQ(Names(Drive(8.0, [](double) { return 0.0; })), "standing");
 }
 
-TEST(ManeuversTest, NamesBends) {
+TEST(ManeuversTest, LabelsBendsByTheirDirection) {
   EXPECT_EQ(Names(Drive(
                 8.0, [](double) { return 10.0; }, [](double) { return 0.2; })),
             "follow_curve_left");
@@ -57,7 +57,7 @@ TEST(ManeuversTest, NamesBends) {
             "follow_curve_right");
 }
 
-TEST(ManeuversTest, NamesStopsStandstillsAndStarts) {
+TEST(ManeuversTest, LabelsStopsStandstillsAndStarts) {
   const auto speed = [](double t) {
     if (t < 4.0) return 10.0;
     if (t < 8.0) return 10.0 - 2.5 * (t - 4.0);
