@@ -35,7 +35,7 @@ class PendingPredictions {
   struct Call;
   // Sends `call`, whose message, context and on_answer must be set. Does not wait.
   void Start(std::unique_ptr<Call> call, Cancellation* callers_cancellation);
-  // Does not send it. Answers it with `status`, on the thread of all answers.
+  // Answers `call` with `status` without sending it, on the thread of all answers.
   void Refuse(std::unique_ptr<Call> call, absl::Status status);
 
  private:

@@ -18,12 +18,12 @@ inline constexpr char kManifestFile[] = "dataset.json";
 inline constexpr int kDatasetFormatVersion = 1;
 inline constexpr size_t kMaxOrigin = 1000;  // bytes of Dataset.origin
 
-// Returns what is wrong with a folder's manifest, before any file is read: file names (as
-// Shard.file's comment says; each once, never a path), sizes, digests, sums that do not match.
-// Field paths start at the manifest: shards[0].file, ...
+// Checks a manifest without reading any other file, and returns its faults. File names must be as
+// the comment of Shard.file demands, occur once and contain no folder. Sizes and digests must be
+// valid, and totals must match. Field paths start at the manifest: shards[0].file, ...
 std::vector<scene::FieldViolation> ValidateDatasetManifest(const v1::Dataset& manifest);
 
-// Convert a manifest from and to JSON. dataset.json also carries a digest of that.
+// Convert a manifest from and to JSON. dataset.json also contains a digest of this JSON.
 absl::StatusOr<v1::Dataset> ParseDatasetManifest(const std::string& json);
 std::string PrintDatasetManifest(const v1::Dataset& manifest);
 
@@ -31,8 +31,8 @@ std::string PrintDatasetManifest(const v1::Dataset& manifest);
 std::string ContentSha256(const v1::Dataset& manifest);
 
 // Reads dataset.json and checks it by itself, without the shards. DATA_LOSS if any byte of it is
-// damaged (files/sealed_json.h). One of an older release, or written by other tools, carries no
-// digest, and damage may go unnoticed.
+// damaged (files/sealed_json.h). A file from an older release or another tool has no digest, so
+// damage to it may go unnoticed.
 absl::StatusOr<v1::Dataset> LoadDatasetManifest(const std::filesystem::path& folder);
 // Writes dataset.json, with its digest, in one step.
 absl::Status WriteDatasetManifest(const std::filesystem::path& folder, const v1::Dataset& manifest);

@@ -34,8 +34,8 @@ class SceneLoader {
     std::vector<Item> items;
     SceneTensors scenes;
     at::Tensor trajectories;  // x - r(m), varied as the items say, [B, 2T] metres
-    // How long Next waited for it: almost 0 if it was ready. The first batch has what it took to
-    // make the loader as well.
+    // How long Next waited for this batch: almost 0 if it was ready. For the first batch, it
+    // includes the time that the loader's constructor took.
     std::chrono::nanoseconds waited{0};
   };
 
@@ -64,8 +64,8 @@ class SceneLoader {
   const v1::ModelSpec spec_;
   const SceneSource& source_;
   const std::vector<Item> items_;
-  const std::vector<size_t> ends_;      // of the batches
-  std::chrono::nanoseconds making_{0};  // the loader, until the first batch has it
+  const std::vector<size_t> ends_;      // index into items_ where each batch ends
+  std::chrono::nanoseconds making_{0};  // time of the constructor, until the first batch reports it
   machine::OrderedWork<Batch> work_;
   std::vector<std::jthread> threads_;
 };
@@ -85,8 +85,8 @@ std::vector<SceneLoader::Item> WindowItems(const v1::TrainingSettings& settings,
                                            const EpochWindow& window, int64_t first_step,
                                            int epoch);
 
-// Returns the items of the batches of an epoch from batch `first_step` on, without a last batch of
-// one example (StepsOfEpoch).
+// Returns the items of an epoch, from its batch `first_step` on. A last batch of one example is
+// left out (StepsOfEpoch).
 //   epoch: from 0
 std::vector<SceneLoader::Item> EpochItems(const v1::TrainingSettings& settings,
                                           std::span<const int64_t> order, int64_t first_step,

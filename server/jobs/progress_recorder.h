@@ -1,4 +1,4 @@
-// Stores what a trainer reports as events of its job.
+// Stores the reports of a trainer as events of its job.
 
 #ifndef MANEUVER_SERVER_JOBS_PROGRESS_RECORDER_H_
 #define MANEUVER_SERVER_JOBS_PROGRESS_RECORDER_H_
@@ -20,8 +20,8 @@ namespace maneuver::jobs {
 // waits, and the next report replaces it. Not thread-safe.
 class ProgressRecorder {
  public:
-  //   job: with its latest event so far, and this process counted.
-  //   lease: of the job; events of a worker whose lease has ended are dropped.
+  //   job: contains its latest event and counts this process among its attempts
+  //   lease: the lease of the job; events of a worker whose lease has ended are dropped
   //   show: called with every event that is stored.
   ProgressRecorder(JobStore& store, JobNews& news, const v1::Job& job, JobLease lease,
                    std::function<absl::Time()> now,

@@ -97,7 +97,7 @@ class Shadow {
     TimePoint last_used;
   };
 
-  // Returns how many of its targets were taken; the others are let go of.
+  // Returns how many of the request's targets were queued. The others are dropped.
   size_t Push(AnsweredRequest& request) ABSL_LOCKS_EXCLUDED(mutex_);
   size_t PushLocked(AnsweredRequest& request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Work();
@@ -126,7 +126,7 @@ class Shadow {
   Mutex mutex_;
   CondVar wake_;
   std::deque<AnsweredRequest> waiting_ ABSL_GUARDED_BY(mutex_);
-  size_t held_targets_ ABSL_GUARDED_BY(mutex_) = 0;  // that wait or are at work
+  size_t held_targets_ ABSL_GUARDED_BY(mutex_) = 0;  // waiting or being compared
   int64_t held_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
 

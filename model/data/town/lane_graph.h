@@ -25,8 +25,8 @@ enum class Movement { kAlong, kStraight, kLeft, kRight, kUTurn, kRoundabout, kPa
 // A continuation at the end of a lane.
 struct LaneLink {
   int lane = 0;
-  double at = 0.0;      // arc length of `lane` where it is joined
-  double weight = 1.0;  // relative share of those who choose it
+  double at = 0.0;      // metres along `lane` to the point where it is joined
+  double weight = 1.0;  // relative share of the road users who choose it
 };
 
 enum class GateKind {
@@ -40,18 +40,18 @@ enum class GateKind {
 // A part of a gated lane that overlaps a part of another lane.
 struct Conflict {
   int lane = 0;
-  double from = 0.0;  // arc lengths of the gated lane
+  double from = 0.0;  // metres along the gated lane
   double to = 0.0;
-  double lane_from = 0.0;  // arc lengths of the other
+  double lane_from = 0.0;  // metres along `lane`
   double lane_to = 0.0;
-  bool merge = false;  // both go on along the same lane
+  bool merge = false;  // both lanes lead into the same lane
 };
 
 // The gate at the start of a lane: nobody enters the lane without permission.
 struct Gate {
   GateKind kind = GateKind::kYield;
   int signal_group = -1;  // of the place's signals, for kSignal
-  int rank = 0;           // gives way to higher ranks
+  int rank = 0;           // vehicles give way to gates of higher rank
   std::vector<Conflict> conflicts = {};
 };
 
@@ -64,7 +64,7 @@ struct Lane {
   std::vector<LaneLink> next;
   int left = -1;  // neighbours in the same direction, for lane changes
   int right = -1;
-  double change_from = 0.0;  // arc lengths between which a change may begin
+  double change_from = 0.0;  // metres along the lane between which a lane change may begin
   double change_to = 0.0;
   bool ends = false;     // an on-ramp: vehicles must move left before its end
   bool reverse = false;  // driven backwards, and stopped at its end

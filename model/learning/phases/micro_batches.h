@@ -25,11 +25,11 @@ namespace maneuver::learning {
 // mean as the gradients. Not thread-safe.
 class MicroBatches {
  public:
-  //   averaged: tensors beside the parameters that a micro-batch changes: running moments
+  //   averaged: the tensors that a micro-batch changes without a gradient: running moments
   MicroBatches(const MicroBatchRange& range, RankGroup& ranks, AdamW& optimizer,
                std::vector<at::Tensor> averaged);
 
-  // Computes the loss of a micro-batch, by its number. The loss of an empty one is ignored.
+  // Computes the loss of the micro-batch with this index. The loss of an empty one is ignored.
   using LossOf = std::function<absl::StatusOr<BatchLoss>(int micro_batch)>;
 
   // Adds up the gradients of this rank's micro-batches. Errors are those of `loss_of`.
@@ -50,7 +50,7 @@ class MicroBatches {
   const std::vector<at::Tensor> parameters_;
   const std::vector<at::Tensor> averaged_;
   int64_t size_ = 0;  // N: parameters, averaged tensors, which parameters have a gradient, padding
-  std::vector<at::Tensor> before_;  // of the averaged tensors
+  std::vector<at::Tensor> before_;  // values of averaged_ before the batch
   at::Tensor sum_;                  // [N]
 };
 
