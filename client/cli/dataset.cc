@@ -123,7 +123,7 @@ void AddDataset(Command& root, Environment& environment) {
   upload.Run([=, &environment] { return Upload(*folder, *name, environment); });
 
   Command in_place =
-      group.Add("register", "Make a folder on the server's disk a dataset in place",
+      group.Add("register", "Register a folder on the server's disk as a dataset, without a copy",
                 "The server reads and verifies the folder; nothing is sent or copied. The\n"
                 "folder must lie where the server's --dataset-folders allows it. Deleting\n"
                 "the dataset leaves the folder as it is. For administrators.\n"
@@ -164,7 +164,7 @@ void AddDataset(Command& root, Environment& environment) {
   Command index =
       group.Add("index", "Index a dataset folder, so that single recordings can be read",
                 "Writes a small file beside each shard that has none. A damaged or\n"
-                "stale index is named and built anew. A folder that this version\n"
+                "stale index is named and rebuilt. A folder that this version\n"
                 "wrote, and a dataset on a server, has its indexes already.\n"
                 "Example: maneuver dataset index town");
   index.Argument("FOLDER", folder.get(), "Folder with dataset.json");

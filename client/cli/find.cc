@@ -515,7 +515,8 @@ void AddFind(Command& root, Environment& environment) {
   const auto arguments = std::make_shared<FindArguments>();
   Command command = root.Add(
       "find", "Find what targets did, in tags of maneuver tag",
-      "All conditions must hold. Patterns are those of a shell: * and ? stand for anything.\n"
+      "All conditions must hold. Patterns are as in a shell: * stands for any text, ? for one "
+      "character.\n"
       "Example: maneuver find tags --action \"left turn*\" --min-probability 0.8 --speed 5..12\n"
       "         maneuver find tags --action \"left turn*\" --followed-by \"stop*\" --plot "
       "found.png "
@@ -530,7 +531,7 @@ void AddFind(Command& root, Environment& environment) {
                  "Least p(y|s) of the action");
   command.Option("--speed", &arguments->speed, "Speed at the beginning, m/s: 5..12, 5.. or ..12");
   command.Option("--near", &arguments->near,
-                 "X,Y,R: the row begins within R metres of a place of the world");
+                 "X,Y,R: the row begins within R metres of this point of the world");
   command.Option("--surprise", &arguments->surprise,
                  "top:N: the N with the largest -ln p(y|s); or the least -ln p, nats");
   command.OptionPerValue("--where", &arguments->conditions,
@@ -548,7 +549,7 @@ void AddFind(Command& root, Environment& environment) {
                  "Where the other target is, as seen from the first one");
   command.Choice("--by", &arguments->by,
                  {"action", "class", "speed", "place", "hour", "scene", "dataset"},
-                 "Count by this, instead of a list");
+                 "Count by this, instead of listing");
   command.Option("--against", &arguments->against,
                  "Compare the shares with those in other folders of tags");
   command.Option("--limit", &arguments->limit, 0, 1'000'000, "Most matches to show");

@@ -331,7 +331,7 @@ void AddModel(Command& root, Environment& environment) {
   actions.OptionalArgument("MODEL", &arguments->model, any + " [the only one that serves]");
   actions.Flag("--all", &arguments->all, "Include actions that are not effective");
   actions.Option("--speed", &arguments->speed, 0.0, 100.0,
-                 "Speed of the target that they are drawn for, m/s [10]");
+                 "Target speed for which to draw them, m/s [10]");
   actions.Picture("--plot", &arguments->plot, "PNG file to draw them into");
   actions.Run([=, &environment] { return Actions(*arguments, environment); });
 
@@ -341,7 +341,7 @@ void AddModel(Command& root, Environment& environment) {
   remove.Argument("MODEL", &arguments->model, "The version, such as town/1");
   remove.Run([=, &environment] { return DeleteModel(arguments->model, environment); });
 
-  Command promote = group.Add("promote", "Make a version the one that serves",
+  Command promote = group.Add("promote", "Make a version serve",
                               "The version is loaded and checked first. Nothing changes if that "
                               "fails, or if its last evaluation on --dataset does not meet "
                               "--ahead-of and --not-behind; the answer names the strata.\n"

@@ -67,23 +67,22 @@ int Push(const std::string& folder, const std::string& model, Environment& envir
 void AddModelTransfer(Command& group, Environment& environment) {
   const auto model = std::make_shared<std::string>();
   const auto folder = std::make_shared<std::string>();
-  Command pull =
-      group.Add("pull", "Bring a version from the server into a folder",
-                "The folder is made, and holds what was checked by SHA-256, or is not there. A "
-                "transfer that broke off goes on with the same command.\n"
-                "Example: maneuver model pull town/3 town-3\n"
-                "         maneuver --server other:8470 model push town-3 town");
+  Command pull = group.Add("pull", "Download a version from the server into a folder",
+                           "Creates the folder with files that match their SHA-256, or not at all. "
+                           "To continue an interrupted transfer, run the same command again.\n"
+                           "Example: maneuver model pull town/3 town-3\n"
+                           "         maneuver --server other:8470 model push town-3 town");
   pull.Argument("MODEL", model.get(), "town (what serves), town/3 or town@candidate");
   pull.Argument("FOLDER", folder.get(), "Folder to make");
   pull.Run([=, &environment] { return Pull(*model, *folder, environment); });
 
   Command push = group.Add(
-      "push", "Bring a version from a folder to the server",
+      "push", "Upload a version from a folder to the server",
       "The server checks it by SHA-256, loads it once, and registers it as the model's next "
-      "version, which does not serve yet. One that it has already is not registered again.\n"
+      "version, which does not serve yet. A version that it already has is not registered again.\n"
       "Example: maneuver model push town-3 town");
   push.Argument("FOLDER", folder.get(), "Folder with model.json and weights.safetensors");
-  push.Argument("MODEL", model.get(), "The model that it becomes a version of, such as town");
+  push.Argument("MODEL", model.get(), "Model to add the version to, such as town");
   push.Run([=, &environment] { return Push(*folder, *model, environment); });
 }
 

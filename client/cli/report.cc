@@ -162,12 +162,12 @@ int WriteReportOfWatched(const std::string& job, const ReportFiles& files,
 
 void AddJobReport(Command& group, Environment& environment) {
   const auto arguments = std::make_shared<ReportArguments>();
-  Command command =
-      group.Add("report", "What a training or an evaluation came to, as a page for a browser",
-                "One HTML file that needs no network. Of a training that still runs: its curves so "
-                "far.\n"
-                "Example: maneuver job report 3f2a\n"
-                "         maneuver job report 3f2a --curves curves.csv --tensorboard runs/3f2a");
+  Command command = group.Add(
+      "report", "Write the results of a training or an evaluation as a page for a browser",
+      "Writes one HTML file that needs no network. For a training in progress it shows the curves "
+      "so far.\n"
+      "Example: maneuver job report 3f2a\n"
+      "         maneuver job report 3f2a --curves curves.csv --tensorboard runs/3f2a");
   command.Argument("JOB", &arguments->name, "Its name, as maneuver job list prints it");
   AddPageOption(command, &arguments->files);
   command.Run([arguments, &environment] {
@@ -177,12 +177,12 @@ void AddJobReport(Command& group, Environment& environment) {
 
 void AddModelReport(Command& group, Environment& environment) {
   const auto arguments = std::make_shared<ReportArguments>();
-  Command command =
-      group.Add("report", "All that is known of a version, as a page for a browser",
-                "One HTML file that needs no network: actions, scenes, learning curves, its newest "
-                "evaluation, other versions, settings.\n"
-                "Example: maneuver model report town\n"
-                "         maneuver model report town/3 --dataset unseen --out town-3.html");
+  Command command = group.Add(
+      "report", "Write everything about a version as a page for a browser",
+      "Writes one HTML file that needs no network: actions, scenes, learning curves, its newest "
+      "evaluation, other versions, settings.\n"
+      "Example: maneuver model report town\n"
+      "         maneuver model report town/3 --dataset unseen --out town-3.html");
   command.Argument("MODEL", &arguments->name, "town (what serves), town/2 or town@candidate");
   command.Option("--dataset", &arguments->dataset, "Evaluation to show [the newest]");
   AddPageOption(command, &arguments->files);

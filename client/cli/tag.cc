@@ -174,10 +174,8 @@ void AddTag(Command& root, Environment& environment) {
       "p(y|s).\n"
       "Works in this process on all cores. The folder gets, for each shard of the datasets, a "
       "gzipped CSV\n"
-      "file for other programs and a file that maneuver find reads. A run that was interrupted "
-      "goes "
-      "on with\n"
-      "the same command. The same command always writes the same bytes.\n"
+      "file for other programs and a file that maneuver find reads. To continue an interrupted "
+      "run, use the same\ncommand. The same command always writes the same bytes.\n"
       "Example: maneuver tag town --model town/3 -o tags\n"
       "         maneuver tag town --model town-3 -o tags --shards $SLURM_ARRAY_TASK_ID/16");
   command.Arguments("DATASET", &arguments->datasets, "Dataset folders");
@@ -187,7 +185,7 @@ void AddTag(Command& root, Environment& environment) {
   command.Option("--shards", &arguments->shards,
                  "i/n: tag the i-th of n parts of the shards, counted from 0");
   command.Flag("--windows", &arguments->windows,
-               "A row for each window, also where consecutive windows have one action");
+               "Write a row for each window, even if consecutive windows have the same action");
   command.Option("--stride", &arguments->stride, 0.01, 3600.0,
                  "Seconds between two windows of a target [as in the model's training]");
   command.Choice("--precision", &arguments->precision, {"f32", "bf16", "auto"},

@@ -243,7 +243,7 @@ void AddTrain(Command& root, Environment& environment) {
   command.Option("--mixture-epochs", &arguments->mixture_epochs, 0, 100'000,
                  "Epochs of the mixture alone");
   command.Option("--actions", &arguments->actions, 1, 10'000, "K, the number of actions");
-  command.Option("--seed", &arguments->seed, 0, INT64_MAX, "Seed of everything random");
+  command.Option("--seed", &arguments->seed, 0, INT64_MAX, "Seed for all random choices");
   command.Choice("--promote", &arguments->promote, {"auto", "never", "always", "if-no-worse"},
                  "Whether the new version serves; auto: if none serves yet; if-no-worse: if none "
                  "serves yet or it is no worse on --promote-dataset, and it meets --promote-ahead "
@@ -263,7 +263,7 @@ void AddTrain(Command& root, Environment& environment) {
   command.Option("--priority", &arguments->priority, -100, 100,
                  "Jobs with a higher priority run first [0]");
   command.Option("--report", &arguments->report.page,
-                 "HTML file to write once it has ended: a page for a browser");
+                 "HTML file to write when the job has ended: a page for a browser");
   AddCurveOptions(command, &arguments->report);
   command.Flag("--detach", &arguments->detach, "Start the job and return");
   for (const char* file : {"--report", "--curves", "--tensorboard"}) {

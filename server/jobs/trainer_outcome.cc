@@ -87,7 +87,7 @@ absl::Status TrainerStatus(const ChildResult& result, const std::string& last_wo
     return OutOfMemory("the trainer took more memory than a job may", last_words);
   }
   if (result.out_of_memory) {
-    return OutOfMemory("the system killed the trainer for want of memory", last_words);
+    return OutOfMemory("the system killed the trainer because memory ran out", last_words);
   }
   if (result.signal != 0) return Died(result.signal, last_words);
   const auto failed = [&last_words](absl::StatusCode code, errors::Reason reason,

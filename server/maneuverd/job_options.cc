@@ -33,7 +33,7 @@ void AddJobOptions(CLI::App& app, JobOptions& options) {
   app.add_option("--trainer", options.trainer, "The program that trains")->capture_default_str();
   app.add_option(
          "--trainer-command", options.trainer_command,
-         "What starts the trainer of a training job, as words separated by spaces, such as "
+         "Command that starts the trainer of a training job, words separated by spaces, such as "
          "\"srun -n{ranks} --export=ALL\"; {ranks} is the job's number of processes. Empty: "
          "the trainer starts its processes itself, on this machine")
       ->capture_default_str();

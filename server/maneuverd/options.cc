@@ -321,7 +321,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->check(CLI::Range(0.0, 3600.0))
       ->capture_default_str();
   app.add_option("--shutdown-timeout", shutdown_timeout_s,
-                 "Seconds after that for calls in flight to finish")
+                 "Seconds after --shutdown-delay for calls in flight to finish")
       ->check(CLI::Range(0.0, 3600.0))
       ->capture_default_str();
   const std::vector<std::string> arguments(argv + 1, argv + argc);

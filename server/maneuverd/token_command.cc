@@ -199,19 +199,19 @@ int RunTokenCommand(int argc, const char* const* argv, absl::Time now) {
   app.require_subcommand(1);
   const auto add_command = [&](const std::string& command, const std::string& help) {
     CLI::App* added = app.add_subcommand(command, help);
-    added->add_option("--tokens", file, "The file, as of maneuverd --tokens")->required();
+    added->add_option("--tokens", file, "Tokens file, as for maneuverd --tokens")->required();
     return added;
   };
   CLI::App* create = add_command(
       "create",
       "Prints a new token on standard output and adds its line to FILE; a server that reads FILE "
       "knows it within a second");
-  create->add_option("--name", name, "Whose token it is")->required();
+  create->add_option("--name", name, "Name of the caller that the token identifies")->required();
   create->add_option("--roles", roles, "Any of predict, train and admin, separated by commas")
       ->required();
   create->add_option("--expires", expires,
-                     "From when on it is refused: 90d, 12h, 30m, 2027-01-31 or "
-                     "2027-01-31T12:00:00Z; without it never");
+                     "When the token expires: after 90d, 12h or 30m, or at 2027-01-31 or "
+                     "2027-01-31T12:00:00Z [never]");
   CLI::App* list = add_command("list", "Shows who may call, by which credential, and until when");
   CLI::App* revoke = add_command(
       "revoke", "Removes tokens from FILE; a server that reads FILE refuses them within a second");

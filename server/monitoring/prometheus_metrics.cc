@@ -92,7 +92,7 @@ class DiskCollectable final : public prometheus::Collectable {
     return {Family("maneuver_data_disk_bytes", "Size of the disk that holds the data folder.",
                    MetricType::Gauge, static_cast<double>(space.capacity)),
             Family("maneuver_data_disk_free_bytes",
-                   "What the server may still write to the disk that holds the data folder.",
+                   "Bytes that the server can still write to the disk that holds the data folder.",
                    MetricType::Gauge, static_cast<double>(space.available))};
   }
 

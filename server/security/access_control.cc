@@ -59,9 +59,9 @@ AccessControl::AccessControl(const AccessOptions& options, monitoring::MetricReg
       log_lines_(kLogLinesPerSecond),
       looked_at_(clock_()) {
   for (const std::string_view reason : kReasons) {
-    refused_[std::string(reason)] =
-        &metrics.AddCounter("maneuver_refused_calls_total", "Calls that were not let in.",
-                            {{"reason", std::string(reason)}});
+    refused_[std::string(reason)] = &metrics.AddCounter(
+        "maneuver_refused_calls_total", "Calls that were refused before they began, by reason.",
+        {{"reason", std::string(reason)}});
   }
 }
 

@@ -76,7 +76,7 @@ MapCache::Metrics::Metrics(monitoring::MetricRegistry& registry)
       hits(LookupCounter(registry, "hit")),
       misses(LookupCounter(registry, "miss")),
       evicted(registry.AddCounter("maneuver_maps_evicted_total",
-                                  "Maps that were let go of for others that came.")) {}
+                                  "Registered maps that were evicted to make room for others.")) {}
 
 MapCache::MapCache(const MapCacheOptions& options, monitoring::MetricRegistry& metrics)
     : options_(options), metrics_(metrics) {}

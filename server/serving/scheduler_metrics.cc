@@ -12,20 +12,19 @@ monitoring::Histogram& StageHistogram(monitoring::MetricRegistry& registry, cons
 }
 
 monitoring::Counter& TargetCounter(monitoring::MetricRegistry& registry, const char* outcome) {
-  return registry.AddCounter(
-      "maneuver_targets_total",
-      "Targets by what became of them: answered, unsound (the model's answer "
-      "was withheld), expired, cancelled or refused because the queue was "
-      "full.",
-      {{"outcome", outcome}});
+  return registry.AddCounter("maneuver_targets_total",
+                             "Targets by outcome: answered, unsound (the model's answer "
+                             "was withheld), expired, cancelled or refused because the queue was "
+                             "full.",
+                             {{"outcome", outcome}});
 }
 
 monitoring::Counter& DropCounter(monitoring::MetricRegistry& registry, const char* cause,
                                  const char* after) {
   return registry.AddCounter(
       "maneuver_dropped_targets_total",
-      "Targets that nobody waited for any more, by why, and by what they had "
-      "behind them: nothing (refused on entry), the queue, raster (the scene was read, as a raster "
+      "Targets that nobody waited for any more, by reason, and by the last stage that they passed: "
+      "nothing (refused on entry), the queue, raster (the scene was read, as a raster "
       "or as vectors) or encode.",
       {{"cause", cause}, {"after", after}});
 }

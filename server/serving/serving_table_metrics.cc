@@ -16,7 +16,7 @@ constexpr std::array<std::string_view, 2> kShownAliases = {kServingAlias, kCandi
 
 monitoring::Counter& SwapCounter(monitoring::MetricRegistry& registry, std::string alias) {
   return registry.AddCounter("maneuver_model_swaps_total",
-                             "Times that an alias of a model came to stand for another version.",
+                             "Times that an alias of a model was pointed to another version.",
                              {{"alias", std::move(alias)}});
 }
 
@@ -54,7 +54,7 @@ void ServingTableMetrics::Show(const std::map<ModelAliasName, int>& aliases) {
     for (const std::string_view alias : kShownAliases) {
       versions_[{name.model, std::string(alias)}] =
           &registry_.AddGauge("maneuver_model_version",
-                              "Version in memory that an alias of a model stands for; 0: none.",
+                              "Version in memory that an alias of a model points to; 0: none.",
                               {{"model", name.model}, {"alias", std::string(alias)}});
     }
   }

@@ -199,11 +199,11 @@ CrossValidateCommand::CrossValidateCommand(CLI::App& app)
                    "Also measure every model on this dataset; none learns from it; may be "
                    "repeated")
       ->type_name("NAME=FOLDER");
-  command_->add_option("--folds", folds_, "Parts that the recordings are dealt out to")
+  command_->add_option("--folds", folds_, "Number of folds to divide the recordings into")
       ->check(CLI::Range(2, 1000))
       ->capture_default_str()
       ->type_name("N");
-  command_->add_option("--fold-seed", fold_seed_, "Another one deals them out anew")
+  command_->add_option("--fold-seed", fold_seed_, "Seed of the division into folds")
       ->capture_default_str()
       ->type_name("N");
   command_
@@ -222,7 +222,7 @@ CrossValidateCommand::CrossValidateCommand(CLI::App& app)
                      "Train a CoverNet-like and a MultiPath-like baseline in each fold too; takes "
                      "about as long again");
   command_->add_flag("--plan-only", plan_only_,
-                     "Say how the recordings are grouped and dealt out, and stop");
+                     "Print how the recordings are grouped and divided, and exit");
   command_
       ->add_option("--models", models_,
                    "Keep the models in this folder, as seed-1-fold-1 and so on; without it they "

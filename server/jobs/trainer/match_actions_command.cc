@@ -26,7 +26,8 @@ MatchActionsCommand::MatchActionsCommand(CLI::App& app)
   command_->add_option("SECOND", second_, "Model folder")->type_name("FOLDER")->required();
   command_
       ->add_option("--dataset", dataset_,
-                   "Dataset folder: shares of the actions, and agreement example by example, there")
+                   "Dataset folder on which to measure the shares of the actions and how often "
+                   "examples agree")
       ->type_name("FOLDER");
   command_->add_option("--output", output_, "ActionMatching as JSON")->type_name("FILE");
   AddDataMemoryOption(*command_, &data_memory_);

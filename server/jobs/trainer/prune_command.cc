@@ -13,8 +13,8 @@
 namespace maneuver::trainer {
 
 PruneCommand::PruneCommand(CLI::App& app)
-    : command_(app.add_subcommand(
-          "prune", "Leave the actions that are not effective out of a model, as a new one")) {
+    : command_(app.add_subcommand("prune",
+                                  "Write a new model without the actions that are not effective")) {
   command_->add_option("--model", model_, "Model folder")->type_name("FOLDER")->required();
   command_->add_option("--output", output_, "Model folder to write; it must not exist")
       ->type_name("FOLDER")

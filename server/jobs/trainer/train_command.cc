@@ -72,10 +72,9 @@ TrainCommand::TrainCommand(CLI::App& app)
                    "Names of the datasets for the model's provenance (default: the folders')")
       ->type_name("NAME");
   command_
-      ->add_option(
-          "--start-from", start_from_,
-          "Model folder to start from, in place of random weights: it fixes all sizes, its "
-          "actions stay what they are, and only the joint and the posterior epochs are run")
+      ->add_option("--start-from", start_from_,
+                   "Model folder to start from instead of random weights: keeps its sizes and "
+                   "actions, and runs only the joint and posterior epochs")
       ->type_name("FOLDER");
   command_
       ->add_option("--start-from-name", start_from_name_,
@@ -88,7 +87,7 @@ TrainCommand::TrainCommand(CLI::App& app)
       ->type_name("FOLDER");
   command_
       ->add_option("--checkpoint-interval", checkpoint_interval_,
-                   "Seconds between two checkpoints, at least")
+                   "Least number of seconds between two checkpoints")
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str()
       ->type_name("SECONDS");
@@ -102,13 +101,14 @@ TrainCommand::TrainCommand(CLI::App& app)
       ->check(CLI::Range(int64_t{0}, int64_t{1'000'000'000}))
       ->capture_default_str()
       ->type_name("N");
-  command_->add_option("--checkpoints-kept", checkpoints_kept_, "How many of the last are kept")
+  command_
+      ->add_option("--checkpoints-kept", checkpoints_kept_, "Number of latest checkpoints to keep")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str()
       ->type_name("N");
   command_
       ->add_option("--least-actions", least_actions_,
-                   "Fail if the held-out examples are given to fewer actions")
+                   "Fail if the held-out examples use fewer actions than this")
       ->check(CLI::Range(0, 100'000))
       ->capture_default_str()
       ->type_name("N");
@@ -119,9 +119,9 @@ TrainCommand::TrainCommand(CLI::App& app)
       ->check(CLI::IsMember({0, 1, 2, 4, 8, 16, 32, 64}))
       ->type_name("N");
   command_
-      ->add_option("--rank-timeout", rank_timeout_,
-                   "Of several ranks: seconds after which one that does not answer is given up, "
-                   "and with it the run")
+      ->add_option(
+          "--rank-timeout", rank_timeout_,
+          "With several ranks: give up if another rank does not answer for this many seconds")
       ->check(CLI::Range(1.0, 86400.0))
       ->capture_default_str()
       ->type_name("SECONDS");

@@ -359,7 +359,8 @@ TEST_P(LanesModelTest, TheOrderOfLanePathsAndOfAgentsDoesNotMatter) {
              "p(y|s)");
 }
 
-// Weights in bf16 take no processor that computes with it, so that this runs everywhere.
+// Models without a raster only store weights in bf16, so they run on any processor. Models with a
+// raster compute in bf16 and are skipped on processors that cannot.
 TEST_P(LanesModelTest, WeightsInBf16ChangeProbabilitiesByLessThanAHundredth) {
   if (spec().has_raster() && !ProcessorHasBf16()) return;
   const Networks networks(spec(), stored_.weights, true);

@@ -44,7 +44,7 @@ TEST(TrainingDataTest, RefusesTooFewExamplesAndSaysWhatToDo) {
   EXPECT_THAT(message, HasSubstr("Add recordings"));
 }
 
-TEST(TrainingDataTest, SaysThatTheRecordingsHaveNoTarget) {
+TEST(TrainingDataTest, RefusesRecordingsWithoutATarget) {
   v1::TrainingSettings settings = TinySettings();
   settings.mutable_model()->add_target_types(v1::AGENT_TYPE_CYCLIST);
   const auto data = SplitRecordings(ArcRecordings(20), settings);

@@ -65,9 +65,9 @@ TEST_F(PromotionJobTest, PromotesABetterVersionAndRecordsWhy) {
   EXPECT_EQ(job.promotion_decision().comparison().metrics(1).baseline_value(), 2.0);
   EXPECT_EQ(Serves(), "models/town/versions/1");
   EXPECT_EQ(MeasuredVersions(), "1\n9\n");
-  // Published without being promoted.
+  // The publication itself promoted nothing.
   EXPECT_EQ(versions_.promotions, std::vector{v1::PROMOTION_IF_NO_WORSE});
-  // While it measured: half of the last twentieth. Now that it has ended: all.
+  // The measurements are the last twentieth of the progress; the last event came half way through.
   const auto steps = store_->ListProgress(job.name(), 0, 100);
   ASSERT_TRUE(steps.ok() && !steps->empty()) << steps.status();
   EXPECT_DOUBLE_EQ(steps->back().fraction(), 0.975);

@@ -89,7 +89,7 @@ TEST_F(VectorMapTest, NamesTheElementThatIsDamagedAndReadsTheOthers) {
   }
 }
 
-TEST_F(VectorMapTest, SaysThatAFileIsNoVectorMap) {
+TEST_F(VectorMapTest, RefusesAFileThatIsNotAVectorMap) {
   EXPECT_THAT(std::string(Read("<osm/>").status().message()), HasSubstr("it has no <way>"));
   EXPECT_THAT(std::string(Read("{}").status().message()), HasSubstr("map.xml: no XML"));
 }
