@@ -1,5 +1,5 @@
-// Folders that are datasets in place: the shards stay where they are. The store's folder of such a
-// dataset holds its manifest, a link to each shard, the indexes, and a file ".registration".
+// Registers a folder as a dataset without copying its shards. The store's folder of such a dataset
+// contains its manifest, a link to each shard, the indexes, and a file ".registration".
 
 #ifndef MANEUVER_MODEL_DATA_REGISTERED_FOLDER_H_
 #define MANEUVER_MODEL_DATA_REGISTERED_FOLDER_H_
@@ -20,9 +20,9 @@ namespace maneuver::data {
 absl::StatusOr<std::filesystem::path> ResolveRegistrable(
     const std::filesystem::path& folder, std::span<const std::filesystem::path> roots);
 
-// Links the shards of `source` into the empty folder `into`, notes their state there, and returns
-// the manifest of `source`. Reads no shard.
-//   source: from ResolveRegistrable
+// Links the shards of `source` into the empty folder `into`, writes their sizes and times to
+// .registration, and returns the manifest of `source`. Reads no shard.
+//   source: a result of ResolveRegistrable
 // INVALID_ARGUMENT, naming the file, if it is not a dataset, or a file is itself a link.
 absl::StatusOr<v1::Dataset> LinkShards(const std::filesystem::path& source,
                                        const std::filesystem::path& into);
@@ -32,9 +32,9 @@ bool IsRegistered(const std::filesystem::path& folder);
 // Returns the folder that LinkShards was given; empty if there is none.
 std::filesystem::path RegisteredFrom(const std::filesystem::path& folder);
 
-// Checks that the shards of a registered folder are still those that were registered; OK for any
-// other folder. A shard whose times have changed is read, and is fine if its SHA-256 is the
-// manifest's; its new times are then noted. DATA_LOSS, naming shard and folder, if it is not.
+// Checks that the shards of a registered folder are still those that were registered. OK for any
+// other folder. If the times of a shard have changed, its SHA-256 is compared with the manifest's.
+// If it is equal, the new times are stored. If not, returns DATA_LOSS, naming shard and folder.
 absl::Status CheckRegistered(const std::filesystem::path& folder, const v1::Dataset& manifest);
 
 }  // namespace maneuver::data

@@ -1,4 +1,4 @@
-// Work that several threads do ahead of the one who needs it, and that is handed out in order.
+// Lets several threads work ahead of a thread that takes their results in order.
 
 #ifndef MANEUVER_MODEL_MACHINE_ORDERED_WORK_H_
 #define MANEUVER_MODEL_MACHINE_ORDERED_WORK_H_
@@ -13,18 +13,18 @@
 
 namespace maneuver::machine {
 
-// The results of items 0 .. count-1. Threads of the owner claim items and put their results; one
-// thread takes them. Thread-safe.
+// Results of items 0 .. count-1. Worker threads call Claim and Put; one thread calls Take.
+// Thread-safe.
 template <typename Result>
 class OrderedWork {
  public:
-  //   most_ahead: how many items may be claimed whose results have not been taken; at least 1.
+  //   most_ahead: the most claimed items whose results have not been taken; at least 1
   OrderedWork(size_t count, size_t most_ahead) : count_(count), most_ahead_(most_ahead) {}
   OrderedWork(const OrderedWork&) = delete;
   OrderedWork& operator=(const OrderedWork&) = delete;
 
-  // Returns the next item to work on. Waits while too many are ahead. Returns nothing once all are
-  // claimed, and after Stop.
+  // Returns the next item to work on. Waits while `most_ahead` results have not been taken. Returns
+  // nothing once all items are claimed, and after Stop.
   std::optional<size_t> Claim() ABSL_LOCKS_EXCLUDED(mutex_) {
     const MutexLock lock(mutex_);
     while (!stopped_ && claimed_ < count_ && claimed_ >= taken_ + most_ahead_) {
@@ -34,7 +34,7 @@ class OrderedWork {
     return claimed_++;
   }
 
-  // Hands in the result of an item that was claimed.
+  // Stores the result of a claimed item.
   void Put(size_t item, Result result) ABSL_LOCKS_EXCLUDED(mutex_) {
     {
       const MutexLock lock(mutex_);
@@ -43,7 +43,7 @@ class OrderedWork {
     changed_.NotifyAll();
   }
 
-  // Returns the next result, for which it waits; nothing after the last.
+  // Waits for the next result and returns it. Returns nothing after the last.
   std::optional<Result> Take() ABSL_LOCKS_EXCLUDED(mutex_) {
     std::optional<Result> result;
     {
@@ -57,7 +57,7 @@ class OrderedWork {
     return result;
   }
 
-  // Returns whether Take would not wait now. For the thread that takes.
+  // Returns whether Take would return at once. Only the thread that calls Take may call it.
   bool IsReady() ABSL_LOCKS_EXCLUDED(mutex_) {
     const MutexLock lock(mutex_);
     return taken_ == count_ || finished_.contains(taken_);

@@ -59,8 +59,8 @@ struct TagRow {
   int64_t operator[](Column column) const { return values[static_cast<size_t>(column)]; }
 };
 
-// Convert a number to the integer that stands for it, and back. ToInteger rounds to the nearest;
-// what lies outside the integer's range becomes its end, and NaN becomes its lower end.
+// Convert a number to the integer that stands for it, and back. ToInteger rounds to the nearest
+// integer, clamps to the integer's range, and maps NaN to the lower end of the range.
 int64_t ToInteger(Column column, double number);
 double ToNumber(Column column, int64_t integer);
 

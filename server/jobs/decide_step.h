@@ -11,16 +11,16 @@
 
 namespace maneuver::jobs {
 
-// Decides as TrainRequest.promotion says, carries the decision out, and sets
-// job.promotion_decision. Only PROMOTION_IF_NO_WORSE is decided here. With any other promotion,
-// publishing has already done it, and this step records the result.
+// With PROMOTION_IF_NO_WORSE, decides whether the new version serves and carries the decision out.
+// With any other TrainRequest.promotion, publishing has already decided. Either way, the step sets
+// job.promotion_decision.
 class DecideStep final : public JobStep {
  public:
   explicit DecideStep(std::shared_ptr<JobPromotion> promotion) : promotion_(std::move(promotion)) {}
 
   bool IsDone() const override { return promotion_->IsDecided(); }
-  // Returns true if the step may measure: it does so again if another version has come to serve
-  // since MeasureStep.
+  // Returns true if the step may measure. It measures again if another version began to serve after
+  // MeasureStep.
   bool CanWait() const override { return promotion_->IsByMeasurement(); }
   Outcome Run() override;
 

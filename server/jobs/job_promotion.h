@@ -1,5 +1,5 @@
-// The promotion of the version that a job made: the versions that the decision reads and changes,
-// and the notes in the job's folder.
+// The promotion of the version that a job made. Gives the decision its versions and reports, and
+// keeps the decision in the job's folder.
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_PROMOTION_H_
 #define MANEUVER_SERVER_JOBS_JOB_PROMOTION_H_
@@ -53,9 +53,9 @@ class JobPromotion final : public PromotionVersions {
   const std::filesystem::path folder_;
   const JobAttempt& attempt_;
   const v1::PromotionCriteria criteria_;  // complete
-  // Reports that this attempt made, by version. A deleted version has none beside it.
+  // Reports that this attempt made, by version. They stay here if their version is deleted.
   std::map<std::string, v1::EvaluationReport> measured_;
-  bool last_died_ = false;  // the process that measured last
+  bool last_died_ = false;  // whether the process that measured last died
 };
 
 }  // namespace maneuver::jobs

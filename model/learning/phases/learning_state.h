@@ -15,8 +15,8 @@
 
 namespace maneuver::learning {
 
-// The data, the networks and the random numbers of one run. Each phase changes the networks, the
-// generator and the centres; the rest stays. Not thread-safe.
+// The data, the networks and the random numbers of one run. The phases change the networks, the
+// generator and the centres, and nothing else. Not thread-safe.
 struct LearningState {
   // Draws fresh weights, standardizes the networks on the training examples, and indexes all maps.
   //   run_settings: complete;  run_data: must outlive the state
