@@ -27,7 +27,7 @@ int Export(const ExportArguments& arguments, Environment& environment) {
   if (absl::IsNotFound(model.status())) {
     return environment.Refuse(absl::StrCat(
         arguments.folder, " is not a model folder: ", std::string(model.status().message()),
-        ". For a version that a server has, first: maneuver model pull ", arguments.folder,
+        ". To export a version of a server, first run: maneuver model pull ", arguments.folder,
         " FOLDER"));
   }
   if (!model.ok()) return environment.FailAt(arguments.folder, model.status());

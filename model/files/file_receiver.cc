@@ -49,8 +49,8 @@ absl::StatusOr<std::unique_ptr<FileReceiver>> FileReceiver::Begin(
   for (size_t i = 0; i < there.size(); ++i) {
     if (upload.arrived[i] > there[i]) {
       return absl::UnavailableError(absl::StrCat(
-          "of ", upload.noun, " ", upload.files[i].name, " ", there[i], " bytes have arrived, not ",
-          upload.arrived[i], "; ask what has arrived and go on from there"));
+          there[i], " bytes of ", upload.noun, " ", upload.files[i].name, " have arrived, not ",
+          upload.arrived[i], "; ask what has arrived and continue from there"));
     }
     skipped += static_cast<uint64_t>(upload.arrived[i]);
   }

@@ -275,9 +275,10 @@ void CheckSignal(const v1::TrafficSignal& signal, int index, const ScenarioLimit
 // Returns "; its nearest state is at 0.4 s", or says that there is none.
 std::string NearestState(const v1::Agent& agent, double time) {
   const int past = FindState(agent, time, HUGE_VAL, time + kSameTime);
-  if (past >= 0) return StrCat("; its nearest is at ", Number(agent.states(past).time()), " s");
-  if (agent.states().empty()) return "; it has none at all";
-  return StrCat("; its first is at ", Number(agent.states(0).time()), " s, later than that");
+  if (past >= 0)
+    return StrCat("; its nearest state is at ", Number(agent.states(past).time()), " s");
+  if (agent.states().empty()) return "; it has no state at all";
+  return StrCat("; its first state is later, at ", Number(agent.states(0).time()), " s");
 }
 
 }  // namespace

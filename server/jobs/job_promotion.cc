@@ -35,7 +35,7 @@ v1::PromotionDecision AsPublished(const v1::Job& job, const serving::ModelVersio
   v1::PromotionDecision decision;
   const v1::TrainRequest& request = job.train();
   if (request.promotion() == v1::PROMOTION_NEVER) {
-    decision.set_reason("it was never to be");
+    decision.set_reason("the request said never");
     return decision;
   }
   decision.set_promoted(true);

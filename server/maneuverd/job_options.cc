@@ -68,8 +68,9 @@ void AddJobOptions(CLI::App& app, JobOptions& options) {
          "Fail a job after this many of its processes in a row died without a new checkpoint")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
-  app.add_option("--job-least-actions", options.least_effective_actions,
-                 "Fail a training job whose model uses fewer actions on held-out examples")
+  app.add_option(
+         "--job-least-actions", options.least_effective_actions,
+         "Fail a training job whose model uses fewer actions than this on held-out examples")
       ->check(CLI::Range(0, 100'000))
       ->capture_default_str();
   AddScaled(app, "--checkpoint-interval", "60", 86'400, "Seconds between two checkpoints",

@@ -301,7 +301,7 @@ class FindTest(unittest.TestCase):
 
     def test_what_makes_no_sense_is_refused(self):
         for arguments, says in ((("--action", "fly*"), "no action is called"), (("--speed", "5"), "--speed"),
-                                (("--near", "1,2"), "--near"), (("--where", "price>3"), "no column"),
+                                (("--near", "1,2"), "--near"), (("--where", "price>3"), "not a column"),
                                 (("--where", "ade>x"), "not a number"), (("--surprise", "top:0"), "--surprise"),
                                 (("--extract", "e"), "--dataset"), (("--against", "tags"), "--by"), (("--side", "ahead"), "--with")):
             self.assertIn(says, run("find", "tags", *arguments, status=2).stderr)

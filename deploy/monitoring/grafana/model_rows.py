@@ -12,7 +12,7 @@ def models():
                [query("max by (model, alias, instance) (maneuver_model_version{SERVER}) > 0", "{{model}}@{{alias}} {{instance}}")],
                "none", steps=True, least=0),
         curves("When was a version swapped?",
-               "Times that an alias came to stand for another version. Nothing is loaded on the serving path: a latency that "
+               "Times that an alias was pointed to another version. Nothing is loaded on the serving path: a latency that "
                "jumps here is the new version's own.",
                [query("sum by (alias) (increase(maneuver_model_swaps_total{SERVER}[RATE]))", "{{alias}}")], "short", least=0),
         curves("How many versions are in memory?", "Serving, candidate and those asked for by number.",

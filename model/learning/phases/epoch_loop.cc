@@ -285,7 +285,7 @@ absl::Status EpochLoop::ShareState(const PhasePlan& plan, const PhaseState& stat
   return ranks_.Apart([&] {
     if (ranks_.rank() == 0) return absl::OkStatus();
     if (!resumed_.emplace().ParseFromString(bytes)) {
-      return absl::DataLossError("what rank 0 sent is damaged");
+      return absl::DataLossError("the data that rank 0 sent are damaged");
     }
     return resumed_->training_examples() == training_examples_
                ? absl::OkStatus()

@@ -68,8 +68,8 @@ TEST(PromotionTextTest, SaysWhetherAndWhyAVersionWasPromoted) {
   v1::Job job;
   job.set_model_version("models/town/versions/2");
   EXPECT_THAT(PromotionText(job, false), IsEmpty());
-  job.mutable_promotion_decision()->set_reason("it was never to be");
-  EXPECT_EQ(PromotionText(job, false), "town/2 was not promoted: it was never to be\n");
+  job.mutable_promotion_decision()->set_reason("the request said never");
+  EXPECT_EQ(PromotionText(job, false), "town/2 was not promoted: the request said never\n");
   job.mutable_promotion_decision()->set_promoted(true);
   *job.mutable_promotion_decision()->mutable_comparison() = Comparison();
   EXPECT_THAT(PromotionText(job, false), HasSubstr("town/2 was promoted: "));

@@ -323,14 +323,15 @@ TEST_F(TargetValidationTest, NamesTheNearestStateIfThereIsNoneNow) {
   const auto violation = Validate({7});
   ASSERT_TRUE(violation.has_value());
   EXPECT_EQ(violation->field, "target_ids[0]");
-  EXPECT_EQ(violation->description,
-            "agent 7 has no state within 0.05 s before the prediction time, 1 s; its nearest is at "
-            "0.4 s");
+  EXPECT_EQ(
+      violation->description,
+      "agent 7 has no state within 0.05 s before the prediction time, 1 s; its nearest state is at "
+      "0.4 s");
 }
 
 TEST_F(TargetValidationTest, RefusesATargetThatAppearsLaterOrNever) {
-  EXPECT_THAT(Validate({9})->description, HasSubstr("its first is at 1.5 s, later than that"));
-  EXPECT_THAT(Validate({10})->description, HasSubstr("it has none at all"));
+  EXPECT_THAT(Validate({9})->description, HasSubstr("its first state is later, at 1.5 s"));
+  EXPECT_THAT(Validate({10})->description, HasSubstr("it has no state at all"));
 }
 
 TEST_F(TargetValidationTest, RefusesTheSecondOfTwoEqualTargets) {
