@@ -20,10 +20,10 @@ absl::Status DatasetExists(const std::string& id);
 // Returns the shards of a manifest as files to receive.
 std::vector<files::AnnouncedFile> ShardFiles(const v1::Dataset& manifest);
 
-// Publishes a temporary folder with all shards as the dataset `id` in `folder`: completes and writes
-// its manifest, verifies everything, and indexes each shard.
-//   INVALID_ARGUMENT: it is not what the manifest says, or a record is not valid.
-//   ALREADY_EXISTS: another one was first.
+// Publishes a temporary folder with all shards as the dataset `id` in `folder`: completes and
+// writes its manifest, verifies everything, and indexes each shard.
+//   INVALID_ARGUMENT: the files differ from the manifest, or a record is not valid.
+//   ALREADY_EXISTS: another upload of this id was completed first.
 absl::Status PublishDataset(const std::string& id, const std::filesystem::path& temporary,
                             const std::filesystem::path& folder, v1::Dataset* manifest);
 

@@ -17,13 +17,14 @@
 
 namespace maneuver::learning {
 
-// Held-out examples that a model is measured on, about: recordings are measured whole.
+// The approximate number of held-out examples that a model is measured on. Recordings are measured
+// completely, so the number may be a little larger.
 inline constexpr int64_t kMostMeasured = 2048;
 
 struct ExportOptions {
   std::filesystem::path output;
   int threads = 1;
-  std::vector<std::string> labels;  // of the first actions
+  std::vector<std::string> labels;  // labels of the first actions
   // Derived names of the actions, [K]; empty: names are derived anew.
   std::vector<std::string> names;
   // Baselines that are written to the folder and measured with the model.

@@ -16,14 +16,14 @@ namespace maneuver::learning {
 struct PlacedMixture {
   Gaussian components;     // [K, D]
   at::Tensor log_weights;  // [K], normalised
-  // If placed by clusters: the centres, in the space of ClusterSpace. [K, S]
+  // The clusters' centres in the space of ClusterSpace, [K, S]; undefined for other placements.
   at::Tensor centers = {};
 };
 
 // The time between the waypoints of a trajectory, and the speed that counts as slow.
 struct TrajectoryScale {
   double waypoint_interval = 0.0;  // seconds
-  double slow_speed = 1.0;         // metres per second; below it speeds count by their differences
+  double slow_speed = 1.0;         // metres per second; distances are linear in speeds below it
 };
 
 TrajectoryScale ScaleOf(const v1::TrainingSettings& settings);
@@ -50,9 +50,9 @@ at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& cen
 //                        differ only in the speed of going straight, which q(z|y,s) knows from the
 //                        scenario anyway
 //   VELOCITY_CLUSTERS    k-means on the velocities along the trajectories, with compressed speeds
-//                        (ln(1 + v / slow)): what is done, rather than where it leads
-//   DEPARTURE_CLUSTERS   k-means on the positions every half second, each over the root of its time
-//                        plus half a second; for trajectories relative to a reference
+//                        (ln(1 + v / slow)): clusters differ by what is done, not by where it leads
+//   DEPARTURE_CLUSTERS   k-means on the positions at t = 0.5 s, 1 s, ..., each divided by
+//                        sqrt(t + 0.5 s); for trajectories relative to a reference
 //   RANDOM               means from N(0, I), variances 1
 //   UNIFORM              means spread evenly over the box of the encodings
 //   ENCODED_POINTS       means at the encodings of random examples

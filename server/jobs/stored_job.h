@@ -1,4 +1,5 @@
-// What a store of jobs writes down and answers, whatever database it uses. Private to the stores.
+// Encodes jobs for storage and states the errors of a job store, for any database. Private to the
+// stores.
 
 #ifndef MANEUVER_SERVER_JOBS_STORED_JOB_H_
 #define MANEUVER_SERVER_JOBS_STORED_JOB_H_
@@ -15,8 +16,8 @@
 
 namespace maneuver::jobs {
 
-// Return the bytes of a row: a message, and a CRC-32C as a field that no message has. Earlier
-// releases pass over it, and wrote none.
+// Return the bytes of a row: a message, and its CRC-32C as a field with a number that no message
+// defines. Earlier releases wrote no CRC-32C, and they ignore the field.
 //
 // A job's row is maneuver.v1.Job without progress, which has rows of its own.
 std::string StoredJob(v1::Job job);
@@ -24,28 +25,28 @@ std::string StoredProgress(const v1::JobProgress& progress);
 
 // Returns the event of a row. DATA_LOSS if its CRC does not match, or it does not parse.
 absl::StatusOr<v1::JobProgress> ParseStoredProgress(const std::string& bytes);
-// Returns the job of a row and its latest event, if it has one. A job that has ended has no time
-// left. DATA_LOSS as above.
+// Returns the job of a row and its latest event, if it has one. If the job has ended, its progress
+// has no remaining time. DATA_LOSS as for ParseStoredProgress.
 absl::StatusOr<v1::Job> ParseStoredJob(const std::string& job,
                                        const std::optional<std::string>& progress);
 
 // Returns the priority that the job was asked for with; higher goes first.
 int64_t PriorityOf(const v1::Job& job);
 
-// Returns the number of the job that the page before ended with; the greatest number for an empty
-// token. INVALID_ARGUMENT for a token that is none of ours.
+// Returns the number of the job that the previous page ended with; the greatest number for an empty
+// token. INVALID_ARGUMENT if ListJobs did not make the token.
 absl::StatusOr<int64_t> ParsePageToken(const std::string& page_token);
 
-// Changes a RUNNING job by `end`. FAILED_PRECONDITION if it may not move to the state that follows.
+// Changes a RUNNING job by `end`. FAILED_PRECONDITION if the job may not move to its new state.
 absl::Status EditRunning(const JobEdit& end, v1::Job& job);
 
-// OK if Move may take a job from one state to the other.
+// Returns OK if Move may take a job from `from` to `to`.
 absl::Status CheckMove(v1::JobState from, v1::JobState to);
 
 absl::Status NoSuchJob(const std::string& name);
 absl::Status NoSuchAlias(const security::ModelAliasName& name);
 absl::Status LeaseEnded(const JobLease& lease);
-// FAILED_PRECONDITION: the job is in this state by now.
+// Returns FAILED_PRECONDITION with the job's present state, which rules out the request.
 absl::Status IsInState(const v1::Job& job);
 absl::Status NotEnded(const v1::Job& job);
 

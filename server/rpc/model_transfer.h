@@ -33,7 +33,7 @@ class ModelDownloadCall final : public grpc::ServerWriteReactor<v1::DownloadMode
 
  private:
   // Called each time the token is found revoked. The first call ends the download before its next
-  // chunk. The second call breaks off a client that does not read.
+  // chunk. The second call cancels the RPC of a client that does not read.
   void OnRefused(const absl::Status& refusal);
   // Runs one step on a thread of the pool; never two at a time.
   void TakeStep();

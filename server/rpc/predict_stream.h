@@ -77,7 +77,7 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   PredictStream(PredictionContext& context, OpenStreams& streams, grpc::CallbackServerContext* rpc);
 
   // Called each time the token is found revoked. The first call ends the stream once nothing is in
-  // flight. The second call breaks off a caller that does not read.
+  // flight. The second call cancels the RPC of a caller that does not read.
   void OnRefused(const absl::Status& refusal);
   void Begin(std::shared_ptr<Entry> entry);
   // Checks a request's outline, parses it and hands it to the scheduler.
