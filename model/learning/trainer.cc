@@ -168,7 +168,7 @@ class Training {
     RankPlan plan;
     v1::TrainingSettings settings;
     if (!plan.ParseFromString(bytes) || !settings.ParseFromString(plan.settings())) {
-      return absl::DataLossError("what rank 0 sent is damaged");
+      return absl::DataLossError("the data that rank 0 sent are damaged");
     }
     settings_.mutable_optimization()->set_micro_batches(settings.optimization().micro_batches());
     data_memory_ = plan.data_memory();
