@@ -40,7 +40,7 @@ struct ErrorDetails {
   std::string reason = {};                           // stable, UPPER_SNAKE_CASE
   std::map<std::string, std::string> metadata = {};  // more about the reason
   std::vector<FieldViolation> field_violations = {};
-  // Of the reason ACTION_NAME_GONE: required names that no action bears (the first 16).
+  // With the reason ACTION_NAME_GONE: the required names that no action has (the first 16).
   std::vector<std::string> missing_action_names = {};
   std::optional<absl::Duration> retry_delay = {};  // wait at least this long before trying again
 };

@@ -13,8 +13,8 @@ namespace maneuver::client {
 
 struct ServiceConfig {
   bool several = false;                   // calls go in turn to all addresses that are SERVING
-  std::string health_service = "";        // whose health counts; empty: the server's
-  std::optional<RetryPolicy> retry = {};  // of all methods; unset: no retries
+  std::string health_service = "";        // service whose health counts; empty: the whole server
+  std::optional<RetryPolicy> retry = {};  // applies to all methods; unset: no retries
 };
 
 // Returns the config as JSON; empty if nothing differs from gRPC's defaults.

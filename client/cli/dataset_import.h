@@ -33,28 +33,28 @@ struct RawRecording {
   // Makes the scenario. Called once, on any thread.
   std::function<absl::StatusOr<v1::Scenario>()> parse;
   std::string place;  // for messages: "a.tfrecord at offset 12"
-  double end = 0.0;   // where it ends, in the bytes of its ImportFile
+  double end = 0.0;   // offset in its ImportFile where it ends, bytes
 };
 
-// What a format reads as a whole.
+// A file that a format reads as a whole.
 struct ImportFile {
   std::filesystem::path path;
   double bytes = 0.0;  // for the progress
 };
 
-// Where a format delivers what it reads. Not thread-safe.
+// Receives what a format reads. Not thread-safe.
 class ImportSink {
  public:
   virtual ~ImportSink() = default;
   // Takes a recording. Blocks while enough others are being parsed. If the result is an error,
   // reading ends with it.
   virtual absl::Status Take(RawRecording&& recording) = 0;
-  // Counts and reports what is damaged. OK: read on without it. Otherwise reading ends with the
-  // result, which is `damage`.
+  // Counts and reports damage. If it returns OK, the format leaves out the damaged part and reads
+  // on. Otherwise it returns `damage`, and reading ends with that.
   virtual absl::Status Damaged(const absl::Status& damage) = 0;
   // Tells the user something that is not a fault.
   virtual void Note(const std::string& text) = 0;
-  // Shows that so many bytes of the present ImportFile are read.
+  // Shows that this many bytes of the present ImportFile have been read.
   virtual void ShowProgress(double bytes) = 0;
 };
 

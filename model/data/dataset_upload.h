@@ -15,7 +15,7 @@ namespace maneuver::data {
 // thread-safe.
 class DatasetUpload {
  public:
-  // Without a Commit, keeps what has arrived for this caller's next upload of this name.
+  // Keeps the arrived bytes for this caller's next upload of this name, unless Commit succeeded.
   virtual ~DatasetUpload() = default;
 
   // Receives the next bytes. Each error names the shard:

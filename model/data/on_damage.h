@@ -1,11 +1,11 @@
-// What to do with damage.
+// Says how a reader treats damage.
 
 #ifndef MANEUVER_MODEL_DATA_ON_DAMAGE_H_
 #define MANEUVER_MODEL_DATA_ON_DAMAGE_H_
 
 namespace maneuver::data {
 
-// What to do with a damaged record.
+// Whether a reader stops at a damaged record or skips it.
 enum class OnDamage { kStop, kSkip };
 
 }  // namespace maneuver::data

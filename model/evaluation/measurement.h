@@ -61,8 +61,8 @@ struct Measurement {
   SourceMeasurement posterior;                   // from q(z|y,s)
   SourceMeasurement prior;                       // from p(z|y): the generic distributions
   std::array<WaymoErrors, kRanks.size()> waymo;  // from q(z|y,s)
-  // With the first k representatives (inference/representatives.h) instead of the k most probable
-  // actions, from q(z|y,s). The first one alone is the medoid.
+  // Errors of the first k representatives (inference/representatives.h) instead of the k most
+  // probable actions, from q(z|y,s). The first representative is the medoid.
   std::array<DisplacementErrors, kRanks.size()> cover;
   BaselineErrors constant_velocity;
   BaselineErrors constant_turn;                // CTRA

@@ -22,8 +22,8 @@ struct MetricInfo {
   std::string_view unit;  // "m", "nats", "share" of one; empty: none
   Better better = Better::kNone;
   double ideal = 0.0;  // with kNearer: the value of a Gaussian
-  // Whether it is the model's own, and not that of a baseline: constant velocity, constant turn
-  // rate and acceleration, the faded roll-out, or one trained with the model.
+  // True for a metric of the model, false for one of a baseline: constant velocity, constant turn
+  // rate and acceleration, the faded roll-out, or a baseline trained with the model.
   bool of_model = true;
   // Its position in lists of metrics: accuracy, likelihood, envelope, actions.
   int rank = 0;

@@ -36,11 +36,11 @@ inline constexpr int kMostDrawnGroups = 4096;
 // grows with the number of groups, up to kMostDrawnGroups.
 class RivalSums {
  public:
-  //   groups: those of the evaluation's recordings.
+  //   groups: the groups of the evaluation's recordings
   RivalSums(data::RecordingGroups groups, bool measured_by_waymo)
       : groups_(std::move(groups)), measured_by_waymo_(measured_by_waymo) {}
 
-  //   recording: of the example; counts as in `groups`.
+  //   recording: index of the example's recording in `groups`
   void Add(size_t recording, const Measurement& measured);
 
   // Returns the standing over all examples, by speed, and by kinematic class. Leaves out parts
@@ -76,7 +76,7 @@ class RivalSums {
 
 // Returns the standing of measurements that are in memory.
 //   measured: at least one example.
-//   groups: those of the evaluation's recordings, in the same order.
+//   groups: the groups of the evaluation's recordings, in the same order
 v1::RivalStandings MakeRivalStandings(const MeasuredExamples& measured,
                                       const data::RecordingGroups& groups,
                                       const BootstrapOptions& options = {});

@@ -52,7 +52,7 @@ class UploadStaging {
   // The bytes that an upload in progress has announced.
   struct Bytes {
     uint64_t announced = 0;
-    uint64_t missing = 0;  // of these, those not on the disk yet
+    uint64_t missing = 0;  // the part of `announced` that is not on the disk yet
   };
   struct Others {
     Bytes under_way;

@@ -19,11 +19,11 @@ inline constexpr int kMostMapRows = 16;  // rows of a kernel
 // The inputs of the sums of some pixels of an output row: the kernel's rows that are not zero for
 // all of these pixels.
 struct MapTaps {
-  const float* inputs[kMostMapRows];   // of each row, where the first pixel reads it
+  const float* inputs[kMostMapRows];   // for each row, the first value that the first pixel reads
   const float* weights[kMostMapRows];  // [values, C'] of each row
   int rows;
-  int values;         // that a pixel reads of a kernel row
-  const int* places;  // [values] where each is, from the first
+  int values;         // number of values that a pixel reads for a kernel row
+  const int* places;  // [values] offset of each from the first
   int stride;         // input pixels from a pixel to the next one
   int outputs;        // C', a multiple of FirstLayerKernel::lanes
 };

@@ -20,10 +20,11 @@ at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& g
 // Returns the same residual covariance over all actions together, [T, 3].
 at::Tensor PooledCovariance(const Predictions& predictions);
 
-// Returns the gradient, by the covariance of each example and action, of the mean -ln p over all
-// waypoints of all examples, where p is the mixture over log_probabilities. [N, K, T, 3] Takes little
-// more memory than its result: a batch of examples at a time, with the bits of all at once.
-//   covariance: of answers, latent and decoder's together, [N, K, T, 3]
+// Returns the gradient of L by the covariance of each example and action, [N, K, T, 3]. L is the
+// mean of -ln p over all waypoints of all examples, and p the mixture over log_probabilities.
+// Computes a batch of examples at a time, so it takes little more memory than its result. The
+// batches do not change the bits.
+//   covariance: the answers' covariance, the sum of the latent's and the decoder's, [N, K, T, 3]
 at::Tensor NllGradient(const Predictions& predictions, const at::Tensor& covariance);
 
 // Returns the predictions of the action with the largest q(y|x,s) alone. [N, 1, ..]
@@ -52,8 +53,8 @@ int64_t CovarianceScaleSteps(int64_t examples);
 //   covariance: the decoder's, as above
 double CoveredShare(const Predictions& predictions, const at::Tensor& covariance);
 
-// Returns the smallest factor for the decoder's covariance, from 1/16 to 16, that makes CoveredShare
-// at least `share`.
+// Returns the smallest factor for the decoder's covariance, from 1/16 to 16, that makes
+// CoveredShare at least `share`.
 double ScaleToCover(const Predictions& held_out, const at::Tensor& covariance, double share);
 
 // Returns the same, but at least 1.

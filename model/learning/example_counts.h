@@ -14,7 +14,7 @@
 
 namespace maneuver::learning {
 
-// In place of a count, of a recording that is held out for validation.
+// Stands in place of the count of a recording that is held out for validation.
 inline constexpr int32_t kHeldOut = -1;
 
 // Returns the count of each recording of an index. The first call for a content, a model spec and

@@ -16,8 +16,8 @@ namespace maneuver::scene {
 // A stretch of a feature: consecutive points, beginning with the last point of the stretch before.
 struct Stretch {
   Box box;
-  // The largest distance of its points from the straight line between its ends, square metres.
-  // Infinite if the points do not advance from one end to the other.
+  // Square of the largest distance of its points from the straight line between its ends, square
+  // metres. Infinite if the points do not advance from one end to the other.
   double squared_bend;
 };
 

@@ -34,7 +34,7 @@ class ShardTagsWriter {
   //   schema: must outlive the writer
   static absl::StatusOr<std::unique_ptr<ShardTagsWriter>> Create(
       const std::filesystem::path& folder, const Schema& schema, const TagFile& file);
-  // Without a Commit, removes what it wrote.
+  // Removes what was written, unless Commit succeeded.
   virtual ~ShardTagsWriter() = default;
 
   // Adds the rows of a recording. Recordings come in the order of their ids.

@@ -12,7 +12,7 @@
 
 namespace maneuver::tags {
 
-// Whether an integer of the column lies in a range, or outside of it.
+// Requires that the integer in a column lies in [least, most], or outside of it.
 struct Condition {
   Column column = Column::kTarget;
   int64_t least = std::numeric_limits<int64_t>::min();
@@ -21,7 +21,7 @@ struct Condition {
 };
 
 // Returns the condition that a number of the column lies between two bounds, both included.
-// Infinite bounds are none.
+// An infinite bound does not limit.
 Condition Between(Column column, double least, double most);
 
 // Parses "COLUMN OPERATOR VALUE", with <, <=, >, >=, = or !=, with or without spaces: "ade > 5",

@@ -43,23 +43,23 @@ struct OtherTarget {
   Patterns actions;  // any of them
   When when = When::kMeanwhile;
   double within = 0.0;
-  // Where the other is when the later of the two rows begins, in the frame of this target. Both are
-  // taken to drive straight on at their speed since their row began.
+  // Position of the other target when the later of the two rows begins, in the frame of this
+  // target. Assumes that both drove straight on at constant speed since their row began.
   double distance = std::numeric_limits<double>::infinity();  // metres, at most
   Side side = Side::kAny;
 };
 
-// By what rows are counted.
+// The property by which matches are grouped.
 enum class Grouping { kNone, kAction, kClass, kSpeed, kPlace, kHour, kScene, kDataset };
 
 struct TagQuery {
   Patterns actions;                   // any of them; empty: any action
-  Patterns scenes;                    // the same of the recording's id
+  Patterns scenes;                    // any of them matches the recording's id; empty: any id
   std::vector<Condition> conditions;  // all of them
   std::optional<NearPlace> near;
   std::optional<FollowedBy> followed_by;
   std::optional<OtherTarget> other;
-  // How many matches are kept; all are counted.
+  // The most matches that are returned. All matches are counted.
   size_t limit = 20;
   // Keeps the most surprising, most surprising first. Otherwise the first, in order.
   bool most_surprising = false;
@@ -96,9 +96,9 @@ struct Found {
   Group all;
   int64_t scenes = 0;  // recordings with matches, if errors are wanted
   std::vector<Match> matches;
-  // By name: of the action, of the class; "5..10" m/s; "300,-100", the middle of a square of 100 m;
-  // "17", the hour of the day in UTC of a clock that counts from 1970; of the recording; of the
-  // dataset.
+  // Groups by name. The name is, by TagQuery::grouping, that of the action or the class; a speed
+  // range "5..10" in m/s; a place "300,-100", the middle of a square of 100 m; an hour "17" of the
+  // day in UTC, if the clock counts from 1970; or the name of the recording or the dataset.
   std::map<std::string, Group> groups;
 };
 

@@ -16,17 +16,17 @@
 namespace maneuver::tags {
 
 struct TaggerOptions {
-  // Which windows there are: data::EnumerateExamples. Complete.
+  // Settings that choose the windows (data::EnumerateExamples). Complete.
   v1::ExampleSettings examples;
-  // Makes one row of consecutive windows of a target that have the same action. Windows are
+  // Merges consecutive windows of a target with the same action into one row. Windows are
   // consecutive if they are one stride apart.
   bool merged = true;
 };
 
-// Has a session and scratch memory: use one per thread.
+// Not thread-safe: it contains a session and scratch memory. Use one for each thread.
 class Tagger {
  public:
-  //   model: kept alive
+  //   model: shared with the tagger, which keeps it alive
   Tagger(std::shared_ptr<const inference::ActionModel> model, TaggerOptions options);
 
   // Returns the rows of a recording, ordered by target and time. The same recording always has the

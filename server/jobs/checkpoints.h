@@ -12,11 +12,12 @@ namespace maneuver::jobs {
 
 // When a trainer writes checkpoints, and how many it keeps.
 struct CheckpointOptions {
-  // Least time between two checkpoints; 0: one at every step.
+  // The least time between two checkpoints; 0: a checkpoint at every step.
   std::chrono::milliseconds interval{60'000};
-  // Also writes one after this many steps, however short the time; 0: only by time.
+  // A checkpoint is also written this many steps after the last one, even before `interval` has
+  // passed; 0: only `interval` counts.
   int64_t steps = 0;
-  // How many of the latest checkpoints are kept.
+  // Number of checkpoints that are kept, the newest ones.
   int kept = 2;
 };
 

@@ -53,7 +53,7 @@ struct ChildCommand {
 
 struct ChildResult {
   int exit_status = 0;  // if signal is 0
-  int signal = 0;       // that killed it
+  int signal = 0;       // the signal that killed the process, or 0
   // It was stopped because time_limit had passed.
   bool timed_out = false;
   // It was killed by SIGKILL while the system was killing processes for lack of memory.

@@ -20,10 +20,11 @@ namespace maneuver::jobs {
 struct JobLimits {
   int threads = 0;           // of each process; 0: as its settings say
   int64_t memory_bytes = 0;  // of each process, see ChildCommand; 0: no limit
-  // That recordings may take in a process which trains or evaluates, bytes. Larger data are read
-  // piece by piece.
+  // Memory that recordings may take in a process which trains or evaluates, bytes. Larger data are
+  // read piece by piece.
   int64_t data_memory = data::kDefaultDataMemory;
-  // Of all processes of a job together, since it was created or resumed by request; 0: no limit.
+  // Total run time of a job's processes since the job was created or resumed by request; 0: no
+  // limit.
   std::chrono::milliseconds run_time{0};
   // A job fails once this many processes in a row have died without a new checkpoint.
   int attempts_without_progress = 5;
@@ -32,9 +33,9 @@ struct JobLimits {
 // Where a job finds what it needs. Everything that it points to must outlive the run.
 struct JobRunEnvironment {
   std::string trainer;  // the program
-  // What starts the trainer of a training job, such as {"srun", "-n{ranks}"}: a program and its
-  // first arguments, before the trainer's own. {ranks} stands for the job's number of ranks. Empty:
-  // the trainer starts its ranks itself.
+  // Command that starts the trainer of a training job, such as {"srun", "-n{ranks}"}: a program and
+  // its first arguments, before the trainer's own. {ranks} stands for the job's number of ranks.
+  // Empty: the trainer starts its ranks itself.
   std::vector<std::string> launcher;
   JobLimits limits;
   CheckpointOptions checkpoints;

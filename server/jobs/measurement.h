@@ -20,7 +20,7 @@ struct MeasuringTask {
 
 struct Measured {
   Outcome outcome;
-  // Without a report, `outcome` says why, or the job was asked to stop.
+  // Empty if the measurement failed, as `outcome` says, or if the job was asked to stop.
   std::optional<v1::EvaluationReport> report;
 };
 

@@ -155,8 +155,8 @@ class Supervisor {
   JobNews news_;
   std::atomic<bool> is_stopped_ = false;
 
-  // Held while a job is admitted, taken, cancelled or deleted, and while a dataset is removed: what
-  // was checked stays so until it is written.
+  // Held while a job is admitted, taken, cancelled or deleted, and while a dataset is removed, so
+  // that nothing changes between a check and the write that depends on it.
   Mutex mutex_;
   CondVar changed_;
   bool stops_ ABSL_GUARDED_BY(mutex_) = false;

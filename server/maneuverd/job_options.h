@@ -24,8 +24,8 @@ struct JobOptions {
   jobs::RetentionPolicy retention;
 };
 
-// Adds the flags of `options`, which are set once the command line is parsed, and must live until
-// then.
+// Adds the flags that set `options`. Parsing the command line writes to `options`, so it must live
+// until then.
 void AddJobOptions(CLI::App& app, JobOptions& options);
 
 }  // namespace maneuver

@@ -12,7 +12,7 @@
 
 namespace maneuver::rpc {
 
-// What an answer leaves out, and its frame.
+// The parts that an answer contains, and its frame.
 struct AnswerStyle {
   bool probabilities = true;
   bool sigma_trajectories = true;

@@ -33,7 +33,7 @@ struct PlannedTarget {
 struct PlannedScenario {
   absl::Status status;  // if not OK there are no targets
   std::vector<PlannedTarget> targets;
-  // What looks wrong; fields within the scenario.
+  // Fields that look wrong although they are valid. Paths start at the scenario.
   std::vector<scene::FieldViolation> warnings;
 };
 // The map of each scenario. FindMaps returns the map that a scenario names or nullptr for each;

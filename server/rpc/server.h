@@ -40,9 +40,9 @@ struct ConnectionLimits {
   // A connection that sends nothing for this long is pinged. If no reply comes within a third of
   // this time, it is closed, even with calls in progress.
   std::chrono::seconds keepalive{60};
-  // How many bytes of incomplete messages all connections together may hold: gRPC checks a
+  // The most bytes of incomplete messages that all connections together may hold. gRPC checks a
   // message's size only once all of it has arrived. Above the limit, idle connections are closed.
-  // Then calls of any caller are broken off with RESOURCE_EXHAUSTED until there is room.
+  // If that is not enough, calls of any caller end with RESOURCE_EXHAUSTED until there is room.
   int64_t max_receive_bytes = int64_t{1} << 30;
 };
 

@@ -1,5 +1,6 @@
-// Decides whether a call is admitted: who is calling, may they call this, and not too often. This
-// happens before any resource is looked up, so a refused caller learns nothing about what exists.
+// Decides whether a call is admitted: whether its caller is known, has a role for the method, and
+// keeps to the rate limit. This happens before any resource is looked up, so a refused caller
+// learns nothing about what exists.
 
 #ifndef MANEUVER_SERVER_SECURITY_ACCESS_CONTROL_H_
 #define MANEUVER_SERVER_SECURITY_ACCESS_CONTROL_H_
@@ -111,9 +112,9 @@ class AccessControl {
   class ListedCall;
   Mutex long_calls_mutex_;
   std::list<ListedCall*> long_calls_ ABSL_GUARDED_BY(long_calls_mutex_);
-  // Whether some are new, or were refused and are still there.
+  // Whether there are new long calls, or refused ones that have not ended.
   bool look_again_ ABSL_GUARDED_BY(long_calls_mutex_) = false;
-  // When expiry was last looked at.
+  // When the expiry of tokens was last checked.
   absl::Time looked_at_ ABSL_GUARDED_BY(long_calls_mutex_);
 
   mutable Mutex mutex_;

@@ -25,24 +25,24 @@ struct ExpansionMap {
 // Reads a map in the frame of its place, metres. Imports
 //   - lane and lane_connector as centrelines, from their arcline_path_3, one point each metre; a
 //     lane of type BIKE becomes a bike lane. Ids count lanes, then connectors, from 1;
-//   - connectivity as successors, declared by either lane;
+//   - connectivity as successors, whichever of the two lanes declares it;
 //   - neighbours. The format declares none, but a lane names the nodes of the dividers on its left
 //     and on its right. Two lanes that share two nodes or more, one on its left and the other on
 //     its right, are neighbours of one direction;
 //   - lane_divider and road_divider as road lines; a lane divider of NIL segments alone is not
 //     painted and left out;
 //   - ped_crossing as crosswalks;
-//   - stop_line as stop lines. The format has an area: its closed outline is the line;
+//   - stop_line as stop lines. The format has an area, whose closed outline becomes the line;
 //   - drivable_area as road edges, in pieces of at most 50 m: outlines and holes, without edges
 //     that two areas share.
 // road_segment, road_block, walkway, carpark_area and traffic_light are not read: a scenario has no
 // place for the first four, and the last says where lights are, never what they show.
 //
 //   damaged: called for each row that cannot be used: a field is missing or wrong, or names a node,
-//   line, polygon or path that is not there. If the result is OK the row is left out; otherwise
-//   reading ends with it.
-//   progress: called now and then with the number of bytes that are read
-// Also returns NOT_FOUND, and DATA_LOSS if the file is not such a map.
+//   line, polygon or path that does not exist. If it returns OK, the row is left out. Otherwise
+//   reading ends with its status.
+//   progress: called now and then with the number of bytes read so far
+// Also returns NOT_FOUND if there is no file, and DATA_LOSS if it is not a map expansion.
 absl::StatusOr<ExpansionMap> ReadExpansionMap(
     const std::filesystem::path& file,
     const std::function<absl::Status(const absl::Status& damage)>& damaged,

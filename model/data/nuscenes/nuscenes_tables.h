@@ -21,12 +21,12 @@ absl::StatusOr<double> SizeOfNuScenes(const std::filesystem::path& folder);
 // row at a time. Keeps 32 bytes of each annotation and of each pose that LIDAR_TOP names, and the
 // tokens of samples, instances and those poses: some 150 MB for the 2 GB of v1.0-trainval.
 //
-// What is wrong with one scene makes its `damage`: a row of it has a field that is missing or
-// wrong, or names a token that is not there; scene.json or instance.json announces another number
-// of rows than there are. Links from row to row (prev, next) are not followed.
-//   damaged: called for each damaged row that belongs to no scene. If the result is OK the row is
-//   left out; otherwise reading ends with it.
-//   progress: called now and then with the number of bytes that are read, of all tables
+// A fault in the rows of one scene is stored as the scene's `damage`: a field is missing or wrong,
+// a token does not exist, or scene.json or instance.json states a wrong number of rows. Links from
+// row to row (prev, next) are not followed.
+//   damaged: called for each damaged row that belongs to no scene. If it returns OK, the row is
+//   left out. Otherwise reading ends with its status.
+//   progress: called now and then with the number of bytes read so far, over all tables
 // Also returns NOT_FOUND if a table is missing, and DATA_LOSS with file and byte if one is not
 // JSON.
 absl::StatusOr<std::vector<NuScenesScene>> ReadNuScenes(

@@ -37,8 +37,8 @@ struct Moment {
 // Where an epoch begins, or is resumed.
 struct EpochStart {
   int epoch = 0;      // epochs before this one
-  int64_t step = 0;   // steps of this epoch that were done before
-  int64_t steps = 0;  // in the epoch
+  int64_t step = 0;   // steps of this epoch that are already done
+  int64_t steps = 0;  // number of steps in the epoch
   // The order of the training examples in memory, for the phases that learn from these.
   std::span<const int64_t> order;
 };
@@ -51,24 +51,25 @@ class EpochSteps {
 
   // Begins an epoch, or resumes it at batch `start.step`.
   virtual absl::Status BeginEpoch(const EpochStart& start) = 0;
-  // Computes the loss of the next batch, or micro-batch, and adds the terms of its bound to `means`.
+  // Computes the loss of the next batch, or micro-batch, and adds the terms of its bound to
+  // `means`.
   virtual absl::StatusOr<BatchLoss> Next(const Moment& moment, TermMeans* means) = 0;
-  // Adds what held-out examples say to the report, which has the terms of training. Without a
-  // report (nullptr), only ends the epoch.
+  // Adds the terms on held-out examples to the report, which already has those of training. With
+  // nullptr, only ends the epoch.
   virtual void EndEpoch(v1::EpochReport* report) = 0;
 };
 
 // A phase as the loop sees it.
 struct PhasePlan {
-  std::string name;  // of the phase in progress and in checkpoints
+  std::string name;  // name of the phase in the job's progress and in checkpoints
   int epochs = 0;
   int64_t batch_size = 0;
-  int64_t examples = 0;  // that the phase learns from; an epoch has at most max_examples of them
-  // False: the caller has already begun the phase in the progress, and no checkpoint is written.
+  int64_t examples = 0;  // examples to learn from; an epoch uses at most max_examples of them
+  // False if the caller has already begun the phase in the progress; no checkpoint is then written.
   // For phases that run the loop several times.
   bool resumable = true;
-  // All ranks run the phase together, on micro-batches if the settings have some. False: rank 0 runs
-  // it alone, on whole batches.
+  // All ranks run the phase together, on micro-batches if the settings have some. False: rank 0
+  // runs it alone, on whole batches.
   bool together = false;
 };
 
