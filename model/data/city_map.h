@@ -15,7 +15,8 @@ namespace maneuver::data {
 // Holds the features once for all recordings. May be read from several threads.
 class CityMap {
  public:
-  // How far from the path the surroundings reach, metres. A vehicle at 15 m/s covers 120 m in 8 s.
+  // Distance from the path up to which features are kept, metres. A vehicle at 15 m/s covers 120 m
+  // in 8 s.
   static constexpr double kReach = 150.0;
 
   CityMap() = default;
@@ -23,8 +24,7 @@ class CityMap {
 
   // Appends to `scenario` each feature whose bounding box comes within kReach of the path, whole
   // and in the order of the map.
-  //   path: world frame, metres, in order. Points less than 5 m from the one before may be left
-  //   out of account.
+  //   path: world frame, metres, in order. Points less than 5 m from the one before may be ignored.
   void AddNear(std::span<const scene::Point2> path, v1::Scenario* scenario) const;
 
   const std::vector<v1::MapFeature>& features() const { return features_; }

@@ -28,7 +28,7 @@ class DatasetUpload {
   // May take long.
   //   INVALID_ARGUMENT: bytes are missing, or a record is not a valid recording; names the shard,
   //     record and field.
-  //   ALREADY_EXISTS: another upload was first.
+  //   ALREADY_EXISTS: another upload of this name was committed first.
   //   DATA_LOSS: as for Append.
   virtual absl::StatusOr<v1::Dataset> Commit() = 0;
   // Drops what has arrived instead of keeping it.

@@ -16,12 +16,12 @@ namespace maneuver::inference {
 DenseLayer StoredLayer(const artifact::TensorMap& weights, const std::string& name, bool bf16);
 
 // Returns the layer with `<name>.weight` and no bias.
-//   network: which one, if the tensor holds several networks, [networks, out, in]
+//   network: index of the network, if the tensor holds several, [networks, out, in]
 DenseLayer StoredLayerWithoutBias(const artifact::TensorMap& weights, const std::string& name,
                                   int64_t network = 0);
 
 // Returns the stack of layers `<name>.0`, `<name>.1` and so on.
-//   network: which one, if the tensors hold several networks, [networks, out, in]
+//   network: index of the network, if the tensors hold several, [networks, out, in]
 Mlp StoredMlp(const artifact::TensorMap& weights, const std::string& name, bool bf16,
               int64_t network = 0);
 

@@ -11,11 +11,11 @@
 
 namespace maneuver::scene {
 
-// The values from which on a scene looks wrong. Recordings of roads do not reach them.
+// A scene looks wrong if a value exceeds its limit here. Recordings of real roads stay below.
 struct SceneWarningLimits {
   int max_warnings = 8;                // the search stops after this many
   double max_heading = 4.0 * 3.14160;  // radians, either sign: two turns
-  double max_vehicle_speed = 90.0;     // m/s; also of agents whose type is not stated, or other
+  double max_vehicle_speed = 90.0;     // m/s; also for agents of type OTHER or without a type
   double max_cyclist_speed = 30.0;     // m/s
   double max_pedestrian_speed = 13.0;  // m/s
   double max_length = 60.0;            // metres

@@ -1,4 +1,4 @@
-// Memory that was freed is kept while there is much to do, and goes back to the system afterwards.
+// Keeps freed memory while the server is busy, and returns it to the system afterwards.
 
 #ifndef MANEUVER_SERVER_MANEUVERD_IDLE_MEMORY_H_
 #define MANEUVER_SERVER_MANEUVERD_IDLE_MEMORY_H_
@@ -10,10 +10,11 @@
 namespace maneuver {
 
 // By default, glibc returns memory that is freed at the end of a heap to the system, and fetches it
-// again page by page for the next message. That takes a tenth of an overloaded server's time.
-// Memory that is freed elsewhere it keeps for ever: hundreds of megabytes after a burst of large
-// messages. Once an IdleMemory exists, all freed memory is kept at first. Its thread looks every
-// two seconds, and returns the memory to the system if much of it was unused at two looks in a row.
+// again page by page for the next message. That takes a tenth of an overloaded server's time. It
+// keeps memory that is freed elsewhere for ever: hundreds of megabytes after a burst of large
+// messages. Once an IdleMemory exists, glibc keeps all freed memory. The thread of IdleMemory
+// checks every two seconds. It returns the memory to the system if much of it was unused twice in a
+// row.
 class IdleMemory {
  public:
   IdleMemory();

@@ -25,8 +25,9 @@ namespace maneuver::learning {
 // nothing. Not thread-safe, except for StopRequested and HeardStop.
 //
 // Every function that exchanges something fails with UNAVAILABLE and kRankLost
-// (training_failure.h) if another rank ends, or does not answer within the time-out; and with
-// CANCELLED in place of that if this rank was asked to stop. The group is of no more use then.
+// (training_failure.h) if another rank ends, or does not answer within the time-out. If this rank
+// was asked to stop, the error is CANCELLED instead. After an error the group cannot be used any
+// more.
 class RankGroup {
  public:
   // Makes a group of one rank.
@@ -48,35 +49,35 @@ class RankGroup {
 
   // Returns whether this rank was asked to stop, or HeardStop.
   bool StopRequested() const { return heard_stop_ || stopped_(); }
-  // Returns whether in the last exchange a rank had been asked to stop, the same on all ranks; or
-  // whether another rank is lost.
+  // Returns true if some rank had been asked to stop at the last exchange, or if a rank is lost.
+  // All ranks get the same result from one exchange.
   bool HeardStop() const { return heard_stop_; }
 
   // Replaces `bytes` of each rank by those of rank 0.
   absl::Status Broadcast(std::string* bytes);
   // Returns the notes of all ranks, in their order. A note has at most some 3 KiB.
   absl::StatusOr<std::vector<RankNote>> Exchange(const RankNote& note);
-  // Adds the ranks' values up and leaves the sum on each of them. The order of the additions is a
-  // tree of pairs: (0 + 1) + (2 + 3). So four ranks whose values are sums of pairs have the bits of
-  // eight.
+  // Adds up the ranks' values and leaves the sum on each rank. The additions form a tree of pairs:
+  // (0 + 1) + (2 + 3). So four ranks get the same bits as eight, if each of the four adds up the
+  // values of two of the eight first.
   //   values: [N] floats, N a multiple of kSumMultiple, the same on all ranks
   absl::Status SumByTree(at::Tensor* values);
   static constexpr int64_t kSumMultiple = 1024;
 
   // Runs `work` on rank 0 alone; see Apart.
   absl::Status OnRankZero(const std::function<absl::Status()>& work);
-  // Runs `work` on each rank, which may take as long as it likes. Meanwhile the ranks assure each
-  // other that they live. Returns once all are done: OK, or the first rank's error. `work` must ask
-  // StopRequested now and then, and must exchange nothing.
+  // Runs `work` on each rank, without a limit on its time. Meanwhile the ranks tell each other that
+  // they are alive. Returns once all are done: OK, or the error of the lowest rank that failed.
+  // `work` must call StopRequested now and then, and must exchange nothing.
   absl::Status Apart(const std::function<absl::Status()>& work);
 
  private:
   class Connection;  // of c10d
 
-  // Tells the other ranks that this one lives until `work` is set and they are done too. Returns
-  // the first rank's error.
+  // Tells the other ranks that this one is alive until `work` is set and they are done too. Returns
+  // the error of the lowest rank that failed.
   absl::Status Assure(std::future<absl::Status> work);
-  // Runs an exchange; what c10d throws becomes an error.
+  // Runs an exchange. Turns an exception of c10d into an error.
   absl::Status Guard(const std::function<void()>& exchange);
 
   int rank_ = 0;
