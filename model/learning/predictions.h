@@ -15,10 +15,10 @@ namespace maneuver::learning {
 
 inline constexpr int64_t kEncodedBatch = 64;
 inline constexpr int64_t kPredictedBatch = 32;
-// Calibration counts its progress in steps that take about as long as encoding a batch. To predict
-// a batch takes so many of them.
+// Calibration counts its progress in steps that take about as long as encoding a batch. Predicting
+// a batch counts as this many steps.
 inline constexpr int64_t kPredictedSteps = 3;
-// Returns how many of them a step of a fit to so many examples takes.
+// Returns how many of these steps one step of a fit to `examples` examples counts for.
 inline int64_t FitSteps(int64_t examples) { return std::max<int64_t>(1, examples / 300); }
 
 // Features of the scenes of N examples.
@@ -54,7 +54,7 @@ struct Predictions {
   // Counts progress; may be empty.
   std::function<void(int64_t)> step{};
 
-  // Counts a step of a fit to so many examples.
+  // Counts one step of a fit to `examples` examples.
   void CountFit(int64_t examples) const;
   // Returns the predictions for some of the examples. rows: [M] indices
   Predictions Rows(const at::Tensor& rows) const;

@@ -22,7 +22,7 @@ namespace maneuver::learning {
 // The recordings of a window in memory, with all their examples.
 struct LoadedWindow {
   ExampleSet set;
-  std::vector<int> labels;  // of the examples, as in TrainingData
+  std::vector<int> labels;  // labels of the examples, as in TrainingData
 };
 
 // The training recordings of a run by their place on disk, and how many examples each has. Takes
@@ -54,8 +54,8 @@ class RecordingWindows {
   // Returns the bytes that the recordings of a folder take on disk.
   int64_t bytes(int folder) const { return folders_[static_cast<size_t>(folder)].bytes; }
 
-  // Returns the windows of an epoch of so many steps.
-  //   epoch: epochs before it
+  // Returns the windows of an epoch of `epoch_steps` steps.
+  //   epoch: number of epochs before it
   std::vector<EpochWindow> Plan(int64_t epoch_steps, int epoch) const;
   // Reads the recordings of a window of Plan.
   //   keep_going: as in Open

@@ -18,7 +18,7 @@ at::Tensor SpeedBins(const at::Tensor& speeds);
 // held-out trajectories most likely under the mixture over p(y|s). Bins with few examples are drawn
 // towards the mean of all bins.
 at::Tensor FitSpeedFactors(const Predictions& held_out);
-// Returns how many steps of progress that counts for so many examples.
+// Returns how many steps of progress FitSpeedFactors counts for this many examples.
 int64_t SpeedFactorSteps(int64_t examples);
 
 // Returns `factors`, multiplied by a number from 1/16 to 16 (ScaleToCover in covariance_fit.h) that

@@ -38,7 +38,7 @@ struct TrainingRun {
   // Bytes of memory that recordings may take, about. Datasets that fit are read whole. From larger
   // ones, the phases on scenes learn window by window. Standardization, the phases on trajectories,
   // validation, calibration and the model's own metrics are of a sample (OpenTrainingData). A run
-  // that goes on from a checkpoint keeps the data memory that it began with, because the order of
+  // that continues from a checkpoint keeps the data memory that it began with, because the order of
   // its examples depends on it.
   int64_t data_memory = data::kDefaultDataMemory;
   CheckpointPolicy checkpoint_policy;

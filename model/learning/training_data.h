@@ -35,7 +35,7 @@ struct TrainingData {
   // All training recordings, on disk, if they do not fit in memory; null if they do. Phases on
   // scenes learn from them. `training` and `validation` are then samples.
   std::shared_ptr<const RecordingWindows> windows;
-  int64_t data_memory = 0;  // bytes that the run's recordings may take; 0: nobody said
+  int64_t data_memory = 0;  // bytes that the run's recordings may take; 0: not stated
 
   // Returns how many training examples there are, on disk or in memory.
   int64_t TrainingExamples() const;

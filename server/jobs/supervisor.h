@@ -53,7 +53,7 @@ struct SupervisorOptions {
 };
 
 // Runs jobs in order of their priority and, among equals, of their creation, each in a process of
-// its own. A process that dies is followed by another one that goes on from its last checkpoint.
+// its own. A process that dies is followed by another one that continues from its last checkpoint.
 // Safe to use from any thread; calls write to the store and may wait for the disk. Errors carry
 // ErrorInfo or BadRequest.
 class Supervisor {
@@ -96,7 +96,7 @@ class Supervisor {
   // stays RUNNING until its process is gone, even if the server dies in between; its checkpoints
   // stay. An ended job is returned unchanged.
   absl::StatusOr<v1::Job> Cancel(const std::string& name);
-  // Makes a job that FAILED or was CANCELLED PENDING again: it goes on from its last checkpoint,
+  // Makes a job that FAILED or was CANCELLED PENDING again: it continues from its last checkpoint,
   // with the run time that its limits give a new one. One that is PENDING or RUNNING is returned as
   // it is. FAILED_PRECONDITION if it has SUCCEEDED, is being stopped, or a dataset of it is gone.
   absl::StatusOr<v1::Job> Resume(const std::string& name);

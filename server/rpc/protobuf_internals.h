@@ -1,6 +1,6 @@
-// The parts of protobuf's internals that this server uses: tags, fields that are passed over, and
-// the check that text is UTF-8. protobuf promises nothing of them, so no other file names them, and
-// a version that nobody has looked at does not compile.
+// The parts of protobuf's internals that this server uses: tags, skipping fields, and the check
+// that text is UTF-8. protobuf does not guarantee them. So no other file names them, and an
+// untested version of protobuf does not compile.
 
 #ifndef MANEUVER_SERVER_RPC_PROTOBUF_INTERNALS_H_
 #define MANEUVER_SERVER_RPC_PROTOBUF_INTERNALS_H_
@@ -29,12 +29,12 @@ constexpr uint32_t NumberTagOf(int field) {
   return Wire::MakeTag(field, Wire::WIRETYPE_VARINT);
 }
 
-// Passes over the content of a field whose tag has been read. Returns false if it is cut off.
+// Skips the content of a field whose tag has been read. Returns false if the content is truncated.
 inline bool SkipField(google::protobuf::io::CodedInputStream& input, uint32_t tag) {
   return google::protobuf::internal::WireFormatLite::SkipField(&input, tag);
 }
 
-// Returns whether protobuf's parser takes the text as a string.
+// Returns whether protobuf's parser accepts the text as a string.
 inline bool IsUtf8(std::string_view text) {
   return google::protobuf::internal::IsStructurallyValidUTF8(text.data(),
                                                              static_cast<int>(text.size()));

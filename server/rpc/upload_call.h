@@ -125,7 +125,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
     // Before the client hears of it, and asks what has arrived.
     upload_.reset();
     {
-      const MutexLock lock(mutex_);  // ReadOn, on another thread, has let go of it
+      const MutexLock lock(mutex_);  // ReadOn, on another thread, has released it
     }
     this->Finish(ToGrpcStatus(status));
   }

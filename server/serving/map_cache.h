@@ -26,8 +26,8 @@ namespace maneuver::serving {
 
 struct MapCacheOptions {
   int max_maps = 256;
-  int64_t max_bytes = int64_t{256} << 20;  // of memory
-  scene::ScenarioLimits limits = {};       // those of maps
+  int64_t max_bytes = int64_t{256} << 20;  // of memory for all maps
+  scene::ScenarioLimits limits = {};       // limits on a map's features
 };
 
 // Returns the RegisterMapResponse.map_id of a map, as the contract defines it.
@@ -68,16 +68,16 @@ class MapCache {
     monitoring::Counter& evicted;
   };
 
-  // Returns the map, which is then the one used last; nullptr if it is not held.
+  // Returns the map and marks it as the most recently used one; nullptr if it is not held.
   std::shared_ptr<const scene::RoadMap> Use(const std::string& id)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Returns what was let go of.
+  // Evicts maps until `bytes` more fit. Returns the evicted maps.
   std::list<Entry> MakeRoom(int64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const MapCacheOptions options_;
   Metrics metrics_;
   Mutex mutex_;
-  std::list<Entry> by_use_ ABSL_GUARDED_BY(mutex_);  // the one used last first
+  std::list<Entry> by_use_ ABSL_GUARDED_BY(mutex_);  // most recently used first
   std::unordered_map<std::string, std::list<Entry>::iterator> by_id_ ABSL_GUARDED_BY(mutex_);
   int64_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;
 };

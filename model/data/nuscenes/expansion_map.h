@@ -1,4 +1,4 @@
-// Reads the map expansion of nuScenes: boston-seaport.json and its like.
+// Reads the files of the nuScenes map expansion, such as boston-seaport.json.
 
 #ifndef MANEUVER_MODEL_DATA_NUSCENES_EXPANSION_MAP_H_
 #define MANEUVER_MODEL_DATA_NUSCENES_EXPANSION_MAP_H_
@@ -29,8 +29,8 @@ struct ExpansionMap {
 //   - neighbours. The format declares none, but a lane names the nodes of the dividers on its left
 //     and on its right. Two lanes that share two nodes or more, one on its left and the other on
 //     its right, are neighbours of one direction;
-//   - lane_divider and road_divider as road lines; a lane divider of NIL segments alone is not
-//     painted and left out;
+//   - lane_divider and road_divider as road lines. A lane divider with only NIL segments is not
+//     painted, and is left out;
 //   - ped_crossing as crosswalks;
 //   - stop_line as stop lines. The format has an area, whose closed outline becomes the line;
 //   - drivable_area as road edges, in pieces of at most 50 m: outlines and holes, without edges

@@ -19,8 +19,8 @@
 namespace maneuver::data {
 
 // An object within a file. Its methods return the fields of the object, and keep the first problem
-// that they find: a missing field, a wrong type, a number out of range. Valid during the call that
-// it is passed to.
+// that they find: a missing field, a wrong type, a number out of range. Valid only until the call
+// that receives it returns.
 class JsonRow {
  public:
   //   place: where the object is, such as "sample.json[17]"
@@ -29,12 +29,12 @@ class JsonRow {
       : value_(value), place_(std::move(place)), problem_(problem) {}
 
   bool ok() const { return problem_->empty(); }
-  // INVALID_ARGUMENT with the first problem, or OK.
+  // Returns INVALID_ARGUMENT with the first problem, or OK.
   absl::Status status() const;
   // Adds a problem of a field.
   void Fail(std::string_view field, std::string_view problem) const;
 
-  // An empty text counts as missing.
+  // Returns a text. An empty one counts as missing.
   std::string Text(const char* field) const;
   // Returns "" if the field is missing or null.
   std::string TextOrNone(const char* field) const;
@@ -42,7 +42,7 @@ class JsonRow {
   int64_t Whole(const char* field) const;
   // Returns a number whose magnitude is at most `most`.
   double Number(const char* field, double most) const;
-  // Returns exactly N such numbers.
+  // Returns exactly N numbers, each with a magnitude of at most `most`.
   template <size_t N>
   std::array<double, N> Numbers(const char* field, double most) const {
     std::array<double, N> numbers{};
@@ -74,10 +74,10 @@ using VisitRow =
 
 // Reads a file that is either an array of rows, or an object whose members are tables: arrays or
 // objects of rows. Other members are left out.
-//   tables: the names of the tables to read; the others are passed over
-//   progress: called now and then with the number of bytes that are read
-// NOT_FOUND; DATA_LOSS with file and byte if it is not such JSON or ends too early, or if one row
-// has more than kMostValuesPerRow values.
+//   tables: the names of the tables to read; the others are skipped
+//   progress: called now and then with the number of bytes read so far
+// NOT_FOUND if there is no file. DATA_LOSS with file and byte if it is not such JSON, ends too
+// early, or has a row of more than kMostValuesPerRow values.
 absl::Status ReadJsonRows(const std::filesystem::path& file,
                           std::span<const std::string_view> tables, const VisitRow& visit,
                           const std::function<void(double bytes)>& progress);

@@ -14,8 +14,8 @@
 namespace maneuver::data::town {
 
 struct TrafficOptions {
-  double duration = 20.0;
-  double frame_interval = 0.1;
+  double duration = 20.0;       // seconds
+  double frame_interval = 0.1;  // seconds
 };
 
 // Returns everyone's motion from time 0 to `duration`, in the place's frame, without noise.

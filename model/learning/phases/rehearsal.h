@@ -1,4 +1,4 @@
-// Measures what a step of a phase takes, before the phase begins.
+// Measures how long a step of a phase takes, before the phase begins.
 
 #ifndef MANEUVER_MODEL_LEARNING_PHASES_REHEARSAL_H_
 #define MANEUVER_MODEL_LEARNING_PHASES_REHEARSAL_H_
@@ -22,16 +22,17 @@ using PhaseFunction = absl::Status (*)(LearningState&, EpochLoop&);
 // seconds of a step. They include the step's share of the validation that ends an epoch. Leaves
 // `state` as it was. Returns nothing if the phase is too short for that, if it fails, or if the run
 // is asked to stop; the phase itself then says why.
-//   phase: as planned;  batch_size: of its steps
+//   phase: as planned;  batch_size: examples in one of its steps
 //   clock: measures the time
 std::optional<double> RehearseStep(const RunProgress::Phase& phase, int64_t batch_size,
                                    PhaseFunction learn, LearningState& state,
                                    const RunProgress::Clock& clock);
 
-// Returns the plan with costs in seconds. They are those that were measured (by the phase's name, of
-// a step), and for other phases the planned cost, on the scale of pretraining before the joint phase,
-// and on the scale of the joint phase from there on. Returns the plan as it is if the joint phase
-// was not measured.
+// Returns the plan with costs in seconds a step. A phase in `measured` gets its measured cost.
+// Other phases get their planned cost times a factor: measured / planned cost of pretraining for
+// phases before the joint phase, and of the joint phase for the rest. Returns the plan unchanged if
+// the joint phase was not measured.
+//   measured: seconds of a step, by the phase's name
 std::vector<RunProgress::Phase> WithMeasuredSteps(std::vector<RunProgress::Phase> plan,
                                                   const std::map<std::string, double>& measured);
 
