@@ -475,7 +475,8 @@ absl::StatusOr<Answered> Ask(const std::vector<std::string>& folders, const tags
   absl::StatusOr<tags::TagSet> set = tags::TagSet::Open({folders.begin(), folders.end()});
   if (!set.ok()) return set.status();
   if (set->missing > 0) {
-    environment.err << set->missing << " shards have no tags yet: maneuver tag goes on\n";
+    environment.err << set->missing
+                    << " shards have no tags yet; run maneuver tag again to continue\n";
   }
   absl::StatusOr<tags::Found> found = tags::Find(*set, query);
   if (!found.ok()) return found.status();

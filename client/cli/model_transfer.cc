@@ -16,7 +16,7 @@ namespace {
 int FailTransfer(const absl::Status& error, bool has_begun, Environment& environment) {
   const int status = environment.Fail(error);
   if (has_begun && (absl::IsUnavailable(error) || absl::IsDeadlineExceeded(error))) {
-    environment.err << "what has arrived is kept: the same command goes on from there\n";
+    environment.err << "what has arrived is kept; run the same command again to continue\n";
   }
   return status;
 }

@@ -134,7 +134,7 @@ bool FileReceiver::IsWhole(const AnnouncedFile& file) const {
 absl::Status FileReceiver::CheckTurn() const {
   if (slot_->turn == turn_) return absl::OkStatus();
   return absl::AbortedError(absl::StrCat("another upload of ", upload_.resource,
-                                         " has begun meanwhile, and goes on in place of this"));
+                                         " has begun meanwhile, and replaces this one"));
 }
 
 absl::Status FileReceiver::Take(std::string_view bytes) {

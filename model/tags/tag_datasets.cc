@@ -166,7 +166,8 @@ class Tagging {
       ++progress_.recordings;
       progress_.windows += windows;
       if (options_.progress && !options_.progress(progress_)) {
-        status = absl::CancelledError("tagging was stopped; the same command goes on");
+        status =
+            absl::CancelledError("tagging was stopped; run the same command again to continue");
         break;
       }
     }
@@ -180,7 +181,7 @@ class Tagging {
     summary_.rows += added.rows;
     ++progress_.shards;
     if (options_.progress && !options_.progress(progress_)) {
-      return absl::CancelledError("tagging was stopped; the same command goes on");
+      return absl::CancelledError("tagging was stopped; run the same command again to continue");
     }
     return absl::OkStatus();
   }

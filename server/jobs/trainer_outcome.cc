@@ -97,7 +97,7 @@ absl::Status TrainerStatus(const ChildResult& result, const std::string& last_wo
   if (HasLostRank(result)) {
     return failed(absl::StatusCode::kUnavailable, "RANK_LOST",
                   "a process of the training ended or did not answer in time; resume the job, "
-                  "which goes on from its last checkpoint.");
+                  "which continues from its last checkpoint.");
   }
   switch (static_cast<TrainerExit>(result.exit_status)) {
     case TrainerExit::kOk:
@@ -162,7 +162,7 @@ bool HasDied(const ChildResult& result) {
 
 absl::Status ServerInterrupted() {
   return errors::WithReason(
-      absl::AbortedError("the server stopped while the job ran; it goes on from its last "
+      absl::AbortedError("the server stopped while the job ran; it continues from its last "
                          "checkpoint"),
       "SERVER_INTERRUPTED");
 }

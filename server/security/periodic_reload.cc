@@ -21,7 +21,7 @@ void ReloadOne(const ReloadedFiles& files, std::string& failure) {
   std::string reason(changed.status().message());
   if (reason == failure) return;
   failure = std::move(reason);
-  Log(LogLevel::kWarning, "cannot reload, goes on with what was there before",
+  Log(LogLevel::kWarning, "cannot reload; keeps what was loaded before",
       {{"what", files.what}, {"reason", failure}});
 }
 

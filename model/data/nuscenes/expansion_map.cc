@@ -216,7 +216,7 @@ class MapReader {
         continue;
       }
       if (by_token.contains(lane.token)) {
-        const absl::Status status = Damage(lane.place, "is there twice");
+        const absl::Status status = Damage(lane.place, "occurs twice");
         if (!status.ok()) return status;
         continue;
       }
@@ -350,8 +350,8 @@ class MapReader {
     return static_cast<const Polygon*>(nullptr);
   }
 
-  // Looks the nodes up. Leaves `points` empty if one is missing or there are fewer than `least`, and
-  // reading goes on.
+  // Looks the nodes up. Leaves `points` empty if one is missing or there are fewer than `least`,
+  // and reading goes on.
   absl::Status Resolve(const Nodes& nodes, const std::string& place, size_t least,
                        std::vector<Point2>* points) {
     if (nodes.size() < least) {
@@ -361,7 +361,7 @@ class MapReader {
       const auto found = nodes_.find(node);
       if (found == nodes_.end()) {
         points->clear();
-        return Damage(place, "names a node that is not there");
+        return Damage(place, "names a node that does not exist");
       }
       points->push_back(found->second);
     }

@@ -167,13 +167,12 @@ absl::Status RankGroup::Guard(const std::function<void()>& exchange) {
     exchange();
   } catch (const std::exception& error) {
     heard_stop_ = true;
-    lost_ =
-        stopped_()
-            ? absl::CancelledError("training was stopped")
-            : Lost(absl::StrCat("rank ", rank_, " of ", size_,
-                                " lost another rank, which ended or did not answer within ",
-                                timeout_.count() / 1000, " s (", Explain(error),
-                                "); start all ranks again: they go on from the last checkpoint"));
+    lost_ = stopped_() ? absl::CancelledError("training was stopped")
+                       : Lost(absl::StrCat(
+                             "rank ", rank_, " of ", size_,
+                             " lost another rank, which ended or did not answer within ",
+                             timeout_.count() / 1000, " s (", Explain(error),
+                             "); start all ranks again: they continue from the last checkpoint"));
   }
   return lost_;
 }

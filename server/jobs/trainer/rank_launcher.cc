@@ -72,8 +72,8 @@ pid_t Start(const std::string& program, const std::vector<std::string>& argument
   const pid_t parent = getpid();
   const pid_t pid = fork();
   if (pid != 0) return pid;
-  // Nothing but system calls: other threads may hold any lock. A signal to the launcher's group does
-  // not reach the rank, since the second SIGTERM of a process ends it at once.
+  // Nothing but system calls: other threads may hold any lock. A signal to the launcher's group
+  // does not reach the rank, since the second SIGTERM of a process ends it at once.
   setpgid(0, 0);
   if (prctl(PR_SET_PDEATHSIG, SIGKILL) == 0 && getppid() == parent) {
     execve(program.c_str(), argv.data(), envp.data());
@@ -125,7 +125,7 @@ int Summarize(const std::vector<Rank>& ranks) {
       const char* const name = sigabbrev_np(WTERMSIG(status));
       std::cerr << "maneuver-trainer: rank " << i << " was killed by signal " << WTERMSIG(status)
                 << " (SIG" << (name != nullptr ? name : "?")
-                << "); start all ranks again: they go on from the last checkpoint\n";
+                << "); start all ranks again: they continue from the last checkpoint\n";
       if (summary == 0) summary = kLost;
       continue;
     }

@@ -13,7 +13,7 @@ TEST(Utf8Test, KnowsTheLengthOfACharacter) {
 }
 
 // Of the table of well-formed sequences in the Unicode standard: what is just outside of it.
-TEST(Utf8Test, RefusesWhatIsNoCharacter) {
+TEST(Utf8Test, RefusesBytesThatAreNotACharacter) {
   for (const char* wrong :
        {"\x80", "\xc1\xbf", "\xc3", "\xc3(", "\xe0\x9f\xbf", "\xed\xa0\x80", "\xe2\x86",
         "\xf0\x8f\xbf\xbf", "\xf4\x90\x80\x80", "\xf5\x80\x80\x80", "\xff"}) {

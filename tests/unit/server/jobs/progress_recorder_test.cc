@@ -107,7 +107,7 @@ TEST_F(ProgressRecorderTest, StoresNothingOnceTheLeaseHasEnded) {
   EXPECT_EQ(Steps(), (std::vector<int64_t>{1}));
 }
 
-TEST_F(ProgressRecorderTest, LinesThatAreNoMessageArePassedOver) {
+TEST_F(ProgressRecorderTest, SkipsLinesThatAreNotAMessage) {
   for (const char* line : {"", "hello", "{", "[1]", "{\"step\":\"x\"}", "\xff\xfe"}) {
     recorder_->Record(line);
   }

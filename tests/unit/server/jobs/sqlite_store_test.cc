@@ -395,7 +395,7 @@ TEST_F(SqliteStoreTest, ANewerSchemaIsRefused) {
   EXPECT_THAT(std::string(store.status().message()), HasSubstr("99"));
 }
 
-TEST_F(SqliteStoreTest, AFileThatIsNoDatabaseIsRefused) {
+TEST_F(SqliteStoreTest, RefusesAFileThatIsNotADatabase) {
   store_.reset();
   std::filesystem::remove(file_);
   std::ofstream(file_) << std::string(5000, 'x');

@@ -296,7 +296,7 @@ TEST_F(JobServicesTest, TellsWhichBytesAreAlreadyThereAndChecksThem) {
   EXPECT_THAT(ask().error_message(), HasSubstr("dataset.shards[0].sha256"));
 }
 
-TEST_F(JobServicesTest, AnInterruptedUploadIsNoDataset) {
+TEST_F(JobServicesTest, AnInterruptedUploadIsNotADataset) {
   {
     grpc::ClientContext context;
     const auto writer = datasets_stub_->UploadDataset(&context, &uploaded_);

@@ -563,7 +563,7 @@ TEST_F(ServerTest, HeadersOverTheLimitEndTheConnectionWithAClearStatus) {
   EXPECT_THAT(status.error_message(), ::testing::HasSubstr("metadata size exceeds"));
 }
 
-TEST_F(ServerTest, RefusesBytesThatAreNoMessage) {
+TEST_F(ServerTest, RefusesBytesThatAreNotAMessage) {
   Publish();
   const std::string no_utf8("\x0a\x02\xff\xfe", 4);  // in PredictRequest.model
   for (const std::string& bytes : {std::string("\xff\xff\xff"), no_utf8}) {

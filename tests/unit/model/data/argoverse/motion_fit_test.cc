@@ -79,7 +79,7 @@ TEST(FitVelocitiesTest, PositionsOnEitherSideOfAGapHaveNothingInCommon) {
   EXPECT_EQ(velocities[6].x, 0.0);  // alone
 }
 
-TEST(FitVelocitiesTest, OneMissingPositionIsNoGap) {
+TEST(FitVelocitiesTest, OneMissingPositionIsNotAGap) {
   const std::vector<double> times = {0.0, 0.1, 0.3, 0.4, 0.5, 0.6, 0.7};
   std::vector<Point2> positions;
   for (const double t : times) positions.push_back({4.0 * t, 0.0});

@@ -162,7 +162,7 @@ TEST_F(ExpansionMapTest, NamesTheRowThatIsDamagedAndReadsTheOthers) {
   map = whole;
   map["node"].erase(0);
   EXPECT_THAT(damages(map), ElementsAre(AllOf(HasSubstr("lane_divider '" + Token("divider")),
-                                              HasSubstr("names a node that is not there"))));
+                                              HasSubstr("names a node that does not exist"))));
   map = whole;
   map["ped_crossing"][0]["polygon_token"] = "nowhere";
   EXPECT_THAT(damages(map), ElementsAre(AllOf(HasSubstr("ped_crossing '" + Token("zebra")),
@@ -172,7 +172,7 @@ TEST_F(ExpansionMapTest, NamesTheRowThatIsDamagedAndReadsTheOthers) {
   EXPECT_THAT(damages(map)[0], HasSubstr("toy-town.json: node[2].y: must be a number"));
   map = whole;
   map["lane"].push_back(map["lane"][0]);
-  EXPECT_THAT(damages(map), ElementsAre(HasSubstr("is there twice")));
+  EXPECT_THAT(damages(map), ElementsAre(HasSubstr("occurs twice")));
 }
 
 TEST_F(ExpansionMapTest, RefusesAFileThatIsNotAMapExpansion) {

@@ -101,7 +101,7 @@ TEST_F(JsonRowsTest, NamesTheFieldThatIsWrong) {
             "rows.json[1].x[1].y: must be a text");
 }
 
-TEST_F(JsonRowsTest, SaysWhereAFileIsNoJson) {
+TEST_F(JsonRowsTest, SaysWhereAFileIsNotJson) {
   for (const char* wrong : {"", "[", "[{\"a\": 1}", "[{\"a\": NaN}]", "[{\"a\": 1e999}]", "[1] 2",
                             "[{\"a\": \"\xff\"}]", "[{\"a\" 1}]", "\x1f\x8b\x08"}) {
     const absl::Status status = Read(wrong);
