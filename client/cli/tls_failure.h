@@ -7,8 +7,8 @@
 
 namespace maneuver::cli {
 
-// Says what was wrong with a failed TLS handshake, and what to do about it; empty if `message` is
-// not about a handshake. gRPC does not say why it refused a certificate. So this connects to the
+// Returns what was wrong with a failed TLS handshake, and what to do about it; empty if `message`
+// is not about a handshake. gRPC does not say why it refused a certificate. So this connects to the
 // server once more, for at most two seconds, and asks OpenSSL.
 //   message: gRPC's message for the failed call.
 //   server: HOST:PORT. Without a port, or with several servers, the explanation stays general.

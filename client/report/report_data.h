@@ -52,7 +52,7 @@ struct ReportData {
   std::optional<v1::EvaluationReport> evaluation;
   std::vector<v1::EvaluationReport> others;  // other versions on the same examples
   std::vector<LearningPhase> learning;       //
-  std::optional<v1::Job> job;                // that the report was asked of
+  std::optional<v1::Job> job;                // the job that the report is about
   std::string scenes_from;                   // datasets/NAME that the scenes are from
   std::vector<Scene> scenes;                 // in the order in which they are shown
   std::map<std::string, Missing> missing;    // by part: actions, evaluation, learning, scenes

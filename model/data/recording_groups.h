@@ -1,4 +1,4 @@
-// Finds which recordings belong together, and deals them out to folds.
+// Finds which recordings belong together, and divides them into folds.
 //
 // A model that learned from a place or a drive must not be measured on another recording of the
 // same place or drive, because it has already seen the answer. Cross-validation therefore keeps
@@ -41,14 +41,15 @@ struct RecordingGroups {
 };
 
 // Finds the groups of recordings that are added one by one. Keeps at most 3,073 hashes per
-// recording, and at most kMostHashes of places and steps in all: from there on a half of them, then
-// a quarter and so on, chosen by value, so that recordings which share many of them still share
-// some. A hash of the id is always kept. Not thread-safe.
+// recording, and at most kMostHashes of places and steps in all. When that number is reached, it
+// keeps only half of all hash values, then a quarter, and so on. The value of a hash decides, so
+// recordings that share many hashes still share some. A hash of the id is always kept. Not
+// thread-safe.
 class RecordingGrouper {
  public:
   static constexpr size_t kMostHashes = size_t{1} << 22;  // some 160 MB
 
-  //   most_hashes: in place of kMostHashes, for tests
+  //   most_hashes: replaces kMostHashes in tests
   explicit RecordingGrouper(size_t most_hashes = kMostHashes) : most_hashes_(most_hashes) {}
 
   void Add(const v1::Scenario& recording);
@@ -63,12 +64,12 @@ class RecordingGrouper {
   void LinkKept(uint64_t hash);
 
   std::vector<std::string> ids_;
-  std::vector<int> parents_;  // of a forest over the recordings; a root is its own parent
+  std::vector<int> parents_;  // parent of each recording in a forest; a root is its own parent
   size_t most_hashes_;
-  int halvings_ = 0;  // a hash of a place or a step is kept if it ends in so many zero bits
+  int halvings_ = 0;  // a hash of a place or a step is kept if it ends in this many zero bits
   // The first recording that has a hash.
   std::unordered_map<uint64_t, int> first_by_id_;
-  std::unordered_map<uint64_t, int> first_;  // by places and steps
+  std::unordered_map<uint64_t, int> first_;  // key: hash of a place or a step
 };
 
 // Returns the fold of each recording, 0 .. folds - 1. Groups stay whole. They are assigned from the

@@ -53,10 +53,11 @@ class NonzeroValues {
   static int64_t VectorMultiple(int64_t outputs);
 
  private:
-  // The values row by row, in the order of their places: place in the row (pixel and channel) << 8
-  // | value.
+  // One number for each value, row by row and ordered by place: (place << 8) | value. The place is
+  // the index of pixel and channel in the row.
   std::vector<uint32_t> values_;
-  // [height, width + 1] where in values_ a pixel's begin; the row's end.
+  // [height, width + 1] index into values_ where each pixel's values begin, then where the row
+  // ends.
   std::vector<uint32_t> begins_;
 };
 

@@ -57,9 +57,10 @@ absl::StatusOr<TrainingData> LoadTrainingData(
 
 // Opens folders whose recordings may take `data_memory` bytes (recording_blocks.h says what they
 // take). If they fit, this is LoadTrainingData. If they do not, TrainingData.windows has all
-// training recordings, and the rest is of a sample of whole recordings: each folder gives by its
-// share of the bytes, in the order of a hash of seed and id, until training recordings take a
-// quarter of `data_memory` and held-out ones an eighth.
+// training recordings, and the other fields contain a sample of whole recordings. A hash of seed
+// and id determines the order in which recordings are drawn. Each folder contributes in proportion
+// to its bytes, until training recordings take a quarter of `data_memory` and held-out ones an
+// eighth.
 //   threads: number of threads that read recordings and count examples
 // Errors: those of LoadTrainingData and RecordingWindows::Open; FAILED_PRECONDITION if the sample
 // has fewer training examples than MinimumExamples.

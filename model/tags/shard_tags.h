@@ -46,7 +46,7 @@ class ShardTagsWriter {
 // The .tags file of a shard, mapped into memory. Immutable; safe to use from any thread.
 class ShardTags {
  public:
-  // Maps the file and checks its head and its size. NOT_FOUND if there is none; DATA_LOSS, naming
+  // Maps the file and checks its header and its size. NOT_FOUND if there is none; DATA_LOSS, naming
   // the file, if it is damaged; FAILED_PRECONDITION if it is of another schema or shard.
   static absl::StatusOr<std::shared_ptr<const ShardTags>> Open(const std::filesystem::path& folder,
                                                                const Schema& schema,

@@ -1,4 +1,4 @@
-// Folders of tags, opened for questions.
+// Opens folders of tags for queries.
 
 #ifndef MANEUVER_MODEL_TAGS_TAG_SET_H_
 #define MANEUVER_MODEL_TAGS_TAG_SET_H_
@@ -31,11 +31,11 @@ struct TaggedShard {
 };
 
 struct TagSet {
-  std::vector<TaggedShard> shards;  // by folder, then as in its schema
+  std::vector<TaggedShard> shards;  // ordered by folder, then as in its schema
   int64_t missing = 0;              // shards that the schemas name and that have no tags yet
 
-  // Opens all shards. Reads their heads alone. Errors: those of ReadSchema, naming the folder;
-  // those of ShardTags::Open, except that missing files are counted.
+  // Opens all shards, but reads only their headers. Counts missing files instead of failing.
+  // Errors: those of ReadSchema, naming the folder, and the others of ShardTags::Open.
   static absl::StatusOr<TagSet> Open(const std::vector<std::filesystem::path>& folders);
 };
 

@@ -54,16 +54,16 @@ class MethodMetrics {
   monitoring::Gauge& in_flight_;
   monitoring::Counter& request_bytes_;
   monitoring::Counter& response_bytes_;
-  Mutex mutex_;  // held to make one
+  Mutex mutex_;  // held while metrics of a code are made
   std::array<std::unique_ptr<OfCode>, kCodes> made_ ABSL_GUARDED_BY(mutex_);
-  std::array<std::atomic<OfCode*>, kCodes> by_code_{};  // what is made
+  std::array<std::atomic<OfCode*>, kCodes> by_code_{};  // those made so far; else null
 };
 
+// Counts calls with these metrics:
 //   maneuver_requests_total{method, code}, maneuver_request_duration_seconds{method, code},
 //   maneuver_requests_in_flight{method}, maneuver_request_bytes_total{method},
 //   maneuver_response_bytes_total{method}
-// Counts calls with these metrics. Thread-safe. The metrics that it returns live as long as it
-// does.
+// Thread-safe. The MethodMetrics that it returns live as long as it does.
 class CallMetrics {
  public:
   //   methods: all methods of the contract, such as "/maneuver.v1.PredictionService/Predict". They
