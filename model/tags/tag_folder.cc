@@ -97,9 +97,9 @@ std::vector<TagColumn> CsvColumns() {
       columns.push_back(TextColumn("name", "what the action is called"));
     }
   }
-  columns.push_back(TextColumn(
-      "responsibilities",
-      "q(y|x,s), mean over the windows: ACTION:VALUE of each action with at least 0.01"));
+  columns.push_back(
+      TextColumn("responsibilities",
+                 "q(y|x,s), mean of the windows: ACTION:VALUE of each action with at least 0.01"));
   return columns;
 }
 
