@@ -55,9 +55,9 @@ class Predictor(abc.ABC):
         warnings as `violations`.
     timeout: seconds for the call with all its attempts, in place of Deadlines.prediction.
 
-    They raise ManeuverError if the call fails, and ValueError if an argument is not a scene. A scene or a
-    target of a batch fails alone: look at its `error`, or call target() or raise_errors() of the
-    answer, which raise it. A scene that looks wrong has `warnings`, which are also shown as
+    They raise ManeuverError if the call fails, and ValueError if an argument is not a scene. A scene
+    or a target of a batch fails alone: look at its `error`, or call target() or raise_errors() of
+    the answer, which raise it. A scene that looks wrong has `warnings`, which are also shown as
     Python's DoubtfulSceneWarning. The server ignores states after the prediction time, but for
     classify_trajectories.
     """
