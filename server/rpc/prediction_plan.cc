@@ -89,7 +89,7 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
       violations.push_back({"map_id", "is not what RegisterMap gives: 64 lower-case hex digits"});
     }
     if (scenario.target_ids().empty()) {
-      violations.push_back({"target_ids", "name at least one agent to answer for"});
+      violations.push_back({"target_ids", "name at least one agent to predict"});
     }
     if (!violations.empty()) {
       planned.status = errors::InvalidFields(violations, path);

@@ -231,8 +231,9 @@ std::string GrowthText(const GrowthCurve& growth, const std::string& folder) {
   if (chart.logarithmic_x) return text;
   for (const Curve& curve : chart.curves) {
     const StraightLine line = FitLine(chart.x, curve.y);
-    absl::StrAppendFormat(&text, "- %s: %.1f + %.3g x, within %s at every point\n", curve.name,
-                          line.constant, line.slope, Percent(line.furthest));
+    absl::StrAppendFormat(
+        &text, "- %s: %.1f + %.3g x, where x is the first column, within %s at every point\n",
+        curve.name, line.constant, line.slope, Percent(line.furthest));
   }
   return text + "\n";
 }
