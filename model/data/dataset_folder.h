@@ -55,7 +55,7 @@ class DatasetWriter {
 absl::Status VerifyDatasetFolder(const std::filesystem::path& folder);
 
 // Calls `visit` with each recording, in order, until it returns false. kSkip skips damaged records.
-// If the damaged bytes are a record's length, it also skips all later records of that shard.
+// If the framing is damaged, it also skips all later records of that shard.
 //   skipped: if given, incremented for each skipped record
 absl::Status ForEachScenario(const std::filesystem::path& folder, OnDamage on_damage,
                              const std::function<bool(v1::Scenario&&)>& visit,

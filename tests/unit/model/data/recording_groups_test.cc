@@ -66,7 +66,7 @@ TEST(RecordingGroupsTest, GroupsRecordingsOfOnePlaceWhoseMapsDifferByDecimetres)
 }
 
 // There are 20 places with 40 long lanes each, which give 640 hashes a place. The grouper keeps at
-// most 256 hashes, about a dozen a place.
+// most 256 hashes, about ten a place.
 TEST(RecordingGroupsTest, FindsLargeOverlapsWithAFewOfTheHashes) {
   RecordingGrouper grouper(256);
   std::vector<int> places;
