@@ -4,6 +4,7 @@
 #include <istream>
 #include <nlohmann/json.hpp>
 #include <numeric>
+#include <optional>
 #include <ostream>
 #include <span>
 #include <string>
@@ -106,57 +107,80 @@ std::vector<inference::Trajectory> GenericTrajectories(const inference::ActionMo
   return means;
 }
 
-// Adds the inputs of models whose actions look at the lanes.
-//   encodings: of the scenes, for their references
-void AddActionInputs(const inference::ActionModel& model,
-                     std::span<const inference::SceneInput> scenes,
-                     std::span<const inference::SceneEncoding> encodings,
-                     std::vector<Input>* inputs) {
-  const auto N = static_cast<int64_t>(scenes.size());
-  const int64_t K = model.spec().actions();
-  const auto generic = GenericTrajectories(model);
-  const auto waypoints =
-      scene::FindGeometryWaypoints(artifact::WaypointTimes(model.spec().trajectory()));
-  const size_t pairs = static_cast<size_t>(K) * scene::kMostLanePaths * scene::kPairNumbers;
-  const size_t numbers = static_cast<size_t>(K) * scene::kActionNumbers;
-  Input action_paths{"action_paths",
-                     {N, K, scene::kMostLanePaths, scene::kPairNumbers},
-                     std::vector<float>(scenes.size() * pairs)};
-  Input action_numbers{
-      "action_numbers", {N, K, scene::kActionNumbers}, std::vector<float>(scenes.size() * numbers)};
-  for (size_t n = 0; n < scenes.size(); ++n) {
-    std::vector<scene::ActionPoints> points;
-    for (inference::Trajectory trajectory : generic) {
-      if (encodings[n].reference.size() > 0) trajectory += encodings[n].reference;
-      scene::ActionPoints& own = points.emplace_back();
-      for (size_t t = 0; t < scene::kGeometryTimes; ++t) {
-        for (size_t axis = 0; axis < 2; ++axis) {
-          const auto at = [&](int waypoint) {
-            return waypoint < 0
-                       ? 0.0f
-                       : static_cast<float>(trajectory(waypoint, static_cast<Eigen::Index>(axis)));
-          };
-          own.at[t][axis] = at(waypoints.at[t]);
-          own.before[t][axis] = at(waypoints.before[t]);
-        }
+// Compares the actions of a model with the lane paths of scenes: the inputs of the networks that
+// only such models have.
+class LaneComparison {
+ public:
+  //   scenes: must outlive this;  encodings: of the scenes, for their references
+  LaneComparison(const inference::ActionModel& model, std::span<const inference::SceneInput> scenes,
+                 std::span<const inference::SceneEncoding> encodings)
+      : scenes_(scenes),
+        waypoints_(
+            scene::FindGeometryWaypoints(artifact::WaypointTimes(model.spec().trajectory()))),
+        actions_(static_cast<size_t>(model.spec().actions())),
+        paths_(scenes.size() * PathsOfScene()),
+        numbers_(scenes.size() * NumbersOfScene()) {
+    const auto generic = GenericTrajectories(model);
+    for (const auto& encoding : encodings) {
+      auto& points = points_.emplace_back();
+      for (inference::Trajectory trajectory : generic) {
+        if (encoding.reference.size() > 0) trajectory += encoding.reference;
+        points.push_back(PointsOf(trajectory));
       }
     }
-    scene::DescribeActions(points, waypoints, scenes[n].vectors->paths,
-                           scenes[n].vectors->motion.speed,
-                           std::span(action_paths.values).subspan(n * pairs, pairs),
-                           std::span(action_numbers.values).subspan(n * numbers, numbers));
   }
-  inputs->push_back(std::move(action_paths));
-  inputs->push_back(std::move(action_numbers));
-}
 
-std::vector<Input> InputsOf(const inference::ActionModel& model, const Pipeline& pipeline) {
-  const v1::ModelSpec& spec = model.spec();
+  void Compare() {
+    for (size_t n = 0; n < scenes_.size(); ++n) {
+      scene::DescribeActions(points_[n], waypoints_, scenes_[n].vectors->paths,
+                             scenes_[n].vectors->motion.speed,
+                             std::span(paths_).subspan(n * PathsOfScene(), PathsOfScene()),
+                             std::span(numbers_).subspan(n * NumbersOfScene(), NumbersOfScene()));
+    }
+  }
+
+  std::vector<Input> Inputs() const {
+    const auto N = static_cast<int64_t>(scenes_.size());
+    const auto K = static_cast<int64_t>(actions_);
+    return {{"action_paths", {N, K, scene::kMostLanePaths, scene::kPairNumbers}, paths_},
+            {"action_numbers", {N, K, scene::kActionNumbers}, numbers_}};
+  }
+
+ private:
+  size_t PathsOfScene() const { return actions_ * scene::kMostLanePaths * scene::kPairNumbers; }
+  size_t NumbersOfScene() const { return actions_ * scene::kActionNumbers; }
+
+  scene::ActionPoints PointsOf(const inference::Trajectory& trajectory) const {
+    scene::ActionPoints points;
+    for (size_t t = 0; t < scene::kGeometryTimes; ++t) {
+      for (size_t axis = 0; axis < 2; ++axis) {
+        const auto at = [&](int waypoint) {
+          return waypoint < 0
+                     ? 0.0f
+                     : static_cast<float>(trajectory(waypoint, static_cast<Eigen::Index>(axis)));
+        };
+        points.at[t][axis] = at(waypoints_.at[t]);
+        points.before[t][axis] = at(waypoints_.before[t]);
+      }
+    }
+    return points;
+  }
+
+  std::span<const inference::SceneInput> scenes_;
+  scene::GeometryWaypoints waypoints_;
+  size_t actions_;
+  std::vector<std::vector<scene::ActionPoints>> points_;  // [scenes, actions]
+  std::vector<float> paths_;                              // [scenes, K, paths, numbers]
+  std::vector<float> numbers_;                            // [scenes, K, numbers]
+};
+
+std::vector<Input> InputsOf(const v1::ModelSpec& spec, const Pipeline& pipeline,
+                            const LaneComparison* comparison) {
   std::vector<Input> inputs;
   AddRasterInputs(spec, pipeline.scenes(), &inputs);
   if (spec.has_scene_vectors()) AddVectorInputs(spec, pipeline.scenes(), &inputs);
-  if (spec.has_action_geometry()) {
-    AddActionInputs(model, pipeline.scenes(), pipeline.encodings(), &inputs);
+  if (comparison != nullptr) {
+    for (Input& input : comparison->Inputs()) inputs.push_back(std::move(input));
   }
   return inputs;
 }
@@ -176,8 +200,13 @@ absl::Status TakeTurns(const BenchModel& model, const std::vector<v1::Scenario>&
                                   {"scenes", pipeline.targets()},
                                   {"actions", model.model->spec().actions()},
                                   {"inputs", nlohmann::ordered_json::array()}};
+  const v1::ModelSpec& spec = model.model->spec();
+  std::optional<LaneComparison> comparison;
+  if (spec.has_action_geometry()) {
+    comparison.emplace(*model.model, pipeline.scenes(), pipeline.encodings()).Compare();
+  }
   std::ofstream written(file, std::ios::binary);
-  for (const Input& input : InputsOf(*model.model, pipeline)) {
+  for (const Input& input : InputsOf(spec, pipeline, comparison ? &*comparison : nullptr)) {
     sizes["inputs"].push_back({{"name", input.name}, {"sizes", input.sizes}});
     Write(input.values, written);
   }
@@ -192,9 +221,12 @@ absl::Status TakeTurns(const BenchModel& model, const std::vector<v1::Scenario>&
   const auto session = model.model->NewSession();
   std::vector<inference::SceneEncoding> encodings(pipeline.scenes().size());
   std::string word;
-  for (int repeats = 0; in >> word >> repeats && word == "encode";) {
+  for (int repeats = 0; in >> word >> repeats && (word == "encode" || word == "compare");) {
     const double begin = ThreadSeconds();
-    for (int i = 0; i < repeats; ++i) session->Encode(pipeline.scenes(), encodings);
+    for (int i = 0; i < repeats; ++i) {
+      if (word == "encode") session->Encode(pipeline.scenes(), encodings);
+      if (word == "compare" && comparison) comparison->Compare();
+    }
     out << ThreadSeconds() - begin << std::endl;
   }
   return absl::OkStatus();

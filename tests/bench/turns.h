@@ -20,8 +20,9 @@ namespace maneuver::bench {
 //   {"model": ..., "precision": "f32", "scenes": N, "actions": K,
 //    "inputs": [{"name": "raster", "sizes": [N, C, H, W]}, {"name": "motion", "sizes": [N, 4]}]}
 // Then answers each line "encode R" on `in` with the seconds of processor time that R evaluations
-// of the networks up to p(y|s) of all N took, on one thread. This engine's time includes what holds
-// actions against lane paths, which the other engine gets as an input. Ends with `in`.
+// of the networks up to p(y|s) of all N took, on one thread. This engine's time includes the
+// comparison of actions with lane paths, which the other engine gets as an input. Answers each line
+// "compare R" with the seconds of R such comparisons alone, 0 for a model without. Ends with `in`.
 absl::Status TakeTurns(const BenchModel& model, const std::vector<v1::Scenario>& scenes,
                        const std::filesystem::path& file, std::istream& in, std::ostream& out);
 

@@ -40,8 +40,14 @@ class Engine {
     if (done) throw new Error('maneuver-bench ended early');
     return value;
   }
+  // The networks up to p(y|s), with the comparison of actions with lane paths.
   async encode(repeats) {
     this.process.stdin.write(`encode ${repeats}\n`);
+    return Number(await this.line());
+  }
+  // That comparison alone, which ONNX Runtime gets as an input.
+  async compare(repeats) {
+    this.process.stdin.write(`compare ${repeats}\n`);
     return Number(await this.line());
   }
   end() {
@@ -100,24 +106,32 @@ async function main() {
   await engine.encode(repeats);
   await theirs(repeats);
   const ours = [];
+  const comparisons = [];
   const ratios = [];
+  const networkRatios = [];
   const others = [];
   for (let i = 0; i < rounds; i++) {
     ours.push((await engine.encode(repeats)) / repeats / scenes);
+    comparisons.push((await engine.compare(repeats)) / repeats / scenes);
     others.push((await theirs(repeats)) / repeats / scenes);
     ratios.push(others[i] / ours[i]);
+    networkRatios.push(others[i] / (ours[i] - comparisons[i]));
   }
   engine.end();
 
   const us = (seconds) => (1e6 * seconds).toFixed(1);
+  const spread = (values) =>
+    `${median(values).toFixed(2)} (middle half ${quantile(values, 0.25).toFixed(2)} to ` +
+    `${quantile(values, 0.75).toFixed(2)})`;
   console.log(
     `${sizes.model}, ${sizes.inputs.map((input) => `${input.name} ${input.sizes.slice(1).join('x')}`).join(', ')}, ` +
       `batch ${scenes}, one thread, ${rounds} rounds\n` +
-      `engine (${sizes.precision}): ${us(median(ours))} us a target\n` +
+      `engine (${sizes.precision}): ${us(median(ours))} us a target, of which comparing actions ` +
+      `with lane paths ${us(median(comparisons))}\n` +
       `ONNX Runtime ${require('onnxruntime-node/package.json').version} (f32): ` +
       `${us(median(others))} us a target\n` +
-      `ONNX Runtime / engine: ${median(ratios).toFixed(2)} (middle half ` +
-      `${quantile(ratios, 0.25).toFixed(2)} to ${quantile(ratios, 0.75).toFixed(2)})\n` +
+      `ONNX Runtime / engine: ${spread(ratios)}\n` +
+      `the same without that comparison, whose result ONNX Runtime gets: ${spread(networkRatios)}\n` +
       `largest difference of p(y|s): ${difference.toExponential(1)}`,
   );
   if (sizes.precision === 'f32' && !(difference <= BOUND)) {
