@@ -65,9 +65,16 @@ class Server:
 
     def maneuver(self, *arguments):
         """Runs the command line; it has to succeed. Returns what it printed."""
-        return subprocess.run(
-            [PROGRAMS / "maneuver", "--server", self.address, *map(str, arguments)], check=True,
-            stdout=subprocess.PIPE, text=True, cwd=self.folder).stdout
+        return subprocess.run(self._command(arguments), check=True, stdout=subprocess.PIPE,
+                              text=True, cwd=self.folder).stdout
+
+    def start_maneuver(self, *arguments):
+        """Starts the command line. Returns its process, with a pipe for each of its outputs."""
+        return subprocess.Popen(self._command(arguments), stdout=subprocess.PIPE,
+                                stderr=subprocess.PIPE, text=True, cwd=self.folder)
+
+    def _command(self, arguments):
+        return [PROGRAMS / "maneuver", "--server", self.address, *map(str, arguments)]
 
     def close(self):
         if self._process.poll() is None:

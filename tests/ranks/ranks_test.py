@@ -1,7 +1,9 @@
 #!/usr/bin/python3
 """Several processes learn one model: with the bits of one process, whatever happens to them on the way.
 
-  tests/ranks/ranks_test.py --maneuver PROGRAM --trainer PROGRAM [--kills N]
+  tests/ranks/ranks_test.py --maneuver PROGRAM --trainer PROGRAM [--kills N] [--server-kills N]
+
+maneuverd must lie beside the trainer.
 """
 
 import argparse
@@ -14,10 +16,10 @@ import sys
 import tempfile
 import unittest
 
-from training import Training, children_of, end, is_gone, rank_of, wait_for_phase
+from training import Training, children_of, end, is_gone, rank_of, wait_for_phase, wait_for_phase_of_job
 
 RANK_LOST = 83
-options = argparse.Namespace(maneuver=None, trainer=None, kills=0)
+options = argparse.Namespace(maneuver=None, trainer=None, kills=0, server_kills=0)
 
 
 class RanksTest(unittest.TestCase):
@@ -54,6 +56,32 @@ class RanksTest(unittest.TestCase):
         self.assertEqual({len(r["rank_waiting_fractions"]) for r in joint}, {2})
         self.assertTrue(all(0.0 <= share <= 1.0 for r in joint for share in r["rank_waiting_fractions"]))
         self.assertGreater(joint[-1]["slowest_rank_step_seconds"], 0.0)
+
+    def test_eight_processes_learn_the_same_weights(self):
+        self.training.learn("eight", "--ranks", "8", "--rank-timeout", "60")
+        self.assert_same_weights("eight")
+
+    def test_a_job_of_two_ranks_survives_kills_of_its_server(self):
+        """With --server-kills: that many, at random moments."""
+        server = self.training.serve()
+        self.addCleanup(server.close)
+        draw = random.Random(2)
+        moments = [("joint", 2)]
+        for _ in range(options.server_kills):
+            moments.append(draw.choice([("load", 0), ("pretrain",), ("joint",), ("joint", 3), ("posterior",)]))
+        for i, moment in enumerate(moments):
+            if i % 4 == 0:
+                model = f"town-{i // 4}"
+                job = self.training.start_job(server, model, 2)
+            wait_for_phase_of_job(server, job, *moment)
+            server.kill()
+            server.start()
+            if i % 4 == 3 or i + 1 == len(moments):
+                server.maneuver("job", "watch", job)
+                weights = self.training.weights_of_version(server, model)
+                self.assertEqual(weights, self.training.weights("undisturbed"))
+                if options.server_kills:
+                    print(f"{i + 1} kills of the server, weights {weights[:16]}", flush=True)
 
     def test_killed_frozen_and_stopped_ranks_end_in_time_and_the_next_run_goes_on(self):
         def kill(_, pids):
@@ -164,5 +192,6 @@ if __name__ == "__main__":
     parser.add_argument("--maneuver", required=True)
     parser.add_argument("--trainer", required=True)
     parser.add_argument("--kills", type=int, default=0)
+    parser.add_argument("--server-kills", type=int, default=0)
     _, rest = parser.parse_known_args(namespace=options)
     unittest.main(argv=[sys.argv[0], *rest])

@@ -11,6 +11,7 @@ import signal
 import sys
 import tempfile
 import unittest
+import unittest.mock
 
 from slurm_cluster import SlurmCluster, missing_programs, wait_for
 from training import Training
@@ -46,26 +47,34 @@ class SlurmTest(unittest.TestCase):
         wait_for(lambda: self.fields(job)["JobState"] in ended, seconds, f"job {job} does not end")
         return self.fields(job)
 
-    def tasks(self):
-        """The trainers that Slurm runs now: their ranks and process ids."""
+    def tasks(self, folder):
+        """The trainers that Slurm runs now on files of a folder: their ranks and process ids."""
         found = {}
-        for folder in pathlib.Path("/proc").iterdir():
-            if not folder.name.isdigit():
+        for process in pathlib.Path("/proc").iterdir():
+            if not process.name.isdigit():
                 continue
             try:
-                command = (folder / "cmdline").read_bytes().split(b"\0")
-                variables = dict(v.split(b"=", 1) for v in (folder / "environ").read_bytes().split(b"\0") if b"=" in v)
+                command = (process / "cmdline").read_bytes().split(b"\0")
+                variables = dict(v.split(b"=", 1) for v in (process / "environ").read_bytes().split(b"\0") if b"=" in v)
             except OSError:
                 continue
             if command[0].decode() == self.training.trainer and b"SLURM_STEP_ID" in variables and \
-                    str(self.training.folder).encode() in b" ".join(command):
-                found[int(variables[b"SLURM_PROCID"])] = int(folder.name)
+                    str(folder).encode() in b" ".join(command):
+                found[int(variables[b"SLURM_PROCID"])] = int(process.name)
         return found
 
-    def test_steps_of_two_and_four_tasks_learn_the_same_weights(self):
-        for name, tasks in (("two", ["-N2", "-n2"]), ("four", ["-n4"])):
-            self.cluster.run("srun", *tasks, *self.training.arguments(name))
-            self.assertEqual(self.training.weights(name), self.training.weights("one"), name)
+    def test_a_step_of_two_tasks_learns_the_same_weights(self):
+        self.cluster.run("srun", "-N2", "-n2", *self.training.arguments("two"))
+        self.assertEqual(self.training.weights("two"), self.training.weights("one"))
+
+    def test_a_job_of_a_server_that_starts_its_trainer_by_srun_learns_the_same_weights(self):
+        with unittest.mock.patch.dict(os.environ, self.cluster.environment):
+            server = self.training.serve("--trainer-command", "srun -n{ranks} --export=ALL")
+        self.addCleanup(server.close)
+        job = self.training.start_job(server, "town", 4)
+        wait_for(lambda: set(self.tasks(server.folder)) == {0, 1, 2, 3}, 120, "Slurm does not run four tasks")
+        server.maneuver("job", "watch", job)
+        self.assertEqual(self.training.weights_of_version(server, "town"), self.training.weights("one"))
 
     def test_a_killed_task_is_requeued_and_ends_with_the_same_weights(self):
         folder = self.training.folder
@@ -73,7 +82,7 @@ class SlurmTest(unittest.TestCase):
         job = self.submit("-N2", "-n2", "--output", str(log), str(SCRIPT), str(self.training.settings),
                           str(folder / "killed"), str(folder / "killed.checkpoints"), str(folder / "town"))
         wait_for(lambda: log.exists() and '"phase":"joint"' in log.read_text(), 120, "it does not learn")
-        os.kill(self.tasks()[1], signal.SIGKILL)
+        os.kill(self.tasks(folder)[1], signal.SIGKILL)
         ended = self.wait_for_end(job)
         self.assertEqual(ended["JobState"], "COMPLETED", log.read_text())
         self.assertEqual(ended["Restarts"], "1")

@@ -1,4 +1,4 @@
-"""What the tests of ranks share: a small training, and its weights."""
+"""What the tests of ranks share: a small training, its weights, and a server that runs it as a job."""
 
 import hashlib
 import json
@@ -6,6 +6,7 @@ import os
 import pathlib
 import signal
 import subprocess
+import sys
 
 SETTINGS = {
     "preset": "compact",
@@ -43,7 +44,8 @@ class Training:
         """The trainer's, for a run that writes the model `name` and its checkpoints."""
         return [self.trainer, "train", "--settings", str(self.settings), "--dataset", str(self.folder / "town"),
                 "--output", str(self.folder / name), "--checkpoints", str(self.folder / f"{name}.checkpoints"),
-                "--checkpoint-steps", "3", "--progress", "json", "--rank-timeout", "2", *more]
+                "--checkpoint-steps", "3", "--progress", "json",
+                *(() if "--rank-timeout" in more else ("--rank-timeout", "2")), *more]
 
     def start(self, name, *more, environment=None, before=()):
         return subprocess.Popen([*before, *self.arguments(name, *more)], text=True, stdout=subprocess.PIPE,
@@ -60,6 +62,24 @@ class Training:
     def weights(self, name):
         return hashlib.sha256((self.folder / name / "weights.safetensors").read_bytes()).hexdigest()
 
+    def serve(self, *flags):
+        """Starts a server that has the dataset."""
+        os.environ["PROGRAMS"] = str(pathlib.Path(self.trainer).parent)
+        sys.path.append(str(pathlib.Path(__file__).resolve().parent.parent / "python"))
+        from server import Server  # pylint: disable=import-outside-toplevel
+
+        server = Server("--checkpoint-steps", "3", *flags)
+        server.maneuver("dataset", "upload", self.folder / "town", "town")
+        return server
+
+    def start_job(self, server, model, ranks):
+        """Starts a job that learns version 1 of `model`. Returns its name."""
+        return server.maneuver("train", model, "--dataset", "town", "--settings", self.settings, "--ranks", ranks,
+                               "--detach").strip()
+
+    def weights_of_version(self, server, model):
+        return self.weights(server.folder / "data" / "models" / model / "1")
+
 
 def wait_for_phase(process, phase, epoch=1):
     """Reads the progress of a process until it is there."""
@@ -68,6 +88,17 @@ def wait_for_phase(process, phase, epoch=1):
         if report["phase"] == phase and report.get("epoch", 0) >= epoch:
             return
     raise AssertionError(f"it ended before {phase}: {process.stderr.read()}")
+
+
+def wait_for_phase_of_job(server, job, phase, epoch=1):
+    """Watches a job of a server until it is there. Returns whether it came there before its end."""
+    with server.start_maneuver("--progress", "json", "job", "watch", job) as watch:
+        for line in watch.stderr:
+            report = json.loads(line).get("progress", {})
+            if report.get("phase") == phase and report["epoch"] >= epoch:
+                watch.kill()
+                return True
+    return False
 
 
 def children_of(pid):
