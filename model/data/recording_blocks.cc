@@ -18,7 +18,8 @@ absl::StatusOr<int64_t> RecordingBytes(const std::filesystem::path& folder) {
 
 absl::StatusOr<RecordingBlocks> RecordingBlocks::Open(const std::filesystem::path& folder,
                                                       int64_t data_memory,
-                                                      std::function<bool()> keep_going) {
+                                                      std::function<bool()> keep_going,
+                                                      Wanted wanted) {
   const absl::StatusOr<v1::Dataset> manifest = ReadDatasetManifest(folder);
   if (!manifest.ok()) return manifest.status();
   const absl::StatusOr<int64_t> bytes = RecordingBytes(folder);
@@ -27,6 +28,7 @@ absl::StatusOr<RecordingBlocks> RecordingBlocks::Open(const std::filesystem::pat
   blocks.folder_ = folder;
   blocks.recordings_ = manifest->recordings();
   blocks.keep_going_ = std::move(keep_going);
+  blocks.wanted_ = wanted ? std::move(wanted) : [](const std::string&) { return true; };
   if (!FitInMemory(*bytes, data_memory)) {
     blocks.block_bytes_ = data_memory / kMemoryPerByte / 2;
     return blocks;
@@ -34,7 +36,7 @@ absl::StatusOr<RecordingBlocks> RecordingBlocks::Open(const std::filesystem::pat
   auto all = std::make_shared<std::vector<v1::Scenario>>();
   bool stopped = false;
   const absl::Status status = ForEachScenario(folder, OnDamage::kStop, [&](v1::Scenario&& each) {
-    all->push_back(std::move(each));
+    if (blocks.wanted_(each.scenario_id())) all->push_back(std::move(each));
     stopped = !blocks.keep_going_();
     return !stopped;
   });
@@ -63,6 +65,7 @@ absl::Status RecordingBlocks::Read(const Visit& visit) const {
           visited = absl::CancelledError("stopped while reading the recordings");
           return false;
         }
+        if (!wanted_(recording.scenario_id())) return true;
         const auto size = static_cast<int64_t>(recording.ByteSizeLong());
         if (!block.empty() && bytes + size > block_bytes_) end_block();
         block.push_back(std::move(recording));

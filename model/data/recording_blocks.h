@@ -8,6 +8,7 @@
 #include <functional>
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -32,25 +33,29 @@ constexpr bool FitInMemory(int64_t bytes, int64_t data_memory) {
   return bytes <= data_memory / kMemoryPerByte;
 }
 
-// All recordings of a folder, in the order of ForEachScenario. If they fit in the memory that they
-// may take, they are read once and stay, as one block. Otherwise each pass reads them anew, in
-// blocks that take at most half of that memory, or a single recording. Safe to use from any thread.
+// The recordings of a folder, in the order of ForEachScenario. If the whole folder fits in the
+// memory that they may take, they are read once and stay, as one block. Otherwise each pass reads
+// them anew, in blocks that take at most half of that memory, or a single recording. Safe to use
+// from any thread.
 class RecordingBlocks {
  public:
   // Called with a block, which it may use until it returns. An error ends the pass.
   using Visit = std::function<absl::Status(std::span<const v1::Scenario> block)>;
+  // Says whether a recording is wanted.
+  using Wanted = std::function<bool(const std::string& scenario_id)>;
 
   //   data_memory: bytes
   //   keep_going: asked between recordings; false ends Open or ForEach with CANCELLED
+  //   wanted: blocks hold these recordings alone; empty: all
   // Errors: those of ForEachScenario, which stops at damage.
   static absl::StatusOr<RecordingBlocks> Open(const std::filesystem::path& folder,
-                                              int64_t data_memory,
-                                              std::function<bool()> keep_going);
+                                              int64_t data_memory, std::function<bool()> keep_going,
+                                              Wanted wanted = {});
 
   // Calls `visit` with each block, in order. Errors: those of `visit` and of ForEachScenario.
   absl::Status ForEach(const Visit& visit) const;
 
-  // Returns the number of recordings in all blocks.
+  // Returns the number of recordings of the folder.
   int64_t recordings() const { return recordings_; }
 
  private:
@@ -60,6 +65,7 @@ class RecordingBlocks {
   int64_t block_bytes_ = 0;  // on disk
   int64_t recordings_ = 0;
   std::function<bool()> keep_going_;
+  Wanted wanted_;                                          // never empty
   std::shared_ptr<const std::vector<v1::Scenario>> kept_;  // null if they do not fit
 };
 

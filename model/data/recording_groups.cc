@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <string_view>
 #include <tuple>
@@ -132,28 +131,42 @@ int RecordingGroups::LargestGroup() const {
 }
 
 void RecordingGrouper::Add(const v1::Scenario& recording) {
-  parents_.push_back(static_cast<int>(parents_.size()));
-  ids_.push_back(recording.scenario_id());
-  Link(MixHash(StableHash(WithoutPart(recording.scenario_id())), kIdSeed), first_by_id_);
+  ++added_;
+  if (pass_ == 0) {
+    parents_.push_back(added_);
+    ids_.push_back(recording.scenario_id());
+    Link(MixHash(StableHash(WithoutPart(recording.scenario_id())), kIdSeed), first_by_id_);
+  }
   for (const uint64_t hash : HashPlaces(recording)) LinkKept(hash);
   for (const uint64_t hash : HashSteps(recording)) LinkKept(hash);
 }
 
 void RecordingGrouper::Link(uint64_t hash, std::unordered_map<uint64_t, int>& first) {
-  const int added = static_cast<int>(parents_.size()) - 1;
-  const int earliest = first.try_emplace(hash, added).first->second;
-  const auto [low, high] = std::minmax({Root(earliest), Root(added)});
+  const int earliest = first.try_emplace(hash, added_).first->second;
+  const auto [low, high] = std::minmax({Root(earliest), Root(added_)});
   parents_[static_cast<size_t>(high)] = low;
 }
 
 void RecordingGrouper::LinkKept(uint64_t hash) {
-  if (std::countr_zero(hash) < halvings_) return;
+  if (!Keeps(hash)) return;
   Link(hash, first_);
-  while (first_.size() > most_hashes_) {
+  // Later passes have about as many hashes as the first one has at its end.
+  while (pass_ == 0 && first_.size() > most_hashes_) {
     ++halvings_;
-    std::erase_if(first_,
-                  [this](const auto& each) { return std::countr_zero(each.first) < halvings_; });
+    std::erase_if(first_, [this](const auto& each) { return !Keeps(each.first); });
   }
+}
+
+bool RecordingGrouper::Keeps(uint64_t hash) const {
+  return (hash & ((uint64_t{1} << halvings_) - 1)) == pass_;
+}
+
+bool RecordingGrouper::NextPass() {
+  if (pass_ + 1 == uint64_t{1} << halvings_) return false;
+  ++pass_;
+  added_ = -1;
+  first_.clear();
+  return true;
 }
 
 int RecordingGrouper::Root(int recording) const {

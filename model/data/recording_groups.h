@@ -43,30 +43,40 @@ struct RecordingGroups {
 // Finds the groups of recordings that are added one by one. Keeps at most 3,073 hashes per
 // recording, and at most kMostHashes of places and steps in all. When that number is reached, it
 // keeps only half of all hash values, then a quarter, and so on. The value of a hash decides, so
-// recordings that share many hashes still share some. A hash of the id is always kept. Not
-// thread-safe.
+// recordings that share many hashes still share some. A hash of the id is always kept. Further
+// passes over the same recordings find the links by the other hashes (NextPass). Not thread-safe.
 class RecordingGrouper {
  public:
-  static constexpr size_t kMostHashes = size_t{1} << 22;  // some 160 MB
+  static constexpr size_t kBytesPerHash = 40;  // of memory, about
+  static constexpr size_t kMostHashes = size_t{1} << 22;
 
-  //   most_hashes: replaces kMostHashes in tests
+  //   most_hashes: replaces kMostHashes
   explicit RecordingGrouper(size_t most_hashes = kMostHashes) : most_hashes_(most_hashes) {}
 
   void Add(const v1::Scenario& recording);
+
+  // Begins a pass by hashes that no pass has kept so far. Returns false if there are none: the groups
+  // are then those that unlimited hashes give. After true, add the same recordings in the same order
+  // again.
+  bool NextPass();
 
   RecordingGroups Groups() const;
 
  private:
   int Root(int recording) const;
-  // Joins the latest recording with the first one in `first` that has this hash.
+  // Joins the recording that is added with the first one in `first` that has this hash.
   void Link(uint64_t hash, std::unordered_map<uint64_t, int>& first);
   // Does the same by a hash of a place or a step, unless it is no longer kept.
   void LinkKept(uint64_t hash);
+  bool Keeps(uint64_t hash) const;
 
   std::vector<std::string> ids_;
   std::vector<int> parents_;  // parent of each recording in a forest; a root is its own parent
   size_t most_hashes_;
-  int halvings_ = 0;  // a hash of a place or a step is kept if it ends in this many zero bits
+  // A hash of a place or a step is kept if its lowest `halvings_` bits are the number of the pass.
+  int halvings_ = 0;
+  uint64_t pass_ = 0;
+  int added_ = -1;  // the latest recording in this pass
   // The first recording that has a hash.
   std::unordered_map<uint64_t, int> first_by_id_;
   std::unordered_map<uint64_t, int> first_;  // key: hash of a place or a step

@@ -123,6 +123,7 @@ BlockMeasurer::BlockMeasurer(const inference::ActionModel& model, const Evaluati
       all_recordings_(RecordingCount(input)) {}
 
 absl::StatusOr<MeasuredExamples> BlockMeasurer::Measure(std::span<const v1::Scenario> block) {
+  if (absl::Status status = CheckBaselines(model_, input_); !status.ok()) return status;
   MeasuredExamples all;
   all.examples = EnumerateAll(block, model_.spec(), input_.examples);
   const MeasuringContext context(model_, block, labels_, input_.baselines);
@@ -155,7 +156,6 @@ absl::Status BlockMeasurer::CheckExamples() const {
 
 absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& model,
                                                  const EvaluationInput& input) {
-  if (absl::Status status = CheckBaselines(model, input); !status.ok()) return status;
   BlockMeasurer measurer(model, input);
   absl::StatusOr<MeasuredExamples> measured = measurer.Measure(input.recordings);
   if (!measured.ok()) return measured;

@@ -126,7 +126,8 @@ class BlockMeasurer {
   // `model` and `input` must outlive the measurer.
   BlockMeasurer(const inference::ActionModel& model, const EvaluationInput& input);
 
-  // Measures the examples of the next block of the input's recordings; there may be none. CANCELLED
+  // Measures the examples of the next block of the input's recordings; there may be none.
+  // FAILED_PRECONDITION if the baselines read or predict something else than the model; CANCELLED
   // if `progress` returned false.
   absl::StatusOr<MeasuredExamples> Measure(std::span<const v1::Scenario> block);
 

@@ -1,10 +1,8 @@
 #include "model/evaluation/measured_set.h"
 
 #include <string>
-#include <vector>
+#include <utility>
 
-#include "model/evaluation/example_metrics.h"
-#include "model/evaluation/report.h"
 #include "model/evaluation/strata.h"
 
 namespace maneuver::evaluation {
@@ -33,29 +31,31 @@ void AddRow(const data::Example& example, const Measurement& measured, int recor
   row.set_responsibility(measured.responsibilities[most_probable]);
 }
 
-void AddSetMetrics(const MeasuredExamples& measured, std::span<const ExampleMetric> metrics,
-                   v1::MeasuredSet& set) {
-  auto& of_set = *set.mutable_set_metrics();
-  of_set = MakeReport(measured.measured, measured.measured_by_waymo).metrics();
-  for (const ExampleMetric& metric : metrics) of_set.erase(metric.name);
-  for (const MetricRatio& ratio : MetricRatios()) of_set.erase(std::string(ratio.name));
-}
-
 }  // namespace
 
-v1::MeasuredSet ToMeasuredSet(const MeasuredExamples& measured, std::span<const int> recordings) {
-  const std::vector<ExampleMetric> metrics =
-      ExampleMetrics(measured.measured_by_waymo, measured.measured.front().covernet.has_value());
-  v1::MeasuredSet set;
-  for (const ExampleMetric& metric : metrics) set.add_value_names(metric.name);
-  AddDimensions(set);
-  for (size_t i = 0; i < measured.examples.size(); ++i) {
-    const data::Example& example = measured.examples[i];
-    AddRow(example, measured.measured[i], recordings[static_cast<size_t>(example.recording)],
-           metrics, set);
+void MeasuredSetBuilder::Begin(const MeasuredExamples& block) {
+  sums_.emplace(block.measured_by_waymo);
+  metrics_ = ExampleMetrics(block.measured_by_waymo, block.measured.front().covernet.has_value());
+  for (const ExampleMetric& metric : metrics_) set_.add_value_names(metric.name);
+  AddDimensions(set_);
+}
+
+void MeasuredSetBuilder::Add(const MeasuredExamples& block, std::span<const int> recordings) {
+  for (size_t i = 0; i < block.examples.size(); ++i) {
+    if (!sums_) Begin(block);
+    const data::Example& example = block.examples[i];
+    sums_->Add(block.measured[i]);
+    AddRow(example, block.measured[i], recordings[static_cast<size_t>(example.recording)], metrics_,
+           set_);
   }
-  AddSetMetrics(measured, metrics, set);
-  return set;
+}
+
+v1::MeasuredSet MeasuredSetBuilder::Build() && {
+  auto& of_set = *set_.mutable_set_metrics();
+  of_set = sums_->MakeReport().metrics();
+  for (const ExampleMetric& metric : metrics_) of_set.erase(metric.name);
+  for (const MetricRatio& ratio : MetricRatios()) of_set.erase(std::string(ratio.name));
+  return std::move(set_);
 }
 
 }  // namespace maneuver::evaluation

@@ -3,17 +3,36 @@
 #ifndef MANEUVER_MODEL_EVALUATION_MEASURED_SET_H_
 #define MANEUVER_MODEL_EVALUATION_MEASURED_SET_H_
 
+#include <optional>
 #include <span>
+#include <vector>
 
 #include "maneuver/v1/cross_validation.pb.h"
+#include "model/evaluation/example_metrics.h"
 #include "model/evaluation/measured_examples.h"
+#include "model/evaluation/report.h"
 
 namespace maneuver::evaluation {
 
-// Returns the row of ExampleMetrics (example_metrics.h) of each example, and the metrics of the
-// whole set that are not means over examples. Needs at least one example.
-//   recordings: the number of each recording of the evaluation in the set's plan.
-v1::MeasuredSet ToMeasuredSet(const MeasuredExamples& measured, std::span<const int> recordings);
+// Makes a set of measurements that come block by block: the row of ExampleMetrics
+// (example_metrics.h) of each example, some 1.3 kB, and the metrics of the whole set that are not
+// means over examples. The set does not depend on the blocks.
+class MeasuredSetBuilder {
+ public:
+  // Adds the examples of a block; there may be none.
+  //   recordings: the number of each recording of the block in the set's plan
+  void Add(const MeasuredExamples& block, std::span<const int> recordings);
+
+  // Returns the set of all blocks, which have at least one example.
+  v1::MeasuredSet Build() &&;
+
+ private:
+  void Begin(const MeasuredExamples& block);
+
+  v1::MeasuredSet set_;
+  std::vector<ExampleMetric> metrics_;
+  std::optional<ReportSums> sums_;  // set by the first example
+};
 
 }  // namespace maneuver::evaluation
 

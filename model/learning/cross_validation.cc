@@ -1,17 +1,19 @@
 #include "model/learning/cross_validation.h"
 
+#include <algorithm>
 #include <cstdint>
-#include <map>
+#include <iterator>
 #include <memory>
-#include <numeric>
 #include <set>
 #include <span>
 #include <unordered_map>
+#include <unordered_set>
 #include <utility>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
+#include "model/data/recording_blocks.h"
 #include "model/data/recording_groups.h"
 #include "model/evaluation/evaluator.h"
 #include "model/evaluation/measured_set.h"
@@ -28,47 +30,51 @@ using GroupedRecordings = google::protobuf::RepeatedPtrField<v1::GroupedRecordin
 
 absl::Status Interrupted() { return absl::CancelledError("the cross-validation was stopped"); }
 
-absl::Status AddRecordings(const CrossValidation& run, const std::filesystem::path& folder,
-                           data::RecordingGrouper& grouper) {
-  bool stopped = false;
-  absl::Status status =
-      data::ForEachScenario(folder, data::OnDamage::kStop, [&](v1::Scenario&& recording) {
-        grouper.Add(recording);
-        stopped = run.stopped && run.stopped();
-        return !stopped;
-      });
-  return stopped ? Interrupted() : status;
-}
-
-// Recordings of a dataset folder in memory.
-struct RecordingsToMeasure {
-  std::vector<v1::Scenario> scenarios;
-  std::vector<int> numbers;  // of each, in the plan
-  std::vector<v1::ManeuverAnnotation> annotations;
+// The recordings of dataset folders, one folder after the other.
+struct GroupedFolders {
+  data::RecordingGroups groups;
+  std::vector<size_t> ends;  // of each folder, in groups.ids
 };
 
-// Appends the recordings of a folder for which `number` returns one.
-absl::Status ReadToMeasure(const std::filesystem::path& folder,
-                           const std::function<std::optional<int>(const std::string& id)>& number,
-                           RecordingsToMeasure& recordings) {
-  std::set<std::string> ids;
-  absl::Status status =
-      data::ForEachScenario(folder, data::OnDamage::kStop, [&](v1::Scenario&& recording) {
-        if (const std::optional<int> found = number(recording.scenario_id())) {
-          ids.insert(recording.scenario_id());
-          recordings.numbers.push_back(*found);
-          recordings.scenarios.push_back(std::move(recording));
-        }
+// Reads the folders as often as the hashes need that fit in the run's memory. All links count: folds
+// must not share anything, however little it is.
+absl::StatusOr<GroupedFolders> FindGroups(const CrossValidation& run,
+                                          const std::vector<std::filesystem::path>& folders) {
+  data::RecordingGrouper grouper(static_cast<size_t>(run.data_memory) / 2 /
+                                 data::RecordingGrouper::kBytesPerHash);
+  GroupedFolders grouped;
+  do {
+    grouped.ends.clear();
+    size_t recordings = 0;
+    for (const std::filesystem::path& folder : folders) {
+      bool stopped = false;
+      const absl::Status status =
+          data::ForEachScenario(folder, data::OnDamage::kStop, [&](v1::Scenario&& recording) {
+            grouper.Add(recording);
+            ++recordings;
+            stopped = run.stopped && run.stopped();
+            return !stopped;
+          });
+      if (!status.ok()) return status;
+      if (stopped) return Interrupted();
+      grouped.ends.push_back(recordings);
+    }
+  } while (grouper.NextPass());
+  grouped.groups = grouper.Groups();
+  return grouped;
+}
+
+// Returns the annotations of the wanted recordings of a folder.
+absl::StatusOr<std::vector<v1::ManeuverAnnotation>> ReadAnnotations(
+    const std::filesystem::path& folder, const data::RecordingBlocks::Wanted& wanted) {
+  std::vector<v1::ManeuverAnnotation> annotations;
+  const absl::Status status = data::ForEachAnnotation(
+      folder, data::OnDamage::kStop, [&](v1::ManeuverAnnotation&& annotation) {
+        if (wanted(annotation.scenario_id())) annotations.push_back(std::move(annotation));
         return true;
       });
   if (!status.ok()) return status;
-  return data::ForEachAnnotation(folder, data::OnDamage::kStop,
-                                 [&](v1::ManeuverAnnotation&& annotation) {
-                                   if (ids.contains(annotation.scenario_id())) {
-                                     recordings.annotations.push_back(std::move(annotation));
-                                   }
-                                   return true;
-                                 });
+  return annotations;
 }
 
 std::unordered_map<std::string, int> NumbersOf(const GroupedRecordings& recordings) {
@@ -129,17 +135,16 @@ class FoldRunner {
     training.settings.set_seed(result.seed());
     training.output = output;
     training.baselines = run_.baselines;
+    training.data_memory = run_.data_memory;
     for (const std::filesystem::path& folder : run_.datasets) {
       training.dataset_names.push_back(folder.filename().string());
     }
     training.trainer_version = run_.trainer_version;
     training.progress = run_.progress;
     training.stopped = run_.stopped;
-    const absl::StatusOr<TrainingData> data = LoadTrainingData(
-        run_.datasets, training.settings, [this] { return !run_.stopped || !run_.stopped(); },
-        [&](const v1::Scenario& recording) {
-          return FoldOf(recording.scenario_id()) != result.fold();
-        });
+    const absl::StatusOr<TrainingData> data = OpenTrainingData(
+        run_.datasets, training.settings, run_.data_memory, Threads(), [this] { return GoesOn(); },
+        [&](const std::string& id) { return FoldOf(id) != result.fold(); });
     if (!data.ok()) return data.status();
     NoteLearned(*data, result);
     return Train(training, *data).status();
@@ -147,69 +152,84 @@ class FoldRunner {
 
   // Notes what the data really hold, not what they were meant to.
   void NoteLearned(const TrainingData& data, v1::FoldRun& result) const {
-    std::set<std::string> ids;
+    std::unordered_set<std::string> ids;
     for (const ExampleSet* side : {&data.training, &data.validation}) {
       for (const v1::Scenario& recording : side->recordings) ids.insert(recording.scenario_id());
+    }
+    if (data.windows) {
+      for (const UnreadRecording& each : data.windows->recordings()) {
+        ids.insert(data.windows->index(each.folder).entries()[each.index].scenario_id);
+      }
     }
     for (int i = 0; i < plan_.recordings_size(); ++i) {
       if (ids.contains(plan_.recordings(i).scenario_id())) result.add_learned(i);
     }
-    result.set_training_examples(static_cast<int64_t>(data.training.examples.size()));
+    result.set_training_examples(data.TrainingExamples());
   }
 
   absl::Status Measure(const std::filesystem::path& folder, v1::FoldRun& result) const {
     const absl::StatusOr<LoadedModel> model = Load(folder);
     if (!model.ok()) return model.status();
-    RecordingsToMeasure recordings;
-    for (const std::filesystem::path& dataset : run_.datasets) {
-      absl::Status status = ReadToMeasure(
-          dataset,
-          [&](const std::string& id) -> std::optional<int> {
-            if (FoldOf(id) != result.fold()) return std::nullopt;
-            return numbers_.at(id);
-          },
-          recordings);
-      if (!status.ok()) return status;
-    }
-    absl::StatusOr<v1::MeasuredSet> held_out = MeasureSet(*model, recordings);
+    absl::StatusOr<v1::MeasuredSet> held_out =
+        MeasureSet(*model, run_.datasets, numbers_,
+                   [&](const std::string& id) { return FoldOf(id) == result.fold(); });
     if (!held_out.ok()) return held_out.status();
     *result.mutable_held_out() = *std::move(held_out);
     for (int i = 0; i < plan_.test_datasets_size(); ++i) {
-      absl::StatusOr<v1::MeasuredSet> test = MeasureTest(*model, i);
+      const auto numbers = NumbersOf(plan_.test_datasets(i).recordings());
+      absl::StatusOr<v1::MeasuredSet> test =
+          MeasureSet(*model, {run_.test_datasets[static_cast<size_t>(i)].folder}, numbers,
+                     [&](const std::string& id) { return numbers.contains(id); });
       if (!test.ok()) return test.status();
       *result.add_tests() = *std::move(test);
     }
     return absl::OkStatus();
   }
 
-  absl::StatusOr<v1::MeasuredSet> MeasureTest(const LoadedModel& model, int index) const {
-    const auto numbers = NumbersOf(plan_.test_datasets(index).recordings());
-    RecordingsToMeasure recordings;
-    absl::Status status = ReadToMeasure(
-        run_.test_datasets[static_cast<size_t>(index)].folder,
-        [&](const std::string& id) -> std::optional<int> {
-          const auto found = numbers.find(id);
-          if (found == numbers.end()) return std::nullopt;
-          return found->second;
-        },
-        recordings);
-    if (!status.ok()) return status;
-    return MeasureSet(model, recordings);
+  // Measures the wanted recordings of the folders block by block.
+  //   numbers: of the recordings, in the plan
+  absl::StatusOr<v1::MeasuredSet> MeasureSet(const LoadedModel& model,
+                                             const std::vector<std::filesystem::path>& folders,
+                                             const std::unordered_map<std::string, int>& numbers,
+                                             const data::RecordingBlocks::Wanted& wanted) const {
+    std::vector<v1::ManeuverAnnotation> annotations;
+    for (const std::filesystem::path& folder : folders) {
+      auto read = ReadAnnotations(folder, wanted);
+      if (!read.ok()) return read.status();
+      std::ranges::move(*read, std::back_inserter(annotations));
+    }
+    evaluation::EvaluationInput input;
+    input.annotations = annotations;
+    input.examples = run_.settings.examples();
+    input.threads = Threads();
+    if (model.baselines) input.baselines = &*model.baselines;
+    input.progress = [this](int64_t, int64_t) { return GoesOn(); };
+    evaluation::BlockMeasurer measurer(*model.model, input);
+    evaluation::MeasuredSetBuilder set;
+    const auto measure = [&](std::span<const v1::Scenario> block) {
+      const absl::StatusOr<evaluation::MeasuredExamples> measured = measurer.Measure(block);
+      if (!measured.ok()) return measured.status();
+      std::vector<int> numbers_of_block;
+      for (const v1::Scenario& recording : block) {
+        numbers_of_block.push_back(numbers.at(recording.scenario_id()));
+      }
+      set.Add(*measured, numbers_of_block);
+      return absl::OkStatus();
+    };
+    for (const std::filesystem::path& folder : folders) {
+      const auto blocks = data::RecordingBlocks::Open(
+          folder, run_.data_memory, [this] { return GoesOn(); }, wanted);
+      if (!blocks.ok()) return blocks.status();
+      absl::Status status = blocks->ForEach(measure);
+      if (!status.ok()) return status;
+    }
+    if (absl::Status status = measurer.CheckExamples(); !status.ok()) return status;
+    return std::move(set).Build();
   }
 
-  absl::StatusOr<v1::MeasuredSet> MeasureSet(const LoadedModel& model,
-                                             const RecordingsToMeasure& recordings) const {
-    evaluation::EvaluationInput input;
-    input.recordings = recordings.scenarios;
-    input.annotations = recordings.annotations;
-    input.examples = run_.settings.examples();
-    input.threads = run_.settings.threads() > 0 ? run_.settings.threads() : machine::UsableCores();
-    if (model.baselines) input.baselines = &*model.baselines;
-    input.progress = [this](int64_t, int64_t) { return !run_.stopped || !run_.stopped(); };
-    const absl::StatusOr<evaluation::MeasuredExamples> measured =
-        evaluation::MeasureExamples(*model.model, input);
-    if (!measured.ok()) return measured.status();
-    return evaluation::ToMeasuredSet(*measured, recordings.numbers);
+  bool GoesOn() const { return !run_.stopped || !run_.stopped(); }
+  int Threads() const {
+    return run_.settings.threads() > 0 ? run_.settings.threads() : machine::UsableCores();
   }
 
   const CrossValidation& run_;
@@ -251,15 +271,14 @@ absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidatio
   plan.set_fold_seed(run.fold_seed);
   plan.mutable_seeds()->Add(run.seeds.begin(), run.seeds.end());
 
-  // Keeps all hashes: folds must not share anything, however little it is.
-  data::RecordingGrouper grouper(SIZE_MAX);
   for (const std::filesystem::path& folder : run.datasets) {
     const absl::StatusOr<v1::Dataset> manifest = data::ReadDatasetManifest(folder);
     if (!manifest.ok()) return manifest.status();
     plan.add_dataset_sha256(data::ContentSha256(*manifest));
-    if (absl::Status status = AddRecordings(run, folder, grouper); !status.ok()) return status;
   }
-  const data::RecordingGroups groups = grouper.Groups();
+  const absl::StatusOr<GroupedFolders> learned_from = FindGroups(run, run.datasets);
+  if (!learned_from.ok()) return learned_from.status();
+  const data::RecordingGroups& groups = learned_from->groups;
   const absl::StatusOr<std::vector<int>> folds =
       data::AssignFolds(groups, run.folds, static_cast<uint64_t>(run.fold_seed));
   if (!folds.ok()) return folds.status();
@@ -270,14 +289,17 @@ absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidatio
     recording.set_fold(folds->at(i));
   }
 
+  if (run.test_datasets.empty()) return plan;
+
   // Test recordings can link groups to learn from, which stay as they are.
-  std::vector<size_t> ends = {groups.ids.size()};
-  for (const NamedDataset& test : run.test_datasets) {
-    absl::Status status = AddRecordings(run, test.folder, grouper);
-    if (!status.ok()) return status;
-    ends.push_back(grouper.Groups().ids.size());
-  }
-  const data::RecordingGroups all = grouper.Groups();
+  std::vector<std::filesystem::path> folders = run.datasets;
+  for (const NamedDataset& test : run.test_datasets) folders.push_back(test.folder);
+  const absl::StatusOr<GroupedFolders> all_folders = FindGroups(run, folders);
+  if (!all_folders.ok()) return all_folders.status();
+  const data::RecordingGroups& all = all_folders->groups;
+  const std::span<const size_t> ends(
+      all_folders->ends.begin() + static_cast<std::ptrdiff_t>(run.datasets.size()) - 1,
+      all_folders->ends.end());
   const std::set<int> learned(all.groups.begin(),
                               all.groups.begin() + static_cast<std::ptrdiff_t>(ends.front()));
   for (size_t i = 0; i < run.test_datasets.size(); ++i) {

@@ -17,6 +17,7 @@
 #include "maneuver/v1/cross_validation.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "model/data/recording_blocks.h"
 
 namespace maneuver::learning {
 
@@ -40,6 +41,8 @@ struct CrossValidation {
   std::set<std::pair<int64_t, int>> finished;
   // Also train the anchor baselines in each fold.
   bool baselines = false;
+  // Bytes of memory that recordings may take, about, while a model learns or is measured.
+  int64_t data_memory = data::kDefaultDataMemory;
   // Existing folder for the models. A model is named seed-1-fold-2 (folds counted from 1) and must
   // not exist there yet.
   std::filesystem::path models;
@@ -56,6 +59,8 @@ struct CrossValidation {
 // Returns which recording belongs to which fold (data/recording_groups.h). Folds depend only on
 // `datasets`, `folds` and `fold_seed`. A recording of a test dataset is left out if it shares a
 // group with a recording of `datasets`.
+// Reads the datasets once. If the hashes of their places and drives take more than half of
+// `data_memory`, it reads them as often as it takes to compare all.
 // Errors: those of data::ForEachScenario and data::AssignFolds; FAILED_PRECONDITION if all
 // recordings of a test dataset are left out; CANCELLED.
 absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidation& run);
@@ -63,9 +68,11 @@ absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidatio
 // Trains and measures the models of all seeds and folds that are not finished, one after the other.
 // Each learns from the other folds, of which `validation_share` is held out for calibration, as in
 // any training. The engine then loads the written model in f32 and measures it on the recordings of
-// its fold and on the test datasets.
+// its fold and on the test datasets. The result does not depend on `data_memory` as long as the
+// recordings that a model learns from fit. Besides that memory, the measurements of all examples are
+// kept, some 1.3 kB each.
 //   plan: what PlanCrossValidation returned for `run`
-// Errors: those of Train and of evaluation::MeasureExamples, with the seed and the fold; CANCELLED.
+// Errors: those of Train and of evaluation::BlockMeasurer, with the seed and the fold; CANCELLED.
 absl::StatusOr<v1::CrossValidationPart> CrossValidate(const CrossValidation& run,
                                                       const v1::CrossValidationPlan& plan);
 

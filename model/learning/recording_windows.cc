@@ -22,18 +22,20 @@ RecordingWindows::RecordingWindows(const v1::TrainingSettings& settings, int64_t
 
 absl::StatusOr<std::shared_ptr<RecordingWindows>> RecordingWindows::Open(
     std::span<const std::filesystem::path> folders, const v1::TrainingSettings& settings,
-    int64_t data_memory, int threads, const std::function<bool()>& keep_going) {
+    int64_t data_memory, int threads, const std::function<bool()>& keep_going,
+    const std::function<bool(const std::string& scenario_id)>& learns_from) {
   std::shared_ptr<RecordingWindows> windows(
       new RecordingWindows(settings, data_memory / 4, threads));
   for (const std::filesystem::path& folder : folders) {
-    const absl::Status status = windows->AddFolder(folder, keep_going);
+    const absl::Status status = windows->AddFolder(folder, keep_going, learns_from);
     if (!status.ok()) return status;
   }
   return windows;
 }
 
-absl::Status RecordingWindows::AddFolder(const std::filesystem::path& folder,
-                                         const std::function<bool()>& keep_going) {
+absl::Status RecordingWindows::AddFolder(
+    const std::filesystem::path& folder, const std::function<bool()>& keep_going,
+    const std::function<bool(const std::string& scenario_id)>& learns_from) {
   absl::StatusOr<data::RecordingIndex> index = data::RecordingIndex::Open(folder);
   if (!index.ok()) return index.status();
   const absl::StatusOr<std::vector<int32_t>> counts =
@@ -42,7 +44,9 @@ absl::Status RecordingWindows::AddFolder(const std::filesystem::path& folder,
   const int number = static_cast<int>(folders_.size());
   int64_t all_bytes = 0;
   for (size_t i = 0; i < counts->size(); ++i) {
-    const auto bytes = static_cast<int64_t>(index->entries()[i].payload_bytes);
+    const data::RecordingIndex::Entry& entry = index->entries()[i];
+    if (learns_from && !learns_from(entry.scenario_id)) continue;
+    const auto bytes = static_cast<int64_t>(entry.payload_bytes);
     const int32_t examples = (*counts)[i];
     all_bytes += bytes;
     if (examples <= 0) continue;  // also those that are held out

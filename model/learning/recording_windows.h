@@ -8,6 +8,7 @@
 #include <functional>
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -36,10 +37,12 @@ class RecordingWindows {
   //   is read
   //   threads: number of threads that count examples and read a window
   //   keep_going: asked between recordings, from several threads; false ends it with CANCELLED
+  //   learns_from: says by its id whether a recording is learned from; empty: all are
   // Errors: those of data::RecordingIndex::Open and CountExamples.
   static absl::StatusOr<std::shared_ptr<RecordingWindows>> Open(
       std::span<const std::filesystem::path> folders, const v1::TrainingSettings& settings,
-      int64_t data_memory, int threads, const std::function<bool()>& keep_going);
+      int64_t data_memory, int threads, const std::function<bool()>& keep_going,
+      const std::function<bool(const std::string& scenario_id)>& learns_from = {});
 
   // Gives the examples their labels; null: they have none.
   void SetLabels(std::shared_ptr<const TrainingLabels> labels) { labels_ = std::move(labels); }
@@ -51,7 +54,7 @@ class RecordingWindows {
   const data::RecordingIndex& index(int folder) const {
     return folders_[static_cast<size_t>(folder)].index;
   }
-  // Returns the bytes that the recordings of a folder take on disk.
+  // Returns the bytes on disk of the recordings of a folder that are learned from or held out.
   int64_t bytes(int folder) const { return folders_[static_cast<size_t>(folder)].bytes; }
 
   // Returns the windows of an epoch of `epoch_steps` steps.
@@ -71,7 +74,8 @@ class RecordingWindows {
 
   RecordingWindows(const v1::TrainingSettings& settings, int64_t window_bytes, int threads);
   absl::Status AddFolder(const std::filesystem::path& folder,
-                         const std::function<bool()>& keep_going);
+                         const std::function<bool()>& keep_going,
+                         const std::function<bool(const std::string& scenario_id)>& learns_from);
 
   const v1::TrainingSettings settings_;
   const v1::ExampleSettings example_settings_;  // with the stride of training

@@ -142,7 +142,8 @@ class Splitter {
 // RecordingIndex, ascending. At least one of each side, where there is one.
 //   memory: bytes, of which training recordings take a quarter and held-out ones an eighth
 std::vector<size_t> SampleRecordings(const RecordingWindows& windows, int folder,
-                                     const v1::TrainingSettings& settings, double memory) {
+                                     const v1::TrainingSettings& settings, double memory,
+                                     const LearnsFrom& learns_from) {
   const auto& entries = windows.index(folder).entries();
   const double share = settings.examples().validation_share();
   std::vector<size_t> sample;
@@ -164,12 +165,26 @@ std::vector<size_t> SampleRecordings(const RecordingWindows& windows, int folder
   }
   std::vector<size_t> held_out;
   for (size_t i = 0; i < entries.size(); ++i) {
-    if (data::HeldOut(entries[i].scenario_id, share)) held_out.push_back(i);
+    const std::string& id = entries[i].scenario_id;
+    if (data::HeldOut(id, share) && (!learns_from || learns_from(id))) held_out.push_back(i);
   }
   take(std::move(training), memory / 4.0);
   take(std::move(held_out), memory / 8.0);
   std::ranges::sort(sample);
   return sample;
+}
+
+// Returns the bytes on disk of the recordings of a folder that are learned from.
+absl::StatusOr<int64_t> LearnedBytes(const std::filesystem::path& folder,
+                                     const LearnsFrom& learns_from) {
+  if (!learns_from) return data::RecordingBytes(folder);
+  const absl::StatusOr<data::RecordingIndex> index = data::RecordingIndex::Open(folder);
+  if (!index.ok()) return index.status();
+  int64_t bytes = 0;
+  for (const data::RecordingIndex::Entry& entry : index->entries()) {
+    if (learns_from(entry.scenario_id)) bytes += static_cast<int64_t>(entry.payload_bytes);
+  }
+  return bytes;
 }
 
 absl::Status CheckExamples(int64_t all, int64_t sampled, const v1::TrainingSettings& settings) {
@@ -191,7 +206,8 @@ absl::Status CheckExamples(int64_t all, int64_t sampled, const v1::TrainingSetti
 absl::Status AddSample(const std::filesystem::path& path, const RecordingWindows& windows,
                        std::span<const size_t> sample, int folder,
                        const v1::TrainingSettings& settings,
-                       const std::function<bool()>& keep_going, Splitter& splitter) {
+                       const std::function<bool()>& keep_going, const LearnsFrom& learns_from,
+                       Splitter& splitter) {
   for (const size_t recording : sample) {
     if (!keep_going()) return absl::CancelledError("stopped while reading the recordings");
     absl::StatusOr<v1::Scenario> read = windows.index(folder).Read(recording);
@@ -199,21 +215,24 @@ absl::Status AddSample(const std::filesystem::path& path, const RecordingWindows
     splitter.Add(*std::move(read));
   }
   const double share = settings.examples().validation_share();
-  return data::ForEachAnnotation(path, data::OnDamage::kStop,
-                                 [&](v1::ManeuverAnnotation&& annotation) {
-                                   const std::string& id = annotation.scenario_id();
-                                   if (splitter.HoldsOut(id) || !data::HeldOut(id, share)) {
-                                     splitter.Add(std::move(annotation));
-                                   }
-                                   return true;
-                                 });
+  return data::ForEachAnnotation(
+      path, data::OnDamage::kStop, [&](v1::ManeuverAnnotation&& annotation) {
+        const std::string& id = annotation.scenario_id();
+        const bool learned = !learns_from || learns_from(id);
+        if (learned && (splitter.HoldsOut(id) || !data::HeldOut(id, share))) {
+          splitter.Add(std::move(annotation));
+        }
+        return true;
+      });
 }
 
 absl::StatusOr<TrainingData> OpenLargeData(std::span<const std::filesystem::path> folders,
                                            const v1::TrainingSettings& settings,
                                            int64_t data_memory, int threads,
-                                           const std::function<bool()>& keep_going) {
-  const auto windows = RecordingWindows::Open(folders, settings, data_memory, threads, keep_going);
+                                           const std::function<bool()>& keep_going,
+                                           const LearnsFrom& learns_from) {
+  const auto windows =
+      RecordingWindows::Open(folders, settings, data_memory, threads, keep_going, learns_from);
   if (!windows.ok()) return windows.status();
   int64_t all_bytes = 0;
   for (size_t i = 0; i < folders.size(); ++i) all_bytes += (*windows)->bytes(static_cast<int>(i));
@@ -222,10 +241,10 @@ absl::StatusOr<TrainingData> OpenLargeData(std::span<const std::filesystem::path
     const int folder = static_cast<int>(i);
     const double share = static_cast<double>((*windows)->bytes(folder)) /
                          static_cast<double>(std::max<int64_t>(1, all_bytes));
-    const std::vector<size_t> sample =
-        SampleRecordings(**windows, folder, settings, share * static_cast<double>(data_memory));
-    const absl::Status added =
-        AddSample(folders[i], **windows, sample, folder, settings, keep_going, splitter);
+    const std::vector<size_t> sample = SampleRecordings(
+        **windows, folder, settings, share * static_cast<double>(data_memory), learns_from);
+    const absl::Status added = AddSample(folders[i], **windows, sample, folder, settings,
+                                         keep_going, learns_from, splitter);
     if (!added.ok()) return added;
     splitter.EndFolder();
   }
@@ -249,17 +268,17 @@ int64_t MinimumExamples(const v1::TrainingSettings& settings) {
   return 2 * std::max(settings.model().actions(), settings.optimization().batch_size());
 }
 
-absl::StatusOr<TrainingData> LoadTrainingData(
-    std::span<const std::filesystem::path> folders, const v1::TrainingSettings& settings,
-    const std::function<bool()>& keep_going,
-    const std::function<bool(const v1::Scenario&)>& learns_from) {
+absl::StatusOr<TrainingData> LoadTrainingData(std::span<const std::filesystem::path> folders,
+                                              const v1::TrainingSettings& settings,
+                                              const std::function<bool()>& keep_going,
+                                              const LearnsFrom& learns_from) {
   Splitter splitter(settings);
   std::unordered_set<std::string> left_out;  // ids
   bool stopped = false;
   for (const std::filesystem::path& folder : folders) {
     absl::Status status =
         data::ForEachScenario(folder, data::OnDamage::kStop, [&](v1::Scenario&& recording) {
-          if (learns_from && !learns_from(recording)) {
+          if (learns_from && !learns_from(recording.scenario_id())) {
             left_out.insert(recording.scenario_id());
           } else {
             splitter.Add(std::move(recording));
@@ -285,17 +304,18 @@ absl::StatusOr<TrainingData> LoadTrainingData(
 absl::StatusOr<TrainingData> OpenTrainingData(std::span<const std::filesystem::path> folders,
                                               const v1::TrainingSettings& settings,
                                               int64_t data_memory, int threads,
-                                              const std::function<bool()>& keep_going) {
+                                              const std::function<bool()>& keep_going,
+                                              const LearnsFrom& learns_from) {
   int64_t bytes = 0;
   for (const std::filesystem::path& folder : folders) {
-    const absl::StatusOr<int64_t> of_folder = data::RecordingBytes(folder);
+    const absl::StatusOr<int64_t> of_folder = LearnedBytes(folder, learns_from);
     if (!of_folder.ok()) return of_folder.status();
     bytes += *of_folder;
   }
   absl::StatusOr<TrainingData> data =
       data::FitInMemory(bytes, data_memory)
-          ? LoadTrainingData(folders, settings, keep_going)
-          : OpenLargeData(folders, settings, data_memory, threads, keep_going);
+          ? LoadTrainingData(folders, settings, keep_going, learns_from)
+          : OpenLargeData(folders, settings, data_memory, threads, keep_going, learns_from);
   if (data.ok()) data->data_memory = data_memory;
   return data;
 }

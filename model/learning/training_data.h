@@ -21,6 +21,10 @@
 
 namespace maneuver::learning {
 
+// Says by its id whether a run learns from a recording. It ignores the others, together with their
+// annotations. Empty: it learns from all.
+using LearnsFrom = std::function<bool(const std::string& scenario_id)>;
+
 struct TrainingData {
   ExampleSet training;
   ExampleSet validation;                            // whole recordings; empty if the share is 0
@@ -45,29 +49,28 @@ struct TrainingData {
 // evaluation and, by label_share, for labels. FAILED_PRECONDITION if more manoeuvres are labelled
 // than the model has actions.
 //   keep_going: asked between recordings; returning false ends the call with CANCELLED.
-//   learns_from: returns false for a recording that is ignored, together with its annotations;
-//     empty: no recording is ignored.
 // Errors: those of data::ForEachScenario; FAILED_PRECONDITION if there are fewer training examples
 // than MinimumExamples, or none in a folder that has a weight. Its message says what was found and
 // what to do.
-absl::StatusOr<TrainingData> LoadTrainingData(
-    std::span<const std::filesystem::path> folders, const v1::TrainingSettings& settings,
-    const std::function<bool()>& keep_going,
-    const std::function<bool(const v1::Scenario&)>& learns_from = {});
+absl::StatusOr<TrainingData> LoadTrainingData(std::span<const std::filesystem::path> folders,
+                                              const v1::TrainingSettings& settings,
+                                              const std::function<bool()>& keep_going,
+                                              const LearnsFrom& learns_from = {});
 
 // Opens folders whose recordings may take `data_memory` bytes (recording_blocks.h says what they
-// take). If they fit, this is LoadTrainingData. If they do not, TrainingData.windows has all
-// training recordings, and the other fields contain a sample of whole recordings. A hash of seed
-// and id determines the order in which recordings are drawn. Each folder contributes in proportion
-// to its bytes, until training recordings take a quarter of `data_memory` and held-out ones an
-// eighth.
+// take). If those that the run learns from fit, this is LoadTrainingData. If they do not,
+// TrainingData.windows has all training recordings, and the other fields contain a sample of whole
+// recordings. A hash of seed and id determines the order in which recordings are drawn. Each folder
+// contributes in proportion to its bytes, until training recordings take a quarter of `data_memory`
+// and held-out ones an eighth.
 //   threads: number of threads that read recordings and count examples
 // Errors: those of LoadTrainingData and RecordingWindows::Open; FAILED_PRECONDITION if the sample
 // has fewer training examples than MinimumExamples.
 absl::StatusOr<TrainingData> OpenTrainingData(std::span<const std::filesystem::path> folders,
                                               const v1::TrainingSettings& settings,
                                               int64_t data_memory, int threads,
-                                              const std::function<bool()>& keep_going);
+                                              const std::function<bool()>& keep_going,
+                                              const LearnsFrom& learns_from = {});
 
 // Does the same as LoadTrainingData for recordings in memory.
 absl::StatusOr<TrainingData> SplitRecordings(std::vector<v1::Scenario> recordings,

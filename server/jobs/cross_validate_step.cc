@@ -26,9 +26,10 @@ constexpr char kReportFile[] = "report.json";  // in the output
 
 std::vector<std::string> CrossValidateArguments(const v1::CrossValidateRequest& request,
                                                 const fs::path& folder,
-                                                const data::DatasetStore& datasets) {
-  const auto folder_of = [&datasets](const std::string& name) {
-    return datasets.FolderOf(std::string(absl::StripPrefix(name, "datasets/"))).string();
+                                                const JobRunEnvironment& environment) {
+  const auto folder_of = [&environment](const std::string& name) {
+    return environment.datasets->FolderOf(std::string(absl::StripPrefix(name, "datasets/")))
+        .string();
   };
   std::vector<std::string> arguments = {"cross-validate",
                                         "--settings",
@@ -41,6 +42,8 @@ std::vector<std::string> CrossValidateArguments(const v1::CrossValidateRequest& 
                                         CheckpointFolder(folder),
                                         "--progress",
                                         "json",
+                                        "--data-memory",
+                                        absl::StrCat(environment.limits.data_memory),
                                         "--folds",
                                         absl::StrCat(FoldsOf(request)),
                                         "--fold-seed",
@@ -66,9 +69,8 @@ Outcome CrossValidateStep::Run() {
   absl::Status status = EnsureSettings(job_, *attempt_.environment.versions, folder_);
   if (!status.ok()) return {std::move(status)};
   RemoveJobOutput(folder_);
-  Outcome outcome =
-      RunTrainer(job_, CrossValidateArguments(request, folder_, *attempt_.environment.datasets),
-                 folder_, attempt_);
+  Outcome outcome = RunTrainer(job_, CrossValidateArguments(request, folder_, attempt_.environment),
+                               folder_, attempt_);
   if (!outcome.status.ok() || attempt_.IsStopped()) return outcome;
   const auto text = files::ReadFile(folder_ / kOutput / kReportFile);
   v1::CrossValidationReport report;

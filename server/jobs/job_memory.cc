@@ -15,6 +15,9 @@ namespace {
 constexpr int64_t kProgramBytes = int64_t{180} << 20;
 // Of each recording, where data are read piece by piece: its place, its id, its number of examples.
 constexpr int64_t kIndexBytes = 200;
+// What a cross-validation measures on each example, for each seed, by the bytes of the recordings on
+// disk. Measured on Waymo Open Motion: 15 examples of 1.3 kB in 390 kB.
+constexpr int64_t kRecordingBytesPerMeasuredByte = 20;
 // Weights, gradients, two moments, and the best weights so far.
 constexpr int64_t kCopiesOfWeights = 5;
 
@@ -42,9 +45,7 @@ absl::StatusOr<v1::JobMemory> EstimateMemory(const v1::Job& job, const v1::Model
       memory.set_recording_bytes(memory.recording_bytes() + shard.size_bytes());
     }
   }
-  // A cross-validation keeps all recordings in memory.
-  const bool fit =
-      job.has_cross_validate() || data::FitInMemory(memory.recording_bytes(), data_memory);
+  const bool fit = data::FitInMemory(memory.recording_bytes(), data_memory);
   memory.set_data_fit(fit);
   memory.set_data_bytes(fit ? memory.recording_bytes() * data::kMemoryPerByte
                             : data_memory + recordings * kIndexBytes);
@@ -59,6 +60,11 @@ absl::StatusOr<v1::JobMemory> EstimateMemory(const v1::Job& job, const v1::Model
     memory.set_working_bytes(
         std::max(settings.optimization().batch_size() * artifact::ExampleBytes(spec),
                  CalibrationBytes(spec, fit, data_memory)));
+  }
+  if (job.has_cross_validate()) {
+    const int64_t seeds = std::max(1, job.cross_validate().seeds_size());
+    memory.set_working_bytes(memory.working_bytes() +
+                             seeds * memory.recording_bytes() / kRecordingBytesPerMeasuredByte);
   }
   memory.set_total_bytes(kProgramBytes + memory.data_bytes() + memory.network_bytes() +
                          memory.working_bytes());

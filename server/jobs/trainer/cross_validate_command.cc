@@ -18,6 +18,7 @@
 #include "model/evaluation/cross_validation_report.h"
 #include "model/evaluation/cross_validation_text.h"
 #include "model/files/durable_file.h"
+#include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/fold_files.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/settings_file.h"
@@ -246,6 +247,7 @@ CrossValidateCommand::CrossValidateCommand(CLI::App& app)
       ->check(CLI::Range(100, 100'000))
       ->capture_default_str()
       ->type_name("N");
+  AddDataMemoryOption(*command_, &data_memory_);
   command_->add_option("--threads", threads_, "Threads; 0: the settings', or one for each core")
       ->check(CLI::Range(0, 1024))
       ->type_name("N");
@@ -312,6 +314,7 @@ absl::StatusOr<learning::CrossValidation> CrossValidateCommand::Prepare() const 
     return absl::InvalidArgumentError("--only-fold needs --part FILE for what it measures");
   }
   if (only_fold_ > 0) run.only_fold = only_fold_ - 1;
+  run.data_memory = data_memory_;
   run.baselines = baselines_ || run.settings.baselines();
   run.trainer_version = MANEUVER_VERSION;
   run.stopped = StopRequested;

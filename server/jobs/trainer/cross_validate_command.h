@@ -47,6 +47,7 @@ class CrossValidateCommand {
   std::vector<std::filesystem::path> merge_;
   std::filesystem::path output_;
   int resamples_ = 1000;
+  int64_t data_memory_ = data::kDefaultDataMemory;
   int threads_ = 0;
   std::string progress_ = "bar";
 };

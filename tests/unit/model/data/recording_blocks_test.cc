@@ -73,6 +73,19 @@ TEST_F(RecordingBlocksTest, ABlockTakesHalfOfTheMemory) {
   }
 }
 
+TEST_F(RecordingBlocksTest, BlocksHoldTheWantedRecordingsAlone) {
+  for (const int64_t data_memory :
+       {2 * kMemoryPerByte * (2 * Size() + Size() / 2), 1000 * Size()}) {
+    const auto blocks = RecordingBlocks::Open(
+        folder_, data_memory, [] { return true; },
+        [](const std::string& id) { return id != "r1" && id != "r6"; });
+    ASSERT_TRUE(blocks.ok()) << blocks.status();
+    std::string all;
+    for (const std::string& ids : IdsOf(*blocks)) all += ids + " ";
+    EXPECT_EQ(all, "r0 r2 r3 r4 r5 ");
+  }
+}
+
 TEST_F(RecordingBlocksTest, ARecordingThatIsLargerThanTheMemoryIsABlock) {
   const auto blocks = Open(1);
   ASSERT_TRUE(blocks.ok()) << blocks.status();

@@ -84,6 +84,31 @@ TEST(RecordingGroupsTest, FindsLargeOverlapsWithAFewOfTheHashes) {
   EXPECT_EQ(grouper.Groups().groups, places);
 }
 
+// A hundred recordings, of which each two neighbours share one lane: 16 hashes, of some 1,600.
+TEST(RecordingGroupsTest, FurtherPassesFindTheLinksByAllHashes) {
+  std::vector<v1::Scenario> chain;
+  for (int i = 0; i < 100; ++i) {
+    chain.push_back(WithLane(std::to_string(i), 1000.0 * i));
+    // Every tenth one shares no lane with the one before it.
+    const double shared = i % 10 == 0 ? 1000.0 * i + 500.0 : 1000.0 * (i - 1);
+    *chain.back().add_map_features() = WithLane("", shared).map_features(0);
+  }
+  const std::vector<int> expected = GroupsOf(chain);
+  EXPECT_THAT(expected, testing::Contains(9));
+  RecordingGrouper grouper(32);
+  int passes = 0;
+  do {
+    for (const v1::Scenario& recording : chain) grouper.Add(recording);
+    if (passes == 0) {
+      EXPECT_NE(grouper.Groups().groups, expected);
+    }
+    ++passes;
+  } while (grouper.NextPass());
+  EXPECT_GE(passes, 32);
+  EXPECT_EQ(grouper.Groups().groups, expected);
+  EXPECT_EQ(grouper.Groups().ids.size(), chain.size());
+}
+
 TEST(RecordingGroupsTest, ShortOrMerelyTouchingLanesDoNotGroupRecordings) {
   EXPECT_THAT(GroupsOf({WithLane("a", 0, 0, 15.0), WithLane("b", 0, 0, 15.0)}), ElementsAre(0, 1));
   EXPECT_THAT(GroupsOf({WithLane("a", 0, 0, 50.0), WithLane("b", 0, 0, 60.0)}), ElementsAre(0, 1));

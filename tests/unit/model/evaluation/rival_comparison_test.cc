@@ -148,7 +148,9 @@ TEST(RivalComparisonTest, AgreesWithCrossValidationOfTheSameExamples) {
   }
   v1::FoldRun& run = *whole.add_runs();
   run.set_seed(3);
-  *run.mutable_held_out() = ToMeasuredSet(all, numbers);
+  MeasuredSetBuilder set;
+  set.Add(all, numbers);
+  *run.mutable_held_out() = std::move(set).Build();
   const v1::CrossValidationReport report = MakeCrossValidationReport(whole, {});
   const v1::RivalStandings standings = MakeRivalStandings(all, groups);
 

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "model/data/dataset_folder.h"
+#include "model/data/recording_blocks.h"
 #include "model/evaluation/cross_validation_parts.h"
 #include "model/evaluation/cross_validation_report.h"
 #include "model/learning/training_data.h"
@@ -149,6 +150,47 @@ TEST_F(CrossValidationTest, SeparateFoldsMergeIntoTheResultOfOneRun) {
   EXPECT_TRUE(MessageDifferencer::Equals(*merged, *evaluation::MergeParts({*together})));
 }
 
+TEST_F(CrossValidationTest, LearnsAndMeasuresPieceByPieceWhatDoesNotFit) {
+  constexpr int kMany = 160;
+  WriteDataset(folder_ / "many", PairsOfDrives(kMany, 0, "drive-"));
+  run_.datasets = {folder_ / "many"};
+  const auto plan = PlanCrossValidation(run_);
+  ASSERT_TRUE(plan.ok()) << plan.status();
+
+  // Four fifths of what one fold takes. The hashes of all recordings do not fit either.
+  run_.data_memory = *data::RecordingBytes(folder_ / "many") * data::kMemoryPerByte * 2 / 5;
+  const auto plan_again = PlanCrossValidation(run_);
+  ASSERT_TRUE(plan_again.ok()) << plan_again.status();
+  EXPECT_TRUE(MessageDifferencer::Equals(*plan_again, *plan));
+  const auto part = CrossValidate(run_, *plan);
+  ASSERT_TRUE(part.ok()) << part.status();
+  std::set<int> measured;
+  for (const v1::FoldRun& run : part->runs()) {
+    const std::set<int> learned(run.learned().begin(), run.learned().end());
+    EXPECT_GT(learned.size(), size_t{kMany / 3});  // many more than the sample
+    for (const int i : learned) EXPECT_NE(plan->recordings(i).fold(), run.fold());
+    for (const v1::MeasuredExample& example : run.held_out().examples()) {
+      measured.insert(example.recording());
+      EXPECT_EQ(plan->recordings(example.recording()).fold(), run.fold());
+    }
+  }
+  EXPECT_EQ(measured.size(), size_t{kMany});
+}
+
+TEST_F(CrossValidationTest, MeasuresTheSameBlockByBlock) {
+  // The datasets that a model learns from fit, and the test dataset does not.
+  WriteDataset(folder_ / "many", PairsOfDrives(60, kRecordings / 2, "other-"));
+  run_.test_datasets = {{"many", folder_ / "many"}};
+  const auto whole = CrossValidate(run_, *PlanCrossValidation(run_));
+  ASSERT_TRUE(whole.ok()) << whole.status();
+  std::filesystem::remove_all(run_.models);
+  std::filesystem::create_directory(run_.models);
+  run_.data_memory = *data::RecordingBytes(folder_ / "drives") * data::kMemoryPerByte;
+  const auto blocks = CrossValidate(run_, *PlanCrossValidation(run_));
+  ASSERT_TRUE(blocks.ok()) << blocks.status();
+  EXPECT_TRUE(MessageDifferencer::Equals(*whole, *blocks));
+}
+
 TEST_F(CrossValidationTest, TestDatasetsDoNotChangeTheFolds) {
   const auto alone = PlanCrossValidation(run_);
   run_.test_datasets = {{"others", folder_ / "others"}};
@@ -197,7 +239,7 @@ TEST(LoadTrainingDataTest, LabelsOfExcludedRecordingsAreNotUsed) {
   int met = 0;
   const std::vector<std::filesystem::path> folders = {folder / "arcs"};
   const auto data = LoadTrainingData(
-      folders, settings, [] { return true; }, [&](const v1::Scenario&) { return met++ % 2 == 0; });
+      folders, settings, [] { return true; }, [&](const std::string&) { return met++ % 2 == 0; });
   ASSERT_TRUE(data.ok()) << data.status();
   EXPECT_EQ(data->training.recordings.size() + data->validation.recordings.size(), 20u);
   EXPECT_THAT(data->label_names, testing::ElementsAre("even"));

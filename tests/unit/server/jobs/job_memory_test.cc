@@ -67,6 +67,20 @@ TEST_F(JobMemoryTest, AnEvaluationHasOneCopyOfTheWeightsAndATrainingFive) {
   EXPECT_EQ(Estimate(training_, int64_t{1} << 40).network_bytes(), 5 * memory.network_bytes());
 }
 
+TEST_F(JobMemoryTest, ACrossValidationAddsItsMeasurementsForEachSeed) {
+  v1::Job validation;
+  v1::CrossValidateRequest& request = *validation.mutable_cross_validate();
+  *request.mutable_datasets() = training_.train().datasets();
+  *request.mutable_settings() = training_.train().settings();
+  for (int64_t seed = 1; seed <= 30; ++seed) request.add_seeds(seed);
+  const int64_t data_memory = 10 * bytes_ - 5;
+  const v1::JobMemory memory = Estimate(validation, data_memory);
+  const v1::JobMemory of_training = Estimate(training_, data_memory);
+  EXPECT_FALSE(memory.data_fit());
+  EXPECT_EQ(memory.data_bytes(), of_training.data_bytes());
+  EXPECT_EQ(memory.working_bytes(), of_training.working_bytes() + 3 * bytes_);
+}
+
 TEST_F(JobMemoryTest, TheTotalIsTheSumWithTheProgram) {
   const v1::JobMemory memory = Estimate(training_, int64_t{1} << 31);
   const int64_t program =
