@@ -49,9 +49,10 @@ absl::Status RunPhases(std::span<const LearningPhase> phases, LearningState& sta
 
 }  // namespace
 
-std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settings,
-                                              int64_t training_examples, int64_t examples_in_memory,
-                                              int64_t held_out_examples, bool started) {
+std::vector<TrainingProgress::Phase> Learner::Plan(const v1::TrainingSettings& settings,
+                                                   int64_t training_examples,
+                                                   int64_t examples_in_memory,
+                                                   int64_t held_out_examples, bool started) {
   const v1::OptimizationSettings& optimization = settings.optimization();
   const int64_t batch = optimization.batch_size();
   const int64_t short_epoch =
@@ -70,7 +71,7 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
   constexpr double kEncodeShare = 0.25;
   constexpr double kMeasureShare = 1.5;
   const double example = kJointCost / static_cast<double>(batch);
-  std::vector<RunProgress::Phase> plan = {{"load", 1, 1, 1.0}};
+  std::vector<TrainingProgress::Phase> plan = {{"load", 1, 1, 1.0}};
   if (!started) {
     plan.insert(plan.end(),
                 {{kPretrainPhase, optimization.pretraining_epochs(),
@@ -94,7 +95,7 @@ std::vector<RunProgress::Phase> Learner::Plan(const v1::TrainingSettings& settin
 }
 
 Learner::Learner(const v1::TrainingSettings& settings, const TrainingData& data, at::Device device,
-                 int threads, RankGroup& ranks, RunProgress& progress)
+                 int threads, RankGroup& ranks, TrainingProgress& progress)
     : state_(settings, data, device, threads, [&ranks] { return ranks.StopRequested(); }),
       loop_(settings, data, ranks, progress) {}
 
@@ -111,14 +112,14 @@ absl::Status Learner::KeepCheckpoints(CheckpointFolder* folder) {
 }
 
 void Learner::Rehearse() {
-  RunProgress& progress = loop_.progress();
+  TrainingProgress& progress = loop_.progress();
   const int64_t batch = state_.settings.optimization().batch_size();
   std::map<std::string, double> measured;
   const auto rehearse = [&](std::span<const LearningPhase> phases) {
     for (const LearningPhase& phase : phases) {
       if (phase.rehearsed_batch == 0 || loop_.IsOver(phase.name)) continue;
       const auto planned =
-          std::ranges::find(progress.plan(), phase.name, &RunProgress::Phase::name);
+          std::ranges::find(progress.plan(), phase.name, &TrainingProgress::Phase::name);
       if (planned == progress.plan().end()) continue;
       const std::optional<double> seconds = RehearseStep(*planned, batch * phase.rehearsed_batch,
                                                          phase.run, state_, progress.clock());

@@ -14,7 +14,7 @@
 #include "model/learning/checkpoint.h"
 #include "model/learning/phases/epoch_loop.h"
 #include "model/learning/phases/learning_state.h"
-#include "model/learning/run_progress.h"
+#include "model/learning/training_progress.h"
 
 namespace maneuver::learning {
 
@@ -24,16 +24,17 @@ class Learner {
   //   data, ranks, progress: must outlive the learner
   //   threads: number of threads that read maps and scenes
   Learner(const v1::TrainingSettings& settings, const TrainingData& data, at::Device device,
-          int threads, RankGroup& ranks, RunProgress& progress);
+          int threads, RankGroup& ranks, TrainingProgress& progress);
 
-  // Returns the plan of a run, for its RunProgress.
+  // Returns the plan of a run, for its TrainingProgress.
   //   training_examples: all of them
   //   examples_in_memory: the training examples that the phases on trajectories and calibration use
   //   held_out_examples: the held-out examples in memory
   //   started: whether the run starts from the weights of a model
-  static std::vector<RunProgress::Phase> Plan(const v1::TrainingSettings& settings,
-                                              int64_t training_examples, int64_t examples_in_memory,
-                                              int64_t held_out_examples, bool started = false);
+  static std::vector<TrainingProgress::Phase> Plan(const v1::TrainingSettings& settings,
+                                                   int64_t training_examples,
+                                                   int64_t examples_in_memory,
+                                                   int64_t held_out_examples, bool started = false);
 
   // Starts from these weights, which must have the same spec, instead of random ones. Learn then
   // begins with the joint phase. Call it first.

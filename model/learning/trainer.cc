@@ -13,13 +13,13 @@
 #include "model/artifact/training_presets.h"
 #include "model/evaluation/action_names.h"
 #include "model/learning/anchors/anchor_learner.h"
+#include "model/learning/checkpoint_contents.h"
 #include "model/learning/export.h"
 #include "model/learning/learner.h"
 #include "model/learning/ranks/rank_group.h"
-#include "model/learning/run_progress.h"
-#include "model/learning/run_state.h"
 #include "model/learning/tensors.h"
 #include "model/learning/training_failure.h"
+#include "model/learning/training_progress.h"
 #include "model/machine/usable_cores.h"
 
 namespace maneuver::learning {
@@ -61,7 +61,7 @@ absl::StatusOr<RankPlan> PlanRun(const TrainingRun& run) {
     settings.mutable_optimization()->set_micro_batches(count);
   }
   RankPlan plan;
-  plan.set_settings(RunSettings(settings));
+  plan.set_settings(IdentifyingSettings(settings));
   plan.set_data_memory(latest && latest->data_memory() > 0 ? latest->data_memory()
                                                            : run.data_memory);
   return plan;
@@ -153,10 +153,11 @@ class Training {
   }
 
  private:
-  static std::vector<RunProgress::Phase> Plan(const TrainingRun& run, int64_t training_examples,
-                                              int64_t examples_in_memory,
-                                              int64_t held_out_examples) {
-    std::vector<RunProgress::Phase> plan =
+  static std::vector<TrainingProgress::Phase> Plan(const TrainingRun& run,
+                                                   int64_t training_examples,
+                                                   int64_t examples_in_memory,
+                                                   int64_t held_out_examples) {
+    std::vector<TrainingProgress::Phase> plan =
         Learner::Plan(run.settings, training_examples, examples_in_memory, held_out_examples,
                       !run.start_from.empty());
     if (run.baselines) AnchorLearner::AddPhases(run.settings, training_examples, &plan);
@@ -172,7 +173,7 @@ class Training {
     }
     settings_.mutable_optimization()->set_micro_batches(settings.optimization().micro_batches());
     data_memory_ = plan.data_memory();
-    if (RunSettings(settings_) != plan.settings()) {
+    if (IdentifyingSettings(settings_) != plan.settings()) {
       return absl::InvalidArgumentError(
           "settings: differ from those of rank 0; give all ranks the same");
     }
@@ -265,7 +266,7 @@ class Training {
   RankGroup& ranks_;
   v1::TrainingSettings settings_;
   int64_t data_memory_;
-  RunProgress progress_;
+  TrainingProgress progress_;
 };
 
 absl::Status OutOfMemory() {

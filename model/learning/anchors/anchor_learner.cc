@@ -5,13 +5,13 @@
 #include <utility>
 
 #include "model/learning/calibration.h"
+#include "model/learning/checkpoint_contents.h"
 #include "model/learning/covariance_fit.h"
 #include "model/learning/epoch_size.h"
 #include "model/learning/example_order.h"
 #include "model/learning/optimizer.h"
 #include "model/learning/phases/scene_batches.h"
 #include "model/learning/predictions.h"
-#include "model/learning/run_state.h"
 #include "model/learning/scene_loader.h"
 #include "model/learning/validation.h"
 
@@ -108,7 +108,7 @@ AnchorLearner::Baseline AnchorLearner::MakeBaseline(bool regresses, const Anchor
 }
 
 void AnchorLearner::AddPhases(const v1::TrainingSettings& settings, int64_t training_examples,
-                              std::vector<RunProgress::Phase>* plan) {
+                              std::vector<TrainingProgress::Phase>* plan) {
   const v1::OptimizationSettings& optimization = settings.optimization();
   const int64_t steps =
       optimization.joint_epochs() *

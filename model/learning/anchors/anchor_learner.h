@@ -13,8 +13,8 @@
 #include "model/learning/anchors/anchor_networks.h"
 #include "model/learning/phases/epoch_loop.h"
 #include "model/learning/phases/learning_state.h"
-#include "model/learning/run_progress.h"
 #include "model/learning/tensors.h"
+#include "model/learning/training_progress.h"
 
 namespace maneuver::learning {
 
@@ -31,7 +31,7 @@ class AnchorLearner {
 
   // Puts the phases of the baselines before "export" in the plan of a run.
   static void AddPhases(const v1::TrainingSettings& settings, int64_t training_examples,
-                        std::vector<RunProgress::Phase>* plan);
+                        std::vector<TrainingProgress::Phase>* plan);
 
   // Trains and calibrates both baselines. CANCELLED if it was asked to stop, ABORTED if the loss is
   // no longer finite.

@@ -6,10 +6,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/data/stable_hash.h"
+#include "model/learning/checkpoint_contents.h"
 #include "model/learning/epoch_size.h"
 #include "model/learning/example_order.h"
 #include "model/learning/phases/micro_batches.h"
-#include "model/learning/run_state.h"
 
 namespace maneuver::learning {
 namespace {
@@ -103,7 +103,7 @@ class EpochLoop::Exchanges {
 };
 
 EpochLoop::EpochLoop(const v1::TrainingSettings& settings, const TrainingData& data,
-                     RankGroup& ranks, RunProgress& progress)
+                     RankGroup& ranks, TrainingProgress& progress)
     : settings_(settings),
       data_(data),
       training_examples_(data.TrainingExamples()),
@@ -119,7 +119,7 @@ absl::Status EpochLoop::KeepCheckpoints(CheckpointFolder* folder) {
   checkpoints_ = folder;
   resumed_ = folder->ReadLatest();
   if (!resumed_) return absl::OkStatus();
-  if (resumed_->settings() == RunSettings(settings_) &&
+  if (resumed_->settings() == IdentifyingSettings(settings_) &&
       resumed_->training_examples() == training_examples_ &&
       resumed_->start_weights_sha256() == start_weights_sha256_) {
     return absl::OkStatus();
@@ -327,7 +327,7 @@ absl::Status EpochLoop::KeepCheckpoint(const PhasePlan& plan, const PhaseState& 
 Checkpoint EpochLoop::MakeCheckpoint(const PhasePlan& plan, const PhaseState& state,
                                      const Position& position, const TermMeans& means) const {
   Checkpoint checkpoint;
-  checkpoint.set_settings(RunSettings(settings_));
+  checkpoint.set_settings(IdentifyingSettings(settings_));
   checkpoint.set_training_examples(training_examples_);
   checkpoint.set_phase(plan.name);
   checkpoint.set_epochs(position.epochs);

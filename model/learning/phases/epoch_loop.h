@@ -20,9 +20,9 @@
 #include "model/learning/phases/batch_loss.h"
 #include "model/learning/ranks/micro_batch_range.h"
 #include "model/learning/ranks/rank_group.h"
-#include "model/learning/run_progress.h"
 #include "model/learning/tensors.h"
 #include "model/learning/training_data.h"
+#include "model/learning/training_progress.h"
 #include "model/learning/validation.h"
 
 namespace maneuver::learning {
@@ -90,7 +90,7 @@ class EpochLoop {
  public:
   // `data`, `progress` and `ranks` must outlive the loop. `settings` are complete.
   EpochLoop(const v1::TrainingSettings& settings, const TrainingData& data, RankGroup& ranks,
-            RunProgress& progress);
+            TrainingProgress& progress);
 
   // Sets the weights that the run starts from, by their SHA-256. Call it before KeepCheckpoints. A
   // checkpoint of a run that started from other weights then belongs to another run.
@@ -117,7 +117,7 @@ class EpochLoop {
   //   others       those of CheckpointFolder::Write
   absl::Status Run(const PhasePlan& plan, const PhaseState& state, EpochSteps& steps);
 
-  RunProgress& progress() { return progress_; }
+  TrainingProgress& progress() { return progress_; }
   RankGroup& ranks() { return ranks_; }
   // Returns this rank's micro-batches in phases that ranks run together.
   MicroBatchRange micro_batches() const;
@@ -154,7 +154,7 @@ class EpochLoop {
   const TrainingData& data_;
   const int64_t training_examples_;
   RankGroup& ranks_;
-  RunProgress& progress_;
+  TrainingProgress& progress_;
   CheckpointFolder* checkpoints_ = nullptr;
   std::optional<Checkpoint> resumed_;
   std::string start_weights_sha256_;  // empty: random weights

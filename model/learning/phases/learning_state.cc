@@ -4,7 +4,7 @@
 #include <span>
 #include <utility>
 
-#include "model/learning/run_state.h"
+#include "model/learning/checkpoint_contents.h"
 #include "model/learning/validation.h"
 
 namespace maneuver::learning {

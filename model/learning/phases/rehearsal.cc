@@ -5,11 +5,11 @@
 #include <string>
 #include <vector>
 
+#include "model/learning/checkpoint_contents.h"
 #include "model/learning/networks.h"
 #include "model/learning/phases/joint.h"
 #include "model/learning/phases/pretrain.h"
 #include "model/learning/ranks/rank_group.h"
-#include "model/learning/run_state.h"
 
 namespace maneuver::learning {
 namespace {
@@ -41,9 +41,9 @@ class StateGuard {
 
 }  // namespace
 
-std::optional<double> RehearseStep(const RunProgress::Phase& phase, int64_t batch_size,
+std::optional<double> RehearseStep(const TrainingProgress::Phase& phase, int64_t batch_size,
                                    PhaseFunction learn, LearningState& state,
-                                   const RunProgress::Clock& clock) {
+                                   const TrainingProgress::Clock& clock) {
   if (phase.steps < kFewestPlanned) return std::nullopt;
   const int64_t steps = std::clamp(phase.steps / kOneIn, kFewestSteps, kMostSteps);
   v1::TrainingSettings settings = state.settings;
@@ -55,7 +55,7 @@ std::optional<double> RehearseStep(const RunProgress::Phase& phase, int64_t batc
     return state.stopped() || static_cast<int64_t>(begun.size()) > steps;
   };
   const StateGuard guard(state);
-  RunProgress unheard({phase}, nullptr, clock);
+  TrainingProgress unheard({phase}, nullptr, clock);
   RankGroup alone(stopped);
   EpochLoop loop(settings, state.data, alone, unheard);
   const absl::Status status = learn(state, loop);
@@ -73,13 +73,13 @@ std::optional<double> RehearseStep(const RunProgress::Phase& phase, int64_t batc
   return step + validation * phase.epochs / static_cast<double>(phase.steps);
 }
 
-std::vector<RunProgress::Phase> WithMeasuredSteps(std::vector<RunProgress::Phase> plan,
-                                                  const std::map<std::string, double>& measured) {
-  const auto joint = std::ranges::find(plan, kJointPhase, &RunProgress::Phase::name);
+std::vector<TrainingProgress::Phase> WithMeasuredSteps(
+    std::vector<TrainingProgress::Phase> plan, const std::map<std::string, double>& measured) {
+  const auto joint = std::ranges::find(plan, kJointPhase, &TrainingProgress::Phase::name);
   if (joint == plan.end() || !measured.contains(kJointPhase)) return plan;
   double scale = measured.at(kJointPhase) / joint->cost;
   const double joint_scale = scale;
-  for (RunProgress::Phase& phase : plan) {
+  for (TrainingProgress::Phase& phase : plan) {
     if (phase.name == kJointPhase) scale = joint_scale;
     const auto found = measured.find(phase.name);
     if (found != measured.end() && phase.name == kPretrainPhase) scale = found->second / phase.cost;

@@ -12,7 +12,7 @@
 #include "absl/status/status.h"
 #include "model/learning/phases/epoch_loop.h"
 #include "model/learning/phases/learning_state.h"
-#include "model/learning/run_progress.h"
+#include "model/learning/training_progress.h"
 
 namespace maneuver::learning {
 
@@ -24,17 +24,17 @@ using PhaseFunction = absl::Status (*)(LearningState&, EpochLoop&);
 // is asked to stop; the phase itself then says why.
 //   phase: as planned;  batch_size: examples in one of its steps
 //   clock: measures the time
-std::optional<double> RehearseStep(const RunProgress::Phase& phase, int64_t batch_size,
+std::optional<double> RehearseStep(const TrainingProgress::Phase& phase, int64_t batch_size,
                                    PhaseFunction learn, LearningState& state,
-                                   const RunProgress::Clock& clock);
+                                   const TrainingProgress::Clock& clock);
 
 // Returns the plan with costs in seconds a step. A phase in `measured` gets its measured cost.
 // Other phases get their planned cost times a factor: measured / planned cost of pretraining for
 // phases before the joint phase, and of the joint phase for the rest. Returns the plan unchanged if
 // the joint phase was not measured.
 //   measured: seconds of a step, by the phase's name
-std::vector<RunProgress::Phase> WithMeasuredSteps(std::vector<RunProgress::Phase> plan,
-                                                  const std::map<std::string, double>& measured);
+std::vector<TrainingProgress::Phase> WithMeasuredSteps(
+    std::vector<TrainingProgress::Phase> plan, const std::map<std::string, double>& measured);
 
 }  // namespace maneuver::learning
 

@@ -18,7 +18,7 @@
 #include "model/evaluation/report_text.h"
 #include "model/inference/action_model.h"
 #include "model/inference/anchor_model.h"
-#include "model/learning/run_progress.h"
+#include "model/learning/training_progress.h"
 #include "model/machine/usable_cores.h"
 #include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/recordings.h"
@@ -86,7 +86,7 @@ absl::Status EvaluateCommand::Evaluate() const {
 absl::StatusOr<v1::EvaluationReport> EvaluateCommand::Measure(const v1::ExampleSettings& examples,
                                                               ProgressDisplay::Style style) const {
   ProgressDisplay display(style, std::cout);
-  learning::RunProgress progress(
+  learning::TrainingProgress progress(
       {{"load", 1, 1, 1.0}, {"evaluate", 1, 100, 1.0}},
       [&display](const v1::JobProgress& each) { display.Show(each); },
       [] { return std::chrono::system_clock::now(); });

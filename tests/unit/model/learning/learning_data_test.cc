@@ -8,9 +8,9 @@
 #include <set>
 #include <thread>
 
-#include "model/learning/run_progress.h"
 #include "model/learning/scene_loader.h"
 #include "model/learning/training_data.h"
+#include "model/learning/training_progress.h"
 #include "model/learning/trajectory_clusters.h"
 #include "model/scene/rasterizer.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
@@ -300,16 +300,16 @@ TEST(TrajectoryClustersTest, CentresAreMeansAndInertiaIsTheSumOfSquares) {
   EXPECT_NEAR(clusters.inertia, inertia, 1e-3);
 }
 
-class RunProgressTest : public testing::Test {
+class TrainingProgressTest : public testing::Test {
  protected:
   std::chrono::system_clock::time_point now_{std::chrono::seconds(1000)};
   std::vector<v1::JobProgress> seen_;
-  RunProgress progress_{{{"load", 1, 1, 1.0}, {"pretrain", 2, 10, 1.0}, {"joint", 2, 10, 9.0}},
-                        [this](const v1::JobProgress& each) { seen_.push_back(each); },
-                        [this] { return now_; }};
+  TrainingProgress progress_{{{"load", 1, 1, 1.0}, {"pretrain", 2, 10, 1.0}, {"joint", 2, 10, 9.0}},
+                             [this](const v1::JobProgress& each) { seen_.push_back(each); },
+                             [this] { return now_; }};
 };
 
-TEST_F(RunProgressTest, WeightsStepsByTheirCost) {
+TEST_F(TrainingProgressTest, WeightsStepsByTheirCost) {
   progress_.BeginPhase("pretrain");
   now_ += std::chrono::seconds(1);
   for (int i = 0; i < 10; ++i) progress_.Step(4);
@@ -320,7 +320,7 @@ TEST_F(RunProgressTest, WeightsStepsByTheirCost) {
   EXPECT_NEAR(seen_.back().time_left().seconds(), 99, 1);
 }
 
-TEST_F(RunProgressTest, ThePhasesOwnStepsPredictItsTimeLeft) {
+TEST_F(TrainingProgressTest, ThePhasesOwnStepsPredictItsTimeLeft) {
   progress_.BeginPhase("load");
   now_ += std::chrono::seconds(50);  // says nothing of steps
   progress_.Step(0);
@@ -342,7 +342,7 @@ TEST_F(RunProgressTest, ThePhasesOwnStepsPredictItsTimeLeft) {
   EXPECT_EQ(seen_.back().time_left().seconds(), 72);
 }
 
-TEST_F(RunProgressTest, DoesNotTimeStepsOfAnotherRun) {
+TEST_F(TrainingProgressTest, DoesNotTimeStepsOfAnotherRun) {
   progress_.BeginPhase("joint");
   progress_.Resume(4);
   for (int i = 0; i < 5; ++i) {
@@ -352,7 +352,7 @@ TEST_F(RunProgressTest, DoesNotTimeStepsOfAnotherRun) {
   EXPECT_EQ(seen_.back().time_left().seconds(), 10);
 }
 
-TEST_F(RunProgressTest, SharesTheTimeOfStepsBetweenWaitingAndLearning) {
+TEST_F(TrainingProgressTest, SharesTheTimeOfStepsBetweenWaitingAndLearning) {
   using std::chrono::milliseconds;
   progress_.BeginPhase("pretrain");
   now_ += milliseconds(700);
@@ -372,7 +372,7 @@ TEST_F(RunProgressTest, SharesTheTimeOfStepsBetweenWaitingAndLearning) {
   EXPECT_NEAR(seen_.back().waiting_fraction(), 0.15, 1e-9);
 }
 
-TEST_F(RunProgressTest, ReportsAFewTimesASecondAndEachEpoch) {
+TEST_F(TrainingProgressTest, ReportsAFewTimesASecondAndEachEpoch) {
   progress_.BeginPhase("pretrain");
   const size_t before = seen_.size();
   for (int i = 0; i < 5; ++i) progress_.Step(4);

@@ -12,9 +12,9 @@
 #include <vector>
 
 #include "model/artifact/training_presets.h"
+#include "model/learning/checkpoint_contents.h"
 #include "model/learning/learner.h"
 #include "model/learning/phases/joint.h"
-#include "model/learning/run_state.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 
 namespace maneuver::learning::rehearsal_test {
@@ -118,10 +118,10 @@ TEST(TimeLeftTest, IsWithinAQuarterFromATenthOfTheTimeOn) {
   double whole = 0.0;
   for (const Took& each : took) whole += each.seconds;
 
-  std::vector<RunProgress::Phase> plan = Learner::Plan(settings, 30'000, 30'000, 1770);
+  std::vector<TrainingProgress::Phase> plan = Learner::Plan(settings, 30'000, 30'000, 1770);
   now = {};
   double last = -1.0;  // time left that was reported last
-  RunProgress progress(
+  TrainingProgress progress(
       WithMeasuredSteps(
           plan, {{"pretrain", 3.6 / 1440}, {"joint", 18.2 / 376}, {"covariance", 3.4 / 141}}),
       [&](const v1::JobProgress& each) {
@@ -130,7 +130,7 @@ TEST(TimeLeftTest, IsWithinAQuarterFromATenthOfTheTimeOn) {
       [] { return now; });
   for (const Took& each : took) {
     progress.BeginPhase(each.phase);
-    const auto planned = std::ranges::find(plan, each.phase, &RunProgress::Phase::name);
+    const auto planned = std::ranges::find(plan, each.phase, &TrainingProgress::Phase::name);
     for (int64_t step = 0; step < planned->steps; ++step) {
       Pass(each.seconds / static_cast<double>(planned->steps));
       progress.Step(1);

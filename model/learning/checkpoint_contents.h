@@ -1,7 +1,7 @@
-// Converts the parts of a run to the tensors of a checkpoint and back.
+// Converts the parts of a training run to the tensors of a checkpoint and back.
 
-#ifndef MANEUVER_MODEL_LEARNING_RUN_STATE_H_
-#define MANEUVER_MODEL_LEARNING_RUN_STATE_H_
+#ifndef MANEUVER_MODEL_LEARNING_CHECKPOINT_CONTENTS_H_
+#define MANEUVER_MODEL_LEARNING_CHECKPOINT_CONTENTS_H_
 
 #include <string>
 
@@ -13,9 +13,9 @@
 
 namespace maneuver::learning {
 
-// Returns the text that identifies a run: its settings without the number of threads, which does
+// Returns the text that identifies a training run: its settings without the number of threads, which does
 // not change the result.
-std::string RunSettings(v1::TrainingSettings settings);
+std::string IdentifyingSettings(v1::TrainingSettings settings);
 
 std::string RandomState(const at::Generator& generator);
 void RestoreRandomState(const std::string& state, at::Generator* generator);
@@ -38,4 +38,4 @@ void RestoreOptimizer(const Checkpoint& checkpoint, AdamW* optimizer);
 
 }  // namespace maneuver::learning
 
-#endif  // MANEUVER_MODEL_LEARNING_RUN_STATE_H_
+#endif  // MANEUVER_MODEL_LEARNING_CHECKPOINT_CONTENTS_H_

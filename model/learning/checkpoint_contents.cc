@@ -1,4 +1,4 @@
-#include "model/learning/run_state.h"
+#include "model/learning/checkpoint_contents.h"
 
 #include <cstring>
 
@@ -21,7 +21,7 @@ at::Tensor RestoreTensor(const StoredTensor& stored) {
   return values;
 }
 
-std::string RunSettings(v1::TrainingSettings settings) {
+std::string IdentifyingSettings(v1::TrainingSettings settings) {
   settings.clear_threads();
   return settings.SerializeAsString();
 }

@@ -1,7 +1,7 @@
 // Reports the progress of a training run.
 
-#ifndef MANEUVER_MODEL_LEARNING_RUN_PROGRESS_H_
-#define MANEUVER_MODEL_LEARNING_RUN_PROGRESS_H_
+#ifndef MANEUVER_MODEL_LEARNING_TRAINING_PROGRESS_H_
+#define MANEUVER_MODEL_LEARNING_TRAINING_PROGRESS_H_
 
 #include <chrono>
 #include <cstdint>
@@ -16,7 +16,7 @@ namespace maneuver::learning {
 
 // Counts steps over phases and turns them into JobProgress messages: at most a few a second, one at
 // the start of each phase and one at the end of each epoch. Not thread-safe.
-class RunProgress {
+class TrainingProgress {
  public:
   using Clock = std::function<std::chrono::system_clock::time_point()>;
   using Sink = std::function<void(const v1::JobProgress&)>;
@@ -32,7 +32,7 @@ class RunProgress {
     double cost = 1.0;
   };
 
-  RunProgress(std::vector<Phase> phases, Sink sink, Clock clock);
+  TrainingProgress(std::vector<Phase> phases, Sink sink, Clock clock);
 
   // Begins the phase `name`, which must come later in the plan. Skips the phases between.
   void BeginPhase(const std::string& name);
@@ -92,4 +92,4 @@ class RunProgress {
 
 }  // namespace maneuver::learning
 
-#endif  // MANEUVER_MODEL_LEARNING_RUN_PROGRESS_H_
+#endif  // MANEUVER_MODEL_LEARNING_TRAINING_PROGRESS_H_

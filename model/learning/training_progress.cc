@@ -1,4 +1,4 @@
-#include "model/learning/run_progress.h"
+#include "model/learning/training_progress.h"
 
 #include <algorithm>
 #include <cmath>
@@ -19,7 +19,7 @@ double Seconds(std::chrono::system_clock::duration duration) {
 
 }  // namespace
 
-RunProgress::RunProgress(std::vector<Phase> phases, Sink sink, Clock clock)
+TrainingProgress::TrainingProgress(std::vector<Phase> phases, Sink sink, Clock clock)
     : phases_(std::move(phases)),
       sink_(std::move(sink)),
       clock_(std::move(clock)),
@@ -28,7 +28,7 @@ RunProgress::RunProgress(std::vector<Phase> phases, Sink sink, Clock clock)
       last_emitted_(begun_),
       step_begun_(begun_) {}
 
-void RunProgress::BeginPhase(const std::string& name) {
+void TrainingProgress::BeginPhase(const std::string& name) {
   if (current_ >= 0) measured_[phases_[static_cast<size_t>(current_)].name] = MeasuredNow();
   do {
     ++current_;
@@ -46,14 +46,14 @@ void RunProgress::BeginPhase(const std::string& name) {
   Emit(Snapshot());
 }
 
-void RunProgress::Replan(std::vector<Phase> phases) { phases_ = std::move(phases); }
+void TrainingProgress::Replan(std::vector<Phase> phases) { phases_ = std::move(phases); }
 
-void RunProgress::BeginEpoch(int epoch) {
+void TrainingProgress::BeginEpoch(int epoch) {
   epoch_ = epoch;
   step_begun_ = clock_();
 }
 
-void RunProgress::Resume(int64_t phase_steps) {
+void TrainingProgress::Resume(int64_t phase_steps) {
   step_ = phase_steps;
   for (int i = 0; i < current_; ++i) step_ += phases_[static_cast<size_t>(i)].steps;
   phase_step_ = phase_steps;
@@ -61,7 +61,7 @@ void RunProgress::Resume(int64_t phase_steps) {
   resumed_at_ = std::clamp(DoneCost() / TotalCost(), 0.0, 1.0);
 }
 
-void RunProgress::Step(int64_t examples, std::chrono::nanoseconds waited) {
+void TrainingProgress::Step(int64_t examples, std::chrono::nanoseconds waited) {
   const std::chrono::system_clock::time_point now = clock_();
   ++step_;
   ++phase_step_;
@@ -71,27 +71,27 @@ void RunProgress::Step(int64_t examples, std::chrono::nanoseconds waited) {
   if (now - last_emitted_ >= kBetween) Emit(Snapshot());
 }
 
-void RunProgress::EndEpoch(const v1::EpochReport& report) {
+void TrainingProgress::EndEpoch(const v1::EpochReport& report) {
   v1::JobProgress progress = Snapshot();
   *progress.mutable_epoch_report() = report;
   Emit(std::move(progress));
 }
 
-void RunProgress::SetRanks(double slowest_step, std::vector<double> waiting) {
+void TrainingProgress::SetRanks(double slowest_step, std::vector<double> waiting) {
   slowest_step_ = slowest_step;
   ranks_waiting_ = std::move(waiting);
 }
 
-RunProgress::Measured RunProgress::MeasuredNow() const {
+TrainingProgress::Measured TrainingProgress::MeasuredNow() const {
   return {Seconds(clock_() - phase_begun_), phase_step_ - phase_resumed_};
 }
 
-RunProgress::Measured RunProgress::MeasuredOf(const std::string& phase) const {
+TrainingProgress::Measured TrainingProgress::MeasuredOf(const std::string& phase) const {
   const auto found = measured_.find(phase);
   return found == measured_.end() ? Measured() : found->second;
 }
 
-double RunProgress::SecondsPerCost() const {
+double TrainingProgress::SecondsPerCost() const {
   double seconds = 0.0;
   double cost = 0.0;
   for (int i = 0; i <= current_; ++i) {
@@ -107,7 +107,7 @@ double RunProgress::SecondsPerCost() const {
   return done > 0.0 ? Seconds(clock_() - begun_) / done : 0.0;
 }
 
-double RunProgress::SecondsLeft() const {
+double TrainingProgress::SecondsLeft() const {
   const double per_cost = SecondsPerCost();
   double left = 0.0;
   for (size_t i = static_cast<size_t>(current_); i < phases_.size(); ++i) {
@@ -124,7 +124,7 @@ double RunProgress::SecondsLeft() const {
   return left;
 }
 
-double RunProgress::DoneCost() const {
+double TrainingProgress::DoneCost() const {
   double cost = 0.0;
   for (int i = 0; i < current_; ++i) {
     cost += phases_[static_cast<size_t>(i)].cost *
@@ -137,13 +137,13 @@ double RunProgress::DoneCost() const {
   return cost;
 }
 
-double RunProgress::TotalCost() const {
+double TrainingProgress::TotalCost() const {
   double cost = 0.0;
   for (const Phase& phase : phases_) cost += phase.cost * static_cast<double>(phase.steps);
   return std::max(cost, 1e-9);
 }
 
-v1::JobProgress RunProgress::Snapshot() const {
+v1::JobProgress TrainingProgress::Snapshot() const {
   v1::JobProgress progress;
   const Phase& phase = phases_[static_cast<size_t>(current_)];
   int64_t steps = 0;
@@ -173,7 +173,7 @@ v1::JobProgress RunProgress::Snapshot() const {
   return progress;
 }
 
-void RunProgress::Emit(v1::JobProgress progress) {
+void TrainingProgress::Emit(v1::JobProgress progress) {
   const std::chrono::system_clock::time_point now = clock_();
   last_emitted_ = now;
   const int64_t nanoseconds =
