@@ -6,6 +6,8 @@
 #include <limits>
 #include <vector>
 
+#include "model/data/stable_hash.h"
+
 namespace maneuver::fuzz {
 namespace {
 
@@ -197,10 +199,9 @@ void MutateField(Random& random, Message* message, const FieldDescriptor* field,
 }  // namespace
 
 uint64_t Random::Next() {
-  uint64_t z = (state_ += 0x9e3779b97f4a7c15u);
-  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
-  z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
-  return z ^ (z >> 31);
+  const uint64_t next = data::SplitMix64(state_);
+  state_ += data::kSplitMixStep;
+  return next;
 }
 
 uint64_t Random::Below(uint64_t count) { return count == 0 ? 0 : Next() % count; }

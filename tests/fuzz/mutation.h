@@ -10,7 +10,7 @@
 
 namespace maneuver::fuzz {
 
-// SplitMix64: the same numbers on each machine.
+// The same numbers on each machine, by SplitMix64.
 class Random {
  public:
   explicit Random(uint64_t seed) : state_(seed) {}
