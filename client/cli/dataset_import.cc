@@ -12,7 +12,6 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "client/cli/commands.h"
 #include "client/cli/progress_line.h"
 #include "client/cli/text_format.h"
 #include "model/data/dataset_folder.h"
@@ -258,14 +257,6 @@ int RunImport(const ImportArguments& arguments, const ImportFormat& format,
     environment.err << import.Effort() << "\n";
   }
   return import.complete() ? kOk : kFailed;
-}
-
-void AddImport(Command& root, Environment& environment) {
-  Command import = root.Add("import", "Make a dataset of recordings in another format");
-  AddImportWaymo(import, environment);
-  AddImportCommonRoad(import, environment);
-  AddImportNuScenes(import, environment);
-  AddImportArgoverse(import, environment);
 }
 
 }  // namespace maneuver::cli

@@ -81,12 +81,6 @@ void AddImportOptions(Command& command, ImportArguments& arguments, const std::s
 int RunImport(const ImportArguments& arguments, const ImportFormat& format,
               Environment& environment);
 
-// Each of these adds the command of one format.
-void AddImportWaymo(Command& import, Environment& environment);
-void AddImportCommonRoad(Command& import, Environment& environment);
-void AddImportNuScenes(Command& import, Environment& environment);
-void AddImportArgoverse(Command& import, Environment& environment);
-
 }  // namespace maneuver::cli
 
 #endif  // MANEUVER_CLIENT_CLI_DATASET_IMPORT_H_

@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/dataset_import.h"
+#include "client/cli/import_formats.h"
 #include "model/data/argoverse/argoverse_reader.h"
 #include "model/data/argoverse/vector_map.h"
 #include "model/files/durable_file.h"

@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "client/cli/dataset_import.h"
+#include "client/cli/import_formats.h"
 #include "model/data/commonroad/commonroad_reader.h"
 #include "model/files/durable_file.h"
 

@@ -12,6 +12,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "client/cli/dataset_import.h"
+#include "client/cli/import_formats.h"
 #include "model/data/nuscenes/expansion_map.h"
 #include "model/data/nuscenes/nuscenes_scene.h"
 #include "model/data/nuscenes/nuscenes_tables.h"

@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/dataset_import.h"
+#include "client/cli/import_formats.h"
 #include "model/data/tfrecord.h"
 #include "model/data/waymo_reader.h"
 
