@@ -19,14 +19,25 @@ FirstLayer::FirstLayer(const artifact::BackboneLayer& layer, const FoldedConvolu
     : kernel_(kernels::FirstLayerKernelInForce()),
       layer_(layer),
       bf16_(bf16),
+      max_nonzero_(static_cast<int64_t>((bf16 ? kMaxNonzeroShareBf16 : kMaxNonzeroShareF32) *
+                                        layer.input.height * layer.input.width *
+                                        (layer.input.channels - MapConvolution::kChannels))),
       map_(layer, folded),
-      agents_(layer, folded, MapConvolution::kChannels,
-              bf16 ? kMaxNonzeroShareBf16 : kMaxNonzeroShareF32) {}
+      agents_(layer, folded) {}
 
 bool FirstLayer::Look(const scene::Raster& raster, Scratch* scratch) const {
   scratch->map_pixels_.SetPixels(raster, MapConvolution::kChannels);
   scratch->pixels_ = scratch->map_pixels_;
-  return agents_.Find(raster, &scratch->agents_, &scratch->pixels_);
+  const kernels::NonzeroValues& agents = scratch->agents_;
+  if (!scratch->search_.Find(raster, MapConvolution::kChannels, max_nonzero_, &scratch->agents_)) {
+    return false;
+  }
+  for (int row = 0; row < raster.height(); ++row) {
+    for (int p = agents.rows[row]; p < agents.rows[row + 1]; ++p) {
+      scratch->pixels_.Add(row, agents.pixels[p].column);
+    }
+  }
+  return true;
 }
 
 void FirstLayer::Evaluate(const scene::Raster& raster, const CellMask& cells, Scratch* scratch,

@@ -15,6 +15,8 @@
 #include "model/inference/map_convolution.h"
 #include "model/inference/sparse_convolution.h"
 #include "model/kernels/first_layer.h"
+#include "model/kernels/nonzero_values.h"
+#include "model/scene/nonzero_search.h"
 #include "model/scene/raster.h"
 
 namespace maneuver::inference {
@@ -34,7 +36,8 @@ class FirstLayer {
     friend class FirstLayer;
     CellMask map_pixels_;  // nonzero in the map's channels
     CellMask pixels_;
-    SparseConvolution::Values agents_;
+    scene::NonzeroSearch search_;
+    kernels::NonzeroValues agents_;  // of the channels that are not the map's
     MapConvolution::Rows map_;
     std::vector<float> sums_;  // [w, C']
   };
@@ -63,6 +66,7 @@ class FirstLayer {
   const kernels::FirstLayerKernel& kernel_;
   const artifact::BackboneLayer layer_;
   const bool bf16_;
+  const int64_t max_nonzero_;  // values of the agents' channels
   MapConvolution map_;
   SparseConvolution agents_;
 };

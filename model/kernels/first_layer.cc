@@ -101,16 +101,17 @@ void SumMap(const MapTaps& taps, const float* bias, int pixels, float* sums) {
 
 // Adds to `kVectors` vectors of sums.
 template <class D, int kVectors>
-void AddSome(std::span<const PixelValue> values, const float* weights, int outputs, float* sums) {
+void AddSome(std::span<const NonzeroValue> values, int origin, const float* weights, int outputs,
+             float* sums) {
   using Vector = hn::Vec<D>;
   const D d;
   constexpr int kWidth = hn::MaxLanes(D());
   Vector totals[kVectors];
 #pragma GCC unroll 8
   for (int v = 0; v < kVectors; ++v) totals[v] = hn::LoadU(d, sums + v * kWidth);
-  for (const PixelValue& each : values) {
+  for (const NonzeroValue& each : values) {
     const Vector value = hn::Set(d, each.value);
-    const float* const weight = weights + each.channel * outputs;
+    const float* const weight = weights + (each.place - origin) * outputs;
 #pragma GCC unroll 8
     for (int v = 0; v < kVectors; ++v) {
       totals[v] = hn::MulAdd(value, hn::LoadU(d, weight + v * kWidth), totals[v]);
@@ -121,23 +122,24 @@ void AddSome(std::span<const PixelValue> values, const float* weights, int outpu
 }
 
 template <class D>
-void AddOutputs(std::span<const PixelValue> values, const float* weights, int outputs,
+void AddOutputs(std::span<const NonzeroValue> values, int origin, const float* weights, int outputs,
                 float* sums) {
-  constexpr void (*kAdders[kValueVectors])(std::span<const PixelValue>, const float*, int,
+  constexpr void (*kAdders[kValueVectors])(std::span<const NonzeroValue>, int, const float*, int,
                                            float*) = {AddSome<D, 1>, AddSome<D, 2>, AddSome<D, 3>,
                                                       AddSome<D, 4>, AddSome<D, 5>, AddSome<D, 6>,
                                                       AddSome<D, 7>, AddSome<D, 8>};
   constexpr int kWidth = hn::MaxLanes(D());
   for (int done = 0; done < outputs;) {
     const int vectors = std::min((outputs - done) / kWidth, kValueVectors);
-    kAdders[vectors - 1](values, weights + done, outputs, sums + done);
+    kAdders[vectors - 1](values, origin, weights + done, outputs, sums + done);
     done += vectors * kWidth;
   }
 }
 
-void AddValues(std::span<const PixelValue> values, const float* weights, int outputs, float* sums) {
-  (outputs % kLanes == 0 ? AddOutputs<Floats> : AddOutputs<HalfFloats>)(values, weights, outputs,
-                                                                        sums);
+void AddValues(std::span<const NonzeroValue> values, int origin, const float* weights, int outputs,
+               float* sums) {
+  (outputs % kLanes == 0 ? AddOutputs<Floats> : AddOutputs<HalfFloats>)(values, origin, weights,
+                                                                        outputs, sums);
 }
 
 float Least(bool relu) { return relu ? 0.0F : -std::numeric_limits<float>::infinity(); }
@@ -206,10 +208,10 @@ void SumMapPlain(const MapTaps& taps, const float* bias, int pixels, float* sums
   }
 }
 
-void AddValuesPlain(std::span<const PixelValue> values, const float* weights, int outputs,
-                    float* sums) {
-  for (const PixelValue& each : values) {
-    const float* const weight = weights + ptrdiff_t{each.channel} * outputs;
+void AddValuesPlain(std::span<const NonzeroValue> values, int origin, const float* weights,
+                    int outputs, float* sums) {
+  for (const NonzeroValue& each : values) {
+    const float* const weight = weights + ptrdiff_t{each.place - origin} * outputs;
     for (int o = 0; o < outputs; ++o) sums[o] = std::fma(each.value, weight[o], sums[o]);
   }
 }

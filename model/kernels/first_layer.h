@@ -11,6 +11,8 @@
 #include <cstdint>
 #include <span>
 
+#include "model/kernels/nonzero_values.h"
+
 namespace maneuver::kernels {
 
 inline constexpr int kMapGroup = 4;      // neighbouring pixels of a row that are summed together
@@ -28,12 +30,6 @@ struct MapTaps {
   int outputs;        // C', a multiple of FirstLayerKernel::lanes
 };
 
-// A nonzero value of a pixel.
-struct PixelValue {
-  int channel;
-  float value;
-};
-
 // One implementation.
 struct FirstLayerKernel {
   int lanes;
@@ -45,10 +41,11 @@ struct FirstLayerKernel {
   //   bias: [C'];  sums: [pixels, C']
   void (*sum_map)(const MapTaps& taps, const float* bias, int pixels, float* sums);
 
-  // sums += value * weights[channel] for each of the values.
+  // sums += value * weights[place - origin] for each of the values.
+  //   origin: the least place of the values' pixel
   //   weights: [C, C'];  sums: [C'];  outputs: C', a multiple of lanes
-  void (*add_values)(std::span<const PixelValue> values, const float* weights, int outputs,
-                     float* sums);
+  void (*add_values)(std::span<const NonzeroValue> values, int origin, const float* weights,
+                     int outputs, float* sums);
 
   // row = sums, or max(0, sums) with `relu`; NaN stays NaN. `bf16` rounds to the nearest.
   void (*store)(const float* sums, ptrdiff_t count, bool relu, float* row);

@@ -1,17 +1,22 @@
-// Finds the nonzero values of a raster and convolves them: for training, where weights change in
-// every step and get gradients.
+// Convolves the nonzero values of a raster: for training, where weights change in every step and get
+// gradients. All instruction sets give the same bits.
 
 #ifndef MANEUVER_MODEL_KERNELS_NONZERO_CONVOLUTION_H_
 #define MANEUVER_MODEL_KERNELS_NONZERO_CONVOLUTION_H_
 
-#include <cstddef>
 #include <cstdint>
-#include <vector>
+
+#include "model/kernels/nonzero_values.h"
 
 namespace maneuver::kernels {
 
 // Outputs are padded to a multiple of this number.
 inline constexpr int64_t kNonzeroPadding = 8;
+
+// Returns `outputs` rounded up to whole vectors.
+constexpr int64_t PaddedOutputs(int64_t outputs) {
+  return (outputs + kNonzeroPadding - 1) / kNonzeroPadding * kNonzeroPadding;
+}
 
 // A square kernel of odd size, padded by half of it, over [height, width, channels].
 struct ConvolutionShape {
@@ -26,40 +31,17 @@ struct ConvolutionShape {
   int64_t output_width() const { return (width - 1) / stride + 1; }
 };
 
-// Sets bit i of `words` where byte i is not 0.
-//   words: [ceil(count / 64)], all of which is written
-void FindNonzeroBytes(const uint8_t* bytes, size_t count, uint64_t* words);
+// Writes the convolution's output.
+//   raster: all channels of a raster of this shape
+//   weight: [kernel, kernel, channels, PaddedOutputs(outputs)], divided by full intensity
+//   output: [output_height, output_width, outputs]
+void ConvolveNonzero(const ConvolutionShape& shape, const NonzeroValues& raster,
+                     const float* weight, float* output);
 
-// The nonzero values of a raster. They are a twelfth of a typical scene's values, because few lines
-// and agents are near. All instruction sets give the same bits.
-class NonzeroValues {
- public:
-  //   raster: [height, width, channels]
-  NonzeroValues(const ConvolutionShape& shape, const uint8_t* raster);
-
-  size_t size() const { return values_.size(); }
-
-  // Writes the convolution's output.
-  //   weight: [kernel, kernel, channels, VectorMultiple(outputs)], divided by full intensity
-  //   output: [output_height, output_width, outputs]
-  void Convolve(const ConvolutionShape& shape, const float* weight, float* output) const;
-
-  // Accumulates dL/dweight from dL/doutput. `weight_gradient` is laid out as the weight.
-  //   gradient: dL/doutput, in the layout of the output
-  void AddWeightGradient(const ConvolutionShape& shape, const float* gradient,
-                         float* weight_gradient) const;
-
-  // Returns `outputs` rounded up to whole vectors.
-  static int64_t VectorMultiple(int64_t outputs);
-
- private:
-  // One number for each value, row by row and ordered by place: (place << 8) | value. The place is
-  // the index of pixel and channel in the row.
-  std::vector<uint32_t> values_;
-  // [height, width + 1] index into values_ where each pixel's values begin, then where the row
-  // ends.
-  std::vector<uint32_t> begins_;
-};
+// Accumulates dL/dweight from dL/doutput. `weight_gradient` is laid out as the weight.
+//   gradient: dL/doutput, in the layout of the output
+void AddNonzeroWeightGradient(const ConvolutionShape& shape, const NonzeroValues& raster,
+                              const float* gradient, float* weight_gradient);
 
 }  // namespace maneuver::kernels
 

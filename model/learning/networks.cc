@@ -177,7 +177,7 @@ at::Tensor Networks::Mlp(const std::string& name, size_t layers, at::Tensor x) c
   return x;
 }
 
-at::Tensor Networks::EvaluateBackbone(const at::Tensor& rasters, bool training) {
+at::Tensor Networks::EvaluateBackbone(const RasterBatch& rasters, bool training) {
   using Kind = artifact::BackboneLayer::Kind;
   at::Tensor grids[artifact::kBackboneRegisters];
   for (const artifact::BackboneLayer& layer : backbone_) {

@@ -118,8 +118,8 @@ class Networks {
   void Restore(const Snapshot& snapshot);
 
  private:
-  // Evaluates the backbone: rasters [B, H, W, C] bytes -> the last grid [B, C', h, w].
-  at::Tensor EvaluateBackbone(const at::Tensor& rasters, bool training);
+  // Evaluates the backbone: rasters -> the last grid [B, C', h, w].
+  at::Tensor EvaluateBackbone(const RasterBatch& rasters, bool training);
   at::Tensor Mlp(const std::string& name, size_t layers, at::Tensor x) const;
   // Evaluates the K networks `name` side by side. features [B, F'] -> [K, B, out]
   at::Tensor PerAction(const std::string& name, int layers, const at::Tensor& features) const;

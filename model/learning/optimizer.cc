@@ -5,7 +5,7 @@
 #include <numbers>
 
 #include "model/kernels/adamw_step.h"
-#include "model/learning/autograd/parallel.h"
+#include "model/learning/parallel.h"
 
 namespace maneuver::learning {
 namespace {

@@ -11,6 +11,7 @@
 #include "model/scene/agent_inputs.h"
 #include "model/scene/lane_paths.h"
 #include "model/scene/motion_reference.h"
+#include "model/scene/nonzero_search.h"
 #include "model/scene/observation_window.h"
 #include "model/scene/rasterizer.h"
 #include "model/scene/target_frame.h"
@@ -49,7 +50,9 @@ class Reader {
         set_(source.set()),
         waypoint_times_(artifact::WaypointTimes(spec.trajectory())),
         frame_interval_(scene::WindowOf(spec).frame_interval) {
-    if (spec.has_raster()) rasterizer_.emplace(spec.raster());
+    if (!spec.has_raster()) return;
+    rasterizer_.emplace(spec.raster());
+    raster_.emplace(scene::NewRaster(spec.raster()));
   }
 
   // The scenes and trajectories of the batch's items.
@@ -61,11 +64,6 @@ class Reader {
     scenes.motions = at::empty({count, scene::kMotionInputs}, at::kFloat);
     scenes.references = at::zeros({count, coordinates}, at::kFloat);
     scenes.speeds = at::zeros({count}, at::kFloat);
-    if (spec_.has_raster()) {
-      scenes.rasters = at::empty({count, spec_.raster().height(), spec_.raster().width(),
-                                  scene::RasterChannels(spec_.raster())},
-                                 at::kByte);
-    }
     if (spec_.has_scene_vectors()) {
       scenes.histories = at::empty({count, scene::kHistoryInputs}, at::kFloat);
     }
@@ -78,9 +76,14 @@ class Reader {
       scenes.agents = at::empty({count, scene::kMostNearAgents, scene::kAgentInputs}, at::kFloat);
       scenes.agent_mask = at::zeros({count, scene::kMostNearAgents}, at::kFloat);
     }
+    std::vector<kernels::NonzeroValues> rasters;
     for (int64_t i = 0; i < count; ++i) {
       const SceneLoader::Item& item = batch->items[static_cast<size_t>(i)];
-      ReadOne(set_.examples[static_cast<size_t>(item.example)], item.variation, i, batch);
+      ReadOne(set_.examples[static_cast<size_t>(item.example)], item.variation, i, batch, &rasters);
+    }
+    if (spec_.has_raster()) {
+      scenes.rasters =
+          RasterBatch(raster_->height(), raster_->width(), raster_->channels(), std::move(rasters));
     }
   }
 
@@ -92,11 +95,11 @@ class Reader {
   }
 
   void ReadOne(const data::Example& example, Variation variation, int64_t i,
-               SceneLoader::Batch* batch) {
-    SceneTensors& scenes = batch->scenes;
+               SceneLoader::Batch* batch, std::vector<kernels::NonzeroValues>* rasters) {
+    const SceneTensors& scenes = batch->scenes;
     std::ranges::copy(VariedMotion(variation, example.motion), Row(scenes.motions, i).begin());
     if (spec_.has_scene_vectors()) variation.rotation += ReadVectors(example, variation, i, scenes);
-    if (spec_.has_raster()) DrawRaster(example, variation, i, scenes);
+    if (spec_.has_raster()) rasters->push_back(DrawRaster(example, variation));
     const std::span<float> trajectory = Row(batch->trajectories, i);
     std::ranges::copy(example.trajectory, trajectory.begin());
     ApplyVariation(variation, trajectory);
@@ -148,11 +151,7 @@ class Reader {
     }
   }
 
-  void DrawRaster(const data::Example& example, const Variation& variation, int64_t i,
-                  const SceneTensors& scenes) {
-    const size_t bytes = scene::RasterBytes(spec_.raster());
-    const std::span<uint8_t> raster(
-        scenes.rasters.data_ptr<uint8_t>() + static_cast<size_t>(i) * bytes, bytes);
+  kernels::NonzeroValues DrawRaster(const data::Example& example, const Variation& variation) {
     // Mirrored after it is drawn: the shift turns round with the rest.
     const scene::RasterView view{.scale = variation.scale,
                                  .shift_x = variation.shift_x,
@@ -163,8 +162,10 @@ class Reader {
                             example.X_WT.heading() + variation.rotation);
     const auto recording = static_cast<size_t>(example.recording);
     rasterizer_->Rasterize(set_.recordings[recording], source_.map(example.recording), example.time,
-                           example.target_id, X_WT, view, raster);
-    if (variation.mirror) scene::MirrorRaster(spec_.raster(), raster);
+                           example.target_id, X_WT, view, &*raster_);
+    if (variation.mirror) raster_->Mirror();
+    search_.Find(*raster_, 0, static_cast<int64_t>(raster_->values()), &values_);
+    return values_.Trimmed();
   }
 
   const v1::ModelSpec& spec_;
@@ -173,6 +174,9 @@ class Reader {
   const std::vector<double> waypoint_times_;
   const double frame_interval_;  // seconds
   std::optional<scene::Rasterizer> rasterizer_;
+  std::optional<scene::Raster> raster_;
+  scene::NonzeroSearch search_;
+  kernels::NonzeroValues values_;
   scene::LanePathFinder lane_paths_;
   scene::LanePathInputs paths_;
   scene::AgentInputs agents_;

@@ -3,13 +3,14 @@
 #ifndef MANEUVER_MODEL_LEARNING_SCENE_TENSORS_H_
 #define MANEUVER_MODEL_LEARNING_SCENE_TENSORS_H_
 
+#include "model/learning/raster_batch.h"
 #include "model/learning/tensors.h"
 
 namespace maneuver::learning {
 
 // Inputs of B scenes, on the CPU. Those that a spec does not use are undefined.
 struct SceneTensors {
-  at::Tensor rasters = {};     // [B, H, W, C] bytes
+  RasterBatch rasters = {};
   at::Tensor motions = {};     // [B, scene::kMotionInputs]
   at::Tensor histories = {};   // [B, scene::kHistoryInputs]
   at::Tensor lane_paths = {};  // [B, scene::kMostLanePaths, scene::kLanePathInputs]

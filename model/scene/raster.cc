@@ -48,6 +48,18 @@ void Raster::Clear() {
   }
 }
 
+void Raster::Mirror() {
+  for (int top = 0, bottom = height_ - 1; top < bottom; ++top, --bottom) {
+    for (int channel = 0; channel < channels_; ++channel) {
+      if ((NonzeroBlocks(channel, top) | NonzeroBlocks(channel, bottom)) == 0) continue;
+      std::swap_ranges(Row(channel, top), Row(channel, top) + stride_, Row(channel, bottom));
+    }
+    PixelBlocks* const blocks = nonzero_.data();
+    std::swap_ranges(blocks + ptrdiff_t{top} * channels_, blocks + ptrdiff_t{top + 1} * channels_,
+                     blocks + ptrdiff_t{bottom} * channels_);
+  }
+}
+
 // Works row by row, so that all channels of a row are written while it is in the cache.
 void Raster::WriteInterleaved(std::span<uint8_t> bytes) const {
   assert(bytes.size() == values());

@@ -58,6 +58,9 @@ class Raster {
   // Sets all pixels to 0.
   void Clear();
 
+  // Turns the raster upside down: mirrors it about the target's x axis.
+  void Mirror();
+
   // Writes the pixels with the channels innermost.
   //   bytes: [H, W, C], row-major; all of it is written.
   void WriteInterleaved(std::span<uint8_t> bytes) const;

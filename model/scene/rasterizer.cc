@@ -111,12 +111,6 @@ class Rasterizer::Painter {
     }
   }
 
-  // Returns the raster of the calls that return interleaved bytes.
-  Raster* Interleaved() {
-    if (!interleaved_) interleaved_.emplace(NewRaster(spec_));
-    return &*interleaved_;
-  }
-
  private:
   using LaneIntensity = std::pair<int64_t, uint8_t>;
 
@@ -312,7 +306,6 @@ class Rasterizer::Painter {
   const v1::RasterSpec spec_;
   const double frame_interval_;
   const double tolerance_;
-  std::optional<Raster> interleaved_;
   Raster* raster_ = nullptr;  // the raster being drawn
   Brush brush_;
   std::vector<LaneIntensity> dim_lanes_;  // by lane id
@@ -342,29 +335,6 @@ void Rasterizer::Rasterize(const v1::Scenario& scenario, const RoadMap& map, dou
                            int64_t target_id, const Pose2& X_WT, const RasterView& view,
                            Raster* raster) {
   painter_->Paint(scenario, map, time, target_id, X_WT, view, raster);
-}
-
-void Rasterizer::Rasterize(const v1::Scenario& scenario, const RoadMap& map, double time,
-                           int64_t target_id, const Pose2& X_WT, const RasterView& view,
-                           std::span<uint8_t> raster) {
-  Raster* const drawn = painter_->Interleaved();
-  painter_->Paint(scenario, map, time, target_id, X_WT, view, drawn);
-  drawn->WriteInterleaved(raster);
-}
-
-void Rasterizer::Rasterize(const v1::Scenario& scenario, double time, int64_t target_id,
-                           const Pose2& X_WT, const RasterView& view, std::span<uint8_t> raster) {
-  Rasterize(scenario, RoadMap::Over(scenario.map_features()), time, target_id, X_WT, view, raster);
-}
-
-void MirrorRaster(const v1::RasterSpec& spec, std::span<uint8_t> raster) {
-  assert(raster.size() == RasterBytes(spec));
-  const size_t row_bytes = raster.size() / spec.height();
-  auto top = raster.begin();
-  auto bottom = raster.end() - row_bytes;
-  for (; top < bottom; top += row_bytes, bottom -= row_bytes) {
-    std::swap_ranges(top, top + row_bytes, bottom);
-  }
 }
 
 }  // namespace maneuver::scene

@@ -61,7 +61,6 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
-#include <span>
 
 #include "maneuver/v1/model_spec.pb.h"
 #include "maneuver/v1/scenario.pb.h"
@@ -138,20 +137,11 @@ class Rasterizer {
   //   raster: from NewRaster(spec); its content is replaced.
   void Rasterize(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
                  const Pose2& X_WT, const RasterView& view, Raster* raster);
-  // Draws the same as [H, W, C] bytes, row-major, channels innermost. Writes all of them.
-  void Rasterize(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
-                 const Pose2& X_WT, const RasterView& view, std::span<uint8_t> raster);
-  // Draws the same with the scenario's own features.
-  void Rasterize(const v1::Scenario& scenario, double time, int64_t target_id, const Pose2& X_WT,
-                 const RasterView& view, std::span<uint8_t> raster);
 
  private:
   class Painter;
   std::unique_ptr<Painter> painter_;
 };
-
-// Mirrors a raster in place about the target's x axis: left and right swap.
-void MirrorRaster(const v1::RasterSpec& spec, std::span<uint8_t> raster);
 
 }  // namespace maneuver::scene
 

@@ -6,7 +6,7 @@
 #include <functional>
 
 #include "model/kernels/batch_norm_passes.h"
-#include "model/learning/autograd/parallel.h"
+#include "model/learning/parallel.h"
 
 namespace maneuver::learning {
 namespace {

@@ -5,6 +5,7 @@
 #include <tuple>
 #include <vector>
 
+#include "model/scene/nonzero_search.h"
 #include "tests/unit/model/inference/convolution_problem.h"
 
 namespace maneuver::inference::sparse_convolution_test {
@@ -26,20 +27,12 @@ TEST_P(SparseConvolutionTest, AddsTheProductsOfItsChannels) {
   {
     const Problem problem = MakeProblem(kernel, stride, inputs, outputs, 16);
     ASSERT_TRUE(SparseConvolution::Takes(problem.layer));
-    SparseConvolution::Values values;  // used again
+    const SparseConvolution convolution(problem.layer, problem.folded);
+    scene::NonzeroSearch search;
+    kernels::NonzeroValues values;  // used again
     for (const int first : {0, 3}) {
-      const SparseConvolution convolution(problem.layer, problem.folded, first, 0.1);
       std::vector<float> grid(static_cast<size_t>(problem.layer.output.values()), kBefore);
-      const artifact::GridSize& input = problem.layer.input;
-      CellMask pixels(input.height, input.width);
-      ASSERT_TRUE(convolution.Find(problem.Drawn(), &values, &pixels));
-      int found = 0;
-      for (int row = 0; row < input.height; ++row) {
-        pixels.ForEach(row, [&](int column) {
-          ASSERT_EQ(values.pixels[static_cast<size_t>(found++)].column, column);
-        });
-        ASSERT_EQ(found, values.rows[static_cast<size_t>(row) + 1]);
-      }
+      ASSERT_TRUE(search.Find(problem.Drawn(), first, problem.layer.input.values(), &values));
       for (int row = 0; row < problem.layer.output.height; ++row) {
         convolution.AddRow(values, row,
                            &grid[static_cast<size_t>(row) * problem.layer.output.width * outputs]);
@@ -57,28 +50,7 @@ TEST_P(SparseConvolutionTest, AddsTheProductsOfItsChannels) {
   }
 }
 
-TEST(FilledRasterTest, SkipsARasterThatIsFilledTooMuch) {
-  const Problem problem = MakeProblem(3, 2, 13, 32, 4);
-  SparseConvolution::Values values;
-  CellMask pixels(problem.layer.input.height, problem.layer.input.width);
-  EXPECT_FALSE(SparseConvolution(problem.layer, problem.folded, 3, 0.1)
-                   .Find(problem.Drawn(), &values, &pixels));
-}
-
-TEST(FilledRasterTest, IgnoresTheChannelsOfTheMap) {
-  Problem problem = MakeProblem(3, 2, 13, 32, 4);
-  for (size_t i = 0; i < problem.raster.size(); ++i) {
-    if (i % 13 >= 3) problem.raster[i] = 0;
-  }
-  SparseConvolution::Values values;
-  CellMask pixels(problem.layer.input.height, problem.layer.input.width);
-  EXPECT_TRUE(SparseConvolution(problem.layer, problem.folded, 3, 0.1)
-                  .Find(problem.Drawn(), &values, &pixels));
-  EXPECT_EQ(values.count, 0);
-  EXPECT_TRUE(values.pixels.empty());
-}
-
-TEST(FilledRasterTest, RefusesOutputsThatFillNoVector) {
+TEST(SparseConvolutionTakesTest, RefusesOutputsThatFillNoVector) {
   EXPECT_FALSE(SparseConvolution::Takes(MakeProblem(3, 2, 13, 25, 4).layer));
 }
 

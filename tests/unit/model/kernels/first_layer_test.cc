@@ -94,15 +94,16 @@ TEST_P(FirstLayerKernelTest, SumsTheMapWithTheBitsOfPlainAndOfAPixelAlone) {
 }
 
 TEST_P(FirstLayerKernelTest, AddsValuesWithTheBitsOfPlain) {
+  constexpr int kOrigin = 15;  // of the third pixel of a row
   for (const int outputs : kOutputs) {
     const auto weights = RandomValues(static_cast<size_t>(5 * outputs), 4);
-    const std::vector<PixelValue> values = {{.channel = 4, .value = 255.0F},
-                                            {.channel = 0, .value = 1.0F},
-                                            {.channel = 2, .value = 77.0F}};
+    const std::vector<NonzeroValue> values = {{.place = kOrigin + 0, .value = 1.0F},
+                                              {.place = kOrigin + 2, .value = 77.0F},
+                                              {.place = kOrigin + 4, .value = 255.0F}};
     const auto before = RandomValues(static_cast<size_t>(outputs) + 1, 5);
     const auto add = [&] {
       std::vector<float> sums = before;
-      FirstLayerKernelInForce().add_values(values, weights.data(), outputs, sums.data());
+      FirstLayerKernelInForce().add_values(values, kOrigin, weights.data(), outputs, sums.data());
       return sums;
     };
     const auto sums = add();
@@ -110,8 +111,9 @@ TEST_P(FirstLayerKernelTest, AddsValuesWithTheBitsOfPlain) {
     ASSERT_EQ(sums.back(), before.back());
     for (int o = 0; o < outputs; ++o) {
       double sum = before[static_cast<size_t>(o)];
-      for (const PixelValue& each : values) {
-        sum += double{each.value} * weights[static_cast<size_t>(each.channel * outputs + o)];
+      for (const NonzeroValue& each : values) {
+        sum +=
+            double{each.value} * weights[static_cast<size_t>((each.place - kOrigin) * outputs + o)];
       }
       ASSERT_NEAR(sums[static_cast<size_t>(o)], sum, 1e-3);
     }

@@ -13,11 +13,23 @@
 namespace maneuver::kernels::nonzero_convolution_test {
 namespace {
 
-std::vector<uint8_t> RandomRaster(const ConvolutionShape& shape) {
+// One value in ten, at random.
+NonzeroValues RandomRaster(const ConvolutionShape& shape) {
   std::mt19937 random(7);
-  std::vector<uint8_t> raster(static_cast<size_t>(shape.height * shape.width * shape.channels));
-  for (uint8_t& byte : raster) {
-    byte = random() % 10 == 0 ? static_cast<uint8_t>(1 + random() % 255) : 0;
+  NonzeroValues raster;
+  raster.rows.push_back(0);
+  for (int64_t row = 0; row < shape.height; ++row) {
+    for (int column = 0; column < shape.width; ++column) {
+      const int begin = raster.count;
+      for (int64_t channel = 0; channel < shape.channels; ++channel) {
+        if (random() % 10 != 0) continue;
+        raster.values.push_back({static_cast<int32_t>(column * shape.channels + channel),
+                                 static_cast<float>(1 + random() % 255)});
+        ++raster.count;
+      }
+      if (raster.count > begin) raster.pixels.push_back({column, begin, raster.count});
+    }
+    raster.rows.push_back(static_cast<int32_t>(raster.pixels.size()));
   }
   return raster;
 }
@@ -25,38 +37,23 @@ std::vector<uint8_t> RandomRaster(const ConvolutionShape& shape) {
 class NonzeroConvolutionTest : public KernelTest {};
 MANEUVER_TEST_EACH_TARGET(NonzeroConvolutionTest);
 
-TEST_P(NonzeroConvolutionTest, FindsEveryNonzeroByte) {
-  const auto bytes = RandomRaster({.height = 1, .width = 300, .channels = 1});
-  for (size_t count = 0; count <= bytes.size(); ++count) {
-    std::vector<uint64_t> words((count + 63) / 64 + 1, ~uint64_t{0});
-    FindNonzeroBytes(bytes.data(), count, words.data());
-    for (size_t i = 0; i < 64 * (words.size() - 1); ++i) {
-      ASSERT_EQ(words[i / 64] >> (i % 64) & 1, i < count && bytes[i] != 0 ? 1u : 0u);
-    }
-    ASSERT_EQ(words.back(), ~uint64_t{0});
-  }
-}
-
 TEST_P(NonzeroConvolutionTest, HasTheBitsOfPlain) {
   for (const int64_t outputs : {5, 8, 24, 33, 64}) {
     const ConvolutionShape shape = {
         .height = 17, .width = 13, .channels = 5, .outputs = outputs, .kernel = 3, .stride = 2};
-    const auto raster = RandomRaster(shape);
+    const NonzeroValues raster = RandomRaster(shape);
     const auto cells = static_cast<size_t>(shape.output_height() * shape.output_width());
-    const auto weights =
-        static_cast<size_t>(3 * 3 * shape.channels * NonzeroValues::VectorMultiple(outputs));
+    const auto weights = static_cast<size_t>(3 * 3 * shape.channels * PaddedOutputs(outputs));
     const auto convolve = [&] {
-      const NonzeroValues values(shape, raster.data());
       const auto weight = RandomValues(weights, 1);
       std::vector<float> output(cells * static_cast<size_t>(outputs), -7.0F);
-      values.Convolve(shape, weight.data(), output.data());
+      ConvolveNonzero(shape, raster, weight.data(), output.data());
       return output;
     };
     const auto learn = [&] {
-      const NonzeroValues values(shape, raster.data());
       const auto gradient = RandomValues(cells * static_cast<size_t>(outputs), 2);
       std::vector<float> weight_gradient(weights, 0.25F);
-      values.AddWeightGradient(shape, gradient.data(), weight_gradient.data());
+      AddNonzeroWeightGradient(shape, raster, gradient.data(), weight_gradient.data());
       return weight_gradient;
     };
     ASSERT_EQ(convolve(), Plain(convolve)) << outputs;

@@ -310,10 +310,10 @@ TEST_F(BaselinesTest, TheEngineAgreesWithLibTorch) {
     ASSERT_TRUE(model.ok()) << model.status();
     const auto session = (*model)->NewSession();
     inference::MlpScratch scratch;
+    const at::Tensor rasters = batch.scenes.rasters.Dense();
     for (int64_t i = 0; i < 5; ++i) {
       const size_t bytes = scene::RasterBytes(raster);
-      const scene::Raster drawn =
-          scene::RasterOf(raster, {batch.scenes.rasters[i].data_ptr<uint8_t>(), bytes});
+      const scene::Raster drawn = scene::RasterOf(raster, {rasters[i].data_ptr<uint8_t>(), bytes});
       inference::SceneInput scene{&drawn, {}};
       std::copy_n(motions[i].data_ptr<float>(), scene.motion.size(), scene.motion.begin());
       inference::SceneEncoding encoding;

@@ -94,7 +94,7 @@ TEST(VariationTest, RasterAndTrajectoryShareOneVariation) {
   const auto plain = SceneLoader(spec, SceneSource(spec, right, 1), {{0, {}}}, 1, 1).Next();
   ASSERT_TRUE(mirrored && plain);
   const at::Tensor difference =
-      mirrored->scenes.rasters.to(at::kInt) - plain->scenes.rasters.to(at::kInt);
+      mirrored->scenes.rasters.Dense().to(at::kInt) - plain->scenes.rasters.Dense().to(at::kInt);
   EXPECT_LE(difference.abs().max().item<int>(), 2);
   std::vector<float> trajectory = left.examples[0].trajectory;
   ApplyVariation(mirror, trajectory);
@@ -122,7 +122,7 @@ TEST(VariationTest, RotationTurnsRasterAndTrajectoryTogether) {
   const auto varied = SceneLoader(spec, SceneSource(spec, plain, 1), {{0, rotation}}, 1, 1).Next();
   const auto expected = SceneLoader(spec, SceneSource(spec, turned, 1), {{0, {}}}, 1, 1).Next();
   ASSERT_TRUE(varied && expected);
-  EXPECT_TRUE(varied->scenes.rasters.equal(expected->scenes.rasters));
+  EXPECT_TRUE(varied->scenes.rasters.Dense().equal(expected->scenes.rasters.Dense()));
 
   std::vector<float> trajectory = plain.examples[0].trajectory;
   ApplyVariation(rotation, trajectory);
@@ -186,7 +186,7 @@ TEST(SceneLoaderTest, AVariationHidesItsShareOfTheOtherAgents) {
   const SceneSource source(settings.model(), set, 1);
   const auto brightness = [&](const Variation& variation, int channel) {
     const auto batch = SceneLoader(settings.model(), source, {{0, variation}}, 1, 1).Next();
-    return batch->scenes.rasters.select(3, channel).to(at::kLong).sum().item<int64_t>();
+    return batch->scenes.rasters.Dense().select(3, channel).to(at::kLong).sum().item<int64_t>();
   };
   const int others = scene::OtherAgentsChannel(spec);
   Variation none, all, present;
@@ -215,7 +215,7 @@ TEST(SceneLoaderTest, BatchesComeInOrderWhateverTheNumberOfThreads) {
   while (auto batch = one.Next()) {
     const auto other = three.Next();
     ASSERT_TRUE(other);
-    EXPECT_TRUE(batch->scenes.rasters.equal(other->scenes.rasters));
+    EXPECT_TRUE(batch->scenes.rasters.Dense().equal(other->scenes.rasters.Dense()));
     for (const SceneLoader::Item& item : batch->items) {
       EXPECT_EQ(item.example, items[seen++].example);
     }

@@ -8,6 +8,8 @@
 
 #include <string>
 
+#include "tests/unit/model/learning/raster_batch_of.h"
+
 namespace maneuver::learning::raster_convolution_test {
 namespace {
 
@@ -45,7 +47,9 @@ TEST_P(RasterConvolutionTest, AgreesWithPyTorch) {
                           .requires_grad_();
   at::Tensor exact_weight = weight.detach().to(at::kDouble).requires_grad_();
 
-  const at::Tensor output = ConvolveRasters(rasters, weight, p.stride);
+  const RasterBatch batch = RasterBatchOf(rasters);
+  EXPECT_TRUE(batch.Dense().equal(rasters));
+  const at::Tensor output = ConvolveRasters(batch, weight, p.stride);
   const at::Tensor exact = at::conv2d(rasters.permute({0, 3, 1, 2}).to(at::kDouble) / 255.0,
                                       exact_weight, {}, p.stride, p.kernel / 2);
   ASSERT_EQ(output.sizes(), exact.sizes());
@@ -61,7 +65,7 @@ TEST_P(RasterConvolutionTest, AgreesWithPyTorch) {
 
 TEST(RasterConvolutionTest, ThreadsShareTheBatch) {
   const int threads = at::get_num_threads();
-  const at::Tensor rasters = (at::rand({9, 20, 22, 5}) < 0.1).to(at::kByte) * 255;
+  const RasterBatch rasters = RasterBatchOf((at::rand({9, 20, 22, 5}) < 0.1).to(at::kByte) * 255);
   at::Tensor weight = at::randn({24, 5, 3, 3}).requires_grad_();
   at::Tensor alone;
   for (const int count : {1, 3}) {

@@ -16,6 +16,7 @@
 #include "model/learning/phases/joint.h"
 #include "model/scene/target_motion.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
+#include "tests/unit/model/learning/raster_batch_of.h"
 #include "tests/unit/model/scene/raster_of.h"
 #include "tests/unit/temporary_folder.h"
 
@@ -114,7 +115,8 @@ TEST_P(ResidualNetworkTest, TrainsAStepExportsAndTheEngineAgreesWithLibTorch) {
   constexpr int64_t kScenes = 3;
   const at::Tensor rasters = RandomRasters(spec.raster(), kScenes, generator);
   const SceneFeatures encoded = networks.EncodeScenes(
-      {.rasters = rasters, .motions = at::zeros({kScenes, scene::kMotionInputs})}, {});
+      {.rasters = RasterBatchOf(rasters), .motions = at::zeros({kScenes, scene::kMotionInputs})},
+      {});
   const at::Tensor features = encoded.features;
   const at::Tensor probabilities = networks.PredictActions(encoded).exp();
   std::vector<inference::SceneInput> scenes;
@@ -148,7 +150,7 @@ TEST(FreshResidualNetworkTest, FreshBlocksAddNothing) {
   const v1::ModelSpec spec = SmallSettings().model();
   at::Generator generator = MakeGenerator(5);
   Networks networks(spec, at::Device(at::kCPU), generator);
-  const SceneTensors scenes{.rasters = RandomRasters(spec.raster(), 2, generator),
+  const SceneTensors scenes{.rasters = RasterBatchOf(RandomRasters(spec.raster(), 2, generator)),
                             .motions = at::zeros({2, scene::kMotionInputs})};
   const at::Tensor fresh = networks.EncodeScenes(scenes, {}).features;
   for (const char* within : {"backbone.stage.0.block.1.convolution.0.weight",

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <vector>
@@ -54,6 +55,7 @@ TEST_P(RasterTest, UnpaintedAndClearedPixelsAreZero) {
         }
       }
     }
+    if (trial % 2 == 1) raster.Mirror();
     raster.Clear();
     for (int row = 0; row < kHeight; ++row) {
       for (int channel = 0; channel < kChannels; ++channel) {
@@ -62,6 +64,22 @@ TEST_P(RasterTest, UnpaintedAndClearedPixelsAreZero) {
           ASSERT_EQ(raster.Row(channel, row)[column], 0) << row << " " << column << " " << channel;
         }
       }
+    }
+  }
+}
+
+TEST_P(RasterTest, MirrorsEachRowWithItsBlocks) {
+  Raster raster(kHeight, GetParam(), kChannels);
+  std::mt19937_64 random(4);
+  PaintAtRandom(&raster, &random);
+  Raster mirrored = raster;
+  mirrored.Mirror();
+  for (int row = 0; row < kHeight; ++row) {
+    for (int channel = 0; channel < kChannels; ++channel) {
+      const int from = kHeight - 1 - row;
+      ASSERT_EQ(mirrored.NonzeroBlocks(channel, row), raster.NonzeroBlocks(channel, from));
+      ASSERT_TRUE(std::equal(mirrored.Row(channel, row), mirrored.Row(channel, row) + GetParam(),
+                             raster.Row(channel, from)));
     }
   }
 }

@@ -120,9 +120,9 @@ TEST(RoadMapTest, ASharedMapGivesTheSamePictureAsTheScenariosOwn) {
                           .shift_x = 3.0 * uniform(random),
                           .shift_y = 3.0 * uniform(random)};
     const Picture expected = Draw(spec, own, 0.0, 1, X_WT, view);
-    Picture shared(spec);
-    Rasterizer(spec).Rasterize(bare, map, 0.0, 1, X_WT, view, shared.bytes());
-    ASSERT_EQ(shared.bytes(), expected.bytes()) << "trial " << trial;
+    Raster shared = NewRaster(spec);
+    Rasterizer(spec).Rasterize(bare, map, 0.0, 1, X_WT, view, &shared);
+    ASSERT_EQ(Picture(spec, shared).bytes(), expected.bytes()) << "trial " << trial;
     visible += expected.Sum(kLaneChannel) > 0 || expected.Sum(kPlaceChannel) > 0;
   }
   EXPECT_GT(visible, 200);

@@ -59,7 +59,10 @@ inline v1::MapFeature* AddFeature(v1::Scenario* scenario, v1::MapFeatureType typ
 // A raster with access to its pixels.
 class Picture {
  public:
-  explicit Picture(const v1::RasterSpec& spec) : spec_(spec), bytes_(RasterBytes(spec), 0xA5) {}
+  Picture(const v1::RasterSpec& spec, const Raster& raster)
+      : spec_(spec), bytes_(RasterBytes(spec), 0xA5) {
+    raster.WriteInterleaved(bytes_);
+  }
 
   int at(int row, int column, int channel) const {
     return bytes_[(static_cast<size_t>(row) * spec_.width() + column) * RasterChannels(spec_) +
@@ -70,7 +73,6 @@ class Picture {
     for (size_t i = channel; i < bytes_.size(); i += RasterChannels(spec_)) sum += bytes_[i];
     return sum;
   }
-  std::vector<uint8_t>& bytes() { return bytes_; }
   const std::vector<uint8_t>& bytes() const { return bytes_; }
 
  private:
@@ -80,9 +82,10 @@ class Picture {
 
 inline Picture Draw(const v1::RasterSpec& spec, const v1::Scenario& scenario, double time,
                     int64_t target_id, const Pose2& X_WT, const RasterView& view = {}) {
-  Picture raster(spec);
-  Rasterizer(spec).Rasterize(scenario, time, target_id, X_WT, view, raster.bytes());
-  return raster;
+  Raster raster = NewRaster(spec);
+  Rasterizer(spec).Rasterize(scenario, RoadMap::Over(scenario.map_features()), time, target_id,
+                             X_WT, view, &raster);
+  return Picture(spec, raster);
 }
 
 }  // namespace maneuver::scene

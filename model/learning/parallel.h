@@ -1,8 +1,8 @@
 // Private to learning/: at::parallel_for. A source that is compiled without OpenMP would silently
 // run it on one thread.
 
-#ifndef MANEUVER_MODEL_LEARNING_AUTOGRAD_PARALLEL_H_
-#define MANEUVER_MODEL_LEARNING_AUTOGRAD_PARALLEL_H_
+#ifndef MANEUVER_MODEL_LEARNING_PARALLEL_H_
+#define MANEUVER_MODEL_LEARNING_PARALLEL_H_
 
 #include <ATen/Parallel.h>
 
@@ -10,4 +10,4 @@
 #error "compile this with OpenMP: at::parallel_for would use one thread"
 #endif
 
-#endif  // MANEUVER_MODEL_LEARNING_AUTOGRAD_PARALLEL_H_
+#endif  // MANEUVER_MODEL_LEARNING_PARALLEL_H_
