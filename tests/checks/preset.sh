@@ -9,8 +9,11 @@ cd "$(dirname "$0")/../.."
 
 preset=${1:-}
 case "$preset" in
-  # Indices that are counted by hand, and intrinsics.
-  asan) programs=(kernels scene) ;;
+  # Libraries without LibTorch and gRPC.
+  asan)
+    programs=(kernels locks machine files probability scene artifact data commonroad nuscenes
+      argoverse errors security monitoring serving jobs)
+    ;;
   # Libraries with threads, without gRPC, which is not instrumented.
   tsan) programs=(locks machine files monitoring serving jobs) ;;
   # The kernels as the packages hold them, on each target of this processor and plain.
