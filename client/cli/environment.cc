@@ -26,6 +26,7 @@ void DropLogLine(gpr_log_func_args*) {}
 std::string WithCommands(absl::string_view message) {
   return absl::StrReplaceAll(message, {{"ListModelVersions names", "maneuver model list shows"},
                                        {"with SetModelAlias", "with maneuver model promote"},
+                                       {"with DeleteModelAlias", "with maneuver model unalias"},
                                        {"name one of them in `model`", "name one with --model"},
                                        {"see its actions with GetActionSet",
                                         "maneuver model actions shows those that it has"},

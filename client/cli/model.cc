@@ -1,5 +1,5 @@
-// maneuver model: list, show, actions, delete, promote, label; compare, export, transfer and
-// report are in model_compare.cc, model_export.cc, model_transfer.cc and report.cc.
+// maneuver model: list, show, actions, delete, promote, unalias, label; compare, export, transfer
+// and report are in model_compare.cc, model_export.cc, model_transfer.cc and report.cc.
 
 #include <cmath>
 #include <memory>
@@ -7,6 +7,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
+#include "absl/strings/str_split.h"
 #include "client/cli/action_gallery.h"
 #include "client/cli/action_titles.h"
 #include "client/cli/commands.h"
@@ -279,6 +281,38 @@ int Promote(const ModelArguments& arguments, Environment& environment) {
   return kOk;
 }
 
+int RemoveAlias(const std::string& name, Environment& environment) {
+  const std::vector<std::string> halves =
+      absl::StrSplit(absl::StrReplaceAll(ModelResource(name), {{"@", "/aliases/"}}), "/aliases/");
+  if (halves.size() != 2) {
+    return environment.Refuse(
+        "name the alias to remove, such as town@candidate; see maneuver model list");
+  }
+  v1::ModelAlias alias;
+  alias.set_name(absl::StrJoin(halves, "/aliases/"));
+  // With it the alias can be set again.
+  const auto before = Version(absl::StrJoin(halves, "@"), environment);
+  if (before.ok()) alias.set_model_version(before->name());
+  v1::DeleteModelAliasRequest request;
+  request.set_name(alias.name());
+  const absl::Status status =
+      environment.server_client().DeleteModelAlias(request, environment.call_options());
+  if (!status.ok()) return environment.Fail(status);
+  if (environment.json()) {
+    environment.PrintJson(alias);
+  } else {
+    environment.out << alias.name() << " is removed"
+                    << (before.ok() ? "; it was " + alias.model_version() : "") << "\n";
+  }
+  if (halves[1] == "serving") {
+    const std::string model = ShortName(halves[0]);
+    environment.err << "no version of " << model << " serves now; maneuver model promote "
+                    << (before.ok() ? ShortName(alias.model_version()) : model + "/VERSION")
+                    << " makes one serve\n";
+  }
+  return kOk;
+}
+
 int Label(const ModelArguments& arguments, Environment& environment) {
   v1::LabelActionRequest request;
   request.set_name(ModelResource(arguments.model));
@@ -336,7 +370,8 @@ void AddModel(Command& root, Environment& environment) {
   actions.Run([=, &environment] { return Actions(*arguments, environment); });
 
   Command remove = group.Add("delete", "Remove a version",
-                             "Refused while an alias points to it.\n"
+                             "Refused while an alias points to it: see maneuver model "
+                             "unalias.\n"
                              "Example: maneuver model delete town/1");
   remove.Argument("MODEL", &arguments->model, "The version, such as town/1");
   remove.Run([=, &environment] { return DeleteModel(arguments->model, environment); });
@@ -361,6 +396,15 @@ void AddModel(Command& root, Environment& environment) {
       "--not-behind", &arguments->not_behind,
       "Require that the version is not behind this by the whole interval; undecided is enough");
   promote.Run([=, &environment] { return Promote(*arguments, environment); });
+
+  Command unalias =
+      group.Add("unalias", "Remove an alias",
+                "The version that it points to stays. Callers who name the alias, or the model if "
+                "the alias is `serving`, are refused until it points to a version again. Removing "
+                "`candidate` ends the shadow.\n"
+                "Example: maneuver model unalias town@candidate");
+  unalias.Argument("ALIAS", &arguments->model, "The alias, such as town@candidate");
+  unalias.Run([=, &environment] { return RemoveAlias(arguments->model, environment); });
 
   AddModelCompare(group, environment);
   AddModelTransfer(group, environment);

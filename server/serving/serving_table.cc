@@ -95,17 +95,49 @@ void ServingTable::LoadAliased() {
   }
 }
 
+absl::Status ServingTable::NoAliasLocked(const ModelAliasName& name,
+                                         absl::string_view advice) const {
+  const std::string model = absl::StrCat("models/", name.model);
+  if (!versions_.ContainsModel(name.model)) {
+    return errors::WithReason(
+        absl::NotFoundError(
+            absl::StrCat("there is no ", model, "; ListModelVersions names those that exist")),
+        "MODEL_NOT_FOUND", {{"model", model}});
+  }
+  std::vector<std::string> others;  // sorted, as the map is
+  for (const auto& [alias, version] : aliases_) {
+    if (alias.model == name.model) others.push_back(alias.alias);
+  }
+  return errors::WithReason(
+      absl::NotFoundError(absl::StrCat(
+          "there is no ", name.ToString(), "; ", model,
+          others.empty() ? " has no alias" : " has " + absl::StrJoin(others, ", "), advice)),
+      "MODEL_ALIAS_NOT_FOUND", {{"alias", name.ToString()}});
+}
+
+absl::Status ServingTable::NotNamedLocked() const {
+  constexpr size_t kMostNamed = 10;
+  std::vector<std::string> serving;
+  for (const auto& [alias, version] : aliases_) {
+    if (alias.alias == kServingAlias) serving.push_back(alias.model);
+  }
+  if (serving.size() > kMostNamed) {
+    serving.resize(kMostNamed);
+    serving.push_back("...");
+  }
+  return errors::WithReason(
+      absl::FailedPreconditionError(absl::StrCat(
+          "several models serve: ", absl::StrJoin(serving, ", "), "; name one of them in `model`")),
+      "MODEL_NOT_NAMED");
+}
+
 absl::StatusOr<ModelVersionName> ServingTable::ResolveLocked(
     const std::optional<security::ModelReference>& reference) const {
   ModelVersionName name;
   if (!reference) {
     for (const auto& [alias, version] : aliases_) {
       if (alias.alias != kServingAlias) continue;
-      if (name.version != 0) {
-        return errors::WithReason(
-            absl::FailedPreconditionError("several models serve; name one of them in `model`"),
-            "MODEL_NOT_NAMED");
-      }
+      if (name.version != 0) return NotNamedLocked();
       name = {alias.model, version};
     }
     if (name.version == 0) {
@@ -117,16 +149,7 @@ absl::StatusOr<ModelVersionName> ServingTable::ResolveLocked(
   } else if (const auto* alias = std::get_if<ModelAliasName>(&*reference)) {
     const auto found = aliases_.find(*alias);
     if (found == aliases_.end()) {
-      if (versions_.ContainsModel(alias->model)) {
-        return errors::WithReason(
-            absl::NotFoundError(absl::StrCat("there is no ", alias->ToString(),
-                                             "; point it to a version with SetModelAlias")),
-            "MODEL_ALIAS_NOT_FOUND", {{"alias", alias->ToString()}});
-      }
-      return errors::WithReason(
-          absl::NotFoundError(absl::StrCat("there is no models/", alias->model,
-                                           "; ListModelVersions names those that exist")),
-          "MODEL_NOT_FOUND", {{"model", "models/" + alias->model}});
+      return NoAliasLocked(*alias, "; point it to a version with SetModelAlias");
     }
     name = {alias->model, found->second};
   } else {
@@ -281,8 +304,8 @@ absl::Status ServingTable::DeleteAlias(const ModelAliasName& name) {
   const MutexLock change(change_mutex_);
   if (auto status = alias_store_.DeleteAlias(name); !status.ok()) {
     if (!absl::IsNotFound(status)) return status;
-    return errors::WithReason(absl::NotFoundError(absl::StrCat("there is no ", name.ToString())),
-                              "MODEL_ALIAS_NOT_FOUND", {{"alias", name.ToString()}});
+    const MutexLock lock(mutex_);
+    return NoAliasLocked(name);
   }
   {
     const MutexLock lock(mutex_);
@@ -376,10 +399,12 @@ absl::Status ServingTable::Delete(const ModelVersionName& name) {
   const MutexLock change(change_mutex_);
   if (absl::Status status = versions_.CheckExists(name); !status.ok()) return status;
   if (const auto aliases = AliasesOf(name); !aliases.empty()) {
+    const std::string at = absl::StrCat(name.model, "@");
     return errors::WithReason(
-        absl::FailedPreconditionError(absl::StrCat(name.ToString(), " is pointed to by ",
-                                                   absl::StrJoin(aliases, ", "),
-                                                   "; point that elsewhere or delete it first")),
+        absl::FailedPreconditionError(absl::StrCat(
+            name.ToString(), " is pointed to by ", at, absl::StrJoin(aliases, ", " + at),
+            "; point each alias to another version with SetModelAlias, or remove it with "
+            "DeleteModelAlias")),
         "MODEL_VERSION_IN_USE", {{"model_version", name.ToString()}});
   }
   if (absl::Status status = versions_.Delete(name); !status.ok()) return status;

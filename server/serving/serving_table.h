@@ -20,6 +20,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "locks/mutex.h"
 #include "maneuver/v1/model.pb.h"
 #include "maneuver/v1/training_service.pb.h"
@@ -128,6 +129,13 @@ class ServingTable {
   absl::StatusOr<security::ModelVersionName> ResolveLocked(
       const std::optional<security::ModelReference>& reference) const
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Returns NOT_FOUND for an alias, or a model, that does not exist. The message names the aliases
+  // that the model has, and ends with `advice`.
+  absl::Status NoAliasLocked(const security::ModelAliasName& name,
+                             absl::string_view advice = "") const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Returns the error of a call that names no model while several serve. It names those.
+  absl::Status NotNamedLocked() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   std::vector<std::string> AliasesOfLocked(const security::ModelVersionName& name) const
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void MakeResidentLocked(const ModelHandle& handle, std::vector<ModelHandle>& dropped)

@@ -245,6 +245,14 @@ TEST(CommandErrorsTest, ServerMessagesNameCommandsInsteadOfMethods) {
   EXPECT_EQ(Maneuver({"--server", server.address(), "predict", "-"}, kScene).err,
             "maneuver: town/1 has no action named \"fly\"; maneuver model actions shows those that "
             "it has\n");
+  server.on_predict = [](auto*, const auto&, auto*) {
+    return grpc::Status(grpc::StatusCode::FAILED_PRECONDITION,
+                        "it has an alias; point each alias to another version with SetModelAlias, "
+                        "or remove it with DeleteModelAlias");
+  };
+  EXPECT_EQ(Maneuver({"--server", server.address(), "predict", "-"}, kScene).err,
+            "maneuver: it has an alias; point each alias to another version with maneuver model "
+            "promote, or remove it with maneuver model unalias\n");
 }
 
 TEST(CommandErrorsTest, ARefusedSceneHasNoTableAndNeedsNoName) {

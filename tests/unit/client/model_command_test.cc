@@ -34,6 +34,8 @@ class Models final : public v1::ModelService::Service {
   std::map<std::string, v1::ModelVersion> named;  // in place of `version`, by what is asked for
   std::vector<std::optional<double>> speeds;      // that were asked for
   std::string labelled;                           // the version of the last label
+  std::string removed;                            // the last alias that was to be deleted
+  grpc::Status removal;                           // what that is answered with
 
  private:
   grpc::Status GetActionSet(grpc::ServerContext*, const v1::GetActionSetRequest* request,
@@ -62,6 +64,11 @@ class Models final : public v1::ModelService::Service {
     response->set_name(request->name());
     response->set_model_version(request->model_version());
     return grpc::Status::OK;
+  }
+  grpc::Status DeleteModelAlias(grpc::ServerContext*, const v1::DeleteModelAliasRequest* request,
+                                google::protobuf::Empty*) override {
+    removed = request->name();
+    return removal;
   }
   grpc::Status LabelAction(grpc::ServerContext*, const v1::LabelActionRequest* request,
                            v1::Action* response) override {
@@ -209,6 +216,47 @@ TEST_F(ModelCommandTest, ListsActionsByTheirDisplayNames) {
 TEST_F(ModelCommandTest, RequiresTheVersionToDelete) {
   EXPECT_THAT(Run({"model", "delete", "town@candidate"}, kUsage),
               HasSubstr("name the version to delete, such as town/2; see maneuver model list"));
+}
+
+TEST_F(ModelCommandTest, RemovesAnAliasAndSaysWhatItWas) {
+  models_.named["models/town@candidate"].set_name("models/town/versions/2");
+  for (const char* alias :
+       {"town@candidate", "models/town@candidate", "models/town/aliases/candidate"}) {
+    models_.removed.clear();
+    EXPECT_EQ(Run({"model", "unalias", alias}),
+              "models/town/aliases/candidate is removed; it was models/town/versions/2\n");
+    EXPECT_EQ(models_.removed, "models/town/aliases/candidate");
+  }
+  EXPECT_EQ(Run({"--output", "json", "model", "unalias", "town@candidate"}),
+            "{\n"
+            " \"name\": \"models/town/aliases/candidate\",\n"
+            " \"modelVersion\": \"models/town/versions/2\"\n"
+            "}\n");
+}
+
+TEST_F(ModelCommandTest, SaysThatNoVersionServesWithoutTheAlias) {
+  models_.named["models/town@serving"].set_name("models/town/versions/2");
+  EXPECT_THAT(Run({"model", "unalias", "town@serving"}),
+              HasSubstr("no version of town serves now; maneuver model promote town/2 makes one "
+                        "serve\n"));
+}
+
+TEST_F(ModelCommandTest, RequiresTheAliasToRemove) {
+  for (const char* no_alias : {"town", "town/2"}) {
+    EXPECT_EQ(Run({"model", "unalias", no_alias}, kUsage),
+              "maneuver: name the alias to remove, such as town@candidate; see maneuver model "
+              "list\n");
+  }
+  EXPECT_EQ(models_.removed, "");
+}
+
+TEST_F(ModelCommandTest, FailsToRemoveAnAliasThatTheServerDoesNotKnow) {
+  models_.removal = {
+      grpc::StatusCode::NOT_FOUND,
+      "there is no models/town/aliases/candidat; models/town has candidate, serving"};
+  EXPECT_EQ(Run({"model", "unalias", "town@candidat"}, kFailed),
+            "maneuver: there is no models/town/aliases/candidat; models/town has candidate, "
+            "serving\n");
 }
 
 TEST_F(ModelCommandTest, DrawsActionsAtTheRequestedSpeed) {

@@ -41,6 +41,18 @@ TEST_F(ServingTableTest, TheFirstVersionServesAndLaterOnesWaitForPromotion) {
   EXPECT_TRUE(absl::IsNotFound(table_->Find(Alias("city", "serving")).status()));
 }
 
+TEST_F(ServingTableTest, ACallThatNamesNoModelIsToldWhichServe) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("hamlet", v1::PROMOTION_NEVER).ok());
+  ASSERT_TRUE(Publish("city").ok());
+  EXPECT_EQ(table_->Find(std::nullopt).status().message(),
+            "several models serve: city, town; name one of them in `model`");
+  for (char model = 'a'; model <= 'k'; ++model) ASSERT_TRUE(Publish({model}).ok());
+  EXPECT_EQ(table_->Find(std::nullopt).status().message(),
+            "several models serve: a, b, c, city, d, e, f, g, h, i, ...; name one of them in "
+            "`model`");
+}
+
 TEST_F(ServingTableTest, FindsTheVersionOfAJobAfterARestart) {
   const auto find = [this](const std::string& maker, v1::Promotion promotion) {
     const auto found = table_->FindMadeBy("town", promotion, maker);
@@ -179,12 +191,32 @@ TEST_F(ServingTableTest, RefusesToDeleteAVersionWithAnAlias) {
   ASSERT_TRUE(Publish("town").ok());
   const absl::Status refused = table_->Delete({"town", 1});
   EXPECT_TRUE(absl::IsFailedPrecondition(refused));
-  EXPECT_THAT(std::string(refused.message()), HasSubstr("serving"));
+  EXPECT_EQ(refused.message(),
+            "models/town/versions/1 is pointed to by town@serving; point each alias to another "
+            "version with SetModelAlias, or remove it with DeleteModelAlias");
   ASSERT_TRUE(table_->DeleteAlias({"town", "serving"}).ok());
   EXPECT_FALSE(table_->Ready());
   EXPECT_TRUE(table_->Delete({"town", 1}).ok());
   EXPECT_THAT(store_->List(""), IsEmpty());
   EXPECT_TRUE(absl::IsNotFound(table_->Delete({"town", 1})));
+}
+
+TEST_F(ServingTableTest, AnUnknownAliasIsAnsweredWithThoseThatTheModelHas) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("city").ok());
+  ASSERT_TRUE(table_->SetAlias({"town", "candidate"}, 1).ok());
+  const absl::Status removed = table_->DeleteAlias({"town", "candidat"});
+  EXPECT_TRUE(absl::IsNotFound(removed));
+  EXPECT_EQ(removed.message(),
+            "there is no models/town/aliases/candidat; models/town has candidate, serving");
+  EXPECT_EQ(table_->Find(Alias("town", "candidat")).status().message(),
+            "there is no models/town/aliases/candidat; models/town has candidate, serving; point "
+            "it to a version with SetModelAlias");
+  ASSERT_TRUE(table_->DeleteAlias({"city", "serving"}).ok());
+  EXPECT_EQ(table_->DeleteAlias({"city", "serving"}).message(),
+            "there is no models/city/aliases/serving; models/city has no alias");
+  EXPECT_EQ(table_->DeleteAlias({"hamlet", "serving"}).message(),
+            "there is no models/hamlet; ListModelVersions names those that exist");
 }
 
 TEST_F(ServingTableTest, ListsAliasesByTheVersionThatTheyPointTo) {
