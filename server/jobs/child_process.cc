@@ -73,8 +73,8 @@ absl::StatusOr<Pipe> MakePipe() {
 }
 
 // Between fork and exec: nothing but system calls, since other threads may hold any lock.
-[[noreturn]] void BecomeChild(char* const* arguments, pid_t parent, int input, int output,
-                              int errors, int report) {
+[[noreturn]] void BecomeChild(char* const* arguments, bool yields, pid_t parent, int input,
+                              int output, int errors, int report) {
   const auto fail = [report] {
     const int reason = errno;
     [[maybe_unused]] const ssize_t ignored = write(report, &reason, sizeof reason);
@@ -83,11 +83,13 @@ absl::StatusOr<Pipe> MakePipe() {
   setpgid(0, 0);
   if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0) fail();
   if (getppid() != parent) _exit(127);  // it died before the line above
-  setpriority(PRIO_PROCESS, 0, kNiceness);
-  // Whoever wakes on its core goes at once.
-  const sched_param idle{};
-  sched_setscheduler(0, SCHED_IDLE, &idle);
-  syscall(SYS_ioprio_set, kIoWhoProcess, 0, kIoBestEffort << kIoClassShift | kIoLastLevel);
+  if (yields) {
+    setpriority(PRIO_PROCESS, 0, kNiceness);
+    // Whoever wakes on its core goes at once.
+    const sched_param idle{};
+    sched_setscheduler(0, SCHED_IDLE, &idle);
+    syscall(SYS_ioprio_set, kIoWhoProcess, 0, kIoBestEffort << kIoClassShift | kIoLastLevel);
+  }
   // Memory is short: rather this process than the server.
   const int score = open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC);
   if (score >= 0) {
@@ -138,8 +140,8 @@ absl::StatusOr<Child> Start(const ChildCommand& command) {
   const pid_t pid = fork();
   if (pid < 0) return files::ErrnoStatus(errno, "start", command.arguments[0]);
   if (pid == 0) {
-    BecomeChild(arguments.data(), parent, input.get(), output->write.get(), errors.get(),
-                report->write.get());
+    BecomeChild(arguments.data(), command.yields, parent, input.get(), output->write.get(),
+                errors.get(), report->write.get());
   }
   setpgid(pid, pid);  // here too: whoever is first, the group is there from now on
   report->write.Close();

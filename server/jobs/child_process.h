@@ -49,6 +49,9 @@ struct ChildCommand {
   // many bytes. Counts resident and swapped memory, but not mapped files; checked about every
   // 200 ms. 0: no limit.
   int64_t memory_limit_bytes = 0;
+  // Whether it yields processor and disk to all others: nice 19, SCHED_IDLE, last of the
+  // best-effort class. False for a process that a caller waits for.
+  bool yields = true;
 };
 
 struct ChildResult {
@@ -62,8 +65,7 @@ struct ChildResult {
   bool over_memory_limit = false;
 };
 
-// Runs a command to its end. The process gets its own process group, a low priority for processor
-// and disk (nice 19, SCHED_IDLE, last of the best-effort class), no standard input, and SIGKILL
+// Runs a command to its end. The process gets its own process group, no standard input, and SIGKILL
 // when the calling thread ends. So call this from a thread that lives as long as the server.
 // Processes that remain in its group are killed.
 //   on_line: called with each line of standard output, without its end; lines over 1 MiB are

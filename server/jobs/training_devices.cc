@@ -26,7 +26,8 @@ std::optional<std::set<std::string>> TrainingDevices::Ask() const {
   const auto result = RunChild(
       {.arguments = {trainer_, "devices"},
        .log = "/dev/null",
-       .time_limit = std::chrono::minutes(1)},
+       .time_limit = std::chrono::seconds(20),
+       .yields = false},
       never, [&devices](const std::string& line) { devices.insert(line); }, [] {});
   const bool answered =
       result.ok() && result->signal == 0 && result->exit_status == 0 && devices.contains("cpu");
