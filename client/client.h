@@ -7,12 +7,12 @@
 //   // `scenario` has agents, map, prediction_time and target_ids.
 //   int Ask(const maneuver::v1::Scenario& scenario) {
 //     const auto client = maneuver::client::Client::Connect({.address = "127.0.0.1:8470"});
-//     if (!client.ok()) return std::cerr << client.status() << "\n", 1;
+//     if (!client.ok()) return std::cerr << client.status().message() << "\n", 1;
 //     maneuver::v1::PredictRequest request;
 //     request.set_model("models/town");
 //     *request.add_scenarios() = scenario;
 //     const auto answer = (*client)->Predict(request);
-//     if (!answer.ok()) return std::cerr << answer.status() << "\n", 1;
+//     if (!answer.ok()) return std::cerr << answer.status().message() << "\n", 1;
 //     for (double p : answer->predictions(0).targets(0).probabilities()) std::cout << p << "\n";
 //     return 0;
 //   }

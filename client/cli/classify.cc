@@ -84,7 +84,7 @@ int Classify(const ClassifyArguments& arguments, Environment& environment) {
       }
     }
   }
-  if (!environment.json()) environment.out << table.Text(environment.color);
+  if (!environment.json() && !table.empty()) environment.out << table.Text(environment.color);
   return all_answered ? kOk : kFailed;
 }
 

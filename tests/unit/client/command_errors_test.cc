@@ -267,6 +267,16 @@ TEST(CommandErrorsTest, ARefusedSceneHasNoTableAndNeedsNoName) {
   EXPECT_EQ(result.status, kFailed);
   EXPECT_THAT(result.out, IsEmpty());
   EXPECT_EQ(result.err, "maneuver: scenarios[0].agents[0].length: is 0 m\n");
+
+  server.on_classify = [](const auto&, v1::ClassifyTrajectoriesResponse* response) {
+    v1::TargetClassification& target = *response->add_classifications()->add_targets();
+    target.mutable_error()->set_code(static_cast<int>(absl::StatusCode::kFailedPrecondition));
+    target.mutable_error()->set_message("scenarios[0].agents[0].states: too few");
+    return grpc::Status::OK;
+  };
+  const Result classified = Maneuver({"--server", server.address(), "classify", "-"}, kScene);
+  EXPECT_EQ(classified.status, kFailed);
+  EXPECT_THAT(classified.out, IsEmpty());
 }
 
 TEST(CommandErrorsTest, SuggestsTheNearestCommandForAnUnknownOne) {

@@ -26,6 +26,9 @@ class TestServer final {
   // What the services do. Called on gRPC's threads.
   std::function<grpc::Status(grpc::ServerContext*, const v1::PredictRequest&, v1::PredictResponse*)>
       on_predict;
+  std::function<grpc::Status(const v1::ClassifyTrajectoriesRequest&,
+                             v1::ClassifyTrajectoriesResponse*)>
+      on_classify;
   std::function<grpc::Status(const v1::RegisterMapRequest&, v1::RegisterMapResponse*)>
       on_register_map;
   std::function<grpc::Status(const v1::TrainRequest&, v1::Job*)> on_train;
@@ -78,6 +81,12 @@ class TestServer final {
                          v1::PredictResponse* response) override {
       owner_->See(*context);
       return owner_->on_predict(context, *request, response);
+    }
+    grpc::Status ClassifyTrajectories(grpc::ServerContext* context,
+                                      const v1::ClassifyTrajectoriesRequest* request,
+                                      v1::ClassifyTrajectoriesResponse* response) override {
+      owner_->See(*context);
+      return owner_->on_classify(*request, response);
     }
     grpc::Status RegisterMap(grpc::ServerContext* context, const v1::RegisterMapRequest* request,
                              v1::RegisterMapResponse* response) override {
