@@ -29,7 +29,7 @@ const bodyOf = (section) => document.querySelector(`#${section} .body`);
 const isNumber = (value) => typeof value === 'number' && Number.isFinite(value);
 const fixed = (value, digits) =>
   (isNumber(value) ? value.toFixed(digits).replace(/^-(?=[0.]*$)/, '').replace('-', '\u2212') : '\u2013');
-const percent = (value, digits = 1) => (isNumber(value) ? `${fixed(100 * value, digits)} %` : '\u2013');
+const percent = (value, digits = 1) => (isNumber(value) ? `${fixed(100 * value, digits)}\u00a0%` : '\u2013');
 const signed = (value, digits) => (value > 0 ? '+' : '') + fixed(value, digits);
 const count = (value) => (isNumber(Number(value)) ? Number(value).toLocaleString('en') : '\u2013');
 const significant = (value) => {

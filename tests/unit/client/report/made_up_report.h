@@ -171,13 +171,15 @@ inline v1::EvaluationReport MadeUpEvaluation() {
     standing->set_name(part);
     if (*part != '\0') standing->set_dimension("speed");
     standing->set_examples(300);
-    v1::RivalComparison* comparison = standing->add_comparisons();
-    comparison->set_metric("ade_1");
-    comparison->set_rival("cv");
-    comparison->mutable_difference()->set_value(-2.25);
-    comparison->mutable_difference()->set_lower(-2.5);
-    comparison->mutable_difference()->set_upper(-2.0);
-    comparison->set_verdict(v1::RIVAL_VERDICT_AHEAD);
+    for (const char* rival : {"cv", "ctra", "faded"}) {  // wider than a phone
+      v1::RivalComparison* comparison = standing->add_comparisons();
+      comparison->set_metric("ade_1");
+      comparison->set_rival(rival);
+      comparison->mutable_difference()->set_value(-2.25);
+      comparison->mutable_difference()->set_lower(-2.5);
+      comparison->mutable_difference()->set_upper(-2.0);
+      comparison->set_verdict(v1::RIVAL_VERDICT_AHEAD);
+    }
   }
   return report;
 }
