@@ -15,7 +15,6 @@
 #include "model/learning/phases/place.h"
 #include "model/learning/phases/posterior.h"
 #include "model/learning/phases/pretrain.h"
-#include "model/learning/phases/rehearsal.h"
 #include "model/learning/predictions.h"
 
 namespace maneuver::learning {
@@ -23,7 +22,7 @@ namespace {
 
 struct LearningPhase {
   const char* name;
-  PhaseFunction run;
+  absl::Status (*run)(LearningState&, EpochLoop&);
   // The batch of a step, in batches of the settings, if the phase is rehearsed; else 0.
   int64_t rehearsed_batch = 0;
 };
@@ -111,32 +110,37 @@ absl::Status Learner::KeepCheckpoints(CheckpointFolder* folder) {
   return status;
 }
 
-void Learner::Rehearse() {
+void Learner::Rehearse(const std::vector<RehearsedPhase>& later) {
   TrainingProgress& progress = loop_.progress();
   const int64_t batch = state_.settings.optimization().batch_size();
   std::map<std::string, double> measured;
-  const auto rehearse = [&](std::span<const LearningPhase> phases) {
-    for (const LearningPhase& phase : phases) {
-      if (phase.rehearsed_batch == 0 || loop_.IsOver(phase.name)) continue;
-      const auto planned =
-          std::ranges::find(progress.plan(), phase.name, &TrainingProgress::Phase::name);
-      if (planned == progress.plan().end()) continue;
-      const std::optional<double> seconds = RehearseStep(*planned, batch * phase.rehearsed_batch,
-                                                         phase.run, state_, progress.clock());
-      if (seconds) measured[phase.name] = *seconds;
-    }
+  const auto rehearse = [&](const RehearsedPhase& phase) {
+    if (phase.batch_size == 0 || loop_.IsOver(phase.name)) return;
+    const auto planned =
+        std::ranges::find(progress.plan(), phase.name, &TrainingProgress::Phase::name);
+    if (planned == progress.plan().end()) return;
+    const std::optional<double> seconds = RehearseStep(*planned, phase, state_, progress.clock());
+    if (seconds) measured[phase.name] = *seconds;
   };
-  if (!has_start_) rehearse(kLatentPhases);
-  rehearse(kScenePhases);
+  if (!has_start_) {
+    for (const LearningPhase& each : kLatentPhases) {
+      rehearse({each.name, batch * each.rehearsed_batch, each.run});
+    }
+  }
+  for (const LearningPhase& each : kScenePhases) {
+    rehearse({each.name, batch * each.rehearsed_batch, each.run, loop_.ranks().size()});
+  }
+  for (const RehearsedPhase& each : later) rehearse(each);
   progress.Replan(WithMeasuredSteps(progress.plan(), measured));
 }
 
-absl::Status Learner::Learn() {
+absl::Status Learner::Learn(const std::vector<RehearsedPhase>& later) {
   RankGroup& ranks = loop_.ranks();
-  absl::Status status;
-  // Ranks exchange in each step, which one of them cannot rehearse.
-  if (state_.settings.optimization().micro_batches() == 0) Rehearse();
-  if (!has_start_) {  // else the model that was started from has a mixture
+  absl::Status status = ranks.OnRankZero([&] {
+    Rehearse(later);
+    return absl::OkStatus();
+  });
+  if (status.ok() && !has_start_) {  // else the model that was started from has a mixture
     status = ranks.OnRankZero([this] { return RunPhases(kLatentPhases, state_, loop_); });
   }
   if (status.ok()) status = loop_.ShareResumedPhase();

@@ -14,6 +14,7 @@
 #include "model/learning/checkpoint.h"
 #include "model/learning/phases/epoch_loop.h"
 #include "model/learning/phases/learning_state.h"
+#include "model/learning/phases/rehearsal.h"
 #include "model/learning/training_progress.h"
 
 namespace maneuver::learning {
@@ -47,17 +48,18 @@ class Learner {
 
   // Runs all phases up to calibration, from the position of the checkpoint. All ranks run the
   // phases that learn from scenes; rank 0 runs the others. Afterwards only rank 0 has the
-  // calibrated model. A process that learns alone first measures how long a step of each phase
-  // takes (phases/rehearsal.h), so that the time left is right from the start. Errors are those of
+  // calibrated model. Before the phases, rank 0 measures how long a step of each takes
+  // (phases/rehearsal.h), so that the time left is right from the start. Errors are those of
   // EpochLoop::Run.
-  absl::Status Learn();
+  //   later: phases that this process will run after these
+  absl::Status Learn(const std::vector<RehearsedPhase>& later = {});
 
   LearningState& state() { return state_; }
   EpochLoop& loop() { return loop_; }
 
  private:
   // Replaces the costs in the plan by the measured durations of steps.
-  void Rehearse();
+  void Rehearse(const std::vector<RehearsedPhase>& later);
 
   LearningState state_;
   EpochLoop loop_;

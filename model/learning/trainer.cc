@@ -25,6 +25,9 @@
 namespace maneuver::learning {
 namespace {
 
+// About what a step of cost 1 takes, before any is rehearsed.
+constexpr double kSecondsPerCost = 0.0025;
+
 absl::StatusOr<at::Device> FindDevice(const TrainingRun& run) {
   const std::string& name = run.settings.device();
   if (name == "cpu") return at::Device(at::kCPU);
@@ -123,6 +126,7 @@ class Training {
                           static_cast<int64_t>(data.training.examples.size()),
                           static_cast<int64_t>(data.validation.examples.size())));
     Learner learner(settings_, data, device_, Threads(run_), ranks_, progress_);
+    std::optional<AnchorLearner> anchors;  // of rank 0, if the run has baselines
     GivenNames given{.labels = data.label_names};
     std::optional<CheckpointFolder> checkpoints;
     absl::Status status = ranks_.Apart([&] {
@@ -131,18 +135,25 @@ class Training {
         if (!started.ok()) return started.status();
         given = *std::move(started);
       }
-      if (run_.checkpoints.empty() || ranks_.rank() != 0) return absl::OkStatus();
-      absl::StatusOr<CheckpointFolder> opened =
-          CheckpointFolder::Open(run_.checkpoints, run_.checkpoint_policy);
-      if (!opened.ok()) return opened.status();
-      checkpoints = *std::move(opened);
-      return learner.KeepCheckpoints(&*checkpoints);
+      if (ranks_.rank() != 0) return absl::OkStatus();
+      if (!run_.checkpoints.empty()) {
+        absl::StatusOr<CheckpointFolder> opened =
+            CheckpointFolder::Open(run_.checkpoints, run_.checkpoint_policy);
+        if (!opened.ok()) return opened.status();
+        checkpoints = *std::move(opened);
+        const absl::Status kept = learner.KeepCheckpoints(&*checkpoints);
+        if (!kept.ok()) return kept;
+      }
+      if (run_.baselines) anchors.emplace(learner.state(), learner.loop());
+      return absl::OkStatus();
     });
-    if (status.ok()) status = learner.Learn();
+    if (status.ok()) {
+      status = learner.Learn(anchors ? anchors->Rehearsed() : std::vector<RehearsedPhase>());
+    }
     absl::StatusOr<v1::ModelManifest> manifest = v1::ModelManifest();
     if (status.ok()) {
       status = ranks_.OnRankZero([&] {
-        manifest = Finish(data, learner, std::move(given));
+        manifest = Finish(data, learner, anchors ? &*anchors : nullptr, std::move(given));
         return manifest.status();
       });
     }
@@ -160,7 +171,13 @@ class Training {
     std::vector<TrainingProgress::Phase> plan =
         Learner::Plan(run.settings, training_examples, examples_in_memory, held_out_examples,
                       !run.start_from.empty());
-    if (run.baselines) AnchorLearner::AddPhases(run.settings, training_examples, &plan);
+    if (run.baselines) {
+      AnchorLearner::AddPhases(run.settings, training_examples, examples_in_memory,
+                               held_out_examples, &plan);
+    }
+    if (run.seconds_after > 0.0) {
+      plan.push_back({"after", 1, 1, run.seconds_after / kSecondsPerCost, run.seconds_after});
+    }
     return plan;
   }
 
@@ -186,13 +203,12 @@ class Training {
     std::vector<std::string> derived = {};  // [K], or empty: they are still to be made
   };
 
-  // Learns the baselines and writes the model.
+  // Learns the baselines, if there is a learner of them, and writes the model.
   absl::StatusOr<v1::ModelManifest> Finish(const TrainingData& data, Learner& learner,
-                                           GivenNames given) {
+                                           AnchorLearner* anchors, GivenNames given) {
     ExportOptions options;
-    if (run_.baselines) {
-      AnchorLearner anchors(learner.state(), learner.loop());
-      absl::StatusOr<artifact::StoredBaselines> baselines = anchors.Learn();
+    if (anchors != nullptr) {
+      absl::StatusOr<artifact::StoredBaselines> baselines = anchors->Learn();
       if (!baselines.ok()) return baselines.status();
       options.baselines = *std::move(baselines);
     }

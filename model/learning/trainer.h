@@ -61,6 +61,9 @@ struct TrainingRun {
   std::chrono::milliseconds rank_timeout{60'000};
   // The longest that a rank waits for the others to start.
   std::chrono::milliseconds rank_join_timeout{600'000};
+  // What follows this run and counts as a part of it in `progress`, seconds: the run then ends
+  // before its fraction is 1.
+  double seconds_after = 0.0;
   // Called on the calling thread; may be empty.
   std::function<void(const v1::JobProgress&)> progress;
   // Asked often, from several threads; true ends the run with CANCELLED. May be empty.

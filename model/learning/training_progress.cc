@@ -112,7 +112,7 @@ double TrainingProgress::SecondsLeft() const {
   double left = 0.0;
   for (size_t i = static_cast<size_t>(current_); i < phases_.size(); ++i) {
     const Phase& phase = phases_[i];
-    double step = phase.cost * per_cost;
+    double step = phase.seconds.value_or(phase.cost * per_cost);
     int64_t steps = phase.steps;
     if (i == static_cast<size_t>(current_)) {
       steps = std::max<int64_t>(0, steps - phase_step_);

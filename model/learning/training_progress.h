@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -30,6 +31,8 @@ class TrainingProgress {
     int epochs = 1;
     int64_t steps = 0;  // in all epochs
     double cost = 1.0;
+    // What a step takes, if that is known. The cost should be near.
+    std::optional<double> seconds = std::nullopt;
   };
 
   TrainingProgress(std::vector<Phase> phases, Sink sink, Clock clock);

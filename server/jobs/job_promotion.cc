@@ -2,6 +2,7 @@
 
 #include <google/protobuf/util/json_util.h>
 
+#include <algorithm>
 #include <system_error>
 #include <utility>
 
@@ -10,7 +11,8 @@
 #include "model/data/dataset_folder.h"
 #include "model/files/durable_file.h"
 #include "server/errors/error_details.h"
-#include "server/jobs/job_progress_parts.h"
+#include "server/jobs/job_folder.h"
+#include "server/jobs/job_requests.h"
 #include "server/jobs/job_settings.h"
 #include "server/jobs/job_time.h"
 #include "server/jobs/measurement.h"
@@ -87,6 +89,21 @@ absl::StatusOr<PromotionTask> JobPromotion::Task() const {
                        data::ContentSha256(*dataset)};
 }
 
+std::vector<std::string> JobPromotion::TrainerOptions() {
+  if (!IsByMeasurement()) return {};
+  const std::string serving = Serving();
+  const absl::StatusOr<PromotionTask> task = Task();
+  if (serving.empty() || !task.ok()) return {};
+  const size_t count = VersionsToMeasure(*task, *this).size();
+  const auto version = ResolveReference(*attempt_.environment.versions, serving);
+  if (count == 0 || !version.ok() || !WriteSettings(criteria_.examples(), folder_).ok()) return {};
+  const std::string dataset(absl::StripPrefix(criteria_.dataset(), "datasets/"));
+  return {"--next-model",    version->folder,
+          "--next-dataset",  attempt_.environment.datasets->FolderOf(dataset),
+          "--next-settings", folder_ / kSettingsFile,
+          "--next-count",    absl::StrCat(count)};
+}
+
 void JobPromotion::DecideAsPublished() {
   Record(job_, AsPublished(job_, *attempt_.environment.versions), attempt_.now());
 }
@@ -117,10 +134,10 @@ absl::StatusOr<v1::EvaluationReport> JobPromotion::FindReport(const std::string&
 }
 
 PromotionVersions::MeasuredVersion JobPromotion::Measure(const std::string& version) {
-  if (version == job_.model_version()) {
-    attempt_.progress.SetPart(kTrainedAt, kMeasuredAt);
-  } else {
-    attempt_.progress.SetPart(kMeasuredAt, 1.0);
+  if (const absl::StatusOr<PromotionTask> task = Task(); task.ok()) {
+    // This one is among them, unless it came to serve just now.
+    const size_t left = VersionsToMeasure(*task, *this).size();
+    attempt_.progress.SetRest(std::max(1, static_cast<int>(left)));
   }
   if (absl::Status status = WriteSettings(criteria_.examples(), folder_); !status.ok()) {
     return {std::move(status), false, {}};

@@ -8,6 +8,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -33,6 +34,11 @@ class JobPromotion final : public PromotionVersions {
   bool IsByMeasurement() const { return job_.train().promotion() == v1::PROMOTION_IF_NO_WORSE; }
   // Returns the decision to make. UNUSABLE_DATA if the dataset that it depends on is gone.
   absl::StatusOr<PromotionTask> Task() const;
+
+  // Returns options by which the trainer counts, in the progress of the training, the measurements
+  // that will follow it: it tries them out with the version that serves. Writes the settings that
+  // they name. Empty if there will be none, or if nothing serves.
+  std::vector<std::string> TrainerOptions();
 
   // Set job.promotion_decision: DecideAsPublished to what publishing did; DecideAgainst to "not
   // promoted" because of `why`; Conclude to the decision of `outcome`, if it has one. Conclude

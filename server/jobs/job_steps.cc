@@ -15,7 +15,7 @@ JobSteps StepsOf(v1::Job& job, const std::filesystem::path& folder, const JobAtt
   JobSteps steps;
   if (job.has_train()) {
     const auto promotion = std::make_shared<JobPromotion>(job, folder / kPromotionFolder, attempt);
-    steps.push_back(std::make_unique<LearnStep>(job, folder, attempt));
+    steps.push_back(std::make_unique<LearnStep>(job, folder, attempt, promotion));
     steps.push_back(std::make_unique<PublishStep>(job, folder, attempt));
     steps.push_back(std::make_unique<MeasureStep>(promotion));
     steps.push_back(std::make_unique<DecideStep>(promotion));

@@ -13,7 +13,6 @@
 #include "model/artifact/model_folder.h"
 #include "server/jobs/checkpoints.h"
 #include "server/jobs/job_folder.h"
-#include "server/jobs/job_progress_parts.h"
 #include "server/jobs/job_requests.h"
 #include "server/jobs/job_settings.h"
 #include "server/jobs/trainer_outcome.h"
@@ -23,6 +22,10 @@ namespace maneuver::jobs {
 namespace {
 
 namespace fs = std::filesystem;
+
+// The progress of a job once its model is trained, if versions are to be measured then. The trainer
+// counts the measurements in its own fraction where it can; this is for where it cannot.
+constexpr double kTrainedAt = 0.99;
 
 std::vector<std::string> TrainArguments(const v1::Job& job, const fs::path& folder,
                                         const JobRunEnvironment& environment) {
@@ -86,11 +89,11 @@ Outcome LearnStep::Run() {
   absl::Status status = EnsureSettings(job_, *environment.versions, folder_);
   if (!status.ok()) return {std::move(status)};
   RemoveJobOutput(folder_);
-  if (request.promotion() == v1::PROMOTION_IF_NO_WORSE) {
-    attempt_.progress.SetPart(0.0, kTrainedAt);
-  }
+  if (promotion_->IsByMeasurement()) attempt_.progress.SetPart(0.0, kTrainedAt);
   std::vector<std::string> arguments = TrainArguments(job_, folder_, environment);
-  arguments.insert(arguments.end(), start.begin(), start.end());
+  for (const std::vector<std::string>& more : {start, promotion_->TrainerOptions()}) {
+    arguments.insert(arguments.end(), more.begin(), more.end());
+  }
   if (request.ranks() > 0 && environment.launcher.empty()) {
     arguments.insert(arguments.end(), {"--ranks", absl::StrCat(request.ranks())});
   }

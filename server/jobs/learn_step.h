@@ -4,9 +4,11 @@
 #define MANEUVER_SERVER_JOBS_LEARN_STEP_H_
 
 #include <filesystem>
+#include <memory>
 #include <utility>
 
 #include "maneuver/v1/training_service.pb.h"
+#include "server/jobs/job_promotion.h"
 #include "server/jobs/job_step.h"
 
 namespace maneuver::jobs {
@@ -16,8 +18,12 @@ namespace maneuver::jobs {
 class LearnStep final : public JobStep {
  public:
   // `job` and `attempt` must outlive the step.
-  LearnStep(v1::Job& job, std::filesystem::path folder, const JobAttempt& attempt)
-      : job_(job), folder_(std::move(folder)), attempt_(attempt) {}
+  LearnStep(v1::Job& job, std::filesystem::path folder, const JobAttempt& attempt,
+            std::shared_ptr<JobPromotion> promotion)
+      : job_(job),
+        folder_(std::move(folder)),
+        attempt_(attempt),
+        promotion_(std::move(promotion)) {}
 
   bool IsDone() const override;
   Outcome Run() override;
@@ -26,6 +32,7 @@ class LearnStep final : public JobStep {
   v1::Job& job_;
   const std::filesystem::path folder_;
   const JobAttempt& attempt_;
+  const std::shared_ptr<JobPromotion> promotion_;
 };
 
 }  // namespace maneuver::jobs

@@ -23,11 +23,21 @@ ProgressRecorder::ProgressRecorder(JobStore& store, JobNews& news, const v1::Job
       attempt_(job.attempts().started()),
       now_(std::move(now)),
       show_(std::move(show)),
-      last_sequence_(job.progress().sequence()) {}
+      last_sequence_(job.progress().sequence()),
+      last_fraction_(job.progress().fraction()) {}
 
 void ProgressRecorder::SetPart(double begin, double end) {
   part_begin_ = begin;
   part_end_ = end;
+  runs_after_ = 0;
+}
+
+void ProgressRecorder::SetRest(int runs) {
+  // The last report of a run may have come before its end.
+  const double begin = part_end_ < 1.0 && runs_after_ > 0 ? part_end_ : last_fraction_;
+  SetPart(begin, begin + (1.0 - begin) / runs);
+  runs_after_ = runs - 1;
+  run_begun_at_ = now_();
 }
 
 void ProgressRecorder::Record(const std::string& line) {
@@ -40,6 +50,12 @@ void ProgressRecorder::Record(const std::string& line) {
     return;
   }
   progress.set_fraction(part_begin_ + (part_end_ - part_begin_) * progress.fraction());
+  last_fraction_ = progress.fraction();
+  if (progress.has_time_left() && runs_after_ > 0) {
+    const int64_t left = progress.time_left().seconds();
+    const int64_t run = absl::ToInt64Seconds(now_() - run_begun_at_) + left;
+    progress.mutable_time_left()->set_seconds(left + runs_after_ * run);
+  }
   if (!progress.has_time()) *progress.mutable_time() = ToTimestamp(now_());
   if (progress.has_epoch_report() || progress.phase() != last_phase_ ||
       now_() - last_time_ >= kShortest) {

@@ -30,6 +30,10 @@ class ProgressRecorder {
   // Maps the trainer's fractions from now on, 0 to 1, to the part of the job from `begin` to `end`.
   // At first the part is the whole job.
   void SetPart(double begin, double end);
+  // Says that the trainer begins the first of `runs` runs that take about equally long and finish
+  // the job: its fractions are mapped to its share of what is left, and its time left is that of
+  // all of them.
+  void SetRest(int runs);
   // Records one line of the trainer: a JobProgress as proto3 JSON. Logs and skips any other line.
   void Record(const std::string& line);
   // Stores a waiting event once it has waited 200 ms. Call it now and then.
@@ -49,8 +53,11 @@ class ProgressRecorder {
   int64_t last_sequence_;
   absl::Time last_time_ = absl::InfinitePast();
   std::string last_phase_;
+  double last_fraction_;  // of the job
   double part_begin_ = 0.0;
   double part_end_ = 1.0;
+  int runs_after_ = 0;         // each as long as the present one
+  absl::Time run_begun_at_{};  // if there are some
   std::optional<v1::JobProgress> waiting_;
 };
 

@@ -4,6 +4,7 @@
 //       [--dataset-name NAME...] [--threads N] [--progress json|bar|none]
 //       [--checkpoints FOLDER] [--checkpoint-interval S] [--checkpoint-steps N]
 //       [--checkpoints-kept N] [--least-actions N] [--data-memory BYTES]
+//       [--next-model FOLDER --next-dataset FOLDER --next-settings FILE --next-count N]
 //   maneuver-trainer evaluate --model FOLDER --dataset FOLDER [--output FILE]
 //       [--settings FILE] [--sampled-examples N] [--data-memory BYTES] [--threads N]
 //       [--progress json|bar|none]
@@ -14,7 +15,8 @@
 //       Prints the values of TrainingSettings.device that can be used here, one a line.
 //
 // Each FILE is proto3 JSON. The settings are a TrainingSettings for train and cross-validate, and
-// an ExampleSettings for evaluate. The output of evaluate is an EvaluationReport, and that of
+// an ExampleSettings for evaluate and of the evaluations that follow a training (--next-...), which
+// its progress counts. The output of evaluate is an EvaluationReport, and that of
 // cross-validate a CrossValidationReport; train writes a model folder. With --progress json each
 // line on standard output is one JobProgress as proto3 JSON. evaluate and cross-validate then need
 // --output; otherwise they print the report for people. Standard error is for people, and its last

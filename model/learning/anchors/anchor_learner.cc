@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <utility>
 
 #include "model/learning/calibration.h"
@@ -10,6 +11,7 @@
 #include "model/learning/epoch_size.h"
 #include "model/learning/example_order.h"
 #include "model/learning/optimizer.h"
+#include "model/learning/phases/calibrate.h"
 #include "model/learning/phases/scene_batches.h"
 #include "model/learning/predictions.h"
 #include "model/learning/scene_loader.h"
@@ -19,7 +21,24 @@ namespace maneuver::learning {
 namespace {
 
 constexpr char kPhases[][10] = {"covernet", "multipath"};
-constexpr int64_t kCalibrationBatch = 64;
+constexpr char kCalibrations[][20] = {"calibrate covernet", "calibrate multipath"};
+
+// Returns how many steps of progress the calibration of a baseline counts.
+int64_t AnchorCalibrationSteps(const v1::TrainingSettings& settings, bool regresses,
+                               int64_t training_examples, int64_t held_out_examples) {
+  const CalibrationExamples most;
+  const int64_t training = std::min(training_examples, most.training);
+  const int64_t held_out = std::min(held_out_examples, most.held_out);
+  const auto batches = [](int64_t examples) {
+    return (examples + kEncodedBatch - 1) / kEncodedBatch;
+  };
+  const bool has_held_out = held_out >= kFewestHeldOut;
+  const bool twice = has_held_out && settings.optimization().calibrate_probabilities();
+  int64_t steps = (twice ? 2 : 1) * batches(held_out);
+  if (has_held_out) steps += CovarianceScaleSteps(held_out);
+  if (!regresses) steps += batches(training) + DecoderCovarianceSteps(training);
+  return steps;
+}
 
 // Covariances of nothing, which take no memory.
 at::Tensor NoCovariance(const at::Tensor& like) {
@@ -29,11 +48,12 @@ at::Tensor NoCovariance(const at::Tensor& like) {
 absl::Status Stopped() { return absl::CancelledError("training was stopped"); }
 
 // At most `most` examples of a set, not varied; the covariances are the baseline's own.
+//   step: called with the number of examples of each batch; fits to the predictions go on with it
 Predictions PredictAll(AnchorNetworks& networks, const SceneSource& source, int64_t most,
-                       const LearningState& model) {
+                       const LearningState& model, const std::function<void(int64_t)>& step) {
   at::NoGradGuard no_grad;
   std::vector<at::Tensor> trajectories, log_p, nearest, means, covariances;
-  SceneLoader loader(networks.spec(), source, DrawItems(source.set(), most), kCalibrationBatch,
+  SceneLoader loader(networks.spec(), source, DrawItems(source.set(), most), kEncodedBatch,
                      model.threads);
   while (std::optional<SceneLoader::Batch> batch = loader.Next()) {
     if (model.stopped()) return {};
@@ -44,10 +64,14 @@ Predictions PredictAll(AnchorNetworks& networks, const SceneSource& source, int6
     nearest.push_back(NearestAnchor(networks.anchors(), x));
     means.push_back(predictions.mean);
     covariances.push_back(predictions.covariance);
+    step(x.size(0));
   }
   if (trajectories.empty()) return {};
   const at::Tensor log_q = at::one_hot(at::cat(nearest), networks.anchors().size(0)).log();
-  return {at::cat(trajectories), at::cat(log_p), log_q, at::cat(means), at::cat(covariances)};
+  Predictions all = {at::cat(trajectories), at::cat(log_p), log_q, at::cat(means),
+                     at::cat(covariances)};
+  all.step = step;
+  return all;
 }
 
 // Steps of a baseline over the examples of the model's joint phase.
@@ -85,44 +109,57 @@ class AnchorSteps final : public EpochSteps {
 
 }  // namespace
 
-AnchorLearner::AnchorLearner(LearningState& model, EpochLoop& loop) : model_(model), loop_(loop) {
-  const v1::TrainingSettings& settings = model.settings;
-  const Anchors anchors =
-      PlaceAnchors(model.trajectories, settings.model().actions(), settings.augmentation().mirror(),
-                   static_cast<uint64_t>(settings.seed()));
-  for (const bool regresses : {false, true}) baselines_.push_back(MakeBaseline(regresses, anchors));
+AnchorLearner::AnchorLearner(LearningState& model, EpochLoop& loop)
+    : model_(model),
+      loop_(loop),
+      anchors_(PlaceAnchors(model.trajectories, model.settings.model().actions(),
+                            model.settings.augmentation().mirror(),
+                            static_cast<uint64_t>(model.settings.seed()))) {
+  for (const bool regresses : {false, true}) baselines_.push_back(MakeBaseline(regresses));
   const Checkpoint* resumed = loop.resumed();
-  if (resumed == nullptr) return;
+  // Checkpoints of the model's phases hold no baselines.
+  if (resumed == nullptr ||
+      std::ranges::find(baselines_, resumed->phase(), &Baseline::phase) == baselines_.end()) {
+    return;
+  }
   for (Baseline& each : baselines_) {
     each.networks.Restore(StoredNetworks(*resumed, each.phase + "/"));
   }
 }
 
-AnchorLearner::Baseline AnchorLearner::MakeBaseline(bool regresses, const Anchors& anchors) const {
+AnchorLearner::Baseline AnchorLearner::MakeBaseline(bool regresses) const {
   // Far from the seeds that people name runs by.
   at::Generator generator = MakeGenerator(static_cast<uint64_t>(model_.settings.seed()) ^
                                           (regresses ? 0x6d756c7469ULL : 0x636f766572ULL));
-  AnchorNetworks networks(model_.settings.model(), anchors, regresses, model_.networks.device(),
+  AnchorNetworks networks(model_.settings.model(), anchors_, regresses, model_.networks.device(),
                           generator);
   return {kPhases[regresses ? 1 : 0], generator, std::move(networks)};
 }
 
 void AnchorLearner::AddPhases(const v1::TrainingSettings& settings, int64_t training_examples,
+                              int64_t examples_in_memory, int64_t held_out_examples,
                               std::vector<TrainingProgress::Phase>* plan) {
   const v1::OptimizationSettings& optimization = settings.optimization();
   const int64_t steps =
       optimization.joint_epochs() *
       StepsOfEpoch(EpochExamples(settings, training_examples), optimization.batch_size());
-  const auto place = std::find_if(plan->begin(), plan->end(),
-                                  [](const auto& phase) { return phase.name == "export"; });
+  // Their steps take as long as those of the model's calibration.
+  const double calibration =
+      std::ranges::find(*plan, kCalibratePhase, &TrainingProgress::Phase::name)->cost;
+  const auto place = std::ranges::find(*plan, "export", &TrainingProgress::Phase::name);
+  const auto calibration_steps = [&](bool regresses) {
+    return AnchorCalibrationSteps(settings, regresses, examples_in_memory, held_out_examples);
+  };
   plan->insert(place, {{kPhases[0], optimization.joint_epochs(), steps, 14.0},
-                       {kPhases[1], optimization.joint_epochs(), steps, 24.0}});
+                       {kCalibrations[0], 1, calibration_steps(false), calibration},
+                       {kPhases[1], optimization.joint_epochs(), steps, 24.0},
+                       {kCalibrations[1], 1, calibration_steps(true), calibration}});
 }
 
 absl::StatusOr<artifact::StoredBaselines> AnchorLearner::Learn() {
   for (Baseline& each : baselines_) {
     if (loop_.IsOver(each.phase)) continue;
-    absl::Status status = Train(each);
+    absl::Status status = Train(each, loop_);
     if (status.ok()) status = Calibrate(each);
     if (!status.ok()) return status;
   }
@@ -130,7 +167,19 @@ absl::StatusOr<artifact::StoredBaselines> AnchorLearner::Learn() {
                                    baselines_[1].networks.Export()};
 }
 
-absl::Status AnchorLearner::Train(Baseline& baseline) {
+std::vector<RehearsedPhase> AnchorLearner::Rehearsed() const {
+  std::vector<RehearsedPhase> phases;
+  for (const bool regresses : {false, true}) {
+    phases.push_back({kPhases[regresses ? 1 : 0], model_.settings.optimization().batch_size(),
+                      [this, regresses](LearningState&, EpochLoop& loop) {
+                        Baseline baseline = MakeBaseline(regresses);
+                        return Train(baseline, loop);
+                      }});
+  }
+  return phases;
+}
+
+absl::Status AnchorLearner::Train(Baseline& baseline, EpochLoop& loop) const {
   const v1::OptimizationSettings& optimization = model_.settings.optimization();
   AdamW optimizer;
   optimizer.Add(baseline.networks.Parameters(), optimization.learning_rate(),
@@ -142,16 +191,19 @@ absl::Status AnchorLearner::Train(Baseline& baseline) {
     }
   };
   AnchorSteps steps(baseline.networks, baseline.generator, model_);
-  return loop_.Run({baseline.phase, optimization.joint_epochs(), optimization.batch_size(),
-                    model_.data.TrainingExamples()},
-                   {baseline.generator, optimizer, store}, steps);
+  return loop.Run({baseline.phase, optimization.joint_epochs(), optimization.batch_size(),
+                   model_.data.TrainingExamples()},
+                  {baseline.generator, optimizer, store}, steps);
 }
 
 absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
   const v1::OptimizationSettings& optimization = model_.settings.optimization();
   AnchorNetworks& networks = baseline.networks;
+  TrainingProgress& progress = loop_.progress();
+  progress.BeginPhase(kCalibrations[networks.regresses() ? 1 : 0]);
+  const auto step = [&progress](int64_t examples) { progress.Step(examples); };
   const CalibrationExamples most = CalibrationSample(networks.spec(), model_.data);
-  Predictions held_out = PredictAll(networks, model_.validation, most.held_out, model_);
+  Predictions held_out = PredictAll(networks, model_.validation, most.held_out, model_, step);
   if (model_.stopped()) return Stopped();
   const bool has_held_out =
       held_out.trajectories.defined() && held_out.trajectories.size(0) >= kFewestHeldOut;
@@ -160,7 +212,7 @@ absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
         FitTemperature(held_out.log_probabilities, held_out.log_responsibilities));
     // Once more, with the temperature in it.
     held_out = {};
-    held_out = PredictAll(networks, model_.validation, most.held_out, model_);
+    held_out = PredictAll(networks, model_.validation, most.held_out, model_, step);
     if (model_.stopped()) return Stopped();
   }
   if (networks.regresses()) {
@@ -170,7 +222,7 @@ absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
     networks.SetScale(FitCovarianceScale(held_out, own, /*fit_latent=*/false).factor);
     return absl::OkStatus();
   }
-  Predictions training = PredictAll(networks, model_.training, most.training, model_);
+  Predictions training = PredictAll(networks, model_.training, most.training, model_, step);
   if (model_.stopped()) return Stopped();
   training.covariance = NoCovariance(training.covariance);
   at::Tensor covariance = FitDecoderCovariance(training, baseline.generator);

@@ -13,6 +13,7 @@
 #include "model/learning/anchors/anchor_networks.h"
 #include "model/learning/phases/epoch_loop.h"
 #include "model/learning/phases/learning_state.h"
+#include "model/learning/phases/rehearsal.h"
 #include "model/learning/tensors.h"
 #include "model/learning/training_progress.h"
 
@@ -25,16 +26,22 @@ namespace maneuver::learning {
 // them.
 class AnchorLearner {
  public:
-  // Both arguments must outlive the learner. `model` must be learned and calibrated. Checkpoints
-  // also hold it, so a run that is resumed in the baselines does not learn it again.
+  // Both arguments must outlive the learner.
   AnchorLearner(LearningState& model, EpochLoop& loop);
 
-  // Puts the phases of the baselines before "export" in the plan of a run.
+  // Puts the phases of the baselines before "export" in the plan of a run. The arguments are those
+  // of Learner::Plan.
   static void AddPhases(const v1::TrainingSettings& settings, int64_t training_examples,
+                        int64_t examples_in_memory, int64_t held_out_examples,
                         std::vector<TrainingProgress::Phase>* plan);
 
-  // Trains and calibrates both baselines. CANCELLED if it was asked to stop, ABORTED if the loss is
-  // no longer finite.
+  // Returns the phases of the baselines, for a rehearsal before them. They learn on fresh weights.
+  // The learner must outlive them.
+  std::vector<RehearsedPhase> Rehearsed() const;
+
+  // Trains and calibrates both baselines. The model must be learned and calibrated: checkpoints
+  // also hold it, so a run that is resumed in the baselines does not learn it again. CANCELLED if
+  // it was asked to stop, ABORTED if the loss is no longer finite.
   absl::StatusOr<artifact::StoredBaselines> Learn();
 
  private:
@@ -44,13 +51,14 @@ class AnchorLearner {
     AnchorNetworks networks;
   };
 
-  Baseline MakeBaseline(bool regresses, const Anchors& anchors) const;
-  absl::Status Train(Baseline& baseline);
+  Baseline MakeBaseline(bool regresses) const;
+  absl::Status Train(Baseline& baseline, EpochLoop& loop) const;
   // Calibrates the temperature, and the covariance or its scale, as for the model (calibration.h).
   absl::Status Calibrate(Baseline& baseline);
 
   LearningState& model_;
   EpochLoop& loop_;
+  const Anchors anchors_;
   std::vector<Baseline> baselines_;  // CoverNet-like, MultiPath-like
 };
 

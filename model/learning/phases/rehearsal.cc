@@ -41,13 +41,13 @@ class StateGuard {
 
 }  // namespace
 
-std::optional<double> RehearseStep(const TrainingProgress::Phase& phase, int64_t batch_size,
-                                   PhaseFunction learn, LearningState& state,
+std::optional<double> RehearseStep(const TrainingProgress::Phase& planned,
+                                   const RehearsedPhase& phase, LearningState& state,
                                    const TrainingProgress::Clock& clock) {
-  if (phase.steps < kFewestPlanned) return std::nullopt;
-  const int64_t steps = std::clamp(phase.steps / kOneIn, kFewestSteps, kMostSteps);
+  if (planned.steps < kFewestPlanned) return std::nullopt;
+  const int64_t steps = std::clamp(planned.steps / kOneIn, kFewestSteps, kMostSteps);
   v1::TrainingSettings settings = state.settings;
-  settings.mutable_examples()->set_max_examples(steps * batch_size);
+  settings.mutable_examples()->set_max_examples(steps * phase.batch_size);
   // The loop asks at each step whether to stop: it is time at the first step of the second epoch.
   std::vector<std::chrono::system_clock::time_point> begun;
   const auto stopped = [&] {
@@ -55,10 +55,10 @@ std::optional<double> RehearseStep(const TrainingProgress::Phase& phase, int64_t
     return state.stopped() || static_cast<int64_t>(begun.size()) > steps;
   };
   const StateGuard guard(state);
-  TrainingProgress unheard({phase}, nullptr, clock);
+  TrainingProgress unheard({planned}, nullptr, clock);
   RankGroup alone(stopped);
   EpochLoop loop(settings, state.data, alone, unheard);
-  const absl::Status status = learn(state, loop);
+  const absl::Status status = phase.learn(state, loop);
   if (status.ok()) begun.push_back(clock());  // it has one epoch
   const auto count = static_cast<int64_t>(begun.size());
   if (state.stopped() || count != steps + 1) return std::nullopt;
@@ -70,7 +70,7 @@ std::optional<double> RehearseStep(const TrainingProgress::Phase& phase, int64_t
   // The first step also waits for the first batch.
   const double step = seconds(1, steps - 1) / static_cast<double>(steps - 2);
   const double validation = std::max(0.0, seconds(steps - 1, steps) - step);
-  return step + validation * phase.epochs / static_cast<double>(phase.steps);
+  return step / phase.ranks + validation * planned.epochs / static_cast<double>(planned.steps);
 }
 
 std::vector<TrainingProgress::Phase> WithMeasuredSteps(
@@ -83,7 +83,8 @@ std::vector<TrainingProgress::Phase> WithMeasuredSteps(
     if (phase.name == kJointPhase) scale = joint_scale;
     const auto found = measured.find(phase.name);
     if (found != measured.end() && phase.name == kPretrainPhase) scale = found->second / phase.cost;
-    phase.cost = found != measured.end() ? found->second : phase.cost * scale;
+    phase.cost =
+        found != measured.end() ? found->second : phase.seconds.value_or(phase.cost * scale);
   }
   return plan;
 }

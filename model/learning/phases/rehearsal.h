@@ -4,6 +4,7 @@
 #define MANEUVER_MODEL_LEARNING_PHASES_REHEARSAL_H_
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -16,22 +17,31 @@
 
 namespace maneuver::learning {
 
-using PhaseFunction = absl::Status (*)(LearningState&, EpochLoop&);
+// A phase that can be rehearsed.
+struct RehearsedPhase {
+  std::string name;        // in the plan
+  int64_t batch_size = 0;  // of its steps
+  // Learns for an epoch or more. Changes nothing but the state.
+  std::function<absl::Status(LearningState&, EpochLoop&)> learn;
+  int ranks = 1;  // that learn it together
+};
 
 // Runs one short epoch of the phase, some 2 % of its steps and one validation, and returns the
 // seconds of a step. They include the step's share of the validation that ends an epoch. Leaves
 // `state` as it was. Returns nothing if the phase is too short for that, if it fails, or if the run
 // is asked to stop; the phase itself then says why.
-//   phase: as planned;  batch_size: examples in one of its steps
+// This process rehearses alone. Of a step that ranks will share, it takes the whole and divides the
+// time by their number: what they exchange is not in it.
+//   planned: the phase in the plan
 //   clock: measures the time
-std::optional<double> RehearseStep(const TrainingProgress::Phase& phase, int64_t batch_size,
-                                   PhaseFunction learn, LearningState& state,
+std::optional<double> RehearseStep(const TrainingProgress::Phase& planned,
+                                   const RehearsedPhase& phase, LearningState& state,
                                    const TrainingProgress::Clock& clock);
 
-// Returns the plan with costs in seconds a step. A phase in `measured` gets its measured cost.
-// Other phases get their planned cost times a factor: measured / planned cost of pretraining for
-// phases before the joint phase, and of the joint phase for the rest. Returns the plan unchanged if
-// the joint phase was not measured.
+// Returns the plan with costs in seconds a step. A phase in `measured` gets its measured cost, and
+// one whose `seconds` are known gets those. Other phases get their planned cost times a factor:
+// measured / planned cost of pretraining for phases before the joint phase, and of the joint phase
+// for the rest. Returns the plan unchanged if the joint phase was not measured.
 //   measured: seconds of a step, by the phase's name
 std::vector<TrainingProgress::Phase> WithMeasuredSteps(
     std::vector<TrainingProgress::Phase> plan, const std::map<std::string, double>& measured);

@@ -5,8 +5,6 @@
 #include <algorithm>
 #include <chrono>
 #include <iostream>
-#include <memory>
-#include <vector>
 
 #include "absl/status/statusor.h"
 #include "maneuver/v1/training_service.pb.h"
@@ -14,14 +12,10 @@
 #include "model/artifact/model_folder.h"
 #include "model/artifact/training_presets.h"
 #include "model/evaluation/action_names.h"
-#include "model/evaluation/evaluator.h"
 #include "model/evaluation/report_text.h"
-#include "model/inference/action_model.h"
-#include "model/inference/anchor_model.h"
 #include "model/learning/training_progress.h"
-#include "model/machine/usable_cores.h"
 #include "server/jobs/trainer/data_memory_option.h"
-#include "server/jobs/trainer/recordings.h"
+#include "server/jobs/trainer/dataset_measurement.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
 
@@ -91,33 +85,21 @@ absl::StatusOr<v1::EvaluationReport> EvaluateCommand::Measure(const v1::ExampleS
       [&display](const v1::JobProgress& each) { display.Show(each); },
       [] { return std::chrono::system_clock::now(); });
   progress.BeginPhase("load");
-  const absl::StatusOr<std::shared_ptr<const inference::ActionModel>> model =
-      inference::ActionModel::Load(model_, {});
-  if (!model.ok()) return model.status();
-  const absl::StatusOr<inference::AnchorBaselines> baselines =
-      inference::LoadAnchorBaselines(model_, {});
-  if (!baselines.ok() && !absl::IsNotFound(baselines.status())) return baselines.status();
-  const absl::StatusOr<Recordings> recordings = OpenRecordings(dataset_, data_memory_);
-  if (!recordings.ok()) return recordings.status();
-
+  const absl::StatusOr<DatasetMeasurement> measurement =
+      DatasetMeasurement::Open(model_, dataset_, data_memory_);
+  if (!measurement.ok()) return measurement.status();
   progress.BeginPhase("evaluate");
-  evaluation::EvaluationInput input;
-  input.blocks = &recordings->blocks;
-  input.annotations = recordings->annotations;
-  input.examples = examples;
-  input.sampled_examples = sampled_examples_;
-  if (baselines.ok()) input.baselines = &*baselines;
-  input.threads = threads_ > 0 ? threads_ : machine::UsableCores();
   int64_t reported = 0;  // hundredths
   int64_t counted = 0;
-  input.progress = [&](int64_t done, int64_t total) {
-    for (const int64_t now = 100 * done / std::max<int64_t>(1, total); reported < now; ++reported) {
-      progress.Step(done - counted);
-      counted = done;
-    }
-    return !StopRequested();
-  };
-  return evaluation::Evaluate(**model, input);
+  return measurement->Measure(examples, sampled_examples_, threads_,
+                              [&](int64_t done, int64_t total) {
+                                for (const int64_t now = 100 * done / std::max<int64_t>(1, total);
+                                     reported < now; ++reported) {
+                                  progress.Step(done - counted);
+                                  counted = done;
+                                }
+                                return !StopRequested();
+                              });
 }
 
 }  // namespace maneuver::trainer

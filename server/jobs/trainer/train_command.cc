@@ -15,6 +15,7 @@
 #include "model/evaluation/report_text.h"
 #include "model/learning/trainer.h"
 #include "server/jobs/trainer/data_memory_option.h"
+#include "server/jobs/trainer/dataset_measurement.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/rank_launcher.h"
 #include "server/jobs/trainer/settings_file.h"
@@ -125,6 +126,20 @@ TrainCommand::TrainCommand(CLI::App& app)
       ->check(CLI::Range(1.0, 86400.0))
       ->capture_default_str()
       ->type_name("SECONDS");
+  const std::string next = "Of the evaluations that follow: ";
+  command_->add_option("--next-model", next_model_, next + "folder of a model that is as fast")
+      ->type_name("FOLDER");
+  command_->add_option("--next-dataset", next_dataset_, next + "dataset folder")
+      ->type_name("FOLDER");
+  command_->add_option("--next-settings", next_settings_, next + "ExampleSettings as JSON")
+      ->type_name("FILE");
+  command_
+      ->add_option("--next-count", next_count_,
+                   "Evaluations that the caller runs next, which count as a part of this run in "
+                   "its progress; tried out for a second at the start")
+      ->check(CLI::Range(0, 1000))
+      ->capture_default_str()
+      ->type_name("N");
   command_->add_option("--threads", threads_, "Threads; 0: the settings', or one for each core")
       ->check(CLI::Range(0, 1024))
       ->type_name("N");
@@ -146,6 +161,15 @@ int TrainCommand::Run(const std::vector<std::string>& arguments) const {
     }
   }
   return RunRanks(ranks_, of_rank);
+}
+
+double TrainCommand::SecondsAfter() const {
+  v1::TrainingSettings settings;
+  if (next_count_ == 0 || !ReadJson(next_settings_, settings.mutable_examples()).ok()) return 0.0;
+  const absl::StatusOr<double> seconds =
+      MeasuringSeconds(next_model_, next_dataset_, data_memory_,
+                       artifact::ResolveTrainingSettings(settings).examples(), threads_);
+  return seconds.ok() ? next_count_ * *seconds : 0.0;  // what fails now will fail then, and say why
 }
 
 absl::Status TrainCommand::Train() const {
@@ -197,6 +221,7 @@ absl::Status TrainCommand::Train() const {
     }
   }
   run.stopped = StopRequested;
+  if (leads) run.seconds_after = SecondsAfter();
   const ProgressDisplay::Style style =
       leads ? ProgressDisplay::ParseStyle(progress_) : ProgressDisplay::Style::kNone;
   if (style == ProgressDisplay::Style::kBar) PrintCost(run.settings.model());

@@ -24,6 +24,9 @@ class TrainCommand {
 
  private:
   absl::Status Train() const;
+  // Returns about how long the evaluations that follow will take, in seconds; 0 if that cannot be
+  // told.
+  double SecondsAfter() const;
 
   CLI::App* command_;
   std::filesystem::path settings_;
@@ -42,6 +45,10 @@ class TrainCommand {
   int threads_ = 0;
   int ranks_ = 0;
   double rank_timeout_ = 60.0;  // seconds
+  std::filesystem::path next_model_;
+  std::filesystem::path next_dataset_;
+  std::filesystem::path next_settings_;
+  int next_count_ = 0;
   std::string progress_ = "bar";
 };
 

@@ -128,6 +128,20 @@ TEST_F(TrainingTest, ReportsEveryPhaseAndTheTermsOfTheBound) {
   EXPECT_GE(joint->largest_component_stddev(), joint->smallest_component_stddev());
 }
 
+TEST_F(TrainingTest, WhatFollowsTheRunIsAPartOfItsProgress) {
+  TrainingRun run = Run("model");
+  run.seconds_after = 1'000.0;
+  ASSERT_TRUE(Train(run, Data()).ok());
+  bool has_told = false;
+  for (const v1::JobProgress& progress : progress_) {
+    if (!progress.has_time_left()) continue;
+    has_told = true;
+    EXPECT_GE(progress.time_left().seconds(), 1'000) << progress.phase();
+  }
+  EXPECT_TRUE(has_told);
+  EXPECT_LT(progress_.back().fraction(), 0.9);
+}
+
 TEST_F(TrainingTest, AnActionIsEffectiveIfSomeHeldOutExampleGivesItAShare) {
   // More actions than there are motions: some stay idle.
   TrainingRun run = Run("model");

@@ -107,6 +107,24 @@ TEST_F(ProgressRecorderTest, StoresNothingOnceTheLeaseHasEnded) {
   EXPECT_EQ(Steps(), (std::vector<int64_t>{1}));
 }
 
+TEST_F(ProgressRecorderTest, TheRestOfAJobIsSharedByTheRunsThatFollow) {
+  const auto record = [this](double fraction, int64_t left) {
+    now_ += absl::Seconds(1);
+    recorder_->Record("{\"phase\":\"evaluate\",\"fraction\":" + std::to_string(fraction) +
+                      ",\"timeLeft\":\"" + std::to_string(left) + "s\"}");
+    return store_->ListProgress("jobs/a", 0, 1000)->back();
+  };
+  EXPECT_DOUBLE_EQ(record(0.6, 7).fraction(), 0.6);
+  recorder_->SetRest(2);
+  EXPECT_EQ(record(0.0, 9).time_left().seconds(), 9 + 10);  // a second has passed
+  EXPECT_DOUBLE_EQ(record(0.5, 4).fraction(), 0.7);
+  EXPECT_EQ(record(0.75, 1).time_left().seconds(), 1 + 4);
+  recorder_->SetRest(1);  // although the last report was of three quarters
+  EXPECT_DOUBLE_EQ(record(0.0, 3).fraction(), 0.8);
+  EXPECT_EQ(record(0.5, 2).time_left().seconds(), 2);
+  EXPECT_DOUBLE_EQ(record(1.0, 0).fraction(), 1.0);
+}
+
 TEST_F(ProgressRecorderTest, SkipsLinesThatAreNotAMessage) {
   for (const char* line : {"", "hello", "{", "[1]", "{\"step\":\"x\"}", "\xff\xfe"}) {
     recorder_->Record(line);

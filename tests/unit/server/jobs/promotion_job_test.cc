@@ -14,10 +14,14 @@ using testing::HasSubstr;
 
 constexpr char kServing[] = "models/town/versions/9";
 
-// Trains; measures version N as $nll_N nats. What it measured goes to `measured`.
+// Trains, and reports the fraction $trained if it is set; measures version N as $nll_N nats. What it
+// measured goes to `measured`.
 std::string Measures(const std::string& first) {
   return first +
-         "\nif [ $command = train ]; then mkdir \"$output\"; exit 0; fi\n"
+         "\nif [ $command = train ]; then mkdir \"$output\"; echo \"$arguments\" > "
+         "\"$output/arguments\"\n"
+         "[ -z \"$trained\" ] || echo \"{\\\"phase\\\":\\\"load\\\",\\\"fraction\\\":$trained}\"; "
+         "exit 0; fi\n"
          "echo '{\"phase\":\"evaluate\",\"fraction\":0.5}'\n"
          "echo ${model##*/} >> \"${0%/*}/measured\"\n"
          "case ${model##*/} in 9) nll=2.0;; *) nll=$new_nll;; esac\n"
@@ -53,7 +57,7 @@ class PromotionJobTest : public SupervisorTest {
 };
 
 TEST_F(PromotionJobTest, PromotesABetterVersionAndRecordsWhy) {
-  Trainer(Measures("new_nll=1.5"));
+  Trainer(Measures("new_nll=1.5; trained=0.8"));
   Start();
   const v1::Job job = WaitForEnd(Train(IfNoWorse()).name());
   EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.DebugString();
@@ -67,11 +71,32 @@ TEST_F(PromotionJobTest, PromotesABetterVersionAndRecordsWhy) {
   EXPECT_EQ(MeasuredVersions(), "1\n9\n");
   // The publication itself promoted nothing.
   EXPECT_EQ(versions_.promotions, std::vector{v1::PROMOTION_IF_NO_WORSE});
-  // The measurements are the last twentieth of the progress; the last event came half way through.
+  // The trainer reported four fifths, of 0.99. The last event came half way through the second of
+  // two measurements, which share the rest.
   const auto steps = store_->ListProgress(job.name(), 0, 100);
   ASSERT_TRUE(steps.ok() && !steps->empty()) << steps.status();
-  EXPECT_DOUBLE_EQ(steps->back().fraction(), 0.975);
+  EXPECT_DOUBLE_EQ(steps->back().fraction(), 1.0 - 0.25 * (1.0 - 0.99 * 0.8));
   EXPECT_EQ(job.progress().fraction(), 1.0);
+}
+
+TEST_F(PromotionJobTest, TheTrainerIsToldOfTheMeasurementsThatFollow) {
+  Trainer(Measures("new_nll=1.5"));
+  Start();
+  const v1::Job job = WaitForEnd(Train(IfNoWorse()).name());
+  const std::filesystem::path settings = FolderOf(job) / "promotion" / "settings.json";
+  EXPECT_THAT(*files::ReadFile(folder_ / "town1" / "arguments"),
+              testing::AllOf(
+                  HasSubstr("--next-model "), HasSubstr("/9 --next-dataset "),
+                  HasSubstr("village --next-settings " + settings.string() + " --next-count 2")));
+}
+
+TEST_F(PromotionJobTest, TheTrainerIsToldOfNoMeasurementIfNoneFollows) {
+  versions_.serving.reset();
+  Trainer(Measures("new_nll=1.5"));
+  Start();
+  WaitForEnd(Train(IfNoWorse()).name());
+  EXPECT_THAT(*files::ReadFile(folder_ / "town1" / "arguments"),
+              testing::Not(HasSubstr("--next-")));
 }
 
 TEST_F(PromotionJobTest, KeepsAWorseVersionWithoutPromotingIt) {

@@ -1,0 +1,43 @@
+// Tells how long a measurement will take. No LibTorch in this header.
+
+#ifndef MANEUVER_MODEL_LEARNING_MEASURING_TIME_H_
+#define MANEUVER_MODEL_LEARNING_MEASURING_TIME_H_
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+
+#include "model/learning/training_progress.h"
+
+namespace maneuver::learning {
+
+// Extrapolates the first examples of a measurement to all of them. Not thread-safe.
+class MeasuringTime {
+ public:
+  // The measurement begins now.
+  explicit MeasuringTime(TrainingProgress::Clock clock);
+
+  // Takes what EvaluationInput.progress is called with. Returns false once a second of examples has
+  // been seen, which is enough: the measurement may then stop.
+  bool Continue(int64_t done, int64_t total);
+
+  // Returns the seconds that the whole measurement takes: what passed before its first example, and
+  // an example's time for each of them. Nothing before Continue was called twice.
+  std::optional<double> Seconds() const;
+
+ private:
+  struct Moment {
+    double seconds = 0.0;  // after the beginning
+    int64_t done = 0;      // examples
+  };
+
+  const TrainingProgress::Clock clock_;
+  const std::chrono::system_clock::time_point begun_;
+  std::optional<Moment> first_;
+  Moment last_;
+  int64_t total_ = 0;
+};
+
+}  // namespace maneuver::learning
+
+#endif  // MANEUVER_MODEL_LEARNING_MEASURING_TIME_H_
