@@ -30,6 +30,9 @@ set_target_properties(civetweb PROPERTIES
   IMPORTED_LOCATION "${CIVETWEB_LIBRARY}"
   INTERFACE_INCLUDE_DIRECTORIES "${CIVETWEB_INCLUDE_DIR}")
 
+# The headers of PostgreSQL's client: server/jobs loads the library when it is configured.
+find_path(LIBPQ_INCLUDE_DIR libpq-fe.h PATH_SUFFIXES postgresql REQUIRED)
+
 # OpenCV's CMake config comes with libopencv-dev alone, which pulls in VTK and Qt;
 # these three modules have packages of their own.
 find_path(OPENCV_INCLUDE_DIR opencv2/core.hpp PATH_SUFFIXES opencv4 REQUIRED)

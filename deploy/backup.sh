@@ -2,22 +2,25 @@
 # Backs up a data folder: models, aliases, datasets, jobs and their checkpoints.
 # The server may run meanwhile, and its jobs with it.
 #
-#   deploy/backup.sh DATA_DIR BACKUP [--previous OTHER_BACKUP] [--without-datasets]
+#   deploy/backup.sh DATA_DIR BACKUP [--previous OTHER_BACKUP] [--without-datasets] [--store URI]
 #
+# --store names the database of jobs and aliases, as for maneuverd, where they are in PostgreSQL.
 # BACKUP is made, and must not be there yet; it appears under its name once it is
 # whole. With --previous what has not changed since takes no space again (hard
 # links; on the same file system). deploy/restore.sh makes a data folder of it.
-# Needs rsync and sqlite3. Run it as the server's user, or as root.
+# Needs rsync and sqlite3, or pg_dump for --store. Run it as the server's user, or as root.
 set -euo pipefail
 
-usage() { sed -n '2,11s/^# \{0,1\}//p' "$0"; }
+usage() { sed -n '2,12s/^# \{0,1\}//p' "$0"; }
 refuse() { echo "backup: $1" >&2; exit 2; }
 folders=(models jobs datasets)
 previous=
+store=
 positional=()
 while [ $# -gt 0 ]; do
   case "$1" in
     --previous) previous=$(realpath -e -- "${2:?--previous needs a back-up}"); shift ;;
+    --store) store=${2:?--store needs a URI}; shift ;;
     --without-datasets) folders=(models jobs) ;;
     -h|--help) usage; exit 0 ;;
     -*) refuse "unknown option $1; see --help" ;;
@@ -28,10 +31,17 @@ done
 [ ${#positional[@]} -eq 2 ] || { usage >&2; exit 2; }
 data=${positional[0]%/}
 backup=${positional[1]%/}
-[ -f "$data/maneuver.db" ] || refuse "$data is not a data folder of maneuverd: it has no maneuver.db"
+if [ -f "$data/store-id" ]; then
+  [ -n "$store" ] || refuse "jobs and aliases of $data are in PostgreSQL; name the database with --store"
+  database=pg_dump
+else
+  [ -z "$store" ] || refuse "$data does not belong to a database of --store: it has no store-id"
+  [ -f "$data/maneuver.db" ] || refuse "$data is not a data folder of maneuverd: it has no maneuver.db"
+  database=sqlite3
+fi
 [ ! -e "$backup" ] || refuse "$backup is already there; give another name"
-for program in rsync sqlite3; do
-  command -v "$program" >/dev/null || refuse "$program is not installed: apt-get install rsync sqlite3"
+for program in rsync "$database"; do
+  command -v "$program" >/dev/null || refuse "$program is not installed: apt-get install rsync ${database/pg_dump/postgresql-client}"
 done
 
 unfinished="$backup.unfinished"
@@ -67,9 +77,16 @@ copy_all() {  # copy_all [flags]: no folder of a model or a dataset is there in 
 # Files, the database as it is at one moment, then the files that have come since:
 # whatever the database names is there, whether it came or went meanwhile.
 copy_all --delete
-sqlite3 "$data/maneuver.db" ".timeout 60000" ".backup '$unfinished/maneuver.db'"
+if [ -n "$store" ]; then
+  cp -p "$data/store-id" "$unfinished/store-id"
+  pg_dump --format=custom --no-owner --no-privileges --file="$unfinished/maneuver.dump" --dbname="$store"
+  dumped=$(pg_restore --data-only --table=store --file=- "$unfinished/maneuver.dump")
+  [[ $dumped == *"$(cat "$data/store-id")"* ]] || refuse "the database of --store is not the one that $data belongs to"
+else
+  sqlite3 "$data/maneuver.db" ".timeout 60000" ".backup '$unfinished/maneuver.db'"
+fi
 copy_all
-[ "$(sqlite3 "$unfinished/maneuver.db" 'PRAGMA journal_mode = DELETE; PRAGMA integrity_check')" = $'delete\nok' ] ||
+[ -n "$store" ] || [ "$(sqlite3 "$unfinished/maneuver.db" 'PRAGMA journal_mode = DELETE; PRAGMA integrity_check')" = $'delete\nok' ] ||
   { echo "backup: the copy of maneuver.db is damaged" >&2; exit 1; }
 
 (cd "$unfinished" && find . -type f ! -name SHA256SUMS -print0 | LC_ALL=C sort -z | xargs -0r sha256sum >SHA256SUMS)

@@ -16,7 +16,7 @@ packages=(
   # rasters and drawings
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libpng-dev
   # metrics, jobs, command line, logs, data
-  prometheus-cpp-dev libcivetweb-dev libcpp-httplib-dev libsqlite3-dev libcli11-dev libspdlog-dev nlohmann-json3-dev libpugixml-dev zlib1g-dev
+  prometheus-cpp-dev libcivetweb-dev libcpp-httplib-dev libsqlite3-dev libpq-dev libcli11-dev libspdlog-dev nlohmann-json3-dev libpugixml-dev zlib1g-dev
   # tests
   libgtest-dev libgmock-dev libbenchmark-dev
   # what the scripts use
@@ -45,6 +45,8 @@ esac
   munge slurmctld slurmd slurm-client iproute2
   # deploy/packages: systemd says how far the unit is closed
   systemd
+  # --store postgresql://
+  postgresql-15 postgresql-client-15 libpq5
   # the dashboard, the alerts, Compose
   prometheus docker-compose)
 # A kubectl that is there may be of another package, which Debian's cannot be installed beside.
@@ -75,8 +77,8 @@ if ! { apt-get update --quiet >"$log" 2>&1 && install; }; then
   exit 1
 fi
 # Some are for tests, which start their own: no services of this machine.
-for service in haproxy prometheus munge slurmctld slurmd; do
+for service in haproxy prometheus munge slurmctld slurmd postgresql-15; do
   if [[ " ${missing[*]} " == *" $service "* ]] && [ -d /run/systemd/system ]; then
-    systemctl disable --now --quiet "$service"
+    systemctl disable --now --quiet "${service%-15}"
   fi
 done

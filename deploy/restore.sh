@@ -2,20 +2,23 @@
 # Makes a data folder of a back-up that deploy/backup.sh made, after checking that
 # each of its files still has the bytes that it was written with.
 #
-#   deploy/restore.sh BACKUP DATA_DIR [--owner USER]
+#   deploy/restore.sh BACKUP DATA_DIR [--owner USER] [--store URI]
 #
+# --store names an empty database for a back-up whose jobs and aliases were in PostgreSQL.
 # DATA_DIR must not be there yet, or be empty. Afterwards start maneuverd over it:
 # it serves what served, and jobs that had not ended go on from their checkpoints.
 # --owner gives the files to the server's user (needs root).
 set -euo pipefail
 
-usage() { sed -n '2,9s/^# \{0,1\}//p' "$0"; }
+usage() { sed -n '2,10s/^# \{0,1\}//p' "$0"; }
 refuse() { echo "restore: $1" >&2; exit "${2:-2}"; }
 owner=
+store=
 positional=()
 while [ $# -gt 0 ]; do
   case "$1" in
     --owner) owner=${2:?--owner needs a user}; shift ;;
+    --store) store=${2:?--store needs a URI}; shift ;;
     -h|--help) usage; exit 0 ;;
     -*) refuse "unknown option $1; see --help" ;;
     *) positional+=("$1") ;;
@@ -27,14 +30,23 @@ backup=${positional[0]%/}
 data=${positional[1]%/}
 [ -f "$backup/SHA256SUMS" ] || refuse "$backup is no back-up: it has no SHA256SUMS"
 [ ! -e "$data" ] || [ -z "$(ls -A "$data")" ] || refuse "$data is not empty; restore to a new folder"
+if [ -f "$backup/maneuver.dump" ]; then
+  [ -n "$store" ] || refuse "jobs and aliases of $backup were in PostgreSQL; name an empty database with --store"
+  command -v pg_restore >/dev/null || refuse "pg_restore is not installed: apt-get install postgresql-client"
+elif [ -n "$store" ]; then
+  refuse "$backup has its jobs and aliases in maneuver.db; restore it without --store"
+fi
 
 (cd "$backup" && sha256sum --check --strict --quiet SHA256SUMS) ||
   refuse "$backup is damaged: see the files above" 1
 
+[ -z "$store" ] ||
+  pg_restore --exit-on-error --single-transaction --no-owner --dbname="$store" "$backup/maneuver.dump" ||
+  refuse "the database was not restored; it has to be empty" 1
 mkdir -p "$data"
 # Its own files, not links to those of the back-up: the server changes some of them.
 cp -a "$backup/." "$data/"
-rm "$data/SHA256SUMS"
+rm -f "$data/SHA256SUMS" "$data/maneuver.dump"
 [ -z "$owner" ] || chown -R "$owner:" "$data"
 sync -f "$data"
-echo "$data: restored; start it with: maneuverd --data-dir $data"
+echo "$data: restored; start it with: maneuverd --data-dir $data${store:+ --store URI}"

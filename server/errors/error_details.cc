@@ -90,6 +90,8 @@ absl::Status WithStorageReason(absl::Status status) {
   }
 }
 
+bool IsStoreAway(const absl::Status& status) { return ReasonOf(status) == "STORE_UNAVAILABLE"; }
+
 absl::Status WithRetryDelay(absl::Status status, std::chrono::nanoseconds delay) {
   v1::RetryInfo detail;
   detail.mutable_retry_delay()->set_seconds(delay.count() / kNanosecondsPerSecond);

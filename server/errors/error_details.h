@@ -45,6 +45,10 @@ std::string ReasonOf(const absl::Status& status);
 // a reason, unchanged.
 absl::Status WithStorageReason(absl::Status status);
 
+// Returns whether a call failed because the database of jobs and aliases cannot be reached
+// (STORE_UNAVAILABLE): it will succeed later.
+bool IsStoreAway(const absl::Status& status);
+
 // Adds a RetryInfo to `status`.
 absl::Status WithRetryDelay(absl::Status status, std::chrono::nanoseconds delay);
 std::optional<std::chrono::nanoseconds> RetryDelay(const absl::Status& status);

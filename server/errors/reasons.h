@@ -49,6 +49,10 @@ inline constexpr ReasonEntry kReasons[] = {
     {"STORAGE_INACCESSIBLE", "INTERNAL",
      "the server lacks permission to read or write a file of its data folder",
      "have the operator correct the folder's owner and permissions"},
+    {"STORE_UNAVAILABLE", "UNAVAILABLE",
+     "the server cannot reach the database of jobs and aliases (--store), or another server uses "
+     "it",
+     "wait as long as RetryInfo says; predictions go on meanwhile"},
     {"SERVER_STOPS", "UNAVAILABLE", "the server is being shut down",
      "retry at another replica or a little later"},
 

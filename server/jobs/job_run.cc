@@ -54,7 +54,9 @@ v1::Job RunJob(v1::Job job, const std::filesystem::path& folder, const JobAttemp
   const StopRequest::Reason stopped = attempt.stop.reason();
   EndAttempt(job, folder, attempt.now(), outcome.died && stopped == StopRequest::Reason::kNone);
   job.clear_error();
-  const bool goes_on = outcome.died && job.attempts().without_progress() < most;
+  // What cannot be written down now is made and done by the next attempt.
+  const bool goes_on = errors::IsStoreAway(outcome.status) ||
+                       (outcome.died && job.attempts().without_progress() < most);
   if (outcome.died && !goes_on) outcome.status = GaveUp(std::move(outcome.status), most);
   // The version is there and stays, whatever becomes of the decision. A stop of the server and the
   // death of a process put the decision off.

@@ -4,6 +4,7 @@
 
 #include <utility>
 
+#include "server/errors/error_details.h"
 #include "server/jobs/job_time.h"
 #include "server/monitoring/logging.h"
 
@@ -83,6 +84,7 @@ void ProgressRecorder::Store(v1::JobProgress progress) {
   if (show_) show_(progress);
   // An event that is lost is a pity, but no reason to lose the job.
   if (const absl::Status status = store_.AddProgress(lease_, progress); !status.ok()) {
+    if (errors::IsStoreAway(status)) return;  // the store logs that, once
     monitoring::Log(monitoring::LogLevel::kWarning, "progress not stored",
                     {{"job", lease_.job}, {"error", std::string(status.message())}});
     return;

@@ -198,6 +198,7 @@ PromotionOutcome DecidePromotion(const PromotionTask& task, PromotionVersions& v
       return {Against("the decision to promote it could not be written down", status), {}};
     }
     const absl::StatusOr<bool> promoted = versions.Promote(task.version, serving);
+    if (errors::IsStoreAway(promoted.status())) return {std::nullopt, promoted.status()};
     if (!promoted.ok()) return {Against("it could not be promoted", promoted.status()), {}};
     if (*promoted) return outcome;
   }

@@ -7,7 +7,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "locks/mutex.h"
-#include "model/data/tfrecord.h"
 #include "server/jobs/job_state.h"
 #include "server/jobs/sqlite_schema.h"
 #include "server/jobs/sqlite_statement.h"
@@ -25,39 +24,22 @@ constexpr int kBusyTimeoutMs = 1'000;
   "DESC LIMIT 1), name, state"
 
 absl::StatusOr<v1::Job> JobFrom(const Statement& row) {
-  auto job =
-      ParseStoredJob(row.Bytes(1), row.IsNull(2) ? std::nullopt : std::optional(row.Bytes(2)));
-  if (job.ok() && (job->name() != row.Bytes(3) || job->state() != row.Int(4))) {
-    return absl::DataLossError(
-        absl::StrCat("the job store contradicts itself about ", job->name()));
-  }
-  return job;
+  return ParseStoredJob({row.Bytes(3), row.Int(4)}, row.Bytes(1),
+                        row.IsNull(2) ? std::nullopt : std::optional(row.Bytes(2)));
 }
 
 // Columns that AliasFrom reads.
 #define ALIAS_COLUMNS "model, alias, version, digest"
 
-int64_t DigestOf(const security::ModelAliasName& name, int64_t version) {
-  return data::MaskedCrc32c(absl::StrCat(name.ToString(), "=", version));
-}
-
 absl::StatusOr<serving::ModelAlias> AliasFrom(const Statement& row) {
-  const security::ModelAliasName name = {row.Bytes(0), row.Bytes(1)};
-  if (!row.IsNull(3) && row.Int(3) != DigestOf(name, row.Int(2))) {
-    return absl::DataLossError(
-        absl::StrCat("the job store holds an alias that is damaged: ", name.ToString()));
-  }
-  return serving::ModelAlias{name, static_cast<int>(row.Int(2))};
+  return StoredAlias({row.Bytes(0), row.Bytes(1)}, row.Int(2),
+                     row.IsNull(3) ? std::nullopt : std::optional(row.Int(3)));
 }
 
-int64_t Micros(const google::protobuf::Timestamp& time) {
-  return time.seconds() * 1'000'000 + time.nanos() / 1'000;
-}
-
-class Store final : public SqliteStore {
+class FileStore final : public SqliteStore {
  public:
-  explicit Store(sqlite3* database) : database_(database) {}
-  ~Store() override { sqlite3_close_v2(database_); }
+  explicit FileStore(sqlite3* database) : database_(database) {}
+  ~FileStore() override { sqlite3_close_v2(database_); }
 
   absl::Status Prepare() {
     const MutexLock lock(mutex_);
@@ -81,7 +63,7 @@ class Store final : public SqliteStore {
                      "INSERT INTO jobs (name, state, priority, create_time, request_digest, job, "
                      "request_id) VALUES (?, ?, ?, ?, ?, ?, ?)");
     insert.Bind(job.name()).Bind(job.state()).Bind(PriorityOf(job));
-    insert.Bind(Micros(job.create_time())).Bind(request_digest);
+    insert.Bind(CreateMicros(job)).Bind(request_digest);
     insert.BindBlob(blob);
     request_id.empty() ? insert.BindNull() : insert.Bind(request_id);
     return insert.Run();
@@ -244,7 +226,7 @@ class Store final : public SqliteStore {
     Statement replace(database_,
                       "INSERT OR REPLACE INTO aliases (model, alias, version, digest) "
                       "VALUES (?, ?, ?, ?)");
-    replace.Bind(name.model).Bind(name.alias).Bind(version).Bind(DigestOf(name, version));
+    replace.Bind(name.model).Bind(name.alias).Bind(version).Bind(AliasDigest(name, version));
     return replace.Run();
   }
 
@@ -358,7 +340,7 @@ absl::StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::filesy
     sqlite3_close_v2(database);
     return status;
   }
-  auto store = std::make_unique<Store>(database);
+  auto store = std::make_unique<FileStore>(database);
   const absl::Status status = store->Prepare();
   if (absl::IsDataLoss(status)) {
     return absl::DataLossError(absl::StrCat(

@@ -11,12 +11,11 @@
 #include <memory>
 
 #include "absl/status/statusor.h"
-#include "server/jobs/job_store.h"
-#include "server/serving/alias_store.h"
+#include "server/jobs/store.h"
 
 namespace maneuver::jobs {
 
-class SqliteStore : public JobStore, public serving::AliasStore {
+class SqliteStore : public Store {
  public:
   // Opens or creates. UNAVAILABLE if another process has the file open, FAILED_PRECONDITION for
   // another schema version, DATA_LOSS if the file is damaged or no database.

@@ -62,12 +62,15 @@ absl::StatusOr<v1::JobProgress> ParseStoredProgress(const std::string& bytes) {
   return progress;
 }
 
-absl::StatusOr<v1::Job> ParseStoredJob(const std::string& bytes,
+absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& bytes,
                                        const std::optional<std::string>& progress) {
   v1::Job job;
   if (!ParseChecked(bytes, &job) ||
       (progress && !ParseChecked(*progress, job.mutable_progress()))) {
     return absl::DataLossError("the job store holds a job that is damaged");
+  }
+  if (job.name() != key.name || job.state() != key.state) {
+    return absl::DataLossError(absl::StrCat("the job store contradicts itself about ", job.name()));
   }
   if (job.has_progress() && HasEnded(job.state())) {
     // The latest event is of before the end.
@@ -75,6 +78,23 @@ absl::StatusOr<v1::Job> ParseStoredJob(const std::string& bytes,
     if (job.state() == v1::JOB_STATE_SUCCEEDED) job.mutable_progress()->set_fraction(1.0);
   }
   return job;
+}
+
+int64_t CreateMicros(const v1::Job& job) {
+  return job.create_time().seconds() * 1'000'000 + job.create_time().nanos() / 1'000;
+}
+
+int64_t AliasDigest(const security::ModelAliasName& name, int64_t version) {
+  return data::MaskedCrc32c(absl::StrCat(name.ToString(), "=", version));
+}
+
+absl::StatusOr<serving::ModelAlias> StoredAlias(const security::ModelAliasName& name,
+                                                int64_t version, std::optional<int64_t> digest) {
+  if (digest && *digest != AliasDigest(name, version)) {
+    return absl::DataLossError(
+        absl::StrCat("the job store holds an alias that is damaged: ", name.ToString()));
+  }
+  return serving::ModelAlias{name, static_cast<int>(version)};
 }
 
 int64_t PriorityOf(const v1::Job& job) {

@@ -13,6 +13,7 @@
 #include "maneuver/v1/training_service.pb.h"
 #include "server/jobs/job_store.h"
 #include "server/security/resource_name.h"
+#include "server/serving/alias_store.h"
 
 namespace maneuver::jobs {
 
@@ -25,10 +26,25 @@ std::string StoredProgress(const v1::JobProgress& progress);
 
 // Returns the event of a row. DATA_LOSS if its CRC does not match, or it does not parse.
 absl::StatusOr<v1::JobProgress> ParseStoredProgress(const std::string& bytes);
+// The columns of a row that repeat what its job says.
+struct JobKey {
+  std::string name;
+  int64_t state = 0;
+};
 // Returns the job of a row and its latest event, if it has one. If the job has ended, its progress
-// has no remaining time. DATA_LOSS as for ParseStoredProgress.
-absl::StatusOr<v1::Job> ParseStoredJob(const std::string& job,
+// has no remaining time. DATA_LOSS as for ParseStoredProgress, or if the key differs from the job's.
+absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& job,
                                        const std::optional<std::string>& progress);
+
+// Returns when the job was created, microseconds since 1970.
+int64_t CreateMicros(const v1::Job& job);
+
+// Returns the CRC-32C that the row of an alias has.
+int64_t AliasDigest(const security::ModelAliasName& name, int64_t version);
+// Returns the alias of a row. DATA_LOSS if its digest does not match.
+//   digest: nothing in the rows of early releases.
+absl::StatusOr<serving::ModelAlias> StoredAlias(const security::ModelAliasName& name,
+                                                int64_t version, std::optional<int64_t> digest);
 
 // Returns the priority that the job was asked for with; higher goes first.
 int64_t PriorityOf(const v1::Job& job);

@@ -28,6 +28,7 @@ using monitoring::LogLevel;
 constexpr std::chrono::seconds kRetry{1};
 
 void LogFailure(const char* what, const std::string& job, const absl::Status& status) {
+  if (errors::IsStoreAway(status)) return;  // the store logs that, once
   Log(LogLevel::kError, what, {{"job", job}, {"error", std::string(status.message())}});
 }
 

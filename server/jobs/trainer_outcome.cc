@@ -142,6 +142,7 @@ absl::Status TrainerStatus(const ChildResult& result, const std::string& last_wo
 }
 
 absl::Status WithDefaultReason(absl::Status status, errors::Reason reason) {
+  if (errors::IsStoreAway(status)) return status;
   absl::Status clean(status.code(), WithoutPaths(std::string(status.message())));
   return errors::WithReason(
       std::move(clean), absl::IsResourceExhausted(status) ? errors::Reason("DISK_FULL") : reason);

@@ -24,8 +24,8 @@
 #include "model/data/dataset_store.h"
 #include "model/files/durable_file.h"
 #include "model/kernels/kernel_choice.h"
+#include "server/jobs/open_store.h"
 #include "server/jobs/retention.h"
-#include "server/jobs/sqlite_store.h"
 #include "server/jobs/supervisor.h"
 #include "server/maneuverd/data_lock.h"
 #include "server/maneuverd/health_command.h"
@@ -34,6 +34,7 @@
 #include "server/maneuverd/options.h"
 #include "server/maneuverd/protection.h"
 #include "server/maneuverd/service_manager.h"
+#include "server/maneuverd/store_command.h"
 #include "server/maneuverd/token_command.h"
 #include "server/monitoring/logging.h"
 #include "server/monitoring/prometheus_metrics.h"
@@ -154,7 +155,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   const auto lock = DataLock::Take(options.data_dir);
   if (!lock.ok()) return lock.status();
   metrics->WatchDisk(options.data_dir);
-  const auto store = jobs::SqliteStore::Open(options.data_dir / "maneuver.db");
+  const auto store = jobs::OpenStore(options.data_dir, options.store, *metrics);
   if (!store.ok()) return store.status();
   const auto datasets = data::DatasetStore::Open(options.data_dir / "datasets", options.datasets);
   if (!datasets.ok()) return datasets.status();
@@ -275,6 +276,9 @@ int Main(int argc, char** argv) {
   }
   if (argc > 1 && std::string_view(argv[1]) == "health") {
     return RunHealthCommand(argc - 1, argv + 1, environ);
+  }
+  if (argc > 1 && std::string_view(argv[1]) == "store") {
+    return RunStoreCommand(argc - 1, argv + 1, environ);
   }
   const auto parsed = ParseCommandLine(argc, argv, environ);
   if (const int* status = std::get_if<int>(&parsed)) return *status;

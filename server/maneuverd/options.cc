@@ -14,6 +14,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "model/machine/usable_cores.h"
+#include "server/jobs/store_address.h"
 #include "server/maneuverd/configuration.h"
 
 namespace maneuver {
@@ -211,6 +212,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       "environment,\n"
       "which overrides the file.\n\n"
       "maneuverd token create, list and revoke manage the file of --tokens;\n"
+      "maneuverd store migrate, check and copy manage the database of --store;\n"
       "maneuverd health [SERVICE] [OPTIONS] asks the server with these options "
       "whether it is ready.");
   app.get_help_ptr()->configurable(false);
@@ -224,6 +226,10 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->configurable(false);
   app.add_option("--data-dir", options.data_dir, "Folder of models, datasets and jobs")
       ->required(needs_data_dir);
+  app.add_option("--store", options.store,
+                 "Database of jobs and aliases, such as "
+                 "postgresql://maneuver@db.example/maneuver?sslmode=verify-full, made by "
+                 "\"maneuverd store migrate\"; without it they are in the data folder");
   app.add_option("--listen", listen, "HOST:PORT for gRPC; port 0 picks a free one")
       ->capture_default_str();
   app.add_option(
@@ -378,6 +384,9 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
     return refuse("", absl::FailedPreconditionError(
                           "--max-send-memory must be at least --max-response-bytes: raise the "
                           "former or lower the latter"));
+  }
+  if (const auto status = jobs::CheckStoreAddress(options.store); !status.ok()) {
+    return refuse("--store: ", status);
   }
   auto folders = ParseFolders(dataset_folders);
   if (!folders.ok()) return refuse("--dataset-folders: ", folders.status());

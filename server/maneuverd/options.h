@@ -6,6 +6,7 @@
 #include <chrono>
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <variant>
 #include <vector>
 
@@ -28,6 +29,7 @@ namespace maneuver {
 
 struct ServerOptions {
   std::filesystem::path data_dir;
+  std::string store;  // a URI of PostgreSQL; empty: the embedded store of the data folder
   security::ListenAddress listen;
   std::optional<security::ListenAddress> metrics_listen;  // nothing: no metrics page
   std::filesystem::path port_file;                        // empty: none

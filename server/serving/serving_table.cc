@@ -355,6 +355,8 @@ absl::StatusOr<ModelVersionName> ServingTable::Publish(const std::string& model,
   if (!name.ok()) return name.status();
   if (WantsPromotion(model, promotion)) {
     const absl::Status status = PointAlias({model, std::string(kServingAlias)}, handle);
+    // The alias may be on its way to the database: the version stays for it.
+    if (errors::IsStoreAway(status)) return status;
     if (!status.ok()) {
       const absl::Status undone = versions_.TakeBack(*name, finished);
       if (!undone.ok()) {

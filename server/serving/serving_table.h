@@ -94,7 +94,8 @@ class ServingTable {
                                    const std::optional<security::ModelVersionName>& before);
 
   // Loads and checks the finished model folder `finished`, publishes it in the store as the next
-  // version of `model`, and promotes it as `promotion` says. An error changes nothing. May take
+  // version of `model`, and promotes it as `promotion` says. An error changes nothing, except that
+  // the version stays if the store of the aliases is away: FindMadeBy then promotes it. May take
   // long.
   //   promotion: with PROMOTION_IF_NO_WORSE the version is not promoted here; see PromoteOver.
   //   maker: as in VersionStore::Publish.

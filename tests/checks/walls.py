@@ -69,6 +69,7 @@ LIBRARIES = {
     r"grpc(pp)?/": ["server/rpc", "server/security", "server/maneuverd", "client"],
     r"prometheus/": ["server/monitoring"],
     r"sqlite3\.h": ["server/jobs"],
+    r"libpq-fe\.h": ["server/jobs"],
     r"opencv2/": ["model/scene", "client/plot"],
     r"png\.h": ["client/plot"],
     r"(oneapi/)?dnnl": ["model/inference"],

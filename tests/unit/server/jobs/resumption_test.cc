@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "model/files/durable_file.h"
+#include "server/errors/error_details.h"
 #include "server/jobs/job_attempt.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
@@ -149,6 +150,26 @@ TEST_F(ResumptionTest, DoesNotPublishTwiceIfTheServerDiedAfterPublishing) {
   EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.DebugString();
   EXPECT_EQ(job.model_version(), "models/town/versions/9");
   EXPECT_THAT(versions_.promotions, SizeIs(0));
+}
+
+TEST_F(ResumptionTest, AModelIsRegisteredLaterIfTheStoreIsAwayAndNoAttemptIsUsedUp) {
+  {
+    const std::lock_guard lock(versions_.mutex);
+    versions_.publish_error =
+        errors::WithReason(absl::UnavailableError("the store is away"), "STORE_UNAVAILABLE");
+  }
+  SupervisorOptions options = Options();
+  options.limits.attempts_without_progress = 1;
+  StartWith(options);
+  const v1::Job job = Train();
+  WaitFor(job.name(), [](const v1::Job& j) { return j.attempts().started() > 3; });
+  {
+    const std::lock_guard lock(versions_.mutex);
+    versions_.publish_error = absl::OkStatus();
+  }
+  const v1::Job ended = WaitForEnd(job.name());
+  EXPECT_EQ(ended.state(), v1::JOB_STATE_SUCCEEDED) << ended.error().message();
+  EXPECT_EQ(versions_.promotions.size(), 1u);
 }
 
 TEST_F(ResumptionTest, ServerCrashesCountAsAttemptsUnlessThereIsANewCheckpoint) {

@@ -202,5 +202,26 @@ TEST_F(OptionsTest, TheDocumentationListsEveryOption) {
   EXPECT_GT(options, 25);
 }
 
+TEST_F(OptionsTest, TheStoreIsTheEmbeddedOneUnlessADatabaseIsNamed) {
+  EXPECT_EQ(Parse({"--data-dir", "d"}).options().store, "");
+  const std::string uri = "postgresql://maneuver@db.example/maneuver?passfile=/etc/pgpass";
+  EXPECT_EQ(Parse({"--data-dir", "d"}, {"MANEUVERD_STORE=" + uri}).options().store, uri);
+  const Outcome other = Parse({"--data-dir", "d", "--store", "mysql://db.example/maneuver"});
+  EXPECT_TRUE(other.refused());
+  EXPECT_THAT(other.err, HasSubstr("--store: expected a URI such as postgresql://"));
+}
+
+TEST_F(OptionsTest, APasswordOfTheStoreIsRefusedAndNotShown) {
+  for (const std::string uri :
+       {"postgresql://maneuver:hunter2@db.example/maneuver", "postgresql:///m?password=hunter2",
+        "postgresql:///m?host=/run&PASSWORD=hunter2", "postgresql:///m?p%61ssword=hunter2"}) {
+    const Outcome outcome =
+        Parse({"--data-dir", "d", "--print-config"}, {"MANEUVERD_STORE=" + uri});
+    EXPECT_TRUE(outcome.refused()) << uri;
+    EXPECT_THAT(outcome.err, HasSubstr("MANEUVERD_STORE: --store: the URI holds a password"));
+    EXPECT_THAT(outcome.out + outcome.err, ::testing::Not(HasSubstr("hunter2")));
+  }
+}
+
 }  // namespace
 }  // namespace maneuver::options_test

@@ -3,6 +3,7 @@
 
 #include <map>
 
+#include "server/errors/error_details.h"
 #include "server/serving/alias_store.h"
 
 namespace maneuver::serving {
@@ -11,6 +12,9 @@ class MemoryAliasStore final : public AliasStore {
  public:
   absl::Status SetAlias(const security::ModelAliasName& name, int version) override {
     if (broken) return absl::UnavailableError("disk full");
+    if (away) {
+      return errors::WithReason(absl::UnavailableError("no connection"), "STORE_UNAVAILABLE");
+    }
     aliases[name] = version;
     return absl::OkStatus();
   }
@@ -30,6 +34,7 @@ class MemoryAliasStore final : public AliasStore {
 
   std::map<security::ModelAliasName, int> aliases;
   bool broken = false;
+  bool away = false;
 };
 
 }  // namespace maneuver::serving

@@ -128,6 +128,23 @@ TEST_F(ServingTableTest, ChangesNothingIfAnAliasCannotBeStored) {
   EXPECT_EQ(store_->List("town").size(), 2u);
 }
 
+TEST_F(ServingTableTest, AVersionWhoseAliasMayBeOnItsWayToTheDatabaseStaysAndIsPromotedLater) {
+  ASSERT_TRUE(Publish("town").ok());
+  aliases_.away = true;
+  const auto published =
+      table_->Publish("town", FinishedModel(), v1::PROMOTION_ALWAYS, "jobs/maker");
+  EXPECT_TRUE(errors::IsStoreAway(published.status())) << published.status();
+  EXPECT_EQ(store_->List("town").size(), 2u);
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+  EXPECT_FALSE(table_->FindMadeBy("town", v1::PROMOTION_ALWAYS, "jobs/maker").ok());
+
+  aliases_.away = false;
+  const auto found = table_->FindMadeBy("town", v1::PROMOTION_ALWAYS, "jobs/maker");
+  ASSERT_TRUE(found.ok() && *found) << found.status();
+  EXPECT_EQ((*found)->version, 2);
+  EXPECT_EQ(aliases_.GetAlias({"town", "serving"}).value(), 2);
+}
+
 TEST_F(ServingTableTest, ARequestInFlightKeepsTheVersionThatItFound) {
   ASSERT_TRUE(Publish("town").ok());
   const ModelHandle in_flight = *table_->Find(std::nullopt);

@@ -1,0 +1,38 @@
+// Finds the store of a data folder.
+
+#ifndef MANEUVER_SERVER_JOBS_OPEN_STORE_H_
+#define MANEUVER_SERVER_JOBS_OPEN_STORE_H_
+
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "server/jobs/store.h"
+#include "server/monitoring/metrics.h"
+
+namespace maneuver::jobs {
+
+// In a data folder: the embedded store; the same once it was copied; the id of the store in
+// PostgreSQL that has the folder's jobs.
+inline constexpr char kEmbeddedStore[] = "maneuver.db";
+inline constexpr char kCopiedStore[] = "maneuver.db.copied";
+inline constexpr char kStoreId[] = "store-id";
+
+// Opens the store of a data folder, whose lock the caller holds: the embedded one, or the one in
+// PostgreSQL that `address` names, to which the folder belongs from then on.
+//
+// A store that lacks the folder's jobs would cost them their checkpoints, because a server removes
+// the folders of unknown jobs. So FAILED_PRECONDITION if the folder belongs to another store. Other
+// errors: those of SqliteStore::Open and PostgresqlStore::Open. `metrics` must outlive the store.
+absl::StatusOr<std::unique_ptr<Store>> OpenStore(
+    const std::filesystem::path& data_dir, const std::string& address,
+    monitoring::MetricRegistry& metrics = monitoring::MetricRegistry::Null());
+
+// Returns the id of the store in PostgreSQL that a data folder belongs to; empty if to none.
+absl::StatusOr<std::string> StoreIdOf(const std::filesystem::path& data_dir);
+absl::Status WriteStoreId(const std::filesystem::path& data_dir, const std::string& id);
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_OPEN_STORE_H_

@@ -1,0 +1,70 @@
+// The session that owns a store in PostgreSQL. Private to the stores.
+
+#ifndef MANEUVER_SERVER_JOBS_POSTGRESQL_SESSION_H_
+#define MANEUVER_SERVER_JOBS_POSTGRESQL_SESSION_H_
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "server/jobs/postgresql_connection.h"
+#include "server/monitoring/metrics.h"
+
+namespace maneuver::jobs {
+
+// Owns the store through a lock that PostgreSQL holds for this session, so every statement runs
+// while no other server owns it. A lost connection is replaced by a new one with the lock. If
+// another server has owned the store in between, this session is over: what its owner remembers is
+// out of date, and every call fails until the server starts again.
+//
+// Not thread-safe. Errors: those of PostgresqlConnection. For a second after a failure to connect,
+// calls fail at once.
+class PostgresqlSession {
+ public:
+  // FAILED_PRECONDITION if the tables are not of the latest version.
+  static absl::StatusOr<std::unique_ptr<PostgresqlSession>> Open(
+      const std::string& address, monitoring::MetricRegistry& metrics);
+
+  // Returns the id of the store, which stays the same for ever.
+  const std::string& store_id() const { return store_id_; }
+
+  // Runs a statement that changes nothing, a second time if the connection was lost.
+  absl::StatusOr<SqlRows> Read(const SqlStatement& statement);
+
+  // Runs `change` in a transaction and commits it if it returns OK.
+  //
+  // A connection that is lost during the commit leaves open whether the change was made. Then Write
+  // fails, and the next connection first runs `undo`, which `change` may set: it must take the
+  // change back if it was made, and do nothing if it was not.
+  using Change = std::function<absl::Status(PostgresqlConnection& connection, SqlStatement& undo)>;
+  absl::Status Write(const Change& change);
+
+ private:
+  PostgresqlSession(std::string address, monitoring::MetricRegistry& metrics);
+
+  //   patience: how long to wait for another owner to go.
+  absl::Status Connect(std::chrono::seconds patience);
+  absl::Status EnsureConnected();
+  // Keeps the metric, and drops a broken connection.
+  void Notice(const absl::Status& status);
+
+  const std::string address_;
+  monitoring::Gauge& available_;
+  std::unique_ptr<PostgresqlConnection> connection_;  // nullptr: lost
+  absl::Status last_failure_;
+  absl::Status last_refusal_;  // of a connection, as the log has it
+  std::chrono::steady_clock::time_point retry_at_;
+  std::string store_id_;
+  std::optional<int64_t> epoch_;
+  std::optional<SqlStatement> undo_;
+};
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_POSTGRESQL_SESSION_H_

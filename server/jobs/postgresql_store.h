@@ -1,0 +1,35 @@
+// Jobs and aliases in a PostgreSQL database, version 15 or later.
+//
+// One server owns the store at a time (postgresql_session.h). Every change is one transaction, so a
+// call that returned OK survives a crash of either side. The tables are made and brought up to date
+// by `maneuverd store migrate`, never by a server.
+
+#ifndef MANEUVER_SERVER_JOBS_POSTGRESQL_STORE_H_
+#define MANEUVER_SERVER_JOBS_POSTGRESQL_STORE_H_
+
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "server/jobs/store.h"
+#include "server/monitoring/metrics.h"
+
+namespace maneuver::jobs {
+
+class PostgresqlStore : public Store {
+ public:
+  // Takes the store that is in the database of a URI (store_address.h). FAILED_PRECONDITION if
+  // libpq is not installed or the tables are not of the latest version, INVALID_ARGUMENT for a
+  // wrong URI, UNAVAILABLE if the database cannot be reached or another server owns the store.
+  // `metrics` must outlive the store.
+  static absl::StatusOr<std::unique_ptr<PostgresqlStore>> Open(
+      const std::string& address,
+      monitoring::MetricRegistry& metrics = monitoring::MetricRegistry::Null());
+
+  // Returns the id of the store, which stays the same for ever.
+  virtual const std::string& id() const = 0;
+};
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_POSTGRESQL_STORE_H_

@@ -1,0 +1,32 @@
+// Reads a whole store.
+
+#ifndef MANEUVER_SERVER_JOBS_STORE_CHECK_H_
+#define MANEUVER_SERVER_JOBS_STORE_CHECK_H_
+
+#include <cstdint>
+#include <map>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "maneuver/v1/training_service.pb.h"
+#include "server/jobs/store.h"
+
+namespace maneuver::jobs {
+
+struct StoreContents {
+  std::map<v1::JobState, int64_t> jobs;
+  int64_t events = 0;
+  int64_t aliases = 0;
+
+  bool operator==(const StoreContents&) const = default;
+  // "3 jobs (1 pending, 2 succeeded), 40 events, 2 aliases"
+  std::string ToString() const;
+};
+
+// Reads every job, event and alias, compares them with their checksums, and counts them. DATA_LOSS
+// for the first one that is damaged.
+absl::StatusOr<StoreContents> CheckStore(Store& store);
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_STORE_CHECK_H_

@@ -1,0 +1,23 @@
+// Makes the tables of a store in PostgreSQL, or brings them up to date.
+
+#ifndef MANEUVER_SERVER_JOBS_STORE_MIGRATION_H_
+#define MANEUVER_SERVER_JOBS_STORE_MIGRATION_H_
+
+#include <string>
+
+#include "absl/status/statusor.h"
+
+namespace maneuver::jobs {
+
+struct StoreMigration {
+  int from = 0;  // the schema's version before; 0: there were no tables
+  int to = 0;    // and now
+};
+
+// Brings the tables in the database of `address` to the latest version, wholly or not at all.
+// FAILED_PRECONDITION if theirs is later, UNAVAILABLE if a server uses the store.
+absl::StatusOr<StoreMigration> MigrateStore(const std::string& address);
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_STORE_MIGRATION_H_
