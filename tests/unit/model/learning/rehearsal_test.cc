@@ -13,6 +13,7 @@
 
 #include "model/artifact/training_presets.h"
 #include "model/learning/anchors/anchor_learner.h"
+#include "model/learning/checkpoint_contents.h"
 #include "model/learning/learner.h"
 #include "model/learning/measuring_time.h"
 #include "model/learning/phases/joint.h"
