@@ -130,16 +130,16 @@ TEST_F(TrainingTest, ReportsEveryPhaseAndTheTermsOfTheBound) {
 
 TEST_F(TrainingTest, WhatFollowsTheRunIsAPartOfItsProgress) {
   TrainingRun run = Run("model");
-  run.seconds_after = 1'000.0;
+  run.seconds_after = 20.0;
   ASSERT_TRUE(Train(run, Data()).ok());
   bool has_told = false;
   for (const v1::JobProgress& progress : progress_) {
     if (!progress.has_time_left()) continue;
     has_told = true;
-    EXPECT_GE(progress.time_left().seconds(), 1'000) << progress.phase();
+    EXPECT_GE(progress.time_left().seconds(), 20) << progress.phase();
   }
   EXPECT_TRUE(has_told);
-  EXPECT_LT(progress_.back().fraction(), 0.9);
+  EXPECT_LT(progress_.back().fraction(), 1.0);
 }
 
 TEST_F(TrainingTest, AnActionIsEffectiveIfSomeHeldOutExampleGivesItAShare) {
