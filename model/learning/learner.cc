@@ -67,7 +67,7 @@ std::vector<TrainingProgress::Phase> Learner::Plan(const v1::TrainingSettings& s
   // they are here.
   constexpr double kJointCost = 30.0;
   // Of an example, relative to learning from it in the joint phase.
-  constexpr double kEncodeShare = 0.25;
+  constexpr double kEncodeShare = 0.2;
   constexpr double kMeasureShare = 1.5;
   const double example = kJointCost / static_cast<double>(batch);
   std::vector<TrainingProgress::Phase> plan = {{"load", 1, 1, 1.0}};

@@ -19,7 +19,7 @@ inline constexpr int64_t kPredictedBatch = 32;
 // a batch counts as this many steps.
 inline constexpr int64_t kPredictedSteps = 3;
 // Returns how many of these steps one step of a fit to `examples` examples counts for.
-inline int64_t FitSteps(int64_t examples) { return std::max<int64_t>(1, examples / 300); }
+inline int64_t FitSteps(int64_t examples) { return std::max<int64_t>(1, examples / 150); }
 
 // Features of the scenes of N examples.
 struct ExampleFeatures {
