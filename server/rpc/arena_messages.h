@@ -11,6 +11,15 @@
 
 namespace maneuver::rpc {
 
+// Returns the options of an arena for one call. A small request fits into the first block, a scene
+// into a few.
+inline google::protobuf::ArenaOptions CallArenaOptions() {
+  google::protobuf::ArenaOptions options;
+  options.start_block_size = size_t{4} << 10;
+  options.max_block_size = size_t{64} << 10;
+  return options;
+}
+
 // The messages of one call.
 class CallArena {
  public:
@@ -35,7 +44,7 @@ class ArenaMessages final : public grpc::MessageAllocator<Request, Response> {
  private:
   class Messages final : public grpc::MessageHolder<Request, Response>, public CallArena {
    public:
-    Messages() : arena_(std::make_shared<google::protobuf::Arena>(Options())) {
+    Messages() : arena_(std::make_shared<google::protobuf::Arena>(CallArenaOptions())) {
       this->set_request(google::protobuf::Arena::CreateMessage<Request>(arena_.get()));
       this->set_response(google::protobuf::Arena::CreateMessage<Response>(arena_.get()));
     }
@@ -43,14 +52,6 @@ class ArenaMessages final : public grpc::MessageAllocator<Request, Response> {
     std::shared_ptr<const void> Keep() const override { return arena_; }
 
    private:
-    // A small request fits into the first block, a scene into a few.
-    static google::protobuf::ArenaOptions Options() {
-      google::protobuf::ArenaOptions options;
-      options.start_block_size = size_t{4} << 10;
-      options.max_block_size = size_t{64} << 10;
-      return options;
-    }
-
     const std::shared_ptr<google::protobuf::Arena> arena_;
   };
 };

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -17,7 +18,9 @@ namespace maneuver::bench {
 namespace {
 
 constexpr double kStateTolerance = 0.05;  // seconds
+// Ids of copies are apart by these.
 constexpr int64_t kCopiedAgents = int64_t{1} << 40;
+constexpr int64_t kCopiedFeatures = int64_t{1} << 40;
 
 // Chooses the targets. Returns false if there are too few vehicles.
 bool ChooseTargets(int targets, v1::Scenario* scene) {
@@ -50,6 +53,48 @@ void AddScene(v1::Scenario scene, int targets, std::vector<v1::Scenario>* scenes
   if (!ChooseTargets(targets, &scene)) return;
   client::StripFuture(&scene);
   scenes->push_back(std::move(scene));
+}
+
+// Returns the width of the map along x, metres.
+double MapWidth(const v1::Scenario& scene) {
+  double low = std::numeric_limits<double>::infinity();
+  double high = -low;
+  for (const v1::MapFeature& feature : scene.map_features()) {
+    for (const double x : feature.x()) {
+      low = std::min(low, x);
+      high = std::max(high, x);
+    }
+  }
+  return high - low;
+}
+
+// Returns the map features by their distance from the first target.
+std::vector<const v1::MapFeature*> NearestFirst(const v1::Scenario& scene) {
+  const v1::Agent* const target = scene::FindAgent(scene, scene.target_ids(0));
+  const auto X_WT = scene::TargetPose(*target, scene.prediction_time(), kStateTolerance);
+  std::vector<std::pair<double, const v1::MapFeature*>> features;
+  for (const v1::MapFeature& feature : scene.map_features()) {
+    double nearest = std::numeric_limits<double>::infinity();
+    for (int i = 0; i < feature.x_size(); ++i) {
+      nearest = std::min(nearest, std::hypot(feature.x(i) - X_WT->x(), feature.y(i) - X_WT->y()));
+    }
+    features.emplace_back(nearest, &feature);
+  }
+  std::stable_sort(features.begin(), features.end(),
+                   [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::vector<const v1::MapFeature*> sorted;
+  for (const auto& [distance, feature] : features) sorted.push_back(feature);
+  return sorted;
+}
+
+// Adds a feature, `shift` metres along x from where it is. The lanes of a copy follow each other.
+void AddCopy(const v1::MapFeature& feature, int copy, double shift, v1::Scenario* scene) {
+  v1::MapFeature& added = *scene->add_map_features();
+  added = feature;
+  for (double& x : *added.mutable_x()) x += shift;
+  const int64_t offset = copy * kCopiedFeatures;
+  if (added.id() != 0) added.set_id(added.id() + offset);
+  for (int64_t& id : *added.mutable_successor_ids()) id += offset;
 }
 
 }  // namespace
@@ -139,11 +184,25 @@ v1::Scenario WithMapPoints(const v1::Scenario& scene, int64_t points) {
   v1::Scenario changed = scene;
   changed.clear_map_features();
   if (MapPoints(scene) == 0) return changed;
-  for (int64_t i = 0, have = 0; have < points; ++i) {
-    v1::MapFeature& feature = *changed.add_map_features();
-    feature = scene.map_features(static_cast<int>(i % scene.map_features_size()));
-    if (feature.id() != 0) feature.set_id(i + 1);
+  const std::vector<const v1::MapFeature*> features = NearestFirst(scene);
+  const double width = MapWidth(scene);
+  int64_t have = 0;
+  for (size_t i = 0; have < points; ++i) {
+    const v1::MapFeature& feature = *features[i % features.size()];
+    const auto copy = static_cast<int>(i / features.size());
+    AddCopy(feature, copy, copy * width, &changed);
     have += feature.x_size();
+  }
+  return changed;
+}
+
+v1::Scenario WithMapCopies(const v1::Scenario& scene, int copies) {
+  v1::Scenario changed = scene;
+  changed.clear_map_features();
+  for (int copy = 0; copy < copies; ++copy) {
+    for (const v1::MapFeature& feature : scene.map_features()) {
+      AddCopy(feature, copy, 0.0, &changed);
+    }
   }
   return changed;
 }

@@ -38,9 +38,12 @@ v1::PredictRequest RequestFor(const std::vector<v1::Scenario>& scenes, int actio
 // Returns the scene with `count` agents besides its targets: the first ones, then copies of them
 // under other ids.
 v1::Scenario WithAgents(const v1::Scenario& scene, int count);
-// Returns the scene with about `points` map points: its map features in order, repeated if there
-// are too few.
+// Returns the scene with about `points` map points: the map features nearest to the first target,
+// then copies of its map side by side.
 v1::Scenario WithMapPoints(const v1::Scenario& scene, int64_t points);
+// Returns the scene with `copies` of its map in one place: so many times as much lies within reach
+// of each target.
+v1::Scenario WithMapCopies(const v1::Scenario& scene, int copies);
 
 }  // namespace maneuver::bench
 

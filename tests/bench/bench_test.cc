@@ -137,6 +137,7 @@ TEST(BenchTest, LargerScenesDifferOnlyInAgentsAndMapPoints) {
   const v1::Scenario vast = WithMapPoints(scenes[0], 3 * MapPoints(scenes[0]));
   EXPECT_GE(MapPoints(vast), 3 * MapPoints(scenes[0]));
   EXPECT_EQ(vast.agents_size(), scenes[0].agents_size());
+  EXPECT_EQ(MapPoints(WithMapCopies(scenes[0], 3)), 3 * MapPoints(scenes[0]));
   EXPECT_EQ(Pipeline(Compact(), {RequestFor({vast}, 1)}, 1).targets(), kLargestBatch);
 }
 

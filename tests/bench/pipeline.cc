@@ -9,6 +9,7 @@
 #include "model/artifact/model_spec.h"
 #include "model/probability/responsibilities.h"
 #include "model/scene/motion_reference.h"
+#include "server/rpc/arena_messages.h"
 
 namespace maneuver::bench {
 namespace {
@@ -65,8 +66,8 @@ Pipeline::Pipeline(const BenchModel& model, const std::vector<v1::PredictRequest
       scratch_(networks_.backbone ? networks_.backbone->NewScratch() : nullptr) {
   for (const v1::PredictRequest& request : requests) {
     bytes_.push_back(request.SerializeAsString());
-    arenas_.push_back(std::make_unique<google::protobuf::Arena>());
-    response_arenas_.push_back(std::make_unique<google::protobuf::Arena>());
+    arenas_.push_back(std::make_unique<google::protobuf::Arena>(rpc::CallArenaOptions()));
+    response_arenas_.push_back(std::make_unique<google::protobuf::Arena>(rpc::CallArenaOptions()));
   }
   responses_.resize(bytes_.size());
   Parse();
