@@ -140,6 +140,33 @@ size_t FastChordEnd(const double* u, const double* v, size_t start, size_t last,
 
 // Of at least as many points as D has lanes.
 template <class D>
+HWY_INLINE PointBox BoxOf(D d, const double* x, const double* y, size_t count) {
+  constexpr size_t kTogether = hn::MaxLanes(D());
+  // A point that is taken twice changes nothing.
+  hn::Vec<D> low_x = hn::LoadU(d, x + count - kTogether);
+  hn::Vec<D> low_y = hn::LoadU(d, y + count - kTogether);
+  hn::Vec<D> high_x = low_x;
+  hn::Vec<D> high_y = low_y;
+  for (size_t i = 0; i + kTogether <= count; i += kTogether) {
+    const auto at_x = hn::LoadU(d, x + i);
+    const auto at_y = hn::LoadU(d, y + i);
+    low_x = hn::Min(low_x, at_x);
+    low_y = hn::Min(low_y, at_y);
+    high_x = hn::Max(high_x, at_x);
+    high_y = hn::Max(high_y, at_y);
+  }
+  return {.low_x = hn::GetLane(hn::MinOfLanes(d, low_x)),
+          .low_y = hn::GetLane(hn::MinOfLanes(d, low_y)),
+          .high_x = hn::GetLane(hn::MaxOfLanes(d, high_x)),
+          .high_y = hn::GetLane(hn::MaxOfLanes(d, high_y))};
+}
+
+PointBox FastBox(const double* x, const double* y, size_t count) {
+  return count >= kLanes ? BoxOf(Doubles(), x, y, count) : BoxOf(One(), x, y, count);
+}
+
+// Of at least as many points as D has lanes.
+template <class D>
 HWY_INLINE PointSpread SpreadOf(D d, const double* x, const double* y, int first, int last) {
   using V = hn::Vec<D>;
   const double dx = x[last] - x[first];
@@ -254,6 +281,17 @@ size_t PlainChordEnd(const double* u, const double* v, size_t start, size_t last
   });
 }
 
+PointBox PlainBox(const double* x, const double* y, size_t count) {
+  PointBox box = {.low_x = x[0], .low_y = y[0], .high_x = x[0], .high_y = y[0]};
+  for (size_t i = 1; i < count; ++i) {
+    box.low_x = std::min(box.low_x, x[i]);
+    box.low_y = std::min(box.low_y, y[i]);
+    box.high_x = std::max(box.high_x, x[i]);
+    box.high_y = std::max(box.high_y, y[i]);
+  }
+  return box;
+}
+
 PointSpread PlainSpread(const double* x, const double* y, int first, int last) {
   const double dx = x[last] - x[first];
   const double dy = y[last] - y[first];
@@ -291,6 +329,7 @@ HWY_EXPORT(FastProject);
 HWY_EXPORT(FastMove);
 HWY_EXPORT(FastSides);
 HWY_EXPORT(FastChordEnd);
+HWY_EXPORT(FastBox);
 HWY_EXPORT(FastSpreads);
 
 }  // namespace
@@ -321,6 +360,11 @@ void FindSides(const double* u, const double* v, size_t count, int height, int w
 size_t FindChordEnd(const double* u, const double* v, size_t start, size_t last, double tolerance) {
   const auto find = UsesPlainKernels() ? PlainChordEnd : HWY_DYNAMIC_DISPATCH(FastChordEnd);
   return find(u, v, start, last, tolerance);
+}
+
+PointBox FindBox(const double* x, const double* y, size_t count) {
+  const auto find = UsesPlainKernels() ? PlainBox : HWY_DYNAMIC_DISPATCH(FastBox);
+  return find(x, y, count);
 }
 
 void FindSpreads(const double* x, const double* y, int count, int intervals, PointSpread* spreads) {

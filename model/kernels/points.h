@@ -54,6 +54,14 @@ void FindSides(const double* u, const double* v, size_t count, int height, int w
 //   u, v: room for kPointLanes numbers behind point `last`, which may be read
 size_t FindChordEnd(const double* u, const double* v, size_t start, size_t last, double tolerance);
 
+// The smallest upright rectangle around points.
+struct PointBox {
+  double low_x, low_y, high_x, high_y;
+};
+
+// Finds the box of `count` points, at least one.
+PointBox FindBox(const double* x, const double* y, size_t count);
+
 // The extent of the points of a piece of a line.
 struct PointSpread {
   double low_x, low_y, high_x, high_y;

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <optional>
+#include <numeric>
 #include <utility>
 
 namespace maneuver::scene {
@@ -21,17 +21,27 @@ int PiecesOf(int points) {
   return (std::max(points - 1, 0) + LaneGraph::kPieceSegments - 1) / LaneGraph::kPieceSegments;
 }
 
-// Returns the number of boxes of a tree over `pieces` pieces.
-size_t TreeBoxes(size_t pieces, size_t fan_out) {
-  size_t boxes = pieces;
-  for (size_t level = pieces; level > fan_out;) {
+// Returns the number of boxes of a tree over `lanes` lanes whose root has at most `most`.
+size_t TreeBoxes(size_t lanes, size_t fan_out, size_t most) {
+  size_t boxes = lanes;
+  for (size_t level = lanes; level > most;) {
     level = (level + fan_out - 1) / fan_out;
     boxes += level;
   }
   return boxes;
 }
 
-// Upper bounds of the sizes of a graph's vectors.
+// Returns whether a feature has two points that are not the same.
+bool IsLine(const v1::MapFeature& feature) {
+  for (int i = 1; i < PointsOf(feature); ++i) {
+    const double dx = feature.x(i) - feature.x(0);
+    const double dy = feature.y(i) - feature.y(0);
+    if (std::sqrt(dx * dx + dy * dy) > LaneGraph::kSamePoint) return true;
+  }
+  return false;
+}
+
+// Upper bounds of the sizes of a graph's arrays.
 struct Capacity {
   size_t lanes = 0;
   size_t points = 0;
@@ -51,36 +61,27 @@ struct Capacity {
   }
 };
 
-// Finds lanes by id.
-class LaneIds {
- public:
-  explicit LaneIds(const std::vector<Lane>& lanes) {
-    ids_.reserve(lanes.size());
-    for (size_t i = 0; i < lanes.size(); ++i) {
-      if (lanes[i].id != 0) ids_.emplace_back(lanes[i].id, static_cast<int>(i));
-    }
-    std::sort(ids_.begin(), ids_.end());
-  }
+// Inserts a zero before each of the eight bits of a number.
+uint32_t Spread(uint32_t bits) {
+  bits = (bits | (bits << 4)) & 0x0F0F;
+  bits = (bits | (bits << 2)) & 0x3333;
+  return (bits | (bits << 1)) & 0x5555;
+}
 
-  // Returns the first lane with this id, or -1.
-  int Find(int64_t id) const {
-    const auto found = std::lower_bound(ids_.begin(), ids_.end(), std::pair(id, 0));
-    return found == ids_.end() || found->first != id ? -1 : found->second;
-  }
-
- private:
-  std::vector<std::pair<int64_t, int>> ids_;
-};
+}  // namespace
 
 // Finds lanes that begin near a point. Keeps their starts sorted by grid cell.
-class LaneStarts {
+class LaneGraph::LaneStarts {
  public:
+  static constexpr size_t kBytes = 24;  // of each lane
+
   explicit LaneStarts(const LaneGraph& graph) {
-    starts_.reserve(graph.lanes().size());
-    for (size_t i = 0; i < graph.lanes().size(); ++i) {
-      const LanePoint& start = graph.Start(graph.lanes()[i]);
-      starts_.emplace_back(Cell{Index(start.y), Index(start.x)}, static_cast<int>(i));
+    starts_.reserve(static_cast<size_t>(graph.size()));
+    for (int i = 0; i < graph.size(); ++i) {
+      const v1::MapFeature& feature = graph.FeatureOf(i);
+      starts_.emplace_back(Cell{Index(feature.y(0)), Index(feature.x(0))}, i);
     }
+    static_assert(sizeof(starts_[0]) == kBytes);
     std::sort(starts_.begin(), starts_.end());
   }
 
@@ -112,91 +113,81 @@ class LaneStarts {
   std::vector<std::pair<Cell, int>> starts_;
 };
 
-// Inserts a zero before each of the eight bits of a number.
-uint32_t Spread(uint32_t bits) {
-  bits = (bits | (bits << 4)) & 0x0F0F;
-  bits = (bits | (bits << 2)) & 0x3333;
-  return (bits | (bits << 1)) & 0x5555;
-}
-
-}  // namespace
-
-LaneGraph::LaneGraph(const MapFeatures& features) {
+LaneGraph::LaneGraph(const MapFeatures& features, std::span<const Box> boxes)
+    : features_(features) {
   const Capacity capacity(features);
-  lanes_.reserve(capacity.lanes);
-  points_.reserve(capacity.points);
-  pieces_.reserve(capacity.pieces);
+  lanes_ = std::make_unique<LazyLane[]>(capacity.lanes);
+  ids_.reserve(capacity.lanes);
   stop_signs_.reserve(capacity.stop_signs);
-  std::vector<int> features_of;
-  features_of.reserve(capacity.lanes);
+  boxes_.reserve(TreeBoxes(capacity.lanes, kFanOut, kMostRootBoxes));
   for (int i = 0; i < features.size(); ++i) {
     const v1::MapFeature& feature = features[i];
-    if (IsLane(feature)) {
-      AddLane(feature);
-      if (features_of.size() < lanes_.size()) features_of.push_back(i);
+    if (IsLane(feature) && IsLine(feature)) {
+      AddLane(i);
+      boxes_.push_back(boxes[static_cast<size_t>(i)]);
     } else if (feature.type() == v1::MAP_FEATURE_TYPE_STOP_SIGN && PointsOf(feature) > 0) {
       stop_signs_.push_back({feature.x(0), feature.y(0)});
     }
   }
-  LinkLanes(features, features_of);
+  points_ = std::make_unique_for_overwrite<LanePoint[]>(most_points_);
+  pieces_ = std::make_unique_for_overwrite<LanePiece[]>(most_pieces_);
+  successors_ = std::make_unique_for_overwrite<int[]>(boxes_.size() * kMostSuccessors);
+  if (!std::is_sorted(ids_.begin(), ids_.end())) std::sort(ids_.begin(), ids_.end());
   BuildTree();
+}
+
+LaneGraph::~LaneGraph() = default;
+
+void LaneGraph::AddLane(int feature) {
+  LazyLane& added = lanes_[static_cast<size_t>(size_)];
+  const v1::MapFeature& from = features_[feature];
+  added.feature = feature;
+  added.lane.id = from.id();
+  added.lane.speed_limit = from.speed_limit();
+  added.lane.first = static_cast<int>(most_points_);
+  added.lane.first_piece = static_cast<int>(most_pieces_);
+  if (from.id() != 0) ids_.emplace_back(from.id(), size_);
+  most_points_ += static_cast<size_t>(PointsOf(from));
+  most_pieces_ += static_cast<size_t>(PiecesOf(PointsOf(from)));
+  size_ += 1;
 }
 
 int64_t LaneGraph::MostBytes(const MapFeatures& features) {
   const Capacity capacity(features);
   return static_cast<int64_t>(sizeof(LaneGraph) + capacity.points * sizeof(LanePoint) +
-                              capacity.lanes * (sizeof(Lane) + kMostSuccessors * sizeof(int)) +
-                              capacity.pieces * (sizeof(LanePiece) + sizeof(int)) +
-                              TreeBoxes(capacity.pieces, kFanOut) * sizeof(Box) +
+                              capacity.pieces * sizeof(LanePiece) +
+                              capacity.lanes *
+                                  (sizeof(LazyLane) + kMostSuccessors * sizeof(int) +
+                                   sizeof(ids_[0]) + sizeof(order_[0]) + LaneStarts::kBytes) +
+                              TreeBoxes(capacity.lanes, kFanOut, kMostRootBoxes) * sizeof(Box) +
                               capacity.stop_signs * sizeof(Point2));
 }
 
 int64_t LaneGraph::bytes() const {
   return static_cast<int64_t>(
-      sizeof(LaneGraph) + points_.capacity() * sizeof(LanePoint) +
-      lanes_.capacity() * sizeof(Lane) + pieces_.capacity() * sizeof(LanePiece) +
-      (successors_.capacity() + order_.capacity()) * sizeof(int) + boxes_.capacity() * sizeof(Box) +
-      stop_signs_.capacity() * sizeof(Point2));
+      sizeof(LaneGraph) + most_points_ * sizeof(LanePoint) + most_pieces_ * sizeof(LanePiece) +
+      static_cast<size_t>(size_) *
+          (sizeof(LazyLane) + kMostSuccessors * sizeof(int) + LaneStarts::kBytes) +
+      ids_.capacity() * sizeof(ids_[0]) + order_.capacity() * sizeof(order_[0]) +
+      boxes_.capacity() * sizeof(Box) + stop_signs_.capacity() * sizeof(Point2));
 }
 
-double LaneGraph::Gap(const Lane& lane, const Lane& next) const {
+double LaneGraph::Gap(const Lane& lane, int next) const {
   const LanePoint& end = End(lane);
-  const LanePoint& start = Start(next);
-  const double gap = std::hypot(start.x - end.x, start.y - end.y);
+  const v1::MapFeature& feature = FeatureOf(next);
+  const double gap = std::hypot(feature.x(0) - end.x, feature.y(0) - end.y);
   return gap > kSamePoint ? gap : 0.0;
 }
 
-void LaneGraph::AddLane(const v1::MapFeature& feature) {
-  const auto first = points_.size();
+int LaneGraph::ReadDistinctPoints(const v1::MapFeature& feature, LanePoint* point) {
+  const double* const x = feature.x().data();
+  const double* const y = feature.y().data();
   const int count = PointsOf(feature);
-  if (!AddDistinctPoints(feature.x().data(), feature.y().data(), count)) {
-    AddPoints(feature.x().data(), feature.y().data(), count);
-  }
-  if (points_.size() < first + 2) {
-    points_.resize(first);
-    return;
-  }
-  lanes_.push_back({.id = feature.id(),
-                    .speed_limit = feature.speed_limit(),
-                    .first = static_cast<int>(first),
-                    .last = static_cast<int>(points_.size()) - 1,
-                    .first_piece = static_cast<int>(pieces_.size()),
-                    .last_piece = 0,
-                    .first_successor = 0,
-                    .successors = 0});
-  AddPieces(static_cast<int>(lanes_.size()) - 1);
-}
-
-bool LaneGraph::AddDistinctPoints(const double* x, const double* y, int count) {
-  if (count < 2) return false;
   // Processes blocks of segments, so that square roots and divisions are vectorised.
   constexpr int kBlock = 64;
   std::array<double, kBlock> length;
   std::array<double, kBlock> cosine;
   std::array<double, kBlock> sine;
-  const size_t first = points_.size();
-  points_.resize(first + static_cast<size_t>(count));
-  LanePoint* point = points_.data() + first;
   double distance = 0.0;
   for (int begin = 0; begin + 1 < count; begin += kBlock) {
     const int segments = std::min(kBlock, count - 1 - begin);
@@ -209,109 +200,95 @@ bool LaneGraph::AddDistinctPoints(const double* x, const double* y, int count) {
       sine[i] = dy / length[i];
     }
     for (int i = 0; i < segments; ++i) shortest = length[i] < shortest ? length[i] : shortest;
-    if (shortest <= kSamePoint) {
-      points_.resize(first);
-      return false;
-    }
+    if (shortest <= kSamePoint) return 0;
     for (int i = 0; i < segments; ++i) {
       *point++ = {x[begin + i], y[begin + i], distance, cosine[i], sine[i]};
       distance += length[i];
     }
   }
   *point = {x[count - 1], y[count - 1], distance, (point - 1)->cosine, (point - 1)->sine};
-  return true;
+  return count;
 }
 
-void LaneGraph::AddPoints(const double* x, const double* y, int count) {
-  for (int i = 0; i < count; ++i) {
-    if (i == 0) {
-      points_.push_back({x[0], y[0], 0.0, 1.0, 0.0});
-      continue;
-    }
-    LanePoint& before = points_.back();
-    const double dx = x[i] - before.x;
-    const double dy = y[i] - before.y;
+int LaneGraph::ReadPoints(const v1::MapFeature& feature, LanePoint* points) {
+  points[0] = {feature.x(0), feature.y(0), 0.0, 1.0, 0.0};
+  int read = 1;
+  for (int i = 1; i < PointsOf(feature); ++i) {
+    LanePoint& before = points[read - 1];
+    const double dx = feature.x(i) - before.x;
+    const double dy = feature.y(i) - before.y;
     const double length = std::sqrt(dx * dx + dy * dy);
     if (length <= kSamePoint) continue;
     before.cosine = dx / length;
     before.sine = dy / length;
-    const LanePoint next{x[i], y[i], before.distance + length, before.cosine, before.sine};
-    points_.push_back(next);
+    points[read++] = {feature.x(i), feature.y(i), before.distance + length, before.cosine,
+                      before.sine};
   }
+  return read;
 }
 
-void LaneGraph::AddPieces(int lane) {
-  Lane& added = lanes_[static_cast<size_t>(lane)];
-  for (int first = added.first; first < added.last; first += kPieceSegments) {
-    const int last = std::min(first + kPieceSegments, added.last);
+void LaneGraph::ReadLane(int i) const {
+  Lane& lane = lanes_[static_cast<size_t>(i)].lane;
+  LanePoint* const points = points_.get() + lane.first;
+  int count = ReadDistinctPoints(FeatureOf(i), points);
+  if (count == 0) count = ReadPoints(FeatureOf(i), points);
+  lane.last = lane.first + count - 1;
+  LanePiece* piece = pieces_.get() + lane.first_piece;
+  for (int first = lane.first; first < lane.last; first += kPieceSegments, ++piece) {
+    const int last = std::min(first + kPieceSegments, lane.last);
     const LanePoint& start = points_[static_cast<size_t>(first)];
     Box box{start.x, start.y, start.x, start.y};
-    for (int i = first + 1; i <= last; ++i) {
-      const LanePoint& point = points_[static_cast<size_t>(i)];
+    for (int p = first + 1; p <= last; ++p) {
+      const LanePoint& point = points_[static_cast<size_t>(p)];
       box = box.With({point.x, point.y, point.x, point.y});
     }
-    pieces_.push_back({box, lane, first, last});
+    *piece = {box, i, first, last};
   }
-  added.last_piece = static_cast<int>(pieces_.size()) - 1;
+  lane.last_piece = static_cast<int>(piece - pieces_.get()) - 1;
 }
 
-void LaneGraph::LinkLanes(const MapFeatures& features, const std::vector<int>& features_of) {
-  const LaneIds ids(lanes_);
-  std::optional<LaneStarts> starts;  // built when a lane first needs them
-  for (size_t i = 0; i < lanes_.size(); ++i) {
-    Lane& lane = lanes_[i];
-    lane.first_successor = static_cast<int>(successors_.size());
-    const auto add = [&](int next, double most_gap) {
-      const auto known = Successors(lane);
-      if (next < 0 || next == static_cast<int>(i) || lane.successors == kMostSuccessors ||
-          Gap(lane, lanes_[static_cast<size_t>(next)]) > most_gap ||
-          std::find(known.begin(), known.end(), next) != known.end()) {
-        return;
-      }
-      successors_.push_back(next);
-      lane.successors += 1;
-    };
-    for (const int64_t id : features[features_of[i]].successor_ids()) {
-      if (id != 0) add(ids.Find(id), kMostDeclaredGap);
+int LaneGraph::FindId(int64_t id) const {
+  const auto found = std::lower_bound(ids_.begin(), ids_.end(), std::pair(id, 0));
+  return found == ids_.end() || found->first != id ? -1 : found->second;
+}
+
+const LaneGraph::LaneStarts& LaneGraph::starts() const {
+  std::call_once(starts_once_, [&] { starts_ = std::make_unique<const LaneStarts>(*this); });
+  return *starts_;
+}
+
+void LaneGraph::LinkLane(int i) const {
+  const Lane& lane = this->lane(i);
+  int* const successors = successors_.get() + static_cast<size_t>(i) * kMostSuccessors;
+  int& count = lanes_[static_cast<size_t>(i)].successors;
+  const auto add = [&](int next, double most_gap) {
+    if (next < 0 || next == i || count == kMostSuccessors || Gap(lane, next) > most_gap ||
+        std::find(successors, successors + count, next) != successors + count) {
+      return;
     }
-    if (lane.successors > 0) continue;
-    const LanePoint& end = End(lane);
-    if (!starts) starts.emplace(*this);
-    starts->ForEachNear(end.x, end.y, [&](int next) {
-      const LanePoint& start = Start(lanes_[static_cast<size_t>(next)]);
-      if (start.cosine * end.cosine + start.sine * end.sine > kLeastCosine) add(next, kMostGap);
-    });
-    // The order of the grid's cells depends on where the map lies; the order of lanes must not.
-    std::sort(successors_.begin() + lane.first_successor, successors_.end());
+    successors[count++] = next;
+  };
+  for (const int64_t id : FeatureOf(i).successor_ids()) {
+    if (id != 0) add(FindId(id), kMostDeclaredGap);
   }
-  successors_.shrink_to_fit();
+  if (count > 0) return;
+  const LanePoint& end = End(lane);
+  starts().ForEachNear(end.x, end.y, [&](int next) {
+    const LanePoint& start = Start(this->lane(next));
+    if (start.cosine * end.cosine + start.sine * end.sine > kLeastCosine) add(next, kMostGap);
+  });
+  // The order of the grid's cells depends on where the map lies; the order of lanes must not.
+  std::sort(successors, successors + count);
 }
 
 void LaneGraph::BuildTree() {
-  if (pieces_.empty()) return;
-  Box all = pieces_.front().box;
-  for (const LanePiece& piece : pieces_) all = all.With(piece.box);
-  // Sorts the pieces by the Morton code of their centres, in 256 x 256 cells.
-  const auto cell = [](double middle, double low, double high) {
-    return high > low ? static_cast<uint32_t>(255.0 * (middle - low) / (high - low)) : 0u;
-  };
-  std::vector<std::pair<uint32_t, int>> codes;
-  codes.reserve(pieces_.size());
-  for (size_t i = 0; i < pieces_.size(); ++i) {
-    const Box& box = pieces_[i].box;
-    const uint32_t column = cell(0.5 * (box.low_x + box.high_x), all.low_x, all.high_x);
-    const uint32_t row = cell(0.5 * (box.low_y + box.high_y), all.low_y, all.high_y);
-    codes.emplace_back(Spread(column) | (Spread(row) << 1), static_cast<int>(i));
-  }
-  std::sort(codes.begin(), codes.end());
-  order_.reserve(pieces_.size());
-  boxes_.reserve(TreeBoxes(pieces_.size(), kFanOut));
-  for (const auto& [code, piece] : codes) {
-    order_.push_back(piece);
-    boxes_.push_back(pieces_[static_cast<size_t>(piece)].box);
-  }
-  levels_.push_back({0, boxes_.size()});
-  while (levels_.back().count > kFanOut) {
+  const size_t lanes = boxes_.size();
+  if (lanes == 0) return;
+  order_.resize(lanes);
+  std::iota(order_.begin(), order_.end(), 0);
+  if (lanes > kMostRootBoxes) SortByPlace();
+  levels_.push_back({0, lanes});
+  while (levels_.back().count > kMostRootBoxes) {
     const Level below = levels_.back();
     levels_.push_back({boxes_.size(), (below.count + kFanOut - 1) / kFanOut});
     for (size_t i = 0; i < below.count; i += kFanOut) {
@@ -321,6 +298,28 @@ void LaneGraph::BuildTree() {
       }
       boxes_.push_back(box);
     }
+  }
+}
+
+void LaneGraph::SortByPlace() {
+  Box all = boxes_.front();
+  for (const Box& box : boxes_) all = all.With(box);
+  const auto cell = [](double middle, double low, double high) {
+    return high > low ? static_cast<uint32_t>(255.0 * (middle - low) / (high - low)) : 0u;
+  };
+  std::vector<std::pair<uint32_t, int>> codes;
+  codes.reserve(boxes_.size());
+  for (size_t i = 0; i < boxes_.size(); ++i) {
+    const Box& box = boxes_[i];
+    const uint32_t column = cell(0.5 * (box.low_x + box.high_x), all.low_x, all.high_x);
+    const uint32_t row = cell(0.5 * (box.low_y + box.high_y), all.low_y, all.high_y);
+    codes.emplace_back(Spread(column) | (Spread(row) << 1), static_cast<int>(i));
+  }
+  std::sort(codes.begin(), codes.end());
+  const std::vector<Box> boxes = boxes_;
+  for (size_t i = 0; i < codes.size(); ++i) {
+    order_[i] = codes[i].second;
+    boxes_[i] = boxes[static_cast<size_t>(order_[i])];
   }
 }
 

@@ -9,9 +9,12 @@
 // within kMostGap of this one's end at an angle of less than 37 degrees to it (cosine above 0.8). A
 // lane is never its own successor. If several lanes share one id, the id names the first.
 //
-// Bounds, for any map that ValidateMap accepts: building takes O(n log n) time and at most
-// MostBytes() of memory for n points. A lane keeps at most kMostSuccessors, and considers at most
-// kMostCandidates lanes that begin near its end.
+// Lanes are read when they are first asked for: a target's paths follow a few lanes of a map that
+// has hundreds. Until then the graph knows where a lane begins, and the box around it.
+//
+// Bounds, for any map that ValidateMap accepts: building and reading all lanes takes O(n log n)
+// time and at most MostBytes() of memory for n points. A lane keeps at most kMostSuccessors, and
+// considers at most kMostCandidates lanes that begin near its end.
 
 #ifndef MANEUVER_MODEL_SCENE_LANE_GRAPH_H_
 #define MANEUVER_MODEL_SCENE_LANE_GRAPH_H_
@@ -19,7 +22,10 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
+#include <mutex>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "model/scene/map_features.h"
@@ -38,14 +44,12 @@ struct LanePoint {
 
 // Points first .. last of the graph, in the direction of travel.
 struct Lane {
-  int64_t id;          // MapFeature.id; 0 if it has none
-  double speed_limit;  // metres per second; 0 if not known
-  int first;
-  int last;
-  int first_piece;  // its pieces are first_piece .. last_piece
-  int last_piece;
-  int first_successor;
-  int successors;
+  int64_t id = 0;            // MapFeature.id; 0 if it has none
+  double speed_limit = 0.0;  // metres per second; 0 if not known
+  int first = 0;
+  int last = 0;
+  int first_piece = 0;  // its pieces are first_piece .. last_piece
+  int last_piece = 0;
 };
 
 // Consecutive segments of a lane, and the box around them.
@@ -56,7 +60,7 @@ struct LanePiece {
   int last;
 };
 
-// Immutable after construction; safe to share between threads. Keeps no reference to the features.
+// Nothing that a caller sees ever changes; safe to share between threads.
 class LaneGraph {
  public:
   static constexpr double kSamePoint = 1e-3;       // metres
@@ -66,28 +70,42 @@ class LaneGraph {
   static constexpr int kMostCandidates = 64;
   static constexpr int kPieceSegments = 16;
 
-  // ValidateMap must accept `features`.
-  explicit LaneGraph(const MapFeatures& features);
+  // ValidateMap must accept `features`, which must stay unchanged for as long as the graph lives.
+  //   boxes: around the points of each feature
+  LaneGraph(const MapFeatures& features, std::span<const Box> boxes);
+  ~LaneGraph();
+  LaneGraph(const LaneGraph&) = delete;
+  LaneGraph& operator=(const LaneGraph&) = delete;
+
   // Returns an upper bound of bytes() for a graph of these features. Takes O(features).
   static int64_t MostBytes(const MapFeatures& features);
 
-  const std::vector<Lane>& lanes() const { return lanes_; }
-  // Returns the points of all lanes, lane by lane.
-  const std::vector<LanePoint>& points() const { return points_; }
-  // Returns the pieces of all lanes, lane by lane. Each has at most kPieceSegments segments.
-  const std::vector<LanePiece>& pieces() const { return pieces_; }
-  // Returns the indices of the lanes that follow this one: in the order declared, or in ascending
+  // Returns the number of lanes. They have the order of their features.
+  int size() const { return size_; }
+  const Lane& lane(int i) const {
+    LazyLane& lane = lanes_[static_cast<size_t>(i)];
+    std::call_once(lane.read, [&] { ReadLane(i); });
+    return lane.lane;
+  }
+  // Return points and pieces by their index in the graph, for those of lanes that lane() returned.
+  const LanePoint* points() const { return points_.get(); }
+  const LanePiece* pieces() const { return pieces_.get(); }
+  // Returns the indices of the lanes that follow lane i: in the order declared, or in ascending
   // order if none are declared.
-  std::span<const int> Successors(const Lane& lane) const {
-    return {successors_.data() + lane.first_successor, static_cast<size_t>(lane.successors)};
+  std::span<const int> Successors(int i) const {
+    LazyLane& lane = lanes_[static_cast<size_t>(i)];
+    std::call_once(lane.linked, [&] { LinkLane(i); });
+    return {successors_.get() + static_cast<size_t>(i) * kMostSuccessors,
+            static_cast<size_t>(lane.successors)};
   }
   const LanePoint& Start(const Lane& lane) const {
     return points_[static_cast<size_t>(lane.first)];
   }
   const LanePoint& End(const Lane& lane) const { return points_[static_cast<size_t>(lane.last)]; }
   double Length(const Lane& lane) const { return End(lane).distance; }
-  // Returns the distance between a lane's end and the start of `next`, metres; 0 within kSamePoint.
-  double Gap(const Lane& lane, const Lane& next) const;
+  // Returns the distance between a lane's end and the start of lane `next`, metres; 0 within
+  // kSamePoint.
+  double Gap(const Lane& lane, int next) const;
   // Returns the positions of the map's stop signs, world, metres.
   const std::vector<Point2>& stop_signs() const { return stop_signs_; }
 
@@ -100,10 +118,14 @@ class LaneGraph {
     Visit(levels_.size() - 1, 0, levels_.back().count, around, call);
   }
 
+  // Returns the memory in use. Counts all lanes from the start, so the number does not change when
+  // they are read.
   int64_t bytes() const;
 
  private:
   static constexpr size_t kFanOut = 8;
+  // Looking at so many boxes takes less time than sorting them for a few targets.
+  static constexpr size_t kMostRootBoxes = 512;
 
   // Boxes first .. first + count - 1 of boxes_. Box i of a level encloses boxes kFanOut * i to
   // kFanOut * i + kFanOut - 1 of the level below.
@@ -112,15 +134,31 @@ class LaneGraph {
     size_t count;
   };
 
-  void AddLane(const v1::MapFeature& feature);
-  // Appends the points of a lane. AddDistinctPoints is faster but requires at least two points, no
-  // two neighbours of which are the same. Otherwise it adds nothing and returns false.
-  bool AddDistinctPoints(const double* x, const double* y, int count);
-  void AddPoints(const double* x, const double* y, int count);
-  void AddPieces(int lane);
-  // features_of[i]: index of the feature that lane i comes from.
-  void LinkLanes(const MapFeatures& features, const std::vector<int>& features_of);
+  struct LazyLane {
+    std::once_flag read;    // `lane`, its points and its pieces
+    std::once_flag linked;  // its successors
+    int feature = 0;        // index of the feature that it comes from
+    int successors = 0;
+    Lane lane;
+  };
+  class LaneStarts;
+
+  void AddLane(int feature);
+  const v1::MapFeature& FeatureOf(int i) const {
+    return features_[lanes_[static_cast<size_t>(i)].feature];
+  }
+  // Read the points of a lane, and return how many there are. ReadDistinctPoints is faster, but it
+  // returns 0 if two neighbours are the same.
+  static int ReadDistinctPoints(const v1::MapFeature& feature, LanePoint* point);
+  static int ReadPoints(const v1::MapFeature& feature, LanePoint* points);
+  void ReadLane(int i) const;
+  void LinkLane(int i) const;
+  // Returns the first lane with this id, or -1.
+  int FindId(int64_t id) const;
+  const LaneStarts& starts() const;
   void BuildTree();
+  // Sorts order_ and boxes_ by the Morton code of the boxes' centres, in 256 x 256 cells.
+  void SortByPlace();
 
   template <typename Call>
   void Visit(size_t level, size_t first, size_t last, const Box& around, Call& call) const {
@@ -128,7 +166,12 @@ class LaneGraph {
     for (size_t i = first; i < last; ++i) {
       if (!boxes[i].Overlaps(around)) continue;
       if (level == 0) {
-        call(pieces_[static_cast<size_t>(order_[i])]);
+        const Lane& near = lane(order_[i]);
+        for (int piece = near.first_piece; piece <= near.last_piece; ++piece) {
+          if (pieces_[static_cast<size_t>(piece)].box.Overlaps(around)) {
+            call(pieces_[static_cast<size_t>(piece)]);
+          }
+        }
       } else {
         const size_t child = kFanOut * i;
         Visit(level - 1, child, std::min(child + kFanOut, levels_[level - 1].count), around, call);
@@ -136,14 +179,22 @@ class LaneGraph {
     }
   }
 
-  std::vector<LanePoint> points_;
-  std::vector<Lane> lanes_;
-  std::vector<LanePiece> pieces_;
-  std::vector<int> successors_;
+  const MapFeatures& features_;
+  int size_ = 0;
+  size_t most_points_ = 0;
+  size_t most_pieces_ = 0;
+  // Of all lanes, with room for every point of their features. What is not read is not set.
+  std::unique_ptr<LazyLane[]> lanes_;
+  std::unique_ptr<LanePoint[]> points_;
+  std::unique_ptr<LanePiece[]> pieces_;
+  std::unique_ptr<int[]> successors_;         // [lanes, kMostSuccessors]
+  std::vector<std::pair<int64_t, int>> ids_;  // and their lanes, in ascending order
+  mutable std::once_flag starts_once_;
+  mutable std::unique_ptr<const LaneStarts> starts_;  // built when a lane first needs them
   std::vector<Point2> stop_signs_;
-  // A packed R-tree. Its lowest level holds the boxes of the pieces, nearby pieces next to each
+  // A packed R-tree. Its lowest level holds the boxes of the lanes, nearby lanes next to each
   // other.
-  std::vector<int> order_;  // [pieces], into pieces_
+  std::vector<int> order_;  // [lanes], into lanes_
   std::vector<Box> boxes_;
   std::vector<Level> levels_;
 };

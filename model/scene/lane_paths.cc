@@ -103,14 +103,14 @@ class Track {
     legs_.clear();
     pieces_.clear();
   }
-  void AddLane(int lane, double start) { legs_.push_back({lane, start}); }
+  void AddLane(const Lane& lane, double start) { legs_.push_back({&lane, start}); }
   // Call it after the last AddLane if lanes were added in descending order.
   void Reverse() { std::reverse(legs_.begin(), legs_.end()); }
 
   double foot() const { return foot_; }
-  double end() const { return legs_.back().start + graph_->Length(LaneOf(legs_.back())); }
+  double end() const { return legs_.back().start + graph_->Length(*legs_.back().lane); }
   size_t legs() const { return legs_.size(); }
-  const Lane& lane(size_t leg) const { return LaneOf(legs_[leg]); }
+  const Lane& lane(size_t leg) const { return *legs_[leg].lane; }
   double start(size_t leg) const { return legs_[leg].start; }
   const LanePoint& lane_start(size_t leg) const { return graph_->Start(lane(leg)); }
 
@@ -121,7 +121,7 @@ class Track {
     Spot operator()(double at) {
       while (leg_ + 1 < track_.legs_.size() && at >= track_.legs_[leg_ + 1].start) Enter(leg_ + 1);
       const Lane& lane = track_.lane(leg_);
-      const LanePoint* const points = track_.graph_->points().data();
+      const LanePoint* const points = track_.graph_->points();
       const double distance = at - track_.legs_[leg_].start;
       if (distance > points[lane.last].distance) return BeyondLane(distance);
       const LanePoint* const after =
@@ -163,7 +163,7 @@ class Track {
     to_ = to;
     pieces_.clear();
     for (const Leg& leg : legs_) {
-      const Lane& lane = LaneOf(leg);
+      const Lane& lane = *leg.lane;
       for (int i = lane.first_piece; i <= lane.last_piece; ++i) {
         const LanePiece& piece = graph_->pieces()[static_cast<size_t>(i)];
         if (leg.start + DistanceOf(piece.last) < from || leg.start + DistanceOf(piece.first) > to) {
@@ -196,7 +196,7 @@ class Track {
     Reader reader(*this);
     corners->push_back(reader(from).p_WP);
     for (const Leg& leg : legs_) {
-      const Lane& lane = LaneOf(leg);
+      const Lane& lane = *leg.lane;
       for (int i = lane.first; i <= lane.last; ++i) {
         const LanePoint& point = graph_->points()[static_cast<size_t>(i)];
         const double at = leg.start + point.distance;
@@ -208,13 +208,10 @@ class Track {
 
  private:
   struct Leg {
-    int lane;
+    const Lane* lane;
     double start;  // arc length of its first point
   };
 
-  const Lane& LaneOf(const Leg& leg) const {
-    return graph_->lanes()[static_cast<size_t>(leg.lane)];
-  }
   double DistanceOf(int point) const {
     return graph_->points()[static_cast<size_t>(point)].distance;
   }
@@ -390,9 +387,8 @@ class LanePathFinder::Search {
     FindStarts(graph, X_WT, projection.scale());
     size_t kept = 0;
     for (const Start& start : starts_.get()) {
-      const Lane& first = graph.lanes()[static_cast<size_t>(start.lane)];
       nodes_.clear();
-      nodes_.push_back({start.lane, -1, 0.0, graph.Length(first)});
+      nodes_.push_back({start.lane, -1, 0.0, graph.Length(graph.lane(start.lane))});
       int branches = 0;
       for (size_t i = 0; i < nodes_.size() && branches < kMostBranches; ++i) {
         if (Extend(graph, start, i, projection.scale())) continue;
@@ -437,14 +433,14 @@ class LanePathFinder::Search {
   bool Extend(const LaneGraph& graph, const Start& start, size_t index, double scale) {
     const Node node = nodes_[index];
     if (index >= kMostExtensions || scale * (node.end - start.foot) >= kReach) return false;
-    const Lane& lane = graph.lanes()[static_cast<size_t>(node.lane)];
+    const Lane& lane = graph.lane(node.lane);
     int ways = 0;
-    for (const int next : graph.Successors(lane)) {
+    for (const int next : graph.Successors(node.lane)) {
       if (ways == kMostWaysOn) break;
       if (Passes(index, next)) continue;
-      const Lane& next_lane = graph.lanes()[static_cast<size_t>(next)];
-      const double begin = node.end + graph.Gap(lane, next_lane);
-      nodes_.push_back({next, static_cast<int>(index), begin, begin + graph.Length(next_lane)});
+      const double begin = node.end + graph.Gap(lane, next);
+      const double length = graph.Length(graph.lane(next));
+      nodes_.push_back({next, static_cast<int>(index), begin, begin + length});
       ++ways;
     }
     return ways > 0;
@@ -461,7 +457,8 @@ class LanePathFinder::Search {
   void MakeTrack(const LaneGraph& graph, const Start& start, size_t index) {
     track_.Begin(graph, start.foot);
     for (auto i = static_cast<int>(index); i >= 0; i = nodes_[static_cast<size_t>(i)].parent) {
-      track_.AddLane(nodes_[static_cast<size_t>(i)].lane, nodes_[static_cast<size_t>(i)].start);
+      const Node& node = nodes_[static_cast<size_t>(i)];
+      track_.AddLane(graph.lane(node.lane), node.start);
     }
     track_.Reverse();
   }

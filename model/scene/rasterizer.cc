@@ -149,11 +149,12 @@ class Rasterizer::Painter {
   void DrawMap(const RoadMap& map, const Projection& projection) {
     // One pixel more than the drawing extends, for rounding.
     const Box seen = projection.Seen(spec_.width(), spec_.height(), kReach + 1.0);
+    const Stretches& stretches = map.stretches();
     for (int i = 0; i < map.features().size(); ++i) {
       if (!seen.Overlaps(map.boxes()[static_cast<size_t>(i)])) continue;
       const v1::MapFeature& feature = map.features()[i];
       if (IsLine(feature)) {
-        DrawLine(feature, map.stretches(i), seen, projection);
+        DrawLine(feature, stretches[i], seen, projection);
       } else {
         corners_.clear();
         for (int point = 0; point < std::min(feature.x_size(), feature.y_size()); ++point) {
@@ -193,7 +194,7 @@ class Rasterizer::Painter {
   // Draws the stretches that may show; of a straight one, only the end points.
   void DrawLine(const v1::MapFeature& feature, std::span<const Stretch> stretches, const Box& seen,
                 const Projection& projection) {
-    constexpr int kIntervals = RoadMap::kStretchPoints - 1;
+    constexpr int kIntervals = Stretches::kStretchPoints - 1;
     const int last = std::min(feature.x_size(), feature.y_size()) - 1;
     const double bend = kBendTolerance / projection.pixels_per_meter();
     line_.Clear();

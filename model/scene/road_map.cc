@@ -15,6 +15,19 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
+int PointsOf(const v1::MapFeature& feature) { return std::min(feature.x_size(), feature.y_size()); }
+
+Box BoxOf(const v1::MapFeature& feature) {
+  if (PointsOf(feature) == 0) return {kInfinity, kInfinity, -kInfinity, -kInfinity};
+  const kernels::PointBox box = kernels::FindBox(feature.x().data(), feature.y().data(),
+                                                 static_cast<size_t>(PointsOf(feature)));
+  return {box.low_x, box.low_y, box.high_x, box.high_y};
+}
+
+size_t MostStretches(const v1::MapFeature& feature) {
+  return static_cast<size_t>(feature.x_size() / (Stretches::kStretchPoints - 1) + 1);
+}
+
 // `intervals`: of the stretch's points.
 Stretch StretchOf(const kernels::PointSpread& spread, int intervals) {
   Stretch stretch{{spread.low_x, spread.low_y, spread.high_x, spread.high_y}, kInfinity};
@@ -28,9 +41,39 @@ Stretch StretchOf(const kernels::PointSpread& spread, int intervals) {
 
 }  // namespace
 
-struct RoadMap::LazyLanes {
-  std::once_flag once;
-  std::optional<LaneGraph> graph;
+Stretches::Stretches(const MapFeatures& features) {
+  constexpr int kIntervals = kStretchPoints - 1;
+  size_t stretches = 0;
+  for (const v1::MapFeature& feature : features) stretches += MostStretches(feature);
+  stretches_.reserve(stretches);
+  first_.reserve(static_cast<size_t>(features.size()) + 1);
+  std::vector<kernels::PointSpread> spreads;  // of a feature
+  for (const v1::MapFeature& feature : features) {
+    first_.push_back(stretches_.size());
+    const int count = PointsOf(feature);
+    spreads.resize(static_cast<size_t>(kernels::SpreadsOf(count, kIntervals)));
+    kernels::FindSpreads(feature.x().data(), feature.y().data(), count, kIntervals, spreads.data());
+    int left = count - 1;  // intervals
+    for (const kernels::PointSpread& spread : spreads) {
+      stretches_.push_back(StretchOf(spread, std::min(kIntervals, left)));
+      left -= kIntervals;
+    }
+  }
+  first_.push_back(stretches_.size());
+}
+
+int64_t Stretches::MostBytes(const MapFeatures& features) {
+  size_t stretches = 0;
+  for (const v1::MapFeature& feature : features) stretches += MostStretches(feature);
+  return static_cast<int64_t>(sizeof(Stretches) + stretches * sizeof(Stretch) +
+                              (static_cast<size_t>(features.size()) + 1) * sizeof(size_t));
+}
+
+struct RoadMap::Lazy {
+  std::once_flag stretches_once;
+  std::optional<Stretches> stretches;
+  std::once_flag lanes_once;
+  std::optional<LaneGraph> lanes;
 };
 
 RoadMap::RoadMap(MapFeatures features)
@@ -41,36 +84,11 @@ RoadMap RoadMap::Over(const MapFeatures& features) { return RoadMap(nullptr, &fe
 RoadMap::RoadMap(std::unique_ptr<const MapFeatures> owned, const MapFeatures* others)
     : owned_(std::move(owned)),
       features_(owned_ != nullptr ? owned_.get() : others),
-      lanes_(std::make_unique<LazyLanes>()) {
-  constexpr int kIntervals = kStretchPoints - 1;
-  size_t stretches = 0;
-  for (const v1::MapFeature& feature : *features_) {
-    stretches += static_cast<size_t>(feature.x_size() / kIntervals + 1);
-  }
-  stretches_.reserve(stretches);
+      lazy_(std::make_unique<Lazy>()) {
   boxes_.reserve(static_cast<size_t>(features_->size()));
-  first_stretches_.reserve(static_cast<size_t>(features_->size()) + 1);
-  std::vector<kernels::PointSpread> spreads;  // of a feature
-  for (const v1::MapFeature& feature : *features_) {
-    first_stretches_.push_back(stretches_.size());
-    Box box{kInfinity, kInfinity, -kInfinity, -kInfinity};
-    const int count = std::min(feature.x_size(), feature.y_size());
-    spreads.resize(static_cast<size_t>(kernels::SpreadsOf(count, kIntervals)));
-    kernels::FindSpreads(feature.x().data(), feature.y().data(), count, kIntervals, spreads.data());
-    int left = count - 1;  // intervals
-    for (const kernels::PointSpread& spread : spreads) {
-      stretches_.push_back(StretchOf(spread, std::min(kIntervals, left)));
-      box = box.With(stretches_.back().box);
-      left -= kIntervals;
-    }
-    boxes_.push_back(box);
-  }
-  first_stretches_.push_back(stretches_.size());
-  bytes_ =
-      static_cast<int64_t>(sizeof(*this) + sizeof(LazyLanes) + boxes_.capacity() * sizeof(Box) +
-                           stretches_.capacity() * sizeof(Stretch) +
-                           first_stretches_.capacity() * sizeof(size_t)) +
-      LaneGraph::MostBytes(*features_);
+  for (const v1::MapFeature& feature : *features_) boxes_.push_back(BoxOf(feature));
+  bytes_ = static_cast<int64_t>(sizeof(*this) + sizeof(Lazy) + boxes_.capacity() * sizeof(Box)) +
+           Stretches::MostBytes(*features_) + LaneGraph::MostBytes(*features_);
   if (owned_ != nullptr) bytes_ += static_cast<int64_t>(owned_->SpaceUsedExcludingSelfLong());
 }
 
@@ -78,9 +96,14 @@ RoadMap::~RoadMap() = default;
 RoadMap::RoadMap(RoadMap&&) noexcept = default;
 RoadMap& RoadMap::operator=(RoadMap&&) noexcept = default;
 
+const Stretches& RoadMap::stretches() const {
+  std::call_once(lazy_->stretches_once, [this] { lazy_->stretches.emplace(*features_); });
+  return *lazy_->stretches;
+}
+
 const LaneGraph& RoadMap::lanes() const {
-  std::call_once(lanes_->once, [this] { lanes_->graph.emplace(*features_); });
-  return *lanes_->graph;
+  std::call_once(lazy_->lanes_once, [this] { lazy_->lanes.emplace(*features_, boxes_); });
+  return *lazy_->lanes;
 }
 
 }  // namespace maneuver::scene

@@ -21,6 +21,27 @@ struct Stretch {
   double squared_bend;
 };
 
+// The stretches of the features of a map. Each has kStretchPoints - 1 intervals, the last one of a
+// feature possibly fewer. Stretch j begins at the feature's point j * (kStretchPoints - 1).
+class Stretches {
+ public:
+  static constexpr int kStretchPoints = 17;
+
+  explicit Stretches(const MapFeatures& features);
+  // Returns an upper bound of the memory in use.
+  static int64_t MostBytes(const MapFeatures& features);
+
+  // Returns those of feature i.
+  std::span<const Stretch> operator[](int i) const {
+    const auto feature = static_cast<size_t>(i);
+    return {stretches_.data() + first_[feature], first_[feature + 1] - first_[feature]};
+  }
+
+ private:
+  std::vector<Stretch> stretches_;  // of all features, one after the other
+  std::vector<size_t> first_;       // [features + 1], into stretches_
+};
+
 class LaneGraph;
 
 // Immutable after construction; safe to share between threads.
@@ -38,32 +59,24 @@ class RoadMap {
   const MapFeatures& features() const { return *features_; }
   // Returns the box around the points of each feature.
   const std::vector<Box>& boxes() const { return boxes_; }
-  // Returns the stretches of feature i. Each has kStretchPoints - 1 intervals, the last one
-  // possibly fewer. Stretch j begins at the feature's point j * (kStretchPoints - 1).
-  std::span<const Stretch> stretches(int i) const {
-    const auto feature = static_cast<size_t>(i);
-    return {stretches_.data() + first_stretches_[feature],
-            first_stretches_[feature + 1] - first_stretches_[feature]};
-  }
-  static constexpr int kStretchPoints = 17;
-  // Returns the driving lanes of the features. The first call builds them. Safe from any thread.
+  // Return the stretches of the features, for drawing, and their driving lanes. The first call
+  // builds them. Safe from any thread.
+  const Stretches& stretches() const;
   const LaneGraph& lanes() const;
-  // Returns the memory in use, including features that it owns. Counts lanes() from the start, so
-  // the number does not change when they are built.
+  // Returns the memory in use, including features that it owns. Counts stretches() and lanes() from
+  // the start, so the number does not change when they are built.
   int64_t bytes() const { return bytes_; }
 
  private:
-  struct LazyLanes;
+  struct Lazy;
 
   // One of the two is nullptr.
   RoadMap(std::unique_ptr<const MapFeatures> owned, const MapFeatures* others);
 
   std::unique_ptr<const MapFeatures> owned_;  // or nullptr
   const MapFeatures* features_;
-  std::vector<Box> boxes_;               // [features]
-  std::vector<Stretch> stretches_;       // of all features, one after the other
-  std::vector<size_t> first_stretches_;  // [features + 1], into stretches_
-  std::unique_ptr<LazyLanes> lanes_;
+  std::vector<Box> boxes_;  // [features]
+  std::unique_ptr<Lazy> lazy_;
   int64_t bytes_;
 };
 

@@ -1,6 +1,6 @@
 // Measures the cost of lane paths on real scenes: indexing a map, and finding the paths of a
-// target, over the number of map points and over the number of agents. MANEUVER_REAL_DATA as in
-// map_bench.cc.
+// target, over the number of map points, of lanes within reach and of agents. MANEUVER_REAL_DATA as
+// in map_bench.cc.
 
 #include <benchmark/benchmark.h>
 
@@ -12,6 +12,7 @@
 
 #include "model/scene/lane_graph.h"
 #include "model/scene/lane_paths.h"
+#include "model/scene/road_map.h"
 #include "model/scene/target_frame.h"
 #include "tests/bench/bench_model.h"
 #include "tests/bench/bench_scenes.h"
@@ -28,35 +29,6 @@ const std::vector<v1::Scenario>& Scenes() {
   return scenes;
 }
 
-// Returns the width of the square around all map points, metres.
-double MapWidth(const v1::Scenario& scene) {
-  constexpr double kInfinity = std::numeric_limits<double>::infinity();
-  double low[2] = {kInfinity, kInfinity};
-  double high[2] = {-kInfinity, -kInfinity};
-  for (const v1::MapFeature& feature : scene.map_features()) {
-    for (const auto* values : {&feature.x(), &feature.y()}) {
-      const int axis = values == &feature.x() ? 0 : 1;
-      for (const double value : *values) {
-        low[axis] = std::min(low[axis], value);
-        high[axis] = std::max(high[axis], value);
-      }
-    }
-  }
-  return std::max(high[0] - low[0], high[1] - low[1]);
-}
-
-// Returns the scene with `points` map points: its first features, or copies of its map side by
-// side.
-v1::Scenario WithMapAround(const v1::Scenario& scene, int64_t points) {
-  v1::Scenario changed = WithMapPoints(scene, points);
-  const double width = MapWidth(scene);
-  for (int i = scene.map_features_size(); i < changed.map_features_size(); ++i) {
-    const double shift = width * (i / scene.map_features_size());
-    for (double& x : *changed.mutable_map_features(i)->mutable_x()) x += shift;
-  }
-  return changed;
-}
-
 // A target, and the arguments for finding its paths.
 struct Query {
   const v1::Scenario* scene;
@@ -67,20 +39,22 @@ struct Query {
 
 struct Queries {
   std::vector<v1::Scenario> scenes;
-  std::vector<scene::LaneGraph> lanes;
+  std::vector<scene::RoadMap> maps;
   std::vector<Query> queries;
 
   template <typename Change>
   explicit Queries(Change change) {
     for (const v1::Scenario& scene : Scenes()) scenes.push_back(change(scene));
-    for (const v1::Scenario& scene : scenes) lanes.emplace_back(scene.map_features());
+    for (const v1::Scenario& scene : scenes) {
+      maps.push_back(scene::RoadMap::Over(scene.map_features()));
+    }
     for (size_t i = 0; i < scenes.size(); ++i) {
       for (const int64_t id : scenes[i].target_ids()) {
         const v1::Agent* const agent = scene::FindAgent(scenes[i], id);
         if (agent == nullptr) continue;
         const auto X_WT =
             scene::TargetPose(*agent, scenes[i].prediction_time(), scene::kLanePathTolerance);
-        if (X_WT) queries.push_back({&scenes[i], &lanes[i], id, *X_WT});
+        if (X_WT) queries.push_back({&scenes[i], &maps[i].lanes(), id, *X_WT});
       }
     }
   }
@@ -109,7 +83,13 @@ void Find(benchmark::State& state, const Queries& queries) {
 
 void FindOverPoints(benchmark::State& state) {
   Find(state,
-       Queries([&](const v1::Scenario& scene) { return WithMapAround(scene, state.range(0)); }));
+       Queries([&](const v1::Scenario& scene) { return WithMapPoints(scene, state.range(0)); }));
+}
+
+void FindOverCopies(benchmark::State& state) {
+  Find(state, Queries([&](const v1::Scenario& scene) {
+         return WithMapCopies(scene, static_cast<int>(state.range(0)));
+       }));
 }
 
 void FindOverAgents(benchmark::State& state) {
@@ -122,15 +102,18 @@ void IndexOverPoints(benchmark::State& state) {
   if (Scenes().empty()) return state.SkipWithError("MANEUVER_REAL_DATA has no scenes");
   std::vector<v1::Scenario> scenes;
   for (const v1::Scenario& scene : Scenes()) {
-    scenes.push_back(WithMapAround(scene, state.range(0)));
+    scenes.push_back(WithMapPoints(scene, state.range(0)));
   }
-  size_t lane_points = 0;
+  int64_t lane_points = 0;
   int64_t bytes = 0;
   for (auto _ : state) {
     for (const v1::Scenario& scene : scenes) {
-      const scene::LaneGraph lanes(scene.map_features());
-      benchmark::DoNotOptimize(lanes.points().data());
-      lane_points += lanes.points().size();
+      const scene::RoadMap map = scene::RoadMap::Over(scene.map_features());
+      const scene::LaneGraph& lanes = map.lanes();
+      for (int i = 0; i < lanes.size(); ++i) {
+        benchmark::DoNotOptimize(lanes.Successors(i).size());
+        lane_points += lanes.lane(i).last - lanes.lane(i).first + 1;
+      }
       bytes += lanes.bytes();
     }
   }
@@ -152,6 +135,7 @@ void RegisterLanePathBenchmarks() {
   const std::vector<int64_t> points = {1'000, 2'500, 5'000, 10'000, 20'000, 40'000, 80'000};
   add("lane_paths/index_over_map_points", IndexOverPoints, points);
   add("lane_paths/find_over_map_points", FindOverPoints, points);
+  add("lane_paths/find_over_map_copies", FindOverCopies, {1, 2, 4, 8, 16});
   add("lane_paths/find_over_agents", FindOverAgents, {0, 50, 100, 200, 400});
 }
 

@@ -15,20 +15,21 @@ namespace {
 void ExpectGraph(const scene::LaneGraph& graph, const scene::MapFeatures& features) {
   Expect(graph.bytes() <= scene::LaneGraph::MostBytes(features),
          "a graph keeps its bound of memory");
-  for (const scene::Lane& lane : graph.lanes()) {
-    Expect(lane.first < lane.last && lane.last < static_cast<int>(graph.points().size()),
-           "a lane has two points at least");
-    Expect(lane.successors <= scene::LaneGraph::kMostSuccessors, "a lane has few successors");
-    for (const int next : graph.Successors(lane)) {
-      Expect(next >= 0 && next < static_cast<int>(graph.lanes().size()), "successors exist");
-      Expect(&graph.lanes()[static_cast<size_t>(next)] != &lane, "no lane is its own successor");
-      Expect(graph.Gap(lane, graph.lanes()[static_cast<size_t>(next)]) <=
-                 scene::LaneGraph::kMostDeclaredGap + 1e-6,
+  for (int i = 0; i < graph.size(); ++i) {
+    const scene::Lane& lane = graph.lane(i);
+    Expect(lane.first < lane.last, "a lane has two points at least");
+    Expect(i + 1 == graph.size() || lane.last < graph.lane(i + 1).first, "lanes share no point");
+    Expect(graph.Successors(i).size() <= scene::LaneGraph::kMostSuccessors,
+           "a lane has few successors");
+    for (const int next : graph.Successors(i)) {
+      Expect(next >= 0 && next < graph.size(), "successors exist");
+      Expect(next != i, "no lane is its own successor");
+      Expect(graph.Gap(lane, next) <= scene::LaneGraph::kMostDeclaredGap + 1e-6,
              "successors begin near the end");
     }
     double before = -1.0;
     for (int p = lane.first; p <= lane.last; ++p) {
-      const scene::LanePoint& point = graph.points()[static_cast<size_t>(p)];
+      const scene::LanePoint& point = graph.points()[p];
       Expect(std::isfinite(point.distance) && point.distance > before, "arc lengths increase");
       Expect(std::abs(std::hypot(point.cosine, point.sine) - 1.0) < 1e-6, "headings are headings");
       before = point.distance;

@@ -155,6 +155,26 @@ std::vector<PointSpread> Spreads(const std::vector<double>& x, const std::vector
   return spreads;
 }
 
+TEST_P(PointsTest, FindsTheBoxOfPoints) {
+  const auto x = RandomDoubles(kMost, 6, 5.0);
+  const auto y = RandomDoubles(kMost, 7, 5.0);
+  for (size_t first = 0; first < kMost; ++first) {
+    for (size_t count = 1; first + count <= kMost; ++count) {
+      const auto find = [&] { return FindBox(x.data() + first, y.data() + first, count); };
+      const auto begin = static_cast<std::ptrdiff_t>(first);
+      const auto end = static_cast<std::ptrdiff_t>(first + count);
+      const auto [low_x, high_x] = std::minmax_element(x.begin() + begin, x.begin() + end);
+      const auto [low_y, high_y] = std::minmax_element(y.begin() + begin, y.begin() + end);
+      for (const PointBox& box : {find(), Plain(find)}) {
+        ASSERT_EQ(box.low_x, *low_x) << first << " " << count;
+        ASSERT_EQ(box.low_y, *low_y) << first << " " << count;
+        ASSERT_EQ(box.high_x, *high_x) << first << " " << count;
+        ASSERT_EQ(box.high_y, *high_y) << first << " " << count;
+      }
+    }
+  }
+}
+
 TEST_P(PointsTest, FindsTheSpreadOfEachPiece) {
   constexpr int kIntervals = 7;
   const auto x = RandomDoubles(kMost, 4, 5.0);

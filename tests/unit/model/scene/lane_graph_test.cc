@@ -10,6 +10,7 @@
 #include <numbers>
 #include <random>
 #include <set>
+#include <span>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -21,7 +22,6 @@ namespace maneuver::scene::lane_graph_test {
 namespace {
 
 using testing::ElementsAre;
-using testing::IsEmpty;
 
 constexpr double kDegree = std::numbers::pi / 180.0;
 
@@ -34,10 +34,14 @@ v1::MapFeature* AddLane(v1::Scenario* scenario, int64_t id, std::initializer_lis
 // Returns the ids of the lanes that follow the lane with index i.
 std::vector<int64_t> SuccessorIds(const LaneGraph& graph, int i) {
   std::vector<int64_t> ids;
-  for (const int next : graph.Successors(graph.lanes()[static_cast<size_t>(i)])) {
-    ids.push_back(graph.lanes()[static_cast<size_t>(next)].id);
-  }
+  for (const int next : graph.Successors(i)) ids.push_back(graph.lane(next).id);
   return ids;
+}
+
+// Returns the points of the lane with index i.
+std::span<const LanePoint> PointsOf(const LaneGraph& graph, int i) {
+  const Lane& lane = graph.lane(i);
+  return {&graph.Start(lane), &graph.End(lane) + 1};
 }
 
 double Seconds(const std::function<void()>& work) {
@@ -49,18 +53,20 @@ double Seconds(const std::function<void()>& work) {
 TEST(LaneGraphTest, PointsHaveArcLengthsAndHeadings) {
   v1::Scenario scenario;
   AddLane(&scenario, 7, {{1.0, 1.0}, {4.0, 5.0}, {4.0, 7.0}})->set_speed_limit(13.0);
-  const LaneGraph graph(scenario.map_features());
-  ASSERT_EQ(graph.lanes().size(), 1u);
-  const Lane& lane = graph.lanes()[0];
+  const RoadMap map = RoadMap::Over(scenario.map_features());
+  const LaneGraph& graph = map.lanes();
+  ASSERT_EQ(graph.size(), 1);
+  const Lane& lane = graph.lane(0);
   EXPECT_EQ(lane.id, 7);
   EXPECT_EQ(lane.speed_limit, 13.0);
   EXPECT_EQ(graph.Length(lane), 7.0);
-  ASSERT_EQ(graph.points().size(), 3u);
-  EXPECT_EQ(graph.points()[1].distance, 5.0);
-  EXPECT_DOUBLE_EQ(graph.points()[0].cosine, 0.6);
-  EXPECT_DOUBLE_EQ(graph.points()[0].sine, 0.8);
-  EXPECT_DOUBLE_EQ(graph.points()[1].sine, 1.0);
-  EXPECT_DOUBLE_EQ(graph.points()[2].sine, 1.0);  // as the segment before it
+  const auto points = PointsOf(graph, 0);
+  ASSERT_EQ(points.size(), 3u);
+  EXPECT_EQ(points[1].distance, 5.0);
+  EXPECT_DOUBLE_EQ(points[0].cosine, 0.6);
+  EXPECT_DOUBLE_EQ(points[0].sine, 0.8);
+  EXPECT_DOUBLE_EQ(points[1].sine, 1.0);
+  EXPECT_DOUBLE_EQ(points[2].sine, 1.0);  // as the segment before it
 }
 
 TEST(LaneGraphTest, HoldsDrivingLanesAndStopSignsOnly) {
@@ -72,10 +78,11 @@ TEST(LaneGraphTest, HoldsDrivingLanesAndStopSignsOnly) {
   AddLane(&scenario, 2, {{5, 5}, {5, 5}, {5.0005, 5}});
   AddLane(&scenario, 3, {});
   AddLane(&scenario, 4, {{5, 5}, {6, 5}});
-  const LaneGraph graph(scenario.map_features());
-  ASSERT_EQ(graph.lanes().size(), 1u);
-  EXPECT_EQ(graph.lanes()[0].id, 4);
-  EXPECT_EQ(graph.points().size(), 2u);
+  const RoadMap map = RoadMap::Over(scenario.map_features());
+  const LaneGraph& graph = map.lanes();
+  ASSERT_EQ(graph.size(), 1);
+  EXPECT_EQ(graph.lane(0).id, 4);
+  EXPECT_EQ(PointsOf(graph, 0).size(), 2u);
   ASSERT_EQ(graph.stop_signs().size(), 1u);
   EXPECT_EQ(graph.stop_signs()[0].y, 4.0);
 }
@@ -85,13 +92,18 @@ TEST(LaneGraphTest, LeavesOutPointsThatRepeat) {
   AddLane(&scenario, 1, {{0, 0}, {0, 0}, {2, 0}, {2.0004, 0}, {2.0008, 0}, {2, 3}, {2, 3}});
   AddLane(&scenario, 2, {{0, 0}, {2, 0}, {2, 3}});
   AddLane(&scenario, 3, {{0, 0}, {2, 0}, {2.0004, 0}, {2, 3}});
-  const LaneGraph graph(scenario.map_features());
-  ASSERT_EQ(graph.points().size(), 9u);
-  for (size_t i = 0; i < 6; ++i) {
-    EXPECT_EQ(graph.points()[i].x, graph.points()[i + 3].x);
-    EXPECT_EQ(graph.points()[i].y, graph.points()[i + 3].y);
-    EXPECT_EQ(graph.points()[i].distance, graph.points()[i + 3].distance);
-    EXPECT_EQ(graph.points()[i].cosine, graph.points()[i + 3].cosine);
+  const RoadMap map = RoadMap::Over(scenario.map_features());
+  const LaneGraph& graph = map.lanes();
+  for (const int i : {0, 2}) {
+    const auto points = PointsOf(graph, i);
+    const auto expected = PointsOf(graph, 1);
+    ASSERT_EQ(points.size(), 3u);
+    for (size_t p = 0; p < 3; ++p) {
+      EXPECT_EQ(points[p].x, expected[p].x);
+      EXPECT_EQ(points[p].y, expected[p].y);
+      EXPECT_EQ(points[p].distance, expected[p].distance);
+      EXPECT_EQ(points[p].cosine, expected[p].cosine);
+    }
   }
 }
 
@@ -107,18 +119,20 @@ TEST(LaneGraphTest, LongLanesHaveTheSamePointsWithAndWithoutARepeatedOne) {
   *twice = *scenario.mutable_map_features(0);
   twice->add_x(twice->x(299));
   twice->add_y(twice->y(299));
-  const LaneGraph graph(scenario.map_features());
-  ASSERT_EQ(graph.points().size(), 600u);
+  const RoadMap map = RoadMap::Over(scenario.map_features());
+  const LaneGraph& graph = map.lanes();
+  ASSERT_EQ(PointsOf(graph, 0).size(), 300u);
+  ASSERT_EQ(PointsOf(graph, 1).size(), 300u);
   double length = 0.0;
   for (size_t i = 0; i < 300; ++i) {
-    const LanePoint& a = graph.points()[i];
-    const LanePoint& b = graph.points()[i + 300];
+    const LanePoint& a = PointsOf(graph, 0)[i];
+    const LanePoint& b = PointsOf(graph, 1)[i];
     EXPECT_NEAR(a.distance, length, 1e-9);
     EXPECT_EQ(a.distance, b.distance);
     EXPECT_EQ(a.cosine, b.cosine);
     EXPECT_EQ(a.sine, b.sine);
     if (i < 299) {
-      const LanePoint& next = graph.points()[i + 1];
+      const LanePoint& next = PointsOf(graph, 0)[i + 1];
       EXPECT_NEAR(std::atan2(a.sine, a.cosine), std::atan2(next.y - a.y, next.x - a.x), 1e-12);
       length += std::hypot(next.x - a.x, next.y - a.y);
     }
@@ -130,7 +144,7 @@ TEST(LaneGraphTest, ALaneFollowsIfItBeginsAtTheEndInTheSameDirection) {
     v1::Scenario scenario;
     AddLane(&scenario, 1, {{0, 0}, {10, 0}});
     AddLane(&scenario, 2, {{x, y}, {x + 20 * std::cos(heading), y + 20 * std::sin(heading)}});
-    return !SuccessorIds(LaneGraph(scenario.map_features()), 0).empty();
+    return !SuccessorIds(RoadMap::Over(scenario.map_features()).lanes(), 0).empty();
   };
   EXPECT_TRUE(follows(10, 0, 0));
   EXPECT_TRUE(follows(10.59, 0, 0));
@@ -156,7 +170,8 @@ TEST(LaneGraphTest, SuccessorsByGeometryMatchAFullSearch) {
       const Point2 start{2.0 * uniform(random), 2.0 * uniform(random)};
       AddLane(&scenario, id, {start, {start.x + uniform(random), start.y + uniform(random)}});
     }
-    const LaneGraph graph(scenario.map_features());
+    const RoadMap map = RoadMap::Over(scenario.map_features());
+    const LaneGraph& graph = map.lanes();
     for (int i = 0; i < 40; ++i) {
       const v1::MapFeature& lane = scenario.map_features(i);
       std::vector<int64_t> expected;
@@ -182,19 +197,19 @@ TEST(LaneGraphTest, DeclaredSuccessorsReplaceThoseByGeometry) {
   AddLane(&scenario, 3, {{10, 2}, {10, 12}});
   AddLane(&scenario, 4, {{15.1, 0}, {30, 0}});
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_BIKE_LANE, {{10, 0}, {20, 0}})->set_id(5);
-  EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(2));
+  EXPECT_THAT(SuccessorIds(RoadMap::Over(scenario.map_features()).lanes(), 0), ElementsAre(2));
   lane = scenario.mutable_map_features(0);
   // Lane 3 counts, at an angle that geometry would not accept. 4 begins too far away, 5 is no
   // driving lane, 6 does not exist, 0 is not an id, and no lane follows itself.
   for (const int64_t id : {6, 3, 5, 4, 0, 1, 3}) lane->add_successor_ids(id);
-  EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(3));
+  EXPECT_THAT(SuccessorIds(RoadMap::Over(scenario.map_features()).lanes(), 0), ElementsAre(3));
   lane->clear_successor_ids();
   for (const int64_t id : {6, 5, 4, 0, 1}) lane->add_successor_ids(id);
-  EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(2));
+  EXPECT_THAT(SuccessorIds(RoadMap::Over(scenario.map_features()).lanes(), 0), ElementsAre(2));
   // In the order of the declaration.
   lane->clear_successor_ids();
   for (const int64_t id : {3, 2}) lane->add_successor_ids(id);
-  EXPECT_THAT(SuccessorIds(LaneGraph(scenario.map_features()), 0), ElementsAre(3, 2));
+  EXPECT_THAT(SuccessorIds(RoadMap::Over(scenario.map_features()).lanes(), 0), ElementsAre(3, 2));
 }
 
 TEST(LaneGraphTest, AnIdSharedByLanesNamesTheFirst) {
@@ -202,8 +217,9 @@ TEST(LaneGraphTest, AnIdSharedByLanesNamesTheFirst) {
   AddLane(&scenario, 1, {{0, 0}, {10, 0}})->add_successor_ids(2);
   AddLane(&scenario, 2, {{10, 1}, {20, 1}});
   AddLane(&scenario, 2, {{10, 0}, {20, 0}});
-  const LaneGraph graph(scenario.map_features());
-  const auto successors = graph.Successors(graph.lanes()[0]);
+  const RoadMap map = RoadMap::Over(scenario.map_features());
+  const LaneGraph& graph = map.lanes();
+  const auto successors = graph.Successors(0);
   ASSERT_EQ(successors.size(), 1u);
   EXPECT_EQ(successors[0], 1);
 }
@@ -222,8 +238,9 @@ TEST(LaneGraphTest, FindsEveryPieceNearAPoint) {
         lane->add_y(y += 2.0 * uniform(random));
       }
     }
-    const LaneGraph graph(scenario.map_features());
-    ASSERT_EQ(graph.pieces().size(), static_cast<size_t>(3 * lanes));
+    const RoadMap map = RoadMap::Over(scenario.map_features());
+    const LaneGraph& graph = map.lanes();
+    ASSERT_EQ(graph.size(), lanes);
     int found = 0;
     for (int trial = 0; trial < 100; ++trial) {
       const Point2 place{220.0 * uniform(random), 220.0 * uniform(random)};
@@ -231,16 +248,20 @@ TEST(LaneGraphTest, FindsEveryPieceNearAPoint) {
       graph.ForEachPieceNear(place, 10.0, [&](const LanePiece& piece) {
         EXPECT_TRUE(pieces.insert(&piece).second) << "the same piece twice";
       });
-      for (const LanePiece& piece : graph.pieces()) {
-        bool near = false;
-        for (int i = piece.first; i <= piece.last; ++i) {
-          const LanePoint& point = graph.points()[static_cast<size_t>(i)];
-          near |= std::abs(point.x - place.x) <= 10.0 && std::abs(point.y - place.y) <= 10.0;
+      for (int lane = 0; lane < lanes; ++lane) {
+        ASSERT_EQ(graph.lane(lane).last_piece, graph.lane(lane).first_piece + 2);
+        for (int i = 0; i < 3; ++i) {
+          const LanePiece& piece = graph.pieces()[graph.lane(lane).first_piece + i];
+          bool near = false;
+          for (int p = piece.first; p <= piece.last; ++p) {
+            const LanePoint& point = graph.points()[p];
+            near |= std::abs(point.x - place.x) <= 10.0 && std::abs(point.y - place.y) <= 10.0;
+          }
+          if (near) {
+            EXPECT_TRUE(pieces.contains(&piece));
+          }
+          found += near;
         }
-        if (near) {
-          EXPECT_TRUE(pieces.contains(&piece));
-        }
-        found += near;
       }
     }
     EXPECT_TRUE(found > 0 || lanes < 64);
@@ -256,13 +277,14 @@ TEST(LaneGraphTest, PiecesCoverEachSegmentOnce) {
       lane->add_y(points);
     }
   }
-  const LaneGraph graph(scenario.map_features());
-  for (size_t i = 0; i < graph.lanes().size(); ++i) {
-    const Lane& lane = graph.lanes()[i];
+  const RoadMap map = RoadMap::Over(scenario.map_features());
+  const LaneGraph& graph = map.lanes();
+  for (int i = 0; i < graph.size(); ++i) {
+    const Lane& lane = graph.lane(i);
     int next = lane.first;
     for (int j = lane.first_piece; j <= lane.last_piece; ++j) {
-      const LanePiece& piece = graph.pieces()[static_cast<size_t>(j)];
-      EXPECT_EQ(piece.lane, static_cast<int>(i));
+      const LanePiece& piece = graph.pieces()[j];
+      EXPECT_EQ(piece.lane, i);
       EXPECT_EQ(piece.first, next);
       EXPECT_LE(piece.last - piece.first, LaneGraph::kPieceSegments);
       next = piece.last;
@@ -272,8 +294,9 @@ TEST(LaneGraphTest, PiecesCoverEachSegmentOnce) {
 }
 
 TEST(LaneGraphTest, AMapWithoutLanesHasNone) {
-  const LaneGraph graph{MapFeatures()};
-  EXPECT_THAT(graph.lanes(), IsEmpty());
+  const RoadMap map{MapFeatures()};
+  const LaneGraph& graph = map.lanes();
+  EXPECT_EQ(graph.size(), 0);
   graph.ForEachPieceNear({0, 0}, 1e9, [](const LanePiece&) { FAIL(); });
 }
 
@@ -307,16 +330,55 @@ TEST(LaneGraphTest, HostileMapsAreBoundedInTimeAndMemory) {
         for (int k = 0; declares && k < 64; ++k) lane->add_successor_ids(1 + (i + k) % 100);
       }
       const double seconds = Seconds([&] {
-        const LaneGraph graph(scenario.map_features());
+        const RoadMap map = RoadMap::Over(scenario.map_features());
+        const LaneGraph& graph = map.lanes();
         EXPECT_LE(graph.bytes(), LaneGraph::MostBytes(scenario.map_features()));
-        for (const Lane& lane : graph.lanes()) {
-          EXPECT_LE(lane.successors, LaneGraph::kMostSuccessors);
+        for (int i = 0; i < graph.size(); ++i) {
+          EXPECT_LE(graph.Successors(i).size(), size_t{LaneGraph::kMostSuccessors});
         }
       });
       // Hundreds of times the usual time; quadratic growth takes longer.
       EXPECT_LT(seconds, 20.0);
     }
   }
+}
+
+// Threads that find the paths of different targets read lanes and successors at the same time.
+TEST(LaneGraphTest, ManyThreadsReadTheSameLanes) {
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  v1::Scenario scenario;
+  for (int id = 1; id <= 200; ++id) {
+    v1::MapFeature* lane = AddLane(&scenario, id, {});
+    const double x = 2.0 * uniform(random);
+    for (int i = 0; i < 20; ++i) {
+      lane->add_x(x + 0.2 * i);
+      lane->add_y(0.05 * uniform(random));
+    }
+    if (id % 2 == 0) lane->add_successor_ids(1 + id / 2);
+  }
+  // Returns all that the graph knows, lanes in the given order.
+  const auto read = [](const LaneGraph& graph, bool backwards) {
+    std::vector<std::vector<double>> lanes(static_cast<size_t>(graph.size()));
+    for (int k = 0; k < graph.size(); ++k) {
+      const int i = backwards ? graph.size() - 1 - k : k;
+      std::vector<double>& lane = lanes[static_cast<size_t>(i)];
+      for (const int next : graph.Successors(i)) lane.push_back(next);
+      for (const LanePoint& point : PointsOf(graph, i)) {
+        lane.insert(lane.end(), {point.x, point.y, point.distance, point.cosine, point.sine});
+      }
+    }
+    return lanes;
+  };
+  const auto expected = read(RoadMap::Over(scenario.map_features()).lanes(), false);
+  const RoadMap map = RoadMap::Over(scenario.map_features());
+  std::vector<std::vector<std::vector<double>>> found(4);
+  std::vector<std::thread> threads;
+  for (size_t t = 0; t < found.size(); ++t) {
+    threads.emplace_back([&, t] { found[t] = read(map.lanes(), t % 2 == 1); });
+  }
+  for (std::thread& thread : threads) thread.join();
+  for (const auto& lanes : found) EXPECT_EQ(lanes, expected);
 }
 
 TEST(RoadMapTest, LanesAreBuiltOnceForAllThreads) {
@@ -330,7 +392,7 @@ TEST(RoadMapTest, LanesAreBuiltOnceForAllThreads) {
   }
   for (std::thread& thread : threads) thread.join();
   for (const LaneGraph* graph : seen) EXPECT_EQ(graph, seen[0]);
-  EXPECT_EQ(seen[0]->lanes().size(), 1u);
+  EXPECT_EQ(seen[0]->size(), 1);
   const RoadMap moved = std::move(map);
   EXPECT_EQ(&moved.lanes(), seen[0]);
 }

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "model/scene/lane_graph.h"
+#include "model/scene/road_map.h"
 #include "tests/unit/model/scene/plain_lane_paths.h"
 #include "tests/unit/model/scene/scene_fixture.h"
 
@@ -79,8 +79,8 @@ struct World {
 LanePathInputs Find(const World& world, const WorldView& view = {}) {
   LanePathInputs inputs;
   inputs.values.fill(7.0F);
-  LanePathFinder().Find(world.scenario, LaneGraph(world.scenario.map_features()), kTime, kTarget,
-                        world.X_WT, world.speed, view, &inputs);
+  LanePathFinder().Find(world.scenario, RoadMap::Over(world.scenario.map_features()).lanes(), kTime,
+                        kTarget, world.X_WT, world.speed, view, &inputs);
   return inputs;
 }
 
@@ -523,9 +523,9 @@ TEST(LanePathsTest, InputsMatchAPlainImplementation) {
   int paths = 0, several = 0, leaders = 0, signals = 0, stop_signs = 0;
   for (int trial = 0; trial < 400; ++trial) {
     const World world = RandomWorld(random, trial % 2 == 0);
+    const RoadMap map = RoadMap::Over(world.scenario.map_features());
     LanePathInputs inputs;
-    finder.Find(world.scenario, LaneGraph(world.scenario.map_features()), kTime, kTarget,
-                world.X_WT, world.speed, {}, &inputs);
+    finder.Find(world.scenario, map.lanes(), kTime, kTarget, world.X_WT, world.speed, {}, &inputs);
     const auto expected = PlainLanePaths(world.scenario, kTime, kTarget, world.X_WT, world.speed);
     ASSERT_EQ(inputs.count, static_cast<int>(expected.size())) << "trial " << trial;
     for (int path = 0; path < inputs.count; ++path) {
@@ -667,9 +667,9 @@ TEST(LanePathsTest, AReusedFinderGivesTheSameBits) {
   LanePathFinder finder;
   for (int trial = 0; trial < 100; ++trial) {
     const World world = RandomWorld(random, trial % 2 == 0);
+    const RoadMap map = RoadMap::Over(world.scenario.map_features());
     LanePathInputs inputs;
-    finder.Find(world.scenario, LaneGraph(world.scenario.map_features()), kTime, kTarget,
-                world.X_WT, world.speed, {}, &inputs);
+    finder.Find(world.scenario, map.lanes(), kTime, kTarget, world.X_WT, world.speed, {}, &inputs);
     const LanePathInputs fresh = Find(world);
     EXPECT_EQ(inputs.count, fresh.count);
     EXPECT_EQ(inputs.values, fresh.values);
@@ -682,8 +682,9 @@ TEST(LanePathsTest, DescribesTheSamePathsForDrawing) {
   for (int trial = 0; trial < 50; ++trial) {
     const World world = RandomWorld(random, trial % 2 == 0);
     const LanePathInputs inputs = Find(world);
-    const std::vector<LanePath> described = LanePathFinder().Describe(
-        world.scenario, LaneGraph(world.scenario.map_features()), kTime, kTarget, world.X_WT);
+    const RoadMap map = RoadMap::Over(world.scenario.map_features());
+    const std::vector<LanePath> described =
+        LanePathFinder().Describe(world.scenario, map.lanes(), kTime, kTarget, world.X_WT);
     ASSERT_EQ(static_cast<int>(described.size()), inputs.count);
     for (int i = 0; i < inputs.count; ++i) {
       const LanePath& path = described[static_cast<size_t>(i)];
@@ -719,13 +720,14 @@ double Seconds(const std::function<void()>& work) {
 // Finds the paths of a hostile map in time. The limit of a twentieth of a second is about twenty
 // times the usual time.
 LanePathInputs FindInTime(const World& world) {
-  const LaneGraph graph(world.scenario.map_features());
+  const RoadMap map = RoadMap::Over(world.scenario.map_features());
   LanePathFinder finder;
   LanePathInputs inputs;
   double seconds = 1.0;
   for (int attempt = 0; attempt < 5 && seconds > 0.05; ++attempt) {
     seconds = Seconds([&] {
-      finder.Find(world.scenario, graph, kTime, kTarget, world.X_WT, world.speed, {}, &inputs);
+      finder.Find(world.scenario, map.lanes(), kTime, kTarget, world.X_WT, world.speed, {},
+                  &inputs);
     });
   }
   EXPECT_LE(seconds, 0.05);

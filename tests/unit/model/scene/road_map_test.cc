@@ -31,7 +31,7 @@ TEST(RoadMapTest, StretchesStateHowFarTheyBend) {
   constexpr double kRadius = 50.0;
   constexpr double kStep = 0.01;  // radians
   constexpr int kPoints = 40;
-  constexpr int kIntervals = RoadMap::kStretchPoints - 1;
+  constexpr int kIntervals = Stretches::kStretchPoints - 1;
   v1::Scenario scenario;
   v1::MapFeature* circle = AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_EDGE, {});
   for (int i = 0; i < kPoints; ++i) {
@@ -39,7 +39,7 @@ TEST(RoadMapTest, StretchesStateHowFarTheyBend) {
     circle->add_y(-70.0 + kRadius * std::sin(kStep * i));
   }
   const RoadMap map(scenario.map_features());
-  const auto stretches = map.stretches(0);
+  const auto stretches = map.stretches()[0];
   ASSERT_EQ(stretches.size(), 3u);
   for (size_t s = 0; s < stretches.size(); ++s) {
     const int first = static_cast<int>(s) * kIntervals;
@@ -63,10 +63,10 @@ TEST(RoadMapTest, AStretchThatTurnsBackIsNotStraight) {
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_LINE, {{0, 0}, {5, 0}, {9, 0}});
   AddFeature(&scenario, v1::MAP_FEATURE_TYPE_ROAD_LINE, {});
   const RoadMap map(scenario.map_features());
-  EXPECT_TRUE(std::isinf(map.stretches(0)[0].squared_bend));
-  EXPECT_TRUE(std::isinf(map.stretches(1)[0].squared_bend));
-  EXPECT_EQ(map.stretches(2)[0].squared_bend, 0.0);
-  EXPECT_TRUE(map.stretches(3).empty());
+  EXPECT_TRUE(std::isinf(map.stretches()[0][0].squared_bend));
+  EXPECT_TRUE(std::isinf(map.stretches()[1][0].squared_bend));
+  EXPECT_EQ(map.stretches()[2][0].squared_bend, 0.0);
+  EXPECT_TRUE(map.stretches()[3].empty());
 }
 
 TEST(RoadMapTest, AMapOverFeaturesDoesNotCopyThem) {
