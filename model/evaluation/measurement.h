@@ -69,7 +69,7 @@ struct Measurement {
   BaselineErrors faded;                        // the faded roll-out
   std::optional<AnchorMeasurement> covernet;   // if the model's folder has baselines
   std::optional<AnchorMeasurement> multipath;  // if the model's folder has baselines
-  std::optional<int> maneuver;                 // recorded over most of the horizon, if any
+  std::optional<int> maneuver;                 // the class from ManeuverLabels, if any
   RelativeClass relative_class = RelativeClass::kStands;  // of the trajectory
   StratumKeys keys;                                       // of the target and its trajectory
 };

@@ -33,7 +33,7 @@ class SqlValue {
  private:
   SqlValue() = default;
 
-  std::optional<std::string> bytes_;  // a null without
+  std::optional<std::string> bytes_;  // nothing: NULL
   bool is_binary_ = false;
 };
 
