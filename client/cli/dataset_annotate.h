@@ -1,4 +1,4 @@
-// maneuver dataset annotate.
+// maneuver dataset annotate: adds labels of actions to a dataset folder.
 
 #ifndef MANEUVER_CLIENT_CLI_DATASET_ANNOTATE_H_
 #define MANEUVER_CLIENT_CLI_DATASET_ANNOTATE_H_

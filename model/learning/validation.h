@@ -56,6 +56,7 @@ at::Tensor BatchLabels(const std::vector<int>& labels, const SceneLoader::Batch&
 void ReportMixture(const Networks& networks, v1::EpochReport* report);
 
 // Reports the base bound on trajectories, with the mean of q(z|x) in place of a sample.
+//   has_mixture: false: the mixture has not been placed yet, and p(z) is N(0, I)
 void ValidateBase(const Networks& networks, const at::Tensor& trajectories, bool has_mixture,
                   v1::EpochReport* report);
 
