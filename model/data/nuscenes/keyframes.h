@@ -26,7 +26,7 @@ struct Keyframe {
   double time = 0.0;  // seconds
   double x = 0.0;     // metres
   double y = 0.0;     // metres
-  float heading = 0.0F;
+  float heading = 0.0F;  // radians
 };
 
 // Appends to `agent` a state at each frame between two keyframes that are at most kMaxKeyframeGap

@@ -40,7 +40,7 @@ struct Footway {
   double crossing_from = 0.0;
   double crossing_to = 0.0;
   int signal_group = -1;  // vehicle group that must be red; -1 without signals
-  double popularity = 1.0;
+  double popularity = 1.0;  // relative share of the pedestrians who choose it
 };
 
 struct ParkedVehicle {
