@@ -66,8 +66,8 @@ struct Lane {
   int right = -1;
   double change_from = 0.0;  // a lane change may begin from here, metres along the lane,
   double change_to = 0.0;    // to here
-  bool ends = false;     // an on-ramp: vehicles must move left before its end
-  bool reverse = false;  // driven backwards, and stopped at its end
+  bool ends = false;         // an on-ramp: vehicles must move left before its end
+  bool reverse = false;      // driven backwards, and stopped at its end
   std::optional<Gate> gate;
 };
 

@@ -44,8 +44,8 @@ struct Vehicle {
   double travelled = 0.0;
   double speed = 0.0;
   double acceleration = 0.0;  // m/s^2
-  PathPoint pose;        // centre; heading and curvature of the path driven
-  double lateral = 0.0;  // distance left of the lane's centre
+  PathPoint pose;             // centre; heading and curvature of the path driven
+  double lateral = 0.0;       // distance left of the lane's centre
   double body_heading = 0.0;
 
   // A lane change: an offset that fades from `change_offset` to 0.

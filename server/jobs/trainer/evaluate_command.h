@@ -33,8 +33,8 @@ class EvaluateCommand {
   std::filesystem::path dataset_;
   std::filesystem::path output_;
   std::filesystem::path settings_;
-  int sampled_examples_ = 0;  // that the report contains
-  int threads_ = 0;           // 0: one for each core
+  int sampled_examples_ = 0;                        // that the report contains
+  int threads_ = 0;                                 // 0: one for each core
   int64_t data_memory_ = data::kDefaultDataMemory;  // bytes
   std::string progress_ = "bar";
 };
