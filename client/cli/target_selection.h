@@ -20,7 +20,7 @@ std::vector<int64_t> MovingAgents(const v1::Scenario& scenario, v1::AgentType ty
                                   int most);
 
 // Returns those targets of the recording that have this type and are visible at `time`. If there are
-// none, returns MovingAgents.
+// none, returns at most eight MovingAgents.
 std::vector<int64_t> DefaultTargets(const v1::Scenario& scenario, v1::AgentType type, double time);
 
 }  // namespace maneuver::cli

@@ -60,8 +60,9 @@ inline constexpr double kTellingShare = 0.6;
 //
 // The speeds at the beginning and at the end are over half a second. Left may be right. Pedestrians
 // have half of each distance and speed, and "step aside left" in place of a lane change.
-// The number is, after "left" or "right", how far to the side the mean ends; for actions that hardly
-// move, start off or reverse, the length of the path; otherwise the speed at the end.
+// The number is, after "left" or "right", how far to the side the mean ends; after "stop within",
+// its largest distance from the origin; after "speed up" and "slow down", the speed at the end;
+// after "keep straight", the mean speed; else the length of the path.
 ActionPhrase PlacePhrase(const ActionEvidence& evidence);
 
 // Describes an action of a model whose trajectories are relative to the present motion. `mean` is
@@ -70,10 +71,12 @@ ActionPhrase PlacePhrase(const ActionEvidence& evidence);
 // a = g 5 s / T, where g is the speed along x in the last second less kActionSetSpeed:
 //
 //   left turn            w >= 4.5 m and at least kTellingShare of the examples turn left; or w >=
-//                        9.5 m and most do, or there are too few examples to tell. ", tight" where
+//                        9.5 m and no other class is more frequent among the examples, or there are
+//                        too few examples to tell. ", tight" where
 //                        the course over the last second, times 5 s / T, is 40 degrees or more off
 //                        straight on, ", wide" below 15 degrees
-//   lane change left     w >= 1.2 m and at least half of the examples are lane changes to the left
+//   lane change left     1.2 m <= w <= 7.5 m and at least half of the examples are lane changes to
+//                        the left
 //   bear left            w >= 4.5 m
 //   drift left           w >= 1.2 m
 //
@@ -83,8 +86,8 @@ ActionPhrase PlacePhrase(const ActionEvidence& evidence);
 // speed up (< 3.5), brake (< 5), brake hard and speed up hard.
 //
 // Courses are those at kActionSetSpeed. Pedestrians walk at 1.4 m/s instead, have a quarter of each
-// distance and speed, and slow down where vehicles brake. The number is e_y(T) in metres for the
-// first four, and g in m/s for the others.
+// distance and speed, and "slow down hard" where vehicles brake or brake hard. The number is
+// |e_y(T)| in metres for the first four, and g in m/s for the others.
 ActionPhrase RelativePhrase(const ActionEvidence& evidence);
 
 }  // namespace maneuver::evaluation
