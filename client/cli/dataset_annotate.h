@@ -14,7 +14,7 @@ struct AnnotateArguments {
   std::string folder;
   std::string labels;  // CSV file
   std::string output;  // new folder
-  std::vector<std::string> actions;
+  std::vector<std::string> actions;  // that labels may name; empty: any
 };
 
 int AnnotateDataset(const AnnotateArguments& arguments, Environment& environment);
