@@ -15,7 +15,7 @@
 namespace maneuver::evaluation {
 
 // Pairs the actions of two models as action_matching.h does, with their shares over the examples of
-// `input`. Also measures whether both models give an example the same action, argmax q(y|x,s).
+// `input`. Also measures how far the models agree on the action of each example, argmax q(y|x,s).
 // Errors: also those of Evaluate.
 absl::StatusOr<v1::ActionMatching> MatchActions(const inference::ActionModel& first,
                                                 const inference::ActionModel& second,
