@@ -32,7 +32,8 @@ struct JobKey {
   int64_t state = 0;
 };
 // Returns the job of a row and its latest event, if it has one. If the job has ended, its progress
-// has no remaining time. DATA_LOSS as for ParseStoredProgress, or if the key differs from the job's.
+// has no remaining time; if it has SUCCEEDED, the fraction is 1. DATA_LOSS as for
+// ParseStoredProgress, or if the key differs from the job's.
 absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& job,
                                        const std::optional<std::string>& progress);
 
