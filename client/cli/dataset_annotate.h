@@ -12,8 +12,8 @@ namespace maneuver::cli {
 
 struct AnnotateArguments {
   std::string folder;
-  std::string labels;  // CSV file
-  std::string output;  // new folder
+  std::string labels;                // CSV file
+  std::string output;                // new folder
   std::vector<std::string> actions;  // that labels may name; empty: any
 };
 
