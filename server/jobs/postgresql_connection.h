@@ -75,7 +75,7 @@ absl::Status StoreUnavailable(const std::string& what);
 class PostgresqlConnection {
  public:
   // Connects. INVALID_ARGUMENT for an address that libpq does not understand or that holds a
-  // password.
+  // password; FAILED_PRECONDITION if libpq is not installed.
   static absl::StatusOr<std::unique_ptr<PostgresqlConnection>> Open(const std::string& address);
   ~PostgresqlConnection();
   PostgresqlConnection(const PostgresqlConnection&) = delete;

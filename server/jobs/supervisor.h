@@ -59,8 +59,9 @@ struct SupervisorOptions {
 class Supervisor {
  public:
   // Recovers from an earlier server: makes its RUNNING jobs PENDING again, or CANCELLED if they
-  // were being cancelled, and removes what they left half-written. Then starts to run pending jobs.
-  // All references must outlive the supervisor.
+  // were being cancelled, and removes what they left half-written. Removes the folders of jobs that
+  // the store does not know. Then starts to run pending jobs. All references must outlive the
+  // supervisor.
   static absl::StatusOr<std::unique_ptr<Supervisor>> Start(
       SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
       serving::ModelVersions& versions,
