@@ -31,7 +31,7 @@ namespace maneuver::data {
 
 struct DatasetStoreOptions {
   // The most bytes that all datasets and unfinished uploads may have together; 0: only the disk
-  // limits them.
+  // limits them. Datasets in place do not count.
   int64_t quota_bytes = 0;
   // Folders that may become datasets in place, with all that is below them; empty: none may.
   std::vector<std::filesystem::path> folders = {};
@@ -96,7 +96,7 @@ class DatasetStore {
   absl::StatusOr<std::vector<v1::ScenarioSummary>> ListScenarios(const std::string& id,
                                                                  size_t begin, size_t limit);
   // Counts what a dataset contains (DescribeDataset, dataset_folder.h). Reads all of it on a
-  // quarter of the cores and keeps the answer beside the shards for the next call.
+  // quarter of the cores, at most four, and keeps the answer beside the shards for the next call.
   absl::StatusOr<v1::DatasetSummary> Describe(const std::string& id, const v1::ModelSpec& spec,
                                               const v1::ExampleSettings& settings) const;
   // Returns one recording. Reads it from its place, by the indexes of its dataset.
