@@ -29,7 +29,8 @@ class Pedestrians {
  public:
   Pedestrians(const Place& place, Random& random, int first_id);
 
-  // Moves everyone by one step, given the positions of the vehicles.
+  // Moves everyone by one step, given the positions of the vehicles. Times in seconds. Who reaches
+  // the end of the footway disappears.
   void Step(double time, double dt, std::span<const Vehicle> vehicles);
   std::span<const Pedestrian> all() const { return walkers_; }
 
