@@ -39,8 +39,10 @@ struct UploadCalls {
       send;
 };
 
-// Asks, sends, and repeats this after a broken connection, until the server has committed.
-// DATA_LOSS if a file cannot be read to its end.
+// Asks, sends, and repeats this after a broken connection, until the server has committed, or
+// nothing more has arrived for ClientOptions::upload_patience. If the server finds that what had
+// arrived before is wrong, asks and sends once more. DATA_LOSS if a file cannot be read to its end,
+// or is wrong all the same; INTERNAL if the server's answer does not fit the files.
 //   introduce: adds the caller's identity to the context of each call
 absl::Status UploadFiles(const ClientOptions& options, const std::vector<LocalFile>& files,
                          const UploadCalls& calls,
