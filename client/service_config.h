@@ -12,8 +12,8 @@
 namespace maneuver::client {
 
 struct ServiceConfig {
-  bool several = false;                   // calls go in turn to all addresses that are SERVING
-  std::string health_service = "";        // whose health then counts; empty: the whole server
+  bool several = false;             // calls go in turn to all addresses that are SERVING
+  std::string health_service = "";  // whose health then counts; empty: the whole server
   // Applies to all methods. gRPC makes at most five attempts and has its own jitter. Unset: no
   // retries.
   std::optional<RetryPolicy> retry = {};
