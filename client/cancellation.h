@@ -39,7 +39,8 @@ class Cancellation {
     return !cancelled_;
   }
 
-  // For as long as it lives, Cancel() calls `cancel`. Calls it at once if already cancelled.
+  // For as long as it lives, Cancel() calls `cancel`. Calls it at once if already cancelled, and
+  // never if `cancellation` is nullptr.
   class Registration {
    public:
     Registration(Cancellation* cancellation, std::function<void()> cancel)

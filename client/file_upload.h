@@ -24,16 +24,14 @@ using ArrivedBytes = google::protobuf::RepeatedField<int64_t>;  // [files] bytes
 
 // What differs between one kind of upload and another.
 struct UploadCalls {
-  // If the server committed equal files before this upload began, whether that completes this
-  // upload.
+  // Whether the upload is complete if the server already had the same files when it began.
   bool may_be_committed_before = false;
   // Asks the server which bytes have arrived, and sets *arrived. If the server has already
   // committed these files, sets *committed and passes the result on to the caller.
   std::function<grpc::Status(grpc::ClientContext& context, ArrivedBytes* arrived, bool* committed)>
       ask;
-  // Sends a header, then the chunks that `send_chunks` makes. `send_chunks` is given a function
-  // that writes one chunk, and returns whether all chunks were written; the stream is then
-  // half-closed.
+  // Sends a header, calls `send_chunks` with a function that writes one chunk, and half-closes the
+  // stream if `send_chunks` returns true: it has then written all chunks.
   using WriteChunk = std::function<bool(std::string chunk)>;
   using SendChunks = std::function<bool(const WriteChunk& write)>;
   std::function<grpc::Status(grpc::ClientContext& context, const ArrivedBytes& arrived,
@@ -41,8 +39,11 @@ struct UploadCalls {
       send;
 };
 
-// Asks, sends, and repeats this after a broken connection, until the server has committed.
-// DATA_LOSS if a file cannot be read to its end.
+// Asks, sends, and repeats this after a broken connection, until the server has committed, or
+// nothing more has arrived for ClientOptions::upload_patience. If the server finds that what had
+// arrived before is wrong, asks and sends once more. DATA_LOSS if a file cannot be read to its end,
+// or is wrong all the same; INTERNAL if the server's answer does not fit the files.
+//   introduce: adds the caller's identity to the context of each call
 absl::Status UploadFiles(const ClientOptions& options, const std::vector<LocalFile>& files,
                          const UploadCalls& calls,
                          const std::function<void(grpc::ClientContext&)>& introduce,

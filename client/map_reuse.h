@@ -5,8 +5,8 @@
 //
 // Registers a scenario's map_features with the server when it first sees them. Later requests name
 // the map by its id, which makes them twenty times smaller on real scenes. When the server no
-// longer has a map, it is registered again and the request is repeated. A map that cannot be
-// registered travels with the request, as without MapReuse.
+// longer has a map, it is registered again and the request is repeated. A map that the server
+// refuses, or cannot hold, travels with the request, as without MapReuse.
 
 #ifndef MANEUVER_CLIENT_MAP_REUSE_H_
 #define MANEUVER_CLIENT_MAP_REUSE_H_
@@ -41,7 +41,7 @@ class MapReuse {
 
   // For a stream: replaces maps by map ids and registers those that are new. When an answer's error
   // has the reason MAP_NOT_REGISTERED, call Forget and send the scenarios again. A map that the
-  // server cannot hold stays in its scenario; other errors of registering are returned.
+  // server refuses or cannot hold stays in its scenario; other errors of registering are returned.
   using Scenarios = google::protobuf::RepeatedPtrField<v1::Scenario>;
   absl::Status NameMaps(Scenarios* scenarios, const CallOptions& call = {});
   // Registers every map again before it is named the next time.

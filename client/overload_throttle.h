@@ -3,8 +3,8 @@
 //
 // Client-side throttling after Beyer et al., Site Reliability Engineering (2016), chapter 21. Of a
 // client's recent calls, `requests` were made, and `accepted` were neither refused nor timed out.
-// The next call is held back with probability (requests - K accepted) / (requests + 1). The client
-// thus sends about K times as many calls as are accepted, and notices when more are.
+// The next call is held back with probability (requests - K accepted - kFree) / (requests + 1). The
+// client thus sends about K times as many calls as are accepted, and notices when more are.
 
 #ifndef MANEUVER_CLIENT_OVERLOAD_THROTTLE_H_
 #define MANEUVER_CLIENT_OVERLOAD_THROTTLE_H_
@@ -24,7 +24,7 @@ class OverloadThrottle {
   // K: calls sent for each accepted one. 2 is usual where a refusal costs almost nothing. Here
   // about three refusals of calls with a whole map cost as much as one answer about one vehicle.
   static constexpr double kSentOfAccepted = 1.2;
-  // This many more may be refused without consequence, so that occasional callers are never held
+  // This many calls may be refused without consequence, so that occasional callers are never held
   // back.
   static constexpr double kFree = 3.0;
   // The retry delay of a call held back before the server has stated one.

@@ -12,9 +12,11 @@
 namespace maneuver::client {
 
 struct ServiceConfig {
-  bool several = false;                   // calls go in turn to all addresses that are SERVING
-  std::string health_service = "";        // service whose health counts; empty: the whole server
-  std::optional<RetryPolicy> retry = {};  // applies to all methods; unset: no retries
+  bool several = false;             // calls go in turn to all addresses that are SERVING
+  std::string health_service = "";  // whose health then counts; empty: the whole server
+  // Applies to all methods. gRPC makes at most five attempts and has its own jitter. Unset: no
+  // retries.
+  std::optional<RetryPolicy> retry = {};
 };
 
 // Returns the config as JSON; empty if nothing differs from gRPC's defaults.

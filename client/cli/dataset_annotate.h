@@ -1,4 +1,4 @@
-// maneuver dataset annotate.
+// maneuver dataset annotate: adds labels of actions to a dataset folder.
 
 #ifndef MANEUVER_CLIENT_CLI_DATASET_ANNOTATE_H_
 #define MANEUVER_CLIENT_CLI_DATASET_ANNOTATE_H_
@@ -12,9 +12,9 @@ namespace maneuver::cli {
 
 struct AnnotateArguments {
   std::string folder;
-  std::string labels;  // CSV file
-  std::string output;  // new folder
-  std::vector<std::string> actions;
+  std::string labels;                // CSV file
+  std::string output;                // new folder
+  std::vector<std::string> actions;  // that labels may name; empty: any
 };
 
 int AnnotateDataset(const AnnotateArguments& arguments, Environment& environment);

@@ -60,7 +60,7 @@ class ImportSink {
 
 struct ImportFormat {
   std::string name;  // for messages: "Waymo scenario"
-  // Finds what the inputs of the command name, in the order in which it is read.
+  // Returns the files that the inputs of the command name, in the order in which they are read.
   std::function<absl::StatusOr<std::vector<ImportFile>>(const std::vector<std::string>& inputs)>
       find;
   // Reads one of them, recording by recording.
@@ -72,7 +72,7 @@ struct ImportFormat {
 absl::StatusOr<std::vector<ImportFile>> FindFiles(const std::vector<std::string>& inputs,
                                                   const std::string& extension);
 
-// Adds the arguments and options to a command.
+// Adds the arguments and options to a command. `what` says in its help which files it reads.
 void AddImportOptions(Command& command, ImportArguments& arguments, const std::string& what);
 
 // Reads one recording after the other, and parses and checks them on all cores. Memory is limited

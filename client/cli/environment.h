@@ -41,8 +41,8 @@ class Environment {
   std::string token;  // from the environment: other users can read command lines
   std::string output = "text";
   std::optional<double> timeout;  // seconds
-  // The option that limits the time of the next calls. The message about a late answer advises to
-  // raise it.
+  // The option that limits the time of the next calls. When an answer comes too late, the message
+  // advises to raise it.
   std::string time_limit = "--timeout SECONDS";
   bool verbose = false;
   bool quiet = false;
@@ -59,7 +59,7 @@ class Environment {
   // Returns the server, connecting on first use. If the options above make that impossible, says
   // why and ends the program.
   client::Client& server_client();
-  // Returns the call options that --timeout means.
+  // Returns the options of a call, with the limit of --timeout if that is given.
   client::CallOptions call_options() const;
 
   // Prints `message` as proto3 JSON, including fields with default values.
@@ -80,7 +80,7 @@ class Environment {
   bool Flush();
 
  private:
-  std::ostream messages_;  // err: as the stream that it was made from, or silent
+  std::ostream messages_;  // what `err` refers to; discards all output with --quiet
 
   void PrintError(const std::string& code, const std::string& reason, const std::string& message);
 

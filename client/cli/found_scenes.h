@@ -1,4 +1,4 @@
-// Brings the recordings of matches from their datasets.
+// Reads the recordings of matches from their datasets.
 
 #ifndef MANEUVER_CLIENT_CLI_FOUND_SCENES_H_
 #define MANEUVER_CLIENT_CLI_FOUND_SCENES_H_
@@ -21,9 +21,9 @@ class FoundScenes {
   //   folders: of the datasets that were tagged; each has the name that its tags have
   FoundScenes(const tags::TagSet& set, const std::vector<std::string>& folders);
 
-  // Returns the recording of a match as a scene: its target is the row's, and with it the other
-  // target if there is one; its prediction time is when the row begins, or its most surprising
-  // window. NOT_FOUND if no folder of that name was given; FAILED_PRECONDITION if the dataset is not
+  // Returns the recording of a match as a scene. Its targets are those of the match: one or two. Its
+  // prediction time is the beginning of the row, or with `at_peak` of its most surprising window.
+  // Errors: NOT_FOUND if no folder has the dataset's name; FAILED_PRECONDITION if the dataset is not
   // the one that was tagged; those of data::RecordingIndex.
   absl::StatusOr<v1::Scenario> Scene(const tags::Match& match, bool at_peak);
   // Returns the recording as it was recorded. Errors: as above.

@@ -13,7 +13,7 @@ namespace maneuver::cli {
 
 std::string StateName(v1::JobState state);  // "running"
 std::string Kind(const v1::Job& job);       // "train", "evaluate" or "cross-validate"
-std::string Subject(const v1::Job& job);    // the model: "town"; "-" of a cross-validation
+std::string Subject(const v1::Job& job);    // the model or version: "town", "town/3"; else "-"
 std::string Datasets(const v1::Job& job);   // what it learns from or measures: "datasets/town"
 
 // Returns the progress of a job, such as
@@ -34,7 +34,7 @@ int WatchToEnd(const std::string& job, Environment& environment);
 // empty while this is not known.
 std::string PromotionText(const v1::Job& job, bool color);
 
-// Prints what is known of a request that is valid: how much memory its job will take.
+// Prints that a request is valid, and how much memory its job would take.
 void PrintValid(const v1::Job& job, Environment& environment);
 
 // Prints the result of an ended job. Returns kOk if it succeeded.

@@ -28,10 +28,10 @@ absl::Status SetExampleField(const std::string& assignment, v1::ExampleSettings*
 // RefuseUnheardZeros: a message does not keep them. Empty for text that is not JSON.
 std::vector<std::string> ZerosOfSettings(const std::string& json);
 
-// Refuses zeros that the server would not hear: in a field that cannot say whether it was given, 0
-// stands for the preset's value. INVALID_ARGUMENT names the field and that value.
-//   assignments: FIELD=VALUE, all of which SetField has taken or ZerosOfSettings returned.
-//   settings: what they made.
+// Refuses zeros that the server could not tell from unset fields: it would use the preset's value.
+// INVALID_ARGUMENT names the field and that value.
+//   assignments: FIELD=VALUE, all of which SetField has accepted or ZerosOfSettings returned.
+//   settings: the result of these assignments.
 absl::Status RefuseUnheardZeros(const std::vector<std::string>& assignments,
                                 const v1::TrainingSettings& settings);
 

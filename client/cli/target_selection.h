@@ -19,8 +19,8 @@ int CurrentState(const v1::Agent& agent, double time);
 std::vector<int64_t> MovingAgents(const v1::Scenario& scenario, v1::AgentType type, double time,
                                   int most);
 
-// Returns the targets that the recording names, as far as they have this type and are visible at
-// `time`. If there are none, returns MovingAgents.
+// Returns those targets of the recording that have this type and are visible at `time`. If there are
+// none, returns at most eight MovingAgents.
 std::vector<int64_t> DefaultTargets(const v1::Scenario& scenario, v1::AgentType type, double time);
 
 }  // namespace maneuver::cli

@@ -18,7 +18,7 @@ struct RequestMix {
   uint64_t seed = 1;
 };
 
-// Makes requests with random targets of random scenes, each from as few scenes as have enough
+// Makes requests with random targets of random scenes: adds scenes until a request has enough
 // targets. Removes what lies after the prediction time.
 //   scenes: at least one; each with at least one target.
 //   pattern: model and query of every request.

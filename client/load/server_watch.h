@@ -37,7 +37,7 @@ class ServerWatch {
   ServerWatch(const ServerWatch&) = delete;
   ServerWatch& operator=(const ServerWatch&) = delete;
 
-  // Ends the watch and returns what changed. Call once.
+  // Reads the last page, ends the watch and returns what changed. Call once. Errors as Start.
   absl::StatusOr<ServerChange> End();
 
  private:

@@ -14,7 +14,7 @@ namespace maneuver::plot {
 struct ActionGalleryOptions {
   int width = 1500;   // pixels
   int height = 1000;  // pixels
-  // Also draws actions that are not effective.
+  // Also draws actions that are not effective. They are drawn anyway if no action is.
   bool all = false;
 };
 
@@ -24,7 +24,7 @@ struct ActionGalleryOptions {
 // file; the same input gives the same file.
 //   sets: action sets of one model version, each with its `speed`.
 // INVALID_ARGUMENT if there is no set, a set has no speed or no actions, a trajectory has unequal
-// numbers of x and y, or the size is out of range.
+// numbers of x and y, or a side is not 200 to 12000 pixels.
 absl::StatusOr<std::string> DrawActionGallery(std::span<const v1::ActionSet> sets,
                                               const ActionGalleryOptions& options);
 

@@ -49,7 +49,7 @@ class Canvas {
  public:
   Canvas(int width, int height, Color background);
 
-  // Limits later drawing to the box.
+  // Limits later drawing, except that of text, to the box.
   void ClipTo(const Box& box);
   void ClipToAll();
 

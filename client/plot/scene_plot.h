@@ -22,8 +22,8 @@ namespace maneuver::plot {
 // Other actions then show only a thin mean. `lane_paths` adds the target's lane paths
 // (model/scene/lane_paths.h) in turquoise, rings around the leaders on them, and marks at their
 // signals and stop signs. Returns a PNG file; the same input gives the same file. INVALID_ARGUMENT
-// if there is no target to draw, a trajectory has unequal numbers of x and y, or the size is out of
-// range.
+// if there is no target to draw, a trajectory has unequal numbers of x and y, or a side is not 200
+// to 12000 pixels.
 absl::StatusOr<std::string> DrawScene(const v1::Scenario& scenario,
                                       const v1::ScenarioPrediction& prediction,
                                       const ScenePlotOptions& options);

@@ -45,13 +45,13 @@ struct Missing {
 
 struct ReportData {
   std::string title;                        // "town/3"
-  std::string made;                         // when, for people
+  std::string made;                         // when the report was made, for people
   std::string program;                      // "maneuver 0.1.0"
-  std::optional<v1::ModelVersion> version;  //
+  std::optional<v1::ModelVersion> version;  // the version that the report is about
   std::vector<v1::ActionSet> action_sets;   // at several speeds, or one for all speeds
   std::optional<v1::EvaluationReport> evaluation;
   std::vector<v1::EvaluationReport> others;  // other versions on the same examples
-  std::vector<LearningPhase> learning;       //
+  std::vector<LearningPhase> learning;       // curves of the training
   std::optional<v1::Job> job;                // the job that the report is about
   std::string scenes_from;                   // datasets/NAME that the scenes are from
   std::vector<Scene> scenes;                 // in the order in which they are shown

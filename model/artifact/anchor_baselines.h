@@ -51,9 +51,9 @@ struct StoredBaselines {
   TensorMap multipath;  // MultiPath-like
 };
 
-// Returns the spec of a model's baselines. They read the same of a scene as the model, and predict
-// the same waypoints relative to the same reference. The latent parts, which the anchors replace,
-// are as small as a spec allows. How the model decodes actions is left out.
+// Returns the spec of a model's baselines. They have the model's inputs, waypoints and reference.
+// The latent parts, which the anchors replace, are as small as a spec allows. How the model decodes
+// actions is left out.
 v1::ModelSpec AnchorSpec(const v1::ModelSpec& model);
 
 // Adds baselines to a model folder. INVALID_ARGUMENT for what ReadBaselines would refuse.

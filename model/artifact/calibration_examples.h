@@ -1,4 +1,4 @@
-// How many examples a model is calibrated by. Trainer and server both estimate memory by it.
+// How many examples calibration uses. Trainer and server both estimate memory by it.
 
 #ifndef MANEUVER_MODEL_ARTIFACT_CALIBRATION_EXAMPLES_H_
 #define MANEUVER_MODEL_ARTIFACT_CALIBRATION_EXAMPLES_H_
@@ -12,17 +12,17 @@
 
 namespace maneuver::artifact {
 
-// Fewer held-out examples than this are not calibrated by.
+// Calibration ignores held-out examples if there are fewer than this.
 inline constexpr int64_t kFewestHeldOut = 100;
 
-// The most examples that are read.
+// The most examples that calibration reads.
 struct CalibrationExamples {
   int64_t training = 4096;
   int64_t held_out = 3072;
 };
 
-// Returns how many examples are calibrated by if their predictions may take a quarter of
-// `data_memory` bytes: at least kFewestHeldOut of each.
+// Returns how many examples calibration uses: so many that their predictions take at most a quarter
+// of `data_memory` bytes, but at least kFewestHeldOut of each.
 inline CalibrationExamples CalibrationExamplesIn(const v1::ModelSpec& spec, int64_t data_memory) {
   CalibrationExamples most;
   const auto bytes = static_cast<double>((most.training + most.held_out) * PredictionBytes(spec));

@@ -12,7 +12,7 @@
 
 namespace maneuver::artifact {
 
-// optimization.micro_batches of a rank whose settings leave it 0.
+// The value of optimization.micro_batches when ranks train together and the settings leave it 0.
 inline constexpr int kMicroBatchesOfRanks = 8;
 
 // Returns `settings` with every unset field filled in from its preset. Without a preset's name,

@@ -1,4 +1,4 @@
-// Reads a file from front to back and unpacks it if it is compressed.
+// Reads a file, plain or compressed, from front to back.
 
 #ifndef MANEUVER_MODEL_DATA_BYTE_SOURCE_H_
 #define MANEUVER_MODEL_DATA_BYTE_SOURCE_H_
@@ -20,9 +20,9 @@ class ByteSource {
   virtual absl::StatusOr<size_t> Read(char* bytes, size_t size) = 0;
 };
 
+// Both return the error of open(2) if the file cannot be opened. OpenGzip unpacks gzip, also with
+// several members, through a buffer of fixed size.
 absl::StatusOr<std::unique_ptr<ByteSource>> OpenPlain(const std::filesystem::path& file);
-
-// Unpacks gzip, also with several members, through a buffer of fixed size.
 absl::StatusOr<std::unique_ptr<ByteSource>> OpenGzip(const std::filesystem::path& file);
 
 }  // namespace maneuver::data

@@ -63,7 +63,8 @@ absl::Status ForEachScenario(const std::filesystem::path& folder, OnDamage on_da
 absl::Status ForEachAnnotation(const std::filesystem::path& folder, OnDamage on_damage,
                                const std::function<bool(v1::ManeuverAnnotation&&)>& visit);
 
-// Returns all recordings in order, parsed on `threads` threads (0: one per core). Stops at damage.
+// Returns all recordings in order, parsed on `threads` threads (0: one per core). DATA_LOSS if
+// anything is damaged.
 absl::StatusOr<std::vector<v1::Scenario>> ReadRecordings(const std::filesystem::path& folder,
                                                          int threads = 0);
 

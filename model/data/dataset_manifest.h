@@ -18,21 +18,22 @@ inline constexpr char kManifestFile[] = "dataset.json";
 inline constexpr int kDatasetFormatVersion = 1;
 inline constexpr size_t kMaxOrigin = 1000;  // bytes of Dataset.origin
 
-// Checks a manifest without reading any other file, and returns its faults. File names must be as
-// the comment of Shard.file demands, occur once and contain no folder. Sizes and digests must be
-// valid, and totals must match. Field paths start at the manifest: shards[0].file, ...
+// Checks a manifest without reading any other file, and returns its first 16 faults. File names
+// must be as the comment of Shard.file demands, occur once and contain no folder. Sizes and digests
+// must be valid, and totals must match. Field paths start at the manifest: shards[0].file, ...
 std::vector<scene::FieldViolation> ValidateDatasetManifest(const v1::Dataset& manifest);
 
-// Convert a manifest from and to JSON. dataset.json also contains a digest of this JSON.
+// Convert a manifest from and to JSON. dataset.json also contains a digest of this JSON. Parsing
+// ignores fields that it does not know; DATA_LOSS for anything else that is not a manifest.
 absl::StatusOr<v1::Dataset> ParseDatasetManifest(const std::string& json);
 std::string PrintDatasetManifest(const v1::Dataset& manifest);
 
 // Returns one digest over all contents of a dataset: EvaluationReport.dataset_sha256.
 std::string ContentSha256(const v1::Dataset& manifest);
 
-// Reads dataset.json and checks it by itself, without the shards. DATA_LOSS if any byte of it is
-// damaged (files/sealed_json.h). A file from an older release or another tool has no digest, so
-// damage to it may go unnoticed.
+// Reads dataset.json and checks it by itself, without the shards. NOT_FOUND if it is missing;
+// DATA_LOSS if it has a fault, or any byte of it is damaged (files/sealed_json.h). A file from an
+// older release or another tool has no digest, so damage to it may go unnoticed.
 absl::StatusOr<v1::Dataset> LoadDatasetManifest(const std::filesystem::path& folder);
 // Writes dataset.json, with its digest, in one step.
 absl::Status WriteDatasetManifest(const std::filesystem::path& folder, const v1::Dataset& manifest);

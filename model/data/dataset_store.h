@@ -31,7 +31,7 @@ namespace maneuver::data {
 
 struct DatasetStoreOptions {
   // The most bytes that all datasets and unfinished uploads may have together; 0: only the disk
-  // limits them.
+  // limits them. Datasets in place do not count.
   int64_t quota_bytes = 0;
   // Folders that may become datasets in place, with all that is below them; empty: none may.
   std::vector<std::filesystem::path> folders = {};
@@ -68,21 +68,23 @@ class DatasetStore {
   absl::StatusOr<std::unique_ptr<DatasetUpload>> BeginUpload(
       const std::string& id, const v1::Dataset& manifest, const std::string& caller = "",
       std::vector<int64_t> arrived = {}) const;
-  // Returns what need not be sent. The manifest must be valid.
+  // Returns how many bytes of each shard have arrived, which need not be sent again, and the
+  // dataset itself if it exists with the same shards. The manifest must be valid.
   absl::StatusOr<v1::QueryUploadResponse> QueryUpload(const std::string& id,
                                                       const v1::Dataset& manifest,
                                                       const std::string& caller = "") const;
-  // Returns OK if Register may use the folder: INVALID_ARGUMENT or PERMISSION_DENIED as below.
+  // Returns whether Register may use the folder: OK, or its INVALID_ARGUMENT or PERMISSION_DENIED.
   absl::Status CheckRegistrable(const std::filesystem::path& folder) const;
   // Makes a folder elsewhere on the disk a dataset in place (registered_folder.h), after the checks
-  // of an upload's Commit. May take long. A folder that is registered under this id already is
-  // returned as it is. Errors, which name the file:
+  // of an upload's Commit. May take long. Changes nothing if the same folder is registered under
+  // this id already. Errors, which name the file:
   //   INVALID_ARGUMENT: it is not an absolute path of a folder that holds a whole, valid dataset.
   //   PERMISSION_DENIED: it does not lie in one of DatasetStoreOptions.folders.
   //   ALREADY_EXISTS: there is another dataset of this id.
   absl::StatusOr<v1::Dataset> Register(const std::string& id,
                                        const std::filesystem::path& folder) const;
-  // Removes what interrupted uploads left, if their last byte arrived too long before `now`.
+  // Removes what interrupted uploads left if their last byte arrived more than keep_uploads before
+  // `now`.
   absl::Status RemoveAbandonedUploads(std::filesystem::file_time_type now) const;
 
   // Removes a dataset from the store in one step. The caller should then delete the returned
@@ -94,7 +96,7 @@ class DatasetStore {
   absl::StatusOr<std::vector<v1::ScenarioSummary>> ListScenarios(const std::string& id,
                                                                  size_t begin, size_t limit);
   // Counts what a dataset contains (DescribeDataset, dataset_folder.h). Reads all of it on a
-  // quarter of the cores and keeps the answer beside the shards for the next call.
+  // quarter of the cores, at most four, and keeps the answer beside the shards for the next call.
   absl::StatusOr<v1::DatasetSummary> Describe(const std::string& id, const v1::ModelSpec& spec,
                                               const v1::ExampleSettings& settings) const;
   // Returns one recording. Reads it from its place, by the indexes of its dataset.

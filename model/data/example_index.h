@@ -39,7 +39,8 @@ inline constexpr double kMaxGapFrames = 2.5;
 // Example times lie on a grid: multiples of the stride on the scenario's clock. At each, the
 // target's nearest state within half a frame interval counts. The grid does not start with each
 // track, so one track never moves the examples of another. An example needs
-//   - a target of a type that the spec learns from (ModelSpec.target_types);
+//   - a target of a type that the spec learns from (ModelSpec.target_types), all of whose states are
+//     possible (scene::IsPhysicallyPossible);
 //   - a past: a state at the oldest of the history_frames, within half a frame interval, and no gap
 //     since then;
 //   - a future without gaps over the whole horizon;

@@ -1,4 +1,4 @@
-// Text of a file that is read, as messages quote it.
+// Quotes the text of a file in a message.
 
 #ifndef MANEUVER_MODEL_DATA_QUOTED_TEXT_H_
 #define MANEUVER_MODEL_DATA_QUOTED_TEXT_H_
@@ -8,8 +8,8 @@
 
 namespace maneuver::data {
 
-// Returns "'abc'", with '?' for characters that do not belong in a message. At most 60 characters
-// are quoted.
+// Returns "'abc'", with '?' for each byte that is not printable ASCII. Text of more than 60 bytes is
+// cut: "'abc...'".
 std::string QuotedText(std::string_view text);
 
 }  // namespace maneuver::data

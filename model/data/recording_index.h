@@ -16,14 +16,14 @@
 
 namespace maneuver::data {
 
-// Where each recording of a folder is, by one index file beside each shard (".<shard>.index").
-// Takes about 100 bytes of memory a recording, whatever the recordings' size. Immutable; safe to
-// use from any thread.
+// Knows where each recording of a folder is. Each shard has an index file beside it
+// (".<shard>.index"). Takes about 100 bytes of memory a recording, whatever the recordings' size.
+// Immutable; safe to use from any thread.
 class RecordingIndex {
  public:
   struct Entry {
     std::string scenario_id;
-    int shard = 0;  // counts the shards of scenarios
+    int shard = 0;  // index among the shards of scenarios
     uint64_t offset = 0;
     uint64_t payload_bytes = 0;
     uint32_t payload_crc = 0;  // masked CRC-32C

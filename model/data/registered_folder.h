@@ -23,7 +23,8 @@ absl::StatusOr<std::filesystem::path> ResolveRegistrable(
 // Links the shards of `source` into the empty folder `into`, writes their sizes and times to
 // .registration, and returns the manifest of `source`. Reads no shard.
 //   source: a result of ResolveRegistrable
-// INVALID_ARGUMENT, naming the file, if it is not a dataset, or a file is itself a link.
+// INVALID_ARGUMENT, naming the file, if it is not a dataset, or a file is missing, unreadable or
+// itself a link.
 absl::StatusOr<v1::Dataset> LinkShards(const std::filesystem::path& source,
                                        const std::filesystem::path& into);
 
@@ -33,8 +34,9 @@ bool IsRegistered(const std::filesystem::path& folder);
 std::filesystem::path RegisteredFrom(const std::filesystem::path& folder);
 
 // Checks that the shards of a registered folder are still those that were registered. OK for any
-// other folder. If the times of a shard have changed, its SHA-256 is compared with the manifest's.
-// If it is equal, the new times are stored. If not, returns DATA_LOSS, naming shard and folder.
+// other folder. If the size or the times of a shard have changed, its SHA-256 is compared with the
+// manifest's. If it is equal, the new times are stored. If not, or if a shard is missing, returns
+// DATA_LOSS, naming shard and folder; DATA_LOSS too if .registration is damaged.
 absl::Status CheckRegistered(const std::filesystem::path& folder, const v1::Dataset& manifest);
 
 }  // namespace maneuver::data

@@ -24,6 +24,8 @@ using VisitPayload = std::function<absl::Status(const v1::Shard& shard, uint64_t
 
 // Calls `visit` with each record of all shards that hold `content`, in order.
 //   skipped: counts the records that kSkip leaves out
+// Damage is also a record of more than 256 MiB, a compressed shard, and another number of records
+// than the manifest states. With kStop it returns DATA_LOSS.
 absl::Status ForEachPayload(const std::filesystem::path& folder, v1::ShardContent content,
                             OnDamage on_damage, const VisitPayload& visit, int64_t* skipped);
 

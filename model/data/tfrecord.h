@@ -52,7 +52,7 @@ class TfRecordReader {
 absl::StatusOr<std::string> ReadRecordAt(const std::filesystem::path& file, uint64_t offset,
                                          uint64_t payload_bytes);
 
-// Appends records to a new file.
+// Appends records to a new file. ALREADY_EXISTS if there is a file of that name.
 class TfRecordWriter {
  public:
   static absl::StatusOr<std::unique_ptr<TfRecordWriter>> Create(const std::filesystem::path& file);

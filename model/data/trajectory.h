@@ -12,8 +12,8 @@
 
 namespace maneuver::data {
 
-// Clocks jitter: a waypoint less than this after the last state, or before the first, takes that
-// state's position, seconds. At 30 m/s it is 6 cm.
+// Clocks jitter: a waypoint less than this many seconds after the last state, or before the first,
+// takes that state's position. At 30 m/s the error is 6 cm.
 inline constexpr double kClockTolerance = 0.002;
 
 // Resamples the positions of `agent` in the frame X_WT at `time` + each waypoint time, by linear

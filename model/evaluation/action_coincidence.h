@@ -14,9 +14,9 @@
 
 namespace maneuver::evaluation {
 
-// MatchActions (action_matching.h) with shares over the examples of the recordings, and how far the
-// models agree there on which action each example was, argmax q(y|x,s). Errors: also those of
-// Evaluate.
+// Pairs the actions of two models as action_matching.h does, with their shares over the examples of
+// `input`. Also measures how far the models agree on the action of each example, argmax q(y|x,s).
+// Errors: also those of Evaluate.
 absl::StatusOr<v1::ActionMatching> MatchActions(const inference::ActionModel& first,
                                                 const inference::ActionModel& second,
                                                 const EvaluationInput& input);

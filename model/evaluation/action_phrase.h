@@ -11,12 +11,12 @@
 
 namespace maneuver::evaluation {
 
-// Words, and a number that tells apart two actions of the same words.
+// Words, and a number for when two actions have the same words.
 struct ActionPhrase {
   std::string words;           // "left turn, tight"
-  std::string before = "";     // the number: ", "
+  std::string before = "";     // text before the number: ", "
   double number = 0.0;         // 18.2
-  std::string after = "";      // " m"
+  std::string after = "";      // text after it: " m"
   bool with_sign = false;      // "+3"
   bool always_number = false;  // the words alone say too little: "stop"
 
@@ -29,14 +29,14 @@ struct ActionEvidence {
   // Generic mean trajectory, target frame, metres; at least one waypoint. [T, 2]
   inference::Trajectory mean;
   double waypoint_interval = 0.0;  // seconds
-  // Who is predicted: of pedestrians the limits below are lower.
+  // The type of the predicted agents. Pedestrians have lower limits, as stated below.
   v1::AgentType type = v1::AGENT_TYPE_VEHICLE;
   // Classes of the examples given to the action. Fewer than kTellingExamples say nothing.
   v1::ActionUse use = {};
 };
 
 inline constexpr int kTellingExamples = 10;
-// An action is called what this share of its examples does, if its mean does not contradict.
+// If this share of an action's examples turns, it is a turn even if its mean alone leaves that open.
 inline constexpr double kTellingShare = 0.6;
 
 // Describes an action of a model in metres: the place that its mean leads to. All distances and
@@ -49,7 +49,7 @@ inline constexpr double kTellingShare = 0.6;
 //   left turn            |h| >= 30 degrees, or >= 12 and the examples are turns; ", tight" if the
 //                        turn's radius is less than 12 m, ", wide" if more than 35 m
 //   lane change left     |h| < 15 degrees and |d| >= 2 m; or |h| < 20 degrees, |d| >= 1 m and at
-//                        least half of the examples are that
+//                        least half of the examples are lane changes to the left
 //   bear left            |h| >= 12 degrees
 //   drift left           |d| >= 1 m, and the mean ends as far to the same side
 //   stop within 12 m     begins at 1.5 m/s or more and ends below 1 m/s
@@ -60,20 +60,23 @@ inline constexpr double kTellingShare = 0.6;
 //
 // The speeds at the beginning and at the end are over half a second. Left may be right. Pedestrians
 // have half of each distance and speed, and "step aside left" in place of a lane change.
-// The number is how far to the side the mean ends, after "left" or "right"; else the speed at the
-// end or, of what hardly moves, starts off or reverses, the length of the path.
+// The number is, after "left" or "right", how far to the side the mean ends; after "stop within",
+// its largest distance from the origin; after "speed up" and "slow down", the speed at the end;
+// after "keep straight", the mean speed; else the length of the path.
 ActionPhrase PlacePhrase(const ActionEvidence& evidence);
 
 // Describes an action of a model whose trajectories are relative to the present motion. `mean` is
 // that of a target that drives straight on at inference::kActionSetSpeed. The deviation e(t) from
-// straight on is what the action does, at any speed. With T the horizon, w = |e_y(T)| (5 s / T)^2
-// and a = the speed gained at the end, over its last second, times 5 s / T:
+// straight on is what the action does, at any speed. T is the horizon, w = |e_y(T)| (5 s / T)^2, and
+// a = g 5 s / T, where g is the speed along x in the last second less kActionSetSpeed:
 //
 //   left turn            w >= 4.5 m and at least kTellingShare of the examples turn left; or w >=
-//                        9.5 m and most do, or there are too few examples to tell. ", tight" where
+//                        9.5 m and no other class is more frequent among the examples, or there are
+//                        too few examples to tell. ", tight" where
 //                        the course over the last second, times 5 s / T, is 40 degrees or more off
 //                        straight on, ", wide" below 15 degrees
-//   lane change left     w >= 1.2 m and at least half of the examples are that
+//   lane change left     1.2 m <= w <= 7.5 m and at least half of the examples are lane changes to
+//                        the left
 //   bear left            w >= 4.5 m
 //   drift left           w >= 1.2 m
 //
@@ -83,8 +86,8 @@ ActionPhrase PlacePhrase(const ActionEvidence& evidence);
 // speed up (< 3.5), brake (< 5), brake hard and speed up hard.
 //
 // Courses are those at kActionSetSpeed. Pedestrians walk at 1.4 m/s instead, have a quarter of each
-// distance and speed, and slow down where vehicles brake. The number is e_y(T) in metres for the first four, and the speed gained for the
-// others.
+// distance and speed, and "slow down hard" where vehicles brake or brake hard. The number is
+// |e_y(T)| in metres for the first four, and g in m/s for the others.
 ActionPhrase RelativePhrase(const ActionEvidence& evidence);
 
 }  // namespace maneuver::evaluation

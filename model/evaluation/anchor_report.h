@@ -11,8 +11,8 @@
 
 namespace maneuver::evaluation {
 
-// The metrics covernet_* and multipath_* (evaluator.h) that are not means over examples; there are
-// none without baselines. The means are in example_metrics.h.
+// Computes the metrics covernet_* and multipath_* (evaluator.h) that are not means over examples;
+// example_metrics.h has the means. Without baselines, the report gets none of them.
 class AnchorStatistics {
  public:
   // Adds an example. Either all of them have baselines or none.

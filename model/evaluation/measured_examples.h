@@ -10,11 +10,11 @@
 
 namespace maneuver::evaluation {
 
-// The measurements of all examples, ordered by recording. Evaluate averages them.
+// Ordered by recording. Evaluate averages them.
 struct MeasuredExamples {
   std::vector<data::Example> examples;
   std::vector<Measurement> measured;  // one per example
-  bool measured_by_waymo = false;
+  bool measured_by_waymo = false;     // whether the horizon reaches a time of Waymo's benchmark
 };
 
 }  // namespace maneuver::evaluation

@@ -14,9 +14,9 @@
 
 namespace maneuver::evaluation {
 
-// Makes a set of measurements that come block by block: the row of ExampleMetrics
-// (example_metrics.h) of each example, some 1.3 kB, and the metrics of the whole set that are not
-// means over examples. The set does not depend on the blocks.
+// Makes a set of measurements that come block by block. The set has a row of ExampleMetrics
+// (example_metrics.h) for each example, some 1.3 kB, and those metrics of the whole set that are not
+// means over examples. It does not depend on how the examples are divided into blocks.
 class MeasuredSetBuilder {
  public:
   // Adds the examples of a block; there may be none.

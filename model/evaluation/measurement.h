@@ -65,11 +65,11 @@ struct Measurement {
   // probable actions, from q(z|y,s). The first representative is the medoid.
   std::array<DisplacementErrors, kRanks.size()> cover;
   BaselineErrors constant_velocity;
-  BaselineErrors constant_turn;                // CTRA
-  BaselineErrors faded;                        // the faded roll-out
-  std::optional<AnchorMeasurement> covernet;   // if the model's folder has baselines
-  std::optional<AnchorMeasurement> multipath;  // if the model's folder has baselines
-  std::optional<int> maneuver;                 // recorded over most of the horizon, if any
+  BaselineErrors constant_turn;                           // CTRA
+  BaselineErrors faded;                                   // the faded roll-out
+  std::optional<AnchorMeasurement> covernet;              // if the model's folder has baselines
+  std::optional<AnchorMeasurement> multipath;             // if the model's folder has baselines
+  std::optional<int> maneuver;                            // the class from ManeuverLabels, if any
   RelativeClass relative_class = RelativeClass::kStands;  // of the trajectory
   StratumKeys keys;                                       // of the target and its trajectory
 };

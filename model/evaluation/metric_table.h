@@ -13,8 +13,8 @@ namespace maneuver::evaluation {
 // Which values of a metric are better.
 enum class Better {
   kNone,    // descriptive: no value is better
-  kLower,   //
-  kHigher,  //
+  kLower,   // less is better
+  kHigher,  // more is better
   kNearer,  // nearer to MetricInfo.ideal
 };
 

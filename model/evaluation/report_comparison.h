@@ -13,8 +13,8 @@
 namespace maneuver::evaluation {
 
 // Checks that both reports cover the same examples: the same content of the same dataset, the same
-// settings that choose examples, the same waypoints, equally many examples. FAILED_PRECONDITION
-// otherwise, with what differs and what to do.
+// settings that choose examples, the same target types and waypoints, equally many examples.
+// FAILED_PRECONDITION otherwise, with what differs and what to do.
 absl::Status CheckComparable(const v1::EvaluationReport& a, const v1::EvaluationReport& b);
 
 // Returns whether two settings choose the same examples. Both must be complete. Ignores settings

@@ -44,8 +44,8 @@ class FileReceiver {
   static absl::StatusOr<std::unique_ptr<FileReceiver>> Begin(std::shared_ptr<UploadStaging> staging,
                                                              FileUpload upload,
                                                              const CheckRoom& check_room);
-  // Keeps the arrived bytes for this caller's next upload of this id, unless Commit succeeded or
-  // Discard was called.
+  // Keeps the arrived bytes for this caller's next upload of this id, unless Append was given too
+  // many, Commit says otherwise, or Discard was called.
   ~FileReceiver();
   FileReceiver(const FileReceiver&) = delete;
   FileReceiver& operator=(const FileReceiver&) = delete;
@@ -58,8 +58,8 @@ class FileReceiver {
 
   // Puts the complete, verified files into a new temporary folder beside `beside`, and calls
   // `publish` to move it to its place. Removes the folder if it is still there afterwards.
-  // INVALID_ARGUMENT if bytes are missing; errors of `publish`; otherwise as Append. After OK,
-  // INVALID_ARGUMENT or ALREADY_EXISTS nothing of the upload is kept.
+  // INVALID_ARGUMENT if bytes are missing; errors of `publish`; otherwise as Append. After OK, and
+  // INVALID_ARGUMENT or ALREADY_EXISTS of `publish`, nothing of the upload is kept.
   absl::Status Commit(
       const std::filesystem::path& beside,
       const std::function<absl::Status(const std::filesystem::path& temporary)>& publish);

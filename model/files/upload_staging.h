@@ -58,7 +58,7 @@ class UploadStaging {
     Bytes under_way;
     uint64_t broken_off = 0;  // on the disk, of interrupted uploads
   };
-  // One caller's upload under one id. Of the calls that bring it the latest has the turn.
+  // One caller's upload under one id. If several calls send it, the latest one has the turn.
   struct Slot {
     std::string name;
     std::filesystem::path folder;
@@ -78,7 +78,7 @@ class UploadStaging {
   absl::Status Announce(Slot& slot, const Bytes& bytes,
                         const std::function<absl::Status(const Others&)>& refuse);
   void Arrived(Slot& slot, uint64_t bytes);
-  // Ends the announcement: no call sends the upload any more.
+  // Ends the announcement. Call it when no call sends the upload any more.
   void End(Slot& slot);
 
   absl::Status MakeFolder(const Slot& slot);
@@ -86,7 +86,8 @@ class UploadStaging {
   void RemoveFolder(const Slot& slot);
   void RemoveEmptyFolder(const Slot& slot);
 
-  // Removes slots that no call brings and that `is_over` (id, time of the last byte).
+  // Removes the slots that no call uses and for which `is_over` returns true.
+  //   last: when the last byte arrived
   absl::Status RemoveIf(const std::function<bool(const std::string& id,
                                                  std::filesystem::file_time_type last)>& is_over);
 

@@ -119,7 +119,7 @@ class InferenceSession {
 // A model version in memory. Immutable; safe to share between threads.
 class ActionModel : public std::enable_shared_from_this<ActionModel> {
  public:
-  // Loads a model folder. Errors: those of artifact::ReadModelFolder.
+  // Loads a model folder. Errors: those of artifact::ReadModelFolder and of FromStored.
   static absl::StatusOr<std::shared_ptr<const ActionModel>> Load(
       const std::filesystem::path& folder, const EngineOptions& options);
   // Makes a model from memory. FAILED_PRECONDITION for a precision that the processor lacks;

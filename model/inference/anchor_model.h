@@ -56,8 +56,8 @@ struct AnchorBaselines {
   std::shared_ptr<const AnchorModel> multipath;
 };
 
-// Loads the baselines of a folder. Errors: those of artifact::ReadBaselines; NOT_FOUND if the
-// folder has none.
+// Loads the baselines of a folder. Errors: those of artifact::ReadBaselines, such as NOT_FOUND if
+// the folder has none, and of AnchorModel::Make.
 absl::StatusOr<AnchorBaselines> LoadAnchorBaselines(const std::filesystem::path& folder,
                                                     const EngineOptions& options);
 

@@ -42,6 +42,7 @@ class FirstLayer {
     std::vector<float> sums_;  // [w, C']
   };
 
+  // Returns whether a layer is supported: MapConvolution and SparseConvolution must support it.
   static bool Takes(const artifact::BackboneLayer& layer);
 
   // Prepares a layer that reads the raster's bytes directly.

@@ -15,7 +15,7 @@ struct NonzeroValue {
   float value;    // 1 .. 255
 };
 
-// Of a raster [H, W, C], or of its channels from one on.
+// The nonzero values of a raster [H, W, C]: of all channels, or of those from a given one on.
 struct NonzeroValues {
   struct Pixel {
     int32_t column;

@@ -19,11 +19,12 @@ using artifact::CalibrationExamples;
 using artifact::CalibrationExamplesIn;
 using artifact::kFewestHeldOut;
 
-// Returns the temperature of the softmax p(y|s) that makes held-out q(y|x,s) most likely.
+// Returns the temperature of the softmax p(y|s), in [1/4, 4], that makes held-out q(y|x,s) most
+// likely. Both arguments are [N, K].
 double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log_responsibilities);
 
-// Returns how many examples of the data a model is calibrated by: of data that do not fit in
-// memory, as many as the data memory allows.
+// Returns how many examples of the data calibration uses at most. If the data do not fit in memory,
+// their data memory limits the number.
 CalibrationExamples CalibrationSample(const v1::ModelSpec& spec, const TrainingData& data);
 
 // Calibrates what the settings ask for, in this order, each with the earlier ones in place:

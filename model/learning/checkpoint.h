@@ -19,7 +19,8 @@ namespace maneuver::learning {
 // grow. Each is written completely or not at all, and carries a checksum.
 class CheckpointFolder {
  public:
-  // Opens the folder, and creates it if it is missing.
+  // Opens the folder, and creates it if it is missing. UNAVAILABLE if that fails; otherwise errors
+  // of files.
   static absl::StatusOr<CheckpointFolder> Open(const std::filesystem::path& folder,
                                                const CheckpointPolicy& policy);
 
@@ -31,7 +32,8 @@ class CheckpointFolder {
   // Returns whether the interval, or the number of steps, has passed since the last checkpoint (or
   // since the folder was opened).
   bool IsDue() const;
-  // Writes a checkpoint and removes all but the last few.
+  // Writes a checkpoint and removes all but the last `kept`. Errors: those of
+  // files::WriteFileAtomically.
   absl::Status Write(const Checkpoint& checkpoint);
 
  private:

@@ -1,5 +1,5 @@
 // Fits the covariance of answers after learning. An example is compared with the action that it
-// belongs to by q(y|x,s).
+// belongs to by q(y|x,s). Covariances are [.., 3]: xx, xy, yy, square metres.
 
 #ifndef MANEUVER_MODEL_LEARNING_COVARIANCE_FIT_H_
 #define MANEUVER_MODEL_LEARNING_COVARIANCE_FIT_H_

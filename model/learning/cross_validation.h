@@ -59,8 +59,8 @@ struct CrossValidation {
 // Returns which recording belongs to which fold (data/recording_groups.h). Folds depend only on
 // `datasets`, `folds` and `fold_seed`. A recording of a test dataset is left out if it shares a
 // group with a recording of `datasets`.
-// Reads the datasets once. If the hashes of their places and drives take more than half of
-// `data_memory`, it reads them as often as it takes to compare all.
+// Reads the datasets once, or several times if the hashes of their places and drives take more than
+// half of `data_memory`.
 // Errors: those of data::ForEachScenario and data::AssignFolds; FAILED_PRECONDITION if all
 // recordings of a test dataset are left out; CANCELLED.
 absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidation& run);

@@ -23,10 +23,11 @@ at::Tensor ExpectedLogWeights(const at::Tensor& counts);
 // Returns the counts after a batch, [K]: a step of `rate` from `counts` towards alpha_0 +
 // observations * mean_i q(y_i = k).
 //   responsibilities: q(y|x), [B, K]
+//   observations: how many the data have: sum_k N_k;  concentration: alpha_0
 at::Tensor FollowCounts(const at::Tensor& counts, const at::Tensor& responsibilities,
                         double observations, double concentration, double rate);
 
-// Returns the actions that fewer than one observation has.
+// Returns the actions with fewer than one observation.
 std::vector<int> UnneededActions(const at::Tensor& counts, double concentration);
 
 }  // namespace maneuver::learning

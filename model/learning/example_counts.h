@@ -22,7 +22,7 @@ inline constexpr int32_t kHeldOut = -1;
 // the folder, in ".examples-<digest>", if it can be written to. Later calls read that file alone.
 //   folder: the folder that `index` describes;  settings: complete
 //   keep_going: asked between recordings, from several threads; false ends it with CANCELLED
-// Errors: those of RecordingIndex::Read.
+// Errors: those of data::ReadDatasetManifest and of RecordingIndex::Read.
 absl::StatusOr<std::vector<int32_t>> CountExamples(const std::filesystem::path& folder,
                                                    const data::RecordingIndex& index,
                                                    const v1::TrainingSettings& settings,

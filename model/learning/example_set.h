@@ -18,8 +18,8 @@ struct ExampleSet {
   std::vector<data::Example> examples;  // Example.recording is an index into `recordings`
 };
 
-// Returns the example settings by which training examples are enumerated: their stride may be
-// another one.
+// Returns the settings by which training examples are enumerated. Their stride may differ from that
+// of held-out examples.
 //   settings: complete
 v1::ExampleSettings TrainingExampleSettings(const v1::TrainingSettings& settings);
 

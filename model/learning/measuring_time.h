@@ -17,12 +17,12 @@ class MeasuringTime {
   // The measurement begins now.
   explicit MeasuringTime(TrainingProgress::Clock clock);
 
-  // Takes what EvaluationInput.progress is called with. Returns false once a second of examples has
-  // been seen, which is enough: the measurement may then stop.
+  // To be called as EvaluationInput.progress. Returns false, so that the measurement stops, once it
+  // has seen a second of examples.
   bool Continue(int64_t done, int64_t total);
 
-  // Returns the seconds that the whole measurement takes: what passed before its first example, and
-  // an example's time for each of them. Nothing before Continue was called twice.
+  // Returns the seconds that the whole measurement takes: the time before its first example, plus
+  // the time of one example for each. Nothing before Continue was called twice.
   std::optional<double> Seconds() const;
 
  private:

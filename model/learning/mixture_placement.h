@@ -54,7 +54,7 @@ at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& cen
 //   DEPARTURE_CLUSTERS   k-means on the positions at t = 0.5 s, 1 s, ..., each divided by
 //                        sqrt(t + 0.5 s); for trajectories relative to a reference
 //   RANDOM               means from N(0, I), variances 1
-//   UNIFORM              means spread evenly over the box of the encodings
+//   UNIFORM              means drawn uniformly from the box around the encodings
 //   ENCODED_POINTS       means at the encodings of random examples
 //   ENCODED_SEEDS        means at k-means++ seeds among the encodings
 //   FITTED_MIXTURE       expectation maximisation from these seeds

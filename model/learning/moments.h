@@ -19,24 +19,24 @@ struct WaypointMoments {
 // Returns the moments of p(x|z) under latents [B, K, D], from the latent's mean and one standard
 // deviation to either side along each dimension. They are relative to the reference and leave out
 // the decoder's own covariance.
-//   residual: Networks::MeanResidual of the scenes, [B, K, 2M], or undefined
+//   residual: Networks::MeanResidual of the scenes, or undefined
 WaypointMoments LatentMoments(const Networks& networks, const Gaussian& latents,
                               const at::Tensor& residual);
 
-// Returns the squared Mahalanobis distance of each waypoint under each action. [B, K, T]; arguments
-// as below
+// In the functions below:
+//   mean: [B, K, T, 2] metres;  covariance: [B, K, T, 3], positive definite
+//   trajectories: [B, 2T] metres, measured from the same origin as `mean`
+
+// Returns the squared Mahalanobis distance of each waypoint under each action. [B, K, T]
 at::Tensor SquaredDistances(const at::Tensor& mean, const at::Tensor& covariance,
                             const at::Tensor& trajectories);
 
-// Returns the log density of each action's Gaussian at each waypoint. [B, K, T] nats; arguments as
-// below
+// Returns the log density of each action's Gaussian at each waypoint. [B, K, T] nats
 at::Tensor WaypointLogDensities(const at::Tensor& mean, const at::Tensor& covariance,
                                 const at::Tensor& trajectories);
 
 // Returns the log density of the mixture over actions at each waypoint. [B, T] nats
 //   log_probabilities: [B, K]
-//   mean: [B, K, T, 2] metres;  covariance: [B, K, T, 3], positive definite
-//   trajectories: [B, 2T] metres
 at::Tensor WaypointLogLikelihood(const at::Tensor& log_probabilities, const at::Tensor& mean,
                                  const at::Tensor& covariance, const at::Tensor& trajectories);
 

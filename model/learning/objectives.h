@@ -97,8 +97,7 @@ at::Tensor RobustReconstruction(const at::Tensor& trajectories, const at::Tensor
 
 // Returns the bound of the base model. The responsibilities get no gradient.
 BoundTerms BaseBound(const BaseModel& model);
-// Returns -ln q_y of the action that each example is held to, with a gradient, where q_y are the
-// responsibilities without labels. [B]
+// Returns -ln q_y of each example's label y, with a gradient, where the q_y ignore labels. [B]
 //   model.labels: [B], 0 .. K-1, one for every example
 at::Tensor HeldCrossEntropy(const BaseModel& model);
 // Returns the part of the dual objective that depends on q(z|y,s). q_y and p_y are the base

@@ -10,9 +10,9 @@
 
 namespace maneuver::learning {
 
-// Returns the share of the largest learning rate at a step: rises linearly from 0 over the warm-up,
-// then follows half a cosine to 0 at the last step.
-//   step: 0 .. steps-1
+// Returns the share of the largest learning rate at a step: rises linearly over the warm-up, then
+// follows half a cosine towards 0.
+//   step: 0 .. steps-1;  warm_up: number of steps, but at most a tenth of `steps`
 double LearningRateShare(int64_t step, int64_t warm_up, int64_t steps);
 
 // AdamW (Loshchilov and Hutter, 2019), betas 0.9 and 0.999. Vectors (biases, normalisations) and

@@ -13,8 +13,8 @@
 
 namespace maneuver::learning {
 
-inline constexpr int64_t kEncodedBatch = 64;
-inline constexpr int64_t kPredictedBatch = 32;
+inline constexpr int64_t kEncodedBatch = 64;    // examples that are encoded together
+inline constexpr int64_t kPredictedBatch = 32;  // examples that are predicted together
 // Calibration counts its progress in steps that take about as long as encoding a batch. Predicting
 // a batch counts as this many steps.
 inline constexpr int64_t kPredictedSteps = 3;

@@ -37,9 +37,9 @@ struct TrainingRun {
   bool baselines = false;
   // Bytes of memory that recordings may take, about. Datasets that fit are read whole. From larger
   // ones, the phases on scenes learn window by window. Standardization, the phases on trajectories,
-  // validation, calibration and the model's own metrics are of a sample (OpenTrainingData). A run
-  // that continues from a checkpoint keeps the data memory that it began with, because the order of
-  // its examples depends on it.
+  // validation, calibration and the model's own metrics use a sample (OpenTrainingData). A run that
+  // continues from a checkpoint keeps the data memory that it began with, because the order of its
+  // examples depends on it.
   int64_t data_memory = data::kDefaultDataMemory;
   CheckpointPolicy checkpoint_policy;
   // The run fails if fewer actions than this have a probability of 0.05 in any held-out example.
@@ -61,8 +61,8 @@ struct TrainingRun {
   std::chrono::milliseconds rank_timeout{60'000};
   // The longest that a rank waits for the others to start.
   std::chrono::milliseconds rank_join_timeout{600'000};
-  // What follows this run and counts as a part of it in `progress`, seconds: the run then ends
-  // before its fraction is 1.
+  // Seconds of the work that follows this run and that `progress` counts as a part of it. The run
+  // then ends before its fraction is 1.
   double seconds_after = 0.0;
   // Called on the calling thread; may be empty.
   std::function<void(const v1::JobProgress&)> progress;

@@ -23,15 +23,16 @@ class TrainingProgress {
   using Sink = std::function<void(const v1::JobProgress&)>;
 
   // A phase of the plan. `cost` is the approximate time of a step, in any unit, the same for all
-  // phases. With it `fraction` grows evenly, and phases that have not begun get a time, on the scale
-  // of what the steps so far have taken. The time left of a phase in progress is estimated from its
-  // own steps.
+  // phases. It makes `fraction` grow evenly. It also gives the time of phases that have not begun,
+  // scaled by the time of the steps so far. The time left of a phase in progress is estimated from
+  // its own steps.
   struct Phase {
     std::string name;
     int epochs = 1;
     int64_t steps = 0;  // in all epochs
     double cost = 1.0;
-    // What a step takes, if that is known. The cost should be near.
+    // The time of a step if it is known. It replaces the estimate for a phase that has not begun;
+    // `cost` should then be about the same.
     std::optional<double> seconds = std::nullopt;
   };
 
@@ -49,7 +50,7 @@ class TrainingProgress {
   // Counts one step over `examples` examples. The step waited for its batch for `waited`.
   void Step(int64_t examples, std::chrono::nanoseconds waited = {});
   void EndEpoch(const v1::EpochReport& report);
-  // Sets how the ranks fare in the present phase. Call it before Step.
+  // Sets what the ranks have measured in the present phase. Call it before Step.
   //   slowest_step: the slowest rank's own work for a step, seconds, mean of the phase
   //   waiting: share of each rank's time in which it waited for others or exchanged gradients
   void SetRanks(double slowest_step, std::vector<double> waiting);

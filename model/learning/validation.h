@@ -56,11 +56,13 @@ at::Tensor BatchLabels(const std::vector<int>& labels, const SceneLoader::Batch&
 void ReportMixture(const Networks& networks, v1::EpochReport* report);
 
 // Reports the base bound on trajectories, with the mean of q(z|x) in place of a sample.
+//   has_mixture: false: the mixture has not been placed yet, and p(z) is N(0, I)
 void ValidateBase(const Networks& networks, const at::Tensor& trajectories, bool has_mixture,
                   v1::EpochReport* report);
 
-// Reports the bound of `objective` (see SceneBound) on the examples, with means in place of
-// samples, and how often the actions are used. If `stopped`, ends early and leaves the use out.
+// Reports the bound of `objective` (see SceneBound) on at most 2,048 of the examples, with means in
+// place of samples, and how often the actions are used; on a quarter of these also the log-likelihood
+// of the mixture at a waypoint. If `stopped`, ends early and reports only the mixture.
 void ValidateScenes(Networks& networks, const SceneSource& source, v1::Objective objective,
                     const v1::OptimizationSettings& optimization, int threads,
                     const std::function<bool()>& stopped, v1::EpochReport* report);

@@ -30,7 +30,7 @@ struct LatentMixture {
   DiagonalGaussian Component(int k) const { return {mean.row(k), log_variance.row(k)}; }
 };
 
-// ln p(z) = ln sum_y p(y) p(z|y).
+// Returns ln p(z) = ln sum_y p(y) p(z|y).
 double LogDensity(const LatentMixture& mixture, const Eigen::VectorXd& z);
 
 }  // namespace maneuver::probability

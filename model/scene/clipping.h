@@ -11,7 +11,7 @@
 namespace maneuver::scene {
 
 // Narrows [*enter, *leave], the parameters t of the line a + t (b - a), to where the coordinate
-// lies within [low, high].
+// lies within [low, high]. If it does nowhere, *leave is less than *enter.
 inline void ClipParameter(double a, double b, double low, double high, double* enter,
                           double* leave) {
   const double change = b - a;

@@ -38,8 +38,9 @@ struct LanePoint {
   double x;         // world, metres
   double y;         // world, metres
   double distance;  // arc length from the lane's start, metres
-  double cosine;    // of the segment's heading, world; the last point
-  double sine;      // repeats the heading of the segment before it
+  // Of the segment's heading, world. The last point repeats those of the segment before it.
+  double cosine;
+  double sine;
 };
 
 // Points first .. last of the graph, in the direction of travel.

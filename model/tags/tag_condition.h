@@ -25,7 +25,7 @@ struct Condition {
 Condition Between(Column column, double least, double most);
 
 // Parses "COLUMN OPERATOR VALUE", with <, <=, >, >=, = or !=, with or without spaces: "ade > 5",
-// "class=pedestrian". Of a number, a value with more decimals than the column counts exactly.
+// "class=pedestrian". A value may have more decimals than the column: it is not rounded.
 // INVALID_ARGUMENT says what is wrong, and lists the columns if there is none of that name.
 absl::StatusOr<Condition> ParseCondition(const std::string& text);
 

@@ -30,12 +30,13 @@ struct TaggingOptions {
   std::vector<std::filesystem::path> datasets;  // folders
   std::filesystem::path output;
   bool merged = true;            // TaggerOptions.merged
-  std::optional<double> stride;  // seconds; nothing: what the model was trained with
+  std::optional<double> stride;  // 0.01 to 3600 s; nothing: what the model was trained with
   // Shard k of all shards is tagged if k modulo `parts` is `part`.
   int part = 0;
   int parts = 1;
   int threads = 1;
-  // Called after each recording; returning false ends the work with CANCELLED. May be empty.
+  // Called after each recording and each shard; returning false ends the work with CANCELLED. May be
+  // empty.
   std::function<bool(const TaggingProgress& progress)> progress;
 };
 

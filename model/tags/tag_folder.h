@@ -35,7 +35,8 @@ struct Schema {
 absl::StatusOr<Schema> PrepareTagFolder(const std::filesystem::path& folder,
                                         const TagSchema& schema);
 
-// Reads the schema of a folder. NOT_FOUND if there is none; DATA_LOSS if it is damaged.
+// Reads the schema of a folder. NOT_FOUND if there is none; DATA_LOSS if it is damaged or of another
+// format version.
 absl::StatusOr<Schema> ReadSchema(const std::filesystem::path& folder);
 
 }  // namespace maneuver::tags

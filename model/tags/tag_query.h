@@ -113,8 +113,9 @@ struct Change {
   double high = 0.0;
 };
 
-// Compares a group of two answers with errors. A group that one of them lacks has a share of 0
-// there, which n recordings without it cannot tell from 3 / n.
+// Compares the shares of a group in two answers; both queries must have `errors`. In an answer that
+// lacks the group, the share is 0, and the interval allows for up to 3 / n, where n is the answer's
+// number of recordings.
 Change Compare(const Found& first, const Found& second, const std::string& group);
 
 // Returns the first of the matches that are not near-duplicates of an earlier one, at most `most`.

@@ -25,8 +25,8 @@ namespace maneuver::errors {
 // The most violations that one error lists. Errors travel in headers, whose size clients limit.
 inline constexpr size_t kMaxListedViolations = 16;
 
-// Returns INVALID_ARGUMENT with a BadRequest that lists the first kMaxListedViolations. The message
-// names the first violation and counts the others.
+// Returns INVALID_ARGUMENT with the reason INVALID_FIELD and a BadRequest that lists the first
+// kMaxListedViolations. The message names the first violation and counts the others.
 //   prefix: path of the message that contains the violations ("scenarios[2]"), put before each
 //     field; empty for none.
 absl::Status InvalidFields(const std::vector<scene::FieldViolation>& violations,

@@ -35,9 +35,9 @@ class JobPromotion final : public PromotionVersions {
   // Returns the decision to make. UNUSABLE_DATA if the dataset that it depends on is gone.
   absl::StatusOr<PromotionTask> Task() const;
 
-  // Returns options by which the trainer counts, in the progress of the training, the measurements
-  // that will follow it: it tries them out with the version that serves. Writes the settings that
-  // they name. Empty if there will be none, or if nothing serves.
+  // Returns options (--next-..., trainer_protocol.h) that let the progress of the training count the
+  // measurements that follow it. The trainer estimates their time with the version that serves.
+  // Writes the settings file that they name. Empty if no measurement follows, or nothing serves.
   std::vector<std::string> TrainerOptions();
 
   // Set job.promotion_decision: DecideAsPublished to what publishing did; DecideAgainst to "not

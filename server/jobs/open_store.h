@@ -13,11 +13,10 @@
 
 namespace maneuver::jobs {
 
-// In a data folder: the embedded store; the same once it was copied; the id of the store in
-// PostgreSQL that has the folder's jobs.
+// Files in a data folder.
 inline constexpr char kEmbeddedStore[] = "maneuver.db";
-inline constexpr char kCopiedStore[] = "maneuver.db.copied";
-inline constexpr char kStoreId[] = "store-id";
+inline constexpr char kCopiedStore[] = "maneuver.db.copied";  // it, after its copy to PostgreSQL
+inline constexpr char kStoreId[] = "store-id";  // the id of the folder's store in PostgreSQL
 
 // Opens the store of a data folder, whose lock the caller holds: the embedded one, or the one in
 // PostgreSQL that `address` names, to which the folder belongs from then on.
@@ -31,6 +30,7 @@ absl::StatusOr<std::unique_ptr<Store>> OpenStore(
 
 // Returns the id of the store in PostgreSQL that a data folder belongs to; empty if to none.
 absl::StatusOr<std::string> StoreIdOf(const std::filesystem::path& data_dir);
+// Makes the data folder belong to the store with this id.
 absl::Status WriteStoreId(const std::filesystem::path& data_dir, const std::string& id);
 
 }  // namespace maneuver::jobs

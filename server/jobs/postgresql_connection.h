@@ -33,7 +33,7 @@ class SqlValue {
  private:
   SqlValue() = default;
 
-  std::optional<std::string> bytes_;  // a null without
+  std::optional<std::string> bytes_;  // nothing: NULL
   bool is_binary_ = false;
 };
 
@@ -75,7 +75,7 @@ absl::Status StoreUnavailable(const std::string& what);
 class PostgresqlConnection {
  public:
   // Connects. INVALID_ARGUMENT for an address that libpq does not understand or that holds a
-  // password.
+  // password; FAILED_PRECONDITION if libpq is not installed.
   static absl::StatusOr<std::unique_ptr<PostgresqlConnection>> Open(const std::string& address);
   ~PostgresqlConnection();
   PostgresqlConnection(const PostgresqlConnection&) = delete;

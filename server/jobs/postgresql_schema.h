@@ -14,8 +14,8 @@
 
 namespace maneuver::jobs {
 
-// Returns the scripts that make a store: the first makes version 1 of nothing, each other one the
-// next version of the one before. Released scripts never change.
+// Returns the scripts that make the tables of a store. Script i turns version i into version i + 1;
+// in version 0 there are no tables. Released scripts never change.
 const std::vector<std::string>& StoreMigrations();
 
 // Returns the version of the tables; 0 if there are none.
@@ -29,8 +29,8 @@ absl::Status CheckSchema(PostgresqlConnection& connection);
 absl::StatusOr<int> Migrate(PostgresqlConnection& connection,
                             const std::vector<std::string>& migrations);
 
-// How long a server or a command that starts waits for another owner: one that was just stopped or
-// killed, or whose connection was cut, is gone by then.
+// How long a starting server or command waits for the store's previous owner. By then PostgreSQL
+// has noticed that the owner was stopped or killed, or that its connection was cut.
 inline constexpr std::chrono::seconds kPatienceForPredecessor{15};
 
 // Keeps other servers and commands off the store, until the connection ends. UNAVAILABLE if one of

@@ -51,17 +51,17 @@ class PostgresqlSession {
   //   patience: how long to wait for another owner to go.
   absl::Status Connect(std::chrono::seconds patience);
   absl::Status EnsureConnected();
-  // Keeps the metric, and drops a broken connection.
+  // Sets the metric by the outcome of a call, and drops a broken connection.
   void Notice(const absl::Status& status);
 
   const std::string address_;
   monitoring::Gauge& available_;
   std::unique_ptr<PostgresqlConnection> connection_;  // nullptr: lost
   absl::Status last_failure_;
-  absl::Status last_refusal_;  // of a connection, as the log has it
+  absl::Status last_refusal_;  // the last error of connecting that was logged
   std::chrono::steady_clock::time_point retry_at_;
   std::string store_id_;
-  std::optional<int64_t> epoch_;
+  std::optional<int64_t> epoch_;  // number of this ownership; another in the store: we lost it
   std::optional<SqlStatement> undo_;
 };
 

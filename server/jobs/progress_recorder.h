@@ -30,9 +30,8 @@ class ProgressRecorder {
   // Maps the trainer's fractions from now on, 0 to 1, to the part of the job from `begin` to `end`.
   // At first the part is the whole job.
   void SetPart(double begin, double end);
-  // Says that the trainer begins the first of `runs` runs that take about equally long and finish
-  // the job: its fractions are mapped to its share of what is left, and its time left is that of
-  // all of them.
+  // Divides the rest of the job into `runs` equal parts, of which the trainer now begins the first.
+  // Maps its fractions to that part. The time left that it reports then counts all parts.
   void SetRest(int runs);
   // Records one line of the trainer: a JobProgress as proto3 JSON. Logs and skips any other line.
   void Record(const std::string& line);
@@ -56,8 +55,8 @@ class ProgressRecorder {
   double last_fraction_;  // of the job
   double part_begin_ = 0.0;
   double part_end_ = 1.0;
-  int runs_after_ = 0;         // each as long as the present one
-  absl::Time run_begun_at_{};  // if there are some
+  int runs_after_ = 0;         // parts that follow the present one (SetRest)
+  absl::Time run_begun_at_{};  // when the present part began, if runs_after_ > 0
   std::optional<v1::JobProgress> waiting_;
 };
 

@@ -73,8 +73,9 @@ PromotionOutcome MeasureVersions(const PromotionTask& task, PromotionVersions& v
 //     metric is worse by more than its tolerance, and the requirements are met;
 //   - if another version has come to serve meanwhile, compares with that one.
 // Measures versions that have no report by the criteria. After MeasureVersions, that can only be a
-// version that has come to serve since. If anything fails, decides against the version and says
-// why.
+// version that has come to serve since. A remembered decision that still holds is carried out as it
+// is. If anything fails, or other versions come to serve five times, decides against the version and
+// says why. If the store cannot be reached, or a measurement is interrupted, returns that instead.
 PromotionOutcome DecidePromotion(const PromotionTask& task, PromotionVersions& versions);
 
 }  // namespace maneuver::jobs

@@ -1,8 +1,7 @@
 // Jobs and aliases in one SQLite file.
 //
 // WAL with synchronous=FULL: a call that returned OK survives a power cut. The file is locked while
-// it is open, so that no second server runs the same jobs. user_version is the schema's version; a
-// file of a newer version is refused, never guessed at.
+// it is open, so that no second server runs the same jobs. user_version is the schema's version.
 
 #ifndef MANEUVER_SERVER_JOBS_SQLITE_STORE_H_
 #define MANEUVER_SERVER_JOBS_SQLITE_STORE_H_
@@ -18,7 +17,7 @@ namespace maneuver::jobs {
 class SqliteStore : public Store {
  public:
   // Opens or creates. UNAVAILABLE if another process has the file open, FAILED_PRECONDITION for
-  // another schema version, DATA_LOSS if the file is damaged or no database.
+  // another schema version, DATA_LOSS if the file is damaged or not a database.
   static absl::StatusOr<std::unique_ptr<SqliteStore>> Open(const std::filesystem::path& file);
 };
 

@@ -17,7 +17,8 @@ namespace maneuver::jobs {
 //
 // A copy that was cut off is continued by another call. NOT_FOUND if the folder has no embedded
 // store; FAILED_PRECONDITION if the database already holds jobs or aliases, or its tables are not
-// of the latest version; DATA_LOSS if a row is damaged.
+// of the latest version; UNAVAILABLE if another process holds the database, or it cannot be reached;
+// DATA_LOSS if a row is damaged, or the stores differ in the end.
 absl::StatusOr<StoreContents> CopyStore(const std::filesystem::path& data_dir,
                                         const std::string& address);
 

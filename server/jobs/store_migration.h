@@ -11,7 +11,7 @@ namespace maneuver::jobs {
 
 struct StoreMigration {
   int from = 0;  // the schema's version before; 0: there were no tables
-  int to = 0;    // and now
+  int to = 0;    // the schema's version now
 };
 
 // Brings the tables in the database of `address` to the latest version, wholly or not at all.

@@ -1,4 +1,4 @@
-// Encodes jobs for storage and states the errors of a job store, for any database. Private to the
+// Encodes jobs for storage, and makes the errors of a job store, for any database. Private to the
 // stores.
 
 #ifndef MANEUVER_SERVER_JOBS_STORED_JOB_H_
@@ -32,7 +32,8 @@ struct JobKey {
   int64_t state = 0;
 };
 // Returns the job of a row and its latest event, if it has one. If the job has ended, its progress
-// has no remaining time. DATA_LOSS as for ParseStoredProgress, or if the key differs from the job's.
+// has no remaining time; if it has SUCCEEDED, the fraction is 1. DATA_LOSS as for
+// ParseStoredProgress, or if the key differs from the job's.
 absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& job,
                                        const std::optional<std::string>& progress);
 
@@ -46,7 +47,7 @@ int64_t AliasDigest(const security::ModelAliasName& name, int64_t version);
 absl::StatusOr<serving::ModelAlias> StoredAlias(const security::ModelAliasName& name,
                                                 int64_t version, std::optional<int64_t> digest);
 
-// Returns the priority that the job was asked for with; higher goes first.
+// Returns the priority of the request that created the job; higher goes first.
 int64_t PriorityOf(const v1::Job& job);
 
 // Returns the number of the job that the previous page ended with; the greatest number for an empty
@@ -56,13 +57,14 @@ absl::StatusOr<int64_t> ParsePageToken(const std::string& page_token);
 // Changes a RUNNING job by `end`. FAILED_PRECONDITION if the job may not move to its new state.
 absl::Status EditRunning(const JobEdit& end, v1::Job& job);
 
-// Returns OK if Move may take a job from `from` to `to`.
+// Returns FAILED_PRECONDITION unless JobStore::Move may take a job from `from` to `to`.
 absl::Status CheckMove(v1::JobState from, v1::JobState to);
 
 absl::Status NoSuchJob(const std::string& name);
 absl::Status NoSuchAlias(const security::ModelAliasName& name);
 absl::Status LeaseEnded(const JobLease& lease);
-// Returns FAILED_PRECONDITION with the job's present state, which rules out the request.
+// Return FAILED_PRECONDITION and name the job's state: IsInState because the state does not allow
+// the request, NotEnded because the job has not ended.
 absl::Status IsInState(const v1::Job& job);
 absl::Status NotEnded(const v1::Job& job);
 

@@ -59,8 +59,9 @@ struct SupervisorOptions {
 class Supervisor {
  public:
   // Recovers from an earlier server: makes its RUNNING jobs PENDING again, or CANCELLED if they
-  // were being cancelled, and removes what they left half-written. Then starts to run pending jobs.
-  // All references must outlive the supervisor.
+  // were being cancelled, and removes what they left half-written. Removes the folders of jobs that
+  // the store does not know. Then starts to run pending jobs. All references must outlive the
+  // supervisor.
   static absl::StatusOr<std::unique_ptr<Supervisor>> Start(
       SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
       serving::ModelVersions& versions,
@@ -96,9 +97,9 @@ class Supervisor {
   // stays RUNNING until its process is gone, even if the server dies in between; its checkpoints
   // stay. An ended job is returned unchanged.
   absl::StatusOr<v1::Job> Cancel(const std::string& name);
-  // Makes a job that FAILED or was CANCELLED PENDING again: it continues from its last checkpoint,
-  // with the run time that its limits give a new one. One that is PENDING or RUNNING is returned as
-  // it is. FAILED_PRECONDITION if it has SUCCEEDED, is being stopped, or a dataset of it is gone.
+  // Makes a FAILED or CANCELLED job PENDING again. It continues from its last checkpoint, and its
+  // run time counts from 0. A PENDING or RUNNING job is returned as it is. FAILED_PRECONDITION if it
+  // has SUCCEEDED, is being stopped, or one of its datasets is gone.
   absl::StatusOr<v1::Job> Resume(const std::string& name);
   // Forgets an ended job and removes its folder. FAILED_PRECONDITION if it has not ended.
   absl::Status Delete(const std::string& name);
@@ -128,16 +129,16 @@ class Supervisor {
   absl::StatusOr<v1::Job> WithMemory(absl::StatusOr<v1::Job> job, const v1::ModelSpec& spec) const;
   absl::StatusOr<v1::Job> EarlierJob(const std::string& request_id, const std::string& digest,
                                      bool* found);
-  // NOT_FOUND if one that the job reads is not there.
+  // NOT_FOUND if a dataset that the job reads does not exist.
   absl::Status CheckDatasets(const v1::Job& job) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // RESOURCE_EXHAUSTED while as many jobs are PENDING as may be.
+  // RESOURCE_EXHAUSTED while max_pending_jobs are PENDING.
   absl::Status CheckRoom() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   std::filesystem::path FolderOf(const std::string& name) const;
 
   //   slot: index among the jobs that may run at the same time, from 0
   void RunJobs(int slot) ABSL_LOCKS_EXCLUDED(mutex_);
   void RunOne(const ClaimedJob& claimed, int slot, StopRequest& stop);
-  // Stores what a process of a job came to.
+  // Stores the job in the state in which its attempt left it.
   void EndRun(v1::Job job, const JobLease& lease) ABSL_LOCKS_EXCLUDED(mutex_);
   // Shows how many jobs are in each state.
   void CountJobs();

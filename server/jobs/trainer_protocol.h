@@ -15,9 +15,10 @@
 //       Prints the values of TrainingSettings.device that can be used here, one a line.
 //
 // Each FILE is proto3 JSON. The settings are a TrainingSettings for train and cross-validate, and
-// an ExampleSettings for evaluate and of the evaluations that follow a training (--next-...), which
-// its progress counts. The output of evaluate is an EvaluationReport, and that of
-// cross-validate a CrossValidationReport; train writes a model folder. With --progress json each
+// an ExampleSettings for evaluate and --next-settings. --next-... describe the evaluations that
+// follow a training, so that its progress counts them. The output of evaluate is an
+// EvaluationReport, that of cross-validate a CrossValidationReport; train writes a model folder.
+// With --progress json each
 // line on standard output is one JobProgress as proto3 JSON. evaluate and cross-validate then need
 // --output; otherwise they print the report for people. Standard error is for people, and its last
 // line says why a run failed. SIGTERM stops a run; no half-written file remains.

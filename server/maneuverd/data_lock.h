@@ -12,7 +12,7 @@ namespace maneuver {
 class DataLock {
  public:
   // Locks the folder, and creates it if it is missing. FAILED_PRECONDITION if another server has
-  // it.
+  // it, or it cannot be created or written to.
   static absl::StatusOr<std::unique_ptr<DataLock>> Take(const std::filesystem::path& data_dir);
   ~DataLock();
   DataLock(const DataLock&) = delete;

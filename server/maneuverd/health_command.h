@@ -9,7 +9,9 @@ namespace maneuver {
 // same file and environment as the server, so it knows the address, and no other program is needed.
 //   argv: from "health" on: options, and before or after them a service. Without a service it asks
 //     about the whole server.
-// Returns 0 if it serves, 1 if it does not, 2 if the options are wrong. Prints what is wrong.
+// Returns 0 if it serves, 1 if it does not, or does not answer within 4 s, and 2 if the options are
+// wrong or the client certificate cannot be read. Prints what is wrong. A server that requires a
+// client certificate gets that of MANEUVER_TLS_CERTIFICATE and MANEUVER_TLS_KEY.
 int RunHealthCommand(int argc, const char* const* argv, const char* const* environment);
 
 }  // namespace maneuver

@@ -14,8 +14,8 @@
 namespace maneuver {
 
 struct JobOptions {
-  std::filesystem::path trainer;
-  std::string trainer_command;
+  std::filesystem::path trainer;  // the program
+  std::string trainer_command;    // starts it for a training job: JobRunEnvironment::launcher
   int max_running = 1;
   int max_pending = 1'000;
   jobs::JobLimits limits;

@@ -27,7 +27,7 @@ struct HttpPage {
 };
 
 // Answers GET and HEAD requests for its pages on its own threads until it is destroyed. Other paths
-// give 404.
+// give 404, other methods 405.
 class HttpPages {
  public:
   //   address: HOST:PORT; port 0 picks a free one.

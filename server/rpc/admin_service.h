@@ -5,6 +5,7 @@
 
 namespace maneuver::rpc {
 
+// Reads and sets the level of the log.
 class AdminService final : public v1::AdminService::CallbackService {
  public:
   // The constructor and the destructor are defined in the .cc. Otherwise every file that makes a

@@ -9,6 +9,7 @@
 
 namespace maneuver::rpc {
 
+// Uploads, registers, describes, reads and deletes datasets.
 class DatasetService final : public v1::DatasetService::CallbackService {
  public:
   // All arguments must outlive the service. The .cc defines the constructor and the destructor, for

@@ -32,7 +32,8 @@ absl::Status AnswerQueryUpload(const data::DatasetStore& datasets, const std::st
                                const v1::QueryUploadRequest& request,
                                v1::QueryUploadResponse* response);
 
-// Adds the ErrorInfo that fits an error of the dataset store, unless it has one already.
+// Adds the ErrorInfo that fits an error of the dataset store, unless it has one already. A full
+// quota, FAILED_PRECONDITION, becomes RESOURCE_EXHAUSTED.
 absl::Status WithDatasetReason(absl::Status status);
 
 }  // namespace maneuver::rpc

@@ -1,5 +1,5 @@
-// The parts of gRPC's internals that this server uses. gRPC promises nothing of them, so no other
-// file names them, and a version that nobody has looked at does not compile.
+// The parts of gRPC's internals that this server uses. gRPC does not guarantee them. So no other
+// file names them, and an untested version of gRPC does not compile.
 
 #ifndef MANEUVER_SERVER_RPC_GRPC_INTERNALS_H_
 #define MANEUVER_SERVER_RPC_GRPC_INTERNALS_H_
@@ -10,8 +10,8 @@
 
 namespace maneuver::rpc {
 
-// After an update: gRPC calls MethodHandler::Deserialize before RunHandler, in the callback API for
-// methods that take a single request alone, and gives the call's byte buffer over to it.
+// After an update, check that gRPC still calls MethodHandler::Deserialize before RunHandler, in the
+// callback API only for methods that take a single request, and hands it the call's byte buffer.
 static_assert(GRPC_CPP_VERSION_MAJOR == 1 && GRPC_CPP_VERSION_MINOR == 51,
               "compare server/rpc/grpc_internals.h with this version of gRPC");
 

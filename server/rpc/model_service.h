@@ -10,6 +10,7 @@
 
 namespace maneuver::rpc {
 
+// Lists, copies and deletes versions, moves aliases, labels actions and returns evaluations.
 class ModelService final : public v1::ModelService::CallbackService {
  public:
   // All arguments must outlive the service. `table` must be the table of `store`. The .cc defines

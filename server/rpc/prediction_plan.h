@@ -36,9 +36,9 @@ struct PlannedScenario {
   // Fields that look wrong although they are valid. Paths start at the scenario.
   std::vector<scene::FieldViolation> warnings;
 };
-// The map of each scenario. FindMaps returns the map that a scenario names or nullptr for each;
-// empty if no scenario names one. A plan has the map that the scenario names, or the scenario's
-// own.
+// The map of each scenario. As FindMaps returns it: the registered map that the scenario names, or
+// nullptr; empty if no scenario names one. In a plan: the same, but the scenario's own map in place
+// of nullptr.
 using ScenarioMaps = std::vector<std::shared_ptr<const scene::RoadMap>>;
 
 struct PredictionPlan {

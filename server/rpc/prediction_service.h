@@ -17,6 +17,7 @@ using PredictionMethods = v1::PredictionService::WithCallbackMethod_PredictActio
                     v1::PredictionService::WithCallbackMethod_RegisterMap<
                         v1::PredictionService::Service>>>>>>;
 
+// Predicts, classifies, and registers maps.
 class PredictionService final : public PredictionMethods {
  public:
   // `context` must outlive the service. Defined in the .cc, as is the destructor: see AdminService.

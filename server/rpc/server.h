@@ -52,7 +52,7 @@ class Server {
   // PredictionService, which is NOT_SERVING until SetPredictionsReady.
   //   services: must outlive the server, as must `access`, which admits their calls.
   //   credentials: nullptr for plain text.
-  // UNAVAILABLE if it cannot listen there.
+  // UNAVAILABLE if it cannot listen there; INTERNAL if the contract lacks one of the services.
   static absl::StatusOr<std::unique_ptr<Server>> Start(
       const security::ListenAddress& address, const std::vector<NamedService>& services,
       security::AccessControl& access, monitoring::MetricRegistry& metrics,

@@ -8,6 +8,7 @@
 
 namespace maneuver::rpc {
 
+// Creates, lists, cancels, resumes, deletes and watches jobs.
 class TrainingService final : public v1::TrainingService::CallbackService {
  public:
   // All arguments must outlive the service. The .cc defines the constructor and the destructor, for

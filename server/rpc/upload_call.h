@@ -85,7 +85,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
     {
       const MutexLock lock(mutex_);
       refusal_ = refusal;
-      if (!reading_.exchange(false)) return;  // who works on the call will see it
+      if (!reading_.exchange(false)) return;  // the thread that works on the call will see it
     }
     // The read that is left pending ends with the call.
     pool_.Continue([this, refusal] { EndRefused(refusal); });
@@ -104,7 +104,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
   void ReadOn() {
     absl::Status refusal;
     {
-      // No refusal comes between; OnReadDone, which may come at once, takes no lock.
+      // The lock keeps out a refusal. OnReadDone may run at once, but takes no lock.
       const MutexLock lock(mutex_);
       refusal = refusal_;
       if (refusal.ok()) {
@@ -122,7 +122,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
   }
 
   void End(const absl::Status& status) {
-    // Before the client hears of it, and asks what has arrived.
+    // Ends the upload before the client learns of the end and asks what has arrived.
     upload_.reset();
     {
       const MutexLock lock(mutex_);  // ReadOn, on another thread, has released it
@@ -165,7 +165,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
   grpc::CallbackServerContext* const rpc_;
   Response* const response_;
   Request message_;
-  std::unique_ptr<Upload> upload_;  // once the header came; of who works on the call
+  std::unique_ptr<Upload> upload_;  // from the header on; used by the step in progress alone
 
   // A read is in progress. Whoever sets this to false continues the call: OnReadDone or a refusal.
   std::atomic<bool> reading_ = false;

@@ -15,9 +15,10 @@ namespace maneuver::security {
 // Roles do not include one another: a caller that trains and predicts has both.
 enum class Role {
   kAnyone = 0,   // only in the table: no identity is required
-  kPredict = 1,  // predict, and list models
+  kPredict = 1,  // predict, and read what models and reports say
   kTrain = 2,    // upload data, train, evaluate, label actions, download models
-  kAdmin = 4,    // delete, upload models, and choose the serving version
+  // Delete, upload models, choose the serving version, register folders, change the log level.
+  kAdmin = 4,
 };
 
 std::string_view ToString(Role role);

@@ -15,8 +15,8 @@ inline constexpr int64_t kScenarioBytes = 4096;
 // The largest size of a target's error with its details.
 inline constexpr int64_t kTargetErrorBytes = 768;
 
-// Returns the largest size on the wire that the answer for one target, or its error, can have. At
-// most 1 / p actions have a probability of p or more.
+// Returns the largest size on the wire that the answer for one target, or its error, can have. If
+// the question asks for actions of probability p or more, that is at most 1 / p actions.
 //   sigma_trajectories: whether the answer carries them.
 int64_t MostBytesOfTarget(const v1::ModelSpec& spec, const Question& question,
                           bool sigma_trajectories);

@@ -44,6 +44,7 @@ class BatchScheduler {
 
   // Queues a call. After OK, call->done will be called once; after an error it will not:
   //   CANCELLED, DEADLINE_EXCEEDED: nobody waits for the call any more.
+  //   UNAVAILABLE: the scheduler is being destroyed.
   //   RESOURCE_EXHAUSTED, reason QUEUE_FULL: the retry delay is the time that the workers need, at
   //     their measured speed, for the queue.
   //   RESOURCE_EXHAUSTED, reason DEADLINE_TOO_CLOSE: the call would be late; the retry delay says

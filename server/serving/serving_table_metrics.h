@@ -23,7 +23,8 @@ class ServingTableMetrics {
   void CountFailedLoad() { failed_loads_.Increment(); }
   // Counts that an alias now points to another version.
   void CountSwap(const std::string& alias);
-  // Shows the versions that `serving` and `candidate` of each model point to.
+  // Shows the versions that `serving` and `candidate` of each model point to, for the first 32
+  // models that have an alias.
   //   aliases: those whose versions are in memory.
   void Show(const std::map<security::ModelAliasName, int>& aliases);
 

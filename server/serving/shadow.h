@@ -130,7 +130,7 @@ class Shadow {
   int64_t held_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
 
-  // The thread's own.
+  // Used by the thread alone.
   TimePoint rests_until_;
   std::map<std::string, Comparison> comparisons_;  // by model
   std::map<std::string, Differences> differences_;

@@ -26,12 +26,13 @@ using CityMaps = std::map<std::string, CityMap>;
 //   - agent ids: 52 bits of a hash of TRACK_ID, the same in each sequence that the track is in.
 //   - velocities: motion_fit.h.
 //   - headings: the direction of the velocity, while that is at least 1 m/s and the agent moved
-//     0.25 m that way in the last half second. At other times, the last such heading; before the
-//     first one, the first. An agent that never moves has the heading of the nearest lane within
-//     5 m, or 0. A car that reverses gets the opposite heading.
+//     0.25 m that way in the last half second (at the beginning, in the next one). At other times,
+//     the last such heading; before the first one, the first. An agent that never moves has the
+//     heading of the nearest lane within 5 m, or 0. A car that reverses gets the opposite heading.
 //   - types and sizes: AV and AGENT are vehicles of typical size, agent_size.h. OTHERS can be
 //     anything, so their type stays unspecified; most are cars, and they get the size of one.
-//   - prediction_time: the twentieth time, 1.9 s after the beginning, as in the benchmark.
+//   - prediction_time: the twentieth time, 1.9 s after the beginning, as in the benchmark; the last
+//     time if there are fewer.
 //   - target: the AGENT, if it has a row at that time.
 //   - map: the surroundings of AV and AGENT.
 //

@@ -18,11 +18,12 @@ namespace maneuver::data {
 // its trajectory; its velocity points along its heading. The state of a static obstacle is repeated
 // at every step of the scenario. An interval counts as its middle, an area in place of a position
 // as its centre, and a shape other than a rectangle as the box around it. Lanelets become
-// centrelines, lines and edges as lanelet_map.h says. A traffic light becomes a signal of each
-// lanelet that refers to it, with the readings of its cycle.
+// centrelines, lines and edges as lanelet_map.h says. A lanelet that refers to traffic lights gets
+// one signal, with the readings of the light's cycle: of the first light for going straight, or of
+// the first one if there is none.
 //
 // INVALID_ARGUMENT, with the element, if it is not XML or not a CommonRoad scenario, has another
-// version, has no obstacles, or lacks an element that its version requires.
+// version, has no such obstacles, or an element that is required is missing or wrong.
 absl::StatusOr<v1::Scenario> ParseCommonRoad(std::string_view xml);
 
 }  // namespace maneuver::data

@@ -18,8 +18,8 @@ struct ExpansionMap {
   std::vector<v1::MapFeature> features;
   // Links of connectivity to lanes that the file lacks. The published maps have some.
   int64_t open_links = 0;
-  int64_t pathless_lanes =
-      0;  // lanes that are left out because they have no path, or a damaged one
+  // Lanes that are left out because they have no path, or a damaged one.
+  int64_t pathless_lanes = 0;
 };
 
 // Reads a map in the frame of its place, metres. Imports

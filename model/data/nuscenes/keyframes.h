@@ -23,10 +23,10 @@ inline constexpr double kFrameInterval = 0.1;
 inline constexpr double kMaxKeyframeGap = 0.75;
 
 struct Keyframe {
-  double time = 0.0;  // seconds
-  double x = 0.0;     // metres
-  double y = 0.0;     // metres
-  float heading = 0.0F;
+  double time = 0.0;     // seconds
+  double x = 0.0;        // metres
+  double y = 0.0;        // metres
+  float heading = 0.0F;  // radians
 };
 
 // Appends to `agent` a state at each frame between two keyframes that are at most kMaxKeyframeGap

@@ -19,7 +19,7 @@ struct Driver {
   double offset = 0.0;           // from the lane's centre, metres to the left
   double corner_cut = 0.0;       // metres towards the inside of a turn
   double wander = 0.15;          // amplitude of drifting within the lane, metres
-  double wander_length = 120.0;  // metres
+  double wander_length = 120.0;  // period of the drifting, metres
   double wander_phase = 0.0;     // radians
   double change_time = 4.5;      // seconds that a lane change takes
 };
@@ -27,8 +27,8 @@ struct Driver {
 Driver DrawDriver(Random& random);
 Driver DrawCyclist(Random& random);
 
-// Returns the acceleration that the model wants, metres per second squared.
-//   desired_speed: > 0; leader_speed along the follower's path.
+// Returns the acceleration that the model wants, metres per second squared. Speeds are in m/s.
+//   desired_speed: > 0; leader_speed: along the follower's path.
 //   gap: bumper to bumper, metres; infinity without a leader.
 double IdmAcceleration(const Driver& driver, double speed, double desired_speed, double gap,
                        double leader_speed);

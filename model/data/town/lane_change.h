@@ -11,12 +11,13 @@
 
 namespace maneuver::data::town {
 
-// Draws a random route from a lane that is joined at arc length `from`, to where the lanes end.
+// Draws a random route of at most 40 lanes. It begins on `lane` at arc length `from` (metres) and
+// ends where the lanes do.
 std::vector<RouteStep> DrawRoute(const LaneGraph& graph, int lane, double from, Random& random);
 
 // Begins a lane change if `vehicle` wants one and finds a gap for it.
 //   leader_gap, leader_speed: of the vehicle ahead, metres and m/s; infinite gap without one.
-//   rate: wishes per second.
+//   time: seconds.  rate: wishes per second.
 void ConsiderLaneChange(const LaneGraph& graph, std::span<const Vehicle> vehicles, double time,
                         double rate, double leader_gap, double leader_speed, Random& random,
                         Vehicle& vehicle);

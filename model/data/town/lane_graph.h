@@ -64,10 +64,10 @@ struct Lane {
   std::vector<LaneLink> next;
   int left = -1;  // neighbours in the same direction, for lane changes
   int right = -1;
-  double change_from = 0.0;  // metres along the lane between which a lane change may begin
-  double change_to = 0.0;
-  bool ends = false;     // an on-ramp: vehicles must move left before its end
-  bool reverse = false;  // driven backwards, and stopped at its end
+  double change_from = 0.0;  // a lane change may begin from here, metres along the lane,
+  double change_to = 0.0;    // to here
+  bool ends = false;         // an on-ramp: vehicles must move left before its end
+  bool reverse = false;      // driven backwards, and stopped at its end
   std::optional<Gate> gate;
 };
 

@@ -13,7 +13,7 @@ namespace maneuver::data::town {
 
 struct Leader {
   double gap = std::numeric_limits<double>::infinity();  // metres between bumpers
-  double speed = 0.0;                                    // along the follower's path
+  double speed = 0.0;                                    // along the follower's path, m/s
 };
 
 // Returns the first road user in the way on the path ahead of `vehicle`. Found by geometry alone:

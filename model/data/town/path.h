@@ -1,4 +1,5 @@
-// Curves in the plane, parameterised by arc length.
+// Curves in the plane, parameterised by arc length. Lengths are in metres, angles in radians
+// (counter-clockwise), curvatures in 1/metres (positive to the left).
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_PATH_H_
 #define MANEUVER_MODEL_DATA_TOWN_PATH_H_
@@ -27,8 +28,8 @@ double WrapAngle(double angle);
 
 struct PathPoint {
   Vec2 p = {};
-  double heading = 0.0;    // radians, continuous along a path (not wrapped)
-  double curvature = 0.0;  // 1/metres, positive to the left
+  double heading = 0.0;  // continuous along a path (not wrapped)
+  double curvature = 0.0;
 };
 
 // A smooth curve, sampled about every half metre.

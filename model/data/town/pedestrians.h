@@ -16,20 +16,21 @@ struct Pedestrian {
   int id = 0;
   int footway = 0;
   bool backwards = false;
-  double s = 0.0;      // metres walked along the footway, in the direction of walking
-  double pace = 1.35;  // desired, metres per second
-  double speed = 0.0;
+  double s = 0.0;       // metres walked along the footway, in the direction of walking
+  double pace = 1.35;   // desired, metres per second
+  double speed = 0.0;   // metres per second
   double offset = 0.0;  // metres left of the footway's line
   bool on_road = false;
   Vec2 p;
-  double heading = 0.0;
+  double heading = 0.0;  // radians
 };
 
 class Pedestrians {
  public:
   Pedestrians(const Place& place, Random& random, int first_id);
 
-  // Moves everyone by one step, given the positions of the vehicles.
+  // Moves everyone by one step, given the positions of the vehicles. Times in seconds. Who reaches
+  // the end of the footway disappears.
   void Step(double time, double dt, std::span<const Vehicle> vehicles);
   std::span<const Pedestrian> all() const { return walkers_; }
 

@@ -39,8 +39,8 @@ struct Footway {
   // The part of the path that crosses a road, in metres along it. Empty (from >= to) if none does.
   double crossing_from = 0.0;
   double crossing_to = 0.0;
-  int signal_group = -1;  // vehicle group that must be red; -1 without signals
-  double popularity = 1.0;
+  int signal_group = -1;    // vehicle group that must be red; -1 without signals
+  double popularity = 1.0;  // relative share of the pedestrians who choose it
 };
 
 struct ParkedVehicle {

@@ -1,4 +1,4 @@
-// Decides who may pass the gate at the start of a lane.
+// Decides who may pass the gate at the start of a lane. Times are in seconds.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_RIGHT_OF_WAY_H_
 #define MANEUVER_MODEL_DATA_TOWN_RIGHT_OF_WAY_H_

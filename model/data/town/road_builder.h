@@ -60,6 +60,7 @@ struct JunctionSpec {
   Control control = Control::kSignals;
   bool crosswalks = true;
   double corner = 7.5;  // metres from the kerbs' crossing to the stop lines
+  // Relative shares of the vehicles that turn, as in LaneLink.
   double u_turn_weight = 0.0;
   double left_weight = 1.1;
   double straight_weight = 1.0;
@@ -78,6 +79,8 @@ void AddLine(Place& place, DecorationKind kind, const Path& path);
 // and `left` from it (positive to the left). All in metres.
 void AddArea(Place& place, DecorationKind kind, const Path& path, double from, double to,
              double right, double left);
+// Adds a way on which pedestrians walk.
+//   popularity: as in Footway
 void AddFootway(Place& place, const Path& path, double popularity);
 Path JoinPaths(std::span<const Path> paths);
 

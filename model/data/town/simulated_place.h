@@ -11,8 +11,8 @@
 
 namespace maneuver::data::town {
 
-// How deep boxes may reach into each other, metres: as closely as vehicles cut the corners of a car
-// park. A place with deeper overlaps is drawn again.
+// The depth to which the boxes of two road users may overlap, metres. Vehicles that cut the corners
+// of a car park come this close. A place with deeper overlaps is drawn again.
 inline constexpr double kOverlapTolerance = 0.1;
 // The least number of agents. Places with fewer are drawn again.
 inline constexpr int kFewestAgents = 15;

@@ -7,10 +7,10 @@
 
 namespace maneuver::data::town {
 
-// Sets prediction_time and target_ids. The moment is at least a second after the start, leaves up
-// to eight seconds, and is the one at which most vehicles are about to do something other than
-// keeping their lane. The targets are up to four vehicles that are visible then and move in the
-// following seconds.
+// Sets prediction_time and target_ids. The moment is at least a second after the start, and where
+// possible eight seconds before the end. Of these, it is the one at which most vehicles are about to
+// do something other than keeping their lane. The targets are up to four vehicles that are visible
+// then and move in the following seconds.
 void ChooseTargets(const TownOptions& options, TownRecording& recording);
 
 }  // namespace maneuver::data::town

@@ -19,7 +19,7 @@ namespace maneuver::data::town {
 
 struct RouteStep {
   int lane = 0;
-  double from = 0.0;  // arc length at which the lane is joined
+  double from = 0.0;  // arc length at which the lane is joined, metres
 };
 
 // A point of the path ahead of a vehicle's centre.
@@ -30,10 +30,11 @@ struct AheadPoint {
   double speed_limit = 0.0;  // m/s; from the lane, the driver and the curvature
 };
 
+// Lengths are in metres, speeds in m/s, times in seconds, angles in radians.
 struct Vehicle {
   int id = 0;
   RoadUser kind = RoadUser::kVehicle;
-  double length = 4.6;  // metres
+  double length = 4.6;
   double width = 1.85;
   Driver driver;
 
@@ -42,9 +43,9 @@ struct Vehicle {
   double s = 0.0;   // arc length on its lane
   double travelled = 0.0;
   double speed = 0.0;
-  double acceleration = 0.0;
-  PathPoint pose;        // centre; heading and curvature of the path driven
-  double lateral = 0.0;  // metres left of the lane's centre
+  double acceleration = 0.0;  // m/s^2
+  PathPoint pose;             // centre; heading and curvature of the path driven
+  double lateral = 0.0;       // distance left of the lane's centre
   double body_heading = 0.0;
 
   // A lane change: an offset that fades from `change_offset` to 0.
@@ -53,9 +54,9 @@ struct Vehicle {
   double change_offset = 0.0;
   double wishes_at = 0.0;  // time of the next wish to change lanes
 
-  // Admitted through the gates of its route up to this step.
+  // The last step of the route that the gates let it enter.
   size_t admitted = 0;
-  // The time at which it first stopped at the stop line ahead; infinity before.
+  // When it first stopped at the stop line ahead; infinity before.
   double stood_at = std::numeric_limits<double>::infinity();
   double leaves_at = -1e9;  // time until which it stays in its bay
 
@@ -68,15 +69,16 @@ struct Vehicle {
   bool changing() const { return travelled < change_start + change_length; }
 };
 
-// The offset from the lane's centre and its slope, at arc length `s` of a lane and with `travelled`
-// metres behind the vehicle.
+// The offset from the lane's centre.
 struct Lateral {
-  double offset = 0.0;
-  double slope = 0.0;
+  double offset = 0.0;  // metres to the left
+  double slope = 0.0;   // change of the offset per metre
 };
+// Returns the offset at arc length `s` of a lane, where the vehicle will have driven `travelled`
+// metres.
 Lateral LateralAt(const Vehicle& vehicle, const Lane& lane, double s, double travelled);
 
-// Returns the pose on the path driven.
+// Returns the pose on the path driven, at the same place as LateralAt.
 PathPoint PoseAt(const Vehicle& vehicle, const Lane& lane, double s, double travelled);
 
 // Sets `ahead`: the path every two metres, as far as matters at the present speed.
@@ -85,8 +87,8 @@ void LookAhead(const LaneGraph& graph, Vehicle& vehicle);
 // Returns the distance from the centre to the start of step `step` of the route, metres.
 double DistanceToStep(const LaneGraph& graph, const Vehicle& vehicle, size_t step);
 
-// Moves by one time step at the present speed and acceleration. Returns false when the route has
-// ended.
+// Moves by a time step of `dt` seconds at the present speed and acceleration. Returns false when the
+// route has ended.
 bool Advance(const LaneGraph& graph, double dt, Vehicle& vehicle);
 
 // Sets pose and lateral offset from the route, and the body's heading too if `align`.

@@ -131,7 +131,7 @@ class EpochLoop {
                                       int64_t epoch_steps, TermMeans* means);
   // Restores everything but the networks from resumed_, which is of this phase.
   Position Resume(const PhaseState& state, int64_t epoch_steps, TermMeans* means);
-  // Makes the state of all ranks that of rank 0, which is at `position`. The others resume there.
+  // Copies the state of rank 0, which is at `position`, to the other ranks. They resume there.
   absl::Status ShareState(const PhasePlan& plan, const PhaseState& state, const Position& position,
                           const TermMeans& means);
   // Takes a step with the whole batch.

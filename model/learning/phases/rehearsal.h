@@ -26,12 +26,12 @@ struct RehearsedPhase {
   int ranks = 1;  // that learn it together
 };
 
-// Runs one short epoch of the phase, some 2 % of its steps and one validation, and returns the
-// seconds of a step. They include the step's share of the validation that ends an epoch. Leaves
-// `state` as it was. Returns nothing if the phase is too short for that, if it fails, or if the run
-// is asked to stop; the phase itself then says why.
-// This process rehearses alone. Of a step that ranks will share, it takes the whole and divides the
-// time by their number: what they exchange is not in it.
+// Runs one short epoch of the phase, a fortieth of its steps (4 to 40) and one validation, and
+// returns the seconds of a step. They include the step's share of the validation that ends an
+// epoch. Leaves `state` as it was. Returns nothing if the phase is too short for that (fewer than
+// 100 steps), if it fails, or if the run is asked to stop; the phase itself then says why.
+// This process rehearses alone. For a phase that ranks share, it divides the time of a whole step by
+// their number. The time of their exchanges is not included.
 //   planned: the phase in the plan
 //   clock: measures the time
 std::optional<double> RehearseStep(const TrainingProgress::Phase& planned,

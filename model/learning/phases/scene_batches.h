@@ -64,7 +64,7 @@ class SceneBatches {
   const MicroBatchRange range_;
   std::optional<SceneLoader> loader_;  // of the epoch, or of the open window
   std::vector<double> shares_;         // of the loader's batches
-  size_t taken_ = 0;                   // of them
+  size_t taken_ = 0;                   // how many of them Next has returned
   // Used with windows only:
   int epoch_ = 0;
   std::vector<EpochWindow> windows_;

@@ -49,8 +49,8 @@ class RankGroup {
 
   // Returns whether this rank was asked to stop, or HeardStop.
   bool StopRequested() const { return heard_stop_ || stopped_(); }
-  // Returns true if some rank had been asked to stop at the last exchange, or if a rank is lost.
-  // All ranks get the same result from one exchange.
+  // Returns true once some rank was asked to stop before an Exchange, or once a rank is lost. All
+  // ranks learn it from the same Exchange.
   bool HeardStop() const { return heard_stop_; }
 
   // Replaces `bytes` of each rank by those of rank 0.

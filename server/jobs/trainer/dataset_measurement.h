@@ -44,8 +44,8 @@ class DatasetMeasurement {
   Recordings recordings_;
 };
 
-// Returns about how many seconds it takes to open and measure, after measuring for a second. Errors
-// are those of both; UNAVAILABLE if there are too few examples to tell.
+// Measures for a second and estimates from that how many seconds Open and Measure take together.
+// Errors: those of both; UNAVAILABLE if there are too few examples to tell.
 absl::StatusOr<double> MeasuringSeconds(const std::filesystem::path& model,
                                         const std::filesystem::path& dataset, int64_t data_memory,
                                         const v1::ExampleSettings& examples, int threads);

@@ -15,8 +15,8 @@
 
 namespace maneuver::trainer {
 
-// maneuver-trainer evaluate: evaluates a model folder on a dataset folder. Prints the report,
-// unless standard output is for a program.
+// maneuver-trainer evaluate: evaluates a model folder on a dataset folder. Prints the report, or
+// with --progress json only its progress.
 class EvaluateCommand {
  public:
   explicit EvaluateCommand(CLI::App& app);
@@ -33,8 +33,8 @@ class EvaluateCommand {
   std::filesystem::path dataset_;
   std::filesystem::path output_;
   std::filesystem::path settings_;
-  int sampled_examples_ = 0;
-  int threads_ = 0;
+  int sampled_examples_ = 0;                        // that the report contains
+  int threads_ = 0;                                 // 0: one for each core
   int64_t data_memory_ = data::kDefaultDataMemory;  // bytes
   std::string progress_ = "bar";
 };

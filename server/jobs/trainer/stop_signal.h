@@ -7,14 +7,15 @@
 
 namespace maneuver::trainer {
 
-// Installs the handlers. They remember the first signal; a second one ends the process at once.
+// Installs the handlers. They remember a signal; a second one of the same kind ends the process at
+// once.
 void InstallStopSignals();
 
 // Returns whether a signal came.
 bool StopRequested();
 
-// Returns the exit status for the end of a run. If the run failed, prints why as the last line on
-// standard error.
+// Returns the exit status for the end of a run: a TrainerExit, or 128 + the signal if the run was
+// CANCELLED by one. If the run failed, prints why as the last line on standard error.
 int ExitStatus(const absl::Status& status);
 
 }  // namespace maneuver::trainer

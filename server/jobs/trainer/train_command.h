@@ -45,6 +45,7 @@ class TrainCommand {
   int threads_ = 0;
   int ranks_ = 0;
   double rank_timeout_ = 60.0;  // seconds
+  // The evaluations that follow the training and that its progress counts.
   std::filesystem::path next_model_;
   std::filesystem::path next_dataset_;
   std::filesystem::path next_settings_;
