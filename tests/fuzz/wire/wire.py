@@ -121,13 +121,13 @@ class Contract:
     def __init__(self, folder):
         self.prediction, self.status, _ = load_messages(folder)
         pool = descriptor_pool.Default()
-        for name in ("model_service", "dataset_service", "training_service", "admin_service"):
+        for name in ("model_service", "dataset_service", "outcome_service", "training_service", "admin_service"):
             importlib.import_module(f"maneuver.v1.{name}_pb2")
         make = getattr(message_factory, "GetMessageClass", None) or message_factory.MessageFactory(pool).GetPrototype
         self.scene = json_format.Parse((REPOSITORY / "tests" / "clients" / "request.json").read_text(),
                                        self.prediction.PredictRequest())
         self.methods = []
-        for name in ("prediction_service", "model_service", "dataset_service", "training_service", "admin_service"):
+        for name in ("prediction_service", "model_service", "dataset_service", "outcome_service", "training_service", "admin_service"):
             for service in pool.FindFileByName(f"maneuver/v1/{name}.proto").services_by_name.values():
                 for method in service.methods:
                     seed = make(method.input_type)()
