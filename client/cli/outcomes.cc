@@ -216,6 +216,7 @@ class OutcomesCommand {
     if (arguments_.kept) {
       outcome.set_scenario_id(recording.scenario_id());
       outcome.set_prediction_time(time);
+      outcome.set_model(version_.name());
     } else {
       v1::Scenario& scene = *outcome.mutable_scenario();
       scene = recording;
