@@ -139,6 +139,13 @@ class Contract:
         names = seed.DESCRIPTOR.fields_by_name
         if "scenarios" in names:
             seed.scenarios.extend(self.scene.scenarios)
+        if "outcomes" in names:
+            for scene in self.scene.scenarios:
+                outcome = seed.outcomes.add(scenario=scene)
+                target = outcome.targets.add(target_id=scene.target_ids[0])
+                last = next(agent for agent in scene.agents if agent.id == target.target_id).states[-1]
+                for step in range(1, 120):
+                    target.states.add(time=scene.prediction_time + 0.1 * step, x=last.x, y=last.y)
         if "request" in names and names["request"].message_type.name == "PredictRequest":
             seed.request.CopyFrom(self.scene)
         for field, value in (("model", "models/small"), ("name", "models/small/versions/1"), ("parent", "models/small")):
