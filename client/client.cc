@@ -102,6 +102,7 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const ClientOptions& opt
     started = channel(config, true);
   }
   connection->predictions = v1::PredictionService::NewStub(predicting);
+  connection->outcomes = v1::OutcomeService::NewStub(connection->channel);
   connection->models = v1::ModelService::NewStub(connection->channel);
   connection->datasets = v1::DatasetService::NewStub(connection->channel);
   connection->training = v1::TrainingService::NewStub(connection->channel);
@@ -165,6 +166,11 @@ void Client::StartPrediction(const PreparedPrediction& request, OnPrediction on_
 absl::StatusOr<v1::RegisterMapResponse> Client::RegisterMap(const v1::RegisterMapRequest& request,
                                                             const CallOptions& call) {
   return MANEUVER_CALL(predictions, PredictionService, RegisterMap, Repeatable::kYes, prediction);
+}
+
+absl::StatusOr<v1::ReportOutcomesResponse> Client::ReportOutcomes(
+    const v1::ReportOutcomesRequest& request, const CallOptions& call) {
+  return MANEUVER_CALL(outcomes, OutcomeService, ReportOutcomes, Repeatable::kNo, management);
 }
 
 absl::StatusOr<v1::ListModelVersionsResponse> Client::ListModelVersions(

@@ -27,9 +27,9 @@
 // If the server requires identities, set tls and token_file of ClientOptions.
 //
 // Each call has one deadline for all its attempts. Calls that are safe to repeat are retried when
-// the server is UNAVAILABLE (retry.h): all except deletions. Uploads continue where they stopped.
-// Train, Evaluate and CrossValidate are safe because they carry a request_id; the client makes one
-// if the request has none.
+// the server is UNAVAILABLE (retry.h): all except deletions and ReportOutcomes. Uploads continue
+// where they stopped. Train, Evaluate and CrossValidate are safe because they carry a request_id;
+// the client makes one if the request has none.
 
 #ifndef MANEUVER_CLIENT_CLIENT_H_
 #define MANEUVER_CLIENT_CLIENT_H_
@@ -49,6 +49,7 @@
 #include "maneuver/v1/admin_service.pb.h"
 #include "maneuver/v1/dataset_service.pb.h"
 #include "maneuver/v1/model_service.pb.h"
+#include "maneuver/v1/outcome_service.pb.h"
 #include "maneuver/v1/prediction_service.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 
@@ -90,6 +91,11 @@ class Client {
   // Opens a stream for a control loop: see predict_stream.h. The client must outlive it.
   std::unique_ptr<PredictStream> StreamPredict(PredictStream::OnResponse on_response,
                                                const CallOptions& call = {});
+
+  // Reports what happened after predictions. Not retried: a server that lost its answer may have
+  // counted the outcomes.
+  absl::StatusOr<v1::ReportOutcomesResponse> ReportOutcomes(
+      const v1::ReportOutcomesRequest& request, const CallOptions& call = {});
 
   // Models.
   absl::StatusOr<v1::ListModelVersionsResponse> ListModelVersions(

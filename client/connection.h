@@ -17,6 +17,7 @@
 #include "maneuver/v1/admin_service.grpc.pb.h"
 #include "maneuver/v1/dataset_service.grpc.pb.h"
 #include "maneuver/v1/model_service.grpc.pb.h"
+#include "maneuver/v1/outcome_service.grpc.pb.h"
 #include "maneuver/v1/prediction_service.grpc.pb.h"
 #include "maneuver/v1/training_service.grpc.pb.h"
 
@@ -29,6 +30,7 @@ struct Connection {
   std::string authorization;  // see ClientCredentials
   std::shared_ptr<grpc::Channel> channel;
   std::unique_ptr<v1::PredictionService::Stub> predictions;
+  std::unique_ptr<v1::OutcomeService::Stub> outcomes;
   std::unique_ptr<v1::ModelService::Stub> models;
   std::unique_ptr<v1::DatasetService::Stub> datasets;
   std::unique_ptr<v1::TrainingService::Stub> training;

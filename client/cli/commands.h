@@ -21,6 +21,7 @@ void AddPredict(Command& root, Environment& environment);  // probability, distr
 void AddClassify(Command& root, Environment& environment);
 void AddTag(Command& root, Environment& environment);
 void AddFind(Command& root, Environment& environment);
+void AddOutcomes(Command& root, Environment& environment);
 void AddLoad(Command& root, Environment& environment);
 void AddHealth(Command& root, Environment& environment);
 void AddLogLevel(Command& root, Environment& environment);

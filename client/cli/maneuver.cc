@@ -87,6 +87,7 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
   AddClassify(root, environment);
   AddTag(root, environment);
   AddFind(root, environment);
+  AddOutcomes(root, environment);
   AddLoad(root, environment);
   AddHealth(root, environment);
   AddLogLevel(root, environment);

@@ -30,8 +30,8 @@ std::vector<ActionDistribution> DescribeGeneric(const inference::ActionModel& mo
   return model.NewSession()->Describe({}, actions, inference::LatentSource::kPrior);
 }
 
-std::vector<int> AllActions(const v1::ModelSpec& spec) {
-  std::vector<int> actions(static_cast<size_t>(spec.actions()));
+std::vector<int> AllActions(Eigen::Index count) {
+  std::vector<int> actions(static_cast<size_t>(count));
   std::iota(actions.begin(), actions.end(), 0);
   return actions;
 }
@@ -67,8 +67,7 @@ BaselineErrors BaselineErrorsOf(const Trajectory& predicted, const Truth& truth,
 
 // Returns all actions, most probable first.
 std::vector<int> Ranked(const Eigen::VectorXd& probabilities) {
-  std::vector<int> ranked(static_cast<size_t>(probabilities.size()));
-  std::iota(ranked.begin(), ranked.end(), 0);
+  std::vector<int> ranked = AllActions(probabilities.size());
   std::stable_sort(ranked.begin(), ranked.end(),
                    [&](int a, int b) { return probabilities[a] > probabilities[b]; });
   return ranked;
@@ -130,6 +129,22 @@ SourceMeasurement MeasureSource(std::span<const ActionDistribution> distribution
 
 }  // namespace
 
+std::vector<ActionDistribution> MeasureAnswer(const inference::SceneEncoding& encoding,
+                                              const Trajectory& truth,
+                                              inference::InferenceSession& session,
+                                              Measurement* measured) {
+  measured->probabilities = encoding.probabilities;
+  measured->responsibilities = session.Classify(encoding, truth).responsibilities;
+  measured->responsibilities.maxCoeff(&measured->action);
+  std::vector<ActionDistribution> posterior = session.Describe(
+      encoding, AllActions(encoding.probabilities.size()), inference::LatentSource::kPosterior);
+  const RankedMeans means =
+      MeansOf(posterior, encoding.probabilities, Ranked(encoding.probabilities));
+  measured->posterior =
+      MeasureSource(posterior, means, encoding.probabilities, measured->action, truth);
+  return posterior;
+}
+
 MeasuringContext::MeasuringContext(const inference::ActionModel& measured_model,
                                    std::span<const v1::Scenario> measured_recordings,
                                    const ManeuverLabels& measured_labels,
@@ -137,7 +152,7 @@ MeasuringContext::MeasuringContext(const inference::ActionModel& measured_model,
     : model(measured_model),
       recordings(measured_recordings),
       labels(measured_labels),
-      all_actions(AllActions(model.spec())),
+      all_actions(AllActions(model.spec().actions())),
       generic(DescribeGeneric(model, all_actions)),
       waypoint_times(artifact::WaypointTimes(model.spec().trajectory())),
       waymo(waypoint_times),
@@ -216,15 +231,10 @@ Measurement Measurer::MeasureOne(const data::Example& example,
   const Truth truth = TruthOf(example, agent, motion.speed(), context_);
 
   Measurement measured;
-  measured.probabilities = encoding.probabilities;
-  measured.responsibilities = session_->Classify(encoding, truth.trajectory).responsibilities;
-  measured.responsibilities.maxCoeff(&measured.action);
-  const std::vector<int> ranked = Ranked(encoding.probabilities);
   const std::vector<ActionDistribution> posterior =
-      session_->Describe(encoding, context_.all_actions, inference::LatentSource::kPosterior);
+      MeasureAnswer(encoding, truth.trajectory, *session_, &measured);
+  const std::vector<int> ranked = Ranked(encoding.probabilities);
   const RankedMeans means = MeansOf(posterior, encoding.probabilities, ranked);
-  measured.posterior =
-      MeasureSource(posterior, means, encoding.probabilities, measured.action, truth.trajectory);
   measured.prior = MeasurePrior(encoding, ranked, measured.action, truth.trajectory);
   const RankedMeans cover =
       CoverOf(posterior, encoding.probabilities, context_.waypoint_times.front());

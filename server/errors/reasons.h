@@ -42,7 +42,8 @@ inline constexpr ReasonEntry kReasons[] = {
     {"MALFORMED_MESSAGE", "INVALID_ARGUMENT",
      "the bytes of a request do not parse, or a string in it is not UTF-8",
      "send the message that the contract names, with strings in UTF-8"},
-    {"TOO_MANY_REQUESTS", "RESOURCE_EXHAUSTED", "too many requests wait for the server's disk",
+    {"TOO_MANY_REQUESTS", "RESOURCE_EXHAUSTED",
+     "too many requests wait for the server's disk, or too many outcomes for being scored",
      "wait as long as RetryInfo says"},
     {"STORAGE_DAMAGED", "DATA_LOSS", "the server's database, or a file of its own, is damaged",
      "have the operator restore the data folder from a back-up"},
@@ -96,6 +97,10 @@ inline constexpr ReasonEntry kReasons[] = {
      "`action_name_0`, `action_name_1` and so on",
      "list the actions of `model_version` with GetActionSet and require their names, or give one "
      "the missing name with LabelAction"},
+    {"ANSWER_NOT_KEPT", "NOT_FOUND",
+     "the server does not keep the answer whose outcome is reported: it was never given by this "
+     "server, is already scored, or made room for newer ones (--outcome-memory)",
+     "report the scene in place of its id, or report sooner"},
     {"MAP_TOO_LARGE", "RESOURCE_EXHAUSTED", "the map needs more memory than the limit for all maps",
      "register only the surroundings of the road that is driven"},
 

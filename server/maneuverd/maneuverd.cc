@@ -42,6 +42,7 @@
 #include "server/rpc/dataset_service.h"
 #include "server/rpc/library_logs.h"
 #include "server/rpc/model_service.h"
+#include "server/rpc/outcome_service.h"
 #include "server/rpc/prediction_admission.h"
 #include "server/rpc/prediction_service.h"
 #include "server/rpc/server.h"
@@ -50,6 +51,8 @@
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/local_model_versions.h"
 #include "server/serving/map_cache.h"
+#include "server/serving/outcome_metrics.h"
+#include "server/serving/past_answers.h"
 #include "server/serving/send_memory.h"
 #include "server/serving/serving_table.h"
 #include "server/serving/shadow.h"
@@ -65,6 +68,9 @@ using monitoring::LogLevel;
 constexpr int kDiskThreads = 4;
 const absl::Duration kBetweenSweeps = absl::Hours(1);
 constexpr size_t kMaxWaitingForDisk = 256;
+// Outcomes can wait: scoring takes at most one core from predictions.
+constexpr int kScoringThreads = 1;
+constexpr size_t kMaxWaitingForScores = 64;
 
 // SIGTERM and SIGINT, as something to wait for.
 class TerminationSignals {
@@ -195,6 +201,8 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
     shadow = std::make_shared<serving::Shadow>(
         options.shadow, **models, [&scheduler] { return scheduler.HasWaiting(); }, *metrics);
   }
+  std::optional<serving::PastAnswers> past_answers;
+  if (options.outcome_memory > 0) past_answers.emplace(options.outcome_memory, *metrics);
   rpc::PredictionContext context{.models = **models,
                                  .scheduler = scheduler,
                                  .maps = maps,
@@ -202,12 +210,16 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
                                  .blocking = disk,
                                  .limits = limits,
                                  .access = (*protection)->access(),
-                                 .shadow = std::move(shadow)};
+                                 .shadow = std::move(shadow),
+                                 .past_answers = past_answers ? &*past_answers : nullptr};
   rpc::PredictionService predictions(context);
   security::AccessControl& access = (*protection)->access();
   rpc::ModelService model_service(**versions, **models, version_uploads, disk, access);
   rpc::DatasetService dataset_service(**datasets, **supervisor, disk, access);
   rpc::TrainingService training_service(**supervisor, disk, access);
+  serving::OutcomeMetrics outcome_metrics(*metrics);
+  rpc::WorkerPool scoring(kScoringThreads, kMaxWaitingForScores);
+  rpc::OutcomeService outcome_service(context, outcome_metrics, scoring);
   rpc::AdminService admin_service;
 
   auto server = rpc::Server::Start(options.listen,
@@ -215,6 +227,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
                                      [&scheduler](auto method, auto deadline, const auto& request) {
                                        return rpc::CheckWait(scheduler, method, deadline, request);
                                      }},
+                                    {v1::OutcomeService::service_full_name(), &outcome_service},
                                     {v1::ModelService::service_full_name(), &model_service},
                                     {v1::DatasetService::service_full_name(), &dataset_service},
                                     {v1::TrainingService::service_full_name(), &training_service},

@@ -285,6 +285,12 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
                  "caller has its answer; metrics show how far both answers differ")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
+  app.add_option("--outcome-memory", options.outcome_memory,
+                 "Most memory of answers that are kept so that their outcomes can be reported by "
+                 "the scenario's id, such as 64MiB; the oldest are dropped first; 0: keep none")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
   app.add_option("--dataset-quota", options.datasets.quota_bytes,
                  "Most bytes of all datasets together, such as 50GiB; 0: no limit but the disk")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))

@@ -75,13 +75,14 @@ absl::StatusOr<ScenarioMaps> FindMaps(const Scenarios& scenarios, serving::MapCa
 
 PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
                               const scene::ScenarioLimits& limits, bool classify, ScenarioMaps maps,
-                              bool strict) {
+                              bool strict, std::span<const std::string> paths) {
   PredictionPlan plan{.scenarios = {}, .targets = {}, .maps = std::move(maps)};
   plan.maps.resize(static_cast<size_t>(scenarios.size()));
   const double tolerance = scene::WindowOf(spec).tolerance();
   for (int s = 0; s < scenarios.size(); ++s) {
     const v1::Scenario& scenario = scenarios[s];
-    const std::string path = absl::StrCat("scenarios[", s, "]");
+    const std::string path =
+        paths.empty() ? absl::StrCat("scenarios[", s, "]") : paths[static_cast<size_t>(s)];
     PlannedScenario& planned = plan.scenarios.emplace_back();
 
     auto violations = scene::ValidateScenario(scenario, limits);

@@ -6,6 +6,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <span>
+#include <string>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -56,9 +58,11 @@ absl::StatusOr<ScenarioMaps> FindMaps(const Scenarios& scenarios, serving::MapCa
 //   classify: each target also needs its future, resampled to the model's waypoints.
 //   maps: from FindMaps.
 //   strict: refuse a scenario that has warnings.
+//   paths: where each scenario is in the request; empty: scenarios[0] and so on.
 PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
                               const scene::ScenarioLimits& limits, bool classify,
-                              ScenarioMaps maps = {}, bool strict = false);
+                              ScenarioMaps maps = {}, bool strict = false,
+                              std::span<const std::string> paths = {});
 
 }  // namespace maneuver::rpc
 

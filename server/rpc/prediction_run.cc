@@ -133,6 +133,14 @@ int64_t PredictionRun::MessageBytes() const {
   return static_cast<int64_t>(bytes);
 }
 
+void PredictionRun::KeepAnswers(const std::vector<serving::TargetAnswer>& answers) {
+  for (size_t i = 0; i < answers.size(); ++i) {
+    if (!answers[i].status.ok()) continue;
+    context_.past_answers->Keep(
+        serving::PastAnswerOf(call_->model->name(), call_->targets[i], answers[i].encoding));
+  }
+}
+
 void PredictionRun::Answer(std::vector<serving::TargetAnswer> answers) {
   // Deadline, cancellation and shutdown concern the whole request: its caller gets no answer full
   // of errors.
@@ -152,6 +160,7 @@ void PredictionRun::Answer(std::vector<serving::TargetAnswer> answers) {
       style.frame = io_.query->frame();
     }
     WritePredictions(*io_.scenarios, plan_, answers, style, io_.predictions);
+    if (context_.past_answers != nullptr) KeepAnswers(answers);
   }
   memory_.ShrinkTo(MessageBytes());
   // Once it is finished the server may end: the shadow is kept, the context is not.

@@ -26,6 +26,7 @@
 #include "server/security/access_control.h"
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/map_cache.h"
+#include "server/serving/past_answers.h"
 #include "server/serving/send_memory.h"
 #include "server/serving/serving_table.h"
 #include "server/serving/shadow.h"
@@ -42,6 +43,7 @@ struct PredictionContext {
   scene::ScenarioLimits limits;
   security::AccessControl& access;
   std::shared_ptr<serving::Shadow> shadow = nullptr;  // nullptr: none
+  serving::PastAnswers* past_answers = nullptr;       // nullptr: no answers are kept
 };
 
 // The request, and the places for its answer. Both must outlive the run.
@@ -96,6 +98,8 @@ class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
   absl::Status ReserveMemory(const v1::ModelSpec& spec);
   int64_t MessageBytes() const;  // of the answer that was written
   void Answer(std::vector<serving::TargetAnswer> answers);
+  // Keeps the answers until their outcomes are reported.
+  void KeepAnswers(const std::vector<serving::TargetAnswer>& answers);
   void Finish(absl::Status status);
 
   PredictionContext& context_;

@@ -25,6 +25,8 @@ constexpr MethodRole kMethodRoles[] = {
     {"/maneuver.v1.PredictionService/StreamPredict", Role::kPredict},
     {"/maneuver.v1.PredictionService/RegisterMap", Role::kPredict},
 
+    {"/maneuver.v1.OutcomeService/ReportOutcomes", Role::kPredict},
+
     {"/maneuver.v1.ModelService/ListModelVersions", Role::kPredict},
     {"/maneuver.v1.ModelService/GetModelVersion", Role::kPredict},
     {"/maneuver.v1.ModelService/GetActionSet", Role::kPredict},

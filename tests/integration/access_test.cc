@@ -34,6 +34,7 @@ const std::map<std::string, std::string> kExpectedRoles = {
     {"/maneuver.v1.PredictionService/ClassifyTrajectories", "predict"},
     {"/maneuver.v1.PredictionService/RegisterMap", "predict"},
     {"/maneuver.v1.PredictionService/StreamPredict", "predict"},
+    {"/maneuver.v1.OutcomeService/ReportOutcomes", "predict"},
     {"/maneuver.v1.ModelService/ListModelVersions", "predict"},
     {"/maneuver.v1.ModelService/GetModelVersion", "predict"},
     {"/maneuver.v1.ModelService/GetActionSet", "predict"},

@@ -4,6 +4,7 @@
 
 #include <fstream>
 #include <string>
+#include <utility>
 
 #include "model/data/dataset_folder.h"
 #include "model/data/town/synthetic_town.h"
@@ -46,7 +47,7 @@ void WriteTown(const std::filesystem::path& folder, uint64_t seed, int recording
   ASSERT_TRUE(committed.ok()) << committed.status();
 }
 
-TrainedServer::TrainedServer() {
+TrainedServer::TrainedServer(std::vector<std::string> flags) : flags_(std::move(flags)) {
   std::filesystem::create_directory(data_dir());
   std::ofstream(settings()) << kTinySettings;
   WriteTown(folder() / "town", 1, 60, nullptr);
@@ -66,7 +67,7 @@ TrainedServer::TrainedServer() {
 
 void TrainedServer::Restart() {
   server_.reset();
-  server_ = std::make_unique<ServerProcess>(data_dir());
+  server_ = std::make_unique<ServerProcess>(data_dir(), flags_);
 }
 
 }  // namespace maneuver::integration

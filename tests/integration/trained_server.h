@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "maneuver/v1/scenario.pb.h"
@@ -23,7 +24,8 @@ void WriteTown(const std::filesystem::path& folder, uint64_t seed, int recording
 // and models/tiny, trained on the first through the Train RPC by the `maneuver` command.
 class TrainedServer {
  public:
-  TrainedServer();
+  //   flags: added to the server's command
+  explicit TrainedServer(std::vector<std::string> flags = {});
 
   const std::filesystem::path& folder() const { return folder_.path(); }
   std::filesystem::path data_dir() const { return folder_.path() / "data"; }
@@ -36,6 +38,7 @@ class TrainedServer {
   std::filesystem::path settings() const { return folder_.path() / "tiny.json"; }
 
  private:
+  const std::vector<std::string> flags_;
   TemporaryFolder folder_;
   std::unique_ptr<ServerProcess> server_;
   std::vector<v1::Scenario> unseen_;

@@ -18,6 +18,7 @@ from maneuver import v1
 from maneuver.credentials import is_local, parse_address
 from maneuver.retry import backoff_after, retry
 from maneuver.v1 import dataset_service_pb2_grpc, model_service_pb2_grpc
+from maneuver.v1 import outcome_service_pb2_grpc
 from maneuver.v1 import prediction_service_pb2_grpc
 from maneuver.v1 import training_service_pb2_grpc
 
@@ -294,18 +295,33 @@ class Models(model_service_pb2_grpc.ModelServiceServicer):
         return v1.ModelVersion(name=f"{header.parent}/versions/1")
 
 
+class Outcomes(outcome_service_pb2_grpc.OutcomeServiceServicer):
+    """Is away at first, then answers with what it was sent."""
+
+    def __init__(self):
+        self.requests = []
+
+    def ReportOutcomes(self, request, context):
+        self.requests.append(request)
+        if len(self.requests) == 1:
+            fail(context, *refusal(grpc.StatusCode.UNAVAILABLE, "SERVER_STOPS"))
+        score = v1.TargetScore(target_id=request.outcomes[0].targets[0].target_id)
+        return v1.ReportOutcomesResponse(scores=[v1.OutcomeScore(targets=[score])])
+
+
 class CallsTest(unittest.TestCase):
     """A server of this process, whose services answer as scripted."""
 
     def setUp(self):
         self.predictions, self.training, self.datasets = Predictions(), Training(), Datasets()
-        self.models = Models()
+        self.models, self.outcomes = Models(), Outcomes()
         server = grpc.server(concurrent.futures.ThreadPoolExecutor(4))
         prediction_service_pb2_grpc.add_PredictionServiceServicer_to_server(self.predictions,
                                                                             server)
         training_service_pb2_grpc.add_TrainingServiceServicer_to_server(self.training, server)
         dataset_service_pb2_grpc.add_DatasetServiceServicer_to_server(self.datasets, server)
         model_service_pb2_grpc.add_ModelServiceServicer_to_server(self.models, server)
+        outcome_service_pb2_grpc.add_OutcomeServiceServicer_to_server(self.outcomes, server)
         self.address = f"127.0.0.1:{server.add_insecure_port('127.0.0.1:0')}"
         server.start()
         self.addCleanup(lambda: server.stop(None).wait())
@@ -364,6 +380,16 @@ class CallsTest(unittest.TestCase):
         with self.assertRaises(maneuver.UnavailableError):
             self.client().delete_job("jobs/a")
         self.assertEqual(self.training.deletions, 1)
+
+    def test_does_not_repeat_a_report_of_outcomes(self):
+        outcome = {"scenarioId": "drive", "targets": [{"targetId": 7}]}
+        with self.assertRaises(maneuver.UnavailableError):
+            self.client().report_outcomes([outcome])
+        self.assertEqual(len(self.outcomes.requests), 1)
+        scores = self.client().report_outcomes([outcome], model="models/m").scores
+        self.assertEqual(scores[0].targets[0].target_id, 7)
+        self.assertEqual(self.outcomes.requests[1].outcomes[0].scenario_id, "drive")
+        self.assertEqual(self.outcomes.requests[1].model, "models/m")
 
     def test_repeats_train_under_one_request_id(self):
         self.client().train("models/m", ["datasets/d"])

@@ -144,6 +144,21 @@ class PredictionTest(LiveTest):
         self.assertEqual(answer.responsibilities.shape, (12,))
         self.assertTrue(numpy.isfinite(answer.log_likelihood_bound))
 
+    def test_reports_what_really_happened(self):
+        scene = self.recordings(1)[0]
+        now, target = scene.prediction_time, scene.target_ids[0]
+        agent = next(agent for agent in scene.agents if agent.id == target)
+        outcome = v1.Outcome(scenario=scene, targets=[v1.TargetOutcome(
+            target_id=target, states=[state for state in agent.states if state.time > now + 1e-6])])
+        unknown = {"scenarioId": "nowhere", "targets": [{"targetId": 1}]}
+        scored, refused = self.client.report_outcomes([outcome, unknown]).scores
+        self.assertFalse(scored.targets[0].HasField("error"), scored.targets[0].error.message)
+        self.assertGreaterEqual(scored.targets[0].metrics["ade_1"],
+                                scored.targets[0].metrics["min_ade_6"])
+        self.assertEqual(refused.targets[0].error.code, grpc.StatusCode.NOT_FOUND.value[0])
+        with self.assertRaises(maneuver.InvalidArgumentError):
+            self.client.report_outcomes([])
+
     def test_a_wrong_scene_of_a_batch_fails_alone(self):
         wrong = maneuver.Scenario.from_proto(PLANNER.to_proto())
         wrong.agents[0].length = -1.0

@@ -58,7 +58,7 @@ class Client(Predictor):
     deadline: seconds for a call with all its attempts, or Deadlines for each kind of call. Every
         method takes a `timeout` in its place.
     retries: how often a call that failed is tried again, or a RetryPolicy. Calls that are safe to
-        repeat are: all but deletions. train, evaluate and cross_validate are safe because they
+        repeat are: all but deletions and report_outcomes. train, evaluate and cross_validate are safe because they
         carry a request_id; one is made up where the caller gives none.
     on_retry: told before each wait.
 
@@ -126,6 +126,25 @@ class Client(Predictor):
     def _ask(self, method: str, request: PredictionRequest, timeout: Optional[float],
              response: "type[_Response]") -> _Response:
         return self.ask_until(method, request, self.deadline(timeout), response)
+
+    # What really happened.
+
+    def report_outcomes(self, outcomes: Sequence[Union[v1.Outcome, Mapping[str, Any]]], *,
+                        model: str = "",
+                        timeout: Optional[float] = None) -> v1.ReportOutcomesResponse:
+        """Reports what followed predictions, and returns their scores; the server counts them.
+
+        outcomes: messages, or dicts as the contract's JSON has them. Each fails alone: look at the
+            `error` of each score and of each of its targets.
+        model: of scenes whose outcome names none.
+        Not retried: a server whose answer was lost may have counted the outcomes.
+        """
+        request = v1.ReportOutcomesRequest(
+            model=model, outcomes=[_message(outcome, v1.Outcome) for outcome in outcomes])
+        deadline = self._connection.deadline(timeout, self._connection.deadlines.management)
+        response: v1.ReportOutcomesResponse = self._connection.call(
+            self._connection.outcomes.ReportOutcomes, request, deadline, repeatable=False)
+        return response
 
     # Models.
 

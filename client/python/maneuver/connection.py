@@ -16,6 +16,7 @@ from maneuver.retry import Clock, OnRetry, RetryPolicy, retry
 from maneuver.v1.admin_service_pb2_grpc import AdminServiceStub
 from maneuver.v1.dataset_service_pb2_grpc import DatasetServiceStub
 from maneuver.v1.model_service_pb2_grpc import ModelServiceStub
+from maneuver.v1.outcome_service_pb2_grpc import OutcomeServiceStub
 from maneuver.v1.prediction_service_pb2_grpc import PredictionServiceStub
 from maneuver.v1.training_service_pb2_grpc import TrainingServiceStub
 
@@ -80,6 +81,7 @@ class Connection:
             predicting = self._open(parsed, health_service="maneuver.v1.PredictionService")
             self._channels.append(predicting)
         self.predictions = PredictionServiceStub(predicting)
+        self.outcomes = OutcomeServiceStub(self.channel)
         self.models = ModelServiceStub(self.channel)
         self.datasets = DatasetServiceStub(self.channel)
         self.training = TrainingServiceStub(self.channel)

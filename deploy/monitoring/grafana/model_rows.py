@@ -87,5 +87,44 @@ def candidate():
                least=0))
 
 
+def outcomes():
+    def mean(metric, by):
+        return f"sum by ({by}) (rate({metric}_sum{{SERVER}}[1h])) / sum by ({by}) (rate({metric}_count{{SERVER}}[1h]))"
+
+    def share(metric, by):
+        return (f"sum by (model_version, {by}) (increase({metric}{{SERVER}}[1h])) / on (model_version) group_left ()"
+                " sum by (model_version) (increase(maneuver_outcome_scored_total{SERVER}[1h]))")
+    return row(
+        "What really happened, over the last hour",
+        curves("How far off are predictions?",
+               "Mean distance from what targets did, metres, on average and at the horizon: of the likeliest action and of the best "
+               "of six. Compare with maneuver evaluate on recordings that are like the training's.",
+               [query(mean("maneuver_outcome_displacement_meters", "model_version, measure"), "{{model_version}} {{measure}}")],
+               "lengthm", least=0),
+        curves("At which speeds are they off?", "Mean distance at the horizon, metres, of the best of six, by the target's speed.",
+               [query("sum by (model_version, speed) (rate(maneuver_outcome_displacement_meters_sum{SERVER, measure=\"min_fde_6\"}[1h])) / "
+                      "sum by (model_version, speed) (rate(maneuver_outcome_displacement_meters_count{SERVER, measure=\"min_fde_6\"}[1h]))",
+                      "{{model_version}} {{speed}}")], "lengthm", least=0),
+        curves("How unlikely was what happened?",
+               "Mean -ln p(x|s), nats a waypoint; lower is better. Rising: the model meets what it has not learned.",
+               [query(mean("maneuver_outcome_nll_nats", "model_version"), "{{model_version}}")], "none"),
+        curves("Which actions are taken more often than in training, or less?",
+               "Difference of the shares, by action number: maneuver model actions names them. ManeuverActionsDrift tells what is no "
+               "chance: train on recordings of now.",
+               [query(share("maneuver_outcome_actions_total", "action")
+                      + " - max by (model_version, action) (maneuver_outcome_expected_action_ratio{SERVER})",
+                      "{{model_version}} action {{action}}")], "percentunit"),
+        curves("Do envelopes still hold what happens?",
+               "Share of the waypoints within 1 and 2 sigma, and the same in the model's validation. Apart: ManeuverCalibrationLost.",
+               [query(share("maneuver_outcome_covered_total", "sigma"), "{{model_version}} {{sigma}} sigma"),
+                query("max by (model_version, sigma) (maneuver_outcome_expected_coverage_ratio{SERVER})",
+                      "{{model_version}} {{sigma}} sigma, validation")], "percentunit", least=0, most=1),
+        curves("Are outcomes reported and scored?",
+               "Targets a second. Unknown: the answer was not kept; report sooner, or raise --outcome-memory. Dropped: answers "
+               "that made room for newer ones.",
+               [query("sum by (result) (rate(maneuver_outcome_targets_total{SERVER}[RATE]))", "{{result}}"),
+                query("sum(rate(maneuver_outcome_dropped_answers_total{SERVER}[RATE]))", "dropped answers")], "short", least=0))
+
+
 def rows():
-    return [models(), jobs(), candidate()]
+    return [models(), jobs(), candidate(), outcomes()]

@@ -18,7 +18,7 @@ from scraped_server import COMPOSE, REPOSITORY, RULES
 
 HERE = pathlib.Path(__file__).resolve().parent
 ALERTS = re.findall(r"- alert: (\w+)", (RULES / "alerts.rules.yml").read_text())
-METRICS = {name for page in ("metrics_page.txt", "shadow_metrics_page.txt")
+METRICS = {name for page in ("metrics_page.txt", "shadow_metrics_page.txt", "outcome_metrics_page.txt")
            for name in re.findall(r"^(\w+)(?:\{.*)?$", (REPOSITORY / "tests/integration" / page).read_text(), re.MULTILINE)}
 # Not on the page of a server without TLS and models.
 METRICS |= {"maneuver_tls_certificate_expiry_timestamp_seconds", "maneuver_model_version", "up"}

@@ -40,6 +40,11 @@ def live(server, prometheus):
     # Finite, and later than pretraining.
     learns = "maneuver_training_log_likelihood_nats == maneuver_training_log_likelihood_nats"
     wait_for("a first epoch", lambda: prometheus.now(learns))
+    # Twice: rates begin with what a series gains after its first scrape.
+    for _ in range(2):
+        server.maneuver("outcomes", "report", server.folder / "town", "--model", "town/1", "--set", "examples.stride=2s")
+        wait_for("a scrape", lambda: prometheus.now("maneuver_outcome_scored_total > 0"))
+    wait_for("shares of outcomes", lambda: prometheus.now("maneuver:outcome_action_share:ratio_1h >= 0"))
     quiet = prometheus.now('ALERTS{alertstate="firing"}')
 
     # Then all that goes wrong.
@@ -64,7 +69,7 @@ class LiveTest(unittest.TestCase):
         folder = tempfile.TemporaryDirectory()
         cls.addClassCleanup(folder.cleanup)
         cls.folder = pathlib.Path(folder.name)
-        cls.server = Server(PROGRAMS, cls.folder, ["--workers", "1", "--shadow-fraction", "1", "--max-queue", "64"])
+        cls.server = Server(PROGRAMS, cls.folder, ["--workers", "1", "--shadow-fraction", "1", "--max-queue", "64", "--outcome-memory", "64KiB"])
         cls.addClassCleanup(cls.server.stop)
         cls.prometheus = Prometheus(cls.folder, cls.server.metrics)
         cls.addClassCleanup(cls.prometheus.stop)
@@ -86,7 +91,8 @@ class LiveTest(unittest.TestCase):
             'maneuver_refused_calls_total{reason="TOKEN_UNKNOWN"}', 'maneuver_refused_calls_total{reason="ROLE_MISSING"}',
             'maneuver_model_swaps_total{alias="serving"}', 'maneuver_model_swaps_total{alias="candidate"}',
             'maneuver_shadow_targets_total{outcome="compared"}', 'maneuver_job_ends_total{state="failed"}',
-            'maneuver_job_ends_total{state="cancelled"}'}
+            'maneuver_job_ends_total{state="cancelled"}', 'maneuver_outcome_targets_total{result="scored"}',
+            'maneuver_outcome_dropped_answers_total'}
         for series in seen:
             with self.subTest(series=series):
                 self.assertTrue(any(value > 0 for _, value in self.prometheus.now(series)))

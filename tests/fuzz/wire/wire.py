@@ -121,13 +121,13 @@ class Contract:
     def __init__(self, folder):
         self.prediction, self.status, _ = load_messages(folder)
         pool = descriptor_pool.Default()
-        for name in ("model_service", "dataset_service", "training_service", "admin_service"):
+        for name in ("model_service", "dataset_service", "outcome_service", "training_service", "admin_service"):
             importlib.import_module(f"maneuver.v1.{name}_pb2")
         make = getattr(message_factory, "GetMessageClass", None) or message_factory.MessageFactory(pool).GetPrototype
         self.scene = json_format.Parse((REPOSITORY / "tests" / "clients" / "request.json").read_text(),
                                        self.prediction.PredictRequest())
         self.methods = []
-        for name in ("prediction_service", "model_service", "dataset_service", "training_service", "admin_service"):
+        for name in ("prediction_service", "model_service", "dataset_service", "outcome_service", "training_service", "admin_service"):
             for service in pool.FindFileByName(f"maneuver/v1/{name}.proto").services_by_name.values():
                 for method in service.methods:
                     seed = make(method.input_type)()
@@ -139,6 +139,13 @@ class Contract:
         names = seed.DESCRIPTOR.fields_by_name
         if "scenarios" in names:
             seed.scenarios.extend(self.scene.scenarios)
+        if "outcomes" in names:
+            for scene in self.scene.scenarios:
+                outcome = seed.outcomes.add(scenario=scene)
+                target = outcome.targets.add(target_id=scene.target_ids[0])
+                last = next(agent for agent in scene.agents if agent.id == target.target_id).states[-1]
+                for step in range(1, 120):
+                    target.states.add(time=scene.prediction_time + 0.1 * step, x=last.x, y=last.y)
         if "request" in names and names["request"].message_type.name == "PredictRequest":
             seed.request.CopyFrom(self.scene)
         for field, value in (("model", "models/small"), ("name", "models/small/versions/1"), ("parent", "models/small")):

@@ -87,6 +87,24 @@ TEST(ClientTest, DoesNotRetryDeletions) {
   EXPECT_EQ(calls, 1);
 }
 
+TEST(ClientTest, DoesNotRetryReportsOfOutcomes) {
+  TestServer server;
+  std::atomic<int> calls = 0;
+  server.on_report_outcomes = [&](const v1::ReportOutcomesRequest& request, auto* response) {
+    if (++calls == 1) return Unavailable();
+    response->add_scores()->set_outcome_index(request.outcomes_size());
+    return grpc::Status::OK;
+  };
+  const auto client = ConnectTo(server.address());
+  v1::ReportOutcomesRequest request;
+  request.add_outcomes();
+  EXPECT_TRUE(absl::IsUnavailable(client->ReportOutcomes(request).status()));
+  EXPECT_EQ(calls, 1);
+  const auto response = client->ReportOutcomes(request);
+  ASSERT_TRUE(response.ok()) << response.status();
+  EXPECT_EQ(response->scores(0).outcome_index(), 1);
+}
+
 TEST(ClientTest, TrainCarriesOneRequestIdOverAllAttempts) {
   TestServer server;
   std::mutex mutex;

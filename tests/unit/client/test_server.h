@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "maneuver/v1/dataset_service.grpc.pb.h"
+#include "maneuver/v1/outcome_service.grpc.pb.h"
 #include "maneuver/v1/prediction_service.grpc.pb.h"
 #include "maneuver/v1/training_service.grpc.pb.h"
 
@@ -31,6 +32,8 @@ class TestServer final {
       on_classify;
   std::function<grpc::Status(const v1::RegisterMapRequest&, v1::RegisterMapResponse*)>
       on_register_map;
+  std::function<grpc::Status(const v1::ReportOutcomesRequest&, v1::ReportOutcomesResponse*)>
+      on_report_outcomes;
   std::function<grpc::Status(const v1::TrainRequest&, v1::Job*)> on_train;
   std::function<grpc::Status(const v1::DeleteJobRequest&)> on_delete_job;
   std::function<grpc::Status(const v1::WatchJobRequest&, grpc::ServerWriter<v1::WatchJobResponse>*)>
@@ -47,12 +50,13 @@ class TestServer final {
   // `port` 0: any free one.
   //   health: serves grpc.health.v1, where PredictionService is not ready until SetReady.
   explicit TestServer(int port = 0, bool health = false)
-      : predictions_(this), training_(this), datasets_(this) {
+      : predictions_(this), outcomes_(this), training_(this), datasets_(this) {
     grpc::EnableDefaultHealthCheckService(health);
     grpc::ServerBuilder builder;
     builder.AddListeningPort("127.0.0.1:" + std::to_string(port), grpc::InsecureServerCredentials(),
                              &port_);
     builder.RegisterService(&predictions_);
+    builder.RegisterService(&outcomes_);
     builder.RegisterService(&training_);
     builder.RegisterService(&datasets_);
     server_ = builder.BuildAndStart();
@@ -104,6 +108,19 @@ class TestServer final {
    private:
     TestServer* const owner_;
   };
+  class Outcomes final : public v1::OutcomeService::Service {
+   public:
+    explicit Outcomes(TestServer* owner) : owner_(owner) {}
+    grpc::Status ReportOutcomes(grpc::ServerContext* context,
+                                const v1::ReportOutcomesRequest* request,
+                                v1::ReportOutcomesResponse* response) override {
+      owner_->See(*context);
+      return owner_->on_report_outcomes(*request, response);
+    }
+
+   private:
+    TestServer* const owner_;
+  };
   class Training final : public v1::TrainingService::Service {
    public:
     explicit Training(TestServer* owner) : owner_(owner) {}
@@ -147,6 +164,7 @@ class TestServer final {
   };
 
   Predictions predictions_;
+  Outcomes outcomes_;
   Training training_;
   Datasets datasets_;
   int port_ = 0;

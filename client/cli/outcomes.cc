@@ -1,0 +1,388 @@
+// maneuver outcomes: did predictions come true?
+
+#include <algorithm>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <ostream>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/commands.h"
+#include "client/cli/interrupt.h"
+#include "client/cli/json_files.h"
+#include "client/cli/progress_line.h"
+#include "client/cli/resource_names.h"
+#include "client/cli/scenario_files.h"
+#include "client/cli/scenario_source.h"
+#include "client/cli/settings_argument.h"
+#include "client/cli/table.h"
+#include "client/cli/text_format.h"
+#include "client/error_details.h"
+#include "client/observed_scenario.h"
+#include "google/protobuf/struct.pb.h"
+#include "model/artifact/training_presets.h"
+#include "model/data/dataset_folder.h"
+#include "model/data/example_index.h"
+#include "model/evaluation/strata.h"
+#include "model/scene/target_frame.h"
+
+namespace maneuver::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+// One call has at most so many targets, and stops to grow at so many bytes.
+constexpr int kTargetsPerCall = 64;
+constexpr size_t kBytesPerCall = size_t{4} << 20;
+
+struct OutcomesArguments {
+  std::vector<std::string> sources;
+  std::string model;
+  std::vector<std::string> assignments;
+  bool kept = false;
+};
+
+// Sums over outcomes.
+struct Sums {
+  int64_t outcomes = 0;
+  std::map<std::string, double> metrics;
+
+  void Add(const v1::TargetScore& score) {
+    ++outcomes;
+    for (const auto& [name, value] : score.metrics()) metrics[name] += value;
+  }
+  double Mean(const std::string& name) const {
+    const auto sum = metrics.find(name);
+    return sum == metrics.end() ? 0.0 : sum->second / static_cast<double>(outcomes);
+  }
+};
+
+// The scores of all outcomes.
+class ScoreSums {
+ public:
+  void Add(const v1::TargetScore& score) {
+    all_.Add(score);
+    strata_[score.speed_stratum()].Add(score);
+    ++actions_[{score.model_version(), score.action_id()}];
+  }
+  int64_t outcomes() const { return all_.outcomes; }
+  // The outcomes by version and action.
+  const std::map<std::pair<std::string, int>, int64_t>& actions() const { return actions_; }
+  const Sums& all() const { return all_; }
+
+  // Calls `visit` with each speed stratum that has outcomes, slowest first.
+  void ForEachStratum(const std::function<void(const std::string&, const Sums&)>& visit) const {
+    for (const evaluation::Stratification& each : evaluation::Stratifications()) {
+      if (each.dimension != "speed") continue;
+      for (const std::string_view name : each.names) {
+        const auto found = strata_.find(std::string(name));
+        if (found != strata_.end()) visit(found->first, found->second);
+      }
+    }
+  }
+
+ private:
+  Sums all_;
+  std::map<std::string, Sums> strata_;
+  std::map<std::pair<std::string, int>, int64_t> actions_;
+};
+
+google::protobuf::RepeatedPtrField<v1::AgentState> StatesAfter(const v1::Scenario& recording,
+                                                               int64_t target_id, double time) {
+  google::protobuf::RepeatedPtrField<v1::AgentState> states;
+  if (const v1::Agent* agent = scene::FindAgent(recording, target_id)) {
+    for (const v1::AgentState& state : agent->states()) {
+      if (state.time() > time + scene::kSameTime) *states.Add() = state;
+    }
+  }
+  return states;
+}
+
+// Reports the outcomes of recordings, call by call.
+class OutcomesCommand {
+ public:
+  OutcomesCommand(const OutcomesArguments& arguments, Environment& environment)
+      : arguments_(arguments),
+        environment_(environment),
+        progress_(environment.errors, environment.progress_form()) {}
+
+  int Run() {
+    v1::TrainingSettings settings;
+    for (const std::string& assignment : arguments_.assignments) {
+      const absl::Status status = SetExampleField(assignment, settings.mutable_examples());
+      if (!status.ok()) return environment_.Refuse(std::string(status.message()));
+    }
+    examples_ = artifact::ResolveTrainingSettings(settings).examples();
+    v1::GetModelVersionRequest wanted;
+    wanted.set_name(ModelResource(arguments_.model));
+    auto version =
+        environment_.server_client().GetModelVersion(wanted, environment_.call_options());
+    if (!version.ok()) return environment_.Fail(version.status());
+    version_ = *std::move(version);
+    request_.set_model(version_.name());
+    absl::Status status;
+    for (const std::string& source : arguments_.sources) {
+      status = ReportSource(source);
+      if (!status.ok()) break;
+    }
+    if (status.ok()) status = Send();
+    progress_.Clear();
+    if (!status.ok()) return environment_.Fail(status);
+    if (sums_.outcomes() == 0 && failed_ == 0) {
+      return environment_.Fail(absl::FailedPreconditionError(
+          "the recordings hold no outcome: no target has a past and a whole horizon of future"));
+    }
+    Print();
+    return failed_ == 0 ? kOk : kFailed;
+  }
+
+ private:
+  // Reports each recording of a dataset folder, of a dataset on the server, or in a file.
+  absl::Status ReportSource(const std::string& source) {
+    std::error_code error;
+    if (fs::is_directory(source, error)) {
+      const auto manifest = data::LoadDatasetManifest(source);
+      if (!manifest.ok()) return manifest.status();
+      absl::Status status;
+      int64_t done = 0;
+      const absl::Status read =
+          data::ForEachScenario(source, data::OnDamage::kStop, [&](v1::Scenario&& recording) {
+            status = Report(recording);
+            ShowProgress(source, ++done, manifest->recordings());
+            return status.ok();
+          });
+      return read.ok() ? status : read;
+    }
+    if (fs::exists(source, error) || source == "-") {
+      v1::Scenario recording;
+      if (absl::Status status = ReadJson(source, environment_, &recording); !status.ok()) {
+        return status;
+      }
+      return Report(recording);
+    }
+    const std::string dataset = DatasetResource(source);
+    const auto list = ListScenarios(dataset, 0, environment_);
+    if (!list.ok()) return list.status();
+    for (int i = 0; i < list->scenarios_size(); ++i) {
+      const auto recording = GetScenario(dataset, list->scenarios(i).scenario_id(), environment_);
+      if (!recording.ok()) return recording.status();
+      if (absl::Status status = Report(*recording); !status.ok()) return status;
+      ShowProgress(dataset, i + 1, list->scenarios_size());
+    }
+    return absl::OkStatus();
+  }
+
+  void ShowProgress(const std::string& source, int64_t done, int64_t total) {
+    progress_.Show(static_cast<double>(done) / static_cast<double>(std::max<int64_t>(1, total)),
+                   absl::StrCat(source, ": ", done, " of ", total, " recordings, ",
+                                sums_.outcomes(), " outcomes"));
+  }
+
+  // Adds the outcomes of one recording to the request; sends it when it is large.
+  absl::Status Report(const v1::Scenario& recording) {
+    if (interrupt_.happened()) return absl::CancelledError("interrupted");
+    std::map<double, std::vector<int64_t>> targets;  // by prediction time
+    if (arguments_.kept) {
+      for (const int64_t id : recording.target_ids()) {
+        targets[recording.prediction_time()].push_back(id);
+      }
+    } else {
+      for (const data::Example& example :
+           data::EnumerateExamples(recording, 0, version_.manifest().spec(), examples_)) {
+        targets[example.time].push_back(example.target_id);
+      }
+    }
+    for (const auto& [time, ids] : targets) {
+      for (size_t begin = 0; begin < ids.size(); begin += kTargetsPerCall) {
+        const size_t end = std::min(ids.size(), begin + kTargetsPerCall);
+        if (targets_ + static_cast<int>(end - begin) > kTargetsPerCall || bytes_ > kBytesPerCall) {
+          if (absl::Status status = Send(); !status.ok()) return status;
+        }
+        AddOutcome(recording, time,
+                   {ids.begin() + static_cast<std::ptrdiff_t>(begin),
+                    ids.begin() + static_cast<std::ptrdiff_t>(end)});
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  void AddOutcome(const v1::Scenario& recording, double time, const std::vector<int64_t>& ids) {
+    v1::Outcome& outcome = *request_.add_outcomes();
+    if (arguments_.kept) {
+      outcome.set_scenario_id(recording.scenario_id());
+      outcome.set_prediction_time(time);
+      outcome.set_model(version_.name());
+    } else {
+      v1::Scenario& scene = *outcome.mutable_scenario();
+      scene = recording;
+      scene.set_prediction_time(time);
+      scene.mutable_target_ids()->Assign(ids.begin(), ids.end());
+      client::StripFuture(&scene);
+    }
+    for (const int64_t id : ids) {
+      v1::TargetOutcome& target = *outcome.add_targets();
+      target.set_target_id(id);
+      *target.mutable_states() = StatesAfter(recording, id, time);
+    }
+    names_.push_back(recording.scenario_id());
+    targets_ += static_cast<int>(ids.size());
+    bytes_ += outcome.ByteSizeLong();
+  }
+
+  // Sends what is collected, and adds up the scores.
+  absl::Status Send() {
+    if (request_.outcomes().empty()) return absl::OkStatus();
+    const auto response =
+        environment_.server_client().ReportOutcomes(request_, environment_.call_options());
+    if (!response.ok()) return response.status();
+    for (const v1::OutcomeScore& score : response->scores()) {
+      const std::string& name = names_[static_cast<size_t>(score.outcome_index())];
+      if (score.has_error()) {
+        progress_.Clear();
+        ReportItemError(name, score.error(), environment_);
+        failed_ += request_.outcomes(score.outcome_index()).targets_size();
+      }
+      for (const v1::TargetScore& target : score.targets()) {
+        if (target.has_error()) {
+          progress_.Clear();
+          ReportItemError(TargetName(name, target.target_id()), target.error(), environment_);
+          ++failed_;
+        } else {
+          sums_.Add(target);
+        }
+      }
+    }
+    request_.clear_outcomes();
+    names_.clear();
+    targets_ = 0;
+    bytes_ = 0;
+    return absl::OkStatus();
+  }
+
+  void Print() const {
+    if (environment_.json()) return PrintJson();
+    Table table({{"speed"},
+                 {"outcomes", Align::kRight},
+                 {"nll", Align::kRight},
+                 {"ade, m", Align::kRight},
+                 {"fde, m", Align::kRight},
+                 {"best of 6: ade", Align::kRight},
+                 {"fde", Align::kRight},
+                 {"in 1 sigma", Align::kRight},
+                 {"in 2 sigma", Align::kRight}});
+    const auto add = [&table](const std::string& name, const Sums& sums) {
+      table.Add({name, absl::StrCat(sums.outcomes), Fixed(sums.Mean("nll"), 3),
+                 Fixed(sums.Mean("ade_1"), 2), Fixed(sums.Mean("fde_1"), 2),
+                 Fixed(sums.Mean("min_ade_6"), 2), Fixed(sums.Mean("min_fde_6"), 2),
+                 Share(sums.Mean("coverage_1sigma")), Share(sums.Mean("coverage_2sigma"))});
+    };
+    sums_.ForEachStratum(add);
+    if (sums_.outcomes() > 0) add("all", sums_.all());
+    environment_.out << table.Text(environment_.color);
+    PrintActions();
+  }
+
+  // Prints the actions of `version_` that were taken, the most frequent first.
+  void PrintActions() const {
+    std::vector<std::pair<int64_t, int>> taken;
+    int64_t outcomes = 0;
+    for (const auto& [action, count] : sums_.actions()) {
+      if (action.first != version_.name()) continue;
+      taken.emplace_back(-count, action.second);
+      outcomes += count;
+    }
+    if (taken.empty()) return;
+    std::sort(taken.begin(), taken.end());
+    Table table({{"action", Align::kRight},
+                 {"name"},
+                 {"taken", Align::kRight},
+                 {"in training", Align::kRight}});
+    constexpr size_t kShown = 10;
+    if (taken.size() > kShown) taken.resize(kShown);
+    for (const auto& [negative, id] : taken) {
+      const auto& actions = version_.manifest().actions();
+      const bool known = id < actions.size();
+      table.Add({absl::StrCat(id), known ? actions[id].display_name() : "",
+                 Share(static_cast<double>(-negative) / static_cast<double>(outcomes)),
+                 known ? Share(actions[id].usage()) : "-"});
+    }
+    environment_.out << "\n" << table.Text(environment_.color);
+  }
+
+  void PrintJson() const {
+    google::protobuf::Struct printed;
+    auto& fields = *printed.mutable_fields();
+    const auto write = [](const Sums& sums, google::protobuf::Struct* part) {
+      auto& into = *part->mutable_fields();
+      into["outcomes"].set_number_value(static_cast<double>(sums.outcomes));
+      auto& metrics = *into["metrics"].mutable_struct_value()->mutable_fields();
+      for (const auto& [name, sum] : sums.metrics) metrics[name].set_number_value(sums.Mean(name));
+    };
+    write(sums_.all(), &printed);
+    fields["failed"].set_number_value(static_cast<double>(failed_));
+    auto& strata = *fields["strata"].mutable_list_value();
+    sums_.ForEachStratum([&](const std::string& name, const Sums& sums) {
+      google::protobuf::Struct& part = *strata.add_values()->mutable_struct_value();
+      (*part.mutable_fields())["name"].set_string_value(name);
+      write(sums, &part);
+    });
+    auto& actions = *fields["actions"].mutable_list_value();
+    for (const auto& [action, count] : sums_.actions()) {
+      auto& part = *actions.add_values()->mutable_struct_value()->mutable_fields();
+      part["modelVersion"].set_string_value(action.first);
+      part["actionId"].set_number_value(action.second);
+      part["outcomes"].set_number_value(static_cast<double>(count));
+    }
+    environment_.PrintJson(printed);
+  }
+
+  const OutcomesArguments& arguments_;
+  Environment& environment_;
+  ProgressLine progress_;
+  const Interrupt interrupt_{[] {}};
+  v1::ExampleSettings examples_;
+  v1::ModelVersion version_;
+  v1::ReportOutcomesRequest request_;
+  std::vector<std::string> names_;  // scenario ids of request_.outcomes
+  int targets_ = 0;                 // of request_
+  size_t bytes_ = 0;                // of request_
+  int64_t failed_ = 0;              // targets
+  ScoreSums sums_;
+};
+
+}  // namespace
+
+void AddOutcomes(Command& root, Environment& environment) {
+  Command group = root.Add("outcomes", "Learn whether predictions came true",
+                           "Compares predictions with what happened; the server's metrics page "
+                           "shows the scores.");
+  const auto arguments = std::make_shared<OutcomesArguments>();
+  Command report = group.Add(
+      "report", "Report what happened in recordings",
+      "Sends each scene of the recordings with what its targets did next. The server predicts and "
+      "scores\nthe predictions. Targets and times are those of maneuver evaluate.\n"
+      "Example: maneuver outcomes report yesterday --model town\n"
+      "         maneuver outcomes report scene.json --model town --kept");
+  report.Arguments("SOURCE", &arguments->sources,
+                   "Dataset folders; files with one Scenario as proto3 JSON each; datasets on the "
+                   "server");
+  report.Option("--model", &arguments->model,
+                "town (the version that serves), town/2 or town@candidate");
+  report.Option("--set", &arguments->assignments,
+                "FIELD=VALUE of the examples to report: examples.stride=1s, ...");
+  report.Flag("--kept", &arguments->kept,
+              "Score the answers that the server gave: name each scene by its id and prediction "
+              "time, and send its targets' futures alone (maneuverd --outcome-memory)");
+  report.Exclude("--kept", "--set");
+  report.Run([arguments, &environment] {
+    if (arguments->model.empty()) return environment.Refuse("--model: name a model");
+    return OutcomesCommand(*arguments, environment).Run();
+  });
+}
+
+}  // namespace maneuver::cli

@@ -1,0 +1,35 @@
+#ifndef MANEUVER_SERVER_RPC_OUTCOME_SERVICE_H_
+#define MANEUVER_SERVER_RPC_OUTCOME_SERVICE_H_
+
+#include <atomic>
+#include <cstdint>
+
+#include "maneuver/v1/outcome_service.grpc.pb.h"
+#include "server/rpc/prediction_run.h"
+#include "server/rpc/worker_pool.h"
+#include "server/serving/outcome_metrics.h"
+
+namespace maneuver::rpc {
+
+class OutcomeService final : public v1::OutcomeService::CallbackService {
+ public:
+  // Everything must outlive the service. Defined in the .cc, as is the destructor: see
+  // AdminService.
+  //   scoring: threads that score outcomes
+  OutcomeService(PredictionContext& context, serving::OutcomeMetrics& metrics, WorkerPool& scoring);
+  ~OutcomeService() override;
+
+  grpc::ServerUnaryReactor* ReportOutcomes(grpc::CallbackServerContext* rpc,
+                                           const v1::ReportOutcomesRequest* request,
+                                           v1::ReportOutcomesResponse* response) override;
+
+ private:
+  PredictionContext& context_;
+  serving::OutcomeMetrics& metrics_;
+  WorkerPool& scoring_;
+  std::atomic<int64_t> bytes_ = 0;  // of the requests that wait or are being scored
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_OUTCOME_SERVICE_H_

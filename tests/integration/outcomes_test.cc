@@ -1,0 +1,164 @@
+// Tests a real server that is told what really happened: its scores are those of an evaluation, and
+// its metrics count each outcome once.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "google/protobuf/util/json_util.h"
+#include "maneuver/v1/evaluation.pb.h"
+#include "maneuver/v1/model_service.grpc.pb.h"
+#include "maneuver/v1/outcome_service.grpc.pb.h"
+#include "tests/integration/metrics_page.h"
+#include "tests/integration/trained_server.h"
+
+namespace maneuver::integration {
+namespace {
+
+using nlohmann::json;
+using ::testing::HasSubstr;
+
+class OutcomesTest : public ::testing::Test {
+ protected:
+  // All tests share one server and its model.
+  static void SetUpTestSuite() {
+    trained_ =
+        std::make_unique<TrainedServer>(std::vector<std::string>{"--outcome-memory", "16MiB"});
+  }
+  static void TearDownTestSuite() { trained_ = nullptr; }
+
+  ServerProcess& server() { return trained_->server(); }
+
+  std::string Run(std::vector<std::string> arguments, int status = 0) {
+    std::string output;
+    EXPECT_EQ(RunManeuver(server(), std::move(arguments), &output), status) << output;
+    return output;
+  }
+  json Report(const std::string& source, bool kept = false) {
+    std::vector<std::string> arguments = {"outcomes", "report",  source,     "--model",
+                                          "tiny",     "--quiet", "--output", "json"};
+    if (kept) arguments.emplace_back("--kept");
+    return json::parse(Run(arguments));
+  }
+  v1::EvaluationReport Evaluation() {
+    v1::GetEvaluationReportRequest request;
+    request.set_name("models/tiny/versions/1/evaluations/unseen");
+    v1::EvaluationReport report;
+    grpc::ClientContext context;
+    const auto status = v1::ModelService::NewStub(server().channel())
+                            ->GetEvaluationReport(&context, request, &report);
+    EXPECT_TRUE(status.ok()) << status.error_message();
+    return report;
+  }
+  double Counted(const std::string& result) {
+    return ValueOf(MetricsPage(server()),
+                   "maneuver_outcome_targets_total{result=\"" + result + "\"}");
+  }
+
+  // Returns the sum of the counts of all actions.
+  double Actions() {
+    const std::string page = MetricsPage(server());
+    double sum = 0.0;
+    for (int k = 0; k < 12; ++k) {
+      const std::string labels = "{action=\"" + std::to_string(k) + "\",model_version=\"tiny/1\"}";
+      sum += std::max(0.0, ValueOf(page, "maneuver_outcome_actions_total" + labels));
+    }
+    return sum;
+  }
+
+  static std::unique_ptr<TrainedServer> trained_;
+};
+
+std::unique_ptr<TrainedServer> OutcomesTest::trained_;
+
+TEST_F(OutcomesTest, ReportedRecordingsScoreAsInAnEvaluation) {
+  Run({"evaluate", "tiny", "--dataset", "unseen"});
+  const v1::EvaluationReport expected = Evaluation();
+  const double scored = Counted("scored");
+  double actions = -Actions();
+  ASSERT_GT(expected.examples(), 100);
+  // A folder, and the same dataset on the server.
+  for (const std::string& source :
+       {(trained_->folder() / "unseen").string(), std::string("unseen")}) {
+    SCOPED_TRACE(source);
+    const json reported = Report(source);
+    EXPECT_EQ(reported["outcomes"], expected.examples());
+    EXPECT_EQ(reported["failed"], 0);
+    ASSERT_EQ(reported["metrics"].size(), 7u);
+    // In bf16 the last digits of an answer depend on its batch.
+    for (const auto& [name, value] : reported["metrics"].items()) {
+      const double evaluated = expected.metrics().at(name);
+      EXPECT_NEAR(value, evaluated, 0.01 * std::abs(evaluated) + 0.002) << name;
+    }
+    size_t strata = 0;
+    for (const v1::EvaluationStratum& stratum : expected.strata()) {
+      if (stratum.dimension() != "speed" || stratum.examples() == 0) continue;
+      ASSERT_LT(strata, reported["strata"].size());
+      const json& part = reported["strata"][strata++];
+      EXPECT_EQ(part["name"], stratum.name());
+      EXPECT_EQ(part["outcomes"], stratum.examples());
+      const double evaluated = stratum.metrics().at("min_fde_6");
+      EXPECT_NEAR(part["metrics"]["min_fde_6"], evaluated, 0.01 * evaluated + 0.002);
+    }
+    EXPECT_EQ(reported["strata"].size(), strata);
+  }
+
+  EXPECT_EQ(Counted("scored") - scored, 2.0 * static_cast<double>(expected.examples()));
+  actions += Actions();
+  EXPECT_NEAR(actions, 2.0 * static_cast<double>(expected.examples()), 1e-3 * actions);
+  const std::string page = MetricsPage(server());
+  ExpectShape(ShapeOf(page, "maneuver_outcome_"), GOLDEN_OUTCOME_METRICS, ACTUAL_OUTCOME_METRICS);
+  if (HasPromtool()) ExpectPromtoolIsContent(page, trained_->folder() / "page");
+}
+
+TEST_F(OutcomesTest, KeptAnswersAreScoredOnce) {
+  const v1::Scenario& scene = trained_->unseen()[0];
+  std::string text;
+  ASSERT_TRUE(google::protobuf::util::MessageToJsonString(scene, &text).ok());
+  const std::string file = (trained_->folder() / "scene.json").string();
+  std::ofstream(file) << text;
+  const double scored = Counted("scored");
+  const double unknown = Counted("unknown");
+  Run({"predict", file, "--model", "tiny"});
+  const auto targets = static_cast<double>(scene.target_ids_size());
+  EXPECT_EQ(ValueOf(MetricsPage(server()), "maneuver_outcome_kept_answers"), targets);
+  EXPECT_EQ(Report(file, /*kept=*/true)["outcomes"], targets);
+  EXPECT_EQ(Counted("scored") - scored, targets);
+  const std::string again =
+      Run({"outcomes", "report", file, "--model", "tiny", "--kept"}, /*status=*/1);
+  EXPECT_THAT(again, HasSubstr("not scored yet"));
+  EXPECT_EQ(Counted("scored") - scored, targets);
+  EXPECT_EQ(Counted("unknown") - unknown, targets);
+  EXPECT_EQ(ValueOf(MetricsPage(server()), "maneuver_outcome_kept_answers"), 0.0);
+}
+
+TEST_F(OutcomesTest, RefusesReportsThatAreEmptyOrTooLarge) {
+  const auto stub = v1::OutcomeService::NewStub(server().channel());
+  v1::ReportOutcomesRequest request;
+  v1::ReportOutcomesResponse response;
+  const double invalid = Counted("invalid");
+  {
+    grpc::ClientContext context;
+    const auto status = stub->ReportOutcomes(&context, request, &response);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+    EXPECT_THAT(status.error_message(), HasSubstr("outcomes"));
+  }
+  for (int i = 0; i < 257; ++i) request.add_outcomes()->add_targets();
+  grpc::ClientContext context;
+  const auto status = stub->ReportOutcomes(&context, request, &response);
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(status.error_message(), HasSubstr("at most 256"));
+  EXPECT_EQ(Counted("invalid"), invalid);  // nothing of it was looked at
+}
+
+}  // namespace
+}  // namespace maneuver::integration
