@@ -95,22 +95,17 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
   return std::exp(0.5 * (low + high));
 }
 
-CalibrationExamples CalibrationSample(const v1::ModelSpec& spec, const TrainingData& data) {
-  if (data.windows == nullptr) return {};
-  return CalibrationExamplesIn(spec, data.data_memory);
-}
-
 absl::Status CalibrateModel(Networks& networks, const SceneSource& training_source,
                             const SceneSource& held_out_source, const CalibrationExamples& most,
                             const v1::OptimizationSettings& optimization, int threads,
                             at::Generator& generator, const std::function<bool()>& stopped,
-                            const std::function<void(int64_t)>& step) {
+                            const CountCalibrationStep& count) {
   const auto stop = [] { return absl::CancelledError("training was stopped"); };
   const ExampleFeatures training_examples =
-      EncodeExamples(networks, training_source, most.training, threads, stopped, step);
+      EncodeExamples(networks, training_source, most.training, threads, stopped, count);
   if (stopped()) return stop();
   const ExampleFeatures held_out_examples =
-      EncodeExamples(networks, held_out_source, most.held_out, threads, stopped, step);
+      EncodeExamples(networks, held_out_source, most.held_out, threads, stopped, count);
   if (stopped()) return stop();
   const bool has_held_out =
       held_out_examples.trajectories.defined() && held_out_examples.scenes.size() >= kFewestHeldOut;
@@ -173,29 +168,39 @@ absl::Status CalibrateModel(Networks& networks, const SceneSource& training_sour
   return absl::OkStatus();
 }
 
-int64_t CalibrationSteps(const v1::TrainingSettings& settings, int64_t training_examples,
-                         int64_t held_out_examples) {
-  const CalibrationExamples most;
-  const int64_t training = std::min(training_examples, most.training);
-  const int64_t held_out = std::min(held_out_examples, most.held_out);
-  const auto batches = [](int64_t examples, int64_t batch) {
-    return (examples + batch - 1) / batch;
-  };
+CalibrationPlan PlanCalibration(const v1::TrainingSettings& settings,
+                                const CalibrationExamples& examples) {
   const v1::ModelSpec& spec = settings.model();
   const v1::OptimizationSettings& optimization = settings.optimization();
-  const bool has_held_out = held_out >= kFewestHeldOut;
-  const bool twice = has_held_out && FitsLatent(spec, optimization);
-  const int64_t predicted =
-      (FitsToTraining(spec, optimization) ? batches(training, kPredictedBatch) : 0) +
-      (has_held_out ? batches(held_out, kPredictedBatch) : 0);
-  int64_t fits = 0;  // of one time
-  if (spec.has_scene_covariance()) {
-    if (has_held_out) fits = SpeedFactorSteps(held_out);
-  } else if (optimization.decoder_covariance() != v1::DECODER_COVARIANCE_FIXED) {
-    fits = DecoderCovarianceSteps(training) + (has_held_out ? CovarianceScaleSteps(held_out) : 0);
+  const bool has_held_out = examples.held_out >= kFewestHeldOut;
+  const int64_t times = has_held_out && FitsLatent(spec, optimization) ? 2 : 1;
+  const auto batches = [](int64_t count, int64_t batch) { return (count + batch - 1) / batch; };
+  CalibrationPlan plan;
+  const auto planned = [&plan](CalibrationStep kind) -> PlannedSteps& {
+    return plan[static_cast<size_t>(kind)];
+  };
+  planned(CalibrationStep::kEncode) = {
+      batches(examples.training, kEncodedBatch) + batches(examples.held_out, kEncodedBatch),
+      kEncodedBatch};
+  PlannedSteps& predict = planned(CalibrationStep::kPredict);
+  predict.examples = kPredictedBatch;
+  if (has_held_out) predict.count += times * batches(examples.held_out, kPredictedBatch);
+  if (FitsToTraining(spec, optimization)) {
+    predict.count += times * batches(examples.training, kPredictedBatch);
+    PlannedSteps& fit = planned(CalibrationStep::kFit);
+    fit = spec.has_decoder_covariance() ? CovarianceNetworkSteps(examples.training)
+                                        : DecoderCovarianceSteps(examples.training);
+    fit.count *= times;
+    if (has_held_out) {
+      PlannedSteps& scale = planned(CalibrationStep::kScale);
+      scale = CovarianceScaleSteps(examples.held_out);
+      scale.count *= times;
+    }
+  } else if (spec.has_scene_covariance() && has_held_out &&
+             optimization.decoder_covariance() != v1::DECODER_COVARIANCE_FIXED) {
+    planned(CalibrationStep::kFit) = SpeedFactorSteps(examples.held_out);
   }
-  return batches(training, kEncodedBatch) + batches(held_out, kEncodedBatch) +
-         (twice ? 2 : 1) * (predicted * kPredictedSteps + fits);
+  return plan;
 }
 
 }  // namespace maneuver::learning

@@ -8,24 +8,19 @@
 
 #include "absl/status/status.h"
 #include "model/artifact/calibration_examples.h"
+#include "model/learning/calibration_steps.h"
 #include "model/learning/networks.h"
 #include "model/learning/scene_source.h"
 #include "model/learning/tensors.h"
-#include "model/learning/training_data.h"
 
 namespace maneuver::learning {
 
 using artifact::CalibrationExamples;
-using artifact::CalibrationExamplesIn;
 using artifact::kFewestHeldOut;
 
 // Returns the temperature of the softmax p(y|s), in [1/4, 4], that makes held-out q(y|x,s) most
 // likely. Both arguments are [N, K].
 double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log_responsibilities);
-
-// Returns how many examples of the data calibration uses at most. If the data do not fit in memory,
-// their data memory limits the number.
-CalibrationExamples CalibrationSample(const v1::ModelSpec& spec, const TrainingData& data);
 
 // Calibrates what the settings ask for, in this order, each with the earlier ones in place:
 //   1. the width of q(z|y,s), in the scenario encoders' last bias;
@@ -36,17 +31,16 @@ CalibrationExamples CalibrationSample(const v1::ModelSpec& spec, const TrainingD
 //     (speed_factors.h);
 //   4. mixture.log_weight, the mean of p(y|s).
 //   most: examples that are read of each source, drawn evenly
-//   step: called with the number of examples of each batch that was read, and with 0 while they
-//     are predicted; each call stands for about the same time
+//   count: called after each step
 absl::Status CalibrateModel(Networks& networks, const SceneSource& training_source,
                             const SceneSource& held_out_source, const CalibrationExamples& most,
                             const v1::OptimizationSettings& optimization, int threads,
                             at::Generator& generator, const std::function<bool()>& stopped,
-                            const std::function<void(int64_t)>& step);
+                            const CountCalibrationStep& count);
 
-// Returns how often CalibrateModel calls `step`. The settings are complete.
-int64_t CalibrationSteps(const v1::TrainingSettings& settings, int64_t training_examples,
-                         int64_t held_out_examples);
+// Returns the steps that CalibrateModel takes. The settings are complete.
+CalibrationPlan PlanCalibration(const v1::TrainingSettings& settings,
+                                const CalibrationExamples& examples);
 
 }  // namespace maneuver::learning
 

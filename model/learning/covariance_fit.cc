@@ -98,9 +98,6 @@ OwnActions TakeOwnActions(const Predictions& predictions, const at::Tensor& cova
                     .view({examples, count, covariance.size(1), covariance.size(2)})};
 }
 
-// How many examples under all actions take the time of so many under their own.
-int64_t ScaledExamples(int64_t examples) { return examples * kOwnActions / 25; }
-
 // The share of waypoints within two standard deviations, if the decoder's covariance is `factor`
 // times as large.
 //   own: of one action
@@ -159,18 +156,16 @@ at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& g
     const at::Tensor whole = batch.covariance + CovarianceOf(factor);
     whole.backward(NllGradient(batch, whole));
     optimizer.Step(LearningRateShare(step, 0, kFitPasses * batches));
-    predictions.CountFit(kFitBatch);
+    batch.CountStep(CalibrationStep::kFit);
   }
   return CovarianceOf(factor).detach();
 }
 
-int64_t DecoderCovarianceSteps(int64_t examples) {
-  return kFitPasses * ((examples + kFitBatch - 1) / kFitBatch) * FitSteps(kFitBatch);
+PlannedSteps DecoderCovarianceSteps(int64_t examples) {
+  return {kFitPasses * ((examples + kFitBatch - 1) / kFitBatch), std::min(examples, kFitBatch)};
 }
 
-int64_t CovarianceScaleSteps(int64_t examples) {
-  return kScaleSteps * FitSteps(ScaledExamples(examples));
-}
+PlannedSteps CovarianceScaleSteps(int64_t examples) { return {kScaleSteps, examples}; }
 
 CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor& covariance,
                                    bool fit_latent) {
@@ -191,7 +186,7 @@ CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor
                                 : own.predictions.covariance);
     whole.backward(NllGradient(own.predictions, whole));
     optimizer.Step(LearningRateShare(step, 0, kScaleSteps));
-    held_out.CountFit(ScaledExamples(held_out.trajectories.size(0)));
+    held_out.CountStep(CalibrationStep::kScale);
   }
   return {factor().detach(), fit_latent ? latent_factor().item<double>() : 1.0};
 }

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 
+#include "model/learning/calibration_steps.h"
 #include "model/learning/predictions.h"
 #include "model/learning/tensors.h"
 
@@ -44,9 +45,9 @@ struct CovarianceScale {
 CovarianceScale FitCovarianceScale(const Predictions& held_out, const at::Tensor& covariance,
                                    bool fit_latent);
 
-// Return how many steps of progress the two fits count (Predictions::CountFit).
-int64_t DecoderCovarianceSteps(int64_t examples);
-int64_t CovarianceScaleSteps(int64_t examples);
+// Return the steps that the two fits take for this many examples.
+PlannedSteps DecoderCovarianceSteps(int64_t examples);
+PlannedSteps CovarianceScaleSteps(int64_t examples);
 
 // Returns the share of waypoints that lie in the 2-sigma ellipse of the action that the example
 // belongs to, counted as in an evaluation. A Gaussian has 1 - exp(-2).

@@ -51,7 +51,13 @@ void FitCovarianceNetwork(Networks& networks, const Predictions& predictions,
         batch.trajectories);
     (-(batch.log_responsibilities.exp() * log_density.mean(2)).sum(1).mean()).backward();
     optimizer.Step(LearningRateShare(step, kNetworkWarmUp, steps));
+    batch.CountStep(CalibrationStep::kFit);
   }
+}
+
+PlannedSteps CovarianceNetworkSteps(int64_t examples) {
+  return {kNetworkPasses * ((examples + kNetworkBatch - 1) / kNetworkBatch),
+          std::min(examples, kNetworkBatch)};
 }
 
 void ScaleCovarianceNetwork(Networks& networks, const at::Tensor& factor) {

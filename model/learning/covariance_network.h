@@ -3,6 +3,9 @@
 #ifndef MANEUVER_MODEL_LEARNING_COVARIANCE_NETWORK_H_
 #define MANEUVER_MODEL_LEARNING_COVARIANCE_NETWORK_H_
 
+#include <cstdint>
+
+#include "model/learning/calibration_steps.h"
 #include "model/learning/networks.h"
 #include "model/learning/predictions.h"
 #include "model/learning/tensors.h"
@@ -17,6 +20,8 @@ namespace maneuver::learning {
 //   pooled: [T, 3] xx, xy, yy, square metres
 void FitCovarianceNetwork(Networks& networks, const Predictions& predictions,
                           const at::Tensor& pooled, at::Generator& generator);
+// Returns the steps that the fit takes for this many examples.
+PlannedSteps CovarianceNetworkSteps(int64_t examples);
 
 // Multiplies the covariance at each waypoint, for every z. factor: [T]
 void ScaleCovarianceNetwork(Networks& networks, const at::Tensor& factor);

@@ -1,7 +1,6 @@
 #include "model/learning/learner.h"
 
 #include <algorithm>
-#include <map>
 #include <optional>
 #include <span>
 
@@ -49,20 +48,18 @@ absl::Status RunPhases(std::span<const LearningPhase> phases, LearningState& sta
 }  // namespace
 
 std::vector<TrainingProgress::Phase> Learner::Plan(const v1::TrainingSettings& settings,
-                                                   int64_t training_examples,
-                                                   int64_t examples_in_memory,
-                                                   int64_t held_out_examples, bool started) {
+                                                   const RunExamples& examples, bool started) {
   const v1::OptimizationSettings& optimization = settings.optimization();
   const int64_t batch = optimization.batch_size();
   const int64_t short_epoch =
-      StepsOfEpoch(EpochExamples(settings, examples_in_memory), batch * kTrajectoryBatchFactor);
-  const int64_t long_epoch = StepsOfEpoch(EpochExamples(settings, training_examples), batch);
+      StepsOfEpoch(EpochExamples(settings, examples.in_memory), batch * kTrajectoryBatchFactor);
+  const int64_t long_epoch = StepsOfEpoch(EpochExamples(settings, examples.training), batch);
   const int64_t placements = optimization.placements() > 1 ? optimization.placements() : 0;
   const int posterior_epochs =
       settings.model().objective() == v1::OBJECTIVE_BASE ? 0 : optimization.posterior_epochs();
   const int covariance_epochs =
       settings.model().has_scene_covariance() ? optimization.covariance_epochs() : 0;
-  const int64_t measured_examples = std::min(held_out_examples, kMostMeasured);
+  const int64_t measured_examples = std::min(examples.held_out, kMostMeasured);
   // Costs of a step relative to one of pretraining, for the compact preset. Rehearse measures what
   // they are here.
   constexpr double kJointCost = 30.0;
@@ -79,17 +76,16 @@ std::vector<TrainingProgress::Phase> Learner::Plan(const v1::TrainingSettings& s
                  {kMixturePhase, optimization.mixture_epochs(),
                   optimization.mixture_epochs() * short_epoch, 1.4}});
   }
-  plan.insert(
-      plan.end(),
-      {{kJointPhase, optimization.joint_epochs(), optimization.joint_epochs() * long_epoch,
-        kJointCost},
-       {kPosteriorPhase, posterior_epochs, posterior_epochs * long_epoch, 20.0},
-       {kCovariancePhase, covariance_epochs, covariance_epochs * long_epoch, 10.0},
-       {kCalibratePhase, 1, CalibrationSteps(settings, examples_in_memory, held_out_examples),
-        kEncodeShare * example * kEncodedBatch},
-       {"export", 1, 1, 1.0},
-       {"evaluate", 1, 100,
-        kMeasureShare * example * static_cast<double>(measured_examples) / 100.0}});
+  plan.insert(plan.end(),
+              {{kJointPhase, optimization.joint_epochs(), optimization.joint_epochs() * long_epoch,
+                kJointCost},
+               {kPosteriorPhase, posterior_epochs, posterior_epochs * long_epoch, 20.0},
+               {kCovariancePhase, covariance_epochs, covariance_epochs * long_epoch, 10.0},
+               CalibrationPhase(kCalibratePhase, PlanCalibration(settings, examples.Calibrated()),
+                                kEncodeShare * example * kEncodedBatch),
+               {"export", 1, 1, 1.0},
+               {"evaluate", 1, 100,
+                kMeasureShare * example * static_cast<double>(measured_examples) / 100.0}});
   return plan;
 }
 
@@ -110,17 +106,21 @@ absl::Status Learner::KeepCheckpoints(CheckpointFolder* folder) {
   return status;
 }
 
-void Learner::Rehearse(const std::vector<RehearsedPhase>& later) {
+void Learner::Rehearse(const LaterPhases& later) {
   TrainingProgress& progress = loop_.progress();
   const int64_t batch = state_.settings.optimization().batch_size();
-  std::map<std::string, double> measured;
+  MeasuredSteps measured;
   const auto rehearse = [&](const RehearsedPhase& phase) {
     if (phase.batch_size == 0 || loop_.IsOver(phase.name)) return;
     const auto planned =
         std::ranges::find(progress.plan(), phase.name, &TrainingProgress::Phase::name);
     if (planned == progress.plan().end()) return;
     const std::optional<double> seconds = RehearseStep(*planned, phase, state_, progress.clock());
-    if (seconds) measured[phase.name] = *seconds;
+    if (seconds) measured[phase.name] = {*seconds};
+  };
+  const auto rehearse_calibration = [&](const RehearsedCalibration& calibration) {
+    const auto seconds = RehearseCalibration(calibration, state_, progress.clock());
+    if (seconds) measured[calibration.name] = *seconds;
   };
   if (!has_start_) {
     for (const LearningPhase& each : kLatentPhases) {
@@ -130,11 +130,18 @@ void Learner::Rehearse(const std::vector<RehearsedPhase>& later) {
   for (const LearningPhase& each : kScenePhases) {
     rehearse({each.name, batch * each.rehearsed_batch, each.run, loop_.ranks().size()});
   }
-  for (const RehearsedPhase& each : later) rehearse(each);
+  for (const RehearsedPhase& each : later.learned) rehearse(each);
+  const CalibrationExamples calibrated =
+      CountExamples(state_.settings.model(), state_.data).Calibrated();
+  rehearse_calibration({kCalibratePhase, calibrated, PlanCalibration(state_.settings, calibrated),
+                        [this](const CalibrationExamples& most, const CountCalibrationStep& count) {
+                          return CalibrateBy(most, state_, count);
+                        }});
+  for (const RehearsedCalibration& each : later.calibrated) rehearse_calibration(each);
   progress.Replan(WithMeasuredSteps(progress.plan(), measured));
 }
 
-absl::Status Learner::Learn(const std::vector<RehearsedPhase>& later) {
+absl::Status Learner::Learn(const LaterPhases& later) {
   RankGroup& ranks = loop_.ranks();
   absl::Status status = ranks.OnRankZero([&] {
     Rehearse(later);

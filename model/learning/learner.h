@@ -15,6 +15,7 @@
 #include "model/learning/phases/epoch_loop.h"
 #include "model/learning/phases/learning_state.h"
 #include "model/learning/phases/rehearsal.h"
+#include "model/learning/run_examples.h"
 #include "model/learning/training_progress.h"
 
 namespace maneuver::learning {
@@ -28,14 +29,10 @@ class Learner {
           int threads, RankGroup& ranks, TrainingProgress& progress);
 
   // Returns the plan of a run, for its TrainingProgress.
-  //   training_examples: all of them
-  //   examples_in_memory: the training examples that the phases on trajectories and calibration use
-  //   held_out_examples: the held-out examples in memory
   //   started: whether the run starts from the weights of a model
   static std::vector<TrainingProgress::Phase> Plan(const v1::TrainingSettings& settings,
-                                                   int64_t training_examples,
-                                                   int64_t examples_in_memory,
-                                                   int64_t held_out_examples, bool started = false);
+                                                   const RunExamples& examples,
+                                                   bool started = false);
 
   // Starts from these weights, which must have the same spec, instead of random ones. Learn then
   // begins with the joint phase. Call it first.
@@ -52,14 +49,14 @@ class Learner {
   // (phases/rehearsal.h), so that the time left is right from the start. Errors are those of
   // EpochLoop::Run.
   //   later: phases that this process will run after these
-  absl::Status Learn(const std::vector<RehearsedPhase>& later = {});
+  absl::Status Learn(const LaterPhases& later = {});
 
   LearningState& state() { return state_; }
   EpochLoop& loop() { return loop_; }
 
  private:
   // Replaces the costs in the plan by the measured durations of steps.
-  void Rehearse(const std::vector<RehearsedPhase>& later);
+  void Rehearse(const LaterPhases& later);
 
   LearningState state_;
   EpochLoop loop_;

@@ -13,7 +13,7 @@ namespace maneuver::learning {
 
 ExampleFeatures EncodeExamples(Networks& networks, const SceneSource& source, int64_t most,
                                int threads, const std::function<bool()>& stopped,
-                               const std::function<void(int64_t)>& step) {
+                               const CountCalibrationStep& count) {
   at::NoGradGuard no_grad;
   std::vector<at::Tensor> trajectories, features, geometry, references, speeds;
   SceneLoader loader(networks.spec(), source, DrawItems(source.set(), most), kEncodedBatch,
@@ -26,14 +26,14 @@ ExampleFeatures EncodeExamples(Networks& networks, const SceneSource& source, in
     if (scenes.geometry.defined()) geometry.push_back(scenes.geometry);
     references.push_back(batch->scenes.references.to(networks.device()));
     speeds.push_back(batch->scenes.speeds.to(networks.device()));
-    step(scenes.size());
+    if (count) count(CalibrationStep::kEncode, scenes.size());
   }
   if (features.empty()) return {};
   return {at::cat(trajectories),
           {at::cat(features), geometry.empty() ? at::Tensor() : at::cat(geometry)},
           at::cat(references),
           at::cat(speeds),
-          step};
+          count};
 }
 
 Predictions Predictions::Rows(const at::Tensor& rows) const {
@@ -49,11 +49,11 @@ Predictions Predictions::Rows(const at::Tensor& rows) const {
           take(speeds),
           take(along),
           take(across),
-          step};
+          count};
 }
 
-void Predictions::CountFit(int64_t examples) const {
-  for (int64_t i = 0; step && i < FitSteps(examples); ++i) step(0);
+void Predictions::CountStep(CalibrationStep kind) const {
+  if (count) count(kind, trajectories.size(0));
 }
 
 Predictions Predict(const Networks& networks, const ExampleFeatures& examples) {
@@ -79,13 +79,13 @@ Predictions Predict(const Networks& networks, const ExampleFeatures& examples) {
       along.push_back(split.along);
       across.push_back(split.across);
     }
-    for (int i = 0; examples.step && i < kPredictedSteps; ++i) examples.step(0);
+    if (examples.count) examples.count(CalibrationStep::kPredict, x.size(0));
   }
   const auto join = [](const std::vector<at::Tensor>& parts) {
     return parts.empty() ? at::Tensor() : at::cat(parts);
   };
   return {examples.trajectories, join(log_p),     join(log_q), join(means),  join(covariances),
-          join(latents),         examples.speeds, join(along), join(across), examples.step};
+          join(latents),         examples.speeds, join(along), join(across), examples.count};
 }
 
 at::Tensor PredictLogProbabilities(const Networks& networks, const ExampleFeatures& examples) {

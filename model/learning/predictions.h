@@ -3,10 +3,10 @@
 #ifndef MANEUVER_MODEL_LEARNING_PREDICTIONS_H_
 #define MANEUVER_MODEL_LEARNING_PREDICTIONS_H_
 
-#include <algorithm>
 #include <cstdint>
 #include <functional>
 
+#include "model/learning/calibration_steps.h"
 #include "model/learning/networks.h"
 #include "model/learning/scene_source.h"
 #include "model/learning/tensors.h"
@@ -15,27 +15,21 @@ namespace maneuver::learning {
 
 inline constexpr int64_t kEncodedBatch = 64;    // examples that are encoded together
 inline constexpr int64_t kPredictedBatch = 32;  // examples that are predicted together
-// Calibration counts its progress in steps that take about as long as encoding a batch. Predicting
-// a batch counts as this many steps.
-inline constexpr int64_t kPredictedSteps = 3;
-// Returns how many of these steps one step of a fit to `examples` examples counts for.
-inline int64_t FitSteps(int64_t examples) { return std::max<int64_t>(1, examples / 150); }
 
 // Features of the scenes of N examples.
 struct ExampleFeatures {
   at::Tensor trajectories;  // x - r(m), [N, 2T] metres
   SceneFeatures scenes;
-  at::Tensor references;  // r(m), [N, 2T] metres
-  at::Tensor speeds;      // [N] m/s
-  // Counts progress: called kPredictedSteps times for each batch that is predicted; may be empty.
-  std::function<void(int64_t)> step{};
+  at::Tensor references;         // r(m), [N, 2T] metres
+  at::Tensor speeds;             // [N] m/s
+  CountCalibrationStep count{};  // to be called for each batch that is predicted
 };
 
 // Encodes at most `most` examples of the source, drawn evenly and not varied; fewer if `stopped`.
-//   step: called with the number of examples of each batch; Predict goes on calling it, with 0
+//   count: called for each batch; the features keep it
 ExampleFeatures EncodeExamples(Networks& networks, const SceneSource& source, int64_t most,
                                int threads, const std::function<bool()>& stopped,
-                               const std::function<void(int64_t)>& step);
+                               const CountCalibrationStep& count);
 
 // What a model predicts for N examples, relative to their references and without the decoder's
 // covariance.
@@ -51,11 +45,10 @@ struct Predictions {
   // with scene_covariance. [N, K, T, 3] xx, xy, yy, square metres
   at::Tensor along{};
   at::Tensor across{};
-  // Counts progress; may be empty.
-  std::function<void(int64_t)> step{};
+  CountCalibrationStep count{};  // to be called for each step of a fit
 
-  // Counts one step of a fit to `examples` examples.
-  void CountFit(int64_t examples) const;
+  // Counts a step of a fit to all of them.
+  void CountStep(CalibrationStep kind) const;
   // Returns the predictions for some of the examples. rows: [M] indices
   Predictions Rows(const at::Tensor& rows) const;
 };

@@ -41,12 +41,12 @@ at::Tensor FitSpeedFactors(const Predictions& held_out) {
     const at::Tensor spread = (logs - logs.mean(0, /*keepdim=*/true)).square().sum();
     (0.5 * kPriorExamples / examples * spread).backward();
     optimizer.Step(LearningRateShare(step, 0, kFactorSteps));
-    held_out.CountFit(held_out.trajectories.size(0));
+    held_out.CountStep(CalibrationStep::kFit);
   }
   return logs.exp().detach();
 }
 
-int64_t SpeedFactorSteps(int64_t examples) { return kFactorSteps * FitSteps(examples); }
+PlannedSteps SpeedFactorSteps(int64_t examples) { return {kFactorSteps, examples}; }
 
 at::Tensor ScaleToCoverBySpeed(const Predictions& held_out, const at::Tensor& factors,
                                double share) {

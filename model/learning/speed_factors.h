@@ -6,6 +6,7 @@
 
 #include <cstdint>
 
+#include "model/learning/calibration_steps.h"
 #include "model/learning/predictions.h"
 #include "model/learning/tensors.h"
 
@@ -18,8 +19,8 @@ at::Tensor SpeedBins(const at::Tensor& speeds);
 // held-out trajectories most likely under the mixture over p(y|s). Bins with few examples are drawn
 // towards the mean of all bins.
 at::Tensor FitSpeedFactors(const Predictions& held_out);
-// Returns how many steps of progress FitSpeedFactors counts for this many examples.
-int64_t SpeedFactorSteps(int64_t examples);
+// Returns the steps that FitSpeedFactors takes for this many examples.
+PlannedSteps SpeedFactorSteps(int64_t examples);
 
 // Returns `factors`, multiplied by a number from 1/16 to 16 (ScaleToCover in covariance_fit.h) that
 // makes the covered share equal to `share`: one number for the bin of standing vehicles, whose

@@ -17,6 +17,7 @@
 #include "model/learning/export.h"
 #include "model/learning/learner.h"
 #include "model/learning/ranks/rank_group.h"
+#include "model/learning/run_examples.h"
 #include "model/learning/tensors.h"
 #include "model/learning/training_failure.h"
 #include "model/learning/training_progress.h"
@@ -88,11 +89,11 @@ class Training {
         ranks_(ranks),
         settings_(run.settings),
         data_memory_(run.data_memory),
-        progress_(
-            Plan(run, run.settings.examples().max_examples(),
-                 run.settings.examples().max_examples(), run.settings.examples().max_examples()),
-            ranks.rank() == 0 ? run.progress : nullptr,
-            [] { return std::chrono::system_clock::now(); }) {}
+        progress_(Plan(run, {run.settings.examples().max_examples(),
+                             run.settings.examples().max_examples(),
+                             run.settings.examples().max_examples()}),
+                  ranks.rank() == 0 ? run.progress : nullptr,
+                  [] { return std::chrono::system_clock::now(); }) {}
 
   // Decides on rank 0 what the run leaves open, for all ranks. Call it first.
   absl::Status Agree() {
@@ -122,9 +123,7 @@ class Training {
   }
 
   absl::StatusOr<v1::ModelManifest> Learn(const TrainingData& data) {
-    progress_.Replan(Plan(run_, data.TrainingExamples(),
-                          static_cast<int64_t>(data.training.examples.size()),
-                          static_cast<int64_t>(data.validation.examples.size())));
+    progress_.Replan(Plan(run_, CountExamples(settings_.model(), data)));
     Learner learner(settings_, data, device_, Threads(run_), ranks_, progress_);
     std::optional<AnchorLearner> anchors;  // of rank 0, if the run has baselines
     GivenNames given{.labels = data.label_names};
@@ -148,7 +147,7 @@ class Training {
       return absl::OkStatus();
     });
     if (status.ok()) {
-      status = learner.Learn(anchors ? anchors->Rehearsed() : std::vector<RehearsedPhase>());
+      status = learner.Learn(anchors ? anchors->Rehearsed() : LaterPhases());
     }
     absl::StatusOr<v1::ModelManifest> manifest = v1::ModelManifest();
     if (status.ok()) {
@@ -165,15 +164,11 @@ class Training {
 
  private:
   static std::vector<TrainingProgress::Phase> Plan(const TrainingRun& run,
-                                                   int64_t training_examples,
-                                                   int64_t examples_in_memory,
-                                                   int64_t held_out_examples) {
+                                                   const RunExamples& examples) {
     std::vector<TrainingProgress::Phase> plan =
-        Learner::Plan(run.settings, training_examples, examples_in_memory, held_out_examples,
-                      !run.start_from.empty());
+        Learner::Plan(run.settings, examples, !run.start_from.empty());
     if (run.baselines) {
-      AnchorLearner::AddPhases(run.settings, training_examples, examples_in_memory,
-                               held_out_examples, &plan);
+      AnchorLearner::AddPhases(run.settings, examples, &plan);
     }
     if (run.seconds_after > 0.0) {
       plan.push_back({"after", 1, 1, run.seconds_after / kSecondsPerCost, run.seconds_after});

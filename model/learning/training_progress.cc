@@ -26,20 +26,27 @@ TrainingProgress::TrainingProgress(std::vector<Phase> phases, Sink sink, Clock c
       begun_(clock_()),
       phase_begun_(begun_),
       last_emitted_(begun_),
-      step_begun_(begun_) {}
+      step_begun_(begun_),
+      last_step_(begun_) {}
+
+std::vector<TrainingProgress::Steps> TrainingProgress::KindsOf(const Phase& phase) {
+  std::vector<Steps> kinds = {{phase.steps, phase.cost}};
+  kinds.insert(kinds.end(), phase.others.begin(), phase.others.end());
+  return kinds;
+}
 
 void TrainingProgress::BeginPhase(const std::string& name) {
-  if (current_ >= 0) measured_[phases_[static_cast<size_t>(current_)].name] = MeasuredNow();
+  if (current_ >= 0) measured_[Present().name] = MeasuredNow();
   do {
     ++current_;
     // The plan and the run are of the same program.
     if (current_ >= static_cast<int>(phases_.size())) std::abort();
-  } while (phases_[static_cast<size_t>(current_)].name != name);
+  } while (Present().name != name);
   epoch_ = 0;
-  phase_step_ = 0;
-  phase_resumed_ = 0;
+  counted_.assign(1 + Present().others.size(), {});
+  last_kind_ = 0;
   phase_examples_ = 0;
-  phase_begun_ = step_begun_ = clock_();
+  phase_begun_ = step_begun_ = last_step_ = clock_();
   phase_stepping_ = {};
   phase_waited_ = {};
   ranks_waiting_.clear();
@@ -55,16 +62,25 @@ void TrainingProgress::BeginEpoch(int epoch) {
 
 void TrainingProgress::Resume(int64_t phase_steps) {
   step_ = phase_steps;
-  for (int i = 0; i < current_; ++i) step_ += phases_[static_cast<size_t>(i)].steps;
-  phase_step_ = phase_steps;
-  phase_resumed_ = phase_steps;
+  for (int i = 0; i < current_; ++i) {
+    for (const Steps& kind : KindsOf(phases_[static_cast<size_t>(i)])) step_ += kind.count;
+  }
+  counted_.front().steps = phase_steps;
   resumed_at_ = std::clamp(DoneCost() / TotalCost(), 0.0, 1.0);
 }
 
-void TrainingProgress::Step(int64_t examples, std::chrono::nanoseconds waited) {
+void TrainingProgress::Step(int64_t examples, std::chrono::nanoseconds waited, size_t kind) {
   const std::chrono::system_clock::time_point now = clock_();
   ++step_;
-  ++phase_step_;
+  ++counted_[kind].steps;
+  // Between steps of two kinds there may be work of another sort.
+  if (kind == last_kind_) {
+    Measured& measured = counted_[kind].measured;
+    measured.seconds += Seconds(now - last_step_);
+    ++measured.steps;
+  }
+  last_kind_ = kind;
+  last_step_ = now;
   phase_examples_ += examples;
   phase_stepping_ += now - std::exchange(step_begun_, now);
   phase_waited_ += waited;
@@ -82,24 +98,30 @@ void TrainingProgress::SetRanks(double slowest_step, std::vector<double> waiting
   ranks_waiting_ = std::move(waiting);
 }
 
-TrainingProgress::Measured TrainingProgress::MeasuredNow() const {
-  return {Seconds(clock_() - phase_begun_), phase_step_ - phase_resumed_};
+std::vector<TrainingProgress::Measured> TrainingProgress::MeasuredNow() const {
+  std::vector<Measured> measured;
+  for (const Counted& kind : counted_) measured.push_back(kind.measured);
+  measured[last_kind_].seconds += Seconds(clock_() - last_step_);
+  return measured;
 }
 
-TrainingProgress::Measured TrainingProgress::MeasuredOf(const std::string& phase) const {
-  const auto found = measured_.find(phase);
-  return found == measured_.end() ? Measured() : found->second;
+std::vector<TrainingProgress::Measured> TrainingProgress::MeasuredOf(size_t phase) const {
+  if (IsPresent(phase)) return MeasuredNow();
+  const auto found = measured_.find(phases_[phase].name);
+  return found == measured_.end() ? std::vector<Measured>() : found->second;
 }
 
 double TrainingProgress::SecondsPerCost() const {
   double seconds = 0.0;
   double cost = 0.0;
-  for (int i = 0; i <= current_; ++i) {
-    const Phase& phase = phases_[static_cast<size_t>(i)];
-    const Measured measured = i == current_ ? MeasuredNow() : MeasuredOf(phase.name);
-    if (measured.steps < kTellingSteps) continue;
-    seconds += measured.seconds;
-    cost += phase.cost * static_cast<double>(measured.steps);
+  for (size_t i = 0; i <= static_cast<size_t>(current_); ++i) {
+    const std::vector<Steps> kinds = KindsOf(phases_[i]);
+    const std::vector<Measured> measured = MeasuredOf(i);
+    for (size_t kind = 0; kind < measured.size(); ++kind) {
+      if (measured[kind].steps < kTellingSteps) continue;
+      seconds += measured[kind].seconds;
+      cost += kinds[kind].cost * static_cast<double>(measured[kind].steps);
+    }
   }
   if (cost > 0.0) return seconds / cost;
   // Nothing has been measured but the whole.
@@ -109,45 +131,52 @@ double TrainingProgress::SecondsPerCost() const {
 
 double TrainingProgress::SecondsLeft() const {
   const double per_cost = SecondsPerCost();
+  const std::vector<Measured> now = MeasuredNow();
   double left = 0.0;
   for (size_t i = static_cast<size_t>(current_); i < phases_.size(); ++i) {
-    const Phase& phase = phases_[i];
-    double step = phase.seconds.value_or(phase.cost * per_cost);
-    int64_t steps = phase.steps;
-    if (i == static_cast<size_t>(current_)) {
-      steps = std::max<int64_t>(0, steps - phase_step_);
-      const Measured now = MeasuredNow();
-      if (now.steps >= kTellingSteps) step = now.seconds / static_cast<double>(now.steps);
+    const std::vector<Steps> kinds = KindsOf(phases_[i]);
+    for (size_t kind = 0; kind < kinds.size(); ++kind) {
+      double step = phases_[i].seconds.value_or(kinds[kind].cost * per_cost);
+      int64_t steps = kinds[kind].count;
+      if (IsPresent(i)) {
+        steps = std::max<int64_t>(0, steps - counted_[kind].steps);
+        const auto& [seconds, measured] = now[kind];
+        if (measured >= kTellingSteps) step = seconds / static_cast<double>(measured);
+      }
+      left += static_cast<double>(steps) * step;
     }
-    left += static_cast<double>(steps) * step;
   }
   return left;
 }
 
 double TrainingProgress::DoneCost() const {
   double cost = 0.0;
-  for (int i = 0; i < current_; ++i) {
-    cost += phases_[static_cast<size_t>(i)].cost *
-            static_cast<double>(phases_[static_cast<size_t>(i)].steps);
-  }
-  if (current_ >= 0) {
-    const Phase& phase = phases_[static_cast<size_t>(current_)];
-    cost += phase.cost * static_cast<double>(std::min(phase_step_, phase.steps));
+  for (size_t i = 0; static_cast<int>(i) <= current_; ++i) {
+    const std::vector<Steps> kinds = KindsOf(phases_[i]);
+    for (size_t kind = 0; kind < kinds.size(); ++kind) {
+      const int64_t steps =
+          IsPresent(i) ? std::min(counted_[kind].steps, kinds[kind].count) : kinds[kind].count;
+      cost += kinds[kind].cost * static_cast<double>(steps);
+    }
   }
   return cost;
 }
 
 double TrainingProgress::TotalCost() const {
   double cost = 0.0;
-  for (const Phase& phase : phases_) cost += phase.cost * static_cast<double>(phase.steps);
+  for (const Phase& phase : phases_) {
+    for (const Steps& kind : KindsOf(phase)) cost += kind.cost * static_cast<double>(kind.count);
+  }
   return std::max(cost, 1e-9);
 }
 
 v1::JobProgress TrainingProgress::Snapshot() const {
   v1::JobProgress progress;
-  const Phase& phase = phases_[static_cast<size_t>(current_)];
+  const Phase& phase = Present();
   int64_t steps = 0;
-  for (const Phase& each : phases_) steps += each.steps;
+  for (const Phase& each : phases_) {
+    for (const Steps& kind : KindsOf(each)) steps += kind.count;
+  }
   const double fraction = std::clamp(DoneCost() / TotalCost(), 0.0, 1.0);
   progress.set_phase(phase.name);
   progress.set_epoch(epoch_);

@@ -22,18 +22,25 @@ class TrainingProgress {
   using Clock = std::function<std::chrono::system_clock::time_point()>;
   using Sink = std::function<void(const v1::JobProgress&)>;
 
-  // A phase of the plan. `cost` is the approximate time of a step, in any unit, the same for all
+  // Steps of one kind. `cost` is the approximate time of a step, in any unit, the same for all
   // phases. It makes `fraction` grow evenly. It also gives the time of phases that have not begun,
   // scaled by the time of the steps so far. The time left of a phase in progress is estimated from
-  // its own steps.
+  // its own steps, by kind.
+  struct Steps {
+    int64_t count = 0;  // in all epochs
+    double cost = 1.0;
+  };
+  // A phase of the plan.
   struct Phase {
     std::string name;
     int epochs = 1;
     int64_t steps = 0;  // in all epochs
-    double cost = 1.0;
+    double cost = 1.0;  // of a step
     // The time of a step if it is known. It replaces the estimate for a phase that has not begun;
     // `cost` should then be about the same.
     std::optional<double> seconds = std::nullopt;
+    // Steps of other kinds, which take another time. They may come between the first ones.
+    std::vector<Steps> others = {};
   };
 
   TrainingProgress(std::vector<Phase> phases, Sink sink, Clock clock);
@@ -48,7 +55,8 @@ class TrainingProgress {
   // Says that an earlier process did all earlier phases and `phase_steps` steps of this one.
   void Resume(int64_t phase_steps);
   // Counts one step over `examples` examples. The step waited for its batch for `waited`.
-  void Step(int64_t examples, std::chrono::nanoseconds waited = {});
+  //   kind: 0, or 1 + its index in the `others` of the phase
+  void Step(int64_t examples, std::chrono::nanoseconds waited = {}, size_t kind = 0);
   void EndEpoch(const v1::EpochReport& report);
   // Sets what the ranks have measured in the present phase. Call it before Step.
   //   slowest_step: the slowest rank's own work for a step, seconds, mean of the phase
@@ -56,13 +64,22 @@ class TrainingProgress {
   void SetRanks(double slowest_step, std::vector<double> waiting);
 
  private:
-  // Time of the steps of a phase, including everything between them, such as validation.
+  // Time of the steps of one kind, including everything between two of them, such as validation.
   struct Measured {
     double seconds = 0.0;
     int64_t steps = 0;
   };
-  Measured MeasuredNow() const;
-  Measured MeasuredOf(const std::string& phase) const;  // a phase that is over
+  // What is known of one kind of steps in the present phase.
+  struct Counted {
+    Measured measured;
+    int64_t steps = 0;  // done, also by an earlier process
+  };
+  static std::vector<Steps> KindsOf(const Phase& phase);  // the first kind first
+  bool IsPresent(size_t phase) const { return static_cast<int>(phase) == current_; }
+  const Phase& Present() const { return phases_[static_cast<size_t>(current_)]; }
+  // Return what was measured of each kind.
+  std::vector<Measured> MeasuredNow() const;
+  std::vector<Measured> MeasuredOf(size_t phase) const;  // of the present phase or one before
   // Returns the seconds per unit of cost of all steps that were measured.
   double SecondsPerCost() const;
   double SecondsLeft() const;
@@ -72,7 +89,7 @@ class TrainingProgress {
   void Emit(v1::JobProgress progress);
 
   std::vector<Phase> phases_;
-  std::map<std::string, Measured> measured_;  // by name, of phases that are over
+  std::map<std::string, std::vector<Measured>> measured_;  // by name, of phases that are over
   Sink sink_;
   Clock clock_;
   std::chrono::system_clock::time_point begun_;
@@ -84,8 +101,10 @@ class TrainingProgress {
   std::chrono::nanoseconds phase_waited_{0};
   int current_ = -1;
   int epoch_ = 0;
-  int64_t phase_step_ = 0;
-  int64_t phase_resumed_ = 0;  // of phase_step_: done by another run
+  std::vector<Counted> counted_;  // by kind
+  // The kind of the latest step, and when it ended; at first, that the phase began.
+  size_t last_kind_ = 0;
+  std::chrono::system_clock::time_point last_step_;
   int64_t phase_examples_ = 0;
   double slowest_step_ = 0.0;          // seconds
   std::vector<double> ranks_waiting_;  // shares

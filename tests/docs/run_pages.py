@@ -49,6 +49,13 @@ def server(options, folder):
     return process, re.search(r'"grpc": *"([^"]*)"', ports.read_text())[1]
 
 
+def open_secrets(folder):
+    """What is wrong with files of tokens and keys that others may read, if there are any."""
+    names = [path.name for path in sorted(folder.rglob("*")) if path.suffix in (".token", ".key") or path.name == "tokens"
+             if path.stat().st_mode & 0o077]
+    return f"others may read {', '.join(names)}" if names else None
+
+
 def run(options, page):
     """Runs a page's blocks. Returns how many there were, and what went wrong, if anything did."""
     text = page.read_text()
@@ -79,7 +86,9 @@ def run(options, page):
         finally:
             process.terminate()
             process.wait()
-        return len(blocks), done.stdout.decode()[-3000:] if done.returncode else None
+        if done.returncode:
+            return len(blocks), done.stdout.decode()[-3000:]
+        return len(blocks), open_secrets(work)
 
 
 def main():

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "model/learning/calibration.h"
+#include "model/learning/calibration_steps.h"
 #include "model/learning/checkpoint_contents.h"
 #include "model/learning/covariance_fit.h"
 #include "model/learning/epoch_size.h"
@@ -14,6 +15,7 @@
 #include "model/learning/phases/calibrate.h"
 #include "model/learning/phases/scene_batches.h"
 #include "model/learning/predictions.h"
+#include "model/learning/run_examples.h"
 #include "model/learning/scene_loader.h"
 #include "model/learning/validation.h"
 
@@ -23,21 +25,23 @@ namespace {
 constexpr char kPhases[][10] = {"covernet", "multipath"};
 constexpr char kCalibrations[][20] = {"calibrate covernet", "calibrate multipath"};
 
-// Returns how many steps of progress the calibration of a baseline counts.
-int64_t AnchorCalibrationSteps(const v1::TrainingSettings& settings, bool regresses,
-                               int64_t training_examples, int64_t held_out_examples) {
-  const CalibrationExamples most;
-  const int64_t training = std::min(training_examples, most.training);
-  const int64_t held_out = std::min(held_out_examples, most.held_out);
-  const auto batches = [](int64_t examples) {
-    return (examples + kEncodedBatch - 1) / kEncodedBatch;
-  };
-  const bool has_held_out = held_out >= kFewestHeldOut;
+// Returns the steps of the calibration of a baseline.
+CalibrationPlan PlanAnchorCalibration(const v1::TrainingSettings& settings, bool regresses,
+                                      const CalibrationExamples& examples) {
+  const auto batches = [](int64_t count) { return (count + kEncodedBatch - 1) / kEncodedBatch; };
+  const bool has_held_out = examples.held_out >= kFewestHeldOut;
   const bool twice = has_held_out && settings.optimization().calibrate_probabilities();
-  int64_t steps = (twice ? 2 : 1) * batches(held_out);
-  if (has_held_out) steps += CovarianceScaleSteps(held_out);
-  if (!regresses) steps += batches(training) + DecoderCovarianceSteps(training);
-  return steps;
+  CalibrationPlan plan;
+  PlannedSteps& encode = plan[static_cast<size_t>(CalibrationStep::kEncode)];
+  encode = {(twice ? 2 : 1) * batches(examples.held_out), kEncodedBatch};
+  if (has_held_out) {
+    plan[static_cast<size_t>(CalibrationStep::kScale)] = CovarianceScaleSteps(examples.held_out);
+  }
+  if (!regresses) {
+    encode.count += batches(examples.training);
+    plan[static_cast<size_t>(CalibrationStep::kFit)] = DecoderCovarianceSteps(examples.training);
+  }
+  return plan;
 }
 
 // Covariances of nothing, which take no memory.
@@ -48,9 +52,9 @@ at::Tensor NoCovariance(const at::Tensor& like) {
 absl::Status Stopped() { return absl::CancelledError("training was stopped"); }
 
 // At most `most` examples of a set, not varied; the covariances are the baseline's own.
-//   step: called with the number of examples of each batch; fits to the predictions go on with it
+//   count: called for each batch; the predictions keep it
 Predictions PredictAll(AnchorNetworks& networks, const SceneSource& source, int64_t most,
-                       const LearningState& model, const std::function<void(int64_t)>& step) {
+                       const LearningState& model, const CountCalibrationStep& count) {
   at::NoGradGuard no_grad;
   std::vector<at::Tensor> trajectories, log_p, nearest, means, covariances;
   SceneLoader loader(networks.spec(), source, DrawItems(source.set(), most), kEncodedBatch,
@@ -64,13 +68,13 @@ Predictions PredictAll(AnchorNetworks& networks, const SceneSource& source, int6
     nearest.push_back(NearestAnchor(networks.anchors(), x));
     means.push_back(predictions.mean);
     covariances.push_back(predictions.covariance);
-    step(x.size(0));
+    count(CalibrationStep::kEncode, x.size(0));
   }
   if (trajectories.empty()) return {};
   const at::Tensor log_q = at::one_hot(at::cat(nearest), networks.anchors().size(0)).log();
   Predictions all = {at::cat(trajectories), at::cat(log_p), log_q, at::cat(means),
                      at::cat(covariances)};
-  all.step = step;
+  all.count = count;
   return all;
 }
 
@@ -136,45 +140,59 @@ AnchorLearner::Baseline AnchorLearner::MakeBaseline(bool regresses) const {
   return {kPhases[regresses ? 1 : 0], generator, std::move(networks)};
 }
 
-void AnchorLearner::AddPhases(const v1::TrainingSettings& settings, int64_t training_examples,
-                              int64_t examples_in_memory, int64_t held_out_examples,
+void AnchorLearner::AddPhases(const v1::TrainingSettings& settings, const RunExamples& examples,
                               std::vector<TrainingProgress::Phase>* plan) {
   const v1::OptimizationSettings& optimization = settings.optimization();
   const int64_t steps =
       optimization.joint_epochs() *
-      StepsOfEpoch(EpochExamples(settings, training_examples), optimization.batch_size());
-  // Their steps take as long as those of the model's calibration.
-  const double calibration =
+      StepsOfEpoch(EpochExamples(settings, examples.training), optimization.batch_size());
+  // Encoding takes as long as for the model.
+  const double encode =
       std::ranges::find(*plan, kCalibratePhase, &TrainingProgress::Phase::name)->cost;
   const auto place = std::ranges::find(*plan, "export", &TrainingProgress::Phase::name);
-  const auto calibration_steps = [&](bool regresses) {
-    return AnchorCalibrationSteps(settings, regresses, examples_in_memory, held_out_examples);
+  const auto calibration = [&](bool regresses) {
+    return CalibrationPhase(kCalibrations[regresses ? 1 : 0],
+                            PlanAnchorCalibration(settings, regresses, examples.Calibrated()),
+                            encode);
   };
   plan->insert(place, {{kPhases[0], optimization.joint_epochs(), steps, 14.0},
-                       {kCalibrations[0], 1, calibration_steps(false), calibration},
+                       calibration(false),
                        {kPhases[1], optimization.joint_epochs(), steps, 24.0},
-                       {kCalibrations[1], 1, calibration_steps(true), calibration}});
+                       calibration(true)});
 }
 
 absl::StatusOr<artifact::StoredBaselines> AnchorLearner::Learn() {
   for (Baseline& each : baselines_) {
     if (loop_.IsOver(each.phase)) continue;
     absl::Status status = Train(each, loop_);
-    if (status.ok()) status = Calibrate(each);
+    if (!status.ok()) return status;
+    loop_.progress().BeginPhase(kCalibrations[each.networks.regresses() ? 1 : 0]);
+    status = Calibrate(CountExamples(model_.settings.model(), model_.data).Calibrated(), each,
+                       StepsOf(loop_.progress()));
     if (!status.ok()) return status;
   }
   return artifact::StoredBaselines{baselines_[0].networks.spec(), baselines_[0].networks.Export(),
                                    baselines_[1].networks.Export()};
 }
 
-std::vector<RehearsedPhase> AnchorLearner::Rehearsed() const {
-  std::vector<RehearsedPhase> phases;
+LaterPhases AnchorLearner::Rehearsed() const {
+  LaterPhases phases;
+  const CalibrationExamples calibrated =
+      CountExamples(model_.settings.model(), model_.data).Calibrated();
   for (const bool regresses : {false, true}) {
-    phases.push_back({kPhases[regresses ? 1 : 0], model_.settings.optimization().batch_size(),
-                      [this, regresses](LearningState&, EpochLoop& loop) {
-                        Baseline baseline = MakeBaseline(regresses);
-                        return Train(baseline, loop);
-                      }});
+    phases.learned.push_back({kPhases[regresses ? 1 : 0],
+                              model_.settings.optimization().batch_size(),
+                              [this, regresses](LearningState&, EpochLoop& loop) {
+                                Baseline baseline = MakeBaseline(regresses);
+                                return Train(baseline, loop);
+                              }});
+    phases.calibrated.push_back(
+        {kCalibrations[regresses ? 1 : 0], calibrated,
+         PlanAnchorCalibration(model_.settings, regresses, calibrated),
+         [this, regresses](const CalibrationExamples& most, const CountCalibrationStep& count) {
+           Baseline baseline = MakeBaseline(regresses);
+           return Calibrate(most, baseline, count);
+         }});
   }
   return phases;
 }
@@ -196,14 +214,11 @@ absl::Status AnchorLearner::Train(Baseline& baseline, EpochLoop& loop) const {
                   {baseline.generator, optimizer, store}, steps);
 }
 
-absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
+absl::Status AnchorLearner::Calibrate(const CalibrationExamples& most, Baseline& baseline,
+                                      const CountCalibrationStep& count) const {
   const v1::OptimizationSettings& optimization = model_.settings.optimization();
   AnchorNetworks& networks = baseline.networks;
-  TrainingProgress& progress = loop_.progress();
-  progress.BeginPhase(kCalibrations[networks.regresses() ? 1 : 0]);
-  const auto step = [&progress](int64_t examples) { progress.Step(examples); };
-  const CalibrationExamples most = CalibrationSample(networks.spec(), model_.data);
-  Predictions held_out = PredictAll(networks, model_.validation, most.held_out, model_, step);
+  Predictions held_out = PredictAll(networks, model_.validation, most.held_out, model_, count);
   if (model_.stopped()) return Stopped();
   const bool has_held_out =
       held_out.trajectories.defined() && held_out.trajectories.size(0) >= kFewestHeldOut;
@@ -212,7 +227,7 @@ absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
         FitTemperature(held_out.log_probabilities, held_out.log_responsibilities));
     // Once more, with the temperature in it.
     held_out = {};
-    held_out = PredictAll(networks, model_.validation, most.held_out, model_, step);
+    held_out = PredictAll(networks, model_.validation, most.held_out, model_, count);
     if (model_.stopped()) return Stopped();
   }
   if (networks.regresses()) {
@@ -222,7 +237,7 @@ absl::Status AnchorLearner::Calibrate(Baseline& baseline) {
     networks.SetScale(FitCovarianceScale(held_out, own, /*fit_latent=*/false).factor);
     return absl::OkStatus();
   }
-  Predictions training = PredictAll(networks, model_.training, most.training, model_, step);
+  Predictions training = PredictAll(networks, model_.training, most.training, model_, count);
   if (model_.stopped()) return Stopped();
   training.covariance = NoCovariance(training.covariance);
   at::Tensor covariance = FitDecoderCovariance(training, baseline.generator);

@@ -11,9 +11,11 @@
 #include "absl/status/statusor.h"
 #include "model/artifact/anchor_baselines.h"
 #include "model/learning/anchors/anchor_networks.h"
+#include "model/learning/calibration.h"
 #include "model/learning/phases/epoch_loop.h"
 #include "model/learning/phases/learning_state.h"
 #include "model/learning/phases/rehearsal.h"
+#include "model/learning/run_examples.h"
 #include "model/learning/tensors.h"
 #include "model/learning/training_progress.h"
 
@@ -29,15 +31,13 @@ class AnchorLearner {
   // Both arguments must outlive the learner.
   AnchorLearner(LearningState& model, EpochLoop& loop);
 
-  // Puts the phases of the baselines before "export" in the plan of a run. The arguments are those
-  // of Learner::Plan.
-  static void AddPhases(const v1::TrainingSettings& settings, int64_t training_examples,
-                        int64_t examples_in_memory, int64_t held_out_examples,
+  // Puts the phases of the baselines before "export" in the plan of a run.
+  static void AddPhases(const v1::TrainingSettings& settings, const RunExamples& examples,
                         std::vector<TrainingProgress::Phase>* plan);
 
   // Returns the phases of the baselines, for a rehearsal before them. They learn on fresh weights.
   // The learner must outlive them.
-  std::vector<RehearsedPhase> Rehearsed() const;
+  LaterPhases Rehearsed() const;
 
   // Trains and calibrates both baselines. The model must be learned and calibrated: checkpoints
   // also hold it, so a run that is resumed in the baselines does not learn it again. CANCELLED if
@@ -54,7 +54,9 @@ class AnchorLearner {
   Baseline MakeBaseline(bool regresses) const;
   absl::Status Train(Baseline& baseline, EpochLoop& loop) const;
   // Calibrates the temperature, and the covariance or its scale, as for the model (calibration.h).
-  absl::Status Calibrate(Baseline& baseline);
+  //   count: called after each step
+  absl::Status Calibrate(const CalibrationExamples& most, Baseline& baseline,
+                         const CountCalibrationStep& count) const;
 
   LearningState& model_;
   EpochLoop& loop_;

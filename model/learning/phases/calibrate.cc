@@ -1,17 +1,21 @@
 #include "model/learning/phases/calibrate.h"
 
-#include "model/learning/calibration.h"
+#include "model/learning/run_examples.h"
 
 namespace maneuver::learning {
 
 absl::Status Calibrate(LearningState& state, EpochLoop& loop) {
   loop.progress().BeginPhase(kCalibratePhase);
   loop.progress().BeginEpoch(1);
-  return CalibrateModel(state.networks, state.training, state.validation,
-                        CalibrationSample(state.settings.model(), state.data),
+  return CalibrateBy(CountExamples(state.settings.model(), state.data).Calibrated(), state,
+                     StepsOf(loop.progress()));
+}
+
+absl::Status CalibrateBy(const CalibrationExamples& most, LearningState& state,
+                         const CountCalibrationStep& count) {
+  return CalibrateModel(state.networks, state.training, state.validation, most,
                         state.settings.optimization(), state.threads, state.generator,
-                        state.stopped,
-                        [&loop](int64_t examples) { loop.progress().Step(examples); });
+                        state.stopped, count);
 }
 
 }  // namespace maneuver::learning

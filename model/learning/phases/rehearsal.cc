@@ -1,6 +1,7 @@
 #include "model/learning/phases/rehearsal.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <string>
 #include <vector>
@@ -18,6 +19,9 @@ constexpr int64_t kFewestPlanned = 100;  // steps: a shorter phase is soon over
 constexpr int64_t kOneIn = 40;           // steps, of which one is rehearsed
 constexpr int64_t kFewestSteps = 4;
 constexpr int64_t kMostSteps = 40;
+constexpr int64_t kOneCalibratedIn = 10;  // examples, of which one is in a rehearsal
+constexpr int64_t kFewestCalibrated =
+    400;  // held-out examples: a calibration by fewer is soon over
 
 // Keeps networks and random numbers, and puts them back when it goes.
 class StateGuard {
@@ -73,18 +77,64 @@ std::optional<double> RehearseStep(const TrainingProgress::Phase& planned,
   return step / phase.ranks + validation * planned.epochs / static_cast<double>(planned.steps);
 }
 
-std::vector<TrainingProgress::Phase> WithMeasuredSteps(
-    std::vector<TrainingProgress::Phase> plan, const std::map<std::string, double>& measured) {
+std::optional<std::vector<double>> RehearseCalibration(const RehearsedCalibration& calibration,
+                                                       LearningState& state,
+                                                       const TrainingProgress::Clock& clock) {
+  if (calibration.examples.held_out < kFewestCalibrated) return std::nullopt;
+  struct Measured {
+    double seconds = 0.0;
+    int64_t examples = 0;
+  };
+  std::array<Measured, kCalibrationStepKinds> measured;
+  std::optional<CalibrationStep> last;
+  std::chrono::system_clock::time_point last_end;
+  const auto count = [&](CalibrationStep kind, int64_t examples) {
+    const std::chrono::system_clock::time_point now = clock();
+    if (last == kind) {  // else other work came before it
+      Measured& each = measured[static_cast<size_t>(kind)];
+      each.seconds += std::chrono::duration<double>(now - last_end).count();
+      each.examples += examples;
+    }
+    last = kind;
+    last_end = now;
+  };
+  const auto few = [](int64_t examples) {
+    return std::max(artifact::kFewestHeldOut, examples / kOneCalibratedIn);
+  };
+  const StateGuard guard(state);
+  const absl::Status status = calibration.calibrate(
+      {few(calibration.examples.training), few(calibration.examples.held_out)}, count);
+  if (!status.ok() || state.stopped()) return std::nullopt;
+  std::vector<double> seconds;
+  for (size_t kind = 0; kind < kCalibrationStepKinds; ++kind) {
+    const PlannedSteps& planned = calibration.steps[kind];
+    const auto& [took, examples] = measured[kind];
+    if (planned.count > 0 && examples == 0) return std::nullopt;
+    seconds.push_back(planned.count == 0 ? 0.0
+                                         : took / static_cast<double>(examples) *
+                                               static_cast<double>(planned.examples));
+  }
+  return seconds;
+}
+
+std::vector<TrainingProgress::Phase> WithMeasuredSteps(std::vector<TrainingProgress::Phase> plan,
+                                                       const MeasuredSteps& measured) {
   const auto joint = std::ranges::find(plan, kJointPhase, &TrainingProgress::Phase::name);
   if (joint == plan.end() || !measured.contains(kJointPhase)) return plan;
-  double scale = measured.at(kJointPhase) / joint->cost;
-  const double joint_scale = scale;
+  const double joint_scale = measured.at(kJointPhase).front() / joint->cost;
+  double scale = joint_scale;
   for (TrainingProgress::Phase& phase : plan) {
     if (phase.name == kJointPhase) scale = joint_scale;
     const auto found = measured.find(phase.name);
-    if (found != measured.end() && phase.name == kPretrainPhase) scale = found->second / phase.cost;
-    phase.cost =
-        found != measured.end() ? found->second : phase.seconds.value_or(phase.cost * scale);
+    if (found != measured.end() && phase.name == kPretrainPhase) {
+      scale = found->second.front() / phase.cost;
+    }
+    phase.cost = found != measured.end() ? found->second.front()
+                                         : phase.seconds.value_or(phase.cost * scale);
+    for (size_t i = 0; i < phase.others.size(); ++i) {
+      double& cost = phase.others[i].cost;
+      cost = found != measured.end() ? found->second[i + 1] : cost * scale;
+    }
   }
   return plan;
 }

@@ -11,6 +11,8 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "model/artifact/calibration_examples.h"
+#include "model/learning/calibration_steps.h"
 #include "model/learning/phases/epoch_loop.h"
 #include "model/learning/phases/learning_state.h"
 #include "model/learning/training_progress.h"
@@ -38,13 +40,39 @@ std::optional<double> RehearseStep(const TrainingProgress::Phase& planned,
                                    const RehearsedPhase& phase, LearningState& state,
                                    const TrainingProgress::Clock& clock);
 
-// Returns the plan with costs in seconds a step. A phase in `measured` gets its measured cost, and
-// one whose `seconds` are known gets those. Other phases get their planned cost times a factor:
+// A calibration that can be rehearsed.
+struct RehearsedCalibration {
+  std::string name;                        // in the plan
+  artifact::CalibrationExamples examples;  // of the whole calibration
+  CalibrationPlan steps;                   // that it takes
+  // Calibrates by at most so many examples. Changes nothing but the state.
+  std::function<absl::Status(const artifact::CalibrationExamples& most,
+                             const CountCalibrationStep& count)>
+      calibrate;
+};
+
+// Calibrates by a tenth of the examples, on the networks as they are, and returns the seconds of
+// each kind of step. Leaves `state` as it was. Returns nothing if there are too few held-out
+// examples for that, if it fails, or if the run is asked to stop.
+std::optional<std::vector<double>> RehearseCalibration(const RehearsedCalibration& calibration,
+                                                       LearningState& state,
+                                                       const TrainingProgress::Clock& clock);
+
+// Phases and calibrations that follow those of a learner.
+struct LaterPhases {
+  std::vector<RehearsedPhase> learned = {};
+  std::vector<RehearsedCalibration> calibrated = {};
+};
+
+// Seconds of a step, by the phase's name, of each kind.
+using MeasuredSteps = std::map<std::string, std::vector<double>>;
+
+// Returns the plan with costs in seconds a step. A phase in `measured` gets its measured costs, and
+// one whose `seconds` are known gets those. Other phases get their planned costs times a factor:
 // measured / planned cost of pretraining for phases before the joint phase, and of the joint phase
 // for the rest. Returns the plan unchanged if the joint phase was not measured.
-//   measured: seconds of a step, by the phase's name
-std::vector<TrainingProgress::Phase> WithMeasuredSteps(
-    std::vector<TrainingProgress::Phase> plan, const std::map<std::string, double>& measured);
+std::vector<TrainingProgress::Phase> WithMeasuredSteps(std::vector<TrainingProgress::Phase> plan,
+                                                       const MeasuredSteps& measured);
 
 }  // namespace maneuver::learning
 

@@ -134,14 +134,14 @@ TEST(CalibrationTest, GradientsOfBatchesHaveTheBitsOfAllExamplesAtOnce) {
 
 TEST(CalibrationTest, FewerExamplesWhereTheirPredictionsWouldExceedTheMemory) {
   const v1::ModelSpec spec = artifact::ResolveTrainingSettings(v1::TrainingSettings()).model();
-  const CalibrationExamples all = CalibrationExamplesIn(spec, int64_t{2} << 30);
+  const CalibrationExamples all = artifact::CalibrationExamplesIn(spec, int64_t{2} << 30);
   EXPECT_EQ(all.training, 4096);
   EXPECT_EQ(all.held_out, 3072);
   const int64_t memory = 64'000'000;
-  const CalibrationExamples few = CalibrationExamplesIn(spec, memory);
+  const CalibrationExamples few = artifact::CalibrationExamplesIn(spec, memory);
   EXPECT_NEAR(static_cast<double>((few.training + few.held_out) * artifact::PredictionBytes(spec)),
               memory / 4.0, artifact::PredictionBytes(spec));
-  EXPECT_EQ(CalibrationExamplesIn(spec, 0).held_out, kFewestHeldOut);
+  EXPECT_EQ(artifact::CalibrationExamplesIn(spec, 0).held_out, kFewestHeldOut);
 }
 
 TEST(CalibrationTest, TemperatureUndoesOverconfidence) {

@@ -125,7 +125,7 @@ TEST_P(EngineParityTest, TheEngineAgreesWithLibTorch) {
   const TrainingData data =
       *SplitRecordings(AmongPedestrians(ArcRecordings(72, std::max(8.0, horizon + 2.0))), settings);
   const auto examples = static_cast<int64_t>(data.training.examples.size());
-  TrainingProgress progress(Learner::Plan(settings, examples, examples, 0), {},
+  TrainingProgress progress(Learner::Plan(settings, {examples, examples, 0}), {},
                             [] { return std::chrono::system_clock::time_point(); });
   RankGroup alone([] { return false; });
   Learner learner(settings, data, at::Device(at::kCPU), 1, alone, progress);

@@ -342,6 +342,33 @@ TEST_F(TrainingProgressTest, ThePhasesOwnStepsPredictItsTimeLeft) {
   EXPECT_EQ(seen_.back().time_left().seconds(), 72);
 }
 
+TEST_F(TrainingProgressTest, StepsOfEachKindPredictTheirOwnTime) {
+  TrainingProgress::Phase calibrate{"calibrate", 1, 10, 1.0};
+  calibrate.others = {{20, 3.0}};
+  TrainingProgress progress(
+      {calibrate, {"export", 1, 2, 5.0}},
+      [this](const v1::JobProgress& each) { seen_.push_back(each); }, [this] { return now_; });
+  progress.BeginPhase("calibrate");
+  for (int i = 0; i < 10; ++i) {
+    now_ += std::chrono::seconds(2);
+    progress.Step(64);
+  }
+  EXPECT_EQ(seen_.back().step(), 10);
+  EXPECT_EQ(seen_.back().steps(), 32);
+  EXPECT_NEAR(seen_.back().fraction(), 10.0 / 80.0, 1e-9);
+  // Twice what the plan says.
+  EXPECT_EQ(seen_.back().time_left().seconds(), 20 * 6 + 2 * 10);
+  now_ += std::chrono::seconds(500);  // other work before the first step of the next kind
+  progress.Step(0, {}, 1);
+  EXPECT_EQ(seen_.back().time_left().seconds(), 19 * 6 + 2 * 10);
+  for (int i = 0; i < 5; ++i) {
+    now_ += std::chrono::seconds(12);
+    progress.Step(0, {}, 1);
+  }
+  // 15 steps took 80 s and cost 25 units.
+  EXPECT_EQ(seen_.back().time_left().seconds(), 14 * 12 + 2 * 5 * 80 / 25);
+}
+
 TEST_F(TrainingProgressTest, DoesNotTimeStepsOfAnotherRun) {
   progress_.BeginPhase("joint");
   progress_.Resume(4);

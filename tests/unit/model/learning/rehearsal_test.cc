@@ -6,17 +6,20 @@
 
 #include <algorithm>
 #include <chrono>
-#include <map>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "model/artifact/training_presets.h"
 #include "model/learning/anchors/anchor_learner.h"
+#include "model/learning/calibration.h"
 #include "model/learning/checkpoint_contents.h"
 #include "model/learning/learner.h"
 #include "model/learning/measuring_time.h"
+#include "model/learning/phases/calibrate.h"
 #include "model/learning/phases/joint.h"
+#include "model/learning/run_examples.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 
 namespace maneuver::learning::rehearsal_test {
@@ -103,6 +106,101 @@ TEST_F(RehearsalTest, LeavesTheRunAsItWas) {
   }
 }
 
+// Calibrates as the model does, in a time of its own for each example of a step, and with other
+// work before a step of another kind.
+class SlowCalibration {
+ public:
+  static constexpr double kSeconds[] = {0.25, 0.5, 0.125, 2.0};
+
+  explicit SlowCalibration(LearningState& state) : state_(state) {}
+
+  absl::Status operator()(const CalibrationExamples& most,
+                          const CountCalibrationStep& count) const {
+    std::optional<CalibrationStep> last;
+    return CalibrateBy(most, state_, [&](CalibrationStep kind, int64_t examples) {
+      if (last != kind) Pass(1000.0);
+      Pass(kSeconds[static_cast<size_t>(kind)] * static_cast<double>(examples));
+      last = kind;
+      count(kind, examples);
+    });
+  }
+
+ private:
+  LearningState& state_;
+};
+
+TEST_F(RehearsalTest, CalibratesByAFewExamplesAndLeavesTheRunAsItWas) {
+  const Networks::Snapshot before = state_.networks.Save();
+  const std::string random = RandomState(state_.generator);
+  const CalibrationPlan steps = {{{100, 64}, {200, 32}, {80, 512}, {80, 1500}}};
+  const auto seconds = RehearseCalibration(
+      {"calibrate", {4096, 1500}, steps, SlowCalibration(state_)}, state_, [] { return now; });
+  ASSERT_TRUE(seconds);
+  ASSERT_EQ(seconds->size(), kCalibrationStepKinds);
+  for (size_t kind = 0; kind < kCalibrationStepKinds; ++kind) {
+    EXPECT_NEAR(seconds->at(kind),
+                SlowCalibration::kSeconds[kind] * static_cast<double>(steps[kind].examples), 1e-3)
+        << kind;
+  }
+  EXPECT_EQ(RandomState(state_.generator), random);
+  for (const auto& [name, tensor] : before) {
+    EXPECT_TRUE(at::equal(state_.networks[name], tensor)) << name;
+    EXPECT_FALSE(state_.networks[name].grad().defined()) << name;
+  }
+}
+
+TEST_F(RehearsalTest, MeasuresNoCalibrationByFewExamplesOrIfTheRunStops) {
+  const auto measures = [this](int64_t held_out) {
+    return RehearseCalibration({"calibrate",
+                                {4096, held_out},
+                                {{{100, 64}, {0, 32}, {0, 0}, {0, 0}}},
+                                SlowCalibration(state_)},
+                               state_, [] { return now; })
+        .has_value();
+  };
+  EXPECT_FALSE(measures(399));
+  EXPECT_TRUE(measures(400));
+  stopped_ = true;
+  EXPECT_FALSE(measures(400));
+}
+
+// Each calibration takes the steps that its plan says, which the time left relies on.
+class PlannedCalibrationTest : public testing::TestWithParam<v1::DecoderCovariance> {};
+
+TEST_P(PlannedCalibrationTest, TakesThePlannedSteps) {
+  v1::TrainingSettings settings =
+      GetParam() == v1::DECODER_COVARIANCE_SCENE ? TinyLanesSettings() : TinySettings();
+  settings.mutable_optimization()->set_decoder_covariance(GetParam());
+  settings.mutable_examples()->set_validation_share(0.4);
+  if (GetParam() == v1::DECODER_COVARIANCE_PREDICTED) {
+    settings.mutable_model()->mutable_decoder_covariance()->add_hidden(8);
+  }
+  const TrainingData data = *SplitRecordings(ArcRecordings(72), settings);
+  const CalibrationExamples examples = CountExamples(settings.model(), data).Calibrated();
+  ASSERT_GE(examples.held_out, artifact::kFewestHeldOut);
+  LearningState state(settings, data, at::Device(at::kCPU), 1, [] { return false; });
+  CalibrationPlan taken;
+  ASSERT_TRUE(CalibrateBy(examples, state, [&](CalibrationStep kind, int64_t of_step) {
+                PlannedSteps& steps = taken[static_cast<size_t>(kind)];
+                ++steps.count;
+                steps.examples = std::max(steps.examples, of_step);
+              }).ok());
+  const CalibrationPlan plan = PlanCalibration(settings, examples);
+  for (size_t kind = 0; kind < kCalibrationStepKinds; ++kind) {
+    EXPECT_EQ(taken[kind].count, plan[kind].count) << kind;
+    if (plan[kind].count > 0) {
+      EXPECT_EQ(taken[kind].examples, plan[kind].examples) << kind;
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Covariances, PlannedCalibrationTest,
+                         testing::Values(v1::DECODER_COVARIANCE_FIXED,
+                                         v1::DECODER_COVARIANCE_LEARNED,
+                                         v1::DECODER_COVARIANCE_PREDICTED,
+                                         v1::DECODER_COVARIANCE_SCENE),
+                         [](const auto& each) { return v1::DecoderCovariance_Name(each.param); });
+
 // Returns the seconds of a step that is rehearsed by the clock of the machine.
 std::optional<double> RehearseForReal(const RehearsedPhase& phase, LearningState& state) {
   return RehearseStep({phase.name, kEpochs, 400, 1.0}, phase, state,
@@ -126,13 +224,29 @@ TEST_F(RehearsalTest, BaselinesAreRehearsedOnOtherWeightsThanTheirOwn) {
   AnchorLearner anchors(state_, loop);
   const Networks::Snapshot before = state_.networks.Save();
   std::vector<std::string> names;
-  for (const RehearsedPhase& phase : anchors.Rehearsed()) {
+  const LaterPhases later = anchors.Rehearsed();
+  for (const RehearsedPhase& phase : later.learned) {
     names.push_back(phase.name);
     const std::optional<double> step = RehearseForReal(phase, state_);
     ASSERT_TRUE(step) << phase.name;
     EXPECT_GT(*step, 0.0) << phase.name;
   }
-  EXPECT_EQ(names, (std::vector<std::string>{"covernet", "multipath"}));
+  for (const RehearsedCalibration& calibration : later.calibrated) {
+    names.push_back(calibration.name);
+    CalibrationPlan taken;
+    ASSERT_TRUE(calibration
+                    .calibrate(calibration.examples,
+                               [&taken](CalibrationStep kind, int64_t) {
+                                 ++taken[static_cast<size_t>(kind)].count;
+                               })
+                    .ok());
+    for (size_t kind = 0; kind < kCalibrationStepKinds; ++kind) {
+      EXPECT_EQ(taken[kind].count, calibration.steps[kind].count)
+          << calibration.name << " " << kind;
+    }
+  }
+  EXPECT_EQ(names, (std::vector<std::string>{"covernet", "multipath", "calibrate covernet",
+                                             "calibrate multipath"}));
   for (const auto& [name, tensor] : before) {
     EXPECT_TRUE(at::equal(state_.networks[name], tensor)) << name;
   }
@@ -156,11 +270,12 @@ TEST(MeasuringTimeTest, ExtrapolatesTheFirstExamplesWithoutWhatPrecedesThem) {
   EXPECT_NEAR(*time.Seconds(), 0.5 + 2000 * 0.005, 1e-6);
 }
 
-// Seconds that each phase of the quickstart's training took, and what a step was rehearsed to take.
+// Seconds that a phase of the quickstart's training took.
 struct Took {
   std::string phase;
-  double seconds = 0.0;
+  double seconds = 0.0;  // of its first kind of steps
   int64_t steps = 0;
+  std::vector<double> others = {};  // of its other kinds, which follow one another
 };
 
 // The settings of the quickstart.
@@ -177,10 +292,11 @@ v1::TrainingSettings QuickstartSettings() {
 // Runs the plan in the time that its phases took. Expects every report after a tenth of it to be
 // right, within a quarter, about the time that is left.
 void ExpectTheTimeLeftToBeRight(const std::vector<TrainingProgress::Phase>& plan,
-                                const std::map<std::string, double>& rehearsed,
-                                const std::vector<Took>& took) {
+                                const MeasuredSteps& rehearsed, const std::vector<Took>& took) {
   double whole = 0.0;
-  for (const Took& each : took) whole += each.seconds;
+  for (const Took& each : took) {
+    whole += std::accumulate(each.others.begin(), each.others.end(), each.seconds);
+  }
   now = {};
   double last = -1.0;  // time left that was reported last
   double fraction = 0.0;
@@ -199,56 +315,83 @@ void ExpectTheTimeLeftToBeRight(const std::vector<TrainingProgress::Phase>& plan
     }
     if (planned->seconds) continue;  // after the run
     progress.BeginPhase(each.phase);
-    for (int64_t step = 0; step < planned->steps; ++step) {
-      Pass(each.seconds / static_cast<double>(planned->steps));
-      progress.Step(1);
-      const double passed = std::chrono::duration<double>(now.time_since_epoch()).count();
-      const double left = whole - passed;
-      if (passed < 0.1 * whole || left < 2.0) continue;
-      // The report is half a second old and in whole seconds.
-      EXPECT_NEAR(last, left, 0.25 * left + 1.5) << each.phase << " " << step;
-      EXPECT_NEAR(fraction, passed / whole, 0.1) << each.phase << " " << step;
+    ASSERT_EQ(planned->others.size(), each.others.size()) << each.phase;
+    for (size_t kind = 0; kind <= each.others.size(); ++kind) {
+      const double seconds = kind == 0 ? each.seconds : each.others[kind - 1];
+      const int64_t steps = kind == 0 ? planned->steps : planned->others[kind - 1].count;
+      for (int64_t step = 0; step < steps; ++step) {
+        Pass(seconds / static_cast<double>(steps));
+        progress.Step(1, {}, kind);
+        const double passed = std::chrono::duration<double>(now.time_since_epoch()).count();
+        const double left = whole - passed;
+        if (passed < 0.1 * whole) continue;
+        // The report is half a second old and rounded up, and the evaluation is not rehearsed.
+        EXPECT_NEAR(last, left, 0.25 * left + 2.0) << each.phase << " " << kind << " " << step;
+        EXPECT_NEAR(fraction, passed / whole, 0.1) << each.phase << " " << kind << " " << step;
+      }
     }
   }
 }
 
 TEST(TimeLeftTest, IsWithinAQuarterFromATenthOfTheTimeOn) {
-  // Measured on a town of 240 recordings, with two threads on two idle cores.
-  ExpectTheTimeLeftToBeRight(
-      Learner::Plan(QuickstartSettings(), 30'000, 30'000, 1770),
-      {{"pretrain", 3.6 / 1440}, {"joint", 18.2 / 376}, {"covariance", 3.4 / 141}},
-      {{"load", 2.0, 1},
-       {"pretrain", 3.6, 1440},
-       {"mixture", 5.0, 1440},
-       {"joint", 18.2, 376},
-       {"covariance", 3.4, 141},
-       {"calibrate", 3.8, 0},
-       {"export", 0.1, 1},
-       {"evaluate", 0.5, 100}});
+  // Processor time of one thread, on a town of 240 recordings.
+  ExpectTheTimeLeftToBeRight(Learner::Plan(QuickstartSettings(), {30'000, 30'000, 1770}),
+                             {{"pretrain", {3.5 / 1440}},
+                              {"joint", {25.5 / 376}},
+                              {"covariance", {5.0 / 141}},
+                              {"calibrate", {0.5 / 92, 1.0 / 56, 5.0 / 60, 0.0}}},
+                             {{"load", 2.2, 1},
+                              {"pretrain", 3.5, 1440},
+                              {"mixture", 5.5, 1440},
+                              {"joint", 25.5, 376},
+                              {"covariance", 5.0, 141},
+                              {"calibrate", 0.5, 92, {1.0, 5.0, 0.0}},
+                              {"export", 0.1, 1},
+                              {"evaluate", 1.1, 100}});
+}
+
+TEST(TimeLeftTest, IsWithinAQuarterWhereCalibrationHasAnotherShare) {
+  // Two threads on two idle cores: the fits of calibration gain more from them than the rest.
+  ExpectTheTimeLeftToBeRight(Learner::Plan(QuickstartSettings(), {30'000, 30'000, 1770}),
+                             {{"pretrain", {3.6 / 1440}},
+                              {"joint", {18.2 / 376}},
+                              {"covariance", {3.4 / 141}},
+                              {"calibrate", {0.4 / 92, 0.8 / 56, 2.6 / 60, 0.0}}},
+                             {{"load", 2.0, 1},
+                              {"pretrain", 3.6, 1440},
+                              {"mixture", 5.0, 1440},
+                              {"joint", 18.2, 376},
+                              {"covariance", 3.4, 141},
+                              {"calibrate", 0.4, 92, {0.8, 2.6, 0.0}},
+                              {"export", 0.1, 1},
+                              {"evaluate", 0.5, 100}});
 }
 
 TEST(TimeLeftTest, CountsBaselinesTheirCalibrationAndWhatFollowsTheRun) {
   const v1::TrainingSettings settings = QuickstartSettings();
-  std::vector<TrainingProgress::Phase> plan = Learner::Plan(settings, 30'000, 30'000, 1770);
-  AnchorLearner::AddPhases(settings, 30'000, 30'000, 1770, &plan);
+  std::vector<TrainingProgress::Phase> plan = Learner::Plan(settings, {30'000, 30'000, 1770});
+  AnchorLearner::AddPhases(settings, {30'000, 30'000, 1770}, &plan);
   plan.push_back({"after", 1, 1, 9'999.0, 20.0});
   // Processor time of one thread, on the same town.
   ExpectTheTimeLeftToBeRight(plan,
-                             {{"pretrain", 3.9 / 1440},
-                              {"joint", 23.2 / 376},
-                              {"covariance", 4.7 / 141},
-                              {"covernet", 4.3 / 376},
-                              {"multipath", 11.0 / 376}},
-                             {{"load", 2.7, 1},
-                              {"pretrain", 3.9, 1440},
-                              {"mixture", 5.8, 1440},
-                              {"joint", 23.2, 376},
-                              {"covariance", 4.7, 141},
-                              {"calibrate", 6.5, 0},
+                             {{"pretrain", {3.4 / 1440}},
+                              {"joint", {22.1 / 376}},
+                              {"covariance", {4.4 / 141}},
+                              {"covernet", {4.3 / 376}},
+                              {"multipath", {10.6 / 376}},
+                              {"calibrate", {0.5 / 92, 1.0 / 56, 4.5 / 60, 0.0}},
+                              {"calibrate covernet", {0.4 / 120, 0.0, 1.1 / 64, 1.3 / 80}},
+                              {"calibrate multipath", {0.45 / 56, 0.0, 0.0, 1.3 / 80}}},
+                             {{"load", 2.8, 1},
+                              {"pretrain", 3.4, 1440},
+                              {"mixture", 5.2, 1440},
+                              {"joint", 22.1, 376},
+                              {"covariance", 4.4, 141},
+                              {"calibrate", 0.5, 92, {1.0, 4.5, 0.0}},
                               {"covernet", 4.3, 376},
-                              {"calibrate covernet", 2.9, 0},
-                              {"multipath", 11.0, 376},
-                              {"calibrate multipath", 1.9, 0},
+                              {"calibrate covernet", 0.4, 120, {0.0, 1.1, 1.3}},
+                              {"multipath", 10.6, 376},
+                              {"calibrate multipath", 0.45, 56, {0.0, 0.0, 1.3}},
                               {"export", 0.1, 1},
                               {"evaluate", 1.6, 100},
                               {"after", 20.0, 1}});

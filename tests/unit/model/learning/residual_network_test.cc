@@ -84,7 +84,7 @@ TEST_P(ResidualNetworkTest, TrainsAStepExportsAndTheEngineAgreesWithLibTorch) {
   const v1::ModelSpec& spec = settings_.model();
   const TrainingData data = *SplitRecordings(ArcRecordings(8), settings_);
   const auto examples = static_cast<int64_t>(data.training.examples.size());
-  TrainingProgress progress(Learner::Plan(settings_, examples, examples, 0), {},
+  TrainingProgress progress(Learner::Plan(settings_, {examples, examples, 0}), {},
                             [] { return std::chrono::system_clock::time_point(); });
   RankGroup alone([] { return false; });
   Learner learner(settings_, data, at::Device(at::kCPU), 1, alone, progress);

@@ -358,7 +358,7 @@ TEST_F(TrainingTest, RefusesADeviceThatDoesNotExist) {
 TEST_F(TrainingTest, PlacesComponentsOnTheEncodingsOfClusters) {
   const TrainingData data = Data();
   const v1::TrainingSettings settings = TinySettings();
-  TrainingProgress progress(Learner::Plan(settings, 100, 100, 0), {},
+  TrainingProgress progress(Learner::Plan(settings, {100, 100, 0}), {},
                             [] { return std::chrono::system_clock::time_point(); });
   RankGroup alone([] { return false; });
   Learner learner(settings, data, at::Device(at::kCPU), 1, alone, progress);

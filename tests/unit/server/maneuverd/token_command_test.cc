@@ -60,7 +60,7 @@ class TokenCommandTest : public ::testing::Test {
   }
 
   const TemporaryFolder folder_;
-  const fs::path file_ = folder_ / "tokens";
+  fs::path file_ = folder_ / "tokens";
   // 2027-01-15 08:00:00 UTC.
   const absl::Time now_ = absl::FromUnixSeconds(1'800'000'000);
   std::string out_;
@@ -114,6 +114,13 @@ TEST_F(TokenCommandTest, CreateRefusesAWrongNameOrRole) {
   EXPECT_EQ(Run({"create", "--name", "a b", "--roles", "predict"}), 2);
   EXPECT_EQ(Run({"create", "--name", "a", "--roles", "fly"}), 2);
   EXPECT_FALSE(fs::exists(file_));
+}
+
+TEST_F(TokenCommandTest, CreateNamesTheWholePathOfAFileThatItCannotWrite) {
+  file_ = folder_ / "none/tokens";
+  EXPECT_NE(Run({"create", "--name", "planner", "--roles", "predict"}), 0);
+  EXPECT_THAT(err_, HasSubstr(file_.string()));
+  EXPECT_EQ(out_, "");
 }
 
 TEST_F(TokenCommandTest, ListShowsNamesRolesAndExpiry) {
