@@ -11,6 +11,13 @@ shards from one call to the next. A dataset is removed once it was measured. Mos
 first training, which counts the examples of the others, need not read all: that takes 16 seconds a gigabyte. Showing a
 dataset reads all of it, in 18 seconds a gigabyte; --most-to-show leaves that out for larger ones. --rows keeps the
 figures of each dataset in a file and draws those of earlier calls too.
+
+Two options measure more programs:
+
+  --upload               uploads each dataset to a server. One that is larger than --distinct is left out, because a
+                         server takes no recording twice.
+  --match FIRST SECOND   matches the actions of two models on all recordings of each dataset. Models that predict 18 s
+                         ahead have few examples in a recording of 20 s, and so do not take long.
 """
 
 import argparse
@@ -24,31 +31,47 @@ import struct
 import subprocess
 import sys
 import tempfile
+import time
 
 BYTES_EACH = 169_000  # of a recording of 20 s
 SAMPLE = 16  # recordings to evaluate on
 COLUMNS = ["MB", "recordings", "index: peak, MB", "index: CPU s", "show: peak, MB", "show: CPU s",
            "count and train: peak, MB", "count and train: CPU s", "train: peak, MB", "train: CPU s", "examples/CPU s",
-           "waiting for data", "evaluate a sample: peak, MB"]
+           "waiting for data", "evaluate a sample: peak, MB", "start from a model: peak, MB", "with baselines: peak, MB",
+           "upload, command: peak, MB", "upload, server: peak, MB", "match actions: peak, MB", "match actions: CPU s"]
 
 
-class Run:
-    """A program that ran to its end: what it printed, its peak memory in MB, and its processor time in seconds.
+class Program:
+    """A program: its peak memory in MB and its processor time in seconds, once it has ended.
 
     The peak is at least this program's own memory, so it must stay small.
     """
 
     def __init__(self, *command):
-        with tempfile.TemporaryFile("w+") as output:
-            process = subprocess.Popen([str(word) for word in command], stdout=output)
-            _, status, usage = os.wait4(process.pid, 0)
-            if status != 0:
-                raise RuntimeError(f"{command}: exit status {status}")
-            output.seek(0)
-            self.output = output.read()
+        self.command = command
+        self.output = tempfile.TemporaryFile("w+")
+        self.process = subprocess.Popen([str(word) for word in command], stdout=self.output)
+
+    def end(self):
+        """Waits for its end. Returns itself."""
+        _, status, usage = os.wait4(self.process.pid, 0)
+        self.process.returncode = os.waitstatus_to_exitcode(status)
+        if status != 0:
+            raise RuntimeError(f"{self.command}: exit status {self.process.returncode}")
         self.peak = usage.ru_maxrss / 1024
         self.seconds = usage.ru_utime + usage.ru_stime
-        print(f"{self.peak:.1f} MB, {self.seconds:.1f} CPU s:", *command, file=sys.stderr, flush=True)
+        print(f"{self.peak:.1f} MB, {self.seconds:.1f} CPU s:", *self.command, file=sys.stderr, flush=True)
+        return self
+
+    def printed(self):
+        """Returns what it printed, and forgets it."""
+        with self.output:
+            self.output.seek(0)
+            return self.output.read()
+
+
+def run(*command):
+    return Program(*command).end()
 
 
 def scenes_of(manifest):
@@ -89,34 +112,61 @@ def sample(source, target):
                                            records=str(SAMPLE), sha256=hashlib.sha256(content).hexdigest())])
 
 
+def upload(options, data, work):
+    """Uploads a dataset to a server of its own. Returns the command and the server."""
+    ports = work / "ports.json"
+    server = Program(options.bin / "maneuverd", "--data-dir", work / "server", "--listen", "127.0.0.1:0",
+                     "--metrics-listen", "none", "--port-file", ports)
+    try:
+        while not ports.exists():
+            if server.process.poll() is not None:
+                raise RuntimeError("the server ended")
+            time.sleep(0.05)
+        address = json.loads(ports.read_text())["grpc"]
+        command = run(options.bin / "maneuver", "--server", address, "dataset", "upload", data, "town")
+    finally:
+        server.process.terminate()
+    server.end()
+    shutil.rmtree(work / "server")
+    ports.unlink()
+    return command, server
+
+
 def measure(options, data, work):
     """Returns the row of a dataset."""
     for file in [*data.glob(".examples-*"), *data.glob(".*.index")]:
         file.unlink()
     maneuver, trainer = options.bin / "maneuver", options.bin / "maneuver-trainer"
-    index = Run(maneuver, "dataset", "index", data)
+    memory = ("--data-memory", options.data_memory, "--threads", options.threads)
+    index = run(maneuver, "dataset", "index", data)
 
-    def train(name):
-        return Run(trainer, "train", "--settings", work / "settings.json", "--dataset", data, "--output", work / name,
-                   "--data-memory", options.data_memory, "--threads", options.threads, "--progress", "json")
+    def train(name, *more):
+        return run(trainer, "train", "--settings", work / "settings.json", "--dataset", data, "--output", work / name,
+                   *memory, "--progress", "json", *more)
 
     first = train("first")  # counts the examples too
     again = train("again")
-    reports = [json.loads(line) for line in again.output.splitlines()]
+    warm = train("warm", "--start-from", work / "again")
+    baselines = train("baselines", "--baselines")
+    reports = [json.loads(line) for line in again.printed().splitlines()]
     waiting = [report["waiting_fraction"] for report in reports if "waiting_fraction" in report]
     sample(data, work / "sample")
-    evaluation = Run(trainer, "evaluate", "--model", work / "again", "--dataset", work / "sample", "--data-memory",
-                     options.data_memory, "--threads", options.threads, "--progress", "none")
-    for name in ("first", "again", "sample"):
+    evaluation = run(trainer, "evaluate", "--model", work / "again", "--dataset", work / "sample", *memory,
+                     "--progress", "none")
+    for name in ("first", "again", "warm", "baselines", "sample"):
         shutil.rmtree(work / name)
     manifest = json.loads((data / "dataset.json").read_text())
     size = sum(int(shard["size_bytes"]) for shard in manifest["shards"]) / 1e6
-    show = Run(maneuver, "dataset", "show", f"{data}/") if size < 1.2 * options.most_to_show else None
+    show = run(maneuver, "dataset", "show", f"{data}/") if size < 1.2 * options.most_to_show else None
+    uploaded = upload(options, data, work) if options.upload and size < 1.2 * options.distinct else (None, None)
+    match = run(trainer, "match-actions", *options.match, "--dataset", data, *memory) if options.match else None
     return dict(zip(COLUMNS, [size, int(manifest["recordings"]), index.peak, index.seconds,
                               *((show.peak, show.seconds) if show else (None, None)),
                               first.peak, first.seconds, again.peak, again.seconds,
                               options.epochs * options.examples / again.seconds,
-                              f"{100 * waiting[-1]:.1f} %" if waiting else None, evaluation.peak]))
+                              f"{100 * waiting[-1]:.1f} %" if waiting else None, evaluation.peak,
+                              warm.peak, baselines.peak, *(program and program.peak for program in uploaded),
+                              *((match.peak, match.seconds) if match else (None, None))]))
 
 
 def draw(file, title, rows, columns):
@@ -145,7 +195,9 @@ def draw(file, title, rows, columns):
     parts.append(f'<text x="{(left + width - right) / 2}" y="{height - 10}" text-anchor="middle">'
                  'dataset, MB on disk</text>')
     ends = []
-    for column, color in zip(columns, ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e")):
+    columns = [column for column in columns if any(row[column] is not None for row in rows)]
+    for column, color in zip(columns, ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#8c564b", "#e377c2",
+                                       "#7f7f7f", "#bcbd22", "#17becf")):
         measured = [row for row in rows if row[column] is not None]
         points = " ".join(f"{x(row['MB']):.1f},{y(row[column]):.1f}" for row in measured)
         label = y(measured[-1][column]) + 4
@@ -169,6 +221,8 @@ def main():
     parser.add_argument("--most-to-show", type=int, default=5000, help="MB")
     parser.add_argument("--distinct", type=int, default=1000, help="MB")
     parser.add_argument("--folder", type=pathlib.Path, help="of the distinct shards")
+    parser.add_argument("--upload", action="store_true")
+    parser.add_argument("--match", nargs=2, type=pathlib.Path, metavar=("FIRST", "SECOND"))
     parser.add_argument("--rows", type=pathlib.Path, help="file of figures; may exist")
     parser.add_argument("--draw", type=pathlib.Path, help="folder for the pictures")
     parser.add_argument("--bin", type=pathlib.Path, default=pathlib.Path("build/release/bin"))
@@ -188,7 +242,7 @@ def main():
             made = min(size, options.distinct)
             town = (options.folder or work) / f"town-{made}"
             if not town.exists():
-                Run(options.bin / "maneuver", "synthesize", town, "--threads", options.threads, "--recordings",
+                run(options.bin / "maneuver", "synthesize", town, "--threads", options.threads, "--recordings",
                     made * 1_000_000 // BYTES_EACH)
             data = town if size == made else work / "repeated"
             if size > made:

@@ -281,7 +281,9 @@ class TrainingTest(unittest.TestCase):
             pods = [subprocess.Popen(command, env=dict(variables, JOB_COMPLETION_INDEX=str(index)),
                                      stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) for index in (0, 1)]
             for pod in pods:
-                self.assertEqual((pod.communicate(timeout=200)[1], pod.returncode), ("", 0))
+                # A rank that starts before rank 0 listens says so there, and tries again.
+                errors = pod.communicate(timeout=200)[1]
+                self.assertEqual(pod.returncode, 0, errors)
             self.assertTrue((work / "models" / "town" / "weights.safetensors").exists())
 
 
