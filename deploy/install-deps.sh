@@ -35,8 +35,8 @@ esac
   python3-numpy mypy python3-build python3-setuptools python3-wheel
   # shells that complete the command
   zsh fish
-  # tests/checks
-  clang clang-format clang-tidy
+  # tests/checks, tests/fuzz
+  clang clang-format clang-tidy libomp-dev
   # tests/report, with npm
   chromium
   # deploy/backup.sh, deploy/balancing, deploy/kubernetes

@@ -55,9 +55,9 @@ def changed_lines(commit):
         if line.startswith("+++ "):
             file = line[4:]
         elif hunk := re.match(r"@@ \S+ \+(\d+)(?:,(\d+))? @@", line):
-            first, count = int(hunk[1]), int(hunk[2] or 1)
-            if count > 0:
-                ranges.setdefault(file, []).append([first, first + count - 1])
+            # Where lines were only removed, it is the line before them that changed.
+            first, count = max(int(hunk[1]), 1), max(int(hunk[2] or 1), 1)
+            ranges.setdefault(file, []).append([first, first + count - 1])
     ranges.update({file: [[1, 1000000]] for file in untracked})
     return {file: lines for file, lines in ranges.items()
             if lines and file.endswith((".cc", ".h"))}

@@ -1,6 +1,6 @@
 # Installs the package maneuver-client under a temporary prefix and builds and
 # runs a program of another project against it.
-#   cmake -DBUILD=<build folder> -DWORK=<scratch folder> -P package_test.cmake
+#   cmake -DBUILD=<build folder> -DWORK=<scratch folder> -DCOMPILER=<C++ compiler> -P package_test.cmake
 set(prefix "${WORK}/prefix")
 file(REMOVE_RECURSE "${WORK}")
 file(MAKE_DIRECTORY "${WORK}/source")
@@ -34,7 +34,7 @@ int main() {
 }
 ]])
 run("${CMAKE_COMMAND}" -S "${WORK}/source" -B "${WORK}/build" -G Ninja
-  "-DCMAKE_PREFIX_PATH=${prefix}" -DCMAKE_CXX_FLAGS=${FLAGS})
+  "-DCMAKE_PREFIX_PATH=${prefix}" "-DCMAKE_CXX_COMPILER=${COMPILER}" -DCMAKE_CXX_FLAGS=${FLAGS})
 run("${CMAKE_COMMAND}" --build "${WORK}/build")
 run("${WORK}/build/planner")
 foreach(file share/maneuver/proto/maneuver/v1/prediction_service.proto)
