@@ -17,6 +17,7 @@
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/model_transfer.h"
 #include "server/rpc/paging.h"
+#include "server/serving/version_description.h"
 
 namespace maneuver::rpc {
 namespace {
@@ -71,16 +72,6 @@ absl::StatusOr<int> PageSize(int requested) {
   return requested == 0 ? kDefaultPageSize : std::min(requested, kMaxPageSize);
 }
 
-// Returns what is stored of a version, with its aliases.
-absl::StatusOr<v1::ModelVersion> Describe(const serving::VersionStore& store,
-                                          const serving::ServingTable& table,
-                                          const security::ModelVersionName& name) {
-  absl::StatusOr<v1::ModelVersion> version = store.Describe(name);
-  if (!version.ok()) return version;
-  for (std::string& alias : table.AliasesOf(name)) version->add_aliases(std::move(alias));
-  return version;
-}
-
 absl::Status ListPage(const serving::VersionStore& store, const serving::ServingTable& table,
                       const v1::ListModelVersionsRequest& request,
                       v1::ListModelVersionsResponse* response) {
@@ -101,7 +92,7 @@ absl::Status ListPage(const serving::VersionStore& store, const serving::Serving
   }
   const size_t count = std::min(versions.size(), static_cast<size_t>(*page_size));
   for (size_t i = 0; i < count; ++i) {
-    auto version = Describe(store, table, versions[i].name);
+    auto version = serving::DescribeVersion(store, table, versions[i].name);
     if (absl::IsNotFound(version.status())) continue;  // deleted meanwhile
     v1::ModelVersion* proto = response->add_model_versions();
     if (version.ok()) {
@@ -126,7 +117,7 @@ absl::StatusOr<v1::ModelVersion> DescribeReference(
     const std::optional<security::ModelReference>& reference) {
   const auto name = table.Resolve(reference);
   if (!name.ok()) return name.status();
-  return Describe(store, table, *name);
+  return serving::DescribeVersion(store, table, *name);
 }
 
 // Decodes the actions of `version` at the speed that the request asks for, if that makes a

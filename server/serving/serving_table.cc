@@ -119,7 +119,7 @@ absl::Status ServingTable::NotNamedLocked() const {
   constexpr size_t kMostNamed = 10;
   std::vector<std::string> serving;
   for (const auto& [alias, version] : aliases_) {
-    if (alias.alias == kServingAlias) serving.push_back(alias.model);
+    if (alias.alias == kServingAlias) serving.push_back(absl::StrCat("models/", alias.model));
   }
   if (serving.size() > kMostNamed) {
     serving.resize(kMostNamed);

@@ -10,6 +10,7 @@
 #include "model/artifact/model_folder.h"
 #include "model/files/digest.h"
 #include "model/files/file_receiver.h"
+#include "server/serving/version_description.h"
 #include "server/serving/version_files.h"
 
 namespace maneuver::serving {
@@ -94,7 +95,7 @@ class ReceivedVersion final : public VersionUpload {
     const absl::Status status = receiver_->Commit(
         beside_, [this](const fs::path& temporary) { return Publish(temporary); });
     if (!status.ok()) return status;
-    return versions_.Describe(*name_);
+    return DescribeVersion(versions_, table_, *name_);
   }
 
   void Discard() override { receiver_->Discard(); }
@@ -172,7 +173,7 @@ absl::StatusOr<v1::QueryModelUploadResponse> VersionUploads::Query(const std::st
                                                                    const std::string& caller) {
   v1::QueryModelUploadResponse response;
   if (const auto same = FindSame(versions_, model, files)) {
-    auto version = versions_.Describe(*same);
+    auto version = DescribeVersion(versions_, table_, *same);
     if (!version.ok()) return version.status();
     *response.mutable_committed() = *std::move(version);
   }

@@ -161,6 +161,10 @@ TEST_F(TransfersTest, RepeatingATransferCreatesNoSecondVersion) {
   const auto back = Connect(*a_)->UploadModelVersion(source, "models/town", nullptr);
   ASSERT_TRUE(back.ok()) << back.status();
   EXPECT_EQ(back->name(), "models/town/versions/1");
+  EXPECT_THAT(back->aliases(), ElementsAre("serving"));
+  std::string output;
+  EXPECT_EQ(RunManeuver(*a_, {"model", "push", source, "town"}, &output), 0);
+  EXPECT_EQ(output, "town/1\n");
 
   const fs::path pulled = folder_.path() / "pulled";
   for (int i = 0; i < 2; ++i) {

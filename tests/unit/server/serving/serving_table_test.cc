@@ -46,11 +46,11 @@ TEST_F(ServingTableTest, ACallThatNamesNoModelIsToldWhichServe) {
   ASSERT_TRUE(Publish("hamlet", v1::PROMOTION_NEVER).ok());
   ASSERT_TRUE(Publish("city").ok());
   EXPECT_EQ(table_->Find(std::nullopt).status().message(),
-            "several models serve: city, town; name one of them in `model`");
+            "several models serve: models/city, models/town; name one of them in `model`");
   for (char model = 'a'; model <= 'k'; ++model) ASSERT_TRUE(Publish({model}).ok());
   EXPECT_EQ(table_->Find(std::nullopt).status().message(),
-            "several models serve: a, b, c, city, d, e, f, g, h, i, ...; name one of them in "
-            "`model`");
+            "several models serve: models/a, models/b, models/c, models/city, models/d, models/e, "
+            "models/f, models/g, models/h, models/i, ...; name one of them in `model`");
 }
 
 TEST_F(ServingTableTest, FindsTheVersionOfAJobAfterARestart) {
