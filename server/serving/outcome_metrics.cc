@@ -93,8 +93,8 @@ OutcomeMetrics::Version& OutcomeMetrics::VersionOf(const ServedModel& model) {
   for (int k = 0; k < manifest.spec().actions(); ++k) {
     const monitoring::Labels labels = {{"action", absl::StrCat(k)}, {"model_version", label}};
     version.actions.push_back(&metrics_.AddCounter(
-        "maneuver_outcome_actions_total",
-        "Sum over outcomes of q(y|x,s): how many targets took each action.", labels));
+        "maneuver_outcome_action_probability_total",
+        "Sum over outcomes of p(y|s): how many targets were expected to take each action.", labels));
     if (k >= manifest.actions_size()) continue;
     metrics_
         .AddGauge("maneuver_outcome_expected_action_ratio",
@@ -118,7 +118,7 @@ void OutcomeMetrics::Observe(const ServedModel& model, const ScoredOutcome& outc
   }
   for (size_t k = 0; k < version.actions.size(); ++k) {
     version.actions[k]->Increment(
-        outcome.measurement.responsibilities[static_cast<Eigen::Index>(k)]);
+        outcome.measurement.probabilities[static_cast<Eigen::Index>(k)]);
   }
 }
 

@@ -70,7 +70,7 @@ class OutcomesTest : public ::testing::Test {
     double sum = 0.0;
     for (int k = 0; k < 12; ++k) {
       const std::string labels = "{action=\"" + std::to_string(k) + "\",model_version=\"tiny/1\"}";
-      sum += std::max(0.0, ValueOf(page, "maneuver_outcome_actions_total" + labels));
+      sum += std::max(0.0, ValueOf(page, "maneuver_outcome_action_probability_total" + labels));
     }
     return sum;
   }

@@ -108,10 +108,10 @@ def outcomes():
         curves("How unlikely was what happened?",
                "Mean -ln p(x|s), nats a waypoint; lower is better. Rising: the model meets what it has not learned.",
                [query(mean("maneuver_outcome_nll_nats", "model_version"), "{{model_version}}")], "none"),
-        curves("Which actions are taken more often than in training, or less?",
-               "Difference of the shares, by action number: maneuver model actions names them. ManeuverActionsDrift tells what is no "
+        curves("Which actions are more probable than in training, or less?",
+               "Difference of the mean p(y|s), by action number: maneuver model actions names them. ManeuverActionsDrift tells what is no "
                "chance: train on recordings of now.",
-               [query(share("maneuver_outcome_actions_total", "action")
+               [query(share("maneuver_outcome_action_probability_total", "action")
                       + " - max by (model_version, action) (maneuver_outcome_expected_action_ratio{SERVER})",
                       "{{model_version}} action {{action}}")], "percentunit"),
         curves("Do envelopes still hold what happens?",

@@ -38,10 +38,10 @@ class TrainedModel final : public inference::ActionModel {
   v1::ModelManifest manifest_;
 };
 
-ScoredOutcome Outcome(double value, const Eigen::Vector3d& responsibilities) {
+ScoredOutcome Outcome(double value, const Eigen::Vector3d& probabilities) {
   ScoredOutcome outcome;
   outcome.metrics.fill(value);
-  outcome.measurement.responsibilities = responsibilities;
+  outcome.measurement.probabilities = probabilities;
   outcome.speed_stratum = "5-10 m/s";
   return outcome;
 }
@@ -84,8 +84,8 @@ TEST_F(OutcomeMetricsTest, ShowsSharesOfActionsAndCoverageBesideThoseOfTheTraini
   metrics_.Observe(model, Outcome(0.5, {0.5, 0.5, 0.0}));
   const std::string page = Page();
   for (const char* line :
-       {R"(maneuver_outcome_actions_total{action="0",model_version="town/3"} 1.25)",
-        R"(maneuver_outcome_actions_total{action="2",model_version="town/3"} 0)",
+       {R"(maneuver_outcome_action_probability_total{action="0",model_version="town/3"} 1.25)",
+        R"(maneuver_outcome_action_probability_total{action="2",model_version="town/3"} 0)",
         R"(maneuver_outcome_expected_action_ratio{action="0",model_version="town/3"} 0.25)",
         R"(maneuver_outcome_expected_action_ratio{action="2",model_version="town/3"} 0.75)",
         R"(maneuver_outcome_expected_coverage_ratio{model_version="town/3",sigma="1"} 0.393)",
