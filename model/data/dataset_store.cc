@@ -12,6 +12,7 @@
 #include "model/data/dataset_manifest.h"
 #include "model/data/registered_folder.h"
 #include "model/data/staged_upload.h"
+#include "model/files/abandoned_temporaries.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
@@ -126,7 +127,11 @@ absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return files::ErrnoStatus(error.value(), "create", folder);
-  if (absl::Status status = files::RemoveTemporaries(folder); !status.ok()) return status;
+  if (options.is_shared) {
+    files::RemoveAbandonedTemporaries(folder, fs::file_time_type::clock::now());
+  } else if (absl::Status status = files::RemoveTemporaries(folder); !status.ok()) {
+    return status;
+  }
   std::unique_ptr<DatasetStore> store(new DatasetStore(std::move(folder), options));
   // The process may have died right after a commit, with the upload's shards still there.
   absl::Status status = store->staging_->RemoveIf(

@@ -37,6 +37,8 @@ struct DatasetStoreOptions {
   std::vector<std::filesystem::path> folders = {};
   // How long the bytes of an interrupted upload are kept after the last one arrived; 0: forever.
   std::chrono::seconds keep_uploads = std::chrono::hours(24);
+  // Whether other servers use the folder, too.
+  bool is_shared = false;
 };
 
 // Ids must be valid (security::ParseDatasetName). Datasets are immutable: what a caller has read
