@@ -269,12 +269,26 @@ void StopRequest::Stop(Reason reason) {
   [[maybe_unused]] const ssize_t ignored = write(descriptor_, &one, sizeof one);
 }
 
+void StopRequest::Kill(Reason reason) {
+  Stop(reason);
+  const MutexLock lock(mutex_);
+  kills_ = true;
+  if (group_ > 0) kill(-group_, SIGKILL);
+}
+
+void StopRequest::SetGroup(pid_t group) {
+  const MutexLock lock(mutex_);
+  group_ = group;
+  if (kills_ && group_ > 0) kill(-group_, SIGKILL);
+}
+
 absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& stop,
                                      const std::function<void(const std::string&)>& on_line,
                                      const std::function<void()>& on_tick) {
   const int64_t kills_before = OutOfMemoryKills();
   auto child = Start(command);
   if (!child.ok()) return child.status();
+  stop.SetGroup(child->pid);
   LineReader lines(on_line);
   const steady_clock::time_point begun = steady_clock::now();
   bool timed_out = false;
@@ -308,6 +322,7 @@ absl::StatusOr<ChildResult> RunChild(const ChildCommand& command, StopRequest& s
     }
   }
   if (is_open) lines.Drain(child->output.get());
+  stop.SetGroup(0);
   ChildResult result = Reap(child->pid);
   result.timed_out = timed_out;
   // If it had not ended by itself at that moment.

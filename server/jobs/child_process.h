@@ -3,6 +3,8 @@
 #ifndef MANEUVER_SERVER_JOBS_CHILD_PROCESS_H_
 #define MANEUVER_SERVER_JOBS_CHILD_PROCESS_H_
 
+#include <sys/types.h>
+
 #include <atomic>
 #include <chrono>
 #include <cstdint>
@@ -11,22 +13,29 @@
 #include <string>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
+#include "locks/mutex.h"
 
 namespace maneuver::jobs {
 
 // A request to stop the run of a job. Safe to use from any thread. Each run needs a new one.
 class StopRequest {
  public:
-  enum class Reason { kNone, kCancelled, kServerStops };
+  enum class Reason { kNone, kCancelled, kServerStops, kLeaseLost };
 
   StopRequest();
   ~StopRequest();
   StopRequest(const StopRequest&) = delete;
   StopRequest& operator=(const StopRequest&) = delete;
 
-  // Asks for a stop. Only the first call has an effect.
+  // Asks for a stop. The first reason counts.
   void Stop(Reason reason);
+  // Asks for a stop, and kills the process that runs at once, if there is one.
+  void Kill(Reason reason);
+  // Names the process group that Kill kills; 0: none. Call with 0 before the group's id may become
+  // another group's.
+  void SetGroup(pid_t group);
   Reason reason() const { return reason_; }
   // Returns a file descriptor that becomes readable once Stop was called; -1 if the system gave
   // none.
@@ -35,6 +44,9 @@ class StopRequest {
  private:
   std::atomic<Reason> reason_ = Reason::kNone;
   int descriptor_;
+  Mutex mutex_;
+  pid_t group_ ABSL_GUARDED_BY(mutex_) = 0;
+  bool kills_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
 struct ChildCommand {

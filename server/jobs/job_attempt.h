@@ -12,6 +12,7 @@
 #include "server/jobs/child_process.h"
 #include "server/jobs/job_environment.h"
 #include "server/jobs/progress_recorder.h"
+#include "server/serving/maker.h"
 
 namespace maneuver::jobs {
 
@@ -21,9 +22,15 @@ struct JobAttempt {
   StopRequest& stop;
   ProgressRecorder& progress;
   const std::function<absl::Time()>& now;
+  const serving::Maker maker;  // the job, with the fence of this attempt
 
   // Returns whether the job was asked to stop.
   bool IsStopped() const { return stop.reason() != StopRequest::Reason::kNone; }
+  // Returns whether it was asked to stop so that a later attempt goes on with it.
+  bool IsPutOff() const {
+    return stop.reason() == StopRequest::Reason::kServerStops ||
+           stop.reason() == StopRequest::Reason::kLeaseLost;
+  }
 };
 
 // How a step of a job ended.

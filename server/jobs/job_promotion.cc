@@ -24,8 +24,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kDecisionFile[] = "decision.json";
-
 // Returns the name of the version that serves models/{model}; empty: none does.
 std::string ServingName(const serving::ModelVersions& versions, const std::string& model) {
   const auto serving = versions.Serving(std::string(absl::StripPrefix(model, "models/")));
@@ -153,10 +151,10 @@ absl::StatusOr<bool> JobPromotion::Promote(const std::string& version, const std
   serving::ModelVersions& versions = *attempt_.environment.versions;
   const auto name = security::ParseModelVersionName(version, "model_version");
   if (!name.ok()) return name.status();
-  if (before.empty()) return versions.PromoteOver(*name, std::nullopt);
+  if (before.empty()) return versions.PromoteOver(*name, std::nullopt, attempt_.maker);
   const auto serving = security::ParseModelVersionName(before, "model_version");
   if (!serving.ok()) return serving.status();
-  return versions.PromoteOver(*name, *serving);
+  return versions.PromoteOver(*name, *serving, attempt_.maker);
 }
 
 absl::Status JobPromotion::Remember(const v1::PromotionDecision& decision) {

@@ -62,7 +62,7 @@ v1::Job RunJob(v1::Job job, const std::filesystem::path& folder, const JobAttemp
   // death of a process put the decision off.
   if (IsUndecided(job) && stopped == StopRequest::Reason::kCancelled) {
     DecideAgainstPromotion(job, absl::CancelledError("the job was cancelled"), attempt.now());
-  } else if (IsUndecided(job) && stopped != StopRequest::Reason::kServerStops && !goes_on) {
+  } else if (IsUndecided(job) && !attempt.IsPutOff() && !goes_on) {
     DecideAgainstPromotion(job, outcome.status, attempt.now());
   }
   // A job that is asked to stop too late has its result all the same.
@@ -71,7 +71,7 @@ v1::Job RunJob(v1::Job job, const std::filesystem::path& folder, const JobAttemp
     RemoveCheckpoints(folder);
   } else if (stopped == StopRequest::Reason::kCancelled) {
     job.set_state(v1::JOB_STATE_CANCELLED);
-  } else if (stopped == StopRequest::Reason::kServerStops) {
+  } else if (attempt.IsPutOff()) {
     job.set_state(v1::JOB_STATE_PENDING);
     *job.mutable_error() = errors::ToProto(ServerInterrupted());
   } else if (goes_on) {

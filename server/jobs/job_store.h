@@ -3,6 +3,7 @@
 #ifndef MANEUVER_SERVER_JOBS_JOB_STORE_H_
 #define MANEUVER_SERVER_JOBS_JOB_STORE_H_
 
+#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -31,7 +32,7 @@ struct RequestedJob {
 // ended, writes with it change nothing.
 struct JobLease {
   std::string job;    // jobs/{job}
-  int64_t fence = 0;  // greater than the fence of every earlier lease of this store object
+  int64_t fence = 0;  // greater than that of every earlier lease whose holder may still be there
 };
 
 struct ClaimedJob {
@@ -49,9 +50,14 @@ using JobEdit = std::function<void(v1::Job&)>;
 // busy, DATA_LOSS if it is damaged.
 //
 // A RUNNING job has at most one lease. Only the holder of the lease adds progress or ends the job.
+// In a store that several servers share, a lease ends unless it is renewed.
 class JobStore {
  public:
   virtual ~JobStore() = default;
+
+  // Returns how long after its Claim or Renew a lease may be taken from its holder. Nothing if
+  // leases last as long as this object, which no other server uses.
+  virtual std::optional<std::chrono::milliseconds> LeaseTime() const = 0;
 
   // Stores a new PENDING job. ALREADY_EXISTS if a job has this name or this request_id.
   //   request_id: empty if the caller gave none
@@ -81,13 +87,16 @@ class JobStore {
   // Makes the first PENDING job, in the order of ListInState, RUNNING and returns it with a lease.
   // `begin` changes the job as it starts. Returns nothing if no job is PENDING.
   virtual absl::StatusOr<std::optional<ClaimedJob>> Claim(const JobEdit& begin) = 0;
+  // Renews a lease. Returns whether the job is to be cancelled. ABORTED if the lease has ended.
+  virtual absl::StatusOr<bool> Renew(const JobLease& lease) = 0;
   // Ends a lease. `end` changes the stored job and moves it from RUNNING to another state.
   // ABORTED if the lease has ended, FAILED_PRECONDITION if CanMove forbids the step.
   virtual absl::Status Finish(const JobLease& lease, const JobEdit& end) = 0;
-  // Moves RUNNING jobs without a lease, which an earlier process left, to another state by `end`.
-  // Returns them as they are now stored. After an error, some may have been moved.
+  // Moves RUNNING jobs whose lease has ended, because its holder is gone or did not renew it, to
+  // another state by `end`. Returns them as they are now stored. After an error, some may have been moved.
   virtual absl::StatusOr<std::vector<v1::Job>> TakeAbandoned(const JobEdit& end) = 0;
-  // Sets cancel_requested of a RUNNING job, with or without a lease, and returns the job.
+  // Sets cancel_requested of a RUNNING job, with or without a lease, and returns the job. The holder
+  // of the lease learns of it by Renew.
   // FAILED_PRECONDITION if it is in another state.
   virtual absl::StatusOr<v1::Job> RequestCancel(const std::string& name) = 0;
 

@@ -61,7 +61,7 @@ Measured Measure(v1::Job& job, const MeasuringTask& task, const std::filesystem:
   if (!measured.outcome.status.ok() || attempt.IsStopped()) return measured;
   auto report = ReadReport(folder / kOutput, model->name, *dataset, task, attempt.now());
   if (!report.ok()) return {{report.status()}, std::nullopt};
-  const absl::Status kept = environment.versions->KeepReport(*report);
+  const absl::Status kept = environment.versions->KeepReport(*report, attempt.maker);
   if (absl::IsNotFound(kept)) {
     // Somebody deleted the version. Whoever asked for the report gets it all the same.
     monitoring::Log(monitoring::LogLevel::kWarning, "report not kept: the version is gone",

@@ -32,7 +32,7 @@ absl::StatusOr<std::unique_ptr<Store>> OpenEmbedded(const fs::path& data_dir) {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<Store>> OpenStore(const fs::path& data_dir,
-                                                 const std::string& address,
+                                                 const std::string& address, bool is_shared,
                                                  monitoring::MetricRegistry& metrics) {
   if (address.empty()) return OpenEmbedded(data_dir);
   std::error_code ignored;
@@ -42,7 +42,8 @@ absl::StatusOr<std::unique_ptr<Store>> OpenStore(const fs::path& data_dir,
         " holds jobs and aliases: bring them to the database of --store with maneuverd store copy. "
         "To start without them, which removes the checkpoints of its jobs, move the file away"));
   }
-  auto store = PostgresqlStore::Open(address, metrics);
+  auto store = is_shared ? PostgresqlStore::Share(address, metrics)
+                         : PostgresqlStore::Open(address, metrics);
   if (!store.ok()) return store.status();
   const auto id = StoreIdOf(data_dir);
   if (!id.ok()) return id.status();

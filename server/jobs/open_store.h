@@ -20,12 +20,13 @@ inline constexpr char kStoreId[] = "store-id";  // the id of the folder's store 
 
 // Opens the store of a data folder, whose lock the caller holds: the embedded one, or the one in
 // PostgreSQL that `address` names, to which the folder belongs from then on.
+//   is_shared: other servers use folder and store, too; needs an address
 //
 // A store that lacks the folder's jobs would cost them their checkpoints, because a server removes
 // the folders of unknown jobs. So FAILED_PRECONDITION if the folder belongs to another store. Other
 // errors: those of SqliteStore::Open and PostgresqlStore::Open. `metrics` must outlive the store.
 absl::StatusOr<std::unique_ptr<Store>> OpenStore(
-    const std::filesystem::path& data_dir, const std::string& address,
+    const std::filesystem::path& data_dir, const std::string& address, bool is_shared = false,
     monitoring::MetricRegistry& metrics = monitoring::MetricRegistry::Null());
 
 // Returns the id of the store in PostgreSQL that a data folder belongs to; empty if to none.

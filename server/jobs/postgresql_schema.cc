@@ -44,6 +44,33 @@ constexpr char kVersion1[] = R"sql(
   );
 )sql";
 
+constexpr char kVersion2[] = R"sql(
+  ALTER TABLE jobs ADD COLUMN lease_end TIMESTAMPTZ;  -- NULL: with the connection of its holder
+  CREATE TABLE versions (                      -- of models
+    model TEXT COLLATE "C" NOT NULL,
+    version BIGINT NOT NULL,
+    state BIGINT NOT NULL,                     -- 0: its number is taken; 1: it exists; 2: deleted
+    revision BIGINT NOT NULL DEFAULT 0,        -- how often its labels or reports changed
+    PRIMARY KEY (model, version)
+  );
+  CREATE INDEX versions_by_state ON versions (state, model, version);
+)sql";
+
+// Tries to take a lock of the session until `patience` is over, which returns `refusal`.
+//   lock: a statement that returns whether it took the lock
+absl::Status TakeLock(PostgresqlConnection& connection, const SqlStatement& lock,
+                      std::chrono::seconds patience, const char* refusal) {
+  const auto deadline = std::chrono::steady_clock::now() + patience;
+  for (;;) {
+    // PostgreSQL ends the lock with the session, after all that the session did.
+    const auto locked = connection.Run(lock);
+    if (!locked.ok()) return locked.status();
+    if (locked->Int(0, 0) == 1) return absl::OkStatus();
+    if (std::chrono::steady_clock::now() >= deadline) return StoreUnavailable(refusal);
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  }
+}
+
 absl::Status MigrateFrom(PostgresqlConnection& connection, int version,
                          const std::vector<std::string>& migrations) {
   for (size_t next = static_cast<size_t>(version); next < migrations.size(); ++next) {
@@ -59,7 +86,7 @@ absl::Status MigrateFrom(PostgresqlConnection& connection, int version,
 }  // namespace
 
 const std::vector<std::string>& StoreMigrations() {
-  static const auto* const migrations = new std::vector<std::string>{kVersion1};
+  static const auto* const migrations = new std::vector<std::string>{kVersion1, kVersion2};
   return *migrations;
 }
 
@@ -89,7 +116,7 @@ absl::Status CheckSchema(PostgresqlConnection& connection) {
   if (*version < latest) {
     return absl::FailedPreconditionError(absl::StrCat(
         "the store has schema version ", *version, ", and this server needs version ", latest,
-        "; stop the server that uses it, back the database up, and run: maneuverd store migrate"));
+        "; stop the servers that use it, back the database up, and run: maneuverd store migrate"));
   }
   return absl::FailedPreconditionError(
       absl::StrCat("the store has schema version ", *version, "; this server knows version ",
@@ -113,19 +140,26 @@ absl::StatusOr<int> Migrate(PostgresqlConnection& connection,
   return *version;
 }
 
-absl::Status LockStore(PostgresqlConnection& connection, std::chrono::seconds patience) {
-  const auto deadline = std::chrono::steady_clock::now() + patience;
-  for (;;) {
-    // A lock of the session: PostgreSQL ends it with the session, after all that the session did.
-    const auto locked = connection.Run(
-        "SELECT pg_try_advisory_lock(hashtextextended('maneuver ' || current_schema(), 0))");
-    if (!locked.ok()) return locked.status();
-    if (locked->Int(0, 0) == 1) return absl::OkStatus();
-    if (std::chrono::steady_clock::now() >= deadline) {
-      return StoreUnavailable("another maneuverd uses this store; stop it first");
-    }
-    std::this_thread::sleep_for(std::chrono::milliseconds(50));
-  }
+absl::Status LockStore(PostgresqlConnection& connection, StoreUse use,
+                       std::chrono::seconds patience) {
+  const bool shares = use == StoreUse::kShared;
+  return TakeLock(connection,
+                  {absl::StrCat("SELECT pg_try_advisory_lock", shares ? "_shared" : "",
+                                "(hashtextextended('maneuver ' || current_schema(), 0))"),
+                   {}},
+                  patience,
+                  shares ? "another maneuverd uses this store alone; stop it, or start it with "
+                           "--shared, too"
+                         : "another maneuverd uses this store; stop it first");
+}
+
+absl::Status LockName(PostgresqlConnection& connection, const std::string& name,
+                      std::chrono::seconds patience) {
+  return TakeLock(connection,
+                  {"SELECT pg_try_advisory_lock("
+                   "hashtextextended('maneuver ' || current_schema() || ' ' || $1, 0))",
+                   {name}},
+                  patience, "the connection of before has not ended yet");
 }
 
 }  // namespace maneuver::jobs

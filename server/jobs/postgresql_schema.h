@@ -33,9 +33,17 @@ absl::StatusOr<int> Migrate(PostgresqlConnection& connection,
 // has noticed that the owner was stopped or killed, or that its connection was cut.
 inline constexpr std::chrono::seconds kPatienceForPredecessor{15};
 
-// Keeps other servers and commands off the store, until the connection ends. UNAVAILABLE if one of
-// them still has it after `patience`.
-absl::Status LockStore(PostgresqlConnection& connection, std::chrono::seconds patience);
+// How a server or a command uses a store: nobody else may beside it, or only others that share it.
+enum class StoreUse { kAlone, kShared };
+
+// Keeps other uses off the store, until the connection ends. UNAVAILABLE if one of them still has
+// it after `patience`.
+absl::Status LockStore(PostgresqlConnection& connection, StoreUse use,
+                       std::chrono::seconds patience);
+
+// Waits until an earlier connection with the same name has ended. UNAVAILABLE after `patience`.
+absl::Status LockName(PostgresqlConnection& connection, const std::string& name,
+                      std::chrono::seconds patience);
 
 }  // namespace maneuver::jobs
 

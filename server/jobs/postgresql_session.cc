@@ -2,7 +2,6 @@
 
 #include <utility>
 
-#include "server/jobs/postgresql_schema.h"
 #include "server/monitoring/logging.h"
 
 namespace maneuver::jobs {
@@ -17,15 +16,17 @@ constexpr std::chrono::seconds kNoPatience{0};
 
 }  // namespace
 
-PostgresqlSession::PostgresqlSession(std::string address, monitoring::MetricRegistry& metrics)
+PostgresqlSession::PostgresqlSession(std::string address, StoreUse use,
+                                     monitoring::MetricRegistry& metrics)
     : address_(std::move(address)),
+      use_(use),
       available_(metrics.AddGauge(
           "maneuver_store_available",
           "1 if the last call reached the database of --store, 0 if it did not.")) {}
 
 absl::StatusOr<std::unique_ptr<PostgresqlSession>> PostgresqlSession::Open(
-    const std::string& address, monitoring::MetricRegistry& metrics) {
-  std::unique_ptr<PostgresqlSession> session(new PostgresqlSession(address, metrics));
+    const std::string& address, StoreUse use, monitoring::MetricRegistry& metrics) {
+  std::unique_ptr<PostgresqlSession> session(new PostgresqlSession(address, use, metrics));
   if (absl::Status status = session->Connect(kPatienceForPredecessor); !status.ok()) return status;
   return session;
 }
@@ -43,14 +44,22 @@ absl::Status PostgresqlSession::Connect(std::chrono::seconds patience) {
     return StoreUnavailable("its database cannot be reached");
   }
   last_refusal_ = absl::OkStatus();
-  if (absl::Status status = LockStore(**connection, patience); !status.ok()) return status;
+  if (absl::Status status = LockStore(**connection, use_, patience); !status.ok()) return status;
   if (absl::Status status = CheckSchema(**connection); !status.ok()) return status;
   if (!epoch_) {
-    const auto taken = (*connection)->Run("UPDATE store SET epoch = epoch + 1 RETURNING epoch, id");
+    // An owner makes a new epoch; servers that share the store live in the last one.
+    const auto taken = (*connection)
+                           ->Run(use_ == StoreUse::kAlone
+                                     ? "UPDATE store SET epoch = epoch + 1"
+                                       " RETURNING epoch, id, gen_random_uuid()::text"
+                                     : "SELECT epoch, id, gen_random_uuid()::text FROM store");
     if (!taken.ok()) return taken.status();
+    name_ = taken->Bytes(0, 2);
+    if (absl::Status status = LockName(**connection, name_, patience); !status.ok()) return status;
     epoch_ = taken->Int(0, 0);
     store_id_ = taken->Bytes(0, 1);
   } else {
+    if (absl::Status status = LockName(**connection, name_, patience); !status.ok()) return status;
     const auto store = (*connection)->Run("SELECT epoch, id FROM store");
     if (!store.ok()) return store.status();
     if (store->Int(0, 0) != *epoch_ || store->Bytes(0, 1) != store_id_) {

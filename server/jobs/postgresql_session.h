@@ -1,4 +1,4 @@
-// The session that owns a store in PostgreSQL. Private to the stores.
+// The session of a server with its store in PostgreSQL. Private to the stores.
 
 #ifndef MANEUVER_SERVER_JOBS_POSTGRESQL_SESSION_H_
 #define MANEUVER_SERVER_JOBS_POSTGRESQL_SESSION_H_
@@ -14,14 +14,16 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "server/jobs/postgresql_connection.h"
+#include "server/jobs/postgresql_schema.h"
 #include "server/monitoring/metrics.h"
 
 namespace maneuver::jobs {
 
-// Owns the store through a lock that PostgreSQL holds for this session, so every statement runs
-// while no other server owns it. A lost connection is replaced by a new one with the lock. If
-// another server has owned the store in between, this session is over: what its owner remembers is
-// out of date, and every call fails until the server starts again.
+// Uses the store alone, or shares it, through a lock that PostgreSQL holds for this session. So
+// every statement runs while no other server uses the store otherwise. A lost connection is replaced
+// by a new one with the lock, once nothing of the old one can come any more. If another server has
+// used the store alone in between, this session is over: what its server remembers is out of date,
+// and every call fails until the server starts again.
 //
 // Not thread-safe. Errors: those of PostgresqlConnection. For a second after a failure to connect,
 // calls fail at once.
@@ -29,7 +31,7 @@ class PostgresqlSession {
  public:
   // FAILED_PRECONDITION if the tables are not of the latest version.
   static absl::StatusOr<std::unique_ptr<PostgresqlSession>> Open(
-      const std::string& address, monitoring::MetricRegistry& metrics);
+      const std::string& address, StoreUse use, monitoring::MetricRegistry& metrics);
 
   // Returns the id of the store, which stays the same for ever.
   const std::string& store_id() const { return store_id_; }
@@ -41,12 +43,12 @@ class PostgresqlSession {
   //
   // A connection that is lost during the commit leaves open whether the change was made. Then Write
   // fails, and the next connection first runs `undo`, which `change` may set: it must take the
-  // change back if it was made, and do nothing if it was not.
+  // change back if it was made, and do nothing if it was not or if others have built on it.
   using Change = std::function<absl::Status(PostgresqlConnection& connection, SqlStatement& undo)>;
   absl::Status Write(const Change& change);
 
  private:
-  PostgresqlSession(std::string address, monitoring::MetricRegistry& metrics);
+  PostgresqlSession(std::string address, StoreUse use, monitoring::MetricRegistry& metrics);
 
   //   patience: how long to wait for another owner to go.
   absl::Status Connect(std::chrono::seconds patience);
@@ -55,12 +57,14 @@ class PostgresqlSession {
   void Notice(const absl::Status& status);
 
   const std::string address_;
+  const StoreUse use_;
   monitoring::Gauge& available_;
   std::unique_ptr<PostgresqlConnection> connection_;  // nullptr: lost
   absl::Status last_failure_;
   absl::Status last_refusal_;  // the last error of connecting that was logged
   std::chrono::steady_clock::time_point retry_at_;
   std::string store_id_;
+  std::string name_;  // its own, by which a new connection waits for the end of the old one
   std::optional<int64_t> epoch_;  // number of this ownership; another in the store: we lost it
   std::optional<SqlStatement> undo_;
 };

@@ -41,9 +41,11 @@ SqlStatement Select(const std::string& where, std::vector<SqlValue> values) {
 // Writes a job over a stored one. Takes it back by the row as it was, if nobody has written since.
 absl::Status Replace(PostgresqlConnection& connection, SqlStatement& undo, const SqlRows& before,
                      int64_t fence, const v1::Job& job) {
-  undo = {"UPDATE jobs SET state = $1, fence = $2, job = $3 WHERE name = $4 AND job = $5",
-          {before.Int(0, 4), before.Int(0, 5), SqlValue::Bytes(before.Bytes(0, 1)), job.name(),
-           SqlValue::Bytes(StoredJob(job))}};
+  undo = {
+      "UPDATE jobs SET state = $1, fence = $2, job = $3 WHERE name = $4 AND job = $5 AND fence = "
+      "$6",
+      {before.Int(0, 4), before.Int(0, 5), SqlValue::Bytes(before.Bytes(0, 1)), job.name(),
+       SqlValue::Bytes(StoredJob(job)), fence}};
   return connection
       .Run("UPDATE jobs SET state = $1, fence = $2, job = $3 WHERE name = $4",
            {job.state(), fence, SqlValue::Bytes(StoredJob(job)), job.name()})
@@ -57,22 +59,38 @@ absl::StatusOr<serving::ModelAlias> AliasFrom(const SqlRows& rows, int row) {
                      rows.IsNull(row, 3) ? std::nullopt : std::optional(rows.Int(row, 3)));
 }
 
-constexpr char kSetAlias[] =
+constexpr char kAddAlias[] =
     "INSERT INTO aliases (model, alias, version, digest) VALUES ($1, $2, $3, $4)"
-    " ON CONFLICT (model, alias) DO UPDATE SET version = $3, digest = $4";
+    " ON CONFLICT (model, alias) DO NOTHING RETURNING xmin::text::int8";
+constexpr char kMoveAlias[] =
+    "UPDATE aliases SET version = $3, digest = $4 WHERE model = $1 AND alias = $2"
+    " RETURNING xmin::text::int8";
 constexpr char kDeleteAlias[] = "DELETE FROM aliases WHERE model = $1 AND alias = $2";
+// Ends the statement of an undo: only if nobody has written the row since.
+constexpr char kIfAsWritten[] = " AND xmin::text::int8 = ";
 
-class OwnedStore final : public PostgresqlStore {
+// States of rows of versions.
+constexpr int64_t kReserved = 0;
+constexpr int64_t kPresent = 1;
+constexpr int64_t kDeleted = 2;
+
+class SessionStore final : public PostgresqlStore, private serving::VersionLedger {
  public:
-  OwnedStore(std::unique_ptr<PostgresqlSession> session, int64_t first_fence)
-      : id_(session->store_id()), first_fence_(first_fence), session_(std::move(session)) {}
+  SessionStore(std::unique_ptr<PostgresqlSession> session, StoreUse use, int64_t first_fence)
+      : id_(session->store_id()),
+        use_(use),
+        first_fence_(first_fence),
+        session_(std::move(session)) {}
+
+  serving::VersionLedger* Ledger() override { return this; }
 
   const std::string& id() const override { return id_; }
 
   absl::Status Add(const v1::Job& job, const std::string& request_id,
                    const std::string& request_digest) override {
     return Write([&](PostgresqlConnection& connection, SqlStatement& undo) {
-      undo = {"DELETE FROM jobs WHERE name = $1", {job.name()}};
+      undo = {"DELETE FROM jobs WHERE name = $1 AND job = $2",
+              {job.name(), SqlValue::Bytes(StoredJob(job))}};
       return connection
           .Run(
               "INSERT INTO jobs (name, state, priority, create_time, request_digest, job,"
@@ -155,10 +173,30 @@ class OwnedStore final : public PostgresqlStore {
       if (!fence.ok()) return fence.status();
       const JobLease lease = {job->name(), fence->Int(0, 0)};
       claimed = ClaimedJob{*std::move(job), lease};
-      return Replace(connection, undo, *rows, lease.fence, claimed->job);
+      absl::Status replaced = Replace(connection, undo, *rows, lease.fence, claimed->job);
+      return replaced.ok() ? Extend(connection, lease).status() : replaced;
     });
     if (!status.ok()) return status;
     return claimed;
+  }
+
+  std::optional<std::chrono::milliseconds> LeaseTime() const override {
+    return IsShared() ? std::optional<std::chrono::milliseconds>(kLeaseTime) : std::nullopt;
+  }
+
+  absl::StatusOr<bool> Renew(const JobLease& lease) override {
+    bool is_cancelled = false;
+    const absl::Status status = Write([&](PostgresqlConnection& connection, SqlStatement&) {
+      const auto rows = Extend(connection, lease);
+      if (!rows.ok()) return rows.status();
+      if (rows->empty()) return LeaseEnded(lease);
+      const auto job =
+          ParseStoredJob({lease.job, v1::JOB_STATE_RUNNING}, rows->Bytes(0, 0), std::nullopt);
+      if (job.ok()) is_cancelled = job->cancel_requested();
+      return job.status();
+    });
+    if (!status.ok()) return status;
+    return is_cancelled;
   }
 
   absl::Status Finish(const JobLease& lease, const JobEdit& end) override {
@@ -180,8 +218,13 @@ class OwnedStore final : public PostgresqlStore {
       bool found = false;
       const absl::Status status = Write([&](PostgresqlConnection& connection, SqlStatement& undo) {
         const auto rows = connection.Run(
-            Select("state = $1 AND fence < $2 ORDER BY priority DESC, number LIMIT 1 FOR UPDATE",
-                   {v1::JOB_STATE_RUNNING, first_fence_}));
+            IsShared()
+                ? Select("state = $1 AND (lease_end IS NULL OR lease_end < clock_timestamp())"
+                         " ORDER BY priority DESC, number LIMIT 1 FOR UPDATE SKIP LOCKED",
+                         {v1::JOB_STATE_RUNNING})
+                : Select("state = $1 AND fence < $2"
+                         " ORDER BY priority DESC, number LIMIT 1 FOR UPDATE",
+                         {v1::JOB_STATE_RUNNING, first_fence_}));
         if (!rows.ok()) return rows.status();
         found = !rows->empty();
         if (!found) return absl::OkStatus();
@@ -216,9 +259,9 @@ class OwnedStore final : public PostgresqlStore {
   absl::Status AddProgress(const JobLease& lease, const v1::JobProgress& progress) override {
     return Write([&](PostgresqlConnection& connection, SqlStatement& undo) {
       undo = {
-          "DELETE FROM progress WHERE sequence = $1"
-          " AND job_number = (SELECT number FROM jobs WHERE name = $2)",
-          {progress.sequence(), lease.job}};
+          "DELETE FROM progress WHERE sequence = $1 AND progress = $2"
+          " AND job_number = (SELECT number FROM jobs WHERE name = $3)",
+          {progress.sequence(), SqlValue::Bytes(StoredProgress(progress)), lease.job}};
       // The row stays locked, so that the lease cannot end before the event is there.
       const auto added = connection.Run(
           "WITH held AS (SELECT number FROM jobs WHERE name = $1 AND state = $2 AND fence = $3"
@@ -262,13 +305,31 @@ class OwnedStore final : public PostgresqlStore {
     });
   }
 
-  absl::Status SetAlias(const security::ModelAliasName& name, int version) override {
-    return Write([&](PostgresqlConnection& connection, SqlStatement& undo) {
-      if (absl::Status status = KeepAlias(connection, name, undo); !status.ok()) return status;
-      return connection
-          .Run(kSetAlias, {name.model, name.alias, version, AliasDigest(name, version)})
-          .status();
+  absl::StatusOr<bool> SetAliasIf(const security::ModelAliasName& name, int version,
+                                  const serving::AliasCondition& condition) override {
+    bool is_moved = false;
+    const absl::Status status = Write([&](PostgresqlConnection& connection, SqlStatement& undo) {
+      absl::Status held = Hold(connection, condition.maker);
+      // Nobody deletes the version meanwhile.
+      if (held.ok() && IsShared()) held = HoldVersion(connection, {name.model, version}, "SHARE");
+      if (!held.ok()) return held;
+      const auto before = FindAlias(connection, name);
+      if (!before.ok()) return before.status();
+      const int stands = *before ? (*before)->version : 0;
+      if (condition.before.value_or(stands) != stands) return absl::OkStatus();
+      const auto written =
+          connection.Run(*before ? kMoveAlias : kAddAlias,
+                         {name.model, name.alias, version, AliasDigest(name, version)});
+      if (!written.ok()) return written.status();
+      if (written->empty()) {  // another server has just added it
+        return condition.before ? absl::OkStatus() : StoreUnavailable("the alias is being set");
+      }
+      is_moved = true;
+      undo = UndoAlias(name, *before, written->Int(0, 0));
+      return absl::OkStatus();
     });
+    if (!status.ok()) return status;
+    return is_moved;
   }
 
   absl::StatusOr<int> GetAlias(const security::ModelAliasName& name) override {
@@ -295,27 +356,181 @@ class OwnedStore final : public PostgresqlStore {
 
   absl::Status DeleteAlias(const security::ModelAliasName& name) override {
     return Write([&](PostgresqlConnection& connection, SqlStatement& undo) {
-      if (absl::Status status = KeepAlias(connection, name, undo); !status.ok()) return status;
-      const auto deleted = connection.Run(kDeleteAlias, {name.model, name.alias});
-      if (!deleted.ok()) return deleted.status();
-      return deleted->changed() == 1 ? absl::OkStatus() : NoSuchAlias(name);
+      const auto before = FindAlias(connection, name);
+      if (!before.ok()) return before.status();
+      if (!*before) return NoSuchAlias(name);
+      undo = {kAddAlias,
+              {name.model, name.alias, (*before)->version, AliasDigest(name, (*before)->version)}};
+      return connection.Run(kDeleteAlias, {name.model, name.alias}).status();
     });
   }
 
  private:
-  // Sets `undo` to what makes the alias what it is now.
-  static absl::Status KeepAlias(PostgresqlConnection& connection,
-                                const security::ModelAliasName& name, SqlStatement& undo) {
+  using Connection = PostgresqlConnection;
+  using ModelVersionName = security::ModelVersionName;
+
+  bool IsShared() const { return use_ == StoreUse::kShared; }
+
+  absl::StatusOr<std::vector<Entry>> ListVersions() override {
+    const auto rows =
+        Read({"SELECT model, version, revision FROM versions WHERE state = $1"
+              " ORDER BY model, version",
+              {kPresent}});
+    if (!rows.ok()) return rows.status();
+    std::vector<Entry> entries;
+    for (int row = 0; row < rows->count(); ++row) {
+      entries.push_back(
+          {{rows->Bytes(row, 0), static_cast<int>(rows->Int(row, 1))}, rows->Int(row, 2)});
+    }
+    return entries;
+  }
+
+  absl::Status Adopt(const std::vector<ModelVersionName>& present) override {
+    return AddVersions(present, kPresent);
+  }
+  absl::Status AdoptDeleted(const std::vector<ModelVersionName>& deleted) override {
+    return AddVersions(deleted, kDeleted);
+  }
+
+  absl::StatusOr<int> Reserve(const std::string& model, const serving::Maker& maker) override {
+    int64_t number = 0;
+    const absl::Status status = Write([&](Connection& connection, SqlStatement&) {
+      if (absl::Status held = Hold(connection, maker); !held.ok()) return held;
+      // One after the other: two would get the same number.
+      const auto locked = connection.Run(
+          "SELECT 1::int8 FROM pg_advisory_xact_lock("
+          "hashtextextended('maneuver ' || current_schema() || ' models/' || $1, 0))",
+          {model});
+      if (!locked.ok()) return locked.status();
+      const auto reserved = connection.Run(
+          "INSERT INTO versions (model, version, state)"
+          " SELECT $1, coalesce(max(version), 0) + 1, $2::int8 FROM versions WHERE model = $1"
+          " RETURNING version",
+          {model, kReserved});
+      if (reserved.ok()) number = reserved->Int(0, 0);
+      return reserved.status();
+    });
+    if (!status.ok()) return status;
+    return static_cast<int>(number);
+  }
+
+  absl::Status Announce(const ModelVersionName& name, const serving::Maker& maker) override {
+    // Nothing takes this back: the next attempt of the job finds the version.
+    return Write([&](Connection& connection, SqlStatement&) {
+      if (absl::Status held = Hold(connection, maker); !held.ok()) return held;
+      return SetVersionState(connection, name, kReserved, kPresent);
+    });
+  }
+
+  absl::Status Retract(const ModelVersionName& name) override {
+    // Nothing takes this back: a caller that asks again learns that the version is gone.
+    return Write([&](Connection& connection, SqlStatement&) {
+      if (absl::Status held = HoldVersion(connection, name, "UPDATE"); !held.ok()) return held;
+      const auto aliases =
+          connection.Run("SELECT 1::int8 FROM aliases WHERE model = $1 AND version = $2 LIMIT 1",
+                         {name.model, name.version});
+      if (!aliases.ok()) return aliases.status();
+      if (!aliases->empty()) return HasAlias(name);
+      return SetVersionState(connection, name, kPresent, kDeleted);
+    });
+  }
+
+  absl::Status Change(const ModelVersionName& name, const serving::Maker& maker,
+                      const std::function<absl::Status()>& edit) override {
+    return Write([&](Connection& connection, SqlStatement&) {
+      absl::Status status = Hold(connection, maker);
+      if (status.ok()) status = HoldVersion(connection, name, "UPDATE");
+      if (status.ok()) status = edit();
+      if (!status.ok()) return status;
+      return connection
+          .Run("UPDATE versions SET revision = revision + 1 WHERE model = $1 AND version = $2",
+               {name.model, name.version})
+          .status();
+    });
+  }
+
+  absl::Status AddVersions(const std::vector<ModelVersionName>& names, int64_t state) {
+    if (names.empty()) return absl::OkStatus();
+    return Write([&](Connection& connection, SqlStatement&) {
+      for (const ModelVersionName& name : names) {
+        const auto added = connection.Run(
+            "INSERT INTO versions (model, version, state) VALUES ($1, $2, $3)"
+            " ON CONFLICT DO NOTHING",
+            {name.model, name.version, state});
+        if (!added.ok()) return added.status();
+      }
+      return absl::OkStatus();
+    });
+  }
+
+  static absl::Status SetVersionState(Connection& connection, const ModelVersionName& name,
+                                      int64_t from, int64_t to) {
+    const auto rows = connection.Run(
+        "UPDATE versions SET state = $1 WHERE model = $2 AND version = $3 AND state = $4",
+        {to, name.model, name.version, from});
+    if (!rows.ok()) return rows.status();
+    return rows->changed() == 1 ? absl::OkStatus() : NoSuchVersion(name);
+  }
+
+  // Keeps a version as it is, for the rest of the transaction. NOT_FOUND if there is none.
+  //   strength: of the lock, "SHARE" or "UPDATE"
+  static absl::Status HoldVersion(Connection& connection, const ModelVersionName& name,
+                                  const char* strength) {
+    const auto rows =
+        connection.Run(absl::StrCat("SELECT 1::int8 FROM versions"
+                                    " WHERE model = $1 AND version = $2 AND state = $3 FOR ",
+                                    strength),
+                       {name.model, name.version, kPresent});
+    if (!rows.ok()) return rows.status();
+    return rows->empty() ? NoSuchVersion(name) : absl::OkStatus();
+  }
+
+  // Keeps the lease of a maker that has one, for the rest of the transaction. ABORTED if it has
+  // ended.
+  static absl::Status Hold(Connection& connection, const serving::Maker& maker) {
+    if (maker.fence == 0) return absl::OkStatus();
+    const auto rows = connection.Run(
+        "SELECT 1::int8 FROM jobs WHERE name = $1 AND state = $2 AND fence = $3 FOR SHARE",
+        {maker.name, v1::JOB_STATE_RUNNING, maker.fence});
+    if (!rows.ok()) return rows.status();
+    return rows->empty() ? LeaseEnded({maker.name, maker.fence}) : absl::OkStatus();
+  }
+
+  // Sets the end of a lease. Returns the job; no row if the lease has ended.
+  absl::StatusOr<SqlRows> Extend(Connection& connection, const JobLease& lease) const {
+    return connection.Run(
+        "UPDATE jobs SET lease_end = clock_timestamp() + $1::int8 * interval '1 ms'"
+        " WHERE name = $2 AND state = $3 AND fence = $4 RETURNING job",
+        {IsShared() ? SqlValue(std::chrono::milliseconds(kLeaseTime).count()) : SqlValue::Null(),
+         lease.job, v1::JOB_STATE_RUNNING, lease.fence});
+  }
+
+  // Returns an alias, which stays as it is for the rest of the transaction.
+  static absl::StatusOr<std::optional<serving::ModelAlias>> FindAlias(
+      Connection& connection, const security::ModelAliasName& name) {
     const auto rows =
         connection.Run(absl::StrCat(kSelectAliases, " WHERE model = $1 AND alias = $2 FOR UPDATE"),
                        {name.model, name.alias});
     if (!rows.ok()) return rows.status();
-    undo = {kDeleteAlias, {name.model, name.alias}};
-    if (rows->empty()) return absl::OkStatus();
-    const auto alias = AliasFrom(*rows, 0);
+    if (rows->empty()) return std::optional<serving::ModelAlias>();
+    auto alias = AliasFrom(*rows, 0);
     if (!alias.ok()) return alias.status();
-    undo = {kSetAlias, {name.model, name.alias, alias->version, AliasDigest(name, alias->version)}};
-    return absl::OkStatus();
+    return std::optional(*std::move(alias));
+  }
+
+  // Returns what makes an alias what it was, if its row is still the one that `transaction` wrote.
+  static SqlStatement UndoAlias(const security::ModelAliasName& name,
+                                const std::optional<serving::ModelAlias>& before,
+                                int64_t transaction) {
+    if (!before) {
+      return {absl::StrCat(kDeleteAlias, kIfAsWritten, "$3"),
+              {name.model, name.alias, transaction}};
+    }
+    return {
+        absl::StrCat("UPDATE aliases SET version = $3, digest = $4"
+                     " WHERE model = $1 AND alias = $2",
+                     kIfAsWritten, "$5"),
+        {name.model, name.alias, before->version, AliasDigest(name, before->version), transaction}};
   }
 
   absl::StatusOr<SqlRows> Read(const SqlStatement& statement) {
@@ -328,6 +543,7 @@ class OwnedStore final : public PostgresqlStore {
   }
 
   const std::string id_;
+  const StoreUse use_;
   // Leases of earlier owners have smaller fences.
   const int64_t first_fence_;
   // One connection, one transaction at a time.
@@ -335,15 +551,26 @@ class OwnedStore final : public PostgresqlStore {
   const std::unique_ptr<PostgresqlSession> session_ ABSL_PT_GUARDED_BY(mutex_);
 };
 
+absl::StatusOr<std::unique_ptr<PostgresqlStore>> OpenSession(const std::string& address,
+                                                             StoreUse use,
+                                                             monitoring::MetricRegistry& metrics) {
+  auto session = PostgresqlSession::Open(address, use, metrics);
+  if (!session.ok()) return session.status();
+  const auto first_fence = (*session)->Read({"SELECT nextval('job_fences')", {}});
+  if (!first_fence.ok()) return first_fence.status();
+  return std::make_unique<SessionStore>(*std::move(session), use, first_fence->Int(0, 0));
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<PostgresqlStore>> PostgresqlStore::Open(
     const std::string& address, monitoring::MetricRegistry& metrics) {
-  auto session = PostgresqlSession::Open(address, metrics);
-  if (!session.ok()) return session.status();
-  const auto first_fence = (*session)->Read({"SELECT nextval('job_fences')", {}});
-  if (!first_fence.ok()) return first_fence.status();
-  return std::make_unique<OwnedStore>(*std::move(session), first_fence->Int(0, 0));
+  return OpenSession(address, StoreUse::kAlone, metrics);
+}
+
+absl::StatusOr<std::unique_ptr<PostgresqlStore>> PostgresqlStore::Share(
+    const std::string& address, monitoring::MetricRegistry& metrics) {
+  return OpenSession(address, StoreUse::kShared, metrics);
 }
 
 }  // namespace maneuver::jobs

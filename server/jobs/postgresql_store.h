@@ -1,12 +1,14 @@
 // Jobs and aliases in a PostgreSQL database, version 15 or later.
 //
-// One server owns the store at a time (postgresql_session.h). Every change is one transaction, so a
+// One server owns the store, or several share it (postgresql_session.h). Leases of a store that is
+// shared end by the database's clock. Every change is one transaction, so a
 // call that returned OK survives a crash of either side. The tables are made and brought up to date
 // by `maneuverd store migrate`, never by a server.
 
 #ifndef MANEUVER_SERVER_JOBS_POSTGRESQL_STORE_H_
 #define MANEUVER_SERVER_JOBS_POSTGRESQL_STORE_H_
 
+#include <chrono>
 #include <memory>
 #include <string>
 
@@ -16,6 +18,9 @@
 
 namespace maneuver::jobs {
 
+// How long after its Claim or Renew a lease in a store that is shared may be taken from its holder.
+inline constexpr std::chrono::seconds kLeaseTime{15};
+
 class PostgresqlStore : public Store {
  public:
   // Takes the store that is in the database of a URI (store_address.h). FAILED_PRECONDITION if
@@ -23,6 +28,12 @@ class PostgresqlStore : public Store {
   // wrong URI, UNAVAILABLE if the database cannot be reached or another server owns the store.
   // `metrics` must outlive the store.
   static absl::StatusOr<std::unique_ptr<PostgresqlStore>> Open(
+      const std::string& address,
+      monitoring::MetricRegistry& metrics = monitoring::MetricRegistry::Null());
+
+  // Opens the store as Open does, beside other servers that share it. UNAVAILABLE if another server
+  // owns it.
+  static absl::StatusOr<std::unique_ptr<PostgresqlStore>> Share(
       const std::string& address,
       monitoring::MetricRegistry& metrics = monitoring::MetricRegistry::Null());
 

@@ -17,7 +17,7 @@ std::string ModelId(const v1::TrainRequest& request) {
 
 absl::Status PublishStep::Recall() {
   const auto published = attempt_.environment.versions->FindMadeBy(
-      ModelId(job_.train()), job_.train().promotion(), job_.name());
+      ModelId(job_.train()), job_.train().promotion(), attempt_.maker);
   if (!published.ok()) return WithDefaultReason(published.status(), "MODEL_REFUSED");
   if (*published) job_.set_model_version((*published)->ToString());
   return absl::OkStatus();
@@ -25,7 +25,7 @@ absl::Status PublishStep::Recall() {
 
 Outcome PublishStep::Run() {
   const auto version = attempt_.environment.versions->Publish(
-      ModelId(job_.train()), folder_ / kOutput, job_.train().promotion(), job_.name());
+      ModelId(job_.train()), folder_ / kOutput, job_.train().promotion(), attempt_.maker);
   if (!version.ok()) return {WithDefaultReason(version.status(), "MODEL_REFUSED")};
   job_.set_model_version(version->ToString());
   return {};

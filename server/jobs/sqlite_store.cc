@@ -145,6 +145,16 @@ class FileStore final : public SqliteStore {
     return std::optional(ClaimedJob{std::move(job), lease});
   }
 
+  std::optional<std::chrono::milliseconds> LeaseTime() const override { return std::nullopt; }
+
+  absl::StatusOr<bool> Renew(const JobLease& lease) override {
+    const MutexLock lock(mutex_);
+    if (!HoldsLocked(lease)) return LeaseEnded(lease);
+    const auto job = GetLocked(lease.job);
+    if (!job.ok()) return job.status();
+    return job->cancel_requested();
+  }
+
   absl::Status Finish(const JobLease& lease, const JobEdit& end) override {
     const MutexLock lock(mutex_);
     if (!HoldsLocked(lease)) return LeaseEnded(lease);
@@ -221,25 +231,27 @@ class FileStore final : public SqliteStore {
     return Statement(database_, "DELETE FROM jobs WHERE name = ?").Bind(name).Run();
   }
 
-  absl::Status SetAlias(const security::ModelAliasName& name, int version) override {
+  absl::StatusOr<bool> SetAliasIf(const security::ModelAliasName& name, int version,
+                                  const serving::AliasCondition& condition) override {
     const MutexLock lock(mutex_);
+    const JobLease lease = {condition.maker.name, condition.maker.fence};
+    if (lease.fence != 0 && !HoldsLocked(lease)) return LeaseEnded(lease);
+    if (condition.before) {
+      const auto before = GetAliasLocked(name);
+      if (!before.ok() && !absl::IsNotFound(before.status())) return before.status();
+      if (before.value_or(0) != *condition.before) return false;
+    }
     Statement replace(database_,
                       "INSERT OR REPLACE INTO aliases (model, alias, version, digest) "
                       "VALUES (?, ?, ?, ?)");
     replace.Bind(name.model).Bind(name.alias).Bind(version).Bind(AliasDigest(name, version));
-    return replace.Run();
+    if (absl::Status status = replace.Run(); !status.ok()) return status;
+    return true;
   }
 
   absl::StatusOr<int> GetAlias(const security::ModelAliasName& name) override {
     const MutexLock lock(mutex_);
-    Statement select(database_,
-                     "SELECT " ALIAS_COLUMNS " FROM aliases WHERE model = ? AND alias = ?");
-    const auto row = select.Bind(name.model).Bind(name.alias).Step();
-    if (!row.ok()) return row.status();
-    if (!*row) return NoSuchAlias(name);
-    const auto alias = AliasFrom(select);
-    if (!alias.ok()) return alias.status();
-    return alias->version;
+    return GetAliasLocked(name);
   }
 
   absl::StatusOr<std::vector<serving::ModelAlias>> ListAliases() override {
@@ -298,6 +310,18 @@ class FileStore final : public SqliteStore {
       if (!job.ok()) return job.status();
       jobs.push_back(*std::move(job));
     }
+  }
+
+  absl::StatusOr<int> GetAliasLocked(const security::ModelAliasName& name)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    Statement select(database_,
+                     "SELECT " ALIAS_COLUMNS " FROM aliases WHERE model = ? AND alias = ?");
+    const auto row = select.Bind(name.model).Bind(name.alias).Step();
+    if (!row.ok()) return row.status();
+    if (!*row) return NoSuchAlias(name);
+    const auto alias = AliasFrom(select);
+    if (!alias.ok()) return alias.status();
+    return alias->version;
   }
 
   absl::StatusOr<v1::Job> GetLocked(const std::string& name) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {

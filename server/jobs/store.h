@@ -1,14 +1,20 @@
-// What a server keeps beside its files: jobs with their progress, and aliases.
+// What a server keeps beside its files: jobs with their progress, and aliases. A store that several
+// servers may share also says which versions exist.
 
 #ifndef MANEUVER_SERVER_JOBS_STORE_H_
 #define MANEUVER_SERVER_JOBS_STORE_H_
 
 #include "server/jobs/job_store.h"
 #include "server/serving/alias_store.h"
+#include "server/serving/version_ledger.h"
 
 namespace maneuver::jobs {
 
-class Store : public JobStore, public serving::AliasStore {};
+class Store : public JobStore, public serving::AliasStore {
+ public:
+  // Returns the ledger of versions; nullptr if no other server can ever use this store.
+  virtual serving::VersionLedger* Ledger() { return nullptr; }
+};
 
 }  // namespace maneuver::jobs
 

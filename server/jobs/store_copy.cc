@@ -94,8 +94,10 @@ absl::Status CopyOnce(const fs::path& data_dir, const std::string& address) {
   const auto target = PostgresqlConnection::Open(address);
   if (!target.ok()) return target.status();
   PostgresqlConnection& connection = **target;
-  if (absl::Status status = LockStore(connection, kPatienceForPredecessor); !status.ok())
+  if (absl::Status status = LockStore(connection, StoreUse::kAlone, kPatienceForPredecessor);
+      !status.ok()) {
     return status;
+  }
   if (absl::Status status = CheckSchema(connection); !status.ok()) return status;
   if (absl::Status status = connection.SetPatience(kCopyPatience); !status.ok()) return status;
   const auto present = connection.Run(

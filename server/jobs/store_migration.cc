@@ -15,7 +15,7 @@ constexpr std::chrono::seconds kMigrationPatience{3'600};
 absl::StatusOr<StoreMigration> MigrateStore(const std::string& address) {
   const auto connection = PostgresqlConnection::Open(address);
   if (!connection.ok()) return connection.status();
-  absl::Status status = LockStore(**connection, kPatienceForPredecessor);
+  absl::Status status = LockStore(**connection, StoreUse::kAlone, kPatienceForPredecessor);
   if (status.ok()) status = (*connection)->SetPatience(kMigrationPatience);
   if (!status.ok()) return status;
   const auto from = Migrate(**connection, StoreMigrations());

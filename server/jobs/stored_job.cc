@@ -7,6 +7,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "model/data/tfrecord.h"
+#include "server/errors/error_details.h"
 #include "server/jobs/job_state.h"
 
 namespace maneuver::jobs {
@@ -130,6 +131,18 @@ absl::Status NoSuchJob(const std::string& name) {
 
 absl::Status NoSuchAlias(const security::ModelAliasName& name) {
   return absl::NotFoundError(absl::StrCat("there is no ", name.ToString()));
+}
+
+absl::Status NoSuchVersion(const security::ModelVersionName& name) {
+  return errors::WithReason(absl::NotFoundError(absl::StrCat("there is no ", name.ToString())),
+                            "MODEL_VERSION_NOT_FOUND", {{"model_version", name.ToString()}});
+}
+
+absl::Status HasAlias(const security::ModelVersionName& name) {
+  return errors::WithReason(
+      absl::FailedPreconditionError(
+          absl::StrCat("an alias points to ", name.ToString(), "; point it elsewhere first")),
+      "MODEL_VERSION_IN_USE", {{"model_version", name.ToString()}});
 }
 
 absl::Status LeaseEnded(const JobLease& lease) {

@@ -62,6 +62,8 @@ absl::Status CheckMove(v1::JobState from, v1::JobState to);
 
 absl::Status NoSuchJob(const std::string& name);
 absl::Status NoSuchAlias(const security::ModelAliasName& name);
+absl::Status NoSuchVersion(const security::ModelVersionName& name);
+absl::Status HasAlias(const security::ModelVersionName& name);
 absl::Status LeaseEnded(const JobLease& lease);
 // Return FAILED_PRECONDITION and name the job's state: IsInState because the state does not allow
 // the request, NotEnded because the job has not ended.

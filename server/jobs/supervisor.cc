@@ -26,6 +26,8 @@ using monitoring::LogLevel;
 
 // Between two attempts to write the end of a job to a store that refuses it (a full disk).
 constexpr std::chrono::seconds kRetry{1};
+// A job is in the store long before its folder is this old.
+constexpr std::chrono::hours kUnknownFolderAge{1};
 
 void LogFailure(const char* what, const std::string& job, const absl::Status& status) {
   if (errors::IsStoreAway(status)) return;  // the store logs that, once
@@ -42,6 +44,10 @@ absl::StatusOr<std::unique_ptr<Supervisor>> Supervisor::Start(SupervisorOptions 
   std::unique_ptr<Supervisor> supervisor(
       new Supervisor(std::move(options), store, datasets, versions, metrics));
   if (absl::Status status = supervisor->Recover(); !status.ok()) return status;
+  if (supervisor->IsShared()) {
+    supervisor->keeper_ =
+        std::make_unique<LeaseKeeper>(store, [s = supervisor.get()] { s->Follow(); });
+  }
   for (int i = 0; i < supervisor->options_.max_running_jobs; ++i) {
     supervisor->threads_.emplace_back([s = supervisor.get(), i] { s->RunJobs(i); });
   }
@@ -87,6 +93,31 @@ absl::Status Supervisor::Recover() {
   std::error_code error;
   fs::create_directories(options_.folder, error);
   if (error) return files::ErrnoStatus(error.value(), "create", options_.folder);
+  absl::Status status = TakeAbandoned();
+  if (status.ok()) status = RemoveUnknownFolders();
+  if (!status.ok()) return status;
+  CountJobs();
+  return absl::OkStatus();
+}
+
+absl::Status Supervisor::RemoveUnknownFolders() {
+  std::error_code error;
+  for (fs::directory_iterator entry(options_.folder, error);
+       !error && entry != fs::directory_iterator(); entry.increment(error)) {
+    std::error_code ignored;
+    // Another server may be admitting the job.
+    if (IsShared() &&
+        fs::file_time_type::clock::now() - entry->last_write_time(ignored) < kUnknownFolderAge) {
+      continue;
+    }
+    const std::string name = absl::StrCat("jobs/", entry->path().filename().string());
+    if (!absl::IsNotFound(store_.Get(name).status())) continue;
+    fs::remove_all(entry->path(), ignored);
+  }
+  return error ? files::ErrnoStatus(error.value(), "read", options_.folder) : absl::OkStatus();
+}
+
+absl::Status Supervisor::TakeAbandoned() {
   const auto abandoned = store_.TakeAbandoned([this](v1::Job& job) { GiveUpAttempt(job); });
   if (!abandoned.ok()) return abandoned.status();
   for (const v1::Job& job : *abandoned) {
@@ -94,25 +125,25 @@ absl::Status Supervisor::Recover() {
     Log(LogLevel::kWarning, "job was interrupted",
         {{"job", job.name()}, {"state", std::string(JobStateLabel(job.state()))}});
   }
-  // Folders of jobs that were deleted, or never got as far as the store.
-  for (fs::directory_iterator entry(options_.folder, error);
-       !error && entry != fs::directory_iterator(); entry.increment(error)) {
-    const std::string name = absl::StrCat("jobs/", entry->path().filename().string());
-    if (!absl::IsNotFound(store_.Get(name).status())) continue;
-    std::error_code ignored;
-    fs::remove_all(entry->path(), ignored);
-  }
-  if (error) return files::ErrnoStatus(error.value(), "read", options_.folder);
-  CountJobs();
   return absl::OkStatus();
+}
+
+void Supervisor::Follow() {
+  if (const absl::Status status = TakeAbandoned(); !status.ok()) {
+    LogFailure("jobs of other servers cannot be taken over", "", status);
+  }
+  CountJobs();
+  news_.PublishAll();
+  changed_.NotifyAll();  // a job may be pending
 }
 
 void Supervisor::GiveUpAttempt(v1::Job& job) const {
   // Nobody knows when it died; it was there when it last reported.
   const absl::Time begun = ToTime(job.attempts().start_time());
-  EndAttempt(job, FolderOf(job.name()), std::max(begun, ToTime(job.progress().time())),
-             /*died=*/true);
-  RemoveJobOutput(FolderOf(job.name()));
+  const fs::path folder = LatestAttemptFolder(FolderOf(job.name()));
+  EndAttempt(job, folder, std::max(begun, ToTime(job.progress().time())), /*died=*/true);
+  // A worker that is slow rather than gone may still write there.
+  if (!IsShared()) RemoveJobOutput(folder);
   if (job.cancel_requested()) {
     job.set_state(v1::JOB_STATE_CANCELLED);
     job.clear_cancel_requested();
@@ -131,8 +162,10 @@ fs::path Supervisor::FolderOf(const std::string& name) const {
 void Supervisor::RunJobs(int slot) {
   MutexLock lock(mutex_);
   while (!stops_) {
-    const auto claimed = store_.Claim(
-        [this](v1::Job& job) { BeginAttempt(job, FolderOf(job.name()), options_.now()); });
+    const auto before = std::chrono::steady_clock::now();
+    const auto claimed = store_.Claim([this](v1::Job& job) {
+      BeginAttempt(job, LatestAttemptFolder(FolderOf(job.name())), options_.now());
+    });
     if (!claimed.ok()) {
       LogFailure("no job can be started", "", claimed.status());
       changed_.WaitFor(mutex_, kRetry);
@@ -144,6 +177,7 @@ void Supervisor::RunJobs(int slot) {
     }
     const auto stop = std::make_shared<StopRequest>();
     running_[(*claimed)->job.name()] = stop;
+    if (keeper_ != nullptr) keeper_->Keep((*claimed)->lease, stop, before);
     lock.Unlock();
     RunOne(**claimed, slot, *stop);
     lock.Lock();
@@ -157,6 +191,24 @@ void Supervisor::RunOne(const ClaimedJob& claimed, int slot, StopRequest& stop) 
        {"attempt", job.attempts().started()},
        {"checkpoint", job.attempts().checkpoint()}});
   CountJobs();
+  v1::Job ended = Attempt(claimed, slot, stop);
+  curves_.Clear(slot);
+  EndRun(std::move(ended), claimed.lease);
+}
+
+v1::Job Supervisor::Attempt(const ClaimedJob& claimed, int slot, StopRequest& stop) {
+  const v1::Job& job = claimed.job;
+  fs::path folder = FolderOf(job.name());
+  if (IsShared() || LatestAttemptFolder(folder) != folder) {
+    auto made = MakeAttemptFolder(folder, claimed.lease.fence);
+    if (!made.ok()) {
+      v1::Job failed = job;
+      failed.set_state(v1::JOB_STATE_FAILED);
+      *failed.mutable_error() = errors::ToProto(made.status());
+      return failed;
+    }
+    folder = *std::move(made);
+  }
   const JobRunEnvironment environment = {
       .trainer = options_.trainer,
       .launcher = options_.launcher,
@@ -169,9 +221,8 @@ void Supervisor::RunOne(const ClaimedJob& claimed, int slot, StopRequest& stop) 
   ProgressRecorder progress(
       store_, news_, job, claimed.lease, options_.now,
       [this, slot](const v1::JobProgress& event) { curves_.Show(slot, event); });
-  v1::Job ended = RunJob(job, FolderOf(job.name()), {environment, stop, progress, options_.now});
-  curves_.Clear(slot);
-  EndRun(std::move(ended), claimed.lease);
+  return RunJob(job, folder,
+                {environment, stop, progress, options_.now, {job.name(), claimed.lease.fence}});
 }
 
 void Supervisor::EndRun(v1::Job job, const JobLease& lease) {
@@ -193,11 +244,12 @@ void Supervisor::EndRun(v1::Job job, const JobLease& lease) {
       status = store_.Finish(lease, end);
       if (status.ok()) break;
       LogFailure("end of a job not stored", job.name(), status);
-      // The next start finds it without a lease and goes on with it.
+      // Whoever finds it without a lease goes on with it.
       if (stops_ || absl::IsAborted(status)) break;
       changed_.WaitFor(mutex_, kRetry);
     }
     running_.erase(job.name());
+    if (keeper_ != nullptr) keeper_->Release(job.name());
   }
   if (!status.ok()) return;
   Log(job.has_error() ? LogLevel::kWarning : LogLevel::kInfo,

@@ -28,6 +28,7 @@
 #include "server/jobs/job_environment.h"
 #include "server/jobs/job_store.h"
 #include "server/jobs/job_watch.h"
+#include "server/jobs/lease_keeper.h"
 #include "server/jobs/training_devices.h"
 #include "server/monitoring/metrics.h"
 #include "server/serving/model_versions.h"
@@ -54,14 +55,16 @@ struct SupervisorOptions {
 
 // Runs jobs in order of their priority and, among equals, of their creation, each in a process of
 // its own. A process that dies is followed by another one that continues from its last checkpoint.
+// Supervisors of several servers may share a store and a folder: each job runs on one of them, and
+// all of them answer about it. If that server goes, another one continues the job.
 // Safe to use from any thread; calls write to the store and may wait for the disk. Errors carry
 // ErrorInfo or BadRequest.
 class Supervisor {
  public:
-  // Recovers from an earlier server: makes its RUNNING jobs PENDING again, or CANCELLED if they
-  // were being cancelled, and removes what they left half-written. Removes the folders of jobs that
-  // the store does not know. Then starts to run pending jobs. All references must outlive the
-  // supervisor.
+  // Recovers from an earlier server: makes RUNNING jobs whose lease has ended PENDING again, or
+  // CANCELLED if they were being cancelled, and removes what they left half-written. Removes the
+  // folders of jobs that the store does not know. Then starts to run pending jobs. All references
+  // must outlive the supervisor.
   static absl::StatusOr<std::unique_ptr<Supervisor>> Start(
       SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
       serving::ModelVersions& versions,
@@ -120,13 +123,21 @@ class Supervisor {
              serving::ModelVersions& versions, monitoring::MetricRegistry& metrics);
 
   absl::Status Recover();
-  // Makes a RUNNING job PENDING, or CANCELLED if that was asked for. Its process is gone.
+  // Removes the folders of jobs that were deleted, or never got as far as the store.
+  absl::Status RemoveUnknownFolders();
+  // Moves jobs whose lease has ended on.
+  absl::Status TakeAbandoned();
+  // Makes a RUNNING job PENDING, or CANCELLED if that was asked for. Its worker is gone.
   void GiveUpAttempt(v1::Job& job) const;
+  // Does what other servers' changes ask for; called regularly if there may be others.
+  void Follow() ABSL_LOCKS_EXCLUDED(mutex_);
   absl::StatusOr<v1::Job> Admit(v1::Job job, const std::string& request_id,
                                 const std::string& digest, bool validate_only);
   // Adds the memory that a job will take, if it was only validated.
   //   spec: the spec of its model
   absl::StatusOr<v1::Job> WithMemory(absl::StatusOr<v1::Job> job, const v1::ModelSpec& spec) const;
+  // FAILED_PRECONDITION if the job is no longer PENDING.
+  absl::StatusOr<v1::Job> CancelPending(v1::Job job);
   absl::StatusOr<v1::Job> EarlierJob(const std::string& request_id, const std::string& digest,
                                      bool* found);
   // NOT_FOUND if a dataset that the job reads does not exist.
@@ -134,10 +145,12 @@ class Supervisor {
   // RESOURCE_EXHAUSTED while max_pending_jobs are PENDING.
   absl::Status CheckRoom() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   std::filesystem::path FolderOf(const std::string& name) const;
+  bool IsShared() const { return store_.LeaseTime().has_value(); }
 
   //   slot: index among the jobs that may run at the same time, from 0
   void RunJobs(int slot) ABSL_LOCKS_EXCLUDED(mutex_);
   void RunOne(const ClaimedJob& claimed, int slot, StopRequest& stop);
+  v1::Job Attempt(const ClaimedJob& claimed, int slot, StopRequest& stop);
   // Stores the job in the state in which its attempt left it.
   void EndRun(v1::Job job, const JobLease& lease) ABSL_LOCKS_EXCLUDED(mutex_);
   // Shows how many jobs are in each state.
@@ -166,6 +179,7 @@ class Supervisor {
 
   // Live as long as the server: children die with the thread that started them.
   std::vector<std::thread> threads_;
+  std::unique_ptr<LeaseKeeper> keeper_;  // nullptr: leases last. The first to go: it calls Follow
 };
 
 }  // namespace maneuver::jobs

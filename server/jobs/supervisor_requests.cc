@@ -13,6 +13,7 @@
 #include "model/artifact/model_folder.h"
 #include "model/artifact/training_presets.h"
 #include "server/errors/error_details.h"
+#include "server/jobs/job_folder.h"
 #include "server/jobs/job_memory.h"
 #include "server/jobs/job_requests.h"
 #include "server/jobs/job_settings.h"
@@ -31,6 +32,8 @@ using monitoring::LogLevel;
 
 // Jobs take minutes at the least.
 constexpr std::chrono::seconds kRetryWhenFull{60};
+// To cancel a job that other servers move meanwhile.
+constexpr int kMostTries = 5;
 
 absl::Status Stopping() {
   return errors::WithReason(absl::UnavailableError("the server is stopping"), "SERVER_STOPS");
@@ -193,7 +196,10 @@ absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& reques
     if (!status.ok()) {
       std::error_code ignored;  // the next start removes what is left
       fs::remove_all(FolderOf(job.name()), ignored);
-      return status;
+      if (!absl::IsAlreadyExists(status)) return status;
+      // Another server has just admitted it.
+      earlier = EarlierJob(request_id, digest, &found);
+      return found || !earlier.ok() ? earlier : status;
     }
   }
   changed_.NotifyOne();
@@ -210,7 +216,8 @@ absl::StatusOr<JobPage> Supervisor::List(int page_size, const std::string& page_
 
 absl::StatusOr<v1::Job> Supervisor::Cancel(const std::string& name) {
   absl::StatusOr<v1::Job> job;
-  {
+  int tries = 0;
+  do {
     const MutexLock lock(mutex_);
     job = store_.Get(name);
     if (!job.ok() || HasEnded(job->state())) return job;
@@ -221,18 +228,27 @@ absl::StatusOr<v1::Job> Supervisor::Cancel(const std::string& name) {
       if (job.ok() && running != running_.end()) {
         running->second->Stop(StopRequest::Reason::kCancelled);
       }
-      return job;
+      if (!absl::IsFailedPrecondition(job.status())) return job;
+    } else {
+      job = CancelPending(*std::move(job));
     }
-    job->set_state(v1::JOB_STATE_CANCELLED);
-    job->clear_error();
-    job->clear_last_lines();
-    *job->mutable_end_time() = ToTimestamp(options_.now());
-    if (absl::Status status = store_.Move(v1::JOB_STATE_PENDING, *job); !status.ok()) return status;
-  }
+    // Another server may have moved it since Get.
+  } while (absl::IsFailedPrecondition(job.status()) && ++tries < kMostTries);
+  if (!job.ok()) return job;
   CountEnd(job->state());
   CountJobs();
   news_.Publish(name);
   Log(LogLevel::kInfo, "job cancelled before it ran", {{"job", name}});
+  return job;
+}
+
+absl::StatusOr<v1::Job> Supervisor::CancelPending(v1::Job job) {
+  job.set_state(v1::JOB_STATE_CANCELLED);
+  job.clear_error();
+  job.clear_last_lines();
+  *job.mutable_end_time() = ToTimestamp(options_.now());
+  absl::Status status = store_.Move(v1::JOB_STATE_PENDING, job);
+  if (!status.ok()) return status;
   return job;
 }
 
@@ -281,7 +297,7 @@ absl::StatusOr<bool> Supervisor::DropCheckpoints(const std::string& name) {
   const MutexLock lock(mutex_);
   const auto job = store_.Get(name);
   if (!job.ok()) return job.status();
-  return HasEnded(job->state()) && RemoveCheckpoints(FolderOf(name));
+  return HasEnded(job->state()) && RemoveCheckpoints(LatestAttemptFolder(FolderOf(name)));
 }
 
 absl::Status Supervisor::Delete(const std::string& name) {

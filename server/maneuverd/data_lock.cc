@@ -12,7 +12,8 @@
 
 namespace maneuver {
 
-absl::StatusOr<std::unique_ptr<DataLock>> DataLock::Take(const std::filesystem::path& data_dir) {
+absl::StatusOr<std::unique_ptr<DataLock>> DataLock::Take(const std::filesystem::path& data_dir,
+                                                         bool is_shared) {
   std::error_code error;
   std::filesystem::create_directories(data_dir, error);
   if (error) {
@@ -26,7 +27,7 @@ absl::StatusOr<std::unique_ptr<DataLock>> DataLock::Take(const std::filesystem::
     return absl::FailedPreconditionError(
         absl::StrCat("cannot open ", file.string(), ": ", std::strerror(errno)));
   }
-  if (flock(descriptor, LOCK_EX | LOCK_NB) != 0) {
+  if (flock(descriptor, (is_shared ? LOCK_SH : LOCK_EX) | LOCK_NB) != 0) {
     close(descriptor);
     return absl::FailedPreconditionError(
         absl::StrCat("another maneuverd uses ", data_dir.string(),

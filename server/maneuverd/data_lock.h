@@ -8,12 +8,15 @@
 
 namespace maneuver {
 
-// Keeps other servers off a data folder, until it is destroyed or the process ends.
+// Keeps other servers off a data folder, or all that do not share it, until it is destroyed or the
+// process ends.
 class DataLock {
  public:
   // Locks the folder, and creates it if it is missing. FAILED_PRECONDITION if another server has
   // it, or it cannot be created or written to.
-  static absl::StatusOr<std::unique_ptr<DataLock>> Take(const std::filesystem::path& data_dir);
+  //   is_shared: other servers that share it may have it, too
+  static absl::StatusOr<std::unique_ptr<DataLock>> Take(const std::filesystem::path& data_dir,
+                                                        bool is_shared = false);
   ~DataLock();
   DataLock(const DataLock&) = delete;
   DataLock& operator=(const DataLock&) = delete;

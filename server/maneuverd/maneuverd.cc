@@ -21,6 +21,7 @@
 #include "absl/strings/str_split.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
+#include "locks/stop_latch.h"
 #include "model/data/dataset_store.h"
 #include "model/files/durable_file.h"
 #include "model/kernels/kernel_choice.h"
@@ -67,6 +68,7 @@ using monitoring::LogLevel;
 
 constexpr int kDiskThreads = 4;
 const absl::Duration kBetweenSweeps = absl::Hours(1);
+constexpr std::chrono::seconds kFollowInterval{1};  // what other servers decide
 constexpr size_t kMaxWaitingForDisk = 256;
 // Outcomes can wait: scoring takes at most one core from predictions.
 constexpr int kScoringThreads = 1;
@@ -158,14 +160,15 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   const IdleMemory idle_memory;
   const auto protection = Protection::Open(options, *metrics);
   if (!protection.ok()) return protection.status();
-  const auto lock = DataLock::Take(options.data_dir);
+  const auto lock = DataLock::Take(options.data_dir, options.is_shared);
   if (!lock.ok()) return lock.status();
   metrics->WatchDisk(options.data_dir);
-  const auto store = jobs::OpenStore(options.data_dir, options.store, *metrics);
+  const auto store = jobs::OpenStore(options.data_dir, options.store, options.is_shared, *metrics);
   if (!store.ok()) return store.status();
   const auto datasets = data::DatasetStore::Open(options.data_dir / "datasets", options.datasets);
   if (!datasets.ok()) return datasets.status();
-  const auto versions = serving::VersionStore::Open(options.data_dir / "models");
+  const auto versions =
+      serving::VersionStore::Open(options.data_dir / "models", (*store)->Ledger());
   if (!versions.ok()) return versions.status();
   const auto models = serving::ServingTable::Open(
       **versions, **store,
@@ -255,9 +258,12 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
 
   // Health turns to SERVING with the first model; until then calls say what is missing.
   (*models)->OnReadyChange([&](bool ready) { (*server)->SetPredictionsReady(ready); });
+  StopLatch stop_following;
   std::thread loader([&] {
     Serve(options.serve, **models);
     (*models)->LoadAliased();
+    if (!options.is_shared) return;
+    while (!stop_following.StoppedWithin(kFollowInterval)) (*models)->Follow();
   });
 
   const int signal = signals.Wait();
@@ -275,6 +281,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   predictions.Drain();
   (*server)->Shutdown(refusing + options.shutdown_timeout);
   (*models)->OnReadyChange(nullptr);
+  stop_following.Stop();
   loader.join();
   manager.EndWatch();
   Log(LogLevel::kInfo, "stopped");

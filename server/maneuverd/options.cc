@@ -230,6 +230,9 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
                  "Database of jobs and aliases, such as "
                  "postgresql://maneuver@db.example/maneuver?sslmode=verify-full, made by "
                  "\"maneuverd store migrate\"; without it they are in the data folder");
+  app.add_flag("--shared", options.is_shared,
+               "Share the data folder and the database of --store with other servers, which do so, "
+               "too");
   app.add_option("--listen", listen, "HOST:PORT for gRPC; port 0 picks a free one")
       ->capture_default_str();
   app.add_option(
@@ -394,6 +397,11 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   if (const auto status = jobs::CheckStoreAddress(options.store); !status.ok()) {
     return refuse("--store: ", status);
   }
+  if (options.is_shared && options.store.empty()) {
+    return refuse("", absl::FailedPreconditionError(
+                          "--shared needs --store: the servers agree by its database"));
+  }
+  options.datasets.is_shared = options.is_shared;
   auto folders = ParseFolders(dataset_folders);
   if (!folders.ok()) return refuse("--dataset-folders: ", folders.status());
   options.datasets.folders = *std::move(folders);

@@ -29,7 +29,8 @@ namespace maneuver {
 
 struct ServerOptions {
   std::filesystem::path data_dir;
-  std::string store;  // a URI of PostgreSQL; empty: the embedded store of the data folder
+  std::string store;       // a URI of PostgreSQL; empty: the embedded store of the data folder
+  bool is_shared = false;  // other servers use store and data folder, too
   security::ListenAddress listen;
   std::optional<security::ListenAddress> metrics_listen;  // nothing: no metrics page
   std::filesystem::path port_file;                        // empty: none

@@ -80,10 +80,6 @@ std::vector<std::string> ListEvaluations(const fs::path& version_folder) {
   return datasets;
 }
 
-absl::Status RemoveUnfinishedEvaluations(const fs::path& version_folder) {
-  std::error_code error;
-  if (!fs::is_directory(version_folder / kEvaluations, error)) return absl::OkStatus();
-  return files::RemoveTemporaries(version_folder / kEvaluations);
-}
+fs::path EvaluationsFolder(const fs::path& version_folder) { return version_folder / kEvaluations; }
 
 }  // namespace maneuver::serving

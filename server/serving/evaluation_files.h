@@ -32,8 +32,9 @@ absl::StatusOr<v1::EvaluationReport> ReadEvaluation(const std::filesystem::path&
 // Returns the ids of the datasets that have reports, sorted.
 std::vector<std::string> ListEvaluations(const std::filesystem::path& version_folder);
 
-// Removes what an interrupted WriteEvaluation left.
-absl::Status RemoveUnfinishedEvaluations(const std::filesystem::path& version_folder);
+// Returns the folder of the reports, which need not exist. An interrupted WriteEvaluation leaves a
+// temporary there.
+std::filesystem::path EvaluationsFolder(const std::filesystem::path& version_folder);
 
 }  // namespace maneuver::serving
 

@@ -30,22 +30,24 @@ std::optional<ModelVersionName> LocalModelVersions::Serving(const std::string& m
 absl::StatusOr<ModelVersionName> LocalModelVersions::Publish(const std::string& model,
                                                              const std::filesystem::path& finished,
                                                              v1::Promotion promotion,
-                                                             const std::string& maker) {
+                                                             const Maker& maker) {
   return table_.Publish(model, finished, promotion, maker);
 }
 
 absl::StatusOr<std::optional<ModelVersionName>> LocalModelVersions::FindMadeBy(
-    const std::string& model, v1::Promotion promotion, const std::string& maker) {
+    const std::string& model, v1::Promotion promotion, const Maker& maker) {
   return table_.FindMadeBy(model, promotion, maker);
 }
 
-absl::StatusOr<bool> LocalModelVersions::PromoteOver(
-    const ModelVersionName& name, const std::optional<ModelVersionName>& before) {
-  return table_.PromoteOver(name, before);
+absl::StatusOr<bool> LocalModelVersions::PromoteOver(const ModelVersionName& name,
+                                                     const std::optional<ModelVersionName>& before,
+                                                     const Maker& maker) {
+  return table_.PromoteOver(name, before, maker);
 }
 
-absl::Status LocalModelVersions::KeepReport(const v1::EvaluationReport& report) {
-  return store_.KeepReport(report);
+absl::Status LocalModelVersions::KeepReport(const v1::EvaluationReport& report,
+                                            const Maker& maker) {
+  return store_.KeepReport(report, maker);
 }
 
 absl::StatusOr<v1::EvaluationReport> LocalModelVersions::GetReport(

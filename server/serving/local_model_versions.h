@@ -26,13 +26,14 @@ class LocalModelVersions final : public ModelVersions {
   absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
                                                      const std::filesystem::path& finished,
                                                      v1::Promotion promotion,
-                                                     const std::string& maker) override;
-  absl::StatusOr<std::optional<security::ModelVersionName>> FindMadeBy(
-      const std::string& model, v1::Promotion promotion, const std::string& maker) override;
-  absl::StatusOr<bool> PromoteOver(
-      const security::ModelVersionName& name,
-      const std::optional<security::ModelVersionName>& before) override;
-  absl::Status KeepReport(const v1::EvaluationReport& report) override;
+                                                     const Maker& maker) override;
+  absl::StatusOr<std::optional<security::ModelVersionName>> FindMadeBy(const std::string& model,
+                                                                       v1::Promotion promotion,
+                                                                       const Maker& maker) override;
+  absl::StatusOr<bool> PromoteOver(const security::ModelVersionName& name,
+                                   const std::optional<security::ModelVersionName>& before,
+                                   const Maker& maker) override;
+  absl::Status KeepReport(const v1::EvaluationReport& report, const Maker& maker) override;
   absl::StatusOr<v1::EvaluationReport> GetReport(
       const security::EvaluationName& name) const override;
   absl::Status Delete(const security::ModelVersionName& name) override;

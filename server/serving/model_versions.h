@@ -13,11 +13,12 @@
 #include "maneuver/v1/evaluation.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "server/security/resource_name.h"
+#include "server/serving/maker.h"
 
 namespace maneuver::serving {
 
 // Safe to use from any thread. Functions may wait for the disk; those marked "may take long" load
-// weights.
+// weights. Those with a maker change nothing and return ABORTED if its lease has ended.
 class ModelVersions {
  public:
   struct ResolvedVersion {
@@ -48,20 +49,20 @@ class ModelVersions {
   virtual absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
                                                              const std::filesystem::path& finished,
                                                              v1::Promotion promotion,
-                                                             const std::string& maker) = 0;
+                                                             const Maker& maker) = 0;
   // Returns the version of `model` that the job `maker` published, if there is one. Promotes it as
   // Publish would have, in case the server died between the two. May take long.
   virtual absl::StatusOr<std::optional<security::ModelVersionName>> FindMadeBy(
-      const std::string& model, v1::Promotion promotion, const std::string& maker) = 0;
+      const std::string& model, v1::Promotion promotion, const Maker& maker) = 0;
   // Makes a version serve, but only if `before` is the version that serves the model now (nothing:
   // if none serves). Otherwise changes nothing and returns false. May take long.
-  virtual absl::StatusOr<bool> PromoteOver(
-      const security::ModelVersionName& name,
-      const std::optional<security::ModelVersionName>& before) = 0;
+  virtual absl::StatusOr<bool> PromoteOver(const security::ModelVersionName& name,
+                                           const std::optional<security::ModelVersionName>& before,
+                                           const Maker& maker) = 0;
 
   // Stores a report beside the version that it names, and replaces an earlier report on the same
   // dataset. NOT_FOUND if the version is gone.
-  virtual absl::Status KeepReport(const v1::EvaluationReport& report) = 0;
+  virtual absl::Status KeepReport(const v1::EvaluationReport& report, const Maker& maker) = 0;
   // Returns the report of a version on a dataset. NOT_FOUND if there is none.
   virtual absl::StatusOr<v1::EvaluationReport> GetReport(
       const security::EvaluationName& name) const = 0;

@@ -28,6 +28,10 @@ absl::Status Unusable(const ModelVersionName& name, const absl::Status& why) {
                             "MODEL_DAMAGED", {{"model_version", name.ToString()}});
 }
 
+// A damaged version is not read all the time, and a folder that has only just come to a network file
+// system is found soon.
+constexpr std::chrono::seconds kRetryLoad{10};
+
 double SecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
@@ -92,6 +96,79 @@ void ServingTable::LoadAliased() {
     // Failures are logged there, and kept for those who ask.
     (void)LoadVersion(name);
     NotifyReady();
+  }
+}
+
+void ServingTable::Follow() {
+  const MutexLock change(change_mutex_);
+  absl::Status status = FollowStores();
+  if (!status.ok() && !errors::IsStoreAway(status) && status != last_failure_) {
+    Log(LogLevel::kError, "cannot follow the other servers",
+        {{"reason", std::string(status.message())}});
+  }
+  last_failure_ = std::move(status);
+}
+
+absl::Status ServingTable::FollowStores() {
+  // In this order: every version that an alias points to is known then.
+  const auto stored = alias_store_.ListAliases();
+  if (!stored.ok()) return stored.status();
+  if (absl::Status status = versions_.Refresh(); !status.ok()) return status;
+  bool changed = false;
+  std::set<ModelAliasName> present;
+  for (const ModelAlias& alias : *stored) {
+    present.insert(alias.name);
+    changed = FollowAlias(alias.name, alias.version) || changed;
+  }
+  {
+    const MutexLock lock(mutex_);
+    changed =
+        std::erase_if(aliases_, [&](const auto& alias) { return !present.contains(alias.first); }) >
+            0 ||
+        changed;
+  }
+  FollowLabels();
+  if (changed) NotifyReady();
+  return absl::OkStatus();
+}
+
+bool ServingTable::FollowAlias(const ModelAliasName& name, int version) {
+  const ModelVersionName wanted{name.model, version};
+  {
+    const MutexLock lock(mutex_);
+    const auto found = aliases_.find(name);
+    const bool is_loaded = resident_.contains(wanted);
+    if (found != aliases_.end() && found->second == version && is_loaded) return false;
+  }
+  const auto now = std::chrono::steady_clock::now();
+  const auto retry = retry_at_.find(wanted);
+  if (retry != retry_at_.end() && now < retry->second) return false;
+  const auto handle = LoadVersion(wanted);
+  if (!handle.ok()) {
+    retry_at_[wanted] = now + kRetryLoad;
+    return false;
+  }
+  retry_at_.erase(wanted);
+  Swap(name, *handle);
+  return true;
+}
+
+void ServingTable::FollowLabels() {
+  std::map<ModelVersionName, int64_t> changed;
+  {
+    const MutexLock lock(mutex_);
+    for (const auto& [name, resident] : resident_) {
+      const int64_t revision = versions_.Revision(name);
+      if (resident.revision != revision) changed[name] = revision;
+    }
+  }
+  for (const auto& [name, revision] : changed) {
+    const auto version = versions_.Describe(name);
+    if (!version.ok()) continue;  // tried again by the next call
+    const MutexLock lock(mutex_);
+    Resident& resident = resident_.at(name);
+    resident.handle->SetActionNames(evaluation::DisplayNames(version->manifest()));
+    resident.revision = revision;
   }
 }
 
@@ -189,6 +266,12 @@ absl::StatusOr<ModelHandle> ServingTable::Load(
 
 absl::StatusOr<ModelVersionName> ServingTable::Resolve(
     const std::optional<security::ModelReference>& reference) const {
+  {
+    const MutexLock lock(mutex_);
+    auto name = ResolveLocked(reference);
+    if (!absl::IsNotFound(name.status())) return name;
+  }
+  if (absl::Status status = versions_.Refresh(); !status.ok()) return status;
   const MutexLock lock(mutex_);
   return ResolveLocked(reference);
 }
@@ -231,6 +314,9 @@ absl::StatusOr<ModelHandle> ServingTable::LoadVersion(const ModelVersionName& na
     if (const auto found = resident_.find(name); found != resident_.end()) {
       return found->second.handle;
     }
+  }
+  if (!versions_.Contains(name)) {
+    if (absl::Status status = versions_.Refresh(); !status.ok()) return status;
   }
   if (absl::Status status = versions_.CheckExists(name); !status.ok()) return status;
   auto handle = LoadFolder(name, versions_.FolderOf(name));
@@ -276,10 +362,20 @@ std::vector<std::string> ServingTable::AliasesOfLocked(const ModelVersionName& n
   return found;
 }
 
-absl::Status ServingTable::PointAlias(const ModelAliasName& name, const ModelHandle& handle) {
-  if (auto status = alias_store_.SetAlias(name, handle->name().version); !status.ok()) {
-    return status;
+absl::StatusOr<bool> ServingTable::PointAlias(const ModelAliasName& name, const ModelHandle& handle,
+                                              const AliasCondition& condition) {
+  auto moved = alias_store_.SetAliasIf(name, handle->name().version, condition);
+  if (!moved.ok()) return moved;
+  if (!*moved) {
+    if (absl::Status status = FollowStores(); !status.ok()) return status;
+    return false;
   }
+  Swap(name, handle);
+  NotifyReady();
+  return true;
+}
+
+void ServingTable::Swap(const ModelAliasName& name, const ModelHandle& handle) {
   {
     std::vector<ModelHandle> dropped;  // freed after the lock
     const MutexLock lock(mutex_);
@@ -289,15 +385,13 @@ absl::Status ServingTable::PointAlias(const ModelAliasName& name, const ModelHan
   }
   Log(LogLevel::kInfo, "alias set",
       {{"alias", name.ToString()}, {"model_version", handle->name().ToString()}});
-  NotifyReady();
-  return absl::OkStatus();
 }
 
 absl::Status ServingTable::SetAlias(const ModelAliasName& name, int version) {
   const MutexLock change(change_mutex_);
   const auto handle = LoadVersion({name.model, version});
   if (!handle.ok()) return handle.status();
-  return PointAlias(name, *handle);
+  return PointAlias(name, *handle, {}).status();
 }
 
 absl::Status ServingTable::DeleteAlias(const ModelAliasName& name) {
@@ -324,14 +418,14 @@ std::optional<ModelVersionName> ServingTable::Serving(const std::string& model) 
 }
 
 absl::StatusOr<bool> ServingTable::PromoteOver(const ModelVersionName& name,
-                                               const std::optional<ModelVersionName>& before) {
+                                               const std::optional<ModelVersionName>& before,
+                                               const Maker& maker) {
   const MutexLock change(change_mutex_);
   if (Serving(name.model) != before) return false;
   const auto handle = LoadVersion(name);
   if (!handle.ok()) return handle.status();
-  const absl::Status status = PointAlias({name.model, std::string(kServingAlias)}, *handle);
-  if (!status.ok()) return status;
-  return true;
+  return PointAlias({name.model, std::string(kServingAlias)}, *handle,
+                    {before ? before->version : 0, maker});
 }
 
 bool ServingTable::WantsPromotion(const std::string& model, v1::Promotion promotion) const {
@@ -339,10 +433,21 @@ bool ServingTable::WantsPromotion(const std::string& model, v1::Promotion promot
   return promotion == v1::PROMOTION_UNSPECIFIED && !Serving(model);
 }
 
+absl::Status ServingTable::PromotePublished(const ModelHandle& handle, v1::Promotion promotion,
+                                            const Maker& maker) {
+  const std::string& model = handle->name().model;
+  if (Serving(model) == handle->name() || !WantsPromotion(model, promotion)) {
+    return absl::OkStatus();
+  }
+  AliasCondition condition{.before = std::nullopt, .maker = maker};
+  if (promotion == v1::PROMOTION_UNSPECIFIED) condition.before = 0;
+  return PointAlias({model, std::string(kServingAlias)}, handle, condition).status();
+}
+
 absl::StatusOr<ModelVersionName> ServingTable::Publish(const std::string& model,
                                                        const std::filesystem::path& finished,
                                                        v1::Promotion promotion,
-                                                       const std::string& maker) {
+                                                       const Maker& maker) {
   const MutexLock change(change_mutex_);
   ModelHandle handle;
   const auto load = [&](const ModelVersionName& next)
@@ -353,17 +458,16 @@ absl::StatusOr<ModelVersionName> ServingTable::Publish(const std::string& model,
   };
   const auto name = versions_.Publish(model, finished, maker, load);
   if (!name.ok()) return name.status();
-  if (WantsPromotion(model, promotion)) {
-    const absl::Status status = PointAlias({model, std::string(kServingAlias)}, handle);
-    // The alias may be on its way to the database: the version stays for it.
-    if (errors::IsStoreAway(status)) return status;
-    if (!status.ok()) {
-      const absl::Status undone = versions_.TakeBack(*name, finished);
-      if (!undone.ok()) {
-        Log(LogLevel::kError, "half-registered model", {{"model_version", name->ToString()}});
-      }
-      return status;
+  const absl::Status status = PromotePublished(handle, promotion, maker);
+  // The alias may be on its way to the database, or another attempt of the job goes on with the
+  // version: it stays for them.
+  if (errors::IsStoreAway(status) || absl::IsAborted(status)) return status;
+  if (!status.ok()) {
+    const absl::Status undone = versions_.TakeBack(*name, finished);
+    if (!undone.ok()) {
+      Log(LogLevel::kError, "half-registered model", {{"model_version", name->ToString()}});
     }
+    return status;
   }
   Log(LogLevel::kInfo, "model registered", {{"model_version", name->ToString()}});
   return name;
@@ -371,13 +475,15 @@ absl::StatusOr<ModelVersionName> ServingTable::Publish(const std::string& model,
 
 absl::StatusOr<std::optional<ModelVersionName>> ServingTable::FindMadeBy(const std::string& model,
                                                                          v1::Promotion promotion,
-                                                                         const std::string& maker) {
+                                                                         const Maker& maker) {
   const MutexLock change(change_mutex_);
-  const std::optional<ModelVersionName> found = versions_.FindMadeBy(model, maker);
+  // Another server may have published it just now.
+  if (absl::Status status = versions_.Refresh(); !status.ok()) return status;
+  const std::optional<ModelVersionName> found = versions_.FindMadeBy(model, maker.name);
   if (found && Serving(model) != found && WantsPromotion(model, promotion)) {
     const auto handle = LoadVersion(*found);
     if (!handle.ok()) return handle.status();
-    const absl::Status status = PointAlias({model, std::string(kServingAlias)}, *handle);
+    const absl::Status status = PromotePublished(*handle, promotion, maker);
     if (!status.ok()) return status;
   }
   return found;

@@ -4,10 +4,14 @@
 // A new version is loaded and warmed up while the old one serves. Then their handles are swapped,
 // and requests in progress keep the version that they began with. If a version cannot be loaded,
 // nothing changes.
+//
+// Several servers may share the stores of versions and aliases. Then each calls Follow regularly,
+// and serves what the others have decided.
 
 #ifndef MANEUVER_SERVER_SERVING_SERVING_TABLE_H_
 #define MANEUVER_SERVER_SERVING_SERVING_TABLE_H_
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -64,6 +68,11 @@ class ServingTable {
   // returns its error. May take long.
   void LoadAliased();
 
+  // Does what other servers have decided, each in the same way as if it were decided here: moves and
+  // removes aliases, and shows new labels. A version that cannot be loaded leaves its alias as it
+  // was, and is tried again after kRetryLoad. Logs errors, once. May take long.
+  void Follow();
+
   // Returns the version that a request refers to; without a reference, the version of the only
   // model that serves. Never reads the disk: the handle is nullptr if the version exists but is not
   // in memory; then call Load.
@@ -72,8 +81,9 @@ class ServingTable {
   absl::StatusOr<ModelHandle> Find(const std::optional<security::ModelReference>& reference);
   // Does the same as Find, but loads the version if it is not in memory. May take long.
   absl::StatusOr<ModelHandle> Load(const std::optional<security::ModelReference>& reference);
-  // Returns the name of the version that a request refers to. Loads nothing. Errors: as Find, but a
-  // version that could not be loaded is not an error.
+  // Returns the name of the version that a request refers to. Loads nothing. If it is not known
+  // here, asks the store what other servers have published. Errors: as Find, but a version that
+  // could not be loaded is not an error.
   absl::StatusOr<security::ModelVersionName> Resolve(
       const std::optional<security::ModelReference>& reference) const;
 
@@ -91,7 +101,8 @@ class ServingTable {
   // the model now (nothing: if none serves). Otherwise changes nothing and returns false. May take
   // long.
   absl::StatusOr<bool> PromoteOver(const security::ModelVersionName& name,
-                                   const std::optional<security::ModelVersionName>& before);
+                                   const std::optional<security::ModelVersionName>& before,
+                                   const Maker& maker = {});
 
   // Loads and checks the finished model folder `finished`, publishes it in the store as the next
   // version of `model`, and promotes it as `promotion` says. An error changes nothing, except that
@@ -102,12 +113,12 @@ class ServingTable {
   absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
                                                      const std::filesystem::path& finished,
                                                      v1::Promotion promotion,
-                                                     const std::string& maker = {});
+                                                     const Maker& maker = {});
   // Returns the version of `model` that Publish made for `maker`, if there is one. Promotes it as
   // Publish would have, in case the server died between the two. May take long.
   absl::StatusOr<std::optional<security::ModelVersionName>> FindMadeBy(const std::string& model,
                                                                        v1::Promotion promotion,
-                                                                       const std::string& maker);
+                                                                       const Maker& maker);
 
   // Labels an action as VersionStore::LabelAction does. Answers of the version carry the new name
   // from then on.
@@ -122,7 +133,9 @@ class ServingTable {
   struct Resident {
     ModelHandle handle;
     uint64_t last_used = 0;  // of uses_
+    int64_t revision = -1;   // of its labels, as VersionStore::Revision; -1: not followed yet
   };
+  using Time = std::chrono::steady_clock::time_point;
 
   ServingTable(VersionStore& versions, AliasStore& aliases, ModelLoader loader,
                const ServingTableOptions& options, monitoring::MetricRegistry& metrics);
@@ -142,12 +155,27 @@ class ServingTable {
   void MakeResidentLocked(const ModelHandle& handle, std::vector<ModelHandle>& dropped)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_, mutex_);
 
+  // Reads the aliases, and moves those that changed.
+  absl::Status FollowStores() ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
+  // Returns whether the alias points to `version` here now.
+  bool FollowAlias(const security::ModelAliasName& name, int version)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
+  void FollowLabels() ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
   absl::StatusOr<ModelHandle> LoadVersion(const security::ModelVersionName& name)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
   absl::StatusOr<ModelHandle> LoadFolder(const security::ModelVersionName& name,
                                          const std::filesystem::path& folder)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
-  absl::Status PointAlias(const security::ModelAliasName& name, const ModelHandle& handle)
+  // Points an alias to a version, in the store and here. Returns false, after following what the
+  // store says, if the condition does not hold.
+  absl::StatusOr<bool> PointAlias(const security::ModelAliasName& name, const ModelHandle& handle,
+                                  const AliasCondition& condition)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
+  // Makes a version serve that was just published, if it is to. OK if it is not.
+  absl::Status PromotePublished(const ModelHandle& handle, v1::Promotion promotion,
+                                const Maker& maker) ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
+  // Points an alias here.
+  void Swap(const security::ModelAliasName& name, const ModelHandle& handle)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
   // Returns whether publishing a version of `model` makes it serve.
   bool WantsPromotion(const std::string& model, v1::Promotion promotion) const
@@ -163,6 +191,9 @@ class ServingTable {
   Mutex change_mutex_ ABSL_ACQUIRED_BEFORE(mutex_);
   std::function<void(bool)> listener_ ABSL_GUARDED_BY(change_mutex_);
   ServingTableMetrics metrics_ ABSL_GUARDED_BY(change_mutex_);
+  // When to try again to load a version that an alias was moved to elsewhere.
+  std::map<security::ModelVersionName, Time> retry_at_ ABSL_GUARDED_BY(change_mutex_);
+  absl::Status last_failure_ ABSL_GUARDED_BY(change_mutex_);  // of Follow
   // Held for look-ups alone, never while the disk is read.
   mutable Mutex mutex_;
   std::map<security::ModelAliasName, int> aliases_ ABSL_GUARDED_BY(mutex_);

@@ -10,6 +10,7 @@
 #include "model/artifact/model_cost.h"
 #include "model/artifact/model_folder.h"
 #include "model/evaluation/action_names.h"
+#include "model/files/abandoned_temporaries.h"
 #include "model/files/durable_file.h"
 #include "server/errors/error_details.h"
 #include "server/monitoring/logging.h"
@@ -47,36 +48,96 @@ google::protobuf::Timestamp ToTimestamp(std::chrono::system_clock::time_point ti
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<VersionStore>> VersionStore::Open(fs::path folder) {
-  std::unique_ptr<VersionStore> store(new VersionStore(std::move(folder)));
+absl::StatusOr<std::unique_ptr<VersionStore>> VersionStore::Open(fs::path folder,
+                                                                 VersionLedger* ledger) {
+  std::unique_ptr<VersionStore> store(new VersionStore(std::move(folder), ledger));
   if (absl::Status status = store->Scan(); !status.ok()) return status;
   return store;
 }
 
 absl::Status VersionStore::Scan() {
+  const auto present = ListFolder();
+  if (!present.ok()) return present.status();
+  if (ledger_ != nullptr) {
+    absl::Status status = Adopt(*present);
+    return status.ok() ? Refresh() : status;
+  }
+  const MutexLock lock(mutex_);
+  for (const ModelVersionName& name : *present) versions_[name.model].emplace(name.version, 0);
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::vector<ModelVersionName>> VersionStore::ListFolder() const {
   std::error_code error;
   fs::create_directories(folder_, error);
   if (error) return FileError("create the folder of models", error);
-  if (auto status = files::RemoveTemporaries(folder_); !status.ok()) return status;
+  if (auto status = RemoveLeftovers(folder_); !status.ok()) return status;
 
-  std::map<std::string, std::set<int>> found;
+  std::vector<ModelVersionName> found;
   for (const auto& model : fs::directory_iterator(folder_, error)) {
     const std::string id = model.path().filename();
     if (!security::IsResourceId(id) || !model.is_directory(error)) continue;
-    if (auto status = files::RemoveTemporaries(model.path()); !status.ok()) return status;
+    if (auto status = RemoveLeftovers(model.path()); !status.ok()) return status;
     for (const auto& version : fs::directory_iterator(model.path(), error)) {
       const int number = security::ParseVersion(version.path().filename().string());
       if (number == 0 || !version.is_directory(error)) continue;
-      found[id].insert(number);
+      found.push_back({id, number});
       // Left by a label that was being written, and by a report.
-      if (auto status = files::RemoveTemporaries(version.path()); !status.ok()) return status;
-      if (auto status = RemoveUnfinishedEvaluations(version.path()); !status.ok()) return status;
+      if (auto status = RemoveLeftovers(version.path()); !status.ok()) return status;
+      const fs::path evaluations = EvaluationsFolder(version.path());
+      std::error_code absent;
+      if (!fs::is_directory(evaluations, absent)) continue;
+      if (auto status = RemoveLeftovers(evaluations); !status.ok()) return status;
     }
   }
   if (error) return FileError("list the folder of models", error);
-  const MutexLock lock(mutex_);
-  versions_ = std::move(found);
+  return found;
+}
+
+absl::Status VersionStore::RemoveLeftovers(const fs::path& folder) const {
+  if (ledger_ == nullptr) return files::RemoveTemporaries(folder);
+  files::RemoveAbandonedTemporaries(folder, fs::file_time_type::clock::now());
   return absl::OkStatus();
+}
+
+absl::Status VersionStore::Adopt(const std::vector<ModelVersionName>& present) {
+  if (absl::Status status = Refresh(); !status.ok()) return status;
+  std::vector<ModelVersionName> unknown;
+  for (const ModelVersionName& name : present) {
+    if (!Contains(name)) unknown.push_back(name);
+  }
+  if (absl::Status status = ledger_->Adopt(unknown); !status.ok()) return status;
+  std::vector<ModelVersionName> deleted;
+  std::error_code error;
+  for (const auto& model : fs::directory_iterator(folder_, error)) {
+    const std::string id = model.path().filename();
+    if (!security::IsResourceId(id)) continue;
+    const auto last = files::ReadFile(LastVersionFile(id));
+    if (last.ok()) deleted.push_back({id, security::ParseVersion(*last)});
+  }
+  if (error) return FileError("list the folder of models", error);
+  return ledger_->AdoptDeleted(deleted);
+}
+
+absl::Status VersionStore::Refresh() {
+  if (ledger_ == nullptr) return absl::OkStatus();
+  // A version that is published here meanwhile is not lost.
+  const MutexLock change(change_mutex_);
+  const auto listed = ledger_->ListVersions();
+  if (!listed.ok()) return listed.status();
+  std::map<std::string, std::map<int, int64_t>> versions;
+  for (const auto& [name, revision] : *listed) versions[name.model][name.version] = revision;
+  const MutexLock lock(mutex_);
+  versions_ = std::move(versions);
+  return absl::OkStatus();
+}
+
+int64_t VersionStore::Revision(const ModelVersionName& name) const {
+  const MutexLock lock(mutex_);
+  const auto model = versions_.find(name.model);
+  if (model == versions_.end()) return 0;
+  const auto version = model->second.find(name.version);
+  return version == model->second.end() ? 0 : version->second;
 }
 
 bool VersionStore::Contains(const ModelVersionName& name) const {
@@ -118,7 +179,7 @@ std::vector<VersionStore::StoredVersion> VersionStore::List(const std::string& m
     const MutexLock lock(mutex_);
     for (const auto& [id, versions] : versions_) {
       if (!model.empty() && id != model) continue;
-      for (const int version : versions) found.push_back({{id, version}, {}});
+      for (const auto& [version, revision] : versions) found.push_back({{id, version}, {}});
     }
   }
   for (StoredVersion& version : found) version.create_time = CreateTime(version.name);
@@ -132,7 +193,7 @@ std::vector<VersionStore::StoredVersion> VersionStore::List(const std::string& m
 
 std::optional<ModelVersionName> VersionStore::FindMadeBy(const std::string& model,
                                                          const std::string& maker) const {
-  std::set<int> versions;
+  std::map<int, int64_t> versions;
   {
     const MutexLock lock(mutex_);
     const auto found = versions_.find(model);
@@ -140,7 +201,7 @@ std::optional<ModelVersionName> VersionStore::FindMadeBy(const std::string& mode
     versions = found->second;
   }
   std::optional<ModelVersionName> latest;
-  for (const int version : versions) {
+  for (const auto& [version, revision] : versions) {
     const ModelVersionName name{model, version};
     if (files::ReadFile(FolderOf(name) / kMaker).value_or("") == maker) latest = name;
   }
@@ -169,7 +230,7 @@ absl::StatusOr<int> VersionStore::NextVersion(const std::string& model) const {
   {
     const MutexLock lock(mutex_);
     const auto found = versions_.find(model);
-    if (found != versions_.end()) last = *found->second.rbegin();
+    if (found != versions_.end()) last = found->second.rbegin()->first;
   }
   const auto recorded = files::ReadFile(LastVersionFile(model));
   if (recorded.ok()) {
@@ -181,20 +242,28 @@ absl::StatusOr<int> VersionStore::NextVersion(const std::string& model) const {
 }
 
 absl::StatusOr<ModelVersionName> VersionStore::Publish(const std::string& model,
-                                                       const fs::path& finished,
-                                                       const std::string& maker,
+                                                       const fs::path& finished, const Maker& maker,
                                                        const Check& check) {
   if (!security::IsResourceId(model)) {
     return absl::InvalidArgumentError("a model's name is [a-z][a-z0-9-]*, at most 63 characters");
   }
   const MutexLock change(change_mutex_);
-  const auto number = NextVersion(model);
+  const auto number = ledger_ != nullptr ? ledger_->Reserve(model, maker) : NextVersion(model);
   if (!number.ok()) return number.status();
   const ModelVersionName name{model, *number};
   if (absl::Status status = check(name); !status.ok()) return status;
-  if (absl::Status status = MoveIn(name, finished, maker); !status.ok()) return status;
+  if (absl::Status status = MoveIn(name, finished, maker.name); !status.ok()) return status;
+  if (ledger_ != nullptr) {
+    const absl::Status status = ledger_->Announce(name, maker);
+    // If the ledger is away, it may have heard: the folder stays for it.
+    if (!status.ok() && !errors::IsStoreAway(status)) {
+      std::error_code ignored;  // nobody sees the folder
+      fs::rename(FolderOf(name), finished, ignored);
+    }
+    if (!status.ok()) return status;
+  }
   const MutexLock lock(mutex_);
-  versions_[model].insert(name.version);
+  versions_[model].emplace(name.version, 0);
   return name;
 }
 
@@ -217,6 +286,9 @@ absl::Status VersionStore::MoveIn(const ModelVersionName& name, const fs::path& 
 
 absl::Status VersionStore::TakeBack(const ModelVersionName& name, const fs::path& finished) {
   const MutexLock change(change_mutex_);
+  if (ledger_ != nullptr) {
+    if (absl::Status status = ledger_->Retract(name); !status.ok()) return status;
+  }
   Forget(name);
   std::error_code error;
   fs::rename(FolderOf(name), finished, error);
@@ -226,19 +298,21 @@ absl::Status VersionStore::TakeBack(const ModelVersionName& name, const fs::path
 absl::Status VersionStore::Delete(const ModelVersionName& name) {
   const MutexLock change(change_mutex_);
   if (absl::Status status = CheckExists(name); !status.ok()) return status;
-  if (absl::Status status = MoveOut(name); !status.ok()) return status;
+  absl::Status status = ledger_ != nullptr ? ledger_->Retract(name) : RememberNumber(name);
+  if (status.ok()) status = MoveOut(name);
+  if (!status.ok()) return status;
   Forget(name);
   return absl::OkStatus();
 }
 
-absl::Status VersionStore::MoveOut(const ModelVersionName& name) const {
+absl::Status VersionStore::RememberNumber(const ModelVersionName& name) const {
   const auto next = NextVersion(name.model);
   if (!next.ok()) return next.status();
-  if (*next == name.version + 1) {
-    const auto status =
-        files::WriteFileAtomically(LastVersionFile(name.model), std::to_string(name.version));
-    if (!status.ok()) return status;
-  }
+  if (*next != name.version + 1) return absl::OkStatus();
+  return files::WriteFileAtomically(LastVersionFile(name.model), std::to_string(name.version));
+}
+
+absl::Status VersionStore::MoveOut(const ModelVersionName& name) const {
   // Out of sight in one step, then file by file: a crash in between leaves a temporary.
   const auto temporary = files::MakeTemporaryFolderFor(FolderOf(name));
   if (!temporary.ok()) return temporary.status();
@@ -258,7 +332,12 @@ void VersionStore::Forget(const ModelVersionName& name) {
   if (model->second.empty()) versions_.erase(model);
 }
 
-absl::Status VersionStore::KeepReport(const v1::EvaluationReport& report) {
+absl::Status VersionStore::Change(const ModelVersionName& name, const Maker& maker,
+                                  const std::function<absl::Status()>& edit) {
+  return ledger_ != nullptr ? ledger_->Change(name, maker, edit) : edit();
+}
+
+absl::Status VersionStore::KeepReport(const v1::EvaluationReport& report, const Maker& maker) {
   const auto version = security::ParseModelVersionName(report.model_version(), "model_version");
   if (!version.ok()) return version.status();
   const auto dataset = security::ParseDatasetName(report.dataset(), "dataset");
@@ -268,7 +347,8 @@ absl::Status VersionStore::KeepReport(const v1::EvaluationReport& report) {
   // Nobody deletes the version meanwhile.
   const MutexLock change(change_mutex_);
   if (absl::Status status = CheckExists(*version); !status.ok()) return status;
-  return WriteEvaluation(FolderOf(*version), *dataset, kept);
+  return Change(*version, maker,
+                [&] { return WriteEvaluation(FolderOf(*version), *dataset, kept); });
 }
 
 absl::StatusOr<std::vector<v1::EvaluationReport>> VersionStore::ListReports(
@@ -319,21 +399,24 @@ absl::StatusOr<v1::EvaluationReport> VersionStore::GetReport(const EvaluationNam
 absl::StatusOr<v1::Action> VersionStore::LabelAction(const ModelVersionName& name, int action_id,
                                                      const std::string& label) {
   const MutexLock change(change_mutex_);
-  auto version = Describe(name);
-  if (!version.ok()) return version.status();
-  v1::ModelManifest& manifest = *version->mutable_manifest();
-  const auto action = std::ranges::find(*manifest.mutable_actions(), action_id,
-                                        [](const v1::Action& a) { return a.action_id(); });
-  if (action == manifest.mutable_actions()->end()) {
-    return absl::OutOfRangeError(
-        absl::StrCat(name.ToString(), " has the actions 0 to ", manifest.actions_size() - 1));
-  }
-  action->set_label(label);
-  evaluation::CompleteActionNames(manifest);
-  v1::Action labelled = *action;
-  if (auto status = artifact::RewriteModelManifest(FolderOf(name), manifest); !status.ok()) {
-    return status;
-  }
+  if (absl::Status status = CheckExists(name); !status.ok()) return status;
+  v1::Action labelled;
+  const absl::Status status = Change(name, {}, [&]() -> absl::Status {
+    auto version = Describe(name);
+    if (!version.ok()) return version.status();
+    v1::ModelManifest& manifest = *version->mutable_manifest();
+    const auto action = std::ranges::find(*manifest.mutable_actions(), action_id,
+                                          [](const v1::Action& a) { return a.action_id(); });
+    if (action == manifest.mutable_actions()->end()) {
+      return absl::OutOfRangeError(
+          absl::StrCat(name.ToString(), " has the actions 0 to ", manifest.actions_size() - 1));
+    }
+    action->set_label(label);
+    evaluation::CompleteActionNames(manifest);
+    labelled = *action;
+    return artifact::RewriteModelManifest(FolderOf(name), manifest);
+  });
+  if (!status.ok()) return status;
   return labelled;
 }
 

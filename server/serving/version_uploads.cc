@@ -109,7 +109,7 @@ class ReceivedVersion final : public VersionUpload {
       return absl::InvalidArgumentError(
           absl::StrCat("the files are not a model: ", status.message()));
     }
-    auto made = table_.Publish(model_, folder, v1::PROMOTION_NEVER, MakerOf(files_));
+    auto made = table_.Publish(model_, folder, v1::PROMOTION_NEVER, {MakerOf(files_)});
     if (made.ok()) name_ = *made;
     if (absl::IsFailedPrecondition(made.status())) {
       return absl::InvalidArgumentError(made.status().message());

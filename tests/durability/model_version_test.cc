@@ -21,7 +21,7 @@ absl::Status PublishNextVersion(const fs::path& folder) {
   const auto versions = serving::VersionStore::Open(folder / "models");
   if (!versions.ok()) return versions.status();
   return (*versions)
-      ->Publish("town", finished, "jobs/a",
+      ->Publish("town", finished, {"jobs/a"},
                 [](const security::ModelVersionName&) { return absl::OkStatus(); })
       .status();
 }

@@ -97,7 +97,7 @@ class PostgresqlStoreTest : public testing::Test {
 TEST_F(PostgresqlStoreTest, AStoreHasOneOwner) {
   const auto store = Open(address_);
   const auto other = Connect(address_);
-  const absl::Status refused = LockStore(*other, std::chrono::seconds(0));
+  const absl::Status refused = LockStore(*other, StoreUse::kAlone, std::chrono::seconds(0));
   EXPECT_TRUE(errors::IsStoreAway(refused)) << refused;
   EXPECT_THAT(std::string(refused.message()), HasSubstr("another maneuverd uses this store"));
 }
@@ -119,17 +119,19 @@ TEST_F(PostgresqlStoreTest, ALaterSchemaIsRefused) {
 
 TEST_F(PostgresqlStoreTest, AnEarlierSchemaIsRefusedUntilItIsMigrated) {
   std::vector<std::string> migrations = StoreMigrations();
+  const auto latest = static_cast<int>(migrations.size());
   migrations.push_back("ALTER TABLE jobs ADD COLUMN colour TEXT NOT NULL DEFAULT 'blue'");
   ASSERT_TRUE(Open(address_)->Add(PendingJob("a"), "", "").ok());
   // As it looks to a release that knows the next version.
   ASSERT_TRUE(Connect(address_)->RunScript("UPDATE store SET schema_version = 0").ok());
   EXPECT_TRUE(absl::IsFailedPrecondition(PostgresqlStore::Open(address_).status()));
-  ASSERT_TRUE(Connect(address_)->RunScript("UPDATE store SET schema_version = 1").ok());
+  ASSERT_TRUE(
+      Connect(address_)->Run("UPDATE store SET schema_version = $1", {int64_t{latest}}).ok());
 
   const auto from = Migrate(*Connect(address_), migrations);
   ASSERT_TRUE(from.ok()) << from.status();
-  EXPECT_EQ(*from, 1);
-  EXPECT_EQ(*SchemaVersion(*Connect(address_)), 2);
+  EXPECT_EQ(*from, latest);
+  EXPECT_EQ(*SchemaVersion(*Connect(address_)), latest + 1);
   const auto job = Connect(address_)->Run("SELECT name FROM jobs WHERE colour = 'blue'");
   ASSERT_TRUE(job.ok()) << job.status();
   EXPECT_EQ(job->Bytes(0, 0), "jobs/a");
@@ -139,7 +141,7 @@ TEST_F(PostgresqlStoreTest, AMigrationThatFailsChangesNothing) {
   std::vector<std::string> migrations = StoreMigrations();
   migrations.push_back("CREATE TABLE half (a INT); CREATE TABLE half (a INT)");
   EXPECT_FALSE(Migrate(*Connect(address_), migrations).ok());
-  EXPECT_EQ(*SchemaVersion(*Connect(address_)), 1);
+  EXPECT_EQ(*SchemaVersion(*Connect(address_)), static_cast<int>(StoreMigrations().size()));
   EXPECT_FALSE(Connect(address_)->Run("SELECT a FROM half").ok());
 }
 
@@ -347,7 +349,7 @@ TEST_F(PostgresqlStoreTest, TenThousandJobsAreReadByIndexes) {
   EXPECT_TRUE(store->TakeAbandoned(To(v1::JOB_STATE_PENDING)).ok());
   // A session counts its scans when it ends, and gives the lock back then.
   store.reset();
-  ASSERT_TRUE(LockStore(*Connect(address_), std::chrono::seconds(10)).ok());
+  ASSERT_TRUE(LockStore(*Connect(address_), StoreUse::kAlone, std::chrono::seconds(10)).ok());
   EXPECT_EQ(scans(), before) << "a statement read a whole table";
 }
 

@@ -97,12 +97,12 @@ class Cluster:
 
 
 class Server:
-    def __init__(self, options, data, *flags):
+    def __init__(self, options, data, *flags, name=""):
         self.data = data
         self._maneuver = options.maneuver
-        ports = data.with_suffix(".ports")
+        ports = data.with_suffix(f".{name}ports")
         ports.unlink(missing_ok=True)
-        self.log = data.with_suffix(".log")
+        self.log = data.with_suffix(f".{name}log")
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(command(options, data, ports, *flags), stdout=log, stderr=log)
         wait_for(lambda: ports.exists() or self.process.poll() is not None, "the server listens")
@@ -129,9 +129,11 @@ class Server:
     def serves(self):
         return self.ask("health").returncode == 0
 
+    def metrics_page(self):
+        return urllib.request.urlopen(f"http://{self.metrics}/metrics").read().decode()
+
     def store_available(self):
-        page = urllib.request.urlopen(f"http://{self.metrics}/metrics").read().decode()
-        return re.search(r"^maneuver_store_available (\d)", page, re.MULTILINE)[1] == "1"
+        return re.search(r"^maneuver_store_available (\d)", self.metrics_page(), re.MULTILINE)[1] == "1"
 
     def stop(self):
         self.process.terminate()
@@ -162,9 +164,9 @@ def move(options, work, server, cluster):
     check("maneuverd store copy" in refusal(options, data, "--store", uri), "a folder with jobs is not served yet")
     check("maneuverd store migrate" in store(options, "copy", *flags).stderr, "tables have to be made first")
     made = store(options, "migrate", "--store", uri)
-    check(made.stdout == "made a store with schema version 1\n", made.stdout + made.stderr)
+    check(made.stdout == "made a store with schema version 2\n", made.stdout + made.stderr)
     again = store(options, "migrate", "--store", uri)
-    check(again.stdout == "the store has schema version 1 already\n", again.stdout + again.stderr)
+    check(again.stdout == "the store has schema version 2 already\n", again.stdout + again.stderr)
     copied = store(options, "copy", *flags)
     check(copied.returncode == 0 and copied.stdout.startswith("copied 1 job (1 succeeded), "),
           copied.stdout + copied.stderr)

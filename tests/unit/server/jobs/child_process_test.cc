@@ -8,6 +8,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <string>
 #include <vector>
 
@@ -50,6 +51,28 @@ TEST_F(ChildProcessTest, ReadsLargeOutputWhole) {
 TEST_F(ChildProcessTest, SkipsAnEndlessLineWithoutUsingMemory) {
   ASSERT_TRUE(RunShell("head -c 3000000 /dev/zero | tr '\\0' x; echo; echo after").ok());
   EXPECT_THAT(lines_, ElementsAre("after"));
+}
+
+TEST_F(ChildProcessTest, AKillDoesNotWaitForTheProcessNorForWhoReadsItsLines) {
+  const auto result = RunChild(
+      {.arguments = {"sh", "-c", "trap '' TERM; echo ready; while :; do sleep 0.02; done"},
+       .log = folder_ / "log",
+       .patience = std::chrono::hours(1)},
+      stop_, [this](const std::string&) { stop_.Kill(StopRequest::Reason::kLeaseLost); }, [] {});
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->signal, SIGKILL);
+  EXPECT_EQ(stop_.reason(), StopRequest::Reason::kLeaseLost);
+}
+
+TEST_F(ChildProcessTest, AKillThatComesFirstKillsTheProcessAtOnce) {
+  stop_.Kill(StopRequest::Reason::kLeaseLost);
+  const auto result = RunChild(
+      {.arguments = {"sh", "-c", "trap '' TERM; sleep 3600"},
+       .log = folder_ / "log",
+       .patience = std::chrono::hours(1)},
+      stop_, [](const std::string&) {}, [] {});
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->signal, SIGKILL);
 }
 
 TEST_F(ChildProcessTest, ReportsASignal) {

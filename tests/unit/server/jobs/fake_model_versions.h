@@ -49,31 +49,31 @@ class FakeModelVersions final : public serving::ModelVersions {
   absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
                                                      const std::filesystem::path& finished,
                                                      v1::Promotion promotion,
-                                                     const std::string& maker) override {
+                                                     const serving::Maker& maker) override {
     const std::lock_guard lock(mutex);
     if (!publish_error.ok()) return publish_error;
     promotions.push_back(promotion);
     const security::ModelVersionName name{model, static_cast<int>(promotions.size())};
     std::filesystem::rename(finished, folder_ / (model + std::to_string(name.version)));
-    published[maker] = name;
+    published[maker.name] = name;
     return name;
   }
   absl::StatusOr<std::optional<security::ModelVersionName>> FindMadeBy(
-      const std::string&, v1::Promotion, const std::string& maker) override {
+      const std::string&, v1::Promotion, const serving::Maker& maker) override {
     const std::lock_guard lock(mutex);
-    const auto found = published.find(maker);
+    const auto found = published.find(maker.name);
     if (found == published.end()) return std::nullopt;
     return found->second;
   }
-  absl::StatusOr<bool> PromoteOver(
-      const security::ModelVersionName& name,
-      const std::optional<security::ModelVersionName>& before) override {
+  absl::StatusOr<bool> PromoteOver(const security::ModelVersionName& name,
+                                   const std::optional<security::ModelVersionName>& before,
+                                   const serving::Maker&) override {
     const std::lock_guard lock(mutex);
     if (serving != before) return false;
     serving = name;
     return true;
   }
-  absl::Status KeepReport(const v1::EvaluationReport& report) override {
+  absl::Status KeepReport(const v1::EvaluationReport& report, const serving::Maker&) override {
     const std::lock_guard lock(mutex);
     if (keep_error.ok()) reports[report.model_version()] = report;
     return keep_error;

@@ -71,6 +71,8 @@ class RecordingStore : public JobStore {
     job.set_name(name);
     return Keep({Change::Kind::kDelete, v1::JOB_STATE_UNSPECIFIED, job}, store_.Delete(name));
   }
+  std::optional<std::chrono::milliseconds> LeaseTime() const override { return store_.LeaseTime(); }
+  absl::StatusOr<bool> Renew(const JobLease& lease) override { return store_.Renew(lease); }
   absl::StatusOr<v1::Job> Get(const std::string& name) override { return store_.Get(name); }
   absl::StatusOr<std::optional<RequestedJob>> FindRequest(const std::string& id) override {
     return store_.FindRequest(id);

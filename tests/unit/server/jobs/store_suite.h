@@ -347,6 +347,39 @@ TEST_P(StoreTest, AnEndedJobIsForgottenWithItsProgressAndAnotherIsNot) {
   EXPECT_FALSE(store_->Get("jobs/a")->has_progress());
 }
 
+TEST_P(StoreTest, RenewingALeaseTellsThatTheJobIsToBeCancelled) {
+  ASSERT_TRUE(store_->Add(PendingJob("a"), "", "").ok());
+  const JobLease lease = Claim().lease;
+  EXPECT_EQ(*store_->Renew(lease), false);
+  ASSERT_TRUE(store_->RequestCancel("jobs/a").ok());
+  EXPECT_EQ(*store_->Renew(lease), true);
+  ASSERT_TRUE(store_->Finish(lease, To(v1::JOB_STATE_CANCELLED)).ok());
+  EXPECT_TRUE(absl::IsAborted(store_->Renew(lease).status()));
+}
+
+TEST_P(StoreTest, AnAliasMovesOnlyFromWhereItIsExpected) {
+  const security::ModelAliasName serving{"town", "serving"};
+  EXPECT_FALSE(*store_->SetAliasIf(serving, 2, {.before = 1, .maker = {}}));
+  EXPECT_TRUE(absl::IsNotFound(store_->GetAlias(serving).status()));
+  EXPECT_TRUE(*store_->SetAliasIf(serving, 1, {.before = 0, .maker = {}}));
+  EXPECT_FALSE(*store_->SetAliasIf(serving, 2, {.before = 0, .maker = {}}));
+  EXPECT_FALSE(*store_->SetAliasIf(serving, 2, {.before = 3, .maker = {}}));
+  EXPECT_EQ(*store_->GetAlias(serving), 1);
+  EXPECT_TRUE(*store_->SetAliasIf(serving, 2, {.before = 1, .maker = {}}));
+  EXPECT_EQ(*store_->GetAlias(serving), 2);
+}
+
+TEST_P(StoreTest, AJobWhoseLeaseHasEndedMovesNoAlias) {
+  ASSERT_TRUE(store_->Add(PendingJob("a"), "", "").ok());
+  const JobLease lease = Claim().lease;
+  const serving::AliasCondition by_job = {.before = std::nullopt, .maker = {"jobs/a", lease.fence}};
+  EXPECT_TRUE(*store_->SetAliasIf({"town", "serving"}, 1, by_job));
+  ASSERT_TRUE(store_->Finish(lease, To(v1::JOB_STATE_PENDING)).ok());
+  Claim();
+  EXPECT_TRUE(absl::IsAborted(store_->SetAliasIf({"town", "serving"}, 2, by_job).status()));
+  EXPECT_EQ(*store_->GetAlias({"town", "serving"}), 1);
+}
+
 TEST_P(StoreTest, AliasesAreMovedListedAndRemoved) {
   ASSERT_TRUE(store_->SetAlias({"town", "serving"}, 1).ok());
   ASSERT_TRUE(store_->SetAlias({"town", "candidate"}, 2).ok());

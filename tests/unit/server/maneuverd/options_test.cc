@@ -202,6 +202,15 @@ TEST_F(OptionsTest, TheDocumentationListsEveryOption) {
   EXPECT_GT(options, 25);
 }
 
+TEST_F(OptionsTest, ServersThatShareAFolderNeedADatabase) {
+  const std::string uri = "postgresql://maneuver@db.example/maneuver";
+  EXPECT_FALSE(Parse({"--data-dir", "d", "--store", uri}).options().is_shared);
+  const Outcome shared = Parse({"--data-dir", "d", "--shared", "--store", uri});
+  EXPECT_TRUE(shared.options().is_shared);
+  EXPECT_TRUE(shared.options().datasets.is_shared);
+  EXPECT_THAT(Parse({"--data-dir", "d", "--shared"}).err, HasSubstr("--shared needs --store"));
+}
+
 TEST_F(OptionsTest, TheStoreIsTheEmbeddedOneUnlessADatabaseIsNamed) {
   EXPECT_EQ(Parse({"--data-dir", "d"}).options().store, "");
   const std::string uri = "postgresql://maneuver@db.example/maneuver?passfile=/etc/pgpass";

@@ -28,9 +28,10 @@ namespace maneuver::rpc {
 
 class MemoryAliasStore final : public serving::AliasStore {
  public:
-  absl::Status SetAlias(const security::ModelAliasName& name, int version) override {
+  absl::StatusOr<bool> SetAliasIf(const security::ModelAliasName& name, int version,
+                                  const serving::AliasCondition&) override {
     aliases_[name] = version;
-    return absl::OkStatus();
+    return true;
   }
   absl::StatusOr<int> GetAlias(const security::ModelAliasName& name) override {
     return aliases_.at(name);

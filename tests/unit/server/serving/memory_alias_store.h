@@ -10,13 +10,17 @@ namespace maneuver::serving {
 
 class MemoryAliasStore final : public AliasStore {
  public:
-  absl::Status SetAlias(const security::ModelAliasName& name, int version) override {
+  absl::StatusOr<bool> SetAliasIf(const security::ModelAliasName& name, int version,
+                                  const AliasCondition& condition) override {
     if (broken) return absl::UnavailableError("disk full");
     if (away) {
       return errors::WithReason(absl::UnavailableError("no connection"), "STORE_UNAVAILABLE");
     }
+    const auto found = aliases.find(name);
+    const int before = found == aliases.end() ? 0 : found->second;
+    if (condition.before.value_or(before) != before) return false;
     aliases[name] = version;
-    return absl::OkStatus();
+    return true;
   }
   absl::StatusOr<int> GetAlias(const security::ModelAliasName& name) override {
     const auto found = aliases.find(name);

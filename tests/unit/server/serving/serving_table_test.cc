@@ -55,13 +55,13 @@ TEST_F(ServingTableTest, ACallThatNamesNoModelIsToldWhichServe) {
 
 TEST_F(ServingTableTest, FindsTheVersionOfAJobAfterARestart) {
   const auto find = [this](const std::string& maker, v1::Promotion promotion) {
-    const auto found = table_->FindMadeBy("town", promotion, maker);
+    const auto found = table_->FindMadeBy("town", promotion, {maker});
     EXPECT_TRUE(found.ok()) << found.status();
     return found.ok() && *found ? (*found)->version : 0;
   };
   EXPECT_EQ(find("jobs/a", v1::PROMOTION_UNSPECIFIED), 0);
-  ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/a").ok());
-  ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/b").ok());
+  ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, {"jobs/a"}).ok());
+  ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, {"jobs/b"}).ok());
   ASSERT_TRUE(Publish("town", v1::PROMOTION_NEVER).ok());
   Restart();
   EXPECT_EQ(find("jobs/a", v1::PROMOTION_NEVER), 1);
@@ -72,16 +72,16 @@ TEST_F(ServingTableTest, FindsTheVersionOfAJobAfterARestart) {
 
 // As a server leaves it that died between the folder's last rename and the alias.
 TEST_F(ServingTableTest, PromotesAFoundVersionThatWasNotYetPromoted) {
-  ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/a").ok());
-  ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, "jobs/b").ok());
+  ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, {"jobs/a"}).ok());
+  ASSERT_TRUE(table_->Publish("town", FinishedModel(), v1::PROMOTION_NEVER, {"jobs/b"}).ok());
   Restart();
-  ASSERT_TRUE(table_->FindMadeBy("town", v1::PROMOTION_UNSPECIFIED, "jobs/b").ok());
+  ASSERT_TRUE(table_->FindMadeBy("town", v1::PROMOTION_UNSPECIFIED, {"jobs/b"}).ok());
   EXPECT_EQ(Answers(Alias("town", "serving")), 2);
   EXPECT_EQ(aliases_.GetAlias({"town", "serving"}).value(), 2);
   // Something serves by now.
-  ASSERT_TRUE(table_->FindMadeBy("town", v1::PROMOTION_UNSPECIFIED, "jobs/a").ok());
+  ASSERT_TRUE(table_->FindMadeBy("town", v1::PROMOTION_UNSPECIFIED, {"jobs/a"}).ok());
   EXPECT_EQ(Answers(Alias("town", "serving")), 2);
-  ASSERT_TRUE(table_->FindMadeBy("town", v1::PROMOTION_ALWAYS, "jobs/a").ok());
+  ASSERT_TRUE(table_->FindMadeBy("town", v1::PROMOTION_ALWAYS, {"jobs/a"}).ok());
   EXPECT_EQ(Answers(Alias("town", "serving")), 1);
 }
 
@@ -132,16 +132,57 @@ TEST_F(ServingTableTest, AVersionWhoseAliasMayBeOnItsWayToTheDatabaseStaysAndIsP
   ASSERT_TRUE(Publish("town").ok());
   aliases_.away = true;
   const auto published =
-      table_->Publish("town", FinishedModel(), v1::PROMOTION_ALWAYS, "jobs/maker");
+      table_->Publish("town", FinishedModel(), v1::PROMOTION_ALWAYS, {"jobs/maker"});
   EXPECT_TRUE(errors::IsStoreAway(published.status())) << published.status();
   EXPECT_EQ(store_->List("town").size(), 2u);
   EXPECT_EQ(Answers(Alias("town", "serving")), 1);
-  EXPECT_FALSE(table_->FindMadeBy("town", v1::PROMOTION_ALWAYS, "jobs/maker").ok());
+  EXPECT_FALSE(table_->FindMadeBy("town", v1::PROMOTION_ALWAYS, {"jobs/maker"}).ok());
 
   aliases_.away = false;
-  const auto found = table_->FindMadeBy("town", v1::PROMOTION_ALWAYS, "jobs/maker");
+  const auto found = table_->FindMadeBy("town", v1::PROMOTION_ALWAYS, {"jobs/maker"});
   ASSERT_TRUE(found.ok() && *found) << found.status();
   EXPECT_EQ((*found)->version, 2);
+  EXPECT_EQ(aliases_.GetAlias({"town", "serving"}).value(), 2);
+}
+
+TEST_F(ServingTableTest, FollowsAliasesThatAnotherServerMovesAddsAndRemoves) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  aliases_.aliases[{"town", "serving"}] = 2;
+  aliases_.aliases[{"town", "candidate"}] = 1;
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+  table_->Follow();
+  EXPECT_EQ(Answers(Alias("town", "serving")), 2);
+  EXPECT_EQ(Answers(Alias("town", "candidate")), 1);
+  aliases_.aliases.erase({"town", "serving"});
+  table_->Follow();
+  EXPECT_TRUE(absl::IsNotFound(table_->Find(Alias("town", "serving")).status()));
+  EXPECT_EQ(Answers(Alias("town", "candidate")), 1);
+  EXPECT_FALSE(table_->Ready());
+}
+
+TEST_F(ServingTableTest, AnAliasThatMovedToAVersionWhichCannotBeLoadedStaysWhereItWas) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  std::ofstream(folder_ / "models/town/2/weights.safetensors") << "altered";
+  Restart();
+  aliases_.aliases[{"town", "serving"}] = 2;
+  table_->Follow();
+  EXPECT_EQ(Answers(Alias("town", "serving")), 1);
+  EXPECT_TRUE(table_->Ready());
+  // It is not read again at each call.
+  const int before = loads_;
+  table_->Follow();
+  EXPECT_EQ(loads_, before);
+}
+
+TEST_F(ServingTableTest, APromotionThatAnotherServerForestalledChangesNothingAndIsSeen) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  aliases_.aliases[{"town", "serving"}] = 2;
+  EXPECT_FALSE(*table_->PromoteOver({"town", 3}, ModelVersionName{"town", 1}));
+  EXPECT_EQ(Answers(Alias("town", "serving")), 2);
   EXPECT_EQ(aliases_.GetAlias({"town", "serving"}).value(), 2);
 }
 

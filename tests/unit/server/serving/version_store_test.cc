@@ -140,7 +140,7 @@ TEST_F(VersionStoreTest, PublishesNothingThatItsCheckRefuses) {
   const fs::path finished = FinishedModel();
   security::ModelVersionName checked;
   const auto refused =
-      store_->Publish("town", finished, "", [&](const security::ModelVersionName& name) {
+      store_->Publish("town", finished, {}, [&](const security::ModelVersionName& name) {
         checked = name;
         return absl::DataLossError("damaged");
       });
@@ -154,7 +154,7 @@ TEST_F(VersionStoreTest, PublishesNothingThatItsCheckRefuses) {
 TEST_F(VersionStoreTest, WithdrawsAPublishedVersionWhole) {
   const fs::path finished = FinishedModel();
   const auto published =
-      store_->Publish("town", finished, "jobs/a", [](const auto&) { return absl::OkStatus(); });
+      store_->Publish("town", finished, {"jobs/a"}, [](const auto&) { return absl::OkStatus(); });
   ASSERT_TRUE(published.ok()) << published.status();
   EXPECT_FALSE(fs::exists(finished));
   ASSERT_TRUE(store_->TakeBack(*published, finished).ok());

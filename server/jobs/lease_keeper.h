@@ -1,0 +1,66 @@
+// Keeps the leases of running jobs in a store that several servers share.
+
+#ifndef MANEUVER_SERVER_JOBS_LEASE_KEEPER_H_
+#define MANEUVER_SERVER_JOBS_LEASE_KEEPER_H_
+
+#include <chrono>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <thread>
+
+#include "absl/base/thread_annotations.h"
+#include "locks/mutex.h"
+#include "locks/stop_latch.h"
+#include "server/jobs/child_process.h"
+#include "server/jobs/job_store.h"
+
+namespace maneuver::jobs {
+
+// Renews each lease some eight times within its time. A job whose lease was not renewed for two
+// thirds of that time, or is another worker's now, is killed: its processes are gone before another
+// worker may begin. That does not wait for the store, which may hang. Safe to use from any thread.
+class LeaseKeeper {
+ public:
+  using Time = std::chrono::steady_clock::time_point;
+
+  //   store: must outlive this object, and have a LeaseTime
+  //   beat: called after each round of renewals
+  //   now: the clock by which leases are judged here
+  LeaseKeeper(JobStore& store, std::function<void()> beat,
+              std::function<Time()> now = std::chrono::steady_clock::now);
+  ~LeaseKeeper();
+  LeaseKeeper(const LeaseKeeper&) = delete;
+  LeaseKeeper& operator=(const LeaseKeeper&) = delete;
+
+  // Keeps a lease until Release. Cancels the run of the job when that is asked for.
+  //   since: before the job was claimed
+  void Keep(const JobLease& lease, std::shared_ptr<StopRequest> run, Time since);
+  void Release(const std::string& job);
+
+ private:
+  struct Kept {
+    JobLease lease;
+    std::shared_ptr<StopRequest> run;
+    Time renewed_at;
+  };
+
+  void Renew();
+  void RenewOne(const Kept& kept);
+  void Guard();
+
+  JobStore& store_;
+  const std::chrono::milliseconds lease_time_;
+  const std::function<void()> beat_;
+  const std::function<Time()> now_;
+  Mutex mutex_;
+  std::map<std::string, Kept> kept_ ABSL_GUARDED_BY(mutex_);  // by job
+  StopLatch stop_;
+  std::thread renewer_;
+  std::thread guard_;  // never waits for the store
+};
+
+}  // namespace maneuver::jobs
+
+#endif  // MANEUVER_SERVER_JOBS_LEASE_KEEPER_H_
