@@ -12,6 +12,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
+#include "client/cli/answer_json.h"
 #include "client/cli/command.h"
 #include "client/cli/text_format.h"
 #include "client/cli/tls_failure.h"
@@ -86,13 +87,12 @@ client::CallOptions Environment::call_options() const {
 }
 
 void Environment::PrintJson(const google::protobuf::Message& message) {
-  google::protobuf::util::JsonPrintOptions options;
-  options.add_whitespace = true;
-  options.always_print_primitive_fields = true;
-  std::string text;
-  // Fails only for an Any of a type that is not linked in; then what there is gets printed.
-  (void)google::protobuf::util::MessageToJsonString(message, &text, options);
-  out << text;
+  const absl::StatusOr<std::string> text = ToAnswerJson(message);
+  if (text.ok()) {
+    out << *text;
+  } else {
+    (void)Fail(text.status());
+  }
 }
 
 int Environment::Fail(const absl::Status& status) {
