@@ -94,7 +94,8 @@ OutcomeMetrics::Version& OutcomeMetrics::VersionOf(const ServedModel& model) {
     const monitoring::Labels labels = {{"action", absl::StrCat(k)}, {"model_version", label}};
     version.actions.push_back(&metrics_.AddCounter(
         "maneuver_outcome_action_probability_total",
-        "Sum over outcomes of p(y|s): how many targets were expected to take each action.", labels));
+        "Sum over outcomes of p(y|s): how many targets were expected to take each action.",
+        labels));
     if (k >= manifest.actions_size()) continue;
     metrics_
         .AddGauge("maneuver_outcome_expected_action_ratio",
@@ -117,8 +118,7 @@ void OutcomeMetrics::Observe(const ServedModel& model, const ScoredOutcome& outc
     stratum.covered[i]->Increment(outcome.metrics[kHistograms + i]);
   }
   for (size_t k = 0; k < version.actions.size(); ++k) {
-    version.actions[k]->Increment(
-        outcome.measurement.probabilities[static_cast<Eigen::Index>(k)]);
+    version.actions[k]->Increment(outcome.measurement.probabilities[static_cast<Eigen::Index>(k)]);
   }
 }
 
