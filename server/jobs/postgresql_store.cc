@@ -378,6 +378,7 @@ class SessionStore final : public PostgresqlStore, private serving::VersionLedge
               {kPresent}});
     if (!rows.ok()) return rows.status();
     std::vector<Entry> entries;
+    entries.reserve(static_cast<size_t>(rows->count()));
     for (int row = 0; row < rows->count(); ++row) {
       entries.push_back(
           {{rows->Bytes(row, 0), static_cast<int>(rows->Int(row, 1))}, rows->Int(row, 2)});
