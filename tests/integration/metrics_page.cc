@@ -72,7 +72,7 @@ std::string ShapeOf(const std::string& page, const std::string& prefix) {
     } else if (!line.empty() && family != nullptr) {
       line = line.substr(0, line.rfind(' '));
       family->series.insert(std::regex_replace(
-          line, std::regex("(le|quantile|method|model|version)=\"[^\"]*\""), "$1=*"));
+          line, std::regex("(le|quantile|method|model|speed|version)=\"[^\"]*\""), "$1=*"));
     }
   }
   std::string shape;

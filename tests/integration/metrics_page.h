@@ -18,7 +18,8 @@ std::string MetricsPage(const ServerProcess& server);
 double ValueOf(const std::string& page, const std::string& series);
 
 // Returns names, types, help and labels of a page in alphabetical order. Leaves out everything that
-// varies: numbers, bounds of buckets, the version and the model. Shows one method in place of all.
+// varies: numbers, bounds of buckets, the version, the model and the speeds that were met. Shows one
+// method in place of all.
 //   prefix: of the names to return
 std::string ShapeOf(const std::string& page, const std::string& prefix = "");
 

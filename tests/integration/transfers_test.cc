@@ -157,12 +157,13 @@ TEST_F(TransfersTest, RepeatingATransferCreatesNoSecondVersion) {
   // The same holds for a client that does not ask first which bytes exist.
   EXPECT_TRUE(Upload(HeaderOf(source), {Bytes(source / kManifest), Bytes(source / kWeights)}).ok());
   EXPECT_THAT(Versions(), ElementsAre("models/town/versions/1"));
-  // The server that the version came from already has it as well.
+  // The server that the version came from already has it as well, and serves it.
+  std::string output;
+  ASSERT_EQ(RunManeuver(*a_, {"model", "promote", "town/1"}, &output), 0) << output;
   const auto back = Connect(*a_)->UploadModelVersion(source, "models/town", nullptr);
   ASSERT_TRUE(back.ok()) << back.status();
   EXPECT_EQ(back->name(), "models/town/versions/1");
   EXPECT_THAT(back->aliases(), ElementsAre("serving"));
-  std::string output;
   EXPECT_EQ(RunManeuver(*a_, {"model", "push", source, "town"}, &output), 0);
   EXPECT_EQ(output, "town/1\n");
 
