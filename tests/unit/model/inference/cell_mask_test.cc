@@ -121,7 +121,9 @@ TEST_P(SeenCellsTest, HasTheCellsWhoseKernelsMeetASetCell) {
   artifact::BackboneLayer layer;
   layer.kernel = kernel;
   layer.stride = stride;
-  const auto size = [&](int cells) { return (cells + 2 * (kernel / 2) - kernel) / stride + 1; };
+  const auto size = [&layer](int cells) {
+    return (cells + 2 * (layer.kernel / 2) - layer.kernel) / layer.stride + 1;
+  };
   CellMask seen(size(17), size(width));
   seen.SetAll();
   seen.SetSeen(input, layer);
