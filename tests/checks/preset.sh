@@ -12,7 +12,8 @@ case "$preset" in
   # The server, the client and what they stand on, and all that reads data.
   asan)
     programs=(kernels locks machine files probability scene artifact onnx data commonroad nuscenes
-      argoverse mixed_sources town evaluation tags errors security monitoring serving jobs rpc options client)
+      argoverse mixed_sources town evaluation tags errors security monitoring serving jobs rpc options client command
+      load plot report report_command)
     ;;
   # By GCC, since clang 14 does not compile LibTorch's headers. .ci/run has no time for them.
   asan-gcc) programs=(learning mixed_training) ;;
