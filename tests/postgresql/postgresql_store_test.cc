@@ -55,18 +55,8 @@ absl::StatusOr<std::unique_ptr<StoreMaker>> NewPostgresqlStore(const std::filesy
   return std::make_unique<PostgresqlMaker>(*address);
 }
 
-class PostgresqlStoreTest : public testing::Test {
+class PostgresqlStoreTest : public postgresql::WithStore {
  protected:
-  void SetUp() override {
-    const auto cluster = SharedCluster::Get();
-    if (absl::IsNotFound(cluster.status())) GTEST_SKIP() << cluster.status().message();
-    ASSERT_TRUE(cluster.ok()) << cluster.status();
-    cluster_ = *cluster;
-    const auto address = NewStoreAddress(*cluster_);
-    ASSERT_TRUE(address.ok()) << address.status();
-    address_ = *address;
-  }
-
   std::unique_ptr<PostgresqlStore> Open(const std::string& address) {
     auto store = PostgresqlStore::Open(address);
     EXPECT_TRUE(store.ok()) << store.status();
@@ -89,9 +79,6 @@ class PostgresqlStoreTest : public testing::Test {
     }
     return status;
   }
-
-  postgresql::Cluster* cluster_ = nullptr;
-  std::string address_;
 };
 
 TEST_F(PostgresqlStoreTest, AStoreHasOneOwner) {

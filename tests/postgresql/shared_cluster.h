@@ -45,6 +45,24 @@ inline absl::StatusOr<std::string> NewStoreAddress(Cluster& cluster) {
   return address;
 }
 
+// A test with a new store. Skipped where PostgreSQL is not installed. A SetUp of a derived class
+// calls this one first, and returns if the test is skipped or has failed.
+class WithStore : public testing::Test {
+ protected:
+  void SetUp() override {
+    const auto cluster = SharedCluster::Get();
+    if (absl::IsNotFound(cluster.status())) GTEST_SKIP() << cluster.status().message();
+    ASSERT_TRUE(cluster.ok()) << cluster.status();
+    cluster_ = *cluster;
+    const auto address = NewStoreAddress(*cluster_);
+    ASSERT_TRUE(address.ok()) << address.status();
+    address_ = *address;
+  }
+
+  Cluster* cluster_ = nullptr;
+  std::string address_;  // URI of the store
+};
+
 }  // namespace maneuver::postgresql
 
 #endif  // MANEUVER_TESTS_POSTGRESQL_SHARED_CLUSTER_H_

@@ -26,24 +26,17 @@ namespace {
 
 namespace fs = std::filesystem;
 using postgresql::LossyProxy;
-using postgresql::NewStoreAddress;
-using postgresql::SharedCluster;
 using security::ModelVersionName;
 using serving::Maker;
 using testing::HasSubstr;
 
 const security::ModelAliasName kServing{"town", "serving"};
 
-class SharedStoreTest : public testing::Test {
+class SharedStoreTest : public postgresql::WithStore {
  protected:
   void SetUp() override {
-    const auto cluster = SharedCluster::Get();
-    if (absl::IsNotFound(cluster.status())) GTEST_SKIP() << cluster.status().message();
-    ASSERT_TRUE(cluster.ok()) << cluster.status();
-    cluster_ = *cluster;
-    const auto address = NewStoreAddress(*cluster_);
-    ASSERT_TRUE(address.ok()) << address.status();
-    address_ = *address;
+    WithStore::SetUp();
+    if (IsSkipped() || HasFatalFailure()) return;
     a_ = Share(address_);
     b_ = Share(address_);
     ASSERT_TRUE(a_ != nullptr && b_ != nullptr);
@@ -85,8 +78,6 @@ class SharedStoreTest : public testing::Test {
   // Makes a version that is there.
   void Announce(const ModelVersionName& name) { ASSERT_TRUE(a_->Ledger()->Adopt({name}).ok()); }
 
-  postgresql::Cluster* cluster_ = nullptr;
-  std::string address_;
   std::unique_ptr<PostgresqlStore> a_;
   std::unique_ptr<PostgresqlStore> b_;
 };

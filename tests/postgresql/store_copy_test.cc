@@ -20,20 +20,14 @@ namespace {
 
 namespace fs = std::filesystem;
 using postgresql::NewStoreAddress;
-using postgresql::SharedCluster;
 using testing::HasSubstr;
 using namespace std::string_literals;  // NOLINT(google-build-using-namespace)
 
-class StoreCopyTest : public testing::Test {
+class StoreCopyTest : public postgresql::WithStore {
  protected:
   void SetUp() override {
-    const auto cluster = SharedCluster::Get();
-    if (absl::IsNotFound(cluster.status())) GTEST_SKIP() << cluster.status().message();
-    ASSERT_TRUE(cluster.ok()) << cluster.status();
-    cluster_ = *cluster;
-    const auto address = NewStoreAddress(*cluster_);
-    ASSERT_TRUE(address.ok()) << address.status();
-    address_ = *address;
+    WithStore::SetUp();
+    if (IsSkipped() || HasFatalFailure()) return;
     Fill();
   }
 
@@ -74,8 +68,6 @@ class StoreCopyTest : public testing::Test {
   fs::path data_dir() const { return folder_.path(); }
 
   const TemporaryFolder folder_;
-  postgresql::Cluster* cluster_ = nullptr;
-  std::string address_;
   std::vector<v1::Job> before_;
 };
 
