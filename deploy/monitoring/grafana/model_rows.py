@@ -106,7 +106,7 @@ def outcomes():
                       "sum by (model_version, speed) (rate(maneuver_outcome_displacement_meters_count{SERVER, measure=\"min_fde_6\"}[1h]))",
                       "{{model_version}} {{speed}}")], "lengthm", least=0),
         curves("How unlikely was what happened?",
-               "Mean -ln p(x|s), nats a waypoint; lower is better. Rising: the model meets what it has not learned.",
+               "Mean -ln p(x|s), nats a waypoint; lower is better. It rises where the model meets what it has not learned.",
                [query(mean("maneuver_outcome_nll_nats", "model_version"), "{{model_version}}")], "none"),
         curves("Which actions are more probable than in training, or less?",
                "Difference of the mean p(y|s), by action number: maneuver model actions names them. ManeuverActionsDrift tells what is no "
