@@ -117,8 +117,8 @@ def aliases_are_followed(fleet, scene):
         begun = time.monotonic()
         for server in fleet.servers.values():
             wait_for(lambda: version_of(server, scene) == version, f"every server serves version {version}")
-            check(f'maneuver_model_version{{alias="serving",model="small"}} {version}' in server.metrics_page(),
-                  "the metrics say which version serves")
+            row = f'maneuver_model_version{{alias="serving",model="small"}} {version}'
+            wait_for(lambda: row in server.metrics_page(), "the metrics say which version serves")
         print(f"small/{version} served by all after {time.monotonic() - begun:.1f} s")
     c.maneuver("model", "unalias", "small@serving")
     wait_for(lambda: a.ask("predict", scene, "--model", "small").returncode != 0, "a removed alias is gone everywhere")

@@ -16,7 +16,7 @@ import sys
 import tempfile
 import unittest
 
-from training import Training, children_of, end, is_gone, rank_of, wait_for_phase, wait_for_phase_of_job
+from training import Training, children_of, end, rank_of, wait_for_phase, wait_for_phase_of_job, wait_until_gone
 
 RANK_LOST = 83
 options = argparse.Namespace(maneuver=None, trainer=None, kills=0, server_kills=0)
@@ -42,7 +42,7 @@ class RanksTest(unittest.TestCase):
             self.assertEqual(len(pids), ranks)
             what(process, pids)
             _, errors = process.communicate(timeout=60)
-            self.assertEqual([pid for pid in pids if not is_gone(pid)], [])
+            wait_until_gone(pids)
             self.assertFalse((self.training.folder / name).exists())
             return process.returncode, errors
         finally:
@@ -121,7 +121,7 @@ class RanksTest(unittest.TestCase):
             pids = children_of(process.pid)
             process.kill()
             process.communicate(timeout=60)  # ends once no rank holds the pipe
-            self.assertEqual([pid for pid in pids if not is_gone(pid)], [])
+            wait_until_gone(pids)
         finally:
             end(process)
 

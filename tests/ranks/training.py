@@ -7,6 +7,7 @@ import pathlib
 import signal
 import subprocess
 import sys
+import time
 
 SETTINGS = {
     "preset": "compact",
@@ -112,10 +113,17 @@ def rank_of(pid):
 
 def is_gone(pid):
     try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
+        return pathlib.Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+    except (FileNotFoundError, ProcessLookupError):
         return True
-    return pathlib.Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+
+
+def wait_until_gone(pids, patience_s=60):
+    """A process closes its pipes some time before it is gone."""
+    give_up = time.monotonic() + patience_s
+    while not all(is_gone(pid) for pid in pids):
+        assert time.monotonic() < give_up, f"still there: {[pid for pid in pids if not is_gone(pid)]}"
+        time.sleep(0.01)
 
 
 def end(process, number=signal.SIGKILL):
