@@ -24,7 +24,7 @@ import urllib.request
 
 DEPLOY = pathlib.Path(__file__).resolve().parent.parent.parent / "deploy"
 POSTGRESQL = pathlib.Path("/usr/lib/postgresql/15/bin")
-PATIENCE_S = 240
+PATIENCE_S = 400
 SETTINGS = {
     "preset": "compact",
     "model": {
