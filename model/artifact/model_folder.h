@@ -24,8 +24,9 @@ struct StoredModel {
 // order, or none yet.
 absl::Status WriteModelFolder(const std::filesystem::path& folder, StoredModel model);
 
-// Reads the manifest alone and does not check the weights. DATA_LOSS with the reason if any byte of
-// it is damaged. A manifest of an older release carries no digest, and damage may go unnoticed.
+// Reads the manifest alone and does not check the weights. NOT_FOUND if there is no such folder;
+// DATA_LOSS with the reason if any byte of the manifest is damaged. A manifest of an older release
+// carries no digest, and damage may go unnoticed.
 absl::StatusOr<v1::ModelManifest> ReadModelManifest(const std::filesystem::path& folder);
 
 // Returns whether model.json carries its digest. A rewritten manifest always does.

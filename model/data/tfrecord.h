@@ -34,6 +34,7 @@ struct TfRecordReaderOptions {
 // longest record that really exists.
 class TfRecordReader {
  public:
+  // Opens the file. Errors: those of OpenPlain (byte_source.h).
   static absl::StatusOr<std::unique_ptr<TfRecordReader>> Open(
       const std::filesystem::path& file, const TfRecordReaderOptions& options = {});
   virtual ~TfRecordReader() = default;
@@ -48,11 +49,13 @@ class TfRecordReader {
 };
 
 // Reads the payload of the record at `offset` of a file that is not packed. DATA_LOSS, naming file
-// and offset, if there is no undamaged record of `payload_bytes` there. Safe to call from any thread.
+// and offset, if there is no undamaged record of `payload_bytes` there; an error of files if it
+// cannot be opened. Safe to call from any thread.
 absl::StatusOr<std::string> ReadRecordAt(const std::filesystem::path& file, uint64_t offset,
                                          uint64_t payload_bytes);
 
-// Appends records to a new file. ALREADY_EXISTS if there is a file of that name.
+// Appends records to a new file. Not thread-safe. Errors: those of files::OutputFile, such as
+// ALREADY_EXISTS if there is a file of that name.
 class TfRecordWriter {
  public:
   static absl::StatusOr<std::unique_ptr<TfRecordWriter>> Create(const std::filesystem::path& file);

@@ -28,8 +28,8 @@ namespace maneuver::evaluation {
 // has fewer) costs p / 2 times the largest of all d. The result also contains
 //   mean_distance   sum w d / sum w, metres, over the pairs
 //   tolerance       kToleranceSpeed times the horizon: 2 m at 5 s
-//   agreeing_share  for each model, the sum of its shares over the pairs with d <= tolerance, 0 to
-//   1
+//   agreeing_share  for each model, the sum of its shares over the pairs with d <= tolerance, from
+//                   0 to 1
 //
 // Shares come from the manifests (validation examples). For models whose actions are relative to
 // the present motion, the generic means are those that the manifests store, at 10 m/s.

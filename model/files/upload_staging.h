@@ -77,6 +77,7 @@ class UploadStaging {
   // with the totals of the other slots.
   absl::Status Announce(Slot& slot, const Bytes& bytes,
                         const std::function<absl::Status(const Others&)>& refuse);
+  // Counts `bytes` of those that the slot announced as missing as being on the disk now.
   void Arrived(Slot& slot, uint64_t bytes);
   // Ends the announcement. Call it when no call sends the upload any more.
   void End(Slot& slot);

@@ -88,7 +88,7 @@ struct PosteriorBranch {
   double huber = 0.0;
 };
 
-// -rho(x - decoded) / stddev^2 with the pseudo-Huber loss of each waypoint's distance e,
+// Returns -rho(x - decoded) / stddev^2 with the pseudo-Huber loss of each waypoint's distance e,
 //   rho(e) = h^2 (sqrt(1 + e^2 / h^2) - 1),
 // which is e^2 / 2 for e << h and h e for e >> h; summed over the waypoints. [...]
 //   trajectories, decoded: [..., 2T]
