@@ -40,9 +40,10 @@ class TfRecordReader {
   virtual ~TfRecordReader() = default;
 
   // Reads the next payload. OUT_OF_RANGE at the end of the file. DATA_LOSS, with file and offset,
-  // for a damaged record; if can_continue(), the next call reads the record after it.
+  // for a record that is damaged or cannot be read; if can_continue(), the next call reads the
+  // record after it.
   virtual absl::Status Next(std::string* payload) = 0;
-  // Returns false once the framing is lost: a wrong length, a truncated file.
+  // Returns false once the framing is lost: a wrong length, a truncated file, an error of reading.
   virtual bool can_continue() const = 0;
   // Returns the offset of the latest record that Next read, in bytes of the uncompressed stream.
   virtual uint64_t offset() const = 0;

@@ -33,8 +33,8 @@ namespace maneuver::evaluation {
 //
 // Shares come from the manifests (validation examples). For models whose actions are relative to
 // the present motion, the generic means are those that the manifests store, at 10 m/s.
-// INVALID_ARGUMENT if a manifest has no effective action, the models' waypoints are at different
-// times, or only one model has a reference.
+// INVALID_ARGUMENT if a manifest has no effective action, or one whose mean trajectory lacks
+// waypoints; if the models' waypoints are at different times; or if only one model has a reference.
 absl::StatusOr<v1::ActionMatching> MatchActions(const v1::ModelManifest& first,
                                                 const v1::ModelManifest& second);
 

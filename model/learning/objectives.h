@@ -105,7 +105,7 @@ at::Tensor HeldCrossEntropy(const BaseModel& model);
 BoundTerms DualBound(const BaseModel& model, const PosteriorBranch& posterior);
 // Returns the bound of the unified model. The responsibilities get no gradient.
 //   exact_weight: 0: responsibilities as the paper prints them; otherwise exact ones with this
-//     weight of the posterior reconstruction
+//     weight of the posterior reconstruction, for which all actions must be decoded
 BoundTerms UnifiedBound(const BaseModel& model, const PosteriorBranch& posterior,
                         double exact_weight = 0.0);
 

@@ -22,11 +22,11 @@
 
 namespace maneuver::jobs {
 
-// In a job's folder and in its promotion folder.
+// In the folder of an attempt, and in its promotion folder.
 inline constexpr char kSettingsFile[] = "settings.json";
 inline constexpr char kLogFile[] = "trainer.log";
 inline constexpr char kOutput[] = "output";
-// In a job's folder.
+// In the folder of an attempt.
 inline constexpr char kPromotionFolder[] = "promotion";
 inline constexpr char kDecisionFile[] = "decision.json";  // in the promotion folder
 
@@ -40,7 +40,8 @@ std::filesystem::path LatestAttemptFolder(const std::filesystem::path& job_folde
 absl::StatusOr<std::filesystem::path> MakeAttemptFolder(const std::filesystem::path& job_folder,
                                                         int64_t fence);
 
-// Removes from a job's folder the results of its trainer that nobody needs any more.
+// Removes the trainer's output and what was half-written from the folder of an attempt and from its
+// promotion folder.
 void RemoveJobOutput(const std::filesystem::path& folder);
 
 }  // namespace maneuver::jobs
